@@ -25,10 +25,16 @@ def lowest(session: nox.Session) -> None:
     """
     with Path("pyproject.toml").open("rb") as file:
         project = tomllib.load(file)["project"]
-    tools = [tool for tool in project["optional-dependencies"]["test"] if not tool.startswith("import-linter")]
+    tools = [
+        tool
+        for tool in project["optional-dependencies"]["test"]
+        if not tool.startswith("import-linter")
+    ]
     lowest_versions = [bound.replace(">=", "==") for bound in project["dependencies"]]
     session.install(".", *tools, *lowest_versions)
-    session.run("python", "-m", "pytest", "-n", "auto", "-W", "ignore::DeprecationWarning", *session.posargs)
+    session.run(
+        "python", "-m", "pytest", "-n", "auto", "-W", "ignore::DeprecationWarning", *session.posargs
+    )
 
 
 @nox.session
@@ -43,7 +49,14 @@ def coverage(session: nox.Session) -> None:
     """Line and branch coverage of the three packages."""
     session.install("-e", ".[test]")
     session.run(
-        "python", "-m", "pytest", "-n", "auto", "--cov", "--cov-report=term-missing:skip-covered", *session.posargs
+        "python",
+        "-m",
+        "pytest",
+        "-n",
+        "auto",
+        "--cov",
+        "--cov-report=term-missing:skip-covered",
+        *session.posargs,
     )
 
 

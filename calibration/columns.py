@@ -26,8 +26,15 @@ class Layout:
         """The same log of a rig whose junctions' columns are ``couples``."""
         known = {*DISK_CHANNELS, *EHL_CHANNELS}
         at = next((k for k, c in enumerate(self.columns) if c in known), len(self.columns))
-        kept = [tuple(c for c in part if c not in known) for part in (self.columns[:at], self.columns[at:])]
-        return replace(self, columns=(*kept[0], *couples, *kept[1])) if len(self.columns) > at else self
+        kept = [
+            tuple(c for c in part if c not in known)
+            for part in (self.columns[:at], self.columns[at:])
+        ]
+        return (
+            replace(self, columns=(*kept[0], *couples, *kept[1]))
+            if len(self.columns) > at
+            else self
+        )
 
     @property
     def required(self) -> tuple[str, ...]:
@@ -49,7 +56,9 @@ EHL_CHANNELS = tuple(name for disk in DISKS for name in couples(CHANNELS, disk))
 SWITCHES = ("switch", "contact")
 ROOM_AND_BATH = ("ambient_degC", "oil_degC", "probe_degC", "fluid_degC")
 EHL_RUNNING = ("load_N", "friction_N", "contact", "speed_fast_rpm", "speed_slow_rpm")
-TORQUES = tuple(f"torque_{disk}_Nm" for disk in DISKS)  # of a shaft: friction times the disk's radius
+TORQUES = tuple(
+    f"torque_{disk}_Nm" for disk in DISKS
+)  # of a shaft: friction times the disk's radius
 UNITS = ("K", "degF", "mV")  # that a temperature's name may end in, in place of degC
 
 LAYOUTS: dict[str, Layout] = {
@@ -59,7 +68,9 @@ LAYOUTS: dict[str, Layout] = {
         ("time_s", "repeat", "setpoint_degC"),
     ),
     "immersion": Layout(
-        "an immersion log", ("time_s", "switch", "probe_degC", "fluid_degC", *DISK_CHANNELS), ("switch", "probe_degC")
+        "an immersion log",
+        ("time_s", "switch", "probe_degC", "fluid_degC", *DISK_CHANNELS),
+        ("switch", "probe_degC"),
     ),
     "ehl": Layout(
         "an EHL log",
@@ -100,7 +111,9 @@ def is_air(name: str) -> bool:
     return name in ROOM_AND_BATH or (name.startswith("ambient_") and name.endswith("_degC"))
 
 
-def named(canonical: str, mapping: Mapping[str, str], names: Collection[str]) -> tuple[str, str] | None:
+def named(
+    canonical: str, mapping: Mapping[str, str], names: Collection[str]
+) -> tuple[str, str] | None:
     """The column of a file that is ``canonical``, and its unit: as mapped, by its own name, or by that in another unit.
 
     >>> named("fast_a_degC", {"fast_a_mV": "TC1"}, ["TC1"]), named("fast_a_degC", {}, ["fast_a_K"])
@@ -108,7 +121,10 @@ def named(canonical: str, mapping: Mapping[str, str], names: Collection[str]) ->
     """
     stem, _, unit = canonical.rpartition("_")
     for own in (unit, *(UNITS if unit == "degC" else ())):
-        for candidate in (mapping.get(f"{stem}_{own}" if stem else canonical), f"{stem}_{own}" if stem else canonical):
+        for candidate in (
+            mapping.get(f"{stem}_{own}" if stem else canonical),
+            f"{stem}_{own}" if stem else canonical,
+        ):
             if candidate is not None and candidate in names:
                 return candidate, own
     return None
@@ -117,7 +133,9 @@ def named(canonical: str, mapping: Mapping[str, str], names: Collection[str]) ->
 def in_other_units(names: Iterable[str]) -> tuple[str, ...]:
     """The names with those of temperatures in every unit that one may be logged in."""
     return tuple(
-        n.removesuffix("degC") + u for n in names for u in (("degC", *UNITS) if n.endswith("_degC") else ("",))
+        n.removesuffix("degC") + u
+        for n in names
+        for u in (("degC", *UNITS) if n.endswith("_degC") else ("",))
     )
 
 
@@ -132,7 +150,10 @@ def recognise(names: Iterable[str], layouts: Mapping[str, Layout] = LAYOUTS) -> 
         if set(layouts[kind].required) <= have:
             return kind
     first = next((c for c in layouts["ehl"].columns if c.startswith("fast_")), "")
-    signs = {"ehl": {"load_N", "friction_N", "contact", first}, "oven": {"prt_degC", "setpoint_degC"}}
+    signs = {
+        "ehl": {"load_N", "friction_N", "contact", first},
+        "oven": {"prt_degC", "setpoint_degC"},
+    }
     signs["immersion"] = {"switch", "fluid_degC", "probe_degC"}
     score = {kind: len(sign & have) for kind, sign in signs.items()}
     best = max(score, key=lambda kind: score[kind])
@@ -167,7 +188,9 @@ def match_columns(
                 f"{key!r} is not a canonical column",
                 where="rig.toml [columns]",
                 expected='canonical name = "name in the log file"',
-                remedy=f"did you mean {close[0]!r}?" if close else f"the names are {', '.join(KNOWN)}",
+                remedy=f"did you mean {close[0]!r}?"
+                if close
+                else f"the names are {', '.join(KNOWN)}",
             )
     chosen: dict[str, str] = {}
     wanted = tuple(c for c in layout.columns if c not in without)
@@ -185,15 +208,20 @@ def match_columns(
     needless = {*without, *stated, *(["friction_N"] if torques else ())}
     missing = [c for c in layout.required if c not in chosen and c not in needless]
     free = [n for n in names if n not in chosen.values()]
-    maybe = [c for c in SWITCHES if c in layout.columns and c not in (*layout.required, *chosen, *without)]
+    maybe = [
+        c
+        for c in SWITCHES
+        if c in layout.columns and c not in (*layout.required, *chosen, *without)
+    ]
     missing += [c for c in maybe if kind != "hole" and (c in mapping or suggestion(c, free))]
     if kind == "ehl":
         for name, column in (air or {}).items():
             if column not in names:
                 raise InputError(
-                    f"has no column {column!r}, which rig.toml [ambient] names", where=where,
+                    f"has no column {column!r}, which rig.toml [ambient] names",
+                    where=where,
                     expected=f"one of {', '.join(map(repr, names))}",
-                )  # fmt: skip
+                )
             chosen[name] = column
         for torque in torques["friction_N" not in chosen :]:
             del chosen[torque]
@@ -230,7 +258,9 @@ def suggestion(missing: str, names: Iterable[str]) -> str | None:
     by_key: dict[str, str] = {}
     for name in names:
         by_key.setdefault(normalised(name), name)
-        by_key.setdefault(_words(name).replace("_", ""), name)  # a last "c" may be degrees or junction c
+        by_key.setdefault(
+            _words(name).replace("_", ""), name
+        )  # a last "c" may be degrees or junction c
     key = normalised(missing)
     if key in by_key:
         return by_key[key]
@@ -250,13 +280,24 @@ def _check_once(names: tuple[str, ...], name: str, where: str) -> None:
 
 
 def _missing(
-    missing: list[str], names: tuple[str, ...], have: set[str], kind: str, where: str, mapping: Mapping[str, str],
+    missing: list[str],
+    names: tuple[str, ...],
+    have: set[str],
+    kind: str,
+    where: str,
+    mapping: Mapping[str, str],
     layouts: Mapping[str, Layout],
-) -> InputError:  # fmt: skip
+) -> InputError:
     layout = layouts[kind]
     looks = recognise(have, layouts)
-    if looks is not None and looks != kind and (len(missing) >= 2 or set(layouts[looks].required) <= have):
-        lacks = ", ".join(missing[:FEW]) + (f" and {len(missing) - FEW} more" if len(missing) > FEW else "")
+    if (
+        looks is not None
+        and looks != kind
+        and (len(missing) >= 2 or set(layouts[looks].required) <= have)
+    ):
+        lacks = ", ".join(missing[:FEW]) + (
+            f" and {len(missing) - FEW} more" if len(missing) > FEW else ""
+        )
         return InputError(
             f"this looks like {LAYOUTS[looks].name} (it lacks {lacks})",
             where=where,
@@ -268,7 +309,11 @@ def _missing(
     for m in missing:
         like = suggestion(m, (n for n in free if n not in near.values()))
         near |= {m: like} if like else {}
-    mapped = [f"{m} = {mapping[m]!r} is mapped, but the file has no such column" for m in missing if m in mapping]
+    mapped = [
+        f"{m} = {mapping[m]!r} is mapped, but the file has no such column"
+        for m in missing
+        if m in mapping
+    ]
     mapped = [*mapped[:1], "so it is with the others"] if len(mapped) > FEW else mapped
     if near:
         pairs = ", ".join(f'{m} = "{s}"' for m, s in near.items())
@@ -276,7 +321,9 @@ def _missing(
         remedy = f"did you mean {asked}? write {pairs} in rig.toml [columns]"
         if len(near) < len(missing):
             unused = [n for n in free if n not in near.values()]
-            remedy += f"; nothing in the file looks like {', '.join(m for m in missing if m not in near)}"
+            remedy += (
+                f"; nothing in the file looks like {', '.join(m for m in missing if m not in near)}"
+            )
             remedy += f" (not used so far: {', '.join(map(repr, unused))})" if unused else ""
     else:
         them = "it" if len(missing) == 1 else "them"
@@ -287,4 +334,6 @@ def _missing(
     alone = not near and kind == "ehl" and all(m.startswith(DISKS) for m in missing)
     if alone and (strange := [repr(n) for n in free if n not in KNOWN]):
         what += f" (is it {' or '.join(strange[:FEW])}? then map it in rig.toml [columns])"
-    return InputError(what, where=where, expected=layout.name, remedy=remedy, column=missing[0] if alone else "")
+    return InputError(
+        what, where=where, expected=layout.name, remedy=remedy, column=missing[0] if alone else ""
+    )

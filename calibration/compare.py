@@ -17,7 +17,13 @@ from calibration.result import Result, jsonable
 from calibration.rig import changed_keys
 
 SIGNIFICANT = 0.05
-OF_A_LOG = {"columns", "logger", "traceability", "constants", "ambient"}  # of rig.toml, and no part of a disk
+OF_A_LOG = {
+    "columns",
+    "logger",
+    "traceability",
+    "constants",
+    "ambient",
+}  # of rig.toml, and no part of a disk
 
 
 @dataclass(frozen=True)
@@ -53,7 +59,11 @@ class RecordDiff(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Sentence, notes and every row of the table."""
-        return {"sentence": self.sentence(), "notes": list(self.notes), "quantities": jsonable(self.table)}
+        return {
+            "sentence": self.sentence(),
+            "notes": list(self.notes),
+            "quantities": jsonable(self.table),
+        }
 
     def card(self) -> pd.DataFrame:
         """What drifted."""
@@ -68,11 +78,15 @@ def diff_records(old: DiskRecord, new: DiskRecord) -> RecordDiff:
     """
     if old.disk != new.disk:
         raise InputError(
-            f"records of disk {old.disk!r} and of disk {new.disk!r}", expected="two calibrations of one disk"
+            f"records of disk {old.disk!r} and of disk {new.disk!r}",
+            expected="two calibrations of one disk",
         )
     rows: list[tuple[str, float, float, float]] = []
     found: list[Finding] = []
-    by = [(r.setup.traceability.reference, r.setup.traceability.reference_certificate) for r in (old, new)]
+    by = [
+        (r.setup.traceability.reference, r.setup.traceability.reference_certificate)
+        for r in (old, new)
+    ]
     other_reference = by[0] != by[1]  # one and the same moves no line against another
     for c in sorted(set(old.static) & set(new.static)):
         a, b = old.static[c], new.static[c]
@@ -88,12 +102,22 @@ def diff_records(old: DiskRecord, new: DiskRecord) -> RecordDiff:
             rows.append((f"{c} at {t:.0f} degC", t, float(apply_static(logged, b)), u))
     if old.chain is not None and new.chain is not None:
         for c in sorted(set(old.chain.channels) & set(new.chain.channels)):
-            lags = [(r.chain.channels[c].lag_s, r.chain.differential_lag_s[c]) for r in (old, new) if r.chain]
+            lags = [
+                (r.chain.channels[c].lag_s, r.chain.differential_lag_s[c])
+                for r in (old, new)
+                if r.chain
+            ]
             for name, before, after in zip((f"{c} lag_s", f"{c} differential lag_s"), *lags):
                 rows.append((name, before.value, after.value, float(np.hypot(before.u, after.u))))
     # what of rig.toml the records were made with differs; names of columns and people have no part in a lag
-    made = [r.setup.model_dump(exclude=OF_A_LOG) | {"conditioning": asdict(r.conditioning)} for r in (old, new)]
-    found += [note("record.changed", subject=key, was=was, now=now) for key, was, now in changed_keys(*made)]
+    made = [
+        r.setup.model_dump(exclude=OF_A_LOG) | {"conditioning": asdict(r.conditioning)}
+        for r in (old, new)
+    ]
+    found += [
+        note("record.changed", subject=key, was=was, now=now)
+        for key, was, now in changed_keys(*made)
+    ]
     if gone := sorted(set(old.static) ^ set(new.static)):
         found.append(look("record.in_one_only", channels=gone))
     return RecordDiff(_holm(rows), tuple(found))

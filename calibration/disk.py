@@ -22,8 +22,13 @@ from calibration.stated.surface import NO_FLUX, SurfaceFlux
 
 DISKS = ("fast", "slow")
 LEFT_OUT = "left out"  # in tables, where a channel has no numbers
-MOST_LEFT_OUT, LEAST_INNER = 1 / 3, 2  # of a disk's channels; of its inner row, whose profile needs them
-FilterShape = Literal["cascade", "butterworth"]  # of the signal conditioning; the simulator has poles of its own
+MOST_LEFT_OUT, LEAST_INNER = (
+    1 / 3,
+    2,
+)  # of a disk's channels; of its inner row, whose profile needs them
+FilterShape = Literal[
+    "cascade", "butterworth"
+]  # of the signal conditioning; the simulator has poles of its own
 FILTER_SHAPES: tuple[FilterShape, ...] = get_args(FilterShape)
 
 
@@ -51,7 +56,8 @@ class Conditioning:
     def __post_init__(self) -> None:
         if self.shape not in FILTER_SHAPES:
             raise InputError(
-                f"conditioning: no filter has the shape {self.shape!r}", expected=" or ".join(FILTER_SHAPES)
+                f"conditioning: no filter has the shape {self.shape!r}",
+                expected=" or ".join(FILTER_SHAPES),
             )
 
     @cached_property
@@ -68,7 +74,8 @@ class Conditioning:
         if self.shape == "cascade":
             return ((1.0, tau),) * n
         sections = tuple(
-            (1.0, 2 * tau * math.sin((2 * k - 1) * math.pi / (2 * n)), tau**2) for k in range(1, n // 2 + 1)
+            (1.0, 2 * tau * math.sin((2 * k - 1) * math.pi / (2 * n)), tau**2)
+            for k in range(1, n // 2 + 1)
         )
         return sections + ((1.0, tau),) * (n % 2)
 
@@ -174,7 +181,10 @@ class DiskSetup:
         >>> disk.tells_beta("ac"), disk.tells_beta("bd"), disk.tells_beta("ace")
         (True, False, False)
         """
-        outer, inner = ([self.junctions[c] for c in row if c not in left_out] for row in (self.outer, self.inner))
+        outer, inner = (
+            [self.junctions[c] for c in row if c not in left_out]
+            for row in (self.outer, self.inner)
+        )
         enough = len(left_out) <= MOST_LEFT_OUT * len(self.junctions)
         return enough and len(outer) > 0 and len({j.z_m for j in inner}) >= LEAST_INNER
 
@@ -204,7 +214,9 @@ class DiskSetup:
         out: dict[str, dict[str, float]] = {}
         for c in left_out:
             z = self.junctions[c].z_m
-            below, above = ([s for s in inner if (self.junctions[s].z_m - z) * sign > 0] for sign in (-1, 1))
+            below, above = (
+                [s for s in inner if (self.junctions[s].z_m - z) * sign > 0] for sign in (-1, 1)
+            )
             if c not in self.inner:
                 out[c] = dict.fromkeys(outer, 1.0 / len(outer))
             elif below and above:
@@ -228,7 +240,10 @@ class DiskSetup:
         it."""
         j = dict(self.junctions)
         for c, weights in self.stand_ins([c for c in left_out if c in self.inner]).items():
-            (first, *more), depth_m = weights, sum(w * self.junctions[s].depth_m for s, w in weights.items())
+            (first, *more), depth_m = (
+                weights,
+                sum(w * self.junctions[s].depth_m for s, w in weights.items()),
+            )
             j[c] = replace(j[c], depth_m=depth_m, angle_deg=(j[c] if more else j[first]).angle_deg)
         return replace(self, junctions=j)
 
@@ -242,10 +257,19 @@ def left_out_of(names: Iterable[str], disks: Mapping[str, DiskSetup]) -> dict[st
     """
     wanted = {name.removesuffix("_degC"): name for name in names}
     known = {disk: [f"{disk}_{c}" for c in setup.channels] for disk, setup in disks.items()}
-    if unknown := [name for short, name in wanted.items() if not any(short in every for every in known.values())]:
+    if unknown := [
+        name
+        for short, name in wanted.items()
+        if not any(short in every for every in known.values())
+    ]:
         spans = [f"{every[0]} to {every[-1]}" for every in known.values()]
-        raise InputError(f"without: there is no channel {unknown[0]!r}", expected=" or ".join(spans))
-    out = {disk: tuple(c for c in setup.channels if f"{disk}_{c}" in wanted) for disk, setup in disks.items()}
+        raise InputError(
+            f"without: there is no channel {unknown[0]!r}", expected=" or ".join(spans)
+        )
+    out = {
+        disk: tuple(c for c in setup.channels if f"{disk}_{c}" in wanted)
+        for disk, setup in disks.items()
+    }
     for disk, channels in out.items():
         setup = disks[disk]
         if channels and not setup.tells_beta(channels):

@@ -93,5 +93,7 @@ def first_wrong(problem: ValidationError, table: str = "common") -> str:
     elif first["type"] == "value_error":  # a sentence of the tables themselves, value and all
         said = str(first["ctx"]["error"])
     else:
-        said = first["msg"] + ("" if first["type"] == "missing" else f" (got {first['input']!r:.60})")
+        said = first["msg"] + (
+            "" if first["type"] == "missing" else f" (got {first['input']!r:.60})"
+        )
     return f"{place}: {said}" if place else said

@@ -32,7 +32,9 @@ def rounded(value: float, u: float) -> tuple[str, str]:
     return value_text + tail, u_text + tail
 
 
-def with_u(value: float, u: float, unit: str = "", low95: float | None = None, high95: float | None = None) -> str:
+def with_u(
+    value: float, u: float, unit: str = "", low95: float | None = None, high95: float | None = None
+) -> str:
     """Value, standard uncertainty and unit in one line, the uncertainty to two significant digits.
 
     Args:
@@ -139,7 +141,9 @@ def _parts(value: float, u: float) -> tuple[str, str, int]:
         return "not known", "not known", 0
     if not math.isfinite(u) or u <= 0.0 or not math.isfinite(value):
         return f"{value:.6g}", "0" if u == 0.0 else "not known" if math.isnan(u) else f"{u:.2g}", 0
-    last = int(f"{u:.1e}".partition("e")[2]) - 1  # the decimal place of u's second digit, after rounding
+    last = (
+        int(f"{u:.1e}".partition("e")[2]) - 1
+    )  # the decimal place of u's second digit, after rounding
     first = max(int(f"{abs(value):e}".partition("e")[2]) if value else last, last + 1)
     power = first if first >= 7 or first < -4 else 0
     if first - last > MOST_DIGITS:

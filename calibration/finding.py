@@ -75,7 +75,11 @@ class Finding:
         >>> look("said", subject="fast_e_degC", text="").channels, look("said", subject="a, b", text="").channels
         (('e',), ('a', 'b'))
         """
-        names = (*self.subject.split(", "), self.numbers.get("other", ""), *self.numbers.get("channels", ()))
+        names = (
+            *self.subject.split(", "),
+            self.numbers.get("other", ""),
+            *self.numbers.get("channels", ()),
+        )
         return tuple(dict.fromkeys(c for c in (channel_of(str(n)) for n in names) if c))
 
     def at(self, where: str) -> Finding:
@@ -101,16 +105,23 @@ class Finding:
             return kept
         try:
             return cls(
-                str(kept["code"]), kept["grade"], str(kept.get("where", "")), str(kept.get("subject", "")),
-                dict(kept.get("numbers", {})), str(kept["sentence"]),
-            )  # fmt: skip
+                str(kept["code"]),
+                kept["grade"],
+                str(kept.get("where", "")),
+                str(kept.get("subject", "")),
+                dict(kept.get("numbers", {})),
+                str(kept["sentence"]),
+            )
         except (KeyError, TypeError, AttributeError) as problem:
             raise ValueError(f"is no finding: {problem!r}") from None
 
     @classmethod
-    def __get_pydantic_core_schema__(cls, _source: Any, _handler: GetCoreSchemaHandler) -> CoreSchema:
+    def __get_pydantic_core_schema__(
+        cls, _source: Any, _handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
         return core_schema.no_info_plain_validator_function(
-            cls.from_dict, serialization=core_schema.plain_serializer_function_ser_schema(cls.to_dict)
+            cls.from_dict,
+            serialization=core_schema.plain_serializer_function_ser_schema(cls.to_dict),
         )
 
 
@@ -158,7 +169,9 @@ def look(code: str, /, *, where: str = "", subject: str = "", **numbers: Any) ->
 FEW = 0.02  # share of the samples that may be mended without asking anybody
 
 
-def by_share(share: float, code: str, /, *, where: str = "", subject: str = "", **numbers: Any) -> Finding:
+def by_share(
+    share: float, code: str, /, *, where: str = "", subject: str = "", **numbers: Any
+) -> Finding:
     """A note where what was mended is few of the samples, ``share`` of all; else it asks for a decision."""
     return (look if share > FEW else note)(code, where=where, subject=subject, **numbers)
 

@@ -25,7 +25,14 @@ from calibration.files.write import write_log
 from calibration.finding import Finding, Place, graded
 from calibration.lines.oven import oven_frame
 from calibration.noise import SPIKES, clean, course_noise_K
-from calibration.opened import COMPENSATED, log_kind, missing_and_unused, not_there, open_log, refuse_spare_records
+from calibration.opened import (
+    COMPENSATED,
+    log_kind,
+    missing_and_unused,
+    not_there,
+    open_log,
+    refuse_spare_records,
+)
 from calibration.record import DiskRecord
 from calibration.result import Result, jsonable
 from calibration.rig import Rig, load_rig
@@ -79,7 +86,9 @@ class Log(Result):
         """Least, middle and greatest value of every column, and how many are missing."""
         f = self.frame
         table = {"column": f.columns, "min": f.min().to_numpy(), "median": f.median().to_numpy()}
-        return pd.DataFrame({**table, "max": f.max().to_numpy(), "missing": f.isna().sum().to_numpy()})
+        return pd.DataFrame(
+            {**table, "max": f.max().to_numpy(), "missing": f.isna().sum().to_numpy()}
+        )
 
     def filled(self) -> pd.DataFrame:
         """The frame with its few missing samples replaced by straight lines between their neighbours."""
@@ -139,10 +148,17 @@ class LogPieces:
         return int(self.sampling.grid[-1]) + 1
 
     def __iter__(self) -> Iterator[LogPiece]:
-        where, grid, total, end_row = self._place.where, self.sampling.grid, len(self.sampling.grid), self.rows
+        where, grid, total, end_row = (
+            self._place.where,
+            self.sampling.grid,
+            len(self.sampling.grid),
+            self.rows,
+        )
         checks = {name: ColumnCheck(name, self._place) for name in self._noise_K}
         side = SPIKES["reading"].longest
-        margin = side * (int(max(LONGEST_NAN_S / self.dt_s, side) + 1) + 1)  # neighbours, each behind a gap
+        margin = side * (
+            int(max(LONGEST_NAN_S / self.dt_s, side) + 1) + 1
+        )  # neighbours, each behind a gap
         kept: dict[str, Array] = {}
         at = done = 0
         for raw in self._table.pieces(list(dict.fromkeys(self._names.values())), self._piece_rows):
@@ -158,24 +174,39 @@ class LogPieces:
             cleaned = {name: clean(name, kept[name], self._noise_K[name]) for name in checks}
             for name, check in checks.items():
                 check.see(kept[name][inside], cleaned[name][inside])
-            columns = {name: moved(name, x, self.sampling, slice(at, end))[inside] for name, x in cleaned.items()}
+            columns = {
+                name: moved(name, x, self.sampling, slice(at, end))[inside]
+                for name, x in cleaned.items()
+            }
             # on the even grid, up to the next row: samples put in are NaN, a switch keeps its state in them
-            columns |= {name: on[done:stop].astype(np.float64) for name, on in self.switches.items()}
+            columns |= {
+                name: on[done:stop].astype(np.float64) for name, on in self.switches.items()
+            }
             rows = grid[done : stop + 1]
             even = np.arange(rows[0], grid[stop] if stop < total else end_row)
-            frame = pd.DataFrame(columns, rows[: stop - done], [n for n in self._names if n != "time_s"])
+            frame = pd.DataFrame(
+                columns, rows[: stop - done], [n for n in self._names if n != "time_s"]
+            )
             frame = frame[~frame.index.duplicated()].reindex(even)
             frame = frame.assign(**frame[[*self.switches]].ffill()).reset_index(drop=True)
             frame.insert(0, "time_s", np.interp(even, rows, self.sampling.time_s[done : stop + 1]))
-            found = [finding for check in checks.values() for finding in check.judge()] if stop == total else []
+            found = (
+                [finding for check in checks.values() for finding in check.judge()]
+                if stop == total
+                else []
+            )
             yield LogPiece(frame, int(grid[done]), tuple(f.at(where) for f in found))
             done = stop
-            kept = {name: values[max(stop - margin - at, 0) :].copy() for name, values in kept.items()}
+            kept = {
+                name: values[max(stop - margin - at, 0) :].copy() for name, values in kept.items()
+            }
             at = max(stop - margin, at)
         if done != total:
             raise InputError("the file changed while it was read", where=where)
 
-    def whole(self, rows: NDArray[np.intp] | None = None, columns: Collection[str] | None = None) -> Log:
+    def whole(
+        self, rows: NDArray[np.intp] | None = None, columns: Collection[str] | None = None
+    ) -> Log:
         """The pieces joined, or some ``rows`` of them, which rise; all ``columns`` or some. All rows are checked.
 
         Needs 8 bytes a value that is kept; all of a short log is kept. Raises InputError as going through them does.
@@ -185,7 +216,10 @@ class LogPieces:
             return replace(joined, frame=joined.frame.copy(deep=False))
         if columns is not None:  # what a piece is cut by is never left out
             kept = {"time_s", next(iter(self._noise_K)), *columns}
-            some: Any = [{k: x[k] for k in x if k in kept} for x in (self._names, self._noise_K, self.switches)]
+            some: Any = [
+                {k: x[k] for k in x if k in kept}
+                for x in (self._names, self._noise_K, self.switches)
+            ]
             source = replace(self, _names=some[0], _noise_K=some[1], switches=some[2])
         wanted = np.arange(self.rows) if rows is None else rows
         frame, told = dict[str, Array](), self.findings
@@ -196,13 +230,28 @@ class LogPieces:
                 column[first:stop] = piece.frame[name].to_numpy()[wanted[first:stop] - piece.first]
             told += piece.findings
         made_of = sha256(self.path) if joined is None else joined.sha256
-        return Log(pd.DataFrame(frame, copy=False), self.kind, self.path, made_of, self.dt_s, self.metadata, told)
+        return Log(
+            pd.DataFrame(frame, copy=False),
+            self.kind,
+            self.path,
+            made_of,
+            self.dt_s,
+            self.metadata,
+            told,
+        )
 
 
 def iter_log(
-    path: str | Path, kind: Kind, rig: Rig | None = None, disk: str | None = None, *,
-    rows: int = PIECE_ROWS, allow_compensated: bool = False, parted: bool = True, without: Collection[str] = (),
-) -> LogPieces:  # fmt: skip
+    path: str | Path,
+    kind: Kind,
+    rig: Rig | None = None,
+    disk: str | None = None,
+    *,
+    rows: int = PIECE_ROWS,
+    allow_compensated: bool = False,
+    parted: bool = True,
+    without: Collection[str] = (),
+) -> LogPieces:
     """A log of ``kind`` ("immersion", "ehl" or "hole") to be read in pieces of roughly ``rows`` rows, in time order.
 
     Put together they are ``read_log``'s frame. A file of more than 131072 rows is read again with each walk. The first
@@ -215,9 +264,13 @@ def iter_log(
     Raises InputError as ``read_log`` does; for an oven log, which is always short.
     """
     if kind == "oven":
-        raise InputError("oven logs are read whole", expected="immersion, ehl or hole", remedy="use read_log")
+        raise InputError(
+            "oven logs are read whole", expected="immersion, ehl or hole", remedy="use read_log"
+        )
     file = Path(path)
-    table, names = open_log(file, kind, rig, disk, allow_compensated=allow_compensated, without=without)
+    table, names = open_log(
+        file, kind, rig, disk, allow_compensated=allow_compensated, without=without
+    )
     raws: list[Columns] = []  # of a short file all, which is then read once
     clock = bytearray()  # grows in place, where a list of arrays would need all of it twice
     others = [name for name in names if name != "time_s" and name not in SWITCHES]
@@ -241,18 +294,34 @@ def iter_log(
         noise_K[name] = course_noise_K(name, values, sample.index.to_numpy(), place)
         sample[name] = clean(name, values, noise_K[name])
     sampling = weighed(sampling, sample)
-    switches, said = check_kind(kind, sample, course.whole(), place, rig or load_rig(), disk, parted=parted)
+    switches, said = check_kind(
+        kind, sample, course.whole(), place, rig or load_rig(), disk, parted=parted
+    )
     found += [*said, *missing_and_unused(kind, table, names, without)]
     told = tuple(f.at(table.where) for f in (*sampling.findings, *found))
     if raws:
         table = replace(table, pieces=partial(in_pieces, joined(raws, [*raws[0].data], place)))
-    log = LogPieces(file, kind, dict(table.metadata), sampling, switches, told, table, names, noise_K, place, rows)
+    log = LogPieces(
+        file,
+        kind,
+        dict(table.metadata),
+        sampling,
+        switches,
+        told,
+        table,
+        names,
+        noise_K,
+        place,
+        rows,
+    )
     with suppress(InputError):  # who goes through it is told
         log = replace(log, _whole=log.whole() if raws else None)
     return log
 
 
-def log_for(log: str | Path, rig: Rig, records: Mapping[str, DiskRecord]) -> tuple[LogPieces, list[str]]:
+def log_for(
+    log: str | Path, rig: Rig, records: Mapping[str, DiskRecord]
+) -> tuple[LogPieces, list[str]]:
     """The EHL or immersion log that ``records`` are for, and columns it lacks that its unloading would be fitted with.
 
     Raises InputError as ``iter_log`` does, and for records that are not of what the log holds.
@@ -266,9 +335,15 @@ def log_for(log: str | Path, rig: Rig, records: Mapping[str, DiskRecord]) -> tup
 
 
 def read_log(
-    path: str | Path, kind: Kind, rig: Rig | None = None, disk: str | None = None, *,
-    allow_compensated: bool = False, parted: bool = True, without: Collection[str] = (),
-) -> Log:  # fmt: skip
+    path: str | Path,
+    kind: Kind,
+    rig: Rig | None = None,
+    disk: str | None = None,
+    *,
+    allow_compensated: bool = False,
+    parted: bool = True,
+    without: Collection[str] = (),
+) -> Log:
     """Read a log of ``kind`` ("oven", "immersion", "ehl" or "hole") and check it; ``iter_log``'s pieces joined.
 
     CSV in its dialects, LVM, TDMS and Parquet by ending; column names mapped by ``rig``'s ``[columns]`` (those of
@@ -290,11 +365,17 @@ def read_log(
     """
     file = Path(path)
     if kind != "oven":
-        options: Any = {"allow_compensated": allow_compensated, "parted": parted, "without": without}
+        options: Any = {
+            "allow_compensated": allow_compensated,
+            "parted": parted,
+            "without": without,
+        }
         return iter_log(file, kind, rig, disk, **options).whole()
     table, names = open_log(file, kind, rig, disk, allow_compensated=allow_compensated)
     raw = read_whole(table, list(dict.fromkeys(names.values())))
-    frame, found = oven_frame({canonical: raw.data[name] for canonical, name in names.items()}, raw.place)
+    frame, found = oven_frame(
+        {canonical: raw.data[name] for canonical, name in names.items()}, raw.place
+    )
     found += missing_and_unused(kind, table, names)
     told = tuple(f.at(table.where) for f in (*raw.findings, *found))
     return Log(frame, kind, file, sha256(file), None, dict(table.metadata), told)

@@ -56,12 +56,20 @@ SpikeUse = Literal["reading", "traces", "plunge", "force", "compensator", "answe
 
 # every limit there is for spikes, by its use, at the usual 75 Hz
 SPIKES: Mapping[SpikeUse, SpikeRule] = {
-    "reading": SpikeRule(8.0, 7, floor=0.5),  # any temperature column of a log: one clean sample in 1e15 lies so far
-    "traces": SpikeRule(6.0, 11),  # of a disk, after the static lines: 0.15 s, more than a slip ring's spike
+    "reading": SpikeRule(
+        8.0, 7, floor=0.5
+    ),  # any temperature column of a log: one clean sample in 1e15 lies so far
+    "traces": SpikeRule(
+        6.0, 11
+    ),  # of a disk, after the static lines: 0.15 s, more than a slip ring's spike
     "plunge": SpikeRule(7.8, 5),  # a plunge's readings before they are averaged
-    "force": SpikeRule(6.0, 151),  # load and friction: 2 s about the sample (at other rates, too), of their scatter
+    "force": SpikeRule(
+        6.0, 151
+    ),  # load and friction: 2 s about the sample (at other rates, too), of their scatter
     "compensator": SpikeRule(6.0, 9, local=73),  # traces of any origin, given to a compensator
-    "answer": SpikeRule(6.0, 7),  # those samples again, against what the smoother's answer would have been read as
+    "answer": SpikeRule(
+        6.0, 7
+    ),  # those samples again, against what the smoother's answer would have been read as
 }
 
 
@@ -86,10 +94,14 @@ def white_noise_sd(values: ArrayLike, order: int = 2, *, centred: bool = True) -
     """
     x = np.asarray(values, dtype=float)
     told = []
-    for column in np.ascontiguousarray(x.reshape(len(x), -1).T):  # one by one: what is looked at stays near the core
+    for column in np.ascontiguousarray(
+        x.reshape(len(x), -1).T
+    ):  # one by one: what is looked at stays near the core
         d = np.diff(column, n=order)
         away = middle(np.abs(d - middle(d) if centred else d))
-        told.append(np.maximum(MAD_TO_SD * away / np.sqrt(comb(2 * order, order)), rounding_sd(column)))
+        told.append(
+            np.maximum(MAD_TO_SD * away / np.sqrt(comb(2 * order, order)), rounding_sd(column))
+        )
     return np.array(told).reshape(x.shape[1:])
 
 
@@ -106,7 +118,9 @@ def middle(values: NDArray[np.floating]) -> Array:
     for count in np.unique(counts[counts > 0]).tolist():
         alike, k = counts == count, count // 2
         parted = np.partition(rows[alike], k, axis=-1)  # what is missing comes last
-        out[alike] = parted[:, k] if count % 2 else 0.5 * (parted[:, :k].max(axis=-1) + parted[:, k])
+        out[alike] = (
+            parted[:, k] if count % 2 else 0.5 * (parted[:, :k].max(axis=-1) + parted[:, k])
+        )
     return out.reshape(values.shape[:-1])
 
 
@@ -156,13 +170,19 @@ def find_spikes(values: Array, rule: SpikeRule, noise_sd: float | None = None) -
     if len(x) < 2:
         return out
     limit = max(rule.sigmas * (noise_sd or 0.0), rule.floor)
-    apart = np.zeros(len(x), dtype=bool)  # of the majority that stands far away, one is at most so many samples off
+    apart = np.zeros(
+        len(x), dtype=bool
+    )  # of the majority that stands far away, one is at most so many samples off
     for k in range(1, min((rule.longest + 1) // 2, len(x) - 1) + 1 if noise_sd is not None else 1):
         jumps = np.abs(x[k:] - x[:-k]) > limit
         apart[k:] |= jumps
         apart[:-k] |= jumps
     few = noise_sd is not None and np.count_nonzero(apart) * rule.width < len(x)
-    away = np.zeros(len(x)) if few else np.abs(x - scipy.ndimage.median_filter(x, rule.width, mode="nearest"))
+    away = (
+        np.zeros(len(x))
+        if few
+        else np.abs(x - scipy.ndimage.median_filter(x, rule.width, mode="nearest"))
+    )
     windows = sliding_window_view(np.pad(x, rule.longest, mode="edge"), rule.width)
 
     def far_of(at: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -251,7 +271,12 @@ def course_noise_K(name: str, sample: Array, rows: NDArray[np.int64], place: Pla
         return np.inf
     finite = sample[np.isfinite(sample)]
     if not len(finite):
-        raise InputError(f"column {name} holds no numbers", where=place.where, expected="degrees Celsius", column=name)
+        raise InputError(
+            f"column {name} holds no numbers",
+            where=place.where,
+            expected="degrees Celsius",
+            column=name,
+        )
     low, high = np.quantile(finite, [0.02, 0.98])
     if low > 250.0 and high < 800.0:
         raise InputError(
@@ -271,7 +296,11 @@ def course_noise_K(name: str, sample: Array, rows: NDArray[np.int64], place: Pla
             column=name,
         )
     told = sample[np.isfinite(sample) & ~wild]
-    return float(white_noise_sd(told, 1)) if place.dt_s is not None and len(told) >= LEAST_TOLD else np.inf
+    return (
+        float(white_noise_sd(told, 1))
+        if place.dt_s is not None and len(told) >= LEAST_TOLD
+        else np.inf
+    )
 
 
 def impossible(x: Array) -> Flags:

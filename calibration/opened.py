@@ -49,7 +49,11 @@ def records_by_disk(paths: Sequence[str | Path]) -> dict[str, DiskRecord]:
                 expected="a record of the fast or the slow disk",
             )
         if record.disk in out:
-            raise InputError(f"a second record of the {record.disk} disk", where=str(path), remedy="give one of each")
+            raise InputError(
+                f"a second record of the {record.disk} disk",
+                where=str(path),
+                remedy="give one of each",
+            )
         out[record.disk] = record
     return out
 
@@ -68,24 +72,38 @@ def layouts_of(rig: Rig, disk: str | None) -> dict[str, Layout]:
 
 def known_names(layouts: Mapping[str, Layout]) -> tuple[str, ...]:
     """Every canonical column of these logs, temperatures in every unit."""
-    return in_other_units(dict.fromkeys(name for layout in layouts.values() for name in layout.columns))
+    return in_other_units(
+        dict.fromkeys(name for layout in layouts.values() for name in layout.columns)
+    )
 
 
 def missing_and_unused(
     kind: str, table: Table, names: Mapping[str, str], without: Collection[str] = ()
 ) -> list[Finding]:
     """Columns that might be there and are not, and those of the file that nobody asked for or left out."""
-    asked = [n for n in LAYOUTS[kind].optional if n not in (*names, *TORQUES) and kind in ("ehl", "immersion")]
-    found = [note("contact.not_logged") if n == "contact" else look("column.not_there", subject=n) for n in asked]
+    asked = [
+        n
+        for n in LAYOUTS[kind].optional
+        if n not in (*names, *TORQUES) and kind in ("ehl", "immersion")
+    ]
+    found = [
+        note("contact.not_logged") if n == "contact" else look("column.not_there", subject=n)
+        for n in asked
+    ]
     if unused := [n for n in table.names if n not in (*names.values(), *without)]:
         found.append(note("columns.unused", names=unused))
     return found
 
 
 def open_log(
-    file: Path, kind: str, rig: Rig | None, disk: str | None, *, allow_compensated: bool = False,
+    file: Path,
+    kind: str,
+    rig: Rig | None,
+    disk: str | None,
+    *,
+    allow_compensated: bool = False,
     without: Collection[str] = (),
-) -> tuple[Table, dict[str, str]]:  # fmt: skip
+) -> tuple[Table, dict[str, str]]:
     """The opened file and canonical name -> name in the file; refuses compensated logs and other kinds."""
     if kind not in LAYOUTS:
         raise InputError(f"{kind!r} is no kind of log", expected=", ".join(LAYOUTS))
@@ -101,27 +119,42 @@ def open_log(
             expected="a log as the logger wrote it",
             remedy="give the raw log; static lines and chain must not be applied twice",
         )
-    names = match_columns(table.names, kind, table.where, mapping, without, used.stated(), air, layouts)
+    names = match_columns(
+        table.names, kind, table.where, mapping, without, used.stated(), air, layouts
+    )
     how = as_logged(names, table.names, used, disk or "", mapping)
     names = {"friction_N" if name in TORQUES else name: own for name, own in names.items()}
     return converted(table, how), names
 
 
-def columns_not_there(file: str | Path, rig: Rig, wanted: Iterable[str], alike: bool = False) -> list[str]:
+def columns_not_there(
+    file: str | Path, rig: Rig, wanted: Iterable[str], alike: bool = False
+) -> list[str]:
     """Those of the ``wanted`` columns that the file of an EHL log does not hold, nor, if ``alike``, one that looks like
     it."""
     mapping = {**rig.columns(), **rig.air_columns()}
     names = open_table(Path(file), (*known_names(layouts_of(rig, None)), *mapping.values())).names
     gone = [c for c in wanted if named(c, mapping, names) is None]
-    return [c for c in gone if not alike or suggestion(c, (n for n in names if n not in KNOWN)) is None]
+    return [
+        c for c in gone if not alike or suggestion(c, (n for n in names if n not in KNOWN)) is None
+    ]
 
 
-def not_there(log: str | Path, rig: Rig, records: Mapping[str, DiskRecord]) -> tuple[list[str], list[str]]:
+def not_there(
+    log: str | Path, rig: Rig, records: Mapping[str, DiskRecord]
+) -> tuple[list[str], list[str]]:
     """Columns of an EHL log that are neither there nor needed: of a disk without a record, and of what the unloading
     alone would be fitted with; these once more."""
     lone = [couples(rig.disk_setup(d).channels, d) for d in DISKS if d not in records]
-    junctions = [c for columns in lone if len(columns_not_there(log, rig, columns)) == len(columns) for c in columns]
-    running = columns_not_there(log, rig, [*EHL_RUNNING, *TORQUES, "ambient_degC", *rig.air_columns()])
+    junctions = [
+        c
+        for columns in lone
+        if len(columns_not_there(log, rig, columns)) == len(columns)
+        for c in columns
+    ]
+    running = columns_not_there(
+        log, rig, [*EHL_RUNNING, *TORQUES, "ambient_degC", *rig.air_columns()]
+    )
     torque = not set(TORQUES) <= set(running)
     needless = {"contact", *TORQUES, *rig.stated(), *(["friction_N"] if torque else [])}
     unused = columns_not_there(log, rig, [c for c in running if c not in needless], alike=True)
@@ -134,7 +167,11 @@ def refuse_spare_records(file: str | Path, rig: Rig, records: Mapping[str, DiskR
     gone = [d for d in records if columns_not_there(file, rig, own[d]) == own[d]]
     for disk in gone if len(gone) < len(records) else ():
         said = f"holds no column of the {disk} disk, whose record was given"
-        raise InputError(said, where=shown(Path(file)), remedy=f"leave out the {disk} disk's record, or map columns")
+        raise InputError(
+            said,
+            where=shown(Path(file)),
+            remedy=f"leave out the {disk} disk's record, or map columns",
+        )
 
 
 def as_logged(

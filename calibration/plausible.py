@@ -18,7 +18,9 @@ OVERLOAD_RATIO = 1e6
 NOISE_ALLOWANCE = 10.0  # standard deviations of the noise that a change between two samples may add
 BORDER_SHARE = 0.3  # of the smallest impossible change: the first half of a spike may be smaller than its return
 COARSEST_K = 5.0  # no logger of temperatures has coarser steps
-QUIET_SHARE = 0.2  # quantile of the steps that tells the noise: four of five steps may be faulty or fast
+QUIET_SHARE = (
+    0.2  # quantile of the steps that tells the noise: four of five steps may be faulty or fast
+)
 QUIET_QUANTILE = 0.3583  # that quantile of |difference of two samples| of white noise, over its standard deviation
 # A drop-out value stands apart from all other readings by more than this share of their range ...
 CODE_DISTANCE = 0.1
@@ -87,7 +89,9 @@ def dropout_codes(values: Array) -> Flags:
         if len(finite) < DISTINCT:
             break
         candidates = (float(finite.min()), float(finite.max()))
-        added = next((mask for mask in (_code(remaining, c) for c in candidates) if mask.any()), None)
+        added = next(
+            (mask for mask in (_code(remaining, c) for c in candidates) if mask.any()), None
+        )
         if added is None:
             break
         codes |= added
@@ -114,11 +118,17 @@ def _code(values: Array, candidate: float) -> Flags:
     if not inside.any():
         return none
     far_beyond = distance > spread
-    short_runs = np.median(lengths) <= CODE_RUN and len(lengths) >= CODE_RUNS and distance > CODE_DISTANCE * spread
+    short_runs = (
+        np.median(lengths) <= CODE_RUN
+        and len(lengths) >= CODE_RUNS
+        and distance > CODE_DISTANCE * spread
+    )
     return equal if short_runs or (far_beyond and len(lengths) == inside.sum()) else none
 
 
-def unreachable(values_degC: Array, dt_s: float, lag_s: float, passed_directly: float = 0.0) -> Flags:
+def unreachable(
+    values_degC: Array, dt_s: float, lag_s: float, passed_directly: float = 0.0
+) -> Flags:
     """Samples that no physical input could have produced through a chain, given the others.
 
     Through a lag tau the reading moves towards its input: y(t + d) = y(t) + (1 - exp(-d/tau)) (x - y(t)), x a mean of
@@ -160,7 +170,9 @@ def unreachable(values_degC: Array, dt_s: float, lag_s: float, passed_directly: 
         return out
     # a fault may begin by a change that is just possible, and end by one that is not: large changes are borders, too
     change = np.abs(np.diff(y))
-    is_border = is_impossible | (change > max(BORDER_SHARE * float(change[is_impossible].min()), allowance))
+    is_border = is_impossible | (
+        change > max(BORDER_SHARE * float(change[is_impossible].min()), allowance)
+    )
     breaks = np.flatnonzero(is_border) + 1
     starts = np.concatenate([[0], breaks])
     ends = np.concatenate([breaks, [len(y)]]) - 1
@@ -168,7 +180,13 @@ def unreachable(values_degC: Array, dt_s: float, lag_s: float, passed_directly: 
     share_needed = max(np.ptp(y) / (y.max() - LOWEST_DEGC), np.ptp(y) / (HIGHEST_DEGC - y.min()))
     memory_s = -lag_s * np.log(max(1 - share_needed, 1e-6))
     kept = _largest_subset(
-        at[starts] * dt_s, at[ends] * dt_s, y[starts], y[ends], ends - starts + 1, memory_s, possible
+        at[starts] * dt_s,
+        at[ends] * dt_s,
+        y[starts],
+        y[ends],
+        ends - starts + 1,
+        memory_s,
+        possible,
     )
     for part in np.flatnonzero(~kept):
         out[at[starts[part] : ends[part] + 1]] = True
@@ -201,7 +219,9 @@ def _largest_subset(
     count = len(size)
     best = size.astype(float)
     previous = np.full(count, -1)
-    oldest = np.searchsorted(end_s, start_s - memory_s)  # parts before this one are beyond the memory
+    oldest = np.searchsorted(
+        end_s, start_s - memory_s
+    )  # parts before this one are beyond the memory
     best_old = 0.0
     best_old_part = -1
     old_done = 0

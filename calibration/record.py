@@ -28,8 +28,12 @@ from calibration.stated import STRICT
 SCHEMA: Final[Literal["tcdyn.disk/2"]] = "tcdyn.disk/2"
 OF_0_1 = "tcdyn.disk/1"  # two lags a channel, tau1_s and tau2_s
 _Model = TypeVar("_Model", bound=BaseModel)
-LONGEST_LAG_S = 1e7  # about four months, slower than any building; beyond it a time is in another unit
-LAG_TOLERANCE_S = 0.02  # a lag and its own parameters may differ by this or 3 u before they contradict
+LONGEST_LAG_S = (
+    1e7  # about four months, slower than any building; beyond it a time is in another unit
+)
+LAG_TOLERANCE_S = (
+    0.02  # a lag and its own parameters may differ by this or 3 u before they contradict
+)
 
 
 class RecordPart(BaseModel):
@@ -77,8 +81,13 @@ class ChainRecord(RecordPart):
     def table(self) -> pd.DataFrame:
         """One row a channel: lag with uncertainty and 95 % interval, and how far it is off the common lag."""
         apart = self.differential_lag_s
-        rows = [(c, x.lag_s.plain(), x.lag_s.interval, apart[c].plain()) for c, x in sorted(self.channels.items())]
-        return pd.DataFrame(rows, columns=["channel", "lag [s]", "95 % [s]", "minus common lag [s]"])
+        rows = [
+            (c, x.lag_s.plain(), x.lag_s.interval, apart[c].plain())
+            for c, x in sorted(self.channels.items())
+        ]
+        return pd.DataFrame(
+            rows, columns=["channel", "lag [s]", "95 % [s]", "minus common lag [s]"]
+        )
 
     @model_validator(mode="after")
     def _sound(self) -> ChainRecord:
@@ -92,8 +101,14 @@ class ChainRecord(RecordPart):
         for name, u in zip(sorted(self.channels), np.sqrt(np.maximum(np.diag(matrix), 0.0))):
             lag, rest = self.channels[name].lag_s, self.differential_lag_s[name]
             if abs(u - lag.u) > 0.5 * max(u, lag.u) + 1e-6:
-                raise ValueError(f"covariance: its diagonal gives {u:.4g} s for {name}, but lag_s.u is {lag.u:.4g} s")
-            _agrees(rest, lag.value - common, f"differential_lag_s.{name}: {{}} s, but lag - mean is {{}} s")
+                raise ValueError(
+                    f"covariance: its diagonal gives {u:.4g} s for {name}, but lag_s.u is {lag.u:.4g} s"
+                )
+            _agrees(
+                rest,
+                lag.value - common,
+                f"differential_lag_s.{name}: {{}} s, but lag - mean is {{}} s",
+            )
         return self
 
 
@@ -127,12 +142,17 @@ class DiskRecord(Result, RecordPart):
 
     @model_validator(mode="after")
     def _sound(self) -> DiskRecord:
-        for key, names in (("static", self.static), ("chain.channels", self.chain.channels if self.chain else {})):
+        for key, names in (
+            ("static", self.static),
+            ("chain.channels", self.chain.channels if self.chain else {}),
+        ):
             if not names and key == "static":
                 raise ValueError(f"{key}: holds no channel")
             if strange := sorted(set(names) - set(self.setup.thermocouples)):
                 known = sorted(self.setup.thermocouples)
-                raise ValueError(f"{key}.{strange[0]}: no such channel; they are {known[0]} to {known[-1]}")
+                raise ValueError(
+                    f"{key}.{strange[0]}: no such channel; they are {known[0]} to {known[-1]}"
+                )
         try:
             moment(self.created)
         except ValueError:
@@ -142,7 +162,11 @@ class DiskRecord(Result, RecordPart):
                 pair_s = 2 * c.pair[0] * c.pair[1] if c.pair else 0.0
                 own_s = c.delay_s + sum(c.taus_s) - c.zero_s + pair_s + c.cement_s / 2
                 lag_s = own_s + self.conditioning.lag_s
-                _agrees(c.lag_s, lag_s, f"chain.channels.{name}.lag_s: {{}} s, but its lags add to {{}} s")
+                _agrees(
+                    c.lag_s,
+                    lag_s,
+                    f"chain.channels.{name}.lag_s: {{}} s, but its lags add to {{}} s",
+                )
         return self
 
     @computed_field  # type: ignore[prop-decorator]
@@ -168,7 +192,9 @@ class DiskRecord(Result, RecordPart):
             lines.append("no chain: it can correct steady readings only")
         else:
             common = self.chain.common_lag_s.text("s")
-            lines.append(f"chain {self.chain.structure}: common lag {common}; differences between channels:")
+            lines.append(
+                f"chain {self.chain.structure}: common lag {common}; differences between channels:"
+            )
             rest = self.chain.differential_lag_s
             lines.append("  " + ", ".join(f"{c} {rest[c].text('s')}" for c in sorted(rest)))
         return "\n".join([*lines, *graded(self.findings)])
@@ -176,7 +202,11 @@ class DiskRecord(Result, RecordPart):
     def card(self) -> pd.DataFrame:
         """Static line and lag of each channel."""
         table = lines_table(self.static)
-        return table if self.chain is None else table.merge(self.chain.table(), "left", "channel").fillna("")
+        return (
+            table
+            if self.chain is None
+            else table.merge(self.chain.table(), "left", "channel").fillna("")
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """The content of the record's file, with its checksum."""
@@ -216,7 +246,9 @@ def read_record(path: str | Path) -> DiskRecord:
 
     Raises InputError that names the key for an unknown schema, a missing or unknown key, or a value that cannot be.
     """
-    return parse_record(read_json(path, "a disk record", "tcdyn calibrate", "*.disk.json"), str(path))
+    return parse_record(
+        read_json(path, "a disk record", "tcdyn calibrate", "*.disk.json"), str(path)
+    )
 
 
 def read_json(path: str | Path, expected: str, writer: str, called: str = "file") -> Any:
@@ -236,7 +268,9 @@ def parse_record(data: Any, where: str) -> DiskRecord:
     """Check a record that is already parsed JSON; ``where`` names it in errors, and in a finding if its content is not
     what its checksum says."""
     if not isinstance(data, dict):
-        raise InputError("is no disk record", where=where, expected="a JSON object with the key schema")
+        raise InputError(
+            "is no disk record", where=where, expected="a JSON object with the key schema"
+        )
     if "schema" not in data:
         raise InputError("schema: the key is missing", where=where, expected=repr(SCHEMA))
     schema = str(data["schema"])
@@ -244,7 +278,10 @@ def parse_record(data: Any, where: str) -> DiskRecord:
         remedy = "update tcdyn" if schema.startswith("tcdyn.disk/") else "give a disk record"
         expected = f"{SCHEMA!r} or {OF_0_1!r}"
         raise InputError(
-            f"schema: {schema[:60]!r} is not known to this version", where=where, expected=expected, remedy=remedy
+            f"schema: {schema[:60]!r} is not known to this version",
+            where=where,
+            expected=expected,
+            remedy=remedy,
         )
     made = _from_0_1(data) if schema == OF_0_1 else data
     remedy = "do not edit records by hand; calibrate again"
@@ -259,13 +296,17 @@ def validated(model: type[_Model], data: Any, where: str, expected: str, remedy:
     try:
         return model.model_validate(plain)
     except ValidationError as problem:
-        raise InputError(first_wrong(problem), where=where, expected=expected, remedy=remedy) from None
+        raise InputError(
+            first_wrong(problem), where=where, expected=expected, remedy=remedy
+        ) from None
 
 
 def _from_0_1(data: dict[str, Any]) -> dict[str, Any]:
     """A record of version 0.1 in today's schema: its two lags are a list."""
     data = {**deepcopy(data), "schema": SCHEMA}
-    with suppress(TypeError, KeyError, AttributeError):  # what is not as it should be is found by key
+    with suppress(
+        TypeError, KeyError, AttributeError
+    ):  # what is not as it should be is found by key
         for channel in data["chain"]["channels"].values():
             channel["taus_s"] = [channel.pop("tau1_s"), channel.pop("tau2_s", 0.0)]
     return data

@@ -10,15 +10,35 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_serializer, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    field_serializer,
+    model_validator,
+)
 
 from calibration.columns import couples
 from calibration.disk import DISKS, Conditioning, DiskSetup, Junction
 from calibration.errors import InputError, first_wrong
 from calibration.result import Result
 from calibration.stated.fit import NO_FIT, PressFit
-from calibration.stated.layout import CHANNELS, DEFAULT_LAYOUT, NAME, OWN_LAYOUT, inner_row, layout_junctions
-from calibration.stated.running import AmbientChannels, Constant, ConstantName, LoggerTable, air_columns
+from calibration.stated.layout import (
+    CHANNELS,
+    DEFAULT_LAYOUT,
+    NAME,
+    OWN_LAYOUT,
+    inner_row,
+    layout_junctions,
+)
+from calibration.stated.running import (
+    AmbientChannels,
+    Constant,
+    ConstantName,
+    LoggerTable,
+    air_columns,
+)
 from calibration.stated.steel import SteelSlopes
 from calibration.stated.surface import NO_FLUX, SurfaceFlux
 from calibration.stated.tables import (
@@ -40,7 +60,9 @@ class RigTables(RigTable):
     disk: DiskTable = DiskTable()
     washer: WasherTable = WasherTable()
     thermocouples: dict[str, JunctionTable] = Field(
-        default_factory=lambda: {c: JunctionTable(**x) for c, x in layout_junctions(DEFAULT_LAYOUT).items()}
+        default_factory=lambda: {
+            c: JunctionTable(**x) for c, x in layout_junctions(DEFAULT_LAYOUT).items()
+        }
     )
     contact: ContactTable = ContactTable()
     surface: SurfaceFlux = NO_FLUX
@@ -66,18 +88,26 @@ class RigTables(RigTable):
     @model_validator(mode="after")
     def _junctions_inside(self) -> RigTables:
         if not self.thermocouples:
-            raise ValueError("thermocouples: none is listed; expected one or more, such as t1 = { depth_mm, z_mm }")
+            raise ValueError(
+                "thermocouples: none is listed; expected one or more, such as t1 = { depth_mm, z_mm }"
+            )
         for name in self.thermocouples:
             if not NAME.fullmatch(name):
                 wanted = "a letter, or letters and a number, such as t1; what logs call it goes to [columns]"
-                raise ValueError(f"thermocouples: {name!r} is no name of a junction; expected {wanted}")
+                raise ValueError(
+                    f"thermocouples: {name!r} is no name of a junction; expected {wanted}"
+                )
         self.fit.sectors(self.disk.bore_radius_mm)
         wall = self.disk.outer_radius_mm - self.disk.bore_radius_mm
         for name, junction in self.thermocouples.items():
             if junction.depth_mm >= wall:
-                raise ValueError(f"thermocouples.{name}: depth_mm {junction.depth_mm} lies inside the bore")
+                raise ValueError(
+                    f"thermocouples.{name}: depth_mm {junction.depth_mm} lies inside the bore"
+                )
             if junction.z_mm >= self.disk.width_mm:
-                raise ValueError(f"thermocouples.{name}: z_mm {junction.z_mm} lies outside the width")
+                raise ValueError(
+                    f"thermocouples.{name}: z_mm {junction.z_mm} lies outside the width"
+                )
         return self
 
     @model_validator(mode="after")
@@ -100,7 +130,9 @@ class RigTables(RigTable):
     def setup(self, name: str) -> DiskSetup:
         """The disk in SI units."""
         d, w, j = self.disk, self.washer, self.thermocouples
-        junctions = {k: Junction(j[k].depth_mm * 1e-3, j[k].z_mm * 1e-3, j[k].angle_deg) for k in sorted(j)}
+        junctions = {
+            k: Junction(j[k].depth_mm * 1e-3, j[k].z_mm * 1e-3, j[k].angle_deg) for k in sorted(j)
+        }
         return DiskSetup(
             name=name,
             outer_radius_m=d.outer_radius_mm * 1e-3,
@@ -113,12 +145,17 @@ class RigTables(RigTable):
             washer_conductivity_W_mK=w.conductivity_W_mK,
             washer_thickness_m=w.thickness_mm * 1e-3,
             junctions=junctions,
-            inner=inner_row({c: x.depth_m for c, x in junctions.items()}, {c: x.z_m for c, x in junctions.items()}),
+            inner=inner_row(
+                {c: x.depth_m for c, x in junctions.items()},
+                {c: x.z_m for c, x in junctions.items()},
+            ),
             conditioning=self.conditioning,
             flux=self.contact.flux,
             surface=self.surface,
             fit=self.fit,
-            steel=SteelSlopes(d.conductivity_slope_per_K, d.specific_heat_slope_per_K, d.reference_degC),
+            steel=SteelSlopes(
+                d.conductivity_slope_per_K, d.specific_heat_slope_per_K, d.reference_degC
+            ),
         )
 
 
@@ -133,7 +170,9 @@ class Rig(Result, BaseModel):
 
     def summary(self) -> str:
         """The disks in a line each: size, steel, bandwidth of the conditioning."""
-        lines = [f"gear ratio {self.common.contact.gear_ratio:g}, h ~ u^{self.common.contact.speed_exponent:g}"]
+        lines = [
+            f"gear ratio {self.common.contact.gear_ratio:g}, h ~ u^{self.common.contact.speed_exponent:g}"
+        ]
         for disk in ("fast", "slow"):
             t = self.tables(disk)
             d, filter_ = t.disk, t.conditioning
@@ -164,7 +203,9 @@ class Rig(Result, BaseModel):
         """
         mapped = dict(self.tables(disk or "").columns)
         start = f"{disk}_"
-        return {k.removeprefix(start): v for k, v in mapped.items() if disk and k.startswith(start)} | mapped
+        return {
+            k.removeprefix(start): v for k, v in mapped.items() if disk and k.startswith(start)
+        } | mapped
 
     def stated(self) -> tuple[str, ...]:
         """Columns that an EHL log need not hold, their values being stated in ``[constants]`` or ``[ambient]``."""
@@ -202,13 +243,20 @@ def load_rig(path: str | Path | None = None) -> Rig:
     if path is None:
         return parse_rig({}, "rig.toml")
     try:
-        if DEEP_KEY.search(text := Path(path).read_text(encoding="utf-8-sig")):  # parsed in the square of its depth
+        if DEEP_KEY.search(
+            text := Path(path).read_text(encoding="utf-8-sig")
+        ):  # parsed in the square of its depth
             raise ValueError("a key of more than 32 parts")
         data = tomllib.loads(text)
     except FileNotFoundError:
-        raise InputError("no such file", where=str(path), remedy="`tcdyn rig --show > rig.toml` writes one") from None
+        raise InputError(
+            "no such file", where=str(path), remedy="`tcdyn rig --show > rig.toml` writes one"
+        ) from None
     except (OSError, ValueError, RecursionError) as problem:
-        what, remedy = f"not readable as TOML ({str(problem)[:200]})", "`tcdyn rig --show > rig.toml` writes one"
+        what, remedy = (
+            f"not readable as TOML ({str(problem)[:200]})",
+            "`tcdyn rig --show > rig.toml` writes one",
+        )
         raise InputError(what, where=str(path), expected="a rig file", remedy=remedy) from None
     return parse_rig(data, str(path))
 
@@ -217,17 +265,26 @@ def parse_rig(data: dict[str, Any], where: str) -> Rig:
     """Check the tables of a rig file that is already a dict; ``where`` names it in errors."""
     common = {k: v for k, v in data.items() if k not in ("fast", "slow")}
     built: dict[str, RigTables] = {}
-    for name, override in (("common", {}), ("fast", data.get("fast", {})), ("slow", data.get("slow", {}))):
+    for name, override in (
+        ("common", {}),
+        ("fast", data.get("fast", {})),
+        ("slow", data.get("slow", {})),
+    ):
         if not isinstance(override, dict):
             raise InputError(f"[{name}] must be a table", where=where)
         if "constants" in override:
             raise InputError(
-                f"[{name}.constants]: a test has one set of constants", where=where, remedy="write [constants]"
+                f"[{name}.constants]: a test has one set of constants",
+                where=where,
+                remedy="write [constants]",
             )
         try:
             built[name] = RigTables.model_validate(_merge(common, override))
         except ValidationError as problem:
-            said, remedy = first_wrong(problem, name), "`tcdyn rig --show` lists every key with its default"
+            said, remedy = (
+                first_wrong(problem, name),
+                "`tcdyn rig --show` lists every key with its default",
+            )
             raise InputError(said, where=where, remedy=remedy) from None
     return Rig(**built)
 
@@ -235,8 +292,14 @@ def parse_rig(data: dict[str, Any], where: str) -> Rig:
 def _merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     """``base`` with the values of ``over``, table within table; one of its own layout stands in place of the other."""
     pairs = {k: (base.get(k), v) for k, v in over.items()}
-    whole = {k: (a, b) for k, (a, b) in pairs.items() if isinstance(a, dict) and isinstance(b, dict)}
-    return {**base, **over, **{k: _merge(a, b) for k, (a, b) in whole.items() if b.get("layout") != OWN_LAYOUT}}
+    whole = {
+        k: (a, b) for k, (a, b) in pairs.items() if isinstance(a, dict) and isinstance(b, dict)
+    }
+    return {
+        **base,
+        **over,
+        **{k: _merge(a, b) for k, (a, b) in whole.items() if b.get("layout") != OWN_LAYOUT},
+    }
 
 
 def changed_keys(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[tuple[str, Any, Any]]:
@@ -247,7 +310,9 @@ def changed_keys(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[tu
     """
     one, other = (pd.json_normalize(dict(d)).to_dict("records")[0] for d in (before, after))
     names = {key: "[{}] {}".format(*str(key).split(".", 1)) for key in one}
-    return [(names[key], value, other.get(key)) for key, value in one.items() if value != other.get(key)]
+    return [
+        (names[key], value, other.get(key)) for key, value in one.items() if value != other.get(key)
+    ]
 
 
 HINTS = [

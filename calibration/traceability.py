@@ -56,7 +56,9 @@ class TraceabilityTable(BaseModel):
     @model_validator(mode="after")
     def _since_when(self) -> Self:
         if self.reference_drift_K_per_year and not self.reference_date:
-            raise ValueError("traceability: reference_drift_K_per_year asks for reference_date, since when it drifts")
+            raise ValueError(
+                "traceability: reference_drift_K_per_year asks for reference_date, since when it drifts"
+            )
         return self
 
     def drift_u_K(self, on: date) -> float:

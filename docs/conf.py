@@ -90,14 +90,22 @@ def write_reference(*_: Any) -> None:
     for title, packages in REFERENCE_PAGES.items():
         page = [f"# {title}", ""]
         for module in (m for package in packages for m in _modules(package)):
-            page += [f"## {module}", "", "```{eval-rst}", f".. automodule:: {module}", "   :members:"]
+            page += [
+                f"## {module}",
+                "",
+                "```{eval-rst}",
+                f".. automodule:: {module}",
+                "   :members:",
+            ]
             page += ["   :ignore-module-all:", "```", ""]
         file, text = folder / f"{title}.md", "\n".join(page)
         if not file.exists() or file.read_text(encoding="utf-8") != text:
             file.write_text(text, encoding="utf-8")
 
 
-def escape_markup(app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]) -> None:
+def escape_markup(
+    app: Any, what: str, name: str, thing: Any, options: Any, lines: list[str]
+) -> None:
     """Escape bars, stars and trailing underscores: in docstrings they belong to formulas, not to markup."""
     quoted = False
     for k, line in enumerate(lines):
@@ -107,7 +115,10 @@ def escape_markup(app: Any, what: str, name: str, thing: Any, options: Any, line
             quoted = False
         if not quoted:
             parts = re.split(r"(``.+?``|:\w+:`.+?`|`.+?`)", line)
-            parts[::2] = [re.sub(r"(?<!\*)\*(?!\*)|\||(?<=\w)_(?!\w)", r"\\\g<0>", part) for part in parts[::2]]
+            parts[::2] = [
+                re.sub(r"(?<!\*)\*(?!\*)|\||(?<=\w)_(?!\w)", r"\\\g<0>", part)
+                for part in parts[::2]
+            ]
             lines[k] = "".join(parts)
 
 
@@ -152,7 +163,9 @@ def mathml(self: Any, node: Any) -> None:
 
 def setup(app: Any) -> None:
     """Connect the functions above to the build."""
-    app.add_html_math_renderer("mathml", inline_renderers=(mathml, None), block_renderers=(mathml, None))
+    app.add_html_math_renderer(
+        "mathml", inline_renderers=(mathml, None), block_renderers=(mathml, None)
+    )
     app.connect("missing-reference", resolve_alias)
     app.connect("builder-inited", write_reference)
     app.connect("autodoc-process-docstring", escape_markup, priority=900)

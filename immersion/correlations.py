@@ -59,25 +59,62 @@ CORRELATIONS: dict[str, Correlation] = {
         Correlation("mcadams", "(5.2)", "width", (1e4, 1e9), _HOLMAN, 0.59, 1 / 4),
         # vertical plate, integral solution (thesis 5.3 times 4/3): 0.508 Pr^0.5 (0.952 + Pr)^-0.25 Gr^0.25, Gr = Ra/Pr
         Correlation(
-            "similarity", "(5.3)", "width", (1e4, 1e9), _HOLMAN, 4 / 3 * 0.508, 1 / 4, prandtl=0.952, outer=1 / 4
+            "similarity",
+            "(5.3)",
+            "width",
+            (1e4, 1e9),
+            _HOLMAN,
+            4 / 3 * 0.508,
+            1 / 4,
+            prandtl=0.952,
+            outer=1 / 4,
         ),
         # vertical plate, laminar: 0.68 + 0.670 Ra^0.25 / [1 + (0.492/Pr)^(9/16)]^(4/9)
         Correlation(
-            "churchill-chu-laminar", "(5.4)", "width", (1e-1, 1e9), _HOLMAN,
-            0.670, 1 / 4, floor=0.68, prandtl=0.492, inner=9 / 16, outer=4 / 9,
+            "churchill-chu-laminar",
+            "(5.4)",
+            "width",
+            (1e-1, 1e9),
+            _HOLMAN,
+            0.670,
+            1 / 4,
+            floor=0.68,
+            prandtl=0.492,
+            inner=9 / 16,
+            outer=4 / 9,
         ),
         # vertical plate, any Ra: {0.825 + 0.387 Ra^(1/6) / [1 + (0.492/Pr)^(9/16)]^(8/27)}^2
         Correlation(
-            "churchill-chu", "all Ra", "width", (1e-1, 1e12), _PLATE,
-            0.387, 1 / 6, floor=0.825, prandtl=0.492, inner=9 / 16, outer=8 / 27, power=2,
+            "churchill-chu",
+            "all Ra",
+            "width",
+            (1e-1, 1e12),
+            _PLATE,
+            0.387,
+            1 / 6,
+            floor=0.825,
+            prandtl=0.492,
+            inner=9 / 16,
+            outer=8 / 27,
+            power=2,
         ),
         # long horizontal cylinder, Ra on its diameter: {0.60 + 0.387 Ra^(1/6) / [1 + (0.559/Pr)^(9/16)]^(8/27)}^2
         Correlation(
-            "horizontal-cylinder", "horizontal", "diameter", (1e-5, 1e12), _CYLINDER,
-            0.387, 1 / 6, floor=0.60, prandtl=0.559, inner=9 / 16, outer=8 / 27, power=2,
+            "horizontal-cylinder",
+            "horizontal",
+            "diameter",
+            (1e-5, 1e12),
+            _CYLINDER,
+            0.387,
+            1 / 6,
+            floor=0.60,
+            prandtl=0.559,
+            inner=9 / 16,
+            outer=8 / 27,
+            power=2,
         ),
     )
-}  # fmt: skip
+}
 THESIS_THREE = ("mcadams", "similarity", "churchill-chu-laminar")
 _ALIASES = {"5.2": "mcadams", "5.3": "similarity", "5.4": "churchill-chu-laminar"}
 
@@ -101,13 +138,18 @@ class Bath:
     width_m: float
     diameter_m: float
 
-    def film(self, surface_degC: ArrayLike, fluid_degC: ArrayLike) -> tuple[FluidProperties, float, Array]:
+    def film(
+        self, surface_degC: ArrayLike, fluid_degC: ArrayLike
+    ) -> tuple[FluidProperties, float, Array]:
         """Fluid properties at the film temperature (the mean of both), the correlation's length [m], and Gr.
 
         Gr = g beta |dT| L^3 / nu^2; Ra = Gr Pr.
         """
         surface, fluid = np.asarray(surface_degC, dtype=float), np.asarray(fluid_degC, dtype=float)
-        p, length = self.fluid.at((surface + fluid) / 2), getattr(self, f"{self.correlation.length}_m")
+        p, length = (
+            self.fluid.at((surface + fluid) / 2),
+            getattr(self, f"{self.correlation.length}_m"),
+        )
         buoyancy = GRAVITY_M_S2 * np.abs(p.beta_1_K) * np.abs(fluid - surface)
         return p, length, np.asarray(buoyancy * length**3 / p.nu_m2_s**2)
 
@@ -129,26 +171,43 @@ class Bath:
         fluids = {n: replace(f, **{n: curve}) for n, curve in raised.items()}
         fluids["beta"] = replace(f, rho=_stretched(f.rho, float(f.rho(film)), f.u_beta))
         base = float(self.h_W_m2K(surface_degC, fluid_degC))
-        h = {n: float(replace(self, fluid=other).h_W_m2K(surface_degC, fluid_degC)) for n, other in fluids.items()}
+        h = {
+            n: float(replace(self, fluid=other).h_W_m2K(surface_degC, fluid_degC))
+            for n, other in fluids.items()
+        }
         parts = {n: abs(value / base - 1) for n, value in h.items()}
         return {**parts, "total": float(np.hypot.reduce([*parts.values()]))}
 
 
-def check_validity(bath: Bath, surface_degC: ArrayLike, fluid_degC: ArrayLike) -> tuple[Finding, ...]:
+def check_validity(
+    bath: Bath, surface_degC: ArrayLike, fluid_degC: ArrayLike
+) -> tuple[Finding, ...]:
     """What leaves its range over the temperatures of one plunge: Ra, the fluid's data, the disk taken as a plate.
 
     A disk passes for a plate where D/L >= 35/Gr^0.25. The test is made while the difference is above a tenth of its
     largest value: as the disk reaches the bath Gr falls to nothing and no disk passes. Source: Holman (2010),
     section 5.7 of the thesis.
     """
-    surface, bulk = np.broadcast_arrays(np.asarray(surface_degC, float), np.asarray(fluid_degC, float))
+    surface, bulk = np.broadcast_arrays(
+        np.asarray(surface_degC, float), np.asarray(fluid_degC, float)
+    )
     step = np.abs(bulk - surface)
-    matters = step >= 0.1 * float(np.max(step)) if np.max(step) > 0 else np.ones(step.shape, dtype=bool)
+    matters = (
+        step >= 0.1 * float(np.max(step)) if np.max(step) > 0 else np.ones(step.shape, dtype=bool)
+    )
     surface, bulk = surface[matters], bulk[matters]
     c, (p, _, gr), found = bath.correlation, bath.film(surface, bulk), []
     low, high = float(np.min(gr * p.prandtl)), float(np.max(gr * p.prandtl))
     if low < c.ra_range[0] or high > c.ra_range[1]:
-        found.append(look("correlation.range", subject=c.name, title=c.title, holds=c.ra_range, ran=(low, high)))
+        found.append(
+            look(
+                "correlation.range",
+                subject=c.name,
+                title=c.title,
+                holds=c.ra_range,
+                ran=(low, high),
+            )
+        )
     film = (surface + bulk) / 2
     found += bath.fluid.outside(float(np.min(film)), float(np.max(film)))
     ratio, least = bath.diameter_m / bath.width_m, float(35 / np.min(gr) ** 0.25)

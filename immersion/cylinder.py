@@ -60,7 +60,9 @@ class Cylinder:
         area = ro**2 - ri**2
 
         def shape(r: Array | float) -> Array:
-            return np.asarray(np.asarray(r) ** 2 / 2 - (ri**2 * np.log(np.asarray(r) / ro) if ri > 0 else 0.0))
+            return np.asarray(
+                np.asarray(r) ** 2 / 2 - (ri**2 * np.log(np.asarray(r) / ro) if ri > 0 else 0.0)
+            )
 
         log_mean = (-(ri**2) * np.log(ri / ro)) / area - 0.5 if ri > 0 else -0.5
         mean = (ro**2 + ri**2) / 4 - ri**2 * log_mean
@@ -138,9 +140,13 @@ def driven(drive: NDArray[Any], decay: NDArray[Any]) -> NDArray[Any]:
     """y[k] = ``decay``[k - 1] y[k - 1] + ``drive``[k] along the last axis of (Q, ..., n), overwriting ``drive``."""
     bands = np.zeros((2, *drive.shape[1:]), dtype=decay.dtype)
     bands[1, ..., :-1] = -decay
-    solve = ztbtrs if np.iscomplexobj(bands) else dtbtrs  # unit diagonal; thrice as quick as solve_banded's checks
+    solve = (
+        ztbtrs if np.iscomplexobj(bands) else dtbtrs
+    )  # unit diagonal; thrice as quick as solve_banded's checks
     rows = drive.reshape(len(drive), -1).T
-    return np.asarray(solve(bands.reshape(2, -1), rows, uplo="L", diag="U", overwrite_b=True)[0].T).reshape(drive.shape)
+    return np.asarray(
+        solve(bands.reshape(2, -1), rows, uplo="L", diag="U", overwrite_b=True)[0].T
+    ).reshape(drive.shape)
 
 
 def conditioned(u: Array, dt_s: Array, filter_: Conditioning) -> Array:

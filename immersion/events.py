@@ -14,7 +14,9 @@ from calibration.finding import Finding, look, note
 SWITCH_U_S = 0.10  # a person pressing a switch as the disk goes in
 APART = 4.0  # standard uncertainties
 PROBE_U_S = 0.05  # the free thermocouple's own delay and the place it is fixed at
-RISEN = 0.004  # of a junction's way to the bath: 0.3 K of 80, five noises of a mean of six over 0.2 s
+RISEN = (
+    0.004  # of a junction's way to the bath: 0.3 K of 80, five noises of a mean of six over 0.2 s
+)
 HEAD_S = 1.0  # of the log, for the level before the entry: junctions that rise within it tell none
 LATE_S, LATE_U_S = 0.7, 0.5  # how long after the entry that is, behind a lag of 0.3 to 1.5 s
 EARLY = 0.0882  # of the time from 5 to 50 %: how early a line through a first-order answer meets the level before
@@ -33,7 +35,9 @@ class EntryEvent:
     findings: tuple[Finding, ...] = ()
 
 
-def switch_time(time_s: ArrayLike, switch: ArrayLike, hold_off_s: float = 1.0) -> tuple[float | None, bool]:
+def switch_time(
+    time_s: ArrayLike, switch: ArrayLike, hold_off_s: float = 1.0
+) -> tuple[float | None, bool]:
     """First closing of a switch [s] and whether it bounced; None when it never moved.
 
     Held or momentary alike: the event is the first rise through one half. Further rises within ``hold_off_s`` are
@@ -166,7 +170,9 @@ def reconcile_entry(
     if difference > 2 * u_difference:
         u *= difference / (2 * u_difference)
         far = difference > APART * u_difference
-        found.append((look if far else note)("entry.apart", subject="switch", difference_s=difference, u_s=u))
+        found.append(
+            (look if far else note)("entry.apart", subject="switch", difference_s=difference, u_s=u)
+        )
     time = weight * switch_s + (1 - weight) * probe_s
     return EntryEvent(float(time), float(u), switch_s, probe_s, "switch and probe", tuple(found))
 
@@ -190,10 +196,14 @@ def find_entry(
         if begun is not None:
             said = look("entry.by_junctions", subject="switch", u_s=LATE_U_S)
             return EntryEvent(begun - LATE_S, LATE_U_S, None, None, "junctions", (said,))
-    return reconcile_entry(moved, probe_s, bounced=bounced, probe_u_s=probe_u_s, sample_s=sample_s, where=where)
+    return reconcile_entry(
+        moved, probe_s, bounced=bounced, probe_u_s=probe_u_s, sample_s=sample_s, where=where
+    )
 
 
-def useful_end(time_s: ArrayLike, readings_degC: ArrayLike, fluid_degC: ArrayLike, entry_s: float) -> float:
+def useful_end(
+    time_s: ArrayLike, readings_degC: ArrayLike, fluid_degC: ArrayLike, entry_s: float
+) -> float:
     """End of the useful record [s]: the disk within 2 % of the bath, or taken out of it, or the record's last sample.
 
     ``readings_degC`` (N, C). Taken out: the mean reading falls away from the bath by more than 2 % of the initial

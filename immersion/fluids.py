@@ -91,12 +91,17 @@ class Fluid:
         return (look("fluid.extrapolated", subject=self.name, used_degC=used, known_degC=known),)
 
 
-_WATER_C = np.array([4219.9, 4195.5, 4184.4, 4180.1, 4179.6, 4181.5, 4185.1, 4190.2, 4196.9, 4205.3, 4215.7])
+_WATER_C = np.array(
+    [4219.9, 4195.5, 4184.4, 4180.1, 4179.6, 4181.5, 4185.1, 4190.2, 4196.9, 4205.3, 4215.7]
+)
 
 
 def _water_density(T: Array) -> Array:
     """Kell (1975), 0 to 150 degC at one atmosphere [kg/m3]."""
-    top = np.polyval([-280.54253e-12, 105.56302e-9, -46.170461e-6, -7.9870401e-3, 16.945176, 999.83952], np.asarray(T))
+    top = np.polyval(
+        [-280.54253e-12, 105.56302e-9, -46.170461e-6, -7.9870401e-3, 16.945176, 999.83952],
+        np.asarray(T),
+    )
     return np.asarray(top / (1 + 16.879850e-3 * T))
 
 
@@ -124,7 +129,11 @@ def fluid(name: str) -> Fluid:
     if name.lower().endswith((".csv", ".txt")):
         return read_fluid(name)
     key = name.lower().replace("_", "-").replace(" ", "-")
-    aliases = {"mobil-jet-oil-ii": "mobil-jet-ii", "mjo-ii": "mobil-jet-ii", "jet-ii": "mobil-jet-ii"}
+    aliases = {
+        "mobil-jet-oil-ii": "mobil-jet-ii",
+        "mjo-ii": "mobil-jet-ii",
+        "jet-ii": "mobil-jet-ii",
+    }
     key = aliases.get(key, key)
     if key not in FLUIDS:
         raise InputError(
@@ -147,12 +156,21 @@ def read_fluid(path: str | Path) -> Fluid:
     try:
         table = pd.read_csv(path, comment="#", skipinitialspace=True)
     except FileNotFoundError:
-        raise InputError("no such file", where=where, remedy="name a built-in fluid or a CSV table") from None
-    except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as problem:
+        raise InputError(
+            "no such file", where=where, remedy="name a built-in fluid or a CSV table"
+        ) from None
+    except (
+        OSError,
+        UnicodeDecodeError,
+        pd.errors.ParserError,
+        pd.errors.EmptyDataError,
+    ) as problem:
         raise InputError(f"not readable as a CSV table ({problem})", where=where) from None
     missing = [c for c in COLUMNS if c not in table.columns]
     if missing:
-        raise InputError(f"column {missing[0]} is missing", where=where, expected=", ".join(COLUMNS))
+        raise InputError(
+            f"column {missing[0]} is missing", where=where, expected=", ".join(COLUMNS)
+        )
     return fluid_from_table(table, Path(path).stem, where)
 
 
@@ -165,12 +183,18 @@ def fluid_from_table(table: pd.DataFrame, name: str, where: str = "fluid table")
         raise InputError("two rows or more at different T_degC are needed", where=where)
     rho, c, k, nu = (columns[name_][order] for name_ in COLUMNS[1:])
     if np.any(np.diff(rho) >= 0):
-        raise InputError("rho_kg_m3 must fall with T_degC", where=where, remedy="natural convection needs expansion")
+        raise InputError(
+            "rho_kg_m3 must fall with T_degC",
+            where=where,
+            remedy="natural convection needs expansion",
+        )
     u: dict[str, Any] = {}
     for column in UNCERTAINTIES & set(table.columns):
         values = pd.to_numeric(table[column], errors="coerce").to_numpy(dtype=float)
         if not np.all((values >= 0) & (values < 1)):
-            raise InputError(f"column {column} must hold relative uncertainties", where=where, expected="0 to 1")
+            raise InputError(
+                f"column {column} must hold relative uncertainties", where=where, expected="0 to 1"
+            )
         u[column.removesuffix("_rel")] = float(np.mean(values))
     curves = (_spline(T, rho), _spline(T, c), _spline(T, k), _viscosity_spline(T, nu))
     return Fluid(name, *curves, range_degC=(float(T[0]), float(T[-1])), source=where, **u)

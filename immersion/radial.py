@@ -13,10 +13,14 @@ from calibration import Array
 from calibration.errors import InputError
 from immersion.cylinder import Cylinder, influence
 
-FluxLaw = Callable[[Array], Array]  # surface temperatures (..., n) on the grid [degC] -> flux into the disk [W/m2]
+FluxLaw = Callable[
+    [Array], Array
+]  # surface temperatures (..., n) on the grid [degC] -> flux into the disk [W/m2]
 
 
-def plunge_grid(duration_s: float, first_s: float = 0.02, growth: float = 0.025, longest_s: float = 2.0) -> Array:
+def plunge_grid(
+    duration_s: float, first_s: float = 0.02, growth: float = 0.025, longest_s: float = 2.0
+) -> Array:
     """Times after entry [s]: ``first_s`` apart in the first second, then ever wider up to ``longest_s``.
 
     >>> grid = plunge_grid(300.0)
@@ -100,7 +104,12 @@ def solve_surface(
         slope = (up - down) / 0.02
         # law is linearised about surface: q = middle + slope (offset + own q - surface)
         middle = (up + down) / 2
-        q = solve_triangular(unit_less(slope, own), middle + slope * (offset - surface), lower=True, check_finite=False)
+        q = solve_triangular(
+            unit_less(slope, own),
+            middle + slope * (offset - surface),
+            lower=True,
+            check_finite=False,
+        )
         new = offset + own @ q
         change = float(np.max(np.abs(new - surface)))
         surface = new
@@ -108,7 +117,10 @@ def solve_surface(
             break
         if change < tolerance_K:
             return surface, q, slope
-    raise InputError("the surface heat balance of the plunge did not converge", remedy="check fluid, h and geometry")
+    raise InputError(
+        "the surface heat balance of the plunge did not converge",
+        remedy="check fluid, h and geometry",
+    )
 
 
 @dataclass(frozen=True)
@@ -149,7 +161,9 @@ def simulate_plunge_model(
     depths = np.asarray(depth_m, dtype=float)
     radii = cylinder.outer_radius_m - np.concatenate([[0.0], depths])
     matrix, leak = influence(cylinder, radii, t, modes)
-    fluid = np.asarray(fluid_degC(t) if callable(fluid_degC) else np.full(len(t), float(fluid_degC)))
+    fluid = np.asarray(
+        fluid_degC(t) if callable(fluid_degC) else np.full(len(t), float(fluid_degC))
+    )
     offset = initial_degC + leak @ (fluid - initial_degC)
     surface, q, _ = solve_surface(
         matrix[0], offset, lambda T: np.array([h_W_m2K(x, fluid, t) * (fluid - x) for x in T])

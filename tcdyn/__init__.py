@@ -22,7 +22,13 @@ if TYPE_CHECKING:
     from tcdyn.chain import Chain
     from tcdyn.compensate import smooth
     from tcdyn.identify import IOData, compare, fit
-    from tcdyn.pipeline import calibrate_disk, compensate_log, estimate_beta, estimate_one_disk, run_demo
+    from tcdyn.pipeline import (
+        calibrate_disk,
+        compensate_log,
+        estimate_beta,
+        estimate_one_disk,
+        run_demo,
+    )
     from tcdyn.simulate.campaign import simulate_campaign
     from tcdyn.version import __version__
 
@@ -112,4 +118,6 @@ def _card(result: Any) -> Any:
 _get_shell = getattr(sys.modules.get("IPython"), "get_ipython", None)
 _shell = None if _get_shell is None else _get_shell()
 if _shell is not None:
-    _shell.display_formatter.formatters["text/html"].for_type_by_name("calibration.result", "Result", _card)
+    _shell.display_formatter.formatters["text/html"].for_type_by_name(
+        "calibration.result", "Result", _card
+    )

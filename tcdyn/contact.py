@@ -108,7 +108,9 @@ def hertz_contact(
     m = 1.0 - ratio**-2
     modulus = young_Pa / (2.0 * (1.0 - poisson**2))
     # p0 put into the second equation: b^3 = 3 W R_c (K - E) / (2 pi E* e^2)
-    major = (1.5 * load_N * crown_radius_m * (ellipk(m) - ellipe(m)) / (np.pi * modulus * m)) ** (1 / 3)
+    major = (1.5 * load_N * crown_radius_m * (ellipk(m) - ellipe(m)) / (np.pi * modulus * m)) ** (
+        1 / 3
+    )
     minor = major / ratio
     return HertzContact(float(minor), float(major), float(1.5 * load_N / (np.pi * minor * major)))
 
@@ -139,7 +141,11 @@ def _axis_ratio(curvature_ratio: float) -> float:
         m = 1 - 1 / squared
         return float((squared * ellipe(m) - ellipk(m)) / (ellipk(m) - ellipe(m)) - curvature_ratio)
 
-    return float(np.exp(brentq(excess, 0.3 * np.log(curvature_ratio), np.log(curvature_ratio) + 1.0, xtol=1e-13)))
+    return float(
+        np.exp(
+            brentq(excess, 0.3 * np.log(curvature_ratio), np.log(curvature_ratio) + 1.0, xtol=1e-13)
+        )
+    )
 
 
 def surface_speed_m_s(speed_rpm: float, radius_m: float = 0.0381) -> float:
@@ -158,7 +164,9 @@ def contact_force(t: Array, raw_N: Array, events: Events) -> Array:
     """
     on, off = events.load_on_s, events.unload_s
     quiet = events.parting_s + SETTLE_S
-    touched = np.any([(t >= a - SETTLE_S) & (t <= b + SETTLE_S) for a, b in events.again] or [t < t[0]], axis=0)
+    touched = np.any(
+        [(t >= a - SETTLE_S) & (t <= b + SETTLE_S) for a, b in events.again] or [t < t[0]], axis=0
+    )
     zero = _zero(t, np.where(touched, np.nan, raw_N), on - SETTLE_S, off + quiet)
     inside = (t > on + SETTLE_S) & (t < off - quiet)
     level = _line_through((raw_N - zero)[inside], dt_s := float(middle(np.diff(t))))
@@ -168,7 +176,14 @@ def contact_force(t: Array, raw_N: Array, events: Events) -> Array:
         share = np.clip((off + 0.5 * ramp_s - t) / ramp_s, 0.0, 1.0)
     else:
         share = (t < off).astype(float)
-    logged = pd.Series(raw_N - zero).interpolate(limit_direction="both").rolling(2).mean().shift(-1).to_numpy()
+    logged = (
+        pd.Series(raw_N - zero)
+        .interpolate(limit_direction="both")
+        .rolling(2)
+        .mean()
+        .shift(-1)
+        .to_numpy()
+    )
     touching = np.any([(t >= a) & (t < b) for a, b in events.again] or [t < t[0]], axis=0)
     return np.where(touching, logged, np.where(t >= on, force * share, 0.0))
 
@@ -176,7 +191,9 @@ def contact_force(t: Array, raw_N: Array, events: Events) -> Array:
 def _line_through(raw: Array, dt_s: float) -> Array:
     """The slow course of a force (N,) with noise, spikes and missing samples, straight to its very ends."""
     rule = replace(SPIKES["force"], width=max(int(round(0.5 * SMOOTH_S / dt_s)), 3))
-    filled = pd.Series(raw).mask(find_spikes(raw, rule)).interpolate(limit_direction="both").to_numpy()
+    filled = (
+        pd.Series(raw).mask(find_spikes(raw, rule)).interpolate(limit_direction="both").to_numpy()
+    )
     window = line_length(float(white_noise_sd(filled)), float(middle(filled)), dt_s, len(filled))
     return local_polynomial(filled, window, min(1, window - 1))
 
@@ -192,7 +209,11 @@ def _zero(t: Array, raw: Array, before_s: float, after_s: float) -> Array:
     """The transducer's zero at each instant, from the unloaded stretches."""
     seen = np.isfinite(raw)
     early, late = seen & (t < before_s), seen & (t > after_s) & (t < after_s + 60.0)
-    points = [(float(np.mean(t[m])), float(np.nanmedian(raw[m]))) for m in (early, late) if m.sum() >= LEAST_ZERO]
+    points = [
+        (float(np.mean(t[m])), float(np.nanmedian(raw[m])))
+        for m in (early, late)
+        if m.sum() >= LEAST_ZERO
+    ]
     if not points:
         return np.zeros_like(t)
     return np.asarray(np.interp(t, [p[0] for p in points], [p[1] for p in points]))
@@ -217,7 +238,12 @@ def speed_course(time_s: Array, speed_rpm: Array, from_s: float, level_rpm: floa
     near = time_s[after] < from_s + CHANGE_WITHIN_S
     if len(after) < 5 or x[near].notna().mean() < 0.5:
         return None
-    calm = x.interpolate(limit_direction="both").rolling(5, center=True, min_periods=1).median().to_numpy()
+    calm = (
+        x.interpolate(limit_direction="both")
+        .rolling(5, center=True, min_periods=1)
+        .median()
+        .to_numpy()
+    )
     dt_s = float(np.median(np.diff(time_s)))
     window = min(2 * int(0.5 * SPEED_WINDOW_S / dt_s) + 1, 2 * ((len(calm) - 1) // 2) + 1)
     smooth = local_polynomial(calm, window, 2) if window > 3 else calm
@@ -264,7 +290,11 @@ def interference_pressure_Pa(
 
 
 def contact_conductance_W_m2K(
-    pressure_Pa: float, hardness_Pa: float, roughness_m: float, slope: float, conductivity_W_mK: float
+    pressure_Pa: float,
+    hardness_Pa: float,
+    roughness_m: float,
+    slope: float,
+    conductivity_W_mK: float,
 ) -> float:
     """Conductance of a pressed joint, h = 0.170 (P/H)^0.693 m k / sigma [W/m2K] (6.2).
 
@@ -286,9 +316,10 @@ def press_fit(setup: DiskSetup) -> tuple[float, float]:
     fit, bore_m = setup.fit, setup.bore_radius_m
     if not (fit.stated and bore_m > 0):
         raise InputError(
-            f"rig.toml states no press fit of the {setup.name} disk", expected="[fit] with an interference_um above "
-            "zero, and a bore", remedy="`tcdyn rig --show` lists every key with its default",
-        )  # fmt: skip
+            f"rig.toml states no press fit of the {setup.name} disk",
+            expected="[fit] with an interference_um above zero, and a bore",
+            remedy="`tcdyn rig --show` lists every key with its default",
+        )
     pressure = interference_pressure_Pa(0.5e-6 * fit.interference_um, bore_m, setup.outer_radius_m)
     surfaces = 1e9 * fit.hardness_GPa, 1e-6 * fit.roughness_um, fit.slope, fit.conductivity_W_mK
     return pressure, contact_conductance_W_m2K(pressure, *surfaces)

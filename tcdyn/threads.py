@@ -45,7 +45,10 @@ class _OneBlasThread(ContextDecorator):
             self._calls += 1
 
     def __exit__(
-        self, kind: type[BaseException] | None, problem: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        problem: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         with self._lock:
             self._calls -= 1
@@ -56,7 +59,9 @@ class _OneBlasThread(ContextDecorator):
 
     def _libraries(self) -> ThreadpoolController:
         """The BLAS libraries that are loaded; searched again only where a module was imported since the last search."""
-        import_module("scipy.linalg")  # SciPy has a BLAS of its own, which is loaded with this module
+        import_module(
+            "scipy.linalg"
+        )  # SciPy has a BLAS of its own, which is loaded with this module
         if self._controller is None or len(sys.modules) != self._modules:
             self._controller = ThreadpoolController()
             self._modules = len(sys.modules)

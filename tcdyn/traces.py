@@ -29,7 +29,10 @@ Rows = slice | NDArray[np.bool_]
 NO_CHAIN = Chain((), conditioning=NO_CONDITIONING)
 NOISE_ORDER = 3  # of the differences that tell the noise of a trace
 MANY_MISSING = 0.05  # share of a channel beyond which its gaps are told
-STAND_IN_K, STAND_IN_M = 1.0, 0.3e-3  # d, b or f left out: what reads in its place may be off, steadily and by heat
+STAND_IN_K, STAND_IN_M = (
+    1.0,
+    0.3e-3,
+)  # d, b or f left out: what reads in its place may be off, steadily and by heat
 FINE_ROUNDING_K = 0.02  # rounding below a sixth of a usual channel's noise is left unsaid
 
 
@@ -82,7 +85,10 @@ class DiskTraces(DiskChannels):
     common_lag_u_s: float = field(init=False)
 
     def __post_init__(self) -> None:
-        lag, u = np.mean([c.lag_s for c in self.chains]), np.sqrt(max(self.lag_covariance_s2.mean(), 0.0))
+        lag, u = (
+            np.mean([c.lag_s for c in self.chains]),
+            np.sqrt(max(self.lag_covariance_s2.mean(), 0.0)),
+        )
         object.__setattr__(self, "common_lag_s", float(lag))
         object.__setattr__(self, "common_lag_u_s", float(u))
 
@@ -101,7 +107,9 @@ class DiskTraces(DiskChannels):
     def drives(self) -> Array:
         """By how much each of the inner row errs with its readings, (k, k): with its own, and where it stands in."""
         inner = self.setup.places(self.setup.inner)
-        return np.asarray(self.setup.made_of(self.left_out)[np.ix_(inner, inner)].T + np.diag(self.out[inner]))
+        return np.asarray(
+            self.setup.made_of(self.left_out)[np.ix_(inner, inner)].T + np.diag(self.out[inner])
+        )
 
     @property
     def noise_K(self) -> Array:
@@ -120,49 +128,70 @@ class DiskTraces(DiskChannels):
 
     def static_u(self, temperature_degC: Array) -> Array:
         """As of the lines alone, with the logger's rounding and what its sampling folds upon the temperature."""
-        return np.hypot(super().static_u(temperature_degC), np.hypot(self.rounding_K, self.noise.folded_u_K))
+        return np.hypot(
+            super().static_u(temperature_degC), np.hypot(self.rounding_K, self.noise.folded_u_K)
+        )
 
     def outside_lines(self, where: str, rows: Rows = slice(None)) -> tuple[Finding, ...]:
         """Channels that left the range of their static lines by far, in ``rows``; ``where`` is put in front."""
-        named = {c: y for c, y in zip(self.setup.channels, self.measured_degC[rows].T) if c not in self.left_out}
+        named = {
+            c: y
+            for c, y in zip(self.setup.channels, self.measured_degC[rows].T)
+            if c not in self.left_out
+        }
         return tuple(extrapolated(where, named, dict(zip(self.setup.channels, self.lines))))
 
 
 def mean_of(chains: Sequence[Chain], disk: str) -> Chain:
     """The chain with the mean of the parameters of ``chains``, which are those of one ``disk``."""
     most = max(1, *(len(c.taus_s) for c in chains))
-    taus = np.mean([sorted((*c.taus_s, *[0.0] * most)[:most], reverse=True) for c in chains], axis=0)
+    taus = np.mean(
+        [sorted((*c.taus_s, *[0.0] * most)[:most], reverse=True) for c in chains], axis=0
+    )
     pairs = [c.pair for c in chains if c.pair is not None]
     if pairs and len(pairs) < len(chains):
         raise InputError(f"channels of the {disk} disk differ: some have a complex pair, some none")
     return replace(
         chains[0],
         taus_s=tuple(float(x) for x in taus),
-        pair=(float(np.mean([w for w, _ in pairs])), float(np.mean([z for _, z in pairs]))) if pairs else None,
+        pair=(float(np.mean([w for w, _ in pairs])), float(np.mean([z for _, z in pairs])))
+        if pairs
+        else None,
         cement_s=float(np.mean([c.cement_s for c in chains])),
         zero_s=float(np.mean([c.zero_s for c in chains])),
         delay_s=float(np.mean([c.delay_s for c in chains])),
     )
 
 
-def disk_channels(record: DiskRecord, setup: DiskSetup, disk: str = "", lag: bool = True) -> DiskChannels:
+def disk_channels(
+    record: DiskRecord, setup: DiskSetup, disk: str = "", lag: bool = True
+) -> DiskChannels:
     """Lines and chains of the record for the columns of a log in which ``disk`` is named; empty chains if no ``lag``.
 
     Raises InputError for a record without one of the disk's channels; where the lag is asked for, also for one without
     a chain, and when ``setup`` (rig.toml) states another filter than the record, whose lags were found with its own.
     """
     if lag and record.chain is None:
-        raise InputError(f"the record of the {record.disk} disk holds no chain", remedy="calibrate it with plunge logs")
+        raise InputError(
+            f"the record of the {record.disk} disk holds no chain",
+            remedy="calibrate it with plunge logs",
+        )
     names, chain = setup.channels, record.chain if lag else None
-    if absent := [c for c in names if c not in record.static or not (chain is None or c in chain.channels)]:
+    if absent := [
+        c for c in names if c not in record.static or not (chain is None or c in chain.channels)
+    ]:
         remedy = f"calibrate all {len(names)}, or take it out of rig.toml [thermocouples]"
-        raise InputError(f"the record of the {record.disk} disk lacks channel {absent[0]}", remedy=remedy)
+        raise InputError(
+            f"the record of the {record.disk} disk lacks channel {absent[0]}", remedy=remedy
+        )
     kept = [sorted(chain.channels).index(c) for c in names] if chain else []
     return DiskChannels(
         couples(names, disk),
         tuple(record.static[c] for c in names),
         record_chains(record, setup) if lag else (NO_CHAIN,) * len(names),
-        np.array(chain.covariance)[np.ix_(kept, kept)] if chain else np.zeros((len(names), len(names))),
+        np.array(chain.covariance)[np.ix_(kept, kept)]
+        if chain
+        else np.zeros((len(names), len(names))),
         np.array([chain.channels[c].split_u_s if chain else 0.0 for c in names]),
     )
 
@@ -183,7 +212,10 @@ def record_chains(record: DiskRecord, setup: DiskSetup) -> tuple[Chain, ...]:
             parameters={"rig": "rig.toml"},
         )
     kept = record.chain.channels
-    return tuple(Chain(**kept[c].model_dump(exclude={"lag_s", "split_u_s"}), conditioning=own) for c in setup.channels)
+    return tuple(
+        Chain(**kept[c].model_dump(exclude={"lag_s", "split_u_s"}), conditioning=own)
+        for c in setup.channels
+    )
 
 
 def disk_traces(
@@ -206,34 +238,66 @@ def disk_traces(
     Raises InputError for the record of another disk, and as :func:`disk_channels` does.
     """
     setup = rig.disk_setup(disk)
-    setup = setup.with_stand_ins(left_out := left_out_of((f"{disk}_{c}" for c in left_out), {disk: setup})[disk])
+    setup = setup.with_stand_ins(
+        left_out := left_out_of((f"{disk}_{c}" for c in left_out), {disk: setup})[disk]
+    )
     if record.disk not in (disk, setup.name):
-        raise InputError(f"the record is of disk {record.disk!r}", where=where, expected=f"a record of {disk!r}")
+        raise InputError(
+            f"the record is of disk {record.disk!r}", where=where, expected=f"a record of {disk!r}"
+        )
     channels = disk_channels(record, setup, disk if named else "", lag)
     found = [f for f in record.findings if f.code == ALTERED]
     columns, marks, rounding, used = [], [], [], ~np.isin(setup.channels, left_out)
     names = [*compress(channels.columns, used)]
     for name, line in zip(names, compress(channels.lines, used)):
         raw = frame[name].to_numpy(dtype=float)
-        step = rounding_sd(raw)  # of a logger that hides the noise of a trace; zero where the noise is seen
-        rounding.append(step * (step > FINE_ROUNDING_K and step >= float(white_noise_sd(raw, NOISE_ORDER))))
+        step = rounding_sd(
+            raw
+        )  # of a logger that hides the noise of a trace; zero where the noise is seen
+        rounding.append(
+            step * (step > FINE_ROUNDING_K and step >= float(white_noise_sd(raw, NOISE_ORDER)))
+        )
         values = apply_static(raw, line)
         marked = ~np.isfinite(values)
         columns.append(bridged(values, ~marked))
         marks.append(marked)
     coarse = [ch for ch, error in zip(compress(setup.channels, used), rounding) if error > 0]
-    found += [look("traces.coarse", subject=disk, step_K=max(rounding) * 12**0.5, channels=coarse)] if coarse else []
-    y, missing, dt_s = np.column_stack(columns), np.column_stack(marks), interval_s(frame["time_s"].to_numpy(float))
+    found += (
+        [look("traces.coarse", subject=disk, step_K=max(rounding) * 12**0.5, channels=coarse)]
+        if coarse
+        else []
+    )
+    y, missing, dt_s = (
+        np.column_stack(columns),
+        np.column_stack(marks),
+        interval_s(frame["time_s"].to_numpy(float)),
+    )
     white_K = np.maximum(white_noise_sd(y, NOISE_ORDER), 1e-6)
-    chains = channels.chains if lag else (Chain((TYPICAL_LAG_S,), conditioning=setup.conditioning),) * len(used)
+    chains = (
+        channels.chains
+        if lag
+        else (Chain((TYPICAL_LAG_S,), conditioning=setup.conditioning),) * len(used)
+    )
     noise, [(y, moved)] = noise_and_white(
-        [np.where(missing, np.nan, y)], [dt_s], setup.conditioning, white_K, [*compress(chains, used)], SPIKES["traces"]
+        [np.where(missing, np.nan, y)],
+        [dt_s],
+        setup.conditioning,
+        white_K,
+        [*compress(chains, used)],
+        SPIKES["traces"],
     )
     missing |= moved
     if not (noise.coloured or noise.lines or noise.unexplained > UNEXPLAINED):
         noise = noise.white(white_noise_sd(y, NOISE_ORDER))
-    lost = {name.removesuffix("_degC"): 100 * float(share) for name, share in zip(names, missing.mean(axis=0))}
-    found += [look("traces.gaps", subject=name, percent=x) for name, x in lost.items() if x > 100 * MANY_MISSING]
+    lost = {
+        name.removesuffix("_degC"): 100 * float(share)
+        for name, share in zip(names, missing.mean(axis=0))
+    }
+    found += [
+        look("traces.gaps", subject=name, percent=x)
+        for name, x in lost.items()
+        if x > 100 * MANY_MISSING
+    ]
     found += noise.findings(disk)
     weights = setup.made_of(left_out)
     if left_out:  # others stand in
@@ -243,7 +307,9 @@ def disk_traces(
         covariance = weights @ channels.lag_covariance_s2 @ weights.T
         chains = tuple(mean_of([*compress(channels.chains, row > 0)], disk) for row in weights)
         channels = replace(channels, chains=chains, lag_covariance_s2=covariance)
-    static_u_K = np.hypot(channels.static_u(y[rows].mean(axis=0)), np.hypot(rounding, noise.folded_u_K))
+    static_u_K = np.hypot(
+        channels.static_u(y[rows].mean(axis=0)), np.hypot(rounding, noise.folded_u_K)
+    )
     return DiskTraces(
         **vars(channels) | {"chains": tuple(noise.behind(c) for c in channels.chains)},
         name=disk,
@@ -271,5 +337,11 @@ def gathered(findings: Sequence[Finding]) -> list[Finding]:
     if not spiky:
         return list(findings)
     most, counts = max(spiky, key=lambda f: f.numbers["count"]), [f.numbers["count"] for f in spiky]
-    told = note("spikes.gathered", subject=most.subject, count=sum(counts), columns=len(spiky), of_most=max(counts))
+    told = note(
+        "spikes.gathered",
+        subject=most.subject,
+        count=sum(counts),
+        columns=len(spiky),
+        of_most=max(counts),
+    )
     return [told, *(f for f in findings if f.code != "spikes.removed")]

@@ -25,7 +25,9 @@ SEED = 3
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """``--full``: Monte Carlo studies with all of their draws, as README's figures have them; a quarter without."""
-    parser.addoption("--full", action="store_true", help="studies with all of their draws, a quarter without")
+    parser.addoption(
+        "--full", action="store_true", help="studies with all of their draws, a quarter without"
+    )
 
 
 @pytest.fixture(scope="session")
@@ -75,7 +77,11 @@ def small_campaign(folder: Path) -> Campaign:
     rig = load_rig(files.rig)
     records, paths, runs = {}, {}, {}
     for disk in ("fast", "slow"):
-        runs[disk] = calibrate_disk(rig, disk, files.ovens[disk], files.plunges[disk], ["mobil-jet-ii"])
+        runs[disk] = calibrate_disk(
+            rig, disk, files.ovens[disk], files.plunges[disk], ["mobil-jet-ii"]
+        )
         paths[disk] = write_record(runs[disk].record, folder / f"{disk}.disk.json")
         records[disk] = read_record(paths[disk])
-    return Campaign(files, rig, records, paths, runs, json.loads(files.truth.read_text(encoding="utf-8")))
+    return Campaign(
+        files, rig, records, paths, runs, json.loads(files.truth.read_text(encoding="utf-8"))
+    )

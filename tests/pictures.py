@@ -18,5 +18,9 @@ def bars(ax: Axes) -> tuple[Array, Array, Array]:
             segments = [s for lines in drawn.lines[2] for s in lines.get_segments()]
             low += [s[:, along].min() for s in segments]
             high += [s[:, along].max() for s in segments]
-            marks += list(np.transpose(drawn.lines[0].get_data()) if drawn.lines[0] else [s.mean(0) for s in segments])
+            marks += list(
+                np.transpose(drawn.lines[0].get_data())
+                if drawn.lines[0]
+                else [s.mean(0) for s in segments]
+            )
     return np.array(marks), np.array(low), np.array(high)

@@ -26,7 +26,9 @@ def test_lag_is_the_delay_of_a_ramp(name):
     # behind a ramp of slope one every chain of unit gain ends up its first moment late
     chain = CHAINS[name]
     t = np.arange(4000) * 0.01
-    assert t[-1] - chain.response(t, 0.01, "foh", "zero")[-1] == pytest.approx(chain.lag_s, rel=1e-6)
+    assert t[-1] - chain.response(t, 0.01, "foh", "zero")[-1] == pytest.approx(
+        chain.lag_s, rel=1e-6
+    )
 
 
 @pytest.mark.parametrize("name", CHAINS)
@@ -46,8 +48,13 @@ def test_response_does_not_depend_on_the_grid(hold):
     chain = Chain((0.5, 0.1), 0.05, 0.123, conditioning=B)
     u = np.random.default_rng(0).normal(size=200)
     n = 199 * 50 + 1
-    fine = np.interp(np.arange(n) / 50, np.arange(200), u) if hold == "foh" else np.repeat(u, 50)[:n]
-    assert np.max(np.abs(chain.response(u, 0.05, hold) - chain.response(fine, 0.001, hold)[::50])) < 1e-10
+    fine = (
+        np.interp(np.arange(n) / 50, np.arange(200), u) if hold == "foh" else np.repeat(u, 50)[:n]
+    )
+    assert (
+        np.max(np.abs(chain.response(u, 0.05, hold) - chain.response(fine, 0.001, hold)[::50]))
+        < 1e-10
+    )
 
 
 def test_response_of_a_table_is_that_of_its_columns():
@@ -69,9 +76,13 @@ def test_cement_is_the_diffusion_solution():
     t = np.linspace(0, 3, 601)
     k = np.arange(1, 200)
     rate = ((k - 0.5) * np.pi) ** 2
-    exact = 1 - np.sum(2 * (-1.0) ** (k + 1) / np.sqrt(rate) * np.exp(-np.outer(t[1:], rate)), axis=1)
+    exact = 1 - np.sum(
+        2 * (-1.0) ** (k + 1) / np.sqrt(rate) * np.exp(-np.outer(t[1:], rate)), axis=1
+    )
     chain = Chain((), conditioning=NO_CONDITIONING, cement_s=1.0)
-    assert np.max(np.abs(chain.response(np.ones(601), 0.005, "foh", "zero")[1:] - exact)) < 2e-3  # as documented
+    assert (
+        np.max(np.abs(chain.response(np.ones(601), 0.005, "foh", "zero")[1:] - exact)) < 2e-3
+    )  # as documented
     assert sum(cement_lags()) == pytest.approx(0.5)
 
 
@@ -97,9 +108,13 @@ def test_discrete_form_is_the_response_without_dead_time():
     u = np.random.default_rng(2).normal(size=300)
     for hold in ("foh", "zoh"):
         b, a = chain.discrete(0.05, hold)
-        start = u[0] if hold == "foh" else 0.0  # a straight line needs a sample before the first one
+        start = (
+            u[0] if hold == "foh" else 0.0
+        )  # a straight line needs a sample before the first one
         y = lfilter(b, a, u - start) + start
-        assert np.allclose(y, chain.response(u, 0.05, hold, "equilibrium" if start else "zero"), atol=1e-9)
+        assert np.allclose(
+            y, chain.response(u, 0.05, hold, "equilibrium" if start else "zero"), atol=1e-9
+        )
 
 
 def test_negative_lags_are_refused():
@@ -134,7 +149,9 @@ def test_a_channel_is_made_to_read_as_another_chain_would(name):
     made = equalised(own.response(x, 1 / 75)[:, None], 1 / 75, [own], common)[:, 0]
     wanted = common.response(x, 1 / 75)
     assert np.abs(own.response(x, 1 / 75) - wanted).max() > 0.1
-    assert np.abs(made - wanted).max() < 5e-3  # the bend of 5 K/s lies between samples: a quarter of it times dt^2/lag
+    assert (
+        np.abs(made - wanted).max() < 5e-3
+    )  # the bend of 5 K/s lies between samples: a quarter of it times dt^2/lag
 
 
 def test_before_its_first_sample_a_column_stood_at_the_mean_of_its_first_second():
@@ -148,7 +165,12 @@ def test_before_its_first_sample_a_column_stood_at_the_mean_of_its_first_second(
 
 @pytest.mark.parametrize(
     ("name", "words"),
-    [("P4", "no process model"), ("P2ZZ", "no process model"), ("P1U", "use P2U"), ("P0Z", "use P1Z")],
+    [
+        ("P4", "no process model"),
+        ("P2ZZ", "no process model"),
+        ("P1U", "use P2U"),
+        ("P0Z", "use P1Z"),
+    ],
 )
 def test_structures_that_cannot_be_are_refused(name, words):
     with pytest.raises(InputError, match=words):
@@ -166,10 +188,18 @@ def test_one_lag_is_a_number_several_a_list_and_no_filter_is_added() -> None:
             Chain(wrong)  # type: ignore[arg-type]
 
 
-def test_the_smoother_takes_a_lag_as_a_number_and_refuses_a_list_that_could_mean_two_things() -> None:
+def test_the_smoother_takes_a_lag_as_a_number_and_refuses_a_list_that_could_mean_two_things() -> (
+    None
+):
     t = np.arange(0, 20, 0.05)
-    y = Chain(1.5).response(20 + np.sin(t / 3), 0.05) + 0.01 * np.random.default_rng(1).standard_normal(len(t))
-    assert smooth(y, 0.05, 1.5).temperature == pytest.approx(smooth(y, 0.05, Chain((1.5,))).temperature)
-    assert np.max(np.abs(smooth(y, 0.05, 1.5).temperature[:, 0] - 20 - np.sin(t / 3))[20:-20]) < 0.05
+    y = Chain(1.5).response(20 + np.sin(t / 3), 0.05) + 0.01 * np.random.default_rng(
+        1
+    ).standard_normal(len(t))
+    assert smooth(y, 0.05, 1.5).temperature == pytest.approx(
+        smooth(y, 0.05, Chain((1.5,))).temperature
+    )
+    assert (
+        np.max(np.abs(smooth(y, 0.05, 1.5).temperature[:, 0] - 20 - np.sin(t / 3))[20:-20]) < 0.05
+    )
     with pytest.raises(InputError, match="for a sensor of several lags"):
         smooth(np.column_stack([y, y]), 0.05, [0.5, 0.1])  # type: ignore[list-item]

@@ -23,12 +23,16 @@ def lint(folder: Path) -> str:
     run = "from importlinter.cli import lint_imports_command; lint_imports_command()"
     call = [sys.executable, "-c", run, "--no-cache"]
     environment = {**os.environ, "PYTHONPATH": str(folder), "COLUMNS": "200"}
-    return subprocess.run(call, cwd=folder, env=environment, capture_output=True, text=True, check=False).stdout
+    return subprocess.run(
+        call, cwd=folder, env=environment, capture_output=True, text=True, check=False
+    ).stdout
 
 
 def verdicts(said: str) -> dict[str, str]:
     """KEPT or BROKEN by the contract's name."""
-    ends = (line.rpartition(" ") for line in said.splitlines() if line.endswith((" KEPT", " BROKEN")))
+    ends = (
+        line.rpartition(" ") for line in said.splitlines() if line.endswith((" KEPT", " BROKEN"))
+    )
     return {name: verdict for name, _, verdict in ends}
 
 
@@ -36,7 +40,9 @@ def verdicts(said: str) -> dict[str, str]:
 def copy(tmp_path: Path) -> Path:
     """A copy of the library and its contracts, to be broken."""
     for package in PACKAGES:
-        shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(
+            ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__")
+        )
     shutil.copy(ROOT / "pyproject.toml", tmp_path)
     return tmp_path
 
@@ -64,7 +70,9 @@ def test_a_fit_that_borrows_the_synthetic_rig_s_solver_is_caught(copy: Path) -> 
         append(path, line)
         borrowers[room] = f"tcdyn.{room}.{path.stem} -> tcdyn.simulate"
     said = lint(copy)
-    crime = [verdict for name, verdict in verdicts(said).items() if name.startswith("No inverse crime")]
+    crime = [
+        verdict for name, verdict in verdicts(said).items() if name.startswith("No inverse crime")
+    ]
     assert crime == ["BROKEN"], said
     assert [room for room, arrow in borrowers.items() if arrow not in said] == []
 
@@ -74,7 +82,9 @@ def test_every_contract_can_be_broken(copy: Path) -> None:
     append(copy / "tcdyn/contact.py", "import matplotlib")
     append(copy / "tcdyn/simulate/mesh.py", "import tcdyn.conduction.rim")
     append(copy / "tcdyn/chain/__init__.py", "def later() -> None:\n    import tcdyn.simulate.mesh")
-    append(copy / "tcdyn/contact.py", "import tcdyn.simulate.programme")  # which asks contact for the speeds
+    append(
+        copy / "tcdyn/contact.py", "import tcdyn.simulate.programme"
+    )  # which asks contact for the speeds
     (copy / "tcdyn/attic.py").write_text('"""A room that no plan shows."""\n', encoding="utf-8")
     said = lint(copy)
     assert set(verdicts(said).values()) == {"BROKEN"}, said

@@ -17,7 +17,9 @@ EXACT = 1e-12  # of unit numbers: rounding
 def test_first_order_is_lfilter(decay, n):
     drive = np.random.default_rng(n).standard_normal(n) + (0j if np.iscomplexobj(decay) else 0.0)
     expected = signal.lfilter([1.0], [1.0, -decay], drive)
-    assert first_order(decay, drive) == pytest.approx(expected, abs=EXACT * np.max(np.abs(expected)))
+    assert first_order(decay, drive) == pytest.approx(
+        expected, abs=EXACT * np.max(np.abs(expected))
+    )
 
 
 @pytest.mark.parametrize(("window", "order"), [(1, 0), (3, 1), (3, 2), (75, 2), (299, 1), (401, 2)])
@@ -45,7 +47,9 @@ def test_peaks_are_those_of_find_peaks_highest_first(distance):
 
 
 def test_flat_tops_are_peaks_in_their_middle_as_in_scipy() -> None:
-    y = np.array([0.0, 1.0, 1.0, 0.0, 3.0, 3.0, 3.0, 3.0, 0.0, 2.0, 2.0, 2.5])  # the last rises to the end
+    y = np.array(
+        [0.0, 1.0, 1.0, 0.0, 3.0, 3.0, 3.0, 3.0, 0.0, 2.0, 2.0, 2.5]
+    )  # the last rises to the end
     assert sorted(peaks(y, 0.5, 1)) == list(signal.find_peaks(y, height=0.5)[0]) == [1, 5]
 
 

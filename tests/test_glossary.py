@@ -55,9 +55,11 @@ def test_every_column_of_a_log_is_told_and_no_other() -> None:
 
 def number(value: Any) -> bool:
     """A number, or an estimate of one."""
-    return isinstance(value, int | float | dict) and not isinstance(value, bool) and (
-        not isinstance(value, dict) or set(value) == ESTIMATE
-    )  # fmt: skip
+    return (
+        isinstance(value, int | float | dict)
+        and not isinstance(value, bool)
+        and (not isinstance(value, dict) or set(value) == ESTIMATE)
+    )
 
 
 @pytest.mark.parametrize("section", ["beta.json", "*.disk.json"])
@@ -69,9 +71,13 @@ def test_every_key_is_told_with_its_unit_and_no_other(
     else:
         data = json.loads(campaign.record_paths["fast"].read_text(encoding="utf-8"))
     found = dict(keys(data))
-    extra = {"what"} if section == "beta.json" else {"chain", "rig.toml"}  # `what`: where something is suspected
+    extra = (
+        {"what"} if section == "beta.json" else {"chain", "rig.toml"}
+    )  # `what`: where something is suspected
     assert set(found) - told(section) - ESTIMATE == set()
-    assert told(section) - set(found) - extra - set(DISKS) - ESTIMATE == set(), "keys that no file has"
+    assert told(section) - set(found) - extra - set(DISKS) - ESTIMATE == set(), (
+        "keys that no file has"
+    )
     for key, value in keys(data):
         if number(value) and key not in ESTIMATE:
             assert with_unit(section, key), key

@@ -21,10 +21,30 @@ Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 # an argument by one of these names is a physical quantity whose name does not say its unit
 QUANTITIES = {
-    "alpha", "conductivity", "density", "depth", "diameter", "dt", "duration", "frequency", "h", "lag", "length",
-    "load", "power", "pressure", "radius", "specific_heat", "speed", "t", "temperature", "thickness", "time",
-    "viscosity", "width",
-}  # fmt: skip
+    "alpha",
+    "conductivity",
+    "density",
+    "depth",
+    "diameter",
+    "dt",
+    "duration",
+    "frequency",
+    "h",
+    "lag",
+    "length",
+    "load",
+    "power",
+    "pressure",
+    "radius",
+    "specific_heat",
+    "speed",
+    "t",
+    "temperature",
+    "thickness",
+    "time",
+    "viscosity",
+    "width",
+}
 NUMBER = re.compile(r"float|Array|ndarray")
 UNIT = re.compile(
     r"\[[^\]]*\]|\b(seconds?|metres?|kelvin|K|degC|Pa|SI|N|W|Hz|s|m|mm|samples|dimensionless|unit|rpm)\b|m/s|m2/s|/K"
@@ -60,12 +80,15 @@ def test_every_public_name_is_there_with_a_docstring() -> None:
 
 def overload(node: ast.AST) -> bool:
     """Whether this is one of several typed faces of a function, whose last one carries the words."""
-    return isinstance(node, Function) and any("overload" in ast.dump(d) for d in node.decorator_list)
+    return isinstance(node, Function) and any(
+        "overload" in ast.dump(d) for d in node.decorator_list
+    )
 
 
 def test_rooms_are_reached_without_another_import_and_told_by_tab_completion() -> None:
     said = (
-        "import tcdyn; print(tcdyn.plots.draw.__name__, tcdyn.partition.__name__, {'plots', 'fit'} <= set(dir(tcdyn)))"
+        "import tcdyn; "
+        "print(tcdyn.plots.draw.__name__, tcdyn.partition.__name__, {'plots', 'fit'} <= set(dir(tcdyn)))"
     )
     done = subprocess.run([sys.executable, "-c", said], capture_output=True, text=True, check=True)
     assert done.stdout.split() == ["draw", "tcdyn.partition", "True"]
@@ -97,7 +120,11 @@ def test_quantities_are_given_with_their_unit_by_name_or_in_the_docstring() -> N
     for name, node, text in public_definitions():
         if isinstance(node, Function):
             arguments = (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)
-            numbers = [a.arg for a in arguments if a.annotation and NUMBER.search(ast.unparse(a.annotation))]
+            numbers = [
+                a.arg
+                for a in arguments
+                if a.annotation and NUMBER.search(ast.unparse(a.annotation))
+            ]
             bare = [a for a in numbers if a in QUANTITIES]
             if bare and not UNIT.search(text):
                 found.append(f"{name}({', '.join(bare)})")
@@ -108,7 +135,9 @@ def test_import_brings_no_heavy_library() -> None:
     """Counted rather than timed: none of the slow libraries is loaded by the import alone."""
     heavy = "numpy scipy pandas control matplotlib pydantic"
     code = f"import sys, tcdyn; print([m for m in {heavy.split()} if m in sys.modules])"
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    said = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout
     assert said.strip() == "[]"
 
 
@@ -119,14 +148,20 @@ def test_help_brings_no_library_of_computation(command: str) -> None:
         f"import sys\nsys.argv = ['tcdyn', *{command.split()}, '--help']\nfrom tcdyn.cli.app import main\n"
         f"try: main()\nfinally: print([m for m in {heavy.split()} if m in sys.modules])"
     )
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    said = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    ).stdout
     assert said.splitlines()[-1] == "[]"
     assert f"Usage: tcdyn {command} " in said
 
 
 @pytest.mark.parametrize(
     "name",
-    ["compensate", "compensate --sensor", *(pytest.param(n, marks=pytest.mark.slow) for n in ("beta", "calibrate"))],
+    [
+        "compensate",
+        "compensate --sensor",
+        *(pytest.param(n, marks=pytest.mark.slow) for n in ("beta", "calibrate")),
+    ],
 )
 def test_a_command_without_a_page_brings_no_library_that_it_does_not_need(
     name: str, campaign: Campaign, tmp_path: Path
@@ -138,17 +173,41 @@ def test_a_command_without_a_page_brings_no_library_that_it_does_not_need(
     if name == "compensate --sensor":
         log = str(tmp_path / "kiln.csv")
         pd.DataFrame(
-            {"time_s": np.arange(400) * 0.1, "T1": 20.0 + np.random.default_rng(0).normal(0, 0.1, 400)}
+            {
+                "time_s": np.arange(400) * 0.1,
+                "T1": 20.0 + np.random.default_rng(0).normal(0, 0.1, 400),
+            }
         ).to_csv(log, index=False)
     said = {
         "compensate": ["compensate", log, *disks, "--out", "o.csv"],
-        "compensate --sensor": ["compensate", log, "--sensor", "probe.sensor.json", "--out", "o.csv"],
+        "compensate --sensor": [
+            "compensate",
+            log,
+            "--sensor",
+            "probe.sensor.json",
+            "--out",
+            "o.csv",
+        ],
         "beta": ["beta", log, *disks, "--out", "o.json"],
-        "calibrate": ["calibrate", "--rig", rig, "--disk", "fast", "--oven", str(campaign.files.ovens["fast"]),
-                      "--immersion", plunge, "--out", "o.disk.json"],
-    }[name]  # fmt: skip
+        "calibrate": [
+            "calibrate",
+            "--rig",
+            rig,
+            "--disk",
+            "fast",
+            "--oven",
+            str(campaign.files.ovens["fast"]),
+            "--immersion",
+            plunge,
+            "--out",
+            "o.disk.json",
+        ],
+    }[name]
     if name == "compensate --sensor":
-        write_sensor(sensor_file("probe", {"T1": Chain(1.5)}, "stated", [[0.1**2]], [0.0]), tmp_path / said[3])
+        write_sensor(
+            sensor_file("probe", {"T1": Chain(1.5)}, "stated", [[0.1**2]], [0.0]),
+            tmp_path / said[3],
+        )
     heavy = "scipy.stats scipy.signal control sysidentpy matplotlib jinja2 nptdms joblib"
     heavy += " tcdyn.identify"
     code = (
@@ -156,6 +215,8 @@ def test_a_command_without_a_page_brings_no_library_that_it_does_not_need(
         f"try: app({[*said, '-q']})\n"
         f"finally: print([m for m in {heavy.split()} if m in sys.modules])"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path
+    )
     assert done.stdout.strip() == "[]", done.stderr
     assert (tmp_path / said[said.index("--out") + 1]).is_file(), done.stderr

@@ -60,7 +60,9 @@ def wait_for_the_other(folder: Path, job: int) -> int:
 
 
 def blas_threads(_: object) -> set[int]:
-    return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+    return {
+        library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"
+    }
 
 
 def interval_of_lag(seed: int) -> tuple[float, float, float]:
@@ -89,7 +91,10 @@ def test_one_worker_two_workers_and_dask_give_the_same_results(cluster: str) -> 
 
 @pytest.mark.usefixtures("workers_ended")
 def test_results_come_in_the_order_in_which_they_are_ready(tmp_path: Path) -> None:
-    assert [*parallel_map(partial(wait_for_the_other, tmp_path), [0, 1], workers=2)] == [(1, 1), (0, 0)]
+    assert [*parallel_map(partial(wait_for_the_other, tmp_path), [0, 1], workers=2)] == [
+        (1, 1),
+        (0, 0),
+    ]
 
 
 @pytest.mark.usefixtures("workers_ended")
@@ -107,7 +112,10 @@ def test_no_more_processes_work_than_there_are_workers() -> None:
 @pytest.mark.usefixtures("workers_ended")
 def test_workers_use_one_blas_thread(cluster: str) -> None:
     assert [threads for _, threads in parallel_map(blas_threads, range(2), workers=2)] == [{1}, {1}]
-    assert [threads for _, threads in parallel_map(blas_threads, range(2), dask=cluster)] == [{1}, {1}]
+    assert [threads for _, threads in parallel_map(blas_threads, range(2), dask=cluster)] == [
+        {1},
+        {1},
+    ]
 
 
 @pytest.mark.usefixtures("workers_ended")
@@ -142,21 +150,27 @@ def test_a_killed_dask_worker_fails_its_own_job_only() -> None:
     no_retry = {"distributed.scheduler.allowed-failures": 0}
     with (
         dask.config.set(no_retry),
-        distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0") as local,
+        distributed.LocalCluster(
+            n_workers=1, threads_per_worker=1, dashboard_address=":0"
+        ) as local,
     ):
         results = dict(parallel_map(kill_own_process, [1, 2], dask=local.scheduler_address))
     assert isinstance(results[0], distributed.KilledWorker)
     assert len(results) == 2
 
 
-def test_a_scheduler_that_does_not_answer_is_an_error_with_advice(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_scheduler_that_does_not_answer_is_an_error_with_advice(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     pytest.importorskip("dask.distributed")
     monkeypatch.setattr("tcdyn.parallel.CONNECT_S", 0.5)
     with pytest.raises(InputError, match=f"no Dask scheduler answers at {NOWHERE}"):
         list(parallel_map(abs, [1], dask=NOWHERE))
 
 
-def test_dask_that_is_not_installed_is_an_error_with_advice(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_dask_that_is_not_installed_is_an_error_with_advice(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setitem(sys.modules, "dask.distributed", None)
     with pytest.raises(InputError, match="not installed"):
         list(parallel_map(abs, [1], dask=NOWHERE))
@@ -174,7 +188,10 @@ def test_worker_processes_and_threads_of_the_caller_give_the_numbers_of_this_pro
         assert pool.apply(lag_and_environment, (1,)) == expected
     with ProcessPoolExecutor(1, mp_context=fork) as processes:
         assert processes.submit(lag_and_environment, 1).result() == expected
-    assert Parallel(n_jobs=2)(delayed(lag_and_environment)(1) for _ in range(2)) == [expected, expected]
+    assert Parallel(n_jobs=2)(delayed(lag_and_environment)(1) for _ in range(2)) == [
+        expected,
+        expected,
+    ]
     with ThreadPoolExecutor(2) as threads:
         assert [*threads.map(interval_of_lag, [1, 1])] == [here, here]
     assert dict(os.environ) == before

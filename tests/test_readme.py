@@ -27,7 +27,9 @@ def command_lines(block: str) -> list[list[str]]:
 
 def commands() -> list[list[str]]:
     """Words of every call of ``tcdyn`` in a code block or in the text."""
-    blocks = [words for language, block in BLOCKS if language == "sh" for words in command_lines(block)]
+    blocks = [
+        words for language, block in BLOCKS if language == "sh" for words in command_lines(block)
+    ]
     calls = [words for words in blocks if words[0] == "tcdyn"]
     return calls + [shlex.split(line) for line in INLINE_COMMANDS]
 
@@ -40,7 +42,9 @@ def test_a_marked_command_is_one_line_and_the_first_code_after_its_marker(name: 
     assert "\n" not in marked.group(1)
 
 
-def test_every_block_runs_and_prints_what_its_comments_say(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_block_runs_and_prints_what_its_comments_say(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     languages = []
     for language, block in BLOCKS:
@@ -77,7 +81,14 @@ def test_every_command_and_option_that_is_named_exists(words: list[str]) -> None
 
 def test_the_table_lists_every_command_that_has_a_task_of_its_own() -> None:
     named = {words[1] for words in commands()}
-    helpers = {"round", "rig", "transducer", "spot", "record", "hole"}  # commands of the two-disk rig's own guides
+    helpers = {
+        "round",
+        "rig",
+        "transducer",
+        "spot",
+        "record",
+        "hole",
+    }  # commands of the two-disk rig's own guides
     assert set(COMMANDS) - helpers <= named | {"demo"}
 
 

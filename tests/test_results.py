@@ -54,7 +54,11 @@ def results(campaign: Campaign, beta_run: BetaRun) -> dict[str, Any]:
     calibrations: dict[str, CalibrationRun] = campaign.calibrations
     comparison = compare_with_truth(campaign.files, calibrations, {"B3": beta}, {"B3": compensated})
     steady = steady_degC(beta.partition.test)
-    more = {"friction_coefficient": 0.03, "bulk_degC": {d: s["d"] for d, s in steady.items()}, "steady_degC": steady}
+    more = {
+        "friction_coefficient": 0.03,
+        "bulk_degC": {d: s["d"] for d, s in steady.items()},
+        "steady_degC": steady,
+    }
     made = [
         rig,
         tcdyn.read_log(log, "ehl", rig),
@@ -75,7 +79,9 @@ def results(campaign: Campaign, beta_run: BetaRun) -> dict[str, Any]:
         tcdyn.compare(data, ["P1", "P1D"]),
         compare_holes(simulate_hole(2)[0]),
         compare_tests(rig.disk_setup("fast"), [PlungePlan("mobil-jet-ii", 110.0)], draws=2),
-        CampaignRun(log.parent, (), campaign_table([table_row("B3", {**beta.to_dict(), "campaign": more})])),
+        CampaignRun(
+            log.parent, (), campaign_table([table_row("B3", {**beta.to_dict(), "campaign": more})])
+        ),
     ]
     return {type(one).__name__: one for one in made}
 
@@ -94,7 +100,9 @@ class Balanced(HTMLParser):
         assert self.open.pop() == tag
 
 
-def test_the_demo_s_comparison_is_that_of_the_files(results: dict[str, Any], campaign: Campaign) -> None:
+def test_the_demo_s_comparison_is_that_of_the_files(
+    results: dict[str, Any], campaign: Campaign
+) -> None:
     done, demo = results["CompensatedLog"], results["DemoRun"]
     unload_s = campaign.truth["tests"]["B3"]["unload_s"]
     true = pd.read_parquet(campaign.files.folder / "truth" / "EHL_B3_traces.parquet")
@@ -103,9 +111,14 @@ def test_the_demo_s_comparison_is_that_of_the_files(results: dict[str, Any], cam
     told = demo.comparison.set_index("quantity")["estimate"]
     for disk in ("fast", "slow"):
         column = f"{disk}_e_degC"
-        for frame, what in ((done.raw.frame, "raw, 5 s after unloading"), (done.frame, "compensated")):
+        for frame, what in (
+            (done.raw.frame, "raw, 5 s after unloading"),
+            (done.frame, "compensated"),
+        ):
             left = (frame[column] - true[column])[after]
-            assert told[f"B3 {disk} e, rms error {what}"] == pytest.approx(np.sqrt(left.pow(2).mean()))
+            assert told[f"B3 {disk} e, rms error {what}"] == pytest.approx(
+                np.sqrt(left.pow(2).mean())
+            )
 
 
 def test_every_result_speaks_words_json_and_html(results: dict[str, Any]) -> None:
@@ -117,7 +130,9 @@ def test_every_result_speaks_words_json_and_html(results: dict[str, Any]) -> Non
         assert "nan" not in words.lower().split(), name
         plain = one.to_dict()
         assert plain
-        assert json.loads(json.dumps(plain, allow_nan=False)) == plain, name  # no NaN, no tuple, no key but text
+        assert json.loads(json.dumps(plain, allow_nan=False)) == plain, (
+            name
+        )  # no NaN, no tuple, no key but text
         page = one._repr_html_()
         parser = Balanced()
         parser.feed(page)

@@ -25,14 +25,18 @@ DT_S = 0.05
 
 def blas_threads() -> set[int]:
     """Thread numbers of the BLAS libraries that are loaded."""
-    return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+    return {
+        library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"
+    }
 
 
 @pytest.fixture(autouse=True)
 def two_threads() -> Iterator[None]:
     limit = threadpool_limits(BEFORE, user_api="blas")
     for library in ThreadpoolController().lib_controllers:
-        release = getattr(library, "clear_controlling_thread", None)  # else other threads could set none
+        release = getattr(
+            library, "clear_controlling_thread", None
+        )  # else other threads could set none
         if release is not None:
             release()
     if blas_threads() != {BEFORE}:
@@ -110,7 +114,9 @@ def seen(monkeypatch: pytest.MonkeyPatch) -> list[set[int]]:
 
 
 def test_fit_and_compare_run_on_one_thread(seen: list[set[int]]) -> None:
-    data = IOData.from_arrays(steps(), steps() + np.random.default_rng(0).normal(0, 0.1, 180), DT_S, hold="zoh")
+    data = IOData.from_arrays(
+        steps(), steps() + np.random.default_rng(0).normal(0, 0.1, 180), DT_S, hold="zoh"
+    )
     tcdyn.fit(data, "P1")
     assert blas_threads() == {BEFORE}
     tcdyn.compare(data, "P1", "P1D")
@@ -136,7 +142,9 @@ def test_smooth_and_deconvolve_run_on_one_thread(monkeypatch: pytest.MonkeyPatch
     assert within == [{1}] * len(within) != []
 
 
-def test_stages_run_on_one_thread_and_restore_the_setting_on_bad_input(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stages_run_on_one_thread_and_restore_the_setting_on_bad_input(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     within: list[set[int]] = []
 
     def progress(what: str) -> None:

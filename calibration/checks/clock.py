@@ -17,8 +17,13 @@ from calibration.noise import MAD_TO_SD
 
 LONGEST_GAP_S = 0.5  # longer silence is refused: nobody knows what happened in it
 SLOWEST_DT_S = 1.0  # a trace sampled more slowly says nothing about lags
-STRAYING = 0.15  # of an interval, standard deviation of the steps: less is rounding, and moves no reading
-MOST_LOST, MOST_STRAYED = 0.2, 0.35  # of the steps are not one place long: another rate is sought; there is none
+STRAYING = (
+    0.15  # of an interval, standard deviation of the steps: less is rounding, and moves no reading
+)
+MOST_LOST, MOST_STRAYED = (
+    0.2,
+    0.35,
+)  # of the steps are not one place long: another rate is sought; there is none
 SURE = 4.0  # chance makes the sum of n stamps' phases so many times sqrt(n) once in some thousand trials
 ABOUT = 3  # neighbours on each side that tell the slope by which a sample is moved to its place
 TRUST = 4.0  # in the stamps: readings that tell more than 0.5 (1 sd) of them outweigh it
@@ -48,7 +53,9 @@ def check_time(time: Array, place: Place) -> Sampling:
     """
     where = place.where
     if len(time) < 10:
-        raise InputError(f"only {len(time)} rows", where=where, expected="at least 10 samples in time")
+        raise InputError(
+            f"only {len(time)} rows", where=where, expected="at least 10 samples in time"
+        )
     time, found = _filled(time, place)
     step = np.diff(time)
     if not (step > 0).all():
@@ -60,14 +67,17 @@ def check_time(time: Array, place: Place) -> Sampling:
             + (f", and in {many - 1} more rows" if many > 1 else ""),
             where=where,
             expected="time that rises from row to row",
-            remedy="sort the rows, or give the clock more decimals" if verb == "repeats" else "repair the rows",
+            remedy="sort the rows, or give the clock more decimals"
+            if verb == "repeats"
+            else "repair the rows",
         )
     usual = float(np.median(step))
     dt = _interval_s(time, _places(step, usual))
     if dt > SLOWEST_DT_S:
         ms = dt * 1e-3 < 0.2
         raise InputError(
-            f"column time_s: samples stand {dt:.4g} s apart" + ("; this looks like milliseconds" if ms else ""),
+            f"column time_s: samples stand {dt:.4g} s apart"
+            + ("; this looks like milliseconds" if ms else ""),
             where=where,
             expected="seconds, sampled faster than 1 Hz (75 Hz on the rig)",
         )
@@ -81,9 +91,13 @@ def check_time(time: Array, place: Place) -> Sampling:
         )
     grid, late = _places(step, dt), None
     places = np.diff(grid)
-    away = dt * places  # long logs: worked on in place here and below, one array of their length less each time
+    away = (
+        dt * places
+    )  # long logs: worked on in place here and below, one array of their length less each time
     away -= step
-    straying = float(away @ away) > len(away) * (STRAYING * dt) ** 2 or (places != 1).mean() > MOST_LOST
+    straying = (
+        float(away @ away) > len(away) * (STRAYING * dt) ** 2 or (places != 1).mean() > MOST_LOST
+    )
     del away
     if straying:
         dt, grid = _repeating(time, len(step) / float(time[-1] - time[0]))
@@ -100,11 +114,16 @@ def check_time(time: Array, place: Place) -> Sampling:
     jitter = odd & (places == 1)
     if jitter.any() and not straying:
         i = int(np.argmax(jitter))
-        found.append(note("time.jitter", subject="time_s", row=place.row(i + 1), count=int(jitter.sum())))
+        found.append(
+            note("time.jitter", subject="time_s", row=place.row(i + 1), count=int(jitter.sum()))
+        )
     even, away_s = _even(time, grid, dt)
     if straying:
         decimal_s = float(step.min())
-        if np.allclose(step / decimal_s, np.rint(step / decimal_s), atol=0.01) and away_s < 0.6 * decimal_s:
+        if (
+            np.allclose(step / decimal_s, np.rint(step / decimal_s), atol=0.01)
+            and away_s < 0.6 * decimal_s
+        ):
             found.append(note("time.few_decimals", subject="time_s", rate_Hz=1 / dt))
         else:
             late = time - even
@@ -137,7 +156,11 @@ def _repeating(time: Array, rate_Hz: float) -> tuple[float, NDArray[np.int32]]:
         tried = best + np.linspace(-0.5, 0.5, 17) / t[size - 1]
         size = min(4 * size, len(t))
     together = [np.exp(2j * np.pi * f * some).sum() for f in (best, rate_Hz)]
-    f, phase = (best, together[0]) if abs(together[0]) > SURE * len(some) ** 0.5 else (rate_Hz, together[1])
+    f, phase = (
+        (best, together[0])
+        if abs(together[0]) > SURE * len(some) ** 0.5
+        else (rate_Hz, together[1])
+    )
     grid = np.rint(t * f - np.angle(phase) / (2 * np.pi)).astype(np.int32)
     # of two in one place the second goes to the next, or the first to the one before, if that is free
     grid[1:-1] += (np.diff(grid[:-1]) == 0) & (np.diff(grid[1:]) > 1)
@@ -159,7 +182,9 @@ def moved(name: str, values: Array, sampling: Sampling, rows: slice) -> Array:
     count = np.maximum(used.sum(axis=1), 1)
     t, y = np.where(used, t - sampling.time_s[rows, None], 0.0), np.where(used, y, 0.0)
     t, y = (np.where(used, x - (x.sum(axis=1) / count)[:, None], 0.0) for x in (t, y))
-    return np.asarray(values - late_s * (t * y).sum(axis=1) / np.maximum((t * t).sum(axis=1), 1e-300))
+    return np.asarray(
+        values - late_s * (t * y).sum(axis=1) / np.maximum((t * t).sum(axis=1), 1e-300)
+    )
 
 
 def weighed(sampling: Sampling, course: pd.DataFrame) -> Sampling:
@@ -172,11 +197,15 @@ def weighed(sampling: Sampling, course: pd.DataFrame) -> Sampling:
     couples = course[[n for n in course if str(n).endswith("_degC")]].to_numpy()
     share = _real_share(couples, course.index.to_numpy(), sampling, sampling.late_s)
     stray_s, rate_Hz = float(np.std(sampling.late_s)), 1 / sampling.dt_s
-    said = note("time.strays", subject="time_s", stray_s=stray_s, percent=100 * share, rate_Hz=rate_Hz)
+    said = note(
+        "time.strays", subject="time_s", stray_s=stray_s, percent=100 * share, rate_Hz=rate_Hz
+    )
     return replace(sampling, late_s=share * sampling.late_s, findings=(*sampling.findings, said))
 
 
-def _real_share(columns: Array, rows: NDArray[np.int64], sampling: Sampling, late_s: Array) -> float:
+def _real_share(
+    columns: Array, rows: NDArray[np.int64], sampling: Sampling, late_s: Array
+) -> float:
     """Which part of ``late_s`` is real, the rest being the stamps' own: 1 where the readings cannot tell.
 
     Fourth differences of readings are those of (slope late) and noise; both are known where the slope is clear.
@@ -189,7 +218,9 @@ def _real_share(columns: Array, rows: NDArray[np.int64], sampling: Sampling, lat
         return 1.0
     grid, late = sampling.grid[rows], late_s[rows]
     inside = slice(wide - 2, n - wide - 2)
-    whole = (grid[2 * wide :] - grid[: -2 * wide] == 2 * wide) & (rows[2 * wide :] - rows[: -2 * wide] == 2 * wide)
+    whole = (grid[2 * wide :] - grid[: -2 * wide] == 2 * wide) & (
+        rows[2 * wide :] - rows[: -2 * wide] == 2 * wide
+    )
     jerk, weights = np.diff(late, 4)[inside], np.arange(wide, -wide - 1, -1.0)
     told, total = TRUST, TRUST
     for y in columns.T:

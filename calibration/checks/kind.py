@@ -67,7 +67,11 @@ def check_kind(
             found += _group(course[logged], place, room)
     contact = states["contact"][course.index] if "contact" in states else _touching(course)
     found += _loads(course, contact, place.where) if contact.any() else []
-    late = contact & ~contact[0] & (np.arange(len(contact)) > int(np.argmax(contact)) + 0.2 * contact.sum())
+    late = (
+        contact
+        & ~contact[0]
+        & (np.arange(len(contact)) > int(np.argmax(contact)) + 0.2 * contact.sum())
+    )
     for own in DISKS:
         found += _swapped(course, f"{own}_", rig.tables(own), late)
     return states, found
@@ -100,10 +104,15 @@ def _two_level(values: Array, name: str, place: Place) -> tuple[Array, list[Find
         first = int(np.argmax(missing))
         if missing.mean() > 0.05:
             raise InputError(
-                f"{place.at(name, first)}: {100 * missing.mean():.0f} % of it is missing", where=place.where
+                f"{place.at(name, first)}: {100 * missing.mean():.0f} % of it is missing",
+                where=place.where,
             )
         count = int(missing.sum())
-        found.append(by_share(count / len(values), "switch.filled", subject=name, count=count, **place.of(first)))
+        found.append(
+            by_share(
+                count / len(values), "switch.filled", subject=name, count=count, **place.of(first)
+            )
+        )
         values = np.array(pd.Series(values).where(~missing).ffill().bfill(), dtype=np.float64)
     levels = np.sort(pd.unique(values))
     if len(levels) > 2:
@@ -116,7 +125,9 @@ def _two_level(values: Array, name: str, place: Place) -> tuple[Array, list[Find
     if set(levels) <= {0.0, 1.0}:
         return values, found
     if len(levels) == 1:
-        raise InputError(f"column {name} is {levels[0]:g} in every row", where=place.where, expected="0 and 1")
+        raise InputError(
+            f"column {name} is {levels[0]:g} in every row", where=place.where, expected="0 and 1"
+        )
     found.append(note("switch.levels", subject=name, low=float(levels[0]), high=float(levels[1])))
     return (values == levels[1]).astype(float), found
 
@@ -133,7 +144,9 @@ def _inverted(course: pd.DataFrame, contact: Flags) -> bool:
         low, high = (float(np.nanmedian(force[contact == state])) for state in (True, False))
         upper = force > 0.5 * (low + high)
         apart = float(np.mean(upper[~contact])) - float(np.mean(upper[contact]))
-        against.append(high > abs(low) and apart > 0.8)  # of a force with its sign turned the larger level is negative
+        against.append(
+            high > abs(low) and apart > 0.8
+        )  # of a force with its sign turned the larger level is negative
     return all(against)
 
 
@@ -164,7 +177,9 @@ def _edges(values: Array, name: str, place: Place, parted: bool) -> list[Finding
     found, edges = list[Finding](), np.flatnonzero(steps) + 1
     close = np.flatnonzero(np.diff(edges) * place.dt_s < BOUNCE_S)
     if len(edges) > 2 and len(close):
-        found.append(note("switch.bounces", subject=name, count=len(edges), **place.of(int(edges[close[0]]))))
+        found.append(
+            note("switch.bounces", subject=name, count=len(edges), **place.of(int(edges[close[0]])))
+        )
     if name == "contact" and values[0] > 0.5:
         found.append(look("contact.from_start", subject="contact"))
     cooling_s = float(len(values) - 1 - falls[-1]) * place.dt_s if len(falls) else np.inf
@@ -201,10 +216,15 @@ def _group(columns: pd.DataFrame, place: Place, reference_degC: float | None) ->
                 column=str(name),
             )
     # white noise from second differences and their median, so that events do not count
-    noise = columns.apply(lambda x: float(white_noise_sd(x.dropna(), 2, centred=False)) if x.count() >= 10 else 0.0)
+    noise = columns.apply(
+        lambda x: float(white_noise_sd(x.dropna(), 2, centred=False)) if x.count() >= 10 else 0.0
+    )
     calm = _upper_median(noise)
     loud = noise[noise > 4.0 * calm + 0.1]
-    return [look("noise.high", subject=str(name), noise_K=value, others_K=calm) for name, value in loud.items()]
+    return [
+        look("noise.high", subject=str(name), noise_K=value, others_K=calm)
+        for name, value in loud.items()
+    ]
 
 
 def _upper_median(values: pd.Series[float]) -> float:
@@ -244,7 +264,9 @@ def _loads(course: pd.DataFrame, contact: Flags, where: str) -> list[Finding]:
     for disk, value in zip(DISKS, (fast, slow)):
         if not value > 0 and f"speed_{disk}_rpm" in course:
             raise InputError(
-                f"column speed_{disk}_rpm is {value:.3g} in contact", where=where, expected="rotation in rpm"
+                f"column speed_{disk}_rpm is {value:.3g} in contact",
+                where=where,
+                expected="rotation in rpm",
             )
     if fast < 0.98 * slow:
         raise InputError(
@@ -269,7 +291,9 @@ def _swapped(course: pd.DataFrame, prefix: str, tables: RigTables, hot: Flags) -
     there = [c for c in sorted(tables.thermocouples) if f"{prefix}{c}_degC" in course]
     depth_mm = {c: tables.thermocouples[c].depth_mm for c in there}
     readings = course[[f"{prefix}{c}_degC" for c in there]].set_axis(there, axis=1)
-    lead = (readings[hot].mean() - readings.iloc[: max(10, min(len(course) // 20, 400))].mean()).to_dict()
+    lead = (
+        readings[hot].mean() - readings.iloc[: max(10, min(len(course) // 20, 400))].mean()
+    ).to_dict()
     pairs = [(s, d) for s in there for d in there if depth_mm[d] - depth_mm[s] >= 2.5]
     wrong = [(s, d) for s, d in pairs if lead[s] < lead[d] - max(0.5, 0.02 * abs(lead[d]))]
     if not wrong:

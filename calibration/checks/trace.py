@@ -19,7 +19,10 @@ from calibration.noise import MOST_MISSING, impossible
 
 LONGEST_NAN_S = 0.5
 FROZEN_S = 10.0
-RUN, SAMPLE = 64, 1 << 15  # rows in a run: neighbours stay neighbours; rows that tell what a whole column is like
+RUN, SAMPLE = (
+    64,
+    1 << 15,
+)  # rows in a run: neighbours stay neighbours; rows that tell what a whole column is like
 
 
 @dataclass
@@ -88,7 +91,10 @@ class Course:
 
     def whole(self) -> dict[str, Array]:
         """All rows of the switches."""
-        return {name: np.array(union_categoricals(parts), float) for name, parts in self.switches.items()}
+        return {
+            name: np.array(union_categoricals(parts), float)
+            for name, parts in self.switches.items()
+        }
 
 
 @dataclass
@@ -127,7 +133,9 @@ class ColumnCheck:
     def judge(self) -> list[Finding]:
         """What was noticed. Raises InputError for a dead or frozen channel, many spikes, and gaps long or many."""
         name, place, seen, found = self.name, self.place, self.seen, list[Finding]()
-        wild, spikes, absent, gap = (self.tallies[key] for key in ("wild", "spikes", "absent", "missing"))
+        wild, spikes, absent, gap = (
+            self.tallies[key] for key in ("wild", "spikes", "absent", "missing")
+        )
         if not name.endswith("_degC"):
             if gap.count > MOST_MISSING * seen:
                 raise InputError(
@@ -136,7 +144,11 @@ class ColumnCheck:
                     where=place.where,
                 )
             numbers = {"count": gap.count, **place.of(gap.first)} if gap.count else {}
-            return [by_share(gap.count / seen, "values.missing", subject=name, **numbers)] if gap.count else []
+            return (
+                [by_share(gap.count / seen, "values.missing", subject=name, **numbers)]
+                if gap.count
+                else []
+            )
         if wild.count:
             numbers = {"count": wild.count, "value": wild.value, **place.of(wild.first)}
             found.append(by_share(wild.count / seen, "values.impossible", subject=name, **numbers))
@@ -151,7 +163,9 @@ class ColumnCheck:
                 column=name,
             )
         if spikes.count:
-            found.append(note("spikes.removed", subject=name, count=spikes.count, **place.of(spikes.first)))
+            found.append(
+                note("spikes.removed", subject=name, count=spikes.count, **place.of(spikes.first))
+            )
         span_s = gap.length * place.dt_s
         if span_s > max(LONGEST_NAN_S, 3 * place.dt_s) or gap.count > MOST_MISSING * seen:
             raise InputError(
@@ -163,20 +177,43 @@ class ColumnCheck:
                 column=name,
             )
         if absent.count:
-            longest = {"longest": absent.length, "longest_s": absent.length * place.dt_s, **place.of(absent.start)}
-            found.append(by_share(absent.count / seen, "values.absent", subject=name, count=absent.count, **longest))
+            longest = {
+                "longest": absent.length,
+                "longest_s": absent.length * place.dt_s,
+                **place.of(absent.start),
+            }
+            found.append(
+                by_share(
+                    absent.count / seen,
+                    "values.absent",
+                    subject=name,
+                    count=absent.count,
+                    **longest,
+                )
+            )
         return found
 
     def _frozen(self, dt_s: float) -> list[Finding]:
         same, name, place = self.tallies["same"], self.name, self.place
         others, span_s = self.seen - 1 - same.length, same.length * dt_s
         if self.low == self.high:
-            found, remedy = look("column.constant", subject=name, value=self.low), "check its wiring"
+            found, remedy = (
+                look("column.constant", subject=name, value=self.low),
+                "check its wiring",
+            )
         elif span_s > FROZEN_S and same.count - same.length < 0.5 * max(others, 1):
-            found = look("column.frozen", subject=name, value=same.held, span_s=span_s, **place.of(same.start))
+            found = look(
+                "column.frozen",
+                subject=name,
+                value=same.held,
+                span_s=span_s,
+                **place.of(same.start),
+            )
             remedy = "check its wiring, or cut the log"
         else:
             return []
         if not is_air(name):
-            raise InputError(f"{found.sentence}: a dead channel", where=place.where, remedy=remedy, column=name)
+            raise InputError(
+                f"{found.sentence}: a dead channel", where=place.where, remedy=remedy, column=name
+            )
         return [found]

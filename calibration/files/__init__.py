@@ -26,14 +26,25 @@ from calibration.files.table import PIECE_ROWS, Columns, Table, read_whole
 from calibration.files.times import is_date, is_time_of_day
 from calibration.finding import Finding, Place, look
 
-__all__ = ["CsvTable", "Table", "open_table", "read_numbers", "read_whole", "sha256", "shown", "text_of"]
+__all__ = [
+    "CsvTable",
+    "Table",
+    "open_table",
+    "read_numbers",
+    "read_whole",
+    "sha256",
+    "shown",
+    "text_of",
+]
 
 PARQUET = (".parquet", ".pq")
 NO_LOGS = {".json": "a record or result", ".toml": "a rig file", ".html": "a report"}
 MOST_COLUMNS = 5000
 BLOCK_BYTES = 1 << 21  # of text in one piece, at most
 COUNTED_BYTES = 1 << 17  # of text whose rows are counted at once
-_NULLS = sorted({w for a in ABSENT if "inf" not in a for w in (a, a.upper(), a.title(), "NaN", "-NaN")})
+_NULLS = sorted(
+    {w for a in ABSENT if "inf" not in a for w in (a, a.upper(), a.title(), "NaN", "-NaN")}
+)
 
 
 @dataclass(frozen=True)
@@ -51,7 +62,9 @@ def open_table(path: str | Path, known: Collection[str] = ()) -> Table:
     """
     table = _opened(Path(path), known)
     if len(table.names) > MOST_COLUMNS:
-        raise InputError(f"has {len(table.names)} columns", where=table.where, expected=f"at most {MOST_COLUMNS}")
+        raise InputError(
+            f"has {len(table.names)} columns", where=table.where, expected=f"at most {MOST_COLUMNS}"
+        )
     return table
 
 
@@ -64,21 +77,33 @@ def _opened(file: Path, known: Collection[str]) -> Table:
         raise InputError("no such file", where=where) from None
     except IsADirectoryError:
         raise InputError(
-            "is a folder", where=where, expected="a log file", remedy=f"name its files, such as {where}/*.csv"
+            "is a folder",
+            where=where,
+            expected="a log file",
+            remedy=f"name its files, such as {where}/*.csv",
         ) from None
     except (OSError, ValueError) as problem:
         raise InputError(f"not readable ({problem})", where=where) from None
     if not head:
         raise InputError("the file is empty", where=where, expected="a log")
     ending = file.suffix.lower()
-    if (tdms := head.startswith(b"TDSm") or ending == ".tdms") or head.startswith(b"PAR1") or ending in PARQUET:
-        from calibration.files.binary import parquet_table, tdms_table  # whose libraries few logs need
+    if (
+        (tdms := head.startswith(b"TDSm") or ending == ".tdms")
+        or head.startswith(b"PAR1")
+        or ending in PARQUET
+    ):
+        from calibration.files.binary import (
+            parquet_table,
+            tdms_table,
+        )  # whose libraries few logs need
 
         return tdms_table(file, where) if tdms else parquet_table(file, where)
     if head.removeprefix(b"\xef\xbb\xbf").startswith(MARK):
         return lvm_table(file, where, text_pieces)
     if head.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
-        raise InputError("this is a spreadsheet or archive", where=where, expected="CSV", remedy="save it as CSV")
+        raise InputError(
+            "this is a spreadsheet or archive", where=where, expected="CSV", remedy="save it as CSV"
+        )
     if ending in NO_LOGS:
         expected = "a log (CSV, LVM, TDMS or Parquet)"
         raise InputError(f"is {NO_LOGS[ending]} by its ending", where=where, expected=expected)
@@ -87,7 +112,9 @@ def _opened(file: Path, known: Collection[str]) -> Table:
     return CsvTable(where, dialect.names, dialect.metadata, pieces, dialect, units=dialect.units)
 
 
-def read_numbers(path: str | Path, names: Sequence[str], optional: Collection[str] = ()) -> dict[str, Array]:
+def read_numbers(
+    path: str | Path, names: Sequence[str], optional: Collection[str] = ()
+) -> dict[str, Array]:
     """The named columns (N,) of a table in which every cell of them is a number; of the ``optional``, those there are.
 
     Raises InputError for a file that cannot be read, a missing column, or a cell without a number.
@@ -128,7 +155,9 @@ def text_of(dialect: Dialect) -> IO[bytes]:
     return open(dialect.path, "rb") if dialect.body is None else io.BytesIO(dialect.body)
 
 
-def text_pieces(dialect: Dialect, wanted: Sequence[str], rows: int = PIECE_ROWS) -> Iterator[Columns]:
+def text_pieces(
+    dialect: Dialect, wanted: Sequence[str], rows: int = PIECE_ROWS
+) -> Iterator[Columns]:
     """The wanted columns piece by piece, about ``rows`` rows each (2 MB of text at most), in bounded memory.
 
     From the first cell on that is no number where numbers were, every column is read as text.
@@ -144,9 +173,15 @@ def text_pieces(dialect: Dialect, wanted: Sequence[str], rows: int = PIECE_ROWS)
     # a time of day beside one column of dates: the date belongs to it
     dated = {name for name in wanted if len(dates) == 1 and is_time_of_day(first_cells[name])}
     read_names = list(dict.fromkeys([*wanted, *(dates if dated else ())]))
-    keys = {name: f"c{d.names.index(name)}" for name in read_names}  # names in files may repeat; these do not
+    keys = {
+        name: f"c{d.names.index(name)}" for name in read_names
+    }  # names in files may repeat; these do not
     cells = {name: first_cells[name] for name in read_names}
-    words = {n for n, cell in cells.items() if not is_number(cell, d.decimal) and cell.lower() not in ABSENT}
+    words = {
+        n
+        for n, cell in cells.items()
+        if not is_number(cell, d.decimal) and cell.lower() not in ABSENT
+    }
     words.update(dates)
     texts: dict[str, TextColumn] = {}
     line = max(len(d.first_row) * 4, sum(len(cell) + 1 for cell in d.first_row))
@@ -162,7 +197,9 @@ def text_pieces(dialect: Dialect, wanted: Sequence[str], rows: int = PIECE_ROWS)
     for as_text in (False, True):
         convert = pacsv.ConvertOptions(
             include_columns=list(keys.values()),
-            column_types={k: pa.string() if as_text or n in words else pa.float64() for n, k in keys.items()},
+            column_types={
+                k: pa.string() if as_text or n in words else pa.float64() for n, k in keys.items()
+            },
             decimal_point=d.decimal,
             null_values=_NULLS,
             check_utf8=False,
@@ -194,16 +231,25 @@ def text_pieces(dialect: Dialect, wanted: Sequence[str], rows: int = PIECE_ROWS)
                 text = str(problem).splitlines()[0][:160]
                 raise InputError(f"the table cannot be read ({text})", where=d.where) from None
             if done:  # numbers so far: no clock
-                texts |= {name: TextColumn(name, d.decimal, place, clock=False) for name in keys if name not in words}
+                texts |= {
+                    name: TextColumn(name, d.decimal, place, clock=False)
+                    for name in keys
+                    if name not in words
+                }
     found += [f for column in texts.values() for f in column.judge(done)]
     if found:
         yield Columns({name: np.empty(0) for name in wanted}, place, tuple(found))
 
 
 def _numbers(
-    column: pa.Array, name: str, dialect: Dialect, at: int, place: Place, texts: dict[str, TextColumn],
+    column: pa.Array,
+    name: str,
+    dialect: Dialect,
+    at: int,
+    place: Place,
+    texts: dict[str, TextColumn],
     days: list[str] | None = None,
-) -> Array:  # fmt: skip
+) -> Array:
     """Numbers of one piece, whose first is number ``at`` of the file's; ``texts`` keeps the columns of text. ``days``:
     dates of the rows, for a column of times of the day."""
     if pa.types.is_floating(column.type):
@@ -235,11 +281,18 @@ def check_rows(stream: IO[bytes], dialect: Dialect) -> tuple[int, Place, list[Fi
     for _ in range(dialect.skip):
         line = stream.readline() or line
     while block := stream.read(COUNTED_BYTES) + stream.readline():
-        if short is None and len(block) < 2 * COUNTED_BYTES and block.endswith(b"\n") and b"\x00" not in block:
+        if (
+            short is None
+            and len(block) < 2 * COUNTED_BYTES
+            and block.endswith(b"\n")
+            and b"\x00" not in block
+        ):
             cells = np.frombuffer(block, np.uint8)
             ends = np.flatnonzero(cells == ord("\n"))
             before = np.searchsorted(np.flatnonzero(cells == ord(separator)), ends)
-            if np.array_equal(before, np.arange(1, len(ends) + 1) * (fields - 1)):  # as nearly always
+            if np.array_equal(
+                before, np.arange(1, len(ends) + 1) * (fields - 1)
+            ):  # as nearly always
                 rows, seen, line = rows + len(ends), seen + len(ends), block[-1:]
                 continue
         for number, line in enumerate(io.BytesIO(block), seen + 1):

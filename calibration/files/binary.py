@@ -26,7 +26,11 @@ from calibration.finding import Place
 
 log_manager.set_level(logging.ERROR)
 
-MOST_TIMES, FREE_BYTES, LONGEST_CELL = 200, 1 << 30, 1000  # of a Parquet file unpacked: times its size, beyond 1 GB
+MOST_TIMES, FREE_BYTES, LONGEST_CELL = (
+    200,
+    1 << 30,
+    1000,
+)  # of a Parquet file unpacked: times its size, beyond 1 GB
 
 _EPOCH = np.datetime64("2000-01-01", "us")
 
@@ -38,14 +42,19 @@ def tdms_table(path: Path, where: str) -> Table:
         _check_size(file, path, where)
         channels = [c for group in file.groups() for c in group.channels()]
         names = [str(c.name).strip() for c in channels]
-        made = not {"time_s", "time"} & set(names) and any("wf_increment" in c.properties for c in channels)
+        made = not {"time_s", "time"} & set(names) and any(
+            "wf_increment" in c.properties for c in channels
+        )
         for owner in (file, *file.groups()):
             for key, value in owner.properties.items():
                 metadata.setdefault(str(key)[:200], str(value)[:2000])
     if not names:
         raise InputError("holds no channels", where=where, expected="a TDMS log")
     return Table(
-        where, tuple(["time_s", *names] if made else names), metadata, partial(_tdms_pieces, path, where, made)
+        where,
+        tuple(["time_s", *names] if made else names),
+        metadata,
+        partial(_tdms_pieces, path, where, made),
     )
 
 
@@ -72,7 +81,9 @@ def _tdms_pieces(
         dt_s = next((t.dt_s for t in tracks.values()), None) or 1.0
         if made and not any(t.dt_s for t in tracks.values()):
             raise InputError(
-                "no channel has a time track (wf_increment)", where=where, expected="a channel time_s or wf_increment"
+                "no channel has a time track (wf_increment)",
+                where=where,
+                expected="a channel time_s or wf_increment",
             )
         if not clock and len(lengths) + len({t.same_as for t in tracks.values()}) > 2:
             time, data, found = align({n: _track(c, where) for n, c in channels.items()}, where)
@@ -86,7 +97,10 @@ def _tdms_pieces(
                 count = len(next(iter(part.values())))
                 part["time_s"] = np.asarray((start + np.arange(count)) * dt_s, dtype=np.float64)
             clocks = {n: c for n, c in channels.items() if np.issubdtype(c.dtype, np.datetime64)}
-            stamps = {n: np.asarray(c[start : start + rows]).astype(str).astype(object) for n, c in clocks.items()}
+            stamps = {
+                n: np.asarray(c[start : start + rows]).astype(str).astype(object)
+                for n, c in clocks.items()
+            }
             yield Columns(part, Place(where), (), stamps)
 
 
@@ -108,12 +122,17 @@ def _damaged(problem: BaseException, where: str) -> InputError:
 def _check_size(file: Any, path: Path, where: str) -> None:
     status = getattr(file, "file_status", None)
     if status is not None and status.incomplete_final_segment:
-        raise InputError("the last segment is cut: the file is truncated", where=where, remedy="copy the file again")
+        raise InputError(
+            "the last segment is cut: the file is truncated",
+            where=where,
+            remedy="copy the file again",
+        )
     channels = [c for group in file.groups() for c in group.channels()]
     promised = sum(len(c) * int(getattr(c.data_type, "size", None) or 1) for c in channels)
     if promised > 16 * path.stat().st_size + 4096:
         raise InputError(
-            f"promises {promised} bytes of samples but has {path.stat().st_size}: it is damaged", where=where
+            f"promises {promised} bytes of samples but has {path.stat().st_size}: it is damaged",
+            where=where,
         )
 
 
@@ -131,7 +150,9 @@ def _track(channel: Any, where: str, start: int = 0, stop: int | None = None) ->
             offset += (np.datetime64(begun, "us") - _EPOCH) / np.timedelta64(1, "us") * 1e-6
         step = float(props.get("wf_increment", 0.0))
     except (TypeError, ValueError) as problem:
-        raise InputError(f"channel {channel.name}: its time track is damaged ({problem})", where=where) from None
+        raise InputError(
+            f"channel {channel.name}: its time track is damaged ({problem})", where=where
+        ) from None
     good = np.isfinite(step) and step > 0
     return Track(numbers, offset if np.isfinite(offset) else 0.0, step if good else None)
 
@@ -139,7 +160,9 @@ def _track(channel: Any, where: str, start: int = 0, stop: int | None = None) ->
 def _floats(values: Any, first: Any, name: str, where: str) -> Array:
     array = np.asarray(values)
     if np.issubdtype(array.dtype, np.datetime64):
-        return np.asarray((array - np.asarray(first)[0]) / np.timedelta64(1, "us") * 1e-6, dtype=np.float64)
+        return np.asarray(
+            (array - np.asarray(first)[0]) / np.timedelta64(1, "us") * 1e-6, dtype=np.float64
+        )
     if array.dtype.kind not in "fiub":
         raise InputError(f"channel {name} holds {array.dtype}, not numbers", where=where)
     if len(array) == 0:
@@ -153,25 +176,34 @@ def parquet_table(path: Path, where: str) -> Table:
         with pq.ParquetFile(path) as file:
             schema, rows = file.schema_arrow, file.metadata.num_rows
     except (pa.ArrowException, OSError, ValueError) as problem:
-        raise InputError(f"not readable as Parquet ({str(problem).splitlines()[0][:120]})", where=where) from None
+        raise InputError(
+            f"not readable as Parquet ({str(problem).splitlines()[0][:120]})", where=where
+        ) from None
     unpacked, size = 8 * rows * len(schema.names), path.stat().st_size
     if unpacked > FREE_BYTES + MOST_TIMES * size:
         raise InputError(
             f"promises {rows} rows of {len(schema.names)} columns, {unpacked / 1e9:.3g} GB, in {size} bytes",
             where=where,
             expected=f"at most {MOST_TIMES} times the file's size where it is more than {FREE_BYTES / 1e9:.2g} GB",
-        )  # fmt: skip
-    said = {k.decode("utf-8", "replace"): v.decode("utf-8", "replace") for k, v in (schema.metadata or {}).items()}
+        )
+    said = {
+        k.decode("utf-8", "replace"): v.decode("utf-8", "replace")
+        for k, v in (schema.metadata or {}).items()
+    }
     metadata = {k: v for k, v in said.items() if k not in ("pandas", "ARROW:schema")}
     return Table(where, tuple(schema.names), metadata, partial(_parquet_pieces, path, where))
 
 
-def _parquet_pieces(path: Path, where: str, wanted: Sequence[str], rows: int = PIECE_ROWS) -> Iterator[Columns]:
+def _parquet_pieces(
+    path: Path, where: str, wanted: Sequence[str], rows: int = PIECE_ROWS
+) -> Iterator[Columns]:
     """The wanted columns piece by piece, in bounded memory."""
     done, texts, begun = 0, dict[str, TextColumn](), dict[str, Any]()
     names, place = list(dict.fromkeys(wanted)), Place(where)
     try:
-        with pq.ParquetFile(path, read_dictionary=names) as file:  # text by its different cells: repeats take no room
+        with pq.ParquetFile(
+            path, read_dictionary=names
+        ) as file:  # text by its different cells: repeats take no room
             for batch in file.iter_batches(rows, columns=names):
                 data: dict[str, Array] = {}
                 stamps: dict[str, NDArray[Any]] = {}
@@ -182,14 +214,22 @@ def _parquet_pieces(path: Path, where: str, wanted: Sequence[str], rows: int = P
                         if longest > LONGEST_CELL and pa.types.is_string(column.type.value_type):
                             expected = f"at most {LONGEST_CELL}"
                             raise InputError(
-                                f"column {n} has a cell of {longest} bytes", where=where, expected=expected
+                                f"column {n} has a cell of {longest} bytes",
+                                where=where,
+                                expected=expected,
                             )
                         column = column.dictionary_decode()
                     kind = column.type
                     if pa.types.is_boolean(kind):
                         column = column.cast(pa.int8())
-                    if pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_boolean(kind):
-                        numbers = column.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
+                    if (
+                        pa.types.is_floating(kind)
+                        or pa.types.is_integer(kind)
+                        or pa.types.is_boolean(kind)
+                    ):
+                        numbers = column.cast(pa.float64(), safe=False).to_numpy(
+                            zero_copy_only=False
+                        )
                         data[n] = np.array(numbers, dtype=np.float64)
                     elif pa.types.is_timestamp(kind) or pa.types.is_duration(kind):
                         stamp = pd.Series(column.to_pandas())
@@ -198,7 +238,9 @@ def _parquet_pieces(path: Path, where: str, wanted: Sequence[str], rows: int = P
                         data[n] = np.asarray(since.dt.total_seconds(), dtype=np.float64)
                     elif pa.types.is_string(kind) or pa.types.is_large_string(kind):
                         cells = ["" if v is None else str(v).strip() for v in column.to_pylist()]
-                        data[n] = texts.setdefault(n, TextColumn(n, ".", place)).numbers(cells, done)
+                        data[n] = texts.setdefault(n, TextColumn(n, ".", place)).numbers(
+                            cells, done
+                        )
                         if texts[n].clock:
                             stamps[n] = np.array(cells, dtype=object)
                     else:
@@ -208,6 +250,8 @@ def _parquet_pieces(path: Path, where: str, wanted: Sequence[str], rows: int = P
     except InputError:
         raise
     except (pa.ArrowException, OSError, ValueError, MemoryError) as problem:
-        raise InputError(f"damaged Parquet ({str(problem).splitlines()[0][:120]})", where=where) from None
+        raise InputError(
+            f"damaged Parquet ({str(problem).splitlines()[0][:120]})", where=where
+        ) from None
     if found := [f for column in texts.values() for f in column.judge(done)]:
         yield Columns({n: np.empty(0) for n in names}, place, tuple(found))

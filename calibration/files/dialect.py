@@ -25,14 +25,38 @@ CLOCK = re.compile(
     r"\s*(\d{4}-\d\d-\d\d[T ]|\d{1,2}[./]\d{1,2}[./]\d{2,4} )?\d{1,2}:\d\d:\d\d([.,]\d+)?\s*(AM|PM|Z)?\s*"
 )
 ABSENT = frozenset(
-    {"", "nan", "+nan", "-nan", "null", "na", "n/a", "#n/a", "none", "inf", "-inf", "+inf", "1.#qnan", "-1.#ind"}
+    {
+        "",
+        "nan",
+        "+nan",
+        "-nan",
+        "null",
+        "na",
+        "n/a",
+        "#n/a",
+        "none",
+        "inf",
+        "-inf",
+        "+inf",
+        "1.#qnan",
+        "-1.#ind",
+    }
 )
 LINE_END = re.compile(r"\r\n|\n|\r")  # not str.splitlines: form feeds and the like end no row
 HEAD_BYTES = 1 << 17
 ENOUGH = 150  # rows of data that tell a dialect
 # separator, decimal mark, header, skip, first row, number of fields, unit row
 _Found = tuple[str, str, tuple[str, ...], int, tuple[str, ...], int, tuple[str, ...]]
-FLAGS = {"true": 1.0, "on": 1.0, "yes": 1.0, "high": 1.0, "false": 0.0, "off": 0.0, "no": 0.0, "low": 0.0}
+FLAGS = {
+    "true": 1.0,
+    "on": 1.0,
+    "yes": 1.0,
+    "high": 1.0,
+    "false": 0.0,
+    "off": 0.0,
+    "no": 0.0,
+    "low": 0.0,
+}
 
 
 @dataclass(frozen=True)
@@ -68,7 +92,9 @@ def sniff(path: Path, where: str, known: Collection[str] = ()) -> Dialect:
     with open(path, "rb") as stream:
         head = stream.read(HEAD_BYTES)
     if not head.strip(b"\x00 \r\n\t"):
-        raise InputError("the file is empty", where=where, expected="a header row and rows of numbers")
+        raise InputError(
+            "the file is empty", where=where, expected="a header row and rows of numbers"
+        )
     encoding = _encoding(head, where)
     text = head.decode(encoding, errors="replace")
     lines = LINE_END.split(text)
@@ -98,7 +124,9 @@ def sniff(path: Path, where: str, known: Collection[str] = ()) -> Dialect:
             f"the header has {len(names)} names but row {skip + 1} has {fields} fields",
             where=where,
             expected="one name for each column",
-            remedy="decimal commas need semicolons or tabs between columns" if separator == "," else "",
+            remedy="decimal commas need semicolons or tabs between columns"
+            if separator == ","
+            else "",
         )
     names += [""] * (fields - len(names))
     first_row = (*first_row, *[""] * fields)[:fields]
@@ -114,7 +142,19 @@ def sniff(path: Path, where: str, known: Collection[str] = ()) -> Dialect:
         body = re.sub(rb"[ \t]+", b"\t", body)
     metadata = _metadata(lines)
     units = {name: unit for name, unit in zip(names, unit_row) if unit}
-    return Dialect(where, encoding, separator, decimal, tuple(names), skip, first_row, metadata, path, body, units)
+    return Dialect(
+        where,
+        encoding,
+        separator,
+        decimal,
+        tuple(names),
+        skip,
+        first_row,
+        metadata,
+        path,
+        body,
+        units,
+    )
 
 
 @lru_cache(maxsize=4)
@@ -176,7 +216,17 @@ def is_temperature_unit(text: str) -> bool:
     (True, False)
     """
     plain = re.sub(r"[\s.°º]|deg(rees?)?", "", text.lower())
-    return plain in ("c", "celsius", "k", "kelvin", "f", "fahrenheit", "mv", "millivolt", "millivolts")
+    return plain in (
+        "c",
+        "celsius",
+        "k",
+        "kelvin",
+        "f",
+        "fahrenheit",
+        "mv",
+        "millivolt",
+        "millivolts",
+    )
 
 
 def split(line: str, separator: str) -> list[str]:
@@ -187,7 +237,12 @@ def split(line: str, separator: str) -> list[str]:
 
 def _is_cell(text: str, decimal: str) -> bool:
     low = text.lower()
-    return is_number(text, decimal) or low in ABSENT or low in FLAGS or CLOCK.fullmatch(text) is not None
+    return (
+        is_number(text, decimal)
+        or low in ABSENT
+        or low in FLAGS
+        or CLOCK.fullmatch(text) is not None
+    )
 
 
 def _is_data(parts: list[str], decimal: str) -> bool:
@@ -196,9 +251,13 @@ def _is_data(parts: list[str], decimal: str) -> bool:
     return good >= max(1.0, 0.6 * len(full)) and any(is_number(p, decimal) for p in full)
 
 
-def _try(lines: Sequence[str], separator: str, decimal: str, known: Collection[str]) -> tuple[float, _Found] | None:
+def _try(
+    lines: Sequence[str], separator: str, decimal: str, known: Collection[str]
+) -> tuple[float, _Found] | None:
     """How well the lines fit this separator and decimal mark, and where header and data then are; None: not at all."""
-    top = next((i for i, line in enumerate(lines) if line.strip() and not line.startswith("#")), len(lines))
+    top = next(
+        (i for i, line in enumerate(lines) if line.strip() and not line.startswith("#")), len(lines)
+    )
     rows, data = list[tuple[int, list[str]]](), list[int]()
     for i, line in enumerate(lines[top:], top):
         if line.strip():
@@ -212,15 +271,24 @@ def _try(lines: Sequence[str], separator: str, decimal: str, known: Collection[s
     counts = [len(rows[k][1]) for k in data]
     fields = max(set(counts), key=counts.count)
     first = next(k for k in data if len(rows[k][1]) == fields)
-    exact = sum(len(rows[k][1]) == fields and all(_is_cell(p, decimal) for p in rows[k][1]) for k in data)
+    exact = sum(
+        len(rows[k][1]) == fields and all(_is_cell(p, decimal) for p in rows[k][1]) for k in data
+    )
     marks = sum(decimal in p for k in data[:50] for p in rows[k][1])
     score = exact / len(data) + 0.01 * fields + (0.001 if marks else 0.0)
     header = _header(rows[:first], fields, decimal, known)
     if header is not None:
         # below the header only units may stand: a row that holds numbers is data, damaged or not
-        first = next((k for k in range(header + 1, first) if _numeric_share(rows[k][1], decimal) > 0.25), first)
+        first = next(
+            (k for k in range(header + 1, first) if _numeric_share(rows[k][1], decimal) > 0.25),
+            first,
+        )
     names = () if header is None else tuple(rows[header][1])
-    units = () if header is None else _unit_row([parts for _, parts in rows[header + 1 : first]], fields)
+    units = (
+        ()
+        if header is None
+        else _unit_row([parts for _, parts in rows[header + 1 : first]], fields)
+    )
     return score, (separator, decimal, names, rows[first][0], tuple(rows[first][1]), fields, units)
 
 
@@ -228,18 +296,29 @@ def _unit_row(rows: Sequence[Sequence[str]], fields: int) -> tuple[str, ...]:
     """The cells of the row of units below the header, brackets taken away; empty where there is none."""
     for parts in rows:
         cells = tuple(re.sub(r"^[\[(]\s*(.*?)\s*[\])]$", r"\1", part.strip()) for part in parts)
-        known = any(cell.rstrip(".").lower() in SECONDS_PER_UNIT or is_temperature_unit(cell) for cell in cells)
+        known = any(
+            cell.rstrip(".").lower() in SECONDS_PER_UNIT or is_temperature_unit(cell)
+            for cell in cells
+        )
         if len(cells) == fields and known:
             return tuple(cell if re.search(r"[^\W\d_]|°", cell) else "" for cell in cells)
     return ()
 
 
-def _header(rows: list[tuple[int, list[str]]], fields: int, decimal: str, known: Collection[str]) -> int | None:
-    fits = [k for k, (_, parts) in enumerate(rows) if len(parts) > 1 and abs(len(parts) - fields) <= 1]
+def _header(
+    rows: list[tuple[int, list[str]]], fields: int, decimal: str, known: Collection[str]
+) -> int | None:
+    fits = [
+        k for k, (_, parts) in enumerate(rows) if len(parts) > 1 and abs(len(parts) - fields) <= 1
+    ]
     fits = [k for k in fits if not _is_data(rows[k][1], decimal)]
     if fits:
         return max(fits, key=lambda k: sum(n.lower() in known for n in rows[k][1]))
-    return len(rows) - 1 if rows and len(rows[-1][1]) > 1 and not _is_data(rows[-1][1], decimal) else None
+    return (
+        len(rows) - 1
+        if rows and len(rows[-1][1]) > 1 and not _is_data(rows[-1][1], decimal)
+        else None
+    )
 
 
 def _numeric_share(parts: list[str], decimal: str) -> float:
@@ -277,7 +356,10 @@ class TextColumn:
             elif low in FLAGS:
                 out[i] = FLAGS[low]
             elif low not in ABSENT:
-                self.first_bad = self.first_bad or {"row": self.place.row(at + i), "text": text[:40]}
+                self.first_bad = self.first_bad or {
+                    "row": self.place.row(at + i),
+                    "text": text[:40],
+                }
                 self.bad += 1
             elif "inf" in low:
                 out[i] = np.inf

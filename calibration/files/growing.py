@@ -46,7 +46,9 @@ class GrowingTable:
             self.file = _identity(stream)
             whole, self.hash, self.tail = _read_to(stream, offset)
         if not whole:
-            raise InputError("the log is shorter than the state file remembers", where=shown(self.path))
+            raise InputError(
+                "the log is shorter than the state file remembers", where=shown(self.path)
+            )
         self.offset = offset
 
     def first_numbers(self, place: int, most: int = 100) -> Array:
@@ -54,9 +56,13 @@ class GrowingTable:
         dialect = self.table.dialect
         with open(self.path, "rb") as stream:
             stream.seek(self.first_byte)
-            lines = [line.decode("latin-1") for line in islice(stream, most) if line.endswith(b"\n")]
+            lines = [
+                line.decode("latin-1") for line in islice(stream, most) if line.endswith(b"\n")
+            ]
         rows = [split(line, dialect.separator) for line in lines]
-        return np.array([_number(row[place], dialect.decimal) for row in rows if len(row) == len(dialect.names)])
+        return np.array(
+            [_number(row[place], dialect.decimal) for row in rows if len(row) == len(dialect.names)]
+        )
 
     def new_rows(self, places: Sequence[int]) -> list[list[float]] | None:
         """The fields at ``places`` of the lines that are new, NaN for what is no number; None without a whole line.
@@ -89,7 +95,9 @@ class GrowingTable:
                 file = _identity(stream)
                 size = os.fstat(stream.fileno()).st_size
                 if size < self.offset:
-                    raise self._not_the_log(f"it became shorter ({size} bytes, {self.offset} were read)")
+                    raise self._not_the_log(
+                        f"it became shorter ({size} bytes, {self.offset} were read)"
+                    )
                 if file != self.file:
                     if _read_to(stream, self.offset)[1].digest() != self.hash.digest():
                         raise self._not_the_log("another file with other rows is in its place")
@@ -122,7 +130,9 @@ def open_growing(path: Path, known: Sequence[str]) -> GrowingTable | None:
         return None
     table = open_table(path, known)
     if not isinstance(table, CsvTable) or table.dialect.body is not None:
-        raise InputError("does not grow line by line", where=shown(path), expected="a CSV log to follow (UTF-8)")
+        raise InputError(
+            "does not grow line by line", where=shown(path), expected="a CSV log to follow (UTF-8)"
+        )
     with open(path, "rb") as stream:
         head = [stream.readline() for _ in range(table.dialect.skip)]
         below = [stream.readline(), stream.readline()]

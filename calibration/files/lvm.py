@@ -54,7 +54,9 @@ def lvm_table(path: Path, where: str, pieces: Pieces) -> Table:
     if not segments:
         raise InputError("holds no rows of data", where=where, expected="numbers below the header")
     if any(s.names != segments[0].names for s in segments):
-        raise InputError("its segments hold different channels", where=where, remedy="save one segment a file")
+        raise InputError(
+            "its segments hold different channels", where=where, remedy="save one segment a file"
+        )
     whole = _timed(segments)
     return Table(where, tuple(whole.data), head, partial(in_pieces, whole))
 
@@ -65,7 +67,9 @@ def _file_head(lines: list[str]) -> dict[str, str]:
         for mark in ("\t", ";", ","):
             key, found, value = line.partition(mark)
             if found:
-                head[key.strip()] = value.strip("\t;").strip() if mark != "," else value.strip().rstrip(",") or ","
+                head[key.strip()] = (
+                    value.strip("\t;").strip() if mark != "," else value.strip().rstrip(",") or ","
+                )
                 break
     return head
 
@@ -92,7 +96,11 @@ def _segment(
     first = at + 2
     body: list[str] = []
     for at in range(first - 1, len(lines) + 1):
-        if at == len(lines) or not lines[at].replace(separator, "").strip() or lines[at].startswith("Channels"):
+        if (
+            at == len(lines)
+            or not lines[at].replace(separator, "").strip()
+            or lines[at].startswith("Channels")
+        ):
             break
         body.append(separator.join(lines[at].split(separator)[:width]))
     if not body:
@@ -102,7 +110,9 @@ def _segment(
     lined = "\n" * (first - 1) + "\n".join(body) + "\n"
     row = tuple(body[0].split(separator))
     dialect = Dialect(where, "utf-8", separator, decimal, keys, first - 1, row, body=lined.encode())
-    return _Segment(head, names, read_whole(Table(where, keys, {}, partial(pieces, dialect)), keys)), at
+    return _Segment(
+        head, names, read_whole(Table(where, keys, {}, partial(pieces, dialect)), keys)
+    ), at
 
 
 def _timed(segments: list[_Segment]) -> Columns:
@@ -112,13 +122,19 @@ def _timed(segments: list[_Segment]) -> Columns:
     values = np.concatenate([np.column_stack([*s.columns.data.values()]) for s in segments])
     found = tuple(f for s in segments for f in s.columns.findings)
     x_at = [i for i, n in enumerate(names) if n == "X_Value"]
-    own = {n: np.ascontiguousarray(values[:, i]) for i, n in enumerate(names) if n not in ("", "X_Value")}
+    own = {
+        n: np.ascontiguousarray(values[:, i])
+        for i, n in enumerate(names)
+        if n not in ("", "X_Value")
+    }
     if "time_s" in own or "time" in own:
         return Columns(own, place, found)
     if len(x_at) == 1 and np.isfinite(values[:, x_at[0]]).any():
         return Columns({"time_s": values[:, x_at[0]].copy(), **own}, place, found)
     if len(x_at) <= 1 and len(segments) > 1:
-        raise InputError("has several segments and no X column", where=where, remedy="write X values in LabVIEW")
+        raise InputError(
+            "has several segments and no X column", where=where, remedy="write X values in LabVIEW"
+        )
     tracks = {}
     for k, (name, y) in enumerate(own.items()):
         if len(x_at) <= 1:
@@ -129,10 +145,14 @@ def _timed(segments: list[_Segment]) -> Columns:
         good = np.isfinite(x) & np.isfinite(y)
         if good.sum() < 2:
             raise InputError(f"channel {name} has no X values", where=where)
-        tracks[name] = Track(y[good], float(x[good][0]), float((x[good][-1] - x[good][0]) / (good.sum() - 1)))
+        tracks[name] = Track(
+            y[good], float(x[good][0]), float((x[good][-1] - x[good][0]) / (good.sum() - 1))
+        )
     time, data, said = align(tracks, where)
     if time is None:
-        raise InputError("no time: neither X values nor Delta_X", where=where, expected="Delta_X in the header")
+        raise InputError(
+            "no time: neither X values nor Delta_X", where=where, expected="Delta_X in the header"
+        )
     return Columns({"time_s": time, **data}, place, (*found, *said))
 
 

@@ -20,7 +20,9 @@ def sealed(data: Mapping[str, Any]) -> dict[str, Any]:
     >>> sealed({"beta": 0.7}) == sealed(sealed({"beta": 0.7}))
     True
     """
-    plain: dict[str, Any] = json.loads(json.dumps(jsonable({k: v for k, v in data.items() if k != SEAL})))
+    plain: dict[str, Any] = json.loads(
+        json.dumps(jsonable({k: v for k, v in data.items() if k != SEAL}))
+    )
     return {**plain, SEAL: checksum(plain)}
 
 

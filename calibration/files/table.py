@@ -63,9 +63,14 @@ def read_whole(table: Table, wanted: Sequence[str]) -> Columns:
 
 def joined(parts: Sequence[Columns], wanted: Sequence[str], place: Place) -> Columns:
     """The wanted columns of all ``parts``, one below the other, with their findings."""
-    data = {name: np.concatenate([np.empty(0), *(part.data[name] for part in parts)]) for name in wanted}
+    data = {
+        name: np.concatenate([np.empty(0), *(part.data[name] for part in parts)]) for name in wanted
+    }
     clocks = {name for part in parts for name in part.stamps}
-    stamps = {name: np.concatenate([part.stamps[name] for part in parts if name in part.stamps]) for name in clocks}
+    stamps = {
+        name: np.concatenate([part.stamps[name] for part in parts if name in part.stamps])
+        for name in clocks
+    }
     return Columns(data, place, tuple(f for part in parts for f in part.findings), stamps)
 
 
@@ -73,9 +78,11 @@ def missing(what: str, name: str, names: Collection[str], where: str) -> InputEr
     """The error of a column that is not among ``names``."""
     near = get_close_matches(name, names, n=1, cutoff=0.6)
     return InputError(
-        f"{what} {name!r} is missing", where=where, expected=f"one of {', '.join(map(repr, names))}",
+        f"{what} {name!r} is missing",
+        where=where,
+        expected=f"one of {', '.join(map(repr, names))}",
         remedy=f"did you mean {near[0]!r}?" if near else "",
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True)
@@ -97,7 +104,9 @@ class Track:
         return self.start_s + (len(self.values) - 1) * (self.dt_s or 0.0)
 
 
-def align(tracks: Mapping[str, Track], where: str) -> tuple[Array | None, dict[str, Array], list[Finding]]:
+def align(
+    tracks: Mapping[str, Track], where: str
+) -> tuple[Array | None, dict[str, Array], list[Finding]]:
     """Time [s] from the common start (None if no track has one), the channels on it, and what was done.
 
     Tracks that agree are stacked as they are. Others are cut to the span that all share and put on the grid of the
@@ -149,7 +158,9 @@ def _onto_grid(tracks: Mapping[str, Track], where: str) -> tuple[Array, dict[str
     first = int(np.ceil((begin - grid.start_s) / step - SAME))
     last = int(np.floor((end - grid.start_s) / step + SAME))
     if last <= first:
-        raise InputError("the channels share no time", where=where, expected="overlapping time tracks")
+        raise InputError(
+            "the channels share no time", where=where, expected="overlapping time tracks"
+        )
     at = grid.start_s + np.arange(first, last + 1) * step
     data: dict[str, Array] = {}
     for name, track in tracks.items():

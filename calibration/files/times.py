@@ -19,14 +19,25 @@ from calibration.errors import InputError
 # seconds per unit; the first spelling of each unit is the one that messages use
 _SPELLINGS: dict[float, tuple[str, ...]] = {
     1.0: ("s", "sec", "secs", "second", "seconds", "sek", "sekunde", "sekunden"),
-    1e-3: ("ms", "msec", "msecs", "millis", "millisecond", "milliseconds", "milli", "millisekunden"),
+    1e-3: (
+        "ms",
+        "msec",
+        "msecs",
+        "millis",
+        "millisecond",
+        "milliseconds",
+        "milli",
+        "millisekunden",
+    ),
     1e-6: ("us", "µs", "μs", "usec", "usecs", "micros", "microsecond", "microseconds"),
     1e-9: ("ns", "nsec", "nanosecond", "nanoseconds"),
     60.0: ("min", "mins", "minute", "minutes", "minuten"),
     3600.0: ("h", "hr", "hrs", "hour", "hours", "std", "stunde", "stunden"),
     86400.0: ("days", "d", "day", "tag", "tage"),
 }
-SECONDS_PER_UNIT = {spelling: seconds for seconds, spellings in _SPELLINGS.items() for spelling in spellings}
+SECONDS_PER_UNIT = {
+    spelling: seconds for seconds, spellings in _SPELLINGS.items() for spelling in spellings
+}
 TIME_UNITS = tuple(spellings[0] for spellings in _SPELLINGS.values())
 TIME_NAMES = re.compile(
     r"(time|t|time_?stamp|date[_ /]?time|time[_ ]?elapsed|elapsed([_ ]?time)?|clock)", re.IGNORECASE
@@ -46,7 +57,11 @@ DAY_NUMBERS = ((25_000.0, 60_000.0), (718_700.0, 754_000.0), (2_439_800.0, 2_475
 DAY_STEP = 0.1
 LATEST_EPOCH_S = 4e9  # seconds since 1970: the year 2096; larger numbers are milliseconds
 # Steps that are a round number of seconds in minutes, hours or days, and seldom a round number in seconds
-ROUND_SECONDS = {60.0: (1, 2, 5, 10), 3600.0: (1, 2, 5, 10, 15, 30), 86400.0: (1, 2, 5, 10, 15, 30, 60, 300, 600, 900)}
+ROUND_SECONDS = {
+    60.0: (1, 2, 5, 10),
+    3600.0: (1, 2, 5, 10, 15, 30),
+    86400.0: (1, 2, 5, 10, 15, 30, 60, 300, 600, 900),
+}
 SAME_STEP = 2e-3  # relative difference of two steps that are one: files round their times
 
 
@@ -112,9 +127,13 @@ class TimeColumn:
             for seconds_per_unit, choices in ROUND_SECONDS.items()
             for seconds in choices
         )
-        is_plausible = SHORTEST_PLAUSIBLE_STEP_S <= step <= LONGEST_PLAUSIBLE_STEP_S and start < LATEST_EPOCH_S
+        is_plausible = (
+            SHORTEST_PLAUSIBLE_STEP_S <= step <= LONGEST_PLAUSIBLE_STEP_S and start < LATEST_EPOCH_S
+        )
         if may_be_days or round_in_another_unit or not is_plausible:
-            raise self._unit_request(f"no unit is stated, and a time step of {step:.4g} may be in any unit")
+            raise self._unit_request(
+                f"no unit is stated, and a time step of {step:.4g} may be in any unit"
+            )
 
     def _unit_request(self, problem: str) -> InputError:
         return InputError(
@@ -197,7 +216,9 @@ def split_unit(name: str) -> tuple[str, str]:
     (('Time', 'minutes'), ('t', 'ms'), ('elapsed_time', ''), ('Time', 'h'))
     """
     match = _NAME_AND_UNIT.fullmatch(name)
-    if match is not None and (match["bracket"] is not None or match["after"].lower() in SECONDS_PER_UNIT):
+    if match is not None and (
+        match["bracket"] is not None or match["after"].lower() in SECONDS_PER_UNIT
+    ):
         unit = match["bracket"] if match["bracket"] is not None else match["after"]
         return match["stem"].strip(), unit.rstrip(".")
     match = _SUFFIX.fullmatch(name.strip())
@@ -252,7 +273,9 @@ class Stamps:
             return of_day
         if np.isnan(self.first_s):
             if not np.isfinite(of_day[0]):
-                raise InputError(f"column {self.column}: {texts[0]!r} is no clock time", where=self.where)
+                raise InputError(
+                    f"column {self.column}: {texts[0]!r} is no clock time", where=self.where
+                )
             self.first_s = float(of_day[0])
             self.last_s = self.first_s
         if parts["date"].notna().any():
@@ -298,7 +321,9 @@ def _date_fields(text: str, column: str, where: str) -> tuple[int, int, int]:
         return day, month, year
     first, second, year = numbers
     if "." in text and second > 12:
-        raise InputError(f"column {column}: {text!r} is no date", where=where, expected="day.month.year")
+        raise InputError(
+            f"column {column}: {text!r} is no date", where=where, expected="day.month.year"
+        )
     return first, second, year + 2000 if year < 100 else year
 
 
@@ -337,7 +362,9 @@ def _day_number(fields: tuple[int, int, int], day_first: bool, column: str, wher
     try:
         return date(year, month, day).toordinal()
     except ValueError:
-        what = f"column {column}: {first:02}/{second:02}/{year} is no date in the order of the others"
+        what = (
+            f"column {column}: {first:02}/{second:02}/{year} is no date in the order of the others"
+        )
         raise InputError(what, where=where, expected="one form of date in the column") from None
 
 
@@ -440,7 +467,10 @@ def is_date(text: str, column: str = "") -> bool:
     """
     if _DATE_ONLY.fullmatch(text) is not None:
         return True
-    return column.strip().lower() in ("date", "datum") and re.fullmatch(r"(19|20)\d{6}", text) is not None
+    return (
+        column.strip().lower() in ("date", "datum")
+        and re.fullmatch(r"(19|20)\d{6}", text) is not None
+    )
 
 
 def is_time_of_day(text: str) -> bool:

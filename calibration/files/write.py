@@ -40,7 +40,9 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
         if target.exists() and not target.is_file():
             kind = "a folder" if target.is_dir() else "no file but a device"
             raise InputError(f"is {kind}", where=str(path), expected="a file to write")
-        handle, name = tempfile.mkstemp(prefix=f".{target.stem[:40]}.", suffix=target.suffix, dir=target.parent)
+        handle, name = tempfile.mkstemp(
+            prefix=f".{target.stem[:40]}.", suffix=target.suffix, dir=target.parent
+        )
     except InputError:
         raise
     except (OSError, ValueError, RuntimeError) as problem:
@@ -56,7 +58,9 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     except OSError as problem:
         if problem.errno not in FULL:  # what was read, perhaps
             raise
-        raise _unwritable(problem, path, "make room, or write elsewhere; nothing half-written was kept") from None
+        raise _unwritable(
+            problem, path, "make room, or write elsewhere; nothing half-written was kept"
+        ) from None
     finally:
         with suppress(FileNotFoundError):
             beside.unlink()
@@ -80,7 +84,9 @@ def _umask() -> int:
     return mask
 
 
-def write_log(frame: pd.DataFrame, path: str | Path, metadata: Mapping[str, str] | None = None) -> Path:
+def write_log(
+    frame: pd.DataFrame, path: str | Path, metadata: Mapping[str, str] | None = None
+) -> Path:
     """Write the columns of ``frame`` to ``path``: .csv, .parquet or .tdms; numbers keep all their digits.
 
     ``metadata`` goes to ``# key: value`` lines above the header (CSV), the file's key-value pairs (Parquet) or the
@@ -93,7 +99,9 @@ def write_log(frame: pd.DataFrame, path: str | Path, metadata: Mapping[str, str]
     writer = writers.get(target.suffix.lower())
     if writer is None:
         raise InputError(
-            f"ending {target.suffix!r}", where=str(target), expected="an output ending in .csv, .parquet or .tdms"
+            f"ending {target.suffix!r}",
+            where=str(target),
+            expected="an output ending in .csv, .parquet or .tdms",
         )
     with atomic_path(target) as beside:
         writer(frame, beside, notes)
@@ -122,10 +130,14 @@ def log_writer(
             kinds = {n: pa.string() if n in text else pa.float64() for n in names}
             fields = pa.schema(list(kinds.items()), metadata=dict(notes))
             with pq.ParquetWriter(beside, fields) as parquet:
-                yield lambda frame: parquet.write_table(_arrow(frame).replace_schema_metadata(dict(notes)))
+                yield lambda frame: parquet.write_table(
+                    _arrow(frame).replace_schema_metadata(dict(notes))
+                )
             return
         with open(beside, "wb") as stream:
-            stream.write("".join(f"# {key}: {value}\n" for key, value in notes.items()).encode("utf-8"))
+            stream.write(
+                "".join(f"# {key}: {value}\n" for key, value in notes.items()).encode("utf-8")
+            )
             stream.write(header_line(names).encode("utf-8"))
 
             def append(frame: pd.DataFrame) -> None:
@@ -157,7 +169,9 @@ def _one_line(text: object) -> str:
 
 
 def _arrow(frame: pd.DataFrame) -> pa.Table:
-    return pa.table({str(n): pa.array(frame[n].to_numpy(), from_pandas=True) for n in frame.columns})
+    return pa.table(
+        {str(n): pa.array(frame[n].to_numpy(), from_pandas=True) for n in frame.columns}
+    )
 
 
 def _csv(frame: pd.DataFrame, path: Path, notes: Mapping[str, str]) -> None:
@@ -178,7 +192,8 @@ def _tdms(frame: pd.DataFrame, path: Path, notes: Mapping[str, str]) -> None:
     from nptdms import ChannelObject, RootObject, TdmsWriter
 
     channels = [
-        ChannelObject("log", str(n), np.ascontiguousarray(frame[n].to_numpy(dtype=float))) for n in frame.columns
+        ChannelObject("log", str(n), np.ascontiguousarray(frame[n].to_numpy(dtype=float)))
+        for n in frame.columns
     ]
     with TdmsWriter(path) as writer:
         writer.write_segment([RootObject(properties=dict(notes)), *channels])

@@ -56,7 +56,9 @@ class RestBudget:
     @property
     def coverage(self) -> float:
         """Coverage factor k for 95 %: Student's at the effective degrees of freedom, rounded down."""
-        return float(stdtrit(math.floor(max(self.freedom, 1.0)), 0.975)) if self.freedom < 1e6 else Z95
+        return (
+            float(stdtrit(math.floor(max(self.freedom, 1.0)), 0.975)) if self.freedom < 1e6 else Z95
+        )
 
     @property
     def expanded(self) -> float:
@@ -64,7 +66,9 @@ class RestBudget:
         return self.coverage * self.u
 
 
-def rest_budget(line: StaticLine, stated: TraceabilityTable, on: date, temperature_degC: float) -> RestBudget:
+def rest_budget(
+    line: StaticLine, stated: TraceabilityTable, on: date, temperature_degC: float
+) -> RestBudget:
     """The reading of a channel at rest at ``temperature_degC``, calibrated ``on`` that day.
 
     A line's covariance was widened by t/1.96 for its few holds; here its own standard uncertainty stands beside its
@@ -84,7 +88,9 @@ def rest_budget(line: StaticLine, stated: TraceabilityTable, on: date, temperatu
     sources = [
         Contribution("line through the holds", temperature_degC, own, "Student", 1.0, freedom)
         if freedom > 0
-        else Contribution("readings as logged, as stated", temperature_degC, own, "normal", 1.0, math.inf),
+        else Contribution(
+            "readings as logged, as stated", temperature_degC, own, "normal", 1.0, math.inf
+        ),
         Contribution("reference's certificate", 0.0, certificate, "normal", 1.0, math.inf),
         Contribution("reference's drift since", 0.0, drift, "uniform", 1.0, math.inf),
     ]

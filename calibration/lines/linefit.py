@@ -39,7 +39,9 @@ class LineFit:
         return float(self.intercepts[0])
 
 
-def fit_line(x: ArrayLike, y: ArrayLike, *, u_y: float = 0.0, groups: ArrayLike | None = None) -> LineFit:
+def fit_line(
+    x: ArrayLike, y: ArrayLike, *, u_y: float = 0.0, groups: ArrayLike | None = None
+) -> LineFit:
     """Least squares line of y on x, both of shape (N,), N >= 3; ``groups`` (N,) are numbers 0 .. k - 1.
 
     With ``u_y``, the known standard error of y, what the residuals hold beyond it is taken as noise of x, and the
@@ -63,7 +65,9 @@ def fit_line(x: ArrayLike, y: ArrayLike, *, u_y: float = 0.0, groups: ArrayLike 
     dx, dy = x - mx[at], y - my[at]
     sxx, syy, dof = float(dx @ dx), float(dy @ dy), n - 1 - len(count)
     if sxx <= 1e-24 * max(float(x @ x), 1e-300):
-        raise InputError("the points of a calibration line all lie at one place", expected="a spread of inputs")
+        raise InputError(
+            "the points of a calibration line all lie at one place", expected="a spread of inputs"
+        )
     slope = float(dx @ dy) / sxx
     if u_y > 0.0:
         rest = dy - slope * dx
@@ -96,7 +100,11 @@ def quadratic_p(fit: LineFit) -> float | None:
     z = (fit.x - fit.x.mean()) / np.std(fit.x)
     coefficients, covariance = np.polyfit(z, fit.y, 2, cov=True)
     variance = float(covariance[0, 0])
-    return float(2 * scipy.special.stdtr(n - 3, -abs(coefficients[0]) / np.sqrt(variance))) if variance > 0 else None
+    return (
+        float(2 * scipy.special.stdtr(n - 3, -abs(coefficients[0]) / np.sqrt(variance)))
+        if variance > 0
+        else None
+    )
 
 
 def repeat_shift(fit: LineFit, repeats: ArrayLike) -> tuple[float | None, float, float | None]:
@@ -124,7 +132,12 @@ def _sums_of_squares(fit: LineFit, groups: ArrayLike) -> tuple[int, int, float, 
     at = np.unique(np.asarray(groups), return_inverse=True)[1]
     count = np.bincount(at)
     mean = np.bincount(at, weights=fit.residuals) / count
-    return len(count), len(at), float(count @ mean**2), float(np.sum((fit.residuals - mean[at]) ** 2))
+    return (
+        len(count),
+        len(at),
+        float(count @ mean**2),
+        float(np.sum((fit.residuals - mean[at]) ** 2)),
+    )
 
 
 def outlying(fit: LineFit, level: float = 0.01) -> list[int]:

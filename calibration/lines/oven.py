@@ -61,7 +61,9 @@ def hold_means(frame: pd.DataFrame) -> pd.DataFrame:
         return frame.reset_index(drop=True)
     names = couples_in(frame)
     offset = frame[names].sub(frame["prt_degC"], axis=0)
-    grouped = offset.assign(prt_degC=frame["prt_degC"]).groupby([frame[k] for k in keys], sort=False)
+    grouped = offset.assign(prt_degC=frame["prt_degC"]).groupby(
+        [frame[k] for k in keys], sort=False
+    )
     means = grouped.mean()
     means[names] = means[names].add(means["prt_degC"], axis=0)
     return means.reset_index()[[*keys, "prt_degC", *names]]
@@ -91,7 +93,9 @@ def steady_minutes(
         near = np.flatnonzero(np.abs(np.arange(len(means)) - i) <= 5)
         if len(near) < 6 or np.ptp(level[near]) > apart_K:
             continue
-        steady[i] = all(_drift_below(t_h[near], means[n].to_numpy()[near], drift_K_per_h) for n in names)
+        steady[i] = all(
+            _drift_below(t_h[near], means[n].to_numpy()[near], drift_K_per_h) for n in names
+        )
     rows: list[dict[str, float]] = []
     seen: list[float] = []
     for plateau in _plateaus(steady, level, apart_K):
@@ -99,7 +103,13 @@ def steady_minutes(
         repeat = 1 + sum(abs(s - last["prt_degC"]) < apart_K for s in seen)
         seen.append(float(last["prt_degC"]))
         setpoint = 5.0 * np.rint(last["prt_degC"] / 5.0)
-        rows.append({"repeat": float(repeat), "setpoint_degC": float(setpoint), **{n: float(last[n]) for n in names}})
+        rows.append(
+            {
+                "repeat": float(repeat),
+                "setpoint_degC": float(setpoint),
+                **{n: float(last[n]) for n in names},
+            }
+        )
     if not rows:
         raise InputError(
             "no steady stretch in the oven log",
@@ -213,5 +223,7 @@ def check_oven(frame: pd.DataFrame, place: Place) -> list[Finding]:
         far = np.abs(y - prt) > 15.0
         if far.any():
             i = int(np.argmax(far))
-            found.append(look("oven.far", subject=name, value_degC=y[i], prt_degC=prt[i], **place.of(i)))
+            found.append(
+                look("oven.far", subject=name, value_degC=y[i], prt_degC=prt[i], **place.of(i))
+            )
     return found

@@ -17,16 +17,29 @@ from calibration.disk import CHANNELS
 from calibration.errors import InputError
 from calibration.estimate import Estimate
 from calibration.finding import Finding, look, note
-from calibration.lines.linefit import LineFit, fit_line, lack_of_fit_p, outlying, quadratic_p, repeat_shift
+from calibration.lines.linefit import (
+    LineFit,
+    fit_line,
+    lack_of_fit_p,
+    outlying,
+    quadratic_p,
+    repeat_shift,
+)
 from calibration.lines.oven import error_statistics, hold_means
 from calibration.result import Result
 from calibration.stated import STRICT
 from calibration.traceability import PRT_U_DEGC
 
-SIGNIFICANT, CLEARLY = 0.01, 0.001  # a disk has some twenty such tests: only from the latter on it is asked to look
+SIGNIFICANT, CLEARLY = (
+    0.01,
+    0.001,
+)  # a disk has some twenty such tests: only from the latter on it is asked to look
 FAR_K = 10.0  # beyond the oven's range
 MIDDLE_DEGC = 85.0  # of what a disk's junctions read
-WIRE_RANGE_DEGC = (-40.0, 333.0)  # in which the tolerance of thermocouple wire is one number (IEC 60584-1)
+WIRE_RANGE_DEGC = (
+    -40.0,
+    333.0,
+)  # in which the tolerance of thermocouple wire is one number (IEC 60584-1)
 
 
 class StaticLine(BaseModel):
@@ -55,7 +68,12 @@ class StaticLine(BaseModel):
     @model_validator(mode="after")
     def _sound(self) -> StaticLine:
         (a, b), (c, d) = self.covariance
-        if a < 0 or d < 0 or abs(b - c) > 1e-9 * (abs(b) + abs(c)) or b * b > a * d * (1 + 1e-6) + 1e-30:
+        if (
+            a < 0
+            or d < 0
+            or abs(b - c) > 1e-9 * (abs(b) + abs(c))
+            or b * b > a * d * (1 + 1e-6) + 1e-30
+        ):
             raise ValueError("covariance must be symmetric and positive semidefinite")
         if self.range_degC[0] >= self.range_degC[1]:
             raise ValueError("range_degC must be (low, high)")
@@ -98,7 +116,9 @@ class OvenFit(Result):
         return lines_table(self.lines)
 
 
-def fit_static_lines(frame: pd.DataFrame, prt_u_degC: float = PRT_U_DEGC, prt_shared_u_degC: float = 0.0) -> OvenFit:
+def fit_static_lines(
+    frame: pd.DataFrame, prt_u_degC: float = PRT_U_DEGC, prt_shared_u_degC: float = 0.0
+) -> OvenFit:
     """Lines T = gain * logged + offset of every channel of an oven log (``Log.frame``).
 
     Rows of one hold (same repeat and set point) share the error of the PRT and count as one point, their mean. The
@@ -120,7 +140,9 @@ def fit_static_lines(frame: pd.DataFrame, prt_u_degC: float = PRT_U_DEGC, prt_sh
         logged = frame[f"{channel}_degC"].to_numpy(dtype=float)
         ok = np.isfinite(logged) & np.isfinite(prt)
         if ok.sum() < 3:
-            raise InputError(f"channel {channel} has {int(ok.sum())} oven rows", expected="at least 3")
+            raise InputError(
+                f"channel {channel} has {int(ok.sum())} oven rows", expected="at least 3"
+            )
         fit = fit_line(logged[ok], prt[ok], u_y=prt_u_degC)
         lines[channel], said = _line(channel, fit, frame[ok], prt_shared_u_degC)
         found += said
@@ -132,14 +154,20 @@ def fit_static_lines(frame: pd.DataFrame, prt_u_degC: float = PRT_U_DEGC, prt_sh
     return OvenFit(lines, table, residuals, raw, after, tuple(found))
 
 
-def _line(channel: str, fit: LineFit, rows: pd.DataFrame, shared_u: float) -> tuple[StaticLine, list[Finding]]:
+def _line(
+    channel: str, fit: LineFit, rows: pd.DataFrame, shared_u: float
+) -> tuple[StaticLine, list[Finding]]:
     within, shift_u, shift_p = repeat_shift(fit, rows["repeat"].to_numpy())
     found = _failed(shift_p, "line.repeats_shift", channel, u_degC=shift_u)
     variance = shift_u**2 if found else 0.0
     for i in outlying(fit):
         repeat, setpoint = (float(rows[key].iloc[i]) for key in ("repeat", "setpoint_degC"))
         off_K = fit.residuals[i]
-        found.append(look("line.outlying", subject=channel, repeat=repeat, setpoint_degC=setpoint, off_K=off_K))
+        found.append(
+            look(
+                "line.outlying", subject=channel, repeat=repeat, setpoint_degC=setpoint, off_K=off_K
+            )
+        )
     (gg, go), (_, oo) = (fit.covariance_95 + np.diag([0.0, variance])).tolist()
     line = StaticLine(
         gain=fit.slope,
@@ -167,7 +195,10 @@ def unit_lines(u_K: float, channels: Iterable[str] = CHANNELS) -> dict[str, Stat
     [1.07, 0.9, 1.07]
     """
     slope = (u_K / 100.0) ** 2
-    covariance = (slope, -MIDDLE_DEGC * slope), (-MIDDLE_DEGC * slope, u_K**2 + MIDDLE_DEGC**2 * slope)
+    covariance = (
+        (slope, -MIDDLE_DEGC * slope),
+        (-MIDDLE_DEGC * slope, u_K**2 + MIDDLE_DEGC**2 * slope),
+    )
     known = {"covariance": covariance, "range_degC": WIRE_RANGE_DEGC}
     return {c: StaticLine(gain=1.0, offset=0.0, **known) for c in channels}  # type: ignore[arg-type]
 
@@ -275,7 +306,10 @@ def extrapolated(
             "line.extrapolated",
             where=where,
             subject=", ".join(read),
-            read_degC=(min(low for low, _ in read.values()), max(high for _, high in read.values())),
+            read_degC=(
+                min(low for low, _ in read.values()),
+                max(high for _, high in read.values()),
+            ),
             range_degC=span,
         )
         for span, read in left.items()

@@ -49,16 +49,28 @@ class TransducerLine(Result):
     def summary(self) -> str:
         """Gain and the zero of each session with their 95 % intervals, and what was noticed."""
         held = f"{self.range_N[0]:g} to {self.range_N[1]:g} N"
-        lines = [f"force = {self.slope_N_V.text('N/V')} x volts + zero, {held}; gain {_interval(self.slope_N_V)}"]
-        lines += [f"session {name}: zero {z.text('N')}; {_interval(z)}" for name, z in self.intercept_N.items()]
+        lines = [
+            f"force = {self.slope_N_V.text('N/V')} x volts + zero, {held}; gain {_interval(self.slope_N_V)}"
+        ]
+        lines += [
+            f"session {name}: zero {z.text('N')}; {_interval(z)}"
+            for name, z in self.intercept_N.items()
+        ]
         if self.shift_N is not None:
-            lines.append(f"the zeros lie up to {self.shift_N.text('N')} apart: take the zero anew before each test")
+            lines.append(
+                f"the zeros lie up to {self.shift_N.text('N')} apart: take the zero anew before each test"
+            )
         lines.append(f"scatter {self.residual_sd_V:.2g} V, r squared {self.r_squared:.6f}")
         return "\n".join([*lines, *graded(self.findings)])
 
     def card(self) -> pd.DataFrame:
         """The zero of each session."""
-        return pd.DataFrame({"session": [*self.intercept_N], "zero [N]": [str(e) for e in self.intercept_N.values()]})
+        return pd.DataFrame(
+            {
+                "session": [*self.intercept_N],
+                "zero [N]": [str(e) for e in self.intercept_N.values()],
+            }
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Every estimate, the tests and the warnings."""
@@ -84,13 +96,19 @@ def fit_transducer(volts: ArrayLike, force_N: ArrayLike, session: ArrayLike) -> 
     n, k = len(v), len(names)
     ok = np.isfinite(v) & np.isfinite(f)
     if not ok.all():
-        raise InputError(f"point {int(np.argmin(ok)) + 1} of the transducer's calibration is no number")
+        raise InputError(
+            f"point {int(np.argmin(ok)) + 1} of the transducer's calibration is no number"
+        )
     if n < k + 2 or (np.bincount(at) < 2).any():
-        raise InputError(f"{n} points in {k} session(s)", expected="at least 2 a session and 2 to spare")
+        raise InputError(
+            f"{n} points in {k} session(s)", expected="at least 2 a session and 2 to spare"
+        )
     line = fit_line(f, v, groups=at)
     b, a = line.slope, line.intercepts
     if b == 0.0:
-        raise InputError("the transducer's volts do not follow the force", expected="different weights")
+        raise InputError(
+            "the transducer's volts do not follow the force", expected="different weights"
+        )
     turned = np.diag([-1 / b**2, *np.full(k, -1 / b)])  # d(1/b, -a/b) / d(b, a)
     turned[1:, 0] = a / b**2
     covariance = turned @ line.covariance_95 @ turned.T
@@ -99,7 +117,11 @@ def fit_transducer(volts: ArrayLike, force_N: ArrayLike, session: ArrayLike) -> 
     low, high = int(np.argmin(zero)), int(np.argmax(zero))
     apart = np.zeros(k + 1)
     apart[[1 + low, 1 + high]] = -1.0, 1.0
-    shift = Estimate.normal(zero[high] - zero[low], float(np.sqrt(apart @ covariance @ apart))) if k > 1 else None
+    shift = (
+        Estimate.normal(zero[high] - zero[low], float(np.sqrt(apart @ covariance @ apart)))
+        if k > 1
+        else None
+    )
     p = _slopes_differ_p(line, at)
     return TransducerLine(
         Estimate.normal(1 / b, u[0]),
@@ -126,7 +148,11 @@ def _slopes_differ_p(line: LineFit, at: NDArray[np.intp]) -> float | None:
             return None
         own += float(dv @ dv - (df @ dv) ** 2 / (df @ df))
     gained = max(line.sd**2 * line.dof - own, 0.0)
-    return float(scipy.special.fdtrc(k - 1, dof, gained / (line.dof - dof) / (own / dof))) if own > 0 else None
+    return (
+        float(scipy.special.fdtrc(k - 1, dof, gained / (line.dof - dof) / (own / dof)))
+        if own > 0
+        else None
+    )
 
 
 @dataclass(frozen=True)
@@ -148,7 +174,9 @@ class BearingFriction:
         nearest family beyond them. The pure-rolling test measured both shafts; their bearings are alike, hence
         half.
         """
-        load, rpm = np.broadcast_arrays(np.asarray(load_N, dtype=float), np.asarray(speed_slow_rpm, dtype=float))
+        load, rpm = np.broadcast_arrays(
+            np.asarray(load_N, dtype=float), np.asarray(speed_slow_rpm, dtype=float)
+        )
         friction, variance = np.zeros(load.shape), np.zeros(load.shape)
         for line, hat in zip(self.lines, np.eye(len(self.lines))):
             part = np.interp(rpm, self.speeds_rpm, hat)
@@ -165,7 +193,9 @@ class BearingFriction:
         return np.asarray((load < low) | (load > high) | (rpm < slow) | (rpm > fast))
 
 
-def fit_bearing_friction(load_N: ArrayLike, friction_N: ArrayLike, speed_slow_rpm: ArrayLike) -> BearingFriction:
+def fit_bearing_friction(
+    load_N: ArrayLike, friction_N: ArrayLike, speed_slow_rpm: ArrayLike
+) -> BearingFriction:
     """Lines of the pure-rolling test, arrays of shape (N,); points within 2 % of one speed make a family.
 
     Raises InputError for a family with fewer than 3 points.
@@ -183,7 +213,10 @@ def fit_bearing_friction(load_N: ArrayLike, friction_N: ArrayLike, speed_slow_rp
     for family in families:
         if len(family) < 3:
             raise InputError(
-                f"{len(family)} points at {rpm[family].mean():.4g} rpm", expected="at least 3 loads a speed"
+                f"{len(family)} points at {rpm[family].mean():.4g} rpm",
+                expected="at least 3 loads a speed",
             )
     speeds = tuple(float(rpm[family].mean()) for family in families)
-    return BearingFriction(speeds, tuple(fit_line(load[family], friction[family]) for family in families))
+    return BearingFriction(
+        speeds, tuple(fit_line(load[family], friction[family]) for family in families)
+    )

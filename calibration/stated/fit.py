@@ -46,7 +46,9 @@ class Patch:
 
     def __post_init__(self) -> None:
         if (self.to_deg - self.from_deg) % 360.0 == 0:
-            raise ValueError(f"a patch from {self.from_deg:g} to {self.to_deg:g} degrees has no width, or is all round")
+            raise ValueError(
+                f"a patch from {self.from_deg:g} to {self.to_deg:g} degrees has no width, or is all round"
+            )
 
 
 @dataclass(frozen=True)
@@ -87,12 +89,18 @@ class PressFit:
         """
         out = []
         for key in self.keyways:
-            width = key.width_deg or float(np.rad2deg(key.width_mm / bore_radius_mm if bore_radius_mm else np.inf))
+            width = key.width_deg or float(
+                np.rad2deg(key.width_mm / bore_radius_mm if bore_radius_mm else np.inf)
+            )
             if not width < 360:
-                raise ValueError(f"fit.keyways: width_mm {key.width_mm:g} is more than the bore's circumference")
+                raise ValueError(
+                    f"fit.keyways: width_mm {key.width_mm:g} is more than the bore's circumference"
+                )
             out += _unrolled(key.angle_deg - 0.5 * width, key.angle_deg + 0.5 * width, key.share)
         for patch in self.patches:
-            out += _unrolled(patch.from_deg, patch.to_deg + 360.0 * (patch.to_deg < patch.from_deg), patch.share)
+            out += _unrolled(
+                patch.from_deg, patch.to_deg + 360.0 * (patch.to_deg < patch.from_deg), patch.share
+            )
         out = sorted(out)
         for (_, end, _), (start, beyond, _) in pairwise(out):
             if start < end - 1e-9:
@@ -151,7 +159,9 @@ def mean_shares(sectors: Sectors, edges_deg: Array) -> Array:
     array([0. , 0.5, 1. ])
     """
     ends = np.array([0.0, *(x for a, b, _ in sectors for x in (a, b)), 360.0])
-    lost = np.array([0.0, *(x for a, b, s in sectors for x in (0.0, (1 - s) * (b - a))), 0.0]).cumsum()
+    lost = np.array(
+        [0.0, *(x for a, b, s in sectors for x in (0.0, (1 - s) * (b - a))), 0.0]
+    ).cumsum()
     turns, at = np.divmod(edges_deg, 360.0)
     total = np.asarray(edges_deg) - turns * lost[-1] - np.interp(at, ends, lost)
     return np.asarray(np.diff(total) / np.diff(edges_deg))

@@ -5,7 +5,14 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 
-_PLACES = {"a": (3.0, 4.765), "b": (6.0, 4.765), "c": (3.0, 2.0), "d": (6.0, 2.0), "e": (1.25, 4.765), "f": (6.0, 7.53)}
+_PLACES = {
+    "a": (3.0, 4.765),
+    "b": (6.0, 4.765),
+    "c": (3.0, 2.0),
+    "d": (6.0, 2.0),
+    "e": (1.25, 4.765),
+    "f": (6.0, 7.53),
+}
 LAYOUTS = {  # angle_deg of the junctions; two groups opposite each other, 15 degrees between neighbours (assumed)
     "table 6.2": {"a": 0.0, "e": 15.0, "f": 345.0, "b": 180.0, "c": 195.0, "d": 165.0},
     "clarke": (opposite := {"a": 0.0, "c": 15.0, "d": 345.0, "b": 180.0, "e": 195.0, "f": 165.0}),
@@ -28,8 +35,13 @@ def layout_junctions(layout: str) -> dict[str, dict[str, float]]:
     if layout == OWN_LAYOUT:
         return {}
     if not isinstance(layout, str) or layout not in LAYOUTS:
-        raise ValueError(f"thermocouples.layout is {layout!r}; expected one of {', '.join((*LAYOUTS, OWN_LAYOUT))}")
-    places = {c: {"depth_mm": depth, "z_mm": z, "angle_deg": LAYOUTS[layout][c]} for c, (depth, z) in _PLACES.items()}
+        raise ValueError(
+            f"thermocouples.layout is {layout!r}; expected one of {', '.join((*LAYOUTS, OWN_LAYOUT))}"
+        )
+    places = {
+        c: {"depth_mm": depth, "z_mm": z, "angle_deg": LAYOUTS[layout][c]}
+        for c, (depth, z) in _PLACES.items()
+    }
     return {c: place | ELSEWHERE.get(layout, {}).get(c, {}) for c, place in places.items()}
 
 
@@ -40,4 +52,9 @@ def inner_row(depth_m: Mapping[str, float], z_m: Mapping[str, float]) -> tuple[s
     ('d', 'b')
     """
     deepest = max(depth_m.values())
-    return tuple(sorted((c for c in sorted(depth_m) if round(deepest - depth_m[c], 9) < ROW_M), key=lambda c: z_m[c]))
+    return tuple(
+        sorted(
+            (c for c in sorted(depth_m) if round(deepest - depth_m[c], 9) < ROW_M),
+            key=lambda c: z_m[c],
+        )
+    )

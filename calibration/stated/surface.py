@@ -30,8 +30,13 @@ class SurfaceFlux:
     air_u_K: Annotated[float, Field(ge=0, le=100)] = 0.0
 
     def __post_init__(self) -> None:
-        if not self.heat_transfer_W_m2K and (self.air_degC or self.air_u_K or self.heat_transfer_u_W_m2K):
-            raise InputError("[surface] has no heat_transfer_W_m2K", expected="the slope of the relation, with its T_a")
+        if not self.heat_transfer_W_m2K and (
+            self.air_degC or self.air_u_K or self.heat_transfer_u_W_m2K
+        ):
+            raise InputError(
+                "[surface] has no heat_transfer_W_m2K",
+                expected="the slope of the relation, with its T_a",
+            )
 
     @property
     def measured(self) -> bool:
@@ -42,7 +47,9 @@ class SurfaceFlux:
 NO_FLUX = SurfaceFlux()
 
 
-def fit_surface_flux(temperature_degC: Array, flux_W_m2: Array, power_rel: float = 0.0) -> SurfaceFlux:
+def fit_surface_flux(
+    temperature_degC: Array, flux_W_m2: Array, power_rel: float = 0.0
+) -> SurfaceFlux:
     """The straight line through fluxes (N,) [W/m2] of a heated spot at temperatures (N,) [degC].
 
     ``power_rel``: relative standard uncertainty that all fluxes have in common (heater's power, spot's area): it
@@ -57,11 +64,17 @@ def fit_surface_flux(temperature_degC: Array, flux_W_m2: Array, power_rel: float
     """
     t, q = np.asarray(temperature_degC, dtype=float), np.asarray(flux_W_m2, dtype=float)
     if len(t) < LEAST_POINTS or not np.ptp(t) > 0:
-        raise InputError(f"{len(t)} points of a surface's flux", expected="four or more at different temperatures")
+        raise InputError(
+            f"{len(t)} points of a surface's flux",
+            expected="four or more at different temperatures",
+        )
     about = t - t.mean()
     h = float(about @ q / (about @ about))
     if not h > 0:
-        raise InputError(f"the flux falls with temperature (slope {h:.3g} W/m2K)", expected="a loss that rises with it")
+        raise InputError(
+            f"the flux falls with temperature (slope {h:.3g} W/m2K)",
+            expected="a loss that rises with it",
+        )
     left, air = q - q.mean() - h * about, float(t.mean() - q.mean() / h)
     sd = float(np.sqrt(left @ left / (len(t) - 2)))
     if not (-50 <= air <= 400 and h < 8000):

@@ -34,7 +34,9 @@ class DiskTable(RigTable):
     @model_validator(mode="after")
     def _bore_inside(self) -> DiskTable:
         if 0.0 < self.bore_radius_mm < 0.5:
-            raise ValueError(f"bore_radius_mm: {self.bore_radius_mm} mm is no bore; is it in metres?")
+            raise ValueError(
+                f"bore_radius_mm: {self.bore_radius_mm} mm is no bore; is it in metres?"
+            )
         if self.bore_radius_mm >= self.outer_radius_mm:
             raise ValueError("bore_radius_mm must be below outer_radius_mm")
         if self.crown_radius_mm <= self.outer_radius_mm:
@@ -75,9 +77,13 @@ class ContactTable(RigTable):
     def _table_told(self) -> ContactTable:
         at, weight = self.flux_table_mm, self.flux_table_weight
         if (self.flux_profile == "table") != (len(at) > 1):
-            raise ValueError(f'flux_table_mm has {len(at)} places; expected two or more, and flux_profile = "table"')
+            raise ValueError(
+                f'flux_table_mm has {len(at)} places; expected two or more, and flux_profile = "table"'
+            )
         if len(at) != len(weight):
-            raise ValueError(f"flux_table_mm has {len(at)} places, flux_table_weight {len(weight)}; expected as many")
+            raise ValueError(
+                f"flux_table_mm has {len(at)} places, flux_table_weight {len(weight)}; expected as many"
+            )
         if any(b <= a for a, b in pairwise(at)) or (at and not sum(weight) > 0):
             raise ValueError("flux_table_mm must rise, and some flux_table_weight be above zero")
         return self
@@ -121,5 +127,7 @@ class UncertaintyTable(RigTable):
     @model_validator(mode="after")
     def _exponents_in_order(self) -> UncertaintyTable:
         if (low := self.speed_exponent_low) > (high := self.speed_exponent_high):
-            raise ValueError(f"speed_exponent_low {low:g} lies above speed_exponent_high {high:g}; exchange them")
+            raise ValueError(
+                f"speed_exponent_low {low:g} lies above speed_exponent_high {high:g}; exchange them"
+            )
         return self

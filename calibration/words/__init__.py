@@ -25,12 +25,24 @@ OLD: dict[str, Words] = {"said": "{text}"}
 
 
 WORDS: dict[str, Words] = {
-    **OLD, **READER, **LINES, **IMMERSION, **PLUNGE, **IDENTIFY, **COMPENSATE, **TRACES, **PARTITION, **PIPELINE,
-    **CAMPAIGN, **SENSOR,
-}  # fmt: skip
+    **OLD,
+    **READER,
+    **LINES,
+    **IMMERSION,
+    **PLUNGE,
+    **IDENTIFY,
+    **COMPENSATE,
+    **TRACES,
+    **PARTITION,
+    **PIPELINE,
+    **CAMPAIGN,
+    **SENSOR,
+}
 
 
-def told(code: str, where: str, subject: str, numbers: dict[str, Any], spelling: Spelling = as_argument) -> str:
+def told(
+    code: str, where: str, subject: str, numbers: dict[str, Any], spelling: Spelling = as_argument
+) -> str:
     """The sentence of a finding. Raises KeyError for an unknown code and for a number that its words ask for.
 
     >>> told("said", "D4.csv", "", {"text": "the clock stood still"})

@@ -15,7 +15,10 @@ def place(subject: str = "", row: int | None = None, time_s: float | None = None
     >>> place("a_degC", 9, 0.04), place("a_degC", 9), place(row=9)
     ('column a_degC, row 9 (0.04 s)', 'column a_degC, row 9', 'row 9')
     """
-    parts = [*([f"column {subject}"] if subject else []), *([f"row {row}"] if row is not None else [])]
+    parts = [
+        *([f"column {subject}"] if subject else []),
+        *([f"row {row}"] if row is not None else []),
+    ]
     return ", ".join(parts) + (f" ({time_s:.6g} s)" if time_s is not None else "")
 
 

@@ -43,7 +43,16 @@ def _spikes(count: int, robust: bool, option: Spelling, **_: Any) -> str:
 FREED = " As a run starts off the equilibrium, the state at each start was estimated."
 
 
-def _why(subject: str, other: str, by: str, rms: float, other_rms: float, only: bool, least: bool, **more: Any) -> str:
+def _why(
+    subject: str,
+    other: str,
+    by: str,
+    rms: float,
+    other_rms: float,
+    only: bool,
+    least: bool,
+    **more: Any,
+) -> str:
     said = f"{subject} has the lowest {by}"
     if by == "parameters":
         said = f"{subject} has fewer parameters than {other} and a BIC within 2 of it"
@@ -53,13 +62,25 @@ def _why(subject: str, other: str, by: str, rms: float, other_rms: float, only: 
             "has the lower BIC"
         )
     elif not only:
-        said += f" and simulates the held-out part to {rms:.4g} rms" + (", the least of all" if least else "")
+        said += f" and simulates the held-out part to {rms:.4g} rms" + (
+            ", the least of all" if least else ""
+        )
     if more["ties"]:
         said += f"; {' and '.join(more['ties'])} within 2 of its BIC would do as well"
     for group, one, several, rest in (
-        ("undetermined", "would score better but is", "would score better but are", "not determined by these data"),
+        (
+            "undetermined",
+            "would score better but is",
+            "would score better but are",
+            "not determined by these data",
+        ),
         ("missing", "would score better but misses", "would score better but miss", "dynamics"),
-        ("refused", "has", "have", "a lower one that is of the residuals' colour, or not seen in the held-out part"),
+        (
+            "refused",
+            "has",
+            "have",
+            "a lower one that is of the residuals' colour, or not seen in the held-out part",
+        ),
         ("pairs", "is", "are", "left out, for the pair does not oscillate and is two lags"),
     ):
         if names := more.get(group):
@@ -68,7 +89,9 @@ def _why(subject: str, other: str, by: str, rms: float, other_rms: float, only: 
 
 
 def _foresees(subject: str, other: str, ratio: float, white: bool, freed: bool, **_: Any) -> str:
-    said = f"{subject} simulates data kept from the fit to {100 * ratio:.0f} % of the error of {other}"
+    said = (
+        f"{subject} simulates data kept from the fit to {100 * ratio:.0f} % of the error of {other}"
+    )
     said += ", and leaves white residuals" if white else ""
     return f"{said}." + (FREED if freed else "")
 
@@ -81,7 +104,13 @@ def _disturbance(
     **_: Any,
 ) -> str:
     if p_walk is not None:
-        likeliest = "a random walk" if memory_s is None else f"one of {memory_s:.2g} s" if memory_s else "none"
+        likeliest = (
+            "a random walk"
+            if memory_s is None
+            else f"one of {memory_s:.2g} s"
+            if memory_s
+            else "none"
+        )
         return (
             " The answer is averaged over what may disturb the output beside white noise: a first-order disturbance "
             f"of any time constant up to a random walk, with a straight drift or without (likeliest {likeliest}; that "
@@ -90,7 +119,9 @@ def _disturbance(
     drift = {"trend": "a straight drift", "walk": "a random walk"}.get(baseline)
     noise = f"ARMA({order[0]}, {order[1]}) noise" if any(order) else ""
     if baseline == "walk":
-        noise = {(0, 1): "white noise", (0, 0): ""}.get((order[0], order[1]), f"ARMA({order[0]}, {order[1]}) steps")
+        noise = {(0, 1): "white noise", (0, 0): ""}.get(
+            (order[0], order[1]), f"ARMA({order[0]}, {order[1]}) steps"
+        )
     said = " with ".join(part for part in (drift, noise) if part)
     return f" What disturbs the output is modelled as {said}." if said else ""
 
@@ -132,7 +163,9 @@ def _none(
     else:
         first.append(f"ask {option('narx', True)} whether it is linear")
     repeats = (
-        f" It repeats the held-out part to {more['held_out_percent']:.1f} %." if "held_out_percent" in more else ""
+        f" It repeats the held-out part to {more['held_out_percent']:.1f} %."
+        if "held_out_percent" in more
+        else ""
     )
     return (
         f"None of these models is good enough: {OBJECTIONS[against].format(fit_percent=fit_percent)}. Do not trust the "
@@ -144,7 +177,9 @@ def _but_first(troubles: list[str], option: Spelling) -> str:
     return f" But first {', and '.join(_remedies(troubles, option))}." if troubles else ""
 
 
-def _undetermined(subject: str, why: str, remark: str, troubles: list[str], option: Spelling, **_: Any) -> str:
+def _undetermined(
+    subject: str, why: str, remark: str, troubles: list[str], option: Spelling, **_: Any
+) -> str:
     return (
         f"Use {subject} with care. {why} But {remark}: excite the input more, or hold what is known "
         f"({option('gain', 'K')}).{_but_first(troubles, option)}"
@@ -221,7 +256,9 @@ IDENTIFY: dict[str, Words] = {
         f"sample, {half_s:.3g} s: give {option('hold', 'zoh')} if it was set, {option('hold', 'foh')} if it was "
         "measured."
     ),
-    "record.gaps": lambda count, **_: f"After {some(count, 'gap')} of the input the state was estimated anew.",
+    "record.gaps": lambda count, **_: (
+        f"After {some(count, 'gap')} of the input the state was estimated anew."
+    ),
     "record.off_equilibrium": lambda off, times_rms, option, **_: (
         f"A run starts {off:.3g} off the equilibrium that was assumed, {times_rms:.0f} times the rms: fit with "
         f"{option('initial', 'estimated')}."

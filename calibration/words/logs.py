@@ -51,7 +51,9 @@ READER: dict[str, Words] = {
     "file.altered": "its content is not what tcdyn wrote (the checksum does not fit): make it again, or take its key "
     "sha256 out if that was meant",
     "column.not_there": "column {subject} is missing",
-    "columns.unused": lambda names, **_: f"{some(len(names), 'column')} of the file not used: {', '.join(names)}",
+    "columns.unused": lambda names, **_: (
+        f"{some(len(names), 'column')} of the file not used: {', '.join(names)}"
+    ),
     "contact.not_logged": "column contact is not in the log: load and friction tell when the disks touch, the parting "
     "less sharply",
     "noise.high": "column {subject}: noise {noise_K:.2g} degC, the others' is {others_K:.2g}",
@@ -84,11 +86,15 @@ LINES: dict[str, Words] = {
     "{range_degC[0]:.0f} to {range_degC[1]:.0f} degC: static lines extrapolate there",
     "transducer.slopes_differ": "the sessions have different slopes (p = {p:.2g}); the cell itself has changed, not "
     "its zero",
-    "record.missing_channels": lambda channels, **_: f"static: channels {', '.join(channels)} are missing",
+    "record.missing_channels": lambda channels, **_: (
+        f"static: channels {', '.join(channels)} are missing"
+    ),
     "record.future": "created: {created} lies in the future",
     "record.ranges_apart": "channel {subject}: the calibrated ranges do not overlap",
     "record.changed": "{subject} was {was}, is {now}",
-    "record.in_one_only": lambda channels, **_: f"channels {', '.join(channels)} stand in one record only",
+    "record.in_one_only": lambda channels, **_: (
+        f"channels {', '.join(channels)} stand in one record only"
+    ),
     "record.no_chain": "chain: the record holds no chain; it can correct steady readings only",
     "record.gain": "static.{subject}.gain: {gain:.4f} is more than 5 % from 1",
     "record.range": "static.{subject}.range_degC: {range_degC} leaves part of 20..160 degC to extrapolation",

@@ -18,11 +18,17 @@ JOINT_NUMBERS = {
 }
 
 
-def _interval(subject: str, parameter: str, u: float, low95: float | None, high95: float | None, **n: Any) -> str:
+def _interval(
+    subject: str, parameter: str, u: float, low95: float | None, high95: float | None, **n: Any
+) -> str:
     fit = "both disks" if subject == "both" else f"{subject} disk"
     what, unit = JOINT_NUMBERS[parameter]
     ends = ((low95, "below", n["low_seen"]), (high95, "above", n["high_seen"]))
-    left = [f"from {word} (followed to {as_known(seen, u)}{unit})" for end, word, seen in ends if end is None]
+    left = [
+        f"from {word} (followed to {as_known(seen, u)}{unit})"
+        for end, word, seen in ends
+        if end is None
+    ]
     if left:
         return f"Joint fit, {fit}: the data do not bound {what} {' nor '.join(left)}."
     return (
@@ -32,7 +38,9 @@ def _interval(subject: str, parameter: str, u: float, low95: float | None, high9
     )
 
 
-def _other_disk(subject: str, keys: Sequence[str], record: Sequence[str], rig: Sequence[str], **_: Any) -> str:
+def _other_disk(
+    subject: str, keys: Sequence[str], record: Sequence[str], rig: Sequence[str], **_: Any
+) -> str:
     differs = [f"{key} = {now} (record: {was})" for key, was, now in zip(keys, record, rig)]
     more = f" and {len(differs) - 3} more" if len(differs) > 3 else ""
     return f"{subject} disk: rig.toml is used, and is not what the record was made with: {', '.join(differs[:3])}{more}"
@@ -51,7 +59,9 @@ FAULTS = {
 }
 
 
-def _suspected(subject: str, kind: str, channels: Sequence[str], log_odds: float | None = None, **n: Any) -> str:
+def _suspected(
+    subject: str, kind: str, channels: Sequence[str], log_odds: float | None = None, **n: Any
+) -> str:
     if subject == "both":
         one, other = (c.rpartition("_")[2] for c in channels)
         return (
@@ -68,7 +78,9 @@ def _suspected(subject: str, kind: str, channels: Sequence[str], log_odds: float
         **n,
     )
     odds = "" if log_odds is None else f" (log-odds {log_odds:.0f} against a sound disk)"
-    return f"{subject} disk: {said}{odds}" + ("; or " + ", ".join(n["rivals"]) if n.get("rivals") else "")
+    return f"{subject} disk: {said}{odds}" + (
+        "; or " + ", ".join(n["rivals"]) if n.get("rivals") else ""
+    )
 
 
 def _sound(subject: str, illogical: int, pairs: int, blind: Sequence[str], **_: Any) -> str:
@@ -79,7 +91,9 @@ def _sound(subject: str, illogical: int, pairs: int, blind: Sequence[str], **_: 
     return said + (f"; a swap of {', '.join(blind)} could not have been told" if blind else "")
 
 
-def _left_out(subject: str, why: str, stand_ins: Sequence[str], kept: Sequence[str], **_: Any) -> str:
+def _left_out(
+    subject: str, why: str, stand_ins: Sequence[str], kept: Sequence[str], **_: Any
+) -> str:
     if stand_ins:
         cost = f"{' and '.join(stand_ins)} stand{'s' if len(stand_ins) == 1 else ''} in for it at the rim's inner edge"
     else:
@@ -100,10 +114,14 @@ def _stated_value(subject: str, name: str, **_: Any) -> str:
 
 
 def _blame(suspects: Sequence[str], suspects_z: Sequence[float]) -> str:
-    return "; ".join(f"{what} ({z:.1f} standard deviations)" for what, z in zip(suspects, suspects_z))
+    return "; ".join(
+        f"{what} ({z:.1f} standard deviations)" for what, z in zip(suspects, suspects_z)
+    )
 
 
-def _ways_apart(one: str, other: str, apart: float, z: float, suspects: Any, suspects_z: Any, **n: Any) -> str:
+def _ways_apart(
+    one: str, other: str, apart: float, z: float, suspects: Any, suspects_z: Any, **n: Any
+) -> str:
     words = {one, other}
     if words == {"joint fast", "joint slow"}:
         usual = "a junction depth, a static line or the friction scale: the two disks' shares do not add to one"
@@ -130,7 +148,9 @@ def _holds(holds: bool, **n: Any) -> str:
     )
 
 
-def _ways_agree(one: str, other: str, apart: float, z: float, low: float, high: float, **n: Any) -> str:
+def _ways_agree(
+    one: str, other: str, apart: float, z: float, low: float, high: float, **n: Any
+) -> str:
     steady = Estimate.normal(n["steady"], n["steady_u"])
     said = (
         f"The ways to beta agree: {low:.3f} to {high:.3f}, speed law {steady}; the "
@@ -146,15 +166,33 @@ def _ways_agree(one: str, other: str, apart: float, z: float, low: float, high: 
 
 STRUCTURES = {  # of `tcdyn.partition.alternatives`: what it is, what to do about it
     "as assumed": ("as assumed", ""),
-    "h_step": ("h changes at the parting", "the jets may hit the disks differently once they are apart"),
-    "h_of_T": ("h follows the surface temperature", "a shorter cooling window is less touched by it"),
+    "h_step": (
+        "h changes at the parting",
+        "the jets may hit the disks differently once they are apart",
+    ),
+    "h_of_T": (
+        "h follows the surface temperature",
+        "a shorter cooling window is less touched by it",
+    ),
     "flux_shift": ("the contact runs beside the centre plane", "measure where the track lies"),
     "flux_wider": ("the heat enters over another width than Hertz's", "measure the track's width"),
     "faces": ("the side faces lose another amount of heat", "look at the washers"),
-    "stem": ("the junctions lose heat along their wires", "calibrate the disk with its wires as in the test"),
-    "elsewhere": ("part of the frictional heat goes elsewhere, or friction is off scale", "check the friction's gain"),
-    "k_of_T": ("the conductivity changes with temperature", "state it for the temperature of the test"),
-    "film_air": ("the running surface loses heat to oil or air of another temperature", "log the oil at the disks"),
+    "stem": (
+        "the junctions lose heat along their wires",
+        "calibrate the disk with its wires as in the test",
+    ),
+    "elsewhere": (
+        "part of the frictional heat goes elsewhere, or friction is off scale",
+        "check the friction's gain",
+    ),
+    "k_of_T": (
+        "the conductivity changes with temperature",
+        "state it for the temperature of the test",
+    ),
+    "film_air": (
+        "the running surface loses heat to oil or air of another temperature",
+        "log the oil at the disks",
+    ),
 }
 
 
@@ -179,13 +217,23 @@ def _other_structure(name: str, log_odds: float, beta: float, u: float, **_: Any
 
 
 def _power(scale: float, u: float, units: Sequence[str], **_: Any) -> str:
-    likely = f"likeliest: {' or '.join(units)}" if units else "check load, friction, speeds and their units"
+    likely = (
+        f"likeliest: {' or '.join(units)}"
+        if units
+        else "check load, friction, speeds and their units"
+    )
     size = Estimate.normal(scale, u)
-    return f"the heat that both disks show is {size} times the logged frictional power F u_s; {likely}"
+    return (
+        f"the heat that both disks show is {size} times the logged frictional power F u_s; {likely}"
+    )
 
 
-def _cables_exchanged(exponent: float, u: float, assumed: float, beta: float, at_rest: bool, **_: Any) -> str:
-    alike = "before the load each disk has one temperature through the other's static lines only, and "
+def _cables_exchanged(
+    exponent: float, u: float, assumed: float, beta: float, at_rest: bool, **_: Any
+) -> str:
+    alike = (
+        "before the load each disk has one temperature through the other's static lines only, and "
+    )
     return (
         f"the cables of the two disks look exchanged: {alike if at_rest else ''}the speed exponent comes out as "
         f"{Estimate.normal(exponent, u)} where the speed law has {assumed:.2f}, as if the fast disk were the slow one; "
@@ -193,17 +241,25 @@ def _cables_exchanged(exponent: float, u: float, assumed: float, beta: float, at
     )
 
 
-def _headline(beta: float, u: float, count: int, low95: float, high95: float, z: float, **n: Any) -> str:
+def _headline(
+    beta: float, u: float, count: int, low95: float, high95: float, z: float, **n: Any
+) -> str:
     implied = Estimate.normal(n["exponent"], n["exponent_u"])
     law = f"the exponent that it implies, {implied}, "
-    law += "goes with the speed law's" if abs(z) < 2 else f"lies {abs(z):.1f} standard deviations off the speed law's"
+    law += (
+        "goes with the speed law's"
+        if abs(z) < 2
+        else f"lies {abs(z):.1f} standard deviations off the speed law's"
+    )
     said = (
         f"beta = {Estimate.normal(beta, u)} by the joint fit of both disks: their shares add to one, what is wrong "
         f"with both alike cancels, and no speed law is assumed; {law} ({n['assumed']:g}). Over {count} other "
         f"structures 95 % of beta lie between {low95:.3f} and {high95:.3f}"
     )
     if "named" in n:
-        said += f"; the data ask for one of them: {structure(n['named'])} (beta {n['named_beta']:.3f})"
+        said += (
+            f"; the data ask for one of them: {structure(n['named'])} (beta {n['named_beta']:.3f})"
+        )
     return f"{said}."
 
 

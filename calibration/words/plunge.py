@@ -55,12 +55,13 @@ def _coloured(common: float, differential: float, apart: bool, **_: Any) -> str:
     return text + "uncertainties were widened for it" + (doubt if apart else "")
 
 
-def _lag(plunges: int, common_lag_s: float, u_s: float, known_burst_u_s: float, apart: bool, **_: Any) -> str:
+def _lag(
+    plunges: int, common_lag_s: float, u_s: float, known_burst_u_s: float, apart: bool, **_: Any
+) -> str:
     text = f"{'One plunge gives' if plunges == 1 else f'{plunges} plunges give'} a common lag of "
     text += with_u(common_lag_s, u_s, "s")
-    known = (
-        f"with the entry burst and the entry time known it would be +- {rounded(known_burst_u_s, known_burst_u_s)[1]} s"
-    )
+    _, u_known = rounded(known_burst_u_s, known_burst_u_s)
+    known = f"with the entry burst and the entry time known it would be +- {u_known} s"
     if apart:
         return f"{text}; the entry burst is told apart from it ({known})."
     return (
@@ -86,7 +87,10 @@ def _structure(
 ) -> str:
     named = [f"{s} ({m})" for s, m in zip(structures, meanings)]
     lags = [with_u(lag, u, "s") for lag, u in zip(lag_s, u_s)]
-    judged = [f"{s} ({m}: {percent(p)}, {lag})" for s, m, p, lag in zip(structures, meanings, probability, lags)]
+    judged = [
+        f"{s} ({m}: {percent(p)}, {lag})"
+        for s, m, p, lag in zip(structures, meanings, probability, lags)
+    ]
     remedy = ""
     if contradicted:
         ratio = probability[1] / max(probability[0], 1e-300)

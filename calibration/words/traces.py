@@ -43,7 +43,11 @@ TRACES: dict[str, Words] = {
     "and behind the conditioning filter explains; its level was taken no lower than where temperatures move",
     "noise.coloured": lambda subject, before_K, after_K, lag_s=0.0, **_: (
         f"{subject}: noise of {before_K:.2g} K "
-        + (f"is coloured as by a lag of {lag_s:.2g} s" if lag_s else "comes through the conditioning filter")
+        + (
+            f"is coloured as by a lag of {lag_s:.2g} s"
+            if lag_s
+            else "comes through the conditioning filter"
+        )
         + f", of {after_K:.2g} K {'is white' if lag_s else 'from behind it'}; all that follows counts with both"
     ),
     "traces.coarse": lambda subject, step_K, channels, **_: (

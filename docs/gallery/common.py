@@ -58,7 +58,9 @@ def traces(table: Path, done: Path, column: str, truth: np.ndarray, zero: float 
     t, u = raw.iloc[:, 0].to_numpy(), ours[f"{column.rsplit('_', 1)[0]}_u_K"].to_numpy()
     picture, (ax,) = figure(height_in=3.6)
     ax.plot(t, raw[column] - zero, color="0.6", linewidth=0.8, label="logged")
-    ax.fill_between(t, ours[column] - zero - 1.96 * u, ours[column] - zero + 1.96 * u, alpha=0.3, linewidth=0)
+    ax.fill_between(
+        t, ours[column] - zero - 1.96 * u, ours[column] - zero + 1.96 * u, alpha=0.3, linewidth=0
+    )
     ax.plot(t, ours[column] - zero, linewidth=1.0, label="compensated, 95 %")
     ax.plot(t, truth, "k:", linewidth=0.8, label="true")
     ax.set(xlabel="time [s]", ylabel="temperature [°C]")
@@ -70,7 +72,10 @@ def traces(table: Path, done: Path, column: str, truth: np.ndarray, zero: float 
 def lab() -> Path:
     """The folder of `tcdyn demo`: the one in the repository's root if there is one, else a new one (minutes)."""
     for folder in (ROOT / "demo", OUT / "demo"):
-        if all((folder / f"{d}.disk.json").exists() for d in DISKS) and (folder / "EHL_B3.csv").exists():
+        if (
+            all((folder / f"{d}.disk.json").exists() for d in DISKS)
+            and (folder / "EHL_B3.csv").exists()
+        ):
             return folder
     run_demo(OUT / "demo")
     return OUT / "demo"

@@ -9,7 +9,9 @@ t = np.arange(0, 8, dt)
 gas = 500 + 60 * np.sin(2 * np.pi * 3 * t) + 25 * np.sin(2 * np.pi * 0.7 * t + 1)
 fine, coarse = (behind(gas, tau, dt) + rng.normal(0, 0.8, len(t)) for tau in (0.05, 0.18))
 table, sensor, done = (made(__file__, name) for name in ("csv", "sensor.json", "compensated.csv"))
-pd.DataFrame({"time_s": np.round(t, 4), "fine_degC": fine, "coarse_degC": coarse}).to_csv(table, index=False)
+pd.DataFrame({"time_s": np.round(t, 4), "fine_degC": fine, "coarse_degC": coarse}).to_csv(
+    table, index=False
+)
 
 tcdyn("sensor", "pair", table, "--columns", "fine,coarse", "--out", sensor)
 tcdyn("compensate", table, "--sensor", sensor, "--out", done)

@@ -3,7 +3,13 @@
 from common import plunged, save
 
 from calibration.rig import load_rig
-from tcdyn.plots import draw_entry, draw_heat_transfer, draw_plunge, draw_plunge_residuals, draw_record
+from tcdyn.plots import (
+    draw_entry,
+    draw_heat_transfer,
+    draw_plunge,
+    draw_plunge_residuals,
+    draw_record,
+)
 from tcdyn.plots.style import figure
 from tcdyn.plunge.fit import published_degC
 

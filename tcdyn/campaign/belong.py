@@ -17,7 +17,13 @@ from tcdyn.campaign.posterior import Posterior, Reduced, places, reduced, solve
 
 FALSE_ALARM = 0.02  # chance that a sound campaign names a test at all
 LEAST_TESTS = 4
-CAUSES = ("friction", "half-width", "ambient", "parting", *(f"lag {d}" for d in DISKS))  # and every static line
+CAUSES = (
+    "friction",
+    "half-width",
+    "ambient",
+    "parting",
+    *(f"lag {d}" for d in DISKS),
+)  # and every static line
 
 
 @dataclass(frozen=True)
@@ -79,7 +85,9 @@ def against_the_rest(posterior: Posterior, i: int) -> Stranger:
     alone has the size x'V^-1 d / x'V^-1 x.
     """
     kept = posterior.tests[i]
-    lines = sorted((n for n in kept.names if n.startswith("static ")), key=lambda n: n.split()[::-1])
+    lines = sorted(
+        (n for n in kept.names if n.startswith("static ")), key=lambda n: n.split()[::-1]
+    )
     causes = [*(c for c in CAUSES if c in kept.names or c.startswith("lag ")), *lines]
     own = reduced(kept, causes)
     count = len(own.shared) - len(causes)
@@ -96,7 +104,9 @@ def against_the_rest(posterior: Posterior, i: int) -> Stranger:
     unit = kept.units.get(causes[best], 1.0)
     size = Estimate.normal(z[best] / np.sqrt(told[best]) * unit, unit / np.sqrt(told[best]))
     chi2, freedom = float(d @ d), int(min(len(d), count))
-    return Stranger(kept.name, causes[best], size, float(z[best]), chi2, chi2 - float(z[best]) ** 2, freedom)
+    return Stranger(
+        kept.name, causes[best], size, float(z[best]), chi2, chi2 - float(z[best]) ** 2, freedom
+    )
 
 
 def without(posterior: Posterior, one: Reduced) -> tuple[Array, Array]:

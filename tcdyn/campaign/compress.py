@@ -24,22 +24,37 @@ from tcdyn.partition.joint import LOG_H, LOG_LAGS, LOG_TAU2, SHAPE_SD, SHARE, Si
 from tcdyn.partition.uneven import SHAPES, Unevenness, Unmeasured
 from tcdyn.partition.window import between, steady_start_s
 
-BETA_UNIT, LOG_H_UNIT, LAG_UNIT_S = 0.01, 0.02, 0.02  # of the answers, where rows are weighed against each other
+BETA_UNIT, LOG_H_UNIT, LAG_UNIT_S = (
+    0.01,
+    0.02,
+    0.02,
+)  # of the answers, where rows are weighed against each other
 LEAST_ROW = 0.03  # rows that tell less than this of a standard uncertainty of anything are left out
 REFERENCE_W = 300.0  # frictional power at which what grows with heat is as large as stated
 LAG_OWN_S = 0.01  # of a disk's lag from test to test
 FRICTION_OWN_REL = 0.0005  # of the friction's scale from test to test, beside its zero
 MODEL_OWN = 0.1  # of what rim and mesh leave unexplained, that does not grow with heat
 ROUND_OWN = 0.3  # of a pattern round the bore, that does not grow with heat
-FILM_OWN = 0.3  # of the film's shape along the track, which is the jets' and hangs on the speed a little
-OF_LOG = {"friction": "friction_rel", "half-width": "half_width_rel", "ambient": "ambient_K"}  # [constants] widen them
+FILM_OWN = (
+    0.3  # of the film's shape along the track, which is the jets' and hangs on the speed a little
+)
+OF_LOG = {
+    "friction": "friction_rel",
+    "half-width": "half_width_rel",
+    "ambient": "ambient_K",
+}  # [constants] widen them
 OWN = ("parting", "uneven drift", "uneven bend", "air")  # of the test alone, wholly
 
 
 def compressed(
-    name: str, rig: str, test: EhlTest, sides: Sequence[Side], best: Optimum, uneven: Mapping[str, Unevenness],
+    name: str,
+    rig: str,
+    test: EhlTest,
+    sides: Sequence[Side],
+    best: Optimum,
+    uneven: Mapping[str, Unevenness],
     **conditions: float,
-) -> KeptTest:  # fmt: skip
+) -> KeptTest:
     """Rows of ``test``, whose ``sides`` were fitted together as ``best``, on the rig with the fingerprint ``rig``.
 
     The noise of what drives the model widens the rows that it moves; slow waves of the residuals beyond it all alike.
@@ -56,7 +71,9 @@ def compressed(
         ]
     )
     shapes = SHAPE_SD * j[:, LOG_TAU2:k:4]
-    shape_at = [(theta[4 * i + LOG_TAU2] - np.log(s.prior_tau2_s)) / SHAPE_SD for i, s in enumerate(sides)]
+    shape_at = [
+        (theta[4 * i + LOG_TAU2] - np.log(s.prior_tau2_s)) / SHAPE_SD for i, s in enumerate(sides)
+    ]
     unknown = unknowns(sides)
     labels = [f"{what.name} {d}".strip() for what, d in unknown]
     names = (*ANSWERS, *(f"lag shape {d}" for d in DISKS), *labels)
@@ -73,7 +90,9 @@ def compressed(
     rows, right = np.linalg.solve(lower, rows), np.linalg.solve(lower, -u.T @ best.residual[:data])
     seen = (np.abs(rows) > 0).any(axis=0) | (np.arange(len(names)) < len(ANSWERS))
     power_W = test.friction_N * test.sliding_speed_m_s
-    used = [(label, *one) for label, one, use in zip(labels, unknown, seen[len(ANSWERS) + 2 :]) if use]
+    used = [
+        (label, *one) for label, one, use in zip(labels, unknown, seen[len(ANSWERS) + 2 :]) if use
+    ]
     loadings = {label: loading_of(what, d, test, uneven, power_W) for label, what, d in used}
     units = {label: unit_of(what, d or DISKS[0], test) for label, what, d in used}
     return KeptTest(
@@ -105,7 +124,9 @@ def kept_of(name: str, rig: str, p: Partition) -> dict[str, Any] | None:
     if p.status == "withheld":
         return None
     sides, heat = [p.joint[d].side for d in DISKS], p.answers["delta_T_us"].value
-    return compressed(name, rig, p.test, sides, p.both.optimum, p.both.uneven, delta_T_us_K_m_s=heat).to_dict()
+    return compressed(
+        name, rig, p.test, sides, p.both.optimum, p.both.uneven, delta_T_us_K_m_s=heat
+    ).to_dict()
 
 
 def fewer_rows(rows: Array) -> tuple[Array, Array]:
@@ -130,23 +151,33 @@ def loading_of(
     kind, _, place = what.name.partition(" ")
     if what.name.startswith(OWN):
         return Loading({}, 1.0)
-    if disk and place in test.disks[disk].left_out:  # what stands in errs otherwise, alike in tests without it
+    if (
+        disk and place in test.disks[disk].left_out
+    ):  # what stands in errs otherwise, alike in tests without it
         return Loading({f"{what.name} {disk}, left out": 1.0})
     if kind == "static":
         return _static(place, disk, test, power_W)
     if key := OF_LOG.get(what.name):
         parts = [test.stated_u.get(key, 0.0)]
         if kind == "friction":
-            parts += [FRICTION_OWN_REL, zero_u(test) / test.friction_N, test.added.u_N / test.friction_N]
+            parts += [
+                FRICTION_OWN_REL,
+                zero_u(test) / test.friction_N,
+                test.added.u_N / test.friction_N,
+            ]
         total = getattr(test.disks[disk or DISKS[0]].uncertainty, key)
         own = float(np.hypot.reduce(parts)) / max(total, 1e-12)
-        return Loading({f"{what.name} {disk}".strip(): float(np.sqrt(max(1 - own**2, 0.0)))}, min(own, 1.0))
+        return Loading(
+            {f"{what.name} {disk}".strip(): float(np.sqrt(max(1 - own**2, 0.0)))}, min(own, 1.0)
+        )
     if what.source == "film along the track":
         return Loading({f"{what.name} {disk}": float(np.sqrt(1 - FILM_OWN**2))}, FILM_OWN)
     if kind == "uneven":
         shape, side = place.split(", ")
         size = SHAPES[shape] / float(uneven[disk].prior_K[[*SHAPES].index(shape)])
-        return Loading({f"uneven {shape}, {side} {disk}": size * power_W / REFERENCE_W}, ROUND_OWN * size)
+        return Loading(
+            {f"uneven {shape}, {side} {disk}": size * power_W / REFERENCE_W}, ROUND_OWN * size
+        )
     return None
 
 
@@ -160,17 +191,24 @@ def unit_of(what: Unmeasured, disk: str, test: EhlTest) -> float | None:
     if kind == "depth":
         return float(traces.depth_u_m[traces.setup.channels.index(place)])
     return {
-        "conductivity": u.conductivity_rel, "heat capacity": u.heat_capacity_rel, "washer": u.washer_rel,
-        "half-width": u.half_width_rel, "ambient": u.ambient_K, "parting": test.events.unload_u_s,
+        "conductivity": u.conductivity_rel,
+        "heat capacity": u.heat_capacity_rel,
+        "washer": u.washer_rel,
+        "half-width": u.half_width_rel,
+        "ambient": u.ambient_K,
+        "parting": test.events.unload_u_s,
         "friction": u.friction_rel,
-    }.get(what.name)  # fmt: skip
+    }.get(what.name)
 
 
 def _static(channel: str, disk: str, test: EhlTest, power_W: float) -> Loading:
     """A line errs by gain and offset, the same in every test: y dg + do = (do + y0 dg) + (y - y0) dg, the two parts
     independent about y0 = -cov(g, o)/var(g)."""
     traces = test.disks[disk]
-    at, model = traces.setup.channels.index(channel), MODEL_K if channel in traces.setup.outer else 0.0
+    at, model = (
+        traces.setup.channels.index(channel),
+        MODEL_K if channel in traces.setup.outer else 0.0,
+    )
     total = float(np.hypot(traces.static_u_K[at], model))
     line = traces.lines[at]
     steady = between(test.time_s, steady_start_s(test), test.events.unload_s - 0.5)
@@ -180,7 +218,9 @@ def _static(channel: str, disk: str, test: EhlTest, power_W: float) -> Loading:
     level = float(np.sqrt(max(oo - (go * go / gg if gg > 0 else 0.0), 0.0)))
     gain = float((y - pivot) * np.sqrt(gg))
     parts = {f"line level {channel} {disk}": level, f"line gain {channel} {disk}": gain}
-    rest = float(np.sqrt(max(traces.static_u_K[at] ** 2 - level**2 - gain**2, 0.0)))  # rounding, what stands in
+    rest = float(
+        np.sqrt(max(traces.static_u_K[at] ** 2 - level**2 - gain**2, 0.0))
+    )  # rounding, what stands in
     if model:
         parts[f"model {channel} {disk}"] = model * power_W / REFERENCE_W
         rest = float(np.hypot(rest, MODEL_OWN * model))

@@ -37,7 +37,10 @@ class SpeedLaw:
     def to_dict(self) -> dict[str, Any]:
         """As ``campaign.json`` keeps it beside the exponent."""
         kept = dict(jsonable(self))
-        return {"per_doubled_speed": kept.pop("by_speed"), **{k: v for k, v in kept.items() if k != "exponent"}}
+        return {
+            "per_doubled_speed": kept.pop("by_speed"),
+            **{k: v for k, v in kept.items() if k != "exponent"},
+        }
 
 
 def speed_law(posterior: Posterior) -> SpeedLaw:

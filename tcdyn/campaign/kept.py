@@ -64,10 +64,18 @@ class KeptTest:
             "rows": [_all(row) for row in self.rows],
             "right": _all(self.right),
             "loading": [
-                {"name": name, "shared": [*each.shared], "by": _all(each.shared.values()), "own": _short(each.own)}
+                {
+                    "name": name,
+                    "shared": [*each.shared],
+                    "by": _all(each.shared.values()),
+                    "own": _short(each.own),
+                }
                 for name, each in self.loading.items()
             ],
-            "lag": {d: {"prior_s": _short(self.lag_prior_s[d]), "u_s": _short(self.lag_u_s[d])} for d in DISKS},
+            "lag": {
+                d: {"prior_s": _short(self.lag_prior_s[d]), "u_s": _short(self.lag_u_s[d])}
+                for d in DISKS
+            },
             "units": {"names": [*self.units], "sizes": _all(self.units.values())},
             "conditions": {k: _short(v) for k, v in self.conditions.items()},
         }
@@ -78,8 +86,10 @@ class KeptTest:
         if data.get("schema") != SCHEMA:
             raise InputError(
                 f"what it keeps for a campaign has the schema {data.get('schema')!r}",
-                where=name, expected=SCHEMA, remedy=AGAIN,
-            )  # fmt: skip
+                where=name,
+                expected=SCHEMA,
+                remedy=AGAIN,
+            )
         try:
             kept = cls(
                 name=name,
@@ -89,12 +99,16 @@ class KeptTest:
                 rows=np.array(data["rows"], dtype=float),
                 right=np.array(data["right"], dtype=float),
                 loading={
-                    each["name"]: Loading(dict(zip(each["shared"], map(float, each["by"]), strict=True)), each["own"])
+                    each["name"]: Loading(
+                        dict(zip(each["shared"], map(float, each["by"]), strict=True)), each["own"]
+                    )
                     for each in data["loading"]
                 },
                 lag_prior_s={d: float(data["lag"][d]["prior_s"]) for d in DISKS},
                 lag_u_s={d: float(data["lag"][d]["u_s"]) for d in DISKS},
-                units=dict(zip(data["units"]["names"], map(float, data["units"]["sizes"]), strict=True)),
+                units=dict(
+                    zip(data["units"]["names"], map(float, data["units"]["sizes"]), strict=True)
+                ),
                 conditions={k: float(v) for k, v in data["conditions"].items()},
             )
             size = len(kept.names)
@@ -125,13 +139,21 @@ def checked(data: Any, where: str) -> dict[str, Any]:
     calibration.errors.InputError: D4.beta.json: its content is not what was written: the checksum does not fit...
     """
     if not isinstance(data, dict) or SEAL not in data:
-        raise InputError("holds no checksum", where=where, expected="a beta.json of this version", remedy=AGAIN)
+        raise InputError(
+            "holds no checksum", where=where, expected="a beta.json of this version", remedy=AGAIN
+        )
     if not intact(data):
-        raise InputError("its content is not what was written: the checksum does not fit", where=where, remedy=AGAIN)
+        raise InputError(
+            "its content is not what was written: the checksum does not fit",
+            where=where,
+            remedy=AGAIN,
+        )
     return data
 
 
-def rig_fingerprint(rig: Rig, records: Mapping[str, DiskRecord], disks: Sequence[str] = DISKS) -> str:
+def rig_fingerprint(
+    rig: Rig, records: Mapping[str, DiskRecord], disks: Sequence[str] = DISKS
+) -> str:
     """Checksum of all that tests of one rig have in common: rig.toml but for what is a log's, lines and chains."""
     tables = {d: rig.tables(d).model_dump(mode="json", exclude=OF_A_LOG) for d in ("", *DISKS)}
     if missing := [d for d in disks if d not in records]:
@@ -140,5 +162,8 @@ def rig_fingerprint(rig: Rig, records: Mapping[str, DiskRecord], disks: Sequence
             remedy="add {records}",
             parameters={"records": f"{missing[0]}.disk.json"},
         )
-    known = {d: records[d].model_dump(mode="json", include={"static", "chain", "conditioning"}) for d in disks}
+    known = {
+        d: records[d].model_dump(mode="json", include={"static", "chain", "conditioning"})
+        for d in disks
+    }
     return checksum({"tables": tables, "records": known})

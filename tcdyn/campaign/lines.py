@@ -38,7 +38,9 @@ class Line:
     def estimate(self, k: int) -> Estimate:
         """A coefficient; Student's interval where the scatter was found from the points."""
         value, u = float(self.coefficients[k]), float(np.sqrt(self.covariance[k, k]))
-        reach = u * float(ndtri(0.975) if self.scatter == 0 else stdtrit(max(self.freedom, 1), 0.975))
+        reach = u * float(
+            ndtri(0.975) if self.scatter == 0 else stdtrit(max(self.freedom, 1), 0.975)
+        )
         return Estimate(value=value, u=u, low95=value - reach, high95=value + reach)
 
     def no_slope(self, k: int) -> float:

@@ -50,7 +50,9 @@ def unsmoothed(test: EhlTest, toward: Array, time_s: Array) -> Array:
     inner[: last - half] = toward[: last - half]
     out = ndimage.uniform_filter1d(inner, 2 * half + 1, axis=0, mode="constant")
     x = np.arange(2 * half + 1) - float(half)
-    at = np.arange(half + 1, 2 * half + 1 + len(toward) - last) - float(half)  # and on to the very end
+    at = np.arange(half + 1, 2 * half + 1 + len(toward) - last) - float(
+        half
+    )  # and on to the very end
     ends = toward[last - half :].copy()
     fit = np.column_stack([np.ones_like(x) / len(x), x / (x @ x)])
     held = np.minimum(at, half)[: len(ends)]
@@ -88,12 +90,15 @@ def driven_noise(test: EhlTest, side: Side, theta: Array, toward: Array) -> Arra
     out = np.zeros((toward.shape[1],) * 2)
     for i, sigma in enumerate(sd):
         through = sum(
-            np.conj(gains.direct[i, p] + rates @ gains.gains[i, p])[:, None] * seen[p] for p in range(each.shape[1])
+            np.conj(gains.direct[i, p] + rates @ gains.gains[i, p])[:, None] * seen[p]
+            for p in range(each.shape[1])
         )
         if i == 0:
             whole = np.zeros((len(f), toward.shape[1]), dtype=complex)
             whole[kept] = through
-            logged = sigma * unsmoothed(test, fft.irfft(whole, n=length, axis=0)[: len(window.time_s)], window.time_s)
+            logged = sigma * unsmoothed(
+                test, fft.irfft(whole, n=length, axis=0)[: len(window.time_s)], window.time_s
+            )
             out += logged.T @ logged
             continue
         rows = np.sqrt(weights)[:, None] * np.asarray(through)
@@ -101,7 +106,9 @@ def driven_noise(test: EhlTest, side: Side, theta: Array, toward: Array) -> Arra
     return out
 
 
-def whole_noise(test: EhlTest, sides: Sequence[Side], theta: Array, toward: Array, residual: Array) -> Array:
+def whole_noise(
+    test: EhlTest, sides: Sequence[Side], theta: Array, toward: Array, residual: Array
+) -> Array:
     """Covariance (D, D) of combinations ``toward`` (m, D), orthonormal, of both sides' data: own noise and inputs', all
     widened by the slow waves of the ``residual`` (m,) beyond it.
 
@@ -109,8 +116,13 @@ def whole_noise(test: EhlTest, sides: Sequence[Side], theta: Array, toward: Arra
     """
     ends = np.cumsum([len(s.y) for s in sides])[:-1]
     parts = [*zip(sides, theta.reshape(-1, 4), np.split(toward, ends), np.split(residual, ends))]
-    waves = [slow_waves(test, side, own_theta, own_residual) for side, own_theta, _, own_residual in parts]
-    driven = [driven_noise(test, side, own_theta, own_toward) for side, own_theta, own_toward, _ in parts]
+    waves = [
+        slow_waves(test, side, own_theta, own_residual)
+        for side, own_theta, _, own_residual in parts
+    ]
+    driven = [
+        driven_noise(test, side, own_theta, own_toward) for side, own_theta, own_toward, _ in parts
+    ]
     return max(waves) * (np.eye(toward.shape[1]) + sum(driven))
 
 
@@ -125,5 +137,7 @@ def slow_waves(test: EhlTest, side: Side, theta: Array, residual: Array) -> floa
     toward = np.zeros((*rows.shape, len(starts) * len(used)))
     for k, (start, column) in enumerate((s, c) for s in starts for c in used):
         toward[start : start + m, column, k] = 1 / np.sqrt(m)
-    expected = 1 + float(np.mean(np.diag(driven_noise(test, side, theta, toward.reshape(rows.size, -1)))))
+    expected = 1 + float(
+        np.mean(np.diag(driven_noise(test, side, theta, toward.reshape(rows.size, -1))))
+    )
     return max(1.0, wave_factor(rows, SUMS) / expected)

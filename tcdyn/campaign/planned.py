@@ -46,8 +46,17 @@ BODY_W_K = 1.8  # from the row d, b, f through bore and faces to the surrounding
 EDGES = 0.995  # excess at d and f over that at b
 FOLLOWS_S = 0.3  # the inner row feels the parting this much later
 MASS = 0.86  # of the disk's heat capacity that cools with the row d, b, f
-LINE = StaticLine(gain=1.0, offset=0.0, covariance=((1.4e-7, -1.1e-5), (-1.1e-5, 1.2e-3)), range_degC=(20.0, 160.0))
-LAGS_S, LAG_U_S, APART_U_S = (0.54, 0.12), 0.05, 0.008  # of a plunge-tested chain: two lags, u of the mean, u of each
+LINE = StaticLine(
+    gain=1.0,
+    offset=0.0,
+    covariance=((1.4e-7, -1.1e-5), (-1.1e-5, 1.2e-3)),
+    range_degC=(20.0, 160.0),
+)
+LAGS_S, LAG_U_S, APART_U_S = (
+    (0.54, 0.12),
+    0.05,
+    0.008,
+)  # of a plunge-tested chain: two lags, u of the mean, u of each
 
 
 @dataclass(frozen=True)
@@ -90,10 +99,13 @@ class PlannedCampaign:
             h = {f"u_h_{d}_rel": one[f"h_{d}"].u / one[f"h_{d}"].value for d in DISKS}
             rows.append(
                 {
-                    "test": name, "u_beta_alone": alone, "u_beta": one["beta"].u,
-                    "u_beta_within": one["beta_within"].u, **h,
+                    "test": name,
+                    "u_beta_alone": alone,
+                    "u_beta": one["beta"].u,
+                    "u_beta_within": one["beta_within"].u,
+                    **h,
                 }
-            )  # fmt: skip
+            )
         return pd.DataFrame(rows)
 
     @property
@@ -120,7 +132,9 @@ class PlannedCampaign:
             f"u of the exponent n: {self.u_exponent:.3f}",
         ]
         for name, beside, u in self.slopes:
-            lines.append(f"u of the slope of beta over {name}{f' beside {beside[0]}' if beside else ''}: {u:.2g}")
+            lines.append(
+                f"u of the slope of beta over {name}{f' beside {beside[0]}' if beside else ''}: {u:.2g}"
+            )
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
@@ -145,19 +159,25 @@ def read_plan(path: str | Path) -> tuple[PlannedTest, ...]:
     values = read_numbers(path, COLUMNS, OPTIONAL)
     rows = [{k: float(v[i]) for k, v in values.items()} for i in range(len(values["load_N"]))]
     for i, row in enumerate(rows, 2):
-        sound = 0 < row["friction_N"] < row["load_N"] and row["speed_fast_rpm"] > row["speed_slow_rpm"] > 0
+        sound = (
+            0 < row["friction_N"] < row["load_N"]
+            and row["speed_fast_rpm"] > row["speed_slow_rpm"] > 0
+        )
         if not (sound and 0 < row.get("beta", 0.7) < 1 and row.get("h_fast_W_m2K", 700.0) > 0):
             raise InputError(
-                f"row {i} is no test", where=str(path),
+                f"row {i} is no test",
+                where=str(path),
                 expected="friction below load, the fast shaft the faster, beta between 0 and 1, h above 0",
-            )  # fmt: skip
+            )
     if not rows:
         raise InputError("no planned test", where=str(path), expected="a row for each")
     return tuple(PlannedTest(f"test {i}", **row) for i, row in enumerate(rows, 1))
 
 
 @one_blas_thread
-def predict_campaign(plan: Sequence[PlannedTest], rig: Rig, logging: Logging | None = None) -> PlannedCampaign:
+def predict_campaign(
+    plan: Sequence[PlannedTest], rig: Rig, logging: Logging | None = None
+) -> PlannedCampaign:
     """Expected uncertainties of all planned tests together on the rig with the junctions of rig.toml."""
     kept = [planned_test(one, rig, logging or Logging()) for one in plan]
     alone = tuple(as_expected(solve([k])).estimates[0]["beta"].u for k in kept)
@@ -180,26 +200,45 @@ def as_expected(posterior: Posterior) -> Posterior:
 def planned_test(plan: PlannedTest, rig: Rig, logging: Logging) -> KeptTest:
     """What one planned test would keep, its fit standing on the truth."""
     radius, crown = zip(*((s.outer_radius_m, s.crown_radius_m) for s in map(rig.disk_setup, DISKS)))
-    u_fast, u_slow = (surface_speed_m_s(rpm, r) for rpm, r in zip((plan.speed_fast_rpm, plan.speed_slow_rpm), radius))
+    u_fast, u_slow = (
+        surface_speed_m_s(rpm, r)
+        for rpm, r in zip((plan.speed_fast_rpm, plan.speed_slow_rpm), radius)
+    )
     contact, u = rig.common.contact, rig.common.uncertainty
     dt, off = 1 / logging.rate_Hz, logging.before_s + logging.loaded_s
     t: Array = np.arange(0.0, off + logging.cooling_s, dt, dtype=np.float64)
     power = plan.friction_N * (u_fast - u_slow)
-    h = {"fast": plan.h_fast_W_m2K, "slow": plan.h_fast_W_m2K / (u_fast / u_slow) ** contact.speed_exponent}
+    h = {
+        "fast": plan.h_fast_W_m2K,
+        "slow": plan.h_fast_W_m2K / (u_fast / u_slow) ** contact.speed_exponent,
+    }
     share = {"fast": plan.beta, "slow": 1 - plan.beta}
     events = Events(logging.before_s, off + 0.4 * dt, 0.01, 0.02, (off + 0.4 * dt,))
     test = EhlTest(
-        time_s=t, dt_s=dt, events=events, power_W=np.where((t >= logging.before_s) & (t < events.unload_s), power, 0.0),
-        ambient_degC=logging.ambient_degC + 0.1 * _noise(len(t), 7), load_N=plan.load_N, friction_N=plan.friction_N,
-        speed_ratio=u_fast / u_slow, sliding_speed_m_s=u_fast - u_slow, entraining_speed_m_s=0.5 * (u_fast + u_slow),
+        time_s=t,
+        dt_s=dt,
+        events=events,
+        power_W=np.where((t >= logging.before_s) & (t < events.unload_s), power, 0.0),
+        ambient_degC=logging.ambient_degC + 0.1 * _noise(len(t), 7),
+        load_N=plan.load_N,
+        friction_N=plan.friction_N,
+        speed_ratio=u_fast / u_slow,
+        sliding_speed_m_s=u_fast - u_slow,
+        entraining_speed_m_s=0.5 * (u_fast + u_slow),
         half_width_m=half_width_m(plan.load_N, equal_radius_m(*radius), equal_radius_m(*crown)),
-        speed_exponent=contact.speed_exponent, exponent_half_range=0.5 * (u.speed_exponent_high - u.speed_exponent_low),
-        disks={d: _traces(d, rig, plan.load_N, t, events.unload_s, share[d] * power, h[d], logging) for d in DISKS},
+        speed_exponent=contact.speed_exponent,
+        exponent_half_range=0.5 * (u.speed_exponent_high - u.speed_exponent_low),
+        disks={
+            d: _traces(d, rig, plan.load_N, t, events.unload_s, share[d] * power, h[d], logging)
+            for d in DISKS
+        },
         findings=(),
         friction_noise_N=logging.friction_noise_N,
-    )  # fmt: skip
+    )
     test = at_own_temperature(with_surfaces(test))
-    theta = [np.array([share[d], np.log(h[d]), np.log(sum(LAGS_S)), np.log(LAGS_S[1])]) for d in DISKS]
+    theta = [
+        np.array([share[d], np.log(h[d]), np.log(sum(LAGS_S)), np.log(LAGS_S[1])]) for d in DISKS
+    ]
     window_s = min(JOINT_WINDOW_S, float(t[-1] - events.unload_s))
     sides = []
     for d, own in zip(DISKS, theta):
@@ -209,9 +248,13 @@ def planned_test(plan: PlannedTest, rig: Rig, logging: Logging) -> KeptTest:
         sides.append(replace(side, y=answer[0], prior_lag_s=sum(LAGS_S) + side.rest_of_lag_s))
     problem = joint_problem(sides)
     best = minimise(problem, np.pad(np.concatenate(theta), (0, problem.size - 8)), limit=0)
-    hotter_K = 0.35 * (2 * plan.beta - 1) * power  # roughly, the fast disk's surface: by its greater share, 0.35 K/W
+    hotter_K = (
+        0.35 * (2 * plan.beta - 1) * power
+    )  # roughly, the fast disk's surface: by its greater share, 0.35 K/W
     heat = {"delta_T_us_K_m_s": hotter_K * test.sliding_speed_m_s}
-    return compressed(plan.name, "planned", test, sides, best, dict.fromkeys(DISKS, UNKNOWN), **heat)
+    return compressed(
+        plan.name, "planned", test, sides, best, dict.fromkeys(DISKS, UNKNOWN), **heat
+    )
 
 
 def _noise(count: int, seed: int) -> Array:
@@ -220,7 +263,14 @@ def _noise(count: int, seed: int) -> Array:
 
 
 def _traces(
-    disk: str, rig: Rig, load_N: float, t: Array, off_s: float, power_W: float, h_W_m2K: float, logging: Logging
+    disk: str,
+    rig: Rig,
+    load_N: float,
+    t: Array,
+    off_s: float,
+    power_W: float,
+    h_W_m2K: float,
+    logging: Logging,
 ) -> DiskTraces:
     """Readings of a planned disk: the inner row at its steady excess until the parting, then cooling with the disk."""
     setup, u = rig.disk_setup(disk), rig.tables(disk).uncertainty
@@ -239,13 +289,28 @@ def _traces(
     y = np.empty((len(t), count))
     for k, c in enumerate(setup.channels):
         part = EDGES if c in setup.inner and c != setup.edge else 1.0
-        y[:, k] = logging.ambient_degC + part * seen + logging.noise_K * _noise(len(t), k + 10 * len(disk))
+        y[:, k] = (
+            logging.ambient_degC
+            + part * seen
+            + logging.noise_K * _noise(len(t), k + 10 * len(disk))
+        )
     level = np.full(count, logging.noise_K)
-    noise = LoggerNoise(np.zeros_like(level), level, level, setup.conditioning, rate_Hz=logging.rate_Hz)
+    noise = LoggerNoise(
+        np.zeros_like(level), level, level, setup.conditioning, rate_Hz=logging.rate_Hz
+    )
     return DiskTraces(
-        columns=couples(setup.channels, disk), lines=(LINE,) * count, chains=(chain,) * count,
-        lag_covariance_s2=LAG_U_S**2 + APART_U_S**2 * np.eye(count), split_u_s=np.zeros(count), name=disk, setup=setup,
-        readings_degC=y, missing=np.zeros(y.shape, dtype=bool), noise=noise, rounding_K=np.zeros(count),
-        static_u_K=np.asarray(static_u(LINE, y[t < off_s][-1])), uncertainty=u,
+        columns=couples(setup.channels, disk),
+        lines=(LINE,) * count,
+        chains=(chain,) * count,
+        lag_covariance_s2=LAG_U_S**2 + APART_U_S**2 * np.eye(count),
+        split_u_s=np.zeros(count),
+        name=disk,
+        setup=setup,
+        readings_degC=y,
+        missing=np.zeros(y.shape, dtype=bool),
+        noise=noise,
+        rounding_K=np.zeros(count),
+        static_u_K=np.asarray(static_u(LINE, y[t < off_s][-1])),
+        uncertainty=u,
         inner_K=np.zeros((len(t), len(setup.inner))),
-    )  # fmt: skip
+    )

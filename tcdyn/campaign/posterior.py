@@ -63,26 +63,40 @@ def reduced(kept: KeptTest, departures: Sequence[str] = ()) -> Reduced:
     for k, name in enumerate(departures):
         if name in q:
             apart[:, k] = of_q[:, q.index(name)]
-    table = np.column_stack([kept.rows[:, :A], of_q @ mixed, apart, kept.right + of_q @ kept.centre[A:]])
+    table = np.column_stack(
+        [kept.rows[:, :A], of_q @ mixed, apart, kept.right + of_q @ kept.centre[A:]]
+    )
     table = solve_triangular(lower, table, lower=True)
     priors = np.zeros((len(DISKS), table.shape[1]))
-    for k, d in enumerate(DISKS):  # the record's lag errs for the rig; the test's own departs from it by little
+    for k, d in enumerate(
+        DISKS
+    ):  # the record's lag errs for the rig; the test's own departs from it by little
         u, at = kept.lag_u_s[d], LAG_FAST + k
         own_s = min(LAG_OWN_S, u)
-        priors[k, at], priors[k, A + shared.index(lag[k])] = 1 / own_s, -np.sqrt(max(u * u - own_s**2, 0.0)) / own_s
+        priors[k, at], priors[k, A + shared.index(lag[k])] = (
+            1 / own_s,
+            -np.sqrt(max(u * u - own_s**2, 0.0)) / own_s,
+        )
         if f"lag {d}" in departures:
             priors[k, A + len(shared) + departures.index(f"lag {d}")] = -1 / own_s
         priors[k, -1] = (kept.lag_prior_s[d] - kept.centre[at]) / own_s
     factor: Array = np.asarray(np.linalg.qr(np.vstack([table, priors]), mode="r"))
     top = factor[:A, :A]
     if np.abs(np.diag(top)).min() < 1e-9 * np.abs(top).max():
-        raise InputError("its rows do not tell beta from the heat transfer coefficients", where=kept.name)
+        raise InputError(
+            "its rows do not tell beta from the heat transfer coefficients", where=kept.name
+        )
     line = solve_triangular(top, np.column_stack([factor[:A, A:], np.eye(A)]))
     at, names = A + len(shared) + len(departures), (*shared, *departures)
     return Reduced(
-        kept.name, names, kept.centre[:A] + line[:, at - A], line[:, : at - A], line[:, -A:], factor[A:, A:at],
+        kept.name,
+        names,
+        kept.centre[:A] + line[:, at - A],
+        line[:, : at - A],
+        line[:, -A:],
+        factor[A:, A:at],
         factor[A:, at],
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True)
@@ -147,7 +161,15 @@ def u_if_known(posterior: Posterior, toward: Array) -> dict[str, float]:
         kinds.setdefault("lag" if "lag" in name else name.split()[0], []).append(k)
     variance = float(toward @ posterior.covariance @ toward)
     left = {
-        kind: float(np.sqrt(max(variance - float(moved[k] @ np.linalg.solve(covariance[np.ix_(k, k)], moved[k])), 0.0)))
+        kind: float(
+            np.sqrt(
+                max(
+                    variance
+                    - float(moved[k] @ np.linalg.solve(covariance[np.ix_(k, k)], moved[k])),
+                    0.0,
+                )
+            )
+        )
         for kind, k in kinds.items()
     }
     return dict(sorted(left.items(), key=lambda one: one[1]))

@@ -61,23 +61,45 @@ class JoinedCampaign:
         """What the campaign shows that no test alone does."""
         found = [
             look(
-                "campaign.stranger", subject=s.name, cause=s.cause, size=s.size.value, u=s.size.u, z=s.z,
-                chi2=s.chi2, left=s.left, freedom=s.freedom, explained=s.explained,
+                "campaign.stranger",
+                subject=s.name,
+                cause=s.cause,
+                size=s.size.value,
+                u=s.size.u,
+                z=s.z,
+                chi2=s.chi2,
+                left=s.left,
+                freedom=s.freedom,
+                explained=s.explained,
             )
             for s in self.strangers
-        ]  # fmt: skip
+        ]
         n, assumed = self.law.exponent, self.posterior.tests[0].conditions["speed_exponent"]
         tests = len(self.posterior.tests)
         if tests > 1 and abs(n.value - assumed) > FAR_Z * n.u:
             found.append(note("campaign.exponent", n=n.value, u=n.u, assumed=assumed, tests=tests))
-        if self.law.by_speed is not None and self.law.p_value is not None and self.law.p_value < BENT_P:
+        if (
+            self.law.by_speed is not None
+            and self.law.p_value is not None
+            and self.law.p_value < BENT_P
+        ):
             by = self.law.by_speed
-            found.append(look("campaign.power_law", per_doubled=by.value, u=by.u, p=self.law.p_value))
+            found.append(
+                look("campaign.power_law", per_doubled=by.value, u=by.u, p=self.law.p_value)
+            )
         for d, pulls in self.pulls.items():
             for c, z in pulls.items():
                 if abs(z) > MOVED_Z:
                     e = self.deeper_mm[d][c]
-                    found.append(look("campaign.junction", subject=f"{d}_{c}", deeper_mm=e.value, u_mm=e.u, z=z))
+                    found.append(
+                        look(
+                            "campaign.junction",
+                            subject=f"{d}_{c}",
+                            deeper_mm=e.value,
+                            u_mm=e.u,
+                            z=z,
+                        )
+                    )
         for test in self.curves:
             if test.shape_rejected:
                 shape = look(
@@ -131,17 +153,25 @@ class JoinedCampaign:
 def kept_test(name: str, data: Mapping[str, Any]) -> KeptTest:
     """What the content of a beta.json keeps for its campaign. Raises InputError where that is nothing."""
     if not data.get("kept"):
-        raise InputError("keeps nothing for a campaign: its joint fit of both disks was withheld", where=name)
+        raise InputError(
+            "keeps nothing for a campaign: its joint fit of both disks was withheld", where=name
+        )
     return KeptTest.from_dict(name, data["kept"])
 
 
-def joined(answers: Mapping[str, Mapping[str, Any]], curves: Sequence[Curve] = ()) -> JoinedCampaign | None:
+def joined(
+    answers: Mapping[str, Mapping[str, Any]], curves: Sequence[Curve] = ()
+) -> JoinedCampaign | None:
     """One posterior of the contents of beta.json by test; None where none can be joined.
 
     A test whose answer is withheld stands apart, and so does one that does not belong. Raises InputError for tests of
     different rigs, by name, for a kept block of another schema, and for a curve that the tests do not reach.
     """
-    apart = {name: "its answer is withheld" for name, data in answers.items() if data.get("status") == "withheld"}
+    apart = {
+        name: "its answer is withheld"
+        for name, data in answers.items()
+        if data.get("status") == "withheld"
+    }
     used = {name: data for name, data in answers.items() if name not in apart}
     if not used:
         return None
@@ -173,7 +203,9 @@ def joined(answers: Mapping[str, Mapping[str, Any]], curves: Sequence[Curve] = (
 
 
 def _by_law(data: Mapping[str, Any], test: KeptTest, exponent: float) -> float | None:
-    lines = [data["steady"][f"{d}_line"][key]["value"] for d in DISKS for key in ("intercept", "slope")]
+    lines = [
+        data["steady"][f"{d}_line"][key]["value"] for d in DISKS for key in ("intercept", "slope")
+    ]
     chi = speed_ratio_power(test.conditions["speed_ratio"], exponent)
     if None in lines:
         return None
@@ -181,11 +213,16 @@ def _by_law(data: Mapping[str, Any], test: KeptTest, exponent: float) -> float |
     return float(speed_law_beta(a, b, c, d, chi))
 
 
-def junctions(posterior: Posterior) -> tuple[dict[str, dict[str, Estimate]], dict[str, dict[str, float]]]:
+def junctions(
+    posterior: Posterior,
+) -> tuple[dict[str, dict[str, Estimate]], dict[str, dict[str, float]]]:
     """How much deeper than stated each junction lies [mm], by disk and channel, and its pull on the statement."""
     deeper: dict[str, dict[str, Estimate]] = {d: {} for d in DISKS}
     pulls: dict[str, dict[str, float]] = {d: {} for d in DISKS}
-    units, wider = {n: size for t in posterior.tests for n, size in t.units.items()}, float(np.sqrt(posterior.widened))
+    units, wider = (
+        {n: size for t in posterior.tests for n, size in t.units.items()},
+        float(np.sqrt(posterior.widened)),
+    )
     told = zip(posterior.shared, posterior.found, np.diag(posterior.shared_covariance))
     for name, x, variance in sorted(told, key=lambda one: one[0]):
         match name.split(" "):

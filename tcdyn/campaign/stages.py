@@ -22,7 +22,9 @@ BEFORE_S = 0.5  # from where a test ends to the next loading
 LONG_ROWS = 120_000  # beyond, what is kept: seconds before the loading, the last under load, and after the parting,
 KEPT_S = np.array([100.0, 1250.0, 250.0])
 BESIDE_S = 60.0  # of loading and parting: what their instants are found in
-LEAST_S = np.array([30.0, 200.0, 60.0])  # and, of a log sampled so fast that these are too many rows, no less than
+LEAST_S = np.array(
+    [30.0, 200.0, 60.0]
+)  # and, of a log sampled so fast that these are too many rows, no less than
 COURSE = ("contact", "load_N", "friction_N")
 
 
@@ -39,7 +41,9 @@ def loadings(frame: pd.DataFrame) -> list[Events]:
     except InputError:
         return []
     on, off = found.load_on_s, found.unload_s
-    before, after = (frame[rows].reset_index(drop=True) for rows in (t < on - BEFORE_S, t > off + AFTER_S))
+    before, after = (
+        frame[rows].reset_index(drop=True) for rows in (t < on - BEFORE_S, t > off + AFTER_S)
+    )
     return [*loadings(before), found, *loadings(after)]
 
 
@@ -96,9 +100,14 @@ def read_stage(log: LogPieces, number: int | None) -> tuple[Log, int]:
     course, count = stage_of(_course(log, every), number)
     events = find_events(course.frame, log.path.name)
     begin, *_, end = (float(x) for x in course.frame["time_s"])
-    before, loaded, after = np.maximum(KEPT_S * min(1.0, LONG_ROWS * log.dt_s / KEPT_S.sum()), LEAST_S)
+    before, loaded, after = np.maximum(
+        KEPT_S * min(1.0, LONG_ROWS * log.dt_s / KEPT_S.sum()), LEAST_S
+    )
     on, off = events.load_on_s, events.unload_s
-    begin, end = max(begin, on - before if off - on <= loaded else off - loaded), min(end, off + after)
+    begin, end = (
+        max(begin, on - before if off - on <= loaded else off - loaded),
+        min(end, off + after),
+    )
     first, last = _rows(log, [begin, end])
     kept = log.whole(np.arange(first, log.rows if last + every >= log.rows else last + 1))
     told = note("log.long", count=log.rows, begin_s=begin, end_s=end)
@@ -112,7 +121,11 @@ def all_events(log: LogPieces, kept: Log) -> list[Events]:
     """
     if len(kept.frame) == log.rows:
         whole = loadings(kept.frame)
-        return whole if len(whole) == 1 else [find_events(x.frame, log.path.name) for x in _parts(kept, whole)]
+        return (
+            whole
+            if len(whole) == 1
+            else [find_events(x.frame, log.path.name) for x in _parts(kept, whole)]
+        )
     found = []
     for rough in loadings(_course(log, -(-log.rows // LONG_ROWS)).frame):
         times = [t + s for t in (rough.load_on_s, rough.unload_s) for s in (-BESIDE_S, BESIDE_S)]

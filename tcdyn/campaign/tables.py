@@ -24,7 +24,9 @@ LATEX = {
 }
 
 SIGNS = {"\\": "backslash", "^": "asciicircum", "~": "asciitilde", "<": "less", ">": "greater"}
-TEX = {ord(c): rf"\{c}" for c in "&%$#_{}"} | {ord(c): rf"\text{name}{{}}" for c, name in SIGNS.items()}
+TEX = {ord(c): rf"\{c}" for c in "&%$#_{}"} | {
+    ord(c): rf"\text{name}{{}}" for c, name in SIGNS.items()
+}
 
 
 def paper_table(joined: JoinedCampaign) -> pd.DataFrame:
@@ -33,16 +35,27 @@ def paper_table(joined: JoinedCampaign) -> pd.DataFrame:
     p, law = joined.posterior, joined.law
     for i, (kept, one) in enumerate(zip(p.tests, p.estimates)):
         row: dict[str, object] = {"test": kept.name.removeprefix("EHL_")}
-        row |= {k: kept.conditions[k] for k in ("load_N", "friction_N", "sliding_speed_m_s", "entraining_speed_m_s")}
+        row |= {
+            k: kept.conditions[k]
+            for k in ("load_N", "friction_N", "sliding_speed_m_s", "entraining_speed_m_s")
+        }
         heat = joined.delta_T_us[kept.name]
         row |= {"delta_T_us_K_m_s": heat.value, "u_delta_T_us_K_m_s": heat.u}
-        row |= {"beta": one["beta"].value, "u_beta_within": one["beta_within"].u, "u_beta": one["beta"].u}
+        row |= {
+            "beta": one["beta"].value,
+            "u_beta_within": one["beta_within"].u,
+            "u_beta": one["beta"].u,
+        }
         law_beta = joined.by_law[kept.name]
         row["beta_by_speed_law"] = np.nan if law_beta is None else law_beta
         for d in DISKS:
             row |= {f"h_{d}_W_m2K": one[f"h_{d}"].value, f"u_h_{d}_W_m2K": one[f"h_{d}"].u}
             row |= {f"lag_{d}_s": one[f"lag_{d}_s"].value, f"u_lag_{d}_s": one[f"lag_{d}_s"].u}
-        row |= {"exponent": law.each[i], "u_exponent_within": law.u_within[i], "status": joined.status[kept.name]}
+        row |= {
+            "exponent": law.each[i],
+            "u_exponent_within": law.u_within[i],
+            "status": joined.status[kept.name],
+        }
         rows.append(row)
     return pd.DataFrame(rows)
 
@@ -58,21 +71,32 @@ def paper_latex(joined: JoinedCampaign) -> str:
     for r in paper_table(joined).to_dict("records"):
         beta, inside = rounded(r["beta"], r["u_beta_within"])
         cells = [
-            printable(str(r["test"])).translate(TEX), f"{r['load_N']:.0f}", f"{r['sliding_speed_m_s']:.1f}",
-            rounded(r["delta_T_us_K_m_s"], r["u_delta_T_us_K_m_s"])[0], beta, inside,
+            printable(str(r["test"])).translate(TEX),
+            f"{r['load_N']:.0f}",
+            f"{r['sliding_speed_m_s']:.1f}",
+            rounded(r["delta_T_us_K_m_s"], r["u_delta_T_us_K_m_s"])[0],
+            beta,
+            inside,
             rounded(r["beta"], r["u_beta"])[1],
-            *(_pm(r[f"h_{d}_W_m2K"], r[f"u_h_{d}_W_m2K"]) for d in DISKS), _pm(r["exponent"], r["u_exponent_within"]),
-        ]  # fmt: skip
+            *(_pm(r[f"h_{d}_W_m2K"], r[f"u_h_{d}_W_m2K"]) for d in DISKS),
+            _pm(r["exponent"], r["u_exponent_within"]),
+        ]
         rows.append(" & ".join(cells) + r" \\")
     n = joined.law.exponent
     return "\n".join(
         [
-            r"\begin{tabular}{l" + "r" * (len(LATEX) - 1) + "}", r"\toprule", " & ".join(LATEX.values()) + r" \\",
-            r"\midrule", *rows, r"\midrule",
+            r"\begin{tabular}{l" + "r" * (len(LATEX) - 1) + "}",
+            r"\toprule",
+            " & ".join(LATEX.values()) + r" \\",
+            r"\midrule",
+            *rows,
+            r"\midrule",
             rf"\multicolumn{{{len(LATEX) - 1}}}{{l}}{{all tests}} & {_pm(n.value, n.u)} \\",
-            r"\bottomrule", r"\end{tabular}", "",
+            r"\bottomrule",
+            r"\end{tabular}",
+            "",
         ]
-    )  # fmt: skip
+    )
 
 
 def _pm(value: float, u: float) -> str:
@@ -87,8 +111,14 @@ def trend_rows(joined: JoinedCampaign) -> pd.DataFrame:
         for name, slope, p in zip(t.against, t.slopes, t.p_value):
             rows.append(
                 {
-                    "over": name, "with": ", ".join(x for x in t.against if x != name), "slope": slope,
-                    "p_value": p, "scatter": t.scatter, "p_value_of_line": t.enough,
+                    "over": name,
+                    "with": ", ".join(x for x in t.against if x != name),
+                    "slope": slope,
+                    "p_value": p,
+                    "scatter": t.scatter,
+                    "p_value_of_line": t.enough,
                 }
-            )  # fmt: skip
-    return pd.DataFrame(rows, columns=["over", "with", "slope", "p_value", "scatter", "p_value_of_line"])
+            )
+    return pd.DataFrame(
+        rows, columns=["over", "with", "slope", "p_value", "scatter", "p_value_of_line"]
+    )

@@ -18,7 +18,10 @@ from tcdyn.campaign.lines import Line, fit_line, level_inside_points
 from tcdyn.campaign.posterior import Posterior
 
 AGAINST = ("delta_T_us_K_m_s", "load_N", "sliding_speed_m_s", "entraining_speed_m_s")
-TOGETHER = ("load_N", "sliding_speed_m_s")  # entraining speed goes with sliding speed at one gear ratio
+TOGETHER = (
+    "load_N",
+    "sliding_speed_m_s",
+)  # entraining speed goes with sliding speed at one gear ratio
 LEAST_APART = 0.01  # of the largest value: set points closer than this are one
 LEAST_TESTS = 3
 # Chance of the tests' departures below which a curve's shape is rejected. The usual level of 5 %: of 2000 drawn
@@ -48,11 +51,17 @@ class BetaTrend:
         n = self.line.operator.shape[1]
         columns = np.column_stack([np.ones(len(x)), x - self.mean[0]])
         off = columns @ self.line.operator - 1.0 / n
-        return columns @ self.line.coefficients, np.sqrt(np.clip(np.diag(off @ self.line.used @ off.T), 0.0, None))
+        return columns @ self.line.coefficients, np.sqrt(
+            np.clip(np.diag(off @ self.line.used @ off.T), 0.0, None)
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """As ``campaign.json`` keeps it; of a trend over several x a list of each."""
-        own: dict[str, Any] = {"against": self.against, "slope": self.slopes, "p_value": self.p_value}
+        own: dict[str, Any] = {
+            "against": self.against,
+            "slope": self.slopes,
+            "p_value": self.p_value,
+        }
         if len(self.against) == 1:
             own = {k: v[0] for k, v in own.items()}
         return jsonable({**own, "scatter": self.scatter, "p_value_of_line": self.enough})
@@ -71,7 +80,9 @@ def set_points(x: Array) -> int:
 def trend(posterior: Posterior, *against: str) -> BetaTrend | None:
     """The line of beta over one or more of ``AGAINST``; None where a test does not tell it, or set points are few."""
     conditions = [t.conditions for t in posterior.tests]
-    if len(conditions) < LEAST_TESTS + len(against) - 1 or any(a not in c for a in against for c in conditions):
+    if len(conditions) < LEAST_TESTS + len(against) - 1 or any(
+        a not in c for a in against for c in conditions
+    ):
         return None
     x = np.array([[c[a] for a in against] for c in conditions])
     if not np.isfinite(x).all() or min(set_points(column) for column in x.T) < LEAST_TESTS:
@@ -80,9 +91,14 @@ def trend(posterior: Posterior, *against: str) -> BetaTrend | None:
     line = fit_line(np.column_stack([np.ones(len(x)), x - mean]), *posterior.beta)
     ks = range(1, 1 + len(against))
     return BetaTrend(
-        against, tuple(line.estimate(k) for k in ks), tuple(line.no_slope(k) for k in ks), line.scatter, line.p_value,
-        mean, line,
-    )  # fmt: skip
+        against,
+        tuple(line.estimate(k) for k in ks),
+        tuple(line.no_slope(k) for k in ks),
+        line.scatter,
+        line.p_value,
+        mean,
+        line,
+    )
 
 
 def trends(posterior: Posterior) -> tuple[BetaTrend, ...]:
@@ -128,11 +144,17 @@ class CurveTest:
     def to_dict(self) -> dict[str, Any]:
         """As ``campaign.json`` keeps it."""
         return {
-            "file": self.curve.file, "against": self.curve.against, "tests": list(self.inside), "chi2": self.chi2,
-            "freedom": len(self.inside), "p_value": self.p_value, "shape_chi2": self.shape_chi2,
-            "shape_p_value": self.shape_p_value, "offset": self.offset.model_dump(),
+            "file": self.curve.file,
+            "against": self.curve.against,
+            "tests": list(self.inside),
+            "chi2": self.chi2,
+            "freedom": len(self.inside),
+            "p_value": self.p_value,
+            "shape_chi2": self.shape_chi2,
+            "shape_p_value": self.shape_p_value,
+            "offset": self.offset.model_dump(),
             "scatter": self.scatter,
-        }  # fmt: skip
+        }
 
 
 def read_curve(path: str | Path) -> Curve:
@@ -144,15 +166,22 @@ def read_curve(path: str | Path) -> Curve:
     over = [a for a in AGAINST if a in values]
     if len(over) != 1:
         raise InputError(
-            f"it holds {' and '.join(over) or 'nothing'} to lay beta over", where=str(path),
+            f"it holds {' and '.join(over) or 'nothing'} to lay beta over",
+            where=str(path),
             expected=f"one of {', '.join(AGAINST)}",
-        )  # fmt: skip
+        )
     x, beta = values[over[0]], values["beta"]
     u = values.get("u_beta", np.zeros(len(x)))
     if len(x) < 2 or not (np.diff(x) > 0).all():
-        raise InputError(f"{over[0]} does not rise from row to row", where=str(path), expected="two rows or more")
+        raise InputError(
+            f"{over[0]} does not rise from row to row", where=str(path), expected="two rows or more"
+        )
     if not ((beta > 0) & (beta < 1)).all() or (u < 0).any():
-        raise InputError("beta is not a share", where=str(path), expected="beta between 0 and 1, u_beta not below 0")
+        raise InputError(
+            "beta is not a share",
+            where=str(path),
+            expected="beta between 0 and 1, u_beta not below 0",
+        )
     return Curve(Path(path).name, over[0], x, beta, u)
 
 
@@ -168,8 +197,10 @@ def curve_test(posterior: Posterior, curve: Curve) -> CurveTest:
     if len(inside) < 2:
         raise InputError(
             f"{len(inside)} tests lie within its {curve.against} of {curve.x[0]:g} to {curve.x[-1]:g}",
-            where=curve.file, expected="two or more", remedy="carry the curve on as far as the tests go",
-        )  # fmt: skip
+            where=curve.file,
+            expected="two or more",
+            remedy="carry the curve on as far as the tests go",
+        )
     u = np.interp(x[inside], curve.x, curve.u)
     beta, covariance = posterior.beta
     off = beta[inside] - np.interp(x[inside], curve.x, curve.beta)

@@ -25,20 +25,52 @@ from tcdyn.chain.noise import LoggerNoise, noise_of
 from tcdyn.chain.rational import Factor, Rational, simulate
 
 # samples of a pulse; one between two of these is found by either
-LENGTHS = (2, 3, 4, 5, 7, 9, 11, 13, 15, 17, 19, 22, 25, 28, 31, *(round(31 * 1.12**k) for k in range(1, 32)))
+LENGTHS = (
+    2,
+    3,
+    4,
+    5,
+    7,
+    9,
+    11,
+    13,
+    15,
+    17,
+    19,
+    22,
+    25,
+    28,
+    31,
+    *(round(31 * 1.12**k) for k in range(1, 32)),
+)
 LONGEST_S = 0.45  # of a pulse
-BESIDE_S, BESIDE = 0.4, 8  # of the trace on either side that tells what the temperature does; samples at least
+BESIDE_S, BESIDE = (
+    0.4,
+    8,
+)  # of the trace on either side that tells what the temperature does; samples at least
 SLOW = 10.0  # sampling intervals: a chain of that lag rounds whatever a temperature does
 SURE = 7.0  # standard deviations of a pulse's height
-BETTER, BETTER_ALONE = 25.0, 6.0  # deviance by which it must beat bends and steps; a weak one that is alone
+BETTER, BETTER_ALONE = (
+    25.0,
+    6.0,
+)  # deviance by which it must beat bends and steps; a weak one that is alone
 WEAK = 250.0  # deviance of all that is in a window of a weak one: a temperature's own jump of ten kelvin has thousands
-WITNESSES, BRIDGED = 2, 0.25  # other channels that must be able to show something; with more missing they cannot
+WITNESSES, BRIDGED = (
+    2,
+    0.25,
+)  # other channels that must be able to show something; with more missing they cannot
 SHOWN = 4.5  # standard deviations of a pulse's height by which two other channels show that it was the temperature
-NOISY, CLEARLY = 1.5, 4.0  # deviance a sample that noise may leave; by what multiple of the rest it must beat them, too
+NOISY, CLEARLY = (
+    1.5,
+    4.0,
+)  # deviance a sample that noise may leave; by what multiple of the rest it must beat them, too
 LEFT = 0.5  # standard deviations of noise that a pulse's tail may leave in a sample which is kept
 MOST = 1500  # samples of a window: traces of some kilohertz are not searched
 SAME_RATE = 0.01  # sampling intervals that differ by less are one
-DENSE, SHORT_S = 0.012, 1.0  # share of samples in bursts above which segments of this length tell the noise
+DENSE, SHORT_S = (
+    0.012,
+    1.0,
+)  # share of samples in bursts above which segments of this length tell the noise
 PASSED = 0.1  # part of a temperature's wave that a chain lets through: of less, what stands out is called hum
 ROUNDS = 6  # pulses that hide each other come out one after the other
 
@@ -60,7 +92,9 @@ def noise_and_white(
     alike = [abs(dt / dts_s[0] - 1) < SAME_RATE for dt in dts_s]
 
     def white(noise: LoggerNoise) -> list[tuple[Array, Flags]]:
-        return [made_white(noise, y, np.isfinite(y), dt, chains, rule) for y, dt in zip(traces, dts_s)]
+        return [
+            made_white(noise, y, np.isfinite(y), dt, chains, rule) for y, dt in zip(traces, dts_s)
+        ]
 
     noise = noise_of([*compress(traces, alike)], dts_s[0], filter_, white_K)
     done = white(noise)
@@ -69,8 +103,14 @@ def noise_and_white(
         again = noise_of([*compress(left, alike)], dts_s[0], filter_, white_K, SHORT_S)
         noise = replace(again, lines=noise.lines)  # short segments cannot tell one
         done = white(noise)
-    plain = [replace(c, conditioning=NO_CONDITIONING) for c in chains if c.lag_s > c.conditioning.lag_s]
-    hum = [line for line in noise.lines if all(abs(c.frequency_response(line[0])) < PASSED for c in plain)]
+    plain = [
+        replace(c, conditioning=NO_CONDITIONING) for c in chains if c.lag_s > c.conditioning.lag_s
+    ]
+    hum = [
+        line
+        for line in noise.lines
+        if all(abs(c.frequency_response(line[0])) < PASSED for c in plain)
+    ]
     return replace(noise, lines=tuple(hum)), done  # the others may be the temperature's own waves
 
 
@@ -117,7 +157,9 @@ def _shown(search: _Search | None, missing: Flags) -> Array:
         return np.full(len(missing), np.nan)
     near = 2 * search.widest + 1
     height = maximum_filter1d(search.first, near)[search.widest : -search.widest]
-    return np.where((height > 0) & (uniform_filter1d(missing.astype(float), near) < BRIDGED), height, np.nan)
+    return np.where(
+        (height > 0) & (uniform_filter1d(missing.astype(float), near) < BRIDGED), height, np.nan
+    )
 
 
 @dataclass(frozen=True)
@@ -138,7 +180,13 @@ class _Search:
         widest = max(map(len, pulses)) + 2 * beside
         if len(y) < 2 * widest or widest > MOST or not noise_sd > 0:
             return None
-        return cls(np.pad(y, widest, mode="reflect", reflect_type="odd") / noise_sd, pulses, shapes, beside, widest)
+        return cls(
+            np.pad(y, widest, mode="reflect", reflect_type="odd") / noise_sd,
+            pulses,
+            shapes,
+            beside,
+            widest,
+        )
 
     def score(self, padded: Array) -> Array:
         """Largest height of any pulse over its standard deviation, by the middle of its window; zeros at the ends."""
@@ -151,7 +199,12 @@ class _Search:
 
 
 def find_bursts(
-    y: Array, dt_s: float, noise_sd: float, filter_: Conditioning, lag_s: float, alone: Flags | None = None
+    y: Array,
+    dt_s: float,
+    noise_sd: float,
+    filter_: Conditioning,
+    lag_s: float,
+    alone: Flags | None = None,
 ) -> Flags:
     """Samples (N,) of ``y`` [K], finite, every ``dt_s`` (above 0.8 ms), that a burst before ``filter_`` has moved.
 
@@ -174,7 +227,9 @@ def _found(search: _Search | None, dt_s: float, lag_s: float, alone: Flags) -> F
         for centre in peaks(score, SURE, widest):
             for share in (0.5, 0.25, 0.75):  # a second pulse may lie on either side
                 first = int(np.clip(centre - share * widest, 0, len(padded) - widest))
-                if (inside := parts.pulses_in(padded[first : first + widest], bool(other[centre]))).any():
+                if (
+                    inside := parts.pulses_in(padded[first : first + widest], bool(other[centre]))
+                ).any():
                     moved[first : first + widest] |= inside
                     break
         if np.count_nonzero(moved) == before:
@@ -240,7 +295,10 @@ class _Parts:
         if whole < max(least, SURE**2):  # no two parts explain more than there is
             return nothing
         few = max(2**16 // len(told), 1)  # rows that stay in the processor's cache
-        found = [self._best(told, square, slice(a, min(a + few, self.pulses))) for a in range(0, self.pulses, few)]
+        found = [
+            self._best(told, square, slice(a, min(a + few, self.pulses)))
+            for a in range(0, self.pulses, few)
+        ]
         explained, i, k = max(found, key=lambda f: f[0])
         wrong = max(whole - explained - NOISY * len(window), 0.0)  # the parts are not quite these
         if explained < max(least + CLEARLY * wrong, SURE**2):
@@ -252,7 +310,9 @@ class _Parts:
         heights = np.linalg.lstsq(self.units[:, chosen], window)[0] / self.norms[chosen]
         return np.asarray((np.abs(self.shapes[:, chosen] * heights) > LEFT).any(axis=1))
 
-    def _best(self, told: Array, square: Array, rows: slice, first: int = 0) -> tuple[float, int, int]:
+    def _best(
+        self, told: Array, square: Array, rows: slice, first: int = 0
+    ) -> tuple[float, int, int]:
         """The most that one of ``rows`` and one of the parts from ``first`` on explain together, and which these are.
 
         (a^2 + b^2 - 2 r a b) / (1 - r^2), a and b what each is told, r how alike they are; a^2 for one part alone.
@@ -296,4 +356,6 @@ def _parts(pulses: Sequence[Array], size: int, beside: int, dt_s: float, lag_s: 
     units = rest[:, kept] / norms[kept]
     alike = np.clip(units.T @ units, -1 + 1e-3, 1 - 1e-3)
     named = np.column_stack([shapes, np.zeros((size, whole.shape[1] - len(places)))])
-    return _Parts(named[:, kept], units, alike, norms[kept], cubic, int(np.count_nonzero(kept[: len(places)])))
+    return _Parts(
+        named[:, kept], units, alike, norms[kept], cubic, int(np.count_nonzero(kept[: len(places)]))
+    )

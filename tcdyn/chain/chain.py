@@ -54,10 +54,14 @@ class Chain(Result):
     if TYPE_CHECKING:
 
         def __init__(
-            self, taus_s: float | Sequence[float], zero_s: float = 0.0, delay_s: float = 0.0,
-            conditioning: Conditioning = NO_CONDITIONING, pair: tuple[float, float] | None = None,
+            self,
+            taus_s: float | Sequence[float],
+            zero_s: float = 0.0,
+            delay_s: float = 0.0,
+            conditioning: Conditioning = NO_CONDITIONING,
+            pair: tuple[float, float] | None = None,
             cement_s: float = 0.0,
-        ) -> None: ...  # fmt: skip
+        ) -> None: ...
 
     def __post_init__(self) -> None:
         try:
@@ -69,15 +73,26 @@ class Chain(Result):
             ) from None
         object.__setattr__(self, "taus_s", taus)
         if not all(0 <= tau < np.inf for tau in taus) or not 0 <= self.delay_s < np.inf:
-            raise InputError(f"Chain: lags and delay must not be negative; got {self.taus_s}, {self.delay_s}")
+            raise InputError(
+                f"Chain: lags and delay must not be negative; got {self.taus_s}, {self.delay_s}"
+            )
         if self.cement_s < 0 or (self.pair is not None and min(self.pair) <= 0):
-            raise InputError(f"Chain: cement and pair must be positive; got {self.cement_s}, {self.pair}")
-        lag = self.delay_s - self.zero_s + sum(f[1] for f in self.own_factors()) + self.conditioning.lag_s
+            raise InputError(
+                f"Chain: cement and pair must be positive; got {self.cement_s}, {self.pair}"
+            )
+        lag = (
+            self.delay_s
+            - self.zero_s
+            + sum(f[1] for f in self.own_factors())
+            + self.conditioning.lag_s
+        )
         object.__setattr__(self, "lag_s", float(lag))
 
     def own_factors(self) -> tuple[tuple[float, ...], ...]:
         """The factors below but the filter's, ascending coefficients in s: lags from the largest on, pair, cement."""
-        found: list[tuple[float, ...]] = [(1.0, tau) for tau in sorted(self.taus_s, reverse=True) if tau > 0]
+        found: list[tuple[float, ...]] = [
+            (1.0, tau) for tau in sorted(self.taus_s, reverse=True) if tau > 0
+        ]
         if self.pair is not None:
             found.append((1.0, 2 * self.pair[1] * self.pair[0], self.pair[0] ** 2))
         if self.cement_s:
@@ -97,13 +112,21 @@ class Chain(Result):
     @property
     def parameters(self) -> dict[str, Any]:
         """All that it is made of but the filter, by name, as a disk record keeps it."""
-        return {f.name: getattr(self, f.name) for f in fields(self) if f.init and f.name != "conditioning"}
+        return {
+            f.name: getattr(self, f.name)
+            for f in fields(self)
+            if f.init and f.name != "conditioning"
+        }
 
     def summary(self) -> str:
         """Lags, zero, dead time and filter, and the first moment of it all."""
-        said = ["lags " + ", ".join(f"{tau:.4g}" for tau in self.taus_s) + " s"] if self.taus_s else []
+        said = (
+            ["lags " + ", ".join(f"{tau:.4g}" for tau in self.taus_s) + " s"] if self.taus_s else []
+        )
         said += [f"zero {self.zero_s:.4g} s"] if self.zero_s else []
-        said += [f"complex pair Tw {self.pair[0]:.4g} s, zeta {self.pair[1]:.4g}"] if self.pair else []
+        said += (
+            [f"complex pair Tw {self.pair[0]:.4g} s, zeta {self.pair[1]:.4g}"] if self.pair else []
+        )
         said += [f"cement {self.cement_s:.4g} s"] if self.cement_s else []
         said += [f"dead time {self.delay_s:.4g} s"] if self.delay_s else []
         if self.conditioning.poles:
@@ -139,7 +162,9 @@ class Chain(Result):
         answers = [simulate_rows(system, x, dt_s, self.delay_s, hold, initial)[0] for x in table.T]
         return np.stack(answers, axis=1).reshape(u.shape)
 
-    def discrete(self, dt_s: float, hold: Hold = "foh") -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def discrete(
+        self, dt_s: float, hold: Hold = "foh"
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Numerator and denominator in powers of z^-1, exact under ``hold``, dead time left out."""
         num, den = self.rational.polynomials()
         if len(den) == 1:
@@ -170,7 +195,9 @@ class Chain(Result):
         0.015625
         """
         both = (self, self.with_split_shift(shift_s))
-        parts = ([*((1.0, tau) for tau in c.taus_s), (1.0, c.delay_s, 0.5 * c.delay_s**2)] for c in both)
+        parts = (
+            [*((1.0, tau) for tau in c.taus_s), (1.0, c.delay_s, 0.5 * c.delay_s**2)] for c in both
+        )
         was, now = (float(product(factors)[2]) for factors in parts)
         return now - was
 
@@ -191,10 +218,13 @@ def chains_for(chains: float | Chain | Sequence[Chain], count: int) -> list[Chai
     if not all(isinstance(c, Chain) for c in listed):
         lags = ", ".join(map(str, listed))
         raise InputError(
-            f"chains are [{lags}]", remedy=f"write Chain([{lags}]) for a sensor of several lags, one Chain per channel"
+            f"chains are [{lags}]",
+            remedy=f"write Chain([{lags}]) for a sensor of several lags, one Chain per channel",
         )
     if len(listed) != count:
-        raise InputError(f"{count} channels but {len(listed)} chains", expected="one chain, or one per channel")
+        raise InputError(
+            f"{count} channels but {len(listed)} chains", expected="one chain, or one per channel"
+        )
     return listed
 
 
@@ -265,10 +295,18 @@ def _sensor(chain: Chain, size: int) -> Sensor:
     output[source] = 1.0
     if chain.zero_s:
         if source == 0:
-            raise InputError(f"Chain: a zero of {chain.zero_s:g} s needs at least one lag or the conditioning filter")
+            raise InputError(
+                f"Chain: a zero of {chain.zero_s:g} s needs at least one lag or the conditioning filter"
+            )
         output = output + chain.zero_s * drift[source]
-    output = sum(a * output @ np.linalg.matrix_power(drift, k) for k, a in enumerate(chain.conditioning.numerator))
-    slope_row, lags_s = np.eye(size)[1], [tau for tau in sorted(chain.taus_s, reverse=True) if tau > 0]
+    output = sum(
+        a * output @ np.linalg.matrix_power(drift, k)
+        for k, a in enumerate(chain.conditioning.numerator)
+    )
+    slope_row, lags_s = (
+        np.eye(size)[1],
+        [tau for tau in sorted(chain.taus_s, reverse=True) if tau > 0],
+    )
     rates = np.array([slope_row, *drift[2 : 2 + len(lags_s)]])  # of x and of what leaves each lag
     lag_row = rates[min(len(lags_s), 1)]
     last = min(len(lags_s), 2)

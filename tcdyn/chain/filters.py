@@ -28,7 +28,9 @@ def first_order(decay: complex, drive: NDArray) -> NDArray:
     array([1.  , 0.5 , 4.25])
     """
     n = len(drive)
-    if n < LONG or not np.isfinite(drive).all():  # a block would take what is not finite to its beginning
+    if (
+        n < LONG or not np.isfinite(drive).all()
+    ):  # a block would take what is not finite to its beginning
         bands = np.ones((2, n), dtype=np.result_type(drive, decay), order="F")
         bands[1] = -decay
         solve = ztbtrs if np.iscomplexobj(bands) else dtbtrs

@@ -27,20 +27,39 @@ from tcdyn.chain.rational import Factor, Rational, product, simulate, spectral_f
 
 SEGMENT_S = 8.0  # of a trace, whose spectra are put together by their median: events and bursts touch few of them
 LEAST_SEGMENT, LEAST_SEGMENTS = 64, 3  # samples; segments
-MOST_BRIDGED, LEAST_SEEN = 0.3, 0.1  # share of a segment without samples; of white noise's power: else not told
-SLOW_HZ, NYQUISTS = 0.3, 0.9  # the part of a spectrum that counts: above what a segment detrends, below aliases
-AVERAGED = 0.33  # independent spectra for each segment: medians cost half, tapers correlate neighbours
+MOST_BRIDGED, LEAST_SEEN = (
+    0.3,
+    0.1,
+)  # share of a segment without samples; of white noise's power: else not told
+SLOW_HZ, NYQUISTS = (
+    0.3,
+    0.9,
+)  # the part of a spectrum that counts: above what a segment detrends, below aliases
+AVERAGED = (
+    0.33  # independent spectra for each segment: medians cost half, tapers correlate neighbours
+)
 SURE = 40.0  # deviance by which noise from before the filter must explain the spectra better
 KNOWN = 10.0  # deviance by which another lag must beat the filter that is there
 MATERIAL = 0.1  # least part of it in that after the filter, at low frequency, that matters
-QUICKEST = 5.0  # poles of 1/N over the sampling rate, at most [1/s per Hz]: quicker ones no sample shows
+QUICKEST = (
+    5.0  # poles of 1/N over the sampling rate, at most [1/s per Hz]: quicker ones no sample shows
+)
 LAGS = 10  # tried, from a corner of 1 Hz to three tenths of the rate
-BESIDE, OUTSTANDING, LEAST_WAVES = 21, 8.0, 10  # waves about one; standard deviations that make it a line; waves
+BESIDE, OUTSTANDING, LEAST_WAVES = (
+    21,
+    8.0,
+    10,
+)  # waves about one; standard deviations that make it a line; waves
 HARMONIC, RESTING_HZ = 0.5, 0.5  # largest part of hum in a harmonic; width of a line
-BANDS, UNEXPLAINED = 8, 1.6  # of the spectrum; mean over one, of what was seen over what is expected
+BANDS, UNEXPLAINED = (
+    8,
+    1.6,
+)  # of the spectrum; mean over one, of what was seen over what is expected
 CHANCE = 5.0  # standard deviations by which such a mean must stand out
 SETTLED = 1e-9  # relative change of a level after which another round changes nothing
-TYPICAL_LAG_S = 0.7  # of what lies before the filter: shapes what slow temperatures add to a spectrum
+TYPICAL_LAG_S = (
+    0.7  # of what lies before the filter: shapes what slow temperatures add to a spectrum
+)
 
 
 @dataclass(frozen=True)
@@ -98,9 +117,13 @@ class LoggerNoise:
         out, (before, after) = [], self.to_dict().values()
         if self.coloured:
             lag_s = self.shaping.lag_s if self.shaping.poles == 1 else 0.0
-            out.append(note("noise.coloured", subject=subject, before_K=before, after_K=after, lag_s=lag_s))
+            out.append(
+                note("noise.coloured", subject=subject, before_K=before, after_K=after, lag_s=lag_s)
+            )
         for f, amplitude in self.lines:
-            out.append(note("noise.hum", subject=subject, f_Hz=f, amplitude_K=float(np.max(amplitude))))
+            out.append(
+                note("noise.hum", subject=subject, f_Hz=f, amplitude_K=float(np.max(amplitude)))
+            )
         if (folded := float(np.max(self.folded_u_K))) > 0:
             out.append(look("noise.folded", subject=subject, folded_K=folded))
         if self.unexplained > UNEXPLAINED:
@@ -135,9 +158,12 @@ class LoggerNoise:
 
         none = np.zeros(len(own))
         return replace(
-            self, before_K=spread(self.before_K, none), after_K=spread(self.after_K, white_K),
-            level_K=spread(self.level_K, white_K), lines=tuple((f, spread(a, none)) for f, a in self.lines),
-        )  # fmt: skip
+            self,
+            before_K=spread(self.before_K, none),
+            after_K=spread(self.after_K, white_K),
+            level_K=spread(self.level_K, white_K),
+            lines=tuple((f, spread(a, none)) for f, a in self.lines),
+        )
 
     def whitened(self, y: Array, dt_s: float) -> Array:
         """The readings ``y`` (N, M) through A/N, NaN where they were; the first sample stood for ever before."""
@@ -145,7 +171,9 @@ class LoggerNoise:
             return y
         absent = ~np.isfinite(y)
         filter_ = Rational(product(self.shaping.factors), tuple(Factor(f) for f in self.sections))
-        out = np.stack([simulate(filter_, bridged(x, ~gone), dt_s) for x, gone in zip(y.T, absent.T)], axis=1)
+        out = np.stack(
+            [simulate(filter_, bridged(x, ~gone), dt_s) for x, gone in zip(y.T, absent.T)], axis=1
+        )
         return np.where(absent, np.nan, out)
 
     def behind(self, chain: Chain) -> Chain:
@@ -160,7 +188,11 @@ class LoggerNoise:
 
 
 def noise_of(
-    traces: Sequence[Array], dt_s: float, filter_: Conditioning, white_K: Array, segment_s: float = SEGMENT_S
+    traces: Sequence[Array],
+    dt_s: float,
+    filter_: Conditioning,
+    white_K: Array,
+    segment_s: float = SEGMENT_S,
 ) -> LoggerNoise:
     """The noise of one logger's channels, from ``traces``, each (N, M) [K], every ``dt_s``, NaN where missing.
 
@@ -174,15 +206,21 @@ def noise_of(
     if not (found := _spectra(traces, dt_s, segment_s)):
         return white
     f, power, count = found
-    own = power.mean(axis=0) > LEAST_SEEN * white_K**2  # the others mostly rest on one value, or are not there
+    own = (
+        power.mean(axis=0) > LEAST_SEEN * white_K**2
+    )  # the others mostly rest on one value, or are not there
     if not own.any():
         return white
     if not own.all():
-        return noise_of([y[:, own] for y in traces], dt_s, filter_, white_K[own], segment_s).for_more(own, white_K)
+        return noise_of(
+            [y[:, own] for y in traces], dt_s, filter_, white_K[own], segment_s
+        ).for_more(own, white_K)
     w = 2 * np.pi * f
     signal_, flat = _passed(f, filter_) / (w**4 * (1 + (w * TYPICAL_LAG_S) ** 2)), np.ones(len(f))
     calm = [_calm(p, np.stack([flat, signal_], axis=1), count) for p in power.T]
-    quiet = np.mean(calm, axis=0) >= 0.5  # hum is in all channels; one that is odd speaks for none but itself
+    quiet = (
+        np.mean(calm, axis=0) >= 0.5
+    )  # hum is in all channels; one that is odd speaks for none but itself
     lines = _lines(f, power, ~quiet)
     if np.count_nonzero(quiet) < LEAST_WAVES:
         return replace(white, lines=lines)
@@ -212,7 +250,9 @@ def noise_of(
         return replace(white.white(level), lines=lines, unexplained=worst)
     level, share = wider * np.sqrt(before + after), passed_share(best, dt_s)
     sections = spectral_factor(ratio, 1 - ratio, product(best.factors), QUICKEST / dt_s)
-    return LoggerNoise(np.sqrt(before * share), np.sqrt(after), level, best, sections, lines, 1 / dt_s, worst)
+    return LoggerNoise(
+        np.sqrt(before * share), np.sqrt(after), level, best, sections, lines, 1 / dt_s, worst
+    )
 
 
 def _folded(f: float, rate_Hz: float) -> float:
@@ -260,20 +300,29 @@ def _lines(f: Array, power: Array, standing: Flags) -> tuple[tuple[float, Array]
     return tuple(out)
 
 
-def _spectra(traces: Sequence[Array], dt_s: float, segment_s: float) -> tuple[Array, Array, int] | None:
+def _spectra(
+    traces: Sequence[Array], dt_s: float, segment_s: float
+) -> tuple[Array, Array, int] | None:
     """Frequencies (F,) [Hz], variance of a sample (F, M) that each stands for [K2], and segments that tell it."""
     long = [y for y in traces if len(y) >= LEAST_SEGMENT * LEAST_SEGMENTS]
     if not long:
         return None
     size = max(min(round(segment_s / dt_s), min(map(len, long)) // LEAST_SEGMENTS), LEAST_SEGMENT)
     f, taper, pieces = rfftfreq(size, dt_s), np.hanning(size + 1)[:-1], list[Array]()
-    taper, line = taper / np.linalg.norm(taper), np.linalg.qr(np.vander(np.linspace(-1, 1, size), 2))[0]
+    taper, line = (
+        taper / np.linalg.norm(taper),
+        np.linalg.qr(np.vander(np.linspace(-1, 1, size), 2))[0],
+    )
     for y in long:
         absent = ~np.isfinite(y.T)
         filled = np.stack([bridged(x, ~gone) for x, gone in zip(y.T, absent)])
-        segments, gone = (sliding_window_view(x, size, axis=1)[:, :: size - size // 2] for x in (filled, absent))
+        segments, gone = (
+            sliding_window_view(x, size, axis=1)[:, :: size - size // 2] for x in (filled, absent)
+        )
         each = np.abs(rfft((segments - (segments @ line) @ line.T) * taper)) ** 2
-        pieces.append(np.where(gone.mean(axis=2, keepdims=True) > MOST_BRIDGED, np.nan, each).swapaxes(1, 2))
+        pieces.append(
+            np.where(gone.mean(axis=2, keepdims=True) > MOST_BRIDGED, np.nan, each).swapaxes(1, 2)
+        )
     power = np.concatenate(pieces, axis=-1)
     keep = (f >= SLOW_HZ) & (f <= NYQUISTS * 0.5 / dt_s)
     bias = float(np.log(2))  # median over mean of a squared amplitude

@@ -235,7 +235,9 @@ def states(phi: NDArray, forcing: NDArray, x0: NDArray) -> NDArray:
     return x
 
 
-def simulate_rows(system: Realisation, u: Array, dt_s: float, delay_s: float, hold: Hold, start: Start) -> Array:
+def simulate_rows(
+    system: Realisation, u: Array, dt_s: float, delay_s: float, hold: Hold, start: Start
+) -> Array:
     """All output rows (R, N) for the input ``u`` (N,), delayed by ``delay_s``, exact under ``hold``.
 
     Before the record the input was ``u[0]`` for ever (``equilibrium``) or nothing at all (``zero``).
@@ -267,13 +269,17 @@ def free_rows(system: Realisation, n_samples: int, dt_s: float) -> Array:
     return np.ascontiguousarray((system.C @ x).real)
 
 
-def simulate(model: Rational, u: Array, dt_s: float, hold: Hold = "foh", start: Start = "equilibrium") -> Array:
+def simulate(
+    model: Rational, u: Array, dt_s: float, hold: Hold = "foh", start: Start = "equilibrium"
+) -> Array:
     """What ``model`` makes of ``u`` (N,) sampled every ``dt_s`` seconds: shape (N,)."""
     system = realise(model, sensitivities=False)
     return simulate_rows(system, np.asarray(u, dtype=float), dt_s, model.delay_s, hold, start)[0]
 
 
-def spectral_factor(before: float, after: float, ladder: Array, quickest: float) -> tuple[tuple[float, ...], ...]:
+def spectral_factor(
+    before: float, after: float, ladder: Array, quickest: float
+) -> tuple[tuple[float, ...], ...]:
     """Factors of N, |N(iw)|^2 = before + after |A(iw)|^2 with stable roots; N(0) = 1 for levels that sum to one.
 
     A root quicker than ``quickest`` [1/s] is put there: the samples show nothing of it.
@@ -286,5 +292,9 @@ def spectral_factor(before: float, after: float, ladder: Array, quickest: float)
     roots = np.concatenate([roots, np.full(missing, -quickest)])
     roots = roots * np.minimum(quickest / np.abs(roots), 1.0)
     real = [(1.0, float(-1.0 / r.real)) for r in roots if abs(r.imag) < 1e-9 * abs(r)]
-    pairs = [(1.0, float(-2 * r.real / abs(r) ** 2), float(abs(r) ** -2)) for r in roots if r.imag >= 1e-9 * abs(r)]
+    pairs = [
+        (1.0, float(-2 * r.real / abs(r) ** 2), float(abs(r) ** -2))
+        for r in roots
+        if r.imag >= 1e-9 * abs(r)
+    ]
     return (*real, *pairs)

@@ -17,7 +17,14 @@ from calibration.errors import InputError
 from tcdyn.chain.chain import Chain
 from tcdyn.chain.rational import Factor, Rational, product, simulate
 
-STRUCTURES = ("P1", "P2", "P1D", "P2D", "P2Z", "P3")  # what plunges are fitted with and told apart by
+STRUCTURES = (
+    "P1",
+    "P2",
+    "P1D",
+    "P2D",
+    "P2Z",
+    "P3",
+)  # what plunges are fitted with and told apart by
 LEAST_LAG_S = 1e-3  # stands for a lag that is missing where a filter would not be proper without it
 COUNTED = ("no lag", "one lag", "two lags", "three lags")
 
@@ -89,7 +96,9 @@ def equalised(y: Array, dt_s: float, chains: Sequence[Chain], common: Chain) -> 
     out = np.empty_like(y)
     for i, chain in enumerate(chains):
         before = np.mean(y[: max(int(1.0 / dt_s), 1), i])
-        out[:, i] = simulate(_quotient(common, chain), np.concatenate([[before], y[:, i]]), dt_s)[1:]
+        out[:, i] = simulate(_quotient(common, chain), np.concatenate([[before], y[:, i]]), dt_s)[
+            1:
+        ]
     return out
 
 

@@ -69,7 +69,9 @@ def _version(show: bool) -> None:
 
 @app.callback()
 def _root(
-    version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Print the version."),
+    version: bool = typer.Option(
+        False, "--version", callback=_version, is_eager=True, help="Print the version."
+    ),
 ) -> None:
     """Thermocouple dynamics and heat partition: calibrate disks, compensate logged traces, estimate beta."""
 
@@ -92,7 +94,9 @@ def run(command: Callable[[], Any]) -> int:
     except (Exception, KeyboardInterrupt) as problem:
         if any(isinstance(cause, KeyboardInterrupt) for cause in _causes(problem)):
             code = STOPPED
-        elif isinstance(problem, (OSError, MemoryError, RecursionError, OverflowError, ImportError)):
+        elif isinstance(
+            problem, (OSError, MemoryError, RecursionError, OverflowError, ImportError)
+        ):
             print(f"tcdyn: {_refusal(problem)}; nothing half-written was kept", file=sys.stderr)
             return BAD_INPUT
         else:
@@ -110,7 +114,9 @@ def _called(command: Callable[[], Any]) -> int:
         causes = list(_causes(exit_))
         if any(isinstance(cause, KeyboardInterrupt) for cause in causes):
             return STOPPED
-        if any(isinstance(cause, BrokenPipeError) for cause in causes):  # typer makes exit code 1 of it
+        if any(
+            isinstance(cause, BrokenPipeError) for cause in causes
+        ):  # typer makes exit code 1 of it
             return 0
         result = exit_.code
     return result if isinstance(result, int) else 0

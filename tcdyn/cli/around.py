@@ -56,7 +56,10 @@ def simulate_round(
     truth = draw_truth(seed, load_rig(rig)).with_uneven(contacts(uneven))
     disks = around_disks(test, seed, truth, EhlOptions(beta=beta))
     _save(round_figure([disks[d] for d in DISKS]), out)
-    told = {d: {"surface_degC": _ends(disks[d].surface_degC), "seen_degC": disks[d].seen_degC} for d in DISKS}
+    told = {
+        d: {"surface_degC": _ends(disks[d].surface_degC), "seen_degC": disks[d].seen_degC}
+        for d in DISKS
+    }
     tell.json(lambda: {"picture": out, **told})
     for d in DISKS:
         low, high = told[d]["surface_degC"]
@@ -68,7 +71,9 @@ def simulate_round(
 @grouped
 def fit_round(
     rig: RigPath = None,
-    disk: Annotated[str | None, typer.Option(help="fast or slow; each that has a stated fit, without it")] = None,
+    disk: Annotated[
+        str | None, typer.Option(help="fast or slow; each that has a stated fit, without it")
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="picture to write: .png, .svg or .pdf")] = None,
     *,
     tell: Told,
@@ -121,9 +126,12 @@ def _told(setup: DiskSetup) -> dict[str, Any]:
     waves = {n: dict(zip(("share", "angle_deg"), amplitude_and_angle(shares, n))) for n in (1, 2)}
     mean = bearing * float(shares[0].real)
     return {
-        "pressure_MPa": 1e-6 * pressure, "bearing_W_m2K": bearing, "mean_W_m2K": mean, "first": waves[1],
+        "pressure_MPa": 1e-6 * pressure,
+        "bearing_W_m2K": bearing,
+        "mean_W_m2K": mean,
+        "first": waves[1],
         "second": waves[2],
-    }  # fmt: skip
+    }
 
 
 def _check_picture(out: Path, rig: Path | None) -> None:

@@ -26,12 +26,17 @@ from tcdyn.cli.common import (
 
 Bearing = Annotated[
     Path | None,
-    typer.Option(help="CSV of a pure-rolling test: load_N, friction_N, speed_slow_rpm; half is added to friction"),
+    typer.Option(
+        help="CSV of a pure-rolling test: load_N, friction_N, speed_slow_rpm; half is added to friction"
+    ),
 ]
 Without = Annotated[
-    list[str] | None, typer.Option(help="channel to leave out, such as fast_c; may be given more than once")
+    list[str] | None,
+    typer.Option(help="channel to leave out, such as fast_c; may be given more than once"),
 ]
-WindowS = Annotated[float, bounded("--window-s", "cooling used by the h-only fit", 0, 1e6, ends=False)]
+WindowS = Annotated[
+    float, bounded("--window-s", "cooling used by the h-only fit", 0, 1e6, ends=False)
+]
 Seed = Annotated[int, typer.Option(min=0, help="seed of the budget's Monte Carlo")]
 
 
@@ -46,11 +51,17 @@ def beta(
     without: Without = None,
     window_s: WindowS = 5.0,
     sensor_check: Annotated[
-        bool, typer.Option(help="leave out dead channels, stop at swapped ones, warn of misplaced junctions")
+        bool,
+        typer.Option(
+            help="leave out dead channels, stop at swapped ones, warn of misplaced junctions"
+        ),
     ] = True,
     seed: Seed = 0,
     stage: Annotated[
-        int | None, typer.Option(min=1, help="one of several loadings in the log, from 1 (default: all of them)")
+        int | None,
+        typer.Option(
+            min=1, help="one of several loadings in the log, from 1 (default: all of them)"
+        ),
     ] = None,
     verbose: Verbose = False,
     *,
@@ -82,15 +93,27 @@ def beta(
         from tcdyn.pipeline.one_disk import estimate_one_disk as estimate
     with stages(tell.silent, verbose) as progress:
         options: dict[str, Any] = {
-            "window_s": window_s, "seed": seed, "sensor_check": sensor_check, "bearing": rolling,
-            "without": without or (), "progress": progress,
-        }  # fmt: skip
+            "window_s": window_s,
+            "seed": seed,
+            "sensor_check": sensor_check,
+            "bearing": rolling,
+            "without": without or (),
+            "progress": progress,
+        }
         if stage is None:
             runs = estimate_stages(log, own_rig, records, estimate, **options)
         else:
             runs = (estimate(log, own_rig, records, stage=stage, **options),)
-        data = cache(lambda: [run.to_dict() for run in runs])  # with profiles, which a report alone makes beside others
-        files = [] if out is None else [out] if len(runs) == 1 else [numbered(out, k) for k in range(1, len(runs) + 1)]
+        data = cache(
+            lambda: [run.to_dict() for run in runs]
+        )  # with profiles, which a report alone makes beside others
+        files = (
+            []
+            if out is None
+            else [out]
+            if len(runs) == 1
+            else [numbered(out, k) for k in range(1, len(runs) + 1)]
+        )
         for k, file in enumerate(files):
             write_text(file, dump(data()[k]))
         if report is not None:
@@ -131,13 +154,19 @@ def numbered(path: Path, number: int) -> Path:
 def campaign(
     logs: Annotated[list[Path], typer.Argument(help="EHL logs as they were recorded")],
     record: RecordFiles,
-    out: Annotated[Path, typer.Option(help="folder for <log>.beta.json, campaign.csv and campaign.html")],
+    out: Annotated[
+        Path, typer.Option(help="folder for <log>.beta.json, campaign.csv and campaign.html")
+    ],
     rig: OwnRigFile = None,
     workers: Annotated[
         int | None,
-        typer.Option(min=1, max=256, help="processes on this machine (default: 2 where there are two cores)"),
+        typer.Option(
+            min=1, max=256, help="processes on this machine (default: 2 where there are two cores)"
+        ),
     ] = None,
-    dask: Annotated[str | None, typer.Option(help="address of a Dask scheduler, e.g. tcp://host:8786")] = None,
+    dask: Annotated[
+        str | None, typer.Option(help="address of a Dask scheduler, e.g. tcp://host:8786")
+    ] = None,
     bearing: Bearing = None,
     without: Without = None,
     model: Annotated[
@@ -167,7 +196,13 @@ def campaign(
     from calibration.opened import records_by_disk, rig_of
     from calibration.rig import load_rig
     from tcdyn.pipeline.bearing import read_bearing
-    from tcdyn.pipeline.campaign.run import OUTPUTS, PAGE_FILE, TABLE_FILE, CampaignSettings, run_campaign
+    from tcdyn.pipeline.campaign.run import (
+        OUTPUTS,
+        PAGE_FILE,
+        TABLE_FILE,
+        CampaignSettings,
+        run_campaign,
+    )
 
     if dask is not None and workers is not None:
         raise typer.BadParameter("give --workers or --dask, not both")
@@ -182,7 +217,9 @@ def campaign(
     earlier = {what for what, path in files.items() if path.exists()}
     count = workers or min(2, os.cpu_count() or 1)
     with counted(len(logs), tell.silent) as progress:
-        run = run_campaign(logs, settings, out, workers=count, dask=dask, models=model or (), progress=progress)
+        run = run_campaign(
+            logs, settings, out, workers=count, dask=dask, models=model or (), progress=progress
+        )
     from tcdyn.report.campaign import write_campaign_report
     from tcdyn.report.sources import record_rows
 

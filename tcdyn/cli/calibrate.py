@@ -8,7 +8,18 @@ from typing import Annotated
 import typer
 
 from calibration.errors import InputError
-from tcdyn.cli.common import Disk, RigFile, Told, Verbose, bounded, dump, end, grouped, spare_inputs, stages
+from tcdyn.cli.common import (
+    Disk,
+    RigFile,
+    Told,
+    Verbose,
+    bounded,
+    dump,
+    end,
+    grouped,
+    spare_inputs,
+    stages,
+)
 
 
 @grouped
@@ -26,11 +37,15 @@ def calibrate(
             50,
         ),
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="record to write (default DISK.disk.json)")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="record to write (default DISK.disk.json)")
+    ] = None,
     rig: RigFile = None,
     fluid: Annotated[
         list[str] | None,
-        typer.Option(help="mobil-jet-ii, water or a table.csv; once for all plunges or once for each"),
+        typer.Option(
+            help="mobil-jet-ii, water or a table.csv; once for all plunges or once for each"
+        ),
     ] = None,
     structure: Annotated[
         str,
@@ -44,7 +59,8 @@ def calibrate(
     ] = "churchill-chu-laminar",
     report: Annotated[Path | None, typer.Option(help="HTML certificate to write")] = None,
     earlier: Annotated[
-        list[Path] | None, typer.Option(help="earlier record of this disk, for its drift on the certificate")
+        list[Path] | None,
+        typer.Option(help="earlier record of this disk, for its drift on the certificate"),
     ] = None,
     verbose: Verbose = False,
     *,
@@ -63,12 +79,22 @@ def calibrate(
     spare_inputs([rig, oven, *immersion, *fluids, *(earlier or [])], out=target, report=report)
     before = [read_record(path) for path in earlier or []]
     if other := [f"{path}: {r.disk}" for path, r in zip(earlier or [], before) if r.disk != disk]:
-        raise InputError(f"--earlier is a record of another disk ({other[0]})", expected=f"records of the {disk} disk")
+        raise InputError(
+            f"--earlier is a record of another disk ({other[0]})",
+            expected=f"records of the {disk} disk",
+        )
     with stages(tell.silent, verbose) as progress:
         run = calibrate_disk(
-            load_rig(rig), disk, oven, immersion, fluids, structure=structure,
-            correlation=correlation, line_u_K=line_u_k, progress=progress,
-        )  # fmt: skip
+            load_rig(rig),
+            disk,
+            oven,
+            immersion,
+            fluids,
+            structure=structure,
+            correlation=correlation,
+            line_u_K=line_u_k,
+            progress=progress,
+        )
     write_record(run.record, target)
     if report is not None:
         from tcdyn.report.certificate import write_certificate
@@ -83,14 +109,24 @@ def calibrate(
 
 @grouped
 def hole(
-    log: Annotated[Path, typer.Argument(help="log of several thermocouples at one depth, some clamped as ideal")],
+    log: Annotated[
+        Path,
+        typer.Argument(help="log of several thermocouples at one depth, some clamped as ideal"),
+    ],
     rig: RigFile = None,
     ideal: Annotated[
-        list[str] | None, typer.Option(help="a clamped channel, name without _degC; default all called ideal_*")
+        list[str] | None,
+        typer.Option(help="a clamped channel, name without _degC; default all called ideal_*"),
     ] = None,
-    limit_s: Annotated[float, bounded("--limit-s", "extra lag from which a hole is too slow", 0, 100)] = 0.20,
-    depth_mm: Annotated[float, bounded("--depth-mm", "depth of all junctions", 0, 100, ends=False)] = 3.0,
-    depth_u_mm: Annotated[float, bounded("--depth-u-mm", "its standard uncertainty", 0, 100)] = 0.05,
+    limit_s: Annotated[
+        float, bounded("--limit-s", "extra lag from which a hole is too slow", 0, 100)
+    ] = 0.20,
+    depth_mm: Annotated[
+        float, bounded("--depth-mm", "depth of all junctions", 0, 100, ends=False)
+    ] = 3.0,
+    depth_u_mm: Annotated[
+        float, bounded("--depth-u-mm", "its standard uncertainty", 0, 100)
+    ] = 0.05,
     out: Annotated[Path | None, typer.Option(help="JSON to write")] = None,
     report: Annotated[Path | None, typer.Option(help="HTML report to write")] = None,
     *,
@@ -143,10 +179,16 @@ def hole(
             Section("The plunge: whose curve is late?", figure=picture, caption=told),
         ]
         write_page(
-            report, f"Holes and cement: {log.name}", sections, verdict=found.summary().replace("\n", "\n\n"),
-            findings=noticed, sources=made_of([log_row(table)]),
-            assumptions=[f"all junctions lie {depth_mm:g} +- {depth_u_mm:g} mm deep and see one temperature"],
-        )  # fmt: skip
+            report,
+            f"Holes and cement: {log.name}",
+            sections,
+            verdict=found.summary().replace("\n", "\n\n"),
+            findings=noticed,
+            sources=made_of([log_row(table)]),
+            assumptions=[
+                f"all junctions lie {depth_mm:g} +- {depth_u_mm:g} mm deep and see one temperature"
+            ],
+        )
     tell.json(lambda: content)
     tell.warn(noticed)
     tell.say(found.summary())

@@ -27,11 +27,15 @@ OPTIONS = {  # of parameters, where it is not the name with dashes
     "resample_s": "--resample",
     "start_s": "--covariance-from-s",
 }
-RigFile = Annotated[Path | None, typer.Option("--rig", help="rig.toml; without it the design's defaults")]
+RigFile = Annotated[
+    Path | None, typer.Option("--rig", help="rig.toml; without it the design's defaults")
+]
 OWN_RIG = typer.Option("--rig", help="rig.toml; without it the one that the records were made with")
 OwnRigFile = Annotated[Path | None, OWN_RIG]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="print nothing but errors")]
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="a line for each stage, with the time gone by")]
+Verbose = Annotated[
+    bool, typer.Option("--verbose", "-v", help="a line for each stage, with the time gone by")
+]
 Json = Annotated[bool, typer.Option("--json", help="print the result as JSON instead of words")]
 RECORD = typer.Option("--record", help="*.disk.json of a disk; give it once for each disk")
 RecordFiles = Annotated[list[Path], RECORD]
@@ -64,8 +68,12 @@ def grouped(command: Callable[..., None]) -> Callable[..., None]:
     """
     parameters = inspect.signature(command, eval_str=True).parameters.values()
     plain = [p for p in parameters if not is_dataclass(p.annotation)]
-    groups: dict[str, Any] = {p.name: p.annotation for p in parameters if is_dataclass(p.annotation)}
-    fields = {name: inspect.signature(group, eval_str=True).parameters for name, group in groups.items()}
+    groups: dict[str, Any] = {
+        p.name: p.annotation for p in parameters if is_dataclass(p.annotation)
+    }
+    fields = {
+        name: inspect.signature(group, eval_str=True).parameters for name, group in groups.items()
+    }
 
     @wraps(command)
     def with_groups(*arguments: Any, **options: Any) -> None:
@@ -116,7 +124,9 @@ class Told:
                 self.say(f"{what}: {path}")
 
 
-def within(low: float, high: float, *, ends: bool = True) -> Callable[[typer.CallbackParam, Any], Any]:
+def within(
+    low: float, high: float, *, ends: bool = True
+) -> Callable[[typer.CallbackParam, Any], Any]:
     """Callback of an option whose numbers lie from ``low`` to ``high`` (between them without ``ends``), not NaN."""
 
     def check(param: typer.CallbackParam, value: Any) -> Any:
@@ -203,8 +213,15 @@ def counted(total: int | None, quiet: bool = False) -> Iterator[Callable[[str, i
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
     from rich.progress import TimeRemainingColumn as Remaining
 
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, TextColumn("left"), Remaining(), console=console, transient=True) as bar:
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+    )
+    with Progress(
+        *columns, TextColumn("left"), Remaining(), console=console, transient=True
+    ) as bar:
         task = bar.add_task("starting", total=total)
         yield lambda name, n, m: bar.update(task, completed=n, total=m, description=name)
 
@@ -236,7 +253,9 @@ def in_one_line(what: str, findings: Iterable[Finding]) -> bool:
     asking = doubts(once(findings))
     if asking:
         more = f" (and {len(asking) - 1} more)" if len(asking) > 1 else ""
-        print(f"tcdyn: {what}: look: {printable(asking[0].message(as_option))}{more}", file=sys.stderr)
+        print(
+            f"tcdyn: {what}: look: {printable(asking[0].message(as_option))}{more}", file=sys.stderr
+        )
     return bool(asking)
 
 

@@ -30,15 +30,21 @@ if TYPE_CHECKING:
 
 @grouped
 def compensate(
-    log: Annotated[Path, typer.Argument(help="EHL log, or immersion log (CSV, TDMS, LVM or Parquet)")],
+    log: Annotated[
+        Path, typer.Argument(help="EHL log, or immersion log (CSV, TDMS, LVM or Parquet)")
+    ],
     record: OptionalRecordFiles = None,
     sensor: SensorFiles = None,
     out: Annotated[
-        Path | None, typer.Option(help="output: .csv, .parquet or .tdms (default LOG.compensated.csv)")
+        Path | None,
+        typer.Option(help="output: .csv, .parquet or .tdms (default LOG.compensated.csv)"),
     ] = None,
     rig: OwnRigFile = None,
     refine: Annotated[
-        bool, typer.Option(help="take the lag common to a disk from the log's unloading, the record's as prior")
+        bool,
+        typer.Option(
+            help="take the lag common to a disk from the log's unloading, the record's as prior"
+        ),
     ] = True,
     method: Annotated[
         str,
@@ -47,25 +53,44 @@ def compensate(
         ),
     ] = "smoother",
     criterion: Annotated[
-        str | None, typer.Option(help="of deconvolve: gcv (default), discrepancy or l-curve chooses its weight")
+        str | None,
+        typer.Option(
+            help="of deconvolve: gcv (default), discrepancy or l-curve chooses its weight"
+        ),
     ] = None,
-    bandwidth_hz: Annotated[float | None, bounded("--bandwidth-Hz", "of inverse [Hz], default 0.5", 0, 1e4)] = None,
-    report: Annotated[Path | None, typer.Option(help="HTML page: numbers before use, raw against compensated")] = None,
+    bandwidth_hz: Annotated[
+        float | None, bounded("--bandwidth-Hz", "of inverse [Hz], default 0.5", 0, 1e4)
+    ] = None,
+    report: Annotated[
+        Path | None, typer.Option(help="HTML page: numbers before use, raw against compensated")
+    ] = None,
     covariance: Annotated[
         Path | None,
-        typer.Option(help="JSON: over a stretch, covariance between samples, and means with that between channels"),
+        typer.Option(
+            help="JSON: over a stretch, covariance between samples, and means with that between channels"
+        ),
     ] = None,
     covariance_from_s: Annotated[
         float | None,
-        typer.Option("--covariance-from-s", help="where it begins, as time_s; default the last event, the unloading"),
+        typer.Option(
+            "--covariance-from-s",
+            help="where it begins, as time_s; default the last event, the unloading",
+        ),
     ] = None,
-    covariance_s: Annotated[float, bounded("--covariance-s", "how long it is, in seconds", 0, 60)] = 1.0,
+    covariance_s: Annotated[
+        float, bounded("--covariance-s", "how long it is, in seconds", 0, 60)
+    ] = 1.0,
     parts: Annotated[
-        bool, typer.Option("--parts", help="columns _noise_u_K and _common_u_K, what each _u_K is made of")
+        bool,
+        typer.Option(
+            "--parts", help="columns _noise_u_K and _common_u_K, what each _u_K is made of"
+        ),
     ] = False,
     noise_only: Annotated[
         bool,
-        typer.Option("--noise-only", help="only take out noise and static errors; the lag stays in"),
+        typer.Option(
+            "--noise-only", help="only take out noise and static errors; the lag stays in"
+        ),
     ] = False,
     follow: Annotated[bool, typer.Option("--follow", hidden=True, help="now tcdyn follow")] = False,
     column: TableColumns = None,
@@ -86,31 +111,50 @@ def compensate(
     from tcdyn.pipeline import compensate_log
 
     if sensor:
-        asked = {"--record": record, "--rig": rig, "--criterion": criterion, "--bandwidth-Hz": bandwidth_hz,
-                 "--report": report, "--covariance": covariance, "--noise-only": noise_only or None,
-                 "--parts": parts or None,
-                 "--method": None if method == "smoother" else method}  # fmt: skip
+        asked = {
+            "--record": record,
+            "--rig": rig,
+            "--criterion": criterion,
+            "--bandwidth-Hz": bandwidth_hz,
+            "--report": report,
+            "--covariance": covariance,
+            "--noise-only": noise_only or None,
+            "--parts": parts or None,
+            "--method": None if method == "smoother" else method,
+        }
         only_with_records([option for option, value in asked.items() if value])
         target = out or log.with_name(f"{log.stem}.compensated.csv")
-        return of_table(log, sensor, target, {"columns": column or (), **reading.options()}, tell, verbose)
+        return of_table(
+            log, sensor, target, {"columns": column or (), **reading.options()}, tell, verbose
+        )
     if not record:
         raise InputError(
-            "no record and no sensor was given", remedy="add --record DISK.disk.json or --sensor S.sensor.json"
+            "no record and no sensor was given",
+            remedy="add --record DISK.disk.json or --sensor S.sensor.json",
         )
     if follow:
-        raise InputError("--follow is a command of its own now", remedy=f"tcdyn follow {log} --record ... --out ...")
+        raise InputError(
+            "--follow is a command of its own now",
+            remedy=f"tcdyn follow {log} --record ... --out ...",
+        )
     if noise_only and (report is not None or covariance is not None):
         raise InputError("--noise-only with --report or --covariance", remedy="give one of them")
     if covariance is not None and method == "inverse":
-        raise InputError("--covariance with --method inverse, which states none", remedy="take the smoother")
+        raise InputError(
+            "--covariance with --method inverse, which states none", remedy="take the smoother"
+        )
     records = records_by_disk(record)
     own_rig = load_rig(rig) if rig else rig_of(records)
     target = out or log.with_name(f"{log.stem}.compensated.csv")
     spare_inputs([log, rig, *record], out=target, report=report, covariance=covariance)
     way = _way(method, criterion, bandwidth_hz, noise_only)
     with stages(tell.silent, verbose) as progress:
-        done = compensate_log(log, records, own_rig, refine=refine, way=way, parts=parts, progress=progress)
-        between = done.covariance(covariance_s, covariance_from_s) if covariance is not None else None
+        done = compensate_log(
+            log, records, own_rig, refine=refine, way=way, parts=parts, progress=progress
+        )
+        between = (
+            done.covariance(covariance_s, covariance_from_s) if covariance is not None else None
+        )
         written, noticed = done.write(target, progress)
         if covariance is not None:
             write_text(covariance, dump(between))
@@ -135,7 +179,10 @@ def _words(done: CompensatedLog) -> str:
     for disk, one in done.disks.items():
         if done.way.method == "inverse":
             before = done.before_use(disk)
-            said += [f"{disk}, noisiest channel, {one.method}:", *(f"  {x}" for x in before.lines())]
+            said += [
+                f"{disk}, noisiest channel, {one.method}:",
+                *(f"  {x}" for x in before.lines()),
+            ]
         if done.way.removes_lag:
             said.append(f"{disk}: common lag {done.metadata[f'{disk}_common_lag_s']}")
         else:
@@ -156,7 +203,9 @@ def _way(method: str, criterion: str | None, bandwidth_Hz: float | None, noise_o
         ("--bandwidth-Hz", bandwidth_Hz, "inverse"),
     ):
         if value is not None and method != needed:
-            raise InputError(f"{option} with --method {method}", remedy=f"add --method {needed}, or leave it out")
+            raise InputError(
+                f"{option} with --method {method}", remedy=f"add --method {needed}, or leave it out"
+            )
     if criterion is not None:
         check_choice("--criterion", criterion, get_args(Criterion))
     chosen: dict[str, Any] = {"criterion": criterion, "bandwidth_Hz": bandwidth_Hz}

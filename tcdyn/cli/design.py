@@ -26,12 +26,21 @@ def design(
         list[float] | None,
         bounded("--bath-degC", "bath temperature; once for each plunge (110 and 138)", -60, 400),
     ] = None,
-    initial_degC: Annotated[float, bounded("--initial-degC", "disk before the plunge", -60, 400)] = 25.0,
-    duration_s: Annotated[float, bounded("--duration-s", "length of each plunge", 10, 3600)] = 140.0,
+    initial_degC: Annotated[
+        float, bounded("--initial-degC", "disk before the plunge", -60, 400)
+    ] = 25.0,
+    duration_s: Annotated[
+        float, bounded("--duration-s", "length of each plunge", 10, 3600)
+    ] = 140.0,
     noise_K: Annotated[float, bounded("--noise-K", "noise of one sample", 1e-6, 100)] = 0.12,
     noise_before_K: Annotated[
         float,
-        bounded("--noise-before-K", "more noise of one sample, from before the conditioning filter", 0, 100),
+        bounded(
+            "--noise-before-K",
+            "more noise of one sample, from before the conditioning filter",
+            0,
+            100,
+        ),
     ] = 0.0,
     rate_Hz: Annotated[float, bounded("--rate-Hz", "logging rate", 1, 1000)] = 75.0,
     entry_u_s: Annotated[
@@ -53,7 +62,9 @@ def design(
             "h_fast_W_m2K if expected): u of beta, n and slopes, with the junctions of --rig"
         ),
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="table (.csv) or HTML report (.html) to write")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="table (.csv) or HTML report (.html) to write")
+    ] = None,
     *,
     tell: Told,
 ) -> None:
@@ -75,12 +86,20 @@ def design(
         return
     baths = bath_degC or [110.0, 138.0]
     if any(abs(b - initial_degC) < 5 for b in baths):
-        raise InputError("bath and disk are within 5 K of each other", where="design", remedy="plan a larger step")
+        raise InputError(
+            "bath and disk are within 5 K of each other",
+            where="design",
+            remedy="plan a larger step",
+        )
     rig_table = load_rig(rig)
     setup, uncertainty = rig_table.disk_setup(disk), rig_table.tables(disk).uncertainty
     # fits make the noise white: what counts is its strength at low frequency
-    level_K = math.hypot(noise_K, noise_before_K / passed_share(setup.conditioning, 1 / rate_Hz) ** 0.5)
-    plans = [PlungePlan(fluid, b, initial_degC, duration_s, rate_Hz, level_K, entry_u_s) for b in baths]
+    level_K = math.hypot(
+        noise_K, noise_before_K / passed_share(setup.conditioning, 1 / rate_Hz) ** 0.5
+    )
+    plans = [
+        PlungePlan(fluid, b, initial_degC, duration_s, rate_Hz, level_K, entry_u_s) for b in baths
+    ]
     step = StepPlan(power_W=power_W, rate_Hz=rate_Hz, noise_K=level_K)
     result = compare_tests(setup, plans, step=step, uncertainty=uncertainty, lag_s=lag_s)
     if out is not None:
@@ -107,14 +126,22 @@ def _answer(result: Design | PlannedCampaign, out: Path | None, tell: Told) -> N
         tell.say(f"\nwrote {out}")
 
 
-def _campaign(plan: Path, rig: Path | None, rate_Hz: float, noise_K: float, out: Path | None, tell: Told) -> None:
+def _campaign(
+    plan: Path, rig: Path | None, rate_Hz: float, noise_K: float, out: Path | None, tell: Told
+) -> None:
     from calibration.files.write import write_text
     from calibration.rig import load_rig
     from tcdyn.campaign.planned import Logging, predict_campaign, read_plan
 
     if out is not None and out.suffix.lower() != ".csv":
-        raise InputError(f"{out.name}: unknown kind of file", where="design", expected=".csv for a planned campaign")
-    found = predict_campaign(read_plan(plan), load_rig(rig), Logging(rate_Hz=rate_Hz, noise_K=noise_K))
+        raise InputError(
+            f"{out.name}: unknown kind of file",
+            where="design",
+            expected=".csv for a planned campaign",
+        )
+    found = predict_campaign(
+        read_plan(plan), load_rig(rig), Logging(rate_Hz=rate_Hz, noise_K=noise_K)
+    )
     if out is not None:
         write_text(out, found.table().to_csv(index=False))
     _answer(found, out, tell)
@@ -127,7 +154,9 @@ def _write(result: Design, out: Path, assumptions: Sequence[str]) -> None:
         write_text(out, result.table().to_csv(index=False))
         return
     if out.suffix.lower() not in (".html", ".htm"):
-        raise InputError(f"{out.name}: unknown kind of file", where="design", expected=".csv or .html")
+        raise InputError(
+            f"{out.name}: unknown kind of file", where="design", expected=".csv or .html"
+        )
     from tcdyn.report.dynamics import write_design_report
 
     write_design_report(out, result, assumptions)

@@ -12,7 +12,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from calibration.errors import InputError
-from tcdyn.cli.common import OptionalRecordFiles, OwnRigFile, Told, bounded, end, grouped, spare_inputs, within
+from tcdyn.cli.common import (
+    OptionalRecordFiles,
+    OwnRigFile,
+    Told,
+    bounded,
+    end,
+    grouped,
+    spare_inputs,
+    within,
+)
 from tcdyn.cli.tables import SensorFiles, TableReading, only_with_records
 
 if TYPE_CHECKING:
@@ -21,18 +30,28 @@ if TYPE_CHECKING:
 
 @grouped
 def follow(
-    log: Annotated[Path, typer.Argument(help="EHL log, or immersion log, that grows line by line (CSV)")],
-    out: Annotated[Path, typer.Option(help="output: .csv, a new file unless --state continues it or --overwrite")],
+    log: Annotated[
+        Path, typer.Argument(help="EHL log, or immersion log, that grows line by line (CSV)")
+    ],
+    out: Annotated[
+        Path,
+        typer.Option(help="output: .csv, a new file unless --state continues it or --overwrite"),
+    ],
     record: OptionalRecordFiles = None,
     sensor: SensorFiles = None,
     rig: OwnRigFile = None,
     behind_s: Annotated[
         float,
-        typer.Option("--behind-s", help="how far behind the smoother works, in seconds; 0.5 is far quieter than 0"),
+        typer.Option(
+            "--behind-s",
+            help="how far behind the smoother works, in seconds; 0.5 is far quieter than 0",
+        ),
     ] = 0.0,
     noise_k: Annotated[
         float | None,
-        bounded("--noise-K", "noise of a sample [K]; default: measured in the first seconds", 1e-6, 1e3),
+        bounded(
+            "--noise-K", "noise of a sample [K]; default: measured in the first seconds", 1e-6, 1e3
+        ),
     ] = None,
     intensity: Annotated[
         float | None,
@@ -42,15 +61,25 @@ def follow(
             callback=within(1e-9, 1e12),
         ),
     ] = None,
-    learn_s: Annotated[float, typer.Option("--learn-s", help="seconds to learn noise and sampling from")] = 5.0,
-    idle_s: Annotated[float, bounded("--idle-s", "end after so many seconds without growth", 0, 1e6)] = 30.0,
+    learn_s: Annotated[
+        float, typer.Option("--learn-s", help="seconds to learn noise and sampling from")
+    ] = 5.0,
+    idle_s: Annotated[
+        float, bounded("--idle-s", "end after so many seconds without growth", 0, 1e6)
+    ] = 30.0,
     state: Annotated[
-        Path | None, typer.Option(help="JSON file to go on from if it exists, and to leave the state in")
+        Path | None,
+        typer.Option(help="JSON file to go on from if it exists, and to leave the state in"),
     ] = None,
     overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="replace an --out that exists; without it such a file is refused")
+        bool,
+        typer.Option(
+            "--overwrite", help="replace an --out that exists; without it such a file is refused"
+        ),
     ] = False,
-    report: Annotated[Path | None, typer.Option(help="HTML page: numbers before use, raw against compensated")] = None,
+    report: Annotated[
+        Path | None, typer.Option(help="HTML page: numbers before use, raw against compensated")
+    ] = None,
     *,
     reading: TableReading,
     tell: Told,
@@ -72,10 +101,17 @@ def follow(
     from tcdyn.sensor import read_sensor
 
     if bool(record) == bool(sensor):
-        raise InputError("needs --record or --sensor, one of them", remedy="--sensor is for any table, without a rig")
-    records: Any = [read_sensor(path) for path in sensor] if sensor else records_by_disk(record or [])
+        raise InputError(
+            "needs --record or --sensor, one of them",
+            remedy="--sensor is for any table, without a rig",
+        )
+    records: Any = (
+        [read_sensor(path) for path in sensor] if sensor else records_by_disk(record or [])
+    )
     if sensor:
-        only_with_records([option for option, value in (("--rig", rig), ("--report", report)) if value])
+        only_with_records(
+            [option for option, value in (("--rig", rig), ("--report", report)) if value]
+        )
     settings = Settings(behind_s, noise_k, intensity, learn_s)
     rig_table = load_rig(rig) if rig else None
     spare_inputs([log, rig, *(record or []), *(sensor or [])], out=out, report=report, state=state)
@@ -93,16 +129,27 @@ def follow(
     options: Any = reading.options()
     with asked_to_stop() as stop:
         done = run(
-            log, records, out, rig_table, settings, options=options,
-            state=state, overwrite=overwrite, idle_s=idle_s, asked_to_stop=stop, announce=announce,
-        )  # fmt: skip
+            log,
+            records,
+            out,
+            rig_table,
+            settings,
+            options=options,
+            state=state,
+            overwrite=overwrite,
+            idle_s=idle_s,
+            asked_to_stop=stop,
+            announce=announce,
+        )
     tell.warn(done.findings)
     tell.say(f"{done.summary()} to {out}")
     tell.json(lambda: {**done.to_dict(), "out": out})
     if report is not None and done.plan is not None:
         from tcdyn.report.compensate import write_follow_report
 
-        page = write_follow_report(report, done.plan, log, out, done.findings, records, record or ())
+        page = write_follow_report(
+            report, done.plan, log, out, done.findings, records, record or ()
+        )
         tell.files(report=page)
     end(log.name, done.findings)
 

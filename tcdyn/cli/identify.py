@@ -10,7 +10,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from calibration.errors import InputError
-from tcdyn.cli.common import Told, as_option, bounded, check_choice, counted, dump, end, grouped, spare_inputs, within
+from tcdyn.cli.common import (
+    Told,
+    as_option,
+    bounded,
+    check_choice,
+    counted,
+    dump,
+    end,
+    grouped,
+    spare_inputs,
+    within,
+)
 
 if TYPE_CHECKING:
     from tcdyn.identify import Model
@@ -18,25 +29,43 @@ if TYPE_CHECKING:
 
 @grouped
 def identify(
-    data: Annotated[Path, typer.Argument(help="Table, one row a sample: CSV, LVM, TDMS or Parquet.")],
-    input: Annotated[str, typer.Option("--input", "-u", help="Column of the input; several with commas: a,b.")],
-    output: Annotated[str, typer.Option("--output", "-y", help="Column of the output; several with commas.")],
-    run: Annotated[str | None, typer.Option(help="Column whose values separate the recordings.")] = None,
+    data: Annotated[
+        Path, typer.Argument(help="Table, one row a sample: CSV, LVM, TDMS or Parquet.")
+    ],
+    input: Annotated[
+        str, typer.Option("--input", "-u", help="Column of the input; several with commas: a,b.")
+    ],
+    output: Annotated[
+        str, typer.Option("--output", "-y", help="Column of the output; several with commas.")
+    ],
+    run: Annotated[
+        str | None, typer.Option(help="Column whose values separate the recordings.")
+    ] = None,
     time: Annotated[
-        str | None, typer.Option(help="Time column; time_s, Time (ms), t and the like are found by themselves.")
+        str | None,
+        typer.Option(
+            help="Time column; time_s, Time (ms), t and the like are found by themselves."
+        ),
     ] = None,
     time_unit: Annotated[
-        str | None, typer.Option("--time-unit", help="Unit of the time, where its header does not say it: s, ms, min.")
+        str | None,
+        typer.Option(
+            "--time-unit", help="Unit of the time, where its header does not say it: s, ms, min."
+        ),
     ] = None,
     dt_s: Annotated[
-        float | None, bounded("--dt", "Sampling interval in seconds where there is no time.", 1e-9, 1e9)
+        float | None,
+        bounded("--dt", "Sampling interval in seconds where there is no time.", 1e-9, 1e9),
     ] = None,
     resample_s: Annotated[
-        float | None, bounded("--resample", "Put uneven times on a grid of so many seconds.", 1e-9, 1e9)
+        float | None,
+        bounded("--resample", "Put uneven times on a grid of so many seconds.", 1e-9, 1e9),
     ] = None,
     hold: Annotated[
         str,
-        typer.Option(help="Input between samples: foh (straight line), zoh (held); auto: held where it was set."),
+        typer.Option(
+            help="Input between samples: foh (straight line), zoh (held); auto: held where it was set."
+        ),
     ] = "auto",
     models: Annotated[
         str,
@@ -47,17 +76,27 @@ def identify(
     ] = "grow",
     gain: Annotated[
         float | None,
-        typer.Option(help="Hold the static gain Kp at this value (process models).", callback=within(-1e12, 1e12)),
+        typer.Option(
+            help="Hold the static gain Kp at this value (process models).",
+            callback=within(-1e12, 1e12),
+        ),
     ] = None,
     cutoff_hz: Annotated[
         float | None,
-        bounded("--cutoff-Hz", "A known low-pass filter behind the sensor [Hz]: it is no part of the lags.", 1e-6, 1e9),
+        bounded(
+            "--cutoff-Hz",
+            "A known low-pass filter behind the sensor [Hz]: it is no part of the lags.",
+            1e-6,
+            1e9,
+        ),
     ] = None,
     poles: Annotated[int, typer.Option(min=1, help="Poles of that filter.")] = 2,
     shape: Annotated[
         str, typer.Option(help="Shape of that filter: cascade (of single lags) or butterworth.")
     ] = "cascade",
-    no_offset: Annotated[bool, typer.Option("--no-offset", help="The output has no offset.")] = False,
+    no_offset: Annotated[
+        bool, typer.Option("--no-offset", help="The output has no offset.")
+    ] = False,
     initial: Annotated[
         str | None,
         typer.Option(
@@ -72,7 +111,10 @@ def identify(
         ),
     ] = "auto",
     baseline: Annotated[
-        str, typer.Option(help="What lies beneath the output: none, trend (a straight drift), walk (random) or auto.")
+        str,
+        typer.Option(
+            help="What lies beneath the output: none, trend (a straight drift), walk (random) or auto."
+        ),
     ] = "auto",
     input_noise: Annotated[
         str,
@@ -81,18 +123,32 @@ def identify(
         ),
     ] = "auto",
     check: Annotated[
-        bool, typer.Option(help="Refuse an output that moves before its input, and an input computed from the output.")
+        bool,
+        typer.Option(
+            help="Refuse an output that moves before its input, and an input computed from the output."
+        ),
     ] = True,
     robust: Annotated[bool, typer.Option("--robust", help="Huber's loss, against spikes.")] = False,
     held_out: Annotated[
         float,
-        typer.Option(help="Share of the record kept for the held-out score.", callback=within(0, 1, ends=False)),
+        typer.Option(
+            help="Share of the record kept for the held-out score.",
+            callback=within(0, 1, ends=False),
+        ),
     ] = 0.3,
     narx: Annotated[
-        bool, typer.Option("--narx", help="Also ask, by simulation and by NARX, whether the lag depends on the level.")
+        bool,
+        typer.Option(
+            "--narx",
+            help="Also ask, by simulation and by NARX, whether the lag depends on the level.",
+        ),
     ] = False,
-    out: Annotated[Path | None, typer.Option("--out", help="JSON to write (default: DATA.identified.json).")] = None,
-    report: Annotated[Path | None, typer.Option("--report", help="HTML to write (default: beside it).")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="JSON to write (default: DATA.identified.json).")
+    ] = None,
+    report: Annotated[
+        Path | None, typer.Option("--report", help="HTML to write (default: beside it).")
+    ] = None,
     *,
     tell: Told,
 ) -> None:
@@ -109,7 +165,10 @@ def identify(
     from tcdyn.identify.disturbance import BASELINES, NOISES
 
     if gain is not None and abs(gain) < 1e-12:
-        raise InputError(f"--gain is {gain:g}", expected="a static gain other than 0: nothing else shows the input")
+        raise InputError(
+            f"--gain is {gain:g}",
+            expected="a static gain other than 0: nothing else shows the input",
+        )
     check_choice("--hold", hold, ("auto", "foh", "zoh"))
     check_choice("--shape", shape, FILTER_SHAPES)
     check_choice("--noise", noise, NOISES)
@@ -123,23 +182,41 @@ def identify(
     inputs, outputs = columns("--input", input), columns("--output", output)
     if len(inputs) > 1 and (narx or gain is not None):
         raise InputError(
-            f"{'--narx' if narx else '--gain'} with {len(inputs)} inputs", expected="one input", remedy="leave it out"
+            f"{'--narx' if narx else '--gain'} with {len(inputs)} inputs",
+            expected="one input",
+            remedy="leave it out",
         )
     base = out or data.with_suffix(".identified.json")
-    jsons = {y: base if len(outputs) == 1 else base.with_name(of_output(base.name, y)) for y in outputs}
+    jsons = {
+        y: base if len(outputs) == 1 else base.with_name(of_output(base.name, y)) for y in outputs
+    }
     pages = {y: path.with_suffix(".html") for y, path in jsons.items()}
     if report:
-        pages = {y: report if len(outputs) == 1 else report.with_name(of_output(report.name, y)) for y in outputs}
+        pages = {
+            y: report if len(outputs) == 1 else report.with_name(of_output(report.name, y))
+            for y in outputs
+        }
     for y in outputs:
         spare_inputs([data], out=jsons[y], report=pages[y])
     record = from_csv(
-        data, input=inputs, output=outputs, run=run, time=time, time_unit=time_unit, dt_s=dt_s, resample_s=resample_s,
+        data,
+        input=inputs,
+        output=outputs,
+        run=run,
+        time=time,
+        time_unit=time_unit,
+        dt_s=dt_s,
+        resample_s=resample_s,
         hold=hold,
-    )  # fmt: skip
+    )
     filter_ = NO_CONDITIONING if cutoff_hz is None else Conditioning(cutoff_hz, poles, shape)  # type: ignore[arg-type]
     asked = {"offset": "none" if no_offset else "free", "known": filter_}
     fixed = {} if gain is None else {"Kp": gain}
-    structures = [] if models.strip() == "grow" else [structure(n, inputs, fixed, asked) for n in names_of(models)]
+    structures = (
+        []
+        if models.strip() == "grow"
+        else [structure(n, inputs, fixed, asked) for n in names_of(models)]
+    )
     begun |= {
         "like": structure("P1", inputs[:1], fixed, asked),
         "loss": "huber" if robust else "linear",
@@ -149,7 +226,9 @@ def identify(
     for y in outputs:
         one = record.select(output=y)
         with counted(len(structures) or None, tell.silent) as progress:
-            found[y] = comparison = compare(one, structures, held_out=held_out, progress=progress, **begun)
+            found[y] = comparison = compare(
+                one, structures, held_out=held_out, progress=progress, **begun
+            )
         tell.say(f"{comparison.summary(as_option)}\n{comparison.removal(filter_)}")
         content, level = comparison.best.identified.to_dict(), ""
         if narx:
@@ -173,24 +252,38 @@ def identify(
 
 @grouped
 def response(
-    data: Annotated[Path, typer.Argument(help="Table, one row a frequency: CSV, LVM, TDMS or Parquet.")],
-    columns_: Annotated[str, typer.Option("--columns", help="Magnitude and phase in degrees: two columns, a,b.")],
+    data: Annotated[
+        Path, typer.Argument(help="Table, one row a frequency: CSV, LVM, TDMS or Parquet.")
+    ],
+    columns_: Annotated[
+        str, typer.Option("--columns", help="Magnitude and phase in degrees: two columns, a,b.")
+    ],
     frequency: Annotated[str, typer.Option(help="Column of the frequency in Hz.")] = "frequency_Hz",
     form: Annotated[
         str,
-        typer.Option(help="What --columns hold: magnitude or dB, each with the phase, or complex (real, imaginary)."),
+        typer.Option(
+            help="What --columns hold: magnitude or dB, each with the phase, or complex (real, imaginary)."
+        ),
     ] = "magnitude",
     u: Annotated[
-        str | None, typer.Option("--u", help="Column of the uncertainty (1 sd) of real and imaginary part.")
+        str | None,
+        typer.Option("--u", help="Column of the uncertainty (1 sd) of real and imaginary part."),
     ] = None,
-    coherence: Annotated[str | None, typer.Option(help="Column of the coherence, in place of --u.")] = None,
+    coherence: Annotated[
+        str | None, typer.Option(help="Column of the coherence, in place of --u.")
+    ] = None,
     averages: Annotated[
         float | None, typer.Option(help="Averages of that coherence.", callback=within(1, 1e12))
     ] = None,
     models: Annotated[
-        str | None, typer.Option(help="Models to compare, such as P1D,P2D,TF(1,2) (default: ten processes, P1 to P3D).")
+        str | None,
+        typer.Option(
+            help="Models to compare, such as P1D,P2D,TF(1,2) (default: ten processes, P1 to P3D)."
+        ),
     ] = None,
-    out: Annotated[Path | None, typer.Option("--out", help="JSON to write (default: DATA.identified.json).")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="JSON to write (default: DATA.identified.json).")
+    ] = None,
     *,
     tell: Told,
 ) -> None:
@@ -215,13 +308,18 @@ def response(
     )
     names = names_of(models) if models else CANDIDATES
     fits = sorted(
-        (fit_response(measured, name) for name in names), key=lambda f: round(f.statistics["bic"], 6)
+        (fit_response(measured, name) for name in names),
+        key=lambda f: round(f.statistics["bic"], 6),
     )  # of equals the first named
     best = next((f for f in fits if not doubts(f.findings)), fits[0])
     best = replace(best, input_name=frequency, output_name=" and ".join(both))
     least = fits[0].statistics["bic"]
     rows = [
-        (f.model.name, *(f.statistics[k] for k in ("fit_percent", "p_misfit")), abs(f.statistics["bic"] - least))
+        (
+            f.model.name,
+            *(f.statistics[k] for k in ("fit_percent", "p_misfit")),
+            abs(f.statistics["bic"] - least),
+        )
         for f in fits
     ]
     table = pd.DataFrame(rows, columns=["model", "fit [%]", "misfit p", "BIC above best"]).round(3)
@@ -236,7 +334,9 @@ def columns(option: str, text: str) -> list[str]:
     """The names between the commas; InputError for an empty or a repeated one."""
     names = [name.strip() for name in text.split(",")]
     if not all(names) or len(set(names)) < len(names):
-        raise InputError(f"{option} is {text!r}", expected="a column, or different ones between commas")
+        raise InputError(
+            f"{option} is {text!r}", expected="a column, or different ones between commas"
+        )
     return names
 
 
@@ -258,11 +358,16 @@ def standard_deviation(text: str) -> float:
     except ValueError:
         sd = float("nan")
     if sd != 0 and not 1e-12 <= sd <= 1e12:
-        raise InputError(f"--input-noise is {text!r:.60}", expected="a standard deviation in the input's unit, or auto")
+        raise InputError(
+            f"--input-noise is {text!r:.60}",
+            expected="a standard deviation in the input's unit, or auto",
+        )
     return sd
 
 
-def structure(name: str, inputs: list[str], fixed: dict[str, float], asked: dict[str, Any]) -> Model:
+def structure(
+    name: str, inputs: list[str], fixed: dict[str, float], asked: dict[str, Any]
+) -> Model:
     """The named model with the command's constraints: behind each input, or of several between plus signs one behind
     each."""
     from tcdyn.identify import Known, several
@@ -275,4 +380,6 @@ def structure(name: str, inputs: list[str], fixed: dict[str, float], asked: dict
         raise InputError(f"--models {name} names {len(parts)} parts", expected="one, for one input")
     model = as_model(name)
     kept = {k: v for k, v in fixed.items() if k in model.names}
-    return replace(model, fixed={**model.fixed, **kept}, offset=asked["offset"], known=Known.of(asked["known"]))
+    return replace(
+        model, fixed={**model.fixed, **kept}, offset=asked["offset"], known=Known.of(asked["known"])
+    )

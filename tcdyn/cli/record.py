@@ -10,7 +10,17 @@ import typer
 from rich.console import Console
 
 from calibration.errors import InputError
-from tcdyn.cli.common import Disk, Json, Told, bounded, check_choice, dump, end, grouped, spare_inputs
+from tcdyn.cli.common import (
+    Disk,
+    Json,
+    Told,
+    bounded,
+    check_choice,
+    dump,
+    end,
+    grouped,
+    spare_inputs,
+)
 
 app = typer.Typer(
     name="record",
@@ -52,12 +62,16 @@ def _show(found: DiskRecord) -> None:
 
     console = Console()
     console.print(f"disk {found.disk}, made {found.made}")
-    lines = lines_table(found.static).set_axis(["ch", "gain", "offset degC", "range degC", "u mid K", "sd K"], axis=1)
+    lines = lines_table(found.static).set_axis(
+        ["ch", "gain", "offset degC", "range degC", "u mid K", "sd K"], axis=1
+    )
     console.print(rich_table(lines, "Static lines (u at mid-range, sd of rest)"))
     if found.chain is not None:
         console.print(rich_table(chain_rows(found.chain), f"Chain ({found.chain.structure})"))
     for item in found.inputs:
-        console.print(f"from {item.file}  sha256 {item.sha256[:16]}...", markup=False, highlight=False)
+        console.print(
+            f"from {item.file}  sha256 {item.sha256[:16]}...", markup=False, highlight=False
+        )
     for noticed in once(found.findings):
         console.print(f"{noticed.grade.value}: {noticed.sentence}", markup=False, highlight=False)
 
@@ -102,7 +116,11 @@ def check(record: RecordPath, *, tell: Told) -> None:
 
     doubts = sentences(check_record(read_record(record)))
     tell.json(lambda: {"sound": not doubts, "doubts": doubts})
-    verdict = f"The record is readable; {len(doubts)} point(s) to look at." if doubts else "The record is sound."
+    verdict = (
+        f"The record is readable; {len(doubts)} point(s) to look at."
+        if doubts
+        else "The record is sound."
+    )
     tell.say("\n".join([*(f"- {doubt}" for doubt in doubts), verdict]))
     if doubts:
         raise typer.Exit(1)
@@ -110,8 +128,12 @@ def check(record: RecordPath, *, tell: Told) -> None:
 
 @grouped
 def rig(
-    show: Annotated[bool, typer.Option("--show", help="print the rig file, every key with its value")] = True,
-    file: Annotated[Path | None, typer.Option("--rig", help="rig.toml to check; without it the defaults")] = None,
+    show: Annotated[
+        bool, typer.Option("--show", help="print the rig file, every key with its value")
+    ] = True,
+    file: Annotated[
+        Path | None, typer.Option("--rig", help="rig.toml to check; without it the defaults")
+    ] = None,
     *,
     tell: Told,
 ) -> None:
@@ -129,11 +151,22 @@ def rig(
 
 @grouped
 def transducer(
-    table: Annotated[Path, typer.Argument(help="columns volts, force_N and, of several occasions, session (a number)")],
+    table: Annotated[
+        Path,
+        typer.Argument(help="columns volts, force_N and, of several occasions, session (a number)"),
+    ],
     out: Annotated[Path | None, typer.Option(help="JSON to write")] = None,
-    of: Annotated[str | None, typer.Option(help="load or friction: print only what the rig file takes")] = None,
+    of: Annotated[
+        str | None, typer.Option(help="load or friction: print only what the rig file takes")
+    ] = None,
     weights_rel: Annotated[
-        float, bounded("--weights-rel", "relative standard uncertainty of all weights and the lever in common", 0, 0.5)
+        float,
+        bounded(
+            "--weights-rel",
+            "relative standard uncertainty of all weights and the lever in common",
+            0,
+            0.5,
+        ),
     ] = 0.001,
     *,
     tell: Told,
@@ -165,10 +198,14 @@ def transducer(
         u, said = line.gain_u_rel(weights_rel), line.summary().splitlines()
         keys = {"friction_rel": u} if of == "friction" else {"half_width_rel_by_load": u / 3}
         if of == "friction":
-            said += ["under [uncertainty] of the rig file, in place of the friction_rel that stands there:"]
+            said += [
+                "under [uncertainty] of the rig file, in place of the friction_rel that stands there:"
+            ]
             lines = [*(f"# {each}" for each in said), f"friction_rel = {u:.3g}"]
         else:
-            said += [f"half width of the track by the load alone: u {u / 3:.2g} of it (half_width_rel)"]
+            said += [
+                f"half width of the track by the load alone: u {u / 3:.2g} of it (half_width_rel)"
+            ]
             lines = [f"# {each}" for each in said]
         tell.json(lambda: keys)
         tell.say("\n".join(lines))
@@ -176,10 +213,16 @@ def transducer(
 
 
 def spot(
-    table: Annotated[Path, typer.Argument(help="columns temperature_degC and flux_W_m2 of a heated spot (figure 8.1)")],
+    table: Annotated[
+        Path,
+        typer.Argument(help="columns temperature_degC and flux_W_m2 of a heated spot (figure 8.1)"),
+    ],
     disk: Disk = "fast",
     power_rel: Annotated[
-        float, bounded("--power-rel", "relative uncertainty of all fluxes: heater's power, spot's area", 0, 1)
+        float,
+        bounded(
+            "--power-rel", "relative uncertainty of all fluxes: heater's power, spot's area", 0, 1
+        ),
     ] = 0.02,
     json_: Json = False,
 ) -> None:
@@ -215,7 +258,9 @@ def diff_rows(found: RecordDiff, every: bool) -> pd.DataFrame:
     """Changes, one row a quantity."""
     table = found.table if every else found.significant
     formats = {"old": ".4g", "new": ".4g", "change": "+.3g", "u": ".2g", "z": "+.1f", "p": ".2g"}
-    shown = table.assign(**{name: [format(v, how) for v in table[name]] for name, how in formats.items()})
+    shown = table.assign(
+        **{name: [format(v, how) for v in table[name]] for name, how in formats.items()}
+    )
     shown["significant"] = ["drifted" if yes else "" for yes in table["significant"]]
     return shown.rename(columns={"significant": ""})
 

@@ -25,7 +25,9 @@ app = typer.Typer(
 )
 Log = Annotated[Path, typer.Argument(help="table with a time column: CSV, LVM, TDMS or Parquet")]
 OneColumn = Annotated[str, typer.Option("--column", help="the sensor's column")]
-Columns = Annotated[list[str], typer.Option("--column", help="column of a table; * stands for any text")]
+Columns = Annotated[
+    list[str], typer.Option("--column", help="column of a table; * stands for any text")
+]
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,9 @@ class Made:
     """The file of the sensor that was found."""
 
     out: Annotated[Path, typer.Option(help="*.sensor.json to write")]
-    name: Annotated[str | None, typer.Option(help="what the sensor is called; default: the file's name")] = None
+    name: Annotated[
+        str | None, typer.Option(help="what the sensor is called; default: the file's name")
+    ] = None
 
     @property
     def called(self) -> str:
@@ -60,10 +64,17 @@ class Filter:
 
     cutoff_hz: Annotated[
         float | None,
-        bounded("--cutoff-Hz", "a known low-pass filter behind the sensor [Hz]; none unless stated", 1e-6, 1e9),
+        bounded(
+            "--cutoff-Hz",
+            "a known low-pass filter behind the sensor [Hz]; none unless stated",
+            1e-6,
+            1e9,
+        ),
     ] = None
     poles: Annotated[int, typer.Option(min=1, max=6, help="poles of that filter")] = 2
-    shape: Annotated[str, typer.Option(help="its shape: cascade (of single lags) or butterworth")] = "cascade"
+    shape: Annotated[
+        str, typer.Option(help="its shape: cascade (of single lags) or butterworth")
+    ] = "cascade"
 
     def conditioning(self) -> Conditioning:
         """The filter that was stated, none if it was not."""
@@ -80,10 +91,15 @@ class Filter:
 @grouped
 def new(
     tau_s: Annotated[
-        list[str], typer.Option("--tau-s", help="a lag in seconds and its uncertainty: 1.5+-0.1; once for each")
+        list[str],
+        typer.Option(
+            "--tau-s", help="a lag in seconds and its uncertainty: 1.5+-0.1; once for each"
+        ),
     ],
     column: Columns,
-    delay_s: Annotated[str, typer.Option("--delay-s", help="dead time in seconds: 0.2+-0.05")] = "0",
+    delay_s: Annotated[
+        str, typer.Option("--delay-s", help="dead time in seconds: 0.2+-0.05")
+    ] = "0",
     *,
     to: Made,
     behind: Filter,
@@ -96,9 +112,12 @@ def new(
     from tcdyn.sensor import stated
 
     made = stated(
-        to.called, column, [value_and_u(text, "--tau-s") for text in tau_s],
-        behind.conditioning(), value_and_u(delay_s, "--delay-s"),
-    )  # fmt: skip
+        to.called,
+        column,
+        [value_and_u(text, "--tau-s") for text in tau_s],
+        behind.conditioning(),
+        value_and_u(delay_s, "--delay-s"),
+    )
     to.finish(made, tell)
 
 
@@ -127,17 +146,27 @@ def plunge(
     column: OneColumn,
     entry_s: Annotated[
         str | None,
-        typer.Option("--entry-s", help="when it entered, on the table's clock in seconds: 12.3+-0.02"),
+        typer.Option(
+            "--entry-s", help="when it entered, on the table's clock in seconds: 12.3+-0.02"
+        ),
     ] = None,
     medium_s: Annotated[
         str,
-        typer.Option("--medium-s", help="time constant of the surroundings' own step in seconds, no part of the lag"),
+        typer.Option(
+            "--medium-s",
+            help="time constant of the surroundings' own step in seconds, no part of the lag",
+        ),
     ] = "0.02+-0.02",
     medium: Annotated[
-        str | None, typer.Option(help="water (0.4 m/s) or air (3 m/s), the reference streams of VDI/VDE 3522")
+        str | None,
+        typer.Option(help="water (0.4 m/s) or air (3 m/s), the reference streams of VDI/VDE 3522"),
     ] = None,
-    diameter_mm: Annotated[float | None, typer.Option("--diameter-mm", help="with --medium: of the sheath")] = None,
-    speed_m_s: Annotated[float | None, typer.Option("--speed-m-s", help="with --medium: another speed")] = None,
+    diameter_mm: Annotated[
+        float | None, typer.Option("--diameter-mm", help="with --medium: of the sheath")
+    ] = None,
+    speed_m_s: Annotated[
+        float | None, typer.Option("--speed-m-s", help="with --medium: another speed")
+    ] = None,
     *,
     to: Made,
     behind: Filter,
@@ -156,10 +185,16 @@ def plunge(
     film = Film(medium, 1e-3 * diameter_mm, speed_m_s) if medium and diameter_mm else None
     t, values, found, names = read(log, [column], reading)
     made = plunge_sensor(
-        t, values[0], names[0], sensor=to.called, conditioning=behind.conditioning(),
+        t,
+        values[0],
+        names[0],
+        sensor=to.called,
+        conditioning=behind.conditioning(),
         entry_s=None if entry_s is None else value_and_u(entry_s, "--entry-s"),
-        medium_s=value_and_u(medium_s, "--medium-s"), film=film, inputs=[source(log)],
-    )  # fmt: skip
+        medium_s=value_and_u(medium_s, "--medium-s"),
+        film=film,
+        inputs=[source(log)],
+    )
     to.finish(with_findings(made, found, float(t[-1] - t[0])), tell, log)
 
 
@@ -169,14 +204,19 @@ def pair(
     log: Log,
     columns: Annotated[str, typer.Option("--columns", help="the two columns: T1,T2")],
     speed: Annotated[
-        str | None, typer.Option("--speed", help="column of the flow's speed: lags go as its -n-th power, n about 0.5")
+        str | None,
+        typer.Option(
+            "--speed", help="column of the flow's speed: lags go as its -n-th power, n about 0.5"
+        ),
     ] = None,
     exponent: Annotated[
         str, typer.Option("--exponent", help="with --speed: n and its standard deviation")
     ] = "0.5+-0.1",
     change_s: Annotated[
         list[float] | None,
-        typer.Option("--change-s", help="when the flow stepped, in seconds; lags constant between; repeat"),
+        typer.Option(
+            "--change-s", help="when the flow stepped, in seconds; lags constant between; repeat"
+        ),
     ] = None,
     *,
     to: Made,
@@ -197,9 +237,16 @@ def pair(
         raise InputError(f"--columns is {columns!r}", expected="two columns with a comma: T1,T2")
     t, values, found, names = read(log, wanted, reading, (speed,) if speed else ())
     made = pair_sensor(
-        t, values[0], values[1], (names[0], names[1]), sensor=to.called, speed=values[2] if speed else None,
-        changes_s=change_s or (), exponent=value_and_u(exponent, "--exponent"), inputs=[source(log)],
-    )  # fmt: skip
+        t,
+        values[0],
+        values[1],
+        (names[0], names[1]),
+        sensor=to.called,
+        speed=values[2] if speed else None,
+        changes_s=change_s or (),
+        exponent=value_and_u(exponent, "--exponent"),
+        inputs=[source(log)],
+    )
     to.finish(with_findings(made, found, float(t[-1] - t[0])), tell, log)
 
 
@@ -208,9 +255,16 @@ def pair(
 def current(
     log: Log,
     column: OneColumn,
-    current: Annotated[str, typer.Option("--current", help="column of the heating current; its unit does not matter")],
+    current: Annotated[
+        str,
+        typer.Option("--current", help="column of the heating current; its unit does not matter"),
+    ],
     off_only: Annotated[
-        bool, typer.Option("--off-only", help="use rows without current only: a thermocouple is not read while heated")
+        bool,
+        typer.Option(
+            "--off-only",
+            help="use rows without current only: a thermocouple is not read while heated",
+        ),
     ] = False,
     *,
     to: Made,
@@ -224,7 +278,9 @@ def current(
     from tcdyn.sensor.current import current_sensor
 
     t, values, found, names = read(log, [column], reading, (current,))
-    made = current_sensor(t, values[0], values[1], names[0], sensor=to.called, off_only=off_only, inputs=[source(log)])
+    made = current_sensor(
+        t, values[0], values[1], names[0], sensor=to.called, off_only=off_only, inputs=[source(log)]
+    )
     to.finish(with_findings(made, found, float(t[-1] - t[0])), tell, log)
 
 
@@ -260,14 +316,21 @@ def read(
     opened = open_source(log, reading.time, [*columns, *plain], reading.time_unit)
     names = []
     for wanted in (*columns, *plain):
-        hits = matching(wanted, [n for n in opened.table.names if n != opened.time], opened.table.where)
+        hits = matching(
+            wanted, [n for n in opened.table.names if n != opened.time], opened.table.where
+        )
         if len(hits) > 1:
             raise InputError(
-                f"{wanted!r} means {len(hits)} columns", where=str(log), expected="one", remedy=f"name {hits[0]!r}"
+                f"{wanted!r} means {len(hits)} columns",
+                where=str(log),
+                expected="one",
+                remedy=f"name {hits[0]!r}",
             )
         names += hits
     cold = cold_column(options["cold"], opened.table.names, opened.table.where)
-    found_units, told = units_of(names[: len(columns)], options["unit"], options["couple"], cold, opened.table.units)
+    found_units, told = units_of(
+        names[: len(columns)], options["unit"], options["couple"], cold, opened.table.units
+    )
     t, values, found = read_columns(log, names, found_units, opened.time, reading.time_unit)
     return t, [values[n] for n in names], [*told, *found], names
 
@@ -288,5 +351,12 @@ def with_findings(sensor: SensorFile, found: list[Finding], duration_s: float) -
 
     for column, channel in sensor.chain.channels.items():
         if channel.lag_s.u > duration_s:
-            found.append(look("sensor.undetermined", subject=column, u_s=channel.lag_s.u, duration_s=duration_s))
+            found.append(
+                look(
+                    "sensor.undetermined",
+                    subject=column,
+                    u_s=channel.lag_s.u,
+                    duration_s=duration_s,
+                )
+            )
     return sensor.model_copy(update={"findings": [*once_each(found), *sensor.findings]})

@@ -10,7 +10,18 @@ import typer
 from rich.console import Console
 
 from calibration.errors import InputError
-from tcdyn.cli.common import Disk, Told, Verbose, bounded, check_choice, counted, grouped, spare_inputs, stages, within
+from tcdyn.cli.common import (
+    Disk,
+    Told,
+    Verbose,
+    bounded,
+    check_choice,
+    counted,
+    grouped,
+    spare_inputs,
+    stages,
+    within,
+)
 from tcdyn.cli.record import rich_table
 
 if TYPE_CHECKING:
@@ -26,9 +37,13 @@ app = typer.Typer(
 )
 
 Out = Annotated[Path, typer.Option("--out", help="CSV file to write")]
-Seed = Annotated[int, typer.Option(min=0, help="the same seed gives the same rig and the same file")]
+Seed = Annotated[
+    int, typer.Option(min=0, help="the same seed gives the same rig and the same file")
+]
 Test = Annotated[str, typer.Option(help="A1 to D4 (table 6.1)")]
-Beta = Annotated[float | None, typer.Option(help="heat partition; drawn without it", callback=within(0, 1))]
+Beta = Annotated[
+    float | None, typer.Option(help="heat partition; drawn without it", callback=within(0, 1))
+]
 RigPath = Annotated[Path | None, typer.Option("--rig", help="rig.toml; the defaults without one")]
 Uneven = Annotated[
     list[str] | None,
@@ -37,7 +52,10 @@ Uneven = Annotated[
         "one disk; repeatable"
     ),
 ]
-Clean = Annotated[bool, typer.Option(help="no noise, spikes, static errors, drift or quantisation: the chain only")]
+Clean = Annotated[
+    bool,
+    typer.Option(help="no noise, spikes, static errors, drift or quantisation: the chain only"),
+]
 
 
 @dataclass(frozen=True)
@@ -47,7 +65,8 @@ class Drawn:
     seed: Seed = 0
     rig: RigPath = None
     uncertain: Annotated[
-        bool, typer.Option(help="draw steel, depths, washers ... within the uncertainties of rig.toml")
+        bool,
+        typer.Option(help="draw steel, depths, washers ... within the uncertainties of rig.toml"),
     ] = False
     clean: Clean = False
 
@@ -62,7 +81,11 @@ class Drawn:
     def for_log(self, out: Path) -> RigTruth:
         """The truth behind one log that is to be written to ``out``."""
         if out.suffix.lower() != ".csv":
-            raise InputError("the synthetic rig writes CSV", where=str(out), remedy="give --out a name ending in .csv")
+            raise InputError(
+                "the synthetic rig writes CSV",
+                where=str(out),
+                remedy="give --out a name ending in .csv",
+            )
         spare_inputs([self.rig], out=out)
         return self.truth()
 
@@ -88,7 +111,9 @@ def immersion(
     bath_degC: Annotated[float, bounded("--bath-degC", "bath temperature", -60, 400)] = 110.0,
     fluid: Annotated[str, typer.Option(help="mobil-jet-ii or water")] = "mobil-jet-ii",
     duration_s: Annotated[float, bounded("--duration-s", "time after entry", 10, 3600)] = 140.0,
-    run: Annotated[int, typer.Option(min=1, help="another run is another plunge of the same rig")] = 1,
+    run: Annotated[
+        int, typer.Option(min=1, help="another run is another plunge of the same rig")
+    ] = 1,
     *,
     drawn: Drawn,
     tell: Told,
@@ -124,14 +149,19 @@ def ehl(
     test: Test = "B3",
     beta: Beta = None,
     brake: Annotated[
-        float | None, bounded("--brake", "both speeds fall to 1/e in so many seconds from the parting", 0.1, 1e6)
+        float | None,
+        bounded("--brake", "both speeds fall to 1/e in so many seconds from the parting", 0.1, 1e6),
     ] = None,
     again: Annotated[
-        list[str] | None, typer.Option(help="contact after the parting, seconds@seconds after it; repeatable")
+        list[str] | None,
+        typer.Option(help="contact after the parting, seconds@seconds after it; repeatable"),
     ] = None,
     uneven: Uneven = None,
     film_air_K: Annotated[
-        float, bounded("--film-air-K", "what the running surfaces lose heat to, above the ambient", -50, 50)
+        float,
+        bounded(
+            "--film-air-K", "what the running surfaces lose heat to, above the ambient", -50, 50
+        ),
     ] = 0.0,
     *,
     drawn: Drawn,
@@ -144,7 +174,9 @@ def ehl(
     from tcdyn.simulate.ehl import EhlOptions, simulate_ehl
 
     truth = drawn.for_log(out).with_uneven(contacts(uneven)).with_film_air(film_air_K)
-    options = EhlOptions(beta=beta, brake_s=brake, again_s=tuple(_again(said) for said in again or ()))
+    options = EhlOptions(
+        beta=beta, brake_s=brake, again_s=tuple(_again(said) for said in again or ())
+    )
     _write(out, tell, *simulate_ehl(test, drawn.seed, truth, options))
 
 
@@ -152,7 +184,9 @@ def ehl(
 @grouped
 def campaign(
     out: Annotated[Path, typer.Option("--out", help="folder to write")],
-    test: Annotated[list[str] | None, typer.Option(help="A1 to D4, repeatable, or all; B3 without it")] = None,
+    test: Annotated[
+        list[str] | None, typer.Option(help="A1 to D4, repeatable, or all; B3 without it")
+    ] = None,
     bath_degC: Annotated[
         list[float] | None,
         bounded("--bath-degC", "one plunge each, repeatable", -60, 400),
@@ -175,9 +209,15 @@ def campaign(
     plunges = tuple(PlannedPlunge(b) for b in bath_degC) if bath_degC else DEFAULT_PLUNGES
     with counted(None, tell.silent) as progress:
         files = simulate_campaign(
-            out, drawn.seed, tests, plunges, rig=load_rig(drawn.rig), truth=drawn.truth(), n_jobs=workers,
+            out,
+            drawn.seed,
+            tests,
+            plunges,
+            rig=load_rig(drawn.rig),
+            truth=drawn.truth(),
+            n_jobs=workers,
             progress=progress,
-        )  # fmt: skip
+        )
     tell.json(lambda: files)
     tell.say(files.summary())
 
@@ -186,7 +226,9 @@ def campaign(
 def demo(
     out: Annotated[Path, typer.Option(help="folder to write into")] = Path("demo"),
     seed: Annotated[int, typer.Option(min=0, help="another seed is another rig")] = 1,
-    test: Annotated[list[str] | None, typer.Option(help="tests of table 6.1 to run (default B3)")] = None,
+    test: Annotated[
+        list[str] | None, typer.Option(help="tests of table 6.1 to run (default B3)")
+    ] = None,
     verbose: Verbose = False,
     *,
     tell: Told,
@@ -206,7 +248,9 @@ def demo(
         run = run_demo(out, seed, tuple(test or ("B3",)), progress=progress)
         progress("writing the report")
         truths = {
-            name: float(run.comparison.query(f"quantity == '{name} beta, speed law'")["truth"].iloc[0])
+            name: float(
+                run.comparison.query(f"quantity == '{name} beta, speed law'")["truth"].iloc[0]
+            )
             for name in run.tests
         }
         tests = {n: b.partition for n, b in run.tests.items()}

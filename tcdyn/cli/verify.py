@@ -18,13 +18,19 @@ if TYPE_CHECKING:
     from tcdyn.verify import VerifyRow
 
 COLOURS = {
-    "differs": "bold red", "misprint": "magenta", "not checkable": "yellow", "same trend": "cyan", "agrees": "green"
-}  # fmt: skip
+    "differs": "bold red",
+    "misprint": "magenta",
+    "not checkable": "yellow",
+    "same trend": "cyan",
+    "agrees": "green",
+}
 
 
 @grouped
 def verify(
-    report: Annotated[Path | None, typer.Option("--report", help="HTML page with the table and its pictures")] = None,
+    report: Annotated[
+        Path | None, typer.Option("--report", help="HTML page with the table and its pictures")
+    ] = None,
     csv: Annotated[Path | None, typer.Option("--csv", help="the table as CSV")] = None,
     why: Annotated[bool, typer.Option("--why", help="print the reason of every row")] = False,
     *,
@@ -98,8 +104,13 @@ def listed(row: VerifyRow, reason: str, width: int) -> list[str]:
     ['  arithmetic, (4.7): its worked example: 0.732 | 0.73', '      because']
     """
     text = f"{row.kind}, {row.source}: {row.quantity}: {row.ours} | {row.published}"
-    lines = wrap(text, max(width, 40), initial_indent="  ", subsequent_indent="    ", break_on_hyphens=False)
-    return [*lines, *wrap(reason, max(width, 40), initial_indent="      ", subsequent_indent="      ")]
+    lines = wrap(
+        text, max(width, 40), initial_indent="  ", subsequent_indent="    ", break_on_hyphens=False
+    )
+    return [
+        *lines,
+        *wrap(reason, max(width, 40), initial_indent="      ", subsequent_indent="      "),
+    ]
 
 
 def _frame(rows: Sequence[VerifyRow]) -> pd.DataFrame:
@@ -108,7 +119,15 @@ def _frame(rows: Sequence[VerifyRow]) -> pd.DataFrame:
     return pd.DataFrame([vars(row) for row in rows])
 
 
-SHOWN = ("quantity", "source", "published", "ours", "verdict", "kind", "why")  # the sentences last, where there is room
+SHOWN = (
+    "quantity",
+    "source",
+    "published",
+    "ours",
+    "verdict",
+    "kind",
+    "why",
+)  # the sentences last, where there is room
 
 
 def _report(rows: Sequence[VerifyRow], path: Path) -> None:
@@ -121,10 +140,21 @@ def _report(rows: Sequence[VerifyRow], path: Path) -> None:
         "Misprint: the thesis's own other numbers contradict the printed one as well."
     )
     sections = [Section("Published and ours", text=head, table=_frame(rows)[[*SHOWN]])]
-    sections += [Section(caption[0].upper() + caption[1:], figure=f) for caption, f in verify_figures().items()]
+    sections += [
+        Section(caption[0].upper() + caption[1:], figure=f)
+        for caption, f in verify_figures().items()
+    ]
     differing = [
-        look("verify.differs", subject=row.quantity, source=row.source, ours=row.ours, published=row.published)
+        look(
+            "verify.differs",
+            subject=row.quantity,
+            source=row.source,
+            ours=row.ours,
+            published=row.published,
+        )
         for row in rows
         if row.failed
     ]
-    write_page(path, "Published numbers and ours", sections, verdict=sentence(rows), findings=differing)
+    write_page(
+        path, "Published numbers and ours", sections, verdict=sentence(rows), findings=differing
+    )

@@ -26,7 +26,14 @@ True
 """
 
 from tcdyn.compensate.intensity import Tradeoff
-from tcdyn.compensate.inverse import BeforeUse, InverseFilter, before_use, invert, proper_inverse, widest_bandwidth_Hz
+from tcdyn.compensate.inverse import (
+    BeforeUse,
+    InverseFilter,
+    before_use,
+    invert,
+    proper_inverse,
+    widest_bandwidth_Hz,
+)
 from tcdyn.compensate.levels import Burst, Intensity
 from tcdyn.compensate.live import LiveSmoother, LiveState, live_before_use
 from tcdyn.compensate.record import Compensated

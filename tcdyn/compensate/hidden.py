@@ -10,7 +10,15 @@ from numpy.typing import ArrayLike
 from scipy.special import logsumexp
 
 from calibration import Array
-from tcdyn.compensate.intensity import AFTER_S, DECAYS_S, cut_out, levels_of, likeliest_burst, smeared_s, spans
+from tcdyn.compensate.intensity import (
+    AFTER_S,
+    DECAYS_S,
+    cut_out,
+    levels_of,
+    likeliest_burst,
+    smeared_s,
+    spans,
+)
 from tcdyn.compensate.levels import Burst, Intensity
 from tcdyn.compensate.pieces import FINE
 from tcdyn.compensate.record import Stretch
@@ -23,7 +31,11 @@ NEVER = -5.0  # log odds below which what came up is a doubt before all others a
 ROUNDS, MOST = 8, 24  # of search; events sought in one record
 COST = 3.0  # nats that fitting the height, decay and power of a burst to noise gains
 PRIOR = (0.5, 0.4, 0.1)  # in a channel at an event: nothing, a kink, a jump of the temperature
-WIDE, NODES, REACH = 13, 7, 2.5  # times tried at first; later, over so many standard deviations either side
+WIDE, NODES, REACH = (
+    13,
+    7,
+    2.5,
+)  # times tried at first; later, over so many standard deviations either side
 FEWEST = 0.01  # weights below this part are left out
 
 
@@ -44,7 +56,9 @@ class Hidden:
     may_be: tuple[tuple[float, tuple[Burst, ...], Array], ...]
     level: Array
 
-    def put(self, chosen: Sequence[Intensity], at_s: float, bursts: Sequence[Burst]) -> list[Intensity]:
+    def put(
+        self, chosen: Sequence[Intensity], at_s: float, bursts: Sequence[Burst]
+    ) -> list[Intensity]:
         """Intensities with these ``bursts`` at ``at_s`` instead of what they have at the event."""
         rest = [q.moved(self.at_s, at_s) for q in _bare(chosen, self.at_s)]
         return [replace(q, bursts=(*q.bursts, b)) for q, b in zip(rest, bursts)]
@@ -62,7 +76,9 @@ def _bare(chosen: Sequence[Intensity], at_s: float) -> list[Intensity]:
 def _merged(q: Intensity, at_s: float, level: float) -> Intensity:
     """With one ``level`` before and after the segment boundary at ``at_s``, if there is one."""
     where = q.starts_s.index(at_s) if at_s in q.starts_s else -9
-    return replace(q, levels=tuple(level if i in (where - 1, where) else v for i, v in enumerate(q.levels)))
+    return replace(
+        q, levels=tuple(level if i in (where - 1, where) else v for i, v in enumerate(q.levels))
+    )
 
 
 def candidates(fit: Smoothed, events: Sequence[float]) -> list[float]:
@@ -80,7 +96,9 @@ def candidates(fit: Smoothed, events: Sequence[float]) -> list[float]:
     return found
 
 
-def with_hidden(fit: Smoothed, start_var: Array, noise_known: bool) -> tuple[Smoothed, list[Hidden]]:
+def with_hidden(
+    fit: Smoothed, start_var: Array, noise_known: bool
+) -> tuple[Smoothed, list[Hidden]]:
     """``fit`` with the events that its data ask for, each as it most likely was, and all that they may have been.
 
     All candidates are put in at once and weighed in turn, so that none hides another in a level that is too high;
@@ -97,13 +115,19 @@ def with_hidden(fit: Smoothed, start_var: Array, noise_known: bool) -> tuple[Smo
         if not new and (settled or not sure):
             break
         settled, final = not new, not new
-        early = [max(c - 0.5 * lag, 2 * stretch.dt_s) for c in new]  # rough at first: from before it, anything goes
+        early = [
+            max(c - 0.5 * lag, 2 * stretch.dt_s) for c in new
+        ]  # rough at first: from before it, anything goes
         bursts = [[b for b in q.bursts if b.start_s in told] for q in fit.chosen]
         for c, span in enumerate(spans(stretch, noise_var)):
-            bursts[c] += [Burst(at, 100 * span**2 / lag**3, lag, slope_sd=span / lag) for at in early]
+            bursts[c] += [
+                Burst(at, 100 * span**2 / lag**3, lag, slope_sd=span / lag) for at in early
+            ]
             bursts[c] += [h.likeliest[c] for h in sure]
         times = sorted([*(h.at_s for h in sure), *early])
-        cuts: dict[float, float] = {}  # what begins may have begun a little earlier, though not before what went before
+        cuts: dict[
+            float, float
+        ] = {}  # what begins may have begun a little earlier, though not before what went before
         for at in times:
             last = max([0.0, *cuts, *(e for e in told if e < at)])
             cuts[min(max(at - lag, last + stretch.dt_s), at)] = at
@@ -116,7 +140,9 @@ def with_hidden(fit: Smoothed, start_var: Array, noise_known: bool) -> tuple[Smo
             if not final and at in before and min(abs(at - e) for e in early) > ALONE * lag:
                 sure.append(before[at])
                 continue
-            h = weigh(stretch, noise_var, chosen, at, [float(q.at(at)) for q in plain], before.get(at))
+            h = weigh(
+                stretch, noise_var, chosen, at, [float(q.at(at)) for q in plain], before.get(at)
+            )
             chosen = [q.moved(at, h.at_s) for q in chosen]
             if h.log_odds > (0 if final else NEVER):
                 sure.append(h)
@@ -158,7 +184,8 @@ def weigh(
     base, begins = [q.moved(shift_s=shift) for q in _bare(chosen, at_s)], at_s - shift
     ranges = spans(window, noise_var)
     kinds = [
-        [Burst(begins, 0.0, 1.0, level_sd=jump * s, slope_sd=DIFFUSE * s / lag) for s in ranges] for jump in (0.0, 1.0)
+        [Burst(begins, 0.0, 1.0, level_sd=jump * s, slope_sd=DIFFUSE * s / lag) for s in ranges]
+        for jump in (0.0, 1.0)
     ]
 
     def values(times: Array, options: Sequence[Sequence[Burst]]) -> Array:
@@ -167,27 +194,40 @@ def weigh(
             [replace(q, bursts=(*q.bursts, b)).moved(begins, t) for t in times for b in bursts]
             for q, bursts in zip(base, zip(*options))
         ]
-        return likelihood(window, noise_var, proposed, 2 * FINE)[0].reshape(len(base), len(times), -1)
+        return likelihood(window, noise_var, proposed, 2 * FINE)[0].reshape(
+            len(base), len(times), -1
+        )
 
     dt = stretch.dt_s
     lowest = max([e for e in chosen[0].starts_s if e < at_s], default=0.0) - shift + dt
-    highest = min([e for e in chosen[0].starts_s if e > at_s], default=dt * len(stretch.y)) - shift - dt
+    highest = (
+        min([e for e in chosen[0].starts_s if e > at_s], default=dt * len(stretch.y)) - shift - dt
+    )
 
     def between(nodes: ArrayLike) -> Array:
         """Such of ``nodes`` [s] as lie between what happened before and after, none too near another."""
-        return np.asarray(np.unique(np.round(np.clip(nodes, lowest, max(lowest, highest)) / (1e-4 * dt))) * (1e-4 * dt))
+        return np.asarray(
+            np.unique(np.round(np.clip(nodes, lowest, max(lowest, highest)) / (1e-4 * dt)))
+            * (1e-4 * dt)
+        )
 
     if known is None:
         sizes = [(0.0, 1.0), *((0.1 / d**3, d) for d in DECAYS_S)]
         rough = [
-            [replace(b, height=h * s**2, decay_s=d) for b, s in zip(kind, ranges)] for kind in kinds for h, d in sizes
+            [replace(b, height=h * s**2, decay_s=d) for b, s in zip(kind, ranges)]
+            for kind in kinds
+            for h, d in sizes
         ]
         step = 2 * lag / (WIDE - 1)
         nodes = between(begins + step * (np.arange(WIDE) - WIDE // 2))
         value = values(nodes, rough).reshape(len(base), len(nodes), 2, -1)
         top = np.argmax(logsumexp(value, axis=3).sum(axis=0), axis=0)
         kinds = [
-            [rough[k * len(sizes) + int(np.argmax(value[c, top[k], k]))][c] for c in range(len(base))] for k in (0, 1)
+            [
+                rough[k * len(sizes) + int(np.argmax(value[c, top[k], k]))][c]
+                for c in range(len(base))
+            ]
+            for k in (0, 1)
         ]
         best, u = [float(t) for t in nodes[top]], [0.5 * step] * 2
     else:
@@ -200,9 +240,16 @@ def weigh(
         found = likeliest_burst(window, noise_var, there, nothing, near)
         bursts.append([replace(b, start_s=begins) for b in found])
     for _ in range(3):
-        nodes = between(np.ravel([np.linspace(t - REACH * h, t + REACH * h, NODES) for t, h in zip(best, u)]))
-        value, widest = values(nodes, bursts), 2 * REACH * max(u) / (NODES - 1)  # a kink and a jump may lie apart
-        gaps = np.minimum(np.diff(nodes, prepend=nodes[0] - widest, append=nodes[-1] + widest), widest)
+        nodes = between(
+            np.ravel([np.linspace(t - REACH * h, t + REACH * h, NODES) for t, h in zip(best, u)])
+        )
+        value, widest = (
+            values(nodes, bursts),
+            2 * REACH * max(u) / (NODES - 1),
+        )  # a kink and a jump may lie apart
+        gaps = np.minimum(
+            np.diff(nodes, prepend=nodes[0] - widest, append=nodes[-1] + widest), widest
+        )
         width = 0.5 * (gaps[:-1] + gaps[1:])
         for k, total in enumerate(value.sum(axis=0).T):
             share = np.exp(total - total.max()) * width
@@ -221,15 +268,22 @@ def weigh(
     log_p = density.sum(axis=0) + np.log(width / (len(stretch.y) * stretch.dt_s))
     log_odds = float(logsumexp(log_p))
     p = np.exp(log_p - log_odds)
-    weight = np.exp(each - density[..., None]) * (p / (1 + np.exp(-log_odds)))[:, None]  # (M, times, kinds)
+    weight = (
+        np.exp(each - density[..., None]) * (p / (1 + np.exp(-log_odds)))[:, None]
+    )  # (M, times, kinds)
     likely = int(np.argmax(log_p))
-    placed = [[tuple(replace(b, start_s=float(t) + shift) for b in kind) for kind in bursts] for t in nodes]
+    placed = [
+        [tuple(replace(b, start_s=float(t) + shift) for b in kind) for kind in bursts]
+        for t in nodes
+    ]
     return Hidden(
         at_s=float(nodes[likely]) + shift,
         u_s=float(np.sqrt(p @ (nodes - p @ nodes) ** 2)),
         log_odds=log_odds,
         kinds=tuple(placed[likely]),
-        likeliest=tuple(placed[likely][k][c] for c, k in enumerate(np.argmax(weight[:, likely, 1:], axis=1))),
+        likeliest=tuple(
+            placed[likely][k][c] for c, k in enumerate(np.argmax(weight[:, likely, 1:], axis=1))
+        ),
         may_be=tuple(
             (float(t) + shift, placed[i][k], weight[:, i, k + 1])
             for i, t in enumerate(nodes)
@@ -249,7 +303,10 @@ def _levels_about(q: Intensity, at_s: float) -> tuple[float, ...]:
 def averaged(fit: Smoothed, hidden: Hidden) -> Smoothed:
     """``fit`` with its temperature, slope and sd averaged over all that ``hidden`` may be, by total variance."""
     first, last = about(fit.stretch, hidden.at_s)
-    window, shift = cut_out(fit.stretch, first, last, fit.stretch.events_s), first * fit.stretch.dt_s
+    window, shift = (
+        cut_out(fit.stretch, first, last, fit.stretch.events_s),
+        first * fit.stretch.dt_s,
+    )
 
     def run(chosen: Sequence[Intensity]) -> Array:
         part = smoothed(window, fit.noise_var, [q.moved(shift_s=shift) for q in chosen])
@@ -268,5 +325,9 @@ def averaged(fit: Smoothed, hidden: Hidden) -> Smoothed:
     var = answers[3]
     var[first:last] = np.maximum(var[first:last] + spread, 0.25 * fit.sd[first:last] ** 2)
     return replace(
-        fit, temperature=answers[0], slope=answers[1], lag_sensitivity=answers[2], sd=np.asarray(np.sqrt(var))
+        fit,
+        temperature=answers[0],
+        slope=answers[1],
+        lag_sensitivity=answers[2],
+        sd=np.asarray(np.sqrt(var)),
     )

@@ -93,7 +93,9 @@ def exact_levels(
     logs = np.tile(np.linspace(np.log(FLOOR), np.log(most), trials), (len(noise_var), 1))
 
     def tried(logs: Array, fine: float) -> tuple[Array, Array]:
-        proposed = [[Intensity((0.0,), (v * r,)) for v in np.exp(row)] for row, r in zip(logs, noise_var)]
+        proposed = [
+            [Intensity((0.0,), (v * r,)) for v in np.exp(row)] for row, r in zip(logs, noise_var)
+        ]
         value, ratio = likelihood(stretch, noise_var, proposed, fine)
         if not noise_known:
             used = (stretch.weight > 0).sum(axis=0)[:, None]
@@ -102,7 +104,9 @@ def exact_levels(
         return value, ratio
 
     for turn in range(3):
-        parts: list[tuple[Array, Array]] = []  # the highest levels need the shortest cells: not where all is past
+        parts: list[
+            tuple[Array, Array]
+        ] = []  # the highest levels need the shortest cells: not where all is past
         for some in np.array_split(logs, 3 if turn == 0 else 1, axis=1):
             parts.append(tried(some, FINE if turn else 4 * FINE))
             value, ratio = (np.concatenate(of, axis=1) for of in zip(*parts))
@@ -113,11 +117,15 @@ def exact_levels(
         scale = np.ones(len(best)) if noise_known else ratio[rows, best]
         step = logs[:, 1] - logs[:, 0]
         top = logs[rows, best]
-        logs = np.clip(top[:, None] + step[:, None] * np.linspace(-0.8, 0.8, 7), np.log(FLOOR), None)
+        logs = np.clip(
+            top[:, None] + step[:, None] * np.linspace(-0.8, 0.8, 7), np.log(FLOOR), None
+        )
     return np.exp(top) * noise_var * scale, noise_var * scale
 
 
-def choose(stretch: Stretch, noise_var: Array, noise_known: bool = False) -> tuple[list[Intensity], Array]:
+def choose(
+    stretch: Stretch, noise_var: Array, noise_known: bool = False
+) -> tuple[list[Intensity], Array]:
     """The intensity of each channel and its noise variance (M,), both by likelihood.
 
     ``levels_of`` its segments; then each event gets the burst that the samples around it make likely, and a jump of the
@@ -127,12 +135,18 @@ def choose(stretch: Stretch, noise_var: Array, noise_known: bool = False) -> tup
     for event in stretch.events_s:
         window, shift = _around(stretch, event)
         base = [replace(q, bursts=()).moved(shift_s=shift) for q in chosen]
-        found = likeliest_burst(window, noise_var, base, [Burst(event - shift, 0.0, 1.0)] * len(base), jumps=True)
-        chosen = [replace(q, bursts=(*q.bursts, replace(b, start_s=event))) for q, b in zip(chosen, found)]
+        found = likeliest_burst(
+            window, noise_var, base, [Burst(event - shift, 0.0, 1.0)] * len(base), jumps=True
+        )
+        chosen = [
+            replace(q, bursts=(*q.bursts, replace(b, start_s=event))) for q, b in zip(chosen, found)
+        ]
     return chosen, noise_var
 
 
-def levels_of(stretch: Stretch, noise_var: Array, noise_known: bool) -> tuple[list[Intensity], Array]:
+def levels_of(
+    stretch: Stretch, noise_var: Array, noise_known: bool
+) -> tuple[list[Intensity], Array]:
     """Intensity of each channel without bursts, and its noise variance (M,).
 
     Segments lie between events. Long ones get their level from the spectrum, beyond the burst that follows an event,
@@ -151,19 +165,32 @@ def levels_of(stretch: Stretch, noise_var: Array, noise_known: bool) -> tuple[li
                 continue
             if b - a - skip >= LONG:
                 window = cut_out(stretch, a + skip, b, ())
-                found = [spectral_level(window.y[:, c], dt, s, noise_var[c]) for c, s in enumerate(stretch.chains)]
+                found = [
+                    spectral_level(window.y[:, c], dt, s, noise_var[c])
+                    for c, s in enumerate(stretch.chains)
+                ]
                 levels[k] = found
                 whole = 2 * np.pi / (len(window.y) * dt)
                 least = levels[k] < dt * (FEW * whole) ** 4 * noise_var
-                if least.any() and (LEFT_OUT * whole) ** 4 > FLOOR / dt:  # what it does may stand in waves left out
-                    exactly, _ = exact_levels(window, noise_var, True, 16 * (FEW * whole) ** 4 * dt, 8)
-                    levels[k] = np.where(least & (exactly > CLEAR * FLOOR * noise_var), exactly, levels[k])
+                if (
+                    least.any() and (LEFT_OUT * whole) ** 4 > FLOOR / dt
+                ):  # what it does may stand in waves left out
+                    exactly, _ = exact_levels(
+                        window, noise_var, True, 16 * (FEW * whole) ** 4 * dt, 8
+                    )
+                    levels[k] = np.where(
+                        least & (exactly > CLEAR * FLOOR * noise_var), exactly, levels[k]
+                    )
             else:
                 levels[k], _ = exact_levels(cut_out(stretch, a + skip, b, ()), noise_var, True)
         most = np.where(np.isfinite(levels), levels, -np.inf).max(axis=0)
         most = np.where(np.isfinite(most), most, noise_var)
-        levels = np.where(np.isfinite(levels), levels, most)  # too short a segment takes the largest of the others
-    return [Intensity(tuple(starts), tuple(levels[:, c])) for c in range(levels.shape[1])], noise_var
+        levels = np.where(
+            np.isfinite(levels), levels, most
+        )  # too short a segment takes the largest of the others
+    return [
+        Intensity(tuple(starts), tuple(levels[:, c])) for c in range(levels.shape[1])
+    ], noise_var
 
 
 def cut_out(stretch: Stretch, first: int, last: int, events: Sequence[float]) -> Stretch:
@@ -190,17 +217,29 @@ def likeliest_burst(
     tried = []
     for none, var, span in zip(nothing, noise_var, spans(window, noise_var)):
         heights = np.geomspace(1e-3, 1e8, 12) * var
-        sizes = [(h, d) for d in DECAYS_S for h in np.minimum(heights, (MOST_BENT * span) ** 2 / d**3)]
+        sizes = [
+            (h, d) for d in DECAYS_S for h in np.minimum(heights, (MOST_BENT * span) ** 2 / d**3)
+        ]
         bursts = [none, *(replace(none, height=h, decay_s=d) for h, d in sizes)]
         tried.append([*bursts, *(replace(b, level_sd=span) for b in bursts[::JUMPS_EACH] if jumps)])
     best = list(nothing)
-    for nearby in (True,) if near else (False, True):  # where about it is, longer cells tell as well
+    for nearby in (
+        (True,) if near else (False, True)
+    ):  # where about it is, longer cells tell as well
         if nearby:
             tried = [
-                [replace(b, height=b.height * h, decay_s=b.decay_s * d, power=p) for p, d, h in NEARBY] for b in best
+                [
+                    replace(b, height=b.height * h, decay_s=b.decay_s * d, power=p)
+                    for p, d, h in NEARBY
+                ]
+                for b in best
             ]
-        proposed = [[replace(q, bursts=(*q.bursts, b)) for b in bursts] for q, bursts in zip(base, tried)]
-        value, _ = likelihood(window, noise_var, proposed, fine=(8 if not nearby else 4 if jumps else 2) * FINE)
+        proposed = [
+            [replace(q, bursts=(*q.bursts, b)) for b in bursts] for q, bursts in zip(base, tried)
+        ]
+        value, _ = likelihood(
+            window, noise_var, proposed, fine=(8 if not nearby else 4 if jumps else 2) * FINE
+        )
         first = np.argmax(value > value.max(axis=1, keepdims=True) - ALIKE, axis=1)
         best = [bursts[k] for bursts, k in zip(tried, first)]
     return best
@@ -248,20 +287,37 @@ def by_criterion(stretch: Stretch, criterion: Criterion, trials: int) -> Tradeof
     noise_var, levels = stretch.noise_sd**2, np.geomspace(1e-4, 1e7, trials)
     rows, w, used = [], stretch.weight, (stretch.weight > 0).sum(axis=0)
     for level in levels:
-        states = smoothed(stretch, noise_var, [Intensity.constant(level * var) for var in noise_var])
+        states = smoothed(
+            stretch, noise_var, [Intensity.constant(level * var) for var in noise_var]
+        )
         misfit = np.sum(w * (stretch.y - states.read) ** 2, axis=0) / np.sum(w, axis=0)
         bends = np.diff(states.knot_slope, axis=0) ** 2 / np.diff(states.knots_s)[1:, None]
-        rows.append((misfit, np.sum(bends, axis=0), np.sum(w * states.read_var, axis=0) / noise_var))
+        rows.append(
+            (misfit, np.sum(bends, axis=0), np.sum(w * states.read_var, axis=0) / noise_var)
+        )
     misfits, roughness, freedom = (np.array(column) for column in zip(*rows))
     chosen = [
         _pick(criterion, levels, *columns)
         for columns in zip(misfits.T, roughness.T, freedom.T, used.tolist(), noise_var.tolist())
     ]
-    return Tradeoff(levels[:, None] * noise_var, misfits, roughness, freedom, np.array(chosen) * noise_var, criterion)
+    return Tradeoff(
+        levels[:, None] * noise_var,
+        misfits,
+        roughness,
+        freedom,
+        np.array(chosen) * noise_var,
+        criterion,
+    )
 
 
 def _pick(
-    criterion: Criterion, levels: Array, misfit: Array, roughness: Array, freedom: Array, used: int, noise_var: float
+    criterion: Criterion,
+    levels: Array,
+    misfit: Array,
+    roughness: Array,
+    freedom: Array,
+    used: int,
+    noise_var: float,
 ) -> float:
     """Intensity over noise variance that meets the criterion, between the trials by a parabola or a straight line."""
     logs = np.log(levels)

@@ -41,7 +41,11 @@ class InverseFilter:
         poles = np.roots(self.a) if len(self.a) > 1 else np.zeros(1)
         slowest = float(np.max(np.abs(poles), initial=0.0))
         length = int(min(np.log(1e-9) / np.log(max(slowest, 0.1)), 4e6)) + 64 + len(self.b)
-        return float(np.sqrt(np.sum(scipy.signal.lfilter(self.b, self.a, np.r_[1.0, np.zeros(length - 1)]) ** 2)))
+        return float(
+            np.sqrt(
+                np.sum(scipy.signal.lfilter(self.b, self.a, np.r_[1.0, np.zeros(length - 1)]) ** 2)
+            )
+        )
 
     def __call__(self, y: ArrayLike) -> Array:
         """Apply to ``y`` (N,) or (N, M) [degC], from equilibrium with the first sample; same shape."""
@@ -111,10 +115,22 @@ def invert(
         calm = uniform_filter1d(slope[:, c], 2 * width + 1, mode="nearest")
         own[:, c] = np.hypot(f.noise_gain * sd[c], f.remaining_shift_s * calm)
     done = Compensated.of(
-        x, own, slope, lag, lag_covariance, static_u, dt_s, noise_sd=sd, intensity=np.full(len(sd), np.nan),
-        flags=stretch.flags, method=f"proper inverse, {bandwidth_Hz:g} Hz", findings=stretch.findings,
-    )  # fmt: skip
-    return done.checked(stretch.y, [f"channel {c + 1}" for c in range(len(sd))] if names is None else list(names))
+        x,
+        own,
+        slope,
+        lag,
+        lag_covariance,
+        static_u,
+        dt_s,
+        noise_sd=sd,
+        intensity=np.full(len(sd), np.nan),
+        flags=stretch.flags,
+        method=f"proper inverse, {bandwidth_Hz:g} Hz",
+        findings=stretch.findings,
+    )
+    return done.checked(
+        stretch.y, [f"channel {c + 1}" for c in range(len(sd))] if names is None else list(names)
+    )
 
 
 def lag_sensitivity(f: InverseFilter, y: ArrayLike) -> Array:
@@ -197,7 +213,15 @@ def before_use(f: InverseFilter, noise_sd: float, wanted_K: float | None = None)
     found = []
     if noise_out > limit:
         best = widest_bandwidth_Hz(f.chain, dt, noise_sd, limit)
-        found.append(look("inverse.noisy", bandwidth_Hz=f.bandwidth_Hz, noise_K=noise_out, limit_K=limit, best_Hz=best))
+        found.append(
+            look(
+                "inverse.noisy",
+                bandwidth_Hz=f.bandwidth_Hz,
+                noise_K=noise_out,
+                limit_K=limit,
+                best_Hz=best,
+            )
+        )
     if f.bandwidth_Hz > 0.2 / dt:
         found.append(look("inverse.near_nyquist", bandwidth_Hz=f.bandwidth_Hz, rate_Hz=1 / dt))
     return filter_report(f, noise_sd, found)
@@ -213,13 +237,18 @@ def filter_report(f: InverseFilter, noise_sd: float, found: Sequence[Finding]) -
     raw = np.asarray(chain.response(u, dt / fine, hold="zoh")[::fine], dtype=np.float64)
     step = np.asarray(scipy.signal.lfilter(f.b, f.a, raw), dtype=np.float64)
     t = np.asarray((np.arange(rows) - 1.0) * dt, dtype=np.float64)
-    freq, wide = np.geomspace(1e-4, 0.499, 3000) / dt, np.geomspace(1e-4, 1e3, 4000) / max(chain.lag_s, 1e-6)
+    freq, wide = (
+        np.geomspace(1e-4, 0.499, 3000) / dt,
+        np.geomspace(1e-4, 1e3, 4000) / max(chain.lag_s, 1e-6),
+    )
     b, a = np.arange(len(f.b)) @ f.b / np.sum(f.b), np.arange(len(f.a)) @ f.a / np.sum(f.a)
     late = [look("inverse.dead_time")] if chain.delay_s > 0 or chain.zero_s < 0 else []
     return BeforeUse(
         noise_gain=gain,
         noise_out_K=gain * noise_sd,
-        bandwidth_Hz=_first_below(freq, np.abs(f.frequency_response(freq) * chain.frequency_response(freq))),
+        bandwidth_Hz=_first_below(
+            freq, np.abs(f.frequency_response(freq) * chain.frequency_response(freq))
+        ),
         raw_bandwidth_Hz=_first_below(wide, np.abs(chain.frequency_response(wide))),
         rise_s=_rise(t, step),
         raw_rise_s=_rise(t, raw),
@@ -236,7 +265,11 @@ def filter_report(f: InverseFilter, noise_sd: float, found: Sequence[Finding]) -
 def widest_bandwidth_Hz(chain: Chain, dt_s: float, noise_sd: float, wanted_K: float) -> float:
     """Largest bandwidth [Hz] of the proper inverse whose answer has at most ``wanted_K`` of noise; 0 if none."""
     tried = np.geomspace(1e-3, 0.45, 40) / dt_s
-    fits = [bw for bw in tried if proper_inverse(chain, dt_s, float(bw)).noise_gain * noise_sd <= wanted_K]
+    fits = [
+        bw
+        for bw in tried
+        if proper_inverse(chain, dt_s, float(bw)).noise_gain * noise_sd <= wanted_K
+    ]
     return float(max(fits)) if fits else 0.0
 
 

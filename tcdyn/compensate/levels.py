@@ -62,8 +62,13 @@ class Intensity:
 
     def moved(self, was_s: float = np.nan, to_s: float = np.nan, shift_s: float = 0.0) -> Intensity:
         """With what begins at ``was_s`` begun at ``to_s`` instead, on a clock that starts ``shift_s`` later."""
-        bursts = tuple(replace(b, start_s=(to_s if b.start_s == was_s else b.start_s) - shift_s) for b in self.bursts)
-        return Intensity(tuple((to_s if s == was_s else s) - shift_s for s in self.starts_s), self.levels, bursts)
+        bursts = tuple(
+            replace(b, start_s=(to_s if b.start_s == was_s else b.start_s) - shift_s)
+            for b in self.bursts
+        )
+        return Intensity(
+            tuple((to_s if s == was_s else s) - shift_s for s in self.starts_s), self.levels, bursts
+        )
 
 
 def _bursts(some: Sequence[Intensity]) -> tuple[Array, Array]:
@@ -76,7 +81,10 @@ def _bursts(some: Sequence[Intensity]) -> tuple[Array, Array]:
 def _steady(some: Sequence[Intensity], t_s: Array) -> Array:
     """Levels (Q, T) [K2/s3] without bursts."""
     alike = {(q.starts_s, q.levels) for q in some}
-    rows = {(s, v): np.array(v, dtype=float)[np.maximum(np.searchsorted(s, t_s, "right") - 1, 0)] for s, v in alike}
+    rows = {
+        (s, v): np.array(v, dtype=float)[np.maximum(np.searchsorted(s, t_s, "right") - 1, 0)]
+        for s, v in alike
+    }
     return np.stack([rows[q.starts_s, q.levels] for q in some])
 
 
@@ -84,7 +92,9 @@ def levels_at(some: Sequence[Intensity], t_s: Array) -> Array:
     """q(t) (Q, T) [K2/s3] of each of ``some`` at ``t_s`` (T,)."""
     own, (start, height, decay, power, *_) = _bursts(some)
     age = np.maximum(t_s - start, 0.0) / decay
-    return _steady(some, t_s) + own @ np.where(t_s >= start, height * (1.0 + age / power) ** -power, 0.0)
+    return _steady(some, t_s) + own @ np.where(
+        t_s >= start, height * (1.0 + age / power) ** -power, 0.0
+    )
 
 
 def levels_between(some: Sequence[Intensity], knots_s: Array) -> Array:

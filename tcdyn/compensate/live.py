@@ -19,21 +19,47 @@ from tcdyn.compensate.states import prior
 
 Array = NDArray[np.float64]
 QUIET, RESTLESS, JUMPED, BURST = range(4)  # what may be going on at a sample
-KINKS_S, JUMPS_S, BURSTS_S = 60.0, 3600.0, 20.0  # between two jumps of slope, of temperature, two bursts, on average
+KINKS_S, JUMPS_S, BURSTS_S = (
+    60.0,
+    3600.0,
+    20.0,
+)  # between two jumps of slope, of temperature, two bursts, on average
 BURST_FOR_S, LONGEST_BURST_S, RESTLESS_LAGS = 0.12, 0.4, 8.0  # how long they last, on the average
-BURST_NOISES, BURST_LEAK_S, BURST_WALK = 12.0, 0.3, 0.2  # sd of an offset in noises; it fades, and walks by its share
-SLOPE_NOISES, SLOPE_QUIETS = 200.0, 2.0  # sd of a jump of slope: noises, or quiet wanders of the slope, in a lag
-LEVEL_JUMP = 0.1, 1.0  # sd of a jump of the temperature, restless and jumped: share of what that slope makes in a lag
+BURST_NOISES, BURST_LEAK_S, BURST_WALK = (
+    12.0,
+    0.3,
+    0.2,
+)  # sd of an offset in noises; it fades, and walks by its share
+SLOPE_NOISES, SLOPE_QUIETS = (
+    200.0,
+    2.0,
+)  # sd of a jump of slope: noises, or quiet wanders of the slope, in a lag
+LEVEL_JUMP = (
+    0.1,
+    1.0,
+)  # sd of a jump of the temperature, restless and jumped: share of what that slope makes in a lag
 SETTLING = 0.2, 0.04  # how far slope and temperature wander in a lag after a jump: share of it
-PARTED_LAGS = 0.08  # for which hypotheses are followed apart: the filter hides for as long what has begun
+PARTED_LAGS = (
+    0.08  # for which hypotheses are followed apart: the filter hides for as long what has begun
+)
 IMPOSSIBLE = 6.0  # standard deviations of the prediction in a burst: no reading at all
-MOST_OPENED = 5.0  # doublings of the jumps of slope and temperature, once a burst lasts too long to be one
-BEND_LAGS, BEND_SHARE = 0.25, 0.5  # an answer behind may smooth away this share of its bends over so many lags
-BURST_LIKELY, LEAST_DOUBT = 0.05, 0.04  # where a burst is likely so, the others are doubted by no more: weights
+MOST_OPENED = (
+    5.0  # doublings of the jumps of slope and temperature, once a burst lasts too long to be one
+)
+BEND_LAGS, BEND_SHARE = (
+    0.25,
+    0.5,
+)  # an answer behind may smooth away this share of its bends over so many lags
+BURST_LIKELY, LEAST_DOUBT = (
+    0.05,
+    0.04,
+)  # where a burst is likely so, the others are doubted by no more: weights
 SHOWN = 0.2  # share of a step of the junction that stands in the readings after the time over which their range counts
 TINY = 1e-3  # noises
 LONGEST_BLOCK = 8  # samples taken at once: more cost more than they spare
-MOST_GAIN = 10.0  # noise out over noise in, beyond which the answer of a live smoother is of little use
+MOST_GAIN = (
+    10.0  # noise out over noise in, beyond which the answer of a live smoother is of little use
+)
 
 
 @dataclass(frozen=True)
@@ -84,10 +110,13 @@ class LiveSmoother:
         ``noise_sd``: of what is white; ``before_sd``: of what each chain's filter has coloured, as it comes out of it.
         """
         after, level, before = (
-            np.broadcast_to(np.asarray(v, dtype=float), (len(chains),)).copy() for v in (noise_sd, intensity, before_sd)
+            np.broadcast_to(np.asarray(v, dtype=float), (len(chains),)).copy()
+            for v in (noise_sd, intensity, before_sd)
         )
         if lag_samples < 0 or np.any(after <= 0) or np.any(level <= 0) or np.any(before < 0):
-            raise InputError("live smoother: lag_samples must not be negative, noise and intensity must be positive")
+            raise InputError(
+                "live smoother: lag_samples must not be negative, noise and intensity must be positive"
+            )
         each = tuple(sensors(chains))
         noise = np.hypot(after, before)
         lags = np.array([s.lag_s for s in each]) + dt_s
@@ -95,14 +124,18 @@ class LiveSmoother:
         models = [with_noise(s, b, BURST_LEAK_S, dt_s) for s, b in zip(each, noise_paths(chains))]
         steps, rows, held = (np.stack(part) for part in zip(*models))
         held *= before[:, None, None] ** 2
-        scatter = np.repeat((held - steps @ held @ steps.transpose(0, 2, 1))[:, None], BURST + 1, axis=1)
+        scatter = np.repeat(
+            (held - steps @ held @ steps.transpose(0, 2, 1))[:, None], BURST + 1, axis=1
+        )
         scatter[:, :, 1, 1] += (level * dt_s)[:, None]
         first = len(each[0].output)
         begun = np.zeros(scatter.shape[:3])
         begun[:, BURST, first] = (BURST_NOISES * noise) ** 2
         for moved, share, settling in zip((RESTLESS, JUMPED), LEVEL_JUMP, SETTLING):
             begun[:, moved, 0], begun[:, moved, 1] = (share * jump * lags) ** 2, jump**2
-            scatter[:, moved, [0, 1], [0, 1]] += settling**2 * begun[:, moved, :2] * (dt_s / lags)[:, None]
+            scatter[:, moved, [0, 1], [0, 1]] += (
+                settling**2 * begun[:, moved, :2] * (dt_s / lags)[:, None]
+            )
         scatter[:, BURST, first, first] += BURST_WALK**2 * begun[:, BURST, first]
         begins = np.minimum(dt_s / np.array([np.inf, KINKS_S, JUMPS_S, BURSTS_S]), 0.2)
         calm, over = (min(dt_s / t, 0.7) for t in (RESTLESS_LAGS * lags.mean(), BURST_FOR_S))
@@ -114,14 +147,32 @@ class LiveSmoother:
         steps, rows = steps[:, None], rows[:, None]
         bend = min(round(BEND_LAGS * lags.mean() / dt_s), lag_samples // 2)
         asked = lag_samples - bend * np.arange(3)
-        blocks = tuple(Block.of(q, asked, steps, rows, scatter) for q in range(1, min(every, LONGEST_BLOCK) + 1))
+        blocks = tuple(
+            Block.of(q, asked, steps, rows, scatter)
+            for q in range(1, min(every, LONGEST_BLOCK) + 1)
+        )
         unit = np.append(0.0, np.ones(int(2 * lags.max() / dt_s) + 8))
         step = np.stack([c.response(unit, dt_s, "zoh") for c in chains])
         window = int(np.max(np.argmax(step >= SHOWN, axis=1)))
         return cls(
-            each, dt_s, noise, level, lag_samples, bend, after**2, steps, rows, scatter, begun, held,
-            np.linalg.matrix_power(switch, every), every, blocks, step[:, window], window,
-        )  # fmt: skip
+            each,
+            dt_s,
+            noise,
+            level,
+            lag_samples,
+            bend,
+            after**2,
+            steps,
+            rows,
+            scatter,
+            begun,
+            held,
+            np.linalg.matrix_power(switch, every),
+            every,
+            blocks,
+            step[:, window],
+            window,
+        )
 
     def start(self, first: ArrayLike) -> LiveState:
         """State that knows only the first sample ``first (M,)`` [degC], the chain's past taken as a ramp."""
@@ -138,13 +189,22 @@ class LiveSmoother:
             own = len(s.output)
             mean[i, :, :own], here, _ = prior(s, y, 10 * sd, self.dt_s, np.array([q]))
             mean[i, :, n:], var[i], cov[i, :, :own, :own] = y, here[0, 0, 0], here[0]
-        weight, recent = np.tile(np.eye(BURST + 1)[QUIET], (m, 1)), np.tile(first, (self.window + lag + 1, 1))
-        return LiveState(mean, cov, var, weight, recent, np.zeros(m), np.tile(first, (2 * self.bend, 1)))
+        weight, recent = (
+            np.tile(np.eye(BURST + 1)[QUIET], (m, 1)),
+            np.tile(first, (self.window + lag + 1, 1)),
+        )
+        return LiveState(
+            mean, cov, var, weight, recent, np.zeros(m), np.tile(first, (2 * self.bend, 1))
+        )
 
-    def run(self, state: LiveState, chunk: ArrayLike) -> tuple[LiveState, Array, Array, NDArray[np.uint8]]:
+    def run(
+        self, state: LiveState, chunk: ArrayLike
+    ) -> tuple[LiveState, Array, Array, NDArray[np.uint8]]:
         """Temperature [degC] and sd [K] (N, M), lagged, and the flags of the samples of ``chunk (N, M)`` [degC]."""
         y, n, m = np.asarray(chunk, dtype=float), self.rows.shape[-1], len(self.sensors)
-        known = np.concatenate([state.cov, state.mean[..., None], np.zeros((*state.mean.shape, 1))], axis=-1)
+        known = np.concatenate(
+            [state.cov, state.mean[..., None], np.zeros((*state.mean.shape, 1))], axis=-1
+        )
         known[..., n:, -1] = state.var
         weight, held, found = state.weight, state.held, [np.empty((6, m, BURST + 1, 0))]
         k, longest = 0, LONGEST_BURST_S / self.dt_s
@@ -155,17 +215,31 @@ class LiveSmoother:
             q = min(left, len(self.blocks), len(y) - k) if held.max() + left <= longest else 1
             known, told = self._block(known, weight, held, y[k : k + q])
             weight = told[0, ..., -1]
-            for out, missing in zip((told[5, :, 0] + (told[0, :, BURST] > 0.5)).T, ~np.isfinite(y[k : k + q])):
+            for out, missing in zip(
+                (told[5, :, 0] + (told[0, :, BURST] > 0.5)).T, ~np.isfinite(y[k : k + q])
+            ):
                 held = np.where(missing, held, np.where(out > 0, held + 1, 0.0))
             found.append(told)
             k += q
         told = np.moveaxis(np.concatenate(found, axis=-1), -1, 1)
         absent = ~np.isfinite(y)
         spike = ~absent & ((told[5, ..., 0] > 0) | (told[0, ..., BURST] > 0.5))
-        good = np.maximum.accumulate(np.where(absent | spike, 0, np.arange(1, len(y) + 1)[:, None]), axis=0)
-        recent = np.concatenate([state.recent, np.concatenate([state.recent[-1:], y])[good, range(m)]])
+        good = np.maximum.accumulate(
+            np.where(absent | spike, 0, np.arange(1, len(y) + 1)[:, None]), axis=0
+        )
+        recent = np.concatenate(
+            [state.recent, np.concatenate([state.recent[-1:], y])[good, range(m)]]
+        )
         x, sd, past = self._answers(told[0], told[1:4], told[4], state.past, recent)
-        kept = known[..., n], known[..., :n], known[..., n:, -1], weight, recent[len(y) :], held, past
+        kept = (
+            known[..., n],
+            known[..., :n],
+            known[..., n:, -1],
+            weight,
+            recent[len(y) :],
+            held,
+            past,
+        )
         flags = np.where(absent, MISSING, np.where(spike, SPIKE, 0)).astype(np.uint8)
         return LiveState(*kept, state.done + len(y)), x, sd, flags
 
@@ -182,7 +256,10 @@ class LiveSmoother:
         near = block.effects[0] @ (known[..., :n, :] @ block.back) + self._noise(block, held)
         near[..., -1 - q] = near[..., block.row, block.column]
         joint = np.concatenate([near[..., :-q], known[..., n:, :] @ block.back[..., :-q]], axis=-2)
-        pulls, spread = joint[..., :q], near[..., :q, :q] + self.after_var[:, None, None, None] * block.eye
+        pulls, spread = (
+            joint[..., :q],
+            near[..., :q, :q] + self.after_var[:, None, None, None] * block.eye,
+        )
         nu = y.T[:, None] - near[..., :q, n + q]
         seen = np.isfinite(y).T[:, None]
         skipped = np.zeros_like(seen)
@@ -203,12 +280,16 @@ class LiveSmoother:
         moves = gain[..., block.asked, :] * block.sofar
         told = np.empty((6, *white.shape))
         logs = np.add.accumulate(-0.5 * white**2 - np.log(np.einsum("...ii->...i", root)), axis=-1)
-        likely = np.maximum(weight[..., None] * np.exp(logs - logs.max(axis=1, keepdims=True)), 1e-12)
+        likely = np.maximum(
+            weight[..., None] * np.exp(logs - logs.max(axis=1, keepdims=True)), 1e-12
+        )
         told[0] = likely / likely.sum(axis=1, keepdims=True)
         x = joint[..., block.asked, n + q] + (moves @ white[..., None])[..., 0]
         told[1:4] = np.moveaxis(x.reshape(*x.shape[:2], 3, q), 2, 0)
         moves = moves[..., :q, :]
-        told[4] = joint[..., block.asked[:q], n + q + 1] - np.einsum("...ij,...ij->...i", moves, moves)
+        told[4] = joint[..., block.asked[:q], n + q + 1] - np.einsum(
+            "...ij,...ij->...i", moves, moves
+        )
         told[5] = skipped
         kept = slice(q, q + known.shape[-2])
         gain = gain[..., kept, :]
@@ -237,7 +318,9 @@ class LiveSmoother:
         known[..., n + 1] -= apart**2
         known[:, :BURST, first] = 0.0  # the offset is there in a burst only
         known[:, :BURST, :, first] = 0.0
-        np.einsum("...ii->...i", known[..., :n, :n])[:] += (1 - np.einsum("...ii->...i", share))[..., None] * self.begun
+        np.einsum("...ii->...i", known[..., :n, :n])[:] += (1 - np.einsum("...ii->...i", share))[
+            ..., None
+        ] * self.begun
         return known, weight
 
     def _noise(self, block: Block, held: Array) -> Array:
@@ -249,7 +332,9 @@ class LiveSmoother:
         out[:, RESTLESS, [0, 1], [0, 1]] *= (4.0 ** np.clip(beyond, 0.0, MOST_OPENED))[:, None]
         return scattered(block.effects, out, block.column)
 
-    def _answers(self, weight: Array, x: Array, var: Array, past: Array, recent: Array) -> tuple[Array, Array, Array]:
+    def _answers(
+        self, weight: Array, x: Array, var: Array, past: Array, recent: Array
+    ) -> tuple[Array, Array, Array]:
         """Temperature [degC] and sd [K] (N, M) of hypotheses (N, M, 4), in the range of ``recent`` (W + N, M).
 
         ``x`` (3, N, M, 4): the answers and two after each; with two of the ``past`` they tell of bends, some of which
@@ -258,12 +343,16 @@ class LiveSmoother:
         mean, *later = (weight * x).sum(axis=-1)
         series, n = np.concatenate([past.reshape(-1, mean.shape[1]), mean]), len(mean)
         five = np.stack([series[:n], series[self.bend : self.bend + n], mean, *later])
-        doubt = np.where(weight[..., BURST:] > BURST_LIKELY, np.maximum(weight, LEAST_DOUBT), weight)
+        doubt = np.where(
+            weight[..., BURST:] > BURST_LIKELY, np.maximum(weight, LEAST_DOUBT), weight
+        )
         var = (doubt * (np.maximum(var, 0.0) + (x[0] - mean[..., None]) ** 2)).sum(axis=-1)
         bends = (np.diff(five, n=2, axis=0) ** 2).sum(axis=0)
         var += BEND_SHARE**2 * np.maximum(bends - var, 0.0)  # noise bends, too
         size, origin = len(recent) - n, -((len(recent) - n) // 2)
-        ranges = (f(recent, size, axis=0, origin=origin) for f in (minimum_filter1d, maximum_filter1d))
+        ranges = (
+            f(recent, size, axis=0, origin=origin) for f in (minimum_filter1d, maximum_filter1d)
+        )
         low, high = (values[1 : 1 + n] for values in ranges)
         unseen = np.maximum(high - low, IMPOSSIBLE * self.noise_sd) / self.shown
         held = np.clip(mean, low - unseen, high + unseen)
@@ -278,7 +367,10 @@ def live_before_use(engine: LiveSmoother, chains: Sequence[Chain]) -> BeforeUse:
     """
     dt = engine.dt_s
     rows = int(
-        min(8 * max(s.lag_s for s in engine.sensors) / dt + 4 * engine.lag_samples + 200, 4000 + 2 * engine.lag_samples)
+        min(
+            8 * max(s.lag_s for s in engine.sensors) / dt + 4 * engine.lag_samples + 200,
+            4000 + 2 * engine.lag_samples,
+        )
     )
     y = np.zeros((2 * rows, len(chains)))
     y[rows] = TINY * engine.noise_sd
@@ -286,6 +378,8 @@ def live_before_use(engine: LiveSmoother, chains: Sequence[Chain]) -> BeforeUse:
     pulses = x[rows:] / (TINY * engine.noise_sd)
     worst = int(np.argmax(np.sum(pulses**2, axis=0) * engine.noise_sd**2))
     chain, one = chains[worst], np.array([1.0])
-    f = InverseFilter(pulses[:, worst], one, dt, np.nan, chain.delay_s + engine.lag_samples * dt, chain)
+    f = InverseFilter(
+        pulses[:, worst], one, dt, np.nan, chain.delay_s + engine.lag_samples * dt, chain
+    )
     noisy = [look("live.noisy", gain=f.noise_gain)] if f.noise_gain > MOST_GAIN else []
     return filter_report(f, float(engine.noise_sd[worst]), noisy)

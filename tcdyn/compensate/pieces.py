@@ -21,7 +21,9 @@ SETTLING = 18.0  # memories of the smoother beside a piece: exp(-18) of what is 
 def corner_rad_s(chain: Chain, ratio: Array) -> Array:
     """Where the signal sinks into the noise: |G(w)|^2 q / w^4 = R, for ``ratio`` = q / R [1/s4]; same shape."""
     w = np.geomspace(1e-4, 1e4, 400)
-    needed = np.maximum.accumulate(4 * np.log(w) - 2 * np.log(np.abs(chain.frequency_response(w / 2 / np.pi)) + 1e-30))
+    needed = np.maximum.accumulate(
+        4 * np.log(w) - 2 * np.log(np.abs(chain.frequency_response(w / 2 / np.pi)) + 1e-30)
+    )
     return np.asarray(np.exp(np.interp(np.log(ratio), needed, np.log(w))))
 
 
@@ -48,7 +50,9 @@ def knots_for(
         longest = np.minimum(longest, fine / corner_rad_s(chain, most / (var * dt)))
     begin = round(start / dt)
     cells = np.maximum(np.interp(np.arange(begin, total) * dt, t, longest) / dt, 1.0)
-    return _knots(begin, dt, [*inside, end + 0.5 * dt], np.searchsorted(STEPS, cells + 1e-9, side="right") - 1)
+    return _knots(
+        begin, dt, [*inside, end + 0.5 * dt], np.searchsorted(STEPS, cells + 1e-9, side="right") - 1
+    )
 
 
 def _knots(begin: int, dt_s: float, stops_s: Sequence[float], most: NDArray[np.intp]) -> Array:
@@ -102,7 +106,9 @@ def pieces(
         size *= 2
 
 
-def settled_s(sensors: Sequence[Sensor], noise_sd: Array, dt_s: float, chosen: Sequence[Intensity]) -> float:
+def settled_s(
+    sensors: Sequence[Sensor], noise_sd: Array, dt_s: float, chosen: Sequence[Intensity]
+) -> float:
     """Time [s] with samples beside a piece in which both sweeps of every channel settle."""
     least = [min(q.levels) / (sd**2 * dt_s) for q, sd in zip(chosen, noise_sd)]
     return max(s.delay_s + SETTLING * memory_s(s, ratio) for s, ratio in zip(sensors, least))
@@ -115,5 +121,7 @@ def memory_s(sensor: Sensor, ratio: float) -> float:
     """
     noise = np.zeros_like(sensor.drift)
     noise[1, 1] = ratio
-    both = np.block([[sensor.drift, noise], [np.outer(sensor.output, sensor.output), -sensor.drift.T]])
+    both = np.block(
+        [[sensor.drift, noise], [np.outer(sensor.output, sensor.output), -sensor.drift.T]]
+    )
     return 1.0 / float(np.abs(np.linalg.eigvals(both).real).min())

@@ -67,15 +67,20 @@ def stretch_of(
     listed = chains_for(chains, m)
     if n < LEAST_GOOD or not dt_s > 0:
         raise InputError(
-            f"smooth: {n} samples every {dt_s:g} s", expected=f"at least {LEAST_GOOD} samples and a positive interval"
+            f"smooth: {n} samples every {dt_s:g} s",
+            expected=f"at least {LEAST_GOOD} samples and a positive interval",
         )
     called = [f"channel {c + 1}" for c in range(m)] if names is None else list(names)
     if len(called) != m:
-        raise InputError(f"smooth: {m} channels but {len(called)} names", expected="one name per channel")
+        raise InputError(
+            f"smooth: {m} channels but {len(called)} names", expected="one name per channel"
+        )
     implausible, found = _implausible(data, dt_s, listed, called)
     data[implausible] = np.nan
     each = np.ascontiguousarray(data.T)
-    noise: Array = np.full(m, [trace_noise_sd(x) for x in each] if noise_sd is None else noise_sd, dtype=float)
+    noise: Array = np.full(
+        m, [trace_noise_sd(x) for x in each] if noise_sd is None else noise_sd, dtype=float
+    )
     flags, folded_u, coloured = np.stack([_flags(x) for x in each], axis=1), np.zeros(m), False
     flags[implausible] = IMPLAUSIBLE
     step = np.array([rounding_sd(x) for x in each])
@@ -89,19 +94,29 @@ def stretch_of(
             )
         if np.count_nonzero(flag == GOOD) < LEAST_GOOD:
             raise InputError(
-                f"smooth: {name} has fewer than {LEAST_GOOD} good samples", remedy="leave this channel out"
+                f"smooth: {name} has fewer than {LEAST_GOOD} good samples",
+                remedy="leave this channel out",
             )
     for filter_ in dict.fromkeys(c.conditioning for c in listed):
         own = [c for c in range(m) if listed[c].conditioning == filter_]
         good, group = flags[:, own] == GOOD, [listed[c] for c in own]
-        rule, x = SPIKES["compensator"].behind(min(c.lag_s for c in group) / dt_s), np.where(good, data[:, own], np.nan)
+        rule, x = (
+            SPIKES["compensator"].behind(min(c.lag_s for c in group) / dt_s),
+            np.where(good, data[:, own], np.nan),
+        )
         if noise_sd is None:
-            told, [(data[:, own], moved)] = noise_and_white([x], [dt_s], filter_, noise[own], group, rule)
+            told, [(data[:, own], moved)] = noise_and_white(
+                [x], [dt_s], filter_, noise[own], group, rule
+            )
         else:
             told = LoggerNoise(np.zeros(len(own)), noise[own], noise[own], filter_)
             data[:, own], moved = made_white(told, x, good, dt_s, group, rule, pulses=False)
         flags[:, own] |= np.where(moved, SPIKE, 0).astype(np.uint8)
-        noise[own], folded_u[own], coloured = told.level_K, told.folded_u_K, coloured or told.coloured
+        noise[own], folded_u[own], coloured = (
+            told.level_K,
+            told.folded_u_K,
+            coloured or told.coloured,
+        )
         found += told.findings(called[own[0]] if len(own) == 1 else f"{len(own)} channels")
         for c in own:
             listed[c] = told.behind(listed[c])
@@ -115,9 +130,18 @@ def stretch_of(
     filled = np.stack([bridged(x, g) for x, g in zip(data.T, good.T)], axis=1)
     events = tuple(sorted({float(e) for e in events_s if 0 < e < (n - 1) * dt_s}))
     return Stretch(
-        filled, good.astype(float), dt_s, tuple(listed), tuple(sensors(listed)), events, noise, flags,
-        noise_sd is not None or coloured, np.hypot(folded_u, rounded), tuple(found),
-    )  # fmt: skip
+        filled,
+        good.astype(float),
+        dt_s,
+        tuple(listed),
+        tuple(sensors(listed)),
+        events,
+        noise,
+        flags,
+        noise_sd is not None or coloured,
+        np.hypot(folded_u, rounded),
+        tuple(found),
+    )
 
 
 def _implausible(
@@ -145,7 +169,9 @@ def _implausible(
         out[:, c] = outside | wrong
         if outside.any():
             numbers = _first_of(outside, y)
-            findings.append(by_share(float(outside.mean()), "trace.outside", subject=name, **numbers))
+            findings.append(
+                by_share(float(outside.mean()), "trace.outside", subject=name, **numbers)
+            )
         if codes.any():
             findings.append(look("trace.codes", subject=name, **_first_of(codes, y)))
         if unreached.any():
@@ -225,12 +251,31 @@ class Compensated(Result):
         ``rest``: the fields that are left.
         """
         n, m = temperature.shape
-        lags: Array = np.zeros((m, m)) if lag_covariance is None else np.asarray(lag_covariance, dtype=np.float64)
-        line = np.broadcast_to(np.asarray(0.0 if static_u is None else static_u, dtype=np.float64), (n, m))
+        lags: Array = (
+            np.zeros((m, m))
+            if lag_covariance is None
+            else np.asarray(lag_covariance, dtype=np.float64)
+        )
+        line = np.broadcast_to(
+            np.asarray(0.0 if static_u is None else static_u, dtype=np.float64), (n, m)
+        )
         split = np.broadcast_to(np.asarray(split_K, dtype=np.float64), (n, m))
         variance = sd_noise**2 + lag_sensitivity**2 * np.diag(lags) + split**2 + line**2
-        total, time = (np.asarray(a, dtype=np.float64) for a in (np.sqrt(variance), np.arange(n) * dt_s))
-        return cls(temperature, total, sd_noise, slope, lag_sensitivity, line, lags, split, time_s=time, **rest)
+        total, time = (
+            np.asarray(a, dtype=np.float64) for a in (np.sqrt(variance), np.arange(n) * dt_s)
+        )
+        return cls(
+            temperature,
+            total,
+            sd_noise,
+            slope,
+            lag_sensitivity,
+            line,
+            lags,
+            split,
+            time_s=time,
+            **rest,
+        )
 
     def checked(self, y: Array, names: Sequence[str]) -> Compensated:
         """The same with ``undetermined`` and a warning for each channel that has such samples.
@@ -247,15 +292,22 @@ class Compensated(Result):
         findings = list(self.findings)
         for c in np.flatnonzero(undetermined.any(axis=0)):
             column = undetermined[:, c]
-            numbers: dict[str, Any] = {"percent": 100 * float(column.mean()), "first_sample": int(np.argmax(column))}
-            findings.append(look("trace.undetermined", subject=names[c], range_K=float(range_K[c]), **numbers))
+            numbers: dict[str, Any] = {
+                "percent": 100 * float(column.mean()),
+                "first_sample": int(np.argmax(column)),
+            }
+            findings.append(
+                look("trace.undetermined", subject=names[c], range_K=float(range_K[c]), **numbers)
+            )
         return replace(self, undetermined=undetermined, findings=tuple(findings))
 
     def answers(self) -> tuple[Array, Array]:
         """Temperature [degC] and standard uncertainty [K] (N, M), NaN where the record does not determine them."""
         if self.undetermined is None or not self.undetermined.any():
             return self.temperature, self.sd
-        return np.where(self.undetermined, np.nan, self.temperature), np.where(self.undetermined, np.nan, self.sd)
+        return np.where(self.undetermined, np.nan, self.temperature), np.where(
+            self.undetermined, np.nan, self.sd
+        )
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -273,7 +325,9 @@ class Compensated(Result):
 
     def lines(self, names: Sequence[str] = ()) -> list[str]:
         """The summary without its warnings."""
-        lines = [f"{self.method}: {self.temperature.shape[0]} samples, {self.temperature.shape[1]} channels"]
+        lines = [
+            f"{self.method}: {self.temperature.shape[0]} samples, {self.temperature.shape[1]} channels"
+        ]
         for c in range(self.temperature.shape[1]):
             lines.append(
                 f"  channel {names[c] if names else c + 1}: noise {self.noise_sd[c]:.3g} K, "
@@ -281,7 +335,9 @@ class Compensated(Result):
                 f"{np.count_nonzero(self.flags[:, c])} samples flagged"
             )
         if (common := float(np.max(self.common_sd()))) > 0:
-            lines.append(f"  the lag common to all channels moves them together by up to {common:.2g} K (1 sd)")
+            lines.append(
+                f"  the lag common to all channels moves them together by up to {common:.2g} K (1 sd)"
+            )
         return [*lines, *(f"  event at {with_u(t, u, 's')}" for t, u in self.events_s)]
 
     def to_dict(self) -> dict[str, Any]:

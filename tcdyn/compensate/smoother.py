@@ -24,7 +24,10 @@ from tcdyn.compensate.states import Smoothed, all_cells, smoothed
 from tcdyn.compensate.sweep import swept
 from tcdyn.threads import one_blas_thread
 
-FREEDOM, REWEIGHTINGS = 4.0, 4  # of Student's t; the fourth reweighting moves nothing by a tenth of the sd
+FREEDOM, REWEIGHTINGS = (
+    4.0,
+    4,
+)  # of Student's t; the fourth reweighting moves nothing by a tenth of the sd
 DIFFERENCE = 4.0  # longer cells than an answer's tell what two answers differ by
 MARGIN = 12.0  # corner periods (1/rad) beyond a window that are smoothed along with it: exp(-12) of an end is left
 
@@ -76,14 +79,23 @@ def smooth(
     Raises:
         InputError: shapes that do not agree, a channel without samples.
     """
-    stretch = y if isinstance(y, Stretch) else stretch_of(y, dt_s, chains, events_s, noise_sd, names)
+    stretch = (
+        y if isinstance(y, Stretch) else stretch_of(y, dt_s, chains, events_s, noise_sd, names)
+    )
     start_var, known = stretch.noise_sd**2, stretch.noise_known
     u_s = np.broadcast_to(np.asarray(event_u_s, dtype=float), len(events_s)).tolist()
     if intensity is None:
         chosen, noise_var = choose(stretch, start_var, known)
     else:
-        listed = intensity if isinstance(intensity, Sequence | np.ndarray) else [intensity] * len(start_var)
-        chosen, noise_var = [q if isinstance(q, Intensity) else Intensity.constant(q) for q in listed], start_var
+        listed = (
+            intensity
+            if isinstance(intensity, Sequence | np.ndarray)
+            else [intensity] * len(start_var)
+        )
+        chosen, noise_var = (
+            [q if isinstance(q, Intensity) else Intensity.constant(q) for q in listed],
+            start_var,
+        )
     if not (np.isfinite(noise_var) & (noise_var > 0)).all():
         lag_s = max(c.lag_s for c in stretch.chains)
         raise InputError(
@@ -95,9 +107,14 @@ def smooth(
     # Beside a bend or in quick motion the rule of medians is blind to spikes: now they are judged against the answer
     rule, w = SPIKES["answer"], stretch.weight
     far = (np.abs(stretch.y - fit.read) > rule.sigmas * np.sqrt(noise_var)) & (w > 0)
-    crowd = np.stack([np.convolve(column, np.ones(rule.width), mode="same") for column in far.T], axis=1)
+    crowd = np.stack(
+        [np.convolve(column, np.ones(rule.width), mode="same") for column in far.T], axis=1
+    )
     if (spikes := far & (crowd <= rule.longest)).any():
-        flags, w = stretch.flags | np.where(spikes, SPIKE, 0).astype(np.uint8), np.where(spikes, 0.0, w)
+        flags, w = (
+            stretch.flags | np.where(spikes, SPIKE, 0).astype(np.uint8),
+            np.where(spikes, 0.0, w),
+        )
         straight = np.stack([bridged(x, kept > 0) for x, kept in zip(stretch.y.T, w.T)], axis=1)
         fit = smoothed(replace(stretch, y=straight, weight=w, flags=flags), noise_var, chosen)
     hidden: list[Hidden] = []
@@ -105,7 +122,9 @@ def smooth(
         fit, hidden = with_hidden(fit, start_var, known)
         chosen, noise_var = list(fit.chosen), fit.noise_var
     for _ in range(REWEIGHTINGS if heavy_tails else 0):
-        student = (FREEDOM + 1) / (FREEDOM + (stretch.y - fit.read) ** 2 / noise_var)  # turns least squares into it
+        student = (FREEDOM + 1) / (
+            FREEDOM + (stretch.y - fit.read) ** 2 / noise_var
+        )  # turns least squares into it
         weight = np.where(fit.stretch.weight > 0, student, 0.0)
         fit = smoothed(replace(fit.stretch, weight=weight), noise_var, chosen)
     for found in hidden:
@@ -118,16 +137,27 @@ def smooth(
     split_K = fit.bend * [c.split_s2(u) for c, u in zip(stretch.chains, split)]
     time = np.arange(len(sd)) * dt_s
     done = Compensated.of(
-        fit.temperature, sd, fit.slope, fit.lag_sensitivity, lag_covariance, static_u, dt_s, split_K,
+        fit.temperature,
+        sd,
+        fit.slope,
+        fit.lag_sensitivity,
+        lag_covariance,
+        static_u,
+        dt_s,
+        split_K,
         noise_sd=np.sqrt(noise_var),
-        intensity=np.array([float(np.median(q.at(time[:: max(len(time) // 2000, 1)]))) for q in chosen]),
+        intensity=np.array(
+            [float(np.median(q.at(time[:: max(len(time) // 2000, 1)]))) for q in chosen]
+        ),
         flags=fit.stretch.flags,
         method="fixed-interval smoother",
         findings=stretch.findings,
         by_event_K=doubts,
-        events_s=tuple(sorted([*events.items(), *((h.at_s, h.u_s) for h in hidden if h.log_odds > 0)])),
+        events_s=tuple(
+            sorted([*events.items(), *((h.at_s, h.u_s) for h in hidden if h.log_odds > 0)])
+        ),
         intensities=tuple(chosen),
-    )  # fmt: skip
+    )
     called = [f"channel {c + 1}" for c in range(sd.shape[1])] if names is None else list(names)
     return done.checked(stretch.y, called)
 
@@ -136,7 +166,9 @@ def _by_event(fit: Smoothed, event_s: float, u_s: float) -> Array:
     """Half the change of the answer (N, M) when the event moves from one standard uncertainty early to one late."""
     stretch, dt = fit.stretch, fit.stretch.dt_s
     time = np.arange(len(stretch.y)) * dt
-    ratios = [np.array(np.min(q.at(time)) / (var * dt)) for q, var in zip(fit.chosen, fit.noise_var)]
+    ratios = [
+        np.array(np.min(q.at(time)) / (var * dt)) for q, var in zip(fit.chosen, fit.noise_var)
+    ]
     corner = min(float(corner_rad_s(chain, ratio)) for chain, ratio in zip(stretch.chains, ratios))
     first, last = about(stretch, event_s)
     extra = int(MARGIN / corner / dt)
@@ -146,7 +178,11 @@ def _by_event(fit: Smoothed, event_s: float, u_s: float) -> Array:
     for to in (event_s - u_s, event_s + u_s):
         events = tuple(sorted(to - shift if e == event_s - shift else e for e in window.events_s))
         moved = [q.moved(event_s, to).moved(shift_s=shift) for q in fit.chosen]
-        answers.append(smoothed(replace(window, events_s=events), fit.noise_var, moved, DIFFERENCE * FINE).temperature)
+        answers.append(
+            smoothed(
+                replace(window, events_s=events), fit.noise_var, moved, DIFFERENCE * FINE
+            ).temperature
+        )
     half = np.zeros_like(fit.sd)
     half[first:last] = 0.5 * (answers[1] - answers[0])
     return half
@@ -196,7 +232,13 @@ def deconvolve(
 
 @one_blas_thread
 def window_covariance(
-    y: ArrayLike, dt_s: float, chain: Chain, result: Compensated, channel: int, first: int, last: int
+    y: ArrayLike,
+    dt_s: float,
+    chain: Chain,
+    result: Compensated,
+    channel: int,
+    first: int,
+    last: int,
 ) -> Array:
     """Covariance (n, n) [K2] of the temperatures at samples ``first`` .. ``last`` - 1 of one channel.
 
@@ -215,7 +257,8 @@ def window_covariance(
     data = np.asarray(y, dtype=float)
     if not 0 <= first < last <= len(data) or not result.intensities:
         raise InputError(
-            f"window_covariance: samples {first} to {last} of {len(data)}", expected="a window inside a smoothed record"
+            f"window_covariance: samples {first} to {last} of {len(data)}",
+            expected="a window inside a smoothed record",
         )
     noise_sd, q = result.noise_sd[channel : channel + 1], result.intensities[channel]
     least = np.min(q.at(result.time_s[first:last]))
@@ -223,8 +266,12 @@ def window_covariance(
     extra = int(np.ceil((MARGIN / corner + 5 * chain.lag_s) / dt_s))
     a, b = max(first - extra, 0), min(last + extra, len(data))
     part = np.where(result.flags[a:b, channel] == 0, data[a:b], np.nan)[:, None]
-    own = {b.start_s for b in q.bursts if b.slope_sd > 0}  # found, not given: their jumps are the intensity's
-    stretch = stretch_of(part, dt_s, chain, [e - a * dt_s for e, _ in result.events_s if e not in own], noise_sd)
+    own = {
+        b.start_s for b in q.bursts if b.slope_sd > 0
+    }  # found, not given: their jumps are the intensity's
+    stretch = stretch_of(
+        part, dt_s, chain, [e - a * dt_s for e, _ in result.events_s if e not in own], noise_sd
+    )
     cells = all_cells(stretch, noise_sd**2, [[q.moved(shift_s=a * dt_s)]])
     states, t = swept(cells), np.arange(first - a, last - a) * dt_s
     cell = np.searchsorted(cells.knots_s[:-1], t + 1e-6 * dt_s, side="right") - 1
@@ -245,4 +292,6 @@ def window_covariance(
     pairs = between[(cell - low)[:, None], (cell - low)[None, :]]
     out = np.einsum("ia,ijab,jb->ij", row, pairs, row, optimize=True)
     s, d = result.lag_sensitivity[first:last, channel], result.split_K[first:last, channel]
-    return np.asarray(out + np.outer(s, s) * result.lag_covariance[channel, channel] + np.outer(d, d))
+    return np.asarray(
+        out + np.outer(s, s) * result.lag_covariance[channel, channel] + np.outer(d, d)
+    )

@@ -27,7 +27,11 @@ def ranges(stretch: Stretch) -> Array:
 
 
 def cells_for(
-    stretch: Stretch, noise_var: Array, proposals: Sequence[Sequence[Intensity]], knots: Array, span: Array
+    stretch: Stretch,
+    noise_var: Array,
+    proposals: Sequence[Sequence[Intensity]],
+    knots: Array,
+    span: Array,
 ) -> Cells:
     """The cells between ``knots``, some of or all that ``knots_for`` gives; samples in no cell are left out.
 
@@ -69,15 +73,26 @@ def cells_for(
         at_knot[event] += jump_var
         jumps = jumps_at(proposals[c], knots[:-1])
         jumps[..., 1] += at_knot
-        channels.append((np.tile(mean, (len(cov), 1)), cov, info_c[:, None], score_c[:, None], jumps))
+        channels.append(
+            (np.tile(mean, (len(cov), 1)), cov, info_c[:, None], score_c[:, None], jumps)
+        )
         rows.append(tuple(rows_c))
     lengths = np.diff(knots)[example]
-    across = np.stack([np.stack([flow(s.drift, float(h)) for s in stretch.sensors]) for h in lengths])[:, :, None]
+    across = np.stack(
+        [np.stack([flow(s.drift, float(h)) for s in stretch.sensors]) for h in lengths]
+    )[:, :, None]
     mean0, cov0, information, score, jumps_var = zip(*channels)
     return Cells(
-        knots, kind, np.stack(mean0), np.stack(cov0), across, np.stack(information, axis=1), np.stack(score, axis=1),
-        np.stack(jumps_var, axis=1), tuple(rows),
-    )  # fmt: skip
+        knots,
+        kind,
+        np.stack(mean0),
+        np.stack(cov0),
+        across,
+        np.stack(information, axis=1),
+        np.stack(score, axis=1),
+        np.stack(jumps_var, axis=1),
+        tuple(rows),
+    )
 
 
 def _squares(rows: Array) -> Array:
@@ -89,10 +104,18 @@ def all_cells(
     stretch: Stretch, noise_var: Array, proposals: Sequence[Sequence[Intensity]], fine: float = FINE
 ) -> Cells:
     """Cells of the whole stretch."""
-    return cells_for(stretch, noise_var, proposals, knots_for(stretch, noise_var, proposals, fine), ranges(stretch))
+    return cells_for(
+        stretch,
+        noise_var,
+        proposals,
+        knots_for(stretch, noise_var, proposals, fine),
+        ranges(stretch),
+    )
 
 
-def prior(s: Sensor, level: float, span: float, dt_s: float, intensity: Array) -> tuple[Array, Array, float]:
+def prior(
+    s: Sensor, level: float, span: float, dt_s: float, intensity: Array
+) -> tuple[Array, Array, float]:
     """Mean (n,) and covariances (Q, n, n) of the state of a chain that has followed a ramp for ever.
 
     Its level [degC] is about ``level``, its slope about zero, as loosely as a record asks that covers ``span`` [K]; the
@@ -136,7 +159,10 @@ def filtered(cells: Cells) -> Iterator[tuple[Array, ...]]:
     s - L m.
     """
     mean, cov = cells.mean0, cells.cov0.copy()
-    eye, rows = np.eye(cov.shape[-1]), (len(cov), -1, cov.shape[-1])  # what all proposals share is one product
+    eye, rows = (
+        np.eye(cov.shape[-1]),
+        (len(cov), -1, cov.shape[-1]),
+    )  # what all proposals share is one product
     for j, kind in enumerate(cells.kind):
         cov[..., 0, 0] += cells.jump_var[j, ..., 0]
         cov[..., 1, 1] += cells.jump_var[j, ..., 1]
@@ -159,7 +185,9 @@ def likelihood(
     log_det, quad = np.zeros(cells.mean0.shape[:2]), np.zeros(cells.mean0.shape[:2])
     for (mean, step, gain, surprise), score in zip(filtered(cells), cells.score):
         sign, size = np.linalg.slogdet(gain)
-        log_det += np.where(sign > 0, size, np.inf)  # lost to rounding: an intensity that no data ask for
+        log_det += np.where(
+            sign > 0, size, np.inf
+        )  # lost to rounding: an intensity that no data ask for
         quad -= ((score + surprise) * mean + surprise * step).sum(axis=-1)
     used = (stretch.weight > 0).sum(axis=0)
     total = quad + ((stretch.weight * stretch.y**2).sum(axis=0) / noise_var)[:, None]
@@ -205,7 +233,9 @@ def _rises(at_knot: Array, knots_s: Array) -> Array:
     return np.asarray(np.diff(at_knot, axis=0, append=at_knot[-1:]) / np.diff(knots_s)[:, None])
 
 
-def smoothed(stretch: Stretch, noise_var: Array, chosen: Sequence[Intensity], fine: float = FINE) -> Smoothed:
+def smoothed(
+    stretch: Stretch, noise_var: Array, chosen: Sequence[Intensity], fine: float = FINE
+) -> Smoothed:
     """States given the whole stretch, its noise variance (M,) and one intensity a channel.
 
     Long stretches go in pieces of cells, each with neighbours on both sides that settle both sweeps: the answer is that
@@ -218,22 +248,30 @@ def smoothed(stretch: Stretch, noise_var: Array, chosen: Sequence[Intensity], fi
     knot_slope, chi2 = np.empty((2, count, batch))
     at_samples = np.empty((5, total, batch))
     read, read_var = np.zeros((2, total + 1, batch))
-    lag_rows, bend_rows = (np.stack(rows) for rows in zip(*((s.lag_row, s.bend_row) for s in stretch.sensors)))
+    lag_rows, bend_rows = (
+        np.stack(rows) for rows in zip(*((s.lag_row, s.bend_row) for s in stretch.sensors))
+    )
     for low, first, last, high in pieces(stretch, noise_var, chosen, knots):
         cells = cells_for(stretch, noise_var, proposals, knots[low : high + 1], span)
         found = swept(cells)
         keep, mean, cov = slice(first - low, last - low), found.mean, found.cov
         weights, (a, b) = found.weight[keep], np.moveaxis(found.pull[keep], -1, 0)
         own = weights[..., [0, 1], [0, 1]]
-        det = np.maximum(np.prod(own, axis=-1) - weights[..., 0, 1] ** 2, 1e-9 * np.prod(own, axis=-1) + 1e-300)
-        chi2[first:last] = (a**2 * own[..., 1] - 2 * a * b * weights[..., 0, 1] + b**2 * own[..., 0]) / det
+        det = np.maximum(
+            np.prod(own, axis=-1) - weights[..., 0, 1] ** 2, 1e-9 * np.prod(own, axis=-1) + 1e-300
+        )
+        chi2[first:last] = (
+            a**2 * own[..., 1] - 2 * a * b * weights[..., 0, 1] + b**2 * own[..., 0]
+        ) / det
         knot_slope[first:last] = mean[keep, :, 1]
         for c, kinds in enumerate(cells.rows):
             for where, rows, sample in kinds:
                 kept = (where >= keep.start) & (where < keep.stop)
                 where, sample = where[kept], sample[kept]
                 read[sample, c] = mean[where, c] @ rows.T
-                read_var[sample, c] = cov[where, c].reshape(len(where), rows.shape[1] ** 2) @ _squares(rows).T
+                read_var[sample, c] = (
+                    cov[where, c].reshape(len(where), rows.shape[1] ** 2) @ _squares(rows).T
+                )
         begin = 0 if first == 0 else int(np.ceil(knots[first] / stretch.dt_s - 1e-6))
         end = total if last == count else int(np.ceil(knots[last] / stretch.dt_s - 1e-6))
         t = np.arange(begin, end) * stretch.dt_s
@@ -246,12 +284,26 @@ def smoothed(stretch: Stretch, noise_var: Array, chosen: Sequence[Intensity], fi
             (slope, [mean[..., 1]]),
             (temperature, [mean[..., 1], mean[..., 0]]),
             (sd, [cov[..., 1, 1], 2 * cov[..., 0, 1], cov[..., 0, 0]]),
-            *((to, [_rises(at, knots[low : high + 1]), at]) for to, at in ((sensitivity, lagging), (bend, bent))),
+            *(
+                (to, [_rises(at, knots[low : high + 1]), at])
+                for to, at in ((sensitivity, lagging), (bend, bent))
+            ),
         ):
             _along(out, powers, cell, along)
         np.sqrt(np.maximum(sd, 0.0, out=sd), out=sd)
     temperature, slope, sd, sensitivity, bend = at_samples
     return Smoothed(
-        stretch, noise_var, tuple(chosen), knots, knot_slope, chi2, temperature, slope, sd, sensitivity, bend,
-        read[:-1], read_var[:-1],
-    )  # fmt: skip
+        stretch,
+        noise_var,
+        tuple(chosen),
+        knots,
+        knot_slope,
+        chi2,
+        temperature,
+        slope,
+        sd,
+        sensitivity,
+        bend,
+        read[:-1],
+        read_var[:-1],
+    )

@@ -65,14 +65,22 @@ def swept(cells: Cells) -> Swept:
     P+ - P+ A' W A P+, of the next, are those given all samples.
     """
     past, shrink, base = _filtered(cells)
-    info, score, across = cells.information[:, :, 0], cells.score[:, :, 0], cells.transition[:, :, 0]
+    info, score, across = (
+        cells.information[:, :, 0],
+        cells.score[:, :, 0],
+        cells.transition[:, :, 0],
+    )
     own, of = np.unique(base, return_inverse=True)  # what has one gain has one of each of these
     step, gain = (across[cells.kind[own]] @ x[own] for x in (shrink, past))
     mean = _means(cells.mean0[:, 0], across[cells.kind], step, gain, info, score, of)
     surprise = score - _times(info, mean)
-    pull, weight, held = _back(step, _times(shrink.swapaxes(-1, -2), surprise), info[own] @ shrink[own], of)
+    pull, weight, held = _back(
+        step, _times(shrink.swapaxes(-1, -2), surprise), info[own] @ shrink[own], of
+    )
     mean += _times(past, surprise + _times(across[cells.kind].swapaxes(-1, -2), pull[1:]))
-    alike = np.flatnonzero(np.diff(of, prepend=-1) | np.diff(held[1:], prepend=-1))  # the first of some of one cov
+    alike = np.flatnonzero(
+        np.diff(of, prepend=-1) | np.diff(held[1:], prepend=-1)
+    )  # the first of some of one cov
     left = gain[of[alike]].swapaxes(-1, -2)
     cov = past[alike] - left @ weight[1:][alike] @ left.swapaxes(-1, -2)
     cov = np.repeat(cov, np.diff(alike, append=len(of)), axis=0)
@@ -104,7 +112,13 @@ def _filtered(cells: Cells) -> tuple[Array, Array, NDArray[np.intp]]:
 
 
 def _means(
-    start: Array, across: Array, step: Array, gain: Array, info: Array, score: Array, of: NDArray[np.intp]
+    start: Array,
+    across: Array,
+    step: Array,
+    gain: Array,
+    info: Array,
+    score: Array,
+    of: NDArray[np.intp],
 ) -> Array:
     """m (J, M, n) before each cell's samples: the next is A m + gain (s - L m), or step m + gain s within one gain.
 
@@ -113,17 +127,24 @@ def _means(
     """
     mean, j = np.empty_like(score), 0
     mean[0] = start
-    for last in [*np.flatnonzero(np.diff(of)).tolist(), len(of) - 1]:  # of the cells from j on that have one gain
+    for last in [
+        *np.flatnonzero(np.diff(of)).tolist(),
+        len(of) - 1,
+    ]:  # of the cells from j on that have one gain
         k = of[last]
         if last > j:
-            mean[j : last + 1] = recursion(step[k], np.concatenate([mean[j][None], _times(gain[k], score[j:last])]))
+            mean[j : last + 1] = recursion(
+                step[k], np.concatenate([mean[j][None], _times(gain[k], score[j:last])])
+            )
         if (j := last + 1) < len(mean):
             surprise = score[last] - _times(info[last], mean[last])
             mean[j] = _times(across[last], mean[last]) + _times(gain[k], surprise)
     return mean
 
 
-def _back(step: Array, driven: Array, added: Array, of: NDArray[np.intp]) -> tuple[Array, Array, NDArray[np.intp]]:
+def _back(
+    step: Array, driven: Array, added: Array, of: NDArray[np.intp]
+) -> tuple[Array, Array, NDArray[np.intp]]:
     """q (J + 1, M, n) and W (J + 1, M, n, n), zero behind the last cell: step' q + driven, step' W step + added.
 
     Last, the cell (J + 1,) whose W each has. ``of`` (J,): which of the steps and of what is added a cell has.
@@ -135,9 +156,13 @@ def _back(step: Array, driven: Array, added: Array, of: NDArray[np.intp]) -> tup
     while j >= 0:
         k = of[j]
         weight[j], a = back[k] @ weight[j + 1] @ step[k] + added[k], int(begins[k])
-        if j - a >= LEAST and j < count - 1 and _close(weight[j], weight[j + 1]):  # one gain down to cell a
+        if (
+            j - a >= LEAST and j < count - 1 and _close(weight[j], weight[j + 1])
+        ):  # one gain down to cell a
             weight[a:j], held[a:j] = weight[j], j
-            pull[a : j + 1] = recursion(back[k], np.concatenate([pull[j + 1][None], driven[a : j + 1][::-1]]))[:0:-1]
+            pull[a : j + 1] = recursion(
+                back[k], np.concatenate([pull[j + 1][None], driven[a : j + 1][::-1]])
+            )[:0:-1]
             j = a
         else:
             pull[j] = _times(back[k], pull[j + 1]) + driven[j]
@@ -149,11 +174,14 @@ def _ends(cells: Cells) -> NDArray[np.intp]:
     """The last cell (J,) of the run of cells alike that each one is in."""
     count = len(cells.kind)
     told = np.concatenate(
-        [cells.information[:, :, 0].reshape(count, -1), cells.jump_var[:, :, 0].reshape(count, -1)], axis=1
+        [cells.information[:, :, 0].reshape(count, -1), cells.jump_var[:, :, 0].reshape(count, -1)],
+        axis=1,
     )
     size = np.maximum(np.abs(told), 1e-300)
     changes = np.ones(count, dtype=bool)
-    changes[1:] = (cells.kind[1:] != cells.kind[:-1]) | (np.abs(np.diff(told, axis=0)) > ALIKE * size[1:]).any(axis=1)
+    changes[1:] = (cells.kind[1:] != cells.kind[:-1]) | (
+        np.abs(np.diff(told, axis=0)) > ALIKE * size[1:]
+    ).any(axis=1)
     ends = np.arange(count)
     for a, b in pairwise([*np.flatnonzero(changes).tolist(), count]):
         while b - a > 1:  # what drifts slowly: no further than from the first of the run

@@ -64,8 +64,12 @@ def over_window(
         rate, divided = found.lag_sensitivity[rows].mean(axis=0), found.split_K[rows].mean(axis=0)
         block = np.outer(rate, rate) * found.lag_covariance
         for i, name in enumerate(traces.columns):
-            own = window_covariance(traces.measured_degC[:, i], dt_s, traces.chains[i], found, i, first, last)
-            instants = np.array([moved[rows, i] for moved in found.by_event_K]).reshape(-1, last - first)
+            own = window_covariance(
+                traces.measured_degC[:, i], dt_s, traces.chains[i], found, i, first, last
+            )
+            instants = np.array([moved[rows, i] for moved in found.by_event_K]).reshape(
+                -1, last - first
+            )
             between[name.removesuffix("_degC")] = (own + instants.T @ instants).tolist()
             by_event.append(instants.mean(axis=1))
             noise = max(float(own.mean()) - block[i, i] - divided[i] ** 2, 0.0)
@@ -79,7 +83,13 @@ def over_window(
     whole = block_diag(*blocks) + np.outer(common, common) + moved_K @ moved_K.T
     variance = np.diag(whole)
     return {
-        "log": log, "time_s": time[rows].tolist(), "covariance_K2": between, "channels": names,
-        "mean_degC": means, "mean_covariance_K2": whole.tolist(),
-        "difference_u_K": np.sqrt(np.maximum(variance[:, None] + variance - 2 * whole, 0.0)).tolist(),
-    }  # fmt: skip
+        "log": log,
+        "time_s": time[rows].tolist(),
+        "covariance_K2": between,
+        "channels": names,
+        "mean_degC": means,
+        "mean_covariance_K2": whole.tolist(),
+        "difference_u_K": np.sqrt(
+            np.maximum(variance[:, None] + variance - 2 * whole, 0.0)
+        ).tolist(),
+    }

@@ -15,7 +15,18 @@ from numpy.typing import ArrayLike
 from calibration import Array
 from calibration.errors import InputError
 from tcdyn.conduction.modal import Spectrum, forcing, inputs_of, rim_gains, spectrum
-from tcdyn.conduction.rim import MESH_IV, Flux, Mesh, Point, Profile, Rim, Switch, cardinal, lag_bank, node_rates
+from tcdyn.conduction.rim import (
+    MESH_IV,
+    Flux,
+    Mesh,
+    Point,
+    Profile,
+    Rim,
+    Switch,
+    cardinal,
+    lag_bank,
+    node_rates,
+)
 
 
 @dataclass(frozen=True)
@@ -38,7 +49,9 @@ class Drive:
         n = np.shape(self.b_degC)
         for name in ("power_W", "d_degC", "f_degC", "ambient_degC"):
             if np.shape(getattr(self, name)) != n or len(n) != 1:
-                raise InputError(f"Drive: {name} has shape {np.shape(getattr(self, name))}", expected=f"{n}")
+                raise InputError(
+                    f"Drive: {name} has shape {np.shape(getattr(self, name))}", expected=f"{n}"
+                )
 
     @property
     def inputs(self) -> Array:
@@ -49,7 +62,11 @@ class Drive:
     def bank(self, k: int, rates: Array) -> Array:
         """The bank (N, K) of input ``k``, in equilibrium with its first sample."""
         u = self.inputs[:, k]
-        return lag_bank(u, self.dt_s, rates) if k else lag_bank(u, self.dt_s, rates, "zoh", self.switches)
+        return (
+            lag_bank(u, self.dt_s, rates)
+            if k
+            else lag_bank(u, self.dt_s, rates, "zoh", self.switches)
+        )
 
 
 def map_beta_h(
@@ -69,7 +86,10 @@ def map_beta_h(
     Starts in steady state with the first sample. Linear in the share, so each h costs two weighted sums of a bank
     that all of them have in common.
     """
-    shares, hs = np.atleast_1d(np.asarray(share, dtype=float)), np.atleast_1d(np.asarray(h_W_m2K, dtype=float))
+    shares, hs = (
+        np.atleast_1d(np.asarray(share, dtype=float)),
+        np.atleast_1d(np.asarray(h_W_m2K, dtype=float)),
+    )
     rates, u = node_rates(drive.dt_s), drive.inputs
     films = [rim_gains(rim, float(h), points, half_width_m, rates, profile, flux, mesh) for h in hs]
     weights = np.concatenate([g.gains for g in films], axis=1)  # (I, H P, K)
@@ -79,7 +99,9 @@ def map_beta_h(
     base[:] = (still.T @ u.T).reshape(base.shape)
     for k in range(1, len(weights)):
         base += (weights[k] @ drive.bank(k, rates).T).reshape(base.shape)
-    heat = (weights[0] @ drive.bank(0, rates).T).reshape(base.shape)  # the power moves no point at once
+    heat = (weights[0] @ drive.bank(0, rates).T).reshape(
+        base.shape
+    )  # the power moves no point at once
     for b, s in enumerate(shares[:-1]):
         np.multiply(heat, s, out=out[:, b])
         out[:, b] += base
@@ -128,19 +150,30 @@ def step_fields(
     """
     s = spectrum(rim, h_W_m2K, half_width_m, profile, flux, mesh)
     if len(before) != len(s.boundary) or len(after) != len(s.boundary):
-        raise InputError(f"step_fields: needed are, in this order, {', '.join(inputs_of(len(rim.boundary_z_m)))}")
-    old, new = (np.tensordot(np.asarray(u, dtype=float), forcing(s), axes=1) for u in (before, after))
+        raise InputError(
+            f"step_fields: needed are, in this order, {', '.join(inputs_of(len(rim.boundary_z_m)))}"
+        )
+    old, new = (
+        np.tensordot(np.asarray(u, dtype=float), forcing(s), axes=1) for u in (before, after)
+    )
     t = np.atleast_1d(np.asarray(time_s, dtype=float))
     amplitude = new + (old - new) * np.exp(-t[:, None, None] * s.rates)
     return _nodal(s, amplitude, np.asarray(after, dtype=float) @ s.boundary)
 
 
 def free_decay(
-    rim: Rim, h_W_m2K: float, start: Array, time_s: float, mesh: Mesh = MESH_IV, profile: Profile = "modal"
+    rim: Rim,
+    h_W_m2K: float,
+    start: Array,
+    time_s: float,
+    mesh: Mesh = MESH_IV,
+    profile: Profile = "modal",
 ) -> Array:
     """What is left after ``time_s`` of a field (nr, nz) [K] whose boundary and ambient are held at zero."""
     if start.shape != (mesh.nr, mesh.nz):
-        raise InputError(f"the field has shape {start.shape}", expected=f"{(mesh.nr, mesh.nz)}: all nodes")
+        raise InputError(
+            f"the field has shape {start.shape}", expected=f"{(mesh.nr, mesh.nz)}: all nodes"
+        )
     s = spectrum(rim, h_W_m2K, rim.width_m / 4, profile, "uniform", mesh)
     amplitude = np.linalg.solve(s.shape_r, np.linalg.solve(s.shape_z, start[1:].T).T)
     return _nodal(s, amplitude * np.exp(-time_s * s.rates), np.zeros(mesh.nz))

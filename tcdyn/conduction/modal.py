@@ -21,7 +21,16 @@ from scipy.linalg import eigh_tridiagonal
 from calibration import Array
 from calibration.errors import InputError
 from tcdyn.conduction.flux import TrackFlux
-from tcdyn.conduction.rim import MESH_IV, Flux, Mesh, Point, Profile, Rim, told_by, unscaled_cardinal
+from tcdyn.conduction.rim import (
+    MESH_IV,
+    Flux,
+    Mesh,
+    Point,
+    Profile,
+    Rim,
+    told_by,
+    unscaled_cardinal,
+)
 
 
 def inputs_of(k: int, split: bool = False) -> tuple[str, ...]:
@@ -102,7 +111,13 @@ def _modes(diagonal: Array, coupling: Array, weight: Array) -> tuple[Array, Arra
 
 
 def spectrum(
-    rim: Rim, h: float, half_width: float, profile: Profile, flux: Flux, mesh: Mesh, split: bool = False
+    rim: Rim,
+    h: float,
+    half_width: float,
+    profile: Profile,
+    flux: Flux,
+    mesh: Mesh,
+    split: bool = False,
 ) -> Spectrum:
     """Modes and projections of the scheme at the surface's ``h`` [W/m2K], with the contact's ``half_width`` [m].
 
@@ -118,28 +133,47 @@ def spectrum(
     diagonal[-1] += outer * h
     lam_r, v, scale = _modes(diagonal, np.asarray(alpha / dr**2 * half[1:]), weight)
     first, last = v[0] * scale[0], v[-1] * scale[-1]
-    inner = alpha * half[0] / (r[0] * dr**2)  # heating rate of node 1 by a unit temperature of node 0
-    force_r = np.stack([last * outer / (2 * np.pi * ro), first * inner, scale @ v, last * outer * h])
+    inner = (
+        alpha * half[0] / (r[0] * dr**2)
+    )  # heating rate of node 1 by a unit temperature of node 0
+    force_r = np.stack(
+        [last * outer / (2 * np.pi * ro), first * inner, scale @ v, last * outer * h]
+    )
     lam_z, shape_z, force_z, basis = _axial(rim, half_width, profile, flux, mesh)
     k = len(rim.boundary_z_m)
     source_r, whose = sources_of(k)
     whose = whose if split else np.minimum(whose, k + 1)
     collect: Array = np.asarray(np.arange(len(inputs_of(k, split)))[:, None] == whose, dtype=float)
     return Spectrum(
-        lam_r, lam_z, lam_r[:, None] + lam_z, v / scale[:, None], shape_z, force_r, force_z, basis,
-        collect[:, 1 : k + 3] @ basis, collect, source_r,
-    )  # fmt: skip
+        lam_r,
+        lam_z,
+        lam_r[:, None] + lam_z,
+        v / scale[:, None],
+        shape_z,
+        force_r,
+        force_z,
+        basis,
+        collect[:, 1 : k + 3] @ basis,
+        collect,
+        source_r,
+    )
 
 
 @lru_cache(maxsize=256)
-def _axial(rim: Rim, half_width: float, profile: Profile, flux: Flux, mesh: Mesh) -> tuple[Array, Array, Array, Array]:
+def _axial(
+    rim: Rim, half_width: float, profile: Profile, flux: Flux, mesh: Mesh
+) -> tuple[Array, Array, Array, Array]:
     """z-modes, nodal shapes (nz, n), forcings (S, n) and the boundary's shapes (k + 2, nz): nothing here knows h."""
     n, w, alpha, k = mesh.nz, rim.width_m, rim.diffusivity_m2_s, rim.conductivity_W_mK
     dz = w / (n - 1)
     ends = np.zeros(n)
     ends[[0, -1]] = 1.0
-    face = 2 * alpha * rim.washer_W_m2K / (k * dz)  # heating rate of a face node by the air behind its washer
-    lam, v, scale = _modes(2 * alpha / dz**2 + face * ends, np.full(n - 1, alpha / dz**2), 1 - ends / 2)
+    face = (
+        2 * alpha * rim.washer_W_m2K / (k * dz)
+    )  # heating rate of a face node by the air behind its washer
+    lam, v, scale = _modes(
+        2 * alpha / dz**2 + face * ends, np.full(n - 1, alpha / dz**2), 1 - ends / 2
+    )
     shape = v / scale[:, None]
     z = np.linspace(0.0, w, n)
     reading = reading_weights(np.array(rim.boundary_z_m) / dz, n)
@@ -148,9 +182,13 @@ def _axial(rim: Rim, half_width: float, profile: Profile, flux: Flux, mesh: Mesh
     # the steady slab between air at one behind one washer and at zero behind the other
     d_side = (1 + biot) / (2 + biot) - biot / (2 + biot) * (z / w)
     air = np.stack([d_side, 1 - d_side])
-    basis = np.concatenate([basis, air - air @ reading.T @ basis])  # less the profile through its own readings
+    basis = np.concatenate(
+        [basis, air - air @ reading.T @ basis]
+    )  # less the profile through its own readings
     eye = np.eye(n)
-    sources = np.vstack([flux_density(flux, half_width, w, n), basis, np.ones(n), face * eye[0], face * eye[-1]])
+    sources = np.vstack(
+        [flux_density(flux, half_width, w, n), basis, np.ones(n), face * eye[0], face * eye[-1]]
+    )
     return lam, shape, (sources * scale) @ v, basis
 
 
@@ -171,13 +209,17 @@ def flux_density(flux: Flux, half_width: float, width: float, n: int) -> Array:
         heat = np.asarray(flux(at), dtype=float) @ w / 2 * cells
         return np.asarray(heat / heat.sum() / cells)
     if not 0 < half_width <= width / 2 + 1e-12:
-        raise InputError(f"the contact's half-width {half_width} m must lie between 0 and half the width {width / 2} m")
+        raise InputError(
+            f"the contact's half-width {half_width} m must lie between 0 and half the width {width / 2} m"
+        )
     s = np.clip(edges / half_width, -1.0, 1.0)
     total = (s - s**3 / 3) * 0.75 if flux == "hertz" else s * 0.5
     return np.asarray(np.diff(total) / cells)
 
 
-def profile_basis(kind: Profile, z: Array, at: Sequence[float], width: float, lowest: Array, reading: Array) -> Array:
+def profile_basis(
+    kind: Profile, z: Array, at: Sequence[float], width: float, lowest: Array, reading: Array
+) -> Array:
     """Shapes (k, nz) along r = R_i of a unit at each junction ``at`` z of the inner row, none at the others [m].
 
     Three places tell three shapes, of more they are fitted by least squares; fewer tell as many of the modal ones.
@@ -216,7 +258,9 @@ def reading_weights(position: ArrayLike, n: int) -> Array:
     at = np.asarray(position, dtype=float)
     outside = (at < -1e-9) | (at > n - 1 + 1e-9)
     if outside.any():
-        raise InputError(f"a point lies outside the rim (at {at[outside][0]:.2f} of {n - 1} mesh steps)")
+        raise InputError(
+            f"a point lies outside the rim (at {at[outside][0]:.2f} of {n - 1} mesh steps)"
+        )
     return np.asarray(_cardinal_splines(n)(at))
 
 
@@ -272,7 +316,9 @@ def rim_gains(
     gains = np.asarray(np.tensordot(driven[:, None] * seen, weights, 1), dtype=float)
     # what the modes beyond the bank add to the steady answer belongs to its fastest lag
     whole = (at_r * s.force_r[:, None, :]) @ (1 / s.rates) * at_z
-    gains[:, :, -1] += s.collect @ (whole[s.source_r] * s.force_z[:, None, :]).sum(axis=2) - gains.sum(axis=2)
+    gains[:, :, -1] += s.collect @ (whole[s.source_r] * s.force_z[:, None, :]).sum(
+        axis=2
+    ) - gains.sum(axis=2)
     direct = read_r[:, 0] * (s.boundary @ read_z.T)
     inputs = inputs_of(len(rim.boundary_z_m), split_ambient)
     return RimGains(inputs, tuple(points), rates, gains, direct, gains.sum(axis=2) + direct)
@@ -280,7 +326,14 @@ def rim_gains(
 
 @lru_cache(maxsize=16)
 def _driven(
-    rim: Rim, h: float, half_width: float, rates: bytes, profile: Profile, flux: Flux, mesh: Mesh, split: bool
+    rim: Rim,
+    h: float,
+    half_width: float,
+    rates: bytes,
+    profile: Profile,
+    flux: Flux,
+    mesh: Mesh,
+    split: bool,
 ) -> tuple[Spectrum, Any, Array, Array]:
     """What all points have in common: the modes, which M of them the bank holds, their steady amplitudes (I, M) for a
     unit of every input, and their ``cardinal`` weights (M, K), the amplitudes divided by these weights' sums."""

@@ -25,7 +25,9 @@ FILM_BASIS = 150  # enough for effects of a film that varies little
 BASIS = 600  # uniform-film modes kept: for a 6 mm rim all those slower than about 1 ms
 
 
-def film_in_steps(width_m: float, edges_m: Sequence[float], values_W_m2K: Sequence[float], nz: int) -> Array:
+def film_in_steps(
+    width_m: float, edges_m: Sequence[float], values_W_m2K: Sequence[float], nz: int
+) -> Array:
     """Film coefficient of each z node (nz,): steps of ``values`` between ``edges``, averaged over its cell.
 
     >>> film_in_steps(8.0, [4.0], [200.0, 400.0], 9)
@@ -34,11 +36,15 @@ def film_in_steps(width_m: float, edges_m: Sequence[float], values_W_m2K: Sequen
     if len(values_W_m2K) != len(edges_m) + 1 or list(edges_m) != sorted(edges_m):
         raise InputError("film_in_steps: ascending edges and one more value than edges are needed")
     if min(values_W_m2K) < 0 or (len(edges_m) and not 0 < edges_m[0] <= edges_m[-1] < width_m):
-        raise InputError("film_in_steps: values must not be negative and edges must lie inside the width")
+        raise InputError(
+            "film_in_steps: values must not be negative and edges must lie inside the width"
+        )
     dz = width_m / (nz - 1)
     cells = np.clip((np.arange(nz + 1) - 0.5) * dz, 0.0, width_m)
     knots = np.concatenate([[0.0], np.asarray(edges_m, dtype=float), [width_m]])
-    total = np.concatenate([[0.0], np.cumsum(np.diff(knots) * np.asarray(values_W_m2K, dtype=float))])
+    total = np.concatenate(
+        [[0.0], np.cumsum(np.diff(knots) * np.asarray(values_W_m2K, dtype=float))]
+    )
     return np.asarray(np.diff(np.interp(cells, knots, total)) / np.diff(cells))
 
 
@@ -74,7 +80,9 @@ def rim_gains_nonuniform(
     """
     film = np.asarray(film_W_m2K, dtype=float)
     if film.shape != (mesh.nz,) or film.min() < 0:
-        raise InputError(f"film_W_m2K has shape {film.shape}", expected=f"({mesh.nz},) values, none negative")
+        raise InputError(
+            f"film_W_m2K has shape {film.shape}", expected=f"({mesh.nz},) values, none negative"
+        )
     mean = float(film.mean())
     s = spectrum(rim, mean, half_width_m, profile, flux, mesh)
     lam, last = s.rates, surface_weight(rim, mesh.nr)
@@ -102,7 +110,14 @@ def rim_gains_nonuniform(
     gains = answer @ cardinal(rates, np.log(np.minimum(rate, rates[-1])))
     gains[:, :, -1] += np.einsum("imn,pmn->ip", exact, seen) - answer.sum(axis=2)
     direct = read_r[:, 0] * (s.boundary @ read_z.T)
-    return RimGains(inputs_of(len(rim.boundary_z_m)), tuple(points), rates, gains, direct, gains.sum(axis=2) + direct)
+    return RimGains(
+        inputs_of(len(rim.boundary_z_m)),
+        tuple(points),
+        rates,
+        gains,
+        direct,
+        gains.sum(axis=2) + direct,
+    )
 
 
 @lru_cache(maxsize=2048)
@@ -121,15 +136,23 @@ def cached_gains(
     """``rim_gains``, worked out once: fits come back to the same h, and faults share all but one junction. By ``film``
     two more inputs, both air at the running surface alone; these know nothing of an h that varies ``along`` it."""
     if any(along):
-        h_z, same = film_along(h_W_m2K, along, mesh.nz), (points, half_width_m, np.array(rates), profile, flux, mesh)
+        h_z, same = (
+            film_along(h_W_m2K, along, mesh.nz),
+            (points, half_width_m, np.array(rates), profile, flux, mesh),
+        )
         varied = rim_gains_nonuniform(rim, h_z, *same, basis=FILM_BASIS)
         if not film:
             return varied
         whole = cached_gains(rim, h_W_m2K, points, half_width_m, rates, profile, flux, mesh, film)
         parts = ("gains", "direct", "static")
-        rows = (np.concatenate([getattr(varied, x), getattr(whole, x)[len(varied.inputs) :]]) for x in parts)
+        rows = (
+            np.concatenate([getattr(varied, x), getattr(whole, x)[len(varied.inputs) :]])
+            for x in parts
+        )
         return RimGains(whole.inputs, tuple(points), whole.rates, *rows)
-    split = rim_gains(rim, h_W_m2K, points, half_width_m, np.array(rates), profile, flux, mesh, film)
+    split = rim_gains(
+        rim, h_W_m2K, points, half_width_m, np.array(rates), profile, flux, mesh, film
+    )
     if not film:
         return split
     air = len(rim.boundary_z_m) + 1
@@ -138,5 +161,10 @@ def cached_gains(
         for x in (split.gains, split.direct, split.static)
     )
     return RimGains(
-        (*split.inputs[:air], "ambient", "film", "film by n"), tuple(points), split.rates, gains, direct, static
+        (*split.inputs[:air], "ambient", "film", "film by n"),
+        tuple(points),
+        split.rates,
+        gains,
+        direct,
+        static,
     )

@@ -23,7 +23,9 @@ from tcdyn.conduction.rim import MESH_IV, Mesh, Rim
 ERF_ONE = 3.6  # the thesis's argument beyond which erf counts as one
 
 
-def semi_infinite(depth_m: ArrayLike, time_s: ArrayLike, start: float, surface: float, alpha_m2_s: float) -> Array:
+def semi_infinite(
+    depth_m: ArrayLike, time_s: ArrayLike, start: float, surface: float, alpha_m2_s: float
+) -> Array:
     """Half space whose surface jumps: T = T_o + (T_i - T_o) erf(x / (2 sqrt(alpha t))) (3.26), t > 0.
 
     >>> float(semi_infinite(3e-3, 1.0, 20.0, 160.0, 1.1e-5).round(2))
@@ -38,12 +40,17 @@ def penetration_depth_m(time_s: ArrayLike, alpha_m2_s: float) -> Array:
     return np.asarray(2 * ERF_ONE * np.sqrt(alpha_m2_s * np.asarray(time_s, dtype=float)))
 
 
-def surface_steady_degC(rim: Rim, h: float, flux: float, inner_degC: float, ambient_degC: float) -> float:
+def surface_steady_degC(
+    rim: Rim, h: float, flux: float, inner_degC: float, ambient_degC: float
+) -> float:
     """Running surface of the steady ring, T_out = (R h T_A + K/ln(R/r) T_in + R q)/(h R + K/ln(R/r)) (3.37).
 
     Here and below ``h`` is in W/m2K and ``flux`` in W/m2.
     """
-    r, c = rim.outer_radius_m, rim.conductivity_W_mK / np.log(rim.outer_radius_m / rim.inner_radius_m)
+    r, c = (
+        rim.outer_radius_m,
+        rim.conductivity_W_mK / np.log(rim.outer_radius_m / rim.inner_radius_m),
+    )
     return float((r * h * ambient_degC + c * inner_degC + r * flux) / (h * r + c))
 
 
@@ -116,7 +123,9 @@ def slab_root(biot: float) -> float:
     return float(brentq(lambda v: v * np.sin(v) - biot * np.cos(v), 1e-12, np.pi / 2))
 
 
-def product_decay_K(rim: Rim, radius_m: ArrayLike, z_m: ArrayLike, time_s: float, h: float) -> Array:
+def product_decay_K(
+    rim: Rim, radius_m: ArrayLike, z_m: ArrayLike, time_s: float, h: float
+) -> Array:
     """A field that varies in z and is exact: Phi_1(r) cos(2 nu (z/w - 1/2)) exp(-alpha (mu^2 + (2 nu/w)^2) t).
 
     (radii, z) [K] above an ambient at zero, with R_i held at zero, film ``h`` [W/m2K] at R_o and the rim's washers at
@@ -126,7 +135,9 @@ def product_decay_K(rim: Rim, radius_m: ArrayLike, z_m: ArrayLike, time_s: float
     mu, nu = ring_roots(inner, outer, h / k, 1)[0], slab_root(rim.washer_W_m2K * w / (2 * k))
     phi = _ring_mode(mu, radius_m, inner) / _ring_mode(mu, outer, inner)
     shape = np.cos(2 * nu * (np.asarray(z_m) / w - 0.5))
-    return np.asarray(np.outer(phi, shape) * np.exp(-rim.diffusivity_m2_s * (mu**2 + (2 * nu / w) ** 2) * time_s))
+    return np.asarray(
+        np.outer(phi, shape) * np.exp(-rim.diffusivity_m2_s * (mu**2 + (2 * nu / w) ** 2) * time_s)
+    )
 
 
 @dataclass(frozen=True)
@@ -153,7 +164,10 @@ def scheme(rim: Rim, h_W_m2K: float | Array, mesh: Mesh = MESH_IV) -> Scheme:
     s, gamma, k = rim.inner_radius_m / dr, (dr / dz) ** 2, rim.conductivity_W_mK
     scale = rim.diffusivity_m2_s / dr**2
     j = np.arange(1, m + 1)
-    up, down = (s + j + 0.5) / (s + j), (s + j - 0.5) / (s + j)  # (3.30): A and B times 2 (phi + gamma + 1)
+    up, down = (
+        (s + j + 0.5) / (s + j),
+        (s + j - 0.5) / (s + j),
+    )  # (3.30): A and B times 2 (phi + gamma + 1)
     first, last = np.eye(m)[0] * down[0] * scale, np.eye(m)[-1] * up[-1] * 2 * dr / k * scale
     down[-1] += up[-1]  # (3.31): the node outside the surface is eliminated
     in_r = 2 * np.eye(m) - np.diag(down[1:], -1) - np.diag(up[:-1], 1)
@@ -161,7 +175,9 @@ def scheme(rim: Rim, h_W_m2K: float | Array, mesh: Mesh = MESH_IV) -> Scheme:
     in_z[0, 1] = in_z[-1, -2] = -2 * gamma  # washers: the nodes outside the faces are eliminated
     face = gamma * 2 * dz * rim.washer_W_m2K / k * scale
     face_d, face_f = np.tile(np.eye(n)[0] * face, m), np.tile(np.eye(n)[-1] * face, m)
-    film = np.kron(last, np.broadcast_to(np.asarray(h_W_m2K, dtype=float), n))  # what the film adds to the diagonal
+    film = np.kron(
+        last, np.broadcast_to(np.asarray(h_W_m2K, dtype=float), n)
+    )  # what the film adds to the diagonal
     inside = (sp.kron(in_r, sp.eye(n)) + sp.kron(sp.eye(m), in_z)) * scale
     return Scheme(
         mesh=mesh,
@@ -192,7 +208,9 @@ class CrankNicolson:
         """Factorise (SuperLU, minimum degree on A + A', symmetric mode)."""
         eye = sp.eye(s.matrix.shape[0], format="csc")
         half = (dt_s / 2) * s.matrix
-        factor = splu((eye + half).tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+        factor = splu(
+            (eye + half).tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}
+        )
         return cls(s, dt_s, factor, sp.csr_matrix(eye - half))
 
     def step(self, field: Array, g_now: Array, g_next: Array, damped: bool = False) -> Array:

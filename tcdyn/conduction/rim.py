@@ -24,7 +24,12 @@ Flux = Literal["hertz", "uniform"] | TrackFlux | Callable[[Array], Array]
 MAX_LENGTH_M = 10.0
 SLOWEST_PER_S = 0.3  # below the slowest mode of a 6 mm rim of steel (0.7 1/s)
 NODES = 40  # of the bank
-SHAPES_TOLD = ((0, 1, 2), (0, 2), (0, 1), (0,))  # of the three along R_i: the most that an inner row tells apart
+SHAPES_TOLD = (
+    (0, 1, 2),
+    (0, 2),
+    (0, 1),
+    (0,),
+)  # of the three along R_i: the most that an inner row tells apart
 WORST_TOLD = 15.0  # condition of its readings; 1.4 of d, b, f
 
 
@@ -37,11 +42,18 @@ class Mesh:
 
     def __post_init__(self) -> None:
         if self.nr < 7 or self.nz < 7:
-            raise InputError(f"Mesh: at least 7 nodes each way are needed; got {self.nr} x {self.nz}")
+            raise InputError(
+                f"Mesh: at least 7 nodes each way are needed; got {self.nr} x {self.nz}"
+            )
 
 
 MESH_IV = Mesh()
-MESHES = {"I": Mesh(9, 13), "II": Mesh(17, 27), "III": Mesh(33, 53), "IV": MESH_IV}  # the thesis's four
+MESHES = {
+    "I": Mesh(9, 13),
+    "II": Mesh(17, 27),
+    "III": Mesh(33, 53),
+    "IV": MESH_IV,
+}  # the thesis's four
 
 
 @dataclass(frozen=True)
@@ -72,8 +84,13 @@ class Rim:
             raise InputError(
                 f"Rim: the inner radius {self.inner_radius_m} m must be below the outer {self.outer_radius_m} m"
             )
-        if not self.boundary_z_m or not 0 <= min(self.boundary_z_m) <= max(self.boundary_z_m) <= self.width_m:
-            raise InputError(f"Rim: the inner row must lie within the width {self.width_m} m; got {self.boundary_z_m}")
+        if (
+            not self.boundary_z_m
+            or not 0 <= min(self.boundary_z_m) <= max(self.boundary_z_m) <= self.width_m
+        ):
+            raise InputError(
+                f"Rim: the inner row must lie within the width {self.width_m} m; got {self.boundary_z_m}"
+            )
         for name in ("conductivity_W_mK", "density_kg_m3", "specific_heat_J_kgK"):
             if not getattr(self, name) > 0:
                 raise InputError(f"Rim: {name} must be positive; got {getattr(self, name)}")
@@ -114,7 +131,9 @@ def told_by(at_m: tuple[float, ...], width_m: float) -> tuple[int, ...]:
     [(0, 1, 2), (0, 2), (0, 1), (0,)]
     """
     seen = np.cos(np.pi / width_m * np.outer(at_m, range(3)))
-    return next(s for s in SHAPES_TOLD if len(s) <= len(seen) and np.linalg.cond(seen[:, s]) < WORST_TOLD)
+    return next(
+        s for s in SHAPES_TOLD if len(s) <= len(seen) and np.linalg.cond(seen[:, s]) < WORST_TOLD
+    )
 
 
 def points_of(setup: DiskSetup, names: Iterable[str]) -> tuple[Point, ...]:
@@ -151,7 +170,9 @@ def log_nodes(low: float, high: float, count: int) -> Array:
     return np.asarray(np.exp(low + (high - low) * (x + 1) / 2))
 
 
-def node_rates(dt_s: float, count: int = NODES, slowest_per_s: float = SLOWEST_PER_S, longest_s: float = 0.0) -> Array:
+def node_rates(
+    dt_s: float, count: int = NODES, slowest_per_s: float = SLOWEST_PER_S, longest_s: float = 0.0
+) -> Array:
     """Rates of the bank: nodes from ``slowest_per_s``, or that of a lag of ``longest_s``, to 40/dt, (K,) [1/s].
 
     >>> node_rates(1 / 75)[[0, -1]].round(6)
@@ -159,7 +180,9 @@ def node_rates(dt_s: float, count: int = NODES, slowest_per_s: float = SLOWEST_P
     """
     if not dt_s > 0:
         raise InputError(f"node_rates: dt_s must be positive; got {dt_s}")
-    return log_nodes(-float(np.log(max(1 / slowest_per_s, longest_s))), float(np.log(40.0 / dt_s)), count)
+    return log_nodes(
+        -float(np.log(max(1 / slowest_per_s, longest_s))), float(np.log(40.0 / dt_s)), count
+    )
 
 
 @lru_cache(maxsize=16)
@@ -245,7 +268,9 @@ def lag_bank(
     return out.T
 
 
-def bank_means(u: ArrayLike, dt_s: float, rates: Array, counts: Sequence[int] | NDArray[np.int64]) -> Array:
+def bank_means(
+    u: ArrayLike, dt_s: float, rates: Array, counts: Sequence[int] | NDArray[np.int64]
+) -> Array:
     """Means (R, K) of ``lag_bank(u, dt_s, rates)`` over the record's last sum(counts) samples, in blocks of ``counts``
     (R,) samples one after the other; nothing else of the bank is worked out.
 
@@ -268,11 +293,15 @@ def bank_means(u: ArrayLike, dt_s: float, rates: Array, counts: Sequence[int] | 
         same = np.flatnonzero(lengths == m)
         driven[same + 1] = u[at[same, None] + np.arange(m + 1)] @ _driving(m, dt_s, rates.tobytes())
         decay[same + 1] = np.exp(-rates * dt_s * m)
-    band = np.ones((driven.size, 2)).T  # states[k + 1] - decay[k] states[k] = driven[k], rate after rate
+    band = np.ones(
+        (driven.size, 2)
+    ).T  # states[k + 1] - decay[k] states[k] = driven[k], rate after rate
     band[1, :-1] = -decay.T.ravel()[1:]
     states = dtbtrs(band, driven.T.reshape(-1, 1), uplo="L", diag="U")[0].reshape(len(rates), -1).T
     whole = np.add.reduceat(u[:-1], at[1:])[:, None]
-    ends = states[1:-1] - states[2:] + ramp * (u[np.append(at[2:], len(u) - 1)] - u[at[1:]])[:, None]
+    ends = (
+        states[1:-1] - states[2:] + ramp * (u[np.append(at[2:], len(u) - 1)] - u[at[1:]])[:, None]
+    )
     return np.asarray((whole + ends / rise) / lengths[1:, None])
 
 

@@ -63,7 +63,9 @@ def combined(name: str, parts: Sequence[PredictedTest]) -> PredictedTest:
 
 def slopes(readings: Callable[[Array], Array], at: Array, steps: Array) -> Array:
     """Jacobian (N, P) of ``readings(parameters (P,)) -> (N,)`` by central differences of ``steps`` (P,)."""
-    return np.column_stack([(readings(at + e) - readings(at - e)) / (2 * e.sum()) for e in np.diag(steps)])
+    return np.column_stack(
+        [(readings(at + e) - readings(at - e)) / (2 * e.sum()) for e in np.diag(steps)]
+    )
 
 
 def covariance(rows: Array, prior_sd: Array) -> Array:

@@ -13,12 +13,22 @@ from calibration.errors import InputError
 from calibration.result import Result, jsonable
 from calibration.rig import UncertaintyTable
 from tcdyn.design import PredictedTest, combined
-from tcdyn.design.plans import PlungePlan, StepPlan, TouchPlan, predict_plunges, predict_step, predict_touches
+from tcdyn.design.plans import (
+    PlungePlan,
+    StepPlan,
+    TouchPlan,
+    predict_plunges,
+    predict_step,
+    predict_touches,
+)
 from tcdyn.plunge import PlungePriors
 from tcdyn.threads import one_blas_thread
 
 LEAST_OWN_LAG_S = 0.01
-COMMON = (0.05, 0.15)  # u of the common lag over the lag: below the first it is told well, below the second roughly
+COMMON = (
+    0.05,
+    0.15,
+)  # u of the common lag over the lag: below the first it is told well, below the second roughly
 DIFFERENCES = (0.03, 0.10)  # the same of the differences between channels
 GRADES = ("well", "roughly", "poorly")
 MEANING = (
@@ -26,7 +36,13 @@ MEANING = (
     f"{100 * DIFFERENCES[0]:.0f} % for the differences; roughly: below {100 * COMMON[1]:.0f} % and "
     f"{100 * DIFFERENCES[1]:.0f} %; poorly: more."
 )
-EFFORT = {"unloading": 0, "loading": 0, "plunge": 1, "touch": 2, "together": 3}  # an EHL test has both steps anyway
+EFFORT = {
+    "unloading": 0,
+    "loading": 0,
+    "plunge": 1,
+    "touch": 2,
+    "together": 3,
+}  # an EHL test has both steps anyway
 
 
 def grade(u_s: float, lag_s: float, limits: tuple[float, float]) -> str:
@@ -89,7 +105,9 @@ def _alone(predictions: Sequence[PredictedTest], lag_s: float) -> str:
             p = min(own, key=lambda q: q.u_common_s)
             weak = common(p, lag_s) != "well"
             u, what = (p.u_common_s, "common lag") if weak else (p.u_differential_s, "differences")
-            parts.append(f"{word} alone leave{'s' if kind == 'unloading' else ''} the {what} at {_size(u, lag_s)}")
+            parts.append(
+                f"{word} alone leave{'s' if kind == 'unloading' else ''} the {what} at {_size(u, lag_s)}"
+            )
     return f" Less is not enough: {', '.join(parts)}." if parts else ""
 
 
@@ -115,12 +133,17 @@ class Design(Result):
 
     def sentences(self) -> tuple[str, ...]:
         """One sentence a test, then what to do."""
-        return (*(sentence(p, self.lag_s) for p in self.predictions), headline(self.predictions, self.lag_s))
+        return (
+            *(sentence(p, self.lag_s) for p in self.predictions),
+            headline(self.predictions, self.lag_s),
+        )
 
     def summary(self) -> str:
         """What to do, every test with the standard uncertainties to expect, and what the grades mean."""
         shown = (
-            self.graded().drop(columns=["10 to 90 % of bursts [s]", "of the lag", "of the lag "]).to_string(index=False)
+            self.graded()
+            .drop(columns=["10 to 90 % of bursts [s]", "of the lag", "of the lag "])
+            .to_string(index=False)
         )
         return "\n".join([headline(self.predictions, self.lag_s), "", shown, "", MEANING])
 
@@ -131,7 +154,9 @@ class Design(Result):
             {
                 "test": p.name,
                 "common lag, u [s]": f"{p.u_common_s:.3f}",
-                "10 to 90 % of bursts [s]": f"{p.low_s:.3f} to {p.high_s:.3f}" if p.high_s > p.low_s else "",
+                "10 to 90 % of bursts [s]": f"{p.low_s:.3f} to {p.high_s:.3f}"
+                if p.high_s > p.low_s
+                else "",
                 "of the lag": f"{100 * p.u_common_s / lag:.2g} %",
                 "told": common(p, lag),
                 "differences, u [s]": f"{p.u_differential_s:.3f}",
@@ -179,7 +204,10 @@ def compare_tests(
     first = plunges[0]
     priors = PlungePriors.for_rig(uncertainty or UncertaintyTable.model_validate({}))
     logged: dict[str, Any] = {"rate_Hz": first.rate_Hz, "noise_K": first.noise_K}
-    known_to: dict[str, Any] = {"depth_u_m": priors.depth_m, "conductivity_log_u": priors.conductivity_log}
+    known_to: dict[str, Any] = {
+        "depth_u_m": priors.depth_m,
+        "conductivity_log_u": priors.conductivity_log,
+    }
     step = replace(step or StepPlan(**logged), **known_to)
     touch = replace(touch or TouchPlan(**logged), **known_to)
     out = [predict_plunges([p], setup, lag_s=own, priors=priors, draws=draws) for p in plunges]

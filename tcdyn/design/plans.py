@@ -70,7 +70,9 @@ def predict_plunges(
     chosen = find_correlation(correlation)
     planned = [_planned(plan, setup.channels) for plan in plans]
     starts, baths = [p.initial_degC for p in plans], [p.bath_degC for p in plans]
-    mean, sd = full_prior(layout, priors or PlungePriors(), [run for run, _ in planned], starts, baths, chosen, setup)
+    mean, sd = full_prior(
+        layout, priors or PlungePriors(), [run for run, _ in planned], starts, baths, chosen, setup
+    )
     nominal = np.where(layout.mask("lag"), lag_s, mean)
     runs, blocks = zip(*planned)
     models = build_run_models(runs, blocks, setup, layout, chosen, nominal)
@@ -78,7 +80,10 @@ def predict_plunges(
     problem = PlungeProblem(models, layout, mean, sd, noise)
     rng = np.random.default_rng(0)
     covariances = [] if draws > 1 else [covariance(problem.evaluate(nominal)[1], sd)]
-    lag, known = layout.mask("lag"), ~np.isfinite(sd) | layout.mask("initial")  # the readings tell where it began
+    lag, known = (
+        layout.mask("lag"),
+        ~np.isfinite(sd) | layout.mask("initial"),
+    )  # the readings tell where it began
     for _ in range(draws if draws > 1 else 0):
         drawn = np.clip(rng.standard_normal(layout.size), -MOST_SDS, MOST_SDS)
         theta = nominal + np.where(known, 0.0, sd) * drawn
@@ -89,12 +94,16 @@ def predict_plunges(
         within = np.clip(end, nominal - MOST_SDS * sd, nominal + MOST_SDS * sd)
         end = np.where(lag, np.maximum(end, LEAST_OF_LAG * theta), within)
         covariances.append(covariance(problem.evaluate(end)[1], sd))
-    u_h, *_, u_burst = np.sqrt(np.mean([np.diag(c)[: len(H_KINDS) + 1] for c in covariances], axis=0))
+    u_h, *_, u_burst = np.sqrt(
+        np.mean([np.diag(c)[: len(H_KINDS) + 1] for c in covariances], axis=0)
+    )
     lags = [c[layout.at("lag"), layout.at("lag")] for c in covariances]
     substance = plans[0].fluid if isinstance(plans[0].fluid, str) else plans[0].fluid.name
     baths_said = ", ".join(f"{bath:g}" for bath in baths)
     label = f"{len(plans)} plunge{'s' if len(plans) > 1 else ''}, {substance}, {baths_said} degC"
-    return from_covariances(label, "plunge", lags, {"u_h_rel": float(u_h), "u_ln_burst": float(u_burst)})
+    return from_covariances(
+        label, "plunge", lags, {"u_h_rel": float(u_h), "u_ln_burst": float(u_burst)}
+    )
 
 
 def _planned(plan: PlungePlan, channels: tuple[str, ...]) -> tuple[PlungeRun, PlungeBlocks]:
@@ -107,7 +116,9 @@ def _planned(plan: PlungePlan, channels: tuple[str, ...]) -> tuple[PlungeRun, Pl
     time, mean, count = make_averages(t, flat, dt, 2.0)
     bath_t = np.array([0.0, plan.duration_s])
     noise = np.full(len(channels), plan.noise_K)
-    return run, PlungeBlocks(time, mean, count, noise, bath_t, np.full(2, plan.bath_degC), float(t[-1]), 0)
+    return run, PlungeBlocks(
+        time, mean, count, noise, bath_t, np.full(2, plan.bath_degC), float(t[-1]), 0
+    )
 
 
 @dataclass(frozen=True)
@@ -155,8 +166,20 @@ def predict_step(plan: StepPlan, setup: DiskSetup, *, lag_s: float = 0.65) -> Pr
         """True outer traces (N, P): the share of the power, and that of every boundary reading (k, N, P)."""
         rim = Rim.from_setup(setup, conductivity_W_mK=setup.conductivity_W_mK * float(np.exp(ln_k)))
         points = [(depth + more, z) for (depth, z), more in zip(nominal, deeper_m)]
-        g = rim_gains(rim, plan.h_W_m2K * float(np.exp(ln_h)), points, plan.half_width_m, rates, mesh=Mesh(33, 53))
-        each = np.array([banks[i] @ g.gains[i].T + inputs[:, i : i + 1] * g.direct[i] for i in range(1 + len(inner))])
+        g = rim_gains(
+            rim,
+            plan.h_W_m2K * float(np.exp(ln_h)),
+            points,
+            plan.half_width_m,
+            rates,
+            mesh=Mesh(33, 53),
+        )
+        each = np.array(
+            [
+                banks[i] @ g.gains[i].T + inputs[:, i : i + 1] * g.direct[i]
+                for i in range(1 + len(inner))
+            ]
+        )
         return plan.power_W * each[0], each[1:]
 
     def chained(x: Array, lag: float = lag_s, split: float = 0.0) -> Array:
@@ -165,28 +188,42 @@ def predict_step(plan: StepPlan, setup: DiskSetup, *, lag_s: float = 0.65) -> Pr
 
     def readings(theta: Array) -> Array:
         """Readings of the outer row, one after the other (P N,)."""
-        lags, (split, ln_power, ln_h, ln_k, instant), depths, offsets = np.split(theta, [n, n + 5, n + 5 + p])
+        lags, (split, ln_power, ln_h, ln_k, instant), depths, offsets = np.split(
+            theta, [n, n + 5, n + 5 + p]
+        )
         power, rows = parts(float(ln_h), float(ln_k), *map(float, depths))
         power, row = power * (1 + ln_power), rows.sum(axis=0)
         # a step that comes late, or an inner reading taken for less lagged than it is, is a shift in time
         shift = -instant * power + np.tensordot(lags[inner] - lag_s, rows, axes=1)
         out = np.gradient(chained(shift), dt, axis=0) + offsets
-        for k, at in enumerate(outer):  # a split common to all channels acts on the power's share alone
+        for k, at in enumerate(
+            outer
+        ):  # a split common to all channels acts on the power's share alone
             lag = float(lags[at])
             out[:, k] += chained(power[:, k], lag, float(split)) + chained(row[:, k], lag)
         return out.T.ravel()
 
     # nominal value, step of the difference, prior standard deviation, in the order of the readings' parameters
     table = [
-        (lag_s, 1e-3, np.inf), (0.0, 1e-3, SPLIT_SD), (0.0, 1e-3, plan.power_log_u), (0.0, 0.02, plan.h_log_u),
-        (0.0, 0.02, plan.conductivity_log_u), (0.0, 1e-3, plan.instant_u_s), (0.0, 2e-5, plan.depth_u_m),
+        (lag_s, 1e-3, np.inf),
+        (0.0, 1e-3, SPLIT_SD),
+        (0.0, 1e-3, plan.power_log_u),
+        (0.0, 0.02, plan.h_log_u),
+        (0.0, 0.02, plan.conductivity_log_u),
+        (0.0, 1e-3, plan.instant_u_s),
+        (0.0, 2e-5, plan.depth_u_m),
         (0.0, 1e-3, plan.offset_K),
-    ]  # fmt: skip
+    ]
     start, steps, prior = np.repeat(table, [n, 1, 1, 1, 1, 1, p, p], axis=0).T
     alike = np.eye(n, len(start))  # rows added to the data: channels of one disk are much alike
     alike[:, :n] -= 1 / n
-    c = covariance(np.vstack([slopes(readings, start, steps) / plan.noise_K, alike / plan.alike_s]), prior)
-    others = {"u_power_rel": float(np.sqrt(c[n + 1, n + 1])), "u_h_rel": float(np.sqrt(c[n + 2, n + 2]))}
+    c = covariance(
+        np.vstack([slopes(readings, start, steps) / plan.noise_K, alike / plan.alike_s]), prior
+    )
+    others = {
+        "u_power_rel": float(np.sqrt(c[n + 1, n + 1])),
+        "u_h_rel": float(np.sqrt(c[n + 2, n + 2])),
+    }
     label = f"{plan.kind}, {plan.power_W:g} W, {plan.window_s:g} s"
     return from_covariances(label, plan.kind, [c[:n, :n]], others)
 
@@ -226,7 +263,9 @@ class TouchPlan:
     conductivity_log_u: float = 0.03
 
 
-def patch_response(t_s: Array, depth_m: float, radius_m: float, k_W_mK: float, alpha_m2_s: float) -> Array:
+def patch_response(
+    t_s: Array, depth_m: float, radius_m: float, k_W_mK: float, alpha_m2_s: float
+) -> Array:
     """Rise under the middle of a patch of radius a heated by a unit flux from t = 0 on a half space [K m2/W].
 
     T(z, t) = (2 sqrt(alpha t)/K) [ierfc(z / (2 sqrt(alpha t))) - ierfc(sqrt(z^2 + a^2) / (2 sqrt(alpha t)))]
@@ -266,7 +305,9 @@ def predict_touches(plan: TouchPlan, setup: DiskSetup, *, lag_s: float = 0.65) -
     at, steps, prior = np.array(list(table.values())).T
 
     def reading(depth_m: float, theta: Array) -> Array:
-        lag, ln_flux, ln_radius, start, ln_duration, ln_onset, depth, offset, ln_k, split = map(float, theta)
+        lag, ln_flux, ln_radius, start, ln_duration, ln_onset, depth, offset, ln_k, split = map(
+            float, theta
+        )
         k = setup.conductivity_W_mK * np.exp(ln_k)
         alpha = k / (setup.density_kg_m3 * setup.specific_heat_J_kgK)
         begun, ended = (
@@ -274,13 +315,19 @@ def predict_touches(plan: TouchPlan, setup: DiskSetup, *, lag_s: float = 0.65) -
             for after in (0.0, np.exp(ln_duration))
         )
         taus, delay, _ = stages("P2", lag, split)
-        chain = Chain((*taus, float(np.exp(ln_onset))), delay_s=delay, conditioning=setup.conditioning)
+        chain = Chain(
+            (*taus, float(np.exp(ln_onset))), delay_s=delay, conditioning=setup.conditioning
+        )
         return chain.response(np.exp(ln_flux) * (begun - ended), dt) + offset
 
     depths = [junction.depth_m for junction in setup.junctions.values()]
     each = [slopes(partial(reading, depth), at, steps) / plan.noise_K for depth in depths]
     own = len(table) - 2
-    rows = np.hstack([block_diag(*(j[:, :own] for j in each)), np.vstack([j[:, own:] for j in each])])
+    rows = np.hstack(
+        [block_diag(*(j[:, :own] for j in each)), np.vstack([j[:, own:] for j in each])]
+    )
     lags = slice(0, own * len(each), own)
     c = covariance(rows, np.concatenate([np.tile(prior[:own], len(each)), prior[own:]]))
-    return from_covariances(f"touch of {plan.duration_s:g} s above each thermocouple", "touch", [c[lags, lags]])
+    return from_covariances(
+        f"touch of {plan.duration_s:g} s above each thermocouple", "touch", [c[lags, lags]]
+    )

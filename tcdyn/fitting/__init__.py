@@ -34,7 +34,14 @@ cannot be computed, ``residual_and_jacobian`` returns None.
 
 from tcdyn.fitting.descend import Loss, free_directions, held, least, minimise, robust_covariance
 from tcdyn.fitting.eliminate import eliminated
-from tcdyn.fitting.noise import Noise, autocovariance, correlation_length, fit_ar, fit_arma, sandwich
+from tcdyn.fitting.noise import (
+    Noise,
+    autocovariance,
+    correlation_length,
+    fit_ar,
+    fit_arma,
+    sandwich,
+)
 from tcdyn.fitting.problem import (
     Evaluate,
     Optimum,

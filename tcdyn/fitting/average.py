@@ -14,7 +14,10 @@ from tcdyn.fitting.noise import Noise
 from tcdyn.fitting.problem import inverse
 
 GRID, ZOOMS = (12, 8), 4  # nodes of time constant and gain, times the box may be drawn closer
-DEEP, CLOSER = 6.0, 0.7  # drop of ln likelihood that the box holds; its least gain, of its area, for another time
+DEEP, CLOSER = (
+    6.0,
+    0.7,
+)  # drop of ln likelihood that the box holds; its least gain, of its area, for another time
 SHORTEST, LONGEST = 0.7, 10.0  # time constants: in samples, in records
 OUTLASTS = 0.8  # probability of those beyond the record, random walks to it: that noise comes back must be in the data
 GAIN = (-9.0, 5.0)  # logit of the Kalman gain: from hardly any disturbance to nothing but it
@@ -58,7 +61,11 @@ class Slopes:
         deviance += self.drifts * np.log(noise.independent(n)) if self.drifts else 0.0
         unit = inverse(upper.T @ upper)
         step = -unit @ (upper.T @ factor[:p, p])
-        return -0.5 * deviance, step / self.size, rest / (n - p) * unit / np.outer(self.size, self.size)
+        return (
+            -0.5 * deviance,
+            step / self.size,
+            rest / (n - p) * unit / np.outer(self.size, self.size),
+        )
 
 
 @dataclass(frozen=True)
@@ -84,12 +91,16 @@ class NoiseGrid:
             kept = places[height > height.max() - DEEP]
             closer = np.column_stack([kept.min(axis=0) - step, kept.max(axis=0) + step])
             closer = np.clip(closer, whole[:, :1], whole[:, 1:])
-            if zoom == ZOOMS - 1 or np.prod(np.ptp(closer, axis=1)) > CLOSER * np.prod(np.ptp(box, axis=1)):
+            if zoom == ZOOMS - 1 or np.prod(np.ptp(closer, axis=1)) > CLOSER * np.prod(
+                np.ptp(box, axis=1)
+            ):
                 break
             box = closer
         return cls(box, places, noises, nodes)
 
-    def integrated(self, slopes: Slopes, others: Sequence[Noise]) -> tuple[float, float, Noise, Array, Array]:
+    def integrated(
+        self, slopes: Slopes, others: Sequence[Noise]
+    ) -> tuple[float, float, Noise, Array, Array]:
         """Evidence, share of random walks, likeliest noise, mean step of x (P,) and covariance (P, P) over ``others``
         and the grid.
 
@@ -106,7 +117,13 @@ class NoiseGrid:
         mean, covariance = moments(height, *(np.array([node[k] for node in nodes]) for k in (1, 2)))
         likeliest = [*self.noises, *others][int(np.argmax(log_likelihood))]
         evidence = float(logsumexp(height))
-        return evidence, float(np.sum(np.exp(height[: len(walks)] - evidence)[walks])), likeliest, mean, covariance
+        return (
+            evidence,
+            float(np.sum(np.exp(height[: len(walks)] - evidence)[walks])),
+            likeliest,
+            mean,
+            covariance,
+        )
 
 
 def widest(n: int) -> Array:

@@ -130,15 +130,41 @@ def _descend(
     if now is None:
         nothing = np.zeros((0, problem.size))
         full = np.diag(problem.precision)
-        return Optimum(problem, start, np.zeros(0), nothing, np.inf, full, directions, Status.NOWHERE, 0, weights)
-    status, steps, idle, left, second = Status.STALLED, 0, 0, False, np.zeros((problem.size, problem.size))
+        return Optimum(
+            problem,
+            start,
+            np.zeros(0),
+            nothing,
+            np.inf,
+            full,
+            directions,
+            Status.NOWHERE,
+            0,
+            weights,
+        )
+    status, steps, idle, left, second = (
+        Status.STALLED,
+        0,
+        0,
+        False,
+        np.zeros((problem.size, problem.size)),
+    )
     while steps < limit:
         low = now.theta <= problem.lower
         at_end = np.flatnonzero(low | (now.theta >= problem.upper))
-        if len(at_end):  # what must stay: bounds whose multipliers the gradient along the free directions asks for
-            normals, push = directions[at_end].T * np.where(low[at_end], 1.0, -1.0), directions.T @ now.gradient
+        if len(
+            at_end
+        ):  # what must stay: bounds whose multipliers the gradient along the free directions asks for
+            normals, push = (
+                directions[at_end].T * np.where(low[at_end], 1.0, -1.0),
+                directions.T @ now.gradient,
+            )
             at_end = at_end[nnls(normals, push / (np.abs(normals.T @ push).max() or 1.0))[0] > 0]
-        free = free_directions(np.vstack([rows, np.eye(problem.size)[at_end]])) if len(at_end) else directions
+        free = (
+            free_directions(np.vstack([rows, np.eye(problem.size)[at_end]]))
+            if len(at_end)
+            else directions
+        )
         done = Status.AT_BOUND if len(at_end) else Status.CONVERGED
         slope, curvature = free.T @ now.gradient, free.T @ now.information @ free
         scale = 1 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
@@ -171,7 +197,16 @@ def _descend(
         second = _learnt(second, now, trial, weights) if secant else second
         now, damping = trial, max(damping / 8.0, 1e-12)
     return Optimum(
-        problem, now.theta, now.residual, now.jacobian, now.cost, now.information, directions, status, steps, weights
+        problem,
+        now.theta,
+        now.residual,
+        now.jacobian,
+        now.cost,
+        now.information,
+        directions,
+        status,
+        steps,
+        weights,
     )
 
 
@@ -194,7 +229,9 @@ def _learnt(second: Array, before: _State, after: _State, weights: Array | None)
     along = float(turned @ step)
     if along <= 0:
         return second
-    wanted = (after.jacobian - before.jacobian).T @ (after.residual * (1.0 if weights is None else weights))
+    wanted = (after.jacobian - before.jacobian).T @ (
+        after.residual * (1.0 if weights is None else weights)
+    )
     known = abs(float(step @ second @ step))
     second = second * (min(1.0, abs(float(step @ wanted)) / known) if known else 1.0)
     gap = wanted - second @ step
@@ -246,11 +283,16 @@ def _state(problem: Problem, theta: Array | None, weights: Array | None) -> _Sta
     residual, jacobian = answer
     gap = theta - problem.prior_mean
     heavy = jacobian if weights is None else weights[:, None] * jacobian
-    cost = float(residual @ (residual if weights is None else weights * residual) + problem.precision @ gap**2)
+    cost = float(
+        residual @ (residual if weights is None else weights * residual)
+        + problem.precision @ gap**2
+    )
     information = jacobian.T @ heavy + np.diag(problem.precision)
     if not np.isfinite(cost) or not np.isfinite(information).all():
         return None
-    return _State(theta, residual, jacobian, cost, heavy.T @ residual + problem.precision * gap, information)
+    return _State(
+        theta, residual, jacobian, cost, heavy.T @ residual + problem.precision * gap, information
+    )
 
 
 def weights_of(residual: Array, loss: str) -> Array:

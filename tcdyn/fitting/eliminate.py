@@ -42,6 +42,12 @@ def eliminated(problem: Problem, keep: int, at: Array) -> Problem:
 
     own = slice(0, keep)
     return Problem(
-        problem.names[own], evaluate, problem.prior_mean[own], problem.prior_sd[own], problem.lower[own],
-        problem.upper[own], problem.largest[own], problem.fixed[:, own],
-    )  # fmt: skip
+        problem.names[own],
+        evaluate,
+        problem.prior_mean[own],
+        problem.prior_sd[own],
+        problem.lower[own],
+        problem.upper[own],
+        problem.largest[own],
+        problem.fixed[:, own],
+    )

@@ -54,7 +54,13 @@ class Noise:
     def memory(self) -> float:
         """Time constant of its slowest part [samples]; infinite for a random walk."""
         slowest = max(np.abs(np.roots([1.0, *self.ar])), default=0.0)
-        return 0.0 if slowest == 0 else float("inf") if slowest >= 1 - 1e-9 else float(-1 / np.log(slowest))
+        return (
+            0.0
+            if slowest == 0
+            else float("inf")
+            if slowest >= 1 - 1e-9
+            else float(-1 / np.log(slowest))
+        )
 
     def independent(self, n: int) -> float:
         """How many of ``n`` samples are independent: their variance over that of n times their mean; 2 at least."""
@@ -76,7 +82,9 @@ class Noise:
         for k, s in enumerate(parts):
             filtered = scipy.signal.lfilter([1.0, *self.ar], [1.0, *self.ma], table[s], axis=0)
             if self.rest and k:
-                level = scipy.signal.lfilter([1.0, *self.ar], [1.0, *self.ma], np.ones(len(filtered)))
+                level = scipy.signal.lfilter(
+                    [1.0, *self.ar], [1.0, *self.ma], np.ones(len(filtered))
+                )
                 shape, shrink = level[:, None] / (np.linalg.norm(level) or 1.0), np.ones(1)
             else:
                 shape, spread = self._begun(len(filtered))
@@ -90,7 +98,11 @@ class Noise:
 
     def _begun(self, n: int) -> tuple[Array, Array]:
         """What the state before a part of n samples does to their innovations (:func:`begun`); nothing from rest."""
-        return (np.zeros((n, 0)), np.zeros(0)) if self.rest or self.white else begun(self.ar, self.ma, n)
+        return (
+            (np.zeros((n, 0)), np.zeros(0))
+            if self.rest or self.white
+            else begun(self.ar, self.ma, n)
+        )
 
 
 @lru_cache(maxsize=4)
@@ -111,7 +123,9 @@ def begun(ar: tuple[float, ...], ma: tuple[float, ...], n: int) -> tuple[Array, 
         p, a = p + a @ p @ a.T, a @ a
     shape = scipy.signal.lfilter([1.0, *d], [1.0, *c], np.zeros((n, m)), axis=0, zi=np.eye(m))[0]
     value, vector = np.linalg.eigh(p)
-    left, size, _ = np.linalg.svd(shape @ (vector * np.sqrt(np.maximum(value, 0.0))), full_matrices=False)
+    left, size, _ = np.linalg.svd(
+        shape @ (vector * np.sqrt(np.maximum(value, 0.0))), full_matrices=False
+    )
     return left, size**2
 
 
@@ -190,7 +204,9 @@ def fit_arma(e: Array, parts: Sequence[slice], p: int, q: int) -> Noise:
             r[s.start : s.start + m] = 0.0
         return r, j
 
-    problem = Problem((*(f"d_{i + 1}" for i in range(p)), *(f"c_{i + 1}" for i in range(q))), evaluate)
+    problem = Problem(
+        (*(f"d_{i + 1}" for i in range(p)), *(f"c_{i + 1}" for i in range(q))), evaluate
+    )
     for shrink in (1.0, 0.7, 0.3, 0.0):
         powers = shrink ** np.concatenate([np.arange(1, p + 1), np.arange(1, q + 1)])
         found = minimise(problem, start * powers, tolerance=0.0)
@@ -240,7 +256,9 @@ def equation_error(
         if k < len(free) and free[k]:
             first = slice(s.start, min(s.start + p, s.stop))
             w[first], table[first] = r[first], j[first]
-        late = np.array([r[s.start + p - k : s.stop - k] for k in range(1, p + 1) if s.stop - s.start > p])
+        late = np.array(
+            [r[s.start + p - k : s.stop - k] for k in range(1, p + 1) if s.stop - s.start > p]
+        )
         if len(late):
             w[s.start + p : s.stop] = r[s.start + p : s.stop] + own @ late
             table[s.start + p : s.stop] = scipy.signal.lfilter([1.0, *own], [1.0], j[s], axis=0)[p:]
@@ -248,7 +266,9 @@ def equation_error(
     return w, table
 
 
-def sandwich(jacobian: Array, residual: Array, parts: Sequence[slice], precision: Array | None = None) -> Array:
+def sandwich(
+    jacobian: Array, residual: Array, parts: Sequence[slice], precision: Array | None = None
+) -> Array:
     """Covariance (P, P) of a least-squares estimate whose residuals are coloured.
 
     (J'J)^-1 J' V J (J'J)^-1 with V the covariance of the autoregression fitted to the residuals: J'VJ is s^2 times

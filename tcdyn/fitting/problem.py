@@ -56,16 +56,30 @@ class Problem:
     def __post_init__(self) -> None:
         p = len(self.names)
         object.__setattr__(self, "size", p)
-        plain = {"prior_mean": 0.0, "prior_sd": np.inf, "lower": -np.inf, "upper": np.inf, "largest": np.inf}
+        plain = {
+            "prior_mean": 0.0,
+            "prior_sd": np.inf,
+            "lower": -np.inf,
+            "upper": np.inf,
+            "largest": np.inf,
+        }
         for name, nothing in plain.items():
             given = getattr(self, name)
-            object.__setattr__(self, name, np.full(p, nothing) if given is None else np.asarray(given, dtype=float))
-        object.__setattr__(self, "fixed", np.zeros((0, p)) if self.fixed is None else np.atleast_2d(self.fixed))
+            object.__setattr__(
+                self, name, np.full(p, nothing) if given is None else np.asarray(given, dtype=float)
+            )
+        object.__setattr__(
+            self, "fixed", np.zeros((0, p)) if self.fixed is None else np.atleast_2d(self.fixed)
+        )
         object.__setattr__(self, "precision", self.prior_sd**-2.0)
 
     def toward(self, name: str | Array) -> Array:
         """The unit vector (P,) of a parameter; a vector of weights is itself."""
-        return np.eye(self.size)[self.names.index(name)] if isinstance(name, str) else np.asarray(name, dtype=float)
+        return (
+            np.eye(self.size)[self.names.index(name)]
+            if isinstance(name, str)
+            else np.asarray(name, dtype=float)
+        )
 
 
 @dataclass(frozen=True)
@@ -102,7 +116,9 @@ class Optimum:
     @property
     def log_volume(self) -> float:
         """Half the log determinant of the information along the directions: what Laplace's marginal asks for."""
-        return 0.5 * float(np.linalg.slogdet(self.directions.T @ self.information @ self.directions)[1])
+        return 0.5 * float(
+            np.linalg.slogdet(self.directions.T @ self.information @ self.directions)[1]
+        )
 
     def value(self, name: str | Array) -> float:
         """A parameter, or a combination of parameters, at the optimum."""

@@ -13,7 +13,9 @@ from tcdyn.fitting.descend import held
 from tcdyn.fitting.problem import Optimum, Status
 
 LEAST_STEP = 1 / 6  # of the first one: shorter steps toward an end are not tried
-SLOW = 2 / 9  # of the normal deviance: below it, beyond three standard uncertainties, strides grow by half
+SLOW = (
+    2 / 9
+)  # of the normal deviance: below it, beyond three standard uncertainties, strides grow by half
 
 
 @dataclass(frozen=True)
@@ -105,10 +107,15 @@ def profile(
         for _ in range(8 if refine else 0):
             outward = sorted(points, key=lambda p: side * p.number)
             numbers = np.array([p.number for p in outward])
-            end = crossing(numbers, np.array([(p.cost - points[0].cost) / scale for p in outward]), level)
+            end = crossing(
+                numbers, np.array([(p.cost - points[0].cost) / scale for p in outward]), level
+            )
             if end is None or not add(end, outward[int(np.argmin(np.abs(numbers - end)))].fit):
                 break
-            if abs(np.sqrt(max(points[-1].cost - points[0].cost, 0.0) / scale / level) - 1) < refine:
+            if (
+                abs(np.sqrt(max(points[-1].cost - points[0].cost, 0.0) / scale / level) - 1)
+                < refine
+            ):
                 break
         return points[1:]
 
@@ -150,5 +157,7 @@ def _box(optimum: Optimum, row: Array) -> tuple[float, float]:
     at = np.flatnonzero(row)
     if len(at) != 1:
         return -np.inf, np.inf
-    ends = sorted(float(b[at[0]] * row[at[0]]) for b in (optimum.problem.lower, optimum.problem.upper))
+    ends = sorted(
+        float(b[at[0]] * row[at[0]]) for b in (optimum.problem.lower, optimum.problem.upper)
+    )
     return ends[0], ends[1]

@@ -34,7 +34,10 @@ def check_causality(problem: Posed, where: str) -> None:
     plain = replace(problem, model=process("P1D", known=problem.model.known))
     n = max(len(s.u) for s in problem.segments)
     reach, taus = n // 4, [np.geomspace(problem.dt_s, 0.3 * n * problem.dt_s, 8)]
-    ratio, best = float(taus[0][1] / taus[0][0]), [(-1.0, 0, 0.0)] * 2  # r^2, place, lag: ahead of the input, behind it
+    ratio, best = (
+        float(taus[0][1] / taus[0][0]),
+        [(-1.0, 0, 0.0)] * 2,
+    )  # r^2, place, lag: ahead of the input, behind it
     for _ in range(REFINED + 1):
         for row in taus:
             score = np.abs(explained(plain, row, reach, reach))
@@ -62,7 +65,10 @@ def check_causality(problem: Posed, where: str) -> None:
 
 def held_output(problem: Posed) -> bool:
     """Whether the output mostly repeats the sample before, as what a computer sets, and the input does not."""
-    repeats = [np.mean(np.diff(np.concatenate(x)) == 0) for x in zip(*((filled(s), s.u) for s in problem.segments))]
+    repeats = [
+        np.mean(np.diff(np.concatenate(x)) == 0)
+        for x in zip(*((filled(s), s.u) for s in problem.segments))
+    ]
     return bool(repeats[0] > REPEATED > repeats[1])
 
 
@@ -77,12 +83,21 @@ def leading(problem: Posed, ahead: int = 0) -> float:
     for s in problem.segments:
         lagged = [
             simulate_rows(
-                realise(Rational(np.array(problem.model.known.num), (*f, *problem.model.known.factors)), False),
-                s.u, problem.dt_s, 0.0, problem.hold, problem.begun,
+                realise(
+                    Rational(np.array(problem.model.known.num), (*f, *problem.model.known.factors)),
+                    False,
+                ),
+                s.u,
+                problem.dt_s,
+                0.0,
+                problem.hold,
+                problem.begun,
             )[0]
             for f in ((), *((Factor((1.0, float(tau))),) for tau in taus))
-        ]  # fmt: skip
-        rows.append(np.vstack([filled(s)[: max(len(s.u) - ahead, 0)], *(x[ahead:] for x in lagged)]))
+        ]
+        rows.append(
+            np.vstack([filled(s)[: max(len(s.u) - ahead, 0)], *(x[ahead:] for x in lagged)])
+        )
     table = np.hstack(rows)
     table = table - table.mean(axis=1, keepdims=True)
     whole, best = float(table[0] @ table[0]), 0.0

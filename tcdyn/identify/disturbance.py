@@ -26,13 +26,24 @@ Baseline = Literal["none", "trend", "walk", "auto"]
 NOISES, BASELINES = ("auto", "white", "slow", "ar", "arma"), ("auto", "none", "trend", "walk")
 ORDERS = ((1, 1), (2, 1), (2, 2))  # of ARMA noise, that are tried
 MOST_AR = 8
-NEAREST = 0.999  # a partial correlation, beyond which noise is a random walk and no offset can be told
+NEAREST = (
+    0.999  # a partial correlation, beyond which noise is a random walk and no offset can be told
+)
 MOST_REFINED = 4  # coefficients that are searched by the restricted likelihood
 DECISIVE = 4.0  # BIC by which a stationary noise must win over a random walk, which claims less
 ROUNDS = 6  # of dynamics given the noise and noise given the dynamics
-MOST_ROUNDS, AGREED = 3, 0.05  # of an averaged fit; standard uncertainties by which they may still move
-LINEAR, FAR = 0.3, 5.0  # move of a logarithm, and in standard uncertainties, that may still be linear
-BESIDE, SPIKE = 15, 4.0  # samples of a running median; its standard deviations, from which one beside it is a spike
+MOST_ROUNDS, AGREED = (
+    3,
+    0.05,
+)  # of an averaged fit; standard uncertainties by which they may still move
+LINEAR, FAR = (
+    0.3,
+    5.0,
+)  # move of a logarithm, and in standard uncertainties, that may still be linear
+BESIDE, SPIKE = (
+    15,
+    4.0,
+)  # samples of a running median; its standard deviations, from which one beside it is a spike
 NEGLIGIBLE = 0.01  # probability, below which a drift is left out
 Estimate = Callable[[Posed, Array, Array], Noise]
 
@@ -47,7 +58,9 @@ def through_model(posed: Posed, x: Array, e: Array) -> Noise:
     if not posed.input_sd:
         return Noise()
     g = posed.model.rational(posed.theta(x))
-    poles = np.exp(np.concatenate([f.poles for f in g.factors] or [np.zeros(0, dtype=complex)]) * posed.dt_s)
+    poles = np.exp(
+        np.concatenate([f.poles for f in g.factors] or [np.zeros(0, dtype=complex)]) * posed.dt_s
+    )
     below, length = np.real(polyfromroots(poles))[::-1], max(len(s.u) for s in posed.segments)
     pulse = np.zeros(length)
     pulse[1] = posed.input_sd
@@ -67,7 +80,9 @@ def through_model(posed: Posed, x: Array, e: Array) -> Noise:
     inside = roots[np.argsort(np.abs(roots))][: len(above) - 1]
     if len(below) == 1 or np.any(np.abs(inside) >= 1) or share < 1e-6 * left:
         return Noise()
-    return Noise(tuple(below[1:].tolist()), tuple(np.real(np.poly(inside))[1:].tolist()), rest=True, fitted=0)
+    return Noise(
+        tuple(below[1:].tolist()), tuple(np.real(np.poly(inside))[1:].tolist()), rest=True, fitted=0
+    )
 
 
 def alternate(posed: Posed, optimum: Optimum, estimate: Estimate) -> tuple[Posed, Optimum, Noise]:
@@ -94,7 +109,9 @@ def alternate(posed: Posed, optimum: Optimum, estimate: Estimate) -> tuple[Posed
 def unspiked(posed: Posed, residual: Array) -> Posed:
     """``posed`` with the samples whose ``residual`` (N,), measured less simulated, stands out from a running median put
     upon it: weights by the size of residuals would take the crests of slow noise for spikes."""
-    apart = residual - np.concatenate([median_filter(residual[s], BESIDE, mode="nearest") for s in posed.parts])
+    apart = residual - np.concatenate(
+        [median_filter(residual[s], BESIDE, mode="nearest") for s in posed.parts]
+    )
     spikes = np.where(np.abs(apart) > SPIKE * MAD_TO_SD * np.median(np.abs(apart)), apart, 0.0)
     segments, at = [], 0
     for s in posed.segments:
@@ -109,7 +126,9 @@ def walking(e: Array, parts: list[slice], order: tuple[int, int]) -> Noise:
     """A random walk with ARMA(p, q) steps and white noise on it: MA(1) steps are a walk beneath white noise."""
     steps = np.concatenate([np.diff(e[s], prepend=e[s][:1]) for s in parts])
     found = fit_arma(steps, parts, *order)
-    return Noise(tuple(np.convolve([1.0, -1.0], [1.0, *found.ar])[1:].tolist()), found.ma, True, sum(order))
+    return Noise(
+        tuple(np.convolve([1.0, -1.0], [1.0, *found.ar])[1:].tolist()), found.ma, True, sum(order)
+    )
 
 
 def refined(parts: list[slice], e: Array, j: Array, noise: Noise) -> Noise:
@@ -128,7 +147,9 @@ def refined(parts: list[slice], e: Array, j: Array, noise: Noise) -> Noise:
     def at(z: Array) -> Noise:
         ar, ma = (coefficients(NEAREST * np.tanh(part)) for part in (z[:p], z[p:]))
         below = np.convolve([1.0, -1.0], [1.0, *ar])[1:] if walks else ar
-        return Noise(tuple(np.asarray(below).tolist()), tuple(ma.tolist()), noise.rest, noise.fitted)
+        return Noise(
+            tuple(np.asarray(below).tolist()), tuple(ma.tolist()), noise.rest, noise.fitted
+        )
 
     told, size = j / np.maximum(np.linalg.norm(j, axis=0), 1e-300), len(e) - j.shape[1]
 
@@ -136,11 +157,20 @@ def refined(parts: list[slice], e: Array, j: Array, noise: Noise) -> Noise:
         table = at(z).whiten(np.column_stack([told, e]), parts)
         factor = np.abs(np.diag(np.linalg.qr(table, mode="r")))
         spread = at(z).log_spread(parts)
-        return float(2 * size * np.log(factor[-1] + 1e-300) + 2 * np.sum(np.log(factor[:-1] + 1e-12)) + spread)
+        return float(
+            2 * size * np.log(factor[-1] + 1e-300)
+            + 2 * np.sum(np.log(factor[:-1] + 1e-12))
+            + spread
+        )
 
-    start = np.arctanh(np.clip(np.concatenate([partials(own[:p]), partials(own[p:])]), -0.998, 0.998))
+    start = np.arctanh(
+        np.clip(np.concatenate([partials(own[:p]), partials(own[p:])]), -0.998, 0.998)
+    )
     found = minimize(
-        criterion, start, method="Nelder-Mead", options={"xatol": 1e-3, "fatol": 1e-3, "maxfev": 60 * free}
+        criterion,
+        start,
+        method="Nelder-Mead",
+        options={"xatol": 1e-3, "fatol": 1e-3, "maxfev": 60 * free},
     )
     return at(found.x) if found.fun < criterion(start) else noise
 
@@ -155,7 +185,9 @@ def score(e: Array, parts: list[slice], noise: Noise) -> float:
     w = noise.whiten(e, parts)
     variance = float(w @ w) / max(int(np.count_nonzero(w)), 1)
     spread = noise.log_spread(parts)
-    return float(len(e) * np.log(max(variance, 1e-300)) + spread + noise.parameters * np.log(len(e)))
+    return float(
+        len(e) * np.log(max(variance, 1e-300)) + spread + noise.parameters * np.log(len(e))
+    )
 
 
 def estimate(noise: NoiseName | tuple[int, int], baseline: Baseline) -> Estimate:
@@ -204,7 +236,11 @@ class Averaged:
         x stays that given the likeliest noise, and what it is off the mean is uncertainty.
         """
         posed, core = self.posed, self.posed.core(self.noise, root_of(weights))
-        x, scale, logs = self.optimum.theta, posed.natural_scale(self.optimum.theta), posed.logarithms
+        x, scale, logs = (
+            self.optimum.theta,
+            posed.natural_scale(self.optimum.theta),
+            posed.logarithms,
+        )
         answer, covariance = core.evaluate(x), self.covariance
         assert answer is not None
         apart = self.mean - plain(posed, x)
@@ -267,7 +303,9 @@ def mixed(found: Sequence[Averaged]) -> Averaged:
     kept = [k for k in range(len(found)) if weight[k] > NEGLIGIBLE]
     last, size = found[kept[-1]], len(found[kept[-1]].mean)
     means = np.array([np.pad(found[k].mean, (0, size - len(found[k].mean))) for k in kept])
-    covariances = np.array([np.pad(found[k].covariance, (0, size - len(found[k].mean))) for k in kept])
+    covariances = np.array(
+        [np.pad(found[k].covariance, (0, size - len(found[k].mean))) for k in kept]
+    )
     mean, covariance = moments(height[kept], means, covariances)
     likeliest = found[int(np.argmax(height))].noise
     walks = float(weight[kept] / weight[kept].sum() @ [found[k].walks for k in kept])

@@ -30,7 +30,17 @@ from tcdyn.identify.identified import Identified
 from tcdyn.identify.intervals import Covariance, covariance_of, profiled
 from tcdyn.identify.models import Model, as_model, bare, beside, suffix
 from tcdyn.identify.problem import Initial, Posed
-from tcdyn.identify.search import Fit, beyond, criteria, diverse, first_moment, ordered, pose, rms, search
+from tcdyn.identify.search import (
+    Fit,
+    beyond,
+    criteria,
+    diverse,
+    first_moment,
+    ordered,
+    pose,
+    rms,
+    search,
+)
 from tcdyn.identify.start import alone, polished, starts
 from tcdyn.identify.validate import coloured, disturbed, undriven, validate
 from tcdyn.threads import one_blas_thread
@@ -76,7 +86,17 @@ def fit(
     """
     with one_blas_thread:
         return _fitted(
-            data, as_model(model), initial, noise, baseline, loss, covariance, intervals, start, check, input_noise
+            data,
+            as_model(model),
+            initial,
+            noise,
+            baseline,
+            loss,
+            covariance,
+            intervals,
+            start,
+            check,
+            input_noise,
         )
 
 
@@ -96,22 +116,34 @@ def _fitted(
     """The fit, with the arguments of ``fit``."""
     problem = pose(data, structure, initial, input_noise)
     if structure.arx and (noise not in ("white", "auto") or baseline not in ("none", "auto")):
-        raise InputError(f"{structure.name} has the noise of its own poles", remedy="leave noise and baseline out")
+        raise InputError(
+            f"{structure.name} has the noise of its own poles",
+            remedy="leave noise and baseline out",
+        )
     if check:
         check_closed_loop(data, data.name or "identify")
         for one in alone(problem):
             check_causality(one, data.name or "identify")
     asked = [] if start is None else [start] if isinstance(start, Mapping) else start
-    optimum = search(problem, start=[polished(problem, {**dict.fromkeys(structure.names, 0.0), **s})[1] for s in asked])
-    if any(problem.loose):  # initial states are best searched in the time scale of the model, linear ones solved anew
+    optimum = search(
+        problem,
+        start=[polished(problem, {**dict.fromkeys(structure.names, 0.0), **s})[1] for s in asked],
+    )
+    if any(
+        problem.loose
+    ):  # initial states are best searched in the time scale of the model, linear ones solved anew
         problem = replace(problem, time_scale_s=first_moment(problem, optimum.theta))
         optimum = search(problem, start=polished(problem, problem.theta(optimum.theta))[1])
     if problem.precision.any():  # how much the first sample tells of them is known by now
         problem = replace(problem, noise_sd=rms(optimum, problem))
         optimum = search(problem, start=optimum.theta)
-    model_noise = Noise(tuple(problem.colour(optimum.theta).tolist()), fitted=0) if structure.arx else Noise()
+    model_noise = (
+        Noise(tuple(problem.colour(optimum.theta).tolist()), fitted=0) if structure.arx else Noise()
+    )
     if loss != "linear":
-        optimum = ordered(problem, minimise(optimum.problem, optimum.theta, loss=loss, tolerance=0.0))
+        optimum = ordered(
+            problem, minimise(optimum.problem, optimum.theta, loss=loss, tolerance=0.0)
+        )
     elif problem.input_sd and not structure.arx:
         problem, optimum, model_noise = alternate(problem, optimum, through_model)
     found = assemble(data, problem, optimum, model_noise, loss, covariance)
@@ -141,12 +173,16 @@ def with_noise(
     coloured innovations is sought among those of higher order, by BIC. What is asked for by name is never left out.
     Where noise may be slow a robust loss stands for the samples that :func:`unspiked` moves.
     """
-    slow = baseline == "walk" or noise == "slow" or ("auto" in (noise, baseline) and coloured(found))
+    slow = (
+        baseline == "walk" or noise == "slow" or ("auto" in (noise, baseline) and coloured(found))
+    )
     if found.loss != "linear" and slow:
         problem = unspiked(found.problem, found.residual)
         optimum = search(problem, start=optimum.theta)
         level = assemble(data, problem, optimum, Noise(), "linear", covariance)
-        return replace(with_noise(data, level, optimum, noise, baseline, covariance), loss=found.loss)
+        return replace(
+            with_noise(data, level, optimum, noise, baseline, covariance), loss=found.loss
+        )
     auto = "auto" in (noise, baseline) and noise != "slow"
     named, least = noise not in ("auto", "slow"), baseline if baseline != "auto" else "none"
     begun = [(found.problem, optimum)]
@@ -164,7 +200,9 @@ def with_noise(
     seen = found if named else base
     if (named and baseline != "auto") or (auto and not coloured(seen)):
         return base
-    if auto and not disturbed(seen):  # of what the residuals have of the input only a drift may be the reason
+    if auto and not disturbed(
+        seen
+    ):  # of what the residuals have of the input only a drift may be the reason
         line = [assemble(data, *each, Noise(), found.loss, covariance) for each in begun[1:]]
         if not any(map(undriven, line)):
             return base
@@ -174,7 +212,9 @@ def with_noise(
         mean = mixed([averaged(*each) for each in kinds])
         problem, best, model_noise, cov_x = mean.found(weights)
         spread = assemble(data, problem, best, model_noise, found.loss, covariance, cov_x, weights)
-        told = replace(spread.identified, statistics={**spread.identified.statistics, "p_walk": mean.walks})
+        told = replace(
+            spread.identified, statistics={**spread.identified.statistics, "p_walk": mean.walks}
+        )
         spread = replace(spread, identified=told)
         if noise == "slow" or not coloured(spread):
             return spread
@@ -199,7 +239,10 @@ def chosen(fits: Sequence[Fit]) -> Fit:
     """The least BIC within stretches; a random walk unless another is decisively better, for it claims less."""
     scores = [within(f) for f in fits]
     best = int(np.argmin(scores))
-    return next((f for f, score in zip(fits, scores) if f.noise.walks and score < scores[best] + DECISIVE), fits[best])
+    return next(
+        (f for f, score in zip(fits, scores) if f.noise.walks and score < scores[best] + DECISIVE),
+        fits[best],
+    )
 
 
 def within(found: Fit) -> float:
@@ -256,7 +299,9 @@ def assemble(
     result = Fit(identified, problem, optimum, -answer[0], e, j, cov_x, noise, loss, used)
     checked = validate(result)
     count = problem.size + 1 + noise.parameters
-    left = max(n - (len(problem.parts) - 1) * noise.walks, 1)  # after each gap one sample goes into its level
+    left = max(
+        n - (len(problem.parts) - 1) * noise.walks, 1
+    )  # after each gap one sample goes into its level
     likelihood = n * np.log(max(sse, 1e-300) / left) + noise.log_spread(problem.parts)
     statistics = {
         "n": float(n),
@@ -270,7 +315,10 @@ def assemble(
     }
     told = (*noticed(optimum, identified), *unbounded_lags(identified, problem.longest_s))
     return replace(
-        result, identified=replace(identified, statistics=statistics, sentence=checked.sentence, findings=told)
+        result,
+        identified=replace(
+            identified, statistics=statistics, sentence=checked.sentence, findings=told
+        ),
     )
 
 
@@ -293,7 +341,12 @@ def unbounded_lags(identified: Identified, longest_s: float) -> list[Finding]:
     lags = {name: part.lag_s for name, part in identified.parts.items()}
     one = len(lags) == 1
     return [
-        look("fit.lag_unbounded", subject="the lag" if one else f"the lag behind {name}", u=lag.u, longest_s=longest_s)
+        look(
+            "fit.lag_unbounded",
+            subject="the lag" if one else f"the lag behind {name}",
+            u=lag.u,
+            longest_s=longest_s,
+        )
         for name, lag in lags.items()
         if lag.u > longest_s
     ]
@@ -306,7 +359,10 @@ def noticed(optimum: Optimum, identified: Identified) -> tuple[Finding, ...]:
     for i, (name, e) in enumerate(identified.estimates.items()):
         size = abs(e.value)
         if bare(name) == "Tz":  # it may be nought, and is measured by the lags beside it
-            size = max(size, sum(v for n, v in theta.items() if n[:2] in ("Tp", "Tw", "Tc") and beside(n, name)))
+            size = max(
+                size,
+                sum(v for n, v in theta.items() if n[:2] in ("Tp", "Tw", "Tc") and beside(n, name)),
+            )
         twins = [n for n in lags if n != name and suffix(n) == suffix(name)] if name in lags else []
         if end := beyond(optimum, i):
             found.append(look("fit.bound", subject=name, end=end, value=e.value))

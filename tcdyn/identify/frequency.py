@@ -26,8 +26,17 @@ from tcdyn.identify.validate import ALARM
 from tcdyn.threads import one_blas_thread
 
 DELAYS, TAUS, ROUNDS, TRIED = 13, 9, 10, 4
-WEIGHED, LEAST = 4, 0.1  # rounds of uncertainties that go with the model's magnitude, and its least part of the data's
-FLOORS = (0.0, 1e-3, 1e-2, 0.1, 1.0)  # of noise that is not stated, in magnitudes of the greatest response
+WEIGHED, LEAST = (
+    4,
+    0.1,
+)  # rounds of uncertainties that go with the model's magnitude, and its least part of the data's
+FLOORS = (
+    0.0,
+    1e-3,
+    1e-2,
+    0.1,
+    1.0,
+)  # of noise that is not stated, in magnitudes of the greatest response
 FAR = 1e3  # times the band of the data, beyond which no lag is looked for
 
 
@@ -51,14 +60,24 @@ class Response:
 
     def __post_init__(self) -> None:
         f, h, u = self.frequency_Hz, self.response, self.u if self.share is None else self.share
-        if len(f) != len(h) or not (np.isfinite(f).all() and np.isfinite(h).all() and np.all(f > 0) and np.all(h != 0)):
-            raise InputError("not all is a number", where=self.name, expected="frequencies above 0, responses not 0")
+        if len(f) != len(h) or not (
+            np.isfinite(f).all() and np.isfinite(h).all() and np.all(f > 0) and np.all(h != 0)
+        ):
+            raise InputError(
+                "not all is a number",
+                where=self.name,
+                expected="frequencies above 0, responses not 0",
+            )
         if len(np.unique(f)) < len(f):
             raise InputError(
-                "a frequency stands there twice", where=self.name, remedy="average the repeats, or leave one out"
+                "a frequency stands there twice",
+                where=self.name,
+                remedy="average the repeats, or leave one out",
             )
         if u is not None and not (len(u) == len(f) and np.isfinite(u).all() and np.all(u > 0)):
-            raise InputError("not all u are above 0", where=self.name, expected="one for each frequency")
+            raise InputError(
+                "not all u are above 0", where=self.name, expected="one for each frequency"
+            )
 
     @classmethod
     def of(
@@ -80,29 +99,43 @@ class Response:
         f, size, phase = (np.asarray(x, dtype=float) for x in (frequency_Hz, magnitude, phase_deg))
         if np.any(size < 0):
             raise InputError(
-                f"a magnitude of {size.min():g}", where=name, expected="0 or more", remedy="say the form: dB or complex"
+                f"a magnitude of {size.min():g}",
+                where=name,
+                expected="0 or more",
+                remedy="say the form: dB or complex",
             )
         share = None
         if coherence is not None:
             g2 = np.asarray(coherence, dtype=float)
             if averages is None or not averages >= 1 or not np.all((g2 > 0) & (g2 < 1)):
-                raise InputError("coherence", where=name, expected="between 0 and 1, with the number of averages")
+                raise InputError(
+                    "coherence", where=name, expected="between 0 and 1, with the number of averages"
+                )
             u, share = None, np.sqrt((1 - g2) / (2 * averages * g2))
         stated = None if u is None else np.asarray(u, dtype=float)
         return cls(f, size * np.exp(1j * np.deg2rad(phase)), stated, name, share)
 
     @classmethod
     def read(
-        cls, path: str | Path, frequency: str, columns: tuple[str, str], *, form: str = "magnitude",
-        u: str | None = None, coherence: str | None = None, averages: float | None = None,
-    ) -> Response:  # fmt: skip
+        cls,
+        path: str | Path,
+        frequency: str,
+        columns: tuple[str, str],
+        *,
+        form: str = "magnitude",
+        u: str | None = None,
+        coherence: str | None = None,
+        averages: float | None = None,
+    ) -> Response:
         """From a table: ``columns`` are magnitude and phase [deg], with ``form`` "dB" the first in decibels, "complex"
         real and imaginary part; ``u`` or ``coherence`` are columns too. Rows with a gap are left out."""
         asked = [c for c in (frequency, *columns, u, coherence) if c is not None]
         frame, where = table_of(open_table(path, asked), asked), Path(path).name
         for c in asked:
             if c not in frame:
-                raise InputError(f"no column {c!r}", where=where, expected=", ".join(map(str, frame.columns)))
+                raise InputError(
+                    f"no column {c!r}", where=where, expected=", ".join(map(str, frame.columns))
+                )
         table = {c: numbers(frame, c, where) for c in asked}
         whole = np.isfinite(list(table.values())).all(axis=0)
         f, a, b = (table[c][whole] for c in (frequency, *columns))
@@ -110,7 +143,9 @@ class Response:
             a, b = np.abs(a + 1j * b), np.rad2deg(np.angle(a + 1j * b))
         of_u, of_g = (None if c is None else table[c][whole] for c in (u, coherence))
         size = 10 ** (a / 20) if form == "dB" else a
-        return cls.of(f, magnitude=size, phase_deg=b, u=of_u, coherence=of_g, averages=averages, name=where)
+        return cls.of(
+            f, magnitude=size, phase_deg=b, u=of_u, coherence=of_g, averages=averages, name=where
+        )
 
     def spread(self, model: Complex | None = None) -> Array:
         """Uncertainty (F,) of each part, where it goes with the magnitude with that of the ``model`` (F,): of a
@@ -143,16 +178,27 @@ def fit_response(data: Response, model: Model | str = "P1D") -> Identified:
 def _fitted_response(data: Response, structure: Model) -> Identified:
     """The fit, with the arguments of ``fit_response``."""
     if structure.parts or structure.arx:
-        raise InputError(f"{structure.name} with a frequency response", expected="one input, and no noise model")
+        raise InputError(
+            f"{structure.name} with a frequency response", expected="one input, and no noise model"
+        )
     freedom = 2 * len(data.frequency_Hz) - len(structure.free)
     if freedom < 1:
-        raise InputError(f"{len(data.frequency_Hz)} frequencies for {len(structure.free)} parameters", where=data.name)
+        raise InputError(
+            f"{len(data.frequency_Hz)} frequencies for {len(structure.free)} parameters",
+            where=data.name,
+        )
     greatest = float(np.abs(data.response).max())
     shaped = [replace(data, floor=f * greatest) for f in FLOORS] if data.unstated else [data]
     problem = posed(data, structure)
-    ranked = [(float(a[0] @ a[0]), x) for x in starts(data, structure) if (a := problem.evaluate(x)) is not None]
+    ranked = [
+        (float(a[0] @ a[0]), x)
+        for x in starts(data, structure)
+        if (a := problem.evaluate(x)) is not None
+    ]
     if not ranked:
-        raise InputError(f"no stable {structure.name} was found", where=data.name, remedy="try another model")
+        raise InputError(
+            f"no stable {structure.name} was found", where=data.name, remedy="try another model"
+        )
     begun = [x for _, x in sorted(ranked, key=lambda item: item[0])[:TRIED]]
     tried = []
     for one in shaped:
@@ -164,9 +210,14 @@ def _fitted_response(data: Response, structure: Model) -> Identified:
 
 def weighed(data: Response, model: Model, begun: list[Array]) -> tuple[Optimum, Array]:
     """The optimum from the best of what was ``begun``, and the uncertainties (F,) that it was weighted with."""
-    best, u = least([minimise(posed(data, model), x, limit=100, tolerance=0.0) for x in begun]), data.spread()
+    best, u = (
+        least([minimise(posed(data, model), x, limit=100, tolerance=0.0) for x in begun]),
+        data.spread(),
+    )
     for _ in range(WEIGHED if data.u is None else 0):
-        u = data.spread(model.rational(model.theta(best.theta)).frequency_response(data.frequency_Hz))
+        u = data.spread(
+            model.rational(model.theta(best.theta)).frequency_response(data.frequency_Hz)
+        )
         best = minimise(posed(data, model, u), best.theta, limit=100, tolerance=0.0)
     return best, u
 
@@ -182,7 +233,9 @@ def posed(data: Response, model: Model, u: Array | None = None) -> Problem:
         if not rational.stable:
             return None
         natural = np.exp(np.where(model.logarithms, x, 0.0))
-        slopes = rational.frequency_sensitivity(data.frequency_Hz).T @ model.chain_rule(theta) * natural
+        slopes = (
+            rational.frequency_sensitivity(data.frequency_Hz).T @ model.chain_rule(theta) * natural
+        )
         r = (rational.frequency_response(data.frequency_Hz) - data.response) / u
         j = slopes / u[:, None]
         return np.concatenate([r.real, r.imag]), np.vstack([j.real, j.imag])
@@ -203,23 +256,35 @@ def starts(data: Response, model: Model) -> Iterator[Array]:
     rest: Complex = data.response * known * s**model.integrators
     u = data.spread()
     weight = np.abs(rest / data.response) / u
-    slope = -np.unwrap(np.angle(data.response))[np.argmax(data.frequency_Hz)] / (2 * np.pi * data.frequency_Hz.max())
+    slope = -np.unwrap(np.angle(data.response))[np.argmax(data.frequency_Hz)] / (
+        2 * np.pi * data.frequency_Hz.max()
+    )
     late = float(np.clip(2 * slope, 0.1 / data.frequency_Hz.max(), longest_s(data)))
-    zeros = sum(n.startswith("b") for n in model.names) - 1 if model.kind == "tf" else int("Tz" in model.names)
+    zeros = (
+        sum(n.startswith("b") for n in model.names) - 1
+        if model.kind == "tf"
+        else int("Tz" in model.names)
+    )
     begun: list[dict[str, float]] = []
-    for k, delay in enumerate(np.linspace(0, late, DELAYS) if model.has_delay else [model.fixed.get("Td", 0.0)]):
+    for k, delay in enumerate(
+        np.linspace(0, late, DELAYS) if model.has_delay else [model.fixed.get("Td", 0.0)]
+    ):
         if model.order and "Tc" not in model.names:
             num, den = levy(s, rest * np.exp(s * float(delay)), weight, zeros, model.order)
             begun.append(from_poles(model, num, den, float(delay)) if num[0] else {})
         if model.kind == "process" and k % 4 == 0:
             taus = np.geomspace(0.3 / np.abs(s).max(), 3 / np.abs(s).min(), TAUS)
-            begun += [spread(model, tau, delay, pattern) for tau, pattern in product(taus.tolist(), range(3))]
+            begun += [
+                spread(model, tau, delay, pattern)
+                for tau, pattern in product(taus.tolist(), range(3))
+            ]
     for theta in filter(None, begun):
         theta = {**dict.fromkeys(model.names, 0.0), **theta, **model.fixed}
         if "Kp" in model.free:
             shape = model.rational({**theta, "Kp": 1.0}).frequency_response(data.frequency_Hz) / u
             theta["Kp"] = float(
-                np.real(np.vdot(shape, data.response / u)) / max(np.real(np.vdot(shape, shape)), 1e-300)
+                np.real(np.vdot(shape, data.response / u))
+                / max(np.real(np.vdot(shape, shape)), 1e-300)
             )
         yield model.vector(theta)
 
@@ -231,20 +296,28 @@ def levy(s: Complex, h: Complex, weight: Array, zeros: int, poles: int) -> tuple
     z, below = s / middle, np.ones(1)
     for _ in range(ROUNDS):
         w = weight / np.abs(polyval(z, below))
-        table = np.column_stack([z**k for k in range(zeros + 1)] + [-h * z**k for k in range(1, poles + 1)])
+        table = np.column_stack(
+            [z**k for k in range(zeros + 1)] + [-h * z**k for k in range(1, poles + 1)]
+        )
         rows, target = table * w[:, None], h * w
-        x = np.linalg.lstsq(np.vstack([rows.real, rows.imag]), np.append(target.real, target.imag), rcond=1e-12)[0]
+        x = np.linalg.lstsq(
+            np.vstack([rows.real, rows.imag]), np.append(target.real, target.imag), rcond=1e-12
+        )[0]
         above, below = x[: zeros + 1], stabilised(np.append(1.0, x[zeros + 1 :]))
     return above / middle ** np.arange(zeros + 1), below / middle ** np.arange(poles + 1)
 
 
-def identified(data: Response, model: Model, best: Optimum, freedom: int, u_fit: Array) -> Identified:
+def identified(
+    data: Response, model: Model, best: Optimum, freedom: int, u_fit: Array
+) -> Identified:
     """The answer with its uncertainties and what was noticed; ``u_fit`` (F,) is what was fitted with."""
     theta, n = model.theta(best.theta), 2 * len(data.frequency_Hz)
     chi2, found = float(best.residual @ best.residual), list[Finding]()
     p, scale = 1.0, chi2 / freedom
     if data.unstated:
-        found.append(note("response.unstated", share=np.sqrt(scale), floor=data.floor * np.sqrt(scale)))
+        found.append(
+            note("response.unstated", share=np.sqrt(scale), floor=data.floor * np.sqrt(scale))
+        )
     else:
         p = float(chdtrc(freedom, chi2))
         if p < ALARM:
@@ -267,9 +340,12 @@ def identified(data: Response, model: Model, best: Optimum, freedom: int, u_fit:
     measured = replace(data, floor=0.0).spread()
     deviance += 4 * float(np.sum(np.log(u_fit / measured)))  # two parts, of the variance each
     statistics = {
-        "n": float(n), "parameters": float(len(model.free)), "rms": float(np.sqrt(np.mean(error**2))),
-        "fit_percent": float(100 * (1 - np.linalg.norm(error) / spread_)), "p_misfit": p,
+        "n": float(n),
+        "parameters": float(len(model.free)),
+        "rms": float(np.sqrt(np.mean(error**2))),
+        "fit_percent": float(100 * (1 - np.linalg.norm(error) / spread_)),
+        "p_misfit": p,
         **criteria(deviance, count, n),
-    }  # fmt: skip
+    }
     sd = float(np.sqrt(np.mean(error**2) / 2))
     return replace(answer, noise_sd=sd, statistics=statistics, findings=tuple(found))

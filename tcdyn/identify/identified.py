@@ -30,8 +30,25 @@ if TYPE_CHECKING:
     import control
 
 SCHEMA = "tcdyn.identified/1"
-MODEL = ("name", "kind", "integrators", "fixed", "offset", "delay_max_s")  # of the model, as they stand in the file
-PLAIN = ("theta", "estimates", "covariance", "offset", "noise_sd", "hold", "dt_s", "statistics", "sentence")
+MODEL = (
+    "name",
+    "kind",
+    "integrators",
+    "fixed",
+    "offset",
+    "delay_max_s",
+)  # of the model, as they stand in the file
+PLAIN = (
+    "theta",
+    "estimates",
+    "covariance",
+    "offset",
+    "noise_sd",
+    "hold",
+    "dt_s",
+    "statistics",
+    "sentence",
+)
 SHOWN = 6  # correlations of parameters in the summary, the strongest
 
 
@@ -60,7 +77,9 @@ class Identified(Dynamics, Result):
     findings: tuple[Finding, ...] = ()
 
     @classmethod
-    def of(cls, model: Model, theta: Mapping[str, float], covariance: Array, **more: Any) -> Identified:
+    def of(
+        cls, model: Model, theta: Mapping[str, float], covariance: Array, **more: Any
+    ) -> Identified:
         """With the intervals of normal distributions of this ``covariance`` (P, P); ``more``: other fields."""
         u = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         estimates = {n: Estimate.normal(theta[n], own) for n, own in zip(model.free, u)}
@@ -95,7 +114,9 @@ class Identified(Dynamics, Result):
     @property
     def longest_lag_s(self) -> float:
         """The largest lag behind any input [s]; 0 of an integrator, which has none."""
-        return 0.0 if self.model.integrators else max(part.lag_s.value for part in self.parts.values())
+        return (
+            0.0 if self.model.integrators else max(part.lag_s.value for part in self.parts.values())
+        )
 
     @property
     def correlation(self) -> pd.DataFrame:
@@ -104,15 +125,23 @@ class Identified(Dynamics, Result):
         return pd.DataFrame(self.covariance / np.outer(sd, sd), index=names, columns=names)
 
     def simulate(
-        self, u: Array, dt_s: float | None = None, hold: Hold | None = None, start: Start = "equilibrium"
+        self,
+        u: Array,
+        dt_s: float | None = None,
+        hold: Hold | None = None,
+        start: Start = "equilibrium",
     ) -> Array:
         """The model's output, offset included, for an input (N,), or inputs (N, K), sampled every ``dt_s`` [s] (as
         identified)."""
         table = np.asarray(u, dtype=float).reshape(len(u), -1)
         if table.shape[1] != len(self.parts):
-            raise InputError(f"{table.shape[1]} inputs", expected=f"{len(self.parts)}: {self.input_name}")
+            raise InputError(
+                f"{table.shape[1]} inputs", expected=f"{len(self.parts)}: {self.input_name}"
+            )
         if not (dt := dt_s or self.dt_s):
-            raise InputError("the model is of no record", expected="the sampling interval", remedy="give dt_s=..")
+            raise InputError(
+                "the model is of no record", expected="the sampling interval", remedy="give dt_s=.."
+            )
         each = zip(self.parts.values(), table.T)
         y = sum(simulate(m.rational, v, dt, hold or self.hold, start) for m, v in each)
         return np.asarray(y + self.offset)
@@ -123,7 +152,10 @@ class Identified(Dynamics, Result):
         import control
 
         named = self.parts.items()
-        row = [m.rational.transfer_function(pade_order, inputs=n, outputs=self.output_name) for n, m in named]
+        row = [
+            m.rational.transfer_function(pade_order, inputs=n, outputs=self.output_name)
+            for n, m in named
+        ]
         return row[0] if len(row) == 1 else control.combine_tf([row])
 
     def state_space(self, pade_order: int = 3) -> control.StateSpace:
@@ -139,11 +171,14 @@ class Identified(Dynamics, Result):
         """The identified dynamics as a measurement chain of unit gain; ``conditioning`` was the known part."""
         p = self.theta
         if self.model.kind != "process" or self.model.integrators:
-            raise InputError(f"{self.model.name} is not a chain", expected="a process model without integrator")
+            raise InputError(
+                f"{self.model.name} is not a chain", expected="a process model without integrator"
+            )
         given, own = Known.of(conditioning).den, self.model.known.den
         if len(given) != len(own) or not np.allclose(given, own, rtol=1e-9, atol=0.0):
             raise InputError(
-                f"{self.model.name} was identified with another known part", remedy="pass the same conditioning"
+                f"{self.model.name} was identified with another known part",
+                remedy="pass the same conditioning",
             )
         return Chain(
             taus_s=tuple(p[n] for n in ("Tp1", "Tp2", "Tp3") if n in p),
@@ -165,13 +200,18 @@ class Identified(Dynamics, Result):
         lines = [f"{m.name}: {self.input_name} -> {self.output_name}, {how}"]
         for name, value, u, low, high, unit in self.card().itertuples(index=False):
             lines.append(f"  {name:{wide}s} {value:>12s} +- {u:<9s} [{low}, {high}] {unit}")
-        lines += [f"  {name:{wide}s} {value:12.5g} (fixed) {m.unit(name)}" for name, value in m.fixed.items()]
+        lines += [
+            f"  {name:{wide}s} {value:12.5g} (fixed) {m.unit(name)}"
+            for name, value in m.fixed.items()
+        ]
         table = self.correlation.to_numpy()[: len(m.free) * bool(self.covariance.any())]
         pairs = sorted(combinations(range(len(table)), 2), key=lambda ij: -abs(table[ij]))[:SHOWN]
         said = ", ".join(f"{m.free[i]}-{m.free[j]} {table[i, j]:.2f}" for i, j in pairs)
         lines += [f"  correlations {said}"] if said else []
         if s:
-            lines += [f"  fit {s['fit_percent']:.2f} %, rms {s['rms']:.4g}, AICc {s['aicc']:.1f}, BIC {s['bic']:.1f}"]
+            lines += [
+                f"  fit {s['fit_percent']:.2f} %, rms {s['rms']:.4g}, AICc {s['aicc']:.1f}, BIC {s['bic']:.1f}"
+            ]
         lines += [f"  {self.sentence}"] if self.sentence else []
         return "\n".join([*lines, *(f"  {line}" for line in graded(self.findings, spelling))])
 
@@ -182,12 +222,16 @@ class Identified(Dynamics, Result):
             if not m.gain:  # an input that is left out
                 continue
             end = f".{m.input_name}" if self.model.inputs else ""
-            rows += [(name + end, e, "s") for name, e in {"lag": m.lag_s, **percent_times(m)}.items()]
+            rows += [
+                (name + end, e, "s") for name, e in {"lag": m.lag_s, **percent_times(m)}.items()
+            ]
         digits = [
             (name, *rounded(e.value, e.u), *(rounded(x, e.u)[0] for x in (e.low95, e.high95)), unit)
             for name, e, unit in rows
         ]
-        return pd.DataFrame(digits, columns=["quantity", "value", "u", "low 95 %", "high 95 %", "unit"])
+        return pd.DataFrame(
+            digits, columns=["quantity", "value", "u", "low 95 %", "high 95 %", "unit"]
+        )
 
     def to_json(self) -> str:
         """The model as JSON text, complete: :meth:`from_json` gives it back."""
@@ -229,8 +273,14 @@ class Identified(Dynamics, Result):
             raise InputError("is not an identified model", expected=expected, remedy=remedy)
         m = d["model"]
         known = Known.ratio(m["known"]["num"], m["known"]["den"])
-        parts = tuple(Model(p["name"], p["kind"], tuple(p["names"]), known=known) for p in m.get("parts", ()))
-        own: dict[str, Any] = {"names": tuple(m["parameters"]), "inputs": tuple(m.get("inputs", ())), "parts": parts}
+        parts = tuple(
+            Model(p["name"], p["kind"], tuple(p["names"]), known=known) for p in m.get("parts", ())
+        )
+        own: dict[str, Any] = {
+            "names": tuple(m["parameters"]),
+            "inputs": tuple(m.get("inputs", ())),
+            "parts": parts,
+        }
         model = Model(**{k: m[k] for k in MODEL}, **own, known=known)
         size = len(model.free)
         parsed = {
@@ -244,7 +294,11 @@ class Identified(Dynamics, Result):
         return cls(
             model=model,
             **{**{k: d[k] for k in PLAIN}, **parsed},
-            **{f"{side}_{what}": d[side][what] for side in ("input", "output") for what in ("name", "unit")},
+            **{
+                f"{side}_{what}": d[side][what]
+                for side in ("input", "output")
+                for what in ("name", "unit")
+            },
             findings=tuple(findings),
         )
 
@@ -271,10 +325,23 @@ def from_control(
 
     where = "from_control"
     if not isinstance(system, control.TransferFunction | control.StateSpace):
-        raise InputError(f"is a {type(system).__name__}", where=where, expected="a TransferFunction or StateSpace")
+        raise InputError(
+            f"is a {type(system).__name__}",
+            where=where,
+            expected="a TransferFunction or StateSpace",
+        )
     if system.isdtime(strict=True) or system.noutputs != 1:
-        what = "is discrete in time" if system.isdtime(strict=True) else f"has {system.noutputs} outputs"
-        raise InputError(what, where=where, expected="a continuous system of one output", remedy="take system[0, :]")
+        what = (
+            "is discrete in time"
+            if system.isdtime(strict=True)
+            else f"has {system.noutputs} outputs"
+        )
+        raise InputError(
+            what,
+            where=where,
+            expected="a continuous system of one output",
+            remedy="take system[0, :]",
+        )
     delays = np.broadcast_to(np.asarray(delay_s, dtype=float), (system.ninputs,))
     if not (np.isfinite(delays) & (delays >= 0)).all():
         raise InputError(f"delay_s is {delay_s}", where=where, expected="seconds, zero or more")
@@ -282,9 +349,16 @@ def from_control(
     for k, delay in enumerate(delays):
         one = system[0, k] if system.ninputs > 1 else system
         ratio = control.ss2tf(one).minreal(1e-9) if isinstance(one, control.StateSpace) else one
-        num, den = (np.trim_zeros(np.asarray(c[0][0], dtype=float), "f")[::-1] for c in (ratio.num, ratio.den))
+        num, den = (
+            np.trim_zeros(np.asarray(c[0][0], dtype=float), "f")[::-1]
+            for c in (ratio.num, ratio.den)
+        )
         if not len(num) or abs(num[0]) < 1e-12 * np.max(np.abs(num)):
-            raise InputError(f"input {k + 1} has a static gain of zero", where=where, expected="a lag relative to it")
+            raise InputError(
+                f"input {k + 1} has a static gain of zero",
+                where=where,
+                expected="a lag relative to it",
+            )
         integrates = abs(den[0]) < 1e-12 * np.max(np.abs(den))
         den = den[1:] if integrates else den
         poles = np.polynomial.polynomial.polyroots(den)
@@ -294,11 +368,17 @@ def from_control(
                 where=where,
                 expected="poles in the left half plane (one at zero may be beside them), no more zeros than poles",
             )
-        part = transfer(max(len(num) - 1, 0), len(den) - 1, delay=bool(delay), integrator=bool(integrates))
+        part = transfer(
+            max(len(num) - 1, 0), len(den) - 1, delay=bool(delay), integrator=bool(integrates)
+        )
         above, below = num / den[0], den[1:] / den[0]
         parts.append(part)
         values.append(dict(zip(part.names, [*above, *below, *([float(delay)] if delay else [])])))
     names = tuple(map(str, system.input_labels))
     model = parts[0] if len(parts) == 1 else several(parts, names)
-    theta = {w: float(values[k][n]) for k in range(len(parts)) for n, w in model.branch(k)[1].items()}
-    return Identified.of(model, theta, np.zeros((len(theta),) * 2), dt_s=0.0, input_name=", ".join(names))
+    theta = {
+        w: float(values[k][n]) for k in range(len(parts)) for n, w in model.branch(k)[1].items()
+    }
+    return Identified.of(
+        model, theta, np.zeros((len(theta),) * 2), dt_s=0.0, input_name=", ".join(names)
+    )

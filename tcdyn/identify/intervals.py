@@ -29,7 +29,9 @@ def profiled(found: Fit, everything: bool) -> Fit:
         estimates[name] = e
         if not inside:
             findings.append(look("fit.open_interval", subject=name, low95=e.low95, high95=e.high95))
-    return replace(found, identified=replace(found.identified, estimates=estimates, findings=tuple(findings)))
+    return replace(
+        found, identified=replace(found.identified, estimates=estimates, findings=tuple(findings))
+    )
 
 
 def profile(found: Fit, name: str) -> tuple[Estimate, bool]:
@@ -43,17 +45,34 @@ def profile(found: Fit, name: str) -> tuple[Estimate, bool]:
     variance = float(e @ e) / freedom
     u = float(np.sqrt(max(found.covariance_x[index, index], 1e-30)))
     white = variance * found.optimum.covariance[index, index]
-    wider = found.covariance_x[index, index] / white if found.identified.statistics["robust_covariance"] else 1.0
+    wider = (
+        found.covariance_x[index, index] / white
+        if found.identified.statistics["robust_covariance"]
+        else 1.0
+    )
     t = float(stdtrit(freedom, 0.975))
     run = walk(
-        found.optimum, name, u=min(u, 1.5) if positive else u, scale=variance * wider, level=t**2, drop=t**2,
-        step=t, reach=1e3, refine=0.01, limit=25, tolerance=0.0, relative=1e-9,
-    )  # fmt: skip
+        found.optimum,
+        name,
+        u=min(u, 1.5) if positive else u,
+        scale=variance * wider,
+        level=t**2,
+        drop=t**2,
+        step=t,
+        reach=1e3,
+        refine=0.01,
+        limit=25,
+        tolerance=0.0,
+        relative=1e-9,
+    )
     ends = [run.value[k] if end is None else end for k, end in ((0, run.low95), (-1, run.high95))]
     low, high = np.exp(ends) if positive else ends
     old = found.estimates[name]
     interval = Estimate(
-        value=old.value, u=min(old.u, float(high - low) / (2 * Z95)), low95=float(low), high95=float(high)
+        value=old.value,
+        u=min(old.u, float(high - low) / (2 * Z95)),
+        low95=float(low),
+        high95=float(high),
     )
     return interval, run.low95 is not None and run.high95 is not None
 
@@ -66,7 +85,9 @@ def poor(found: Fit, name: str) -> bool:
     twins = [n + suffix(name) for n in ("Tz", "Td")]
     if name in twins and set(twins) <= set(model.free):
         lag = first_moment(found.problem, found.x)
-        return abs(found.estimates[twins[0]].value) < 0.1 * lag  # there zero and dead time act alike
+        return (
+            abs(found.estimates[twins[0]].value) < 0.1 * lag
+        )  # there zero and dead time act alike
     return bare(name) == "Td" and e.low95 < 0
 
 
@@ -81,7 +102,13 @@ def by_colour(
 
 
 def covariance_of(
-    problem: Posed, optimum: Optimum, residual: Array, e: Array, j: Array, kind: Covariance, loss: Loss
+    problem: Posed,
+    optimum: Optimum,
+    residual: Array,
+    e: Array,
+    j: Array,
+    kind: Covariance,
+    loss: Loss,
 ) -> tuple[Array, bool]:
     """Covariance of x from the innovation ``e`` (N,) and its slopes ``j`` (N, size), and whether it is wider than white
     noise alone makes it."""
@@ -91,7 +118,9 @@ def covariance_of(
     step = problem.rounding_step
     if np.sqrt(np.mean(residual**2)) < step:  # no noise shakes it: equal readings share one error
         edges = [part.start for part in problem.parts]
-        new = np.union1d(edges, np.flatnonzero(np.abs(np.diff(problem.measured)) > 0.5 * step) + 1).astype(int)
+        new = np.union1d(
+            edges, np.flatnonzero(np.abs(np.diff(problem.measured)) > 0.5 * step) + 1
+        ).astype(int)
         half = np.add.reduceat(j, new, axis=0) @ inverse(j.T @ j + np.diag(problem.precision))
         cov_x, wider = cov_x + step**2 / 12 * half.T @ half, True
     return cov_x, wider

@@ -70,7 +70,9 @@ def level_lag(data: IOData) -> LevelLag:
 
     def estimate(side: float) -> Estimate:
         slopes = approx_fprime(found.theta, bent.lag_s, STEP, side)
-        return Estimate.normal(bent.lag_s(found.theta, side), np.sqrt(max(slopes @ covariance @ slopes, 0.0)))
+        return Estimate.normal(
+            bent.lag_s(found.theta, side), np.sqrt(max(slopes @ covariance @ slopes, 0.0))
+        )
 
     bend = Estimate.normal(found.theta[-1], np.sqrt(max(covariance[-1, -1], 0.0)))
     levels = (bent.middle - bent.half, bent.middle + bent.half)
@@ -89,13 +91,19 @@ class Bent:
     def problem(self) -> Problem:
         """Its least-squares problem, begun at the linear fit with a = 0."""
         core = self.base.problem.core(self.base.noise)
-        lower, upper, sd = np.append(core.lower, -2.0), np.append(core.upper, 2.0), np.append(core.prior_sd, np.inf)
+        lower, upper, sd = (
+            np.append(core.lower, -2.0),
+            np.append(core.upper, 2.0),
+            np.append(core.prior_sd, np.inf),
+        )
         return Problem((*core.names, "bend"), self.evaluate, lower=lower, upper=upper, prior_sd=sd)
 
     def lag_s(self, x: Array, side: float) -> float:
         """Total lag [s] at ``side`` half ranges above the middle."""
         theta = self.base.problem.theta(x[:-1])
-        return self.base.problem.model.rational(theta).lag_s + theta["Tp1"] * float(np.exp(side * x[-1]) - 1)
+        return self.base.problem.model.rational(theta).lag_s + theta["Tp1"] * float(
+            np.exp(side * x[-1]) - 1
+        )
 
     def evaluate(self, x: Array) -> tuple[Array, Array] | None:
         """Whitened residuals and Jacobian: the linear model's, exact, and what the bend adds to it by differences."""
@@ -116,11 +124,15 @@ class Bent:
         posed = self.base.problem
         theta = posed.theta(x[:-1])
         rational = posed.model.rational(theta)
-        own = len(posed.model.known.factors)  # the longest lag's own factor comes first after the known ones
+        own = len(
+            posed.model.known.factors
+        )  # the longest lag's own factor comes first after the known ones
         rest = replace(rational, factors=rational.factors[:own] + rational.factors[own + 1 :])
         rows = []
         for s, (offset, _) in zip(posed.segments, posed.places):
-            v = simulate_rows(realise(rest, False), s.u, posed.dt_s, rational.delay_s, posed.hold, posed.begun)[0]
+            v = simulate_rows(
+                realise(rest, False), s.u, posed.dt_s, rational.delay_s, posed.hold, posed.begun
+            )[0]
             v = v + x[:-1][offset].sum()
             drive = v[:-1] if posed.hold == "zoh" else 0.5 * (v[1:] + v[:-1])
             rate = posed.dt_s / theta["Tp1"]

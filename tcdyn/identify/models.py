@@ -15,7 +15,17 @@ from calibration.errors import InputError
 from tcdyn.chain import NO_CONDITIONING, Structure, cement_lags
 from tcdyn.chain.rational import Factor, Rational, product
 
-UNITS = {"Kp": "", "Tp1": "s", "Tp2": "s", "Tp3": "s", "Tw": "s", "Zeta": "", "Tz": "s", "Tc": "s", "Td": "s"}
+UNITS = {
+    "Kp": "",
+    "Tp1": "s",
+    "Tp2": "s",
+    "Tp3": "s",
+    "Tw": "s",
+    "Zeta": "",
+    "Tz": "s",
+    "Tc": "s",
+    "Td": "s",
+}
 SILENT = "-"  # the name of what lets nothing through: an input that is left out
 POSITIVE = ("Tp1", "Tp2", "Tp3", "Tw", "Zeta", "Tc")
 STEP = 1e-30  # of a parameter along the imaginary axis: coefficients are polynomials, so their slopes are exact
@@ -37,9 +47,14 @@ class Known:
     def ratio(cls, num: Sequence[float], den: Sequence[float]) -> Known:
         """num(s)/den(s), coefficients ascending."""
         if den[0] == 0:
-            raise InputError("the known part has a pole at zero", remedy="use the integrator of the model (P1I)")
+            raise InputError(
+                "the known part has a pole at zero", remedy="use the integrator of the model (P1I)"
+            )
         scaled = tuple(float(c / den[0]) for c in den)
-        return cls(tuple(float(c / den[0]) for c in num), (Factor(scaled, free=False),) if len(scaled) > 1 else ())
+        return cls(
+            tuple(float(c / den[0]) for c in num),
+            (Factor(scaled, free=False),) if len(scaled) > 1 else (),
+        )
 
     @classmethod
     def of(cls, part: Known | Conditioning | object | None) -> Known:
@@ -78,7 +93,9 @@ class Model:
     def __post_init__(self) -> None:
         for name in self.fixed:
             if name not in self.names:
-                raise InputError(f"{self.name} has no parameter {name!r} to fix", expected=", ".join(self.names))
+                raise InputError(
+                    f"{self.name} has no parameter {name!r} to fix", expected=", ".join(self.names)
+                )
 
     @property
     def free(self) -> tuple[str, ...]:
@@ -122,16 +139,24 @@ class Model:
 
     def theta(self, x: Array) -> dict[str, float]:
         """All parameters by name at x, which begins with the free ones, or their logarithms."""
-        return self.full({n: float(np.exp(v) if self.positive(n) else v) for n, v in zip(self.free, x)})
+        return self.full(
+            {n: float(np.exp(v) if self.positive(n) else v) for n, v in zip(self.free, x)}
+        )
 
     def vector(self, theta: Mapping[str, float]) -> Array:
         """The free parameters (P,) in x."""
-        return np.array([np.log(max(theta[n], 1e-12)) if self.positive(n) else theta[n] for n in self.free], float)
+        return np.array(
+            [np.log(max(theta[n], 1e-12)) if self.positive(n) else theta[n] for n in self.free],
+            float,
+        )
 
     def box(self, lags_s: tuple[float, float], delay_s: float) -> tuple[Array, Array]:
         """Least and largest of the free parameters (P,) in x, of ``lags_s`` and of a dead time up to ``delay_s``."""
         ends: dict[str, Any] = {"Td": (0.0, delay_s), "Zeta": np.log((1e-3, 20.0))}
-        rows = [ends.get(bare(n), np.log(lags_s) if self.positive(n) else (-np.inf, np.inf)) for n in self.free]
+        rows = [
+            ends.get(bare(n), np.log(lags_s) if self.positive(n) else (-np.inf, np.inf))
+            for n in self.free
+        ]
         table = np.array(rows, dtype=float).reshape(-1, 2)
         return table[:, 0], table[:, 1]
 
@@ -141,7 +166,9 @@ class Model:
             return self, {n: n for n in self.names}
         part = self.parts[k]
         names = {n: n if n in self.names else f"{n}.{self.inputs[k]}" for n in part.names}
-        return replace(part, fixed={n: self.fixed[w] for n, w in names.items() if w in self.fixed}), names
+        return replace(
+            part, fixed={n: self.fixed[w] for n, w in names.items() if w in self.fixed}
+        ), names
 
     def coefficients(self, p: Mapping[str, Any]) -> tuple[list[Any], list[tuple[Any, ...]]]:
         """Own numerator and own factors below at the parameters ``p``, ascending in s."""
@@ -160,7 +187,9 @@ class Model:
         p = self.full(theta)
         num, below = self.coefficients(p)
         factors = self.known.factors + tuple(Factor(f) for f in below)
-        return Rational(np.convolve(num, self.known.num), factors, p.get("Td", 0.0), self.integrators)
+        return Rational(
+            np.convolve(num, self.known.num), factors, p.get("Td", 0.0), self.integrators
+        )
 
     def chain_rule(self, theta: Mapping[str, float]) -> Array:
         """d(coefficients)/d(free parameters), shape (rows, P), rows as in ``Realisation`` without the first."""
@@ -168,9 +197,15 @@ class Model:
 
         def column(p: Mapping[str, Any]) -> list[Any]:
             num, below = self.coefficients(p)
-            return [*np.convolve(num, self.known.num), *(c for f in below for c in f[1:]), p.get("Td", 0.0)]
+            return [
+                *np.convolve(num, self.known.num),
+                *(c for f in below for c in f[1:]),
+                p.get("Td", 0.0),
+            ]
 
-        columns = np.array([column({**at, name: at[name] + 1j * STEP}) for name in self.free], dtype=complex)
+        columns = np.array(
+            [column({**at, name: at[name] + 1j * STEP}) for name in self.free], dtype=complex
+        )
         return columns.reshape(len(self.free), len(column(at))).T.imag / STEP
 
 
@@ -206,10 +241,19 @@ def process(name: str, **options: Any) -> Model:
     """
     structure = Structure.of(name)
     names = ("Kp", *structure.parameters)
-    return Model(name, "process", names, int(structure.integrator), Known.of(options.pop("known", None)), **options)
+    return Model(
+        name,
+        "process",
+        names,
+        int(structure.integrator),
+        Known.of(options.pop("known", None)),
+        **options,
+    )
 
 
-def transfer(zeros: int, poles: int, *, delay: bool = False, integrator: bool = False, **options: Any) -> Model:
+def transfer(
+    zeros: int, poles: int, *, delay: bool = False, integrator: bool = False, **options: Any
+) -> Model:
     """A general transfer function (b0 + .. + b_zeros s^zeros) / (1 + a1 s + .. + a_poles s^poles).
 
     ``options`` as for :func:`process`, and ``arx``: the poles colour the disturbance too.
@@ -218,19 +262,32 @@ def transfer(zeros: int, poles: int, *, delay: bool = False, integrator: bool = 
     ('b0', 'b1', 'a1', 'a2', 'Td')
     """
     if poles < 1 or zeros < 0 or zeros > poles:
-        raise InputError(f"transfer: {zeros} zeros over {poles} poles", expected="0 <= zeros <= poles, poles >= 1")
+        raise InputError(
+            f"transfer: {zeros} zeros over {poles} poles",
+            expected="0 <= zeros <= poles, poles >= 1",
+        )
     name = f"{'ARX' if options.get('arx') else 'TF'}({zeros},{poles}){'D' if delay else ''}{'I' if integrator else ''}"
-    names = (*(f"b{i}" for i in range(zeros + 1)), *(f"a{j + 1}" for j in range(poles)), *(("Td",) if delay else ()))
-    return Model(name, "tf", names, int(integrator), Known.of(options.pop("known", None)), **options)
+    names = (
+        *(f"b{i}" for i in range(zeros + 1)),
+        *(f"a{j + 1}" for j in range(poles)),
+        *(("Td",) if delay else ()),
+    )
+    return Model(
+        name, "tf", names, int(integrator), Known.of(options.pop("known", None)), **options
+    )
 
 
 def chain_model(name: str, conditioning: Conditioning = NO_CONDITIONING, **options: Any) -> Model:
     """A measurement chain: process model ``name`` with unit static gain, no offset, times the conditioning
     filter."""
-    return process(name, **{"fixed": {"Kp": 1.0}, "offset": "none", "known": conditioning, **options})
+    return process(
+        name, **{"fixed": {"Kp": 1.0}, "offset": "none", "known": conditioning, **options}
+    )
 
 
-def several(models: Sequence[Model | str], inputs: Sequence[str], *, common: bool = False, **options: Any) -> Model:
+def several(
+    models: Sequence[Model | str], inputs: Sequence[str], *, common: bool = False, **options: Any
+) -> Model:
     """One model for each of the ``inputs``, their outputs added; ``common``: with the same poles behind all of them.
 
     ``options`` as for :func:`process`, ``fixed`` by names such as "Kp.heater"; ``known`` is behind every input.
@@ -245,21 +302,40 @@ def several(models: Sequence[Model | str], inputs: Sequence[str], *, common: boo
     if len(parts) != len(inputs) or not parts:
         raise InputError(f"{len(parts)} models for {len(inputs)} inputs", expected="one for each")
     if any(part.integrators or part.parts for part in parts):
-        raise InputError(f"{name} integrates or holds sums", expected="models without integrator (I) behind each input")
+        raise InputError(
+            f"{name} integrates or holds sums",
+            expected="models without integrator (I) behind each input",
+        )
     if len(parts) == 1:
         return replace(parts[0], known=known, **options)
     parts = [part if part.name == SILENT else replace(part, known=known) for part in parts]
-    shared = [n for n in parts[0].names if (n[0] in "Ta" and n not in ("Tz", "Td")) or n == "Zeta"] if common else []
+    shared = (
+        [n for n in parts[0].names if (n[0] in "Ta" and n not in ("Tz", "Td")) or n == "Zeta"]
+        if common
+        else []
+    )
     if common and any({*shared} - {*part.names} or part.order != parts[0].order for part in parts):
-        raise InputError(f"{name}: the models differ in their poles", expected="the same lags in each, as P2D and P2Z")
+        raise InputError(
+            f"{name}: the models differ in their poles",
+            expected="the same lags in each, as P2D and P2Z",
+        )
     if any(part.arx for part in parts) and not (common and all(part.arx for part in parts)):
-        raise InputError(f"{name}: the poles that colour the noise differ", remedy="several([..], names, common=True)")
+        raise InputError(
+            f"{name}: the poles that colour the noise differ",
+            remedy="several([..], names, common=True)",
+        )
     names = [n if n in shared else f"{n}.{u}" for part, u in zip(parts, inputs) for n in part.names]
-    fixed = {n if n in shared else f"{n}.{u}": v for part, u in zip(parts, inputs) for n, v in part.fixed.items()}
+    fixed = {
+        n if n in shared else f"{n}.{u}": v
+        for part, u in zip(parts, inputs)
+        for n, v in part.fixed.items()
+    }
     fixed |= options.pop("fixed", {})
     joined, unique = tuple(parts), tuple(dict.fromkeys(names))
     arx = parts[0].arx
-    return Model(name, "sum", unique, 0, known, fixed, parts=joined, inputs=tuple(inputs), arx=arx, **options)
+    return Model(
+        name, "sum", unique, 0, known, fixed, parts=joined, inputs=tuple(inputs), arx=arx, **options
+    )
 
 
 def as_model(model: Model | str) -> Model:
@@ -269,7 +345,9 @@ def as_model(model: Model | str) -> Model:
     if model == SILENT:
         return Model(SILENT, "process", ("Kp",), fixed={"Kp": 0.0})
     if match := re.match(r"^(TF|ARX)\((\d),(\d)\)(D?)(I?)$", model.replace(" ", "")):
-        what = {"delay": bool(match[4]), "integrator": bool(match[5])} | ({"arx": True} if match[1] == "ARX" else {})
+        what = {"delay": bool(match[4]), "integrator": bool(match[5])} | (
+            {"arx": True} if match[1] == "ARX" else {}
+        )
         return transfer(int(match[2]), int(match[3]), **what)
     return process(model)
 
@@ -277,6 +355,17 @@ def as_model(model: Model | str) -> Model:
 def as_template(model: Model, like: Model) -> Model:
     """``model`` with the known part, the offset, the bound of the dead time and the fixed gains of ``like``."""
     gains = {n: v for n, v in like.fixed.items() if bare(n) in ("Kp", "b0") and v != 0.0}
-    gains = {new: v for n, v in gains.items() for new in ("Kp" + suffix(n), "b0" + suffix(n)) if new in model.names}
+    gains = {
+        new: v
+        for n, v in gains.items()
+        for new in ("Kp" + suffix(n), "b0" + suffix(n))
+        if new in model.names
+    }
     known = model.known if model.parts else like.known
-    return replace(model, known=known, offset=like.offset, delay_max_s=like.delay_max_s, fixed={**model.fixed, **gains})
+    return replace(
+        model,
+        known=known,
+        offset=like.offset,
+        delay_max_s=like.delay_max_s,
+        fixed={**model.fixed, **gains},
+    )

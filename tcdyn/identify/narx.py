@@ -46,12 +46,15 @@ class Narx:
     @property
     def intervals(self) -> tuple[Estimate | None, ...]:
         """Each of ``theta`` with its interval from the bootstrap ``draws``."""
-        return tuple(spanned(value, [d[k] for d in self.draws]) for k, value in enumerate(self.theta))
+        return tuple(
+            spanned(value, [d[k] for d in self.draws]) for k, value in enumerate(self.theta)
+        )
 
     def lag_s(self, level: float) -> Estimate | None:
         """:meth:`local_lag_s` with its interval from the bootstrap."""
         return spanned(
-            self.local_lag_s(level), [replace(self, theta=one, draws=()).local_lag_s(level) for one in self.draws]
+            self.local_lag_s(level),
+            [replace(self, theta=one, draws=()).local_lag_s(level) for one in self.draws],
         )
 
     @property
@@ -61,16 +64,27 @@ class Narx:
 
     def value(self, of: Callable[[str, int], Any], theta: Iterable[Any] | None = None) -> Any:
         """sum_i theta_i prod(terms_i) where a signal at a lag is ``of(signal, lag)``; other weights may be given."""
-        products = (math.prod((of(name, lag) for name, lag in term), start=1.0) for term in self.terms)
-        return sum(weight * product for weight, product in zip(self.theta if theta is None else theta, products))
+        products = (
+            math.prod((of(name, lag) for name, lag in term), start=1.0) for term in self.terms
+        )
+        return sum(
+            weight * product
+            for weight, product in zip(self.theta if theta is None else theta, products)
+        )
 
     def simulate(self, u: Array, y0: Array) -> Array:
         """Free simulation: only the first ``order`` outputs ``y0`` are measured. NaN once it diverges."""
-        return self.runs(u, y0, np.array(self.theta)[:, None])[:, 0] * self.y_scale[1] + self.y_scale[0]
+        return (
+            self.runs(u, y0, np.array(self.theta)[:, None])[:, 0] * self.y_scale[1]
+            + self.y_scale[0]
+        )
 
     def runs(self, u: Array, y0: Array, theta: Array) -> Array:
         """Free simulations, scaled, side by side (N, M) with the weights ``theta`` (terms, M)."""
-        us, ys = (np.asarray(u) - self.u_scale[0]) / self.u_scale[1], np.full((len(u), theta.shape[1]), np.nan)
+        us, ys = (
+            (np.asarray(u) - self.u_scale[0]) / self.u_scale[1],
+            np.full((len(u), theta.shape[1]), np.nan),
+        )
         k = self.order
         ys[:k] = ((np.asarray(y0)[:k] - self.y_scale[0]) / self.y_scale[1])[:, None]
         signals = {"u": us, "y": ys}
@@ -100,7 +114,9 @@ class Narx:
             return float(self.value(lambda name, lag: u if name == "u" else y0)) - y0
 
         with np.errstate(all="ignore"), warnings.catch_warnings(action="ignore"):
-            u0, state = newton(excess, y0 - 0.1, x1=y0 + 0.1, tol=1e-10, disp=False, full_output=True)
+            u0, state = newton(
+                excess, y0 - 0.1, x1=y0 + 0.1, tol=1e-10, disp=False, full_output=True
+            )
         if not (state.converged and abs(u0) < 1e3):
             return float("nan")
         point, k, step = {"u": u0, "y": y0}, self.order, 1e-30
@@ -176,13 +192,17 @@ def narx(
     run = data.runs[0]
     if any(np.isnan(r.u).any() or np.isnan(r.y).any() for r in data.runs):
         raise InputError(
-            "narx: samples are missing", where=data.name or "IOData", remedy="use fit(), which tolerates gaps"
+            "narx: samples are missing",
+            where=data.name or "IOData",
+            remedy="use fit(), which tolerates gaps",
         )
     u = np.concatenate([np.full(dead_samples, run.u[0, 0]), run.u[: run.n - dead_samples, 0]])
     y = run.y[:, 0]
     edge = int(len(y) * (1 - held_out))
     if edge < 20 * lags:
-        raise InputError(f"narx: {edge} training samples", where=data.name, expected=f"at least {20 * lags}")
+        raise InputError(
+            f"narx: {edge} training samples", where=data.name, expected=f"at least {20 * lags}"
+        )
     us, ys = (float(u.mean()), float(u.std()) or 1.0), (float(y.mean()), float(y.std()) or 1.0)
     x, z = ((u - us[0]) / us[1])[:, None], ((y - ys[0]) / ys[1])[:, None]
     with warnings.catch_warnings(action="ignore"):
@@ -197,14 +217,20 @@ def narx(
             model_type="NARMAX",
         )
         model.fit(X=x[:edge], y=z[:edge])
-    codes = np.atleast_2d(model.final_model).astype(int).tolist()  # 1003 stands for y(k-3) and 2003 for the input's
-    terms = tuple(tuple(("y" if code < 2000 else "u", code % 1000) for code in row if code) for row in codes)
+    codes = (
+        np.atleast_2d(model.final_model).astype(int).tolist()
+    )  # 1003 stands for y(k-3) and 2003 for the input's
+    terms = tuple(
+        tuple(("y" if code < 2000 else "u", code % 1000) for code in row if code) for row in codes
+    )
     theta = tuple(float(v) for v in np.asarray(model.theta).ravel())
     found = refined(Narx(terms, theta, us, ys, data.dt_s), u[:edge], y[:edge])
     simulated = found.simulate(u, y)
     return replace(
         found,
-        one_step_percent=percent(y[:edge], found.one_step(x[:edge, 0], z[:edge, 0]) * ys[1] + ys[0]),
+        one_step_percent=percent(
+            y[:edge], found.one_step(x[:edge, 0], z[:edge, 0]) * ys[1] + ys[0]
+        ),
         simulated_percent=percent(y[:edge], simulated[:edge]),
         held_out_percent=percent(y[edge:], simulated[edge:]),
     )
@@ -230,7 +256,11 @@ def refined(found: Narx, u: Array, y: Array) -> Narx:
     if not np.isfinite(found.runs(u, y, begun[:, None])).all():
         return found
     best = least_squares(
-        lambda theta: simulated(theta[:, None])[:, 0] - seen[k:], begun, jac=slopes, max_nfev=30, x_scale="jac"
+        lambda theta: simulated(theta[:, None])[:, 0] - seen[k:],
+        begun,
+        jac=slopes,
+        max_nfev=30,
+        x_scale="jac",
     )
     e, rng = -best.fun - np.mean(-best.fun), np.random.default_rng(0)
     e = e * np.sqrt(len(e) / max(len(e) - size, 1))
@@ -268,7 +298,10 @@ def temperature_dependence(
     NARX, by held-out simulation, tell of what else is not linear. Of several recordings the first is asked, and the
     sentence says so.
     """
-    one, two = (narx(data, degree=k, lags=lags, dead_samples=dead_samples, held_out=held_out) for k in (1, 2))
+    one, two = (
+        narx(data, degree=k, lags=lags, dead_samples=dead_samples, held_out=held_out)
+        for k in (1, 2)
+    )
     found = level_lag(data.run(0))
     unit = data.output_units[0] or "units"
     better = 100 - two.held_out_percent < 0.9 * (100 - one.held_out_percent)

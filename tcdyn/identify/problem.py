@@ -49,17 +49,25 @@ class Posed:
     def branches(self) -> list[tuple[Model, dict[str, str], list[int]]]:
         """The model behind each input, the names here of its parameters, and where in x its free ones stand."""
         pairs = [self.model.branch(k) for k in range(len(self.input_sds))]
-        return [(part, names, [self.model.free.index(names[n]) for n in part.free]) for part, names in pairs]
+        return [
+            (part, names, [self.model.free.index(names[n]) for n in part.free])
+            for part, names in pairs
+        ]
 
     def rationals(self, x: Array) -> list[Rational]:
         """The transfer function behind each input at x."""
         theta = self.theta(x)
-        return [part.rational({n: theta[w] for n, w in names.items()}) for part, names, _ in self.branches]
+        return [
+            part.rational({n: theta[w] for n, w in names.items()})
+            for part, names, _ in self.branches
+        ]
 
     @cached_property
     def state_sizes(self) -> list[int]:
         """How many initial states each branch has of its own; poles that inputs share hold one set of them."""
-        sizes = [part.order + part.integrators + len(part.known.den) - 1 for part, *_ in self.branches]
+        sizes = [
+            part.order + part.integrators + len(part.known.den) - 1 for part, *_ in self.branches
+        ]
         common = self.model.parts and any("." not in n for n in self.model.names)
         return [sizes[0], *(0 if common else size for size in sizes[1:])]
 
@@ -80,10 +88,18 @@ class Posed:
         There is no offset where an integrator's free state is one already.
         """
         m, runs = self.model, sorted({s.run for s in self.segments})
-        offsets = {"free": 1, "per run": len(runs), "none": 0}[m.offset] * (not (m.integrators and all(self.loose)))
+        offsets = {"free": 1, "per run": len(runs), "none": 0}[m.offset] * (
+            not (m.integrators and all(self.loose))
+        )
         edges = self.n_model + offsets + sum(self.state_sizes) * np.cumsum([0, *self.loose])
-        own = [self.n_model + (runs.index(s.run) if m.offset == "per run" else 0) for s in self.segments]
-        return tuple((slice(o, o + (offsets > 0)), slice(a, b)) for o, a, b in zip(own, edges, edges[1:].tolist()))
+        own = [
+            self.n_model + (runs.index(s.run) if m.offset == "per run" else 0)
+            for s in self.segments
+        ]
+        return tuple(
+            (slice(o, o + (offsets > 0)), slice(a, b))
+            for o, a, b in zip(own, edges, edges[1:].tolist())
+        )
 
     @cached_property
     def pasts(self) -> tuple[tuple[int | None, ...], ...]:
@@ -92,7 +108,8 @@ class Posed:
         asked = self.initial == "equilibrium" and not self.model.integrators
         at = count(self.places[-1][1].stop)
         return tuple(
-            tuple(next(at) if sd > 0 and asked and not loose else None for sd in self.input_sds) for loose in self.loose
+            tuple(next(at) if sd > 0 and asked and not loose else None for sd in self.input_sds)
+            for loose in self.loose
         )
 
     @property
@@ -133,7 +150,9 @@ class Posed:
     def reach(self) -> int:
         """Samples by which a dead time can hold the input back."""
         delays = [n for n in self.model.names if bare(n) == "Td"]
-        longest = max((self.model.fixed.get(n, self.longest_delay_s) for n in delays), default=-self.dt_s)
+        longest = max(
+            (self.model.fixed.get(n, self.longest_delay_s) for n in delays), default=-self.dt_s
+        )
         return int(np.ceil(longest / self.dt_s)) + 1
 
     @cached_property
@@ -180,7 +199,11 @@ class Posed:
     @cached_property
     def freed(self) -> list[bool]:
         """Whether each of the parts begins with a segment whose initial state is free."""
-        begun = {at for at, free in zip(np.cumsum([0, *(s.seen.sum() for s in self.segments)]), self.loose) if free}
+        begun = {
+            at
+            for at, free in zip(np.cumsum([0, *(s.seen.sum() for s in self.segments)]), self.loose)
+            if free
+        }
         return [part.start in begun for part in self.parts]
 
     @cached_property
@@ -198,7 +221,9 @@ class Posed:
 
     def bounds(self) -> tuple[Array, Array]:
         """Box of x: lags between a hundredth of a sample and a hundred records, dead time up to its maximum."""
-        lower, upper = self.model.box((1e-2 * self.dt_s, 100 * self.longest_s), self.longest_delay_s)
+        lower, upper = self.model.box(
+            (1e-2 * self.dt_s, 100 * self.longest_s), self.longest_delay_s
+        )
         open_end = np.full(self.size - self.n_model, np.inf)
         return np.append(lower, -open_end), np.append(upper, open_end)
 
@@ -224,7 +249,15 @@ class Posed:
             first = state.start
             for k, (one, level, own) in enumerate(zip(behind, levels, self.state_sizes)):
                 own = own if state.stop > state.start else 0
-                self.add(one, segment.of(k) if len(levels) > 1 else segment, level, slice(first, first + own), x, y, j)
+                self.add(
+                    one,
+                    segment.of(k) if len(levels) > 1 else segment,
+                    level,
+                    slice(first, first + own),
+                    x,
+                    y,
+                    j,
+                )
                 first += own
             answers.append((y, j))
         return answers
@@ -242,22 +275,31 @@ class Posed:
         """Add to ``y`` (N,) and ``j`` (N, size) what comes from one input of ``segment``: of the input, of its
         ``level`` before, of the initial ``state`` (places in x)."""
         rational, system, rule, at = behind
-        past = segment.history(self.reach) if segment.resumed else segment.past  # what a dead time brings in
+        past = (
+            segment.history(self.reach) if segment.resumed else segment.past
+        )  # what a dead time brings in
         u = np.concatenate([past, segment.u])
         if level is None:
-            rows = simulate_rows(system, u, self.dt_s, rational.delay_s, self.hold, self.begun)[:, len(past) :]
+            rows = simulate_rows(system, u, self.dt_s, rational.delay_s, self.hold, self.begun)[
+                :, len(past) :
+            ]
         else:  # what it was for ever, and from the first sample on the departure from that
             before = u[0] + x[level]
             rows = simulate_rows(system, u - before, self.dt_s, rational.delay_s, self.hold, "zero")
             rows += before * simulate_rows(system, np.ones(1), self.dt_s, 0.0, "zoh", "equilibrium")
             plain, one = realise(rational, False), np.ones(len(u))
-            j[:, level] = rational.num[0] - simulate_rows(plain, one, self.dt_s, rational.delay_s, "zoh", "zero")[0]
+            j[:, level] = (
+                rational.num[0]
+                - simulate_rows(plain, one, self.dt_s, rational.delay_s, "zoh", "zero")[0]
+            )
         y += rows[0]
         j[:, at] += rows[1:].T @ rule
         if states := state.stop - state.start:
             scale = self.time_scale_s ** np.arange(1.0, states + 1)
             begun = realise(replace(rational, num=x[state] * scale, delay_s=0.0))
-            free = free_rows(begun, len(y), self.dt_s)  # its value, d/dnumerator, d/dfactor coefficients
+            free = free_rows(
+                begun, len(y), self.dt_s
+            )  # its value, d/dnumerator, d/dfactor coefficients
             by_factor = free[1 + states : -1]
             y += free[0]
             j[:, at] += by_factor.T @ rule[len(rule) - 1 - len(by_factor) : -1]

@@ -30,7 +30,8 @@ class Dynamics:
         """The transfer function as factors, the known part included; InputError where each input has its own."""
         if self.model.inputs:
             raise InputError(
-                f"{self.model.name} has {len(self.model.inputs)} inputs", remedy=f"ask parts[{self.model.inputs[0]!r}]"
+                f"{self.model.name} has {len(self.model.inputs)} inputs",
+                remedy=f"ask parts[{self.model.inputs[0]!r}]",
             )
         return self.model.rational(self.theta)
 
@@ -145,7 +146,11 @@ def bode_band(model: Dynamics, frequency_Hz: Array | None = None) -> BodeBand:
     g = model.rational
     if frequency_Hz is None:
         scale_s, top_Hz = (g.lag_s, 0.5 / model.dt_s) if model.dt_s else (slowest_s(g), np.inf)
-        corner = 0.1 / model.dt_s if g.integrators and model.dt_s else 1 / (2 * np.pi * max(scale_s, model.dt_s))
+        corner = (
+            0.1 / model.dt_s
+            if g.integrators and model.dt_s
+            else 1 / (2 * np.pi * max(scale_s, model.dt_s))
+        )
         frequency_Hz = np.geomspace(corner / 100, min(corner * 100, top_Hz), 200)
     f = np.asarray(frequency_Hz, dtype=float)
     value = g.frequency_response(f)
@@ -153,7 +158,8 @@ def bode_band(model: Dynamics, frequency_Hz: Array | None = None) -> BodeBand:
     magnitude = model.u_of(20 / np.log(10) * relative.real)
     phase = model.u_of(np.degrees(relative.imag))
     return BodeBand(
-        Band(f, 20 * np.log10(np.abs(value)), magnitude), Band(f, np.degrees(np.unwrap(np.angle(value))), phase)
+        Band(f, 20 * np.log10(np.abs(value)), magnitude),
+        Band(f, np.degrees(np.unwrap(np.angle(value))), phase),
     )
 
 

@@ -106,7 +106,9 @@ def nothing_left(data: IOData) -> str:
     return f"column {names} {have} no {SHORTEST} samples in a row, with the output measured, without a gap"
 
 
-def pose(data: IOData, model: Model, initial: Initial, input_noise: float | Literal["auto"] = 0.0) -> Posed:
+def pose(
+    data: IOData, model: Model, initial: Initial, input_noise: float | Literal["auto"] = 0.0
+) -> Posed:
     """The problem of fitting ``model`` to the data of one output and as many inputs as the model has; refuses data
     nothing can be learnt from. ``input_noise`` is its sd, in the input's unit."""
     where, inputs = data.name or "identify", max(len(model.parts), 1)
@@ -125,7 +127,9 @@ def pose(data: IOData, model: Model, initial: Initial, input_noise: float | Lite
         )
     segments = cut(data)
     if not segments:
-        raise InputError(nothing_left(data), where=where, remedy="see whether the right column was taken")
+        raise InputError(
+            nothing_left(data), where=where, remedy="see whether the right column was taken"
+        )
     for k, name in enumerate(data.input_names):
         if np.ptp(np.concatenate([s.inputs[:, k] for s in segments])) == 0:
             raise InputError(
@@ -134,19 +138,29 @@ def pose(data: IOData, model: Model, initial: Initial, input_noise: float | Lite
                 expected="an input that moves: without a change there is no dynamics to see",
             )
     for part in model.parts or (model,):
-        if data.hold == "zoh" and "Td" in part.names and part.order + part.integrators + len(part.known.den) == 1:
+        if (
+            data.hold == "zoh"
+            and "Td" in part.names
+            and part.order + part.integrators + len(part.known.den) == 1
+        ):
             raise InputError(
                 f"{part.name} cannot find a dead time under a held input: nothing moves until it passes a whole sample",
                 remedy="add a lag (P1D)",
             )
     if input_noise != "auto" and not 0 <= input_noise < np.inf:
         raise InputError(
-            f"the input's noise is {input_noise}", where=where, expected="a standard deviation in the input's unit"
+            f"the input's noise is {input_noise}",
+            where=where,
+            expected="a standard deviation in the input's unit",
         )
     alone = [[s.of(k) for s in segments] for k in range(inputs)]
-    sds = tuple(input_noise_sd(each) if input_noise == "auto" else float(input_noise) for each in alone)
+    sds = tuple(
+        input_noise_sd(each) if input_noise == "auto" else float(input_noise) for each in alone
+    )
     problem = Posed(model, segments, data.dt_s, data.hold, initial, input_sds=sds)
-    problem = replace(problem, noise_sd=float(np.std(np.diff(problem.measured))) / np.sqrt(2) or 1.0)
+    problem = replace(
+        problem, noise_sd=float(np.std(np.diff(problem.measured))) / np.sqrt(2) or 1.0
+    )
     if problem.n_seen < max(2 * problem.size, 8):
         raise InputError(
             f"{problem.n_seen} measured samples for {problem.size} unknowns of {model.name}",
@@ -155,16 +169,22 @@ def pose(data: IOData, model: Model, initial: Initial, input_noise: float | Lite
             remedy="record longer or choose a smaller model",
         )
     if all(np.nanstd(s.y) == 0 for s in segments):
-        raise InputError(f"output {data.output_names[0]} never moves", where=where, remedy="check the channel")
+        raise InputError(
+            f"output {data.output_names[0]} never moves", where=where, remedy="check the channel"
+        )
     return problem
 
 
-def search(posed: Posed, core: Problem | None = None, start: Array | Sequence[Array] = ()) -> Optimum:
+def search(
+    posed: Posed, core: Problem | None = None, start: Array | Sequence[Array] = ()
+) -> Optimum:
     """The least-squares optimum of ``posed``; ``core`` replaces its residuals by filtered or weighted ones."""
     core = core or posed.core()
     tried = list(np.atleast_2d(start)) if len(start) else diverse(posed, starts(posed))
     if len(tried) > 1:
-        tried = [least([minimise(core, x0, limit=6, tolerance=0.0, relative=1e-4) for x0 in tried]).theta]
+        tried = [
+            least([minimise(core, x0, limit=6, tolerance=0.0, relative=1e-4) for x0 in tried]).theta
+        ]
     # the noise is not known: only the cost itself says what is little of it
     found = minimise(core, tried[0], limit=80, tolerance=0.0) if tried else None
     if found is None or not np.isfinite(found.cost):
@@ -250,4 +270,7 @@ def rms(optimum: Optimum, posed: Posed) -> float:
 
 def first_moment(problem: Posed, x: Array) -> float:
     """Total lag of the model at x [s], a time scale for its initial state; at least a sample."""
-    return max(problem.dt_s, *(float(sum(abs(f.coefs[1]) for f in g.factors)) for g in problem.rationals(x)))
+    return max(
+        problem.dt_s,
+        *(float(sum(abs(f.coefs[1]) for f in g.factors)) for g in problem.rationals(x)),
+    )

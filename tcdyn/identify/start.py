@@ -38,7 +38,10 @@ def level_runs(problem: Posed) -> Posed:
     for run in sorted(problem.begun_s):
         own = [s for s in problem.segments if s.run == run]
         times = [s.start_s + problem.dt_s * np.arange(len(s.y)) for s in own]
-        t, y = (np.concatenate([v[s.seen] for v, s in zip(each, own)]) for each in (times, [s.y for s in own]))
+        t, y = (
+            np.concatenate([v[s.seen] for v, s in zip(each, own)])
+            for each in (times, [s.y for s in own])
+        )
         slope = float((t - t.mean()) @ y) / max(float(np.sum((t - t.mean()) ** 2)), 1e-300)
         segments += [replace(s, y=s.y - slope * (v - t.mean())) for v, s in zip(times, own)]
     return replace(problem, segments=tuple(segments))
@@ -54,7 +57,9 @@ def stabilised(den: Array) -> Array:
     return poly / poly[0]
 
 
-def regression(problem: Posed, den: Array, num: Array, delay_s: float) -> tuple[Array, Array, Array]:
+def regression(
+    problem: Posed, den: Array, num: Array, delay_s: float
+) -> tuple[Array, Array, Array]:
     """Target, regressors and instruments of one SRIVC step over all segments; the last column is the offset.
 
     The target is y/A, the regressors s^j/A of the input and -s^j/A of the output; the output's instruments are
@@ -70,10 +75,18 @@ def regression(problem: Posed, den: Array, num: Array, delay_s: float) -> tuple[
         level = float(np.mean(y[: max(1, min(5, len(y) // 20))]))
         measured = simulate_rows(prefilter, y - level, problem.dt_s, 0.0, "foh", "zero")[1 : n + 2]
         measured[0] += level
-        rows = simulate_rows(realise(model), segment.u, problem.dt_s, delay_s, problem.hold, problem.begun)[1:-1]
-        tables.append(np.vstack([measured[:1], rows[:q], -measured[1:], rows, np.ones(len(y))])[:, segment.seen])
+        rows = simulate_rows(
+            realise(model), segment.u, problem.dt_s, delay_s, problem.hold, problem.begun
+        )[1:-1]
+        tables.append(
+            np.vstack([measured[:1], rows[:q], -measured[1:], rows, np.ones(len(y))])[
+                :, segment.seen
+            ]
+        )
     table = np.hstack(tables).T
-    target, inputs, outputs, instruments, one = np.split(table, [1, 1 + q, 1 + q + n, 1 + 2 * q + 2 * n], axis=1)
+    target, inputs, outputs, instruments, one = np.split(
+        table, [1, 1 + q, 1 + q + n, 1 + 2 * q + 2 * n], axis=1
+    )
     return target[:, 0], np.hstack([inputs, outputs, one]), np.hstack([instruments, one])
 
 
@@ -81,7 +94,10 @@ def srivc(
     problem: Posed, zeros: int, poles: int, delay_s: float, rate: float, iterations: int
 ) -> tuple[Array, Array] | None:
     """Numerator and denominator, ascending, iterated from the prefilter (1 + s/rate)^poles; None where it fails."""
-    a, num = np.asarray(np.poly1d([1.0 / rate, 1.0]) ** poles, dtype=float)[::-1], np.eye(zeros + 1)[0]
+    a, num = (
+        np.asarray(np.poly1d([1.0 / rate, 1.0]) ** poles, dtype=float)[::-1],
+        np.eye(zeros + 1)[0],
+    )
     for k in range(iterations):
         target, phi, z = regression(problem, a, num, delay_s)
         z = (phi if k == 0 else z) / (np.linalg.norm(phi if k == 0 else z, axis=0) + 1e-300)
@@ -105,17 +121,28 @@ def explained(problem: Posed, taus_s: Array, behind: int, ahead: int = 0) -> Arr
     total, whole = np.zeros((len(taus_s), ahead + 1 + behind)), np.full(ahead + 1 + behind, 1e-300)
     for s in problem.segments:
         y = filled(s) - filled(s).mean()
-        count = np.clip(len(y) - np.arange(ahead, -behind - 1, -1), 1, len(y))  # samples that have both
+        count = np.clip(
+            len(y) - np.arange(ahead, -behind - 1, -1), 1, len(y)
+        )  # samples that have both
         of_y = np.cumsum([np.append(0.0, y), np.append(0.0, y**2)], axis=1)[:, count]
         whole += of_y[1] - of_y[0] ** 2 / count
         for row, tau in zip(total, taus_s):
-            lag = realise(Rational(np.array(known.num), (Factor((1.0, tau)), *known.factors), 0.0, integrators), False)
+            lag = realise(
+                Rational(
+                    np.array(known.num), (Factor((1.0, tau)), *known.factors), 0.0, integrators
+                ),
+                False,
+            )
             x = simulate_rows(lag, s.u, problem.dt_s, 0.0, problem.hold, problem.begun)[0]
             x = np.concatenate([np.zeros(behind + 1), x - x[0], np.zeros(ahead)])
             sums = np.cumsum([x, x**2], axis=1)
             first, second = (sums[:, len(y) :] - sums[:, : -len(y)])[:, ::-1]
             along = scipy.signal.correlate(x[1:], y, "valid", "fft")[::-1] - first * of_y[0] / count
-            row += np.sign(along) * along**2 / np.maximum(second - first**2 / count, 1e-12 * sums[1, -1] + 1e-300)
+            row += (
+                np.sign(along)
+                * along**2
+                / np.maximum(second - first**2 / count, 1e-12 * sums[1, -1] + 1e-300)
+            )
     return total / whole
 
 
@@ -125,7 +152,9 @@ def one_lag_starts(problem: Posed) -> list[tuple[float, float]]:
     taus = np.geomspace(problem.dt_s, 0.5 * problem.longest_s, 12)
     longest = model.fixed.get("Td", problem.longest_delay_s)
     score = explained(problem, taus, int(longest / problem.dt_s) if model.has_delay else 0)
-    score = score if model.fixed.get("Kp", -1.0) > 0 else np.abs(score)  # a gain of either sign unless it is known
+    score = (
+        score if model.fixed.get("Kp", -1.0) > 0 else np.abs(score)
+    )  # a gain of either sign unless it is known
     best = np.argsort(-score.max(axis=1), kind="stable")
     return [(float(taus[k]), float(np.argmax(score[k])) * problem.dt_s) for k in best]
 
@@ -162,7 +191,10 @@ def polished(problem: Posed, theta: Mapping[str, float]) -> tuple[float, Array]:
     if not linear:
         return float(answer[0] @ answer[0]), x
     told = np.flatnonzero(problem.precision)  # what is known beforehand: samples of its own
-    r, j = np.append(answer[0], np.zeros(len(told))), np.vstack([answer[1], np.diag(np.sqrt(problem.precision))[told]])
+    r, j = (
+        np.append(answer[0], np.zeros(len(told))),
+        np.vstack([answer[1], np.diag(np.sqrt(problem.precision))[told]]),
+    )
     step = np.linalg.lstsq(j[:, linear], -r, rcond=1e-10)[0]
     x[linear] += step
     rest = r + j[:, linear] @ step
@@ -176,7 +208,11 @@ def from_poles(model: Model, num: Array, den: Array, delay_s: float) -> dict[str
             f"{c}{i}": float(v) for c, part in (("b", num), ("a", den)) for i, v in enumerate(part)
         }
     poles = np.roots(den[::-1])
-    theta = {"Kp": float(num[0]), "Td": delay_s, "Tz": float(num[1] / num[0]) if len(num) > 1 and num[0] else 0.0}
+    theta = {
+        "Kp": float(num[0]),
+        "Td": delay_s,
+        "Tz": float(num[1] / num[0]) if len(num) > 1 and num[0] else 0.0,
+    }
     if "Tw" in model.names:
         pair = poles[np.argsort(-np.abs(poles.imag))][:2]
         w = float(np.sqrt(abs(pair[0] * pair[1])))
@@ -205,7 +241,13 @@ def one_lag_each(problem: Posed) -> tuple[Posed, dict[str, float]]:
     plain = several(["P1"] * len(m.inputs), m.inputs, known=m.known, offset=m.offset)
     posed = replace(problem, model=plain)
     pool = [
-        polished(posed, {**dict.fromkeys(plain.names, 0.0), **{n: float(tau) for n in plain.names if n[:2] == "Tp"}})
+        polished(
+            posed,
+            {
+                **dict.fromkeys(plain.names, 0.0),
+                **{n: float(tau) for n in plain.names if n[:2] == "Tp"},
+            },
+        )
         for tau in np.geomspace(problem.dt_s, 0.5 * problem.longest_s, 12)
     ]
     return posed, posed.theta(min(pool, key=lambda item: item[0])[1])
@@ -250,13 +292,20 @@ def starts(problem: Posed) -> list[Array]:
         begun = [{"Kp": 1.0, "Td": d} for _, d in seen[:3]]
     elif process:
         begun = [spread(model, *one, pattern) for one, pattern in product(seen, range(3))]
-    zeros, delays, rates, iterations = int("Tz" in model.names), [delay, 0.5 * delay], [1.0 / tau, 4.0 / tau], 4
+    zeros, delays, rates, iterations = (
+        int("Tz" in model.names),
+        [delay, 0.5 * delay],
+        [1.0 / tau, 4.0 / tau],
+        4,
+    )
     if not process:
         zeros, iterations = sum(n.startswith("b") for n in model.names) - 1, 8
         delays = sorted({f * d for _, d in seen[:2] for f in (0.0, 0.5, 1.0)})
         delays = delays if model.has_delay else [model.fixed.get("Td", 0.0)]
         rates = np.geomspace(6.0 / problem.longest_s, 0.6 / problem.dt_s, 6).tolist()
-    if not process or (model.order in (2, 3) and {"Tw", "Tz"} & set(model.names) and "Tc" not in model.names):
+    if not process or (
+        model.order in (2, 3) and {"Tw", "Tz"} & set(model.names) and "Tc" not in model.names
+    ):
         for d, rate in product(delays, rates):
             if (answer := srivc(problem, zeros, model.order, d, rate, iterations)) is not None:
                 begun.append(from_poles(model, *answer, d))

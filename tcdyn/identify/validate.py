@@ -94,8 +94,12 @@ def validate(fit: Fit, lags: int = 20) -> Validation:
         for k in (behind, -np.arange(lags // 2))
     )
     ew, jw = extra.whiten(e, parts), extra.whiten(j, parts)
-    cross = input_correlation(ew, jw, u, np.tile(problem.dt_s * behind, len(problem.branches)).astype(float))
-    rounding = bool(np.max(np.abs(r)) <= 0.5 * problem.rounding_step)  # which alone could leave these residuals
+    cross = input_correlation(
+        ew, jw, u, np.tile(problem.dt_s * behind, len(problem.branches)).astype(float)
+    )
+    rounding = bool(
+        np.max(np.abs(r)) <= 0.5 * problem.rounding_step
+    )  # which alone could leave these residuals
     if rounding:
         white, cross, coloured = replace(white, p=1.0), replace(cross, p=1.0), False
     raw = r if fit.noise.white else e
@@ -112,7 +116,9 @@ def validate(fit: Fit, lags: int = 20) -> Validation:
     found += drift(problem, r) if coloured else ()
     if (rms := float(np.sqrt(np.mean(r**2)))) < problem.rounding_step:
         found.append(look("record.coarse", step=problem.rounding_step, rms=rms))
-    found += feedback(ew, jw, ahead, np.delete(u, np.arange(len(problem.branches)) * len(behind), axis=1))
+    found += feedback(
+        ew, jw, ahead, np.delete(u, np.arange(len(problem.branches)) * len(behind), axis=1)
+    )
     return Validation(
         whiteness=white,
         input=cross,
@@ -134,11 +140,15 @@ def confirm(fit: Fit, data: IOData, lags: int = 20) -> Validation:
     old, model_noise = fit.problem, fit.noise
     if not model_noise.white and abs(data.dt_s / old.dt_s - 1) > 1e-6:
         raise InputError(
-            f"sampled every {data.dt_s:g} s, and the noise model every {old.dt_s:g} s", where=data.name or "confirm"
+            f"sampled every {data.dt_s:g} s, and the noise model every {old.dt_s:g} s",
+            where=data.name or "confirm",
         )
     same = {name: getattr(old, name) for name in ("input_sds", "time_scale_s", "noise_sd", "trend")}
     problem = replace(pose(data, old.model, old.initial), **same)
-    k, x = problem.n_model, np.concatenate([fit.x[: old.n_model], np.zeros(problem.size - old.n_model)])
+    k, x = (
+        problem.n_model,
+        np.concatenate([fit.x[: old.n_model], np.zeros(problem.size - old.n_model)]),
+    )
     core = problem.core(model_noise)
     answer = core.evaluate(x)
     assert answer is not None  # the model is stable, it was fitted
@@ -147,7 +157,14 @@ def confirm(fit: Fit, data: IOData, lags: int = 20) -> Validation:
     assert raw is not None
     seen = replace(fit.optimum, theta=x, residual=e, jacobian=j, weights=None)
     there = replace(
-        fit, problem=problem, optimum=seen, residual=-raw[0], innovation=-e, slopes=j, loss="linear", weights=None
+        fit,
+        problem=problem,
+        optimum=seen,
+        residual=-raw[0],
+        innovation=-e,
+        slopes=j,
+        loss="linear",
+        weights=None,
     )
     tested = validate(there, lags)
     if k == 0:
@@ -162,7 +179,12 @@ def confirm(fit: Fit, data: IOData, lags: int = 20) -> Validation:
 
 
 def _verdict(
-    fit: Fit, white: ResidualTest, cross: ResidualTest, coloured: bool, rounding: bool, percent: float
+    fit: Fit,
+    white: ResidualTest,
+    cross: ResidualTest,
+    coloured: bool,
+    rounding: bool,
+    percent: float,
 ) -> Finding:
     """What is wrong with the model, or that the record holds nothing against it."""
     name = fit.problem.model.name
@@ -174,16 +196,27 @@ def _verdict(
         which = inputs[worst * len(inputs) // len(cross.value)] if inputs else ""
         lag = float(cross.lags_s[worst])
         return look(
-            "residuals.follow_input", subject=name, fit_percent=percent, p_input=cross.p, lag_s=lag, input=which
+            "residuals.follow_input",
+            subject=name,
+            fit_percent=percent,
+            p_input=cross.p,
+            lag_s=lag,
+            input=which,
         )
     if coloured:
         return look(
-            "residuals.coloured", subject=name, noise_model=not fit.noise.white, p_white=white.p, p_input=cross.p
+            "residuals.coloured",
+            subject=name,
+            noise_model=not fit.noise.white,
+            p_white=white.p,
+            p_input=cross.p,
         )
     return note("residuals.white", subject=name, p_white=white.p, p_input=cross.p)
 
 
-def whiteness(e: Array, jacobian: Array, parts: list[slice], dt_s: float, lags: int) -> ResidualTest:
+def whiteness(
+    e: Array, jacobian: Array, parts: list[slice], dt_s: float, lags: int
+) -> ResidualTest:
     """Ljung and Box's test on ``e`` (N,), the fit's own contribution to each autocovariance taken out."""
     n = len(e)
     lags = max(1, min(lags, n // 4, max(s.stop - s.start for s in parts) - 1))
@@ -197,7 +230,9 @@ def whiteness(e: Array, jacobian: Array, parts: list[slice], dt_s: float, lags: 
     z = (total[1:] / variance + taken[1:]) / np.sqrt(np.maximum(pairs[1:], 1.0))
     value = total[1:] / max(total[0], 1e-300)
     bound = 1.96 * np.sqrt(pairs[1:]) / n
-    return ResidualTest(np.asarray(dt_s * np.arange(1.0, lags + 1)), value, bound, float(chdtrc(lags, np.sum(z**2))))
+    return ResidualTest(
+        np.asarray(dt_s * np.arange(1.0, lags + 1)), value, bound, float(chdtrc(lags, np.sum(z**2)))
+    )
 
 
 def shifts(problem: Posed, lag_s: float, lags: int) -> NDArray[np.int_]:
@@ -217,7 +252,12 @@ def shifted_inputs(problem: Posed, behind: NDArray[np.int_]) -> Array:
     def shifted(s: Segment) -> Array:
         past = s.history(most + 1)
         level = 0.0 if problem.initial == "zero" and not s.resumed else past[0]
-        padded = np.concatenate([past[1:] if s.resumed else np.full(most, level), s.u, np.full(ahead, s.u[-1])]) - level
+        padded = (
+            np.concatenate(
+                [past[1:] if s.resumed else np.full(most, level), s.u, np.full(ahead, s.u[-1])]
+            )
+            - level
+        )
         return np.array([padded[most - k : most - k + len(s.u)] for k in behind]).T[s.seen]
 
     each = [[shifted(s.of(k)) for k in range(len(problem.branches))] for s in problem.segments]
@@ -262,9 +302,15 @@ def off_equilibrium(fit: Fit) -> tuple[Finding, ...]:
         return ()
     rms = float(np.sqrt(np.mean(fit.residual**2)))
     at = np.cumsum([0, *(s.seen.sum() for s in problem.segments)])
-    starts = [fit.residual[at[k] :][:3] for k in range(len(problem.segments)) if not problem.loose[k]]
+    starts = [
+        fit.residual[at[k] :][:3] for k in range(len(problem.segments)) if not problem.loose[k]
+    ]
     first = abs(max((float(np.median(r)) for r in starts), key=abs, default=0.0))
-    return (look("record.off_equilibrium", off=first, times_rms=first / rms),) if first > 4 * rms else ()
+    return (
+        (look("record.off_equilibrium", off=first, times_rms=first / rms),)
+        if first > 4 * rms
+        else ()
+    )
 
 
 def drift(problem: Posed, residual: Array) -> tuple[Finding, ...]:
@@ -282,7 +328,9 @@ def drift(problem: Posed, residual: Array) -> tuple[Finding, ...]:
 
 def feedback(e: Array, jacobian: Array, ahead: Array, behind: Array) -> tuple[Finding, ...]:
     """Whether the residuals tell of the input still to come and not of the past one (1 % level)."""
-    future, past = (input_correlation(e, jacobian, u, np.zeros(u.shape[1])).p for u in (ahead, behind))
+    future, past = (
+        input_correlation(e, jacobian, u, np.zeros(u.shape[1])).p for u in (ahead, behind)
+    )
     return (look("record.feedback", p=future),) if past >= ALARM > future else ()
 
 

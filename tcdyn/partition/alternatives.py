@@ -31,7 +31,10 @@ H_OF = {  # the heat transfer coefficients that a way finds beside beta
 }
 WAYS = tuple(H_OF)
 EXPONENT_U = 5.0  # an exponent known worse than this is not known
-OFF_SCALE, OFF_SCALE_Z = 0.1, 5.0  # of the frictional power against the heat that both disks show, to be told
+OFF_SCALE, OFF_SCALE_Z = (
+    0.1,
+    5.0,
+)  # of the frictional power against the heat that both disks show, to be told
 FAR_OFF = 2.0  # times it or a part of it: shares of it that add to one tell nothing
 UNITS = {  # by how much the true power is above the logged one when numbers stand in other units, and which
     "friction in pounds-force": 4.448,
@@ -96,8 +99,15 @@ class Alternatives:
         """The structure that the data ask for; a note where the headline holds all the same."""
         if (best := self.named) is None:
             return ()
-        told = {"name": best.name, "log_odds": best.log_odds, "beta": best.beta.value, "u": best.beta.u}
-        return (note("structures.other", **told) if self.holds else look("structures.other", **told),)  # type: ignore[arg-type]
+        told = {
+            "name": best.name,
+            "log_odds": best.log_odds,
+            "beta": best.beta.value,
+            "u": best.beta.u,
+        }
+        return (
+            note("structures.other", **told) if self.holds else look("structures.other", **told),
+        )  # type: ignore[arg-type]
 
     def to_list(self) -> list[dict[str, Any]]:
         """As ``beta.json`` keeps them."""
@@ -140,7 +150,9 @@ def alternatives(test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit) -> 
             found = _settled(test, joint, both, name, found, solve, waves)
         wide = found.covariance(max(found.waves, waves)) if found.sizes else usual
         beta, n = (
-            Estimate.normal(e.value + float(t @ (found.step - nothing.step)), e.u * float(np.sqrt(v / w)))
+            Estimate.normal(
+                e.value + float(t @ (found.step - nothing.step)), e.u * float(np.sqrt(v / w))
+            )
             for e, t in zip((both.estimates["beta"], both.estimates["exponent"]), toward)
             for v, w in [(t @ wide @ t, t @ usual @ t)]
         )
@@ -156,9 +168,14 @@ def alternatives(test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit) -> 
 
 
 def _settled(
-    test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit, name: str, found: Refit, about: Linear,
+    test: EhlTest,
+    joint: Mapping[str, DiskFit],
+    both: BothFit,
+    name: str,
+    found: Refit,
+    about: Linear,
     waves: float,
-) -> Refit:  # fmt: skip
+) -> Refit:
     """The fit of both disks with the structure ``name`` among its unknowns, by the model itself, columns taken anew."""
     ends = about.ends
     theta, best, sides = both.theta + found.step[:8], both.optimum, [joint[d].side for d in DISKS]
@@ -166,7 +183,10 @@ def _settled(
         late_s = LAG_SD_S * found.sizes[0].value if name.startswith("lag of ") else 0.0
         parts = np.split(structures(test, joint, theta, name, late_s)[name], ends[:-1])
         extra = tuple(Unmeasured(f"{name} {k}", name, True) for k in range(parts[0].shape[1]))
-        wider = [replace(s, of=(*s.of, *extra), effect=np.hstack([s.effect, x])) for s, x in zip(sides, parts)]
+        wider = [
+            replace(s, of=(*s.of, *extra), effect=np.hstack([s.effect, x]))
+            for s, x in zip(sides, parts)
+        ]
         problem = joint_problem(wider)
         start = np.zeros(len(problem.names))
         start[:8] = theta
@@ -177,7 +197,12 @@ def _settled(
         solve = Linear.at(again, ends, about.points, order)
         there = solve(again.jacobian[: ends[-1], own], waves)
         sizes = tuple(Estimate.normal(float(again.theta[k]), e.u) for k, e in zip(own, there.sizes))
-        found = replace(there, step=again.theta[order] - best.theta, sizes=sizes, waves=solve.waves(again.residual))
+        found = replace(
+            there,
+            step=again.theta[order] - best.theta,
+            sizes=sizes,
+            waves=solve.waves(again.residual),
+        )
     fall = (best.cost - again.cost) / waves
     return replace(found, log_odds=0.5 * fall - found.volume, delta_chi2=fall)
 
@@ -227,8 +252,14 @@ def impossible(
     scale = power_scale(answers["joint fast"].value, answers["joint slow"].value)
     u = float(np.std(draws["joint fast"] - draws["joint slow"]))
     if abs(scale - 1) > max(OFF_SCALE, OFF_SCALE_Z * u):
-        near = {name: abs(np.log(abs(scale) / factor)) for name, factor in UNITS.items() if scale > 0}
-        units = [name for name in sorted(near, key=near.__getitem__) if near[name] < max(SAME_UNIT, 2 * u / abs(scale))]
+        near = {
+            name: abs(np.log(abs(scale) / factor)) for name, factor in UNITS.items() if scale > 0
+        }
+        units = [
+            name
+            for name in sorted(near, key=near.__getitem__)
+            if near[name] < max(SAME_UNIT, 2 * u / abs(scale))
+        ]
         found.append(look("power.scale", scale=scale, u=u, units=units[:2]))
     ways = [way for way in WAYS if way in gone] + ["joint, both disks"] * ("both beta" in gone)
     if ways:

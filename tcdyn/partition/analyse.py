@@ -59,9 +59,15 @@ from tcdyn.partition.steady import (
 from tcdyn.partition.uneven import Unevenness, harmonic_K
 from tcdyn.partition.window import DiskWindow, stretch_of
 
-WINDOW_S, LOST_K = 5.0, 20.0  # of the cooling fit; a channel at rest that is off by more reads something else
+WINDOW_S, LOST_K = (
+    5.0,
+    20.0,
+)  # of the cooling fit; a channel at rest that is off by more reads something else
 NOTHING: Mapping[str, Unevenness] = {}
-EXCHANGED_Z, SAME_Z = 5.0, 3.0  # the exponent this far from the speed law's, and its opposite this near
+EXCHANGED_Z, SAME_Z = (
+    5.0,
+    3.0,
+)  # the exponent this far from the speed law's, and its opposite this near
 
 
 @dataclass(frozen=True)
@@ -124,12 +130,22 @@ class Partition:
         if "both beta" in self.withheld:
             return look("headline.withheld")
         e, s = self.both.estimates, self.structures
-        numbers: dict[str, Any] = {} if s.named is None else {"named": s.named.name, "named_beta": s.named.beta.value}
+        numbers: dict[str, Any] = (
+            {} if s.named is None else {"named": s.named.name, "named_beta": s.named.beta.value}
+        )
         return note(
-            "headline.both", beta=e["beta"].value, u=e["beta"].u, exponent=e["exponent"].value,
-            exponent_u=e["exponent"].u, assumed=self.test.speed_exponent, z=s.assumed.referee_z,
-            count=len(s.tried) - 1, low95=s.low95, high95=s.high95, **numbers,
-        )  # fmt: skip
+            "headline.both",
+            beta=e["beta"].value,
+            u=e["beta"].u,
+            exponent=e["exponent"].value,
+            exponent_u=e["exponent"].u,
+            assumed=self.test.speed_exponent,
+            z=s.assumed.referee_z,
+            count=len(s.tried) - 1,
+            low95=s.low95,
+            high95=s.high95,
+            **numbers,
+        )
 
     @cached_property
     def profiles(self) -> pd.DataFrame:
@@ -155,7 +171,9 @@ def analyse(
     """
     longer_than_lag(test, window_s)
     logged = test = followed(at_one_radius(at_own_temperature(with_surfaces(test))))
-    joint_s = float(min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s))  # of cooling, or what the log holds
+    joint_s = float(
+        min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s)
+    )  # of cooling, or what the log holds
     rows = stretch_of(test, max(window_s, joint_s))
     findings = list(test.findings)
     sensors = None
@@ -194,7 +212,9 @@ def analyse(
         junctions = smoothed(test, disk, rows, chains[d], joint[d].estimates["lag_s"].u)
         traces = compensated(test, disk, rows, junctions, profile)
         prior = log_h_prior(disk.setup.surface)
-        fit = cooling_fit(traces.window, line.line, test.events.unload_s, window_s, traces.noise_K, prior)
+        fit = cooling_fit(
+            traces.window, line.line, test.events.unload_s, window_s, traces.noise_K, prior
+        )
         errors = cooling_errors(traces, fit.share, fit.h_W_m2K)
         windows[d] = traces.window
         shown[d] = traces.shown
@@ -202,24 +222,53 @@ def analyse(
         shifts[d] = cooling_shift(fit, *errors, line)
     structures = alternatives(fitted, joint, both)
     budget = monte_carlo(test, lines, cooling, shifts, joint, seed)
-    values = {"speed law": speed.beta, "h_fast": speed.h_fast, "h_slow": speed.h_slow, "exponent": test.speed_exponent}
+    values = {
+        "speed law": speed.beta,
+        "h_fast": speed.h_fast,
+        "h_slow": speed.h_slow,
+        "exponent": test.speed_exponent,
+    }
     for d in DISKS:
         values |= {f"{d} intercept": lines[d].line.intercept, f"{d} slope": lines[d].line.slope}
         values |= {f"cooling {d}": cooling[d].beta, f"h cooling {d}": cooling[d].h_W_m2K}
         values |= {f"joint {d}": joint[d].beta, f"h joint {d}": joint[d].h_W_m2K}
     surface, drawn = surface_temperatures(test, speed, windows, budget.draws)
     draws = {**budget.draws, **drawn}
-    answers = {k: Estimate.normal(value, float(np.std(draws[k]))) for k, value in (values | surface).items()}
+    answers = {
+        k: Estimate.normal(value, float(np.std(draws[k])))
+        for k, value in (values | surface).items()
+    }
     held = structures if "both beta" not in withheld(answers, both.estimates) else None
     causes = impossible(answers, both.estimates, draws)
     units = [f for f in causes if f.numbers.get("units")]  # they explain all the rest
-    findings = [*_exchanged(logged, both), *units, *findings, *(f for f in causes if f not in units)]
+    findings = [
+        *_exchanged(logged, both),
+        *units,
+        *findings,
+        *(f for f in causes if f not in units),
+    ]
     findings += held.findings if held else ()
-    checked = cross_check({way: answers[way] for way in WAYS}, draws, tensions(test, joint, both, sensors), held)
+    checked = cross_check(
+        {way: answers[way] for way in WAYS}, draws, tensions(test, joint, both, sensors), held
+    )
     return Partition(
-        test, rows, lines, speed, cooling, joint, both, replace(budget, draws=draws), checked, answers, chains,
-        shown, windows, sensors, structures, tuple(findings),
-    )  # fmt: skip
+        test,
+        rows,
+        lines,
+        speed,
+        cooling,
+        joint,
+        both,
+        replace(budget, draws=draws),
+        checked,
+        answers,
+        chains,
+        shown,
+        windows,
+        sensors,
+        structures,
+        tuple(findings),
+    )
 
 
 def heeded(found: SensorCheck) -> list[Finding]:
@@ -241,12 +290,23 @@ def heeded(found: SensorCheck) -> list[Finding]:
 
 def _exchanged(test: EhlTest, both: BothFit) -> list[Finding]:
     """Whether the disks' cables look exchanged: the exponent its opposite, or readings at rest each other's."""
-    n, assumed, law_u = both.estimates["exponent"], test.speed_exponent, test.exponent_half_range / 3**0.5
-    away, opposite = (abs(assumed - sign * n.value) / float(np.hypot(n.u, law_u)) for sign in (1, -1))
+    n, assumed, law_u = (
+        both.estimates["exponent"],
+        test.speed_exponent,
+        test.exponent_half_range / 3**0.5,
+    )
+    away, opposite = (
+        abs(assumed - sign * n.value) / float(np.hypot(n.u, law_u)) for sign in (1, -1)
+    )
     at_rest = away >= EXCHANGED_Z and cables_exchanged(test)
     if away < EXCHANGED_Z or (opposite > SAME_Z and not at_rest):
         return []
-    numbers: dict[str, Any] = {"exponent": n.value, "u": n.u, "assumed": assumed, "beta": both.estimates["beta"].value}
+    numbers: dict[str, Any] = {
+        "exponent": n.value,
+        "u": n.u,
+        "assumed": assumed,
+        "beta": both.estimates["beta"].value,
+    }
     return [look("cables.exchanged", **numbers, at_rest=at_rest)]
 
 
@@ -263,13 +323,21 @@ def _check_sensors(test: EhlTest, rows: slice, joint_s: float, profile: Profile)
     scale = power_scale(*(joint[d].estimates["beta"].value for d in DISKS))
     if scale <= 0 or abs(scale - 1) < OFF_SCALE:
         return found
-    return again if (again := check_sensors(replace(test, power_W=test.power_W * scale))).sound else found
+    return (
+        again
+        if (again := check_sensors(replace(test, power_W=test.power_W * scale))).sound
+        else found
+    )
 
 
 def followed(test: EhlTest) -> EhlTest:
     """The test with the film of slowing disks, by the speed law."""
     length = float(min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s))
-    return slowed(test, steady_lines(test, stretch_of(test, length))[1].starts) if test.slowing else test
+    return (
+        slowed(test, steady_lines(test, stretch_of(test, length))[1].starts)
+        if test.slowing
+        else test
+    )
 
 
 def evened(
@@ -278,7 +346,9 @@ def evened(
     """The test without the harmonics round the bore that were ``found``; and where one is beyond doubt, or ``stated``,
     the test with them, to be fitted again with what is to be expected of such a disk."""
     expected = {d: stated.get(d, one.expected) for d, one in found.items()}
-    known = {d: replace(found[d], second_K=e.second_K, about_K=e.about_K) for d, e in expected.items()}
+    known = {
+        d: replace(found[d], second_K=e.second_K, about_K=e.about_K) for d, e in expected.items()
+    }
     uneven = bool(stated) or any(one.second_K > 0 for one in known.values())
     return unwound(test, known), replace(test, uneven=expected) if uneven else None
 
@@ -288,7 +358,9 @@ def unwound(test: EhlTest, known: Mapping[str, Unevenness]) -> EhlTest:
     disks = {}
     for d, disk in test.disks.items():
         since_s = test.time_s - test.events.unload_s - disk.common_lag_s
-        disks[d] = replace(disk, readings_degC=disk.readings_degC - harmonic_K(known[d], disk.setup, since_s))
+        disks[d] = replace(
+            disk, readings_degC=disk.readings_degC - harmonic_K(known[d], disk.setup, since_s)
+        )
     return replace(test, disks=disks, uneven=known)
 
 

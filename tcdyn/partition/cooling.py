@@ -61,7 +61,9 @@ def slowed(test: EhlTest, at: Mapping[str, tuple[float, float]]) -> EhlTest:
         return test
     rows = stretch_of(test, min(LEVELLED_S, float(test.time_s[-1] - test.events.unload_s)))
     for _ in range(ROUNDS):
-        film = {d: _film(test, test.disks[d], rows, *at[d]) for d in test.slowing if d in test.disks}
+        film = {
+            d: _film(test, test.disks[d], rows, *at[d]) for d in test.slowing if d in test.disks
+        }
         test = replace(test, film={**test.film, **film})
     return test
 
@@ -70,7 +72,9 @@ def _film(test: EhlTest, disk: DiskTraces, rows: slice, share: float, h_W_m2K: f
     window, u = lagged_window(test, disk, rows), np.maximum(test.slowing[disk.name], LEAST_SPEED)
     known = still(test, disk)
     warmer = (
-        surface_degC(window, share, h_W_m2K) - window.rim.inputs[:, window.rim.ambient] - window.blocks @ known[rows, 0]
+        surface_degC(window, share, h_W_m2K)
+        - window.rim.inputs[:, window.rim.ambient]
+        - window.blocks @ known[rows, 0]
     )
     superheat = np.interp(test.time_s + disk.mean_chain.lag_s, window.at_s, warmer)
     film, sd = u**test.speed_exponent, test.exponent_half_range / np.sqrt(3)
@@ -145,7 +149,9 @@ class Alone:
     estimates: Mapping[str, Estimate]
 
 
-def fits_alone(test: EhlTest, start: Starts, window_s: float, profile: Profile = "modal") -> dict[str, Alone]:
+def fits_alone(
+    test: EhlTest, start: Starts, window_s: float, profile: Profile = "modal"
+) -> dict[str, Alone]:
     """Joint fit of each disk that has a ``start``, independent of the other disk."""
     alone = {}
     for disk, values in start.items():
@@ -158,13 +164,19 @@ def refined_chains(chains: Sequence[Chain], common: Chain) -> tuple[Chain, ...]:
     """``common`` for every channel, its largest lag shifted by the channel's difference from the mean of ``chains``."""
     mean = float(np.mean([c.lag_s for c in chains]))
     taus = sorted(common.taus_s, reverse=True)
-    return tuple(replace(common, taus_s=(max(taus[0] + c.lag_s - mean, 1e-3), *taus[1:])) for c in chains)
+    return tuple(
+        replace(common, taus_s=(max(taus[0] + c.lag_s - mean, 1e-3), *taus[1:])) for c in chains
+    )
 
 
 def smoothed(
-    test: EhlTest, disk: DiskTraces, rows: slice, chains: tuple[Chain, ...], lag_u_s: float,
+    test: EhlTest,
+    disk: DiskTraces,
+    rows: slice,
+    chains: tuple[Chain, ...],
+    lag_u_s: float,
     like: Compensated | None = None,
-) -> Compensated:  # fmt: skip
+) -> Compensated:
     """The traces of one disk over ``rows``, smoothed with the parting as a known kink, a slow one as two, and as freely
     as they were in ``like``, from the same row on: without it by their likelihood."""
     start, end = test.time_s[rows][[0, -1]]
@@ -181,14 +193,28 @@ def smoothed(
     )
 
 
-def compensated(test: EhlTest, disk: DiskTraces, rows: slice, done: Compensated, profile: Profile = "modal") -> Cooled:
+def compensated(
+    test: EhlTest, disk: DiskTraces, rows: slice, done: Compensated, profile: Profile = "modal"
+) -> Cooled:
     """The traces of one disk over ``rows``, ``done`` by :func:`smoothed`, and the windows made of them."""
     window, late = (
-        disk_window(test, disk, done.temperature + longer_s * done.lag_sensitivity, rows, disk.noise_K, profile)
+        disk_window(
+            test,
+            disk,
+            done.temperature + longer_s * done.lag_sensitivity,
+            rows,
+            disk.noise_K,
+            profile,
+        )
         for longer_s in (0.0, LAG_STEP_S)
     )
     return Cooled(
-        test, disk, done, window, late, float(np.median(done.sd_noise[:, disk.setup.places(disk.setup.outer)]))
+        test,
+        disk,
+        done,
+        window,
+        late,
+        float(np.median(done.sd_noise[:, disk.setup.places(disk.setup.outer)])),
     )
 
 
@@ -204,7 +230,9 @@ def cooling_errors(cooled: Cooled, share: float, h_W_m2K: float) -> tuple[Effect
 def cooling_shift(fit: CoolingFit, known: Effects, late: Array, line: DiskLine) -> CoolingShift:
     """Errors of (share, h), through the traces and through the line; ``known`` and ``late`` of ``cooling_errors``."""
     share_off = line.shift.per_sd @ np.array([1.0, fit.h_W_m2K])
-    h_off = np.einsum("rp,qrp->q", fit.by_effect, share_off[:, None, None] * fit.power - known.change)
+    h_off = np.einsum(
+        "rp,qrp->q", fit.by_effect, share_off[:, None, None] * fit.power - known.change
+    )
     toward = np.array([line.line.slope, 1.0])
     noise = fit.h_noise**2 * np.outer(toward, toward)
     noise[0, 0] += line.shift.noise[0, 0]
@@ -213,9 +241,13 @@ def cooling_shift(fit: CoolingFit, known: Effects, late: Array, line: DiskLine) 
 
 
 def cooling_fit(
-    window: DiskWindow, line: SteadyLine, unload_s: float, window_s: float, noise_K: float,
+    window: DiskWindow,
+    line: SteadyLine,
+    unload_s: float,
+    window_s: float,
+    noise_K: float,
     log_h: tuple[float, float] = (0.0, np.inf),
-) -> CoolingFit:  # fmt: skip
+) -> CoolingFit:
     """Fit h alone to compensated traces over ``window_s`` seconds after ``unload_s``; the share follows the line.
 
     Each outer junction is compared with the model after both are matched over the last ``MATCH_S`` seconds under
@@ -253,7 +285,9 @@ def cooling_fit(
     h = float(np.exp(best.x))
     predicted, power = model(h)
     step = 1e-3 * h
-    s = matched((model(h + step)[0] - model(h - step)[0]) / (2 * step))[inside]  # by h, along the line
+    s = matched((model(h + step)[0] - model(h - step)[0]) / (2 * step))[
+        inside
+    ]  # by h, along the line
     residual = (target - matched(predicted))[inside]
     curvature = (weight * s * s).sum() + (noise_K / (h * stated_u)) ** 2
     by_effect = np.zeros_like(power)
@@ -268,12 +302,17 @@ def cooling_fit(
         misfit_K=float(np.sqrt((weight * residual**2).sum() / weight.sum())),
         by_effect=by_effect,
         power=power,
-        h_noise=float(np.sqrt((weight * s * s).sum() + (noise_K / (h * stated_u)) ** 2) * noise_K / curvature),
+        h_noise=float(
+            np.sqrt((weight * s * s).sum() + (noise_K / (h * stated_u)) ** 2) * noise_K / curvature
+        ),
     )
 
 
 def surface_temperatures(
-    test: EhlTest, speed: SpeedLawPoint, windows: Mapping[str, DiskWindow], draws: Mapping[str, Array]
+    test: EhlTest,
+    speed: SpeedLawPoint,
+    windows: Mapping[str, DiskWindow],
+    draws: Mapping[str, Array],
 ) -> tuple[dict[str, float], dict[str, Array]]:
     """Maxima of the running tracks' mean temperature over the last seconds under load, and their Monte Carlo draws.
 
@@ -281,18 +320,27 @@ def surface_temperatures(
     places across the track are looked at. ``draws`` of beta, h_fast and h_slow move them by their slopes.
     """
     values, drawn = dict[str, float](), dict[str, Array]()
-    for d, h, share, sign in (("fast", speed.h_fast, speed.beta, 1), ("slow", speed.h_slow, 1 - speed.beta, -1)):
+    for d, h, share, sign in (
+        ("fast", speed.h_fast, speed.beta, 1),
+        ("slow", speed.h_slow, 1 - speed.beta, -1),
+    ):
         rim, to_parting = windows[d].rim, windows[d].at_s - test.events.unload_s
         last = (to_parting >= -LAST_S) & (to_parting < -0.2)
-        places = tuple((SURFACE_DEPTH_M, float(x)) for x in np.linspace(0.3, 0.7, 9) * rim.setup.width_m)
+        places = tuple(
+            (SURFACE_DEPTH_M, float(x)) for x in np.linspace(0.3, 0.7, 9) * rim.setup.width_m
+        )
         step = 0.01 * max(h, 10.0)
         both = rim.answer(max(h, 0.0) + np.array([0.0, step]), extra=places)
         rest, power = (x[:, last, len(rim.setup.outer) :].mean(axis=1) for x in both)
         track = rest + share * power  # (2, 9)
-        track -= rim.setup.steel.straight(track) - track  # back from Kirchhoff's temperature, to first order
+        track -= (
+            rim.setup.steel.straight(track) - track
+        )  # back from Kirchhoff's temperature, to first order
         by_h = (track[1, k := int(np.argmax(track[0]))] - track[0, k]) / step
         more = sign * power[0, k] * (draws["speed law"] - speed.beta) + by_h * (draws[f"h_{d}"] - h)
         values[f"surface {d}"], drawn[f"surface {d}"] = float(track[0, k]), track[0, k] + more
-    values["delta_T_us"] = (values["surface fast"] - values["surface slow"]) * test.sliding_speed_m_s
+    values["delta_T_us"] = (
+        values["surface fast"] - values["surface slow"]
+    ) * test.sliding_speed_m_s
     drawn["delta_T_us"] = (drawn["surface fast"] - drawn["surface slow"]) * test.sliding_speed_m_s
     return values, drawn

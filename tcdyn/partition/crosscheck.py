@@ -34,7 +34,9 @@ SUSPECT_Z = 3.0
 NOTED_CHANCE = 0.5
 DRAWS, PULL_DRAWS = 4000, 20_000
 LEAST_SEEN = 20
-MODEL_FORM_REL = 0.002  # of the share: inner profile and mesh; 0.03 % was seen against the whole disk
+MODEL_FORM_REL = (
+    0.002  # of the share: inner profile and mesh; 0.03 % was seen against the whole disk
+)
 
 
 @dataclass(frozen=True)
@@ -89,10 +91,15 @@ def monte_carlo(
             per_sd, root = shifts[d]
             on = np.array([active in (None, q.source) for q in joint[d].shift.of])
             off = (drawn[d][:, on] @ per_sd[on] + (active in (None, "noise")) * noise[d] @ root.T).T
-            grow = 1 + MODEL_FORM_REL * normal[d, "model form"] * (active in (None, "rim model form"))
+            grow = 1 + MODEL_FORM_REL * normal[d, "model form"] * (
+                active in (None, "rim model form")
+            )
             moved[f"{d} intercept"] = (lines[d].line.intercept + off[0]) * grow
             moved[f"{d} slope"] = (lines[d].line.slope + off[1]) * grow
-            for way, at, share_off, h_off in (("cooling", cooling[d], *off[2:4]), ("joint", joint[d], *off[4:6])):
+            for way, at, share_off, h_off in (
+                ("cooling", cooling[d], *off[2:4]),
+                ("joint", joint[d], *off[4:6]),
+            ):
                 share = at.share * grow + share_off
                 moved[f"{way} {d}"] = share if d == "fast" else 1 - share
                 moved[f"h {way} {d}"] = at.h_W_m2K + h_off
@@ -123,7 +130,9 @@ def together(line: FitShift, cooling: CoolingShift, joint: FitShift) -> tuple[Ar
     )
     late = np.eye(7)
     late[2:4, 6] = cooling.by_lag
-    return per_sd @ late.T, late @ block_diag(*(root_of(fit.noise) for fit in (line, cooling, joint)))
+    return per_sd @ late.T, late @ block_diag(
+        *(root_of(fit.noise) for fit in (line, cooling, joint))
+    )
 
 
 @dataclass(frozen=True)
@@ -184,7 +193,9 @@ class CrossCheck:
             "p_value": self.p_value,
             "suspects": [t.to_dict() for t in self.suspects],
             "strained": None if self.strained is None else self.strained.to_dict(),
-            "pairs": [{"one": a, "other": b, "difference": gap, "z": z} for a, b, gap, z in self.pairs],
+            "pairs": [
+                {"one": a, "other": b, "difference": gap, "z": z} for a, b, gap, z in self.pairs
+            ],
         }
 
 
@@ -211,20 +222,33 @@ def cross_check(
     worst = max(pairs, key=lambda row: row[3])
     largest = np.max(np.stack(zs), axis=0)
     p = float(np.mean(largest >= worst[3]))
-    if worst[3] > largest.max():  # beyond what the draws can tell: the normal tail, for so many pairs
+    if (
+        worst[3] > largest.max()
+    ):  # beyond what the draws can tell: the normal tail, for so many pairs
         p = min(1.0, 2 * len(pairs) * float(ndtr(-worst[3])))
     suspects = tuple(sorted((t for t in tensions if t.contradicts), key=lambda t: -abs(t.z)))
     most = min(tensions, key=lambda t: t.chance, default=None)
     strained = most if most is not None and most.chance < NOTED_CHANCE else None
     steady = next(iter(ways.values()))
     numbers: dict[str, Any] = {
-        "one": worst[0], "other": worst[1], "apart": abs(worst[2]), "z": worst[3], "low": min(values.values()),
-        "high": max(values.values()), "steady": steady.value, "steady_u": steady.u,
-        "suspects": [t.stated.sentence for t in suspects[:3]], "suspects_z": [abs(t.z) for t in suspects[:3]],
+        "one": worst[0],
+        "other": worst[1],
+        "apart": abs(worst[2]),
+        "z": worst[3],
+        "low": min(values.values()),
+        "high": max(values.values()),
+        "steady": steady.value,
+        "steady_u": steady.u,
+        "suspects": [t.stated.sentence for t in suspects[:3]],
+        "suspects_z": [abs(t.z) for t in suspects[:3]],
         "holds": False,
-    }  # fmt: skip
+    }
     if both is not None:
-        numbers |= {"holds": both.holds, "both": both.assumed.beta.value, "both_u": both.assumed.beta.u}
+        numbers |= {
+            "holds": both.holds,
+            "both": both.assumed.beta.value,
+            "both_u": both.assumed.beta.u,
+        }
         numbers |= {"low95": both.low95, "high95": both.high95}
     if worst[3] >= SUSPECT_Z:
         finding = look("ways.apart", **numbers)
@@ -232,7 +256,11 @@ def cross_check(
         finding = look("ways.contradicted", **numbers)
     else:
         if strained is not None:
-            numbers |= {"strained": strained.stated.sentence, "strained_z": abs(strained.z), "chance": strained.chance}
+            numbers |= {
+                "strained": strained.stated.sentence,
+                "strained_z": abs(strained.z),
+                "chance": strained.chance,
+            }
         finding = note("ways.agree", **numbers)
     return CrossCheck(worst[3], finding, p, tuple(pairs), suspects, strained)
 
@@ -249,7 +277,16 @@ def tensions(
     """
     depths = {} if sensors is None else sensors.depths
     pulled = [
-        (note("stated.depth", subject=d, channel=c, deeper_mm=1e3 * deeper.value, u_mm=1e3 * deeper.u), float(z))
+        (
+            note(
+                "stated.depth",
+                subject=d,
+                channel=c,
+                deeper_mm=1e3 * deeper.value,
+                u_mm=1e3 * deeper.u,
+            ),
+            float(z),
+        )
         for d, t in depths.items()
         for (c, deeper), z in zip(t.deeper_m.items(), t.pull)
     ]
@@ -270,12 +307,17 @@ def tensions(
     others.append((note("stated.exponent", assumed=assumed, implied=n.value, u=n.u), outside / n.u))
     largest = largest_pulls([*depths.values()])
     out = [Tension(f, z, chance_of(z, largest, len(pulled)), DEPTH_ALARM) for f, z in pulled]
-    for finding, z in others:  # how often the largest of so many independent normal deviates is at least |z|
+    for (
+        finding,
+        z,
+    ) in others:  # how often the largest of so many independent normal deviates is at least |z|
         one = min(2 * float(ndtr(-abs(z))), 1 - 1e-9)
         out.append(Tension(finding, z, float(-np.expm1(len(others) * np.log1p(-one))), OTHER_ALARM))
     for s in () if sensors is None else sensors.suspects:
         fault = note("stated.sensors", subject=s.disk, kind=s.kind, columns=s.columns)
-        out.append(Tension(fault, float(np.sqrt(2.0 * max(s.log_odds, 0.0))), LEAST_CHANCE, OTHER_ALARM))
+        out.append(
+            Tension(fault, float(np.sqrt(2.0 * max(s.log_odds, 0.0))), LEAST_CHANCE, OTHER_ALARM)
+        )
     return tuple(replace(t, chance=max(t.chance, LEAST_CHANCE)) for t in out)
 
 
@@ -288,11 +330,17 @@ def root_of(covariance: Array) -> Array:
 def largest_pulls(tests: Sequence[DepthTest], seed: int = 0) -> Array:
     """Draws of the largest pull of all ``tests`` on sound disks, (PULL_DRAWS,)."""
     rng = np.random.default_rng(seed)
-    pulls = [rng.standard_normal((PULL_DRAWS, len(t.pull))) @ root_of(t.correlation).T for t in tests]
+    pulls = [
+        rng.standard_normal((PULL_DRAWS, len(t.pull))) @ root_of(t.correlation).T for t in tests
+    ]
     return np.abs(np.hstack([np.zeros((PULL_DRAWS, 1)), *pulls])).max(axis=1)
 
 
 def chance_of(pull: float, largest: Array, count: int) -> float:
     """How often the ``largest`` of ``count`` pulls is at least ``pull``; beyond the draws by the normal tail."""
     seen = float(np.mean(largest >= abs(pull)))
-    return seen if seen * len(largest) >= LEAST_SEEN else min(1.0, 2.0 * count * float(ndtr(-abs(pull))))
+    return (
+        seen
+        if seen * len(largest) >= LEAST_SEEN
+        else min(1.0, 2.0 * count * float(ndtr(-abs(pull))))
+    )

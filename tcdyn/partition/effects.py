@@ -17,7 +17,14 @@ from tcdyn.conduction.rim import bank_means, cardinal
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.statement import statement_effects
 from tcdyn.partition.uneven import Unevenness, Unmeasured, round_effects
-from tcdyn.partition.window import POWER, DiskWindow, Perturbation, RimMeans, sampled, steady_start_s
+from tcdyn.partition.window import (
+    POWER,
+    DiskWindow,
+    Perturbation,
+    RimMeans,
+    sampled,
+    steady_start_s,
+)
 from tcdyn.traces import DiskTraces
 
 PARAMETERS = ("share", "log h", "log lags", "log tau2")  # of each disk; lags: tau1 + tau2
@@ -81,11 +88,16 @@ def stated_u(disk: DiskTraces, static_u_K: Array, other_lags_s: Array | float = 
 
 def departures(disk: DiskSetup, depth_step_m: float) -> list[tuple[Perturbation, float]]:
     """What ``stated_effects`` asks the answer to, each with its size: every junction deeper, steel, washer, width."""
-    deeper = [(Perturbation(deeper_m=tuple(row)), depth_step_m) for row in depth_step_m * np.eye(len(disk.rows))]
+    deeper = [
+        (Perturbation(deeper_m=tuple(row)), depth_step_m)
+        for row in depth_step_m * np.eye(len(disk.rows))
+    ]
     return deeper + [(p, MATERIAL_STEP) for p in MATERIALS]
 
 
-def stated_effects(moved: Array, driven: Array, lasts: Array, rates_K_s: Array, drives: Array) -> Array:
+def stated_effects(
+    moved: Array, driven: Array, lasts: Array, rates_K_s: Array, drives: Array
+) -> Array:
     """What R means of the P outer junctions (or of these and the k inner) show more by a unit of everything ``stated``.
 
     (Q, R, P or P + k). ``moved`` (P + k + 4, R, ...): what they show more by a unit of each of the ``departures``;
@@ -122,7 +134,9 @@ def known_round(test: EhlTest, disk: str) -> Unevenness:
     return test.uneven.get(disk, Unevenness(span_s=test.events.unload_s - steady_start_s(test)))
 
 
-def effects(test: EhlTest, disk: DiskTraces, window: DiskWindow, share: float, h_W_m2K: float) -> Effects:
+def effects(
+    test: EhlTest, disk: DiskTraces, window: DiskWindow, share: float, h_W_m2K: float
+) -> Effects:
     """All that nobody measured, about the point (share, h), as the fits of one disk see it.
 
     To what is stated come the friction, the instant of parting, and how each lag of the outer row is split: per second
@@ -154,16 +168,26 @@ def effects(test: EhlTest, disk: DiskTraces, window: DiskWindow, share: float, h
     static = disk.static_u_K.copy()
     static[outer] = np.hypot(static[outer], MODEL_K)
     film = rim.through(rim.films[1], h_W_m2K)
-    own = [test.events.unload_u_s, disk.uncertainty.friction_rel, *[SPLIT_SD_S] * len(outer), float(film.any())]
+    own = [
+        test.events.unload_u_s,
+        disk.uncertainty.friction_rel,
+        *[SPLIT_SD_S] * len(outer),
+        float(film.any()),
+    ]
     own += [test.air[disk.name].own_u_K if disk.name in test.air else 0.0]
     u = np.concatenate([stated_u(disk, static), own])
     change = np.concatenate([known, [late, share * power], split, [film, known[AMBIENT]]])
     asked = np.flatnonzero(u > 0)
-    of, since_s = tuple((*stated(setup), *of_test(setup))[q] for q in asked), window.at_s - test.events.unload_s
+    of, since_s = (
+        tuple((*stated(setup), *of_test(setup))[q] for q in asked),
+        window.at_s - test.events.unload_s,
+    )
     more_of, more = statement_effects(disk, window, share, h_W_m2K)
     of, change = (*of, *more_of), np.concatenate([u[asked, None, None] * change[asked], more])
     uneven = known_round(test, disk.name)
-    return Effects(*round_effects(of, change, uneven, disk.setup, h_W_m2K, g.static[rim.inner], since_s))
+    return Effects(
+        *round_effects(of, change, uneven, disk.setup, h_W_m2K, g.static[rim.inner], since_s)
+    )
 
 
 def lags(p: Array) -> tuple[float, float]:
@@ -218,6 +242,16 @@ class SeenRim:
         share, h, (one, two) = p[SHARE], float(np.exp(p[LOG_H])), lags(p)
         rest, power = self.heated((one, two)).answer(h * np.exp([0.0, LOG_H_STEP]))
         at, up = rest + share * power
-        by_one, by_two = (share * (self.heated((one, two, tau)).through(POWER, h) - power[0]) for tau in (one, two))
-        slopes = [power[0], (up - at) / LOG_H_STEP, by_one * (one + two) / one, by_two - by_one * two / one]
-        return (at * self.weight).ravel(), np.stack([(s * self.weight).ravel() for s in slopes], axis=1)
+        by_one, by_two = (
+            share * (self.heated((one, two, tau)).through(POWER, h) - power[0])
+            for tau in (one, two)
+        )
+        slopes = [
+            power[0],
+            (up - at) / LOG_H_STEP,
+            by_one * (one + two) / one,
+            by_two - by_one * two / one,
+        ]
+        return (at * self.weight).ravel(), np.stack(
+            [(s * self.weight).ravel() for s in slopes], axis=1
+        )

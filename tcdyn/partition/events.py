@@ -27,7 +27,10 @@ CLEAR = 6.0  # noises of a force between its two levels: below it is no witness
 HYSTERESIS = 0.1  # of the way between the levels, about its middle
 INVERTED = 0.8  # of the samples in which load and friction agree
 TOUCH_S = 0.04
-TOUCH_LEAST, TOUCH_CLEAR = 0.05, 0.15  # of the way between the levels: where a later touch begins, and what it reaches
+TOUCH_LEAST, TOUCH_CLEAR = (
+    0.05,
+    0.15,
+)  # of the way between the levels: where a later touch begins, and what it reaches
 TWO_KINKS_S = 0.5  # a shorter fall is one kink: behind a lag its two ends are not told apart
 
 
@@ -106,12 +109,19 @@ def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:
     agree. Raises InputError without a contact or without an unloading.
     """
     t, switch = frame["time_s"].to_numpy(dtype=float), _switch(frame)
-    levels = {c: _levels(frame[c].to_numpy(dtype=float)) for c in ("load_N", "friction_N") if c in frame}
-    force = sum((np.sign(_above(x, 0.5, HYSTERESIS) - 0.5) for x in levels.values() if x is not None), np.zeros(len(t)))
+    levels = {
+        c: _levels(frame[c].to_numpy(dtype=float)) for c in ("load_N", "friction_N") if c in frame
+    }
+    force = sum(
+        (np.sign(_above(x, 0.5, HYSTERESIS) - 0.5) for x in levels.values() if x is not None),
+        np.zeros(len(t)),
+    )
     contact = force > 0 if switch is None else switch
     if not contact.any():
         raise InputError(
-            "contact never goes to 1" if switch is not None else "neither load nor friction shows a loaded stretch",
+            "contact never goes to 1"
+            if switch is not None
+            else "neither load nor friction shows a loaded stretch",
             where=where,
             expected="a loaded stretch",
             remedy="is this a log of an unloaded run?",
@@ -138,7 +148,9 @@ def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:
             expected=f"at least {SHORTEST_CONTACT_S:g} s under load",
         )
     found += [] if switch is None else _failures(t, contact, first, last)
-    own = [run for run in _runs(t, contact) if run[1] >= first and run[0] <= last] or [(first, last)]
+    own = [run for run in _runs(t, contact) if run[1] >= first and run[0] <= last] or [
+        (first, last)
+    ]
     (on, _), (_, off) = own[0], own[-1]
     load_on, by_switch = (0.5 * (t[k - 1] + t[k]) if k else t[0] for k in (first, on))
     if abs(by_switch - load_on) <= LOADING_AGREE_S:
@@ -149,20 +161,34 @@ def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:
     switch_s, vote_s = (0.5 * float(t[k] + t[min(k + 1, len(t) - 1)]) for k in (off, last))
     about_s = switch_s if abs(switch_s - vote_s) <= NEAR_S else vote_s
     seen = _alone(frame, [*levels], again)
-    unload, u, parting, said = parting_of(t, seen, None if switch is None else switch_s, about_s, float(load_on))
+    unload, u, parting, said = parting_of(
+        t, seen, None if switch is None else switch_s, about_s, float(load_on)
+    )
     found += said
     half_s = 0.5 * parting / STRAIGHT_FALL  # of a straight fall
     kinks = [unload] if 2 * half_s < TWO_KINKS_S else [unload - half_s, unload + half_s]
-    touches = tuple((float(max(t[a], kinks[-1])), float(t[b])) for a, b in again if t[b] > kinks[-1])
+    touches = tuple(
+        (float(max(t[a], kinks[-1])), float(t[b])) for a, b in again if t[b] > kinks[-1]
+    )
     if touches:
         length = sum(b - a for a, b in touches)
-        found.append(note("contact.again", count=len(touches), after_s=touches[0][0] - unload, length_s=length))
+        found.append(
+            note(
+                "contact.again", count=len(touches), after_s=touches[0][0] - unload, length_s=length
+            )
+        )
     kinks = [float(x) for x in (*kinks, *(x for touch in touches for x in touch))]
-    return Events(float(load_on), float(unload), float(u), float(parting), tuple(kinks), tuple(found), touches)
+    return Events(
+        float(load_on), float(unload), float(u), float(parting), tuple(kinks), tuple(found), touches
+    )
 
 
 def _switch(frame: pd.DataFrame) -> NDArray[np.bool_] | None:
-    return None if "contact" not in frame else np.asarray(frame["contact"].ffill().bfill().to_numpy(dtype=float) > 0.5)
+    return (
+        None
+        if "contact" not in frame
+        else np.asarray(frame["contact"].ffill().bfill().to_numpy(dtype=float) > 0.5)
+    )
 
 
 def _levels(force: Array) -> Array | None:
@@ -206,7 +232,14 @@ def _failures(t: Array, contact: NDArray[np.bool_], first: int, last: int) -> li
     dropped = [a for a, b in off if t[b] - t[a] >= BOUNCE_S]
     found = list[Finding]()
     if dropped:
-        found.append(look("contact.dropout", subject="contact", first_s=float(t[dropped[0]]), count=len(dropped)))
+        found.append(
+            look(
+                "contact.dropout",
+                subject="contact",
+                first_s=float(t[dropped[0]]),
+                count=len(dropped),
+            )
+        )
     if bounced := len(off) - len(dropped):
         found.append(note("contact.bounced", subject="contact", count=bounced, shorter_s=BOUNCE_S))
     return found
@@ -217,7 +250,9 @@ def _again(
 ) -> list[tuple[int, int]]:
     """First and last rows of each touch after row ``last``, in which two of friction, load and switch rise again."""
     forces = [x for x in levels.values() if x is not None]
-    votes = contact.astype(int) + sum((_above(x, TOUCH_LEAST, 0.0).astype(int) for x in forces), np.zeros(len(t), int))
+    votes = contact.astype(int) + sum(
+        (_above(x, TOUCH_LEAST, 0.0).astype(int) for x in forces), np.zeros(len(t), int)
+    )
     clear = contact | np.any([x > TOUCH_CLEAR for x in forces] or [contact], axis=0)
     later = votes >= 2
     apart = np.flatnonzero(~later[last + 1 :])

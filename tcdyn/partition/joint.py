@@ -46,7 +46,9 @@ LEAST_LAG_U_S = 0.02
 SINGULAR = 1e-10  # least part of a column, of its length, that the others leave
 ENOUGH, ROUGHLY = 1e-7, 1e-3  # of chi-squared
 SETTLED = 0.1  # standard deviations that a pass moves a disk's fit: the next moved 36 such by 0.008 of one at most
-Starts = Mapping[str, tuple[float, float]]  # share and h [W/m2K] of disks to begin from, e.g. the speed law's
+Starts = Mapping[
+    str, tuple[float, float]
+]  # share and h [W/m2K] of disks to begin from, e.g. the speed law's
 JOINT_WINDOW_S = 10.0
 
 
@@ -112,14 +114,18 @@ class BothFit:
     optimum: Optimum = field(repr=False, compare=False)
 
 
-def disk_side(test: EhlTest, disk: DiskTraces, theta: Array, window_s: float, profile: Profile, tau2_s: float) -> Side:
+def disk_side(
+    test: EhlTest, disk: DiskTraces, theta: Array, window_s: float, profile: Profile, tau2_s: float
+) -> Side:
     """The disk's readings brought to the chain of ``theta``, and what nobody measured about that point."""
     rows, like = stretch_of(test, window_s), disk.mean_chain
     common = with_lags(like, lags(theta))
     shift = common.lag_s - like.lag_s
     chains = tuple(c.with_lag_shift(shift) for c in disk.chains)
     readings = equalised(disk.readings_degC[rows], test.dt_s, chains, like.with_lag_shift(shift))
-    seen = 0.0 if disk.noise.coloured else white_noise_sd(readings, NOISE_ORDER)  # differences see what no fit sees
+    seen = (
+        0.0 if disk.noise.coloured else white_noise_sd(readings, NOISE_ORDER)
+    )  # differences see what no fit sees
     noise = np.maximum(seen, (1.0 if disk.noise.coloured else 0.5) * disk.noise_K)
     window = disk_window(test, disk, readings, rows, noise, profile, common)
     known = effects(test, disk, window, float(theta[SHARE]), float(np.exp(theta[LOG_H])))
@@ -208,16 +214,24 @@ def told(optimum: Optimum, sides: Sequence[Side]) -> tuple[Array, Array]:
     gain, shape = covariance[:k] @ optimum.jacobian.T, covariance[:k, LOG_TAU2:k:4] / SHAPE_SD
     sd = np.array([s.prior_log_h[1] for s in sides])
     film = (covariance[:k, LOG_H:k:4] / sd)[:, np.isfinite(sd)]
-    return gain[:, :data] @ gain[:, :data].T, np.hstack([-covariance[:k, k:], gain[:, data:], shape, film])
+    return gain[:, :data] @ gain[:, :data].T, np.hstack(
+        [-covariance[:k, k:], gain[:, data:], shape, film]
+    )
 
 
-def _known(best: Optimum, sides: Sequence[Side], index: list[int], scale: Array) -> tuple[float, Array, Array]:
+def _known(
+    best: Optimum, sides: Sequence[Side], index: list[int], scale: Array
+) -> tuple[float, Array, Array]:
     """Inflation by slow waves in the residuals of the worse disk; covariance by noise (k, k) and answers to all else
     (k, Q) of numbers that change by ``scale`` (k,) with the parameters of ``index``."""
     noise, per_sd = told(best, sides)
     parts = np.split(best.residual[: -len(sides)], np.cumsum([len(s.y) for s in sides])[:-1])
     inflation = max(wave_factor(r.reshape(s.window.y.shape)) for s, r in zip(sides, parts))
-    return inflation, inflation * noise[np.ix_(index, index)] * np.outer(scale, scale), scale[:, None] * per_sd[index]
+    return (
+        inflation,
+        inflation * noise[np.ix_(index, index)] * np.outer(scale, scale),
+        scale[:, None] * per_sd[index],
+    )
 
 
 def joint_fits(
@@ -236,42 +250,80 @@ def joint_fits(
     best = minimise(problem, theta, tolerance=ENOUGH)
     at = best.theta[[SHARE, LOG_H, 4 + LOG_H]]
     beta, h_fast, h_slow = at[0], *np.exp(at[1:])
-    inflation, noise, per_sd = _known(best, sides, [SHARE, LOG_H, 4 + LOG_H], np.array([1.0, h_fast, h_slow]))
+    inflation, noise, per_sd = _known(
+        best, sides, [SHARE, LOG_H, 4 + LOG_H], np.array([1.0, h_fast, h_slow])
+    )
     covariance = noise + per_sd @ per_sd.T
     log_ratio = np.log(test.speed_ratio)
     slope = np.array([0.0, 1 / h_fast, -1 / h_slow]) / log_ratio
-    values = {"beta": beta, "h_fast": h_fast, "h_slow": h_slow, "exponent": np.log(h_fast / h_slow) / log_ratio}
+    values = {
+        "beta": beta,
+        "h_fast": h_fast,
+        "h_slow": h_slow,
+        "exponent": np.log(h_fast / h_slow) / log_ratio,
+    }
     u = np.sqrt([*np.diag(covariance), slope @ covariance @ slope])
-    estimates = {name: Estimate.normal(float(x), float(s)) for (name, x), s in zip(values.items(), u)}
+    estimates = {
+        name: Estimate.normal(float(x), float(s)) for (name, x), s in zip(values.items(), u)
+    }
     unknown = unknowns(sides)
-    pulls = tuple((*u, z) for u, z in zip(unknown, [*best.pulls.values()][-len(unknown) :]) if u[0].source not in ROUND)
+    pulls = tuple(
+        (*u, z)
+        for u, z in zip(unknown, [*best.pulls.values()][-len(unknown) :])
+        if u[0].source not in ROUND
+    )
     left = best.theta[8:], best.covariance[8:, 8:], unknown
     known = [(d, h, known_round(test, d)) for d, h in zip(DISKS, (h_fast, h_slow))]
     uneven = {of[0]: found_in(*left, *of) for of in known}
-    return fits, BothFit(best.theta[:8], test.speed_ratio, estimates, pulls, inflation, uneven, best)
+    return fits, BothFit(
+        best.theta[:8], test.speed_ratio, estimates, pulls, inflation, uneven, best
+    )
 
 
-def disk_fit(test: EhlTest, disk: DiskTraces, share: float, h: float, window_s: float, profile: Profile) -> DiskFit:
+def disk_fit(
+    test: EhlTest, disk: DiskTraces, share: float, h: float, window_s: float, profile: Profile
+) -> DiskFit:
     """One disk alone, from ``share`` and ``h`` [W/m2K] on, over ``window_s`` of cooling."""
     taus = sorted(disk.mean_chain.taus_s, reverse=True)
     tau1 = max(taus[0], 0.02)
     tau2 = max(taus[1] if len(taus) > 1 else 0.0, 0.1 * tau1)
     theta = np.array([share, np.log(max(h, 20.0)), np.log(tau1 + tau2), np.log(tau2)])
-    for enough in ROUGHLY, ENOUGH, ENOUGH:  # each pass equalises with the chain that the one before found
+    for enough in (
+        ROUGHLY,
+        ENOUGH,
+        ENOUGH,
+    ):  # each pass equalises with the chain that the one before found
         side = disk_side(test, disk, theta, window_s, profile, tau2)
         problem = joint_problem([side])
-        best = minimise(problem, np.append(theta, np.zeros(len(problem.names) - len(theta))), tolerance=enough)
+        best = minimise(
+            problem, np.append(theta, np.zeros(len(problem.names) - len(theta))), tolerance=enough
+        )
         moved, theta = np.abs(best.theta[:4] - theta[:4]), best.theta
         if enough == ENOUGH and np.all(moved < SETTLED * np.sqrt(np.diag(best.covariance)[:4])):
             break
     share, (h, total) = float(theta[SHARE]), map(float, np.exp(theta[[LOG_H, LOG_LAGS]]))
-    inflation, noise, per_sd = _known(best, [side], [SHARE, LOG_H, LOG_LAGS], np.array([1.0, h, total]))
-    beta, chain = share if disk.name == "fast" else 1.0 - share, with_lags(disk.mean_chain, lags(theta))
-    u, of = np.sqrt(np.diag(noise + per_sd @ per_sd.T)), [Unmeasured(x, "chain") for x in ("common lag", "lag shape")]
+    inflation, noise, per_sd = _known(
+        best, [side], [SHARE, LOG_H, LOG_LAGS], np.array([1.0, h, total])
+    )
+    beta, chain = (
+        share if disk.name == "fast" else 1.0 - share,
+        with_lags(disk.mean_chain, lags(theta)),
+    )
+    u, of = (
+        np.sqrt(np.diag(noise + per_sd @ per_sd.T)),
+        [Unmeasured(x, "chain") for x in ("common lag", "lag shape")],
+    )
     of += [SURFACE_SLOPE] * bool(np.isfinite(side.prior_log_h[1]))
     values = {"beta": beta, "h": h, "lag_s": chain.lag_s}
     return DiskFit(
-        disk=disk.name, theta=theta[:4], share=share, beta=beta, h_W_m2K=h, chain=chain,
+        disk=disk.name,
+        theta=theta[:4],
+        share=share,
+        beta=beta,
+        h_W_m2K=h,
+        chain=chain,
         estimates={name: Estimate.normal(x, float(s)) for (name, x), s in zip(values.items(), u)},
-        shift=FitShift((*side.of, *of), per_sd.T, noise), inflation=inflation, side=side,
-    )  # fmt: skip
+        shift=FitShift((*side.of, *of), per_sd.T, noise),
+        inflation=inflation,
+        side=side,
+    )

@@ -28,7 +28,15 @@ from tcdyn.partition.cooling import (
 from tcdyn.partition.crosscheck import MODEL_FORM_REL, SUSPECT_Z, together
 from tcdyn.partition.effects import known_round
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.joint import ENOUGH, JOINT_WINDOW_S, LOG_H, DiskFit, disk_fit, joint_problem, unknowns
+from tcdyn.partition.joint import (
+    ENOUGH,
+    JOINT_WINDOW_S,
+    LOG_H,
+    DiskFit,
+    disk_fit,
+    joint_problem,
+    unknowns,
+)
 from tcdyn.partition.sensors import SensorCheck, check_sensors
 from tcdyn.partition.statement.surface import log_h_prior, with_surfaces
 from tcdyn.partition.steady import DiskLine, at_one_radius, at_own_temperature, steady_lines
@@ -69,18 +77,28 @@ class OneDisk:
     @property
     def withheld(self) -> frozenset[str]:
         """Ways that cannot be true, "joint" or "cooling": beta outside 0 to 1, or h not above zero; not to be shown."""
-        return frozenset(way for way in WAYS if cannot_be(self.answers[way], self.answers[f"h {way}"]))
+        return frozenset(
+            way for way in WAYS if cannot_be(self.answers[way], self.answers[f"h {way}"])
+        )
 
     @property
     def crosscheck(self) -> Finding:
         """Whether the two ways agree; where one is withheld, which."""
         if self.withheld:
-            return look("answers.impossible", ways=[f"{way} {self.disk}" for way in WAYS if way in self.withheld])
+            return look(
+                "answers.impossible",
+                ways=[f"{way} {self.disk}" for way in WAYS if way in self.withheld],
+            )
         joint, cooling = (self.answers[way] for way in WAYS)
         return (look if self.z > SUSPECT_Z else note)(
-            "one_disk.ways", subject=self.disk, z=self.z, joint=joint.value, joint_u=joint.u, cooling=cooling.value,
+            "one_disk.ways",
+            subject=self.disk,
+            z=self.z,
+            joint=joint.value,
+            joint_u=joint.u,
+            cooling=cooling.value,
             cooling_u=cooling.u,
-        )  # fmt: skip
+        )
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -144,26 +162,54 @@ def analyse_one(
     progress("cooling fit")
     disk, line = even.disks[name], steady_lines(even, rows)[0][name]
     chains = refined_chains(disk.chains, fit.chain)
-    cooled = compensated(even, disk, rows, smoothed(even, disk, rows, chains, fit.estimates["lag_s"].u))
+    cooled = compensated(
+        even, disk, rows, smoothed(even, disk, rows, chains, fit.estimates["lag_s"].u)
+    )
     prior = log_h_prior(disk.setup.surface)
-    cooling = cooling_fit(cooled.window, line.line, test.events.unload_s, window_s, cooled.noise_K, prior)
+    cooling = cooling_fit(
+        cooled.window, line.line, test.events.unload_s, window_s, cooled.noise_K, prior
+    )
     shift = cooling_shift(cooling, *cooling_errors(cooled, cooling.share, cooling.h_W_m2K), line)
     per_sd, root = together(line.shift, shift, fit.shift)
-    values = np.array([
-        line.line.intercept, line.line.slope, cooling.share, cooling.h_W_m2K, fit.share, fit.h_W_m2K, fit.chain.lag_s,
-    ])  # fmt: skip
+    values = np.array(
+        [
+            line.line.intercept,
+            line.line.slope,
+            cooling.share,
+            cooling.h_W_m2K,
+            fit.share,
+            fit.h_W_m2K,
+            fit.chain.lag_s,
+        ]
+    )
     form = MODEL_FORM_REL * SHARES * values
     covariance = per_sd.T @ per_sd + root @ root.T + np.outer(form, form)
     apart = np.eye(len(NUMBERS))[JOINT] - np.eye(len(NUMBERS))[COOLING]
     z = float(abs(apart @ values) / np.sqrt(apart @ covariance @ apart))
-    of_fast = values if name == "fast" else np.where(np.isin(NUMBERS, ("cooling", "joint")), 1 - values, values)
+    of_fast = (
+        values
+        if name == "fast"
+        else np.where(np.isin(NUMBERS, ("cooling", "joint")), 1 - values, values)
+    )
     u = np.sqrt(np.diag(covariance))
     answers = {n: Estimate.normal(float(x), float(s)) for n, x, s in zip(NUMBERS, of_fast, u)}
     budget = _budget([q.source for q in fit.shift.of], per_sd, root, float(form[JOINT]))
     return OneDisk(
-        even, name, rows, line, fit, best, cooling, found, sensors, {name: cooled.shown}, answers, z, budget,
+        even,
+        name,
+        rows,
+        line,
+        fit,
+        best,
+        cooling,
+        found,
+        sensors,
+        {name: cooled.shown},
+        answers,
+        z,
+        budget,
         tuple(findings),
-    )  # fmt: skip
+    )
 
 
 def _round(test: EhlTest, fit: DiskFit) -> tuple[Unevenness, Optimum]:
@@ -172,12 +218,24 @@ def _round(test: EhlTest, fit: DiskFit) -> tuple[Unevenness, Optimum]:
     start = np.append(fit.theta, np.zeros(len(problem.names) - len(fit.theta)))
     best = minimise(problem, start, tolerance=ENOUGH)
     left = best.theta[4:], best.covariance[4:, 4:], unknown
-    return found_in(*left, fit.disk, float(np.exp(best.theta[LOG_H])), known_round(test, fit.disk)), best
+    return found_in(
+        *left, fit.disk, float(np.exp(best.theta[LOG_H])), known_round(test, fit.disk)
+    ), best
 
 
-def _budget(sources: list[str], per_sd: Array, root: Array, form: float) -> dict[str, tuple[float, float]]:
+def _budget(
+    sources: list[str], per_sd: Array, root: Array, form: float
+) -> dict[str, tuple[float, float]]:
     """Standard uncertainty of beta by source, by the joint fit and by the cooling fit; the largest first."""
     on = {source: np.array([s == source for s in sources]) for source in sources}
-    parts = {source: [float(np.hypot.reduce(per_sd[rows, k])) for k in (JOINT, COOLING)] for source, rows in on.items()}
-    parts |= {"noise": [float(np.hypot.reduce(root[k])) for k in (JOINT, COOLING)], "rim model form": [form, form]}
-    return {source: (u[0], u[1]) for source, u in sorted(parts.items(), key=lambda part: -part[1][0])}
+    parts = {
+        source: [float(np.hypot.reduce(per_sd[rows, k])) for k in (JOINT, COOLING)]
+        for source, rows in on.items()
+    }
+    parts |= {
+        "noise": [float(np.hypot.reduce(root[k])) for k in (JOINT, COOLING)],
+        "rim model form": [form, form],
+    }
+    return {
+        source: (u[0], u[1]) for source, u in sorted(parts.items(), key=lambda part: -part[1][0])
+    }

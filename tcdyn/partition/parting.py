@@ -13,7 +13,9 @@ MISSING = 3.5  # sampling intervals: a wider gap at the fall leaves its instant 
 NEAR_S = 1.0  # from the switch: nearer than this the force's fall is looked for about the switch
 STEP_REACH_S = 60.0  # as far from the switch as the force's step is looked for
 INDICATOR_U_S = 0.05 / 12**0.5  # section 5.3: the signals differ by 0.05 s
-NO_SWITCH_U_S = 0.05 / 3**0.5  # of a force alone, which may be that far from the switch on either side
+NO_SWITCH_U_S = (
+    0.05 / 3**0.5
+)  # of a force alone, which may be that far from the switch on either side
 NAMES = {"friction_N": "friction", "load_N": "load cell"}
 
 
@@ -29,7 +31,11 @@ def parting_of(
     """
     dt = float(np.median(np.diff(t)))
     indicator_u_s = NO_SWITCH_U_S if switch_s is None else INDICATOR_U_S
-    falls = {c: _far_fall(t, frame[c].to_numpy(dtype=float), about_s, contact_s) for c in NAMES if c in frame}
+    falls = {
+        c: _far_fall(t, frame[c].to_numpy(dtype=float), about_s, contact_s)
+        for c in NAMES
+        if c in frame
+    }
     named = [(NAMES[c], fall) for c, fall in falls.items() if fall is not None]
     if not named and switch_s is None:
         return about_s, AGREE_S, 0.0, [look("parting.unclear")]
@@ -43,17 +49,30 @@ def parting_of(
     near = [x for x in instants_of_others if abs(x - at) <= max(AGREE_S, 0.5 * parting)]
     if switch_s is not None and switch_s not in near:
         said.append(look("parting.disagree", subject=witness, late_s=at - switch_s))
-    if parting > AGREE_S:  # a slow fall: switch and load cell do not say when the heat was half gone
+    if (
+        parting > AGREE_S
+    ):  # a slow fall: switch and load cell do not say when the heat was half gone
         return at, float(np.hypot(indicator_u_s, 0.05 * parting)), parting, said
     instants = [at, *near]
     spread = max(indicator_u_s, float(np.std(instants)))
-    return float(np.mean(instants)), float(np.hypot(spread, dt / np.sqrt(12)) / np.sqrt(len(instants))), parting, said
+    return (
+        float(np.mean(instants)),
+        float(np.hypot(spread, dt / np.sqrt(12)) / np.sqrt(len(instants))),
+        parting,
+        said,
+    )
 
 
-def _far_fall(t: Array, force: Array, switch_s: float, contact_s: float) -> tuple[float, float] | None:
+def _far_fall(
+    t: Array, force: Array, switch_s: float, contact_s: float
+) -> tuple[float, float] | None:
     """``_fall`` about the switch, or about the force's own step where that lies too far from the switch."""
     step = _step(t, force, max(switch_s - STEP_REACH_S, contact_s), switch_s + STEP_REACH_S)
-    if step is not None and abs(step - switch_s) > NEAR_S and (far := _fall(t, force, step)) is not None:
+    if (
+        step is not None
+        and abs(step - switch_s) > NEAR_S
+        and (far := _fall(t, force, step)) is not None
+    ):
         return far
     return _fall(t, force, switch_s)
 

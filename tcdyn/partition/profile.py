@@ -24,7 +24,17 @@ from calibration.estimate import Z95, Estimate
 from calibration.finding import note
 from tcdyn.conduction.rim import cardinal, cardinal_slope, log_nodes
 from tcdyn.fitting import crossing, eliminated, least, minimise, profile
-from tcdyn.partition.joint import LOG_H, LOG_LAGS, LOG_TAU2, SHARE, BothFit, DiskFit, Side, joint_problem, told
+from tcdyn.partition.joint import (
+    LOG_H,
+    LOG_LAGS,
+    LOG_TAU2,
+    SHARE,
+    BothFit,
+    DiskFit,
+    Side,
+    joint_problem,
+    told,
+)
 from tcdyn.partition.window import POWER
 
 REACH_U = 7.0  # half-width of the table in standard uncertainties,
@@ -32,7 +42,11 @@ REACH_FOLD = 8.0  # but no farther than this factor
 H_NODES, SHAPE_NODES = 13, 9
 SUM_NODES = ((0.4, 5), (1.4, 7), (np.inf, 11))  # up to this width in log S
 RANK = 60  # directions of data space that a disk's table spans: what they leave out is below 1e-8 K
-OTHER_SHAPES = (0.0, -0.7, 0.7)  # starts of the second lag's logarithm: the posterior may have two valleys in it
+OTHER_SHAPES = (
+    0.0,
+    -0.7,
+    0.7,
+)  # starts of the second lag's logarithm: the posterior may have two valleys in it
 ENOUGH = 1e-4  # of the sum of squares that a step would still gain; the step is taken, and leaves far less
 STEP_U, FARTHEST_U = 0.3, 6.0  # in standard uncertainties
 TOP = 8.99  # of the deviance: three standard uncertainties of a parabola
@@ -49,8 +63,12 @@ def rim_table(side: Side, points: Sequence[Array], h_u_W_m2K: float, lag_u_s: fl
     nodes_h = log_nodes(*_reach([float(np.exp(p[LOG_H])) for p in points], h_u_W_m2K), H_NODES)
     sums = [float(np.exp(p[LOG_LAGS])) for p in points]
     low, high = _reach(sums, lag_u_s)
-    high = min(high, float(np.log(max(2 * max(sums), 1 / side.window.rim.rates_1_s[0]))))  # what the bank has
-    nodes_sum = log_nodes(low, high, next(count for width, count in SUM_NODES if high - low < width))
+    high = min(
+        high, float(np.log(max(2 * max(sums), 1 / side.window.rim.rates_1_s[0])))
+    )  # what the bank has
+    nodes_sum = log_nodes(
+        low, high, next(count for width, count in SUM_NODES if high - low < width)
+    )
     nodes_shape = log_nodes(0.0, 1.0, SHAPE_NODES)
     weight = side.window.weight
     rest = (side.window.rim.through(side.window.rim.rest, nodes_h) * weight).reshape(H_NODES, -1)
@@ -82,7 +100,9 @@ class _Table:
         """A second lag that would be longer than the sum is all of it."""
         ratio = min(float(np.exp(p[LOG_TAU2] - p[LOG_LAGS])), 1.0)
         q = 4 * (1 - ratio) * ratio
-        q_slope = 4 * ratio * (1 - 2 * ratio) if ratio < 1 else 0.0  # by log tau2, and the opposite by log S
+        q_slope = (
+            4 * ratio * (1 - 2 * ratio) if ratio < 1 else 0.0
+        )  # by log tau2, and the opposite by log S
         weights = []
         for nodes, x in zip(self.nodes, (p[LOG_H], p[LOG_LAGS], q)):
             if not np.log(nodes[0]) <= x <= np.log(nodes[-1]):
@@ -96,7 +116,12 @@ class _Table:
         share, seen_h = p[SHARE], by_q[0] @ (by_sum[0] @ at_h[1]).reshape(SHAPE_NODES, -1)
         still, still_h = by_h @ self.rest
         by_shape = share * seen_q * q_slope
-        slopes = [seen, still_h + share * seen_h, share * (by_q[0] @ at_sum[1]) - by_shape, by_shape]
+        slopes = [
+            seen,
+            still_h + share * seen_h,
+            share * (by_q[0] @ at_sum[1]) - by_shape,
+            by_shape,
+        ]
         return still + share * seen, np.stack(slopes, axis=1)
 
 
@@ -112,7 +137,10 @@ class Number:
 
 def _logarithm(toward: Array, rest: float = 0.0) -> Number:
     return Number(
-        toward, lambda x: float(np.exp(x)) + rest, lambda number: float(np.log(number - rest)), (rest, np.inf)
+        toward,
+        lambda x: float(np.exp(x)) + rest,
+        lambda number: float(np.log(number - rest)),
+        (rest, np.inf),
     )
 
 
@@ -172,16 +200,27 @@ def _profiles(
         theta[LOG_TAU2::4] = np.minimum(theta[LOG_TAU2::4] + shift, theta[LOG_LAGS::4] - 0.1)
         tried.append(minimise(few, theta, tolerance=ENOUGH))
     best = least(tried)
-    whole = minimise(problem, np.concatenate([best.theta, np.zeros(problem.size - k)]), tolerance=ENOUGH)
+    whole = minimise(
+        problem, np.concatenate([best.theta, np.zeros(problem.size - k)]), tolerance=ENOUGH
+    )
     noise, per_sd = told(whole, sides)
 
     def walked(name: str) -> pd.DataFrame:
         n, e = numbers[name], estimates[name]
         white, other = n.toward @ noise @ n.toward, np.sum((n.toward @ per_sd) ** 2)
         walk = profile(
-            best, n.toward, u=e.u, scale=float((inflation * white + other) / (white + other)),
-            step=STEP_U, drop=TOP, reach=FARTHEST_U, value=n.value, at=n.at, within=n.within, tolerance=ENOUGH,
-        )  # fmt: skip
+            best,
+            n.toward,
+            u=e.u,
+            scale=float((inflation * white + other) / (white + other)),
+            step=STEP_U,
+            drop=TOP,
+            reach=FARTHEST_U,
+            value=n.value,
+            at=n.at,
+            within=n.within,
+            tolerance=ENOUGH,
+        )
         columns = {"value": walk.value, "deviance": walk.deviance, "estimate": e.value, "u": e.u}
         return pd.DataFrame({"fit": fit, "parameter": name, **columns})
 
@@ -223,14 +262,27 @@ def intervals(table: pd.DataFrame) -> tuple[ProfileInterval, ...]:
         e = Estimate.normal(own["estimate"].iloc[0], own["u"].iloc[0])
         low, high = crossing(value[::-1], deviance[::-1]), crossing(value, deviance)
         first, last = float(value[0]), float(value[-1])
-        off = [np.inf if end is None else abs(end - normal) for end, normal in ((low, e.low95), (high, e.high95))]
+        off = [
+            np.inf if end is None else abs(end - normal)
+            for end, normal in ((low, e.low95), (high, e.high95))
+        ]
         differs = max(off) > NOTICEABLE * Z95 * e.u
         said = note(
-            "joint.interval", subject=str(fit), parameter=parameter, u=e.u, low95=low, high95=high,
-            normal_low95=e.low95, normal_high95=e.high95, low_seen=first, high_seen=last,
-        )  # fmt: skip
+            "joint.interval",
+            subject=str(fit),
+            parameter=parameter,
+            u=e.u,
+            low95=low,
+            high95=high,
+            normal_low95=e.low95,
+            normal_high95=e.high95,
+            low_seen=first,
+            high_seen=last,
+        )
         sentence = said.sentence if differs else ""
-        out.append(ProfileInterval(str(fit), str(parameter), e, low, high, first, last, differs, sentence))
+        out.append(
+            ProfileInterval(str(fit), str(parameter), e, low, high, first, last, differs, sentence)
+        )
     return tuple(out)
 
 

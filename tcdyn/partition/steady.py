@@ -96,7 +96,9 @@ def speed_law_beta(A: Any, B: Any, C: Any, D: Any, chi: Any) -> Any:
     return (A * D + chi * B * (1 - C)) / (D + chi * B)
 
 
-def speed_law(fast: SteadyLine, slow: SteadyLine, speed_ratio: float, exponent: float) -> SpeedLawPoint:
+def speed_law(
+    fast: SteadyLine, slow: SteadyLine, speed_ratio: float, exponent: float
+) -> SpeedLawPoint:
     """The point of both lines that obeys h_fast = (u_f/u_s)^n h_slow.
 
     Raises InputError when the lines do not rise with h or meet at a negative h: then the data contradict the model.
@@ -115,7 +117,9 @@ def speed_law(fast: SteadyLine, slow: SteadyLine, speed_ratio: float, exponent: 
     return SpeedLawPoint(beta, h_fast, h_fast / chi, chi, starts)
 
 
-def exponent_sensitivity(fast: SteadyLine, slow: SteadyLine, speed_ratio: float, exponents: Array) -> Array:
+def exponent_sensitivity(
+    fast: SteadyLine, slow: SteadyLine, speed_ratio: float, exponents: Array
+) -> Array:
     """beta by the speed law for each exponent n (figure 4.17), shape of ``exponents``.
 
     >>> B, D = 0.46 / 1100, 0.28 / 1100
@@ -146,7 +150,9 @@ def steady_map(
     w = np.ones(y.shape[1]) if weights is None else np.asarray(weights, dtype=float)
     w = w / w.sum()
     gap = y[None] - boundary
-    best = np.einsum("hrp,hrp,p->h", gap, per_share, w) / np.einsum("hrp,hrp,p->h", per_share, per_share, w)
+    best = np.einsum("hrp,hrp,p->h", gap, per_share, w) / np.einsum(
+        "hrp,hrp,p->h", per_share, per_share, w
+    )
     misfit = gap[:, None] - share[None, :, None, None] * per_share[:, None]
     mean_abs = np.einsum("hsrp,p->hs", np.abs(misfit), w) / y.shape[0]
     slope, intercept = np.polyfit(h_W_m2K, best, 1)
@@ -182,7 +188,11 @@ class DiskLine:
 
 
 def disk_line(
-    test: EhlTest, disk: DiskTraces, rows: slice, profile: Profile = "modal", weights: Array | None = None
+    test: EhlTest,
+    disk: DiskTraces,
+    rows: slice,
+    profile: Profile = "modal",
+    weights: Array | None = None,
 ) -> DiskLine:
     """Line of least misfit over the steady blocks of the lagged readings; ``weights`` (P,) of the outer row, equal
     (7.1) unless given; (7.2) doubles that of a."""
@@ -191,11 +201,21 @@ def disk_line(
     steady = window.at_s < test.events.unload_s - END_GAP_S
     rest, power = (x[:, steady] for x in window.rim.answer(H_GRID_W_M2K))
     found = steady_map(window.y[steady], rest, power, weights=weights)
-    return DiskLine(found, found.line, partial(_line_shift, test, disk, window, found.line, power, weights, steady))
+    return DiskLine(
+        found,
+        found.line,
+        partial(_line_shift, test, disk, window, found.line, power, weights, steady),
+    )
 
 
 def _line_shift(
-    test: EhlTest, disk: DiskTraces, window: DiskWindow, line: SteadyLine, power: Array, weights: Array, steady: Flags
+    test: EhlTest,
+    disk: DiskTraces,
+    window: DiskWindow,
+    line: SteadyLine,
+    power: Array,
+    weights: Array,
+    steady: Flags,
 ) -> FitShift:
     """What is to be feared of a line through the ``steady`` (R,) means of its window; ``power`` (n_h, r, P) theirs."""
     w, moved = weights / weights.sum(), []
@@ -208,7 +228,9 @@ def _line_shift(
     h_low, h_high = float(H_GRID_W_M2K[low]), float(H_GRID_W_M2K[high])
     slope = (moved[1] - moved[0]) / (h_high - h_low)
     s = power[low] * w
-    spread = 2.0 * ((s[:, window.used] / window.weight[steady][:, window.used]) ** 2).sum()  # twice: so is the boundary
+    spread = (
+        2.0 * ((s[:, window.used] / window.weight[steady][:, window.used]) ** 2).sum()
+    )  # twice: so is the boundary
     noise = float(np.sqrt(spread) / (s * power[low]).sum())
     per_sd = np.column_stack([moved[0] - slope * h_low, slope])
     return FitShift(known.of, per_sd, np.diag([noise**2, 0.0]))
@@ -223,7 +245,9 @@ def steady_lines(
     if len(lines) < len(DISKS):
         starts = {d: (one.line.at(START_H_W_M2K), START_H_W_M2K) for d, one in lines.items()}
         return lines, SpeedLawPoint(np.nan, np.nan, np.nan, np.nan, starts)
-    return lines, speed_law(lines["fast"].line, lines["slow"].line, test.speed_ratio, test.speed_exponent)
+    return lines, speed_law(
+        lines["fast"].line, lines["slow"].line, test.speed_ratio, test.speed_exponent
+    )
 
 
 def at_one_radius(test: EhlTest) -> EhlTest:
@@ -233,7 +257,9 @@ def at_one_radius(test: EhlTest) -> EhlTest:
     rig.toml states another depth, the gradient of the model itself, at the speed law's share and h, tells what they
     would read. First order in the difference: good for some tenths of a millimetre. Disks whose inner row is level stay
     untouched."""
-    if not (off := {d: o for d, x in test.disks.items() if np.any(o := x.setup.deeper_than_edge_m)}):
+    if not (
+        off := {d: o for d, x in test.disks.items() if np.any(o := x.setup.deeper_than_edge_m)}
+    ):
         return test
     rows = stretch_of(test, min(LEVELLED_S, float(test.time_s[-1] - test.events.unload_s)))
     for _ in range(ROUNDS):
@@ -248,30 +274,50 @@ def at_own_temperature(test: EhlTest) -> EhlTest:
 
     Both are means over the last seconds under load, the surface's by the model itself at the speed law's share and h.
     """
-    asked = [d for d in test.disks if follows_temperature(test.disks[d].setup, test.disks[d].uncertainty)]
+    asked = [
+        d for d in test.disks if follows_temperature(test.disks[d].setup, test.disks[d].uncertainty)
+    ]
     if not asked:
         return test
-    rows, stated = stretch_of(test, min(LEVELLED_S, float(test.time_s[-1] - test.events.unload_s))), test.disks
-    for k in range(ROUNDS + 1):  # the first with the steel as it is at the readings' own temperature
+    rows, stated = (
+        stretch_of(test, min(LEVELLED_S, float(test.time_s[-1] - test.events.unload_s))),
+        test.disks,
+    )
+    for k in range(
+        ROUNDS + 1
+    ):  # the first with the steel as it is at the readings' own temperature
         starts = steady_lines(test, rows)[1].starts if k else dict.fromkeys(DISKS, None)
-        moved = {d: replace(stated[d], setup=_linear(test, stated[d].setup, d, rows, starts[d])) for d in asked}
+        moved = {
+            d: replace(stated[d], setup=_linear(test, stated[d].setup, d, rows, starts[d]))
+            for d in asked
+        }
         test = replace(test, disks={**stated, **moved})
     return test
 
 
-def _linear(test: EhlTest, setup: DiskSetup, d: str, rows: slice, at: tuple[float, float] | None) -> DiskSetup:
+def _linear(
+    test: EhlTest, setup: DiskSetup, d: str, rows: slice, at: tuple[float, float] | None
+) -> DiskSetup:
     window = lagged_window(test, test.disks[d], rows)
     to_parting = window.at_s - test.events.unload_s
     last = (to_parting >= -LAST_S) & (to_parting < -END_GAP_S)
-    air, rim = (float(window.rim.inputs[last, k].mean()) for k in (window.rim.ambient, window.rim.inner))
+    air, rim = (
+        float(window.rim.inputs[last, k].mean()) for k in (window.rim.ambient, window.rim.inner)
+    )
     surface = rim if at is None else float(surface_degC(window, *at)[last].mean())
     return linear_about(setup, air, surface, rim)
 
 
 def surface_degC(window: DiskWindow, share: float, h_W_m2K: float) -> Array:
     """Mean temperature of the running surface by the model, (R,) [degC]."""
-    places = tuple((SURFACE_DEPTH_M, float(x)) for x in (np.arange(PLACES) + 0.5) / PLACES * window.rim.setup.width_m)
-    rest, power = (x[:, len(window.rim.setup.outer) :].mean(axis=1) for x in window.rim.answer(h_W_m2K, extra=places))
+    places = tuple(
+        (SURFACE_DEPTH_M, float(x))
+        for x in (np.arange(PLACES) + 0.5) / PLACES * window.rim.setup.width_m
+    )
+    rest, power = (
+        x[:, len(window.rim.setup.outer) :].mean(axis=1)
+        for x in window.rim.answer(h_W_m2K, extra=places)
+    )
     return np.asarray(rest + share * power)
 
 

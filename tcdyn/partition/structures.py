@@ -37,7 +37,9 @@ ELSEWHERE_SD = 0.1  # of the frictional heat that enters neither disk, or of the
 PER_100_K_SD = 0.07  # of the conductivity
 AIR_SD_K = 5.0  # of what the running surface loses heat to, oil or air, against the logged ambient
 LAG_SD_S = 0.3  # of one junction: a bubble in its cement
-ACROSS = np.linspace(0.05, 0.95, 7)  # places across the running surface whose mean is its temperature
+ACROSS = np.linspace(
+    0.05, 0.95, 7
+)  # places across the running surface whose mean is its temperature
 
 
 @dataclass(frozen=True)
@@ -60,15 +62,23 @@ class About:
     @classmethod
     def of(cls, test: EhlTest, fit: DiskFit, theta: Array) -> About:
         """The disk of ``fit`` at ``theta`` (4,)."""
-        rim, share, h = fit.side.heated(lags(theta)), float(theta[SHARE]), float(np.exp(theta[LOG_H]))
+        rim, share, h = (
+            fit.side.heated(lags(theta)),
+            float(theta[SHARE]),
+            float(np.exp(theta[LOG_H])),
+        )
         chain, window = with_lags(test.disks[fit.disk].mean_chain, lags(theta)), fit.side.window
         rest, power = rim.answer(h)
         first = int(np.searchsorted(test.time_s, window.time_s[0]))
         true, held = power_seen(test, slice(first, first + len(window.time_s)), None)
         bank = window.blocks @ lag_bank(true, test.dt_s, rim.rates_1_s, **held)
         inputs = np.column_stack([window.blocks @ true, rim.inputs[:, rim.rest]])
-        unlagged = replace(rim, inputs=inputs, banks=np.concatenate([bank[None], rim.banks[rim.rest]]))
-        at_surface, heat = unlagged.answer(h, extra=tuple((0.0, float(x)) for x in ACROSS * rim.setup.width_m))
+        unlagged = replace(
+            rim, inputs=inputs, banks=np.concatenate([bank[None], rim.banks[rim.rest]])
+        )
+        at_surface, heat = unlagged.answer(
+            h, extra=tuple((0.0, float(x)) for x in ACROSS * rim.setup.width_m)
+        )
         surface = (at_surface + share * heat)[:, len(rim.setup.outer) :].mean(axis=1)
         return cls(test, fit, share, h, rim, chain, rest + share * power, power, surface)
 
@@ -86,10 +96,19 @@ class About:
         s = self.rim.setup
         points, film = points_of(s, s.outer), self.rim.films[0]
         gains = cached_gains(
-            Rim.from_setup(s), self.h_W_m2K, points, self.rim.half_width_m, tuple(self.rim.rates_1_s), self.rim.profile,
-            "hertz", FIT_MESH, film=True,
-        )  # fmt: skip
-        return np.asarray((window.blocks @ air)[:, None] * gains.direct[film][0] + bank @ gains.gains[film][0].T)
+            Rim.from_setup(s),
+            self.h_W_m2K,
+            points,
+            self.rim.half_width_m,
+            tuple(self.rim.rates_1_s),
+            self.rim.profile,
+            "hertz",
+            FIT_MESH,
+            film=True,
+        )
+        return np.asarray(
+            (window.blocks @ air)[:, None] * gains.direct[film][0] + bank @ gains.gains[film][0].T
+        )
 
     def lossier(self, ratio: Array) -> Array:
         """The same when h is higher by ``ratio`` (R,) of itself: h (1 + ratio) (T - T_A) is an air that is colder by
@@ -103,10 +122,15 @@ class About:
         """
         disk, window = self.test.disks[self.fit.disk], self.fit.side.window
         n, outer = len(disk.chains), disk.setup.outer
-        free = replace(disk, lag_covariance_s2=LAG_SD_S**2 * (n / (n - 1)) * np.eye(n))  # less the mean of n
+        free = replace(
+            disk, lag_covariance_s2=LAG_SD_S**2 * (n / (n - 1)) * np.eye(n)
+        )  # less the mean of n
         known = effects(self.test, free, window, self.share, self.h_W_m2K)
         rows = [k for k, what in enumerate(known.of) if what.name.startswith("lag ")]
-        change, names = known.change[rows].copy(), [known.of[k].name.removeprefix("lag ") for k in rows]
+        change, names = (
+            known.change[rows].copy(),
+            [known.of[k].name.removeprefix("lag ") for k in rows],
+        )
         slower = self.chain.with_lag_shift(max(late_s, -0.8 * max(self.chain.taus_s)))
         if off_s := slower.lag_s - self.chain.lag_s:
             whole = sampled(window, self.base)
@@ -149,7 +173,8 @@ def _stem(a: About) -> Array:
     air = a.rim.inputs[:, [at]]
     excess = [a.rim.inputs[:, [k]] - air for k in range(1, at)]
     driven = sum(
-        x * gains.direct[k] + (a.rim.banks[k] - a.rim.banks[at]) @ gains.gains[k].T for k, x in enumerate(excess, 1)
+        x * gains.direct[k] + (a.rim.banks[k] - a.rim.banks[at]) @ gains.gains[k].T
+        for k, x in enumerate(excess, 1)
     )
     return np.asarray(STEM_SD * (driven - (a.base - air)))
 
@@ -204,12 +229,18 @@ def structures(
     for name, (column, differ) in STRUCTURES.items():
         if only in ("", name):
             fast, slow = (alone(k, column(a)) for k, a in enumerate(about))
-            out[name] = np.stack([fast + slow, differ * (fast - slow)] if differ else [fast + slow], axis=1)
+            out[name] = np.stack(
+                [fast + slow, differ * (fast - slow)] if differ else [fast + slow], axis=1
+            )
     for k, a in enumerate(about):
         if not only or only.startswith(f"lag of {DISKS[k]}"):
             change, channels = a.later(late_s)
             used = [c not in test.disks[DISKS[k]].left_out for c in channels]
-            out |= {f"lag of {DISKS[k]}_{c}": alone(k, x)[:, None] for c, x, u in zip(channels, change, used) if u}
+            out |= {
+                f"lag of {DISKS[k]}_{c}": alone(k, x)[:, None]
+                for c, x, u in zip(channels, change, used)
+                if u
+            }
     return out
 
 
@@ -242,19 +273,36 @@ class Linear:
 
     @classmethod
     def at(
-        cls, best: Optimum, ends: NDArray[np.int64], points: tuple[int, ...], which: NDArray[np.int64] | None = None
+        cls,
+        best: Optimum,
+        ends: NDArray[np.int64],
+        points: tuple[int, ...],
+        which: NDArray[np.int64] | None = None,
     ) -> Linear:
         """About an optimum, by the parameters ``which`` of it."""
         k = np.arange(len(best.theta)) if which is None else which
         off = best.theta - best.problem.prior_mean
         free = free_directions(best.problem.fixed[:, k])
-        return cls(best.residual, best.jacobian[:, k], best.problem.precision[k], off[k], free, ends, points)
+        return cls(
+            best.residual,
+            best.jacobian[:, k],
+            best.problem.precision[k],
+            off[k],
+            free,
+            ends,
+            points,
+        )
 
     @cached_property
     def _sums(self) -> tuple[Array, Array, Array, Array]:
         """Information and half-gradient of the data, and of all that was known beforehand."""
         (r, s), (j, k) = (np.split(x, self.ends[-1:]) for x in (self.residual, self.jacobian))
-        return j.T @ j, j.T @ r, k.T @ k + np.diag(self.precision), k.T @ s + self.precision * self.off_prior
+        return (
+            j.T @ j,
+            j.T @ r,
+            k.T @ k + np.diag(self.precision),
+            k.T @ s + self.precision * self.off_prior,
+        )
 
     def waves(self, residual: Array) -> float:
         """Slow waves in the residuals of the worse disk, as the fits count them."""
@@ -271,7 +319,11 @@ class Linear:
         follow = cov @ across
         seen = np.eye(columns.shape[1]) + columns.T @ columns / waves - across.T @ follow
         b, known = columns.T @ left / waves, np.linalg.inv(seen)
-        size, chi2, volume = -known @ b, float(b @ known @ b), 0.5 * float(np.linalg.slogdet(seen)[1])
+        size, chi2, volume = (
+            -known @ b,
+            float(b @ known @ b),
+            0.5 * float(np.linalg.slogdet(seen)[1]),
+        )
 
         def covariance(scaled: float) -> Array:
             own = np.asarray(cov + follow @ known @ follow.T)
@@ -280,7 +332,9 @@ class Linear:
         return Refit(
             step=start - follow @ size,
             covariance=covariance,
-            sizes=tuple(Estimate.normal(float(s), float(np.sqrt(v))) for s, v in zip(size, np.diag(known))),
+            sizes=tuple(
+                Estimate.normal(float(s), float(np.sqrt(v))) for s, v in zip(size, np.diag(known))
+            ),
             volume=volume,
             log_odds=0.5 * chi2 - volume,
             delta_chi2=chi2,

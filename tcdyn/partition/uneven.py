@@ -21,8 +21,18 @@ from calibration.disk import DiskSetup
 from calibration.estimate import Z95, Estimate
 from calibration.finding import Finding, note
 
-SHAPES = {"level": 4.0, "drift": 0.3, "bend": 0.15, "fall": 0.5}  # priors [K] at the rim's edge, the depth of b
-PER_K = {"level": 1.0, "drift": 0.3, "bend": 0.15, "fall": 0.5}  # at least this share of the level, once it was found
+SHAPES = {
+    "level": 4.0,
+    "drift": 0.3,
+    "bend": 0.15,
+    "fall": 0.5,
+}  # priors [K] at the rim's edge, the depth of b
+PER_K = {
+    "level": 1.0,
+    "drift": 0.3,
+    "bend": 0.15,
+    "fall": 0.5,
+}  # at least this share of the level, once it was found
 KEEPS_S = 10.0  # as long after the parting drift and bend go on: the bore does not feel it yet
 FALL_S = 25.0  # by then half of what falls has fallen: a fiftieth after ten seconds, against whole-disk solutions
 SECOND_REL = 0.07  # of the first harmonic: what the same contact makes of the second, against whole-disk solutions
@@ -42,10 +52,19 @@ class Unmeasured:
 
 
 SIDES = ("cos", "sin")
-FIRST = tuple(Unmeasured(f"uneven {shape}, {side}", "uneven bore contact") for shape in SHAPES for side in SIDES)
-SECOND = tuple(Unmeasured(f"second harmonic, {side}", "second harmonic round the bore") for side in SIDES)
+FIRST = tuple(
+    Unmeasured(f"uneven {shape}, {side}", "uneven bore contact")
+    for shape in SHAPES
+    for side in SIDES
+)
+SECOND = tuple(
+    Unmeasured(f"second harmonic, {side}", "second harmonic round the bore") for side in SIDES
+)
 ANGLES = "angles of the junctions"
-ROUND = {ANGLES, *(what.source for what in (*SECOND, *FIRST))}  # sources of what has to do with the bore
+ROUND = {
+    ANGLES,
+    *(what.source for what in (*SECOND, *FIRST)),
+}  # sources of what has to do with the bore
 
 
 @dataclass(frozen=True)
@@ -73,7 +92,9 @@ class Unevenness:
 
     @property
     def _level(self) -> tuple[Array, Array]:
-        return self.stated_K + self.prior_K[0] * self.found[:2], self.prior_K[0] ** 2 * self.covariance[:2, :2]
+        return self.stated_K + self.prior_K[0] * self.found[:2], self.prior_K[
+            0
+        ] ** 2 * self.covariance[:2, :2]
 
     def level_z(self, off_K: Array) -> float:
         """Length of a departure (2,) of the level, cos and sin [K], in standard uncertainties of what was found."""
@@ -111,7 +132,10 @@ class Unevenness:
         across = np.array([-level[1], level[0]]) / size if size else np.array([0.0, 1.0])
         u = np.rad2deg(float(np.sqrt(across @ covariance @ across)) / max(size, 1e-12))
         known = self.significance > SIGNIFICANT and u < LARGEST_ANGLE_U_DEG
-        at, half = float(np.rad2deg(np.arctan2(level[1], level[0])) % 360.0), Z95 * u if known else 180.0
+        at, half = (
+            float(np.rad2deg(np.arctan2(level[1], level[0])) % 360.0),
+            Z95 * u if known else 180.0,
+        )
         return Estimate(value=at, u=min(u, LARGEST_ANGLE_U_DEG), low95=at - half, high95=at + half)
 
     def finding(self, disk: str) -> Finding | None:
@@ -120,12 +144,20 @@ class Unevenness:
             return None
         size, at = self.amplitude_K, self.angle_deg
         return note(
-            "unevenness", subject=disk, amplitude_K=size.value, u_K=size.u, angle_deg=at.value, angle_u_deg=at.u
+            "unevenness",
+            subject=disk,
+            amplitude_K=size.value,
+            u_K=size.u,
+            angle_deg=at.value,
+            angle_u_deg=at.u,
         )
 
     def to_dict(self) -> dict[str, dict[str, float]]:
         """As ``beta.json`` keeps it."""
-        return {"amplitude_K": self.amplitude_K.model_dump(), "angle_deg": self.angle_deg.model_dump()}
+        return {
+            "amplitude_K": self.amplitude_K.model_dump(),
+            "angle_deg": self.angle_deg.model_dump(),
+        }
 
     @property
     def expected(self) -> Unevenness:
@@ -135,7 +167,10 @@ class Unevenness:
             return Unevenness(span_s=self.span_s)
         size = self.amplitude_K.value
         return Unevenness(
-            prior_K=prior_of(size), second_K=SECOND_REL * size, about_K=self._level[0], span_s=self.span_s
+            prior_K=prior_of(size),
+            second_K=SECOND_REL * size,
+            about_K=self._level[0],
+            span_s=self.span_s,
         )
 
 
@@ -151,7 +186,9 @@ def known_kappa(setup: DiskSetup) -> float:
     """kappa of heat leaving through the washers [1/m]."""
     washer = setup.washer_conductivity_W_mK / setup.washer_thickness_m
     k = setup.conductivity_W_mK
-    return float(max(np.sqrt(2 * washer / (k * setup.width_m)), LEAST_KAPPA_R / setup.outer_radius_m))
+    return float(
+        max(np.sqrt(2 * washer / (k * setup.width_m)), LEAST_KAPPA_R / setup.outer_radius_m)
+    )
 
 
 def radial_shape(setup: DiskSetup, h_W_m2K: float, depth_m: Array, n: int = 1) -> Array:
@@ -212,24 +249,36 @@ def seen(setup: DiskSetup, h_W_m2K: float, static: Array, n: int = 1) -> Array:
 
 
 def round_effects(
-    of: tuple[Unmeasured, ...], change: Array, known: Unevenness, setup: DiskSetup, h_W_m2K: float, static: Array,
+    of: tuple[Unmeasured, ...],
+    change: Array,
+    known: Unevenness,
+    setup: DiskSetup,
+    h_W_m2K: float,
+    static: Array,
     since_s: Array,
-) -> tuple[tuple[Unmeasured, ...], Array]:  # fmt: skip
+) -> tuple[tuple[Unmeasured, ...], Array]:
     """``change`` (Q, R, P) of everything else unmeasured, with what has to do with the bore added [K].
 
     Where a harmonic was found and subtracted, its remainder moves with what else nobody measured, and the rest of it
     has the covariance that is left.
     """
-    first = (known.prior_K[:, None] * in_time(since_s, known.span_s))[:, None, :, None] * seen(setup, h_W_m2K, static)[
-        None, :, None, :
-    ]
+    first = (known.prior_K[:, None] * in_time(since_s, known.span_s))[:, None, :, None] * seen(
+        setup, h_W_m2K, static
+    )[None, :, None, :]
     first = first.reshape(len(FIRST), *change.shape[1:])
-    constant = [known.second_K * seen(setup, h_W_m2K, static, 2), turned(setup, h_W_m2K, static, known.about_K)]
-    change = np.concatenate([change, np.concatenate(constant)[:, None] * np.ones((1, *change.shape[1:]))])
+    constant = [
+        known.second_K * seen(setup, h_W_m2K, static, 2),
+        turned(setup, h_W_m2K, static, known.about_K),
+    ]
+    change = np.concatenate(
+        [change, np.concatenate(constant)[:, None] * np.ones((1, *change.shape[1:]))]
+    )
     of = (*of, *SECOND, *(Unmeasured(f"angle {c}", ANGLES) for c in setup.rows))
     others = np.array([known.by_others.get(q, np.zeros(len(FIRST))) for q in of])
     values, vectors = np.linalg.eigh(known.covariance - others.T @ others)
-    root = (vectors * np.sqrt(np.clip(values, 0.0, None))) @ vectors.T  # near the prior, the prior's own directions
+    root = (
+        vectors * np.sqrt(np.clip(values, 0.0, None))
+    ) @ vectors.T  # near the prior, the prior's own directions
     moved = change + np.tensordot(others, first, axes=1)
     return (*of, *FIRST), np.concatenate([moved, np.tensordot(root, first, axes=1)])
 
@@ -242,24 +291,34 @@ def turned(setup: DiskSetup, h_W_m2K: float, static: Array, about_K: Array) -> A
     return np.asarray(more[:, :p] - more[:, p:] @ static)
 
 
-def sensed(setup: DiskSetup, h_W_m2K: float, static: Array, event: NDArray[np.str_], after_s: Array) -> Array:
+def sensed(
+    setup: DiskSetup, h_W_m2K: float, static: Array, event: NDArray[np.str_], after_s: Array
+) -> Array:
     """What both rows show more in windows by a prior's standard uncertainty of the harmonic, (6, W, P + k) [K].
 
     Of cos and sin: its level when steady, its fall after unloading, its rise after loading, ``after_s`` (W,) since the
     ``event`` (W,); the inner row's first seconds after an event are predicted without the bore.
     """
     whole = np.hstack([seen(setup, h_W_m2K, static), at_junctions(setup, h_W_m2K, setup.inner)])
-    sizes = [(event == name) * size for name, size in (
-        ("steady", SHAPES["level"]), ("unloading", SHAPES["fall"] * fallen(after_s)),
-        ("loading", 2 * SHAPES["level"] * fallen(after_s)),
-    )]  # fmt: skip
+    sizes = [
+        (event == name) * size
+        for name, size in (
+            ("steady", SHAPES["level"]),
+            ("unloading", SHAPES["fall"] * fallen(after_s)),
+            ("loading", 2 * SHAPES["level"] * fallen(after_s)),
+        )
+    ]
     return np.array([size[:, None] * side for size in sizes for side in whole])
 
 
 def found_in(
-    theta: Array, covariance: Array, unknown: Sequence[tuple[Unmeasured, str]], disk: str, h_W_m2K: float,
+    theta: Array,
+    covariance: Array,
+    unknown: Sequence[tuple[Unmeasured, str]],
+    disk: str,
+    h_W_m2K: float,
     prior: Unevenness,
-) -> Unevenness:  # fmt: skip
+) -> Unevenness:
     """The harmonic of ``disk`` by a fit of what was ``unknown`` (Q), at ``theta`` (Q,) with ``covariance`` (Q, Q).
 
     With priors of unit variance the truth departs from what a fit found by covariance times what nobody measured
@@ -269,7 +328,11 @@ def found_in(
     own = [k for k, (what, of) in enumerate(unknown) if of in ("", disk) and what not in FIRST]
     by_others = {unknown[k][0]: covariance[rows, k] for k in own}
     return replace(
-        prior, found=theta[rows], covariance=covariance[np.ix_(rows, rows)], by_others=by_others, h_W_m2K=h_W_m2K
+        prior,
+        found=theta[rows],
+        covariance=covariance[np.ix_(rows, rows)],
+        by_others=by_others,
+        h_W_m2K=h_W_m2K,
     )
 
 
@@ -279,5 +342,8 @@ def harmonic_K(known: Unevenness, setup: DiskSetup, since_s: Array) -> Array:
     size_K[0] += known.stated_K
     second = known.stated_second_K @ at_junctions(setup, known.h_W_m2K, setup.channels, 2)
     return np.asarray(
-        in_time(since_s, known.span_s).T @ size_K @ at_junctions(setup, known.h_W_m2K, setup.channels) + second
+        in_time(since_s, known.span_s).T
+        @ size_K
+        @ at_junctions(setup, known.h_W_m2K, setup.channels)
+        + second
     )

@@ -32,7 +32,9 @@ STEADY_BLOCK_S = 1.0
 FINE_S = 3.0  # sample by sample this long after parting, then in blocks of
 COARSE_BLOCK_S = 0.1
 GRADIENT_STEP_M = 0.25e-3
-LEAST_SEEN = 1e-4  # share of a block's samples: what was bridged weighs nothing, and divides nothing by zero
+LEAST_SEEN = (
+    1e-4  # share of a block's samples: what was bridged weighs nothing, and divides nothing by zero
+)
 FIT_MESH, BORE_MESH = Mesh(33, 53), Mesh(49, 41)
 POWER = slice(0, 1)  # of the rim's inputs
 
@@ -99,7 +101,11 @@ class RimMeans:
         return {}
 
     def gains(
-        self, h_W_m2K: float, p: Perturbation = NOMINAL, extra: tuple[Point, ...] = (), bore: bool = False
+        self,
+        h_W_m2K: float,
+        p: Perturbation = NOMINAL,
+        extra: tuple[Point, ...] = (),
+        bore: bool = False,
     ) -> RimGains:
         """Gains of a disk that departs from its statement by ``p``, at the outer row and any ``extra`` points.
 
@@ -110,10 +116,14 @@ class RimMeans:
             self._kept[key] = self._gains(*key)
         return self._kept[key]
 
-    def _gains(self, h_W_m2K: float, p: Perturbation, extra: tuple[Point, ...], bore: bool) -> RimGains:
+    def _gains(
+        self, h_W_m2K: float, p: Perturbation, extra: tuple[Point, ...], bore: bool
+    ) -> RimGains:
         s = self.setup
         moved = zip_longest(s.rows, p.deeper_m, fillvalue=0.0)
-        places = [(s.junctions[str(c)].depth_m + float(dx), s.junctions[str(c)].z_m) for c, dx in moved]
+        places = [
+            (s.junctions[str(c)].depth_m + float(dx), s.junctions[str(c)].z_m) for c, dx in moved
+        ]
         rim = Rim.from_setup(s, inner_radius_m=s.bore_radius_m) if bore else Rim.from_setup(s)
         rim = replace(
             rim,
@@ -125,8 +135,14 @@ class RimMeans:
         points = (*(places[split:] if bore else places[:split]), *extra)
         width = self.half_width_m * (1 + p.half_width)
         flux = track(s.flux, width, p.shift_m, 1 + p.half_width)
-        mesh, rates, film = BORE_MESH if bore else FIT_MESH, tuple(self.rates_1_s), len(self.banks) > self.ambient + 1
-        return cached_gains(rim, h_W_m2K, points, width, rates, self.profile, flux, mesh, film, p.film)
+        mesh, rates, film = (
+            BORE_MESH if bore else FIT_MESH,
+            tuple(self.rates_1_s),
+            len(self.banks) > self.ambient + 1,
+        )
+        return cached_gains(
+            rim, h_W_m2K, points, width, rates, self.profile, flux, mesh, film, p.film
+        )
 
     def through(
         self,
@@ -138,16 +154,23 @@ class RimMeans:
     ) -> Array:
         """Answer to the inputs of ``which``, (..., R, P) for h of shape (...)."""
         every = [self.gains(float(h), p, extra, bore) for h in np.ravel(h_W_m2K)]
-        direct, gains = (np.concatenate([getattr(g, x)[which] for g in every], axis=1) for x in ("direct", "gains"))
+        direct, gains = (
+            np.concatenate([getattr(g, x)[which] for g in every], axis=1)
+            for x in ("direct", "gains")
+        )
         out = self.inputs[:, which] @ direct
         for bank, part in zip(self.banks[which], gains):
             out += bank @ part.T
-        return np.moveaxis(out.reshape(len(out), len(every), -1), 1, 0).reshape(*np.shape(h_W_m2K), len(out), -1)
+        return np.moveaxis(out.reshape(len(out), len(every), -1), 1, 0).reshape(
+            *np.shape(h_W_m2K), len(out), -1
+        )
 
     def driven_by(self, power_W: Array, bank: Array) -> RimMeans:
         """The same rim, its gains kept, by another power (R,) with its ``bank`` (R, K)."""
         inputs = np.column_stack([power_W, self.inputs[:, self.rest]])
-        other = replace(self, inputs=inputs, banks=np.concatenate([bank[None], self.banks[self.rest]]))
+        other = replace(
+            self, inputs=inputs, banks=np.concatenate([bank[None], self.banks[self.rest]])
+        )
         other.__dict__["_kept"] = self._kept
         return other
 
@@ -165,7 +188,9 @@ class RimMeans:
 
     def gradient(self, h_W_m2K: ArrayLike, p: Perturbation = NOMINAL) -> tuple[Array, Array]:
         """Rise of temperature with radius at the inner row, as ``answer`` gives it; (..., R, k) each [K/m]."""
-        rest, power = (x[..., len(self.setup.outer) :] for x in self.answer(h_W_m2K, p, self.inside))
+        rest, power = (
+            x[..., len(self.setup.outer) :] for x in self.answer(h_W_m2K, p, self.inside)
+        )
         return (rest - self.inputs[:, self.inner]) / GRADIENT_STEP_M, power / GRADIENT_STEP_M
 
 
@@ -215,7 +240,9 @@ def stretch_of(test: EhlTest, after_s: float) -> slice:
             remedy="ask for a shorter window, {window_s}, or log more of the cooling",
             parameters={"window_s": f"{left:g}"},
         )
-    return between(test.time_s, max(off - STEADY_S - FORGET_S, test.events.load_on_s + 5.0), off + after_s)
+    return between(
+        test.time_s, max(off - STEADY_S - FORGET_S, test.events.load_on_s + 5.0), off + after_s
+    )
 
 
 def steady_start_s(test: EhlTest) -> float:
@@ -237,18 +264,34 @@ def disk_window(
 
     Blocks are one second long under steady load, single samples about the parting, tenths of a second later.
     """
-    t, dt, off, straight = test.time_s[rows], test.dt_s, test.events.unload_s, disk.setup.steel.straight(temperatures)
+    t, dt, off, straight = (
+        test.time_s[rows],
+        test.dt_s,
+        test.events.unload_s,
+        disk.setup.steel.straight(temperatures),
+    )
     inner_row, outer_row = (disk.setup.places(row) for row in (disk.setup.inner, disk.setup.outer))
     first, fine, coarse = np.searchsorted(t, [steady_start_s(test), off - 0.5, off + FINE_S])
     big, small = (max(int(round(length / dt)), 1) for length in (STEADY_BLOCK_S, COARSE_BLOCK_S))
-    starts = np.concatenate([np.arange(first, fine, big), np.arange(fine, coarse), np.arange(coarse, len(t), small)])
+    starts = np.concatenate(
+        [np.arange(first, fine, big), np.arange(fine, coarse), np.arange(coarse, len(t), small)]
+    )
     counts = np.diff(np.append(starts, len(t)))
     each = np.repeat(1.0 / counts, counts), np.arange(first, len(t))
-    blocks = sparse.csr_array((*each, np.append(starts, len(t)) - first), shape=(len(starts), len(t)))
+    blocks = sparse.csr_array(
+        (*each, np.append(starts, len(t)) - first), shape=(len(starts), len(t))
+    )
     seen = np.maximum(1.0 - blocks @ disk.missing[rows][:, outer_row].astype(float), LEAST_SEEN)
     lags_s = chain.taus_s if chain else ()  # whose longest, and twice that, a fit makes of the bank
-    (power, held), rates = power_seen(test, rows, chain), node_rates(dt, longest_s=2 * max(lags_s, default=0.0))
-    bank = blocks @ lag_bank(power, dt, rates, **held) if held else bank_means(power, dt, rates, counts)
+    (power, held), rates = (
+        power_seen(test, rows, chain),
+        node_rates(dt, longest_s=2 * max(lags_s, default=0.0)),
+    )
+    bank = (
+        blocks @ lag_bank(power, dt, rates, **held)
+        if held
+        else bank_means(power, dt, rates, counts)
+    )
     inner = straight[:, inner_row] + disk.inner_K[rows]
     feeds = [*inner.T, test.ambient_of(disk.name)[rows], *film_seen(test, disk, rows, chain)]
     inputs = blocks @ np.column_stack([power, *feeds])
@@ -262,11 +305,15 @@ def disk_window(
         counts=counts,
         y=blocks @ straight[:, outer_row],
         weight=np.sqrt(counts[:, None] * seen) / noise_K[None, outer_row] * ~disk.out[outer_row],
-        rim=RimMeans(disk.setup, test.half_width_m, rates, inputs=inputs, banks=banks, profile=profile),
+        rim=RimMeans(
+            disk.setup, test.half_width_m, rates, inputs=inputs, banks=banks, profile=profile
+        ),
     )
 
 
-def lagged_window(test: EhlTest, disk: DiskTraces, rows: slice, profile: Profile = "modal") -> DiskWindow:
+def lagged_window(
+    test: EhlTest, disk: DiskTraces, rows: slice, profile: Profile = "modal"
+) -> DiskWindow:
     """Window of the readings as they lag, all channels brought to the mean chain, power seen through it."""
     readings = equalised(disk.readings_degC[rows], test.dt_s, disk.chains, disk.mean_chain)
     return disk_window(test, disk, readings, rows, disk.noise_K, profile, disk.mean_chain)
@@ -274,7 +321,9 @@ def lagged_window(test: EhlTest, disk: DiskTraces, rows: slice, profile: Profile
 
 def sampled(window: DiskWindow, of_blocks: Array) -> Array:
     """What was worked out on block means (R, M), straight between them, (N, M)."""
-    return np.column_stack([np.interp(window.time_s, window.at_s, column) for column in of_blocks.T])
+    return np.column_stack(
+        [np.interp(window.time_s, window.at_s, column) for column in of_blocks.T]
+    )
 
 
 def film_seen(test: EhlTest, disk: DiskTraces, rows: slice, chain: Chain | None) -> list[Array]:
@@ -294,7 +343,10 @@ def power_seen(test: EhlTest, rows: slice, chain: Chain | None) -> tuple[Array, 
     ends = 0 <= k < len(t) - 1 and power[k] > 0 and power[k + 1] == 0
     part = float((off - t[k]) / test.dt_s) if ends else 1.0
     if chain is None:
-        return power, {"hold": "zoh", "switches": (Switch(k, part, float(power[k]), 0.0),) if ends else ()}
+        return power, {
+            "hold": "zoh",
+            "switches": (Switch(k, part, float(power[k]), 0.0),) if ends else (),
+        }
     held = power.copy()
     held[max(k, 0)] *= part
     return chain.response(held, test.dt_s, hold="zoh"), {}

@@ -38,7 +38,10 @@ class AppendedFile:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
     ) -> None:
         self.stream.close()
 
@@ -55,7 +58,9 @@ class AppendedFile:
                 left = left[self.stream.write(left) :]
         except OSError as problem:
             self.stream.truncate(self.size)
-            raise InputError(f"cannot be written ({problem.strerror})", where=str(self.path)) from None
+            raise InputError(
+                f"cannot be written ({problem.strerror})", where=str(self.path)
+            ) from None
         self.size += len(data)
         self.hash.update(data)
         self.rows += rows
@@ -67,7 +72,11 @@ class AppendedFile:
         ``next_rows``: how many rows are to be written next.
         """
         before = f"rows 1 to {self.rows}" if self.rows else "no rows"
-        after = f", and rows {self.rows + 1} to {self.rows + next_rows} were not written" if next_rows else ""
+        after = (
+            f", and rows {self.rows + 1} to {self.rows + next_rows} were not written"
+            if next_rows
+            else ""
+        )
         own = os.fstat(self.stream.fileno())
         try:
             there = os.stat(self.path)

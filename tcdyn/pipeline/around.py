@@ -27,7 +27,10 @@ def around_disk(p: Partition, disk: str) -> Around:
     depth = np.linspace(0.0, setup.edge_m, DEPTHS)
     middle = tuple((float(d), 0.5 * setup.width_m) for d in depth)
     across = tuple((SURFACE_DEPTH_M, (k + 0.5) / ACROSS * setup.width_m) for k in range(ACROSS))
-    rest, power = (x[last].mean(axis=0)[len(setup.outer) :] for x in window.rim.answer(h, extra=(*middle, *across)))
+    rest, power = (
+        x[last].mean(axis=0)[len(setup.outer) :]
+        for x in window.rim.answer(h, extra=(*middle, *across))
+    )
     even = rest + share * power
     even -= setup.steel.straight(even) - even  # back from Kirchhoff's temperature, to first order
     at = np.deg2rad(ANGLES_DEG)
@@ -38,8 +41,12 @@ def around_disk(p: Partition, disk: str) -> Around:
     spread = np.einsum("ia,ij,ja->a", sides, known.level_covariance_K2, sides)
     of_even = p.answers[f"surface {disk}"].u
     rows, reads = p.test.time_s[p.rows], p.test.disks[disk].readings_degC[p.rows]
-    seen = reads[(rows >= p.test.events.unload_s - LAST_S) & (rows < p.test.events.unload_s - END_GAP_S)].mean(axis=0)
-    seen += harmonic_K(p.test.uneven[disk], setup, np.array([-0.5 * LAST_S]))[0]  # what the fits look at is without
+    seen = reads[
+        (rows >= p.test.events.unload_s - LAST_S) & (rows < p.test.events.unload_s - END_GAP_S)
+    ].mean(axis=0)
+    seen += harmonic_K(p.test.uneven[disk], setup, np.array([-0.5 * LAST_S]))[
+        0
+    ]  # what the fits look at is without
     used = [c for c in setup.channels if c not in p.test.disks[disk].left_out]
     return Around(
         disk=disk,

@@ -32,9 +32,13 @@ class BearingFile:
             return FrictionAdded(value, u)
         speeds = self.friction.speeds_rpm
         said = look(
-            "bearing.extrapolated", file=self.file, load_N=load_N, speed_rpm=speed_rpm,
-            loads_N=self.friction.load_range_N, speeds_rpm=(min(speeds), max(speeds)),
-        )  # fmt: skip
+            "bearing.extrapolated",
+            file=self.file,
+            load_N=load_N,
+            speed_rpm=speed_rpm,
+            loads_N=self.friction.load_range_N,
+            speeds_rpm=(min(speeds), max(speeds)),
+        )
         return FrictionAdded(value, u, (said,))
 
 

@@ -38,13 +38,24 @@ from tcdyn.contact import (
 from tcdyn.partition.analyse import WINDOW_S, Partition, analyse
 from tcdyn.partition.events import EhlTest, find_events
 from tcdyn.pipeline.bearing import BearingFile
-from tcdyn.pipeline.running import constants_of, disk_air, forces_N, no_copies, speeds_rpm, stated_rel
+from tcdyn.pipeline.running import (
+    constants_of,
+    disk_air,
+    forces_N,
+    no_copies,
+    speeds_rpm,
+    stated_rel,
+)
 from tcdyn.pipeline.tables import beta_file, ways_table
 from tcdyn.threads import one_blas_thread
 from tcdyn.traces import DiskTraces, disk_traces, gathered
 
 MADE_OF = {"disk", "washer", "thermocouples"}  # tables of rig.toml that tell what a disk is
-NO_LAG_ASKS = ("angle_deg", "slope_per_K", "reference_degC")  # keys of these that the lags do not hang on
+NO_LAG_ASKS = (
+    "angle_deg",
+    "slope_per_K",
+    "reference_degC",
+)  # keys of these that the lags do not hang on
 Run = TypeVar("Run")
 SLOWER_S = 3.0  # after the parting a changed speed is told
 
@@ -112,7 +123,10 @@ def prepare(
     load, friction = forces_N(frame, events, steady, stated)
     out = left_out_of(left_out := left_out or {}, rig.setups)
     no_copies(frame, left_out, where)
-    found = [*gathered(log.findings), *(_left_out(rig, name, why, out) for name, why in left_out.items())]
+    found = [
+        *gathered(log.findings),
+        *(_left_out(rig, name, why, out) for name, why in left_out.items()),
+    ]
     found += [*events.findings, *told]
     radius, crown = zip(*((s.outer_radius_m, s.crown_radius_m) for s in map(rig.disk_setup, DISKS)))
     rpm, rpm_u = speeds_rpm(frame, under_load, stated)
@@ -144,13 +158,18 @@ def prepare(
     for d, level in zip(DISKS, rpm):
         if f"speed_{d}_rpm" in stated:
             continue
-        course = speed_course(t, frame[f"speed_{d}_rpm"].to_numpy(dtype=float), events.unload_s, level)
+        course = speed_course(
+            t, frame[f"speed_{d}_rpm"].to_numpy(dtype=float), events.unload_s, level
+        )
         if course is None:
             found.append(look("speeds.missing", subject=d))
         elif np.any(course != 1):
             slowing[d] = course
             at = float(min(SLOWER_S, t[-1] - events.unload_s))
-            percent, n = 100 * float(np.interp(events.unload_s + at, t, course)), rig.common.contact.speed_exponent
+            percent, n = (
+                100 * float(np.interp(events.unload_s + at, t, course)),
+                rig.common.contact.speed_exponent,
+            )
             found.append(note("speeds.change", subject=d, percent=percent, after_s=at, exponent=n))
     if not 0.002 < friction_N / load_N < 0.2:
         found.append(look("friction.coefficient", coefficient=friction_N / load_N))
@@ -161,20 +180,33 @@ def prepare(
     stated_u = {"friction_rel": sliding_rel, "half_width_rel": load_rel / 3}  # b ~ W^(1/3)
     stated_u["ambient_K"] = stated["ambient_degC"].u if "ambient_degC" in stated else 0.0
 
-    traces_of = {d: disk_traces(frame, d, rig, records[d], rows=steady, where=where, left_out=out[d]) for d in here}
+    traces_of = {
+        d: disk_traces(frame, d, rig, records[d], rows=steady, where=where, left_out=out[d])
+        for d in here
+    }
     for d, traces in traces_of.items():
         rig.disk_setup(d).check_rows()
-        found += [*_other_disk(rig, d, records[d]), *traces.findings, *traces.outside_lines(f"{d} disk", steady)]
+        found += [
+            *_other_disk(rig, d, records[d]),
+            *traces.findings,
+            *traces.outside_lines(f"{d} disk", steady),
+        ]
         found += about[d][1]
-        wider = {key: math.hypot(getattr(traces.uncertainty, key), part) for key, part in stated_u.items()}
+        wider = {
+            key: math.hypot(getattr(traces.uncertainty, key), part)
+            for key, part in stated_u.items()
+        }
         wider["friction_rel"] = math.hypot(wider["friction_rel"], added.u_N / friction_N)
         setup = replace(traces.setup, flux=traces.setup.flux.under(contact.pressure_Pa))
-        disks[d] = replace(traces, uncertainty=traces.uncertainty.model_copy(update=wider), setup=setup)
+        disks[d] = replace(
+            traces, uncertainty=traces.uncertainty.model_copy(update=wider), setup=setup
+        )
     return EhlTest(
         time_s=t,
         dt_s=dt,
         events=events,
-        power_W=friction * (speeds[0] * slowing.get("fast", 1.0) - speeds[1] * slowing.get("slow", 1.0)),
+        power_W=friction
+        * (speeds[0] * slowing.get("fast", 1.0) - speeds[1] * slowing.get("slow", 1.0)),
         ambient_degC=air[here[0]].faces,
         air=air if rig.air_columns() else {},
         stated_u=stated_u,
@@ -187,7 +219,10 @@ def prepare(
         speed_exponent=rig.common.contact.speed_exponent,
         exponent_half_range=math.hypot(
             0.5 * (u.speed_exponent_high - u.speed_exponent_low),
-            3**0.5 * rig.common.contact.speed_exponent * ratio_rel / math.log(ratio),  # chi = ratio^n
+            3**0.5
+            * rig.common.contact.speed_exponent
+            * ratio_rel
+            / math.log(ratio),  # chi = ratio^n
         ),
         disks=disks,
         findings=tuple(found),
@@ -201,8 +236,12 @@ def _other_disk(rig: Rig, disk: str, record: DiskRecord) -> list[Finding]:
     """What rig.toml says of the disk that the record was not made with: its lags were found with other numbers."""
     if "setup" not in record.model_fields_set:
         return []
-    own, stated = (tables.model_dump(include=MADE_OF) for tables in (record.setup, rig.tables(disk)))
-    if own == stated or not (changed := [key for key in changed_keys(own, stated) if not key[0].endswith(NO_LAG_ASKS)]):
+    own, stated = (
+        tables.model_dump(include=MADE_OF) for tables in (record.setup, rig.tables(disk))
+    )
+    if own == stated or not (
+        changed := [key for key in changed_keys(own, stated) if not key[0].endswith(NO_LAG_ASKS)]
+    ):
         return []
     keys, was, now = ([str(x) for x in column] for column in zip(*changed))
     return [look("record.other_disk", subject=disk, keys=keys, record=was, rig=now)]
@@ -212,9 +251,14 @@ def _left_out(rig: Rig, name: str, why: str, out: Mapping[str, Sequence[str]]) -
     """That a channel such as "fast_c" is left out, and what goes on without it; a note where it was asked for."""
     disk, _, channel = name.rpartition("_")
     setup = rig.disk_setup(disk)
-    names, kept = setup.stand_ins(out[disk]).get(channel, ()), [c for c in setup.outer if c not in out[disk]]
+    names, kept = (
+        setup.stand_ins(out[disk]).get(channel, ()),
+        [c for c in setup.outer if c not in out[disk]],
+    )
     cost: dict[str, Any] = {"stand_ins": [*names] if channel in setup.inner else [], "kept": kept}
-    return (look if why else note)("channel.left_out", subject=name, why=why or "as asked for", **cost)
+    return (look if why else note)(
+        "channel.left_out", subject=name, why=why or "as asked for", **cost
+    )
 
 
 @one_blas_thread
@@ -247,7 +291,9 @@ def estimate_beta(
         table, count = read_stage(pieces, stage)
         test = prepare(table, rig, records, bearing.added if bearing else None, left_out)
         try:
-            found = analyse(test, window_s=window_s, seed=seed, sensor_check=sensor_check, progress=progress)
+            found = analyse(
+                test, window_s=window_s, seed=seed, sensor_check=sensor_check, progress=progress
+            )
         except InputError as problem:
             raise problem.at(table.path.name) from None
         return BetaRun(table, found, campaign.rig_fingerprint(rig, records), count, records)
@@ -256,12 +302,17 @@ def estimate_beta(
 
 
 def without_lost(
-    attempt: Callable[[Mapping[str, str]], Run], without: Sequence[str], rig: Rig, progress: Callable[[str], None]
+    attempt: Callable[[Mapping[str, str]], Run],
+    without: Sequence[str],
+    rig: Rig,
+    progress: Callable[[str], None],
 ) -> Run:
     """``attempt`` without the channels asked for, and again without each that it finds lost, while enough is left."""
     left_out_of(without, rig.setups)
     left_out = dict.fromkeys((name.removesuffix("_degC") for name in without), "")
-    first: InputError | None = None  # of the channels lost: where too many are, it names the cause best
+    first: InputError | None = (
+        None  # of the channels lost: where too many are, it names the cause best
+    )
     while True:
         try:
             return attempt(left_out)
@@ -276,12 +327,25 @@ def without_lost(
 
 
 def estimate_stages(
-    log: str | Path, rig: Rig | None, records: Mapping[str, DiskRecord], estimate: Any = estimate_beta, **options: Any
+    log: str | Path,
+    rig: Rig | None,
+    records: Mapping[str, DiskRecord],
+    estimate: Any = estimate_beta,
+    **options: Any,
 ) -> tuple[Any, ...]:
     """``estimate`` of every loading in one log that an unloading follows, in order; ``options`` as there."""
-    first, said = estimate(log, rig, records, stage=1, **options), options.pop("progress", lambda _: None)
-    told = {k: lambda what, k=k: said(f"test {k} of {first.stages}: {what}") for k in range(2, first.stages + 1)}
-    return (first, *(estimate(log, rig, records, stage=k, progress=told[k], **options) for k in told))
+    first, said = (
+        estimate(log, rig, records, stage=1, **options),
+        options.pop("progress", lambda _: None),
+    )
+    told = {
+        k: lambda what, k=k: said(f"test {k} of {first.stages}: {what}")
+        for k in range(2, first.stages + 1)
+    }
+    return (
+        first,
+        *(estimate(log, rig, records, stage=k, progress=told[k], **options) for k in told),
+    )
 
 
 def summary_of(p: Partition) -> str:
@@ -291,9 +355,17 @@ def summary_of(p: Partition) -> str:
     lines = {"both beta": ("both disks", pair.format(both["beta"], both["h_fast"], both["h_slow"]))}
     lines["speed law"] = "speed law", pair.format(a["speed law"], a["h_fast"], a["h_slow"])
     for d in DISKS:
-        lines[f"cooling {d}"] = (f"cooling {d}", f"beta {a[f'cooling {d}']}   h {a[f'h cooling {d}']} W/m2K")
+        lines[f"cooling {d}"] = (
+            f"cooling {d}",
+            f"beta {a[f'cooling {d}']}   h {a[f'h cooling {d}']} W/m2K",
+        )
     for d, fit in p.joint.items():
         lag = fit.estimates["lag_s"]
-        lines[f"joint {d}"] = (f"joint {d}", f"beta {a[f'joint {d}']}   h {a[f'h joint {d}']} W/m2K   lag {lag} s")
-    said = [f"{word:14}{'withheld' if key in gone else text}" for key, (word, text) in lines.items()]
+        lines[f"joint {d}"] = (
+            f"joint {d}",
+            f"beta {a[f'joint {d}']}   h {a[f'h joint {d}']} W/m2K   lag {lag} s",
+        )
+    said = [
+        f"{word:14}{'withheld' if key in gone else text}" for key, (word, text) in lines.items()
+    ]
     return "\n".join([p.headline.sentence, *said, p.crosscheck.sentence])

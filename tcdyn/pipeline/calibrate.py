@@ -14,9 +14,24 @@ import pandas as pd
 from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.finding import Finding, look, note, once
-from calibration.lines.static import OvenFit, StaticLine, extrapolated, fit_static_lines, static_u, unit_lines
+from calibration.lines.static import (
+    OvenFit,
+    StaticLine,
+    extrapolated,
+    fit_static_lines,
+    static_u,
+    unit_lines,
+)
 from calibration.log import Log, read_log
-from calibration.record import ChainRecord, ChannelChain, DiskRecord, InputFile, moment, now_utc, user_name
+from calibration.record import (
+    ChainRecord,
+    ChannelChain,
+    DiskRecord,
+    InputFile,
+    moment,
+    now_utc,
+    user_name,
+)
 from calibration.result import Result
 from calibration.rig import Rig
 from immersion.events import EntryEvent
@@ -28,7 +43,11 @@ from tcdyn.plunge.run import PlungeRun, bath_filled, run_from_log
 from tcdyn.threads import one_blas_thread
 
 SAME_K = 0.02  # a file saved again may have lost decimals; no two plunges are alike to this in every sample
-REST_CLEAR_S, REST_SAMPLES, REST_U_K = 0.5, 20, 0.07  # before an entry: kept clear of it, fewest, how alike a disk is
+REST_CLEAR_S, REST_SAMPLES, REST_U_K = (
+    0.5,
+    20,
+    0.07,
+)  # before an entry: kept clear of it, fewest, how alike a disk is
 
 
 @dataclass(frozen=True)
@@ -101,7 +120,9 @@ def calibrate_disk(
         _once(log, logs)
         logs.append(log)
         substance = fluid(fluids[k if len(fluids) > 1 else 0])
-        run = run_from_log(bath_filled(log), substance, lines, channels=setup.channels, name=log.path.name)
+        run = run_from_log(
+            bath_filled(log), substance, lines, channels=setup.channels, name=log.path.name
+        )
         runs.append(run)
         inputs.append(InputFile(file=log.path.name, sha256=log.sha256))
         findings += extrapolated(run.name, dict(zip(run.channels, run.readings_degC.T)), lines)
@@ -112,8 +133,15 @@ def calibrate_disk(
     _swapped(logs, fit)
     progress("other chain structures on the same plunges")
     fit = with_structure_doubt(fit)
-    pulled = [f for f in fit.findings if f.code == "plunge.pull" and f.numbers["kind"] in ("offset", "gain")]
-    strained, apart = {f.subject for f in pulled}, set.intersection(*(apart_at_rest(run) for run in runs))
+    pulled = [
+        f
+        for f in fit.findings
+        if f.code == "plunge.pull" and f.numbers["kind"] in ("offset", "gain")
+    ]
+    strained, apart = (
+        {f.subject for f in pulled},
+        set.intersection(*(apart_at_rest(run) for run in runs)),
+    )
     if static is not None and (len(strained) > len(setup.channels) // 2 or len(apart) > 1):
         findings.append(look("calibrate.other_disk", subject=disk, count=len(strained | apart)))
     findings += fit.findings
@@ -140,10 +168,17 @@ def apart_at_rest(run: PlungeRun) -> set[str]:
     if len(before) < REST_SAMPLES or not run.lines:
         return set()
     third, mean = len(before) // 3, np.nanmean(before, axis=0)
-    if abs(np.nanmedian(np.nanmean(before[-third:], axis=0) - np.nanmean(before[:third], axis=0))) > REST_U_K:
+    if (
+        abs(np.nanmedian(np.nanmean(before[-third:], axis=0) - np.nanmean(before[:third], axis=0)))
+        > REST_U_K
+    ):
         return set()
     u = np.array([float(static_u(run.lines[c], x)) for c, x in zip(run.channels, mean)])
-    return {c for c, off in zip(run.channels, np.abs(mean - np.nanmedian(mean)) / np.hypot(u, REST_U_K)) if off > 3}
+    return {
+        c
+        for c, off in zip(run.channels, np.abs(mean - np.nanmedian(mean)) / np.hypot(u, REST_U_K))
+        if off > 3
+    }
 
 
 def _static(

@@ -32,7 +32,9 @@ TOLD_GAP_S, LONGEST_GAP_S = 1.0, 60.0  # told; beyond which nothing is known any
 LONGEST_BEHIND_S = 60.0  # at any rate
 GAP_ROWS = 1.5  # a shorter step is no gap, at any rate: half a row above the regular one
 RESTART_ROWS = 10.0  # a shorter gap does not restart the smoother, at any rate
-MAX_HELD_ROWS = 4500  # behind the present, or bridged in a gap: a minute at the rig's 75 Hz; bounds the memory
+MAX_HELD_ROWS = (
+    4500  # behind the present, or bridged in a gap: a minute at the rig's 75 Hz; bounds the memory
+)
 COUNTS = ("spikes", "backward", "gaps", "longest_gap_s")
 
 
@@ -79,7 +81,9 @@ class CausalState:
     backward: int = 0
     gaps: int = 0
     longest_gap_s: float = 0.0
-    screening: Screening = field(default_factory=lambda: Screening.begin(ReadingTrack.begin(np.empty(0))))
+    screening: Screening = field(
+        default_factory=lambda: Screening.begin(ReadingTrack.begin(np.empty(0)))
+    )
 
     def to_json(self) -> dict[str, Any]:
         """Plain lists and numbers, exact to the last bit in JSON."""
@@ -89,8 +93,13 @@ class CausalState:
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> CausalState:
         """The state that :meth:`to_json` gave."""
-        kept: dict[str, Any] = {k: np.array(v, dtype=float) if isinstance(v, list) else v for k, v in data.items()}
-        parts = {"kernel": LiveState.from_json(data["kernel"]), "screening": Screening.from_json(data["screening"])}
+        kept: dict[str, Any] = {
+            k: np.array(v, dtype=float) if isinstance(v, list) else v for k, v in data.items()
+        }
+        parts = {
+            "kernel": LiveState.from_json(data["kernel"]),
+            "screening": Screening.from_json(data["screening"]),
+        }
         return cls(**kept | parts)
 
     @property
@@ -98,7 +107,11 @@ class CausalState:
         """What was noticed on the way."""
         spikes = [note("follow.spikes", count=self.spikes)] if self.spikes else []
         backward = [look("follow.backward", count=self.backward)] if self.backward else []
-        gaps = [look("follow.gaps", count=self.gaps, longest_s=self.longest_gap_s)] if self.gaps else []
+        gaps = (
+            [look("follow.gaps", count=self.gaps, longest_s=self.longest_gap_s)]
+            if self.gaps
+            else []
+        )
         return (*spikes, *backward, *gaps)
 
 
@@ -142,28 +155,51 @@ class Causal:
         alive = [
             one
             for disk in channels
-            for one in zip(disk.columns, disk.lines, disk.chains, np.diag(disk.lag_covariance_s2), disk.split_u_s)
+            for one in zip(
+                disk.columns,
+                disk.lines,
+                disk.chains,
+                np.diag(disk.lag_covariance_s2),
+                disk.split_u_s,
+            )
             if one[0] not in learnt["dead"]
         ]
         junctions, lines, chains, variances, split_u = zip(*alive)
         dt, level = float(learnt["dt_s"]), settings.intensity_K2_s3 or level_K2_s3
-        after, before = (np.array([learnt[k][n] for n in junctions], dtype=float) for k in ("noise_K", "before_K"))
+        after, before = (
+            np.array([learnt[k][n] for n in junctions], dtype=float)
+            for k in ("noise_K", "before_K")
+        )
         if level is None:
             corner = CORNER_LAGS / np.array([max(c.lag_s, dt) for c in chains])
             level = np.hypot(after, before) ** 2 * dt * corner**4 * (1 + CORNER_LAGS**2)
         longest_behind_s = max(LONGEST_BEHIND_S, MAX_HELD_ROWS * dt)
         if settings.behind_s > longest_behind_s:
             what = f"{{behind_s}} {settings.behind_s:g} with rows every {dt:.3g} s"
-            raise InputError(what, expected=f"at most {longest_behind_s:g} s", parameters={"behind_s": None})
+            raise InputError(
+                what, expected=f"at most {longest_behind_s:g} s", parameters={"behind_s": None}
+            )
         delay_s = max(c.delay_s for c in chains)
         if delay_s > longest_behind_s:
             what = f"a dead time of {delay_s:g} s with rows every {dt:.3g} s: rows would wait for too long"
-            raise InputError(what, expected=f"at most {longest_behind_s:g} s", remedy="use `tcdyn compensate`")
+            raise InputError(
+                what, expected=f"at most {longest_behind_s:g} s", remedy="use `tcdyn compensate`"
+            )
         engine = LiveSmoother.of(chains, dt, after, level, round(settings.behind_s / dt), before)
         return cls(
-            tuple(names), junctions, tuple(learnt["dead"]), lines, chains, np.sqrt(np.maximum(variances, 0.0)),
-            np.array(split_u), after, before, dt, engine, settings,
-        )  # fmt: skip
+            tuple(names),
+            junctions,
+            tuple(learnt["dead"]),
+            lines,
+            chains,
+            np.sqrt(np.maximum(variances, 0.0)),
+            np.array(split_u),
+            after,
+            before,
+            dt,
+            engine,
+            settings,
+        )
 
     def learnt(self) -> dict[str, Any]:
         """What ``of`` needs besides the files."""
@@ -197,12 +233,17 @@ class Causal:
         ``count``: how many readings are known to agree with ``first``.
         """
         m = len(self.junctions)
-        memory = [np.concatenate([scipy.signal.lfilter_zi(*f) for f in pair]) for pair in self._filters]
+        memory = [
+            np.concatenate([scipy.signal.lfilter_zi(*f) for f in pair]) for pair in self._filters
+        ]
         return CausalState(
-            self.engine.start(first), np.array(memory) * first[:, None],
-            np.empty((0, len(self.names))), np.empty((0, m)), np.empty((0, m)),
+            self.engine.start(first),
+            np.array(memory) * first[:, None],
+            np.empty((0, len(self.names))),
+            np.empty((0, m)),
+            np.empty((0, m)),
             screening=Screening.begin(ReadingTrack.begin(first, count)),
-        )  # fmt: skip
+        )
 
     def check_fits(self, state: CausalState) -> None:
         """Raise ValueError where the arrays of ``state`` have not the shapes of this plan's."""
@@ -228,7 +269,10 @@ class Causal:
     def _filters(self) -> list[tuple[tuple[Array, Array], tuple[Array, Array]]]:
         """What makes of a channel's answers their change per second of lag, and by how the lag divides."""
         dt = self.dt_s
-        return [(lag_rate(c, dt), split_change(c, u, dt)) for c, u in zip(self.chains, self.split_u_s.tolist())]
+        return [
+            (lag_rate(c, dt), split_change(c, u, dt))
+            for c, u in zip(self.chains, self.split_u_s.tolist())
+        ]
 
     @cached_property
     def reach(self) -> Reach:
@@ -250,18 +294,28 @@ class Causal:
         gap = step > max(TOLD_GAP_S, GAP_ROWS * self.dt_s)
         if far := np.flatnonzero(step > self._longest_gap_s).tolist():
             state, first = self.advance(state, rows[: far[0]])
-            fresh = replace(self.start(self._first(rows[far[0] :], state)), **{k: getattr(state, k) for k in COUNTS})
+            fresh = replace(
+                self.start(self._first(rows[far[0] :], state)),
+                **{k: getattr(state, k) for k in COUNTS},
+            )
             fresh = replace(fresh, screening=replace(state.screening, track=fresh.screening.track))
-            fresh = replace(fresh, gaps=fresh.gaps + 1, longest_gap_s=max(fresh.longest_gap_s, float(step[far[0]])))
+            fresh = replace(
+                fresh,
+                gaps=fresh.gaps + 1,
+                longest_gap_s=max(fresh.longest_gap_s, float(step[far[0]])),
+            )
             fresh, rest = self.advance(fresh, rows[far[0] :])
             return fresh, np.concatenate([first, self.rest(state), rest])
         place = np.cumsum(np.round(np.maximum(step[rising] / self.dt_s, 1.0))).astype(int)
         even = np.full((int(place[-1]) if len(place) else 0, rows.shape[1]), np.nan)
         even[place - 1] = rows[rising]
         state = replace(
-            state, last_time_s=float(before[-1]), backward=state.backward + int(np.count_nonzero(~rising)),
-            gaps=state.gaps + int(np.count_nonzero(gap)), longest_gap_s=max([state.longest_gap_s, *step[gap].tolist()]),
-        )  # fmt: skip
+            state,
+            last_time_s=float(before[-1]),
+            backward=state.backward + int(np.count_nonzero(~rising)),
+            gaps=state.gaps + int(np.count_nonzero(gap)),
+            longest_gap_s=max([state.longest_gap_s, *step[gap].tolist()]),
+        )
         return self._taken(state, even)
 
     @property
@@ -278,7 +332,11 @@ class Causal:
         """What each channel shows first in ``rows``; as it was known last where it shows nothing."""
         y = self._corrected(rows)
         seen = np.isfinite(y)
-        return np.where(seen.any(axis=0), y[np.argmax(seen, axis=0), np.arange(y.shape[1])], state.kernel.recent[-1])
+        return np.where(
+            seen.any(axis=0),
+            y[np.argmax(seen, axis=0), np.arange(y.shape[1])],
+            state.kernel.recent[-1],
+        )
 
     def _logged(self, rows: Array) -> Array:
         """Readings of the junctions (n, M) [degC] before the static lines."""
@@ -288,7 +346,9 @@ class Causal:
         """Temperatures of the junctions (n, M) [degC] after the static lines, NaN outside the physical range."""
         logged = self._logged(rows)
         logged = np.where(impossible(logged), np.nan, logged)
-        return np.column_stack([apply_static(logged[:, i], line) for i, line in enumerate(self.lines)])
+        return np.column_stack(
+            [apply_static(logged[:, i], line) for i, line in enumerate(self.lines)]
+        )
 
     def _taken(self, state: CausalState, rows: Array) -> tuple[CausalState, Array]:
         """The same as ``advance`` for one row a sample, NaN where the logger left one out."""
@@ -296,7 +356,9 @@ class Causal:
             return state, np.empty((0, len(self.output_names)))
         time_s = rows[:, self.names.index("time_s")]
         outside = impossible(self._logged(rows))
-        screening, y, anew = state.screening.examined(self.reach, time_s, self._corrected(rows), outside)
+        screening, y, anew = state.screening.examined(
+            self.reach, time_s, self._corrected(rows), outside
+        )
         starts = np.flatnonzero(anew.any(axis=1)).tolist()
         borders = sorted({0, *starts, len(rows)})
         answers: list[Array] = []
@@ -324,8 +386,12 @@ class Causal:
         kernel, x, sd, flags = self.engine.run(state.kernel, y)
         rate, split_K, memory = np.empty_like(x), np.empty_like(x), np.empty_like(state.memory)
         for i, (per_lag, divided) in enumerate(self._filters):
-            rate[:, i], memory[i, :1] = scipy.signal.lfilter(*per_lag, x[:, i], zi=state.memory[i, :1])
-            split_K[:, i], memory[i, 1:] = scipy.signal.lfilter(*divided, x[:, i], zi=state.memory[i, 1:])
+            rate[:, i], memory[i, :1] = scipy.signal.lfilter(
+                *per_lag, x[:, i], zi=state.memory[i, :1]
+            )
+            split_K[:, i], memory[i, 1:] = scipy.signal.lfilter(
+                *divided, x[:, i], zi=state.memory[i, 1:]
+            )
         line_u = np.column_stack([whole_u(line, x[:, i]) for i, line in enumerate(self.lines)])
         u = np.sqrt(sd**2 + line_u**2 + (rate * self.lag_u_s) ** 2 + split_K**2)
         spikes = state.spikes + int(np.sum(flags == SPIKE))

@@ -71,7 +71,11 @@ class CompensatedLog(Result):
         """The lag removed and what is left uncertain, a few lines a disk."""
         lines = []
         for disk, done in self.disks.items():
-            lines += [f"{disk}: common lag {self.metadata[f'{disk}_common_lag_s']}"] if self.way.removes_lag else []
+            lines += (
+                [f"{disk}: common lag {self.metadata[f'{disk}_common_lag_s']}"]
+                if self.way.removes_lag
+                else []
+            )
             lines += done.lines(self.traces[disk].setup.channels)
         return "\n".join([*lines, *graded(self.findings)])
 
@@ -96,7 +100,9 @@ class CompensatedLog(Result):
 
     def card(self) -> pd.DataFrame:
         """Noise and standard deviation of every channel."""
-        return pd.concat([d.card().assign(disk=disk) for disk, d in self.disks.items()], ignore_index=True)
+        return pd.concat(
+            [d.card().assign(disk=disk) for disk, d in self.disks.items()], ignore_index=True
+        )
 
     def channels(self, disk: str) -> list[str]:
         """What the channels of ``disk`` are called in the log, without their unit."""
@@ -105,14 +111,18 @@ class CompensatedLog(Result):
     def before_use(self, disk: str) -> BeforeUse:
         """The report on the proper inverse of this log's bandwidth, for the noisiest channel of ``disk``."""
         noise, dt = self.disks[disk].noise_sd, self._dt_s
-        inverses = [proper_inverse(chain, dt, self.way.bandwidth_Hz) for chain in self.traces[disk].chains]
+        inverses = [
+            proper_inverse(chain, dt, self.way.bandwidth_Hz) for chain in self.traces[disk].chains
+        ]
         worst = int(np.argmax([f.noise_gain * sd for f, sd in zip(inverses, noise)]))
         return before_use(inverses[worst], float(noise[worst]))
 
     def covariance(self, length_s: float, start_s: float | None = None) -> dict[str, Any]:
         """Covariance between samples, and between the channels' means: see ``tcdyn.compensate.windows.over_window``."""
         time_s = self.frame["time_s"].to_numpy(dtype=float)
-        return over_window(self.raw.path.name, time_s, self.events_s, self.traces, self.disks, length_s, start_s)
+        return over_window(
+            self.raw.path.name, time_s, self.events_s, self.traces, self.disks, length_s, start_s
+        )
 
     @property
     def _dt_s(self) -> float:
@@ -139,30 +149,45 @@ def compensate_log(
     Raises InputError for a log that is compensated already, or one that no record covers.
     """
     if not records:
-        raise InputError("no record was given", remedy="add {records}", parameters={"records": "DISK.disk.json"})
+        raise InputError(
+            "no record was given", remedy="add {records}", parameters={"records": "DISK.disk.json"}
+        )
     rig, way = rig or rig_of(records), way or Way()
     progress("reading the log")
     pieces, unused = log_for(log, rig, records)
     kind = pieces.kind
     table = about_unloading(pieces)
     here = {d for d in DISKS if any(n.startswith(f"{d}_") for n in table.channels)}
-    notes = {**table.metadata, "tcdyn": COMPENSATED, "source": table.path.name, "source_sha256": table.sha256}
+    notes = {
+        **table.metadata,
+        "tcdyn": COMPENSATED,
+        "source": table.path.name,
+        "source_sha256": table.sha256,
+    }
     notes |= {} if way.removes_lag else {"method": NOISE_ONLY}
     findings, known = [*gathered(table.findings)], dict[float, float]()
     if refine and unused and way.removes_lag:
         refine = False
-        findings.append(look("compensate.unrefined", problem=f"the log holds no {', '.join(unused)}"))
+        findings.append(
+            look("compensate.unrefined", problem=f"the log holds no {', '.join(unused)}")
+        )
     if kind == "ehl":
         try:
             each_test = all_events(pieces, table)
             for events in each_test:
                 known |= {events.load_on_s: 0.0} | dict.fromkeys(events.kinks_s, events.unload_u_s)
         except InputError as problem:  # slopes that jump are found by the smoother
-            findings += [look("compensate.unrefined", problem=str(problem))] if way.removes_lag and refine else []
+            findings += (
+                [look("compensate.unrefined", problem=str(problem))]
+                if way.removes_lag and refine
+                else []
+            )
             refine = False
         other = next(iter(records))
         findings += [
-            note("compensate.one_disk", subject=d, other=other) for d in DISKS if d in here and d not in records
+            note("compensate.one_disk", subject=d, other=other)
+            for d in DISKS
+            if d in here and d not in records
         ]
     traces: dict[str, DiskTraces] = {}
     fits: Mapping[str, Alone] = {}
@@ -174,7 +199,13 @@ def compensate_log(
     frame = table.frame
     for disk, record in records.items():
         one = traces.get(disk) or disk_traces(
-            frame, disk, rig, record, named=kind == "ehl", where=table.path.name, lag=way.removes_lag
+            frame,
+            disk,
+            rig,
+            record,
+            named=kind == "ehl",
+            where=table.path.name,
+            lag=way.removes_lag,
         )
         if way.removes_lag:
             one, notes[f"{disk}_common_lag_s"] = with_lag(one, record, fits.get(disk))
@@ -194,9 +225,21 @@ def compensate_log(
     rest = None
     if len(table.frame) < pieces.rows:
         rest = Stretches(
-            pieces, rig, records, way, fits, known, parts, kind == "ehl", table.frame.columns, frame.columns, notes
+            pieces,
+            rig,
+            records,
+            way,
+            fits,
+            known,
+            parts,
+            kind == "ehl",
+            table.frame.columns,
+            frame.columns,
+            notes,
         )
-    return CompensatedLog(frame, notes, tuple(findings), done, traces, tuple(events_s), table, way, rest)
+    return CompensatedLog(
+        frame, notes, tuple(findings), done, traces, tuple(events_s), table, way, rest
+    )
 
 
 def about_unloading(pieces: LogPieces) -> Log:

@@ -55,8 +55,15 @@ class DemoRun(Result):
         rows = []
         for row in self.comparison.to_dict("records"):
             known = row["u"] is not None and np.isfinite(row["u"])
-            estimate, u = rounded(row["estimate"], row["u"]) if known else (f"{row['estimate']:.3g}", "")
-            told = {"quantity": row["quantity"], "estimate": estimate, "u": u, "truth": f"{row['truth']:.4g}"}
+            estimate, u = (
+                rounded(row["estimate"], row["u"]) if known else (f"{row['estimate']:.3g}", "")
+            )
+            told = {
+                "quantity": row["quantity"],
+                "estimate": estimate,
+                "u": u,
+                "truth": f"{row['truth']:.4g}",
+            }
             rows.append({**told, "unit": row["unit"]})
         return pd.DataFrame(rows)
 
@@ -72,11 +79,15 @@ def run_demo(
 
     No stage reads the truth; it is read last, for the ``comparison``.
     """
-    from tcdyn.simulate.campaign import simulate_campaign  # a quarter of a second, which no other stage needs
+    from tcdyn.simulate.campaign import (
+        simulate_campaign,
+    )  # a quarter of a second, which no other stage needs
 
     folder = Path(out)
     progress("simulating the campaign")
-    files = simulate_campaign(folder, seed, tests, progress=lambda name, *_: progress(f"simulated {name}"))
+    files = simulate_campaign(
+        folder, seed, tests, progress=lambda name, *_: progress(f"simulated {name}")
+    )
     rig = load_rig(files.rig)
     progress("calibrating both disks")
     calibrations = {disk: _calibrated(files, rig, disk) for disk in DISKS}
@@ -98,7 +109,9 @@ def _calibrated(files: CampaignFiles, rig: Rig, disk: str) -> CalibrationRun:
     return run
 
 
-def _compensated(log: Path, rig: Rig, records: Mapping[str, DiskRecord], out: Path) -> CompensatedLog:
+def _compensated(
+    log: Path, rig: Rig, records: Mapping[str, DiskRecord], out: Path
+) -> CompensatedLog:
     done = compensate_log(log, records, rig)
     write_log(done.frame, out.with_name(f"{out.name}.compensated.csv"), done.metadata)
     return done
@@ -135,9 +148,17 @@ def compare_with_truth(
             add(f"{name} h {d}, speed law", "W/m2K", h.value, h.u, true[f"h_{d}"])
         for disk in DISKS:
             lag = p.joint[disk].estimates["lag_s"]
-            add(f"{name} {disk} common lag, unloading", "s", lag.value, lag.u, truth[disk]["common_lag_s"])
+            add(
+                f"{name} {disk} common lag, unloading",
+                "s",
+                lag.value,
+                lag.u,
+                truth[disk]["common_lag_s"],
+            )
         for disk in DISKS:
-            raw, done = errors_after_unloading(files, name, compensated[name], f"{disk}_e_degC", true["unload_s"])
+            raw, done = errors_after_unloading(
+                files, name, compensated[name], f"{disk}_e_degC", true["unload_s"]
+            )
             add(f"{name} {disk} e, rms error raw, 5 s after unloading", "K", raw, None, 0.0)
             add(f"{name} {disk} e, rms error compensated", "K", done, None, 0.0)
     return pd.DataFrame(rows)

@@ -51,7 +51,11 @@ class FollowRun(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Counts, why it ended and what was noticed."""
-        counts = {"rows_read": self.rows_read, "rows_written": self.rows_written, "bad_lines": self.bad_lines}
+        counts = {
+            "rows_read": self.rows_read,
+            "rows_written": self.rows_written,
+            "bad_lines": self.bad_lines,
+        }
         return {**counts, "ended": self.ended, "warnings": list(self.warnings)}
 
 
@@ -86,14 +90,23 @@ def follow(
     may take its place); for an output that was renamed, deleted or changed by another program.
     """
     if not records:
-        raise InputError("no record was given", remedy="add {records}", parameters={"records": "DISK.disk.json"})
+        raise InputError(
+            "no record was given", remedy="add {records}", parameters={"records": "DISK.disk.json"}
+        )
     log, out, settings = Path(log), Path(out), settings or Settings()
     rig = rig or (rig_of(records) if isinstance(records, Mapping) else None)
     if out.suffix.lower() != ".csv":
-        raise InputError(f"ending {out.suffix!r}", where=str(out), expected=".csv: only a text file grows in place")
+        raise InputError(
+            f"ending {out.suffix!r}",
+            where=str(out),
+            expected=".csv: only a text file grows in place",
+        )
     if log.resolve() == out.resolve():
         raise InputError(
-            "log and output are the same file", where=str(out), remedy="name another {out}", parameters={"out": None}
+            "log and output are the same file",
+            where=str(out),
+            remedy="name another {out}",
+            parameters={"out": None},
         )
     patience = _Patience(idle_s, poll_s, asked_to_stop, sleep)
     state = Path(state) if state else None
@@ -131,16 +144,28 @@ def follow(
                 output.check(0)
             ended = "the log was lost" if lost else patience.ended()
             if state and (ended or time.monotonic() - saved_at > SAVE_EVERY_S):
-                _save(state, {**key, "where": _where(table, output), "plan": plan.learnt(), "state": now.to_json()})
+                _save(
+                    state,
+                    {
+                        **key,
+                        "where": _where(table, output),
+                        "plan": plan.learnt(),
+                        "state": now.to_json(),
+                    },
+                )
                 saved_at = time.monotonic()
             if ended:
                 break
             try:
                 rows = _rows(source, patience)
-            except InputError as error:  # the log is not the same any more: what was read of it is kept
+            except (
+                InputError
+            ) as error:  # the log is not the same any more: what was read of it is kept
                 lost = error
                 rows = []
-        rest = plan.rest(now)  # a run that goes on from the state file writes these rows again, then better known
+        rest = plan.rest(
+            now
+        )  # a run that goes on from the state file writes these rows again, then better known
         output.append(_lines(source.given_back(rest, plan.output_names)), len(rest))
         written = output.rows
     if lost:
@@ -154,7 +179,12 @@ def follow(
     torn = (look("follow.torn", count=table.bad),) if table.bad else ()
     screened = now.screening.findings(plan.junctions)
     return FollowRun(
-        table.rows, written, table.bad, ended, plan, (*source.findings, *plan.findings, *torn, *screened, *now.findings)
+        table.rows,
+        written,
+        table.bad,
+        ended,
+        plan,
+        (*source.findings, *plan.findings, *torn, *screened, *now.findings),
     )
 
 
@@ -252,7 +282,9 @@ def _stretch(rows: list[list[float]], at: int, learn_s: float) -> list[list[floa
     """The first rows that last ``learn_s`` [s] while the clock, column ``at``, does not jump; none while there are not
     so many."""
     begun, last = 0, np.nan
-    longest_gap_s = max(LONGEST_GAP_S, 0.1 * learn_s)  # at least 17 rows are learnt from: more than a regular step
+    longest_gap_s = max(
+        LONGEST_GAP_S, 0.1 * learn_s
+    )  # at least 17 rows are learnt from: more than a regular step
     for i, row in enumerate(rows):
         now = row[at]
         if not 0 <= now - last <= longest_gap_s and np.isfinite(now):
@@ -265,19 +297,35 @@ def _stretch(rows: list[list[float]], at: int, learn_s: float) -> list[list[floa
 
 def _key(source: GrowingLog, records: Known, settings: Settings) -> dict[str, Any]:
     """What a state file must agree with."""
-    texts = {d: r.to_json() for d, r in records.items()} if isinstance(records, Mapping) else {
-        f"{i} {s.sensor}": json.dumps(s.to_dict()) for i, s in enumerate(records)
-    }  # fmt: skip
+    texts = (
+        {d: r.to_json() for d, r in records.items()}
+        if isinstance(records, Mapping)
+        else {f"{i} {s.sensor}": json.dumps(s.to_dict()) for i, s in enumerate(records)}
+    )
     digests = {d: hashlib.sha256(text.encode()).hexdigest() for d, text in texts.items()}
     order = [c for channels in source.channels for c in channels.columns]  # of what is remembered
-    told = {"units": {n: vars(u) for n, u in source.units.items()}, "channels": order, "settings": vars(settings)}
+    told = {
+        "units": {n: vars(u) for n, u in source.units.items()},
+        "channels": order,
+        "settings": vars(settings),
+    }
     return {"schema": STATE, "log": source.table.path.name, "records": digests, **told}
 
 
 def _where(table: GrowingTable, output: AppendedFile) -> dict[str, Any]:
     """How far log and output are."""
-    read = {"offset": table.offset, "sha256": table.hash.hexdigest(), "rows": table.rows, "bad": table.bad}
-    return {**read, "written": output.rows, "out_bytes": output.size, "out_sha256": output.hash.hexdigest()}
+    read = {
+        "offset": table.offset,
+        "sha256": table.hash.hexdigest(),
+        "rows": table.rows,
+        "bad": table.bad,
+    }
+    return {
+        **read,
+        "written": output.rows,
+        "out_bytes": output.size,
+        "out_sha256": output.hash.hexdigest(),
+    }
 
 
 def _save(file: Path, kept: dict[str, Any]) -> None:
@@ -297,18 +345,28 @@ def _restored(file: Path, key: dict[str, Any], table: GrowingTable, out: Path) -
         data: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
         where, _, _ = data["where"], data["plan"], data["state"]
         table.rows, table.bad, _ = int(where["rows"]), int(where["bad"]), int(where["written"])
-        offset, digest_of_log, out_bytes = int(where["offset"]), str(where["sha256"]), int(where["out_bytes"])
+        offset, digest_of_log, out_bytes = (
+            int(where["offset"]),
+            str(where["sha256"]),
+            int(where["out_bytes"]),
+        )
         digest_of_out = str(where["out_sha256"])
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as problem:
-        raise InputError(f"is no state of a followed log ({problem!r})", where=str(file), **anew) from None
+        raise InputError(
+            f"is no state of a followed log ({problem!r})", where=str(file), **anew
+        ) from None
     for name, own in json.loads(json.dumps(key)).items():
         if data.get(name) != own:
             raise InputError(f"was written with another {name}", where=str(file), **anew)
     if checksum({k: v for k, v in data.items() if k != SEAL}) != data.get(SEAL):
-        raise InputError("is damaged: its checksum does not fit its content", where=str(file), **anew)
+        raise InputError(
+            "is damaged: its checksum does not fit its content", where=str(file), **anew
+        )
     table.seek(offset)
     if table.hash.hexdigest() != digest_of_log:
-        raise InputError("is not the log that the state file remembers", where=shown(table.path), **anew)
+        raise InputError(
+            "is not the log that the state file remembers", where=shown(table.path), **anew
+        )
     if not out.exists() or out.stat().st_size < out_bytes:
         raise InputError("holds less than the state file remembers", where=str(out), **anew)
     if digest(out, out_bytes).hexdigest() != digest_of_out:
@@ -321,23 +379,38 @@ def _plan_of(
 ) -> tuple[Causal, CausalState]:
     """Plan and state that the content of a state file describes; InputError for one that describes none."""
     try:
-        plan = Causal.of(list(source.places), source.channels, source.level_K2_s3, settings, left["plan"])
+        plan = Causal.of(
+            list(source.places), source.channels, source.level_K2_s3, settings, left["plan"]
+        )
         now = CausalState.from_json(left["state"])
         plan.check_fits(now)
         return plan, now
     except (KeyError, TypeError, ValueError, AttributeError, IndexError) as problem:
         raise InputError(
-            f"is damaged ({problem!r})", where=str(file), remedy=_anew(file, out), parameters={"out": "FILE"}
+            f"is damaged ({problem!r})",
+            where=str(file),
+            remedy=_anew(file, out),
+            parameters={"out": "FILE"},
         ) from None
 
 
 def _head(source: GrowingLog, plan: Causal) -> str:
     table = source.table
-    notes = {**table.table.metadata, "tcdyn": COMPENSATED, "source": table.path.name, **plan.notes()}
-    lines = [f"# {' '.join(k.split()).replace(':', ' ')}: {' '.join(str(v).split())}\n" for k, v in notes.items()]
+    notes = {
+        **table.table.metadata,
+        "tcdyn": COMPENSATED,
+        "source": table.path.name,
+        **plan.notes(),
+    }
+    lines = [
+        f"# {' '.join(k.split()).replace(':', ' ')}: {' '.join(str(v).split())}\n"
+        for k, v in notes.items()
+    ]
     return "".join(lines) + header_line(source.called(plan.output_names))
 
 
 def _lines(rows: np.ndarray) -> str:
     rounded = np.round(rows, DECIMALS + 1)
-    return "".join(",".join(["" if v != v else f"{v:.12g}" for v in row]) + "\n" for row in rounded.tolist())
+    return "".join(
+        ",".join(["" if v != v else f"{v:.12g}" for v in row]) + "\n" for row in rounded.tolist()
+    )

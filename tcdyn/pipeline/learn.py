@@ -19,11 +19,17 @@ from tcdyn.pipeline.reachable import Reach, noise_bound_K
 from tcdyn.traces import DiskChannels
 
 LEAST_SAMPLES, LEAST_NOISE_K, FIRST = 16, 1e-3, 5
-LEAST_AFTER = 0.03  # of the noise from before the filter: less of it after the filter no samples show
+LEAST_AFTER = (
+    0.03  # of the noise from before the filter: less of it after the filter no samples show
+)
 
 
 def begin(
-    names: Sequence[str], rows: Array, channels: Sequence[DiskChannels], level_K2_s3: float | None, settings: Settings
+    names: Sequence[str],
+    rows: Array,
+    channels: Sequence[DiskChannels],
+    level_K2_s3: float | None,
+    settings: Settings,
 ) -> tuple[Causal, CausalState]:
     """Plan and first state from the first seconds ``rows (n, columns)``: sample interval, noise, starting level."""
     time = rows[:, list(names).index("time_s")]
@@ -67,7 +73,10 @@ def begin(
 
 
 def _noise(
-    traces: Mapping[str, tuple[Array, Conditioning]], screened: Collection[str], dt_s: float, given_K: float | None
+    traces: Mapping[str, tuple[Array, Conditioning]],
+    screened: Collection[str],
+    dt_s: float,
+    given_K: float | None,
 ) -> dict[str, Any]:
     """Noise [K] of each trace (N,) behind its filter: noise_K, white, and before_K, white before it.
 
@@ -80,7 +89,9 @@ def _noise(
         own = [name for name, (_, f) in traces.items() if f == filter_]
         white = np.array([after[n] for n in own])
         spiky = [find_spikes(traces[n][0], SPIKES["compensator"], after[n]) for n in own]
-        clean = np.stack([np.where(bad, np.nan, traces[n][0]) for n, bad in zip(own, spiky)], axis=1)
+        clean = np.stack(
+            [np.where(bad, np.nan, traces[n][0]) for n, bad in zip(own, spiky)], axis=1
+        )
         found = noise_of([clean], dt_s, filter_, white)
         if (
             found.coloured and found.shaping != filter_

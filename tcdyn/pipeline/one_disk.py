@@ -45,54 +45,65 @@ class OneDiskRun(Result):
         """The content of ``beta.json``, null where a number needs both disks, sealed with its checksum."""
         p, d = self.partition, self.partition.disk
         gone, check = p.withheld, p.crosscheck
-        hidden = {key for way in gone for key in (way, f"h {way}")} | ({"lag_s"} if "joint" in gone else set())
+        hidden = {key for way in gone for key in (way, f"h {way}")} | (
+            {"lag_s"} if "joint" in gone else set()
+        )
         a = {key: NOTHING if key in hidden else e.model_dump() for key, e in p.answers.items()}
         apart = p.answers["joint"].value - p.answers["cooling"].value
         pair = {"one": f"joint {d}", "other": f"cooling {d}", "difference": apart, "z": p.z}
-        return sealed({
-            "schema": SCHEMA,
-            "source": {"file": self.log.path.name, "sha256": self.log.sha256},
-            "test": p.test.conditions,
-            "steady": {
-                **dict.fromkeys(("beta", "h_fast", "h_slow", "exponent"), NOTHING),
-                f"{d}_line": {"intercept": a["intercept"], "slope": a["slope"]},
-            },
-            "transient": {d: {"beta": a["cooling"], "h": a["h cooling"], "window_s": p.cooling.window_s}},
-            "joint": {
-                d: {"beta": a["joint"], "h": a["h joint"], "lag_s": a["lag_s"]},
-                "both": dict.fromkeys(("beta", "h_fast", "h_slow", "exponent"), NOTHING),
-                "profiles": {},
-            },
-            "headline": {"beta": a["joint"], "way": f"joint {d}", "sentence": p.headline.sentence, "range95": None},
-            "status": p.status,
-            "alternatives": [],
-            "crosscheck": {
-                "z": None if gone else p.z,
-                "agree": check.grade == "note",
-                "sentence": check.sentence,
-                "p_value": None,
-                "suspects": [],
-                "strained": None,
-                "pairs": [] if gone else [pair],
-            },
-            "budget": [
-                {
-                    "source": source,
-                    "u_beta_steady": None,
-                    "u_beta_transient": None if "cooling" in gone else cooling,
-                    "u_beta_joint": None if "joint" in gone else joint,
-                }
-                for source, (joint, cooling) in p.budget.items()
-            ],
-            "surface": dict.fromkeys(("fast_max_degC", "slow_max_degC", "delta_T_us"), NOTHING),
-            "noise": {d: p.test.disks[d].noise.to_dict()},
-            "unevenness": {d: p.uneven.to_dict()},
-            "sensors": {} if p.sensors is None else p.sensors.said,
-            "junctions": junctions(p.sensors),
-            "kept": None,
-            "findings": [found.to_dict() for found in p.findings],
-            "warnings": [f.sentence for f in p.noticed],
-        })  # fmt: skip
+        return sealed(
+            {
+                "schema": SCHEMA,
+                "source": {"file": self.log.path.name, "sha256": self.log.sha256},
+                "test": p.test.conditions,
+                "steady": {
+                    **dict.fromkeys(("beta", "h_fast", "h_slow", "exponent"), NOTHING),
+                    f"{d}_line": {"intercept": a["intercept"], "slope": a["slope"]},
+                },
+                "transient": {
+                    d: {"beta": a["cooling"], "h": a["h cooling"], "window_s": p.cooling.window_s}
+                },
+                "joint": {
+                    d: {"beta": a["joint"], "h": a["h joint"], "lag_s": a["lag_s"]},
+                    "both": dict.fromkeys(("beta", "h_fast", "h_slow", "exponent"), NOTHING),
+                    "profiles": {},
+                },
+                "headline": {
+                    "beta": a["joint"],
+                    "way": f"joint {d}",
+                    "sentence": p.headline.sentence,
+                    "range95": None,
+                },
+                "status": p.status,
+                "alternatives": [],
+                "crosscheck": {
+                    "z": None if gone else p.z,
+                    "agree": check.grade == "note",
+                    "sentence": check.sentence,
+                    "p_value": None,
+                    "suspects": [],
+                    "strained": None,
+                    "pairs": [] if gone else [pair],
+                },
+                "budget": [
+                    {
+                        "source": source,
+                        "u_beta_steady": None,
+                        "u_beta_transient": None if "cooling" in gone else cooling,
+                        "u_beta_joint": None if "joint" in gone else joint,
+                    }
+                    for source, (joint, cooling) in p.budget.items()
+                ],
+                "surface": dict.fromkeys(("fast_max_degC", "slow_max_degC", "delta_T_us"), NOTHING),
+                "noise": {d: p.test.disks[d].noise.to_dict()},
+                "unevenness": {d: p.uneven.to_dict()},
+                "sensors": {} if p.sensors is None else p.sensors.said,
+                "junctions": junctions(p.sensors),
+                "kept": None,
+                "findings": [found.to_dict() for found in p.findings],
+                "warnings": [f.sentence for f in p.noticed],
+            }
+        )
 
     def summary(self) -> str:
         """The answer in a few lines."""
@@ -100,7 +111,11 @@ class OneDiskRun(Result):
         lag = {"joint": f"   lag {a['lag_s']} s", "cooling": ""}
         said = [
             f"{f'{way} {p.disk}':14}"
-            + ("withheld" if way in p.withheld else f"beta {a[way]}   h {a[f'h {way}']} W/m2K{lag[way]}")
+            + (
+                "withheld"
+                if way in p.withheld
+                else f"beta {a[way]}   h {a[f'h {way}']} W/m2K{lag[way]}"
+            )
             for way in WAYS
         ]
         return "\n".join([p.headline.sentence, *said, p.crosscheck.sentence])
@@ -115,7 +130,11 @@ def ways_of(p: OneDisk) -> pd.DataFrame:
     rows, a = [], p.answers
     for way in WAYS:
         lag = a["lag_s"] if way == "joint" else None
-        rows.append(way_row(f"{way} fit, {p.disk} disk", a[way], a[f"h {way}"], lag, shown=way not in p.withheld))
+        rows.append(
+            way_row(
+                f"{way} fit, {p.disk} disk", a[way], a[f"h {way}"], lag, shown=way not in p.withheld
+            )
+        )
     return pd.DataFrame(rows).drop(columns="exponent n [1]")
 
 
@@ -151,11 +170,15 @@ def estimate_one_disk(
 
     def attempt(left_out: Mapping[str, str]) -> OneDiskRun:
         progress("reading the log")
-        pieces = iter_log(log, "ehl", rig, without=[*unread, *(f"{name}_degC" for name in left_out)])
+        pieces = iter_log(
+            log, "ehl", rig, without=[*unread, *(f"{name}_degC" for name in left_out)]
+        )
         table, count = read_stage(pieces, stage)
         test = prepare(table, rig, records, bearing.added if bearing else None, left_out)
         try:
-            found = analyse_one(test, window_s=window_s, sensor_check=sensor_check, progress=progress)
+            found = analyse_one(
+                test, window_s=window_s, sensor_check=sensor_check, progress=progress
+            )
         except InputError as problem:
             raise problem.at(table.path.name) from None
         return OneDiskRun(table, found, rig_fingerprint(rig, records, (name,)), count, records)

@@ -32,7 +32,9 @@ OVERSHOOT_SHARE = 0.2
 START_ANEW_S = 60.0
 START_ANEW_LAGS = 10.0
 START_CANDIDATES = 16  # readings at the beginning that are tried as the first valid one
-QUARTILE_OF_DIFFERENCES = 0.3186 * np.sqrt(2.0)  # 25 % of the |differences| of white noise with sd 1 are smaller
+QUARTILE_OF_DIFFERENCES = 0.3186 * np.sqrt(
+    2.0
+)  # 25 % of the |differences| of white noise with sd 1 are smaller
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,9 @@ class ReadingTrack:
         """The track of channels whose first readings are about ``value (M,)``, backed by ``count`` readings."""
         nothing = np.zeros(len(value))
         no_value = np.full(len(value), np.nan)
-        return cls(np.array(value, dtype=float), nothing, nothing + count, no_value, nothing, nothing)
+        return cls(
+            np.array(value, dtype=float), nothing, nothing + count, no_value, nothing, nothing
+        )
 
     def to_json(self) -> dict[str, Any]:
         """Plain lists."""
@@ -103,7 +107,9 @@ class Reach:
     patience: Array
 
     @classmethod
-    def of(cls, chains: Sequence[Chain], lag_u_s: Array, split_u_s: Array, noise_K: Array, dt_s: float) -> Reach:
+    def of(
+        cls, chains: Sequence[Chain], lag_u_s: Array, split_u_s: Array, noise_K: Array, dt_s: float
+    ) -> Reach:
         """For ``chains``, their standard uncertainties [s], the noise [K] and the sample interval [s].
 
         A zero or a complex pair makes a chain quicker than its largest lag: no bound is set for it.
@@ -113,7 +119,9 @@ class Reach:
         overshoot = np.zeros(len(chains))
         for i, chain in enumerate(chains):
             lags_s = [factor[1] for factor in chain.factors() if len(factor) == 2]
-            shortest_s = max(lags_s, default=0.0) - LAG_SIGMAS * float(np.hypot(lag_u_s[i], split_u_s[i]))
+            shortest_s = max(lags_s, default=0.0) - LAG_SIGMAS * float(
+                np.hypot(lag_u_s[i], split_u_s[i])
+            )
             patience[i] = max(START_ANEW_S, START_ANEW_LAGS * max(lags_s, default=0.0)) / dt_s
             if shortest_s > 0 and not chain.zero_s and chain.pair is None:
                 keep[i] = np.exp(-dt_s / shortest_s)
@@ -131,7 +139,9 @@ class Reach:
         high = self.high_degC[i] + (before - self.high_degC[i]) * kept + self.margin_K[i]
         return (low <= after) & (after <= high)
 
-    def examine(self, track: ReadingTrack, y: Array) -> tuple[ReadingTrack, NDArray[np.bool_], NDArray[np.bool_]]:
+    def examine(
+        self, track: ReadingTrack, y: Array
+    ) -> tuple[ReadingTrack, NDArray[np.bool_], NDArray[np.bool_]]:
         """Continue ``track`` with the readings ``y (N, M)`` [degC], NaN where missing.
 
         Returns the track after them, which of them are rejected (N, M), and where a channel starts anew (N, M):
@@ -173,10 +183,16 @@ class Reach:
         if not np.isfinite(reading):
             return False, False
         accepted = bool(self.possible(i, channel.value, reading, channel.age))
-        agrees = bool(np.isfinite(channel.rival)) and bool(self.possible(i, channel.rival, reading, channel.rival_age))
+        agrees = bool(np.isfinite(channel.rival)) and bool(
+            self.possible(i, channel.rival, reading, channel.rival_age)
+        )
         # The bound widens with time. A run of rejected readings that goes on at its level stays rejected all the same.
         rival_is_newer = channel.rival_age < channel.age
-        if agrees and rival_is_newer and abs(reading - channel.rival) < abs(reading - channel.value):
+        if (
+            agrees
+            and rival_is_newer
+            and abs(reading - channel.rival) < abs(reading - channel.value)
+        ):
             accepted = False
         if accepted:
             channel.value = reading
@@ -210,7 +226,9 @@ class Reach:
             if self._all_follow(i, channel, y[at + 1 :]):
                 rejected[at + 1 :] = False
             else:
-                rejected[at + 1 :] = [self._step(i, channel, reading)[0] for reading in y[at + 1 :].tolist()]
+                rejected[at + 1 :] = [
+                    self._step(i, channel, reading)[0] for reading in y[at + 1 :].tolist()
+                ]
             if np.count_nonzero(rejected) < least:
                 least = int(np.count_nonzero(rejected))
                 best = rejected
@@ -243,13 +261,19 @@ class Screening:
 
     def to_json(self) -> dict[str, Any]:
         """Plain lists and numbers."""
-        counts = {name: getattr(self, name).tolist() for name in ("impossible", "unreachable", "restarts", "blank")}
+        counts = {
+            name: getattr(self, name).tolist()
+            for name in ("impossible", "unreachable", "restarts", "blank")
+        }
         return {"track": self.track.to_json(), **counts, "first_s": self.first_s}
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> Screening:
         """The screening that ``to_json`` gave."""
-        counts = {n: np.array(data[n], dtype=float) for n in ("impossible", "unreachable", "restarts", "blank")}
+        counts = {
+            n: np.array(data[n], dtype=float)
+            for n in ("impossible", "unreachable", "restarts", "blank")
+        }
         return cls(ReadingTrack.from_json(data["track"]), first_s=float(data["first_s"]), **counts)
 
     def examined(
@@ -286,12 +310,18 @@ class Screening:
         count = int(self.impossible.sum())
         if count:
             subject = _listed(names, self.impossible)
-            limits: dict[str, Any] = {"low_degC": LOWEST_DEGC, "high_degC": HIGHEST_DEGC, "first_s": self.first_s}
+            limits: dict[str, Any] = {
+                "low_degC": LOWEST_DEGC,
+                "high_degC": HIGHEST_DEGC,
+                "first_s": self.first_s,
+            }
             told.append(look("follow.impossible", subject=subject, count=count, **limits))
         count = int(self.unreachable.sum())
         if count:
             subject = _listed(names, self.unreachable)
-            told.append(look("follow.unreachable", subject=subject, count=count, first_s=self.first_s))
+            told.append(
+                look("follow.unreachable", subject=subject, count=count, first_s=self.first_s)
+            )
         count = int(self.restarts.sum())
         if count:
             subject = _listed(names, self.restarts)

@@ -27,12 +27,18 @@ Rows = NDArray[np.bool_]
 
 def constants_of(frame: pd.DataFrame, rig: Rig) -> tuple[dict[str, Constant], list[Finding]]:
     """What ``[constants]`` states of columns that the log does not hold; what it holds is taken from there."""
-    used: dict[str, Constant] = {name: c for name, c in rig.common.constants.items() if name not in frame}
+    used: dict[str, Constant] = {
+        name: c for name, c in rig.common.constants.items() if name not in frame
+    }
     found = [note("constant.used", subject=name, value=c.value, u=c.u) for name, c in used.items()]
-    return used, found + [note("constant.logged", subject=n) for n in rig.common.constants if n not in used]
+    return used, found + [
+        note("constant.logged", subject=n) for n in rig.common.constants if n not in used
+    ]
 
 
-def forces_N(frame: pd.DataFrame, events: Events, steady: Rows, stated: Mapping[str, Constant]) -> tuple[Array, Array]:
+def forces_N(
+    frame: pd.DataFrame, events: Events, steady: Rows, stated: Mapping[str, Constant]
+) -> tuple[Array, Array]:
     """Load and friction while the disks touch, zero elsewhere, (N,) each.
 
     A load that was stated goes with the friction, and is its mean over the rows of ``steady``.
@@ -49,7 +55,11 @@ def speeds_rpm(
 ) -> tuple[list[float], list[float]]:
     """Speed of the fast and the slow shaft under load and, where stated, its standard uncertainty, else zero [rpm]."""
     names = [f"speed_{d}_rpm" for d in DISKS]
-    logged = {n: float(np.nanmedian(frame[n].to_numpy(dtype=float)[under_load])) for n in names if n not in stated}
+    logged = {
+        n: float(np.nanmedian(frame[n].to_numpy(dtype=float)[under_load]))
+        for n in names
+        if n not in stated
+    }
     rpm = [stated[n].value if n in stated else logged[n] for n in names]
     return rpm, [stated[n].u if n in stated else 0.0 for n in names]
 
@@ -94,7 +104,11 @@ def disk_air(
         own = max(own, spread / len(levels) ** 0.5)
         rows = np.flatnonzero(steady)
         drift = float(np.polyfit(rows, means[place][rows], 1)[0] * len(rows))
-        told: dict[str, Any] = {"mean_degC": float(levels.mean()), "drift_K": drift, "spread_K": spread}
+        told: dict[str, Any] = {
+            "mean_degC": float(levels.mean()),
+            "drift_K": drift,
+            "spread_K": spread,
+        }
         found.append(note("ambient.channels", subject=disk, at=place, count=len(levels), **told))
     faces, surface = means.get("faces", room), means.get("surface", room)
     faces = surface if faces is None else faces

@@ -30,7 +30,10 @@ from tcdyn.sensor.table import EvenTimes, Part, on_grid, once_each, open_source,
 from tcdyn.sensor.units import Unit, cold_column, doubtful, matching, units_of
 from tcdyn.threads import one_blas_thread
 
-MOST_VALUES, MOST_COLUMNS = 400_000, 8  # smoothed at once: an event of one column is weighed in all of them
+MOST_VALUES, MOST_COLUMNS = (
+    400_000,
+    8,
+)  # smoothed at once: an event of one column is weighed in all of them
 TOLD_ROWS = 200_000  # after so many progress is told again, then after twice as many
 DECIMALS = 5
 
@@ -90,10 +93,14 @@ class CompensatedTable(Result):
     def to_dict(self) -> dict[str, Any]:
         """All of it as plain data."""
         return {
-            "out": str(self.path), "rows": self.rows, "columns": self.numbers.to_dict("records"),
-            "carried": list(self.carried), "metadata": self.metadata, "warnings": list(self.warnings),
+            "out": str(self.path),
+            "rows": self.rows,
+            "columns": self.numbers.to_dict("records"),
+            "carried": list(self.carried),
+            "metadata": self.metadata,
+            "warnings": list(self.warnings),
             "findings": [f.to_dict() for f in self.findings],
-        }  # fmt: skip
+        }
 
 
 @one_blas_thread
@@ -133,7 +140,9 @@ def compensate_table(
     cold = cold_column(cold, source.table.names, source.table.where)
     names = source.table.names
     own = [n for n in names if n != source.time]
-    worn, told = worn_in(own, source.table.where, sensors, columns, unit, couple, cold, source.table.units)
+    worn, told = worn_in(
+        own, source.table.where, sensors, columns, unit, couple, cold, source.table.units
+    )
     others = [n for n in own if n not in {w.column for w in worn}]
     kept: list[str] = [str(cold)] if isinstance(cold, str) else []
     if others:
@@ -143,11 +152,15 @@ def compensate_table(
     for w in worn:
         notes[f"lag_s of {w.column}"] = f"{w.lag_s.text('s')}, sensor {w.file.sensor}"
     renamed = {w.column: w.unit.names(w.column) for w in worn}
-    header = [renamed[n][0] if n in renamed else n for n in names] + [renamed[w.column][1] for w in worn]
+    header = [renamed[n][0] if n in renamed else n for n in names] + [
+        renamed[w.column][1] for w in worn
+    ]
     clash = [n for n in header if header.count(n) > 1]
     if clash:
         raise InputError(
-            f"the output would hold column {clash[0]!r} twice", where=shown(source.path), remedy="rename it"
+            f"the output would hold column {clash[0]!r} twice",
+            where=shown(source.path),
+            remedy="rename it",
         )
     gathered: dict[str, list[Array]] = {w.column: [] for w in worn}
     rows, found, tell_at, ends_s = 0, list(told), 0, list[float]()
@@ -160,7 +173,9 @@ def compensate_table(
                 progress(f"from row {rows + 1}")
                 tell_at = rows + max(rows, TOLD_ROWS)
             answer, numbers, said, memory = _answered(stretch, worn, shown(source.path))
-            if memory > stretch.beside:  # too little beside it for both sweeps to settle: again, with more
+            if (
+                memory > stretch.beside
+            ):  # too little beside it for both sweeps to settle: again, with more
                 stretch = stretches.send(memory)
                 continue
             write(pd.DataFrame({new: answer[new] for new in header}))
@@ -177,26 +192,46 @@ def compensate_table(
         lasts, lag_s = max(ends_s, default=0.0) - min(ends_s, default=0.0), w.chain.lag_s
         if lasts < lag_s:
             found.append(look("sensor.brief", subject=w.column, duration_s=lasts, lag_s=lag_s))
-        table.append({"column": w.column, "noise_sd_K": noise, "sd_typical_K": typical, "sd_max_K": most})
-    return CompensatedTable(Path(out), rows, tuple(worn), tuple(others), pd.DataFrame(table), notes, once_each(found))
+        table.append(
+            {"column": w.column, "noise_sd_K": noise, "sd_typical_K": typical, "sd_max_K": most}
+        )
+    return CompensatedTable(
+        Path(out), rows, tuple(worn), tuple(others), pd.DataFrame(table), notes, once_each(found)
+    )
 
 
 def worn_in(
-    names: Sequence[str], where: str, sensors: Sequence[SensorFile], columns: Sequence[str],
-    unit: Mapping[str, str] | str, couple: str, cold: float | str, unit_row: Mapping[str, str] | None = None,
-) -> tuple[list[Worn], list[Finding]]:  # fmt: skip
+    names: Sequence[str],
+    where: str,
+    sensors: Sequence[SensorFile],
+    columns: Sequence[str],
+    unit: Mapping[str, str] | str,
+    couple: str,
+    cold: float | str,
+    unit_row: Mapping[str, str] | None = None,
+) -> tuple[list[Worn], list[Finding]]:
     """Those of a table's columns ``names`` that sensors cover, in their order. Raises InputError as
     ``compensate_table``."""
     if not sensors:
-        raise InputError("no sensor was given", remedy="add {sensors}", parameters={"sensors": "FILE.sensor.json"})
+        raise InputError(
+            "no sensor was given",
+            remedy="add {sensors}",
+            parameters={"sensors": "FILE.sensor.json"},
+        )
     if columns and (len(sensors) > 1 or len(sensors[0].columns) > 1):
-        raise InputError("columns were named for several sensors", expected="one sensor of one column")
+        raise InputError(
+            "columns were named for several sensors", expected="one sensor of one column"
+        )
     taken: dict[str, tuple[SensorFile, int]] = {}
     for file in sensors:
         for at, pattern in enumerate(file.columns):
             for name in [n for c in (columns or [pattern]) for n in matching(c, names, where)]:
                 if name in taken:
-                    raise InputError(f"two sensors for column {name!r}", where=where, expected="one sensor a column")
+                    raise InputError(
+                        f"two sensors for column {name!r}",
+                        where=where,
+                        expected="one sensor a column",
+                    )
                 taken[name] = file, at
     own = [n for n in names if n in taken]
     units, told = units_of(own, unit, couple, cold, unit_row)
@@ -236,10 +271,17 @@ def _answered(
                 sd = sd_all[at, k]
                 memory = max(
                     memory,
-                    settled_s(sensors_of([w.chain]), done.noise_sd[k : k + 1], grid.dt_s, done.intensities[k : k + 1]),
+                    settled_s(
+                        sensors_of([w.chain]),
+                        done.noise_sd[k : k + 1],
+                        grid.dt_s,
+                        done.intensities[k : k + 1],
+                    ),
                 )
                 if x.size and np.median(grid.dt_s / max(w.chain.lag_s, 1e-12)) > 0.5:
-                    found.append(look("sensor.slow", subject=w.column, dt_s=grid.dt_s, lag_s=w.chain.lag_s))
+                    found.append(
+                        look("sensor.slow", subject=w.column, dt_s=grid.dt_s, lag_s=w.chain.lag_s)
+                    )
                 name, u_name = w.unit.names(w.column)
                 out[name] = np.round(w.unit.back(x), DECIMALS)
                 out[u_name] = np.round(w.unit.per_K * sd, DECIMALS)
@@ -253,7 +295,11 @@ def _answered(
 
 
 def _smoothed(
-    worn: Sequence[Worn], read: Mapping[str, Array], grid: EvenTimes, size: int, found: list[Finding]
+    worn: Sequence[Worn],
+    read: Mapping[str, Array],
+    grid: EvenTimes,
+    size: int,
+    found: list[Finding],
 ) -> Iterator[tuple[Sequence[Worn], Compensated]]:
     """The smoother for columns together; one by one where one of them cannot be smoothed, which is told."""
     y = np.stack([on_grid(read[w.column], grid, size) for w in worn], axis=1)
@@ -268,10 +314,14 @@ def _smoothed(
             line_u[:, k] = whole_u(w.line, y[:, k])
     try:
         done = smooth(
-            y, grid.dt_s, [w.chain for w in worn], lag_covariance=covariance,
-            split_u_s=[float(w.file.split_u_s[w.at]) for w in worn], static_u=np.nan_to_num(line_u),
+            y,
+            grid.dt_s,
+            [w.chain for w in worn],
+            lag_covariance=covariance,
+            split_u_s=[float(w.file.split_u_s[w.at]) for w in worn],
+            static_u=np.nan_to_num(line_u),
             names=[w.column for w in worn],
-        )  # fmt: skip
+        )
     except InputError as problem:
         if len(worn) == 1:
             found.append(look("sensor.left", subject=worn[0].column, problem=problem.what))

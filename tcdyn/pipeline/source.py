@@ -27,8 +27,13 @@ from tcdyn.sensor.file import SensorFile
 from tcdyn.sensor.units import Unit, cold_column, u_name
 from tcdyn.traces import DiskChannels, disk_channels
 
-INTENSITY_K2_S3 = {"ehl": 30.0, "immersion": 3000.0}  # an unloading bends by 10 K/s in a second, a plunge by 100 K/s
-AS_READ = StaticLine(gain=1.0, offset=0.0, covariance=((0.0, 0.0), (0.0, 0.0)), range_degC=(-273.15, 5000.0))
+INTENSITY_K2_S3 = {
+    "ehl": 30.0,
+    "immersion": 3000.0,
+}  # an unloading bends by 10 K/s in a second, a plunge by 100 K/s
+AS_READ = StaticLine(
+    gain=1.0, offset=0.0, covariance=((0.0, 0.0), (0.0, 0.0)), range_degC=(-273.15, 5000.0)
+)
 Known = Mapping[str, DiskRecord] | Sequence[SensorFile]
 
 
@@ -62,7 +67,9 @@ class GrowingLog:
             done[:, names.index(name)] = unit.in_degC(rows[:, names.index(name)], cold)
         # An infinite temperature of a channel (no such emf of the couple) stays: it is counted as impossible later.
         infinite = np.isinf(done)
-        infinite[:, [names.index(name) for channels in self.channels for name in channels.columns]] = False
+        infinite[
+            :, [names.index(name) for channels in self.channels for name in channels.columns]
+        ] = False
         return [list(map(float, row)) for row in np.where(infinite, np.nan, done)]
 
     def given_back(self, rows: Array, names: Sequence[str]) -> Array:
@@ -90,7 +97,9 @@ class TableOptions(TypedDict, total=False):
     cold: float | str
 
 
-def growing_log(log: Path, rig: Rig | None, records: Known, options: TableOptions | None = None) -> GrowingLog | None:
+def growing_log(
+    log: Path, rig: Rig | None, records: Known, options: TableOptions | None = None
+) -> GrowingLog | None:
     """The log once two whole rows stand in it; InputError for one that is compensated, and for missing columns."""
     wanted = (*KNOWN, *HEADER_NAMES)
     if rig and isinstance(records, Mapping):
@@ -112,13 +121,23 @@ def growing_log(log: Path, rig: Rig | None, records: Known, options: TableOption
     altered = tuple(f for record in records.values() for f in record.findings if f.code == ALTERED)
     kind, own = kind_of_columns(table.names, rig, records, where)
     mapping = rig.columns(own)
-    chosen = match_columns(table.names, kind, where, mapping, stated=rig.stated(), layouts=layouts_of(rig, own))
+    chosen = match_columns(
+        table.names, kind, where, mapping, stated=rig.stated(), layouts=layouts_of(rig, own)
+    )
     how = as_logged(chosen, table.names, rig, own or "", mapping)
-    converted = {name: how[column] for name, column in chosen.items() if column in how and name not in TORQUES}
+    converted = {
+        name: how[column]
+        for name, column in chosen.items()
+        if column in how and name not in TORQUES
+    }
     places = {canonical: table.names.index(name) for canonical, name in chosen.items()}
     if not is_number(table.dialect.first_row[places["time_s"]], table.dialect.decimal):
-        raise InputError(f"column {chosen['time_s']} holds no seconds", where=where, expected="time as a number")
-    channels = [disk_channels(r, rig.disk_setup(d), d if kind == "ehl" else "") for d, r in records.items()]
+        raise InputError(
+            f"column {chosen['time_s']} holds no seconds", where=where, expected="time as a number"
+        )
+    channels = [
+        disk_channels(r, rig.disk_setup(d), d if kind == "ehl" else "") for d, r in records.items()
+    ]
     return GrowingLog(growing, places, channels, INTENSITY_K2_S3[kind], converted, findings=altered)
 
 
@@ -128,16 +147,22 @@ def _table_source(
     """Any table that grows: all its columns, the time in seconds called time_s, those sensors cover in their units."""
     names, dialect = growing.table.names, growing.table.dialect
     units = growing.table.units
-    clock = find_time_column(names, where, requested=options.get("time"), unit=options.get("time_unit"), unit_row=units)
+    clock = find_time_column(
+        names, where, requested=options.get("time"), unit=options.get("time_unit"), unit_row=units
+    )
     time = clock.name
     if not is_number(dialect.first_row[names.index(time)], dialect.decimal):
         raise InputError(f"column {time} holds no time", where=where, expected="time as a number")
     if time != "time_s" and "time_s" in names:
-        raise InputError(f"column 'time_s' stands beside the clock {time!r}", where=where, remedy="rename it")
+        raise InputError(
+            f"column 'time_s' stands beside the clock {time!r}", where=where, remedy="rename it"
+        )
     own = {"time_s" if n == time else n: i for i, n in enumerate(names)}
     cold = cold_column(options.get("cold", 0.0), names, where)
     unit, couple = options.get("unit", ""), options.get("couple", "")
-    worn, told = worn_in([n for n in names if n != time], where, sensors, (), unit, couple, cold, units)
+    worn, told = worn_in(
+        [n for n in names if n != time], where, sensors, (), unit, couple, cold, units
+    )
     channels = DiskChannels(
         tuple(w.column for w in worn),
         tuple(w.line or AS_READ for w in worn),
@@ -147,6 +172,8 @@ def _table_source(
     )
     clock.check_step(clock.in_seconds(growing.first_numbers(names.index(time)), False), False)
     scale = float(clock.seconds or 1.0)
-    how: dict[str, Callable[[Array], Array]] = {} if scale == 1.0 else {"time_s": lambda t: t * scale}
+    how: dict[str, Callable[[Array], Array]] = (
+        {} if scale == 1.0 else {"time_s": lambda t: t * scale}
+    )
     other = {w.column: w.unit for w in worn if w.unit.name != "degC"}
     return GrowingLog(growing, own, [channels], None, how, other, tuple(told))

@@ -64,14 +64,18 @@ def with_lag(traces: DiskTraces, record: DiskRecord, fit: Alone | None) -> tuple
     if fit is not None:
         lag = fit.estimates["lag_s"]
         chains = refined_chains(traces.chains, fit.chain)
-        traces = replace(traces, chains=chains, lag_covariance_s2=with_common_u(traces.lag_covariance_s2, lag.u))
+        traces = replace(
+            traces, chains=chains, lag_covariance_s2=with_common_u(traces.lag_covariance_s2, lag.u)
+        )
         return traces, f"{with_u(lag.value, lag.u)} s, from the unloading, record as prior"
     assert record.chain is not None
     common = record.chain.common_lag_s
     return traces, f"{with_u(common.value, common.u)} s, from the record"
 
 
-def one_disk(traces: DiskTraces, frame: pd.DataFrame, events: Mapping[float, float], way: Way) -> Compensated:
+def one_disk(
+    traces: DiskTraces, frame: pd.DataFrame, events: Mapping[float, float], way: Way
+) -> Compensated:
     """One disk's traces; ``events``: time [s] of each, of all the log, and its uncertainty [s]."""
     time = frame["time_s"].to_numpy(dtype=float)
     y, dt = traces.measured_degC, interval_s(time)
@@ -88,13 +92,27 @@ def one_disk(traces: DiskTraces, frame: pd.DataFrame, events: Mapping[float, flo
     if way.method == "inverse":
         return invert(y, dt, traces.chains, way.bandwidth_Hz, **given)
     known = {float(t - time[0]): u for t, u in events.items() if time[0] <= t <= time[-1]}
-    return smooth(y, dt, traces.chains, events_s=[*known], event_u_s=[*known.values()], find_events=not events, **given)
+    return smooth(
+        y,
+        dt,
+        traces.chains,
+        events_s=[*known],
+        event_u_s=[*known.values()],
+        find_events=not events,
+        **given,
+    )
 
 
-def columns_of(traces: DiskTraces, done: Compensated, way: Way, parts: bool) -> dict[str, NDArray[np.float64]]:
+def columns_of(
+    traces: DiskTraces, done: Compensated, way: Way, parts: bool
+) -> dict[str, NDArray[np.float64]]:
     """The columns (N,) that one disk's answer puts into the log, by name."""
     out: dict[str, NDArray[np.float64]] = {}
-    common = np.hypot(done.common_sd(), shared_u_K(traces.lines)) if parts and way.removes_lag else done.sd
+    common = (
+        np.hypot(done.common_sd(), shared_u_K(traces.lines))
+        if parts and way.removes_lag
+        else done.sd
+    )
     temperature, sd = done.answers()
     for i, column in enumerate(traces.columns):
         out[column] = temperature[:, i]
@@ -125,7 +143,9 @@ class Stretches:
     header: pd.Index[str]
     notes: Mapping[str, str]
 
-    def pieces(self, columns: Sequence[str]) -> Iterator[tuple[Array, dict[str, Array], tuple[Finding, ...]]]:
+    def pieces(
+        self, columns: Sequence[str]
+    ) -> Iterator[tuple[Array, dict[str, Array], tuple[Finding, ...]]]:
         """Time and columns of the log, piece by piece."""
         for piece in self.log:
             yield (
@@ -137,7 +157,12 @@ class Stretches:
     def write(self, out: str | Path, progress: Callable[[str], None]) -> list[Finding]:
         """Write the ``header`` and all rows to ``out``, whole or not at all; what was noticed."""
         rows, told, found = 0, 0, list[Finding]()
-        lags = [c.lag_s.value for r in self.records.values() if r.chain for c in r.chain.channels.values()]
+        lags = [
+            c.lag_s.value
+            for r in self.records.values()
+            if r.chain
+            for c in r.chain.channels.values()
+        ]
         with log_writer(out, [*self.header], self.notes) as write:
             stretches = parts(self, [*self.columns], max(lags, default=0.0), STRETCH_ROWS)
             stretch = next(stretches, None)
@@ -156,7 +181,12 @@ class Stretches:
 
     def _answered(self, stretch: Part) -> tuple[pd.DataFrame, list[Finding], int]:
         """Rows to write, what was noticed, and how many rows beside them both sweeps need to settle."""
-        frame, where, found, beside = pd.DataFrame(stretch.data), self.log.path.name, list(stretch.findings), 0.0
+        frame, where, found, beside = (
+            pd.DataFrame(stretch.data),
+            self.log.path.name,
+            list(stretch.findings),
+            0.0,
+        )
         answer, dt = frame, self.log.dt_s
         for disk, record in self.records.items():
             lag = self.way.removes_lag
@@ -165,6 +195,11 @@ class Stretches:
             smooth = one_disk(one, frame, self.events, self.way)
             answer = answer.assign(**columns_of(one, smooth, self.way, self.parts))
             if smooth.intensities:
-                beside = max(beside, settled_s(sensors(one.chains), smooth.noise_sd, dt, smooth.intensities) / dt)
-            found += [f.at(disk) for f in (*smooth.findings, *one.outside_lines("the log"))] + list(one.findings)
+                beside = max(
+                    beside,
+                    settled_s(sensors(one.chains), smooth.noise_sd, dt, smooth.intensities) / dt,
+                )
+            found += [f.at(disk) for f in (*smooth.findings, *one.outside_lines("the log"))] + list(
+                one.findings
+            )
         return answer[[*self.header]].iloc[stretch.keep], gathered(found), int(np.ceil(beside))

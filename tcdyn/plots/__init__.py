@@ -9,11 +9,29 @@ its first argument names, and a matplotlib axes.
 """
 
 from tcdyn.plots.around import draw_round, draw_round_surface
-from tcdyn.plots.calibration import draw_bearing, draw_chain, draw_error_histogram, draw_lags, draw_log, draw_transducer
+from tcdyn.plots.calibration import (
+    draw_bearing,
+    draw_chain,
+    draw_error_histogram,
+    draw_lags,
+    draw_log,
+    draw_transducer,
+)
 from tcdyn.plots.calibration import draw_residuals as draw_oven_residuals
-from tcdyn.plots.campaign import draw_beta, draw_friction_coefficient, draw_temperature, draw_traction
+from tcdyn.plots.campaign import (
+    draw_beta,
+    draw_friction_coefficient,
+    draw_temperature,
+    draw_traction,
+)
 from tcdyn.plots.compensate import draw_before_use, draw_compensated, draw_tradeoff
-from tcdyn.plots.conduction import draw_comparison, draw_convergence, draw_field, draw_mesh_errors, draw_profiles
+from tcdyn.plots.conduction import (
+    draw_comparison,
+    draw_convergence,
+    draw_field,
+    draw_mesh_errors,
+    draw_profiles,
+)
 from tcdyn.plots.conduction import draw_map as draw_map_errors
 from tcdyn.plots.identify import (
     draw_band,

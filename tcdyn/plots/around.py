@@ -28,7 +28,12 @@ def draw_round(around: Around, ax: Axes) -> Axes:
     depth = 1e3 * around.depth_m
     tones = ax.contourf(around.angle_deg, depth, around.middle_degC, levels=TONES, cmap="cividis")
     lines = ax.contour(
-        around.angle_deg, depth, around.middle_degC, levels=np.array(tones.levels)[::2], colors="k", linewidths=0.4
+        around.angle_deg,
+        depth,
+        around.middle_degC,
+        levels=np.array(tones.levels)[::2],
+        colors="k",
+        linewidths=0.4,
     )
     for number in ax.clabel(lines, fmt="%.4g", fontsize=7):
         if not 0.05 < number.get_position()[1] / depth.max() < 0.95:
@@ -38,14 +43,33 @@ def draw_round(around: Around, ax: Axes) -> Axes:
         j = around.setup.junctions[c]
         at, mm = j.angle_deg % 360.0, 1e3 * j.depth_m
         inside = abs(j.z_m - 0.5 * around.setup.width_m) < CENTRE_M
-        ax.plot(at, mm, "o", color="white", markerfacecolor=TRUTH if inside else "white", markeredgecolor=TRUTH,
-                markersize=6, zorder=4, clip_on=False)  # fmt: skip
+        ax.plot(
+            at,
+            mm,
+            "o",
+            color="white",
+            markerfacecolor=TRUTH if inside else "white",
+            markeredgecolor=TRUTH,
+            markersize=6,
+            zorder=4,
+            clip_on=False,
+        )
         side = -1 if c in LEFT else 1
         ax.annotate(
-            f"{c} {seen:.1f}", (at, mm), xytext=(6 * side, 4), textcoords="offset points", fontsize=7.5, zorder=5,
+            f"{c} {seen:.1f}",
+            (at, mm),
+            xytext=(6 * side, 4),
+            textcoords="offset points",
+            fontsize=7.5,
+            zorder=5,
             ha="left" if side > 0 else "right",
-            bbox={"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.8},
-        )  # fmt: skip
+            bbox={
+                "boxstyle": "round,pad=0.15",
+                "facecolor": "white",
+                "edgecolor": "none",
+                "alpha": 0.8,
+            },
+        )
     ax.set_ylim(1.02 * depth.max(), 0.0)
     _all_round(ax, "depth below the running surface [mm]", f"{around.disk} disk").grid(False)
     return ax
@@ -54,7 +78,9 @@ def draw_round(around: Around, ax: Axes) -> Axes:
 def draw_round_surface(around: Around, ax: Axes) -> Axes:
     """Mean temperature across the running surface against the angle, with its 95 % band where it has one."""
     t = around.surface_degC
-    line_with_band(ax, around.angle_deg, t, around.surface_u_K, DISK_COLOUR[around.disk], linewidth=1.6)
+    line_with_band(
+        ax, around.angle_deg, t, around.surface_u_K, DISK_COLOUR[around.disk], linewidth=1.6
+    )
     head = f"{around.disk} disk: {float(np.ptp(t)):.2g} K between the hottest and the coldest side"
     return _all_round(ax, "running surface [°C]", head)
 
@@ -75,11 +101,26 @@ def draw_fit(setup: DiskSetup, ax: Axes) -> Axes:
     sectors, bearing = setup.fit.sectors(1e3 * setup.bore_radius_m), 1e-3 * press_fit(setup)[1]
     c = bearing * harmonics(sectors, 2)
     smooth = c[0].real + 2 * sum((c[n] * np.exp(1j * n * np.deg2rad(angle))).real for n in (1, 2))
-    ax.plot(angle, bearing * mean_shares(sectors, edges), color=colour, linewidth=1.6, label="as stated")
-    ax.plot(angle, smooth, color=TRUTH, linewidth=1.0, linestyle="--", label="mean, first and second harmonic")
+    ax.plot(
+        angle, bearing * mean_shares(sectors, edges), color=colour, linewidth=1.6, label="as stated"
+    )
+    ax.plot(
+        angle,
+        smooth,
+        color=TRUTH,
+        linewidth=1.0,
+        linestyle="--",
+        label="mean, first and second harmonic",
+    )
     ax.axhline(0.0, color="k", linewidth=0.4)
     for name, j in setup.junctions.items():
-        ax.annotate(name, (j.angle_deg % 360.0, 0.01), xycoords=ax.get_xaxis_transform(), ha="center", fontsize=8)
+        ax.annotate(
+            name,
+            (j.angle_deg % 360.0, 0.01),
+            xycoords=ax.get_xaxis_transform(),
+            ha="center",
+            fontsize=8,
+        )
     ax.set_ylim(min(-0.1 * bearing, ax.get_ylim()[0]), None)
     return _all_round(ax, "conductance of the fit [kW/m²K]", f"{setup.name} disk", legend=True)
 

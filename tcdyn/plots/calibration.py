@@ -16,7 +16,18 @@ from calibration.lines.transducers import BearingFriction, TransducerLine
 from calibration.log import COMPENSATED, Log
 from calibration.record import ChainRecord
 from tcdyn.chain import Chain
-from tcdyn.plots.style import DARK, GREY, PALE, SERIES_LINES, SERIES_MARKERS, SLOW, TRUTH, dressed, figure, thinned
+from tcdyn.plots.style import (
+    DARK,
+    GREY,
+    PALE,
+    SERIES_LINES,
+    SERIES_MARKERS,
+    SLOW,
+    TRUTH,
+    dressed,
+    figure,
+    thinned,
+)
 from tcdyn.plunge.result import LagShare
 
 LEAST_BINS = 12
@@ -33,10 +44,14 @@ def bin_width(errors_K: ArrayLike) -> float:
     if not span > 0.0:
         return 0.1
     power = 10.0 ** np.floor(np.log10(span / LEAST_BINS))
-    return float(round(power * max(k for k in (1, 2, 5) if k * power <= span / LEAST_BINS * (1 + 1e-9)), 12))
+    return float(
+        round(power * max(k for k in (1, 2, 5) if k * power <= span / LEAST_BINS * (1 + 1e-9)), 12)
+    )
 
 
-def draw_error_histogram(errors_K: ArrayLike, ax: Axes, *, label: str = "", width_K: float | None = None) -> Axes:
+def draw_error_histogram(
+    errors_K: ArrayLike, ax: Axes, *, label: str = "", width_K: float | None = None
+) -> Axes:
     """Figure 2.16: how often each error (thermocouple minus PRT) came, bins of ``width_K``, or of a width that suits.
 
     The dashed lines hold 95 % of the errors between them.
@@ -44,7 +59,15 @@ def draw_error_histogram(errors_K: ArrayLike, ax: Axes, *, label: str = "", widt
     e = np.asarray(errors_K, dtype=float)
     width = bin_width(e) if width_K is None else width_K
     counts, edges = error_histogram(e, width)
-    ax.bar(edges[:-1], counts, width=np.diff(edges), align="edge", color=SLOW, edgecolor="white", label=label or None)
+    ax.bar(
+        edges[:-1],
+        counts,
+        width=np.diff(edges),
+        align="edge",
+        color=SLOW,
+        edgecolor="white",
+        label=label or None,
+    )
     ax.axvline(0.0, color=TRUTH, linewidth=0.8)
     for end in np.nanquantile(e, [0.025, 0.975]):
         ax.axvline(end, color=TRUTH, linewidth=0.9, linestyle="--")
@@ -62,7 +85,13 @@ def draw_residuals(oven: OvenFit, ax: Axes) -> Axes:
         tone = str(0.6 * k / max(len(oven.lines) - 1, 1))
         where = prt + apart * (k - middle)
         ax.plot(
-            where, table[f"{channel}_degC"], SERIES_MARKERS[k % 6], markersize=4, color=tone, mfc="none", label=channel
+            where,
+            table[f"{channel}_degC"],
+            SERIES_MARKERS[k % 6],
+            markersize=4,
+            color=tone,
+            mfc="none",
+            label=channel,
         )
     line = next(iter(oven.lines.values()))
     t = np.linspace(*line.range_degC, 100)
@@ -70,18 +99,32 @@ def draw_residuals(oven: OvenFit, ax: Axes) -> Axes:
     ax.fill_between(t, -band, band, color=PALE, zorder=0, label="95 % of a line")
     ax.axhline(0.0, color=TRUTH, linewidth=0.8)
     return dressed(
-        ax, "PRT [°C]", "PRT minus line [K]", ncols=7, loc="lower left", bbox_to_anchor=(0.0, 1.0), columnspacing=1.0
+        ax,
+        "PRT [°C]",
+        "PRT minus line [K]",
+        ncols=7,
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        columnspacing=1.0,
     )
 
 
-def draw_transducer(line: TransducerLine, volts: ArrayLike, force_N: ArrayLike, session: ArrayLike, ax: Axes) -> Axes:
+def draw_transducer(
+    line: TransducerLine, volts: ArrayLike, force_N: ArrayLike, session: ArrayLike, ax: Axes
+) -> Axes:
     """Figure 2.21: force against volts, one line a session, one slope for all."""
-    v, f, s = np.asarray(volts, dtype=float), np.asarray(force_N, dtype=float), np.asarray(session).astype(str)
+    v, f, s = (
+        np.asarray(volts, dtype=float),
+        np.asarray(force_N, dtype=float),
+        np.asarray(session).astype(str),
+    )
     for name, intercept in line.intercept_N.items():
         here = s == name
         dots = ax.plot(v[here], f[here], "o", markersize=4, label=name)[0]
         ends = np.array([v[here].min(), v[here].max()])
-        ax.plot(ends, line.slope_N_V.value * ends + intercept.value, color=dots.get_color(), linewidth=1)
+        ax.plot(
+            ends, line.slope_N_V.value * ends + intercept.value, color=dots.get_color(), linewidth=1
+        )
     return dressed(ax, "transducer [V]", "force [N]", title="session")
 
 
@@ -102,7 +145,13 @@ def draw_lags(chain: ChainRecord, ax: Axes) -> Axes:
     ax.axhline(common.value, color=TRUTH, linewidth=0.8)
     for i, name in enumerate(names):
         lag, apart = chain.channels[name].lag_s, chain.differential_lag_s[name]
-        ax.plot([i, i], [lag.low95, lag.high95], color=GREY, linewidth=1.2, label="lag, 95 %" if i == 0 else None)
+        ax.plot(
+            [i, i],
+            [lag.low95, lag.high95],
+            color=GREY,
+            linewidth=1.2,
+            label="lag, 95 %" if i == 0 else None,
+        )
         told = "its difference from the common lag, 95 %" if i == 0 else None
         ends = [common.value + apart.low95, common.value + apart.high95]
         ax.plot([i, i], ends, color=SLOW, linewidth=5, solid_capstyle="butt", label=told)
@@ -118,7 +167,15 @@ def draw_lag_budget(shares: Sequence[LagShare], ax: Axes) -> Axes:
     y = np.arange(len(ordered))
     common, rest = [s.u_common_s for s in ordered], [s.u_differential_s for s in ordered]
     ax.barh(y + 0.19, common, 0.36, color=SLOW, label="common lag")
-    ax.barh(y - 0.19, rest, 0.36, color="white", edgecolor=TRUTH, hatch="////", label="differences of channels")
+    ax.barh(
+        y - 0.19,
+        rest,
+        0.36,
+        color="white",
+        edgecolor=TRUTH,
+        hatch="////",
+        label="differences of channels",
+    )
     right = max([*common, *rest, 1e-6])
     for k, pair in enumerate(zip(common, rest)):
         for value, up in zip(pair, (0.19, -0.19)):
@@ -136,7 +193,9 @@ def error_figure(oven: OvenFit) -> Figure:
         axes, (oven.raw_errors_K, oven.calibrated_errors_K), ("as logged", "with the static lines")
     ):
         largest = float(np.nanmax(np.abs(errors)))
-        draw_error_histogram(errors, ax).set_title(f"{when}: at most {largest:.2g} K", fontsize="medium")
+        draw_error_histogram(errors, ax).set_title(
+            f"{when}: at most {largest:.2g} K", fontsize="medium"
+        )
     return picture
 
 
@@ -145,11 +204,17 @@ def draw_log(log: Log, ax: Axes) -> Axes:
     shown, oven = log.frame.iloc[thinned(len(log.frame))], log.kind == "oven"
     x = shown["prt_degC" if oven else "time_s"]
     for k, name in enumerate(log.channels):
-        y, line = (shown[name] - x, "o") if oven else (shown[name], SERIES_LINES[(k // 6) % len(SERIES_LINES)])
+        y, line = (
+            (shown[name] - x, "o")
+            if oven
+            else (shown[name], SERIES_LINES[(k // 6) % len(SERIES_LINES)])
+        )
         words = name.removesuffix("_degC").replace("_", " ")
         ax.plot(x, y, line, color=f"C{k % 6}", linewidth=0.9, markersize=3, label=words)
     traced = "compensated" if log.metadata.get("tcdyn") == COMPENSATED else "logged"
-    labels = ("PRT [°C]", "logged minus PRT [K]") if oven else ("time [s]", f"{traced} temperature [°C]")
+    labels = (
+        ("PRT [°C]", "logged minus PRT [K]") if oven else ("time [s]", f"{traced} temperature [°C]")
+    )
     return dressed(ax, *labels, ncols=2)
 
 
@@ -164,5 +229,7 @@ def draw_chain(chain: Chain, ax: Axes) -> Axes:
     t = (np.arange(n + before) - before) * dt
     ax.plot(t, step, drawstyle="steps-post", color=GREY, linewidth=0.9, label="at the junction")
     ax.plot(t, chain.response(step, dt, hold="zoh"), label="in the log file")
-    ax.axvline(chain.lag_s, linestyle="--", linewidth=0.8, color=DARK, label=f"lag {chain.lag_s:.3g} s")
+    ax.axvline(
+        chain.lag_s, linestyle="--", linewidth=0.8, color=DARK, label=f"lag {chain.lag_s:.3g} s"
+    )
     return dressed(ax, "time after the step [s]", "share of the step [1]", loc="lower right")

@@ -60,28 +60,53 @@ def draw_friction_coefficient(table: pd.DataFrame, ax: Axes) -> Axes:
     good = done_rows(table)
     good["group"] = speed_groups(good["load_N"].to_numpy(dtype=float))
     for k, (_, part) in enumerate(good.groupby("group")):
-        _series(ax, part, "sliding_speed_m_s", "friction_coefficient", k, f"{part['load_N'].mean():.0f} N")
-    return dressed(ax, "sliding speed [m/s]", "coefficient of friction [1]", title="load", title_fontsize=8)
+        _series(
+            ax,
+            part,
+            "sliding_speed_m_s",
+            "friction_coefficient",
+            k,
+            f"{part['load_N'].mean():.0f} N",
+        )
+    return dressed(
+        ax, "sliding speed [m/s]", "coefficient of friction [1]", title="load", title_fontsize=8
+    )
 
 
 def draw_beta(table: pd.DataFrame, ax: Axes) -> Axes:
     """beta by the speed law, and by both disks' joint fit, over dT u_s with 95 % bars and a line (figure 7.18)."""
     good = done_rows(table)
     x = good["delta_T_us_K_m_s"].to_numpy(dtype=float)
-    aside = 0.008 * max(float(np.ptp(x)), 0.05 * float(np.abs(x).max()))  # so that the bars of one test stand apart
+    aside = 0.008 * max(
+        float(np.ptp(x)), 0.05 * float(np.abs(x).max())
+    )  # so that the bars of one test stand apart
     for column, marker, colour, fill, shift, label in (
         ("beta", "o", TRUTH, TRUTH, 0.0, "speed law"),
         ("beta_both", "^", GREY, "white", aside, "joint fit, both disks"),
     ):
         y, u = good[column].to_numpy(dtype=float), good[f"u_{column}"].to_numpy(dtype=float)
         ax.errorbar(
-            x + shift, y, yerr=Z95 * u, fmt=marker, color=colour, markerfacecolor=fill, capsize=2, linewidth=0.9,
+            x + shift,
+            y,
+            yerr=Z95 * u,
+            fmt=marker,
+            color=colour,
+            markerfacecolor=fill,
+            capsize=2,
+            linewidth=0.9,
             label=label,
-        )  # fmt: skip
+        )
     line = trend(x, good["beta"].to_numpy(dtype=float))
     if line is not None:
         ends = np.array([x.min(), x.max()])
-        ax.plot(ends, line.intercept + line.slope * ends, ":", color=TRUTH, linewidth=1, label="line, least squares")
+        ax.plot(
+            ends,
+            line.intercept + line.slope * ends,
+            ":",
+            color=TRUTH,
+            linewidth=1,
+            label="line, least squares",
+        )
     name_points(ax, x, [str(name) for name in good["test"]])
     return dressed(ax, OVER["delta_T_us_K_m_s"], "heat partition β [1]", legend=True)
 
@@ -91,7 +116,9 @@ def name_points(ax: Axes, x: Sequence[float] | np.ndarray, names: Sequence[str])
     low, high = float(np.min(x)), float(np.max(x))
     margin = 0.06 * (high - low) or 0.1 * abs(high) or 1.0
     ax.set_xlim(low - margin, high + margin)
-    share = 0.013 * max(len(n) for n in names) + 0.006  # of the axes' width: seven-point letters and a gap
+    share = (
+        0.013 * max(len(n) for n in names) + 0.006
+    )  # of the axes' width: seven-point letters and a gap
     rows: list[float] = []  # where the last name of each row ends
     for at, name in sorted(zip(x, names)):
         place = (at - low + margin) / (high - low + 2 * margin)
@@ -99,9 +126,16 @@ def name_points(ax: Axes, x: Sequence[float] | np.ndarray, names: Sequence[str])
         rows[row : row + 1] = [place + share / 2]
         ax.axvline(at, color=PALE, linewidth=0.6, zorder=0)
         ax.annotate(
-            name, (at, 1.0), xycoords=("data", "axes fraction"), xytext=(0, 3 + 10 * row), textcoords="offset points",
-            fontsize=7, ha="center", va="bottom", color=DARK,
-        )  # fmt: skip
+            name,
+            (at, 1.0),
+            xycoords=("data", "axes fraction"),
+            xytext=(0, 3 + 10 * row),
+            textcoords="offset points",
+            fontsize=7,
+            ha="center",
+            va="bottom",
+            color=DARK,
+        )
 
 
 def _by_speed(table: pd.DataFrame, column: str, ax: Axes, label: str, head: str = "") -> Axes:
@@ -113,11 +147,21 @@ def _by_speed(table: pd.DataFrame, column: str, ax: Axes, label: str, head: str 
 def _series(ax: Axes, part: pd.DataFrame, over: str, column: str, k: int, label: str) -> None:
     """One group of tests: points, with 95 % bars where the table has u, and their line where three or more make one."""
     x, y = (part[name].to_numpy(dtype=float) for name in (over, column))
-    colour, marker = SERIES_COLOURS[k % len(SERIES_COLOURS)], SERIES_MARKERS[k % len(SERIES_MARKERS)]
+    colour, marker = (
+        SERIES_COLOURS[k % len(SERIES_COLOURS)],
+        SERIES_MARKERS[k % len(SERIES_MARKERS)],
+    )
     line = trend(x, y)
     style = SERIES_LINES[k % len(SERIES_LINES)] if line is not None else "none"
     if f"u_{column}" in part:
-        ax.errorbar(x, y, yerr=Z95 * part[f"u_{column}"].to_numpy(dtype=float), fmt="none", ecolor=colour, capsize=2)
+        ax.errorbar(
+            x,
+            y,
+            yerr=Z95 * part[f"u_{column}"].to_numpy(dtype=float),
+            fmt="none",
+            ecolor=colour,
+            capsize=2,
+        )
     ax.plot(x, y, marker, color=colour, linestyle="none")
     ax.plot([], [], marker=marker, color=colour, linestyle=style, label=label)
     if line is not None:
@@ -131,9 +175,25 @@ def draw_joined_beta(joined: JoinedCampaign, ax: Axes, against: str = "delta_T_u
     x = np.array([t.conditions[against] for t in p.tests])
     y = p.beta[0]
     inside, whole = (np.array([e[k].u for e in p.estimates]) for k in ("beta_within", "beta"))
-    ax.errorbar(x, y, yerr=Z95 * whole, fmt="none", ecolor=GREY, elinewidth=0.8, capsize=2, label="95 %, absolute")
     ax.errorbar(
-        x, y, yerr=Z95 * inside, fmt="o", color=TRUTH, markersize=3, elinewidth=2.2, label="95 %, within the campaign"
+        x,
+        y,
+        yerr=Z95 * whole,
+        fmt="none",
+        ecolor=GREY,
+        elinewidth=0.8,
+        capsize=2,
+        label="95 %, absolute",
+    )
+    ax.errorbar(
+        x,
+        y,
+        yerr=Z95 * inside,
+        fmt="o",
+        color=TRUTH,
+        markersize=3,
+        elinewidth=2.2,
+        label="95 %, within the campaign",
     )
     trend = next((t for t in joined.trends if t.against == (against,)), None)
     if trend is not None:
@@ -143,7 +203,14 @@ def draw_joined_beta(joined: JoinedCampaign, ax: Axes, against: str = "delta_T_u
         ax.plot(at, line, ":", color=TRUTH, linewidth=1, label="line, generalised least squares")
     for k, test in enumerate(c for c in joined.curves if c.curve.against == against):
         style = SERIES_LINES[k % len(SERIES_LINES)]
-        ax.plot(test.curve.x, test.curve.beta, style, color=DISK_COLOUR["fast"], linewidth=1.2, label=test.curve.file)
+        ax.plot(
+            test.curve.x,
+            test.curve.beta,
+            style,
+            color=DISK_COLOUR["fast"],
+            linewidth=1.2,
+            label=test.curve.file,
+        )
     name_points(ax, x, [name.removeprefix("EHL_") for name in p.order])
     return dressed(ax, OVER[against], "heat partition β [1]", legend=True)
 
@@ -151,13 +218,23 @@ def draw_joined_beta(joined: JoinedCampaign, ax: Axes, against: str = "delta_T_u
 def draw_exponent(joined: JoinedCampaign, ax: Axes) -> Axes:
     """n of every test over the entraining speed, 95 % bars against each other, and n of all with its 95 % band."""
     law = joined.law
-    x, n = np.array([t.conditions["entraining_speed_m_s"] for t in joined.posterior.tests]), law.exponent
+    x, n = (
+        np.array([t.conditions["entraining_speed_m_s"] for t in joined.posterior.tests]),
+        law.exponent,
+    )
     ax.axhspan(n.low95, n.high95, color=PALE, zorder=0, label="all tests, 95 %")
     ax.axhline(n.value, color=TRUTH, linestyle="--", linewidth=1)
     ax.errorbar(
-        x, law.each, yerr=Z95 * law.u_within, fmt="o", color=TRUTH, markersize=3, capsize=2, linewidth=0.9,
+        x,
+        law.each,
+        yerr=Z95 * law.u_within,
+        fmt="o",
+        color=TRUTH,
+        markersize=3,
+        capsize=2,
+        linewidth=0.9,
         label="each test, against the others",
-    )  # fmt: skip
+    )
     return dressed(ax, "entraining speed [m/s]", "exponent n of h ~ u^n [1]", loc="lower left")
 
 

@@ -43,9 +43,13 @@ def draw_before_use(report: BeforeUse, ax: Axes) -> Axes:
     """Step response of the chain alone and of chain times compensator, with the remaining shift and noise stated."""
     alone = f"chain alone, 10-90 % in {report.raw_rise_s:.2g} s"
     ax.plot(report.step_time_s, report.raw_step, "--", color=FAST, label=alone)
-    ax.plot(report.step_time_s, report.step, color=SLOW, label=f"compensated, {report.rise_s:.2g} s")
+    ax.plot(
+        report.step_time_s, report.step, color=SLOW, label=f"compensated, {report.rise_s:.2g} s"
+    )
     ax.axhline(1.0, linewidth=0.6, color=GREY)
-    ax.set_xlim(0.0, min(float(report.step_time_s[-1]), 8.0 * max(report.raw_rise_s, report.rise_s)))
+    ax.set_xlim(
+        0.0, min(float(report.step_time_s[-1]), 8.0 * max(report.raw_rise_s, report.rise_s))
+    )
     head = f"remaining shift {report.remaining_shift_s:.3g} s, noise {report.noise_gain:.3g} times the trace's"
     x, y = "time after a step at the junction [s]", "share of the step [1]"
     return dressed(ax, x, y, head=head, loc="lower right")

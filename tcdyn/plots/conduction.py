@@ -16,7 +16,9 @@ from tcdyn.plots.style import DARK, FAST, SLOW, TRUTH, dressed, pictured
 from tcdyn.verify.studies import IDEAL_TIMES_S, ClosedForm, Convergence, MeshErrors
 
 
-def draw_field(field_degC: ArrayLike, rim: Rim, ax: Axes, *, points: Mapping[str, Point] | None = None) -> Axes:
+def draw_field(
+    field_degC: ArrayLike, rim: Rim, ax: Axes, *, points: Mapping[str, Point] | None = None
+) -> Axes:
     """Isotherms of a field (nr, nz) [degC] over z and depth, the running surface on top; junctions by name."""
     field = np.asarray(field_degC, dtype=float)
     depth = np.linspace(rim.thickness_m, 0.0, field.shape[0]) * 1e3
@@ -25,7 +27,9 @@ def draw_field(field_degC: ArrayLike, rim: Rim, ax: Axes, *, points: Mapping[str
     ax.figure.colorbar(filled, ax=ax, label="temperature [°C]")
     for name, (d, at) in (points or {}).items():
         ax.plot(at * 1e3, d * 1e3, "o", color="white", markeredgecolor=TRUTH, markersize=5)
-        ax.annotate(name, (at * 1e3, d * 1e3), xytext=(5, 3), textcoords="offset points", color="white")
+        ax.annotate(
+            name, (at * 1e3, d * 1e3), xytext=(5, 3), textcoords="offset points", color="white"
+        )
     ax.invert_yaxis()
     return dressed(ax, "z [mm]", "depth [mm]")
 
@@ -59,26 +63,40 @@ def draw_comparison(check: ClosedForm, ax: Axes) -> Axes:
 def draw_convergence(checks: Sequence[Convergence], ax: Axes) -> Axes:
     """Largest error against the number of nodes, log-log, with the fitted orders."""
     for check, style in zip(checks, ("o-", "s--", "^:")):
-        ax.loglog(check.nodes, check.error_K, style, label=f"{check.title}: order {check.order:.2f}")
+        ax.loglog(
+            check.nodes, check.error_K, style, label=f"{check.title}: order {check.order:.2f}"
+        )
         ax.set_xticks(check.nodes, [f"{n}" for n in check.nodes])
     ax.minorticks_off()
     return dressed(ax, "nodes in r", "largest error [K]", legend=True)
 
 
 def draw_mesh_errors(
-    ours: Mapping[str, MeshErrors], published: Mapping[str, Sequence[float]], ax: Axes, part: str = "maximum"
+    ours: Mapping[str, MeshErrors],
+    published: Mapping[str, Sequence[float]],
+    ax: Axes,
+    part: str = "maximum",
 ) -> Axes:
     """Tables 3.2 or 3.3: errors against mesh IV in time, ours (lines) and published (crosses)."""
     for k, (name, errors) in enumerate(ours.items()):
         colour, marker, line = (TRUTH, FAST, SLOW)[k % 3], "os^"[k % 3], ("-", "--", "-.")[k % 3]
-        ax.semilogy(IDEAL_TIMES_S, getattr(errors, part), marker, color=colour, linestyle=line, label=f"mesh {name}")
+        ax.semilogy(
+            IDEAL_TIMES_S,
+            getattr(errors, part),
+            marker,
+            color=colour,
+            linestyle=line,
+            label=f"mesh {name}",
+        )
         ax.semilogy(IDEAL_TIMES_S, published[name], "x", color=colour)
     return dressed(ax, "time [s]", f"{part} error against mesh IV [%]", title="crosses: published")
 
 
 def draw_map(error_K: ArrayLike, h_W_m2K: ArrayLike, share: ArrayLike, ax: Axes) -> Axes:
     """The steady map of chapter 4: misfit (H, B) [K] over film coefficient and share of the heat."""
-    filled = ax.contourf(np.asarray(h_W_m2K), np.asarray(share), np.asarray(error_K).T, levels=20, cmap="viridis")
+    filled = ax.contourf(
+        np.asarray(h_W_m2K), np.asarray(share), np.asarray(error_K).T, levels=20, cmap="viridis"
+    )
     ax.figure.colorbar(filled, ax=ax, label="misfit [K]")
     return dressed(ax, "h [W/m²K]", "share of the heat")
 
@@ -88,8 +106,14 @@ def verify_figures() -> dict[str, Figure]:
     from tcdyn.verify import studies
     from tcdyn.verify.rim_rows import TABLE_3_2
 
-    draws = {c.title: partial(draw_comparison, c) for c in (studies.transient_check(), studies.steady_check())}
-    orders, ours = [studies.series_convergence(), studies.product_convergence()], studies.ideal_study(late_steps=1)
+    draws = {
+        c.title: partial(draw_comparison, c)
+        for c in (studies.transient_check(), studies.steady_check())
+    }
+    orders, ours = (
+        [studies.series_convergence(), studies.product_convergence()],
+        studies.ideal_study(late_steps=1),
+    )
     draws |= {
         "order of convergence against two closed forms": partial(draw_convergence, orders),
         "table 3.2: ours with the heat one step late (lines), published (crosses)": partial(

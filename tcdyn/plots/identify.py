@@ -31,14 +31,22 @@ def draw_fit(fit: Fit, ax: Axes, segment: int = 0) -> Axes:
     s, model = fit.problem.segments[segment], fit.identified
     t = s.start_s + np.arange(len(s.u)) * fit.problem.dt_s
     ax.plot(t, s.y, ".", markersize=2.5, color=GREY, label=f"{model.output_name} measured")
-    ax.plot(t, fit.simulated()[segment], color=TRUTH, linewidth=1.3, label=f"{model.model.name} simulated")
+    ax.plot(
+        t,
+        fit.simulated()[segment],
+        color=TRUTH,
+        linewidth=1.3,
+        label=f"{model.model.name} simulated",
+    )
     style, twin = _dashed(fit.problem.hold), ax.twinx()
     for u, width in zip(s.inputs.T, (0.8, 1.4, 0.5, 2.0) * s.inputs.shape[1]):
         twin.plot(t, u, color=FAST, **{**style, "linewidth": width})
     ax.plot([], [], color=FAST, label=f"{model.input_name}, right axis", **style)
     twin.set_ylabel(f"{label(model.input_name, model.input_unit)} (dashed)", color=FAST)
     head = f"fit {model.statistics['fit_percent']:.2f} %"
-    ax.set_title(head, loc="left", fontsize="medium")  # over the power of ten of an axis of any unit
+    ax.set_title(
+        head, loc="left", fontsize="medium"
+    )  # over the power of ten of an axis of any unit
     return dressed(ax, "time [s]", label(model.output_name, model.output_unit), loc="best")
 
 
@@ -69,10 +77,14 @@ def draw_poles(model: Identified, ax: Axes) -> Axes:
     for k, (name, part) in enumerate(model.parts.items()):
         colour = INPUTS[k % len(INPUTS)]
         for r in roots_of(part) if part.gain else ():
-            mark = {"marker": "x"} if r.kind == "pole" else {"marker": "o", "markerfacecolor": "none"}
+            mark = (
+                {"marker": "x"} if r.kind == "pole" else {"marker": "o", "markerfacecolor": "none"}
+            )
             ax.plot([r.value.real], [r.value.imag], color=colour, linestyle="none", **mark)  # type: ignore[arg-type]
             size, axes = np.linalg.eigh(r.covariance)
-            free = np.sum(size > 1e-9 * size[-1]) if size[-1] > 0 else 1  # a real root moves along its axis alone
+            free = (
+                np.sum(size > 1e-9 * size[-1]) if size[-1] > 0 else 1
+            )  # a real root moves along its axis alone
             reach = np.sqrt(np.maximum(size, 0) * chdtri(free, 0.05))
             round_ = axes @ (reach[:, None] * [np.cos(turn), np.sin(turn)])
             ax.plot(r.value.real + round_[0], r.value.imag + round_[1], color=colour, linewidth=0.9)
@@ -97,8 +109,12 @@ def draw_step(model: Identified, ax: Axes) -> Axes:
             ax.plot([time.value], [share * model.gain], "o", color=FAST, markersize=4)
             ax.annotate(
                 f" {name} = {time.text('s').replace('+-', '±')}",
-                (time.value, share * model.gain), fontsize=8, va="top", xytext=(4, -2), textcoords="offset points",
-            )  # fmt: skip
+                (time.value, share * model.gain),
+                fontsize=8,
+                va="top",
+                xytext=(4, -2),
+                textcoords="offset points",
+            )
     return dressed(ax, "time after a unit step [s]", label(model.output_name, model.output_unit))
 
 
@@ -116,7 +132,9 @@ def draw_bode(model: Identified, magnitude: Axes, phase: Axes) -> tuple[Axes, Ax
 def draw_correlation(c: ResidualTest, ax: Axes, title: str) -> Axes:
     """Correlations as stems over the 95 % bound of each."""
     order = np.argsort(c.lags_s)
-    ax.fill_between(c.lags_s[order], -c.bound95[order], c.bound95[order], color=PALE, label="95 % of each lag")
+    ax.fill_between(
+        c.lags_s[order], -c.bound95[order], c.bound95[order], color=PALE, label="95 % of each lag"
+    )
     ax.vlines(c.lags_s, 0.0, c.value, color=SLOW)
     ax.plot(c.lags_s, c.value, "o", color=SLOW, markersize=3)
     ax.axhline(0.0, color=DARK, linewidth=0.8)
@@ -134,7 +152,11 @@ def draw_residuals(fit: Fit, ax: Axes) -> Axes:
 def fit_figure(fit: Fit) -> Figure:
     """Every stretch of data (at most four) under its simulation."""
     count = min(4, len(fit.problem.segments))
-    return pictured(*(partial(draw_fit, fit, segment=k) for k in range(count)), rows=count, height_in=3.0 * count)
+    return pictured(
+        *(partial(draw_fit, fit, segment=k) for k in range(count)),
+        rows=count,
+        height_in=3.0 * count,
+    )
 
 
 def dynamics_figure(model: Identified) -> Figure:

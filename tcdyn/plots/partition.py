@@ -30,7 +30,11 @@ from tcdyn.plots.style import (
 )
 
 STYLES = ("-", "--", ":")
-CLEAR: dict[str, Any] = {"frameon": True, "framealpha": 0.9, "edgecolor": "none"}  # a legend over lines
+CLEAR: dict[str, Any] = {
+    "frameon": True,
+    "framealpha": 0.9,
+    "edgecolor": "none",
+}  # a legend over lines
 LITERATURE = 0.571, 0.8  # exponents of the speed law
 COURSE_S = 0.5  # of the running mean of residuals
 LEAST_SHOWN = 5e-5  # a source of less is in the table only
@@ -49,7 +53,9 @@ def shown(setup: DiskSetup, left_out: Collection[str]) -> dict[str, str]:
     return {c: style for c, style in zip(central, STYLES) if c not in left_out}
 
 
-def draw_unloading(p: Partition | OneDisk, disk: str, ax: Axes, before_s: float = 1.5, after_s: float = 5.0) -> Axes:
+def draw_unloading(
+    p: Partition | OneDisk, disk: str, ax: Axes, before_s: float = 1.5, after_s: float = 5.0
+) -> Axes:
     """Readings (grey) and compensated traces with 95 % bands about the parting; time from the parting [s]."""
     t = p.test.time_s[p.rows] - p.test.events.unload_s
     near = (t >= -before_s) & (t <= after_s)
@@ -57,7 +63,9 @@ def draw_unloading(p: Partition | OneDisk, disk: str, ax: Axes, before_s: float 
     setup = p.test.disks[disk].setup
     for ch, style in shown(setup, p.test.disks[disk].left_out).items():
         i = setup.channels.index(ch)
-        ax.plot(t[near], p.test.disks[disk].readings_degC[p.rows][near, i], color=GREY, linewidth=0.7)
+        ax.plot(
+            t[near], p.test.disks[disk].readings_degC[p.rows][near, i], color=GREY, linewidth=0.7
+        )
         said = f"{ch}, {setup.junctions[ch].depth_m * 1e3:g} mm deep, compensated"
         x, u, colour = done.temperature[near, i], done.sd[near, i], DISK_COLOUR[disk]
         line_with_band(ax, t[near], x, u, colour, linestyle=style, linewidth=1.6, label=said)
@@ -66,7 +74,9 @@ def draw_unloading(p: Partition | OneDisk, disk: str, ax: Axes, before_s: float 
     return dressed(ax, "time from parting [s]", "temperature [°C]", head=f"{disk} disk", **CLEAR)
 
 
-def draw_fit(p: Partition | OneDisk, disk: str, whole: Axes, rest: Axes, around_s: float = 10.0) -> None:
+def draw_fit(
+    p: Partition | OneDisk, disk: str, whole: Axes, rest: Axes, around_s: float = 10.0
+) -> None:
     """Block means of the readings and the joint fit's model about the parting, and below them the residuals [K]."""
     m = met(p, disk)
     near = np.abs(m.at_s) <= around_s
@@ -76,15 +86,26 @@ def draw_fit(p: Partition | OneDisk, disk: str, whole: Axes, rest: Axes, around_
     for k, (c, marker) in enumerate(zip(m.channels, ("o", "s", "^", "D", "v", "P"))):
         if c in p.test.disks[disk].left_out:
             continue
-        style: dict[str, Any] = {"color": DISK_COLOUR[disk], "marker": marker, "markersize": 2.0, "linestyle": ""}
-        line: dict[str, Any] = {"color": TRUTH, "linewidth": 1.1, "linestyle": STYLES[k % len(STYLES)]}
+        style: dict[str, Any] = {
+            "color": DISK_COLOUR[disk],
+            "marker": marker,
+            "markersize": 2.0,
+            "linestyle": "",
+        }
+        line: dict[str, Any] = {
+            "color": TRUTH,
+            "linewidth": 1.1,
+            "linestyle": STYLES[k % len(STYLES)],
+        }
         whole.plot(t, m.measured[near, k], alpha=0.5, markeredgewidth=0, **style)
         whole.plot(t, m.model[near, k], label=c, **line)
         off = (m.measured - m.model)[near, k]
         rest.plot(t, off, alpha=0.35, markeredgewidth=0, **style)
         close = np.abs(t[:, None] - t) <= COURSE_S / 2
         rest.plot(t, close @ off / close.sum(axis=1), label=c, **line)
-    dressed(whole, "time from parting [s]", "temperature [°C]", head=f"{disk} disk", loc="lower left")
+    dressed(
+        whole, "time from parting [s]", "temperature [°C]", head=f"{disk} disk", loc="lower left"
+    )
     dressed(rest, "time from parting [s]", "reading less model [K]", ncols=3, loc="upper left")
 
 
@@ -96,11 +117,23 @@ def draw_lines(p: Partition, ax: Axes, truth: float | None = None) -> Axes:
         _steady_line(ax, p.lines[disk].line, disk, h, f"{disk} steady line")
         _point(ax, p.answers[f"h_{disk}"], p.answers["speed law"], 0, disk, f"speed law, {disk}")
         for at, way in ((1, "cooling"), (2, "joint")):
-            _point(ax, p.answers[f"h {way} {disk}"], p.answers[f"{way} {disk}"], at, disk, f"{way} fit, {disk}")
+            _point(
+                ax,
+                p.answers[f"h {way} {disk}"],
+                p.answers[f"{way} {disk}"],
+                at,
+                disk,
+                f"{way} fit, {disk}",
+            )
     if truth is not None:
-        ax.axhline(truth, color=TRUTH, linestyle=":", linewidth=1.2, label="truth of the simulation")
+        ax.axhline(
+            truth, color=TRUTH, linestyle=":", linewidth=1.2, label="truth of the simulation"
+        )
     ax.set_xlim(0, top)
-    x, y = "heat transfer coefficient of the disk [W/m²K]", "heat partition β (share of the fast disk) [1]"
+    x, y = (
+        "heat transfer coefficient of the disk [W/m²K]",
+        "heat partition β (share of the fast disk) [1]",
+    )
     return dressed(ax, x, y, ncols=2, markerscale=0.7)
 
 
@@ -126,10 +159,19 @@ def _point(ax: Axes, h: Estimate, beta: Estimate, way: int, disk: str, label: st
     """A point with 95 % bars from the budget's draws; the ways' markers nest, so that equal answers stay visible."""
     (marker, size), colour = (("o", 14), ("s", 9), ("^", 5))[way], DISK_COLOUR[disk]
     ax.errorbar(
-        h.value, beta.value, xerr=Z95 * h.u, yerr=Z95 * beta.u, fmt=marker,
-        color=colour, markerfacecolor=colour if way == 2 else "white", markersize=size, capsize=3 + 2 * (2 - way),
-        linewidth=0.9, zorder=3 + way, label=label,
-    )  # fmt: skip
+        h.value,
+        beta.value,
+        xerr=Z95 * h.u,
+        yerr=Z95 * beta.u,
+        fmt=marker,
+        color=colour,
+        markerfacecolor=colour if way == 2 else "white",
+        markersize=size,
+        capsize=3 + 2 * (2 - way),
+        linewidth=0.9,
+        zorder=3 + way,
+        label=label,
+    )
 
 
 def draw_ways(p: Partition | OneDisk, ax: Axes, truth: float | None = None) -> Axes:
@@ -137,7 +179,11 @@ def draw_ways(p: Partition | OneDisk, ax: Axes, truth: float | None = None) -> A
     if isinstance(p, OneDisk):
         rows = [(f"{way} {p.disk}", p.answers[way]) for way in WAYS if way not in p.withheld]
     else:
-        rows = [("joint, both disks", p.both.estimates["beta"])] if "both beta" not in p.withheld else []
+        rows = (
+            [("joint, both disks", p.both.estimates["beta"])]
+            if "both beta" not in p.withheld
+            else []
+        )
         rows += [(way, beta) for way, beta in p.ways.items() if way not in p.withheld]
     for k, (name, beta) in enumerate(reversed(rows)):
         disk = name.split()[-1]
@@ -159,7 +205,11 @@ def _way_words(name: str) -> str:
 def draw_budget(p: Partition | OneDisk, ax: Axes) -> Axes:
     """Standard uncertainty of the headline's beta by source, largest on top; all together at the foot."""
     lone = isinstance(p, OneDisk)
-    parts = {source: joint for source, (joint, _) in p.budget.items()} if isinstance(p, OneDisk) else both_budget(p)
+    parts = (
+        {source: joint for source, (joint, _) in p.budget.items()}
+        if isinstance(p, OneDisk)
+        else both_budget(p)
+    )
     parts = {source: u for source, u in parts.items() if u >= LEAST_SHOWN}
     together = sum(u**2 for u in parts.values()) ** 0.5
     names = ["all together", *reversed(parts)]
@@ -167,21 +217,39 @@ def draw_budget(p: Partition | OneDisk, ax: Axes) -> Axes:
     ax.barh(y, [together, *reversed(parts.values())], height=0.6, color=DARK)
     ax.axhline(0.75, color=TRUTH, linewidth=0.8)
     ax.set_yticks(y, names)
-    return dressed(ax, f"standard uncertainty of β by the joint fit{'' if lone else ' of both disks'} [1]", "")
+    return dressed(
+        ax, f"standard uncertainty of β by the joint fit{'' if lone else ' of both disks'} [1]", ""
+    )
 
 
 def draw_map(p: Partition, disk: str, ax: Axes) -> Axes:
     """Mean absolute misfit of the steady stretch over (h, share) with the line of least misfit (figure 4.11)."""
     m = p.lines[disk].map
     contours = ax.contour(
-        m.h_W_m2K, m.share, m.mean_abs_K.T, levels=[1, 2, 4, 8, 16, 32], colors=DISK_COLOUR[disk], linewidths=0.8
+        m.h_W_m2K,
+        m.share,
+        m.mean_abs_K.T,
+        levels=[1, 2, 4, 8, 16, 32],
+        colors=DISK_COLOUR[disk],
+        linewidths=0.8,
     )
     ax.clabel(contours, fmt="%g K", fontsize=7)
     inside = (m.best_share > m.share[0]) & (m.best_share < m.share[-1])
-    ax.plot(m.h_W_m2K[inside], m.best_share[inside], "k.", markersize=4, label="least misfit at each h")
-    ax.plot(m.h_W_m2K, m.line.intercept + m.line.slope * m.h_W_m2K, "k-", linewidth=1, label="steady line")
+    ax.plot(
+        m.h_W_m2K[inside], m.best_share[inside], "k.", markersize=4, label="least misfit at each h"
+    )
+    ax.plot(
+        m.h_W_m2K,
+        m.line.intercept + m.line.slope * m.h_W_m2K,
+        "k-",
+        linewidth=1,
+        label="steady line",
+    )
     ax.set_ylim(m.share[0], m.share[-1])
-    y, head = "β [1]" if disk == "fast" else "1 - β [1]", f"{disk} disk: mean |measured - model| [K]"
+    y, head = (
+        "β [1]" if disk == "fast" else "1 - β [1]",
+        f"{disk} disk: mean |measured - model| [K]",
+    )
     return dressed(ax, f"h of the {disk} disk [W/m²K]", y, head=head, loc="upper left", **CLEAR)
 
 
@@ -194,9 +262,16 @@ def draw_exponent(p: Partition, ax: Axes) -> Axes:
     ax.plot(n, beta, color=TRUTH, label="speed law")
     implied, both = p.both.estimates["exponent"], p.both.estimates["beta"]
     ax.errorbar(
-        implied.value, both.value, xerr=Z95 * implied.u, yerr=Z95 * both.u, fmt="^",
-        color=TRUTH, markerfacecolor="white", capsize=3, label="joint fit of both disks, no speed law",
-    )  # fmt: skip
+        implied.value,
+        both.value,
+        xerr=Z95 * implied.u,
+        yerr=Z95 * both.u,
+        fmt="^",
+        color=TRUTH,
+        markerfacecolor="white",
+        capsize=3,
+        label="joint fit of both disks, no speed law",
+    )
     ax.plot(p.test.speed_exponent, p.speed.beta, "ko", label="exponent of rig.toml")
     return dressed(ax, "exponent n of h ~ u^n [1]", "heat partition β [1]", legend=True)
 
@@ -209,9 +284,13 @@ def draw_temperatures(p: Partition | OneDisk, ax: Axes) -> Axes:
         for ch, style in shown(one.setup, one.left_out).items():
             y = one.readings_degC[some, one.setup.channels.index(ch)]
             ax.plot(
-                t, y, color=DISK_COLOUR[disk], linestyle=style,
-                linewidth=1.8 if disk == "fast" else 1, label=f"{disk} {ch}",
-            )  # fmt: skip
+                t,
+                y,
+                color=DISK_COLOUR[disk],
+                linestyle=style,
+                linewidth=1.8 if disk == "fast" else 1,
+                label=f"{disk} {ch}",
+            )
     for at in (p.test.events.load_on_s, p.test.events.unload_s):
         ax.axvline(at, color=TRUTH, linewidth=0.7)
     return dressed(ax, "time [s]", "temperature [°C]", ncols=2)
@@ -219,7 +298,10 @@ def draw_temperatures(p: Partition | OneDisk, ax: Axes) -> Axes:
 
 def draw_uneven(p: Partition | OneDisk, disk: str, ax: Axes) -> Axes:
     """A disk seen along its shaft: temperature less its mean round it, junctions, and an arrow to the hottest side."""
-    known, setup = p.uneven if isinstance(p, OneDisk) else p.both.uneven[disk], p.test.disks[disk].setup
+    known, setup = (
+        p.uneven if isinstance(p, OneDisk) else p.both.uneven[disk],
+        p.test.disks[disk].setup,
+    )
     size, at = known.amplitude_K, known.angle_deg
     inner, outer = setup.bore_radius_m * 1e3, setup.outer_radius_m * 1e3
     r, angle = np.linspace(inner, outer, 40), np.linspace(0.0, 2 * np.pi, 181)
@@ -228,27 +310,58 @@ def draw_uneven(p: Partition | OneDisk, disk: str, ax: Axes) -> Axes:
     )
     scale = max(float(np.abs(hot).max()), LEAST_SCALE_K)
     x, y = np.outer(r, np.cos(angle)), np.outer(r, np.sin(angle))
-    tones = ax.pcolormesh(x, y, hot, cmap="cividis", vmin=-scale, vmax=scale, shading="gouraud", rasterized=True)
+    tones = ax.pcolormesh(
+        x, y, hot, cmap="cividis", vmin=-scale, vmax=scale, shading="gouraud", rasterized=True
+    )
     ax.figure.colorbar(tones, ax=ax, shrink=0.75, label="above the mean round the disk [K]")
     for radius in (inner, outer):
         ax.plot(radius * np.cos(angle), radius * np.sin(angle), color=TRUTH, linewidth=0.9)
     for c, j in setup.junctions.items():
         cos, sin = np.cos(np.deg2rad(j.angle_deg)), np.sin(np.deg2rad(j.angle_deg))
         place = outer - 1e3 * j.depth_m
-        ax.plot([place * cos, 1.04 * outer * cos], [place * sin, 1.04 * outer * sin], color=TRUTH, linewidth=0.5)
-        ax.plot(place * cos, place * sin, "o", color="white", markeredgecolor=TRUTH, markersize=5, zorder=4)
+        ax.plot(
+            [place * cos, 1.04 * outer * cos],
+            [place * sin, 1.04 * outer * sin],
+            color=TRUTH,
+            linewidth=0.5,
+        )
+        ax.plot(
+            place * cos,
+            place * sin,
+            "o",
+            color="white",
+            markeredgecolor=TRUTH,
+            markersize=5,
+            zorder=4,
+        )
         ax.text(1.1 * outer * cos, 1.1 * outer * sin, c, ha="center", va="center", fontsize=9)
     if known.finding(disk) is not None:
         cos, sin = inner * np.cos(np.deg2rad(at.value)), inner * np.sin(np.deg2rad(at.value))
         ax.arrow(
-            -0.5 * cos, -0.5 * sin, 1.3 * cos, 1.3 * sin, width=0.2, head_width=2.0, length_includes_head=True,
+            -0.5 * cos,
+            -0.5 * sin,
+            1.3 * cos,
+            1.3 * sin,
+            width=0.2,
+            head_width=2.0,
+            length_includes_head=True,
             color=TRUTH,
-        )  # fmt: skip
+        )
         for out in (0.84 * outer / inner, -0.84 * outer / inner):
             ax.text(
-                out * cos, out * sin, f"{np.sign(out) * size.value:+.2g} K", ha="center", va="center", fontsize=8,
-                bbox={"boxstyle": "round,pad=0.2", "facecolor": "white", "edgecolor": "none", "alpha": 0.85},
-            )  # fmt: skip
+                out * cos,
+                out * sin,
+                f"{np.sign(out) * size.value:+.2g} K",
+                ha="center",
+                va="center",
+                fontsize=8,
+                bbox={
+                    "boxstyle": "round,pad=0.2",
+                    "facecolor": "white",
+                    "edgecolor": "none",
+                    "alpha": 0.85,
+                },
+            )
         said = f"{size.text('K').replace('+-', '±')} at {at.value:.0f} ± {at.u:.0f}°"
     else:
         said = f"even within {size.high95:.2g} K"

@@ -89,5 +89,6 @@ def draw(result: Any, ax: Axes, *arguments: Any, **options: Any) -> Axes:
                 raise InputError(f"this {type(result).__name__} holds no chain to draw")
             return picture(shown, *arguments, ax=ax, **options)
     raise InputError(
-        f"a {type(result).__name__} has no picture", expected=", ".join(kind.__name__ for kind in PICTURES)
+        f"a {type(result).__name__} has no picture",
+        expected=", ".join(kind.__name__ for kind in PICTURES),
     )

@@ -27,11 +27,20 @@ def draw_holes(result: HoleComparison, ax: Axes) -> Axes:
     for k, name in enumerate(result.names):
         colour = SLOW if name.startswith("ideal") else str(0.65 * k / len(result.names))
         ax.plot(result.block_time_s, result.readings_degC[:, k], ".", color=colour, markersize=2)
-        ax.plot(result.block_time_s, result.fitted_degC[:, k], color=colour, ls=_LINES[k % 6], lw=1.1, label=name)
+        ax.plot(
+            result.block_time_s,
+            result.fitted_degC[:, k],
+            color=colour,
+            ls=_LINES[k % 6],
+            lw=1.1,
+            label=name,
+        )
     end = min(HOLES_S, float(result.block_time_s[-1]))
     near = result.block_time_s <= end
     ax.set_xlim(-1, end)
-    ax.set_ylim(np.nanmin(result.readings_degC[near]) - 1, np.nanmax(result.readings_degC[near]) + 1)
+    ax.set_ylim(
+        np.nanmin(result.readings_degC[near]) - 1, np.nanmax(result.readings_degC[near]) + 1
+    )
     return dressed(ax, "time after the entry [s]", "temperature [°C]", legend=True)
 
 
@@ -48,7 +57,11 @@ def draw_record(run: PlungeRun, ax: Axes, until_s: float | None = None) -> Axes:
 
 
 def draw_entry(
-    run: PlungeRun, models: Mapping[str, pd.DataFrame], ax: Axes, channel: str = "a", until_s: float = 15.0
+    run: PlungeRun,
+    models: Mapping[str, pd.DataFrame],
+    ax: Axes,
+    channel: str = "a",
+    until_s: float = 15.0,
 ) -> Axes:
     """Figures 5.26 and 5.27: one channel's reading, modelled junctions, and both witnesses of the entry.
 
@@ -60,8 +73,17 @@ def draw_entry(
     ax.plot(t[shown], run.readings_degC[shown, j], color=GREY, lw=0.7, label=f"measured, {channel}")
     for k, (name, table) in enumerate(models.items()):
         column = table[channel][table.index < until_s]
-        ax.plot(column.index, column, color=(FAST, SLOW, TRUTH, FAST)[k % 4], ls=_LINES[k % 6], label=name)
-    for label, instant, line in (("switch", run.entry.switch_s, "--"), ("free probe", run.entry.probe_s, ":")):
+        ax.plot(
+            column.index,
+            column,
+            color=(FAST, SLOW, TRUTH, FAST)[k % 4],
+            ls=_LINES[k % 6],
+            label=name,
+        )
+    for label, instant, line in (
+        ("switch", run.entry.switch_s, "--"),
+        ("free probe", run.entry.probe_s, ":"),
+    ):
         if instant is not None:
             ax.axvline(instant - run.entry.time_s, color=TRUTH, lw=0.8, ls=line, label=label)
     ax.axvspan(-run.entry.u_s, run.entry.u_s, color=GREY, alpha=0.25, lw=0)
@@ -83,10 +105,21 @@ def draw_common_lag(fit: PlungeFit, ax: Axes) -> Axes:
     scan = fit.scan
     own = fit.common_lag_s.value - scan.mean_s
     ax.plot(scan.grid_s + own, scan.density / scan.density.max(), color=FAST, label="posterior")
-    ax.plot(scan.lag_s + own, np.exp(-0.5 * (scan.cost - scan.cost.min())), "o", color=SLOW, ms=4, label="profile")
-    ax.axvspan(fit.common_lag_s.low95, fit.common_lag_s.high95, color=GREY, alpha=0.25, lw=0, label="95 %")
+    ax.plot(
+        scan.lag_s + own,
+        np.exp(-0.5 * (scan.cost - scan.cost.min())),
+        "o",
+        color=SLOW,
+        ms=4,
+        label="profile",
+    )
+    ax.axvspan(
+        fit.common_lag_s.low95, fit.common_lag_s.high95, color=GREY, alpha=0.25, lw=0, label="95 %"
+    )
     for k, value in enumerate(fit.model_form.common_lag_s.values()):
-        ax.axvline(value, lw=0.7, ls=":", color=TRUTH, label=None if k else "with other correlations")
+        ax.axvline(
+            value, lw=0.7, ls=":", color=TRUTH, label=None if k else "with other correlations"
+        )
     return dressed(ax, "common lag [s]", "relative likelihood [1]", legend=True)
 
 
@@ -94,7 +127,9 @@ def draw_differential_lags(fit: PlungeFit, ax: Axes) -> Axes:
     """Each channel's lag against the disk's mean, with 95 % intervals."""
     x = np.arange(len(fit.channels))
     values = [fit.differential_lag_s[c] for c in fit.channels]
-    ax.errorbar(x, [v.value for v in values], [Z95 * v.u for v in values], fmt="o", color=FAST, capsize=3)
+    ax.errorbar(
+        x, [v.value for v in values], [Z95 * v.u for v in values], fmt="o", color=FAST, capsize=3
+    )
     ax.axhline(0.0, color=GREY, lw=0.8)
     ax.set_xticks(x, fit.channels)
     return dressed(ax, "channel", "lag minus common lag [s]")
@@ -110,10 +145,17 @@ def draw_design(design: Design, ax: Axes) -> Axes:
     ax.errorbar(common, y + 0.12, xerr=spread, fmt="o", color=FAST, capsize=3, label="common lag")
     ax.plot(rest, y - 0.12, "s", color=SLOW, label="differences between channels")
     ax.set_xscale("log")
-    for share, line, what in ((COMMON[0], "--", "common lag"), (DIFFERENCES[0], ":", "differences")):
+    for share, line, what in (
+        (COMMON[0], "--", "common lag"),
+        (DIFFERENCES[0], ":", "differences"),
+    ):
         text = f"{100 * share:.0f} % of the lag: {what} told well"
         ax.axvline(share * design.lag_s, color=GREY, lw=1.0, ls=line, label=text)
-    ticks = [t for t in np.outer(10.0 ** np.arange(-3, 1), (1, 2, 5)).flat if min(rest) / 2 < t < 2 * max(high)]
+    ticks = [
+        t
+        for t in np.outer(10.0 ** np.arange(-3, 1), (1, 2, 5)).flat
+        if min(rest) / 2 < t < 2 * max(high)
+    ]
     ax.set_xticks(ticks, [f"{t:g}" for t in ticks])
     ax.minorticks_off()
     ax.set_yticks(y, table["test"].str.replace("degC", "°C"), fontsize="small")
@@ -131,13 +173,30 @@ def draw_plunge(fit: PlungeFit, run: int, ax: Axes, until_s: float = 15.0) -> Ax
     ends = (int(np.argmin(depth)), int(np.argmax(depth))) if len(depth) > 1 else (0,)
     for j, tone in zip(ends, (SLOW, GREY)):
         channel = fit.channels[j]
-        ax.plot(blocks.time_s[shown], blocks.readings_degC[shown, j], ".", markersize=4, color=tone, alpha=0.6)
         ax.plot(
-            blocks.time_s[shown], fit.optimum.predictions_degC[run][shown, j], color=TRUTH, linewidth=1.0,
-            ls=CHANNEL_STYLE.get(channel, "-"), label=f"{channel}, {1e3 * depth[j]:g} mm deep",
-        )  # fmt: skip
+            blocks.time_s[shown],
+            blocks.readings_degC[shown, j],
+            ".",
+            markersize=4,
+            color=tone,
+            alpha=0.6,
+        )
+        ax.plot(
+            blocks.time_s[shown],
+            fit.optimum.predictions_degC[run][shown, j],
+            color=TRUTH,
+            linewidth=1.0,
+            ls=CHANNEL_STYLE.get(channel, "-"),
+            label=f"{channel}, {1e3 * depth[j]:g} mm deep",
+        )
     ax.axvline(0.0, color=TRUTH, lw=0.7, ls=":")
-    return dressed(ax, "time after the entry [s]", "temperature [°C]", head=fit.runs[run].name, loc="upper left")
+    return dressed(
+        ax,
+        "time after the entry [s]",
+        "temperature [°C]",
+        head=fit.runs[run].name,
+        loc="upper left",
+    )
 
 
 def standardised(fit: PlungeFit, run: int) -> NDArray[np.float64]:
@@ -145,7 +204,9 @@ def standardised(fit: PlungeFit, run: int) -> NDArray[np.float64]:
     problem = fit.optimum.problem
     blocks = problem.models[run].blocks
     rest = blocks.readings_degC - fit.optimum.predictions_degC[run]
-    return np.asarray(np.where(blocks.count > 0, rest / block_sd(problem.noise[run].sd_K, blocks.count), np.nan))
+    return np.asarray(
+        np.where(blocks.count > 0, rest / block_sd(problem.noise[run].sd_K, blocks.count), np.nan)
+    )
 
 
 def draw_plunge_residuals(fit: PlungeFit, run: int, ax: Axes) -> Axes:
@@ -154,7 +215,9 @@ def draw_plunge_residuals(fit: PlungeFit, run: int, ax: Axes) -> Axes:
     after = blocks.time_s > 0.02
     z = standardised(fit, run)[after]
     t = blocks.time_s[after]
-    ax.plot(np.repeat(t, z.shape[1]), z.ravel(), ".", color=GREY, markersize=2, label="each channel")
+    ax.plot(
+        np.repeat(t, z.shape[1]), z.ravel(), ".", color=GREY, markersize=2, label="each channel"
+    )
     ax.plot(t, np.nanmean(z, axis=1), color=SLOW, linewidth=1.0, label="mean of the channels")
     for level in (-1.96, 1.96):
         ax.axhline(level, color=TRUTH, linewidth=0.8, ls="--")
@@ -178,6 +241,12 @@ def residual_figure(fit: PlungeFit) -> Figure:
     return picture
 
 
-def _panels(fit: PlungeFit, draw: Callable[[PlungeFit, int, Axes], Axes], height_in: float) -> Figure:
+def _panels(
+    fit: PlungeFit, draw: Callable[[PlungeFit, int, Axes], Axes], height_in: float
+) -> Figure:
     rows = (len(fit.runs) + 1) // 2
-    return pictured(*(partial(draw, fit, run) for run in range(len(fit.runs))), rows=rows, height_in=height_in * rows)
+    return pictured(
+        *(partial(draw, fit, run) for run in range(len(fit.runs))),
+        rows=rows,
+        height_in=height_in * rows,
+    )

@@ -11,7 +11,12 @@ from matplotlib.figure import Figure
 from calibration import Array
 from calibration.estimate import Z95
 
-FAST, SLOW, TRUTH, GREY = "#d1662a", "#1f4e79", "#000000", "#8a8a8a"  # fast prints light grey, slow dark
+FAST, SLOW, TRUTH, GREY = (
+    "#d1662a",
+    "#1f4e79",
+    "#000000",
+    "#8a8a8a",
+)  # fast prints light grey, slow dark
 DISK_COLOUR = {"fast": FAST, "slow": SLOW}
 DISK_MARKER = {"fast": "o", "slow": "s"}
 DISK_LINE = {"fast": "-", "slow": "--"}
@@ -24,7 +29,9 @@ BAND = 0.25  # opacity of a 95 % band under its line
 MOST_POINTS = 4000  # more than a page can show
 
 
-def figure(rows: int = 1, columns: int = 1, width_in: float = 8.5, height_in: float = 4.2) -> tuple[Figure, list[Axes]]:
+def figure(
+    rows: int = 1, columns: int = 1, width_in: float = 8.5, height_in: float = 4.2
+) -> tuple[Figure, list[Axes]]:
     """A figure that belongs to no window, and its axes in reading order."""
     fig = Figure(figsize=(width_in, height_in), layout="constrained")
     axes = fig.subplots(rows, columns, squeeze=False)
@@ -50,7 +57,9 @@ def finish(ax: Axes) -> Axes:
     return ax
 
 
-def dressed(ax: Axes, x: str, y: str, *, head: str = "", legend: bool = False, **options: Any) -> Axes:
+def dressed(
+    ax: Axes, x: str, y: str, *, head: str = "", legend: bool = False, **options: Any
+) -> Axes:
     """``ax`` with its labels, units in them, a heading, and a legend where asked for or where ``options`` place one."""
     ax.set(xlabel=x, ylabel=y)
     if head:
@@ -65,7 +74,9 @@ def thinned(count: int, most: int = MOST_POINTS) -> slice:
     return slice(None, None, max(count // most, 1))
 
 
-def line_with_band(ax: Axes, x: Array, y: Array, u: Array, colour: str, band: str | None = None, **line: Any) -> None:
+def line_with_band(
+    ax: Axes, x: Array, y: Array, u: Array, colour: str, band: str | None = None, **line: Any
+) -> None:
     """A line and under it the 95 % band of its standard uncertainty; ``band``: what a legend calls the latter."""
     ax.fill_between(x, y - Z95 * u, y + Z95 * u, color=colour, alpha=BAND, linewidth=0, label=band)
     ax.plot(x, y, color=colour, **line)

@@ -21,10 +21,19 @@ from tcdyn.plots.style import DISK_COLOUR, DISK_MARKER, GREY, PALE, TRUTH, dress
 TOP = 9.0
 TITLES = {"fast": "fast disk alone", "slow": "slow disk alone", "both": "both disks"}
 ORDER = (
-    ("fast", "beta"), ("fast", "h"), ("fast", "lag_s"), None,
-    ("slow", "beta"), ("slow", "h"), ("slow", "lag_s"), None,
-    ("both", "beta"), ("both", "h_fast"), ("both", "h_slow"), ("both", "exponent"),
-)  # fmt: skip
+    ("fast", "beta"),
+    ("fast", "h"),
+    ("fast", "lag_s"),
+    None,
+    ("slow", "beta"),
+    ("slow", "h"),
+    ("slow", "lag_s"),
+    None,
+    ("both", "beta"),
+    ("both", "h_fast"),
+    ("both", "h_slow"),
+    ("both", "exponent"),
+)
 
 
 def draw_profile(own: pd.DataFrame, ax: Axes) -> Axes:
@@ -67,7 +76,9 @@ def draw_profiles(table: pd.DataFrame, axes: Sequence[Axes]) -> Sequence[Axes]:
     return axes
 
 
-def draw_window_study(table: pd.DataFrame, ax: Axes, quantity: str = "beta", truth: float | None = None) -> Axes:
+def draw_window_study(
+    table: pd.DataFrame, ax: Axes, quantity: str = "beta", truth: float | None = None
+) -> Axes:
     """``quantity`` ("beta" or "h_W_m2K") of the cooling fit over window length with 95 % bars; open: within the lag.
 
     ``table`` is that of ``cooling_by_window``.
@@ -76,17 +87,25 @@ def draw_window_study(table: pd.DataFrame, ax: Axes, quantity: str = "beta", tru
         own = table[(table["disk"] == disk) & table[quantity].notna()]
         x = own["window_s"] * (1.0 + 0.03 * k)  # side by side
         ax.errorbar(
-            x, own[quantity], yerr=Z95 * own[f"u_{quantity}"], fmt="none", ecolor=DISK_COLOUR[disk], capsize=2,
+            x,
+            own[quantity],
+            yerr=Z95 * own[f"u_{quantity}"],
+            fmt="none",
+            ecolor=DISK_COLOUR[disk],
+            capsize=2,
             linewidth=0.8,
-        )  # fmt: skip
+        )
         for early in (True, False):
             part = (own["within_lag"] == early).to_numpy()
             if part.any():
                 ax.plot(
-                    x[part], own[quantity][part], DISK_MARKER[disk], color=DISK_COLOUR[disk],
+                    x[part],
+                    own[quantity][part],
+                    DISK_MARKER[disk],
+                    color=DISK_COLOUR[disk],
                     markerfacecolor="white" if early else DISK_COLOUR[disk],
                     label=f"{disk} disk" + (", window shorter than the lag" if early else ""),
-                )  # fmt: skip
+                )
     if truth is not None:
         ax.axhline(truth, color=TRUTH, linestyle="--", linewidth=1, label="truth of the simulation")
     ax.set_xscale("log")
@@ -99,7 +118,10 @@ def draw_window_study(table: pd.DataFrame, ax: Axes, quantity: str = "beta", tru
 
 def draw_referee(table: pd.DataFrame, ax: Axes) -> Axes:
     """Compensated less commuted, in standard uncertainties of the difference, for beta and h of each disk."""
-    names = [f"{disk} {'β' if what == 'beta' else 'h'}" for disk, what in zip(table["disk"], table["quantity"])]
+    names = [
+        f"{disk} {'β' if what == 'beta' else 'h'}"
+        for disk, what in zip(table["disk"], table["quantity"])
+    ]
     ax.axvspan(-2, 2, color=PALE, zorder=0)
     y = range(len(names) - 1, -1, -1)
     for at, disk, z in zip(y, table["disk"], table["z"]):
@@ -109,7 +131,9 @@ def draw_referee(table: pd.DataFrame, ax: Axes) -> Axes:
     reach = max(3.0, 1.2 * float(table["z"].abs().max()))
     ax.set_xlim(-reach, reach)
     ax.set_ylim(-0.6, len(names) - 0.4)
-    return dressed(ax, "compensated less commuted,\nin standard uncertainties of the difference [1]", "")
+    return dressed(
+        ax, "compensated less commuted,\nin standard uncertainties of the difference [1]", ""
+    )
 
 
 def draw_structures(found: Alternatives, ax: Axes) -> Axes:
@@ -118,7 +142,9 @@ def draw_structures(found: Alternatives, ax: Axes) -> Axes:
     y = range(len(found.tried) - 1, -1, -1)
     for at, a, likely in zip(y, found.tried, found.probability):
         tone = str(round(0.65 * (1 - likely**0.25), 3))  # a likely one is black, a lost one grey
-        ax.errorbar(a.beta.value, at, xerr=Z95 * a.beta.u, fmt="D", color=tone, capsize=2, markersize=4)
+        ax.errorbar(
+            a.beta.value, at, xerr=Z95 * a.beta.u, fmt="D", color=tone, capsize=2, markersize=4
+        )
     ax.axvline(found.assumed.beta.value, color=TRUTH, linewidth=0.8)
     names = [f"{structure(a.name)} ({percent(p)})" for a, p in zip(found.tried, found.probability)]
     ax.set_yticks(list(y), names, fontsize=8)
@@ -134,19 +160,34 @@ def draw_junctions(tests: Mapping[str, DepthTest], ax: Axes) -> Axes:
     deeper = {d: {c: e.times(1e3) for c, e in t.deeper_m.items()} for d, t in tests.items()}
     left_out = [c for t in tests.values() for c in t.left_out]
     draw_deeper(deeper, ax, "{} disk, by this test alone, 95 %", left_out)
-    return dressed(ax, "junction", "deeper than stated [mm]", ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0))
+    return dressed(
+        ax,
+        "junction",
+        "deeper than stated [mm]",
+        ncols=3,
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+    )
 
 
 def draw_deeper(
-    deeper_mm: Mapping[str, Mapping[str, Estimate]], ax: Axes, label: str, left_out: Iterable[str] = ()
+    deeper_mm: Mapping[str, Mapping[str, Estimate]],
+    ax: Axes,
+    label: str,
+    left_out: Iterable[str] = (),
 ) -> None:
     """How much deeper than stated the junctions of each disk lie [mm], 95 % bars, the disks side by side."""
     names = sorted({*left_out, *(c for own in deeper_mm.values() for c in own)})
     for k, (disk, own) in enumerate(deeper_mm.items()):
         ax.errorbar(
-            [names.index(c) + 0.24 * (k - 0.5) for c in own], [e.value for e in own.values()],
-            yerr=[Z95 * e.u for e in own.values()], fmt=DISK_MARKER[disk], color=DISK_COLOUR[disk], capsize=2,
-            linewidth=0.9, label=label.format(disk),
-        )  # fmt: skip
+            [names.index(c) + 0.24 * (k - 0.5) for c in own],
+            [e.value for e in own.values()],
+            yerr=[Z95 * e.u for e in own.values()],
+            fmt=DISK_MARKER[disk],
+            color=DISK_COLOUR[disk],
+            capsize=2,
+            linewidth=0.9,
+            label=label.format(disk),
+        )
     ax.set_xticks(range(len(names)), names)
     ax.axhline(0, color=TRUTH, linewidth=0.8)

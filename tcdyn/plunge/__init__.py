@@ -36,7 +36,9 @@ class PlungePriors:
 
     h_scale_log: float = 0.30  # per run, about 1
     h_exponent: float = 0.06  # per run: extra power of the temperature difference in h, about 0
-    h_viscosity: float = 0.10  # per run: power of the viscosity at the wall over that of the bath in h, about 0
+    h_viscosity: float = (
+        0.10  # per run: power of the viscosity at the wall over that of the bath in h, about 0
+    )
     burst_median: float = 1.5
     burst_log: float = 0.7
     burst_time_median_s: float = 1.2
@@ -47,7 +49,9 @@ class PlungePriors:
     bath_K: float = 0.5  # offset of the bath thermometer
     conductivity_log: float = 0.03
     depth_m: float = 1e-4
-    static_offset_K: float = 0.05  # per channel, of a run without static lines; else their own covariance
+    static_offset_K: float = (
+        0.05  # per channel, of a run without static lines; else their own covariance
+    )
     static_gain: float = 5e-4  # per channel, likewise
     shape_logit: float = 0.0  # logit of 4 tau1 tau2 / lag^2: centre
     shape_logit_common: float = 1.5
@@ -74,13 +78,22 @@ class PlungePriors:
         return [
             ("h scale, per run", f"lognormal about 1, sd {100 * self.h_scale_log:.0f} %"),
             ("extra exponent of h, per run", f"normal about 0, sd {self.h_exponent:g}"),
-            ("power of viscosity, wall over bath, in h, per run", f"normal about 0, sd {self.h_viscosity:g}"),
-            ("burst size A, per run", f"lognormal about {self.burst_median:g}, sd of ln {self.burst_log:g}"),
+            (
+                "power of viscosity, wall over bath, in h, per run",
+                f"normal about 0, sd {self.h_viscosity:g}",
+            ),
+            (
+                "burst size A, per run",
+                f"lognormal about {self.burst_median:g}, sd of ln {self.burst_log:g}",
+            ),
             (
                 "burst time, per run",
                 f"lognormal about {self.burst_time_median_s:g} s, sd of ln {self.burst_time_log:g}",
             ),
-            ("burst shape, per run", f"lognormal about 1 (exponential), sd of ln {self.burst_shape_log:g}"),
+            (
+                "burst shape, per run",
+                f"lognormal about 1 (exponential), sd of ln {self.burst_shape_log:g}",
+            ),
             ("entry time, per run", f"normal about the event, sd {self.entry_scale:g} times its u"),
             ("initial temperature, per run", f"normal about the readings, sd {self.initial_K:g} K"),
             ("bath offset, per run", f"normal about 0, sd {self.bath_K:g} K"),
@@ -88,7 +101,10 @@ class PlungePriors:
                 "conductivity over heat capacity",
                 f"lognormal about the rig file's, sd {100 * self.conductivity_log:.1f} %",
             ),
-            ("junction depth, per channel", f"normal about the rig file's, sd {1e3 * self.depth_m:.2f} mm"),
+            (
+                "junction depth, per channel",
+                f"normal about the rig file's, sd {1e3 * self.depth_m:.2f} mm",
+            ),
             (
                 "static line, per channel",
                 f"as the oven told it; without it sd {self.static_offset_K:g} K and {self.static_gain:g} of slope",
@@ -118,7 +134,9 @@ class PlungeParameters:
     @property
     def size(self) -> int:
         """Number of parameters."""
-        return len(RUN_KINDS) * self.runs + len(CHANNEL_KINDS) * len(self.channels) + len(COMMON_KINDS)
+        return (
+            len(RUN_KINDS) * self.runs + len(CHANNEL_KINDS) * len(self.channels) + len(COMMON_KINDS)
+        )
 
     def run(self, r: int) -> slice:
         """The parameters of run ``r``, in the order of RUN_KINDS."""
@@ -161,7 +179,11 @@ class PlungeParameters:
 
     def split_prior(self, p: PlungePriors) -> dict[str, tuple[float, float]]:
         """Prior mean and standard deviation of the two kinds that divide the lag; known where it is one."""
-        wide = (p.shape_logit_channel, p.shape_logit_common) if self.structure != "P1" else (KNOWN, KNOWN)
+        wide = (
+            (p.shape_logit_channel, p.shape_logit_common)
+            if self.structure != "P1"
+            else (KNOWN, KNOWN)
+        )
         return {"split": (0.0, wide[0]), "common_split": (p.shape_logit, wide[1])}
 
     def prior(

@@ -22,7 +22,15 @@ from tcdyn.chain.noise import TYPICAL_LAG_S, LoggerNoise
 from tcdyn.fitting import held
 from tcdyn.plunge import KNOWN, PlungeParameters, PlungePriors
 from tcdyn.plunge.model import RunModel, build_run_models, junction_degC
-from tcdyn.plunge.posterior import SEARCH, LagScan, ModelForm, PlungeOptimum, PlungeProblem, marginal, settled_scan
+from tcdyn.plunge.posterior import (
+    SEARCH,
+    LagScan,
+    ModelForm,
+    PlungeOptimum,
+    PlungeProblem,
+    marginal,
+    settled_scan,
+)
 from tcdyn.plunge.result import PlungeFit
 from tcdyn.plunge.run import PlungeRun, RunNoise, make_blocks, without_spikes
 from tcdyn.plunge.structures import compare_structures
@@ -60,26 +68,43 @@ def identify_plunges(
     priors = priors or PlungePriors()
     chosen = find_correlation(correlation)
     noise, white = _made_white(runs, setup.conditioning)
-    behind = replace(setup, conditioning=noise.behind(Chain((), conditioning=setup.conditioning)).conditioning)
+    behind = replace(
+        setup, conditioning=noise.behind(Chain((), conditioning=setup.conditioning)).conditioning
+    )
     blocks = [make_blocks(r) for r in white]
     layout = PlungeParameters(len(runs), channels, structure)
     initial = [float(np.nanmean(b.readings_degC[b.time_s < 0])) for b in blocks]
-    mean, sd = full_prior(layout, priors, runs, initial, [float(b.bath_degC[0]) for b in blocks], chosen, setup)
+    mean, sd = full_prior(
+        layout, priors, runs, initial, [float(b.bath_degC[0]) for b in blocks], chosen, setup
+    )
 
     def built(about: Array) -> tuple[RunModel, ...]:
         return build_run_models(runs, blocks, behind, layout, chosen, about)
 
     problem = PlungeProblem((), layout, mean, sd, tuple(RunNoise.white(b) for b in blocks))
-    best, rival = _best_of_two(replace(problem, models=built(problem.start)), built, behind.conditioning.lag_s)
+    best, rival = _best_of_two(
+        replace(problem, models=built(problem.start)), built, behind.conditioning.lag_s
+    )
     scan, best, _ = settled_scan(best)
-    form = model_form(best, scan, chosen, [find_correlation(name) for name in alternatives], setup.conditioning.lag_s)
+    form = model_form(
+        best,
+        scan,
+        chosen,
+        [find_correlation(name) for name in alternatives],
+        setup.conditioning.lag_s,
+    )
     return PlungeFit(setup, chosen.name, priors, form, rival, tuple(runs), best, scan, noise)
 
 
-def _made_white(runs: Sequence[PlungeRun], filter_: Conditioning) -> tuple[LoggerNoise, list[PlungeRun]]:
+def _made_white(
+    runs: Sequence[PlungeRun], filter_: Conditioning
+) -> tuple[LoggerNoise, list[PlungeRun]]:
     """The noise of all runs together, and the runs with it made white, without spikes and bursts."""
     clean = [without_spikes(run.readings_degC)[0] for run in runs]
-    white_K, usual = np.mean([white_noise_sd(y) for y in clean], axis=0), Chain((TYPICAL_LAG_S,), conditioning=filter_)
+    white_K, usual = (
+        np.mean([white_noise_sd(y) for y in clean], axis=0),
+        Chain((TYPICAL_LAG_S,), conditioning=filter_),
+    )
     dts, chains = [run.dt_s for run in runs], [usual] * len(white_K)
     noise, white = noise_and_white(clean, dts, filter_, white_K, chains, SPIKES["plunge"])
     kept = [np.where(np.isfinite(y) & ~moved, z, np.nan) for y, (z, moved) in zip(clean, white)]
@@ -142,7 +167,10 @@ def with_structure_doubt(fit: PlungeFit) -> PlungeFit:
     """
     own = fit.setup.conditioning.lag_s
     return replace(
-        fit, structures=compare_structures(fit.optimum, fit.scan, fit.priors, own, fit.model_form.u_common_s)
+        fit,
+        structures=compare_structures(
+            fit.optimum, fit.scan, fit.priors, own, fit.model_form.u_common_s
+        ),
     )
 
 
@@ -163,7 +191,9 @@ def published_degC(
     return out
 
 
-def _best_of_two(problem: PlungeProblem, built: Models, own_lag_s: float) -> tuple[PlungeOptimum, tuple[Finding, ...]]:
+def _best_of_two(
+    problem: PlungeProblem, built: Models, own_lag_s: float
+) -> tuple[PlungeOptimum, tuple[Finding, ...]]:
     """The optimum, and a finding when a long lag under a fierce burst fits as well as a short one under a mild burst.
 
     A second search, with everything free from the first step, is made when the first did not settle or ended beyond
@@ -182,7 +212,9 @@ def _best_of_two(problem: PlungeProblem, built: Models, own_lag_s: float) -> tup
     return other, (look("plunge.rival", lag_s=long + own_lag_s, chi_square=abs(gap)),)
 
 
-def fit_map(problem: PlungeProblem, built: Models, *, staged: bool = True, passes: int = 2) -> PlungeOptimum:
+def fit_map(
+    problem: PlungeProblem, built: Models, *, staged: bool = True, passes: int = 2
+) -> PlungeOptimum:
     """Fit, judge the noise by the residuals, relinearise the conduction about the answer, and fit again.
 
     The models of ``problem`` are those ``built`` about its :attr:`PlungeProblem.start`; ``passes`` counts the refits.
@@ -196,14 +228,20 @@ def fit_map(problem: PlungeProblem, built: Models, *, staged: bool = True, passe
     best = problem.minimised(theta)
     for _ in range(passes):
         moved = np.abs(best.theta - about)
-        if np.any(moved[layout.at("ln_conductivity")] > 2e-3) or np.any(moved[layout.at("depth")] > 2e-5):
+        if np.any(moved[layout.at("ln_conductivity")] > 2e-3) or np.any(
+            moved[layout.at("depth")] > 2e-5
+        ):
             about, problem = best.theta, replace(problem, models=built(best.theta))
         best = replace(problem, noise=best.judged()).minimised(best.theta)
     return best
 
 
 def model_form(
-    final: PlungeOptimum, scan: LagScan, chosen: Correlation, others: Sequence[Correlation], own_lag_s: float
+    final: PlungeOptimum,
+    scan: LagScan,
+    chosen: Correlation,
+    others: Sequence[Correlation],
+    own_lag_s: float,
 ) -> ModelForm:
     """Refit under each of ``others`` at three common lags about the answer; take the shift of the posterior's top.
 
@@ -220,7 +258,11 @@ def model_form(
         shift = float(np.clip(_top(at, width) - base_top, -2 * width, 2 * width))
         lags.append(at.lag_s - at.lag_s.mean() + final.lag_s.mean() + shift)
         cost[other.name] = at.cost
-    spread = np.cov(np.transpose(lags)) if len(lags) > 1 else np.zeros((len(final.lag_s), len(final.lag_s)))
+    spread = (
+        np.cov(np.transpose(lags))
+        if len(lags) > 1
+        else np.zeros((len(final.lag_s), len(final.lag_s)))
+    )
     common = {name: float(row.mean() + own_lag_s) for name, row in zip(cost, lags)}
     return ModelForm(common, cost, np.atleast_2d(spread))
 
@@ -234,7 +276,9 @@ def _under(final: PlungeOptimum, other: Correlation) -> PlungeOptimum:
         early = np.abs(bath - T) > 0.3 * old.step_K
         ratio = old.bath.h_W_m2K(T[early], bath[early]) / new.bath.h_W_m2K(T[early], bath[early])
         theta[problem.layout.at("ln_h")][r] += float(np.log(np.mean(ratio)))
-    return replace(problem, models=models).minimised(theta, problem.layout.common_lag[None], limit=12)
+    return replace(problem, models=models).minimised(
+        theta, problem.layout.common_lag[None], limit=12
+    )
 
 
 def _top(at: PlungeOptimum, width: float) -> float:

@@ -77,7 +77,11 @@ class HoleComparison(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Extra lags with their verdicts, the limit and the warnings."""
-        return {"holes": jsonable(self.table()), "limit_s": self.limit_s, "warnings": list(self.warnings)}
+        return {
+            "holes": jsonable(self.table()),
+            "limit_s": self.limit_s,
+            "warnings": list(self.warnings),
+        }
 
     def card(self) -> pd.DataFrame:
         """One row a hole, as people read it."""
@@ -132,20 +136,36 @@ def compare_holes(
     order = [*good, *others]
     t = frame["time_s"].to_numpy(dtype=float)
     if entry is None:
-        columns = {c: frame[c].to_numpy(dtype=float) for c in ("switch", "probe_degC", "fluid_degC") if c in frame}
-        entry = find_entry(t, columns.get("switch"), columns.get("probe_degC"), columns.get("fluid_degC"), where)
+        columns = {
+            c: frame[c].to_numpy(dtype=float)
+            for c in ("switch", "probe_degC", "fluid_degC")
+            if c in frame
+        }
+        entry = find_entry(
+            t, columns.get("switch"), columns.get("probe_degC"), columns.get("fluid_degC"), where
+        )
     readings = np.column_stack([frame[f"{n}_degC"].to_numpy(dtype=float) for n in order])
     keep = t >= entry.time_s - 5.0
     clean, spikes = without_spikes(readings[keep])
-    time, mean, count = make_averages(t[keep] - entry.time_s, clean, float(np.median(np.diff(t))), 1.0)
-    extra, covariance, fitted = _fit(time, mean, count, white_noise_sd(clean), len(good), reference_lag_s, gain_u)
+    time, mean, count = make_averages(
+        t[keep] - entry.time_s, clean, float(np.median(np.diff(t))), 1.0
+    )
+    extra, covariance, fitted = _fit(
+        time, mean, count, white_noise_sd(clean), len(good), reference_lag_s, gain_u
+    )
     findings = [*entry.findings]
     if spikes:
         findings.append(note("plunge.spikes", count=spikes))
-    alpha = load_rig().disk_setup("").diffusivity_m2_s if diffusivity_m2_s is None else diffusivity_m2_s
+    alpha = (
+        load_rig().disk_setup("").diffusivity_m2_s if diffusivity_m2_s is None else diffusivity_m2_s
+    )
     shift = depth_u_m * depth_m / alpha
     u_depth = shift * float(np.sqrt(1 + 1 / len(good)))
-    holes = tuple(_hole(n, extra[k], covariance[k, k], u_depth, limit_s) for k, n in enumerate(order) if k >= len(good))
+    holes = tuple(
+        _hole(n, extra[k], covariance[k, k], u_depth, limit_s)
+        for k, n in enumerate(order)
+        if k >= len(good)
+    )
     spread = None
     if len(good) >= 2:
         u = np.sqrt(covariance[0, 0] + covariance[1, 1] - 2 * covariance[0, 1])
@@ -153,7 +173,9 @@ def compare_holes(
         allowed = 2 * float(np.hypot(spread.u, np.sqrt(2) * shift))
         if abs(spread.value) > allowed:
             findings.append(look("hole.ideal", apart_s=abs(spread.value)))
-    return HoleComparison(holes, spread, limit_s, u_depth, entry, tuple(order), time, mean, fitted, tuple(findings))
+    return HoleComparison(
+        holes, spread, limit_s, u_depth, entry, tuple(order), time, mean, fitted, tuple(findings)
+    )
 
 
 def _knots(end: float) -> Array:
@@ -180,7 +202,11 @@ def _fit(
     hats = np.column_stack([np.interp(grid, knots, row) for row in np.eye(len(knots))[1:]])
     m = hats.shape[1]
     offset, gain, extra = (slice(m + k * c, m + (k + 1) * c) for k in range(3))
-    names = tuple(f"{kind}_{k}" for kind, n in (("x", m), ("offset", c), ("gain", c), ("extra", c)) for k in range(n))
+    names = tuple(
+        f"{kind}_{k}"
+        for kind, n in (("x", m), ("offset", c), ("gain", c), ("extra", c))
+        for k in range(n)
+    )
 
     def model(theta: Array) -> tuple[Array, Array]:
         """Blocks (B, C) and their Jacobian (B, C, P)."""
@@ -212,7 +238,9 @@ def _fit(
             return ((y - mean) / sd).ravel(), (jacobian / sd[:, :, None]).reshape(-1, len(names))
 
         zero = np.zeros(len(names))
-        problem = Problem(names, evaluate, zero, prior_sd, lower=least, largest=largest, fixed=gauge)
+        problem = Problem(
+            names, evaluate, zero, prior_sd, lower=least, largest=largest, fixed=gauge
+        )
         best = minimise(problem, theta, fixed=kept)
         theta = best.theta
         if kept is None:

@@ -20,7 +20,9 @@ from tcdyn.plunge.run import PlungeBlocks, PlungeRun
 SHORTEST_S = 1e-7  # of a lag
 _DK = 0.02  # step of ln K in the central difference of the influence matrices
 ENTRY, INITIAL, BATH = (RUN_KINDS.index(kind) for kind in ("entry", "initial", "bath"))
-FLOWS = tuple(k for k in range(len(RUN_KINDS)) if k != ENTRY)  # of a run's parameters, those on which the flux depends
+FLOWS = tuple(
+    k for k in range(len(RUN_KINDS)) if k != ENTRY
+)  # of a run's parameters, those on which the flux depends
 
 
 @dataclass(frozen=True)
@@ -37,13 +39,19 @@ class DiskInfluence:
     depth_shift_m: Array
 
     @classmethod
-    def of(cls, setup: DiskSetup, depth_m: Array, duration_s: float, ln_k: float, shift_m: Array) -> DiskInfluence:
+    def of(
+        cls, setup: DiskSetup, depth_m: Array, duration_s: float, ln_k: float, shift_m: Array
+    ) -> DiskInfluence:
         """Of junctions ``depth_m`` + ``shift_m`` (C,) deep, and the setup's conductivity times exp(ln_k)."""
         grid, nominal = plunge_grid(duration_s), Cylinder.from_setup(setup)
         depth, extra, c = depth_m + shift_m, 5e-5, len(depth_m)
         radii = nominal.outer_radius_m - np.concatenate([[0.0], depth, depth + extra])
         low, centre, high = (
-            influence(replace(nominal, conductivity_W_mK=nominal.conductivity_W_mK * np.exp(ln_k + step)), r, grid)[0]
+            influence(
+                replace(nominal, conductivity_W_mK=nominal.conductivity_W_mK * np.exp(ln_k + step)),
+                r,
+                grid,
+            )[0]
             for step, r in ((-_DK, radii[: c + 1]), (0.0, radii), (_DK, radii[: c + 1]))
         )
         by_k, there = (high - low) / (2 * _DK), centre[1 : c + 1]
@@ -62,7 +70,9 @@ class RunModel:
     blocks: PlungeBlocks
     step_K: float  # reference difference of the extra exponent
     pivot_degC: Array  # (C,) about which a static line's slope errs
-    guess: tuple[Array, Array, Array] | None = None  # run's parameters and ln K, the surface there, and its derivatives
+    guess: tuple[Array, Array, Array] | None = (
+        None  # run's parameters and ln K, the surface there, and its derivatives
+    )
 
     @property
     def grid_s(self) -> Array:
@@ -75,7 +85,9 @@ class RunModel:
             return None
         about, surface, by = self.guess
         ends = np.sort([np.full(len(surface), at[INITIAL]), self.bath_degC + at[BATH]], axis=0)
-        moved = np.subtract(at, about, out=np.zeros_like(at), where=at != about)  # no burst is minus infinity
+        moved = np.subtract(
+            at, about, out=np.zeros_like(at), where=at != about
+        )  # no burst is minus infinity
         return np.asarray(np.clip(surface + by @ moved, *ends))
 
 
@@ -144,7 +156,9 @@ def solve_run(model: RunModel, lay: PlungeParameters, theta: Array, r: int) -> R
     own_k = model.steel.own_k[:n, :n]
     matrix = model.steel.own[:n, :n] + (ln_k - model.steel.ln_k) * own_k
     start = model.start_degC(at)
-    T, q, slope = solve_surface(matrix, np.full(n, initial), lambda x: law(x, fluid, nu_fluid), start=start)
+    T, q, slope = solve_surface(
+        matrix, np.full(n, initial), lambda x: law(x, fluid, nu_fluid), start=start
+    )
     gap, viscosity = shapes(T, fluid, nu_fluid)
     by_burst = q * burst / (1 + burst)
     by_shape = by_burst * reduced * p
@@ -186,10 +200,14 @@ def predict(
     steel, runs = models[0].steel, len(models)
     surfaces = [solve_run(model, lay, theta, r) for r, model in enumerate(models)]
     n, c = len(steel.grid_s), len(lay.channels)
-    flows = np.zeros((len(FLOWS) + 2, runs, n))  # flux, its derivatives with the run's parameters and ln K
+    flows = np.zeros(
+        (len(FLOWS) + 2, runs, n)
+    )  # flux, its derivatives with the run's parameters and ln K
     for r, s in enumerate(surfaces):
         flows[:, r, : len(s.flux_W_m2)] = np.vstack([s.flux_W_m2, s.flux_by[:, [*FLOWS, -1]].T])
-    columns = np.empty((len(flows) + 1, runs, c, n))  # as they are read, and the derivative with depth
+    columns = np.empty(
+        (len(flows) + 1, runs, c, n)
+    )  # as they are read, and the derivative with depth
     through = seen_through(steel.readings, steel, lay, theta).reshape(c * n, n)
     columns[:-1] = (flows.reshape(-1, n) @ through.T).reshape(-1, runs, c, n)
     by_k, columns[-1] = (steel.readings[:, 1:] @ flows[0].T).transpose(1, 3, 0, 2)
@@ -206,7 +224,11 @@ def _at_blocks(
     model: RunModel, lay: PlungeParameters, theta: Array, r: int, y: Array, delay: Array
 ) -> tuple[Array, Array]:
     """Readings (B, C) and derivatives (B, C, P) from rises behind the chain, and their derivatives, on the grid."""
-    own, gain, each = theta[lay.run(r)], 1 + theta[lay.at("gain")][:, None], range(len(lay.channels))
+    own, gain, each = (
+        theta[lay.run(r)],
+        1 + theta[lay.at("gain")][:, None],
+        range(len(lay.channels)),
+    )
     reading = Reading.at(model.steel.grid_s, model.blocks.time_s - own[ENTRY] - delay[0][:, None])
     rate = reading.slope(y[0])
     rise, *by_flow, by_k, by_depth, by_lag, by_split = reading.value(y)
@@ -257,9 +279,13 @@ def chain_on_grid(
     by_zero = (before - u[:-values])[:values] / tau
     u[:-values] += share * (before - u[:-values])
     u[-values:] -= share * (u[-values:] + by_zero)
-    by_tau = np.roll(u[count:].reshape(len(taus), values, *u.shape[1:]), 1, axis=0)  # the largest lag comes first
+    by_tau = np.roll(
+        u[count:].reshape(len(taus), values, *u.shape[1:]), 1, axis=0
+    )  # the largest lag comes first
     along = np.stack([by_lag, by_z])
-    rows = np.einsum("akc,kvcn->avcn", along[:, :-2], by_tau) + along[:, None, -1, :, None] * by_zero
+    rows = (
+        np.einsum("akc,kvcn->avcn", along[:, :-2], by_tau) + along[:, None, -1, :, None] * by_zero
+    )
     return np.concatenate([u[:count], *rows]), np.stack([delay, by_lag[-2], by_z[-2]])
 
 

@@ -46,7 +46,9 @@ class PlungeProblem:
         largest[lay.mask("split", "common_split")] = 1.5
         largest[lay.mask("lag")] = 0.5
         least = np.where(lay.mask("lag"), LEAST_LAG_S, -np.inf)
-        return Problem(tuple(lay.names()), self.evaluate, self.mean, self.sd, lower=least, largest=largest)
+        return Problem(
+            tuple(lay.names()), self.evaluate, self.mean, self.sd, lower=least, largest=largest
+        )
 
     @property
     def log_prior(self) -> float:
@@ -59,20 +61,27 @@ class PlungeProblem:
         For each run the mean over channels, then the deviations from it, each with its variance factor.
         """
         tables = []
-        for model, noise, y, jacobian in zip(self.models, self.noise, *predict(self.models, self.layout, theta)[:2]):
+        for model, noise, y, jacobian in zip(
+            self.models, self.noise, *predict(self.models, self.layout, theta)[:2]
+        ):
             weight = np.sqrt(noise.weight) / block_sd(noise.sd_K, model.blocks.count)
             off = np.where(model.blocks.count > 0, y - model.blocks.readings_degC, 0.0)
             scaled = np.concatenate([off.T[None], jacobian.T]) * weight.T
             mean = scaled.mean(axis=1, keepdims=True)
             scaled -= mean
             scaled /= np.sqrt(noise.differential)
-            tables += [(mean * np.sqrt(y.shape[1] / noise.common))[:, 0], scaled.reshape(len(scaled), -1)]
+            tables += [
+                (mean * np.sqrt(y.shape[1] / noise.common))[:, 0],
+                scaled.reshape(len(scaled), -1),
+            ]
         table = np.concatenate(tables, axis=1)
         return table[0], table[1:].T
 
     def minimised(self, theta: Array, fixed: Array | None = None, limit: int = 30) -> PlungeOptimum:
         """The most probable parameters, searched for from ``theta``; combinations ``fixed`` (F, P) stay."""
-        return PlungeOptimum(self, minimise(self.core, theta, fixed=fixed, **SEARCH | {"limit": limit}))
+        return PlungeOptimum(
+            self, minimise(self.core, theta, fixed=fixed, **SEARCH | {"limit": limit})
+        )
 
 
 @dataclass(frozen=True)
@@ -105,7 +114,11 @@ class PlungeOptimum:
     @property
     def laplace(self) -> float:
         """Log evidence by Laplace's approximation, but for a constant that all structures share."""
-        return -0.5 * self.cost - 0.5 * float(np.linalg.slogdet(self.found.information)[1]) + self.problem.log_prior
+        return (
+            -0.5 * self.cost
+            - 0.5 * float(np.linalg.slogdet(self.found.information)[1])
+            + self.problem.log_prior
+        )
 
     def is_near(self, other: PlungeOptimum) -> bool:
         """Whether two optima are one solution: their common lags agree within 0.15 s."""
@@ -130,7 +143,9 @@ class PlungeOptimum:
         out = []
         for model, y in zip(self.problem.models, self.predictions_degC):
             count = model.blocks.count
-            out.append(RunNoise.judged(np.where(count > 0, model.blocks.readings_degC - y, 0.0), count))
+            out.append(
+                RunNoise.judged(np.where(count > 0, model.blocks.readings_degC - y, 0.0), count)
+            )
         return tuple(out)
 
 
@@ -157,7 +172,9 @@ class LagScan:
     @property
     def covariance(self) -> Array:
         """Of the lags (C, C): the common lag's marginal variance along the profile, and the rest across it."""
-        return np.asarray(self.differential_covariance + self.sd_s**2 * np.outer(self.lag_slope, self.lag_slope))
+        return np.asarray(
+            self.differential_covariance + self.sd_s**2 * np.outer(self.lag_slope, self.lag_slope)
+        )
 
     def estimate(self, shift_s: float = 0.0, extra_u_s: float = 0.0) -> Estimate:
         """The common lag: posterior mean, sd and 95 % interval, moved by ``shift_s``, widened by ``extra_u_s``."""
@@ -194,7 +211,9 @@ def settled_scan(
         u = float(np.clip(np.sqrt(row @ best.covariance @ row), 1e-4, 0.3))
         start = held(best.found, row, float(best.lag_s.mean()), **SEARCH)
         ends = (2 * LEAST_LAG_S, np.inf)
-        walk = profile(start, row, u=u, step=step, drop=drop, reach=20.0, within=ends, cost=marginal, **SEARCH)
+        walk = profile(
+            start, row, u=u, step=step, drop=drop, reach=20.0, within=ends, cost=marginal, **SEARCH
+        )
         lowest = min(walk.optima, key=lambda o: o.cost)
         if again or lowest.cost > best.cost - 2.0:
             break
@@ -204,7 +223,11 @@ def settled_scan(
         best = better
     lag, logp = walk.value, -0.5 * walk.deviance
     grid = np.linspace(lag[0], lag[-1], 801)
-    density = np.exp(PchipInterpolator(lag, logp - logp.max())(grid)) if len(lag) > 2 else np.ones_like(grid)
+    density = (
+        np.exp(PchipInterpolator(lag, logp - logp.max())(grid))
+        if len(lag) > 2
+        else np.ones_like(grid)
+    )
     cumulative = cumulative_trapezoid(density, grid, initial=0.0)
     density /= cumulative[-1]
     mean = float(np.trapezoid(grid * density, grid))
@@ -215,7 +238,17 @@ def settled_scan(
     cost, volume = np.array([[o.cost, o.log_volume] for o in walk.optima]).T
     slope = (aside.theta[own] - final.theta[own]) / (0.5 * sd)
     scan = LagScan(
-        lag, cost, volume, grid, density, mean, sd, float(low), float(high), slope, final.covariance[own, own]
+        lag,
+        cost,
+        volume,
+        grid,
+        density,
+        mean,
+        sd,
+        float(low),
+        float(high),
+        slope,
+        final.covariance[own, own],
     )
     return scan, PlungeOptimum(best.problem, final), best
 

@@ -16,7 +16,16 @@ from immersion.correlations import check_validity
 from tcdyn.chain import Chain
 from tcdyn.chain.noise import LoggerNoise
 from tcdyn.fitting import inverse
-from tcdyn.plunge import BURST_KINDS, H_KINDS, RUN_KINDS, PlungeParameters, PlungePriors, apart, lag_u_s, stages
+from tcdyn.plunge import (
+    BURST_KINDS,
+    H_KINDS,
+    RUN_KINDS,
+    PlungeParameters,
+    PlungePriors,
+    apart,
+    lag_u_s,
+    stages,
+)
 from tcdyn.plunge.model import junction_degC
 from tcdyn.plunge.posterior import LagScan, ModelForm, PlungeOptimum
 from tcdyn.plunge.run import PlungeRun
@@ -101,7 +110,12 @@ class PlungeFit:
         out = {}
         for c, lag, logit in zip(lay.channels, self.optimum.lag_s, logits):
             taus, delay, zero = stages(lay.structure, lag, logit)
-            chain = Chain(tuple(taus), zero_s=float(zero), delay_s=float(delay), conditioning=self.setup.conditioning)
+            chain = Chain(
+                tuple(taus),
+                zero_s=float(zero),
+                delay_s=float(delay),
+                conditioning=self.setup.conditioning,
+            )
             out[c] = chain
         return out
 
@@ -124,7 +138,9 @@ class PlungeFit:
     @property
     def extra_covariance(self) -> Array:
         """What the choice of a correlation and of a structure adds to the lags' covariance (C, C) [s2]."""
-        return self.model_form.covariance + (0.0 if self.structures is None else self.structures.covariance)
+        return self.model_form.covariance + (
+            0.0 if self.structures is None else self.structures.covariance
+        )
 
     @property
     def lag_covariance(self) -> Array:
@@ -136,7 +152,10 @@ class PlungeFit:
         """Each channel's lag: the common lag's skew posterior along the profile, the rest normal."""
         lag, slope = self.optimum.lag_s + self.setup.conditioning.lag_s, self.scan.lag_slope
         rest = np.diag(self.scan.differential_covariance + self.extra_covariance)
-        return {c: self.scan.skewed(*map(float, each)) for c, *each in zip(self.channels, lag, slope, rest)}
+        return {
+            c: self.scan.skewed(*map(float, each))
+            for c, *each in zip(self.channels, lag, slope, rest)
+        }
 
     @property
     def common_lag_s(self) -> Estimate:
@@ -148,7 +167,10 @@ class PlungeFit:
         """Each channel's lag less the mean of all."""
         lag = self.optimum.lag_s
         u = np.sqrt(np.maximum(np.diag(apart(self.lag_covariance)), 0.0))
-        return {c: Estimate.normal(float(d), float(s)) for c, d, s in zip(self.channels, lag - lag.mean(), u)}
+        return {
+            c: Estimate.normal(float(d), float(s))
+            for c, d, s in zip(self.channels, lag - lag.mean(), u)
+        }
 
     @cached_property
     def nuisances(self) -> pd.DataFrame:
@@ -218,14 +240,18 @@ class PlungeFit:
             where = names[int(subject) - 1] if kind in RUN_KINDS else ""
             if kind == "ln_h" and pull > DOUBTED:
                 fluid = self.runs[int(subject) - 1].fluid.name
-                out.append(look("plunge.fluid", where=where, fluid=fluid, ratio=np.exp(value), sds=pull))
+                out.append(
+                    look("plunge.fluid", where=where, fluid=fluid, ratio=np.exp(value), sds=pull)
+                )
             elif pull > (UNUSUAL if kind in ("bath", "h_exponent", "h_viscosity") else DOUBTED):
                 where, subject = (where, "") if where else ("", subject)
                 said = (look if pull > DOUBTED else note)(
                     "plunge.pull", where=where, subject=subject, kind=kind, sds=pull
                 )
                 out.append(said)
-        for run, model, surface, factor in zip(self.runs, problem.models, self.optimum.surfaces, problem.noise):
+        for run, model, surface, factor in zip(
+            self.runs, problem.models, self.optimum.surfaces, problem.noise
+        ):
             beyond = check_validity(model.bath, surface.temperature_degC, model.bath_degC)
             out += [f.at(run.name) for f in (*run.entry.findings, *beyond)]
             if model.blocks.spikes:
@@ -240,7 +266,11 @@ class PlungeFit:
                         apart=factor.differential > COLOURED,
                     )
                 )
-        out += [look("plunge.no_lag", subject=c) for c, lag in zip(self.channels, self.optimum.lag_s) if lag < 0.01]
+        out += [
+            look("plunge.no_lag", subject=c)
+            for c, lag in zip(self.channels, self.optimum.lag_s)
+            if lag < 0.01
+        ]
         return once(out)
 
     @property
@@ -260,7 +290,10 @@ class PlungeFit:
         """The summary's lines without the warnings."""
         count = f"{len(self.runs)} plunge{'s' if len(self.runs) > 1 else ''}"
         common = self.common_lag_s
-        rows = [(c, rounded(self.lag_s[c].value, self.lag_s[c].u), self.differential_lag_s[c]) for c in self.channels]
+        rows = [
+            (c, rounded(self.lag_s[c].value, self.lag_s[c].u), self.differential_lag_s[c])
+            for c in self.channels
+        ]
         lines = [
             f"{self.disk}: chain {self.structure}, correlation {self.correlation}, {count}",
             f"  common lag {with_u(common.value, common.u, 's')}, 95 % {interval(common)} s",
@@ -270,7 +303,10 @@ class PlungeFit:
                 for c, (value, u), d in rows
             ),
             "  where the uncertainty comes from [s], common lag / differences:",
-            *(f"    {s.source}: {s.u_common_s:.3f} / {s.u_differential_s:.3f}" for s in self.budget),
+            *(
+                f"    {s.source}: {s.u_common_s:.3f} / {s.u_differential_s:.3f}"
+                for s in self.budget
+            ),
             f"  {self.sentence}",
         ]
         if self.structures is None or self.structures.findings:  # said as a warning, then

@@ -41,7 +41,9 @@ class PlungeRun:
     @property
     def pivot_degC(self) -> Array:
         """Where the static line of each channel (C,) is best known, and its slope turns; 0 without a line."""
-        return np.array([best_known(self.lines[c])[0] if c in self.lines else 0.0 for c in self.channels])
+        return np.array(
+            [best_known(self.lines[c])[0] if c in self.lines else 0.0 for c in self.channels]
+        )
 
     @property
     def dt_s(self) -> float:
@@ -86,7 +88,11 @@ def run_from_log(
     The entry is found from switch and probe, or where both are missing from the readings, unless given.
     Raises InputError for missing columns, no entry, or a bath and disk of one temperature.
     """
-    missing = [c for c in ("time_s", "fluid_degC", *(f"{k}_degC" for k in channels)) if c not in frame.columns]
+    missing = [
+        c
+        for c in ("time_s", "fluid_degC", *(f"{k}_degC" for k in channels))
+        if c not in frame.columns
+    ]
     if missing:
         raise InputError(f"column {missing[0]} is missing", where=name, expected="an immersion log")
     t = frame["time_s"].to_numpy(dtype=float)
@@ -124,10 +130,14 @@ def make_blocks(run: PlungeRun, before_s: float = 5.0, longest_s: float = 2.0) -
     clean, spikes = without_spikes(values)
     centre, mean, count = make_averages(times, clean, run.dt_s, longest_s)
     bath_t, bath = smooth_bath(t, run.fluid_degC, end)
-    return PlungeBlocks(centre, mean, count, white_noise_sd(clean), bath_t, bath, float(times[-1]), spikes)
+    return PlungeBlocks(
+        centre, mean, count, white_noise_sd(clean), bath_t, bath, float(times[-1]), spikes
+    )
 
 
-def make_averages(times: Array, values: Array, dt_s: float, longest_s: float) -> tuple[Array, Array, Array]:
+def make_averages(
+    times: Array, values: Array, dt_s: float, longest_s: float
+) -> tuple[Array, Array, Array]:
     """Block means of ``values`` (N, C), NaN left out: mean time (B,), mean (B, C), samples in each (B, C).
 
     A block without a sample of a channel counts 0 there, and its mean is only a line between its neighbours.
@@ -159,7 +169,9 @@ def smooth_bath(t: Array, bath: Array, end_s: float, window_s: float = 10.0) -> 
     """
     after = (t >= 0) & (t <= end_s) & np.isfinite(bath)
     if not np.any(after):
-        raise InputError("fluid_degC holds no value after the entry", remedy="log the bath's temperature")
+        raise InputError(
+            "fluid_degC holds no value after the entry", remedy="log the bath's temperature"
+        )
     bins = pd.DataFrame({"t": t[after], "bath": bath[after]}).groupby(np.floor(t[after] / window_s))
     middle = bins["bath"].agg(lambda x: np.sort(x)[(cut := len(x) // 5) : len(x) - cut].mean())
     return bins["t"].mean().to_numpy(), middle.to_numpy()
@@ -194,7 +206,9 @@ class RunNoise:
         scaled = residual_K * np.sqrt(count)
         sd = 1.4826 * np.median(np.abs(scaled), axis=0)
         inside = np.abs(scaled) < 4 * np.maximum(sd, 1e-12)
-        square = np.sum(np.where(inside, scaled**2, 0.0), axis=0) / np.maximum(inside.sum(axis=0), 1)
+        square = np.sum(np.where(inside, scaled**2, 0.0), axis=0) / np.maximum(
+            inside.sum(axis=0), 1
+        )
         sd = np.sqrt(np.maximum(square, 1e-12) / max(1 - (9 + 3 * c) / residual_K.size, 0.5))
         z = residual_K / block_sd(sd, count)
         weight = np.minimum(1.0, 4.0 / np.maximum(np.abs(z), 1e-12))
@@ -206,7 +220,9 @@ def block_sd(noise_sd_K: Array, count: Array) -> Array:
     return np.where(count > 0, noise_sd_K / np.sqrt(np.maximum(count, 1)), np.inf)
 
 
-def inflation(standardised: Array, parameters_common: int, parameters_differential: int) -> tuple[float, float]:
+def inflation(
+    standardised: Array, parameters_common: int, parameters_differential: int
+) -> tuple[float, float]:
     """Variance factors, common and differential, of standardised residuals (B, C) of one run; at least one quarter.
 
     The mean over channels and the deviations from it are judged apart, because an error of the bath or of h moves

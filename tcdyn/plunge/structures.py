@@ -20,7 +20,9 @@ from tcdyn.plunge.posterior import LagScan, PlungeOptimum, settled_scan
 from tcdyn.plunge.run import RunNoise
 
 WORSE = 12.0  # of chi-square: a second lag that is not there gains less, with its split free in six channels
-POSSIBLE = 0.05  # a structure less probable than this may be called contradicted, one above it is possible
+POSSIBLE = (
+    0.05  # a structure less probable than this may be called contradicted, one above it is possible
+)
 LONG_S, SHORT_S = 0.8, 0.5  # beyond the first a second start is made, at the other
 UNLIKELY = 5.0  # log evidence below the likeliest: Laplace is good enough, and the scan of the lag is spared
 
@@ -79,13 +81,18 @@ class StructureComparison:
     @property
     def contradicted(self) -> bool:
         """Whether the plunges speak against the chosen structure: improbable, and a clearly worse fit."""
-        return self.own.probability < POSSIBLE and self.own.chi_square - self.best.chi_square > WORSE
+        return (
+            self.own.probability < POSSIBLE and self.own.chi_square - self.best.chi_square > WORSE
+        )
 
     @property
     def verdict(self) -> Finding:
         """What the plunges say about the structure: of the chosen one first, then the best or all possible ones."""
         others = [r for r in self.rows if r.structure != self.chosen and r.probability >= POSSIBLE]
-        told = [self.own, *([self.best] if self.contradicted else sorted(others, key=lambda r: -r.probability))]
+        told = [
+            self.own,
+            *([self.best] if self.contradicted else sorted(others, key=lambda r: -r.probability)),
+        ]
         second = self.own.second_lag_s
         numbers: dict[str, Any] = {
             "structures": [r.structure for r in told],
@@ -123,7 +130,9 @@ class StructureComparison:
                 + (", used here" if r.structure == self.chosen else ""),
                 "probability": percent(r.probability),
                 "chi-square above the best": f"{r.chi_square:.1f}",
-                "held-out plunge, above the best": "" if r.held_out is None else f"{r.held_out:.1f}",
+                "held-out plunge, above the best": ""
+                if r.held_out is None
+                else f"{r.held_out:.1f}",
                 "common lag [s]": with_u(r.common_lag_s.value, r.common_lag_s.u),
             }
             for r in self.rows
@@ -180,7 +189,11 @@ def compare_structures(
     modes: list[_Mode] = []
     solutions = [(name, k, fit) for name in structures for k, fit in enumerate(fits[name])]
     far = [s != chosen and fit.laplace < likeliest - UNLIKELY for s, _, fit in solutions]
-    near = [i for i, (s, k, _) in enumerate(solutions) if not far[i] and not (kept and s == chosen and k == 0)]
+    near = [
+        i
+        for i, (s, k, _) in enumerate(solutions)
+        if not far[i] and not (kept and s == chosen and k == 0)
+    ]
     paths = {i: settled_scan(solutions[i][2], step=1.8, drop=7.0) for i in near}
     for i, (s, k, fit) in enumerate(solutions):
         if kept and s == chosen and k == 0:
@@ -220,7 +233,9 @@ def _shares(modes: Sequence[_Mode]) -> Array:
     return np.asarray(weights / weights.sum())
 
 
-def _rows(modes: Sequence[_Mode], shares: Array, structures: Sequence[str]) -> tuple[StructureRow, ...]:
+def _rows(
+    modes: Sequence[_Mode], shares: Array, structures: Sequence[str]
+) -> tuple[StructureRow, ...]:
     """One row a structure: its reported or most probable solution, and the next one where that is possible too."""
     ranked = sorted(zip(modes, shares), key=lambda pair: (not pair[0].reported, -pair[1]))
     mine = [[(m, p) for m, p in ranked if m.structure == s] for s in structures]
@@ -251,7 +266,12 @@ def _optima(near: PlungeOptimum, structure: str, priors: PlungePriors) -> list[P
         outset = layout.mask(*BURST_KINDS, "entry")
         theta = np.where(outset, near.problem.mean, near.theta)
         theta[layout.at("lag")] += SHORT_S - near.lag_s.mean()
-        other = _refit(replace(near, found=replace(near.found, theta=theta)), structure, priors, near.problem.noise)
+        other = _refit(
+            replace(near, found=replace(near.found, theta=theta)),
+            structure,
+            priors,
+            near.problem.noise,
+        )
         if not other.is_near(found[0]) and other.cost < found[0].cost + 30.0:
             found.append(other)
     return sorted(found, key=lambda o: o.laplace, reverse=True)
@@ -279,15 +299,23 @@ def _without(at: PlungeOptimum, keep: Sequence[int]) -> PlungeOptimum:
     """The optimum of some of the runs alone."""
     problem, layout = at.problem, at.problem.layout
     index = np.arange(layout.size)
-    index = np.concatenate([*(index[layout.run(r)] for r in keep), index[layout.run(layout.runs - 1).stop :]])
+    index = np.concatenate(
+        [*(index[layout.run(r)] for r in keep), index[layout.run(layout.runs - 1).stop :]]
+    )
     part = replace(
-        problem, models=tuple(problem.models[r] for r in keep), noise=tuple(problem.noise[r] for r in keep),
-        layout=replace(layout, runs=len(keep)), mean=problem.mean[index], sd=problem.sd[index],
-    )  # fmt: skip
+        problem,
+        models=tuple(problem.models[r] for r in keep),
+        noise=tuple(problem.noise[r] for r in keep),
+        layout=replace(layout, runs=len(keep)),
+        mean=problem.mean[index],
+        sd=problem.sd[index],
+    )
     return part.minimised(at.theta[index], limit=12)
 
 
-def _refit(near: PlungeOptimum, structure: str, priors: PlungePriors, noise: tuple[RunNoise, ...]) -> PlungeOptimum:
+def _refit(
+    near: PlungeOptimum, structure: str, priors: PlungePriors, noise: tuple[RunNoise, ...]
+) -> PlungeOptimum:
     """The optimum under another structure, started from ``near``, with another ``noise``."""
     layout = replace(near.problem.layout, structure=structure)
     mean, sd, theta = near.problem.mean.copy(), near.problem.sd.copy(), near.theta

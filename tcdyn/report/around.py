@@ -21,7 +21,12 @@ def uneven_section(p: Partition) -> Section:
     """What the bore contact makes of the temperature round each disk, and what was subtracted."""
     found = [f.sentence for d in DISKS if (f := p.both.uneven[d].finding(d)) is not None]
     rows = [
-        {"disk": d, "junction": c, "angle [deg]": f"{j.angle_deg:g}", "reads more by [K]": f"{more:+z.2f}"}
+        {
+            "disk": d,
+            "junction": c,
+            "angle [deg]": f"{j.angle_deg:g}",
+            "reads more by [K]": f"{more:+z.2f}",
+        }
         for d in DISKS
         for (c, j), more in zip(
             sorted(p.test.disks[d].setup.junctions.items()),

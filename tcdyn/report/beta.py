@@ -26,7 +26,13 @@ from tcdyn.pipeline.tables import (
 )
 from tcdyn.plots import partition as draw
 from tcdyn.plots.style import figure, pictured
-from tcdyn.plots.transient import draw_junctions, draw_profiles, draw_referee, draw_structures, draw_window_study
+from tcdyn.plots.transient import (
+    draw_junctions,
+    draw_profiles,
+    draw_referee,
+    draw_structures,
+    draw_window_study,
+)
 from tcdyn.report.around import around_section, uneven_section
 from tcdyn.report.page import Answer, Section, write_page
 
@@ -41,7 +47,13 @@ ASSUMED = (
 
 def beta_sections(p: Partition, truth: float | None = None) -> list[Section]:
     """Sections for one test, that of the page's head first, then most wanted first; what few ask for is folded."""
-    main = [lead(p, truth), *answer_sections(p, truth), fit_section(p), *uncertainty_sections(p), uneven_section(p)]
+    main = [
+        lead(p, truth),
+        *answer_sections(p, truth),
+        fit_section(p),
+        *uncertainty_sections(p),
+        uneven_section(p),
+    ]
     appendix = [
         structure_section(p),
         around_section(p),
@@ -52,7 +64,9 @@ def beta_sections(p: Partition, truth: float | None = None) -> list[Section]:
     shown = [section for section in main if not section.folded]
     folded = [section for section in main if section.folded]
     folded += [replace(section, folded=True) for section in appendix]
-    return [section.drawn() for section in (*shown, *folded)]  # a page of many tests keeps images, not figures
+    return [
+        section.drawn() for section in (*shown, *folded)
+    ]  # a page of many tests keeps images, not figures
 
 
 def lead(p: Partition | OneDisk, truth: float | None = None) -> Section:
@@ -66,7 +80,11 @@ def lead(p: Partition | OneDisk, truth: float | None = None) -> Section:
 def answer(p: Partition) -> Answer:
     """beta of both disks with its interval, or that none is given."""
     if p.status == "withheld":
-        return Answer("no β", "what the fit of both disks finds is impossible, or its power is off by far", p.status)
+        return Answer(
+            "no β",
+            "what the fit of both disks finds is impossible, or its power is off by far",
+            p.status,
+        )
     beta, s = p.both.estimates["beta"], p.structures
     return Answer(
         f"β = {beta}",
@@ -165,13 +183,21 @@ def test_sections(p: Partition | OneDisk) -> list[Section]:
     whole = pictured(partial(draw.draw_temperatures, p), height_in=3.8)
     return [
         *sensor_sections(p),
-        Section("the test", table=test_table(p), figure=whole, caption="Upright lines: load on, unloading."),
+        Section(
+            "the test",
+            table=test_table(p),
+            figure=whole,
+            caption="Upright lines: load on, unloading.",
+        ),
     ]
 
 
 def transient_sections(p: Partition) -> list[Section]:
     """The cooling fit against the length of its window, and the compensated form against the commuted one."""
-    draws = partial(draw_window_study, cooling_by_window(p)), partial(draw_referee, referee_table(p))
+    draws = (
+        partial(draw_window_study, cooling_by_window(p)),
+        partial(draw_referee, referee_table(p)),
+    )
     return [
         Section(
             "does the cooling fit depend on its window, or on the inverse?",
@@ -220,7 +246,11 @@ def sensor_sections(p: Partition | OneDisk) -> list[Section]:
             "all junctions together, in the verdict above."
         )
         table = junctions_table(p.sensors.depths)
-        out.append(Section("are the junctions where they are stated to be?", words, table=table, figure=whole))
+        out.append(
+            Section(
+                "are the junctions where they are stated to be?", words, table=table, figure=whole
+            )
+        )
     return out
 
 
@@ -232,7 +262,9 @@ def verdict(p: Partition | OneDisk) -> str:
 def assumed(p: Partition | OneDisk) -> list[str]:
     """What nobody measured, with the values in use."""
     n = p.test.speed_exponent
-    law = f"the speed law h ~ u^n with n = {n:g} of rig.toml, whose range is part of the uncertainty"
+    law = (
+        f"the speed law h ~ u^n with n = {n:g} of rig.toml, whose range is part of the uncertainty"
+    )
     s = next(p.test.disks[d].setup for d in DISKS if d in p.test.disks)
     return [
         f"steel: conductivity {s.conductivity_W_mK:g} W/mK, density {s.density_kg_m3:g} kg/m3, specific heat "
@@ -269,10 +301,18 @@ def write_tests(
     for name, (own, _) in parts.items():
         sections += [replace(s, title=f"{name}: {s.title}") for s in (own[1:] if one else own)]
     return write_page(
-        path, "Heat partition: " + ", ".join(tests), sections,
+        path,
+        "Heat partition: " + ", ".join(tests),
+        sections,
         verdict="\n\n".join(before[name] + verdict(p) for name, p in tests.items()),
-        findings=[f if one else f.at(name) for name, p in tests.items() for f in p.noticed],  # the verdict stands above
+        findings=[
+            f if one else f.at(name) for name, p in tests.items() for f in p.noticed
+        ],  # the verdict stands above
         assumptions=list(dict.fromkeys(line for p in tests.values() for line in assumed(p))),
-        answers=[replace(said, value=before[name] + said.value) for name, (_, said) in parts.items()],
-        lead=parts[one][0][0] if one else None, sources=sources, simulated=simulated,
-    )  # fmt: skip
+        answers=[
+            replace(said, value=before[name] + said.value) for name, (_, said) in parts.items()
+        ],
+        lead=parts[one][0][0] if one else None,
+        sources=sources,
+        simulated=simulated,
+    )

@@ -30,7 +30,9 @@ FIT = "fit to use"
 NO_BREAK = "\u00a0"
 
 
-def write_certificate(path: str | Path, run: CalibrationRun, earlier: Sequence[DiskRecord] = ()) -> Path:
+def write_certificate(
+    path: str | Path, run: CalibrationRun, earlier: Sequence[DiskRecord] = ()
+) -> Path:
     """One page: verdict, warnings and assumptions, what is signed, then, folded, what the lags and the lines rest on.
 
     ``earlier``: records of the same disk, for its drift.
@@ -53,7 +55,11 @@ def channel_verdicts(record: DiskRecord) -> dict[str, str]:
 
     A gap or an impossible value in a log, or a plunge beyond the oven's range, is no fault of a thermocouple.
     """
-    doubts = [f for f in check_record(record) if f.code.partition(".")[0] in OF_A_CHANNEL and f.code != BEYOND]
+    doubts = [
+        f
+        for f in check_record(record)
+        if f.code.partition(".")[0] in OF_A_CHANNEL and f.code != BEYOND
+    ]
     verdicts: dict[str, str] = {}
     for name in sorted(record.static):
         verdicts[name] = "; ".join(sentences(f for f in doubts if name in f.channels)) or FIT
@@ -67,15 +73,23 @@ def summary_table(record: DiskRecord) -> pd.DataFrame:
     for name, line in sorted(record.static.items()):
         low, high = line.range_degC
         u = whole_u(line, np.linspace(low, high, 50))
-        rows.append({
-            "channel": name,
-            "verdict": verdicts[name].replace(" ", NO_BREAK) if verdicts[name] == FIT else verdicts[name],
-            "gain": line.gain_estimate.plain(),
-            "offset [degC]": line.offset_estimate.plain(),
-            "u at rest [K]": f"{u.min():.2g} to {u.max():.2g}",
-        })  # fmt: skip
+        rows.append(
+            {
+                "channel": name,
+                "verdict": verdicts[name].replace(" ", NO_BREAK)
+                if verdicts[name] == FIT
+                else verdicts[name],
+                "gain": line.gain_estimate.plain(),
+                "offset [degC]": line.offset_estimate.plain(),
+                "u at rest [K]": f"{u.min():.2g} to {u.max():.2g}",
+            }
+        )
     table = pd.DataFrame(rows)
-    return table if record.chain is None else table.merge(record.chain.table(), "left", "channel").fillna("")
+    return (
+        table
+        if record.chain is None
+        else table.merge(record.chain.table(), "left", "channel").fillna("")
+    )
 
 
 def certificate_verdict(record: DiskRecord) -> str:
@@ -106,10 +120,19 @@ def certificate_sections(
         ratio = record.chain.common_lag_s.u / float(
             np.median([d.u for d in record.chain.differential_lag_s.values()]) or 1.0
         )
-        title = "Lags" if ratio < 1.5 else f"Lags: their differences are known {ratio:.0f} times better than their mean"
+        title = (
+            "Lags"
+            if ratio < 1.5
+            else f"Lags: their differences are known {ratio:.0f} times better than their mean"
+        )
         caption = "Circles: lags. Thin bars hold each lag, thick ones its difference from the common lag (band)."
-        note, shown = INTERVAL_NOTE.strip("()"), pictured(partial(draw_lags, record.chain), height_in=3.4)
-        sections.append(Section(title, f"{note[:1].upper()}{note[1:]}.", figure=shown, caption=caption))
+        note, shown = (
+            INTERVAL_NOTE.strip("()"),
+            pictured(partial(draw_lags, record.chain), height_in=3.4),
+        )
+        sections.append(
+            Section(title, f"{note[:1].upper()}{note[1:]}.", figure=shown, caption=caption)
+        )
     sections += list(traces)
     if oven is not None:
         sections += oven_sections(oven)
@@ -118,7 +141,11 @@ def certificate_sections(
 
 def oven_sections(oven: OvenFit) -> list[Section]:
     """Errors before and after the static lines, and what the lines leave."""
-    table = oven.statistics.map(lambda v: f"{v:.2g}").rename_axis("error against the PRT [K]").reset_index()
+    table = (
+        oven.statistics.map(lambda v: f"{v:.2g}")
+        .rename_axis("error against the PRT [K]")
+        .reset_index()
+    )
     left = float(np.nanstd(oven.calibrated_errors_K))
     return [
         Section(
@@ -160,7 +187,9 @@ def plunge_assumptions(record: DiskRecord) -> list[str]:
     if not correlation:
         return []
     law = f"natural convection by {correlation}, its scale fitted"
-    return [f"Plunges: heat enters by the running surface only; {law}; an entry burst of h that fades."]
+    return [
+        f"Plunges: heat enters by the running surface only; {law}; an entry burst of h that fades."
+    ]
 
 
 def fit_sections(fit: PlungeFit) -> list[Section]:
@@ -187,9 +216,13 @@ def fit_sections(fit: PlungeFit) -> list[Section]:
                 "channel": moved["channel"],
                 "at [degC]": moved["at_degC"].round(0),
                 "oven [K]": [with_u(0.0, u) for u in moved["u_off_before_K"]],
-                "with plunges [K]": [with_u(x, u) for x, u in zip(moved["off_K"], moved["u_off_K"])],
+                "with plunges [K]": [
+                    with_u(x, u) for x, u in zip(moved["off_K"], moved["u_off_K"])
+                ],
                 "slope, oven": [with_u(0.0, u) for u in moved["u_slope_before"]],
-                "slope, with plunges": [with_u(x, u) for x, u in zip(moved["slope_off"], moved["u_slope"])],
+                "slope, with plunges": [
+                    with_u(x, u) for x, u in zip(moved["slope_off"], moved["u_slope"])
+                ],
             }
         ),
     )
@@ -216,7 +249,12 @@ def plunge_sections(fit: PlungeFit) -> list[Section]:
     for k, run in enumerate(fit.runs):
         sizes = np.sqrt(np.nanmean(standardised(fit, k) ** 2, axis=0))
         noise = fit.optimum.problem.noise[k].sd_K
-        rows.append({"plunge": run.name, **{f"{c} [K]": f"{n * s:.2f}" for c, n, s in zip(fit.channels, noise, sizes)}})
+        rows.append(
+            {
+                "plunge": run.name,
+                **{f"{c} [K]": f"{n * s:.2f}" for c, n, s in zip(fit.channels, noise, sizes)},
+            }
+        )
     return [
         Section(
             "Plunges: the first seconds",

@@ -32,12 +32,17 @@ BOTH_WAYS = (
     "{} looks both ways and leaves no shift. The causal inverse was not used; it is stated for comparison, at the "
     f"widest bandwidth at which its noise is at most {GAIN:g} times the trace's."
 )
-CAUSAL = "The causal inverse used here is late by its remaining shift; its band holds what that costs."
+CAUSAL = (
+    "The causal inverse used here is late by its remaining shift; its band holds what that costs."
+)
 AROUND_S = (2.0, 6.0)  # seconds before and after the last event that the close picture shows
 
 
 def write_compensation_report(
-    path: str | Path, done: CompensatedLog, records: Mapping[str, DiskRecord], files: Sequence[Path] = ()
+    path: str | Path,
+    done: CompensatedLog,
+    records: Mapping[str, DiskRecord],
+    files: Sequence[Path] = (),
 ) -> Path:
     """The page of a whole log: numbers before use, traces of each disk's junction nearest the surface, notes."""
     sections: list[Section] = []
@@ -66,7 +71,9 @@ def assumed(records: Mapping[str, DiskRecord], method: str) -> list[str]:
         "the chain of each channel is that of the record: linear, and the same in this log as when it was calibrated",
         *sorted(filters),
         *(
-            ["between events the slope of each temperature wanders smoothly; at an event it may jump"]
+            [
+                "between events the slope of each temperature wanders smoothly; at an event it may jump"
+            ]
             if method == "smoother"
             else []
         ),
@@ -111,7 +118,9 @@ def write_follow_report(
         verdict=f"Compensated while it grew, {behind:g} s behind. Noisiest channel: {'; '.join(report.lines())}.",
         findings=(*report.findings, *findings),
         assumptions=assumed(records, "smoother")[:-1],
-        sources=table([("log", log.name, f"{rows} rows followed", ""), *record_rows(records, files)]),
+        sources=table(
+            [("log", log.name, f"{rows} rows followed", ""), *record_rows(records, files)]
+        ),
     )
 
 
@@ -142,7 +151,9 @@ def _numbers(done: CompensatedLog, disk: str, result: Compensated, record: DiskR
     for name, chain in zip(setup.channels, record_chains(record, setup)):
         i = setup.channels.index(name)
         noise = float(result.noise_sd[i])
-        band = done.way.bandwidth_Hz if causal else widest_bandwidth_Hz(chain, dt, noise, GAIN * noise)
+        band = (
+            done.way.bandwidth_Hz if causal else widest_bandwidth_Hz(chain, dt, noise, GAIN * noise)
+        )
         report = before_use(proper_inverse(chain, dt, band), noise, GAIN * noise)
         over = np.nan if causal else smoother_bandwidth_Hz(chain, dt, noise, result.intensity[i])
         rows.append(
@@ -164,7 +175,11 @@ def _numbers(done: CompensatedLog, disk: str, result: Compensated, record: DiskR
         f"{disk} disk: before use",
         f"{CAUSAL if causal else BOTH_WAYS.format(BY[done.way.method].capitalize())}\n\n"
         f"{result.method[:1].upper()}{result.method[1:]}. Typical sd: standard deviation of a compensated sample."
-        + ("" if causal else " Follows up to: above this frequency only what an event may bring is followed."),
+        + (
+            ""
+            if causal
+            else " Follows up to: above this frequency only what an event may bring is followed."
+        ),
         table=pd.DataFrame(rows).dropna(axis="columns"),
         figure=pictured(partial(draw_before_use, worst), height_in=3.4),
         caption=f"Channel {setup.shallowest}: a step at the junction through the chain alone, and through chain and "
@@ -175,20 +190,25 @@ def _numbers(done: CompensatedLog, disk: str, result: Compensated, record: DiskR
 def _followed(plan: Causal, log: Path, out: Path) -> tuple[Section, int]:
     name = next((n for n in plan.junctions if n.endswith("e_degC")), plan.junctions[0])
     done = pd.read_csv(out, comment="#", usecols=["time_s", name, name.replace("_degC", "_u_K")])
-    time, x, u = (done[c].to_numpy(dtype=float) for c in ("time_s", name, name.replace("_degC", "_u_K")))
+    time, x, u = (
+        done[c].to_numpy(dtype=float) for c in ("time_s", name, name.replace("_degC", "_u_K"))
+    )
     shown = thinned(len(time))
     picture, (ax,) = figure(height_in=4.0)
     raw = _logged(plan, log, name)
     if raw is not None:
         ax.plot(raw[0][shown], raw[1][shown], ".", markersize=2, color=GREY, label="logged")
-    line_with_band(ax, time[shown], x[shown], u[shown], SLOW, "95 %", linewidth=1.0, label="compensated")
+    line_with_band(
+        ax, time[shown], x[shown], u[shown], SLOW, "95 %", linewidth=1.0, label="compensated"
+    )
     seen = x[np.isfinite(x)]
     if len(seen):
         margin = 0.1 * float(np.ptp(seen)) + 1.0  # a spike of the log must not flatten the picture
         ax.set_ylim(float(seen.min()) - margin, float(seen.max()) + margin)
     dressed(ax, "time [s]", "temperature [°C]", loc="best")
     told = (
-        "Points: as logged, before the static line; spikes may lie outside. Line: at the junction, with its 95 % band."
+        "Points: as logged, before the static line; spikes may lie outside. Line: at the junction, "
+        "with its 95 % band."
     )
     return Section(f"{name}, as it was followed", figure=picture, caption=told), len(time)
 

@@ -121,8 +121,14 @@ def write_identify_report(
         assumptions=[
             f"the input runs {'straight' if model.hold == 'foh' else 'unchanged'} between its samples ({model.hold}), "
             f"{noise_said(best, record)}, and the system is linear and does not change in time",
-            *([f"{filter_.poles} pole(s) at {filter_.cutoff_Hz:g} Hz are known"] if filter_.poles else []),
+            *(
+                [f"{filter_.poles} pole(s) at {filter_.cutoff_Hz:g} Hz are known"]
+                if filter_.poles
+                else []
+            ),
             *(f"{name} = {value:g}, held" for name, value in model.model.fixed.items()),
         ],
-        sources=None if file is None else sources([("table", file.name, f"{record.n_samples} samples", sha256(file))]),
+        sources=None
+        if file is None
+        else sources([("table", file.name, f"{record.n_samples} samples", sha256(file))]),
     )

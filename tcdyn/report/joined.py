@@ -21,15 +21,23 @@ BOTH = (
     "posterior, each of them in turn less sure alone."
 )
 WORDS = {
-    "delta_T_us_K_m_s": ("ΔT u_s", "1000 K m/s", 1e3), "load_N": ("load", "1000 N", 1e3),
-    "sliding_speed_m_s": ("sliding speed", "m/s", 1.0), "entraining_speed_m_s": ("entraining speed", "m/s", 1.0),
-}  # fmt: skip
+    "delta_T_us_K_m_s": ("ΔT u_s", "1000 K m/s", 1e3),
+    "load_N": ("load", "1000 N", 1e3),
+    "sliding_speed_m_s": ("sliding speed", "m/s", 1.0),
+    "entraining_speed_m_s": ("entraining speed", "m/s", 1.0),
+}
 KNOWN = {
-    "film": "the film's shape along the track", "washer": "the washers' conductance", "depth": "the junctions' depths",
-    "model": "what rim and mesh leave unexplained", "uneven": "the pattern round the bore", "line": "the static lines",
-    "lag": "the lags", "heat": "the heat capacity", "half-width": "the contact's half-width",
+    "film": "the film's shape along the track",
+    "washer": "the washers' conductance",
+    "depth": "the junctions' depths",
+    "model": "what rim and mesh leave unexplained",
+    "uneven": "the pattern round the bore",
+    "line": "the static lines",
+    "lag": "the lags",
+    "heat": "the heat capacity",
+    "half-width": "the contact's half-width",
     "split": "how each chain's lag is split",
-}  # fmt: skip
+}
 LIMITS = 3
 SURE = 0.05
 COMMON = 1e-3
@@ -47,7 +55,10 @@ def joined_sections(joined: JoinedCampaign) -> list[Section]:
     sections = [
         Section("β of each test, all tests as one measurement", BOTH, beta_table(joined)),
         Section(
-            "Does β depend on ΔT u_s?", f"{trend_sentence(joined)}\n\n{_models(joined)}", figure=shown, caption=caption
+            "Does β depend on ΔT u_s?",
+            f"{trend_sentence(joined)}\n\n{_models(joined)}",
+            figure=shown,
+            caption=caption,
         ),
     ]
     if joined.trends:
@@ -56,9 +67,14 @@ def joined_sections(joined: JoinedCampaign) -> list[Section]:
             "their uncertainties; where it is not zero, the line alone does not tell β."
         )
         sections.append(Section("Trends of β", told, trend_words(joined)))
-    both = pictured(partial(draw.draw_exponent, joined), partial(draw.draw_junctions, joined), height_in=3.6)
+    both = pictured(
+        partial(draw.draw_exponent, joined), partial(draw.draw_junctions, joined), height_in=3.6
+    )
     last = Section(
-        "Exponent of the speed law, and the junctions", exponent_words(joined), figure=both, caption=N_CAPTION
+        "Exponent of the speed law, and the junctions",
+        exponent_words(joined),
+        figure=both,
+        caption=N_CAPTION,
     )
     return [*sections, last]
 
@@ -85,13 +101,21 @@ def beta_table(joined: JoinedCampaign) -> pd.DataFrame:
         beta, inside = rounded(r["beta"], r["u_beta_within"])
         rows.append(
             {
-                "test": r["test"], "β [1]": beta, "u within [1]": inside,
+                "test": r["test"],
+                "β [1]": beta,
+                "u within [1]": inside,
                 "u absolute [1]": rounded(r["beta"], r["u_beta"])[1],
-                **{f"h {d} [W/m²K]": pm([r[f"h_{d}_W_m2K"]], [r[f"u_h_{d}_W_m2K"]])[0] for d in ("fast", "slow")},
-                **{f"lag {d} [s]": pm([r[f"lag_{d}_s"]], [r[f"u_lag_{d}_s"]])[0] for d in ("fast", "slow")},
+                **{
+                    f"h {d} [W/m²K]": pm([r[f"h_{d}_W_m2K"]], [r[f"u_h_{d}_W_m2K"]])[0]
+                    for d in ("fast", "slow")
+                },
+                **{
+                    f"lag {d} [s]": pm([r[f"lag_{d}_s"]], [r[f"u_lag_{d}_s"]])[0]
+                    for d in ("fast", "slow")
+                },
                 "β by the speed law at this n [1]": f"{r['beta_by_speed_law']:.4f}",
             }
-        )  # fmt: skip
+        )
     return pd.DataFrame(rows)
 
 
@@ -102,7 +126,11 @@ def trend_sentence(joined: JoinedCampaign) -> str:
         return "A line over ΔT u_s asks for three set points."
     word, unit, size = WORDS[t.against[0]]
     slope = t.slopes[0].times(size)
-    verdict = f"β changes with {word}" if t.p_value[0] < SURE else f"these tests do not show that β depends on {word}"
+    verdict = (
+        f"β changes with {word}"
+        if t.p_value[0] < SURE
+        else f"these tests do not show that β depends on {word}"
+    )
     about = (
         f" About the line the tests scatter by {t.scatter:.4f} more than they are uncertain: {word} is not all."
         if t.enough < COMMON
@@ -126,7 +154,9 @@ def trend_words(joined: JoinedCampaign) -> pd.DataFrame:
                 "β over": word + (f" (beside {beside})" if beside else ""),
                 "slope": f"{typeset(slope.plain())} per {unit}",
                 "95 % interval": slope.interval,
-                "chance if zero": f"{r['p_value']:.2g}" if r["p_value"] > LEAST else f"below {LEAST:g}",
+                "chance if zero": f"{r['p_value']:.2g}"
+                if r["p_value"] > LEAST
+                else f"below {LEAST:g}",
                 "scatter [1]": f"{r['scatter']:.4f}",
             }
         )
@@ -142,8 +172,14 @@ def exponent_words(joined: JoinedCampaign) -> str:
         enough = "one power is enough" if law.p_value > SURE else "one power may not be enough"
         change = law.by_speed.plain()
         said += f" While the speed doubles n changes by {change} (chance {law.p_value:.2g} if it did not): {enough}."
-    known = [f"{u:.3f} if {KNOWN.get(k, f'the {k}')}" for k, u in list(law.u_if_known.items())[:LIMITS]]
-    return f"{said} What limits it most: its u would be {', '.join(known)} were known exactly." if known else said
+    known = [
+        f"{u:.3f} if {KNOWN.get(k, f'the {k}')}" for k, u in list(law.u_if_known.items())[:LIMITS]
+    ]
+    return (
+        f"{said} What limits it most: its u would be {', '.join(known)} were known exactly."
+        if known
+        else said
+    )
 
 
 def _models(joined: JoinedCampaign) -> str:

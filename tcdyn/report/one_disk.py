@@ -27,7 +27,9 @@ def one_disk_sections(p: OneDisk) -> list[Section]:
 def answer(p: OneDisk) -> Answer:
     """beta with its interval, or that none is given."""
     if p.status == "withheld":
-        return Answer("no β", f"what the joint fit of the {p.disk} disk finds is impossible", p.status)
+        return Answer(
+            "no β", f"what the joint fit of the {p.disk} disk finds is impossible", p.status
+        )
     beta = p.answers["joint"]
     return Answer(f"β = {beta}", f"95 %: {beta.interval}; by the {p.disk} disk alone", p.status)
 
@@ -57,7 +59,9 @@ def _budget(p: OneDisk) -> Section:
         "where the uncertainty comes from",
         f"Most of β's uncertainty by the joint fit comes from {', '.join(list(p.budget)[:3])}. Each row is one source "
         "alone; the last row is all together, the root of the sum of squares.",
-        table=pd.DataFrame(rows, columns=["source", "u(β) [1], joint fit", "u(β) [1], cooling fit"]),
+        table=pd.DataFrame(
+            rows, columns=["source", "u(β) [1], joint fit", "u(β) [1], cooling fit"]
+        ),
         figure=pictured(partial(draw.draw_budget, p), height_in=3.8),
         caption="The first column of the table; a longer bar is a source better worth measuring.",
     )
@@ -81,7 +85,9 @@ def _round(p: OneDisk) -> Section:
     )
 
 
-def write_one_disk_report(path: str | Path, tests: Mapping[str, OneDisk], sources: pd.DataFrame | None = None) -> Path:
+def write_one_disk_report(
+    path: str | Path, tests: Mapping[str, OneDisk], sources: pd.DataFrame | None = None
+) -> Path:
     """One page for one test of one disk or several; ``sources``: the files they come from."""
     parts = {name: (one_disk_sections(p), answer(p)) for name, p in tests.items()}
     return write_tests(path, tests, parts, sources)

@@ -31,8 +31,15 @@ from tcdyn.version import __version__
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-SIGNS = (("+-", "±"), (" degC", " °C"), ("[degC", "[°C"), ("W/m2K", "W/m²K"), ("W/mK", "W/m K"), ("kg/m3", "kg/m³"),
-         ("mm2/s", "mm²/s"))  # fmt: skip
+SIGNS = (
+    ("+-", "±"),
+    (" degC", " °C"),
+    ("[degC", "[°C"),
+    ("W/m2K", "W/m²K"),
+    ("W/mK", "W/m K"),
+    ("kg/m3", "kg/m³"),
+    ("mm2/s", "mm²/s"),
+)
 CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 UNIT = re.compile(r"\[[^\]]*\]")
 UNBROKEN = re.compile(r" (?=[±%=] )|(?<=[±=]) | (?=%|°C|u_s)")  # spaces at which no line ends
@@ -103,22 +110,33 @@ def figure_data_uri(figure: Figure, dpi: int = 130) -> str:
     from PIL import Image, ImageOps
 
     for words in figure.findobj(Text):
-        if "\\math" not in words.get_text():  # no number of a logarithmic axis: a dollar is a dollar
+        if (
+            "\\math" not in words.get_text()
+        ):  # no number of a logarithmic axis: a dollar is a dollar
             words.set(text=CONTROL.sub(" ", words.get_text()), parse_math=False)
     was, canvas, buffer = (figure.canvas, figure.dpi), FigureCanvasAgg(figure), io.BytesIO()
     figure.set_dpi(dpi)
     canvas.draw()
     picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
     left, top, right, bottom = ImageOps.invert(picture).getbbox() or (0, 0, *picture.size)
-    placed = [words for part in (figure, *figure.axes) for words in part.get_children() if isinstance(words, Text)]
-    boxes = [words.get_window_extent() for words in placed if words.get_text()]  # headings, whose width no layout heeds
+    placed = [
+        words
+        for part in (figure, *figure.axes)
+        for words in part.get_children()
+        if isinstance(words, Text)
+    ]
+    boxes = [
+        words.get_window_extent() for words in placed if words.get_text()
+    ]  # headings, whose width no layout heeds
     left_in, right_in = min([left, *(b.x0 for b in boxes)]), max([right, *(b.x1 for b in boxes)])
     inside = min(left_in, top, picture.width - right_in, picture.height - bottom) > 0
     figure.set_canvas(was[0])
     figure.set_dpi(was[1])
     if inside and figure.get_facecolor() == (1.0, 1.0, 1.0, 1.0):
         cut = picture.crop((left, top, right, bottom))
-        ImageOps.expand(cut, round(MARGIN_IN * dpi), "white").save(buffer, "png", compress_level=COMPRESSION)
+        ImageOps.expand(cut, round(MARGIN_IN * dpi), "white").save(
+            buffer, "png", compress_level=COMPRESSION
+        )
     else:  # something may reach beyond the figure
         more: Any = {"metadata": {"Software": None}, "pil_kwargs": {"compress_level": COMPRESSION}}
         figure.savefig(buffer, format="png", dpi=dpi, bbox_inches="tight", **more)
@@ -165,7 +183,11 @@ def render_page(
     every = [*sections] if lead is None else [lead, *sections]
     every = [section.drawn() for section in every]
     lead, sections = (None, every) if lead is None else (every[0], every[1:])
-    source = resources.files("tcdyn.report").joinpath("templates/page.html.j2").read_text(encoding="utf-8")
+    source = (
+        resources.files("tcdyn.report")
+        .joinpath("templates/page.html.j2")
+        .read_text(encoding="utf-8")
+    )
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
     environment.filters["typeset"] = lambda text: UNBROKEN.sub("\u00a0", typeset(text))
     page = environment.from_string(source).render(
@@ -180,7 +202,8 @@ def render_page(
         sources="" if sources is None else table_html(sources),
         simulated=simulated,
         footer=footer or f"tcdyn {__version__}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
-        plus_minus=any("±" in typeset(f"{s.text}{s.table_html}{s.caption}") for s in sections) or "+-" in verdict,
+        plus_minus=any("±" in typeset(f"{s.text}{s.table_html}{s.caption}") for s in sections)
+        or "+-" in verdict,
     )
     return CONTROL.sub(" ", page)
 
@@ -207,18 +230,25 @@ def pm(values: Iterable[float], uncertainties: Iterable[float]) -> list[str]:
     >>> pm([0.68149, float("nan")], [0.0093, 0.1])
     ['0.6815 ± 0.0093', '']
     """
-    return ["" if v != v else typeset(with_u(float(v), float(u))) for v, u in zip(values, uncertainties)]
+    return [
+        "" if v != v else typeset(with_u(float(v), float(u))) for v, u in zip(values, uncertainties)
+    ]
 
 
 def table_html(table: pd.DataFrame) -> str:
     """The table as HTML: numbers right and unbroken, words left, long sentences in a column wide enough to read."""
     columns = [[cell(v) for v in table.iloc[:, k]] for k in range(table.shape[1])]
     kinds = [_kind(cells) for cells in columns]
-    head = "".join(f'<th class="{k}">{_heading(str(name))}</th>' for name, k in zip(table.columns, kinds))
+    head = "".join(
+        f'<th class="{k}">{_heading(str(name))}</th>' for name, k in zip(table.columns, kinds)
+    )
     names = [html.escape(typeset(str(name))) for name in table.columns]
     rows = (
         "<tr>"
-        + "".join(f'<td class="{k}" data-name="{n}">{html.escape(c)}</td>' for c, k, n in zip(row, kinds, names))
+        + "".join(
+            f'<td class="{k}" data-name="{n}">{html.escape(c)}</td>'
+            for c, k, n in zip(row, kinds, names)
+        )
         + "</tr>"
         for row in zip(*columns)
     )

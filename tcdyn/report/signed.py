@@ -20,7 +20,10 @@ from tcdyn.report.page import Section
 from tcdyn.version import __version__
 
 NOT_STATED = "not stated"
-OVEN, NO_OVEN = "oven against a PRT, straight lines", "readings at rest taken as logged, their uncertainty stated"
+OVEN, NO_OVEN = (
+    "oven against a PRT, straight lines",
+    "readings at rest taken as logged, their uncertainty stated",
+)
 LEAST_YEARS = 0.05  # between two calibrations, for a rate of drift
 NOT_MEASURED = (
     "Not measured: depth and place of the junctions (as drawn), the conditioning filter (its data sheet), immersion "
@@ -45,7 +48,9 @@ def calibrated_on(record: DiskRecord) -> date:
 
 def budget_of(record: DiskRecord, channel: str, temperature_degC: float) -> RestBudget:
     """The budget of one channel at rest, as the record keeps what it needs."""
-    return rest_budget(record.static[channel], record.setup.traceability, calibrated_on(record), temperature_degC)
+    return rest_budget(
+        record.static[channel], record.setup.traceability, calibrated_on(record), temperature_degC
+    )
 
 
 def identification(record: DiskRecord) -> pd.DataFrame:
@@ -57,10 +62,20 @@ def identification(record: DiskRecord) -> pd.DataFrame:
         ("Laboratory", ", ".join(x for x in (t.laboratory, t.address) if x)),
         ("Place of calibration", t.place),
         ("Customer", t.customer),
-        ("Item", f"{len(record.static)} thermocouples of the {record.disk} disk, channels {', '.join(record.static)}"),
+        (
+            "Item",
+            f"{len(record.static)} thermocouples of the {record.disk} disk, channels {', '.join(record.static)}",
+        ),
         ("Received; calibrated", f"{t.received or NOT_STATED}; {calibrated_on(record)}"),
-        ("Procedure", t.procedure or f"{OVEN if in_oven(record) else NO_OVEN}; plunges, grey-box fit of the chain"),
-        ("Reference", by if in_oven(record) else "none: no oven, the readings at rest are not traceable"),
+        (
+            "Procedure",
+            t.procedure
+            or f"{OVEN if in_oven(record) else NO_OVEN}; plunges, grey-box fit of the chain",
+        ),
+        (
+            "Reference",
+            by if in_oven(record) else "none: no oven, the readings at rest are not traceable",
+        ),
         ("Logger", _instrument(t.logger, t.logger_certificate, t.logger_date)),
         ("Software", f"tcdyn {__version__}; checksums of all logs below"),
     ]
@@ -95,8 +110,12 @@ def results(record: DiskRecord) -> pd.DataFrame:
     table = pd.DataFrame(rows)
     if record.chain is not None:
         lags = {c: x.lag_s for c, x in record.chain.channels.items()}
-        table["lag [s]"] = [rounded(lags[c].value, lags[c].u)[0] if c in lags else "" for c in table["channel"]]
-        table["95 % interval [s]"] = [lags[c].interval if c in lags else "" for c in table["channel"]]
+        table["lag [s]"] = [
+            rounded(lags[c].value, lags[c].u)[0] if c in lags else "" for c in table["channel"]
+        ]
+        table["95 % interval [s]"] = [
+            lags[c].interval if c in lags else "" for c in table["channel"]
+        ]
     return table
 
 
@@ -104,19 +123,27 @@ def budget_table(found: RestBudget) -> pd.DataFrame:
     """The budget as the GUM writes it."""
     rows = [
         {
-            "source": s.name, "estimate": f"{s.estimate:.4g}", "u": f"{s.u:.2g}", "distribution": s.distribution,
-            "sensitivity": f"{s.sensitivity:.3g}", "contribution [K]": f"{s.contribution:.2g}",
+            "source": s.name,
+            "estimate": f"{s.estimate:.4g}",
+            "u": f"{s.u:.2g}",
+            "distribution": s.distribution,
+            "sensitivity": f"{s.sensitivity:.3g}",
+            "contribution [K]": f"{s.contribution:.2g}",
             "degrees of freedom": _freedom(s.freedom),
         }
         for s in found.sources
-    ]  # fmt: skip
+    ]
     rows.append(
         {
-            "source": f"combined; U = {found.expanded:.2g} K with k = {found.coverage:.2f}", "estimate": "", "u": "",
-            "distribution": "", "sensitivity": "", "contribution [K]": f"{found.u:.2g}",
+            "source": f"combined; U = {found.expanded:.2g} K with k = {found.coverage:.2f}",
+            "estimate": "",
+            "u": "",
+            "distribution": "",
+            "sensitivity": "",
+            "contribution [K]": f"{found.u:.2g}",
             "degrees of freedom": _freedom(found.freedom),
         }
-    )  # fmt: skip
+    )
     return pd.DataFrame(rows)
 
 
@@ -154,7 +181,10 @@ def next_calibration(record: DiskRecord, earlier: Sequence[DiskRecord] = ()) -> 
     rate = (abs(worst["change"]) + worst["u"]) / years
     due = today + timedelta(days=int(min(stated.limit_K / rate * YEAR_DAYS, 3653)))
     if due >= latest:
-        return latest, f"{plain}; the largest drift since {calibrated_on(last)}, {told}, allows longer"
+        return (
+            latest,
+            f"{plain}; the largest drift since {calibrated_on(last)}, {told}, allows longer",
+        )
     return due, (
         f"no later than {due}: {worst['quantity']} drifted by {told} since {calibrated_on(last)}, and may move "
         f"by {stated.limit_K:g} K till then"
@@ -171,14 +201,21 @@ def signed_sections(record: DiskRecord, earlier: Sequence[DiskRecord] = ()) -> l
     by = pd.DataFrame(
         {
             "": ["Calibrated by", "Authorised by"],
-            "name": [record.created_by or NOT_STATED, record.setup.traceability.authorised_by or NOT_STATED],
-            "date": ["\u2003" * 8, "\u2003" * 8], "signature": ["\u2003" * 14, "\u2003" * 14],
+            "name": [
+                record.created_by or NOT_STATED,
+                record.setup.traceability.authorised_by or NOT_STATED,
+            ],
+            "date": ["\u2003" * 8, "\u2003" * 8],
+            "signature": ["\u2003" * 14, "\u2003" * 14],
         }
-    )  # fmt: skip
+    )
     return [
         Section("Identification and traceability", table=identification(record)),
         Section("Results", ABOUT, table=results(record)),
-        Section(f"Budget: channel {channel} at {at:.0f} degC, the least certain", table=budget_table(found)),
+        Section(
+            f"Budget: channel {channel} at {at:.0f} degC, the least certain",
+            table=budget_table(found),
+        ),
         Section("Validity", f"Next calibration {why}.{changed}\n\n{NOT_MEASURED}"),
         Section("Signatures", table=by),
         Section("Made from", table=files if len(files) else None),

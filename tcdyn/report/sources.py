@@ -22,7 +22,9 @@ def sources_of(
 ) -> pd.DataFrame:
     """Logs, records and rig of one test or several; ``files`` of the records in their order, ``rig`` where given."""
     rows = [log_row(run.log) for run in runs] + record_rows(runs[0].records, files)
-    return table([*rows, ("rig", rig.name if rig else "as the records keep it", "", runs[0].rig_sha256)])
+    return table(
+        [*rows, ("rig", rig.name if rig else "as the records keep it", "", runs[0].rig_sha256)]
+    )
 
 
 def log_row(log: Log) -> tuple[str, str, str, str]:
@@ -38,13 +40,17 @@ def log_row(log: Log) -> tuple[str, str, str, str]:
     )
 
 
-def record_rows(records: Mapping[str, DiskRecord], files: Sequence[Path] = ()) -> list[tuple[str, str, str, str]]:
+def record_rows(
+    records: Mapping[str, DiskRecord], files: Sequence[Path] = ()
+) -> list[tuple[str, str, str, str]]:
     """The records: their ``files``, in their order, the logs that they were made from, when, and their checksums."""
     rows = []
     for (disk, record), file in zip_longest(records.items(), files[: len(records)]):
         logs = ", ".join(f.file for f in record.inputs)
         name = f"{file.name}, of {logs}" if file else logs
-        rows.append((f"record, {disk} disk", name, f"made {record.created[:10]}", record.to_dict()[SEAL]))
+        rows.append(
+            (f"record, {disk} disk", name, f"made {record.created[:10]}", record.to_dict()[SEAL])
+        )
     return rows
 
 

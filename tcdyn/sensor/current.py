@@ -28,12 +28,26 @@ from tcdyn.threads import one_blas_thread
 MODES = 14
 # what is known of sheathed sensors: Biot number of the film, heat stored in the wall over the core's, radius that is
 # heated over the core's; medians and standard deviations of the logarithm
-KNOWN = {"log_biot": (np.log(2.0), 1.5), "log_wall": (np.log(0.5), 0.8), "log_heated": (np.log(0.15), 0.7)}
-STARTS = [(biot, wall, heated) for biot in (0.6, 2.5, 9.0) for wall, heated in ((0.3, 0.1), (1.0, 0.25))]
-CONVERSION_REL = 0.05  # of the lag, 1 sd: of a sensor that is no such cylinder (plants report 10 % at 95 %)
-WIDE = 20.0  # percent, 95 %: beyond, the answer to the current does not tell the plunge, which is said
+KNOWN = {
+    "log_biot": (np.log(2.0), 1.5),
+    "log_wall": (np.log(0.5), 0.8),
+    "log_heated": (np.log(0.15), 0.7),
+}
+STARTS = [
+    (biot, wall, heated) for biot in (0.6, 2.5, 9.0) for wall, heated in ((0.3, 0.1), (1.0, 0.25))
+]
+CONVERSION_REL = (
+    0.05  # of the lag, 1 sd: of a sensor that is no such cylinder (plants report 10 % at 95 %)
+)
+WIDE = (
+    20.0  # percent, 95 %: beyond, the answer to the current does not tell the plunge, which is said
+)
 ROWS = 4000  # that are fitted: means of neighbours, where there are more
-DRAWS, TIMES_OF, DEGREES = 400, 60, 5.0  # of the posterior; of them for t50 to t90; of the t they are proposed by
+DRAWS, TIMES_OF, DEGREES = (
+    400,
+    60,
+    5.0,
+)  # of the posterior; of them for t50 to t90; of the t they are proposed by
 LINEAR = ("level", "drift", "direct", "size")
 EDGES = np.r_[0.0, jn_zeros(0, MODES)]
 
@@ -68,7 +82,10 @@ def current_sensor(
     power = np.nan_to_num(current) ** 2
     top = float(power.max())
     if top <= 0 or np.ptp(power) < 0.3 * top:
-        raise InputError("the current does not switch", expected="one that is switched on or off within the record")
+        raise InputError(
+            "the current does not switch",
+            expected="one that is switched on or off within the record",
+        )
     power = power / top
     y = np.where(power > 0.5, np.nan, y_degC) if off_only else y_degC
     if (count := int(np.isfinite(y).sum())) < 40:
@@ -76,9 +93,14 @@ def current_sensor(
     told = _Heated.of(float(time_s[1] - time_s[0]), y, power)
     span, noise = float(np.nanmax(told.y) - np.nanmin(told.y)), told.noise_K
     if span < 10 * noise:
-        raise InputError(f"the answer of {span:.2g} K is within ten times the noise", remedy="heat more, or average")
+        raise InputError(
+            f"the answer of {span:.2g} K is within ten times the noise",
+            remedy="heat more, or average",
+        )
     best, theta, weights = _posterior(told)
-    model = np.exp(CONVERSION_REL * np.random.default_rng(1).standard_normal(len(theta)))  # moves all times alike
+    model = np.exp(
+        CONVERSION_REL * np.random.default_rng(1).standard_normal(len(theta))
+    )  # moves all times alike
     lag = _of(np.exp(theta[:, 0]) * model, weights)
     some = np.random.default_rng(2).choice(len(theta), TIMES_OF, p=weights)
     times = np.array([passes(_chain(theta[k])) * model[k] for k in some])
@@ -92,19 +114,37 @@ def current_sensor(
     found += best.doubts(column, noise, 0.01 * span)
     percent = 50 * (lag.high95 - lag.low95) / lag.value
     if percent > WIDE:
-        found.append(look("sensor.conversion_wide", subject=column, low_s=lag.low95, high_s=lag.high95))
+        found.append(
+            look("sensor.conversion_wide", subject=column, low_s=lag.low95, high_s=lag.high95)
+        )
     else:
         found.append(note("sensor.conversion", subject=column, percent=percent))
-    shape = {k.removeprefix("log_"): _of(np.exp(v), weights).model_dump() for k, v in zip(KNOWN, theta.T[1:])}
+    shape = {
+        k.removeprefix("log_"): _of(np.exp(v), weights).model_dump()
+        for k, v in zip(KNOWN, theta.T[1:])
+    }
     fit = {
-        "modes_s": cylinder(weights @ theta)[0][:3].tolist(), "noise_K": best.noise_K, "lag_s": lag.model_dump(),
-        "heating_K": span, "switches": len(switches), "model_u_s": CONVERSION_REL * lag.value, **shape,
-    }  # fmt: skip
+        "modes_s": cylinder(weights @ theta)[0][:3].tolist(),
+        "noise_K": best.noise_K,
+        "lag_s": lag.model_dump(),
+        "heating_K": span,
+        "switches": len(switches),
+        "model_u_s": CONVERSION_REL * lag.value,
+        **shape,
+    }
     return sensor_file(
-        sensor, {column: chain}, "current", np.array([[lag.u**2]]), [lag.value - chain.taus_s[0]],
-        times={column: dict(zip(SHARES, (_of(t, np.full(TIMES_OF, 1 / TIMES_OF)) for t in times.T)))}, fit=fit,
-        findings=found, **more,
-    )  # fmt: skip
+        sensor,
+        {column: chain},
+        "current",
+        np.array([[lag.u**2]]),
+        [lag.value - chain.taus_s[0]],
+        times={
+            column: dict(zip(SHARES, (_of(t, np.full(TIMES_OF, 1 / TIMES_OF)) for t in times.T)))
+        },
+        fit=fit,
+        findings=found,
+        **more,
+    )
 
 
 def cylinder(theta: Array) -> tuple[Array, Array]:
@@ -137,7 +177,9 @@ def cylinder(theta: Array) -> tuple[Array, Array]:
 def _chain(theta: Array) -> Chain:
     """The plunge: the two largest lags, and what all others add as one."""
     first, second = cylinder(theta)[0][:2]
-    return Chain(sorted([first, second, max(float(np.exp(theta[0])) - first - second, 0.0)], reverse=True))
+    return Chain(
+        sorted([first, second, max(float(np.exp(theta[0])) - first - second, 0.0)], reverse=True)
+    )
 
 
 @dataclass(frozen=True)
@@ -166,7 +208,10 @@ class _Heated:
         total = np.zeros_like(self.power)
         for tau, share in zip(*cylinder(shape)):
             keep, first = float(np.exp(-self.dt_s / tau)), self.power[0]
-            total += share * scipy.signal.lfilter([0.0, 1 - keep], [1.0, -keep], self.power, zi=[first])[0]
+            total += (
+                share
+                * scipy.signal.lfilter([0.0, 1 - keep], [1.0, -keep], self.power, zi=[first])[0]
+            )
         return total
 
     def table(self, shape: Array) -> Array:
@@ -187,7 +232,11 @@ def _posterior(told: _Heated) -> tuple[Fitted, Array, Array]:
     span = len(told.y) * told.dt_s
 
     def model(theta: Array) -> Array | None:
-        return None if np.any(np.abs(theta[4:]) > 25) else np.asarray(told.table(theta[4:]) @ theta[:4])
+        return (
+            None
+            if np.any(np.abs(theta[4:]) > 25)
+            else np.asarray(told.table(theta[4:]) @ theta[:4])
+        )
 
     def begun(biot: float, wall: float, heated: float) -> Array:
         tried = []
@@ -200,7 +249,10 @@ def _posterior(told: _Heated) -> tuple[Fitted, Array, Array]:
 
     starts, noise = [begun(*start) for start in STARTS], (Noise(), told.noise_K)
     for turn in range(2):  # noise is what the best of them leaves
-        fits = [fit_curve("LCSR", model, told.y, names, s, scale, prior=KNOWN, noise=noise) for s in starts]
+        fits = [
+            fit_curve("LCSR", model, told.y, names, s, scale, prior=KNOWN, noise=noise)
+            for s in starts
+        ]
         best = min(fits, key=lambda f: f.optimum.cost)
         if turn == 0:
             noise, starts = colour_of(best.residual, len(names)), [f.optimum.theta for f in fits]
@@ -218,18 +270,25 @@ def _posterior(told: _Heated) -> tuple[Fitted, Array, Array]:
     kept = [f for f in fits if f.optimum.cost < best.optimum.cost + 20]
     centres = np.array([f.optimum.theta[4:] for f in kept])
     spreads = np.array([f.optimum.covariance[4:, 4:] for f in kept])
-    height = np.array([-0.5 * f.optimum.cost + 0.5 * np.linalg.slogdet(c)[1] for f, c in zip(kept, spreads)])
+    height = np.array(
+        [-0.5 * f.optimum.cost + 0.5 * np.linalg.slogdet(c)[1] for f, c in zip(kept, spreads)]
+    )
     by, used = _Mixture(centres, spreads, softmax(height)), list[_Mixture]()
     draws, log_p = np.empty((0, 4)), np.empty(0)
     for turn in range(3):
         used.append(by)
         more = by.drawn(np.random.default_rng(turn))
-        draws, log_p = np.concatenate([draws, more]), np.r_[log_p, [log_posterior(shape) for shape in more]]
+        draws, log_p = (
+            np.concatenate([draws, more]),
+            np.r_[log_p, [log_posterior(shape) for shape in more]],
+        )
         weights = softmax(log_p - logsumexp([one.log_density(draws) for one in used], axis=0))
         if 1 / np.sum(weights**2) > DRAWS / 4:
             break
         spread = np.cov(draws.T, ddof=0, aweights=weights) + 1e-6 * np.eye(4)
-        by = _Mixture((weights @ draws)[None], spread[None], np.ones(1))  # too few count: anew by what they say
+        by = _Mixture(
+            (weights @ draws)[None], spread[None], np.ones(1)
+        )  # too few count: anew by what they say
     return best, draws, weights
 
 
@@ -246,11 +305,17 @@ class _Mixture:
         which = rng.choice(len(self.centres), DRAWS, p=self.chances)
         tails = np.sqrt(DEGREES / rng.chisquare(DEGREES, (DRAWS, 1)))
         roots = np.linalg.cholesky(self.spreads)[which]
-        return self.centres[which] + np.einsum("kij,kj->ki", roots, rng.standard_normal((DRAWS, 4))) * tails
+        return (
+            self.centres[which]
+            + np.einsum("kij,kj->ki", roots, rng.standard_normal((DRAWS, 4))) * tails
+        )
 
     def log_density(self, x: Array) -> Array:
         """At ``x`` (K, 4), (K,)."""
-        each = [scipy.stats.multivariate_t.logpdf(x, *one, DEGREES) for one in zip(self.centres, self.spreads)]
+        each = [
+            scipy.stats.multivariate_t.logpdf(x, *one, DEGREES)
+            for one in zip(self.centres, self.spreads)
+        ]
         return logsumexp(each, axis=0, b=self.chances[:, None])
 
 
@@ -258,7 +323,9 @@ def _of(values: Array, weights: Array) -> Estimate:
     """Mean, standard deviation and 95 % range of weighted draws (K,)."""
     mean = float(weights @ values)
     order = np.argsort(values)
-    low, high = np.interp([0.025, 0.975], np.cumsum(weights[order]) - 0.5 * weights[order], values[order])
+    low, high = np.interp(
+        [0.025, 0.975], np.cumsum(weights[order]) - 0.5 * weights[order], values[order]
+    )
     sd = float(np.sqrt(weights @ (values - mean) ** 2))
     if not 0 < sd < np.inf:  # all weight on one draw
         raise undetermined()

@@ -38,8 +38,17 @@ if TYPE_CHECKING:
 
 SCHEMA: Final[Literal["tcdyn.sensor/1"]] = "tcdyn.sensor/1"
 OF_IDENTIFY = "tcdyn.identified/"
-SHARES = {"t50_s": 0.5, "t632_s": 1 - float(np.exp(-1)), "t90_s": 0.9}  # of the step, as VDI/VDE 3522 reports them
-MEASURED = ("plunge", "pair", "current", "noise")  # methods whose lag always has an uncertainty above zero
+SHARES = {
+    "t50_s": 0.5,
+    "t632_s": 1 - float(np.exp(-1)),
+    "t90_s": 0.9,
+}  # of the step, as VDI/VDE 3522 reports them
+MEASURED = (
+    "plunge",
+    "pair",
+    "current",
+    "noise",
+)  # methods whose lag always has an uncertainty above zero
 Method = Literal["stated", "plunge", "pair", "current", "noise", "identify"]
 
 
@@ -85,7 +94,9 @@ class SensorFile(Result, RecordPart):
     @model_validator(mode="before")
     @classmethod
     def _without_words(cls, data: Any) -> Any:
-        return {k: v for k, v in data.items() if k != "warnings"} if isinstance(data, dict) else data
+        return (
+            {k: v for k, v in data.items() if k != "warnings"} if isinstance(data, dict) else data
+        )
 
     @model_validator(mode="after")
     def _sound(self) -> SensorFile:
@@ -126,19 +137,34 @@ class SensorFile(Result, RecordPart):
         """Method, lag, times of the step response, and what was noticed."""
         lines = [f"{self.sensor}: {self.method}, {self.chain.structure}"]
         for name, chain in zip(self.columns, self.chains):
-            lines.append(f"  {name}: lag {self.chain.channels[name].lag_s.text('s')} ({chain.summary()})")
+            lines.append(
+                f"  {name}: lag {self.chain.channels[name].lag_s.text('s')} ({chain.summary()})"
+            )
             if times := self.times.get(name):
-                said = (f"{k.removesuffix('_s').replace('632', '63.2')} {e.text('s')}" for k, e in times.items())
+                said = (
+                    f"{k.removesuffix('_s').replace('632', '63.2')} {e.text('s')}"
+                    for k, e in times.items()
+                )
                 lines.append("    " + ", ".join(said))
         for k, v in self.fit.items():
             estimate = isinstance(v, dict) and set(v) == set(Estimate.model_fields)
-            lines += [f"  {k}: {Estimate(**v)}"] if estimate else [f"  {k}: {v:.4g}"] if isinstance(v, float) else []
+            lines += (
+                [f"  {k}: {Estimate(**v)}"]
+                if estimate
+                else [f"  {k}: {v:.4g}"]
+                if isinstance(v, float)
+                else []
+            )
         return "\n".join([*lines, *graded(self.findings)])
 
     def card(self) -> pd.DataFrame:
         """Lag and times of each column."""
         rows = [
-            {"column": n, "lag [s]": str(c.lag_s), **{k: str(e) for k, e in self.times.get(n, {}).items()}}
+            {
+                "column": n,
+                "lag [s]": str(c.lag_s),
+                **{k: str(e) for k, e in self.times.get(n, {}).items()},
+            }
             for n, c in self.chain.channels.items()
         ]
         return pd.DataFrame(rows)
@@ -172,18 +198,30 @@ def sensor_file(
         _check_longest(name, chain)
     u = np.sqrt(np.maximum(np.diag(lag_covariance), 0.0))
     rows = {
-        name: ChannelChain(**chain.parameters, lag_s=Estimate.normal(chain.lag_s, own), split_u_s=float(split))
+        name: ChannelChain(
+            **chain.parameters, lag_s=Estimate.normal(chain.lag_s, own), split_u_s=float(split)
+        )
         for (name, chain), own, split in zip(chains.items(), u, split_u_s)
     }
-    found = times or {n: step_times(c, float(own), float(s)) for (n, c), own, s in zip(chains.items(), u, split_u_s)}
+    found = times or {
+        n: step_times(c, float(own), float(s))
+        for (n, c), own, s in zip(chains.items(), u, split_u_s)
+    }
     first = next(iter(chains.values()))
     kept = SensorChains(
-        structure=structure or f"P{len(first.taus_s)}", channels=rows, covariance=np.asarray(lag_covariance).tolist()
+        structure=structure or f"P{len(first.taus_s)}",
+        channels=rows,
+        covariance=np.asarray(lag_covariance).tolist(),
     )
     return SensorFile(
-        sensor=sensor, method=method, columns=list(chains), chain=kept, conditioning=first.conditioning,
-        times={n: dict(t) for n, t in found.items()}, **more,
-    )  # fmt: skip
+        sensor=sensor,
+        method=method,
+        columns=list(chains),
+        chain=kept,
+        conditioning=first.conditioning,
+        times={n: dict(t) for n, t in found.items()},
+        **more,
+    )
 
 
 def undetermined(column: str = "") -> InputError:
@@ -229,13 +267,19 @@ def passes(chain: Chain) -> Array:
     t = chain.lag_s * np.linspace(0, 12, 4801)
     step = chain.response(np.ones_like(t), float(t[1]), "zoh", "zero")
     at = [int(np.argmax(step >= share)) for share in SHARES.values()]
-    return np.array([np.interp(q, step[k - 1 : k + 1], t[k - 1 : k + 1]) for k, q in zip(at, SHARES.values())])
+    return np.array(
+        [np.interp(q, step[k - 1 : k + 1], t[k - 1 : k + 1]) for k, q in zip(at, SHARES.values())]
+    )
 
 
 def stated(
-    sensor: str, columns: Sequence[str], taus_s: Sequence[tuple[float, float]],
-    conditioning: Conditioning = NO_CONDITIONING, delay_s: tuple[float, float] = (0.0, 0.0), **more: Any,
-) -> SensorFile:  # fmt: skip
+    sensor: str,
+    columns: Sequence[str],
+    taus_s: Sequence[tuple[float, float]],
+    conditioning: Conditioning = NO_CONDITIONING,
+    delay_s: tuple[float, float] = (0.0, 0.0),
+    **more: Any,
+) -> SensorFile:
     """A sensor whose lags (value, standard uncertainty) [s] somebody states: one chain for all ``columns``.
 
     >>> stated("probe", ["T1"], [(1.5, 0.1), (0.2, 0.0)]).chain.channels["T1"].lag_s.u
@@ -253,11 +297,20 @@ def stated(
             expected = f"0, or a microsecond to {LONGEST_LAG_S:g} s, its uncertainty not negative and less than that"
             raise InputError(f"a lag of {value:g} +- {u:g} s", expected=expected)
     chain = Chain([t for t, _ in taus], delay_s=delay_s[0], conditioning=conditioning)
-    u2, lesser = sum(u * u for _, u in (*taus, delay_s)), sum(u * u for _, u in (*taus[1:], delay_s))
+    u2, lesser = (
+        sum(u * u for _, u in (*taus, delay_s)),
+        sum(u * u for _, u in (*taus[1:], delay_s)),
+    )
     found = [] if u2 > 0 else [look("sensor.exact", lag_s=chain.lag_s)]
     m = len(columns)
     return sensor_file(
-        sensor, dict.fromkeys(columns, chain), "stated", np.full((m, m), u2), [lesser**0.5] * m, findings=found, **more
+        sensor,
+        dict.fromkeys(columns, chain),
+        "stated",
+        np.full((m, m), u2),
+        [lesser**0.5] * m,
+        findings=found,
+        **more,
     )
 
 
@@ -266,20 +319,27 @@ def read_sensor(path: str | Path) -> SensorFile:
 
     Raises InputError that names the key for another file.
     """
-    where, expected = str(path), "a sensor as `tcdyn sensor` writes it, or a model of `tcdyn identify`"
+    where, expected = (
+        str(path),
+        "a sensor as `tcdyn sensor` writes it, or a model of `tcdyn identify`",
+    )
     data = read_json(path, "a sensor file", "tcdyn sensor")
     schema = str(data.get("schema", "")) if isinstance(data, dict) else ""
     if schema.startswith(OF_IDENTIFY):
         from tcdyn.identify import Identified
 
         try:
-            return from_identified(Identified.from_json(Path(path).read_text(encoding="utf-8-sig")), Path(path).name)
+            return from_identified(
+                Identified.from_json(Path(path).read_text(encoding="utf-8-sig")), Path(path).name
+            )
         except InputError as problem:
             raise problem.at(where) from None
         except (KeyError, TypeError, ValueError) as problem:
             raise InputError(f"is damaged ({problem!r})", where=where, expected=expected) from None
     if schema != SCHEMA:
-        raise InputError(f"schema: {schema[:60]!r} is not known to this version", where=where, expected=expected)
+        raise InputError(
+            f"schema: {schema[:60]!r} is not known to this version", where=where, expected=expected
+        )
     remedy = "do not edit it by hand; write it again with `tcdyn sensor`"
     sensor = validated(SensorFile, data, where, expected, remedy)
     sensor.findings.extend(altered(data, where))
@@ -301,16 +361,23 @@ def from_identified(model: Identified, sensor: str = "") -> SensorFile:
     named = [n for n in ("Tp2", "Tp3", "Tz", "Td", "Tc") if n in model.model.free]
     at = [list(model.model.free).index(n) for n in named]
     signs = np.array([-1.0 if n == "Tz" else 0.5 if n == "Tc" else 1.0 for n in named])
-    split = float(np.sqrt(max(signs @ model.covariance[np.ix_(at, at)] @ signs, 0.0))) if named else 0.0
+    split = (
+        float(np.sqrt(max(signs @ model.covariance[np.ix_(at, at)] @ signs, 0.0))) if named else 0.0
+    )
     gain = model.estimates.get("Kp")
     found = list(model.findings)
     if gain is not None and abs(gain.value - 1) > max(3 * gain.u, 1e-3):
         found.append(look("sensor.gain", subject=model.output_name, gain=gain.value, u=gain.u))
     column = model.output_name
     return sensor_file(
-        sensor or model.model.name, {column: chain}, "identify", np.array([[model.lag_s.u**2]]), [split],
-        structure=model.model.name, findings=found,
-    )  # fmt: skip
+        sensor or model.model.name,
+        {column: chain},
+        "identify",
+        np.array([[model.lag_s.u**2]]),
+        [split],
+        structure=model.model.name,
+        findings=found,
+    )
 
 
 def _known_filter(model: Identified) -> Conditioning:

@@ -9,7 +9,10 @@ from calibration.errors import InputError
 from calibration.estimate import Estimate
 
 U_REL = 0.15  # of the correlation, 1 sd: it fits measurements to some 20 to 30 %
-RHO_C = (3.6e6, 0.15)  # volumetric heat capacity of sheath and powder [J/m3K], its relative standard uncertainty
+RHO_C = (
+    3.6e6,
+    0.15,
+)  # volumetric heat capacity of sheath and powder [J/m3K], its relative standard uncertainty
 
 
 @dataclass(frozen=True)
@@ -32,7 +35,11 @@ class Stream:
         re, pr = self.speed_m_s * diameter_m / self.nu_m2_s, self.prandtl
         nu = (
             0.3
-            + 0.62 * re**0.5 * pr ** (1 / 3) / (1 + (0.4 / pr) ** (2 / 3)) ** 0.25 * (1 + (re / 282e3) ** 0.625) ** 0.8
+            + 0.62
+            * re**0.5
+            * pr ** (1 / 3)
+            / (1 + (0.4 / pr) ** (2 / 3)) ** 0.25
+            * (1 + (re / 282e3) ** 0.625) ** 0.8
         )
         return nu * self.k_W_mK / diameter_m
 
@@ -52,7 +59,9 @@ class Film:
     def __post_init__(self) -> None:
         if self.medium not in STREAMS:
             raise InputError(f"medium {self.medium!r}", expected=" or ".join(STREAMS))
-        if not 1e-5 < self.diameter_m < 0.2 or not (self.speed_m_s is None or 0 < self.speed_m_s < 200):
+        if not 1e-5 < self.diameter_m < 0.2 or not (
+            self.speed_m_s is None or 0 < self.speed_m_s < 200
+        ):
             raise InputError(
                 f"diameter {1e3 * self.diameter_m:g} mm, speed {self.speed_m_s} m/s",
                 expected="0.01 to 200 mm, 0 to 200 m/s",
@@ -71,9 +80,11 @@ class Film:
         """
         h = self.stream.h_W_m2K(self.diameter_m)
         out: dict[str, object] = {
-            "medium": self.medium, "speed_m_s": self.stream.speed_m_s, "diameter_mm": 1e3 * self.diameter_m,
+            "medium": self.medium,
+            "speed_m_s": self.stream.speed_m_s,
+            "diameter_mm": 1e3 * self.diameter_m,
             "h_W_m2K": Estimate.normal(h, U_REL * h).model_dump(),
-        }  # fmt: skip
+        }
         for name, other in STREAMS.items():
             if other == self.stream:
                 continue

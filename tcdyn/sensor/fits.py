@@ -96,7 +96,9 @@ def fit_curve(
     theta = start
     last = 0 if noise else 2
     for turn in range(last + 1):
-        problem = Problem(tuple(names), evaluate, prior_mean=mean, prior_sd=sd, lower=low, largest=3 * scale)
+        problem = Problem(
+            tuple(names), evaluate, prior_mean=mean, prior_sd=sd, lower=low, largest=3 * scale
+        )
         found = minimise(problem, theta, limit=80)
         if found.status is Status.NOWHERE:
             raise InputError(f"{name} cannot be fitted: the model cannot be computed")
@@ -115,7 +117,9 @@ def colour_of(residual: Array, parameters: int) -> tuple[Noise, float]:
     spread = float(residual @ residual), float(np.sum(colour.whiten(residual, whole) ** 2))
     if n * np.log(max(spread[0], 1e-300) / max(spread[1], 1e-300)) < len(colour.ar) * np.log(n):
         colour = Noise()
-    return colour, max(float(np.sqrt(spread[0 if colour.white else 1] / max(n - parameters, 1))), 1e-9)
+    return colour, max(
+        float(np.sqrt(spread[0 if colour.white else 1] / max(n - parameters, 1))), 1e-9
+    )
 
 
 def weights_of(bic: Array, prior: Array | float = 1.0) -> Array:
@@ -131,5 +135,7 @@ def averaged(values: Sequence[float], us: Sequence[float], weights: Array) -> Es
         raise undetermined()
     mean = float(weights @ v)
     sd = float(np.sqrt(weights @ (u**2 + (v - mean) ** 2)))
-    low, high = mixture_range([Estimate.normal(a, max(b, 1e-12)) for a, b in zip(v, u)], weights.tolist())
+    low, high = mixture_range(
+        [Estimate.normal(a, max(b, 1e-12)) for a, b in zip(v, u)], weights.tolist()
+    )
     return Estimate(value=mean, u=sd, low95=low, high95=high)

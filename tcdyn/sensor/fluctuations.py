@@ -23,13 +23,18 @@ from tcdyn.threads import one_blas_thread
 MODEL_REL = 0.03  # of the lag, 1 sd, beside the statistics: fluctuations that are white only as far as can be seen
 NO_LAG = 1e-6  # of the first lag: a second one below it is none
 SEGMENT_LAGS, LEAST_SEGMENTS, LEAST_LAGS = 60.0, 6, 300.0
-OVERLAP, TAPER = 36 / 38, 35 / 18  # of halves under Hann's window: their independence; bins that tell one thing
+OVERLAP, TAPER = (
+    36 / 38,
+    35 / 18,
+)  # of halves under Hann's window: their independence; bins that tell one thing
 BANDS = 12
 ALARM, UNSTEADY = 0.001, 3.0
 
 
 @one_blas_thread
-def noise_sensor(time_s: Array, y_degC: Array, column: str, *, sensor: str = "sensor", **more: Any) -> SensorFile:
+def noise_sensor(
+    time_s: Array, y_degC: Array, column: str, *, sensor: str = "sensor", **more: Any
+) -> SensorFile:
     """The chain from the trace's own fluctuations at constant conditions.
 
     The spectrum of a sampled sum of exponentials, A [tau1 s(tau1) - tau2 s(tau2)]/(tau1 - tau2) + B,
@@ -51,7 +56,8 @@ def noise_sensor(time_s: Array, y_degC: Array, column: str, *, sensor: str = "se
     dt, ok = float(time_s[1] - time_s[0]), np.isfinite(y_degC)
     if ok.mean() < 0.99 or len(ok) < 512:
         raise InputError(
-            f"{len(ok)} rows, {100 * (1 - ok.mean()):.2g} % of them missing", expected="at least 512, and 1 % at most"
+            f"{len(ok)} rows, {100 * (1 - ok.mean()):.2g} % of them missing",
+            expected="at least 512, and 1 % at most",
         )
     y = scipy.signal.detrend(np.interp(np.arange(len(ok)), np.flatnonzero(ok), y_degC[ok]))
     length = len(y) // LEAST_SEGMENTS
@@ -79,15 +85,24 @@ def noise_sensor(time_s: Array, y_degC: Array, column: str, *, sensor: str = "se
     _enough(y, dt, lag, best)
     found = _conditions(y, seen, best, column, len(taus))
     fit = {
-        "lag_s": lag.model_dump(), "lags_in_record": len(y) * dt / lag.value,
+        "lag_s": lag.model_dump(),
+        "lags_in_record": len(y) * dt / lag.value,
         "fluctuation_K": float(np.exp(0.5 * best[0])),
-        "logger_K": float(np.exp(0.5 * best[1])), "probability_P2": float(weights[1]),
-    }  # fmt: skip
+        "logger_K": float(np.exp(0.5 * best[1])),
+        "probability_P2": float(weights[1]),
+    }
     u_file = float(np.hypot(lag.u, lag.value - sum(taus)))
     return sensor_file(
-        sensor, {column: Chain(taus)}, "noise", np.array([[u_file**2]]), [min(0.5 * lag.u, lag.value)],
-        times={column: dict(zip(SHARES, times))}, fit=fit, findings=found, **more,
-    )  # fmt: skip
+        sensor,
+        {column: Chain(taus)},
+        "noise",
+        np.array([[u_file**2]]),
+        [min(0.5 * lag.u, lag.value)],
+        times={column: dict(zip(SHARES, times))},
+        fit=fit,
+        findings=found,
+        **more,
+    )
 
 
 @dataclass(frozen=True)
@@ -105,11 +120,17 @@ def segments(y: Array, length: int, dt_s: float) -> Periodogram:
     window = np.hanning(length)
     window = window / np.sqrt(np.sum(window**2))
     starts = range(0, len(y) - length + 1, max(length // 2, 1))
-    parts = [np.abs(np.fft.rfft(window * (y[s : s + length] - y[s : s + length].mean()))) ** 2 for s in starts]
+    parts = [
+        np.abs(np.fft.rfft(window * (y[s : s + length] - y[s : s + length].mean()))) ** 2
+        for s in starts
+    ]
     power = np.mean(parts, axis=0)
     keep = slice(2, (length - 1) // 2)  # the lowest bins hold what the mean took away
     return Periodogram(
-        power[keep], 2 * np.pi * np.arange(len(power))[keep] / length, dt_s, len(parts) * OVERLAP / TAPER
+        power[keep],
+        2 * np.pi * np.arange(len(power))[keep] / length,
+        dt_s,
+        len(parts) * OVERLAP / TAPER,
     )
 
 
@@ -150,7 +171,9 @@ def _least(seen: Periodogram, count: int) -> Array:
 def _covariance(theta: Array, seen: Periodogram) -> Array:
     """Inverse of Whittle's expected information: counts x sum of d log S d log S'."""
     pairs = [(theta + e, theta - e) for e in 1e-4 * np.eye(len(theta))]
-    slopes = np.array([np.log(spectrum(up, seen) / spectrum(down, seen)) / 2e-4 for up, down in pairs])
+    slopes = np.array(
+        [np.log(spectrum(up, seen) / spectrum(down, seen)) / 2e-4 for up, down in pairs]
+    )
     return np.linalg.pinv(seen.counts * slopes @ slopes.T)
 
 
@@ -169,20 +192,35 @@ def _enough(y: Array, dt: float, lag: Estimate, theta: Array) -> None:
     lags = len(y) * dt / lag.value
     if lags < LEAST_LAGS:
         raise InputError(
-            f"the record is {lags:.3g} lags long", expected=f"at least {LEAST_LAGS:g}", remedy="log for longer"
+            f"the record is {lags:.3g} lags long",
+            expected=f"at least {LEAST_LAGS:g}",
+            remedy="log for longer",
         )
     if lag.value < 2 * dt:
-        raise InputError(f"a lag of {lag.value:.3g} s in rows every {dt:.3g} s", remedy="log faster")
+        raise InputError(
+            f"a lag of {lag.value:.3g} s in rows every {dt:.3g} s", remedy="log faster"
+        )
     if np.exp(theta[0]) * lag.value / dt < np.exp(theta[1]):
-        raise InputError("the fluid's fluctuations are within the logger's noise", remedy="log a livelier process")
+        raise InputError(
+            "the fluid's fluctuations are within the logger's noise",
+            remedy="log a livelier process",
+        )
 
 
 def _conditions(y: Array, seen: Periodogram, theta: Array, column: str, lags: int) -> list[Finding]:
     """What the trace tells of the conditions: stationarity, and whether the spectrum is the model's."""
-    found: list[Finding] = [(look if lags == 2 else note)("sensor.noise_driving", subject=column, lags=lags)]
+    found: list[Finding] = [
+        (look if lags == 2 else note)("sensor.noise_driving", subject=column, lags=lags)
+    ]
     quarters = [float(np.var(part)) for part in np.array_split(y, 4)]
     if max(quarters) > UNSTEADY * min(quarters):
-        found.append(look("sensor.noise_unsteady", subject=column, ratio=(max(quarters) / min(quarters)) ** 0.5))
+        found.append(
+            look(
+                "sensor.noise_unsteady",
+                subject=column,
+                ratio=(max(quarters) / min(quarters)) ** 0.5,
+            )
+        )
     ratio = seen.power / spectrum(theta, seen)
     edges = np.unique(np.geomspace(1, len(ratio), BANDS + 1).astype(int) - 1)
     total, bands = 0.0, 0

@@ -47,7 +47,10 @@ def find_intervals(new: tuple[Flags, Flags], segment: NDArray[np.intp]) -> Inter
     both = np.flatnonzero(new[0] & new[1])
     start = both[:-1]
     stop = both[1:]
-    complete = [np.add.accumulate(flags)[stop] - np.add.accumulate(flags)[start] == stop - start for flags in new]
+    complete = [
+        np.add.accumulate(flags)[stop] - np.add.accumulate(flags)[start] == stop - start
+        for flags in new
+    ]
     keep = (complete[0] | complete[1]) & (segment[start] == segment[stop])
     missing = np.where(complete[0], 1, 0)
     return Intervals(start[keep], stop[keep], missing[keep])
@@ -93,7 +96,10 @@ def interval_residuals(
             break
         row = np.where(active, intervals.stop - 1 - back, intervals.start)
         if back > 0:
-            ratio = -before[intervals.missing, np.minimum(row + 1, before.shape[1] - 1)] / after[intervals.missing, row]
+            ratio = (
+                -before[intervals.missing, np.minimum(row + 1, before.shape[1] - 1)]
+                / after[intervals.missing, row]
+            )
             weight = weight * ratio
         weight = np.where(active, weight, 0.0)
         for k, sign in enumerate((1.0, -1.0)):

@@ -34,7 +34,9 @@ BLOCKS, LEAST_ROWS = 40, 60
 STEP = 2e-3  # of the logarithm of a lag, for differences
 TOLD = 0.3  # relative standard uncertainty beyond which a lag is not told
 MIN_USABLE_SHARE = 0.5  # steps with values of both at either end: above it, the others are left out and not bridged
-COMPLETE_SHARE = 0.98  # rows with a new value: a channel with fewer has its missing values eliminated
+COMPLETE_SHARE = (
+    0.98  # rows with a new value: a channel with fewer has its missing values eliminated
+)
 ROWS_PER_LAG = 3.0  # rows in the shorter lag: with fewer the straight lines between rows bias it
 
 
@@ -104,7 +106,10 @@ def pair_sensor(
     log_speed = np.zeros(len(time_s))
     if speed is not None:
         if not np.all(np.nan_to_num(speed, nan=1.0) > 0):
-            raise InputError("the speed is not above zero everywhere", expected="the speed of the flow, in any unit")
+            raise InputError(
+                "the speed is not above zero everywhere",
+                expected="the speed of the flow, in any unit",
+            )
         filled = np.interp(time_s, time_s[np.isfinite(speed)], speed[np.isfinite(speed)])
         log_speed = np.log(filled / np.median(filled))
     for name, y in zip(columns, (first, second)):
@@ -117,7 +122,8 @@ def pair_sensor(
     noise = list(data.noise_K) if data.intervals is None else [min(data.noise_K)] * 2
     if np.nanstd(data.first - data.second) < 1.05 * np.hypot(noise[0], noise[1]):
         raise InputError(
-            f"{columns[0]} and {columns[1]} read the same within noise", expected="two sensors of different size"
+            f"{columns[0]} and {columns[1]} read the same within noise",
+            expected="two sensors of different size",
         )
     start = np.append(_start(data), [] if speed is None else exponent[0])
     for _ in range(2):
@@ -164,7 +170,9 @@ def _with_new_values(data: PairData, columns: tuple[str, str]) -> tuple[PairData
     for k in slower:
         interval_s = data.dt_s / updates[k].share
         percent = 100 * updates[k].share
-        found.append(note("sensor.pair_slower", subject=columns[k], percent=percent, interval_s=interval_s))
+        found.append(
+            note("sensor.pair_slower", subject=columns[k], percent=percent, interval_s=interval_s)
+        )
     dense = updates[int(np.argmax([u.share for u in updates]))]
     period = max(dense.period, 1)
     rows = slice(dense.first if period > 1 else 0, None, period)
@@ -188,7 +196,10 @@ def _with_new_values(data: PairData, columns: tuple[str, str]) -> tuple[PairData
 
 def _too_few(data: PairData, columns: tuple[str, str], updates: Sequence[Updates]) -> InputError:
     """The error of a record whose channels have new values in different rows, or seldom."""
-    of_each = [f"{name} has a new value in {100 * u.share:.3g} % of the rows" for name, u in zip(columns, updates)]
+    of_each = [
+        f"{name} has a new value in {100 * u.share:.3g} % of the rows"
+        for name, u in zip(columns, updates)
+    ]
     return InputError(
         f"{' and '.join(of_each)} (repeated or blank in the others); {usable_rows(data) - 1} rows can be used",
         expected=f"at least {LEAST_ROWS} rows with a new value of both in each stretch of constant flow",
@@ -211,7 +222,9 @@ def _with_fitted_noise(data: PairData, theta: Array) -> PairData:
 
     Differences of values far apart hold the signal, too, and overstate the noise.
     """
-    sparse = int(np.count_nonzero(np.isfinite(data.second)) < np.count_nonzero(np.isfinite(data.first)))
+    sparse = int(
+        np.count_nonzero(np.isfinite(data.second)) < np.count_nonzero(np.isfinite(data.first))
+    )
 
     def with_noise(noise_K: float) -> PairData:
         both = list(data.noise_K)
@@ -239,9 +252,14 @@ def averaged_rows(data: PairData, size: int) -> PairData:
 
     noise = data.noise_K[0] / np.sqrt(size), data.noise_K[1] / np.sqrt(size)
     return replace(
-        data, first=mean(data.first), second=mean(data.second), dt_s=data.dt_s * size, noise_K=noise,
-        piece=data.piece[:n:size], log_speed=mean(data.log_speed),
-    )  # fmt: skip
+        data,
+        first=mean(data.first),
+        second=mean(data.second),
+        dt_s=data.dt_s * size,
+        noise_K=noise,
+        piece=data.piece[:n:size],
+        log_speed=mean(data.log_speed),
+    )
 
 
 def whitened(data: PairData, theta: Array) -> Array:
@@ -268,7 +286,9 @@ def whitened(data: PairData, theta: Array) -> Array:
     next_ = s1 * b1[:-1] * a1[1:] + s2 * b2[:-1] * a2[1:]
     band = np.zeros((2, len(rest)))
     band[0], band[1, :-1] = own, np.where(use[1:] & use[:-1], next_, 0.0)
-    factor = cholesky_banded(band, lower=True)  # V = L L': forward substitution with L makes the residuals white
+    factor = cholesky_banded(
+        band, lower=True
+    )  # V = L L': forward substitution with L makes the residuals white
     return solve_banded((1, 0), factor, np.where(use, rest, 0.0))
 
 
@@ -297,10 +317,15 @@ def _least(data: PairData, start: Array) -> Array:
     lo, hi = np.log(data.dt_s / 10), np.log(len(data.first) * data.dt_s)
 
     def cost(theta: Array) -> float:
-        return _cost(data, np.r_[np.clip(theta[: 2 * data.pieces], lo, hi), theta[2 * data.pieces :]])
+        return _cost(
+            data, np.r_[np.clip(theta[: 2 * data.pieces], lo, hi), theta[2 * data.pieces :]]
+        )
 
     found = minimize(
-        cost, start, method="Nelder-Mead", options={"xatol": 1e-4, "fatol": 1e-3, "maxiter": 400 * len(start)}
+        cost,
+        start,
+        method="Nelder-Mead",
+        options={"xatol": 1e-4, "fatol": 1e-3, "maxiter": 400 * len(start)},
     )
     return found.x
 
@@ -315,9 +340,13 @@ def _covariance(data: PairData, theta: Array) -> tuple[Array, float]:
     p, w = len(theta), whitened(data, theta)
     steps, scores, hessian = STEP * np.eye(p), [], np.zeros((p, p))
     for i, ei in enumerate(steps):
-        scores.append(0.25 * (whitened(data, theta + ei) ** 2 - whitened(data, theta - ei) ** 2) / STEP)
+        scores.append(
+            0.25 * (whitened(data, theta + ei) ** 2 - whitened(data, theta - ei) ** 2) / STEP
+        )
         for j, ej in enumerate(steps[: i + 1]):
-            corners = sum(a * b * _cost(data, theta + a * ei + b * ej) for a, b in product((1, -1), repeat=2))
+            corners = sum(
+                a * b * _cost(data, theta + a * ei + b * ej) for a, b in product((1, -1), repeat=2)
+            )
             hessian[i, j] = hessian[j, i] = corners / (8 * STEP**2)
     sums = np.add.reduceat(np.array(scores), np.arange(0, len(w), max(len(w) // BLOCKS, 1)), axis=1)
     centred = sums - sums.mean(axis=1, keepdims=True)
@@ -333,9 +362,16 @@ def _covariance(data: PairData, theta: Array) -> tuple[Array, float]:
 
 
 def _file(
-    data: PairData, theta: Array, covariance: Array, chi2: float, columns: tuple[str, str], sensor: str,
-    speed: Array | None, changes_s: Sequence[float], more: dict[str, Any],
-) -> SensorFile:  # fmt: skip
+    data: PairData,
+    theta: Array,
+    covariance: Array,
+    chi2: float,
+    columns: tuple[str, str],
+    sensor: str,
+    speed: Array | None,
+    changes_s: Sequence[float],
+    more: dict[str, Any],
+) -> SensorFile:
     """The file of both columns: lags of the last stretch, or at the median speed; all stretches in ``fit``."""
     m = 2 * data.pieces
     taus, now = np.exp(theta[:m]), slice(m - 2, m)
@@ -346,19 +382,37 @@ def _file(
         (t1, t2), part = taus[2 * k : 2 * k + 2], lags[2 * k : 2 * k + 2, 2 * k : 2 * k + 2]
         if max(np.sqrt(np.diag(part)) / (t1, t2)) > TOLD:
             u = _difference_u(part)
-            found.append(look("sensor.pair_difference", subject=", ".join(columns), difference_s=t1 - t2, u_s=u))
+            found.append(
+                look(
+                    "sensor.pair_difference",
+                    subject=", ".join(columns),
+                    difference_s=t1 - t2,
+                    u_s=u,
+                )
+            )
     if data.dt_s > min(taus) / 3:
-        found.append(look("sensor.slow", subject=columns[np.argmin(taus[:2])], dt_s=data.dt_s, lag_s=min(taus)))
+        found.append(
+            look(
+                "sensor.slow", subject=columns[np.argmin(taus[:2])], dt_s=data.dt_s, lag_s=min(taus)
+            )
+        )
     if chi2 > 1.5:
         found.append(look("sensor.pair_misfit", subject=", ".join(columns), ratio=chi2))
     fit: dict[str, Any] = {
-        "chi2": chi2, "noise_K": list(data.noise_K),
+        "chi2": chi2,
+        "noise_K": list(data.noise_K),
         "ratio": Estimate.normal(ratio, ratio * _difference_u(covariance[now, now])).model_dump(),
-    }  # fmt: skip
+    }
     if speed is not None:
         fit["exponent"] = Estimate.normal(theta[m], np.sqrt(covariance[m, m])).model_dump()
         fit["speed_median"] = float(np.nanmedian(speed))
-        found.append(look("sensor.pair_flow", subject=", ".join(columns), what=f"speed {np.nanmedian(speed):.4g}"))
+        found.append(
+            look(
+                "sensor.pair_flow",
+                subject=", ".join(columns),
+                what=f"speed {np.nanmedian(speed):.4g}",
+            )
+        )
     if changes_s:
         each = [Estimate.normal(t, u).model_dump() for t, u in zip(taus, np.sqrt(np.diag(lags)))]
         fit["changes_s"] = list(map(float, changes_s))
@@ -366,7 +420,9 @@ def _file(
         what = f"the stretch after {max(changes_s):.6g} s"
         found.append(look("sensor.pair_flow", subject=", ".join(columns), what=what))
     chains = {c: Chain(tau) for c, tau in zip(columns, taus[now])}
-    return sensor_file(sensor, chains, "pair", lags[now, now], [0.0, 0.0], fit=fit, findings=found, **more)
+    return sensor_file(
+        sensor, chains, "pair", lags[now, now], [0.0, 0.0], fit=fit, findings=found, **more
+    )
 
 
 def _difference_u(covariance: Array) -> float:

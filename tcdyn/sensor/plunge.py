@@ -22,11 +22,27 @@ from tcdyn.threads import one_blas_thread
 
 MEDIUM_S = (0.02, 0.02)  # 10 mm go through a surface at 0.5 m/s in this time
 LEAST_STEP_NOISES = 20.0
-BEFORE, AFTER = 0.5, 12.0  # of the time to 63 %: how much of the record is fitted on either side of the entry
-LEAST = (0.01, 0.02, 0.04, 0.07, 0.11, 0.16, 0.23, 0.32)  # the least lag, as shares of the time to 63 %
+BEFORE, AFTER = (
+    0.5,
+    12.0,
+)  # of the time to 63 %: how much of the record is fitted on either side of the entry
+LEAST = (
+    0.01,
+    0.02,
+    0.04,
+    0.07,
+    0.11,
+    0.16,
+    0.23,
+    0.32,
+)  # the least lag, as shares of the time to 63 %
 CONFLICT_U = 3.0  # standard uncertainties between specified and observed entry: by chance in 0.3 % of records
-SHORTEST_ROW_S = 1e-7  # a lag may be 1e-6 s (`tcdyn sensor new`); a shorter interval is time in another unit
-MIN_SHIFT_U = 0.05  # of the specified u: below it the fit's own convergence decides how far the entry moves
+SHORTEST_ROW_S = (
+    1e-7  # a lag may be 1e-6 s (`tcdyn sensor new`); a shorter interval is time in another unit
+)
+MIN_SHIFT_U = (
+    0.05  # of the specified u: below it the fit's own convergence decides how far the entry moves
+)
 RESOLVED = 0.4  # a second lag is told from none where its standard uncertainty is less of it
 
 
@@ -77,13 +93,17 @@ def plunge_sensor(
     dt, last = float(time_s[1] - time_s[0]), float(time_s[-1] - time_s[0])
     if not dt >= SHORTEST_ROW_S:
         what = f"rows every {dt:.3g} s"
-        raise InputError(what, expected=f"at least {SHORTEST_ROW_S:g} s", remedy="give the time in seconds")
+        raise InputError(
+            what, expected=f"at least {SHORTEST_ROW_S:g} s", remedy="give the time in seconds"
+        )
     if not (0 <= medium_s[0] <= last and 0 <= medium_s[1] <= last):
         what = f"the medium's lag is {medium_s[0]:g} +- {medium_s[1]:g} s"
         raise InputError(what, expected=f"0 to {last:g} s, the record's length")
     if entry_s is not None and not float(time_s[0]) <= entry_s[0] <= float(time_s[-1]):
         what = f"the entry is at {entry_s[0]:g} s"
-        raise InputError(what, expected=f"{float(time_s[0]):g} to {float(time_s[-1]):g} s, as the record goes")
+        raise InputError(
+            what, expected=f"{float(time_s[0]):g} to {float(time_s[-1]):g} s, as the record goes"
+        )
     step = find_step(y_degC, dt, None if entry_s is None else entry_s[0] - time_s[0])
     t, y = np.arange(step.last - step.first) * dt, y_degC[step.first : step.last]
     begun, at = float(time_s[step.first]), step.entry_s - step.first * dt
@@ -100,7 +120,9 @@ def plunge_sensor(
 
     each = [f.of(partial(told, extra=d)) for f, d in zip(fits, least)]
     values, us = [v for v, _ in each], [np.sqrt(np.maximum(np.diag(c), 0.0)) for _, c in each]
-    lesser, lag, *times = (averaged(v, u, weights) for v, u in zip(np.transpose(values), np.transpose(us)))
+    lesser, lag, *times = (
+        averaged(v, u, weights) for v, u in zip(np.transpose(values), np.transpose(us))
+    )
     chain = Chain(_lags(best.optimum.theta, least[top]), conditioning=conditioning)
     found = best.doubts(column, _white_K(y), 0.005 * abs(step.size_K))
     if entry_s is not None:
@@ -112,18 +134,30 @@ def plunge_sensor(
     if (after := len(y) * dt - at) < 4 * lag.value:
         found.append(look("sensor.cut_off", subject=column, after_s=after, lag_s=lag.value))
     fit = {
-        "entry_s": best.theta["entry_s"] + begun, "entry_u_s": float(np.sqrt(best.optimum.covariance[1, 1])),
-        "step_K": best.theta["size"], "noise_K": best.noise_K, "lag_s": lag.model_dump(),
+        "entry_s": best.theta["entry_s"] + begun,
+        "entry_u_s": float(np.sqrt(best.optimum.covariance[1, 1])),
+        "step_K": best.theta["size"],
+        "noise_K": best.noise_K,
+        "lag_s": lag.model_dump(),
         **(film.to_fit(lag) if film else {}),
-    }  # fmt: skip
+    }
     lag_u = float(np.hypot(lag.u, lag.value + conditioning.lag_s - chain.lag_s))
     return sensor_file(
-        sensor, {column: chain}, "plunge", np.array([[lag_u**2]]), [min(lesser.u, lag.value)],
-        times={column: dict(zip(SHARES, times))}, fit=fit, findings=found, **more,
-    )  # fmt: skip
+        sensor,
+        {column: chain},
+        "plunge",
+        np.array([[lag_u**2]]),
+        [min(lesser.u, lag.value)],
+        times={column: dict(zip(SHARES, times))},
+        fit=fit,
+        findings=found,
+        **more,
+    )
 
 
-def _entry_conflict(column: str, specified_s: tuple[float, float], fitted_s: float, fitted_u_s: float) -> list[Finding]:
+def _entry_conflict(
+    column: str, specified_s: tuple[float, float], fitted_s: float, fitted_u_s: float
+) -> list[Finding]:
     """A warning if the data contradict a specified entry instant.
 
     Parameters
@@ -244,11 +278,19 @@ def _family(record: _Record) -> tuple[list[Fitted], list[float], Array]:
     return fits, least, weights
 
 
-def _on_grid(record: _Record, noise: tuple[Noise, float]) -> tuple[list[Fitted], list[float], Array]:
+def _on_grid(
+    record: _Record, noise: tuple[Noise, float]
+) -> tuple[list[Fitted], list[float], Array]:
     """The same on noise of one colour and level [K]."""
     fits, least, prior = list[Fitted](), list[float](), list[float]()
     step, own = record.step, record.own_s
-    head = [step.before_degC, record.entry_s, step.size_K, 0.0, max(record.medium_s[0], min(1e-4, 0.1 * record.dt_s))]
+    head = [
+        step.before_degC,
+        record.entry_s,
+        step.size_K,
+        0.0,
+        max(record.medium_s[0], min(1e-4, 0.1 * record.dt_s)),
+    ]
     for shares in ([1.0], [0.85, 0.15], [0.75, 0.17, 0.08]):
         start = _fitted(record, 0.0, np.array([*head, *(own * np.array(shares))]), noise).optimum
         near = start.theta
@@ -287,15 +329,30 @@ def _fitted(record: _Record, extra: float, start: Array, noise: tuple[Noise, flo
         taus = _lags(theta, extra)
         if not 0 <= theta[1] < t[-1] or max(taus, default=0.0) > 50 * span:
             return None
-        chain = Chain([*taus, max(theta[4], 0.0)], delay_s=float(theta[1]), conditioning=record.conditioning)
-        return theta[0] + theta[2] * chain.response(ones, dt, "zoh", "zero") + theta[3] * (t - span / 2)
+        chain = Chain(
+            [*taus, max(theta[4], 0.0)], delay_s=float(theta[1]), conditioning=record.conditioning
+        )
+        return (
+            theta[0]
+            + theta[2] * chain.response(ones, dt, "zoh", "zero")
+            + theta[3] * (t - span / 2)
+        )
 
     prior = {"medium_s": (medium[0], max(medium[1], _exact_s(dt)))} | (
         {} if record.known is None else {"entry_s": record.known}
     )
-    names = ["level", "entry_s", "size", "drift", "medium_s", *(f"tau{k + 1}_s" for k in range(count))]
+    names = [
+        "level",
+        "entry_s",
+        "size",
+        "drift",
+        "medium_s",
+        *(f"tau{k + 1}_s" for k in range(count)),
+    ]
     lower = {"medium_s": 0.0, "entry_s": 0.0, **dict.fromkeys(names[5:], 0.0)}
-    return fit_curve(f"P{count}", model, record.y, names, start, scale, prior=prior, lower=lower, noise=noise)
+    return fit_curve(
+        f"P{count}", model, record.y, names, start, scale, prior=prior, lower=lower, noise=noise
+    )
 
 
 def _lags(theta: Array, extra: float) -> list[float]:

@@ -14,17 +14,28 @@ from calibration import Array
 from calibration.errors import InputError
 from calibration.files import Table, open_table, shown
 from calibration.files.table import PIECE_ROWS, missing
-from calibration.files.times import HEADER_NAMES, TimeColumn, find_time_column, rows_of_repeated_stamps
+from calibration.files.times import (
+    HEADER_NAMES,
+    TimeColumn,
+    find_time_column,
+    rows_of_repeated_stamps,
+)
 from calibration.finding import Finding, look, note
 from calibration.log import COMPENSATED
 from calibration.plausible import dropout_codes, impossible
 from tcdyn.sensor.units import Unit, doubtful
 
-MARGIN_LAGS, MARGIN_ROWS, LEAST_ROWS = 10.0, 400, 20_000  # on either side of a stretch, for its answer only; of it
+MARGIN_LAGS, MARGIN_ROWS, LEAST_ROWS = (
+    10.0,
+    400,
+    20_000,
+)  # on either side of a stretch, for its answer only; of it
 MOST_BESIDE = 1 << 16  # rows on either side that are held, however slowly the smoother forgets
 LONGEST_GAP_LAGS = 10.0  # beyond it, nothing before a gap says anything of what comes after
 LONGEST_GAP_ROWS = 60  # in a record that is fitted as one, whatever its length
-MOSTLY_REPEATED = 0.3  # share of repeated stamps above which they are the clock's resolution and no double rows
+MOSTLY_REPEATED = (
+    0.3  # share of repeated stamps above which they are the clock's resolution and no double rows
+)
 UNSURE_RATE = 0.01  # relative standard uncertainty of a rate, from which a warning says so: lags are wrong by as much
 UNEVEN = 0.2  # of an interval, rms: stamps that stray more are told
 
@@ -73,24 +84,35 @@ class Source:
 class Pieces(Protocol):
     """What gives its columns piece by piece: an opened table, or a log."""
 
-    def pieces(self, columns: Sequence[str]) -> Iterator[tuple[Array, dict[str, Array], tuple[Finding, ...]]]:
+    def pieces(
+        self, columns: Sequence[str]
+    ) -> Iterator[tuple[Array, dict[str, Array], tuple[Finding, ...]]]:
         """Time (N,) [s] and columns (N,) of each piece, and what was noticed."""
 
 
 def open_source(
-    path: str | Path, time: str | None = None, known: Sequence[str] = (), time_unit: str | None = None
+    path: str | Path,
+    time: str | None = None,
+    known: Sequence[str] = (),
+    time_unit: str | None = None,
 ) -> Source:
     """The table at ``path``. Raises InputError without a time column, and for a table that is compensated already."""
     table = open_table(path, (*HEADER_NAMES, *known))
     if table.metadata.get("tcdyn") == COMPENSATED:
         raise InputError(
-            "is compensated already", where=table.where, expected="a table as the logger wrote it",
+            "is compensated already",
+            where=table.where,
+            expected="a table as the logger wrote it",
             remedy="give the raw table; a chain must not be removed twice",
-        )  # fmt: skip
+        )
     twice = [n for n in table.names if table.names.count(n) > 1]
     if twice:
-        raise InputError(f"column {twice[0]!r} stands twice", where=table.where, remedy="rename one of them")
-    clock = find_time_column(table.names, table.where, requested=time, unit=time_unit, unit_row=table.units)
+        raise InputError(
+            f"column {twice[0]!r} stands twice", where=table.where, remedy="rename one of them"
+        )
+    clock = find_time_column(
+        table.names, table.where, requested=time, unit=time_unit, unit_row=table.units
+    )
     return Source(Path(path), table, clock)
 
 
@@ -124,12 +146,21 @@ def read_columns(
         values = raw[name]
         if unit is not None:
             found += doubtful(name, unit, values)
-            values = unit.in_degC(values, raw[unit.cold] if isinstance(unit.cold, str) else unit.cold)
+            values = unit.in_degC(
+                values, raw[unit.cold] if isinstance(unit.cold, str) else unit.cold
+            )
             wrong = impossible(values)
             wrong |= dropout_codes(np.where(wrong, np.nan, values))
             if wrong.any():
                 first = int(np.argmax(wrong))
-                found.append(look("sensor.codes", subject=name, count=int(wrong.sum()), value=float(values[first])))
+                found.append(
+                    look(
+                        "sensor.codes",
+                        subject=name,
+                        count=int(wrong.sum()),
+                        value=float(values[first]),
+                    )
+                )
                 values = np.where(wrong, np.nan, values)
         out[name] = on_grid(values, grid, size)
     return t[0] + grid.dt_s * np.arange(size), out, [*found, *told]
@@ -160,14 +191,18 @@ def places(time_s: Array, where: str, dt_s: float | None = None) -> tuple[EvenTi
         raise InputError(f"only {n} rows", where=where, expected="at least 10 samples in time")
     if not np.isfinite(time_s).all():
         row = int(np.argmin(np.isfinite(time_s)))
-        raise InputError(f"no time in row {row + 1} below the header", where=where, expected="a time in each row")
+        raise InputError(
+            f"no time in row {row + 1} below the header", where=where, expected="a time in each row"
+        )
     step = np.diff(time_s)
     if (step < 0).any():
         row = int(np.argmax(step < 0))
         raise InputError(
             f"time runs backward at row {row + 2} below the header ({time_s[row]:.9g} s, then {time_s[row + 1]:.9g} s)",
-            where=where, expected="time that rises", remedy="sort the rows, or cut the table",
-        )  # fmt: skip
+            where=where,
+            expected="time that rises",
+            remedy="sort the rows, or cut the table",
+        )
     span = float(time_s[-1] - time_s[0])
     if span <= 0:
         raise InputError("all rows have one time", where=where, expected="time that rises")
@@ -218,7 +253,9 @@ class Part:
     beside: float
 
 
-def parts(source: Pieces, columns: Sequence[str], lag_s: float, least: int | None = None) -> Generator[Part, int, None]:
+def parts(
+    source: Pieces, columns: Sequence[str], lag_s: float, least: int | None = None
+) -> Generator[Part, int, None]:
     """Stretches of ``least`` rows that overlap by a margin for lags up to ``lag_s`` [s]; a long silence parts two.
 
     Where they are parted hangs on the rows alone, not on how the file is read. Sent a number, the last stretch comes
@@ -232,12 +269,17 @@ def parts(source: Pieces, columns: Sequence[str], lag_s: float, least: int | Non
     done, usual, side = 0, 0.0, 0  # rows before ``done`` are answered
     while done < len(time) or not over:
         size = max(2 * side, least or LEAST_ROWS)
-        if not over and len(time) <= done + size + 2 * side:  # room for a silence within the margin, too
+        if (
+            not over and len(time) <= done + size + 2 * side
+        ):  # room for a silence within the margin, too
             new = next(pieces, None)
             over = new is None
             if new is not None and len(new[0]):
                 time = np.concatenate([time, new[0]])
-                data = {n: np.concatenate([data[n], new[1][n]]) if n in data else new[1][n] for n in columns}
+                data = {
+                    n: np.concatenate([data[n], new[1][n]]) if n in data else new[1][n]
+                    for n in columns
+                }
             found += list(new[2]) if new is not None else []
             continue
         if not side:
@@ -254,9 +296,12 @@ def parts(source: Pieces, columns: Sequence[str], lag_s: float, least: int | Non
         start, stop = max(done - side, 0), cut if whole else keep_to + side
         beside = np.inf if side >= MOST_BESIDE or (start == 0 and whole) else side
         wanted = yield Part(
-            time[start:stop], {n: v[start:stop] for n, v in data.items()}, slice(done - start, keep_to - start),
-            tuple(found), beside,
-        )  # fmt: skip
+            time[start:stop],
+            {n: v[start:stop] for n, v in data.items()},
+            slice(done - start, keep_to - start),
+            tuple(found),
+            beside,
+        )
         if wanted:
             side = _rounded(max(wanted, side + 1))
             continue

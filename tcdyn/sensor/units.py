@@ -17,9 +17,21 @@ from calibration.lines.couples import to_degC
 
 UNITS = ("degC", "K", "degF", "mV")
 _WRITTEN = {
-    "degc": "degC", "°c": "degC", "c": "degC", "celsius": "degC", "deg c": "degC", "k": "K", "kelvin": "K",
-    "degf": "degF", "°f": "degF", "f": "degF", "fahrenheit": "degF", "deg f": "degF", "mv": "mV", "millivolt": "mV",
-}  # fmt: skip
+    "degc": "degC",
+    "°c": "degC",
+    "c": "degC",
+    "celsius": "degC",
+    "deg c": "degC",
+    "k": "K",
+    "kelvin": "K",
+    "degf": "degF",
+    "°f": "degF",
+    "f": "degF",
+    "fahrenheit": "degF",
+    "deg f": "degF",
+    "mv": "mV",
+    "millivolt": "mV",
+}
 _SUFFIX = re.compile(r"(?:_(degC|K|degF|mV)|\s*[\[(]\s*([^\])]+?)\s*[\])])$")
 COLDEST_K = 100.0  # no usual thermocouple reads colder, however its unit is called
 
@@ -114,7 +126,11 @@ def units_of(
     """
     out, plain, told = {}, [], list[Finding]()
     for name in columns:
-        own = declared if isinstance(declared, str) else declared.get(name, declared.get(bare(name), ""))
+        own = (
+            declared
+            if isinstance(declared, str)
+            else declared.get(name, declared.get(bare(name), ""))
+        )
         below_header = (unit_row or {}).get(name, "")
         stated = unit_in(name) or written_unit(below_header)
         unit = _WRITTEN.get(own.lower(), own) or stated
@@ -130,7 +146,14 @@ def units_of(
         if not unit:
             plain.append(name)
         out[name] = Unit(unit or "degC", couple if (unit or "degC") == "mV" else "", cold)
-    return out, [*told, *([note("sensor.unit_assumed", subject=", ".join(plain), count=len(plain))] if plain else [])]
+    return out, [
+        *told,
+        *(
+            [note("sensor.unit_assumed", subject=", ".join(plain), count=len(plain))]
+            if plain
+            else []
+        ),
+    ]
 
 
 def doubtful(column: str, unit: Unit, values: Array) -> list[Finding]:
@@ -144,7 +167,9 @@ def doubtful(column: str, unit: Unit, values: Array) -> list[Finding]:
 def matching(pattern: str, names: Collection[str], where: str) -> list[str]:
     """The columns that a sensor's column means: by name, by name without unit, ``*`` for any text."""
     hits = [n for n in names if n == pattern] or [
-        n for n in names if fnmatchcase(n, pattern) or fnmatchcase(bare(n), pattern) or bare(n) == bare(pattern)
+        n
+        for n in names
+        if fnmatchcase(n, pattern) or fnmatchcase(bare(n), pattern) or bare(n) == bare(pattern)
     ]
     if not hits:
         raise missing("column", pattern, names, where)
@@ -161,7 +186,9 @@ def cold_column(cold: float | str, names: Collection[str], where: str) -> float 
         return cold
     found = matching(cold, names, where)
     if len(found) > 1:
-        raise InputError(f"{cold!r} means {' and '.join(map(repr, found))}", where=where, expected="one column")
+        raise InputError(
+            f"{cold!r} means {' and '.join(map(repr, found))}", where=where, expected="one column"
+        )
     return found[0]
 
 

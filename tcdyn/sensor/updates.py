@@ -12,11 +12,19 @@ from calibration import Array, Flags
 # Decisions on repeats. Values by a study of 400 simulated pairs (steps of the logger of 0.3 to 50 times the noise, in
 # quick and slow fluids): no column that was not held was taken for a held one. All columns with a new value every 2, 5,
 # 10 or 50 rows were recognised, and 121 of 173 with one every 1.1 to 7.7 rows; the others change by few steps.
-LARGE_CHANGE_STEPS = 2.5  # a change of more than two steps of the logger: quantisation alone explains one or two
+LARGE_CHANGE_STEPS = (
+    2.5  # a change of more than two steps of the logger: quantisation alone explains one or two
+)
 MIN_REPEATS = 10  # next to large changes: fewer occur by chance in a short record
-MIN_REPEAT_SHARE = 0.05  # repeats next to a large change, of which a column that is not held has hardly any
-REPEAT_EXCESS = 3.0  # repeats over changes by one step in one direction; about 1 for a quantised signal
-MIN_REGULAR_CHANGES = 20  # by chance they would all be in one of two classes of rows once in 5e5 records
+MIN_REPEAT_SHARE = (
+    0.05  # repeats next to a large change, of which a column that is not held has hardly any
+)
+REPEAT_EXCESS = (
+    3.0  # repeats over changes by one step in one direction; about 1 for a quantised signal
+)
+MIN_REGULAR_CHANGES = (
+    20  # by chance they would all be in one of two classes of rows once in 5e5 records
+)
 REGULAR_SHARE = 0.95  # of the new values, at rows of one even spacing
 
 

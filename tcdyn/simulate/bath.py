@@ -40,7 +40,9 @@ def fluid_state(fluid: FluidName, temperature_degC: float) -> FluidState:
     27.6
     """
     if fluid == "water":
-        viscosity, k, density, heat, expansion = map(float, _WATER(np.clip(temperature_degC, 0.0, 100.0)))
+        viscosity, k, density, heat, expansion = map(
+            float, _WATER(np.clip(temperature_degC, 0.0, 100.0))
+        )
     else:
         kelvin, larger = temperature_degC + 273.15, 1 + _OIL_EXPANSION * (temperature_degC - 15.0)
         viscosity = float(10**10 ** (9.31259 - 3.66650 * np.log10(kelvin)) - 0.7) * 1e-6
@@ -84,7 +86,11 @@ def natural_h_W_m2K(fluid: FluidName, wall_degC: float, bulk_degC: float, height
     s = fluid_state(fluid, 0.5 * (wall_degC + bulk_degC))
     buoyancy = GRAVITY_m_s2 * abs(s.expansion_1_K * (bulk_degC - wall_degC))
     rayleigh = buoyancy * height_m**3 / (s.viscosity_m2_s * s.diffusivity_m2_s)
-    return mean_nusselt(rayleigh, s.viscosity_m2_s / s.diffusivity_m2_s) * s.conductivity_W_mK / height_m
+    return (
+        mean_nusselt(rayleigh, s.viscosity_m2_s / s.diffusivity_m2_s)
+        * s.conductivity_W_mK
+        / height_m
+    )
 
 
 Coefficient = Callable[[float, float], float]  # (time since entry [s], wall [degC]) -> h [W/m2K]

@@ -38,12 +38,17 @@ def write_log(frame: pd.DataFrame, path: Path) -> None:
 
 def write_traces(frame: pd.DataFrame, path: Path) -> None:
     """Write truth traces as Parquet in single precision (0.01 mK), times in double."""
-    write.write_log(frame.astype({name: float if name == "time_s" else np.float32 for name in frame}), path)
+    write.write_log(
+        frame.astype({name: float if name == "time_s" else np.float32 for name in frame}), path
+    )
 
 
 def write_json(data: dict[str, Any], path: Path) -> None:
     """Write plain or numpy numbers as JSON; a key called ``traces`` is left out."""
-    write.write_text(path, json.dumps(jsonable({k: v for k, v in data.items() if k != "traces"}), indent=1) + "\n")
+    write.write_text(
+        path,
+        json.dumps(jsonable({k: v for k, v in data.items() if k != "traces"}), indent=1) + "\n",
+    )
 
 
 Job = Callable[[], tuple[pd.DataFrame, dict[str, Any]]]  # a log and its truth
@@ -77,7 +82,9 @@ class CampaignFiles(Result):
     def summary(self) -> str:
         """What was written where."""
         plunges = ", ".join(f"{len(p)} plunges of the {d} disk" for d, p in self.plunges.items())
-        tests = f"{len(self.ehl)} EHL test{'s' if len(self.ehl) != 1 else ''} ({', '.join(self.ehl)})"
+        tests = (
+            f"{len(self.ehl)} EHL test{'s' if len(self.ehl) != 1 else ''} ({', '.join(self.ehl)})"
+        )
         return f"{self.folder}: {self.rig.name}, {len(self.ovens)} oven logs, {plunges}, {tests}; truth in {self.truth}"
 
 
@@ -113,7 +120,9 @@ def simulate_campaign(
     for disk in DISKS:
         jobs[f"oven_{disk}"] = partial(simulate_oven, disk, seed, true)
         for run, p in enumerate(plunges, 1):
-            job = partial(simulate_plunge, disk, seed, p.fluid, p.bath_degC, run, true, plunge_options)
+            job = partial(
+                simulate_plunge, disk, seed, p.fluid, p.bath_degC, run, true, plunge_options
+            )
             jobs[f"plunge_{disk}_{run}"] = job
     jobs |= {f"EHL_{t}": partial(simulate_ehl, t, seed, true, ehl_options) for t in tests}
     for name in jobs:
@@ -133,13 +142,18 @@ def simulate_campaign(
         folder=folder,
         rig=folder / "rig.toml",
         ovens={d: folder / f"oven_{d}.csv" for d in DISKS},
-        plunges={d: tuple(folder / f"plunge_{d}_{k + 1}.csv" for k in range(len(plunges))) for d in DISKS},
+        plunges={
+            d: tuple(folder / f"plunge_{d}_{k + 1}.csv" for k in range(len(plunges))) for d in DISKS
+        },
         ehl={t: folder / f"EHL_{t}.csv" for t in tests},
         truth=folder / "truth" / "truth.json",
         traces={name: _traces(folder, name) for name in jobs},
     )
     ehl = {t: scalars.pop(f"EHL_{t}") for t in tests}
-    write_json({"seed": seed, "rig_sha256": written, **truth_as_dict(true), "tests": ehl, **scalars}, files.truth)
+    write_json(
+        {"seed": seed, "rig_sha256": written, **truth_as_dict(true), "tests": ehl, **scalars},
+        files.truth,
+    )
     return files
 
 
@@ -148,7 +162,9 @@ def _write_rig(folder: Path, believed: Rig) -> str:
     path = folder / "rig.toml"
     if path.exists():
         try:
-            before = json.loads((folder / "truth" / "truth.json").read_text(encoding="utf-8"))["rig_sha256"]
+            before = json.loads((folder / "truth" / "truth.json").read_text(encoding="utf-8"))[
+                "rig_sha256"
+            ]
         except (OSError, ValueError, KeyError, TypeError, RecursionError):
             before = ""
         if load_rig(path) == believed:

@@ -71,7 +71,11 @@ class EhlTruth:
     @property
     def breaks_s(self) -> tuple[float, ...]:
         """Instants at which friction or speed has a kink, those of loading and parting first."""
-        touched = [b for on, off in self.touches_s for b in (on, on + AGAIN_RISE_S, off - AGAIN_RISE_S, off)]
+        touched = [
+            b
+            for on, off in self.touches_s
+            for b in (on, on + AGAIN_RISE_S, off - AGAIN_RISE_S, off)
+        ]
         return (
             self.load_on_s,
             self.load_on_s + self.loading_s,
@@ -84,7 +88,10 @@ class EhlTruth:
     @property
     def touches_s(self) -> tuple[tuple[float, float], ...]:
         """Begin and end of the contacts after the parting [s]."""
-        return tuple((self.unload_s + after, self.unload_s + after + length) for length, after in self.again_s)
+        return tuple(
+            (self.unload_s + after, self.unload_s + after + length)
+            for length, after in self.again_s
+        )
 
     def contact_share(self, t: Array) -> Array:
         """1 while loaded, 0 while apart, straight lines between; ``t`` (N,) in s."""
@@ -111,7 +118,9 @@ class EhlTruth:
         if self.drift:
             p = self.phases
             run_in = 0.04 * np.exp(-np.clip(t - self.load_on_s, 0, None) / 150.0)
-            wander = 0.004 * np.sin(2 * np.pi * (t / 310.0 + p[0])) + 0.003 * np.sin(2 * np.pi * (t / 97.0 + p[1]))
+            wander = 0.004 * np.sin(2 * np.pi * (t / 310.0 + p[0])) + 0.003 * np.sin(
+                2 * np.pi * (t / 97.0 + p[1])
+            )
             level = level * (1 + run_in + wander)
         return level * self.contact_share(t)
 
@@ -120,14 +129,20 @@ class EhlTruth:
         out = np.full_like(t, self.ambient_degC)
         if self.drift:
             p = self.phases
-            out = out + 0.3 * np.sin(2 * np.pi * (t / 900.0 + p[2])) + 0.1 * np.sin(2 * np.pi * (t / 333.0 + p[3]))
+            out = (
+                out
+                + 0.3 * np.sin(2 * np.pi * (t / 900.0 + p[2]))
+                + 0.1 * np.sin(2 * np.pi * (t / 333.0 + p[3]))
+            )
             out = out + 0.005 * self.friction_N * self.test.sliding_speed_m_s * _first_order(
                 t, self.load_on_s, self.unload_s, 260.0
             )
         return out
 
 
-def draw_test(truth: RigTruth, test: EhlCondition, seed: int, options: EhlOptions | None = None) -> EhlTruth:
+def draw_test(
+    truth: RigTruth, test: EhlCondition, seed: int, options: EhlOptions | None = None
+) -> EhlTruth:
     """Draw one test of the programme: beta and h about table 7.1, instants off the sample grid."""
     o = options or EhlOptions()
     rng = rng_for(seed, "test", test.name)
@@ -138,7 +153,9 @@ def draw_test(truth: RigTruth, test: EhlCondition, seed: int, options: EhlOption
     ambient = o.ambient_degC + float(rng.uniform(-0.7, 0.7))
     phases = tuple(float(p) for p in rng.uniform(0, 1, 6))
     h_fast = o.h_fast_W_m2K if o.h_fast_W_m2K is not None else h_fast
-    contact = hertz_contact(test.load_N, truth.fast.setup.outer_radius_m, truth.fast.setup.crown_radius_m)
+    contact = hertz_contact(
+        test.load_N, truth.fast.setup.outer_radius_m, truth.fast.setup.crown_radius_m
+    )
     return EhlTruth(
         test=test,
         beta=o.beta if o.beta is not None else beta,
@@ -185,13 +202,21 @@ def simulate_ehl(
     drawn = draw_test(rig, condition, seed, o)
     t = sample_times(o.duration_s)
     columns, traces = _conditions(t, drawn, rig, rng_for(seed, "conditions", condition.name))
-    shares = {"fast": (drawn.beta, drawn.h_fast_W_m2K), "slow": (1 - drawn.beta, drawn.h_slow_W_m2K)}
+    shares = {
+        "fast": (drawn.beta, drawn.h_fast_W_m2K),
+        "slow": (1 - drawn.beta, drawn.h_slow_W_m2K),
+    }
 
     def logged(name: str) -> tuple[Array, Array, dict[str, Any]]:
         disk, rng = rig.disk(name), rng_for(seed, "measure", condition.name, name)
         at = disk_run(disk, drawn, *shares[name], o, o.duration_s)[1].at
         log, true = log_disk(
-            lambda t: at(t)[:, : len(disk.channels)], o.duration_s, disk, rng, rig.imperfections, spikes=True
+            lambda t: at(t)[:, : len(disk.channels)],
+            o.duration_s,
+            disk,
+            rng,
+            rig.imperfections,
+            spikes=True,
         )
         return log, true, seen_round(disk, at(np.array([drawn.breaks_s[2]]))[0])
 
@@ -220,7 +245,9 @@ def disk_run(
 
     start = steady_state(system, 0.0, float(drawn.ambient_at(np.zeros(1))[0]))
     edges = 0.0, *sorted({b for b in drawn.breaks_s if 0 < b < until_s}), until_s
-    return system, integrate(system, power, drawn.ambient_at, edges, start, o.stepping, drawn.film_share)
+    return system, integrate(
+        system, power, drawn.ambient_at, edges, start, o.stepping, drawn.film_share
+    )
 
 
 def _conditions(
@@ -233,9 +260,15 @@ def _conditions(
     zero_load, zero_friction = rng.uniform(-1, 1, 2) * ([4.0, 0.08] if how.static else [0.0, 0.0])
     oil = np.full(n, 60.0)
     if how.drift:
-        oil = oil + 0.4 * np.sin(2 * np.pi * (t / 700.0 + drawn.phases[4])) + 0.2 * drawn.contact_share(t)
+        oil = (
+            oil
+            + 0.4 * np.sin(2 * np.pi * (t / 700.0 + drawn.phases[4]))
+            + 0.2 * drawn.contact_share(t)
+        )
 
-    def rows(load: Array, friction: Array, on_s: float, off_s: float, ambient: Array) -> dict[str, Array]:
+    def rows(
+        load: Array, friction: Array, on_s: float, off_s: float, ambient: Array
+    ) -> dict[str, Array]:
         """Columns in the log's order; speeds and oil as they were."""
         return {
             "time_s": t,
@@ -252,10 +285,19 @@ def _conditions(
         return quantised(values, -full_scale, full_scale) if how.quantise else values
 
     ambient, load_N = drawn.ambient_at(t), drawn.test.load_N
-    true = rows(load_N * drawn.contact_share(t), drawn.friction_at(t), drawn.load_on_s, drawn.unload_s, ambient)
+    true = rows(
+        load_N * drawn.contact_share(t),
+        drawn.friction_at(t),
+        drawn.load_on_s,
+        drawn.unload_s,
+        ambient,
+    )
     logged = rows(
         digitised(load_N * drawn.contact_share(t - late[0]) + zero_load + 6.0 * noise[0], 5000.0),
-        digitised(rig.friction_scale * drawn.friction_at(t - late[1]) + zero_friction + 0.15 * noise[1], 100.0),
+        digitised(
+            rig.friction_scale * drawn.friction_at(t - late[1]) + zero_friction + 0.15 * noise[1],
+            100.0,
+        ),
         drawn.load_on_s + 0.5 * abs(late[2]),
         drawn.unload_s + late[3],
         ambient + rig.ambient_bias_K + 0.1 * noise[4],

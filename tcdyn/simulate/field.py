@@ -14,7 +14,9 @@ from tcdyn.simulate.round import waves_of
 from tcdyn.simulate.truth import DiskTruth, RigTruth
 
 
-def around_disks(test: str, seed: int, truth: RigTruth, options: EhlOptions | None = None) -> dict[str, Around]:
+def around_disks(
+    test: str, seed: int, truth: RigTruth, options: EhlOptions | None = None
+) -> dict[str, Around]:
     """Both disks of a test of the programme round their bores, from bore to running surface, before the parting."""
     o = options or EhlOptions()
     drawn = draw_test(truth, ehl_test(test), seed, o)
@@ -31,7 +33,9 @@ def _around(disk: DiskTruth, system: DiskSystem, state: Array, o: EhlOptions) ->
     g, parts = grid_of(disk, o.mesh), [state[rows] for rows in system.steel.cells]
     angle = np.deg2rad(ANGLES_DEG - disk.uneven.angle_deg)
     waves = [np.ones(len(angle)), *(wave(n * angle) for n, wave in waves_of(disk))]
-    field = sum(part[:, None] * wave for wave, part in zip(waves, parts)).reshape(*g.cells.shape, len(angle))
+    field = sum(part[:, None] * wave for wave, part in zip(waves, parts)).reshape(
+        *g.cells.shape, len(angle)
+    )
     reads = (system.sample @ state)[: len(system.channels)]
     return Around(
         disk=disk.setup.name,

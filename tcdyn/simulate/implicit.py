@@ -60,7 +60,9 @@ class Solution:
         for number, piece in enumerate(self.pieces):
             here = which == number
             if here.any():
-                spline = CubicHermiteSpline(self.time_s[piece], self.values[piece], self.rates[piece])
+                spline = CubicHermiteSpline(
+                    self.time_s[piece], self.values[piece], self.rates[piece]
+                )
                 out[here] = spline(time_s[here])
         return out
 
@@ -107,7 +109,9 @@ def integrate(
         inside = np.clip(stage_t.ravel(), begin + nudge, end - nudge)
         edge_t = np.clip(t_steps, begin + nudge, end - nudge)
         signals = power_W, ambient_degC, lambda x: system.film_change(film_share(x))
-        stages = np.stack([s(inside).reshape(stage_t.shape) for s in signals], axis=-1)  # (steps, 5, 3)
+        stages = np.stack(
+            [s(inside).reshape(stage_t.shape) for s in signals], axis=-1
+        )  # (steps, 5, 3)
         edges = np.stack([s(edge_t) for s in signals], axis=-1)
         for i in range(len(t_steps)):
             rate = system.steel.rate(_heat(system, y, *edges[i]), y, system.capacity)
@@ -175,4 +179,9 @@ def _load(system: DiskSystem, power: float, ambient: float) -> Array:
 
 
 def _factorise(matrix: csc_matrix) -> SuperLU:
-    return splu(csc_matrix(matrix), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    return splu(
+        csc_matrix(matrix),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )

@@ -36,13 +36,18 @@ def chain_poles(tau1_s: float, tau2_s: float, conditioning: Conditioning) -> Arr
     return np.array(poles)
 
 
-def through_chains(fine: Array, dt_s: float, every: int, chains: Sequence[tuple[float, float, Conditioning]]) -> Array:
+def through_chains(
+    fine: Array, dt_s: float, every: int, chains: Sequence[tuple[float, float, Conditioning]]
+) -> Array:
     """What the chains make of ``fine`` (M, channels), sampled every ``dt_s``; each ``every``-th sample comes back.
 
     The input is a straight line between fine samples and the answer is exact for that; each chain starts at rest
     with its first sample. ``chains`` holds (tau1, tau2, conditioning) per channel.
     """
-    out = [_through(u, dt_s, chain_poles(*chain))[::every] for u, chain in zip(fine.T, chains, strict=True)]
+    out = [
+        _through(u, dt_s, chain_poles(*chain))[::every]
+        for u, chain in zip(fine.T, chains, strict=True)
+    ]
     return np.stack(out, axis=1)
 
 
@@ -90,13 +95,21 @@ def log_disk(
     true = fine[::OVERSAMPLING]
     read = true
     if how.chain:
-        chains = [(disk.channels[c].tau1_s, disk.channels[c].tau2_s, disk.setup.conditioning) for c in names]
+        chains = [
+            (disk.channels[c].tau1_s, disk.channels[c].tau2_s, disk.setup.conditioning)
+            for c in names
+        ]
         read = through_chains(fine, 1 / (RATE_Hz * OVERSAMPLING), OVERSAMPLING, chains)
     return logged(read, disk, rng, how, spikes), true
 
 
 def logged(
-    read: Array, disk: DiskTruth, rng: np.random.Generator, how: Imperfections, spikes: bool, averaged: int = 1
+    read: Array,
+    disk: DiskTruth,
+    rng: np.random.Generator,
+    how: Imperfections,
+    spikes: bool,
+    averaged: int = 1,
 ) -> Array:
     """Static errors, noise, spikes and quantisation upon chain outputs (N, channels) of one disk.
 
@@ -160,13 +173,24 @@ def simulate_oven(
             level = setpoint + rng.normal(0, 0.5)
             error = float(rng.uniform(-prt_limit_K, prt_limit_K)) if how.static else 0.0
             errors.append(error)
-            wander = 0.03 * np.cumsum(rng.standard_normal(minutes)) if how.drift else np.zeros(minutes)
+            wander = (
+                0.03 * np.cumsum(rng.standard_normal(minutes)) if how.drift else np.zeros(minutes)
+            )
             for minute in range(minutes):
                 true = level + wander[minute]
-                rows.append((repeat, float(setpoint), true + error + 0.005 * rng.standard_normal() * how.noise, true))
+                rows.append(
+                    (
+                        repeat,
+                        float(setpoint),
+                        true + error + 0.005 * rng.standard_normal() * how.noise,
+                        true,
+                    )
+                )
     table = np.array(rows)
     names = sorted(own.channels)
-    read = logged(np.repeat(table[:, 3:], len(names), axis=1), own, rng, how, spikes=False, averaged=75)
+    read = logged(
+        np.repeat(table[:, 3:], len(names), axis=1), own, rng, how, spikes=False, averaged=75
+    )
     frame = pd.DataFrame(table[:, :3], columns=["repeat", "setpoint_degC", "prt_degC"])
     frame["repeat"] = frame["repeat"].astype(int)
     for k, channel in enumerate(names):

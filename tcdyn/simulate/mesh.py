@@ -73,10 +73,14 @@ def graded_edges(start: float, end: float, first: float, count: int) -> Array:
         total = first * (ratio**count - 1) / (ratio - 1) if ratio > 1 + 1e-12 else first * count
         low, high = (ratio, high) if total < length else (low, ratio)
     steps = ratio ** np.arange(count)
-    return start + np.sign(end - start) * length * np.concatenate([[0.0], np.cumsum(steps) / steps.sum()])
+    return start + np.sign(end - start) * length * np.concatenate(
+        [[0.0], np.cumsum(steps) / steps.sum()]
+    )
 
 
-def build_system(disk: DiskTruth, h_W_m2K: float, half_width_m: float, mesh: DiskMesh) -> DiskSystem:
+def build_system(
+    disk: DiskTruth, h_W_m2K: float, half_width_m: float, mesh: DiskMesh
+) -> DiskSystem:
     """Assemble the whole disk, bore to running surface, with washers, shaft and cooled running surface.
 
     ``half_width_m`` is half the width of the running track; conduction between neighbouring cells uses the exact
@@ -87,7 +91,8 @@ def build_system(disk: DiskTruth, h_W_m2K: float, half_width_m: float, mesh: Dis
     s = disk.setup
     if not s.bore_radius_m > 0.5e-3:
         raise InputError(
-            f"bore_radius_mm {s.bore_radius_m * 1e3:g}", expected="a bore of more than 0.5 mm for the shaft"
+            f"bore_radius_mm {s.bore_radius_m * 1e3:g}",
+            expected="a bore of more than 0.5 mm for the shaft",
         )
     g = grid_of(disk, mesh)
     to_ambient = to_ambient_W_K(disk, g, h_W_m2K)
@@ -124,7 +129,9 @@ def build_system(disk: DiskTruth, h_W_m2K: float, half_width_m: float, mesh: Dis
         surface_air_m2=area,
         skin_m2K_W=skin,
         track=track,
-        steel=Steel(s.steel, laplacian(disk_links(disk, g), np.zeros(g.size), g.size), g.cells.ravel()[None]),
+        steel=Steel(
+            s.steel, laplacian(disk_links(disk, g), np.zeros(g.size), g.size), g.cells.ravel()[None]
+        ),
         film_air_K=disk.film_air_K,
     )
 
@@ -163,7 +170,9 @@ class Grid:
 def grid_of(disk: DiskTruth, mesh: DiskMesh) -> Grid:
     """The cells of a disk and of its shaft."""
     s = disk.setup
-    r_edges = graded_edges(s.outer_radius_m, s.bore_radius_m, mesh.surface_cell_m, mesh.radial)[::-1]
+    r_edges = graded_edges(s.outer_radius_m, s.bore_radius_m, mesh.surface_cell_m, mesh.radial)[
+        ::-1
+    ]
     z_edges = np.linspace(0.0, s.width_m, mesh.axial + 1)
     right = graded_edges(s.width_m, s.width_m + SHAFT_LENGTH_m, float(z_edges[1]), mesh.shaft_side)
     shaft_edges = np.concatenate([(s.width_m - right)[:0:-1], z_edges, right[1:]])
@@ -195,7 +204,9 @@ def _links(disk: DiskTruth, g: Grid) -> list[Link]:
     ]
 
 
-def ring_links(cells: NDArray[np.int64], r: Array, face_area: Array, dz: Array, conductivity_W_mK: float) -> list[Link]:
+def ring_links(
+    cells: NDArray[np.int64], r: Array, face_area: Array, dz: Array, conductivity_W_mK: float
+) -> list[Link]:
     """Conduction in r and in z between the ``cells`` (nr, nz) of a ring, ``r`` (nr,) their centres [m]."""
     k = conductivity_W_mK
     return [
@@ -242,7 +253,9 @@ def laplacian(links: list[Link], to_ground: Array, n: int) -> sparse.csc_matrix:
     own = np.arange(n)
     rows = np.concatenate([i, j, i, j, own])
     cols = np.concatenate([j, i, i, j, own])
-    return sparse.csc_matrix((np.concatenate([-g, -g, g, g, to_ground]), (rows, cols)), shape=(n, n))
+    return sparse.csc_matrix(
+        (np.concatenate([-g, -g, g, g, to_ground]), (rows, cols)), shape=(n, n)
+    )
 
 
 def _sampler(disk: DiskTruth, r: Array, z: Array, n: int) -> sparse.csr_matrix:
@@ -254,14 +267,19 @@ def _sampler(disk: DiskTruth, r: Array, z: Array, n: int) -> sparse.csr_matrix:
         cols.append(np.add.outer(ir * len(z), iz).ravel())
         values.append(np.outer(wr, wz).ravel())
     rows = np.repeat(np.arange(len(cols)), 16)
-    return sparse.csr_matrix((np.concatenate(values), (rows, np.concatenate(cols))), shape=(len(cols), n))
+    return sparse.csr_matrix(
+        (np.concatenate(values), (rows, np.concatenate(cols))), shape=(len(cols), n)
+    )
 
 
 def cubic_weights(x: Array, at: float) -> tuple[NDArray[np.int64], Array]:
     """Indices of the four nearest nodes and Lagrange's weights of their values at ``at``."""
     start = int(np.clip(np.searchsorted(x, at) - 2, 0, len(x) - 4))
     nodes = x[start : start + 4]
-    weights = [np.prod([(at - nodes[j]) / (nodes[i] - nodes[j]) for j in range(4) if j != i]) for i in range(4)]
+    weights = [
+        np.prod([(at - nodes[j]) / (nodes[i] - nodes[j]) for j in range(4) if j != i])
+        for i in range(4)
+    ]
     return np.arange(start, start + 4), np.array(weights)
 
 
@@ -290,9 +308,13 @@ def track_shares(edges: Array, half_width_m: float, flux: FluxProfile) -> Array:
     elif flux.kind == "hertz":
         heat = 1 - x**2
     else:
-        left = 1 - x[:, None] ** 2 - x[None, :] ** 2  # of the squared pressure, along rolling in the second axis
+        left = (
+            1 - x[:, None] ** 2 - x[None, :] ** 2
+        )  # of the squared pressure, along rolling in the second axis
         inside = left > 0
-        heat = np.where(inside, np.exp(flux.exponent * (np.sqrt(np.where(inside, left, 0.0)) - 1)), 0.0).sum(axis=1)
+        heat = np.where(
+            inside, np.exp(flux.exponent * (np.sqrt(np.where(inside, left, 0.0)) - 1)), 0.0
+        ).sum(axis=1)
     below = np.concatenate([[0.0], np.cumsum(heat)]) / heat.sum()
     centre = 0.5 * (edges[0] + edges[-1]) + flux.shift_m
     return np.diff(np.interp(edges - centre, strips, below))

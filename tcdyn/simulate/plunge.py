@@ -11,7 +11,14 @@ import pandas as pd
 from calibration import Array
 from calibration.disk import Conditioning, DiskSetup
 from tcdyn.simulate.bath import FluidName, Heating, heat_radially, natural_h_W_m2K
-from tcdyn.simulate.measure import OVERSAMPLING, RATE_Hz, log_disk, quantised, sample_times, through_chains
+from tcdyn.simulate.measure import (
+    OVERSAMPLING,
+    RATE_Hz,
+    log_disk,
+    quantised,
+    sample_times,
+    through_chains,
+)
 from tcdyn.simulate.truth import Imperfections, RigTruth, draw_truth, rng_for
 
 
@@ -56,13 +63,19 @@ class PlungeTruth:
 
     def h_at(self, since_entry_s: float, wall_degC: float, height_m: float) -> float:
         """Heat transfer coefficient [W/m2K]: natural convection, its scale, and the burst of the entry."""
-        natural = natural_h_W_m2K(self.fluid, wall_degC, float(self.bath_at(since_entry_s)), height_m)
+        natural = natural_h_W_m2K(
+            self.fluid, wall_degC, float(self.bath_at(since_entry_s)), height_m
+        )
         burst = 1 + (self.burst - 1) * np.exp(-since_entry_s / self.burst_decay_s)
         return float(self.h_scale * burst * natural)
 
 
 def draw_plunge(
-    rng: np.random.Generator, fluid: FluidName, bath_degC: float, o: PlungeOptions, how: Imperfections
+    rng: np.random.Generator,
+    fluid: FluidName,
+    bath_degC: float,
+    o: PlungeOptions,
+    how: Imperfections,
 ) -> PlungeTruth:
     """Draw one plunge: entry off the sample grid, switch pressed by hand, bath that drifts."""
     z = np.clip(rng.standard_normal(4), -2.5, 2.5)
@@ -113,7 +126,12 @@ def simulate_plunge(
     depths = np.array([own.setup.junctions[c].depth_m for c in names])
     heating = heat_disk(own.setup, depths, drawn)
     log, true = log_disk(
-        lambda t: heating.at(t - drawn.entry_s), drawn.duration_s, own, rng, rig.imperfections, spikes=False
+        lambda t: heating.at(t - drawn.entry_s),
+        drawn.duration_s,
+        own,
+        rng,
+        rig.imperfections,
+        spikes=False,
     )
     columns = bath_columns(drawn, rig.imperfections, rng)
     traces: dict[str, Array] = {"time_s": columns["time_s"], "switch": columns["switch"]}
@@ -121,7 +139,12 @@ def simulate_plunge(
     for k, channel in enumerate(names):
         columns[f"{channel}_degC"] = log[:, k]
         traces[f"{channel}_degC"] = true[:, k]
-    scalars = vars(drawn) | {"disk": disk, "run": run, "lag_s": own.lags_s, "common_lag_s": own.common_lag_s}
+    scalars = vars(drawn) | {
+        "disk": disk,
+        "run": run,
+        "lag_s": own.lags_s,
+        "common_lag_s": own.common_lag_s,
+    }
     return pd.DataFrame(columns), {**scalars, "traces": pd.DataFrame(traces)}
 
 
@@ -137,7 +160,9 @@ def heat_disk(setup: DiskSetup, depths: Array, drawn: PlungeTruth) -> Heating:
     )
 
 
-def bath_columns(drawn: PlungeTruth, how: Imperfections, rng: np.random.Generator) -> dict[str, Array]:
+def bath_columns(
+    drawn: PlungeTruth, how: Imperfections, rng: np.random.Generator
+) -> dict[str, Array]:
     """Switch, free probe and bath thermometer as logged."""
     t = sample_times(drawn.duration_s)
     noise = rng.standard_normal((2, len(t))) * (1.0 if how.noise else 0.0)
@@ -187,7 +212,8 @@ def simulate_hole(
     cement = {"ideal_1": 0.0, "ideal_2": 0.0, "d1p3": 0.04, "d2p2": 0.10, "d3p0": 0.90}
     base = 0.25 + 0.01 * rng.standard_normal(5)
     chains: list[tuple[float, float, Conditioning]] = [
-        (float(b + c * (1 + 0.1 * rng.uniform(-1, 1))), 0.06, setup.conditioning) for b, c in zip(base, cement.values())
+        (float(b + c * (1 + 0.1 * rng.uniform(-1, 1))), 0.06, setup.conditioning)
+        for b, c in zip(base, cement.values())
     ]
     columns = bath_columns(drawn, how, rng)
     fine_t = np.arange((len(columns["time_s"]) - 1) * OVERSAMPLING + 1) / (RATE_Hz * OVERSAMPLING)
@@ -200,6 +226,9 @@ def simulate_hole(
     if how.quantise:
         read = quantised(read)
     columns |= dict(zip(HOLE_COLUMNS, read.T))
-    lags = {name: tau1 + tau2 + setup.conditioning.lag_s for name, (tau1, tau2, _) in zip(cement, chains)}
+    lags = {
+        name: tau1 + tau2 + setup.conditioning.lag_s
+        for name, (tau1, tau2, _) in zip(cement, chains)
+    }
     traces = pd.DataFrame({"time_s": columns["time_s"], "true_degC": fine[::OVERSAMPLING, 0]})
     return pd.DataFrame(columns), {**vars(drawn), "lag_s": lags, "depth_m": 3e-3, "traces": traces}

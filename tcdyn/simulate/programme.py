@@ -41,7 +41,12 @@ class EhlCondition:
 
 
 _LOADS = {1: (850.0, 1.0), 2: (1460.0, 1.2), 3: (1850.0, 1.3), 4: (2320.0, 1.4)}
-_SPEEDS = {"A": (3282.0, 774.0), "B": (4261.0, 1005.0), "C": (5249.0, 1238.0), "D": (6555.0, 1546.0)}
+_SPEEDS = {
+    "A": (3282.0, 774.0),
+    "B": (4261.0, 1005.0),
+    "C": (5249.0, 1238.0),
+    "D": (6555.0, 1546.0),
+}
 # friction, a fast, a slow (table 7.2, current tests), beta, h_f, h_s (table 7.1, current tests)
 _RESULTS = {
     "A1": (10.0, 84.6, 73.0, 0.77, 616, 235),
@@ -67,7 +72,9 @@ def _condition(name: str) -> EhlCondition:
     load, pressure = _LOADS[int(name[1])]
     fast, slow = _SPEEDS[name[0]]
     friction, fast_a, slow_a, beta, h_fast, h_slow = _RESULTS[name]
-    return EhlCondition(name, load, pressure, fast, slow, friction, fast_a, slow_a, beta, h_fast, h_slow)
+    return EhlCondition(
+        name, load, pressure, fast, slow, friction, fast_a, slow_a, beta, h_fast, h_slow
+    )
 
 
 PROGRAMME: dict[str, EhlCondition] = {name: _condition(name) for name in _RESULTS}

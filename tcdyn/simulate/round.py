@@ -46,7 +46,9 @@ BESIDE = 10  # cells of the shaft on each side of the disk: what differs round i
 ROUND = 720  # angles of the means round the bore
 
 
-def uneven_system(disk: DiskTruth, h_W_m2K: float, half_width_m: float, mesh: DiskMesh) -> DiskSystem:
+def uneven_system(
+    disk: DiskTruth, h_W_m2K: float, half_width_m: float, mesh: DiskMesh
+) -> DiskSystem:
     """The disk of ``build_system``, with its harmonics where its bore contact is uneven.
 
     Rows of ``sample``: what each junction sees, in the order of ``channels``; then for an uneven disk the part of that
@@ -58,10 +60,16 @@ def uneven_system(disk: DiskTruth, h_W_m2K: float, half_width_m: float, mesh: Di
     g, waves = grid_of(disk, mesh), waves_of(disk)
     size, parts = g.size, [_harmonic(disk, g, n, h_W_m2K) for n, _ in waves]
     starts = np.cumsum([0, size, *(len(capacity) for capacity, _, _ in parts)])
-    own = sparse.block_diag([even.conductance, *(conductance for _, conductance, _ in parts)], format="csc")
-    walls = [(g.cells[0], g.under)] + [(at + g.cells[0], at + faces) for at, (_, _, faces) in zip(starts[1:], parts)]
+    own = sparse.block_diag(
+        [even.conductance, *(conductance for _, conductance, _ in parts)], format="csc"
+    )
+    walls = [(g.cells[0], g.under)] + [
+        (at + g.cells[0], at + faces) for at, (_, _, faces) in zip(starts[1:], parts)
+    ]
     whole = own + _coupling(disk, g, walls, int(starts[-1]))
-    angles = np.deg2rad([disk.setup.junctions[c].angle_deg - disk.uneven.angle_deg for c in even.channels])
+    angles = np.deg2rad(
+        [disk.setup.junctions[c].angle_deg - disk.uneven.angle_deg for c in even.channels]
+    )
     at_cells = even.sample[:, : g.cells.size]
     seen = [sparse.csr_matrix(at_cells.multiply(wave(n * angles)[:, None])) for n, wave in waves]
     amplitude = at_cells[[even.channels.index(disk.setup.edge)]]
@@ -77,7 +85,9 @@ def uneven_system(disk: DiskTruth, h_W_m2K: float, half_width_m: float, mesh: Di
         source_ambient=np.append(even.source_ambient, zeros),
         source_const=np.append(even.source_const, zeros),
         sample=sparse.vstack([_spread(row, starts) for row in rows], format="csr"),
-        surface_m2=np.concatenate([even.surface_m2, *(_half_surface(even, len(c)) for c, _, _ in parts)]),
+        surface_m2=np.concatenate(
+            [even.surface_m2, *(_half_surface(even, len(c)) for c, _, _ in parts)]
+        ),
         surface_air_m2=np.append(even.surface_air_m2, zeros),
         track=np.append(even.track, zeros),
         steel=_steel_round(disk, g, even.steel, starts),
@@ -138,11 +148,15 @@ def _spread(parts: list[tuple[int, sparse.csr_matrix]], starts: Array) -> sparse
     for n, part in parts:
         part = part.tocoo()
         shape = (part.shape[0], int(starts[-1]))
-        total = total + sparse.csr_matrix((part.data, (part.row, part.col + int(starts[n]))), shape=shape)
+        total = total + sparse.csr_matrix(
+            (part.data, (part.row, part.col + int(starts[n]))), shape=shape
+        )
     return sparse.csr_matrix(total)
 
 
-def _harmonic(disk: DiskTruth, g: Grid, n: int, h_W_m2K: float) -> tuple[Array, sparse.csc_matrix, NDArray[np.int64]]:
+def _harmonic(
+    disk: DiskTruth, g: Grid, n: int, h_W_m2K: float
+) -> tuple[Array, sparse.csc_matrix, NDArray[np.int64]]:
     """Capacity (M,) [J/K], conductance (M, M) [W/K] and the shaft's outer cells (nz,) of harmonic ``n``.
 
     The mean of cos^2 round the disk is a half, so all of it is half of what the whole ring would be.
@@ -161,7 +175,11 @@ def _harmonic(disk: DiskTruth, g: Grid, n: int, h_W_m2K: float) -> tuple[Array, 
         ground[own] += _round_W_K(k, n, edges, np.diff(along))
     volume = [np.outer(g.face_area, g.dz).ravel(), np.outer(area, np.diff(z_edges)).ravel()]
     capacity = s.density_kg_m3 * s.specific_heat_J_kgK * np.concatenate(volume)
-    return 0.5 * capacity, 0.5 * laplacian(links, ground, len(ground)), cells[-1, BESIDE : BESIDE + len(g.z)]
+    return (
+        0.5 * capacity,
+        0.5 * laplacian(links, ground, len(ground)),
+        cells[-1, BESIDE : BESIDE + len(g.z)],
+    )
 
 
 def _coupling(disk: DiskTruth, g: Grid, walls: list[Wall], size: int) -> sparse.csc_matrix:
@@ -171,7 +189,10 @@ def _coupling(disk: DiskTruth, g: Grid, walls: list[Wall], size: int) -> sparse.
     difference across the fit, half a cell of steel counted in h, as in the even system.
     """
     s = disk.setup
-    radius, steel = s.bore_radius_m, s.bore_radius_m * np.log(g.r[0] / s.bore_radius_m) / s.conductivity_W_mK
+    radius, steel = (
+        s.bore_radius_m,
+        s.bore_radius_m * np.log(g.r[0] / s.bore_radius_m) / s.conductivity_W_mK,
+    )
     psi = 2 * np.pi * (np.arange(ROUND) + 0.5) / ROUND
     even = disk.bore_conductance_W_m2K
     contact = even * disk.uneven.relative(psi)

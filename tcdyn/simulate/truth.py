@@ -36,7 +36,9 @@ class Imperfections:
     chain: bool = True
 
 
-CLEAN = Imperfections(noise=False, spikes=False, quantise=False, static=False, drift=False, timing=False)
+CLEAN = Imperfections(
+    noise=False, spikes=False, quantise=False, static=False, drift=False, timing=False
+)
 
 
 @dataclass(frozen=True)
@@ -84,7 +86,9 @@ class BoreContact:
         if not self.sectors:
             return 1 + self.amplitude * np.cos(psi_rad)
         half = 180.0 / len(psi_rad)
-        edges = np.append(np.rad2deg(psi_rad) - half, np.rad2deg(psi_rad[-1]) + half) + self.angle_deg
+        edges = (
+            np.append(np.rad2deg(psi_rad) - half, np.rad2deg(psi_rad[-1]) + half) + self.angle_deg
+        )
         return mean_shares(self.sectors, edges) / harmonics(self.sectors, 0)[0].real
 
 
@@ -134,7 +138,9 @@ class RigTruth:
 
     def with_film_air(self, warmer_K: float) -> RigTruth:
         """The same rig whose running surfaces lose heat to what is ``warmer_K`` warmer than the ambient."""
-        return replace(self, **{name: replace(self.disk(name), film_air_K=warmer_K) for name in DISKS})  # type: ignore[arg-type]
+        return replace(
+            self, **{name: replace(self.disk(name), film_air_K=warmer_K) for name in DISKS}
+        )  # type: ignore[arg-type]
 
     def with_imperfections(self, imperfections: Imperfections) -> RigTruth:
         """The same rig, measured differently."""
@@ -173,13 +179,18 @@ def draw_truth(
         setup = rig.disk_setup(name)
         moved = _draw_setup(own, setup, factors, rig.tables(name).uncertainty)
         if uncertain:
-            moved = replace(moved, flux=_draw_flux(rng_for(seed, "flux", name), setup, rig, factors["half_width"]))
+            moved = replace(
+                moved,
+                flux=_draw_flux(rng_for(seed, "flux", name), setup, rig, factors["half_width"]),
+            )
         disks[name] = _fitted(_draw_disk(own, name, moved if uncertain else setup), setup)
     return RigTruth(
         fast=disks["fast"],
         slow=disks["slow"],
         gear_ratio=contact.gear_ratio,
-        speed_exponent=float(exponent if exponent is not None else n_uncertain if uncertain else n_usual),
+        speed_exponent=float(
+            exponent if exponent is not None else n_uncertain if uncertain else n_usual
+        ),
         half_width_scale=factors["half_width"] if uncertain else 1.0,
         friction_scale=factors["friction"] if uncertain else 1.0,
         ambient_bias_K=factors["ambient"] if uncertain else 0.0,
@@ -216,8 +227,14 @@ def _draw_setup(
 
 
 def _draw_flux(rng: np.random.Generator, setup: DiskSetup, rig: Rig, wider: float) -> FluxProfile:
-    off = float(np.clip(rng.standard_normal(), -3, 3)) * 1e-3 * rig.tables(setup.name).uncertainty.flux_shift_mm
-    return replace(setup.flux, shift_m=setup.flux.shift_m + off, at_m=tuple(wider * x for x in setup.flux.at_m))
+    off = (
+        float(np.clip(rng.standard_normal(), -3, 3))
+        * 1e-3
+        * rig.tables(setup.name).uncertainty.flux_shift_mm
+    )
+    return replace(
+        setup.flux, shift_m=setup.flux.shift_m + off, at_m=tuple(wider * x for x in setup.flux.at_m)
+    )
 
 
 def _draw_disk(rng: np.random.Generator, name: str, setup: DiskSetup) -> DiskTruth:
@@ -238,7 +255,9 @@ def _draw_disk(rng: np.random.Generator, name: str, setup: DiskSetup) -> DiskTru
     return DiskTruth(
         setup=setup,
         channels=channels,
-        bore_conductance_W_m2K=float((900.0 if name == "fast" else 1600.0) * rng.uniform(0.8, 1.25)),
+        bore_conductance_W_m2K=float(
+            (900.0 if name == "fast" else 1600.0) * rng.uniform(0.8, 1.25)
+        ),
         shaft_W_m2K=float(60.0 * rng.uniform(0.85, 1.15)),
         bearing_offset_K=(float(rng.uniform(0, 6)), float(rng.uniform(-3, 3))),
     )
@@ -261,5 +280,8 @@ def truth_as_dict(truth: RigTruth) -> dict[str, Any]:
         disk = truth.disk(name)
         out[name]["common_lag_s"] = disk.common_lag_s
         for c, lag in disk.lags_s.items():
-            out[name]["channels"][c] |= {"lag_s": lag, "differential_lag_s": lag - disk.common_lag_s}
+            out[name]["channels"][c] |= {
+                "lag_s": lag,
+                "differential_lag_s": lag - disk.common_lag_s,
+            }
     return out

@@ -44,14 +44,23 @@ class VerifyRow:
 
 
 def row(
-    kind: Kind, quantity: str, source: str, published: str, ours: str, ok: bool, why: str, good: Verdict | None = None
+    kind: Kind,
+    quantity: str,
+    source: str,
+    published: str,
+    ours: str,
+    ok: bool,
+    why: str,
+    good: Verdict | None = None,
 ) -> VerifyRow:
     """A row whose verdict is a computed truth value; ``good`` is what to call it when true, if not what its kind is."""
     right: Verdict = good or ("same trend" if kind == "trend" else "agrees")
     return VerifyRow(quantity, source, published, ours, right if ok else "differs", why, kind)
 
 
-def within(ours: Sequence[float], published: Sequence[float], relative: float = 0.0, absolute: float = 0.0) -> bool:
+def within(
+    ours: Sequence[float], published: Sequence[float], relative: float = 0.0, absolute: float = 0.0
+) -> bool:
     """Whether every number of ours is as close to its published one as told, and there are as many of them.
 
     >>> within([1.0667], [1.067], absolute=5e-4), within([1.0667], [1.067, 1.067], absolute=5e-4)
@@ -59,13 +68,23 @@ def within(ours: Sequence[float], published: Sequence[float], relative: float = 
     """
     if len(ours) != len(published):
         return False
-    return all(abs(a - b) <= relative * abs(b) + absolute for a, b in zip(ours, published, strict=True))
+    return all(
+        abs(a - b) <= relative * abs(b) + absolute for a, b in zip(ours, published, strict=True)
+    )
 
 
 def close(
-    kind: Kind, quantity: str, source: str, published: str, ours: Sequence[float], digits: int, why: str, *,
-    relative: float = 0.0, absolute: float = 0.0,
-) -> VerifyRow:  # fmt: skip
+    kind: Kind,
+    quantity: str,
+    source: str,
+    published: str,
+    ours: Sequence[float],
+    digits: int,
+    why: str,
+    *,
+    relative: float = 0.0,
+    absolute: float = 0.0,
+) -> VerifyRow:
     """A row of ``ours`` with so many digits, each of which must be as close as told to that in the text ``published``.
 
     >>> close("physics", "order", "(3.22)", "2, 2", [2.0, 2.03], 2, "", absolute=0.05).verdict
@@ -110,6 +129,14 @@ def verify_rows() -> list[VerifyRow]:
         except (ArithmeticError, ValueError, InputError) as problem:
             why = f"{chapter.replace('_', ' ')} cannot go on: {problem}"
             rows.append(
-                VerifyRow(f"what {chapter.replace('_', ' ')} still had", file, "", "", "differs", why, "physics")
+                VerifyRow(
+                    f"what {chapter.replace('_', ' ')} still had",
+                    file,
+                    "",
+                    "",
+                    "differs",
+                    why,
+                    "physics",
+                )
             )
     return rows

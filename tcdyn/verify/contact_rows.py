@@ -37,7 +37,15 @@ def speed_law_rows() -> Iterator[VerifyRow]:
     fast_slope, slow_slope = (0.83 - 0.37) / 1100, (0.48 - 0.20) / 1100  # figures 4.13 to 4.16
     a, c = 0.37 - 100 * fast_slope, 0.20 - 100 * slow_slope
     beta = speed_law_beta(a, fast_slope, c, slow_slope, chi)
-    yield row("arithmetic", "chi = (u_f/u_s)^n", "(4.6)", "2.62", f"{chi:.3f}", round(chi, 2) == 2.62, "4.24^0.667")
+    yield row(
+        "arithmetic",
+        "chi = (u_f/u_s)^n",
+        "(4.6)",
+        "2.62",
+        f"{chi:.3f}",
+        round(chi, 2) == 2.62,
+        "4.24^0.667",
+    )
     yield row(
         "arithmetic",
         "beta of the worked example",
@@ -80,43 +88,87 @@ def contact_rows() -> Iterator[VerifyRow]:
         test = PROGRAMME[family + "1"]
         ours = (test.sliding_speed_m_s, test.entraining_speed_m_s)
         yield close(
-            "arithmetic", f"sliding and entraining speed, tests {family}, m/s", "table 6.1", published, ours, 2,
-            "from the printed rpm and R = 38.1 mm; the table is rounded: agrees within 1 %", relative=0.01,
-        )  # fmt: skip
+            "arithmetic",
+            f"sliding and entraining speed, tests {family}, m/s",
+            "table 6.1",
+            published,
+            ours,
+            2,
+            "from the printed rpm and R = 38.1 mm; the table is rounded: agrees within 1 %",
+            relative=0.01,
+        )
     tests = [PROGRAMME[f"A{k}"] for k in (1, 2, 3, 4)]
-    contacts, printed = [hertz_contact(test.load_N) for test in tests], [test.pressure_GPa for test in tests]
+    contacts, printed = (
+        [hertz_contact(test.load_N) for test in tests],
+        [test.pressure_GPa for test in tests],
+    )
     pressures, majors = [c.pressure_Pa / 1e9 for c in contacts], [c.major_m * 1e3 for c in contacts]
     yield close(
-        "physics", "greatest Hertz pressure at 850, 1460, 1850, 2320 N, GPa", "table 6.1", numbers(printed, 1),
-        pressures, 3, "exact elliptical contact, E = 207 GPa, nu = 0.3; to the printed digit", absolute=0.05,
-    )  # fmt: skip
+        "physics",
+        "greatest Hertz pressure at 850, 1460, 1850, 2320 N, GPa",
+        "table 6.1",
+        numbers(printed, 1),
+        pressures,
+        3,
+        "exact elliptical contact, E = 207 GPa, nu = 0.3; to the printed digit",
+        absolute=0.05,
+    )
     yield close(
-        "physics", "half width across the track b at those loads, mm", "table 3.4", numbers(HALF_WIDTHS_mm, 2),
-        majors, 3, "agrees within 1 %", relative=0.01,
-    )  # fmt: skip
+        "physics",
+        "half width across the track b at those loads, mm",
+        "table 3.4",
+        numbers(HALF_WIDTHS_mm, 2),
+        majors,
+        3,
+        "agrees within 1 %",
+        relative=0.01,
+    )
     minor, depth = contacts[-1].minor_m * 1e3, contacts[-1].yield_depth_m * 1e3
     yield close(
-        "physics", "half width along rolling a at 2320 N, mm", "section 5.6", "0.45", [minor], 3,
-        "to the printed digit", absolute=0.005,
-    )  # fmt: skip
+        "physics",
+        "half width along rolling a at 2320 N, mm",
+        "section 5.6",
+        "0.45",
+        [minor],
+        3,
+        "to the printed digit",
+        absolute=0.005,
+    )
     yield close(
-        "physics", "depth of first yield at 2320 N, mm", "(5.1)", "0.32", [depth], 3,
-        "with our own a and b; to the printed digit", absolute=0.005,
-    )  # fmt: skip
+        "physics",
+        "depth of first yield at 2320 N, mm",
+        "(5.1)",
+        "0.32",
+        [depth],
+        3,
+        "with our own a and b; to the printed digit",
+        absolute=0.005,
+    )
     fits = [interference_pressure_Pa(d / 2) / 1e6 for d in (15.2e-6, 25.4e-6)]
     yield close(
-        "rule", "pressure of the press fit, MPa", "(6.1)", "27.3, 45.6", fits, 1, absolute=0.1,
+        "rule",
+        "pressure of the press fit, MPa",
+        "(6.1)",
+        "27.3, 45.6",
+        fits,
+        1,
+        absolute=0.1,
         why="the fit radius is not in the thesis: 20.5 mm was solved from the first number; only the second is a test",
-    )  # fmt: skip
+    )
     yield _conductance()
     setup = load_rig().disk_setup("slow")
     stated = [press_fit(replace(setup, fit=PressFit(interference_um=um))) for um in (15.2, 25.4)]
     both = [p * 1e-6 for p, _ in stated] + [h * 1e-3 for _, h in stated]
     yield close(
-        "rule", "the same by `tcdyn round fit` for 15.2 and 25.4 um with the default rig's surfaces: MPa, kW/m2K",
-        "section 6.4.3", "27.3, 45.6, 7.7, 11.1", both, 2,
-        "bore, hardness, roughness and slope are assumed so that they give these: agrees within 1 %", relative=0.01,
-    )  # fmt: skip
+        "rule",
+        "the same by `tcdyn round fit` for 15.2 and 25.4 um with the default rig's surfaces: MPa, kW/m2K",
+        "section 6.4.3",
+        "27.3, 45.6, 7.7, 11.1",
+        both,
+        2,
+        "bore, hardness, roughness and slope are assumed so that they give these: agrees within 1 %",
+        relative=0.01,
+    )
     ratios = [film_heat_ratio(t) for t in PROGRAMME.values()]
     low, high = min(ratios), max(ratios)
     yield row(
@@ -134,7 +186,9 @@ def contact_rows() -> Iterator[VerifyRow]:
 def _conductance() -> VerifyRow:
     """Table 6.6: one constant must give all three printed numbers to their rounding."""
     published, half = np.array([0.78, 7.7, 11.1]), np.array([0.005, 0.05, 0.05])
-    unit = np.array([contact_conductance_W_m2K(p * 1e6, 1e6, 1.0, 1.0, 1.0) for p in (1.0, 27.3, 45.6)])
+    unit = np.array(
+        [contact_conductance_W_m2K(p * 1e6, 1e6, 1.0, 1.0, 1.0) for p in (1.0, 27.3, 45.6)]
+    )
     low, high = ((published - half) / unit).max(), ((published + half) / unit).min()
     return row(
         "rule",
@@ -162,5 +216,12 @@ def film_heat_ratio(test: EhlCondition) -> float:
     g, w = 1.1e-8 * modulus, test.load_N / (modulus * radius**2)
     k = contact.major_m / contact.minor_m
     film = 2.69 * u**0.67 * g**0.53 * w**-0.067 * (1 - 0.61 * np.exp(-0.73 * k)) * radius
-    carried = contact.major_m * film * 2 * test.entraining_speed_m_s * float(oil.rho_kg_m3 * oil.c_J_kgK) * RISE_K
+    carried = (
+        contact.major_m
+        * film
+        * 2
+        * test.entraining_speed_m_s
+        * float(oil.rho_kg_m3 * oil.c_J_kgK)
+        * RISE_K
+    )
     return float(test.power_W / carried)

@@ -13,18 +13,36 @@ from tcdyn.conduction.rim import MESHES, Mesh, correction_factor
 from tcdyn.contact import hertz_contact, surface_speed_m_s
 from tcdyn.verify import HALF_WIDTHS_mm, VerifyRow, close, numbers, row, studies, within
 
-TABLE_3_2 = {"I": (0.567, 0.130, 0.024, 0.015), "II": (0.142, 0.046, 0.025, 0.021), "III": (0.078, 0.032, 0.021, 0.017)}
-TABLE_3_3 = {"I": (0.480, 0.112, 0.020, 0.012), "II": (0.121, 0.039, 0.021, 0.017), "III": (0.067, 0.027, 0.018, 0.014)}
+TABLE_3_2 = {
+    "I": (0.567, 0.130, 0.024, 0.015),
+    "II": (0.142, 0.046, 0.025, 0.021),
+    "III": (0.078, 0.032, 0.021, 0.017),
+}
+TABLE_3_3 = {
+    "I": (0.480, 0.112, 0.020, 0.012),
+    "II": (0.121, 0.039, 0.021, 0.017),
+    "III": (0.067, 0.027, 0.018, 0.014),
+}
 TABLE_3_4 = {
     "I": (1.0667, 1.0667, 1.0667, 1.0667),
     "II": (1.0286, 1.0159, 1.0159, 1.0101),
     "III": (1.0051, 1.0039, 1.0031, 1.0025),
     "IV": (1.0013, 1.0010, 1.0008, 1.0007),
 }
-TABLE_3_5 = {"I": (5.015, 3.111), "II": (0.498, 0.341), "III": (0.709, 0.381)}  # at 125 s and 1000 s
+TABLE_3_5 = {
+    "I": (5.015, 3.111),
+    "II": (0.498, 0.341),
+    "III": (0.709, 0.381),
+}  # at 125 s and 1000 s
 TABLE_3_6 = {"I": (0.379, 0.230), "II": (0.141, 0.016), "III": (0.102, 0.024)}
-D4_STATES = ((85.0, 65.0), (145.0, 70.0))  # inner row and air [degC] at 125 s and 1000 s (figures 3.8, 6.16)
-SIZE, FARTHEST = 4.0, 10.0  # "the same size": within this factor; nothing may lie farther off than the second
+D4_STATES = (
+    (85.0, 65.0),
+    (145.0, 70.0),
+)  # inner row and air [degC] at 125 s and 1000 s (figures 3.8, 6.16)
+SIZE, FARTHEST = (
+    4.0,
+    10.0,
+)  # "the same size": within this factor; nothing may lie farther off than the second
 NOT_COMPARABLE = (("maximum", "I"), ("maximum", "III"))
 WHY_SIZE = (
     "quasi-steady fields of D4, point values of the parabola raised by table 3.4; agrees when it falls in time and "
@@ -63,7 +81,8 @@ def closed_form_rows() -> Iterator[VerifyRow]:
         "the figure's end is not printed; 93 s is where (3.27) gives 230 mm, so this ties the two together",
     )
     worst, steadily = (
-        float(np.abs(check.error_percent).max()) for check in (studies.transient_check(), studies.steady_check())
+        float(np.abs(check.error_percent).max())
+        for check in (studies.transient_check(), studies.steady_check())
     )
     yield row(
         "physics",
@@ -127,18 +146,41 @@ def field_rows() -> Iterator[VerifyRow]:
     dz, middle = rim.width_m / (mesh.nz - 1), mesh.nz // 2
     density = flux_density("hertz", b, rim.width_m, mesh.nz) * 2 * b
     outside = density[: middle - int(b / dz) - 1]
-    flux = (float(density[middle]), float(density.sum() * dz / (2 * b)), float(np.abs(outside).max()))
+    flux = (
+        float(density[middle]),
+        float(density.sum() * dz / (2 * b)),
+        float(np.abs(outside).max()),
+    )
     yield close(
-        "physics", "flux over its mean: in the middle of the track, its sum, beyond it", "(3.32)", "1.5, 1, 0", flux, 4,
-        "mean of each cell of mesh IV, b = 1.75 mm", absolute=1e-3,
-    )  # fmt: skip
+        "physics",
+        "flux over its mean: in the middle of the track, its sum, beyond it",
+        "(3.32)",
+        "1.5, 1, 0",
+        flux,
+        4,
+        "mean of each cell of mesh IV, b = 1.75 mm",
+        absolute=1e-3,
+    )
     z, readings = np.linspace(0.0, rim.width_m, mesh.nz), (82.0, 85.0, 80.0)
     imposed = [0.0, *readings, 60.0]  # no power; d, b, f; air
-    lines = [spectrum(rim, 0.0, b, kind, "hertz", mesh).boundary.T @ imposed for kind in ("quadratic", "quartic")]
+    lines = [
+        spectrum(rim, 0.0, b, kind, "hertz", mesh).boundary.T @ imposed
+        for kind in ("quadratic", "quartic")
+    ]
     faces = np.polyval(np.polyfit(rim.boundary_z_m, readings, 2), [0.0, rim.width_m])
-    ends = np.array([[-1.5, 2.0, -0.5], [1.5, -2.0, 0.5]]) @ [[lines[1][k], lines[1][-1 - k]] for k in range(3)] / dz
+    ends = (
+        np.array([[-1.5, 2.0, -0.5], [1.5, -2.0, 0.5]])
+        @ [[lines[1][k], lines[1][-1 - k]] for k in range(3)]
+        / dz
+    )
     told = (*faces, 0.0, 0.0, *readings)
-    ours = (lines[0][0], lines[0][-1], ends[0, 0] * 1e-3, ends[1, 1] * 1e-3, *np.interp(rim.boundary_z_m, z, lines[1]))
+    ours = (
+        lines[0][0],
+        lines[0][-1],
+        ends[0, 0] * 1e-3,
+        ends[1, 1] * 1e-3,
+        *np.interp(rim.boundary_z_m, z, lines[1]),
+    )
     yield row(
         "physics",
         "inner row of 82, 85, 80 degC: faces by the parabola, degC; slopes there of the quartic, K/mm; its d, b, f",
@@ -176,10 +218,15 @@ def mesh_rows() -> Iterator[VerifyRow]:
     for name, published in TABLE_3_4.items():
         ours = [correction_factor(b * 1e-3, MESHES[name].nz, 9.53e-3) for b in HALF_WIDTHS_mm]
         yield close(
-            "rule", f"heat correction, mesh {name}, at 850, 1460, 1850, 2320 N", "table 3.4", numbers(published, 4),
-            [round(x, 4) for x in ours], 4, absolute=1e-9,
+            "rule",
+            f"heat correction, mesh {name}, at 850, 1460, 1850, 2320 N",
+            "table 3.4",
+            numbers(published, 4),
+            [round(x, 4) for x in ours],
+            4,
+            absolute=1e-9,
             why="N = 2 round(b/dz), N^2/(N^2 - 1), to the last digit; the rule was found from this table",
-        )  # fmt: skip
+        )
     yield from _real()
 
 
@@ -222,7 +269,9 @@ def _real() -> Iterator[VerifyRow]:
             ours = [getattr(study[k], part)[0] for study in (early, late)]
             known = (part, k) not in NOT_COMPARABLE
             most = SIZE if known else FARTHEST
-            size = len(ours) == len(theirs) and all(1 / most < a / p < most for a, p in zip(ours, theirs))
+            size = len(ours) == len(theirs) and all(
+                1 / most < a / p < most for a, p in zip(ours, theirs)
+            )
             yield row(
                 "trend",
                 f"mesh {k} against IV, test D4, {part} error at 125 and 1000 s, %",

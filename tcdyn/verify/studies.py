@@ -74,21 +74,29 @@ def transient_check() -> ClosedForm:
     time = np.linspace(2.0, 93.0, 92)
     mesh = Mesh(1313, 7)
     jump = [0.0, 20.0, 20.0, 20.0, 160.0]
-    fields = step_fields(rim, 1e9, rim.width_m / 2, [0.0, 20, 20, 20, 20], jump, time, flux="uniform", mesh=mesh)
+    fields = step_fields(
+        rim, 1e9, rim.width_m / 2, [0.0, 20, 20, 20, 20], jump, time, flux="uniform", mesh=mesh
+    )
     ours = interp1d(np.linspace(rim.inner_radius_m, 2.0, mesh.nr), fields[:, :, 3])(2.0 - 3e-3)
     exact = semi_infinite(3e-3, time, 20.0, 160.0, rim.diffusivity_m2_s)
-    return ClosedForm("3 mm below a surface that jumps (figure 3.15)", "time [s]", time, exact, ours)
+    return ClosedForm(
+        "3 mm below a surface that jumps (figure 3.15)", "time [s]", time, exact, ours
+    )
 
 
 def steady_check() -> ClosedForm:
     """Figure 3.16: uniform flux on the whole track, ideal washers, against (3.36) as corrected and (3.37)."""
     rim, mesh = default_rim(False), Mesh()
     inputs = [POWER_W, 85.0, 85.0, 85.0, 60.0]
-    field = step_fields(rim, FILM_W_m2K, rim.width_m / 2, inputs, inputs, [0.0], flux="uniform", mesh=mesh)[0]
+    field = step_fields(
+        rim, FILM_W_m2K, rim.width_m / 2, inputs, inputs, [0.0], flux="uniform", mesh=mesh
+    )[0]
     r = np.linspace(rim.inner_radius_m, rim.outer_radius_m, mesh.nr)
     flux = POWER_W / (2 * np.pi * rim.outer_radius_m * rim.width_m)
     exact = ring_steady_degC(rim, r, FILM_W_m2K, flux, 85.0, 60.0)
-    return ClosedForm("steady ring (figure 3.16)", "radius [mm]", r * 1e3, exact, field[:, mesh.nz // 2])
+    return ClosedForm(
+        "steady ring (figure 3.16)", "radius [mm]", r * 1e3, exact, field[:, mesh.nz // 2]
+    )
 
 
 def series_convergence() -> Convergence:
@@ -100,7 +108,9 @@ def series_convergence() -> Convergence:
     for n in NODES:
         mesh = Mesh(n, 9)
         ours = step_fields(rim, FILM_W_m2K, w / 2, before, after, times, flux="uniform", mesh=mesh)
-        exact = ring_transient_degC(rim, np.linspace(ri, ro, n), times, FILM_W_m2K, flux, 20.0, 10.0, 20.0)
+        exact = ring_transient_degC(
+            rim, np.linspace(ri, ro, n), times, FILM_W_m2K, flux, 20.0, 10.0, 20.0
+        )
         errors.append(float(np.abs(ours[:, :, 4] - exact).max()))
     return Convergence("hollow cylinder series", NODES, tuple(errors))
 
@@ -110,7 +120,10 @@ def product_convergence() -> Convergence:
     rim, errors = replace(default_rim(), washer_W_m2K=5000.0), []
     for n in NODES:
         mesh = Mesh(n, int(1.625 * (n - 1)) + 1)
-        r, z = np.linspace(rim.inner_radius_m, rim.outer_radius_m, mesh.nr), np.linspace(0, rim.width_m, mesh.nz)
+        r, z = (
+            np.linspace(rim.inner_radius_m, rim.outer_radius_m, mesh.nr),
+            np.linspace(0, rim.width_m, mesh.nz),
+        )
         start, later = (product_decay_K(rim, r, z, t, FILM_W_m2K) for t in (0.0, 1.0))
         errors.append(float(np.abs(free_decay(rim, FILM_W_m2K, start, 1.0, mesh) - later).max()))
     return Convergence("product solution, varies in z", NODES, tuple(errors))
@@ -124,7 +137,9 @@ class MeshErrors:
     mean: tuple[float, ...]
 
 
-def crank_nicolson_field(rim: Rim, mesh: Mesh, dt_s: float, time_s: float, late_steps: int = 0) -> Array:
+def crank_nicolson_field(
+    rim: Rim, mesh: Mesh, dt_s: float, time_s: float, late_steps: int = 0
+) -> Array:
     """Field (nr, nz) that Crank-Nicolson gives at ``time_s`` after a uniform flux starts, from 20 degC throughout.
 
     Mode by mode a step multiplies by (1 - lambda dt/2)/(1 + lambda dt/2), so no stepping is needed; ``late_steps``
@@ -143,7 +158,10 @@ def ideal_study(late_steps: int = 0) -> dict[str, MeshErrors]:
     """Tables 3.2 and 3.3: constant flux on the whole track, ideal washers, 20 degC inside, steps of table 3.1."""
     rim = default_rim(washer=False)
     return _errors(
-        {k: [crank_nicolson_field(rim, m, STEP_S[k], t, late_steps) for t in IDEAL_TIMES_S] for k, m in SETS.items()}
+        {
+            k: [crank_nicolson_field(rim, m, STEP_S[k], t, late_steps) for t in IDEAL_TIMES_S]
+            for k, m in SETS.items()
+        }
     )
 
 
@@ -152,7 +170,9 @@ def time_step_error_percent() -> dict[str, float]:
     rim = default_rim(washer=False)
     out = {}
     for key, name, dt in [*((k, k, STEP_S[k]) for k in SETS), ("I at 1 s", "I", 1.0)]:
-        coarse, fine = (crank_nicolson_field(rim, SETS[name], d, 2.0) for d in (dt, STEP_S[name] / 10))
+        coarse, fine = (
+            crank_nicolson_field(rim, SETS[name], d, 2.0) for d in (dt, STEP_S[name] / 10)
+        )
         out[key] = float((np.abs(coarse - fine) / fine).max() * 100)
     return out
 
@@ -165,10 +185,14 @@ def real_study(inner_degC: float, ambient_degC: float) -> dict[str, MeshErrors]:
     for k, mesh in SETS.items():
         s = scheme(rim, 721.0, mesh)
         across = np.linspace(-1, 1, mesh.nz) * rim.width_m / 2
-        inner = inner_degC - 3.0 * (across / 2.765e-3) ** 2  # d and f about 3 K below b, as figure 3.8
+        inner = (
+            inner_degC - 3.0 * (across / 2.765e-3) ** 2
+        )  # d and f about 3 K below b, as figure 3.8
         heat = power * nodal_parabola(rim, mesh, k)
         air = (s.film + s.face_d + s.face_f) * ambient_degC
-        field = steady_field(s, s.outer @ heat + s.inner @ inner + air).reshape(mesh.nr - 1, mesh.nz)
+        field = steady_field(s, s.outer @ heat + s.inner @ inner + air).reshape(
+            mesh.nr - 1, mesh.nz
+        )
         fields[k] = [np.vstack([inner, field])]
     return _errors(fields)
 
@@ -184,12 +208,17 @@ def nodal_parabola(rim: Rim, mesh: Mesh, name: str) -> Array:
 
 def _errors(fields: dict[str, list[Array]]) -> dict[str, MeshErrors]:
     """Of each mesh but the finest, against it, at the nodes (9, 14) that all four share; ``fields`` at each time."""
-    common = {k: np.stack(f)[:, :: (SETS[k].nr - 1) // 8, :: (SETS[k].nz - 1) // 13] for k, f in fields.items()}
+    common = {
+        k: np.stack(f)[:, :: (SETS[k].nr - 1) // 8, :: (SETS[k].nz - 1) // 13]
+        for k, f in fields.items()
+    }
     finest, out = common.pop("IV"), {}
     for k, field in common.items():
         gap = np.abs(field - finest)
         mean = gap.sum(axis=(1, 2)) / finest.sum(axis=(1, 2))
-        out[k] = MeshErrors(*(tuple((100 * e).tolist()) for e in ((gap / finest).max(axis=(1, 2)), mean)))
+        out[k] = MeshErrors(
+            *(tuple((100 * e).tolist()) for e in ((gap / finest).max(axis=(1, 2)), mean))
+        )
     return out
 
 
@@ -200,7 +229,12 @@ def stepped_gap_K(h: float, share: float) -> float:
     levels[0, 0] = 0.0
     s, inner = scheme(rim, h, mesh), spectrum(rim, h, b, "modal", "hertz", mesh).boundary
     columns = s.inner @ inner.T
-    columns[:, 0] = s.outer @ flux_density("hertz", b, rim.width_m, mesh.nz) * share / (2 * np.pi * rim.outer_radius_m)
+    columns[:, 0] = (
+        s.outer
+        @ flux_density("hertz", b, rim.width_m, mesh.nz)
+        * share
+        / (2 * np.pi * rim.outer_radius_m)
+    )
     columns[:, 4] += s.film + s.face_d + s.face_f
     stepper, field = CrankNicolson.prepare(s, dt), steady_field(s, columns @ levels[0])
     for k, u in enumerate(levels[:-1]):

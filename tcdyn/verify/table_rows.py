@@ -33,15 +33,25 @@ def table_rows() -> Iterator[VerifyRow]:
 def _kinematics() -> Iterator[VerifyRow]:
     slide_roll = [t.sliding_speed_m_s / t.entraining_speed_m_s for t in TESTS[::4]]
     yield row(
-        "arithmetic", "slide/roll ratio of tests A to D", "section 2.2.1", "1.24", numbers(slide_roll, 3),
-        within(slide_roll, [1.24] * 4, absolute=0.005), "u_s/u_m from the printed rpm, to the printed digit",
-    )  # fmt: skip
+        "arithmetic",
+        "slide/roll ratio of tests A to D",
+        "section 2.2.1",
+        "1.24",
+        numbers(slide_roll, 3),
+        within(slide_roll, [1.24] * 4, absolute=0.005),
+        "u_s/u_m from the printed rpm, to the printed digit",
+    )
     ellipses = [hertz_contact(t.load_N) for t in FAMILIES[0]]
     aspect = [e.major_m / e.minor_m for e in ellipses]
     yield row(
-        "physics", "aspect ratio of the contact ellipse at the four loads", "section 2.2.2", "3.91", numbers(aspect, 3),
-        within(aspect, [3.91] * 4, absolute=0.005), "from R = 38.1 mm and R_c = 304.8 mm alone, to the printed digit",
-    )  # fmt: skip
+        "physics",
+        "aspect ratio of the contact ellipse at the four loads",
+        "section 2.2.2",
+        "3.91",
+        numbers(aspect, 3),
+        within(aspect, [3.91] * 4, absolute=0.005),
+        "from R = 38.1 mm and R_c = 304.8 mm alone, to the printed digit",
+    )
 
 
 def _groups() -> VerifyRow:
@@ -53,59 +63,103 @@ def _groups() -> VerifyRow:
             together = any(set(pair) <= set(group) for group in groups.split("|"))
             count[published.PAIRS_SAME if together else published.PAIRS_OTHER][word] += 1
     junctions = load_rig().disk_setup("slow").junctions
-    side = {c: np.cos(np.deg2rad(junctions[c].angle_deg - junctions["a"].angle_deg)) > 0 for c in CHANNELS}
-    stands = "".join(sorted(c for c in CHANNELS if side[c])) + "|" + "".join(sorted(c for c in CHANNELS if not side[c]))
+    side = {
+        c: np.cos(np.deg2rad(junctions[c].angle_deg - junctions["a"].angle_deg)) > 0
+        for c in CHANNELS
+    }
+    stands = (
+        "".join(sorted(c for c in CHANNELS if side[c]))
+        + "|"
+        + "".join(sorted(c for c in CHANNELS if not side[c]))
+    )
     both = (published.PAIRS_OTHER, published.PAIRS_SAME)
     told, ours = (
         "; ".join(numbers([table[k].get(w, 0) for w in "lwin"], 0) for k in both)
         for table in (published.TABLE_6_5, count)
-    )  # fmt: skip
+    )
     return row(
-        "arithmetic", "logical, weak, illogical, N.A. pairs of junctions: in different groups; in the same one",
-        "tables 6.2 to 6.5", told, ours, told == ours and stands == published.COMPARED[0][0],
+        "arithmetic",
+        "logical, weak, illogical, N.A. pairs of junctions: in different groups; in the same one",
+        "tables 6.2 to 6.5",
+        told,
+        ours,
+        told == ours and stands == published.COMPARED[0][0],
         "27 and 18 pairs, counted in tables 6.2 to 6.4; the default rig's angles part the junctions as table 6.2 does",
-    )  # fmt: skip
+    )
 
 
 def _forces() -> Iterator[VerifyRow]:
-    load, force = (np.array([[getattr(t, name) for t in f] for f in FAMILIES]) for name in ("load_N", "friction_N"))
+    load, force = (
+        np.array([[getattr(t, name) for t in f] for f in FAMILIES])
+        for name in ("load_N", "friction_N")
+    )
     r2 = [float(np.corrcoef(x, y)[0, 1] ** 2) for x, y in zip(load, force, strict=True)]
     yield row(
-        "rule", "traction against load, r squared of a straight line at 10, 13, 16, 20 m/s", "section 6.5, figure 6.33",
-        "linear", numbers(r2, 4), min(r2) >= 0.994, "lines fitted to table 7.2 itself; agrees from 0.994 on",
-    )  # fmt: skip
+        "rule",
+        "traction against load, r squared of a straight line at 10, 13, 16, 20 m/s",
+        "section 6.5, figure 6.33",
+        "linear",
+        numbers(r2, 4),
+        min(r2) >= 0.994,
+        "lines fitted to table 7.2 itself; agrees from 0.994 on",
+    )
     friction = force[:, -1] / load[:, -1]
     yield row(
-        "trend", "coefficient of friction at 2320 N, 10 to 20 m/s", "figure 6.34", "falls", numbers(friction, 4),
-        bool(np.all(np.diff(friction) < 0)), "table 7.2 over table 6.1",
-    )  # fmt: skip
+        "trend",
+        "coefficient of friction at 2320 N, 10 to 20 m/s",
+        "figure 6.34",
+        "falls",
+        numbers(friction, 4),
+        bool(np.all(np.diff(friction) < 0)),
+        "table 7.2 over table 6.1",
+    )
 
 
 def _ratios() -> VerifyRow:
-    pairs = np.array([(t.h_fast_W_m2K, t.h_slow_W_m2K) for t in TESTS] + list(published.CLARKE_H), dtype=float)
+    pairs = np.array(
+        [(t.h_fast_W_m2K, t.h_slow_W_m2K) for t in TESTS] + list(published.CLARKE_H), dtype=float
+    )
     chi = speed_ratio_power(4.24, 0.667)
-    low, high = ((pairs[:, 0] - 0.5) / (pairs[:, 1] + 0.5)).max(), ((pairs[:, 0] + 0.5) / (pairs[:, 1] - 0.5)).min()
+    low, high = (
+        ((pairs[:, 0] - 0.5) / (pairs[:, 1] + 0.5)).max(),
+        ((pairs[:, 0] + 0.5) / (pairs[:, 1] - 0.5)).min(),
+    )
     ratios = pairs[:, 0] / pairs[:, 1]
     return row(
-        "arithmetic", "h_f/h_s of all 32 tests, least and greatest", "table 7.1, (4.6)", numbers((2.62, 2.62), 2),
-        numbers((ratios.min(), ratios.max()), 3), bool(low <= chi <= high),
+        "arithmetic",
+        "h_f/h_s of all 32 tests, least and greatest",
+        "table 7.1, (4.6)",
+        numbers((2.62, 2.62), 2),
+        numbers((ratios.min(), ratios.max()), 3),
+        bool(low <= chi <= high),
         f"one ratio from {low:.4f} to {high:.4f} gives all 64 printed h to their rounding, and ours, 4.24^0.667 = "
         f"{chi:.4f}, is one; that is n from {np.log(low) / np.log(4.24):.4f} to {np.log(high) / np.log(4.24):.4f}",
-    )  # fmt: skip
+    )
 
 
 def _means() -> Iterator[VerifyRow]:
     ours = np.array([(t.fast_a_degC, t.slow_a_degC, t.friction_N) for t in TESTS])
     fast, slow, friction = (ours - np.array(published.CLARKE_AT_REST)).mean(axis=0)
     yield close(
-        "arithmetic", "a of the fast and slow disk, mean difference from Clarke's tests, K", "table 7.2", "-0.1, 7.3",
-        (fast, slow), 2, "to the printed digit", absolute=0.05,
-    )  # fmt: skip
+        "arithmetic",
+        "a of the fast and slow disk, mean difference from Clarke's tests, K",
+        "table 7.2",
+        "-0.1, 7.3",
+        (fast, slow),
+        2,
+        "to the printed digit",
+        absolute=0.05,
+    )
     yield row(
-        "arithmetic", "friction, mean difference from Clarke's tests, N", "table 7.2", "-0.3", f"{friction:.2f}",
-        within([friction], [-0.39], absolute=0.005), "the table's own 16 differences have this mean",
+        "arithmetic",
+        "friction, mean difference from Clarke's tests, N",
+        "table 7.2",
+        "-0.3",
+        f"{friction:.2f}",
+        within([friction], [-0.39], absolute=0.005),
+        "the table's own 16 differences have this mean",
         good="misprint",
-    )  # fmt: skip
+    )
 
 
 def chebyshev_line(x: Array, y: Array) -> tuple[float, float, float]:
@@ -117,7 +171,9 @@ def chebyshev_line(x: Array, y: Array) -> tuple[float, float, float]:
     a = np.column_stack([np.ones_like(x), x])
     ones = np.ones((len(x), 1))
     free = [(None, None), (None, None), (0, None)]
-    found = linprog([0, 0, 1], A_ub=np.block([[a, -ones], [-a, -ones]]), b_ub=np.append(y, -y), bounds=free)
+    found = linprog(
+        [0, 0, 1], A_ub=np.block([[a, -ones], [-a, -ones]]), b_ub=np.append(y, -y), bounds=free
+    )
     return float(found.x[0]), float(found.x[1]), float(found.x[2])
 
 
@@ -127,20 +183,33 @@ def _trend_lines() -> Iterator[VerifyRow]:
     for name, beta in zip("FC", models, strict=True):
         intercept, slope, far = chebyshev_line(x, beta)
         yield row(
-            "rule", f"model {name}: beta against the product of temperature difference and sliding speed",
-            "table 7.3, figure 7.19", "a straight line", f"{intercept:.3f} - {-slope * 1e5:.1f}e-5 x",
+            "rule",
+            f"model {name}: beta against the product of temperature difference and sliding speed",
+            "table 7.3, figure 7.19",
+            "a straight line",
+            f"{intercept:.3f} - {-slope * 1e5:.1f}e-5 x",
             far <= 0.005 and slope < 0,
             f"one falling line gives all 16 betas to their rounding (at most {far:.4f} off); nothing of ours in it",
-        )  # fmt: skip
+        )
     measured = np.array([t.beta for t in TESTS])
     slope, level = np.polyfit(x, measured, 1)
     yield row(
-        "trend", "measured beta against that product", "figure 7.18", "falls, majority to the fast disk",
-        f"{level:.3f} - {-slope * 1e5:.1f}e-5 x", bool(slope < 0 and measured.min() > 0.5),
+        "trend",
+        "measured beta against that product",
+        "figure 7.18",
+        "falls, majority to the fast disk",
+        f"{level:.3f} - {-slope * 1e5:.1f}e-5 x",
+        bool(slope < 0 and measured.min() > 0.5),
         "least squares, tables 7.1 and 7.3",
-    )  # fmt: skip
+    )
     chi = [speed_ratio_power(4.25, n) for n in (0.57, 0.8)]
     yield close(
-        "arithmetic", "h_f/h_s at n = 0.57 and 0.8", "section 7.4", "2.3, 3.2", chi, 2,
-        "4.25^n, to the printed digit", absolute=0.05,
-    )  # fmt: skip
+        "arithmetic",
+        "h_f/h_s at n = 0.57 and 0.8",
+        "section 7.4",
+        "2.3, 3.2",
+        chi,
+        2,
+        "4.25^n, to the printed digit",
+        absolute=0.05,
+    )

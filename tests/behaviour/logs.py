@@ -22,7 +22,13 @@ SEED = 3
 TESTS = ("B3", "D4")
 OPTIONS = EhlOptions(load_on_s=30.0, unload_s=230.0, duration_s=245.0)
 SCALE = b"steps per unit"
-STEPS = {"degC": 100, "s": 1_000_000, "N": 1000, "rpm": 10, "": 1}  # per unit of a column, by the ending of its name
+STEPS = {
+    "degC": 100,
+    "s": 1_000_000,
+    "N": 1000,
+    "rpm": 10,
+    "": 1,
+}  # per unit of a column, by the ending of its name
 
 
 def steps_of(column: str) -> int:
@@ -33,12 +39,19 @@ def steps_of(column: str) -> int:
 
 def pack(frame: pd.DataFrame, path: Path) -> None:
     """Write a log as whole numbers of steps, which compress well."""
-    columns = {name: np.rint(frame[name].to_numpy() * steps_of(name)).astype(np.int32) for name in frame}
+    columns = {
+        name: np.rint(frame[name].to_numpy() * steps_of(name)).astype(np.int32) for name in frame
+    }
     scales = json.dumps({name: steps_of(name) for name in frame})
     table = pa.table(columns).replace_schema_metadata({SCALE: scales.encode()})
     encoding = dict.fromkeys(frame, "DELTA_BINARY_PACKED")
     parquet.write_table(
-        table, path, compression="zstd", compression_level=19, use_dictionary=False, column_encoding=encoding
+        table,
+        path,
+        compression="zstd",
+        compression_level=19,
+        use_dictionary=False,
+        column_encoding=encoding,
     )
 
 
@@ -46,14 +59,20 @@ def unpack(path: Path) -> pd.DataFrame:
     """A committed log in its own units."""
     table = parquet.read_table(path)
     scales = json.loads(table.schema.metadata[SCALE])
-    return pd.DataFrame({name: table[name].to_numpy() / scales[name] for name in table.column_names})
+    return pd.DataFrame(
+        {name: table[name].to_numpy() / scales[name] for name in table.column_names}
+    )
 
 
 def simulated(folder: Path) -> dict[str, Path]:
     """Simulate the campaign into ``folder``; its logs by name."""
     files = simulate_campaign(folder, SEED, TESTS, ehl_options=OPTIONS)
     logs = {f"oven_{disk}": path for disk, path in files.ovens.items()}
-    logs |= {f"plunge_{disk}_{k}": path for disk, paths in files.plunges.items() for k, path in enumerate(paths, 1)}
+    logs |= {
+        f"plunge_{disk}_{k}": path
+        for disk, paths in files.plunges.items()
+        for k, path in enumerate(paths, 1)
+    }
     return logs | {f"ehl_{name}": path for name, path in files.ehl.items()} | {"rig": files.rig}
 
 

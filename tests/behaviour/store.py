@@ -19,7 +19,9 @@ from tests.cli.test_main_job import tcdyn
 
 STORED = Path(__file__).with_name("stored.json")
 DIGITS = 9
-SHARE_OF_U = 0.02  # of its standard uncertainty, by which a value may differ, and the uncertainty itself
+SHARE_OF_U = (
+    0.02  # of its standard uncertainty, by which a value may differ, and the uncertainty itself
+)
 # An uncertainty below 1e-6 of its value is rounding: both are held to 1e-6 of the value instead.
 LEAST_RELATIVE_U = 1e-6 / SHARE_OF_U
 
@@ -27,14 +29,19 @@ LEAST_RELATIVE_U = 1e-6 / SHARE_OF_U
 def load() -> dict[str, Estimates]:
     """The stored estimates by run."""
     stored = json.loads(STORED.read_text(encoding="utf-8"))
-    return {run: {path: (value, u) for path, (value, u) in found.items()} for run, found in stored.items()}
+    return {
+        run: {path: (value, u) for path, (value, u) in found.items()}
+        for run, found in stored.items()
+    }
 
 
 def inputs_in(folder: Path) -> dict[str, Path]:
     """All input files of the suite, written into ``folder``; paths by name."""
     paths = {**write_logs(folder), **write_tables(folder)}
     paths["sensor"] = folder / "sensor.sensor.json"
-    code = tcdyn("sensor", "new", "--tau-s", "25+-1", "--column", "TC1", "--out", paths["sensor"], "--quiet")
+    code = tcdyn(
+        "sensor", "new", "--tau-s", "25+-1", "--column", "TC1", "--out", paths["sensor"], "--quiet"
+    )
     assert code in (0, 1)
     return paths
 
@@ -70,8 +77,14 @@ def main() -> None:
             place = Path(folder) / name.replace(" ", "-")
             place.mkdir()
             now[name] = results_of(name, inputs, place)
-            worst = sorted(differences(now[name], then.get(name, {})).items(), key=lambda item: -item[1])[:3]
-            print(f"{name}: {len(now[name])} estimates", *(f"{path} {share:.3g} u" for path, share in worst), sep="; ")
+            worst = sorted(
+                differences(now[name], then.get(name, {})).items(), key=lambda item: -item[1]
+            )[:3]
+            print(
+                f"{name}: {len(now[name])} estimates",
+                *(f"{path} {share:.3g} u" for path, share in worst),
+                sep="; ",
+            )
             if "records" in sys.argv:
                 record = (place / RUNS[name].output).read_bytes()
                 (FOLDER / f"{name.rpartition(' ')[2]}.disk.json").write_bytes(record)

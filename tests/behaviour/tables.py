@@ -32,7 +32,9 @@ def binary_input(seed: int) -> pd.DataFrame:
     fine = np.repeat(u, 5)
     delayed = np.concatenate([np.full(35, fine[0]), fine[:-35]])
     y = first_order(first_order(delayed, 2.0, fine_s), 0.5, fine_s)[::5]
-    return pd.DataFrame({"time_s": np.round(dt_s * np.arange(len(u)), 3), "u": u, "y": y + noise(len(u), 0.5, seed)})
+    return pd.DataFrame(
+        {"time_s": np.round(dt_s * np.arange(len(u)), 3), "u": u, "y": y + noise(len(u), 0.5, seed)}
+    )
 
 
 def dip(seed: int) -> pd.DataFrame:
@@ -40,7 +42,9 @@ def dip(seed: int) -> pd.DataFrame:
     t = 0.05 * np.arange(600)
     late = np.clip(t - 6.02, 0, None)
     rise = 1 - (1.4 * np.exp(-late / 1.4) - 0.2 * np.exp(-late / 0.2)) / 1.2
-    return pd.DataFrame({"time_s": np.round(t, 3), "T1_degC": np.round(21 + 63 * rise + noise(600, 0.05, seed), 3)})
+    return pd.DataFrame(
+        {"time_s": np.round(t, 3), "T1_degC": np.round(21 + 63 * rise + noise(600, 0.05, seed), 3)}
+    )
 
 
 def gas(seed: int) -> pd.DataFrame:
@@ -51,7 +55,9 @@ def gas(seed: int) -> pd.DataFrame:
     x = 500 + first_order(40 * rng.standard_normal(30_000), 0.3, fine_s) * 5
     columns = {"time_s": np.round(dt_s * np.arange(3000), 3)}
     for name, tau_s in (("T1_degC", 0.2), ("T2_degC", 0.8)):
-        columns[name] = np.round(first_order(x, tau_s, fine_s)[::10] + noise(3000, 0.1, seed + len(columns)), 3)
+        columns[name] = np.round(
+            first_order(x, tau_s, fine_s)[::10] + noise(3000, 0.1, seed + len(columns)), 3
+        )
     return pd.DataFrame(columns)
 
 
@@ -59,7 +65,12 @@ def steady(seed: int) -> pd.DataFrame:
     """A sensor of 0.5 s in a process with white fluctuations, at constant conditions."""
     rng = np.random.default_rng(seed)
     y = first_order(10 * rng.standard_normal(40_000), 0.5, 0.005)[::10]
-    return pd.DataFrame({"time_s": np.round(0.05 * np.arange(4000), 3), "T1_degC": 200 + y + noise(4000, 0.01, seed)})
+    return pd.DataFrame(
+        {
+            "time_s": np.round(0.05 * np.arange(4000), 3),
+            "T1_degC": 200 + y + noise(4000, 0.01, seed),
+        }
+    )
 
 
 def loop_current(seed: int) -> pd.DataFrame:
@@ -68,7 +79,9 @@ def loop_current(seed: int) -> pd.DataFrame:
     late = np.clip(t - 5.0, 0, None)
     rise = 1 - 0.85 * np.exp(-late / 0.7) - 0.15 * np.exp(-late / 0.15)
     y = 20 + 6 * rise + noise(600, 0.01, seed)
-    return pd.DataFrame({"time_s": np.round(t, 3), "T1_degC": y, "I_mA": np.where(t > 5.0, 40.0, 0.0)})
+    return pd.DataFrame(
+        {"time_s": np.round(t, 3), "T1_degC": y, "I_mA": np.where(t > 5.0, 40.0, 0.0)}
+    )
 
 
 def furnace(seed: int) -> pd.DataFrame:

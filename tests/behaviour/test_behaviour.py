@@ -23,12 +23,16 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_command_gives_the_stored_results(name: str, inputs: dict[str, Path], tmp_path: Path) -> None:
+def test_a_command_gives_the_stored_results(
+    name: str, inputs: dict[str, Path], tmp_path: Path
+) -> None:
     then = STORED[name]
     assert len(then) > 0
     changed = differences(results_of(name, inputs, tmp_path), then)
     path = max(changed, key=lambda p: changed[p])
-    assert changed[path] < SHARE_OF_U, f"{path} changed by {changed[path]:.3g} standard uncertainties"
+    assert changed[path] < SHARE_OF_U, (
+        f"{path} changed by {changed[path]:.3g} standard uncertainties"
+    )
 
 
 def test_a_change_is_measured_in_standard_uncertainties() -> None:
@@ -44,7 +48,9 @@ def test_the_simulator_still_makes_the_committed_logs(tmp_path: Path) -> None:
     """To half a step of what the files hold, and one more where processors round differently."""
     for name, path in simulated(tmp_path).items():
         if path.suffix == ".toml":
-            assert path.read_text(encoding="utf-8") == (FOLDER / "rig.toml").read_text(encoding="utf-8")
+            assert path.read_text(encoding="utf-8") == (FOLDER / "rig.toml").read_text(
+                encoding="utf-8"
+            )
             continue
         new = pd.read_csv(path, comment="#")
         stored = unpack(FOLDER / f"{name}.parquet")

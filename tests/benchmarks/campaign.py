@@ -38,7 +38,9 @@ def main(count: int = 4) -> None:
         ("all, 2 workers", logs, 2),
     ):
         start = perf_counter()
-        tables[name] = run_campaign(some, settings, folder / name.replace(" ", ""), workers=workers).table
+        tables[name] = run_campaign(
+            some, settings, folder / name.replace(" ", ""), workers=workers
+        ).table
         took = perf_counter() - start
         base = base or took
         print(f"{name:16s} {len(some):3d} logs  {took:7.2f} s  {took / base:5.2f} x baseline")

@@ -20,14 +20,26 @@ from tcdyn.compensate.smoother import smooth
 from tests.benchmarks.log_reading import best_s
 from tests.campaign.toy import toy
 
-COMMANDS = ("calibrate", "beta", "compensate", "identify", "campaign", "follow", "design", "sensor", "verify")
+COMMANDS = (
+    "calibrate",
+    "beta",
+    "compensate",
+    "identify",
+    "campaign",
+    "follow",
+    "design",
+    "sensor",
+    "verify",
+)
 SMOOTHED = (12, 105_000)
 
 
 def command(*words: object) -> tuple[float, float]:
     """Seconds and largest memory [MB] of one command in a process of its own."""
     start = time.perf_counter()
-    run = subprocess.Popen([sys.executable, "-m", "tcdyn.cli.app", *map(str, words)], stdout=subprocess.DEVNULL)
+    run = subprocess.Popen(
+        [sys.executable, "-m", "tcdyn.cli.app", *map(str, words)], stdout=subprocess.DEVNULL
+    )
     _, status, used = os.wait4(run.pid, 0)
     if os.waitstatus_to_exitcode(status) == 2:
         raise SystemExit(f"{words} failed")
@@ -41,7 +53,11 @@ def longer(log: Path, rows: int, out: Path) -> Path:
     parts = [np.arange(on), np.arange(on, off - 5000), np.arange(off - 5000, len(frame) - 2000)]
     if rows < len(frame):
         parts = [np.arange(max(off - int(0.7 * rows), 0), min(off + int(0.3 * rows), len(frame)))]
-    turns = [np.arange(50, on - 50), np.arange(off - 9000, off - 5000), np.arange(len(frame) - 4000, len(frame) - 2000)]
+    turns = [
+        np.arange(50, on - 50),
+        np.arange(off - 9000, off - 5000),
+        np.arange(len(frame) - 4000, len(frame) - 2000),
+    ]
     order = []
     for part, turn in zip(parts, turns if len(parts) > 1 else [turns[0]]):
         times = max(rows - len(frame), 0) / (len(turns) * 2 * len(turn))
@@ -53,7 +69,9 @@ def longer(log: Path, rows: int, out: Path) -> Path:
         for first in range(0, len(index), 200_000):
             piece = frame.iloc[index[first : first + 200_000]].copy()
             piece["time_s"] = np.round(dt * np.arange(first, first + len(piece)), 6)
-            piece[noisy] = (piece[noisy] + 1e-4 * rng.standard_normal((len(piece), len(noisy)))).round(4)
+            piece[noisy] = (
+                piece[noisy] + 1e-4 * rng.standard_normal((len(piece), len(noisy)))
+            ).round(4)
             piece.to_csv(stream, index=False, header=first == 0)
     return out
 
@@ -66,15 +84,28 @@ def main(folder: Path, lengths: list[int]) -> None:
     records = [word for d in ("fast", "slow") for word in ("--record", folder / f"{d}.disk.json")]
     plunges = [word for k in (1, 2) for word in ("--immersion", folder / f"plunge_fast_{k}.csv")]
     base = best_s(lambda: pd.read_csv(log, comment="#").to_csv(folder / "copy.csv", index=False))
-    print(f"pandas reads and writes {log.name} ({log.stat().st_size / 1e6:.0f} MB) in {base:.2f} s; times that:")
+    print(
+        f"pandas reads and writes {log.name} ({log.stat().st_size / 1e6:.0f} MB) in {base:.2f} s; times that:"
+    )
     jobs: dict[str, tuple[object, ...]] = {
         "compensate": ("compensate", log, *records, "--out", folder / "out.csv", "-q"),
         "beta": ("beta", log, *records, "--out", folder / "out.json", "-q"),
         "beta --report": ("beta", log, *records, "--report", folder / "out.html", "-q"),
-        "calibrate": ("calibrate", "--disk", "fast", "--rig", folder / "rig.toml", "--oven", folder / "oven_fast.csv",
-                      *plunges, "--out", folder / "out.disk.json", "-q"),
+        "calibrate": (
+            "calibrate",
+            "--disk",
+            "fast",
+            "--rig",
+            folder / "rig.toml",
+            "--oven",
+            folder / "oven_fast.csv",
+            *plunges,
+            "--out",
+            folder / "out.disk.json",
+            "-q",
+        ),
         "demo": ("demo", "--out", folder / "demo", "--seed", "2", "--quiet"),
-    }  # fmt: skip
+    }
     for name, words in jobs.items():
         took, memory = min(command(*words) for _ in range(3))  # as of the baseline
         print(f"{name:14} {took:6.2f} s {took / base:6.2f} {memory:6.0f} MB", flush=True)

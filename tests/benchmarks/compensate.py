@@ -34,7 +34,9 @@ def case_b(records: int = 10) -> None:
     x, t = fine[::20], np.arange(n) * dt
     y = chain.response(fine, dt / 20)[::20, None] + 0.2 * rng.standard_normal((n, records))
     middle, transient, edges = slice(60, 740), (t >= 4.75) & (t <= 10), np.r_[0:60, 740:800]
-    print(f"\nCase B, {records} records: rms (ratio to the anchor), coverage all / transient / edges")
+    print(
+        f"\nCase B, {records} records: rms (ratio to the anchor), coverage all / transient / edges"
+    )
 
     def show(name: str, found: Array, sd: Array | None, baseline: float) -> None:
         error = found - x[:, None]
@@ -46,15 +48,27 @@ def case_b(records: int = 10) -> None:
         print(f"  {name:42s} {rms:6.3f} K ({rms / baseline:.2f})  {cover}")
 
     show("uncorrected", y, None, 9.4)
-    for name, events in (("smoother, event found by itself", ()), ("smoother, event given", (5.0,))):
+    for name, events in (
+        ("smoother, event found by itself", ()),
+        ("smoother, event given", (5.0,)),
+    ):
         runs = [smooth(y[:, k], dt, chain, events_s=events) for k in range(records)]
-        show(name, np.column_stack([r.temperature for r in runs]), np.column_stack([r.sd for r in runs]), 0.249)
+        show(
+            name,
+            np.column_stack([r.temperature for r in runs]),
+            np.column_stack([r.sd for r in runs]),
+            0.249,
+        )
     runs = []
     for k in range(records):
         drawn = Chain((1.0 + 0.05 * rng.standard_normal(),), conditioning=NO_CONDITIONING)
         runs.append(smooth(y[:, k], dt, drawn, lag_covariance=[[0.05**2]]))
-    show("smoother, lag drawn from 1.0 +- 0.05 s", np.column_stack([r.temperature for r in runs]),
-         np.column_stack([r.sd for r in runs]), 0.249)  # fmt: skip
+    show(
+        "smoother, lag drawn from 1.0 +- 0.05 s",
+        np.column_stack([r.temperature for r in runs]),
+        np.column_stack([r.sd for r in runs]),
+        0.249,
+    )
     plain = smooth(y, dt, chain, find_events=False)
     show("smoother, event neither given nor sought", plain.temperature, plain.sd, 0.249)
     for criterion in ("gcv", "discrepancy", "l-curve"):
@@ -73,7 +87,9 @@ def case_b(records: int = 10) -> None:
         show(f"PyDynamic LSFIR, {band_Hz} Hz", *other, 0.69)
 
 
-def pydynamic_fir(y: Array, dt: float, chain: Chain, band_Hz: float, order: int = 24) -> tuple[Array, Array] | None:
+def pydynamic_fir(
+    y: Array, dt: float, chain: Chain, band_Hz: float, order: int = 24
+) -> tuple[Array, Array] | None:
     """The archived PTB library's route: least-squares inverse FIR, low-pass FIR, GUM propagation; None without it."""
     with warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()):
         warnings.simplefilter("ignore")
@@ -88,7 +104,10 @@ def pydynamic_fir(y: Array, dt: float, chain: Chain, band_Hz: float, order: int 
         taps, _ = LSFIR(both, order, f, 1 / dt, order // 2, verbose=False, inv=True)
         low = signal.firwin(2 * order + 1, band_Hz, fs=1 / dt)
         runs = [
-            FIRuncFilter(column, 0.2, taps, np.zeros((order + 1, order + 1)), order // 2 + order, low) for column in y.T
+            FIRuncFilter(
+                column, 0.2, taps, np.zeros((order + 1, order + 1)), order // 2 + order, low
+            )
+            for column in y.T
         ]
     return np.column_stack([r[0] for r in runs]), np.column_stack([r[1] for r in runs])
 
@@ -130,7 +149,9 @@ def unloading(records: int = 10) -> None:
     held = np.mean(np.abs(error[after]) < 1.96 * ours.sd[after])
     print("\nUnloading at e, 5 s after it, K rms")
     print(f"  raw {raw:.2f}, smoother {rms:.3f} (coverage {100 * held:.0f} %)")
-    known = smooth(y, dt, chain, events_s=(off,), noise_sd=0.15, intensity=best_intensity(x, dt, off))
+    known = smooth(
+        y, dt, chain, events_s=(off,), noise_sd=0.15, intensity=best_intensity(x, dt, off)
+    )
     oracle_rms = np.sqrt(np.mean((known.temperature - x[:, None])[after] ** 2))
     print(
         f"  smoother given the true squared curvature as its intensity: {oracle_rms:.3f} (ratio {rms / oracle_rms:.2f})"
@@ -158,7 +179,15 @@ def case_c(records: int = 12) -> None:
     for kink, duration_s in ((True, 40.0), (False, 60.0), (False, 200.0)):
         t, truth, clean = logged(kink, duration_s)
         near = (t > EVENT_S - 1) & (t < EVENT_S + 5) if kink else (t > 1) & (t < duration_s - 1)
-        for world in ("ar0.0", "ar0.2", "ar0.4", "ar0.6", "ar0.8", "before", *(["hum"] if kink else [])):
+        for world in (
+            "ar0.0",
+            "ar0.2",
+            "ar0.4",
+            "ar0.6",
+            "ar0.8",
+            "before",
+            *(["hum"] if kink else []),
+        ):
             squares, held = [], []
             for seed in range(500, 500 + records):
                 y = clean + disturbance(world, np.random.default_rng(seed), len(t))
@@ -166,8 +195,10 @@ def case_c(records: int = 12) -> None:
                 off = (done.temperature[:, 0] - truth)[near]
                 squares.append(np.mean(off**2))
                 held.append(np.mean(np.abs(off) < 1.96 * done.sd[near, 0]))
-            print(f"  {'kink' if kink else f'swing, {duration_s:.0f} s'}, {world}: {np.mean(squares) ** 0.5:.3f} K, "
-                  f"{100 * np.mean(held):.0f} %")  # fmt: skip
+            print(
+                f"  {'kink' if kink else f'swing, {duration_s:.0f} s'}, {world}: {np.mean(squares) ** 0.5:.3f} K, "
+                f"{100 * np.mean(held):.0f} %"
+            )
 
 
 def whole_log() -> None:
@@ -180,8 +211,10 @@ def whole_log() -> None:
     y = chain.response(fine + 3 * flux, dt / 2)[::2, None] + 0.15 * rng.standard_normal((n, 12))
     wall, cpu = time.perf_counter(), time.process_time()
     smooth(y, dt, chain, events_s=(off,))
-    print(f"\n12 channels x {n} samples smoothed with sd: {time.perf_counter() - wall:.2f} s wall, "
-          f"{time.process_time() - cpu:.2f} s of one core (wanted: 5 s)")  # fmt: skip
+    print(
+        f"\n12 channels x {n} samples smoothed with sd: {time.perf_counter() - wall:.2f} s wall, "
+        f"{time.process_time() - cpu:.2f} s of one core (wanted: 5 s)"
+    )
     f = proper_inverse(chain, dt, 2.0)
     f(y[:100])
     wall = time.process_time()
@@ -197,6 +230,11 @@ def whole_log() -> None:
 
 
 if __name__ == "__main__":
-    for name, run in (("case", case_b), ("unload", unloading), ("noise", case_c), ("log", whole_log)):
+    for name, run in (
+        ("case", case_b),
+        ("unload", unloading),
+        ("noise", case_c),
+        ("log", whole_log),
+    ):
         if len(sys.argv) < 2 or name in sys.argv[1:]:
             run()

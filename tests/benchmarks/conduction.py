@@ -108,7 +108,14 @@ def time_gains(mesh: Mesh, repeat: int = 20) -> float:
     points, rates = points_of(setup, "ace"), node_rates(DT_S)
     start = time.perf_counter()
     for k in range(repeat):
-        rim_gains(Rim.from_setup(setup, conductivity_W_mK=41 + k / 10), 700.0, points, HALF_WIDTH_M, rates, mesh=mesh)
+        rim_gains(
+            Rim.from_setup(setup, conductivity_W_mK=41 + k / 10),
+            700.0,
+            points,
+            HALF_WIDTH_M,
+            rates,
+            mesh=mesh,
+        )
     return (time.perf_counter() - start) / repeat
 
 
@@ -121,7 +128,9 @@ def main() -> None:
         f"  Crank-Nicolson, 12 passes        {m.baseline_s:8.1f} s   extrapolated from the best of {PIECES} stretches"
     )
     print(f"  ratio                            {m.ratio:8.0f}")
-    print("cost per doubling of the mesh (both ways): whole map, one set of gains, one Crank-Nicolson step")
+    print(
+        "cost per doubling of the mesh (both ways): whole map, one set of gains, one Crank-Nicolson step"
+    )
     for mesh in (Mesh(17, 27), Mesh(33, 53), Mesh(65, 105), Mesh(129, 209)):
         step = time_baseline(mesh, 60)[0]
         print(

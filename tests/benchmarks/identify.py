@@ -23,7 +23,9 @@ from tcdyn.identify import IOData, fit, process, simulate
 from tcdyn.identify.narx import narx
 
 START = np.array([1.0, 1.0, 1.0, 0.1])  # what the tools without a start of their own are given
-Answer = tuple[dict[str, float], dict[str, float], float]  # parameters, standard uncertainties, simulated fit percent
+Answer = tuple[
+    dict[str, float], dict[str, float], float
+]  # parameters, standard uncertainties, simulated fit percent
 
 
 def percent(y: np.ndarray, model: np.ndarray) -> float:
@@ -36,7 +38,11 @@ def percent(y: np.ndarray, model: np.ndarray) -> float:
 def ours(data: IOData) -> Answer:
     """fit(data, "P2D"), start-free."""
     m = fit(data, "P2D")
-    return dict(m.identified.theta), {n: e.u for n, e in m.estimates.items()}, m.identified.statistics["fit_percent"]
+    return (
+        dict(m.identified.theta),
+        {n: e.u for n, e in m.estimates.items()},
+        m.identified.statistics["fit_percent"],
+    )
 
 
 def residual(x: np.ndarray, data: IOData) -> np.ndarray:
@@ -110,7 +116,9 @@ def study(kind: str, seeds: int) -> pd.DataFrame:
             try:
                 import lmfit  # noqa: F401
             except ImportError:
-                print("lmfit is not installed: its row is left out (plain least_squares is the same method)")
+                print(
+                    "lmfit is not installed: its row is left out (plain least_squares is the same method)"
+                )
                 continue
         answers, seconds, lost = [], [], 0
         for seed in range(seeds):
@@ -135,7 +143,9 @@ def study(kind: str, seeds: int) -> pd.DataFrame:
             inside = [abs(a[0][p] - truth) < 1.96 * a[1][p] for a in good if p in a[1]]
             row[f"cover {p}"] = f"{100 * np.mean(inside):.0f}" if inside else "-"
         row |= {
-            "fit %": ("< -150" if np.median(fits) < -150 else f"{np.median(fits):.2f}") if len(fits) else "-",
+            "fit %": ("< -150" if np.median(fits) < -150 else f"{np.median(fits):.2f}")
+            if len(fits)
+            else "-",
             "lost": f"{lost}/{seeds}",
             "median s": f"{median:.3f}",
             "time ratio": f"{median / base:.2f}",

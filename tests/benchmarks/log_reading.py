@@ -39,9 +39,13 @@ def main() -> None:
         for ending in ("csv", "parquet", "tdms"):
             own = write_log(frame, Path(folder) / f"own.{ending}")
             span = best_s(lambda own=own: read_log(own, "ehl"))
-            print(f"read_log {ending:8s} {span:.2f} s with every check: {span / plain:.1f} x pandas on CSV")
+            print(
+                f"read_log {ending:8s} {span:.2f} s with every check: {span / plain:.1f} x pandas on CSV"
+            )
             span = best_s(lambda own=own: sum(len(piece.frame) for piece in iter_log(own, "ehl")))
-            print(f"iter_log {ending:8s} {span:.2f} s in pieces: {span / plain:.1f} x pandas on CSV")
+            print(
+                f"iter_log {ending:8s} {span:.2f} s in pieces: {span / plain:.1f} x pandas on CSV"
+            )
 
 
 if __name__ == "__main__":

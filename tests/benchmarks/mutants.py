@@ -28,14 +28,36 @@ import pytest
 from coverage import CoverageData
 
 ROOT = Path(__file__).resolve().parents[2]
-LIBRARIES = ("pandas", "scipy.optimize", "scipy.signal", "scipy.stats", "matplotlib.pyplot", "pyarrow.parquet", "typer")
+LIBRARIES = (
+    "pandas",
+    "scipy.optimize",
+    "scipy.signal",
+    "scipy.stats",
+    "matplotlib.pyplot",
+    "pyarrow.parquet",
+    "typer",
+)
 ROOMS = ("calibration", "immersion", "tcdyn")
 SIGNS = {
-    ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Lt: "<", ast.Gt: ">", ast.LtE: "<=", ast.GtE: ">=",
-}  # fmt: skip
+    ast.Add: "+",
+    ast.Sub: "-",
+    ast.Mult: "*",
+    ast.Div: "/",
+    ast.Lt: "<",
+    ast.Gt: ">",
+    ast.LtE: "<=",
+    ast.GtE: ">=",
+}
 SWAPPED = {**dict(zip(SIGNS, "-+/*><")), ast.LtE: ">=", ast.GtE: "<="}
-TESTS_OF = {"chain": "compensate", "contact": "simulate", "traces": "partition", "design": "plunge", "pipeline": "cli",
-            "plots": "report", "verify": "verify"}  # fmt: skip
+TESTS_OF = {
+    "chain": "compensate",
+    "contact": "simulate",
+    "traces": "partition",
+    "design": "plunge",
+    "pipeline": "cli",
+    "plots": "report",
+    "verify": "verify",
+}
 LIMIT_s = 1500.0
 MOST_s = 90.0
 
@@ -58,7 +80,10 @@ def places(path: Path) -> Iterator[tuple[int, int, type]]:
             line = text[starts[left.end_lineno - 1] :].split("\n", 1)[0].encode()
             begin = starts[left.end_lineno - 1] + len(line[: left.end_col_offset].decode())
             end = starts[right.lineno - 1] + len(
-                text[starts[right.lineno - 1] :].split("\n", 1)[0].encode()[: right.col_offset].decode()
+                text[starts[right.lineno - 1] :]
+                .split("\n", 1)[0]
+                .encode()[: right.col_offset]
+                .decode()
             )
             found = re.search(rf"(?<![*/<>]){re.escape(SIGNS[kind])}(?![*/=])", text[begin:end])
             if found:
@@ -75,8 +100,16 @@ def stages(file: str) -> list[list[str]]:
         if re.search(rf"\b{re.escape(module)}\b", p.read_text(encoding="utf-8"))
     ]
     room = Path(parts[1 if parts[0] == "tcdyn" else 0]).stem
-    own = [f"tests/{name}" for name in (TESTS_OF.get(room), room) if name and (ROOT / "tests" / name).is_dir()][:1]
-    return [[file, *direct[:8]], own, ["tests/golden", "tests/cli/test_main_job.py", "tests/test_results.py"]]
+    own = [
+        f"tests/{name}"
+        for name in (TESTS_OF.get(room), room)
+        if name and (ROOT / "tests" / name).is_dir()
+    ][:1]
+    return [
+        [file, *direct[:8]],
+        own,
+        ["tests/golden", "tests/cli/test_main_job.py", "tests/test_results.py"],
+    ]
 
 
 def stages_seen(seen: Path, file: str, row: int) -> list[list[str]]:
@@ -95,12 +128,17 @@ def stages_seen(seen: Path, file: str, row: int) -> list[list[str]]:
         file_of = case.attrib["classname"].replace(".", "/")
         took[f"{file_of}.py::{case.attrib['name']}"] = float(case.attrib["time"])
     with_campaign = {
-        name: "campaign" in (ROOT / name).read_text("utf-8") for name in {t.split("::")[0] for t in contexts}
+        name: "campaign" in (ROOT / name).read_text("utf-8")
+        for name in {t.split("::")[0] for t in contexts}
     }
     own = tuple(name for some in stages(file)[:2] for name in some if name != file)
     quick = sorted(
         contexts,
-        key=lambda test: (with_campaign[test.split("::")[0]], not test.startswith(own), took.get(test, 1.0)),
+        key=lambda test: (
+            with_campaign[test.split("::")[0]],
+            not test.startswith(own),
+            took.get(test, 1.0),
+        ),
     )
     alone = [test for test in quick if not with_campaign[test.split("::")[0]]]
     found = []
@@ -115,7 +153,9 @@ def killed(copy: Path, found: list[list[str]]) -> str:
     for name, tests in zip(("module", "room", "job"), found):
         if not tests:
             continue
-        run = get_context("fork").Process(target=run_in, args=(copy, tests))  # with all libraries imported
+        run = get_context("fork").Process(
+            target=run_in, args=(copy, tests)
+        )  # with all libraries imported
         run.start()
         run.join(LIMIT_s)
         if run.is_alive():
@@ -154,7 +194,9 @@ def main(count: int, seed: int, known: Path | None = None) -> None:
             shutil.copytree(ROOT / part, copy / part, ignore=shutil.ignore_patterns("__pycache__"))
         for name in ("pyproject.toml", "README.md", "CHANGELOG.md"):
             shutil.copy(ROOT / name, copy / name)
-        if killed(copy, [["tests/fitting", "tests/immersion", "tests/behaviour/test_behaviour.py"]]):
+        if killed(
+            copy, [["tests/fitting", "tests/immersion", "tests/behaviour/test_behaviour.py"]]
+        ):
             sys.exit("tests fail without a swapped operator")
         for k, (path, at, length, kind) in enumerate(rng.sample(every, count), 1):
             file, text = str(path.relative_to(ROOT)), path.read_text(encoding="utf-8")
@@ -166,11 +208,16 @@ def main(count: int, seed: int, known: Path | None = None) -> None:
             (copy / file).write_text(text, encoding="utf-8")
             seen += bool(who)
             line = text.splitlines()[line_no - 1].strip()
-            print(f"{k} {file}:{line_no} {SIGNS[kind]} -> {SWAPPED[kind]}: {who or 'LIVES'}: {line}", flush=True)
+            print(
+                f"{k} {file}:{line_no} {SIGNS[kind]} -> {SWAPPED[kind]}: {who or 'LIVES'}: {line}",
+                flush=True,
+            )
     print(f"{seen} of {count} seen")
 
 
 if __name__ == "__main__":
     main(
-        int(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 0, Path(sys.argv[3]) if len(sys.argv) > 3 else None
+        int(sys.argv[1]),
+        int(sys.argv[2]) if len(sys.argv) > 2 else 0,
+        Path(sys.argv[3]) if len(sys.argv) > 3 else None,
     )

@@ -27,7 +27,10 @@ def one(seed: int, test: str) -> dict[str, float | str]:
     out: dict[str, float | str] = {"test": test, "seed": seed}
     out |= {way: value.value - told["beta"] for way, value in p.ways.items()}
     out["both"] = p.both.estimates["beta"].value - told["beta"]
-    out |= {"h fast": p.speed.h_fast / told["h_fast"] - 1, "h slow": p.speed.h_slow / told["h_slow"] - 1}
+    out |= {
+        "h fast": p.speed.h_fast / told["h_fast"] - 1,
+        "h slow": p.speed.h_slow / told["h_slow"] - 1,
+    }
     for disk in ("fast", "slow"):
         out[f"lag {disk}"] = p.joint[disk].chain.lag_s - made.truth.disk(disk).common_lag_s
     shares = p.joint["fast"].share + p.joint["slow"].share
@@ -44,7 +47,11 @@ def main() -> None:
     table = pd.DataFrame(rows)
     print(table.round(4).to_string(index=False))
     numbers = table.drop(columns=["test", "seed", "agree"])
-    print(pd.DataFrame({"rms": np.sqrt((numbers**2).mean()), "largest": numbers.abs().max()}).round(4).to_string())
+    print(
+        pd.DataFrame({"rms": np.sqrt((numbers**2).mean()), "largest": numbers.abs().max()})
+        .round(4)
+        .to_string()
+    )
     print(f"cross-check agrees in {table['agree'].mean():.0%} of {len(table)} tests")
 
 

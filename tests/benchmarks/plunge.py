@@ -63,8 +63,10 @@ def fit_side(baseline_s: float) -> None:
     for _ in range(10):
         predict(models, layout, theta)
     one = (process_time() - t0) / 10
-    print(f"model and {layout.size} derivatives: {1e3 * one:.1f} ms; {layout.size + 1} baseline runs would take "
-          f"{(layout.size + 1) * baseline_s:.2f} s, ratio {(layout.size + 1) * baseline_s / one:.0f}")  # fmt: skip
+    print(
+        f"model and {layout.size} derivatives: {1e3 * one:.1f} ms; {layout.size + 1} baseline runs would take "
+        f"{(layout.size + 1) * baseline_s:.2f} s, ratio {(layout.size + 1) * baseline_s / one:.0f}"
+    )
 
 
 def main() -> None:
@@ -73,7 +75,9 @@ def main() -> None:
     bath = Bath(fluid("mobil-jet-ii"), correlation("5.4"), SETUP.width_m, 2 * SETUP.outer_radius_m)
 
     def own() -> np.ndarray:
-        out = simulate_plunge_model(disk, DEPTHS, lambda T, F, t: bath.h_W_m2K(T, F), 26.0, 110.0, 300.0)
+        out = simulate_plunge_model(
+            disk, DEPTHS, lambda T, F, t: bath.h_W_m2K(T, F), 26.0, 110.0, 300.0
+        )
         return out.at(np.array([300.0]), 0.0)[0]
 
     own()
@@ -83,7 +87,9 @@ def main() -> None:
     t0 = process_time()
     b = baseline()
     slow = process_time() - t0
-    print(f"300 s plunge: {fast:.3f} s; finite volumes with BDF {slow:.2f} s, ratio {slow / fast:.0f}")
+    print(
+        f"300 s plunge: {fast:.3f} s; finite volumes with BDF {slow:.2f} s, ratio {slow / fast:.0f}"
+    )
     print(f"largest difference at 300 s: {np.max(np.abs(a - b)):.4f} K")
     fit_side(slow)
     rng = np.random.default_rng(1)
@@ -92,7 +98,9 @@ def main() -> None:
     runs = make_runs(d, times, readings, rng)
     t0 = process_time()
     fit = identify_plunges(runs, SETUP)
-    print(f"two plunges, six channels, three correlations: {process_time() - t0:.2f} s (limit 10 s)")
+    print(
+        f"two plunges, six channels, three correlations: {process_time() - t0:.2f} s (limit 10 s)"
+    )
     print(fit.summary())
     assert np.max(np.abs(a - b)) < 0.02
 

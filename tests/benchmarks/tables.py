@@ -49,12 +49,20 @@ def write_table(path: Path, rows: int, columns: int, rate_Hz: float, seed: int =
 def run(*args: str | Path) -> tuple[int, float, float]:
     """Exit code of a command in a process of its own, its time [s] and its peak memory [MB]."""
     begin = time.perf_counter()
-    done = subprocess.run([sys.executable, "-c", RUN, *map(str, args)], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", RUN, *map(str, args)], capture_output=True, text=True, check=False
+    )
     peak = [line for line in done.stderr.splitlines() if line.startswith("peak ")]
-    return done.returncode, time.perf_counter() - begin, float(peak[-1].split()[1]) / 1024 if peak else np.nan
+    return (
+        done.returncode,
+        time.perf_counter() - begin,
+        float(peak[-1].split()[1]) / 1024 if peak else np.nan,
+    )
 
 
-def compensated(folder: Path, rows: int, columns: int, rate_Hz: float, ending: str) -> tuple[int, float, float]:
+def compensated(
+    folder: Path, rows: int, columns: int, rate_Hz: float, ending: str
+) -> tuple[int, float, float]:
     """Exit code, time [s] and peak memory [MB] of one table of that size."""
     sensor = write_sensor(stated("s", ["T*"], [(LAG_S, 0.02)]), folder / "s.sensor.json")
     table = write_table(folder / f"table{ending}", rows, columns, rate_Hz)
@@ -73,10 +81,17 @@ def main() -> None:
     for rows in map(int, args.rows):
         with tempfile.TemporaryDirectory() as folder:
             code, span, peak = compensated(
-                Path(folder), rows, args.columns, args.rate_Hz, ".parquet" if args.parquet else ".csv"
+                Path(folder),
+                rows,
+                args.columns,
+                args.rate_Hz,
+                ".parquet" if args.parquet else ".csv",
             )
         found.append((rows, span, peak))
-        print(f"{rows:9d} rows x {args.columns}: {span:7.1f} s, peak {peak:5.0f} MB, exit code {code}", flush=True)
+        print(
+            f"{rows:9d} rows x {args.columns}: {span:7.1f} s, peak {peak:5.0f} MB, exit code {code}",
+            flush=True,
+        )
     if len(found) > 1:
         logs = np.log(found)
         for what, column in (("time", logs[:, 1]), ("peak memory", logs[:, 2])):

@@ -52,7 +52,12 @@ def figures(steps: list[tuple[str, str]]) -> dict[str, int]:
             left.add(before)
             changes += 1
             returns += now in left
-    return {"functions": len(steps), "files": len({f for f, _ in steps}), "changes": changes, "returns": returns}
+    return {
+        "functions": len(steps),
+        "files": len({f for f, _ in steps}),
+        "changes": changes,
+        "returns": returns,
+    }
 
 
 def main() -> None:
@@ -64,7 +69,9 @@ def main() -> None:
     if "order" in sys.argv:
         print(*(f"{file} {function}" for file, function in steps), sep="\n")
     else:
-        print(*(f"{n:4d} {file}" for file, n in Counter(f for f, _ in steps).most_common()), sep="\n")
+        print(
+            *(f"{n:4d} {file}" for file, n in Counter(f for f, _ in steps).most_common()), sep="\n"
+        )
 
 
 if __name__ == "__main__":

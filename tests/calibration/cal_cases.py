@@ -31,7 +31,9 @@ def ehl_frame(n: int = 3000, seed: int = 0) -> pd.DataFrame:
     }
     for disk, rise in zip(DISKS, (80.0, 60.0)):
         for channel, depth in DEPTHS.items():
-            columns[f"{disk}_{channel}_degC"] = 25 + rise * (1 - 0.03 * depth) * warm + rng.normal(0, 0.15, n)
+            columns[f"{disk}_{channel}_degC"] = (
+                25 + rise * (1 - 0.03 * depth) * warm + rng.normal(0, 0.15, n)
+            )
     columns["ambient_degC"] = 22 + rng.normal(0, 0.1, n)
     columns["oil_degC"] = 60 + rng.normal(0, 0.1, n)
     return pd.DataFrame(columns)
@@ -87,22 +89,40 @@ def hole_frame(n: int = 1500, seed: int = 0) -> pd.DataFrame:
 FRAMES = {"ehl": ehl_frame, "immersion": immersion_frame, "oven": oven_frame, "hole": hole_frame}
 
 
-def csv_text(frame: pd.DataFrame, separator: str = ",", decimal: str = ".", head: str = "", units: str = "") -> str:
+def csv_text(
+    frame: pd.DataFrame, separator: str = ",", decimal: str = ".", head: str = "", units: str = ""
+) -> str:
     """The frame as text whose numbers read back exactly."""
-    rows = [separator.join(repr(float(v)).replace(".", decimal) for v in row) for row in frame.to_numpy()]
+    rows = [
+        separator.join(repr(float(v)).replace(".", decimal) for v in row)
+        for row in frame.to_numpy()
+    ]
     top = separator.join(frame.columns) + "\n" + (units + "\n" if units else "")
     return head + top + "\n".join(rows) + "\n"
 
 
-def lvm_text(frame: pd.DataFrame, separator: str = "\t", decimal: str = ".", comment: bool = True) -> str:
+def lvm_text(
+    frame: pd.DataFrame, separator: str = "\t", decimal: str = ".", comment: bool = True
+) -> str:
     """The frame as LabVIEW writes it, one X column, a comment on the first row."""
     word = {"\t": "Tab", ",": "Comma", ";": "Semicolon"}[separator]
     names = [c for c in frame.columns if c != "time_s"]
     head = ["LabVIEW Measurement", f"Writer_Version{separator}2", f"Separator{separator}{word}"]
-    head += [f"Decimal_Separator{separator}{decimal}", f"X_Columns{separator}One", "***End_of_Header***", ""]
-    head += [f"Channels{separator}{len(names)}", f"Samples{separator}{separator.join([str(len(frame))] * len(names))}"]
+    head += [
+        f"Decimal_Separator{separator}{decimal}",
+        f"X_Columns{separator}One",
+        "***End_of_Header***",
+        "",
+    ]
+    head += [
+        f"Channels{separator}{len(names)}",
+        f"Samples{separator}{separator.join([str(len(frame))] * len(names))}",
+    ]
     head += ["***End_of_Header***", separator.join(["X_Value", *names, "Comment"])]
-    rows = [separator.join(repr(float(v)).replace(".", decimal) for v in row) for row in frame.to_numpy()]
+    rows = [
+        separator.join(repr(float(v)).replace(".", decimal) for v in row)
+        for row in frame.to_numpy()
+    ]
     if comment:
         rows[0] += separator + "first note"
     return "\n".join(head + rows) + "\n"

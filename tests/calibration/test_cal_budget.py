@@ -20,7 +20,14 @@ from calibration.record import DiskRecord
 from calibration.rig import load_rig, parse_rig, rig_toml
 from calibration.traceability import TraceabilityTable
 from tcdyn.report.page import render_page
-from tcdyn.report.signed import budget_of, budget_table, next_calibration, results, signed_sections, temperatures
+from tcdyn.report.signed import (
+    budget_of,
+    budget_table,
+    next_calibration,
+    results,
+    signed_sections,
+    temperatures,
+)
 from tests.calibration.cal_cases import oven_frame, oven_truth
 
 OVENS = 200
@@ -28,7 +35,9 @@ STATED = {"reference_u_K": 0.03, "reference_drift_K_per_year": 0.03, "reference_
 ON = date(2026, 1, 1)
 
 
-def made(seed: int = 0, created: str = "2026-01-01T09:00:00+00:00", shift_K: float = 0.0) -> DiskRecord:
+def made(
+    seed: int = 0, created: str = "2026-01-01T09:00:00+00:00", shift_K: float = 0.0
+) -> DiskRecord:
     """The record of an oven whose reference is off by ``shift_K``."""
     rig = parse_rig({"traceability": STATED}, "rig.toml").common
     frame = oven_frame(seed)
@@ -63,13 +72,17 @@ def test_intervals_hold_with_a_bias_and_a_drift_of_the_reference_and_differences
         (a, u_a), (b, u_b) = errors[0], errors[3]
         apart.append(abs(a - b) < 1.96 * np.hypot(u_a, u_b))
     assert stats.binom.cdf(sum(apart), OVENS, 0.93) > 1e-4
-    assert np.mean(held) == pytest.approx(0.95, abs=0.045)  # six channels share one error: 200 draws of it
+    assert np.mean(held) == pytest.approx(
+        0.95, abs=0.045
+    )  # six channels share one error: 200 draws of it
 
 
 def test_coverage_factor_and_freedom_are_the_gum_s() -> None:
     """GUM, H.1.6 (an end gauge): contributions in nm with their degrees of freedom make 32 nm with 16."""
     parts = [(25.0, 18), (9.7, 25.6), (2.9, 50), (16.6, 2)]
-    found = RestBudget(tuple(Contribution(str(k), 0.0, u, "normal", 1.0, v) for k, (u, v) in enumerate(parts)))
+    found = RestBudget(
+        tuple(Contribution(str(k), 0.0, u, "normal", 1.0, v) for k, (u, v) in enumerate(parts))
+    )
     assert found.u == pytest.approx(32.0, abs=0.5)
     assert int(found.freedom) == 16
     assert found.coverage == pytest.approx(stats.t.isf(0.025, int(found.freedom)))
@@ -80,7 +93,9 @@ def test_a_line_s_own_part_is_its_scatter_not_student_s_widening() -> None:
     line = record.static["a"]
     own = rest_budget(line, record.setup.traceability, ON, 90.0).sources[0]
     assert own.freedom == line.n - 2
-    assert own.u == pytest.approx(float(static_u(line, 90.0)) * 1.96 / stats.t.isf(0.025, line.n - 2), rel=1e-3)
+    assert own.u == pytest.approx(
+        float(static_u(line, 90.0)) * 1.96 / stats.t.isf(0.025, line.n - 2), rel=1e-3
+    )
     alone = rest_budget(line.model_copy(update={"shared_u_K": 0.0}), TraceabilityTable(), ON, 90.0)
     assert [s.name for s in alone.sources] == ["line through the holds"]
 
@@ -90,17 +105,25 @@ def test_the_next_calibration_is_sooner_where_a_channel_drifts() -> None:
     latest, why = next_calibration(now)
     assert (latest, "no earlier record" in why) == (date(2027, 1, 1), True)
     assert next_calibration(now, [before])[0] == latest
-    drifted = {c: x.model_copy(update={"offset": x.offset + 1.0 * (c == "d")}) for c, x in now.static.items()}
+    drifted = {
+        c: x.model_copy(update={"offset": x.offset + 1.0 * (c == "d")})
+        for c, x in now.static.items()
+    }
     due, why = next_calibration(now.model_copy(update={"static": drifted}), [before])
     assert date(2026, 6, 1) < due < date(2026, 7, 10)  # 1 K in a year: 0.5 K in half of one
     assert "d at" in why
 
 
-def test_the_day_of_the_next_calibration_is_that_on_which_the_drift_with_its_uncertainty_reaches_the_limit() -> None:
+def test_the_day_of_the_next_calibration_is_that_on_which_the_drift_with_its_uncertainty_reaches_the_limit() -> (
+    None
+):
     """(1 K + u) in two years: ``limit_K`` after limit/(1 K + u) of their days; a record of last week tells no drift."""
     now, before = made(), made(created="2024-01-01T09:00:00+00:00")
     assert "allows longer" in next_calibration(now, [before])[1]
-    drifted = {c: x.model_copy(update={"offset": x.offset + 1.0 * (c == "d")}) for c, x in now.static.items()}
+    drifted = {
+        c: x.model_copy(update={"offset": x.offset + 1.0 * (c == "d")})
+        for c, x in now.static.items()
+    }
     stated = now.setup.traceability.model_copy(update={"valid_days": 3000, "limit_K": 2.0})
     setup = now.setup.model_copy(update={"traceability": stated})
     now = now.model_copy(update={"static": drifted, "setup": setup})
@@ -118,24 +141,42 @@ def test_the_day_of_the_next_calibration_is_that_on_which_the_drift_with_its_unc
 
 def test_results_correct_a_reading_at_the_ends_and_the_middle_of_the_range() -> None:
     record = made()
-    line = record.static["a"].model_copy(update={"gain": 1.01, "offset": -0.5, "range_degC": (20.0, 160.0)})
-    static = {c: x.model_copy(update={"range_degC": (20.0, 160.0)}) for c, x in record.static.items()}
+    line = record.static["a"].model_copy(
+        update={"gain": 1.01, "offset": -0.5, "range_degC": (20.0, 160.0)}
+    )
+    static = {
+        c: x.model_copy(update={"range_degC": (20.0, 160.0)}) for c, x in record.static.items()
+    }
     record = record.model_copy(update={"static": {**static, "a": line}})
     assert temperatures(record) == [20.0, 90.0, 160.0]
     row = results(record).iloc[0]
-    for t in temperatures(record):  # read (t + 0.5)/1.01 at t; printed to a hundredth of a kelvin or finer
-        assert float(row[f"correction at {t:.0f} degC [K]"]) == pytest.approx(t - (t + 0.5) / 1.01, abs=0.006)
+    for t in temperatures(
+        record
+    ):  # read (t + 0.5)/1.01 at t; printed to a hundredth of a kelvin or finer
+        assert float(row[f"correction at {t:.0f} degC [K]"]) == pytest.approx(
+            t - (t + 0.5) / 1.01, abs=0.006
+        )
 
 
 def test_more_degrees_of_freedom_than_a_million_are_told_as_infinite() -> None:
     part = [Contribution(str(v), 0.0, 0.01, "normal", 1.0, v) for v in (12.4, 2e6, float("inf"))]
-    assert list(budget_table(RestBudget(tuple(part)))["degrees of freedom"])[:3] == ["12", "infinite", "infinite"]
+    assert list(budget_table(RestBudget(tuple(part)))["degrees of freedom"])[:3] == [
+        "12",
+        "infinite",
+        "infinite",
+    ]
 
 
 def test_the_certificate_tells_who_what_and_how_well() -> None:
     record = made()
     page = render_page("Certificate", signed_sections(record))
-    for said in ("not stated", "drift since", "degrees of freedom", "Signatures", "Next calibration"):
+    for said in (
+        "not stated",
+        "drift since",
+        "degrees of freedom",
+        "Signatures",
+        "Next calibration",
+    ):
         assert said in page, said
     table = results(record)
     assert list(table["channel"]) == list(CHANNELS)
@@ -151,7 +192,9 @@ def test_the_certificate_tells_who_what_and_how_well() -> None:
         ({"who": "x"}, "no such key"),
     ],
 )
-def test_a_traceability_table_that_cannot_be_is_refused(table: dict[str, object], said: str) -> None:
+def test_a_traceability_table_that_cannot_be_is_refused(
+    table: dict[str, object], said: str
+) -> None:
     with pytest.raises(InputError, match=said):
         parse_rig({"traceability": table}, "rig.toml")
 

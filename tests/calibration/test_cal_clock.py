@@ -25,7 +25,9 @@ WORLDS = ("samples, evenly spread", "samples, normal", "steps between samples", 
 
 def junction(t: np.ndarray) -> np.ndarray:
     """A slow trend, and 12 K given off with a time constant of 1 s."""
-    return 100 + 0.02 * t + np.sin(2 * np.pi * t / 60) - 12 * (1 - np.exp(-np.maximum(t - KINK_S, 0)))
+    return (
+        100 + 0.02 * t + np.sin(2 * np.pi * t / 60) - 12 * (1 - np.exp(-np.maximum(t - KINK_S, 0)))
+    )
 
 
 def lagged(x: np.ndarray, tau_s: float, dt_s: float) -> np.ndarray:
@@ -60,9 +62,13 @@ def logged(folder, world: str, seed: int = 0, noise_K: float = 0.15, lost: float
     frame = immersion_frame(len(taken))
     for part, channel in zip((0.7, 0.5, 0.7, 0.5, 1.0, 0.5), "abcdef"):
         read = np.interp(taken, fine, y)
-        frame[f"{channel}_degC"] = 100 + part * (read - 100) + noise_K * rng.standard_normal(len(taken))
+        frame[f"{channel}_degC"] = (
+            100 + part * (read - 100) + noise_K * rng.standard_normal(len(taken))
+        )
     frame["probe_degC"] = (
-        20 + 100 * (1 - np.exp(-np.maximum(taken - 5.0, 0) / 0.3)) + 0.1 * rng.standard_normal(len(taken))
+        20
+        + 100 * (1 - np.exp(-np.maximum(taken - 5.0, 0) / 0.3))
+        + 0.1 * rng.standard_normal(len(taken))
     )
     frame["fluid_degC"] = 120.0 + 0.01 * rng.standard_normal(len(taken))
     kept = rng.random(len(taken)) >= (0.0 if world == "even" else lost)
@@ -87,7 +93,9 @@ def test_lost_samples_are_missing_where_they_were_and_nowhere_else(tmp_path):
     kept[:2] = kept[-2:] = True
     assert np.array_equal(log.frame["e_degC"].notna(), kept)
     # at its ends the line through 2900 stamps of 2.7 ms (1 sd) is good to twice 2.7 ms / sqrt(2900)
-    assert np.abs(log.frame["time_s"] - 0.2 - np.arange(len(kept)) * DT).max() < 4 * 2 * 2.7e-3 / np.sqrt(2900)
+    assert np.abs(
+        log.frame["time_s"] - 0.2 - np.arange(len(kept)) * DT
+    ).max() < 4 * 2 * 2.7e-3 / np.sqrt(2900)
 
 
 @pytest.mark.parametrize("world", WORLDS)
@@ -106,7 +114,10 @@ def test_which_share_is_real_does_not_depend_on_the_unit_of_the_readings():
     y = 100 + 10 * np.sin(2 * np.pi * t / 5) + 0.2 * rng.standard_normal(n)
     y += 0.5 * late * 4 * np.pi * np.cos(2 * np.pi * t / 5)
     sampling = Sampling(t, DT, np.arange(n, dtype=np.int32), (), late)
-    found = [weighed(sampling, pd.DataFrame({"a_degC": k * y})).late_s[7] / late[7] for k in (1.0, 1e-3, 1e3)]
+    found = [
+        weighed(sampling, pd.DataFrame({"a_degC": k * y})).late_s[7] / late[7]
+        for k in (1.0, 1e-3, 1e3)
+    ]
     assert found == pytest.approx([found[0]] * 3, rel=1e-9)
     assert 0.2 < found[0] < 0.8
 
@@ -119,7 +130,9 @@ def compensated(folder, world: str) -> tuple[float, float]:
         log = logged(folder, world, seed)
         y, t = log.frame[[f"{c}_degC" for c in "abcdef"]].to_numpy(), log.frame["time_s"].to_numpy()
         assert np.diff(t) == pytest.approx(log.dt_s, abs=1.1e-6)  # six decimals
-        done = smooth(y, log.dt_s, Chain((0.55, 0.12), conditioning=RIG_FILTER), events_s=(KINK_S - t[0],))
+        done = smooth(
+            y, log.dt_s, Chain((0.55, 0.12), conditioning=RIG_FILTER), events_s=(KINK_S - t[0],)
+        )
         near = (t > KINK_S - 1) & (t < KINK_S + 5)
         away = done.temperature[near] - 100 - part * (junction(t)[near, None] - 100)
         errors.append(np.mean(away**2))

@@ -33,13 +33,30 @@ def test_from_simulated_oven_and_plunges_to_a_certificate_in_two_commands(tmp_pa
     record, page = tmp_path / "fast.disk.json", tmp_path / "fast.html"
     oven = campaign / "oven_fast.csv"
     code = tcdyn(
-        "calibrate", "--rig", campaign / "rig.toml", "--disk", "fast", "--oven", oven, *plunges,
-        "--fluid", "mobil-jet-ii", "--out", record, "--report", page, "--quiet",
-    )  # fmt: skip
+        "calibrate",
+        "--rig",
+        campaign / "rig.toml",
+        "--disk",
+        "fast",
+        "--oven",
+        oven,
+        *plunges,
+        "--fluid",
+        "mobil-jet-ii",
+        "--out",
+        record,
+        "--report",
+        page,
+        "--quiet",
+    )
     assert code == 0
     found = read_record(record)
     truth = json.loads((campaign / "truth" / "truth.json").read_text())
-    assert {i.file for i in found.inputs} == {"oven_fast.csv", "plunge_fast_1.csv", "plunge_fast_2.csv"}
+    assert {i.file for i in found.inputs} == {
+        "oven_fast.csv",
+        "plunge_fast_1.csv",
+        "plunge_fast_2.csv",
+    }
     assert "thermocouples fit to use" in page.read_text()
     assert truth
     assert tcdyn("record", "show", record) == 0
@@ -51,18 +68,43 @@ def test_damaged_files_end_every_command_with_exit_code_2_and_no_output(tmp_path
     oven = write_log(oven_frame(), tmp_path / "oven.csv")
     plunge = write_log(immersion_frame(), tmp_path / "plunge.csv")
     before = set(tmp_path.iterdir())
-    for damage in (d for d in CORPUS if d.fate == REFUSED and "zero byte in the path" not in d.name):
+    for damage in (
+        d for d in CORPUS if d.fate == REFUSED and "zero byte in the path" not in d.name
+    ):
         folder = tmp_path / "damaged"
         folder.mkdir()
         path = damage.build(folder)
         out = tmp_path / "out.json"
         words = {
-            "oven": ("calibrate", "--disk", "fast", "--oven", path, "--immersion", plunge, "--out", out),
-            "immersion": ("calibrate", "--disk", "fast", "--oven", oven, "--immersion", path, "--out", out),
+            "oven": (
+                "calibrate",
+                "--disk",
+                "fast",
+                "--oven",
+                path,
+                "--immersion",
+                plunge,
+                "--out",
+                out,
+            ),
+            "immersion": (
+                "calibrate",
+                "--disk",
+                "fast",
+                "--oven",
+                oven,
+                "--immersion",
+                path,
+                "--out",
+                out,
+            ),
             "ehl": ("compensate", path, "--record", record, "--out", tmp_path / "out.csv"),
         }[damage.kind]
         # `compensate` takes plunges, logs whose disks do not part and logs without friction, `beta` does not
-        if damage.name == "a plunge as an EHL log" or damage.words in ("no unloading", "friction_N: column is missing"):
+        if damage.name == "a plunge as an EHL log" or damage.words in (
+            "no unloading",
+            "friction_N: column is missing",
+        ):
             words = ("beta", path, "--record", record, "--out", tmp_path / "out.csv")
         assert tcdyn(*words) == 2, damage.name
         said = capsys.readouterr().err
@@ -81,7 +123,9 @@ def test_the_certificate_shows_the_plunges(tmp_path):
 
     write_rig_log(simulate_oven("fast", seed=3)[0], tmp_path / "oven.csv")
     write_rig_log(simulate_plunge("fast", seed=3, bath_degC=95.0)[0], tmp_path / "p.csv")
-    found = calibrate_disk(load_rig(), "fast", tmp_path / "oven.csv", [tmp_path / "p.csv"], ["mobil-jet-ii"])
+    found = calibrate_disk(
+        load_rig(), "fast", tmp_path / "oven.csv", [tmp_path / "p.csv"], ["mobil-jet-ii"]
+    )
     traces, rest = plunge_sections(found.fit)
     assert traces.drawn().image.startswith("data:image/png")
     assert rest.drawn().image.startswith("data:image/png")
@@ -117,17 +161,27 @@ def test_a_friction_transducer_s_gain_gives_the_rig_file_its_uncertainty(tmp_pat
     assert "under [uncertainty]" in said
     shown, new = rig_toml(load_rig()), said.splitlines()[-1]
     assert shown.count("\nfriction_rel = ") == 1
-    rig.write_text("\n".join(new if line.startswith("friction_rel = ") else line for line in shown.splitlines()))
+    rig.write_text(
+        "\n".join(
+            new if line.startswith("friction_rel = ") else line for line in shown.splitlines()
+        )
+    )
     line = fit_transducer(volts, force, session)
     expected = np.hypot(line.slope_N_V.u / line.slope_N_V.value, 0.002)
     assert load_rig(rig).disk_setup("fast") == load_rig().disk_setup("fast")
-    assert load_rig(rig).common.uncertainty.friction_rel == pytest.approx(expected, rel=5e-3)  # three digits
+    assert load_rig(rig).common.uncertainty.friction_rel == pytest.approx(
+        expected, rel=5e-3
+    )  # three digits
     assert tcdyn("transducer", path, "--of", "load") == 0
     said = capsys.readouterr().out
     assert "half_width_rel" in said
-    assert all(each.startswith("# ") for each in said.splitlines())  # nothing of it changes a rig file
+    assert all(
+        each.startswith("# ") for each in said.splitlines()
+    )  # nothing of it changes a rig file
     assert tcdyn("transducer", path, "--of", "load", "--weights-rel", "0.002", "--json") == 0
-    assert json.loads(capsys.readouterr().out) == {"half_width_rel_by_load": pytest.approx(expected / 3)}
+    assert json.loads(capsys.readouterr().out) == {
+        "half_width_rel_by_load": pytest.approx(expected / 3)
+    }
     assert tcdyn("transducer", path, "--of", "speed") == 2
     assert "load or friction" in capsys.readouterr().err
 
@@ -147,16 +201,28 @@ def test_channels_that_differ_before_a_plunge_are_named_unless_the_disk_is_not_a
     from tcdyn.plunge.run import PlungeRun
 
     t, rng = np.arange(0.0, 12.0, 1 / 75), np.random.default_rng(0)
-    line = StaticLine(gain=1.0, offset=0.0, covariance=((1e-8, 0.0), (0.0, 0.03**2)), range_degC=(20.0, 160.0))
+    line = StaticLine(
+        gain=1.0, offset=0.0, covariance=((1e-8, 0.0), (0.0, 0.03**2)), range_degC=(20.0, 160.0)
+    )
 
     def named(off_K, slope_K_s=0.0):
-        shape = np.where(t < 10, 25 + slope_K_s * t, 90.0)[:, None] + np.array([0, 0, off_K, 0, -off_K, 0])
+        shape = np.where(t < 10, 25 + slope_K_s * t, 90.0)[:, None] + np.array(
+            [0, 0, off_K, 0, -off_K, 0]
+        )
         readings = shape + 0.1 * rng.standard_normal(shape.shape)
         entry = EntryEvent(10.0, 0.01, 10.0, 10.0, "both")
         channels = tuple("abcdef")
         bath = np.full(len(t), 110.0)
         return apart_at_rest(
-            PlungeRun(t, readings, channels, fluid("water"), bath, entry, lines=dict.fromkeys(channels, line))
+            PlungeRun(
+                t,
+                readings,
+                channels,
+                fluid("water"),
+                bath,
+                entry,
+                lines=dict.fromkeys(channels, line),
+            )
         )
 
     assert named(0.0) == set()

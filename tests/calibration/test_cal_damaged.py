@@ -32,7 +32,8 @@ def test_a_damaged_file_is_refused_or_flagged_in_one_sentence(tmp_path, damage):
 
 
 @pytest.mark.parametrize(
-    "name", ["spikes", "a huge value", "an infinite value", "one value missing", "five samples lost"]
+    "name",
+    ["spikes", "a huge value", "an infinite value", "one value missing", "five samples lost"],
 )
 def test_what_is_kept_is_either_the_truth_or_nan(tmp_path, name):
     damage = next(d for d in CORPUS if d.name == name)
@@ -41,7 +42,9 @@ def test_what_is_kept_is_either_the_truth_or_nan(tmp_path, name):
     assert len(log.frame) == len(true)
     for column in true:
         kept = log.frame[column].to_numpy()
-        wrong = np.isfinite(kept) & (np.abs(kept - true[column].to_numpy()) > 1e-9)  # inserted times are interpolated
+        wrong = np.isfinite(kept) & (
+            np.abs(kept - true[column].to_numpy()) > 1e-9
+        )  # inserted times are interpolated
         assert not wrong.any(), column
     assert log.frame.isna().to_numpy().sum() <= 5 * len(true.columns)
 

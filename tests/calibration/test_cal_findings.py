@@ -56,7 +56,9 @@ def test_a_finding_comes_back_from_a_file_with_the_sentence_it_had() -> None:
     class Kept(BaseModel):
         findings: list[Finding]
 
-    found = look("said", where="x.csv", subject="fast_e_degC", text="it hums", count=3, channels=["a", "b"])
+    found = look(
+        "said", where="x.csv", subject="fast_e_degC", text="it hums", count=3, channels=["a", "b"]
+    )
     back = Kept.model_validate_json(Kept(findings=[found]).model_dump_json()).findings
     assert back == [found]
     assert back[0].sentence == found.sentence == "x.csv: it hums"

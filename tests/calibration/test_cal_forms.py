@@ -19,7 +19,9 @@ FRAME = ehl_frame()
 def same(path, kind="ehl", frame=FRAME, rig=None):
     log = read_log(path, kind, rig)
     assert list(log.frame.columns) == list(frame.columns)
-    assert np.array_equal(log.frame.to_numpy(), frame.to_numpy())  # to the last digit: nothing may be rounded
+    assert np.array_equal(
+        log.frame.to_numpy(), frame.to_numpy()
+    )  # to the last digit: nothing may be rounded
     return log
 
 
@@ -51,7 +53,10 @@ def test_lvm_tdms_csv_and_parquet_forms_of_one_log_are_identical(tmp_path):
         ("title lines", csv_text(FRAME, head="EHL test D4\nroom 12, disk pair 3\n\n")),
         ("header block", csv_text(FRAME, ";", ",", head="Operator;A\nDate;2015-03-09\nRate;75\n")),
         ("excel's own first line", csv_text(FRAME, ";", head="sep=;\n")),
-        ("units row", csv_text(FRAME, units=",".join(["s", "N", "N", "-", "rpm", "rpm"] + ["°C"] * 14))),
+        (
+            "units row",
+            csv_text(FRAME, units=",".join(["s", "N", "N", "-", "rpm", "rpm"] + ["°C"] * 14)),
+        ),
         ("blank last lines", csv_text(FRAME) + "\n\n"),
         ("no last line end", csv_text(FRAME).rstrip("\n")),
         ("quoted header", csv_text(FRAME.rename(columns=lambda c: f'"{c}"'))),
@@ -70,7 +75,9 @@ def test_encodings_are_one_table(tmp_path, encoding):
     same(write(tmp_path, "log.csv", text))
 
 
-@pytest.mark.parametrize(("separator", "decimal"), [("\t", "."), ("\t", ","), (";", ","), (",", ".")])
+@pytest.mark.parametrize(
+    ("separator", "decimal"), [("\t", "."), ("\t", ","), (";", ","), (",", ".")]
+)
 def test_lvm_dialects_are_one_table(tmp_path, separator, decimal):
     same(write(tmp_path, "log.lvm", lvm_text(FRAME, separator, decimal)))
 
@@ -79,7 +86,14 @@ def test_lvm_without_x_column_takes_its_time_from_delta_x(tmp_path):
     frame = immersion_frame()
     names = list(frame.columns[1:])
     tabs = "\t"
-    head = ["LabVIEW Measurement", "Separator\tTab", "Decimal_Separator\t.", "X_Columns\tNo", "***End_of_Header***", ""]
+    head = [
+        "LabVIEW Measurement",
+        "Separator\tTab",
+        "Decimal_Separator\t.",
+        "X_Columns\tNo",
+        "***End_of_Header***",
+        "",
+    ]
     head += ["Channels\t" + str(len(names)), "X0\t" + tabs.join(["0"] * len(names))]
     head += [
         "Delta_X\t" + tabs.join([repr(1 / 75)] * len(names)),
@@ -96,7 +110,9 @@ def test_clock_time_counts_seconds_from_the_first_row_through_midnight(tmp_path)
     frame = immersion_frame()
     stamp = pd.Timestamp("2015-03-09 23:59:40") + pd.to_timedelta(frame["time_s"], unit="s")
     text = csv_text(frame).split("\n")
-    rows = [s.strftime("%H:%M:%S.%f") + "," + line.split(",", 1)[1] for s, line in zip(stamp, text[1:])]
+    rows = [
+        s.strftime("%H:%M:%S.%f") + "," + line.split(",", 1)[1] for s, line in zip(stamp, text[1:])
+    ]
     path = write(tmp_path, "p.csv", "\n".join([text[0].replace("time_s", "time"), *rows]) + "\n")
     log = read_log(path, "immersion")
     # the stamps are cut to a microsecond
@@ -106,9 +122,13 @@ def test_clock_time_counts_seconds_from_the_first_row_through_midnight(tmp_path)
 
 def test_rounded_time_stamps_are_even_sampling(tmp_path):
     frame = immersion_frame()
-    log = read_log(write_log(frame.assign(time_s=frame["time_s"].round(3)), tmp_path / "p.csv"), "immersion")
+    log = read_log(
+        write_log(frame.assign(time_s=frame["time_s"].round(3)), tmp_path / "p.csv"), "immersion"
+    )
     assert log.dt_s == pytest.approx(1 / 75, rel=1e-6)  # 0.5 ms rounding over 40 s averages out
-    steps = np.diff(log.frame["time_s"])  # whoever takes the interval from the times must get the same
+    steps = np.diff(
+        log.frame["time_s"]
+    )  # whoever takes the interval from the times must get the same
     assert np.median(steps) == pytest.approx(1 / 75, rel=1e-6)
     assert np.abs(log.frame["time_s"] - frame["time_s"]).max() < 0.5e-3  # the rounding itself
     assert log.warnings == ()
@@ -130,7 +150,9 @@ def test_stamps_of_two_decimals_are_even_where_a_sample_is_lost_too(tmp_path):
 def tdms(path, tracks):
     channels = []
     for name, (values, properties) in tracks.items():
-        channels.append(ChannelObject("log", name, np.asarray(values, dtype=float), properties=properties))
+        channels.append(
+            ChannelObject("log", name, np.asarray(values, dtype=float), properties=properties)
+        )
     with TdmsWriter(path) as writer:
         writer.write_segment(channels)
     return path
@@ -138,25 +160,35 @@ def tdms(path, tracks):
 
 def test_tdms_channels_with_their_own_tracks_give_the_same_time(tmp_path):
     frame = immersion_frame()
-    tracks = {n: (frame[n], {"wf_increment": 1 / 75, "wf_start_offset": 0.0}) for n in frame.columns[1:]}
+    tracks = {
+        n: (frame[n], {"wf_increment": 1 / 75, "wf_start_offset": 0.0}) for n in frame.columns[1:]
+    }
     log = read_log(tdms(tmp_path / "p.tdms", tracks), "immersion")
     assert np.array_equal(log.frame.to_numpy()[:, 1:], frame.to_numpy()[:, 1:])
 
 
 def test_tdms_channels_that_start_later_are_put_where_they_belong(tmp_path):
     frame = immersion_frame()
-    tracks = {n: (frame[n], {"wf_increment": 1 / 75, "wf_start_offset": 0.0}) for n in frame.columns[1:]}
+    tracks = {
+        n: (frame[n], {"wf_increment": 1 / 75, "wf_start_offset": 0.0}) for n in frame.columns[1:]
+    }
     start = np.datetime64("2015-03-09T12:00:00.000000")
     for _, properties in tracks.values():
         properties["wf_start_time"] = start
     late = 30
     tracks["e_degC"] = (
         frame["e_degC"][late:],
-        {"wf_increment": 1 / 75, "wf_start_time": start + np.timedelta64(400, "ms"), "wf_start_offset": 0.0},
+        {
+            "wf_increment": 1 / 75,
+            "wf_start_time": start + np.timedelta64(400, "ms"),
+            "wf_start_offset": 0.0,
+        },
     )
     log = read_log(tdms(tmp_path / "p.tdms", tracks), "immersion")
     # 30 samples at 75 Hz are the 0.4 s: the channel lines up with the others again
-    assert log.frame["e_degC"].to_numpy() == pytest.approx(frame["e_degC"].to_numpy()[late:], abs=1e-9)
+    assert log.frame["e_degC"].to_numpy() == pytest.approx(
+        frame["e_degC"].to_numpy()[late:], abs=1e-9
+    )
     assert log.frame["switch"].to_numpy() == pytest.approx(frame["switch"].to_numpy()[late:], abs=0)
     assert any("start up to 0.4 s apart" in w for w in log.warnings)
 
@@ -167,7 +199,9 @@ def test_a_slow_tdms_channel_is_interpolated_onto_the_fast_ones(tmp_path):
     ramp = 100 + 0.01 * np.arange(0, 3000, 75) / 75
     tracks["fluid_degC"] = (ramp, {"wf_increment": 1.0})
     log = read_log(tdms(tmp_path / "p.tdms", tracks), "immersion")
-    assert log.frame["fluid_degC"].to_numpy() == pytest.approx(100 + 0.01 * log.frame["time_s"].to_numpy(), abs=1e-9)
+    assert log.frame["fluid_degC"].to_numpy() == pytest.approx(
+        100 + 0.01 * log.frame["time_s"].to_numpy(), abs=1e-9
+    )
     assert any("rates 1, 75 Hz" in w for w in log.warnings)
 
 
@@ -198,8 +232,12 @@ def test_one_name_for_a_thermocouple_serves_the_logs_of_both_disks_and_of_one(tm
     rig = parse_rig({"columns": {f"slow_{name}": own for name, own in names.items()}}, "rig.toml")
     frame = oven_frame()
     path = write_log(frame.rename(columns=names), tmp_path / "oven.csv")
-    pd.testing.assert_frame_equal(read_log(path, "oven", rig, "slow").frame, read_log_frame(tmp_path, frame))
-    with pytest.raises(InputError, match="a_degC, b_degC"):  # another disk's names are not taken for it
+    pd.testing.assert_frame_equal(
+        read_log(path, "oven", rig, "slow").frame, read_log_frame(tmp_path, frame)
+    )
+    with pytest.raises(
+        InputError, match="a_degC, b_degC"
+    ):  # another disk's names are not taken for it
         read_log(path, "oven", rig, "fast")
 
 
@@ -210,7 +248,9 @@ def read_log_frame(folder, frame):
 
 def test_an_extra_column_is_fine_and_oil_may_be_missing(tmp_path):
     log = same(write_log(FRAME.assign(humidity=40.0), tmp_path / "a.csv"))
-    assert [(f.code, f.numbers["names"]) for f in log.findings] == [("columns.unused", ("humidity",))]
+    assert [(f.code, f.numbers["names"]) for f in log.findings] == [
+        ("columns.unused", ("humidity",))
+    ]
     log = read_log(write_log(FRAME.drop(columns="oil_degC"), tmp_path / "b.csv"), "ehl")
     assert any("oil_degC is missing" in w for w in log.warnings)
 
@@ -252,7 +292,11 @@ def test_lvm_with_an_x_column_for_each_channel_is_aligned(tmp_path):
         "***End_of_Header***",
         "",
     ]
-    head += [f"Channels\t{len(names)}", "***End_of_Header***", "\t".join(f"X_Value\t{n}" for n in names) + "\tComment"]
+    head += [
+        f"Channels\t{len(names)}",
+        "***End_of_Header***",
+        "\t".join(f"X_Value\t{n}" for n in names) + "\tComment",
+    ]
     rows = [
         "\t".join(f"{t!r}\t{float(v)!r}" for v in row)
         for t, row in zip(frame["time_s"].tolist(), frame[names].to_numpy())
@@ -274,7 +318,9 @@ def test_lvm_segments_follow_one_another(tmp_path):
 
 def test_parquet_columns_of_other_types_become_numbers(tmp_path):
     frame = immersion_frame()
-    stamp = pd.Timestamp("2015-03-09 12:00:00") + pd.to_timedelta(np.arange(len(frame)) * 13_333_333, unit="ns")
+    stamp = pd.Timestamp("2015-03-09 12:00:00") + pd.to_timedelta(
+        np.arange(len(frame)) * 13_333_333, unit="ns"
+    )
     typed = frame.rename(columns={"time_s": "time"}).assign(
         time=stamp,
         switch=frame["switch"] > 0.5,
@@ -286,7 +332,9 @@ def test_parquet_columns_of_other_types_become_numbers(tmp_path):
     assert log.frame["fluid_degC"].equals(frame["fluid_degC"])
     assert log.frame["switch"].equals(frame["switch"])
     assert log.dt_s == pytest.approx(1 / 75, rel=1e-6)  # nanosecond stamps
-    assert log.frame["probe_degC"].to_numpy() == pytest.approx(frame["probe_degC"].to_numpy(), rel=1e-7)  # float32
+    assert log.frame["probe_degC"].to_numpy() == pytest.approx(
+        frame["probe_degC"].to_numpy(), rel=1e-7
+    )  # float32
 
 
 def test_excel_words_for_on_and_off_are_a_switch(tmp_path):
@@ -314,7 +362,9 @@ def test_every_missing_column_is_named_and_each_near_miss_is_offered_once() -> N
     """Thirteen columns renamed: all thirteen are listed, twelve with the line to write, the other with what is left."""
     required = LAYOUTS["ehl"].required
     channels = [c for c in required if c.startswith(("fast_", "slow_"))]
-    renamed = {c: "TC " + c.removesuffix("_degC").replace("_", " ").title() + " [°C]" for c in channels}
+    renamed = {
+        c: "TC " + c.removesuffix("_degC").replace("_", " ").title() + " [°C]" for c in channels
+    }
     names = tuple(renamed.get(c, c) for c in required if c != "load_N")
     with pytest.raises(InputError) as caught:
         match_columns((*names, "Kraft"), "ehl", "D4.csv")

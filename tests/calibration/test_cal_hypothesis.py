@@ -13,7 +13,9 @@ from calibration.errors import InputError
 from calibration.files import open_table, read_whole
 from calibration.log import read_log, write_log
 
-CALM = settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+CALM = settings(
+    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 CELLS = st.floats(allow_nan=True, allow_infinity=False, width=64)
 SOUND_OVEN = csv_text(oven_frame()).encode()
 SOUND_PLUNGE = csv_text(immersion_frame(200)).encode()
@@ -43,7 +45,9 @@ def test_any_numbers_survive_any_form(tmp_path, values, ending):
     end=st.sampled_from(["\n", "\r\n"]),
     title=st.sampled_from(["", "EHL test\n", "Operator;A\nDate;9.3.2015\n", "# room: 12\n"]),
 )
-def test_any_numbers_survive_any_dialect(tmp_path, values, separator, decimal, encoding, end, title):
+def test_any_numbers_survive_any_dialect(
+    tmp_path, values, separator, decimal, encoding, end, title
+):
     if separator == ",":
         decimal = "."
     values[0, :] = 0.5
@@ -67,7 +71,10 @@ def log_or_sentence(path, kind):
 
 
 @CALM
-@given(raw=st.binary(max_size=400), name=st.sampled_from(["x.csv", "x.lvm", "x.tdms", "x.parquet", "x"]))
+@given(
+    raw=st.binary(max_size=400),
+    name=st.sampled_from(["x.csv", "x.lvm", "x.tdms", "x.parquet", "x"]),
+)
 def test_any_bytes_end_in_a_log_or_a_sentence(tmp_path, raw, name):
     assert log_or_sentence(write(tmp_path, name, raw), "immersion") is None
 
@@ -79,7 +86,11 @@ def test_any_text_ends_in_a_sentence(tmp_path, text, kind):
 
 
 @CALM
-@given(at=st.floats(0.0, 1.0), raw=st.binary(min_size=1, max_size=6), kind=st.sampled_from(["oven", "immersion"]))
+@given(
+    at=st.floats(0.0, 1.0),
+    raw=st.binary(min_size=1, max_size=6),
+    kind=st.sampled_from(["oven", "immersion"]),
+)
 def test_a_sound_log_with_bytes_overwritten_is_never_wrong_without_a_flag(tmp_path, at, raw, kind):
     sound = SOUND_OVEN if kind == "oven" else SOUND_PLUNGE
     start = int(at * (len(sound) - len(raw)))

@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 from numpy.lib.stride_tricks import sliding_window_view
 
-from calibration.noise import SPIKES, SpikeRule, SpikeUse, find_spikes, middle, rounding_sd, white_noise_sd
+from calibration.noise import (
+    SPIKES,
+    SpikeRule,
+    SpikeUse,
+    find_spikes,
+    middle,
+    rounding_sd,
+    white_noise_sd,
+)
 
 STEP_12_BIT_K = 860 / 2**12
 RAMP = 100 + 3 * np.sin(np.arange(20000) / 2250)
@@ -16,7 +24,9 @@ RAMP = 100 + 3 * np.sin(np.arange(20000) / 2250)
 
 def rounded(sd_K: float, step_K: float) -> np.ndarray:
     y = RAMP + sd_K * np.random.default_rng(0).standard_normal(len(RAMP))
-    return np.asarray(np.round(y / step_K) * step_K * 1.003 + 0.2)  # a static line comes after the rounding
+    return np.asarray(
+        np.round(y / step_K) * step_K * 1.003 + 0.2
+    )  # a static line comes after the rounding
 
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
@@ -50,7 +60,9 @@ def test_a_spike_of_fifteen_standard_deviations_is_found_and_clean_noise_loses_n
     assert find_spikes(y, rule, noise).sum() == 0
     hit = y.copy()
     hit[at] += 15 * 0.12 * np.where(at % 800 < 400, 1, -1)
-    assert find_spikes(hit, rule, float(white_noise_sd(hit, 1))).nonzero()[0].tolist() == at.tolist()
+    assert (
+        find_spikes(hit, rule, float(white_noise_sd(hit, 1))).nonzero()[0].tolist() == at.tolist()
+    )
     # of a quiet trace, half a kelvin
     quiet = RAMP.copy()
     quiet[[500, 900]] += [0.45, 0.55]
@@ -81,18 +93,30 @@ def test_spikes_are_those_of_a_median_of_every_sample(use: SpikeUse) -> None:
     rng, found = np.random.default_rng(6), 0
     for _ in range(300):
         rule = SPIKES[use].behind(rng.uniform(0, 40)) if rng.random() < 0.5 else SPIKES[use]
-        y = rng.normal(size=(n := int(rng.choice([1, 2, 5, 12, 40, 300])))) + rng.normal(size=n).cumsum()
+        y = (
+            rng.normal(size=(n := int(rng.choice([1, 2, 5, 12, 40, 300]))))
+            + rng.normal(size=n).cumsum()
+        )
         y[hit := rng.random(n) < rng.choice([0, 0.02, 0.2, 0.5])] += rng.choice([-30, 8, 1e4])
         y[rng.random(n) < rng.choice([0, 0.1])] = np.nan
         sd, there = rng.choice([0.3, 1.0]), np.flatnonzero(np.isfinite(y))
         x = y[there]
         if not len(x):
             continue
-        off = [np.abs(x - np.median(sliding_window_view(np.pad(x, rule.longest, mode="edge"), rule.width), axis=1))]
+        off = [
+            np.abs(
+                x
+                - np.median(
+                    sliding_window_view(np.pad(x, rule.longest, mode="edge"), rule.width), axis=1
+                )
+            )
+        ]
         if rule.local:
             near = sliding_window_view(np.pad(off[0], rule.local // 2, mode="edge"), rule.local)
             off.append(1.482602218505602 * np.median(near, axis=1))
-        spikes = (off[0] > max(rule.sigmas * sd, rule.floor)) & (off[0] > rule.sigmas * off[-1] * bool(rule.local))
+        spikes = (off[0] > max(rule.sigmas * sd, rule.floor)) & (
+            off[0] > rule.sigmas * off[-1] * bool(rule.local)
+        )
         assert find_spikes(y, rule, sd).nonzero()[0].tolist() == there[spikes].tolist()
         found += int(spikes.sum()) * bool(hit.any())
     assert found > 100

@@ -66,8 +66,13 @@ def test_a_chain_that_passes_a_change_at_once_has_no_unreachable_readings() -> N
 
 def test_the_physical_range_is_that_of_thermocouples() -> None:
     assert impossible(np.array([-385.0, -273.0, 2315.0, 3001.0, np.inf, np.nan])).tolist() == [
-        True, False, False, True, True, False,
-    ]  # fmt: skip
+        True,
+        False,
+        False,
+        True,
+        True,
+        False,
+    ]
 
 
 @pytest.mark.parametrize("code", [9.9e37, 9.91e37, -9e9, 1e38, np.inf])
@@ -83,7 +88,9 @@ def test_overload_codes_stand_out_of_any_unit(code: float) -> None:
 def test_a_repeated_code_in_a_plunge_is_found(code: float) -> None:
     rng = np.random.default_rng(5)
     t = np.arange(600) * 0.05
-    y = np.round(21 + 63 * np.where(t > 6, 1 - np.exp(-(t - 6) / 1.5), 0) + rng.normal(0, 0.05, 600), 2)
+    y = np.round(
+        21 + 63 * np.where(t > 6, 1 - np.exp(-(t - 6) / 1.5), 0) + rng.normal(0, 0.05, 600), 2
+    )
     bad = rng.random(600) < 0.05
     y[bad] = code
     assert np.array_equal(dropout_codes(y), bad)

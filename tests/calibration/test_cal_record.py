@@ -33,7 +33,11 @@ from tcdyn.chain import Chain
 from tcdyn.cli.record import app
 from tcdyn.plots.calibration import draw_lags
 from tcdyn.plots.style import figure
-from tcdyn.report.certificate import certificate_assumptions, certificate_sections, certificate_verdict
+from tcdyn.report.certificate import (
+    certificate_assumptions,
+    certificate_sections,
+    certificate_verdict,
+)
 from tcdyn.report.page import write_page
 from tcdyn.report.signed import signed_sections
 from tcdyn.traces import record_chains
@@ -61,7 +65,13 @@ def make_chain(shift_s: float = 0.0) -> ChainRecord:
 
 def make_record(frame=None, **more) -> DiskRecord:
     fit = fit_static_lines(oven_frame() if frame is None else frame)
-    fields = {"disk": "fast", "created": now_utc(), "static": fit.lines, "chain": make_chain(), **more}
+    fields = {
+        "disk": "fast",
+        "created": now_utc(),
+        "static": fit.lines,
+        "chain": make_chain(),
+        **more,
+    }
     return DiskRecord(**fields)
 
 
@@ -73,9 +83,22 @@ def test_a_record_reads_back_equal_with_the_contracts_keys(tmp_path):
     assert read_record(path) == RECORD
     keys = json.loads(path.read_text())
     assert keys["schema"] == "tcdyn.disk/2"
-    wanted = {"schema", "disk", "created", "inputs", "static", "chain", "conditioning", "fit", "warnings", "setup"}
+    wanted = {
+        "schema",
+        "disk",
+        "created",
+        "inputs",
+        "static",
+        "chain",
+        "conditioning",
+        "fit",
+        "warnings",
+        "setup",
+    }
     assert wanted <= set(keys)
-    assert {"structure", "channels", "covariance", "common_lag_s", "differential_lag_s"} == set(keys["chain"])
+    assert {"structure", "channels", "covariance", "common_lag_s", "differential_lag_s"} == set(
+        keys["chain"]
+    )
     assert {"value", "u", "low95", "high95"} == set(keys["chain"]["channels"]["a"]["lag_s"])
 
 
@@ -84,9 +107,13 @@ def test_the_filters_factors_make_its_polynomial_and_its_lag_is_their_first_mome
         for poles in range(1, 5):
             b = Conditioning(4.0, poles, shape)
             _, den = signal.butter(poles, 2 * np.pi * b.cutoff_Hz, analog=True)
-            den = den if shape == "butterworth" else np.poly(np.full(poles, -2 * np.pi * b.cutoff_Hz))
+            den = (
+                den if shape == "butterworth" else np.poly(np.full(poles, -2 * np.pi * b.cutoff_Hz))
+            )
             product = reduce(np.polymul, (f[::-1] for f in b.factors), [1.0])
-            assert product == pytest.approx(den / den[-1], rel=1e-12)  # rounding of the polynomial's products
+            assert product == pytest.approx(
+                den / den[-1], rel=1e-12
+            )  # rounding of the polynomial's products
             assert b.lag_s == pytest.approx(den[-2] / den[-1], rel=1e-12)
 
 
@@ -99,7 +126,10 @@ NONSENSE = {
     "static.b.offset": ("warm", r"static\.b\.offset"),
     "static.c.covariance": ([[1.0, 5.0], [5.0, 1.0]], r"static\.c"),
     "static.c.range_degC": ([160.0, 20.0], r"static\.c"),
-    "static.q": ({"gain": 1.0, "offset": 0.0, "covariance": [[0, 0], [0, 0]], "range_degC": [20, 160]}, r"static\.q"),
+    "static.q": (
+        {"gain": 1.0, "offset": 0.0, "covariance": [[0, 0], [0, 0]], "range_degC": [20, 160]},
+        r"static\.q",
+    ),
     "static.d.gian": (1.0, r"static\.d\.gian"),
     "chain.channels.a.taus_s": ([0.6, -0.5], r"chain\.channels\.a\.taus_s\.1"),
     "chain.channels.a.lag_s.value": (9.0, r"chain"),
@@ -152,7 +182,9 @@ def test_files_that_are_no_record_are_refused(tmp_path, text, words):
 
 
 def test_a_record_of_version_0_1_is_read_with_its_two_lags_and_written_as_today(tmp_path):
-    old = Path(__file__).with_name("of_version_0_1.disk.json")  # of a simulated campaign; its fit is shortened
+    old = Path(__file__).with_name(
+        "of_version_0_1.disk.json"
+    )  # of a simulated campaign; its fit is shortened
     before = json.loads(old.read_text())
     record = read_record(old)
     for c in CHANNELS:
@@ -170,7 +202,9 @@ def test_a_record_of_version_0_1_is_read_with_its_two_lags_and_written_as_today(
 
 CHAINS = {
     "three lags": Chain((0.4, 0.2, 0.1), conditioning=RIG_FILTER),
-    "a lag, a zero and a dead time": Chain((0.5,), zero_s=0.1, delay_s=0.2, conditioning=RIG_FILTER),
+    "a lag, a zero and a dead time": Chain(
+        (0.5,), zero_s=0.1, delay_s=0.2, conditioning=RIG_FILTER
+    ),
     "a pair": Chain((), pair=(0.3, 0.5), conditioning=RIG_FILTER),
     "a cement": Chain((0.2,), cement_s=0.8, conditioning=RIG_FILTER),
 }
@@ -184,7 +218,11 @@ def test_a_record_keeps_any_chain_as_it_is(name, tmp_path):
     apart = {c: Estimate.normal(0.0, 0.005) for c in CHANNELS}
     covariance = (0.04 * np.ones((6, 6)) + 2.5e-5 * np.eye(6)).tolist()
     common = ChainRecord(
-        structure="any", channels=rows, covariance=covariance, common_lag_s=lag, differential_lag_s=apart
+        structure="any",
+        channels=rows,
+        covariance=covariance,
+        common_lag_s=lag,
+        differential_lag_s=apart,
     )
     record = read_record(write_record(make_record(chain=common), tmp_path / "r.json"))
     assert {*record_chains(record, record.disk_setup())} == {chain}
@@ -235,10 +273,14 @@ def test_a_record_that_has_sentences_only_keeps_them_as_they_stand():
 def test_check_names_what_a_reader_would_ask():
     assert check_record(RECORD) == ()
     odd = make_record(
-        chain=None, created="2999-01-01T00:00:00+00:00", findings=[look("said", text="hand made"), MENDED]
+        chain=None,
+        created="2999-01-01T00:00:00+00:00",
+        findings=[look("said", text="hand made"), MENDED],
     )
     assert [f.code for f in check_record(odd)] == ["said", "record.future", "record.no_chain"]
-    assert check_record(make_record(findings=[MENDED])) == ()  # a note: mended in full, nothing to decide
+    assert (
+        check_record(make_record(findings=[MENDED])) == ()
+    )  # a note: mended in full, nothing to decide
 
 
 def test_what_the_tests_of_a_line_say_is_found_in_a_record_of_version_0_1_too():
@@ -259,7 +301,10 @@ def test_only_keys_of_the_rig_that_changed_are_named_and_columns_are_none():
 
 def test_the_commands_show_compare_and_check(tmp_path):
     runner = CliRunner()
-    one, two = write_record(RECORD, tmp_path / "a.json"), write_record(make_record(again(1, 0.5)), tmp_path / "b.json")
+    one, two = (
+        write_record(RECORD, tmp_path / "a.json"),
+        write_record(make_record(again(1, 0.5)), tmp_path / "b.json"),
+    )
     shown = runner.invoke(app, ["show", str(one)])
     assert shown.exit_code == 0
     assert "common" in shown.output
@@ -276,11 +321,17 @@ def test_the_commands_show_compare_and_check(tmp_path):
 def test_lags_are_drawn_with_their_intervals_and_differences_with_theirs_about_the_common_lag():
     chain = make_chain()
     ax = draw_lags(chain, figure()[1][0])
-    bars = [line.get_ydata() for line in ax.lines if len(line.get_ydata()) == 2 and np.ptp(line.get_xdata()) == 0]
+    bars = [
+        line.get_ydata()
+        for line in ax.lines
+        if len(line.get_ydata()) == 2 and np.ptp(line.get_xdata()) == 0
+    ]
     for c, thin, thick in zip(sorted(chain.channels), bars[::2], bars[1::2], strict=True):
         lag, apart = chain.channels[c].lag_s, chain.differential_lag_s[c]
         assert thin == pytest.approx([lag.low95, lag.high95])
-        assert thick == pytest.approx([chain.common_lag_s.value + end for end in (apart.low95, apart.high95)])
+        assert thick == pytest.approx(
+            [chain.common_lag_s.value + end for end in (apart.low95, apart.high95)]
+        )
 
 
 def test_the_certificate_is_one_page_with_a_verdict_on_each_thermocouple(tmp_path):

@@ -16,7 +16,11 @@ def test_the_printed_file_reads_back_and_its_hints_are_valid(tmp_path: Path) -> 
     path = tmp_path / "rig.toml"
     path.write_text(text)
     assert load_rig(path) == load_rig()
-    path.write_text(text.replace("# fast_a", "fast_a").replace("# [slow", "[slow").replace("# conduct", "conduct"))
+    path.write_text(
+        text.replace("# fast_a", "fast_a")
+        .replace("# [slow", "[slow")
+        .replace("# conduct", "conduct")
+    )
     rig = load_rig(path)
     assert rig.common.columns == {"fast_a_degC": "TC1 fast"}
     assert (rig.fast.disk.conductivity_W_mK, rig.slow.disk.conductivity_W_mK) == (41.0, 43.0)
@@ -36,12 +40,27 @@ def test_a_key_that_does_not_exist_is_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("[disk]\ncrown_radius_mm = 30", r"disk: crown_radius_mm is 30; expected more than outer_radius_mm, 38\.1"),
-        ("[thermocouples]\nc = { z_mm = 10 }", r"thermocouples\.c: z_mm 10\.0 lies outside the width"),
+        (
+            "[disk]\ncrown_radius_mm = 30",
+            r"disk: crown_radius_mm is 30; expected more than outer_radius_mm, 38\.1",
+        ),
+        (
+            "[thermocouples]\nc = { z_mm = 10 }",
+            r"thermocouples\.c: z_mm 10\.0 lies outside the width",
+        ),
         ("[thermocouples]\nlayout = 'own'", "thermocouples: none is listed"),
-        ("[thermocouples]\nrim = { depth_mm = 1, z_mm = 2 }", "'rim' is no name of a junction; expected a letter, or"),
-        ("[thermocouples]\ng = { depth_mm = 1, z_mm = 2 }\na = {}", r"thermocouples\.a\.depth_mm: Field required"),
-        ("[uncertainty]\nspeed_exponent_low = 0.9", r"uncertainty: speed_exponent_low 0\.9 lies above speed_.* 0\.8"),
+        (
+            "[thermocouples]\nrim = { depth_mm = 1, z_mm = 2 }",
+            "'rim' is no name of a junction; expected a letter, or",
+        ),
+        (
+            "[thermocouples]\ng = { depth_mm = 1, z_mm = 2 }\na = {}",
+            r"thermocouples\.a\.depth_mm: Field required",
+        ),
+        (
+            "[uncertainty]\nspeed_exponent_low = 0.9",
+            r"uncertainty: speed_exponent_low 0\.9 lies above speed_.* 0\.8",
+        ),
         (
             '[columns]\nfast_a_degC = "TC1"\nfast_b_degC = "TC1"',
             "columns: 'TC1' is named for two junctions, fast_a_degC and fast_b_degC",
@@ -61,7 +80,9 @@ def test_a_key_that_does_not_exist_is_named(tmp_path: Path) -> None:
         ("[disk]\nwidth_mm = -1", r"disk\.width_mm: Input should be greater than 1 \(got -1\)"),
     ],
 )
-def test_what_the_analysis_would_refuse_is_refused_with_the_file(tmp_path: Path, text: str, words: str) -> None:
+def test_what_the_analysis_would_refuse_is_refused_with_the_file(
+    tmp_path: Path, text: str, words: str
+) -> None:
     path = tmp_path / "rig.toml"
     path.write_text(text)
     with pytest.raises(InputError, match=words) as problem:
@@ -90,21 +111,33 @@ def test_a_layout_has_a_name_and_an_angle_that_is_written_wins(tmp_path: Path) -
 
     assert sides("") == {True: "aef", False: "bcd"}
     assert sides("[thermocouples]\nlayout = 'voller'") == {True: "acd", False: "bef"}
-    assert sides("[thermocouples]\nlayout = 'voller'\nd = { angle_deg = 165 }") == {True: "ac", False: "bdef"}
+    assert sides("[thermocouples]\nlayout = 'voller'\nd = { angle_deg = 165 }") == {
+        True: "ac",
+        False: "bdef",
+    }
     assert sides("[slow.thermocouples]\nlayout = 'clarke'") == {True: "aef", False: "bcd"}
     assert sides("[slow.thermocouples]\nlayout = 'clarke'", "slow") == {True: "acd", False: "bef"}
     e = load_rig(tmp_path / "rig.toml").disk_setup("slow").junctions["e"]
-    assert (e.depth_m, e.z_m) == pytest.approx((3.0e-3, 7.53e-3))  # Clarke's e is not under the track
-    assert "layout" not in rig_toml(load_rig(tmp_path / "rig.toml"))  # every angle is printed instead
+    assert (e.depth_m, e.z_m) == pytest.approx(
+        (3.0e-3, 7.53e-3)
+    )  # Clarke's e is not under the track
+    assert "layout" not in rig_toml(
+        load_rig(tmp_path / "rig.toml")
+    )  # every angle is printed instead
 
 
 @pytest.mark.parametrize(
     ("tables", "words"),
     [
-        ({"contact": {"flux_table_mm": [-1.0, 1.0], "flux_table_weight": [1.0, 1.0]}}, "flux_profile"),
+        (
+            {"contact": {"flux_table_mm": [-1.0, 1.0], "flux_table_weight": [1.0, 1.0]}},
+            "flux_profile",
+        ),
         ({"fast": {"surface": {"air_degC": 40.0}}}, "heat_transfer_W_m2K"),
     ],
 )
-def test_what_is_stated_without_that_it_hangs_on_is_refused(tables: dict[str, Any], words: str) -> None:
+def test_what_is_stated_without_that_it_hangs_on_is_refused(
+    tables: dict[str, Any], words: str
+) -> None:
     with pytest.raises(InputError, match=words):
         parse_rig(tables, "rig.toml")

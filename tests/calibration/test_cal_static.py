@@ -37,7 +37,13 @@ def test_the_line_agrees_with_nists_norris_to_ten_digits():
     data = pd.read_csv(file)
     fit = fit_line(data["x"], data["y"])
     u = np.sqrt(np.diag(fit.covariance))
-    certified = (1.00211681802045, -0.262323073774029, 0.429796848199937e-03, 0.232818234301152, 0.884796396144373)
+    certified = (
+        1.00211681802045,
+        -0.262323073774029,
+        0.429796848199937e-03,
+        0.232818234301152,
+        0.884796396144373,
+    )
     for own, theirs in zip((fit.slope, fit.intercept, u[0], u[1], fit.sd), certified):
         assert own == pytest.approx(theirs, rel=1e-10)
     assert fit.r_squared == pytest.approx(0.999993745883712, rel=1e-10)
@@ -52,13 +58,19 @@ def nested_p(small, large, y) -> float:
     """p of the F test of the columns that the larger model has beside those of the smaller."""
     n, few, many = len(y), small.shape[1], large.shape[1]
     free, rest = left_over(small, y), left_over(large, y)
-    return float(stats.f.sf((free - rest) / (many - few) / (rest / (n - many)), many - few, n - many))
+    return float(
+        stats.f.sf((free - rest) / (many - few) / (rest / (n - many)), many - few, n - many)
+    )
 
 
 def repeats_of_a_line() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Place (N,), noisy y (N,) and repeat (N,) of five places in four repeats, unevenly spread."""
     x = np.tile([20.0, 30.0, 80.0, 100.0, 160.0], 4)
-    return x, 1.02 * x - 0.3 + np.random.default_rng(8).normal(0, 0.2, 20), np.repeat([0, 1, 2, 3], 5)
+    return (
+        x,
+        1.02 * x - 0.3 + np.random.default_rng(8).normal(0, 0.2, 20),
+        np.repeat([0, 1, 2, 3], 5),
+    )
 
 
 def test_an_outlying_point_is_one_that_the_line_through_the_others_refuses():
@@ -82,7 +94,9 @@ def test_an_outlying_point_is_one_that_the_line_through_the_others_refuses():
 def test_the_tests_of_a_line_are_f_tests_of_a_model_with_more_columns():
     x, y, repeat = repeats_of_a_line()
     fit, line = fit_line(x, y), np.column_stack([np.ones(20), x])
-    assert quadratic_p(fit) == pytest.approx(nested_p(line, np.column_stack([line, x**2]), y), rel=1e-9)
+    assert quadratic_p(fit) == pytest.approx(
+        nested_p(line, np.column_stack([line, x**2]), y), rel=1e-9
+    )
     places = (x[:, None] == np.unique(x)).astype(float)
     assert lack_of_fit_p(fit, x) == pytest.approx(nested_p(line, places, y), rel=1e-9)
     own = np.column_stack([(repeat[:, None] == np.arange(4)).astype(float), x])
@@ -91,7 +105,9 @@ def test_the_tests_of_a_line_are_f_tests_of_a_model_with_more_columns():
     assert within == pytest.approx(np.sqrt(left_over(own, y) / 15), rel=1e-9)
     # repeats that lie at -3, -1, 1 and 3 of 10 kelvin each, hardly any noise: their mean is good to sd/sqrt(4)
     shifted = fit_line(x, y + 10.0 * (2 * repeat - 3))
-    assert repeat_shift(shifted, repeat)[1] == pytest.approx(10 * np.std([-3, -1, 1, 3], ddof=1) / 2, rel=0.02)
+    assert repeat_shift(shifted, repeat)[1] == pytest.approx(
+        10 * np.std([-3, -1, 1, 3], ddof=1) / 2, rel=0.02
+    )
 
 
 def test_repeats_that_are_the_same_shift_by_nothing():
@@ -149,7 +165,9 @@ def coverage(ovens) -> dict[str, float]:
     return {name: float(np.mean(hit)) for name, hit in hits.items()}
 
 
-@pytest.mark.parametrize("noise", [0.05, *(pytest.param(n, marks=pytest.mark.slow) for n in (0.01, 0.2))])
+@pytest.mark.parametrize(
+    "noise", [0.05, *(pytest.param(n, marks=pytest.mark.slow) for n in (0.01, 0.2))]
+)
 def test_95_percent_intervals_hold_the_truth_at_that_rate_over_200_ovens(noise):
     found = coverage((oven_frame(s, noise), *oven_truth(s)) for s in range(OVENS))
     # six channels share the PRT, so in effect between 200 and 1200 independent ovens: three sigma of 200 is 4.6 %
@@ -230,7 +248,9 @@ def test_minutes_of_one_hold_count_as_one_point():
     often, once = fit_static_lines(frame.loc[frame.index.repeat(6)]), fit_static_lines(frame)
     for c in CHANNELS:
         assert often.lines[c].gain == pytest.approx(once.lines[c].gain, rel=1e-12)
-        assert often.lines[c].offset_estimate.u == pytest.approx(once.lines[c].offset_estimate.u, rel=1e-9)
+        assert often.lines[c].offset_estimate.u == pytest.approx(
+            once.lines[c].offset_estimate.u, rel=1e-9
+        )
 
 
 def test_table_2_6_describes_errors_before_and_after():
@@ -274,7 +294,9 @@ def test_steady_minutes_of_a_continuous_log_make_the_oven_rows(tmp_path):
 
 
 def test_a_line_knows_where_it_extrapolates():
-    line = StaticLine(gain=1.01, offset=-0.2, covariance=((1e-6, -9e-5), (-9e-5, 0.01)), range_degC=(20.0, 160.0))
+    line = StaticLine(
+        gain=1.01, offset=-0.2, covariance=((1e-6, -9e-5), (-9e-5, 0.01)), range_degC=(20.0, 160.0)
+    )
     assert outside_range(line, [10.0, 100.0, 170.0]).tolist() == [True, False, True]
     assert apply_static([100.0, np.nan], line) == pytest.approx([100.8, np.nan], nan_ok=True)
 
@@ -284,7 +306,9 @@ def test_uncertainty_of_a_reading_is_smallest_in_the_middle_of_the_oven():
     low, middle, high = static_u(line, [20.0, 90.0, 160.0])
     assert middle < low
     assert middle < high
-    assert middle == pytest.approx(line.residual_sd_degC / np.sqrt(24) * 1.06, rel=0.02)  # s/sqrt(n), t(22)/1.96
+    assert middle == pytest.approx(
+        line.residual_sd_degC / np.sqrt(24) * 1.06, rel=0.02
+    )  # s/sqrt(n), t(22)/1.96
 
 
 def test_two_rows_are_too_few():

@@ -14,7 +14,10 @@ LIVELY = 60 + np.random.default_rng(0).normal(0, 0.1, 400)  # no two are the sam
 
 
 def judged(
-    values: np.ndarray, cleaned: np.ndarray | None = None, name: str = "e_degC", dt_s: float | None = 0.125
+    values: np.ndarray,
+    cleaned: np.ndarray | None = None,
+    name: str = "e_degC",
+    dt_s: float | None = 0.125,
 ) -> list[Finding]:
     """What is said of a column whose first row is line 2 of its file, and begins at 10 s."""
     time_s = None if dt_s is None else 10.0 + dt_s * np.arange(len(values))
@@ -34,7 +37,11 @@ def missing(*rows: int, of: np.ndarray = LIVELY) -> np.ndarray:
 def test_the_longest_run_is_found_however_the_column_is_cut(cut: int, again: int) -> None:
     mask = np.array([0, 1, 1, 0, 1, 1, 1, 0, 1], dtype=bool)
     values, tally = 10.0 * np.arange(9), Tally()
-    for begin, end in ((0, min(cut, again)), (min(cut, again), max(cut, again)), (max(cut, again), 9)):
+    for begin, end in (
+        (0, min(cut, again)),
+        (min(cut, again), max(cut, again)),
+        (max(cut, again), 9),
+    ):
         tally.see(mask[begin:end], values[begin:end], begin)
     assert (tally.count, tally.first, tally.value) == (6, 1, 10.0)
     assert (tally.start, tally.length, tally.held) == (4, 3, 40.0)
@@ -52,11 +59,16 @@ def test_a_gap_of_half_a_second_is_told_and_a_longer_one_is_refused() -> None:
     assert (found.code, found.grade.value, found.numbers["count"]) == ("values.absent", "note", 5)
     assert (found.numbers["longest"], found.numbers["longest_s"]) == (4, 0.5)
     assert (found.numbers["row"], found.numbers["time_s"]) == (102, 22.5)
-    with pytest.raises(InputError, match=r"row 102 \(22.5 s\): 5 values in a row .* \(0.625 s\), 1.2 % of the channel"):
+    with pytest.raises(
+        InputError,
+        match=r"row 102 \(22.5 s\): 5 values in a row .* \(0.625 s\), 1.2 % of the channel",
+    ):
         judged(missing(*range(100, 105)))
     # of a slow log three rows
     assert judged(missing(100, 101, 102), dt_s=0.25)[0].numbers["longest_s"] == 0.75
-    with pytest.raises(InputError, match=r"4 values in a row .*runs of at most 0\.5 s and 5 % in all"):
+    with pytest.raises(
+        InputError, match=r"4 values in a row .*runs of at most 0\.5 s and 5 % in all"
+    ):
         judged(missing(*range(100, 104)), dt_s=0.25)
 
 
@@ -71,7 +83,9 @@ def test_the_grade_of_what_is_missing_hangs_on_its_share() -> None:
         wild = LIVELY.copy()
         wild[apart] = 5e3
         said = judged(wild, missing(*apart))
-        assert [(f.code, f.grade.value, f.numbers["count"]) for f in said] == [("values.impossible", grade, count)]
+        assert [(f.code, f.grade.value, f.numbers["count"]) for f in said] == [
+            ("values.impossible", grade, count)
+        ]
         assert (said[0].numbers["value"], said[0].numbers["row"]) == (5e3, 7)
     apart = range(5, 5 + 10 * 21, 10)
     with pytest.raises(InputError, match=r"column load_N, row 7 .*: nan; 5 % of the column"):
@@ -98,10 +112,16 @@ def stuck(steps: int) -> np.ndarray:
 
 def test_a_channel_that_stays_for_more_than_ten_seconds_is_dead_and_a_room_may() -> None:
     assert judged(stuck(80)) == []
-    with pytest.raises(InputError, match=r"row 102 \(22.5 s\): stays at 61.5 for 10.1 s: a dead channel"):
+    with pytest.raises(
+        InputError, match=r"row 102 \(22.5 s\): stays at 61.5 for 10.1 s: a dead channel"
+    ):
         judged(stuck(81))
     (found,) = judged(stuck(81), name="ambient_degC")
-    assert (found.code, found.numbers["value"], found.numbers["span_s"]) == ("column.frozen", 61.5, 10.125)
+    assert (found.code, found.numbers["value"], found.numbers["span_s"]) == (
+        "column.frozen",
+        61.5,
+        10.125,
+    )
     with pytest.raises(InputError, match=r"is 61\.5 in every row: a dead channel"):
         judged(np.full(400, 61.5))
 

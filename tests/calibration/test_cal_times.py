@@ -44,7 +44,10 @@ def test_an_unknown_unit_is_requested_and_not_taken_as_seconds() -> None:
     clock = find_time_column(["Time (ticks)", "T1"], "log.csv")
     with pytest.raises(InputError, match=r"unit 'ticks' is not known.*time_unit=UNIT"):
         clock.in_seconds(np.array([0.0, 1.0]), False)
-    assert clock.in_seconds(np.array([0.0, 1.0]), True).tolist() == [0.0, 1.0]  # clock stamps need no unit
+    assert clock.in_seconds(np.array([0.0, 1.0]), True).tolist() == [
+        0.0,
+        1.0,
+    ]  # clock stamps need no unit
 
 
 def test_a_unit_that_the_caller_states_overrides_the_header() -> None:
@@ -68,7 +71,9 @@ def test_a_unit_that_the_caller_states_overrides_the_header() -> None:
         (60.0, 0.0),
     ],
 )
-def test_a_header_without_unit_and_a_step_that_may_be_any_unit_asks_for_it(step: float, start: float) -> None:
+def test_a_header_without_unit_and_a_step_that_may_be_any_unit_asks_for_it(
+    step: float, start: float
+) -> None:
     clock = find_time_column(["Time", "T1"], "log.csv")
     times_s = start + step * np.arange(50)
     with pytest.raises(InputError, match="no unit is stated"):
@@ -94,12 +99,18 @@ def test_every_unit_that_messages_name_is_understood() -> None:
     [
         (["2021-11-26 23:59:59", "2021-11-27 00:00:00.5"], 1.5),
         (["2021-11-26 10:00:00", "2021-11-28 10:30:00"], 2 * 86400 + 1800),
-        (["2021-11-26 10:00:00", "2021-11-27 06:00:00"], 72000.0),  # earlier in the day, on the next one
+        (
+            ["2021-11-26 10:00:00", "2021-11-27 06:00:00"],
+            72000.0,
+        ),  # earlier in the day, on the next one
         (["26.11.2021 10:00:00", "01.12.2021 10:00:00"], 5 * 86400),
         (["28.02.2020 00:00:00", "01.03.2020 00:00:00"], 2 * 86400),  # a leap year
         (["2021-11-26T10:00:00Z", "2021-11-27T10:00:00Z"], 86400.0),
         (["11/26/2021 11:59:59 PM", "11/27/2021 12:00:01 AM"], 2.0),
-        (["03/12/2021 10:00:00", "04/12/2021 10:00:00"], 86400.0),  # rises by a day as day/month only
+        (
+            ["03/12/2021 10:00:00", "04/12/2021 10:00:00"],
+            86400.0,
+        ),  # rises by a day as day/month only
         (["12/03/2021 10:00:00", "12/04/2021 10:00:00"], 86400.0),  # as month/day only
         (["20210312 16:00:00", "20210315 16:00:00"], 3 * 86400),
         (["31.12.21 23:00:00", "01.01.22 01:00:00"], 7200.0),
@@ -119,20 +130,27 @@ def test_dates_that_can_be_read_in_two_ways_are_refused() -> None:
 
 def test_a_row_of_units_below_the_header_is_kept(tmp_path: Path) -> None:
     log = tmp_path / "log.csv"
-    log.write_text("Time,T1\n[min],(degF)\n" + "".join(f"{k},{70 + k}\n" for k in range(20)), encoding="utf-8")
+    log.write_text(
+        "Time,T1\n[min],(degF)\n" + "".join(f"{k},{70 + k}\n" for k in range(20)), encoding="utf-8"
+    )
     assert open_table(log).units == {"Time": "min", "T1": "degF"}
 
 
 def test_a_second_row_of_names_is_no_row_of_units(tmp_path: Path) -> None:
     log = tmp_path / "log.csv"
-    log.write_text("Time,T1\nChannel A,Furnace\n" + "".join(f"{k},{70 + k}\n" for k in range(20)), encoding="utf-8")
+    log.write_text(
+        "Time,T1\nChannel A,Furnace\n" + "".join(f"{k},{70 + k}\n" for k in range(20)),
+        encoding="utf-8",
+    )
     assert open_table(log).units == {}
 
 
 def test_the_cells_of_a_clock_are_kept_as_they_are_in_the_file(tmp_path: Path) -> None:
     log = tmp_path / "log.csv"
     stamps = [f"2021-11-26 10:00:{k:02}" for k in range(20)]
-    log.write_text("Time,T1\n" + "".join(f"{s},{k}\n" for k, s in enumerate(stamps)), encoding="utf-8")
+    log.write_text(
+        "Time,T1\n" + "".join(f"{s},{k}\n" for k, s in enumerate(stamps)), encoding="utf-8"
+    )
     columns = read_whole(open_table(log), ["Time", "T1"])
     assert columns.stamps["Time"].tolist() == stamps
     assert columns.data["Time"].tolist() == list(range(20))
@@ -140,7 +158,9 @@ def test_the_cells_of_a_clock_are_kept_as_they_are_in_the_file(tmp_path: Path) -
 
 def test_a_date_column_beside_a_time_of_day_belongs_to_it(tmp_path: Path) -> None:
     log = tmp_path / "log.csv"
-    rows = [f"26.11.2021,10:00:{k:02},{k}\n" for k in range(20)] + [f"28.11.2021,10:00:{k:02},{k}\n" for k in range(5)]
+    rows = [f"26.11.2021,10:00:{k:02},{k}\n" for k in range(20)] + [
+        f"28.11.2021,10:00:{k:02},{k}\n" for k in range(5)
+    ]
     log.write_text("Date,Time,T1\n" + "".join(rows), encoding="utf-8")
     columns = read_whole(open_table(log), ["Time"])
     assert columns.data["Time"][20] == 2 * 86400

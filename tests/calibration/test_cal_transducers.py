@@ -39,7 +39,9 @@ def test_one_slope_and_an_intercept_a_session_are_inside_their_intervals_at_the_
 
 def test_lines_are_drawn_through_their_points():
     volts, force, session = sessions(3)
-    ax = draw_transducer(fit_transducer(volts, force, session), volts, force, session, figure()[1][0])
+    ax = draw_transducer(
+        fit_transducer(volts, force, session), volts, force, session, figure()[1][0]
+    )
     drawn = [np.transpose(line.get_data()) for line in ax.lines]
     assert len(drawn) == 6
     for dots, line in zip(drawn[::2], drawn[1::2]):
@@ -85,7 +87,11 @@ def test_half_of_the_measured_bearing_friction_is_added():
         0.5 * (2.0 + 0.004 * np.array([774.0, 1120.0]) + 0.002 * np.array([800, 2000])), abs=0.01
     )
     assert (u < 1e-6).all()
-    assert fitted.outside([1000.0, 3000.0, 1000.0], [774.0, 774.0, 400.0]).tolist() == [False, True, True]
+    assert fitted.outside([1000.0, 3000.0, 1000.0], [774.0, 774.0, 400.0]).tolist() == [
+        False,
+        True,
+        True,
+    ]
 
 
 def test_each_family_of_bearing_friction_is_drawn_with_its_line():
@@ -93,7 +99,9 @@ def test_each_family_of_bearing_friction_is_drawn_with_its_line():
     for rpm, dots, line in zip((774, 1005, 1238, 1546), ax.lines[::2], ax.lines[1::2]):
         assert float(dots.get_label().removesuffix(" rpm")) == pytest.approx(rpm, abs=3.0)
         assert line.get_xdata().tolist() == [800.0, 2320.0]
-        assert line.get_ydata() == pytest.approx(2.0 + 0.004 * rpm + 0.002 * np.array([800.0, 2320.0]), abs=0.02)
+        assert line.get_ydata() == pytest.approx(
+            2.0 + 0.004 * rpm + 0.002 * np.array([800.0, 2320.0]), abs=0.02
+        )
 
 
 def test_u_of_the_bearing_friction_is_half_that_of_the_lines_widened_as_few_points_ask():
@@ -108,7 +116,9 @@ def test_u_of_the_bearing_friction_is_half_that_of_the_lines_widened_as_few_poin
         s2 = np.sum((y - np.polyval(np.polyfit(x, y, 1), x)) ** 2) / 4
         variance.append(wide**2 * s2 * (1 / 6 + (at - x.mean()) ** 2 / np.sum((x - x.mean()) ** 2)))
     assert found.correction_N(at, 774.0)[1] == pytest.approx(0.5 * np.sqrt(variance[0]), rel=1e-6)
-    assert found.correction_N(at, 889.5)[1] == pytest.approx(0.5 * np.sqrt(sum(variance) / 4), rel=1e-6)
+    assert found.correction_N(at, 889.5)[1] == pytest.approx(
+        0.5 * np.sqrt(sum(variance) / 4), rel=1e-6
+    )
 
 
 def test_bearing_intervals_hold_the_truth_at_the_right_rate():

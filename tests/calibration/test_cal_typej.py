@@ -28,7 +28,15 @@ def test_emf_agrees_with_the_published_table():
 TABLES = {
     "E": {-200: -8.825, -100: -5.237, 100: 6.319, 500: 37.005, 1000: 76.373},
     "J": {-210: -8.095, -100: -4.633, 100: 5.269, 500: 27.393, 1200: 69.553},
-    "K": {-200: -5.891, -100: -3.554, 25: 1.000, 100: 4.096, 500: 20.644, 1000: 41.276, 1372: 54.886},
+    "K": {
+        -200: -5.891,
+        -100: -3.554,
+        25: 1.000,
+        100: 4.096,
+        500: 20.644,
+        1000: 41.276,
+        1372: 54.886,
+    },
     "N": {-200: -3.990, -100: -2.407, 100: 2.774, 500: 16.748, 1000: 36.256, 1300: 47.513},
     "T": {-200: -5.603, -100: -3.379, 25: 0.992, 100: 4.279, 300: 14.862, 400: 20.872},
 }
@@ -37,9 +45,13 @@ TABLES = {
 @pytest.mark.parametrize("couple", TABLES)
 def test_every_type_agrees_with_its_published_table_and_both_ways_agree(couple):
     table = TABLES[couple]
-    assert emf_mV(np.array(list(table), dtype=float), couple) == pytest.approx(list(table.values()), abs=5.1e-4)
+    assert emf_mV(np.array(list(table), dtype=float), couple) == pytest.approx(
+        list(table.values()), abs=5.1e-4
+    )
     t = np.linspace(min(table), max(table), 5000)
-    assert temperature_degC(emf_mV(t, couple), couple=couple) == pytest.approx(t, abs=1e-8)  # Newton's last step
+    assert temperature_degC(emf_mV(t, couple), couple=couple) == pytest.approx(
+        t, abs=1e-8
+    )  # Newton's last step
     assert np.all(np.diff(emf_mV(t, couple)) > 0)
     below, at = emf_mV(-1e-9, couple), emf_mV(1e-9, couple)  # the two ranges join
     assert float(at - below) == pytest.approx(0.0, abs=1e-6)
@@ -61,7 +73,9 @@ def test_the_cold_junction_adds_its_own_emf(cold, hot):
 
 
 def test_the_two_ranges_join_at_760_degC():
-    assert float(emf_mV(760.0 + 1e-9) - emf_mV(760.0)) == pytest.approx(0.0, abs=1e-6)  # table's resolution is 1 uV
+    assert float(emf_mV(760.0 + 1e-9) - emf_mV(760.0)) == pytest.approx(
+        0.0, abs=1e-6
+    )  # table's resolution is 1 uV
 
 
 def test_values_outside_are_refused_or_made_infinite_and_nan_stays():
@@ -95,7 +109,9 @@ def test_a_log_in_millivolts_is_read_as_the_log_in_degrees(tmp_path, kind):
 
 
 def test_a_spike_beyond_type_j_is_taken_as_missing_and_degrees_for_millivolts_are_refused(tmp_path):
-    rig = parse_rig(tomllib.loads(rig_toml(parse_rig({"logger": {"millivolts": True}}, "rig.toml"))), "rig.toml")
+    rig = parse_rig(
+        tomllib.loads(rig_toml(parse_rig({"logger": {"millivolts": True}}, "rig.toml"))), "rig.toml"
+    )
     frame = millivolts(ehl_frame(), 0.0)
     frame.loc[1000, "fast_e_degC"] = 500.0
     found = read_log(write_log(frame, tmp_path / "spike.csv"), "ehl", rig)

@@ -27,7 +27,9 @@ while True:
 """
 
 
-@pytest.mark.parametrize(("ending", "before"), [("csv", True), ("csv", False), ("parquet", True), ("tdms", False)])
+@pytest.mark.parametrize(
+    ("ending", "before"), [("csv", True), ("csv", False), ("parquet", True), ("tdms", False)]
+)
 def test_killing_the_writer_leaves_the_previous_file_or_none(tmp_path, ending, before):
     target = tmp_path / f"out.{ending}"
     good = {len(b"previous")}

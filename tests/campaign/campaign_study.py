@@ -43,7 +43,10 @@ def told(made: DrawnCampaign) -> dict[str, float]:
     z = (between / np.sqrt(np.where(variance > 0, variance, 1.0)))[pairs]
     law, both = speed_law(p), trend(p, "load_N", "sliding_speed_m_s")
     assert both is not None
-    sound, low = strangers(p), strangers(solve([made.low if k.name == made.low.name else k for k in made.kept]))
+    sound, low = (
+        strangers(p),
+        strangers(solve([made.low if k.name == made.low.name else k for k in made.kept])),
+    )
     within = np.array([e["beta_within"].u for e in p.estimates])
     u = np.sqrt(np.diag(p.beta[1]))
     return {
@@ -63,10 +66,14 @@ def told(made: DrawnCampaign) -> dict[str, float]:
         "slope over load, u / slope": both.slopes[0].u / abs(PER_N),
         "slope over speed, z": (both.slopes[1].value - PER_M_S) / both.slopes[1].u,
         "slope over speed, u / slope": both.slopes[1].u / abs(PER_M_S),
-        "largest pull of a junction": max(abs(z) for own in junctions(p)[1].values() for z in own.values()),
+        "largest pull of a junction": max(
+            abs(z) for own in junctions(p)[1].values() for z in own.values()
+        ),
         "power law doubted": float((law.p_value or 1.0) < BENT_P),
         "sound campaigns that name a test": float(bool(sound)),
-        "low friction named": float([(s.name, s.cause) for s in low] == [(made.low.name, "friction")]),
+        "low friction named": float(
+            [(s.name, s.cause) for s in low] == [(made.low.name, "friction")]
+        ),
     }
 
 
@@ -74,7 +81,9 @@ def report(folder: Path) -> pd.DataFrame:
     """Mean, rms, least and largest over the drawn campaigns in ``folder``."""
     table = pd.DataFrame([told(DrawnCampaign.read(path)) for path in sorted(folder.glob("*.json"))])
     rms = np.sqrt((table**2).mean())
-    return pd.DataFrame({"mean": table.mean(), "rms": rms, "least": table.min(), "largest": table.max()})
+    return pd.DataFrame(
+        {"mean": table.mean(), "rms": rms, "least": table.min(), "largest": table.max()}
+    )
 
 
 if __name__ == "__main__":

@@ -25,7 +25,9 @@ from tests.campaign.toy import toy
 COMMON = 0.004
 INDEPENDENT = 0.0005
 AGAINST = "delta_T_us_K_m_s"
-LEAST_DEPARTURE = 0.01  # rms of a wrong shape about its mean over the tests: 20 times the independent error
+LEAST_DEPARTURE = (
+    0.01  # rms of a wrong shape about its mean over the tests: 20 times the independent error
+)
 LEVEL = 0.68
 
 
@@ -89,7 +91,9 @@ def drawn_curve(seed: int, *, wrong: bool) -> DrawnCurve:
     answers[:, BETA] = LEVEL - 3e-5 * (x - 575.0) + difference
     whole = np.eye(A * len(x))
     whole[BETA::A, BETA::A] = covariance
-    return DrawnCurve(replace(posterior, answers=answers, covariance=whole), curve, difference, offset)
+    return DrawnCurve(
+        replace(posterior, answers=answers, covariance=whole), curve, difference, offset
+    )
 
 
 def outside(value: float, points: Array) -> float:
@@ -109,11 +113,15 @@ def report(count: int) -> None:
         print("wrong shape" if wrong else "correct shape", count, "campaigns")
         beside = out > 1e-12  # rounding of a mean
         print(f"  reported: {rejected.sum()} ({100 * rejected.mean():.1f} %)")
-        print(f"  offset outside the range of the tests: {beside.sum()}, where reported {beside[rejected].sum()}")
+        print(
+            f"  offset outside the range of the tests: {beside.sum()}, where reported {beside[rejected].sum()}"
+        )
         print(f"  by more than u: {(out > u).sum()}; farthest {np.max(out / u):.2f} u")
         if not wrong:
             low, high = stats.binom.interval(0.95, count, 0.95)
-            print(f"  95 % interval covers the truth: {covered.sum()} (by chance {low:.0f} to {high:.0f})")
+            print(
+                f"  95 % interval covers the truth: {covered.sum()} (by chance {low:.0f} to {high:.0f})"
+            )
 
 
 if __name__ == "__main__":

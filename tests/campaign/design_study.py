@@ -31,13 +31,17 @@ def ratios(made: Iterable[DrawnCampaign], rig: Rig) -> pd.DataFrame:
             designed[fitted.order] = predict_campaign(plan_of(fitted.order), rig).table()
         table = designed[fitted.order]
         alone = np.array([one.single[n][1] for n in fitted.order])
-        beta, within = (np.array([e[k].u for e in fitted.estimates]) for k in ("beta", "beta_within"))
+        beta, within = (
+            np.array([e[k].u for e in fitted.estimates]) for k in ("beta", "beta_within")
+        )
         rows.append(
             {
-                "alone": np.median(table.u_beta_alone / alone), "absolute": np.median(table.u_beta / beta),
-                "within": np.median(table.u_beta_within / within), "widened": fitted.widened,
+                "alone": np.median(table.u_beta_alone / alone),
+                "absolute": np.median(table.u_beta / beta),
+                "within": np.median(table.u_beta_within / within),
+                "widened": fitted.widened,
             }
-        )  # fmt: skip
+        )
     return pd.DataFrame(rows)
 
 
@@ -51,7 +55,12 @@ def report(name: str, table: pd.DataFrame) -> None:
 
 if __name__ == "__main__":
     count = int(sys.argv[1])
-    report("thesis", ratios(map(DrawnCampaign.read, sorted(Path(sys.argv[2]).glob("*.json"))), load_rig()))
+    report(
+        "thesis",
+        ratios(map(DrawnCampaign.read, sorted(Path(sys.argv[2]).glob("*.json"))), load_rig()),
+    )
     for name in ("clarke", "nearer"):
         rig = layout(name)
-        report(name, ratios((drawn(seed, CORNERS, rig=rig) for seed in range(5000, 5000 + count)), rig))
+        report(
+            name, ratios((drawn(seed, CORNERS, rig=rig) for seed in range(5000, 5000 + count)), rig)
+        )

@@ -20,13 +20,24 @@ from tcdyn.campaign.planned import Logging, planned_test
 from tests.campaign.test_planned import plan_of
 
 CORNERS = ("A1", "A4", "D1", "D4")
-ROWS = {"a": (3.0, 4.765), "c": (3.0, 2.0), "e": (1.25, 4.765), "d": (6.0, 2.0), "b": (6.0, 4.765), "f": (6.0, 7.53)}
+ROWS = {
+    "a": (3.0, 4.765),
+    "c": (3.0, 2.0),
+    "e": (1.25, 4.765),
+    "d": (6.0, 2.0),
+    "b": (6.0, 4.765),
+    "f": (6.0, 7.53),
+}
 
 
 def placed(angles: dict[str, float], **depths: float) -> dict[str, Any]:
     """The thesis's junctions at other angles [deg], and other depths [mm] of some."""
     return {
-        c: {"depth_mm": depths.get(c, depth), "z_mm": z, **({"angle_deg": angles[c]} if angles else {})}
+        c: {
+            "depth_mm": depths.get(c, depth),
+            "z_mm": z,
+            **({"angle_deg": angles[c]} if angles else {}),
+        }
         for c, (depth, z) in ROWS.items()
     }
 
@@ -69,7 +80,9 @@ def table() -> pd.DataFrame:
         kept = [planned_test(p, rig, Logging()) for p in plan_of(CORNERS)]
         rows.append(row_of(name, kept))
         if len(rows) == 1:
-            rows.append(row_of("the thesis's, disk and shaft in one piece", [in_one_piece(k) for k in kept]))
+            rows.append(
+                row_of("the thesis's, disk and shaft in one piece", [in_one_piece(k) for k in kept])
+            )
     return pd.DataFrame(rows)
 
 

@@ -23,7 +23,9 @@ BUBBLE_S = 0.3
 def unknown_lag(kept: KeptTest, name: str, common_u_s: float) -> KeptTest:
     """The same test, the lag of one junction all but unknown, and the disks' common lags known to ``common_u_s``."""
     at = kept.names.index(name)
-    factor = BUBBLE_S / (APART_U_S * float(np.sqrt(5 / 6)))  # a record tells each lag from the mean of six
+    factor = BUBBLE_S / (
+        APART_U_S * float(np.sqrt(5 / 6))
+    )  # a record tells each lag from the mean of six
     rows, centre = kept.rows.copy(), kept.centre.copy()
     rows[:, at] *= factor
     centre[at] /= factor
@@ -33,27 +35,36 @@ def unknown_lag(kept: KeptTest, name: str, common_u_s: float) -> KeptTest:
 def table() -> pd.DataFrame:
     """One row a junction, a prior of the common lag, and a number of unloadings."""
     rig, rows = load_rig(), []
-    plans = {"repeated": plan_of(("D4",)) * 4, "other conditions": plan_of(("D4", "A4", "D2", "B3"))}
+    plans = {
+        "repeated": plan_of(("D4",)) * 4,
+        "other conditions": plan_of(("D4", "A4", "D2", "B3")),
+    }
     for how, plan in plans.items():
         kept = [planned_test(p, rig, Logging()) for p in (plan if how != "repeated" else plan[:1])]
         kept = kept * 4 if how == "repeated" else kept
         for name in ("lag e fast", "lag c fast", "lag b fast"):
             for u_s in (LAG_U_S, 0.5):
                 for count in (1, 2, 4):
-                    tests = [replace(unknown_lag(k, name, u_s), name=f"D4.{i}") for i, k in enumerate(kept[:count])]
+                    tests = [
+                        replace(unknown_lag(k, name, u_s), name=f"D4.{i}")
+                        for i, k in enumerate(kept[:count])
+                    ]
                     found = solve(tests)
                     k, common = (found.shared.index(n) for n in (name, "common lag fast"))
                     c = found.shared_covariance
                     one = found.estimates[0]
                     rows.append(
                         {
-                            "unloadings": f"{count}, {how}", "junction": name, "u of common lag known before [s]": u_s,
+                            "unloadings": f"{count}, {how}",
+                            "junction": name,
+                            "u of common lag known before [s]": u_s,
                             "u of its lag [s]": BUBBLE_S * np.sqrt(c[k, k]),
                             "correlation": c[k, common] / np.sqrt(c[k, k] * c[common, common]),
-                            "u(lag) [s]": one["lag_fast_s"].u, "u(beta)": one["beta"].u,
+                            "u(lag) [s]": one["lag_fast_s"].u,
+                            "u(beta)": one["beta"].u,
                             "u(h)/h": one["h_fast"].u / one["h_fast"].value,
                         }
-                    )  # fmt: skip
+                    )
     return pd.DataFrame(rows)
 
 

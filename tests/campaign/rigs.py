@@ -47,9 +47,12 @@ class DrawnCampaign:
 
     def to_dict(self) -> dict[str, Any]:
         return {
-            "seed": self.seed, "kept": {k.name: k.to_dict() for k in self.kept}, "single": dict(self.single),
-            "truth": dict(self.truth), "low": {self.low.name: self.low.to_dict()},
-        }  # fmt: skip
+            "seed": self.seed,
+            "kept": {k.name: k.to_dict() for k in self.kept},
+            "single": dict(self.single),
+            "truth": dict(self.truth),
+            "low": {self.low.name: self.low.to_dict()},
+        }
 
     @classmethod
     def read(cls, path: Path) -> DrawnCampaign:
@@ -69,7 +72,10 @@ def kept_of(name: str, test: EhlTest, rig: str = "drawn") -> tuple[KeptTest, tup
 
 
 def drawn(
-    seed: int, names: tuple[str, ...] = tuple(PROGRAMME), options: EhlOptions = QUICK, rig: Rig | None = None
+    seed: int,
+    names: tuple[str, ...] = tuple(PROGRAMME),
+    options: EhlOptions = QUICK,
+    rig: Rig | None = None,
 ) -> DrawnCampaign:
     """Draw rig ``seed`` from what ``rig`` states, run its tests and fit each."""
     warnings.simplefilter("ignore")
@@ -78,7 +84,9 @@ def drawn(
     odd = names[int(np.random.default_rng(seed).integers(len(names)))]
     kept, single, told, low = [], {}, {}, None
     for name in names:
-        made = study_rig(seed, name, truth=truth, rig=rig, options=replace(options, beta=true_beta(name)))
+        made = study_rig(
+            seed, name, truth=truth, rig=rig, options=replace(options, beta=true_beta(name))
+        )
         try:
             one, single[name] = kept_of(name, made.test)
         except InputError as problem:
@@ -89,7 +97,9 @@ def drawn(
         told[name] |= {f"lag_{d}_s": made.truth.disk(d).common_lag_s for d in ("fast", "slow")}
         if name == odd:
             scaled = replace(
-                made.test, power_W=LOW_FRICTION * made.test.power_W, friction_N=LOW_FRICTION * made.test.friction_N
+                made.test,
+                power_W=LOW_FRICTION * made.test.power_W,
+                friction_N=LOW_FRICTION * made.test.friction_N,
             )
             low = kept_of(name, scaled)[0]
     assert low is not None

@@ -22,7 +22,9 @@ def stand_in(noise_N: float) -> Any:
     off = BEGUN_S + (LAST - 0.5) * DT + 0.3 + SETTLE_S
     events = SimpleNamespace(unload_s=off, parting_s=0.3, load_on_s=BEGUN_S + 2.5 + SETTLE_S)
     time_s = BEGUN_S + DT * np.arange(N)
-    return SimpleNamespace(friction_noise_N=noise_N, friction_N=20.0, dt_s=DT, events=events, time_s=time_s)
+    return SimpleNamespace(
+        friction_noise_N=noise_N, friction_N=20.0, dt_s=DT, events=events, time_s=time_s
+    )
 
 
 @pytest.mark.parametrize("noise_N", [0.0, 0.6])
@@ -54,7 +56,11 @@ def test_noise_of_the_inputs_is_that_of_each_sample_through_lags_and_blocks(
 ) -> None:
     """Three inputs, each straight and through two first-order lags, in blocks of ten samples at two points."""
     rng, dt, n = np.random.default_rng(1), 0.05, 400
-    rates, direct, gains = np.array([0.4, 1.5]), rng.standard_normal((3, 2)), rng.standard_normal((3, 2, 2))
+    rates, direct, gains = (
+        np.array([0.4, 1.5]),
+        rng.standard_normal((3, 2)),
+        rng.standard_normal((3, 2, 2)),
+    )
     blocks, weight = np.kron(np.eye(n // 10), np.full(10, 0.1)), rng.uniform(0.5, 1.5, (n // 10, 2))
     theta, sd = np.zeros(4), np.array([2.0, 0.3, 0.5])
     theta[SHARE], theta[LOG_H] = 0.6, np.log(700.0)
@@ -66,22 +72,39 @@ def test_noise_of_the_inputs_is_that_of_each_sample_through_lags_and_blocks(
 
     monkeypatch.setattr(noise, "input_noise", lambda test, side: sd.copy())
     rim = SimpleNamespace(gains=at)
-    window = SimpleNamespace(rim=rim, y=np.zeros((n // 10, 2)), weight=weight, blocks=blocks, time_s=dt * np.arange(n))
+    window = SimpleNamespace(
+        rim=rim, y=np.zeros((n // 10, 2)), weight=weight, blocks=blocks, time_s=dt * np.arange(n)
+    )
     side = cast(Any, SimpleNamespace(window=window, y=np.zeros(weight.size)))
-    events = SimpleNamespace(unload_s=3.4 * dt + SETTLE_S, parting_s=0.0)  # too early for the friction to be smoothed
+    events = SimpleNamespace(
+        unload_s=3.4 * dt + SETTLE_S, parting_s=0.0
+    )  # too early for the friction to be smoothed
     test = cast(Any, SimpleNamespace(friction_noise_N=1.0, friction_N=20.0, dt_s=dt, events=events))
     toward = rng.standard_normal((weight.size, 3))
 
-    lagged = [lfilter([1 - np.exp(-r * dt)], [1, -np.exp(-r * dt)], np.eye(n), axis=0) for r in rates]
+    lagged = [
+        lfilter([1 - np.exp(-r * dt)], [1, -np.exp(-r * dt)], np.eye(n), axis=0) for r in rates
+    ]
     expected = np.zeros((3, 3))
     for i, sigma in enumerate(sd * [0.6, 1.0, 1.0]):
-        seen = [blocks @ (d * np.eye(n) + g[0] * lagged[0] + g[1] * lagged[1]) for d, g in zip(direct[i], gains[i])]
-        rows = np.einsum("rpd,rp,prn->dn", toward.reshape(*weight.shape, -1), weight, np.array(seen))
+        seen = [
+            blocks @ (d * np.eye(n) + g[0] * lagged[0] + g[1] * lagged[1])
+            for d, g in zip(direct[i], gains[i])
+        ]
+        rows = np.einsum(
+            "rpd,rp,prn->dn", toward.reshape(*weight.shape, -1), weight, np.array(seen)
+        )
         expected += sigma**2 * rows @ rows.T
     found = driven_noise(test, side, theta, toward)
     assert asked == pytest.approx([700.0])
-    assert np.abs(found - expected).max() < 0.02 * np.diag(expected).max()  # a lag of a sample is not quite one of none
+    assert (
+        np.abs(found - expected).max() < 0.02 * np.diag(expected).max()
+    )  # a lag of a sample is not quite one of none
     both = whole_noise(
-        test, [side, side], np.tile(theta, 2), np.vstack([toward, 2 * toward]), np.zeros(2 * len(toward))
+        test,
+        [side, side],
+        np.tile(theta, 2),
+        np.vstack([toward, 2 * toward]),
+        np.zeros(2 * len(toward)),
     )
     assert both == pytest.approx(np.eye(3) + 5 * found)  # and the data's own noise

@@ -23,7 +23,11 @@ CHANCE = 1e-3  # of a sound library to fail a test that counts draws
 
 def two_tests(first: float, second: float) -> DrawnCurve:
     """The two tests of a drawn campaign, with these differences from a level curve, common error of one size."""
-    made = next(one for one in (drawn_curve(seed, wrong=False) for seed in range(200)) if len(one.difference) == 2)
+    made = next(
+        one
+        for one in (drawn_curve(seed, wrong=False) for seed in range(200))
+        if len(one.difference) == 2
+    )
     difference = np.array([first, second])
     answers = made.posterior.answers.copy()
     answers[:, BETA] = LEVEL + difference
@@ -31,7 +35,9 @@ def two_tests(first: float, second: float) -> DrawnCurve:
     covariance = COMMON**2 * np.ones((2, 2)) + 0.001**2 * np.eye(2)
     whole = made.posterior.covariance.copy()
     whole[BETA :: len(whole) // 2, BETA :: len(whole) // 2] = covariance
-    return DrawnCurve(replace(made.posterior, answers=answers, covariance=whole), curve, difference, float("nan"))
+    return DrawnCurve(
+        replace(made.posterior, answers=answers, covariance=whole), curve, difference, float("nan")
+    )
 
 
 def test_the_offset_from_a_curve_of_wrong_shape_lies_inside_the_range_of_the_tests() -> None:
@@ -96,16 +102,26 @@ def test_two_tests_have_one_degree_of_freedom() -> None:
 def test_one_test_in_the_range_of_a_curve_is_refused_by_name() -> None:
     made = drawn_curve(0, wrong=False)
     x = np.sort([t.conditions[made.curve.against] for t in made.posterior.tests])
-    short = Curve("short.csv", made.curve.against, x[0] + np.array([-1.0, 1.0]), np.full(2, LEVEL), np.zeros(2))
+    short = Curve(
+        "short.csv",
+        made.curve.against,
+        x[0] + np.array([-1.0, 1.0]),
+        np.full(2, LEVEL),
+        np.zeros(2),
+    )
     with pytest.raises(InputError, match=r"short\.csv.*1 tests lie within"):
         curve_test(made.posterior, short)
 
 
-def test_a_level_of_equal_errors_is_the_mean_and_a_level_of_positive_weights_is_that_of_least_squares() -> None:
+def test_a_level_of_equal_errors_is_the_mean_and_a_level_of_positive_weights_is_that_of_least_squares() -> (
+    None
+):
     y = np.array([0.0, 1.0, 3.0])
     plain = level_inside_points(y, 1e-12 * np.eye(3))
     assert plain.coefficients[0] == pytest.approx(np.mean(y))
-    assert np.sqrt(plain.covariance[0, 0]) == pytest.approx(np.std(y, ddof=1) / np.sqrt(3), rel=1e-6)
+    assert np.sqrt(plain.covariance[0, 0]) == pytest.approx(
+        np.std(y, ddof=1) / np.sqrt(3), rel=1e-6
+    )
     u = np.array([1.0, 2.0, 4.0])
     weighted = level_inside_points(y, np.diag(u**2))
     assert weighted.scatter == 0.0
@@ -130,7 +146,9 @@ def test_a_level_has_no_negative_weight_where_least_squares_has_one() -> None:
 
 def test_a_campaign_warns_of_a_curve_whose_shape_does_not_fit() -> None:
     """The tests' beta fall by 3e-5 per newton: a curve that rises by as much is wrong, one of great u is not told."""
-    answers = {t.name: answer_of(t) for t in toy(1).kept if t.conditions["sliding_speed_m_s"] == 13.0}
+    answers = {
+        t.name: answer_of(t) for t in toy(1).kept if t.conditions["sliding_speed_m_s"] == 13.0
+    }
     load = np.array([800.0, 2400.0])
     falling = 0.70 - 3e-5 * (load - 1620.0)
     wrong = Curve("wrong.csv", "load_N", load, falling[::-1], np.zeros(2))
@@ -151,5 +169,15 @@ def test_a_campaign_warns_of_a_curve_whose_shape_does_not_fit() -> None:
     kept = whole.to_dict()["models"]
     assert [m["scatter"] for m in kept] == [first.scatter, 0.0]
     assert second.scatter == 0.0
-    before = {"file", "against", "tests", "chi2", "freedom", "p_value", "shape_chi2", "shape_p_value", "offset"}
+    before = {
+        "file",
+        "against",
+        "tests",
+        "chi2",
+        "freedom",
+        "p_value",
+        "shape_chi2",
+        "shape_p_value",
+        "offset",
+    }
     assert set(kept[0]) == before | {"scatter"}

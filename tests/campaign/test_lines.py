@@ -34,7 +34,9 @@ def of_tests(posterior: Posterior, name: str) -> Array:
     return np.array([t.conditions[name] for t in posterior.tests])
 
 
-def test_a_line_whose_points_scatter_far_beyond_their_uncertainty_is_that_of_ordinary_least_squares() -> None:
+def test_a_line_whose_points_scatter_far_beyond_their_uncertainty_is_that_of_ordinary_least_squares() -> (
+    None
+):
     """Slope, its standard error, Student's interval and the chance of none: those of scipy's regression."""
     beta = 0.7 + np.array([0.02, -0.01, 0.0, -0.03, 0.01, 0.02, -0.02, -0.01])
     posterior = known(beta, 1e-8)
@@ -44,7 +46,9 @@ def test_a_line_whose_points_scatter_far_beyond_their_uncertainty_is_that_of_ord
     (slope,), freedom = found.slopes, len(beta) - 2
     assert (slope.value, slope.u) == pytest.approx((theirs.slope, theirs.stderr), rel=1e-5)
     reach = stats.t.isf(0.025, freedom) * theirs.stderr
-    assert (slope.low95, slope.high95) == pytest.approx((theirs.slope - reach, theirs.slope + reach), rel=1e-5)
+    assert (slope.low95, slope.high95) == pytest.approx(
+        (theirs.slope - reach, theirs.slope + reach), rel=1e-5
+    )
     assert found.p_value[0] == pytest.approx(theirs.pvalue, rel=1e-4)
     left = beta - theirs.intercept - theirs.slope * load
     assert found.scatter == pytest.approx(np.sqrt(left @ left / freedom), rel=1e-5)
@@ -58,7 +62,9 @@ def test_a_trend_is_surest_at_the_mean_of_its_tests_and_loses_by_its_slope_besid
     found = trend(posterior, "load_N")
     assert found is not None
     u = SD / np.sqrt(np.sum((load - load.mean()) ** 2))
-    assert (found.slopes[0].value, found.slopes[0].u, found.scatter) == pytest.approx((-3e-5, u, 0.0), rel=1e-6)
+    assert (found.slopes[0].value, found.slopes[0].u, found.scatter) == pytest.approx(
+        (-3e-5, u, 0.0), rel=1e-6
+    )
     assert found.p_value[0] == pytest.approx(2 * stats.norm.sf(3e-5 / u), rel=1e-6)
     value, within = found.at(load.mean() + np.array([0.0, 500.0]))
     assert value == pytest.approx([0.7, 0.685])
@@ -77,7 +83,9 @@ def test_a_line_over_two_conditions_asks_for_a_test_more_than_one_over_one() -> 
 def test_a_curve_has_two_rows_or_more(tmp_path: Path) -> None:
     rows = ["800,0.72,0.01", "1600,0.70,0.01", "2400,0.68,0.02"]
     for count in (1, 2, 3):
-        (tmp_path / "m.csv").write_text("\n".join(["load_N,beta,u_beta", *rows[:count]]) + "\n", encoding="utf-8")
+        (tmp_path / "m.csv").write_text(
+            "\n".join(["load_N,beta,u_beta", *rows[:count]]) + "\n", encoding="utf-8"
+        )
         if count == 1:
             with pytest.raises(InputError, match="two rows or more"):
                 read_curve(tmp_path / "m.csv")
@@ -95,9 +103,13 @@ def test_an_exponent_that_rises_by_a_tenth_while_the_speed_doubles_is_told_so() 
     assert law.u_within == pytest.approx(np.full(16, one))
     assert law.by_speed is not None
     doubled = np.log2(speed) - np.log2(speed).mean()
-    assert (law.by_speed.value, law.by_speed.u) == pytest.approx((0.1, one / np.sqrt(doubled @ doubled)))
+    assert (law.by_speed.value, law.by_speed.u) == pytest.approx(
+        (0.1, one / np.sqrt(doubled @ doubled))
+    )
     even = speed_law(known(np.full(16, 0.7)))
-    assert (even.exponent.value, even.exponent.u, even.scatter) == pytest.approx((0.7, one / 4, 0.0))
+    assert (even.exponent.value, even.exponent.u, even.scatter) == pytest.approx(
+        (0.7, one / 4, 0.0)
+    )
     assert speed_law(known(np.full(3, 0.7))).by_speed is None
 
 
@@ -115,8 +127,12 @@ def test_what_a_curve_is_uncertain_by_is_one_error_of_all_its_points() -> None:
     assert (found.chi2, found.shape_chi2) == pytest.approx((chi2, apart @ apart / SD**2))
     chances = stats.chi2.sf(chi2, n), stats.chi2.sf(found.shape_chi2, n - 1)
     assert (found.p_value, found.shape_p_value) == pytest.approx(chances)
-    assert (found.offset.value, found.offset.u) == pytest.approx((off.mean(), np.sqrt(SD**2 / n + u**2)))
-    two = Curve("m.csv", "load_N", np.sort(load)[1:3], np.array([0.7, 0.7]), np.zeros(2))  # its ends are in it
+    assert (found.offset.value, found.offset.u) == pytest.approx(
+        (off.mean(), np.sqrt(SD**2 / n + u**2))
+    )
+    two = Curve(
+        "m.csv", "load_N", np.sort(load)[1:3], np.array([0.7, 0.7]), np.zeros(2)
+    )  # its ends are in it
     assert len(curve_test(known(np.full(4, 0.7)), two).inside) == 2
 
 
@@ -132,15 +148,25 @@ def codes(whole: JoinedCampaign) -> set[str]:
 
 
 def test_a_campaign_tells_an_exponent_two_u_from_the_stated_one(whole: JoinedCampaign) -> None:
-    for n, told in ((0.667 + 0.019, False), (0.667 + 0.021, True), (0.667 - 0.021, True)):  # u is 0.01
+    for n, told in (
+        (0.667 + 0.019, False),
+        (0.667 + 0.021, True),
+        (0.667 - 0.021, True),
+    ):  # u is 0.01
         law = replace(whole.law, exponent=Estimate.normal(n, 0.01), p_value=0.5)
         assert ("campaign.exponent" in codes(replace(whole, law=law))) == told
     one = replace(whole.posterior, tests=whole.posterior.tests[:1])
-    assert "campaign.exponent" not in codes(replace(whole, law=law, posterior=one))  # a test alone says so itself
+    assert "campaign.exponent" not in codes(
+        replace(whole, law=law, posterior=one)
+    )  # a test alone says so itself
 
 
-def test_a_campaign_tells_a_bent_power_law_and_a_junction_far_from_its_place(whole: JoinedCampaign) -> None:
+def test_a_campaign_tells_a_bent_power_law_and_a_junction_far_from_its_place(
+    whole: JoinedCampaign,
+) -> None:
     for chance, told in ((0.02, False), (0.005, True)):
-        assert ("campaign.power_law" in codes(replace(whole, law=replace(whole.law, p_value=chance)))) == told
+        assert (
+            "campaign.power_law" in codes(replace(whole, law=replace(whole.law, p_value=chance)))
+        ) == told
     for z, told in ((3.9, False), (-3.9, False), (4.1, True), (-4.1, True)):
         assert ("campaign.junction" in codes(replace(whole, pulls={"fast": {"e": z}}))) == told

@@ -24,7 +24,15 @@ def plan_of(names: tuple[str, ...]) -> list[PlannedTest]:
     """The thesis's tests, as one would plan them."""
     every = {n: ehl_test(n) for n in names}
     return [
-        PlannedTest(n, c.load_N, c.friction_N, c.speed_fast_rpm, c.speed_slow_rpm, true_beta(n), c.h_fast_W_m2K)
+        PlannedTest(
+            n,
+            c.load_N,
+            c.friction_N,
+            c.speed_fast_rpm,
+            c.speed_slow_rpm,
+            true_beta(n),
+            c.h_fast_W_m2K,
+        )
         for n, c in every.items()
     ]
 
@@ -35,7 +43,10 @@ def layout(name: str) -> Rig:
         return load_rig()
     if name == "clarke":
         return parse_rig({"thermocouples": {"layout": "clarke"}}, "rig.toml")
-    nearer = {c: {"depth_mm": d, "z_mm": z} for c, d, z in (("a", 2.0, 4.765), ("c", 2.0, 2.0), ("e", 1.0, 4.765))}
+    nearer = {
+        c: {"depth_mm": d, "z_mm": z}
+        for c, d, z in (("a", 2.0, 4.765), ("c", 2.0, 2.0), ("e", 1.0, 4.765))
+    }
     return parse_rig({"thermocouples": nearer}, "rig.toml")
 
 
@@ -78,10 +89,14 @@ def test_a_planned_test_keeps_the_conditions_that_trends_are_sought_over(name: s
     assert told["speed_ratio"] == pytest.approx(4.24, abs=0.001)
     published = TABLE_7_3[list(PROGRAMME).index(name)][0]
     assert told["delta_T_us_K_m_s"] == pytest.approx(published, rel=0.5)
-    found = solve([kept]).estimates[0]  # its fit stands on the truth, and so does what its records would say
+    found = solve([kept]).estimates[
+        0
+    ]  # its fit stands on the truth, and so does what its records would say
     assert found["beta"].value == pytest.approx(one.beta, abs=1e-6)
     assert found["h_fast"].value == pytest.approx(one.h_fast_W_m2K, rel=1e-6)
-    assert found["h_slow"].value == pytest.approx(one.h_fast_W_m2K / told["speed_ratio"] ** (2 / 3), rel=1e-3)
+    assert found["h_slow"].value == pytest.approx(
+        one.h_fast_W_m2K / told["speed_ratio"] ** (2 / 3), rel=1e-3
+    )
     lag_s = 0.54 + 0.12 + load_rig().disk_setup("fast").conditioning.lag_s
     assert found["lag_fast_s"].value == pytest.approx(lag_s, abs=1e-6)
 
@@ -89,12 +104,21 @@ def test_a_planned_test_keeps_the_conditions_that_trends_are_sought_over(name: s
 def test_a_plan_is_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "plan.csv"
     path.write_text(
-        "load_N,friction_N,speed_fast_rpm,speed_slow_rpm\n850,9,4261,1005\n2320,26,4261,1005\n", encoding="utf-8"
+        "load_N,friction_N,speed_fast_rpm,speed_slow_rpm\n850,9,4261,1005\n2320,26,4261,1005\n",
+        encoding="utf-8",
     )
     assert [p.load_N for p in read_plan(path)] == [850, 2320]
-    assert run(lambda: app(["design", "--campaign", str(path), "--out", str(tmp_path / "u.csv")])) == 0
+    assert (
+        run(lambda: app(["design", "--campaign", str(path), "--out", str(tmp_path / "u.csv")])) == 0
+    )
     assert "2 planned tests" in capsys.readouterr().out
-    assert (tmp_path / "u.csv").read_text(encoding="utf-8").startswith("test,u_beta_alone,u_beta,u_beta_within")
-    path.write_text("load_N,friction_N,speed_fast_rpm,speed_slow_rpm\n850,900,4261,1005\n", encoding="utf-8")
+    assert (
+        (tmp_path / "u.csv")
+        .read_text(encoding="utf-8")
+        .startswith("test,u_beta_alone,u_beta,u_beta_within")
+    )
+    path.write_text(
+        "load_N,friction_N,speed_fast_rpm,speed_slow_rpm\n850,900,4261,1005\n", encoding="utf-8"
+    )
     with pytest.raises(InputError, match="row 2 is no test"):
         read_plan(path)

@@ -38,7 +38,12 @@ def dense(tests: tuple[KeptTest, ...]) -> tuple[Array, Array]:
     shared = list(
         dict.fromkeys(
             [
-                *(s for t in tests for n in t.names[A:] for s in t.loading.get(n, Loading({n: 1.0})).shared),
+                *(
+                    s
+                    for t in tests
+                    for n in t.names[A:]
+                    for s in t.loading.get(n, Loading({n: 1.0})).shared
+                ),
                 *(f"common lag {d}" for d in DISKS),
             ]
         )
@@ -98,7 +103,9 @@ def test_intervals_hold_absolute_and_within_the_campaign() -> None:
         assert low < total < high
 
 
-def test_junctions_lie_as_much_deeper_as_is_said_in_millimetres_and_their_pulls_are_standard() -> None:
+def test_junctions_lie_as_much_deeper_as_is_said_in_millimetres_and_their_pulls_are_standard() -> (
+    None
+):
     """Of 40 standard deviates the rms is within 0.35 of one, three sigma, their 0.1 mm being the statement's own u."""
     off, pull = [], []
     for seed in range(20):
@@ -106,7 +113,9 @@ def test_junctions_lie_as_much_deeper_as_is_said_in_millimetres_and_their_pulls_
         deeper, pulls = junctions(solve(made.kept))
         for d in DISKS:
             assert set(deeper[d]) == {"e"}
-            off.append((deeper[d]["e"].value - 0.1 * made.shared[f"depth e {d}"]) / deeper[d]["e"].u)
+            off.append(
+                (deeper[d]["e"].value - 0.1 * made.shared[f"depth e {d}"]) / deeper[d]["e"].u
+            )
             pull.append(pulls[d]["e"])
     assert np.sqrt(np.mean(np.square([off, pull]), axis=1)) == pytest.approx([1.0, 1.0], abs=0.35)
 
@@ -169,12 +178,16 @@ def test_a_fingerprint_is_of_the_physics() -> None:
     records = {d: _record(d) for d in DISKS}
     assert rig_fingerprint(plain, records) == rig_fingerprint(named, records)
     assert rig_fingerprint(plain, records) != rig_fingerprint(deeper, records)
-    later = {d: r.model_copy(update={"created": "2030-01-01T00:00:00Z"}) for d, r in records.items()}
+    later = {
+        d: r.model_copy(update={"created": "2030-01-01T00:00:00Z"}) for d, r in records.items()
+    }
     assert rig_fingerprint(plain, records) == rig_fingerprint(plain, later)
 
 
 def _record(disk: str) -> DiskRecord:
-    return DiskRecord(disk=disk, created=now_utc(), static=fit_static_lines(simulate_oven(disk, 1)[0]).lines)
+    return DiskRecord(
+        disk=disk, created=now_utc(), static=fit_static_lines(simulate_oven(disk, 1)[0]).lines
+    )
 
 
 def test_the_exponent_is_found_from_all_tests() -> None:
@@ -189,7 +202,13 @@ def test_the_exponent_is_found_from_all_tests() -> None:
 def test_what_would_be_left_if_a_kind_were_known_is_what_is_left_when_it_is_known() -> None:
     made = toy(0)
     known = [
-        replace(t, loading={**t.loading, **{n: Loading({}, 0.0) for n in t.names if n.startswith("depth")}})
+        replace(
+            t,
+            loading={
+                **t.loading,
+                **{n: Loading({}, 0.0) for n in t.names if n.startswith("depth")},
+            },
+        )
         for t in made.kept
     ]
     before, after = solve(made.kept), solve(known)
@@ -231,7 +250,9 @@ def test_a_trend_over_load_and_speed_together_is_that_of_the_truth() -> None:
 def test_a_line_that_leaves_something_out_says_so() -> None:
     found = trend(solve(toy(9).kept), "load_N")
     assert found is not None
-    assert found.scatter > 0.005  # the sliding speed's part: 3e-3 times the spread of speeds, 3.7 m/s rms
+    assert (
+        found.scatter > 0.005
+    )  # the sliding speed's part: 3e-3 times the spread of speeds, 3.7 m/s rms
     assert found.enough < 1e-6
     assert trend(solve(toy(9).kept[:2]), "load_N") is None
 
@@ -303,7 +324,9 @@ def test_a_model_s_curve_is_laid_over_the_tests(tmp_path: Path) -> None:
 
 def test_the_answer_of_a_campaign_is_data_and_tables() -> None:
     made = toy(12)
-    whole = joined({t.name: answer_of(t) for t in made.kept} | {"EHL_X": {"status": "withheld", "kept": None}})
+    whole = joined(
+        {t.name: answer_of(t) for t in made.kept} | {"EHL_X": {"status": "withheld", "kept": None}}
+    )
     assert whole is not None
     data = whole.to_dict()
     assert list(data["tests"]) == data["order"] == [t.name for t in made.kept]

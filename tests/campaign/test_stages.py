@@ -38,10 +38,13 @@ def joined_log(made: tuple[StudyRig, StudyRig]) -> Log:
 
 def test_each_loading_is_found_in_order(made: tuple[StudyRig, StudyRig], joined_log: Log) -> None:
     length = float(made[0].log.frame["time_s"].iloc[-1]) + 1 / 75
-    wanted = [(m.told["load_on_s"] + k * length, m.told["unload_s"] + k * length) for k, m in enumerate(made)]
-    assert np.array([(e.load_on_s, e.unload_s) for e in loadings(joined_log.frame)]) == pytest.approx(
-        np.array(wanted), abs=0.3
-    )  # loading takes 0.3 s
+    wanted = [
+        (m.told["load_on_s"] + k * length, m.told["unload_s"] + k * length)
+        for k, m in enumerate(made)
+    ]
+    assert np.array(
+        [(e.load_on_s, e.unload_s) for e in loadings(joined_log.frame)]
+    ) == pytest.approx(np.array(wanted), abs=0.3)  # loading takes 0.3 s
     first, second = stages(joined_log)
     assert (first.path.stem, second.path.stem) == ("EHL_D4.1", "EHL_D4.2")
     assert first.frame["time_s"].iloc[-1] < wanted[1][0]
@@ -53,12 +56,16 @@ def test_a_log_with_one_loading_keeps_its_name(made: tuple[StudyRig, StudyRig]) 
     assert stage_of(made[0].log, 1) == (made[0].log, 1)
     with pytest.raises(InputError, match="no loading number 2"):
         stage_of(made[0].log, 2)
-    warm = replace(made[0].log, frame=made[0].log.frame.assign(contact=0.0, friction_N=0.0, load_N=0.0))
+    warm = replace(
+        made[0].log, frame=made[0].log.frame.assign(contact=0.0, friction_N=0.0, load_N=0.0)
+    )
     assert stages(warm) == (warm,)  # the reader of events says what is missing
 
 
 @pytest.mark.slow
-def test_a_stage_gives_the_answer_of_its_own_log(made: tuple[StudyRig, StudyRig], joined_log: Log) -> None:
+def test_a_stage_gives_the_answer_of_its_own_log(
+    made: tuple[StudyRig, StudyRig], joined_log: Log
+) -> None:
     """Zero of the forces and noise level come from other stretches: beta moves by a small part of its u, 0.004."""
     for m, stage in zip(made, stages(joined_log)):
         found = []
@@ -70,8 +77,13 @@ def test_a_stage_gives_the_answer_of_its_own_log(made: tuple[StudyRig, StudyRig]
 
 
 @pytest.mark.slow
-def test_a_second_unloading_tightens_lag_and_h(made: tuple[StudyRig, StudyRig], joined_log: Log) -> None:
-    kept = [kept_of(stage.path.stem, prepare(stage, m.rig, m.records))[0] for m, stage in zip(made, stages(joined_log))]
+def test_a_second_unloading_tightens_lag_and_h(
+    made: tuple[StudyRig, StudyRig], joined_log: Log
+) -> None:
+    kept = [
+        kept_of(stage.path.stem, prepare(stage, m.rig, m.records))[0]
+        for m, stage in zip(made, stages(joined_log))
+    ]
     alone, both = solve(kept[:1]).estimates[0], solve(kept).estimates[0]
     for key in ("beta", "h_fast", "h_slow", "lag_fast_s", "lag_slow_s"):
         assert both[key].u / both[key].value < alone[key].u / alone[key].value

@@ -17,7 +17,16 @@ import pandas as pd
 import pytest
 
 from tcdyn.sensor import stated, write_sensor
-from tests.cli.fault_world import FILES, PROBLEMS, Ended, Home, Machine, complaints, content, refusing
+from tests.cli.fault_world import (
+    FILES,
+    PROBLEMS,
+    Ended,
+    Home,
+    Machine,
+    complaints,
+    content,
+    refusing,
+)
 from tests.cli.test_main_job import tcdyn
 from tests.sensor.sensor_world import fluctuating, logged, write
 
@@ -40,33 +49,45 @@ class Command:
 
 RECORDS = "--record {fast} --record {slow} -q"
 QUICK = {
-    "compensate --sensor": Command("compensate {table} --sensor {sensor} --out o.csv -q", ("o.csv",)),
-    "compensate to Parquet": Command("compensate {table} --sensor {sensor} --out o.parquet -q", ("o.parquet",)),
+    "compensate --sensor": Command(
+        "compensate {table} --sensor {sensor} --out o.csv -q", ("o.csv",)
+    ),
+    "compensate to Parquet": Command(
+        "compensate {table} --sensor {sensor} --out o.parquet -q", ("o.parquet",)
+    ),
     "follow --sensor": Command(
-        "follow {table} --sensor {sensor} --out o.csv --state o.json --learn-s 2 --idle-s 0 -q", ("o.csv",),
+        "follow {table} --sensor {sensor} --out o.csv --state o.json --learn-s 2 --idle-s 0 -q",
+        ("o.csv",),
         grows="o.csv",
     ),
     "sensor new": Command("sensor new --tau-s 1.5+-0.1 --column T1 --out o.json -q", ("o.json",)),
     "sensor show": Command("sensor show {sensor}"),
     "sensor plunge": Command(
-        "sensor plunge {dip} --column T1 --out o.json -q", ("o.json",), ("tcdyn.sensor.plunge:plunge_sensor",)
+        "sensor plunge {dip} --column T1 --out o.json -q",
+        ("o.json",),
+        ("tcdyn.sensor.plunge:plunge_sensor",),
     ),
     "sensor pair": Command(
-        "sensor pair {table} --columns T1_degC,T2_degC --out o.json -q", ("o.json",), ("tcdyn.sensor.pair:pair_sensor",)
+        "sensor pair {table} --columns T1_degC,T2_degC --out o.json -q",
+        ("o.json",),
+        ("tcdyn.sensor.pair:pair_sensor",),
     ),
     "sensor noise": Command(
-        "sensor noise {steady} --column T1_degC --out o.json -q", ("o.json",),
-        ("tcdyn.sensor.fluctuations:noise_sensor",)
+        "sensor noise {steady} --column T1_degC --out o.json -q",
+        ("o.json",),
+        ("tcdyn.sensor.fluctuations:noise_sensor",),
     ),
     "sensor current": Command(
-        "sensor current {lcsr} --column T1_degC --current I_mA --out o.json -q", ("o.json",),
+        "sensor current {lcsr} --column T1_degC --current I_mA --out o.json -q",
+        ("o.json",),
         ("tcdyn.sensor.current:current_sensor",),
     ),
     "response": Command(
         "response {bode} --columns gain,phase --models P1 --out o.json -q", ("o.json",)
     ),
     "identify": Command(
-        "identify {table} --input u --output T1_degC --models P1 --out o.json --report o.html -q", ("o.json", "o.html"),
+        "identify {table} --input u --output T1_degC --models P1 --out o.json --report o.html -q",
+        ("o.json", "o.html"),
         ("tcdyn.identify:compare", PICTURE),
     ),
     "rig": Command("rig --rig {rig} -q"),
@@ -77,74 +98,104 @@ QUICK = {
     "record check": Command("record check {fast} -q"),
     "round fit": Command("round fit --rig {fit} --out o.png -q", ("o.png",)),
     "round simulate": Command(
-        "round simulate --rig {rig} --out o.png -q", ("o.png",), ("tcdyn.simulate.field:around_disks",)
+        "round simulate --rig {rig} --out o.png -q",
+        ("o.png",),
+        ("tcdyn.simulate.field:around_disks",),
     ),
-    "design": Command("design --rig {rig} --out o.csv -q", ("o.csv",), ("tcdyn.design.compare:compare_tests",)),
+    "design": Command(
+        "design --rig {rig} --out o.csv -q", ("o.csv",), ("tcdyn.design.compare:compare_tests",)
+    ),
     "design to a page": Command(
-        "design --rig {rig} --out o.html -q", ("o.html",), ("tcdyn.design.compare:compare_tests", PICTURE)
+        "design --rig {rig} --out o.html -q",
+        ("o.html",),
+        ("tcdyn.design.compare:compare_tests", PICTURE),
     ),
     "design --campaign": Command(
-        "design --campaign {plan} --out o.csv -q", ("o.csv",), ("tcdyn.campaign.planned:predict_campaign",)
+        "design --campaign {plan} --out o.csv -q",
+        ("o.csv",),
+        ("tcdyn.campaign.planned:predict_campaign",),
     ),
     "verify": Command(
-        "verify --csv o.csv --report o.html -q", ("o.csv", "o.html"),
+        "verify --csv o.csv --report o.html -q",
+        ("o.csv", "o.html"),
         ("tcdyn.verify:verify_rows", "tcdyn.plots.conduction:verify_figures", PICTURE),
     ),
     "simulate oven": Command(
-        "simulate oven --rig {rig} --out o.csv -q", ("o.csv", "o.truth.json", "o.truth.parquet"),
+        "simulate oven --rig {rig} --out o.csv -q",
+        ("o.csv", "o.truth.json", "o.truth.parquet"),
         ("tcdyn.simulate.measure:simulate_oven",),
     ),
     "simulate immersion": Command(
-        "simulate immersion --out o.csv -q", ("o.csv", "o.truth.json", "o.truth.parquet"),
+        "simulate immersion --out o.csv -q",
+        ("o.csv", "o.truth.json", "o.truth.parquet"),
         ("tcdyn.simulate.plunge:simulate_plunge",),
     ),
     "simulate ehl": Command(
-        "simulate ehl --out o.csv -q", ("o.csv", "o.truth.json", "o.truth.parquet"),
+        "simulate ehl --out o.csv -q",
+        ("o.csv", "o.truth.json", "o.truth.parquet"),
         ("tcdyn.simulate.ehl:simulate_ehl",),
     ),
     "simulate hole": Command(
-        "simulate hole --out o.csv -q", ("o.csv", "o.truth.json", "o.truth.parquet"),
+        "simulate hole --out o.csv -q",
+        ("o.csv", "o.truth.json", "o.truth.parquet"),
         ("tcdyn.simulate.plunge:simulate_hole",),
     ),
-}  # fmt: skip
+}
 LONG = {
     "calibrate": Command(
         "calibrate --rig {rig} --disk fast --oven {oven} --immersion {plunge} --out o.json --report o.html "
         "--earlier {fast} -q",
-        ("o.json", "o.html"), ("tcdyn.pipeline:calibrate_disk", PICTURE),
+        ("o.json", "o.html"),
+        ("tcdyn.pipeline:calibrate_disk", PICTURE),
     ),
     "hole": Command(
-        "hole {hole} --rig {rig} --out o.json --report o.html -q", ("o.json", "o.html"),
+        "hole {hole} --rig {rig} --out o.json --report o.html -q",
+        ("o.json", "o.html"),
         ("tcdyn.plunge.hole:compare_holes", PICTURE),
     ),
     "beta": Command(
-        f"beta {{ehl}} --rig {{rig}} {RECORDS} --out o.json --report o.html", ("o.json", "o.html"),
+        f"beta {{ehl}} --rig {{rig}} {RECORDS} --out o.json --report o.html",
+        ("o.json", "o.html"),
         ("tcdyn.pipeline.beta:estimate_stages", PICTURE),
     ),
     "beta of one disk": Command(
-        "beta {one} --rig {rig} --record {fast} --out o.json --report o.html -q", ("o.json", "o.html"),
+        "beta {one} --rig {rig} --record {fast} --out o.json --report o.html -q",
+        ("o.json", "o.html"),
         ("tcdyn.pipeline.beta:estimate_stages", PICTURE),
     ),
     "compensate --record": Command(
         "compensate {plunge} --record {fast} --out o.csv --report o.html --covariance o.json --covariance-from-s 30 -q",
-        ("o.csv", "o.html", "o.json"), ("tcdyn.pipeline:compensate_log", PICTURE),
+        ("o.csv", "o.html", "o.json"),
+        ("tcdyn.pipeline:compensate_log", PICTURE),
     ),
     "campaign": Command(
         f"campaign {{ehl}} --rig {{rig}} {RECORDS} --out o --workers 1",
-        ("o/campaign.csv", "o/campaign.html"), ("tcdyn.pipeline.campaign.one_log:_analysed", PICTURE),
+        ("o/campaign.csv", "o/campaign.html"),
+        ("tcdyn.pipeline.campaign.one_log:_analysed", PICTURE),
     ),
     "simulate campaign": Command(
-        "simulate campaign --out o -q --bath-degC 110", (),
-        ("tcdyn.simulate.campaign:simulate_oven", "tcdyn.simulate.campaign:simulate_plunge",
-         "tcdyn.simulate.campaign:simulate_ehl"),
+        "simulate campaign --out o -q --bath-degC 110",
+        (),
+        (
+            "tcdyn.simulate.campaign:simulate_oven",
+            "tcdyn.simulate.campaign:simulate_plunge",
+            "tcdyn.simulate.campaign:simulate_ehl",
+        ),
     ),
     "demo": Command(
-        "demo --out o -q", (),
-        ("tcdyn.simulate.campaign:simulate_oven", "tcdyn.simulate.campaign:simulate_plunge",
-         "tcdyn.simulate.campaign:simulate_ehl", "tcdyn.pipeline.demo:calibrate_disk",
-         "tcdyn.pipeline.demo:compensate_log", "tcdyn.pipeline.demo:estimate_beta", PICTURE),
+        "demo --out o -q",
+        (),
+        (
+            "tcdyn.simulate.campaign:simulate_oven",
+            "tcdyn.simulate.campaign:simulate_plunge",
+            "tcdyn.simulate.campaign:simulate_ehl",
+            "tcdyn.pipeline.demo:calibrate_disk",
+            "tcdyn.pipeline.demo:compensate_log",
+            "tcdyn.pipeline.demo:estimate_beta",
+            PICTURE,
+        ),
     ),
-}  # fmt: skip
+}
 
 
 def small_files(folder: Path) -> dict[str, Path]:
@@ -156,20 +207,39 @@ def small_files(folder: Path) -> dict[str, Path]:
     step = 20 + 60 * (1 - np.exp(-late / 0.5)) + 0.05 * rng.standard_normal(len(t))
     volts = np.linspace(0.0, 2.0, 9)
     files = {
-        "table": write(folder / "table.csv", time_s=np.round(t, 3), u=x, T1_degC=y, T2_degC=np.roll(y, 3)),
+        "table": write(
+            folder / "table.csv", time_s=np.round(t, 3), u=x, T1_degC=y, T2_degC=np.roll(y, 3)
+        ),
         "dip": write(folder / "dip.csv", time_s=np.round(t, 3), T1_degC=step),
-        "lcsr": write(folder / "lcsr.csv", time_s=np.round(t, 3), T1_degC=step, I_mA=(t > 5.0) * 1.0),
-        "bode": write(folder / "bode.csv", frequency_Hz=f, gain=np.abs(g), phase=np.degrees(np.angle(g))),
-        "weights": write(folder / "weights.csv", volts=volts, force_N=100 * volts + rng.normal(0, 0.1, 9)),
-        "spot": write(folder / "spot.csv", temperature_degC=40 + 10 * volts, flux_W_m2=900 + 500 * volts),
-        "plan": write(folder / "plan.csv", load_N=np.array([850.0, 1200.0]), friction_N=np.array([30.0, 40.0]),
-                      speed_fast_rpm=np.array([1000.0, 1500.0]), speed_slow_rpm=np.array([400.0, 600.0])),
-    }  # fmt: skip
+        "lcsr": write(
+            folder / "lcsr.csv", time_s=np.round(t, 3), T1_degC=step, I_mA=(t > 5.0) * 1.0
+        ),
+        "bode": write(
+            folder / "bode.csv", frequency_Hz=f, gain=np.abs(g), phase=np.degrees(np.angle(g))
+        ),
+        "weights": write(
+            folder / "weights.csv", volts=volts, force_N=100 * volts + rng.normal(0, 0.1, 9)
+        ),
+        "spot": write(
+            folder / "spot.csv", temperature_degC=40 + 10 * volts, flux_W_m2=900 + 500 * volts
+        ),
+        "plan": write(
+            folder / "plan.csv",
+            load_N=np.array([850.0, 1200.0]),
+            friction_N=np.array([30.0, 40.0]),
+            speed_fast_rpm=np.array([1000.0, 1500.0]),
+            speed_slow_rpm=np.array([400.0, 600.0]),
+        ),
+    }
     quiet = fluctuating(1, (0.5,), 0.05, 4000, 0.01)
     files["steady"] = write(folder / "steady.csv", time_s=quiet[0], T1_degC=quiet[1])
     files["fit"] = folder / "fit.toml"
-    files["fit"].write_text("[fit]\ninterference_um = 25\n[disk]\nbore_radius_mm = 15\n", encoding="utf-8")
-    files["sensor"] = write_sensor(stated("s", ["T1_degC"], [(0.5, 0.02)]), folder / "s.sensor.json")
+    files["fit"].write_text(
+        "[fit]\ninterference_um = 25\n[disk]\nbore_radius_mm = 15\n", encoding="utf-8"
+    )
+    files["sensor"] = write_sensor(
+        stated("s", ["T1_degC"], [(0.5, 0.02)]), folder / "s.sensor.json"
+    )
     return files
 
 
@@ -178,12 +248,22 @@ class Trial:
 
     def __init__(self, command: Command, files: dict[str, Path], folder: Path) -> None:
         self.folder = folder
-        here = {n: Path(shutil.copy(p, folder / p.name)) for n, p in files.items() if f"{{{n}}}" in command.words}
+        here = {
+            n: Path(shutil.copy(p, folder / p.name))
+            for n, p in files.items()
+            if f"{{{n}}}" in command.words
+        }
         for name in command.outputs:
             (folder / name).parent.mkdir(exist_ok=True)
             (folder / name).write_text(OLD, encoding="utf-8")
-        self.words = [str(here[w[1:-1]]) if w[0] == "{" else str(folder / w) if w[0] == "o" and "." in w else w
-                      for w in command.words.split()]  # fmt: skip
+        self.words = [
+            str(here[w[1:-1]])
+            if w[0] == "{"
+            else str(folder / w)
+            if w[0] == "o" and "." in w
+            else w
+            for w in command.words.split()
+        ]
         self.words = [str(folder / "o") if w == "o" else w for w in self.words]
         self.once, self.grows = command.once, command.grows
         self.kept = {name: p.read_bytes() for name, p in self._all()}
@@ -234,10 +314,16 @@ def _kept(function: Callable[..., Any]) -> Callable[..., Any]:
     answers: dict[str, Any] = {}
 
     def one(*args: Any, **settings: Any) -> Any:
-        key = str([a for a in args if isinstance(a, str | int | float)]) if "simulate" in function.__name__ else ""
+        key = (
+            str([a for a in args if isinstance(a, str | int | float)])
+            if "simulate" in function.__name__
+            else ""
+        )
         if key not in answers:
             answers[key] = function(*args, **settings)
-        return copy.deepcopy(answers[key]) if isinstance(answers[key], tuple | dict) else answers[key]
+        return (
+            copy.deepcopy(answers[key]) if isinstance(answers[key], tuple | dict) else answers[key]
+        )
 
     return one
 
@@ -251,7 +337,11 @@ def whole_truth(
     """
     sound = trial.run()
     _, calls = trial.refused(0, "EIO", homes)
-    wrong, ended, turns = [], 0, np.unique(np.linspace(1, len(calls), min(most, len(calls))).astype(int)).tolist()
+    wrong, ended, turns = (
+        [],
+        0,
+        np.unique(np.linspace(1, len(calls), min(most, len(calls))).astype(int)).tolist(),
+    )
     for n, at in enumerate(turns):
         problem = problems[n % len(problems)]
         done, made = trial.refused(at, problem, homes)
@@ -267,6 +357,11 @@ def files_of_campaign(files: Any, records: dict[str, Path], folder: Path) -> dic
     one = folder / "EHL_one.csv"
     log = pd.read_csv(files.ehl["B3"])
     log.drop(columns=[n for n in log.columns if n.startswith("slow_")]).to_csv(one, index=False)
-    return {"one": one, "rig": files.rig, "oven": files.ovens["fast"], "plunge": files.plunges["fast"][0],
-            "ehl": files.ehl["B3"],
-            **records}  # fmt: skip
+    return {
+        "one": one,
+        "rig": files.rig,
+        "oven": files.ovens["fast"],
+        "plunge": files.plunges["fast"][0],
+        "ehl": files.ehl["B3"],
+        **records,
+    }

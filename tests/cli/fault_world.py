@@ -23,13 +23,38 @@ from pyarrow import parquet as pq
 
 Home = tuple[Any, str]
 FILES: list[Home] = [
-    *((builtins, "open"), (io, "open"), (os, "open"), (os, "stat"), (os, "mkdir"), (os, "replace"), (os, "fsync")),
-    *((os, "chmod"), (tempfile, "mkstemp"), (TdmsFile, "open"), (pacsv, "open_csv"), (pacsv, "write_csv")),
+    *(
+        (builtins, "open"),
+        (io, "open"),
+        (os, "open"),
+        (os, "stat"),
+        (os, "mkdir"),
+        (os, "replace"),
+        (os, "fsync"),
+    ),
+    *(
+        (os, "chmod"),
+        (tempfile, "mkstemp"),
+        (TdmsFile, "open"),
+        (pacsv, "open_csv"),
+        (pacsv, "write_csv"),
+    ),
     *((pq, "read_schema"), (pq, "ParquetFile"), (pq, "ParquetWriter"), (pq, "write_table")),
 ]
 ARRAYS: list[Home] = [
     (np, name)
-    for name in ("empty", "zeros", "ones", "full", "array", "asarray", "concatenate", "arange", "stack", "interp")
+    for name in (
+        "empty",
+        "zeros",
+        "ones",
+        "full",
+        "array",
+        "asarray",
+        "concatenate",
+        "arange",
+        "stack",
+        "interp",
+    )
 ]
 WITH_PATH = ("open", "stat", "mkdir")
 OWN = ("calibration", "immersion", "tcdyn")
@@ -58,7 +83,11 @@ class Machine:
                 return call(*args, **settings)
             self._turn(name)
             made = call(*args, **settings)
-            return Stream(made, self) if name == "open" and hasattr(made, "read") and hasattr(made, "fileno") else made
+            return (
+                Stream(made, self)
+                if name == "open" and hasattr(made, "read") and hasattr(made, "fileno")
+                else made
+            )
 
         return one
 
@@ -94,7 +123,11 @@ class Stream:
 
     def __getattr__(self, name: str) -> Any:
         found = getattr(self._stream, name)
-        return self._machine.counted(name, found) if name in ("read", "readline", "write", "flush") else found
+        return (
+            self._machine.counted(name, found)
+            if name in ("read", "readline", "write", "flush")
+            else found
+        )
 
     def __enter__(self) -> Stream:
         return self
@@ -117,12 +150,18 @@ def refusing(machine: Machine, homes: Sequence[Home] = FILES) -> Iterator[Machin
         yield machine
 
 
-STAMPS = re.compile(rb"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d)?(\+00:00)?|\b[0-9a-f]{16}(?:[0-9a-f]{48})?\b")
+STAMPS = re.compile(
+    rb"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d)?(\+00:00)?|\b[0-9a-f]{16}(?:[0-9a-f]{48})?\b"
+)
 
 
 def content(folder: Path) -> dict[str, bytes]:
     """Every file below ``folder``, without moments and checksums."""
-    return {str(p.relative_to(folder)): STAMPS.sub(b"", p.read_bytes()) for p in folder.rglob("*") if p.is_file()}
+    return {
+        str(p.relative_to(folder)): STAMPS.sub(b"", p.read_bytes())
+        for p in folder.rglob("*")
+        if p.is_file()
+    }
 
 
 @dataclass(frozen=True)
@@ -134,13 +173,17 @@ class Ended:
     files: dict[str, bytes]
 
 
-def torn(before: dict[str, bytes], sound: dict[str, bytes], now: dict[str, bytes], grows: str = "") -> list[str]:
+def torn(
+    before: dict[str, bytes], sound: dict[str, bytes], now: dict[str, bytes], grows: str = ""
+) -> list[str]:
     """Files that are neither as they were ``before`` nor as a ``sound`` run leaves them; ``grows``: one that may stop
     behind any whole line."""
     out = []
     for name, data in now.items():
         whole = sound.get(name, b"")
-        if data not in (before.get(name), whole) and not (name == grows and data[-1:] == b"\n" and data in whole):
+        if data not in (before.get(name), whole) and not (
+            name == grows and data[-1:] == b"\n" and data in whole
+        ):
             out.append(f"{name} is {'changed' if name in before else 'left behind'}")
     return [*out, *(f"{name} is gone" for name in before if name not in now)]
 
@@ -151,7 +194,9 @@ def complaints(before: dict[str, bytes], sound: Ended, now: Ended, grows: str = 
     ``sound``: the same command on a machine that refuses nothing. A run that ends as that one did, files and all, has
     lost nothing; every other has to end with 2, one sentence, and each file as it was or as it should be.
     """
-    told = [line for line in now.err.splitlines() if not line.startswith(("... ", "note: ", "look: "))]
+    told = [
+        line for line in now.err.splitlines() if not line.startswith(("... ", "note: ", "look: "))
+    ]
     if (now.code, now.files) == (sound.code, sound.files):
         return []
     out = []

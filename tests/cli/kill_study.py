@@ -57,13 +57,22 @@ def kills(trial: Trial, moments: int, whole_run: int = 0) -> tuple[int, int, lis
         started = time.monotonic()
         assert (whole.code, sound.files) == (sound.code, trial.run().files)
         length = time.monotonic() - started
-        turns = np.unique(np.linspace(1, len(calls), min((moments - whole_run) // 2, len(calls))).astype(int)).tolist()
-        times += [(True, length * s**0.5) for s in np.linspace(0.0, 1.0, moments - whole_run - len(turns))]
-        todo = [*((True, at, None) for at in turns), *((quick, 0, s) for quick, s in times if quick)]
+        turns = np.unique(
+            np.linspace(1, len(calls), min((moments - whole_run) // 2, len(calls))).astype(int)
+        ).tolist()
+        times += [
+            (True, length * s**0.5) for s in np.linspace(0.0, 1.0, moments - whole_run - len(turns))
+        ]
+        todo = [
+            *((True, at, None) for at in turns),
+            *((quick, 0, s) for quick, s in times if quick),
+        ]
         for _, at, after_s in todo:
             done += killed(trial, at, after_s)
             hidden += judged(trial, sound.files, wrong, f"call {at}" if at else f"{after_s:.3f} s")
-        if trial.go_on().files.items() - hidden_in(trial) != sound.files.items():  # from what the last kill left
+        if (
+            trial.go_on().files.items() - hidden_in(trial) != sound.files.items()
+        ):  # from what the last kill left
             wrong.append("the next run ends otherwise")
     for _, after_s in [x for x in times if not x[0]]:
         done += killed(trial, 0, float(after_s))
@@ -73,13 +82,20 @@ def kills(trial: Trial, moments: int, whole_run: int = 0) -> tuple[int, int, lis
 
 def hidden_in(trial: Trial) -> set[tuple[str, bytes]]:
     """Temporary files that a kill left."""
-    return {(name, data) for name, data in content(trial.folder).items() if Path(name).name.startswith(".")}
+    return {
+        (name, data)
+        for name, data in content(trial.folder).items()
+        if Path(name).name.startswith(".")
+    }
 
 
 def judged(trial: Trial, sound: dict[str, bytes], wrong: list[str], when: str) -> int:
     """Add to ``wrong`` what a kill spoilt; how many hidden files it left."""
     now, left = content(trial.folder), hidden_in(trial)
-    wrong += [f"killed at {when}: {said}" for said in torn(trial.before, sound, dict(now.items() - left), trial.grows)]
+    wrong += [
+        f"killed at {when}: {said}"
+        for said in torn(trial.before, sound, dict(now.items() - left), trial.grows)
+    ]
     return len(left)
 
 
@@ -93,8 +109,13 @@ def main(moments: int, names: list[str]) -> None:
         folder.mkdir()
         started = time.monotonic()
         done, hidden, wrong = kills(Trial(LONG[name], world, folder), moments, moments // 20)
-        print(f"{name}: {moments} moments, {done} in time, {hidden} hidden files left, {len(wrong)} wrong, "
-              f"{time.monotonic() - started:.0f} s", *wrong[:20], sep="\n  ", flush=True)  # fmt: skip
+        print(
+            f"{name}: {moments} moments, {done} in time, {hidden} hidden files left, {len(wrong)} wrong, "
+            f"{time.monotonic() - started:.0f} s",
+            *wrong[:20],
+            sep="\n  ",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

@@ -10,7 +10,15 @@ import tempfile
 import time
 from pathlib import Path
 
-from tests.cli.fault_commands import LONG, QUICK, Trial, computed_once, files_of_campaign, small_files, whole_truth
+from tests.cli.fault_commands import (
+    LONG,
+    QUICK,
+    Trial,
+    computed_once,
+    files_of_campaign,
+    small_files,
+    whole_truth,
+)
 from tests.cli.fault_world import ARRAYS, FILES, PROBLEMS
 from tests.cli.test_main_job import tcdyn
 from tests.conftest import small_campaign
@@ -35,7 +43,9 @@ def main(most: int, names: list[str]) -> None:
                 tried, ended, wrong = whole_truth(Trial(command, world, folder), kinds, homes, few)
             what = "files" if homes is FILES else "arrays"
             said = f"{name}, {what}: {tried} refused, {ended} told, {len(wrong)} wrong"
-            print(f"{said}, {time.monotonic() - started:.0f} s", *wrong[:10], sep="\n  ", flush=True)
+            print(
+                f"{said}, {time.monotonic() - started:.0f} s", *wrong[:10], sep="\n  ", flush=True
+            )
 
 
 if __name__ == "__main__":

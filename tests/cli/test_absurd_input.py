@@ -23,15 +23,23 @@ from tests.cli.test_main_job import tcdyn
 DEEP = 100_000
 DIGITS = "1" + "0" * 5000
 JSON = {
-    "lists": "[" * DEEP + "]" * DEEP, "tables": '{"a":' * DEEP + "1" + "}" * DEEP, "open": "[" * DEEP,
-    "digits": f'{{"schema":{DIGITS}}}', "no object": "[1]",
-}  # fmt: skip
+    "lists": "[" * DEEP + "]" * DEEP,
+    "tables": '{"a":' * DEEP + "1" + "}" * DEEP,
+    "open": "[" * DEEP,
+    "digits": f'{{"schema":{DIGITS}}}',
+    "no object": "[1]",
+}
 TOML = {
-    "lists": "a=" + "[" * DEEP + "]" * DEEP, "tables": "a=" + "{a=" * DEEP + "1" + "}" * DEEP,
-    "dots": ".".join(["a"] * DEEP) + "=1", "header": "[" + " . ".join(['"a"'] * DEEP) + "]",
-    "digits": f"[disk]\nwidth_mm={DIGITS}", "infinite": "[disk]\nwidth_mm=1e400", "nan": "[disk]\nwidth_mm=nan",
-    "name": '[disk]\n"a\\u001b[31m\\nb"=1', "long": "[disk]\nwidth_mm=1" + "0" * 400,
-}  # fmt: skip
+    "lists": "a=" + "[" * DEEP + "]" * DEEP,
+    "tables": "a=" + "{a=" * DEEP + "1" + "}" * DEEP,
+    "dots": ".".join(["a"] * DEEP) + "=1",
+    "header": "[" + " . ".join(['"a"'] * DEEP) + "]",
+    "digits": f"[disk]\nwidth_mm={DIGITS}",
+    "infinite": "[disk]\nwidth_mm=1e400",
+    "nan": "[disk]\nwidth_mm=nan",
+    "name": '[disk]\n"a\\u001b[31m\\nb"=1',
+    "long": "[disk]\nwidth_mm=1" + "0" * 400,
+}
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +61,9 @@ def one_sentence(capsys: pytest.CaptureFixture[str], *words: object) -> str:
 
 
 @pytest.mark.parametrize("kind", TOML)
-def test_a_rig_file_beyond_reason(kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_rig_file_beyond_reason(
+    kind: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = tmp_path / "rig.toml"
     path.write_text(TOML[kind], encoding="utf-8")
     assert "rig.toml: " in one_sentence(capsys, "rig", "--rig", path)
@@ -65,11 +75,26 @@ def test_stored_files_beyond_reason(
 ) -> None:
     path, out = tmp_path / "EHL.beta.json", tmp_path / "o.csv"
     path.write_text(JSON[kind], encoding="utf-8")
-    follow = ("--sensor", world["sensor"], "--out", out, "--state", path, "--idle-s", "0", "--learn-s", "2", "-q")
+    follow = (
+        "--sensor",
+        world["sensor"],
+        "--out",
+        out,
+        "--state",
+        path,
+        "--idle-s",
+        "0",
+        "--learn-s",
+        "2",
+        "-q",
+    )
     for words in (
-        ("record", "show", path), ("sensor", "show", path), ("compensate", world["table"], "--sensor", path),
-        ("compensate", world["table"], "--record", path), ("follow", world["table"], *follow),
-    ):  # fmt: skip
+        ("record", "show", path),
+        ("sensor", "show", path),
+        ("compensate", world["table"], "--sensor", path),
+        ("compensate", world["table"], "--record", path),
+        ("follow", world["table"], *follow),
+    ):
         assert "EHL.beta.json: " in one_sentence(capsys, *words)
     assert not out.exists()
 
@@ -95,14 +120,20 @@ def test_an_answer_or_a_truth_beyond_reason(kind: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "words",
     [
-        "sensor new --column T1 --out {o} --tau-s", "sensor new --column T1 --tau-s 1 --out {o} --delay-s",
-        "sensor plunge {dip} --column T1 --out {o} --medium-s", "sensor plunge {dip} --column T1 --out {o} --entry-s",
+        "sensor new --column T1 --out {o} --tau-s",
+        "sensor new --column T1 --tau-s 1 --out {o} --delay-s",
+        "sensor plunge {dip} --column T1 --out {o} --medium-s",
+        "sensor plunge {dip} --column T1 --out {o} --entry-s",
         "identify {table} --input u --output T1_degC --out {o} --input-noise",
         "sensor pair {table} --columns T1_degC,T2_degC --speed u --out {o} --exponent",
     ],
-)  # fmt: skip
+)
 def test_a_number_beyond_reason(
-    words: str, number: str, world: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    words: str,
+    number: str,
+    world: dict[str, Path],
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     if number == "1e-308" and ("entry" in words or "delay" in words or "medium" in words):
         number = "-1e308"
@@ -113,12 +144,19 @@ def test_a_number_beyond_reason(
 @pytest.mark.parametrize(
     "words",
     [
-        "beta x --record y --window-s", "campaign x --record y --out z --window-s", "design --noise-K",
-        "design --entry-u-s", "follow x --out o.csv --noise-K", "follow x --out o.csv --intensity",
-        "identify x -u a -y b --dt", "identify x -u a -y b --resample", "identify x -u a -y b --cutoff-Hz",
-        "identify x -u a -y b --gain", "sensor new --tau-s 1 --column T1 --out o.json --cutoff-Hz",
+        "beta x --record y --window-s",
+        "campaign x --record y --out z --window-s",
+        "design --noise-K",
+        "design --entry-u-s",
+        "follow x --out o.csv --noise-K",
+        "follow x --out o.csv --intensity",
+        "identify x -u a -y b --dt",
+        "identify x -u a -y b --resample",
+        "identify x -u a -y b --cutoff-Hz",
+        "identify x -u a -y b --gain",
+        "sensor new --tau-s 1 --column T1 --out o.json --cutoff-Hz",
     ],
-)  # fmt: skip
+)
 def test_an_option_names_its_bounds(words: str, capsys: pytest.CaptureFixture[str]) -> None:
     for number in ("inf", "nan", "-1e308", *(["1e-308"] if "window" not in words else [])):
         assert f"{words.split()[-1]} is " in one_sentence(capsys, *words.split(), number)
@@ -150,7 +188,9 @@ def test_a_table_has_a_bounded_number_of_columns(tmp_path: Path) -> None:
         if many == MOST_COLUMNS:
             assert len(open_table(path).names) == many
         else:
-            with pytest.raises(InputError, match=f"has {many} columns; expected at most {MOST_COLUMNS}"):
+            with pytest.raises(
+                InputError, match=f"has {many} columns; expected at most {MOST_COLUMNS}"
+            ):
                 open_table(path)
 
 
@@ -163,7 +203,14 @@ def test_text_and_categories_of_parquet_are_read_as_before(tmp_path: Path) -> No
     assert found["b"].tolist() == [1.5, 2.5, 1.5]
 
 
-NAMES = ("$x^{2$", "=1+1", "a\x1b[31mb", "<script>alert(1)</script>", "back\\slash\\frac{", "two\nlines")
+NAMES = (
+    "$x^{2$",
+    "=1+1",
+    "a\x1b[31mb",
+    "<script>alert(1)</script>",
+    "back\\slash\\frac{",
+    "two\nlines",
+)
 
 
 def test_names_are_only_names_in_pictures_pages_and_latex() -> None:
@@ -175,9 +222,15 @@ def test_names_are_only_names_in_pictures_pages_and_latex() -> None:
     ax.legend()
     uri = figure_data_uri(figure)  # a warning of a sign without a picture would be an error
     assert len(uri) > 5000
-    assert [t.get_text() for t in ax.get_legend().get_texts()] == [n.replace("\x1b", " ") for n in NAMES]
-    assert any("math" in t.get_text() for t in ax.get_yticklabels())  # powers of ten are still set as such
-    page = render_page(NAMES[3], [Section(name, text=name, table=pd.DataFrame({name: [name]})) for name in NAMES])
+    assert [t.get_text() for t in ax.get_legend().get_texts()] == [
+        n.replace("\x1b", " ") for n in NAMES
+    ]
+    assert any(
+        "math" in t.get_text() for t in ax.get_yticklabels()
+    )  # powers of ten are still set as such
+    page = render_page(
+        NAMES[3], [Section(name, text=name, table=pd.DataFrame({name: [name]})) for name in NAMES]
+    )
     assert "<script>alert" not in page
     assert "\x1b" not in page
     assert "a_b$^\\&".translate(TEX) == r"a\_b\$\textasciicircum{}\textbackslash{}\&"
@@ -195,5 +248,7 @@ def test_an_output_that_cannot_be_is_told(
     link.symlink_to(tmp_path / "new" / "real.json")  # leads nowhere yet
     assert tcdyn(*words, link) == 0
     assert link.is_symlink()
-    assert json.loads((tmp_path / "new" / "real.json").read_text(encoding="utf-8"))["sensor"] == "link"
+    assert (
+        json.loads((tmp_path / "new" / "real.json").read_text(encoding="utf-8"))["sensor"] == "link"
+    )
     assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "link.json", "new"]

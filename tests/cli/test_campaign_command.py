@@ -28,7 +28,11 @@ def tcdyn(*words: object) -> int:
 
 
 def records(campaign: Campaign) -> list[object]:
-    return ["--rig", campaign.files.rig, *(w for p in campaign.record_paths.values() for w in ("--record", p))]
+    return [
+        "--rig",
+        campaign.files.rig,
+        *(w for p in campaign.record_paths.values() for w in ("--record", p)),
+    ]
 
 
 def settings_of(campaign: Campaign, **changes: Any) -> CampaignSettings:
@@ -44,13 +48,27 @@ def bad_log(campaign: Campaign, tmp_path_factory: pytest.TempPathFactory) -> Pat
 
 
 @pytest.fixture(scope="module")
-def done(campaign: Campaign, bad_log: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, int]:
+def done(
+    campaign: Campaign, bad_log: Path, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, int]:
     out = tmp_path_factory.mktemp("out")
-    code = tcdyn("campaign", bad_log, campaign.files.ehl["B3"], *records(campaign), "--out", out, "--workers", 1, "-q")
+    code = tcdyn(
+        "campaign",
+        bad_log,
+        campaign.files.ehl["B3"],
+        *records(campaign),
+        "--out",
+        out,
+        "--workers",
+        1,
+        "-q",
+    )
     return out, code
 
 
-def test_a_failing_log_has_its_sentence_in_the_table_and_the_others_go_on(done: tuple[Path, int]) -> None:
+def test_a_failing_log_has_its_sentence_in_the_table_and_the_others_go_on(
+    done: tuple[Path, int],
+) -> None:
     out, code = done
     assert code == 1
     table = pd.read_csv(out / "campaign.csv", keep_default_na=False)
@@ -71,10 +89,14 @@ def test_the_row_says_what_beta_json_says(done: tuple[Path, int], campaign: Camp
     assert row["friction_coefficient"] == pytest.approx(row["friction_N"] / row["load_N"], rel=1e-7)
     steady = data["campaign"]["steady_degC"]["fast"]
     assert row["fast_bulk_degC"] == pytest.approx(np.mean(list(steady.values())), rel=1e-7)
-    assert row["beta"] == pytest.approx(campaign.truth["tests"]["B3"]["beta"], abs=0.03)  # never beyond, issue 6
+    assert row["beta"] == pytest.approx(
+        campaign.truth["tests"]["B3"]["beta"], abs=0.03
+    )  # never beyond, issue 6
 
 
-def test_the_page_of_one_good_test_has_its_answers_and_no_picture_of_a_single_point(done: tuple[Path, int]) -> None:
+def test_the_page_of_one_good_test_has_its_answers_and_no_picture_of_a_single_point(
+    done: tuple[Path, int],
+) -> None:
     html = (done[0] / "campaign.html").read_text(encoding="utf-8")
     assert html.count("data:image/png;base64,") == 0
     assert "EHL_bad.csv" in html
@@ -100,9 +122,13 @@ def test_finished_logs_are_not_analysed_again(
 def test_an_altered_answer_is_not_kept(
     done: tuple[Path, int], campaign: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(stage, "estimate_beta", lambda *_, **__: (_ for _ in ()).throw(InputError("called")))
+    monkeypatch.setattr(
+        stage, "estimate_beta", lambda *_, **__: (_ for _ in ()).throw(InputError("called"))
+    )
     text = (done[0] / "EHL_B3.beta.json").read_text(encoding="utf-8")
-    (tmp_path / "EHL_B3.beta.json").write_text(text.replace('"load_N": 18', '"load_N": 19', 1), encoding="utf-8")
+    (tmp_path / "EHL_B3.beta.json").write_text(
+        text.replace('"load_N": 18', '"load_N": 19', 1), encoding="utf-8"
+    )
     again = run_campaign([campaign.files.ehl["B3"]], settings_of(campaign), tmp_path)
     assert [o.error for o in again.failed] == ["called"]
     assert [f.code for f in again.findings] == ["campaign.altered"]
@@ -141,26 +167,58 @@ def test_an_answer_stands_in_for_its_log_if_it_is_whole_and_of_this_rig(
 def test_another_log_of_the_same_name_is_analysed_again(
     done: tuple[Path, int], campaign: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(stage, "estimate_beta", lambda *_, **__: (_ for _ in ()).throw(InputError("called")))
+    monkeypatch.setattr(
+        stage, "estimate_beta", lambda *_, **__: (_ for _ in ()).throw(InputError("called"))
+    )
     other = tmp_path / "EHL_B3.csv"
     other.write_bytes(campaign.files.ehl["B3"].read_bytes() + b"\n")
-    assert [o.error for o in run_campaign([other], settings_of(campaign), done[0]).failed] == ["called"]
+    assert [o.error for o in run_campaign([other], settings_of(campaign), done[0]).failed] == [
+        "called"
+    ]
 
 
 def test_all_logs_bad_is_exit_2_and_still_a_table(
     campaign: Campaign, bad_log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     missing = tmp_path / "EHL_none.csv"
-    assert tcdyn("campaign", bad_log, missing, *records(campaign), "--out", tmp_path / "o", "--workers", 1, "-q") == 2
+    assert (
+        tcdyn(
+            "campaign",
+            bad_log,
+            missing,
+            *records(campaign),
+            "--out",
+            tmp_path / "o",
+            "--workers",
+            1,
+            "-q",
+        )
+        == 2
+    )
     table = pd.read_csv(tmp_path / "o" / "campaign.csv")
     assert table["error"].notna().all()
     assert (tmp_path / "o" / "campaign.html").exists()
     for name in ("campaign.csv", "campaign.html"):
         (tmp_path / "o" / name).write_text("of an earlier run", encoding="utf-8")
     capsys.readouterr()
-    assert tcdyn("campaign", bad_log, missing, *records(campaign), "--out", tmp_path / "o", "--workers", 1) == 2
+    assert (
+        tcdyn(
+            "campaign",
+            bad_log,
+            missing,
+            *records(campaign),
+            "--out",
+            tmp_path / "o",
+            "--workers",
+            1,
+        )
+        == 2
+    )
     assert "campaign.csv" not in capsys.readouterr().out  # which names what was written
-    kept = {(tmp_path / "o" / name).read_text(encoding="utf-8") for name in ("campaign.csv", "campaign.html")}
+    kept = {
+        (tmp_path / "o" / name).read_text(encoding="utf-8")
+        for name in ("campaign.csv", "campaign.html")
+    }
     assert kept == {"of an earlier run"}
 
 
@@ -182,7 +240,11 @@ def test_bad_requests_get_one_sentence(
 
 
 def bearing_csv(path: Path) -> Path:
-    rows = [(load, 2.0 + 1e-3 * load + 1e-3 * rpm, rpm) for rpm in (774, 1005, 1546) for load in (800, 1500, 2320)]
+    rows = [
+        (load, 2.0 + 1e-3 * load + 1e-3 * rpm, rpm)
+        for rpm in (774, 1005, 1546)
+        for load in (800, 1500, 2320)
+    ]
     pd.DataFrame(rows, columns=["load_N", "friction_N", "speed_slow_rpm"]).to_csv(path, index=False)
     return path
 
@@ -277,7 +339,9 @@ def test_the_table_is_the_same_whoever_works_on_it(campaign: Campaign, tmp_path:
     for folder, workers in (("w1", 1), ("w2", 2)):
         run_campaign(logs, settings_of(campaign), tmp_path / folder, workers=workers)
         tables.append((tmp_path / folder / "campaign.csv").read_bytes())
-    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as local:
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address=":0"
+    ) as local:
         run_campaign(logs, settings_of(campaign), tmp_path / "dask", dask=local.scheduler_address)
     tables.append((tmp_path / "dask" / "campaign.csv").read_bytes())
     assert tables[0] == tables[1] == tables[2]

@@ -39,11 +39,15 @@ def stretch(campaign: Campaign) -> pd.DataFrame:
     """The plunge of the fast disk, seven seconds before the entry and twelve after."""
     frame = pd.read_csv(campaign.files.plunges["fast"][0], comment="#")
     entry = float(frame.loc[frame["switch"] > 0.5, "time_s"].iloc[0])
-    return frame[(frame["time_s"] > entry - 7) & (frame["time_s"] < entry + 12)].reset_index(drop=True)
+    return frame[(frame["time_s"] > entry - 7) & (frame["time_s"] < entry + 12)].reset_index(
+        drop=True
+    )
 
 
 @pytest.fixture(scope="module")
-def reference(campaign: Campaign, stretch: pd.DataFrame, tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
+def reference(
+    campaign: Campaign, stretch: pd.DataFrame, tmp_path_factory: pytest.TempPathFactory
+) -> pd.DataFrame:
     """What the function makes of it."""
     log = write_log(stretch, tmp_path_factory.mktemp("reference") / "same.csv")
     return compensate_log(log, {"fast": campaign.records["fast"]}).frame
@@ -58,17 +62,28 @@ def whole(campaign: Campaign) -> pd.DataFrame:
 def lvm_text(frame: pd.DataFrame) -> str:
     head = "LabVIEW Measurement\t\nSeparator\tTab\nDecimal_Separator\t.\nX_Columns\tNo\n***End_of_Header***\t\n\n"
     n = len(frame.columns)
-    head += f"Channels\t{n}\t\n***End_of_Header***\t\nX_Value\t" + "\t".join(frame.columns) + "\tComment\n"
-    return head + "".join("\t" + "\t".join(f"{v:.9g}" for v in row) + "\n" for row in frame.to_numpy())
+    head += (
+        f"Channels\t{n}\t\n***End_of_Header***\t\nX_Value\t"
+        + "\t".join(frame.columns)
+        + "\tComment\n"
+    )
+    return head + "".join(
+        "\t" + "\t".join(f"{v:.9g}" for v in row) + "\n" for row in frame.to_numpy()
+    )
 
 
 @pytest.mark.parametrize(
     ("given", "wanted"), [("csv", "parquet"), ("tdms", "csv"), ("parquet", "tdms"), ("lvm", "csv")]
 )
 def test_every_format_comes_in_and_goes_out_once(
-    campaign: Campaign, tmp_path: Path, stretch: pd.DataFrame, reference: pd.DataFrame, given: str, wanted: str,
+    campaign: Campaign,
+    tmp_path: Path,
+    stretch: pd.DataFrame,
+    reference: pd.DataFrame,
+    given: str,
+    wanted: str,
     capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+) -> None:
     log, out = tmp_path / f"plunge.{given}", tmp_path / f"done.{wanted}"
     if given == "lvm":
         log.write_text(lvm_text(stretch), encoding="utf-8")
@@ -98,18 +113,27 @@ def test_a_compensated_plunge_is_closer_to_the_truth_and_takes_one_record(
     done, raw = pd.read_csv(out, comment="#"), pd.read_csv(log, comment="#")
     true = pd.read_parquet(campaign.files.folder / "truth" / f"{log.stem}_traces.parquet")
     for c in "abcdef":
-        ours, before = (np.sqrt(np.mean((f[f"{c}_degC"] - true[f"{c}_degC"]) ** 2)) for f in (done, raw))
+        ours, before = (
+            np.sqrt(np.mean((f[f"{c}_degC"] - true[f"{c}_degC"]) ** 2)) for f in (done, raw)
+        )
         assert ours < before / 4  # the lag of the record is known to 6 %: at best a sixteenth
 
 
 def test_a_disk_without_record_stays_as_logged_and_is_named(campaign: Campaign) -> None:
-    done = compensate_log(campaign.files.ehl["B3"], {"slow": campaign.records["slow"]}, campaign.rig)
-    assert any(w.startswith("no record of the fast disk") and "records=fast.disk.json" in w for w in done.warnings)
+    done = compensate_log(
+        campaign.files.ehl["B3"], {"slow": campaign.records["slow"]}, campaign.rig
+    )
+    assert any(
+        w.startswith("no record of the fast disk") and "records=fast.disk.json" in w
+        for w in done.warnings
+    )
     assert done.frame["fast_e_degC"].equals(done.raw.frame["fast_e_degC"])
     assert " s, from the record" in done.metadata["slow_common_lag_s"]
 
 
-def test_the_page_holds_numbers_and_pictures(campaign: Campaign, tmp_path: Path, stretch: pd.DataFrame) -> None:
+def test_the_page_holds_numbers_and_pictures(
+    campaign: Campaign, tmp_path: Path, stretch: pd.DataFrame
+) -> None:
     log, page = write_log(stretch, tmp_path / "plunge.csv"), tmp_path / "page.html"
     assert tcdyn("compensate", log, *fast(campaign), "--report", page, "-q") == 0
     assert (tmp_path / "plunge.compensated.csv").exists()
@@ -122,15 +146,24 @@ def test_the_page_holds_numbers_and_pictures(campaign: Campaign, tmp_path: Path,
 def test_follow_prints_the_report_before_use_and_ends_by_itself(
     campaign: Campaign, tmp_path: Path, stretch: pd.DataFrame, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    log, out, page = write_log(stretch, tmp_path / "plunge.csv"), tmp_path / "live.csv", tmp_path / "page.html"
+    log, out, page = (
+        write_log(stretch, tmp_path / "plunge.csv"),
+        tmp_path / "live.csv",
+        tmp_path / "page.html",
+    )
     words = ["follow", log, *fast(campaign), "--out", out, "--idle-s", "0.1"]
     assert tcdyn(*words, "--intensity", "1e9", "--report", page) == 0
     said = capsys.readouterr()
     for part in ("noise gain", "bandwidth", "remaining shift", "no growth for 0.1 s"):
         assert part in said.out
-    assert "times the trace's noise" in said.err  # too much is asked at this noise, and what would help is said
+    assert (
+        "times the trace's noise" in said.err
+    )  # too much is asked at this noise, and what would help is said
     assert "data:image/png;base64," in page.read_text(encoding="utf-8")
-    assert pd.read_csv(out, comment="#")["time_s"].tolist() == stretch["time_s"].tolist()[: len(pd.read_csv(out, comment="#"))]  # fmt: skip  # noqa: E501
+    assert (
+        pd.read_csv(out, comment="#")["time_s"].tolist()
+        == stretch["time_s"].tolist()[: len(pd.read_csv(out, comment="#"))]
+    )
     state = tmp_path / "state.json"
     assert tcdyn(*words, "--state", state, "--overwrite", "--behind-s", "0.2", "-q") == 0
     assert json.loads(state.read_text(encoding="utf-8"))["where"]["rows"] == len(stretch)
@@ -159,16 +192,32 @@ def test_follow_needs_a_text_output_of_its_own_and_numbers_that_can_be(
 
 
 def test_other_compensators_give_a_second_opinion(
-    campaign: Campaign, tmp_path: Path, stretch: pd.DataFrame, reference: pd.DataFrame,
+    campaign: Campaign,
+    tmp_path: Path,
+    stretch: pd.DataFrame,
+    reference: pd.DataFrame,
     capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+) -> None:
     """Away from the entry all three agree within what they say of themselves; before use the inverse says its price."""
-    log, out, page = write_log(stretch, tmp_path / "plunge.csv"), tmp_path / "done.csv", tmp_path / "page.html"
+    log, out, page = (
+        write_log(stretch, tmp_path / "plunge.csv"),
+        tmp_path / "done.csv",
+        tmp_path / "page.html",
+    )
     late = reference["time_s"] > reference["time_s"].iloc[-1] - 4
-    for words in (["--method", "deconvolve", "--criterion", "discrepancy"], ["--method", "inverse"]):
-        assert tcdyn("compensate", log, *fast(campaign), "--out", out, "--report", page, *words) == 0
+    for words in (
+        ["--method", "deconvolve", "--criterion", "discrepancy"],
+        ["--method", "inverse"],
+    ):
+        assert (
+            tcdyn("compensate", log, *fast(campaign), "--out", out, "--report", page, *words) == 0
+        )
         html = page.read_text(encoding="utf-8")
-        assert ("Deconvolution looks both ways" in html) == ("follows up to" in html) == ("inverse" not in words)
+        assert (
+            ("Deconvolution looks both ways" in html)
+            == ("follows up to" in html)
+            == ("inverse" not in words)
+        )
         assert ("the causal inverse removed a common lag" in html) == ("inverse" in words)
         assert "fast.disk.json, of " in html  # the record by its own name
         done = pd.read_csv(out, comment="#")
@@ -191,29 +240,49 @@ def test_the_covariance_over_a_stretch_is_that_of_the_samples(
     campaign: Campaign, tmp_path: Path, stretch: pd.DataFrame, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Its diagonal is the file's standard deviation without the static line's part; neighbours move together."""
-    log, out, cov = write_log(stretch, tmp_path / "plunge.csv"), tmp_path / "done.csv", tmp_path / "cov.json"
+    log, out, cov = (
+        write_log(stretch, tmp_path / "plunge.csv"),
+        tmp_path / "done.csv",
+        tmp_path / "cov.json",
+    )
     words = ["compensate", log, *fast(campaign), "--out", out, "--covariance"]
     assert tcdyn(*words, cov, "--covariance-from-s", "22", "--covariance-s", "0.5", "-q") == 0
-    found, done = json.loads(cov.read_text(encoding="utf-8")), pd.read_csv(out, comment="#").set_index("time_s")
+    found, done = (
+        json.loads(cov.read_text(encoding="utf-8")),
+        pd.read_csv(out, comment="#").set_index("time_s"),
+    )
     time, c = found["time_s"], np.array(found["covariance_K2"]["e"])
     assert c.shape == (len(time), len(time)) == (38, 38)  # half a second at 75 Hz
-    assert np.all(np.sqrt(np.diag(c)) < done.loc[time, "e_u_K"] * 1.03)  # 3 %: the window's own grid of knots
+    assert np.all(
+        np.sqrt(np.diag(c)) < done.loc[time, "e_u_K"] * 1.03
+    )  # 3 %: the window's own grid of knots
     assert np.all(np.diag(c, 1) > 0.5 * np.diag(c)[1:])
     channels, of_means = found["channels"], np.array(found["mean_covariance_K2"])
     u = np.sqrt(np.diag(of_means))
     assert channels == list("abcdef")
-    assert found["mean_degC"] == pytest.approx([done.loc[time, f"{x}_degC"].mean() for x in channels], abs=1e-4)
-    assert np.all(u < [done.loc[time, f"{x}_u_K"].max() for x in channels])  # noise goes with the mean, no more
+    assert found["mean_degC"] == pytest.approx(
+        [done.loc[time, f"{x}_degC"].mean() for x in channels], abs=1e-4
+    )
+    assert np.all(
+        u < [done.loc[time, f"{x}_u_K"].max() for x in channels]
+    )  # noise goes with the mean, no more
     shared = load_rig().common.traceability.reference_u_K
-    assert np.all(of_means[~np.eye(6, dtype=bool)] > 0.99 * shared**2)  # what all have in common moves no difference
-    assert found["difference_u_K"][0][1] ** 2 == pytest.approx(u[0] ** 2 + u[1] ** 2 - 2 * of_means[0, 1])
+    assert np.all(
+        of_means[~np.eye(6, dtype=bool)] > 0.99 * shared**2
+    )  # what all have in common moves no difference
+    assert found["difference_u_K"][0][1] ** 2 == pytest.approx(
+        u[0] ** 2 + u[1] ** 2 - 2 * of_means[0, 1]
+    )
     assert tcdyn(*words[:-1], "--parts", "-q") == 0
     parts = pd.read_csv(out, comment="#")
     assert np.all(np.hypot(parts["e_noise_u_K"], parts["e_common_u_K"]) < parts["e_u_K"] * 1.001)
     assert parts["e_common_u_K"].min() >= 0.99 * shared
     assert tcdyn(*words, out, "-q") == 2  # would write over the other output
     assert tcdyn(*words, cov, "-q") == 0  # from the entry on, which is found
-    begun, entry = json.loads(cov.read_text(encoding="utf-8"))["time_s"][0], 7 + stretch["time_s"].iloc[0]
+    begun, entry = (
+        json.loads(cov.read_text(encoding="utf-8"))["time_s"][0],
+        7 + stretch["time_s"].iloc[0],
+    )
     assert abs(begun - entry) < 0.3
     assert tcdyn(*words, cov, "--covariance-from-s", "22", "--method", "inverse", "-q") == 2
     assert "take the smoother" in capsys.readouterr().err
@@ -227,9 +296,23 @@ def test_ctrl_c_ends_it_with_whole_lines_and_a_state_to_go_on_from(
     write_log(stretch.iloc[:1000], log)
     with log.open("a", encoding="utf-8") as half:
         half.write("13.3,0,29.")
-    words = [sys.executable, "-m", "tcdyn.cli.app", "follow", log, *fast(campaign), "--out", out,
-             "--state", state, "--idle-s", "100"]  # fmt: skip
-    process = subprocess.Popen([str(w) for w in words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    words = [
+        sys.executable,
+        "-m",
+        "tcdyn.cli.app",
+        "follow",
+        log,
+        *fast(campaign),
+        "--out",
+        out,
+        "--state",
+        state,
+        "--idle-s",
+        "100",
+    ]
+    process = subprocess.Popen(
+        [str(w) for w in words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
     try:
         until = time.monotonic() + 30
         while not (out.exists() and out.read_text(encoding="utf-8").count("\n") > 1000):
@@ -243,17 +326,31 @@ def test_ctrl_c_ends_it_with_whole_lines_and_a_state_to_go_on_from(
     assert "stopped: 1000 rows read, 1000 written" in said
     assert out.read_text(encoding="utf-8").endswith("\n")
     write_log(stretch, log)
-    assert tcdyn("follow", log, *fast(campaign), "--out", out, "--state", state, "--idle-s", "0.1", "-q") == 0
+    assert (
+        tcdyn(
+            "follow", log, *fast(campaign), "--out", out, "--state", state, "--idle-s", "0.1", "-q"
+        )
+        == 0
+    )
     assert pd.read_csv(out, comment="#")["time_s"].tolist() == stretch["time_s"].tolist()
 
 
 @pytest.mark.parametrize(
     ("first_s", "last_s", "said"),
-    [(200.0, 350.0, set()), (0.0, 60.0, {"compensate.unrefined"}), (0.0, 29.0, {"compensate.unrefined"})],
+    [
+        (200.0, 350.0, set()),
+        (0.0, 60.0, {"compensate.unrefined"}),
+        (0.0, 29.0, {"compensate.unrefined"}),
+    ],
     ids=["begins in contact", "no unloading", "never loaded"],
 )
 def test_a_part_of_a_test_is_compensated_as_the_whole_is(
-    campaign: Campaign, whole: pd.DataFrame, tmp_path: Path, first_s: float, last_s: float, said: set[str]
+    campaign: Campaign,
+    whole: pd.DataFrame,
+    tmp_path: Path,
+    first_s: float,
+    last_s: float,
+    said: set[str],
 ) -> None:
     """What both answers have in common, away from the ends, differs by less than their standard deviations: the part
     has the lag of the record where the whole has that of the unloading."""
@@ -261,7 +358,9 @@ def test_a_part_of_a_test_is_compensated_as_the_whole_is(
     part = table[(table["time_s"] >= first_s) & (table["time_s"] < last_s)]
     ours = compensate_log(write_log(part, tmp_path / "part.csv"), campaign.records, campaign.rig)
     inner = slice(300, -300)
-    away = (ours.frame["fast_e_degC"].to_numpy() - whole["fast_e_degC"].to_numpy()[part.index])[inner]
+    away = (ours.frame["fast_e_degC"].to_numpy() - whole["fast_e_degC"].to_numpy()[part.index])[
+        inner
+    ]
     assert np.mean(np.abs(away) < 2 * ours.frame["fast_e_u_K"].to_numpy()[inner]) > 0.99
     assert {f.code for f in ours.findings} >= said
     if not ours.events_s:

@@ -24,7 +24,11 @@ COMMANDS = {
 @pytest.mark.parametrize("disk", ["fsat", "Fast", "", "../../x"])
 @pytest.mark.parametrize("name", [*COMMANDS])
 def test_a_command_refuses_an_unknown_disk_and_lists_the_disks(
-    name: str, disk: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    name: str,
+    disk: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     folder = tmp_path / "a" / "b"
     folder.mkdir(parents=True)
@@ -36,13 +40,24 @@ def test_a_command_refuses_an_unknown_disk_and_lists_the_disks(
 
 
 def test_calibrate_writes_nothing_for_an_unknown_disk_though_all_else_is_right(
-    campaign: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    campaign: Campaign,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     folder = tmp_path / "a" / "b"
     folder.mkdir(parents=True)
     monkeypatch.chdir(folder)
     files = campaign.files
-    arguments = ["calibrate", "--rig", files.rig, "--disk", "../../x", "--oven", files.ovens["fast"]]
+    arguments = [
+        "calibrate",
+        "--rig",
+        files.rig,
+        "--disk",
+        "../../x",
+        "--oven",
+        files.ovens["fast"],
+    ]
     arguments += ["--immersion", files.plunges["fast"][0]]
     assert run(lambda: app([str(a) for a in arguments], standalone_mode=False)) == 2
     assert "expected fast or slow" in capsys.readouterr().err
@@ -52,7 +67,9 @@ def test_calibrate_writes_nothing_for_an_unknown_disk_though_all_else_is_right(
 def test_python_refuses_an_unknown_disk(campaign: Campaign) -> None:
     files = campaign.files
     with pytest.raises(InputError, match=r"'fsat'.*fast or slow"):
-        tcdyn.calibrate_disk(campaign.rig, "fsat", files.ovens["fast"], files.plunges["fast"], ["mobil-jet-ii"])
+        tcdyn.calibrate_disk(
+            campaign.rig, "fsat", files.ovens["fast"], files.plunges["fast"], ["mobil-jet-ii"]
+        )
     with pytest.raises(InputError, match=r"'fsat'.*fast or slow"):
         campaign.rig.disk_setup("fsat")
     with pytest.raises(InputError, match=r"'fsat'.*fast or slow"):

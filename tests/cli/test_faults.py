@@ -24,7 +24,9 @@ from tcdyn.sensor import read_sensor, stated, write_sensor
 
 @pytest.mark.parametrize("ending", [".csv", ".parquet", ".tdms", ".txt"])
 def test_a_full_disk_leaves_the_old_file_and_is_told(tmp_path: Path, ending: str) -> None:
-    frame = pd.DataFrame({"time_s": np.arange(20_000.0), "a": np.random.default_rng(0).standard_normal(20_000)})
+    frame = pd.DataFrame(
+        {"time_s": np.arange(20_000.0), "a": np.random.default_rng(0).standard_normal(20_000)}
+    )
     target, soft = tmp_path / f"out{ending}", resource.getrlimit(resource.RLIMIT_FSIZE)
 
     def pieces() -> None:
@@ -51,8 +53,14 @@ def test_a_full_disk_leaves_the_old_file_and_is_told(tmp_path: Path, ending: str
 
 
 @pytest.mark.parametrize("kind", ["sensor", "record", "answer"])
-def test_a_flipped_bit_of_a_stored_file_is_told_or_changes_nothing(tmp_path: Path, kind: str, campaign: Any) -> None:
-    rng, path, read = np.random.default_rng(0), tmp_path / "stored.json", cast(Callable[[Path], Any], read_sensor)
+def test_a_flipped_bit_of_a_stored_file_is_told_or_changes_nothing(
+    tmp_path: Path, kind: str, campaign: Any
+) -> None:
+    rng, path, read = (
+        np.random.default_rng(0),
+        tmp_path / "stored.json",
+        cast(Callable[[Path], Any], read_sensor),
+    )
     if kind == "sensor":
         write_sensor(stated("s", ["T1"], [(0.5, 0.02)]), path)
     elif kind == "record":
@@ -107,13 +115,18 @@ def test_names_with_commas_quotes_and_control_characters_come_back(tmp_path: Pat
     ("problem", "said"),
     [
         (MemoryError(), "not enough memory"),
-        (ImportError("x.so: failed to map segment"), "the system refused (x.so: failed to map segment)"),
+        (
+            ImportError("x.so: failed to map segment"),
+            "the system refused (x.so: failed to map segment)",
+        ),
         (RecursionError("maximum recursion depth exceeded"), "nested too deeply"),
         (OverflowError("int too large"), "beyond all bounds"),
         (OSError(errno.EIO, "Input/output error", "log.csv"), "log.csv: the system refused"),
     ],
 )
-def test_what_nobody_caught_is_one_sentence(problem: Exception, said: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_nobody_caught_is_one_sentence(
+    problem: Exception, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     def command() -> None:
         raise problem
 

@@ -43,10 +43,15 @@ def test_the_process_of_the_command_ends_with_70(tmp_path: Path) -> None:
     )
     environment = {**os.environ, "_TYPER_STANDARD_TRACEBACK": ""}
     call = [sys.executable, "-c", code]
-    done = subprocess.run(call, capture_output=True, text=True, env=environment, cwd=tmp_path, check=False)
+    done = subprocess.run(
+        call, capture_output=True, text=True, env=environment, cwd=tmp_path, check=False
+    )
     assert done.returncode == 70
     assert done.stderr.startswith("Traceback (most recent call last):\n")
-    assert "\nZeroDivisionError: of the command\ntcdyn: internal error (ZeroDivisionError)" in done.stderr
+    assert (
+        "\nZeroDivisionError: of the command\ntcdyn: internal error (ZeroDivisionError)"
+        in done.stderr
+    )
 
 
 def test_an_exit_that_a_command_asks_for_is_no_internal_error() -> None:

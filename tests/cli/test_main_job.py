@@ -23,8 +23,18 @@ def tcdyn(*words: object) -> int:
 @pytest.fixture(scope="module")
 def beta_json(campaign: Campaign, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("beta") / "beta.json"
-    code = tcdyn("beta", campaign.files.ehl["B3"], "--rig", campaign.files.rig, *records(campaign), "--out", out,
-                 "--report", out.with_suffix(".html"), "--quiet")  # fmt: skip
+    code = tcdyn(
+        "beta",
+        campaign.files.ehl["B3"],
+        "--rig",
+        campaign.files.rig,
+        *records(campaign),
+        "--out",
+        out,
+        "--report",
+        out.with_suffix(".html"),
+        "--quiet",
+    )
     assert code == 0
     return out
 
@@ -38,8 +48,14 @@ def test_beta_json_has_the_contract_s_keys(beta_json: Path) -> None:
     estimate = {"value", "u", "low95", "high95"}
     assert set(data) >= {"test", "steady", "transient", "joint", "crosscheck", "budget", "surface"}
     assert set(data["test"]) == {
-        "load_N", "friction_N", "sliding_speed_m_s", "entraining_speed_m_s", "half_width_m", "load_on_s", "unload_s",
-    }  # fmt: skip
+        "load_N",
+        "friction_N",
+        "sliding_speed_m_s",
+        "entraining_speed_m_s",
+        "half_width_m",
+        "load_on_s",
+        "unload_s",
+    }
     assert set(data["steady"]) == {"beta", "h_fast", "h_slow", "fast_line", "slow_line", "exponent"}
     assert set(data["steady"]["fast_line"]) == {"intercept", "slope"}
     for disk in ("fast", "slow"):
@@ -49,11 +65,15 @@ def test_beta_json_has_the_contract_s_keys(beta_json: Path) -> None:
     assert set(data["joint"]["both"]) == {"beta", "h_fast", "h_slow", "exponent"}
     assert set(data["steady"]["beta"]) == estimate
     assert set(data["crosscheck"]) >= {"z", "agree", "sentence"}
-    assert all(set(row) == {"source", "u_beta_steady", "u_beta_transient"} for row in data["budget"])
+    assert all(
+        set(row) == {"source", "u_beta_steady", "u_beta_transient"} for row in data["budget"]
+    )
     assert set(data["surface"]) == {"fast_max_degC", "slow_max_degC", "delta_T_us"}
 
 
-def test_every_way_to_beta_holds_the_truth_of_the_simulation(beta_json: Path, campaign: Campaign) -> None:
+def test_every_way_to_beta_holds_the_truth_of_the_simulation(
+    beta_json: Path, campaign: Campaign
+) -> None:
     data = json.loads(beta_json.read_text(encoding="utf-8"))
     truth = campaign.truth["tests"]["B3"]
     # limits of the first issue: 0.02 by the speed law, 0.03 by the cooling fits
@@ -61,12 +81,16 @@ def test_every_way_to_beta_holds_the_truth_of_the_simulation(beta_json: Path, ca
     for disk in ("fast", "slow"):
         assert data["transient"][disk]["beta"]["value"] == pytest.approx(truth["beta"], abs=0.03)
         lag = data["joint"][disk]["lag_s"]
-        assert abs(lag["value"] - campaign.truth[disk]["common_lag_s"]) < 4 * lag["u"]  # one in 16000 by chance
+        assert (
+            abs(lag["value"] - campaign.truth[disk]["common_lag_s"]) < 4 * lag["u"]
+        )  # one in 16000 by chance
     assert data["crosscheck"]["agree"]
 
 
 def test_command_and_function_give_the_same_numbers(beta_json: Path, beta_run: BetaRun) -> None:
-    assert json.loads(beta_json.read_text(encoding="utf-8")) == json.loads(json.dumps(beta_run.to_dict()))
+    assert json.loads(beta_json.read_text(encoding="utf-8")) == json.loads(
+        json.dumps(beta_run.to_dict())
+    )
 
 
 def test_report_is_one_file_with_verdict_and_pictures(beta_json: Path) -> None:
@@ -79,7 +103,10 @@ def test_report_is_one_file_with_verdict_and_pictures(beta_json: Path) -> None:
 
 def test_compensated_e_is_ten_times_closer_than_raw(campaign: Campaign, tmp_path: Path) -> None:
     out = tmp_path / "B3.compensated.csv"
-    assert tcdyn("compensate", campaign.files.ehl["B3"], *records(campaign), "--out", out, "--quiet") == 0
+    assert (
+        tcdyn("compensate", campaign.files.ehl["B3"], *records(campaign), "--out", out, "--quiet")
+        == 0
+    )
     done = pd.read_csv(out, comment="#")
     raw = pd.read_csv(campaign.files.ehl["B3"])
     true = pd.read_parquet(campaign.files.folder / "truth" / "EHL_B3_traces.parquet")
@@ -91,17 +118,36 @@ def test_compensated_e_is_ten_times_closer_than_raw(campaign: Campaign, tmp_path
         now = np.sqrt(np.mean((done[column] - true[column])[after] ** 2))
         assert now < before / 10
         z = ((done[column] - true[column]) / done[f"{disk}_e_u_K"])[after]
-        assert np.sqrt(np.mean(z**2)) < 3  # errors are correlated over a second: a mean square, loosely judged
+        assert (
+            np.sqrt(np.mean(z**2)) < 3
+        )  # errors are correlated over a second: a mean square, loosely judged
     assert tcdyn("compensate", out, *records(campaign), "--out", tmp_path / "twice.csv") == 2
     assert not (tmp_path / "twice.csv").exists()
 
 
-def test_calibrate_writes_the_record_that_the_function_makes(campaign: Campaign, tmp_path: Path) -> None:
+def test_calibrate_writes_the_record_that_the_function_makes(
+    campaign: Campaign, tmp_path: Path
+) -> None:
     out = tmp_path / "fast.disk.json"
     f = campaign.files
     words = [w for p in f.plunges["fast"] for w in ("--immersion", p)]
-    code = tcdyn("calibrate", "--rig", f.rig, "--disk", "fast", "--oven", f.ovens["fast"], *words, "--fluid",
-                 "mobil-jet-ii", "--out", out, "--report", tmp_path / "fast.html", "--quiet")  # fmt: skip
+    code = tcdyn(
+        "calibrate",
+        "--rig",
+        f.rig,
+        "--disk",
+        "fast",
+        "--oven",
+        f.ovens["fast"],
+        *words,
+        "--fluid",
+        "mobil-jet-ii",
+        "--out",
+        out,
+        "--report",
+        tmp_path / "fast.html",
+        "--quiet",
+    )
     assert code == 0
     made = json.loads(out.read_text(encoding="utf-8"))
     inside = json.loads(campaign.record_paths["fast"].read_text(encoding="utf-8"))
@@ -125,18 +171,32 @@ def rewritten(campaign: Campaign, path: Path, change: object) -> Path:
         (lambda f: f.assign(fast_a_degC=f["fast_a_degC"] + 273.15), ("fast_a_degC", "kelvin")),
         (lambda f: f.iloc[: int(len(f) * 0.5)], ("unload",)),
         (
-            lambda f: f.rename(columns={"fast_a_degC": "fast_e_degC", "fast_e_degC": "fast_a_degC"}),
+            lambda f: f.rename(
+                columns={"fast_a_degC": "fast_e_degC", "fast_e_degC": "fast_a_degC"}
+            ),
             ("fast disk", "a and e", "swapped"),
         ),
     ],
-    ids=["missing column", "no unloading", "kelvin", "truncated before unloading", "swapped channels"],
+    ids=[
+        "missing column",
+        "no unloading",
+        "kelvin",
+        "truncated before unloading",
+        "swapped channels",
+    ],
 )
 def test_a_bad_log_gets_one_sentence_and_exit_2(
-    campaign: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str], change: object, words: tuple[str, ...]
+    campaign: Campaign,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    change: object,
+    words: tuple[str, ...],
 ) -> None:
     log = rewritten(campaign, tmp_path / "bad.csv", change)
     out = tmp_path / "beta.json"
-    assert tcdyn("beta", log, "--rig", campaign.files.rig, *records(campaign), "--out", out, "-q") == 2
+    assert (
+        tcdyn("beta", log, "--rig", campaign.files.rig, *records(campaign), "--out", out, "-q") == 2
+    )
     said = capsys.readouterr().err.strip()
     assert said.startswith("tcdyn: ")
     assert "\n" not in said
@@ -151,8 +211,18 @@ def test_the_wrong_file_to_the_wrong_command_is_named(
     f = campaign.files
     assert tcdyn("beta", f.ovens["fast"], *records(campaign), "-q") == 2
     assert "oven" in capsys.readouterr().err
-    code = tcdyn("calibrate", "--disk", "fast", "--oven", f.ehl["B3"], "--immersion", f.plunges["fast"][0], "--out",
-                 tmp_path / "r.json", "-q")  # fmt: skip
+    code = tcdyn(
+        "calibrate",
+        "--disk",
+        "fast",
+        "--oven",
+        f.ehl["B3"],
+        "--immersion",
+        f.plunges["fast"][0],
+        "--out",
+        tmp_path / "r.json",
+        "-q",
+    )
     assert code == 2
     assert "EHL" in capsys.readouterr().err
     fast = campaign.record_paths["fast"]
@@ -163,8 +233,12 @@ def test_the_wrong_file_to_the_wrong_command_is_named(
     assert tcdyn("beta", f.ehl["B3"], "--record", f.rig, "-q") == 2
 
 
-def test_a_window_shorter_than_the_lag_is_refused(campaign: Campaign, capsys: pytest.CaptureFixture[str]) -> None:
-    assert tcdyn("beta", campaign.files.ehl["B3"], *records(campaign), "--window-s", "0.3", "-q") == 2
+def test_a_window_shorter_than_the_lag_is_refused(
+    campaign: Campaign, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert (
+        tcdyn("beta", campaign.files.ehl["B3"], *records(campaign), "--window-s", "0.3", "-q") == 2
+    )
     assert "shorter than the lag" in capsys.readouterr().err
 
 

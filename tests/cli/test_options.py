@@ -22,15 +22,48 @@ from tests.cli.test_main_job import tcdyn
 from tests.conftest import Campaign
 
 PRINT_NUMBERS = {
-    "demo", "rig", "transducer", "calibrate", "identify", "compensate", "follow", "beta", "campaign", "design", "hole",
+    "demo",
+    "rig",
+    "transducer",
+    "calibrate",
+    "identify",
+    "compensate",
+    "follow",
+    "beta",
+    "campaign",
+    "design",
+    "hole",
     "verify",
-    "record show", "record diff", "record check", "simulate oven", "simulate immersion", "simulate hole",
-    "simulate ehl", "simulate campaign", "round fit", "round simulate", "spot", "sensor new", "sensor show",
+    "record show",
+    "record diff",
+    "record check",
+    "simulate oven",
+    "simulate immersion",
+    "simulate hole",
+    "simulate ehl",
+    "simulate campaign",
+    "round fit",
+    "round simulate",
+    "spot",
+    "sensor new",
+    "sensor show",
     "sensor plunge",
-    "sensor pair", "sensor current", "sensor noise", "response",
-}  # fmt: skip
-PAGE_LONG = {"record show", "record diff", "spot"}  # their output is the answer: nothing to be quiet about
-LONG = {"demo", "calibrate", "beta", "compensate"}  # several stages, each worth a line with --verbose
+    "sensor pair",
+    "sensor current",
+    "sensor noise",
+    "response",
+}
+PAGE_LONG = {
+    "record show",
+    "record diff",
+    "spot",
+}  # their output is the answer: nothing to be quiet about
+LONG = {
+    "demo",
+    "calibrate",
+    "beta",
+    "compensate",
+}  # several stages, each worth a line with --verbose
 
 
 def commands() -> dict[str, typer.core.TyperCommand]:
@@ -53,7 +86,9 @@ def test_the_list_of_commands_is_complete() -> None:
     assert set(ALL) == PRINT_NUMBERS
 
 
-@pytest.mark.parametrize(("typed", "meant"), [(["callibrate"], "calibrate"), (["record", "chek"], "check")])
+@pytest.mark.parametrize(
+    ("typed", "meant"), [(["callibrate"], "calibrate"), (["record", "chek"], "check")]
+)
 def test_a_mistyped_command_is_told_the_one_that_was_meant(
     typed: list[str], meant: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -66,7 +101,9 @@ def test_options_are_the_same_everywhere(name: str) -> None:
     assert "--json" in options(name)
     assert ("--quiet" in options(name)) == (name not in PAGE_LONG)
     assert ("--verbose" in options(name)) == (name in LONG)
-    assert all(p.help for p in ALL[name].params if p.opts[0].startswith("--")), "an option without a word"
+    assert all(p.help for p in ALL[name].params if p.opts[0].startswith("--")), (
+        "an option without a word"
+    )
 
 
 @pytest.mark.parametrize("name", sorted(ALL))
@@ -89,7 +126,9 @@ def test_help_keeps_its_brackets() -> None:
 def call(*words: object, **environment: str) -> subprocess.CompletedProcess[str]:
     env = {**os.environ, "OMP_NUM_THREADS": "1", **environment}
     command = [sys.executable, "-m", "tcdyn.cli.app", *map(str, words)]
-    return subprocess.run(command, capture_output=True, text=True, env=env, check=False, timeout=120)
+    return subprocess.run(
+        command, capture_output=True, text=True, env=env, check=False, timeout=120
+    )
 
 
 def test_exit_codes_are_those_that_help_tells(tmp_path: Path, campaign: Campaign) -> None:
@@ -121,16 +160,26 @@ def test_an_error_is_one_line_on_standard_error() -> None:
     assert said.stderr.startswith("tcdyn: absent.toml: no such file")
 
 
-@pytest.mark.parametrize(("line", "offered"), [("tcdyn cal", "calibrate"), ("tcdyn calibrate --imm", "--immersion")])
+@pytest.mark.parametrize(
+    ("line", "offered"), [("tcdyn cal", "calibrate"), ("tcdyn calibrate --imm", "--immersion")]
+)
 def test_the_shell_completes_commands_and_their_options(line: str, offered: str) -> None:
-    environment = {"_TCDYN_COMPLETE": "complete_bash", "COMP_WORDS": line, "COMP_CWORD": str(line.count(" "))}
+    environment = {
+        "_TCDYN_COMPLETE": "complete_bash",
+        "COMP_WORDS": line,
+        "COMP_CWORD": str(line.count(" ")),
+    }
     code = "from tcdyn.cli.app import app; app(prog_name='tcdyn')"
     env = {**os.environ, **environment}
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env, check=False)
+    said = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env=env, check=False
+    )
     assert said.stdout.split() == [offered]
 
 
-def test_simulate_prints_json_and_one_line_without_blanks(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_simulate_prints_json_and_one_line_without_blanks(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert tcdyn("simulate", "oven", "--out", tmp_path / "oven.csv") == 0
     assert capsys.readouterr().out.startswith("wrote ")
     assert tcdyn("simulate", "oven", "--out", tmp_path / "oven.csv", "--json") == 0
@@ -155,7 +204,9 @@ def slow_plunge(campaign: Campaign, tmp_path_factory: pytest.TempPathFactory) ->
     return path
 
 
-def test_compensate_prints_json(campaign: Campaign, slow_plunge: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_compensate_prints_json(
+    campaign: Campaign, slow_plunge: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     out = slow_plunge.with_name("done.csv")
     words = ("compensate", slow_plunge, "--record", campaign.record_paths["fast"], "--out", out)
     assert tcdyn(*words, "--json") == 1  # at 2.5 Hz
@@ -174,21 +225,33 @@ def test_noise_only_takes_the_noise_and_leaves_the_lag(
     """Against the log whose static lines alone are applied: the smoother passes through its noise, unshifted."""
     out = slow_plunge.with_name("smooth.csv")
     record = campaign.record_paths["fast"]
-    assert tcdyn("compensate", slow_plunge, "--record", record, "--noise-only", "--json", "--out", out) == 1
+    assert (
+        tcdyn("compensate", slow_plunge, "--record", record, "--noise-only", "--json", "--out", out)
+        == 1
+    )
     found = json.loads(capsys.readouterr().out)
     assert set(found["channels"]) == set("abcdef")
     assert "lag left in" in found["metadata"]["method"]
-    assert not any(c.endswith("_u_K") for c in pd.read_csv(out, comment="#"))  # nothing is told of the disk
+    assert not any(
+        c.endswith("_u_K") for c in pd.read_csv(out, comment="#")
+    )  # nothing is told of the disk
     line = campaign.records["fast"].static["e"]
     static = pd.read_csv(slow_plunge)["e_degC"].to_numpy() * line.gain + line.offset
     smooth = read_log(out, "immersion", allow_compensated=True).frame
-    late = smooth["time_s"].to_numpy() > smooth["time_s"].iloc[-1] - 60.0  # away from the knee of the entry
+    late = (
+        smooth["time_s"].to_numpy() > smooth["time_s"].iloc[-1] - 60.0
+    )  # away from the knee of the entry
     apart = smooth["e_degC"].to_numpy()[late] - static[late]
     rough = abs(pd.Series(static[late]).diff().diff()).mean()
     assert abs(pd.Series(smooth["e_degC"].to_numpy()[late]).diff().diff()).mean() < 0.2 * rough
-    assert abs(apart.mean()) < 3 * apart.std() / len(apart) ** 0.5  # a lag of 0.7 s at 0.1 K/s would be 0.07 K
+    assert (
+        abs(apart.mean()) < 3 * apart.std() / len(apart) ** 0.5
+    )  # a lag of 0.7 s at 0.1 K/s would be 0.07 K
     assert tcdyn("compensate", out, "--record", record) == 2  # its static lines are applied already
-    assert tcdyn("compensate", slow_plunge, "--record", record, "--noise-only", "--report", "x.html") == 2
+    assert (
+        tcdyn("compensate", slow_plunge, "--record", record, "--noise-only", "--report", "x.html")
+        == 2
+    )
 
 
 def test_noise_only_needs_static_lines_and_nothing_else_of_a_record(
@@ -198,7 +261,14 @@ def test_noise_only_needs_static_lines_and_nothing_else_of_a_record(
     record = campaign.records["fast"].model_copy(update={"chain": None})
     (tmp_path / "fast.disk.json").write_text(record.to_json(), encoding="utf-8")
     (tmp_path / "rig.toml").write_text("[conditioning]\ncutoff_Hz = 10.0\n", encoding="utf-8")
-    words = ["compensate", slow_plunge, "--record", tmp_path / "fast.disk.json", "--rig", tmp_path / "rig.toml"]
+    words = [
+        "compensate",
+        slow_plunge,
+        "--record",
+        tmp_path / "fast.disk.json",
+        "--rig",
+        tmp_path / "rig.toml",
+    ]
     assert tcdyn(*words, "--out", tmp_path / "lag.csv") == 2
     assert "holds no chain" in capsys.readouterr().err
     frame = pd.read_csv(slow_plunge)
@@ -206,7 +276,9 @@ def test_noise_only_needs_static_lines_and_nothing_else_of_a_record(
     frame.to_csv(tmp_path / "stuck.csv", index=False)
     words[1] = tmp_path / "stuck.csv"
     assert tcdyn(*words, "--noise-only", "--out", tmp_path / "smooth.csv") == 1
-    said = [x for x in "".join(capsys.readouterr()).splitlines() if not x.startswith("tcdyn: ")]  # the closing line
+    said = [
+        x for x in "".join(capsys.readouterr()).splitlines() if not x.startswith("tcdyn: ")
+    ]  # the closing line
     assert "\n".join(said).count(": stuck") == 1
 
 
@@ -233,8 +305,14 @@ def test_files_of_another_kind_are_named_as_what_they_are(
     for words, said in (
         (("beta", record, "--record", record), "a record or result by its ending; expected a log"),
         (("beta", log, "--record", log), "give the *.disk.json that `tcdyn calibrate` wrote"),
-        (("beta", log, "--record", record, "--rig", record), "`tcdyn rig --show > rig.toml` writes one"),
-        (("campaign", log.parent, "--record", record, "--out", tmp_path / "r"), "name its files, such as"),
+        (
+            ("beta", log, "--record", record, "--rig", record),
+            "`tcdyn rig --show > rig.toml` writes one",
+        ),
+        (
+            ("campaign", log.parent, "--record", record, "--out", tmp_path / "r"),
+            "name its files, such as",
+        ),
     ):
         assert tcdyn(*words) == 2
         assert said in capsys.readouterr().err
@@ -286,14 +364,24 @@ def test_a_number_that_cannot_be_is_refused_in_one_sentence(
         assert said.count("\n") == 1
 
 
-def test_a_lag_shorter_than_the_conditioning_s_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_lag_shorter_than_the_conditioning_s_is_refused(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert tcdyn("design", "--lag-s", "0.05") == 2
-    assert "at least 0.0896 s, since the conditioning alone lags by 0.0796 s" in capsys.readouterr().err
+    assert (
+        "at least 0.0896 s, since the conditioning alone lags by 0.0796 s"
+        in capsys.readouterr().err
+    )
 
 
-def test_a_finding_names_the_command_s_options_and_keeps_its_other_words(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_finding_names_the_command_s_options_and_keeps_its_other_words(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     found = look("record.drift", correlation=0.8)
-    assert found.sentence == "The residuals drift (correlation with time 0.80): fit with baseline=trend."
+    assert (
+        found.sentence
+        == "The residuals drift (correlation with time 0.80): fit with baseline=trend."
+    )
     Told().warn([found, look("said", text="the baseline=trend of a file")])
     assert capsys.readouterr().err == (
         "look: The residuals drift (correlation with time 0.80): fit with --baseline trend.\n"
@@ -303,10 +391,16 @@ def test_a_finding_names_the_command_s_options_and_keeps_its_other_words(capsys:
 
 def test_an_option_is_put_for_a_parameter_and_not_into_a_path() -> None:
     problem = InputError(
-        "holds a rig.toml of yours", where="{out}/my_output", remedy="give another {out}", parameters={"out": None}
+        "holds a rig.toml of yours",
+        where="{out}/my_output",
+        remedy="give another {out}",
+        parameters={"out": None},
     )
     assert str(problem) == "{out}/my_output: holds a rig.toml of yours; give another out"
-    assert problem.message(as_option) == "{out}/my_output: holds a rig.toml of yours; give another --out"
+    assert (
+        problem.message(as_option)
+        == "{out}/my_output: holds a rig.toml of yours; give another --out"
+    )
     assert problem.at("elsewhere").message(as_option) == problem.message(as_option)
 
 
@@ -314,7 +408,20 @@ def test_uneven_bores_are_asked_for_by_disk_and_told_beside_the_log(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "B3.csv"
-    assert tcdyn("simulate", "ehl", "--out", out, "--uneven", "0.3@90", "--uneven", "fast:0.5@30", "--clean") == 0
+    assert (
+        tcdyn(
+            "simulate",
+            "ehl",
+            "--out",
+            out,
+            "--uneven",
+            "0.3@90",
+            "--uneven",
+            "fast:0.5@30",
+            "--clean",
+        )
+        == 0
+    )
     told = json.loads((tmp_path / "B3.truth.json").read_text())["unevenness"]
     assert [told[d]["contact"] for d in ("fast", "slow")] == [
         {"amplitude": 0.5, "angle_deg": 30.0},
@@ -322,9 +429,11 @@ def test_uneven_bores_are_asked_for_by_disk_and_told_beside_the_log(
     ]
     assert set(told["slow"]["first_K"]) == set("abcdef")
     for wrong, words in (
-        ("half", "expected amplitude@degrees"), ("1.5@0", "0 (even) to 1"), ("left:0.5@0", "fast or slow"),
+        ("half", "expected amplitude@degrees"),
+        ("1.5@0", "0 (even) to 1"),
+        ("left:0.5@0", "fast or slow"),
         ("0.5@nan", "360 degrees"),
-    ):  # fmt: skip
+    ):
         capsys.readouterr()
         assert tcdyn("simulate", "ehl", "--out", out, "--uneven", wrong) == 2
         assert words in capsys.readouterr().err

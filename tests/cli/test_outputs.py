@@ -21,7 +21,12 @@ def files(campaign: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     """Inputs by short names, a folder below the present one to reach them by another way."""
     monkeypatch.chdir(tmp_path)
     f = campaign.files
-    sources = {"log": f.ehl["B3"], "oven": f.ovens["fast"], "plunge": f.plunges["fast"][0], "rig": f.rig}
+    sources = {
+        "log": f.ehl["B3"],
+        "oven": f.ovens["fast"],
+        "plunge": f.plunges["fast"][0],
+        "rig": f.rig,
+    }
     found = {}
     for name, source in sources.items():
         found[name] = Path("..") / tmp_path.name / source.name
@@ -39,10 +44,22 @@ def files(campaign: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
         ("compensate {log} {records} --report EHL_B3.csv", "log"),
         ("compensate {log} {records} --rig {rig} --report rig.toml", "rig"),
         ("calibrate --disk fast --oven {oven} --immersion {plunge} --out oven_fast.csv", "oven"),
-        ("calibrate --disk fast --oven {oven} --immersion {plunge} --report plunge_fast_1.csv", "plunge"),
-        ("calibrate --disk fast --oven {oven} --immersion {plunge} --rig {rig} --out rig.toml", "rig"),
-        ("calibrate --disk fast --oven {oven} --immersion {plunge} --fluid {log} --out EHL_B3.csv", "log"),
-        ("calibrate --disk fast --oven {oven} --immersion {plunge} --out x.json --report x.json", "oven"),
+        (
+            "calibrate --disk fast --oven {oven} --immersion {plunge} --report plunge_fast_1.csv",
+            "plunge",
+        ),
+        (
+            "calibrate --disk fast --oven {oven} --immersion {plunge} --rig {rig} --out rig.toml",
+            "rig",
+        ),
+        (
+            "calibrate --disk fast --oven {oven} --immersion {plunge} --fluid {log} --out EHL_B3.csv",
+            "log",
+        ),
+        (
+            "calibrate --disk fast --oven {oven} --immersion {plunge} --out x.json --report x.json",
+            "oven",
+        ),
         ("identify {plunge} --input probe_degC --output a_degC --out plunge_fast_1.csv", "plunge"),
         ("identify {plunge} --input probe_degC --output a_degC --out x.html", "plunge"),
         ("hole {log} --out EHL_B3.csv", "log"),
@@ -53,7 +70,11 @@ def files(campaign: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     ],
 )
 def test_an_input_is_never_written_over(
-    words: str, spared: str, files: dict[str, Path], campaign: Campaign, capsys: pytest.CaptureFixture[str]
+    words: str,
+    spared: str,
+    files: dict[str, Path],
+    campaign: Campaign,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     before = {p.name: p.read_bytes() for p in Path().iterdir()}
     said = words.format(records=" ".join(map(str, records(campaign))), **files).split()
@@ -68,7 +89,9 @@ def test_a_command_that_ends_has_written_all_and_tells_its_status(tmp_path: Path
     command = [sys.executable, "-m", "tcdyn.cli.app"]
     told = subprocess.run([*command, "verify", "--json"], stdout=subprocess.PIPE, check=True).stdout
     assert json.loads(told)
-    absent = subprocess.run([*command, "rig", "--rig", "absent.toml"], stderr=subprocess.PIPE, cwd=tmp_path)
+    absent = subprocess.run(
+        [*command, "rig", "--rig", "absent.toml"], stderr=subprocess.PIPE, cwd=tmp_path
+    )
     assert (absent.returncode, absent.stderr.count(b"\n")) == (2, 1)
     for does, status, said in (
         ("atexit.register(print, 'late') and 1", 1, "late"),  # what libraries do at the end is done
@@ -76,7 +99,9 @@ def test_a_command_that_ends_has_written_all_and_tells_its_status(tmp_path: Path
         ("sys.exit()", 0, ""),
     ):
         code = f"import atexit, sys; import tcdyn.cli.app as a; a.run = lambda _: {does} or 0; a.command()"
-        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=False
+        )
         assert done.returncode == status
         assert (done.stdout + done.stderr).endswith(f"{said}\n" if said else "")
 
@@ -87,7 +112,9 @@ def test_a_script_that_calls_a_command_goes_on_and_ends_as_it_says(tmp_path: Pat
         "try: main()\nexcept SystemExit as ended: assert ended.code == 0\n"
         "kept = open('late.txt', 'w'); kept.write('data'); sys.exit(3)"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path, check=False
+    )
     assert (done.returncode, done.stderr, (tmp_path / "late.txt").read_text()) == (3, "", "data")
 
 
@@ -118,9 +145,21 @@ def test_a_reader_that_closes_its_end_of_the_pipe_is_no_error(words: str) -> Non
 def test_ctrl_c_ends_with_one_line_and_its_code(campaign: Campaign, tmp_path: Path) -> None:
     """Whenever it comes: while libraries are imported, a log is read, or fits are made."""
     log, out = campaign.files.ehl["B3"], tmp_path / "out.json"
-    words = [sys.executable, "-m", "tcdyn.cli.app", "beta", log, *records(campaign), "--out", out, "-q"]
+    words = [
+        sys.executable,
+        "-m",
+        "tcdyn.cli.app",
+        "beta",
+        log,
+        *records(campaign),
+        "--out",
+        out,
+        "-q",
+    ]
     for wait_s in (1.0, 1.5, 2.0):
-        run = subprocess.Popen([*map(str, words)], stderr=subprocess.PIPE, text=True, start_new_session=True)
+        run = subprocess.Popen(
+            [*map(str, words)], stderr=subprocess.PIPE, text=True, start_new_session=True
+        )
         time.sleep(wait_s)
         if run.poll() is None:
             os.killpg(run.pid, signal.SIGINT)

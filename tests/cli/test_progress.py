@@ -13,14 +13,18 @@ from tcdyn.cli import common
 from tcdyn.cli.common import in_one_line, stages
 
 
-def test_an_end_that_asks_for_a_look_tells_the_first_and_counts_the_others(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_end_that_asks_for_a_look_tells_the_first_and_counts_the_others(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     found = [look("said", text="odd"), look("said", text="odder"), look("said", text="oddest")]
     for count, said in ((1, "odd\n"), (3, "odd (and 2 more)\n")):
         in_one_line("B3", found[:count])
         assert capsys.readouterr().err == f"tcdyn: B3: look: {said}"
 
 
-def test_without_a_terminal_each_stage_is_a_line_unless_quiet(capsys: pytest.CaptureFixture[str]) -> None:
+def test_without_a_terminal_each_stage_is_a_line_unless_quiet(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     for quiet, lines in ((False, "... reading\n... fit\n"), (True, "")):
         with stages(quiet) as progress:
             progress("reading")
@@ -30,7 +34,9 @@ def test_without_a_terminal_each_stage_is_a_line_unless_quiet(capsys: pytest.Cap
 
 def test_a_terminal_shows_the_stage_and_the_elapsed_time(monkeypatch: pytest.MonkeyPatch) -> None:
     written = io.StringIO()
-    monkeypatch.setattr(common, "_terminal", lambda: Console(file=written, force_terminal=True, width=80))
+    monkeypatch.setattr(
+        common, "_terminal", lambda: Console(file=written, force_terminal=True, width=80)
+    )
     with stages(quiet=False) as progress:
         progress("reading the log")
     assert "reading the log" in written.getvalue()

@@ -28,7 +28,9 @@ def other_steel(campaign: Campaign, tmp_path_factory: pytest.TempPathFactory) ->
     )
     rig = load_rig(folder / "rig.toml")
     return [
-        write_record(record.model_copy(update={"setup": rig.tables(disk)}), folder / f"{disk}.disk.json")
+        write_record(
+            record.model_copy(update={"setup": rig.tables(disk)}), folder / f"{disk}.disk.json"
+        )
         for disk, record in campaign.records.items()
     ]
 
@@ -37,13 +39,26 @@ def speed_law(campaign: Campaign, records: list[Path], *rig: object) -> float:
     """beta by the speed law, as the command prints it."""
     words = [w for r in records for w in ("--record", r)]
     out = records[0].parent / "beta.json"
-    command = ["beta", campaign.files.ehl["B3"], *words, *rig, "--out", out, "--no-sensor-check", "--quiet"]
-    assert run(lambda: app([str(w) for w in command], standalone_mode=False)) == 1  # steel and depth are not so
+    command = [
+        "beta",
+        campaign.files.ehl["B3"],
+        *words,
+        *rig,
+        "--out",
+        out,
+        "--no-sensor-check",
+        "--quiet",
+    ]
+    assert (
+        run(lambda: app([str(w) for w in command], standalone_mode=False)) == 1
+    )  # steel and depth are not so
     return float(json.loads(out.read_text())["steady"]["beta"]["value"])
 
 
 @pytest.mark.slow
-def test_without_a_rig_file_the_records_rig_is_used(campaign: Campaign, other_steel: list[Path]) -> None:
+def test_without_a_rig_file_the_records_rig_is_used(
+    campaign: Campaign, other_steel: list[Path]
+) -> None:
     """It was the design's defaults before: beta 0.02 off, without a word."""
     own = speed_law(campaign, other_steel, "--rig", other_steel[0].parent / "rig.toml")
     assert speed_law(campaign, other_steel) == pytest.approx(own, abs=1e-9)
@@ -68,13 +83,19 @@ def test_one_record_alone_remembers_its_columns(campaign: Campaign) -> None:
     assert rig_of({"slow": record}).columns()["load_N"] == "Load"
 
 
-def test_uncertainties_of_one_disk_widen_that_disk(campaign: Campaign, partition: Partition, tmp_path: Path) -> None:
+def test_uncertainties_of_one_disk_widen_that_disk(
+    campaign: Campaign, partition: Partition, tmp_path: Path
+) -> None:
     stated = campaign.files.rig.read_text()
     (tmp_path / "rig.toml").write_text(stated + "\n[slow.uncertainty]\ndepth_mm = 0.5\n")
     rig = load_rig(tmp_path / "rig.toml")
-    wider = estimate_beta(campaign.files.ehl["B3"], rig, campaign.records, sensor_check=False).partition
+    wider = estimate_beta(
+        campaign.files.ehl["B3"], rig, campaign.records, sensor_check=False
+    ).partition
     for disk, least, most in (("fast", 0.95, 1.05), ("slow", 2.0, 6.0)):
-        grown = np.std(wider.budget.draws[f"cooling {disk}"]) / np.std(partition.budget.draws[f"cooling {disk}"])
+        grown = np.std(wider.budget.draws[f"cooling {disk}"]) / np.std(
+            partition.budget.draws[f"cooling {disk}"]
+        )
         assert least < grown < most
 
 
@@ -84,8 +105,12 @@ def test_disks_of_other_radii_have_another_track(campaign: Campaign, tmp_path: P
 
     (tmp_path / "rig.toml").write_text("[slow.disk]\ncrown_radius_mm = 152.4\n")
     rig = load_rig(tmp_path / "rig.toml")
-    test = estimate_beta(campaign.files.ehl["B3"], rig, campaign.records, sensor_check=False).partition.test
-    assert test.half_width_m == pytest.approx(half_width_m(test.load_N, 0.0381, 2 / (1 / 0.3048 + 1 / 0.1524)))
+    test = estimate_beta(
+        campaign.files.ehl["B3"], rig, campaign.records, sensor_check=False
+    ).partition.test
+    assert test.half_width_m == pytest.approx(
+        half_width_m(test.load_N, 0.0381, 2 / (1 / 0.3048 + 1 / 0.1524))
+    )
     assert test.half_width_m < 0.9 * half_width_m(test.load_N)
 
 

@@ -6,16 +6,33 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.fault_commands import LONG, QUICK, Trial, computed_once, files_of_campaign, small_files, whole_truth
+from tests.cli.fault_commands import (
+    LONG,
+    QUICK,
+    Trial,
+    computed_once,
+    files_of_campaign,
+    small_files,
+    whole_truth,
+)
 from tests.cli.fault_world import ARRAYS, FILES, PROBLEMS, Home
 from tests.cli.kill_study import KILLED, kills
 from tests.cli.test_main_job import tcdyn
 from tests.conftest import Campaign
 
 WITHOUT_RIG = (
-    "compensate --sensor", "follow --sensor", "sensor new", "sensor show", "response", "transducer", "spot",
-    "sensor noise", "simulate oven", "design --campaign", "round fit",
-)  # fmt: skip
+    "compensate --sensor",
+    "follow --sensor",
+    "sensor new",
+    "sensor show",
+    "response",
+    "transducer",
+    "spot",
+    "sensor noise",
+    "simulate oven",
+    "design --campaign",
+    "round fit",
+)
 RECORD = ("rig", "record show", "record diff", "record check")
 REST = tuple(name for name in QUICK if name not in (*WITHOUT_RIG, *RECORD))
 
@@ -29,7 +46,9 @@ def world(campaign: Campaign, tmp_path_factory: pytest.TempPathFactory) -> dict[
     return found | files_of_campaign(campaign.files, campaign.record_paths, folder)
 
 
-def refused(name: str, world: dict[str, Path], folder: Path, most: int, homes: list[Home] = FILES) -> None:
+def refused(
+    name: str, world: dict[str, Path], folder: Path, most: int, homes: list[Home] = FILES
+) -> None:
     command = {**QUICK, **LONG}[name]
     once = command.once if homes is FILES else ()
     with computed_once(once):
@@ -40,7 +59,9 @@ def refused(name: str, world: dict[str, Path], folder: Path, most: int, homes: l
 
 
 @pytest.mark.parametrize("name", [*WITHOUT_RIG, *RECORD])
-def test_a_quick_command_whose_calls_fail(name: str, world: dict[str, Path], tmp_path: Path) -> None:
+def test_a_quick_command_whose_calls_fail(
+    name: str, world: dict[str, Path], tmp_path: Path
+) -> None:
     refused(name, world, tmp_path, 12)
 
 
@@ -63,11 +84,15 @@ def test_memory_that_runs_out(name: str, world: dict[str, Path], tmp_path: Path)
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["compensate --record", "calibrate", "identify", "hole"])
-def test_memory_that_runs_out_in_a_long_command(name: str, world: dict[str, Path], tmp_path: Path) -> None:
+def test_memory_that_runs_out_in_a_long_command(
+    name: str, world: dict[str, Path], tmp_path: Path
+) -> None:
     refused(name, world, tmp_path, 8, ARRAYS)
 
 
-def test_a_kill_leaves_old_or_whole_files_and_the_next_run_goes_on(world: dict[str, Path], tmp_path: Path) -> None:
+def test_a_kill_leaves_old_or_whole_files_and_the_next_run_goes_on(
+    world: dict[str, Path], tmp_path: Path
+) -> None:
     done, _, wrong = kills(Trial(QUICK["sensor noise"], world, tmp_path), 12)
     assert wrong == []
     assert done >= 6

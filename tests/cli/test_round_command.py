@@ -30,9 +30,14 @@ def test_what_is_no_picture_is_refused(tmp_path: Path, capsys: pytest.CaptureFix
     assert "a name ending in .png, .svg, .pdf" in capsys.readouterr().err
 
 
-def test_a_heated_spot_becomes_lines_of_the_rig_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_heated_spot_becomes_lines_of_the_rig_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     table, rig = tmp_path / "spot.csv", tmp_path / "rig.toml"
-    table.write_text("temperature_degC,flux_W_m2\n" + "".join(f"{t},{300 * (t - 58)}\n" for t in (80, 100, 120, 150)))
+    table.write_text(
+        "temperature_degC,flux_W_m2\n"
+        + "".join(f"{t},{300 * (t - 58)}\n" for t in (80, 100, 120, 150))
+    )
     assert tcdyn("spot", table, "--disk", "slow") == 0
     rig.write_text(capsys.readouterr().out)
     found = load_rig(rig).disk_setup("slow").surface
@@ -41,7 +46,9 @@ def test_a_heated_spot_becomes_lines_of_the_rig_file(tmp_path: Path, capsys: pyt
     assert not load_rig(rig).disk_setup("fast").surface.measured
 
 
-def test_a_spot_that_cools_what_is_hot_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_spot_that_cools_what_is_hot_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     table = tmp_path / "spot.csv"
     table.write_text("temperature_degC,flux_W_m2\n80,4\n90,3\n100,2\n110,1\n")
     assert tcdyn("spot", table) == 2
@@ -56,7 +63,9 @@ patches = [{ from_deg = 300, to_deg = 10, share = 0.2 }]
 """
 
 
-def test_a_stated_press_fit_is_told_and_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_stated_press_fit_is_told_and_drawn(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     rig, out = tmp_path / "rig.toml", tmp_path / "fit.png"
     rig.write_text(FIT)
     assert tcdyn("round", "fit", "--rig", rig, "--out", out, "--json") == 0
@@ -64,9 +73,13 @@ def test_a_stated_press_fit_is_told_and_drawn(tmp_path: Path, capsys: pytest.Cap
     assert out.stat().st_size > 10_000
     assert set(told) == {"picture", "slow"}
     slow = told["slow"]
-    assert slow["pressure_MPa"] == pytest.approx(27.3 * 20 / 15.2, rel=0.002)  # section 6.4.3: 27.3 MPa at 15.2 um
+    assert slow["pressure_MPa"] == pytest.approx(
+        27.3 * 20 / 15.2, rel=0.002
+    )  # section 6.4.3: 27.3 MPa at 15.2 um
     key = 6 / 20.5 * 180 / 3.141592654
-    assert slow["mean_W_m2K"] / slow["bearing_W_m2K"] == pytest.approx(1 - (0.9 * key + 0.8 * 70) / 360)
+    assert slow["mean_W_m2K"] / slow["bearing_W_m2K"] == pytest.approx(
+        1 - (0.9 * key + 0.8 * 70) / 360
+    )
     assert 150 < slow["first"]["angle_deg"] < 200  # away from both
     assert tcdyn("round", "fit", "--rig", rig) == 0
     words = capsys.readouterr().out
@@ -88,20 +101,34 @@ def test_a_stated_press_fit_is_told_and_drawn(tmp_path: Path, capsys: pytest.Cap
         ),
         ("patches = [{ from_deg = 10, to_deg = 40, share = 1.2 }]", "slow.fit.patches.0.share"),
         ("patches = [{ from_deg = 40, to_deg = 40 }]", "has no width"),
-        ("patches = [{ from_deg = 10, to_deg = 40 }, { from_deg = 30, to_deg = 5 }]", "overlap from 30 to 40 degrees"),
-        ("keyways = [{ angle_deg = 5, width_deg = 20 }]\npatches = [{ from_deg = 350, to_deg = 356 }]", "overlap"),
+        (
+            "patches = [{ from_deg = 10, to_deg = 40 }, { from_deg = 30, to_deg = 5 }]",
+            "overlap from 30 to 40 degrees",
+        ),
+        (
+            "keyways = [{ angle_deg = 5, width_deg = 20 }]\npatches = [{ from_deg = 350, to_deg = 356 }]",
+            "overlap",
+        ),
         ("keyways = [{ angle_deg = 5 }]", "one of width_deg and width_mm"),
         ("keyways = [{ angle_deg = 5, width_mm = 200 }]", "more than the bore's circumference"),
-        ("patches = [{ from_deg = 0, to_deg = 180 }, { from_deg = 180, to_deg = 360 }]", "leave nothing"),
-        ("interference_um = 0\nkeyways = [{ angle_deg = 5, width_deg = 5 }]", "need an interference_um"),
+        (
+            "patches = [{ from_deg = 0, to_deg = 180 }, { from_deg = 180, to_deg = 360 }]",
+            "leave nothing",
+        ),
+        (
+            "interference_um = 0\nkeyways = [{ angle_deg = 5, width_deg = 5 }]",
+            "need an interference_um",
+        ),
     ],
 )
 def test_a_fit_that_cannot_be_is_refused(
     line: str, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     rig = tmp_path / "rig.toml"
-    rig.write_text(f"[slow.fit]\n{line if 'interference' in line else 'interference_um = 20'}\n"
-                   f"{'' if 'interference' in line else line}\n")  # fmt: skip
+    rig.write_text(
+        f"[slow.fit]\n{line if 'interference' in line else 'interference_um = 20'}\n"
+        f"{'' if 'interference' in line else line}\n"
+    )
     assert tcdyn("round", "fit", "--rig", rig) == 2
     assert said in capsys.readouterr().err
 

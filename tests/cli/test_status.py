@@ -22,7 +22,9 @@ def test_a_sound_log_ends_with_0_and_the_headline(
 ) -> None:
     records = [w for r in campaign.record_paths.values() for w in ("--record", r)]
     out = tmp_path / "beta.json"
-    code = asked("beta", campaign.files.ehl["B3"], "--rig", campaign.files.rig, *records, "--out", out)
+    code = asked(
+        "beta", campaign.files.ehl["B3"], "--rig", campaign.files.rig, *records, "--out", out
+    )
     said, kept = capsys.readouterr(), json.loads(out.read_text())
     assert (code, kept["status"]) == (0, "sound")
     assert said.out.startswith("beta = 0.")
@@ -41,7 +43,9 @@ def test_friction_in_pounds_ends_with_1_and_one_line_that_says_so_though_quiet(
     log.to_csv(tmp_path / "B3.csv", index=False)
     records = [w for r in campaign.record_paths.values() for w in ("--record", r)]
     out = tmp_path / "beta.json"
-    code = asked("beta", tmp_path / "B3.csv", "--rig", campaign.files.rig, *records, "--out", out, "--quiet")
+    code = asked(
+        "beta", tmp_path / "B3.csv", "--rig", campaign.files.rig, *records, "--out", out, "--quiet"
+    )
     said, kept = capsys.readouterr(), json.loads(out.read_text())
     assert code == 1
     assert said.out == ""
@@ -62,7 +66,19 @@ def test_a_channel_in_degrees_fahrenheit_is_left_out_by_name(
     log.to_csv(tmp_path / "B3.csv", index=False)
     records = [w for r in campaign.record_paths.values() for w in ("--record", r)]
     out = tmp_path / "beta.json"
-    assert asked("beta", tmp_path / "B3.csv", "--rig", campaign.files.rig, *records, "--out", out, "--quiet") == 1
+    assert (
+        asked(
+            "beta",
+            tmp_path / "B3.csv",
+            "--rig",
+            campaign.files.rig,
+            *records,
+            "--out",
+            out,
+            "--quiet",
+        )
+        == 1
+    )
     kept = json.loads(out.read_text())
     assert "fast_e is left out: fast disk: channel e reads +" in capsys.readouterr().err
     truth = json.loads(campaign.files.truth.read_text())["tests"]["B3"]["beta"]
@@ -79,14 +95,18 @@ def test_load_and_friction_exchanged_is_said(
     campaign: Campaign, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     """Before, the cooling fit ran away and the lag was blamed."""
-    log = pd.read_csv(campaign.files.ehl["B3"]).rename(columns={"load_N": "friction_N", "friction_N": "load_N"})
+    log = pd.read_csv(campaign.files.ehl["B3"]).rename(
+        columns={"load_N": "friction_N", "friction_N": "load_N"}
+    )
     log.to_csv(tmp_path / "B3.csv", index=False)
     records = [w for r in campaign.record_paths.values() for w in ("--record", r)]
     assert asked("beta", tmp_path / "B3.csv", "--rig", campaign.files.rig, *records) == 2
     assert "are load_N and friction_N exchanged?" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("cause", "status"), [(KeyboardInterrupt(), 130), (ValueError("x"), 2), (None, 2)])
+@pytest.mark.parametrize(
+    ("cause", "status"), [(KeyboardInterrupt(), 130), (ValueError("x"), 2), (None, 2)]
+)
 def test_an_interrupt_that_a_library_turned_into_another_error_is_one(
     cause: BaseException | None, status: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -94,4 +114,6 @@ def test_an_interrupt_that_a_library_turned_into_another_error_is_one(
         raise ImportError("initialization failed") from cause
 
     assert run(imports) == status
-    assert capsys.readouterr().err.startswith("tcdyn: stopped" if status == 130 else "tcdyn: the system refused")
+    assert capsys.readouterr().err.startswith(
+        "tcdyn: stopped" if status == 130 else "tcdyn: the system refused"
+    )

@@ -17,9 +17,27 @@ def test_every_published_number_agrees_or_says_why_it_cannot_be_checked():
     assert [r.quantity for r in rows if r.failed] == []
     assert all(r.why and r.ours and r.published for r in rows)
     sources = " ".join(r.source for r in rows)
-    for source in ("table 2.6", "table 3.1", "table 3.2", "table 3.3", "table 3.5", "table 3.6", "figure 3.15"):
+    for source in (
+        "table 2.6",
+        "table 3.1",
+        "table 3.2",
+        "table 3.3",
+        "table 3.5",
+        "table 3.6",
+        "figure 3.15",
+    ):
         assert source in sources
-    for source in ("figure 3.16", "(3.27)", "table 6.1", "(5.1)", "table 6.6", "(6.1)", "appendix B", "(4.6)", "(4.7)"):
+    for source in (
+        "figure 3.16",
+        "(3.27)",
+        "table 6.1",
+        "(5.1)",
+        "table 6.6",
+        "(6.1)",
+        "appendix B",
+        "(4.6)",
+        "(4.7)",
+    ):
         assert source in sources
     for source in (
         "tables 6.2 to 6.5",
@@ -33,7 +51,9 @@ def test_every_published_number_agrees_or_says_why_it_cannot_be_checked():
         assert source in sources
     assert sum(r.source == "table 3.4" and "heat correction" in r.quantity for r in rows) == 4
     assert all(r.kind in KINDS for r in rows)
-    assert sum(r.kind == "physics" for r in rows) >= 40  # 19 were evidence when the rows had no class
+    assert (
+        sum(r.kind == "physics" for r in rows) >= 40
+    )  # 19 were evidence when the rows had no class
     assert {r.source for r in rows if r.verdict == "misprint"} == {"table 7.2", "table 7.3"}
 
 
@@ -46,11 +66,19 @@ def test_a_row_that_differs_ends_in_exit_code_one(monkeypatch, tmp_path):
     result = CliRunner().invoke(app, ["--csv", str(tmp_path / "rows.csv")])
     assert result.exit_code == 1
     assert "1 differ" in result.output
-    assert (tmp_path / "rows.csv").read_text().startswith("quantity,source,published,ours,verdict,why,kind")
+    assert (
+        (tmp_path / "rows.csv")
+        .read_text()
+        .startswith("quantity,source,published,ours,verdict,why,kind")
+    )
 
 
 def worst_of_mesh_one(rows):
-    return next(r.verdict for r in rows if r.source == "table 3.5" and r.quantity.startswith("mesh I against"))
+    return next(
+        r.verdict
+        for r in rows
+        if r.source == "table 3.5" and r.quantity.startswith("mesh I against")
+    )
 
 
 def test_an_array_of_another_length_than_the_table_differs_instead_of_passing(monkeypatch):
@@ -61,7 +89,9 @@ def test_an_array_of_another_length_than_the_table_differs_instead_of_passing(mo
     assert not within([1.0, 2.0], [1.0], absolute=9.0)
     monkeypatch.setattr(rim_rows, "TABLE_3_5", {**rim_rows.TABLE_3_5, "I": (5.015, 3.111, 1.0)})
     verdicts = [
-        r.verdict for r in rim_rows.mesh_rows() if r.source == "table 3.5" and r.quantity.startswith("mesh I ag")
+        r.verdict
+        for r in rim_rows.mesh_rows()
+        if r.source == "table 3.5" and r.quantity.startswith("mesh I ag")
     ]
     assert verdicts == ["differs"]
 
@@ -71,7 +101,9 @@ def test_an_error_ten_times_off_the_table_differs_even_where_sizes_cannot_be_com
 
     monkeypatch.setattr(rim_rows, "TABLE_3_5", {**rim_rows.TABLE_3_5, "I": (50.0, 31.0)})
     verdicts = [
-        r.verdict for r in rim_rows.mesh_rows() if r.source == "table 3.5" and r.quantity.startswith("mesh I ag")
+        r.verdict
+        for r in rim_rows.mesh_rows()
+        if r.source == "table 3.5" and r.quantity.startswith("mesh I ag")
     ]
     assert verdicts == ["differs"]
 
@@ -80,7 +112,9 @@ def test_a_chapter_that_cannot_go_on_differs_and_the_others_are_still_told(monke
     import tcdyn.verify
     from tcdyn.verify import table_rows
 
-    monkeypatch.setattr(tcdyn.verify, "CHAPTERS", (("table_rows", "table_rows"), ("contact_rows", "speed_law_rows")))
+    monkeypatch.setattr(
+        tcdyn.verify, "CHAPTERS", (("table_rows", "table_rows"), ("contact_rows", "speed_law_rows"))
+    )
     monkeypatch.setattr(table_rows, "speed_ratio_power", lambda ratio, n: 1 / 0)
     rows = verify_rows()
     stopped = [r for r in rows if r.failed]
@@ -90,7 +124,10 @@ def test_a_chapter_that_cannot_go_on_differs_and_the_others_are_still_told(monke
 
 
 def test_the_summary_counts_the_classes_and_each_row_says_its_own(monkeypatch):
-    rows = [VerifyRow("x", "table 0", "1", "1", "agrees", "because", kind) for kind in ("physics", "rule", "rule")]
+    rows = [
+        VerifyRow("x", "table 0", "1", "1", "agrees", "because", kind)
+        for kind in ("physics", "rule", "rule")
+    ]
     monkeypatch.setattr("tcdyn.verify.verify_rows", lambda: rows)
     result = CliRunner().invoke(app, ["--json"])
     told = json.loads(result.output)
@@ -111,7 +148,11 @@ def test_a_changed_formula_is_caught(monkeypatch):
     """The misprinted (4.7) gives another beta: the row must say so."""
     from tcdyn.verify import contact_rows
 
-    monkeypatch.setattr(contact_rows, "speed_law_beta", lambda a, b, c, d, chi: (a * d + chi * b * c) / (d + chi * b))
+    monkeypatch.setattr(
+        contact_rows,
+        "speed_law_beta",
+        lambda a, b, c, d, chi: (a * d + chi * b * c) / (d + chi * b),
+    )
     failed = [r.quantity for r in contact_rows.speed_law_rows() if r.failed]
     assert "beta of the worked example" in failed
 
@@ -126,11 +167,23 @@ def test_the_report_has_the_table_and_four_pictures(monkeypatch, tmp_path):
 
 
 def test_the_list_fits_eighty_columns_and_gives_a_shared_reason_once(monkeypatch):
-    long = [VerifyRow(f"error of mesh {k} at 2, 4, 8, 15 s, %", "table 3.2", "1, 2", "3, 4", "same trend", "word " * 40,
-            "trend") for k in range(4)]  # fmt: skip
+    long = [
+        VerifyRow(
+            f"error of mesh {k} at 2, 4, 8, 15 s, %",
+            "table 3.2",
+            "1, 2",
+            "3, 4",
+            "same trend",
+            "word " * 40,
+            "trend",
+        )
+        for k in range(4)
+    ]
     monkeypatch.setattr("tcdyn.verify.verify_rows", lambda: [*few("agrees"), *long])
     result = CliRunner().invoke(app, [], env={"COLUMNS": "80"})
     assert max(len(line) for line in result.output.splitlines()) <= 80
     assert result.output.count("word") == 40
-    assert result.output.index("same trend (") < result.output.index("agrees (")  # what needs reading comes first
+    assert result.output.index("same trend (") < result.output.index(
+        "agrees ("
+    )  # what needs reading comes first
     assert "because" not in result.output

@@ -57,7 +57,11 @@ def upon_wandering(t: Array, rng: np.random.Generator) -> tuple[Array, list[floa
 
 
 WORLDS: dict[str, World] = {
-    **{f"kink {h:g} K {tau:g} s": kinks((h,), tau) for h in (3.0, 12.0) for tau in (0.05, 0.3, 1.0, 5.0)},
+    **{
+        f"kink {h:g} K {tau:g} s": kinks((h,), tau)
+        for h in (3.0, 12.0)
+        for tau in (0.05, 0.3, 1.0, 5.0)
+    },
     "two kinks": kinks((8.0, -8.0), 1.0),
     "four kinks": kinks((6.0, 6.0, -6.0, -6.0), 0.5),
     "jump": kinks((6.0,), 0.0),
@@ -82,7 +86,11 @@ def logged(
         share = tau / step * (1 - keep)
         y = lfilter([1 - share, share - keep], [1, -keep], y - y[0]) + y[0]
     t, truth, y = t[::FINE], truth[::FINE], y[::FINE]
-    added = NOISE_K * rng.standard_normal(len(t)) if noise == "white" else before_the_filter(rng, len(t), NOISE_K)
+    added = (
+        NOISE_K * rng.standard_normal(len(t))
+        if noise == "white"
+        else before_the_filter(rng, len(t), NOISE_K)
+    )
     return t, truth, y + added, at
 
 
@@ -103,20 +111,36 @@ def judged(
 def report(names: list[str], seeds: range, noise: str, given: bool) -> None:
     print("world               near: rms K, cover   worst   far: rms K, cover   found    CPU s")
     for name in names:
-        off, held, near, found, spent = zip(*(judged(WORLDS[name], seed, noise, given) for seed in seeds))
+        off, held, near, found, spent = zip(
+            *(judged(WORLDS[name], seed, noise, given) for seed in seeds)
+        )
         e, h, close = np.concatenate(off), np.concatenate(held), np.concatenate(near)
         columns = []
         for where in (close, ~close):
             some = where.any()
-            columns += [np.sqrt(np.mean(e[where] ** 2)), 100 * h[where].mean()] if some else [np.nan, np.nan]
+            columns += (
+                [np.sqrt(np.mean(e[where] ** 2)), 100 * h[where].mean()]
+                if some
+                else [np.nan, np.nan]
+            )
         worst = min((100 * x[n].mean() for x, n in zip(held, near) if n.any()), default=np.nan)
-        print(f"{name:18s}  {columns[0]:10.3f} {columns[1]:6.1f} % {worst:6.1f}   {columns[2]:8.3f} {columns[3]:6.1f} %"
-              f"   {np.mean(found):5.1f}  {np.mean(spent):7.2f}", flush=True)  # fmt: skip
+        print(
+            f"{name:18s}  {columns[0]:10.3f} {columns[1]:6.1f} % {worst:6.1f}   {columns[2]:8.3f} {columns[3]:6.1f} %"
+            f"   {np.mean(found):5.1f}  {np.mean(spent):7.2f}",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":
     words = [a for a in sys.argv[1:] if not a.isdigit()]
     numbers = [int(a) for a in sys.argv[1:] if a.isdigit()]
     count, first = [*numbers, *(8, 0)[len(numbers) :]]
-    chosen = [name for name in WORLDS if any(w in name for w in words if w not in ("before", "given"))] or list(WORLDS)
-    report(chosen, range(first, first + count), "before" if "before" in words else "white", "given" in words)
+    chosen = [
+        name for name in WORLDS if any(w in name for w in words if w not in ("before", "given"))
+    ] or list(WORLDS)
+    report(
+        chosen,
+        range(first, first + count),
+        "before" if "before" in words else "white",
+        "given" in words,
+    )

@@ -44,7 +44,9 @@ def lived(worlds: list[World], lag: int) -> tuple[Array, Array]:
     after, before = (np.concatenate(part) for part in zip(*map(learnt, worlds)))
     y = np.concatenate([w.readings for w in worlds], axis=1)
     engine = LiveSmoother.of([CHAIN] * y.shape[1], DT_S, after, INTENSITY_K2_S3["ehl"], lag, before)
-    _, x, sd, _ = engine.run(engine.start(y[0]), np.concatenate([y, np.full((lag, y.shape[1]), np.nan)]))
+    _, x, sd, _ = engine.run(
+        engine.start(y[0]), np.concatenate([y, np.full((lag, y.shape[1]), np.nan)])
+    )
     return x[lag:], sd[lag:]
 
 
@@ -59,7 +61,10 @@ def main(hours: float, seed: int, before: float, batch: bool) -> None:
             for k, (one, s) in enumerate(zip(worlds, seeds)):
                 own = slice(6 * k, 6 * k + 6)
                 parts.append(judged(one, x[:, own], sd[:, own], s, batch and lag > 0))
-        said(parts, f"{'white' if before == 0 else 'coloured'}, {lag * DT_S:.1f} s behind, {count} x 6 channels")
+        said(
+            parts,
+            f"{'white' if before == 0 else 'coloured'}, {lag * DT_S:.1f} s behind, {count} x 6 channels",
+        )
         print(f"  {time.process_time() - started:.0f} s of CPU", flush=True)
 
 
@@ -68,10 +73,21 @@ def judged(made: World, x: Array, sd: Array, seed: int, batch: bool) -> dict[str
     after = made.time_s[:, None] - made.kinks_s
     near = np.repeat(((after > 0) & (after < 2.0)).any(axis=1)[:, None], 6, axis=1)
     other = smooth(made.readings, DT_S, CHAIN).temperature if batch else x
-    kept = {"error": x - made.true[:, None], "sd": sd, "near": near, "burst": made.burst & ~near, "apart": x - other}
-    kept |= {"time": np.repeat(made.time_s[:, None], 6, axis=1), "channel": np.tile(np.arange(6), (len(x), 1))}
+    kept = {
+        "error": x - made.true[:, None],
+        "sd": sd,
+        "near": near,
+        "burst": made.burst & ~near,
+        "apart": x - other,
+    }
+    kept |= {
+        "time": np.repeat(made.time_s[:, None], 6, axis=1),
+        "channel": np.tile(np.arange(6), (len(x), 1)),
+    }
     kept["seed"] = np.full(x.shape, seed)
-    return {k: np.broadcast_to(v, x.shape)[made.time_s > SETTLED_S].ravel() for k, v in kept.items()}
+    return {
+        k: np.broadcast_to(v, x.shape)[made.time_s > SETTLED_S].ravel() for k, v in kept.items()
+    }
 
 
 def said(parts: list[dict[str, Array]], title: str) -> None:
@@ -81,24 +97,34 @@ def said(parts: list[dict[str, Array]], title: str) -> None:
     print(
         f"{title}: largest {error.max():.2f} K, {z.max():.1f} sd; above 5 K and 6 sd: {np.sum((error > 5) & (z > 6))}"
     )
-    for name, where in (("all", z >= 0), ("2 s after kinks", near), ("bursts", burst), ("rest", ~near & ~burst)):
+    for name, where in (
+        ("all", z >= 0),
+        ("2 s after kinks", near),
+        ("bursts", burst),
+        ("rest", ~near & ~burst),
+    ):
         rms, held = np.sqrt(np.mean(error[where] ** 2)), 100 * np.mean(z[where] < 1.96)
-        worst = (
-            f"largest {error[where].max():.2f} K, {z[where].max():.1f} sd, median sd {np.median(each['sd'][where]):.3f}"
+        worst = f"largest {error[where].max():.2f} K, {z[where].max():.1f} sd, "
+        worst += f"median sd {np.median(each['sd'][where]):.3f}"
+        print(
+            f"  {name:16s} rms {rms:.3f} K, coverage {held:.2f} %, {worst}, above 6 sd {np.sum(z[where] > 6)}, "
+            f"5 K {np.sum(error[where] > 5)}"
         )
-        print(f"  {name:16s} rms {rms:.3f} K, coverage {held:.2f} %, {worst}, above 6 sd {np.sum(z[where] > 6)}, "
-              f"5 K {np.sum(error[where] > 5)}")  # fmt: skip
     if np.any(each["apart"]):
         apart = np.abs(each["apart"] / each["sd"])
-        print(f"  from batch: largest {apart.max():.1f} sd, below 1 sd {100 * np.mean(apart < 1):.2f} %")
+        print(
+            f"  from batch: largest {apart.max():.1f} sd, below 1 sd {100 * np.mean(apart < 1):.2f} %"
+        )
     order = np.argsort(-z)
     seen: set[tuple[float, ...]] = set()
     for i in order:
         key = (each["seed"][i], each["channel"][i], round(each["time"][i] / 2))
         if key not in seen and len(seen) < 6:
             seen.add(key)
-            print(f"    seed {int(each['seed'][i])} channel {int(each['channel'][i])} at {each['time'][i]:.3f} s: "
-                  f"{each['error'][i]:+.2f} K, {z[i]:.1f} sd, near {near[i]}, burst {burst[i]}")  # fmt: skip
+            print(
+                f"    seed {int(each['seed'][i])} channel {int(each['channel'][i])} at {each['time'][i]:.3f} s: "
+                f"{each['error'][i]:+.2f} K, {z[i]:.1f} sd, near {near[i]}, burst {burst[i]}"
+            )
 
 
 def day(hours: float, seed: int, behind_s: float, folder: Path) -> None:
@@ -124,22 +150,41 @@ def day(hours: float, seed: int, behind_s: float, folder: Path) -> None:
         behind_s,
     ]
     print(
-        subprocess.run([*map(str, command), "--idle-s", "1"], capture_output=True, text=True, check=False), flush=True
+        subprocess.run(
+            [*map(str, command), "--idle-s", "1"], capture_output=True, text=True, check=False
+        ),
+        flush=True,
     )
     sd_names, parts = [n.replace("_degC", "_u_K") for n in NAMES], []
     columns = ["time_s", *NAMES, *sd_names]
-    for made, done in zip(known, pd.read_csv(out, comment="#", usecols=columns, chunksize=len(known[0].time_s))):
+    for made, done in zip(
+        known, pd.read_csv(out, comment="#", usecols=columns, chunksize=len(known[0].time_s))
+    ):
         assert np.allclose(done["time_s"], made.time_s, atol=1e-3)
         parts.append(judged(made, done[NAMES].to_numpy(), done[sd_names].to_numpy(), seed, False))
-    for name, own in (("white", range(3)), ("from before the filter", range(3, 6)), ("all", range(6))):
+    for name, own in (
+        ("white", range(3)),
+        ("from before the filter", range(3, 6)),
+        ("all", range(6)),
+    ):
         kept = [{k: v[np.isin(p["channel"], own)] for k, v in p.items()} for p in parts]
-        said(kept, f"{hours:g} h, {behind_s:g} s behind, {name}: {sum(len(p['error']) for p in kept)} answers")
+        said(
+            kept,
+            f"{hours:g} h, {behind_s:g} s behind, {name}: {sum(len(p['error']) for p in kept)} answers",
+        )
     rows = sum(len(made.time_s) for made in known)
-    print(f"rows {rows}, written {sum(len(p['error']) for p in parts) // 6 + np.sum(known[0].time_s <= SETTLED_S)}")
+    print(
+        f"rows {rows}, written {sum(len(p['error']) for p in parts) // 6 + np.sum(known[0].time_s <= SETTLED_S)}"
+    )
 
 
 if __name__ == "__main__" and "day" in sys.argv:
     with tempfile.TemporaryDirectory() as own_folder:
         day(float(sys.argv[1]), int(sys.argv[2]), float(sys.argv[4]), Path(own_folder))
 elif __name__ == "__main__":
-    main(float(sys.argv[1]), int(sys.argv[2]), 0.97 if "coloured" in sys.argv else 0.0, "batch" in sys.argv)
+    main(
+        float(sys.argv[1]),
+        int(sys.argv[2]),
+        0.97 if "coloured" in sys.argv else 0.0,
+        "batch" in sys.argv,
+    )

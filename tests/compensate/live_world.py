@@ -34,12 +34,18 @@ class World:
 
     def log(self) -> pd.DataFrame:
         """As an EHL log in contact all the time."""
-        rest = {"load_N": 100.0, "friction_N": 5.0, "contact": 1, "speed_fast_rpm": 4000.0, "speed_slow_rpm": 950.0}
+        rest = {
+            "load_N": 100.0,
+            "friction_N": 5.0,
+            "contact": 1,
+            "speed_fast_rpm": 4000.0,
+            "speed_slow_rpm": 950.0,
+        }
         frame = pd.DataFrame({"time_s": self.time_s, **rest})
         frame[NAMES[: self.readings.shape[1]]] = self.readings
-        return frame.assign(**{n.replace("fast", "slow"): 60.0 for n in NAMES}, ambient_degC=25.0, oil_degC=60.0).round(
-            4
-        )
+        return frame.assign(
+            **{n.replace("fast", "slow"): 60.0 for n in NAMES}, ambient_degC=25.0, oil_degC=60.0
+        ).round(4)
 
 
 def lagged(u: Array, tau_s: float, dt_s: float) -> Array:
@@ -66,11 +72,18 @@ def world(
     of 0.5 to 3 K that last 20 to 300 ms and enter before the filter.
     """
     begin, end = part_s or (0.0, total_s)
-    rng, origin = np.random.default_rng([seed, int(begin)] if part_s else seed), max(begin - RUN_UP_S, 0.0)
+    rng, origin = (
+        np.random.default_rng([seed, int(begin)] if part_s else seed),
+        max(begin - RUN_UP_S, 0.0),
+    )
     n, fine = round((end - origin) * rate_Hz), 1 / rate_Hz / OVER
     t = origin + np.arange(n * OVER) * fine
     x = 80 + 3 * np.sin(2 * np.pi * t / 200) + 0.5 * np.sin(2 * np.pi * t / 23)
-    kinks = [total_s * (k + share) / len(drops_K) + 0.0041 for k in range(len(drops_K)) for share in (0.5, 0.8)]
+    kinks = [
+        total_s * (k + share) / len(drops_K) + 0.0041
+        for k in range(len(drops_K))
+        for share in (0.5, 0.8)
+    ]
     for drop, off, on in zip(drops_K, kinks[::2], kinks[1::2]):
         x -= drop * (np.exp(-np.maximum(t - on, 0.0) / 3) - np.exp(-np.maximum(t - off, 0.0)))
     y = np.tile(x[:, None], (1, channels))
@@ -100,13 +113,19 @@ def world(
 def record(split_s: float = 0.0) -> DiskRecord:
     """The fast disk that made it, known exactly; but for ``split_s`` of its first lag, taken for its second's."""
     lag = Estimate.normal(sum(TAUS_S) + FILTER_POLES * FILTER_S, 0.0)
-    line = StaticLine(gain=1.0, offset=0.0, covariance=((0.0, 0.0), (0.0, 0.0)), range_degC=(20.0, 160.0))
+    line = StaticLine(
+        gain=1.0, offset=0.0, covariance=((0.0, 0.0), (0.0, 0.0)), range_degC=(20.0, 160.0)
+    )
     taus = (TAUS_S[0] - split_s, TAUS_S[1] + split_s)
     chain = ChainRecord(
         structure="two lags",
-        channels={c: ChannelChain(taus_s=taus, lag_s=lag, split_u_s=abs(split_s)) for c in "abcdef"},
+        channels={
+            c: ChannelChain(taus_s=taus, lag_s=lag, split_u_s=abs(split_s)) for c in "abcdef"
+        },
         covariance=np.zeros((6, 6)).tolist(),
         common_lag_s=lag,
         differential_lag_s={c: Estimate.normal(0.0, 0.0) for c in "abcdef"},
     )
-    return DiskRecord(disk="fast", created="2026-01-01", static=dict.fromkeys("abcdef", line), chain=chain)
+    return DiskRecord(
+        disk="fast", created="2026-01-01", static=dict.fromkeys("abcdef", line), chain=chain
+    )

@@ -37,7 +37,9 @@ def record_of(seed: int, rng: np.random.Generator) -> DiskRecord:
     rig = parse_rig({"traceability": STATED}, "rig.toml").common
     frame = oven_frame(seed)
     frame["prt_degC"] += rng.normal(0, 0.03) + rng.uniform(-0.06, 0.06)
-    lines = fit_static_lines(frame, prt_shared_u_degC=rig.traceability.shared_u_K(date(2026, 1, 1))).lines
+    lines = fit_static_lines(
+        frame, prt_shared_u_degC=rig.traceability.shared_u_K(date(2026, 1, 1))
+    ).lines
     lags = 0.70 + 0.01 * np.arange(6)
     covariance = COMMON_U_S**2 * np.ones((6, 6)) + OWN_U_S**2 * np.eye(6)
     u, filter_s, mean = float(np.sqrt(covariance[0, 0])), rig.conditioning.lag_s, float(lags.mean())
@@ -45,13 +47,17 @@ def record_of(seed: int, rng: np.random.Generator) -> DiskRecord:
         structure="P2",
         channels={
             c: ChannelChain(
-                taus_s=(lag - filter_s - SECOND_S, SECOND_S), lag_s=Estimate.normal(lag, u), split_u_s=SPLIT_U_S
+                taus_s=(lag - filter_s - SECOND_S, SECOND_S),
+                lag_s=Estimate.normal(lag, u),
+                split_u_s=SPLIT_U_S,
             )
             for c, lag in zip(CHANNELS, lags.tolist())
         },
         covariance=covariance.tolist(),
         common_lag_s=Estimate.normal(mean, COMMON_U_S),
-        differential_lag_s={c: Estimate.normal(lag - mean, OWN_U_S) for c, lag in zip(CHANNELS, lags.tolist())},
+        differential_lag_s={
+            c: Estimate.normal(lag - mean, OWN_U_S) for c, lag in zip(CHANNELS, lags.tolist())
+        },
     )
     return DiskRecord(disk="fast", created=ON, static=lines, chain=chain, setup=rig)
 

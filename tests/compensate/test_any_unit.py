@@ -11,7 +11,15 @@ from scipy.integrate import trapezoid
 from calibration.disk import Conditioning
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.compensate import Burst, Intensity, deconvolve, invert, smooth
-from tcdyn.compensate.intensity import _pick, cut_out, exact_levels, levels_of, smeared_s, spans, spectral_level
+from tcdyn.compensate.intensity import (
+    _pick,
+    cut_out,
+    exact_levels,
+    levels_of,
+    smeared_s,
+    spans,
+    spectral_level,
+)
 from tcdyn.compensate.live import LiveSmoother
 from tcdyn.compensate.record import stretch_of
 
@@ -22,7 +30,9 @@ def trace(n: int = 500, jump: float = 8.0, seed: int = 0) -> np.ndarray:
     """Two channels that swing slowly, jump in the middle, one with a spike; noise of 0.05 K."""
     rng, t = np.random.default_rng(seed), np.arange(n) * DT
     x = 60 + 4 * np.sin(t / 4) + np.where(t > n * DT / 2, jump, 0.0)
-    y = np.stack([CHAIN.response(x, DT), CHAIN.response(0.5 * x, DT)], axis=1) + 0.05 * rng.standard_normal((n, 2))
+    y = np.stack(
+        [CHAIN.response(x, DT), CHAIN.response(0.5 * x, DT)], axis=1
+    ) + 0.05 * rng.standard_normal((n, 2))
     y[n // 5, 0] += 3.0
     return y
 
@@ -45,10 +55,12 @@ def test_a_smoothed_trace_with_a_hidden_jump_is_the_same_in_any_unit() -> None:
 def test_a_known_event_deconvolution_and_the_inverse_are_the_same_in_any_unit() -> None:
     y, lags = trace(200), 4e-4 * np.ones((2, 2))
     for made in (
-        lambda k: smooth(k * y, DT, CHAIN, events_s=[5.0], event_u_s=0.05, split_u_s=0.03, lag_covariance=lags),
+        lambda k: smooth(
+            k * y, DT, CHAIN, events_s=[5.0], event_u_s=0.05, split_u_s=0.03, lag_covariance=lags
+        ),
         lambda k: deconvolve(k * y, DT, CHAIN, trials=9)[0],
         lambda k: invert(k * y, DT, CHAIN, 1.0),
-    ):  # fmt: skip
+    ):
         plain, other = made(1.0), made(9.0)
         assert other.temperature == pytest.approx(9 * plain.temperature, rel=1e-5)
         assert other.sd == pytest.approx(9 * plain.sd, rel=1e-4)
@@ -82,7 +94,9 @@ def wander(q: float, n: int, sd: float, seed: int, chain: Chain) -> np.ndarray:
 
 
 @pytest.mark.parametrize("q", [0.01, 1.0])
-def test_the_level_of_a_wandering_slope_is_recovered_by_spectrum_and_by_likelihood(q: float) -> None:
+def test_the_level_of_a_wandering_slope_is_recovered_by_spectrum_and_by_likelihood(
+    q: float,
+) -> None:
     """Some w_c T/pi waves above the noise tell it: of 8192 samples above a hundred, so to a factor 1.5 (four sd)."""
     chain = Chain((0.4,), conditioning=NO_CONDITIONING)
     found = [spectral_level(wander(q, 8192, 0.05, s, chain), DT, chain, 0.05**2) for s in range(4)]
@@ -101,7 +115,10 @@ def test_segments_have_levels_of_their_own_and_a_short_one_the_largest_of_the_ot
     chain = Chain((0.4,), conditioning=NO_CONDITIONING)
     y = np.r_[wander(0.01, 1000, 0.05, 1, chain), np.zeros(1640)]
     late = wander(3.0, 1600, 0.05, 2, chain)
-    y[1000:1040], y[1040:] = y[999] + 0.05 * np.random.default_rng(3).standard_normal(40), y[999] + late
+    y[1000:1040], y[1040:] = (
+        y[999] + 0.05 * np.random.default_rng(3).standard_normal(40),
+        y[999] + late,
+    )
     events = (1000 * DT, 1040 * DT)
     short = stretch_of(y, DT, chain, events, noise_sd=0.05)
     (found,), _ = levels_of(short, short.noise_sd**2, True)
@@ -112,7 +129,9 @@ def test_segments_have_levels_of_their_own_and_a_short_one_the_largest_of_the_ot
     assert between == max(quiet, wild)
 
 
-def test_a_window_has_a_clock_of_its_own_and_what_an_instant_smears_is_a_lag_and_four_samples() -> None:
+def test_a_window_has_a_clock_of_its_own_and_what_an_instant_smears_is_a_lag_and_four_samples() -> (
+    None
+):
     whole = stretch_of(trace(), DT, CHAIN, (5.0, 12.5), noise_sd=0.05)
     part = cut_out(whole, 80, 200, whole.events_s)
     assert part.events_s == pytest.approx((1.0,))
@@ -127,9 +146,13 @@ def test_of_a_trade_off_the_least_or_the_level_of_the_noise_is_taken_between_the
     freedom = np.linspace(2, 50, 13)
     score = 0.01 * (logs - 3.3) ** 2  # cross-validation's, by its logarithm
     misfit = np.exp(score) * (1 - freedom / 200) ** 2
-    assert _pick("gcv", levels, misfit, misfit, freedom, 200, 1.0) == pytest.approx(np.exp(3.3), rel=1e-9)
+    assert _pick("gcv", levels, misfit, misfit, freedom, 200, 1.0) == pytest.approx(
+        np.exp(3.3), rel=1e-9
+    )
     falls = np.exp(-0.5 * logs)
-    assert _pick("discrepancy", levels, falls, falls, freedom, 200, np.exp(-1.1)) == pytest.approx(np.exp(2.2))
+    assert _pick("discrepancy", levels, falls, falls, freedom, 200, np.exp(-1.1)) == pytest.approx(
+        np.exp(2.2)
+    )
     bend = np.where(logs < logs[6], 0.9, 0.1) * (logs[6] - logs)  # misfit falls fast, then slowly
     rough = np.where(logs < logs[6], 0.1, 0.9) * (logs - logs[6])
     corner = _pick("l-curve", levels, np.exp(bend), np.exp(rough), freedom, 200, 1.0)
@@ -150,7 +173,9 @@ def test_an_intensity_moves_with_its_event_and_its_jumps_stand_at_its_start() ->
     cells = np.array([0.0, 3.0, 4.5, 20.0])
     inside = [t[(t >= a) & (t <= b)] for a, b in pairwise(cells)]
     exact = [trapezoid(quick.at(part), part) for part in inside]
-    assert quick.between(cells) == pytest.approx(exact, abs=6e-3)  # half a step of height 8 at 3 s, of 1 ms
+    assert quick.between(cells) == pytest.approx(
+        exact, abs=6e-3
+    )  # half a step of height 8 at 3 s, of 1 ms
 
 
 def test_what_rests_and_what_is_missing_is_told_with_its_share() -> None:

@@ -13,7 +13,13 @@ from calibration.disk import Conditioning
 from calibration.errors import InputError
 from calibration.lines.static import unit_lines
 from tcdyn.chain import NO_CONDITIONING, Chain
-from tcdyn.compensate.inverse import before_use, lag_sensitivity, proper_inverse, split_change, widest_bandwidth_Hz
+from tcdyn.compensate.inverse import (
+    before_use,
+    lag_sensitivity,
+    proper_inverse,
+    split_change,
+    widest_bandwidth_Hz,
+)
 from tcdyn.compensate.live import LiveSmoother, LiveState
 from tcdyn.compensate.pieces import corner_rad_s
 from tcdyn.pipeline.causal import CORNER_LAGS, Causal, CausalState, Settings
@@ -54,7 +60,9 @@ def test_inverse_is_stable_has_unit_gain_and_its_stated_bandwidth(chain):
     f = proper_inverse(chain, DT, 1.5)
     assert np.all(np.abs(np.roots(f.a)) < 1)
     assert f.b.sum() / f.a.sum() == pytest.approx(1.0, abs=1e-9)
-    assert before_use(f, 0.15).bandwidth_Hz == pytest.approx(1.5, rel=0.02)  # 2 %: FOH against the continuous roll-off
+    assert before_use(f, 0.15).bandwidth_Hz == pytest.approx(
+        1.5, rel=0.02
+    )  # 2 %: FOH against the continuous roll-off
 
 
 def test_noise_gain_is_the_gain_of_noise():
@@ -72,9 +80,12 @@ def test_lag_sensitivity_is_the_change_with_the_lag():
 
 
 @pytest.mark.parametrize(
-    ("taus", "shift", "within"), [((0.6, 0.07), 0.03, 0.01), ((0.6, 0.07), -0.04, 0.01), ((0.6,), 0.05, 0.15)]
+    ("taus", "shift", "within"),
+    [((0.6, 0.07), 0.03, 0.01), ((0.6, 0.07), -0.04, 0.01), ((0.6,), 0.05, 0.15)],
 )
-def test_what_another_split_of_the_lag_would_make_of_an_answer(taus: tuple[float, ...], shift: float, within: float):
+def test_what_another_split_of_the_lag_would_make_of_an_answer(
+    taus: tuple[float, ...], shift: float, within: float
+):
     """The chain shows of the answer and its change what the chain divided otherwise shows of the answer; of a single
     lag, whose share goes to the dead time, but for the third order."""
     t, x = slow_wave()
@@ -125,7 +136,9 @@ def test_live_smoother_follows_an_unannounced_event_within_one_degree():
     fine = 25 + 155 * (1 - np.exp(-np.maximum(t - 5, 0) / 3))
     chain = Chain((1.0,), conditioning=NO_CONDITIONING)
     x = fine[::20]
-    y = chain.response(fine, dt / 20)[::20, None] + 0.2 * np.random.default_rng(0).standard_normal((n, 30))
+    y = chain.response(fine, dt / 20)[::20, None] + 0.2 * np.random.default_rng(0).standard_normal(
+        (n, 30)
+    )
     for quiet in (0.01, 1.0, 20.0):
         live = LiveSmoother.of([chain] * 30, dt, 0.2, quiet)
         _, ours, sd, _ = live.run(live.start(y[0]), y)
@@ -155,7 +168,9 @@ def test_without_a_rig_the_live_smoother_follows_as_fast_as_the_lag_lets_it(
 ) -> None:
     """The intensity is that at which the signal sinks into the noise at a set multiple of one over the lag."""
     chain = Chain((lag_s,), conditioning=NO_CONDITIONING)
-    channels = DiskChannels(("T1",), (unit_lines(0.1, ("T1",))["T1"],), (chain,), np.zeros((1, 1)), np.zeros(1))
+    channels = DiskChannels(
+        ("T1",), (unit_lines(0.1, ("T1",))["T1"],), (chain,), np.zeros((1, 1)), np.zeros(1)
+    )
     learnt = {"dt_s": dt_s, "dead": [], "noise_K": {"T1": noise_K}, "before_K": {"T1": 0.0}}
     plan = Causal.of(("time_s", "T1"), [channels], None, Settings(), learnt)
     corner = corner_rad_s(chain, plan.engine.intensity / (noise_K**2 * dt_s))
@@ -165,10 +180,15 @@ def test_without_a_rig_the_live_smoother_follows_as_fast_as_the_lag_lets_it(
 @pytest.mark.parametrize(
     "how",
     [
-        {"behind_s": -0.1}, {"behind_s": 1.1e7}, {"learn_s": 0.0}, {"learn_s": 1.1e7}, {"noise_K": 0.0},
-        {"intensity_K2_s3": -1.0}, {"noise_K": np.inf},
+        {"behind_s": -0.1},
+        {"behind_s": 1.1e7},
+        {"learn_s": 0.0},
+        {"learn_s": 1.1e7},
+        {"noise_K": 0.0},
+        {"intensity_K2_s3": -1.0},
+        {"noise_K": np.inf},
     ],
-)  # fmt: skip
+)
 def test_settings_that_cannot_be_are_refused(how: dict[str, float]) -> None:
     with pytest.raises(InputError):
         Settings(**how)
@@ -181,7 +201,14 @@ def waits(delays: tuple[float, ...], rows: int) -> tuple[Causal, CausalState]:
     chains = tuple(SimpleNamespace(delay_s=d) for d in delays)
     plan = object.__new__(Causal)
     engine = SimpleNamespace(lag_samples=2)
-    parts = {"names": names, "junctions": names[1:], "dead": (), "chains": chains, "dt_s": 0.5, "engine": engine}
+    parts = {
+        "names": names,
+        "junctions": names[1:],
+        "dead": (),
+        "chains": chains,
+        "dt_s": 0.5,
+        "engine": engine,
+    }
     for name, value in parts.items():
         object.__setattr__(plan, name, value)
     t = 0.5 * np.arange(rows)
@@ -198,7 +225,13 @@ def test_a_row_waits_for_the_latest_of_its_answers_and_each_is_for_the_row_s_own
     assert plan.rows_late == 4
     left, out = plan._ready(state)
     time = out[:, 0]
-    assert time.tolist() == [0.0, 0.5, 1.0, 2.0, 2.5]  # of ten rows six, without the one that is not there
+    assert time.tolist() == [
+        0.0,
+        0.5,
+        1.0,
+        2.0,
+        2.5,
+    ]  # of ten rows six, without the one that is not there
     assert out[:, 1] == pytest.approx(time + 1.0)
     assert out[:, 2] == pytest.approx(time + 1.6 + 10.0)
     assert out[:, 3] == pytest.approx(2 * (time + 1.0))

@@ -17,7 +17,9 @@ def record(channels=3):
     """A slow wave of 10 degC: nothing a second-difference penalty cannot represent."""
     t = np.arange(8000) * DT / 20
     x = 80 + 10 * np.sin(2 * np.pi * 0.1 * t)
-    y = CHAIN.response(x, DT / 20)[::20, None] + 0.2 * np.random.default_rng(0).standard_normal((400, channels))
+    y = CHAIN.response(x, DT / 20)[::20, None] + 0.2 * np.random.default_rng(0).standard_normal(
+        (400, channels)
+    )
     return x[::20], y
 
 
@@ -28,7 +30,11 @@ def test_each_criterion_recovers_a_wave_without_phase(criterion):
     ours, tradeoff = deconvolve(y, DT, CHAIN, criterion=criterion)
     error = ours.temperature - x[:, None]
     assert np.sqrt(np.mean(error[20:-20] ** 2)) < 0.5
-    late = np.sum(error[40:-40] * np.gradient(x, DT)[40:-40, None]) / np.sum(np.gradient(x, DT)[40:-40] ** 2) / 3
+    late = (
+        np.sum(error[40:-40] * np.gradient(x, DT)[40:-40, None])
+        / np.sum(np.gradient(x, DT)[40:-40] ** 2)
+        / 3
+    )
     assert abs(late) < 0.02  # s, of a lag of 1 s
     assert np.all(np.diff(tradeoff.misfit, axis=0) < 1e-6)
     assert np.all(np.diff(tradeoff.freedom, axis=0) > -1e-6)
@@ -57,6 +63,9 @@ def test_pictures_are_drawn_from_results():
     axes = Figure().subplots(3)
     ours, tradeoff = deconvolve(y, DT, CHAIN, trials=7)
     assert draw_tradeoff(tradeoff, axes[0]).get_xlabel()
-    assert draw_compensated(smooth(y, DT, CHAIN), y, axes[1], window_s=(2.0, 10.0)).get_xlabel() == "time [s]"
+    assert (
+        draw_compensated(smooth(y, DT, CHAIN), y, axes[1], window_s=(2.0, 10.0)).get_xlabel()
+        == "time [s]"
+    )
     assert draw_before_use(before_use(proper_inverse(CHAIN, DT, 1.0), 0.2), axes[2]).get_xlabel()
     assert len(ours.time_s) == len(x)

@@ -24,22 +24,38 @@ SHORT_S = (320.0, 345.0)  # ten seconds of load, then the unloading at 330 s
 def text(campaign: Campaign) -> str:
     """A stretch of the log around the unloading, as text."""
     lines = campaign.files.ehl["B3"].read_text(encoding="utf-8").splitlines(keepends=True)
-    return "".join(lines[:1] + [x for x in lines[1:] if SHORT_S[0] <= float(x.split(",")[0]) < SHORT_S[1]])
+    return "".join(
+        lines[:1] + [x for x in lines[1:] if SHORT_S[0] <= float(x.split(",")[0]) < SHORT_S[1]]
+    )
 
 
 def read(path: Path) -> pd.DataFrame:
     return pd.read_csv(path, comment="#")
 
 
-def whole_run(campaign: Campaign, folder: Path, text: str, settings: Settings | None = None) -> pd.DataFrame:
+def whole_run(
+    campaign: Campaign, folder: Path, text: str, settings: Settings | None = None
+) -> pd.DataFrame:
     (folder / "whole.csv").write_text(text, encoding="utf-8")
-    follow(folder / "whole.csv", campaign.records, folder / "whole.out.csv", campaign.rig, settings,
-           idle_s=0.01, poll_s=0.02)  # fmt: skip
+    follow(
+        folder / "whole.csv",
+        campaign.records,
+        folder / "whole.out.csv",
+        campaign.rig,
+        settings,
+        idle_s=0.01,
+        poll_s=0.02,
+    )
     return read(folder / "whole.out.csv")
 
 
 def grown(
-    campaign: Campaign, folder: Path, text: str, cuts: list[int], settings: Settings | None = None, **kind: object
+    campaign: Campaign,
+    folder: Path,
+    text: str,
+    cuts: list[int],
+    settings: Settings | None = None,
+    **kind: object,
 ) -> tuple[FollowRun, Path]:
     """Follow a file to which the pieces between ``cuts`` (bytes) are appended one at each pause."""
     log, out = folder / "EHL_B3.csv", folder / "live.csv"
@@ -51,9 +67,13 @@ def grown(
                 logger.write(pieces.pop(0))
                 logger.flush()
             if out.exists():
-                assert not out.stat().st_size or out.read_bytes().endswith(b"\n")  # whole lines only, at any moment
+                assert not out.stat().st_size or out.read_bytes().endswith(
+                    b"\n"
+                )  # whole lines only, at any moment
 
-        run = follow(log, campaign.records, out, campaign.rig, settings, idle_s=0.05, sleep=pause, **kind)
+        run = follow(
+            log, campaign.records, out, campaign.rig, settings, idle_s=0.05, sleep=pause, **kind
+        )
     return run, out
 
 
@@ -61,34 +81,62 @@ def grown(
 def test_a_growing_file_gives_the_rows_of_the_whole_one(
     campaign: Campaign, tmp_path: Path, text: str, settings: Settings
 ) -> None:
-    cuts = sorted(np.random.default_rng(1).integers(1, len(text), 40).tolist())  # in the middle of lines, too
+    cuts = sorted(
+        np.random.default_rng(1).integers(1, len(text), 40).tolist()
+    )  # in the middle of lines, too
     run, out = grown(campaign, tmp_path, text, cuts, settings)
     found, whole = read(out), whole_run(campaign, tmp_path, text, settings)
     assert run.rows_written == len(found) == len(whole)
     assert np.allclose(found, whole, rtol=0, atol=1e-9)
     logged = read(tmp_path / "EHL_B3.csv")
-    assert found["time_s"].tolist() == logged["time_s"].tolist()  # the last rows, too, once the log grows no more
+    assert (
+        found["time_s"].tolist() == logged["time_s"].tolist()
+    )  # the last rows, too, once the log grows no more
     assert np.all(np.isfinite(found))
 
 
-def test_stopped_and_begun_again_no_row_is_lost_or_doubled(campaign: Campaign, tmp_path: Path, text: str) -> None:
+def test_stopped_and_begun_again_no_row_is_lost_or_doubled(
+    campaign: Campaign, tmp_path: Path, text: str
+) -> None:
     settings = Settings(behind_s=0.3)
     log, out, state = tmp_path / "EHL_B3.csv", tmp_path / "live.csv", tmp_path / "state.json"
     for share in (0.4, 0.7, 1.0):
         log.write_text(text[: int(share * len(text))], encoding="utf-8")
         if share == 1.0:
-            out.write_text(out.read_text(encoding="utf-8") + "330.0,1,2", encoding="utf-8")  # killed while writing
-        follow(log, campaign.records, out, campaign.rig, settings, state=state, idle_s=0.01, poll_s=0.02)
+            out.write_text(
+                out.read_text(encoding="utf-8") + "330.0,1,2", encoding="utf-8"
+            )  # killed while writing
+        follow(
+            log,
+            campaign.records,
+            out,
+            campaign.rig,
+            settings,
+            state=state,
+            idle_s=0.01,
+            poll_s=0.02,
+        )
     whole = whole_run(campaign, tmp_path, text, settings)
     assert np.allclose(read(out), whole, rtol=0, atol=1e-9)
 
 
-def test_a_state_of_other_files_or_settings_is_refused(campaign: Campaign, tmp_path: Path, text: str) -> None:
+def test_a_state_of_other_files_or_settings_is_refused(
+    campaign: Campaign, tmp_path: Path, text: str
+) -> None:
     log, out, state = tmp_path / "EHL_B3.csv", tmp_path / "live.csv", tmp_path / "state.json"
     log.write_text(text, encoding="utf-8")
 
     def go(settings: Settings | None = None, records: object = None) -> None:
-        follow(log, records or campaign.records, out, campaign.rig, settings, state=state, idle_s=0.01, poll_s=0.02)
+        follow(
+            log,
+            records or campaign.records,
+            out,
+            campaign.rig,
+            settings,
+            state=state,
+            idle_s=0.01,
+            poll_s=0.02,
+        )
 
     go()
     before = out.read_bytes()
@@ -106,7 +154,9 @@ def test_a_state_of_other_files_or_settings_is_refused(campaign: Campaign, tmp_p
 
 
 @pytest.mark.parametrize(
-    ("settings", "ratio"), [(Settings(), 2.0), (Settings(behind_s=0.5), 6.0)], ids=["live", "behind"]
+    ("settings", "ratio"),
+    [(Settings(), 2.0), (Settings(behind_s=0.5), 6.0)],
+    ids=["live", "behind"],
 )
 def test_the_unloading_at_e_is_followed(
     campaign: Campaign, tmp_path: Path, text: str, settings: Settings, ratio: float
@@ -121,10 +171,14 @@ def test_the_unloading_at_e_is_followed(
     before = np.sqrt(np.mean((raw["fast_e_degC"].to_numpy() - truth)[after] ** 2))
     assert ours < before / ratio
     z = (done["fast_e_degC"].to_numpy() - truth) / done["fast_e_u_K"].to_numpy()
-    assert np.mean(np.abs(z) < 1.96) > 0.9  # the bands hold, a transient of a fifth of the stretch included
+    assert (
+        np.mean(np.abs(z) < 1.96) > 0.9
+    )  # the bands hold, a transient of a fifth of the stretch included
 
 
-def test_missing_samples_and_rows_and_broken_lines_stay_local(campaign: Campaign, tmp_path: Path, text: str) -> None:
+def test_missing_samples_and_rows_and_broken_lines_stay_local(
+    campaign: Campaign, tmp_path: Path, text: str
+) -> None:
     whole = whole_run(campaign, tmp_path, text).set_index("time_s")
     lines = text.splitlines(keepends=True)
     at = lines[0].strip().split(",").index("fast_b_degC")
@@ -141,7 +195,9 @@ def test_missing_samples_and_rows_and_broken_lines_stay_local(campaign: Campaign
     assert np.all(np.isfinite(found[[n for n in found if n.endswith("_degC")]]))
     apart = np.abs(found["fast_b_degC"].to_numpy() - both["fast_b_degC"].to_numpy())
     quiet = found["time_s"].to_numpy() < 329
-    assert np.max(apart[quiet]) < 4 * both["fast_b_u_K"].median()  # noise-sized, in the few samples beside a gap
+    assert (
+        np.max(apart[quiet]) < 4 * both["fast_b_u_K"].median()
+    )  # noise-sized, in the few samples beside a gap
     # the filter forgets within its lags: ten of them after the last gap nothing of it is left
     assert np.max(apart[found["time_s"].to_numpy() > 340]) < 1e-5
 
@@ -166,7 +222,9 @@ def read_text(text: str) -> pd.DataFrame:
     return pd.read_csv(StringIO(text))
 
 
-def test_columns_by_other_names_decimal_commas_and_notes_above(campaign: Campaign, tmp_path: Path, text: str) -> None:
+def test_columns_by_other_names_decimal_commas_and_notes_above(
+    campaign: Campaign, tmp_path: Path, text: str
+) -> None:
     from calibration.rig import load_rig
 
     whole = whole_run(campaign, tmp_path, text)
@@ -174,7 +232,10 @@ def test_columns_by_other_names_decimal_commas_and_notes_above(campaign: Campaig
     assert "[columns]" in toml or "columns" not in toml
     mapped = tmp_path / "rig.toml"
     table = '\n[columns]\nfast_e_degC = "TC7"\n'
-    mapped.write_text(toml.replace("[columns]\n", table) if "[columns]" in toml else toml + table, encoding="utf-8")
+    mapped.write_text(
+        toml.replace("[columns]\n", table) if "[columns]" in toml else toml + table,
+        encoding="utf-8",
+    )
     other = text.replace("fast_e_degC", "TC7").replace(",", ";").replace(".", ",")
     other = "# operator: someone\n" + other.replace("\n", "\r\n")
     log, out = tmp_path / "other.csv", tmp_path / "out.csv"
@@ -183,11 +244,15 @@ def test_columns_by_other_names_decimal_commas_and_notes_above(campaign: Campaig
     assert np.allclose(read(out), whole, rtol=0, atol=1e-9)
     assert "# operator: someone\n" in out.read_text(encoding="utf-8")
     with pytest.raises(InputError, match="compensated already"):
-        follow(out, campaign.records, tmp_path / "twice.csv", campaign.rig, idle_s=0.01, poll_s=0.02)
+        follow(
+            out, campaign.records, tmp_path / "twice.csv", campaign.rig, idle_s=0.01, poll_s=0.02
+        )
     assert not (tmp_path / "twice.csv").exists()
 
 
-def test_a_log_in_fahrenheit_is_followed_like_one_in_celsius(campaign: Campaign, tmp_path: Path, text: str) -> None:
+def test_a_log_in_fahrenheit_is_followed_like_one_in_celsius(
+    campaign: Campaign, tmp_path: Path, text: str
+) -> None:
     whole = whole_run(campaign, tmp_path, text)
     head, *rows = [line.split(",") for line in text.splitlines() if not line.startswith("#")]
     at = [i for i, n in enumerate(head) if n.startswith(("fast_", "slow_"))]
@@ -225,7 +290,9 @@ def test_a_plunge_is_followed_with_one_record(campaign: Campaign, tmp_path: Path
     one = {"fast": campaign.records["fast"]}
     follow(log, one, out, campaign.rig, Settings(behind_s=0.5), idle_s=0.01, poll_s=0.02)
     done = read(out)
-    true = pd.read_parquet(next((campaign.files.folder / "truth").glob(f"{log.stem}*.parquet"))).iloc[: len(done)]
+    true = pd.read_parquet(
+        next((campaign.files.folder / "truth").glob(f"{log.stem}*.parquet"))
+    ).iloc[: len(done)]
     raw = read(log).iloc[: len(done)]
     ours, before = (np.sqrt(np.mean((f["e_degC"] - true["e_degC"]) ** 2)) for f in (done, raw))
     assert ours < before / 2
@@ -238,7 +305,10 @@ def test_a_state_that_remembers_channels_in_another_order_is_refused(tmp_path: P
     rng = np.random.default_rng(0)
     columns = {f"T{k}_degC": 20.0 * k + 0.1 * rng.standard_normal(400) for k in (1, 2)}
     pd.DataFrame({"time_s": t, **columns}).to_csv(log, index=False)
-    sensors = [sensor_file(f"probe {k}", {f"T{k}": Chain(1.5)}, "stated", [[0.1**2]], [0.0]) for k in (1, 2)]
+    sensors = [
+        sensor_file(f"probe {k}", {f"T{k}": Chain(1.5)}, "stated", [[0.1**2]], [0.0])
+        for k in (1, 2)
+    ]
     follow(log, sensors, out, state=state, idle_s=0.01, poll_s=0.005)
     kept = json.loads(state.read_text(encoding="utf-8"))
     assert kept["channels"] == ["T1_degC", "T2_degC"]

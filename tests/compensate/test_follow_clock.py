@@ -25,7 +25,9 @@ def followed(folder: Path, change: Change, behind_s: float = 0.0) -> tuple[Follo
     times = np.round(change(t), 3)
     log, out = write(folder / "log.csv", time_s=times, T1_degC=y), folder / "out.csv"
     settings = Settings(behind_s=behind_s, learn_s=2.0)
-    run = follow(log, [stated("s", ["T1"], [(0.5, 0.02)])], out, settings=settings, idle_s=0.0, poll_s=0.01)
+    run = follow(
+        log, [stated("s", ["T1"], [(0.5, 0.02)])], out, settings=settings, idle_s=0.0, poll_s=0.01
+    )
     done = written(out)
     assert np.isfinite(done.drop(columns="time_s")).all(axis=None)
     return run, times, done["time_s"].to_numpy()
@@ -42,14 +44,20 @@ def at(place: int | slice, time_s: float) -> Change:
 
 @pytest.mark.parametrize("behind_s", [0.0, 0.5])
 @pytest.mark.parametrize("later_s", [0.0, 5.0, 100.0])
-def test_a_gap_is_told_and_the_last_rows_are_written(tmp_path: Path, later_s: float, behind_s: float) -> None:
+def test_a_gap_is_told_and_the_last_rows_are_written(
+    tmp_path: Path, later_s: float, behind_s: float
+) -> None:
     run, logged_s, written_s = followed(tmp_path, lambda t: t + later_s * (t > 15), behind_s)
     assert written_s.tolist() == logged_s.tolist()
     told = {f.code: f.numbers for f in run.findings if f.code == "follow.gaps"}
-    assert told == ({"follow.gaps": {"count": 1, "longest_s": pytest.approx(later_s + 0.05)}} if later_s else {})
+    assert told == (
+        {"follow.gaps": {"count": 1, "longest_s": pytest.approx(later_s + 0.05)}} if later_s else {}
+    )
 
 
-def test_a_clock_that_counts_from_1970_is_followed_as_one_that_begins_at_zero(tmp_path: Path) -> None:
+def test_a_clock_that_counts_from_1970_is_followed_as_one_that_begins_at_zero(
+    tmp_path: Path,
+) -> None:
     """What is learnt first is laid on an even grid from the first row on, not from the clock's zero."""
     temperatures = []
     for k, since in enumerate((0.0, 1.7e9)):
@@ -57,7 +65,9 @@ def test_a_clock_that_counts_from_1970_is_followed_as_one_that_begins_at_zero(tm
         run, logged_s, written_s = followed(tmp_path / str(k), lambda t, since=since: t + since)
         assert written_s.tolist() == logged_s.tolist()
         assert not run.findings
-        temperatures.append(written(tmp_path / str(k) / "out.csv").drop(columns="time_s").to_numpy())
+        temperatures.append(
+            written(tmp_path / str(k) / "out.csv").drop(columns="time_s").to_numpy()
+        )
     assert np.allclose(*temperatures, rtol=0, atol=1e-3)  # the clock's double tells 0.2 us
 
 
@@ -65,12 +75,17 @@ def test_a_clock_that_counts_from_1970_is_followed_as_one_that_begins_at_zero(tm
 @pytest.mark.parametrize(
     ("change", "lost"),
     [
-        (at(300, -1e9), 1), (at(300, np.nan), 1), (lambda t: t - 3.0 * (t > 15), 60), (at(3, -1e9), 1),
+        (at(300, -1e9), 1),
+        (at(300, np.nan), 1),
+        (lambda t: t - 3.0 * (t > 15), 60),
+        (at(3, -1e9), 1),
         (lambda t: np.where(t > 15, t - 3600, t), 299),
     ],
     ids=["one row long ago", "one row without", "back 3 s", "while learning", "back an hour"],
-)  # fmt: skip
-def test_a_clock_that_jumps_back_is_told(tmp_path: Path, change: Change, lost: int, behind_s: float) -> None:
+)
+def test_a_clock_that_jumps_back_is_told(
+    tmp_path: Path, change: Change, lost: int, behind_s: float
+) -> None:
     run, logged_s, written_s = followed(tmp_path, change, behind_s)
     assert [f.numbers["count"] for f in run.findings if f.code == "follow.backward"] == [lost]
     rising = np.fmax.accumulate(np.concatenate([[-np.inf], logged_s]))
@@ -83,24 +98,38 @@ def test_a_dead_time_of_part_of_a_sample_is_taken_out(tmp_path: Path, delay_s: f
     dt_s, chain = 0.05, Chain((0.5,), delay_s=delay_s, conditioning=NO_CONDITIONING)
     t = dt_s * np.arange(1200)
     true = 50 + 10 * np.sin(2 * np.pi * t / 20)  # 3 K/s: a tenth of a sample is 0.016 K
-    y = np.ravel(chain.response(true, dt_s)) + 0.003 * np.random.default_rng(1).standard_normal(len(t))
+    y = np.ravel(chain.response(true, dt_s)) + 0.003 * np.random.default_rng(1).standard_normal(
+        len(t)
+    )
     log, out = write(tmp_path / "log.csv", time_s=np.round(t, 3), T1_degC=y), tmp_path / "out.csv"
     sensor = stated("s", ["T1"], [(0.5, 0.001)], delay_s=(delay_s, 0.0))
-    follow(log, [sensor], out, settings=Settings(behind_s=0.5, learn_s=2.0), idle_s=0.0, poll_s=0.01)
+    follow(
+        log, [sensor], out, settings=Settings(behind_s=0.5, learn_s=2.0), idle_s=0.0, poll_s=0.01
+    )
     off = (written(out)["T1_degC"].to_numpy() - true)[t < 55.0][200:]
     assert np.sqrt(np.mean(off**2)) < 0.016
 
 
-def test_a_head_is_waited_for_while_the_log_is_short_and_refused_when_it_is_long(tmp_path: Path) -> None:
+def test_a_head_is_waited_for_while_the_log_is_short_and_refused_when_it_is_long(
+    tmp_path: Path,
+) -> None:
     t, _, y = logged((0.5,), 0.05, 600, 0.1, 2)
-    whole = write(tmp_path / "whole.csv", time_s=np.round(t, 3), T1_degC=y).read_text(encoding="utf-8")
-    sensors, log, out = [stated("s", ["T1"], [(0.5, 0.02)])], tmp_path / "log.csv", tmp_path / "out.csv"
+    whole = write(tmp_path / "whole.csv", time_s=np.round(t, 3), T1_degC=y).read_text(
+        encoding="utf-8"
+    )
+    sensors, log, out = (
+        [stated("s", ["T1"], [(0.5, 0.02)])],
+        tmp_path / "log.csv",
+        tmp_path / "out.csv",
+    )
     log.write_text(whole[:10], encoding="utf-8")  # "time_s,T1_": the logger has not got further
 
     def goes_on(_: float) -> None:
         log.write_text(whole, encoding="utf-8")
 
-    run = follow(log, sensors, out, settings=Settings(learn_s=2.0), idle_s=0.2, poll_s=0.01, sleep=goes_on)
+    run = follow(
+        log, sensors, out, settings=Settings(learn_s=2.0), idle_s=0.2, poll_s=0.01, sleep=goes_on
+    )
     assert run.rows_written == 600
 
     def waits(_: float) -> None:

@@ -34,8 +34,16 @@ def rows(first: int, last: int, *, offset: float = 0.0) -> str:
 def run(folder: Path, sleep: Sleep = lambda _: None, state: str = "", **options: bool) -> FollowRun:
     """Follow ``log.csv`` to ``out.csv``; ``sleep`` is called whenever nothing new is there."""
     kept = folder / state if state else None
-    return follow(folder / "log.csv", SENSORS, folder / "out.csv", settings=SETTINGS, idle_s=0.05, state=kept,
-                  sleep=sleep, **options)  # fmt: skip
+    return follow(
+        folder / "log.csv",
+        SENSORS,
+        folder / "out.csv",
+        settings=SETTINGS,
+        idle_s=0.05,
+        state=kept,
+        sleep=sleep,
+        **options,
+    )
 
 
 def once(action: Callable[[], object]) -> Sleep:
@@ -56,11 +64,15 @@ def start(folder: Path, count: int = 400) -> Path:
 
 
 @pytest.mark.parametrize("state", ["", "new.json"])
-def test_an_output_that_exists_is_refused_before_anything_is_read_or_written(tmp_path: Path, state: str) -> None:
+def test_an_output_that_exists_is_refused_before_anything_is_read_or_written(
+    tmp_path: Path, state: str
+) -> None:
     start(tmp_path)
     out = tmp_path / "out.csv"
     out.write_text("precious\n", encoding="utf-8")
-    with pytest.raises(InputError, match=r"exists already.*another out=FILE.*overwrite=True.*state=FILE"):
+    with pytest.raises(
+        InputError, match=r"exists already.*another out=FILE.*overwrite=True.*state=FILE"
+    ):
         run(tmp_path, state=state)
     assert out.read_text(encoding="utf-8") == "precious\n"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["log.csv", "out.csv"]
@@ -68,7 +80,9 @@ def test_an_output_that_exists_is_refused_before_anything_is_read_or_written(tmp
     assert len(written(out)) == 400
 
 
-def test_an_output_that_appears_while_the_first_seconds_are_learnt_is_not_overwritten(tmp_path: Path) -> None:
+def test_an_output_that_appears_while_the_first_seconds_are_learnt_is_not_overwritten(
+    tmp_path: Path,
+) -> None:
     log = start(tmp_path, 20)
     out = tmp_path / "out.csv"
 
@@ -88,8 +102,22 @@ def test_the_command_refuses_an_existing_output_and_overwrites_it_only_when_aske
     log = start(tmp_path)
     out = tmp_path / "out.csv"
     sensor = tmp_path / "s.json"
-    assert tcdyn("sensor", "new", "--tau-s", "0.5+-0.02", "--column", "T1", "--out", sensor, "-q") == 0
-    words = ["follow", log, "--sensor", sensor, "--out", out, "--learn-s", "2", "--idle-s", "0", "-q"]
+    assert (
+        tcdyn("sensor", "new", "--tau-s", "0.5+-0.02", "--column", "T1", "--out", sensor, "-q") == 0
+    )
+    words = [
+        "follow",
+        log,
+        "--sensor",
+        sensor,
+        "--out",
+        out,
+        "--learn-s",
+        "2",
+        "--idle-s",
+        "0",
+        "-q",
+    ]
     assert tcdyn(*words) == 0
     before = out.read_bytes()
     capsys.readouterr()
@@ -137,7 +165,9 @@ REPLACEMENTS = {
 
 
 @pytest.mark.parametrize("kind", REPLACEMENTS)
-def test_a_log_that_is_replaced_or_rewritten_stops_the_run_and_keeps_its_rows(tmp_path: Path, kind: str) -> None:
+def test_a_log_that_is_replaced_or_rewritten_stops_the_run_and_keeps_its_rows(
+    tmp_path: Path, kind: str
+) -> None:
     log = start(tmp_path)
     original = log.read_text(encoding="utf-8")
     change, text = REPLACEMENTS[kind]
@@ -154,10 +184,14 @@ def test_a_log_that_is_replaced_or_rewritten_stops_the_run_and_keeps_its_rows(tm
     whole.mkdir()
     (whole / "log.csv").write_text(original + rows(400, 600), encoding="utf-8")
     run(whole)
-    pd.testing.assert_frame_equal(written(tmp_path / "out.csv"), written(whole / "out.csv"), rtol=0, atol=1e-9)
+    pd.testing.assert_frame_equal(
+        written(tmp_path / "out.csv"), written(whole / "out.csv"), rtol=0, atol=1e-9
+    )
 
 
-def test_a_log_that_is_replaced_while_the_first_seconds_are_learnt_writes_nothing(tmp_path: Path) -> None:
+def test_a_log_that_is_replaced_while_the_first_seconds_are_learnt_writes_nothing(
+    tmp_path: Path,
+) -> None:
     log = start(tmp_path, 20)
     with pytest.raises(InputError, match="replaced, rotated or rewritten"):
         run(tmp_path, once(lambda: rotated(log, SWAPPED + rows(0, 900))))
@@ -174,7 +208,14 @@ def test_a_copy_of_the_log_with_more_rows_may_take_its_place(tmp_path: Path) -> 
         os.replace(beside, log)
 
     assert (
-        follow(log, SENSORS, tmp_path / "out.csv", settings=SETTINGS, idle_s=0.1, sleep=once(synchronised)).rows_written
+        follow(
+            log,
+            SENSORS,
+            tmp_path / "out.csv",
+            settings=SETTINGS,
+            idle_s=0.1,
+            sleep=once(synchronised),
+        ).rows_written
         == 600
     )
 
@@ -198,11 +239,14 @@ def appended(out: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        (renamed, "renamed or deleted"), (lambda out: out.unlink(), "renamed or deleted"), (replaced, "replaced"),
-        (appended, "changed by another program"), (lambda out: os.truncate(out, 50), "changed by another program"),
+        (renamed, "renamed or deleted"),
+        (lambda out: out.unlink(), "renamed or deleted"),
+        (replaced, "replaced"),
+        (appended, "changed by another program"),
+        (lambda out: os.truncate(out, 50), "changed by another program"),
     ],
     ids=["renamed", "deleted", "replaced", "appended to", "truncated"],
-)  # fmt: skip
+)
 @pytest.mark.parametrize("grows", [False, True])
 def test_an_output_that_is_renamed_deleted_or_changed_stops_the_run_and_names_the_rows(
     tmp_path: Path, change: Callable[[Path], object], reason: str, grows: bool
@@ -234,13 +278,17 @@ def test_names_with_commas_and_quotes_come_back_from_a_semicolon_log(tmp_path: P
 
 
 @pytest.mark.parametrize("character", ["\u0085", "\u20ac\u0145", "\x0b", "\x0c", "\x1c", "\u2028"])
-def test_a_character_that_only_python_takes_for_a_line_end_cuts_no_row(tmp_path: Path, character: str) -> None:
+def test_a_character_that_only_python_takes_for_a_line_end_cuts_no_row(
+    tmp_path: Path, character: str
+) -> None:
     """U+0145 is C5 85 in UTF-8: its second byte is a line end in latin-1, for str.splitlines."""
     t, _, y = logged((0.5,), 0.05, 400, 0.1, 2)
     lines = "".join(f"{a:.2f};{b:.3f};x{character}y\r\n" for a, b in zip(t, y))
     log = tmp_path / "log.csv"
     log.write_text("time_s;T1_degC;remark\r\n" + lines, encoding="utf-8", newline="")
-    done = follow(log, SENSORS, tmp_path / "out.csv", settings=SETTINGS, idle_s=0.0, sleep=lambda _: None)
+    done = follow(
+        log, SENSORS, tmp_path / "out.csv", settings=SETTINGS, idle_s=0.0, sleep=lambda _: None
+    )
     assert (done.rows_written, done.bad_lines) == (400, 0)
 
 

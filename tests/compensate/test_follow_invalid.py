@@ -31,13 +31,23 @@ def kiln() -> tuple[Array, Array, Array]:
     return t, gas, np.round(lagged(gas, (TAU_S,), DT_S) + noise, 2)
 
 
-def followed(folder: Path, y: Array, name: str = "TC1_degC", **options: object) -> tuple[FollowRun, pd.DataFrame]:
+def followed(
+    folder: Path, y: Array, name: str = "TC1_degC", **options: object
+) -> tuple[FollowRun, pd.DataFrame]:
     """The run with a sensor of 25 s, and what it wrote."""
     t, _, _ = kiln()
     log = write(folder / "log.csv", **{"time_s": t, name: y})
     sensors = [stated("s", [name], [(TAU_S, 1.0)])]
     settings = Settings(learn_s=60.0)
-    done = follow(log, sensors, folder / "out.csv", settings=settings, idle_s=0.0, sleep=lambda _: None, **options)
+    done = follow(
+        log,
+        sensors,
+        folder / "out.csv",
+        settings=settings,
+        idle_s=0.0,
+        sleep=lambda _: None,
+        **options,
+    )
     return done, written(folder / "out.csv")
 
 
@@ -79,7 +89,9 @@ def test_invalid_readings_count_as_missing_and_are_told(tmp_path: Path, kind: st
     y, code = FAULTS[kind]
     _, gas, clean = kiln()
     run, out = followed(tmp_path, y)
-    assert [f.code for f in run.findings if f.code in ("follow.impossible", "follow.unreachable")] == [code]
+    assert [
+        f.code for f in run.findings if f.code in ("follow.impossible", "follow.unreachable")
+    ] == [code]
     told = next(f for f in run.findings if f.code == code)
     bad = y != clean
     assert told.numbers["count"] == np.count_nonzero(bad)
@@ -146,18 +158,38 @@ def test_a_run_that_is_stopped_while_readings_are_invalid_goes_on_the_same(tmp_p
     sensors = [stated("s", ["TC1_degC"], [(TAU_S, 1.0)])]
     for last in (330, N):
         log = write(parts / "log.csv", time_s=t[:last], TC1_degC=y[:last])
-        run = follow(log, sensors, parts / "out.csv", settings=Settings(learn_s=60.0), idle_s=0.0,
-                     sleep=lambda _: None, state=parts / "s.json")  # fmt: skip
+        run = follow(
+            log,
+            sensors,
+            parts / "out.csv",
+            settings=Settings(learn_s=60.0),
+            idle_s=0.0,
+            sleep=lambda _: None,
+            state=parts / "s.json",
+        )
     pd.testing.assert_frame_equal(written(parts / "out.csv"), expected, rtol=0, atol=1e-9)
     assert next(f for f in run.findings if f.code == "follow.unreachable").numbers["count"] == 60
 
 
-def test_the_command_ends_with_1_and_names_the_readings(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_ends_with_1_and_names_the_readings(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     t, _, _ = kiln()
     log = write(tmp_path / "log.csv", time_s=t, TC1=constant(24.0, FAULT))
     sensor = tmp_path / "s.json"
     assert tcdyn("sensor", "new", "--tau-s", "25+-1", "--column", "TC*", "--out", sensor, "-q") == 0
-    words = ["follow", log, "--sensor", sensor, "--out", tmp_path / "out.csv", "--learn-s", "60", "--idle-s", "0"]
+    words = [
+        "follow",
+        log,
+        "--sensor",
+        sensor,
+        "--out",
+        tmp_path / "out.csv",
+        "--learn-s",
+        "60",
+        "--idle-s",
+        "0",
+    ]
     assert tcdyn(*words) == 1
     error = capsys.readouterr().err
     assert "60 readings of TC1 changed faster than any temperature can through the lag" in error
@@ -167,11 +199,16 @@ def test_the_command_ends_with_1_and_names_the_readings(tmp_path: Path, capsys: 
 @pytest.mark.parametrize(
     "chain",
     [
-        Chain(2.0), Chain((2.0, 0.5, 0.1)), Chain((2.0, 2.0)), Chain((0.6,), cement_s=4.0),
-        Chain((2.0,), delay_s=0.3), Chain((2.0,), zero_s=0.5), Chain((0.1,), pair=(2.0, 0.2)),
+        Chain(2.0),
+        Chain((2.0, 0.5, 0.1)),
+        Chain((2.0, 2.0)),
+        Chain((0.6,), cement_s=4.0),
+        Chain((2.0,), delay_s=0.3),
+        Chain((2.0,), zero_s=0.5),
+        Chain((0.1,), pair=(2.0, 0.2)),
     ],
     ids=["one lag", "three lags", "equal lags", "cement", "dead time", "zero", "complex pair"],
-)  # fmt: skip
+)
 def test_no_input_in_the_physical_range_makes_a_reading_that_is_rejected(chain: Chain) -> None:
     """The worst case: temperatures that jump between the ends of the range, 0 to 40 samples apart."""
     dt_s = 0.1
@@ -194,7 +231,9 @@ def test_an_overshooting_filter_rejects_nothing_that_it_can_make() -> None:
 def test_a_chain_without_lags_sets_no_bound() -> None:
     chain = Chain((), conditioning=NO_CONDITIONING)
     reach = Reach.of([chain], np.zeros(1), np.zeros(1), np.ones(1), 0.1)
-    _, rejected, _ = reach.examine(ReadingTrack.begin(np.array([20.0])), np.array([[20.0], [2900.0], [-270.0]]))
+    _, rejected, _ = reach.examine(
+        ReadingTrack.begin(np.array([20.0])), np.array([[20.0], [2900.0], [-270.0]])
+    )
     assert not rejected.any()
 
 

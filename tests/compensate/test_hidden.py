@@ -18,7 +18,9 @@ def test_a_jump_of_the_temperature_is_told_from_a_kink_and_its_time_is_found() -
     assert abs(found - at) < max(3 * u, 0.03)
     assert max(b.level_sd for b in done.intensities[0].bursts) > 0
     off = done.temperature[:, 0] - truth
-    assert np.sqrt(np.mean(off[np.abs(t - at) > 2 / RATE_HZ] ** 2)) < 0.1  # 0.6 K with a kink for it
+    assert (
+        np.sqrt(np.mean(off[np.abs(t - at) > 2 / RATE_HZ] ** 2)) < 0.1
+    )  # 0.6 K with a kink for it
     assert np.mean(np.abs(off) < 1.96 * done.sd[:, 0]) > 0.9
 
 
@@ -33,7 +35,14 @@ def test_given_a_jump_the_temperature_jumps_between_two_samples() -> None:
     _, truth, y, (at,) = logged(WORLDS["jump"], np.random.default_rng(2), seconds=20.0)
     free = Burst(at, 0.0, 1.0, level_sd=10.0, slope_sd=10.0)
     kink, jump = (
-        smooth(y, 1 / RATE_HZ, CHAIN, noise_sd=0.12, intensity=Intensity((0.0,), (1e-6,), bursts), events_s=(at,))
+        smooth(
+            y,
+            1 / RATE_HZ,
+            CHAIN,
+            noise_sd=0.12,
+            intensity=Intensity((0.0,), (1e-6,), bursts),
+            events_s=(at,),
+        )
         for bursts in ((), (free,))
     )
     assert np.abs(jump.temperature[:, 0] - truth).max() < 0.2
@@ -51,14 +60,18 @@ def test_a_chain_without_lag_and_a_late_spike_do_no_harm() -> None:
     assert np.sqrt(np.mean((done.temperature[:, 0] - 20.0) ** 2)) < 0.02
 
 
-def test_an_event_that_the_others_make_doubtful_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_event_that_the_others_make_doubtful_is_given_up(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """In the last round the first of two loses its odds: the second is weighed all the same."""
     weigh, rounds = hidden.weigh, []
 
     def doubtful(*given: Any) -> hidden.Hidden:
         found = weigh(*given)
         rounds.append(found.at_s)
-        return replace(found, log_odds=-1.0) if given[-1] is not None and found.at_s < 15.0 else found
+        return (
+            replace(found, log_odds=-1.0) if given[-1] is not None and found.at_s < 15.0 else found
+        )
 
     monkeypatch.setattr(hidden, "weigh", doubtful)
     _, _, y, at = logged(kinks((12.0, -12.0), 0.5), np.random.default_rng(4), seconds=30.0)

@@ -30,7 +30,9 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("small")
-def test_of_a_long_log_the_rows_about_the_unloading_are_kept_as_they_are(campaign: Campaign) -> None:
+def test_of_a_long_log_the_rows_about_the_unloading_are_kept_as_they_are(
+    campaign: Campaign,
+) -> None:
     pieces = iter_log(campaign.files.ehl["B3"], "ehl", campaign.rig)
     log, count = stages.read_stage(pieces, None)
     assert count == 1
@@ -39,7 +41,9 @@ def test_of_a_long_log_the_rows_about_the_unloading_are_kept_as_they_are(campaig
     full = read_log(campaign.files.ehl["B3"], "ehl", campaign.rig).frame
     same = full[full["time_s"] >= time.iloc[0]].reset_index(drop=True)
     pd.testing.assert_frame_equal(log.frame, same)
-    assert [(f.code, f.numbers["count"]) for f in log.findings if f.code == "log.long"] == [("log.long", len(full))]
+    assert [(f.code, f.numbers["count"]) for f in log.findings if f.code == "log.long"] == [
+        ("log.long", len(full))
+    ]
     with pytest.raises(InputError, match="no loading number 2"):
         stages.read_stage(pieces, 2)
 
@@ -51,7 +55,9 @@ def test_a_long_log_is_compensated_as_in_one_piece(
 ) -> None:
     """Noise and intensity of each stretch are its own: the answers part by a small part of their uncertainty."""
     out = tmp_path / f"out{ending}"
-    assert tcdyn("compensate", campaign.files.ehl["B3"], *both(campaign), "--out", out, "--quiet") == 0
+    assert (
+        tcdyn("compensate", campaign.files.ehl["B3"], *both(campaign), "--out", out, "--quiet") == 0
+    )
     made = pd.read_csv(out, comment="#") if ending == ".csv" else pd.read_parquet(out)
     assert list(made) == list(whole)
     assert len(made) == len(whole)

@@ -24,7 +24,9 @@ EVENT_S = 10.0037
 def junction(t: Array, kink: bool) -> Array:
     """Case C: a kink of 12 K at 1 s, or a slow swing."""
     if kink:
-        return np.where(t < EVENT_S, 120.0, 120 - 12 * (1 - np.exp(-np.maximum(t - EVENT_S, 0.0) / 1.0)))
+        return np.where(
+            t < EVENT_S, 120.0, 120 - 12 * (1 - np.exp(-np.maximum(t - EVENT_S, 0.0) / 1.0))
+        )
     return 60 + 0.02 * t + np.sin(2 * np.pi * t / 60)
 
 
@@ -42,7 +44,9 @@ def logged(kink: bool, duration_s: float) -> tuple[Array, Array, Array]:
 
 def autoregressive(rng: np.random.Generator, n: int, by: float) -> Array:
     """AR(1) of standard deviation 0.15 K."""
-    return 0.15 * np.sqrt(1 - by**2) * lfilter([1.0], [1.0, -by], rng.standard_normal(n + 500))[500:]
+    return (
+        0.15 * np.sqrt(1 - by**2) * lfilter([1.0], [1.0, -by], rng.standard_normal(n + 500))[500:]
+    )
 
 
 def hum(rng: np.random.Generator, n: int) -> Array:
@@ -58,7 +62,11 @@ def disturbance(world: str, rng: np.random.Generator, n: int) -> Array:
     """One of the worlds (n,) [K]."""
     if world == "hum":
         return hum(rng, n)
-    return before_the_filter(rng, n, 0.15, 1.0) if world == "before" else autoregressive(rng, n, float(world[2:]))
+    return (
+        before_the_filter(rng, n, 0.15, 1.0)
+        if world == "before"
+        else autoregressive(rng, n, float(world[2:]))
+    )
 
 
 def test_noise_before_and_after_the_filter_is_told_apart_and_made_white() -> None:
@@ -75,7 +83,9 @@ def test_noise_before_and_after_the_filter_is_told_apart_and_made_white() -> Non
 
 
 @pytest.mark.parametrize(("stated_Hz", "taken"), [(2.0, True), (2.2, True), (6.0, False)])
-def test_the_stated_filter_is_taken_unless_another_lag_is_clearly_better(stated_Hz: float, taken: bool) -> None:
+def test_the_stated_filter_is_taken_unless_another_lag_is_clearly_better(
+    stated_Hz: float, taken: bool
+) -> None:
     rng = np.random.default_rng(8)
     decay = np.exp(-2 * np.pi * 2.0 * DT_S)
     y = lfilter([1 - decay], [1, -decay], rng.standard_normal((9_000, 4)), axis=0)
@@ -99,7 +109,9 @@ def test_only_harmonics_that_come_to_rest_are_taken_for_temperature(
 ) -> None:
     """75 Hz: the third of 50 Hz and the fifth of 60 Hz; 80 Hz: 100, 150, 200 and 250 Hz are seen at 20, 10, 40, 10."""
     sd = np.full(2, 0.1)
-    noise = LoggerNoise(0 * sd, sd, sd, B, lines=((seen_Hz, np.array([0.3, 0.0])),), rate_Hz=rate_Hz)
+    noise = LoggerNoise(
+        0 * sd, sd, sd, B, lines=((seen_Hz, np.array([0.3, 0.0])),), rate_Hz=rate_Hz
+    )
     assert (noise.folded_u_K > 0).tolist() == [rests, False]
 
 
@@ -113,8 +125,12 @@ def test_white_noise_stays_as_it_is() -> None:
         assert np.all(noise.level_K == 0.12)
 
 
-@pytest.mark.parametrize(("world", "worst_K"), [("before", 0.186), ("ar0.4", 0.124), ("ar0.8", 0.158), ("hum", 0.165)])
-def test_a_kink_is_compensated_as_well_as_by_a_filter_tuned_with_the_truth_in_hand(world: str, worst_K: float) -> None:
+@pytest.mark.parametrize(
+    ("world", "worst_K"), [("before", 0.186), ("ar0.4", 0.124), ("ar0.8", 0.158), ("hum", 0.165)]
+)
+def test_a_kink_is_compensated_as_well_as_by_a_filter_tuned_with_the_truth_in_hand(
+    world: str, worst_K: float
+) -> None:
     """Case C: limits are those of a Savitzky-Golay inverse tuned with the truth (measured beside these worlds)."""
     t, truth, clean = logged(True, 40.0)
     near = (t > EVENT_S - 1) & (t < EVENT_S + 5)
@@ -122,7 +138,10 @@ def test_a_kink_is_compensated_as_well_as_by_a_filter_tuned_with_the_truth_in_ha
     for seed in range(4):
         rng = np.random.default_rng(seed)
         done = smooth(
-            np.round((clean + disturbance(world, rng, len(t))) / 0.005) * 0.005, DT_S, CHAIN, events_s=(EVENT_S,)
+            np.round((clean + disturbance(world, rng, len(t))) / 0.005) * 0.005,
+            DT_S,
+            CHAIN,
+            events_s=(EVENT_S,),
         )
         off = done.temperature[near, 0] - truth[near]
         squares.append(np.mean(off**2))
@@ -167,7 +186,9 @@ def test_bursts_are_found_by_their_shape_and_a_bend_is_none() -> None:
         assert not find_bursts(quiet, DT_S, 0.12, B, 0.67).any()
         added = bursts(rng, len(t), 15.0)
         found = find_bursts(quiet + added, DT_S, 0.12, B, 0.67)
-        assert np.abs(added[~found]).max(initial=0.0) < 0.6, seed  # pulses are of 1.5 K and more before the filter
+        assert np.abs(added[~found]).max(initial=0.0) < 0.6, (
+            seed
+        )  # pulses are of 1.5 K and more before the filter
         assert np.count_nonzero(found & (np.abs(added) < 0.01)) < 0.01 * len(t)
 
 
@@ -190,7 +211,12 @@ def test_a_burst_beside_the_unloading_leaves_the_answer_alone(length: int) -> No
     rng = np.random.default_rng(length)
     pulse = np.zeros(len(t) * 8)
     pulse[int((EVENT_S + 0.6) * 600) :][: length * 8] = 3.0
-    done = smooth(clean + filtered(pulse) + 0.15 * rng.standard_normal(len(t)), DT_S, CHAIN, events_s=(EVENT_S,))
+    done = smooth(
+        clean + filtered(pulse) + 0.15 * rng.standard_normal(len(t)),
+        DT_S,
+        CHAIN,
+        events_s=(EVENT_S,),
+    )
     near = (t > EVENT_S - 1) & (t < EVENT_S + 5)
     off = done.temperature[near, 0] - truth[near]
     assert np.abs(off).max() < max(5 * done.sd[near, 0].max(), 0.3)
@@ -199,14 +225,19 @@ def test_a_burst_beside_the_unloading_leaves_the_answer_alone(length: int) -> No
 
 def test_noise_from_before_the_filter_is_planned_with_as_strong_as_it_is_at_low_frequency() -> None:
     rng = np.random.default_rng(5)
-    slow = [np.var(filtered(rng.standard_normal(8 * 40_000)).reshape(-1, 400).mean(axis=1)) for _ in range(8)]
+    slow = [
+        np.var(filtered(rng.standard_normal(8 * 40_000)).reshape(-1, 400).mean(axis=1))
+        for _ in range(8)
+    ]
     all_of_it = np.var(filtered(rng.standard_normal(8 * 40_000)))
     assert all_of_it / (400 * np.mean(slow)) == pytest.approx(passed_share(B, DT_S), rel=0.1)
 
 
 def band_limited(rng: np.random.Generator, n: int) -> Array:
     """A wind that blows between 4 and 6 Hz, 0.15 K of it upon white noise of 0.05 K (n,)."""
-    wind = sosfilt(butter(4, (4.0, 6.0), "bandpass", fs=75.0, output="sos"), rng.standard_normal(n + 500))[500:]
+    wind = sosfilt(
+        butter(4, (4.0, 6.0), "bandpass", fs=75.0, output="sos"), rng.standard_normal(n + 500)
+    )[500:]
     return 0.15 * wind / np.std(wind) + 0.05 * rng.standard_normal(n)
 
 
@@ -247,11 +278,15 @@ def test_a_weak_burst_is_found_where_the_other_channels_show_nothing(length_s: f
     found, alone = [], []
     for seed in range(4):
         rng = np.random.default_rng(seed)
-        y = clean[:, None] + np.stack([before_the_filter(rng, len(t), 0.12, 0.97) for _ in range(4)], axis=1)
+        y = clean[:, None] + np.stack(
+            [before_the_filter(rng, len(t), 0.12, 0.97) for _ in range(4)], axis=1
+        )
         y[:, 2] += filtered(pulse)
         for some, moved in ((y, found), (y[:, 2:3], alone)):
             white_K, chains = white_noise_sd(some), [CHAIN] * some.shape[1]
-            moved.append(noise_and_white([some], [DT_S], B, white_K, chains, SPIKES["compensator"])[1][0][1])
+            moved.append(
+                noise_and_white([some], [DT_S], B, white_K, chains, SPIKES["compensator"])[1][0][1]
+            )
     assert min(np.count_nonzero(m[within, 2]) for m in found) > 0.8 * length_s / DT_S
     assert max(np.mean(m[~within]) for m in found) < 2e-3
     assert not any(m[np.abs(t - EVENT_S) < 1].any() for m in found)
@@ -272,7 +307,9 @@ def test_what_one_junction_alone_does_is_not_cut_out_as_a_burst(others: str) -> 
         y[:, 0] += filtered(splash)
         if others == "missing":
             y[(t > 16) & (t < 24), 1:] = np.nan
-        _, [(_, moved)] = noise_and_white([y], [DT_S], B, np.full(4, 0.12), [CHAIN] * 4, SPIKES["compensator"])
+        _, [(_, moved)] = noise_and_white(
+            [y], [DT_S], B, np.full(4, 0.12), [CHAIN] * 4, SPIKES["compensator"]
+        )
         assert np.count_nonzero(moved[:, 0]) < 4
 
 
@@ -293,7 +330,9 @@ def test_a_channel_that_mostly_rests_or_is_missing_tells_nothing_of_the_noise() 
 
 def test_the_noise_of_six_channels_is_told_though_a_seventh_stands_still() -> None:
     rng = np.random.default_rng(3)
-    y = 60 + np.stack([before_the_filter(rng, 6000, 0.12, 0.97) for _ in range(6)] + [np.zeros(6000)], axis=1)
+    y = 60 + np.stack(
+        [before_the_filter(rng, 6000, 0.12, 0.97) for _ in range(6)] + [np.zeros(6000)], axis=1
+    )
     noise = noise_of([y], DT_S, B, np.maximum(white_noise_sd(y), 1e-6))
     assert noise.coloured
     assert noise.before_K[:6] == pytest.approx(0.97 * 0.12, rel=0.25)
@@ -315,10 +354,15 @@ def test_deconvolution_leaves_bursts_out_and_tells_of_the_noise() -> None:
 
 def test_plunges_sampled_at_two_rates_are_each_made_white_at_their_own() -> None:
     rng = np.random.default_rng(5)
-    quick, chains = 80 + np.stack([before_the_filter(rng, 6000, 0.12, 0.97) for _ in range(3)], axis=1), [CHAIN] * 3
+    quick, chains = (
+        80 + np.stack([before_the_filter(rng, 6000, 0.12, 0.97) for _ in range(3)], axis=1),
+        [CHAIN] * 3,
+    )
     step = np.where(np.arange(6000) < 3000, 0.0, -40.0)[:, None]
     traces, dts = [quick, (quick + step)[::2]], [DT_S, 2 * DT_S]
-    noise, (_, (slow, moved)) = noise_and_white(traces, dts, B, white_noise_sd(quick), chains, SPIKES["plunge"])
+    noise, (_, (slow, moved)) = noise_and_white(
+        traces, dts, B, white_noise_sd(quick), chains, SPIKES["plunge"]
+    )
     assert moved.mean() < 0.05
     own, other = (noise.whitened(traces[1], dt) for dt in reversed(dts))
     assert np.allclose(slow[~moved], own[~moved])
@@ -335,5 +379,9 @@ def test_a_temperature_that_swings_is_not_called_hum(rate_Hz: float) -> None:
         t = np.arange(int(rng.choice([300, 600, 1500]))) * dt
         x = 20 * np.sin(2 * np.pi * t / (tau * rng.uniform(10, 40)))
         keep = np.exp(-dt / tau)
-        y = lfilter([1 - keep], [1, -keep], x) + rng.uniform(0.05, 0.3) * rng.standard_normal(len(t))
-        assert not [f for f in stretch_of(y, dt, Chain([tau])).findings if f.code == "noise.hum"], seed
+        y = lfilter([1 - keep], [1, -keep], x) + rng.uniform(0.05, 0.3) * rng.standard_normal(
+            len(t)
+        )
+        assert not [f for f in stretch_of(y, dt, Chain([tau])).findings if f.code == "noise.hum"], (
+            seed
+        )

@@ -32,7 +32,9 @@ ONE, TWO = Conditioning(4.0, 1), Conditioning(4.0, 2)
 def test_a_filter_of_one_pole_passes_an_arctangent_of_white_noise() -> None:
     f = np.array([0.0, 4.0, 12.0])
     assert _passed(f, ONE) == pytest.approx([1.0, 0.5, 0.1])
-    assert passed_share(ONE, DT) == pytest.approx(4.0 / 37.5 * np.arctan(37.5 / 4.0), rel=2e-2)  # 400 points
+    assert passed_share(ONE, DT) == pytest.approx(
+        4.0 / 37.5 * np.arctan(37.5 / 4.0), rel=2e-2
+    )  # 400 points
 
 
 @pytest.mark.parametrize(("before", "after"), [(0.8, 0.2), (0.999, 0.001), (1.0, 0.0), (0.2, 0.8)])
@@ -47,7 +49,9 @@ def test_a_spectral_factor_has_the_spectrum_of_both_noises_as_far_as_samples_sho
     exact = before + after * np.abs(polyval(s, ladder)) ** 2
     assert len(product(sections)) == len(ladder)
     assert all(np.all(np.roots(c[::-1]).real < 0) for c in sections)
-    near = 1e-9 if after > 0.1 else 0.35 * after + 0.36  # a root put at five times the rate: (2 pi 20/375)^2 each
+    near = (
+        1e-9 if after > 0.1 else 0.35 * after + 0.36
+    )  # a root put at five times the rate: (2 pi 20/375)^2 each
     assert told == pytest.approx(exact, rel=near)
 
 
@@ -67,18 +71,26 @@ def test_mains_are_seen_where_the_sampling_folds_them() -> None:
     assert _mains(25.2, 75.0) == [50.0]
     assert _mains(14.8, 75.0) == [60.0]
     assert _mains(20.0, 75.0) == []
-    hum = LoggerNoise(np.zeros(1), np.ones(1), np.ones(1), ONE, lines=((25.0, np.array([0.4])),), rate_Hz=75.0)
+    hum = LoggerNoise(
+        np.zeros(1), np.ones(1), np.ones(1), ONE, lines=((25.0, np.array([0.4])),), rate_Hz=75.0
+    )
     assert hum.folded_u_K == pytest.approx([0.5 * 0.4 / np.sqrt(2)])  # 150 Hz comes to rest
-    assert replace(hum, rate_Hz=80.0, lines=((30.0, np.array([0.4])),)).folded_u_K == pytest.approx([0.0])  # 50: none
+    assert replace(hum, rate_Hz=80.0, lines=((30.0, np.array([0.4])),)).folded_u_K == pytest.approx(
+        [0.0]
+    )  # 50: none
 
 
 def test_a_wave_has_its_frequency_and_its_amplitude() -> None:
     rng, t = np.random.default_rng(0), np.arange(9000) * DT
-    y = 0.3 * np.sin(2 * np.pi * 11.0 * t)[:, None] * [1.0, 2.0] + 0.05 * rng.standard_normal((9000, 2))
+    y = 0.3 * np.sin(2 * np.pi * 11.0 * t)[:, None] * [1.0, 2.0] + 0.05 * rng.standard_normal(
+        (9000, 2)
+    )
     found = noise_of([y], DT, TWO, np.full(2, 0.05))
     ((f, amplitude),) = found.lines
     assert f == pytest.approx(11.0, abs=0.02)
-    assert amplitude == pytest.approx([0.3, 0.6], rel=0.06)  # from medians of spectra of 8 s, to a few per cent
+    assert amplitude == pytest.approx(
+        [0.3, 0.6], rel=0.06
+    )  # from medians of spectra of 8 s, to a few per cent
     assert not found.coloured
     assert found.after_K == pytest.approx([0.05, 0.05], rel=0.1)
     told = found.for_more(np.array([True, False, True]), np.array([9.0, 0.7, 9.0]))
@@ -94,9 +106,13 @@ def test_a_trace_made_white_is_filtered_by_what_the_chain_is_divided_by() -> Non
     f = np.array([0.5, 3.0])
     s = 2j * np.pi * f
     ratio = polyval(s, product(TWO.factors)) / polyval(s, product(sections))
-    assert noise.behind(chain).frequency_response(f) == pytest.approx(chain.frequency_response(f) * ratio)
+    assert noise.behind(chain).frequency_response(f) == pytest.approx(
+        chain.frequency_response(f) * ratio
+    )
     other = Chain((0.5,), conditioning=ONE)
-    assert noise.behind(other).frequency_response(f) == pytest.approx(other.frequency_response(f) * ratio)
+    assert noise.behind(other).frequency_response(f) == pytest.approx(
+        other.frequency_response(f) * ratio
+    )
     assert noise.behind(chain).conditioning.lag_s == TWO.lag_s
     t = np.arange(3000) * DT
     y = np.sin(2 * np.pi * 0.5 * t)[:, None].copy()
@@ -113,7 +129,9 @@ def test_two_parts_explain_what_a_regression_on_both_does() -> None:
     units = rng.normal(size=(40, 7))
     units /= np.linalg.norm(units, axis=0)
     alike = units.T @ units - np.eye(7)
-    parts = _Parts(units, units, np.clip(units.T @ units, -0.999, 0.999), np.ones(7), np.zeros((40, 0)), 4)
+    parts = _Parts(
+        units, units, np.clip(units.T @ units, -0.999, 0.999), np.ones(7), np.zeros((40, 0)), 4
+    )
     assert np.abs(alike).max() < 0.999
     window = rng.normal(size=40)
     told = units.T @ window

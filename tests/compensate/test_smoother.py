@@ -31,7 +31,9 @@ def dense_operators(n, dt, chain, noise_sd, q):
     """Truth and reading (n, n + 1) of slopes that may jump on every knot, and the posterior covariance of the jumps."""
     run_in = 400
     k = np.arange(1, n)
-    x_of = np.column_stack([np.ones(n), np.arange(n) * dt, np.maximum(np.arange(n)[:, None] - k, 0) * dt])
+    x_of = np.column_stack(
+        [np.ones(n), np.arange(n) * dt, np.maximum(np.arange(n)[:, None] - k, 0) * dt]
+    )
     t = np.arange(n + run_in) - run_in
     long = np.column_stack([np.ones(len(t)), t * dt, np.maximum(t[:, None] - k, 0) * dt])
     y_of = chain.response(long, dt)[run_in:]
@@ -78,7 +80,13 @@ def test_delay_shifts_the_record_exactly():
     _, y = exponential_rise()
     y = y + 0.2 * np.random.default_rng(0).standard_normal(len(y))
     plain = smooth(y, DT, Chain((1.0,), conditioning=NO_CONDITIONING), noise_sd=0.2, intensity=30.0)
-    late = smooth(y, DT, Chain((1.0,), delay_s=0.2, conditioning=NO_CONDITIONING), noise_sd=0.2, intensity=30.0)
+    late = smooth(
+        y,
+        DT,
+        Chain((1.0,), delay_s=0.2, conditioning=NO_CONDITIONING),
+        noise_sd=0.2,
+        intensity=30.0,
+    )
     assert np.allclose(late.temperature[200:-40], plain.temperature[204:-36], atol=1e-3)
     assert late.sd[-1, 0] > 1.5 * plain.sd[-1, 0]  # its last 0.2 s are extrapolated
 
@@ -89,7 +97,9 @@ def test_known_event_makes_the_transient_sharp():
     chain = Chain((1.0,), conditioning=NO_CONDITIONING)
     ours = smooth(y, DT, chain, events_s=(RISE_S,))
     error = ours.temperature - x[:, None]
-    assert np.sqrt(np.mean(error[60:740] ** 2)) < 0.15  # half of what is possible without the event, 0.25
+    assert (
+        np.sqrt(np.mean(error[60:740] ** 2)) < 0.15
+    )  # half of what is possible without the event, 0.25
     assert np.mean(np.abs(error) < 1.96 * ours.sd) > 0.93
 
 
@@ -129,17 +139,26 @@ def test_means_just_after_an_uncertain_event_err_together_and_their_difference_d
         y = clean[:, None] + 0.1 * rng.standard_normal((len(t), 2))
         drawn = at + u * rng.standard_normal()
         ours = smooth(y, dt, chain, noise_sd=0.1, intensity=0.01, events_s=(drawn,), event_u_s=u)
-        traces = SimpleNamespace(columns=["a_degC", "b_degC"], lines=[line] * 2, measured_degC=y, chains=[chain] * 2)
+        traces = SimpleNamespace(
+            columns=["a_degC", "b_degC"], lines=[line] * 2, measured_degC=y, chains=[chain] * 2
+        )
         found = over_window("log", t, (at,), {"fast": traces}, {"fast": ours}, 0.3)
-        c, first = np.array(found["mean_covariance_K2"]), int(np.searchsorted(t, found["time_s"][0]))
+        c, first = (
+            np.array(found["mean_covariance_K2"]),
+            int(np.searchsorted(t, found["time_s"][0])),
+        )
         off = np.array(found["mean_degC"]) - x[first : first + len(found["time_s"])].mean()
         z.append(off[0] / np.sqrt(c[0, 0]))
         apart.append((off[0] - off[1]) / found["difference_u_K"][0][1])
         instant = ours.by_event_K[0][first : first + len(found["time_s"]), 0].mean()
         untold.append(off[0] / np.sqrt(c[0, 0] - instant**2))
-    assert np.mean(np.abs(z) < 1.96) > 0.8  # between the true and the stated instant the truth is bent
+    assert (
+        np.mean(np.abs(z) < 1.96) > 0.8
+    )  # between the true and the stated instant the truth is bent
     assert np.mean(np.abs(apart) < 1.96) > 0.85
-    assert 0.6 < np.sqrt(np.mean(np.square(apart))) < 1.4  # of 40: three sigma of a standard deviation are a third
+    assert (
+        0.6 < np.sqrt(np.mean(np.square(apart))) < 1.4
+    )  # of 40: three sigma of a standard deviation are a third
     assert np.mean(np.abs(untold) < 1.96) < 0.6
 
 
@@ -149,7 +168,14 @@ def test_the_uncertainty_of_an_events_time_stays_with_its_event():
     _, y = exponential_rise()
     y = y + 0.2 * np.random.default_rng(0).standard_normal(len(y))
     times, u = (12.0, 5.0, 0.0, 99.0), (0.0, 0.3, 0.7, 0.9)
-    ours = smooth(y, DT, Chain((1.0,), conditioning=NO_CONDITIONING), intensity=5.0, events_s=times, event_u_s=u)
+    ours = smooth(
+        y,
+        DT,
+        Chain((1.0,), conditioning=NO_CONDITIONING),
+        intensity=5.0,
+        events_s=times,
+        event_u_s=u,
+    )
     assert ours.events_s == ((5.0, 0.3), (12.0, 0.0))
 
 
@@ -161,9 +187,18 @@ def test_the_split_of_a_lag_is_counted_and_the_band_holds():
     held, held_without = [], []
     for _ in range(24):
         tau2 = np.clip(0.15 + 0.08 * rng.standard_normal(), 0.002, 0.335)
-        y = Chain((0.67 - tau2, tau2), conditioning=B).response(x, dt) + 0.05 * rng.standard_normal(len(t))
+        y = Chain((0.67 - tau2, tau2), conditioning=B).response(x, dt) + 0.05 * rng.standard_normal(
+            len(t)
+        )
         for u, share in ((0.08, held), (0.0, held_without)):
-            ours = smooth(y, dt, Chain((0.52, 0.15), conditioning=B), noise_sd=0.05, find_events=False, split_u_s=u)
+            ours = smooth(
+                y,
+                dt,
+                Chain((0.52, 0.15), conditioning=B),
+                noise_sd=0.05,
+                find_events=False,
+                split_u_s=u,
+            )
             share.append(np.mean(np.abs(ours.temperature[:, 0] - x) < 1.96 * ours.sd[:, 0]))
     assert np.mean(held) > 0.88 > np.mean(held_without) + 0.1
     c = window_covariance(
@@ -184,7 +219,9 @@ def test_what_a_split_moves_is_the_difference_of_two_answers(taus: tuple[float, 
     chain, u, t = Chain(taus, conditioning=B), 0.04, np.arange(0, 30, DT)
     y = chain.response(100 + 12 * np.sin(2 * np.pi * t / 7), DT)
     known = {"noise_sd": 0.01, "intensity": 50.0, "find_events": False}
-    one, other = (smooth(y, DT, c, split_u_s=u, **known) for c in (chain, chain.with_split_shift(u)))
+    one, other = (
+        smooth(y, DT, c, split_u_s=u, **known) for c in (chain, chain.with_split_shift(u))
+    )
     inside = slice(int(5 / DT), int(25 / DT))
     moved, said = (other.temperature - one.temperature)[inside], one.split_K[inside]
     assert np.abs(moved - said).max() < 0.1 * np.abs(moved).max()
@@ -199,7 +236,9 @@ def test_missing_samples_stay_local_and_widen_the_band():
     gap[400:440] = np.nan
     holed = smooth(gap, DT, chain, noise_sd=0.2, intensity=Intensity.constant(5.0))
     far = np.r_[0:300, 540:800]
-    assert np.allclose(holed.temperature[far], whole.temperature[far], atol=0.01)  # 1/10 of the standard deviation
+    assert np.allclose(
+        holed.temperature[far], whole.temperature[far], atol=0.01
+    )  # 1/10 of the standard deviation
     assert holed.sd[420, 0] > 2 * whole.sd[420, 0]
     assert np.all(np.isfinite(holed.temperature))
 
@@ -215,7 +254,11 @@ def test_window_covariance_agrees_with_the_band_and_with_dense_algebra():
     chain = Chain((1.0,), conditioning=NO_CONDITIONING)
     ours = smooth(y, DT, chain, events_s=(RISE_S,), lag_covariance=[[0.0025]])
     c = window_covariance(y, DT, chain, ours, 0, 110, 160)
-    assert np.allclose(np.sqrt(np.diag(c)), np.hypot(ours.sd_noise, 0.05 * ours.lag_sensitivity)[110:160, 0], rtol=0.02)
+    assert np.allclose(
+        np.sqrt(np.diag(c)),
+        np.hypot(ours.sd_noise, 0.05 * ours.lag_sensitivity)[110:160, 0],
+        rtol=0.02,
+    )
     assert np.min(np.linalg.eigvalsh(c)) > -1e-9 * np.max(c)
     rng = np.random.default_rng(1)
     short = np.cumsum(rng.standard_normal(160)) * 0.3 + 0.1 * rng.standard_normal(160)
@@ -260,7 +303,9 @@ def test_spikes_and_stuck_samples_are_flagged_and_not_smeared():
     assert np.all(ours.flags[601:649, 0] & (STUCK | SATURATED))
     assert np.count_nonzero(ours.flags) < 56
     assert any("stuck" in w for w in ours.warnings)
-    assert np.max(np.abs(ours.temperature - clean.temperature)) < 0.5  # a smeared 30 degC spike leaves several degC
+    assert (
+        np.max(np.abs(ours.temperature - clean.temperature)) < 0.5
+    )  # a smeared 30 degC spike leaves several degC
     assert np.mean(np.abs(ours.temperature[:, 0] - x) < 3 * ours.sd[:, 0]) > 0.97
 
 
@@ -281,13 +326,17 @@ def test_samples_missing_about_a_known_event_widen_the_band_and_the_band_holds()
         ours = smooth(y, dt, chain, noise_sd=0.15, events_s=(event,), intensity=whole.intensities)
         assert ours.sd[lost].max() > whole.sd[lost].max()
         held.append(np.abs(ours.temperature - x[:, None])[lost] < 1.96 * ours.sd[lost])
-    assert np.mean(held) > 0.85  # samples of a gap move together: ten records of about three each, 95 +- 4 %
+    assert (
+        np.mean(held) > 0.85
+    )  # samples of a gap move together: ten records of about three each, 95 +- 4 %
 
 
 def test_dead_channel_is_refused():
     with pytest.raises(InputError, match="repeat one value"):
         smooth(
-            np.column_stack([np.full(500, 80.0), 80 + np.random.default_rng(0).standard_normal(500)]),
+            np.column_stack(
+                [np.full(500, 80.0), 80 + np.random.default_rng(0).standard_normal(500)]
+            ),
             DT,
             Chain((1.0,), conditioning=B),
         )
@@ -318,7 +367,9 @@ def test_a_trace_that_rests_on_the_steps_of_its_logger_is_not_stuck():
     assert not np.any(ours.flags & (STUCK | SATURATED))
     off = np.abs(ours.temperature[:, 0] - x)
     assert np.sqrt(np.mean(off**2)) < 0.5 * step  # the rounding itself is 0.29 of a step
-    assert np.mean(off < 1.96 * ours.sd[:, 0]) > 0.9  # no noise shakes it loose: it stays for seconds
+    assert (
+        np.mean(off < 1.96 * ours.sd[:, 0]) > 0.9
+    )  # no noise shakes it loose: it stays for seconds
 
 
 def test_lag_uncertainty_moves_the_answer_as_the_sensitivity_says():
@@ -327,9 +378,13 @@ def test_lag_uncertainty_moves_the_answer_as_the_sensitivity_says():
     chain = Chain((1.0,), conditioning=NO_CONDITIONING)
     y = y + 0.05 * np.random.default_rng(0).standard_normal(len(y))
     a = smooth(y, DT, chain, noise_sd=0.05, intensity=100.0, events_s=(RISE_S,))
-    b = smooth(y, DT, chain.with_lag_shift(0.01), noise_sd=0.05, intensity=100.0, events_s=(RISE_S,))
+    b = smooth(
+        y, DT, chain.with_lag_shift(0.01), noise_sd=0.05, intensity=100.0, events_s=(RISE_S,)
+    )
     moved = (b.temperature - a.temperature)[:, 0]
-    assert np.allclose(moved[110:300], 0.01 * a.lag_sensitivity[110:300, 0], atol=0.02 * np.max(np.abs(moved)))
+    assert np.allclose(
+        moved[110:300], 0.01 * a.lag_sensitivity[110:300, 0], atol=0.02 * np.max(np.abs(moved))
+    )
 
 
 def test_heavy_tailed_noise_costs_less_when_it_is_told():
@@ -337,7 +392,9 @@ def test_heavy_tailed_noise_costs_less_when_it_is_told():
     x, y = exponential_rise()
     noisy = y[:, None] + 0.2 * np.random.default_rng(5).standard_t(2.0, (len(y), 8))
     chain = Chain((1.0,), conditioning=NO_CONDITIONING)
-    answers = [smooth(noisy, DT, chain, events_s=(RISE_S,), heavy_tails=flag) for flag in (False, True)]
+    answers = [
+        smooth(noisy, DT, chain, events_s=(RISE_S,), heavy_tails=flag) for flag in (False, True)
+    ]
     plain, told = (answer.temperature - x[:, None] for answer in answers)
     assert np.sqrt(np.mean(told**2)) < np.sqrt(np.mean(plain**2))
 
@@ -364,7 +421,9 @@ def test_case_b_coverage_over_draws_of_noise_and_lag(draws):
         exact = smooth(record, DT, Chain((1.0,), conditioning=NO_CONDITIONING))
         errors.append(exact.temperature[60:740, 0] - x[60:740])
         lag = 1.0 + 0.05 * rng.standard_normal()
-        ours = smooth(record, DT, Chain((lag,), conditioning=NO_CONDITIONING), lag_covariance=[[0.05**2]])
+        ours = smooth(
+            record, DT, Chain((lag,), conditioning=NO_CONDITIONING), lag_covariance=[[0.05**2]]
+        )
         inside.append(np.abs(ours.temperature[:, 0] - x) < 1.96 * ours.sd[:, 0])
     covered = np.array(inside)
     assert np.sqrt(np.mean(np.array(errors) ** 2)) < 0.25
@@ -380,11 +439,16 @@ def test_constant_gain_between_events_is_the_exact_sweep(monkeypatch: pytest.Mon
     t = np.arange(6000) * dt
     x = 50 + 3 * np.sin(t / 5) - 20 * np.clip(t - 70.003, 0, 4) / 4
     chains = [Chain([0.5, 0.1]), Chain([0.9])]
-    y = np.stack([c.response(x, dt) for c in chains], axis=1) + 0.1 * rng.standard_normal((len(t), 2))
+    y = np.stack([c.response(x, dt) for c in chains], axis=1) + 0.1 * rng.standard_normal(
+        (len(t), 2)
+    )
     y[2000:2040, 0] = np.nan
     y[4000, 1] += 5
     stretch = stretch_of(y, dt, chains, (70.003,))
-    chosen = [Intensity((0.0, 70.003), (0.01, 0.02), (Burst(70.003, 50.0, 0.5),)), Intensity.constant(0.5)]
+    chosen = [
+        Intensity((0.0, 70.003), (0.01, 0.02), (Burst(70.003, 50.0, 0.5),)),
+        Intensity.constant(0.5),
+    ]
     quick = smoothed(stretch, stretch.noise_sd**2, chosen)
     steps, real = [], sweep.recursion
     monkeypatch.setattr(sweep, "recursion", lambda phi, u: steps.append(len(u)) or real(phi, u))
@@ -397,16 +461,23 @@ def test_constant_gain_between_events_is_the_exact_sweep(monkeypatch: pytest.Mon
     assert np.allclose(quick.jump_chi2, exact.jump_chi2, rtol=1e-3, atol=1e-3)
 
 
-def test_a_stretch_in_pieces_is_the_whole_within_a_millionth_of_a_kelvin(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stretch_in_pieces_is_the_whole_within_a_millionth_of_a_kelvin(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Two channels, one with a dead time, an event, a gap, and an intensity that falls to a thousandth."""
     rng, dt = np.random.default_rng(6), 0.02
     t = np.arange(12_000) * dt
     x = 50 + 3 * np.sin(t / 5) - 20 * np.clip(t - 70.003, 0, 4) / 4
     chains = [Chain([0.5, 0.1], delay_s=0.13), Chain([0.9])]
-    y = np.stack([c.response(x, dt) for c in chains], axis=1) + 0.1 * rng.standard_normal((len(t), 2))
+    y = np.stack([c.response(x, dt) for c in chains], axis=1) + 0.1 * rng.standard_normal(
+        (len(t), 2)
+    )
     y[5000:5040, 0] = np.nan
     stretch = stretch_of(y, dt, chains, (70.003,))
-    chosen = [Intensity((0.0, 70.003), (5.0, 0.005), (Burst(70.003, 50.0, 0.5),)), Intensity.constant(0.5)]
+    chosen = [
+        Intensity((0.0, 70.003), (5.0, 0.005), (Burst(70.003, 50.0, 0.5),)),
+        Intensity.constant(0.5),
+    ]
     whole = smoothed(stretch, stretch.noise_sd**2, chosen)
     count = len(whole.knots_s)
     monkeypatch.setattr(pieces, "PIECE", 250)

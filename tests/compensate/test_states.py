@@ -33,7 +33,9 @@ def dense(of: Stretch, noise_var: float, q: float) -> tuple[float, float]:
     The state at the first knot as wide as the prior; the slope's jump at every sample is q dt, half of it at the first.
     """
     (s,) = of.sensors
-    mean, cov, slope_var = prior(s, float(of.y[of.weight[:, 0] > 0, 0][0]), float(ranges(of)[0]), DT, np.array([q]))
+    mean, cov, slope_var = prior(
+        s, float(of.y[of.weight[:, 0] > 0, 0][0]), float(ranges(of)[0]), DT, np.array([q])
+    )
     a = expm(s.drift * DT)
     rows, centre = [], []
     sources = [np.linalg.cholesky(cov[0])]
@@ -42,7 +44,9 @@ def dense(of: Stretch, noise_var: float, q: float) -> tuple[float, float]:
         if k:
             state, blocks = a @ state, [a @ b for b in blocks]
         jump = np.zeros((len(mean), 1))
-        jump[1] = np.sqrt(q * DT * (0.5 if k == 0 else 1.0) + slope_var * (round(k * DT, 9) in of.events_s))
+        jump[1] = np.sqrt(
+            q * DT * (0.5 if k == 0 else 1.0) + slope_var * (round(k * DT, 9) in of.events_s)
+        )
         blocks.append(jump)
         centre.append(float(s.output @ state))
         rows.append(np.concatenate([s.output @ b for b in blocks]))
@@ -57,7 +61,9 @@ def dense(of: Stretch, noise_var: float, q: float) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize(("lost", "events"), [((), ()), ((10, 11, 30), ()), ((), (2.5,))])
-def test_the_likelihood_is_that_of_all_samples_together(lost: tuple[int, ...], events: tuple[float, ...]) -> None:
+def test_the_likelihood_is_that_of_all_samples_together(
+    lost: tuple[int, ...], events: tuple[float, ...]
+) -> None:
     """Up to what does not hang on noise and intensity: the quadratic form leaves the prior's mean out."""
     of, found, exact, ratios = replace(stretch(0, lost), events_s=events), [], [], []
     for noise_var, q in ((0.01, 1.0), (0.01, 30.0), (0.04, 1.0), (0.0025, 0.1)):
@@ -66,7 +72,9 @@ def test_the_likelihood_is_that_of_all_samples_together(lost: tuple[int, ...], e
         found.append(float(value[0, 0]))
         exact.append(ln)
         ratios.append((float(ratio[0, 0]), expected))
-    assert np.diff(found) == pytest.approx(np.diff(exact), abs=1e-5)  # rounding: the prior is ten times the range wide
+    assert np.diff(found) == pytest.approx(
+        np.diff(exact), abs=1e-5
+    )  # rounding: the prior is ten times the range wide
     for got, expected in ratios:
         assert got == pytest.approx(expected, rel=1e-6)
 
@@ -74,8 +82,12 @@ def test_the_likelihood_is_that_of_all_samples_together(lost: tuple[int, ...], e
 def test_the_corner_is_where_the_signal_sinks_into_the_noise() -> None:
     """Without a lag w^4 = q/R; behind a long one w^6 = q/(R tau^2)."""
     ratio = np.array([1e-2, 1.0, 1e4])
-    none, long = (corner_rad_s(Chain(taus, conditioning=NO_CONDITIONING), ratio) for taus in ((), (1e3,)))
-    assert none == pytest.approx(ratio**0.25, rel=2e-3)  # straight lines between 400 points of eight decades
+    none, long = (
+        corner_rad_s(Chain(taus, conditioning=NO_CONDITIONING), ratio) for taus in ((), (1e3,))
+    )
+    assert none == pytest.approx(
+        ratio**0.25, rel=2e-3
+    )  # straight lines between 400 points of eight decades
     assert long == pytest.approx((ratio / 1e6) ** (1 / 6), rel=2e-3)
 
 
@@ -99,7 +111,9 @@ def test_cells_begin_before_the_dead_time_end_on_samples_and_are_as_short_as_the
     assert cells.max() > 0.6 * min(long, 0.4)  # the next step of STEPS is at most twice the last
     usual = DT * max(n for n in STEPS if n * DT <= long * (1 + 1e-9))
     away = knots[:-1][cells < 0.99 * usual]
-    assert all(min(abs(k - e) for e in (knots[0], event)) < 3 * long for k in away[away < knots[-3]])
+    assert all(
+        min(abs(k - e) for e in (knots[0], event)) < 3 * long for k in away[away < knots[-3]]
+    )
 
 
 def test_before_a_record_level_and_slope_are_as_unknown_as_ten_of_its_ranges() -> None:
@@ -112,10 +126,14 @@ def test_before_a_record_level_and_slope_are_as_unknown_as_ten_of_its_ranges() -
     assert float(mean[0]) == pytest.approx(20.0)
     assert cov[0][0, 0] == pytest.approx(30.0**2)
     assert cov[0][1, 1] == pytest.approx(slope_var)
-    assert float(s.output @ cov[0] @ s.output) == pytest.approx(30.0**2 + 0.3**2 * slope_var)  # a ramp comes 0.3 s late
+    assert float(s.output @ cov[0] @ s.output) == pytest.approx(
+        30.0**2 + 0.3**2 * slope_var
+    )  # a ramp comes 0.3 s late
 
 
-def test_a_piece_has_so_many_samples_beside_it_and_no_cell_more(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_piece_has_so_many_samples_beside_it_and_no_cell_more(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Those that carry weight; a gap of 40 samples puts the end of what is swept further off."""
     rng, dt, n, gap = np.random.default_rng(6), 0.02, 6000, range(2500, 2540)
     y = 50 + 3 * np.sin(np.arange(n) * dt / 5) + 0.1 * rng.standard_normal(n)
@@ -126,10 +144,14 @@ def test_a_piece_has_so_many_samples_beside_it_and_no_cell_more(monkeypatch: pyt
     count = len(knots) - 1
     rows = pieces.settled_s(of.sensors, of.noise_sd, dt, chosen) / dt
     monkeypatch.setattr(pieces, "PIECE", count // 2 + 1)
-    assert list(pieces.pieces(of, of.noise_sd**2, chosen, knots)) == [(0, 0, count, count)]  # not worth a cut
+    assert list(pieces.pieces(of, of.noise_sd**2, chosen, knots)) == [
+        (0, 0, count, count)
+    ]  # not worth a cut
     monkeypatch.setattr(pieces, "PIECE", count // 6)
     at = np.clip(np.ceil(knots / dt - 1e-9).astype(int), 0, n)
-    seen = np.concatenate([[0], np.cumsum(of.weight[:, 0] > 0)])[at]  # samples with weight before each knot
+    seen = np.concatenate([[0], np.cumsum(of.weight[:, 0] > 0)])[
+        at
+    ]  # samples with weight before each knot
     cuts = list(pieces.pieces(of, of.noise_sd**2, chosen, knots))
     assert len(cuts) > 3
     assert (cuts[0][0], cuts[-1][-1]) == (0, count)
@@ -151,4 +173,6 @@ def test_the_smoother_forgets_within_its_own_corner(taus: tuple[float, ...]) -> 
     assert found == pytest.approx(np.sqrt(2) / 2, rel=1e-6) or (taus and found > np.sqrt(2) / 2)
     later = sensors([Chain(taus, delay_s=0.7, conditioning=NO_CONDITIONING)])
     took = pieces.settled_s(later, np.array([0.5]), 0.25, [Intensity((0.0, 1.0), (99.0, 1.0))])
-    assert took == pytest.approx(0.7 + pieces.SETTLING * found)  # 1/(0.25 0.25) = 16, the least intensity
+    assert took == pytest.approx(
+        0.7 + pieces.SETTLING * found
+    )  # 1/(0.25 0.25) = 16, the least intensity

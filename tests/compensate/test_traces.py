@@ -27,8 +27,12 @@ def record() -> DiskRecord:
 
 def test_chains_of_a_record_have_the_lags_that_it_states(record: DiskRecord) -> None:
     assert record.chain is not None
-    for chain, channel in zip(record_chains(record, load_rig().disk_setup("fast")), "abcdef", strict=True):
-        assert chain.lag_s == pytest.approx(record.chain.channels[channel].lag_s.value, abs=1e-9)  # rounding
+    for chain, channel in zip(
+        record_chains(record, load_rig().disk_setup("fast")), "abcdef", strict=True
+    ):
+        assert chain.lag_s == pytest.approx(
+            record.chain.channels[channel].lag_s.value, abs=1e-9
+        )  # rounding
 
 
 def test_a_rig_file_with_another_filter_is_refused(record: DiskRecord) -> None:
@@ -49,11 +53,17 @@ def test_a_logger_whose_steps_hide_the_noise_is_named(record: DiskRecord) -> Non
         traces = disk_traces(frame, "fast", load_rig(), record, rows=t > 30)
         said[name] = traces.findings
         assert (traces.noise_K > 0.05).all()  # rounding of 0.21 K steps is 0.06 K
-        if name == "coarse":  # a rounding that stands still does not average out: it adds to the line's uncertainty
+        if (
+            name == "coarse"
+        ):  # a rounding that stands still does not average out: it adds to the line's uncertainty
             assert traces.static_u_K[4] > 0.06 > 0.05 > traces.static_u_K[0]
     assert said["fine"] == ()
     (found,) = said["coarse"]
-    assert (found.code, found.subject, found.numbers["channels"]) == ("traces.coarse", "fast", ("e",))
+    assert (found.code, found.subject, found.numbers["channels"]) == (
+        "traces.coarse",
+        "fast",
+        ("e",),
+    )
     assert found.numbers["step_K"] == pytest.approx(0.21, rel=1e-3)
 
 

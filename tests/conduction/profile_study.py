@@ -82,7 +82,9 @@ def bias(case: Case, profile: Profile, mesh: Mesh) -> ProfileBias:
     rim, points = Rim.from_setup(case.disk.setup), points_of(case.disk.setup, "ace")
 
     def misfit(p: np.ndarray) -> np.ndarray:
-        gains = rim_gains(rim, p[1] * case.h, points, case.half_width_m, rates, profile=profile, mesh=mesh)
+        gains = rim_gains(
+            rim, p[1] * case.h, points, case.half_width_m, rates, profile=profile, mesh=mesh
+        )
         scaled = replace(gains, gains=gains.gains * np.array([p[0], 1, 1, 1, 1])[:, None, None])
         return (respond(scaled, banks, inputs) - seen).ravel()
 

@@ -18,17 +18,25 @@ def hertz_cells(rim: Rim, half_width_m: float, nz: int) -> np.ndarray:
     x = (fine - rim.width_m / 2) / half_width_m
     density = np.where(np.abs(x) < 1, 0.75 / half_width_m * (1 - x**2), 0.0)
     node = np.rint(fine / dz).astype(int)
-    return np.bincount(node, density, nz) / np.bincount(node, minlength=nz) / (2 * np.pi * rim.outer_radius_m)
+    return (
+        np.bincount(node, density, nz)
+        / np.bincount(node, minlength=nz)
+        / (2 * np.pi * rim.outer_radius_m)
+    )
 
 
-def simulate_rim(rim: Rim, drive: Drive, h: float, points: list[Point], half_width_m: float, share=1.0, **options):
+def simulate_rim(
+    rim: Rim, drive: Drive, h: float, points: list[Point], half_width_m: float, share=1.0, **options
+):
     """Temperatures (N, P) of one pair of the map."""
     return map_beta_h(rim, drive, share, h, points, half_width_m, **options)[0, 0].T
 
 
 def respond(gains: RimGains, banks: list[np.ndarray], inputs: np.ndarray) -> np.ndarray:
     """Temperatures (N, P) from the banks (N, K) of all inputs and the inputs themselves (N, I)."""
-    return inputs @ gains.direct + sum(bank @ gain.T for bank, gain in zip(banks, gains.gains, strict=True))
+    return inputs @ gains.direct + sum(
+        bank @ gain.T for bank, gain in zip(banks, gains.gains, strict=True)
+    )
 
 
 def run_reference(
@@ -48,16 +56,22 @@ def run_reference(
     m, n = s.mesh.nr, s.mesh.nz
     u = drive.inputs
     air = s.film + s.face_d + s.face_f
-    columns = np.column_stack([s.outer @ flux, *(s.inner @ shape for shape in shapes[:3]), s.inner @ shapes[3] + air])
+    columns = np.column_stack(
+        [s.outer @ flux, *(s.inner @ shape for shape in shapes[:3]), s.inner @ shapes[3] + air]
+    )
     r, z = np.linspace(rim.inner_radius_m, rim.outer_radius_m, m), np.linspace(0, rim.width_m, n)
-    in_r = make_interp_spline(r, np.eye(m), k=5)(rim.outer_radius_m - np.array([d for d, _ in points]))
+    in_r = make_interp_spline(r, np.eye(m), k=5)(
+        rim.outer_radius_m - np.array([d for d, _ in points])
+    )
     in_z = make_interp_spline(z, np.eye(n), k=5)(np.array([at for _, at in points]))
 
     def read(field: np.ndarray, now: np.ndarray) -> np.ndarray:
         whole = np.vstack([now[1:] @ shapes, field.reshape(m - 1, n)])
         return np.einsum("pr,rz,pz->p", in_r, whole, in_z)
 
-    steppers = {k: CrankNicolson.prepare(s, drive.dt_s / k) for k in {substeps, substeps * extra_at_jumps}}
+    steppers = {
+        k: CrankNicolson.prepare(s, drive.dt_s / k) for k in {substeps, substeps * extra_at_jumps}
+    }
     field = steady_field(s, columns @ u[0])
     out = [read(field, u[0])]
     since = 10**9
@@ -85,7 +99,9 @@ def heating_and_cooling(
         off = np.clip(t - off_s, 0, None)
         return rise * ((1 - np.exp(-on / tau)) - (1 - np.exp(-off / tau)))
 
-    return Drive(dt, heat, 60 + follow(31, 9), 60 + follow(34, 8), 60 + follow(30, 10), 55 + follow(5, 60))
+    return Drive(
+        dt, heat, 60 + follow(31, 9), 60 + follow(34, 8), 60 + follow(30, 10), 55 + follow(5, 60)
+    )
 
 
 def boundary_shapes(rim: Rim, mesh: Mesh) -> np.ndarray:

@@ -27,7 +27,9 @@ def test_half_space_starts_at_its_start_and_ends_at_its_surface():
 
 
 def test_slab_root_is_the_tabulated_one():
-    assert slab_root(1.0) == pytest.approx(0.8603, abs=5e-5)  # Carslaw and Jaeger, table I of appendix IV
+    assert slab_root(1.0) == pytest.approx(
+        0.8603, abs=5e-5
+    )  # Carslaw and Jaeger, table I of appendix IV
     assert slab_root(0.01) == pytest.approx(0.0998, abs=5e-5)
     with pytest.raises(InputError):
         slab_root(0.0)
@@ -36,7 +38,9 @@ def test_slab_root_is_the_tabulated_one():
 def test_roots_of_a_thin_ring_are_those_of_a_slab():
     """With R >> thickness the curvature drops out: mu L cot(mu L) = -Bi, first root for Bi = 1: 2.0288."""
     thin = ring_roots(1.0, 1.006, 1.0 / 0.006, 3) * 0.006
-    np.testing.assert_allclose(thin, [2.0288, 4.9132, 7.9787], rtol=2e-3)  # curvature leaves 0.006/1
+    np.testing.assert_allclose(
+        thin, [2.0288, 4.9132, 7.9787], rtol=2e-3
+    )  # curvature leaves 0.006/1
 
 
 def test_series_starts_at_the_start_and_settles_on_the_logarithm(ring):

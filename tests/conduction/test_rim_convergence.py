@@ -27,7 +27,14 @@ def test_second_order_against_the_hollow_cylinder_series(rim):
     for n in (9, 17, 33, 65):
         r = np.linspace(ri, ro, n)
         field = step_fields(
-            rim, H, w / 2, [0, 20, 20, 20, 20], [power, 20, 20, 20, 10], [0.3, 2.0], flux="uniform", mesh=Mesh(n, 9)
+            rim,
+            H,
+            w / 2,
+            [0, 20, 20, 20, 20],
+            [power, 20, 20, 20, 10],
+            [0.3, 2.0],
+            flux="uniform",
+            mesh=Mesh(n, 9),
         )
         exact = ring_transient_degC(rim, r, [0.3, 2.0], H, flux, 20, 10, 20)
         errors.append(np.abs(field[:, :, 4] - exact).max())
@@ -54,7 +61,9 @@ def test_steady_ring_is_the_logarithm(rim):
     ri, ro, w = rim.inner_radius_m, rim.outer_radius_m, rim.width_m
     inputs = [300.0, 20, 20, 20, 15]
     field = step_fields(rim, H, w / 2, inputs, inputs, [0.0], flux="uniform", mesh=Mesh(65, 9))[0]
-    exact = ring_steady_degC(rim, np.linspace(ri, ro, 65), H, 300.0 / (2 * np.pi * ro * w), 20.0, 15.0)
+    exact = ring_steady_degC(
+        rim, np.linspace(ri, ro, 65), H, 300.0 / (2 * np.pi * ro * w), 20.0, 15.0
+    )
     assert np.abs(field[:, 4] - exact).max() < 1e-3
 
 
@@ -63,7 +72,8 @@ def test_second_order_at_the_junctions_under_a_hertz_track(rim, points):
     inputs = np.array([230.0, 121.0, 124.0, 122.0, 70.0])
     meshes = [Mesh(17, 27), Mesh(33, 53), Mesh(65, 105), Mesh(257, 417)]
     *ours, finest = (
-        rim_gains(rim, H, points, 1.63e-3, node_rates(1 / 75), mesh=mesh).static.T @ inputs for mesh in meshes
+        rim_gains(rim, H, points, 1.63e-3, node_rates(1 / 75), mesh=mesh).static.T @ inputs
+        for mesh in meshes
     )
     errors = [np.abs(x - finest).max() for x in ours]
     assert order(errors) > 1.9

@@ -19,7 +19,9 @@ def test_no_heat_is_lost_to_the_mesh_whatever_the_track(rim, flux, half_width):
     for nz in (13, 27, 53, 105):
         cells = np.full(nz, rim.width_m / (nz - 1))
         cells[[0, -1]] /= 2
-        assert flux_density(flux, half_width, rim.width_m, nz) @ cells == pytest.approx(1.0, abs=1e-12)
+        assert flux_density(flux, half_width, rim.width_m, nz) @ cells == pytest.approx(
+            1.0, abs=1e-12
+        )
 
 
 def test_heat_flows_through_the_boundary_at_the_rate_it_enters_when_nothing_else_cools(rim):

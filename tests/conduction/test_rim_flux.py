@@ -22,7 +22,13 @@ TABLE = FluxProfile("table", at_m=(-2e-3, -0.5e-3, 0.0, 1e-3), weight=(0.0, 2.0,
 
 @pytest.mark.parametrize(
     "flux",
-    [FluxProfile("hertz", 0.7e-3), FluxProfile("flat", -0.3e-3), BARUS, TABLE, FluxProfile("barus", 1e-3, 0.0)],
+    [
+        FluxProfile("hertz", 0.7e-3),
+        FluxProfile("flat", -0.3e-3),
+        BARUS,
+        TABLE,
+        FluxProfile("barus", 1e-3, 0.0),
+    ],
     ids=["hertz beside", "flat beside", "barus", "table", "no viscosity"],
 )
 def test_shares_are_those_of_a_sum_over_small_cells(flux: FluxProfile) -> None:

@@ -16,7 +16,9 @@ DT, B, MESH = 1 / 75, 1.62e-3, Mesh(33, 53)
 def test_equal_steps_are_the_uniform_film(rim, points):
     rates = node_rates(DT)
     flat = rim_gains_nonuniform(rim, np.full(53, 500.0), points, B, rates, mesh=MESH)
-    np.testing.assert_allclose(flat.static, rim_gains(rim, 500.0, points, B, rates, mesh=MESH).static, atol=1e-12)
+    np.testing.assert_allclose(
+        flat.static, rim_gains(rim, 500.0, points, B, rates, mesh=MESH).static, atol=1e-12
+    )
 
 
 def test_a_film_in_steps_follows_the_reference(rim, points):
@@ -26,7 +28,14 @@ def test_a_film_in_steps_follows_the_reference(rim, points):
     gains = rim_gains_nonuniform(rim, film, points, B, rates, mesh=MESH)
     ours = respond(gains, [drive.bank(k, rates) for k in range(5)], drive.inputs)
     theirs = run_reference(
-        rim, scheme(rim, film, MESH), drive, boundary_shapes(rim, MESH), hertz_cells(rim, B, 53), points, 2, 16
+        rim,
+        scheme(rim, film, MESH),
+        drive,
+        boundary_shapes(rim, MESH),
+        hertz_cells(rim, B, 53),
+        points,
+        2,
+        16,
     )
     assert np.abs(ours - theirs).max() < 2e-3  # as for the uniform film
 
@@ -40,7 +49,8 @@ def test_the_poorly_cooled_side_is_warmer_as_in_figure_6_26(rim, setup):
 
 
 @pytest.mark.parametrize(
-    ("edges", "values"), [([0.005, 0.002], [1.0, 2.0, 3.0]), ([0.02], [1.0, 2.0]), ([], [-1.0]), ([0.002], [1.0])]
+    ("edges", "values"),
+    [([0.005, 0.002], [1.0, 2.0, 3.0]), ([0.02], [1.0, 2.0]), ([], [-1.0]), ([0.002], [1.0])],
 )
 def test_steps_that_make_no_sense_are_refused(edges, values):
     with pytest.raises(InputError):
@@ -61,10 +71,14 @@ def test_what_a_film_of_smooth_shape_changes_needs_few_modes(rim, points, along)
     def changed(basis):
         films = [film_along(300.0, (s * along[0], s * along[1]), MESH.nz) for s in (1, -1)]
         assert np.trapezoid(films[0], np.linspace(0, 1, MESH.nz)) == pytest.approx(300.0, rel=1e-3)
-        gains = (rim_gains_nonuniform(rim, f, points, B, rates, mesh=MESH, basis=basis) for f in films)
+        gains = (
+            rim_gains_nonuniform(rim, f, points, B, rates, mesh=MESH, basis=basis) for f in films
+        )
         one, other = (respond(g, banks, drive.inputs) for g in gains)
         return one - other
 
     few, many = changed(FILM_BASIS), changed(600)
     assert np.abs(many).max() > 0.01
-    assert np.abs(few - many).max() < 0.05 * np.abs(many).max()  # a share of an uncertainty that is a guess itself
+    assert (
+        np.abs(few - many).max() < 0.05 * np.abs(many).max()
+    )  # a share of an uncertainty that is a guess itself

@@ -31,9 +31,16 @@ def test_every_picture_returns_the_axes_it_was_given(rim, points):
 
 def test_isotherms_name_the_junctions_and_put_the_running_surface_on_top(rim, points):
     ax = axes()
-    plots.draw_field(np.add.outer(np.arange(9.0), np.zeros(14)), rim, ax, points=dict(zip("ace", points, strict=True)))
+    plots.draw_field(
+        np.add.outer(np.arange(9.0), np.zeros(14)),
+        rim,
+        ax,
+        points=dict(zip("ace", points, strict=True)),
+    )
     assert [t.get_text() for t in ax.texts] == ["a", "c", "e"]
-    np.testing.assert_allclose([t.xy for t in ax.texts], [(1e3 * z, 1e3 * depth) for depth, z in points])
+    np.testing.assert_allclose(
+        [t.xy for t in ax.texts], [(1e3 * z, 1e3 * depth) for depth, z in points]
+    )
     assert ax.yaxis_inverted()
 
 
@@ -42,5 +49,7 @@ def test_three_profiles_pass_through_the_readings(rim):
     plots.draw_profiles(rim, [80.0, 83.0, 81.0], 55.0, ax, Mesh(9, 105))
     for line in ax.lines[:3]:
         np.testing.assert_allclose(
-            np.interp(np.array(rim.boundary_z_m) * 1e3, *line.get_data()), [80.0, 83.0, 81.0], atol=5e-3
+            np.interp(np.array(rim.boundary_z_m) * 1e3, *line.get_data()),
+            [80.0, 83.0, 81.0],
+            atol=5e-3,
         )  # read between nodes by straight lines

@@ -20,10 +20,14 @@ def along_inner_row(rim, kind, readings, air, nz=105):
 
 def test_the_parabola_goes_through_the_readings_and_the_quartic_also_lies_level_at_both_faces(rim):
     z, parabola = along_inner_row(rim, "quadratic", READINGS, (0.0, 0.0))
-    np.testing.assert_allclose(parabola, np.polyval(np.polyfit(rim.boundary_z_m, READINGS, 2), z), atol=1e-8)
+    np.testing.assert_allclose(
+        parabola, np.polyval(np.polyfit(rim.boundary_z_m, READINGS, 2), z), atol=1e-8
+    )
     z, quartic = along_inner_row(rim, "quartic", READINGS, (0.0, 0.0))
     found = np.polyfit(z / rim.width_m, quartic, 4)
-    np.testing.assert_allclose(np.polyval(found, np.array(rim.boundary_z_m) / rim.width_m), READINGS, atol=1e-8)
+    np.testing.assert_allclose(
+        np.polyval(found, np.array(rim.boundary_z_m) / rim.width_m), READINGS, atol=1e-8
+    )
     np.testing.assert_allclose(np.polyval(np.polyder(found), [0.0, 1.0]), 0.0, atol=1e-6)
 
 
@@ -33,10 +37,14 @@ def test_the_modal_profile_of_a_slab_between_two_airs_is_that_slab(rim):
     biot = strong.washer_W_m2K * strong.width_m / strong.conductivity_W_mK
 
     def slab(z):
-        return air[0] + (air[1] - air[0]) * (1 / biot + np.asarray(z) / strong.width_m) / (1 + 2 / biot)
+        return air[0] + (air[1] - air[0]) * (1 / biot + np.asarray(z) / strong.width_m) / (
+            1 + 2 / biot
+        )
 
     z, ours = along_inner_row(strong, "modal", slab(strong.boundary_z_m), air)
-    np.testing.assert_allclose(ours, slab(z), atol=1e-6)  # 30 K across; half the Biot number would be off by kelvins
+    np.testing.assert_allclose(
+        ours, slab(z), atol=1e-6
+    )  # 30 K across; half the Biot number would be off by kelvins
 
 
 @pytest.mark.slow

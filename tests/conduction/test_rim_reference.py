@@ -52,5 +52,7 @@ PUBLISHED = {
 
 @pytest.mark.parametrize("name", MESHES)
 def test_all_cells_of_table_3_4_follow_the_rule(name):
-    ours = [correction_factor(b, MESHES[name].nz, 9.53e-3) for b in (1.25e-3, 1.50e-3, 1.62e-3, 1.75e-3)]
+    ours = [
+        correction_factor(b, MESHES[name].nz, 9.53e-3) for b in (1.25e-3, 1.50e-3, 1.62e-3, 1.75e-3)
+    ]
     assert [round(x, 4) for x in ours] == list(PUBLISHED[name])

@@ -51,7 +51,9 @@ def test_a_linear_problem_with_priors_has_the_posterior_of_the_textbook() -> Non
     precision = np.diag([1 / sd[0] ** 2, 0.0, 0.0])
     covariance = np.linalg.inv((design.T @ design + precision) * np.outer(1 / scale, 1 / scale))
     expected = covariance @ ((design.T @ y + precision @ mean) / scale)
-    assert best.theta * scale == pytest.approx(expected, rel=1e-9)  # linear: the minimum but for rounding
+    assert best.theta * scale == pytest.approx(
+        expected, rel=1e-9
+    )  # linear: the minimum but for rounding
     assert best.covariance * np.outer(scale, scale) == pytest.approx(covariance, rel=1e-9)
     assert best.u("b") == pytest.approx(np.sqrt(covariance[1, 1]), rel=1e-9)
     assert set(best.pulls) == {"a"}
@@ -64,7 +66,9 @@ def test_a_pull_is_normal_where_the_prior_is_right() -> None:
     for _ in range(400):
         a = rng.normal(2.0, 0.3)
         y = design @ [a, 1.0] + rng.standard_normal(30)
-        problem = Problem(("a", "b"), line(design, y), np.array([2.0, 0.0]), np.array([0.3, np.inf]))
+        problem = Problem(
+            ("a", "b"), line(design, y), np.array([2.0, 0.0]), np.array([0.3, np.inf])
+        )
         pulls.append(minimise(problem, np.zeros(2)).pulls["a"])
     assert abs(np.mean(pulls)) < 0.15  # three standard errors of 400
     assert np.std(pulls) == pytest.approx(1.0, abs=0.11)
@@ -73,10 +77,14 @@ def test_a_pull_is_normal_where_the_prior_is_right() -> None:
 def test_a_held_bound_is_reported_and_the_rest_is_fitted_with_it() -> None:
     design = np.column_stack([np.ones(20), np.arange(20.0)])
     y = design @ [-1.0, 0.5]
-    best = minimise(Problem(("a", "b"), line(design, y), lower=np.array([0.0, -np.inf])), np.array([3.0, 3.0]))
+    best = minimise(
+        Problem(("a", "b"), line(design, y), lower=np.array([0.0, -np.inf])), np.array([3.0, 3.0])
+    )
     assert best.status is Status.AT_BOUND
     assert best.theta[0] == 0.0
-    assert best.theta[1] == pytest.approx(float(design[:, 1] @ y / (design[:, 1] @ design[:, 1])), rel=1e-9)
+    assert best.theta[1] == pytest.approx(
+        float(design[:, 1] @ y / (design[:, 1] @ design[:, 1])), rel=1e-9
+    )
 
 
 def test_fixed_combinations_stay_and_narrow_the_covariance() -> None:
@@ -89,7 +97,9 @@ def test_fixed_combinations_stay_and_narrow_the_covariance() -> None:
     reduced = np.column_stack([design[:, 0] - design[:, 1], design[:, 2]])
     expected = np.linalg.lstsq(reduced, y - design[:, 1], rcond=None)[0]
     assert best.theta == pytest.approx([expected[0], 1 - expected[0], expected[1]], rel=1e-9)
-    assert best.covariance[0, 0] == pytest.approx(np.linalg.inv(reduced.T @ reduced)[0, 0], rel=1e-9)
+    assert best.covariance[0, 0] == pytest.approx(
+        np.linalg.inv(reduced.T @ reduced)[0, 0], rel=1e-9
+    )
     assert best.covariance[0, 1] == pytest.approx(-best.covariance[0, 0], rel=1e-9)
     assert best.u(np.array([1.0, 1.0, 0.0])) == pytest.approx(0.0, abs=1e-9)
     assert held(best, "c", 1.0).theta[:2].sum() == pytest.approx(1.0, abs=1e-12)
@@ -105,7 +115,9 @@ def test_free_parameters_keep_their_own_axes() -> None:
 def test_a_model_that_ends_somewhere_stops_the_search_at_its_edge() -> None:
     t = np.linspace(0, 1, 30)
     whole = decay(t, 2 * np.exp(-t / 0.3), 1.0)
-    found = minimise(Problem(("size", "tau"), lambda x: whole(x) if x[1] > 0.5 else None), np.array([1.0, 1.0]))
+    found = minimise(
+        Problem(("size", "tau"), lambda x: whole(x) if x[1] > 0.5 else None), np.array([1.0, 1.0])
+    )
     assert found.status is Status.EDGE
     assert 0.5 < found.theta[1] < 0.51
     nowhere = minimise(Problem(("size", "tau"), lambda x: None), np.array([1.0, 1.0]))
@@ -121,7 +133,11 @@ def test_no_step_is_larger_than_allowed() -> None:
         seen.append(x.copy())
         return whole(x)
 
-    minimise(Problem(("size", "tau"), evaluate, largest=np.array([np.inf, 0.1])), np.array([1.0, 0.3]), limit=5)
+    minimise(
+        Problem(("size", "tau"), evaluate, largest=np.array([np.inf, 0.1])),
+        np.array([1.0, 0.3]),
+        limit=5,
+    )
     tau = [x[1] for x in seen]
     assert max(abs(np.array(tau) - 0.3)) <= 0.5 + 1e-12  # five steps
     assert len(seen) >= 5
@@ -151,7 +167,9 @@ def test_a_linear_profile_is_the_normal_parabola_with_its_interval() -> None:
     z = (walk.value - best.value("b")) / best.u("b")
     assert walk.deviance == pytest.approx(z**2, rel=1e-6, abs=1e-8)
     assert walk.low95 == pytest.approx(best.value("b") - 1.96 * best.u("b"), abs=1e-4 * best.u("b"))
-    assert walk.high95 == pytest.approx(best.value("b") + 1.96 * best.u("b"), abs=1e-4 * best.u("b"))
+    assert walk.high95 == pytest.approx(
+        best.value("b") + 1.96 * best.u("b"), abs=1e-4 * best.u("b")
+    )
 
 
 def test_a_skewed_profile_covers_as_often_as_it_says() -> None:
@@ -161,7 +179,10 @@ def test_a_skewed_profile_covers_as_often_as_it_says() -> None:
     inside = []
     for _ in range(300):
         y = np.exp(-t / 0.7) + 0.25 * rng.standard_normal(60)
-        best = minimise(Problem(("size", "tau"), decay(t, y, 0.25), lower=np.array([-9.0, 1e-2])), np.array([1.0, 0.7]))
+        best = minimise(
+            Problem(("size", "tau"), decay(t, y, 0.25), lower=np.array([-9.0, 1e-2])),
+            np.array([1.0, 0.7]),
+        )
         walk = profile(best, "tau", step=1.0, refine=0.02, drop=4.0)
         inside.append((walk.low95 or 0.0) < 0.7 < (walk.high95 or np.inf))
     assert np.mean(inside) == pytest.approx(0.95, abs=0.038)  # three standard errors of 300
@@ -170,14 +191,18 @@ def test_a_skewed_profile_covers_as_often_as_it_says() -> None:
 def test_an_interval_that_meets_the_bound_is_open() -> None:
     t = np.linspace(0, 3, 60)
     y = 0.3 * np.exp(-t / 0.7)
-    problem = Problem(("size", "tau"), decay(t, y, 0.25), lower=np.array([0.0, 0.1]), upper=np.array([2.0, 2.0]))
+    problem = Problem(
+        ("size", "tau"), decay(t, y, 0.25), lower=np.array([0.0, 0.1]), upper=np.array([2.0, 2.0])
+    )
     walk = profile(minimise(problem, np.array([0.3, 0.7])), "tau")
     assert walk.high95 is None
     assert walk.value[-1] == 2.0
 
 
 @pytest.mark.parametrize("floor", [0.0, -9.0])
-def test_the_profile_of_a_mean_is_that_of_the_value_it_says_where_parts_of_it_reach_their_bounds(floor: float) -> None:
+def test_the_profile_of_a_mean_is_that_of_the_value_it_says_where_parts_of_it_reach_their_bounds(
+    floor: float,
+) -> None:
     """Each point against the least squares with that mean and that box, found by quadratic programming (SLSQP)."""
     rng = np.random.default_rng(8)
     design = rng.standard_normal((40, 4)) * [1.0, 3.0, 0.3, 1.0]
@@ -188,10 +213,19 @@ def test_the_profile_of_a_mean_is_that_of_the_value_it_says_where_parts_of_it_re
     walk = profile(best, mean, u=0.1, step=1.0, drop=1e6, reach=8.0)
     for value, at in zip(walk.value, walk.optima):
         referee = minimize(
-            lambda x: float(np.sum((design @ x - y) ** 2)), at.theta, jac=lambda x: 2 * design.T @ (design @ x - y),
-            bounds=[(low, None) for low in lower], options={"ftol": 1e-14}, method="SLSQP",
-            constraints={"type": "eq", "fun": lambda x, v: mean @ x - v, "args": (value,), "jac": lambda x, v: mean},
-        )  # fmt: skip
+            lambda x: float(np.sum((design @ x - y) ** 2)),
+            at.theta,
+            jac=lambda x: 2 * design.T @ (design @ x - y),
+            bounds=[(low, None) for low in lower],
+            options={"ftol": 1e-14},
+            method="SLSQP",
+            constraints={
+                "type": "eq",
+                "fun": lambda x, v: mean @ x - v,
+                "args": (value,),
+                "jac": lambda x, v: mean,
+            },
+        )
         assert at.value(mean) == pytest.approx(value, rel=1e-9)
         assert at.converged
         assert np.all(at.theta >= lower)
@@ -213,7 +247,11 @@ def test_a_profile_of_a_function_of_a_parameter_steps_in_the_function() -> None:
     straight = minimise(Problem(("size", "tau"), decay(t, y, 0.05)), np.array([1.0, 0.5]))
     best = minimise(Problem(("size", "log_tau"), evaluate), np.array([1.0, np.log(0.5)]))
     walk = profile(
-        best, "log_tau", u=straight.u("tau"), value=lambda x: float(np.exp(x)), at=lambda v: float(np.log(v))
+        best,
+        "log_tau",
+        u=straight.u("tau"),
+        value=lambda x: float(np.exp(x)),
+        at=lambda v: float(np.log(v)),
     )
     other = profile(straight, "tau")
     assert walk.value == pytest.approx(other.value, rel=1e-6)
@@ -244,7 +282,9 @@ def test_coloured_residuals_widen_the_mean_by_their_long_run_variance() -> None:
     design = np.ones((n, 1))
     ratio = sandwich(design, e, [slice(0, n)])[0, 0] / (np.var(e) / n)
     assert ratio == pytest.approx(factor, rel=0.06)
-    assert correlation_length(e) == pytest.approx(factor, rel=0.15)  # short-memory estimate of a sum over lags
+    assert correlation_length(e) == pytest.approx(
+        factor, rel=0.15
+    )  # short-memory estimate of a sum over lags
     white = rng.standard_normal((5000, 3))
     assert wave_factor(white) < 1.6  # 3 x 24 squares: 1 + 3 sqrt(2/72)
     assert wave_factor(white + np.sin(np.arange(5000) / 800)[:, None]) > 50
@@ -280,10 +320,17 @@ def test_secant_steps_learn_the_curvature_of_residuals_that_stay_large(curvature
 
         def large(x: np.ndarray, places: list[float] = places) -> tuple[np.ndarray, np.ndarray]:
             places.append(float(x[0]))
-            return np.array([x[0] + 1, curvature * x[0] ** 2 + x[0] - 1]), np.array([[1.0], [2 * curvature * x[0] + 1]])
+            return np.array([x[0] + 1, curvature * x[0] ** 2 + x[0] - 1]), np.array(
+                [[1.0], [2 * curvature * x[0] + 1]]
+            )
 
         found = minimise(
-            Problem(("x",), large), np.array([0.1]), tolerance=1e-14, relative=0.0, damping=1e-6, secant=secant
+            Problem(("x",), large),
+            np.array([0.1]),
+            tolerance=1e-14,
+            relative=0.0,
+            damping=1e-6,
+            secant=secant,
         )
         asked[secant] = len(places)
     assert found.converged
@@ -294,17 +341,25 @@ def test_secant_steps_learn_the_curvature_of_residuals_that_stay_large(curvature
 def test_what_enters_linearly_is_at_its_best_wherever_the_others_are() -> None:
     """The least cost over ten linear parameters with priors by their normal equations, its slope by differences."""
     rng = np.random.default_rng(3)
-    linear, other, prior_sd = rng.normal(size=(30, 10)), rng.normal(size=(30, 2)), rng.uniform(0.2, 3.0, 10)
+    linear, other, prior_sd = (
+        rng.normal(size=(30, 10)),
+        rng.normal(size=(30, 2)),
+        rng.uniform(0.2, 3.0, 10),
+    )
     prior = rng.normal(size=10)
 
     def evaluate(theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         bend = np.sin(theta[:2])
-        return other @ bend + linear @ theta[2:] - 1.0, np.column_stack([other * np.cos(theta[:2]), linear])
+        return other @ bend + linear @ theta[2:] - 1.0, np.column_stack(
+            [other * np.cos(theta[:2]), linear]
+        )
 
     whole = Problem(
-        tuple(f"p{k}" for k in range(12)), evaluate,
-        prior_mean=np.r_[0.0, 0.0, prior], prior_sd=np.r_[np.inf, np.inf, prior_sd],
-    )  # fmt: skip
+        tuple(f"p{k}" for k in range(12)),
+        evaluate,
+        prior_mean=np.r_[0.0, 0.0, prior],
+        prior_sd=np.r_[np.inf, np.inf, prior_sd],
+    )
     few = eliminated(whole, 2, rng.normal(size=12))
 
     def cost(theta: np.ndarray) -> float:

@@ -9,7 +9,10 @@ import pytest
 
 from tcdyn.fitting import Problem, minimise
 
-DATA = Path(os.environ.get("TCDYN_DATA", Path(__file__).parents[2].parent / "shared" / "data")) / "strd"
+DATA = (
+    Path(os.environ.get("TCDYN_DATA", Path(__file__).parents[2].parent / "shared" / "data"))
+    / "strd"
+)
 
 
 def cubic_ratio(b, x):
@@ -35,8 +38,16 @@ def read(name):
     if not path.exists():
         pytest.skip(f"{path} is absent (set TCDYN_DATA)")
     text = path.read_text()
-    table = np.array(re.findall(r"^\s*b\d+\s*=\s*(\S+)\s+(\S+)\s+(\S+)\s+(\S+)\s*$", text, re.M), dtype=float)
-    y, x = np.array([line.split() for line in text.split("Data:")[-1].split("\n", 1)[1].split("\n") if line.strip()]).T
+    table = np.array(
+        re.findall(r"^\s*b\d+\s*=\s*(\S+)\s+(\S+)\s+(\S+)\s+(\S+)\s*$", text, re.M), dtype=float
+    )
+    y, x = np.array(
+        [
+            line.split()
+            for line in text.split("Data:")[-1].split("\n", 1)[1].split("\n")
+            if line.strip()
+        ]
+    ).T
     return x.astype(float), y.astype(float), table[:, :2].T, table[:, 2], table[:, 3]
 
 
@@ -52,8 +63,12 @@ def test_nonlinear_fits_reach_nist_certified_digits(name, start, digits):
 
     names = tuple(f"b{k + 1}" for k in range(len(certified)))
     with np.errstate(all="ignore"):
-        found = minimise(Problem(names, evaluate), starts[start - 1], limit=800, tolerance=0.0, relative=1e-15)
+        found = minimise(
+            Problem(names, evaluate), starts[start - 1], limit=800, tolerance=0.0, relative=1e-15
+        )
     assert found.converged
     assert found.theta == pytest.approx(certified, rel=10.0**-digits)
     variance = found.cost / (len(x) - len(certified))
-    assert np.sqrt(variance * np.diag(found.covariance)) == pytest.approx(deviations, rel=10.0 ** -min(digits, 5))
+    assert np.sqrt(variance * np.diag(found.covariance)) == pytest.approx(
+        deviations, rel=10.0 ** -min(digits, 5)
+    )

@@ -27,7 +27,9 @@ from tcdyn.fitting.average import GAIN, OUTLASTS, NoiseGrid, Slopes, noise_of, w
 from tcdyn.fitting.descend import weights_of
 
 
-def test_a_first_order_noise_forgets_in_its_time_constant_and_counts_for_so_many_independent_samples() -> None:
+def test_a_first_order_noise_forgets_in_its_time_constant_and_counts_for_so_many_independent_samples() -> (
+    None
+):
     """AR(1): n (1 - a)/(1 + a); MA(1): n (1 + c^2)/(1 + c)^2; a walk beneath white noise never forgets."""
     slow = Noise(ar=(-0.8,))
     assert slow.memory == pytest.approx(-1 / np.log(0.8))
@@ -60,7 +62,9 @@ def test_a_disturbance_of_a_time_constant_beneath_white_noise_is_its_kalman_filt
     told = noise_of(np.log(5.0), np.log(k / (1 - k)))
     white = told.whiten(np.linalg.cholesky(cov), [slice(0, 40)]) / np.sqrt(p + 1)
     assert white @ white.T == pytest.approx(np.eye(40), abs=1e-9)
-    assert told.log_spread([slice(0, 40)]) == pytest.approx(np.linalg.slogdet(cov)[1] - 40 * np.log(p + 1))
+    assert told.log_spread([slice(0, 40)]) == pytest.approx(
+        np.linalg.slogdet(cov)[1] - 40 * np.log(p + 1)
+    )
 
 
 class Flat(Slopes):
@@ -77,21 +81,29 @@ def test_where_all_noises_are_as_likely_their_prior_is_left() -> None:
     grid = NoiseGrid.of(slopes, widest(n))
     evidence, walks, _, step, covariance = grid.integrated(slopes, [Noise()])
     of_gains = expit(GAIN[1]) - expit(GAIN[0])
-    assert np.exp(evidence - 3.0) == pytest.approx(1 + of_gains, rel=0.08)  # 12 x 8 nodes, edges of the record between
+    assert np.exp(evidence - 3.0) == pytest.approx(
+        1 + of_gains, rel=0.08
+    )  # 12 x 8 nodes, edges of the record between
     assert walks == pytest.approx(OUTLASTS * of_gains / (1 + of_gains), rel=0.12)
     assert step == pytest.approx([0.25])
     assert covariance[0, 0] == pytest.approx(1.0)
 
 
 def test_regressions_find_the_noise_across_a_gap_and_no_pair_reaches_over_it() -> None:
-    sums, pairs = autocovariance(np.array([1.0, 2.0, 3.0, 10.0, 20.0]), [slice(0, 3), slice(3, 5)], lags=3)
+    sums, pairs = autocovariance(
+        np.array([1.0, 2.0, 3.0, 10.0, 20.0]), [slice(0, 3), slice(3, 5)], lags=3
+    )
     assert sums.tolist() == [514.0, 2.0 + 6.0 + 200.0, 3.0, 0.0]
     assert pairs.tolist() == [5.0, 3.0, 1.0, 0.0]
     rng, parts = np.random.default_rng(0), [slice(0, 1500), slice(1500, 4000)]
-    e = np.concatenate([lfilter([1.0, 0.5], [1.0, -1.2, 0.52], rng.normal(size=4500))[k:] for k in (3000, 2000)])
+    e = np.concatenate(
+        [lfilter([1.0, 0.5], [1.0, -1.2, 0.52], rng.normal(size=4500))[k:] for k in (3000, 2000)]
+    )
     found = fit_arma(e, parts, 2, 1)
     truth = (-1.2, 0.52, 0.5)
-    assert (*found.ar, *found.ma) == pytest.approx(truth, abs=4 * 1 / np.sqrt(4000))  # four standard errors, about
+    assert (*found.ar, *found.ma) == pytest.approx(
+        truth, abs=4 * 1 / np.sqrt(4000)
+    )  # four standard errors, about
     w = found.whiten(e, parts)
     assert np.std(w) == pytest.approx(1.0, abs=0.05)
     assert correlation_length(w) < 1.2
@@ -128,7 +140,9 @@ def test_huber_s_covariance_of_a_mean_is_his_formula() -> None:
     slope[np.abs(z) > 1] = 0.0
     psi = weights * r
     expected = float(psi @ psi) / 22 / slope.mean() ** 2 / 23
-    assert robust_covariance(r, np.ones((23, 1)), "bisquare")[0, 0] == pytest.approx(expected, rel=1e-6)
+    assert robust_covariance(r, np.ones((23, 1)), "bisquare")[0, 0] == pytest.approx(
+        expected, rel=1e-6
+    )
 
 
 def test_slow_waves_count_by_the_sums_they_fill() -> None:
@@ -153,13 +167,20 @@ def test_directions_that_are_one_are_left_out() -> None:
 def test_volume_and_pull_of_one_number_with_a_prior() -> None:
     """n samples of variance one about 3, prior 1 +- 0.5: told is n/(n + 4), the pull that of 3 against 1."""
     n = 12
-    problem = Problem(("a",), lambda x: (np.full(n, x[0] - 3.0), np.ones((n, 1))), np.array([1.0]), np.array([0.5]))
+    problem = Problem(
+        ("a",),
+        lambda x: (np.full(n, x[0] - 3.0), np.ones((n, 1))),
+        np.array([1.0]),
+        np.array([0.5]),
+    )
     best = minimise(problem, np.zeros(1))
     assert best.theta[0] == pytest.approx((3 * n + 1 * 4) / (n + 4))
     assert best.cost == pytest.approx(n * (3 - best.theta[0]) ** 2 + 4 * (best.theta[0] - 1) ** 2)
     assert best.log_volume == pytest.approx(0.5 * np.log(n + 4))
     assert best.u("a") == pytest.approx(1 / np.sqrt(n + 4))
-    assert best.pulls["a"] == pytest.approx(2.0 / np.sqrt(0.25 + 1 / n))  # the data's own mean is as far off
+    assert best.pulls["a"] == pytest.approx(
+        2.0 / np.sqrt(0.25 + 1 / n)
+    )  # the data's own mean is as far off
 
 
 def test_correlations_are_summed_up_to_the_first_that_chance_explains() -> None:
@@ -173,4 +194,6 @@ def test_correlations_are_summed_up_to_the_first_that_chance_explains() -> None:
 def test_the_scale_of_robust_weights_is_about_the_median_and_the_weights_are_about_nought() -> None:
     r = np.linspace(-1, 1, 21) + 0.3
     limit = 1.345 * 1.4826 * 0.5
-    assert weights_of(r, "huber") == pytest.approx(np.minimum(1.0, limit / np.maximum(np.abs(r), 1e-12)))
+    assert weights_of(r, "huber") == pytest.approx(
+        np.minimum(1.0, limit / np.maximum(np.abs(r), 1e-12))
+    )

@@ -46,27 +46,47 @@ def record_numbers(record: DiskRecord) -> dict[str, float]:
     found: dict[str, Any] = {"common": chain.common_lag_s.value, "common_u": chain.common_lag_s.u}
     for c in CHANNELS:
         line = record.static[c]
-        found |= {f"{c} gain": line.gain, f"{c} offset": line.offset, f"{c} covariance": line.covariance}
-        found |= {f"{c} lag": chain.channels[c].lag_s.value, f"{c} lag u": chain.channels[c].lag_s.u}
-        found |= {f"{c} differential": chain.differential_lag_s[c].value, f"{c} diff u": chain.differential_lag_s[c].u}
+        found |= {
+            f"{c} gain": line.gain,
+            f"{c} offset": line.offset,
+            f"{c} covariance": line.covariance,
+        }
+        found |= {
+            f"{c} lag": chain.channels[c].lag_s.value,
+            f"{c} lag u": chain.channels[c].lag_s.u,
+        }
+        found |= {
+            f"{c} differential": chain.differential_lag_s[c].value,
+            f"{c} diff u": chain.differential_lag_s[c].u,
+        }
     return numbers({**found, "lag covariance": chain.covariance})
 
 
 def compensated_numbers(campaign: Any) -> dict[str, float]:
     """Temperatures and standard uncertainties of every channel, thinly over the test and fully after the parting."""
-    records = {d: as_sure_as_0_1(record) for d, record in campaign.records.items()}  # version 0.1 counted no such
+    records = {
+        d: as_sure_as_0_1(record) for d, record in campaign.records.items()
+    }  # version 0.1 counted no such
     done = compensate_log(campaign.files.ehl["B3"], records, campaign.rig)
     time = done.frame["time_s"].to_numpy()
     off = campaign.truth["tests"]["B3"]["unload_s"]
-    kept = np.flatnonzero((np.arange(len(time)) % EVERY == 0) | ((time > off - 0.2) & (time < off + 1.0)))
+    kept = np.flatnonzero(
+        (np.arange(len(time)) % EVERY == 0) | ((time > off - 0.2) & (time < off + 1.0))
+    )
     columns = [f"{d}_{c}_{unit}" for d in DISKS for c in CHANNELS for unit in ("degC", "u_K")]
-    return {f"{name} row {i}": float(done.frame[name].iloc[i]) for name in columns for i in kept[:: len(columns) // 3]}
+    return {
+        f"{name} row {i}": float(done.frame[name].iloc[i])
+        for name in columns
+        for i in kept[:: len(columns) // 3]
+    }
 
 
 def as_sure_as_0_1(record: DiskRecord) -> DiskRecord:
     """The record without doubt of how its lags divide, and of the oven's reference."""
     assert record.chain is not None
-    channels = {c: own.model_copy(update={"split_u_s": 0.0}) for c, own in record.chain.channels.items()}
+    channels = {
+        c: own.model_copy(update={"split_u_s": 0.0}) for c, own in record.chain.channels.items()
+    }
     static = {c: line.model_copy(update={"shared_u_K": 0.0}) for c, line in record.static.items()}
     chain = record.chain.model_copy(update={"channels": channels})
     return record.model_copy(update={"chain": chain, "static": static})
@@ -86,9 +106,13 @@ def numbers(value: Any, path: str = "") -> dict[str, float]:
     if isinstance(value, bool | str) or value is None:
         return {}
     if isinstance(value, Mapping):
-        return {k: v for key, part in value.items() for k, v in numbers(part, f"{path}/{key}").items()}
+        return {
+            k: v for key, part in value.items() for k, v in numbers(part, f"{path}/{key}").items()
+        }
     if isinstance(value, list | tuple | np.ndarray):
-        return {k: v for i, part in enumerate(value) for k, v in numbers(part, f"{path}/{i}").items()}
+        return {
+            k: v for i, part in enumerate(value) for k, v in numbers(part, f"{path}/{i}").items()
+        }
     return {path: float(value)} if math.isfinite(value) else {}
 
 

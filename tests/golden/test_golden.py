@@ -25,16 +25,32 @@ from tests.conftest import Campaign
 from tests.golden.answers import KEPT, answers
 
 RELATIVE = 1e-6
-SHARE_OF_U = 0.05  # a search that ends within 0.02 of chi-square is within 0.14 of u, and mostly far closer
+SHARE_OF_U = (
+    0.05  # a search that ends within 0.02 of chi-square is within 0.14 of u, and mostly far closer
+)
 U_RATIO = 0.05  # of a standard uncertainty: a scan of the lag ends elsewhere, too
-PARTED, LATE = 330 * 75, (0.6, 0.35)  # in the second after it 0.1 is off: it took the parting 8 ms late, by its stamps
-OF_BETA, OF_BETA_RATIO = 0.2, 0.12  # the same of beta.json, with the harmonic round the bore and the film left open
+PARTED, LATE = (
+    330 * 75,
+    (0.6, 0.35),
+)  # in the second after it 0.1 is off: it took the parting 8 ms late, by its stamps
+OF_BETA, OF_BETA_RATIO = (
+    0.2,
+    0.12,
+)  # the same of beta.json, with the harmonic round the bore and the film left open
 OF_FILM, OF_FILM_RATIO = 0.7, 1.1  # of h, the exponent and the slope of lines
-FILM = re.compile(r".*/(h|h_fast|h_slow|exponent|slope|fast_max_degC|slow_max_degC|delta_T_us)/value")
+FILM = re.compile(
+    r".*/(h|h_fast|h_slow|exponent|slope|fast_max_degC|slow_max_degC|delta_T_us)/value"
+)
 EXACT = {  # what is computed without a search for lags, depths or film coefficients
     "record fast": ("gain", "offset", "covariance/"),
     "record slow": ("gain", "offset", "covariance/"),
-    "beta.json": ("/test/load_N", "/test/friction_N", "/test/sliding", "/test/entraining", "/test/half_width"),
+    "beta.json": (
+        "/test/load_N",
+        "/test/friction_N",
+        "/test/sliding",
+        "/test/entraining",
+        "/test/half_width",
+    ),
     "case A": ("/",),
 }
 Numbers = dict[str, dict[str, float]]
@@ -52,8 +68,14 @@ def then() -> Numbers:
 
 
 @pytest.mark.parametrize("group", EXACT)
-def test_what_no_search_ends_in_is_as_in_version_0_1(group: str, now: Numbers, then: Numbers) -> None:
-    names = [n for n in then[group] if any(part in n for part in EXACT[group]) and "lag covariance" not in n]
+def test_what_no_search_ends_in_is_as_in_version_0_1(
+    group: str, now: Numbers, then: Numbers
+) -> None:
+    names = [
+        n
+        for n in then[group]
+        if any(part in n for part in EXACT[group]) and "lag covariance" not in n
+    ]
     assert len(names) >= 5
     was, new = np.array([[numbers[group][n] for n in names] for numbers in (then, now)])
     np.testing.assert_allclose(new, was, rtol=RELATIVE, atol=1e-12)
@@ -72,7 +94,9 @@ def test_estimates_are_those_of_version_0_1_within_a_share_of_their_uncertainty(
         share, ratio = (OF_BETA, OF_BETA_RATIO) if group == "beta.json" else (SHARE_OF_U, U_RATIO)
         if FILM.fullmatch(value):
             share, ratio = OF_FILM, OF_FILM_RATIO
-        assert abs(new[value] - was[value]) <= share * was[u], f"{value}: {was[value]} became {new[value]}"
+        assert abs(new[value] - was[value]) <= share * was[u], (
+            f"{value}: {was[value]} became {new[value]}"
+        )
         assert new[u] == pytest.approx(was[u], rel=ratio), u
 
 

@@ -89,7 +89,12 @@ def closed_loop_record(
         plant = kept * plant + (1 - kept) * GAIN * drive
     y = np.round(y, 4)
     return IOData.from_arrays(
-        u[WARM_UP:], y[WARM_UP:], 1.0, input_names=["heater"], output_names=["T1"], name=f"{controller} loop"
+        u[WARM_UP:],
+        y[WARM_UP:],
+        1.0,
+        input_names=["heater"],
+        output_names=["T1"],
+        name=f"{controller} loop",
     )
 
 
@@ -124,9 +129,13 @@ def open_loop_record(kind: str, *, samples: int = 600, seed: int = 0) -> IOData:
     white = rng.normal(size=(2, samples))
     levels = np.repeat(rng.choice([20.0, 40.0, 60.0], samples // 20 + 1), 20)[:samples]
     binary = np.repeat(np.where(rng.random(samples // 10 + 1) < 0.5, 25.0, 75.0), 10)[:samples]
-    plunge = 25 + 155 * (1 - np.exp(-np.clip(time - 0.1 * samples - 0.37, 0, None) / (0.05 * samples)))
+    plunge = 25 + 155 * (
+        1 - np.exp(-np.clip(time - 0.1 * samples - 0.37, 0, None) / (0.05 * samples))
+    )
     phases = 2 * np.pi * rng.random(6)
-    sines = 50 + sum(5 / (i + 1) * np.sin(0.02 * (i + 1) ** 1.3 * time + phases[i]) for i in range(6))
+    sines = 50 + sum(
+        5 / (i + 1) * np.sin(0.02 * (i + 1) ** 1.3 * time + phases[i]) for i in range(6)
+    )
     walk = np.cumsum(white[1])
     free = wandering(rng, samples)
     smooth = wandering(rng, samples, 0.995)
@@ -141,10 +150,18 @@ def open_loop_record(kind: str, *, samples: int = 600, seed: int = 0) -> IOData:
         "random without noise": (free, joined(free, 20), "foh"),
         "random, two lags without noise": (free, joined(free, 20, 3), "foh"),
         "random with a random walk": (free, joined(free, 20, 3) + 0.5 * walk, "foh"),
-        "random with slow noise": (free, joined(free, 20, 3) + 0.2 * (wandering(rng, samples, 0.98) - 50), "foh"),
+        "random with slow noise": (
+            free,
+            joined(free, 20, 3) + 0.2 * (wandering(rng, samples, 0.98) - 50),
+            "foh",
+        ),
         "plunge": (plunge, joined(plunge, 0.05 * samples, 0.01 * samples) + 0.3 * white[0], "foh"),
         "plunge without noise": (plunge, joined(plunge, 0.05 * samples), "foh"),
-        "plunge, noisy input": (plunge + 0.5 * white[1], joined(plunge, 0.05 * samples) + 0.05 * white[0], "foh"),
+        "plunge, noisy input": (
+            plunge + 0.5 * white[1],
+            joined(plunge, 0.05 * samples) + 0.05 * white[0],
+            "foh",
+        ),
         "ramp": (
             np.clip(time - 100, 0, 300) / 10,
             joined(np.clip(time - 100, 0, 300) / 10, 20) + 0.1 * white[0],
@@ -158,17 +175,47 @@ def open_loop_record(kind: str, *, samples: int = 600, seed: int = 0) -> IOData:
         "lead without noise": (free, 5 * free - 4 * joined(free, 20), "foh"),
         "noisy input": (free + 0.5 * white[1], joined(free, 10) + 0.05 * white[0], "foh"),
         "smooth noisy input": (smooth + 0.5 * white[1], joined(smooth, 2) + 0.02 * white[0], "foh"),
-        "common noise": (free + 0.2 * white[1], joined(free, 20) + 0.2 * white[1] + 0.05 * white[0], "foh"),
-        "integrating": (levels - 40, np.cumsum(np.append(0.0, levels[:-1] - 40)) / 100 + 0.05 * white[0], "zoh"),
+        "common noise": (
+            free + 0.2 * white[1],
+            joined(free, 20) + 0.2 * white[1] + 0.05 * white[0],
+            "foh",
+        ),
+        "integrating": (
+            levels - 40,
+            np.cumsum(np.append(0.0, levels[:-1] - 40)) / 100 + 0.05 * white[0],
+            "zoh",
+        ),
     }
     u, y, hold = records[kind]
-    return IOData.from_arrays(u, y, 1.0, hold=hold, input_names=["heater"], output_names=["T1"], name=kind)
+    return IOData.from_arrays(
+        u, y, 1.0, hold=hold, input_names=["heater"], output_names=["T1"], name=kind
+    )
 
 
 OPEN_LOOPS = (
-    "binary", "binary without noise", "binary with a random walk", "levels", "levels, coarse output", "white", "random",
-    "random without noise", "random, two lags without noise", "random with a random walk", "random with slow noise",
-    "plunge", "plunge without noise", "plunge, noisy input", "ramp", "sines", "sines without noise", "static",
-    "static, negative, without noise", "lead", "lead without noise", "noisy input", "smooth noisy input",
-    "common noise", "integrating",
-)  # fmt: skip
+    "binary",
+    "binary without noise",
+    "binary with a random walk",
+    "levels",
+    "levels, coarse output",
+    "white",
+    "random",
+    "random without noise",
+    "random, two lags without noise",
+    "random with a random walk",
+    "random with slow noise",
+    "plunge",
+    "plunge without noise",
+    "plunge, noisy input",
+    "ramp",
+    "sines",
+    "sines without noise",
+    "static",
+    "static, negative, without noise",
+    "lead",
+    "lead without noise",
+    "noisy input",
+    "smooth noisy input",
+    "common noise",
+    "integrating",
+)

@@ -16,7 +16,12 @@ DITHERS = (0.0, 1e-4, 1e-2, 0.1, 1.0)  # of the standard deviation of the input 
 def main(samples: int, seeds: int) -> None:
     """Print the share of the records that are recognised, in per cent."""
     print(f"{samples} samples, {seeds} seeds; dither {DITHERS} of what the controller does")
-    settings = [(c, {"delayed": d, "noise": n}) for c in CONTROLLERS for d in (False, True) for n in (0.02, 0.3)]
+    settings = [
+        (c, {"delayed": d, "noise": n})
+        for c in CONTROLLERS
+        for d in (False, True)
+        for n in (0.02, 0.3)
+    ]
     settings += [(c, {"set_point": s}) for c in ("PI", "filtered PI") for s in ("steps", "ramp")]
     settings += [("PI", {"step": step, "disturbance": 3.0}) for step in (0.1, 0.3, 1.0)]
     for controller, options in settings:
@@ -26,12 +31,17 @@ def main(samples: int, seeds: int) -> None:
             for seed in range(seeds):
                 plain = closed_loop_record(controller, samples=samples, seed=seed, **options)
                 sd = dither * float(np.std(plain.runs[0].u))
-                record = closed_loop_record(controller, samples=samples, seed=seed, dither=sd, **options)
+                record = closed_loop_record(
+                    controller, samples=samples, seed=seed, dither=sd, **options
+                )
                 found += bool(closed_loop(record))
             shares.append(f"{100 * found / seeds:4.0f}")
         print(f"{controller:12s}", " ".join(shares), options)
     for kind in OPEN_LOOPS:
-        found = sum(bool(closed_loop(open_loop_record(kind, samples=samples, seed=seed))) for seed in range(seeds))
+        found = sum(
+            bool(closed_loop(open_loop_record(kind, samples=samples, seed=seed)))
+            for seed in range(seeds)
+        )
         print(f"{kind:32s}", f"{100 * found / seeds:4.0f}")
 
 

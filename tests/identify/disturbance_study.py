@@ -40,7 +40,9 @@ def fine(
     late = round(CASE_A["Td"] / h)
     y = np.concatenate([np.full(late, u[0]), u[:-late]])
     for k, tau in enumerate((CASE_A["Tp1"], CASE_A["Tp2"], *more)):
-        held = np.concatenate([y[:1], y[:-1] if kind == "PRBS" and k == 0 else 0.5 * (y[1:] + y[:-1])])
+        held = np.concatenate(
+            [y[:1], y[:-1] if kind == "PRBS" and k == 0 else 0.5 * (y[1:] + y[:-1])]
+        )
         a = np.exp(-h / tau)
         y = lfilter([1 - a], [1.0, -a], held, zi=[a * held[0]])[0]
     return u[::FINER], y[::FINER]
@@ -70,7 +72,12 @@ def record(kind: str, seed: int, name: str = "white", input_sd: float = 0.0) -> 
 
 
 def study(
-    kind: str, seeds: range, name: str = "white", input_sd: float = 0.0, model: Model | str = "P2D", **options: object
+    kind: str,
+    seeds: range,
+    name: str = "white",
+    input_sd: float = 0.0,
+    model: Model | str = "P2D",
+    **options: object,
 ) -> dict[str, object]:
     """Share of runs whose 95 % interval holds gain and lag, share of alarms (1 % level), and the noise models found."""
     rows, kinds = [], Counter()
@@ -85,7 +92,11 @@ def study(
         kinds["slow" if noise.averaged else (*noise.order, found.disturbance["baseline"])] += 1
     table = np.array(rows, dtype=float)
     share = dict(zip(("Kp", "lag", "white", "input"), table[:, :4].mean(axis=0).round(3).tolist()))
-    said = {"bias_s": table[:, 4].mean() - truth, "sd_s": table[:, 4].std(), "u_s": np.sqrt(np.mean(table[:, 5] ** 2))}
+    said = {
+        "bias_s": table[:, 4].mean() - truth,
+        "sd_s": table[:, 4].std(),
+        "u_s": np.sqrt(np.mean(table[:, 5] ** 2)),
+    }
     return {**share, **{k: round(float(v), 5) for k, v in said.items()}, "noise": dict(kinds)}
 
 

@@ -11,12 +11,21 @@ from scipy.signal import lfilter, max_len_seq
 from tcdyn.identify import IOData, process, simulate, transfer
 
 CASE_A = {"Kp": 1.0, "Tp1": 2.0, "Tp2": 0.5, "Td": 0.37}
-RAO_GARNIER = {"b0": 1.0, "b1": -4.0, "a1": 416 / 1600, "a2": 408 / 1600, "a3": 5 / 1600, "a4": 1 / 1600}
+RAO_GARNIER = {
+    "b0": 1.0,
+    "b1": -4.0,
+    "a1": 416 / 1600,
+    "a2": 408 / 1600,
+    "a3": 5 / 1600,
+    "a4": 1 / 1600,
+}
 
 
 def data_dir() -> Path | None:
     """The folder of reference data, or None."""
-    root = Path(os.environ.get("TCDYN_DATA", Path(__file__).resolve().parents[2].parent / "shared" / "data"))
+    root = Path(
+        os.environ.get("TCDYN_DATA", Path(__file__).resolve().parents[2].parent / "shared" / "data")
+    )
     return root if root.is_dir() else None
 
 
@@ -45,4 +54,6 @@ def rao_garnier(seed: int, snr_dB: float = 10.0) -> IOData:
     u = np.repeat(max_len_seq(10)[0] * 2.0 - 1.0, 7)
     y = simulate(transfer(1, 4).rational(RAO_GARNIER), u, 0.01, "zoh", "zero")
     sd = np.std(y) * 10 ** (-snr_dB / 20)
-    return IOData.from_arrays(u, y + sd * np.random.default_rng(seed).normal(size=len(u)), 0.01, hold="zoh")
+    return IOData.from_arrays(
+        u, y + sd * np.random.default_rng(seed).normal(size=len(u)), 0.01, hold="zoh"
+    )

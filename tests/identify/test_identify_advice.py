@@ -21,7 +21,13 @@ from tcdyn.identify.models import process
 
 def row(model: str, bic: float, **other: Any) -> dict[str, Any]:
     plain = {"parameters": 3, "fit_percent": 90.0, "rms": 0.1, "BIC": bic, "held_out_rms": 0.1}
-    said = {"p_white": 0.5, "p_input": 0.5, "remark": "", "determined": "remark" not in other, "refused": False}
+    said = {
+        "p_white": 0.5,
+        "p_input": 0.5,
+        "remark": "",
+        "determined": "remark" not in other,
+        "refused": False,
+    }
     return {"model": model, **plain, "held_out_percent": 88.0, "p_held_out": 0.0, **said, **other}
 
 
@@ -40,7 +46,9 @@ def test_a_model_that_misses_dynamics_gives_way_to_one_that_does_not() -> None:
 
 def test_a_response_that_is_known_beats_parameters_that_are() -> None:
     """Two lags that coincide cannot be told one by one; one lag, well told, does not follow the data at all."""
-    table = pd.DataFrame([row("P2", 0.0, remark="T1, T2 are hardly determined"), row("P1", 900.0, p_input=1e-40)])
+    table = pd.DataFrame(
+        [row("P2", 0.0, remark="T1, T2 are hardly determined"), row("P1", 900.0, p_input=1e-40)]
+    )
     assert recommend(table)[0] == "P2"
     assert told(*table.to_dict("records")).startswith("Use P2 with care.")
 
@@ -50,7 +58,9 @@ def test_none_is_recommended_where_all_miss_dynamics() -> None:
     assert said.startswith("None of these models is good enough")
     assert "Recommended" not in said
     assert "models=P3,P3D" in said
-    assert "narx=True" in told(row("P1", 0.0, p_input=1e-6))  # nothing left to try among the linear ones
+    assert "narx=True" in told(
+        row("P1", 0.0, p_input=1e-6)
+    )  # nothing left to try among the linear ones
 
 
 def test_colour_and_doubt_are_said_with_the_recommendation() -> None:
@@ -64,7 +74,9 @@ def test_colour_and_doubt_are_said_with_the_recommendation() -> None:
 def test_one_lag_is_refused_on_data_of_two_and_two_are_recommended() -> None:
     rng = np.random.default_rng(5)
     u = np.repeat(rng.choice([0.0, 1.0], 60), 20)
-    y = Chain((0.8, 0.3), conditioning=NO_CONDITIONING).response(u, 0.05, hold="zoh") + rng.normal(0, 0.01, len(u))
+    y = Chain((0.8, 0.3), conditioning=NO_CONDITIONING).response(u, 0.05, hold="zoh") + rng.normal(
+        0, 0.01, len(u)
+    )
     data = IOData.from_arrays(u, np.ravel(y), 0.05, hold="zoh")
     assert compare(data, ["P1"]).advice.startswith("None of these models")
     both = compare(data, ["P1", "P2"])
@@ -80,7 +92,9 @@ def test_the_order_table_fits_a_terminal() -> None:
 
 
 def test_models_as_good_as_the_recommended_one_are_named() -> None:
-    assert "P2Z within 2 of its BIC would do as well" in told(row("P2D", 0.0), row("P2Z", 0.5), row("P3", 9.0))
+    assert "P2Z within 2 of its BIC would do as well" in told(
+        row("P2D", 0.0), row("P2Z", 0.5), row("P3", 9.0)
+    )
     assert "would do as well" not in told(row("P2D", 0.0), row("P3", 9.0))
 
 
@@ -92,24 +106,34 @@ def test_a_start_off_equilibrium_is_the_first_thing_to_try() -> None:
     assert "Next, let the runs start off equilibrium" in found.sentence
 
 
-def test_the_model_is_handed_on_as_the_chain_to_remove_and_a_known_filter_is_no_part_of_its_lags() -> None:
+def test_the_model_is_handed_on_as_the_chain_to_remove_and_a_known_filter_is_no_part_of_its_lags() -> (
+    None
+):
     """What is printed is Python: evaluated, it gives the chain back to the digits shown."""
     b = Conditioning(4.0, 2)
     u = np.repeat([0.0, 1.0, 0.0, 1.0], 200)
     y = Chain((0.8, 0.3), conditioning=b).response(u, 0.05, hold="zoh")
-    data = IOData.from_arrays(u, np.ravel(y) + np.random.default_rng(1).normal(0, 1e-3, len(u)), 0.05, hold="zoh")
+    data = IOData.from_arrays(
+        u, np.ravel(y) + np.random.default_rng(1).normal(0, 1e-3, len(u)), 0.05, hold="zoh"
+    )
     best = compare(data, [process("P2", known=b)]).best.identified
     words = re.search(r"tcdyn\.smooth\(y, dt, (tcdyn\.Chain\(.*\))\);", as_chain(best, b))
     chain = eval(words[1], {"tcdyn": tcdyn}) if words else None
     assert chain.conditioning == b
     assert np.allclose(chain.taus_s, (0.8, 0.3), rtol=0.01)  # noise of 0.1 % over four steps
-    assert as_chain(best, NO_CONDITIONING) == ""  # identified with a filter: without it, it is another chain
+    assert (
+        as_chain(best, NO_CONDITIONING) == ""
+    )  # identified with a filter: without it, it is another chain
     plain = compare(data, [process("P2")]).best.identified
-    assert "conditioning=tcdyn.Conditioning(poles=0)" in as_chain(plain)  # and no cut-off of a filter that is not there
+    assert "conditioning=tcdyn.Conditioning(poles=0)" in as_chain(
+        plain
+    )  # and no cut-off of a filter that is not there
 
 
 def test_a_held_out_part_in_which_nothing_happens_does_not_overrule_a_decisive_bic() -> None:
-    assert recommend(pd.DataFrame([row("P1D", 0.0), row("P1", 30.0, held_out_rms=0.05)]))[0] == "P1D"
+    assert (
+        recommend(pd.DataFrame([row("P1D", 0.0), row("P1", 30.0, held_out_rms=0.05)]))[0] == "P1D"
+    )
     assert recommend(pd.DataFrame([row("P1D", 0.0), row("P1", 8.0, held_out_rms=0.05)]))[0] == "P1"
 
 
@@ -124,12 +148,19 @@ def test_a_test_passed_for_want_of_power_does_not_overrule_a_decisive_bic() -> N
 def test_a_model_worse_than_the_mean_is_not_recommended_unless_nothing_moves_there() -> None:
     bad = row("P1", 0.0, held_out_percent=-64.0, held_out_rms=0.5)
     assert told(bad).startswith("None of these models")
-    assert told(row("P1", 0.0, held_out_percent=-1.0)).startswith("Recommended")  # 0.1 rms, as in the fit: all noise
+    assert told(row("P1", 0.0, held_out_percent=-1.0)).startswith(
+        "Recommended"
+    )  # 0.1 rms, as in the fit: all noise
     assert told(row("P1", 0.0, held_out_percent=-8.0, p_white=1e-9)).startswith("Provisionally P1.")
     assert "nan" not in told(row("P1", 0.0, held_out_percent=np.nan, p_input=1e-6))
-    assert "nan" not in order_table(pd.DataFrame([row("P1", 0.0, held_out_percent=np.nan)])).to_string()
+    assert (
+        "nan"
+        not in order_table(pd.DataFrame([row("P1", 0.0, held_out_percent=np.nan)])).to_string()
+    )
     assert told(row("P1", 0.0, fit_percent=30.0, p_white=1e-9)).startswith("None of these models")
-    assert "30 % of the output" in told(row("P1", 0.0, fit_percent=30.0))  # white noise may be large
+    assert "30 % of the output" in told(
+        row("P1", 0.0, fit_percent=30.0)
+    )  # white noise may be large
 
 
 def test_troubles_of_the_record_come_before_any_recommendation() -> None:
@@ -153,7 +184,9 @@ def test_runs_that_start_off_equilibrium_are_refitted_with_their_state_estimated
     found = compare(off_equilibrium(), ["P1", "P2", "P2Z"])
     assert found.advice.startswith("Recommended: P1.")
     assert "the state at each start was estimated" in found.why
-    assert found.best.estimates["Tp1"].value == pytest.approx(3.0, abs=4 * found.best.estimates["Tp1"].u)
+    assert found.best.estimates["Tp1"].value == pytest.approx(
+        3.0, abs=4 * found.best.estimates["Tp1"].u
+    )
     asked = compare(off_equilibrium(), ["P1", "P2", "P2Z"], initial="equilibrium")
     assert "Recommended" not in asked.advice
     assert "initial=estimated" in asked.advice
@@ -174,7 +207,9 @@ def test_oscillators_with_dead_time_are_among_the_candidates_and_integrators_are
     assert "P2DU" in CANDIDATES
     rng = np.random.default_rng(9)
     u = np.repeat(rng.choice([-1.0, 1.0], 30), 20)
-    y = simulate(process("P1I").rational({"Kp": 0.05, "Tp1": 2.0}), u, 0.5, "zoh") + 0.01 * rng.normal(size=len(u))
+    y = simulate(
+        process("P1I").rational({"Kp": 0.05, "Tp1": 2.0}), u, 0.5, "zoh"
+    ) + 0.01 * rng.normal(size=len(u))
     data = IOData.from_arrays(u, y, 0.5, hold="zoh")
     said = compare(data, CANDIDATES[:2]).advice
     assert said.startswith("None of these models")
@@ -184,10 +219,19 @@ def test_oscillators_with_dead_time_are_among_the_candidates_and_integrators_are
 
 def test_each_model_is_told_before_it_is_fitted() -> None:
     told_of: list[tuple[str, int, int]] = []
-    compare(off_equilibrium(), ["P1", "P1D"], initial="estimated", progress=lambda *what: told_of.append(what))
+    compare(
+        off_equilibrium(),
+        ["P1", "P1D"],
+        initial="estimated",
+        progress=lambda *what: told_of.append(what),
+    )
     assert told_of == [("P1", 1, 2), ("P1D", 2, 2)]
 
 
 def test_a_rival_that_foresees_better_says_by_how_much() -> None:
-    said = note("models.foresees", subject="TF(2,2)", other="P1D", ratio=0.83, white=True, freed=False).sentence
-    assert said == ("TF(2,2) simulates data kept from the fit to 83 % of the error of P1D, and leaves white residuals.")
+    said = note(
+        "models.foresees", subject="TF(2,2)", other="P1D", ratio=0.83, white=True, freed=False
+    ).sentence
+    assert said == (
+        "TF(2,2) simulates data kept from the fit to 83 % of the error of P1D, and leaves white residuals."
+    )

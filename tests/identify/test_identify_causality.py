@@ -37,7 +37,9 @@ def lead(kind: str, tau_s: float, ratio: float, tau2_s: float, noise: float) -> 
     y = ratio * u + (1 - ratio) * lag(u, tau_s)
     y = lag(y, tau2_s) if tau2_s else y
     hold = "zoh" if kind == "PRBS" else "foh"
-    return IOData.from_arrays(u[::FINER], y[::FINER] + noise * rng.normal(size=800), DT_S, hold=hold)
+    return IOData.from_arrays(
+        u[::FINER], y[::FINER] + noise * rng.normal(size=800), DT_S, hold=hold
+    )
 
 
 def refused(data: IOData) -> bool:
@@ -61,7 +63,9 @@ def test_shifted_and_exchanged_columns_are_still_refused(kind):
         data = case_a(kind, 0, noise=noise)
         u, y = data.runs[0].u[:, 0], data.runs[0].y[:, 0]
         for late in (60, 100):  # more than the lag of 57 samples, so that the output moves first
-            shifted = IOData.from_arrays(np.concatenate([np.full(late, u[0]), u[:-late]]), y, 0.05, hold=data.hold)
+            shifted = IOData.from_arrays(
+                np.concatenate([np.full(late, u[0]), u[:-late]]), y, 0.05, hold=data.hold
+            )
             assert refused(shifted), (noise, late)
         assert refused(IOData.from_arrays(y, u, 0.05)), noise
 
@@ -70,7 +74,9 @@ def test_a_lead_is_found_as_what_it_is():
     found = fit(lead("plunge", 1.0, 2.0, 0.3, 0.05), "P2Z")
     for name, truth in (("Tp1", 1.0), ("Tp2", 0.3), ("Tz", 2.0)):
         # the recursion holds each fine sample: 2.5 ms a lag
-        assert found.estimates[name].value == pytest.approx(truth, abs=4 * found.estimates[name].u + 0.01), name
+        assert found.estimates[name].value == pytest.approx(
+            truth, abs=4 * found.estimates[name].u + 0.01
+        ), name
 
 
 def test_no_chain_is_handed_on_from_a_model_that_must_not_be_trusted():
@@ -90,8 +96,11 @@ def test_the_robust_loss_raises_no_false_alarm():
         rng = np.random.default_rng(1000 + seed)
         y = data.runs[0].y[:, 0] + np.where(rng.random(800) < 0.03, 10 * rng.normal(size=800), 0.0)
         robust = fit(
-            IOData.from_arrays(data.runs[0].u, y, 0.05, hold="zoh"), "P2D", loss="huber", check=False,
+            IOData.from_arrays(data.runs[0].u, y, 0.05, hold="zoh"),
+            "P2D",
+            loss="huber",
+            check=False,
             start={"Kp": 1.0, "Tp1": 2.0, "Tp2": 0.5, "Td": 0.37},
-        )  # fmt: skip
+        )
         alarms += robust.identified.statistics["p_input"] < 0.01
     assert alarms <= 2  # 1 % of 30: three or more once in 300

@@ -8,7 +8,17 @@ import numpy as np
 import pytest
 
 from calibration.errors import InputError
-from tcdyn.identify import Identified, IOData, Response, bode_band, fit_response, process, roots_of, several, transfer
+from tcdyn.identify import (
+    Identified,
+    IOData,
+    Response,
+    bode_band,
+    fit_response,
+    process,
+    roots_of,
+    several,
+    transfer,
+)
 from tcdyn.identify.choose.held_out import divide
 from tcdyn.identify.data import cut, input_noise_sd
 from tcdyn.identify.data.record import check_wrap
@@ -57,7 +67,9 @@ def test_starts_from_a_response_are_the_same_in_seconds_and_minutes(name: str) -
 def test_the_uncertainty_of_a_transfer_estimate_is_bendat_and_piersol_s() -> None:
     """u = |H| sqrt((1 - g2)/(2 n g2)); where nothing is stated an equal share above a floor."""
     g2 = np.linspace(0.5, 0.9, 15)
-    data = Response.of(F, magnitude=2 * np.ones(15), phase_deg=np.full(15, 90.0), coherence=g2, averages=8)
+    data = Response.of(
+        F, magnitude=2 * np.ones(15), phase_deg=np.full(15, 90.0), coherence=g2, averages=8
+    )
     assert data.response == pytest.approx(np.full(15, 2j))
     assert data.spread() == pytest.approx(2 * np.sqrt((1 - g2) / (16 * g2)))
     assert data.spread(np.full(15, 3.0 + 4.0j)) == pytest.approx(2.5 * data.spread())
@@ -65,7 +77,9 @@ def test_the_uncertainty_of_a_transfer_estimate_is_bendat_and_piersol_s() -> Non
     assert bare.spread() == pytest.approx(np.full(15, 13.0))
     for averages, words in ((0.5, "coherence"), (None, "coherence")):
         with pytest.raises(InputError, match=words):
-            Response.of(F, magnitude=np.ones(15), phase_deg=np.zeros(15), coherence=g2, averages=averages)
+            Response.of(
+                F, magnitude=np.ones(15), phase_deg=np.zeros(15), coherence=g2, averages=averages
+            )
 
 
 def test_a_gain_over_frequencies_has_the_statistics_of_a_mean() -> None:
@@ -86,9 +100,13 @@ def test_a_gain_over_frequencies_has_the_statistics_of_a_mean() -> None:
     assert told["aicc"] == pytest.approx(chi2 + 2 + 4 / 28)
     assert told["rms"] == pytest.approx(np.sqrt(np.mean(error**2)))
     assert found.noise_sd == pytest.approx(told["rms"] / np.sqrt(2))
-    assert told["fit_percent"] == pytest.approx(100 * (1 - np.linalg.norm(error) / np.linalg.norm(h - h.mean())))
+    assert told["fit_percent"] == pytest.approx(
+        100 * (1 - np.linalg.norm(error) / np.linalg.norm(h - h.mean()))
+    )
     wrong = fit_response(Response(F, h, u / 4), process("P1", fixed={"Tp1": 1.5}))
-    assert wrong.estimates["Kp"].u == pytest.approx(precision**-0.5 * np.sqrt(chi2 / 29))  # widened to what is left
+    assert wrong.estimates["Kp"].u == pytest.approx(
+        precision**-0.5 * np.sqrt(chi2 / 29)
+    )  # widened to what is left
     assert [f.code for f in wrong.findings] == ["response.misfit"]
     assert wrong.findings[0].numbers["ratio"] == pytest.approx(4 * np.sqrt(chi2 / 29))
 
@@ -110,9 +128,13 @@ def test_lag_step_and_bode_of_one_lag_have_the_bands_of_its_derivatives() -> Non
     w, bode = 2 * np.pi * f, bode_band(g, np.array([0.1, 0.5]))
     assert bode.magnitude_dB.value == pytest.approx(20 * np.log10(2 / np.sqrt(1 + (0.5 * w) ** 2)))
     assert bode.phase_deg.value == pytest.approx(-np.degrees(np.arctan(0.5 * w) + 0.3 * w))
-    of_tau = 0.5 * w**2 / (1 + (0.5 * w) ** 2)  # d ln|G|/dtau, up to its sign; the phase has w/(1 + (w tau)^2)
+    of_tau = (
+        0.5 * w**2 / (1 + (0.5 * w) ** 2)
+    )  # d ln|G|/dtau, up to its sign; the phase has w/(1 + (w tau)^2)
     assert bode.magnitude_dB.u == pytest.approx(20 / np.log(10) * 0.1 * np.hypot(0.5, of_tau))
-    assert bode.phase_deg.u == pytest.approx(np.degrees(0.1 * np.hypot(w / (1 + (0.5 * w) ** 2), w)))
+    assert bode.phase_deg.u == pytest.approx(
+        np.degrees(0.1 * np.hypot(w / (1 + (0.5 * w) ** 2), w))
+    )
     lead = known(process("P1Z"), {"Kp": 2.0, "Tp1": 0.5, "Tz": 0.2})
     assert lead.lag_s.value == pytest.approx(0.3)
     assert lead.lag_s.u == pytest.approx(0.1 * np.sqrt(2))
@@ -120,7 +142,9 @@ def test_lag_step_and_bode_of_one_lag_have_the_bands_of_its_derivatives() -> Non
     assert tf.lag_s.u == pytest.approx(0.1 * np.sqrt(1 + 0.25 + (0.6 / 4) ** 2))
 
 
-def test_responses_are_drawn_over_eight_of_the_slowest_lags_and_two_decades_about_the_corner() -> None:
+def test_responses_are_drawn_over_eight_of_the_slowest_lags_and_two_decades_about_the_corner() -> (
+    None
+):
     g = known(process("P2D"), {"Kp": 2.0, "Tp1": 0.5, "Tp2": 4.0, "Td": 0.3})
     assert slowest_s(g.rational) == pytest.approx(4.0)
     assert step_times(g, 10) == pytest.approx(np.linspace(0, 0.3 + 32.0, 11))
@@ -161,7 +185,9 @@ def test_a_record_is_cut_by_time_and_what_is_held_out_is_its_last_part() -> None
     assert train.times_s()[-1] < from_s < train.times_s()[-1] + 0.1
     assert train.n_samples == 75  # of 99 intervals three quarters: 74.25
     assert data.duration_s == pytest.approx(10.0)
-    two = data.merge(IOData.from_arrays(np.arange(50.0), np.r_[np.full(5, np.nan), np.arange(45.0)], 0.1))
+    two = data.merge(
+        IOData.from_arrays(np.arange(50.0), np.r_[np.full(5, np.nan), np.arange(45.0)], 0.1)
+    )
     assert (two.n_samples, two.missing, two.duration_s) == (150, 5, pytest.approx(10.0))
     left, last, _ = divide(two, 0.3)
     assert left is not None
@@ -185,7 +211,9 @@ def test_stretches_know_their_past_and_short_ones_are_passed_over() -> None:
 
 
 @pytest.mark.parametrize(("sd", "told"), [(0.01, True), (1e-4, False), (0.3, False)])
-def test_noise_of_an_input_is_told_by_its_fourth_differences_within_limits(sd: float, told: bool) -> None:
+def test_noise_of_an_input_is_told_by_its_fourth_differences_within_limits(
+    sd: float, told: bool
+) -> None:
     """White noise has 70 times its variance in them; a swing of 2 leaves none; above a tenth of it, it is the input."""
     t = np.arange(2000) * 0.01
     u = np.sin(t) + sd * np.random.default_rng(1).normal(size=2000) + (t > 10)

@@ -34,7 +34,9 @@ def test_a_controller_with_an_integral_is_recognised(controller: str, set_point:
 def test_a_law_of_past_outputs_is_recognised(controller: str) -> None:
     for seed in range(3):
         for dither in (0.0, 5e-3):
-            assert recognised(closed_loop_record(controller, seed=seed, dither=dither, delayed=True)), (seed, dither)
+            assert recognised(
+                closed_loop_record(controller, seed=seed, dither=dither, delayed=True)
+            ), (seed, dither)
 
 
 def test_a_cooler_and_a_controller_at_its_limits_are_recognised() -> None:
@@ -91,7 +93,9 @@ def test_no_wrong_model_of_a_noisy_loop_is_recommended(controller: str, dither: 
 def test_one_of_several_inputs_is_named() -> None:
     loop = closed_loop_record("PI").runs[0]
     other = open_loop_record("binary").runs[0].u[:, 0]
-    data = IOData.from_arrays(np.column_stack([other, loop.u[:, 0]]), loop.y, 1.0, input_names=["fan", "heater"])
+    data = IOData.from_arrays(
+        np.column_stack([other, loop.u[:, 0]]), loop.y, 1.0, input_names=["fan", "heater"]
+    )
     assert [f.subject for f in closed_loop(data)] == ["heater"]
 
 

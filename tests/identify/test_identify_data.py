@@ -14,7 +14,9 @@ from tcdyn.identify import IOData, compare, fit, from_csv, from_frame, process, 
 
 def table(n: int = 200) -> pd.DataFrame:
     data = case_a("PRBS", 0)
-    return pd.DataFrame({"time_s": data.times_s()[:n], "u": data.runs[0].u[:n, 0], "y": data.runs[0].y[:n, 0]})
+    return pd.DataFrame(
+        {"time_s": data.times_s()[:n], "u": data.runs[0].u[:n, 0], "y": data.runs[0].y[:n, 0]}
+    )
 
 
 def test_slicing_is_in_seconds_with_both_ends():
@@ -91,7 +93,10 @@ def exchanged() -> None:
 def early_output() -> None:
     data = case_a("plunge", 0)
     u = data.runs[0].u[:, 0]
-    fit(IOData.from_arrays(np.concatenate([np.full(60, u[0]), u[:-60]]), data.runs[0].y, 0.05), "P1D")
+    fit(
+        IOData.from_arrays(np.concatenate([np.full(60, u[0]), u[:-60]]), data.runs[0].y, 0.05),
+        "P1D",
+    )
 
 
 def wrapped() -> None:
@@ -100,12 +105,26 @@ def wrapped() -> None:
 
 
 BAD = {
-    "constant input": (lambda: fit(IOData.from_arrays(np.ones(100), np.arange(100.0), 0.1)), "constant"),
-    "two samples": (lambda: fit(IOData.from_arrays([0.0, 1.0], [0.0, 0.5], 0.1)), "2 measured samples"),
-    "NaN everywhere": (lambda: fit(IOData.from_arrays(np.arange(50.0), np.full(50, np.nan), 0.1)), "NaN everywhere"),
-    "NaN input": (lambda: fit(IOData.from_arrays(np.full(50, np.nan), np.arange(50.0), 0.1)), "NaN everywhere"),
+    "constant input": (
+        lambda: fit(IOData.from_arrays(np.ones(100), np.arange(100.0), 0.1)),
+        "constant",
+    ),
+    "two samples": (
+        lambda: fit(IOData.from_arrays([0.0, 1.0], [0.0, 0.5], 0.1)),
+        "2 measured samples",
+    ),
+    "NaN everywhere": (
+        lambda: fit(IOData.from_arrays(np.arange(50.0), np.full(50, np.nan), 0.1)),
+        "NaN everywhere",
+    ),
+    "NaN input": (
+        lambda: fit(IOData.from_arrays(np.full(50, np.nan), np.arange(50.0), 0.1)),
+        "NaN everywhere",
+    ),
     "NaN in turns": (
-        lambda: fit(IOData.from_arrays(np.where(np.arange(50) % 2, 1.0, np.nan), np.arange(50.0), 0.1)),
+        lambda: fit(
+            IOData.from_arrays(np.where(np.arange(50) % 2, 1.0, np.nan), np.arange(50.0), 0.1)
+        ),
         "column u has no 8 samples in a row",
     ),
     "uneven time": (uneven, "not evenly spaced"),
@@ -122,9 +141,15 @@ BAD = {
     "lengths": (lambda: IOData.from_arrays([0.0, 1.0], [0.0], 0.1), "equal lengths"),
     "no such column": (lambda: from_frame(table(), input="x", output="y"), "missing"),
     "hold": (lambda: IOData.from_arrays([0.0], [0.0], 0.1, hold="linear"), "hold"),
-    "dead output": (lambda: fit(IOData.from_arrays(np.arange(60.0) % 7, np.ones(60), 0.1)), "never moves"),
+    "dead output": (
+        lambda: fit(IOData.from_arrays(np.arange(60.0) % 7, np.ones(60), 0.1)),
+        "never moves",
+    ),
     "no such model": (lambda: fit(case_a("PRBS", 0), "P4"), "no process model"),
-    "no interval": (lambda: from_frame(table(), input="u", output="y", resample_s=0.0), "interval is 0 s"),
+    "no interval": (
+        lambda: from_frame(table(), input="u", output="y", resample_s=0.0),
+        "interval is 0 s",
+    ),
     "interval of a nanosecond": (
         lambda: from_frame(table(), input="u", output="y", resample_s=1e-9),
         "at most 5e\\+07",
@@ -164,7 +189,9 @@ def test_a_table_without_names_is_told_from_a_missing_column(tmp_path):
 def test_runs_may_be_named_by_words(tmp_path):
     both = pd.concat([table().assign(run="warm"), table().assign(run="cold")])
     both.to_csv(tmp_path / "two.csv", index=False)
-    assert [r.name for r in from_csv(tmp_path / "two.csv", input="u", output="y", run="run").runs] == ["warm", "cold"]
+    assert [
+        r.name for r in from_csv(tmp_path / "two.csv", input="u", output="y", run="run").runs
+    ] == ["warm", "cold"]
 
 
 def test_a_missing_time_column_names_the_options_of_both_ways_in():
@@ -193,10 +220,14 @@ def test_tables_of_matlab_excel_and_labview_are_one_record(tmp_path):
     matlab.write_text(frame.to_string(index=False, float_format="%.17g"), encoding="utf-8")
     frame.to_csv(excel, sep=";", decimal=",", index=False, encoding="cp1252")
     with TdmsWriter(labview) as writer:
-        writer.write_segment([ChannelObject("Messung", name, frame[name].to_numpy()) for name in frame])
+        writer.write_segment(
+            [ChannelObject("Messung", name, frame[name].to_numpy()) for name in frame]
+        )
     for path in (matlab, excel, labview):
         read = from_csv(path, input="u", output="y_°C")
-        assert np.allclose(read.runs[0].y, plain.runs[0].y, rtol=4e-16, atol=0)  # pandas < 3.1: one last place off
+        assert np.allclose(
+            read.runs[0].y, plain.runs[0].y, rtol=4e-16, atol=0
+        )  # pandas < 3.1: one last place off
         assert read.dt_s == pytest.approx(plain.dt_s)
     for path in (matlab, labview):
         with pytest.raises(InputError, match="did you mean 'y_°C'"):
@@ -225,7 +256,9 @@ def gappy(n: int = 600) -> IOData:
     """One lag of 20 s, its input changing every 30 s, and ten rows lost in each answer, as if a logger had stalled."""
     rng = np.random.default_rng(2)
     u = np.repeat(rng.choice([0.0, 10.0], n // 30), 30)
-    y = simulate(process("P1").rational({"Kp": 1.0, "Tp1": 20.0}), u, 1.0, "zoh") + 0.05 * rng.normal(size=n)
+    y = simulate(
+        process("P1").rational({"Kp": 1.0, "Tp1": 20.0}), u, 1.0, "zoh"
+    ) + 0.05 * rng.normal(size=n)
     frame = pd.DataFrame({"time_s": np.arange(n) * 1.0, "u": u, "y": y})
     lost = [k + i for k in np.flatnonzero(np.diff(u)) for i in range(4, 14)]
     return from_frame(frame.drop(index=lost), input="u", output="y", hold="zoh")
@@ -270,4 +303,6 @@ def test_a_run_held_out_is_simulated_from_its_own_state_and_not_from_another_run
         y = y + off * np.exp(-0.05 * np.arange(len(u))) + 0.05 * rng.normal(size=len(u))
         parts.append(IOData.from_arrays(u, y, 0.5, hold="zoh"))
     both = compare(parts[0].merge(parts[1]), ["P1"], initial="estimated")
-    assert both.table["held_out_rms"].iloc[0] == pytest.approx(0.05, rel=0.2)  # the noise: 400 samples
+    assert both.table["held_out_rms"].iloc[0] == pytest.approx(
+        0.05, rel=0.2
+    )  # the noise: 400 samples

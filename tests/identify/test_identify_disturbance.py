@@ -37,7 +37,9 @@ def test_a_measured_input_whose_first_sample_is_noisy_still_covers_gain_and_lag(
     found = study(kind, range(100), input_sd=0.5)
     assert min(found["Kp"], found["lag"]) >= held(100, 0.93), found
     assert abs(found["bias_s"]) < 3 * found["sd_s"] / 10  # three standard errors of 100 runs
-    assert max(found["white"], found["input"]) <= 0.05, found  # 1 % alarms: more than 5 of 100 once in 500
+    assert max(found["white"], found["input"]) <= 0.05, (
+        found
+    )  # 1 % alarms: more than 5 of 100 once in 500
 
 
 def test_the_past_is_a_reading_among_others_and_a_known_input_has_none():
@@ -58,7 +60,9 @@ def test_slopes_by_past_and_drift_equal_differences():
     slopes = posed.evaluate(x)[1]
     for i, step in enumerate(1e-6 * np.eye(len(x))):
         difference = (posed.evaluate(x + step)[0] - posed.evaluate(x - step)[0]) / 2e-6
-        assert np.allclose(slopes[:, i], difference, atol=1e-5 * np.abs(difference).max()), i  # rounding 1e-16/1e-6
+        assert np.allclose(slopes[:, i], difference, atol=1e-5 * np.abs(difference).max()), (
+            i
+        )  # rounding 1e-16/1e-6
 
 
 @pytest.mark.parametrize("name", ["ar0.9", "walk", pytest.param("drift", marks=pytest.mark.slow)])
@@ -66,7 +70,9 @@ def test_the_noise_that_the_data_ask_for_covers_the_lag(name):
     """White noise assumed, the sandwich covered 47 % under a random walk and 5 % under a drift."""
     found = study("PRBS", range(16), name, **AUTO)
     assert found["lag"] >= held(16, 0.90), found
-    assert found["noise"]["slow"] >= 14  # by chance the residuals of one or two look white or follow the input
+    assert (
+        found["noise"]["slow"] >= 14
+    )  # by chance the residuals of one or two look white or follow the input
 
 
 def dense(noise: Noise, n: int) -> np.ndarray:
@@ -75,7 +81,9 @@ def dense(noise: Noise, n: int) -> np.ndarray:
     return toeplitz([h[k:] @ h[: len(h) - k] for k in range(n)])
 
 
-@pytest.mark.parametrize("noise", [Noise((-0.99,), (-0.8,)), Noise((-1.2, 0.5), (0.3,)), Noise((), (0.5,))])
+@pytest.mark.parametrize(
+    "noise", [Noise((-0.99,), (-0.8,)), Noise((-1.2, 0.5), (0.3,)), Noise((), (0.5,))]
+)
 def test_whitening_leaves_unit_noise_from_the_first_sample_on(noise):
     v, parts = dense(noise, 30), [slice(0, 30)]
     w = noise.whiten(np.eye(30), parts)
@@ -89,7 +97,9 @@ def test_what_a_noise_makes_likely_is_generalised_least_squares():
     x = posed.vector(CASE_A)
     x[-1] = 0.2
     r, j = posed.evaluate(x)
-    j = j / np.array([1.0, CASE_A["Tp1"], CASE_A["Tp2"], 1.0, 1.0])  # by the lags, not by their logarithms
+    j = j / np.array(
+        [1.0, CASE_A["Tp1"], CASE_A["Tp2"], 1.0, 1.0]
+    )  # by the lags, not by their logarithms
     told = []
     for noise in (noise_of(np.log(9.0), 2.0), noise_of(np.log(300.0), -1.0)):
         likelihood, step, covariance = slopes(posed, x, 1.0).given(noise)
@@ -101,15 +111,22 @@ def test_what_a_noise_makes_likely_is_generalised_least_squares():
         assert np.allclose(covariance, rest / freedom * np.linalg.inv(information), rtol=1e-5)
         volume = np.linalg.slogdet(information)[1] + np.linalg.slogdet(dense(noise, len(r)))[1]
         told.append((likelihood, -0.5 * (freedom * np.log(rest) + volume)))
-    assert told[0][0] - told[1][0] == pytest.approx(told[0][1] - told[1][1], abs=1e-4)  # but for a constant
+    assert told[0][0] - told[1][0] == pytest.approx(
+        told[0][1] - told[1][1], abs=1e-4
+    )  # but for a constant
 
 
 def test_a_mixture_has_the_moments_of_its_draws():
     rng = np.random.default_rng(0)
-    means, covariances = rng.normal(size=(3, 2)), np.array([np.diag(rng.uniform(0.1, 1, 2)) for _ in range(3)])
+    means, covariances = (
+        rng.normal(size=(3, 2)),
+        np.array([np.diag(rng.uniform(0.1, 1, 2)) for _ in range(3)]),
+    )
     weight = np.array([0.2, 0.5, 0.3])
     kind = rng.choice(3, 100_000, p=weight)
-    draws = means[kind] + rng.normal(size=(100_000, 2)) * np.sqrt(covariances[kind].diagonal(axis1=1, axis2=2))
+    draws = means[kind] + rng.normal(size=(100_000, 2)) * np.sqrt(
+        covariances[kind].diagonal(axis1=1, axis2=2)
+    )
     mean, covariance = moments(np.log(weight) - 700.0, means, covariances)
     assert np.allclose(mean, draws.mean(axis=0), atol=0.02)  # five standard errors of 100,000 draws
     assert np.allclose(covariance, np.cov(draws.T), atol=0.03)
@@ -146,7 +163,9 @@ def test_compare_models_the_disturbance_and_says_so():
     assert found.best.noise.averaged
     assert found.best.identified.statistics["p_walk"] > 0.2
     again = fit(data, "P2D", **found.best.disturbance, check=False)
-    assert again.identified.lag_s.value == pytest.approx(found.best.identified.lag_s.value, rel=1e-3)
+    assert again.identified.lag_s.value == pytest.approx(
+        found.best.identified.lag_s.value, rel=1e-3
+    )
     plain = compare(data, ["P2", "P2D"], noise="white", baseline="none")
     assert plain.best.noise.white
     assert "modelled" not in plain.advice
@@ -172,7 +191,11 @@ def test_noise_of_the_input_below_zero_is_refused():
 def test_the_command_takes_noise_baseline_and_noise_of_the_input(tmp_path):
     data = record("plunge", 5, input_sd=0.5)
     table = tmp_path / "plunge.csv"
-    columns = {"time_s": data.times_s().round(3), "u": data.runs[0].u[:, 0], "y": data.runs[0].y[:, 0]}
+    columns = {
+        "time_s": data.times_s().round(3),
+        "u": data.runs[0].u[:, 0],
+        "y": data.runs[0].y[:, 0],
+    }
     pd.DataFrame(columns).to_csv(table, index=False)
     words = ["identify", str(table), "--input", "u", "--output", "y", "--models", "P2D"]
 
@@ -182,7 +205,11 @@ def test_the_command_takes_noise_baseline_and_noise_of_the_input(tmp_path):
 
     plain, blind = told(), told("--input-noise", "0")
     asked = told("--input-noise", "0.5", "--noise", "ar", "--baseline", "trend")
-    assert plain["estimates"]["Kp"]["u"] > 2 * blind["estimates"]["Kp"]["u"]  # what the first sample hides
-    assert asked["statistics"]["parameters"] >= plain["statistics"]["parameters"] + 2  # a coefficient and a slope
+    assert (
+        plain["estimates"]["Kp"]["u"] > 2 * blind["estimates"]["Kp"]["u"]
+    )  # what the first sample hides
+    assert (
+        asked["statistics"]["parameters"] >= plain["statistics"]["parameters"] + 2
+    )  # a coefficient and a slope
     for wrong in (("--noise", "pink"), ("--baseline", "hill"), ("--input-noise", "much")):
         assert CliRunner().invoke(app, [*words, *wrong]).exit_code != 0

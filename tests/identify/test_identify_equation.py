@@ -23,10 +23,16 @@ def stirred(seed: int, n: int = 600, noise: float = 0.3) -> IOData:
     """Two held inputs, and white noise that goes through the same two poles as they do."""
     rng = np.random.default_rng(seed)
     heat, fan = (np.repeat(rng.choice([0.0, 1.0], -(-n // k)), k)[:n] for k in (9, 5))
-    into = lfilter([0.0, 0.1, 0.05], [1.0], heat) - lfilter([0.0, 0.2], [1.0], fan) + 0.2 * noise * rng.normal(size=n)
+    into = (
+        lfilter([0.0, 0.1, 0.05], [1.0], heat)
+        - lfilter([0.0, 0.2], [1.0], fan)
+        + 0.2 * noise * rng.normal(size=n)
+    )
     u = np.stack([heat, fan], 1)
     u[:8] = into[:8] = 0.0
-    return IOData.from_arrays(u, 3.0 + lfilter([1.0], A, into), DT, hold="zoh", input_names=["heat", "fan"])
+    return IOData.from_arrays(
+        u, 3.0 + lfilter([1.0], A, into), DT, hold="zoh", input_names=["heat", "fan"]
+    )
 
 
 def pair(order: int = 2) -> object:
@@ -38,7 +44,10 @@ def test_slopes_of_the_equation_error_are_its_own():
     data = stirred(1, 80)
     gap = data.runs[0].y.copy()
     gap[30:34] = np.nan
-    posed = replace(pose(replace(data, runs=(replace(data.runs[0], y=gap),)), pair(), "estimated"), time_scale_s=2.0)
+    posed = replace(
+        pose(replace(data, runs=(replace(data.runs[0], y=gap),)), pair(), "estimated"),
+        time_scale_s=2.0,
+    )
     x = np.linspace(0.4, 1.3, posed.size)
     core = posed.core()
     value, slopes = core.evaluate(x)
@@ -46,7 +55,9 @@ def test_slopes_of_the_equation_error_are_its_own():
         step = np.eye(posed.size)[k] * 1e-5
         difference = (core.evaluate(x + step)[0] - core.evaluate(x - step)[0]) / 2e-5
         assert np.allclose(difference, slopes[:, k], atol=1e-4 * max(1.0, np.abs(difference).max()))
-    assert np.count_nonzero(value == 0) == 2  # where a stretch lacks the two samples before, its state not free
+    assert (
+        np.count_nonzero(value == 0) == 2
+    )  # where a stretch lacks the two samples before, its state not free
 
 
 def test_a_state_that_is_free_is_told_by_the_first_samples():
@@ -61,7 +72,9 @@ def test_a_state_that_is_free_is_told_by_the_first_samples():
         assert found.identified.statistics["fit_percent"] == pytest.approx(
             plain.identified.statistics["fit_percent"], abs=1
         )
-        assert found.estimates["a1"].value == pytest.approx(plain.estimates["a1"].value, abs=plain.estimates["a1"].u)
+        assert found.estimates["a1"].value == pytest.approx(
+            plain.estimates["a1"].value, abs=plain.estimates["a1"].u
+        )
         assert not found.findings
 
 
@@ -71,7 +84,9 @@ def test_poles_and_gains_are_covered_where_noise_comes_in_before_the_poles():
     begun = {"start": {"a1": 5.0, "a2": 4.0}, "intervals": "quadratic", "check": False}
     for seed in range(40):
         found = fit(stirred(seed), pair(), **begun)
-        plain = fit(stirred(seed), several([transfer(2, 2)] * 2, ["heat", "fan"], common=True), **begun)
+        plain = fit(
+            stirred(seed), several([transfer(2, 2)] * 2, ["heat", "fan"], common=True), **begun
+        )
         held.append([found.estimates[n].covers(v) for n, v in truth.items()])
         spread.append([f.estimates["b0.fan"].value - truth["b0.fan"] for f in (found, plain)])
         assert found.identified.statistics["p_white"] > 1e-4
@@ -84,13 +99,20 @@ def test_a_regression_finds_the_poles_and_a_stride_does_not_move_them():
     posed = pose(stirred(0, 4000, 0.0), pair(), "equilibrium")
     for stride in (1, 3):
         below, _ = regressed(posed, 2, 0, stride)
-        assert below[1] == pytest.approx(-np.sum(DT / np.log(POLES)), rel=1e-3 if stride == 1 else 0.1)
+        assert below[1] == pytest.approx(
+            -np.sum(DT / np.log(POLES)), rel=1e-3 if stride == 1 else 0.1
+        )
 
 
 def test_the_criterion_of_a_record_given_twice_is_twice_that_of_one_but_for_the_parameters():
     once = stirred(4)
-    one, two = (regressed(pose(replace(once, runs=once.runs * k), pair(), "equilibrium"), 2)[1] for k in (1, 2))
-    assert 2 * one - two == pytest.approx(2 * (2 + 2 * 3 + 1))  # two poles, three samples of each input, a level
+    one, two = (
+        regressed(pose(replace(once, runs=once.runs * k), pair(), "equilibrium"), 2)[1]
+        for k in (1, 2)
+    )
+    assert 2 * one - two == pytest.approx(
+        2 * (2 + 2 * 3 + 1)
+    )  # two poles, three samples of each input, a level
 
 
 def test_a_block_that_is_left_out_is_foreseen_as_a_fit_without_it_foresees_it():
@@ -100,17 +122,26 @@ def test_a_block_that_is_left_out_is_foreseen_as_a_fit_without_it_foresees_it():
     for block in np.array_split(np.arange(600), 6)[1:]:
         y = data.runs[0].y.copy()
         y[block] = np.nan
-        less = fit(replace(data, runs=(replace(data.runs[0], y=y),)), model, start=found.identified.theta, check=False)
+        less = fit(
+            replace(data, runs=(replace(data.runs[0], y=y),)),
+            model,
+            start=found.identified.theta,
+            check=False,
+        )
         simulated = less.identified.simulate(data.runs[0].u)
         errors.append((simulated - data.runs[0].y[:, 0])[block])
-    assert blocks_out(found) == pytest.approx(float(np.sqrt(np.mean(np.concatenate(errors) ** 2))), rel=0.03)
+    assert blocks_out(found) == pytest.approx(
+        float(np.sqrt(np.mean(np.concatenate(errors) ** 2))), rel=0.03
+    )
 
 
 @pytest.mark.slow
 def test_the_bare_comparison_takes_equation_error_where_the_noise_asks_for_it():
     found = compare(stirred(3, 400, 1.0))
     assert found.best.identified.statistics["p_input"] > 0.01
-    assert "ARX" in found.recommended or found.best.noise.order != (0, 0) or found.best.noise.averaged
+    assert (
+        "ARX" in found.recommended or found.best.noise.order != (0, 0) or found.best.noise.averaged
+    )
 
 
 def test_names_are_read_and_what_cannot_be_is_refused():

@@ -11,7 +11,17 @@ from scipy.signal import lfilter
 
 from calibration.disk import Conditioning
 from tcdyn.fitting import Noise, Optimum, Status
-from tcdyn.identify import Identified, IOData, chain_model, fit, process, profile, simulate, transfer, validate
+from tcdyn.identify import (
+    Identified,
+    IOData,
+    chain_model,
+    fit,
+    process,
+    profile,
+    simulate,
+    transfer,
+    validate,
+)
 from tcdyn.identify.fit import last_level, noticed
 from tcdyn.identify.models import as_model
 from tcdyn.identify.search import pose
@@ -44,7 +54,9 @@ def test_every_structure_finds_its_truth_from_no_start(name):
     found = fit(IOData.from_arrays(u, y, 0.05, hold=hold), model)
     for key, value in truth.items():
         # 4 standard uncertainties: 1 in 16 000 for each of the 40 parameters here
-        assert found.estimates[key].value == pytest.approx(value, abs=4 * found.estimates[key].u + 1e-9), key
+        assert found.estimates[key].value == pytest.approx(
+            value, abs=4 * found.estimates[key].u + 1e-9
+        ), key
     assert found.identified.offset == pytest.approx(4.0, abs=1.0)
 
 
@@ -86,7 +98,9 @@ def test_unknown_initial_state_is_estimated_and_does_not_bias_the_lags():
     found = fit(cut, "P2D", initial="estimated")
     for name, truth in CASE_A.items():
         # a dead time of 7 samples hides some of the past: the state is only as good as the record's start
-        assert found.estimates[name].value == pytest.approx(truth, abs=5 * found.estimates[name].u), name
+        assert found.estimates[name].value == pytest.approx(
+            truth, abs=5 * found.estimates[name].u
+        ), name
     assert found.identified.statistics["rms"] < fit(cut, "P2D").identified.statistics["rms"]
 
 
@@ -95,11 +109,15 @@ def test_spikes_move_least_squares_but_not_the_robust_fit():
     y = data.runs[0].y[:, 0].copy()
     y[50::40] += 40.0
     spiked = IOData.from_arrays(data.runs[0].u, y, 0.05, hold="zoh")
-    plain, huber, tukey = (fit(spiked, "P2D", loss=loss) for loss in ("linear", "huber", "bisquare"))
+    plain, huber, tukey = (
+        fit(spiked, "P2D", loss=loss) for loss in ("linear", "huber", "bisquare")
+    )
     assert "spikes" in plain.identified.sentence
     for robust in (huber, tukey):
         for name, truth in CASE_A.items():
-            assert robust.estimates[name].value == pytest.approx(truth, abs=4.5 * robust.estimates[name].u), name
+            assert robust.estimates[name].value == pytest.approx(
+                truth, abs=4.5 * robust.estimates[name].u
+            ), name
         assert robust.estimates["Td"].u < 0.25 * plain.estimates["Td"].u
 
 
@@ -118,7 +136,9 @@ def test_coloured_noise_widens_the_robust_interval_and_a_noise_model_narrows_it(
 def test_rao_garnier_from_no_start():
     found = fit(rao_garnier(0), transfer(1, 4), initial="zero")
     for name, truth in RAO_GARNIER.items():
-        assert found.estimates[name].value == pytest.approx(truth, abs=4 * found.estimates[name].u), name
+        assert found.estimates[name].value == pytest.approx(
+            truth, abs=4 * found.estimates[name].u
+        ), name
 
 
 def test_profile_and_quadratic_intervals_agree_where_the_cost_is_quadratic():
@@ -127,7 +147,8 @@ def test_profile_and_quadratic_intervals_agree_where_the_cost_is_quadratic():
         e, inside = profile(found, name)
         assert inside
         assert (e.low95, e.high95) == pytest.approx(
-            (found.estimates[name].low95, found.estimates[name].high95), abs=0.1 * found.estimates[name].u
+            (found.estimates[name].low95, found.estimates[name].high95),
+            abs=0.1 * found.estimates[name].u,
         )
 
 
@@ -164,7 +185,9 @@ def test_lags_that_nearly_coincide_leave_their_sum_its_uncertainty():
         assert found.theta["Tp1"] == pytest.approx(found.theta["Tp2"], rel=1e-3)
         assert 4 < found.lag_s.u < 10  # eight such records gave 5 to 8 s; before, 0 to 31 s
         spread = np.linalg.eigvalsh(found.covariance)
-        assert spread.min() > -1e-14 * spread.max()  # twins differ by nothing: semidefinite to rounding
+        assert (
+            spread.min() > -1e-14 * spread.max()
+        )  # twins differ by nothing: semidefinite to rounding
 
 
 def test_an_integrator_begun_at_rest_has_one_level_and_not_two():
@@ -185,7 +208,9 @@ def told_of(**moved: float) -> tuple[dict[str, str], list[str]]:
     theta = {"Kp": 1.0, "Tp1": 2.0, "Tp2": 0.5, "Tz": 0.3, "Td": 0.37, **moved}
     x, size = posed.vector(theta), posed.size
     nothing = np.zeros((0, size))
-    ended = Optimum(posed.core(), x, np.zeros(0), nothing, 0.0, np.eye(size), np.eye(size), Status.CONVERGED, 1)
+    ended = Optimum(
+        posed.core(), x, np.zeros(0), nothing, 0.0, np.eye(size), np.eye(size), Status.CONVERGED, 1
+    )
     u = np.array([moved.get(f"u_{n}", 0.01 * abs(theta[n])) for n in posed.model.free])
     said = noticed(ended, Identified.of(posed.model, theta, np.diag(u**2)))
     return {f.subject: f.code for f in said}, [str(f.numbers.get("end", "")) for f in said]
@@ -219,7 +244,9 @@ def test_a_model_goes_on_at_the_level_its_disturbance_has_reached():
     x = np.zeros(posed.size)
     x[2:4], x[-2:] = (3.0, 5.0), (0.8, 0.4)  # the drift per length of the longest run
     residual = np.r_[np.zeros(1180), np.full(20, 0.5)]
-    assert last_level(posed, x, residual, Noise()) == pytest.approx(4.0 + (0.8 * 1.0 + 0.4 * 0.5) / 2)
+    assert last_level(posed, x, residual, Noise()) == pytest.approx(
+        4.0 + (0.8 * 1.0 + 0.4 * 0.5) / 2
+    )
     walk = last_level(replace(posed, trend=False), x[:-2], residual, Noise((-1.0,), rest=True))
     assert walk == pytest.approx(4.0 + 0.5)
 

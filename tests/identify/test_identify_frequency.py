@@ -89,9 +89,15 @@ def test_the_coherence_of_a_welch_estimate_says_how_sure_it_is():
         h, g2 = cross / welch(u, **how)[1], coherence(u, y, **how)[1]
         low = slice(2, 60)
         s = 2j * np.pi * f[low]
-        h = h[low] / ((1 - a) / (1 - a * np.exp(-s * dt)) * (1 + s * tau))  # sampling's own share, by formula
+        h = h[low] / (
+            (1 - a) / (1 - a * np.exp(-s * dt)) * (1 + s * tau)
+        )  # sampling's own share, by formula
         data = Response.of(
-            f[low], magnitude=np.abs(h), phase_deg=np.rad2deg(np.angle(h)), coherence=g2[low], averages=30
+            f[low],
+            magnitude=np.abs(h),
+            phase_deg=np.rad2deg(np.angle(h)),
+            coherence=g2[low],
+            averages=30,
         )
         found = fit_response(data, "P1")
         held.append(found.estimates["Tp1"].covers(tau))
@@ -101,14 +107,34 @@ def test_the_coherence_of_a_welch_estimate_says_how_sure_it_is():
 def test_the_command_takes_three_forms_of_one_table_and_says_what_is_wrong(tmp_path: Path, capsys):
     h, u = measured(2)
     frame = pd.DataFrame(
-        {"f": F, "m": np.abs(h), "p": np.rad2deg(np.angle(h)), "dB": 20 * np.log10(np.abs(h)), "re": h.real,
-         "im": h.imag, "u": u}
-    )  # fmt: skip
+        {
+            "f": F,
+            "m": np.abs(h),
+            "p": np.rad2deg(np.angle(h)),
+            "dB": 20 * np.log10(np.abs(h)),
+            "re": h.real,
+            "im": h.imag,
+            "u": u,
+        }
+    )
     frame.to_csv(tmp_path / "bode.csv", index=False)
-    common = ("response", tmp_path / "bode.csv", "--frequency", "f", "--u", "u", "--models", "P1,P2D,P2", "--columns")
+    common = (
+        "response",
+        tmp_path / "bode.csv",
+        "--frequency",
+        "f",
+        "--u",
+        "u",
+        "--models",
+        "P1,P2D,P2",
+        "--columns",
+    )
     said = []
     for form, columns in (("magnitude", "m,p"), ("dB", "dB,p"), ("complex", "re,im")):
-        assert tcdyn(*common, columns, "--form", form, "--out", tmp_path / f"{form}.json", "--json") == 0
+        assert (
+            tcdyn(*common, columns, "--form", form, "--out", tmp_path / f"{form}.json", "--json")
+            == 0
+        )
         said.append(json.loads(capsys.readouterr().out)["theta"]["Tp1"])
     assert said == pytest.approx([said[0]] * 3, rel=1e-6)
     assert said[0] == pytest.approx(2.4, rel=0.1)
@@ -116,7 +142,9 @@ def test_the_command_takes_three_forms_of_one_table_and_says_what_is_wrong(tmp_p
     assert found.model.name == "P2D"
     assert tcdyn(*common, "m,p", "--out", tmp_path / "a.json") == 0
     assert "P2D" in capsys.readouterr().out
-    assert tcdyn(*common[:6], "--models", "P1", "--columns", "m,p", "--out", tmp_path / "b.json") == 1
+    assert (
+        tcdyn(*common[:6], "--models", "P1", "--columns", "m,p", "--out", tmp_path / "b.json") == 1
+    )
     assert "times the stated uncertainty" in capsys.readouterr().err
     wrong_form = ("re,im", "--form", "magnitude")
     for wrong, why in (
@@ -134,8 +162,14 @@ def test_the_command_takes_three_forms_of_one_table_and_says_what_is_wrong(tmp_p
     [
         ({"frequency_Hz": np.array([0.0, 1.0]), "response": np.ones(2)}, "above 0"),
         ({"frequency_Hz": np.array([1.0, 1.0]), "response": np.ones(2)}, "twice"),
-        ({"frequency_Hz": F, "response": closed_form(F), "share": np.zeros(25)}, "not all u are above 0"),
-        ({"frequency_Hz": F, "response": closed_form(F), "u": np.zeros(25)}, "not all u are above 0"),
+        (
+            {"frequency_Hz": F, "response": closed_form(F), "share": np.zeros(25)},
+            "not all u are above 0",
+        ),
+        (
+            {"frequency_Hz": F, "response": closed_form(F), "u": np.zeros(25)},
+            "not all u are above 0",
+        ),
     ],
 )
 def test_what_is_no_frequency_response_is_refused(data, why):

@@ -37,8 +37,14 @@ def study(kind: str, seeds: range, high_s: float) -> dict[str, float]:
         truth = [0.73 + (high_s - 0.73) * (level - LOW) / (HIGH - LOW) for level in found.levels]
         wrong.append(found.bend.value < 0)
         claimed.append(found.depends)
-        held += [abs(e.value - v) < 1.96 * e.u + 0.01 for e, v in zip((found.low, found.high), truth)]
-    return {"wrong": float(np.mean(wrong)), "claimed": float(np.mean(claimed)), "held": float(np.mean(held))}
+        held += [
+            abs(e.value - v) < 1.96 * e.u + 0.01 for e, v in zip((found.low, found.high), truth)
+        ]
+    return {
+        "wrong": float(np.mean(wrong)),
+        "claimed": float(np.mean(claimed)),
+        "held": float(np.mean(held)),
+    }
 
 
 @pytest.mark.parametrize("kind", ["plunge", pytest.param("square", marks=pytest.mark.slow)])
@@ -61,11 +67,17 @@ def test_without_a_bend_nothing_is_added_to_the_linear_model_and_slopes_are_the_
     assert np.allclose(slopes[:, :-1], base.slopes, atol=1e-9 * np.abs(base.slopes).max())
     assert np.abs(slopes[:, -1]).max() > 1.0
     bend, h = np.append(base.x, 0.3), 1e-3
-    free = [k for k, name in enumerate(bent.problem.names) if name != "Td"]  # which lies at its bound
+    free = [
+        k for k, name in enumerate(bent.problem.names) if name != "Td"
+    ]  # which lies at its bound
     _, slopes = bent.problem.evaluate(bend)
     for k in free:
-        up, down = (bent.problem.evaluate(bend + side * h * np.eye(len(bend))[k])[0] for side in (1, -1))
-        assert np.abs(slopes[:, k] - (up - down) / (2 * h)).max() < 1e-4 * np.abs(slopes[:, k]).max(), k
+        up, down = (
+            bent.problem.evaluate(bend + side * h * np.eye(len(bend))[k])[0] for side in (1, -1)
+        )
+        assert (
+            np.abs(slopes[:, k] - (up - down) / (2 * h)).max() < 1e-4 * np.abs(slopes[:, k]).max()
+        ), k
 
 
 if __name__ == "__main__":  # python -m test_identify_level 100

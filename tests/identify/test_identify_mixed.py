@@ -29,7 +29,12 @@ def late(u: np.ndarray) -> np.ndarray:
 
 
 def record(
-    seed: int, drift: float = 0.0, spikes: int = 0, ar: float = 0.0, walk: float = 0.0, every: int = 0
+    seed: int,
+    drift: float = 0.0,
+    spikes: int = 0,
+    ar: float = 0.0,
+    walk: float = 0.0,
+    every: int = 0,
 ) -> IOData:
     """Held levels 0 and 1, noise of 0.02 or an AR(1) of such steps, beside a drift over the record and a random walk,
     spikes of +0.6, every so manieth output missing."""
@@ -45,15 +50,23 @@ def record(
 
 def test_a_robust_fit_with_a_drift_covers_the_truth():
     """With the weights of the fit without the drift, 36 % did."""
-    found = [fit(record(seed, 1.0, 15), "P1D", loss="huber", baseline="trend") for seed in range(16)]
-    assert sum(f.estimates[n].covers(v) for f in found for n, v in TRUTH.items()) >= 41  # of 48, fewer once in 250
-    assert all(f.weights is not None and np.sum(f.weights < 0.3) >= 15 for f in found)  # the spikes, not the drift
+    found = [
+        fit(record(seed, 1.0, 15), "P1D", loss="huber", baseline="trend") for seed in range(16)
+    ]
+    assert (
+        sum(f.estimates[n].covers(v) for f in found for n, v in TRUTH.items()) >= 41
+    )  # of 48, fewer once in 250
+    assert all(
+        f.weights is not None and np.sum(f.weights < 0.3) >= 15 for f in found
+    )  # the spikes, not the drift
 
 
 def test_a_robust_fit_with_a_noise_model_does_not_follow_the_input():
     """The inputs of the test not weighted as the residuals are, p was below 0.01 in all."""
     p = [
-        fit(record(seed, 0.0, 15), "P1D", loss="huber", noise=(1, 0)).identified.statistics["p_input"]
+        fit(record(seed, 0.0, 15), "P1D", loss="huber", noise=(1, 0)).identified.statistics[
+            "p_input"
+        ]
         for seed in range(8)
     ]
     assert min(p) > 1e-3
@@ -74,13 +87,17 @@ def test_a_drift_larger_than_the_answer_is_told_from_it(drift, options):
     for seed in range(3):
         found = fit(record(seed, drift), "P1D", **options)
         for name, value in TRUTH.items():
-            assert found.estimates[name].value == pytest.approx(value, abs=4 * found.estimates[name].u)
+            assert found.estimates[name].value == pytest.approx(
+                value, abs=4 * found.estimates[name].u
+            )
 
 
 @pytest.mark.parametrize(("options", "walks"), [({"ar": 0.7}, False), ({"walk": 0.01}, True)])
 def test_gaps_make_no_random_walk_and_hide_none(options, walks):
     """Its level after each gap for nothing, a walk was chosen in 8 of 10; at ln N for each level, never."""
-    found = [fit(record(s, every=20, **options), "P1D", noise="ar", baseline="auto") for s in range(5)]
+    found = [
+        fit(record(s, every=20, **options), "P1D", noise="ar", baseline="auto") for s in range(5)
+    ]
     assert sum(f.noise.walks == walks for f in found) >= 4
 
 
@@ -89,7 +106,10 @@ def test_new_data_with_slow_noise_confirm_the_true_model():
     moved = 0
     for seed in range(30):
         found = fit(record(seed, ar=0.95), "P1D", start=TRUTH, check=False, intervals="quadratic")
-        moved += any(f.code == "validation.moved" for f in confirm(found, record(500 + seed, ar=0.95)).findings)
+        moved += any(
+            f.code == "validation.moved"
+            for f in confirm(found, record(500 + seed, ar=0.95)).findings
+        )
     assert moved <= 2  # of 30, three or more once in 300
 
 
@@ -104,13 +124,24 @@ def test_missed_dynamics_name_the_input():
     rng = np.random.default_rng(1)
     u = np.repeat(rng.integers(0, 2, (N // 10, 2)), 10, axis=0).astype(float)
     u[0] = 0.0  # all at rest
-    fan = lfilter([1 - np.exp(-0.05)], [1.0, -np.exp(-0.05)], late(u[:, 1]))  # two lags, and one is fitted
+    fan = lfilter(
+        [1 - np.exp(-0.05)], [1.0, -np.exp(-0.05)], late(u[:, 1])
+    )  # two lags, and one is fitted
     data = IOData.from_arrays(
-        u, late(u[:, 0]) + fan + 0.02 * rng.normal(size=N), DT_S, hold="zoh", input_names=["heat", "fan"]
+        u,
+        late(u[:, 0]) + fan + 0.02 * rng.normal(size=N),
+        DT_S,
+        hold="zoh",
+        input_names=["heat", "fan"],
     )
     said = fit(data, several(["P1D", "P1"], ["heat", "fan"]), check=False).identified.sentence
     assert "still follow the input fan (" in said
-    assert "input (" in look("residuals.follow_input", subject="P1", fit_percent=1.0, p_input=0.0, lag_s=1.0).sentence
+    assert (
+        "input ("
+        in look(
+            "residuals.follow_input", subject="P1", fit_percent=1.0, p_input=0.0, lag_s=1.0
+        ).sentence
+    )
 
 
 @pytest.mark.parametrize("baseline", ["walk", "auto"])
@@ -120,11 +151,19 @@ def test_spikes_upon_a_random_walk_are_told_from_its_crests(baseline):
     for seed in range(8):
         rng = np.random.default_rng(seed)
         u, y = fine("PRBS", rng)
-        noise = disturbance("walk", rng) + np.where(rng.random(800) < 0.03, 10 * rng.normal(size=800), 0.0)
+        noise = disturbance("walk", rng) + np.where(
+            rng.random(800) < 0.03, 10 * rng.normal(size=800), 0.0
+        )
         found = fit(
-            IOData.from_arrays(u, y + noise, 0.05, hold="zoh"), "P2D", loss="huber", baseline=baseline,
-            noise="white" if baseline == "walk" else "auto", start=CASE_A, check=False, intervals="quadratic",
-        )  # fmt: skip
+            IOData.from_arrays(u, y + noise, 0.05, hold="zoh"),
+            "P2D",
+            loss="huber",
+            baseline=baseline,
+            noise="white" if baseline == "walk" else "auto",
+            start=CASE_A,
+            check=False,
+            intervals="quadratic",
+        )
         held += [found.estimates["Kp"].covers(1.0), found.identified.lag_s.covers(2.87)]
         assert found.identified.lag_s.u < 0.07
     assert np.mean(held) > 0.75  # of 16, nominal 0.95

@@ -54,12 +54,17 @@ def test_terms_found_by_one_step_are_refined_and_the_lag_has_an_interval():
     assert Narx(TERMS, TRUTH, (0.0, 1.0), (0.0, 1.0), 0.1).intervals == (None, None, None)
 
 
-@pytest.mark.parametrize(("quadratic", "said"), [(98.1, "Held out, a quadratic"), (98.3, "look at the static line")])
+@pytest.mark.parametrize(
+    ("quadratic", "said"), [(98.1, "Held out, a quadratic"), (98.3, "look at the static line")]
+)
 def test_a_quadratic_model_is_better_from_a_tenth_of_the_error_on(
     quadratic: float, said: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A linear model leaves 2 % of the held-out part; a lag that does not depend on the level."""
-    level, e = LevelLag("P1", (20.0, 180.0), *[Estimate.normal(1.0, 0.1)] * 2, Estimate.normal(0.0, 0.1)), (0.0, 1.0)
+    level, e = (
+        LevelLag("P1", (20.0, 180.0), *[Estimate.normal(1.0, 0.1)] * 2, Estimate.normal(0.0, 0.1)),
+        (0.0, 1.0),
+    )
 
     def scored(data: IOData, *, degree: int, **_: object) -> Narx:
         percent = {1: 98.0, 2: quadratic}[degree]
@@ -82,7 +87,9 @@ def test_a_lag_is_that_of_the_recursion_linearised_about_its_level() -> None:
     u = 0.2 * y / (0.25 - 0.05 * y)  # at rest
     a = 0.8 - 0.05 * u
     assert bent.local_lag_s(5.0) == pytest.approx(0.1 * (1 + a / (1 - a)), rel=1e-9)
-    assert np.isnan(Narx(TERMS[:2], (1.1, 0.5), (0.0, 1.0), (0.0, 1.0), 0.1).local_lag_s(0.0))  # not stable
+    assert np.isnan(
+        Narx(TERMS[:2], (1.1, 0.5), (0.0, 1.0), (0.0, 1.0), 0.1).local_lag_s(0.0)
+    )  # not stable
     constant = Narx(((), (("u", 1),)), (0.5, 1.0), (0.0, 1.0), (0.0, 1.0), 0.1)
     assert constant.local_lag_s(2.0) == pytest.approx(0.1, rel=1e-9)
 
@@ -104,7 +111,9 @@ def test_free_simulation_and_one_step_are_the_recursion_in_their_units() -> None
 
 def test_a_score_is_of_what_has_a_value_unless_too_little_has_one() -> None:
     y = np.arange(20.0)
-    assert module.percent(y, y + np.tile([1.0, -1.0], 10)) == pytest.approx(100 * (1 - np.sqrt(20 / 665)))
+    assert module.percent(y, y + np.tile([1.0, -1.0], 10)) == pytest.approx(
+        100 * (1 - np.sqrt(20 / 665))
+    )
     assert module.percent(y, np.r_[np.nan, y[1:]]) == 100.0
     assert module.percent(y, np.r_[np.full(3, np.nan), y[3:]]) == -np.inf
     draws = [1.0, 2.0, 3.0, 4.0] * 25

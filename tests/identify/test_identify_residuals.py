@@ -55,9 +55,13 @@ def test_whiteness_is_ljung_and_box_s_sum_without_what_the_fit_took() -> None:
     sums = np.array([e[k:] @ e[:-k] for k in range(1, 9)])
     z = (sums / (e @ e / 99) + (100 - np.arange(1, 9)) / 100) / np.sqrt(100 - np.arange(1, 9))
     assert about.p == pytest.approx(stats.chi2.sf(z @ z, 8))
-    assert len(whiteness(e, np.ones((100, 1)), [slice(0, 100)], 0.5, 60).value) == 25  # a quarter of the record
+    assert (
+        len(whiteness(e, np.ones((100, 1)), [slice(0, 100)], 0.5, 60).value) == 25
+    )  # a quarter of the record
     tens = [slice(k, k + 10) for k in range(0, 100, 10)]
-    assert len(whiteness(e, np.ones((100, 1)), tens, 0.5, 60).value) == 9  # no two samples of a part stand further
+    assert (
+        len(whiteness(e, np.ones((100, 1)), tens, 0.5, 60).value) == 9
+    )  # no two samples of a part stand further
 
 
 def test_the_input_s_test_is_the_f_test_of_regressors_added_to_the_fit_s_own() -> None:
@@ -75,7 +79,9 @@ def test_the_input_s_test_is_the_f_test_of_regressors_added_to_the_fit_s_own() -
     size = np.linalg.norm(u, axis=0)
     assert found.value == pytest.approx(left.T @ e / size / np.sqrt(e @ e))
     assert found.bound95 == pytest.approx(1.96 * np.linalg.norm(left, axis=0) / size / np.sqrt(77))
-    assert input_correlation(e, j, j[:, :2], np.arange(2.0)).p == 1.0  # nothing that the fit has not used
+    assert (
+        input_correlation(e, j, j[:, :2], np.arange(2.0)).p == 1.0
+    )  # nothing that the fit has not used
 
 
 def test_inputs_are_looked_up_before_and_after_each_sample_up_to_three_lags() -> None:
@@ -96,7 +102,9 @@ def test_inputs_are_looked_up_before_and_after_each_sample_up_to_three_lags() ->
     assert zero[:, 1] == pytest.approx(np.r_[np.zeros(3), u[:-3]])
 
 
-@pytest.mark.parametrize(("slope", "told"), [(0.6, True), (0.55, False)])  # a/sqrt(1 + a^2) = 0.51 and 0.48
+@pytest.mark.parametrize(
+    ("slope", "told"), [(0.6, True), (0.55, False)]
+)  # a/sqrt(1 + a^2) = 0.51 and 0.48
 def test_a_drift_is_told_from_a_quarter_of_the_variance_on(slope: float, told: bool) -> None:
     problem = posed(gap=slice(50, 60))
     t = np.flatnonzero(problem.segments[0].seen).astype(float)
@@ -107,7 +115,9 @@ def test_a_drift_is_told_from_a_quarter_of_the_variance_on(slope: float, told: b
     residual = slope * t / np.linalg.norm(t) + w / np.linalg.norm(w)
     found = drift(problem, residual)
     assert bool(found) is told
-    assert not told or found[0].numbers["correlation"] == pytest.approx(slope / np.sqrt(1 + slope**2))
+    assert not told or found[0].numbers["correlation"] == pytest.approx(
+        slope / np.sqrt(1 + slope**2)
+    )
 
 
 @pytest.mark.parametrize(("off", "told"), [(-4.5, True), (3.7, False)])
@@ -123,7 +133,9 @@ def test_a_start_off_equilibrium_is_told_from_four_rms_on(off: float, told: bool
     assert off_equilibrium(cast(Any, SimpleNamespace(problem=free, residual=residual))) == ()
 
 
-def test_a_fit_s_percent_is_of_the_spread_about_the_mean_and_its_noise_of_the_degrees_of_freedom() -> None:
+def test_a_fit_s_percent_is_of_the_spread_about_the_mean_and_its_noise_of_the_degrees_of_freedom() -> (
+    None
+):
     problem = posed()
     y = problem.segments[0].y
     residual = 0.25 * (y - y.mean())
@@ -147,7 +159,9 @@ def test_noise_of_a_measured_input_has_the_spectrum_of_both_noises() -> None:
     w = np.linspace(0.05, 3.1, 40)
     z = np.exp(-1j * w)
     exact = own**2 + sd**2 * gain**2 * np.abs((b0 + b1 * z) / (1 - a * z)) ** 2
-    told = np.abs(np.polyval([1.0, *found.ma][::-1], z) / np.polyval([1.0, *found.ar][::-1], z)) ** 2
+    told = (
+        np.abs(np.polyval([1.0, *found.ma][::-1], z) / np.polyval([1.0, *found.ar][::-1], z)) ** 2
+    )
     assert told / told.mean() == pytest.approx(exact / exact.mean(), rel=1e-6)
     assert (found.rest, found.parameters) == (True, 0)
     assert through_model(replace(problem, input_sds=(1e-6,)), x, np.full(N, own)).white
@@ -161,7 +175,9 @@ def test_spikes_beside_a_running_median_are_put_upon_it_and_slow_noise_stays() -
     seen = problem.segments[0].seen
     moved = (problem.segments[0].y - unspiked(problem, residual).segments[0].y)[seen]
     assert np.flatnonzero(np.abs(moved) > 1.0).tolist() == [40, 150]
-    assert moved[[40, 150]] == pytest.approx([3.0, -3.0], abs=0.4)  # a few of the noise's standard deviations
+    assert moved[[40, 150]] == pytest.approx(
+        [3.0, -3.0], abs=0.4
+    )  # a few of the noise's standard deviations
     others = np.delete(np.abs(moved), [40, 150])
     assert np.count_nonzero(others) <= 2
 
@@ -177,7 +193,9 @@ def test_a_walk_beneath_white_noise_has_steps_that_are_a_moving_average() -> Non
     assert found.ma[0] == pytest.approx(c, abs=4 * np.sqrt((1 - c**2) / 6000))
     assert (found.rest, found.parameters, found.walks) == (True, 1, True)
     white = rng.normal(size=200)
-    assert score(white, [slice(0, 200)], Noise()) == pytest.approx(200 * np.log(white @ white / 200))
+    assert score(white, [slice(0, 200)], Noise()) == pytest.approx(
+        200 * np.log(white @ white / 200)
+    )
     one = Noise(ar=(-0.5,))
     w = one.whiten(white, [slice(0, 200)])
     assert score(white, [slice(0, 200)], one) == pytest.approx(
@@ -203,7 +221,9 @@ def test_a_bent_lag_follows_the_level_and_an_unbent_one_the_exponential() -> Non
     problem = posed("P2")
     bent = Bent(cast(Any, SimpleNamespace(problem=problem)), 10.0, 4.0)
     drive = np.full(50, 12.0)
-    assert bent.recursion(2.0, drive, 0.1, 0.0) == pytest.approx(12.0 - 10.0 * np.exp(-0.1 * np.arange(51)))
+    assert bent.recursion(2.0, drive, 0.1, 0.0) == pytest.approx(
+        12.0 - 10.0 * np.exp(-0.1 * np.arange(51))
+    )
     y = bent.recursion(14.0, np.full(1, 0.0), 0.1, 0.3)
     assert y[1] == pytest.approx(14.0 * np.exp(-0.1 * np.exp(-0.3)))
     far = bent.recursion(1e6, np.full(1, 0.0), 0.1, 0.3)
@@ -236,7 +256,9 @@ def test_lags_are_told_from_the_longest_on_with_their_slopes() -> None:
     x = problem.vector({"Kp": 1.0, "Tp1": 0.1, "Tp2": 0.9, "Tp3": 0.4})
     core, size = problem.core(), problem.size
     j = np.arange(2.0 * size).reshape(2, size)
-    found = ordered(problem, Optimum(core, x, np.zeros(2), j, 0.0, j.T @ j, np.eye(size), Status.CONVERGED, 1))
+    found = ordered(
+        problem, Optimum(core, x, np.zeros(2), j, 0.0, j.T @ j, np.eye(size), Status.CONVERGED, 1)
+    )
     theta = problem.theta(found.theta)
     assert [theta[n] for n in ("Tp1", "Tp2", "Tp3")] == pytest.approx([0.9, 0.4, 0.1])
     assert found.jacobian[0, :4].tolist() == [0.0, 2.0, 3.0, 1.0]

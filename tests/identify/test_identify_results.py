@@ -68,7 +68,9 @@ def test_the_table_recommends_the_true_structure_and_says_why():
     assert list(c.table["BIC"]) == sorted(c.table["BIC"])
     assert "BIC" in c.why
     assert c.best.problem.model.name == "P2D"
-    assert c.table["held_out_rms"].iloc[0] == pytest.approx(0.5, abs=0.06)  # the noise, sd of its own estimate 0.02
+    assert c.table["held_out_rms"].iloc[0] == pytest.approx(
+        0.5, abs=0.06
+    )  # the noise, sd of its own estimate 0.02
 
 
 def test_a_smaller_model_with_nearly_the_same_bic_is_preferred():
@@ -99,7 +101,9 @@ def test_percent_times_of_one_lag_are_its_logarithms():
     tau, theta = found.theta["Tp1"], found.theta["Td"]
     for name, share in (("t50", 0.5), ("t63.2", 1 - np.exp(-1)), ("t90", 0.9)):
         k = -np.log(1 - share)
-        assert times[name].value == pytest.approx(theta + k * tau, rel=2e-4)  # grid of 1/500 of the lag, linear
+        assert times[name].value == pytest.approx(
+            theta + k * tau, rel=2e-4
+        )  # grid of 1/500 of the lag, linear
         gradient = np.array([0.0, k, 1.0])
         assert times[name].u == pytest.approx(found.u_of(gradient[:, None])[0], rel=1e-2)
 
@@ -111,7 +115,9 @@ def test_bands_cover_the_truth_as_often_as_they_say():
     g = 20 * np.log10(np.abs(truth.frequency_response(f)))
     covered = []
     for seed in range(60):
-        m = fit(case_a("PRBS", 300 + seed), "P2D", start=CASE_A, intervals="quadratic", check=False).identified
+        m = fit(
+            case_a("PRBS", 300 + seed), "P2D", start=CASE_A, intervals="quadratic", check=False
+        ).identified
         b, s = bode_band(m, f).magnitude_dB, step_band(m, t)
         times = percent_times(m)["t90"]
         covered.append(
@@ -133,7 +139,9 @@ def test_frequency_sensitivity_equals_central_differences():
     for i, name in enumerate(model.names):
         h = 1e-6
         up, down = ({**theta, name: theta[name] + s * h} for s in (1, -1))
-        difference = (model.rational(up).frequency_response(f) - model.rational(down).frequency_response(f)) / (2 * h)
+        difference = (
+            model.rational(up).frequency_response(f) - model.rational(down).frequency_response(f)
+        ) / (2 * h)
         assert np.allclose(rows[i], difference, atol=1e-8)
 
 
@@ -142,7 +150,9 @@ def quantised(seed: int) -> IOData:
     rng = np.random.default_rng(seed)
     u = (np.arange(240) >= 20) * 1.0
     y = 20 + 0.1 * rng.random() + simulate(process("P1D").rational(QUANTISED), u, 0.5, "zoh")
-    return IOData.from_arrays(u, 0.1 * np.round(10 * (y + 0.01 * rng.normal(size=240))), 0.5, hold="zoh")
+    return IOData.from_arrays(
+        u, 0.1 * np.round(10 * (y + 0.01 * rng.normal(size=240))), 0.5, hold="zoh"
+    )
 
 
 QUANTISED = {"Kp": 6.0, "Tp1": 4.0, "Td": 1.2}
@@ -184,7 +194,9 @@ def test_feedback_is_told_from_missing_dynamics():
             total += error / 15
             u[k] = 1.5 * (error + total)
             x = lag * x + (1 - lag) * gain * u[max(k - 3, 0)]
-        said = fit(IOData.from_arrays(u, y, 1.0, hold="zoh"), "P1D", initial="estimated", check=not closed)
+        said = fit(
+            IOData.from_arrays(u, y, 1.0, hold="zoh"), "P1D", initial="estimated", check=not closed
+        )
         said = said.identified.sentence
         assert ("feedback" in said) == closed
 
@@ -192,7 +204,9 @@ def test_feedback_is_told_from_missing_dynamics():
 def test_a_gain_the_data_do_not_determine_is_remarked_on():
     """The record ends after a tenth of the lag: only gain over lag is seen."""
     t = np.arange(200) * 0.05
-    y = 5 * (1 - np.exp(-np.clip(t - 1, 0, None) / 100)) + 0.1 * np.random.default_rng(0).normal(size=200)
+    y = 5 * (1 - np.exp(-np.clip(t - 1, 0, None) / 100)) + 0.1 * np.random.default_rng(0).normal(
+        size=200
+    )
     found = fit(IOData.from_arrays((t > 1) * 1.0, y, 0.05, hold="zoh"), "P1")
     assert any(w.startswith("Kp is hardly determined") for w in found.warnings)
 
@@ -218,7 +232,9 @@ def test_a_model_is_confirmed_by_new_data_and_a_changed_system_is_told():
 def test_the_summary_tells_how_the_parameters_errors_hang_together():
     found = fit(case_a("PRBS", 0), "P2D", start=CASE_A, check=False).identified
     sd = np.sqrt(np.diag(found.covariance))
-    assert found.correlation.at["Tp2", "Td"] == pytest.approx(found.covariance[2, 3] / sd[2] / sd[3])
+    assert found.correlation.at["Tp2", "Td"] == pytest.approx(
+        found.covariance[2, 3] / sd[2] / sd[3]
+    )
     assert f"Tp2-Td {found.correlation.at['Tp2', 'Td']:.2f}" in found.summary()
 
 
@@ -242,14 +258,18 @@ def test_narx_says_whether_the_lag_depends_on_temperature():
             tau = 0.5 + slope * (y[k] - 20) / 160
             y[k + 1] = y[k] + 0.05 / tau * (u[k] - y[k])
         noisy = y + 0.1 * rng.normal(size=len(u))
-        answers.append(temperature_dependence(IOData.from_arrays(u, noisy, 0.05, hold="zoh"), lags=2))
+        answers.append(
+            temperature_dependence(IOData.from_arrays(u, noisy, 0.05, hold="zoh"), lags=2)
+        )
     constant, varying = answers
     assert not constant.depends
     assert "No sign" in constant.sentence
     assert varying.depends
     # truth at the levels used: 0.5 + 0.5 (level - 20)/160
     for level, lag in zip(varying.lag.levels, (varying.lag.low.value, varying.lag.high.value)):
-        assert lag == pytest.approx(0.5 + 0.5 * (level - 20) / 160, rel=0.08)  # quadratic stand-in for 1/tau(T)
+        assert lag == pytest.approx(
+            0.5 + 0.5 * (level - 20) / 160, rel=0.08
+        )  # quadratic stand-in for 1/tau(T)
     # one step ahead everything looks perfect: the reason why scores are of simulation
     assert constant.linear.one_step_percent > 97
 
@@ -259,9 +279,9 @@ def test_command_writes_model_and_page(tmp_path, capsys):
 
     data = case_a("PRBS", 3)
     path = tmp_path / "data.csv"
-    pd.DataFrame({"time_s": data.times_s(), "u": data.runs[0].u[:, 0], "y": data.runs[0].y[:, 0]}).to_csv(
-        path, index=False
-    )
+    pd.DataFrame(
+        {"time_s": data.times_s(), "u": data.runs[0].u[:, 0], "y": data.runs[0].y[:, 0]}
+    ).to_csv(path, index=False)
     identify(path, "u", "y", hold="zoh", models="P1D,P2D,TF(0,2)D")
     said = capsys.readouterr().out
     assert "Recommended: P2D" in said
@@ -282,7 +302,9 @@ def test_command_writes_model_and_page(tmp_path, capsys):
         identify(path, "u", "y", hold="linear")
 
 
-needs_data = pytest.mark.skipif(data_dir() is None, reason="reference data not present: set TCDYN_DATA")
+needs_data = pytest.mark.skipif(
+    data_dir() is None, reason="reference data not present: set TCDYN_DATA"
+)
 
 
 @needs_data
@@ -290,7 +312,9 @@ def test_daisy_heating_system():
     a = np.loadtxt(data_dir() / "daisy" / "heating_system.dat")
     scores = {}
     for name, power in (("voltage", 1), ("voltage squared", 2)):
-        data = IOData.from_arrays(a[:, 1] ** power, a[:, 2], 2.0, hold="zoh", name="DaISy heating system")
+        data = IOData.from_arrays(
+            a[:, 1] ** power, a[:, 2], 2.0, hold="zoh", name="DaISy heating system"
+        )
         c = compare(data, ["P1", "P1D", "P2Z", "P2DZ"], initial="estimated")
         scores[name] = c
     volts, squared = (scores[n].best for n in ("voltage", "voltage squared"))
@@ -305,7 +329,9 @@ def test_daisy_heating_system():
 
 @needs_data
 def test_tclab_step():
-    frame = pd.read_csv(data_dir() / "tclab" / "data_step_test.csv", header=None, names=["time_s", "heater", "T_K"])
+    frame = pd.read_csv(
+        data_dir() / "tclab" / "data_step_test.csv", header=None, names=["time_s", "heater", "T_K"]
+    )
     with pytest.raises(InputError, match="not evenly spaced"):
         from_frame(frame, input="heater", output="T_K")
     data = from_frame(frame, input="heater", output="T_K", hold="zoh", resample_s=1.0, name="TCLab")

@@ -47,8 +47,15 @@ def plant(seed: int, n: int = 500, noise: float = 0.05) -> IOData:
     """A heater behind a dead time of three samples and a quicker fan that cools, moved apart; white noise."""
     rng = np.random.default_rng(seed)
     heat, fan = (np.repeat(rng.choice([0.0, 1.0], -(-n // k)), k)[:n] for k in (20, 11))
-    y = 20 + zoh([2.0], [8.0, 1.0], heat, 3) + zoh([-1.0], [3.0, 1.0], fan) + noise * rng.normal(size=n)
-    return IOData.from_arrays(np.stack([heat, fan], 1), y, DT, hold="zoh", input_names=["heat", "fan"])
+    y = (
+        20
+        + zoh([2.0], [8.0, 1.0], heat, 3)
+        + zoh([-1.0], [3.0, 1.0], fan)
+        + noise * rng.normal(size=n)
+    )
+    return IOData.from_arrays(
+        np.stack([heat, fan], 1), y, DT, hold="zoh", input_names=["heat", "fan"]
+    )
 
 
 def heated(seed: int) -> IOData:
@@ -62,7 +69,11 @@ def test_two_inputs_each_with_its_dead_time_are_recovered_within_their_intervals
     covered = []
     for seed in range(30):
         found = fit(
-            plant(seed), several(["P1D", "P1"], ["heat", "fan"]), start=TRUTH, intervals="quadratic", check=False
+            plant(seed),
+            several(["P1D", "P1"], ["heat", "fan"]),
+            start=TRUTH,
+            intervals="quadratic",
+            check=False,
         )
         covered.append([found.estimates[n].covers(v) for n, v in TRUTH.items()])
     assert np.mean(covered) > 0.9  # of 150, nominal 0.95; standard error 0.018
@@ -93,7 +104,11 @@ def test_the_search_grows_to_the_truth_and_leaves_out_an_input_that_does_nothing
     data = plant(3)
     idle = np.random.default_rng(9).choice([0.0, 1.0], data.n_samples)
     wide = IOData.from_arrays(
-        np.column_stack([data.runs[0].u, idle]), data.runs[0].y, DT, hold="zoh", input_names=["heat", "fan", "idle"]
+        np.column_stack([data.runs[0].u, idle]),
+        data.runs[0].y,
+        DT,
+        hold="zoh",
+        input_names=["heat", "fan", "idle"],
     )
     found = compare(wide)
     assert found.recommended == "P1D + P1 + -"
@@ -110,7 +125,9 @@ def test_the_search_grows_beyond_three_poles():
     y = zoh([1.0], den.tolist(), u) + 0.005 * rng.normal(size=len(u))
     found = compare(IOData.from_arrays(u, y, DT, hold="zoh"))
     assert found.recommended.startswith("TF(")
-    assert found.best_row["held_out_percent"] > 96  # noise alone leaves 98.5; a complex pair and a lag 90
+    assert (
+        found.best_row["held_out_percent"] > 96
+    )  # noise alone leaves 98.5; a complex pair and a lag 90
 
 
 def test_a_step_begins_where_the_smaller_model_ended():
@@ -134,7 +151,9 @@ def test_state_space_and_file_repeat_the_simulation(tmp_path):
     assert np.allclose(again.simulate(u), found.simulate(u), atol=1e-12)
     assert again.parts["fan"].lag_s.value == pytest.approx(found.parts["fan"].lag_s.value)
     t = DT * np.arange(len(u))
-    response = control.forced_response(control.sample_system(found.state_space(), DT, "zoh"), t, (u - u[0]).T)
+    response = control.forced_response(
+        control.sample_system(found.state_space(), DT, "zoh"), t, (u - u[0]).T
+    )
     gains = np.array([p.gain for p in found.parts.values()])
     assert np.allclose(response.outputs + gains @ u[0] + found.offset, found.simulate(u), atol=1e-6)
     with pytest.raises(InputError, match=r"has 2 inputs.*parts\['heat'\]"):
@@ -151,15 +170,22 @@ def test_a_control_system_is_compared_as_it_stands_and_begun_at():
     begun = fit(data, given.model, start=given.theta)
     assert begun.identified.theta["a1"] == pytest.approx(8.0, abs=4 * begun.estimates["a1"].u)
     joined = several(["P1D", "TF(1,2)"], ["heat", "fan"])
-    u, two = plant(6).runs[0].u, fit(plant(6), joined, intervals="quadratic", check=False).identified
+    u, two = (
+        plant(6).runs[0].u,
+        fit(plant(6), joined, intervals="quadratic", check=False).identified,
+    )
     again = from_control(two.state_space(0), delay_s=[two.theta["Td.heat"], 0.0])
     assert np.allclose(again.simulate(u, DT, "zoh"), two.simulate(u) - two.offset, atol=1e-6)
     unnamed = control.combine_tf([[control.tf([2.0], [8.0, 1.0]), control.tf([-1.0], [3.0, 1.0])]])
-    placed = compare(plant(6), from_control(unnamed, delay_s=[1.5, 0.0])).best.identified  # u[0], u[1]
+    placed = compare(
+        plant(6), from_control(unnamed, delay_s=[1.5, 0.0])
+    ).best.identified  # u[0], u[1]
     assert placed.model.inputs == ("heat", "fan")
     assert placed.theta["a1.fan"] == 3.0
     assert "correlations" not in given.summary()
-    assert bode_band(from_control(control.tf([1.0], [1e-3, 1.0]))).magnitude_dB.x[-1] == pytest.approx(1e5 / 2 / np.pi)
+    assert bode_band(from_control(control.tf([1.0], [1e-3, 1.0]))).magnitude_dB.x[
+        -1
+    ] == pytest.approx(1e5 / 2 / np.pi)
     for system, words in (
         (control.tf([1.0, 0.0], [1.0, 2.0, 1.0]), "static gain of zero"),
         (control.tf([1.0], [1.0, -0.5], DT), "discrete"),
@@ -183,7 +209,12 @@ def test_poles_move_as_their_covariance_says():
         u_ := np.repeat([0.0, 1.0, 0.0, 1.0], 60), zoh([1.0], [4.0, 1.2, 1.0], u_), DT, hold="zoh"
     )
     noisy = [
-        fit(replace_y(data, 0.05, seed), "P2U", start={"Kp": 1.0, "Tw": 2.0, "Zeta": 0.3}, check=False).identified
+        fit(
+            replace_y(data, 0.05, seed),
+            "P2U",
+            start={"Kp": 1.0, "Tw": 2.0, "Zeta": 0.3},
+            check=False,
+        ).identified
         for seed in range(40)
     ]
     top = [max(roots_of(m), key=lambda r: r.value.imag) for m in noisy]
@@ -202,7 +233,11 @@ def replace_y(data: IOData, sd: float, seed: int) -> IOData:
 def test_data_and_poles_are_drawn():
     axes = Figure().subplots(1, 2)
     data = plant(8)
-    assert {line.get_label() for line in draw(data, axes[0]).lines} >= {"heat, right axis", "fan, right axis", "y"}
+    assert {line.get_label() for line in draw(data, axes[0]).lines} >= {
+        "heat, right axis",
+        "fan, right axis",
+        "y",
+    }
     found = fit(data, several(["P1", "P1Z"], ["heat", "fan"]), intervals="quadratic").identified
     marks = [line.get_marker() for line in draw_poles(found, axes[1]).lines]
     assert marks.count("o") == 1
@@ -212,7 +247,11 @@ def test_data_and_poles_are_drawn():
 def test_clock_stamps_are_seconds_also_past_midnight(tmp_path):
     frame = pd.DataFrame({"u": [0.0, 0, 1, 1, 1, 1], "y": [0.0, 0, 0.2, 0.5, 0.6, 0.7]})
     stamps = pd.date_range("2026-01-02 23:59:58", periods=6, freq="500ms")
-    for written in (stamps.strftime("%H:%M:%S.%f"), stamps.strftime("%Y-%m-%d %H:%M:%S.%f"), stamps):
+    for written in (
+        stamps.strftime("%H:%M:%S.%f"),
+        stamps.strftime("%Y-%m-%d %H:%M:%S.%f"),
+        stamps,
+    ):
         data = from_frame(frame.assign(time=written), input="u", output="y")
         assert data.dt_s == pytest.approx(0.5)
     frame.assign(time=stamps.strftime("%H:%M:%S.%f")).to_csv(tmp_path / "c.csv", index=False)
@@ -221,7 +260,11 @@ def test_clock_stamps_are_seconds_also_past_midnight(tmp_path):
 
 def test_an_input_that_was_set_is_held_and_one_that_was_measured_is_not():
     t = np.arange(200.0)
-    u = {"set": np.repeat([0.0, 5, 2, 5], 50), "measured": np.sin(t / 9), "rounded": np.round(20 * np.sin(t / 90)) / 2}
+    u = {
+        "set": np.repeat([0.0, 5, 2, 5], 50),
+        "measured": np.sin(t / 9),
+        "rounded": np.round(20 * np.sin(t / 90)) / 2,
+    }
     frame = pd.DataFrame({"t": t, "y": t, **u})
     for name, hold in (("set", "zoh"), ("measured", "foh"), ("rounded", "foh")):
         assert from_frame(frame, input=name, output="y").hold == hold
@@ -233,7 +276,10 @@ BAD = {
     "other inputs": (lambda d: fit(d, several(["P1", "P1"], ["a", "b"])), "2 inputs.*a, b"),
     "too few models": (lambda d: several(["P1"], d.input_names), "1 models for 2 inputs"),
     "integrator": (lambda d: several(["P1I", "P1"], d.input_names), "integrates"),
-    "poles that differ": (lambda d: several(["P1", "P2"], d.input_names, common=True), "differ in their poles"),
+    "poles that differ": (
+        lambda d: several(["P1", "P2"], d.input_names, common=True),
+        "differ in their poles",
+    ),
     "no such input": (lambda d: d.select("cold"), "no input named 'cold'"),
     "shape of inputs": (
         lambda d: fit(d, several(["P1", "P1"], d.input_names)).identified.simulate(d.runs[0].y),
@@ -250,11 +296,21 @@ def test_bad_input_is_told_in_one_sentence(case):
         call(plant(0, 200))
 
 
-def test_the_command_takes_several_inputs_and_outputs(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+def test_the_command_takes_several_inputs_and_outputs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
     data = plant(2)
     u, y = data.runs[0].u, data.runs[0].y[:, 0]
     table = tmp_path / "two.csv"
-    frame = pd.DataFrame({"time_s": DT * np.arange(len(y)), "heat": u[:, 0], "fan": u[:, 1], "T1": y, "T2": 2 * y + 3})
+    frame = pd.DataFrame(
+        {
+            "time_s": DT * np.arange(len(y)),
+            "heat": u[:, 0],
+            "fan": u[:, 1],
+            "T1": y,
+            "T2": 2 * y + 3,
+        }
+    )
     frame.to_csv(table, index=False)
     asked = ("identify", table, "--input", "heat,fan", "--output", "T1,T2")
     assert tcdyn(*asked, "--models", "P1D+P1,P1") == 0
@@ -273,7 +329,10 @@ def test_the_command_takes_several_inputs_and_outputs(tmp_path: Path, capsys: py
         (("--input", "heat,fan", "--output", "T1", "--narx"), "--narx with 2 inputs"),
         (("--input", "heat,fan", "--output", "T1", "--gain", "2"), "--gain with 2 inputs"),
         (("--input", "heat", "--output", "T1", "--models", "P1+P1"), "names 2 parts"),
-        (("--input", "heat,fan", "--output", "T1", "--models", "P1+P1+P1"), "3 models for 2 inputs"),
+        (
+            ("--input", "heat,fan", "--output", "T1", "--models", "P1+P1+P1"),
+            "3 models for 2 inputs",
+        ),
         (("--input", "heat,fan", "--output", "T1", "--hold", "auto2"), "--hold"),
     ):
         assert tcdyn("identify", table, *words) == 2

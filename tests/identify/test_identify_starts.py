@@ -13,7 +13,16 @@ from tcdyn.identify.causality import leading
 from tcdyn.identify.choose.grow import begin, onward, successors
 from tcdyn.identify.models import as_model, bare
 from tcdyn.identify.search import diverse, first_moment, pose, spans
-from tcdyn.identify.start import explained, from_poles, level_runs, polished, regression, spread, stabilised, starts
+from tcdyn.identify.start import (
+    explained,
+    from_poles,
+    level_runs,
+    polished,
+    regression,
+    spread,
+    stabilised,
+    starts,
+)
 
 DT = 0.1
 STRUCTURES = ("P0D", "P1D", "P2DZ", "P3DU", "P1I", "TF(1,2)")
@@ -23,8 +32,12 @@ def record(unit: float = 1.0, size: float = 1.0) -> IOData:
     """Two lags behind a dead time, 180 samples; times in ``unit``, both columns ``size`` times as large."""
     rng = np.random.default_rng(2)
     u = np.repeat(rng.choice([-1.0, 1.0], 15), 12)
-    y = simulate(process("P2D").rational({"Kp": 2.0, "Tp1": 0.9, "Tp2": 0.4, "Td": 0.2}), u, DT, "foh")
-    return IOData.from_arrays(size * u, size * (y + 5 + 0.01 * rng.normal(size=180)), unit * DT, hold="foh")
+    y = simulate(
+        process("P2D").rational({"Kp": 2.0, "Tp1": 0.9, "Tp2": 0.4, "Td": 0.2}), u, DT, "foh"
+    )
+    return IOData.from_arrays(
+        size * u, size * (y + 5 + 0.01 * rng.normal(size=180)), unit * DT, hold="foh"
+    )
 
 
 def in_unit(theta: dict[str, float], unit: float) -> dict[str, float]:
@@ -43,9 +56,15 @@ def test_starts_are_the_same_in_seconds_and_minutes_in_kelvin_and_millikelvin(na
         theta = in_unit(plain.theta(x), unit)
         if name == "P1I":  # a gain over time
             theta["Kp"] /= unit
-        assert other.theta(z) == pytest.approx(theta, rel=1e-4, abs=1e-7)  # least squares of either scaling round
-    assert np.isclose(first_moment(other, moved[0]), unit * first_moment(plain, found[0]), rtol=1e-4)
-    assert [len(diverse(p, x)) for p, x in ((plain, found), (other, moved))] == [len(diverse(plain, found))] * 2
+        assert other.theta(z) == pytest.approx(
+            theta, rel=1e-4, abs=1e-7
+        )  # least squares of either scaling round
+    assert np.isclose(
+        first_moment(other, moved[0]), unit * first_moment(plain, found[0]), rtol=1e-4
+    )
+    assert [len(diverse(p, x)) for p, x in ((plain, found), (other, moved))] == [
+        len(diverse(plain, found))
+    ] * 2
 
 
 @pytest.mark.parametrize(
@@ -61,7 +80,9 @@ def test_starts_are_the_same_in_seconds_and_minutes_in_kelvin_and_millikelvin(na
     ],
 )
 def test_a_larger_model_begins_at_the_same_place_in_any_unit(was: str, larger: str) -> None:
-    have = {n: 2.0 if n in ("Kp", "b0") else 0.3 * (k + 1) for k, n in enumerate(as_model(was).names)}
+    have = {
+        n: 2.0 if n in ("Kp", "b0") else 0.3 * (k + 1) for k, n in enumerate(as_model(was).names)
+    }
     part, unit = as_model(larger), 1 / 60
     begun = begin(as_model(was), have, part, 0.7)
     moved = begin(as_model(was), in_unit(have, unit), part, 0.7 * unit)
@@ -87,7 +108,9 @@ def test_poles_of_a_transfer_function_become_lags_and_a_pair() -> None:
     truth = {"Kp": 2.0, "Tz": 0.3, "Td": 0.7, "Tw": 0.5, "Zeta": 0.3, "Tp3": 4.0}
     assert theta == pytest.approx(truth, rel=1e-9)
     lags = from_poles(as_model("P2"), np.array([1.0]), np.array([1.0, 5.0, 4.0]), 0.0)
-    assert (lags["Tp1"], lags["Tp2"]) == pytest.approx((4.0, 1.0), rel=2e-3)  # equal ones are set apart by 1e-3
+    assert (lags["Tp1"], lags["Tp2"]) == pytest.approx(
+        (4.0, 1.0), rel=2e-3
+    )  # equal ones are set apart by 1e-3
     same = from_poles(as_model("P2"), np.array([1.0]), np.array([1.0, 2.0, 1.0]), 0.0)
     assert same["Tp2"] > same["Tp1"] * 1.0005
     given = from_poles(as_model("TF(1,2)D"), np.array([1.0, 0.5]), np.array([1.0, 5.0, 4.0]), 0.2)
@@ -104,10 +127,14 @@ def test_half_a_dead_time_is_lent_to_the_lags_where_there_are_two_and_no_pair_is
         assert 2 * theta["Zeta"] * theta["Tw"] < 1.5 * 1.3
 
 
-def test_what_is_new_of_a_transfer_function_is_a_pole_of_the_size_asked_for_with_a_zero_upon_it() -> None:
+def test_what_is_new_of_a_transfer_function_is_a_pole_of_the_size_asked_for_with_a_zero_upon_it() -> (
+    None
+):
     theta = begin(as_model("TF(0,1)"), {"b0": 2.0, "a1": 5.0}, as_model("TF(1,3)"), 0.7)
     assert [theta[n] for n in ("b0", "b1")] == pytest.approx([2.0, 2.0 * 0.7])
-    assert [theta[n] for n in ("a1", "a2", "a3")] == pytest.approx([6.4, 2 * 3.5 + 0.49, 5 * 0.49])  # (1+5s)(1+.7s)^2
+    assert [theta[n] for n in ("a1", "a2", "a3")] == pytest.approx(
+        [6.4, 2 * 3.5 + 0.49, 5 * 0.49]
+    )  # (1+5s)(1+.7s)^2
 
 
 @pytest.mark.parametrize(
@@ -128,24 +155,39 @@ def test_what_is_new_is_begun_in_lags_of_what_was_there_whatever_their_unit() ->
     begun = []
     for unit in (1.0, 1 / 60):
         start = {"Kp": 2.0, "Tp1": 1.3 * unit}
-        small = fit(record(unit), "P1", start=start, check=False, intervals="quadratic", input_noise=0.0)
+        small = fit(
+            record(unit), "P1", start=start, check=False, intervals="quadratic", input_noise=0.0
+        )
         begun.append([in_unit(theta, 1 / unit) for theta in onward(small, as_model("P2"))])
     assert len(begun[0]) == 3  # a tenth of the lag, the lag, ten of it
     for one, other in zip(*begun):
         assert other == pytest.approx(one, rel=1e-4)
-    assert [theta["Tp2"] for theta in begun[0]] == pytest.approx([f * begun[0][0]["Tp1"] for f in (0.1, 1.0, 10.0)])
+    assert [theta["Tp2"] for theta in begun[0]] == pytest.approx(
+        [f * begun[0][0]["Tp1"] for f in (0.1, 1.0, 10.0)]
+    )
 
 
 def test_at_the_truth_the_regression_with_filtered_columns_leaves_nothing() -> None:
     """A y_f = B u_f + offset, both filtered by 1/A; without noise the instruments are nearly its columns."""
     den, num = np.array([1.0, 1.3, 0.36]), np.array([2.0, 0.8])
     u = record().runs[0].u[:, 0]
-    y = simulate(as_model("TF(1,2)").rational({"b0": 2.0, "b1": 0.8, "a1": 1.3, "a2": 0.36}), u, DT, "foh") + 7.0
+    y = (
+        simulate(
+            as_model("TF(1,2)").rational({"b0": 2.0, "b1": 0.8, "a1": 1.3, "a2": 0.36}),
+            u,
+            DT,
+            "foh",
+        )
+        + 7.0
+    )
     posed = pose(IOData.from_arrays(u, y, DT, hold="foh"), as_model("TF(1,2)"), "equilibrium")
     target, phi, z = regression(posed, den, num, 0.0)
     assert phi.shape == z.shape == (len(y), 5)
     assert phi @ [2.0, 0.8, 1.3, 0.36, 7.0] == pytest.approx(target, abs=1e-9)
-    for k in (2, 3):  # but for the straight lines between samples that the filter takes the output for
+    for k in (
+        2,
+        3,
+    ):  # but for the straight lines between samples that the filter takes the output for
         assert np.corrcoef(z[:, k], phi[:, k])[0, 1] > 0.99
 
 
@@ -161,17 +203,37 @@ def test_unstable_poles_are_mirrored_and_those_on_the_axis_moved_off_it() -> Non
 def test_what_a_lag_explains_is_the_squared_correlation_at_every_shift(late: int) -> None:
     rng = np.random.default_rng(late + 10)
     u = rng.normal(size=90).cumsum()
-    truth = simulate_rows(realise(Rational(np.ones(1), (Factor((1.0, 0.5)),)), False), u, DT, 0.0, "foh", "equilibrium")
-    y = 3.0 + 2.0 * np.interp(np.arange(90) - late, np.arange(90), truth[0]) + 0.2 * rng.normal(size=90)
+    truth = simulate_rows(
+        realise(Rational(np.ones(1), (Factor((1.0, 0.5)),)), False),
+        u,
+        DT,
+        0.0,
+        "foh",
+        "equilibrium",
+    )
+    y = (
+        3.0
+        + 2.0 * np.interp(np.arange(90) - late, np.arange(90), truth[0])
+        + 0.2 * rng.normal(size=90)
+    )
     posed = pose(IOData.from_arrays(u, y, DT, hold="foh"), process("P1D"), "equilibrium")
     found = explained(posed, np.array([0.2, 0.5]), 12, 6)
     for row, tau in zip(found, (0.2, 0.5)):
         lagged = simulate_rows(
-            realise(Rational(np.ones(1), (Factor((1.0, tau)),)), False), u, DT, 0.0, "foh", "equilibrium"
+            realise(Rational(np.ones(1), (Factor((1.0, tau)),)), False),
+            u,
+            DT,
+            0.0,
+            "foh",
+            "equilibrium",
         )[0]
         for k, value in enumerate(row):
             shift = k - 6
-            pair = (lagged[-shift:], y[:shift]) if shift < 0 else (np.r_[np.full(shift, u[0]), lagged[: 90 - shift]], y)
+            pair = (
+                (lagged[-shift:], y[:shift])
+                if shift < 0
+                else (np.r_[np.full(shift, u[0]), lagged[: 90 - shift]], y)
+            )
             r = np.corrcoef(*pair)[0, 1]
             assert value == pytest.approx(np.sign(r) * r**2, abs=1e-9)
     assert np.argmax(found[1]) == 6 + late
@@ -191,7 +253,9 @@ def test_the_straight_line_is_taken_out_and_the_level_left() -> None:
         assert segment.y[segment.seen] == pytest.approx(np.full(segment.seen.sum(), mean), abs=1e-9)
 
 
-def test_gain_and_offset_come_of_a_regression_at_given_lags_and_a_known_past_is_a_sample_of_it() -> None:
+def test_gain_and_offset_come_of_a_regression_at_given_lags_and_a_known_past_is_a_sample_of_it() -> (
+    None
+):
     u = record().runs[0].u[:, 0]
     truth = {"Kp": -1.7, "Tp1": 0.9}
     y = simulate(process("P1").rational(truth), u, DT, "foh") + 4.0
@@ -212,7 +276,9 @@ def test_gain_and_offset_come_of_a_regression_at_given_lags_and_a_known_past_is_
 def test_a_lead_explains_what_follows_the_input_and_nothing_of_what_goes_before_it() -> None:
     """Of white noise what is to come cannot be told from what was: 0.02 by chance, 3 of 400 samples and a few lags."""
     u = np.random.default_rng(3).normal(size=400)
-    y = simulate(process("P2Z").rational({"Kp": 1.0, "Tp1": 0.5, "Tp2": 0.2, "Tz": 1.5}), u, DT, "foh")
+    y = simulate(
+        process("P2Z").rational({"Kp": 1.0, "Tp1": 0.5, "Tp2": 0.2, "Tz": 1.5}), u, DT, "foh"
+    )
     posed, ahead = (
         pose(IOData.from_arrays(u, moved, DT, hold="foh"), process("P1D"), "equilibrium")
         for moved in (y, np.r_[y[8:], np.full(8, y[-1])])
@@ -239,5 +305,7 @@ def test_each_of_several_inputs_is_begun_with_what_the_others_do_taken_out() -> 
     data = IOData.from_arrays(np.stack([a, b], 1), y, DT, hold="foh", input_names=["a", "b"])
     posed = pose(data, several(["P1D", "P1"], ["a", "b"]), "equilibrium")
     theta = posed.theta(starts(posed)[0])
-    assert (theta["Kp.a"], theta["Kp.b"]) == pytest.approx((2.0, -1.0), rel=0.15)  # lags of a row of a factor 1.5
+    assert (theta["Kp.a"], theta["Kp.b"]) == pytest.approx(
+        (2.0, -1.0), rel=0.15
+    )  # lags of a row of a factor 1.5
     assert theta["Td.a"] == pytest.approx(0.6, abs=0.3)  # of a lag of 1.5 s

@@ -25,7 +25,10 @@ def study_case_a(kind: str, seeds: range) -> dict[str, np.ndarray]:
         errors.append([found.estimates[n].value - v for n, v in CASE_A.items()])
         covered.append([found.estimates[n].covers(v) for n, v in CASE_A.items()])
         p.append([found.identified.statistics[k] for k in ("p_white", "p_input")])
-    return {k: np.array(v) for k, v in zip(("errors", "covered", "p", "seconds"), (errors, covered, p, seconds))}
+    return {
+        k: np.array(v)
+        for k, v in zip(("errors", "covered", "p", "seconds"), (errors, covered, p, seconds))
+    }
 
 
 @pytest.mark.parametrize("kind", ["plunge", "PRBS"])
@@ -36,7 +39,9 @@ def test_case_a_over_200_seeds(kind, draws):
     assert np.all(np.abs(bias) < 2.5), bias
     # 93..97 %, but for the chance of so many draws
     held = s["covered"].sum(axis=0)
-    assert np.all((held >= stats.binom.ppf(0.01, n, 0.93)) & (held <= stats.binom.ppf(0.999, n, 0.97))), held / n
+    assert np.all(
+        (held >= stats.binom.ppf(0.01, n, 0.93)) & (held <= stats.binom.ppf(0.999, n, 0.97))
+    ), held / n
     # no run lost: every error within six standard deviations of the others
     assert np.all(np.abs(s["errors"]) < 6 * s["errors"].std(axis=0))
 
@@ -44,7 +49,9 @@ def test_case_a_over_200_seeds(kind, draws):
 def test_rao_garnier_100_runs_at_10_dB(draws):
     errors = []
     for seed in range(draws(100)):
-        found = fit(rao_garnier(seed), transfer(1, 4), initial="zero", intervals="quadratic", check=False)
+        found = fit(
+            rao_garnier(seed), transfer(1, 4), initial="zero", intervals="quadratic", check=False
+        )
         errors.append([found.estimates[n].value - v for n, v in RAO_GARNIER.items()])
     errors = np.array(errors)
     spread = 1.4826 * np.median(np.abs(errors), axis=0)
@@ -61,7 +68,9 @@ def test_false_alarms_over_2000_runs(draws):
         for seed in range(draws(1000)):
             data = case_a(kind, 10_000 + seed)
             # begun at the truth: the study is of the tests, and starts are studied above
-            s = fit(data, "P2D", start=CASE_A, intervals="quadratic", check=False).identified.statistics
+            s = fit(
+                data, "P2D", start=CASE_A, intervals="quadratic", check=False
+            ).identified.statistics
             p.append((s["p_white"], s["p_input"]))
     alarms = np.sum(np.array(p) < 0.05, axis=0)
     low, high = stats.binom.ppf([0.02, 0.98], len(p), 0.05)  # 4 to 6 % of 2000

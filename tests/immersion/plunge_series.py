@@ -32,7 +32,9 @@ def series_plunge(
 
     def parts(x: float, r: Array | float) -> tuple[Array, Array]:
         a, b = y1(x * ri), j1(x * ri)
-        return np.asarray(j0(x * r) * a - y0(x * r) * b), np.asarray(-x * (j1(x * r) * a - y1(x * r) * b))
+        return np.asarray(j0(x * r) * a - y0(x * r) * b), np.asarray(
+            -x * (j1(x * r) * a - y1(x * r) * b)
+        )
 
     def condition(x: float) -> float:
         value, slope = parts(x, ro)

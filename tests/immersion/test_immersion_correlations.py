@@ -27,7 +27,9 @@ def test_the_three_of_the_thesis_at_oil_conditions() -> None:
 @pytest.mark.parametrize("ra", [1e4, 1e6, 1e8])
 def test_forms_that_ht_has_agree_with_ht(ra: float, pr: float) -> None:
     gr = ra / pr
-    assert nusselt("churchill-chu", ra, pr) == pytest.approx(ht.Nu_vertical_plate_Churchill(Pr=pr, Gr=gr), rel=1e-9)
+    assert nusselt("churchill-chu", ra, pr) == pytest.approx(
+        ht.Nu_vertical_plate_Churchill(Pr=pr, Gr=gr), rel=1e-9
+    )
     assert nusselt("horizontal-cylinder", ra, pr) == pytest.approx(
         ht.Nu_horizontal_cylinder_Churchill_Chu(Pr=pr, Gr=gr), rel=1e-9
     )
@@ -39,14 +41,18 @@ def test_forms_that_ht_has_agree_with_ht(ra: float, pr: float) -> None:
 def test_the_boundary_layer_solution_is_met_at_high_prandtl_number() -> None:
     # exact similarity solution, Pr -> infinity: mean Nu = 0.670 Ra^0.25; the integral solution lies 1.1 % above it
     assert nusselt("similarity", 1e6, 1e9) / (0.670 * 1e6**0.25) == pytest.approx(1.0, abs=0.015)
-    assert nusselt("churchill-chu-laminar", 1e8, 1e9) / 100.0 == pytest.approx(0.670, abs=0.007)  # 0.68 left over
+    assert nusselt("churchill-chu-laminar", 1e8, 1e9) / 100.0 == pytest.approx(
+        0.670, abs=0.007
+    )  # 0.68 left over
 
 
 def test_h_vanishes_with_the_difference_and_grows_with_its_fourth_root() -> None:
     plain = Bath(fluid("water"), correlation("mcadams"), 0.01, 0.08)
     assert float(plain.h_W_m2K(50.0, 50.0)) == 0.0
     # same film temperature, sixteen times the difference: twice h
-    assert float(plain.h_W_m2K(34.0, 66.0) / plain.h_W_m2K(49.0, 51.0)) == pytest.approx(2.0, rel=1e-9)
+    assert float(plain.h_W_m2K(34.0, 66.0) / plain.h_W_m2K(49.0, 51.0)) == pytest.approx(
+        2.0, rel=1e-9
+    )
 
 
 def test_property_uncertainty_reaches_h_by_the_quarter_power_law() -> None:
@@ -58,13 +64,17 @@ def test_property_uncertainty_reaches_h_by_the_quarter_power_law() -> None:
     assert parts["beta"] == pytest.approx(f.u_beta / 4, rel=0.10)
     for name in ("rho", "c"):
         assert parts[name] == pytest.approx(getattr(f, f"u_{name}") / 4, rel=0.05)
-    assert parts["total"] == pytest.approx(np.sqrt(sum(v**2 for k, v in parts.items() if k != "total")))
+    assert parts["total"] == pytest.approx(
+        np.sqrt(sum(v**2 for k, v in parts.items() if k != "total"))
+    )
 
 
 def test_ranges_are_checked_and_said() -> None:
     fine = check_validity(OIL, np.linspace(26, 100, 30), 110.0)
     assert {f.code for f in fine} <= {"correlation.no_plate"}
-    tiny = check_validity(Bath(fluid("mobil-jet-ii"), correlation("5.2"), 0.001, 0.0762), 26.0, 110.0)
+    tiny = check_validity(
+        Bath(fluid("mobil-jet-ii"), correlation("5.2"), 0.001, 0.0762), 26.0, 110.0
+    )
     ran = next(f for f in tiny if f.code == "correlation.range")
     assert ran.numbers["ran"][0] < ran.numbers["holds"][0] == 1e4
     slender = check_validity(Bath(fluid("water"), correlation("5.4"), 0.3, 0.005), 20.0, 80.0)

@@ -21,7 +21,11 @@ ENTRY = 20.004
 
 def probe(lag: float = 0.3, noise: float = 0.1, seed: int = 0) -> np.ndarray:
     since = np.clip(T - ENTRY, 0, None)
-    return 27 + 83 * (1 - np.exp(-since / lag)) + noise * np.random.default_rng(seed).standard_normal(len(T))
+    return (
+        27
+        + 83 * (1 - np.exp(-since / lag))
+        + noise * np.random.default_rng(seed).standard_normal(len(T))
+    )
 
 
 def pressed(at: float, held: bool = True, bounces: int = 0) -> np.ndarray:
@@ -44,7 +48,9 @@ def test_the_switch_tells_its_first_closing(held: bool, bounces: int) -> None:
 def test_the_probe_tells_the_entry_well_within_its_own_lag(lag: float) -> None:
     """A line through a first-order answer met the level before 0.06 lag too early: a quarter of a second at 4 s."""
     found = np.array([probe_time(T, probe(lag, seed=s)) for s in range(10)], dtype=float)
-    assert abs(np.mean(found[:, 0]) - ENTRY) < 0.01 * lag + 0.01  # ends of the line fall on whole samples
+    assert (
+        abs(np.mean(found[:, 0]) - ENTRY) < 0.01 * lag + 0.01
+    )  # ends of the line fall on whole samples
     assert (np.abs(found[:, 0] - ENTRY) < 2 * found[:, 1]).all()
 
 
@@ -71,7 +77,9 @@ def test_disagreement_widens_and_contradiction_is_refused() -> None:
     apart = reconcile_entry(20.0, 20.6)
     together = reconcile_entry(20.0, 20.05)
     assert apart.u_s > 2 * together.u_s
-    assert [(f.code, round(f.numbers["difference_s"], 9)) for f in apart.findings] == [("entry.apart", 0.6)]
+    assert [(f.code, round(f.numbers["difference_s"], 9)) for f in apart.findings] == [
+        ("entry.apart", 0.6)
+    ]
     assert together.findings == ()
     with pytest.raises(InputError, match=r"20\.00 s and 31\.00 s"):
         reconcile_entry(20.0, 31.0)
@@ -85,7 +93,9 @@ def test_the_record_ends_when_the_disk_is_taken_out() -> None:
     out = np.where(t > 120, y[np.searchsorted(t, 120)] * np.exp(-(t - 120) / 30), y)
     bath = np.full(len(t), 110.0)
     assert useful_end(t, y[:, None], bath, 10.0) == pytest.approx(200, abs=0.2)
-    assert useful_end(t, out[:, None], bath, 10.0) == pytest.approx(120, abs=1.5)  # one-second means
+    assert useful_end(t, out[:, None], bath, 10.0) == pytest.approx(
+        120, abs=1.5
+    )  # one-second means
 
 
 def junctions(own_s: float, entry_s: float, lag_s: float = 0.7) -> tuple[np.ndarray, np.ndarray]:
@@ -98,7 +108,9 @@ def junctions(own_s: float, entry_s: float, lag_s: float = 0.7) -> tuple[np.ndar
 
 @pytest.mark.parametrize("own_s", [60.0, 120.0])
 @pytest.mark.parametrize("entry_s", [1.5, 3.0, 12.0, 40.0])
-def test_the_junctions_tell_an_entry_shortly_after_the_log_begins(own_s: float, entry_s: float) -> None:
+def test_the_junctions_tell_an_entry_shortly_after_the_log_begins(
+    own_s: float, entry_s: float
+) -> None:
     t, readings = junctions(own_s, entry_s)
     event = find_entry(t, None, None, np.full(len(t), 107.0), readings_degC=readings)
     assert event.source == "junctions"
@@ -112,7 +124,9 @@ def test_junctions_that_rise_within_the_first_second_tell_no_entry(entry_s: floa
         find_entry(t, None, None, np.full(len(t), 107.0), readings_degC=readings)
 
 
-def test_noise_moves_the_rise_of_the_junctions_by_little_since_it_is_averaged_over_a_fifth_of_a_second() -> None:
+def test_noise_moves_the_rise_of_the_junctions_by_little_since_it_is_averaged_over_a_fifth_of_a_second() -> (
+    None
+):
     """Readings of 0.5 K noise: sd 0.07 K of the mean, 0.3 K of one row, where a disk of 120 s begins by 0.5 K/s."""
     t, quiet = junctions(120.0, 12.0)
     bath, rng = np.full(len(t), 107.0), np.random.default_rng(2)
@@ -127,10 +141,17 @@ def test_two_witnesses_are_weighed_by_their_variances_to_the_last_digit() -> Non
 
     def of(difference_s: float, **more: float) -> EntryEvent:
         return reconcile_entry(
-            20.0, 20.0 + difference_s, **{"switch_u_s": 0.3, "probe_u_s": 0.4, "sample_s": 0.0, **more}
+            20.0,
+            20.0 + difference_s,
+            **{"switch_u_s": 0.3, "probe_u_s": 0.4, "sample_s": 0.0, **more},
         )
 
-    for d, u, grades in ((0.5, 0.24, []), (1.5, 0.36, ["note"]), (-1.5, 0.36, ["note"]), (2.1, 0.504, ["look"])):
+    for d, u, grades in (
+        (0.5, 0.24, []),
+        (1.5, 0.36, ["note"]),
+        (-1.5, 0.36, ["note"]),
+        (2.1, 0.504, ["look"]),
+    ):
         event = of(d)
         assert (event.time_s, event.u_s) == pytest.approx((20.0 + 0.36 * d, u))
         assert [f.grade.value for f in event.findings] == grades
@@ -156,12 +177,16 @@ def test_a_second_press_a_second_later_is_no_bounce() -> None:
     assert switch_time(T, np.maximum(first, pressed(ENTRY + 0.9, held=False)))[1] is True
 
 
-def test_a_probe_s_uncertainty_grows_with_the_time_it_takes_and_a_sudden_one_has_none_of_that() -> None:
+def test_a_probe_s_uncertainty_grows_with_the_time_it_takes_and_a_sudden_one_has_none_of_that() -> (
+    None
+):
     """From 5 to 50 % a lag takes ln(0.95/0.5) of itself; a step tells the middle of its sample."""
     for lag in (0.5, 4.0):
         found = probe_time(T, probe(lag, noise=0.0))
         assert found is not None
-        assert found[1] == pytest.approx(np.hypot(0.05, 0.05 * lag * np.log(0.95 / 0.5)), rel=0.02)  # whole rows
+        assert found[1] == pytest.approx(
+            np.hypot(0.05, 0.05 * lag * np.log(0.95 / 0.5)), rel=0.02
+        )  # whole rows
     sudden = probe_time(T, np.where(T < ENTRY, 27.0, 110.0))
     assert sudden == (pytest.approx(ENTRY, abs=1 / 150 + 1e-9), 0.05)
 
@@ -181,8 +206,13 @@ def test_the_record_ends_at_two_percent_or_where_the_disk_began_to_go_back() -> 
     bath = np.full(len(t), 110.0)
     share = np.exp(-np.clip(t - 10, 0, None) / 60)
     # means over a second lie half a second later than they begin, the first one, too
-    assert useful_end(t, (110 - 80 * share)[:, None], bath, 10.0) == pytest.approx(10.5 + 60 * np.log(50), abs=0.11)
-    for back, end in ((0.015, 399.9), (0.025, 70.5)):  # 0.37 at 70 s; less than two hundredths back is noise
+    assert useful_end(t, (110 - 80 * share)[:, None], bath, 10.0) == pytest.approx(
+        10.5 + 60 * np.log(50), abs=0.11
+    )
+    for back, end in (
+        (0.015, 399.9),
+        (0.025, 70.5),
+    ):  # 0.37 at 70 s; less than two hundredths back is noise
         gone = np.where(t < 70, share, np.exp(-1.0) + back * (1 - np.exp(-(t - 70) / 10)))
         assert useful_end(t, (110 - 80 * gone)[:, None], bath, 10.0) == pytest.approx(end, abs=1.1)
     assert useful_end(t, (110 - 80 * share)[:, None], bath, 399.95) == t[-1]

@@ -32,7 +32,9 @@ def test_jet_oil_viscosity_is_the_published_walther_line() -> None:
         (80.0, 971.79, 4196.0, 0.6670, 354.0e-6, 6.41e-4),
     ],
 )
-def test_water_agrees_with_steam_tables(T: float, rho: float, c: float, k: float, mu: float, beta: float) -> None:
+def test_water_agrees_with_steam_tables(
+    T: float, rho: float, c: float, k: float, mu: float, beta: float
+) -> None:
     p = fluid("water").at(T)
     assert float(p.rho_kg_m3) == pytest.approx(rho, rel=2e-5)  # Kell's formula is good to 1e-5
     assert float(p.c_J_kgK) == pytest.approx(c, rel=5e-4)
@@ -47,7 +49,13 @@ def test_a_table_written_from_a_fluid_gives_that_fluid_back(tmp_path) -> None:  
     p = oil.at(T)
     path = tmp_path / "own.csv"
     pd.DataFrame(
-        {"T_degC": T, "rho_kg_m3": p.rho_kg_m3, "c_J_kgK": p.c_J_kgK, "k_W_mK": p.k_W_mK, "nu_m2_s": p.nu_m2_s}
+        {
+            "T_degC": T,
+            "rho_kg_m3": p.rho_kg_m3,
+            "c_J_kgK": p.c_J_kgK,
+            "k_W_mK": p.k_W_mK,
+            "nu_m2_s": p.nu_m2_s,
+        }
     ).to_csv(path, index=False)
     own, between = read_fluid(path), np.array([30.0, 85.0, 120.0])
     np.testing.assert_allclose(own.at(between).nu_m2_s, oil.at(between).nu_m2_s, rtol=1e-6)
@@ -57,7 +65,13 @@ def test_a_table_written_from_a_fluid_gives_that_fluid_back(tmp_path) -> None:  
 
 def test_a_table_in_mm2_is_refused_with_the_remedy() -> None:
     bad = pd.DataFrame(
-        {"T_degC": [20, 80], "rho_kg_m3": [990, 950], "c_J_kgK": 2000, "k_W_mK": 0.15, "nu_m2_s": [40.0, 8.0]}
+        {
+            "T_degC": [20, 80],
+            "rho_kg_m3": [990, 950],
+            "c_J_kgK": 2000,
+            "k_W_mK": 0.15,
+            "nu_m2_s": [40.0, 8.0],
+        }
     )
     with pytest.raises(InputError, match="m2/s, not mm2/s"):
         fluid_from_table(bad, "bad")
@@ -66,6 +80,10 @@ def test_a_table_in_mm2_is_refused_with_the_remedy() -> None:
 def test_temperatures_outside_a_fluids_range_are_said() -> None:
     assert fluid("water").outside(20, 80) == ()
     (found,) = fluid("water").outside(20, 120)
-    assert (found.code, found.subject, found.numbers["known_degC"]) == ("fluid.extrapolated", "water", (0, 100))
+    assert (found.code, found.subject, found.numbers["known_degC"]) == (
+        "fluid.extrapolated",
+        "water",
+        (0, 100),
+    )
     with pytest.raises(InputError, match="unknown fluid"):
         fluid("honey")

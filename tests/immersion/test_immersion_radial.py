@@ -37,7 +37,9 @@ def test_a_finer_grid_converges_at_second_order() -> None:
     errors = []
     for n in (101, 201, 401):
         grid = 20.0 * np.linspace(0, 1, n) ** 2  # squared: the square-root start is smooth on it
-        out = simulate_plunge_model(DISK, DEPTHS, constant(500.0), 26.0, 110.0, 20.0, grid_s=grid, modes=120)
+        out = simulate_plunge_model(
+            DISK, DEPTHS, constant(500.0), 26.0, 110.0, 20.0, grid_s=grid, modes=120
+        )
         late = [n // 2, 3 * n // 4, n - 1]
         exact = series_plunge(DISK, DISK.outer_radius_m - DEPTHS, grid[late], 500.0, 26.0, 110.0)
         errors.append(np.max(np.abs(out.junction_degC[late] - exact)))
@@ -83,7 +85,9 @@ def test_energy_taken_in_is_the_flux_let_in() -> None:
 def test_bath_drift_is_followed() -> None:
     # once the start is forgotten, a disk in a steadily warming bath lags it by rate times its time constant
     rate = 0.01
-    out = simulate_plunge_model(DISK, DEPTHS, constant(2000.0), 50.0, lambda t: 50.0 + rate * t, 400.0)
+    out = simulate_plunge_model(
+        DISK, DEPTHS, constant(2000.0), 50.0, lambda t: 50.0 + rate * t, 400.0
+    )
     tau = 1 / (DISK.mean_rate_K_m2_J * 2000.0)
     mean_lag = 50.0 + rate * out.t_s[-1] - out.surface_degC[-1]
     assert mean_lag == pytest.approx(rate * tau, rel=1e-3)

@@ -11,9 +11,16 @@ from typing import Any
 
 ROOT = Path(__file__).parent.parent.parent
 ROOMS = (
-    "tcdyn", "tcdyn.chain", "tcdyn.compensate", "tcdyn.identify", "tcdyn.sensor", "tcdyn.fitting", "tcdyn.campaign",
-    "tcdyn.pipeline", "tcdyn.plots",
-)  # fmt: skip
+    "tcdyn",
+    "tcdyn.chain",
+    "tcdyn.compensate",
+    "tcdyn.identify",
+    "tcdyn.sensor",
+    "tcdyn.fitting",
+    "tcdyn.campaign",
+    "tcdyn.pipeline",
+    "tcdyn.plots",
+)
 PACKAGES = ("calibration", "immersion", "tcdyn")
 
 
@@ -33,9 +40,13 @@ def examples() -> Iterator[str]:
     """Lines of code that the tests run."""
     for package in PACKAGES:
         for path in (ROOT / package).rglob("*.py"):
-            yield from re.findall(r"^\s*(?:>>>|\.\.\.) (.+)$", path.read_text(encoding="utf-8"), re.M)
+            yield from re.findall(
+                r"^\s*(?:>>>|\.\.\.) (.+)$", path.read_text(encoding="utf-8"), re.M
+            )
     for path in (ROOT / "docs").rglob("*.md"):
-        yield from re.findall(r"^```python\n(.*?)^```$", path.read_text(encoding="utf-8"), re.S | re.M)
+        yield from re.findall(
+            r"^```python\n(.*?)^```$", path.read_text(encoding="utf-8"), re.S | re.M
+        )
     for path in (ROOT / "docs" / "gallery").glob("*.py"):
         yield path.read_text(encoding="utf-8")
 

@@ -15,7 +15,9 @@ SCRIPTS = sorted(path.stem for path in GALLERY.glob("*.py") if path.stem not in 
 
 def test_the_page_shows_every_picture_with_its_script_and_what_its_docstring_says() -> None:
     page = (GALLERY / "index.md").read_text(encoding="utf-8")
-    rows = re.findall(r"^\| .*_pictures/(\w+)\.png\) \| (.*) \{download\}`(\w+)\.py` \|$", page, re.M)
+    rows = re.findall(
+        r"^\| .*_pictures/(\w+)\.png\) \| (.*) \{download\}`(\w+)\.py` \|$", page, re.M
+    )
     assert sorted(name for name, _, _ in rows) == SCRIPTS
     for name, what, script in rows:
         assert name == script

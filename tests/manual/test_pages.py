@@ -15,10 +15,22 @@ import pytest
 from tcdyn.cli.app import app, run
 
 DOCS = Path(__file__).parent.parent.parent / "docs"
-RIG = ("calibrate", "compensate", "beta", "campaign")  # share the folder that the first of them makes, in this order
-ALONE = ["start", *(f"howto/{p.stem}" for p in sorted((DOCS / "howto").glob("*.md")) if p.stem not in RIG)]
+RIG = (
+    "calibrate",
+    "compensate",
+    "beta",
+    "campaign",
+)  # share the folder that the first of them makes, in this order
+ALONE = [
+    "start",
+    *(f"howto/{p.stem}" for p in sorted((DOCS / "howto").glob("*.md")) if p.stem not in RIG),
+]
 ALONE += ["coming-from"]
-LOOKS = ("sensor noise", "record check", "campaign")  # end with exit code 1: something asks to be looked at
+LOOKS = (
+    "sensor noise",
+    "record check",
+    "campaign",
+)  # end with exit code 1: something asks to be looked at
 NUMBER = re.compile(r"\d+(?:\.\d+)?")
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.S | re.M)
 
@@ -34,7 +46,9 @@ def same(shown: str, printed: str) -> bool:
         return False
     for one, other in zip(NUMBER.findall(shown), NUMBER.findall(printed), strict=True):
         last = 10.0 ** -len(one.partition(".")[2])
-        if abs(float(one) - float(other)) > max(0.02 * abs(float(one)), 3 * last if "." in one else 0.5):
+        if abs(float(one) - float(other)) > max(
+            0.02 * abs(float(one)), 3 * last if "." in one else 0.5
+        ):
             return False
     return True
 
@@ -53,7 +67,9 @@ def follow(page: str) -> None:
             for line in text.replace("\\\n", " ").splitlines():
                 words = shlex.split(line)
                 assert words[0] == "tcdyn", line
-                words = [path for word in words[1:] for path in sorted(glob.glob(word)) or [word]]  # as a shell does
+                words = [
+                    path for word in words[1:] for path in sorted(glob.glob(word)) or [word]
+                ]  # as a shell does
                 told = io.StringIO()
                 with contextlib.redirect_stdout(told), contextlib.redirect_stderr(told):
                     code = run(lambda words=words: app(words))
@@ -67,13 +83,17 @@ def follow(page: str) -> None:
 
 
 @pytest.mark.parametrize("page", ALONE)
-def test_a_page_does_what_it_says(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_page_does_what_it_says(
+    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     follow(page)
 
 
 @pytest.mark.slow
-def test_the_pages_of_the_rig_do_what_they_say(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_pages_of_the_rig_do_what_they_say(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     for page in RIG:
         follow(f"howto/{page}")

@@ -47,7 +47,17 @@ def study(count: int, first: int = 5000, worlds: tuple[str, ...] = DEFAULT) -> p
 if __name__ == "__main__":
     chosen = tuple(sys.argv[3:]) or DEFAULT
     table = study(int(sys.argv[1]), int(sys.argv[2]), chosen)
-    told = ["world", "seed", "failed", "error both", "z both", "z lag fast", "z lag slow", "z check", "alarm"]
+    told = [
+        "world",
+        "seed",
+        "failed",
+        "error both",
+        "z both",
+        "z lag fast",
+        "z lag slow",
+        "z check",
+        "alarm",
+    ]
     print(table[[name for name in told if name in table]].round(4).to_string(index=False))
     print(report(table).round(3).to_string(index=False))
     print("failed", int(table["failed"].sum()), "alarms", int(table["alarm"].sum()))

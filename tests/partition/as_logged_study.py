@@ -45,7 +45,9 @@ def no_contact(frame: pd.DataFrame, rng: np.random.Generator) -> Form:
 def stated(frame: pd.DataFrame, rng: np.random.Generator, u: dict[str, float]) -> Form:
     """Columns that are not in the log but stated, each wrong by a draw from its uncertainty."""
     loaded = frame[frame["contact"] > 0.5].tail(150 * 75).mean()
-    constants = {n: {"value": float(loaded[n] + s * rng.standard_normal()), "u": s} for n, s in u.items()}
+    constants = {
+        n: {"value": float(loaded[n] + s * rng.standard_normal()), "u": s} for n, s in u.items()
+    }
     return frame.drop(columns=[*u]), {"constants": constants}
 
 
@@ -69,8 +71,12 @@ def ambient_channels(frame: pd.DataFrame, rng: np.random.Generator) -> Form:
     """Sixteen channels about the disks, each with an offset of its own."""
     room, tables, more = frame["ambient_degC"], dict[str, Any](), dict[str, Any]()
     for disk in DISKS:
-        names = {p: [f"TC {disk} {p} {k}" for k in range(PLACE_CHANNELS)] for p in ("surface", "faces")}
-        more |= {n: room + CHANNEL_SD_K * rng.standard_normal() for own in names.values() for n in own}
+        names = {
+            p: [f"TC {disk} {p} {k}" for k in range(PLACE_CHANNELS)] for p in ("surface", "faces")
+        }
+        more |= {
+            n: room + CHANNEL_SD_K * rng.standard_normal() for own in names.values() for n in own
+        }
         tables[disk] = {"ambient": names}
     return frame.drop(columns="ambient_degC").assign(**more), tables
 
@@ -78,7 +84,9 @@ def ambient_channels(frame: pd.DataFrame, rng: np.random.Generator) -> Form:
 def torque_and_kelvin(frame: pd.DataFrame, rng: np.random.Generator) -> Form:
     """Friction as torque of the slow shaft, temperatures in kelvin."""
     kelvin = {n: f"{n.removesuffix('degC')}K" for n in frame if is_couple(str(n))}
-    moved = frame.assign(**{n: frame[n] + 273.15 for n in kelvin}, friction_N=frame["friction_N"] * ARM_m)
+    moved = frame.assign(
+        **{n: frame[n] + 273.15 for n in kelvin}, friction_N=frame["friction_N"] * ARM_m
+    )
     return moved.rename(columns={**kelvin, "friction_N": "torque_slow_Nm"}), {}
 
 
@@ -93,14 +101,23 @@ def least(frame: pd.DataFrame, rng: np.random.Generator) -> Form:
 FORMS: dict[str, Callable[[pd.DataFrame, np.random.Generator], Form]] = {
     f.__name__: f
     for f in (
-        full, no_contact, load_stated, speeds_stated, ambient_stated, ambient_channels, torque_and_kelvin, least,
+        full,
+        no_contact,
+        load_stated,
+        speeds_stated,
+        ambient_stated,
+        ambient_channels,
+        torque_and_kelvin,
+        least,
     )
-}  # fmt: skip
+}
 
 
 def analysed(made: StudyRig, form: str, seed: int, **options: Any) -> Partition:
     """The test of a drawn rig, written in a form, read and analysed."""
-    frame, tables = FORMS[form](made.log.frame, np.random.default_rng([seed, list(FORMS).index(form)]))
+    frame, tables = FORMS[form](
+        made.log.frame, np.random.default_rng([seed, list(FORMS).index(form)])
+    )
     rig = parse_rig(tables, "rig.toml")
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "EHL.csv"
@@ -123,7 +140,10 @@ def one(seed: int, forms: list[str]) -> list[dict[str, Any]]:
         for name, value in {"both": beta, **p.ways}.items():
             row |= {f"u {name}": value.u, f"z {name}": (value.value - made.told["beta"]) / value.u}
         late = p.test.events.unload_s - made.told["unload_s"]
-        row |= {"from full": (beta.value - whole) / beta.u, "z parting": late / p.test.events.unload_u_s}
+        row |= {
+            "from full": (beta.value - whole) / beta.u,
+            "z parting": late / p.test.events.unload_u_s,
+        }
         rows.append(row)
     return rows
 
@@ -136,7 +156,10 @@ if __name__ == "__main__":
         print(first + k, flush=True)
     table = pd.DataFrame(found)
     for form, part in table.groupby("form", sort=False):
-        z, lost = part[[c for c in part if str(c).startswith("z ")]], part["failed"].notna() if "failed" in part else 0
+        z, lost = (
+            part[[c for c in part if str(c).startswith("z ")]],
+            part["failed"].notna() if "failed" in part else 0,
+        )
         print(
             f"{form}: from the full log at most {part['from full'].abs().max():.2f} u, u {part['u both'].mean():.4f},"
         )

@@ -40,7 +40,10 @@ def told_of(made: StudyRig, p: Partition) -> dict[str, float]:
         gap = value.value - told["beta"]
         out[f"error {way}"], out[f"z {way}"] = gap, gap / value.u
     both = p.both.estimates["beta"]
-    out["error both"], out["z both"] = both.value - told["beta"], (both.value - told["beta"]) / both.u
+    out["error both"], out["z both"] = (
+        both.value - told["beta"],
+        (both.value - told["beta"]) / both.u,
+    )
     for disk in ("fast", "slow"):
         lag = p.joint[disk].estimates["lag_s"]
         gap = lag.value - made.truth.disk(disk).common_lag_s
@@ -56,7 +59,9 @@ def told_of(made: StudyRig, p: Partition) -> dict[str, float]:
     stated, place = made.rig.disk_setup("fast").junctions, p.sensors.depths if p.sensors else {}
     for disk, found in place.items():
         for channel, deeper in found.deeper_m.items():
-            true_m = made.truth.disk(disk).setup.junctions[channel].depth_m - stated[channel].depth_m
+            true_m = (
+                made.truth.disk(disk).setup.junctions[channel].depth_m - stated[channel].depth_m
+            )
             out[f"z depth {channel} {disk}"] = (deeper.value - true_m) / deeper.u
     pulls = tensions(made.test, p.joint, p.both, p.sensors)
     out["chance of the depths"] = min(t.chance for t in pulls if t.alarm == DEPTH_ALARM)
@@ -84,21 +89,30 @@ def report(table: pd.DataFrame) -> pd.DataFrame:
         e = table.get(str(name).replace("z ", "error ", 1))
         rows.append(
             {
-                "what": str(name)[2:], "mean z": z.mean(), "rms z": np.sqrt((z**2).mean()),
+                "what": str(name)[2:],
+                "mean z": z.mean(),
+                "rms z": np.sqrt((z**2).mean()),
                 "covered by 95 %": (z.abs() < 1.96).mean(),
                 "rms error": np.sqrt((e**2).mean()) if e is not None else np.nan,
                 "largest": e.abs().max() if e is not None else np.nan,
             }
-        )  # fmt: skip
+        )
     return pd.DataFrame(rows)
 
 
 if __name__ == "__main__":
-    done = study(int(sys.argv[1]) if len(sys.argv) > 1 else 100, n_jobs=int(sys.argv[2]) if len(sys.argv) > 2 else 2)
+    done = study(
+        int(sys.argv[1]) if len(sys.argv) > 1 else 100,
+        n_jobs=int(sys.argv[2]) if len(sys.argv) > 2 else 2,
+    )
     print(report(done).round(4).to_string(index=False))
     print("failed", int(done["failed"].sum()), "alarms", done["alarm"].mean())
-    print("exit code 1", done["asks to be looked at"].mean(), "range held", done["range held"].mean())
-    print(done[["range, half-width", "log-odds of another structure"]].describe().round(4).to_string())
+    print(
+        "exit code 1", done["asks to be looked at"].mean(), "range held", done["range held"].mean()
+    )
+    print(
+        done[["range, half-width", "log-odds of another structure"]].describe().round(4).to_string()
+    )
     print(*done.loc[done["alarm"] > 0, "sentence"], sep="\n")
     print(done[["z check"]].describe(percentiles=[0.5, 0.9, 0.95]).round(2).to_string())
     for chance in (0.01, 0.03, 0.1, 0.3):  # each should be undercut as often as it says, or less

@@ -53,33 +53,56 @@ def shifted(column: str, seconds: float) -> Disturbed:
 
 
 def _steel(rig: Rig) -> Rig:
-    return parse_rig({"disk": {"conductivity_W_mK": 0.8 * rig.common.disk.conductivity_W_mK}}, "rig.toml")
+    return parse_rig(
+        {"disk": {"conductivity_W_mK": 0.8 * rig.common.disk.conductivity_W_mK}}, "rig.toml"
+    )
 
 
 CABLE = [(f"fast_{c}_degC", f"slow_{c}_degC") for c in CHANNELS]
 CASES: dict[str, Case] = {
-    "a and e exchanged": Case(("channels a and e look swapped",), exchanged(("fast_a_degC", "fast_e_degC"))),
+    "a and e exchanged": Case(
+        ("channels a and e look swapped",), exchanged(("fast_a_degC", "fast_e_degC"))
+    ),
     "b and d exchanged": Case(("b and d look swapped",), exchanged(("slow_b_degC", "slow_d_degC"))),
     "c and f exchanged": Case(("c and f look swapped",), exchanged(("fast_c_degC", "fast_f_degC"))),
-    "e of both disks": Case(("channels e of the fast disk and e",), exchanged(("fast_e_degC", "slow_e_degC"))),
+    "e of both disks": Case(
+        ("channels e of the fast disk and e",), exchanged(("fast_e_degC", "slow_e_degC"))
+    ),
     "whole cables": Case(("cables of the two disks",), exchanged(*CABLE)),
-    "copy": Case(("fast_a_degC and fast_c_degC",), lambda log: log.assign(fast_c_degC=log["fast_a_degC"])),
+    "copy": Case(
+        ("fast_a_degC and fast_c_degC",), lambda log: log.assign(fast_c_degC=log["fast_a_degC"])
+    ),
     "dead": Case(("channel c is dead",), lambda log: log.assign(fast_c_degC=log["ambient_degC"])),
-    "late": Case(("channel e answers", "junction e of the fast disk lags"), shifted("fast_e_degC", 0.5)),
-    "offset": Case(("channel b reads", "static b"), lambda log: log.assign(fast_b_degC=log["fast_b_degC"] + 5.0)),
+    "late": Case(
+        ("channel e answers", "junction e of the fast disk lags"), shifted("fast_e_degC", 0.5)
+    ),
+    "offset": Case(
+        ("channel b reads", "static b"),
+        lambda log: log.assign(fast_b_degC=log["fast_b_degC"] + 5.0),
+    ),
     "contact late": Case(("disagree on the parting", "disagree"), shifted("contact", 2.0)),
-    "contact early": Case(("disagree on the parting", "disagree"), lambda log: log.assign(
-        contact=np.minimum(log["contact"], log["contact"].shift(-150).ffill()))),
-    "contact inverted": Case(("other way round", "inverted"), lambda log: log.assign(contact=1 - log["contact"])),
+    "contact early": Case(
+        ("disagree on the parting", "disagree"),
+        lambda log: log.assign(
+            contact=np.minimum(log["contact"], log["contact"].shift(-150).ffill())
+        ),
+    ),
+    "contact inverted": Case(
+        ("other way round", "inverted"), lambda log: log.assign(contact=1 - log["contact"])
+    ),
     "friction in pounds": Case(("friction in pounds",), times(1 / 4.448, "friction_N")),
     "friction in kgf": Case(("friction in kilograms",), times(1 / 9.807, "friction_N")),
     "friction turned": Case(("friction",), times(-1.0, "friction_N")),
-    "speeds in rad/s": Case(("speeds in rad/s",), times(1 / 9.549, "speed_fast_rpm", "speed_slow_rpm")),
-    "speeds in 1/s": Case(("speeds in revolutions per second",), times(1 / 60, "speed_fast_rpm", "speed_slow_rpm")),
+    "speeds in rad/s": Case(
+        ("speeds in rad/s",), times(1 / 9.549, "speed_fast_rpm", "speed_slow_rpm")
+    ),
+    "speeds in 1/s": Case(
+        ("speeds in revolutions per second",), times(1 / 60, "speed_fast_rpm", "speed_slow_rpm")
+    ),
     "speeds exchanged": Case(("surface speeds",), exchanged(("speed_fast_rpm", "speed_slow_rpm"))),
     "load and friction exchanged": Case(("friction",), exchanged(("load_N", "friction_N"))),
     "wrong steel": Case(("conductivity", "steel"), rig=_steel),
-}  # fmt: skip
+}
 
 
 def one(seed: int, name: str) -> dict[str, Any]:
@@ -100,7 +123,9 @@ def one(seed: int, name: str) -> dict[str, Any]:
         said = [f.sentence for f in doubts(p.findings)]
     told = [k for k, sentence in enumerate(said) if any(word in sentence for word in case.words)]
     out["first"], out["told"] = told[:1] == [0], bool(told)
-    out["wrongly swapped"] = any("look swapped" in s for s in said) and "exchanged" not in name and "both" not in name
+    out["wrongly swapped"] = (
+        any("look swapped" in s for s in said) and "exchanged" not in name and "both" not in name
+    )
     return out | {"said": " | ".join(said)[:300]}
 
 
@@ -113,6 +138,8 @@ def study(count: int, first: int, names: list[str], n_jobs: int = 2) -> pd.DataF
 if __name__ == "__main__":
     table = study(int(sys.argv[1]), int(sys.argv[2]), sys.argv[3:] or list(CASES))
     print(table.drop(columns=["seed"]).round(2).to_string())
-    sums = table.groupby("fault", sort=False)[["first", "told", "wrongly swapped", "quietly wrong"]].mean()
+    sums = table.groupby("fault", sort=False)[
+        ["first", "told", "wrongly swapped", "quietly wrong"]
+    ].mean()
     print(sums.round(2).to_string())
     print(sums.mean().round(3).to_string())

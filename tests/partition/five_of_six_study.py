@@ -40,10 +40,16 @@ def of_one_rig(seed: int, test: str = "B3") -> Iterator[dict[str, object]]:
         suspects = () if p.sensors is None else p.sensors.suspects
         for way, e in ways.items():
             yield {
-                "seed": seed, "left_out": name, "way": way, "failed": False, "error": e.value - made.told["beta"],
-                "u": e.u, "wider": e.u / complete[way], "alarm": not p.crosscheck.agree,
+                "seed": seed,
+                "left_out": name,
+                "way": way,
+                "failed": False,
+                "error": e.value - made.told["beta"],
+                "u": e.u,
+                "wider": e.u / complete[way],
+                "alarm": not p.crosscheck.agree,
                 "accused": any(s.finding.grade is not Grade.NOTE for s in suspects),
-            }  # fmt: skip
+            }
 
 
 def study(count: int, first: int = 1000) -> pd.DataFrame:

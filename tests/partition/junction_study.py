@@ -38,12 +38,18 @@ def one(seed: int, disk: str, channel: str, deeper_m: float, test: str = "B3") -
     warnings.simplefilter("ignore")
     out: dict[str, object] = {"disk": disk, "channel": channel, "deeper_mm": deeper_m * 1e3}
     made = study_rig(
-        seed, test, truth=moved_junction(draw_truth(seed, load_rig(), uncertain=True), disk, channel, deeper_m)
+        seed,
+        test,
+        truth=moved_junction(draw_truth(seed, load_rig(), uncertain=True), disk, channel, deeper_m),
     )
     try:
         p = made.analyse()
     except InputError as problem:
-        return out | {"alarm": True, "named": f"{disk}_{channel}" in str(problem), "sentence": str(problem)}
+        return out | {
+            "alarm": True,
+            "named": f"{disk}_{channel}" in str(problem),
+            "sentence": str(problem),
+        }
     said = p.crosscheck.sentence
     named = f"junction {channel} of the {disk} disk" in said or f"{disk}_{channel}_degC" in said
     if p.sensors is not None and disk in p.sensors.depths:
@@ -55,14 +61,20 @@ def one(seed: int, disk: str, channel: str, deeper_m: float, test: str = "B3") -
 def study(deeper_mm: float, rigs: int = 2, n_jobs: int = 2) -> pd.DataFrame:
     """One row for each junction, sign and rig."""
     cases = product(range(rigs), DISKS, CHANNELS, (1.0, -1.0))
-    jobs = [(FIRST_SEED + k, d, c, sign * deeper_mm * 1e-3) for k, (_, d, c, sign) in enumerate(cases)]
+    jobs = [
+        (FIRST_SEED + k, d, c, sign * deeper_mm * 1e-3) for k, (_, d, c, sign) in enumerate(cases)
+    ]
     return pd.DataFrame(Parallel(n_jobs=n_jobs)(delayed(one)(*job) for job in jobs))
 
 
 if __name__ == "__main__":
     size = float(sys.argv[1]) if len(sys.argv) > 1 else 0.3
     table = study(size)
-    table["row"] = np.where(table["channel"].isin(load_rig().disk_setup("fast").outer), "outer", "inner")
+    table["row"] = np.where(
+        table["channel"].isin(load_rig().disk_setup("fast").outer), "outer", "inner"
+    )
     print(table.drop(columns="sentence").round(3).to_string(index=False))
     print(table.groupby(["disk", "row"])[["alarm", "named"]].mean().round(2).to_string())
-    print(f"{size:g} mm: alarm in {table['alarm'].mean():.0%}, named in {table['named'].mean():.0%} of {len(table)}")
+    print(
+        f"{size:g} mm: alarm in {table['alarm'].mean():.0%}, named in {table['named'].mean():.0%} of {len(table)}"
+    )

@@ -33,10 +33,14 @@ def filtered(u: Array) -> Array:
     return np.asarray(lfilter([1 - keep], [1, -keep], once)[FINE - 1 :: FINE])
 
 
-def before_the_filter(rng: np.random.Generator, n: int, sd: float = 0.12, share: float = 0.97) -> Array:
+def before_the_filter(
+    rng: np.random.Generator, n: int, sd: float = 0.12, share: float = 0.97
+) -> Array:
     """Noise (n,) [K] of ``sd``, ``share`` of its amplitude coloured by the filter."""
     coloured = filtered(rng.standard_normal((n + 75) * FINE))[75:]
-    return sd * (share * coloured / np.std(coloured) + np.sqrt(1 - share**2) * rng.standard_normal(n))
+    return sd * (
+        share * coloured / np.std(coloured) + np.sqrt(1 - share**2) * rng.standard_normal(n)
+    )
 
 
 def bursts(rng: np.random.Generator, n: int, every_s: float = 60.0) -> Array:
@@ -61,7 +65,9 @@ def one(seed: int, world: str) -> dict[str, float]:
     warnings.simplefilter("ignore")
     rng = np.random.default_rng([seed, 15])
     true = draw_truth(seed, load_rig(), uncertain=True)
-    quiet = true.with_imperfections(replace(true.imperfections, noise=False, spikes=False, quantise=False))
+    quiet = true.with_imperfections(
+        replace(true.imperfections, noise=False, spikes=False, quantise=False)
+    )
 
     def noisy(frame: pd.DataFrame) -> pd.DataFrame:
         names = [f"{d}_{c}_degC" for d in DISKS for c in CHANNELS]
@@ -78,7 +84,9 @@ def one(seed: int, world: str) -> dict[str, float]:
 
 def study(world: str, count: int, first: int = 3000, n_jobs: int = 2) -> pd.DataFrame:
     """One row per drawn rig."""
-    return pd.DataFrame(Parallel(n_jobs=n_jobs)(delayed(one)(s, world) for s in range(first, first + count)))
+    return pd.DataFrame(
+        Parallel(n_jobs=n_jobs)(delayed(one)(s, world) for s in range(first, first + count))
+    )
 
 
 if __name__ == "__main__":

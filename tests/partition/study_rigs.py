@@ -76,7 +76,9 @@ def study_rig(
     return StudyRig(rig, true, prepare(log, rig, records), told, records, log)
 
 
-def _record(seed: int, disk: str, true: RigTruth, rig: Rig, lag_error_s: float | None) -> DiskRecord:
+def _record(
+    seed: int, disk: str, true: RigTruth, rig: Rig, lag_error_s: float | None
+) -> DiskRecord:
     rng = np.random.default_rng([seed, len(disk)])
     oven, _ = simulate_oven(disk, seed, true)
     common = rng.normal(0, COMMON_U_S) if lag_error_s is None else lag_error_s
@@ -89,9 +91,13 @@ def _record(seed: int, disk: str, true: RigTruth, rig: Rig, lag_error_s: float |
         c = disk_truth.channels[ch]
         off = max(common + error, 0.01 - c.tau1_s)
         lag = disk_truth.lags_s[ch] + off
-        channels[ch] = ChannelChain(taus_s=(c.tau1_s + off, c.tau2_s), lag_s=Estimate.normal(lag, u))
+        channels[ch] = ChannelChain(
+            taus_s=(c.tau1_s + off, c.tau2_s), lag_s=Estimate.normal(lag, u)
+        )
     mean = float(np.mean([c.lag_s.value for c in channels.values()]))
-    covariance = np.full((len(names), len(names)), COMMON_U_S**2) + np.eye(len(names)) * DIFFERENTIAL_U_S**2
+    covariance = (
+        np.full((len(names), len(names)), COMMON_U_S**2) + np.eye(len(names)) * DIFFERENTIAL_U_S**2
+    )
     return DiskRecord(
         disk=disk,
         created=now_utc(),
@@ -102,7 +108,8 @@ def _record(seed: int, disk: str, true: RigTruth, rig: Rig, lag_error_s: float |
             covariance=covariance.tolist(),
             common_lag_s=Estimate.normal(mean, float(np.sqrt(covariance.mean()))),
             differential_lag_s={
-                k: Estimate.normal(c.lag_s.value - mean, DIFFERENTIAL_U_S) for k, c in channels.items()
+                k: Estimate.normal(c.lag_s.value - mean, DIFFERENTIAL_U_S)
+                for k, c in channels.items()
             },
         ),
         setup=rig.tables(disk),

@@ -34,10 +34,18 @@ FOUR = {
     "b": {"depth_mm": 6.0, "z_mm": 4.765, "angle_deg": 180.0},
 }
 PLACES = {  # depth, z, angle: two groups that lie opposite; four junctions 6 mm deep, none of them at the centre
-    "t1": (1.25, 4.765, 0.0), "t2": (3.0, 4.765, 15.0), "t3": (3.0, 2.0, 180.0), "t4": (2.0, 6.5, 195.0),
-    "t5": (6.0, 1.5, 345.0), "t6": (6.0, 3.8, 165.0), "t7": (6.0, 5.8, 210.0), "t8": (6.0, 8.0, 330.0),
-}  # fmt: skip
-EIGHT = {name: dict(zip(("depth_mm", "z_mm", "angle_deg"), place)) for name, place in PLACES.items()}
+    "t1": (1.25, 4.765, 0.0),
+    "t2": (3.0, 4.765, 15.0),
+    "t3": (3.0, 2.0, 180.0),
+    "t4": (2.0, 6.5, 195.0),
+    "t5": (6.0, 1.5, 345.0),
+    "t6": (6.0, 3.8, 165.0),
+    "t7": (6.0, 5.8, 210.0),
+    "t8": (6.0, 8.0, 330.0),
+}
+EIGHT = {
+    name: dict(zip(("depth_mm", "z_mm", "angle_deg"), place)) for name, place in PLACES.items()
+}
 SEED = 11
 
 
@@ -52,7 +60,10 @@ def eight() -> StudyRig:
 
 def test_a_table_of_other_names_is_all_there_are_and_is_read_back(tmp_path: Path) -> None:
     for junctions in (FOUR, EIGHT):
-        rig = rig_with(junctions, slow={"thermocouples": {"layout": "own", "x1": {"depth_mm": 2.0, "z_mm": 5.0}}})
+        rig = rig_with(
+            junctions,
+            slow={"thermocouples": {"layout": "own", "x1": {"depth_mm": 2.0, "z_mm": 5.0}}},
+        )
         assert rig.disk_setup("fast").channels == tuple(sorted(set(junctions) - {"layout"}))
         assert rig.disk_setup("slow").channels == ("x1",)
         (tmp_path / "rig.toml").write_text(rig_toml(rig))
@@ -62,8 +73,11 @@ def test_a_table_of_other_names_is_all_there_are_and_is_read_back(tmp_path: Path
 def test_the_inner_row_is_told_by_depth_not_by_name() -> None:
     setup = rig_with(EIGHT).disk_setup("fast")
     assert (setup.inner, setup.outer, setup.edge, setup.shallowest) == (
-        ("t5", "t6", "t7", "t8"), ("t1", "t2", "t3", "t4"), "t6", "t1",
-    )  # fmt: skip
+        ("t5", "t6", "t7", "t8"),
+        ("t1", "t2", "t3", "t4"),
+        "t6",
+        "t1",
+    )
     four = rig_with(FOUR).disk_setup("fast")
     assert (four.inner, four.outer) == (("d", "b"), ("a", "c"))
     exchanged = {**EIGHT, "t1": EIGHT["t5"], "t5": EIGHT["t1"]}
@@ -75,15 +89,23 @@ def test_the_inner_row_is_told_by_depth_not_by_name() -> None:
     [
         {"t1": EIGHT["t1"], "t5": EIGHT["t5"]},  # one place of the greatest depth
         {c: EIGHT[c] for c in ("t5", "t6", "t7", "t8")},  # nothing nearer the surface
-        {"t1": EIGHT["t1"], "t5": EIGHT["t5"], "t6": {**EIGHT["t5"], "angle_deg": 90.0}},  # the same place twice
+        {
+            "t1": EIGHT["t1"],
+            "t5": EIGHT["t5"],
+            "t6": {**EIGHT["t5"], "angle_deg": 90.0},
+        },  # the same place twice
     ],
 )
 def test_what_does_not_tell_beta_is_said_with_what_to_add(junctions: dict[str, Any]) -> None:
-    with pytest.raises(InputError, match="expected two junctions or more of the greatest depth, at different z_mm"):
+    with pytest.raises(
+        InputError, match="expected two junctions or more of the greatest depth, at different z_mm"
+    ):
         rig_with(junctions).disk_setup("fast").check_rows()
 
 
-def test_the_profile_of_an_inner_row_is_the_least_squares_one_of_as_many_shapes_as_it_tells() -> None:
+def test_the_profile_of_an_inner_row_is_the_least_squares_one_of_as_many_shapes_as_it_tells() -> (
+    None
+):
     """Against scipy's own least squares on cosines, which are the slab's shapes where the faces are insulated."""
     for places in ((1.5e-3, 3.8e-3, 5.8e-3, 8.0e-3), (2.0e-3, 4.765e-3), (2.0e-3, 7.53e-3)):
         rim = Rim(0.0321, 0.0381, 9.53e-3, 41.0, 7850.0, 470.0, 0.0, places)
@@ -110,7 +132,9 @@ def test_eight_junctions_tell_beta_better_than_four(eight: StudyRig) -> None:
 
 @pytest.mark.slow
 def test_a_swap_among_eight_is_told(eight: StudyRig) -> None:
-    swapped = eight.log.frame.rename(columns={"slow_t2_degC": "slow_t7_degC", "slow_t7_degC": "slow_t2_degC"})
+    swapped = eight.log.frame.rename(
+        columns={"slow_t2_degC": "slow_t7_degC", "slow_t7_degC": "slow_t2_degC"}
+    )
     made = study_rig(SEED, rig=eight.rig, disturbed=lambda frame: swapped[frame.columns])
     (suspect,) = check_sensors(replace(made.test, disks={"slow": made.test.disks["slow"]})).suspects
     assert (suspect.disk, suspect.kind, set(suspect.channels)) == ("slow", "swapped", {"t2", "t7"})
@@ -118,23 +142,34 @@ def test_a_swap_among_eight_is_told(eight: StudyRig) -> None:
 
 def test_disks_with_different_junctions_go_from_log_to_beta_by_command(tmp_path: Path) -> None:
     """Fast eight, slow six; the log calls one of them otherwise, and one is left out."""
-    rig = parse_rig({"fast": {"thermocouples": EIGHT}, "columns": {"fast_t3_degC": "TC 3"}}, "rig.toml")
+    rig = parse_rig(
+        {"fast": {"thermocouples": EIGHT}, "columns": {"fast_t3_degC": "TC 3"}}, "rig.toml"
+    )
     made = study_rig(SEED, rig=rig)
     made.log.frame.rename(columns={"fast_t3_degC": "TC 3"}).to_csv(tmp_path / "B3.csv", index=False)
     (tmp_path / "rig.toml").write_text(rig_toml(rig))
     records = [write_record(r, tmp_path / f"{d}.disk.json") for d, r in made.records.items()]
     assert {d: set(read_record(p).static) for d, p in zip(("fast", "slow"), records)} == {
-        "fast": set(EIGHT), "slow": set("abcdef"),
-    }  # fmt: skip
+        "fast": set(EIGHT),
+        "slow": set("abcdef"),
+    }
     log = read_log(tmp_path / "B3.csv", "ehl", load_rig(tmp_path / "rig.toml"))
     assert len(log.channels) == 14
     told = [f"--record={p}" for p in records]
-    words = ["beta", str(tmp_path / "B3.csv"), *told, "--without=fast_t4", "--out", str(tmp_path / "b.json")]
+    words = [
+        "beta",
+        str(tmp_path / "B3.csv"),
+        *told,
+        "--without=fast_t4",
+        "--out",
+        str(tmp_path / "b.json"),
+    ]
     done = CliRunner().invoke(app, words)
     assert done.exit_code == 0, done.output
     beta = json.loads((tmp_path / "b.json").read_text())["joint"]["both"]["beta"]
     assert abs(beta["value"] - made.told["beta"]) < 2 * beta["u"]
     with pytest.raises(
-        InputError, match="without: there is no channel 'slow_t1'; expected fast_t1 to fast_t8 or slow_a"
+        InputError,
+        match="without: there is no channel 'slow_t1'; expected fast_t1 to fast_t8 or slow_a",
     ):
         estimate_beta(tmp_path / "B3.csv", rig, made.records, without=["slow_t1"])

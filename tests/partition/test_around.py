@@ -24,7 +24,9 @@ SEED = 7000
 @lru_cache
 def found_and_true() -> tuple[Partition, dict[str, Around]]:
     """A rig whose slow disk sits uneven, and its disks as they were."""
-    truth = draw_truth(SEED, load_rig(), uncertain=True).with_uneven({"slow": BoreContact(0.7, 30.0)})
+    truth = draw_truth(SEED, load_rig(), uncertain=True).with_uneven(
+        {"slow": BoreContact(0.7, 30.0)}
+    )
     return study_rig(SEED, truth=truth).analyse(), around_disks("B3", SEED, truth, QUICK)
 
 
@@ -48,7 +50,9 @@ def test_the_middle_plane_holds_what_its_junctions_read(disk: str) -> None:
         for c in "abe":
             j = around.setup.junctions[c]
             column = around.middle_degC[:, int(round(j.angle_deg / 3.0)) % 120]
-            assert np.interp(j.depth_m, around.depth_m, column) == pytest.approx(around.seen_degC[c], abs=tolerance), c
+            assert np.interp(j.depth_m, around.depth_m, column) == pytest.approx(
+                around.seen_degC[c], abs=tolerance
+            ), c
 
 
 def test_pictures_show_the_disk_and_its_junctions() -> None:

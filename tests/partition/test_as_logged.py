@@ -40,7 +40,9 @@ def whole(made: StudyRig) -> Partition:
     return forms.analysed(made, "full", SEED, sensor_check=False)
 
 
-@pytest.mark.parametrize("form", [pytest.param("ambient_channels", marks=pytest.mark.slow), "least"])
+@pytest.mark.parametrize(
+    "form", [pytest.param("ambient_channels", marks=pytest.mark.slow), "least"]
+)
 def test_beta_is_within_1_5_u_of_the_full_log_s_and_asks_for_nothing(
     form: str, made: StudyRig, whole: Partition
 ) -> None:
@@ -63,7 +65,9 @@ def prepared(made: StudyRig, form: forms.Form, tmp_path) -> EhlTest:
 
 
 def test_torque_and_kelvin_are_the_same_test(made: StudyRig, tmp_path) -> None:
-    test = prepared(made, forms.torque_and_kelvin(made.log.frame, np.random.default_rng(0)), tmp_path)
+    test = prepared(
+        made, forms.torque_and_kelvin(made.log.frame, np.random.default_rng(0)), tmp_path
+    )
     plain = prepared(made, forms.full(made.log.frame, np.random.default_rng(0)), tmp_path)
     assert test.power_W == pytest.approx(plain.power_W, abs=1e-6)
     for d in DISKS:
@@ -72,19 +76,32 @@ def test_torque_and_kelvin_are_the_same_test(made: StudyRig, tmp_path) -> None:
 
 def test_what_is_stated_widens_what_hangs_on_it(made: StudyRig, tmp_path) -> None:
     u = {"load_N": 100.0, "speed_fast_rpm": 60.0, "speed_slow_rpm": 80.0, "ambient_degC": 3.0}
-    test, full = prepared(made, forms.stated(made.log.frame, np.random.default_rng(0), u), tmp_path), made.test
-    sliding_rpm = made.log.frame["speed_fast_rpm"].median() - made.log.frame["speed_slow_rpm"].median()
+    test, full = (
+        prepared(made, forms.stated(made.log.frame, np.random.default_rng(0), u), tmp_path),
+        made.test,
+    )
+    sliding_rpm = (
+        made.log.frame["speed_fast_rpm"].median() - made.log.frame["speed_slow_rpm"].median()
+    )
     for d in DISKS:
         own, was = test.disks[d].uncertainty, full.disks[d].uncertainty
         assert own.ambient_K == pytest.approx(np.hypot(was.ambient_K, 3.0))
-        assert own.friction_rel == pytest.approx(np.hypot(was.friction_rel, 100.0 / sliding_rpm), rel=0.05)
-        assert own.half_width_rel == pytest.approx(np.hypot(was.half_width_rel, 100.0 / test.load_N / 3))
+        assert own.friction_rel == pytest.approx(
+            np.hypot(was.friction_rel, 100.0 / sliding_rpm), rel=0.05
+        )
+        assert own.half_width_rel == pytest.approx(
+            np.hypot(was.half_width_rel, 100.0 / test.load_N / 3)
+        )
     assert test.exponent_half_range > full.exponent_half_range
     assert np.ptp(test.ambient_degC) == 0
     steady = (test.time_s > test.events.unload_s - 100) & (test.time_s < test.events.unload_s - 1)
     assert test.load_N == pytest.approx(full.load_N, abs=300)
     assert test.power_W[steady].mean() == pytest.approx(full.power_W[steady].mean(), rel=0.1)
-    theirs = {"half-width": 100.0 / test.load_N / 3, "ambient": 3.0, "friction": 100.0 / sliding_rpm}
+    theirs = {
+        "half-width": 100.0 / test.load_N / 3,
+        "ambient": 3.0,
+        "friction": 100.0 / sliding_rpm,
+    }
     setup = full.disks["fast"].setup
     for what in (
         *stated(setup),
@@ -110,23 +127,37 @@ def _shared_and_own(what: Unmeasured, test: EhlTest) -> tuple[float, float]:
     return size * loading.shared[what.name], size * loading.own
 
 
-def test_channels_of_a_disk_s_own_give_its_air_and_its_uncertainty(made: StudyRig, tmp_path) -> None:
+def test_channels_of_a_disk_s_own_give_its_air_and_its_uncertainty(
+    made: StudyRig, tmp_path
+) -> None:
     frame = made.log.frame
     rising = frame["ambient_degC"] + 0.01 * frame["time_s"]
     more = {"S1": rising - 6.0, "S2": rising - 4.0, "F1": rising, "stuck": 20.0}
     tables = {"fast": {"ambient": {"surface": ["S1", "S2"], "faces": ["F1", "stuck"]}}}
     test = prepared(made, (frame.assign(**more), tables), tmp_path)
     assert test.air["fast"].surface == pytest.approx(rising.to_numpy() - 5.0, abs=1e-6)
-    assert test.ambient_of("fast") == pytest.approx(rising.to_numpy(), abs=1e-6)  # without the one that stands still
+    assert test.ambient_of("fast") == pytest.approx(
+        rising.to_numpy(), abs=1e-6
+    )  # without the one that stands still
     assert test.ambient_of("slow") == pytest.approx(frame["ambient_degC"].to_numpy(), abs=1e-6)
     assert test.air["fast"].own_u_K == pytest.approx(1.0)  # 2 K apart: 2 / sqrt(2) / sqrt(2)
-    told = {(f.subject, f.numbers["at"]): f.numbers for f in test.findings if f.code == "ambient.channels"}
+    told = {
+        (f.subject, f.numbers["at"]): f.numbers
+        for f in test.findings
+        if f.code == "ambient.channels"
+    }
     assert told["fast", "surface"]["count"] == 2
     assert told["fast", "surface"]["spread_K"] == pytest.approx(2**0.5)
     assert told["fast", "faces"]["count"] == 1
-    assert told["fast", "faces"]["drift_K"] == pytest.approx(1.5, abs=0.7)  # 0.01 K/s over 150 s, and its own
+    assert told["fast", "faces"]["drift_K"] == pytest.approx(
+        1.5, abs=0.7
+    )  # 0.01 K/s over 150 s, and its own
     known = effects(
-        test, test.disks["fast"], lagged_window(test, test.disks["fast"], stretch_of(test, 5.0)), 0.7, 500.0
+        test,
+        test.disks["fast"],
+        lagged_window(test, test.disks["fast"], stretch_of(test, 5.0)),
+        0.7,
+        500.0,
     )
     assert AIR in known.of
 
@@ -155,7 +186,9 @@ def test_a_touch_after_the_parting_is_seen_without_them_too(gone: list[str]) -> 
 
 
 def test_a_friction_without_a_load_is_no_test() -> None:
-    idle = log().assign(friction_N=0.3 + 0.1 * np.random.default_rng(0).standard_normal(7500), load_N=0.0)
+    idle = log().assign(
+        friction_N=0.3 + 0.1 * np.random.default_rng(0).standard_normal(7500), load_N=0.0
+    )
     with pytest.raises(InputError, match="neither load nor friction shows a loaded stretch"):
         find_events(idle.drop(columns="contact"))
     both: pd.DataFrame = log()[lambda f: f["time_s"] < 79.0].drop(columns="contact")
@@ -166,12 +199,20 @@ def test_a_friction_without_a_load_is_no_test() -> None:
 def test_channels_at_the_running_surface_take_out_that_its_air_is_colder() -> None:
     """An air 8 K colder at the running surfaces is read as a higher h by one thermometer in the room."""
     cold = study_rig(SEED + 100, truth=draw_truth(SEED + 100, load_rig()).with_film_air(-8.0))
-    room, rng, more = cold.log.frame["ambient_degC"], np.random.default_rng(0), dict[str, pd.Series]()
+    room, rng, more = (
+        cold.log.frame["ambient_degC"],
+        np.random.default_rng(0),
+        dict[str, pd.Series](),
+    )
     channels = {place: [f"{place} {k}" for k in range(4)] for place in ("surface", "faces")}
     for place, names in channels.items():
-        more |= {air_name(n): room - 8.0 * (place == "surface") + rng.standard_normal() for n in names}
+        more |= {
+            air_name(n): room - 8.0 * (place == "surface") + rng.standard_normal() for n in names
+        }
     frame = cold.log.frame.assign(**more).drop(columns="ambient_degC")
-    test = prepare(replace(cold.log, frame=frame), parse_rig({"ambient": channels}, "rig.toml"), cold.records)
+    test = prepare(
+        replace(cold.log, frame=frame), parse_rig({"ambient": channels}, "rig.toml"), cold.records
+    )
     found, without = (refine_lags(t)["fast"].estimates["h"] for t in (test, cold.test))
     assert abs(found.value - cold.told["h_fast"]) < 2.5 * found.u
     assert without.value - found.value > 50.0  # W/m2K: 8 K of the 70 K between surface and air

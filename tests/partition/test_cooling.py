@@ -41,7 +41,9 @@ def test_pull_is_the_change_of_h_that_a_second_fit_finds() -> None:
     line = SteadyLine(0.2, 7e-4)
     window = Lumped(t, counts, np.zeros((len(t), 3)))
     made = replace(window, y=line.at(700.0) * window.rim.answer(700.0)[1])
-    effect = 0.02 * np.maximum(t, 0.0)[:, None] * np.array([1.0, 2.0, 0.5])  # grows late, where the blocks are long
+    effect = (
+        0.02 * np.maximum(t, 0.0)[:, None] * np.array([1.0, 2.0, 0.5])
+    )  # grows late, where the blocks are long
     fit = cooling_fit(made, line, 0.0, 7.0, 0.1)  # type: ignore[arg-type]
     again = cooling_fit(replace(made, y=made.y - effect), line, 0.0, 7.0, 0.1)  # type: ignore[arg-type]
     assert fit.h_W_m2K == pytest.approx(700.0, rel=1e-5)  # xatol of the search
@@ -58,4 +60,6 @@ def test_a_parting_of_1_5_s_leaves_the_cooling_fit_right() -> None:
     disk = test.disks["fast"]
     window = compensated(test, disk, rows, smoothed(test, disk, rows, disk.chains, 0.01)).window
     fit = cooling_fit(window, lines["fast"].line, test.events.unload_s, 5.0, 0.03)
-    assert fit.h_W_m2K == pytest.approx(made.told["h_fast"], rel=0.05)  # the budget's own standard uncertainty of h
+    assert fit.h_W_m2K == pytest.approx(
+        made.told["h_fast"], rel=0.05
+    )  # the budget's own standard uncertainty of h

@@ -44,12 +44,16 @@ def of_depth(t: Tension) -> bool:
 
 @pytest.fixture(scope="module")
 def b3(campaign: Campaign) -> EhlTest:
-    return prepare(read_log(campaign.files.ehl["B3"], "ehl", campaign.rig), campaign.rig, campaign.records)
+    return prepare(
+        read_log(campaign.files.ehl["B3"], "ehl", campaign.rig), campaign.rig, campaign.records
+    )
 
 
 def test_a_disk_that_still_warms_up_is_not_accused() -> None:
     """A minute under load: the inner row rises by 0.3 K/s when the load goes off."""
-    made = study_rig(3, uncertain=False, options=replace(QUICK, load_on_s=20.0, unload_s=80.0, duration_s=96.0))
+    made = study_rig(
+        3, uncertain=False, options=replace(QUICK, load_on_s=20.0, unload_s=80.0, duration_s=96.0)
+    )
     found = check_sensors(made.test)
     assert found.sound, found.verdicts
     for test in found.depths.values():
@@ -66,11 +70,16 @@ class Shown:
         return getattr(self.f, name)
 
 
-def test_what_another_h_would_show_is_no_evidence_of_a_depth(b3: EhlTest, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_another_h_would_show_is_no_evidence_of_a_depth(
+    b3: EhlTest, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """It moves the pulls where h is taken as known, and hardly where h is as good as unknown."""
     disk, h = b3.disks["fast"], float(faults.H_GRID_W_M2K[9])
     f, verdict = disk_features(b3, disk), cast(Verdict, SimpleNamespace(h_W_m2K=h, share=0.6))
-    high, at = (rest + 0.6 * power for rest, power in zip(*f.answer(f.as_wired, ((1.05 * h, NOMINAL), (h, NOMINAL)))))
+    high, at = (
+        rest + 0.6 * power
+        for rest, power in zip(*f.answer(f.as_wired, ((1.05 * h, NOMINAL), (h, NOMINAL))))
+    )
     shown, moved = cast(DiskFeatures, Shown(f, 10 * (high - at))), []
     for sd in (faults.LOG_H_SD, 1e-3):
         monkeypatch.setattr(faults, "LOG_H_SD", sd)
@@ -84,8 +93,12 @@ def independent(pull: list[float]) -> DepthTest:
     return DepthTest("fast", np.array(pull), np.eye(6), deeper, 1e-4)
 
 
-@pytest.mark.parametrize(("channel", "deeper_mm"), [("a", 0.3), ("c", -0.3), ("e", 0.3), ("d", 0.3), ("b", -0.3)])
-def test_a_junction_off_by_a_third_of_a_millimetre_is_placed_there(b3: EhlTest, channel: str, deeper_mm: float) -> None:
+@pytest.mark.parametrize(
+    ("channel", "deeper_mm"), [("a", 0.3), ("c", -0.3), ("e", 0.3), ("d", 0.3), ("b", -0.3)]
+)
+def test_a_junction_off_by_a_third_of_a_millimetre_is_placed_there(
+    b3: EhlTest, channel: str, deeper_mm: float
+) -> None:
     found = check_sensors(stated_elsewhere(b3, "fast", channel, deeper_mm * 1e-3)).depths["fast"]
     placed = found.deeper_m[channel]
     assert abs(placed.value * 1e3 - deeper_mm) < 3 * placed.u * 1e3
@@ -101,23 +114,35 @@ def test_the_chance_of_the_largest_pull_is_that_of_so_many_normal_deviates() -> 
     largest = largest_pulls(tests)
     for pull in (2.0, 2.5, 3.0):
         exact = 1 - (1 - 2 * stats.norm.sf(pull)) ** 12
-        assert chance_of(pull, largest, 12) == pytest.approx(exact, abs=4 * np.sqrt(exact / len(largest)))
-    assert chance_of(6.0, largest, 12) == pytest.approx(24 * stats.norm.sf(6.0))  # beyond every draw
+        assert chance_of(pull, largest, 12) == pytest.approx(
+            exact, abs=4 * np.sqrt(exact / len(largest))
+        )
+    assert chance_of(6.0, largest, 12) == pytest.approx(
+        24 * stats.norm.sf(6.0)
+    )  # beyond every draw
 
 
 def test_pulls_that_go_together_count_for_fewer() -> None:
     alike = replace(independent([0.0] * 6), correlation=np.full((6, 6), 0.99) + 0.01 * np.eye(6))
-    assert chance_of(2.5, largest_pulls([alike]), 6) < 0.5 * chance_of(2.5, largest_pulls([independent([0.0] * 6)]), 6)
+    assert chance_of(2.5, largest_pulls([alike]), 6) < 0.5 * chance_of(
+        2.5, largest_pulls([independent([0.0] * 6)]), 6
+    )
 
 
 def test_a_contradiction_is_an_alarm_and_the_most_pulled_value_only_a_remark() -> None:
-    draws = {n: np.random.default_rng(k).normal(0.66, 0.01, 5000) for k, n in enumerate(("speed law", "joint fast"))}
+    draws = {
+        n: np.random.default_rng(k).normal(0.66, 0.01, 5000)
+        for k, n in enumerate(("speed law", "joint fast"))
+    }
     ways = {"speed law": Estimate.normal(0.66, 0.01), "joint fast": Estimate.normal(0.665, 0.01)}
     remark = cross_check(ways, draws, [Tension(DEPTH_E, 2.4, 0.2, DEPTH_ALARM)])
     assert remark.agree
     assert remark.strained is not None
     assert (remark.finding.numbers["strained_z"], remark.finding.numbers["chance"]) == (2.4, 0.2)
-    assert "2.4 standard deviations, no contradiction (one sound test in 5 shows as much)" in remark.sentence
+    assert (
+        "2.4 standard deviations, no contradiction (one sound test in 5 shows as much)"
+        in remark.sentence
+    )
     alarm = cross_check(ways, draws, [Tension(DEPTH_E, 3.4, 0.008, DEPTH_ALARM)])
     assert not alarm.agree
     assert alarm.finding.code == "ways.contradicted"
@@ -140,13 +165,23 @@ def test_every_stated_value_is_judged_once(b3: EhlTest, campaign: Campaign) -> N
     assert {t.alarm for t in bare} == {OTHER_ALARM}
     # an exponent that rig.toml states far from what the two disks imply is a contradiction, wherever its range lies
     elsewhere = replace(b3, speed_exponent=1.2)
-    (steep,) = [t for t in tensions(elsewhere, with_map.joint, with_map.both) if t.stated.code == "stated.exponent"]
+    (steep,) = [
+        t
+        for t in tensions(elsewhere, with_map.joint, with_map.both)
+        if t.stated.code == "stated.exponent"
+    ]
     assert steep.contradicts
     assert not any(t.contradicts for t in mapped)
     # the added friction's own uncertainty widens the budget's row of friction as the two combine
     less = {r.source: r.u_beta_steady for r in with_map.budget.rows}["friction"]
     log = read_log(campaign.files.ehl["B3"], "ehl", campaign.rig)
-    unsure = prepare(log, campaign.rig, campaign.records, lambda *_: FrictionAdded(0.0, 0.03 * b3.friction_N))
-    more = {r.source: r.u_beta_steady for r in analyse(unsure, sensor_check=False).budget.rows}["friction"]
+    unsure = prepare(
+        log, campaign.rig, campaign.records, lambda *_: FrictionAdded(0.0, 0.03 * b3.friction_N)
+    )
+    more = {r.source: r.u_beta_steady for r in analyse(unsure, sensor_check=False).budget.rows}[
+        "friction"
+    ]
     stated = campaign.rig.common.uncertainty.friction_rel
-    assert more / less == pytest.approx(np.hypot(1, 0.03 / stated), rel=0.05)  # the sampling of 4000 draws
+    assert more / less == pytest.approx(
+        np.hypot(1, 0.03 / stated), rel=0.05
+    )  # the sampling of 4000 draws

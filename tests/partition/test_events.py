@@ -12,15 +12,28 @@ DT = 1 / 75
 
 
 def log(
-    off_s: float = 80.0073, parting_s: float = 0.0, switch_late_s: float = 0.0, seed: int = 0, noise_N: float = 0.1
+    off_s: float = 80.0073,
+    parting_s: float = 0.0,
+    switch_late_s: float = 0.0,
+    seed: int = 0,
+    noise_N: float = 0.1,
 ) -> pd.DataFrame:
     t = np.arange(0, 100, DT)
-    share = np.clip((off_s + parting_s / 2 - t) / parting_s, 0, 1) if parting_s else (t < off_s).astype(float)
+    share = (
+        np.clip((off_s + parting_s / 2 - t) / parting_s, 0, 1)
+        if parting_s
+        else (t < off_s).astype(float)
+    )
     loaded = (t >= 10.0) * share
     noise = noise_N * np.random.default_rng(seed).standard_normal(len(t))
     contact = ((t >= 10.0) & (t < off_s + switch_late_s)).astype(int)
     return pd.DataFrame(
-        {"time_s": t, "contact": contact, "friction_N": 0.3 + 20 * loaded + noise, "load_N": 1850 * loaded}
+        {
+            "time_s": t,
+            "contact": contact,
+            "friction_N": 0.3 + 20 * loaded + noise,
+            "load_N": 1850 * loaded,
+        }
     )
 
 
@@ -59,7 +72,9 @@ def test_a_switch_that_is_far_off_is_not_believed() -> None:
 @pytest.mark.parametrize("late_s", [-4.0, 2.0, 8.0])
 def test_a_switch_that_is_seconds_off_does_not_hide_the_fall_of_the_friction(late_s: float) -> None:
     frame = log()
-    frame["contact"] = ((frame["time_s"] >= 10.0) & (frame["time_s"] < 80.0073 + late_s)).astype(int)
+    frame["contact"] = ((frame["time_s"] >= 10.0) & (frame["time_s"] < 80.0073 + late_s)).astype(
+        int
+    )
     events = find_events(frame)
     assert abs(events.unload_s - 80.0073) < DT
     assert "parting.disagree" in codes(events)
@@ -72,7 +87,9 @@ def test_a_noisy_friction_shows_a_slow_fall_all_the_same() -> None:
     events = find_events(frame.drop(columns="load_N"))
     assert "parting.no_friction" not in codes(events)
     assert "parting.switch_alone" not in codes(events)
-    assert events.parting_s == pytest.approx(1.2, abs=0.15)  # a sample of 6 % is 0.09 s of such a fall
+    assert events.parting_s == pytest.approx(
+        1.2, abs=0.15
+    )  # a sample of 6 % is 0.09 s of such a fall
     assert events.unload_s == pytest.approx(80.0073, abs=0.09)
 
 
@@ -104,7 +121,9 @@ def test_a_contact_that_drops_out_under_load_is_no_unloading() -> None:
 def test_two_contacts_with_an_unloading_between_stay_two() -> None:
     frame = log()
     second = frame.assign(time_s=frame["time_s"] + 100.0)
-    events = find_events(pd.concat([frame, second[second["time_s"] < 150.0].assign(contact=0)], ignore_index=True))
+    events = find_events(
+        pd.concat([frame, second[second["time_s"] < 150.0].assign(contact=0)], ignore_index=True)
+    )
     assert abs(events.unload_s - 80.0073) <= DT
     both = find_events(pd.concat([log(off_s=30.0), second], ignore_index=True))
     assert both.load_on_s == pytest.approx(110.0, abs=DT)  # the longer of the two
@@ -127,7 +146,9 @@ def test_a_bouncing_contact_is_bridged_and_said() -> None:
 
 
 @pytest.mark.parametrize(
-    ("contact", "sentence"), [(0, "contact never goes to 1"), (1, "no unloading")], ids=["never", "always"]
+    ("contact", "sentence"),
+    [(0, "contact never goes to 1"), (1, "no unloading")],
+    ids=["never", "always"],
 )
 def test_logs_without_the_event_are_refused(contact: int, sentence: str) -> None:
     with pytest.raises(InputError, match=sentence):
@@ -146,7 +167,9 @@ def test_force_is_not_smeared_over_the_parting() -> None:
 
 
 @pytest.mark.parametrize("trend_per_s", [0.0, -0.02])
-def test_the_force_just_before_the_parting_does_not_follow_the_transducers_noise(trend_per_s: float) -> None:
+def test_the_force_just_before_the_parting_does_not_follow_the_transducers_noise(
+    trend_per_s: float,
+) -> None:
     """Noise of a tenth of the force: what is left of it at the edge would scale beta one to one."""
     off, wrong = [], []
     for seed in range(20):
@@ -170,7 +193,9 @@ def test_the_force_of_a_slow_parting_falls_straight_from_its_first_kink_to_its_s
     force = contact_force(t, frame["friction_N"].to_numpy(), find_events(frame))
     for after_s, share in ((-0.9, 1.0), (-0.6, 0.9), (0.0, 0.5), (0.6, 0.1), (0.9, 0.0)):
         # the 90-10 % time of 1.2 s is good to 0.05 s, the middle to 0.02 s, the level to 0.05 N
-        assert np.interp(80.0073 + after_s, t, force) == pytest.approx(20 * share, abs=20 * (0.03 + 0.02) / 1.5 + 0.05)
+        assert np.interp(80.0073 + after_s, t, force) == pytest.approx(
+            20 * share, abs=20 * (0.03 + 0.02) / 1.5 + 0.05
+        )
 
 
 def test_a_speed_that_comes_back_had_not_stopped_and_one_that_stays_at_zero_had() -> None:
@@ -182,7 +207,9 @@ def test_a_speed_that_comes_back_had_not_stopped_and_one_that_stays_at_zero_had(
     assert whole is not None
     assert seen is not None
     np.testing.assert_allclose(seen, whole, atol=1e-3)  # a straight line in place of the gap in one
-    assert np.interp([29.0, 33.2, 35.0, 45.0], t, seen) == pytest.approx([1.0, 0.68, 0.5, 0.0], abs=1e-3)
+    assert np.interp([29.0, 33.2, 35.0, 45.0], t, seen) == pytest.approx(
+        [1.0, 0.68, 0.5, 0.0], abs=1e-3
+    )
     assert speed_course(t, slowing, 59.95, 3000.0) is None  # too few rows to tell
     most = np.where((t > 32.0) & (t < 49.0), np.nan, slowing)
     assert speed_course(t, most, 30.0, 3000.0) is None
@@ -215,7 +242,8 @@ def touched(at_s: float = 81.0, length_s: float = 0.2, switch: bool = True) -> p
 
 @pytest.mark.parametrize("switch", [True, False], ids=["seen by the switch", "unseen by it"])
 @pytest.mark.parametrize(
-    ("after_s", "length_s"), [(0.15, 0.1), (0.15, 0.4), (1.0, 0.1), (1.0, 0.4), (1.0, 6.0), (5.0, 0.1), (5.0, 6.0)]
+    ("after_s", "length_s"),
+    [(0.15, 0.1), (0.15, 0.4), (1.0, 0.1), (1.0, 0.4), (1.0, 6.0), (5.0, 0.1), (5.0, 6.0)],
 )
 def test_disks_that_touch_again_are_heated_by_the_logged_friction(
     switch: bool, length_s: float, after_s: float
@@ -248,7 +276,11 @@ def test_an_inverted_switch_is_read_the_other_way_round() -> None:
     right, wrong = log(), log()
     wrong["contact"] = 1 - wrong["contact"]
     events, told = find_events(right), find_events(wrong)
-    assert (told.load_on_s, told.unload_s, told.unload_u_s) == (events.load_on_s, events.unload_s, events.unload_u_s)
+    assert (told.load_on_s, told.unload_s, told.unload_u_s) == (
+        events.load_on_s,
+        events.unload_s,
+        events.unload_u_s,
+    )
     assert codes(told) == {"contact.inverted"}
 
 
@@ -262,7 +294,9 @@ def test_forces_with_their_signs_turned_do_not_invert_the_switch() -> None:
 @pytest.mark.parametrize("late_s", [-8.0, -2.0, 3.0, 15.0])
 def test_a_switch_that_is_seconds_off_at_loading_is_outvoted(late_s: float) -> None:
     frame = log()
-    frame["contact"] = ((frame["time_s"] >= 10.0 + late_s) & (frame["time_s"] < 80.0073)).astype(int)
+    frame["contact"] = ((frame["time_s"] >= 10.0 + late_s) & (frame["time_s"] < 80.0073)).astype(
+        int
+    )
     events = find_events(frame)
     assert events.load_on_s == pytest.approx(10.0, abs=DT)
     assert codes(events) == {"loading.disagree"}

@@ -29,7 +29,9 @@ def test_stated_depths_of_d_and_f_are_honoured(tmp_path: Path) -> None:
     _, speed = steady_lines(at_one_radius(made.test), rows)
     truth = made.told["beta"]
     assert abs(taken_as_level.beta - truth) > 0.008
-    assert speed.beta == pytest.approx(truth, abs=0.003)  # static lines and noise of this rig; 0.001 with a level row
+    assert speed.beta == pytest.approx(
+        truth, abs=0.003
+    )  # static lines and noise of this rig; 0.001 with a level row
     assert speed.h_fast == pytest.approx(made.told["h_fast"], rel=0.03)
     check = check_sensors(made.test)
     assert check.sound

@@ -54,20 +54,26 @@ def complete(made: StudyRig) -> BothFit:
 
 
 @pytest.mark.parametrize("channel", CHANNELS)
-def test_beta_of_both_disks_holds_without_any_one_channel(channel: str, made: StudyRig, complete: BothFit) -> None:
+def test_beta_of_both_disks_holds_without_any_one_channel(
+    channel: str, made: StudyRig, complete: BothFit
+) -> None:
     found = both_of(made.without(f"fast_{channel}")).estimates["beta"]
     u = complete.estimates["beta"].u
     assert abs(found.value - made.told["beta"]) < WORST_Z * found.u
     assert AS_GOOD * u < found.u < MOST_WIDER * u
 
 
-@pytest.fixture(scope="module", params=["slow_a", "slow_d", pytest.param("slow_b", marks=pytest.mark.slow)])
+@pytest.fixture(
+    scope="module", params=["slow_a", "slow_d", pytest.param("slow_b", marks=pytest.mark.slow)]
+)
 def whole(request: pytest.FixtureRequest, made: StudyRig) -> tuple[str, Partition]:
     """All ways to beta without a channel of the outer row, and without one of the inner row by either stand-in."""
     return request.param[-1], analyse(made.without(request.param))
 
 
-def test_every_way_to_beta_holds_without_a_channel(whole: tuple[str, Partition], made: StudyRig) -> None:
+def test_every_way_to_beta_holds_without_a_channel(
+    whole: tuple[str, Partition], made: StudyRig
+) -> None:
     """Within three standard uncertainties: five ways of three runs; and the lag as well."""
     _, p = whole
     for way, e in p.ways.items():
@@ -77,19 +83,27 @@ def test_every_way_to_beta_holds_without_a_channel(whole: tuple[str, Partition],
         assert abs(lag.value - made.truth.disk(disk).common_lag_s) < 3 * lag.u
 
 
-def test_the_sensor_map_goes_on_without_the_channel_and_accuses_nobody(whole: tuple[str, Partition]) -> None:
+def test_the_sensor_map_goes_on_without_the_channel_and_accuses_nobody(
+    whole: tuple[str, Partition],
+) -> None:
     channel, p = whole
     assert p.sensors is not None
     assert p.sensors.suspects == ()
-    touched = (p.sensors.table["disk"] == "slow") & (p.sensors.table[["one", "other"]] == channel).any(axis=1)
+    touched = (p.sensors.table["disk"] == "slow") & (
+        p.sensors.table[["one", "other"]] == channel
+    ).any(axis=1)
     assert touched.sum() == 5
     assert ((p.sensors.table["steady"] == LEFT_OUT) == touched).all()
     assert set(p.sensors.depths["slow"].deeper_m) == set(CHANNELS) - {channel}
-    placed = junctions_table(p.sensors.depths).set_index(["disk", "junction"])["deeper than stated [mm]"]
+    placed = junctions_table(p.sensors.depths).set_index(["disk", "junction"])[
+        "deeper than stated [mm]"
+    ]
     assert [place for place, said in placed.items() if said == LEFT_OUT] == [("slow", channel)]
 
 
-def test_what_is_left_out_has_no_compensated_trace_and_is_told(whole: tuple[str, Partition]) -> None:
+def test_what_is_left_out_has_no_compensated_trace_and_is_told(
+    whole: tuple[str, Partition],
+) -> None:
     channel, p = whole
     i = CHANNELS.index(channel)
     empty = np.isnan(p.compensated["slow"].temperature).all(axis=0)
@@ -142,19 +156,27 @@ def test_an_error_of_a_stand_in_counts_in_both_its_places(made: StudyRig) -> Non
     [
         (["fast_g"], "no channel 'fast_g'; expected fast_a to fast_f or slow_a to slow_f"),
         (["c"], "no channel 'c'"),
-        (["fast_a", "fast_c", "fast_d"], "without fast_a, fast_c, fast_d too little is left of the fast disk"),
+        (
+            ["fast_a", "fast_c", "fast_d"],
+            "without fast_a, fast_c, fast_d too little is left of the fast disk",
+        ),
         (["slow_b", "slow_f"], "two of d, b, f kept"),
         (["slow_d", "slow_f"], "two of d, b, f kept"),
     ],
 )
-def test_what_cannot_be_left_out_is_refused_in_one_sentence(names: list[str], said: str, campaign: Campaign) -> None:
+def test_what_cannot_be_left_out_is_refused_in_one_sentence(
+    names: list[str], said: str, campaign: Campaign
+) -> None:
     with pytest.raises(InputError, match=said):
         estimate_beta(campaign.files.ehl["B3"], campaign.rig, campaign.records, without=names)
     assert "\n" not in said
 
 
 def test_two_of_a_disk_may_be_left_out_where_the_rest_still_tells() -> None:
-    assert left_out_of(["fast_a", "fast_d", "slow_b"], SETUPS) == {"fast": ("a", "d"), "slow": ("b",)}
+    assert left_out_of(["fast_a", "fast_d", "slow_b"], SETUPS) == {
+        "fast": ("a", "d"),
+        "slow": ("b",),
+    }
 
 
 def gap(frame: pd.DataFrame, name: str) -> pd.DataFrame:
@@ -170,7 +192,9 @@ DAMAGE: dict[str, Callable[[pd.DataFrame, str], pd.DataFrame]] = {
     "missing": lambda frame, name: frame.drop(columns=name),
     "open": lambda frame, name: frame.assign(**{name: 9999.0}),
     "gap at the parting": gap,
-    "does not follow": lambda frame, name: frame.assign(**{name: 25.0 + 0.05 * (frame[name] - 25.0)}),
+    "does not follow": lambda frame, name: frame.assign(
+        **{name: 25.0 + 0.05 * (frame[name] - 25.0)}
+    ),
 }
 
 
@@ -180,7 +204,9 @@ def damaged(campaign: Campaign, tmp_path: Path) -> Callable[[str, str], Path]:
 
     def write(kind: str, name: str) -> Path:
         path = campaign.files.ehl["B3"]
-        head = [line for line in path.read_text(encoding="utf-8").splitlines() if line.startswith("#")]
+        head = [
+            line for line in path.read_text(encoding="utf-8").splitlines() if line.startswith("#")
+        ]
         frame = DAMAGE[kind](pd.read_csv(path, comment="#"), name)
         out = tmp_path / "EHL_B3.csv"
         out.write_text("\n".join([*head, frame.to_csv(index=False)]), encoding="utf-8")
@@ -195,12 +221,17 @@ def lost(findings: Any) -> list[Finding]:
 
 @pytest.mark.parametrize("kind", DAMAGE)
 def test_a_lost_channel_is_left_out_with_a_finding(
-    kind: str, damaged: Callable[[str, str], Path], campaign: Campaign, monkeypatch: pytest.MonkeyPatch
+    kind: str,
+    damaged: Callable[[str, str], Path],
+    campaign: Campaign,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Up to the analysis, which other tests run: what it is given."""
     monkeypatch.setattr(stage, "analyse", lambda test, **_: test)
     name = "slow_c" if kind != "constant" else "slow_f"
-    given: Any = estimate_beta(damaged(kind, f"{name}_degC"), campaign.rig, campaign.records).partition
+    given: Any = estimate_beta(
+        damaged(kind, f"{name}_degC"), campaign.rig, campaign.records
+    ).partition
     (found,) = lost(given.findings)
     assert found.grade is Grade.LOOK
     assert found.subject == name
@@ -210,7 +241,9 @@ def test_a_lost_channel_is_left_out_with_a_finding(
 
 
 @pytest.mark.slow
-def test_a_channel_that_the_sensor_map_finds_dead_is_left_out(made: StudyRig, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_channel_that_the_sensor_map_finds_dead_is_left_out(
+    made: StudyRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """It rises by a sixth of what the others do: the reader lets it pass."""
     frame = made.log.frame.assign(fast_d_degC=25 + (made.log.frame["fast_d_degC"] - 25) / 6)
     log = type(made.log)(frame, "ehl", made.log.path, made.log.sha256, made.log.dt_s)
@@ -227,7 +260,9 @@ def test_a_column_of_another_name_is_asked_about_not_left_out(
     damaged: Callable[[str, str], Path], campaign: Campaign
 ) -> None:
     path = damaged("constant", "fast_c_degC")
-    path.write_text(path.read_text(encoding="utf-8").replace("fast_c_degC", "Fast C"), encoding="utf-8")
+    path.write_text(
+        path.read_text(encoding="utf-8").replace("fast_c_degC", "Fast C"), encoding="utf-8"
+    )
     with pytest.raises(InputError, match="did you mean 'Fast C'"):
         estimate_beta(path, campaign.rig, campaign.records)
 
@@ -236,7 +271,9 @@ def test_a_dead_channel_too_many_stops_the_analysis_by_its_own_name(
     damaged: Callable[[str, str], Path], campaign: Campaign
 ) -> None:
     with pytest.raises(InputError, match=r"slow_f_degC.*a dead channel"):
-        estimate_beta(damaged("constant", "slow_f_degC"), campaign.rig, campaign.records, without=["slow_d"])
+        estimate_beta(
+            damaged("constant", "slow_f_degC"), campaign.rig, campaign.records, without=["slow_d"]
+        )
 
 
 def tcdyn(*words: object) -> int:
@@ -244,16 +281,27 @@ def tcdyn(*words: object) -> int:
 
 
 def records(campaign: Campaign) -> list[object]:
-    return ["--rig", campaign.files.rig, *(w for p in campaign.record_paths.values() for w in ("--record", p))]
+    return [
+        "--rig",
+        campaign.files.rig,
+        *(w for p in campaign.record_paths.values() for w in ("--record", p)),
+    ]
 
 
 def test_a_gap_at_the_parting_leaves_exit_code_1_and_a_finding_in_the_file(
-    damaged: Callable[[str, str], Path], campaign: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    damaged: Callable[[str, str], Path],
+    campaign: Campaign,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
     out, page = tmp_path / "beta.json", tmp_path / "beta.html"
     log = damaged("gap at the parting", "fast_a_degC")
     assert tcdyn("beta", log, *records(campaign), "--out", out, "--report", page) == 1
-    (found,) = (f for f in json.loads(out.read_text(encoding="utf-8"))["findings"] if f["code"] == "channel.left_out")
+    (found,) = (
+        f
+        for f in json.loads(out.read_text(encoding="utf-8"))["findings"]
+        if f["code"] == "channel.left_out"
+    )
     assert found["subject"] == "fast_a"
     assert "fast_a is left out" in capsys.readouterr().err
     assert LEFT_OUT in page.read_text(encoding="utf-8")
@@ -262,12 +310,21 @@ def test_a_gap_at_the_parting_leaves_exit_code_1_and_a_finding_in_the_file(
     assert abs(beta["value"] - campaign.truth["tests"]["B3"]["beta"]) < 3 * beta["u"]
 
 
-def test_without_names_channels_on_the_command_line(campaign: Campaign, capsys: pytest.CaptureFixture[str]) -> None:
+def test_without_names_channels_on_the_command_line(
+    campaign: Campaign, capsys: pytest.CaptureFixture[str]
+) -> None:
     log = campaign.files.ehl["B3"]
     assert tcdyn("beta", log, *records(campaign), "--without", "fast_x") == 2
     assert "there is no channel 'fast_x'" in capsys.readouterr().err
-    assert tcdyn("campaign", log, *records(campaign), "--out", "nowhere", "--without", "fast_x") == 2
-    assert tcdyn("beta", log, *records(campaign), "--without", "fast_c", "--without", "slow_e", "--json") == 0
+    assert (
+        tcdyn("campaign", log, *records(campaign), "--out", "nowhere", "--without", "fast_x") == 2
+    )
+    assert (
+        tcdyn(
+            "beta", log, *records(campaign), "--without", "fast_c", "--without", "slow_e", "--json"
+        )
+        == 0
+    )
     found = json.loads(capsys.readouterr().out)["findings"]
     assert [f["subject"] for f in found if f["code"] == "channel.left_out"] == ["fast_c", "slow_e"]
 

@@ -44,17 +44,25 @@ def lone(made: StudyRig, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def found(made: StudyRig) -> OneDisk:
-    return analyse_one(replace(made.test, disks={"slow": made.test.disks["slow"]}), sensor_check=False)
+    return analyse_one(
+        replace(made.test, disks={"slow": made.test.disks["slow"]}), sensor_check=False
+    )
 
 
-def test_the_joint_fit_is_that_of_the_full_test_and_holds_the_truth(made: StudyRig, found: OneDisk) -> None:
+def test_the_joint_fit_is_that_of_the_full_test_and_holds_the_truth(
+    made: StudyRig, found: OneDisk
+) -> None:
     share, h = 1 - found.answers["joint"].value, found.answers["h joint"].value
     again = disk_fit(made.test, made.test.disks["slow"], share, h, 10.0, "modal")
-    assert found.answers["joint"].value == pytest.approx(again.beta, abs=0.05 * again.estimates["beta"].u)
+    assert found.answers["joint"].value == pytest.approx(
+        again.beta, abs=0.05 * again.estimates["beta"].u
+    )
     for way in ("joint", "cooling"):
         beta = found.answers[way]
         assert abs(beta.value - made.told["beta"]) < 3 * beta.u
-    assert found.answers["joint"].u == pytest.approx(again.estimates["beta"].u, rel=0.1)  # with the rim's form
+    assert found.answers["joint"].u == pytest.approx(
+        again.estimates["beta"].u, rel=0.1
+    )  # with the rim's form
     assert doubts(found.findings) == ()
     total = np.hypot.reduce([joint for joint, _ in found.budget.values()])
     assert total == pytest.approx(found.answers["joint"].u, rel=1e-6)
@@ -71,12 +79,25 @@ def test_the_command_takes_one_record_and_tells_what_is_not_possible(lone: Path)
     assert kept["headline"]["way"] == "joint fast"
     assert kept["steady"]["beta"]["value"] is None
     assert set(kept["joint"]) == {"fast", "both", "profiles"}
-    assert set(kept["crosscheck"]) == {"z", "agree", "sentence", "p_value", "suspects", "strained", "pairs"}
+    assert set(kept["crosscheck"]) == {
+        "z",
+        "agree",
+        "sentence",
+        "p_value",
+        "suspects",
+        "strained",
+        "pairs",
+    }
     both = (*kept["joint"]["both"].values(), *kept["surface"].values(), kept["steady"]["beta"])
     assert len(both) == 4 + 3 + 1
     assert all(set(number.values()) == {None} for number in both)
     crosscheck = kept["crosscheck"]
-    empty = (kept["joint"]["profiles"], crosscheck["suspects"], crosscheck["strained"], crosscheck["p_value"])
+    empty = (
+        kept["joint"]["profiles"],
+        crosscheck["suspects"],
+        crosscheck["strained"],
+        crosscheck["p_value"],
+    )
     assert not any(empty)
     assert "one_disk.only" in [f["code"] for f in kept["findings"]]
     shown = page.read_text(encoding="utf-8").replace("\u00a0", " ")
@@ -88,12 +109,17 @@ def test_the_command_takes_one_record_and_tells_what_is_not_possible(lone: Path)
     assert shown.count("joint fit, fast disk") == 1
 
 
-def test_the_page_s_model_is_the_joint_fit_s_own_and_its_budget_adds_up(found: OneDisk, tmp_path: Path) -> None:
+def test_the_page_s_model_is_the_joint_fit_s_own_and_its_budget_adds_up(
+    found: OneDisk, tmp_path: Path
+) -> None:
     m = met(found, "slow")
     z = (m.measured - m.model) / m.sd
     assert 0.7 < float((z**2).mean()) < 2.0
     assert float(np.abs((m.measured - m.model)[m.at_s < 0].mean(axis=0)).max()) < 0.03
-    pages = {"B3.1": found, "B3.2": replace(found, answers={**found.answers, "joint": Estimate.normal(1.4, 0.1)})}
+    pages = {
+        "B3.1": found,
+        "B3.2": replace(found, answers={**found.answers, "joint": Estimate.normal(1.4, 0.1)}),
+    }
     shown = write_one_disk_report(tmp_path / "two.html", pages).read_text(encoding="utf-8")
     assert "B3.2: no β" in shown
     assert "withheld" in shown
@@ -120,7 +146,10 @@ def test_what_no_disk_can_do_is_printed_nowhere(
     for way, group in (("joint", kept["joint"]["slow"]), ("cooling", kept["transient"]["slow"])):
         hidden = {group[key]["value"] is None for key in group if key != "window_s"}
         assert hidden == {way in gone}
-        assert {row[f"u_beta_{'joint' if way == 'joint' else 'transient'}"] is None for row in kept["budget"]} == hidden
+        assert {
+            row[f"u_beta_{'joint' if way == 'joint' else 'transient'}"] is None
+            for row in kept["budget"]
+        } == hidden
         told = card[card["way"] == f"{way} fit, slow disk"].iloc[0]
         assert (told["β [1]"] == "withheld") == (way in gone)
     assert (kept["headline"]["beta"]["value"] is None) == ("joint" in gone)
@@ -128,7 +157,9 @@ def test_what_no_disk_can_do_is_printed_nowhere(
     assert kept["crosscheck"]["z"] is None
     assert not kept["crosscheck"]["agree"]
     for value in impossible.values():
-        assert str(abs(value)) not in text + json.dumps([kept["findings"], kept["crosscheck"], kept["headline"]])
+        assert str(abs(value)) not in text + json.dumps(
+            [kept["findings"], kept["crosscheck"], kept["headline"]]
+        )
     assert ("of the slow disk finds is impossible" in text) == ("joint" in gone)
     assert "impossible numbers" in text
     assert "both disks" not in text
@@ -137,7 +168,9 @@ def test_what_no_disk_can_do_is_printed_nowhere(
 def test_a_forgotten_record_is_refused(made: StudyRig, tmp_path: Path) -> None:
     both = tmp_path / "both.csv"
     made.log.frame.head(2000).to_csv(both, index=False)
-    with pytest.raises(InputError, match=r"no record of the slow disk, whose columns the log holds"):
+    with pytest.raises(
+        InputError, match=r"no record of the slow disk, whose columns the log holds"
+    ):
         estimate_one_disk(both, None, {"fast": made.records["fast"]})
 
 
@@ -153,7 +186,9 @@ def test_a_record_of_the_disk_that_the_log_does_not_hold_is_one_too_many(
     assert "holds no column of the slow disk, whose record was given" in str(done.exception)
 
 
-def test_a_log_of_one_disk_is_compensated_with_its_lag_from_the_unloading(made: StudyRig, lone: Path) -> None:
+def test_a_log_of_one_disk_is_compensated_with_its_lag_from_the_unloading(
+    made: StudyRig, lone: Path
+) -> None:
     done = compensate_log(lone, {"fast": made.records["fast"]})
     assert "from the unloading" in done.metadata["fast_common_lag_s"]
     assert "fast_a_u_K" in done.frame

@@ -35,7 +35,9 @@ def fitted(made: StudyRig, window_s: float = 10.0, test: EhlTest | None = None) 
 
 def without_lag_prior(test: EhlTest) -> EhlTest:
     """The test with records that know the common lag to 2 s only, three times itself."""
-    disks = {k: replace(d, lag_covariance_s2=d.lag_covariance_s2 + 4.0) for k, d in test.disks.items()}
+    disks = {
+        k: replace(d, lag_covariance_s2=d.lag_covariance_s2 + 4.0) for k, d in test.disks.items()
+    }
     return replace(test, disks=disks)
 
 
@@ -117,11 +119,19 @@ def test_nothing_is_found_outside_the_table(sound: Fitted) -> None:
     assert problems_of(fit)[1].evaluate(far) is None
 
 
-def test_profiles_begin_at_the_joint_fit_and_rise_from_it(sound: Fitted, table: pd.DataFrame) -> None:
+def test_profiles_begin_at_the_joint_fit_and_rise_from_it(
+    sound: Fitted, table: pd.DataFrame
+) -> None:
     """The minimum is the joint fit to 0.02 u: the table's 0.01 of the sum of squares."""
     joint, both = sound
-    known = {"fast": joint["fast"].estimates, "slow": joint["slow"].estimates, "both": both.estimates}
-    assert {(f, p) for f, p in zip(table["fit"], table["parameter"])} == {(f, p) for f in known for p in known[f]}
+    known = {
+        "fast": joint["fast"].estimates,
+        "slow": joint["slow"].estimates,
+        "both": both.estimates,
+    }
+    assert {(f, p) for f, p in zip(table["fit"], table["parameter"])} == {
+        (f, p) for f in known for p in known[f]
+    }
     assert (table["deviance"] >= 0).all()
     for (fit, parameter), own in table.groupby(["fit", "parameter"]):
         e = known[fit][parameter]
@@ -208,7 +218,11 @@ def test_profiles_hold_the_truth_as_often_as_they_say(draws: Callable[[int], int
         told = made.told
         truth = {("both", "beta"): told["beta"], ("both", "exponent"): made.truth.speed_exponent}
         for d in DISKS:
-            truth |= {(d, "beta"): told["beta"], (d, "h"): told[f"h_{d}"], ("both", f"h_{d}"): told[f"h_{d}"]}
+            truth |= {
+                (d, "beta"): told["beta"],
+                (d, "h"): told[f"h_{d}"],
+                ("both", f"h_{d}"): told[f"h_{d}"],
+            }
             truth[d, "lag_s"] = made.truth.disk(d).common_lag_s
         for i in intervals(joint_profiles(*fitted(made))):
             low = -np.inf if i.low95 is None else i.low95

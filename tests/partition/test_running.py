@@ -35,7 +35,9 @@ def test_a_stated_load_goes_with_the_friction_and_is_its_mean_over_the_steady_ro
     events, steady = Events(20.0, 80.0, 0.1, 0.2, (80.0,)), (t > 60) & (t < 79)
     load, friction = forces_N(frame, events, steady, stated(load_N=(300.0, 3.0)))
     assert load[steady].mean() == pytest.approx(300.0)
-    assert load[touching] / friction[touching] == pytest.approx(np.full(touching.sum(), load[100] / friction[100]))
+    assert load[touching] / friction[touching] == pytest.approx(
+        np.full(touching.sum(), load[100] / friction[100])
+    )
     assert load[(t < 19) | (t > 81)] == pytest.approx(0.0)
     logged, _ = forces_N(frame.assign(load_N=np.where(touching, 250.0, 1.0)), events, steady, {})
     assert logged[(t > 25) & (t < 75)] == pytest.approx(249.0)  # less its zero
@@ -81,7 +83,9 @@ def test_air_about_a_disk_is_the_mean_of_its_channels_and_known_as_well_as_they_
 
 def test_two_junctions_with_the_same_numbers_are_refused_and_two_that_rest_are_not() -> None:
     x = np.arange(5.0)
-    frame = pd.DataFrame({"fast_a_degC": x, "fast_b_degC": x, "fast_c_degC": 7.0, "fast_d_degC": 7.0})
+    frame = pd.DataFrame(
+        {"fast_a_degC": x, "fast_b_degC": x, "fast_c_degC": 7.0, "fast_d_degC": 7.0}
+    )
     with pytest.raises(InputError, match="one is a copy"):
         no_copies(frame, {}, "here")
     no_copies(frame, {"fast_b": "as told"}, "here")

@@ -15,7 +15,13 @@ from calibration.record import read_record, write_record
 from calibration.rig import load_rig
 from tcdyn.partition.effects import stated
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.sensors import SensorCheck, angle_groups, cables_exchanged, check_sensors, demand
+from tcdyn.partition.sensors import (
+    SensorCheck,
+    angle_groups,
+    cables_exchanged,
+    check_sensors,
+    demand,
+)
 from tcdyn.partition.sensors.features import AFTER_LOADING_S, AFTER_UNLOADING_S, disk_features
 from tcdyn.partition.sensors.rest import at_rest
 from tcdyn.partition.steady import at_one_radius
@@ -32,7 +38,9 @@ from tests.partition.world_study import world_rig
 
 @pytest.fixture(scope="module")
 def b3(campaign: Campaign) -> EhlTest:
-    return prepare(read_log(campaign.files.ehl["B3"], "ehl", campaign.rig), campaign.rig, campaign.records)
+    return prepare(
+        read_log(campaign.files.ehl["B3"], "ehl", campaign.rig), campaign.rig, campaign.records
+    )
 
 
 @pytest.fixture(scope="module")
@@ -91,7 +99,9 @@ def test_a_kelvin_on_all_thermocouples_is_an_ambient_read_a_kelvin_too_low(b3: E
         all_six = np.sum([known[f"static {c}"] for c in CHANNELS], axis=0)
         np.testing.assert_allclose(all_six, known["ambient"], atol=1e-9)
         assert (known["static a"][0], known["static a"][1]) == (1.0, 0.0)
-        assert (known["depth e"] * [0, 0, 1] == known["depth e"]).all()  # no other junction is where it is
+        assert (
+            known["depth e"] * [0, 0, 1] == known["depth e"]
+        ).all()  # no other junction is where it is
         assert known["depth e"][2] < 0  # deeper is colder
 
 
@@ -106,7 +116,9 @@ def test_effects_on_the_features_are_differences_of_their_answers(b3: EhlTest) -
         rest, power = f.answer(f.as_wired, ((700.0, Perturbation(shift_m=shift_m)),))
         return np.asarray(rest + share * power)[0]
 
-    effects = dict(zip(("beside", "film", "lag", "later", "power"), f.effects(f.as_wired, 700.0, 0.6)[-5:]))
+    effects = dict(
+        zip(("beside", "film", "lag", "later", "power"), f.effects(f.as_wired, 700.0, 0.6)[-5:])
+    )
     assert effects["power"] == pytest.approx((shown(0.7) - shown(0.5))[f.seen] / 0.2)
     beside = (shown(0.6, 5e-5) - shown(0.6, -5e-5))[f.seen] * 3e-4 / 1e-4
     assert effects["beside"] == pytest.approx(beside, abs=1e-2 * np.abs(beside).max())
@@ -115,7 +127,9 @@ def test_effects_on_the_features_are_differences_of_their_answers(b3: EhlTest) -
     power = 0.6 * f.answer(f.as_wired, ((700.0, Perturbation()),))[1][0, :, :3]  # outer row
     first, second, third, _ = np.flatnonzero(unloading)
     rate = (power[third] - power[first]) / (f.after_s[third] - f.after_s[first])
-    assert full[second, :3] == pytest.approx(-rate, rel=0.5)  # straight between windows that are a second apart
+    assert full[second, :3] == pytest.approx(
+        -rate, rel=0.5
+    )  # straight between windows that are a second apart
     full[f.seen] -= effects["later"]
     assert not full[loading].any()
     assert np.abs(full[unloading, :3]).min() > 0
@@ -124,11 +138,21 @@ def test_effects_on_the_features_are_differences_of_their_answers(b3: EhlTest) -
 @pytest.mark.parametrize(
     ("disk", "pair"),
     [
-        ("fast", "cd"), ("slow", "be"),
-        *(pytest.param(*both, marks=pytest.mark.slow)
-          for both in (("fast", "ae"), ("fast", "ab"), ("fast", "be"), ("slow", "ae"), ("slow", "cd"), ("slow", "ab"))),
+        ("fast", "cd"),
+        ("slow", "be"),
+        *(
+            pytest.param(*both, marks=pytest.mark.slow)
+            for both in (
+                ("fast", "ae"),
+                ("fast", "ab"),
+                ("fast", "be"),
+                ("slow", "ae"),
+                ("slow", "cd"),
+                ("slow", "ab"),
+            )
+        ),
     ],
-)  # fmt: skip
+)
 def test_two_swapped_channels_are_named(b3: EhlTest, disk: str, pair: str) -> None:
     one, other = pair
     wrong = with_readings(b3, disk, {one: column(b3, disk, other), other: column(b3, disk, one)})
@@ -160,25 +184,35 @@ def test_a_misplaced_junction_of_the_outer_row_is_named_with_its_depth(
     (suspect,) = check_sensors(stated_elsewhere(b3, "fast", channel, deeper_mm * 1e-3)).suspects
     assert (suspect.kind, suspect.channels) == ("misplaced", (channel,))
     assert suspect.size is not None
-    assert suspect.size.value * 1e3 == pytest.approx(deeper_mm, abs=0.3)  # 3 u of a depth known to 0.1 mm
+    assert suspect.size.value * 1e3 == pytest.approx(
+        deeper_mm, abs=0.3
+    )  # 3 u of a depth known to 0.1 mm
 
 
 def test_a_wrong_static_line_is_not_taken_for_a_wrong_depth(b3: EhlTest) -> None:
     """An offset leaves the transients as they were; a wrong depth does not."""
     for channel in ("a", "e"):
-        (suspect,) = check_sensors(with_readings(b3, "fast", {channel: column(b3, "fast", channel) + 4.0})).suspects
+        (suspect,) = check_sensors(
+            with_readings(b3, "fast", {channel: column(b3, "fast", channel) + 4.0})
+        ).suspects
         assert (suspect.kind, suspect.channels) == ("offset", (channel,))
         assert suspect.size is not None
-        assert suspect.size.value == pytest.approx(4.0, abs=1.5)  # prior of 5 K, and 3 u of the model's level
+        assert suspect.size.value == pytest.approx(
+            4.0, abs=1.5
+        )  # prior of 5 K, and 3 u of the model's level
 
 
 @pytest.mark.parametrize("channel", CHANNELS)
 def test_an_offset_shows_before_the_load_in_every_channel(b3: EhlTest, channel: str) -> None:
     """An inner one under load is nearly another h and an uneven fit; at rest all junctions read alike."""
-    (suspect,) = check_sensors(with_readings(b3, "fast", {channel: column(b3, "fast", channel) + 2.0})).suspects
+    (suspect,) = check_sensors(
+        with_readings(b3, "fast", {channel: column(b3, "fast", channel) + 2.0})
+    ).suspects
     assert (suspect.kind, suspect.channels) == ("offset", (channel,))
     assert suspect.size is not None
-    assert suspect.size.value == pytest.approx(2.0, abs=0.3)  # lines known to 0.06 K, noise of 0.12 K
+    assert suspect.size.value == pytest.approx(
+        2.0, abs=0.3
+    )  # lines known to 0.06 K, noise of 0.12 K
 
 
 def test_a_disk_that_is_warm_before_the_load_is_not_asked_for_offsets(b3: EhlTest) -> None:
@@ -194,15 +228,23 @@ def test_two_of_the_inner_row_exchanged_are_told_by_their_static_lines_at_rest(b
     lines = b3.disks["fast"].lines
     for one, other in (("b", "d"), ("d", "f")):
         i, j = CHANNELS.index(one), CHANNELS.index(other)
-        raw = {c: (column(b3, "fast", c) - lines[k].offset) / lines[k].gain for c, k in ((one, i), (other, j))}
-        moved = {one: lines[i].offset + lines[i].gain * raw[other], other: lines[j].offset + lines[j].gain * raw[one]}
+        raw = {
+            c: (column(b3, "fast", c) - lines[k].offset) / lines[k].gain
+            for c, k in ((one, i), (other, j))
+        }
+        moved = {
+            one: lines[i].offset + lines[i].gain * raw[other],
+            other: lines[j].offset + lines[j].gain * raw[one],
+        }
         (suspect,) = check_sensors(with_readings(b3, "fast", moved)).suspects
         assert (suspect.kind, suspect.channels) == ("swapped", (one, other))
 
 
 @pytest.mark.parametrize("off_K", [0.3, 0.45, 0.6, 0.7])
 @pytest.mark.parametrize("channel", CHANNELS)
-def test_a_channel_that_drifted_a_little_is_not_called_exchanged(b3: EhlTest, channel: str, off_K: float) -> None:
+def test_a_channel_that_drifted_a_little_is_not_called_exchanged(
+    b3: EhlTest, channel: str, off_K: float
+) -> None:
     for sign in (1, -1):
         moved = with_readings(b3, "fast", {channel: column(b3, "fast", channel) + sign * off_K})
         assert "swapped" not in [fault.kind for fault, _, _ in at_rest(moved)["fast"]]
@@ -232,7 +274,9 @@ def test_cables_exchanged_as_a_whole_read_alike_through_each_other_s_lines(b3: E
     assert cables_exchanged(exchanged)
     assert not any(at_rest(exchanged).values())
     assert not cables_exchanged(b3)
-    off = with_readings(b3, "fast", {"b": column(b3, "fast", "b") + 5.0})  # as far off through any line
+    off = with_readings(
+        b3, "fast", {"b": column(b3, "fast", "b") + 5.0}
+    )  # as far off through any line
     assert not cables_exchanged(off)
 
 
@@ -273,9 +317,11 @@ def test_log_that_ends_soon_after_unloading_is_still_checked(b3: EhlTest) -> Non
     keep = b3.time_s < b3.events.unload_s + 2.5
     short = replace(
         b3,
-        time_s=b3.time_s[keep], power_W=b3.power_W[keep], ambient_degC=b3.ambient_degC[keep],
+        time_s=b3.time_s[keep],
+        power_W=b3.power_W[keep],
+        ambient_degC=b3.ambient_degC[keep],
         disks={n: replace(d, readings_degC=d.readings_degC[keep]) for n, d in b3.disks.items()},
-    )  # fmt: skip
+    )
     assert check_sensors(short).sound
 
 
@@ -299,7 +345,9 @@ def test_rigs_drawn_from_their_uncertainties_raise_no_alarm(seed: int, tmp_path:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("channel", "deeper_mm"), [("b", 1.5), ("b", -1.5), ("d", 1.5), ("d", -1.5), ("f", -1.5)])
+@pytest.mark.parametrize(
+    ("channel", "deeper_mm"), [("b", 1.5), ("b", -1.5), ("d", 1.5), ("d", -1.5), ("f", -1.5)]
+)
 def test_a_misplaced_junction_of_the_inner_row_is_named(
     campaign: Campaign, tmp_path: Path, channel: str, deeper_mm: float
 ) -> None:
@@ -311,15 +359,22 @@ def test_a_misplaced_junction_of_the_inner_row_is_named(
     true = draw_truth(3, campaign.rig)  # the fixture's rig
     setup = true.fast.setup
     place = setup.junctions[channel]
-    junctions = {**setup.junctions, channel: replace(place, depth_m=place.depth_m + deeper_mm * 1e-3)}
+    junctions = {
+        **setup.junctions,
+        channel: replace(place, depth_m=place.depth_m + deeper_mm * 1e-3),
+    }
     true = replace(true, fast=replace(true.fast, setup=replace(setup, junctions=junctions)))
     options = EhlOptions(load_on_s=30.0, unload_s=330.0, duration_s=345.0, mesh=STUDY_MESH)
     write_log(simulate_ehl("B3", 3, true, options)[0], tmp_path / "x.csv")
-    test = prepare(read_log(tmp_path / "x.csv", "ehl", campaign.rig), campaign.rig, campaign.records)
+    test = prepare(
+        read_log(tmp_path / "x.csv", "ehl", campaign.rig), campaign.rig, campaign.records
+    )
     (suspect,) = check_sensors(test).suspects
     assert suspect.disk == "fast"
     assert channel in suspect.channels
-    if suspect.kind == "swapped":  # a cold d explains the outer row as well when it sits at f: c is on d's side alone
+    if (
+        suspect.kind == "swapped"
+    ):  # a cold d explains the outer row as well when it sits at f: c is on d's side alone
         assert set(suspect.channels) == {"d", "f"}
         return
     assert (suspect.kind, suspect.channels) == ("misplaced", (channel,))
@@ -339,7 +394,9 @@ def test_channels_swapped_between_the_disks_are_named(b3: EhlTest, fast: str, sl
     assert suspect.columns == (f"fast_{fast}_degC", f"slow_{slow}_degC")
 
 
-def test_channels_swapped_between_the_disks_are_named_though_their_lines_are_far_apart(b3: EhlTest) -> None:
+def test_channels_swapped_between_the_disks_are_named_though_their_lines_are_far_apart(
+    b3: EhlTest,
+) -> None:
     """Each then is off at rest, too, which is no offset."""
     off_K = {"fast": 1.5, "slow": -1.5}  # of the line of e; the readings are those of sound lines
     lines = {
@@ -364,14 +421,18 @@ def test_a_stated_doubt_of_the_flux_s_place_is_heeded() -> None:
     def unsure(disk: DiskTraces) -> DiskTraces:
         return replace(disk, uncertainty=disk.uncertainty.model_copy(update={"flux_shift_mm": 0.5}))
 
-    assert check_sensors(replace(test, disks={d: unsure(disk) for d, disk in test.disks.items()})).sound
+    assert check_sensors(
+        replace(test, disks={d: unsure(disk) for d, disk in test.disks.items()})
+    ).sound
 
 
 @pytest.mark.slow
 def test_whole_cables_are_told_from_rest_where_the_exponent_is_no_opposite() -> None:
     """Where the two disks' static lines differ, the exchanged fit finds no power law at all (seed 7301: n = 0.0)."""
     case = CASES["whole cables"]
-    made = study_rig(7301, truth=draw_truth(7301, load_rig(), uncertain=True), disturbed=case.disturbed)
+    made = study_rig(
+        7301, truth=draw_truth(7301, load_rig(), uncertain=True), disturbed=case.disturbed
+    )
     first = doubts(made.analyse().findings)[0]
     assert first.code == "cables.exchanged"
     assert first.numbers["at_rest"]

@@ -21,7 +21,9 @@ from tests.partition.study_rigs import QUICK, StudyRig, study_rig
 
 N = 0.667
 TOLERANCE_K = 0.05  # rim and mesh against the whole disk 0.03 K, and what the film's spread over the surface leaves
-EDGE_K = 0.05  # a touch's ends are known to a third of a sample, in which junction e rises by as much
+EDGE_K = (
+    0.05  # a touch's ends are known to a third of a sample, in which junction e rises by as much
+)
 
 
 @lru_cache
@@ -46,13 +48,17 @@ def missed_K(made: StudyRig, test: EhlTest, disk: str) -> np.ndarray:
     return np.asarray(wrong[after] - wrong[window.at_s < off - 0.5].mean(axis=0))
 
 
-@pytest.mark.parametrize("world", ["brake 3 s", "brake 20 s", "again 0.1 s", "again 0.4 s", "both", "neither"])
+@pytest.mark.parametrize(
+    "world", ["brake 3 s", "brake 20 s", "again 0.1 s", "again 0.4 s", "both", "neither"]
+)
 @pytest.mark.parametrize("disk", DISKS)
 def test_with_the_true_share_and_h_the_model_follows_the_whole_disk(world: str, disk: str) -> None:
     made = clean_rig(world)
     share, h = made.told["beta"], {d: made.told[f"h_{d}"] for d in DISKS}
     test = slowed(made.test, {"fast": (share, h["fast"]), "slow": (1 - share, h["slow"])})
-    assert np.abs(missed_K(made, test, disk)).max() < TOLERANCE_K + EDGE_K * bool(made.test.events.again)
+    assert np.abs(missed_K(made, test, disk)).max() < TOLERANCE_K + EDGE_K * bool(
+        made.test.events.again
+    )
     if world == "brake 3 s":  # and it has to: a film that stayed would leave ten times as much
         assert np.abs(missed_K(made, made.test, disk)).max() > 10 * TOLERANCE_K
 
@@ -97,7 +103,9 @@ def held(told: dict[str, float]) -> None:
     assert not told["alarm"]
 
 
-def test_braked_disks_that_touch_again_give_lags_and_share(braked_and_touched: tuple[StudyRig, Partition]) -> None:
+def test_braked_disks_that_touch_again_give_lags_and_share(
+    braked_and_touched: tuple[StudyRig, Partition],
+) -> None:
     held(told_of(*braked_and_touched))
 
 
@@ -114,9 +122,13 @@ def test_braking_and_touches_are_told_as_notes_and_the_exponent_is_in_the_budget
     p = braked_and_touched[1]
     found = {f.code: f for f in p.findings}
     assert {found[code].grade.value for code in ("speeds.change", "contact.again")} == {"note"}
-    assert found["speeds.change"].numbers["percent"] == pytest.approx(100 / np.e, abs=1)  # after 3 s
+    assert found["speeds.change"].numbers["percent"] == pytest.approx(
+        100 / np.e, abs=1
+    )  # after 3 s
     assert found["contact.again"].numbers["count"] == 2
-    assert found["contact.again"].numbers["length_s"] == pytest.approx(0.3, abs=8 / 75)  # two samples at each end
+    assert found["contact.again"].numbers["length_s"] == pytest.approx(
+        0.3, abs=8 / 75
+    )  # two samples at each end
     assert "film exponent" in {row.source for row in p.budget.rows}
 
 
@@ -148,7 +160,10 @@ def test_a_change_below_two_per_cent_is_none() -> None:
 
 def test_a_speed_that_is_missing_after_the_parting_is_taken_as_unchanged_and_said() -> None:
     assert speed_course(T, np.where(T > 60, np.nan, 3000.0), 60.0, 3000.0) is None
-    gone = study_rig(12, disturbed=lambda f: f.assign(speed_slow_rpm=f["speed_slow_rpm"].where(f["time_s"] < 320.0)))
+    gone = study_rig(
+        12,
+        disturbed=lambda f: f.assign(speed_slow_rpm=f["speed_slow_rpm"].where(f["time_s"] < 320.0)),
+    )
     assert "speeds.missing" in {f.code for f in gone.test.findings}
     assert gone.test.slowing == {}
 
@@ -158,4 +173,6 @@ def test_an_inverted_switch_gives_the_answers_of_the_right_one() -> None:
     wrong = study_rig(12, disturbed=lambda f: f.assign(contact=1 - f["contact"])).test
     assert wrong.events.unload_s == right.events.unload_s
     np.testing.assert_array_equal(wrong.power_W, right.power_W)
-    assert {f.code for f in wrong.findings} - {f.code for f in right.findings} == {"contact.inverted"}
+    assert {f.code for f in wrong.findings} - {f.code for f in right.findings} == {
+        "contact.inverted"
+    }

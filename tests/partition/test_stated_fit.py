@@ -21,7 +21,15 @@ from tcdyn.partition.statement.fit import (
     shaft_admittance,
     stated_round,
 )
-from tcdyn.partition.uneven import PER_K, SECOND_REL, SHAPES, UNKNOWN, Unevenness, at_junctions, harmonic_K
+from tcdyn.partition.uneven import (
+    PER_K,
+    SECOND_REL,
+    SHAPES,
+    UNKNOWN,
+    Unevenness,
+    at_junctions,
+    harmonic_K,
+)
 from tcdyn.simulate.implicit import steady_state
 from tcdyn.simulate.mesh import DiskMesh, grid_of
 from tcdyn.simulate.round import seen_round, uneven_system
@@ -47,7 +55,10 @@ def stating(turned_deg: float = 0.0, roughness_um: float = 10.0) -> Rig:
 def test_predicted_harmonics_are_those_of_the_whole_disk(roughness_um: float) -> None:
     """Conductances of 6.4, 0.64 and 0.21 kW/m2K: sizes to 0.3 of them, the model's stated uncertainty; angle to 5
     degrees; both harmonics at the junctions with the right sign."""
-    mesh, disk = DiskMesh(radial=48, axial=30, shaft_side=16), draw_truth(SEED, stating(0.0, roughness_um)).slow
+    mesh, disk = (
+        DiskMesh(radial=48, axial=30, shaft_side=16),
+        draw_truth(SEED, stating(0.0, roughness_um)).slow,
+    )
     disk = replace(disk, bearing_offset_K=(0.0, 0.0))
     system = uneven_system(disk, H, 1.62e-3, mesh)
     state, grid = steady_state(system, POWER_W, 0.0), grid_of(disk, mesh)
@@ -61,7 +72,9 @@ def test_predicted_harmonics_are_those_of_the_whole_disk(roughness_um: float) ->
     assert abs((off + 180) % 360 - 180) < 5.0
     for key, level, n in (("first_K", found.first_K, 1), ("second_K", found.second_K, 2)):
         true = np.array([told[key][c] for c in CHANNELS])
-        np.testing.assert_allclose(level @ at_junctions(setup, H, CHANNELS, n), true, atol=0.3 * np.abs(true).max())
+        np.testing.assert_allclose(
+            level @ at_junctions(setup, H, CHANNELS, n), true, atol=0.3 * np.abs(true).max()
+        )
 
 
 def test_heat_spreads_along_the_shaft() -> None:
@@ -97,18 +110,26 @@ def test_a_fit_stated_as_it_is_serves_as_the_prior() -> None:
     assert p.both.estimates["beta"].value == pytest.approx(made.told["beta"], abs=0.01)
     for way, estimate in p.ways.items():
         assert abs(estimate.value - made.told["beta"]) < 3 * estimate.u, way
-    second = found.stated_second_K @ at_junctions(p.test.disks["slow"].setup, found.h_W_m2K, CHANNELS, 2)
+    second = found.stated_second_K @ at_junctions(
+        p.test.disks["slow"].setup, found.h_W_m2K, CHANNELS, 2
+    )
     true = np.array([made.told["unevenness"]["slow"]["second_K"][c] for c in CHANNELS])
     assert np.abs(true).max() > 0.3
     assert np.abs(second - true).max() < 2 * found.second_K
-    assert {r.source: r.u_beta_steady for r in p.budget.rows}["second harmonic round the bore"] > 1e-3
+    assert {r.source: r.u_beta_steady for r in p.budget.rows}[
+        "second harmonic round the bore"
+    ] > 1e-3
     known, disk = p.test.uneven["slow"], made.test.disks["slow"]
     since_s = made.test.time_s - made.test.events.unload_s - disk.common_lag_s
     taken = harmonic_K(known, disk.setup, since_s)
-    np.testing.assert_allclose(p.test.disks["slow"].readings_degC + taken, disk.readings_degC, atol=1e-9)
+    np.testing.assert_allclose(
+        p.test.disks["slow"].readings_degC + taken, disk.readings_degC, atol=1e-9
+    )
 
 
-def test_where_the_film_takes_all_the_heat_half_an_uncertainty_of_it_goes_through_the_bore() -> None:
+def test_where_the_film_takes_all_the_heat_half_an_uncertainty_of_it_goes_through_the_bore() -> (
+    None
+):
     made = study_rig(SEED, truth=draw_truth(SEED, stating(), uncertain=True), rig=stating())
     test, events = made.test, made.test.events
     u_rel, h = 0.02, {"fast": 3000.0, "slow": 1500.0}
@@ -120,10 +141,15 @@ def test_where_the_film_takes_all_the_heat_half_an_uncertainty_of_it_goes_throug
     power = float(test.power_W[near].mean())
     disk = test.disks["slow"]
     power_u = power * float(np.hypot(u_rel, 0.3 * disk.uncertainty.friction_rel))
-    inner = disk.readings_degC[near][:, disk.setup.places(disk.setup.inner)] - test.ambient_of("slow")[near, None]
+    inner = (
+        disk.readings_degC[near][:, disk.setup.places(disk.setup.inner)]
+        - test.ambient_of("slow")[near, None]
+    )
     flux, u = flux_and_u(disk, (0.3 * power, power_u), (h["slow"], 1.0), float(np.nanmean(inner)))
     assert flux < 0.4 * u
-    assert prior.stated_K == pytest.approx(predicted(disk.setup, h["slow"]).first_K * 0.5 * u / 1e3, rel=1e-6)
+    assert prior.stated_K == pytest.approx(
+        predicted(disk.setup, h["slow"]).first_K * 0.5 * u / 1e3, rel=1e-6
+    )
 
 
 @pytest.mark.parametrize("size", [0.5, 50.0])
@@ -131,18 +157,29 @@ def test_a_stated_harmonic_is_the_prior_with_as_much_heat_as_a_sharp_fit_sees_an
     size: float,
 ) -> None:
     """A fit that sees 0.6 of the first harmonic, to nothing or not at all, the heat known to 40 % and the model's."""
-    told, flux_rel, uneven_rel = Predicted(size * np.array([0.6, 0.8]), np.array([0.0, 3.0]), 20.0), 0.4, 0.05
+    told, flux_rel, uneven_rel = (
+        Predicted(size * np.array([0.6, 0.8]), np.array([0.0, 3.0]), 20.0),
+        0.4,
+        0.05,
+    )
     rel = float(np.hypot(flux_rel, MODEL_REL))
     for sd, others, scale, second_rel in (
         (1e-9, 0.0, 0.6, MODEL_REL),
         (1e9, uneven_rel, 1.0, np.hypot(rel, MODEL_REL)),
     ):
-        found = Unevenness(found=np.r_[size * np.array([0.36, 0.48]) / 4, np.zeros(6)], covariance=sd**2 * np.eye(8))
+        found = Unevenness(
+            found=np.r_[size * np.array([0.36, 0.48]) / 4, np.zeros(6)],
+            covariance=sd**2 * np.eye(8),
+        )
         prior = told.prior(others, flux_rel, found)
         np.testing.assert_allclose(prior.stated_second_K, [0.0, scale * 3.0], rtol=1e-9)
-        assert prior.second_K == pytest.approx(np.hypot(second_rel * scale * 3.0, SECOND_REL * scale * size), rel=1e-6)
+        assert prior.second_K == pytest.approx(
+            np.hypot(second_rel * scale * 3.0, SECOND_REL * scale * size), rel=1e-6
+        )
         least = [max(SHAPES[name], PER_K[name] * size) for name in SHAPES]
-        np.testing.assert_allclose(prior.prior_K, [np.hypot(others * 20.0, rel * size), *least[1:]], rtol=1e-9)
+        np.testing.assert_allclose(
+            prior.prior_K, [np.hypot(others * 20.0, rel * size), *least[1:]], rtol=1e-9
+        )
 
 
 def test_a_fit_stated_elsewhere_is_told_and_not_used() -> None:
@@ -159,4 +196,6 @@ def test_a_fit_stated_elsewhere_is_told_and_not_used() -> None:
 
 def test_without_a_statement_nothing_is_subtracted() -> None:
     """To the last bit."""
-    assert not harmonic_K(UNKNOWN, load_rig().disk_setup("slow"), np.linspace(-50.0, 50.0, 101)).any()
+    assert not harmonic_K(
+        UNKNOWN, load_rig().disk_setup("slow"), np.linspace(-50.0, 50.0, 101)
+    ).any()

@@ -15,7 +15,11 @@ from calibration.rig import Rig, load_rig, parse_rig
 from calibration.stated.surface import SurfaceFlux, fit_surface_flux
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.statement.steel import by_conductivity_slope, by_specific_heat_slope, linear_about
+from tcdyn.partition.statement.steel import (
+    by_conductivity_slope,
+    by_specific_heat_slope,
+    linear_about,
+)
 from tcdyn.partition.steady import at_own_temperature
 from tcdyn.partition.window import DiskWindow, lagged_window, stretch_of
 from tcdyn.pipeline.beta import prepare
@@ -54,7 +58,9 @@ def test_a_stated_flux_is_as_good_as_the_usual_one() -> None:
     rig = stating(contact=FLUX)
     made = study_rig(SEED, rig=rig)
     told, ignored = seen_by(made, rig), seen_by(made, load_rig())
-    off = [max(abs(p.ways[w].value - usual().ways[w].value) for w in p.ways) for p in (told, ignored)]
+    off = [
+        max(abs(p.ways[w].value - usual().ways[w].value) for w in p.ways) for p in (told, ignored)
+    ]
     assert off[0] < 0.002  # the noise is the same, and so are the errors of the rig
     assert off[1] > 0.01
     assert told.status == "sound"
@@ -109,13 +115,18 @@ def test_a_stated_slope_of_the_steel_removes_its_bias_and_an_open_one_widens() -
     rig = stating(disk=STEEL)
     made = study_rig(SEED, rig=rig)
     told, ignored = seen_by(made, rig), seen_by(made, load_rig())
-    off = [max(abs(p.ways[w].value - usual().ways[w].value) for w in p.ways) for p in (told, ignored)]
+    off = [
+        max(abs(p.ways[w].value - usual().ways[w].value) for w in p.ways) for p in (told, ignored)
+    ]
     assert off[0] < 0.002
     assert off[1] > 0.008
     assert told.status == "sound"
     setup = told.test.disks["fast"].setup
     assert setup.conductivity_W_mK < 0.96 * rig.disk_setup("fast").conductivity_W_mK  # at 90 degC
-    open_ = seen_by(made, stating(uncertainty={"conductivity_slope_per_K": 5e-4, "specific_heat_slope_per_K": 5e-4}))
+    open_ = seen_by(
+        made,
+        stating(uncertainty={"conductivity_slope_per_K": 5e-4, "specific_heat_slope_per_K": 5e-4}),
+    )
     rows = {r.source: r for r in open_.budget.rows}
     assert rows["conductivity slope"].u_beta_steady > 0.002
     assert {"conductivity slope", "specific heat slope"} <= set(rows)
@@ -152,7 +163,9 @@ def test_the_effect_of_a_slope_is_what_another_slope_does() -> None:
 def test_a_column_of_the_fit_holds_no_noise_of_the_readings() -> None:
     """Else it would explain their noise: with it the share of the fast disk alone once came out 0.15 off."""
     made = study_rig(SEED)
-    test = at_own_temperature(seen_test(made, stating(uncertainty={"conductivity_slope_per_K": 5e-4})))
+    test = at_own_temperature(
+        seen_test(made, stating(uncertainty={"conductivity_slope_per_K": 5e-4}))
+    )
     window = lagged_window(test, test.disks["fast"], stretch_of(test, 8.0))
     column = by_conductivity_slope(window, 0.68, 750.0, 5e-4)
     late = window.at_s > test.events.unload_s + 0.5
@@ -166,7 +179,12 @@ COLDER_K = -8.0
 def spot(rng: np.random.Generator, h: float, air_degC: float, power_rel: float) -> SurfaceFlux:
     """What a heated spot tells of a surface: nine temperatures, 1 % of scatter, one error of the heater's power."""
     t = np.linspace(80.0, 160.0, 9)
-    q = h * (t - air_degC) * (1 + power_rel * rng.standard_normal()) * (1 + 0.01 * rng.standard_normal(9))
+    q = (
+        h
+        * (t - air_degC)
+        * (1 + power_rel * rng.standard_normal())
+        * (1 + 0.01 * rng.standard_normal(9))
+    )
     return fit_surface_flux(t, q, power_rel)
 
 
@@ -187,9 +205,13 @@ def test_the_line_of_a_spot_holds_its_truth_as_often_as_it_says() -> None:
     rng, z = np.random.default_rng(3), []
     for _ in range(400):
         f = spot(rng, 700.0, 55.0, 0.02)
-        z.append([(f.heat_transfer_W_m2K - 700) / f.heat_transfer_u_W_m2K, (f.air_degC - 55) / f.air_u_K])
+        z.append(
+            [(f.heat_transfer_W_m2K - 700) / f.heat_transfer_u_W_m2K, (f.air_degC - 55) / f.air_u_K]
+        )
     held = (np.abs(z) < 1.96).mean(axis=0)
-    assert np.all((held > 0.90) & (held < 0.98))  # 7 degrees of freedom leave 91 % within 1.96 of the scatter's part
+    assert np.all(
+        (held > 0.90) & (held < 0.98)
+    )  # 7 degrees of freedom leave 91 % within 1.96 of the scatter's part
 
 
 @pytest.mark.slow
@@ -197,7 +219,10 @@ def test_a_measured_surface_tells_h_and_is_honest_where_the_ambient_is_not_what_
     """The oil cools both running surfaces 8 K below the logged ambient: without the spot h is 4 u wrong."""
     truth = draw_truth(SEED, load_rig(), uncertain=True).with_film_air(COLDER_K)
     made, rng = study_rig(SEED, truth=truth), np.random.default_rng(SEED)
-    told = {d: spot(rng, made.told[f"h_{d}"], made.told["ambient_degC"] + COLDER_K, 0.02) for d in ("fast", "slow")}
+    told = {
+        d: spot(rng, made.told[f"h_{d}"], made.told["ambient_degC"] + COLDER_K, 0.02)
+        for d in ("fast", "slow")
+    }
     p = seen_by(made, stating(**{d: {"surface": asdict(f)} for d, f in told.items()}))
     ignored = seen_by(made, load_rig())
     for d in ("fast", "slow"):

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from calibration.errors import InputError
-from tcdyn.partition.steady import SteadyLine, speed_law, speed_law_beta, speed_ratio_power, steady_map
+from tcdyn.partition.steady import (
+    SteadyLine,
+    speed_law,
+    speed_law_beta,
+    speed_ratio_power,
+    steady_map,
+)
 
 
 def through(h1: float, s1: float, h2: float, s2: float) -> SteadyLine:

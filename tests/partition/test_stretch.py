@@ -12,6 +12,8 @@ from tcdyn.partition.window import stretch_of
 
 
 def test_a_short_log_is_told_which_window_it_allows() -> None:
-    log = SimpleNamespace(time_s=np.arange(0.0, 102.72, 0.01), events=SimpleNamespace(unload_s=100.0, load_on_s=10.0))
+    log = SimpleNamespace(
+        time_s=np.arange(0.0, 102.72, 0.01), events=SimpleNamespace(unload_s=100.0, load_on_s=10.0)
+    )
     with pytest.raises(InputError, match=r"ends 2\.71 s after .* at least 5 s .*window_s=2\.7,"):
         stretch_of(log, 5.0)  # type: ignore[arg-type]

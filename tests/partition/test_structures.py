@@ -56,7 +56,9 @@ def test_a_sound_test_keeps_its_structure(sound: tuple[StudyRig, Partition]) -> 
     assert len(s.tried) == 1 + len(STRUCTURES) + 12  # and the lag of each junction
 
 
-def test_half_of_the_prior_is_for_what_was_assumed_and_the_rest_shared(sound: tuple[StudyRig, Partition]) -> None:
+def test_half_of_the_prior_is_for_what_was_assumed_and_the_rest_shared(
+    sound: tuple[StudyRig, Partition],
+) -> None:
     p = sound[1]
     s, law_u = p.structures, p.test.exponent_half_range / 3**0.5
     weight = {}
@@ -70,7 +72,10 @@ def test_half_of_the_prior_is_for_what_was_assumed_and_the_rest_shared(sound: tu
 
 @pytest.mark.parametrize(
     ("world", "structure"),
-    [("flux 1 mm", "flux_shift"), pytest.param("15 % elsewhere", "elsewhere", marks=pytest.mark.slow)],
+    [
+        ("flux 1 mm", "flux_shift"),
+        pytest.param("15 % elsewhere", "elsewhere", marks=pytest.mark.slow),
+    ],
 )
 def test_the_structure_that_is_there_is_named(world: str, structure: str) -> None:
     _, p = of_world(world)
@@ -99,19 +104,27 @@ def test_the_range_follows_a_structure_that_moves_the_answer() -> None:
     assert s.named is not None
     assert s.named.name == "lag of fast_e"
     # a lag twice as long is no longer linear: most of the error goes, what is left lies within some 2 u of the refitted
-    assert abs(s.tried[0].beta.value - made.told["beta"]) < 0.6 * abs(both.value - made.told["beta"])
+    assert abs(s.tried[0].beta.value - made.told["beta"]) < 0.6 * abs(
+        both.value - made.told["beta"]
+    )
     assert not s.holds
     assert "Do NOT trust" in p.crosscheck.sentence
 
 
-def test_one_linear_step_is_the_fit_with_one_unknown_more(sound: tuple[StudyRig, Partition]) -> None:
+def test_one_linear_step_is_the_fit_with_one_unknown_more(
+    sound: tuple[StudyRig, Partition],
+) -> None:
     _, p = sound
     name = "faces"
     columns = structures(p.test, p.joint, p.both.theta)[name]
     parts = np.split(columns, [len(p.joint["fast"].side.y)])
     extra = (Unmeasured(name, name, True),)
     sides = [
-        replace(p.joint[d].side, of=(*p.joint[d].side.of, *extra), effect=np.hstack([p.joint[d].side.effect, x]))
+        replace(
+            p.joint[d].side,
+            of=(*p.joint[d].side.of, *extra),
+            effect=np.hstack([p.joint[d].side.effect, x]),
+        )
         for d, x in zip(DISKS, parts)
     ]
     problem = joint_problem(sides)
@@ -124,18 +137,27 @@ def test_one_linear_step_is_the_fit_with_one_unknown_more(sound: tuple[StudyRig,
     assert quick.size[0].value == pytest.approx(slow.value(name), abs=0.1)
 
 
-def test_a_loss_that_is_higher_throughout_is_the_slope_of_the_answer_by_h(sound: tuple[StudyRig, Partition]) -> None:
+def test_a_loss_that_is_higher_throughout_is_the_slope_of_the_answer_by_h(
+    sound: tuple[StudyRig, Partition],
+) -> None:
     """Two ways of one thing: an air colder by (T - T_A) at the surface, and the rim's gains at another h."""
     _, p = sound
     for k, d in enumerate(DISKS):
         a = About.of(p.test, p.joint[d], p.both.theta[4 * k : 4 * k + 4])
-        high, low = (rest + a.share * power for rest, power in map(a.rim.answer, a.h_W_m2K * np.exp([1e-3, -1e-3])))
+        high, low = (
+            rest + a.share * power
+            for rest, power in map(a.rim.answer, a.h_W_m2K * np.exp([1e-3, -1e-3]))
+        )
         slope = (high - low) / 2e-3
-        assert a.lossier(np.ones(len(a.base))) == pytest.approx(slope, abs=0.03 * np.abs(slope).max())
+        assert a.lossier(np.ones(len(a.base))) == pytest.approx(
+            slope, abs=0.03 * np.abs(slope).max()
+        )
         assert not a.moved(Perturbation()).any()
 
 
-def test_a_lag_and_a_flux_moved_a_little_do_what_their_slopes_say(sound: tuple[StudyRig, Partition]) -> None:
+def test_a_lag_and_a_flux_moved_a_little_do_what_their_slopes_say(
+    sound: tuple[StudyRig, Partition],
+) -> None:
     """A junction slower by a straight line, not by the readings' slope; the flux moved one way, and to both sides."""
     _, p = sound
     for k, d in enumerate(DISKS):
@@ -143,13 +165,18 @@ def test_a_lag_and_a_flux_moved_a_little_do_what_their_slopes_say(sound: tuple[S
         slopes, lines = a.later()[0], a.later(0.05)[0]
         assert np.std(lines - slopes) < 0.5 * np.std(slopes)  # most of it where the slope jumps
         moved = a.moved(Perturbation(shift_m=1e-5)) / 1e-5
-        assert by_shift(a.rim, a.share, a.h_W_m2K) == pytest.approx(moved, abs=0.02 * np.abs(moved).max())
+        assert by_shift(a.rim, a.share, a.h_W_m2K) == pytest.approx(
+            moved, abs=0.02 * np.abs(moved).max()
+        )
 
 
 def test_a_mixture_has_the_share_below_and_above_that_its_range_says() -> None:
     parts, weights = [Estimate.normal(0.7, 0.004), Estimate.normal(0.75, 0.02)], [0.8, 0.2]
     low, high = mixture_range(parts, weights)
-    below = [sum(w * NormalDist(e.value, e.u).cdf(x) for w, e in zip(weights, parts)) for x in (low, high)]
+    below = [
+        sum(w * NormalDist(e.value, e.u).cdf(x) for w, e in zip(weights, parts))
+        for x in (low, high)
+    ]
     assert below == pytest.approx([0.025, 0.975], abs=1e-9)
 
 
@@ -160,7 +187,9 @@ def test_friction_in_pounds_is_found_by_the_heat_and_impossible_numbers_are_with
     p = made.analyse()
     scale = next(f for f in p.findings if f.code == "power.scale")
     assert scale.numbers["units"][0] == "friction in pounds-force"
-    assert scale.numbers["scale"] == pytest.approx(4.448, rel=0.1)  # 3 % of steel, 1 % of friction, twice
+    assert scale.numbers["scale"] == pytest.approx(
+        4.448, rel=0.1
+    )  # 3 % of steel, 1 % of friction, twice
     assert p.status == "withheld"  # two shares of a power that is off by four tell nothing
     assert {"joint fast", "joint slow", "both beta"} <= p.withheld
     kept, said = tables.beta_file(p, {}), summary_of(p)
@@ -170,7 +199,9 @@ def test_friction_in_pounds_is_found_by_the_heat_and_impossible_numbers_are_with
     assert not any(f.code == "sensors.suspect" and f.grade is Grade.REFUSE for f in p.findings)
 
 
-def test_the_headline_stands_first_in_words_tables_and_files(sound: tuple[StudyRig, Partition]) -> None:
+def test_the_headline_stands_first_in_words_tables_and_files(
+    sound: tuple[StudyRig, Partition],
+) -> None:
     _, p = sound
     both = p.both.estimates["beta"]
     kept = tables.beta_file(p, {})
@@ -191,7 +222,9 @@ def test_the_picture_shows_every_structure_and_the_range(sound: tuple[StudyRig, 
     assert "β" in ax.get_xlabel()
 
 
-def test_every_point_on_the_steady_lines_has_bars_of_95_percent(sound: tuple[StudyRig, Partition]) -> None:
+def test_every_point_on_the_steady_lines_has_bars_of_95_percent(
+    sound: tuple[StudyRig, Partition],
+) -> None:
     _, p = sound
     _, (ax,) = figure()
     draw_lines(p, ax)
@@ -200,7 +233,9 @@ def test_every_point_on_the_steady_lines_has_bars_of_95_percent(sound: tuple[Stu
     for container in ax.containers:
         point, _, bars = container.lines  # type: ignore[attr-defined]
         for at, along, segments in zip(point.get_xydata()[0], (0, 1), bars):
-            assert np.abs(segments.get_segments()[0][:, along] - at) == pytest.approx([told[at]] * 2, rel=1e-3)
+            assert np.abs(segments.get_segments()[0][:, along] - at) == pytest.approx(
+                [told[at]] * 2, rel=1e-3
+            )
 
 
 def test_alternatives_are_the_same_when_asked_again(sound: tuple[StudyRig, Partition]) -> None:

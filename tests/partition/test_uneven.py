@@ -34,7 +34,9 @@ SETUP = load_rig().disk_setup("slow")
 @pytest.mark.parametrize("n", [1, 2])
 @pytest.mark.parametrize("h", [0.0, 280.0, 720.0])
 @pytest.mark.parametrize("washer", [0.0, 1.46])
-def test_the_harmonic_solves_its_equation_and_loses_heat_at_the_surface(n: int, h: float, washer: float) -> None:
+def test_the_harmonic_solves_its_equation_and_loses_heat_at_the_surface(
+    n: int, h: float, washer: float
+) -> None:
     """By central differences of 10 um: T'' within 1e-4 of its terms, whose sum it cancels to second order."""
     setup = replace(SETUP, washer_conductivity_W_mK=washer)
     k, step = setup.conductivity_W_mK, 1e-5
@@ -42,13 +44,19 @@ def test_the_harmonic_solves_its_equation_and_loses_heat_at_the_surface(n: int, 
     up, at, down = (radial_shape(setup, h, depth + d, n) for d in (-step, 0.0, step))
     r = setup.outer_radius_m - depth
     kappa2 = 2 * washer / setup.washer_thickness_m / (k * setup.width_m)
-    kappa2 = max(kappa2, (1e-2 / setup.outer_radius_m) ** 2)  # the least that the functions are asked for
-    left = (up - 2 * at + down) / step**2 + (up - down) / (2 * step * r) - (n**2 / r**2 + kappa2) * at
+    kappa2 = max(
+        kappa2, (1e-2 / setup.outer_radius_m) ** 2
+    )  # the least that the functions are asked for
+    left = (
+        (up - 2 * at + down) / step**2 + (up - down) / (2 * step * r) - (n**2 / r**2 + kappa2) * at
+    )
     assert np.abs(left).max() < 1e-4 * (n**2 / r**2).max()
     t0, t1, t2 = radial_shape(setup, h, step * np.arange(3.0), n)
     slope = -(-1.5 * t0 + 2 * t1 - 0.5 * t2) / step  # by r, one-sided, second order
     assert k * slope == pytest.approx(-h * t0, abs=1e-3 * k / setup.outer_radius_m)
-    assert radial_shape(setup, h, np.array(0.006), n) == pytest.approx(1.0)  # normalised at the depth of b
+    assert radial_shape(setup, h, np.array(0.006), n) == pytest.approx(
+        1.0
+    )  # normalised at the depth of b
 
 
 def test_junctions_read_the_harmonic_of_the_whole_disk() -> None:
@@ -57,13 +65,19 @@ def test_junctions_read_the_harmonic_of_the_whole_disk() -> None:
     true = draw_truth(2).with_uneven({"slow": BoreContact(0.6, 40.0)})
     told = study_rig(2, truth=true, uncertain=False).told
     own = told["unevenness"]["slow"]
-    vector = own["amplitude_K"] * np.array([np.cos(np.deg2rad(own["angle_deg"])), np.sin(np.deg2rad(own["angle_deg"]))])
+    vector = own["amplitude_K"] * np.array(
+        [np.cos(np.deg2rad(own["angle_deg"])), np.sin(np.deg2rad(own["angle_deg"]))]
+    )
     model = vector @ at_junctions(true.slow.setup, told["h_slow"], CHANNELS)
-    np.testing.assert_allclose(model, [own["first_K"][c] for c in CHANNELS], atol=0.01 * own["amplitude_K"])
+    np.testing.assert_allclose(
+        model, [own["first_K"][c] for c in CHANNELS], atol=0.01 * own["amplitude_K"]
+    )
 
 
 def with_angles(setup: DiskSetup, angle_deg: float) -> DiskSetup:
-    return replace(setup, junctions={c: replace(j, angle_deg=angle_deg) for c, j in setup.junctions.items()})
+    return replace(
+        setup, junctions={c: replace(j, angle_deg=angle_deg) for c, j in setup.junctions.items()}
+    )
 
 
 def test_junctions_on_one_side_make_the_nuisance_a_common_warmth() -> None:
@@ -80,9 +94,13 @@ def test_what_is_left_of_a_found_harmonic_has_the_covariance_that_the_fit_gave()
     """A tenth of the prior's standard uncertainty left in every direction is a tenth of the prior's effect."""
     change, static, since_s = np.zeros((0, 2, 3)), np.full((3, 3), 1 / 3), np.array([-1.0, 5.0])
     left = Unevenness(covariance=0.01 * np.eye(len(FIRST)))
-    (of, prior), (_, rest) = (round_effects((), change, u, SETUP, 280.0, static, since_s) for u in (UNKNOWN, left))
+    (of, prior), (_, rest) = (
+        round_effects((), change, u, SETUP, 280.0, static, since_s) for u in (UNKNOWN, left)
+    )
     assert {what.source for what in of} == ROUND
-    assert [what.name for what in of if what.name.startswith("angle")] == [f"angle {c}" for c in SETUP.rows]
+    assert [what.name for what in of if what.name.startswith("angle")] == [
+        f"angle {c}" for c in SETUP.rows
+    ]
     np.testing.assert_allclose(rest[-len(FIRST) :], 0.1 * prior[-len(FIRST) :], atol=1e-15)
 
 
@@ -106,12 +124,17 @@ def vector_z(made: StudyRig, p: Partition, disk: str) -> float:
     told, found = made.told["unevenness"][disk], p.both.uneven[disk]
     ends = [
         a * np.array([np.cos(np.deg2rad(w)), np.sin(np.deg2rad(w))])
-        for a, w in ((told["amplitude_K"], told["angle_deg"]), (found.amplitude_K.value, found.angle_deg.value))
+        for a, w in (
+            (told["amplitude_K"], told["angle_deg"]),
+            (found.amplitude_K.value, found.angle_deg.value),
+        )
     ]
     return found.level_z(ends[1] - ends[0])
 
 
-def test_amplitude_and_angle_are_recovered_within_their_interval(uneven: tuple[StudyRig, Partition]) -> None:
+def test_amplitude_and_angle_are_recovered_within_their_interval(
+    uneven: tuple[StudyRig, Partition],
+) -> None:
     made, p = uneven
     for d in DISKS:
         assert vector_z(made, p, d) < 3.04  # 99 % of two normal deviates
@@ -124,7 +147,9 @@ def test_amplitude_and_angle_are_recovered_within_their_interval(uneven: tuple[S
     assert set(written["angle_deg"]) == {"value", "u", "low95", "high95"}
 
 
-def test_strongly_uneven_disks_cost_no_beta_and_accuse_no_channel(uneven: tuple[StudyRig, Partition]) -> None:
+def test_strongly_uneven_disks_cost_no_beta_and_accuse_no_channel(
+    uneven: tuple[StudyRig, Partition],
+) -> None:
     """Both disks' fits within 0.01: the issue's demand, twice the standard uncertainty. Every way within 3 u."""
     made, p = uneven
     assert p.both.estimates["beta"].value == pytest.approx(made.told["beta"], abs=0.01)
@@ -141,10 +166,14 @@ def test_readings_stand_without_the_harmonic_afterwards(uneven: tuple[StudyRig, 
         known, disk = p.both.uneven[d], made.test.disks[d]
         since_s = made.test.time_s - made.test.events.unload_s - disk.common_lag_s
         taken = harmonic_K(known, disk.setup, since_s)
-        np.testing.assert_allclose(p.test.disks[d].readings_degC + taken, disk.readings_degC, atol=1e-9)
+        np.testing.assert_allclose(
+            p.test.disks[d].readings_degC + taken, disk.readings_degC, atol=1e-9
+        )
         at = int(np.argmin(np.abs(since_s)))
         told = made.told["unevenness"][d]["first_K"]
-        np.testing.assert_allclose(taken[at], [told[c] for c in CHANNELS], atol=0.6)  # 3 u of the weaker direction
+        np.testing.assert_allclose(
+            taken[at], [told[c] for c in CHANNELS], atol=0.6
+        )  # 3 u of the weaker direction
 
 
 def test_a_sound_log_stays_even_and_nearly_as_sharp(
@@ -165,7 +194,9 @@ def test_a_sound_log_stays_even_and_nearly_as_sharp(
     assert p.both.estimates["beta"].u < 1.05 * both.estimates["beta"].u
 
 
-def test_a_second_harmonic_widens_the_speed_law_of_an_uneven_disk_alone(uneven: tuple[StudyRig, Partition]) -> None:
+def test_a_second_harmonic_widens_the_speed_law_of_an_uneven_disk_alone(
+    uneven: tuple[StudyRig, Partition],
+) -> None:
     rows = {row.source: row.u_beta_steady for row in uneven[1].budget.rows}
     assert rows["second harmonic round the bore"] > 0.001
 

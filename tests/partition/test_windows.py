@@ -23,7 +23,9 @@ def by_window(partition: Partition) -> pd.DataFrame:
     return cooling_by_window(partition, LENGTHS)
 
 
-def test_five_seconds_give_the_cooling_fit_s_own_answer(partition: Partition, by_window: pd.DataFrame) -> None:
+def test_five_seconds_give_the_cooling_fit_s_own_answer(
+    partition: Partition, by_window: pd.DataFrame
+) -> None:
     for disk in ("fast", "slow"):
         row = by_window.query("disk == @disk and window_s == 5.0").iloc[0]
         # the smoother sees a longer trace, which moves the answer by less than a tenth of its uncertainty
@@ -46,7 +48,9 @@ def test_longer_windows_know_h_better_and_fit_the_mean_better(by_window: pd.Data
         assert u[-1] < 0.6 * u[0]
 
 
-def test_windows_within_the_lag_are_marked_and_those_beyond_the_log_left_out(by_window: pd.DataFrame) -> None:
+def test_windows_within_the_lag_are_marked_and_those_beyond_the_log_left_out(
+    by_window: pd.DataFrame,
+) -> None:
     assert set(by_window["window_s"]) == {0.5, 1.0, 2.0, 5.0, 10.0, 15.0}
     assert by_window.query("window_s == 0.5")["within_lag"].all()
     assert not by_window.query("window_s >= 1.0")["within_lag"].any()
@@ -69,7 +73,9 @@ def test_compensated_and_commuted_forms_agree(partition: Partition) -> None:
 
 
 @pytest.mark.parametrize("quantity", ["beta", "h_W_m2K"])
-def test_windows_are_drawn_with_bars_of_95_percent_side_by_side(by_window: pd.DataFrame, quantity: str) -> None:
+def test_windows_are_drawn_with_bars_of_95_percent_side_by_side(
+    by_window: pd.DataFrame, quantity: str
+) -> None:
     marks, low, high = bars(draw_window_study(by_window, figure()[1][0], quantity))
     table = by_window.sort_values("disk", kind="stable")
     assert (low + high) / 2 == pytest.approx(table[quantity])
@@ -88,10 +94,15 @@ def test_junctions_are_drawn_where_the_test_places_them(partition: Partition) ->
     assert marks[:, 1] == pytest.approx([1e3 * e.value for e in places])
     assert low == pytest.approx([1e3 * e.low95 for e in places])
     assert high == pytest.approx([1e3 * e.high95 for e in places])
-    assert sorted({round(x % 1, 2) for x in marks[:, 0]}) == [0.12, 0.88]  # to the left and to the right of the tick
+    assert sorted({round(x % 1, 2) for x in marks[:, 0]}) == [
+        0.12,
+        0.88,
+    ]  # to the left and to the right of the tick
     (band,) = ax.patches
     stated = 1e3 * Z95 * max(t.stated_u_m for t in tests.values())
-    assert band.get_extents().transformed(ax.transData.inverted()).intervaly == pytest.approx([-stated, stated])
+    assert band.get_extents().transformed(ax.transData.inverted()).intervaly == pytest.approx(
+        [-stated, stated]
+    )
 
 
 def test_pictures_show_both_disks(by_window: pd.DataFrame, partition: Partition) -> None:

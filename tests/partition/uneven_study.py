@@ -29,8 +29,15 @@ def one(seed: int, world: tuple[float, float, tuple[str, ...]]) -> dict[str, obj
     """Errors in standard uncertainties, alarms and suspects of one drawn rig with one pattern round its bores."""
     warnings.simplefilter("ignore")
     amplitude, angle, disks = world
-    true = draw_truth(seed, load_rig(), uncertain=True).with_uneven({d: BoreContact(amplitude, angle) for d in disks})
-    out: dict[str, object] = {"amplitude": amplitude, "angle": angle, "disks": "-".join(disks), "failed": 0.0}
+    true = draw_truth(seed, load_rig(), uncertain=True).with_uneven(
+        {d: BoreContact(amplitude, angle) for d in disks}
+    )
+    out: dict[str, object] = {
+        "amplitude": amplitude,
+        "angle": angle,
+        "disks": "-".join(disks),
+        "failed": 0.0,
+    }
     try:
         made = study_rig(seed, truth=true)
         p = made.analyse()
@@ -39,13 +46,17 @@ def one(seed: int, world: tuple[float, float, tuple[str, ...]]) -> dict[str, obj
         return out | {"failed": 1.0}
     out |= told_of(made, p)
     out["u both"] = p.both.estimates["beta"].u
-    out["suspects"] = " ".join(f"{s.disk}:{s.kind}" for s in p.sensors.suspects) if p.sensors else ""
+    out["suspects"] = (
+        " ".join(f"{s.disk}:{s.kind}" for s in p.sensors.suspects) if p.sensors else ""
+    )
     for d in DISKS:
         told, found = made.told["unevenness"][d], p.both.uneven[d]
         out[f"true K {d}"], out[f"found K {d}"] = told["amplitude_K"], found.amplitude_K.value
         angles = np.deg2rad([told["angle_deg"], found.angle_deg.value])
         size = np.array([told["amplitude_K"], found.amplitude_K.value])
-        off = np.array([-1.0, 1.0]) @ (size[:, None] * np.column_stack([np.cos(angles), np.sin(angles)]))
+        off = np.array([-1.0, 1.0]) @ (
+            size[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+        )
         out[f"z vector {d}"] = found.level_z(off)
     return out
 
@@ -53,17 +64,49 @@ def one(seed: int, world: tuple[float, float, tuple[str, ...]]) -> dict[str, obj
 def study(count: int, first: int = 3000, n_jobs: int = 2) -> pd.DataFrame:
     """One row per drawn rig: the worlds in turn, or for a negative count even disks."""
     worlds = [EVEN] * -count if count < 0 else [WORLDS[k % len(WORLDS)] for k in range(count)]
-    return pd.DataFrame(Parallel(n_jobs=n_jobs)(delayed(one)(first + k, w) for k, w in enumerate(worlds)))
+    return pd.DataFrame(
+        Parallel(n_jobs=n_jobs)(delayed(one)(first + k, w) for k, w in enumerate(worlds))
+    )
 
 
 if __name__ == "__main__":
     table = study(*map(int, sys.argv[1:3]), n_jobs=int(sys.argv[3]) if len(sys.argv) > 3 else 1)
-    columns = ["amplitude", "angle", "disks", "error both", "z both", "u both", "z speed law", "z cooling fast",
-               "z cooling slow", "z joint fast", "z joint slow", "true K fast", "found K fast", "z vector fast",
-               "true K slow", "found K slow", "z vector slow", "alarm", "suspects"]  # fmt: skip
+    columns = [
+        "amplitude",
+        "angle",
+        "disks",
+        "error both",
+        "z both",
+        "u both",
+        "z speed law",
+        "z cooling fast",
+        "z cooling slow",
+        "z joint fast",
+        "z joint slow",
+        "true K fast",
+        "found K fast",
+        "z vector fast",
+        "true K slow",
+        "found K slow",
+        "z vector slow",
+        "alarm",
+        "suspects",
+    ]
     print(table[columns].round(4).to_string())
     print(report(table).round(4).to_string(index=False))
     ok = table[table["failed"] == 0]
-    print("failed", table["failed"].sum(), "alarms", ok["alarm"].sum(), "suspects", (ok["suspects"] != "").sum())
-    print("both: rms", np.sqrt((ok["error both"] ** 2).mean()), "within 0.01", (ok["error both"].abs() < 0.01).mean())
+    print(
+        "failed",
+        table["failed"].sum(),
+        "alarms",
+        ok["alarm"].sum(),
+        "suspects",
+        (ok["suspects"] != "").sum(),
+    )
+    print(
+        "both: rms",
+        np.sqrt((ok["error both"] ** 2).mean()),
+        "within 0.01",
+        (ok["error both"].abs() < 0.01).mean(),
+    )
     print(*ok.loc[ok["alarm"] > 0, "sentence"], sep="\n")

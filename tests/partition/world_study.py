@@ -81,16 +81,26 @@ WORLDS: dict[str, tuple[World, str]] = {
 
 
 def temperatures(
-    disk: DiskTruth, world: World, time_s: Array, power_W: Array, ambient: Array, h: float, half_width_m: float,
+    disk: DiskTruth,
+    world: World,
+    time_s: Array,
+    power_W: Array,
+    ambient: Array,
+    h: float,
+    half_width_m: float,
     unload_s: float,
-) -> Callable[[Array], Array]:  # fmt: skip
+) -> Callable[[Array], Array]:
     """True junction temperatures of a disk, as a function of times (M,) -> (M, 6).
 
     ``power_W`` (N,) enters it; the parting is at ``unload_s``, where the power, held before it, ends.
     """
     s = disk.setup
-    r = np.linspace(s.bore_radius_m**2, s.outer_radius_m**2, 6)  # a few cells of equal area are enough inside
-    edges_r = np.unique(np.concatenate([np.sqrt(r[:3]), np.linspace(np.sqrt(r[2]), s.outer_radius_m, RADIAL)]))
+    r = np.linspace(
+        s.bore_radius_m**2, s.outer_radius_m**2, 6
+    )  # a few cells of equal area are enough inside
+    edges_r = np.unique(
+        np.concatenate([np.sqrt(r[:3]), np.linspace(np.sqrt(r[2]), s.outer_radius_m, RADIAL)])
+    )
     edges_z = np.linspace(0.0, s.width_m, AXIAL + 1)
     at_r, at_z = 0.5 * (edges_r[1:] + edges_r[:-1]), 0.5 * (edges_z[1:] + edges_z[:-1])
     dz, n_r = np.diff(edges_z), len(at_r)
@@ -100,7 +110,9 @@ def temperatures(
     x = np.clip((edges_z - s.width_m / 2 - world.shift_m) / (half_width_m * world.wider), -1, 1)
     heat = np.zeros(cells.size)
     heat[cells[-1]] = np.diff(0.75 * (x - x**3 / 3))
-    strip = np.asarray(world.film)[np.minimum((at_z / s.width_m * len(world.film)).astype(int), len(world.film) - 1)]
+    strip = np.asarray(world.film)[
+        np.minimum((at_z / s.width_m * len(world.film)).astype(int), len(world.film) - 1)
+    ]
     film_area = 2 * np.pi * s.outer_radius_m * dz
     washer = world.faces * s.washer_conductivity_W_mK / s.washer_thickness_m
 
@@ -118,9 +130,11 @@ def temperatures(
         ground[cells[0]] += to_shaft / (1 / SHAFT_W_m2K + (at_r[0] - s.bore_radius_m) / k)
         own = np.arange(cells.size)
         matrix = coo_matrix(
-            (np.concatenate([-g, -g, g, g, ground + film]),
-             (np.concatenate([i, j, i, j, own]), np.concatenate([j, i, i, j, own]))),
-        ).tocsc()  # fmt: skip
+            (
+                np.concatenate([-g, -g, g, g, ground + film]),
+                (np.concatenate([i, j, i, j, own]), np.concatenate([j, i, i, j, own])),
+            ),
+        ).tocsc()
         return matrix, ground, film
 
     shifted = world.oil_K
@@ -144,9 +158,14 @@ def temperatures(
     held = np.where(loaded, power_W, power_W[loaded][-1])
     on_s = float(time_s[np.flatnonzero(power_W > 0.5 * power_W.max())[0]])
     held = np.where(time_s < on_s, 0.0, held)
-    pieces = [(0.0, on_s, 5.0, False), (on_s, on_s + 20, 0.1, True), (on_s + 20, unload_s - 8, 1.0, True),
-              (unload_s - 8, unload_s, 0.05, True), (unload_s, unload_s + 1.5, 1 / 200, False),
-              (unload_s + 1.5, float(time_s[-1]), 1 / 40, False)]  # fmt: skip
+    pieces = [
+        (0.0, on_s, 5.0, False),
+        (on_s, on_s + 20, 0.1, True),
+        (on_s + 20, unload_s - 8, 1.0, True),
+        (unload_s - 8, unload_s, 0.05, True),
+        (unload_s, unload_s + 1.5, 1 / 200, False),
+        (unload_s + 1.5, float(time_s[-1]), 1 / 40, False),
+    ]
     y = np.full(cells.size, float(ambient[0]))
     read = _reader(disk, at_r, at_z)
     found_t, found = [], []
@@ -211,14 +230,23 @@ def world_rig(seed: int, name: str, test: str = "B3") -> StudyRig:
             power = share * told["sliding_speed_m_s"] * traces["friction_N"].to_numpy()
             disk = true.disk(d)
             at = temperatures(
-                disk, world, t, power, traces["ambient_degC"].to_numpy(), told[f"h_{d}"], told["half_width_m"],
+                disk,
+                world,
+                t,
+                power,
+                traces["ambient_degC"].to_numpy(),
+                told[f"h_{d}"],
+                told["half_width_m"],
                 told["unload_s"],
-            )  # fmt: skip
+            )
             slower = {
-                c: replace(x, tau1_s=x.tau1_s * world.later.get(f"{d}_{c}", 1.0)) for c, x in disk.channels.items()
+                c: replace(x, tau1_s=x.tau1_s * world.later.get(f"{d}_{c}", 1.0))
+                for c, x in disk.channels.items()
             }
             lagging = replace(disk, channels=slower)
-            log, _ = log_disk(at, QUICK.duration_s, lagging, rng_for(seed, "world", d), true.imperfections, True)
+            log, _ = log_disk(
+                at, QUICK.duration_s, lagging, rng_for(seed, "world", d), true.imperfections, True
+            )
             added |= {f"{d}_{c}_degC": log[:, k] for k, c in enumerate(sorted(disk.channels))}
         return frame.assign(**added)
 
@@ -238,12 +266,19 @@ def one(seed: int, name: str) -> dict[str, Any]:
     gap = both.value - made.told["beta"]
     best = max(s.tried, key=lambda a: a.log_odds)
     return out | {
-        "error": gap, "z": gap / both.u, "held": s.low95 <= made.told["beta"] <= s.high95,
-        "half_width": 0.5 * (s.high95 - s.low95), "best": best.name, "odds": best.log_odds,
+        "error": gap,
+        "z": gap / both.u,
+        "held": s.low95 <= made.told["beta"] <= s.high95,
+        "half_width": 0.5 * (s.high95 - s.low95),
+        "best": best.name,
+        "odds": best.log_odds,
         "right": best.name == WORLDS[name][1] or best.name == "as assumed" == WORLDS[name][1],
-        "named": s.named.name if s.named else "", "status": p.status, "holds": s.holds,
-        "codes": " ".join(f.code for f in p.findings if f.grade.value != "note"), "referee": s.tried[0].referee_z,
-    }  # fmt: skip
+        "named": s.named.name if s.named else "",
+        "status": p.status,
+        "holds": s.holds,
+        "codes": " ".join(f.code for f in p.findings if f.grade.value != "note"),
+        "referee": s.tried[0].referee_z,
+    }
 
 
 def study(count: int, first: int, names: list[str], n_jobs: int = 2) -> pd.DataFrame:

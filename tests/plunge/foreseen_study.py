@@ -22,14 +22,19 @@ def main(disks: int, seed: int) -> None:
     """A line a disk, then the band and how many lie within, above and below."""
     setup = load_rig().disk_setup("fast")
     baths = BATHS[CASE][3]
-    told = predict_plunges([PlungePlan(bath_degC=b, initial_degC=26.0) for b in baths], setup, lag_s=EXPECTED_S)
+    told = predict_plunges(
+        [PlungePlan(bath_degC=b, initial_degC=26.0) for b in baths], setup, lag_s=EXPECTED_S
+    )
     _, chosen, runs = plunged(CASE, disks, seed, lag_s=EXPECTED_S)
     found = []
     for k, form in enumerate(chosen):
         fit = with_structure_doubt(identify_plunges(runs[2 * k : 2 * k + 2], setup))
         apart = np.sqrt(np.mean([e.u**2 for e in fit.differential_lag_s.values()]))
         found.append((fit.common_lag_s.u, apart))
-        print(f"{FORMS[form].__name__:10} lag {fit.common_lag_s}, differences u {apart:.4f}", flush=True)
+        print(
+            f"{FORMS[form].__name__:10} lag {fit.common_lag_s}, differences u {apart:.4f}",
+            flush=True,
+        )
     common, apart = np.array(found).T
     low, high = told.low_s, told.high_s
     print(

@@ -44,7 +44,9 @@ def water(T: np.ndarray) -> tuple[np.ndarray, ...]:
     return k, nu, k / (rho(T) * 4186.0), (rho(T - 0.1) - rho(T + 0.1)) / (0.2 * rho(T))
 
 
-def rayleigh(p: tuple[np.ndarray, ...], wall: np.ndarray, bulk: np.ndarray, length: float) -> np.ndarray:
+def rayleigh(
+    p: tuple[np.ndarray, ...], wall: np.ndarray, bulk: np.ndarray, length: float
+) -> np.ndarray:
     """Ra of a length, by properties ``p``."""
     return GRAVITY * p[3] * np.abs(bulk - wall) * length**3 / (p[1] * p[2])
 
@@ -59,7 +61,13 @@ def mcadams(fluid: Callable, wall: np.ndarray, bulk: np.ndarray) -> np.ndarray:
 def mikheev(fluid: Callable, wall: np.ndarray, bulk: np.ndarray) -> np.ndarray:
     """Mikheev (1956), vertical, properties of the bulk: 0.76 Ra^(1/4) (Pr_bulk / Pr_wall)^(1/4)."""
     p, w = fluid(bulk), fluid(wall)
-    return p[0] / WIDTH * 0.76 * rayleigh(p, wall, bulk, WIDTH) ** 0.25 * (p[1] / p[2] / (w[1] / w[2])) ** 0.25
+    return (
+        p[0]
+        / WIDTH
+        * 0.76
+        * rayleigh(p, wall, bulk, WIDTH) ** 0.25
+        * (p[1] / p[2] / (w[1] / w[2])) ** 0.25
+    )
 
 
 def churchill(fluid: Callable, wall: np.ndarray, bulk: np.ndarray) -> np.ndarray:
@@ -93,7 +101,9 @@ BATHS = {  # fluid, temperatures of the disk and of the two baths [degC], second
 }
 
 
-def plunged(case: str, disks: int, seed: int, lag_s: float | None = None) -> tuple[Draws, list[int], list[Any]]:
+def plunged(
+    case: str, disks: int, seed: int, lag_s: float | None = None
+) -> tuple[Draws, list[int], list[Any]]:
     """Truth, form of each disk, and runs of ``disks`` in one bath; forms follow one another.
 
     ``lag_s``: the disks' lags are this within 20 %, not drawn from 0.3 to 1 s.
@@ -115,7 +125,9 @@ def plunged(case: str, disks: int, seed: int, lag_s: float | None = None) -> tup
     return d, chosen[::2].tolist(), make_runs(d, times, readings, rng, fluid_name=name)
 
 
-def study(case: str, disks: int, seed: int, structures: bool = False, **how: Any) -> list[dict[str, Any]]:
+def study(
+    case: str, disks: int, seed: int, structures: bool = False, **how: Any
+) -> list[dict[str, Any]]:
     """A row a disk: form, error and u of the common lag and of the differences (6,), codes and kinds of findings."""
     d, chosen, runs = plunged(case, disks, seed)
     setup, rows = load_rig().disk_setup("fast"), []
@@ -134,7 +146,9 @@ def study(case: str, disks: int, seed: int, structures: bool = False, **how: Any
                 "common_held": common.covers(true.mean()),
                 "apart": np.array([apart[c].value for c in CHANNELS]) - (true - true.mean()),
                 "u_apart": np.array([apart[c].u for c in CHANNELS]),
-                "said": [(f.code, f.numbers.get("kind", "")) for f in fit.findings if f.grade == "look"],
+                "said": [
+                    (f.code, f.numbers.get("kind", "")) for f in fit.findings if f.grade == "look"
+                ],
             }
         )
     return rows
@@ -147,7 +161,9 @@ def described(rows: list[dict[str, Any]]) -> str:
     doubts = [{s for s in r["said"] if s[0] in ("plunge.pull", "plunge.fluid")} for r in rows]
     told = dict(Counter(kind or code for said in doubts for code, kind in said))
     mean = " ".join(f"{m:+.0f}" for m in 1e3 * np.mean([r["apart"] for r in rows], axis=0))
-    u_apart, u_common = (np.sqrt(np.mean([r[k] ** 2 for r in rows])) for k in ("u_apart", "u_common"))
+    u_apart, u_common = (
+        np.sqrt(np.mean([r[k] ** 2 for r in rows])) for k in ("u_apart", "u_common")
+    )
     held = [r["common_held"] for r in rows]
     return (
         f"{len(rows):4d} disks: differences held {100 * np.mean(np.abs(z) < 1.96):.0f} %, rms z "

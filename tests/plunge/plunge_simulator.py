@@ -23,7 +23,11 @@ def oil_h(wall: np.ndarray, bulk: np.ndarray) -> np.ndarray:
     k = 0.14868 - 2.2275e-4 * (film + 273.15 - 366.67)
     diffusivity = k / (rho * 2000.0)
     ra = 9.80665 * (0.7 / rho) * np.abs(bulk - wall) * WIDTH**3 / (nu * diffusivity)
-    return k / WIDTH * (0.68 + 0.670 * ra**0.25 / (1 + (0.492 * diffusivity / nu) ** (9 / 16)) ** (4 / 9))
+    return (
+        k
+        / WIDTH
+        * (0.68 + 0.670 * ra**0.25 / (1 + (0.492 * diffusivity / nu) ** (9 / 16)) ** (4 / 9))
+    )
 
 
 @dataclass
@@ -46,7 +50,9 @@ class Draws:
     noise: float = 0.12
 
 
-def draw_pairs(rng: np.random.Generator, pairs: int, baths: tuple[float, float] = (110.0, 138.0)) -> Draws:
+def draw_pairs(
+    rng: np.random.Generator, pairs: int, baths: tuple[float, float] = (110.0, 138.0)
+) -> Draws:
     """Pairs of plunges of one disk each, from the priors that ``PlungePriors()`` states; lags 0.3 to 1 s."""
     m = 2 * pairs
 
@@ -79,12 +85,25 @@ def same_pairs(pairs: int, lag: float = 0.65, baths: tuple[float, float] = (110.
     one, six = np.ones(m), np.ones((m, 6))
     root = np.sqrt(0.5)
     return Draws(
-        np.tile(baths, pairs).astype(float), 26 * one, one, 0 * one, 1.5 * one, 1.2 * one, one, K_STEEL * one,
-        DEPTHS_m * six, lag * (1 + root) / 2 * six, lag * (1 - root) / 2 * six, 0 * six, six,
-    )  # fmt: skip
+        np.tile(baths, pairs).astype(float),
+        26 * one,
+        one,
+        0 * one,
+        1.5 * one,
+        1.2 * one,
+        one,
+        K_STEEL * one,
+        DEPTHS_m * six,
+        lag * (1 + root) / 2 * six,
+        lag * (1 - root) / 2 * six,
+        0 * six,
+        six,
+    )
 
 
-def lag_update(state: np.ndarray, old: np.ndarray, new: np.ndarray, tau: np.ndarray, dt: float) -> np.ndarray:
+def lag_update(
+    state: np.ndarray, old: np.ndarray, new: np.ndarray, tau: np.ndarray, dt: float
+) -> np.ndarray:
     """One step of a first-order lag whose input is a straight line."""
     e = np.exp(-dt / tau)
     slope = (new - old) / dt
@@ -92,7 +111,11 @@ def lag_update(state: np.ndarray, old: np.ndarray, new: np.ndarray, tau: np.ndar
 
 
 def simulate(
-    d: Draws, after_s: float, rng: np.random.Generator, before_s: float = 8.0, h_of: Callable = oil_h
+    d: Draws,
+    after_s: float,
+    rng: np.random.Generator,
+    before_s: float = 8.0,
+    h_of: Callable = oil_h,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Times (N,) after entry and readings (N, M, 6) of every plunge, noise added; entry at time 0.
 
@@ -113,7 +136,9 @@ def simulate(
             gap = d.bath - wall
             h = h_of(wall, d.bath) * d.h_scale * (np.abs(gap) / gap0) ** d.exponent
             h = h * (1 + d.burst * np.exp(-((t / d.burst_time) ** d.burst_shape)))
-            wall = (outer + h * d.bath * dr / (2 * d.conductivity)) / (1 + h * dr / (2 * d.conductivity))
+            wall = (outer + h * d.bath * dr / (2 * d.conductivity)) / (
+                1 + h * dr / (2 * d.conductivity)
+            )
         return h * (d.bath - wall)
 
     def rate(T: np.ndarray, t: float) -> np.ndarray:
@@ -131,7 +156,9 @@ def simulate(
     a, b, c1, c2 = x.copy(), x.copy(), x.copy(), x.copy()
     wc = np.full((m, 6), 1 / (2 * np.pi * 4.0))
     steps = int(after_s * RATE_Hz) * STEPS_PER_SAMPLE
-    out = np.empty((int(before_s * RATE_Hz) + steps // STEPS_PER_SAMPLE + 1, m, 6), dtype=np.float32)
+    out = np.empty(
+        (int(before_s * RATE_Hz) + steps // STEPS_PER_SAMPLE + 1, m, 6), dtype=np.float32
+    )
     first = int(before_s * RATE_Hz)
     out[: first + 1] = c2
     for k in range(steps):

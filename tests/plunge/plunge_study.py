@@ -28,7 +28,9 @@ def make_runs(
     for k in range(len(d.bath)):
         event = EntryEvent(100 + entry_u_s * rng.standard_normal(), entry_u_s, None, None, "drawn")
         bath = d.bath[k] + 0.5 * rng.standard_normal() + 0.05 * rng.standard_normal(len(times))
-        runs.append(PlungeRun(times + 100, readings[:, k].astype(float), CHANNELS, substance, bath, event))
+        runs.append(
+            PlungeRun(times + 100, readings[:, k].astype(float), CHANNELS, substance, bath, event)
+        )
     return runs
 
 
@@ -45,7 +47,9 @@ def study(
         true = d.tau1[2 * pair] + d.tau2[2 * pair] + OWN_LAG_S
         rows["common"].append(fit.common_lag_s.value - true.mean())
         rows["u_common"].append(fit.common_lag_s.u)
-        rows["differential"].append([fit.differential_lag_s[c].value for c in CHANNELS] - (true - true.mean()))
+        rows["differential"].append(
+            [fit.differential_lag_s[c].value for c in CHANNELS] - (true - true.mean())
+        )
         rows["u_differential"].append([fit.differential_lag_s[c].u for c in CHANNELS])
     return {k: np.array(v) for k, v in rows.items()}
 

@@ -88,7 +88,9 @@ def test_a_touch_cannot_beat_its_unknown_onset() -> None:
 
 def test_shared_and_own_parameters_are_eliminated_as_by_hand() -> None:
     # y_r = x_r + s: own x_r flat, shared s with prior sd 2; one reading of noise 1 each: var x = 1 + 4
-    c = covariance(np.column_stack([np.eye(3), np.ones(3)]), np.array([np.inf, np.inf, np.inf, 2.0]))
+    c = covariance(
+        np.column_stack([np.eye(3), np.ones(3)]), np.array([np.inf, np.inf, np.inf, 2.0])
+    )
     np.testing.assert_allclose(np.diag(c)[:3], 5.0, rtol=1e-9)
     np.testing.assert_allclose(c[0, 1], 4.0, rtol=1e-9)
 
@@ -129,27 +131,45 @@ def test_the_design_widens_h_by_the_fluid_s_properties_as_the_fit_does() -> None
 
     oil = fluid("mobil-jet-ii")
     vague = replace(oil, u_nu=0.5, u_beta=0.5)  # h ~ (beta / nu)^(1/4)
-    known, unknown = (predict_plunges([replace(PLAN, fluid=f)], SETUP, draws=1) for f in (oil, vague))
+    known, unknown = (
+        predict_plunges([replace(PLAN, fluid=f)], SETUP, draws=1) for f in (oil, vague)
+    )
     assert unknown.others["u_h_rel"] > known.others["u_h_rel"]
 
 
 def told(kind: str, common_s: float, differences_s: float) -> PredictedTest:
-    return PredictedTest(f"{kind} test", kind, common_s, differences_s, np.eye(6), common_s, common_s)
+    return PredictedTest(
+        f"{kind} test", kind, common_s, differences_s, np.eye(6), common_s, common_s
+    )
 
 
 def test_the_headline_names_the_least_laborious_test_that_suffices() -> None:
-    plunge, unloading, both = told("plunge", 0.05, 0.01), told("unloading", 0.03, 0.03), told("together", 0.02, 0.009)
+    plunge, unloading, both = (
+        told("plunge", 0.05, 0.01),
+        told("unloading", 0.03, 0.03),
+        told("together", 0.02, 0.009),
+    )
     said = headline([plunge, unloading, both], 0.73)
     assert said.startswith("Do this: plunge test, and log an unloading.")
-    assert "plunges alone leave the common lag at +- 0.050 s" in said  # each alone lacks another thing
+    assert (
+        "plunges alone leave the common lag at +- 0.050 s" in said
+    )  # each alone lacks another thing
     assert "an unloading alone leaves the differences at +- 0.030 s" in said
-    assert headline([told("plunge", 0.03, 0.01), unloading, both], 0.73).startswith("Do this: plunge test. It")
-    assert headline([plunge, unloading], 0.73).startswith("No test of this plan tells the lags well.")
+    assert headline([told("plunge", 0.03, 0.01), unloading, both], 0.73).startswith(
+        "Do this: plunge test. It"
+    )
+    assert headline([plunge, unloading], 0.73).startswith(
+        "No test of this plan tells the lags well."
+    )
 
 
 def test_grades_are_those_that_are_explained() -> None:
     assert [grade(u, 1.0, COMMON) for u in (0.049, 0.051, 0.151)] == ["well", "roughly", "poorly"]
-    assert [grade(u, 1.0, DIFFERENCES) for u in (0.029, 0.031, 0.101)] == ["well", "roughly", "poorly"]
+    assert [grade(u, 1.0, DIFFERENCES) for u in (0.029, 0.031, 0.101)] == [
+        "well",
+        "roughly",
+        "poorly",
+    ]
     assert all(word in MEANING for word in ("5 %", "15 %", "3 %", "10 %"))
 
 

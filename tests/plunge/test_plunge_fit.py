@@ -61,7 +61,9 @@ def test_lags_are_recovered_within_their_stated_uncertainty() -> None:
 def test_the_covariance_is_mostly_common() -> None:
     fit = fitted()
     c = fit.lag_covariance
-    assert fit.common_lag_s.u == pytest.approx(np.sqrt(c.mean()), rel=0.15)  # slope along the profile is nearly one
+    assert fit.common_lag_s.u == pytest.approx(
+        np.sqrt(c.mean()), rel=0.15
+    )  # slope along the profile is nearly one
     assert max(e.u for e in fit.differential_lag_s.values()) < fit.common_lag_s.u
     assert np.all(np.linalg.eigvalsh(c) > 0)
 
@@ -107,14 +109,19 @@ def test_derivatives_are_those_of_the_model() -> None:
     theta = mean.copy()
     theta[layout.at("lag")] = 0.6
     models = build_run_models([run], [make_blocks(run)], SETUP, layout, correlation("5.4"), theta)
-    theta[layout.at("ln_conductivity")], theta[layout.at("depth")] = 0.01, 5e-5  # away from where it was built
+    theta[layout.at("ln_conductivity")], theta[layout.at("depth")] = (
+        0.01,
+        5e-5,
+    )  # away from where it was built
     _, (jac,), _ = predict(models, layout, theta)
     for i, name in enumerate(layout.names()):
         step = 1e-4 * (sd[i] if np.isfinite(sd[i]) else 1.0)
         up, down = theta.copy(), theta.copy()
         up[i] += step
         down[i] -= step
-        numeric = (predict(models, layout, up)[0][0] - predict(models, layout, down)[0][0]) / (2 * step)
+        numeric = (predict(models, layout, up)[0][0] - predict(models, layout, down)[0][0]) / (
+            2 * step
+        )
         # the differences' error is of second order in a ten-thousandth of sd
         assert np.max(np.abs(numeric - jac[:, :, i])) < 1e-5 * np.max(np.abs(numeric)) + 1e-7, name
 
@@ -125,20 +132,32 @@ def test_lags_on_the_graded_grid_are_those_of_the_chain() -> None:
     chain = Chain((0.5, 0.12), conditioning=Conditioning(4.0, 2))
     fine = np.arange(0, 30, 0.001)
     exact = np.interp(t, fine, chain.response(1 - np.exp(-fine / 2.0), 0.001))
-    y = conditioned(lag_on_grid(lag_on_grid(u, np.diff(t), 2.0), np.diff(t), 1 / 0.12), np.diff(t), chain.conditioning)
+    y = conditioned(
+        lag_on_grid(lag_on_grid(u, np.diff(t), 2.0), np.diff(t), 1 / 0.12),
+        np.diff(t),
+        chain.conditioning,
+    )
     np.testing.assert_allclose(y[:, 0], exact, atol=2e-4)  # curvature 0.25/s2 times dt^2/8
     butter = replace(chain, conditioning=Conditioning(4.0, 3, "butterworth"))
     exact = np.interp(t, fine, butter.response(1 - np.exp(-fine / 2.0), 0.001))
-    y = conditioned(lag_on_grid(lag_on_grid(u, np.diff(t), 2.0), np.diff(t), 1 / 0.12), np.diff(t), butter.conditioning)
+    y = conditioned(
+        lag_on_grid(lag_on_grid(u, np.diff(t), 2.0), np.diff(t), 1 / 0.12),
+        np.diff(t),
+        butter.conditioning,
+    )
     np.testing.assert_allclose(y[:, 0], exact, atol=2e-4)
 
 
 @pytest.mark.parametrize("taus", [(0.05, 0.01), (0.04, 0.04), (0.04, 0.04 * (1 + 1e-9))])
-def test_a_section_of_two_real_poles_is_two_lags_also_where_they_are_one(taus: tuple[float, float]) -> None:
+def test_a_section_of_two_real_poles_is_two_lags_also_where_they_are_one(
+    taus: tuple[float, float],
+) -> None:
     t = np.concatenate([np.arange(0, 3, 0.01), np.arange(3, 30, 0.1)])
     u = (1 - np.exp(-t / 2.0))[:, None] * [1.0, -3.0]
     section = Conditioning()
-    vars(section)["factors"] = ((1.0, sum(taus), taus[0] * taus[1]),)  # one quadratic section, given as two lags [s]
+    vars(section)["factors"] = (
+        (1.0, sum(taus), taus[0] * taus[1]),
+    )  # one quadratic section, given as two lags [s]
     expected = lag_on_grid(lag_on_grid(u, np.diff(t), 1 / taus[0]), np.diff(t), 1 / taus[1])
     # in the other order the straight lines between the knots bend elsewhere: curvature 0.25/s2 times dt^2/8, times 3
     np.testing.assert_allclose(conditioned(u, np.diff(t), section), expected, atol=4e-4)
@@ -152,7 +171,9 @@ def test_the_zero_of_a_whitened_filter_is_on_the_graded_grid_too() -> None:
     exact = np.interp(t, fine, simulate_rational(one, 1 - np.exp(-fine / 2.0), 0.001))
     made = conditioned((1 - np.exp(-t / 2.0))[:, None], np.diff(t), white)[:, 0]
     np.testing.assert_allclose(made, exact, atol=4e-4)
-    without = conditioned((1 - np.exp(-t / 2.0))[:, None], np.diff(t), replace(white, numerator=(1.0,)))[:, 0]
+    without = conditioned(
+        (1 - np.exp(-t / 2.0))[:, None], np.diff(t), replace(white, numerator=(1.0,))
+    )[:, 0]
     assert np.abs(without - exact).max() > 4e-3
 
 
@@ -183,15 +204,26 @@ def test_a_chain_on_the_grid_is_that_of_the_transfer_function(structure: str) ->
         poles = np.polymul(poles, [tau, 1.0])
     exact = control.forced_response(control.TransferFunction([zero, 1.0], poles), t, u).outputs
     one = np.ones(1)  # channel
-    (y, by_lag, by_logit), late = chain_on_grid(u[None, None], np.diff(t), lag * one, logit * one, structure)
+    (y, by_lag, by_logit), late = chain_on_grid(
+        u[None, None], np.diff(t), lag * one, logit * one, structure
+    )
     assert late[0] == pytest.approx(delay)
-    np.testing.assert_allclose(y[0], exact, atol=2e-4)  # straight lines between samples in both: rounding only
-    along_lag, along_logit = ((lag + 1e-4, logit), (lag - 1e-4, logit)), ((lag, logit + 1e-3), (lag, logit - 1e-3))
+    np.testing.assert_allclose(
+        y[0], exact, atol=2e-4
+    )  # straight lines between samples in both: rounding only
+    along_lag, along_logit = (
+        ((lag + 1e-4, logit), (lag - 1e-4, logit)),
+        ((lag, logit + 1e-3), (lag, logit - 1e-3)),
+    )
     for by, (a, b) in ((by_lag, along_lag), (by_logit, along_logit)):
         ends = [np.array(at)[:, None] for at in (a, b)]
-        up, down = (chain_on_grid(u[None, None], np.diff(t), *at, structure)[0][0, 0] for at in ends)
+        up, down = (
+            chain_on_grid(u[None, None], np.diff(t), *at, structure)[0][0, 0] for at in ends
+        )
         step = a[0] - b[0] + a[1] - b[1]
-        np.testing.assert_allclose(by[0], (up - down) / step, atol=1e-6)  # second order of the differences
+        np.testing.assert_allclose(
+            by[0], (up - down) / step, atol=1e-6
+        )  # second order of the differences
 
 
 def test_spikes_are_left_out_and_noise_is_seen_through_a_ramp() -> None:
@@ -201,7 +233,9 @@ def test_spikes_are_left_out_and_noise_is_seen_through_a_ramp() -> None:
     blocks = make_blocks(replace(run, readings_degC=dirty))
     clean = make_blocks(run)
     assert blocks.spikes >= 5
-    assert np.max(np.abs(blocks.readings_degC - clean.readings_degC)) < 0.4  # one sample of two lost: noise alone
+    assert (
+        np.max(np.abs(blocks.readings_degC - clean.readings_degC)) < 0.4
+    )  # one sample of two lost: noise alone
     np.testing.assert_allclose(
         white_noise_sd(run.readings_degC), 0.12, rtol=0.12
     )  # a median of 5000 correlated terms: 3 %
@@ -219,7 +253,9 @@ def test_runs_that_cannot_be_fitted_together_are_refused() -> None:
 
 
 @pytest.mark.slow
-def test_intervals_cover_over_a_hundred_pairs_drawn_from_the_priors(draws: Callable[[int], int]) -> None:
+def test_intervals_cover_over_a_hundred_pairs_drawn_from_the_priors(
+    draws: Callable[[int], int],
+) -> None:
     from tcdyn.design.plans import PlungePlan, predict_plunges
 
     rng = np.random.default_rng(11)
@@ -232,8 +268,17 @@ def test_intervals_cover_over_a_hundred_pairs_drawn_from_the_priors(draws: Calla
     assert np.sqrt(np.mean(zc**2)) > 0.5
     assert 0.90 <= np.mean(zd < 1.96) <= 0.99
     assert np.sqrt(np.mean(result["differential"] ** 2)) < 0.02
-    plans = [PlungePlan(bath_degC=T, initial_degC=26.0, duration_s=60.0, before_s=8.0) for T in (110.0, 138.0)]
+    plans = [
+        PlungePlan(bath_degC=T, initial_degC=26.0, duration_s=60.0, before_s=8.0)
+        for T in (110.0, 138.0)
+    ]
     foreseen = predict_plunges(plans, SETUP, draws=60)
-    print(f"foreseen: common {foreseen.u_common_s:.3f} s, differential {foreseen.u_differential_s:.4f} s")
-    assert foreseen.u_differential_s == pytest.approx(np.sqrt(np.mean(result["differential"] ** 2)), rel=0.25)
-    assert foreseen.u_common_s == pytest.approx(np.sqrt(np.mean(result["common"] ** 2)), rel=2.5 / np.sqrt(pairs))
+    print(
+        f"foreseen: common {foreseen.u_common_s:.3f} s, differential {foreseen.u_differential_s:.4f} s"
+    )
+    assert foreseen.u_differential_s == pytest.approx(
+        np.sqrt(np.mean(result["differential"] ** 2)), rel=0.25
+    )
+    assert foreseen.u_common_s == pytest.approx(
+        np.sqrt(np.mean(result["common"] ** 2)), rel=2.5 / np.sqrt(pairs)
+    )

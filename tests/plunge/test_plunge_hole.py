@@ -17,7 +17,9 @@ def test_extra_lags_are_found_within_a_few_milliseconds(seed: int) -> None:
     ideal = (lags["ideal_1"] + lags["ideal_2"]) / 2
     for hole in result.holes:
         error = hole.extra_lag_s.value - (lags[hole.name] - ideal)
-        assert abs(error) < 4 * hole.extra_lag_s.u + 0.004  # 4 ms: chains differ in second moment, seen as 1 ms
+        assert (
+            abs(error) < 4 * hole.extra_lag_s.u + 0.004
+        )  # 4 ms: chains differ in second moment, seen as 1 ms
         assert hole.extra_lag_s.u < 0.01
 
 
@@ -49,7 +51,9 @@ def test_a_log_without_ideal_thermocouples_is_refused() -> None:
 
 
 def test_any_names_serve_when_the_ideal_ones_are_given() -> None:
-    frame: pd.DataFrame = simulate_hole(0)[0].rename(columns={"ideal_1_degC": "x_degC", "d3p0_degC": "big_degC"})
+    frame: pd.DataFrame = simulate_hole(0)[0].rename(
+        columns={"ideal_1_degC": "x_degC", "d3p0_degC": "big_degC"}
+    )
     result = compare_holes(frame, ideal=("x", "ideal_2"))
     assert {h.name for h in result.holes} == {"d1p3", "d2p2", "big"}
     assert np.isfinite(result.fitted_degC).all()

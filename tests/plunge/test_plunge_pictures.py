@@ -34,7 +34,9 @@ def fit() -> PlungeFit:
     rng = np.random.default_rng(8)
     d = same_pairs(1)
     times, readings = simulate(d, 60.0, rng)
-    return identify_plunges(make_runs(d, times, readings, rng)[:1], SETUP, alternatives=("mcadams",))
+    return identify_plunges(
+        make_runs(d, times, readings, rng)[:1], SETUP, alternatives=("mcadams",)
+    )
 
 
 @cache
@@ -85,7 +87,9 @@ def test_the_interval_of_the_common_lag_stands_over_its_posterior() -> None:
     assert profile[:, 1].max() == pytest.approx(1.0)
     top = profile[np.argmax(profile[:, 1]), 0]
     assert abs(top - lag.value) < lag.u
-    assert [line[0, 0] for line in others] == pytest.approx(list(fit().model_form.common_lag_s.values()))
+    assert [line[0, 0] for line in others] == pytest.approx(
+        list(fit().model_form.common_lag_s.values())
+    )
 
 
 def test_differences_of_the_lags_have_bars_of_95_percent() -> None:
@@ -117,7 +121,9 @@ def test_an_entry_is_drawn_with_both_witnesses_and_its_uncertainty() -> None:
     entry = fit().runs[0].entry
     entry = replace(entry, switch_s=entry.time_s + 0.1, probe_s=entry.time_s - 0.05)
     run = replace(fit().runs[0], entry=entry)
-    ax = pictures.draw_entry(run, {"fitted": fit().junction_degC(0)}, figure()[1][0], channel="b", until_s=12.0)
+    ax = pictures.draw_entry(
+        run, {"fitted": fit().junction_degC(0)}, figure()[1][0], channel="b", until_s=12.0
+    )
     measured, fitted, *witnesses = ax.lines
     since = run.time_s - run.entry.time_s
     near = (since > -3) & (since < 12)
@@ -167,7 +173,9 @@ def test_holes_are_drawn_from_a_second_before_the_entry_and_nothing_near_is_cut_
     near = result.readings_degC[result.block_time_s <= 10.0]
     assert ax.get_ylim() == pytest.approx((np.nanmin(near) - 1, np.nanmax(near) + 1))
     tones = [line.get_color() for line in ax.lines[::2]]
-    assert len(set(tones)) == len(result.names) - sum(n.startswith("ideal") for n in result.names) + 1
+    assert (
+        len(set(tones)) == len(result.names) - sum(n.startswith("ideal") for n in result.names) + 1
+    )
 
 
 def test_the_marks_of_a_planned_test_stand_side_by_side_under_the_ticks_about_them() -> None:
@@ -176,7 +184,9 @@ def test_the_marks_of_a_planned_test_stand_side_by_side_under_the_ticks_about_th
     (rest,) = [line for line in ax.lines if line.get_label() == "differences between channels"]
     rows = np.arange(len(table))[::-1]  # the first on top
     assert marks[:, 1] == pytest.approx(rows + 0.12)
-    assert np.transpose(rest.get_data()) == pytest.approx(np.column_stack([table["u_differential_s"], rows - 0.12]))
+    assert np.transpose(rest.get_data()) == pytest.approx(
+        np.column_stack([table["u_differential_s"], rows - 0.12])
+    )
     levels = {str(line.get_label()): np.unique(line.get_xdata()) for line in ax.lines}
     told = {words: at for words, at in levels.items() if "told well" in words}
     assert len(told) == 2
@@ -211,7 +221,9 @@ def test_what_is_left_of_a_plunge_is_drawn_in_units_of_the_noise() -> None:
     ax = pictures.draw_plunge_residuals(fit(), 0, figure()[1][0])
     inside = np.abs(left[np.isfinite(left)]) < 1.96
     told = float(ax.get_title("left").split(": ")[1].split(" %")[0])
-    assert told == pytest.approx(100 * inside.mean(), abs=1.5)  # the title leaves out the first 0.02 s
+    assert told == pytest.approx(
+        100 * inside.mean(), abs=1.5
+    )  # the title leaves out the first 0.02 s
     mean = ax.lines[1].get_ydata()
     blocks = fit().optimum.problem.models[0].blocks
     assert mean == pytest.approx(np.nanmean(left[blocks.time_s > 0.02], axis=1), nan_ok=True)
@@ -229,7 +241,9 @@ def test_the_junction_leads_its_reading_by_the_lag_on_the_slow_part() -> None:
 
 def test_published_correlations_disagree_by_far_more_than_the_lag() -> None:
     run = fit().runs[0]
-    at_30_s = [table[table.index > 30].iloc[0].mean() for table in published_degC(run, SETUP).values()]
+    at_30_s = [
+        table[table.index > 30].iloc[0].mean() for table in published_degC(run, SETUP).values()
+    ]
     assert np.ptp(at_30_s) > 0.5  # and it is why h must be free
 
 

@@ -9,7 +9,14 @@ import pandas as pd
 import pytest
 
 from calibration.log import Log
-from tcdyn.plunge.run import RunNoise, bath_filled, inflation, make_blocks, run_from_log, without_spikes
+from tcdyn.plunge.run import (
+    RunNoise,
+    bath_filled,
+    inflation,
+    make_blocks,
+    run_from_log,
+    without_spikes,
+)
 from tcdyn.simulate.plunge import simulate_plunge
 
 
@@ -30,7 +37,9 @@ def test_missing_readings_are_left_out_and_only_the_bath_is_bridged() -> None:
     frame, truth = simulate_plunge("fast", 3)
     gap = frame["time_s"].between(truth["entry_s"] + 0.5, truth["entry_s"] + 0.95)
     holed = frame.mask(pd.DataFrame({c: gap & (c in ("e_degC", "probe_degC")) for c in frame}))
-    run = run_from_log(bath_filled(Log(holed, "immersion", Path("P1.csv"), "", 1 / 75)), "mobil-jet-ii")
+    run = run_from_log(
+        bath_filled(Log(holed, "immersion", Path("P1.csv"), "", 1 / 75)), "mobil-jet-ii"
+    )
     assert run.entry == run_from_log(frame, "mobil-jet-ii").entry
     blocks, whole = make_blocks(run), make_blocks(run_from_log(frame, "mobil-jet-ii"))
     assert whole.duration_s == blocks.duration_s
@@ -38,10 +47,14 @@ def test_missing_readings_are_left_out_and_only_the_bath_is_bridged() -> None:
     assert whole.count.sum() - blocks.count.sum() == gap.sum()
     np.testing.assert_allclose(whole.time_s[lost], 0.73, atol=0.25)
     assert np.isfinite(blocks.readings_degC).all()
-    np.testing.assert_allclose(blocks.readings_degC[:, :4], whole.readings_degC[:, :4], rtol=1e-15 * 2**3)  # rounding
+    np.testing.assert_allclose(
+        blocks.readings_degC[:, :4], whole.readings_degC[:, :4], rtol=1e-15 * 2**3
+    )  # rounding
 
 
-ALTERNATING = np.where(np.arange(80) % 2, -1.0, 1.0)  # no neighbour is like the next: its correlation length is one
+ALTERNATING = np.where(
+    np.arange(80) % 2, -1.0, 1.0
+)  # no neighbour is like the next: its correlation length is one
 
 
 def test_noise_that_all_channels_share_is_told_from_that_of_each() -> None:
@@ -50,11 +63,15 @@ def test_noise_that_all_channels_share_is_told_from_that_of_each() -> None:
     common, differential = inflation(z, 9, 6)
     assert common == pytest.approx(3 * 80 * 1.5**2 / (80 - 9))
     assert differential == pytest.approx(80 * 2 * 0.7**2 / (80 * 2 - 6))
-    assert inflation(z[:, :1], 9, 6) == pytest.approx((80 * 2.2**2 / (80 - 9), 1.0))  # one channel alone
+    assert inflation(z[:, :1], 9, 6) == pytest.approx(
+        (80 * 2.2**2 / (80 - 9), 1.0)
+    )  # one channel alone
     assert inflation(0.01 * z, 9, 6) == (0.25, 0.25)
 
 
-def test_noise_as_a_fit_leaves_it_is_a_mean_square_over_what_is_free_without_a_block_that_is_off() -> None:
+def test_noise_as_a_fit_leaves_it_is_a_mean_square_over_what_is_free_without_a_block_that_is_off() -> (
+    None
+):
     """Means of 4 and of 9 samples of 0.3 K, nine and three a channel for the fit; one block 10 times as far off."""
     count = np.where(np.arange(80) < 40, 4, 9)[:, None]
     residual = 0.3 * ALTERNATING[:, None] * [1.0, 1.0] / np.sqrt(count)

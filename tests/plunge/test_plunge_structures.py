@@ -31,7 +31,9 @@ def fitted(structure: str, lag_s: float, second_lag: bool = True) -> tuple[Plung
     share = 0.5 if second_lag else 1.0
     d.tau1, d.tau2 = share * lag_s + 0 * d.tau1, (1 - share) * lag_s + 1e-5 + 0 * d.tau2
     times, readings = simulate(d, 60.0, rng)
-    before = identify_plunges(make_runs(d, times, readings, rng), SETUP, structure=structure, alternatives=())  # type: ignore[arg-type]
+    before = identify_plunges(
+        make_runs(d, times, readings, rng), SETUP, structure=structure, alternatives=()
+    )  # type: ignore[arg-type]
     return before, with_structure_doubt(before)
 
 
@@ -44,18 +46,26 @@ def test_one_lag_fitted_to_two_is_contradicted_in_one_sentence_with_figures() ->
     assert found.best.structure == "P2"
     (finding,) = found.findings
     assert after.findings[0] == finding
-    assert (finding.code, finding.grade, finding.numbers["structures"]) == ("plunge.structure", "look", ("P1", "P2"))
+    assert (finding.code, finding.grade, finding.numbers["structures"]) == (
+        "plunge.structure",
+        "look",
+        ("P1", "P2"),
+    )
     warning = finding.sentence
     for word in ("contradict", "P1", "P2", "chi-square lower by", "instead of", "structure=P2"):
         assert word in warning
     held = {r.structure: r.held_out for r in found.rows}
-    assert held["P1"] > held["P2"] + 6.0  # the held-out plunge agrees: twenty times as probable, at least
+    assert (
+        held["P1"] > held["P2"] + 6.0
+    )  # the held-out plunge agrees: twenty times as probable, at least
 
 
 def test_the_widened_interval_holds_the_truth_that_the_wrong_structure_missed() -> None:
     before, after = fitted("P1", 0.75)
     assert after.common_lag_s.covers(TRUE_S)
-    assert after.common_lag_s.value == before.common_lag_s.value  # the lags stay those of the structure asked for
+    assert (
+        after.common_lag_s.value == before.common_lag_s.value
+    )  # the lags stay those of the structure asked for
     assert after.common_lag_s.u == pytest.approx(np.sqrt(after.lag_covariance.mean()), rel=0.1)
     assert {s.source for s in after.budget} >= {"everything", "choice of chain structure"}
 
@@ -113,14 +123,17 @@ def test_evidence_integrated_over_the_lag_is_laplace_s_where_the_lag_is_normal()
     best = fitted("P2", 0.75)[0].optimum
     problem = best.problem
     models = [
-        replace(m, blocks=replace(m.blocks, readings_degC=y)) for m, y in zip(problem.models, best.predictions_degC)
+        replace(m, blocks=replace(m.blocks, readings_degC=y))
+        for m, y in zip(problem.models, best.predictions_degC)
     ]
     noise = [replace(n, sd_K=n.sd_K / 30) for n in problem.noise]
     sharp = replace(problem, models=tuple(models), noise=tuple(noise)).minimised(best.theta)
     scan, at, _ = settled_scan(sharp)
     # both leave out the same constants but the width of one normalised direction: mean of six lags, ln sqrt(2 pi / 6)
     expected = 0.5 * np.log(2 * np.pi / 6)
-    assert log_evidence(scan, at) - at.laplace == pytest.approx(expected, abs=0.1)  # a search tells each to 0.05
+    assert log_evidence(scan, at) - at.laplace == pytest.approx(
+        expected, abs=0.1
+    )  # a search tells each to 0.05
 
 
 def test_one_plunge_alone_holds_nothing_out() -> None:
@@ -139,7 +152,9 @@ def comparison(chosen: str, *rows: StructureRow, u_structure: float = 0.0) -> St
     return StructureComparison(chosen, rows, np.full((6, 6), u_structure**2), 0.05)
 
 
-def test_structures_that_cannot_be_told_apart_are_said_and_warned_of_only_when_the_lag_depends_on_them() -> None:
+def test_structures_that_cannot_be_told_apart_are_said_and_warned_of_only_when_the_lag_depends_on_them() -> (
+    None
+):
     same = comparison("P2", row("P1", 0.70, 0.4), row("P2", 0.70, 0.6))
     assert "cannot tell" in same.sentence
     assert "hardly depends" in same.sentence
@@ -154,7 +169,13 @@ def test_structures_that_cannot_be_told_apart_are_said_and_warned_of_only_when_t
 
 @pytest.mark.parametrize(
     ("share", "said"),
-    [(1e-5, "below 0.1 %"), (0.0042, "0.4 %"), (0.28, "28 %"), (0.998, "99.8 %"), (0.9999, "above 99.9 %")],
+    [
+        (1e-5, "below 0.1 %"),
+        (0.0042, "0.4 %"),
+        (0.28, "28 %"),
+        (0.998, "99.8 %"),
+        (0.9999, "above 99.9 %"),
+    ],
 )
 def test_probabilities_are_said_in_digits_that_people_use(share: float, said: str) -> None:
     assert percent(share) == said
@@ -169,15 +190,22 @@ def test_the_comparison_travels_as_json_and_as_a_table_of_sensible_digits() -> N
     assert sum(c["probability"] for c in data["candidates"]) == pytest.approx(1.0)  # type: ignore[attr-defined]
     table = found.table()
     assert table["chain"].str.contains("used here").sum() == 1
-    assert all(len(text.split(" +- ")[1].replace("0.", "").lstrip("0")) == 2 for text in table["common lag [s]"])
+    assert all(
+        len(text.split(" +- ")[1].replace("0.", "").lstrip("0")) == 2
+        for text in table["common lag [s]"]
+    )
 
 
 def test_a_channel_s_interval_is_as_skew_as_the_common_one() -> None:
-    scan: LagScan = replace(fitted("P2", 0.75)[0].scan, mean_s=0.7, sd_s=0.1, low95_s=0.55, high95_s=0.95)
+    scan: LagScan = replace(
+        fitted("P2", 0.75)[0].scan, mean_s=0.7, sd_s=0.1, low95_s=0.55, high95_s=0.95
+    )
     alone = scan.skewed(0.72, 1.0, 0.0)
     assert (alone.low95, alone.high95, alone.u) == pytest.approx((0.57, 0.97, 0.1))
     mostly_own = scan.skewed(0.72, 1.0, 1.0**2)
-    assert mostly_own.high95 - 0.72 == pytest.approx(Z95 * mostly_own.u, rel=0.02)  # a large normal part evens it out
+    assert mostly_own.high95 - 0.72 == pytest.approx(
+        Z95 * mostly_own.u, rel=0.02
+    )  # a large normal part evens it out
     fit = fitted("P2", 0.75)[1]
     c = fit.common_lag_s
     skew = (c.high95 - c.value) / (c.value - c.low95)

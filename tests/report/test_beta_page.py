@@ -28,9 +28,13 @@ def test_the_sources_add_up_to_all_together(partition: Partition) -> None:
     steady, cooling = partition.budget.together
     both = partition.both.estimates["beta"].u
     assert hypot(*tables.both_budget(partition).values()) == pytest.approx(both, rel=1e-9)
-    assert [float(x) for x in table.iloc[-1, 1:]] == pytest.approx([both, steady, cooling], abs=5e-5)
+    assert [float(x) for x in table.iloc[-1, 1:]] == pytest.approx(
+        [both, steady, cooling], abs=5e-5
+    )
     # independent sources in a nearly linear model: 4000 draws know each spread to 1.1 %, and none is above the sum
-    assert hypot(*(r.u_beta_steady for r in partition.budget.rows)) == pytest.approx(steady, rel=0.06)
+    assert hypot(*(r.u_beta_steady for r in partition.budget.rows)) == pytest.approx(
+        steady, rel=0.06
+    )
     # the worse disk of each source: never below the worse disk of all
     assert hypot(*(r.u_beta_transient for r in partition.budget.rows)) > 0.97 * cooling
 
@@ -70,7 +74,9 @@ def test_the_model_of_the_page_is_the_fits_own(partition: Partition) -> None:
         assert m.at_s[0] < -60
         assert m.at_s[-1] > 5
         under_load = m.measured[m.at_s < 0].mean(axis=0) - m.model[m.at_s < 0].mean(axis=0)
-        assert abs(under_load).max() < 0.03  # K: what nobody measured has moved the model onto the readings
+        assert (
+            abs(under_load).max() < 0.03
+        )  # K: what nobody measured has moved the model onto the readings
         z = (m.measured - m.model) / m.sd
         assert 0.7 < float((z**2).mean()) < 2.0
     rows = tables.residuals_table(partition)
@@ -78,9 +84,13 @@ def test_the_model_of_the_page_is_the_fits_own(partition: Partition) -> None:
     assert (rows["rms over noise [1]"].astype(float) < 2).all()
 
 
-def test_a_page_tells_answer_status_and_sources_and_that_it_is_simulated(partition: Partition, tmp_path: Path) -> None:
+def test_a_page_tells_answer_status_and_sources_and_that_it_is_simulated(
+    partition: Partition, tmp_path: Path
+) -> None:
     sources = pd.DataFrame({"what": ["log"], "file": ["B3.csv"]})
-    page = write_beta_report(tmp_path / "x.html", {"B3": partition}, {"B3": 0.7}, sources).read_text(encoding="utf-8")
+    page = write_beta_report(
+        tmp_path / "x.html", {"B3": partition}, {"B3": 0.7}, sources
+    ).read_text(encoding="utf-8")
     page = page.replace("\u00a0", " ")  # no line ends there
     head = page[page.index("<h1>") : page.index("<section>")]
     assert '<span class="simulated">' in head
@@ -94,7 +104,9 @@ def test_a_page_tells_answer_status_and_sources_and_that_it_is_simulated(partiti
 
 
 def test_disks_differ_in_tone_line_and_marker() -> None:
-    fast, slow = (sum(w * c for w, c in zip((0.299, 0.587, 0.114), to_rgb(DISK_COLOUR[d]))) for d in DISKS)
+    fast, slow = (
+        sum(w * c for w, c in zip((0.299, 0.587, 0.114), to_rgb(DISK_COLOUR[d]))) for d in DISKS
+    )
     assert abs(fast - slow) > 0.2  # of white; a printer's grey wedge has ten steps
     assert DISK_LINE["fast"] != DISK_LINE["slow"]
     assert DISK_MARKER["fast"] != DISK_MARKER["slow"]
@@ -105,5 +117,7 @@ def test_equal_answers_on_the_lines_stay_visible(partition: Partition) -> None:
     draw.draw_lines(partition, ax)
     points = [c.lines[0] for c in ax.containers if c.get_label().endswith("fast")]
     assert len({p.get_marker() for p in points}) == 3
-    assert [p.get_markersize() for p in points] == sorted((p.get_markersize() for p in points), reverse=True)
+    assert [p.get_markersize() for p in points] == sorted(
+        (p.get_markersize() for p in points), reverse=True
+    )
     assert [p.get_zorder() for p in points] == sorted(p.get_zorder() for p in points)

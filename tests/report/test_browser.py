@@ -22,7 +22,12 @@ from tests.conftest import Campaign
 from tests.report.test_campaign_page import sixteen
 
 BROWSER = next(
-    (found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None
+    (
+        found
+        for name in ("chromium", "chromium-browser", "google-chrome")
+        if (found := shutil.which(name))
+    ),
+    None,
 )
 needs_browser = pytest.mark.skipif(BROWSER is None, reason="no Chromium on this machine")
 
@@ -50,14 +55,37 @@ def campaign_page(_: Campaign, __: Partition, page: Path) -> int:
 
 def certificate(campaign: Campaign, _: Partition, page: Path) -> int:
     plunges = [w for plunge in campaign.files.plunges["fast"] for w in ("--immersion", plunge)]
-    return tcdyn("calibrate", "--rig", campaign.files.rig, "--disk", "fast", "--oven", campaign.files.ovens["fast"],
-                 *plunges, "--fluid", "mobil-jet-ii", "--out", page.with_suffix(".json"), "--report", page,
-                 "-q")  # fmt: skip
+    return tcdyn(
+        "calibrate",
+        "--rig",
+        campaign.files.rig,
+        "--disk",
+        "fast",
+        "--oven",
+        campaign.files.ovens["fast"],
+        *plunges,
+        "--fluid",
+        "mobil-jet-ii",
+        "--out",
+        page.with_suffix(".json"),
+        "--report",
+        page,
+        "-q",
+    )
 
 
 def compensate(campaign: Campaign, _: Partition, page: Path) -> int:
     out = page.with_suffix(".csv")
-    return tcdyn("compensate", campaign.files.ehl["B3"], *records(campaign), "--out", out, "--report", page, "-q")
+    return tcdyn(
+        "compensate",
+        campaign.files.ehl["B3"],
+        *records(campaign),
+        "--out",
+        out,
+        "--report",
+        page,
+        "-q",
+    )
 
 
 def design(_: Campaign, __: Partition, page: Path) -> int:
@@ -68,7 +96,11 @@ def identify(_: Campaign, __: Partition, page: Path) -> int:
     u = np.repeat([0.0, 1.0, 0.2, 0.8, 0.0], 40)
     y = np.ravel(Chain((0.8,), conditioning=NO_CONDITIONING).response(u, 0.1, hold="zoh"))
     table = pd.DataFrame(
-        {"time_s": 0.1 * np.arange(200), "u": u, "y": y + np.random.default_rng(2).normal(0, 0.01, 200)}
+        {
+            "time_s": 0.1 * np.arange(200),
+            "u": u,
+            "y": y + np.random.default_rng(2).normal(0, 0.01, 200),
+        }
     )
     table.to_csv(page.with_suffix(".csv"), index=False)
     data, wanted = page.with_suffix(".csv"), ("--hold", "zoh", "--models", "P1")
@@ -85,11 +117,22 @@ PAGES = (beta, campaign_page, certificate, compensate, design, identify, demo, v
 def chromium(*words: object) -> str:
     """What the browser says on its standard error."""
     flags = [
-        "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-        "--disable-background-networking", "--disable-component-update", "--disable-sync", "--enable-logging=stderr",
-    ]  # fmt: skip
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--disable-quic",
+        "--no-first-run",
+        "--disable-background-networking",
+        "--disable-component-update",
+        "--disable-sync",
+        "--enable-logging=stderr",
+    ]
     done = subprocess.run(
-        [str(BROWSER), *flags, *(str(w) for w in words)], capture_output=True, text=True, timeout=120, check=True
+        [str(BROWSER), *flags, *(str(w) for w in words)],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
     )
     return done.stderr
 
@@ -123,8 +166,12 @@ def test_a_page_is_one_file_that_tells_its_answer_and_its_assumptions_first(page
     assert "url(" not in html
     first = html.index("<h2>")
     assert html.index('class="verdict"') < first
-    if "Published numbers" not in html:  # computed from the thesis's own figures: each row says what it assumes
+    if (
+        "Published numbers" not in html
+    ):  # computed from the thesis's own figures: each row says what it assumes
         assert html.index('class="assumptions"') < first
     body = html[html.index("<body>") :]
     assert "+-" not in body
-    assert not re.search(r"<th[^>]*>(u_)?[a-z]+(_[a-z]+)*_(s|degC|percent|rms)</th>", body)  # raw column names
+    assert not re.search(
+        r"<th[^>]*>(u_)?[a-z]+(_[a-z]+)*_(s|degC|percent|rms)</th>", body
+    )  # raw column names

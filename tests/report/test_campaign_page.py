@@ -43,9 +43,19 @@ def sixteen(close: float = 1.0) -> pd.DataFrame:
     for k, name in enumerate(NAMES):
         row: dict[str, Any] = dict.fromkeys(table_columns(), 0.1)
         load, speed = (850.0, 1460.0, 1850.0, 2320.0)[k % 4], (10.0, 13.0, 16.0, 20.0)[k // 4]
-        row |= {"test": name, "error": "", "agree": "yes", "load_N": load, "sliding_speed_m_s": speed}
+        row |= {
+            "test": name,
+            "error": "",
+            "agree": "yes",
+            "load_N": load,
+            "sliding_speed_m_s": speed,
+        }
         row |= {"delta_T_us_K_m_s": 400 + close * load * speed / 40, "u_delta_T_us_K_m_s": 3.0}
-        row |= {"beta": 0.75 - 1e-4 * load * speed / 40, "u_beta": 0.01, "friction_N": 0.01 * load + 0.1 * speed}
+        row |= {
+            "beta": 0.75 - 1e-4 * load * speed / 40,
+            "u_beta": 0.01,
+            "friction_N": 0.01 * load + 0.1 * speed,
+        }
         rows.append(row)
     return pd.DataFrame(rows, columns=table_columns())
 
@@ -67,7 +77,11 @@ def test_two_tests_make_no_line_and_three_do() -> None:
         _, (ax,) = figure()
         table = sixteen().head(count)
         draw.draw_traction(table, ax)
-        drawn = [line for line in ax.lines if len(line.get_xdata()) == 2 and line.get_linestyle() != "None"]
+        drawn = [
+            line
+            for line in ax.lines
+            if len(line.get_xdata()) == 2 and line.get_linestyle() != "None"
+        ]
         assert len(drawn) == lines
         assert " ".join(trend_words(table).get("quantity", ())).count("traction force") == lines
 
@@ -82,7 +96,9 @@ def test_pictures_tell_groups_apart_without_colour() -> None:
 
 def test_tables_speak_words_and_units_not_column_names() -> None:
     table = sixteen()
-    everything = " ".join(table_html(shown) for shown in (trend_words(table), partition_table(table)))
+    everything = " ".join(
+        table_html(shown) for shown in (trend_words(table), partition_table(table))
+    )
     assert "_" not in everything.replace("ΔT u_s", "")
     assert "bulk temperature, fast disk [°C]" in everything
     assert partition_table(table).shape[1] <= 8  # more do not fit a printed page
@@ -121,24 +137,39 @@ def test_a_slope_over_heat_is_told_for_a_thousand_of_its_units_and_a_scatter_whe
     assert "scatter" not in trend_sentence(likely)
 
 
-def test_one_power_of_the_speed_is_doubted_where_chance_does_not_explain_the_change(whole: JoinedCampaign) -> None:
+def test_one_power_of_the_speed_is_doubted_where_chance_does_not_explain_the_change(
+    whole: JoinedCampaign,
+) -> None:
     for chance, said in ((0.2, "one power is enough"), (0.01, "one power may not be enough")):
         assert said in exponent_words(replace(whole, law=replace(whole.law, p_value=chance)))
 
 
-def test_a_model_s_curve_costs_a_degree_of_freedom_where_its_level_is_free(whole: JoinedCampaign) -> None:
+def test_a_model_s_curve_costs_a_degree_of_freedom_where_its_level_is_free(
+    whole: JoinedCampaign,
+) -> None:
     curve = Curve("m.csv", "load_N", np.array([800.0, 2400.0]), np.array([0.7, 0.7]), np.zeros(2))
-    test = CurveTest(curve, ("A1", "A2", "A3"), 12.0, 0.007, 5.0, 0.08, Estimate.normal(0.01, 0.002))
+    test = CurveTest(
+        curve, ("A1", "A2", "A3"), 12.0, 0.007, 5.0, 0.08, Estimate.normal(0.01, 0.002)
+    )
     said = joined_sections(replace(whole, curves=(test,)))[1].text
-    assert "chi-squared 12.0 on 3 tests (chance 0.007); with its level free 5.0 on 2 (chance 0.08)" in said
+    assert (
+        "chi-squared 12.0 on 3 tests (chance 0.007); with its level free 5.0 on 2 (chance 0.08)"
+        in said
+    )
     assert "does not fit" not in said
 
 
-def test_the_page_says_that_the_shape_of_a_curve_does_not_fit_and_what_scatter_was_added(whole: JoinedCampaign) -> None:
+def test_the_page_says_that_the_shape_of_a_curve_does_not_fit_and_what_scatter_was_added(
+    whole: JoinedCampaign,
+) -> None:
     curve = Curve("m.csv", "load_N", np.array([800.0, 2400.0]), np.array([0.7, 0.7]), np.zeros(2))
-    test = CurveTest(curve, ("A1", "A2", "A3"), 52.0, 1e-10, 45.0, 1e-9, Estimate.normal(0.01, 0.002), 0.0131)
+    test = CurveTest(
+        curve, ("A1", "A2", "A3"), 52.0, 1e-10, 45.0, 1e-9, Estimate.normal(0.01, 0.002), 0.0131
+    )
     said = joined_sections(replace(whole, curves=(test,)))[1].text
-    assert "the tests lying 0.0100 \u00b1 0.0020 above it." in said.replace("\u00a0", " ").replace("+-", "\u00b1")
+    assert "the tests lying 0.0100 \u00b1 0.0020 above it." in said.replace("\u00a0", " ").replace(
+        "+-", "\u00b1"
+    )
     assert "The shape of the curve does not fit the tests" in said
     assert "an independent scatter of 0.013 was added to every test" in said
 
@@ -147,7 +178,11 @@ def test_the_verdict_of_a_campaign_counts_the_tests_whose_ways_agree(tmp_path: P
     table = sixteen().head(3)
     said = campaign_verdict(CampaignRun(tmp_path, (), table))
     assert "The ways to β agree in 3 of 3 tests." in said
-    assert said.index(str(table["test"].iloc[-1])) < said.index("largest in") < said.index(str(table["test"].iloc[0]))
+    assert (
+        said.index(str(table["test"].iloc[-1]))
+        < said.index("largest in")
+        < said.index(str(table["test"].iloc[0]))
+    )
     table = table.assign(agree=["yes", "no", "yes"])
     assert "agree in 2 of 3 tests, not in A2." in campaign_verdict(CampaignRun(tmp_path, (), table))
 
@@ -157,10 +192,14 @@ def test_a_campaign_of_one_test_is_not_told_in_the_plural_nor_as_one_measurement
 ) -> None:
     monkeypatch.setattr("tcdyn.report.campaign.campaign_pictures", lambda table: [])
     for count, title in ((1, "Campaign of 1 test<"), (2, "Campaign of 2 tests<")):
-        run = CampaignRun(tmp_path, (), sixteen().head(count), joined({"EHL_A1": answer_of(toy(1).kept[0])}))
+        run = CampaignRun(
+            tmp_path, (), sixteen().head(count), joined({"EHL_A1": answer_of(toy(1).kept[0])})
+        )
         page = write_campaign_report(tmp_path / "p.html", run).read_text(encoding="utf-8")
         assert title in page
-        assert ("running surfaces" in page.split("<h2>Conditions")[1].split("<h2>")[0]) == (count == 1)
+        assert ("running surfaces" in page.split("<h2>Conditions")[1].split("<h2>")[0]) == (
+            count == 1
+        )
         assert ("no sliding speed has tests" in page) == (count == 2)
         assert "All tests of a rig share its errors" not in page
 
@@ -172,7 +211,9 @@ def test_the_page_shows_both_uncertainties_n_trends_and_junctions(whole: JoinedC
     assert {"u within [1]", "u absolute [1]"} <= set(table.columns)
     within, absolute = (table[c].astype(float) for c in ("u within [1]", "u absolute [1]"))
     assert (within < absolute).all()
-    everything = " ".join(f"{s.text} {table_html(s.table) if s.table is not None else ''}" for s in sections)
+    everything = " ".join(
+        f"{s.text} {table_html(s.table) if s.table is not None else ''}" for s in sections
+    )
     assert "n = " in everything
     assert "beside sliding speed" in everything
     assert "_" not in everything.replace("ΔT u_s", "").replace("speed_exponent", "")
@@ -183,7 +224,10 @@ def test_the_page_shows_both_uncertainties_n_trends_and_junctions(whole: JoinedC
 def test_bars_within_the_campaign_lie_inside_the_absolute_ones(whole: JoinedCampaign) -> None:
     _, (ax,) = figure()
     drawn = draw_joined_beta(whole, ax)
-    heights = [np.ptp([seg[:, 1] for seg in c.lines[2][0].get_segments()], axis=1) for c in drawn.containers]
+    heights = [
+        np.ptp([seg[:, 1] for seg in c.lines[2][0].get_segments()], axis=1)
+        for c in drawn.containers
+    ]
     assert len(heights) == 2
     assert (heights[1] < heights[0]).all()
 
@@ -197,5 +241,7 @@ def test_a_note_that_repeats_is_said_once() -> None:
 
 def test_a_campaign_has_the_thesis_s_figures() -> None:
     sections = campaign_pictures(sixteen().head(4))
-    assert [s.figure is not None for s in sections] == [True] * 4  # 7.18, 7.20, 6.17, and 6.33 with 6.34
+    assert [s.figure is not None for s in sections] == [
+        True
+    ] * 4  # 7.18, 7.20, 6.17, and 6.33 with 6.34
     assert "running surfaces" in sections[0].text  # what dT u_s is

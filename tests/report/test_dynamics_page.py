@@ -18,12 +18,17 @@ from tcdyn.report.dynamics import write_identify_report
 from tests.identify.identify_cases import case_a
 
 
-def test_the_page_of_an_identification_counts_runs_and_samples(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_page_of_an_identification_counts_runs_and_samples(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     for drawn in ("fit_figure", "dynamics_figure", "residual_figure"):
         monkeypatch.setattr(f"tcdyn.report.dynamics.{drawn}", lambda *_: None)
     one = case_a("prbs", 1)
     found = compare(one, ["P1"])
-    for record, said in ((one, "1 run, 800 samples at 0.05 s."), (one.merge(one), "2 runs, 1600 samples at 0.05 s.")):
+    for record, said in (
+        (one, "1 run, 800 samples at 0.05 s."),
+        (one.merge(one), "2 runs, 1600 samples at 0.05 s."),
+    ):
         write_identify_report(tmp_path / "p.html", record, found, Conditioning(poles=0))
         assert said in (tmp_path / "p.html").read_text(encoding="utf-8")
 
@@ -36,7 +41,9 @@ def test_the_picture_of_a_followed_log_holds_its_95_percent_band_and_leaves_room
     x = np.array([20.0, 30.0, 60.0, 50.0, 40.0])
     pd.DataFrame({"time_s": t, "e_degC": x, "e_u_K": 0.5}).to_csv(tmp_path / "o.csv", index=False)
     plan = cast(Causal, SimpleNamespace(junctions=["e_degC"]))
-    (tmp_path / "log.csv").write_text("t,T\n0,20\n", encoding="utf-8")  # other names: no readings are drawn
+    (tmp_path / "log.csv").write_text(
+        "t,T\n0,20\n", encoding="utf-8"
+    )  # other names: no readings are drawn
     section, rows = _followed(plan, tmp_path / "log.csv", tmp_path / "o.csv")
     assert rows == 5
     assert section.figure is not None
@@ -44,5 +51,7 @@ def test_the_picture_of_a_followed_log_holds_its_95_percent_band_and_leaves_room
     corners = ax.collections[0].get_paths()[0].vertices
     for at, value in zip(t, x):
         ends = corners[np.isclose(corners[:, 0], at), 1]
-        assert (ends.min(), ends.max()) == pytest.approx((value - 0.98, value + 0.98), abs=1e-4)  # 1.95996
+        assert (ends.min(), ends.max()) == pytest.approx(
+            (value - 0.98, value + 0.98), abs=1e-4
+        )  # 1.95996
     assert ax.get_ylim() == pytest.approx((15.0, 65.0))

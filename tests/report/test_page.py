@@ -39,17 +39,25 @@ def test_a_picture_scrolls_at_a_readable_size_and_stays_with_its_heading_in_prin
     ax.plot([0, 1])
     page = render_page("B3", [Section("x", figure=drawn, caption="what to see")])
     assert '<div class="keep">\n<h2>x</h2>' in page
-    assert page.index('<div class="scroll"><img') < page.index('style="--in: 8.5"') < page.index("<figcaption>what")
+    assert (
+        page.index('<div class="scroll"><img')
+        < page.index('style="--in: 8.5"')
+        < page.index("<figcaption>what")
+    )
     long = pd.DataFrame({"row": range(40)})
     assert 'class="keep"' not in render_page("B3", [Section("x", table=long)])
 
 
 @pytest.mark.parametrize(("end", "width_in"), [(0.75, 1.2), (1.25, 2.2)])
-def test_a_picture_ends_a_tenth_of_an_inch_beyond_what_is_drawn_and_so_beyond_its_figure(end, width_in) -> None:
+def test_a_picture_ends_a_tenth_of_an_inch_beyond_what_is_drawn_and_so_beyond_its_figure(
+    end, width_in
+) -> None:
     drawn = Figure(figsize=(2.0, 2.0))
     drawn.add_artist(Rectangle((0.25, 0.25), end - 0.25, 0.5))
     picture = imread(BytesIO(b64decode(figure_data_uri(drawn, 100).split(",")[1])))
-    assert picture.shape[:2] == pytest.approx((120, 100 * width_in), abs=2)  # of pixels that are partly covered
+    assert picture.shape[:2] == pytest.approx(
+        (120, 100 * width_in), abs=2
+    )  # of pixels that are partly covered
 
 
 def test_a_heading_wider_than_its_picture_is_whole_wherever_the_border_falls() -> None:
@@ -61,7 +69,10 @@ def test_a_heading_wider_than_its_picture_is_whole_wherever_the_border_falls() -
         picture = imread(BytesIO(b64decode(figure_data_uri(drawn, 100).split(",")[1])))
         assert (drawn.canvas, drawn.dpi) == was
         drawn.set_dpi(100)
-        assert picture.shape[1] >= ax.title.get_window_extent(FigureCanvasAgg(drawn).get_renderer()).width
+        assert (
+            picture.shape[1]
+            >= ax.title.get_window_extent(FigureCanvasAgg(drawn).get_renderer()).width
+        )
 
 
 def test_cells_are_set_by_what_they_hold() -> None:
@@ -80,8 +91,13 @@ def test_cells_are_set_by_what_they_hold() -> None:
         '<td class="words" data-name="way">speed law</td><td class="number" data-name="β [1]">0.710 ± 0.009</td>'
         in html
     )
-    assert '<td class="number" data-name="h">745.9</td>' in html  # the name is shown where a row becomes a card
-    assert '<td class="number" data-name="h"></td><td class="prose" data-name="why">a &lt; b &amp; c</td>' in html
+    assert (
+        '<td class="number" data-name="h">745.9</td>' in html
+    )  # the name is shown where a row becomes a card
+    assert (
+        '<td class="number" data-name="h"></td><td class="prose" data-name="why">a &lt; b &amp; c</td>'
+        in html
+    )
     assert '<th class="prose">why</th>' in html
     assert '<th class="number">β <span class="unit">[1]</span></th>' in html
     assert '<td class="long" data-name="sha">0123456789abcdef0123456789abcdef</td>' in html
@@ -89,11 +105,18 @@ def test_cells_are_set_by_what_they_hold() -> None:
 
 def test_a_table_of_twenty_rows_is_kept_on_one_printed_page() -> None:
     for rows, short in ((20, True), (21, False)):
-        assert table_html(pd.DataFrame({"row": range(rows)})).startswith('<table class="short">') == short
+        assert (
+            table_html(pd.DataFrame({"row": range(rows)})).startswith('<table class="short">')
+            == short
+        )
 
 
 def test_an_uncertainty_too_small_for_its_digits_is_told_as_below_them() -> None:
-    assert (u_of_beta(0.0123), u_of_beta(0.00005), u_of_beta(0.000049)) == ("0.0123", "0.0001", "below 0.0001")
+    assert (u_of_beta(0.0123), u_of_beta(0.00005), u_of_beta(0.000049)) == (
+        "0.0123",
+        "0.0001",
+        "below 0.0001",
+    )
 
 
 def test_sources_name_the_record_s_file_and_of_a_part_of_a_log_the_whole(tmp_path: Path) -> None:
@@ -119,8 +142,14 @@ def test_what_was_mended_is_a_note_and_the_rest_a_warning() -> None:
     mended = "651 spikes in 12 channels were taken as missing, most in fast_c_degC (122)"
     alarm = "fast disk: c read 22 to 140 degC, calibrated from 20 to 130 degC: static lines extrapolate there"
     said = [note("said", text=mended), look("said", text=alarm)]
-    page = plain(render_page("B3", [Section("x", "0.66 +- 0.01 W/m2K")], findings=said, assumptions=["n = 2/3"]))
-    warned, noted = (page.split(f'<div class="{kind}">')[1].split("</div>")[0] for kind in ("warnings", "notes"))
+    page = plain(
+        render_page(
+            "B3", [Section("x", "0.66 +- 0.01 W/m2K")], findings=said, assumptions=["n = 2/3"]
+        )
+    )
+    warned, noted = (
+        page.split(f'<div class="{kind}">')[1].split("</div>")[0] for kind in ("warnings", "notes")
+    )
     assert mended in noted
     assert mended not in warned
     assert "22 to 140 °C" in warned
@@ -133,13 +162,35 @@ def test_what_was_mended_is_a_note_and_the_rest_a_warning() -> None:
 @pytest.mark.parametrize(
     ("found", "unfit"),
     [
-        (look("values.absent", subject="e_degC", count=1, row=9, time_s=0.1, length=1, length_s=0.013), False),
-        (look("line.extrapolated", subject="a, e", read_degC=[20, 190], range_degC=[20, 160], u_K=0.3), False),
+        (
+            look(
+                "values.absent",
+                subject="e_degC",
+                count=1,
+                row=9,
+                time_s=0.1,
+                length=1,
+                length_s=0.013,
+            ),
+            False,
+        ),
+        (
+            look(
+                "line.extrapolated",
+                subject="a, e",
+                read_degC=[20, 190],
+                range_degC=[20, 160],
+                u_K=0.3,
+            ),
+            False,
+        ),
         (look("noise.high", subject="e_degC", noise_K=2.0, others_K=0.14), True),
         (look("line.curved", subject="e", p=0.001), True),
     ],
 )
-def test_a_gap_in_a_log_is_no_fault_of_a_thermocouple_and_noise_is(found: Finding, unfit: bool) -> None:
+def test_a_gap_in_a_log_is_no_fault_of_a_thermocouple_and_noise_is(
+    found: Finding, unfit: bool
+) -> None:
     file = Path(__file__).parents[1] / "calibration" / "of_version_0_1.disk.json"
     plain = read_record(file)
     before = channel_verdicts(plain)

@@ -45,9 +45,13 @@ def unloaded() -> Any:
         setup = RIG.disk_setup(disk)
         readings = offset + np.arange(len(setup.channels)) + time_s[:, None] / 100
         disks[disk] = SimpleNamespace(setup=setup, left_out="", readings_degC=readings)
-        done[disk] = SimpleNamespace(temperature=readings[rows] + 1.0, sd=np.full_like(readings[rows], 0.25))
+        done[disk] = SimpleNamespace(
+            temperature=readings[rows] + 1.0, sd=np.full_like(readings[rows], 0.25)
+        )
     events = SimpleNamespace(unload_s=1500.0, load_on_s=50.0)
-    return SimpleNamespace(test=SimpleNamespace(time_s=time_s, events=events, disks=disks), rows=rows, compensated=done)
+    return SimpleNamespace(
+        test=SimpleNamespace(time_s=time_s, events=events, disks=disks), rows=rows, compensated=done
+    )
 
 
 def test_an_unloading_is_drawn_about_the_parting_with_bands_of_95_percent() -> None:
@@ -87,20 +91,26 @@ def test_temperatures_of_a_whole_test_are_drawn_by_every_third_row_of_20_000() -
 
 
 @pytest.mark.parametrize(("disk", "word"), [("fast", "A + B h"), ("slow", "1 - (C + D h)")])
-def test_a_disk_s_line_is_drawn_as_beta_through_the_points_that_lie_on_it(disk: str, word: str) -> None:
+def test_a_disk_s_line_is_drawn_as_beta_through_the_points_that_lie_on_it(
+    disk: str, word: str
+) -> None:
     share = SimpleNamespace(intercept=0.2, slope=1e-4)
     h = {way: Estimate.normal(at, 50.0) for way, at in (("cooling", 800.0), ("joint", 1000.0))}
     beta = {w: Estimate.normal(0.2 + 1e-4 * e.value, 0.01) for w, e in h.items()}
     if disk == "slow":
         beta = {w: Estimate.normal(1 - e.value, e.u) for w, e in beta.items()}
     answers = {**beta, **{f"h {w}": e for w, e in h.items()}}
-    p: Any = SimpleNamespace(disk=disk, answers=answers, withheld=(), line=SimpleNamespace(line=share))
+    p: Any = SimpleNamespace(
+        disk=disk, answers=answers, withheld=(), line=SimpleNamespace(line=share)
+    )
     ax = partitions.draw_line(p, axes())
     line = drawn(ax.lines[0])
     assert word in str(ax.lines[0].get_label())
     assert line[:, 0] == pytest.approx([0.0, 1250.0])  # a quarter beyond the larger h
     marks, low, high = bars(ax)
-    assert marks.astype(float) == pytest.approx(np.array([[e.value, beta[w].value] for w, e in h.items()]))
+    assert marks.astype(float) == pytest.approx(
+        np.array([[e.value, beta[w].value] for w, e in h.items()])
+    )
     for x, y in marks:
         assert np.interp(x, *line.T) == pytest.approx(y)
     assert (high - low)[::2] == pytest.approx(2 * Z95 * 50.0)  # those along h
@@ -131,7 +141,9 @@ def test_residuals_of_channels_stand_side_by_side_about_the_prt_in_a_band_of_95_
     assert places.mean(axis=0) == pytest.approx(prt)
     assert np.diff(places, axis=0) == pytest.approx(0.006 * np.ptp(prt))
     for line in ax.lines[:6]:
-        assert drawn(line)[:, 1] == pytest.approx(oven.residuals[f"{line.get_label()}_degC"].to_numpy())
+        assert drawn(line)[:, 1] == pytest.approx(
+            oven.residuals[f"{line.get_label()}_degC"].to_numpy()
+        )
     tones = [float(str(line.get_color())) for line in ax.lines[:6]]
     assert tones == pytest.approx(np.linspace(0.0, 0.6, 6))  # black to grey
     first = next(iter(oven.lines.values()))
@@ -148,9 +160,14 @@ def test_the_lag_s_sources_stand_in_pairs_the_largest_on_top() -> None:
     ]
     ax = pictures.draw_lag_budget(shares, axes())
     common, rest = ax.containers
-    for drawn_, side, lengths in ((common, 0.19, [0.01, 0.04, 0.1]), (rest, -0.19, [0.02, 0.01, 0.0])):
+    for drawn_, side, lengths in (
+        (common, 0.19, [0.01, 0.04, 0.1]),
+        (rest, -0.19, [0.02, 0.01, 0.0]),
+    ):
         assert [b.get_width() for b in drawn_] == pytest.approx(lengths)
-        assert [b.get_y() + b.get_height() / 2 for b in drawn_] == pytest.approx(np.arange(3) + side)
+        assert [b.get_y() + b.get_height() / 2 for b in drawn_] == pytest.approx(
+            np.arange(3) + side
+        )
     assert [t.get_text() for t in ax.get_yticklabels()] == ["noise", "depth", "h"]
     assert ax.get_xlim() == pytest.approx((0.0, 0.11))
     for text in ax.texts:
@@ -158,7 +175,9 @@ def test_the_lag_s_sources_stand_in_pairs_the_largest_on_top() -> None:
         bar = [b for b in (*common, *rest) if abs(b.get_y() + b.get_height() / 2 - y) < 1e-9]
         assert len(bar) == 1
         assert float(text.get_text()) == pytest.approx(bar[0].get_width())
-        assert x == pytest.approx(bar[0].get_width() + 0.001)  # a hundredth of the longest bar beyond its end
+        assert x == pytest.approx(
+            bar[0].get_width() + 0.001
+        )  # a hundredth of the longest bar beyond its end
 
 
 def test_the_histogram_of_errors_counts_them_all_between_lines_that_hold_95_percent() -> None:
@@ -174,14 +193,20 @@ def test_the_histogram_of_errors_counts_them_all_between_lines_that_hold_95_perc
 def test_a_log_of_an_oven_is_drawn_as_its_errors_and_a_trace_by_4000_points_at_most() -> None:
     prt = np.linspace(20.0, 160.0, 8)
     oven: Any = SimpleNamespace(
-        frame=pd.DataFrame({"prt_degC": prt, "a_degC": prt + 0.5}), kind="oven", channels=["a_degC"], metadata={}
+        frame=pd.DataFrame({"prt_degC": prt, "a_degC": prt + 0.5}),
+        kind="oven",
+        channels=["a_degC"],
+        metadata={},
     )
     (dots,) = pictures.draw_log(oven, axes()).lines
     assert drawn(dots) == pytest.approx(np.column_stack([prt, np.full(8, 0.5)]))
     names = [f"{c}_degC" for c in "abcdefgh"]
     t = np.arange(12_000) / 75
     log: Any = SimpleNamespace(
-        frame=pd.DataFrame({"time_s": t, **dict.fromkeys(names, t)}), kind="ehl", channels=names, metadata={}
+        frame=pd.DataFrame({"time_s": t, **dict.fromkeys(names, t)}),
+        kind="ehl",
+        channels=names,
+        metadata={},
     )
     lines = pictures.draw_log(log, axes()).lines
     assert drawn(lines[0])[:, 0] == pytest.approx(t[::3])
@@ -190,10 +215,15 @@ def test_a_log_of_an_oven_is_drawn_as_its_errors_and_a_trace_by_4000_points_at_m
 
 
 @pytest.mark.parametrize("taus_s", [(2.0,), (1.5, 0.5)])
-def test_a_chain_is_drawn_by_its_step_response_from_before_the_step_to_six_lags(taus_s: tuple[float, ...]) -> None:
+def test_a_chain_is_drawn_by_its_step_response_from_before_the_step_to_six_lags(
+    taus_s: tuple[float, ...],
+) -> None:
     step, answer, lag = pictures.draw_chain(Chain(taus_s), axes()).lines
     t, y = drawn(answer).T
-    assert (t[0], t[-1]) == (pytest.approx(-0.6, abs=0.03), pytest.approx(12.0, abs=0.03))  # rows are 0.02 s
+    assert (t[0], t[-1]) == (
+        pytest.approx(-0.6, abs=0.03),
+        pytest.approx(12.0, abs=0.03),
+    )  # rows are 0.02 s
     assert drawn(step)[:, 1] == pytest.approx((t > -1e-9).astype(float))
     since = np.maximum(t, 0.0)
     if len(taus_s) == 1:
@@ -219,11 +249,15 @@ def test_names_over_a_picture_take_as_many_rows_as_keep_them_apart() -> None:
     for gap, second in ((0.035, 13), (0.037, 3)):
         apart.clear()
         name_points(apart, [0.0, gap, 1.0], ["A1", "A2", "B1"])
-        assert {t.get_text(): t.xyann[1] for t in apart.texts if isinstance(t, Annotation)}["A2"] == second
+        assert {t.get_text(): t.xyann[1] for t in apart.texts if isinstance(t, Annotation)}[
+            "A2"
+        ] == second
 
 
 def test_the_referee_s_marks_stand_in_a_frame_that_holds_them_and_two_sd() -> None:
-    table = pd.DataFrame({"disk": ["fast", "slow"], "quantity": ["beta", "h_W_m2K"], "z": [-5.0, 0.5]})
+    table = pd.DataFrame(
+        {"disk": ["fast", "slow"], "quantity": ["beta", "h_W_m2K"], "z": [-5.0, 0.5]}
+    )
     ax = draw_referee(table, axes())
     assert [drawn(line)[0].tolist() for line in ax.lines[:2]] == [[-5.0, 1.0], [0.5, 0.0]]
     assert [t.get_text() for t in ax.get_yticklabels()] == ["fast β", "slow h"]
@@ -231,7 +265,9 @@ def test_the_referee_s_marks_stand_in_a_frame_that_holds_them_and_two_sd() -> No
     assert ax.get_ylim() == pytest.approx((-0.6, 1.6))
     assert draw_referee(table.assign(z=0.1), axes()).get_xlim() == (-3.0, 3.0)
     (band,) = ax.patches
-    assert band.get_extents().transformed(ax.transData.inverted()).intervalx == pytest.approx([-2.0, 2.0])
+    assert band.get_extents().transformed(ax.transData.inverted()).intervalx == pytest.approx(
+        [-2.0, 2.0]
+    )
 
 
 def test_a_compensated_trace_is_drawn_in_its_band_with_what_is_flagged_and_events_inside() -> None:
@@ -241,9 +277,12 @@ def test_a_compensated_trace_is_drawn_in_its_band_with_what_is_flagged_and_event
     y = np.column_stack([t, 2 * t])
     y[9003] = np.nan
     result: Any = SimpleNamespace(
-        time_s=t, temperature=np.column_stack([t, 2 * t + 5]), sd=np.full((12_000, 2), 0.5), flags=flags,
+        time_s=t,
+        temperature=np.column_stack([t, 2 * t + 5]),
+        sd=np.full((12_000, 2), 0.5),
+        flags=flags,
         events_s=((500.0, "load"), (900.0, "parting"), (1100.0, "stop")),
-    )  # fmt: skip
+    )
     ax = draw_compensated(result, y, axes(), channel=1, window_s=(300.0, 1000.0))
     logged, done, bad, event, last = ax.lines
     x = drawn(done)[:, 0]
@@ -253,7 +292,9 @@ def test_a_compensated_trace_is_drawn_in_its_band_with_what_is_flagged_and_event
     assert drawn(bad) == pytest.approx(np.array([[300.0, 600.0], [900.0, 1800.0]]))
     assert [event.get_xdata()[0], last.get_xdata()[0]] == [500.0, 900.0]  # type: ignore[index]
     (band,) = ax.collections
-    assert band.get_datalim(ax.transData).intervaly == pytest.approx([605 - Z95 / 2, 2005 + Z95 / 2])
+    assert band.get_datalim(ax.transData).intervaly == pytest.approx(
+        [605 - Z95 / 2, 2005 + Z95 / 2]
+    )
     whole = draw_compensated(result, None, axes()).lines[0]
     assert drawn(whole)[:, 0] == pytest.approx(t[::3])
 
@@ -261,9 +302,12 @@ def test_a_compensated_trace_is_drawn_in_its_band_with_what_is_flagged_and_event
 def test_the_chosen_weight_stands_on_the_l_curve_between_its_neighbours() -> None:
     weights = np.array([[1.0], [100.0]])
     tradeoff: Any = SimpleNamespace(
-        misfit=np.array([[4.0], [1.0]]), roughness=np.array([[1.0], [9.0]]), intensity=weights,
-        chosen=np.array([10.0]), criterion="the corner",
-    )  # fmt: skip
+        misfit=np.array([[4.0], [1.0]]),
+        roughness=np.array([[1.0], [9.0]]),
+        intensity=weights,
+        chosen=np.array([10.0]),
+        criterion="the corner",
+    )
     _, chosen = draw_tradeoff(tradeoff, axes()).lines
     assert drawn(chosen) == pytest.approx(np.array([[2.0, 3.0]]))  # geometric means
 
@@ -271,9 +315,14 @@ def test_the_chosen_weight_stands_on_the_l_curve_between_its_neighbours() -> Non
 def test_a_step_before_use_is_drawn_for_eight_rise_times_at_most() -> None:
     t = np.linspace(0.0, 100.0, 11)
     report: Any = SimpleNamespace(
-        step_time_s=t, raw_step=t / 100, step=t / 50, raw_rise_s=2.0, rise_s=0.5, remaining_shift_s=0.125,
+        step_time_s=t,
+        raw_step=t / 100,
+        step=t / 50,
+        raw_rise_s=2.0,
+        rise_s=0.5,
+        remaining_shift_s=0.125,
         noise_gain=3.0,
-    )  # fmt: skip
+    )
     assert draw_before_use(report, axes()).get_xlim() == (0.0, 16.0)
     report.raw_rise_s = 20.0
     assert draw_before_use(report, axes()).get_xlim() == (0.0, 100.0)

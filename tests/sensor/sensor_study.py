@@ -34,7 +34,9 @@ def pair(seed: int, step: bool = False) -> list[tuple[Estimate, float]]:
     quick = np.exp(rng.uniform(np.log(0.05), np.log(0.3)))
     taus = (quick, quick * rng.uniform(1.7, 5))
     noise = rng.uniform(0.1, 1.0)
-    made = two_in_a_gas(seed, taus, 0.01, 3000, (noise, noise * rng.uniform(0.5, 2)), 3.0 if step else 1.0)
+    made = two_in_a_gas(
+        seed, taus, 0.01, 3000, (noise, noise * rng.uniform(0.5, 2)), 3.0 if step else 1.0
+    )
     if not step:
         found = pair_sensor(*made[:3], ("A", "B"))
         return [(found.chain.channels[c].lag_s, tau) for c, tau in zip("AB", taus)]
@@ -61,7 +63,13 @@ def noise(seed: int) -> list[tuple[Estimate, float]]:
     rng = np.random.default_rng(seed)
     tau = np.exp(rng.uniform(np.log(0.3), np.log(5)))
     taus = (tau, *([tau * rng.uniform(0.05, 0.4)] if rng.random() < 0.5 else []))
-    t, y = fluctuating(seed, taus, tau / rng.uniform(8, 25), int(rng.uniform(10_000, 30_000)), rng.uniform(0.01, 0.2))
+    t, y = fluctuating(
+        seed,
+        taus,
+        tau / rng.uniform(8, 25),
+        int(rng.uniform(10_000, 30_000)),
+        rng.uniform(0.01, 0.2),
+    )
     made = noise_sensor(t, y, "T")
     return [(Estimate(**made.fit["lag_s"]), sum(taus))]
 
@@ -76,7 +84,14 @@ def gap(seed: int) -> list[tuple[Estimate, float]]:
     return current(seed, 0.2)
 
 
-DRAWS: dict[str, Draw] = {"plunge": plunge, "pair": pair, "flow": flow, "current": current, "gap": gap, "noise": noise}
+DRAWS: dict[str, Draw] = {
+    "plunge": plunge,
+    "pair": pair,
+    "flow": flow,
+    "current": current,
+    "gap": gap,
+    "noise": noise,
+}
 
 
 def main(which: str, draws: int, first: int = 0) -> None:
@@ -84,17 +99,28 @@ def main(which: str, draws: int, first: int = 0) -> None:
     rows, lost = [], 0
     for seed in range(first, first + draws):
         try:
-            rows.append([(e.covers(v), (e.value - v) / e.u, e.value / v - 1) for e, v in DRAWS[which](seed)])
+            rows.append(
+                [(e.covers(v), (e.value - v) / e.u, e.value / v - 1) for e, v in DRAWS[which](seed)]
+            )
         except ValueError as problem:
             lost += 1
             print(seed, problem)
     held, z, off = np.moveaxis(np.array(rows, dtype=float), -1, 0)
     print(f"{which}: {len(rows)} draws, {lost} refused")
     print("  95 % intervals hold", np.round(100 * held.mean(axis=0), 1), "%")
-    print("  error over u: mean", np.round(z.mean(axis=0), 2), "rms", np.round(np.sqrt((z**2).mean(axis=0)), 2))
+    print(
+        "  error over u: mean",
+        np.round(z.mean(axis=0), 2),
+        "rms",
+        np.round(np.sqrt((z**2).mean(axis=0)), 2),
+    )
     rms, most = 100 * np.sqrt((off**2).mean(axis=0)), 100 * np.abs(off).max(axis=0)
     print("  relative error, rms", np.round(rms, 2), "%, largest", np.round(most, 1), "%")
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], int(sys.argv[2]) if len(sys.argv) > 2 else 200, int(sys.argv[3]) if len(sys.argv) > 3 else 0)
+    main(
+        sys.argv[1],
+        int(sys.argv[2]) if len(sys.argv) > 2 else 200,
+        int(sys.argv[3]) if len(sys.argv) > 3 else 0,
+    )

@@ -31,11 +31,15 @@ def fluid(t: Array) -> Array:
     return 200 + 20 * np.sin(t / 7) + 30 * (1 - np.exp(-np.clip(t - third, 0, None) / 3.0))
 
 
-def logged(taus_s: tuple[float, ...], dt_s: float, n: int, noise_K: float, seed: int) -> tuple[Array, Array, Array]:
+def logged(
+    taus_s: tuple[float, ...], dt_s: float, n: int, noise_K: float, seed: int
+) -> tuple[Array, Array, Array]:
     """Time (N,) [s], fluid and reading (N,) [degC]."""
     fine = np.arange(n * FINE) * (dt_s / FINE)
     x = fluid(fine)
-    y = lagged(x, taus_s, dt_s / FINE)[::FINE] + noise_K * np.random.default_rng(seed).standard_normal(n)
+    y = lagged(x, taus_s, dt_s / FINE)[::FINE] + noise_K * np.random.default_rng(
+        seed
+    ).standard_normal(n)
     return fine[::FINE], x[::FINE], y
 
 
@@ -61,9 +65,15 @@ def varying(x: Array, tau_s: Array, dt_s: float) -> Array:
 
 
 def two_in_a_gas(
-    seed: int, taus_s: tuple[float, float], dt_s: float, n: int, noise_K: tuple[float, float], step: float = 1.0,
-    slow_s: tuple[float, ...] = (0.1, 1.0), fine: int = 4,
-) -> tuple[Array, Array, Array, Array]:  # fmt: skip
+    seed: int,
+    taus_s: tuple[float, float],
+    dt_s: float,
+    n: int,
+    noise_K: tuple[float, float],
+    step: float = 1.0,
+    slow_s: tuple[float, ...] = (0.1, 1.0),
+    fine: int = 4,
+) -> tuple[Array, Array, Array, Array]:
     """Time (N,) [s], two readings [degC] and the speed, which steps from 1 to ``step`` half way; lags go as its root.
 
     The gas swings at random with these time constants.
@@ -77,12 +87,15 @@ def two_in_a_gas(
     x = lagged(x, (0.02,), h)
     speed = np.where(np.arange(n * fine) < n * fine // 2, 1.0, step)
     read = [
-        varying(x, tau / np.sqrt(speed), h)[::fine] + sd * rng.standard_normal(n) for tau, sd in zip(taus_s, noise_K)
+        varying(x, tau / np.sqrt(speed), h)[::fine] + sd * rng.standard_normal(n)
+        for tau, sd in zip(taus_s, noise_K)
     ]
     return np.arange(n) * dt_s, read[0], read[1], speed[::fine]
 
 
-def fluctuating(seed: int, taus_s: tuple[float, ...], dt_s: float, n: int, logger_K: float) -> tuple[Array, Array]:
+def fluctuating(
+    seed: int, taus_s: tuple[float, ...], dt_s: float, n: int, logger_K: float
+) -> tuple[Array, Array]:
     """Time and reading of a sensor in a fluid whose fluctuations are white; ``logger_K`` over the reading's own 1 K."""
     rng = np.random.default_rng(seed)
     lead = int(20 * sum(taus_s) / dt_s) * FINE
@@ -116,11 +129,15 @@ class Sheath:
         edge = np.linspace(0, 1, SHELLS + 1)
         middle, wall = 0.5 * (edge[1:] + edge[:-1]), 1 - rng.uniform(0.1, 0.25)
         k = np.where(middle > wall, rng.uniform(5, 20), 1.0)
-        heat = np.where(middle > wall, rng.uniform(1.0, 1.6), 1.0) * (edge[1:] ** 2 - edge[:-1] ** 2)
+        heat = np.where(middle > wall, rng.uniform(1.0, 1.6), 1.0) * (
+            edge[1:] ** 2 - edge[:-1] ** 2
+        )
         between = 2 * edge[1:-1] / (np.diff(edge)[1:] / k[1:] / 2 + np.diff(edge)[:-1] / k[:-1] / 2)
         at = int(np.argmax(middle > wall)) - 1
         between[at] = 1 / (1 / between[at] + gap / (2 * edge[at + 1]))
-        out = 2.0 / (1 / np.exp(rng.uniform(np.log(0.5), np.log(10.0))) + np.diff(edge)[-1] / k[-1] / 2)
+        out = 2.0 / (
+            1 / np.exp(rng.uniform(np.log(0.5), np.log(10.0))) + np.diff(edge)[-1] / k[-1] / 2
+        )
         a = np.zeros((SHELLS, SHELLS))
         for i, g in enumerate(between):
             a[i, i] -= g
@@ -130,7 +147,9 @@ class Sheath:
         a[-1, -1] -= out
         a /= heat[:, None]
         made = np.where(middle < rng.uniform(0.05, 0.3), edge[1:] ** 2 - edge[:-1] ** 2, 0.0) / heat
-        lag = float(np.linalg.solve(-a, np.ones(SHELLS))[0])  # integral of what a plunge leaves at the middle
+        lag = float(
+            np.linalg.solve(-a, np.ones(SHELLS))[0]
+        )  # integral of what a plunge leaves at the middle
         dt = lag / 60
         step = expm(a * dt)
         return cls(step, np.linalg.solve(a, (step - np.eye(SHELLS)) @ made), dt, lag, 0)

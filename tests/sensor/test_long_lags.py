@@ -16,7 +16,15 @@ from tcdyn.sensor import read_sensor
 from tcdyn.sensor.file import sensor_file
 from tcdyn.sensor.plunge import plunge_sensor
 from tests.cli.test_main_job import tcdyn as run_cli
-from tests.sensor.sensor_world import Array, Sheath, fluctuating, lagged, two_in_a_gas, write, written
+from tests.sensor.sensor_world import (
+    Array,
+    Sheath,
+    fluctuating,
+    lagged,
+    two_in_a_gas,
+    write,
+    written,
+)
 
 LONG_S = (900.0, 1800.0)
 
@@ -26,7 +34,9 @@ def room(lag_s: float, dt_s: float = 5.0) -> tuple[Array, Array, Array]:
     count = int(6 * lag_s / dt_s)
     fine = np.arange(count * 4) * (dt_s / 4)
     truth = np.where(fine < lag_s, 20.0, 60.0) + 5 * np.sin(fine / (2 * lag_s))
-    y = lagged(truth, (lag_s,), dt_s / 4)[::4] + 0.05 * np.random.default_rng(1).standard_normal(count)
+    y = lagged(truth, (lag_s,), dt_s / 4)[::4] + 0.05 * np.random.default_rng(1).standard_normal(
+        count
+    )
     return fine[::4], truth[::4], y
 
 
@@ -43,7 +53,9 @@ def check_file(path: Path, column: str, lag_s: float) -> None:
 def test_a_plunge_is_written_read_and_compensated(lag_s: float, tmp_path: Path) -> None:
     t, _, _ = room(lag_s)
     step = np.where(t < lag_s, 20.0, 60.0)
-    y = lagged(np.repeat(step, 4), (lag_s,), 1.25)[::4] + 0.05 * np.random.default_rng(2).standard_normal(len(t))
+    y = lagged(np.repeat(step, 4), (lag_s,), 1.25)[::4] + 0.05 * np.random.default_rng(
+        2
+    ).standard_normal(len(t))
     log = write(tmp_path / "dip.csv", time_s=t, T_degC=y)
     out = tmp_path / "s.sensor.json"
     assert run_cli("sensor", "plunge", log, "--column", "T", "--out", out) == 0
@@ -56,16 +68,23 @@ def test_a_specified_lag_compensates_and_follows_a_room(lag_s: float, tmp_path: 
     t, truth, y = room(lag_s)
     log = write(tmp_path / "room.csv", time_s=t, T_degC=y)
     out = tmp_path / "s.sensor.json"
-    assert run_cli("sensor", "new", "--tau-s", f"{lag_s:g}+-5", "--column", "T_degC", "--out", out) == 0
+    assert (
+        run_cli("sensor", "new", "--tau-s", f"{lag_s:g}+-5", "--column", "T_degC", "--out", out)
+        == 0
+    )
     settled = (t > 2 * lag_s) & (t < 5 * lag_s)
     assert run_cli("compensate", log, "--sensor", out, "--out", tmp_path / "o.csv") == 0
     done = written(tmp_path / "o.csv")
     pulls = ((done["T_degC"] - truth) / done["T_u_K"])[settled]
     assert np.mean(np.abs(pulls) < 3) > 0.9
-    assert np.sqrt(np.mean((done["T_degC"] - truth)[settled] ** 2)) < 0.1 * np.sqrt(np.mean((y - truth)[settled] ** 2))
+    assert np.sqrt(np.mean((done["T_degC"] - truth)[settled] ** 2)) < 0.1 * np.sqrt(
+        np.mean((y - truth)[settled] ** 2)
+    )
     live = tmp_path / "live.csv"
     options = ("--learn-s", "200", "--behind-s", "100", "--idle-s", "0")
-    assert run_cli("follow", log, "--sensor", out, "--out", live, *options) == 0  # no gap where rows are 5 s apart
+    assert (
+        run_cli("follow", log, "--sensor", out, "--out", live, *options) == 0
+    )  # no gap where rows are 5 s apart
     followed = written(live)
     error = np.interp(t, followed["time_s"], followed["T_degC"]) - truth
     assert np.sqrt(np.mean(error[settled] ** 2)) < 0.3 * np.sqrt(np.mean((y - truth)[settled] ** 2))
@@ -79,7 +98,10 @@ def test_a_model_of_identify_is_a_sensor(lag_s: float, tmp_path: Path) -> None:
     y = Chain(lag_s).response(heater, dt_s, "zoh") + 0.05 * rng.standard_normal(count)
     log = write(tmp_path / "heat.csv", time_s=dt_s * np.arange(count), heater=heater, T_degC=y)
     out = tmp_path / "i.json"
-    assert run_cli("identify", log, "-u", "heater", "-y", "T_degC", "--models", "P1", "--out", out) == 0
+    assert (
+        run_cli("identify", log, "-u", "heater", "-y", "T_degC", "--models", "P1", "--out", out)
+        == 0
+    )
     check_file(out, "T_degC", lag_s)
     assert run_cli("compensate", log, "--sensor", out, "--out", tmp_path / "o.csv") == 0
 
@@ -87,15 +109,21 @@ def test_a_model_of_identify_is_a_sensor(lag_s: float, tmp_path: Path) -> None:
 def test_a_pair_a_current_and_process_noise_give_long_lags(tmp_path: Path) -> None:
     out = tmp_path / "s.sensor.json"
     t, a, b, _ = two_in_a_gas(6, (0.15, 0.5), 0.02, 1500, (0.3, 0.3))
-    log = write(tmp_path / "gas.csv", time_s=np.round(6000 * t, 3), A_degC=a, B_degC=b)  # 900 and 3000 s
+    log = write(
+        tmp_path / "gas.csv", time_s=np.round(6000 * t, 3), A_degC=a, B_degC=b
+    )  # 900 and 3000 s
     assert run_cli("sensor", "pair", log, "--columns", "A,B", "--out", out) == 0
     check_file(out, "A_degC", 900.0)
     check_file(out, "B_degC", 3000.0)
     rng = np.random.default_rng(7)
     probe = Sheath.drawn(rng)
     t, y, power = probe.heated(rng, 0.005)
-    log = write(tmp_path / "lcsr.csv", time_s=900 / probe.lag_s * t, R_degC=20 + y, I_mA=40 * np.sqrt(power))
-    assert run_cli("sensor", "current", log, "--column", "R", "--current", "I_mA", "--out", out) == 0
+    log = write(
+        tmp_path / "lcsr.csv", time_s=900 / probe.lag_s * t, R_degC=20 + y, I_mA=40 * np.sqrt(power)
+    )
+    assert (
+        run_cli("sensor", "current", log, "--column", "R", "--current", "I_mA", "--out", out) == 0
+    )
     check_file(out, "R_degC", 900.0)
     t, y = fluctuating(8, (1.0,), 0.1, 8000, 0.05)
     log = write(tmp_path / "noise.csv", time_s=np.round(1800 * t, 3), T_degC=y)
@@ -105,7 +133,18 @@ def test_a_pair_a_current_and_process_noise_give_long_lags(tmp_path: Path) -> No
 
 def test_a_dead_time_of_minutes_is_written_and_read(tmp_path: Path) -> None:
     out = tmp_path / "s.sensor.json"
-    command = ("sensor", "new", "--tau-s", "900+-10", "--delay-s", "240+-5", "--column", "T", "--out", out)
+    command = (
+        "sensor",
+        "new",
+        "--tau-s",
+        "900+-10",
+        "--delay-s",
+        "240+-5",
+        "--column",
+        "T",
+        "--out",
+        out,
+    )
     assert run_cli(*command) == 0
     assert read_sensor(out).chains[0].delay_s == pytest.approx(240.0)
 

@@ -53,7 +53,16 @@ def recorded(seed: int, count: int = 2000) -> tuple[Array, Array, Array]:
         lambda a, b: (held(a, 2), held(b, 2)),
         lambda a, b: (held(a, 2), held(b, 6)),
     ],
-    ids=["slow 5", "slow 5, phase 3", "slow 4.3", "slow 20", "blank", "quick 5", "both 2", "2 and 6"],
+    ids=[
+        "slow 5",
+        "slow 5, phase 3",
+        "slow 4.3",
+        "slow 20",
+        "blank",
+        "quick 5",
+        "both 2",
+        "2 and 6",
+    ],
 )
 def test_a_slower_channel_leaves_the_lags_right(make) -> None:  # type: ignore[no-untyped-def]
     """Within 4 u and u within 15 %: in a study of 16 records a case the errors over u have an rms of 0.6 to 1.3."""
@@ -77,7 +86,9 @@ def test_repeats_and_blanks_at_the_same_rows_give_the_same_lags() -> None:
 @pytest.mark.parametrize("gaps", [held, blank])
 def test_new_values_that_alternate_as_a_scanner_s_are_an_error_with_the_remedy(gaps) -> None:  # type: ignore[no-untyped-def]
     t, a, b = recorded(3)
-    with pytest.raises(InputError, match=r"A has a new value in 50 % .* B has a new value in 50 % .*at one rate"):
+    with pytest.raises(
+        InputError, match=r"A has a new value in 50 % .* B has a new value in 50 % .*at one rate"
+    ):
         pair_sensor(t, gaps(a, 2), gaps(b, 2, 1), ("A", "B"))
 
 
@@ -89,7 +100,9 @@ def test_new_values_that_are_too_rare_for_the_shorter_lag_are_an_error() -> None
         pair_sensor(t, a, held(b, 100), ("A", "B"))
 
 
-def test_missing_values_in_all_steps_of_one_channel_are_an_error_not_an_uncertainty_of_zero() -> None:
+def test_missing_values_in_all_steps_of_one_channel_are_an_error_not_an_uncertainty_of_zero() -> (
+    None
+):
     """Every other row of one channel, at random rows of the other: no interval of which one channel is complete."""
     t, a, b = recorded(5)
     rng = np.random.default_rng(5)
@@ -101,7 +114,9 @@ def test_missing_values_in_all_steps_of_one_channel_are_an_error_not_an_uncertai
 
 @pytest.mark.parametrize("step_K", [0.02, 0.25, 0.5, 1.5])
 @pytest.mark.parametrize("slow_s", [(0.1, 1.0), (20.0, 60.0)])
-def test_a_quantised_signal_is_not_taken_for_a_held_one(step_K: float, slow_s: tuple[float, ...]) -> None:
+def test_a_quantised_signal_is_not_taken_for_a_held_one(
+    step_K: float, slow_s: tuple[float, ...]
+) -> None:
     """Steps of 0.04 to 3 times the noise, in a quick and in a slow gas."""
     for seed in range(5):
         _, *traces, _ = two_in_a_gas(seed, TAUS_S, 0.02, 1500, (0.5, 0.5), slow_s=slow_s)
@@ -140,7 +155,10 @@ def test_eliminated_values_give_the_residuals_of_the_full_least_squares() -> Non
             steps[k, row, row + 1] = after[k, row]
     known = new[1][: last + 1]
     rest = steps[0] @ y[0, : last + 1] - steps[1][:, known] @ y[1, : last + 1][known]
-    covariance = noise_K[0] ** 2 * steps[0] @ steps[0].T + noise_K[1] ** 2 * steps[1][:, known] @ steps[1][:, known].T
+    covariance = (
+        noise_K[0] ** 2 * steps[0] @ steps[0].T
+        + noise_K[1] ** 2 * steps[1][:, known] @ steps[1][:, known].T
+    )
     free = steps[1][:, ~known]
     weight = np.linalg.inv(covariance)
     fitted = free @ np.linalg.solve(free.T @ weight @ free, free.T @ weight @ rest)
@@ -148,10 +166,14 @@ def test_eliminated_values_give_the_residuals_of_the_full_least_squares() -> Non
     assert residuals @ residuals == pytest.approx(expected, rel=1e-9)
 
 
-def test_an_exponent_without_an_uncertainty_is_an_error_of_the_command(tmp_path: Path, capsys) -> None:  # type: ignore[no-untyped-def]
+def test_an_exponent_without_an_uncertainty_is_an_error_of_the_command(
+    tmp_path: Path, capsys
+) -> None:  # type: ignore[no-untyped-def]
     t, a, b = recorded(8, 300)
     log = write(tmp_path / "gas.csv", time_s=t.round(3), A_degC=a, B_degC=b)
     out = tmp_path / "pair.sensor.json"
-    assert run_cli("sensor", "pair", log, "--columns", "A,B", "--exponent", "0.5", "--out", out) == 2
+    assert (
+        run_cli("sensor", "pair", log, "--columns", "A,B", "--exponent", "0.5", "--out", out) == 2
+    )
     assert "0.5+-0.1" in capsys.readouterr().err
     assert not out.exists()

@@ -16,11 +16,20 @@ from tcdyn.sensor.fluctuations import _lags, noise_sensor
 from tcdyn.sensor.pair import pair_sensor
 from tests.cli.test_main_job import tcdyn as run_cli
 from tests.sensor.sensor_study import DRAWS, noise
-from tests.sensor.sensor_world import FINE, Sheath, fluctuating, lagged, two_in_a_gas, write, written
+from tests.sensor.sensor_world import (
+    FINE,
+    Sheath,
+    fluctuating,
+    lagged,
+    two_in_a_gas,
+    write,
+    written,
+)
 
 
 @pytest.mark.parametrize(
-    ("kind", "draws", "most"), [("pair", 4, 0.1), ("flow", 2, 0.1), ("current", 4, 0.15), ("noise", 2, 0.2)]
+    ("kind", "draws", "most"),
+    [("pair", 4, 0.1), ("flow", 2, 0.1), ("current", 4, 0.15), ("noise", 2, 0.2)],
 )
 def test_the_lag_lies_in_its_interval(kind: str, draws: int, most: float) -> None:
     """Few draws; 200 of each are in `python -m tests.sensor.sensor_study KIND`."""
@@ -120,8 +129,12 @@ def test_noise_tells_when_its_conditions_do_not_hold() -> None:
     assert "sensor.noise_unsteady" in {f.code for f in louder.findings}
     hum = noise_sensor(t, y + 0.6 * np.sin(2 * np.pi * 0.9 * t), "T")
     assert "sensor.noise_misfit" in {f.code for f in hum.findings}
-    rng = np.random.default_rng(3)  # a fluid slower than white: the answer is longer, and one trace cannot know
-    x = lagged(lagged(rng.standard_normal(15_000 * FINE), (0.5,), 0.1 / FINE), (1.0,), 0.1 / FINE)[2000 * FINE :: FINE]
+    rng = np.random.default_rng(
+        3
+    )  # a fluid slower than white: the answer is longer, and one trace cannot know
+    x = lagged(lagged(rng.standard_normal(15_000 * FINE), (0.5,), 0.1 / FINE), (1.0,), 0.1 / FINE)[
+        2000 * FINE :: FINE
+    ]
     slow = noise_sensor(t[: len(x)], 50 + x / x.std() + 0.02 * rng.standard_normal(len(x)), "T")
     assert Estimate(**slow.fit["lag_s"]).value > 1.25
     (said,) = [f for f in slow.findings if f.code == "sensor.noise_driving"]
@@ -133,24 +146,36 @@ def test_noise_tells_when_its_conditions_do_not_hold() -> None:
         noise_sensor(t[:100], y[:100], "T")
 
 
-def test_the_commands_write_files_that_compensate_takes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_commands_write_files_that_compensate_takes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     t, a, b, speed = two_in_a_gas(6, (0.15, 0.5), 0.02, 1500, (0.3, 0.3), 3.0)
     log = write(tmp_path / "gas.csv", time_s=np.round(t, 3), A_degC=a, B_K=b + 273.15, v=speed)
     out = tmp_path / "pair.sensor.json"
-    assert run_cli("sensor", "pair", log, "--columns", "A,B", "--speed", "v", "--out", out) == 1  # they change: look
+    assert (
+        run_cli("sensor", "pair", log, "--columns", "A,B", "--speed", "v", "--out", out) == 1
+    )  # they change: look
     assert read_sensor(out).fit["exponent"]["value"] == pytest.approx(0.5, abs=0.1)
     assert run_cli("sensor", "pair", log, "--columns", "A", "--out", out) == 2
     assert run_cli("sensor", "pair", log, "--columns", "A,B", "--change-s", "15", "--out", out) == 1
     assert run_cli("compensate", log, "--sensor", out, "--out", tmp_path / "o.csv", "--quiet") == 1
     done = written(tmp_path / "o.csv")
     late = t > 20
-    assert np.median(np.abs(done["A_degC"] - done["B_K"] + 273.15)[late]) < np.median(np.abs(a - b)[late]) / 2
+    assert (
+        np.median(np.abs(done["A_degC"] - done["B_K"] + 273.15)[late])
+        < np.median(np.abs(a - b)[late]) / 2
+    )
     rng = np.random.default_rng(7)
     probe = Sheath.drawn(rng)
     t, y, power = probe.heated(rng, 0.005)
     log = write(tmp_path / "lcsr.csv", time_s=t, R_degC=20 + y, I_mA=40 * np.sqrt(power))
     capsys.readouterr()
-    assert run_cli("sensor", "current", log, "--column", "R", "--current", "I_mA", "--out", out, "--json") == 0
+    assert (
+        run_cli(
+            "sensor", "current", log, "--column", "R", "--current", "I_mA", "--out", out, "--json"
+        )
+        == 0
+    )
     said = json.loads(capsys.readouterr().out)
     assert Estimate(**said["fit"]["lag_s"]).covers(probe.lag_s)
     t, y = fluctuating(8, (1.0,), 0.1, 8000, 0.05)
@@ -159,8 +184,12 @@ def test_the_commands_write_files_that_compensate_takes(tmp_path: Path, capsys: 
     assert read_sensor(out).method == "noise"
 
 
-@pytest.mark.parametrize(("biot", "wall", "heated"), [(5.0, 0.3, 0.1), (0.8, 1.2, 0.3), (30.0, 0.05, 0.5)])
-def test_modes_of_a_heated_cylinder_are_those_of_its_rings(biot: float, wall: float, heated: float) -> None:
+@pytest.mark.parametrize(
+    ("biot", "wall", "heated"), [(5.0, 0.3, 0.1), (0.8, 1.2, 0.3), (30.0, 0.05, 0.5)]
+)
+def test_modes_of_a_heated_cylinder_are_those_of_its_rings(
+    biot: float, wall: float, heated: float
+) -> None:
     """Rings of radius and diffusivity one; at the wall -T' = Bi T + (g/2) dT/dt; heat within ``heated``."""
     edge = np.linspace(0.0, 1.0, 601)
     middle, area = 0.5 * (edge[1:] + edge[:-1]), np.diff(edge**2) / 2
@@ -179,4 +208,6 @@ def test_modes_of_a_heated_cylinder_are_those_of_its_rings(biot: float, wall: fl
     shares = (mode[0] / root[0]) * (mode.T @ (heat / root)) / rate
     tau_s, share = cylinder(np.log([0.25 + (1 + wall) / (2 * biot), biot, wall, heated]))
     assert tau_s[:4] == pytest.approx(1 / rate[:4], rel=2e-3)
-    assert share[:4] / share[0] == pytest.approx(shares[:4] / shares[0], rel=1e-2)  # the series is cut elsewhere
+    assert share[:4] / share[0] == pytest.approx(
+        shares[:4] / shares[0], rel=1e-2
+    )  # the series is cut elsewhere

@@ -20,7 +20,12 @@ from tests.sensor.sensor_world import FINE, Array, lagged, write
 
 
 def plunged(
-    taus_s: tuple[float, ...], dt_s: float, n: int, noise_K: float, seed: int, medium_s: float | None = None
+    taus_s: tuple[float, ...],
+    dt_s: float,
+    n: int,
+    noise_K: float,
+    seed: int,
+    medium_s: float | None = None,
 ) -> tuple[Array, Array, float]:
     """Time, reading and the entry [s]; the medium's own lag is drawn from 0.02 +- 0.02 s unless told."""
     rng = np.random.default_rng(seed)
@@ -28,7 +33,11 @@ def plunged(
     entry = n * dt_s / 6 + rng.uniform(0, dt_s)
     own = abs(0.02 + 0.02 * rng.standard_normal()) if medium_s is None else medium_s
     x = np.where(fine < entry, 20.0, 90.0)
-    return fine[::FINE], lagged(x, (own, *taus_s), dt_s / FINE)[::FINE] + noise_K * rng.standard_normal(n), entry
+    return (
+        fine[::FINE],
+        lagged(x, (own, *taus_s), dt_s / FINE)[::FINE] + noise_K * rng.standard_normal(n),
+        entry,
+    )
 
 
 def truth(taus_s: tuple[float, ...]) -> list[float]:
@@ -77,7 +86,9 @@ def test_a_known_entry_narrows_the_lag_and_a_slow_medium_is_no_part_of_it() -> N
 
 
 @pytest.mark.parametrize("specified_u_s", [0.1, 0.3])
-def test_a_specified_entry_that_the_data_contradict_is_a_warning_with_both_instants(specified_u_s: float) -> None:
+def test_a_specified_entry_that_the_data_contradict_is_a_warning_with_both_instants(
+    specified_u_s: float,
+) -> None:
     """A dead time of 3 s, or an instant that is 3 s early: 10 to 30 times its standard uncertainty."""
     t, y, entry = plunged((4.0, 0.5), 0.1, 600, 0.1, 5)
     made = plunge_sensor(t, y, "T1", entry_s=(entry - 3.0, specified_u_s))
@@ -127,7 +138,9 @@ def test_h_across_a_stream_agrees_with_hilpert_s_numbers_and_the_film_moves_the_
         s = STREAMS[name]
         re = s.speed_m_s * d / s.nu_m2_s
         assert 40 < re < 4000
-        assert s.h_W_m2K(d) == pytest.approx(0.683 * re**0.466 * s.prandtl ** (1 / 3) * s.k_W_mK / d, rel=0.2)
+        assert s.h_W_m2K(d) == pytest.approx(
+            0.683 * re**0.466 * s.prandtl ** (1 / 3) * s.k_W_mK / d, rel=0.2
+        )
     fit = Film("water", 3e-3).to_fit(Estimate.normal(2.0, 0.05))
     assert isinstance(fit["lag_air_s"], dict)
     assert 15 < fit["lag_air_s"]["value"] < 35  # 3 mm: rho c d/4 = 2700 J/m2K over h of 105 W/m2K
@@ -136,7 +149,9 @@ def test_h_across_a_stream_agrees_with_hilpert_s_numbers_and_the_film_moves_the_
 
 
 @pytest.mark.parametrize(("medium", "speed"), [("water", 0.1), ("air", 20.0), ("air", None)])
-def test_the_uncertainty_in_another_stream_is_that_of_its_four_sources(medium: str, speed: float | None) -> None:
+def test_the_uncertainty_in_another_stream_is_that_of_its_four_sources(
+    medium: str, speed: float | None
+) -> None:
     """Each moved by a thousandth of its uncertainty in lag + rho c d/4 (1/h' - 1/h): 15 % of h, h' and rho c."""
     film, lag = Film(medium, 3e-3, speed), Estimate.normal(2.0, 0.05)
     own = film.stream
@@ -158,7 +173,9 @@ def test_the_uncertainty_in_another_stream_is_that_of_its_four_sources(medium: s
         found = fit[f"lag_{name}_s"]
         assert isinstance(found, dict)
         assert found["value"] == pytest.approx(there(best), rel=1e-9)
-        assert found["u"] == pytest.approx(1e3 * np.linalg.norm(np.array(moves) - there(best)), rel=1e-3)  # curved
+        assert found["u"] == pytest.approx(
+            1e3 * np.linalg.norm(np.array(moves) - there(best)), rel=1e-3
+        )  # curved
         told += 1
     assert told == 1 + (speed is not None)
     assert fit["diameter_mm"] == pytest.approx(3.0)
@@ -173,15 +190,22 @@ def test_h_across_a_stream_is_known_where_the_correlation_s_bracket_is_known() -
     assert Stream(0.5, 1e-5, 0.4, 28.2).h_W_m2K(0.1) == pytest.approx(nu * 0.5 / 0.1, rel=1e-12)
 
 
-@pytest.mark.parametrize(("diameter_m", "speed"), [(0.3, None), (5e-6, None), (3e-3, 0.0), (3e-3, 250.0)])
-def test_a_film_of_impossible_size_or_speed_is_refused(diameter_m: float, speed: float | None) -> None:
+@pytest.mark.parametrize(
+    ("diameter_m", "speed"), [(0.3, None), (5e-6, None), (3e-3, 0.0), (3e-3, 250.0)]
+)
+def test_a_film_of_impossible_size_or_speed_is_refused(
+    diameter_m: float, speed: float | None
+) -> None:
     with pytest.raises(InputError, match=f"diameter {1e3 * diameter_m:g} mm"):
         Film("air", diameter_m, speed)
 
 
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     t, y, _ = plunged((1.5, 0.3), 0.05, 500, 0.1, 4)
-    log, out = write(tmp_path / "dip.csv", time_s=np.round(t, 3), T1_K=y + 273.15), tmp_path / "p.sensor.json"
+    log, out = (
+        write(tmp_path / "dip.csv", time_s=np.round(t, 3), T1_K=y + 273.15),
+        tmp_path / "p.sensor.json",
+    )
     words = ("sensor", "plunge", log, "--column", "T1", "--out", out)
     assert run_cli(*words, "--medium", "water", "--diameter-mm", "3", "--json") == 0
     said = json.loads(capsys.readouterr().out)

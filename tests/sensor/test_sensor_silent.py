@@ -36,7 +36,9 @@ def table(path: Path, time: object, y: np.ndarray, name: str = "Time [s]") -> Pa
 
 
 def compensated(log: Path) -> tuple[CompensatedTable, pd.DataFrame]:
-    done = compensate_table(log, [stated("s", ["TC*"], [(TAU_S, U_S)])], log.with_suffix(".out.csv"))
+    done = compensate_table(
+        log, [stated("s", ["TC*"], [(TAU_S, U_S)])], log.with_suffix(".out.csv")
+    )
     return done, pd.read_csv(done.path, comment="#")
 
 
@@ -45,7 +47,9 @@ def stamps(day: str, rows: int) -> list[str]:
 
 
 @pytest.mark.parametrize("second_day", ["2021-11-27", "2021-11-28"])
-def test_days_of_one_log_are_compensated_apart_and_keep_their_stamps(tmp_path: Path, second_day: str) -> None:
+def test_days_of_one_log_are_compensated_apart_and_keep_their_stamps(
+    tmp_path: Path, second_day: str
+) -> None:
     """The days are 24 and 48 h apart; each is as it would be in a file of its own."""
     _, y = kiln(600)
     other = 20 + 0.2 * np.arange(600) + np.random.default_rng(7).normal(0, 0.3, 600)
@@ -122,7 +126,11 @@ def test_a_sound_record_has_no_such_finding(tmp_path: Path) -> None:
         y[k] = x[k - 1] + (y[k - 1] - x[k - 1]) * np.exp(-1 / TAU_S)
     y += np.random.default_rng(10).normal(0, 0.3, len(y))
     done, _ = compensated(table(tmp_path / "log.csv", np.arange(len(y)), y))
-    assert not {f.code for f in done.findings} & {"trace.unreachable", "trace.outside", "trace.undetermined"}
+    assert not {f.code for f in done.findings} & {
+        "trace.unreachable",
+        "trace.outside",
+        "trace.undetermined",
+    }
 
 
 def test_every_command_asks_for_the_same_unit(tmp_path: Path) -> None:
@@ -142,14 +150,21 @@ def test_every_command_asks_for_the_same_unit(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("unit", "per_s"), [("ms", 1000.0), ("min", 1 / 60), ("hr", 1 / 3600)])
-def test_identify_reads_units_of_header_and_unit_row(tmp_path: Path, unit: str, per_s: float) -> None:
+def test_identify_reads_units_of_header_and_unit_row(
+    tmp_path: Path, unit: str, per_s: float
+) -> None:
     u = np.repeat(np.arange(30) % 2, 10)
     log = tmp_path / "log.csv"
-    frame = pd.DataFrame({f"Time [{unit}]": np.arange(300) * per_s, "u": u, "y": np.sqrt(np.arange(300))})
+    frame = pd.DataFrame(
+        {f"Time [{unit}]": np.arange(300) * per_s, "u": u, "y": np.sqrt(np.arange(300))}
+    )
     frame.to_csv(log, index=False)
     assert from_csv(log, input="u", output="y").dt_s == pytest.approx(1.0)
     head, *rows = log.read_text(encoding="utf-8").splitlines()
-    log.write_text("\n".join([head.replace(f" [{unit}]", ""), f"{unit},-,degC", *rows]) + "\n", encoding="utf-8")
+    log.write_text(
+        "\n".join([head.replace(f" [{unit}]", ""), f"{unit},-,degC", *rows]) + "\n",
+        encoding="utf-8",
+    )
     assert from_csv(log, input="u", output="y").dt_s == pytest.approx(1.0)
 
 
@@ -165,7 +180,9 @@ def test_a_unit_row_tells_the_unit_of_a_temperature(tmp_path: Path) -> None:
 def test_identify_keeps_the_gap_between_days(tmp_path: Path) -> None:
     log = tmp_path / "log.csv"
     time = stamps("2021-11-26", 100) + stamps("2021-11-27", 100)
-    pd.DataFrame({"time": time, "u": np.arange(200) % 7, "y": np.arange(200.0)}).to_csv(log, index=False)
+    pd.DataFrame({"time": time, "u": np.arange(200) % 7, "y": np.arange(200.0)}).to_csv(
+        log, index=False
+    )
     data = from_csv(log, input="u", output="y")
     assert data.dt_s == pytest.approx(1.0)
     assert data.runs[0].n == 86400 + 100
@@ -175,7 +192,11 @@ def test_identify_takes_overload_and_drop_outs_as_missing() -> None:
     y = np.random.default_rng(11).normal(50, 5, 300)
     y[[20, 90, 91, 200]] = 0.0
     y[150] = 9.9e37
-    data = from_frame(pd.DataFrame({"t": np.arange(300.0), "u": np.arange(300) % 9, "y": y}), input="u", output="y")
+    data = from_frame(
+        pd.DataFrame({"t": np.arange(300.0), "u": np.arange(300) % 9, "y": y}),
+        input="u",
+        output="y",
+    )
     assert np.flatnonzero(np.isnan(data.runs[0].y[:, 0])).tolist() == [20, 90, 91, 150, 200]
     assert [(f.code, f.subject, f.numbers["count"]) for f in data.select(output="y").findings] == [
         ("record.codes", "y", 5)
@@ -199,7 +220,9 @@ def test_drop_outs_in_a_sensor_record_are_missing_and_reported(tmp_path: Path) -
     rng = np.random.default_rng(12)
     y = 21 + 63 * np.clip((np.arange(600) - 100) / 100, 0, 1) + rng.normal(0, 0.05, 600)
     y[rng.random(600) < 0.05] = 2300
-    _, columns, findings = read_columns(table(tmp_path / "log.csv", 0.05 * np.arange(600), y), ["TC1_degC"], None)
+    _, columns, findings = read_columns(
+        table(tmp_path / "log.csv", 0.05 * np.arange(600), y), ["TC1_degC"], None
+    )
     assert np.nanmax(columns["TC1_degC"]) > 2000  # without a unit the column may hold anything
     from tcdyn.sensor.units import Unit
 
@@ -213,8 +236,15 @@ def test_identify_reads_channels_of_different_start_from_one_tdms_file(tmp_path:
 
     start = np.datetime64("2021-11-26T10:00:00", "us")
     channels = []
-    for name, late_s, values in (("u", 0, np.repeat(np.arange(30) % 2, 10)), ("y", 30, np.arange(300.0))):
-        properties = {"wf_increment": 1.0, "wf_start_time": start + np.timedelta64(late_s, "s"), "wf_start_offset": 0.0}
+    for name, late_s, values in (
+        ("u", 0, np.repeat(np.arange(30) % 2, 10)),
+        ("y", 30, np.arange(300.0)),
+    ):
+        properties = {
+            "wf_increment": 1.0,
+            "wf_start_time": start + np.timedelta64(late_s, "s"),
+            "wf_start_offset": 0.0,
+        }
         channels.append(ChannelObject("log", name, values.astype(float), properties=properties))
     with TdmsWriter(tmp_path / "log.tdms") as writer:
         writer.write_segment(channels)
@@ -241,6 +271,8 @@ def test_a_blank_stamp_is_an_error_in_one_sentence(tmp_path: Path) -> None:
 
 def test_an_unknown_unit_of_a_temperature_in_the_row_of_units_is_requested(tmp_path: Path) -> None:
     log = tmp_path / "log.csv"
-    log.write_text("Time,TC1\ns,Rankine\n" + "".join(f"{k},{600 + k}\n" for k in range(100)), encoding="utf-8")
+    log.write_text(
+        "Time,TC1\ns,Rankine\n" + "".join(f"{k},{600 + k}\n" for k in range(100)), encoding="utf-8"
+    )
     with pytest.raises(InputError, match="unit 'Rankine' in the row below the header is not known"):
         compensated(log)

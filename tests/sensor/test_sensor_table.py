@@ -80,7 +80,9 @@ def test_rows_are_counted_where_the_clock_wanders_by_half_an_interval() -> None:
 def test_a_clock_of_few_decimals_counts_its_rows() -> None:
     grid, (found,) = places(100 + np.floor(T), "log.csv")
     assert grid.place.tolist() == list(range(60))
-    assert grid.dt_s == pytest.approx(0.125)  # the rows' own interval, not the span of the stamps over their number
+    assert grid.dt_s == pytest.approx(
+        0.125
+    )  # the rows' own interval, not the span of the stamps over their number
     assert (found.code, found.numbers["rate_Hz"]) == ("sensor.few_decimals", pytest.approx(8.0))
 
 
@@ -97,7 +99,10 @@ def test_a_stamp_that_stands_twice_leaves_the_rate_as_it_is() -> None:
     [
         (T[:9], "only 9 rows"),
         (np.where(T == 0.5, np.nan, T), "no time in row 5 below the header"),
-        (np.where(np.arange(60) == 7, 0.25, T), r"backward at row 8 below the header \(0.75 s, then 0.25 s\)"),
+        (
+            np.where(np.arange(60) == 7, 0.25, T),
+            r"backward at row 8 below the header \(0.75 s, then 0.25 s\)",
+        ),
         (np.zeros(60), "one time"),
     ],
 )

@@ -28,16 +28,25 @@ def test_folder_holds_the_promised_files(tmp_path: Path) -> None:
     files = campaign(tmp_path)
     logs = {p.name for p in tmp_path.iterdir() if p.is_file()}
     assert logs == {
-        "rig.toml", "oven_fast.csv", "oven_slow.csv", "plunge_fast_1.csv", "plunge_fast_2.csv",
-        "plunge_slow_1.csv", "plunge_slow_2.csv", "EHL_B3.csv",
-    }  # fmt: skip
+        "rig.toml",
+        "oven_fast.csv",
+        "oven_slow.csv",
+        "plunge_fast_1.csv",
+        "plunge_fast_2.csv",
+        "plunge_slow_1.csv",
+        "plunge_slow_2.csv",
+        "EHL_B3.csv",
+    }
     assert files.traces["EHL_B3"] == tmp_path / "truth" / "EHL_B3_traces.parquet"
     assert load_rig(files.rig) == load_rig()
     truth = json.loads(files.truth.read_text())
-    assert {"beta", "h_fast", "h_slow", "load_on_s", "unload_s", "steady_degC"} <= set(truth["tests"]["B3"])
+    assert {"beta", "h_fast", "h_slow", "load_on_s", "unload_s", "steady_degC"} <= set(
+        truth["tests"]["B3"]
+    )
     assert set(truth["fast"]["channels"]) == set("abcdef")
     assert truth["fast"]["channels"]["e"]["lag_s"] == pytest.approx(
-        truth["fast"]["common_lag_s"] + truth["fast"]["channels"]["e"]["differential_lag_s"], abs=1e-12
+        truth["fast"]["common_lag_s"] + truth["fast"]["channels"]["e"]["differential_lag_s"],
+        abs=1e-12,
     )
 
 
@@ -72,7 +81,9 @@ def test_a_folder_used_again_gives_this_campaign_s_files_only(tmp_path: Path) ->
     assert "EHL_A1" not in again.traces
 
 
-def test_a_rig_file_of_a_simulation_may_be_written_over_and_one_s_own_may_not(tmp_path: Path) -> None:
+def test_a_rig_file_of_a_simulation_may_be_written_over_and_one_s_own_may_not(
+    tmp_path: Path,
+) -> None:
     none = {"tests": (), "plunges": ()}
     file = campaign(tmp_path, **none).rig
     other = parse_rig({"disk": {"width_mm": 9.6}}, "other")

@@ -42,7 +42,9 @@ def test_contact_grows_with_the_cube_root_of_the_load() -> None:
 
 
 def test_yield_begins_a_third_of_a_millimetre_deep() -> None:
-    assert hertz_contact(2320.0).yield_depth_m * 1e3 == pytest.approx(0.32, abs=0.005)  # section 5.6
+    assert hertz_contact(2320.0).yield_depth_m * 1e3 == pytest.approx(
+        0.32, abs=0.005
+    )  # section 5.6
 
 
 @pytest.mark.parametrize("load", [0.0, -5.0, float("nan")])
@@ -58,7 +60,9 @@ def test_a_disk_without_crown_is_refused() -> None:
 
 def test_press_fit_of_a_thin_ring_follows_its_hoop_stress() -> None:
     # A ring of thickness t << R gives way alone: p = E delta t / R^2 to first order in t / R.
-    assert interference_pressure_Pa(1e-6, 0.05, 0.0501) == pytest.approx(YOUNG_Pa * 1e-6 * 1e-4 / 0.05**2, rel=0.005)
+    assert interference_pressure_Pa(1e-6, 0.05, 0.0501) == pytest.approx(
+        YOUNG_Pa * 1e-6 * 1e-4 / 0.05**2, rel=0.005
+    )
 
 
 def test_contact_loads_no_simulator() -> None:

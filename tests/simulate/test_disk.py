@@ -47,7 +47,9 @@ def test_heat_shares_of_the_track_sum_to_one_and_follow_the_parabola() -> None:
     z = 0.5 * (edges[1:] + edges[:-1]) - 4.765e-3
     density = 0.75 / HALF_WIDTH_m * np.clip(1 - (z / HALF_WIDTH_m) ** 2, 0, None) * np.diff(edges)
     assert shares.sum() == pytest.approx(1.0, abs=1e-14)
-    assert np.abs(shares - density).max() < 2e-3 * shares.max()  # midpoint rule over a kink, cell / b = 0.015
+    assert (
+        np.abs(shares - density).max() < 2e-3 * shares.max()
+    )  # midpoint rule over a kink, cell / b = 0.015
 
 
 def test_mesh_edges_fill_the_wall_and_grow_from_the_surface() -> None:
@@ -62,7 +64,9 @@ def test_steady_heat_in_is_heat_out() -> None:
     system = build_system(draw_truth(1).slow, 280.0, HALF_WIDTH_m, DiskMesh())
     state = steady_state(system, 154.0, 61.0)
     out = system.conductance @ state - system.source_ambient * 61.0 - system.source_const
-    assert out.sum() == pytest.approx(system.source_power.sum() * 154.0, rel=1e-9)  # solver round-off
+    assert out.sum() == pytest.approx(
+        system.source_power.sum() * 154.0, rel=1e-9
+    )  # solver round-off
 
 
 def test_losses_to_ambient_go_through_half_a_cell_of_steel_and_then_washer_or_film() -> None:
@@ -70,7 +74,10 @@ def test_losses_to_ambient_go_through_half_a_cell_of_steel_and_then_washer_or_fi
     s, g = disk.setup, grid_of(disk, COARSE)
     loss = to_ambient_W_K(disk, g, 280.0)
     inside = loss[g.cells[:-1]]
-    washer_m2K_W = s.washer_thickness_m / s.washer_conductivity_W_mK + 0.5 * s.width_m / 30 / s.conductivity_W_mK
+    washer_m2K_W = (
+        s.washer_thickness_m / s.washer_conductivity_W_mK
+        + 0.5 * s.width_m / 30 / s.conductivity_W_mK
+    )
     area = np.pi * np.diff(g.r_edges**2)[:-1]
     assert inside[:, [0, -1]] == pytest.approx(np.outer(area / washer_m2K_W, [1.0, 1.0]))
     assert not inside[:, 1:-1].any()
@@ -87,7 +94,9 @@ def test_without_losses_all_heat_is_stored() -> None:
     start = np.full(len(system.capacity), 20.0)
     end = integrate(system, lambda t: 100 + 20 * t, constant(20.0), (0.0, 10.0), start).state
     stored = system.capacity @ (end - start)
-    assert stored == pytest.approx(2000.0, rel=1e-6)  # int (100 + 20 t) dt, round-off and 1e-9 of leak to the shaft
+    assert stored == pytest.approx(
+        2000.0, rel=1e-6
+    )  # int (100 + 20 t) dt, round-off and 1e-9 of leak to the shaft
 
 
 def test_steady_disk_under_hertz_flux_is_its_cosine_and_bessel_series() -> None:
@@ -104,7 +113,9 @@ def test_steady_disk_under_hertz_flux_is_its_cosine_and_bessel_series() -> None:
     for n in range(1, 120):
         lam = n * np.pi / w
         x = lam * HALF_WIDTH_m
-        integral = 1.5 * (np.sin(x) - x * np.cos(x)) / (x**3) * 2 * np.cos(n * np.pi / 2)  # int q cos dz / flux
+        integral = (
+            1.5 * (np.sin(x) - x * np.cos(x)) / (x**3) * 2 * np.cos(n * np.pi / 2)
+        )  # int q cos dz / flux
 
         def radial(r: float, lam: float = lam) -> float:  # R_n up to a factor exp(lam (b - a))
             grow, fall = np.exp(lam * (r - b)), np.exp(lam * (2 * a - r - b))
@@ -116,7 +127,9 @@ def test_steady_disk_under_hertz_flux_is_its_cosine_and_bessel_series() -> None:
         for row, name in enumerate(system.channels):
             j = s.junctions[name]
             expected[row] += amplitude * radial(b - j.depth_m) / radial(b) * np.cos(lam * j.z_m)
-    assert np.abs(values - expected).max() < 4e-3  # second-order error of the default mesh, against a rise of 130 K
+    assert (
+        np.abs(values - expected).max() < 4e-3
+    )  # second-order error of the default mesh, against a rise of 130 K
 
 
 def test_a_cooling_disk_ends_in_its_slowest_radial_mode() -> None:
@@ -136,7 +149,9 @@ def test_a_cooling_disk_ends_in_its_slowest_radial_mode() -> None:
     solution = integrate(system, constant(0.0), constant(0.0), (0.0, 120.0), hot)
     v = solution.at(np.array([60.0, 110.0]))[:, 0]
     rate = np.log(v[0] / v[1]) / 50.0
-    assert rate == pytest.approx(s.diffusivity_m2_s * mu**2, rel=2e-4)  # second-order error of 64 radial cells
+    assert rate == pytest.approx(
+        s.diffusivity_m2_s * mu**2, rel=2e-4
+    )  # second-order error of 64 radial cells
 
 
 def march(step_s: float, system: DiskSystem, end_s: float = 8.0) -> Solution:
@@ -155,7 +170,9 @@ def test_time_steps_converge_with_order_four() -> None:
     system = build_system(draw_truth(0).fast, 700.0, HALF_WIDTH_m, COARSE)
     exact = march(0.0125, system).values[-1]
     coarse, fine = (np.abs(march(step, system).values[-1] - exact).max() for step in (0.8, 0.05))
-    assert np.log2(coarse / fine) / 4 > 3.2  # mean over four halvings; stiff modes cost part of an order
+    assert (
+        np.log2(coarse / fine) / 4 > 3.2
+    )  # mean over four halvings; stiff modes cost part of an order
 
 
 def test_steps_fill_any_length_with_few_sizes() -> None:
@@ -174,7 +191,12 @@ def loaded_test(stepping: Stepping, mesh: DiskMesh) -> Array:
         return 286 * rise * (1 + 0.05 * np.exp(-np.clip(t - 5, 0, None) / 150))
 
     solution = integrate(
-        system, power, lambda t: 60 + 0.5 * np.sin(t / 60), edges, steady_state(system, 0, 60), stepping
+        system,
+        power,
+        lambda t: 60 + 0.5 * np.sin(t / 60),
+        edges,
+        steady_state(system, 0, 60),
+        stepping,
     )
     return solution.at(np.arange(0, 90, 1 / 75))
 
@@ -182,7 +204,9 @@ def loaded_test(stepping: Stepping, mesh: DiskMesh) -> Array:
 def test_traces_between_steps_are_good_to_a_millikelvin() -> None:
     usual = loaded_test(Stepping(), COARSE)
     fine = loaded_test(Stepping(1 / 1200, 0.5, 0.02), COARSE)
-    assert np.abs(usual - fine).max() < 1e-3  # the work order allows 5 mK for time and space together
+    assert (
+        np.abs(usual - fine).max() < 1e-3
+    )  # the work order allows 5 mK for time and space together
 
 
 @pytest.mark.slow
@@ -195,7 +219,9 @@ def test_default_mesh_is_within_five_millikelvin_of_a_refined_one() -> None:
 def test_a_disk_without_a_bore_is_refused() -> None:
     disk = draw_truth(0).fast
     with pytest.raises(InputError, match="bore_radius_mm"):
-        build_system(replace(disk, setup=replace(disk.setup, bore_radius_m=0.0)), 700.0, HALF_WIDTH_m, COARSE)
+        build_system(
+            replace(disk, setup=replace(disk.setup, bore_radius_m=0.0)), 700.0, HALF_WIDTH_m, COARSE
+        )
 
 
 def uneven(amplitude: float, angle_deg: float = 0.0) -> DiskTruth:
@@ -208,17 +234,24 @@ def test_a_contact_that_hardly_differs_round_the_bore_is_the_even_disk() -> None
     slightly = uneven_system(uneven(1e-6), 700.0, HALF_WIDTH_m, COARSE)
     was, now = (s.sample @ steady_state(s, 300.0, 60.0) for s in (even, slightly))
     np.testing.assert_allclose(now[: len(was)], was, atol=1e-4)  # a hundred kelvin times 1e-6
-    assert uneven_system(uneven(0.0), 700.0, HALF_WIDTH_m, COARSE).capacity.shape == even.capacity.shape
+    assert (
+        uneven_system(uneven(0.0), 700.0, HALF_WIDTH_m, COARSE).capacity.shape
+        == even.capacity.shape
+    )
 
 
 def test_harmonics_hold_no_heat_and_the_balance_closes() -> None:
     """Whatever goes round the disk, heat in is heat out of harmonic 0, and the whole matrix is symmetric."""
     system = uneven_system(uneven(0.7, 25.0), 700.0, HALF_WIDTH_m, COARSE)
-    assert abs(system.conductance - system.conductance.T).max() < 1e-9 * abs(system.conductance).max()
+    assert (
+        abs(system.conductance - system.conductance.T).max() < 1e-9 * abs(system.conductance).max()
+    )
     state = steady_state(system, 300.0, 60.0)
     size = len(build_system(uneven(0.0), 700.0, HALF_WIDTH_m, COARSE).capacity)
     assert size < len(state)
-    out = (system.conductance @ state - system.source_ambient * 60.0 - system.source_const)[:size].sum()
+    out = (system.conductance @ state - system.source_ambient * 60.0 - system.source_const)[
+        :size
+    ].sum()
     assert out == pytest.approx(system.source_power.sum() * 300.0, rel=1e-9)
 
 
@@ -245,7 +278,9 @@ def test_a_turned_contact_turns_the_pattern() -> None:
     one, two = (uneven_system(d, 700.0, HALF_WIDTH_m, COARSE) for d in (disk, other))
     reads = one.sample @ steady_state(one, 300.0, 60.0)
     np.testing.assert_allclose(reads, two.sample @ steady_state(two, 300.0, 60.0), atol=1e-9)
-    assert seen_round(disk, reads)["angle_deg"] == pytest.approx(210.0)  # hottest where the fit conducts least
+    assert seen_round(disk, reads)["angle_deg"] == pytest.approx(
+        210.0
+    )  # hottest where the fit conducts least
 
 
 @pytest.mark.parametrize("n", HARMONICS)
@@ -288,9 +323,10 @@ def test_sectors_that_follow_a_cosine_conduct_as_it_does_about_any_angle() -> No
     assert other["angle_deg"] == pytest.approx(one["angle_deg"], abs=0.1)
     for key in ("first_K", "second_K"):
         np.testing.assert_allclose(
-            [other[key][c] for c in setup.junctions], [one[key][c] for c in setup.junctions],
+            [other[key][c] for c in setup.junctions],
+            [one[key][c] for c in setup.junctions],
             atol=1e-3 * one["amplitude_K"],
-        )  # fmt: skip
+        )
 
 
 def test_two_keyways_opposite_each_other_make_a_second_harmonic_alone() -> None:
@@ -299,7 +335,9 @@ def test_two_keyways_opposite_each_other_make_a_second_harmonic_alone() -> None:
     system = uneven_system(disk, 300.0, HALF_WIDTH_m, COARSE)
     told = seen_round(disk, system.sample @ steady_state(system, 300.0, 60.0))
     assert told["amplitude_K"] < 1e-9
-    second = np.array([told["second_K"][c] for c in "ab"])  # at 0 and 180 degrees, away from the keyways
+    second = np.array(
+        [told["second_K"][c] for c in "ab"]
+    )  # at 0 and 180 degrees, away from the keyways
     assert (second < -0.05).all()
 
 

@@ -15,9 +15,17 @@ from tcdyn.simulate.truth import CLEAN, draw_truth
 
 SHORT = EhlOptions(load_on_s=5.0, unload_s=25.0, duration_s=35.0, mesh=STUDY_MESH)
 COLUMNS = [
-    "time_s", "load_N", "friction_N", "contact", "speed_fast_rpm", "speed_slow_rpm",
-    *(f"fast_{c}_degC" for c in "abcdef"), *(f"slow_{c}_degC" for c in "abcdef"), "ambient_degC", "oil_degC",
-]  # fmt: skip
+    "time_s",
+    "load_N",
+    "friction_N",
+    "contact",
+    "speed_fast_rpm",
+    "speed_slow_rpm",
+    *(f"fast_{c}_degC" for c in "abcdef"),
+    *(f"slow_{c}_degC" for c in "abcdef"),
+    "ambient_degC",
+    "oil_degC",
+]
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +38,9 @@ def clean() -> tuple[pd.DataFrame, dict[str, Any]]:
     return simulate_ehl("B3", 1, draw_truth(1).with_imperfections(CLEAN), SHORT)
 
 
-def test_log_has_the_columns_and_the_rate_of_the_format(short: tuple[pd.DataFrame, dict[str, Any]]) -> None:
+def test_log_has_the_columns_and_the_rate_of_the_format(
+    short: tuple[pd.DataFrame, dict[str, Any]],
+) -> None:
     frame, truth = short
     assert list(frame.columns) == COLUMNS
     assert list(truth["traces"].columns) == COLUMNS
@@ -51,7 +61,9 @@ def test_the_truth_s_friction_is_the_mean_of_the_last_five_seconds_of_full_load(
     assert min(last) > 0.99 * truth["friction_N"]
 
 
-def test_the_same_seed_writes_the_same_log_and_another_does_not(short: tuple[pd.DataFrame, dict[str, Any]]) -> None:
+def test_the_same_seed_writes_the_same_log_and_another_does_not(
+    short: tuple[pd.DataFrame, dict[str, Any]],
+) -> None:
     again, _ = simulate_ehl("B3", 1, options=SHORT)
     other, _ = simulate_ehl("B3", 2, options=SHORT)
     pd.testing.assert_frame_equal(again, short[0])
@@ -63,7 +75,9 @@ def last_above(t: np.ndarray, values: np.ndarray, level: float) -> float:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_switch_load_and_friction_agree_on_the_parting_within_a_twentieth_of_a_second(seed: int) -> None:
+def test_switch_load_and_friction_agree_on_the_parting_within_a_twentieth_of_a_second(
+    seed: int,
+) -> None:
     frame, truth = simulate_ehl("C2", seed, options=SHORT)
     t = frame["time_s"].to_numpy()
     ends = [
@@ -75,14 +89,18 @@ def test_switch_load_and_friction_agree_on_the_parting_within_a_twentieth_of_a_s
     assert abs(truth["unload_s"] * 75 - round(truth["unload_s"] * 75)) > 1e-6  # not on a sample
 
 
-def test_speeds_and_power_are_those_of_the_table(clean: tuple[pd.DataFrame, dict[str, Any]]) -> None:
+def test_speeds_and_power_are_those_of_the_table(
+    clean: tuple[pd.DataFrame, dict[str, Any]],
+) -> None:
     frame, truth = clean
     assert (frame["speed_fast_rpm"] == 4261).all()
     assert truth["sliding_speed_m_s"] == ehl_test("B3").sliding_speed_m_s
     assert truth["h_fast"] / truth["h_slow"] == pytest.approx(4.24 ** truth["exponent"], rel=1e-12)
 
 
-def test_clean_log_differs_from_the_truth_by_the_chain_alone(clean: tuple[pd.DataFrame, dict[str, Any]]) -> None:
+def test_clean_log_differs_from_the_truth_by_the_chain_alone(
+    clean: tuple[pd.DataFrame, dict[str, Any]],
+) -> None:
     """Late in a slow phase a trace is nearly a ramp, so log(t) = true(t - lag), but for curvature."""
     frame, truth = clean
     t = frame["time_s"].to_numpy()
@@ -94,7 +112,9 @@ def test_clean_log_differs_from_the_truth_by_the_chain_alone(clean: tuple[pd.Dat
             assert np.abs(np.interp(at, t, frame[name]) - early).max() < 1e-2  # 0.03 K/s2
 
 
-def test_raw_trace_is_degrees_wrong_just_after_unloading(clean: tuple[pd.DataFrame, dict[str, Any]]) -> None:
+def test_raw_trace_is_degrees_wrong_just_after_unloading(
+    clean: tuple[pd.DataFrame, dict[str, Any]],
+) -> None:
     frame, truth = clean
     t = frame["time_s"].to_numpy()
     after = (t > truth["unload_s"]) & (t < truth["unload_s"] + 1)
@@ -120,7 +140,9 @@ def test_steady_temperatures_look_like_table_7_2() -> None:
 
 def test_options_fix_what_they_name() -> None:
     rig = draw_truth(4, exponent=0.7)
-    drawn = draw_test(rig, ehl_test("D4"), 4, EhlOptions(beta=0.68, h_fast_W_m2K=740.0, friction_N=20.0))
+    drawn = draw_test(
+        rig, ehl_test("D4"), 4, EhlOptions(beta=0.68, h_fast_W_m2K=740.0, friction_N=20.0)
+    )
     assert (drawn.beta, drawn.h_fast_W_m2K, drawn.friction_N) == (0.68, 740.0, 20.0)
     assert drawn.h_slow_W_m2K == pytest.approx(740.0 / 4.24**0.7, rel=1e-12)
 
@@ -136,9 +158,15 @@ def test_uncertain_rigs_scatter_as_rig_toml_states() -> None:
     near = {"rel": 0.13}
     depth = [r.fast.setup.junctions["e"].depth_m - nominal.junctions["e"].depth_m for r in rigs]
     assert scatter(depth) == pytest.approx(0.1e-3, **near)
-    assert scatter([r.fast.setup.conductivity_W_mK / 41 for r in rigs]) == pytest.approx(0.03, **near)
-    assert scatter([r.slow.setup.specific_heat_J_kgK / 470 for r in rigs]) == pytest.approx(0.02, **near)
-    washer = [r.fast.setup.washer_conductivity_W_mK / nominal.washer_conductivity_W_mK for r in rigs]
+    assert scatter([r.fast.setup.conductivity_W_mK / 41 for r in rigs]) == pytest.approx(
+        0.03, **near
+    )
+    assert scatter([r.slow.setup.specific_heat_J_kgK / 470 for r in rigs]) == pytest.approx(
+        0.02, **near
+    )
+    washer = [
+        r.fast.setup.washer_conductivity_W_mK / nominal.washer_conductivity_W_mK for r in rigs
+    ]
     assert scatter(washer) == pytest.approx(0.2, **near)
     assert scatter([r.half_width_scale for r in rigs]) == pytest.approx(0.03, **near)
     assert scatter([r.friction_scale for r in rigs]) == pytest.approx(0.01, **near)
@@ -149,7 +177,9 @@ def test_uncertain_rigs_scatter_as_rig_toml_states() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("test", "fast_a", "slow_a"), [("A1", 85, 73), ("B3", 122, 96), ("D4", 155, 125)])
+@pytest.mark.parametrize(
+    ("test", "fast_a", "slow_a"), [("A1", 85, 73), ("B3", 122, 96), ("D4", 155, 125)]
+)
 def test_full_length_tests_end_near_the_thesis(test: str, fast_a: float, slow_a: float) -> None:
     for seed in (1, 2):
         _, truth = simulate_ehl(test, seed, options=EhlOptions(mesh=STUDY_MESH))
@@ -165,7 +195,9 @@ def test_braked_speeds_fall_to_1_e_and_the_disks_cool_more_slowly() -> None:
     for column in ("speed_fast_rpm", "speed_slow_rpm"):
         share = traces[column].to_numpy() / traces[column].iloc[0]
         assert (share[t < off] == 1).all()
-        assert np.interp(off + 3.0, t, share) == pytest.approx(np.exp(-1), abs=1e-5)  # straight between samples
+        assert np.interp(off + 3.0, t, share) == pytest.approx(
+            np.exp(-1), abs=1e-5
+        )  # straight between samples
     warmer = traces["fast_e_degC"].to_numpy() - kept["traces"]["fast_e_degC"].to_numpy()
     assert np.abs(warmer[t < off]).max() < 1e-9
     assert (np.diff(warmer[t > off + 1.0]) > 0).all()
@@ -179,7 +211,9 @@ def test_another_film_in_the_same_system_is_the_system_of_that_film(film_air_K: 
     start = steady_state(one, 500.0, 60.0)
     level = lambda value: lambda t: np.full_like(t, value)  # noqa: E731
     ends = [
-        integrate(system, level(500.0), level(60.0), (0.0, 20.0), start, film_share=level(share)).state
+        integrate(
+            system, level(500.0), level(60.0), (0.0, 20.0), start, film_share=level(share)
+        ).state
         for system, share in ((one, 0.5), (half, 1.0))
     ]
     np.testing.assert_allclose(ends[0], ends[1], atol=1e-6)
@@ -187,9 +221,13 @@ def test_another_film_in_the_same_system_is_the_system_of_that_film(film_air_K: 
 
 def test_a_disk_that_loses_heat_by_its_film_alone_comes_to_the_film_s_own_air() -> None:
     disk = draw_truth(1).with_film_air(7.0).slow
-    alone = replace(disk, setup=replace(disk.setup, washer_conductivity_W_mK=0.0), bore_conductance_W_m2K=1e-9)
+    alone = replace(
+        disk, setup=replace(disk.setup, washer_conductivity_W_mK=0.0), bore_conductance_W_m2K=1e-9
+    )
     system = build_system(alone, 700.0, 1.6e-3, STUDY_MESH)
-    assert system.sample @ steady_state(system, 0.0, 60.0) == pytest.approx(67.0, abs=1e-6)  # 1e-9 of the film's
+    assert system.sample @ steady_state(system, 0.0, 60.0) == pytest.approx(
+        67.0, abs=1e-6
+    )  # 1e-9 of the film's
 
 
 def test_disks_that_touch_again_are_heated_and_the_log_shows_it() -> None:
@@ -200,6 +238,8 @@ def test_disks_that_touch_again_are_heated_and_the_log_shows_it() -> None:
         # a trapezium of 0.2 s with ramps of 0.01 s, sampled at 75 Hz: to half a sample at each end
         for start, length in ((1.0, 0.2), (3.0, 0.1)):
             near = (t > off + start - 0.1) & (t < off + start + 0.4)
-            assert frame[column][near].sum() / 75 == pytest.approx(level * (length - 0.01), abs=level / 75)
+            assert frame[column][near].sum() / 75 == pytest.approx(
+                level * (length - 0.01), abs=level / 75
+            )
     pulses = np.flatnonzero(np.diff(frame["contact"]) > 0)
     assert t[pulses[1:]] - off == pytest.approx([1.0, 3.0], abs=1 / 75)

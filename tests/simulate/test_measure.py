@@ -52,7 +52,9 @@ def test_chain_agrees_with_the_toolkit_s_own_transfer_function(conditioning: Con
     u = np.cumsum(rng.standard_normal(4001))
     ours = through_chains(u[:, None], 1 / 300, 4, [(0.5, 0.1, conditioning)])[:, 0]
     theirs = Chain((0.5, 0.1), conditioning=conditioning).response(u, 1 / 300)[::4]
-    assert np.abs(ours - theirs).max() < 1e-8 * np.abs(u).max()  # two exact discretisations, round-off of polynomials
+    assert (
+        np.abs(ours - theirs).max() < 1e-8 * np.abs(u).max()
+    )  # two exact discretisations, round-off of polynomials
 
 
 def test_chain_has_unit_static_gain() -> None:
@@ -64,7 +66,12 @@ def test_chain_has_unit_static_gain() -> None:
 def test_clean_log_of_a_ramp_lags_each_channel_by_its_true_lag() -> None:
     disk = draw_truth(5).fast
     log, true = log_disk(
-        lambda t: np.repeat(t[:, None], 6, axis=1), 30.0, disk, np.random.default_rng(0), CLEAN, spikes=True
+        lambda t: np.repeat(t[:, None], 6, axis=1),
+        30.0,
+        disk,
+        np.random.default_rng(0),
+        CLEAN,
+        spikes=True,
     )
     assert np.abs(true[-1] - log[-1] - list(disk.lags_s.values())).max() < 1e-9
 
@@ -80,10 +87,18 @@ def test_static_line_turns_the_log_back_into_degrees() -> None:
 
 def test_noise_has_the_stated_deviation() -> None:
     disk = draw_truth(2).fast
-    log = logged(np.full((20000, 6), 80.0), disk, np.random.default_rng(0), Imperfections(static=False), spikes=False)
+    log = logged(
+        np.full((20000, 6), 80.0),
+        disk,
+        np.random.default_rng(0),
+        Imperfections(static=False),
+        spikes=False,
+    )
     stated = [c.noise_K for c in disk.channels.values()]
     assert np.all((np.array(stated) >= 0.12) & (np.array(stated) <= 0.15))
-    assert log.std(axis=0) == pytest.approx(stated, rel=0.03)  # 6 sigma of 20000 samples, and 0.1 % of quantisation
+    assert log.std(axis=0) == pytest.approx(
+        stated, rel=0.03
+    )  # 6 sigma of 20000 samples, and 0.1 % of quantisation
 
 
 def test_sixteen_bits_round_by_half_a_step_and_clip() -> None:

@@ -7,7 +7,14 @@ from scipy.special import erfc, erfcx
 from calibration.rig import load_rig
 from tcdyn.simulate.bath import fluid_state, heat_radially, natural_h_W_m2K
 from tcdyn.simulate.measure import simulate_oven
-from tcdyn.simulate.plunge import HOLE_COLUMNS, PlungeOptions, PlungeTruth, bath_columns, simulate_hole, simulate_plunge
+from tcdyn.simulate.plunge import (
+    HOLE_COLUMNS,
+    PlungeOptions,
+    PlungeTruth,
+    bath_columns,
+    simulate_hole,
+    simulate_plunge,
+)
 from tcdyn.simulate.truth import CLEAN, draw_truth
 
 SETUP = load_rig().disk_setup("fast")
@@ -16,7 +23,9 @@ SHORT = PlungeOptions(after_s=30.0)
 
 def test_plunge_at_small_biot_number_is_a_single_exponential() -> None:
     h = 1.0  # Bi = h (R_o - R_bore) / K = 4e-4: gradients of that order remain
-    heating = heat_radially(SETUP, np.array([3e-3]), 20.0, lambda t: 100.0, lambda t, wall: h, 4000.0)
+    heating = heat_radially(
+        SETUP, np.array([3e-3]), 20.0, lambda t: 100.0, lambda t, wall: h, 4000.0
+    )
     t = np.array([500.0, 2000.0, 4000.0])
     volume = (SETUP.outer_radius_m**2 - SETUP.bore_radius_m**2) / (2 * SETUP.outer_radius_m)
     tau = SETUP.density_kg_m3 * SETUP.specific_heat_J_kgK * volume / h
@@ -45,7 +54,13 @@ def test_water_heats_faster_than_oil() -> None:
 
 def test_log_has_the_columns_of_the_format_and_starts_twenty_seconds_before_entry() -> None:
     frame, truth = simulate_plunge("slow", 3, options=SHORT)
-    assert list(frame.columns) == ["time_s", "switch", "probe_degC", "fluid_degC", *(f"{c}_degC" for c in "abcdef")]
+    assert list(frame.columns) == [
+        "time_s",
+        "switch",
+        "probe_degC",
+        "fluid_degC",
+        *(f"{c}_degC" for c in "abcdef"),
+    ]
     assert np.allclose(np.diff(frame["time_s"]), 1 / 75, rtol=0, atol=1e-12)
     assert truth["entry_s"] == pytest.approx(20, abs=0.6)
     assert set(frame["switch"]) == {0.0, 1.0}
@@ -58,19 +73,30 @@ def test_disks_reach_no_bath_but_follow_each_other_in_order_of_depth() -> None:
 
 
 def test_hand_pressed_switch_scatters_by_a_seventh_of_a_second_and_sometimes_bounces() -> None:
-    runs = [simulate_plunge("fast", seed, options=PlungeOptions(entry_s=3, after_s=2))[1] for seed in range(60)]
+    runs = [
+        simulate_plunge("fast", seed, options=PlungeOptions(entry_s=3, after_s=2))[1]
+        for seed in range(60)
+    ]
     off = np.array([r["switch_s"] - r["entry_s"] for r in runs])
     assert off.std() == pytest.approx(0.15, rel=0.3)  # 60 draws know it to 9 %; three of those
     assert 5 < sum(r["bounces"] > 0 for r in runs) < 35
     assert 15 < sum(r["switch_held"] for r in runs) < 45
 
 
-def test_a_bouncing_switch_opens_for_a_fiftieth_of_a_second_each_time_and_one_let_go_after_0_6_s() -> None:
+def test_a_bouncing_switch_opens_for_a_fiftieth_of_a_second_each_time_and_one_let_go_after_0_6_s() -> (
+    None
+):
     """Two bounces, 0.04 and 0.08 s after it closes at 1 s; opened again at 1.6 s unless it is held."""
     _, truth = simulate_plunge("fast", 0, options=PlungeOptions(entry_s=3, after_s=2))
-    told = {k: truth[k] for k in PlungeTruth.__dataclass_fields__} | {"switch_s": 1.0, "bounces": 2, "duration_s": 5.0}
+    told = {k: truth[k] for k in PlungeTruth.__dataclass_fields__} | {
+        "switch_s": 1.0,
+        "bounces": 2,
+        "duration_s": 5.0,
+    }
     for held in (True, False):
-        columns = bath_columns(PlungeTruth(**{**told, "switch_held": held}), CLEAN, np.random.default_rng(0))
+        columns = bath_columns(
+            PlungeTruth(**{**told, "switch_held": held}), CLEAN, np.random.default_rng(0)
+        )
         t = np.array([0.9, 1.02, 1.05, 1.07, 1.09, 1.11, 1.5, 1.7, 4.9])
         seen = columns["switch"][np.searchsorted(columns["time_s"], t) - 1]
         assert seen.tolist() == [0, 1, 0, 1, 0, 1, 1, held, held]
@@ -83,7 +109,9 @@ def test_probe_shows_the_entry_sooner_than_the_disk() -> None:
     assert frame["probe_degC"][at] > 90
     assert frame["a_degC"][at] < 40
     before = frame["probe_degC"][t < truth["entry_s"] - 0.2]
-    assert before.mean() == pytest.approx(truth["initial_degC"] + 1.5, abs=0.05)  # in the air, which the disk lags
+    assert before.mean() == pytest.approx(
+        truth["initial_degC"] + 1.5, abs=0.05
+    )  # in the air, which the disk lags
     assert before.max() < 35
 
 
@@ -110,13 +138,20 @@ def test_hole_comparison_shows_one_hole_lagging() -> None:
     lag = truth["lag_s"]
     assert max(lag["d1p3"], lag["d2p2"]) - lag["ideal_1"] < 0.2
     assert lag["d3p0"] - lag["ideal_1"] > 0.6
-    assert frame["ideal_1_degC"][:500].mean() == pytest.approx(16, abs=1.3)  # drawn start and a tenth of offset
+    assert frame["ideal_1_degC"][:500].mean() == pytest.approx(
+        16, abs=1.3
+    )  # drawn start and a tenth of offset
 
 
 def test_oven_rows_recover_the_static_lines() -> None:
     """Straight lines through PRT against reading: gain to 0.1 K over the 140 K range, well inside rounding of holds."""
     frame, truth = simulate_oven("fast", 3)
-    assert list(frame.columns) == ["repeat", "setpoint_degC", "prt_degC", *(f"{c}_degC" for c in "abcdef")]
+    assert list(frame.columns) == [
+        "repeat",
+        "setpoint_degC",
+        "prt_degC",
+        *(f"{c}_degC" for c in "abcdef"),
+    ]
     assert sorted(set(frame["repeat"])) == [1, 2, 3]
     assert sorted(set(frame["setpoint_degC"])) == list(range(20, 161, 20))
     for c in "abcdef":

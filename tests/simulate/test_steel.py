@@ -24,9 +24,13 @@ SLOPES = SteelSlopes(-8e-4, 7e-4)
 B = 1.62e-3
 
 
-def disk_of(steel: SteelSlopes, washers: bool = True, amplitude: float = 0.0, **changes: float) -> DiskTruth:
+def disk_of(
+    steel: SteelSlopes, washers: bool = True, amplitude: float = 0.0, **changes: float
+) -> DiskTruth:
     disk = draw_truth(0).fast
-    setup = replace(disk.setup, steel=steel, **({} if washers else {"washer_conductivity_W_mK": 0.0}))
+    setup = replace(
+        disk.setup, steel=steel, **({} if washers else {"washer_conductivity_W_mK": 0.0})
+    )
     return replace(disk, setup=setup, uneven=BoreContact(amplitude, 20.0), **changes)
 
 
@@ -45,14 +49,18 @@ def test_a_ring_between_hot_and_cold_obeys_kirchhoff_s_law() -> None:
     assert reads["e"] - reads["b"] > 20
 
     def conducted(one: str, other: str) -> float:
-        integral = quad(lambda t: setup.conductivity_W_mK * SLOPES.conductivity(t), reads[other], reads[one])[0]
+        integral = quad(
+            lambda t: setup.conductivity_W_mK * SLOPES.conductivity(t), reads[other], reads[one]
+        )[0]
         radii = [setup.outer_radius_m - setup.junctions[c].depth_m for c in (one, other)]
         return float(2 * np.pi * setup.width_m * integral / np.log(radii[0] / radii[1]))
 
     # the shaft beside the disk cools the bore's edges more than its middle: the flow leans there, by half a per cent
     assert conducted("e", "a") == pytest.approx(500.0, rel=2e-3)
     assert conducted("a", "b") == pytest.approx(500.0, rel=5e-3)
-    assert conducted("a", "b") * 1.05 < conducted("a", "b") / SLOPES.conductivity(reads["a"])  # what a constant k tells
+    assert conducted("a", "b") * 1.05 < conducted("a", "b") / SLOPES.conductivity(
+        reads["a"]
+    )  # what a constant k tells
 
 
 def test_all_heat_is_stored_with_the_specific_heat_of_its_temperature() -> None:
@@ -101,10 +109,16 @@ def test_a_harmonic_conducts_as_a_small_change_of_the_even_part_does() -> None:
         return steel.conducted_W(state)
 
     by_even = (brought(1e-3, 0.0) - brought(-1e-3, 0.0))[even] / 2e-3
-    dr_over_r = np.array([np.trapezoid(1 / x, x) for x in (np.linspace(a, b, 99) for a, b in pairwise(g.r_edges))])
-    ring = 2 * np.pi * disk.setup.conductivity_W_mK * np.outer(dr_over_r, np.diff(g.z_edges)).ravel()
+    dr_over_r = np.array(
+        [np.trapezoid(1 / x, x) for x in (np.linspace(a, b, 99) for a, b in pairwise(g.r_edges))]
+    )
+    ring = (
+        2 * np.pi * disk.setup.conductivity_W_mK * np.outer(dr_over_r, np.diff(g.z_edges)).ravel()
+    )
     round_ring = -SLOPES.conductivity_per_K * ring * (y[even] - 20.0) * change
-    np.testing.assert_allclose(2 * brought(0.0, 1.0)[first], by_even + round_ring, rtol=1e-5, atol=1e-9)
+    np.testing.assert_allclose(
+        2 * brought(0.0, 1.0)[first], by_even + round_ring, rtol=1e-5, atol=1e-9
+    )
 
 
 def test_steel_that_would_not_conduct_is_refused() -> None:

@@ -39,118 +39,222 @@ class Mutation:
 
 
 CONTACT, MODAL, RIM = "tcdyn/contact.py", "tcdyn/conduction/modal.py", "tcdyn/conduction/rim.py"
-HERTZ_TESTS, RIM_TESTS = "tests/simulate/test_contact.py", "tests/conduction/test_rim_closed_forms.py"
-PLUNGE_TESTS, OIL_TESTS = "tests/immersion/test_immersion_radial.py", "tests/immersion/test_immersion_correlations.py"
+HERTZ_TESTS, RIM_TESTS = (
+    "tests/simulate/test_contact.py",
+    "tests/conduction/test_rim_closed_forms.py",
+)
+PLUNGE_TESTS, OIL_TESTS = (
+    "tests/immersion/test_immersion_radial.py",
+    "tests/immersion/test_immersion_correlations.py",
+)
 STEADY = "tcdyn/partition/steady.py"
 
 MUTATIONS: tuple[Mutation, ...] = (
     Mutation(
-        "surface speed without its factor 2", CONTACT, "return 2.0 * np.pi * speed_rpm", "return np.pi * speed_rpm",
+        "surface speed without its factor 2",
+        CONTACT,
+        "return 2.0 * np.pi * speed_rpm",
+        "return np.pi * speed_rpm",
         HERTZ_TESTS,
     ),
-    Mutation("Hertz: twice the load", CONTACT, "(1.5 * load_N * crown", "(3.0 * load_N * crown", HERTZ_TESTS),
     Mutation(
-        "Hertz: sign in 1 - nu^2", CONTACT, "(2.0 * (1.0 - poisson**2))", "(2.0 * (1.0 + poisson**2))", HERTZ_TESTS
+        "Hertz: twice the load",
+        CONTACT,
+        "(1.5 * load_N * crown",
+        "(3.0 * load_N * crown",
+        HERTZ_TESTS,
     ),
     Mutation(
-        "press fit without its factor 2", CONTACT, "/ (2 * square * (outer - inner))", "/ (square * (outer - inner))",
+        "Hertz: sign in 1 - nu^2",
+        CONTACT,
+        "(2.0 * (1.0 - poisson**2))",
+        "(2.0 * (1.0 + poisson**2))",
+        HERTZ_TESTS,
+    ),
+    Mutation(
+        "press fit without its factor 2",
+        CONTACT,
+        "/ (2 * square * (outer - inner))",
+        "/ (square * (outer - inner))",
         "tests/simulate/test_disk.py",
     ),
     Mutation(
-        "exponent of the joint's conductance", CONTACT, "(pressure_Pa / hardness_Pa) ** 0.693",
-        "(pressure_Pa / hardness_Pa) ** 0.963", "tests/simulate/test_disk.py",
+        "exponent of the joint's conductance",
+        CONTACT,
+        "(pressure_Pa / hardness_Pa) ** 0.693",
+        "(pressure_Pa / hardness_Pa) ** 0.963",
+        "tests/simulate/test_disk.py",
     ),
     Mutation(
-        "running surface: curvature inwards", MODAL, "(ro + dr / 2) * 2 /", "(ro - dr / 2) * 2 /",
+        "running surface: curvature inwards",
+        MODAL,
+        "(ro + dr / 2) * 2 /",
+        "(ro - dr / 2) * 2 /",
         "tests/conduction/test_rim_convergence.py",
     ),
     Mutation(
-        "washers: half of a face's exchange", MODAL, "face = 2 * alpha * rim.washer", "face = alpha * rim.washer",
+        "washers: half of a face's exchange",
+        MODAL,
+        "face = 2 * alpha * rim.washer",
+        "face = alpha * rim.washer",
         "tests/conduction/test_rim_convergence.py",
     ),
     Mutation(
-        "washers' Biot number in the inner row", MODAL, "biot = rim.washer_W_m2K * w / k",
-        "biot = rim.washer_W_m2K * w / (2 * k)", "tests/conduction/test_rim_profiles.py",
+        "washers' Biot number in the inner row",
+        MODAL,
+        "biot = rim.washer_W_m2K * w / k",
+        "biot = rim.washer_W_m2K * w / (2 * k)",
+        "tests/conduction/test_rim_profiles.py",
     ),
     Mutation(
-        "flux over twice the contact's width", MODAL, "np.clip(edges / half_width,",
+        "flux over twice the contact's width",
+        MODAL,
+        "np.clip(edges / half_width,",
         "np.clip(edges / (2 * half_width),",
         "tests/conduction/test_rim_flux.py",
     ),
     Mutation(
-        "power spread over the inner radius", MODAL, "last * outer / (2 * np.pi * ro)",
+        "power spread over the inner radius",
+        MODAL,
+        "last * outer / (2 * np.pi * ro)",
         "last * outer / (2 * np.pi * ri)",
         RIM_TESTS,
     ),
-    Mutation("film warms, not cools", MODAL, "diagonal[-1] += outer * h", "diagonal[-1] -= outer * h", RIM_TESTS),
     Mutation(
-        "quartic of the inner row not level at the faces", MODAL, "t**2 * (3 - 2 * t)", "t**2 * (3 - t)",
+        "film warms, not cools",
+        MODAL,
+        "diagonal[-1] += outer * h",
+        "diagonal[-1] -= outer * h",
+        RIM_TESTS,
+    ),
+    Mutation(
+        "quartic of the inner row not level at the faces",
+        MODAL,
+        "t**2 * (3 - 2 * t)",
+        "t**2 * (3 - t)",
         "tests/conduction/test_rim_profiles.py",
     ),
     Mutation("no radius in the radial coupling", MODAL, "half = r - dr / 2", "half = r", RIM_TESTS),
     Mutation(
-        "washer's conductance times its thickness", RIM,
+        "washer's conductance times its thickness",
+        RIM,
         "setup.washer_conductivity_W_mK / setup.washer_thickness_m",
-        "setup.washer_conductivity_W_mK * setup.washer_thickness_m", "tests/conduction/test_rim_engine.py",
+        "setup.washer_conductivity_W_mK * setup.washer_thickness_m",
+        "tests/conduction/test_rim_engine.py",
     ),
     Mutation(
-        "straight line between samples run backwards", RIM, "drive = ramp * u[1:] + (rise - ramp) * u[:-1]",
-        "drive = ramp * u[:-1] + (rise - ramp) * u[1:]", "tests/conduction/test_rim_bank.py",
+        "straight line between samples run backwards",
+        RIM,
+        "drive = ramp * u[1:] + (rise - ramp) * u[:-1]",
+        "drive = ramp * u[:-1] + (rise - ramp) * u[1:]",
+        "tests/conduction/test_rim_bank.py",
     ),
     Mutation(
-        "uneven film: sign of its departure", "tcdyn/conduction/nonuniform.py", "* (film - mean)", "* (mean - film)",
+        "uneven film: sign of its departure",
+        "tcdyn/conduction/nonuniform.py",
+        "* (film - mean)",
+        "* (mean - film)",
         "tests/conduction/test_rim_nonuniform.py",
     ),
     Mutation(
-        "speed law: sign of the slow line's intercept", STEADY, "return (A * D + chi * B * (1 - C))",
-        "return (A * D + chi * B * (1 + C))", "tests/partition/test_steady.py",
-    ),
-    Mutation("Nu of (5.3): local, not mean", "immersion/correlations.py", "4 / 3 * 0.508", "0.508", OIL_TESTS),
-    Mutation("Nu of (5.4): wrong exponent", "immersion/correlations.py", "outer=4 / 9", "outer=8 / 27", OIL_TESTS),
-    Mutation("Gr: square of the length", "immersion/correlations.py", "* length**3 /", "* length**2 /", OIL_TESTS),
-    Mutation(
-        "plunged disk holds twice the heat", "immersion/cylinder.py", "return 2 * ro / (self.heat",
-        "return ro / (self.heat", PLUNGE_TESTS,
+        "speed law: sign of the slow line's intercept",
+        STEADY,
+        "return (A * D + chi * B * (1 - C))",
+        "return (A * D + chi * B * (1 + C))",
+        "tests/partition/test_steady.py",
     ),
     Mutation(
-        "expansion half as large again", "immersion/fluids.py", "(self.rho(T - 0.5) - self.rho(T + 0.5))",
-        "(self.rho(T - 1.0) - self.rho(T + 0.5))", "tests/immersion/test_immersion_fluids.py",
+        "Nu of (5.3): local, not mean",
+        "immersion/correlations.py",
+        "4 / 3 * 0.508",
+        "0.508",
+        OIL_TESTS,
     ),
     Mutation(
-        "cut-off taken in rad/s over pi", "calibration/disk.py", "1.0 / (2 * math.pi * self.cutoff_Hz)",
-        "1.0 / (math.pi * self.cutoff_Hz)", "calibration/disk.py",
+        "Nu of (5.4): wrong exponent",
+        "immersion/correlations.py",
+        "outer=4 / 9",
+        "outer=8 / 27",
+        OIL_TESTS,
     ),
     Mutation(
-        "terminal's emf taken away", "calibration/lines/couples.py", "dtype=float) + emf_mV(cold",
+        "Gr: square of the length",
+        "immersion/correlations.py",
+        "* length**3 /",
+        "* length**2 /",
+        OIL_TESTS,
+    ),
+    Mutation(
+        "plunged disk holds twice the heat",
+        "immersion/cylinder.py",
+        "return 2 * ro / (self.heat",
+        "return ro / (self.heat",
+        PLUNGE_TESTS,
+    ),
+    Mutation(
+        "expansion half as large again",
+        "immersion/fluids.py",
+        "(self.rho(T - 0.5) - self.rho(T + 0.5))",
+        "(self.rho(T - 1.0) - self.rho(T + 0.5))",
+        "tests/immersion/test_immersion_fluids.py",
+    ),
+    Mutation(
+        "cut-off taken in rad/s over pi",
+        "calibration/disk.py",
+        "1.0 / (2 * math.pi * self.cutoff_Hz)",
+        "1.0 / (math.pi * self.cutoff_Hz)",
+        "calibration/disk.py",
+    ),
+    Mutation(
+        "terminal's emf taken away",
+        "calibration/lines/couples.py",
+        "dtype=float) + emf_mV(cold",
         "dtype=float) - emf_mV(cold",
         "tests/calibration/test_cal_typej.py",
     ),
     Mutation(
-        "whole disk: half the radial conduction", "tcdyn/simulate/mesh.py", "2 * np.pi * k / np.log(r[1:]",
-        "np.pi * k / np.log(r[1:]", "tests/simulate/test_disk.py",
+        "whole disk: half the radial conduction",
+        "tcdyn/simulate/mesh.py",
+        "2 * np.pi * k / np.log(r[1:]",
+        "np.pi * k / np.log(r[1:]",
+        "tests/simulate/test_disk.py",
     ),
     Mutation(
-        "static line: sign of the offset", "calibration/lines/static.py",
-        "np.asarray(logged, dtype=float) + line.offset", "np.asarray(logged, dtype=float) - line.offset",
+        "static line: sign of the offset",
+        "calibration/lines/static.py",
+        "np.asarray(logged, dtype=float) + line.offset",
+        "np.asarray(logged, dtype=float) - line.offset",
         "calibration/lines/static.py",
     ),
     Mutation(
-        "power held on the wrong side of the parting", "tcdyn/partition/window.py", "held[max(k, 0)] *= part",
-        "held[max(k, 0)] *= 1 - part", "tests/partition/test_power.py",
+        "power held on the wrong side of the parting",
+        "tcdyn/partition/window.py",
+        "held[max(k, 0)] *= part",
+        "held[max(k, 0)] *= 1 - part",
+        "tests/partition/test_power.py",
     ),
     Mutation(
-        "harmonic round the bore: sign of its second solution", "tcdyn/partition/uneven.py",
-        "special.iv(n, x) - lost_i / lost_k", "special.iv(n, x) + lost_i / lost_k", "tests/partition/test_uneven.py",
+        "harmonic round the bore: sign of its second solution",
+        "tcdyn/partition/uneven.py",
+        "special.iv(n, x) - lost_i / lost_k",
+        "special.iv(n, x) + lost_i / lost_k",
+        "tests/partition/test_uneven.py",
     ),
     Mutation(
-        "effect of a deeper inner row: sign", "tcdyn/partition/effects.py",
-        "depth[p:, :, :p] += np.tensordot", "depth[p:, :, :p] -= np.tensordot", "tests/partition/test_effects.py",
+        "effect of a deeper inner row: sign",
+        "tcdyn/partition/effects.py",
+        "depth[p:, :, :p] += np.tensordot",
+        "depth[p:, :, :p] -= np.tensordot",
+        "tests/partition/test_effects.py",
     ),
     Mutation(
-        "inverse of a chain: half the bandwidth", "tcdyn/compensate/inverse.py", "w = 2 * np.pi * bandwidth_Hz /",
-        "w = np.pi * bandwidth_Hz /", "tests/compensate/test_causal.py",
+        "inverse of a chain: half the bandwidth",
+        "tcdyn/compensate/inverse.py",
+        "w = 2 * np.pi * bandwidth_Hz /",
+        "w = np.pi * bandwidth_Hz /",
+        "tests/compensate/test_causal.py",
     ),
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True)
@@ -173,7 +277,12 @@ class Caught:
 
 
 def _run(where: Path, *command: str) -> subprocess.CompletedProcess[str]:
-    env = {**os.environ, "PYTHONPATH": str(where), "PYTHONDONTWRITEBYTECODE": "1", "MPLBACKEND": "Agg"}
+    env = {
+        **os.environ,
+        "PYTHONPATH": str(where),
+        "PYTHONDONTWRITEBYTECODE": "1",
+        "MPLBACKEND": "Agg",
+    }
     return subprocess.run(
         [sys.executable, "-m", *command],
         cwd=where,
@@ -195,14 +304,18 @@ def tried(mutation: Mutation | None, where: Path, always_tests: bool = False) ->
         told = _run(where, "tcdyn.cli.app", "verify", "--json")
         try:
             rows = tuple(
-                f"{r['source']}: {r['quantity']}" for r in json.loads(told.stdout)["rows"] if r["verdict"] == "differs"
+                f"{r['source']}: {r['quantity']}"
+                for r in json.loads(told.stdout)["rows"]
+                if r["verdict"] == "differs"
             )
             stopped = ""
         except json.JSONDecodeError:
             rows, stopped = (), (told.stderr.strip().splitlines() or ["no output"])[-1]
         failed = None
         if mutation and (always_tests or not (rows or stopped)):
-            failed = _run(where, "pytest", "-x", "-q", "-p", "no:cacheprovider", mutation.tests).returncode in (1, 2)
+            failed = _run(
+                where, "pytest", "-x", "-q", "-p", "no:cacheprovider", mutation.tests
+            ).returncode in (1, 2)
         return Caught(rows, stopped, failed)
     finally:
         path.write_text(before, encoding="utf-8")
@@ -224,7 +337,9 @@ def study(chosen: Sequence[int] = (), always_tests: bool = False) -> dict[int, C
                 continue
             found = out[number] = tried(mutation, where, always_tests)
             seen = found.stopped or f"{len(found.rows)} rows differ"
-            unit = {None: "", True: "; unit test fails", False: "; UNIT TEST PASSES"}[found.test_failed]
+            unit = {None: "", True: "; unit test fails", False: "; UNIT TEST PASSES"}[
+                found.test_failed
+            ]
             print(f"{number:2d} {mutation.what} ({mutation.file}): {seen}{unit}", flush=True)
             for line in found.rows[:3]:
                 print(f"      {line}", flush=True)

@@ -75,7 +75,9 @@ def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str,
     good = table[table["BIC"].notna() & ~out & ~refused]
     sound, following = good[good["determined"]], good["p_input"] < ALARM
     passing, explaining = sound[~following[sound.index]], good[~following]
-    known = sound if len(sound) and not refused.any() else good  # a search's steps are held against colour already
+    known = (
+        sound if len(sound) and not refused.any() else good
+    )  # a search's steps are held against colour already
     limit = known["BIC"].min() + DECISIVE
     pool = next(p for p in (passing, explaining, sound, good) if len(p) and p["BIC"].min() <= limit)
     best = other = pool.iloc[0]
@@ -111,7 +113,11 @@ def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str,
 
 
 def verdict(
-    table: pd.DataFrame, recommended: str, why: Finding, untried: Sequence[str] = (), troubles: Sequence[str] = ()
+    table: pd.DataFrame,
+    recommended: str,
+    why: Finding,
+    untried: Sequence[str] = (),
+    troubles: Sequence[str] = (),
 ) -> Finding:
     """What to use and why, or that none of the models is good enough and what to try.
 
@@ -124,8 +130,12 @@ def verdict(
     """
     row = table[table["model"] == recommended].iloc[0]
     coloured, percent = bool(row["p_white"] < ALARM), float(row["fit_percent"])
-    held_out = float(row["held_out_percent"])  # not a number where the output of that part never moves
-    held_out_against = held_out < 0 and row["p_held_out"] < ALARM  # a plateau of noise is no reproach
+    held_out = float(
+        row["held_out_percent"]
+    )  # not a number where the output of that part never moves
+    held_out_against = (
+        held_out < 0 and row["p_held_out"] < ALARM
+    )  # a plateau of noise is no reproach
     against = None
     if row["p_input"] < ALARM:
         against = "dynamics"
@@ -147,7 +157,11 @@ def verdict(
         return look("models.undetermined", remark=row["remark"], **numbers)
     worse = coloured and held_out_against
     numbers |= {"coloured": coloured, "worse_than_mean": worse, "small": percent < HALF}
-    return look("models.provisional", **numbers) if troubles or worse else note("models.recommended", **numbers)
+    return (
+        look("models.provisional", **numbers)
+        if troubles or worse
+        else note("models.recommended", **numbers)
+    )
 
 
 def order_table(table: pd.DataFrame, unit: str = "") -> pd.DataFrame:
@@ -156,14 +170,19 @@ def order_table(table: pd.DataFrame, unit: str = "") -> pd.DataFrame:
     ``unit`` is the output's; models that could not be fitted are left out.
     """
     good = table[table["BIC"].notna()]
-    white, following = ([f"{p:.2f}" if p >= ALARM else "below 0.01" for p in good[c]] for c in ("p_white", "p_input"))
+    white, following = (
+        [f"{p:.2f}" if p >= ALARM else "below 0.01" for p in good[c]]
+        for c in ("p_white", "p_input")
+    )
     return pd.DataFrame(
         {
             "model": good["model"].to_list(),
             "parameters": [f"{n:.0f}" for n in good["parameters"]],
             "fit [%]": [f"{v:.2f}" for v in good["fit_percent"]],
             f"rms{f' [{unit}]' if unit else ''}": [f"{v:#.3g}".rstrip(".") for v in good["rms"]],
-            "held out [%]": [f"{v:.2f}" if np.isfinite(v) else "" for v in good["held_out_percent"]],
+            "held out [%]": [
+                f"{v:.2f}" if np.isfinite(v) else "" for v in good["held_out_percent"]
+            ],
             "BIC above best": [f"{v:.1f}" for v in good["BIC"] - good["BIC"].min()],
             "white p": white,
             "input p": following,
@@ -189,7 +208,11 @@ def as_chain(model: Identified, conditioning: Conditioning = NO_CONDITIONING) ->
         chain = model.chain(conditioning)
     except InputError:
         return ""
-    parts = [f"{f.name}={_digits(getattr(chain, f.name))}" for f in fields(chain) if f.init and getattr(chain, f.name)]
+    parts = [
+        f"{f.name}={_digits(getattr(chain, f.name))}"
+        for f in fields(chain)
+        if f.init and getattr(chain, f.name)
+    ]
     made = f"tcdyn.smooth(y, dt, tcdyn.Chain({', '.join(parts)}))"
     return f"To remove this lag from other traces: {made}; the gain is left in."
 

@@ -15,7 +15,14 @@ from calibration.finding import Finding, Grade, note
 from calibration.result import Result, jsonable
 from calibration.spelling import Spelling, as_argument
 from tcdyn.chain import NO_CONDITIONING
-from tcdyn.identify.choose.advice import COLUMNS, answers_at_once, as_chain, order_table, recommend, verdict
+from tcdyn.identify.choose.advice import (
+    COLUMNS,
+    answers_at_once,
+    as_chain,
+    order_table,
+    recommend,
+    verdict,
+)
 from tcdyn.identify.choose.grow import Entry, Way, listed, not_worse, off_equilibrium
 from tcdyn.identify.choose.held_out import QUICK, Progress, Task
 from tcdyn.identify.choose.shared import rival
@@ -27,7 +34,11 @@ from tcdyn.identify.validate import Validation, clean, coloured, validate
 from tcdyn.threads import one_blas_thread
 
 CANDIDATES = ("P1", "P1D", "P2", "P2D", "P2Z", "P2DZ", "P2U", "P2DU", "P3", "P3D")
-OFFERED = (*CANDIDATES, "P1I", "P1DI")  # by the advice, where none of the models compared is good enough
+OFFERED = (
+    *CANDIDATES,
+    "P1I",
+    "P1DI",
+)  # by the advice, where none of the models compared is good enough
 WORSE = 1.2  # times the held-out error, from which a disturbance in the fit has taken dynamics for noise
 
 
@@ -75,11 +86,17 @@ class Comparison(Result):
     @property
     def verdict(self) -> Finding:
         """Which model to use and why, or that none of them is good enough and what to try."""
-        untried = [name for name in OFFERED if name not in set(self.table["model"]) and not self.grown]
+        untried = [
+            name for name in OFFERED if name not in set(self.table["model"]) and not self.grown
+        ]
         troubles = [f.code for f in self.best.findings if f.code == "record.closed_loop"]
         if not troubles and answers_at_once(self.best):
             troubles = ["model.at_once"]
-        troubles += [code for code in self.validation.troubles if not (troubles and code == "record.feedback")]
+        troubles += [
+            code
+            for code in self.validation.troubles
+            if not (troubles and code == "record.feedback")
+        ]
         return verdict(self.table, self.recommended, self.reason, untried, troubles)
 
     def removal(self, conditioning: Conditioning = NO_CONDITIONING) -> str:
@@ -95,7 +112,12 @@ class Comparison(Result):
     def to_dict(self) -> dict[str, Any]:
         """The recommended model as its file holds it, why, and the order table."""
         table = jsonable(self.table)
-        return {**self.best.to_dict(), "recommended": self.recommended, "why": self.why, "comparison": table}
+        return {
+            **self.best.to_dict(),
+            "recommended": self.recommended,
+            "why": self.why,
+            "comparison": table,
+        }
 
     def card(self) -> pd.DataFrame:
         """The order table, remarks left out."""
@@ -168,7 +190,9 @@ def with_rival(task: Task, found: Comparison, like: Model) -> Comparison:
     same = {**options, "initial": better[0].problem.initial}
     alone = compared(replace(task, options=same), [(other, better[0].identified.theta, False)])
     table = pd.concat([alone.table, found.table], ignore_index=True)
-    freed = found.reason.numbers.get("freed", False) or same["initial"] != options.get("initial", "equilibrium")
+    freed = found.reason.numbers.get("freed", False) or same["initial"] != options.get(
+        "initial", "equilibrium"
+    )
     told: dict[str, Any] = {"other": found.recommended, "ratio": better[1], "freed": freed}
     reason = note("models.foresees", subject=other.name, white=not coloured(alone.best), **told)
     return Comparison(table, {**alone.fits, **found.fits}, other.name, reason, grown=True)
@@ -181,7 +205,11 @@ def with_disturbance(task: Task, found: Comparison) -> Comparison:
     models get the same, and where that costs held-out error none.
     """
     best, options = found.best, task.options
-    if {"noise", "baseline"} & set(options) or options.get("loss", "linear") != "linear" or not coloured(best):
+    if (
+        {"noise", "baseline"} & set(options)
+        or options.get("loss", "linear") != "linear"
+        or not coloured(best)
+    ):
         return found
     asked = {**options, **QUICK, "noise": "auto", "baseline": "auto"}
     if found.grown:
@@ -190,7 +218,10 @@ def with_disturbance(task: Task, found: Comparison) -> Comparison:
     if given == best.disturbance:
         return found
 
-    way = [(f.problem.model, f.identified.theta if found.grown else None, False) for f in found.fits.values()]
+    way = [
+        (f.problem.model, f.identified.theta if found.grown else None, False)
+        for f in found.fits.values()
+    ]
     anew = compared(task.but("disturbance modelled", **given), way)
     worse = anew.best_row["held_out_rms"] > WORSE * found.best_row["held_out_rms"]
     if worse or anew.table["BIC"].min() >= found.table["BIC"].min():
@@ -200,7 +231,9 @@ def with_disturbance(task: Task, found: Comparison) -> Comparison:
     told: dict[str, Any] = {"order": list(noise.order), "baseline": given["baseline"]}
     told["freed"] = found.reason.numbers.get("freed", False)
     if noise.averaged:
-        told["memory_s"] = noise.memory * task.data.dt_s if noise.memory < len(anew.best.residual) else None
+        told["memory_s"] = (
+            noise.memory * task.data.dt_s if noise.memory < len(anew.best.residual) else None
+        )
         told["p_walk"] = anew.best.identified.statistics["p_walk"]
     return replace(anew, reason=replace(anew.reason, numbers={**anew.reason.numbers, **told}))
 
@@ -240,8 +273,12 @@ def compared(task: Task, models: Way) -> Comparison:
             }
         )
     if not fits:
-        raise first or InputError("no model to compare", expected=f"names such as {', '.join(CANDIDATES)}")
-    table = pd.DataFrame(rows).sort_values("BIC", key=lambda b: b.round(6), kind="stable", ignore_index=True)
+        raise first or InputError(
+            "no model to compare", expected=f"names such as {', '.join(CANDIDATES)}"
+        )
+    table = pd.DataFrame(rows).sort_values(
+        "BIC", key=lambda b: b.round(6), kind="stable", ignore_index=True
+    )
     chosen = recommend(table, overdamped(fits))
     fits = {name: noted(found, noticed) for name, found in fits.items()}
     return Comparison(table, fits, *chosen, grown=any(refused for *_, refused in models))
@@ -264,7 +301,9 @@ def joint_table(comparisons: Mapping[str, Comparison]) -> pd.DataFrame:
     rows = []
     for output, c in comparisons.items():
         for name, part in c.best.identified.parts.items():
-            lag = "" if c.best.identified.model.integrators or not part.gain else part.lag_s.text("s")
+            lag = (
+                "" if c.best.identified.model.integrators or not part.gain else part.lag_s.text("s")
+            )
             fits = {
                 f"{what} [%]": f"{c.best_row[f'{key}_percent']:.2f}"
                 for what, key in (("fit", "fit"), ("held out", "held_out"))

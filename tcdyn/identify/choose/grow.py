@@ -19,19 +19,32 @@ from tcdyn.identify.choose.held_out import QUICK, Task
 from tcdyn.identify.data import IOData
 from tcdyn.identify.fit import fit
 from tcdyn.identify.identified import Identified
-from tcdyn.identify.models import SILENT, Model, as_model, as_template, bare, process, several, transfer
+from tcdyn.identify.models import (
+    SILENT,
+    Model,
+    as_model,
+    as_template,
+    bare,
+    process,
+    several,
+    transfer,
+)
 from tcdyn.identify.search import Fit
 from tcdyn.identify.start import rest, starts
 from tcdyn.identify.validate import clean
 
 WORTH = 2.0  # BIC that a step must gain
-UNSEEN = 1.05  # times the held-out error, beyond which a step has learnt the record and not the system
+UNSEEN = (
+    1.05  # times the held-out error, beyond which a step has learnt the record and not the system
+)
 SEEN = 0.97  # times the held-out error, below which a step counts though the colour of the residuals could explain it
 MOST_POLES, MOST_STEPS, MOST_SHOWN = 6, 24, 3
 SIZES = (0.1, 1.0, 10.0)  # of what is new, in lags of what was there
 Score = Callable[[Fit], float]
 Entry = Model | str | Fit | Identified
-Way = Sequence[tuple[Model, Mapping[str, float] | None, bool]]  # models, where their searches begin, whether refused
+Way = Sequence[
+    tuple[Model, Mapping[str, float] | None, bool]
+]  # models, where their searches begin, whether refused
 
 
 def grown(
@@ -68,7 +81,10 @@ def grown(
             break
         now, error = found, unseen
         way.append(found)
-    return [(f.problem.model, f.identified.theta, any(f is r for r in refused)) for f in (*way, *refused)]
+    return [
+        (f.problem.model, f.identified.theta, any(f is r for r in refused))
+        for f in (*way, *refused)
+    ]
 
 
 def bic(found: Fit) -> float:
@@ -107,7 +123,9 @@ def best_of(tried: list[Fit | None]) -> Fit:
     return min(good, key=bic)
 
 
-def fitted(data: IOData, model: Model, before: Fit | None, options: Mapping[str, Any]) -> Fit | None:
+def fitted(
+    data: IOData, model: Model, before: Fit | None, options: Mapping[str, Any]
+) -> Fit | None:
     """The better of the fit begun at the simpler model's answer and, of one input, of that begun nowhere; None where
     there is none."""
     begun: list[Any] = [] if before is None else [onward(before, model)]
@@ -120,13 +138,20 @@ def fitted(data: IOData, model: Model, before: Fit | None, options: Mapping[str,
     return min(tried, key=bic, default=None)
 
 
-def not_worse(found: Fit, others: Mapping[str, Fit], data: IOData, options: Mapping[str, Any]) -> Fit:
+def not_worse(
+    found: Fit, others: Mapping[str, Fit], data: IOData, options: Mapping[str, Any]
+) -> Fit:
     """``found``, or the fit begun at a simpler model's answer where that one, a special case of it, fits
     better."""
     model = found.problem.model
     for other in others.values():
-        inside = set(other.problem.model.names) < set(model.names) and other.problem.model.kind == model.kind
-        if inside and other.identified.statistics["rms"] < found.identified.statistics["rms"] * (1 - 1e-6):
+        inside = (
+            set(other.problem.model.names) < set(model.names)
+            and other.problem.model.kind == model.kind
+        )
+        if inside and other.identified.statistics["rms"] < found.identified.statistics["rms"] * (
+            1 - 1e-6
+        ):
             size = 0.02 * (abs(other.identified.longest_lag_s) or data.dt_s)
             extra = {n: size for n in model.names if bare(n) not in ("Tz", "Td")}
             start = {**extra, **other.identified.theta}
@@ -170,7 +195,12 @@ def successors(model: Model) -> list[Model]:
     delay = "Td" in model.names
     poles, zeros = model.order, len([n for n in model.names if n[0] == "b"]) - 1
     if model.kind == "tf":
-        larger = [(zeros + 1, poles), (zeros, poles + 1), (zeros + 1, poles + 1), (zeros + 2, poles + 2)]
+        larger = [
+            (zeros + 1, poles),
+            (zeros, poles + 1),
+            (zeros + 1, poles + 1),
+            (zeros + 2, poles + 2),
+        ]
         found = [] if delay else [transfer(zeros, poles, delay=True)]
         return found + [transfer(z, p, delay=delay) for z, p in larger if z <= p <= MOST_POLES]
     letters = set(re.sub(r"[P\d]", "", model.name))
@@ -193,7 +223,9 @@ def onward(found: Fit, model: Model) -> list[dict[str, float]]:
     """Parameters of ``model`` to begin at: what the smaller one ``found`` did with what is new of three sizes, and the
     starts that the larger branch has by itself."""
     posed, theta, old = found.problem, found.identified.theta, found.problem.model
-    k = next(k for k in range(len(posed.branches)) if model.branch(k)[0].name != old.branch(k)[0].name)
+    k = next(
+        k for k in range(len(posed.branches)) if model.branch(k)[0].name != old.branch(k)[0].name
+    )
     (part, names), (was, own) = model.branch(k), old.branch(k)
     have = {n: theta[w] for n, w in own.items()}
     kept = {w: v for w, v in theta.items() if w not in own.values()}
@@ -217,7 +249,9 @@ def begin(was: Model, have: Mapping[str, float], part: Model, tau: float) -> dic
             below = product([below, [1.0, tau]])
             if len(above) < sum(n[0] == "b" for n in part.names):
                 above = product([above, [1.0, tau]])
-        values = {f"b{i}": float(v) for i, v in enumerate(above)} | {f"a{i}": float(v) for i, v in enumerate(below)}
+        values = {f"b{i}": float(v) for i, v in enumerate(above)} | {
+            f"a{i}": float(v) for i, v in enumerate(below)
+        }
         return {n: values.get(n, 0.0) for n in part.names} | delay
     new = [n for n in part.names if n not in have]
     begun = dict(have) | dict.fromkeys(new, tau) | delay
@@ -236,7 +270,9 @@ def entry(given: Entry, data: IOData) -> Model:
     names = data.input_names
     if isinstance(found, Identified):
         model, theta = found.model, found.theta
-        if model.inputs == tuple(f"u[{k}]" for k in range(len(names))):  # control's own labels: by their place
+        if model.inputs == tuple(
+            f"u[{k}]" for k in range(len(names))
+        ):  # control's own labels: by their place
             model = several(model.parts, names)
             own = (found.model.branch(k)[1] for k in range(len(names)))
             theta = {f"{n}.{u}": theta[w] for u, named in zip(names, own) for n, w in named.items()}

@@ -17,7 +17,10 @@ from tcdyn.identify.search import Fit
 from tcdyn.identify.start import polished
 
 LASTING = 0.3  # of the held-out part: a disturbance that lasts so long is foreseen from the level it has reached
-QUICK: dict[str, Any] = {"intervals": "quadratic", "check": False}  # options of fits that only a score is asked of
+QUICK: dict[str, Any] = {
+    "intervals": "quadratic",
+    "check": False,
+}  # options of fits that only a score is asked of
 Progress = Callable[[str, int, int], None]  # name of the model, its number, how many there are
 
 
@@ -85,9 +88,13 @@ def judged(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[float, f
     cuts = [replace(s, y=s.y - model.offset) for s in cut(test)]
     scored = [s.seen & (s.start_s + np.arange(len(s.y)) * test.dt_s >= from_s) for s in cuts]
     before = [s.seen & ~late for s, late in zip(cuts, scored)]
-    begun = tuple(replace(s, seen=seen) if seen.sum() >= SHORTEST else s for s, seen in zip(cuts, before))
+    begun = tuple(
+        replace(s, seen=seen) if seen.sum() >= SHORTEST else s for s, seen in zip(cuts, before)
+    )
     known = replace(model.model, fixed=model.theta, offset="none")
-    posed = replace(result.problem, model=known, segments=begun, dt_s=test.dt_s, hold=test.hold, trend=False)
+    posed = replace(
+        result.problem, model=known, segments=begun, dt_s=test.dt_s, hold=test.hold, trend=False
+    )
     answers = posed.outputs(polished(posed, {})[1])
     assert answers is not None
     all_of_it = np.concatenate([(s.y - y)[s.seen] for s, (y, _) in zip(cuts, answers)])
@@ -97,9 +104,13 @@ def judged(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[float, f
         since = np.cumsum(late)[late]
         all_of_it[late] -= since * (since @ all_of_it[late]) / (since @ since)
     error, innovation = all_of_it[late], result.noise.whiten(all_of_it, whole)[late]
-    if result.noise.memory > LASTING * len(error) and not late.all():  # from the level at which a walk is by then
+    if (
+        result.noise.memory > LASTING * len(error) and not late.all()
+    ):  # from the level at which a walk is by then
         error = error - np.mean(all_of_it[~late][-SHORTEST:])
-    spread = np.concatenate([s.y[late] - np.mean(s.y[late]) for s, late in zip(cuts, scored) if late.any()] or [error])
+    spread = np.concatenate(
+        [s.y[late] - np.mean(s.y[late]) for s, late in zip(cuts, scored) if late.any()] or [error]
+    )
     if len(error) == 0:
         return np.nan, np.nan, np.nan
     top, base = float(np.sqrt(np.mean(error**2))), float(np.sqrt(np.mean(spread**2)))

@@ -45,7 +45,9 @@ def rival(task: Task, now: Fit, held_out_rms: float, like: Model) -> tuple[Fit, 
             if (blocks := blocks_out(found) / before) > UNSEEN:
                 continue
             try:
-                last = task.unseen(found, initial=found.problem.initial, start=found.identified.theta)
+                last = task.unseen(
+                    found, initial=found.problem.initial, start=found.identified.theta
+                )
                 rest = last[0] / held_out_rms
             except InputError:  # too little is left of the record
                 continue
@@ -55,20 +57,34 @@ def rival(task: Task, now: Fit, held_out_rms: float, like: Model) -> tuple[Fit, 
     return best
 
 
-def candidates(data: IOData, order: int, arx: bool, options: Mapping[str, Any], template: Model) -> Iterator[Fit]:
+def candidates(
+    data: IOData, order: int, arx: bool, options: Mapping[str, Any], template: Model
+) -> Iterator[Fit]:
     """Fits with ``order`` poles begun at those of ARX regressions, without a dead time and, where regressions ask for
     one, with; by output error with initial states estimated too, where ``options`` leave that open."""
     plain = [transfer(order, order, arx=arx)] * len(data.input_names)
-    posed = pose(data, several(plain, data.input_names, common=True), options.get("initial", "equilibrium"))
+    posed = pose(
+        data, several(plain, data.input_names, common=True), options.get("initial", "equilibrium")
+    )
     late = min(range(LATEST), key=lambda k: regressed(posed, order, k)[1])
     for delay in (0, late) if late else (0,):
         part = transfer(order - 1, order, delay=True, arx=arx) if delay else plain[0]
-        model = several([part] * len(data.input_names), data.input_names, common=True, known=template.known)
+        model = several(
+            [part] * len(data.input_names), data.input_names, common=True, known=template.known
+        )
         model = as_template(model, template)
         poles = [regressed(posed, order, delay // stride, stride)[0] for stride in STRIDES]
         dead = {n: max(delay - 1.0, 0.2) * data.dt_s for n in model.names if bare(n) == "Td"}
-        starts = [dead | {f"a{i}": float(a) for i, a in enumerate(one) if i} for one in poles if len(one) > 1]
-        asked = [options] if arx or "initial" in options else [options, {**options, "initial": "estimated"}]
+        starts = [
+            dead | {f"a{i}": float(a) for i, a in enumerate(one) if i}
+            for one in poles
+            if len(one) > 1
+        ]
+        asked = (
+            [options]
+            if arx or "initial" in options
+            else [options, {**options, "initial": "estimated"}]
+        )
         for each in asked:
             try:
                 found = fit(data, model, **each, start=starts)
@@ -115,4 +131,6 @@ def regressed(posed: Posed, order: int, late: int = 0, stride: int = 1) -> tuple
     far, angle = np.abs(z), np.where(z.imag == 0, 0.0, np.angle(z))
     far = np.clip(np.where(far > 1, 1 / np.maximum(far, 1.0), far), SHORTEST, LONGEST)
     below = np.poly((np.log(far) + 1j * angle) / (stride * posed.dt_s)).real[::-1]
-    return below / below[0], float(len(y) * np.log(error @ error / len(y) + 1e-300) + 2 * len(theta))
+    return below / below[0], float(
+        len(y) * np.log(error @ error / len(y) + 1e-300) + 2 * len(theta)
+    )

@@ -20,29 +20,49 @@ from tcdyn.identify.data.segments import Segment, cut
 # The thresholds come from simulated records of 100 to 1,000 samples: 7 controllers and 25 kinds of open loop, in
 # tests/identify/closed_loop_study.py. The comment beside each gives the figures that it lies between.
 OWN_LAGS = 8  # past values of the input from which its own prediction is made
-FILTER_POLES = (0.5, 0.7, 0.85, 0.95)  # of the filters that a controller may have on its measurement
-PROPORTIONAL = 3 + len(FILTER_POLES)  # terms without an integral: the last three outputs and the filtered ones
+FILTER_POLES = (
+    0.5,
+    0.7,
+    0.85,
+    0.95,
+)  # of the filters that a controller may have on its measurement
+PROPORTIONAL = 3 + len(
+    FILTER_POLES
+)  # terms without an integral: the last three outputs and the filtered ones
 LEAST_ROWS = 40  # rows of a record below which nothing can be decided
 SHORTEST_STRETCH = 10  # rows between two limits or set-point steps
 SETTLING = 15  # rows after a set-point step that are left out: the filters of a controller settle
 LIMIT_REPEATS = 3  # times that the extreme value of an input is repeated where it is a limit
-STEP_SDS = 8.0  # innovation of the input, in robust standard deviations, that is a step of the set point
-MOST_STEPS = 1 / 30  # share of the rows above which such innovations are no steps but the input's own distribution
-MOST_UNEXPLAINED = 0.5  # of the input's innovation variance by the law; noise-free loops 1e-8, noise of 10 % 0.3
-INTEGRAL_F = 60.0  # F value of the integral term; of white noise and open loops with white residuals at most 40
-PURE_INTEGRAL_F = (
-    60.0  # the same against the best leaky integral, which an inverted lead has: leads at most 53, loops 85
+STEP_SDS = (
+    8.0  # innovation of the input, in robust standard deviations, that is a step of the set point
 )
+MOST_STEPS = (
+    1 / 30
+)  # share of the rows above which such innovations are no steps but the input's own distribution
+MOST_UNEXPLAINED = (
+    0.5  # of the input's innovation variance by the law; noise-free loops 1e-8, noise of 10 % 0.3
+)
+INTEGRAL_F = 60.0  # F value of the integral term; of white noise and open loops with white residuals at most 40
+# The same against the best leaky integral, which an inverted lead has: leads at most 53, loops 85
+PURE_INTEGRAL_F = 60.0
 SHORTEST_LEAK = 20.0  # samples; the filters above are shorter
 LONGEST_LEAK = 1.5  # lengths of the record; a slower leak is no longer told from none
-LEAK_RATIO = 1.25  # from one leaky integral to the next: close enough that no lead falls between two
-INTEGRAL_GAIN = 1.2  # ratio of the residual variances without and with the integral, however long the record is
+LEAK_RATIO = (
+    1.25  # from one leaky integral to the next: close enough that no lead falls between two
+)
+INTEGRAL_GAIN = (
+    1.2  # ratio of the residual variances without and with the integral, however long the record is
+)
 BLOCKS = 4  # quarters of the record, in each of which the integral of a law that is not exact must explain something
 LEAST_SHARE = 0.03  # of what it explains in all; a single transient leaves less in two of them
-MOST_CORRELATED = 0.75  # autocorrelation of the law's residuals; of a chance fit to a slow drift it is above 0.8
+MOST_CORRELATED = (
+    0.75  # autocorrelation of the law's residuals; of a chance fit to a slow drift it is above 0.8
+)
 LEAST_RANDOM = 1e-3  # innovation of the input over its standard deviation; below, it is a smooth prescribed curve
 EXACT = 0.02  # unexplained share above which a law is no exact one
-LEAST_RANDOM_NOISY = 0.08  # LEAST_RANDOM where the law is not exact; a noisy plunge has 0.05, loops 0.3 to 1
+LEAST_RANDOM_NOISY = (
+    0.08  # LEAST_RANDOM where the law is not exact; a noisy plunge has 0.05, loops 0.3 to 1
+)
 PAST_LAGS = 10  # past values of input and output in the test for a delayed law
 PAST_SHARE = 0.6  # of the input's innovation variance that the past output explains; in open loops at most 0.27
 PAST_CORRELATION = 0.4  # sum of squared correlations of the output's innovations with the next ones of the input; 0.33
@@ -152,7 +172,9 @@ def integral_law(segments: Sequence[Rows]) -> bool:
     if innovations is None:
         return False
     usable, own = innovations
-    scale = MAD_TO_SD * float(np.median(np.abs(np.concatenate([w[g] for g, w in zip(usable, own)]))))
+    scale = MAD_TO_SD * float(
+        np.median(np.abs(np.concatenate([w[g] for g, w in zip(usable, own)])))
+    )
     jumps = [np.abs(w) > STEP_SDS * scale for w in own]
     if sum(int(j.sum()) for j in jumps) > MOST_STEPS * sum(int(g.sum()) for g in usable):
         jumps = [np.zeros_like(j) for j in jumps]
@@ -164,7 +186,9 @@ def integral_law(segments: Sequence[Rows]) -> bool:
     for rows, good, jump, w in zip(segments, usable, jumps, own):
         table = np.column_stack([rows.u, terms(rows.y - level, longest)])
         parts = stretches(good, jump)
-        degree = 2 if len(parts) == 1 else 1  # of the set point's integral: a ramp, or constant between its steps
+        degree = (
+            2 if len(parts) == 1 else 1
+        )  # of the set point's integral: a ramp, or constant between its steps
         polynomials += len(parts) * (degree + 1)
         tables += [without_trend(table[part], degree) for part in parts]
         kept += [w[part] for part in parts]
@@ -187,7 +211,9 @@ def is_law(table: Array, own: Array, scale: float, free: int) -> bool:
     unit = remaining / free
     inflation = len(u) / free
     unexplained = inflation * remaining / max(float(own @ own), 1e-300)
-    typical = inflation * float(np.median(np.abs(residual)) / max(np.median(np.abs(own)), 1e-150)) ** 2
+    typical = (
+        inflation * float(np.median(np.abs(residual)) / max(np.median(np.abs(own)), 1e-150)) ** 2
+    )
     blocks = [float(np.sum(part)) for part in np.array_split(without**2 - residual**2, BLOCKS)]
     randomness = scale / max(float(np.sqrt(np.mean(u**2))), 1e-150)
     exact = unexplained < EXACT
@@ -211,7 +237,9 @@ def own_innovations(segments: Sequence[Rows]) -> tuple[list[NDArray[np.bool_]], 
     if not segments:
         return None
     everything = np.concatenate([r.u for r in segments])
-    limits = [v for v in (everything.min(), everything.max()) if np.sum(everything == v) >= LIMIT_REPEATS]
+    limits = [
+        v for v in (everything.min(), everything.max()) if np.sum(everything == v) >= LIMIT_REPEATS
+    ]
     usable = []
     tables = []
     for rows in segments:
@@ -241,8 +269,12 @@ def delayed_law(segments: Sequence[Rows]) -> bool:
         good = rows.known[PAST_LAGS:]
         if n <= PAST_LAGS:
             continue
-        inputs.append(np.column_stack([rows.u[PAST_LAGS - i : n - i] for i in range(PAST_LAGS + 1)])[good])
-        outputs.append(np.column_stack([rows.y[PAST_LAGS - i : n - i] for i in range(PAST_LAGS + 1)])[good])
+        inputs.append(
+            np.column_stack([rows.u[PAST_LAGS - i : n - i] for i in range(PAST_LAGS + 1)])[good]
+        )
+        outputs.append(
+            np.column_stack([rows.y[PAST_LAGS - i : n - i] for i in range(PAST_LAGS + 1)])[good]
+        )
     if sum(len(rows) for rows in inputs) < LEAST_ROWS + 2 * PAST_LAGS:
         return False
     u = np.vstack(inputs)

@@ -82,12 +82,16 @@ class IOData(Result):
         """
         where = name or "IOData"
         if not (np.isfinite(dt_s) and dt_s > 0):
-            raise InputError(f"dt_s is {dt_s}", where=where, expected="a sampling interval in seconds above zero")
+            raise InputError(
+                f"dt_s is {dt_s}", where=where, expected="a sampling interval in seconds above zero"
+            )
         check_hold(hold, where)
         ua, ya = columns(u, input_names, "input", where), columns(y, output_names, "output", where)
         if len(ua) != len(ya):
             raise InputError(
-                f"the input has {len(ua)} samples, the output {len(ya)}", where=where, expected="equal lengths"
+                f"the input has {len(ua)} samples, the output {len(ya)}",
+                where=where,
+                expected="equal lengths",
             )
         ni, no = ua.shape[1], ya.shape[1]
         return cls(
@@ -140,7 +144,10 @@ class IOData(Result):
         """These runs and those of ``others``, each still with its own start; never one after the other in time."""
         for other in others:
             same = (np.isclose(other.dt_s, self.dt_s, rtol=1e-6), other.hold == self.hold)
-            if not all(same) or (other.input_names, other.output_names) != (self.input_names, self.output_names):
+            if not all(same) or (other.input_names, other.output_names) != (
+                self.input_names,
+                self.output_names,
+            ):
                 raise InputError(
                     f"merge: {other.name or 'the second data set'} has dt_s {other.dt_s}, hold {other.hold}, columns "
                     f"{other.input_names} -> {other.output_names}",
@@ -154,12 +161,29 @@ class IOData(Result):
         """The samples with start_s <= time <= end_s of every run; runs left empty are dropped."""
         kept = []
         for run in self.runs:
-            first = 0 if start_s is None else max(0, int(np.ceil((start_s - run.start_s) / self.dt_s - 1e-9)))
-            last = run.n if end_s is None else int(np.floor((end_s - run.start_s) / self.dt_s + 1e-9)) + 1
+            first = (
+                0
+                if start_s is None
+                else max(0, int(np.ceil((start_s - run.start_s) / self.dt_s - 1e-9)))
+            )
+            last = (
+                run.n
+                if end_s is None
+                else int(np.floor((end_s - run.start_s) / self.dt_s + 1e-9)) + 1
+            )
             if first < min(last, run.n):
-                kept.append(Run(run.u[first:last], run.y[first:last], run.start_s + first * self.dt_s, run.name))
+                kept.append(
+                    Run(
+                        run.u[first:last],
+                        run.y[first:last],
+                        run.start_s + first * self.dt_s,
+                        run.name,
+                    )
+                )
         if not kept:
-            raise InputError(f"no sample lies between {start_s} s and {end_s} s", where=self.name or "IOData")
+            raise InputError(
+                f"no sample lies between {start_s} s and {end_s} s", where=self.name or "IOData"
+            )
         return replace(self, runs=tuple(kept))
 
     def __getitem__(self, window: slice) -> IOData:
@@ -170,7 +194,9 @@ class IOData(Result):
         """One run alone."""
         return replace(self, runs=(self.runs[index],))
 
-    def select(self, input: str | Sequence[str] | None = None, output: str | Sequence[str] | None = None) -> IOData:
+    def select(
+        self, input: str | Sequence[str] | None = None, output: str | Sequence[str] | None = None
+    ) -> IOData:
         """Some of the inputs and outputs, by name; all of them where no name is given."""
         i = indices_of(input, self.input_names, "input")
         o = indices_of(output, self.output_names, "output")
@@ -208,7 +234,9 @@ def indices_of(asked: str | Sequence[str] | None, names: tuple[str, ...], role: 
     wanted = names if asked is None else (asked,) if isinstance(asked, str) else tuple(asked)
     for name in wanted:
         if name not in names:
-            raise InputError(f"there is no {role} named {name!r}", expected=f"one of {', '.join(names)}")
+            raise InputError(
+                f"there is no {role} named {name!r}", expected=f"one of {', '.join(names)}"
+            )
     return [names.index(name) for name in wanted]
 
 
@@ -219,14 +247,18 @@ def columns(values: ArrayLike, names: Sequence[str], role: str, where: str) -> A
         raise InputError(f"the {role} holds {raw.dtype} values", where=where, expected="numbers")
     raw = raw[:, None] if raw.ndim == 1 else raw
     if raw.ndim != 2:
-        raise InputError(f"the {role} has {raw.ndim} dimensions", where=where, expected="(N,) or (N, columns)")
+        raise InputError(
+            f"the {role} has {raw.ndim} dimensions", where=where, expected="(N,) or (N, columns)"
+        )
     out = np.array(raw, dtype=float)
     for k in range(out.shape[1]):
         label = names[k] if k < len(names) else f"{role} {k + 1}" if out.shape[1] > 1 else role
         if np.isinf(out[:, k]).any():
             row = int(np.flatnonzero(np.isinf(out[:, k]))[0])
             raise InputError(
-                f"column {label} is infinite in row {row}", where=where, remedy="mark missing values as NaN"
+                f"column {label} is infinite in row {row}",
+                where=where,
+                remedy="mark missing values as NaN",
             )
         check_wrap(out[:, k], label, where)
     return out

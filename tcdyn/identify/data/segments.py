@@ -12,7 +12,9 @@ from calibration import Array
 from calibration.noise import MAD_TO_SD
 from tcdyn.identify.data.record import IOData
 
-REPEATED = 0.4  # share of samples that equal the one before, from which an input was set and not measured
+REPEATED = (
+    0.4  # share of samples that equal the one before, from which an input was set and not measured
+)
 MOST_NOISE = 0.1  # of the standard deviation of the input, beyond which it is no noise
 SHORTEST = 8  # samples with the input known throughout, below which a stretch is passed over
 
@@ -69,7 +71,9 @@ def cut(data: IOData) -> tuple[Segment, ...]:
             if b - a >= min(SHORTEST, run.n) and np.isfinite(y).any():
                 t = np.flatnonzero(known[:b])
                 past = np.array([np.interp(np.arange(t[0], a), t, u[t]) for u in run.u.T]).T
-                pieces.append(Segment(run.u[a:b], y, np.isfinite(y), index, run.start_s + a * data.dt_s, past))
+                pieces.append(
+                    Segment(run.u[a:b], y, np.isfinite(y), index, run.start_s + a * data.dt_s, past)
+                )
     return tuple(pieces)
 
 

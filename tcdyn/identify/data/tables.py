@@ -28,7 +28,9 @@ from calibration.plausible import dropout_codes, overload_codes
 from tcdyn.identify.data.record import Hold, IOData, check_hold
 from tcdyn.identify.data.segments import REPEATED
 
-FEW_DECIMALS = 0.02  # share of repeated stamps, from which the clock is taken as one of few decimals
+FEW_DECIMALS = (
+    0.02  # share of repeated stamps, from which the clock is taken as one of few decimals
+)
 MOST_SAMPLES = 5e7  # of one run on an even grid
 JUMP = 0.05  # of its range, by which an input that was set moves; rounding makes smaller steps
 ALONE = 0.95  # share of the moves of a staircase before and after which it stays
@@ -64,14 +66,21 @@ def from_frame(
     """
     where = name or "table"
     inputs, outputs = ([c] if isinstance(c, str) else list(c) for c in (input, output))
-    roles: list[tuple[str, str | None]] = [*(("input", c) for c in inputs), *(("output", c) for c in outputs)]
+    roles: list[tuple[str, str | None]] = [
+        *(("input", c) for c in inputs),
+        *(("output", c) for c in outputs),
+    ]
     for _, column in roles:
         if [c for _, c in roles].count(column) > 1:
             raise InputError(
-                f"column {column!r} is named twice", where=where, expected="other columns as inputs and outputs"
+                f"column {column!r} is named twice",
+                where=where,
+                expected="other columns as inputs and outputs",
             )
     if not inputs or not outputs:
-        raise InputError("no input or no output is named", where=where, expected="at least one of each")
+        raise InputError(
+            "no input or no output is named", where=where, expected="at least one of each"
+        )
     for role, column in (*roles, ("time", time), ("run", run)):
         if column is not None and column not in frame.columns:
             raise missing(f"{role} column", column, [*map(str, frame)], where)
@@ -81,8 +90,12 @@ def from_frame(
         time = clock.name
     for column in filter(None, (*inputs, *outputs, time)):
         if list(frame.columns).count(column) > 1:
-            raise InputError(f"column {column!r} stands twice", where=where, remedy="rename one of them")
-    groups = [("", frame)] if run is None else [(str(k), g) for k, g in frame.groupby(run, sort=False)]
+            raise InputError(
+                f"column {column!r} stands twice", where=where, remedy="rename one of them"
+            )
+    groups = (
+        [("", frame)] if run is None else [(str(k), g) for k, g in frame.groupby(run, sort=False)]
+    )
     times = [np.empty(0) if clock is None else _times(g, clock, where) for _, g in groups]
     if dt_s is not None:
         interval = dt_s
@@ -91,7 +104,9 @@ def from_frame(
     else:
         interval = sampling(times, where)
     if not 0 < interval < np.inf:
-        raise InputError(f"the sampling interval is {interval:g} s", where=where, expected="a number above zero")
+        raise InputError(
+            f"the sampling interval is {interval:g} s", where=where, expected="a number above zero"
+        )
     parts = []
     wrong: dict[str, int] = {}
     for (label, part), t in zip(groups, times):
@@ -115,20 +130,26 @@ def from_frame(
             )
         )
     data = parts[0].merge(*parts[1:])
-    codes = tuple(look("record.codes", subject=column, count=count) for column, count in wrong.items())
+    codes = tuple(
+        look("record.codes", subject=column, count=count) for column, count in wrong.items()
+    )
     if hold != "auto":
         return replace(data, hold=check_hold(hold, where), findings=codes)
     asked = [was_set(np.concatenate([r.u[:, k] for r in data.runs])) for k in range(len(inputs))]
     kind: Hold = "zoh" if all(held for held, _ in asked) else "foh"
     told = [
-        (note if held else look)("record.hold", subject=name, step=step, hold=kind, half_s=data.dt_s / 2)
+        (note if held else look)(
+            "record.hold", subject=name, step=step, hold=kind, half_s=data.dt_s / 2
+        )
         for name, (held, step) in zip(inputs, asked)
         if step
     ]
     return replace(data, hold=kind, findings=(*codes, *told))
 
 
-def _time_column(frame: pd.DataFrame, time: str | None, time_unit: str | None, where: str) -> TimeColumn:
+def _time_column(
+    frame: pd.DataFrame, time: str | None, time_unit: str | None, where: str
+) -> TimeColumn:
     """The time column of a table. Raises InputError that names both ways to give the time."""
     names = list(map(str, frame.columns))
     if time is None and not any(TIME_NAMES.fullmatch(split_unit(n)[0]) for n in names):
@@ -146,7 +167,11 @@ def _times(frame: pd.DataFrame, clock: TimeColumn, where: str) -> Array:
     is_clock = frame[clock.name].dtype.kind not in "iufb"
     times_s = clock.in_seconds(numbers(frame, clock.name, where, clock=True), is_clock)
     clock.check_step(times_s, is_clock)
-    if len(times_s) > 2 and np.isfinite(times_s).all() and np.mean(np.diff(times_s) == 0) > FEW_DECIMALS:
+    if (
+        len(times_s) > 2
+        and np.isfinite(times_s).all()
+        and np.mean(np.diff(times_s) == 0) > FEW_DECIMALS
+    ):
         rising = bool((np.diff(times_s) >= 0).all())
         even_rows = rows_of_repeated_stamps(times_s) if rising else None
         if even_rows is not None:
@@ -161,7 +186,11 @@ def _output_codes(values: Array) -> Flags:
 
 
 def _readings(
-    frame: pd.DataFrame, column: str, where: str, codes: Callable[[Array], Flags], wrong: dict[str, int]
+    frame: pd.DataFrame,
+    column: str,
+    where: str,
+    codes: Callable[[Array], Flags],
+    wrong: dict[str, int],
 ) -> Array:
     """One column (N,) with its ``codes`` as NaN; ``wrong`` counts them by column."""
     values = numbers(frame, column, where)
@@ -185,7 +214,10 @@ def was_set(u: Array) -> tuple[bool, float]:
     if not 0 < len(at) < (1 - REPEATED) * len(moved):
         return False, 0.0
     stays, step = np.concatenate([[True], moved == 0, [True]]), float(moved[at].min())
-    alone, large = float(np.mean(stays[at] & stays[at + 2])), bool(np.median(moved[at]) > JUMP * np.ptp(u))
+    alone, large = (
+        float(np.mean(stays[at] & stays[at + 2])),
+        bool(np.median(moved[at]) > JUMP * np.ptp(u)),
+    )
     if np.ptp(u) < 2.5 * step or np.mean(moved[at] < 1.5 * step) <= 0.5:
         return large or alone > 0.5, 0.0
     return large and alone > ALONE, step if large or alone > ALONE else 0.0
@@ -194,7 +226,11 @@ def was_set(u: Array) -> tuple[bool, float]:
 def from_csv(path: str | Path, **options: Any) -> IOData:
     """:func:`from_frame` on a file: text of any dialect, spaces between columns too, TDMS, LVM or Parquet."""
     path = Path(path)
-    given = [options[role] for role in ("input", "output", "time", "run") if options.get(role) is not None]
+    given = [
+        options[role]
+        for role in ("input", "output", "time", "run")
+        if options.get(role) is not None
+    ]
     asked = {c for names in given for c in ([names] if isinstance(names, str) else names)}
     table = open_table(path, (*HEADER_NAMES, *asked))
     time = options.get("time")
@@ -207,9 +243,13 @@ def from_csv(path: str | Path, **options: Any) -> IOData:
     clock = find_time_column(
         table.names, path.name, requested=time, unit=options.get("time_unit"), unit_row=table.units
     )
-    unit = options.get("time_unit") or (clock.written if clock.stated and clock.seconds is not None else None)
+    unit = options.get("time_unit") or (
+        clock.written if clock.stated and clock.seconds is not None else None
+    )
     # a table of text is read here for its clock stamps only; of other files all columns share one time
-    raw = read_whole(table, [time] if isinstance(table, CsvTable) else [n for n in table.names if n in columns])
+    raw = read_whole(
+        table, [time] if isinstance(table, CsvTable) else [n for n in table.names if n in columns]
+    )
     if time in raw.stamps and len(raw.data[time]) == len(frame):
         frame[time] = raw.data[time]
         unit = "s"
@@ -221,7 +261,9 @@ def table_of(table: Table, asked: Collection[str]) -> pd.DataFrame:
     if isinstance(table, CsvTable):
         return _text_frame(table)
     raw = read_whole(table, [n for n in table.names if n in asked])
-    return pd.DataFrame(raw.data, columns=list(table.names))  # those not read are empty, so that errors name them
+    return pd.DataFrame(
+        raw.data, columns=list(table.names)
+    )  # those not read are empty, so that errors name them
 
 
 def _text_frame(table: CsvTable) -> pd.DataFrame:
@@ -231,10 +273,17 @@ def _text_frame(table: CsvTable) -> pd.DataFrame:
     try:
         with text_of(d) as stream:
             frame = pd.read_csv(
-                stream, sep=d.separator, decimal=d.decimal, header=None, skiprows=d.skip, encoding=encoding
+                stream,
+                sep=d.separator,
+                decimal=d.decimal,
+                header=None,
+                skiprows=d.skip,
+                encoding=encoding,
             )
     except (pd.errors.ParserError, UnicodeDecodeError) as error:
-        raise InputError(f"is not a table ({error})", where=table.where, expected="a table with a header") from error
+        raise InputError(
+            f"is not a table ({error})", where=table.where, expected="a table with a header"
+        ) from error
     frame.columns = list(table.names)
     return frame
 
@@ -274,7 +323,9 @@ def sampling(times: Sequence[Array], where: str) -> float:
 def check_times(t: Array, column: str, where: str) -> None:
     """Refuse missing, repeated and backward times ``t`` (N,) [s]."""
     if np.isnan(t).any():
-        raise InputError(f"column {column} is empty in row {np.flatnonzero(np.isnan(t))[0] + 1}", where=where)
+        raise InputError(
+            f"column {column} is empty in row {np.flatnonzero(np.isnan(t))[0] + 1}", where=where
+        )
     back = np.flatnonzero(np.diff(t) <= 0)
     if len(back):
         k = int(back[0])
@@ -287,7 +338,9 @@ def check_times(t: Array, column: str, where: str) -> None:
         )
 
 
-def even(t: Array, u: Array, y: Array, dt_s: float, resample: bool, column: str, where: str) -> tuple[Array, Array]:
+def even(
+    t: Array, u: Array, y: Array, dt_s: float, resample: bool, column: str, where: str
+) -> tuple[Array, Array]:
     """``u`` and ``y`` on an even grid of times [s]: gaps filled with NaN, or all resampled by straight lines."""
     position = (t - t[0]) / dt_s
     if position[-1] > MOST_SAMPLES:

@@ -21,7 +21,9 @@ from tcdyn.partition.sensors.rest import UNSOUND_P, at_rest
 from tcdyn.partition.window import between
 from tcdyn.traces import DiskTraces
 
-NAMED_LOG_ODDS = 8.0  # a fault is named when it is e^8 = 3000 times as likely as a sound disk, against 28 faults
+NAMED_LOG_ODDS = (
+    8.0  # a fault is named when it is e^8 = 3000 times as likely as a sound disk, against 28 faults
+)
 RIVAL_LOG_ODDS = 4.0  # rivals within e^4 = 55 times are named with it
 BLIND_LOG_ODDS = 4.0
 DEAD_REL = 0.25  # of the median rise of the disk's channels
@@ -52,14 +54,23 @@ class Suspect:
     @property
     def columns(self) -> tuple[str, ...]:
         """The suspected channels as the log names them."""
-        return tuple(f"{c}_degC" if self.disk == "both" else f"{self.disk}_{c}_degC" for c in self.channels)
+        return tuple(
+            f"{c}_degC" if self.disk == "both" else f"{self.disk}_{c}_degC" for c in self.channels
+        )
 
     @property
     def finding(self) -> Finding:
         """The fault to be told; a dead or swapped channel is not to be used."""
         odds = {} if self.kind in ("dead", "unknown") else {"log_odds": self.log_odds}
         size = {} if self.size is None else {"size": self.size.value, "size_u": self.size.u}
-        told = {"kind": self.kind, "channels": self.channels, "columns": self.columns, **odds, **size, **self.numbers}
+        told = {
+            "kind": self.kind,
+            "channels": self.channels,
+            "columns": self.columns,
+            **odds,
+            **size,
+            **self.numbers,
+        }
         if self.kind in ("dead", "swapped"):
             return refuse("sensors.suspect", subject=self.disk, **told)
         return look("sensors.suspect", subject=self.disk, **told)
@@ -97,9 +108,15 @@ class SensorCheck:
 
         ``column``: "steady" or "unloading".
         """
-        order, own = [c for g in self.groups[disk] for c in g], self.table[self.table["disk"] == disk]
+        order, own = (
+            [c for g in self.groups[disk] for c in g],
+            self.table[self.table["disk"] == disk],
+        )
         said = {frozenset((r["one"], r["other"])): r[column] for _, r in own.iterrows()}
-        body = [[said[frozenset((r, c))] if k > i else "" for k, c in enumerate(order)] for i, r in enumerate(order)]
+        body = [
+            [said[frozenset((r, c))] if k > i else "" for k, c in enumerate(order)]
+            for i, r in enumerate(order)
+        ]
         return pd.DataFrame(body, index=order, columns=order)
 
 
@@ -119,24 +136,39 @@ def check_sensors(test: EhlTest) -> SensorCheck:
     for d, (_, _, judged) in looked_at.items():
         if judged is not None:
             depth, best, suspect, pairs = judged
-            resting = (Suspect(d, fault.kind, fault.channels, size, odds) for fault, size, odds in before_load[d])
+            resting = (
+                Suspect(d, fault.kind, fault.channels, size, odds)
+                for fault, size, odds in before_load[d]
+            )
             found[d], likely[d] = tuple(resting) or suspect, best
             if depth is not None and not found[d]:
                 blind[d], depths[d] = pairs, depth
-    crossed = _crossed(test, features, sum(likely.values())) if all(found.values()) and len(likely) == 2 else None
+    crossed = (
+        _crossed(test, features, sum(likely.values()))
+        if all(found.values()) and len(likely) == 2
+        else None
+    )
     if crossed is not None:
         found = dict.fromkeys(DISKS, (crossed,))
-    table = pd.concat([pair_table(test, test.disks[d], features[d], groups[d]) for d in features], ignore_index=True)
+    table = pd.concat(
+        [pair_table(test, test.disks[d], features[d], groups[d]) for d in features],
+        ignore_index=True,
+    )
     verdicts = {}
     for d in features:
         own = table[(table["disk"] == d) & (table["steady"] != LEFT_OUT)]
-        wrong, alike = int((own["steady"] == "illogical").sum()), ["-".join(pair) for pair in blind[d]]
+        wrong, alike = (
+            int((own["steady"] == "illogical").sum()),
+            ["-".join(pair) for pair in blind[d]],
+        )
         sound_disk = note("sensors.sound", subject=d, illogical=wrong, pairs=len(own), blind=alike)
         verdicts[d] = tuple(s.finding for s in found[d]) or (sound_disk,)
     return SensorCheck(
         table=table,
         verdicts=verdicts,
-        suspects=found[DISKS[0]] if crossed is not None else tuple(s for d in features for s in found[d]),
+        suspects=found[DISKS[0]]
+        if crossed is not None
+        else tuple(s for d in features for s in found[d]),
         bulk_degC={d: float(f.levels[f.event == "steady"][0].mean()) for d, f in features.items()},
         blind=blind,
         depths=depths,
@@ -147,7 +179,9 @@ def check_sensors(test: EhlTest) -> SensorCheck:
 Judged = tuple[DepthTest | None, float, tuple[Suspect, ...], tuple[tuple[str, ...], ...]]
 
 
-def _looked_at(test: EhlTest, disk: DiskTraces) -> tuple[DiskFeatures, tuple[Suspect, ...], Judged | None]:
+def _looked_at(
+    test: EhlTest, disk: DiskTraces
+) -> tuple[DiskFeatures, tuple[Suspect, ...], Judged | None]:
     """A disk's features, the dead of its channels, and what is judged of it where there are none."""
     f = disk_features(test, disk)
     dead = _dead(test, disk, f)
@@ -157,25 +191,44 @@ def _looked_at(test: EhlTest, disk: DiskTraces) -> tuple[DiskFeatures, tuple[Sus
 def _judged(test: EhlTest, f: DiskFeatures, disk: DiskTraces) -> Judged:
     """Where the test places the junctions of a sound disk, the log likelihood of what is believed, the suspect if there
     is one, and the blind swaps."""
-    (sound, *found), *swapped = (judge(f, disk, faults) for faults in hypotheses(f.setup.channels, disk.left_out))
+    (sound, *found), *swapped = (
+        judge(f, disk, faults) for faults in hypotheses(f.setup.channels, disk.left_out)
+    )
     found += [v for verdicts in swapped for v in verdicts]
     ranked = sorted(found, key=lambda v: -v.log_likelihood)
     odds = ranked[0].log_likelihood - sound.log_likelihood
     if odds > NAMED_LOG_ODDS:
-        first, *others = sorted((settled(test, f, disk, v) for v in found), key=lambda v: -v.log_likelihood)
-        rivals = [v.fault for v in others if v.log_likelihood > first.log_likelihood - RIVAL_LOG_ODDS]
+        first, *others = sorted(
+            (settled(test, f, disk, v) for v in found), key=lambda v: -v.log_likelihood
+        )
+        rivals = [
+            v.fault for v in others if v.log_likelihood > first.log_likelihood - RIVAL_LOG_ODDS
+        ]
         also = {"rivals": [f"{r.kind} {'-'.join(r.channels)}" for r in rivals[:3]]}
         odds = first.log_likelihood - sound.log_likelihood
         if first.fault.kind == "swapped" and chdtrc(first.dof, first.chi2) < UNSOUND_P:
-            told = {**also, "chi2": sound.chi2, "dof": sound.dof}  # no swap stops a run that it does not explain
-            return None, sound.log_likelihood, (Suspect(disk.name, "unknown", (), None, odds, told),), ()
+            told = {
+                **also,
+                "chi2": sound.chi2,
+                "dof": sound.dof,
+            }  # no swap stops a run that it does not explain
+            return (
+                None,
+                sound.log_likelihood,
+                (Suspect(disk.name, "unknown", (), None, odds, told),),
+                (),
+            )
         named = Suspect(disk.name, first.fault.kind, first.fault.channels, first.size, odds, also)
         return None, first.log_likelihood, (named,), ()
     if chdtrc(sound.dof, sound.chi2) < UNSOUND_P:
-        unknown = Suspect(disk.name, "unknown", (), None, odds, {"chi2": sound.chi2, "dof": sound.dof})
+        unknown = Suspect(
+            disk.name, "unknown", (), None, odds, {"chi2": sound.chi2, "dof": sound.dof}
+        )
         return None, sound.log_likelihood, (unknown,), ()
     near = sound.log_likelihood - BLIND_LOG_ODDS
-    blind = tuple(v.fault.channels for v in found if v.fault.kind == "swapped" and v.log_likelihood > near)
+    blind = tuple(
+        v.fault.channels for v in found if v.fault.kind == "swapped" and v.log_likelihood > near
+    )
     return depth_test(f, disk, sound), sound.log_likelihood, (), blind
 
 
@@ -186,15 +239,29 @@ def _crossed(test: EhlTest, features: Mapping[str, DiskFeatures], apart: float) 
     for i, j in product(*(np.flatnonzero(~test.disks[d].out) for d in DISKS)):
         total = 0.0
         for f, other, place, column in ((fast, slow, i, j), (slow, fast, j, i)):
-            mixed = replace(f, **{x: getattr(f, x).copy() for x in ("inputs", "banks", "slope", "bend")})
-            mixed.inputs[:, 1 + place], mixed.banks[1 + place] = other.inputs[:, 1 + column], other.banks[1 + column]
-            mixed.slope[:, place], mixed.bend[:, place] = other.slope[:, column], other.bend[:, column]
-            (foreign,) = judge(mixed, test.disks[f.disk], [Fault("foreign", (f.setup.channels[place],))])
+            mixed = replace(
+                f, **{x: getattr(f, x).copy() for x in ("inputs", "banks", "slope", "bend")}
+            )
+            mixed.inputs[:, 1 + place], mixed.banks[1 + place] = (
+                other.inputs[:, 1 + column],
+                other.banks[1 + column],
+            )
+            mixed.slope[:, place], mixed.bend[:, place] = (
+                other.slope[:, column],
+                other.bend[:, column],
+            )
+            (foreign,) = judge(
+                mixed, test.disks[f.disk], [Fault("foreign", (f.setup.channels[place],))]
+            )
             total += foreign.log_likelihood
         found.append((total, i, j))
     best, i, j = max(found)
     names = (f"fast_{fast.setup.channels[i]}", f"slow_{slow.setup.channels[j]}")
-    return Suspect("both", "swapped", names, None, best - apart) if best - apart >= RIVAL_LOG_ODDS else None
+    return (
+        Suspect("both", "swapped", names, None, best - apart)
+        if best - apart >= RIVAL_LOG_ODDS
+        else None
+    )
 
 
 def _dead(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> tuple[Suspect, ...]:
@@ -204,12 +271,21 @@ def _dead(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> tuple[Suspect, ..
     steady = f.levels[f.event == "steady"][0]
     rise = steady - disk.readings_degC[before].mean(axis=0) if before.sum() >= 10 else falls
     usual, fall = float(np.median(rise)), float(np.median(falls))
-    dead = (rise < DEAD_REL * usual) & (falls < DEAD_REL * fall) & (usual > LEAST_RISE_K) & ~disk.out
+    dead = (
+        (rise < DEAD_REL * usual) & (falls < DEAD_REL * fall) & (usual > LEAST_RISE_K) & ~disk.out
+    )
     out = []
     for i in np.flatnonzero(dead):
         moved = {"rise_K": rise[i], "fall_K": falls[i], "usual_rise_K": usual, "usual_fall_K": fall}
         out.append(
-            Suspect(disk.name, "dead", (f.setup.channels[i],), None, np.inf, {k: float(v) for k, v in moved.items()})
+            Suspect(
+                disk.name,
+                "dead",
+                (f.setup.channels[i],),
+                None,
+                np.inf,
+                {k: float(v) for k, v in moved.items()},
+            )
         )
     return tuple(out)
 
@@ -263,7 +339,9 @@ def said_of(wanted: int | None, difference_K: float, u_K: float) -> str:
     return "logical" if z > SURE_Z else "illogical" if z < -SURE_Z else "weak"
 
 
-def pair_table(test: EhlTest, disk: DiskTraces, f: DiskFeatures, groups: tuple[tuple[str, ...], ...]) -> pd.DataFrame:
+def pair_table(
+    test: EhlTest, disk: DiskTraces, f: DiskFeatures, groups: tuple[tuple[str, ...], ...]
+) -> pd.DataFrame:
     """A row for each pair: steady difference and that of the fall after unloading, what each says, and the groups.
 
     A steady level is known as its static line is, and its depth in the mean gradient; a fall as noise and lag are.
@@ -271,7 +349,9 @@ def pair_table(test: EhlTest, disk: DiskTraces, f: DiskFeatures, groups: tuple[t
     s = disk.setup
     last = between(test.time_s, test.events.unload_s - 20.0, test.events.unload_s - 1.0)
     power = float(test.power_W[last].mean())
-    gradient = 0.5 * power / (2 * np.pi * s.outer_radius_m * s.width_m * s.conductivity_W_mK)  # of half the heat
+    gradient = (
+        0.5 * power / (2 * np.pi * s.outer_radius_m * s.width_m * s.conductivity_W_mK)
+    )  # of half the heat
     after = np.flatnonzero(f.event == "unloading")
     k = int(after[min(1, len(after) - 1)])  # one to two seconds after it
     noise = f.noise[k] * np.maximum(disk.noise_K, 1e-3)
@@ -290,5 +370,7 @@ def pair_table(test: EhlTest, disk: DiskTraces, f: DiskFeatures, groups: tuple[t
     for name, (level, u) in levels.items():
         gap, spread = np.where(out, np.nan, level[i] - level[j]), np.hypot(u[i], u[j])
         table[f"{name}_difference_K"], table[f"{name}_u_K"] = gap, spread
-        table[name] = np.where(out, LEFT_OUT, [said_of(w, x, u_x) for w, x, u_x in zip(wanted, gap, spread)])
+        table[name] = np.where(
+            out, LEFT_OUT, [said_of(w, x, u_x) for w, x, u_x in zip(wanted, gap, spread)]
+        )
     return table

@@ -31,17 +31,25 @@ MIXED_LAGS_S = 0.06
 LEAST_LAG_U_S = 0.05
 LOADING_U_S = 0.5  # how long the load takes to come on is not known
 MODEL_REL = 0.005  # of what the frictional heat does: rim against whole disk
-THICK_REL = 0.015  # the same for the inner row, predicted as if the bore did not feel the first seconds
+THICK_REL = (
+    0.015  # the same for the inner row, predicted as if the bore did not feel the first seconds
+)
 MODEL_K = 0.03
 LEAST_TOLD = 0.02
 LOG_H_STEP = 0.05
-H_GRID_W_M2K = np.geomspace(30.0, 3000.0, 14)  # gains are worked out here, answers between by splines in ln h
+H_GRID_W_M2K = np.geomspace(
+    30.0, 3000.0, 14
+)  # gains are worked out here, answers between by splines in ln h
 H_FINE_W_M2K = np.geomspace(30.0, 3000.0, 131)
 ROUNDS = 4
 SHARE_GRID = (0.14, 0.32, 0.5, 0.68, 0.86)
 LOG_H_SD = 1.0  # h is as good as unknown
 MISPLACED_M = 1.5e-3
-FREE = {"misplaced": ("depth", MISPLACED_M), "offset": ("static", 5.0), "late": ("lag", 0.5)}  # m, K, s: sd of each
+FREE = {
+    "misplaced": ("depth", MISPLACED_M),
+    "offset": ("static", 5.0),
+    "late": ("lag", 0.5),
+}  # m, K, s: sd of each
 LEAST_DEPTH_M = 0.3e-3
 SETTLED_M = 0.03e-3
 SETTLED_S, LATE_ROUNDS = 0.01, 6
@@ -103,14 +111,20 @@ def judge(f: DiskFeatures, disk: DiskTraces, faults: Sequence[Fault]) -> list[Ve
     s, logs = f.setup, np.log(H_GRID_W_M2K)
     order = faults[0].order(s.channels)
     answers = f.answer(order, tuple((float(h), NOMINAL) for h in H_GRID_W_M2K))
-    rests, powers = (np.asarray(CubicSpline(logs, x[:, f.seen])(np.log(H_FINE_W_M2K))) for x in answers)
+    rests, powers = (
+        np.asarray(CubicSpline(logs, x[:, f.seen])(np.log(H_FINE_W_M2K))) for x in answers
+    )
     found = []
     for share in SHARE_GRID:
         left = f.levels[:, order][:, s.places(s.rows)][f.seen] - rests - share * powers
         own = independent_K(f, disk, powers[len(powers) // 2], order)
         start = int(np.argmin(((left / own) ** 2).sum(axis=1)))
-        known: dict[tuple[int, tuple[str, ...]], _Seen] = {}  # about points of the coarse grid, which most faults share
-        found.append([_about(f, disk, fault, share, left, powers, start, known) for fault in faults])
+        known: dict[
+            tuple[int, tuple[str, ...]], _Seen
+        ] = {}  # about points of the coarse grid, which most faults share
+        found.append(
+            [_about(f, disk, fault, share, left, powers, start, known) for fault in faults]
+        )
     out = []
     for parts in zip(*found):
         best = max(parts, key=lambda v: v.log_likelihood)
@@ -136,13 +150,21 @@ class _Seen:
         root: Array = np.asarray(np.linalg.cholesky(covariance), dtype=float)
         white = solve_triangular(root, np.vstack([effects, left]).T, lower=True)
         by_effect, by_h = white[:, : len(effects)], white[:, len(effects) :]
-        return cls(root, by_effect, by_h, (by_h**2).sum(axis=0), 2 * float(np.log(np.diag(root)).sum()))
+        return cls(
+            root, by_effect, by_h, (by_h**2).sum(axis=0), 2 * float(np.log(np.diag(root)).sum())
+        )
 
 
 def _about(
-    f: DiskFeatures, disk: DiskTraces, fault: Fault, share: float, left: Array, powers: Array, best: int,
+    f: DiskFeatures,
+    disk: DiskTraces,
+    fault: Fault,
+    share: float,
+    left: Array,
+    powers: Array,
+    best: int,
     known: dict[tuple[int, tuple[str, ...]], _Seen],
-) -> Verdict:  # fmt: skip
+) -> Verdict:
     """The verdict if the share lies about ``share``, of what is ``left`` (H, D) over ``H_FINE_W_M2K``.
 
     What a fault leaves free, e by one standard deviation of it, adds e e' to the covariance C. With e and all else
@@ -166,11 +188,24 @@ def _about(
         wider, toward = 1 + float(free @ free), free @ seen.left
         best = int(np.argmin(seen.chi2 - toward**2 / wider))
     one_sd = float(toward[best]) / wider
-    chi2, log_det = float(seen.chi2[best]) - one_sd * float(toward[best]), seen.log_det + float(np.log(wider))
+    chi2, log_det = (
+        float(seen.chi2[best]) - one_sd * float(toward[best]),
+        seen.log_det + float(np.log(wider)),
+    )
     size = Estimate.normal(sd * one_sd, sd / wider**0.5) if sd else None
     power = solve_triangular(seen.root, powers[best], lower=True)
-    likely = float(np.clip(share + SHARE_SD**2 * float(power @ (seen.left[:, best] - one_sd * free)), 0.0, 1.0))
-    return Verdict(fault, -0.5 * (chi2 + log_det), chi2, left.shape[1] - 1, likely, float(H_FINE_W_M2K[best]), size)
+    likely = float(
+        np.clip(share + SHARE_SD**2 * float(power @ (seen.left[:, best] - one_sd * free)), 0.0, 1.0)
+    )
+    return Verdict(
+        fault,
+        -0.5 * (chi2 + log_det),
+        chi2,
+        left.shape[1] - 1,
+        likely,
+        float(H_FINE_W_M2K[best]),
+        size,
+    )
 
 
 def settled(test: EhlTest, f: DiskFeatures, disk: DiskTraces, v: Verdict) -> Verdict:
@@ -196,7 +231,11 @@ def settled(test: EhlTest, f: DiskFeatures, disk: DiskTraces, v: Verdict) -> Ver
             break
     if size.value + at.depth_m > deepest:  # the outer row lies above the inner one
         return replace(again, size=size, log_likelihood=-np.inf)
-    return replace(again, size=size, log_likelihood=again.log_likelihood - 0.5 * (size.value / MISPLACED_M) ** 2)
+    return replace(
+        again,
+        size=size,
+        log_likelihood=again.log_likelihood - 0.5 * (size.value / MISPLACED_M) ** 2,
+    )
 
 
 def _settled_late(test: EhlTest, disk: DiskTraces, v: Verdict, size: Estimate) -> Verdict:
@@ -212,10 +251,16 @@ def _settled_late(test: EhlTest, disk: DiskTraces, v: Verdict, size: Estimate) -
         size = Estimate.normal(size.value + again.size.value, again.size.u)
         if abs(again.size.value) < SETTLED_S:
             break
-    return replace(again, size=size, log_likelihood=again.log_likelihood - 0.5 * (size.value / FREE["late"][1]) ** 2)
+    return replace(
+        again,
+        size=size,
+        log_likelihood=again.log_likelihood - 0.5 * (size.value / FREE["late"][1]) ** 2,
+    )
 
 
-def covariance(f: DiskFeatures, disk: DiskTraces, effects: Array, order: Order, mixed: tuple[str, ...] = ()) -> Array:
+def covariance(
+    f: DiskFeatures, disk: DiskTraces, effects: Array, order: Order, mixed: tuple[str, ...] = ()
+) -> Array:
     """Covariance (D, D) [K2] of what is left of the predicted data, by their ``effects`` (see ``DiskFeatures``).
 
     ``mixed``: channels whose static lines and lags are another's.
@@ -268,7 +313,9 @@ def depth_test(f: DiskFeatures, disk: DiskTraces, sound: Verdict) -> DepthTest:
     h = float(H_GRID_W_M2K[np.argmin(np.abs(np.log(H_GRID_W_M2K / sound.h_W_m2K)))])
     at, more = (
         rest + sound.share * power
-        for rest, power in zip(*f.answer(f.as_wired, tuple((x, NOMINAL) for x in (h, h * float(np.exp(LOG_H_STEP))))))
+        for rest, power in zip(
+            *f.answer(f.as_wired, tuple((x, NOMINAL) for x in (h, h * float(np.exp(LOG_H_STEP)))))
+        )
     )
     off = LOG_H_SD / LOG_H_STEP * (more - at)[f.seen]
     known = f.effects(f.as_wired, h, sound.share)
@@ -287,4 +334,6 @@ def depth_test(f: DiskFeatures, disk: DiskTraces, sound: Verdict) -> DepthTest:
         c: Estimate.normal(sd_m * float(s / t), sd_m * float(np.sqrt((1 - t) / t)))
         for c, s, t in zip(used, score, told)
     }
-    return DepthTest(disk.name, score / root, gram / np.outer(root, root), deeper, sd_m, disk.left_out)
+    return DepthTest(
+        disk.name, score / root, gram / np.outer(root, root), deeper, sd_m, disk.left_out
+    )

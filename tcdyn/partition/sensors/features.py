@@ -27,12 +27,14 @@ from tcdyn.partition.window import (
     between,
     film_seen,
     power_seen,
-)  # fmt: skip
+)
 from tcdyn.traces import STAND_IN_K, DiskTraces
 
 Order = tuple[int, ...]
 Case = tuple[float, Perturbation]  # h [W/m2K], and how the disk departs from its statement
-Place = Literal["outer row", "inside", "inner row"]  # just inside the inner row; this row, of a rim to the bore
+Place = Literal[
+    "outer row", "inside", "inner row"
+]  # just inside the inner row; this row, of a rim to the bore
 Window = tuple[str, float, float]  # event that it follows, start, stop [s]
 STEADY_S = 100.0
 BASE_S = 8.0
@@ -96,7 +98,9 @@ class DiskFeatures:
         air = 1 + len(self.setup.channels)
         inner = (1 + i for i in self.setup.places(self.setup.inner))
         feeds = [0, *inner, air, *range(air + 2, self.inputs.shape[1])]
-        return RimMeans(self.setup, self.half_width_m, self.rates_1_s, self.inputs[:, feeds], self.banks[feeds])
+        return RimMeans(
+            self.setup, self.half_width_m, self.rates_1_s, self.inputs[:, feeds], self.banks[feeds]
+        )
 
     @cached_property
     def _kept(self) -> dict[Any, Any]:
@@ -120,18 +124,27 @@ class DiskFeatures:
             extra, bore = self.rim.inside if inside else (), place == "inner row"
             every = [self.rim.gains(h, p, extra, bore) for h, p in cases]
             own = slice(len(self.setup.outer) * inside, None)
-            direct, gains = (np.stack([x[:, own] for x in part]) for part in zip(*((g.direct, g.gains) for g in every)))
-            lagged = np.tensordot(gains, self.banks, (3, 2)) + direct[..., None, None] * self.inputs.T
+            direct, gains = (
+                np.stack([x[:, own] for x in part])
+                for part in zip(*((g.direct, g.gains) for g in every))
+            )
+            lagged = (
+                np.tensordot(gains, self.banks, (3, 2)) + direct[..., None, None] * self.inputs.T
+            )
             self._kept[cases, place] = np.ascontiguousarray(lagged.transpose(0, 3, 1, 4, 2))
         return np.asarray(self._kept[cases, place])
 
-    def fed(self, column: str, which: int, cases: tuple[Case, ...], place: Place = "outer row") -> Array:
+    def fed(
+        self, column: str, which: int, cases: tuple[Case, ...], place: Place = "outer row"
+    ) -> Array:
         """What a column makes of the points of ``place`` as the rim's input ``which``, (cases, W, points); a column
         that is not there makes nothing."""
         k, made = self.columns.index(column), self.made(cases, place)
         return made[:, k, which] if k < made.shape[1] else np.zeros_like(made[:, 0, 0])
 
-    def _at(self, order: Order, cases: tuple[Case, ...], place: Place = "outer row") -> tuple[Array, Array]:
+    def _at(
+        self, order: Order, cases: tuple[Case, ...], place: Place = "outer row"
+    ) -> tuple[Array, Array]:
         air, made = self.rim.ambient, self.made(cases, place)
         columns = [1 + order[i] for i in self._rows[1]]
         rest = made[:, columns, range(1, air)].sum(axis=1)
@@ -150,7 +163,9 @@ class DiskFeatures:
         read by column ``order[i]``; each case is an h [W/m2K] and a departure of the disk."""
         rest, power = self._at(order, cases)
         if np.any(deeper := self.setup.deeper_than_edge_m):
-            static = deeper[:, None] * [self.rim.gains(h, p).static[self.rim.inner] for h, p in cases]
+            static = deeper[:, None] * [
+                self.rim.gains(h, p).static[self.rim.inner] for h, p in cases
+            ]
             by_rest, by_power = self.gradient(order, cases)
             rest, power = rest + by_rest @ static, power + by_power @ static
         own = ("film", self.rim.ambient + 1), ("power", 0)
@@ -176,15 +191,33 @@ class DiskFeatures:
         if self.shift_u_m:
             cases = tuple((h_W_m2K, Perturbation(shift_m=s)) for s in (SHIFT_STEP_M, -SHIFT_STEP_M))
             shifted = np.array(self.answer(order, cases)) * self.shift_u_m / (2 * SHIFT_STEP_M)
-        lasting, loading = (self.event == "steady").astype(float), (self.event == "loading")[:, None]
-        rising, heat, nothing = self.slope[:, [order[i] for row in self._rows for i in row]], shown[1][0], 0.0 * late
+        lasting, loading = (
+            (self.event == "steady").astype(float),
+            (self.event == "loading")[:, None],
+        )
+        rising, heat, nothing = (
+            self.slope[:, [order[i] for row in self._rows for i in row]],
+            shown[1][0],
+            0.0 * late,
+        )
         found = []
         for x, along_r, (one, other), of_share in zip(shown, gradient, shifted, (False, True)):
             lasts, rates = (nothing[:, 0], nothing) if of_share else (lasting, rising)
-            slow = [*[lasts] * len(self.setup.inner), *along_r[0].T, *rates.T[len(self.setup.outer) :], lasts]
+            slow = [
+                *[lasts] * len(self.setup.inner),
+                *along_r[0].T,
+                *rates.T[len(self.setup.outer) :],
+                lasts,
+            ]
             driven = np.array(slow)[:, :, None] * driven_to[:, None]  # the rim follows
-            known = stated_effects((x[1:] - x[0]) / sizes[:, None, None], driven, lasts, rates, self.drives)
-            more = [nothing, late, late * loading, nothing] if of_share else [film, nothing, nothing, heat]
+            known = stated_effects(
+                (x[1:] - x[0]) / sizes[:, None, None], driven, lasts, rates, self.drives
+            )
+            more = (
+                [nothing, late, late * loading, nothing]
+                if of_share
+                else [film, nothing, nothing, heat]
+            )
             beside = one - other, *more
             found.append(np.concatenate([known, harmonic * (not of_share), beside])[:, self.seen])
         return found[0], found[1]
@@ -198,12 +231,18 @@ class DiskFeatures:
             rows: tuple[Place, ...] = "outer row", "inner row"
             slower, same, film = (
                 np.hstack([self.fed(column, which, case, row)[0] for row in rows])
-                for column, which in (("slower power", 0), ("power", 0), ("film by n", self.rim.ambient + 2))
+                for column, which in (
+                    ("slower power", 0),
+                    ("power", 0),
+                    ("film by n", self.rim.ambient + 2),
+                )
             )
             harmonic = sensed(self.setup, h_W_m2K, static[self.rim.inner], self.event, self.after_s)
             if (open_edge := by_edge(self.rim, h_W_m2K)) is not None:
                 edge = np.zeros_like(same)
-                edge[:, : len(open_edge)] = STAND_IN_K * (self.event == "steady")[:, None] * open_edge
+                edge[:, : len(open_edge)] = (
+                    STAND_IN_K * (self.event == "steady")[:, None] * open_edge
+                )
                 harmonic = np.concatenate([harmonic, edge[None]])
             late = (slower - same) / LAG_STEP_S
             self._kept[h_W_m2K] = by_inputs(self.setup, static), harmonic, late, film
@@ -215,7 +254,9 @@ def disk_features(test: EhlTest, disk: DiskTraces) -> DiskFeatures:
     """Features of one disk; windows that the log does not hold are left out."""
     on, off, end = test.events.load_on_s, test.events.unload_s, test.time_s[-1]
     windows: list[Window] = [("steady", max(off - STEADY_S, on + 0.5 * (off - on)), off - 0.5)]
-    windows += [("unloading", off + a, off + b) for a, b in AFTER_UNLOADING_S if off + b <= end + test.dt_s]
+    windows += [
+        ("unloading", off + a, off + b) for a, b in AFTER_UNLOADING_S if off + b <= end + test.dt_s
+    ]
     parts = [_stretch(test, disk, windows, windows[0][1] - FORGET_S, (off - BASE_S, off - 0.3))]
     if on - test.time_s[0] >= BASE_S and off - on > 2 * AFTER_LOADING_S[-1][1]:
         loading: list[Window] = [("loading", on + a, on + b) for a, b in AFTER_LOADING_S]
@@ -230,13 +271,19 @@ def disk_features(test: EhlTest, disk: DiskTraces) -> DiskFeatures:
         half_width_m=test.half_width_m,
         rates_1_s=node_rates(test.dt_s, slowest_per_s=SLOWEST_PER_S),
         event=np.array([event for event, _, _ in windows]),
-        after_s=np.array([0.5 * (start + stop) - begun.get(event, off) for event, start, stop in windows]),
+        after_s=np.array(
+            [0.5 * (start + stop) - begun.get(event, off) for event, start, stop in windows]
+        ),
         inputs=inputs,
         banks=banks.transpose(1, 0, 2),
         slope=slope,
         noise=noise,
         bend=bend,
-        seen=np.repeat(np.column_stack([np.full(len(early), True), early]), [len(s.outer), len(s.inner)], axis=1)
+        seen=np.repeat(
+            np.column_stack([np.full(len(early), True), early]),
+            [len(s.outer), len(s.inner)],
+            axis=1,
+        )
         & ~disk.out[s.places(s.rows)],
         drives=disk.drives,
         shift_u_m=1e-3 * disk.uncertainty.flux_shift_mm,
@@ -244,7 +291,11 @@ def disk_features(test: EhlTest, disk: DiskTraces) -> DiskFeatures:
 
 
 def _stretch(
-    test: EhlTest, disk: DiskTraces, windows: Sequence[Window], start_s: float, base_s: tuple[float, float]
+    test: EhlTest,
+    disk: DiskTraces,
+    windows: Sequence[Window],
+    start_s: float,
+    base_s: tuple[float, float],
 ) -> tuple[Array, ...]:
     """Means of the columns (W, C + 3), their banks (W, C + 3, K), slope, noise and bend in one stretch.
 
@@ -255,7 +306,9 @@ def _stretch(
     t = test.time_s[rows]
     chain = disk.mean_chain
     chains = chain, chain.with_lag_shift(LAG_STEP_S)
-    y = disk.setup.steel.straight(equalised(disk.readings_degC[rows], test.dt_s, disk.chains, chain))
+    y = disk.setup.steel.straight(
+        equalised(disk.readings_degC[rows], test.dt_s, disk.chains, chain)
+    )
     power, slower = (power_seen(test, rows, c)[0] for c in chains)
     film = film_seen(test, disk, rows, chain)
     feeds = np.stack([power, *y.T, test.ambient_of(disk.name)[rows], slower, *film], axis=1)
@@ -277,4 +330,10 @@ def _stretch(
     rates = node_rates(test.dt_s, slowest_per_s=SLOWEST_PER_S)
     banks = [weights @ lag_bank(u, test.dt_s, rates) for u in feeds.T]
     noise = np.sqrt((weights**2).sum(axis=1))
-    return weights @ feeds, np.stack(banks, axis=1), slope, noise, 0.5 * np.abs(rate) * ahead_s**2 / BEND_S
+    return (
+        weights @ feeds,
+        np.stack(banks, axis=1),
+        slope,
+        noise,
+        0.5 * np.abs(rate) * ahead_s**2 / BEND_S,
+    )

@@ -22,8 +22,17 @@ from tcdyn.partition.sensors.faults import Fault
 from tcdyn.partition.window import between
 from tcdyn.traces import DiskTraces
 
-REST_S, AT_REST_K, OFF_K, OFF_Z = 10.0, 5.0, 0.75, 5.0  # before the load: how long, how near ambient, what is an offset
-REST_U_K, LIKELY_P, SURE_LOG_ODDS = 0.07, 0.01, 6.0  # how alike a disk at rest is; a swap that explains it, surely
+REST_S, AT_REST_K, OFF_K, OFF_Z = (
+    10.0,
+    5.0,
+    0.75,
+    5.0,
+)  # before the load: how long, how near ambient, what is an offset
+REST_U_K, LIKELY_P, SURE_LOG_ODDS = (
+    0.07,
+    0.01,
+    6.0,
+)  # how alike a disk at rest is; a swap that explains it, surely
 WARM_REL = 0.1  # of a disk's excess over ambient, by which its junctions may differ
 MOST_LEFT = 0.3  # of the misfit at rest, when the disks' cables were exchanged
 UNSOUND_P = 1e-4
@@ -66,7 +75,9 @@ def resting(test: EhlTest, disk: DiskTraces) -> Resting | None:
     if drift > OFF_K or abs(warm_K) > AT_REST_K:
         return None
     alike = np.hypot(REST_U_K, WARM_REL * warm_K)
-    return Resting(disk, mean, np.hypot(disk.static_u(mean), np.hypot(MEAN_NOISE * disk.noise_K, alike)), used)
+    return Resting(
+        disk, mean, np.hypot(disk.static_u(mean), np.hypot(MEAN_NOISE * disk.noise_K, alike)), used
+    )
 
 
 def cables_exchanged(test: EhlTest) -> bool:

@@ -34,7 +34,9 @@ from tcdyn.partition.uneven import (
 ORDERS = 8  # harmonics that couple; more change the first two by less than a hundredth
 STEP_M = 1e-5
 MODEL_REL = 0.3  # of the predicted harmonic: a bored shaft, short runs, a rim taken as thin; whole-disk runs: to 0.28
-LEAST_SIGMAS = 0.5  # of the flux through the bore: below it all that is known is that some heat goes there
+LEAST_SIGMAS = (
+    0.5  # of the flux through the bore: below it all that is known is that some heat goes there
+)
 ANGLE_REL = 0.1  # of the harmonic: across it, by the model; whole-disk runs: 5 degrees
 SCALES = np.linspace(0.0, 8.0, 161)  # of the heat through the bore, tried
 WINDOW_S = 20.0  # before the parting
@@ -52,14 +54,22 @@ class Predicted:
 
     def times(self, flux_kW_m2: float) -> Predicted:
         """The same for another flux."""
-        return Predicted(flux_kW_m2 * self.first_K, flux_kW_m2 * self.second_K, flux_kW_m2 * self.per_share_K)
+        return Predicted(
+            flux_kW_m2 * self.first_K, flux_kW_m2 * self.second_K, flux_kW_m2 * self.per_share_K
+        )
 
     def apart_z(self, uneven_rel: float, flux_rel: float, found: Unevenness) -> float:
         """Least distance of what was ``found`` from the statement, in standard uncertainties, whatever heat goes
         through the bore: this is known to ``flux_rel``, and goes outward."""
-        size, rel, least = float(np.hypot(*self.first_K)), float(np.hypot(flux_rel, MODEL_REL)), np.inf
+        size, rel, least = (
+            float(np.hypot(*self.first_K)),
+            float(np.hypot(flux_rel, MODEL_REL)),
+            np.inf,
+        )
         for scale in SCALES:
-            other_K = np.hypot(uneven_rel * self.per_share_K * max(scale, 1.0), ANGLE_REL * scale * size)
+            other_K = np.hypot(
+                uneven_rel * self.per_share_K * max(scale, 1.0), ANGLE_REL * scale * size
+            )
             off = found.level_K - scale * self.first_K
             z2 = off @ np.linalg.solve(found.level_covariance_K2 + other_K**2 * np.eye(2), off)
             least = min(least, float(z2) + ((scale - 1) / rel) ** 2)
@@ -83,10 +93,14 @@ class Predicted:
         prior = prior_of(size)
         prior[0] = np.hypot(other_K, rel * size)
         return Unevenness(
-            prior, h_W_m2K=found.h_W_m2K, span_s=found.span_s, about_K=found.level_K, stated_K=self.first_K,
+            prior,
+            h_W_m2K=found.h_W_m2K,
+            span_s=found.span_s,
+            about_K=found.level_K,
+            stated_K=self.first_K,
             second_K=float(np.hypot(second_rel * np.hypot(*second_K), SECOND_REL * scale * size)),
             stated_second_K=second_K,
-        )  # fmt: skip
+        )
 
 
 def disk_admittance(setup: DiskSetup, h_W_m2K: float, n: int) -> tuple[float, float]:
@@ -109,7 +123,9 @@ def shaft_admittance(setup: DiskSetup, n: int) -> float:
     return float(np.pi / (w * hindrance.sum() * (wave[1] - wave[0])))
 
 
-def bore_flux_W_m2(setup: DiskSetup, power_W: float, h_W_m2K: float, inner_K: float, air_K: float = 0.0) -> float:
+def bore_flux_W_m2(
+    setup: DiskSetup, power_W: float, h_W_m2K: float, inner_K: float, air_K: float = 0.0
+) -> float:
     """Mean flux out of the disk through its bore [W/m2].
 
     From T'' + T'/r - kappa^2 T = 0 with ``power_W`` entering the running surface, whose film is ``h_W_m2K``, and
@@ -126,12 +142,19 @@ def bore_flux_W_m2(setup: DiskSetup, power_W: float, h_W_m2K: float, inner_K: fl
         return kappa * np.array([special.i1(kappa * r), -special.k1(kappa * r)])
 
     flux = power_W / (2 * np.pi * outer * setup.width_m)
-    of = np.linalg.solve([waves(inner), k * slopes(outer) + h_W_m2K * waves(outer)], [inner_K, flux + h_W_m2K * air_K])
+    of = np.linalg.solve(
+        [waves(inner), k * slopes(outer) + h_W_m2K * waves(outer)],
+        [inner_K, flux + h_W_m2K * air_K],
+    )
     return float(k * slopes(bore) @ of)
 
 
 def flux_and_u(
-    disk: DiskTraces, power: tuple[float, float], h: tuple[float, float], inner_K: float, air_K: float = 0.0
+    disk: DiskTraces,
+    power: tuple[float, float],
+    h: tuple[float, float],
+    inner_K: float,
+    air_K: float = 0.0,
 ) -> tuple[float, float]:
     """Mean flux through the bore [W/m2] and its standard uncertainty, by those of power, film, washers, steel and
     ambient: what the disk takes less most of itself, which is poorly known."""
@@ -154,20 +177,29 @@ def predicted(setup: DiskSetup, h_W_m2K: float) -> Predicted:
     """Harmonics of a disk with its stated fit for a mean flux of 1 kW/m2 out of the disk through its bore."""
     c = press_fit(setup)[1] * harmonics(setup.fit.sectors(1e3 * setup.bore_radius_m), 2 * ORDERS)
     disk = [disk_admittance(setup, h_W_m2K, n) for n in range(1, ORDERS + 1)]
-    hindered = np.array([1 / y + 1 / shaft_admittance(setup, n) for n, (y, _) in enumerate(disk, start=1)])
+    hindered = np.array(
+        [1 / y + 1 / shaft_admittance(setup, n) for n, (y, _) in enumerate(disk, start=1)]
+    )
     orders = np.array([n for n in range(-ORDERS, ORDERS + 1) if n])
     z = hindered[np.abs(orders) - 1]
 
     def at(n: NDArray[np.int64]) -> NDArray[np.complex128]:
         return np.where(n < 0, c[np.abs(n)].conj(), c[np.abs(n)])
 
-    apart = np.linalg.solve(np.diag(1 / z) + at(orders[:, None] - orders), -at(orders))  # D_n over D_0
+    apart = np.linalg.solve(
+        np.diag(1 / z) + at(orders[:, None] - orders), -at(orders)
+    )  # D_n over D_0
     mean = float((c[0] + at(-orders) @ apart).real)
-    waves = {n: complex(apart[orders == n][0] / (z[orders == n][0] * disk[n - 1][0] * disk[n - 1][1])) for n in (1, 2)}
+    waves = {
+        n: complex(apart[orders == n][0] / (z[orders == n][0] * disk[n - 1][0] * disk[n - 1][1]))
+        for n in (1, 2)
+    }
     first, second = (2e3 / mean * waves[n] for n in (1, 2))
     y, bore = disk[0]
     per_share = 1e3 / (y * (1 + c[0].real * hindered[0]) * bore)
-    return Predicted(np.array([first.real, -first.imag]), np.array([second.real, -second.imag]), float(per_share))
+    return Predicted(
+        np.array([first.real, -first.imag]), np.array([second.real, -second.imag]), float(per_share)
+    )
 
 
 def stated_round(
@@ -181,18 +213,25 @@ def stated_round(
     """
     stated: dict[str, Unevenness] = {}
     findings = []
-    near = (test.time_s > test.events.unload_s - WINDOW_S) & (test.time_s < test.events.unload_s - 1.0)
+    near = (test.time_s > test.events.unload_s - WINDOW_S) & (
+        test.time_s < test.events.unload_s - 1.0
+    )
     beta = estimates["beta"]
     shares = {"fast": beta.value, "slow": 1 - beta.value}
     for d in DISKS:
         disk, found = test.disks[d], uneven[d]
         if not disk.setup.fit.stated:
             continue
-        inner = disk.readings_degC[near][:, disk.setup.places(disk.setup.inner)] - test.ambient_of(d)[near, None]
+        inner = (
+            disk.readings_degC[near][:, disk.setup.places(disk.setup.inner)]
+            - test.ambient_of(d)[near, None]
+        )
         whole, film = float(np.mean(test.power_W[near])), estimates[f"h_{d}"]
         u = whole * float(np.hypot(beta.u, shares[d] * disk.uncertainty.friction_rel))
         air = float(test.film[d][near, 0].mean()) if d in test.film else 0.0
-        flux, flux_u = flux_and_u(disk, (shares[d] * whole, u), (film.value, film.u), float(np.nanmean(inner)), air)
+        flux, flux_u = flux_and_u(
+            disk, (shares[d] * whole, u), (film.value, film.u), float(np.nanmean(inner)), air
+        )
         least = max(flux, LEAST_SIGMAS * flux_u)  # heat leaves through the bore
         told = predicted(disk.setup, film.value).times(1e-3 * least)
         known = disk.setup.fit.uneven_rel, flux_u / least, found
@@ -202,7 +241,15 @@ def stated_round(
         seen_K, seen_deg = _polar(found.level_K)
         told_K, told_deg = _polar(told.first_K)
         findings.append(
-            look("fit.contradicted", subject=d, seen_K=seen_K, seen_deg=seen_deg, told_K=told_K, told_deg=told_deg, z=z)
+            look(
+                "fit.contradicted",
+                subject=d,
+                seen_K=seen_K,
+                seen_deg=seen_deg,
+                told_K=told_K,
+                told_deg=told_deg,
+                z=z,
+            )
         )
     return stated, findings
 

@@ -29,7 +29,9 @@ def follows_temperature(setup: DiskSetup, u: UncertaintyTable) -> bool:
     return any((*stated, u.conductivity_slope_per_K, u.specific_heat_slope_per_K))
 
 
-def linear_about(setup: DiskSetup, air_degC: float, surface_degC: float, rim_degC: float) -> DiskSetup:
+def linear_about(
+    setup: DiskSetup, air_degC: float, surface_degC: float, rim_degC: float
+) -> DiskSetup:
     """The disk of one conductivity and specific heat that stands for ``setup`` at these temperatures.
 
     In Kirchhoff's temperature (see ``SteelSlopes.straight``): k_m = k((T_A + T_s)/2), and rho c_m = rho c(T) k_m / k(T)
@@ -45,19 +47,28 @@ def linear_about(setup: DiskSetup, air_degC: float, surface_degC: float, rim_deg
     )
 
 
-def by_conductivity_slope(window: DiskWindow, share: float, h_W_m2K: float, u_per_K: float) -> Array:
+def by_conductivity_slope(
+    window: DiskWindow, share: float, h_W_m2K: float, u_per_K: float
+) -> Array:
     """What the outer row shows more than predicted if the conductivity's slope is steeper by ``u_per_K``, (R, P) [K].
 
     The rim conducts otherwise, and the readings bend otherwise, those of the inner row driving it.
     """
     rim, dt_s = window.rim, float(window.time_s[1] - window.time_s[0])
     steel, g = rim.setup.steel, rim.gains(h_W_m2K)
-    at_rim, own = float(rim.inputs[:, rim.inner].mean()), u_per_K / steel.conductivity(steel.middle_degC)
+    at_rim, own = (
+        float(rim.inputs[:, rim.inner].mean()),
+        u_per_K / steel.conductivity(steel.middle_degC),
+    )
     more = own * (steel.middle_degC - steel.reference_degC)
     more_at_rim = u_per_K * (at_rim - steel.reference_degC) / steel.conductivity(at_rim)
     rest, power = rim.answer(h_W_m2K)
-    other, heat = rim.answer(h_W_m2K, Perturbation(conductivity=more, heat_capacity=more - more_at_rim))
-    width = max(int(round(SMOOTH_S / dt_s)), 1)  # a column that held the readings' noise would explain it
+    other, heat = rim.answer(
+        h_W_m2K, Perturbation(conductivity=more, heat_capacity=more - more_at_rim)
+    )
+    width = max(
+        int(round(SMOOTH_S / dt_s)), 1
+    )  # a column that held the readings' noise would explain it
     readings = window.readings[:, rim.setup.places(rim.setup.inner)]
     inner = own * steel.bend(uniform_filter1d(readings, width, axis=0, mode="nearest"))
     driven = window.blocks @ inner @ g.direct[rim.inner]

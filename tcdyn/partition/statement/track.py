@@ -30,7 +30,9 @@ def by_shift(rim: RimMeans, share: float, h_W_m2K: float) -> Array:
 
     By the places of d and f round b the sign of a shift is each disk's own.
     """
-    one, other = (rim.answer(h_W_m2K, Perturbation(shift_m=s)) for s in (SHIFT_STEP_M, -SHIFT_STEP_M))
+    one, other = (
+        rim.answer(h_W_m2K, Perturbation(shift_m=s)) for s in (SHIFT_STEP_M, -SHIFT_STEP_M)
+    )
     return np.asarray((one[0] - other[0] + share * (one[1] - other[1])) / (2 * SHIFT_STEP_M))
 
 
@@ -50,6 +52,9 @@ def by_edge(rim: RimMeans, h_W_m2K: float) -> Array | None:
     disk = Rim.from_setup(rim.setup)
     if (z := disk.unseen_z_m) is None:
         return None
-    wider, points = replace(disk, boundary_z_m=(*disk.boundary_z_m, z)), points_of(rim.setup, rim.setup.outer)
+    wider, points = (
+        replace(disk, boundary_z_m=(*disk.boundary_z_m, z)),
+        points_of(rim.setup, rim.setup.outer),
+    )
     at = rim.half_width_m, tuple(rim.rates_1_s), rim.profile, "hertz", FIT_MESH
     return cached_gains(wider, h_W_m2K, points, *at).static[rim.ambient]

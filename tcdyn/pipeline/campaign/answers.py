@@ -45,12 +45,16 @@ def given_answer(path: Path, rig: str) -> dict[str, Any]:
     except InputError:
         raise
     except (OSError, ValueError, RecursionError) as problem:
-        raise InputError(f"cannot be read ({type(problem).__name__})", where=path.name, remedy=AGAIN) from None
+        raise InputError(
+            f"cannot be read ({type(problem).__name__})", where=path.name, remedy=AGAIN
+        ) from None
     if data.get("kept") and data["kept"].get("rig_sha256") != rig:
         raise InputError(
             "was analysed with another rig.toml or other records than were given",
-            where=path.name, expected="tests of one rig", remedy=AGAIN,
-        )  # fmt: skip
+            where=path.name,
+            expected="tests of one rig",
+            remedy=AGAIN,
+        )
     return data
 
 
@@ -72,7 +76,15 @@ def said_once(found: Sequence[tuple[str, Finding]]) -> list[Finding]:
         if len(tests) < 2:
             out += [one.at(test) for test, one in group]
             continue
-        numbers = {"text": first.sentence, "first": tests[0].removeprefix(SHORT_NAME), "code": first.code}
+        numbers = {
+            "text": first.sentence,
+            "first": tests[0].removeprefix(SHORT_NAME),
+            "code": first.code,
+        }
         others = ", ".join(t.removeprefix(SHORT_NAME) for t in tests[1:])
-        out.append(Finding("campaign.repeated", first.grade, "", first.subject, {**numbers, "others": others}))
+        out.append(
+            Finding(
+                "campaign.repeated", first.grade, "", first.subject, {**numbers, "others": others}
+            )
+        )
     return out

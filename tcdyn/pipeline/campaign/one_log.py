@@ -70,7 +70,9 @@ def _tried(path: Path, settings: CampaignSettings, stage: int) -> tuple[dict[str
 def _count(path: Path, settings: CampaignSettings) -> int:
     """How many tests a log holds whose first cannot be analysed; one where it cannot be read."""
     try:
-        pieces = iter_log(path, "ehl", settings.rig, without=[f"{c}_degC" for c in settings.without])
+        pieces = iter_log(
+            path, "ehl", settings.rig, without=[f"{c}_degC" for c in settings.without]
+        )
         return read_stage(pieces, None)[1]
     except InputError:
         return 1
@@ -79,18 +81,29 @@ def _count(path: Path, settings: CampaignSettings) -> int:
 def _analysed(path: Path, settings: CampaignSettings, stage: int) -> tuple[dict[str, Any], int]:
     s = settings
     run = estimate_beta(
-        path, s.rig, s.records, window_s=s.window_s, seed=s.seed, bearing=s.bearing, without=s.without, stage=stage
+        path,
+        s.rig,
+        s.records,
+        window_s=s.window_s,
+        seed=s.seed,
+        bearing=s.bearing,
+        without=s.without,
+        stage=stage,
     )
     test = run.partition.test
     data = run.to_dict()
-    found = [replace(f, where=f.where.replace(str(path), path.name)) for f in run.partition.findings]
+    found = [
+        replace(f, where=f.where.replace(str(path), path.name)) for f in run.partition.findings
+    ]
     data["findings"], data["warnings"] = [f.to_dict() for f in found], list(sentences(found[:-1]))
     steady = steady_degC(test)
     data["campaign"] = {
         **settings.fingerprint(),
         "friction_coefficient": test.friction_N / test.load_N,
         "bearing_N": test.added.value_N if settings.bearing else None,
-        "bulk_degC": {d: float(np.mean([x for x in steady[d].values() if x is not None])) for d in DISKS},
+        "bulk_degC": {
+            d: float(np.mean([x for x in steady[d].values() if x is not None])) for d in DISKS
+        },
         "steady_degC": steady,
         "stages": run.stages,
     }
@@ -103,7 +116,8 @@ def steady_degC(test: EhlTest) -> dict[str, dict[str, float | None]]:
     means = {d: test.disks[d].readings_degC[rows].mean(axis=0) for d in DISKS}
     return {
         d: {
-            c: None if c in test.disks[d].left_out else float(x) for c, x in zip(test.disks[d].setup.channels, means[d])
+            c: None if c in test.disks[d].left_out else float(x)
+            for c, x in zip(test.disks[d].setup.channels, means[d])
         }
         for d in DISKS
     }

@@ -92,14 +92,16 @@ class CampaignRun(Result):
     def summary(self) -> str:
         """How many logs did what, and the range of beta."""
         good = self.table[self.table["error"] == ""]
-        said = (
-            f"{len(self.outcomes)} logs: {len(good)} analysed ({self.kept} kept from before), {len(self.failed)} failed"
-        )
+        said = f"{len(self.outcomes)} logs: {len(good)} analysed ({self.kept} kept from before), "
+        said += f"{len(self.failed)} failed"
         if len(good):
             said += f"; beta by the speed law {good['beta'].min():.3f} to {good['beta'].max():.3f}"
             said += f"; the ways agree in {int((good['agree'] == 'yes').sum())} of {len(good)}"
         if self.joined is not None and len(self.joined.posterior.tests) > 1:
-            inside, whole = (max(e[k].u for e in self.joined.posterior.estimates) for k in ("beta_within", "beta"))
+            inside, whole = (
+                max(e[k].u for e in self.joined.posterior.estimates)
+                for k in ("beta_within", "beta")
+            )
             said += f"\nall tests as one: u of beta {inside:.4f} at most within the campaign, {whole:.4f} absolute"
             said += f"; exponent n {self.joined.law.exponent}"
         return said
@@ -145,7 +147,11 @@ def run_campaign(
         i: [LogOutcome(path, given_answer(path, rig), kept=True)] for i, path in given
     }
     jobs: list[tuple[int, Path]] = []
-    altered = tuple(p.stem for i, p in enumerate(paths) if i not in outcomes and is_altered(_answer_file(p, folder, 0)))
+    altered = tuple(
+        p.stem
+        for i, p in enumerate(paths)
+        if i not in outcomes and is_altered(_answer_file(p, folder, 0))
+    )
     for i, path in enumerate(paths):
         if i in outcomes:
             continue
@@ -186,7 +192,10 @@ def _stored(path: Path, folder: Path, settings: CampaignSettings) -> list[LogOut
     try:
         first = 0 if _answer_file(path, folder, 0).exists() else 1
         count = read_answer(_answer_file(path, folder, first))["campaign"]["stages"]
-        return [_stored_one(path, folder, settings, k) for k in ([0] if count == 1 else range(1, count + 1))]
+        return [
+            _stored_one(path, folder, settings, k)
+            for k in ([0] if count == 1 else range(1, count + 1))
+        ]
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return []
 

@@ -60,11 +60,20 @@ def table_columns() -> list[str]:
 def table_row(log: str, data: Mapping[str, Any] | None, error: str = "") -> dict[str, Any]:
     """One row from the content of a beta.json; without it (a log that failed) the numbers stay empty."""
     row: dict[str, Any] = dict.fromkeys(table_columns(), np.nan)
-    row |= {"test": log.removeprefix("EHL_"), "log": log, "error": error, "agree": "", "status": "", "warnings": 0}
+    row |= {
+        "test": log.removeprefix("EHL_"),
+        "log": log,
+        "error": error,
+        "agree": "",
+        "status": "",
+        "warnings": 0,
+    }
     if data is None:
         return row
     for name, (keys, estimate) in COLUMNS.items():
-        found: Any = data if keys[0] in data or keys[0] != "campaign" else None  # a beta.json of its own has none
+        found: Any = (
+            data if keys[0] in data or keys[0] != "campaign" else None
+        )  # a beta.json of its own has none
         for key in keys if found is not None else ():
             found = found.get(key)  # a disk may have no junction a
         row[name] = found["value"] if estimate else np.nan if found is None else found
@@ -153,11 +162,25 @@ def trend(x: Array, y: Array) -> Trend | None:
 def trend_table(table: pd.DataFrame) -> pd.DataFrame:
     """Lines over the load in each group of sliding speed (figures 6.17, 6.33, 7.20)."""
     good = done_rows(table)
-    columns = ("fast_bulk_degC", "slow_bulk_degC", "friction_N", "fast_surface_max_degC", "slow_surface_max_degC")
+    columns = (
+        "fast_bulk_degC",
+        "slow_bulk_degC",
+        "friction_N",
+        "fast_surface_max_degC",
+        "slow_surface_max_degC",
+    )
     rows = []
     for column, (_, part) in product(columns, good.groupby("group")):
         line = trend(part["load_N"].to_numpy(dtype=float), part[column].to_numpy(dtype=float))
         if line is not None:
             name = f"{part['sliding_speed_m_s'].mean():.1f} m/s"
-            rows.append({"quantity": column, "over": "load_N", "tests": name, "number": len(part), **line._asdict()})
+            rows.append(
+                {
+                    "quantity": column,
+                    "over": "load_N",
+                    "tests": name,
+                    "number": len(part),
+                    **line._asdict(),
+                }
+            )
     return pd.DataFrame(rows, columns=["quantity", "over", "tests", "number", *Trend._fields])

@@ -19,7 +19,21 @@ from tcdyn.pipeline.tables.answers import (
 from tcdyn.pipeline.tables.both import both_budget, met, residuals_table
 
 __all__ = [
-    "NOTHING", "SCHEMA", "beta_file", "both_budget", "budget_table", "cooling_by_window", "interval_table", "junctions",
-    "junctions_table", "met", "referee_table", "residuals_table", "structures_table", "test_table", "u_of_beta",
-    "way_row", "ways_table",
-]  # fmt: skip
+    "NOTHING",
+    "SCHEMA",
+    "beta_file",
+    "both_budget",
+    "budget_table",
+    "cooling_by_window",
+    "interval_table",
+    "junctions",
+    "junctions_table",
+    "met",
+    "referee_table",
+    "residuals_table",
+    "structures_table",
+    "test_table",
+    "u_of_beta",
+    "way_row",
+    "ways_table",
+]

@@ -16,7 +16,13 @@ from calibration.words.base import as_known
 from calibration.words.partition import structure
 from calibration.words.plunge import percent
 from tcdyn.partition.analyse import Partition
-from tcdyn.partition.cooling import compensated, cooling_errors, cooling_fit, cooling_shift, smoothed
+from tcdyn.partition.cooling import (
+    compensated,
+    cooling_errors,
+    cooling_fit,
+    cooling_shift,
+    smoothed,
+)
 from tcdyn.partition.one_disk import OneDisk
 from tcdyn.partition.profile import intervals, profiles_file
 from tcdyn.partition.sensors import SensorCheck
@@ -26,7 +32,9 @@ from tcdyn.partition.window import stretch_of
 from tcdyn.pipeline.tables.both import both_budget
 
 SCHEMA = "tcdyn.beta/1"
-NOTHING: dict[str, Any] = dict.fromkeys(("value", "u", "low95", "high95"))  # an estimate that is withheld
+NOTHING: dict[str, Any] = dict.fromkeys(
+    ("value", "u", "low95", "high95")
+)  # an estimate that is withheld
 HEADINGS = {
     "beta": "β [1]",
     "h": "h [W/m²K]",
@@ -41,7 +49,12 @@ TWO_SIGMA = 2.0
 
 
 def way_row(
-    word: str, beta: Estimate, h: Estimate, lag: Estimate | None = None, n: Estimate | None = None, shown: bool = True
+    word: str,
+    beta: Estimate,
+    h: Estimate,
+    lag: Estimate | None = None,
+    n: Estimate | None = None,
+    shown: bool = True,
 ) -> dict[str, str]:
     """One way to beta in a table, empty where it is withheld."""
     row = {"way": word, "β [1]": beta.plain(), "95 % of β": beta.interval}
@@ -55,13 +68,20 @@ def ways_table(p: Partition) -> pd.DataFrame:
     a, gone, both = p.answers, p.withheld, p.both.estimates
     n = None if "both exponent" in gone else both["exponent"]
     shown = "both beta" not in gone
-    rows = [way_row(f"joint fit of both, {d} disk", both["beta"], both[f"h_{d}"], n=n, shown=shown) for d in DISKS]
+    rows = [
+        way_row(f"joint fit of both, {d} disk", both["beta"], both[f"h_{d}"], n=n, shown=shown)
+        for d in DISKS
+    ]
     shown = "speed law" not in gone
-    rows += [way_row(f"speed law, {d} disk", a["speed law"], a[f"h_{d}"], shown=shown) for d in DISKS]
+    rows += [
+        way_row(f"speed law, {d} disk", a["speed law"], a[f"h_{d}"], shown=shown) for d in DISKS
+    ]
     for way in [f"{kind} {d}" for kind in ("cooling", "joint") for d in DISKS]:
         kind, disk = way.split()
         lag = p.joint[disk].estimates["lag_s"] if kind == "joint" else None
-        rows.append(way_row(f"{kind} fit, {disk} disk", a[way], a[f"h {way}"], lag, shown=way not in gone))
+        rows.append(
+            way_row(f"{kind} fit, {disk} disk", a[way], a[f"h {way}"], lag, shown=way not in gone)
+        )
     return pd.DataFrame(rows)
 
 
@@ -70,7 +90,9 @@ def structures_table(p: Partition) -> pd.DataFrame:
     rows = []
     for a, likely in zip(p.structures.tried, p.structures.probability):
         implied = a.exponent.plain()
-        rows.append((structure(a.name), a.beta.plain(), f"{a.delta_chi2:.1f}", percent(likely), implied))
+        rows.append(
+            (structure(a.name), a.beta.plain(), f"{a.delta_chi2:.1f}", percent(likely), implied)
+        )
     columns = ["if", "β [1]", "chi-squared falls by [1]", "probability", "exponent n [1]"]
     return pd.DataFrame(rows, columns=columns)
 
@@ -86,7 +108,9 @@ def budget_table(p: Partition) -> pd.DataFrame:
     heads = ("fit of both disks", "speed law", "cooling fit of the worse disk")
     columns = ["source", *(f"u(β) [1], {head}" for head in heads)]
     rows, table = [*rows, "all together"], [*table, [total, speed, cooling]]
-    return pd.DataFrame([(source, *map(u_of_beta, parts)) for source, parts in zip(rows, table)], columns=columns)
+    return pd.DataFrame(
+        [(source, *map(u_of_beta, parts)) for source, parts in zip(rows, table)], columns=columns
+    )
 
 
 def u_of_beta(u: float) -> str:
@@ -122,7 +146,15 @@ def junctions_table(tests: Mapping[str, DepthTest]) -> pd.DataFrame:
     for disk, test in tests.items():
         for (channel, deeper), pull in zip(test.deeper_m.items(), test.pull):
             mm = deeper.times(1e3).plain()
-            rows.append((disk, channel, mm, f"{1e3 * test.stated_u_m:.2f}", f"{round(float(pull), 1) + 0.0:+.1f}"))
+            rows.append(
+                (
+                    disk,
+                    channel,
+                    mm,
+                    f"{1e3 * test.stated_u_m:.2f}",
+                    f"{round(float(pull), 1) + 0.0:+.1f}",
+                )
+            )
         rows += [(disk, channel, LEFT_OUT, "", "") for channel in test.left_out]
     columns = [
         "disk",
@@ -148,13 +180,18 @@ def cooling_by_window(partition: Partition, lengths: Sequence[float] = LENGTHS_S
         raise InputError(f"a window of {min(lengths):g} s", expected="lengths above zero")
     wanted = sorted(float(x) for x in lengths if x <= held)
     if not wanted:
-        raise InputError(f"the log holds {held:.2f} s of cooling", expected=f"at least {min(lengths, default=0):g} s")
+        raise InputError(
+            f"the log holds {held:.2f} s of cooling",
+            expected=f"at least {min(lengths, default=0):g} s",
+        )
     rows = stretch_of(test, wanted[-1])
     of_disks = [_disk_rows(partition, disk, rows, wanted) for disk in DISKS]
     return pd.DataFrame([row for of_one in of_disks for row in of_one])
 
 
-def _disk_rows(p: Partition, name: str, rows: slice, lengths: Sequence[float]) -> list[dict[str, object]]:
+def _disk_rows(
+    p: Partition, name: str, rows: slice, lengths: Sequence[float]
+) -> list[dict[str, object]]:
     test, line, lag, at = p.test, p.lines[name], p.joint[name].estimates["lag_s"], p.cooling[name]
     done = smoothed(test, test.disks[name], rows, p.chains[name], lag.u, p.compensated[name])
     cooled = compensated(test, test.disks[name], rows, done, p.windows[name].rim.profile)
@@ -164,17 +201,24 @@ def _disk_rows(p: Partition, name: str, rows: slice, lengths: Sequence[float]) -
         found = dict.fromkeys(("beta", "u_beta", "h_W_m2K", "u_h_W_m2K", "misfit_K"), np.nan)
         try:
             prior = log_h_prior(cooled.disk.setup.surface)
-            fit = cooling_fit(cooled.window, line.line, test.events.unload_s, length, cooled.noise_K, prior)
+            fit = cooling_fit(
+                cooled.window, line.line, test.events.unload_s, length, cooled.noise_K, prior
+            )
         except InputError:
             pass
         else:
             shift = cooling_shift(fit, *errors, line)
-            variance = (shift.per_sd**2).sum(axis=0) + np.diag(shift.noise) + (lag.u * shift.by_lag) ** 2
+            variance = (
+                (shift.per_sd**2).sum(axis=0) + np.diag(shift.noise) + (lag.u * shift.by_lag) ** 2
+            )
             u_share, u_h = (float(u) for u in np.sqrt(variance))
             found = {
-                "beta": fit.beta, "u_beta": u_share, "h_W_m2K": fit.h_W_m2K, "u_h_W_m2K": u_h,
+                "beta": fit.beta,
+                "u_beta": u_share,
+                "h_W_m2K": fit.h_W_m2K,
+                "u_h_W_m2K": u_h,
                 "misfit_K": fit.misfit_K,
-            }  # fmt: skip
+            }
         out.append({"disk": name, "window_s": length, "within_lag": length < lag.value, **found})
     return out
 
@@ -193,11 +237,21 @@ def referee_table(partition: Partition) -> pd.DataFrame:
             a, b = (partition.budget.draws[way] for way in ways)
             gap, u = one.value - other.value, float(np.std(a - b))
             z = gap / max(u, 1e-12)
-            rows.append({
-                "disk": d, "quantity": quantity, "compensated": one.value, "u_compensated": one.u,
-                "commuted": other.value, "u_commuted": other.u, "difference": gap, "u_difference": u,
-                "correlation": float(np.corrcoef(a, b)[0, 1]), "z": z, "agree": bool(abs(z) < TWO_SIGMA),
-            })  # fmt: skip
+            rows.append(
+                {
+                    "disk": d,
+                    "quantity": quantity,
+                    "compensated": one.value,
+                    "u_compensated": one.u,
+                    "commuted": other.value,
+                    "u_commuted": other.u,
+                    "difference": gap,
+                    "u_difference": u,
+                    "correlation": float(np.corrcoef(a, b)[0, 1]),
+                    "z": z,
+                    "agree": bool(abs(z) < TWO_SIGMA),
+                }
+            )
     return pd.DataFrame(rows)
 
 
@@ -225,8 +279,14 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
     A junction tells how much deeper this test alone places it than rig.toml [mm], and its pull on the stated depth.
     """
     test, gone = p.test, p.withheld
-    a = {key: NOTHING if key in gone else estimate.model_dump() for key, estimate in p.answers.items()}
-    both = {key: NOTHING if f"both {key}" in gone else e.model_dump() for key, e in p.both.estimates.items()}
+    a = {
+        key: NOTHING if key in gone else estimate.model_dump()
+        for key, estimate in p.answers.items()
+    }
+    both = {
+        key: NOTHING if f"both {key}" in gone else e.model_dump()
+        for key, e in p.both.estimates.items()
+    }
     return {
         "schema": SCHEMA,
         "source": source,
@@ -235,11 +295,19 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
             "beta": a["speed law"],
             "h_fast": a["h_fast"],
             "h_slow": a["h_slow"],
-            **{f"{d}_line": {"intercept": a[f"{d} intercept"], "slope": a[f"{d} slope"]} for d in DISKS},
+            **{
+                f"{d}_line": {"intercept": a[f"{d} intercept"], "slope": a[f"{d} slope"]}
+                for d in DISKS
+            },
             "exponent": a["exponent"],
         },
         "transient": {
-            d: {"beta": a[f"cooling {d}"], "h": a[f"h cooling {d}"], "window_s": p.cooling[d].window_s} for d in DISKS
+            d: {
+                "beta": a[f"cooling {d}"],
+                "h": a[f"h cooling {d}"],
+                "window_s": p.cooling[d].window_s,
+            }
+            for d in DISKS
         },
         "joint": {
             **{
@@ -257,7 +325,9 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
             "beta": both["beta"],
             "way": "joint both",
             "sentence": p.headline.sentence,
-            "range95": None if p.status == "withheld" else [p.structures.low95, p.structures.high95],
+            "range95": None
+            if p.status == "withheld"
+            else [p.structures.low95, p.structures.high95],
         },
         "status": p.status,
         "alternatives": [] if p.status == "withheld" else p.structures.to_list(),
@@ -281,6 +351,9 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
 def junctions(found: SensorCheck | None) -> dict[str, Any]:
     """How much deeper [mm] than stated a test alone places each junction, and its pull, as ``beta.json`` keeps it."""
     return {
-        d: {c: {"deeper_mm": e.times(1e3).model_dump(), "z": float(z)} for (c, e), z in zip(t.deeper_m.items(), t.pull)}
+        d: {
+            c: {"deeper_mm": e.times(1e3).model_dump(), "z": float(z)}
+            for (c, e), z in zip(t.deeper_m.items(), t.pull)
+        }
         for d, t in ({} if found is None else found.depths).items()
     }

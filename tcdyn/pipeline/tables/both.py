@@ -33,10 +33,16 @@ def met(p: Partition | OneDisk, disk: str) -> Met:
     optimum = p.optimum if isinstance(p, OneDisk) else p.both.optimum
     ends = np.cumsum([len(s.y) for s in sides])
     window = sides[names.index(disk)].window
-    residual = np.split(optimum.residual[: ends[-1]], ends[:-1])[names.index(disk)].reshape(window.y.shape)
+    residual = np.split(optimum.residual[: ends[-1]], ends[:-1])[names.index(disk)].reshape(
+        window.y.shape
+    )
     sd = 1 / np.where(window.weight > 0, window.weight, np.nan)
     return Met(
-        p.test.disks[disk].setup.outer, window.at_s - p.test.events.unload_s, window.y, window.y + residual * sd, sd
+        p.test.disks[disk].setup.outer,
+        window.at_s - p.test.events.unload_s,
+        window.y,
+        window.y + residual * sd,
+        sd,
     )
 
 
@@ -50,10 +56,18 @@ def residuals_table(p: Partition | OneDisk) -> pd.DataFrame:
             if np.isnan(off[:, k]).any():
                 rows.append((disk, c, LEFT_OUT, "", ""))
                 continue
-            before, cooling = (f"{1e3 * float(np.mean(off[part, k])):+z.0f}" for part in (~after, after))
+            before, cooling = (
+                f"{1e3 * float(np.mean(off[part, k])):+z.0f}" for part in (~after, after)
+            )
             rms = float(np.sqrt(np.mean((off[:, k] / m.sd[:, k]) ** 2)))
             rows.append((disk, c, before, cooling, f"{rms:.2f}"))
-    columns = ["disk", "junction", "mean under load [mK]", "mean after the parting [mK]", "rms over noise [1]"]
+    columns = [
+        "disk",
+        "junction",
+        "mean under load [mK]",
+        "mean after the parting [mK]",
+        "rms over noise [1]",
+    ]
     return pd.DataFrame(rows, columns=columns)
 
 
