@@ -60,7 +60,7 @@ def _lag(
 ) -> str:
     text = f"{'One plunge gives' if plunges == 1 else f'{plunges} plunges give'} a common lag of "
     text += with_u(common_lag_s, u_s, "s")
-    _, u_known = rounded(known_burst_u_s, known_burst_u_s)
+    u_known = rounded(known_burst_u_s, known_burst_u_s)[1]
     known = f"with the entry burst and the entry time known it would be +- {u_known} s"
     if apart:
         return f"{text}; the entry burst is told apart from it ({known})."

@@ -99,15 +99,16 @@ class Alternatives:
         """The structure that the data ask for; a note where the headline holds all the same."""
         if (best := self.named) is None:
             return ()
-        told = {
+        numbers: dict[str, Any] = {
             "name": best.name,
             "log_odds": best.log_odds,
             "beta": best.beta.value,
             "u": best.beta.u,
         }
-        return (
-            note("structures.other", **told) if self.holds else look("structures.other", **told),
-        )  # type: ignore[arg-type]
+        finding = look("structures.other", **numbers)
+        if self.holds:
+            finding = note("structures.other", **numbers)
+        return (finding,)
 
     def to_list(self) -> list[dict[str, Any]]:
         """As ``beta.json`` keeps them."""

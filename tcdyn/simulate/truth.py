@@ -138,9 +138,8 @@ class RigTruth:
 
     def with_film_air(self, warmer_K: float) -> RigTruth:
         """The same rig whose running surfaces lose heat to what is ``warmer_K`` warmer than the ambient."""
-        return replace(
-            self, **{name: replace(self.disk(name), film_air_K=warmer_K) for name in DISKS}
-        )  # type: ignore[arg-type]
+        disks: Any = {name: replace(self.disk(name), film_air_K=warmer_K) for name in DISKS}
+        return replace(self, **disks)
 
     def with_imperfections(self, imperfections: Imperfections) -> RigTruth:
         """The same rig, measured differently."""
