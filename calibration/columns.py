@@ -180,7 +180,8 @@ def match_columns(
 
     Raises InputError for a duplicate or missing column, an unknown mapping key, or a file of another kind.
     """
-    layout, mapping = layouts[kind], mapping or {}
+    layout = layouts[kind]
+    mapping = mapping or {}
     for key in mapping:
         if key not in KNOWN and not key.endswith(tuple(f"_{unit}" for unit in ("degC", *UNITS))):
             close = get_close_matches(key, KNOWN, n=1, cutoff=0.6)

@@ -89,7 +89,8 @@ def diff_records(old: DiskRecord, new: DiskRecord) -> RecordDiff:
     ]
     other_reference = by[0] != by[1]  # one and the same moves no line against another
     for c in sorted(set(old.static) & set(new.static)):
-        a, b = old.static[c], new.static[c]
+        a = old.static[c]
+        b = new.static[c]
         low = max(a.range_degC[0], b.range_degC[0])
         high = min(a.range_degC[1], b.range_degC[1])
         if low >= high:
@@ -126,7 +127,8 @@ def diff_records(old: DiskRecord, new: DiskRecord) -> RecordDiff:
 def _holm(rows: list[tuple[str, float, float, float]]) -> pd.DataFrame:
     table = pd.DataFrame(rows, columns=["quantity", "old", "new", "u"])
     table.insert(3, "change", table["new"] - table["old"])
-    size, change = table["u"].to_numpy(), table["change"].to_numpy()
+    size = table["u"].to_numpy()
+    change = table["change"].to_numpy()
     certain = np.where(change == 0.0, 0.0, np.copysign(np.inf, change))
     table["z"] = np.divide(change, size, out=certain, where=size > 0)
     table["p"] = 2 * ndtr(-np.abs(table["z"]))
@@ -161,7 +163,8 @@ def check_record(record: DiskRecord) -> tuple[Finding, ...]:
         return once([*found, look("record.no_chain")])
     common = record.chain.common_lag_s
     for c, chain in record.chain.channels.items():
-        lag, apart = chain.lag_s, record.chain.differential_lag_s[c]
+        lag = chain.lag_s
+        apart = record.chain.differential_lag_s[c]
         if lag.u > 0.5 * lag.value:
             found.append(look("record.lag_unsure", subject=c, lag_s=lag.value, u_s=lag.u))
         if abs(apart.value) > 0.5 * common.value and abs(apart.value) > 2 * apart.u:

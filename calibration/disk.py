@@ -22,10 +22,9 @@ from calibration.stated.surface import NO_FLUX, SurfaceFlux
 
 DISKS = ("fast", "slow")
 LEFT_OUT = "left out"  # in tables, where a channel has no numbers
-MOST_LEFT_OUT, LEAST_INNER = (
-    1 / 3,
-    2,
-)  # of a disk's channels; of its inner row, whose profile needs them
+# of a disk's channels; of its inner row, whose profile needs them
+MOST_LEFT_OUT = 1 / 3
+LEAST_INNER = 2
 FilterShape = Literal[
     "cascade", "butterworth"
 ]  # of the signal conditioning; the simulator has poles of its own
@@ -70,7 +69,8 @@ class Conditioning:
         >>> Conditioning(0.5 / math.pi, 2).factors
         ((1.0, 1.0), (1.0, 1.0))
         """
-        tau, n = 1.0 / (2 * math.pi * self.cutoff_Hz), self.poles
+        tau = 1.0 / (2 * math.pi * self.cutoff_Hz)
+        n = self.poles
         if self.shape == "cascade":
             return ((1.0, tau),) * n
         sections = tuple(
@@ -220,7 +220,8 @@ class DiskSetup:
             if c not in self.inner:
                 out[c] = dict.fromkeys(outer, 1.0 / len(outer))
             elif below and above:
-                low, high = self.junctions[below[-1]].z_m, self.junctions[above[0]].z_m
+                low = self.junctions[below[-1]].z_m
+                high = self.junctions[above[0]].z_m
                 part = round((z - low) / (high - low), 12)
                 out[c] = {below[-1]: 1.0 - part, above[0]: part}
             else:
@@ -240,10 +241,8 @@ class DiskSetup:
         it."""
         j = dict(self.junctions)
         for c, weights in self.stand_ins([c for c in left_out if c in self.inner]).items():
-            (first, *more), depth_m = (
-                weights,
-                sum(w * self.junctions[s].depth_m for s, w in weights.items()),
-            )
+            (first, *more) = weights
+            depth_m = sum(w * self.junctions[s].depth_m for s, w in weights.items())
             j[c] = replace(j[c], depth_m=depth_m, angle_deg=(j[c] if more else j[first]).angle_deg)
         return replace(self, junctions=j)
 

@@ -50,7 +50,8 @@ def with_u(
     >>> with_u(0.7, 0.0, "s"), with_u(0.7, float("nan"), "s"), with_u(float("nan"), 0.1)
     ('0.7 +- 0 s', '0.7 s, uncertainty not known', 'not known')
     """
-    value, u = float(value), float(u)
+    value = float(value)
+    u = float(u)
     behind = f" {unit}" if unit else ""
     if math.isnan(value):
         return "not known"
@@ -81,7 +82,8 @@ class Estimate(BaseModel):
     @classmethod
     def normal(cls, value: float, u: float) -> Estimate:
         """The estimate of a normally distributed quantity: value -+ 1.96 u."""
-        value, u = float(value), float(u)
+        value = float(value)
+        u = float(u)
         return cls(value=value, u=u, low95=value - Z95 * u, high95=value + Z95 * u)
 
     def covers(self, truth: float) -> bool:
@@ -148,7 +150,8 @@ def _parts(value: float, u: float) -> tuple[str, str, int]:
     power = first if first >= 7 or first < -4 else 0
     if first - last > MOST_DIGITS:
         return f"{value:.{MOST_DIGITS}g}", f"{u:.2g}", 0
-    scale, decimals = 10.0**power, power - last
+    scale = 10.0**power
+    decimals = power - last
     return _fixed(value / scale, decimals), _fixed(u / scale, decimals), power
 
 

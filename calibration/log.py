@@ -148,12 +148,10 @@ class LogPieces:
         return int(self.sampling.grid[-1]) + 1
 
     def __iter__(self) -> Iterator[LogPiece]:
-        where, grid, total, end_row = (
-            self._place.where,
-            self.sampling.grid,
-            len(self.sampling.grid),
-            self.rows,
-        )
+        where = self._place.where
+        grid = self.sampling.grid
+        total = len(self.sampling.grid)
+        end_row = self.rows
         checks = {name: ColumnCheck(name, self._place) for name in self._noise_K}
         side = SPIKES["reading"].longest
         margin = side * (
@@ -211,7 +209,8 @@ class LogPieces:
 
         Needs 8 bytes a value that is kept; all of a short log is kept. Raises InputError as going through them does.
         """
-        source, joined = self, self._whole
+        source = self
+        joined = self._whole
         if joined is not None and rows is None and columns is None:
             return replace(joined, frame=joined.frame.copy(deep=False))
         if columns is not None:  # what a piece is cut by is never left out
@@ -222,7 +221,8 @@ class LogPieces:
             ]
             source = replace(self, _names=some[0], _noise_K=some[1], switches=some[2])
         wanted = np.arange(self.rows) if rows is None else rows
-        frame, told = dict[str, Array](), self.findings
+        frame = dict[str, Array]()
+        told = self.findings
         for piece in source:
             first, stop = np.searchsorted(wanted, [piece.first, piece.first + len(piece.frame)])
             for name in map(str, piece.frame):
@@ -274,9 +274,12 @@ def iter_log(
     raws: list[Columns] = []  # of a short file all, which is then read once
     clock = bytearray()  # grows in place, where a list of arrays would need all of it twice
     others = [name for name in names if name != "time_s" and name not in SWITCHES]
-    found, course, place = list[Finding](), Course(), Place(table.where)
+    found = list[Finding]()
+    course = Course()
+    place = Place(table.where)
     for raw in table.pieces(list(dict.fromkeys(names.values())), rows):
-        place, time = raw.place, raw.data[names["time_s"]]
+        place = raw.place
+        time = raw.data[names["time_s"]]
         found += raw.findings
         clock += time.tobytes()
         course.see({n: raw.data[names[n]] for n in names if n != "time_s"})
@@ -288,7 +291,8 @@ def iter_log(
     sampling = check_time(np.frombuffer(clock), place)
     del clock
     place = replace(place, time_s=sampling.time_s, dt_s=sampling.dt_s)
-    sample, noise_K = course.frame(), dict[str, float]()
+    sample = course.frame()
+    noise_K = dict[str, float]()
     for name in others:
         values = sample[name].to_numpy()
         noise_K[name] = course_noise_K(name, values, sample.index.to_numpy(), place)
@@ -327,7 +331,8 @@ def log_for(
     Raises InputError as ``iter_log`` does, and for records that are not of what the log holds.
     """
     kind, disk = log_kind(log, rig, records)
-    gone, unused = list[str](), list[str]()
+    gone = list[str]()
+    unused = list[str]()
     if kind == "ehl":
         refuse_spare_records(log, rig, records)
         gone, unused = not_there(log, rig, records)

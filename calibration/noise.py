@@ -17,7 +17,9 @@ from calibration.errors import InputError
 from calibration.finding import Place
 
 MAD_TO_SD = 1.482602218505602  # standard deviation of a normal distribution over its median absolute deviation
-COLDEST_DEGC, HOTTEST_DEGC = -60.0, 760.0  # type J's range at the hot end
+# type J's range at the hot end
+COLDEST_DEGC = -60.0
+HOTTEST_DEGC = 760.0
 MOST_MISSING = 0.05  # fraction of a channel
 COARSE = 0.5  # share of repeats in short runs: beyond it the logger's step hides the noise
 NOT_TOLD = 1e-6  # noise of a trace that does not tell its own
@@ -114,9 +116,11 @@ def middle(values: NDArray[np.floating]) -> Array:
     array([2. , 2.5])
     """
     rows = np.ascontiguousarray(values).reshape(prod(values.shape[:-1]), values.shape[-1])
-    counts, out = np.count_nonzero(~np.isnan(rows), axis=-1), np.full(len(rows), np.nan)
+    counts = np.count_nonzero(~np.isnan(rows), axis=-1)
+    out = np.full(len(rows), np.nan)
     for count in np.unique(counts[counts > 0]).tolist():
-        alike, k = counts == count, count // 2
+        alike = counts == count
+        k = count // 2
         parted = np.partition(rows[alike], k, axis=-1)  # what is missing comes last
         out[alike] = (
             parted[:, k] if count % 2 else 0.5 * (parted[:, :k].max(axis=-1) + parted[:, k])
@@ -166,7 +170,8 @@ def find_spikes(values: Array, rule: SpikeRule, noise_sd: float | None = None) -
     array([3])
     """
     index = np.flatnonzero(np.isfinite(values))
-    out, x = np.zeros(len(values), dtype=bool), values[index]
+    out = np.zeros(len(values), dtype=bool)
+    x = values[index]
     if len(x) < 2:
         return out
     limit = max(rule.sigmas * (noise_sd or 0.0), rule.floor)
@@ -190,7 +195,8 @@ def find_spikes(values: Array, rule: SpikeRule, noise_sd: float | None = None) -
             away[at] = np.abs(x[at] - middle(windows[at]))
         return at[away[at] > limit]
 
-    far, usual = far_of(np.flatnonzero(apart) if few else np.arange(len(x))), np.zeros(1)
+    far = far_of(np.flatnonzero(apart) if few else np.arange(len(x)))
+    usual = np.zeros(1)
     if rule.local:
         beside = rule.local // 2
         if few:
@@ -204,7 +210,8 @@ def find_spikes(values: Array, rule: SpikeRule, noise_sd: float | None = None) -
 
 def bridged(y: Array, good: Flags) -> Array:
     """Straight lines across the samples of ``y`` (N,) that are not ``good``."""
-    gone, kept = np.flatnonzero(~good), np.flatnonzero(good)
+    gone = np.flatnonzero(~good)
+    kept = np.flatnonzero(good)
     if not len(gone):
         return y
     out = np.array(y, dtype=float)
@@ -287,7 +294,8 @@ def course_noise_K(name: str, sample: Array, rows: NDArray[np.int64], place: Pla
         )
     wild = impossible(sample)
     if wild.mean() > MOST_MISSING:
-        i, more = int(np.argmax(wild)), int(wild.sum()) - 1
+        i = int(np.argmax(wild))
+        more = int(wild.sum()) - 1
         raise InputError(
             f"{place.at(name, int(rows[i]))}: {sample[i]:.4g} and {more} more values that no junction has",
             where=place.where,

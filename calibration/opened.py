@@ -108,7 +108,8 @@ def open_log(
     if kind not in LAYOUTS:
         raise InputError(f"{kind!r} is no kind of log", expected=", ".join(LAYOUTS))
     used = rig or load_rig()
-    mapping, air = used.columns(disk), used.air_columns() if kind == "ehl" else {}
+    mapping = used.columns(disk)
+    air = used.air_columns() if kind == "ehl" else {}
     air = {name: column for name, column in air.items() if name not in without}
     layouts = layouts_of(used, disk)
     table = open_table(file, (*known_names(layouts), *mapping.values(), *air.values()))

@@ -99,7 +99,8 @@ class ChainRecord(RecordPart):
         common = float(np.mean([channel.lag_s.value for channel in self.channels.values()]))
         _agrees(self.common_lag_s, common, "common_lag_s: {} s, but the lags' mean is {} s")
         for name, u in zip(sorted(self.channels), np.sqrt(np.maximum(np.diag(matrix), 0.0))):
-            lag, rest = self.channels[name].lag_s, self.differential_lag_s[name]
+            lag = self.channels[name].lag_s
+            rest = self.differential_lag_s[name]
             if abs(u - lag.u) > 0.5 * max(u, lag.u) + 1e-6:
                 raise ValueError(
                     f"covariance: its diagonal gives {u:.4g} s for {name}, but lag_s.u is {lag.u:.4g} s"

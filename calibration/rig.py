@@ -129,7 +129,9 @@ class RigTables(RigTable):
 
     def setup(self, name: str) -> DiskSetup:
         """The disk in SI units."""
-        d, w, j = self.disk, self.washer, self.thermocouples
+        d = self.disk
+        w = self.washer
+        j = self.thermocouples
         junctions = {
             k: Junction(j[k].depth_mm * 1e-3, j[k].z_mm * 1e-3, j[k].angle_deg) for k in sorted(j)
         }
@@ -175,7 +177,8 @@ class Rig(Result, BaseModel):
         ]
         for disk in ("fast", "slow"):
             t = self.tables(disk)
-            d, filter_ = t.disk, t.conditioning
+            d = t.disk
+            filter_ = t.conditioning
             lines.append(
                 f"{disk}: {2 * d.outer_radius_mm:g} mm diameter, {d.width_mm:g} mm wide, bore {2 * d.bore_radius_mm:g} "
                 f"mm, {d.conductivity_W_mK:g} W/mK, {d.density_kg_m3:g} kg/m3, {d.specific_heat_J_kgK:g} J/kgK, "
@@ -253,10 +256,8 @@ def load_rig(path: str | Path | None = None) -> Rig:
             "no such file", where=str(path), remedy="`tcdyn rig --show > rig.toml` writes one"
         ) from None
     except (OSError, ValueError, RecursionError) as problem:
-        what, remedy = (
-            f"not readable as TOML ({str(problem)[:200]})",
-            "`tcdyn rig --show > rig.toml` writes one",
-        )
+        what = f"not readable as TOML ({str(problem)[:200]})"
+        remedy = "`tcdyn rig --show > rig.toml` writes one"
         raise InputError(what, where=str(path), expected="a rig file", remedy=remedy) from None
     return parse_rig(data, str(path))
 
@@ -281,10 +282,8 @@ def parse_rig(data: dict[str, Any], where: str) -> Rig:
         try:
             built[name] = RigTables.model_validate(_merge(common, override))
         except ValidationError as problem:
-            said, remedy = (
-                first_wrong(problem, name),
-                "`tcdyn rig --show` lists every key with its default",
-            )
+            said = first_wrong(problem, name)
+            remedy = "`tcdyn rig --show` lists every key with its default"
             raise InputError(said, where=where, remedy=remedy) from None
     return Rig(**built)
 

@@ -44,7 +44,8 @@ class Correlation:
         >>> [round(float(c.nusselt(1e6, 60.0)), 1) for c in CORRELATIONS.values()]
         [18.7, 21.3, 21.3, 21.4, 19.3]
         """
-        ra, pr = np.asarray(ra, dtype=float), np.asarray(pr, dtype=float)
+        ra = np.asarray(ra, dtype=float)
+        pr = np.asarray(pr, dtype=float)
         shape = (1 + (self.prandtl / pr) ** self.inner) ** self.outer
         return np.asarray((self.floor + self.factor * ra**self.exponent / shape) ** self.power)
 
@@ -145,11 +146,10 @@ class Bath:
 
         Gr = g beta |dT| L^3 / nu^2; Ra = Gr Pr.
         """
-        surface, fluid = np.asarray(surface_degC, dtype=float), np.asarray(fluid_degC, dtype=float)
-        p, length = (
-            self.fluid.at((surface + fluid) / 2),
-            getattr(self, f"{self.correlation.length}_m"),
-        )
+        surface = np.asarray(surface_degC, dtype=float)
+        fluid = np.asarray(fluid_degC, dtype=float)
+        p = self.fluid.at((surface + fluid) / 2)
+        length = getattr(self, f"{self.correlation.length}_m")
         buoyancy = GRAVITY_M_S2 * np.abs(p.beta_1_K) * np.abs(fluid - surface)
         return p, length, np.asarray(buoyancy * length**3 / p.nu_m2_s**2)
 
@@ -164,7 +164,8 @@ class Bath:
         Each property is raised by its own standard uncertainty at the film temperature and h computed again; for the
         expansion the density curve is tilted about that temperature.
         """
-        f, film = self.fluid, np.asarray((surface_degC + fluid_degC) / 2)
+        f = self.fluid
+        film = np.asarray((surface_degC + fluid_degC) / 2)
         raised: dict[str, Any] = {
             n: _stretched(getattr(f, n), 0.0, getattr(f, f"u_{n}")) for n in ("rho", "c", "k", "nu")
         }
@@ -195,9 +196,13 @@ def check_validity(
     matters = (
         step >= 0.1 * float(np.max(step)) if np.max(step) > 0 else np.ones(step.shape, dtype=bool)
     )
-    surface, bulk = surface[matters], bulk[matters]
-    c, (p, _, gr), found = bath.correlation, bath.film(surface, bulk), []
-    low, high = float(np.min(gr * p.prandtl)), float(np.max(gr * p.prandtl))
+    surface = surface[matters]
+    bulk = bulk[matters]
+    c = bath.correlation
+    (p, _, gr) = bath.film(surface, bulk)
+    found = []
+    low = float(np.min(gr * p.prandtl))
+    high = float(np.max(gr * p.prandtl))
     if low < c.ra_range[0] or high > c.ra_range[1]:
         found.append(
             look(
@@ -210,7 +215,8 @@ def check_validity(
         )
     film = (surface + bulk) / 2
     found += bath.fluid.outside(float(np.min(film)), float(np.max(film)))
-    ratio, least = bath.diameter_m / bath.width_m, float(35 / np.min(gr) ** 0.25)
+    ratio = bath.diameter_m / bath.width_m
+    least = float(35 / np.min(gr) ** 0.25)
     if c.length == "width" and ratio < least:
         found.append(look("correlation.no_plate", subject=c.name, ratio=ratio, least=least))
     return tuple(found)

@@ -48,7 +48,8 @@ class Cylinder:
     @property
     def mean_rate_K_m2_J(self) -> float:
         """Rise of the mean temperature per heat through the surface, 2 R_o / (rho c (R_o^2 - R_i^2)) [K m2/J]."""
-        ro, ri = self.outer_radius_m, self.inner_radius_m
+        ro = self.outer_radius_m
+        ri = self.inner_radius_m
         return 2 * ro / (self.heat_capacity_J_m3K * (ro**2 - ri**2))
 
     def static_profile(self, r_m: Array) -> Array:

@@ -18,7 +18,9 @@ RISEN = (
     0.004  # of a junction's way to the bath: 0.3 K of 80, five noises of a mean of six over 0.2 s
 )
 HEAD_S = 1.0  # of the log, for the level before the entry: junctions that rise within it tell none
-LATE_S, LATE_U_S = 0.7, 0.5  # how long after the entry that is, behind a lag of 0.3 to 1.5 s
+# how long after the entry that is, behind a lag of 0.3 to 1.5 s
+LATE_S = 0.7
+LATE_U_S = 0.5
 EARLY = 0.0882  # of the time from 5 to 50 %: how early a line through a first-order answer meets the level before
 EARLY_U = 0.05  # the same for probes of another order: uncertainty
 
@@ -67,7 +69,8 @@ def probe_time(
     good = np.isfinite(y)
     if good.sum() < 20:
         return None
-    t, y = t[good], y[good]
+    t = t[good]
+    y = y[good]
     smooth = median_filter(y, 3, mode="nearest")
     edge = max(len(y) // 50, 5)
     low = float(np.median(smooth[:edge]))
@@ -108,7 +111,8 @@ def rise_time(time_s: ArrayLike, readings_degC: ArrayLike, fluid_degC: ArrayLike
     The median of all, as means over a fifth of a second, was below that for the last time before a tenth of the way.
     The level before is that of the first ``HEAD_S``; None, too, where the junctions come half of ``RISEN`` within it.
     """
-    t, y = np.asarray(time_s, dtype=float), np.asarray(readings_degC, dtype=float)
+    t = np.asarray(time_s, dtype=float)
+    y = np.asarray(readings_degC, dtype=float)
     dt = float(np.median(np.diff(t)))
     head = slice(0, max(int(round(HEAD_S / dt)), 5))
     level = np.nanmedian(y[head], axis=0)
@@ -157,7 +161,8 @@ def reconcile_entry(
     if probe_s is None:
         found.append(look("entry.no_probe", subject="probe_degC"))
         return EntryEvent(switch_s, 1.5 * su, switch_s, None, "switch", tuple(found))
-    difference, u_difference = abs(switch_s - probe_s), float(np.hypot(su, pu))
+    difference = abs(switch_s - probe_s)
+    u_difference = float(np.hypot(su, pu))
     if difference > max(3.0, 6 * u_difference):
         raise InputError(
             f"switch and free thermocouple put the entry at {switch_s:.2f} s and {probe_s:.2f} s",

@@ -87,7 +87,8 @@ class Fluid:
         low, high = self.range_degC
         if low_degC >= low and high_degC <= high:
             return ()
-        used, known = (low_degC, high_degC), self.range_degC
+        used = (low_degC, high_degC)
+        known = self.range_degC
         return (look("fluid.extrapolated", subject=self.name, used_degC=used, known_degC=known),)
 
 

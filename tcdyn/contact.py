@@ -162,7 +162,8 @@ def contact_force(t: Array, raw_N: Array, events: Events) -> Array:
     the parting edge would scale beta one to one, and so does noise left at that edge. The line is as long as
     ``NOISE_LEFT`` asks, since its end scatters by 2 sd / sqrt(samples).
     """
-    on, off = events.load_on_s, events.unload_s
+    on = events.load_on_s
+    off = events.unload_s
     quiet = events.parting_s + SETTLE_S
     touched = np.any(
         [(t >= a - SETTLE_S) & (t <= b + SETTLE_S) for a, b in events.again] or [t < t[0]], axis=0
@@ -208,7 +209,8 @@ def line_length(noise_N: float, level_N: float, dt_s: float, most: int) -> int:
 def _zero(t: Array, raw: Array, before_s: float, after_s: float) -> Array:
     """The transducer's zero at each instant, from the unloaded stretches."""
     seen = np.isfinite(raw)
-    early, late = seen & (t < before_s), seen & (t > after_s) & (t < after_s + 60.0)
+    early = seen & (t < before_s)
+    late = seen & (t > after_s) & (t < after_s + 60.0)
     points = [
         (float(np.mean(t[m])), float(np.nanmedian(raw[m])))
         for m in (early, late)
@@ -231,7 +233,8 @@ def speed_course(time_s: Array, speed_rpm: Array, from_s: float, level_rpm: floa
     >>> speed_course(t, slowing, 30.0, 3000.0)[[2000, 2475]].round(3)  # 3 s later: to 1/e
     array([1.   , 0.368])
     """
-    out, after = np.ones_like(time_s), np.flatnonzero(time_s >= from_s)
+    out = np.ones_like(time_s)
+    after = np.flatnonzero(time_s >= from_s)
     x = pd.Series(speed_rpm[after] / level_rpm)
     comes_back = x[::-1].fillna(0.0).cummax()[::-1] > 5 * STOPPED
     x = x.mask((x < STOPPED) & comes_back)
@@ -284,7 +287,9 @@ def interference_pressure_Pa(
     >>> [round(interference_pressure_Pa(d / 2) / 1e6, 1) for d in (15.2e-6, 25.4e-6)]  # section 6.4.3: 27.3, 45.6
     [27.3, 45.6]
     """
-    square, outer, inner = fit_radius_m**2, outer_radius_m**2, inner_radius_m**2
+    square = fit_radius_m**2
+    outer = outer_radius_m**2
+    inner = inner_radius_m**2
     shape = (outer - square) * (square - inner) / (2 * square * (outer - inner))
     return young_Pa * radial_interference_m / fit_radius_m * shape
 
@@ -313,7 +318,8 @@ def press_fit(setup: DiskSetup) -> tuple[float, float]:
 
     Raises InputError where the rig states none, or the disk has no bore.
     """
-    fit, bore_m = setup.fit, setup.bore_radius_m
+    fit = setup.fit
+    bore_m = setup.bore_radius_m
     if not (fit.stated and bore_m > 0):
         raise InputError(
             f"rig.toml states no press fit of the {setup.name} disk",

@@ -29,10 +29,9 @@ Rows = slice | NDArray[np.bool_]
 NO_CHAIN = Chain((), conditioning=NO_CONDITIONING)
 NOISE_ORDER = 3  # of the differences that tell the noise of a trace
 MANY_MISSING = 0.05  # share of a channel beyond which its gaps are told
-STAND_IN_K, STAND_IN_M = (
-    1.0,
-    0.3e-3,
-)  # d, b or f left out: what reads in its place may be off, steadily and by heat
+# d, b or f left out: what reads in its place may be off, steadily and by heat
+STAND_IN_K = 1.0
+STAND_IN_M = 0.3e-3
 FINE_ROUNDING_K = 0.02  # rounding below a sixth of a usual channel's noise is left unsaid
 
 
@@ -85,10 +84,8 @@ class DiskTraces(DiskChannels):
     common_lag_u_s: float = field(init=False)
 
     def __post_init__(self) -> None:
-        lag, u = (
-            np.mean([c.lag_s for c in self.chains]),
-            np.sqrt(max(self.lag_covariance_s2.mean(), 0.0)),
-        )
+        lag = np.mean([c.lag_s for c in self.chains])
+        u = np.sqrt(max(self.lag_covariance_s2.mean(), 0.0))
         object.__setattr__(self, "common_lag_s", float(lag))
         object.__setattr__(self, "common_lag_u_s", float(u))
 
@@ -176,7 +173,8 @@ def disk_channels(
             f"the record of the {record.disk} disk holds no chain",
             remedy="calibrate it with plunge logs",
         )
-    names, chain = setup.channels, record.chain if lag else None
+    names = setup.channels
+    chain = record.chain if lag else None
     if absent := [
         c for c in names if c not in record.static or not (chain is None or c in chain.channels)
     ]:
@@ -202,7 +200,8 @@ def record_chains(record: DiskRecord, setup: DiskSetup) -> tuple[Chain, ...]:
     Raises InputError when ``setup`` (rig.toml) states another filter: the record's lags were found with its own.
     """
     assert record.chain is not None
-    own, stated = record.conditioning, setup.conditioning
+    own = record.conditioning
+    stated = setup.conditioning
     if stated.poles != own.poles or (own.poles > 0 and stated != own):
         said = [f"of {b.poles} pole(s) at {b.cutoff_Hz:g} Hz ({b.shape})" for b in (own, stated)]
         raise InputError(
@@ -247,7 +246,10 @@ def disk_traces(
         )
     channels = disk_channels(record, setup, disk if named else "", lag)
     found = [f for f in record.findings if f.code == ALTERED]
-    columns, marks, rounding, used = [], [], [], ~np.isin(setup.channels, left_out)
+    columns = []
+    marks = []
+    rounding = []
+    used = ~np.isin(setup.channels, left_out)
     names = [*compress(channels.columns, used)]
     for name, line in zip(names, compress(channels.lines, used)):
         raw = frame[name].to_numpy(dtype=float)
@@ -267,11 +269,9 @@ def disk_traces(
         if coarse
         else []
     )
-    y, missing, dt_s = (
-        np.column_stack(columns),
-        np.column_stack(marks),
-        interval_s(frame["time_s"].to_numpy(float)),
-    )
+    y = np.column_stack(columns)
+    missing = np.column_stack(marks)
+    dt_s = interval_s(frame["time_s"].to_numpy(float))
     white_K = np.maximum(white_noise_sd(y, NOISE_ORDER), 1e-6)
     chains = (
         channels.chains
@@ -302,7 +302,9 @@ def disk_traces(
     weights = setup.made_of(left_out)
     if left_out:  # others stand in
         shares = weights[:, used]
-        y, missing, rounding = y @ shares.T, missing @ (shares.T > 0), list(shares @ rounding)
+        y = y @ shares.T
+        missing = missing @ (shares.T > 0)
+        rounding = list(shares @ rounding)
         noise = noise.for_more(used, np.sqrt(shares**2 @ noise.level_K**2))
         covariance = weights @ channels.lag_covariance_s2 @ weights.T
         chains = tuple(mean_of([*compress(channels.chains, row > 0)], disk) for row in weights)
@@ -336,7 +338,8 @@ def gathered(findings: Sequence[Finding]) -> list[Finding]:
     spiky = [f for f in findings if f.code == "spikes.removed"]
     if not spiky:
         return list(findings)
-    most, counts = max(spiky, key=lambda f: f.numbers["count"]), [f.numbers["count"] for f in spiky]
+    most = max(spiky, key=lambda f: f.numbers["count"])
+    counts = [f.numbers["count"] for f in spiky]
     told = note(
         "spikes.gathered",
         subject=most.subject,

@@ -20,10 +20,9 @@ SLOWEST_DT_S = 1.0  # a trace sampled more slowly says nothing about lags
 STRAYING = (
     0.15  # of an interval, standard deviation of the steps: less is rounding, and moves no reading
 )
-MOST_LOST, MOST_STRAYED = (
-    0.2,
-    0.35,
-)  # of the steps are not one place long: another rate is sought; there is none
+# of the steps are not one place long: another rate is sought; there is none
+MOST_LOST = 0.2
+MOST_STRAYED = 0.35
 SURE = 4.0  # chance makes the sum of n stamps' phases so many times sqrt(n) once in some thousand trials
 ABOUT = 3  # neighbours on each side that tell the slope by which a sample is moved to its place
 TRUST = 4.0  # in the stamps: readings that tell more than 0.5 (1 sd) of them outweigh it
@@ -89,7 +88,8 @@ def check_time(time: Array, place: Place) -> Sampling:
             expected=f"gaps of at most {LONGEST_GAP_S} s",
             remedy="cut the log there and use one part",
         )
-    grid, late = _places(step, dt), None
+    grid = _places(step, dt)
+    late = None
     places = np.diff(grid)
     away = (
         dt * places
@@ -128,8 +128,10 @@ def check_time(time: Array, place: Place) -> Sampling:
         else:
             late = time - even
     if lost := int((places[places > 1] - 1).sum()):
-        i, gaps = int(np.argmax(places > 1)), int((places > 1).sum())
-        line, first_s = place.row(i + 1), float(time[i])
+        i = int(np.argmax(places > 1))
+        gaps = int((places > 1).sum())
+        line = place.row(i + 1)
+        first_s = float(time[i])
         numbers: dict[str, Any] = {"row": line, "count": lost, "places": gaps, "first_s": first_s}
         found.append(by_share(lost / len(time), "time.lost", subject="time_s", **numbers))
     if dt > 0.05:
@@ -146,7 +148,8 @@ def _repeating(time: Array, rate_Hz: float) -> tuple[float, NDArray[np.int32]]:
     them. Where none is sure, ``rate_Hz`` at which they come on the average, a little less than f where samples are
     lost, is as good.
     """
-    t, size = time - time[0], min(4096, len(time))
+    t = time - time[0]
+    size = min(4096, len(time))
     tried = rate_Hz * np.arange(0.99, 1.06, 0.25 / size)
     while True:
         some = t[:size][:: size // 20_000 + 1]
@@ -175,12 +178,14 @@ def moved(name: str, values: Array, sampling: Sampling, rows: slice) -> Array:
     """
     if sampling.late_s is None or not name.endswith("_degC"):
         return values
-    late_s, width = sampling.late_s[rows], 2 * ABOUT + 1
+    late_s = sampling.late_s[rows]
+    width = 2 * ABOUT + 1
     t = sliding_window_view(np.pad(sampling.time_s[rows] + late_s, ABOUT, mode="edge"), width)
     y = sliding_window_view(np.pad(values, ABOUT, constant_values=np.nan), width)
     used = np.isfinite(y)
     count = np.maximum(used.sum(axis=1), 1)
-    t, y = np.where(used, t - sampling.time_s[rows, None], 0.0), np.where(used, y, 0.0)
+    t = np.where(used, t - sampling.time_s[rows, None], 0.0)
+    y = np.where(used, y, 0.0)
     t, y = (np.where(used, x - (x.sum(axis=1) / count)[:, None], 0.0) for x in (t, y))
     return np.asarray(
         values - late_s * (t * y).sum(axis=1) / np.maximum((t * t).sum(axis=1), 1e-300)
@@ -196,7 +201,8 @@ def weighed(sampling: Sampling, course: pd.DataFrame) -> Sampling:
         return sampling
     couples = course[[n for n in course if str(n).endswith("_degC")]].to_numpy()
     share = _real_share(couples, course.index.to_numpy(), sampling, sampling.late_s)
-    stray_s, rate_Hz = float(np.std(sampling.late_s)), 1 / sampling.dt_s
+    stray_s = float(np.std(sampling.late_s))
+    rate_Hz = 1 / sampling.dt_s
     said = note(
         "time.strays", subject="time_s", stray_s=stray_s, percent=100 * share, rate_Hz=rate_Hz
     )
@@ -213,18 +219,23 @@ def _real_share(
     Args:
         columns: (N, M) temperatures at ``rows`` (N,) of the file, NaN where missing.
     """
-    wide, n = 8, len(rows)
+    wide = 8
+    n = len(rows)
     if n < 4 * wide:
         return 1.0
-    grid, late = sampling.grid[rows], late_s[rows]
+    grid = sampling.grid[rows]
+    late = late_s[rows]
     inside = slice(wide - 2, n - wide - 2)
     whole = (grid[2 * wide :] - grid[: -2 * wide] == 2 * wide) & (
         rows[2 * wide :] - rows[: -2 * wide] == 2 * wide
     )
-    jerk, weights = np.diff(late, 4)[inside], np.arange(wide, -wide - 1, -1.0)
-    told, total = TRUST, TRUST
+    jerk = np.diff(late, 4)[inside]
+    weights = np.arange(wide, -wide - 1, -1.0)
+    told = TRUST
+    total = TRUST
     for y in columns.T:
-        slope, bend = np.convolve(y, weights, "valid") / np.sum(weights**2), np.diff(y, 4)[inside]
+        slope = np.convolve(y, weights, "valid") / np.sum(weights**2)
+        bend = np.diff(y, 4)[inside]
         sd = MAD_TO_SD * float(np.nanmedian(np.abs(bend)))
         with np.errstate(invalid="ignore"):
             clear = whole & (np.abs(slope) > 4 * sd / np.sqrt(70 * np.sum(weights**2)))

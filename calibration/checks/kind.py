@@ -38,7 +38,8 @@ def check_kind(
     for name, values in switches.items():
         levels, said = _two_level(values, name, place)
         if name == "contact" and _inverted(course, levels[course.index] > 0.5):
-            levels, said = 1.0 - levels, [*said, look("contact.inverted", subject="contact")]
+            levels = 1.0 - levels
+            said = [*said, look("contact.inverted", subject="contact")]
         found += said + _edges(levels, name, place, parted)
         states[name] = levels > 0.5
     bath = [float(course[n].median()) for n in ROOM_AND_BATH if n in course]
@@ -47,7 +48,8 @@ def check_kind(
         found += _group(course[couples], place, max(bath) if bath else None)
     if kind == "immersion":
         mean = course[couples].mean(axis=1).to_numpy()
-        start, end = float(np.nanmean(mean[:30])), float(np.nanmean(mean[-30:]))
+        start = float(np.nanmean(mean[:30]))
+        end = float(np.nanmean(mean[-30:]))
         if end - start > 10.0:
             rise = (mean - start) / (end - start)
             found += _swapped(course, "", rig.tables(disk or ""), (rise > 0.05) & (rise < 0.35))
@@ -174,7 +176,8 @@ def _edges(values: Array, name: str, place: Place, parted: bool) -> list[Finding
             remedy="give the log of the whole test, through the cooling",
         )
     assert place.dt_s is not None
-    found, edges = list[Finding](), np.flatnonzero(steps) + 1
+    found = list[Finding]()
+    edges = np.flatnonzero(steps) + 1
     close = np.flatnonzero(np.diff(edges) * place.dt_s < BOUNCE_S)
     if len(edges) > 2 and len(close):
         found.append(
@@ -193,7 +196,8 @@ def _group(columns: pd.DataFrame, place: Place, reference_degC: float | None) ->
 
     ``reference_degC`` is the median of a bath or room temperature known to be in degC. Raises InputError.
     """
-    low, high = columns.quantile(0.01), columns.quantile(0.99)
+    low = columns.quantile(0.01)
+    high = columns.quantile(0.99)
     warm = _upper_median(high)
     for name, least, value in zip(columns, low, high):
         others = max(warm, reference_degC if reference_degC is not None else 0.0)
@@ -234,7 +238,8 @@ def _upper_median(values: pd.Series[float]) -> float:
 
 def _loads(course: pd.DataFrame, contact: Flags, where: str) -> list[Finding]:
     """Load, friction and speeds of an EHL log while ``contact`` is on. Raises InputError where they cannot be used."""
-    touching, apart = course[contact].median(), course[~contact].median()
+    touching = course[contact].median()
+    apart = course[~contact].median()
     on, off = (float(x.get("load_N", np.nan)) for x in (touching, apart))
     if abs(on - off) < 10.0:
         raise InputError(

@@ -19,10 +19,9 @@ from calibration.noise import MOST_MISSING, impossible
 
 LONGEST_NAN_S = 0.5
 FROZEN_S = 10.0
-RUN, SAMPLE = (
-    64,
-    1 << 15,
-)  # rows in a run: neighbours stay neighbours; rows that tell what a whole column is like
+# rows in a run: neighbours stay neighbours; rows that tell what a whole column is like
+RUN = 64
+SAMPLE = 1 << 15
 
 
 @dataclass
@@ -51,7 +50,8 @@ class Tally:
         if self.count == 0:
             self.first, self.value = at + int(starts[0]), float(values[starts[0]])
         self.count += int(long.sum())
-        begin, held = starts + at, values[starts]
+        begin = starts + at
+        held = values[starts]
         if begin[0] == self.open[0] + self.open[1]:
             begin[0], held[0] = self.open[0], self.open[2]
             long[0] += self.open[1]
@@ -115,12 +115,14 @@ class ColumnCheck:
 
     def see(self, values: Array, cleaned: Array) -> None:
         """Count what happened to the next samples (N,), as in the file and as ``clean`` left them."""
-        at, missing = self.seen, np.isnan(cleaned)
+        at = self.seen
+        missing = np.isnan(cleaned)
         self.seen += len(values)
         self.tallies["missing"].see(missing, values, at)
         if not self.name.endswith("_degC"):
             return
-        wild, absent = impossible(values), np.isnan(values)
+        wild = impossible(values)
+        absent = np.isnan(values)
         self.tallies["wild"].see(wild, values, at)
         self.tallies["absent"].see(absent, values, at)
         self.tallies["spikes"].see(missing & ~absent & ~wild, values, at)
@@ -132,7 +134,10 @@ class ColumnCheck:
 
     def judge(self) -> list[Finding]:
         """What was noticed. Raises InputError for a dead or frozen channel, many spikes, and gaps long or many."""
-        name, place, seen, found = self.name, self.place, self.seen, list[Finding]()
+        name = self.name
+        place = self.place
+        seen = self.seen
+        found = list[Finding]()
         wild, spikes, absent, gap = (
             self.tallies[key] for key in ("wild", "spikes", "absent", "missing")
         )
@@ -194,13 +199,14 @@ class ColumnCheck:
         return found
 
     def _frozen(self, dt_s: float) -> list[Finding]:
-        same, name, place = self.tallies["same"], self.name, self.place
-        others, span_s = self.seen - 1 - same.length, same.length * dt_s
+        same = self.tallies["same"]
+        name = self.name
+        place = self.place
+        others = self.seen - 1 - same.length
+        span_s = same.length * dt_s
         if self.low == self.high:
-            found, remedy = (
-                look("column.constant", subject=name, value=self.low),
-                "check its wiring",
-            )
+            found = look("column.constant", subject=name, value=self.low)
+            remedy = "check its wiring"
         elif span_s > FROZEN_S and same.count - same.length < 0.5 * max(others, 1):
             found = look(
                 "column.frozen",

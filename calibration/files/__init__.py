@@ -274,9 +274,13 @@ def check_rows(stream: IO[bytes], dialect: Dialect) -> tuple[int, Place, list[Fi
     A short or long row is refused by its number, a last short one as truncated; a last row without line end may have
     lost digits: that is noted.
     """
-    separator, where, fields = dialect.separator.encode(), dialect.where, len(dialect.names)
+    separator = dialect.separator.encode()
+    where = dialect.where
+    fields = len(dialect.names)
     blank: list[int] = []
-    rows, seen, line = 0, dialect.skip, b"\n"
+    rows = 0
+    seen = dialect.skip
+    line = b"\n"
     short: tuple[int, int] | None = None
     for _ in range(dialect.skip):
         line = stream.readline() or line
@@ -293,7 +297,9 @@ def check_rows(stream: IO[bytes], dialect: Dialect) -> tuple[int, Place, list[Fi
             if np.array_equal(
                 before, np.arange(1, len(ends) + 1) * (fields - 1)
             ):  # as nearly always
-                rows, seen, line = rows + len(ends), seen + len(ends), block[-1:]
+                rows = rows + len(ends)
+                seen = seen + len(ends)
+                line = block[-1:]
                 continue
         for number, line in enumerate(io.BytesIO(block), seen + 1):
             if short is not None and line.strip():

@@ -26,11 +26,10 @@ from calibration.finding import Place
 
 log_manager.set_level(logging.ERROR)
 
-MOST_TIMES, FREE_BYTES, LONGEST_CELL = (
-    200,
-    1 << 30,
-    1000,
-)  # of a Parquet file unpacked: times its size, beyond 1 GB
+# of a Parquet file unpacked: times its size, beyond 1 GB
+MOST_TIMES = 200
+FREE_BYTES = 1 << 30
+LONGEST_CELL = 1000
 
 _EPOCH = np.datetime64("2000-01-01", "us")
 
@@ -138,7 +137,8 @@ def _check_size(file: Any, path: Path, where: str) -> None:
 
 def _track(channel: Any, where: str, start: int = 0, stop: int | None = None) -> Track:
     try:
-        values, first = channel[start:stop], channel[:1]
+        values = channel[start:stop]
+        first = channel[:1]
         props = channel.properties
     except Exception as problem:  # npTDMS raises many kinds on damaged files
         raise _damaged(problem, where) from None
@@ -174,12 +174,14 @@ def parquet_table(path: Path, where: str) -> Table:
     """The table of a Parquet file; samples are numbered from 1 in errors."""
     try:
         with pq.ParquetFile(path) as file:
-            schema, rows = file.schema_arrow, file.metadata.num_rows
+            schema = file.schema_arrow
+            rows = file.metadata.num_rows
     except (pa.ArrowException, OSError, ValueError) as problem:
         raise InputError(
             f"not readable as Parquet ({str(problem).splitlines()[0][:120]})", where=where
         ) from None
-    unpacked, size = 8 * rows * len(schema.names), path.stat().st_size
+    unpacked = 8 * rows * len(schema.names)
+    size = path.stat().st_size
     if unpacked > FREE_BYTES + MOST_TIMES * size:
         raise InputError(
             f"promises {rows} rows of {len(schema.names)} columns, {unpacked / 1e9:.3g} GB, in {size} bytes",
@@ -198,8 +200,11 @@ def _parquet_pieces(
     path: Path, where: str, wanted: Sequence[str], rows: int = PIECE_ROWS
 ) -> Iterator[Columns]:
     """The wanted columns piece by piece, in bounded memory."""
-    done, texts, begun = 0, dict[str, TextColumn](), dict[str, Any]()
-    names, place = list(dict.fromkeys(wanted)), Place(where)
+    done = 0
+    texts = dict[str, TextColumn]()
+    begun = dict[str, Any]()
+    names = list(dict.fromkeys(wanted))
+    place = Place(where)
     try:
         with pq.ParquetFile(
             path, read_dictionary=names

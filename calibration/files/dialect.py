@@ -258,7 +258,8 @@ def _try(
     top = next(
         (i for i, line in enumerate(lines) if line.strip() and not line.startswith("#")), len(lines)
     )
-    rows, data = list[tuple[int, list[str]]](), list[int]()
+    rows = list[tuple[int, list[str]]]()
+    data = list[int]()
     for i, line in enumerate(lines[top:], top):
         if line.strip():
             rows.append((i, parts := split(line, separator)))
@@ -337,7 +338,10 @@ class TextColumn:
     """
 
     def __init__(self, name: str, decimal: str, place: Place, clock: bool | None = None) -> None:
-        self.name, self.decimal, self.place, self.clock = name, decimal, place, clock
+        self.name = name
+        self.decimal = decimal
+        self.place = place
+        self.clock = clock
         self.bad, self.first_bad = 0, dict[str, Any]()
         self.stamps = Stamps(name, place.where)
 

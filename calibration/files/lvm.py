@@ -47,7 +47,8 @@ def lvm_table(path: Path, where: str, pieces: Pieces) -> Table:
     mark = head.pop("Separator", "Tab")
     separator = _MARKS.get(mark.lower(), mark[:1] or "\t")
     decimal = "," if head.pop("Decimal_Separator", ".") == "," else "."
-    segments, at = [], end + 1
+    segments = []
+    at = end + 1
     while (found := _segment(lines, at, separator, decimal, where, pieces)) is not None:
         segment, at = found
         segments.append(segment)
@@ -117,7 +118,9 @@ def _segment(
 
 def _timed(segments: list[_Segment]) -> Columns:
     """The channels of all segments, one after another, with their time [s]."""
-    first, names, place = segments[0], segments[0].names, segments[0].columns.place
+    first = segments[0]
+    names = segments[0].names
+    place = segments[0].columns.place
     where = place.where
     values = np.concatenate([np.column_stack([*s.columns.data.values()]) for s in segments])
     found = tuple(f for s in segments for f in s.columns.findings)

@@ -11,7 +11,8 @@ from typing import Any
 from calibration.finding import Finding, look
 from calibration.result import jsonable
 
-SEAL, ALTERED = "sha256", "file.altered"
+SEAL = "sha256"
+ALTERED = "file.altered"
 
 
 def sealed(data: Mapping[str, Any]) -> dict[str, Any]:

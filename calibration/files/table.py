@@ -165,7 +165,8 @@ def _onto_grid(tracks: Mapping[str, Track], where: str) -> tuple[Array, dict[str
     data: dict[str, Array] = {}
     for name, track in tracks.items():
         place = np.clip((at - track.start_s) / float(track.dt_s or 1.0), 0, len(track.values) - 1)
-        nearest, v = np.rint(place), track.values
+        nearest = np.rint(place)
+        v = track.values
         place = np.where(np.abs(place - nearest) < SAME, nearest, place)
         held = len(np.unique(v[np.isfinite(v)][:100_000])) <= 2
         data[name] = v[place.astype(int)] if held else np.interp(place, np.arange(len(v)), v)

@@ -199,7 +199,8 @@ def emf_mV(temperature_degC: ArrayLike, couple: str = "J") -> Array:
     >>> emf_mV([25.0, 100.0]).round(5).tolist(), float(emf_mV(100.0, "K").round(3))
     ([1.27729, 5.26892], 4.096)
     """
-    ref, t = _reference(couple), np.asarray(temperature_degC, dtype=float)
+    ref = _reference(couple)
+    t = np.asarray(temperature_degC, dtype=float)
     _refuse_outside(couple, t, ref.low_degC, ref.high_degC, "degC")
     return _emf(ref, t)
 

@@ -55,15 +55,19 @@ def fit_line(
     >>> round(fit.slope, 12), round(fit.intercept, 12)
     (2.0, 1.0)
     """
-    x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
+    x = np.asarray(x, dtype=float)
+    y = np.asarray(y, dtype=float)
     n = len(x)
     if n < 3:
         raise InputError(f"{n} points", expected="at least 3 for a line with its uncertainty")
     at = np.zeros(n, dtype=int) if groups is None else np.asarray(groups)
     count = np.bincount(at)
     mx, my = (np.array([values[at == j].mean() for j in range(len(count))]) for values in (x, y))
-    dx, dy = x - mx[at], y - my[at]
-    sxx, syy, dof = float(dx @ dx), float(dy @ dy), n - 1 - len(count)
+    dx = x - mx[at]
+    dy = y - my[at]
+    sxx = float(dx @ dx)
+    syy = float(dy @ dy)
+    dof = n - 1 - len(count)
     if sxx <= 1e-24 * max(float(x @ x), 1e-300):
         raise InputError(
             "the points of a calibration line all lie at one place", expected="a spread of inputs"
@@ -118,7 +122,8 @@ def repeat_shift(fit: LineFit, repeats: ArrayLike) -> tuple[float | None, float,
         return None, 0.0, None
     if within <= 0:
         return 0.0, 0.0, None
-    between2, within2 = between / (r - 1), within / (n - r - 1)
+    between2 = between / (r - 1)
+    within2 = within / (n - r - 1)
     shift2 = max(between2 - within2, 0.0) / (n / r)
     return (
         float(np.sqrt(within2)),
@@ -142,7 +147,8 @@ def _sums_of_squares(fit: LineFit, groups: ArrayLike) -> tuple[int, int, float, 
 
 def outlying(fit: LineFit, level: float = 0.01) -> list[int]:
     """Points whose deleted Student residual is beyond the Bonferroni bound at ``level``."""
-    n, dof = len(fit.x), fit.dof - 1
+    n = len(fit.x)
+    dof = fit.dof - 1
     if dof < 2 or fit.sd == 0.0:
         return []
     dx = fit.x - fit.x.mean()

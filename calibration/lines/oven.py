@@ -143,12 +143,14 @@ def oven_frame(columns: Mapping[str, Array], place: Place) -> tuple[pd.DataFrame
 
     Raises InputError for channels that do not follow the PRT, and for a continuous log without a steady minute.
     """
-    checked, found = {}, list[Finding]()
+    checked = {}
+    found = list[Finding]()
     for name, values in columns.items():
         checked[name] = values
         if name.endswith("_degC") and name != "setpoint_degC":
             course_noise_K(name, values, np.arange(len(values)), place)
-            check, checked[name] = ColumnCheck(name, place), clean(name, values)
+            check = ColumnCheck(name, place)
+            checked[name] = clean(name, values)
             check.see(values, checked[name])
             found += check.judge()
     empty = ~np.isfinite(checked["prt_degC"])
@@ -203,7 +205,9 @@ def check_oven(frame: pd.DataFrame, place: Place) -> list[Finding]:
                 expected="at least 3 rows over 5 degC or more",
             )
         line = fit_line(prt[ok], y[ok])
-        slope, offset, looks = line.slope, line.intercept, ""
+        slope = line.slope
+        offset = line.intercept
+        looks = ""
         if abs(offset - 273.15) < 25.0 and 0.8 < slope < 1.25:
             looks = "this looks like kelvin"
         elif abs(slope - 1.8) < 0.15 and abs(offset - 32.0) < 15.0:

@@ -30,10 +30,9 @@ from calibration.result import Result
 from calibration.stated import STRICT
 from calibration.traceability import PRT_U_DEGC
 
-SIGNIFICANT, CLEARLY = (
-    0.01,
-    0.001,
-)  # a disk has some twenty such tests: only from the latter on it is asked to look
+# a disk has some twenty such tests: only from the latter on it is asked to look
+SIGNIFICANT = 0.01
+CLEARLY = 0.001
 FAR_K = 10.0  # beyond the oven's range
 MIDDLE_DEGC = 85.0  # of what a disk's junctions read
 WIRE_RANGE_DEGC = (

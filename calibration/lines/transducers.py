@@ -91,9 +91,11 @@ def fit_transducer(volts: ArrayLike, force_N: ArrayLike, session: ArrayLike) -> 
     >>> round(line.slope_N_V.value), round(line.shift_N.value)
     (1000, 50)
     """
-    v, f = np.asarray(volts, dtype=float), np.asarray(force_N, dtype=float)
+    v = np.asarray(volts, dtype=float)
+    f = np.asarray(force_N, dtype=float)
     names, at = np.unique(np.asarray(session).astype(str), return_inverse=True)
-    n, k = len(v), len(names)
+    n = len(v)
+    k = len(names)
     ok = np.isfinite(v) & np.isfinite(f)
     if not ok.all():
         raise InputError(
@@ -104,7 +106,8 @@ def fit_transducer(volts: ArrayLike, force_N: ArrayLike, session: ArrayLike) -> 
             f"{n} points in {k} session(s)", expected="at least 2 a session and 2 to spare"
         )
     line = fit_line(f, v, groups=at)
-    b, a = line.slope, line.intercepts
+    b = line.slope
+    a = line.intercepts
     if b == 0.0:
         raise InputError(
             "the transducer's volts do not follow the force", expected="different weights"
@@ -114,7 +117,8 @@ def fit_transducer(volts: ArrayLike, force_N: ArrayLike, session: ArrayLike) -> 
     covariance = turned @ line.covariance_95 @ turned.T
     zero = -a / b
     u = np.sqrt(np.diag(covariance))
-    low, high = int(np.argmin(zero)), int(np.argmax(zero))
+    low = int(np.argmin(zero))
+    high = int(np.argmax(zero))
     apart = np.zeros(k + 1)
     apart[[1 + low, 1 + high]] = -1.0, 1.0
     shift = (
@@ -177,7 +181,8 @@ class BearingFriction:
         load, rpm = np.broadcast_arrays(
             np.asarray(load_N, dtype=float), np.asarray(speed_slow_rpm, dtype=float)
         )
-        friction, variance = np.zeros(load.shape), np.zeros(load.shape)
+        friction = np.zeros(load.shape)
+        variance = np.zeros(load.shape)
         for line, hat in zip(self.lines, np.eye(len(self.lines))):
             part = np.interp(rpm, self.speeds_rpm, hat)
             (ss, sa), (_, aa) = line.covariance_95
@@ -187,9 +192,11 @@ class BearingFriction:
 
     def outside(self, load_N: ArrayLike, speed_slow_rpm: ArrayLike) -> Flags:
         """Where load or speed lies outside what was measured: the correction is extrapolated there."""
-        load, rpm = np.asarray(load_N, dtype=float), np.asarray(speed_slow_rpm, dtype=float)
+        load = np.asarray(load_N, dtype=float)
+        rpm = np.asarray(speed_slow_rpm, dtype=float)
         low, high = self.load_range_N
-        slow, fast = min(self.speeds_rpm) * 0.98, max(self.speeds_rpm) * 1.02
+        slow = min(self.speeds_rpm) * 0.98
+        fast = max(self.speeds_rpm) * 1.02
         return np.asarray((load < low) | (load > high) | (rpm < slow) | (rpm > fast))
 
 
@@ -205,7 +212,8 @@ def fit_bearing_friction(
     >>> round(float(both.correction_N(1500.0, 774.0)[0]), 2)
     3.0
     """
-    load, friction = np.asarray(load_N, dtype=float), np.asarray(friction_N, dtype=float)
+    load = np.asarray(load_N, dtype=float)
+    friction = np.asarray(friction_N, dtype=float)
     rpm = np.asarray(speed_slow_rpm, dtype=float)
     order = np.argsort(rpm, kind="stable")
     edges = np.flatnonzero(np.diff(rpm[order]) > 0.02 * rpm[order][:-1]) + 1

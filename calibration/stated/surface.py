@@ -62,7 +62,8 @@ def fit_surface_flux(
     >>> round(found.heat_transfer_W_m2K), round(found.air_degC, 2)
     (700, 62.0)
     """
-    t, q = np.asarray(temperature_degC, dtype=float), np.asarray(flux_W_m2, dtype=float)
+    t = np.asarray(temperature_degC, dtype=float)
+    q = np.asarray(flux_W_m2, dtype=float)
     if len(t) < LEAST_POINTS or not np.ptp(t) > 0:
         raise InputError(
             f"{len(t)} points of a surface's flux",
@@ -75,7 +76,8 @@ def fit_surface_flux(
             f"the flux falls with temperature (slope {h:.3g} W/m2K)",
             expected="a loss that rises with it",
         )
-    left, air = q - q.mean() - h * about, float(t.mean() - q.mean() / h)
+    left = q - q.mean() - h * about
+    air = float(t.mean() - q.mean() / h)
     sd = float(np.sqrt(left @ left / (len(t) - 2)))
     if not (-50 <= air <= 400 and h < 8000):
         raise InputError(

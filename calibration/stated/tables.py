@@ -75,7 +75,8 @@ class ContactTable(RigTable):
 
     @model_validator(mode="after")
     def _table_told(self) -> ContactTable:
-        at, weight = self.flux_table_mm, self.flux_table_weight
+        at = self.flux_table_mm
+        weight = self.flux_table_weight
         if (self.flux_profile == "table") != (len(at) > 1):
             raise ValueError(
                 f'flux_table_mm has {len(at)} places; expected two or more, and flux_profile = "table"'
@@ -91,7 +92,8 @@ class ContactTable(RigTable):
     @property
     def flux(self) -> FluxProfile:
         """How the heat falls across the track, in SI units."""
-        kind, shift_m = self.flux_profile, 1e-3 * self.flux_shift_mm
+        kind = self.flux_profile
+        shift_m = 1e-3 * self.flux_shift_mm
         if kind == "barus":
             return FluxProfile(kind, shift_m, viscosity_per_Pa=1e-9 * self.flux_barus_per_GPa)
         if kind == "table":

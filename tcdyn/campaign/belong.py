@@ -59,7 +59,8 @@ def strangers(posterior: Posterior) -> tuple[Stranger, ...]:
     At most a quarter of the tests. Fewer than four tests do not tell which one is odd.
     """
     found: list[Stranger] = []
-    left, each = list(posterior.tests), list(posterior.reduced)
+    left = list(posterior.tests)
+    each = list(posterior.reduced)
     while len(left) >= LEAST_TESTS and len(found) < len(posterior.tests) // 4:
         worst = _worst(solve(left, each), found)
         if worst is None:
@@ -97,13 +98,15 @@ def against_the_rest(posterior: Posterior, i: int) -> Stranger:
     off = own.right - rows @ found[k]
     v = np.eye(len(off)) + rows @ covariance[np.ix_(k, k)] @ rows.T
     half = np.linalg.cholesky(v)
-    d, x = np.linalg.solve(half, off), np.linalg.solve(half, own.rows[:, count:])
+    d = np.linalg.solve(half, off)
+    x = np.linalg.solve(half, own.rows[:, count:])
     told = np.maximum((x**2).sum(axis=0), 1e-12)
     z = (x.T @ d) / np.sqrt(told)
     best = int(np.argmax(np.abs(z)))
     unit = kept.units.get(causes[best], 1.0)
     size = Estimate.normal(z[best] / np.sqrt(told[best]) * unit, unit / np.sqrt(told[best]))
-    chi2, freedom = float(d @ d), int(min(len(d), count))
+    chi2 = float(d @ d)
+    freedom = int(min(len(d), count))
     return Stranger(
         kept.name, causes[best], size, float(z[best]), chi2, chi2 - float(z[best]) ** 2, freedom
     )

@@ -24,11 +24,10 @@ from tcdyn.partition.joint import LOG_H, LOG_LAGS, LOG_TAU2, SHAPE_SD, SHARE, Si
 from tcdyn.partition.uneven import SHAPES, Unevenness, Unmeasured
 from tcdyn.partition.window import between, steady_start_s
 
-BETA_UNIT, LOG_H_UNIT, LAG_UNIT_S = (
-    0.01,
-    0.02,
-    0.02,
-)  # of the answers, where rows are weighed against each other
+# of the answers, where rows are weighed against each other
+BETA_UNIT = 0.01
+LOG_H_UNIT = 0.02
+LAG_UNIT_S = 0.02
 LEAST_ROW = 0.03  # rows that tell less than this of a standard uncertainty of anything are left out
 REFERENCE_W = 300.0  # frictional power at which what grows with heat is as large as stated
 LAG_OWN_S = 0.01  # of a disk's lag from test to test
@@ -61,7 +60,8 @@ def compressed(
     """
     k = 4 * len(sides)
     data = len(best.residual) - len(sides)
-    j, theta = best.jacobian[:data], best.theta
+    j = best.jacobian[:data]
+    theta = best.theta
     totals = [float(sum(lags(theta[4 * i : 4 * i + 4]))) for i in range(len(sides))]
     answers = np.column_stack(
         [
@@ -87,7 +87,8 @@ def compressed(
     )
     u, rows = fewer_rows(np.hstack([answers, shapes, j[:, k:]]))
     lower = np.linalg.cholesky(whole_noise(test, sides, theta[:k], u, best.residual[:data]))
-    rows, right = np.linalg.solve(lower, rows), np.linalg.solve(lower, -u.T @ best.residual[:data])
+    rows = np.linalg.solve(lower, rows)
+    right = np.linalg.solve(lower, -u.T @ best.residual[:data])
     seen = (np.abs(rows) > 0).any(axis=0) | (np.arange(len(names)) < len(ANSWERS))
     power_W = test.friction_N * test.sliding_speed_m_s
     used = [
@@ -123,7 +124,8 @@ def kept_of(name: str, rig: str, p: Partition) -> dict[str, Any] | None:
     """What ``beta.json`` keeps of an analysed test for its campaign; None where its answer is withheld."""
     if p.status == "withheld":
         return None
-    sides, heat = [p.joint[d].side for d in DISKS], p.answers["delta_T_us"].value
+    sides = [p.joint[d].side for d in DISKS]
+    heat = p.answers["delta_T_us"].value
     return compressed(
         name, rig, p.test, sides, p.both.optimum, p.both.uneven, delta_T_us_K_m_s=heat
     ).to_dict()
@@ -183,7 +185,8 @@ def loading_of(
 
 def unit_of(what: Unmeasured, disk: str, test: EhlTest) -> float | None:
     """A standard uncertainty of an unmeasured quantity [K, m, s, or of itself]; None where it is no one number."""
-    traces, (kind, _, place) = test.disks[disk], what.name.partition(" ")
+    traces = test.disks[disk]
+    (kind, _, place) = what.name.partition(" ")
     u = traces.uncertainty
     if kind == "static":
         model = MODEL_K if place in traces.setup.outer else 0.0
@@ -205,10 +208,8 @@ def _static(channel: str, disk: str, test: EhlTest, power_W: float) -> Loading:
     """A line errs by gain and offset, the same in every test: y dg + do = (do + y0 dg) + (y - y0) dg, the two parts
     independent about y0 = -cov(g, o)/var(g)."""
     traces = test.disks[disk]
-    at, model = (
-        traces.setup.channels.index(channel),
-        MODEL_K if channel in traces.setup.outer else 0.0,
-    )
+    at = traces.setup.channels.index(channel)
+    model = MODEL_K if channel in traces.setup.outer else 0.0
     total = float(np.hypot(traces.static_u_K[at], model))
     line = traces.lines[at]
     steady = between(test.time_s, steady_start_s(test), test.events.unload_s - 0.5)

@@ -49,8 +49,10 @@ def speed_law(posterior: Posterior) -> SpeedLaw:
     n = len(log_ratio)
     toward = np.zeros((n, A * n))
     for i, size in enumerate(log_ratio):
-        toward[i, A * i + LN_H_FAST], toward[i, A * i + LN_H_SLOW] = 1 / size, -1 / size
-    each, covariance = toward @ posterior.answers.ravel(), toward @ posterior.covariance @ toward.T
+        toward[i, A * i + LN_H_FAST] = 1 / size
+        toward[i, A * i + LN_H_SLOW] = -1 / size
+    each = toward @ posterior.answers.ravel()
+    covariance = toward @ posterior.covariance @ toward.T
     line = fit_line(np.ones((n, 1)), each, covariance)
     apart = within(covariance)
     speed = np.array([t.conditions["entraining_speed_m_s"] for t in posterior.tests])
@@ -58,6 +60,7 @@ def speed_law(posterior: Posterior) -> SpeedLaw:
     if n > LEAST_TESTS and set_points(speed) >= LEAST_TESTS:
         doubled = np.log2(speed)
         sloped = fit_line(np.column_stack([np.ones(n), doubled - doubled.mean()]), each, covariance)
-        by_speed, p_value = sloped.estimate(1), sloped.no_slope(1)
+        by_speed = sloped.estimate(1)
+        p_value = sloped.no_slope(1)
     known = u_if_known(posterior, line.operator[0] @ toward)
     return SpeedLaw(line.estimate(0), line.scatter, each, apart, by_speed, p_value, known)

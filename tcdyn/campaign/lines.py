@@ -37,7 +37,8 @@ class Line:
 
     def estimate(self, k: int) -> Estimate:
         """A coefficient; Student's interval where the scatter was found from the points."""
-        value, u = float(self.coefficients[k]), float(np.sqrt(self.covariance[k, k]))
+        value = float(self.coefficients[k])
+        u = float(np.sqrt(self.covariance[k, k]))
         reach = u * float(
             ndtri(0.975) if self.scatter == 0 else stdtrit(max(self.freedom, 1), 0.975)
         )
@@ -71,7 +72,8 @@ def fit_line(columns: Array, y: Array, covariance: Array) -> Line:
         own = np.linalg.inv(scaled.T @ weight @ scaled)
         operator = own @ scaled.T @ weight / spread[:, None]
         left = y - columns @ (operator @ y)
-        own, chi2 = own / np.outer(spread, spread), float(left @ weight @ left)
+        own = own / np.outer(spread, spread)
+        chi2 = float(left @ weight @ left)
         return Line(operator @ y, own, scatter, chi2, freedom, operator, used)
 
     line = solved(0.0)

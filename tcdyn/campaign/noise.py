@@ -74,9 +74,12 @@ def driven_noise(test: EhlTest, side: Side, theta: Array, toward: Array) -> Arra
     A combination is w @ prediction, the prediction H u for inputs u of white noise sigma: the variance is sigma^2
     |H' w|^2, by frequencies. ``theta`` (4,): where the side's fit stands.
     """
-    window, dt = side.window, test.dt_s
-    share, h = float(theta[SHARE]), float(np.exp(theta[LOG_H]))
-    gains, sd = window.rim.gains(h), input_noise(test, side)
+    window = side.window
+    dt = test.dt_s
+    share = float(theta[SHARE])
+    h = float(np.exp(theta[LOG_H]))
+    gains = window.rim.gains(h)
+    sd = input_noise(test, side)
     sd[0] *= share
     each = toward.reshape(*window.y.shape, -1) * window.weight[:, :, None]
     length = fft.next_fast_len(len(window.time_s) + int(PADDING_S / dt), real=True)

@@ -52,11 +52,10 @@ LINE = StaticLine(
     covariance=((1.4e-7, -1.1e-5), (-1.1e-5, 1.2e-3)),
     range_degC=(20.0, 160.0),
 )
-LAGS_S, LAG_U_S, APART_U_S = (
-    (0.54, 0.12),
-    0.05,
-    0.008,
-)  # of a plunge-tested chain: two lags, u of the mean, u of each
+# of a plunge-tested chain: two lags, u of the mean, u of each
+LAGS_S = (0.54, 0.12)
+LAG_U_S = 0.05
+APART_U_S = 0.008
 
 
 @dataclass(frozen=True)
@@ -204,8 +203,10 @@ def planned_test(plan: PlannedTest, rig: Rig, logging: Logging) -> KeptTest:
         surface_speed_m_s(rpm, r)
         for rpm, r in zip((plan.speed_fast_rpm, plan.speed_slow_rpm), radius)
     )
-    contact, u = rig.common.contact, rig.common.uncertainty
-    dt, off = 1 / logging.rate_Hz, logging.before_s + logging.loaded_s
+    contact = rig.common.contact
+    u = rig.common.uncertainty
+    dt = 1 / logging.rate_Hz
+    off = logging.before_s + logging.loaded_s
     t: Array = np.arange(0.0, off + logging.cooling_s, dt, dtype=np.float64)
     power = plan.friction_N * (u_fast - u_slow)
     h = {
@@ -273,7 +274,8 @@ def _traces(
     logging: Logging,
 ) -> DiskTraces:
     """Readings of a planned disk: the inner row at its steady excess until the parting, then cooling with the disk."""
-    setup, u = rig.disk_setup(disk), rig.tables(disk).uncertainty
+    setup = rig.disk_setup(disk)
+    u = rig.tables(disk).uncertainty
     pressed = hertz_contact(load_N, setup.outer_radius_m, setup.crown_radius_m)
     setup = replace(setup, flux=setup.flux.under(pressed.pressure_Pa))
     surface = 2 * np.pi * setup.outer_radius_m * setup.width_m

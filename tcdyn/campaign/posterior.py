@@ -53,7 +53,8 @@ def reduced(kept: KeptTest, departures: Sequence[str] = ()) -> Reduced:
     loading = [kept.loading.get(name, Loading({name: 1.0})) for name in q]
     lag = [f"common lag {d}" for d in DISKS]
     shared = tuple(dict.fromkeys([*(name for each in loading for name in each.shared), *lag]))
-    mixed, own = np.zeros((len(q), len(shared))), np.array([each.own for each in loading])
+    mixed = np.zeros((len(q), len(shared)))
+    own = np.array([each.own for each in loading])
     for row, each in zip(mixed, loading):
         row[places([*each.shared], shared)] = [*each.shared.values()]
     of_q = kept.rows[:, A:]
@@ -71,7 +72,8 @@ def reduced(kept: KeptTest, departures: Sequence[str] = ()) -> Reduced:
     for k, d in enumerate(
         DISKS
     ):  # the record's lag errs for the rig; the test's own departs from it by little
-        u, at = kept.lag_u_s[d], LAG_FAST + k
+        u = kept.lag_u_s[d]
+        at = LAG_FAST + k
         own_s = min(LAG_OWN_S, u)
         priors[k, at], priors[k, A + shared.index(lag[k])] = (
             1 / own_s,
@@ -87,7 +89,8 @@ def reduced(kept: KeptTest, departures: Sequence[str] = ()) -> Reduced:
             "its rows do not tell beta from the heat transfer coefficients", where=kept.name
         )
     line = solve_triangular(top, np.column_stack([factor[:A, A:], np.eye(A)]))
-    at, names = A + len(shared) + len(departures), (*shared, *departures)
+    at = A + len(shared) + len(departures)
+    names = (*shared, *departures)
     return Reduced(
         kept.name,
         names,
@@ -203,7 +206,8 @@ def solve(tests: Sequence[KeptTest], done: Sequence[Reduced] | None = None) -> P
     before = {id(t): r for t, r in zip(tests, done or ())}
     each = [before.get(id(t)) or reduced(t) for t in tests]
     shared = tuple(dict.fromkeys(name for r in each for name in r.shared))
-    information, right = np.eye(len(shared)), np.zeros(len(shared))
+    information = np.eye(len(shared))
+    right = np.zeros(len(shared))
     for r in each:
         k = places(r.shared, shared)
         information[np.ix_(k, k)] += r.rows.T @ r.rows

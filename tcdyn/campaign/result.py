@@ -74,7 +74,8 @@ class JoinedCampaign:
             )
             for s in self.strangers
         ]
-        n, assumed = self.law.exponent, self.posterior.tests[0].conditions["speed_exponent"]
+        n = self.law.exponent
+        assumed = self.posterior.tests[0].conditions["speed_exponent"]
         tests = len(self.posterior.tests)
         if tests > 1 and abs(n.value - assumed) > FAR_Z * n.u:
             found.append(note("campaign.exponent", n=n.value, u=n.u, assumed=assumed, tests=tests))
@@ -118,7 +119,8 @@ class JoinedCampaign:
 
     def to_dict(self) -> dict[str, Any]:
         """The content of ``campaign.json`` (design, section 8)."""
-        posterior, trends = self.posterior, [t.to_dict() for t in self.trends]
+        posterior = self.posterior
+        trends = [t.to_dict() for t in self.trends]
         kept = {
             "schema": SCHEMA,
             "rig_sha256": posterior.tests[0].rig,
@@ -219,10 +221,8 @@ def junctions(
     """How much deeper than stated each junction lies [mm], by disk and channel, and its pull on the statement."""
     deeper: dict[str, dict[str, Estimate]] = {d: {} for d in DISKS}
     pulls: dict[str, dict[str, float]] = {d: {} for d in DISKS}
-    units, wider = (
-        {n: size for t in posterior.tests for n, size in t.units.items()},
-        float(np.sqrt(posterior.widened)),
-    )
+    units = {n: size for t in posterior.tests for n, size in t.units.items()}
+    wider = float(np.sqrt(posterior.widened))
     told = zip(posterior.shared, posterior.found, np.diag(posterior.shared_covariance))
     for name, x, variance in sorted(told, key=lambda one: one[0]):
         match name.split(" "):

@@ -40,7 +40,8 @@ def loadings(frame: pd.DataFrame) -> list[Events]:
         found = find_events(frame)
     except InputError:
         return []
-    on, off = found.load_on_s, found.unload_s
+    on = found.load_on_s
+    off = found.unload_s
     before, after = (
         frame[rows].reset_index(drop=True) for rows in (t < on - BEFORE_S, t > off + AFTER_S)
     )
@@ -103,11 +104,10 @@ def read_stage(log: LogPieces, number: int | None) -> tuple[Log, int]:
     before, loaded, after = np.maximum(
         KEPT_S * min(1.0, LONG_ROWS * log.dt_s / KEPT_S.sum()), LEAST_S
     )
-    on, off = events.load_on_s, events.unload_s
-    begin, end = (
-        max(begin, on - before if off - on <= loaded else off - loaded),
-        min(end, off + after),
-    )
+    on = events.load_on_s
+    off = events.unload_s
+    begin = max(begin, on - before if off - on <= loaded else off - loaded)
+    end = min(end, off + after)
     first, last = _rows(log, [begin, end])
     kept = log.whole(np.arange(first, log.rows if last + every >= log.rows else last + 1))
     told = note("log.long", count=log.rows, begin_s=begin, end_s=end)

@@ -32,7 +32,8 @@ TEX = {ord(c): rf"\{c}" for c in "&%$#_{}"} | {
 def paper_table(joined: JoinedCampaign) -> pd.DataFrame:
     """One row a test: conditions, beta with its standard uncertainty within the campaign and absolute, h, lags, n."""
     rows = []
-    p, law = joined.posterior, joined.law
+    p = joined.posterior
+    law = joined.law
     for i, (kept, one) in enumerate(zip(p.tests, p.estimates)):
         row: dict[str, object] = {"test": kept.name.removeprefix("EHL_")}
         row |= {

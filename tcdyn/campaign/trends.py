@@ -170,7 +170,8 @@ def read_curve(path: str | Path) -> Curve:
             where=str(path),
             expected=f"one of {', '.join(AGAINST)}",
         )
-    x, beta = values[over[0]], values["beta"]
+    x = values[over[0]]
+    beta = values["beta"]
     u = values.get("u_beta", np.zeros(len(x)))
     if len(x) < 2 or not (np.diff(x) > 0).all():
         raise InputError(

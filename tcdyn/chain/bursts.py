@@ -44,33 +44,28 @@ LENGTHS = (
     *(round(31 * 1.12**k) for k in range(1, 32)),
 )
 LONGEST_S = 0.45  # of a pulse
-BESIDE_S, BESIDE = (
-    0.4,
-    8,
-)  # of the trace on either side that tells what the temperature does; samples at least
+# of the trace on either side that tells what the temperature does; samples at least
+BESIDE_S = 0.4
+BESIDE = 8
 SLOW = 10.0  # sampling intervals: a chain of that lag rounds whatever a temperature does
 SURE = 7.0  # standard deviations of a pulse's height
-BETTER, BETTER_ALONE = (
-    25.0,
-    6.0,
-)  # deviance by which it must beat bends and steps; a weak one that is alone
+# deviance by which it must beat bends and steps; a weak one that is alone
+BETTER = 25.0
+BETTER_ALONE = 6.0
 WEAK = 250.0  # deviance of all that is in a window of a weak one: a temperature's own jump of ten kelvin has thousands
-WITNESSES, BRIDGED = (
-    2,
-    0.25,
-)  # other channels that must be able to show something; with more missing they cannot
+# other channels that must be able to show something; with more missing they cannot
+WITNESSES = 2
+BRIDGED = 0.25
 SHOWN = 4.5  # standard deviations of a pulse's height by which two other channels show that it was the temperature
-NOISY, CLEARLY = (
-    1.5,
-    4.0,
-)  # deviance a sample that noise may leave; by what multiple of the rest it must beat them, too
+# deviance a sample that noise may leave; by what multiple of the rest it must beat them, too
+NOISY = 1.5
+CLEARLY = 4.0
 LEFT = 0.5  # standard deviations of noise that a pulse's tail may leave in a sample which is kept
 MOST = 1500  # samples of a window: traces of some kilohertz are not searched
 SAME_RATE = 0.01  # sampling intervals that differ by less are one
-DENSE, SHORT_S = (
-    0.012,
-    1.0,
-)  # share of samples in bursts above which segments of this length tell the noise
+# share of samples in bursts above which segments of this length tell the noise
+DENSE = 0.012
+SHORT_S = 1.0
 PASSED = 0.1  # part of a temperature's wave that a chain lets through: of less, what stands out is called hum
 ROUNDS = 6  # pulses that hide each other come out one after the other
 
@@ -142,8 +137,11 @@ def made_white(
     searches = [_Search.of(white[:, i], dt_s, float(noise.level_K[i]), behind[i]) for i in slow]
     shown = [_shown(search, missing[:, i]) for search, i in zip(searches, slow)]
     heights = np.array(shown).reshape(-1, len(y))
-    tells, shows = np.isfinite(heights), heights >= SHOWN
-    able, said = tells.sum(axis=0), shows.sum(axis=0)  # channels
+    tells = np.isfinite(heights)
+    shows = heights >= SHOWN
+    # channels
+    able = tells.sum(axis=0)
+    said = shows.sum(axis=0)
     for k, i in enumerate(slow):
         alone = (able - tells[k] >= WITNESSES) & (said - shows[k] < WITNESSES)
         moved[:, i] |= _found(searches[k], dt_s, lags_s[i], alone)
@@ -219,9 +217,12 @@ def _found(search: _Search | None, dt_s: float, lag_s: float, alone: Flags) -> F
     """The samples (N,) that bursts have moved."""
     if search is None or not (search.first > SURE).any():
         return np.zeros(len(alone), dtype=bool)
-    padded, widest, score = search.padded, search.widest, search.first
+    padded = search.padded
+    widest = search.widest
+    score = search.first
     parts = _parts(search.pulses, widest, search.beside, dt_s, lag_s)
-    moved, other = np.zeros(len(padded), dtype=bool), np.pad(alone, widest)
+    moved = np.zeros(len(padded), dtype=bool)
+    other = np.pad(alone, widest)
     for _ in range(ROUNDS):
         before = np.count_nonzero(moved)
         for centre in peaks(score, SURE, widest):
@@ -242,7 +243,8 @@ def _found(search: _Search | None, dt_s: float, lag_s: float, alone: Flags) -> F
 @lru_cache(maxsize=8)
 def _sought(dt_s: float, filter_: Conditioning) -> tuple[tuple[Array, ...], Array, int]:
     """Pulses, their shapes, and how many samples beside each are looked at; remembered for the other channels."""
-    beside, pulses = max(round(BESIDE_S / dt_s), BESIDE), tuple(_pulses(dt_s, filter_))
+    beside = max(round(BESIDE_S / dt_s), BESIDE)
+    pulses = tuple(_pulses(dt_s, filter_))
     odd = max(map(len, pulses)) // 2 * 2 + 2 * beside + 1
     shapes = np.zeros((len(pulses), odd))
     for shape, pulse in zip(shapes, pulses):
@@ -287,7 +289,8 @@ class _Parts:
 
         ``alone``: other channels show nothing; then a weak pulse needs to be less clearly better.
         """
-        told, nothing = self.units.T @ window, np.zeros(len(window), dtype=bool)
+        told = self.units.T @ window
+        nothing = np.zeros(len(window), dtype=bool)
         square = told**2
         whole = float(window @ window - np.sum((self.cubic.T @ window) ** 2))
         better = BETTER_ALONE if alone and whole < WEAK + len(window) else BETTER

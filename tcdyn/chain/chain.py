@@ -280,7 +280,8 @@ def sensors(chains: Sequence[Chain]) -> list[Sensor]:
 def _sensor(chain: Chain, size: int) -> Sensor:
     drift = np.zeros((size, size))
     drift[0, 1] = 1.0
-    source, at = 0, 2
+    source = 0
+    at = 2
     for f in chain.factors():
         if len(f) == 2:
             block = np.array([[-1.0 / f[1]]])
@@ -290,7 +291,8 @@ def _sensor(chain: Chain, size: int) -> Sensor:
         k = len(block)
         drift[at : at + k, at : at + k] = block
         drift[at : at + k, source] = -block[:, 0]
-        source, at = at, at + k
+        source = at
+        at = at + k
     output = np.zeros(size)
     output[source] = 1.0
     if chain.zero_s:
@@ -303,17 +305,16 @@ def _sensor(chain: Chain, size: int) -> Sensor:
         a * output @ np.linalg.matrix_power(drift, k)
         for k, a in enumerate(chain.conditioning.numerator)
     )
-    slope_row, lags_s = (
-        np.eye(size)[1],
-        [tau for tau in sorted(chain.taus_s, reverse=True) if tau > 0],
-    )
+    slope_row = np.eye(size)[1]
+    lags_s = [tau for tau in sorted(chain.taus_s, reverse=True) if tau > 0]
     rates = np.array([slope_row, *drift[2 : 2 + len(lags_s)]])  # of x and of what leaves each lag
     lag_row = rates[min(len(lags_s), 1)]
     last = min(len(lags_s), 2)
     bend_row = (rates[last - 1] - rates[last]) / lags_s[last - 1] if last else np.zeros(size)
     idle = range(at, size)
     drift[idle, idle] = -1.0
-    ramp, scatter = np.zeros((size, 2)), np.zeros((size, size))
+    ramp = np.zeros((size, 2))
+    scatter = np.zeros((size, size))
     ramp[0, 0] = ramp[1, 1] = 1.0
     if size > 2:
         stages = drift[2:, 2:]

@@ -14,7 +14,9 @@ from scipy.linalg.lapack import dtbtrs, ztbtrs
 
 from calibration import Array
 
-BLOCK, LONG = 16, 4096  # samples: of a block; from which on blocks are quicker
+# samples: of a block; from which on blocks are quicker
+BLOCK = 16
+LONG = 4096
 KERNELS = 8  # lengths of a kernel that are transformed at once
 
 
@@ -48,7 +50,8 @@ def largest_match(y: Array, shapes: Array) -> Array:
     >>> largest_match(np.array([0.0, 1.0, 2.0, 0.0]), np.array([[1.0, 0.0], [1.0, -1.0]])).round(9)
     array([1., 1., 2.])
     """
-    length, count = shapes.shape[1], len(y) - shapes.shape[1] + 1
+    length = shapes.shape[1]
+    count = len(y) - shapes.shape[1] + 1
     size = next_fast_len(min(KERNELS * length, len(y)), real=True)
     step = size - length + 1
     pieces = rfft(sliding_window_view(np.pad(y, (0, size)), size)[:count:step])
@@ -67,7 +70,8 @@ def peaks(y: Array, height: float, distance: int) -> Iterator[int]:
     [3]
     """
     first = np.flatnonzero(np.diff(y, prepend=np.nan) != 0)  # of each run of equal values
-    level, rise = y[first], np.diff(y[first])
+    level = y[first]
+    rise = np.diff(y[first])
     tops = 1 + np.flatnonzero((level[1:-1] >= height) & (rise[:-1] > 0) & (rise[1:] < 0))
     left = (first[tops] + first[tops + 1] - 1) // 2
     while len(left):

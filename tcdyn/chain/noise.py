@@ -26,15 +26,15 @@ from tcdyn.chain.chain import NO_CONDITIONING, Chain
 from tcdyn.chain.rational import Factor, Rational, product, simulate, spectral_factor
 
 SEGMENT_S = 8.0  # of a trace, whose spectra are put together by their median: events and bursts touch few of them
-LEAST_SEGMENT, LEAST_SEGMENTS = 64, 3  # samples; segments
-MOST_BRIDGED, LEAST_SEEN = (
-    0.3,
-    0.1,
-)  # share of a segment without samples; of white noise's power: else not told
-SLOW_HZ, NYQUISTS = (
-    0.3,
-    0.9,
-)  # the part of a spectrum that counts: above what a segment detrends, below aliases
+# samples; segments
+LEAST_SEGMENT = 64
+LEAST_SEGMENTS = 3
+# share of a segment without samples; of white noise's power: else not told
+MOST_BRIDGED = 0.3
+LEAST_SEEN = 0.1
+# the part of a spectrum that counts: above what a segment detrends, below aliases
+SLOW_HZ = 0.3
+NYQUISTS = 0.9
 AVERAGED = (
     0.33  # independent spectra for each segment: medians cost half, tapers correlate neighbours
 )
@@ -45,16 +45,16 @@ QUICKEST = (
     5.0  # poles of 1/N over the sampling rate, at most [1/s per Hz]: quicker ones no sample shows
 )
 LAGS = 10  # tried, from a corner of 1 Hz to three tenths of the rate
-BESIDE, OUTSTANDING, LEAST_WAVES = (
-    21,
-    8.0,
-    10,
-)  # waves about one; standard deviations that make it a line; waves
-HARMONIC, RESTING_HZ = 0.5, 0.5  # largest part of hum in a harmonic; width of a line
-BANDS, UNEXPLAINED = (
-    8,
-    1.6,
-)  # of the spectrum; mean over one, of what was seen over what is expected
+# waves about one; standard deviations that make it a line; waves
+BESIDE = 21
+OUTSTANDING = 8.0
+LEAST_WAVES = 10
+# largest part of hum in a harmonic; width of a line
+HARMONIC = 0.5
+RESTING_HZ = 0.5
+# of the spectrum; mean over one, of what was seen over what is expected
+BANDS = 8
+UNEXPLAINED = 1.6
 CHANCE = 5.0  # standard deviations by which such a mean must stand out
 SETTLED = 1e-9  # relative change of a level after which another round changes nothing
 TYPICAL_LAG_S = (
@@ -114,7 +114,8 @@ class LoggerNoise:
 
     def findings(self, subject: str) -> list[Finding]:
         """Noise from before the filter, hum, and what no part of the model explains."""
-        out, (before, after) = [], self.to_dict().values()
+        out = []
+        (before, after) = self.to_dict().values()
         if self.coloured:
             lag_s = self.shaping.lag_s if self.shaping.poles == 1 else 0.0
             out.append(
@@ -180,10 +181,12 @@ class LoggerNoise:
         """The chain of a trace that was made white."""
         if not self.coloured:
             return chain
-        b, stages = chain.conditioning, self.sections
+        b = chain.conditioning
+        stages = self.sections
         left: tuple[float, ...] = (1.0,)  # the filter cancels
         if b != self.shaping:
-            stages, left = (*b.factors, *stages), tuple(map(float, product(self.shaping.factors)))
+            stages = (*b.factors, *stages)
+            left = tuple(map(float, product(self.shaping.factors)))
         return replace(chain, conditioning=Whitened(b.cutoff_Hz, b.poles, b.shape, stages, left))
 
 
@@ -216,7 +219,8 @@ def noise_of(
             [y[:, own] for y in traces], dt_s, filter_, white_K[own], segment_s
         ).for_more(own, white_K)
     w = 2 * np.pi * f
-    signal_, flat = _passed(f, filter_) / (w**4 * (1 + (w * TYPICAL_LAG_S) ** 2)), np.ones(len(f))
+    signal_ = _passed(f, filter_) / (w**4 * (1 + (w * TYPICAL_LAG_S) ** 2))
+    flat = np.ones(len(f))
     calm = [_calm(p, np.stack([flat, signal_], axis=1), count) for p in power.T]
     quiet = (
         np.mean(calm, axis=0) >= 0.5
@@ -236,7 +240,8 @@ def noise_of(
     if known and cost[filter_] < cost[best] + KNOWN:
         best = filter_
     levels = np.array([v for v, _ in fits[best]])
-    before, after = levels[:, 0], levels[:, 1]
+    before = levels[:, 0]
+    after = levels[:, 1]
     ratio = float(np.median(before / np.maximum(before + after, 1e-300)))
     coloured = cost[NO_CONDITIONING] - cost[best] >= SURE and ratio >= MATERIAL
     taken = best if coloured else NO_CONDITIONING
@@ -248,7 +253,8 @@ def noise_of(
     if not coloured:  # differences would count the lines in
         level = wider * (np.sqrt([v[0] for v, _ in fits[NO_CONDITIONING]]) if lines else white_K)
         return replace(white.white(level), lines=lines, unexplained=worst)
-    level, share = wider * np.sqrt(before + after), passed_share(best, dt_s)
+    level = wider * np.sqrt(before + after)
+    share = passed_share(best, dt_s)
     sections = spectral_factor(ratio, 1 - ratio, product(best.factors), QUICKEST / dt_s)
     return LoggerNoise(
         np.sqrt(before * share), np.sqrt(after), level, best, sections, lines, 1 / dt_s, worst
@@ -308,11 +314,11 @@ def _spectra(
     if not long:
         return None
     size = max(min(round(segment_s / dt_s), min(map(len, long)) // LEAST_SEGMENTS), LEAST_SEGMENT)
-    f, taper, pieces = rfftfreq(size, dt_s), np.hanning(size + 1)[:-1], list[Array]()
-    taper, line = (
-        taper / np.linalg.norm(taper),
-        np.linalg.qr(np.vander(np.linspace(-1, 1, size), 2))[0],
-    )
+    f = rfftfreq(size, dt_s)
+    taper = np.hanning(size + 1)[:-1]
+    pieces = list[Array]()
+    taper = taper / np.linalg.norm(taper)
+    line = np.linalg.qr(np.vander(np.linspace(-1, 1, size), 2))[0]
     for y in long:
         absent = ~np.isfinite(y.T)
         filled = np.stack([bridged(x, ~gone) for x, gone in zip(y.T, absent)])
@@ -340,7 +346,8 @@ def _levels(power: Array, shapes: Array) -> tuple[Array, float]:
     """
     s, levels = np.maximum(power, least := 1e-12 * float(np.max(power))), np.zeros(shapes.shape[1])
     for _ in range(30):
-        rows, before = shapes / s[:, None], levels
+        rows = shapes / s[:, None]
+        before = levels
         scale = np.linalg.norm(rows, axis=0)
         levels = nnls(rows / scale, power / s)[0] / scale
         s = np.maximum(shapes @ levels, least)

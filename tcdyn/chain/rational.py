@@ -87,7 +87,8 @@ class Rational:
         num, den = self.polynomials()
         if self.delay_s and pade_order:
             pade_num, pade_den = control.pade(self.delay_s, pade_order)
-            num, den = np.polymul(num, pade_num), np.polymul(den, pade_den)
+            num = np.polymul(num, pade_num)
+            den = np.polymul(den, pade_den)
         return control.TransferFunction(num, den, **names)
 
     def frequency_response(self, frequency_Hz: ArrayLike) -> Complex:
@@ -133,7 +134,8 @@ def newton(poly: NDArray, poles: NDArray) -> tuple[NDArray, NDArray]:
     phi_i = 1 - s/p_i, or s for a pole at zero. ``poly`` (R, q+1) ascending, one row a polynomial. Returns the
     state coefficients (R, m) and the polynomial part (R, 2): what multiplies u and du/dt.
     """
-    rows, m = poly.shape[0], len(poles)
+    rows = poly.shape[0]
+    m = len(poles)
     c = np.zeros((rows, m), dtype=np.result_type(poly, poles))
     rest = np.asarray(poly, dtype=c.dtype)
     for k in range(m - 1, -1, -1):
@@ -155,9 +157,11 @@ def realise(model: Rational, sensitivities: bool = True) -> Realisation:
     if np.all(poles.imag == 0):
         poles = poles.real
     free = [f for f in model.factors if f.free and sensitivities]
-    m, q = len(poles), len(model.num)
+    m = len(poles)
+    q = len(model.num)
     size = m + sum(len(f.poles) for f in free)
-    A, B = np.zeros((size, size), dtype=poles.dtype), np.zeros(size, dtype=poles.dtype)
+    A = np.zeros((size, size), dtype=poles.dtype)
+    B = np.zeros(size, dtype=poles.dtype)
     weights = np.where(poles == 0, 1.0, -poles)
     main = np.arange(m)
     A[main, main] = poles
@@ -170,11 +174,14 @@ def realise(model: Rational, sensitivities: bool = True) -> Realisation:
         polys[1:-1, :q] = np.eye(q)
         polys[-1, 1:] = -model.num
     c, direct = newton(polys, poles)
-    C, (D, E) = np.zeros((len(c), size), dtype=c.dtype), direct.T
+    C = np.zeros((len(c), size), dtype=c.dtype)
+    (D, E) = direct.T
     C[:, :m] = c
-    branches, through = [C[:0]], [D[:0]]
+    branches = [C[:0]]
+    through = [D[:0]]
     for f in free:
-        d, p = len(f.poles), f.poles if np.iscomplexobj(A) else f.poles.real
+        d = len(f.poles)
+        p = f.poles if np.iscomplexobj(A) else f.poles.real
         span = np.arange(m, m + d)
         A[span, span] = p
         A[span[1:], span[:-1]] = -p[1:]
@@ -188,7 +195,8 @@ def realise(model: Rational, sensitivities: bool = True) -> Realisation:
         m += d
     C = np.vstack([C[:-1], *branches, C[-1:]])
     inner = np.concatenate(through)
-    D, E = np.concatenate([D[:-1], inner, D[-1:]]), np.concatenate([E[:-1], 0 * inner, E[-1:]])
+    D = np.concatenate([D[:-1], inner, D[-1:]])
+    E = np.concatenate([E[:-1], 0 * inner, E[-1:]])
     return Realisation(A, B, C, D, E, model.integrators)
 
 
@@ -209,8 +217,10 @@ def stationary(system: Realisation, u0: float) -> tuple[NDArray, NDArray]:
 
     An integrator passes through zero at t = 0; the lags behind it follow its ramp.
     """
-    n, k = len(system.B), system.integrators
-    xa, xb = np.zeros(n, dtype=system.A.dtype), np.zeros(n, dtype=system.A.dtype)
+    n = len(system.B)
+    k = system.integrators
+    xa = np.zeros(n, dtype=system.A.dtype)
+    xb = np.zeros(n, dtype=system.A.dtype)
     if n == 0:
         return xa, xb
     if k == 0:
@@ -226,7 +236,8 @@ def states(phi: NDArray, forcing: NDArray, x0: NDArray) -> NDArray:
     """x_{k+1} = phi x_k + forcing_k for lower triangular ``phi``: one first-order filter a state; (n, N)."""
     n, steps = forcing.shape
     x = np.empty((n, steps + 1), dtype=np.result_type(phi, forcing))
-    x[:, 0], x[:, 1:] = x0, forcing
+    x[:, 0] = x0
+    x[:, 1:] = forcing
     for k in range(n):
         lower = np.flatnonzero(phi[k, :k])
         if len(lower):
@@ -242,7 +253,8 @@ def simulate_rows(
 
     Before the record the input was ``u[0]`` for ever (``equilibrium``) or nothing at all (``zero``).
     """
-    n, u0 = len(u), float(u[0]) if start == "equilibrium" else 0.0
+    n = len(u)
+    u0 = float(u[0]) if start == "equilibrium" else 0.0
     late = int(np.ceil(delay_s / dt_s - 1e-9))  # whole samples, and from there ahead again
     ahead_s = max(late * dt_s - delay_s, 0.0)
     v = np.concatenate([np.full(late, u0), u])
@@ -252,7 +264,9 @@ def simulate_rows(
     phi, gu, gv = step_matrices(system, dt_s)
     xa, xb = stationary(system, u0)
     x = states(phi, np.outer(gu, v[:-1]) + np.outer(gv, slope[:-1]), xa - xb * late * dt_s)
-    c, cu, cv = system.C, system.D, system.E
+    c = system.C
+    cu = system.D
+    cv = system.E
     if ahead_s > 1e-9 * dt_s:
         phi, gu, gv = step_matrices(system, ahead_s)
         cu, cv, c = c @ gu + cu, c @ gv + cu * ahead_s + cv, c @ phi

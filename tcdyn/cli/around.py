@@ -103,7 +103,8 @@ def fit_round(
     stated = [s for s in setups if s.fit.stated] or setups[:1]
     told = {s.name: _told(s) for s in stated}
     if out is not None:
-        draws, rows = [partial(draw_fit, s) for s in stated], len(stated)
+        draws = [partial(draw_fit, s) for s in stated]
+        rows = len(stated)
         _save(pictured(*draws, rows=rows, width_in=7.0, height_in=3.2 * rows), out)
     tell.json(lambda: {"picture": out, **told})
     for name, x in told.items():

@@ -75,7 +75,8 @@ def calibrate(
     from calibration.rig import load_rig
     from tcdyn.pipeline import calibrate_disk
 
-    target, fluids = out or Path(f"{disk}.disk.json"), fluid or ["mobil-jet-ii"]
+    target = out or Path(f"{disk}.disk.json")
+    fluids = fluid or ["mobil-jet-ii"]
     spare_inputs([rig, oven, *immersion, *fluids, *(earlier or [])], out=target, report=report)
     before = [read_record(path) for path in earlier or []]
     if other := [f"{path}: {r.disk}" for path, r in zip(earlier or [], before) if r.disk != disk]:

@@ -92,7 +92,8 @@ def design(
             remedy="plan a larger step",
         )
     rig_table = load_rig(rig)
-    setup, uncertainty = rig_table.disk_setup(disk), rig_table.tables(disk).uncertainty
+    setup = rig_table.disk_setup(disk)
+    uncertainty = rig_table.tables(disk).uncertainty
     # fits make the noise white: what counts is its strength at low frequency
     level_K = math.hypot(
         noise_K, noise_before_K / passed_share(setup.conditioning, 1 / rate_Hz) ** 0.5

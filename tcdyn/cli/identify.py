@@ -179,7 +179,8 @@ def identify(
         begun |= {"noise": noise, "baseline": baseline}
     if initial is not None:
         check_choice("--initial", initial, ("equilibrium", "zero", "estimated"))
-    inputs, outputs = columns("--input", input), columns("--output", output)
+    inputs = columns("--input", input)
+    outputs = columns("--output", output)
     if len(inputs) > 1 and (narx or gain is not None):
         raise InputError(
             f"{'--narx' if narx else '--gain'} with {len(inputs)} inputs",
@@ -222,7 +223,8 @@ def identify(
         "loss": "huber" if robust else "linear",
         "check": check,
     }
-    found, contents = {}, {}
+    found = {}
+    contents = {}
     for y in outputs:
         one = record.select(output=y)
         with counted(len(structures) or None, tell.silent) as progress:
@@ -230,7 +232,8 @@ def identify(
                 one, structures, held_out=held_out, progress=progress, **begun
             )
         tell.say(f"{comparison.summary(as_option)}\n{comparison.removal(filter_)}")
-        content, level = comparison.best.identified.to_dict(), ""
+        content = comparison.best.identified.to_dict()
+        level = ""
         if narx:
             from tcdyn.identify.narx import temperature_dependence
 

@@ -195,7 +195,8 @@ def transducer(
         tell.json(line.to_dict)
         tell.say(line.summary())
     else:
-        u, said = line.gain_u_rel(weights_rel), line.summary().splitlines()
+        u = line.gain_u_rel(weights_rel)
+        said = line.summary().splitlines()
         keys = {"friction_rel": u} if of == "friction" else {"half_width_rel_by_load": u / 3}
         if of == "friction":
             said += [

@@ -126,7 +126,8 @@ def immersion(
     from tcdyn.simulate.plunge import PlungeOptions, simulate_plunge
 
     check_choice("--fluid", fluid, FLUIDS)
-    truth, options = drawn.for_log(out), PlungeOptions(after_s=duration_s)
+    truth = drawn.for_log(out)
+    options = PlungeOptions(after_s=duration_s)
     _write(out, tell, *simulate_plunge(disk, drawn.seed, fluid, bath_degC, run, truth, options))  # type: ignore[arg-type]
 
 
@@ -306,7 +307,8 @@ def contacts(said: list[str] | None) -> dict[str, BoreContact]:
         name, _, numbers = text.rpartition(":")
         amplitude, _, angle = numbers.partition("@")
         try:
-            size, at = float(amplitude), float(angle)
+            size = float(amplitude)
+            at = float(angle)
         except ValueError:
             raise InputError(
                 f"--uneven {text!r}", expected="amplitude@degrees, such as 0.5@30 or fast:0.5@30"

@@ -24,18 +24,21 @@ from tcdyn.compensate.pieces import FINE
 from tcdyn.compensate.record import Stretch
 from tcdyn.compensate.states import DIFFUSE, Smoothed, likelihood, smoothed
 
-CHANCE, AGAIN = 0.05, 1.0  # false candidates in a record: without events, and where there are some
+# false candidates in a record: without events, and where there are some
+CHANCE = 0.05
+AGAIN = 1.0
 ALONE = 6.0  # lags about an event within which the score test sees that event only
 BEYOND = 1.0  # lags: a window ends soon after the next event, unless that is as near as this
 NEVER = -5.0  # log odds below which what came up is a doubt before all others are in place
-ROUNDS, MOST = 8, 24  # of search; events sought in one record
+# of search; events sought in one record
+ROUNDS = 8
+MOST = 24
 COST = 3.0  # nats that fitting the height, decay and power of a burst to noise gains
 PRIOR = (0.5, 0.4, 0.1)  # in a channel at an event: nothing, a kink, a jump of the temperature
-WIDE, NODES, REACH = (
-    13,
-    7,
-    2.5,
-)  # times tried at first; later, over so many standard deviations either side
+# times tried at first; later, over so many standard deviations either side
+WIDE = 13
+NODES = 7
+REACH = 2.5
 FEWEST = 0.01  # weights below this part are left out
 
 
@@ -83,7 +86,8 @@ def _merged(q: Intensity, at_s: float, level: float) -> Intensity:
 
 def candidates(fit: Smoothed, events: Sequence[float]) -> list[float]:
     """Times [s], none near ``events``, at which a jump would help more than chance does: the best of each place."""
-    knots, lag = fit.knots_s[:-1], smeared_s(fit.stretch)
+    knots = fit.knots_s[:-1]
+    lag = smeared_s(fit.stretch)
     score = np.max(fit.jump_chi2, axis=1)
     score[:3] = score[-3:] = 0.0
     least = 2 * np.log(fit.jump_chi2.size / (AGAIN if events else CHANCE))
@@ -104,17 +108,23 @@ def with_hidden(
     All candidates are put in at once and weighed in turn, so that none hides another in a level that is too high;
     then again until no more come up; what the data do not ask for once all others are in place is a doubt.
     """
-    stretch, plain, noise_var = fit.stretch, fit.chosen, fit.noise_var
-    lag, told = smeared_s(stretch), set(stretch.events_s)
+    stretch = fit.stretch
+    plain = fit.chosen
+    noise_var = fit.noise_var
+    lag = smeared_s(stretch)
+    told = set(stretch.events_s)
     sure: list[Hidden] = []
     doubts: list[Hidden] = []
-    original, settled, hopeful = fit, False, True
+    original = fit
+    settled = False
+    hopeful = True
     for _ in range(ROUNDS):
         known = [*told, *(h.at_s for h in (*sure, *doubts))]
         new = candidates(fit, known)[: MOST - len(sure)] if hopeful else []
         if not new and (settled or not sure):
             break
-        settled, final = not new, not new
+        settled = not new
+        final = not new
         early = [
             max(c - 0.5 * lag, 2 * stretch.dt_s) for c in new
         ]  # rough at first: from before it, anything goes
@@ -135,7 +145,8 @@ def with_hidden(
         levels, noise_var = levels_of(apart, start_var, noise_known)
         starts = tuple(cuts.get(s, s) for s in levels[0].starts_s)
         chosen = [replace(q, starts_s=starts, bursts=tuple(b)) for q, b in zip(levels, bursts)]
-        before, sure = {h.at_s: h for h in sure}, []
+        before = {h.at_s: h for h in sure}
+        sure = []
         for at in times:
             if not final and at in before and min(abs(at - e) for e in early) > ALONE * lag:
                 sure.append(before[at])
@@ -149,7 +160,8 @@ def with_hidden(
                 chosen = h.put(chosen, h.at_s, h.likeliest)
             else:
                 doubts.append(h)
-                chosen, settled = h.without(chosen), False
+                chosen = h.without(chosen)
+                settled = False
         hopeful = final or len(sure) > len(before)
         fit = smoothed(stretch, noise_var, chosen) if sure else original
     return fit, [h for h in (*sure, *doubts) if h.may_be]
@@ -157,7 +169,8 @@ def with_hidden(
 
 def about(stretch: Stretch, at_s: float, others_s: Iterable[float] = ()) -> tuple[int, int]:
     """First sample that an event at ``at_s`` touches, and the one after the last; not far beyond the next event."""
-    dt, lag = stretch.dt_s, smeared_s(stretch)
+    dt = stretch.dt_s
+    lag = smeared_s(stretch)
     first = max(int(np.ceil((at_s - 5.0 - 5 * lag) / dt)), 0)
     after = min([at_s + AFTER_S, *(e for e in others_s if e > at_s + BEYOND * lag)])
     return first, min(int((after + 5 * lag) / dt) + 1, len(stretch.y))
@@ -179,9 +192,11 @@ def weigh(
     before; all is sought near it.
     """
     first, last = about(stretch, at_s, chosen[0].starts_s)
-    shift, lag = first * stretch.dt_s, smeared_s(stretch)
+    shift = first * stretch.dt_s
+    lag = smeared_s(stretch)
     window = cut_out(stretch, first, last, stretch.events_s)
-    base, begins = [q.moved(shift_s=shift) for q in _bare(chosen, at_s)], at_s - shift
+    base = [q.moved(shift_s=shift) for q in _bare(chosen, at_s)]
+    begins = at_s - shift
     ranges = spans(window, noise_var)
     kinds = [
         [Burst(begins, 0.0, 1.0, level_sd=jump * s, slope_sd=DIFFUSE * s / lag) for s in ranges]
@@ -229,13 +244,16 @@ def weigh(
             ]
             for k in (0, 1)
         ]
-        best, u = [float(t) for t in nodes[top]], [0.5 * step] * 2
+        best = [float(t) for t in nodes[top]]
+        u = [0.5 * step] * 2
     else:
         kinds = [[replace(b, start_s=begins) for b in kind] for kind in known.kinds]
-        best, u = [begins] * 2, [2 * known.u_s + 0.02 * lag] * 2
+        best = [begins] * 2
+        u = [2 * known.u_s + 0.02 * lag] * 2
     bursts = []
     for kind, t in zip(kinds, best):
-        there, nothing = [q.moved(begins, t) for q in base], [replace(b, start_s=t) for b in kind]
+        there = [q.moved(begins, t) for q in base]
+        nothing = [replace(b, start_s=t) for b in kind]
         near = known is not None and min(b.height for b in kind) > 0
         found = likeliest_burst(window, noise_var, there, nothing, near)
         bursts.append([replace(b, start_s=begins) for b in found])
@@ -243,10 +261,9 @@ def weigh(
         nodes = between(
             np.ravel([np.linspace(t - REACH * h, t + REACH * h, NODES) for t, h in zip(best, u)])
         )
-        value, widest = (
-            values(nodes, bursts),
-            2 * REACH * max(u) / (NODES - 1),
-        )  # a kink and a jump may lie apart
+        # a kink and a jump may lie apart
+        value = values(nodes, bursts)
+        widest = 2 * REACH * max(u) / (NODES - 1)
         gaps = np.minimum(
             np.diff(nodes, prepend=nodes[0] - widest, append=nodes[-1] + widest), widest
         )
@@ -312,10 +329,12 @@ def averaged(fit: Smoothed, hidden: Hidden) -> Smoothed:
         part = smoothed(window, fit.noise_var, [q.moved(shift_s=shift) for q in chosen])
         return np.stack([part.temperature, part.slope, part.lag_sensitivity, part.sd**2])
 
-    start, weights = run(fit.chosen), [w for _, _, w in hidden.may_be]
+    start = run(fit.chosen)
+    weights = [w for _, _, w in hidden.may_be]
     runs = [run(hidden.put(fit.chosen, at, bursts)) for at, bursts, _ in hidden.may_be]
     if np.max(nothing := 1 - np.sum(weights, axis=0)) > 2 * FEWEST:
-        runs, weights = [*runs, run(hidden.without(fit.chosen))], [*weights, nothing]
+        runs = [*runs, run(hidden.without(fit.chosen))]
+        weights = [*weights, nothing]
     weight = np.array(weights) / np.sum(weights, axis=0)
     mean = np.einsum("hm,hknm->knm", weight, np.array(runs))
     answers = [fit.temperature.copy(), fit.slope.copy(), fit.lag_sensitivity.copy(), fit.sd**2]

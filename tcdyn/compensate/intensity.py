@@ -44,7 +44,8 @@ def spectral_level(y: Array, dt_s: float, chain: Chain, noise_var: float) -> flo
     t = np.linspace(-1, 1, n)
     power = np.abs(np.fft.rfft((y - y.mean() - t @ y / (t @ t) * t) * _taper(n))) ** 2
     keep = slice(LEFT_OUT, int(0.45 * n))
-    power, w = power[keep], 2 * np.pi * np.asarray(np.fft.rfftfreq(n, dt_s), dtype=float)[keep]
+    power = power[keep]
+    w = 2 * np.pi * np.asarray(np.fft.rfftfreq(n, dt_s), dtype=float)[keep]
     level = _whittle(power, w, dt_s, chain, noise_var)
     for _ in range(3):
         band = NEAR * float(corner_rad_s(chain, np.array(level / (noise_var * dt_s))))
@@ -73,7 +74,8 @@ def _whittle(power: Array, w: Array, dt_s: float, chain: Chain, noise_var: float
     logs = np.linspace(np.log(FLOOR * noise_var), np.log(1e9 * noise_var), 60)
     edges = np.unique(np.geomspace(1, len(w) + 1, BANDS).astype(int) - 1)[:-1]
     ends = np.append(edges[1:], len(w))
-    count, middle_w = ends - edges, np.sqrt(w[edges] * w[ends - 1])
+    count = ends - edges
+    middle_w = np.sqrt(w[edges] * w[ends - 1])
     middle = np.abs(chain.frequency_response(middle_w / (2 * np.pi))) ** 2 / (middle_w**4 * dt_s)
     mean = np.add.reduceat(power, edges) / count
     for _ in range(3):
@@ -152,7 +154,8 @@ def levels_of(
     Segments lie between events. Long ones get their level from the spectrum, beyond the burst that follows an event,
     short ones from the exact likelihood.
     """
-    n, dt = len(stretch.y), stretch.dt_s
+    n = len(stretch.y)
+    dt = stretch.dt_s
     starts = [0.0, *stretch.events_s]
     cuts = [int(np.ceil(t / dt)) for t in starts] + [n]
     levels = np.full((len(starts), len(noise_var)), np.nan)
@@ -195,7 +198,9 @@ def levels_of(
 
 def cut_out(stretch: Stretch, first: int, last: int, events: Sequence[float]) -> Stretch:
     """Samples first..last-1 as a stretch of its own, its clock starting at zero, with those of ``events`` in it."""
-    shift, length, rows = first * stretch.dt_s, (last - first) * stretch.dt_s, slice(first, last)
+    shift = first * stretch.dt_s
+    length = (last - first) * stretch.dt_s
+    rows = slice(first, last)
     inside = tuple(e - shift for e in events if 0 <= e - shift < length)
     cut = {name: getattr(stretch, name)[rows] for name in ("y", "weight", "flags")}
     return replace(stretch, **cut, events_s=inside)
@@ -257,7 +262,8 @@ def spans(stretch: Stretch, noise_var: Array) -> Array:
 
 def _around(stretch: Stretch, event: float) -> tuple[Stretch, float]:
     """The samples that an event can touch, no other event among them, and the time at which they start [s]."""
-    dt, n = stretch.dt_s, len(stretch.y)
+    dt = stretch.dt_s
+    n = len(stretch.y)
     lag = max(s.lag_s for s in stretch.sensors)
     before = max([e for e in stretch.events_s if e < event], default=0.0)
     after = min([e for e in stretch.events_s if e > event], default=(n - 1) * dt)
@@ -284,8 +290,11 @@ class Tradeoff:
 
 def by_criterion(stretch: Stretch, criterion: Criterion, trials: int) -> Tradeoff:
     """Misfit against roughness over ``trials`` intensities, evenly in their logarithm, and the one that is chosen."""
-    noise_var, levels = stretch.noise_sd**2, np.geomspace(1e-4, 1e7, trials)
-    rows, w, used = [], stretch.weight, (stretch.weight > 0).sum(axis=0)
+    noise_var = stretch.noise_sd**2
+    levels = np.geomspace(1e-4, 1e7, trials)
+    rows = []
+    w = stretch.weight
+    used = (stretch.weight > 0).sum(axis=0)
     for level in levels:
         states = smoothed(
             stretch, noise_var, [Intensity.constant(level * var) for var in noise_var]
@@ -326,8 +335,10 @@ def _pick(
     if criterion == "gcv":
         score = np.log(misfit / (1 - freedom / used) ** 2)
     else:
-        a, b = np.log(misfit), np.log(np.maximum(roughness, 1e-300))
-        da, db = np.gradient(a, logs), np.gradient(b, logs)
+        a = np.log(misfit)
+        b = np.log(np.maximum(roughness, 1e-300))
+        da = np.gradient(a, logs)
+        db = np.gradient(b, logs)
         bend = (da * np.gradient(db, logs) - db * np.gradient(da, logs)) / (da**2 + db**2) ** 1.5
         score = -np.abs(bend)
         score[:2] = score[-2:] = np.inf

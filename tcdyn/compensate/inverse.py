@@ -151,7 +151,8 @@ def split_change(chain: Chain, shift_s: float, dt_s: float) -> tuple[Array, Arra
     What a single lag gives away goes to a second one, which makes of slow changes what a dead time makes.
     """
     first, second = [*sorted(chain.taus_s, reverse=True), 0.0, 0.0][:2]
-    left, right = max(first - shift_s, 0.0), second + min(shift_s, first)
+    left = max(first - shift_s, 0.0)
+    right = second + min(shift_s, first)
     lags = np.maximum([left, right], dt_s)
     b, a = discretised([1.0, 0.0, 0.0], [lags[0] * lags[1], lags.sum(), 1.0], dt_s)
     return (first * second - left * right) * b, a
@@ -208,7 +209,8 @@ def before_use(f: InverseFilter, noise_sd: float, wanted_K: float | None = None)
     A warning comes when the answer would be noisier than ``wanted_K`` [K] (left out: than a hundred times the trace),
     with the bandwidth that can be had; and when the sampling is too slow for the bandwidth.
     """
-    dt, noise_out = f.dt_s, f.noise_gain * noise_sd
+    dt = f.dt_s
+    noise_out = f.noise_gain * noise_sd
     limit = 100.0 * noise_sd if wanted_K is None else wanted_K
     found = []
     if noise_out > limit:
@@ -229,7 +231,9 @@ def before_use(f: InverseFilter, noise_sd: float, wanted_K: float | None = None)
 
 def filter_report(f: InverseFilter, noise_sd: float, found: Sequence[Finding]) -> BeforeUse:
     """The figures of any digital compensator; ``found``: what is to be said of it first."""
-    dt, chain, gain = f.dt_s, f.chain, f.noise_gain
+    dt = f.dt_s
+    chain = f.chain
+    gain = f.noise_gain
     rows = int(min(max(12 * (chain.lag_s + f.remaining_shift_s) / dt + 20, 64), 400_000))
     fine = max(int(np.ceil(400 / rows)), 1)
     u = np.zeros(rows * fine)
@@ -237,11 +241,10 @@ def filter_report(f: InverseFilter, noise_sd: float, found: Sequence[Finding]) -
     raw = np.asarray(chain.response(u, dt / fine, hold="zoh")[::fine], dtype=np.float64)
     step = np.asarray(scipy.signal.lfilter(f.b, f.a, raw), dtype=np.float64)
     t = np.asarray((np.arange(rows) - 1.0) * dt, dtype=np.float64)
-    freq, wide = (
-        np.geomspace(1e-4, 0.499, 3000) / dt,
-        np.geomspace(1e-4, 1e3, 4000) / max(chain.lag_s, 1e-6),
-    )
-    b, a = np.arange(len(f.b)) @ f.b / np.sum(f.b), np.arange(len(f.a)) @ f.a / np.sum(f.a)
+    freq = np.geomspace(1e-4, 0.499, 3000) / dt
+    wide = np.geomspace(1e-4, 1e3, 4000) / max(chain.lag_s, 1e-6)
+    b = np.arange(len(f.b)) @ f.b / np.sum(f.b)
+    a = np.arange(len(f.a)) @ f.a / np.sum(f.a)
     late = [look("inverse.dead_time")] if chain.delay_s > 0 or chain.zero_s < 0 else []
     return BeforeUse(
         noise_gain=gain,

@@ -19,21 +19,21 @@ from tcdyn.compensate.states import prior
 
 Array = NDArray[np.float64]
 QUIET, RESTLESS, JUMPED, BURST = range(4)  # what may be going on at a sample
-KINKS_S, JUMPS_S, BURSTS_S = (
-    60.0,
-    3600.0,
-    20.0,
-)  # between two jumps of slope, of temperature, two bursts, on average
-BURST_FOR_S, LONGEST_BURST_S, RESTLESS_LAGS = 0.12, 0.4, 8.0  # how long they last, on the average
-BURST_NOISES, BURST_LEAK_S, BURST_WALK = (
-    12.0,
-    0.3,
-    0.2,
-)  # sd of an offset in noises; it fades, and walks by its share
-SLOPE_NOISES, SLOPE_QUIETS = (
-    200.0,
-    2.0,
-)  # sd of a jump of slope: noises, or quiet wanders of the slope, in a lag
+# between two jumps of slope, of temperature, two bursts, on average
+KINKS_S = 60.0
+JUMPS_S = 3600.0
+BURSTS_S = 20.0
+# how long they last, on the average
+BURST_FOR_S = 0.12
+LONGEST_BURST_S = 0.4
+RESTLESS_LAGS = 8.0
+# sd of an offset in noises; it fades, and walks by its share
+BURST_NOISES = 12.0
+BURST_LEAK_S = 0.3
+BURST_WALK = 0.2
+# sd of a jump of slope: noises, or quiet wanders of the slope, in a lag
+SLOPE_NOISES = 200.0
+SLOPE_QUIETS = 2.0
 LEVEL_JUMP = (
     0.1,
     1.0,
@@ -46,14 +46,12 @@ IMPOSSIBLE = 6.0  # standard deviations of the prediction in a burst: no reading
 MOST_OPENED = (
     5.0  # doublings of the jumps of slope and temperature, once a burst lasts too long to be one
 )
-BEND_LAGS, BEND_SHARE = (
-    0.25,
-    0.5,
-)  # an answer behind may smooth away this share of its bends over so many lags
-BURST_LIKELY, LEAST_DOUBT = (
-    0.05,
-    0.04,
-)  # where a burst is likely so, the others are doubted by no more: weights
+# an answer behind may smooth away this share of its bends over so many lags
+BEND_LAGS = 0.25
+BEND_SHARE = 0.5
+# where a burst is likely so, the others are doubted by no more: weights
+BURST_LIKELY = 0.05
+LEAST_DOUBT = 0.04
 SHOWN = 0.2  # share of a step of the junction that stands in the readings after the time over which their range counts
 TINY = 1e-3  # noises
 LONGEST_BLOCK = 8  # samples taken at once: more cost more than they spare
@@ -132,7 +130,8 @@ class LiveSmoother:
         begun = np.zeros(scatter.shape[:3])
         begun[:, BURST, first] = (BURST_NOISES * noise) ** 2
         for moved, share, settling in zip((RESTLESS, JUMPED), LEVEL_JUMP, SETTLING):
-            begun[:, moved, 0], begun[:, moved, 1] = (share * jump * lags) ** 2, jump**2
+            begun[:, moved, 0] = (share * jump * lags) ** 2
+            begun[:, moved, 1] = jump**2
             scatter[:, moved, [0, 1], [0, 1]] += (
                 settling**2 * begun[:, moved, :2] * (dt_s / lags)[:, None]
             )
@@ -144,7 +143,8 @@ class LiveSmoother:
         np.fill_diagonal(switch, 0.0)
         np.fill_diagonal(switch, 1 - switch.sum(axis=1))
         every = max(round(PARTED_LAGS * lags.mean() / dt_s), 1)
-        steps, rows = steps[:, None], rows[:, None]
+        steps = steps[:, None]
+        rows = rows[:, None]
         bend = min(round(BEND_LAGS * lags.mean() / dt_s), lag_samples // 2)
         asked = lag_samples - bend * np.arange(3)
         blocks = tuple(
@@ -182,17 +182,17 @@ class LiveSmoother:
                 f"live smoother: the first sample must have {len(self.sensors)} finite temperatures; got {first}",
                 remedy="start at the first complete row",
             )
-        m, n, lag = len(first), self.rows.shape[-1], self.lag_samples
+        m = len(first)
+        n = self.rows.shape[-1]
+        lag = self.lag_samples
         mean, cov, var = (np.zeros((m, BURST + 1, *k)) for k in ((n + lag,), (n + lag, n), (lag,)))
         cov[:, :, :n] = self.before[:, None]
         for i, (s, y, sd, q) in enumerate(zip(self.sensors, first, self.noise_sd, self.intensity)):
             own = len(s.output)
             mean[i, :, :own], here, _ = prior(s, y, 10 * sd, self.dt_s, np.array([q]))
             mean[i, :, n:], var[i], cov[i, :, :own, :own] = y, here[0, 0, 0], here[0]
-        weight, recent = (
-            np.tile(np.eye(BURST + 1)[QUIET], (m, 1)),
-            np.tile(first, (self.window + lag + 1, 1)),
-        )
+        weight = np.tile(np.eye(BURST + 1)[QUIET], (m, 1))
+        recent = np.tile(first, (self.window + lag + 1, 1))
         return LiveState(
             mean, cov, var, weight, recent, np.zeros(m), np.tile(first, (2 * self.bend, 1))
         )
@@ -201,13 +201,18 @@ class LiveSmoother:
         self, state: LiveState, chunk: ArrayLike
     ) -> tuple[LiveState, Array, Array, NDArray[np.uint8]]:
         """Temperature [degC] and sd [K] (N, M), lagged, and the flags of the samples of ``chunk (N, M)`` [degC]."""
-        y, n, m = np.asarray(chunk, dtype=float), self.rows.shape[-1], len(self.sensors)
+        y = np.asarray(chunk, dtype=float)
+        n = self.rows.shape[-1]
+        m = len(self.sensors)
         known = np.concatenate(
             [state.cov, state.mean[..., None], np.zeros((*state.mean.shape, 1))], axis=-1
         )
         known[..., n:, -1] = state.var
-        weight, held, found = state.weight, state.held, [np.empty((6, m, BURST + 1, 0))]
-        k, longest = 0, LONGEST_BURST_S / self.dt_s
+        weight = state.weight
+        held = state.held
+        found = [np.empty((6, m, BURST + 1, 0))]
+        k = 0
+        longest = LONGEST_BURST_S / self.dt_s
         while k < len(y):
             left = self.every - (state.done + k) % self.every
             if left == self.every:
@@ -251,22 +256,23 @@ class LiveSmoother:
         hypothesis explains the sample. All that is not yet known (see ``Block``; then the last temperatures) has one
         joint covariance; the Cholesky factor of the readings' part tells what each adds to those before it.
         """
-        q, n = len(y), self.rows.shape[-1]
+        q = len(y)
+        n = self.rows.shape[-1]
         block = self.blocks[q - 1]
         near = block.effects[0] @ (known[..., :n, :] @ block.back) + self._noise(block, held)
         near[..., -1 - q] = near[..., block.row, block.column]
         joint = np.concatenate([near[..., :-q], known[..., n:, :] @ block.back[..., :-q]], axis=-2)
-        pulls, spread = (
-            joint[..., :q],
-            near[..., :q, :q] + self.after_var[:, None, None, None] * block.eye,
-        )
+        pulls = joint[..., :q]
+        spread = near[..., :q, :q] + self.after_var[:, None, None, None] * block.eye
         nu = y.T[:, None] - near[..., :q, n + q]
         seen = np.isfinite(y).T[:, None]
         skipped = np.zeros_like(seen)
         while True:
             if not seen.all():
-                use, both = seen[..., None, :], seen[..., None, :] & seen[..., None]
-                pulls, spread = np.where(use, pulls, 0.0), np.where(both, spread, block.eye)
+                use = seen[..., None, :]
+                both = seen[..., None, :] & seen[..., None]
+                pulls = np.where(use, pulls, 0.0)
+                spread = np.where(both, spread, block.eye)
                 nu = np.where(seen, nu, 0.0)
             root = np.linalg.cholesky(spread)
             inverse = np.linalg.inv(root).swapaxes(-1, -2)
@@ -301,7 +307,8 @@ class LiveSmoother:
 
     def _merged(self, known: Array, weight: Array) -> tuple[Array, Array]:
         """The same before the next sample, where each hypothesis may give way to another."""
-        n, first = self.rows.shape[-1], len(self.sensors[0].output)
+        n = self.rows.shape[-1]
+        first = len(self.sensors[0].output)
         joint = weight[:, :, None] * self.switch
         weight = joint.sum(axis=1)
         share = (joint / weight[:, None]).swapaxes(1, 2)  # (M, to, from)
@@ -341,7 +348,8 @@ class LiveSmoother:
         may be smoothed away. Last, the next ``past``.
         """
         mean, *later = (weight * x).sum(axis=-1)
-        series, n = np.concatenate([past.reshape(-1, mean.shape[1]), mean]), len(mean)
+        series = np.concatenate([past.reshape(-1, mean.shape[1]), mean])
+        n = len(mean)
         five = np.stack([series[:n], series[self.bend : self.bend + n], mean, *later])
         doubt = np.where(
             weight[..., BURST:] > BURST_LIKELY, np.maximum(weight, LEAST_DOUBT), weight
@@ -349,7 +357,8 @@ class LiveSmoother:
         var = (doubt * (np.maximum(var, 0.0) + (x[0] - mean[..., None]) ** 2)).sum(axis=-1)
         bends = (np.diff(five, n=2, axis=0) ** 2).sum(axis=0)
         var += BEND_SHARE**2 * np.maximum(bends - var, 0.0)  # noise bends, too
-        size, origin = len(recent) - n, -((len(recent) - n) // 2)
+        size = len(recent) - n
+        origin = -((len(recent) - n) // 2)
         ranges = (
             f(recent, size, axis=0, origin=origin) for f in (minimum_filter1d, maximum_filter1d)
         )
@@ -377,7 +386,8 @@ def live_before_use(engine: LiveSmoother, chains: Sequence[Chain]) -> BeforeUse:
     _, x, _, _ = engine.run(engine.start(np.zeros(len(chains))), y)
     pulses = x[rows:] / (TINY * engine.noise_sd)
     worst = int(np.argmax(np.sum(pulses**2, axis=0) * engine.noise_sd**2))
-    chain, one = chains[worst], np.array([1.0])
+    chain = chains[worst]
+    one = np.array([1.0])
     f = InverseFilter(
         pulses[:, worst], one, dt, np.nan, chain.delay_s + engine.lag_samples * dt, chain
     )

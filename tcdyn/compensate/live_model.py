@@ -119,7 +119,8 @@ def with_noise(s: Sensor, path: Sensor, leak_s: float, dt_s: float) -> tuple[Arr
     passes.
     """
     keep = np.r_[0, 2 : len(path.output)]
-    drift, row = path.drift[np.ix_(keep, keep)], path.output[keep]
+    drift = path.drift[np.ix_(keep, keep)]
+    row = path.output[keep]
     held: Array = np.zeros((len(s.output) + len(keep),) * 2)
     if np.any(row[1:]):
         stages = solve_continuous_lyapunov(drift[1:, 1:], -np.outer(drift[1:, 0], drift[1:, 0]))

@@ -34,7 +34,8 @@ def knots_for(
 
     The first lies before the first sample by the longest dead time, a multiple of dt.
     """
-    dt, total = stretch.dt_s, len(stretch.y)
+    dt = stretch.dt_s
+    total = len(stretch.y)
     end = (total - 1) * dt
     start = -float(np.ceil(max(s.delay_s for s in stretch.sensors) / dt - 1e-9)) * dt
     times = [np.linspace(start, end, max(int((end - start) / 1.0), 8))]
@@ -62,10 +63,14 @@ def _knots(begin: int, dt_s: float, stops_s: Sequence[float], most: NDArray[np.i
     ``most`` (from ``begin`` on): place in ``STEPS`` of the longest cell wanted from a sample on; cells grow by at most
     a half from one to the next.
     """
-    knots, index, size, longest = [begin * dt_s], begin, len(STEPS) - 1, most.tolist()
+    knots = [begin * dt_s]
+    index = begin
+    size = len(STEPS) - 1
+    longest = most.tolist()
     for number, stop in enumerate(stops_s, start=1):
         if number > 1:
-            index, size = int(np.floor(knots[-1] / dt_s + 1 + 1e-6)), 0
+            index = int(np.floor(knots[-1] / dt_s + 1 + 1e-6))
+            size = 0
             knots.append(index * dt_s)
         while index * dt_s < stop - 1e-6 * dt_s:
             size = min(size + 1, longest[index - begin])
@@ -85,7 +90,9 @@ def pieces(
 
     What lies between is ``SETTLING`` times the memory of the slowest channel, in time with samples of all channels.
     """
-    count, size, dt = len(knots) - 1, PIECE, stretch.dt_s
+    count = len(knots) - 1
+    size = PIECE
+    dt = stretch.dt_s
     if count <= 2 * size:
         yield 0, 0, count, count
         return
@@ -98,8 +105,10 @@ def pieces(
         after = np.searchsorted(told, told[at[edges[1:]]] + rows)
         low = np.searchsorted(at, np.maximum(before, 0), side="right") - 1
         high = np.searchsorted(at, np.minimum(after, len(stretch.y)))
-        low[0], high[-1] = 0, count
-        low, high = np.clip(low, 0, edges[:-1]), np.clip(high, edges[1:], count)
+        low[0] = 0
+        high[-1] = count
+        low = np.clip(low, 0, edges[:-1])
+        high = np.clip(high, edges[1:], count)
         if len(edges) == 2 or max(np.max(edges[:-1] - low), np.max(high - edges[1:])) <= size:
             yield from zip(*(column.tolist() for column in (low, edges[:-1], edges[1:], high)))
             return

@@ -22,7 +22,13 @@ from tcdyn.chain.bursts import made_white, noise_and_white
 from tcdyn.chain.noise import LoggerNoise
 from tcdyn.compensate.levels import Intensity
 
-GOOD, MISSING, SPIKE, STUCK, SATURATED, IMPLAUSIBLE = 0, 1, 2, 4, 8, 16  # bits of ``flags``
+# bits of ``flags``
+GOOD = 0
+MISSING = 1
+SPIKE = 2
+STUCK = 4
+SATURATED = 8
+IMPLAUSIBLE = 16
 LEAST_GOOD = 8  # samples
 STEADY_NOISES = 10.0  # standard deviations of the noise that a steady record ranges over at least
 FEW_IMPLAUSIBLE = 0.01  # share of a trace that the rule for spikes finds by itself
@@ -81,7 +87,9 @@ def stretch_of(
     noise: Array = np.full(
         m, [trace_noise_sd(x) for x in each] if noise_sd is None else noise_sd, dtype=float
     )
-    flags, folded_u, coloured = np.stack([_flags(x) for x in each], axis=1), np.zeros(m), False
+    flags = np.stack([_flags(x) for x in each], axis=1)
+    folded_u = np.zeros(m)
+    coloured = False
     flags[implausible] = IMPLAUSIBLE
     step = np.array([rounding_sd(x) for x in each])
     rounded = np.where((step >= noise) & (noise_sd is None), step, 0.0)
@@ -99,11 +107,10 @@ def stretch_of(
             )
     for filter_ in dict.fromkeys(c.conditioning for c in listed):
         own = [c for c in range(m) if listed[c].conditioning == filter_]
-        good, group = flags[:, own] == GOOD, [listed[c] for c in own]
-        rule, x = (
-            SPIKES["compensator"].behind(min(c.lag_s for c in group) / dt_s),
-            np.where(good, data[:, own], np.nan),
-        )
+        good = flags[:, own] == GOOD
+        group = [listed[c] for c in own]
+        rule = SPIKES["compensator"].behind(min(c.lag_s for c in group) / dt_s)
+        x = np.where(good, data[:, own], np.nan)
         if noise_sd is None:
             told, [(data[:, own], moved)] = noise_and_white(
                 [x], [dt_s], filter_, noise[own], group, rule
@@ -122,7 +129,8 @@ def stretch_of(
             listed[c] = told.behind(listed[c])
     for flag, name in zip(flags.T, called):
         if (still := flag & (STUCK | SATURATED) != 0).any():
-            percent, first = 100 * float(np.mean(still)), int(np.argmax(still))
+            percent = 100 * float(np.mean(still))
+            first = int(np.argmax(still))
             found.append(look("trace.stuck", subject=name, percent=percent, first_sample=first))
         elif (bad := float(np.mean(flag != GOOD))) > 0.01:
             found.append(by_share(bad, "trace.bad", subject=name, percent=100 * bad))
@@ -194,7 +202,8 @@ def _flags(y: Array) -> NDArray[np.uint8]:
     index = np.flatnonzero(flags == GOOD)
     if len(index) >= SPIKES["compensator"].width:
         trace = y[index]
-        runs, stop = long_runs(trace), (trace == trace.max()) | (trace == trace.min())
+        runs = long_runs(trace)
+        stop = (trace == trace.max()) | (trace == trace.min())
         flags[index] = np.where(runs, np.where(stop, SATURATED, STUCK), GOOD)
     return flags
 

@@ -24,10 +24,9 @@ from tcdyn.compensate.states import Smoothed, all_cells, smoothed
 from tcdyn.compensate.sweep import swept
 from tcdyn.threads import one_blas_thread
 
-FREEDOM, REWEIGHTINGS = (
-    4.0,
-    4,
-)  # of Student's t; the fourth reweighting moves nothing by a tenth of the sd
+# of Student's t; the fourth reweighting moves nothing by a tenth of the sd
+FREEDOM = 4.0
+REWEIGHTINGS = 4
 DIFFERENCE = 4.0  # longer cells than an answer's tell what two answers differ by
 MARGIN = 12.0  # corner periods (1/rad) beyond a window that are smoothed along with it: exp(-12) of an end is left
 
@@ -82,7 +81,8 @@ def smooth(
     stretch = (
         y if isinstance(y, Stretch) else stretch_of(y, dt_s, chains, events_s, noise_sd, names)
     )
-    start_var, known = stretch.noise_sd**2, stretch.noise_known
+    start_var = stretch.noise_sd**2
+    known = stretch.noise_known
     u_s = np.broadcast_to(np.asarray(event_u_s, dtype=float), len(events_s)).tolist()
     if intensity is None:
         chosen, noise_var = choose(stretch, start_var, known)
@@ -92,35 +92,34 @@ def smooth(
             if isinstance(intensity, Sequence | np.ndarray)
             else [intensity] * len(start_var)
         )
-        chosen, noise_var = (
-            [q if isinstance(q, Intensity) else Intensity.constant(q) for q in listed],
-            start_var,
-        )
+        chosen = [q if isinstance(q, Intensity) else Intensity.constant(q) for q in listed]
+        noise_var = start_var
     if not (np.isfinite(noise_var) & (noise_var > 0)).all():
         lag_s = max(c.lag_s for c in stretch.chains)
         raise InputError(
             f"the noise cannot be estimated: rows every {stretch.dt_s:.4g} s are too slow for a lag of {lag_s:.4g} s",
             expected="several rows in one lag",
         )
-    told, fit = dict(zip(map(float, events_s), u_s)), smoothed(stretch, noise_var, chosen)
+    told = dict(zip(map(float, events_s), u_s))
+    fit = smoothed(stretch, noise_var, chosen)
     events = {at: told[at] for at in stretch.events_s}
     # Beside a bend or in quick motion the rule of medians is blind to spikes: now they are judged against the answer
-    rule, w = SPIKES["answer"], stretch.weight
+    rule = SPIKES["answer"]
+    w = stretch.weight
     far = (np.abs(stretch.y - fit.read) > rule.sigmas * np.sqrt(noise_var)) & (w > 0)
     crowd = np.stack(
         [np.convolve(column, np.ones(rule.width), mode="same") for column in far.T], axis=1
     )
     if (spikes := far & (crowd <= rule.longest)).any():
-        flags, w = (
-            stretch.flags | np.where(spikes, SPIKE, 0).astype(np.uint8),
-            np.where(spikes, 0.0, w),
-        )
+        flags = stretch.flags | np.where(spikes, SPIKE, 0).astype(np.uint8)
+        w = np.where(spikes, 0.0, w)
         straight = np.stack([bridged(x, kept > 0) for x, kept in zip(stretch.y.T, w.T)], axis=1)
         fit = smoothed(replace(stretch, y=straight, weight=w, flags=flags), noise_var, chosen)
     hidden: list[Hidden] = []
     if intensity is None and (not events_s if find_events is None else find_events):
         fit, hidden = with_hidden(fit, start_var, known)
-        chosen, noise_var = list(fit.chosen), fit.noise_var
+        chosen = list(fit.chosen)
+        noise_var = fit.noise_var
     for _ in range(REWEIGHTINGS if heavy_tails else 0):
         student = (FREEDOM + 1) / (
             FREEDOM + (stretch.y - fit.read) ** 2 / noise_var
@@ -129,7 +128,8 @@ def smooth(
         fit = smoothed(replace(fit.stretch, weight=weight), noise_var, chosen)
     for found in hidden:
         fit = averaged(fit, found)
-    sd, static_u = fit.sd, np.hypot(0.0 if static_u is None else static_u, stretch.folded_u_K)
+    sd = fit.sd
+    static_u = np.hypot(0.0 if static_u is None else static_u, stretch.folded_u_K)
     doubts = tuple(_by_event(fit, event, u) for event, u in events.items() if u > 0)
     for moved in doubts:
         sd = np.hypot(sd, moved)
@@ -164,7 +164,8 @@ def smooth(
 
 def _by_event(fit: Smoothed, event_s: float, u_s: float) -> Array:
     """Half the change of the answer (N, M) when the event moves from one standard uncertainty early to one late."""
-    stretch, dt = fit.stretch, fit.stretch.dt_s
+    stretch = fit.stretch
+    dt = fit.stretch.dt_s
     time = np.arange(len(stretch.y)) * dt
     ratios = [
         np.array(np.min(q.at(time)) / (var * dt)) for q, var in zip(fit.chosen, fit.noise_var)
@@ -172,8 +173,10 @@ def _by_event(fit: Smoothed, event_s: float, u_s: float) -> Array:
     corner = min(float(corner_rad_s(chain, ratio)) for chain, ratio in zip(stretch.chains, ratios))
     first, last = about(stretch, event_s)
     extra = int(MARGIN / corner / dt)
-    first, last = max(first - extra, 0), min(last + extra, len(time))
-    window, shift = cut_out(stretch, first, last, stretch.events_s), first * dt
+    first = max(first - extra, 0)
+    last = min(last + extra, len(time))
+    window = cut_out(stretch, first, last, stretch.events_s)
+    shift = first * dt
     answers = []
     for to in (event_s - u_s, event_s + u_s):
         events = tuple(sorted(to - shift if e == event_s - shift else e for e in window.events_s))
@@ -260,11 +263,13 @@ def window_covariance(
             f"window_covariance: samples {first} to {last} of {len(data)}",
             expected="a window inside a smoothed record",
         )
-    noise_sd, q = result.noise_sd[channel : channel + 1], result.intensities[channel]
+    noise_sd = result.noise_sd[channel : channel + 1]
+    q = result.intensities[channel]
     least = np.min(q.at(result.time_s[first:last]))
     corner = float(corner_rad_s(chain, np.array(least / (noise_sd[0] ** 2 * dt_s))))
     extra = int(np.ceil((MARGIN / corner + 5 * chain.lag_s) / dt_s))
-    a, b = max(first - extra, 0), min(last + extra, len(data))
+    a = max(first - extra, 0)
+    b = min(last + extra, len(data))
     part = np.where(result.flags[a:b, channel] == 0, data[a:b], np.nan)[:, None]
     own = {
         b.start_s for b in q.bursts if b.slope_sd > 0
@@ -273,15 +278,19 @@ def window_covariance(
         part, dt_s, chain, [e - a * dt_s for e, _ in result.events_s if e not in own], noise_sd
     )
     cells = all_cells(stretch, noise_sd**2, [[q.moved(shift_s=a * dt_s)]])
-    states, t = swept(cells), np.arange(first - a, last - a) * dt_s
+    states = swept(cells)
+    t = np.arange(first - a, last - a) * dt_s
     cell = np.searchsorted(cells.knots_s[:-1], t + 1e-6 * dt_s, side="right") - 1
-    low, count, n = int(cell[0]), int(cell[-1] - cell[0]) + 1, states.mean.shape[2]
+    low = int(cell[0])
+    count = int(cell[-1] - cell[0]) + 1
+    n = states.mean.shape[2]
     between = np.zeros((count, count, n, n))
     for j in range(count - 1, -1, -1):
         between[j, j] = states.cov[low + j, 0]
         if j == count - 1:
             continue
-        across, kept = cells.transition[cells.kind[low + j], 0, 0], states.past[low + j, 0]
+        across = cells.transition[cells.kind[low + j], 0, 0]
+        kept = states.past[low + j, 0]
         ahead = across @ kept @ across.T
         ahead[[0, 1], [0, 1]] += cells.jump_var[low + j + 1, 0, 0]
         gain = np.linalg.lstsq(ahead, across @ kept)[0].T  # quick stages hang on the slow ones
@@ -291,7 +300,8 @@ def window_covariance(
     row[:, 0], row[:, 1] = 1.0, t - cells.knots_s[cell]
     pairs = between[(cell - low)[:, None], (cell - low)[None, :]]
     out = np.einsum("ia,ijab,jb->ij", row, pairs, row, optimize=True)
-    s, d = result.lag_sensitivity[first:last, channel], result.split_K[first:last, channel]
+    s = result.lag_sensitivity[first:last, channel]
+    d = result.split_K[first:last, channel]
     return np.asarray(
         out + np.outer(s, s) * result.lag_covariance[channel, channel] + np.outer(d, d)
     )

@@ -37,7 +37,8 @@ def cells_for(
 
     ``span`` (M,): the ``ranges`` of the whole stretch.
     """
-    dt, total = stretch.dt_s, len(stretch.y)
+    dt = stretch.dt_s
+    total = len(stretch.y)
     keys = np.round(np.column_stack([np.diff(knots) / dt, (knots[:-1] / dt) % 1.0]), 6)
     keys[:, 1] %= 1.0
     _, example, kind = np.unique(keys, axis=0, return_index=True, return_inverse=True)
@@ -48,9 +49,14 @@ def cells_for(
     for c, s in enumerate(stretch.sensors):
         first = np.ceil((knots + s.delay_s) / dt - 1e-6).astype(int)
         low, high = np.clip(first[[0, -1]], 0, total)
-        weight, trace = stretch.weight[low:high, c], stretch.y[low:high, c]
-        n, w, y = len(s.output), np.append(weight / noise_var[c], 0.0), np.append(trace, 0.0)
-        info_c, score_c, rows_c = np.zeros((len(kind), n, n)), np.zeros((len(kind), n)), []
+        weight = stretch.weight[low:high, c]
+        trace = stretch.y[low:high, c]
+        n = len(s.output)
+        w = np.append(weight / noise_var[c], 0.0)
+        y = np.append(trace, 0.0)
+        info_c = np.zeros((len(kind), n, n))
+        score_c = np.zeros((len(kind), n))
+        rows_c = []
         for k, j in enumerate(example):
             if first[j + 1] <= first[j]:
                 continue
@@ -158,15 +164,16 @@ def filtered(cells: Cells) -> Iterator[tuple[Array, ...]]:
     Yields, for all channels and proposals (M, Q): mean before the cell's samples, its step, I + P L, and the surprise
     s - L m.
     """
-    mean, cov = cells.mean0, cells.cov0.copy()
-    eye, rows = (
-        np.eye(cov.shape[-1]),
-        (len(cov), -1, cov.shape[-1]),
-    )  # what all proposals share is one product
+    mean = cells.mean0
+    cov = cells.cov0.copy()
+    # what all proposals share is one product
+    eye = np.eye(cov.shape[-1])
+    rows = (len(cov), -1, cov.shape[-1])
     for j, kind in enumerate(cells.kind):
         cov[..., 0, 0] += cells.jump_var[j, ..., 0]
         cov[..., 1, 1] += cells.jump_var[j, ..., 1]
-        info, back = cells.information[j, :, 0], cells.transition[kind, :, 0].swapaxes(-1, -2)
+        info = cells.information[j, :, 0]
+        back = cells.transition[kind, :, 0].swapaxes(-1, -2)
         gain = (cov.reshape(rows) @ info).reshape(cov.shape) + eye
         surprise = cells.score[j] - mean @ info
         cov = np.linalg.inv(gain) @ cov
@@ -182,7 +189,8 @@ def likelihood(
 ) -> tuple[Array, Array]:
     """Log likelihood (M, Q) at the given noise, and the ratio (M, Q) by which each would scale the noise variance."""
     cells = all_cells(stretch, noise_var, proposals, fine)
-    log_det, quad = np.zeros(cells.mean0.shape[:2]), np.zeros(cells.mean0.shape[:2])
+    log_det = np.zeros(cells.mean0.shape[:2])
+    quad = np.zeros(cells.mean0.shape[:2])
     for (mean, step, gain, surprise), score in zip(filtered(cells), cells.score):
         sign, size = np.linalg.slogdet(gain)
         log_det += np.where(
@@ -243,8 +251,10 @@ def smoothed(
     ``swept``'s way back.
     """
     proposals = [[q] for q in chosen]
-    knots, span = knots_for(stretch, noise_var, proposals, fine), ranges(stretch)
-    (total, batch), count = stretch.y.shape, len(knots) - 1
+    knots = knots_for(stretch, noise_var, proposals, fine)
+    span = ranges(stretch)
+    (total, batch) = stretch.y.shape
+    count = len(knots) - 1
     knot_slope, chi2 = np.empty((2, count, batch))
     at_samples = np.empty((5, total, batch))
     read, read_var = np.zeros((2, total + 1, batch))
@@ -254,8 +264,11 @@ def smoothed(
     for low, first, last, high in pieces(stretch, noise_var, chosen, knots):
         cells = cells_for(stretch, noise_var, proposals, knots[low : high + 1], span)
         found = swept(cells)
-        keep, mean, cov = slice(first - low, last - low), found.mean, found.cov
-        weights, (a, b) = found.weight[keep], np.moveaxis(found.pull[keep], -1, 0)
+        keep = slice(first - low, last - low)
+        mean = found.mean
+        cov = found.cov
+        weights = found.weight[keep]
+        (a, b) = np.moveaxis(found.pull[keep], -1, 0)
         own = weights[..., [0, 1], [0, 1]]
         det = np.maximum(
             np.prod(own, axis=-1) - weights[..., 0, 1] ** 2, 1e-9 * np.prod(own, axis=-1) + 1e-300
@@ -267,7 +280,8 @@ def smoothed(
         for c, kinds in enumerate(cells.rows):
             for where, rows, sample in kinds:
                 kept = (where >= keep.start) & (where < keep.stop)
-                where, sample = where[kept], sample[kept]
+                where = where[kept]
+                sample = sample[kept]
                 read[sample, c] = mean[where, c] @ rows.T
                 read_var[sample, c] = (
                     cov[where, c].reshape(len(where), rows.shape[1] ** 2) @ _squares(rows).T

@@ -65,11 +65,9 @@ def swept(cells: Cells) -> Swept:
     P+ - P+ A' W A P+, of the next, are those given all samples.
     """
     past, shrink, base = _filtered(cells)
-    info, score, across = (
-        cells.information[:, :, 0],
-        cells.score[:, :, 0],
-        cells.transition[:, :, 0],
-    )
+    info = cells.information[:, :, 0]
+    score = cells.score[:, :, 0]
+    across = cells.transition[:, :, 0]
     own, of = np.unique(base, return_inverse=True)  # what has one gain has one of each of these
     step, gain = (across[cells.kind[own]] @ x[own] for x in (shrink, past))
     mean = _means(cells.mean0[:, 0], across[cells.kind], step, gain, info, score, of)
@@ -89,10 +87,13 @@ def swept(cells: Cells) -> Swept:
 
 def _filtered(cells: Cells) -> tuple[Array, Array, NDArray[np.intp]]:
     """P+ and S (J, M, n, n) after each cell's samples, and the first cell (J,) that has its gain."""
-    count, (batch, _, n) = len(cells.kind), cells.mean0.shape
+    count = len(cells.kind)
+    (batch, _, n) = cells.mean0.shape
     past, shrink = np.empty((2, count, batch, n, n))
-    base, ends = np.arange(count), _ends(cells)
-    cov, eye = cells.cov0[:, 0].copy(), np.eye(n)
+    base = np.arange(count)
+    ends = _ends(cells)
+    cov = cells.cov0[:, 0].copy()
+    eye = np.eye(n)
     back = cells.transition[:, :, 0].swapaxes(-1, -2)
     j = 0
     while j < count:
@@ -125,7 +126,8 @@ def _means(
     Not so elsewhere: where little is known yet, that is a difference of large numbers. ``of`` (J,): which of the gains
     and steps a cell has.
     """
-    mean, j = np.empty_like(score), 0
+    mean = np.empty_like(score)
+    j = 0
     mean[0] = start
     for last in [
         *np.flatnonzero(np.diff(of)).tolist(),
@@ -149,9 +151,13 @@ def _back(
 
     Last, the cell (J + 1,) whose W each has. ``of`` (J,): which of the steps and of what is added a cell has.
     """
-    count, (batch, n) = len(of), driven.shape[1:]
-    pull, weight = np.zeros((count + 1, batch, n)), np.zeros((count + 1, batch, n, n))
-    back, held, j = step.swapaxes(-1, -2), np.arange(count + 1), count - 1
+    count = len(of)
+    (batch, n) = driven.shape[1:]
+    pull = np.zeros((count + 1, batch, n))
+    weight = np.zeros((count + 1, batch, n, n))
+    back = step.swapaxes(-1, -2)
+    held = np.arange(count + 1)
+    j = count - 1
     begins = np.searchsorted(of, np.arange(len(step)))
     while j >= 0:
         k = of[j]
@@ -159,7 +165,8 @@ def _back(
         if (
             j - a >= LEAST and j < count - 1 and _close(weight[j], weight[j + 1])
         ):  # one gain down to cell a
-            weight[a:j], held[a:j] = weight[j], j
+            weight[a:j] = weight[j]
+            held[a:j] = j
             pull[a : j + 1] = recursion(
                 back[k], np.concatenate([pull[j + 1][None], driven[a : j + 1][::-1]])
             )[:0:-1]
@@ -187,7 +194,8 @@ def _ends(cells: Cells) -> NDArray[np.intp]:
         while b - a > 1:  # what drifts slowly: no further than from the first of the run
             away = (np.abs(told[a:b] - told[a]) > ALIKE * size[a]).any(axis=1)
             stop = a + int(np.argmax(away)) if away.any() else b
-            ends[a:stop], a = stop - 1, stop
+            ends[a:stop] = stop - 1
+            a = stop
     return ends
 
 
@@ -197,10 +205,12 @@ def recursion(phi: Array, driven: Array) -> Array:
     >>> recursion(np.array([[[0.5]]]), np.ones((4, 1, 1))).ravel().tolist()
     [1.0, 1.5, 1.75, 1.875]
     """
-    x, step = np.ascontiguousarray(driven.swapaxes(0, 1)), 1
+    x = np.ascontiguousarray(driven.swapaxes(0, 1))
+    step = 1
     while step < x.shape[1] and np.abs(phi).max() > 1e-18:
         x[:, step:] += x[:, :-step] @ phi.swapaxes(-1, -2)
-        phi, step = phi @ phi, 2 * step
+        phi = phi @ phi
+        step = 2 * step
     return np.asarray(x.swapaxes(0, 1))
 
 

@@ -56,12 +56,17 @@ def over_window(
             remedy="ask for another length",
         )
     between: dict[str, list[list[float]]] = {}
-    names, means, blocks, shared, by_event = list[str](), list[float](), [], [], []
+    names = list[str]()
+    means = list[float]()
+    blocks = []
+    shared = []
+    by_event = []
     rows = slice(first, last)
     for disk, traces in disks.items():
         found = compensated[disk]
         shared.append(shared_u_K(traces.lines))
-        rate, divided = found.lag_sensitivity[rows].mean(axis=0), found.split_K[rows].mean(axis=0)
+        rate = found.lag_sensitivity[rows].mean(axis=0)
+        divided = found.split_K[rows].mean(axis=0)
         block = np.outer(rate, rate) * found.lag_covariance
         for i, name in enumerate(traces.columns):
             own = window_covariance(

@@ -86,11 +86,10 @@ def map_beta_h(
     Starts in steady state with the first sample. Linear in the share, so each h costs two weighted sums of a bank
     that all of them have in common.
     """
-    shares, hs = (
-        np.atleast_1d(np.asarray(share, dtype=float)),
-        np.atleast_1d(np.asarray(h_W_m2K, dtype=float)),
-    )
-    rates, u = node_rates(drive.dt_s), drive.inputs
+    shares = np.atleast_1d(np.asarray(share, dtype=float))
+    hs = np.atleast_1d(np.asarray(h_W_m2K, dtype=float))
+    rates = node_rates(drive.dt_s)
+    u = drive.inputs
     films = [rim_gains(rim, float(h), points, half_width_m, rates, profile, flux, mesh) for h in hs]
     weights = np.concatenate([g.gains for g in films], axis=1)  # (I, H P, K)
     still = np.concatenate([g.direct for g in films], axis=1)
@@ -122,7 +121,8 @@ def fields_at(
     mesh: Mesh = MESH_IV,
 ) -> Array:
     """Whole fields (len(samples), nr, nz) [degC] at the given samples, node 0 in r being the imposed profile."""
-    rates, at = node_rates(drive.dt_s), np.asarray(samples, dtype=int)
+    rates = node_rates(drive.dt_s)
+    at = np.asarray(samples, dtype=int)
     s = spectrum(rim, h_W_m2K, half_width_m, profile, flux, mesh)
     banks = np.stack([drive.bank(k, rates)[at] for k in range(drive.inputs.shape[1])])  # (I, S, K)
     banks[0] *= share

@@ -14,8 +14,11 @@ from calibration import Array
 from calibration.errors import InputError
 from calibration.stated.flux import FluxProfile
 
-ROUND, ALONG = 4001, 96  # nodes across the track and along rolling, where no closed form is at hand
-LEAST_ON_SURFACE, LEAST_TRIED = 0.99, 0.5
+# nodes across the track and along rolling, where no closed form is at hand
+ROUND = 4001
+ALONG = 96
+LEAST_ON_SURFACE = 0.99
+LEAST_TRIED = 0.5
 HERTZ: Literal["hertz"] = "hertz"
 
 
@@ -37,7 +40,8 @@ class TrackFlux:
         >>> TrackFlux(FluxProfile("flat", shift_m=0.5e-3), 1e-3).below(np.array([-0.5e-3, 0.0, 1.5e-3]))
         array([0.  , 0.25, 1.  ])
         """
-        p, z = self.profile, np.asarray(z_m, dtype=float) - self.profile.shift_m
+        p = self.profile
+        z = np.asarray(z_m, dtype=float) - self.profile.shift_m
         if p.kind == "table":
             line = _table(p.at_m, p.weight)
             ends = np.array(p.at_m)[[0, -1]]

@@ -94,7 +94,8 @@ class Spectrum:
 
 def outer_source(rim: Rim, n: int) -> float:
     """Heating rate of the outermost of ``n`` nodes by a unit flux, alpha (R_o + dr/2) 2/(K R_o dr) [K/s per W/m2]."""
-    ro, dr = rim.outer_radius_m, rim.thickness_m / (n - 1)
+    ro = rim.outer_radius_m
+    dr = rim.thickness_m / (n - 1)
     return rim.diffusivity_m2_s * (ro + dr / 2) * 2 / (rim.conductivity_W_mK * ro * dr)
 
 
@@ -123,7 +124,10 @@ def spectrum(
 
     Two inputs more where the air has three temperatures (``split``).
     """
-    n, ri, ro, alpha = mesh.nr, rim.inner_radius_m, rim.outer_radius_m, rim.diffusivity_m2_s
+    n = mesh.nr
+    ri = rim.inner_radius_m
+    ro = rim.outer_radius_m
+    alpha = rim.diffusivity_m2_s
     dr = rim.thickness_m / (n - 1)
     r = ri + dr * np.arange(1, n)  # node 0 carries the imposed profile
     half = r - dr / 2
@@ -132,7 +136,8 @@ def spectrum(
     outer = outer_source(rim, n)
     diagonal[-1] += outer * h
     lam_r, v, scale = _modes(diagonal, np.asarray(alpha / dr**2 * half[1:]), weight)
-    first, last = v[0] * scale[0], v[-1] * scale[-1]
+    first = v[0] * scale[0]
+    last = v[-1] * scale[-1]
     inner = (
         alpha * half[0] / (r[0] * dr**2)
     )  # heating rate of node 1 by a unit temperature of node 0
@@ -164,7 +169,10 @@ def _axial(
     rim: Rim, half_width: float, profile: Profile, flux: Flux, mesh: Mesh
 ) -> tuple[Array, Array, Array, Array]:
     """z-modes, nodal shapes (nz, n), forcings (S, n) and the boundary's shapes (k + 2, nz): nothing here knows h."""
-    n, w, alpha, k = mesh.nz, rim.width_m, rim.diffusivity_m2_s, rim.conductivity_W_mK
+    n = mesh.nz
+    w = rim.width_m
+    alpha = rim.diffusivity_m2_s
+    k = rim.conductivity_W_mK
     dz = w / (n - 1)
     ends = np.zeros(n)
     ends[[0, -1]] = 1.0
@@ -235,11 +243,14 @@ def profile_basis(
 
     if kind not in ("modal", "quadratic", "quartic"):
         raise InputError(f"profile {kind!r} is unknown", expected="quadratic, quartic or modal")
-    free, seen = lowest, reading @ lowest
+    free = lowest
+    seen = reading @ lowest
     told = list(told_by(tuple(at), width))
     if kind != "modal" and len(told) == 3:
-        free, seen = shapes(z / width), shapes(np.asarray(at) / width)
-    free, seen = free[:, told], seen[:, told]
+        free = shapes(z / width)
+        seen = shapes(np.asarray(at) / width)
+    free = free[:, told]
+    seen = seen[:, told]
     square = seen.shape[0] == seen.shape[1]
     return np.asarray((free @ (np.linalg.inv(seen) if square else np.linalg.pinv(seen))).T)
 
@@ -311,7 +322,8 @@ def rim_gains(
         rim, h_W_m2K, half_width_m, rates.tobytes(), profile, flux, mesh, split_ambient
     )
     read_r, read_z = readings(rim, tuple(points), mesh)
-    at_r, at_z = read_r[:, 1:] @ s.shape_r, read_z @ s.shape_z
+    at_r = read_r[:, 1:] @ s.shape_r
+    at_z = read_z @ s.shape_z
     seen = (at_r[:, :, None] * at_z[:, None, :]).reshape(len(at_r), -1)[:, within]
     gains = np.asarray(np.tensordot(driven[:, None] * seen, weights, 1), dtype=float)
     # what the modes beyond the bank add to the steady answer belongs to its fastest lag
@@ -337,7 +349,8 @@ def _driven(
 ) -> tuple[Spectrum, Any, Array, Array]:
     """What all points have in common: the modes, which M of them the bank holds, their steady amplitudes (I, M) for a
     unit of every input, and their ``cardinal`` weights (M, K), the amplitudes divided by these weights' sums."""
-    s, nodes = spectrum(rim, h, half_width, profile, flux, mesh, split), np.frombuffer(rates)
+    s = spectrum(rim, h, half_width, profile, flux, mesh, split)
+    nodes = np.frombuffer(rates)
     if s.rates.min() < nodes[0]:
         raise InputError(
             f"the rim's slowest mode {s.rates.min():.3g} 1/s is below the bank's lowest {nodes[0]:.3g}",

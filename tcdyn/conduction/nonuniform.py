@@ -85,7 +85,8 @@ def rim_gains_nonuniform(
         )
     mean = float(film.mean())
     s = spectrum(rim, mean, half_width_m, profile, flux, mesh)
-    lam, last = s.rates, surface_weight(rim, mesh.nr)
+    lam = s.rates
+    last = surface_weight(rim, mesh.nr)
     weight = np.ones(mesh.nz)
     weight[[0, -1]] = 0.5
     unit = s.shape_z * np.sqrt(weight)[:, None]
@@ -136,10 +137,8 @@ def cached_gains(
     """``rim_gains``, worked out once: fits come back to the same h, and faults share all but one junction. By ``film``
     two more inputs, both air at the running surface alone; these know nothing of an h that varies ``along`` it."""
     if any(along):
-        h_z, same = (
-            film_along(h_W_m2K, along, mesh.nz),
-            (points, half_width_m, np.array(rates), profile, flux, mesh),
-        )
+        h_z = film_along(h_W_m2K, along, mesh.nz)
+        same = (points, half_width_m, np.array(rates), profile, flux, mesh)
         varied = rim_gains_nonuniform(rim, h_z, *same, basis=FILM_BASIS)
         if not film:
             return varied

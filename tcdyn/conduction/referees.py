@@ -31,7 +31,8 @@ def semi_infinite(
     >>> float(semi_infinite(3e-3, 1.0, 20.0, 160.0, 1.1e-5).round(2))
     93.14
     """
-    x, t = np.asarray(depth_m, dtype=float), np.asarray(time_s, dtype=float)
+    x = np.asarray(depth_m, dtype=float)
+    t = np.asarray(time_s, dtype=float)
     return np.asarray(surface + (start - surface) * erf(x / (2 * np.sqrt(alpha_m2_s * t))))
 
 
@@ -47,10 +48,8 @@ def surface_steady_degC(
 
     Here and below ``h`` is in W/m2K and ``flux`` in W/m2.
     """
-    r, c = (
-        rim.outer_radius_m,
-        rim.conductivity_W_mK / np.log(rim.outer_radius_m / rim.inner_radius_m),
-    )
+    r = rim.outer_radius_m
+    c = rim.conductivity_W_mK / np.log(rim.outer_radius_m / rim.inner_radius_m)
     return float((r * h * ambient_degC + c * inner_degC + r * flux) / (h * r + c))
 
 
@@ -65,7 +64,8 @@ def ring_steady_degC(
 
 def _ring_mode(mu: ArrayLike, r: ArrayLike, inner_m: float) -> Array:
     """Phi(r) = J0(mu r) Y0(mu R_i) - Y0(mu r) J0(mu R_i): zero at the inner radius."""
-    mu, r = np.asarray(mu), np.asarray(r)
+    mu = np.asarray(mu)
+    r = np.asarray(r)
     return np.asarray(j0(mu * r) * y0(mu * inner_m) - y0(mu * r) * j0(mu * inner_m))
 
 
@@ -131,8 +131,12 @@ def product_decay_K(
     (radii, z) [K] above an ambient at zero, with R_i held at zero, film ``h`` [W/m2K] at R_o and the rim's washers at
     both faces; scaled so that Phi_1(R_o) = 1. It is the case that section 3.6.3 says it could not test.
     """
-    inner, outer, w, k = rim.inner_radius_m, rim.outer_radius_m, rim.width_m, rim.conductivity_W_mK
-    mu, nu = ring_roots(inner, outer, h / k, 1)[0], slab_root(rim.washer_W_m2K * w / (2 * k))
+    inner = rim.inner_radius_m
+    outer = rim.outer_radius_m
+    w = rim.width_m
+    k = rim.conductivity_W_mK
+    mu = ring_roots(inner, outer, h / k, 1)[0]
+    nu = slab_root(rim.washer_W_m2K * w / (2 * k))
     phi = _ring_mode(mu, radius_m, inner) / _ring_mode(mu, outer, inner)
     shape = np.cos(2 * nu * (np.asarray(z_m) / w - 0.5))
     return np.asarray(
@@ -159,22 +163,27 @@ class Scheme:
 
 def scheme(rim: Rim, h_W_m2K: float | Array, mesh: Mesh = MESH_IV) -> Scheme:
     """The semi-discrete rim; ``h_W_m2K`` is one number, or one for each z node (nz,)."""
-    m, n = mesh.nr - 1, mesh.nz
-    dr, dz = rim.thickness_m / m, rim.width_m / (n - 1)
-    s, gamma, k = rim.inner_radius_m / dr, (dr / dz) ** 2, rim.conductivity_W_mK
+    m = mesh.nr - 1
+    n = mesh.nz
+    dr = rim.thickness_m / m
+    dz = rim.width_m / (n - 1)
+    s = rim.inner_radius_m / dr
+    gamma = (dr / dz) ** 2
+    k = rim.conductivity_W_mK
     scale = rim.diffusivity_m2_s / dr**2
     j = np.arange(1, m + 1)
-    up, down = (
-        (s + j + 0.5) / (s + j),
-        (s + j - 0.5) / (s + j),
-    )  # (3.30): A and B times 2 (phi + gamma + 1)
-    first, last = np.eye(m)[0] * down[0] * scale, np.eye(m)[-1] * up[-1] * 2 * dr / k * scale
+    # (3.30): A and B times 2 (phi + gamma + 1)
+    up = (s + j + 0.5) / (s + j)
+    down = (s + j - 0.5) / (s + j)
+    first = np.eye(m)[0] * down[0] * scale
+    last = np.eye(m)[-1] * up[-1] * 2 * dr / k * scale
     down[-1] += up[-1]  # (3.31): the node outside the surface is eliminated
     in_r = 2 * np.eye(m) - np.diag(down[1:], -1) - np.diag(up[:-1], 1)
     in_z = gamma * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
     in_z[0, 1] = in_z[-1, -2] = -2 * gamma  # washers: the nodes outside the faces are eliminated
     face = gamma * 2 * dz * rim.washer_W_m2K / k * scale
-    face_d, face_f = np.tile(np.eye(n)[0] * face, m), np.tile(np.eye(n)[-1] * face, m)
+    face_d = np.tile(np.eye(n)[0] * face, m)
+    face_f = np.tile(np.eye(n)[-1] * face, m)
     film = np.kron(
         last, np.broadcast_to(np.asarray(h_W_m2K, dtype=float), n)
     )  # what the film adds to the diagonal
@@ -236,7 +245,8 @@ def explicit_limit_s(rim: Rim, mesh: Mesh) -> float:
     >>> round(explicit_limit_s(Rim.from_setup(load_rig().disk_setup("fast")), Mesh()) * 1e3, 3)   # mesh IV: [ms]
     0.193
     """
-    dr, dz = rim.thickness_m / (mesh.nr - 1), rim.width_m / (mesh.nz - 1)
+    dr = rim.thickness_m / (mesh.nr - 1)
+    dz = rim.width_m / (mesh.nz - 1)
     return 0.5 / (rim.diffusivity_m2_s * (dr**-2 + dz**-2))
 
 

@@ -103,7 +103,8 @@ class Rim:
     @property
     def unseen_z_m(self) -> float | None:
         """Where a further junction would tell what the inner row leaves open along z; None where it tells all [m]."""
-        w, at = self.width_m, np.array(self.boundary_z_m)
+        w = self.width_m
+        at = np.array(self.boundary_z_m)
         if len(told_by(self.boundary_z_m, w)) == 3:
             return None
         return float(max((0.5 * w, *(w - at)), key=lambda z: np.abs(at - z).min()))
@@ -217,7 +218,8 @@ def unscaled_cardinal(rates_per_s: Array, log_lambda: Array) -> tuple[Array, Arr
         np.divide(w, weights, out=weights)
         total = weights @ np.ones(len(x))
     for row in np.flatnonzero(~np.isfinite(total)):  # exactly on a node
-        weights[row], total[row] = np.arange(len(x)) == np.argmin(np.abs(scaled[row] - x)), 1.0
+        weights[row] = np.arange(len(x)) == np.argmin(np.abs(scaled[row] - x))
+        total[row] = 1.0
     return weights, total
 
 
@@ -288,7 +290,8 @@ def bank_means(
     u = np.append(u, u[-1])
     rise, ramp = hold_weights(rates * dt_s)
     driven, decay = np.empty((2, len(lengths) + 1, len(rates)))
-    driven[0], decay[0] = u[0], 0.0
+    driven[0] = u[0]
+    decay[0] = 0.0
     for m in np.unique(lengths).tolist():
         same = np.flatnonzero(lengths == m)
         driven[same + 1] = u[at[same, None] + np.arange(m + 1)] @ _driving(m, dt_s, rates.tobytes())

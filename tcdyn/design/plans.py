@@ -69,7 +69,8 @@ def predict_plunges(
     layout = PlungeParameters(len(plans), setup.channels, structure)
     chosen = find_correlation(correlation)
     planned = [_planned(plan, setup.channels) for plan in plans]
-    starts, baths = [p.initial_degC for p in plans], [p.bath_degC for p in plans]
+    starts = [p.initial_degC for p in plans]
+    baths = [p.bath_degC for p in plans]
     mean, sd = full_prior(
         layout, priors or PlungePriors(), [run for run, _ in planned], starts, baths, chosen, setup
     )
@@ -80,10 +81,9 @@ def predict_plunges(
     problem = PlungeProblem(models, layout, mean, sd, noise)
     rng = np.random.default_rng(0)
     covariances = [] if draws > 1 else [covariance(problem.evaluate(nominal)[1], sd)]
-    lag, known = (
-        layout.mask("lag"),
-        ~np.isfinite(sd) | layout.mask("initial"),
-    )  # the readings tell where it began
+    # the readings tell where it began
+    lag = layout.mask("lag")
+    known = ~np.isfinite(sd) | layout.mask("initial")
     for _ in range(draws if draws > 1 else 0):
         drawn = np.clip(rng.standard_normal(layout.size), -MOST_SDS, MOST_SDS)
         theta = nominal + np.where(known, 0.0, sd) * drawn
@@ -192,7 +192,8 @@ def predict_step(plan: StepPlan, setup: DiskSetup, *, lag_s: float = 0.65) -> Pr
             theta, [n, n + 5, n + 5 + p]
         )
         power, rows = parts(float(ln_h), float(ln_k), *map(float, depths))
-        power, row = power * (1 + ln_power), rows.sum(axis=0)
+        power = power * (1 + ln_power)
+        row = rows.sum(axis=0)
         # a step that comes late, or an inner reading taken for less lagged than it is, is a shift in time
         shift = -instant * power + np.tensordot(lags[inner] - lag_s, rows, axes=1)
         out = np.gradient(chained(shift), dt, axis=0) + offsets

@@ -13,12 +13,15 @@ from calibration import Array
 from tcdyn.fitting.noise import Noise
 from tcdyn.fitting.problem import inverse
 
-GRID, ZOOMS = (12, 8), 4  # nodes of time constant and gain, times the box may be drawn closer
-DEEP, CLOSER = (
-    6.0,
-    0.7,
-)  # drop of ln likelihood that the box holds; its least gain, of its area, for another time
-SHORTEST, LONGEST = 0.7, 10.0  # time constants: in samples, in records
+# nodes of time constant and gain, times the box may be drawn closer
+GRID = (12, 8)
+ZOOMS = 4
+# drop of ln likelihood that the box holds; its least gain, of its area, for another time
+DEEP = 6.0
+CLOSER = 0.7
+# time constants: in samples, in records
+SHORTEST = 0.7
+LONGEST = 10.0
 OUTLASTS = 0.8  # probability of those beyond the record, random walks to it: that noise comes back must be in the data
 GAIN = (-9.0, 5.0)  # logit of the Kalman gain: from hardly any disturbance to nothing but it
 
@@ -28,7 +31,8 @@ def noise_of(log_tau: float, logit_gain: float) -> Noise:
 
     a = exp(-1/tau), tau in samples. Such noise has never less power at low frequencies than at high ones.
     """
-    a, k = float(np.exp(-np.exp(-log_tau))), float(expit(logit_gain))
+    a = float(np.exp(-np.exp(-log_tau)))
+    k = float(expit(logit_gain))
     return Noise((-a,), (-a * (1 - k),), averaged=True)
 
 
@@ -52,8 +56,10 @@ class Slopes:
         """
         table = noise.whiten(np.column_stack([self.jacobian, self.residual]), self.parts)
         factor = np.asarray(np.linalg.qr(np.vstack([table, self.prior]), mode="r"))
-        p, n = len(self.size), len(self.residual)
-        upper, free = factor[:p, :p], p - self.drifts
+        p = len(self.size)
+        n = len(self.residual)
+        upper = factor[:p, :p]
+        free = p - self.drifts
         rest = float(factor[-1, -1] ** 2) + 1e-300
         seen = np.isfinite(self.size[:free])
         volume = 2 * float(np.sum(np.log(np.abs(np.diag(upper))[:free][seen] + 1e-12)))
@@ -107,7 +113,8 @@ class NoiseGrid:
         All gains from 0 to 1 are alike probable, and so are logarithms of the time constant within the record, and
         beyond it; the others are each as probable as all first-order noises together.
         """
-        n, gain = len(slopes.residual), expit(self.places[:, 1])
+        n = len(slopes.residual)
+        gain = expit(self.places[:, 1])
         walks = self.places[:, 0] > np.log(n)
         density = np.where(walks, OUTLASTS / np.log(LONGEST), (1 - OUTLASTS) / np.log(n / SHORTEST))
         prior = np.prod(np.ptp(self.box, axis=1)) / len(self.nodes) * density * gain * (1 - gain)

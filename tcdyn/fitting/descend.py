@@ -16,7 +16,8 @@ from tcdyn.fitting.problem import Optimum, Problem, Status, inverse
 Loss = Literal["linear", "huber", "bisquare"]
 TUNING = {"huber": 1.345, "bisquare": 4.685}  # 95 % efficiency for normal noise
 TRIALS = 12  # dampings tried before a step is given up
-REWEIGHTINGS, SETTLED = 25, 1e-6
+REWEIGHTINGS = 25
+SETTLED = 1e-6
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,8 @@ def minimise(
         return found
     for kind in ("huber", "bisquare") if loss == "bisquare" else ("huber",):
         for _ in range(REWEIGHTINGS):
-            weights, before = weights_of(found.residual, kind), found.theta
+            weights = weights_of(found.residual, kind)
+            before = found.theta
             found = _descend(problem, before, fixed, weights, *search)
             if np.max(np.abs(found.theta - before) / (np.abs(before) + SETTLED)) < SETTLED:
                 break
@@ -142,23 +144,19 @@ def _descend(
             0,
             weights,
         )
-    status, steps, idle, left, second = (
-        Status.STALLED,
-        0,
-        0,
-        False,
-        np.zeros((problem.size, problem.size)),
-    )
+    status = Status.STALLED
+    steps = 0
+    idle = 0
+    left = False
+    second = np.zeros((problem.size, problem.size))
     while steps < limit:
         low = now.theta <= problem.lower
         at_end = np.flatnonzero(low | (now.theta >= problem.upper))
         if len(
             at_end
         ):  # what must stay: bounds whose multipliers the gradient along the free directions asks for
-            normals, push = (
-                directions[at_end].T * np.where(low[at_end], 1.0, -1.0),
-                directions.T @ now.gradient,
-            )
+            normals = directions[at_end].T * np.where(low[at_end], 1.0, -1.0)
+            push = directions.T @ now.gradient
             at_end = at_end[nnls(normals, push / (np.abs(normals.T @ push).max() or 1.0))[0] > 0]
         free = (
             free_directions(np.vstack([rows, np.eye(problem.size)[at_end]]))
@@ -166,12 +164,15 @@ def _descend(
             else directions
         )
         done = Status.AT_BOUND if len(at_end) else Status.CONVERGED
-        slope, curvature = free.T @ now.gradient, free.T @ now.information @ free
+        slope = free.T @ now.gradient
+        curvature = free.T @ now.information @ free
         scale = 1 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
-        slope, curvature = slope * scale, curvature * scale[:, None] * scale
+        slope = slope * scale
+        curvature = curvature * scale[:, None] * scale
         if second.any():
             curvature = _curved(curvature, free.T @ second @ free * scale[:, None] * scale)
-        unit, enough = np.eye(len(slope)), tolerance + relative * now.cost
+        unit = np.eye(len(slope))
+        enough = tolerance + relative * now.cost
         steps += 1
         if idle == 2 and left:
             status = Status.EDGE
@@ -179,9 +180,11 @@ def _descend(
         if idle == 2 or float(slope @ np.linalg.solve(curvature + 1e-13 * unit, slope)) <= enough:
             step = -free @ (scale * np.linalg.solve(curvature + min(damping, 1e-9) * unit, slope))
             last = _state(problem, _inside(now.theta + step, problem, rows), weights)
-            now, status = last if last is not None and last.cost <= now.cost else now, done
+            now = last if last is not None and last.cost <= now.cost else now
+            status = done
             break
-        trial, left = None, False
+        trial = None
+        left = False
         for _ in range(TRIALS):
             step = -free @ (scale * np.linalg.solve(curvature + damping * unit, slope))
             step = step / max(1.0, float(np.max(np.abs(step) / problem.largest)))
@@ -189,13 +192,15 @@ def _descend(
             left |= trial is None
             if trial is not None and trial.cost <= now.cost:
                 break
-            trial, damping = None, max(damping * 10.0, 1e-3)
+            trial = None
+            damping = max(damping * 10.0, 1e-3)
         if trial is None:
             status = Status.EDGE if left else done
             break
         idle = idle + 1 if now.cost - trial.cost <= enough else 0
         second = _learnt(second, now, trial, weights) if secant else second
-        now, damping = trial, max(damping / 8.0, 1e-12)
+        now = trial
+        damping = max(damping / 8.0, 1e-12)
     return Optimum(
         problem,
         now.theta,
@@ -225,7 +230,8 @@ def _learnt(second: Array, before: _State, after: _State, weights: Array | None)
 
     Dennis, Gay and Welsch (1981), An adaptive nonlinear least-squares algorithm, ACM Trans. Math. Softw. 7, 348-368.
     """
-    step, turned = after.theta - before.theta, after.gradient - before.gradient
+    step = after.theta - before.theta
+    turned = after.gradient - before.gradient
     along = float(turned @ step)
     if along <= 0:
         return second
@@ -262,7 +268,8 @@ def _inside(theta: Array, problem: Problem, rows: Array) -> Array | None:
 
     Whatever a bound takes from a combination its other parameters give back, in equal parts for equal weights.
     """
-    value, size = rows @ theta, np.abs(rows) @ np.abs(theta)
+    value = rows @ theta
+    size = np.abs(rows) @ np.abs(theta)
     free = np.any(rows != 0, axis=0)
     for _ in range(problem.size + 1):
         put = np.clip(theta, problem.lower, problem.upper)

@@ -85,7 +85,8 @@ class Noise:
                 level = scipy.signal.lfilter(
                     [1.0, *self.ar], [1.0, *self.ma], np.ones(len(filtered))
                 )
-                shape, shrink = level[:, None] / (np.linalg.norm(level) or 1.0), np.ones(1)
+                shape = level[:, None] / (np.linalg.norm(level) or 1.0)
+                shrink = np.ones(1)
             else:
                 shape, spread = self._begun(len(filtered))
                 shrink = 1 - 1 / np.sqrt(1 + spread)
@@ -114,13 +115,16 @@ def begun(ar: tuple[float, ...], ma: tuple[float, ...], n: int) -> tuple[Array, 
     samples (a random walk's would never end); that of D/C is its negative.
     """
     m = max(len(ar), len(ma))
-    d, c = np.zeros(m), np.zeros(m)
-    d[: len(ar)], c[: len(ma)] = ar, ma
+    d = np.zeros(m)
+    c = np.zeros(m)
+    d[: len(ar)] = ar
+    c[: len(ma)] = ma
     a = np.eye(m, k=1)
     a[:, 0] = -d
     p = np.outer(c - d, c - d)
     for _ in range(30):
-        p, a = p + a @ p @ a.T, a @ a
+        p = p + a @ p @ a.T
+        a = a @ a
     shape = scipy.signal.lfilter([1.0, *d], [1.0, *c], np.zeros((n, m)), axis=0, zi=np.eye(m))[0]
     value, vector = np.linalg.eigh(p)
     left, size, _ = np.linalg.svd(
@@ -136,7 +140,8 @@ def autocovariance(e: Array, parts: Sequence[slice], lags: int) -> tuple[Array, 
     >>> sums.tolist(), pairs.tolist()
     ([4.0, -3.0], [4.0, 3.0])
     """
-    total, pairs = np.zeros(lags + 1), np.zeros(lags + 1)
+    total = np.zeros(lags + 1)
+    pairs = np.zeros(lags + 1)
     for s in parts:
         x = e[s]
         for k in range(min(lags, len(x) - 1) + 1):
@@ -155,7 +160,8 @@ def fit_ar(e: Array, parts: Sequence[slice], max_order: int = 20) -> Noise:
     n = len(e)
     max_order = int(min(max_order, n // 10))
     r = autocovariance(e, parts, max_order)[0] / n
-    best, choice = n * np.log(max(r[0], 1e-300)), Noise()
+    best = n * np.log(max(r[0], 1e-300))
+    choice = Noise()
     for p in range(1, max_order + 1):
         a = solve_toeplitz(r[:p], r[1 : p + 1])
         variance = r[0] - a @ r[1 : p + 1]
@@ -163,7 +169,8 @@ def fit_ar(e: Array, parts: Sequence[slice], max_order: int = 20) -> Noise:
             break
         score = n * np.log(variance) + 2 * p * n / (n - p - 1)
         if score < best:
-            best, choice = score, Noise(ar=tuple((-a).tolist()))
+            best = score
+            choice = Noise(ar=tuple((-a).tolist()))
     return choice
 
 
@@ -178,7 +185,8 @@ def fit_arma(e: Array, parts: Sequence[slice], p: int, q: int) -> Noise:
     if p == 0 and q == 0:
         return Noise()
     innovation = fit_ar(e, parts).whiten(e, parts)
-    rows, targets = [], []
+    rows = []
+    targets = []
     m = max(p, q)
     for s in parts:
         x, w = e[s], innovation[s]
@@ -188,13 +196,16 @@ def fit_arma(e: Array, parts: Sequence[slice], p: int, q: int) -> Noise:
     start = np.linalg.lstsq(np.array(rows), np.array(targets), rcond=None)[0]
 
     def evaluate(x: Array) -> tuple[Array, Array] | None:
-        d, c = np.concatenate([[1.0], x[:p]]), np.concatenate([[1.0], x[p:]])
+        d = np.concatenate([[1.0], x[:p]])
+        c = np.concatenate([[1.0], x[p:]])
         if (p and np.max(np.abs(np.roots(d))) >= 1) or (q and np.max(np.abs(np.roots(c))) >= 1):
             return None
-        r, j = np.zeros(len(e)), np.zeros((len(e), p + q))
+        r = np.zeros(len(e))
+        j = np.zeros((len(e), p + q))
         for s in parts:
             w = scipy.signal.lfilter(d, c, e[s])
-            past_e, past_w = scipy.signal.lfilter([1.0], c, e[s]), scipy.signal.lfilter([1.0], c, w)
+            past_e = scipy.signal.lfilter([1.0], c, e[s])
+            past_w = scipy.signal.lfilter([1.0], c, w)
             r[s] = w
             for i in range(p):
                 j[s, i] = np.concatenate([np.zeros(i + 1), past_e[: -i - 1]])
@@ -251,7 +262,9 @@ def equation_error(
     own = colour(x)
     step = 1e-6 * np.maximum(np.abs(x), 1e-9)
     slopes = [(colour(x + step * (np.arange(len(x)) == i)) - own) / step[i] for i in moved]
-    w, table, p = np.zeros_like(r), np.zeros_like(j), len(own)
+    w = np.zeros_like(r)
+    table = np.zeros_like(j)
+    p = len(own)
     for k, s in enumerate(parts):
         if k < len(free) and free[k]:
             first = slice(s.start, min(s.start + p, s.stop))

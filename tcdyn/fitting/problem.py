@@ -137,7 +137,8 @@ class Optimum:
         data alone would ask for prior_mean + (theta - prior_mean)/told, told being the share of the prior variance
         that they removed.
         """
-        precision, shift = self.problem.precision, self.theta - self.problem.prior_mean
+        precision = self.problem.precision
+        shift = self.theta - self.problem.prior_mean
         told = 1 - np.diag(self.covariance) * precision
         pull = shift * np.sqrt(precision / np.maximum(told, LEAST_TOLD))
         return {n: float(z) for n, z, w in zip(self.problem.names, pull, precision) if w > 0}

@@ -88,7 +88,8 @@ def profile(
             points.append(_Point(number, cost(done), done))
             return True
 
-        offset, stride = 0.0, step
+        offset = 0.0
+        stride = step
         while stride >= LEAST_STEP * step and offset < reach - 1e-9:
             number = centre + side * (offset + stride) * width
             inside = within[0] < number < within[1]
@@ -143,7 +144,8 @@ def crossing(value: Array, deviance: Array, level: float = Z95**2) -> float | No
     1.5
     """
     k = int(np.argmin(deviance))
-    root, wanted = np.sqrt(np.maximum(deviance[k:], 0.0)), np.sqrt(level)
+    root = np.sqrt(np.maximum(deviance[k:], 0.0))
+    wanted = np.sqrt(level)
     beyond = np.flatnonzero(root >= wanted)
     if not len(beyond):
         return None

@@ -33,11 +33,11 @@ def check_causality(problem: Posed, where: str) -> None:
         return
     plain = replace(problem, model=process("P1D", known=problem.model.known))
     n = max(len(s.u) for s in problem.segments)
-    reach, taus = n // 4, [np.geomspace(problem.dt_s, 0.3 * n * problem.dt_s, 8)]
-    ratio, best = (
-        float(taus[0][1] / taus[0][0]),
-        [(-1.0, 0, 0.0)] * 2,
-    )  # r^2, place, lag: ahead of the input, behind it
+    reach = n // 4
+    taus = [np.geomspace(problem.dt_s, 0.3 * n * problem.dt_s, 8)]
+    # r^2, place, lag: ahead of the input, behind it
+    ratio = float(taus[0][1] / taus[0][0])
+    best = [(-1.0, 0, 0.0)] * 2
     for _ in range(REFINED + 1):
         for row in taus:
             score = np.abs(explained(plain, row, reach, reach))
@@ -47,7 +47,8 @@ def check_causality(problem: Posed, where: str) -> None:
         (early, at, _), (late, _, _) = best
         if not (early > 0.3 and 1 - early < 0.7 * (1 - late)):
             return
-        taus, ratio = [tau * np.geomspace(1 / ratio, ratio, 9) for _, _, tau in best], ratio**0.3
+        taus = [tau * np.geomspace(1 / ratio, ratio, 9) for _, _, tau in best]
+        ratio = ratio**0.3
     if not held_output(problem):
         left = 1 - leading(plain)
         trials = np.unique(np.geomspace(3, max(reach - at, 3), 6).astype(int))
@@ -100,7 +101,8 @@ def leading(problem: Posed, ahead: int = 0) -> float:
         )
     table = np.hstack(rows)
     table = table - table.mean(axis=1, keepdims=True)
-    whole, best = float(table[0] @ table[0]), 0.0
+    whole = float(table[0] @ table[0])
+    best = 0.0
     for pair in combinations(range(2, len(table)), 2):
         basis = table[[1, *pair]]
         fitted = basis.T @ np.linalg.lstsq(basis @ basis.T, basis @ table[0], rcond=1e-12)[0]

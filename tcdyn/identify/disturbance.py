@@ -23,7 +23,8 @@ from tcdyn.identify.search import rms, root_of, search
 
 NoiseName = Literal["white", "slow", "ar", "arma", "auto"]
 Baseline = Literal["none", "trend", "walk", "auto"]
-NOISES, BASELINES = ("auto", "white", "slow", "ar", "arma"), ("auto", "none", "trend", "walk")
+NOISES = ("auto", "white", "slow", "ar", "arma")
+BASELINES = ("auto", "none", "trend", "walk")
 ORDERS = ((1, 1), (2, 1), (2, 2))  # of ARMA noise, that are tried
 MOST_AR = 8
 NEAREST = (
@@ -32,18 +33,15 @@ NEAREST = (
 MOST_REFINED = 4  # coefficients that are searched by the restricted likelihood
 DECISIVE = 4.0  # BIC by which a stationary noise must win over a random walk, which claims less
 ROUNDS = 6  # of dynamics given the noise and noise given the dynamics
-MOST_ROUNDS, AGREED = (
-    3,
-    0.05,
-)  # of an averaged fit; standard uncertainties by which they may still move
-LINEAR, FAR = (
-    0.3,
-    5.0,
-)  # move of a logarithm, and in standard uncertainties, that may still be linear
-BESIDE, SPIKE = (
-    15,
-    4.0,
-)  # samples of a running median; its standard deviations, from which one beside it is a spike
+# of an averaged fit; standard uncertainties by which they may still move
+MOST_ROUNDS = 3
+AGREED = 0.05
+# move of a logarithm, and in standard uncertainties, that may still be linear
+LINEAR = 0.3
+FAR = 5.0
+# samples of a running median; its standard deviations, from which one beside it is a spike
+BESIDE = 15
+SPIKE = 4.0
 NEGLIGIBLE = 0.01  # probability, below which a drift is left out
 Estimate = Callable[[Posed, Array, Array], Noise]
 
@@ -61,7 +59,8 @@ def through_model(posed: Posed, x: Array, e: Array) -> Noise:
     poles = np.exp(
         np.concatenate([f.poles for f in g.factors] or [np.zeros(0, dtype=complex)]) * posed.dt_s
     )
-    below, length = np.real(polyfromroots(poles))[::-1], max(len(s.u) for s in posed.segments)
+    below = np.real(polyfromroots(poles))[::-1]
+    length = max(len(s.u) for s in posed.segments)
     pulse = np.zeros(length)
     pulse[1] = posed.input_sd
     ahead = replace(g, delay_s=0.0)  # a dead time changes no spectrum
@@ -90,8 +89,10 @@ def alternate(posed: Posed, optimum: Optimum, estimate: Estimate) -> tuple[Posed
 
     ``estimate`` finds the noise from the problem, its x and its residuals (N,). Robust weights stay as ``optimum`` has
     them, and where the noise is white so does ``optimum``."""
-    begun, root = optimum, root_of(optimum.weights)
-    model, cost = Noise(), np.inf
+    begun = optimum
+    root = root_of(optimum.weights)
+    model = Noise()
+    cost = np.inf
     for _ in range(ROUNDS):
         answer = posed.evaluate(optimum.theta, root)
         assert answer is not None
@@ -113,9 +114,11 @@ def unspiked(posed: Posed, residual: Array) -> Posed:
         [median_filter(residual[s], BESIDE, mode="nearest") for s in posed.parts]
     )
     spikes = np.where(np.abs(apart) > SPIKE * MAD_TO_SD * np.median(np.abs(apart)), apart, 0.0)
-    segments, at = [], 0
+    segments = []
+    at = 0
     for s in posed.segments:
-        y, count = s.y.copy(), int(s.seen.sum())
+        y = s.y.copy()
+        count = int(s.seen.sum())
         y[s.seen] -= spikes[at : at + count]
         segments.append(replace(s, y=y))
         at += count
@@ -138,7 +141,8 @@ def refined(parts: list[slice], e: Array, j: Array, noise: Noise) -> Noise:
     Thompson 1971); residuals alone make slow noise quicker than it is. Coefficients are searched by the areatangent of
     their partial correlations, within which every noise is stable and invertible.
     """
-    free, walks = sum(noise.order), noise.walks
+    free = sum(noise.order)
+    walks = noise.walks
     if not 0 < free <= MOST_REFINED:
         return noise
     p = noise.order[0]
@@ -235,13 +239,13 @@ class Averaged:
         Where the mean lies further off than the problem is linear, as in a direction of which the data tell nothing,
         x stays that given the likeliest noise, and what it is off the mean is uncertainty.
         """
-        posed, core = self.posed, self.posed.core(self.noise, root_of(weights))
-        x, scale, logs = (
-            self.optimum.theta,
-            posed.natural_scale(self.optimum.theta),
-            posed.logarithms,
-        )
-        answer, covariance = core.evaluate(x), self.covariance
+        posed = self.posed
+        core = self.posed.core(self.noise, root_of(weights))
+        x = self.optimum.theta
+        scale = posed.natural_scale(self.optimum.theta)
+        logs = posed.logarithms
+        answer = core.evaluate(x)
+        covariance = self.covariance
         assert answer is not None
         apart = self.mean - plain(posed, x)
         moved = x + np.where(logs, np.log1p(np.clip(apart / scale, -LINEAR, LINEAR)), apart)
@@ -249,7 +253,9 @@ class Averaged:
         there = core.evaluate(moved) if np.all(np.abs(apart / scale)[logs] < LINEAR) else None
         limit = (1 + FAR**2 / posed.n_seen) * float(answer[0] @ answer[0])
         if there is not None and there[0] @ there[0] < limit:
-            x, answer, scale = moved, there, posed.natural_scale(moved)
+            x = moved
+            answer = there
+            scale = posed.natural_scale(moved)
         else:
             covariance = covariance + np.outer(apart, apart)
         here = replace(self.optimum, problem=core, theta=x, residual=answer[0], jacobian=answer[1])
@@ -278,8 +284,10 @@ def slopes(posed: Posed, x: Array, root: Array | float) -> Slopes:
 def averaged(posed: Posed, optimum: Optimum) -> Averaged:
     """``posed`` averaged over first-order disturbances, white noise and what a measured input's leaves, begun at
     ``optimum``, whose robust weights stay."""
-    root, box = root_of(optimum.weights), widest(posed.n_seen)
-    others, begun = [Noise(averaged=True)], posed.evaluate(optimum.theta, root)
+    root = root_of(optimum.weights)
+    box = widest(posed.n_seen)
+    others = [Noise(averaged=True)]
+    begun = posed.evaluate(optimum.theta, root)
     assert begun is not None
     if not (behind := through_model(posed, optimum.theta, begun[0])).white:
         others.append(behind)
@@ -291,7 +299,8 @@ def averaged(posed: Posed, optimum: Optimum) -> Averaged:
         if box is grid.box or np.all(np.abs(step) <= AGREED * np.sqrt(np.diag(covariance))):
             break
         optimum = search(posed, posed.core(noise, root), optimum.theta)
-        posed, box = replace(posed, noise_sd=rms(optimum, posed)), grid.box
+        posed = replace(posed, noise_sd=rms(optimum, posed))
+        box = grid.box
     return Averaged(posed, optimum, noise, mean, covariance, evidence, walks)
 
 
@@ -301,7 +310,8 @@ def mixed(found: Sequence[Averaged]) -> Averaged:
     height = np.array([f.evidence for f in found])
     weight = softmax(height)
     kept = [k for k in range(len(found)) if weight[k] > NEGLIGIBLE]
-    last, size = found[kept[-1]], len(found[kept[-1]].mean)
+    last = found[kept[-1]]
+    size = len(found[kept[-1]].mean)
     means = np.array([np.pad(found[k].mean, (0, size - len(found[k].mean))) for k in kept])
     covariances = np.array(
         [np.pad(found[k].covariance, (0, size - len(found[k].mean))) for k in kept]

@@ -184,7 +184,8 @@ def with_noise(
             with_noise(data, level, optimum, noise, baseline, covariance), loss=found.loss
         )
     auto = "auto" in (noise, baseline) and noise != "slow"
-    named, least = noise not in ("auto", "slow"), baseline if baseline != "auto" else "none"
+    named = noise not in ("auto", "slow")
+    least = baseline if baseline != "auto" else "none"
     begun = [(found.problem, optimum)]
     if baseline == "trend" or (baseline == "auto" and (coloured(found) or not auto)):
         begun.append(drifting(found.problem, optimum, found.loss))
@@ -248,7 +249,10 @@ def chosen(fits: Sequence[Fit]) -> Fit:
 def within(found: Fit) -> float:
     """BIC of what the stretches without a gap tell beside the level of each after the first, which a random walk leaves
     free: (n - L) ln |w|^2 + sum ln |l|^2 with l the whitened level of each of L stretches, w free of it."""
-    noise, parts, e, volume = found.noise, found.problem.parts, found.innovation.copy(), 0.0
+    noise = found.noise
+    parts = found.problem.parts
+    e = found.innovation.copy()
+    volume = 0.0
     for s in parts[1:]:
         level = noise.whiten(found.root[s], [slice(0, s.stop - s.start)])
         e[s] -= level * (level @ e[s]) / (level @ level)
@@ -270,11 +274,13 @@ def assemble(
 ) -> Fit:
     """Covariance, unless it is known, estimates, findings, validation and statistics around an optimum, whose rows hold
     the roots of the robust ``weights`` (N,) already where it has none of its own."""
-    n, x = problem.n_seen, optimum.theta
+    n = problem.n_seen
+    x = optimum.theta
     answer = problem.evaluate(x)
     assert answer is not None
     root = np.ones(n) if optimum.weights is None else np.sqrt(optimum.weights)
-    e, j = -optimum.residual * root, optimum.jacobian * root[:, None]
+    e = -optimum.residual * root
+    j = optimum.jacobian * root[:, None]
     robust = cov_x is not None
     if cov_x is None:
         loss_of = loss if optimum.weights is not None else "linear"
@@ -325,7 +331,8 @@ def assemble(
 def last_level(problem: Posed, x: Array, residual: Array, noise: Noise) -> float:
     """The offset with which the model goes on where the data end: a drift is not believed beyond them, a random walk
     (``residual`` (N,) are measured less model) stays where it is."""
-    offsets, runs = x[problem.n_model : problem.places[0][1].start], len(problem.begun_s)
+    offsets = x[problem.n_model : problem.places[0][1].start]
+    runs = len(problem.begun_s)
     level = float(np.mean(offsets)) if len(offsets) else 0.0
     if problem.trend:
         ends = {s.run: s.start_s + len(s.y) * problem.dt_s for s in problem.segments}
@@ -354,7 +361,9 @@ def unbounded_lags(identified: Identified, longest_s: float) -> list[Finding]:
 
 def noticed(optimum: Optimum, identified: Identified) -> tuple[Finding, ...]:
     """What is wrong with the parameters: on a bound, twins, undetermined, not to be told apart."""
-    found, model, theta = [], identified.model, identified.theta
+    found = []
+    model = identified.model
+    theta = identified.theta
     lags = [n for n in model.free if n[:2] == "Tp"]
     for i, (name, e) in enumerate(identified.estimates.items()):
         size = abs(e.value)

@@ -25,11 +25,13 @@ from tcdyn.identify.start import from_poles, spread, stabilised
 from tcdyn.identify.validate import ALARM
 from tcdyn.threads import one_blas_thread
 
-DELAYS, TAUS, ROUNDS, TRIED = 13, 9, 10, 4
-WEIGHED, LEAST = (
-    4,
-    0.1,
-)  # rounds of uncertainties that go with the model's magnitude, and its least part of the data's
+DELAYS = 13
+TAUS = 9
+ROUNDS = 10
+TRIED = 4
+# rounds of uncertainties that go with the model's magnitude, and its least part of the data's
+WEIGHED = 4
+LEAST = 0.1
 FLOORS = (
     0.0,
     1e-3,
@@ -59,7 +61,9 @@ class Response:
         return self.u is None and self.share is None
 
     def __post_init__(self) -> None:
-        f, h, u = self.frequency_Hz, self.response, self.u if self.share is None else self.share
+        f = self.frequency_Hz
+        h = self.response
+        u = self.u if self.share is None else self.share
         if len(f) != len(h) or not (
             np.isfinite(f).all() and np.isfinite(h).all() and np.all(f > 0) and np.all(h != 0)
         ):
@@ -111,7 +115,8 @@ class Response:
                 raise InputError(
                     "coherence", where=name, expected="between 0 and 1, with the number of averages"
                 )
-            u, share = None, np.sqrt((1 - g2) / (2 * averages * g2))
+            u = None
+            share = np.sqrt((1 - g2) / (2 * averages * g2))
         stated = None if u is None else np.asarray(u, dtype=float)
         return cls(f, size * np.exp(1j * np.deg2rad(phase)), stated, name, share)
 
@@ -130,7 +135,8 @@ class Response:
         """From a table: ``columns`` are magnitude and phase [deg], with ``form`` "dB" the first in decibels, "complex"
         real and imaginary part; ``u`` or ``coherence`` are columns too. Rows with a gap are left out."""
         asked = [c for c in (frequency, *columns, u, coherence) if c is not None]
-        frame, where = table_of(open_table(path, asked), asked), Path(path).name
+        frame = table_of(open_table(path, asked), asked)
+        where = Path(path).name
         for c in asked:
             if c not in frame:
                 raise InputError(
@@ -210,10 +216,8 @@ def _fitted_response(data: Response, structure: Model) -> Identified:
 
 def weighed(data: Response, model: Model, begun: list[Array]) -> tuple[Optimum, Array]:
     """The optimum from the best of what was ``begun``, and the uncertainties (F,) that it was weighted with."""
-    best, u = (
-        least([minimise(posed(data, model), x, limit=100, tolerance=0.0) for x in begun]),
-        data.spread(),
-    )
+    best = least([minimise(posed(data, model), x, limit=100, tolerance=0.0) for x in begun])
+    u = data.spread()
     for _ in range(WEIGHED if data.u is None else 0):
         u = data.spread(
             model.rational(model.theta(best.theta)).frequency_response(data.frequency_Hz)
@@ -293,17 +297,20 @@ def levy(s: Complex, h: Complex, weight: Array, zeros: int, poles: int) -> tuple
     """Numerator and denominator, ascending, of B(s) - h A(s) = 0 in least squares, the weight over |A| of the round
     before; scaled by the middle frequency."""
     middle = float(np.exp(np.mean(np.log(np.abs(s)))))
-    z, below = s / middle, np.ones(1)
+    z = s / middle
+    below = np.ones(1)
     for _ in range(ROUNDS):
         w = weight / np.abs(polyval(z, below))
         table = np.column_stack(
             [z**k for k in range(zeros + 1)] + [-h * z**k for k in range(1, poles + 1)]
         )
-        rows, target = table * w[:, None], h * w
+        rows = table * w[:, None]
+        target = h * w
         x = np.linalg.lstsq(
             np.vstack([rows.real, rows.imag]), np.append(target.real, target.imag), rcond=1e-12
         )[0]
-        above, below = x[: zeros + 1], stabilised(np.append(1.0, x[zeros + 1 :]))
+        above = x[: zeros + 1]
+        below = stabilised(np.append(1.0, x[zeros + 1 :]))
     return above / middle ** np.arange(zeros + 1), below / middle ** np.arange(poles + 1)
 
 
@@ -311,9 +318,12 @@ def identified(
     data: Response, model: Model, best: Optimum, freedom: int, u_fit: Array
 ) -> Identified:
     """The answer with its uncertainties and what was noticed; ``u_fit`` (F,) is what was fitted with."""
-    theta, n = model.theta(best.theta), 2 * len(data.frequency_Hz)
-    chi2, found = float(best.residual @ best.residual), list[Finding]()
-    p, scale = 1.0, chi2 / freedom
+    theta = model.theta(best.theta)
+    n = 2 * len(data.frequency_Hz)
+    chi2 = float(best.residual @ best.residual)
+    found = list[Finding]()
+    p = 1.0
+    scale = chi2 / freedom
     if data.unstated:
         found.append(
             note("response.unstated", share=np.sqrt(scale), floor=data.floor * np.sqrt(scale))

@@ -93,7 +93,8 @@ class Identified(Dynamics, Result):
     @cached_property
     def parts(self) -> Mapping[str, Identified]:
         """The model behind each input, by the input's name."""
-        found, free = {}, self.model.free
+        found = {}
+        free = self.model.free
         for k, name in enumerate(self.model.inputs):
             part, names = self.model.branch(k)
             at = [free.index(names[n]) for n in part.free]
@@ -121,7 +122,8 @@ class Identified(Dynamics, Result):
     @property
     def correlation(self) -> pd.DataFrame:
         """Correlations (P, P) of the free parameters' errors."""
-        sd, names = np.sqrt(np.maximum(np.diag(self.covariance), 1e-300)), self.model.free
+        sd = np.sqrt(np.maximum(np.diag(self.covariance), 1e-300))
+        names = self.model.free
         return pd.DataFrame(self.covariance / np.outer(sd, sd), index=names, columns=names)
 
     def simulate(
@@ -174,7 +176,8 @@ class Identified(Dynamics, Result):
             raise InputError(
                 f"{self.model.name} is not a chain", expected="a process model without integrator"
             )
-        given, own = Known.of(conditioning).den, self.model.known.den
+        given = Known.of(conditioning).den
+        own = self.model.known.den
         if len(given) != len(own) or not np.allclose(given, own, rtol=1e-9, atol=0.0):
             raise InputError(
                 f"{self.model.name} was identified with another known part",
@@ -194,7 +197,8 @@ class Identified(Dynamics, Result):
 
         ``spelling``: of the parameters that findings name.
         """
-        m, s = self.model, self.statistics
+        m = self.model
+        s = self.statistics
         wide = max(5, *map(len, m.names)) + 2 * bool(m.inputs)
         how = f"{self.hold.upper()}, dt = {self.dt_s:g} s" if self.dt_s else "given"
         lines = [f"{m.name}: {self.input_name} -> {self.output_name}, {how}"]
@@ -269,7 +273,8 @@ class Identified(Dynamics, Result):
         except json.JSONDecodeError as error:
             raise InputError(f"is not JSON ({error})", where="identified model") from error
         if not isinstance(d, dict) or d.get("schema") != SCHEMA:
-            expected, remedy = f"schema {SCHEMA}", "tcdyn identify writes it"
+            expected = f"schema {SCHEMA}"
+            remedy = "tcdyn identify writes it"
             raise InputError("is not an identified model", expected=expected, remedy=remedy)
         m = d["model"]
         known = Known.ratio(m["known"]["num"], m["known"]["den"])
@@ -345,7 +350,8 @@ def from_control(
     delays = np.broadcast_to(np.asarray(delay_s, dtype=float), (system.ninputs,))
     if not (np.isfinite(delays) & (delays >= 0)).all():
         raise InputError(f"delay_s is {delay_s}", where=where, expected="seconds, zero or more")
-    parts, values = [], []
+    parts = []
+    values = []
     for k, delay in enumerate(delays):
         one = system[0, k] if system.ninputs > 1 else system
         ratio = control.ss2tf(one).minreal(1e-9) if isinstance(one, control.StateSpace) else one
@@ -371,7 +377,8 @@ def from_control(
         part = transfer(
             max(len(num) - 1, 0), len(den) - 1, delay=bool(delay), integrator=bool(integrates)
         )
-        above, below = num / den[0], den[1:] / den[0]
+        above = num / den[0]
+        below = den[1:] / den[0]
         parts.append(part)
         values.append(dict(zip(part.names, [*above, *below, *([float(delay)] if delay else [])])))
     names = tuple(map(str, system.input_labels))

@@ -23,7 +23,8 @@ Covariance = Literal["auto", "classical", "robust"]
 
 def profiled(found: Fit, everything: bool) -> Fit:
     """``found`` with profile intervals in place of the poor quadratic ones (or of all)."""
-    estimates, findings = dict(found.estimates), list(found.findings)
+    estimates = dict(found.estimates)
+    findings = list(found.findings)
     for name in (n for n in found.problem.model.free if everything or poor(found, n)):
         e, inside = profile(found, name)
         estimates[name] = e
@@ -39,8 +40,10 @@ def profile(found: Fit, name: str) -> tuple[Estimate, bool]:
 
     The deviance is in units of the reported variance, sandwich and rounding included, against Student's t.
     """
-    problem, e = found.problem, found.innovation
-    index, freedom = problem.model.free.index(name), problem.n_seen - problem.size
+    problem = found.problem
+    e = found.innovation
+    index = problem.model.free.index(name)
+    freedom = problem.n_seen - problem.size
     positive = problem.model.positive(name)
     variance = float(e @ e) / freedom
     u = float(np.sqrt(max(found.covariance_x[index, index], 1e-30)))
@@ -79,7 +82,8 @@ def profile(found: Fit, name: str) -> tuple[Estimate, bool]:
 
 def poor(found: Fit, name: str) -> bool:
     """Whether the quadratic interval of ``name`` cannot be trusted: wide for its size, or over the edge."""
-    e, model = found.estimates[name], found.problem.model
+    e = found.estimates[name]
+    model = found.problem.model
     if model.positive(name):
         return e.u > 0.2 * e.value
     twins = [n + suffix(name) for n in ("Tz", "Td")]
@@ -122,5 +126,6 @@ def covariance_of(
             edges, np.flatnonzero(np.abs(np.diff(problem.measured)) > 0.5 * step) + 1
         ).astype(int)
         half = np.add.reduceat(j, new, axis=0) @ inverse(j.T @ j + np.diag(problem.precision))
-        cov_x, wider = cov_x + step**2 / 12 * half.T @ half, True
+        cov_x = cov_x + step**2 / 12 * half.T @ half
+        wider = True
     return cov_x, wider

@@ -65,7 +65,8 @@ def level_lag(data: IOData) -> LevelLag:
     if not tried:
         raise first or InputError("no model to bend", where=data.name)
     _, bent, found = min(tried, key=lambda item: item[0])
-    posed, known = bent.base.problem, np.append(bent.base.problem.precision, 0.0)
+    posed = bent.base.problem
+    known = np.append(bent.base.problem.precision, 0.0)
     covariance, _ = by_colour(-found.residual, found.jacobian, posed.parts, posed.dt_s, known)
 
     def estimate(side: float) -> Estimate:
@@ -91,11 +92,9 @@ class Bent:
     def problem(self) -> Problem:
         """Its least-squares problem, begun at the linear fit with a = 0."""
         core = self.base.problem.core(self.base.noise)
-        lower, upper, sd = (
-            np.append(core.lower, -2.0),
-            np.append(core.upper, 2.0),
-            np.append(core.prior_sd, np.inf),
-        )
+        lower = np.append(core.lower, -2.0)
+        upper = np.append(core.upper, 2.0)
+        sd = np.append(core.prior_sd, np.inf)
         return Problem((*core.names, "bend"), self.evaluate, lower=lower, upper=upper, prior_sd=sd)
 
     def lag_s(self, x: Array, side: float) -> float:
@@ -142,7 +141,8 @@ class Bent:
 
     def recursion(self, y: float, drive: Array, rate: float, bend: float) -> Array:
         """y of dy/dt = (drive - y)/tau(y), tau frozen over each sample, ``rate`` = dt/tau at the middle (N,)."""
-        out, scale = [float(y)], bend / self.half
+        out = [float(y)]
+        scale = bend / self.half
         for v in drive.tolist():
             level = min(max((y - self.middle) * scale, -5.0), 5.0)
             y = y + (v - y) * -expm1(-rate * exp(-level))

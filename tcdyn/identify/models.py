@@ -297,7 +297,8 @@ def several(
     >>> several(["P1D", "P1"], ["heater", "fan"], common=True).names
     ('Kp.heater', 'Tp1', 'Td.heater', 'Kp.fan')
     """
-    parts, known = [as_model(m) for m in models], Known.of(options.pop("known", None))
+    parts = [as_model(m) for m in models]
+    known = Known.of(options.pop("known", None))
     name = f"{' + '.join(part.name for part in parts)}{', common poles' * common}"
     if len(parts) != len(inputs) or not parts:
         raise InputError(f"{len(parts)} models for {len(inputs)} inputs", expected="one for each")
@@ -331,7 +332,8 @@ def several(
         for n, v in part.fixed.items()
     }
     fixed |= options.pop("fixed", {})
-    joined, unique = tuple(parts), tuple(dict.fromkeys(names))
+    joined = tuple(parts)
+    unique = tuple(dict.fromkeys(names))
     arx = parts[0].arx
     return Model(
         name, "sum", unique, 0, known, fixed, parts=joined, inputs=tuple(inputs), arx=arx, **options

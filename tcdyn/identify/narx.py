@@ -21,7 +21,9 @@ from tcdyn.identify.data import IOData
 from tcdyn.identify.level import LevelLag, level_lag
 from tcdyn.threads import one_blas_thread
 
-STEP, DRAWS = 1e-5, 200  # of a weight, for slopes; of the bootstrap
+# of a weight, for slopes; of the bootstrap
+STEP = 1e-5
+DRAWS = 200
 
 
 @dataclass(frozen=True)
@@ -81,10 +83,8 @@ class Narx:
 
     def runs(self, u: Array, y0: Array, theta: Array) -> Array:
         """Free simulations, scaled, side by side (N, M) with the weights ``theta`` (terms, M)."""
-        us, ys = (
-            (np.asarray(u) - self.u_scale[0]) / self.u_scale[1],
-            np.full((len(u), theta.shape[1]), np.nan),
-        )
+        us = (np.asarray(u) - self.u_scale[0]) / self.u_scale[1]
+        ys = np.full((len(u), theta.shape[1]), np.nan)
         k = self.order
         ys[:k] = ((np.asarray(y0)[:k] - self.y_scale[0]) / self.y_scale[1])[:, None]
         signals = {"u": us, "y": ys}
@@ -203,8 +203,10 @@ def narx(
         raise InputError(
             f"narx: {edge} training samples", where=data.name, expected=f"at least {20 * lags}"
         )
-    us, ys = (float(u.mean()), float(u.std()) or 1.0), (float(y.mean()), float(y.std()) or 1.0)
-    x, z = ((u - us[0]) / us[1])[:, None], ((y - ys[0]) / ys[1])[:, None]
+    us = (float(u.mean()), float(u.std()) or 1.0)
+    ys = (float(y.mean()), float(y.std()) or 1.0)
+    x = ((u - us[0]) / us[1])[:, None]
+    z = ((y - ys[0]) / ys[1])[:, None]
     with warnings.catch_warnings(action="ignore"):
         model = FROLS(
             ylag=lags,
@@ -262,7 +264,8 @@ def refined(found: Narx, u: Array, y: Array) -> Narx:
         max_nfev=30,
         x_scale="jac",
     )
-    e, rng = -best.fun - np.mean(-best.fun), np.random.default_rng(0)
+    e = -best.fun - np.mean(-best.fun)
+    rng = np.random.default_rng(0)
     e = e * np.sqrt(len(e) / max(len(e) - size, 1))
     block = int(np.clip(2 * correlation_length(e), 1, len(e) // 4))
     starts = rng.integers(0, len(e) - block + 1, (DRAWS, -(-len(e) // block)))
@@ -305,7 +308,8 @@ def temperature_dependence(
     found = level_lag(data.run(0))
     unit = data.output_units[0] or "units"
     better = 100 - two.held_out_percent < 0.9 * (100 - one.held_out_percent)
-    two_said, one_said = f"{two.held_out_percent:.1f} %", f"{one.held_out_percent:.1f} %"
+    two_said = f"{two.held_out_percent:.1f} %"
+    one_said = f"{one.held_out_percent:.1f} %"
     at = [
         f"{e.value:.3g} s ({e.low95:.3g} to {e.high95:.3g} s) at {level:.4g}"
         for e, level in zip((found.low, found.high), found.levels)

@@ -87,7 +87,8 @@ class Posed:
 
         There is no offset where an integrator's free state is one already.
         """
-        m, runs = self.model, sorted({s.run for s in self.segments})
+        m = self.model
+        runs = sorted({s.run for s in self.segments})
         offsets = {"free": 1, "per run": len(runs), "none": 0}[m.offset] * (
             not (m.integrators and all(self.loose))
         )
@@ -188,7 +189,8 @@ class Posed:
     @cached_property
     def parts(self) -> list[slice]:
         """Slices of the residual vector within which samples follow each other without a gap."""
-        found, at = [], 0
+        found = []
+        at = 0
         for segment in self.segments:
             index = np.flatnonzero(segment.seen)
             for part in np.split(index, np.flatnonzero(np.diff(index) > 1) + 1):
@@ -232,13 +234,16 @@ class Posed:
         rationals = self.rationals(x)
         if not all(g.stable for g in rationals):
             return None
-        theta, scale, behind = self.theta(x), self.natural_scale(x), []
+        theta = self.theta(x)
+        scale = self.natural_scale(x)
+        behind = []
         for g, (part, names, at) in zip(rationals, self.branches):
             rule = part.chain_rule({n: theta[w] for n, w in names.items()}) * scale[at]
             behind.append((g, realise(g), rule, at))
         answers = []
         for segment, (offset, state), levels in zip(self.segments, self.places, self.pasts):
-            y, j = np.full(len(segment.y), x[offset].sum()), np.zeros((len(segment.y), self.size))
+            y = np.full(len(segment.y), x[offset].sum())
+            j = np.zeros((len(segment.y), self.size))
             j[:, offset] = 1.0
             if self.trend:
                 run = self.size - len(self.begun_s) + sorted(self.begun_s).index(segment.run)
@@ -287,7 +292,8 @@ class Posed:
             before = u[0] + x[level]
             rows = simulate_rows(system, u - before, self.dt_s, rational.delay_s, self.hold, "zero")
             rows += before * simulate_rows(system, np.ones(1), self.dt_s, 0.0, "zoh", "equilibrium")
-            plain, one = realise(rational, False), np.ones(len(u))
+            plain = realise(rational, False)
+            one = np.ones(len(u))
             j[:, level] = (
                 rational.num[0]
                 - simulate_rows(plain, one, self.dt_s, rational.delay_s, "zoh", "zero")[0]

@@ -178,11 +178,14 @@ def roots_of(model: Dynamics) -> list[Root]:
     A root r of p(s) = sum c_k s^k moves by dr = -(sum r^k dc_k)/p'(r): valid for roots that are apart. Those at zero,
     of an integrator, are certain.
     """
-    m, found = model.model, [Root("pole", 0j, np.zeros((2, 2)))] * model.model.integrators
-    rule, known = replace(m, known=Known()).chain_rule(model.theta), 0
+    m = model.model
+    found = [Root("pole", 0j, np.zeros((2, 2)))] * model.model.integrators
+    rule = replace(m, known=Known()).chain_rule(model.theta)
+    known = 0
     above, below = m.coefficients(m.full(model.theta))
     for kind, coefficients in (("zero", above), *(("pole", f) for f in below)):
-        c, first = np.asarray(coefficients, dtype=float), int(kind == "pole")
+        c = np.asarray(coefficients, dtype=float)
+        first = int(kind == "pole")
         rows = np.zeros((len(c), rule.shape[1]))
         rows[first:] = rule[known : known + len(c) - first]
         known += len(c) - first

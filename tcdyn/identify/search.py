@@ -73,7 +73,8 @@ class Fit(Result):
         """The options ``noise`` and ``baseline`` that ask :func:`tcdyn.identify.fit` for this noise again."""
         if self.noise.averaged:
             return {"noise": "slow", "baseline": "auto"}
-        walks, order = self.noise.walks, self.noise.order
+        walks = self.noise.walks
+        order = self.noise.order
         kind = "walk" if walks else "trend" if self.problem.trend else "none"
         return {"noise": order if any(order) or walks else "white", "baseline": kind}
 
@@ -102,7 +103,8 @@ def nothing_left(data: IOData) -> str:
     for name, columns in (*every, (data.output_names[0], [r.y[:, 0] for r in data.runs])):
         if not any(np.isfinite(c).any() for c in columns):
             return f"column {name} holds no number at all (NaN everywhere)"
-    names, have = ", ".join(data.input_names), "has" if len(data.input_names) == 1 else "have"
+    names = ", ".join(data.input_names)
+    have = "has" if len(data.input_names) == 1 else "have"
     return f"column {names} {have} no {SHORTEST} samples in a row, with the output measured, without a gap"
 
 
@@ -111,7 +113,8 @@ def pose(
 ) -> Posed:
     """The problem of fitting ``model`` to the data of one output and as many inputs as the model has; refuses data
     nothing can be learnt from. ``input_noise`` is its sd, in the input's unit."""
-    where, inputs = data.name or "identify", max(len(model.parts), 1)
+    where = data.name or "identify"
+    inputs = max(len(model.parts), 1)
     if len(data.output_names) != 1:
         raise InputError(
             f"the data hold {len(data.output_names)} outputs ({', '.join(data.output_names)})",
@@ -232,7 +235,8 @@ def kicked(posed: Posed, optimum: Optimum) -> Optimum:
 
 def ordered(posed: Posed, optimum: Optimum) -> Optimum:
     """The same optimum with Tp1 >= Tp2 >= Tp3."""
-    free, index = list(posed.model.free), np.arange(len(optimum.theta))
+    free = list(posed.model.free)
+    index = np.arange(len(optimum.theta))
     for end in {suffix(n) for n in free}:
         lags = [free.index(n + end) for n in ("Tp1", "Tp2", "Tp3") if n + end in free]
         if "Tw" + end not in free:
@@ -252,7 +256,8 @@ def root_of(weights: Array | None) -> Array | float:
 
 def beyond(optimum: Optimum, k: int) -> str:
     """On which end of its box the ``k``-th parameter stands, "lower" or "upper"; empty where it is free."""
-    x, box = optimum.theta[k], optimum.problem
+    x = optimum.theta[k]
+    box = optimum.problem
     return "lower" if x <= box.lower[k] else "upper" if x >= box.upper[k] else ""
 
 

@@ -65,7 +65,8 @@ def regression(
     The target is y/A, the regressors s^j/A of the input and -s^j/A of the output; the output's instruments are
     the same of the model's own output. Filters begin in equilibrium at the output's first level.
     """
-    n, q = len(den) - 1, len(num)
+    n = len(den) - 1
+    q = len(num)
     own = Factor(tuple(den))
     prefilter = realise(Rational(np.eye(n + 1)[0], (Factor(own.coefs, free=False),)))
     model = Rational(num, (*problem.model.known.factors, own), delay_s, problem.model.integrators)
@@ -94,10 +95,8 @@ def srivc(
     problem: Posed, zeros: int, poles: int, delay_s: float, rate: float, iterations: int
 ) -> tuple[Array, Array] | None:
     """Numerator and denominator, ascending, iterated from the prefilter (1 + s/rate)^poles; None where it fails."""
-    a, num = (
-        np.asarray(np.poly1d([1.0 / rate, 1.0]) ** poles, dtype=float)[::-1],
-        np.eye(zeros + 1)[0],
-    )
+    a = np.asarray(np.poly1d([1.0 / rate, 1.0]) ** poles, dtype=float)[::-1]
+    num = np.eye(zeros + 1)[0]
     for k in range(iterations):
         target, phi, z = regression(problem, a, num, delay_s)
         z = (phi if k == 0 else z) / (np.linalg.norm(phi if k == 0 else z, axis=0) + 1e-300)
@@ -105,7 +104,9 @@ def srivc(
         x = np.linalg.lstsq(z.T @ (phi / scale), z.T @ target, rcond=1e-12)[0] / scale
         if not np.all(np.isfinite(x)) or x[-2] == 0:
             return None
-        before, num, a = a, x[: zeros + 1], stabilised(np.concatenate([[1.0], x[zeros + 1 : -1]]))
+        before = a
+        num = x[: zeros + 1]
+        a = stabilised(np.concatenate([[1.0], x[zeros + 1 : -1]]))
         if np.allclose(a, before, rtol=1e-3, atol=0):
             break
     return num, a
@@ -117,8 +118,10 @@ def explained(problem: Posed, taus_s: Array, behind: int, ahead: int = 0) -> Arr
     (T, ahead + 1 + behind), over all segments, negative where the gain would be. The integrators and the known part are
     in it; before its first sample a segment's lagged input is as there, after its last it is not known.
     """
-    known, integrators = problem.model.known, problem.model.integrators
-    total, whole = np.zeros((len(taus_s), ahead + 1 + behind)), np.full(ahead + 1 + behind, 1e-300)
+    known = problem.model.known
+    integrators = problem.model.integrators
+    total = np.zeros((len(taus_s), ahead + 1 + behind))
+    whole = np.full(ahead + 1 + behind, 1e-300)
     for s in problem.segments:
         y = filled(s) - filled(s).mean()
         count = np.clip(
@@ -173,7 +176,8 @@ def spread(model: Model, tau: float, delay: float, pattern: int) -> dict[str, fl
         shares = shares / shares.sum()
     theta |= {n: float(total * s) * (2.0 if n == "Tc" else 1.0) for n, s in zip(lags, shares)}
     if "Tw" in model.names:
-        theta["Tw"], theta["Zeta"] = total * wave, damping
+        theta["Tw"] = total * wave
+        theta["Zeta"] = damping
         if "Tp3" in model.names:
             theta["Tp3"] = 0.3 * total
     return theta
@@ -191,10 +195,8 @@ def polished(problem: Posed, theta: Mapping[str, float]) -> tuple[float, Array]:
     if not linear:
         return float(answer[0] @ answer[0]), x
     told = np.flatnonzero(problem.precision)  # what is known beforehand: samples of its own
-    r, j = (
-        np.append(answer[0], np.zeros(len(told))),
-        np.vstack([answer[1], np.diag(np.sqrt(problem.precision))[told]]),
-    )
+    r = np.append(answer[0], np.zeros(len(told)))
+    j = np.vstack([answer[1], np.diag(np.sqrt(problem.precision))[told]])
     step = np.linalg.lstsq(j[:, linear], -r, rcond=1e-10)[0]
     x[linear] += step
     rest = r + j[:, linear] @ step
@@ -272,7 +274,8 @@ def starts_of_several(problem: Posed) -> list[Array]:
             begun = sub.theta(starts(sub)[0])
             theta |= {names[n]: v for n, v in begun.items()}
         found.append(polished(problem, theta))
-        posed, known = problem, problem.theta(found[-1][1])
+        posed = problem
+        known = problem.theta(found[-1][1])
     return [x for cost, x in sorted(found, key=lambda item: item[0]) if np.isfinite(cost)]
 
 
@@ -284,22 +287,24 @@ def starts(problem: Posed) -> list[Array]:
     """
     if problem.model.parts:
         return starts_of_several(problem)
-    whole, problem = problem, level_runs(problem) if problem.trend else problem
-    model, seen = problem.model, one_lag_starts(problem)[:4]
-    (tau, delay), process = seen[0], model.kind == "process"
+    whole = problem
+    problem = level_runs(problem) if problem.trend else problem
+    model = problem.model
+    seen = one_lag_starts(problem)[:4]
+    (tau, delay) = seen[0]
+    process = model.kind == "process"
     begun: list[dict[str, float]] = []
     if process and model.order == 0:
         begun = [{"Kp": 1.0, "Td": d} for _, d in seen[:3]]
     elif process:
         begun = [spread(model, *one, pattern) for one, pattern in product(seen, range(3))]
-    zeros, delays, rates, iterations = (
-        int("Tz" in model.names),
-        [delay, 0.5 * delay],
-        [1.0 / tau, 4.0 / tau],
-        4,
-    )
+    zeros = int("Tz" in model.names)
+    delays = [delay, 0.5 * delay]
+    rates = [1.0 / tau, 4.0 / tau]
+    iterations = 4
     if not process:
-        zeros, iterations = sum(n.startswith("b") for n in model.names) - 1, 8
+        zeros = sum(n.startswith("b") for n in model.names) - 1
+        iterations = 8
         delays = sorted({f * d for _, d in seen[:2] for f in (0.0, 0.5, 1.0)})
         delays = delays if model.has_delay else [model.fixed.get("Td", 0.0)]
         rates = np.geomspace(6.0 / problem.longest_s, 0.6 / problem.dt_s, 6).tolist()

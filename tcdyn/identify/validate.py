@@ -80,10 +80,14 @@ def validate(fit: Fit, lags: int = 20) -> Validation:
     Of a robust loss the scores psi = w r are tested, which at its optimum are free of the slopes themselves (a test by
     them holds its level whatever the spikes).
     """
-    problem, parts = fit.problem, fit.problem.parts
-    e, j, r = fit.innovation, fit.slopes, fit.residual
+    problem = fit.problem
+    parts = fit.problem.parts
+    e = fit.innovation
+    j = fit.slopes
+    r = fit.residual
     if fit.optimum.weights is not None:
-        e, j = -fit.optimum.weights * fit.optimum.residual, fit.optimum.jacobian
+        e = -fit.optimum.weights * fit.optimum.residual
+        j = fit.optimum.jacobian
     white = whiteness(e, j, parts, problem.dt_s, lags)
     coloured = white.p < ALARM
     extra = fit_ar(e, parts) if coloured else Noise()
@@ -93,7 +97,8 @@ def validate(fit: Fit, lags: int = 20) -> Validation:
         extra.whiten(fit.noise.whiten(shifted_inputs(problem, k) * root, parts), parts)
         for k in (behind, -np.arange(lags // 2))
     )
-    ew, jw = extra.whiten(e, parts), extra.whiten(j, parts)
+    ew = extra.whiten(e, parts)
+    jw = extra.whiten(j, parts)
     cross = input_correlation(
         ew, jw, u, np.tile(problem.dt_s * behind, len(problem.branches)).astype(float)
     )
@@ -101,7 +106,9 @@ def validate(fit: Fit, lags: int = 20) -> Validation:
         np.max(np.abs(r)) <= 0.5 * problem.rounding_step
     )  # which alone could leave these residuals
     if rounding:
-        white, cross, coloured = replace(white, p=1.0), replace(cross, p=1.0), False
+        white = replace(white, p=1.0)
+        cross = replace(cross, p=1.0)
+        coloured = False
     raw = r if fit.noise.white else e
     scale = 1.4826 * float(np.median(np.abs(raw - np.median(raw)))) or 1.0
     spikes = int(np.sum(np.abs(raw) > scale * float(-ndtri(0.005 / len(raw)))))
@@ -137,7 +144,8 @@ def confirm(fit: Fit, data: IOData, lags: int = 20) -> Validation:
     C is robust where residuals are coloured. Raises InputError for data that cannot be used, or whose sampling is not
     that of a noise model.
     """
-    old, model_noise = fit.problem, fit.noise
+    old = fit.problem
+    model_noise = fit.noise
     if not model_noise.white and abs(data.dt_s / old.dt_s - 1) > 1e-6:
         raise InputError(
             f"sampled every {data.dt_s:g} s, and the noise model every {old.dt_s:g} s",
@@ -145,15 +153,14 @@ def confirm(fit: Fit, data: IOData, lags: int = 20) -> Validation:
         )
     same = {name: getattr(old, name) for name in ("input_sds", "time_scale_s", "noise_sd", "trend")}
     problem = replace(pose(data, old.model, old.initial), **same)
-    k, x = (
-        problem.n_model,
-        np.concatenate([fit.x[: old.n_model], np.zeros(problem.size - old.n_model)]),
-    )
+    k = problem.n_model
+    x = np.concatenate([fit.x[: old.n_model], np.zeros(problem.size - old.n_model)])
     core = problem.core(model_noise)
     answer = core.evaluate(x)
     assert answer is not None  # the model is stable, it was fitted
     x[k:] -= np.linalg.lstsq(answer[1][:, k:], answer[0], rcond=None)[0]
-    (e, j), raw = core.evaluate(x) or answer, problem.evaluate(x)
+    (e, j) = core.evaluate(x) or answer
+    raw = problem.evaluate(x)
     assert raw is not None
     seen = replace(fit.optimum, theta=x, residual=e, jacobian=j, weights=None)
     there = replace(
@@ -172,7 +179,8 @@ def confirm(fit: Fit, data: IOData, lags: int = 20) -> Validation:
     unit = inverse(j.T @ j)
     white = tested.whiteness.p >= ALARM
     own = float(e @ e) / (len(e) - problem.size) * unit if white else sandwich(j, e, problem.parts)
-    step, covariance = (unit @ (j.T @ e))[:k], own[:k, :k] + fit.covariance_x[:k, :k]
+    step = (unit @ (j.T @ e))[:k]
+    covariance = own[:k, :k] + fit.covariance_x[:k, :k]
     p = float(chdtrc(k, step @ inverse(covariance) @ step))
     moved = (look("validation.moved", subject=old.model.name, p=p),) if p < ALARM else ()
     return replace(tested, findings=tested.findings + moved)
@@ -240,7 +248,8 @@ def shifts(problem: Posed, lag_s: float, lags: int) -> NDArray[np.int_]:
     longest = max(len(s.u) for s in problem.segments)
     lags = max(2, min(lags, longest // 8))
     reach = max(int(min(max(3 * lag_s / problem.dt_s, lags), longest // 3)), lags)
-    near, far = np.arange(lags // 2), np.geomspace(lags // 2, reach, lags - lags // 2)
+    near = np.arange(lags // 2)
+    far = np.geomspace(lags // 2, reach, lags - lags // 2)
     return np.unique(np.round(np.unique(np.concatenate([near, far]))).astype(int))
 
 
@@ -273,13 +282,16 @@ def input_correlation(e: Array, jacobian: Array, u: Array, lags_s: Array) -> Res
     left = u / size
     left = left - q @ (q.T @ left)
     left = left - q @ (q.T @ left)
-    n, p = len(e), q.shape[1]
+    n = len(e)
+    p = q.shape[1]
     total = max(float(e @ e), 1e-300)
     variance = total / (n - p)
     alive = np.linalg.norm(left, axis=0) > 1e-6
     basis = orthonormal(left[:, alive])
     rank = basis.shape[1]
-    explained, left_over, tail = float(np.sum((basis.T @ e) ** 2)), n - p - rank, 1.0
+    explained = float(np.sum((basis.T @ e) ** 2))
+    left_over = n - p - rank
+    tail = 1.0
     if rank and left_over > 0:
         ratio = (explained / rank) / max((total - explained) / left_over, 1e-300)
         tail = float(fdtrc(rank, left_over, ratio))
@@ -315,7 +327,8 @@ def off_equilibrium(fit: Fit) -> tuple[Finding, ...]:
 
 def drift(problem: Posed, residual: Array) -> tuple[Finding, ...]:
     """Whether more than a quarter of the residual's variance is a straight line in time."""
-    pairs, at = [], 0
+    pairs = []
+    at = 0
     for s in problem.segments:
         t = np.flatnonzero(s.seen).astype(float)
         r = residual[at : at + len(t)]

@@ -31,10 +31,9 @@ H_OF = {  # the heat transfer coefficients that a way finds beside beta
 }
 WAYS = tuple(H_OF)
 EXPONENT_U = 5.0  # an exponent known worse than this is not known
-OFF_SCALE, OFF_SCALE_Z = (
-    0.1,
-    5.0,
-)  # of the frictional power against the heat that both disks show, to be told
+# of the frictional power against the heat that both disks show, to be told
+OFF_SCALE = 0.1
+OFF_SCALE_Z = 5.0
 FAR_OFF = 2.0  # times it or a part of it: shares of it that add to one tell nothing
 UNITS = {  # by how much the true power is above the logged one when numbers stand in other units, and which
     "friction in pounds-force": 4.448,
@@ -43,10 +42,16 @@ UNITS = {  # by how much the true power is above the logged one when numbers sta
     "speeds in revolutions per second": 60.0,
     "friction in kilonewtons": 1000.0,
 }
-SAME_UNIT, SETTLED, SETTLED_LOG_ODDS, ROUNDS = 0.08, 3, 3.0, 3
+SAME_UNIT = 0.08
+SETTLED = 3
+SETTLED_LOG_ODDS = 3.0
+ROUNDS = 3
 SOUND = 0.5  # prior probability that the structure is as assumed; the others share the rest
-NAMED_LOG_ODDS, FITS_Z = 8.0, 3.0
-STEADY_U, STEADY_BETA = 2.0, 0.02  # the headline holds within these
+NAMED_LOG_ODDS = 8.0
+FITS_Z = 3.0
+# the headline holds within these
+STEADY_U = 2.0
+STEADY_BETA = 0.02
 
 
 @dataclass(frozen=True)
@@ -90,7 +95,8 @@ class Alternatives:
     @property
     def holds(self) -> bool:
         """Whether the headline stays where it is under every structure that the data leave open."""
-        beta, best = self.assumed.beta, self.tried[0]
+        beta = self.assumed.beta
+        best = self.tried[0]
         near = abs(best.beta.value - beta.value) <= STEADY_U * max(beta.u, best.beta.u)
         return near and 0.5 * (self.high95 - self.low95) <= STEADY_BETA
 
@@ -133,15 +139,18 @@ def alternatives(test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit) -> 
     data seem to ask for is fitted again where it leads, since a large departure is not linear.
     """
     ends = np.cumsum([len(joint[d].side.y) for d in DISKS])
-    columns, none = structures(test, joint, both.theta), np.zeros((ends[-1], 0))
+    columns = structures(test, joint, both.theta)
+    none = np.zeros((ends[-1], 0))
     points = tuple(joint[d].side.window.y.shape[1] for d in DISKS)
     solve = Linear.at(both.optimum, ends, points)
     waves = solve(np.hstack([*columns.values()]), solve.waves(both.optimum.residual)).waves
     log_ratio = float(np.log(test.speed_ratio))
     toward = np.zeros((2, len(both.optimum.theta)))
-    toward[0, SHARE], toward[1, [LOG_H, 4 + LOG_H]] = 1.0, [1 / log_ratio, -1 / log_ratio]
+    toward[0, SHARE] = 1.0
+    toward[1, [LOG_H, 4 + LOG_H]] = [1 / log_ratio, -1 / log_ratio]
     law_u = test.exponent_half_range / np.sqrt(3)
-    nothing, stated = solve(none, waves), solve(none, both.inflation)
+    nothing = solve(none, waves)
+    stated = solve(none, both.inflation)
     usual = stated.covariance(both.inflation)
     first = {name: solve(x, waves) for name, x in {"as assumed": none, **columns}.items()}
     likeliest = sorted(first, key=lambda name: -first[name].log_odds)[:SETTLED]
@@ -179,7 +188,9 @@ def _settled(
 ) -> Refit:
     """The fit of both disks with the structure ``name`` among its unknowns, by the model itself, columns taken anew."""
     ends = about.ends
-    theta, best, sides = both.theta + found.step[:8], both.optimum, [joint[d].side for d in DISKS]
+    theta = both.theta + found.step[:8]
+    best = both.optimum
+    sides = [joint[d].side for d in DISKS]
     for _ in range(ROUNDS):
         late_s = LAG_SD_S * found.sizes[0].value if name.startswith("lag of ") else 0.0
         parts = np.split(structures(test, joint, theta, name, late_s)[name], ends[:-1])
@@ -227,8 +238,10 @@ def withheld(answers: Mapping[str, Estimate], both: Mapping[str, Estimate]) -> f
         if cannot_be(answers[way], *(answers[h] for h in hs)):
             out |= {way, *hs}
     if both:
-        fast, slow = answers["joint fast"], answers["joint slow"]
-        scale, u = power_scale(fast.value, slow.value), float(np.hypot(fast.u, slow.u))
+        fast = answers["joint fast"]
+        slow = answers["joint slow"]
+        scale = power_scale(fast.value, slow.value)
+        u = float(np.hypot(fast.u, slow.u))
         far = not 1 / FAR_OFF < scale < FAR_OFF and abs(scale - 1) > OFF_SCALE_Z * u
         if far or cannot_be(both["beta"], both["h_fast"], both["h_slow"]):
             out |= {f"both {name}" for name in both}
@@ -249,7 +262,8 @@ def impossible(
 
     The shares that the joint fits of either disk find by themselves add to true power over logged power.
     """
-    found, gone = list[Finding](), withheld(answers, both)
+    found = list[Finding]()
+    gone = withheld(answers, both)
     scale = power_scale(answers["joint fast"].value, answers["joint slow"].value)
     u = float(np.std(draws["joint fast"] - draws["joint slow"]))
     if abs(scale - 1) > max(OFF_SCALE, OFF_SCALE_Z * u):

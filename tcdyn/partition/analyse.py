@@ -59,15 +59,13 @@ from tcdyn.partition.steady import (
 from tcdyn.partition.uneven import Unevenness, harmonic_K
 from tcdyn.partition.window import DiskWindow, stretch_of
 
-WINDOW_S, LOST_K = (
-    5.0,
-    20.0,
-)  # of the cooling fit; a channel at rest that is off by more reads something else
+# of the cooling fit; a channel at rest that is off by more reads something else
+WINDOW_S = 5.0
+LOST_K = 20.0
 NOTHING: Mapping[str, Unevenness] = {}
-EXCHANGED_Z, SAME_Z = (
-    5.0,
-    3.0,
-)  # the exponent this far from the speed law's, and its opposite this near
+# the exponent this far from the speed law's, and its opposite this near
+EXCHANGED_Z = 5.0
+SAME_Z = 3.0
 
 
 @dataclass(frozen=True)
@@ -129,7 +127,8 @@ class Partition:
         """The recommended answer and why, in words: the joint fit of both disks."""
         if "both beta" in self.withheld:
             return look("headline.withheld")
-        e, s = self.both.estimates, self.structures
+        e = self.both.estimates
+        s = self.structures
         numbers: dict[str, Any] = (
             {} if s.named is None else {"named": s.named.name, "named_beta": s.named.beta.value}
         )
@@ -188,7 +187,8 @@ def analyse(
     if test.slowing:
         test = slowed(test, {d: (fit.share, fit.h_W_m2K) for d, fit in joint.items()})
         joint, both = joint_fits(test, speed.starts, joint_s, profile)
-    fitted, (test, again) = test, evened(test, both.uneven)
+    fitted = test
+    (test, again) = evened(test, both.uneven)
     lines, speed = steady_lines(test, rows, profile, weights)
     stated, contradicted = stated_round(test, both.estimates, both.uneven)
     findings += contradicted
@@ -290,11 +290,9 @@ def heeded(found: SensorCheck) -> list[Finding]:
 
 def _exchanged(test: EhlTest, both: BothFit) -> list[Finding]:
     """Whether the disks' cables look exchanged: the exponent its opposite, or readings at rest each other's."""
-    n, assumed, law_u = (
-        both.estimates["exponent"],
-        test.speed_exponent,
-        test.exponent_half_range / 3**0.5,
-    )
+    n = both.estimates["exponent"]
+    assumed = test.speed_exponent
+    law_u = test.exponent_half_range / 3**0.5
     away, opposite = (
         abs(assumed - sign * n.value) / float(np.hypot(n.u, law_u)) for sign in (1, -1)
     )

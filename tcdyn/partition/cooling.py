@@ -69,7 +69,8 @@ def slowed(test: EhlTest, at: Mapping[str, tuple[float, float]]) -> EhlTest:
 
 
 def _film(test: EhlTest, disk: DiskTraces, rows: slice, share: float, h_W_m2K: float) -> Array:
-    window, u = lagged_window(test, disk, rows), np.maximum(test.slowing[disk.name], LEAST_SPEED)
+    window = lagged_window(test, disk, rows)
+    u = np.maximum(test.slowing[disk.name], LEAST_SPEED)
     known = still(test, disk)
     warmer = (
         surface_degC(window, share, h_W_m2K)
@@ -77,7 +78,8 @@ def _film(test: EhlTest, disk: DiskTraces, rows: slice, share: float, h_W_m2K: f
         - window.blocks @ known[rows, 0]
     )
     superheat = np.interp(test.time_s + disk.mean_chain.lag_s, window.at_s, warmer)
-    film, sd = u**test.speed_exponent, test.exponent_half_range / np.sqrt(3)
+    film = u**test.speed_exponent
+    sd = test.exponent_half_range / np.sqrt(3)
     return known + np.column_stack([(1 - film) * superheat, -sd * film * np.log(u) * superheat])
 
 
@@ -221,7 +223,8 @@ def compensated(
 def cooling_errors(cooled: Cooled, share: float, h_W_m2K: float) -> tuple[Effects, Array]:
     """What may be wrong with the window about a point of the plane: effects of what nobody measured, and predicted
     less compensated outer row per second of compensated lag too long, (R, P)."""
-    late_rim, rim = cooled.late.rim, cooled.window.rim
+    late_rim = cooled.late.rim
+    rim = cooled.window.rim
     predicted = late_rim.through(rim.rest, h_W_m2K) - rim.through(rim.rest, h_W_m2K)
     late = (predicted - (cooled.late.y - cooled.window.y)) / LAG_STEP_S
     return effects(cooled.test, cooled.disk, cooled.window, share, h_W_m2K), late
@@ -256,7 +259,8 @@ def cooling_fit(
     Raises InputError when no h in 5..8000 W/m2K fits best inside.
     """
     since = window.at_s - unload_s
-    inside, before = (since >= 0) & (since < window_s), (since >= -MATCH_S) & (since < -0.1)
+    inside = (since >= 0) & (since < window_s)
+    before = (since >= -MATCH_S) & (since < -0.1)
     weight = window.counts[inside][:, None].astype(float) * window.used
 
     def model(h: float) -> tuple[Array, Array]:
@@ -319,12 +323,14 @@ def surface_temperatures(
     "surface fast" and "surface slow" [degC], and (T_fast - T_slow) u_s [K m/s] as "delta_T_us" (figure 7.18); nine
     places across the track are looked at. ``draws`` of beta, h_fast and h_slow move them by their slopes.
     """
-    values, drawn = dict[str, float](), dict[str, Array]()
+    values = dict[str, float]()
+    drawn = dict[str, Array]()
     for d, h, share, sign in (
         ("fast", speed.h_fast, speed.beta, 1),
         ("slow", speed.h_slow, 1 - speed.beta, -1),
     ):
-        rim, to_parting = windows[d].rim, windows[d].at_s - test.events.unload_s
+        rim = windows[d].rim
+        to_parting = windows[d].at_s - test.events.unload_s
         last = (to_parting >= -LAST_S) & (to_parting < -0.2)
         places = tuple(
             (SURFACE_DEPTH_M, float(x)) for x in np.linspace(0.3, 0.7, 9) * rim.setup.width_m

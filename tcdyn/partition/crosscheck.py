@@ -32,7 +32,8 @@ OTHER_ALARM = 0.01
 LEAST_CHANCE = 1e-12
 SUSPECT_Z = 3.0
 NOTED_CHANCE = 0.5
-DRAWS, PULL_DRAWS = 4000, 20_000
+DRAWS = 4000
+PULL_DRAWS = 20_000
 LEAST_SEEN = 20
 MODEL_FORM_REL = (
     0.002  # of the share: inner profile and mesh; 0.03 % was seen against the whole disk
@@ -213,9 +214,12 @@ def cross_check(
     ``tensions`` that contradict become named suspects. The ways agree when there is none and no pair is beyond
     ``SUSPECT_Z``. ``both``: whether the fit of both disks holds where they do not.
     """
-    values, pairs, zs = {way: e.value for way, e in ways.items()}, [], []
+    values = {way: e.value for way, e in ways.items()}
+    pairs = []
+    zs = []
     for one, other in combinations(ways, 2):
-        gap, centred = values[one] - values[other], draws[one] - draws[other]
+        gap = values[one] - values[other]
+        centred = draws[one] - draws[other]
         spread = max(float(np.std(centred)), 1e-12)
         pairs.append((one, other, gap, abs(gap) / spread))
         zs.append(np.abs(centred - centred.mean()) / spread)
@@ -297,12 +301,15 @@ def tensions(
         and not (disk and what.name.rpartition(" ")[2] in test.disks[disk].left_out)
     ]
     for name, fit in joint.items():
-        disk, lag = test.disks[name], fit.estimates["lag_s"]
+        disk = test.disks[name]
+        lag = fit.estimates["lag_s"]
         prior_u = max(disk.common_lag_u_s, LEAST_LAG_U_S)
         told = np.sqrt(max(prior_u**2 - lag.u**2, (0.3 * prior_u) ** 2))
         stated = note("stated.lag", subject=name, record_s=disk.common_lag_s, unloading_s=lag.value)
         others.append((stated, float((lag.value - disk.common_lag_s) / told)))
-    n, assumed, half = both.estimates["exponent"], test.speed_exponent, test.exponent_half_range
+    n = both.estimates["exponent"]
+    assumed = test.speed_exponent
+    half = test.exponent_half_range
     outside = n.value - float(np.clip(n.value, assumed - half, assumed + half))
     others.append((note("stated.exponent", assumed=assumed, implied=n.value, u=n.u), outside / n.u))
     largest = largest_pulls([*depths.values()])

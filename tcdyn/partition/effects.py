@@ -31,7 +31,9 @@ PARAMETERS = ("share", "log h", "log lags", "log tau2")  # of each disk; lags: t
 SHARE, LOG_H, LOG_LAGS, LOG_TAU2 = range(4)
 LEAST_PART = 1e-7  # of the sum of both lags
 NO_NODE = 1e-6  # a lag this near to one of the bank's is taken to lie beside it
-LOG_H_STEP, LARGEST_LOG_H = 1e-5, 14.0  # a search that goes beyond a million W/m2K has lost its way
+# a search that goes beyond a million W/m2K has lost its way
+LOG_H_STEP = 1e-5
+LARGEST_LOG_H = 14.0
 AMBIENT = -1  # of what ``stated_effects`` gives
 MATERIAL_STEP = 0.01
 MATERIALS = [Perturbation(*(MATERIAL_STEP * row)) for row in np.eye(4)]  # steel, washer, half-width
@@ -78,7 +80,8 @@ class Effects:
 def stated_u(disk: DiskTraces, static_u_K: Array, other_lags_s: Array | float = 0.0) -> Array:
     """Standard uncertainty of everything ``stated``, (Q,): static lines (C,) as given; lags by how well the
     record tells each from the mean of all, and by ``other_lags_s`` where they may be another channel's."""
-    u, order = disk.uncertainty, disk.setup.places(disk.setup.rows)
+    u = disk.uncertainty
+    order = disk.setup.places(disk.setup.rows)
     centre = np.eye(len(order)) - 1.0 / len(order)
     apart = np.clip(np.diag(centre @ disk.lag_covariance_s2 @ centre.T), 0.0, None)
     lag_u_s = np.hypot(np.sqrt(apart), other_lags_s)
@@ -106,9 +109,12 @@ def stated_effects(
     much of a lasting error the means show; ``rates_K_s`` (R, ...): how fast each rises; ``drives`` (k, k): which inputs
     each of the inner row errs with. A junction of the inner row that reads too high drives the prediction up, one that
     lies deeper reads too low for its inner radius."""
-    k, p = len(drives), driven.shape[2]
+    k = len(drives)
+    p = driven.shape[2]
     place = np.eye(p + k)[:, None, : moved.shape[2]]
-    static, lag, depth = place * lasts[:, None], -place * rates_K_s, moved[: p + k].copy()
+    static = place * lasts[:, None]
+    lag = -place * rates_K_s
+    depth = moved[: p + k].copy()
     static[p:, :, :p] -= np.tensordot(drives, driven[:k], 1)
     depth[p:, :, :p] += np.tensordot(drives, driven[k : 2 * k], 1)
     lag[p:, :, :p] += np.tensordot(drives, driven[2 * k : 3 * k], 1)
@@ -143,10 +149,15 @@ def effects(
     moved from its first lag to its second, (1 + tau1 s)(1 + tau2 s) grows by (tau1 - tau2) s^2, so the reading loses
     (tau1 - tau2) s^2 / ((1 + tau1 s)(1 + tau2 s)) of itself.
     """
-    rim, blocks, dt, setup = window.rim, window.blocks, test.dt_s, disk.setup
-    inner, outer = setup.places(setup.inner), setup.places(setup.outer)
+    rim = window.rim
+    blocks = window.blocks
+    dt = test.dt_s
+    setup = disk.setup
+    inner = setup.places(setup.inner)
+    outer = setup.places(setup.outer)
     rest, power = rim.answer(h_W_m2K)
-    base, g = rest + share * power, rim.gains(h_W_m2K)
+    base = rest + share * power
+    g = rim.gains(h_W_m2K)
     there = [(*rim.answer(h_W_m2K, p), size) for p, size in departures(setup, DEPTH_STEP_M)]
     moved = np.array([(rest + share * power - base) / size for rest, power, size in there])
     width = max(int(round(SMOOTH_RATE_S / dt)), 1)
@@ -161,7 +172,8 @@ def effects(
     known = stated_effects(moved, driven, np.ones(len(base)), rates, disk.drives)
     late = -share * np.gradient(power, window.at_s, axis=0)
     taus = sorted(disk.mean_chain.taus_s, reverse=True)
-    tau1, tau2 = max(taus[0], 5e-3), max(taus[1] if len(taus) > 1 else 0.0, 2 * dt)
+    tau1 = max(taus[0], 5e-3)
+    tau2 = max(taus[1] if len(taus) > 1 else 0.0, 2 * dt)
     bent = Rational(np.array([0.0, 0.0, tau1 - tau2]), (Factor((1.0, tau1)), Factor((1.0, tau2))))
     lost = np.column_stack([simulate(bent, column, dt) for column in sampled(window, base).T])
     split = -np.eye(len(outer))[:, None] * (blocks @ lost)
@@ -178,12 +190,11 @@ def effects(
     u = np.concatenate([stated_u(disk, static), own])
     change = np.concatenate([known, [late, share * power], split, [film, known[AMBIENT]]])
     asked = np.flatnonzero(u > 0)
-    of, since_s = (
-        tuple((*stated(setup), *of_test(setup))[q] for q in asked),
-        window.at_s - test.events.unload_s,
-    )
+    of = tuple((*stated(setup), *of_test(setup))[q] for q in asked)
+    since_s = window.at_s - test.events.unload_s
     more_of, more = statement_effects(disk, window, share, h_W_m2K)
-    of, change = (*of, *more_of), np.concatenate([u[asked, None, None] * change[asked], more])
+    of = (*of, *more_of)
+    change = np.concatenate([u[asked, None, None] * change[asked], more])
     uneven = known_round(test, disk.name)
     return Effects(
         *round_effects(of, change, uneven, disk.setup, h_W_m2K, g.static[rim.inner], since_s)
@@ -192,7 +203,8 @@ def effects(
 
 def lags(p: Array) -> tuple[float, float]:
     """tau1 and tau2 [s] of the parameters of a disk; a second lag that would be longer than the sum is all of it."""
-    total, second = float(np.exp(p[LOG_LAGS])), float(np.exp(p[LOG_TAU2]))
+    total = float(np.exp(p[LOG_LAGS]))
+    second = float(np.exp(p[LOG_TAU2]))
     second = min(second, (1 - LEAST_PART) * total)
     return total - second, second
 
@@ -226,7 +238,8 @@ class SeenRim:
     def heated(self, taus_s: tuple[float, ...]) -> RimMeans:
         """The rim with the power seen through these lags: (1 + lag s)/(1 + tau s) = lag/tau + (1 - lag/tau) L with the
         longest of them, then the others."""
-        rates, power = self.rim.rates_1_s, (self.rim.inputs[:, 0], self.rim.banks[0])
+        rates = self.rim.rates_1_s
+        power = (self.rim.inputs[:, 0], self.rim.banks[0])
         longest, *others = sorted(taus_s, reverse=True)
         part = self.lag_s / longest
         u, bank = (part * x + (1 - part) * y for x, y in zip(power, lagged(*power, rates, longest)))
@@ -239,7 +252,9 @@ class SeenRim:
         (L - 1) L P."""
         if not p[LOG_H] < LARGEST_LOG_H:
             return None
-        share, h, (one, two) = p[SHARE], float(np.exp(p[LOG_H])), lags(p)
+        share = p[SHARE]
+        h = float(np.exp(p[LOG_H]))
+        (one, two) = lags(p)
         rest, power = self.heated((one, two)).answer(h * np.exp([0.0, LOG_H_STEP]))
         at, up = rest + share * power
         by_one, by_two = (

@@ -27,10 +27,9 @@ CLEAR = 6.0  # noises of a force between its two levels: below it is no witness
 HYSTERESIS = 0.1  # of the way between the levels, about its middle
 INVERTED = 0.8  # of the samples in which load and friction agree
 TOUCH_S = 0.04
-TOUCH_LEAST, TOUCH_CLEAR = (
-    0.05,
-    0.15,
-)  # of the way between the levels: where a later touch begins, and what it reaches
+# of the way between the levels: where a later touch begins, and what it reaches
+TOUCH_LEAST = 0.05
+TOUCH_CLEAR = 0.15
 TWO_KINKS_S = 0.5  # a shorter fall is one kink: behind a lag its two ends are not told apart
 
 
@@ -151,7 +150,8 @@ def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:
     own = [run for run in _runs(t, contact) if run[1] >= first and run[0] <= last] or [
         (first, last)
     ]
-    (on, _), (_, off) = own[0], own[-1]
+    (on, _) = own[0]
+    (_, off) = own[-1]
     load_on, by_switch = (0.5 * (t[k - 1] + t[k]) if k else t[0] for k in (first, on))
     if abs(by_switch - load_on) <= LOADING_AGREE_S:
         load_on = by_switch
@@ -197,12 +197,14 @@ def _levels(force: Array) -> Array | None:
         return None
     filled = bridged(force, np.isfinite(force))
     calm, slow = (median_filter(filled, width) for width in (5, 51))
-    low, high = float(slow.min()), float(slow.max())
+    low = float(slow.min())
+    high = float(slow.max())
     for _ in range(5):
         upper = slow > 0.5 * (low + high)
         if upper.all() or not upper.any():
             return None
-        low, high = float(middle(slow[~upper])), float(middle(slow[upper]))
+        low = float(middle(slow[~upper]))
+        high = float(middle(slow[upper]))
     noise = 1.4826 * float(middle(np.abs(filled - calm)))
     if high - low < CLEAR * noise or high <= abs(low):  # or its sign is turned
         return None

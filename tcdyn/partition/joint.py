@@ -44,7 +44,9 @@ LARGEST = (np.inf, 0.7, 0.7, 0.7)  # of one step of a search
 SHAPE_SD = 1.5  # log of the second lag: known to a factor of four or so
 LEAST_LAG_U_S = 0.02
 SINGULAR = 1e-10  # least part of a column, of its length, that the others leave
-ENOUGH, ROUGHLY = 1e-7, 1e-3  # of chi-squared
+# of chi-squared
+ENOUGH = 1e-7
+ROUGHLY = 1e-3
 SETTLED = 0.1  # standard deviations that a pass moves a disk's fit: the next moved 36 such by 0.008 of one at most
 Starts = Mapping[
     str, tuple[float, float]
@@ -118,7 +120,8 @@ def disk_side(
     test: EhlTest, disk: DiskTraces, theta: Array, window_s: float, profile: Profile, tau2_s: float
 ) -> Side:
     """The disk's readings brought to the chain of ``theta``, and what nobody measured about that point."""
-    rows, like = stretch_of(test, window_s), disk.mean_chain
+    rows = stretch_of(test, window_s)
+    like = disk.mean_chain
     common = with_lags(like, lags(theta))
     shift = common.lag_s - like.lag_s
     chains = tuple(c.with_lag_shift(shift) for c in disk.chains)
@@ -173,7 +176,8 @@ def joint_problem(sides: Sequence[Side]) -> Problem:
         residual[: ends[-1]] = effect @ theta[k:]
         jacobian[: ends[-1], k:] = effect
         for i, s in enumerate(sides):
-            p, own = theta[4 * i : 4 * i + 4], slice(ends[i], ends[i + 1])
+            p = theta[4 * i : 4 * i + 4]
+            own = slice(ends[i], ends[i + 1])
             answer = s.model(p)
             if answer is None:
                 return None
@@ -186,8 +190,10 @@ def joint_problem(sides: Sequence[Side]) -> Problem:
 
     names = [f"{name}, {s.disk} disk" for s in sides for name in PARAMETERS]
     names += [f"{what.name} {disk}".strip() for what, disk in unknown]
-    mean, sd = np.zeros(len(names)), np.where(np.arange(len(names)) < k, np.inf, 1.0)
-    mean[LOG_TAU2:k:4], sd[LOG_TAU2:k:4] = [np.log(s.prior_tau2_s) for s in sides], SHAPE_SD
+    mean = np.zeros(len(names))
+    sd = np.where(np.arange(len(names)) < k, np.inf, 1.0)
+    mean[LOG_TAU2:k:4] = [np.log(s.prior_tau2_s) for s in sides]
+    sd[LOG_TAU2:k:4] = SHAPE_SD
     mean[LOG_H:k:4], sd[LOG_H:k:4] = zip(*(s.prior_log_h for s in sides))
     largest = np.append(LARGEST * len(sides), np.full(len(unknown), np.inf))
     fixed = np.zeros((len(sides) - 1, len(names)))
@@ -201,8 +207,10 @@ def told(optimum: Optimum, sides: Sequence[Side]) -> tuple[Array, Array]:
     By a standard uncertainty of each unmeasured quantity, then of each disk's lag, of its shape, and of h where known.
     Raises InputError where a column adds nothing to the others: share and h, without priors, are then one.
     """
-    k, data = 4 * len(sides), len(optimum.residual) - len(sides)
-    precise, free = np.sqrt(optimum.problem.precision), optimum.directions
+    k = 4 * len(sides)
+    data = len(optimum.residual) - len(sides)
+    precise = np.sqrt(optimum.problem.precision)
+    free = optimum.directions
     inner, left = from_rows(np.vstack([optimum.jacobian, np.diag(precise)[precise > 0]]) @ free)
     if left < SINGULAR:
         raise InputError(
@@ -211,7 +219,8 @@ def told(optimum: Optimum, sides: Sequence[Side]) -> tuple[Array, Array]:
             remedy="log more of the cooling, or look at load and friction before the parting",
         )
     covariance = free @ inner @ free.T
-    gain, shape = covariance[:k] @ optimum.jacobian.T, covariance[:k, LOG_TAU2:k:4] / SHAPE_SD
+    gain = covariance[:k] @ optimum.jacobian.T
+    shape = covariance[:k, LOG_TAU2:k:4] / SHAPE_SD
     sd = np.array([s.prior_log_h[1] for s in sides])
     film = (covariance[:k, LOG_H:k:4] / sd)[:, np.isfinite(sd)]
     return gain[:, :data] @ gain[:, :data].T, np.hstack(
@@ -298,21 +307,19 @@ def disk_fit(
         best = minimise(
             problem, np.append(theta, np.zeros(len(problem.names) - len(theta))), tolerance=enough
         )
-        moved, theta = np.abs(best.theta[:4] - theta[:4]), best.theta
+        moved = np.abs(best.theta[:4] - theta[:4])
+        theta = best.theta
         if enough == ENOUGH and np.all(moved < SETTLED * np.sqrt(np.diag(best.covariance)[:4])):
             break
-    share, (h, total) = float(theta[SHARE]), map(float, np.exp(theta[[LOG_H, LOG_LAGS]]))
+    share = float(theta[SHARE])
+    (h, total) = map(float, np.exp(theta[[LOG_H, LOG_LAGS]]))
     inflation, noise, per_sd = _known(
         best, [side], [SHARE, LOG_H, LOG_LAGS], np.array([1.0, h, total])
     )
-    beta, chain = (
-        share if disk.name == "fast" else 1.0 - share,
-        with_lags(disk.mean_chain, lags(theta)),
-    )
-    u, of = (
-        np.sqrt(np.diag(noise + per_sd @ per_sd.T)),
-        [Unmeasured(x, "chain") for x in ("common lag", "lag shape")],
-    )
+    beta = share if disk.name == "fast" else 1.0 - share
+    chain = with_lags(disk.mean_chain, lags(theta))
+    u = np.sqrt(np.diag(noise + per_sd @ per_sd.T))
+    of = [Unmeasured(x, "chain") for x in ("common lag", "lag shape")]
     of += [SURFACE_SLOPE] * bool(np.isfinite(side.prior_log_h[1]))
     values = {"beta": beta, "h": h, "lag_s": chain.lag_s}
     return DiskFit(

@@ -138,7 +138,9 @@ def analyse_one(
     longer_than_lag(test, window_s)
     test = followed(at_one_radius(at_own_temperature(with_surfaces(test))))
     joint_s = float(min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s))
-    rows, sensors, findings = stretch_of(test, max(window_s, joint_s)), None, [*test.findings]
+    rows = stretch_of(test, max(window_s, joint_s))
+    sensors = None
+    findings = [*test.findings]
     findings.append(note("one_disk.only", subject=name))
     if test.disks[name].setup.fit.stated:
         findings.append(look("one_disk.fit_unused", subject=name))
@@ -160,7 +162,8 @@ def analyse_one(
         even, _ = evened(again, {name: found})
         findings += [told for told in (found.finding(name),) if told is not None]
     progress("cooling fit")
-    disk, line = even.disks[name], steady_lines(even, rows)[0][name]
+    disk = even.disks[name]
+    line = steady_lines(even, rows)[0][name]
     chains = refined_chains(disk.chains, fit.chain)
     cooled = compensated(
         even, disk, rows, smoothed(even, disk, rows, chains, fit.estimates["lag_s"].u)
@@ -214,7 +217,8 @@ def analyse_one(
 
 def _round(test: EhlTest, fit: DiskFit) -> tuple[Unevenness, Optimum]:
     """The harmonic round the bore of the disk, by its joint fit, and where that ended."""
-    problem, unknown = joint_problem([fit.side]), unknowns([fit.side])
+    problem = joint_problem([fit.side])
+    unknown = unknowns([fit.side])
     start = np.append(fit.theta, np.zeros(len(problem.names) - len(fit.theta)))
     best = minimise(problem, start, tolerance=ENOUGH)
     left = best.theta[4:], best.covariance[4:, 4:], unknown

@@ -97,7 +97,8 @@ def _fall(t: Array, friction: Array, about_s: float) -> tuple[float, float] | No
     after = friction[(t > about_s + 1.6) & (t < about_s + 3.0)]
     if len(before) < 10 or len(after) < 10:
         return None
-    high, low = np.nanmedian(before), np.nanmedian(after)
+    high = np.nanmedian(before)
+    low = np.nanmedian(after)
     noise = 1.4826 * np.nanmedian(np.abs(np.concatenate([before - high, after - low])))
     if high - low < 10 * noise or high <= low:
         return None
@@ -124,6 +125,7 @@ def _crossing(t: Array, level: Array, at: float) -> float | None:
         return None
     if t[cut + 1] - t[cut] > MISSING * float(np.median(np.diff(t))):
         return None
-    a, b = level[cut], level[cut + 1]
+    a = level[cut]
+    b = level[cut + 1]
     part = np.clip((a - at) / (a - b), 0.0, 1.0) if a != b else 0.5
     return float(t[cut] + part * (t[cut + 1] - t[cut]))

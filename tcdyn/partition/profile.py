@@ -39,7 +39,8 @@ from tcdyn.partition.window import POWER
 
 REACH_U = 7.0  # half-width of the table in standard uncertainties,
 REACH_FOLD = 8.0  # but no farther than this factor
-H_NODES, SHAPE_NODES = 13, 9
+H_NODES = 13
+SHAPE_NODES = 9
 SUM_NODES = ((0.4, 5), (1.4, 7), (np.inf, 11))  # up to this width in log S
 RANK = 60  # directions of data space that a disk's table spans: what they leave out is below 1e-8 K
 OTHER_SHAPES = (
@@ -48,7 +49,9 @@ OTHER_SHAPES = (
     0.7,
 )  # starts of the second lag's logarithm: the posterior may have two valleys in it
 ENOUGH = 1e-4  # of the sum of squares that a step would still gain; the step is taken, and leaves far less
-STEP_U, FARTHEST_U = 0.3, 6.0  # in standard uncertainties
+# in standard uncertainties
+STEP_U = 0.3
+FARTHEST_U = 6.0
 TOP = 8.99  # of the deviance: three standard uncertainties of a parabola
 LEVEL = Z95**2  # 3.84, the 95 % point of chi-squared with one degree of freedom
 NOTICEABLE = 0.2  # of the half-width
@@ -83,7 +86,8 @@ def rim_table(side: Side, points: Sequence[Array], h_u_W_m2K: float, lag_u_s: fl
     many = np.vstack([rest, power.reshape(-1, weight.size)])
     mixed = np.random.default_rng(0).standard_normal((RANK, len(many))) @ many
     basis = np.linalg.qr(np.vstack([side.y, side.effect.T, mixed]).T)[0]
-    rest, power = rest @ basis, (power @ basis).reshape(H_NODES, -1)
+    rest = rest @ basis
+    power = (power @ basis).reshape(H_NODES, -1)
     table = _Table((nodes_h, nodes_sum, nodes_shape), rest, power)
     return replace(side, y=side.y @ basis, effect=(side.effect.T @ basis).T, model=table)
 
@@ -113,7 +117,8 @@ class _Table:
         at_h = (by_h @ self.power).reshape(2, len(self.nodes[1]), -1)
         at_sum = (by_sum @ at_h[0]).reshape(2, SHAPE_NODES, -1)
         seen, seen_q = by_q @ at_sum[0]
-        share, seen_h = p[SHARE], by_q[0] @ (by_sum[0] @ at_h[1]).reshape(SHAPE_NODES, -1)
+        share = p[SHARE]
+        seen_h = by_q[0] @ (by_sum[0] @ at_h[1]).reshape(SHAPE_NODES, -1)
         still, still_h = by_h @ self.rest
         by_shape = share * seen_q * q_slope
         slopes = [
@@ -153,7 +158,8 @@ def joint_profiles(joint: Mapping[str, DiskFit], both: BothFit) -> pd.DataFrame:
     one = np.eye(8)
 
     def alone(d: str) -> tuple[pd.DataFrame, dict[str, Any]]:
-        fit, e = joint[d], joint[d].estimates
+        fit = joint[d]
+        e = joint[d].estimates
         together = both.theta[:4] if d == DISKS[0] else both.theta[4:]
         table = rim_table(fit.side, [fit.theta, together], e["h"].u, e["lag_s"].u)
         turn = float if d == "fast" else (lambda share: 1.0 - share)
@@ -166,7 +172,8 @@ def joint_profiles(joint: Mapping[str, DiskFit], both: BothFit) -> pd.DataFrame:
         return found, {"y": table.y, "effect": table.effect, "model": table.model}
 
     found, tables = zip(*(alone(d) for d in DISKS))
-    h_fast, h_slow = one[LOG_H], one[4 + LOG_H]
+    h_fast = one[LOG_H]
+    h_slow = one[4 + LOG_H]
     numbers = {
         "beta": Number(one[SHARE], within=(0.0, 1.0)),
         "h_fast": _logarithm(h_fast),
@@ -192,7 +199,8 @@ def _profiles(
     alone is too sure. Scaling it by the ratio of both variances keeps its minimum, the fit, and gives the stated
     covariance when all is normal; weighing anew would move the minimum. Chandler & Bate (2007).
     """
-    problem, k = joint_problem(sides), len(start)
+    problem = joint_problem(sides)
+    k = len(start)
     few = eliminated(problem, k, np.concatenate([start, np.zeros(problem.size - k)]))
     tried = []
     for shift in OTHER_SHAPES:
@@ -206,8 +214,10 @@ def _profiles(
     noise, per_sd = told(whole, sides)
 
     def walked(name: str) -> pd.DataFrame:
-        n, e = numbers[name], estimates[name]
-        white, other = n.toward @ noise @ n.toward, np.sum((n.toward @ per_sd) ** 2)
+        n = numbers[name]
+        e = estimates[name]
+        white = n.toward @ noise @ n.toward
+        other = np.sum((n.toward @ per_sd) ** 2)
         walk = profile(
             best,
             n.toward,
@@ -258,10 +268,13 @@ def intervals(table: pd.DataFrame) -> tuple[ProfileInterval, ...]:
     """The 95 % interval of every profile of ``table``."""
     out = []
     for (fit, parameter), own in table.groupby(["fit", "parameter"], sort=False):
-        value, deviance = own["value"].to_numpy(), own["deviance"].to_numpy()
+        value = own["value"].to_numpy()
+        deviance = own["deviance"].to_numpy()
         e = Estimate.normal(own["estimate"].iloc[0], own["u"].iloc[0])
-        low, high = crossing(value[::-1], deviance[::-1]), crossing(value, deviance)
-        first, last = float(value[0]), float(value[-1])
+        low = crossing(value[::-1], deviance[::-1])
+        high = crossing(value, deviance)
+        first = float(value[0])
+        last = float(value[-1])
         off = [
             np.inf if end is None else abs(end - normal)
             for end, normal in ((low, e.low95), (high, e.high95))

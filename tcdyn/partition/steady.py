@@ -23,7 +23,8 @@ from tcdyn.traces import DiskTraces
 H_GRID_W_M2K: Array = np.asarray(np.arange(100.0, 1201.0, 100.0), dtype=np.float64)  # section 4.3
 SHARE_GRID: Array = np.asarray(np.arange(0.1, 1.01, 0.1), dtype=np.float64)
 END_GAP_S = 0.2  # the last fraction of a second may already hold the parting
-LEAST_H_W_M2K, START_H_W_M2K = 50.0, 400.0
+LEAST_H_W_M2K = 50.0
+START_H_W_M2K = 400.0
 LEVELLED_S = 20.0  # of cooling that any fit looks at
 LAST_S = 10.0
 SURFACE_DEPTH_M = 0.0
@@ -218,14 +219,17 @@ def _line_shift(
     steady: Flags,
 ) -> FitShift:
     """What is to be feared of a line through the ``steady`` (R,) means of its window; ``power`` (n_h, r, P) theirs."""
-    w, moved = weights / weights.sum(), []
-    low, high = 2, len(H_GRID_W_M2K) - 3
+    w = weights / weights.sum()
+    moved = []
+    low = 2
+    high = len(H_GRID_W_M2K) - 3
     for k in (low, high):
         h = float(H_GRID_W_M2K[k])
         known = effects(test, disk, window, line.at(h), h)
         size = np.einsum("rp,rp,p->", power[k], power[k], w)
         moved.append(np.einsum("qrp,rp,p->q", known.change[:, steady], power[k], w) / size)
-    h_low, h_high = float(H_GRID_W_M2K[low]), float(H_GRID_W_M2K[high])
+    h_low = float(H_GRID_W_M2K[low])
+    h_high = float(H_GRID_W_M2K[high])
     slope = (moved[1] - moved[0]) / (h_high - h_low)
     s = power[low] * w
     spread = (
@@ -279,10 +283,8 @@ def at_own_temperature(test: EhlTest) -> EhlTest:
     ]
     if not asked:
         return test
-    rows, stated = (
-        stretch_of(test, min(LEVELLED_S, float(test.time_s[-1] - test.events.unload_s))),
-        test.disks,
-    )
+    rows = stretch_of(test, min(LEVELLED_S, float(test.time_s[-1] - test.events.unload_s)))
+    stated = test.disks
     for k in range(
         ROUNDS + 1
     ):  # the first with the steel as it is at the readings' own temperature

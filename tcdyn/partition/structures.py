@@ -62,12 +62,11 @@ class About:
     @classmethod
     def of(cls, test: EhlTest, fit: DiskFit, theta: Array) -> About:
         """The disk of ``fit`` at ``theta`` (4,)."""
-        rim, share, h = (
-            fit.side.heated(lags(theta)),
-            float(theta[SHARE]),
-            float(np.exp(theta[LOG_H])),
-        )
-        chain, window = with_lags(test.disks[fit.disk].mean_chain, lags(theta)), fit.side.window
+        rim = fit.side.heated(lags(theta))
+        share = float(theta[SHARE])
+        h = float(np.exp(theta[LOG_H]))
+        chain = with_lags(test.disks[fit.disk].mean_chain, lags(theta))
+        window = fit.side.window
         rest, power = rim.answer(h)
         first = int(np.searchsorted(test.time_s, window.time_s[0]))
         true, held = power_seen(test, slice(first, first + len(window.time_s)), None)
@@ -94,7 +93,8 @@ class About:
         air = self.chain.response(sampled(window, air_K[:, None])[:, 0], self.test.dt_s)
         bank = bank_means(air, self.test.dt_s, self.rim.rates_1_s, window.counts)
         s = self.rim.setup
-        points, film = points_of(s, s.outer), self.rim.films[0]
+        points = points_of(s, s.outer)
+        film = self.rim.films[0]
         gains = cached_gains(
             Rim.from_setup(s),
             self.h_W_m2K,
@@ -120,17 +120,17 @@ class About:
 
         Of the outer row by the straight line to ``late_s``, if that is not zero: much lag is not linear.
         """
-        disk, window = self.test.disks[self.fit.disk], self.fit.side.window
-        n, outer = len(disk.chains), disk.setup.outer
+        disk = self.test.disks[self.fit.disk]
+        window = self.fit.side.window
+        n = len(disk.chains)
+        outer = disk.setup.outer
         free = replace(
             disk, lag_covariance_s2=LAG_SD_S**2 * (n / (n - 1)) * np.eye(n)
         )  # less the mean of n
         known = effects(self.test, free, window, self.share, self.h_W_m2K)
         rows = [k for k, what in enumerate(known.of) if what.name.startswith("lag ")]
-        change, names = (
-            known.change[rows].copy(),
-            [known.of[k].name.removeprefix("lag ") for k in rows],
-        )
+        change = known.change[rows].copy()
+        names = [known.of[k].name.removeprefix("lag ") for k in rows]
         slower = self.chain.with_lag_shift(max(late_s, -0.8 * max(self.chain.taus_s)))
         if off_s := slower.lag_s - self.chain.lag_s:
             whole = sampled(window, self.base)
@@ -169,7 +169,8 @@ def _faces(a: About) -> Array:
 
 def _stem(a: About) -> Array:
     """Every junction reads less by a part of its excess over ambient; the inner row then drives the rim too cold."""
-    at, gains = a.rim.ambient, a.rim.gains(a.h_W_m2K)
+    at = a.rim.ambient
+    gains = a.rim.gains(a.h_W_m2K)
     air = a.rim.inputs[:, [at]]
     excess = [a.rim.inputs[:, [k]] - air for k in range(1, at)]
     driven = sum(
@@ -185,7 +186,8 @@ def _elsewhere(a: About) -> Array:
 
 def _k_of_T(a: About) -> Array:
     """Less where it is hot, as rig.toml might have stated."""
-    s, air = a.rim.setup, _at_parting(a, a.rim.inputs[:, a.rim.ambient])
+    s = a.rim.setup
+    air = _at_parting(a, a.rim.inputs[:, a.rim.ambient])
     rim = replace(a.rim, setup=replace(s, steel=s.steel.about(air, _at_parting(a, a.surface))))
     window = replace(a.fit.side.window, rim=rim)
     return -by_conductivity_slope(window, a.share, a.h_W_m2K, 0.01 * PER_100_K_SD)
@@ -311,19 +313,21 @@ class Linear:
 
     def __call__(self, columns: Array, waves: float) -> Refit:
         """The answer with ``columns`` (N, m), each with a standard normal prior, white noise scaled by ``waves``."""
-        r, j, d = self.residual[: self.ends[-1]], self.jacobian[: self.ends[-1]], self.directions
+        r = self.residual[: self.ends[-1]]
+        j = self.jacobian[: self.ends[-1]]
+        d = self.directions
         seen_by, toward, before, held = self._sums
         cov = d @ inverse(d.T @ (seen_by / waves + before) @ d) @ d.T
         start = -cov @ (toward / waves + held)
-        left, across = r + j @ start, j.T @ columns / waves
+        left = r + j @ start
+        across = j.T @ columns / waves
         follow = cov @ across
         seen = np.eye(columns.shape[1]) + columns.T @ columns / waves - across.T @ follow
-        b, known = columns.T @ left / waves, np.linalg.inv(seen)
-        size, chi2, volume = (
-            -known @ b,
-            float(b @ known @ b),
-            0.5 * float(np.linalg.slogdet(seen)[1]),
-        )
+        b = columns.T @ left / waves
+        known = np.linalg.inv(seen)
+        size = -known @ b
+        chi2 = float(b @ known @ b)
+        volume = 0.5 * float(np.linalg.slogdet(seen)[1])
 
         def covariance(scaled: float) -> Array:
             own = np.asarray(cov + follow @ known @ follow.T)

@@ -132,17 +132,16 @@ class Unevenness:
         across = np.array([-level[1], level[0]]) / size if size else np.array([0.0, 1.0])
         u = np.rad2deg(float(np.sqrt(across @ covariance @ across)) / max(size, 1e-12))
         known = self.significance > SIGNIFICANT and u < LARGEST_ANGLE_U_DEG
-        at, half = (
-            float(np.rad2deg(np.arctan2(level[1], level[0])) % 360.0),
-            Z95 * u if known else 180.0,
-        )
+        at = float(np.rad2deg(np.arctan2(level[1], level[0])) % 360.0)
+        half = Z95 * u if known else 180.0
         return Estimate(value=at, u=min(u, LARGEST_ANGLE_U_DEG), low95=at - half, high95=at + half)
 
     def finding(self, disk: str) -> Finding | None:
         """A note where the disk is uneven beyond doubt."""
         if self.significance < SIGNIFICANT:
             return None
-        size, at = self.amplitude_K, self.angle_deg
+        size = self.amplitude_K
+        at = self.angle_deg
         return note(
             "unevenness",
             subject=disk,
@@ -200,7 +199,8 @@ def radial_shape(setup: DiskSetup, h_W_m2K: float, depth_m: Array, n: int = 1) -
     >>> radial_shape(load_rig().disk_setup("fast"), 0.0, np.array([0.006, 0.0])).round(2)
     array([1.  , 0.97])
     """
-    k, outer = setup.conductivity_W_mK, setup.outer_radius_m
+    k = setup.conductivity_W_mK
+    outer = setup.outer_radius_m
     kappa = known_kappa(setup)
     edge = kappa * outer
     lost_i = k * kappa * special.ivp(n, edge) + h_W_m2K * special.iv(n, edge)
@@ -286,7 +286,8 @@ def round_effects(
 def turned(setup: DiskSetup, h_W_m2K: float, static: Array, about_K: Array) -> Array:
     """What the outer row shows more if one of the rows sits ``ANGLE_U_DEG`` further round the harmonic ``about_K``,
     (P + k, P)."""
-    (cos, sin), p = at_junctions(setup, h_W_m2K, setup.rows), len(setup.outer)
+    (cos, sin) = at_junctions(setup, h_W_m2K, setup.rows)
+    p = len(setup.outer)
     more = np.diag(np.deg2rad(ANGLE_U_DEG) * (about_K[1] * cos - about_K[0] * sin))
     return np.asarray(more[:, :p] - more[:, p:] @ static)
 

@@ -135,11 +135,9 @@ class RimMeans:
         points = (*(places[split:] if bore else places[:split]), *extra)
         width = self.half_width_m * (1 + p.half_width)
         flux = track(s.flux, width, p.shift_m, 1 + p.half_width)
-        mesh, rates, film = (
-            BORE_MESH if bore else FIT_MESH,
-            tuple(self.rates_1_s),
-            len(self.banks) > self.ambient + 1,
-        )
+        mesh = BORE_MESH if bore else FIT_MESH
+        rates = tuple(self.rates_1_s)
+        film = len(self.banks) > self.ambient + 1
         return cached_gains(
             rim, h_W_m2K, points, width, rates, self.profile, flux, mesh, film, p.film
         )
@@ -231,7 +229,8 @@ def between(time_s: Array, start_s: float, stop_s: float) -> slice:
 
 def stretch_of(test: EhlTest, after_s: float) -> slice:
     """Rows from well before the steady window to ``after_s`` after parting; refuses a log that ends before."""
-    off, end = test.events.unload_s, test.time_s[-1]
+    off = test.events.unload_s
+    end = test.time_s[-1]
     if end < off + after_s:
         left = max(np.floor(10 * (end - off)) / 10, 0.0)
         raise InputError(
@@ -264,12 +263,10 @@ def disk_window(
 
     Blocks are one second long under steady load, single samples about the parting, tenths of a second later.
     """
-    t, dt, off, straight = (
-        test.time_s[rows],
-        test.dt_s,
-        test.events.unload_s,
-        disk.setup.steel.straight(temperatures),
-    )
+    t = test.time_s[rows]
+    dt = test.dt_s
+    off = test.events.unload_s
+    straight = disk.setup.steel.straight(temperatures)
     inner_row, outer_row = (disk.setup.places(row) for row in (disk.setup.inner, disk.setup.outer))
     first, fine, coarse = np.searchsorted(t, [steady_start_s(test), off - 0.5, off + FINE_S])
     big, small = (max(int(round(length / dt)), 1) for length in (STEADY_BLOCK_S, COARSE_BLOCK_S))
@@ -283,10 +280,8 @@ def disk_window(
     )
     seen = np.maximum(1.0 - blocks @ disk.missing[rows][:, outer_row].astype(float), LEAST_SEEN)
     lags_s = chain.taus_s if chain else ()  # whose longest, and twice that, a fit makes of the bank
-    (power, held), rates = (
-        power_seen(test, rows, chain),
-        node_rates(dt, longest_s=2 * max(lags_s, default=0.0)),
-    )
+    (power, held) = power_seen(test, rows, chain)
+    rates = node_rates(dt, longest_s=2 * max(lags_s, default=0.0))
     bank = (
         blocks @ lag_bank(power, dt, rates, **held)
         if held
@@ -338,7 +333,9 @@ def power_seen(test: EhlTest, rows: slice, chain: Chain | None) -> tuple[Array, 
     It is held between samples and ends at an instant inside one. Through the chain, for readings left lagged, the
     sample in which it ends carries its average, which keeps the energy and places the step to second order in dt.
     """
-    power, t, off = test.power_W[rows], test.time_s[rows], test.events.unload_s
+    power = test.power_W[rows]
+    t = test.time_s[rows]
+    off = test.events.unload_s
     k = int(np.searchsorted(t, off)) - 1
     ends = 0 <= k < len(t) - 1 and power[k] > 0 and power[k + 1] == 0
     part = float((off - t[k]) / test.dt_s) if ends else 1.0

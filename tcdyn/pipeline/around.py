@@ -10,7 +10,8 @@ from tcdyn.partition.joint import LOG_H, SHARE
 from tcdyn.partition.steady import END_GAP_S, LAST_S, SURFACE_DEPTH_M
 from tcdyn.partition.uneven import harmonic_K, radial_shape
 
-DEPTHS, ACROSS = 25, 15
+DEPTHS = 25
+ACROSS = 15
 
 
 def around_disk(p: Partition, disk: str) -> Around:
@@ -19,9 +20,12 @@ def around_disk(p: Partition, disk: str) -> Around:
     T = T_0(r, z) + T_1(r) cos(angle - hottest); deeper than the junctions nothing is measured. The uncertainty is that
     of the harmonic, and of the even part what moves the running surface with the share's and h's joint uncertainty.
     """
-    window, known, setup = p.windows[disk], p.both.uneven[disk], p.test.disks[disk].setup
+    window = p.windows[disk]
+    known = p.both.uneven[disk]
+    setup = p.test.disks[disk].setup
     theta = p.both.theta[4 * (disk == "slow") :]
-    share, h = float(theta[SHARE]), float(np.exp(theta[LOG_H]))
+    share = float(theta[SHARE])
+    h = float(np.exp(theta[LOG_H]))
     to_parting = window.at_s - p.test.events.unload_s
     last = (to_parting >= -LAST_S) & (to_parting < -END_GAP_S)
     depth = np.linspace(0.0, setup.edge_m, DEPTHS)
@@ -35,12 +39,14 @@ def around_disk(p: Partition, disk: str) -> Around:
     even -= setup.steel.straight(even) - even  # back from Kirchhoff's temperature, to first order
     at = np.deg2rad(ANGLES_DEG)
     sides = np.stack([np.cos(at), np.sin(at)])
-    size, toward = known.amplitude_K.value, np.deg2rad(known.angle_deg.value)
+    size = known.amplitude_K.value
+    toward = np.deg2rad(known.angle_deg.value)
     level = size * np.array([np.cos(toward), np.sin(toward)])
     shape = radial_shape(setup, h, depth)
     spread = np.einsum("ia,ij,ja->a", sides, known.level_covariance_K2, sides)
     of_even = p.answers[f"surface {disk}"].u
-    rows, reads = p.test.time_s[p.rows], p.test.disks[disk].readings_degC[p.rows]
+    rows = p.test.time_s[p.rows]
+    reads = p.test.disks[disk].readings_degC[p.rows]
     seen = reads[
         (rows >= p.test.events.unload_s - LAST_S) & (rows < p.test.events.unload_s - END_GAP_S)
     ].mean(axis=0)

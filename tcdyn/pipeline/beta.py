@@ -115,8 +115,10 @@ def prepare(
             remedy="add {records}",
             parameters={"records": f"{missing[0]}.disk.json"},
         )
-    frame, t = log.frame, log.frame["time_s"].to_numpy(dtype=float)
-    dt, events = interval_s(t), events or find_events(frame, where)
+    frame = log.frame
+    t = log.frame["time_s"].to_numpy(dtype=float)
+    dt = interval_s(t)
+    events = events or find_events(frame, where)
     stated, told = constants_of(frame, rig)
     under_load = (t > events.load_on_s + 5) & (t < events.unload_s - 0.5)
     steady = (t > events.unload_s - 150) & (t < events.unload_s - 1) & under_load
@@ -138,12 +140,14 @@ def prepare(
             expected="a fast disk that is faster than the slow one",
             remedy="check speed_fast_rpm and speed_slow_rpm, or the [columns] of rig.toml",
         )
-    ratio, nominal = speeds[0] / speeds[1], rig.common.contact.gear_ratio
+    ratio = speeds[0] / speeds[1]
+    nominal = rig.common.contact.gear_ratio
     if abs(ratio / nominal - 1) > 0.05:
         found.append(look("speeds.ratio", ratio=ratio, stated=nominal))
     if np.sum(t < events.load_on_s - SETTLE_S) < LEAST_ZERO:
         found.append(look("forces.one_zero"))
-    load_N, friction_N = float(np.mean(load[steady])), float(np.mean(friction[steady]))
+    load_N = float(np.mean(load[steady]))
+    friction_N = float(np.mean(friction[steady]))
     if not 0 < friction_N < load_N:
         raise InputError(
             f"load {load_N:.1f} N and friction {friction_N:.2f} N under contact",
@@ -152,7 +156,8 @@ def prepare(
             remedy="is a sign turned round, a unit another, or are load_N and friction_N exchanged?",
         )
     added = NOTHING_ADDED if friction_added is None else friction_added(load_N, rpm[1])
-    friction, friction_N = friction + added.value_N * load / load_N, friction_N + added.value_N
+    friction = friction + added.value_N * load / load_N
+    friction_N = friction_N + added.value_N
     found += added.findings
     slowing = {}
     for d, level in zip(DISKS, rpm):
@@ -166,17 +171,17 @@ def prepare(
         elif np.any(course != 1):
             slowing[d] = course
             at = float(min(SLOWER_S, t[-1] - events.unload_s))
-            percent, n = (
-                100 * float(np.interp(events.unload_s + at, t, course)),
-                rig.common.contact.speed_exponent,
-            )
+            percent = 100 * float(np.interp(events.unload_s + at, t, course))
+            n = rig.common.contact.speed_exponent
             found.append(note("speeds.change", subject=d, percent=percent, after_s=at, exponent=n))
     if not 0.002 < friction_N / load_N < 0.2:
         found.append(look("friction.coefficient", coefficient=friction_N / load_N))
     contact = hertz_contact(load_N, equal_radius_m(*radius), equal_radius_m(*crown))
-    u, (load_rel, sliding_rel, ratio_rel) = rig.common.uncertainty, stated_rel(rpm, rpm_u, stated)
+    u = rig.common.uncertainty
+    (load_rel, sliding_rel, ratio_rel) = stated_rel(rpm, rpm_u, stated)
     about = {d: disk_air(frame, d, rig, steady, stated) for d in here}
-    disks, air = dict[str, DiskTraces](), {d: a for d, (a, _) in about.items()}
+    disks = dict[str, DiskTraces]()
+    air = {d: a for d, (a, _) in about.items()}
     stated_u = {"friction_rel": sliding_rel, "half_width_rel": load_rel / 3}  # b ~ W^(1/3)
     stated_u["ambient_K"] = stated["ambient_degC"].u if "ambient_degC" in stated else 0.0
 
@@ -251,10 +256,8 @@ def _left_out(rig: Rig, name: str, why: str, out: Mapping[str, Sequence[str]]) -
     """That a channel such as "fast_c" is left out, and what goes on without it; a note where it was asked for."""
     disk, _, channel = name.rpartition("_")
     setup = rig.disk_setup(disk)
-    names, kept = (
-        setup.stand_ins(out[disk]).get(channel, ()),
-        [c for c in setup.outer if c not in out[disk]],
-    )
+    names = setup.stand_ins(out[disk]).get(channel, ())
+    kept = [c for c in setup.outer if c not in out[disk]]
     cost: dict[str, Any] = {"stand_ins": [*names] if channel in setup.inner else [], "kept": kept}
     return (look if why else note)(
         "channel.left_out", subject=name, why=why or "as asked for", **cost
@@ -322,7 +325,8 @@ def without_lost(
             gone = (*left_out_of(left_out, rig.setups).get(disk, ()), channel)
             if lost in left_out or disk not in DISKS or not rig.disk_setup(disk).tells_beta(gone):
                 raise (first or problem if problem.column else problem) from None
-            first, left_out[lost] = first or problem, problem.what
+            first = first or problem
+            left_out[lost] = problem.what
             progress(f"going on without {lost}")
 
 
@@ -350,7 +354,9 @@ def estimate_stages(
 
 def summary_of(p: Partition) -> str:
     """The headline, beta, h and lag by every way, and the verdict."""
-    a, both, gone = p.answers, p.both.estimates, p.withheld
+    a = p.answers
+    both = p.both.estimates
+    gone = p.withheld
     pair = "beta {}   h_fast {}   h_slow {} W/m2K"
     lines = {"both beta": ("both disks", pair.format(both["beta"], both["h_fast"], both["h_slow"]))}
     lines["speed law"] = "speed law", pair.format(a["speed law"], a["h_fast"], a["h_slow"])

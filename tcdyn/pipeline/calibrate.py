@@ -43,11 +43,10 @@ from tcdyn.plunge.run import PlungeRun, bath_filled, run_from_log
 from tcdyn.threads import one_blas_thread
 
 SAME_K = 0.02  # a file saved again may have lost decimals; no two plunges are alike to this in every sample
-REST_CLEAR_S, REST_SAMPLES, REST_U_K = (
-    0.5,
-    20,
-    0.07,
-)  # before an entry: kept clear of it, fewest, how alike a disk is
+# before an entry: kept clear of it, fewest, how alike a disk is
+REST_CLEAR_S = 0.5
+REST_SAMPLES = 20
+REST_U_K = 0.07
 
 
 @dataclass(frozen=True)
@@ -138,10 +137,8 @@ def calibrate_disk(
         for f in fit.findings
         if f.code == "plunge.pull" and f.numbers["kind"] in ("offset", "gain")
     ]
-    strained, apart = (
-        {f.subject for f in pulled},
-        set.intersection(*(apart_at_rest(run) for run in runs)),
-    )
+    strained = {f.subject for f in pulled}
+    apart = set.intersection(*(apart_at_rest(run) for run in runs))
     if static is not None and (len(strained) > len(setup.channels) // 2 or len(apart) > 1):
         findings.append(look("calibrate.other_disk", subject=disk, count=len(strained | apart)))
     findings += fit.findings
@@ -167,7 +164,8 @@ def apart_at_rest(run: PlungeRun) -> set[str]:
     before = run.readings_degC[run.time_s < run.entry.time_s - max(4 * run.entry.u_s, REST_CLEAR_S)]
     if len(before) < REST_SAMPLES or not run.lines:
         return set()
-    third, mean = len(before) // 3, np.nanmean(before, axis=0)
+    third = len(before) // 3
+    mean = np.nanmean(before, axis=0)
     if (
         abs(np.nanmedian(np.nanmean(before[-third:], axis=0) - np.nanmean(before[:third], axis=0)))
         > REST_U_K

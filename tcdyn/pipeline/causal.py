@@ -28,7 +28,9 @@ from tcdyn.traces import DiskChannels
 
 Array = NDArray[np.float64]
 CORNER_LAGS = 6.0  # in any other table: slopes may change so that the answer follows to so many radians in a lag
-TOLD_GAP_S, LONGEST_GAP_S = 1.0, 60.0  # told; beyond which nothing is known any more
+# told; beyond which nothing is known any more
+TOLD_GAP_S = 1.0
+LONGEST_GAP_S = 60.0
 LONGEST_BEHIND_S = 60.0  # at any rate
 GAP_ROWS = 1.5  # a shorter step is no gap, at any rate: half a row above the regular one
 RESTART_ROWS = 10.0  # a shorter gap does not restart the smoother, at any rate
@@ -165,7 +167,8 @@ class Causal:
             if one[0] not in learnt["dead"]
         ]
         junctions, lines, chains, variances, split_u = zip(*alive)
-        dt, level = float(learnt["dt_s"]), settings.intensity_K2_s3 or level_K2_s3
+        dt = float(learnt["dt_s"])
+        level = settings.intensity_K2_s3 or level_K2_s3
         after, before = (
             np.array([learnt[k][n] for n in junctions], dtype=float)
             for k in ("noise_K", "before_K")
@@ -248,7 +251,8 @@ class Causal:
     def check_fits(self, state: CausalState) -> None:
         """Raise ValueError where the arrays of ``state`` have not the shapes of this plan's."""
         own = self.start(np.zeros(len(self.junctions)))
-        screening, own_screening = state.screening, own.screening
+        screening = state.screening
+        own_screening = own.screening
         pairs: list[tuple[Any, Any]] = [(state.kernel, own.kernel), (screening, own_screening)]
         pairs += [(screening.track, own_screening.track), (state, own)]
         for given, expected in pairs:
@@ -384,7 +388,9 @@ class Causal:
     def _answered(self, state: CausalState, y: Array) -> tuple[CausalState, Array, Array]:
         """The state after the readings ``y (n, M)`` [degC], temperatures [degC] and their uncertainty [K] (n, M)."""
         kernel, x, sd, flags = self.engine.run(state.kernel, y)
-        rate, split_K, memory = np.empty_like(x), np.empty_like(x), np.empty_like(state.memory)
+        rate = np.empty_like(x)
+        split_K = np.empty_like(x)
+        memory = np.empty_like(state.memory)
         for i, (per_lag, divided) in enumerate(self._filters):
             rate[:, i], memory[i, :1] = scipy.signal.lfilter(
                 *per_lag, x[:, i], zi=state.memory[i, :1]

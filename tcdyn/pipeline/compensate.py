@@ -110,7 +110,8 @@ class CompensatedLog(Result):
 
     def before_use(self, disk: str) -> BeforeUse:
         """The report on the proper inverse of this log's bandwidth, for the noisiest channel of ``disk``."""
-        noise, dt = self.disks[disk].noise_sd, self._dt_s
+        noise = self.disks[disk].noise_sd
+        dt = self._dt_s
         inverses = [
             proper_inverse(chain, dt, self.way.bandwidth_Hz) for chain in self.traces[disk].chains
         ]
@@ -152,7 +153,8 @@ def compensate_log(
         raise InputError(
             "no record was given", remedy="add {records}", parameters={"records": "DISK.disk.json"}
         )
-    rig, way = rig or rig_of(records), way or Way()
+    rig = rig or rig_of(records)
+    way = way or Way()
     progress("reading the log")
     pieces, unused = log_for(log, rig, records)
     kind = pieces.kind
@@ -165,7 +167,8 @@ def compensate_log(
         "source_sha256": table.sha256,
     }
     notes |= {} if way.removes_lag else {"method": NOISE_ONLY}
-    findings, known = [*gathered(table.findings)], dict[float, float]()
+    findings = [*gathered(table.findings)]
+    known = dict[float, float]()
     if refine and unused and way.removes_lag:
         refine = False
         findings.append(

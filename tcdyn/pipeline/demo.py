@@ -140,7 +140,8 @@ def compare_with_truth(
         lag = run.fit.common_lag_s
         add(f"{disk} common lag, plunges", "s", lag.value, lag.u, truth[disk]["common_lag_s"])
     for name, beta in tests.items():
-        p, true = beta.partition, truth["tests"][name]
+        p = beta.partition
+        true = truth["tests"][name]
         for way, value in p.ways.items():
             add(f"{name} beta, {way}", "1", value.value, value.u, true["beta"])
         for d in DISKS:

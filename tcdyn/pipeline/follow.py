@@ -93,7 +93,9 @@ def follow(
         raise InputError(
             "no record was given", remedy="add {records}", parameters={"records": "DISK.disk.json"}
         )
-    log, out, settings = Path(log), Path(out), settings or Settings()
+    log = Path(log)
+    out = Path(out)
+    settings = settings or Settings()
     rig = rig or (rig_of(records) if isinstance(records, Mapping) else None)
     if out.suffix.lower() != ".csv":
         raise InputError(
@@ -116,18 +118,21 @@ def follow(
     source = _header(log, rig, records, options, patience)
     if source is None:
         return FollowRun(0, 0, 0, "stopped before the header was there", None, ())
-    table, key = source.table, _key(source, records, settings)
+    table = source.table
+    key = _key(source, records, settings)
     rows: list[list[float]] = []
     if state is not None and continues:
         left = _restored(state, key, table, out)
         plan, now = _plan_of(state, left, source, settings, out)
-        written, size = left["where"]["written"], left["where"]["out_bytes"]
+        written = left["where"]["written"]
+        size = left["where"]["out_bytes"]
     else:
         begun = _learnt(source, settings, patience)
         if begun is None:
             ended = "stopped before anything was learnt; nothing was written"
             return FollowRun(table.rows, 0, table.bad, ended, None, ())
-        (plan, now, rows), written = begun, 0
+        (plan, now, rows) = begun
+        written = 0
         head = _head(source, plan)
         _spare(out, overwrite)  # it may have come while the first seconds were waited for
         write_text(out, head)  # what stood there stays until this is whole
@@ -281,7 +286,8 @@ def _learnt(
 def _stretch(rows: list[list[float]], at: int, learn_s: float) -> list[list[float]]:
     """The first rows that last ``learn_s`` [s] while the clock, column ``at``, does not jump; none while there are not
     so many."""
-    begun, last = 0, np.nan
+    begun = 0
+    last = np.nan
     longest_gap_s = max(
         LONGEST_GAP_S, 0.1 * learn_s
     )  # at least 17 rows are learnt from: more than a regular step
@@ -345,11 +351,9 @@ def _restored(file: Path, key: dict[str, Any], table: GrowingTable, out: Path) -
         data: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
         where, _, _ = data["where"], data["plan"], data["state"]
         table.rows, table.bad, _ = int(where["rows"]), int(where["bad"]), int(where["written"])
-        offset, digest_of_log, out_bytes = (
-            int(where["offset"]),
-            str(where["sha256"]),
-            int(where["out_bytes"]),
-        )
+        offset = int(where["offset"])
+        digest_of_log = str(where["sha256"])
+        out_bytes = int(where["out_bytes"])
         digest_of_out = str(where["out_sha256"])
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as problem:
         raise InputError(

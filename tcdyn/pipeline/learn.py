@@ -18,7 +18,9 @@ from tcdyn.pipeline.causal import Causal, CausalState, Settings
 from tcdyn.pipeline.reachable import Reach, noise_bound_K
 from tcdyn.traces import DiskChannels
 
-LEAST_SAMPLES, LEAST_NOISE_K, FIRST = 16, 1e-3, 5
+LEAST_SAMPLES = 16
+LEAST_NOISE_K = 1e-3
+FIRST = 5
 LEAST_AFTER = (
     0.03  # of the noise from before the filter: less of it after the filter no samples show
 )
@@ -46,7 +48,8 @@ def begin(
     place = np.round((time - np.nanmin(time)) / dt)
     even = np.full((int(np.nanmax(place)) + 1, rows.shape[1]), np.nan)
     even[place[np.isfinite(place)].astype(int)] = rows[np.isfinite(place)]
-    alive, dead = {}, []
+    alive = {}
+    dead = []
     screened: set[str] = set()
     for disk in channels:
         lag_u_s = np.sqrt(np.maximum(np.diag(disk.lag_covariance_s2), 0.0))

@@ -43,8 +43,10 @@ class OneDiskRun(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """The content of ``beta.json``, null where a number needs both disks, sealed with its checksum."""
-        p, d = self.partition, self.partition.disk
-        gone, check = p.withheld, p.crosscheck
+        p = self.partition
+        d = self.partition.disk
+        gone = p.withheld
+        check = p.crosscheck
         hidden = {key for way in gone for key in (way, f"h {way}")} | (
             {"lag_s"} if "joint" in gone else set()
         )
@@ -107,7 +109,8 @@ class OneDiskRun(Result):
 
     def summary(self) -> str:
         """The answer in a few lines."""
-        p, a = self.partition, self.partition.answers
+        p = self.partition
+        a = self.partition.answers
         lag = {"joint": f"   lag {a['lag_s']} s", "cooling": ""}
         said = [
             f"{f'{way} {p.disk}':14}"
@@ -127,7 +130,8 @@ class OneDiskRun(Result):
 
 def ways_of(p: OneDisk) -> pd.DataFrame:
     """beta, h and lag by the ways that one disk allows, the headline's first; what cannot be true is withheld."""
-    rows, a = [], p.answers
+    rows = []
+    a = p.answers
     for way in WAYS:
         lag = a["lag_s"] if way == "joint" else None
         rows.append(
@@ -157,7 +161,8 @@ def estimate_one_disk(
     Both speeds are needed all the same: the heat is friction times sliding speed. Nothing is drawn, so ``seed`` changes
     nothing. Raises InputError as ``estimate_beta`` does, and where the log holds the other disk's columns, too.
     """
-    rig, (name,) = rig or rig_of(records), records
+    rig = rig or rig_of(records)
+    (name,) = records
     other = next(d for d in DISKS if d != name)
     unread = [*couples(rig.disk_setup(other).channels, other)]
     if columns_not_there(log, rig, unread) != unread:

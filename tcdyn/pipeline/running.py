@@ -93,7 +93,9 @@ def disk_air(
         room = bridged(logged, np.isfinite(logged))
     elif "ambient_degC" in stated:
         room = np.full(len(frame), stated["ambient_degC"].value)
-    means, own, found = dict[str, Array](), 0.0, list[Finding]()
+    means = dict[str, Array]()
+    own = 0.0
+    found = list[Finding]()
     for place, columns in (("surface", channels.surface), ("faces", channels.faces)):
         alive = [x for c in columns if np.nanstd(x := frame[air_name(c)].to_numpy(dtype=float)) > 0]
         if not alive:
@@ -110,7 +112,8 @@ def disk_air(
             "spread_K": spread,
         }
         found.append(note("ambient.channels", subject=disk, at=place, count=len(levels), **told))
-    faces, surface = means.get("faces", room), means.get("surface", room)
+    faces = means.get("faces", room)
+    surface = means.get("surface", room)
     faces = surface if faces is None else faces
     surface = faces if surface is None else surface
     if faces is None or surface is None:

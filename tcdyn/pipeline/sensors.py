@@ -30,10 +30,9 @@ from tcdyn.sensor.table import EvenTimes, Part, on_grid, once_each, open_source,
 from tcdyn.sensor.units import Unit, cold_column, doubtful, matching, units_of
 from tcdyn.threads import one_blas_thread
 
-MOST_VALUES, MOST_COLUMNS = (
-    400_000,
-    8,
-)  # smoothed at once: an event of one column is weighed in all of them
+# smoothed at once: an event of one column is weighed in all of them
+MOST_VALUES = 400_000
+MOST_COLUMNS = 8
 TOLD_ROWS = 200_000  # after so many progress is told again, then after twice as many
 DECIMALS = 5
 
@@ -163,7 +162,10 @@ def compensate_table(
             remedy="rename it",
         )
     gathered: dict[str, list[Array]] = {w.column: [] for w in worn}
-    rows, found, tell_at, ends_s = 0, list(told), 0, list[float]()
+    rows = 0
+    found = list(told)
+    tell_at = 0
+    ends_s = list[float]()
     stretches = parts(source, [*names, *kept], max((w.chain.lag_s for w in worn), default=0.0))
     stretch = next(stretches, None)
     text = [n for n in names if stretch is not None and stretch.data[n].dtype == object]
@@ -179,7 +181,8 @@ def compensate_table(
                 stretch = stretches.send(memory)
                 continue
             write(pd.DataFrame({new: answer[new] for new in header}))
-            rows, found = rows + len(next(iter(answer.values()))), [*once_each([*found, *said])]
+            rows = rows + len(next(iter(answer.values())))
+            found = [*once_each([*found, *said])]
             ends_s += stretch.time_s[[0, -1]].tolist() if len(stretch.time_s) else []
             stretch = next(stretches, None)
             for name, row in numbers.items():
@@ -188,8 +191,11 @@ def compensate_table(
     for w in worn:
         of = np.array(gathered[w.column]) if gathered[w.column] else np.full((1, 3), np.nan)
         of = of[np.isfinite(of[:, 1])] if np.isfinite(of[:, 1]).any() else of
-        noise, typical, most = np.median(of[:, 0]), np.median(of[:, 1]), np.max(of[:, 2])
-        lasts, lag_s = max(ends_s, default=0.0) - min(ends_s, default=0.0), w.chain.lag_s
+        noise = np.median(of[:, 0])
+        typical = np.median(of[:, 1])
+        most = np.max(of[:, 2])
+        lasts = max(ends_s, default=0.0) - min(ends_s, default=0.0)
+        lag_s = w.chain.lag_s
         if lasts < lag_s:
             found.append(look("sensor.brief", subject=w.column, duration_s=lasts, lag_s=lag_s))
         table.append(
@@ -246,7 +252,8 @@ def _answered(
 
     Last, how many rows beside the stretch the smoother needs to settle.
     """
-    keep, found = stretch.keep, list(stretch.findings)
+    keep = stretch.keep
+    found = list(stretch.findings)
     out = {n: v[keep] for n, v in stretch.data.items()}
     numbers: dict[str, Array] = {}
     read = {w.column: _read(w, stretch) for w in worn}
@@ -259,7 +266,8 @@ def _answered(
     grid, told = places(stretch.time_s, where)
     found += told
     size = int(grid.place[-1]) + 1
-    group, memory = min(max(int(MOST_VALUES / size), 1), MOST_COLUMNS), 0.0
+    group = min(max(int(MOST_VALUES / size), 1), MOST_COLUMNS)
+    memory = 0.0
     alive = [w for w in worn if np.count_nonzero(np.isfinite(read[w.column])) >= 10]
     found += [look("sensor.dead", subject=w.column) for w in worn if w not in alive]
     for first in range(0, len(alive), group):

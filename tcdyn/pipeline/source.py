@@ -55,7 +55,8 @@ class GrowingLog:
 
     def new_rows(self) -> list[list[float]] | None:
         """New rows of canonical columns [s, degC], None without a whole line; NaN where a couple has no such emf."""
-        names, new = list(self.places), self.table.new_rows(list(self.places.values()))
+        names = list(self.places)
+        new = self.table.new_rows(list(self.places.values()))
         if not new or not (self.how or self.units):
             return new
         rows = np.array(new)
@@ -76,7 +77,8 @@ class GrowingLog:
         """Answers (k, columns ``names``) in the units of the table's own columns."""
         out = np.array(rows)
         for name, unit in self.units.items():
-            at, u_at = names.index(name), names.index(u_name(name))
+            at = names.index(name)
+            u_at = names.index(u_name(name))
             out[:, at], out[:, u_at] = unit.back(rows[:, at]), unit.per_K * rows[:, u_at]
         return out
 
@@ -108,7 +110,8 @@ def growing_log(
     growing = open_growing(log, wanted)
     if growing is None:
         return None
-    where, table = shown(log), growing.table
+    where = shown(log)
+    table = growing.table
     if table.metadata.get("tcdyn") == COMPENSATED:
         raise InputError(
             "is compensated already",
@@ -145,7 +148,8 @@ def _table_source(
     growing: GrowingTable, sensors: Sequence[SensorFile], where: str, options: TableOptions
 ) -> GrowingLog:
     """Any table that grows: all its columns, the time in seconds called time_s, those sensors cover in their units."""
-    names, dialect = growing.table.names, growing.table.dialect
+    names = growing.table.names
+    dialect = growing.table.dialect
     units = growing.table.units
     clock = find_time_column(
         names, where, requested=options.get("time"), unit=options.get("time_unit"), unit_row=units
@@ -159,7 +163,8 @@ def _table_source(
         )
     own = {"time_s" if n == time else n: i for i, n in enumerate(names)}
     cold = cold_column(options.get("cold", 0.0), names, where)
-    unit, couple = options.get("unit", ""), options.get("couple", "")
+    unit = options.get("unit", "")
+    couple = options.get("couple", "")
     worn, told = worn_in(
         [n for n in names if n != time], where, sensors, (), unit, couple, cold, units
     )

@@ -78,7 +78,8 @@ def one_disk(
 ) -> Compensated:
     """One disk's traces; ``events``: time [s] of each, of all the log, and its uncertainty [s]."""
     time = frame["time_s"].to_numpy(dtype=float)
-    y, dt = traces.measured_degC, interval_s(time)
+    y = traces.measured_degC
+    dt = interval_s(time)
     given: dict[str, Any] = {
         "noise_sd": traces.noise_K,
         "lag_covariance": traces.lag_covariance_s2,
@@ -156,7 +157,9 @@ class Stretches:
 
     def write(self, out: str | Path, progress: Callable[[str], None]) -> list[Finding]:
         """Write the ``header`` and all rows to ``out``, whole or not at all; what was noticed."""
-        rows, told, found = 0, 0, list[Finding]()
+        rows = 0
+        told = 0
+        found = list[Finding]()
         lags = [
             c.lag_s.value
             for r in self.records.values()
@@ -172,7 +175,8 @@ class Stretches:
                     stretch = stretches.send(beside)
                     continue
                 write(frame)
-                rows, found = rows + len(frame), [*found, *said]
+                rows = rows + len(frame)
+                found = [*found, *said]
                 if (percent := 10 * (10 * rows // self.log.rows)) > told:
                     told = percent
                     progress(f"writing, {percent} % of the rows")
@@ -181,13 +185,12 @@ class Stretches:
 
     def _answered(self, stretch: Part) -> tuple[pd.DataFrame, list[Finding], int]:
         """Rows to write, what was noticed, and how many rows beside them both sweeps need to settle."""
-        frame, where, found, beside = (
-            pd.DataFrame(stretch.data),
-            self.log.path.name,
-            list(stretch.findings),
-            0.0,
-        )
-        answer, dt = frame, self.log.dt_s
+        frame = pd.DataFrame(stretch.data)
+        where = self.log.path.name
+        found = list(stretch.findings)
+        beside = 0.0
+        answer = frame
+        dt = self.log.dt_s
         for disk, record in self.records.items():
             lag = self.way.removes_lag
             one = disk_traces(frame, disk, self.rig, record, named=self.named, where=where, lag=lag)

@@ -41,7 +41,8 @@ def draw_round(around: Around, ax: Axes) -> Axes:
     ax.figure.colorbar(tones, ax=ax, label="middle plane [°C]")
     for c, seen in around.seen_degC.items():
         j = around.setup.junctions[c]
-        at, mm = j.angle_deg % 360.0, 1e3 * j.depth_m
+        at = j.angle_deg % 360.0
+        mm = 1e3 * j.depth_m
         inside = abs(j.z_m - 0.5 * around.setup.width_m) < CENTRE_M
         ax.plot(
             at,
@@ -97,8 +98,10 @@ def round_figure(disks: Sequence[Around]) -> Figure:
 def draw_fit(setup: DiskSetup, ax: Axes) -> Axes:
     """Conductance of a stated press fit against the angle, its harmonics 0 to 2, and where the junctions are."""
     edges = np.arange(0.0, 360.0 + STEP_DEG, STEP_DEG, dtype=np.float64)
-    angle, colour = 0.5 * (edges[1:] + edges[:-1]), DISK_COLOUR[setup.name]
-    sectors, bearing = setup.fit.sectors(1e3 * setup.bore_radius_m), 1e-3 * press_fit(setup)[1]
+    angle = 0.5 * (edges[1:] + edges[:-1])
+    colour = DISK_COLOUR[setup.name]
+    sectors = setup.fit.sectors(1e3 * setup.bore_radius_m)
+    bearing = 1e-3 * press_fit(setup)[1]
     c = bearing * harmonics(sectors, 2)
     smooth = c[0].real + 2 * sum((c[n] * np.exp(1j * n * np.deg2rad(angle))).real for n in (1, 2))
     ax.plot(

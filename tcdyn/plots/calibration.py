@@ -113,11 +113,9 @@ def draw_transducer(
     line: TransducerLine, volts: ArrayLike, force_N: ArrayLike, session: ArrayLike, ax: Axes
 ) -> Axes:
     """Figure 2.21: force against volts, one line a session, one slope for all."""
-    v, f, s = (
-        np.asarray(volts, dtype=float),
-        np.asarray(force_N, dtype=float),
-        np.asarray(session).astype(str),
-    )
+    v = np.asarray(volts, dtype=float)
+    f = np.asarray(force_N, dtype=float)
+    s = np.asarray(session).astype(str)
     for name, intercept in line.intercept_N.items():
         here = s == name
         dots = ax.plot(v[here], f[here], "o", markersize=4, label=name)[0]
@@ -144,7 +142,8 @@ def draw_lags(chain: ChainRecord, ax: Axes) -> Axes:
     ax.axhspan(common.low95, common.high95, color=PALE, zorder=0, label="common lag, 95 %")
     ax.axhline(common.value, color=TRUTH, linewidth=0.8)
     for i, name in enumerate(names):
-        lag, apart = chain.channels[name].lag_s, chain.differential_lag_s[name]
+        lag = chain.channels[name].lag_s
+        apart = chain.differential_lag_s[name]
         ax.plot(
             [i, i],
             [lag.low95, lag.high95],
@@ -165,7 +164,8 @@ def draw_lag_budget(shares: Sequence[LagShare], ax: Axes) -> Axes:
     """What each source adds to the uncertainty of the common lag and of the differences, the largest on top [s]."""
     ordered = sorted(shares, key=lambda s: s.u_common_s)
     y = np.arange(len(ordered))
-    common, rest = [s.u_common_s for s in ordered], [s.u_differential_s for s in ordered]
+    common = [s.u_common_s for s in ordered]
+    rest = [s.u_differential_s for s in ordered]
     ax.barh(y + 0.19, common, 0.36, color=SLOW, label="common lag")
     ax.barh(
         y - 0.19,
@@ -201,7 +201,8 @@ def error_figure(oven: OvenFit) -> Figure:
 
 def draw_log(log: Log, ax: Axes) -> Axes:
     """Every thermocouple of a log against time, or against the PRT for an oven log."""
-    shown, oven = log.frame.iloc[thinned(len(log.frame))], log.kind == "oven"
+    shown = log.frame.iloc[thinned(len(log.frame))]
+    oven = log.kind == "oven"
     x = shown["prt_degC" if oven else "time_s"]
     for k, name in enumerate(log.channels):
         y, line = (

@@ -84,7 +84,8 @@ def draw_beta(table: pd.DataFrame, ax: Axes) -> Axes:
         ("beta", "o", TRUTH, TRUTH, 0.0, "speed law"),
         ("beta_both", "^", GREY, "white", aside, "joint fit, both disks"),
     ):
-        y, u = good[column].to_numpy(dtype=float), good[f"u_{column}"].to_numpy(dtype=float)
+        y = good[column].to_numpy(dtype=float)
+        u = good[f"u_{column}"].to_numpy(dtype=float)
         ax.errorbar(
             x + shift,
             y,
@@ -113,7 +114,8 @@ def draw_beta(table: pd.DataFrame, ax: Axes) -> Axes:
 
 def name_points(ax: Axes, x: Sequence[float] | np.ndarray, names: Sequence[str]) -> None:
     """Names above the axes over their ``x``, in as many rows as keep them apart, with a hair line down to each."""
-    low, high = float(np.min(x)), float(np.max(x))
+    low = float(np.min(x))
+    high = float(np.max(x))
     margin = 0.06 * (high - low) or 0.1 * abs(high) or 1.0
     ax.set_xlim(low - margin, high + margin)
     share = (
@@ -147,10 +149,8 @@ def _by_speed(table: pd.DataFrame, column: str, ax: Axes, label: str, head: str 
 def _series(ax: Axes, part: pd.DataFrame, over: str, column: str, k: int, label: str) -> None:
     """One group of tests: points, with 95 % bars where the table has u, and their line where three or more make one."""
     x, y = (part[name].to_numpy(dtype=float) for name in (over, column))
-    colour, marker = (
-        SERIES_COLOURS[k % len(SERIES_COLOURS)],
-        SERIES_MARKERS[k % len(SERIES_MARKERS)],
-    )
+    colour = SERIES_COLOURS[k % len(SERIES_COLOURS)]
+    marker = SERIES_MARKERS[k % len(SERIES_MARKERS)]
     line = trend(x, y)
     style = SERIES_LINES[k % len(SERIES_LINES)] if line is not None else "none"
     if f"u_{column}" in part:
@@ -218,10 +218,8 @@ def draw_joined_beta(joined: JoinedCampaign, ax: Axes, against: str = "delta_T_u
 def draw_exponent(joined: JoinedCampaign, ax: Axes) -> Axes:
     """n of every test over the entraining speed, 95 % bars against each other, and n of all with its 95 % band."""
     law = joined.law
-    x, n = (
-        np.array([t.conditions["entraining_speed_m_s"] for t in joined.posterior.tests]),
-        law.exponent,
-    )
+    x = np.array([t.conditions["entraining_speed_m_s"] for t in joined.posterior.tests])
+    n = law.exponent
     ax.axhspan(n.low95, n.high95, color=PALE, zorder=0, label="all tests, 95 %")
     ax.axhline(n.value, color=TRUTH, linestyle="--", linewidth=1)
     ax.errorbar(

@@ -24,7 +24,9 @@ def draw_compensated(
     low, high = window_s or (float(result.time_s[0]), float(result.time_s[-1]))
     inside = np.flatnonzero((result.time_s >= low) & (result.time_s <= high))
     shown = inside[thinned(len(inside))]
-    t, x, sd = result.time_s[shown], result.temperature[shown, channel], result.sd[shown, channel]
+    t = result.time_s[shown]
+    x = result.temperature[shown, channel]
+    sd = result.sd[shown, channel]
     y = np.full(len(result.time_s), np.nan) if logged is None else np.asarray(logged, dtype=float)
     y = y[:, channel] if y.ndim == 2 else y
     if logged is not None:
@@ -51,13 +53,15 @@ def draw_before_use(report: BeforeUse, ax: Axes) -> Axes:
         0.0, min(float(report.step_time_s[-1]), 8.0 * max(report.raw_rise_s, report.rise_s))
     )
     head = f"remaining shift {report.remaining_shift_s:.3g} s, noise {report.noise_gain:.3g} times the trace's"
-    x, y = "time after a step at the junction [s]", "share of the step [1]"
+    x = "time after a step at the junction [s]"
+    y = "share of the step [1]"
     return dressed(ax, x, y, head=head, loc="lower right")
 
 
 def draw_tradeoff(tradeoff: Tradeoff, ax: Axes, channel: int = 0) -> Axes:
     """The L-curve of a regularised deconvolution and the weight that was chosen on it."""
-    misfit, roughness = tradeoff.misfit[:, channel], tradeoff.roughness[:, channel]
+    misfit = tradeoff.misfit[:, channel]
+    roughness = tradeoff.roughness[:, channel]
     ax.loglog(misfit, roughness, "o-", markersize=3)
     logs = np.log(tradeoff.intensity[:, channel])
     chosen = np.log(tradeoff.chosen[channel])

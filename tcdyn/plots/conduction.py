@@ -79,7 +79,9 @@ def draw_mesh_errors(
 ) -> Axes:
     """Tables 3.2 or 3.3: errors against mesh IV in time, ours (lines) and published (crosses)."""
     for k, (name, errors) in enumerate(ours.items()):
-        colour, marker, line = (TRUTH, FAST, SLOW)[k % 3], "os^"[k % 3], ("-", "--", "-.")[k % 3]
+        colour = (TRUTH, FAST, SLOW)[k % 3]
+        marker = "os^"[k % 3]
+        line = ("-", "--", "-.")[k % 3]
         ax.semilogy(
             IDEAL_TIMES_S,
             getattr(errors, part),
@@ -110,10 +112,8 @@ def verify_figures() -> dict[str, Figure]:
         c.title: partial(draw_comparison, c)
         for c in (studies.transient_check(), studies.steady_check())
     }
-    orders, ours = (
-        [studies.series_convergence(), studies.product_convergence()],
-        studies.ideal_study(late_steps=1),
-    )
+    orders = [studies.series_convergence(), studies.product_convergence()]
+    ours = studies.ideal_study(late_steps=1)
     draws |= {
         "order of convergence against two closed forms": partial(draw_convergence, orders),
         "table 3.2: ours with the heat one step late (lines), published (crosses)": partial(

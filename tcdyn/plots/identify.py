@@ -18,7 +18,8 @@ from tcdyn.identify.validate import ResidualTest, Validation
 from tcdyn.plots.style import BAND, DARK, FAST, GREY, PALE, SLOW, TRUTH, dressed, figure, pictured
 
 LEAST_P = 1e-12  # less is not told apart
-INPUTS, OUTPUTS = (FAST, TRUTH, DARK, GREY), (SLOW, GREY, DARK, TRUTH)
+INPUTS = (FAST, TRUTH, DARK, GREY)
+OUTPUTS = (SLOW, GREY, DARK, TRUTH)
 
 
 def label(name: str, unit: str) -> str:
@@ -28,7 +29,8 @@ def label(name: str, unit: str) -> str:
 
 def draw_fit(fit: Fit, ax: Axes, segment: int = 0) -> Axes:
     """Measured input and output with the simulated output of one stretch of data."""
-    s, model = fit.problem.segments[segment], fit.identified
+    s = fit.problem.segments[segment]
+    model = fit.identified
     t = s.start_s + np.arange(len(s.u)) * fit.problem.dt_s
     ax.plot(t, s.y, ".", markersize=2.5, color=GREY, label=f"{model.output_name} measured")
     ax.plot(
@@ -38,7 +40,8 @@ def draw_fit(fit: Fit, ax: Axes, segment: int = 0) -> Axes:
         linewidth=1.3,
         label=f"{model.model.name} simulated",
     )
-    style, twin = _dashed(fit.problem.hold), ax.twinx()
+    style = _dashed(fit.problem.hold)
+    twin = ax.twinx()
     for u, width in zip(s.inputs.T, (0.8, 1.4, 0.5, 2.0) * s.inputs.shape[1]):
         twin.plot(t, u, color=FAST, **{**style, "linewidth": width})
     ax.plot([], [], color=FAST, label=f"{model.input_name}, right axis", **style)
@@ -58,8 +61,10 @@ def _dashed(hold: str) -> dict[str, Any]:
 
 def draw_data(data: IOData, ax: Axes, run: int = 0) -> Axes:
     """The outputs of one run as points, its inputs dashed over the right axis."""
-    t, one = data.times_s(run), data.runs[run]
-    style, twin = _dashed(data.hold), ax.twinx()
+    t = data.times_s(run)
+    one = data.runs[run]
+    style = _dashed(data.hold)
+    twin = ax.twinx()
     for k, (name, u) in enumerate(zip(data.input_names, one.u.T)):
         colour = INPUTS[k % len(INPUTS)]
         twin.plot(t, u, color=colour, **style)

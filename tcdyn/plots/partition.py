@@ -67,7 +67,9 @@ def draw_unloading(
             t[near], p.test.disks[disk].readings_degC[p.rows][near, i], color=GREY, linewidth=0.7
         )
         said = f"{ch}, {setup.junctions[ch].depth_m * 1e3:g} mm deep, compensated"
-        x, u, colour = done.temperature[near, i], done.sd[near, i], DISK_COLOUR[disk]
+        x = done.temperature[near, i]
+        u = done.sd[near, i]
+        colour = DISK_COLOUR[disk]
         line_with_band(ax, t[near], x, u, colour, linestyle=style, linewidth=1.6, label=said)
     ax.plot([], [], color=GREY, label="as logged (static line applied)")
     ax.axvline(0.0, color=TRUTH, linewidth=0.8)
@@ -130,10 +132,8 @@ def draw_lines(p: Partition, ax: Axes, truth: float | None = None) -> Axes:
             truth, color=TRUTH, linestyle=":", linewidth=1.2, label="truth of the simulation"
         )
     ax.set_xlim(0, top)
-    x, y = (
-        "heat transfer coefficient of the disk [W/m²K]",
-        "heat partition β (share of the fast disk) [1]",
-    )
+    x = "heat transfer coefficient of the disk [W/m²K]"
+    y = "heat partition β (share of the fast disk) [1]"
     return dressed(ax, x, y, ncols=2, markerscale=0.7)
 
 
@@ -157,7 +157,8 @@ def _steady_line(ax: Axes, line: SteadyLine, disk: str, h: Array, label: str) ->
 
 def _point(ax: Axes, h: Estimate, beta: Estimate, way: int, disk: str, label: str) -> None:
     """A point with 95 % bars from the budget's draws; the ways' markers nest, so that equal answers stay visible."""
-    (marker, size), colour = (("o", 14), ("s", 9), ("^", 5))[way], DISK_COLOUR[disk]
+    (marker, size) = (("o", 14), ("s", 9), ("^", 5))[way]
+    colour = DISK_COLOUR[disk]
     ax.errorbar(
         h.value,
         beta.value,
@@ -187,7 +188,8 @@ def draw_ways(p: Partition | OneDisk, ax: Axes, truth: float | None = None) -> A
         rows += [(way, beta) for way, beta in p.ways.items() if way not in p.withheld]
     for k, (name, beta) in enumerate(reversed(rows)):
         disk = name.split()[-1]
-        marker, colour = DISK_MARKER.get(disk, "D"), DISK_COLOUR.get(disk, TRUTH)
+        marker = DISK_MARKER.get(disk, "D")
+        colour = DISK_COLOUR.get(disk, TRUTH)
         ax.errorbar(beta.value, k, xerr=Z95 * beta.u, fmt=marker, color=colour, capsize=3)
     ax.set_yticks(range(len(rows)), [_way_words(name) for name, _ in reversed(rows)])
     if truth is not None:
@@ -246,10 +248,8 @@ def draw_map(p: Partition, disk: str, ax: Axes) -> Axes:
         label="steady line",
     )
     ax.set_ylim(m.share[0], m.share[-1])
-    y, head = (
-        "β [1]" if disk == "fast" else "1 - β [1]",
-        f"{disk} disk: mean |measured - model| [K]",
-    )
+    y = "β [1]" if disk == "fast" else "1 - β [1]"
+    head = f"{disk} disk: mean |measured - model| [K]"
     return dressed(ax, f"h of the {disk} disk [W/m²K]", y, head=head, loc="upper left", **CLEAR)
 
 
@@ -260,7 +260,8 @@ def draw_exponent(p: Partition, ax: Axes) -> Axes:
     beta = exponent_sensitivity(p.lines["fast"].line, p.lines["slow"].line, p.test.speed_ratio, n)
     ax.axvspan(low, high, color=PALE, label="range of the literature")
     ax.plot(n, beta, color=TRUTH, label="speed law")
-    implied, both = p.both.estimates["exponent"], p.both.estimates["beta"]
+    implied = p.both.estimates["exponent"]
+    both = p.both.estimates["beta"]
     ax.errorbar(
         implied.value,
         both.value,
@@ -298,18 +299,20 @@ def draw_temperatures(p: Partition | OneDisk, ax: Axes) -> Axes:
 
 def draw_uneven(p: Partition | OneDisk, disk: str, ax: Axes) -> Axes:
     """A disk seen along its shaft: temperature less its mean round it, junctions, and an arrow to the hottest side."""
-    known, setup = (
-        p.uneven if isinstance(p, OneDisk) else p.both.uneven[disk],
-        p.test.disks[disk].setup,
-    )
-    size, at = known.amplitude_K, known.angle_deg
-    inner, outer = setup.bore_radius_m * 1e3, setup.outer_radius_m * 1e3
-    r, angle = np.linspace(inner, outer, 40), np.linspace(0.0, 2 * np.pi, 181)
+    known = p.uneven if isinstance(p, OneDisk) else p.both.uneven[disk]
+    setup = p.test.disks[disk].setup
+    size = known.amplitude_K
+    at = known.angle_deg
+    inner = setup.bore_radius_m * 1e3
+    outer = setup.outer_radius_m * 1e3
+    r = np.linspace(inner, outer, 40)
+    angle = np.linspace(0.0, 2 * np.pi, 181)
     hot = size.value * np.outer(
         radial_shape(setup, known.h_W_m2K, 1e-3 * (outer - r)), np.cos(angle - np.deg2rad(at.value))
     )
     scale = max(float(np.abs(hot).max()), LEAST_SCALE_K)
-    x, y = np.outer(r, np.cos(angle)), np.outer(r, np.sin(angle))
+    x = np.outer(r, np.cos(angle))
+    y = np.outer(r, np.sin(angle))
     tones = ax.pcolormesh(
         x, y, hot, cmap="cividis", vmin=-scale, vmax=scale, shading="gouraud", rasterized=True
     )
@@ -317,7 +320,8 @@ def draw_uneven(p: Partition | OneDisk, disk: str, ax: Axes) -> Axes:
     for radius in (inner, outer):
         ax.plot(radius * np.cos(angle), radius * np.sin(angle), color=TRUTH, linewidth=0.9)
     for c, j in setup.junctions.items():
-        cos, sin = np.cos(np.deg2rad(j.angle_deg)), np.sin(np.deg2rad(j.angle_deg))
+        cos = np.cos(np.deg2rad(j.angle_deg))
+        sin = np.sin(np.deg2rad(j.angle_deg))
         place = outer - 1e3 * j.depth_m
         ax.plot(
             [place * cos, 1.04 * outer * cos],
@@ -336,7 +340,8 @@ def draw_uneven(p: Partition | OneDisk, disk: str, ax: Axes) -> Axes:
         )
         ax.text(1.1 * outer * cos, 1.1 * outer * sin, c, ha="center", va="center", fontsize=9)
     if known.finding(disk) is not None:
-        cos, sin = inner * np.cos(np.deg2rad(at.value)), inner * np.sin(np.deg2rad(at.value))
+        cos = inner * np.cos(np.deg2rad(at.value))
+        sin = inner * np.sin(np.deg2rad(at.value))
         ax.arrow(
             -0.5 * cos,
             -0.5 * sin,

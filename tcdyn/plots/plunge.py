@@ -92,7 +92,8 @@ def draw_entry(
 
 def draw_heat_transfer(fit: PlungeFit, run: int, ax: Axes) -> Axes:
     """Fitted h in time, entry burst and all, against the correlation as published at the same temperatures."""
-    model, surface = fit.optimum.problem.models[run], fit.optimum.surfaces[run]
+    model = fit.optimum.problem.models[run]
+    surface = fit.optimum.surfaces[run]
     plain = model.bath.h_W_m2K(surface.temperature_degC, model.bath_degC)
     late = model.grid_s > 0.01
     ax.semilogx(model.grid_s[late], surface.h_W_m2K[late], color=FAST, label="fitted")

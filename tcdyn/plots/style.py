@@ -11,17 +11,18 @@ from matplotlib.figure import Figure
 from calibration import Array
 from calibration.estimate import Z95
 
-FAST, SLOW, TRUTH, GREY = (
-    "#d1662a",
-    "#1f4e79",
-    "#000000",
-    "#8a8a8a",
-)  # fast prints light grey, slow dark
+# fast prints light grey, slow dark
+FAST = "#d1662a"
+SLOW = "#1f4e79"
+TRUTH = "#000000"
+GREY = "#8a8a8a"
 DISK_COLOUR = {"fast": FAST, "slow": SLOW}
 DISK_MARKER = {"fast": "o", "slow": "s"}
 DISK_LINE = {"fast": "-", "slow": "--"}
 CHANNEL_STYLE = {"e": "-", "a": "--", "b": ":", "c": "-.", "d": (0, (1, 1)), "f": (0, (5, 1))}
-DARK, PALE = "#444444", "#e6e6e6"  # of what stands beside the data: marks, bands
+# of what stands beside the data: marks, bands
+DARK = "#444444"
+PALE = "#e6e6e6"
 SERIES_COLOURS = (TRUTH, FAST, SLOW, GREY)  # groups of tests
 SERIES_MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 SERIES_LINES = ("-", "--", "-.", ":")

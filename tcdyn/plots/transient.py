@@ -38,7 +38,8 @@ ORDER = (
 
 def draw_profile(own: pd.DataFrame, ax: Axes) -> Axes:
     """One profile (rows of one fit and one parameter) against the parabola; its 95 % interval as a bar at 3.84."""
-    fit, parameter = str(own["fit"].iloc[0]), str(own["parameter"].iloc[0])
+    fit = str(own["fit"].iloc[0])
+    parameter = str(own["parameter"].iloc[0])
     colour = DISK_COLOUR.get(fit, TRUTH)
     estimate = Estimate.normal(own["estimate"].iloc[0], own["u"].iloc[0])
     x = np.linspace(own["value"].min(), own["value"].max(), 200)

@@ -144,7 +144,8 @@ class PlungeParameters:
 
     def at(self, kind: str) -> slice:
         """Where the parameters of a kind stand: one a run, one a channel, or one in all."""
-        own, c = len(RUN_KINDS) * self.runs, len(self.channels)
+        own = len(RUN_KINDS) * self.runs
+        c = len(self.channels)
         if kind in RUN_KINDS:
             return slice(RUN_KINDS.index(kind), own, len(RUN_KINDS))
         if kind in CHANNEL_KINDS:
@@ -214,9 +215,11 @@ class PlungeParameters:
             "ln_conductivity": (0.0, p.conductivity_log),
             **self.split_prior(p),
         }
-        mean, sd = np.empty(self.size), np.empty(self.size)
+        mean = np.empty(self.size)
+        sd = np.empty(self.size)
         for kind, (centre, width) in known.items():
-            mean[self.at(kind)], sd[self.at(kind)] = centre, width
+            mean[self.at(kind)] = centre
+            sd[self.at(kind)] = width
         return mean, sd
 
 

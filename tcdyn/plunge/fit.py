@@ -101,11 +101,10 @@ def _made_white(
 ) -> tuple[LoggerNoise, list[PlungeRun]]:
     """The noise of all runs together, and the runs with it made white, without spikes and bursts."""
     clean = [without_spikes(run.readings_degC)[0] for run in runs]
-    white_K, usual = (
-        np.mean([white_noise_sd(y) for y in clean], axis=0),
-        Chain((TYPICAL_LAG_S,), conditioning=filter_),
-    )
-    dts, chains = [run.dt_s for run in runs], [usual] * len(white_K)
+    white_K = np.mean([white_noise_sd(y) for y in clean], axis=0)
+    usual = Chain((TYPICAL_LAG_S,), conditioning=filter_)
+    dts = [run.dt_s for run in runs]
+    chains = [usual] * len(white_K)
     noise, white = noise_and_white(clean, dts, filter_, white_K, chains, SPIKES["plunge"])
     kept = [np.where(np.isfinite(y) & ~moved, z, np.nan) for y, (z, moved) in zip(clean, white)]
     return noise, [replace(run, readings_degC=y) for run, y in zip(runs, kept)]
@@ -143,9 +142,12 @@ def moved_lines(fit: PlungeFit) -> pd.DataFrame:
     A reading after its line is taken as T + ``off_K`` + (T - ``at_degC``) ``slope_off``; ``u_..._before`` are those of
     the oven's covariance, ``u_...`` with the plunges. Only what differs between the channels is told by a plunge.
     """
-    lay, theta, prior = fit.layout, fit.optimum.theta, fit.optimum.problem.sd
+    lay = fit.layout
+    theta = fit.optimum.theta
+    prior = fit.optimum.problem.sd
     u = np.sqrt(np.diag(fit.optimum.covariance))
-    off, slope = lay.at("offset"), lay.at("gain")
+    off = lay.at("offset")
+    slope = lay.at("gain")
     return pd.DataFrame(
         {
             "channel": lay.channels,
@@ -181,7 +183,8 @@ def published_degC(
 
     Tables as those of :meth:`PlungeFit.junction_degC`; ``tcdyn.plots.draw_entry(run, tables, ax)`` draws them.
     """
-    blocks, layout = make_blocks(run), PlungeParameters(1, run.channels, "P1")
+    blocks = make_blocks(run)
+    layout = PlungeParameters(1, run.channels, "P1")
     theta = np.where(layout.mask("ln_burst"), -np.inf, 0.0)
     theta[layout.at("initial")] = np.mean(blocks.readings_degC[blocks.time_s < 0])
     out = {}
@@ -204,7 +207,8 @@ def _best_of_two(
     if best.found.converged and long < 1.5:
         return best, ()
     other = fit_map(problem, built, staged=False)
-    short, gap = float(np.mean(other.lag_s)), other.cost - best.cost
+    short = float(np.mean(other.lag_s))
+    gap = other.cost - best.cost
     if gap > 6.0 or (short > long and gap > 0):
         return best, ()
     if gap < -6.0 or abs(long - short) < 0.3:
@@ -221,8 +225,10 @@ def fit_map(
     ``staged``: h and the initial temperature are sought first, then lags and static offsets with them; near the
     valley all the rest follows.
     """
-    layout, about = problem.layout, problem.start
-    theta, first = about, ("ln_h", "initial")
+    layout = problem.layout
+    about = problem.start
+    theta = about
+    first = ("ln_h", "initial")
     for kinds in (first, (*first, "lag", "offset")) if staged else ():
         theta = problem.minimised(theta, np.eye(layout.size)[~layout.mask(*kinds)], limit=6).theta
     best = problem.minimised(theta)
@@ -231,7 +237,8 @@ def fit_map(
         if np.any(moved[layout.at("ln_conductivity")] > 2e-3) or np.any(
             moved[layout.at("depth")] > 2e-5
         ):
-            about, problem = best.theta, replace(problem, models=built(best.theta))
+            about = best.theta
+            problem = replace(problem, models=built(best.theta))
         best = replace(problem, noise=best.judged()).minimised(best.theta)
     return best
 
@@ -269,10 +276,12 @@ def model_form(
 
 def _under(final: PlungeOptimum, other: Correlation) -> PlungeOptimum:
     """The optimum with the same common lag under another correlation; h scales are moved first."""
-    problem, theta = final.problem, final.theta.copy()
+    problem = final.problem
+    theta = final.theta.copy()
     models = tuple(replace(m, bath=replace(m.bath, correlation=other)) for m in problem.models)
     for r, (old, new, surface) in enumerate(zip(problem.models, models, final.surfaces)):
-        T, bath = surface.temperature_degC, old.bath_degC
+        T = surface.temperature_degC
+        bath = old.bath_degC
         early = np.abs(bath - T) > 0.3 * old.step_K
         ratio = old.bath.h_W_m2K(T[early], bath[early]) / new.bath.h_W_m2K(T[early], bath[early])
         theta[problem.layout.at("ln_h")][r] += float(np.log(np.mean(ratio)))
@@ -283,7 +292,8 @@ def _under(final: PlungeOptimum, other: Correlation) -> PlungeOptimum:
 
 def _top(at: PlungeOptimum, width: float) -> float:
     """Shift [s] of the top of the parabola through the log marginal at -width, 0, +width about ``at``."""
-    row, lag = at.problem.layout.common_lag, float(at.lag_s.mean())
+    row = at.problem.layout.common_lag
+    lag = float(at.lag_s.mean())
     low, middle, high = (
         -0.5 * marginal(held(at.found, row, lag + shift, **SEARCH) if shift else at.found)
         for shift in (-width, 0.0, width)

@@ -179,7 +179,8 @@ def compare_holes(
 
 
 def _knots(end: float) -> Array:
-    knots, step = [0.0], 0.06
+    knots = [0.0]
+    step = 0.06
     while knots[-1] < end:
         knots.append(knots[-1] + step)
         if knots[-1] > 1.5:
@@ -210,13 +211,15 @@ def _fit(
 
     def model(theta: Array) -> tuple[Array, Array]:
         """Blocks (B, C) and their Jacobian (B, C, P)."""
-        y, jacobian = np.empty((len(time), c)), np.zeros((len(time), c, len(names)))
+        y = np.empty((len(time), c))
+        jacobian = np.zeros((len(time), c, len(names)))
         for k in range(c):
             tau = base_s + theta[extra][k]
             lagged = np.asarray(lag_on_grid(hats, dt, 1 / tau), dtype=float)
             again = np.asarray(lag_on_grid(lagged, dt, 1 / tau), dtype=float)
             size = 1 + theta[gain][k]
-            shape, by_tau = reading.value(lagged.T).T, reading.value((again - lagged).T / tau).T
+            shape = reading.value(lagged.T).T
+            by_tau = reading.value((again - lagged).T / tau).T
             seen = shape @ theta[:m]
             y[:, k] = size * seen + theta[offset][k]
             jacobian[:, k, :m] = size * shape
@@ -228,8 +231,11 @@ def _fit(
     gauge = np.zeros((2, len(names)))
     gauge[0, gain.start : gain.start + ideals] = gauge[1, extra.start : extra.start + ideals] = 1.0
     prior_sd, least, largest = (np.full(len(names), end) for end in (np.inf, -np.inf, np.inf))
-    prior_sd[gain], least[extra], largest[extra] = gain_u, 0.02 - base_s, 0.3
-    theta, factor = np.zeros(len(names)), 1.0
+    prior_sd[gain] = gain_u
+    least[extra] = 0.02 - base_s
+    largest[extra] = 0.3
+    theta = np.zeros(len(names))
+    factor = 1.0
     for kept in (np.eye(len(names))[gain.start :], None, None, None):  # the shape of x alone first
         sd = block_sd(noise, count) * np.sqrt(factor)
 

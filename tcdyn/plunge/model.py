@@ -43,8 +43,11 @@ class DiskInfluence:
         cls, setup: DiskSetup, depth_m: Array, duration_s: float, ln_k: float, shift_m: Array
     ) -> DiskInfluence:
         """Of junctions ``depth_m`` + ``shift_m`` (C,) deep, and the setup's conductivity times exp(ln_k)."""
-        grid, nominal = plunge_grid(duration_s), Cylinder.from_setup(setup)
-        depth, extra, c = depth_m + shift_m, 5e-5, len(depth_m)
+        grid = plunge_grid(duration_s)
+        nominal = Cylinder.from_setup(setup)
+        depth = depth_m + shift_m
+        extra = 5e-5
+        c = len(depth_m)
         radii = nominal.outer_radius_m - np.concatenate([[0.0], depth, depth + extra])
         low, centre, high = (
             influence(
@@ -54,7 +57,8 @@ class DiskInfluence:
             )[0]
             for step, r in ((-_DK, radii[: c + 1]), (0.0, radii), (_DK, radii[: c + 1]))
         )
-        by_k, there = (high - low) / (2 * _DK), centre[1 : c + 1]
+        by_k = (high - low) / (2 * _DK)
+        there = centre[1 : c + 1]
         junctions = np.stack([there, by_k[1:], (centre[c + 1 :] - there) / extra], axis=1)
         filtered = conditioned(np.eye(len(grid)), np.diff(grid), setup.conditioning)
         return cls(grid, centre[0], by_k[0], junctions, filtered @ junctions, ln_k, shift_m)
@@ -137,8 +141,11 @@ def solve_run(model: RunModel, lay: PlungeParameters, theta: Array, r: int) -> R
     """Surface balance of run ``r`` for all parameters ``theta``, with derivatives by the implicit theorem."""
     at = np.append(theta[lay.run(r)], theta[lay.at("ln_conductivity")])
     ln_h, exponent, power, ln_a, ln_tau, ln_p, _, initial, bath_offset, ln_k = at
-    t, n, nu = model.grid_s, len(model.grid_s), model.bath.fluid.nu
-    tau, p = np.exp(ln_tau), np.exp(ln_p)
+    t = model.grid_s
+    n = len(model.grid_s)
+    nu = model.bath.fluid.nu
+    tau = np.exp(ln_tau)
+    p = np.exp(ln_p)
     reduced = (t / tau) ** p
     burst = np.exp(ln_a) * np.exp(-reduced)
     fluid = model.bath_degC + bath_offset
@@ -162,7 +169,8 @@ def solve_run(model: RunModel, lay: PlungeParameters, theta: Array, r: int) -> R
     gap, viscosity = shapes(T, fluid, nu_fluid)
     by_burst = q * burst / (1 + burst)
     by_shape = by_burst * reduced * p
-    moved, rise_by_k = fluid + np.array([[0.01], [-0.01]]), own_k @ q
+    moved = fluid + np.array([[0.01], [-0.01]])
+    rise_by_k = own_k @ q
     up, down = law(T, moved, nu(moved))
     explicit = [
         q,
@@ -197,9 +205,11 @@ def predict(
     models: Sequence[RunModel], lay: PlungeParameters, theta: Array
 ) -> tuple[list[Array], list[Array], list[RunSurface]]:
     """Of each run block readings (B, C), their derivatives (B, C, P) with every parameter of the fit, and surface."""
-    steel, runs = models[0].steel, len(models)
+    steel = models[0].steel
+    runs = len(models)
     surfaces = [solve_run(model, lay, theta, r) for r, model in enumerate(models)]
-    n, c = len(steel.grid_s), len(lay.channels)
+    n = len(steel.grid_s)
+    c = len(lay.channels)
     flows = np.zeros(
         (len(FLOWS) + 2, runs, n)
     )  # flux, its derivatives with the run's parameters and ln K
@@ -213,7 +223,8 @@ def predict(
     by_k, columns[-1] = (steel.readings[:, 1:] @ flows[0].T).transpose(1, 3, 0, 2)
     columns[-2] += by_k
     logit = theta[lay.at("common_split")] + theta[lay.at("split")]
-    dt, lag = np.diff(steel.grid_s), theta[lay.at("lag")]
+    dt = np.diff(steel.grid_s)
+    lag = theta[lay.at("lag")]
     y, delay = chain_on_grid(columns.reshape(-1, c, n), dt, lag, logit, lay.structure, runs)
     y = y.reshape(-1, runs, c, n)
     blocks = [_at_blocks(model, lay, theta, r, y[:, r], delay) for r, model in enumerate(models)]
@@ -224,25 +235,28 @@ def _at_blocks(
     model: RunModel, lay: PlungeParameters, theta: Array, r: int, y: Array, delay: Array
 ) -> tuple[Array, Array]:
     """Readings (B, C) and derivatives (B, C, P) from rises behind the chain, and their derivatives, on the grid."""
-    own, gain, each = (
-        theta[lay.run(r)],
-        1 + theta[lay.at("gain")][:, None],
-        range(len(lay.channels)),
-    )
+    own = theta[lay.run(r)]
+    gain = 1 + theta[lay.at("gain")][:, None]
+    each = range(len(lay.channels))
     reading = Reading.at(model.steel.grid_s, model.blocks.time_s - own[ENTRY] - delay[0][:, None])
     rate = reading.slope(y[0])
     rise, *by_flow, by_k, by_depth, by_lag, by_split = reading.value(y)
-    by_lag, by_split = by_lag - rate * delay[1][:, None], by_split - rate * delay[2][:, None]
-    level, pivot = own[INITIAL] + rise, model.pivot_degC[:, None]
+    by_lag = by_lag - rate * delay[1][:, None]
+    by_split = by_split - rate * delay[2][:, None]
+    level = own[INITIAL] + rise
+    pivot = model.pivot_degC[:, None]
     jac = np.zeros((lay.size, *level.shape))
     by_run = jac[lay.run(r)]
-    by_run[list(FLOWS)], by_run[ENTRY] = by_flow, -rate
+    by_run[list(FLOWS)] = by_flow
+    by_run[ENTRY] = -rate
     by_run[INITIAL] += 1.0
-    jac[lay.at("ln_conductivity")], jac[lay.at("common_split")] = by_k, by_split
+    jac[lay.at("ln_conductivity")] = by_k
+    jac[lay.at("common_split")] = by_split
     for kind, column in {"lag": by_lag, "split": by_split, "depth": by_depth}.items():
         jac[lay.at(kind)][each, each] = column
     jac *= gain
-    jac[lay.at("offset")][each, each], jac[lay.at("gain")][each, each] = 1.0, level - pivot
+    jac[lay.at("offset")][each, each] = 1.0
+    jac[lay.at("gain")][each, each] = level - pivot
     out = gain * level + theta[lay.at("offset")][:, None] - (gain - 1) * pivot
     return out.T, jac.transpose(2, 1, 0)
 
@@ -261,16 +275,19 @@ def chain_on_grid(
         taus, delay, zero = stages(structure, lag, z)
         return np.stack([*taus, delay + 0 * lag, zero + 0 * lag])
 
-    step_lag, step_z = 1e-5, 1e-4
+    step_lag = 1e-5
+    step_z = 1e-4
     shorter = np.maximum(lag_s - step_lag, 1e-9)
     by_lag = (parts(lag_s + step_lag, logit) - parts(shorter, logit)) / (lag_s + step_lag - shorter)
     by_z = (parts(lag_s, logit + step_z) - parts(lag_s, logit - step_z)) / (2 * step_z)
     *taus, delay, zero = parts(lag_s, logit)
-    count, before = len(u), u
+    count = len(u)
+    before = u
     for tau in [*taus[1:], taus[0]]:  # each adds rows, its own derivatives of the values
         tau = np.maximum(tau, SHORTEST_S)[:, None]
         decay, old, _ = step = lag_step(dt_s, 1 / tau)
-        before, u = u, stepped(u, step)
+        before = u
+        u = stepped(u, step)
         drive = np.zeros((values, *u.shape[1:]))
         drive[..., 1:] = decay * dt_s / tau**2 * (u - before[: len(u)])[:values, :, :-1]
         drive[..., 1:] -= old / tau * np.diff(before[:values])
@@ -291,7 +308,8 @@ def chain_on_grid(
 
 def junction_degC(model: RunModel, lay: PlungeParameters, theta: Array, r: int) -> pd.DataFrame:
     """Temperatures [degC] of the junctions without the chain: a column a channel, a row an instant after entry [s]."""
-    own, n = theta[lay.run(r)], len(model.grid_s)
+    own = theta[lay.run(r)]
+    n = len(model.grid_s)
     flux = solve_run(model, lay, theta, r).flux_W_m2
     rise = seen_through(model.steel.junctions, model.steel, lay, theta)[:, :n, :n] @ flux
     time_s = pd.Index(model.grid_s + own[ENTRY], name="time_s")

@@ -186,7 +186,8 @@ class LagScan:
         Each side of the interval is the root of the squares of both parts' sides.
         """
         rest = float(np.sqrt(max(rest_variance_s2, 0.0)))
-        below, above = slope * (self.mean_s - self.low95_s), slope * (self.high95_s - self.mean_s)
+        below = slope * (self.mean_s - self.low95_s)
+        above = slope * (self.high95_s - self.mean_s)
         return Estimate(
             value=value_s,
             u=float(np.hypot(slope * self.sd_s, rest)),
@@ -206,7 +207,8 @@ def settled_scan(
     the optimum with the common lag held at its posterior mean, and the optimum that the walk started from.
     """
     layout = best.problem.layout
-    row, own = layout.common_lag, layout.at("lag")
+    row = layout.common_lag
+    own = layout.at("lag")
     for again in (False, True):
         u = float(np.clip(np.sqrt(row @ best.covariance @ row), 1e-4, 0.3))
         start = held(best.found, row, float(best.lag_s.mean()), **SEARCH)
@@ -221,7 +223,8 @@ def settled_scan(
         if better.cost > best.cost:
             break
         best = better
-    lag, logp = walk.value, -0.5 * walk.deviance
+    lag = walk.value
+    logp = -0.5 * walk.deviance
     grid = np.linspace(lag[0], lag[-1], 801)
     density = (
         np.exp(PchipInterpolator(lag, logp - logp.max())(grid))

@@ -105,7 +105,8 @@ class PlungeFit:
     @cached_property
     def chains(self) -> dict[str, Chain]:
         """The chain of each channel."""
-        lay, theta = self.layout, self.optimum.theta
+        lay = self.layout
+        theta = self.optimum.theta
         logits = theta[lay.at("common_split")] + theta[lay.at("split")]
         out = {}
         for c, lag, logit in zip(lay.channels, self.optimum.lag_s, logits):
@@ -125,8 +126,11 @@ class PlungeFit:
 
         The split's own, with the lag left free: what both have in common is counted twice rather than not at all.
         """
-        lay, theta, cov = self.layout, self.optimum.theta, self.optimum.covariance
-        common, own = lay.at("common_split"), lay.at("split")
+        lay = self.layout
+        theta = self.optimum.theta
+        cov = self.optimum.covariance
+        common = lay.at("common_split")
+        own = lay.at("split")
         logits = theta[common] + theta[own]
         u = np.sqrt(cov[common, common] + np.diag(cov[own, own]) + 2 * cov[common, own])[0]
         ends = [
@@ -150,7 +154,8 @@ class PlungeFit:
     @cached_property
     def lag_s(self) -> dict[str, Estimate]:
         """Each channel's lag: the common lag's skew posterior along the profile, the rest normal."""
-        lag, slope = self.optimum.lag_s + self.setup.conditioning.lag_s, self.scan.lag_slope
+        lag = self.optimum.lag_s + self.setup.conditioning.lag_s
+        slope = self.scan.lag_slope
         rest = np.diag(self.scan.differential_covariance + self.extra_covariance)
         return {
             c: self.scan.skewed(*map(float, each))
@@ -175,7 +180,8 @@ class PlungeFit:
     @cached_property
     def nuisances(self) -> pd.DataFrame:
         """Every parameter: value, u, prior_mean, prior_sd (nan where flat)."""
-        problem, flat = self.optimum.problem, ~np.isfinite(self.optimum.problem.sd)
+        problem = self.optimum.problem
+        flat = ~np.isfinite(self.optimum.problem.sd)
         return pd.DataFrame(
             {
                 "parameter": self.layout.names(),
@@ -210,7 +216,8 @@ class PlungeFit:
     @cached_property
     def limits(self) -> Finding:
         """The common lag and what keeps it from being better known."""
-        common, within = self.common_lag_s, self._common(self.model_form.covariance).u
+        common = self.common_lag_s
+        within = self._common(self.model_form.covariance).u
         known = lag_u_s(self._knowing(*BURST_KINDS, "entry"))[0]
         return note(
             "plunge.lag",
@@ -229,7 +236,8 @@ class PlungeFit:
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
         """Everything in the fit that a careful reader should know."""
-        problem, theta = self.optimum.problem, self.optimum.theta
+        problem = self.optimum.problem
+        theta = self.optimum.theta
         names = [run.name for run in self.runs]
         out = [*(self.structures.findings if self.structures is not None else ()), *self.rival]
         out += self.noise.findings(self.disk)

@@ -126,7 +126,8 @@ def make_blocks(run: PlungeRun, before_s: float = 5.0, longest_s: float = 2.0) -
             remedy="log from before the disk goes in until it is warm, or leave this plunge out",
         )
     keep = (t >= max(-before_s, t[0])) & (t <= end)
-    times, values = t[keep], run.readings_degC[keep]
+    times = t[keep]
+    values = run.readings_degC[keep]
     clean, spikes = without_spikes(values)
     centre, mean, count = make_averages(times, clean, run.dt_s, longest_s)
     bath_t, bath = smooth_bath(t, run.fluid_degC, end)

@@ -23,7 +23,9 @@ WORSE = 12.0  # of chi-square: a second lag that is not there gains less, with i
 POSSIBLE = (
     0.05  # a structure less probable than this may be called contradicted, one above it is possible
 )
-LONG_S, SHORT_S = 0.8, 0.5  # beyond the first a second start is made, at the other
+# beyond the first a second start is made, at the other
+LONG_S = 0.8
+SHORT_S = 0.5
 UNLIKELY = 5.0  # log evidence below the likeliest: Laplace is good enough, and the scan of the lag is spared
 
 
@@ -297,7 +299,8 @@ def held_out(at: PlungeOptimum, folds: int = 3) -> float | None:
 
 def _without(at: PlungeOptimum, keep: Sequence[int]) -> PlungeOptimum:
     """The optimum of some of the runs alone."""
-    problem, layout = at.problem, at.problem.layout
+    problem = at.problem
+    layout = at.problem.layout
     index = np.arange(layout.size)
     index = np.concatenate(
         [*(index[layout.run(r)] for r in keep), index[layout.run(layout.runs - 1).stop :]]
@@ -318,7 +321,9 @@ def _refit(
 ) -> PlungeOptimum:
     """The optimum under another structure, started from ``near``, with another ``noise``."""
     layout = replace(near.problem.layout, structure=structure)
-    mean, sd, theta = near.problem.mean.copy(), near.problem.sd.copy(), near.theta
+    mean = near.problem.mean.copy()
+    sd = near.problem.sd.copy()
+    theta = near.theta
     for kind, known in layout.split_prior(priors).items():
         mean[layout.at(kind)], sd[layout.at(kind)] = known
     if structure != near.problem.layout.structure:

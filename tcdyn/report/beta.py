@@ -85,7 +85,8 @@ def answer(p: Partition) -> Answer:
             "what the fit of both disks finds is impossible, or its power is off by far",
             p.status,
         )
-    beta, s = p.both.estimates["beta"], p.structures
+    beta = p.both.estimates["beta"]
+    s = p.structures
     return Answer(
         f"β = {beta}",
         f"95 %: {beta.interval}; over {len(s.tried) - 1} other structures of the test {s.low95:.3f} to {s.high95:.3f}",

@@ -49,7 +49,8 @@ def write_campaign_report(
     """
     table = run.table
     good = table[table["error"] == ""]
-    sections, each = [], []
+    sections = []
+    each = []
     together = (
         run.joined if run.joined is not None and len(run.joined.posterior.tests) > 1 else None
     )
@@ -135,7 +136,8 @@ def campaign_verdict(run: CampaignRun) -> str:
     if not len(good):
         return f"None of {len(table)} logs could be analysed: the reasons are below."
     ranked = good.sort_values("beta").to_dict("records")
-    low, high = ranked[0], ranked[-1]
+    low = ranked[0]
+    high = ranked[-1]
     said = [f"{row['test']}: β = {with_u(row['beta'], row['u_beta'])}" for row in (low, high)]
     shown = said[0] if len(good) == 1 else f"least in {said[0]}; largest in {said[1]}"
     apart = [str(t) for t in good["test"][good["agree"] != "yes"]]

@@ -126,10 +126,8 @@ def certificate_sections(
             else f"Lags: their differences are known {ratio:.0f} times better than their mean"
         )
         caption = "Circles: lags. Thin bars hold each lag, thick ones its difference from the common lag (band)."
-        note, shown = (
-            INTERVAL_NOTE.strip("()"),
-            pictured(partial(draw_lags, record.chain), height_in=3.4),
-        )
+        note = INTERVAL_NOTE.strip("()")
+        shown = pictured(partial(draw_lags, record.chain), height_in=3.4)
         sections.append(
             Section(title, f"{note[:1].upper()}{note[1:]}.", figure=shown, caption=caption)
         )
@@ -165,7 +163,8 @@ def oven_sections(oven: OvenFit) -> list[Section]:
 
 def certificate_assumptions(record: DiskRecord) -> list[str]:
     """What was assumed and not measured."""
-    disk, b = record.setup.disk, record.conditioning
+    disk = record.setup.disk
+    b = record.conditioning
     return [
         "Readings at rest are as logged, uncertain as stated."
         if not in_oven(record)

@@ -102,7 +102,8 @@ def write_follow_report(
     files: Sequence[Path] = (),
 ) -> Path:
     """The page of a followed log: one channel of a disk before and after, and what could be told before use."""
-    report, behind = plan.before_use(), plan.settings.behind_s
+    report = plan.before_use()
+    behind = plan.settings.behind_s
     picture = pictured(partial(draw_before_use, report), height_in=3.6)
     followed, rows = _followed(plan, log, out)
     step = "Noisiest channel: a step at the junction through the chain alone, and as it comes out of the live smoother."
@@ -146,7 +147,9 @@ def _traces(done: CompensatedLog, disk: str, result: Compensated) -> Section:
 
 def _numbers(done: CompensatedLog, disk: str, result: Compensated, record: DiskRecord) -> Section:
     dt = float(np.median(np.diff(result.time_s)))
-    rows, worst, causal = [], None, done.way.method == "inverse"
+    rows = []
+    worst = None
+    causal = done.way.method == "inverse"
     setup = record.disk_setup()
     for name, chain in zip(setup.channels, record_chains(record, setup)):
         i = setup.channels.index(name)

@@ -74,7 +74,8 @@ def write_identify_report(
     ``level`` says whether the lag depends on the level, where that was asked; ``file``: the table it was read from.
     """
     best = comparison.best
-    model, removal = best.identified, comparison.removal(filter_)
+    model = best.identified
+    removal = comparison.removal(filter_)
     sections = [
         Section("Which model", COLUMNS, order_table(comparison.table, model.output_unit)),
         Section(

@@ -83,7 +83,8 @@ def joined_answer(joined: JoinedCampaign) -> Answer:
     """Range of beta over the tests with both uncertainties, and n."""
     p = joined.posterior
     order = sorted(zip(p.estimates, p.order), key=lambda one: one[0]["beta"].value)
-    (low, first), (high, last) = order[0], order[-1]
+    (low, first) = order[0]
+    (high, last) = order[-1]
     inside, whole = (max(e[k].u for e in p.estimates) for k in ("beta_within", "beta"))
     ends = [rounded(e["beta"].value, e["beta_within"].u)[0] for e in (low, high)]
     n = joined.law.exponent
@@ -165,7 +166,8 @@ def trend_words(joined: JoinedCampaign) -> pd.DataFrame:
 
 def exponent_words(joined: JoinedCampaign) -> str:
     """n of all tests, whether one power is enough, and what it was taken for."""
-    law, tests = joined.law, len(joined.posterior.tests)
+    law = joined.law
+    tests = len(joined.posterior.tests)
     assumed = joined.posterior.tests[0].conditions["speed_exponent"]
     said = f"n = {law.exponent.plain()} from {tests} tests; rig.toml assumes {assumed:g}."
     if law.by_speed is not None and law.p_value is not None:

@@ -87,7 +87,8 @@ class Section:
         """The section with an image in the place of its figure."""
         if self.figure is None:
             return self
-        image, width_in = figure_data_uri(self.figure), float(self.figure.get_figwidth())
+        image = figure_data_uri(self.figure)
+        width_in = float(self.figure.get_figwidth())
         return replace(self, figure=None, image=image, width_in=width_in)
 
 
@@ -114,7 +115,9 @@ def figure_data_uri(figure: Figure, dpi: int = 130) -> str:
             "\\math" not in words.get_text()
         ):  # no number of a logarithmic axis: a dollar is a dollar
             words.set(text=CONTROL.sub(" ", words.get_text()), parse_math=False)
-    was, canvas, buffer = (figure.canvas, figure.dpi), FigureCanvasAgg(figure), io.BytesIO()
+    was = (figure.canvas, figure.dpi)
+    canvas = FigureCanvasAgg(figure)
+    buffer = io.BytesIO()
     figure.set_dpi(dpi)
     canvas.draw()
     picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
@@ -128,7 +131,8 @@ def figure_data_uri(figure: Figure, dpi: int = 130) -> str:
     boxes = [
         words.get_window_extent() for words in placed if words.get_text()
     ]  # headings, whose width no layout heeds
-    left_in, right_in = min([left, *(b.x0 for b in boxes)]), max([right, *(b.x1 for b in boxes)])
+    left_in = min([left, *(b.x0 for b in boxes)])
+    right_in = max([right, *(b.x1 for b in boxes)])
     inside = min(left_in, top, picture.width - right_in, picture.height - bottom) > 0
     figure.set_canvas(was[0])
     figure.set_dpi(was[1])

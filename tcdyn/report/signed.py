@@ -20,10 +20,8 @@ from tcdyn.report.page import Section
 from tcdyn.version import __version__
 
 NOT_STATED = "not stated"
-OVEN, NO_OVEN = (
-    "oven against a PRT, straight lines",
-    "readings at rest taken as logged, their uncertainty stated",
-)
+OVEN = "oven against a PRT, straight lines"
+NO_OVEN = "readings at rest taken as logged, their uncertainty stated"
 LEAST_YEARS = 0.05  # between two calibrations, for a rate of drift
 NOT_MEASURED = (
     "Not measured: depth and place of the junctions (as drawn), the conditioning filter (its data sheet), immersion "
@@ -163,7 +161,8 @@ def next_calibration(record: DiskRecord, earlier: Sequence[DiskRecord] = ()) -> 
     The fastest drift of any channel between the last of ``earlier`` and this record, its standard uncertainty added,
     must not exceed ``limit_K`` before that day.
     """
-    stated, today = record.setup.traceability, calibrated_on(record)
+    stated = record.setup.traceability
+    today = calibrated_on(record)
     latest = today + timedelta(days=stated.valid_days)
     plain = f"no later than {latest}, {stated.valid_days} days after this one ([traceability] valid_days)"
     old = [r for r in earlier if (today - calibrated_on(r)).days > LEAST_YEARS * YEAR_DAYS]

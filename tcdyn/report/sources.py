@@ -29,7 +29,8 @@ def sources_of(
 
 def log_row(log: Log) -> tuple[str, str, str, str]:
     """Name, length and checksum of a log; of one of several tests in a log, that log's."""
-    t, path = log.frame["time_s"], log.path
+    t = log.frame["time_s"]
+    path = log.path
     stem, dot, number = path.stem.rpartition(".")
     part = dot and number.isdigit() and not path.is_file()
     return (

@@ -43,11 +43,10 @@ WIDE = (
     20.0  # percent, 95 %: beyond, the answer to the current does not tell the plunge, which is said
 )
 ROWS = 4000  # that are fitted: means of neighbours, where there are more
-DRAWS, TIMES_OF, DEGREES = (
-    400,
-    60,
-    5.0,
-)  # of the posterior; of them for t50 to t90; of the t they are proposed by
+# of the posterior; of them for t50 to t90; of the t they are proposed by
+DRAWS = 400
+TIMES_OF = 60
+DEGREES = 5.0
 LINEAR = ("level", "drift", "direct", "size")
 EDGES = np.r_[0.0, jn_zeros(0, MODES)]
 
@@ -91,7 +90,8 @@ def current_sensor(
     if (count := int(np.isfinite(y).sum())) < 40:
         raise InputError(f"only {count} readings", expected="at least 40")
     told = _Heated.of(float(time_s[1] - time_s[0]), y, power)
-    span, noise = float(np.nanmax(told.y) - np.nanmin(told.y)), told.noise_K
+    span = float(np.nanmax(told.y) - np.nanmin(told.y))
+    noise = told.noise_K
     if span < 10 * noise:
         raise InputError(
             f"the answer of {span:.2g} K is within ten times the noise",
@@ -159,7 +159,8 @@ def cylinder(theta: Array) -> tuple[Array, Array]:
     True
     """
     lag, biot, wall, heated = np.exp(theta)
-    low, high = EDGES[:-1] + 1e-12, EDGES[1:]
+    low = EDGES[:-1] + 1e-12
+    high = EDGES[1:]
 
     def miss(z: Array) -> Array:
         return z * j1(z) - (biot - 0.5 * wall * z**2) * j0(z)
@@ -168,7 +169,8 @@ def cylinder(theta: Array) -> tuple[Array, Array]:
     for _ in range(48):
         middle = 0.5 * (low + high)
         before = np.sign(miss(middle)) == begun
-        low, high = np.where(before, middle, low), np.where(before, high, middle)
+        low = np.where(before, middle, low)
+        high = np.where(before, high, middle)
     z = 0.5 * (low + high)
     share = j1(z * heated) / (z * heated) / ((1 + wall) * j0(z) ** 2 + j1(z) ** 2) / z**2
     return lag / (0.25 + 0.5 * (1 + wall) / biot) / z**2, share / share.sum()
@@ -197,7 +199,8 @@ class _Heated:
         """Means of as many neighbours as leave ``ROWS``."""
         every = -(-len(y) // ROWS)
         n = len(y) // every * every
-        blocks, heat = y[:n].reshape(-1, every), power[:n].reshape(-1, every).mean(axis=1)
+        blocks = y[:n].reshape(-1, every)
+        heat = power[:n].reshape(-1, every).mean(axis=1)
         seen = np.isfinite(blocks).all(axis=1)
         mean = np.where(seen, np.nan_to_num(blocks).mean(axis=1), np.nan)
         noise = max(float(white_noise_sd(mean[seen], 3)), 1e-9)
@@ -207,7 +210,8 @@ class _Heated:
         """The answer (N,) to the heating, one where it stays on; before the first row heating was as then."""
         total = np.zeros_like(self.power)
         for tau, share in zip(*cylinder(shape)):
-            keep, first = float(np.exp(-self.dt_s / tau)), self.power[0]
+            keep = float(np.exp(-self.dt_s / tau))
+            first = self.power[0]
             total += (
                 share
                 * scipy.signal.lfilter([0.0, 1 - keep], [1.0, -keep], self.power, zi=[first])[0]
@@ -247,7 +251,8 @@ def _posterior(told: _Heated) -> tuple[Fitted, Array, Array]:
             tried.append((float(np.sum((table @ linear - y) ** 2)), np.r_[linear, shape]))
         return min(tried, key=lambda pair: pair[0])[1]
 
-    starts, noise = [begun(*start) for start in STARTS], (Noise(), told.noise_K)
+    starts = [begun(*start) for start in STARTS]
+    noise = (Noise(), told.noise_K)
     for turn in range(2):  # noise is what the best of them leaves
         fits = [
             fit_curve("LCSR", model, told.y, names, s, scale, prior=KNOWN, noise=noise)
@@ -255,8 +260,10 @@ def _posterior(told: _Heated) -> tuple[Fitted, Array, Array]:
         ]
         best = min(fits, key=lambda f: f.optimum.cost)
         if turn == 0:
-            noise, starts = colour_of(best.residual, len(names)), [f.optimum.theta for f in fits]
-    whole, (colour, noise_K) = [slice(0, len(y))], noise
+            noise = colour_of(best.residual, len(names))
+            starts = [f.optimum.theta for f in fits]
+    whole = [slice(0, len(y))]
+    (colour, noise_K) = noise
     white_y = colour.whiten(y, whole) / noise_K
 
     def log_posterior(shape: Array) -> float:
@@ -273,15 +280,15 @@ def _posterior(told: _Heated) -> tuple[Fitted, Array, Array]:
     height = np.array(
         [-0.5 * f.optimum.cost + 0.5 * np.linalg.slogdet(c)[1] for f, c in zip(kept, spreads)]
     )
-    by, used = _Mixture(centres, spreads, softmax(height)), list[_Mixture]()
-    draws, log_p = np.empty((0, 4)), np.empty(0)
+    by = _Mixture(centres, spreads, softmax(height))
+    used = list[_Mixture]()
+    draws = np.empty((0, 4))
+    log_p = np.empty(0)
     for turn in range(3):
         used.append(by)
         more = by.drawn(np.random.default_rng(turn))
-        draws, log_p = (
-            np.concatenate([draws, more]),
-            np.r_[log_p, [log_posterior(shape) for shape in more]],
-        )
+        draws = np.concatenate([draws, more])
+        log_p = np.r_[log_p, [log_posterior(shape) for shape in more]]
         weights = softmax(log_p - logsumexp([one.log_density(draws) for one in used], axis=0))
         if 1 / np.sum(weights**2) > DRAWS / 4:
             break

@@ -251,7 +251,8 @@ def step_times(chain: Chain, lag_u_s: float = 0.0, split_u_s: float = 0.0) -> di
     """
     if chain.lag_s <= 0:
         return {}
-    here, longer_s = passes(chain), max(lag_u_s, 1e-3 * chain.lag_s)
+    here = passes(chain)
+    longer_s = max(lag_u_s, 1e-3 * chain.lag_s)
     by_lag = (passes(chain.with_lag_shift(longer_s)) - here) * lag_u_s / longer_s
     by_split = passes(chain.with_split_shift(split_u_s)) - here
     return {k: Estimate.normal(t, u) for k, t, u in zip(SHARES, here, np.hypot(by_lag, by_split))}
@@ -297,10 +298,8 @@ def stated(
             expected = f"0, or a microsecond to {LONGEST_LAG_S:g} s, its uncertainty not negative and less than that"
             raise InputError(f"a lag of {value:g} +- {u:g} s", expected=expected)
     chain = Chain([t for t, _ in taus], delay_s=delay_s[0], conditioning=conditioning)
-    u2, lesser = (
-        sum(u * u for _, u in (*taus, delay_s)),
-        sum(u * u for _, u in (*taus[1:], delay_s)),
-    )
+    u2 = sum(u * u for _, u in (*taus, delay_s))
+    lesser = sum(u * u for _, u in (*taus[1:], delay_s))
     found = [] if u2 > 0 else [look("sensor.exact", lag_s=chain.lag_s)]
     m = len(columns)
     return sensor_file(
@@ -319,10 +318,8 @@ def read_sensor(path: str | Path) -> SensorFile:
 
     Raises InputError that names the key for another file.
     """
-    where, expected = (
-        str(path),
-        "a sensor as `tcdyn sensor` writes it, or a model of `tcdyn identify`",
-    )
+    where = str(path)
+    expected = "a sensor as `tcdyn sensor` writes it, or a model of `tcdyn identify`"
     data = read_json(path, "a sensor file", "tcdyn sensor")
     schema = str(data.get("schema", "")) if isinstance(data, dict) else ""
     if schema.startswith(OF_IDENTIFY):

@@ -32,7 +32,8 @@ class Stream:
         >>> round(STREAMS["water"].h_W_m2K(3e-3)), round(STREAMS["air"].h_W_m2K(3e-3))
         (8381, 105)
         """
-        re, pr = self.speed_m_s * diameter_m / self.nu_m2_s, self.prandtl
+        re = self.speed_m_s * diameter_m / self.nu_m2_s
+        pr = self.prandtl
         nu = (
             0.3
             + 0.62

@@ -36,9 +36,11 @@ class Fitted:
 
     def of(self, quantity: Callable[[Array], Array]) -> tuple[Array, Array]:
         """Quantities (K,) of theta, and their covariance (K, K) by first order."""
-        here, rows = quantity(self.optimum.theta), []
+        here = quantity(self.optimum.theta)
+        rows = []
         for k, size in enumerate(1e-3 * self.scale):
-            ahead, behind = self.optimum.theta.copy(), self.optimum.theta.copy()
+            ahead = self.optimum.theta.copy()
+            behind = self.optimum.theta.copy()
             ahead[k] += size
             behind[k] = max(behind[k] - size, float(self.optimum.problem.lower[k]))
             rows.append((quantity(ahead) - quantity(behind)) / (ahead[k] - behind[k]))
@@ -90,7 +92,8 @@ def fit_curve(
             if other is None:
                 return None
             slopes.append((other - here)[ok] / (STEP * size))
-        residual, jacobian = (here - y)[ok], np.stack(slopes, axis=1)
+        residual = (here - y)[ok]
+        jacobian = np.stack(slopes, axis=1)
         return colour.whiten(residual, whole) / noise_K, colour.whiten(jacobian, whole) / noise_K
 
     theta = start
@@ -112,7 +115,8 @@ def fit_curve(
 
 def colour_of(residual: Array, parameters: int) -> tuple[Noise, float]:
     """The autoregression of residuals (N,), none where BIC does not ask for one, and the level of what is white [K]."""
-    n, whole = len(residual), [slice(0, len(residual))]
+    n = len(residual)
+    whole = [slice(0, len(residual))]
     colour = fit_ar(residual, whole, max_order=8)
     spread = float(residual @ residual), float(np.sum(colour.whiten(residual, whole) ** 2))
     if n * np.log(max(spread[0], 1e-300) / max(spread[1], 1e-300)) < len(colour.ar) * np.log(n):
@@ -130,7 +134,8 @@ def weights_of(bic: Array, prior: Array | float = 1.0) -> Array:
 
 def averaged(values: Sequence[float], us: Sequence[float], weights: Array) -> Estimate:
     """The estimate of a quantity over structures: mean, standard deviation and 95 % range of the mixture."""
-    v, u = np.asarray(values, dtype=float), np.asarray(us, dtype=float)
+    v = np.asarray(values, dtype=float)
+    u = np.asarray(us, dtype=float)
     if not (np.all(np.isfinite(v)) and np.all(np.isfinite(u))):
         raise undetermined()
     mean = float(weights @ v)

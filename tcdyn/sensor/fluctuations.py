@@ -22,13 +22,15 @@ from tcdyn.threads import one_blas_thread
 
 MODEL_REL = 0.03  # of the lag, 1 sd, beside the statistics: fluctuations that are white only as far as can be seen
 NO_LAG = 1e-6  # of the first lag: a second one below it is none
-SEGMENT_LAGS, LEAST_SEGMENTS, LEAST_LAGS = 60.0, 6, 300.0
-OVERLAP, TAPER = (
-    36 / 38,
-    35 / 18,
-)  # of halves under Hann's window: their independence; bins that tell one thing
+SEGMENT_LAGS = 60.0
+LEAST_SEGMENTS = 6
+LEAST_LAGS = 300.0
+# of halves under Hann's window: their independence; bins that tell one thing
+OVERLAP = 36 / 38
+TAPER = 35 / 18
 BANDS = 12
-ALARM, UNSTEADY = 0.001, 3.0
+ALARM = 0.001
+UNSTEADY = 3.0
 
 
 @one_blas_thread
@@ -53,7 +55,8 @@ def noise_sensor(
     Raises:
         InputError: gaps of more than 1 %, a trace shorter than some 300 lags, no fluctuation above the logger's noise.
     """
-    dt, ok = float(time_s[1] - time_s[0]), np.isfinite(y_degC)
+    dt = float(time_s[1] - time_s[0])
+    ok = np.isfinite(y_degC)
     if ok.mean() < 0.99 or len(ok) < 512:
         raise InputError(
             f"{len(ok)} rows, {100 * (1 - ok.mean()):.2g} % of them missing",
@@ -68,10 +71,12 @@ def noise_sensor(
     fits = [_least(seen, 1), _least(seen, 2)]
     costs = np.array([_cost(theta, seen) * seen.counts for theta in fits])
     weights = weights_of(2 * costs + np.array([3, 4]) * np.log(seen.counts * len(seen.w)))
-    values, us = [], []
+    values = []
+    us = []
     for theta in fits:
         cov = _covariance(theta, seen)
-        here, slopes = _quantities(theta[2:]), approx_fprime(theta[2:], _quantities, 1e-4)
+        here = _quantities(theta[2:])
+        slopes = approx_fprime(theta[2:], _quantities, 1e-4)
         values.append(here)
         variance = np.einsum("ik,kl,il->i", slopes, cov[2:, 2:], slopes)
         if not variance[0] > 0:
@@ -145,7 +150,8 @@ def spectrum(theta: Array, seen: Periodogram) -> Array:
     if len(taus) == 1:
         shape = one(float(taus[0]))
     else:
-        a, b = float(max(taus)), float(min(taus))
+        a = float(max(taus))
+        b = float(min(taus))
         b = min(b, a * (1 - 1e-4))
         shape = (a * one(a) - b * one(b)) / (a - b)
     return np.exp(theta[0]) * np.maximum(shape, 0.0) + np.exp(theta[1])
@@ -157,8 +163,10 @@ def _cost(theta: Array, seen: Periodogram) -> float:
 
 
 def _least(seen: Periodogram, count: int) -> Array:
-    power, dt = seen.power, seen.dt_s
-    total, floor = float(power.mean()), float(np.median(power[-max(len(power) // 10, 3) :]))
+    power = seen.power
+    dt = seen.dt_s
+    total = float(power.mean())
+    floor = float(np.median(power[-max(len(power) // 10, 3) :]))
     options = {"maxiter": 1500, "xatol": 1e-4, "fatol": 1e-4}
     tried = []
     for tau in np.geomspace(2 * dt, 0.2 * dt * 2 * len(power), 6):
@@ -223,7 +231,8 @@ def _conditions(y: Array, seen: Periodogram, theta: Array, column: str, lags: in
         )
     ratio = seen.power / spectrum(theta, seen)
     edges = np.unique(np.geomspace(1, len(ratio), BANDS + 1).astype(int) - 1)
-    total, bands = 0.0, 0
+    total = 0.0
+    bands = 0
     for a, b in pairwise(edges):
         if b - a >= 3:
             total += float(seen.counts * (b - a) * (ratio[a:b].mean() - 1) ** 2)

@@ -30,7 +30,8 @@ from tcdyn.threads import one_blas_thread
 
 EXPONENT = (0.5, 0.1)  # of the lag of a thin wire with the speed: tau ~ speed^-n; a prior
 PER_LAG = 6.0  # samples in the shorter lag that the likelihood is given: more hold noise only
-BLOCKS, LEAST_ROWS = 40, 60
+BLOCKS = 40
+LEAST_ROWS = 60
 STEP = 2e-3  # of the logarithm of a lag, for differences
 TOLD = 0.3  # relative standard uncertainty beyond which a lag is not told
 MIN_USABLE_SHARE = 0.5  # steps with values of both at either end: above it, the others are left out and not bridged
@@ -231,7 +232,8 @@ def _with_fitted_noise(data: PairData, theta: Array) -> PairData:
         both[sparse] = noise_K
         return replace(data, noise_K=(both[0], both[1]))
 
-    low, high = 1e-9, data.noise_K[sparse]
+    low = 1e-9
+    high = data.noise_K[sparse]
     for _ in range(40):  # halvings of the logarithm
         middle = float(np.sqrt(low * high))
         if np.mean(whitened(with_noise(middle), theta) ** 2) > 1:
@@ -272,7 +274,8 @@ def whitened(data: PairData, theta: Array) -> Array:
     if data.intervals is not None:
         traces = np.stack([data.first, data.second])
         lags = [_between_rows(data, theta, k, power) for k in (0, 1)]
-        before, after = 0.5 - np.stack(lags), 0.5 + np.stack(lags)
+        before = 0.5 - np.stack(lags)
+        after = 0.5 + np.stack(lags)
         return interval_residuals(before, after, traces, data.noise_K, data.intervals)
     sides = []
     for k, y in enumerate((data.first, data.second)):
@@ -281,7 +284,8 @@ def whitened(data: PairData, theta: Array) -> Array:
     (a1, b1, u1), (a2, b2, u2) = sides
     rest = u1 - u2
     use = np.isfinite(rest) & (data.piece[1:] == data.piece[:-1])
-    s1, s2 = data.noise_K[0] ** 2, data.noise_K[1] ** 2
+    s1 = data.noise_K[0] ** 2
+    s2 = data.noise_K[1] ** 2
     own = np.where(use, s1 * (a1**2 + b1**2) + s2 * (a2**2 + b2**2), 1.0)
     next_ = s1 * b1[:-1] * a1[1:] + s2 * b2[:-1] * a2[1:]
     band = np.zeros((2, len(rest)))
@@ -299,7 +303,8 @@ def _between_rows(data: PairData, theta: Array, channel: int, power: float) -> A
 
 
 def _cost(data: PairData, theta: Array) -> float:
-    w, (mean, sd) = whitened(data, theta), data.exponent
+    w = whitened(data, theta)
+    (mean, sd) = data.exponent
     return float(w @ w + np.sum(((theta[2 * data.pieces :] - mean) / sd) ** 2))
 
 
@@ -337,8 +342,11 @@ def _covariance(data: PairData, theta: Array) -> tuple[Array, float]:
     over blocks of the record, which holds that a trace's derivative is noisy, too, and residuals that are not white.
     Variances are not less than those of white residuals.
     """
-    p, w = len(theta), whitened(data, theta)
-    steps, scores, hessian = STEP * np.eye(p), [], np.zeros((p, p))
+    p = len(theta)
+    w = whitened(data, theta)
+    steps = STEP * np.eye(p)
+    scores = []
+    hessian = np.zeros((p, p))
     for i, ei in enumerate(steps):
         scores.append(
             0.25 * (whitened(data, theta + ei) ** 2 - whitened(data, theta - ei) ** 2) / STEP
@@ -356,7 +364,8 @@ def _covariance(data: PairData, theta: Array) -> tuple[Array, float]:
     values, vectors = np.linalg.eigh(hessian)
     inverse = vectors / np.maximum(values, 1e-3) @ vectors.T
     robust = inverse @ score @ inverse
-    variance, by_model = np.diag(robust), np.diag(inverse) * max(float(np.mean(w**2)), 1.0)
+    variance = np.diag(robust)
+    by_model = np.diag(inverse) * max(float(np.mean(w**2)), 1.0)
     wider = np.sqrt(np.maximum(variance, by_model) / np.maximum(variance, 1e-300))
     return robust * np.outer(wider, wider), float(np.mean(w[w != 0] ** 2))
 
@@ -374,12 +383,14 @@ def _file(
 ) -> SensorFile:
     """The file of both columns: lags of the last stretch, or at the median speed; all stretches in ``fit``."""
     m = 2 * data.pieces
-    taus, now = np.exp(theta[:m]), slice(m - 2, m)
+    taus = np.exp(theta[:m])
+    now = slice(m - 2, m)
     ratio = float(taus[m - 2] / taus[m - 1])
     lags = np.outer(taus, taus) * covariance[:m, :m]
     found: list[Finding] = []
     for k in range(data.pieces):
-        (t1, t2), part = taus[2 * k : 2 * k + 2], lags[2 * k : 2 * k + 2, 2 * k : 2 * k + 2]
+        (t1, t2) = taus[2 * k : 2 * k + 2]
+        part = lags[2 * k : 2 * k + 2, 2 * k : 2 * k + 2]
         if max(np.sqrt(np.diag(part)) / (t1, t2)) > TOLD:
             u = _difference_u(part)
             found.append(

@@ -22,10 +22,9 @@ from tcdyn.threads import one_blas_thread
 
 MEDIUM_S = (0.02, 0.02)  # 10 mm go through a surface at 0.5 m/s in this time
 LEAST_STEP_NOISES = 20.0
-BEFORE, AFTER = (
-    0.5,
-    12.0,
-)  # of the time to 63 %: how much of the record is fitted on either side of the entry
+# of the time to 63 %: how much of the record is fitted on either side of the entry
+BEFORE = 0.5
+AFTER = 12.0
 LEAST = (
     0.01,
     0.02,
@@ -90,7 +89,8 @@ def plunge_sensor(
     Raises:
         InputError: no step beyond the noise, one that is cut off, or fewer than 30 samples of it.
     """
-    dt, last = float(time_s[1] - time_s[0]), float(time_s[-1] - time_s[0])
+    dt = float(time_s[1] - time_s[0])
+    last = float(time_s[-1] - time_s[0])
     if not dt >= SHORTEST_ROW_S:
         what = f"rows every {dt:.3g} s"
         raise InputError(
@@ -105,8 +105,10 @@ def plunge_sensor(
             what, expected=f"{float(time_s[0]):g} to {float(time_s[-1]):g} s, as the record goes"
         )
     step = find_step(y_degC, dt, None if entry_s is None else entry_s[0] - time_s[0])
-    t, y = np.arange(step.last - step.first) * dt, y_degC[step.first : step.last]
-    begun, at = float(time_s[step.first]), step.entry_s - step.first * dt
+    t = np.arange(step.last - step.first) * dt
+    y = y_degC[step.first : step.last]
+    begun = float(time_s[step.first])
+    at = step.entry_s - step.first * dt
     known = None if entry_s is None else (entry_s[0] - begun, max(entry_s[1], _exact_s(dt)))
     fits, least, weights = _family(
         _Record(np.asarray(t, dtype=np.float64), y, dt, step, at, known, medium_s, conditioning)
@@ -119,7 +121,8 @@ def plunge_sensor(
         return np.array([sum(taus[1:]), *lag_and_times(Chain(taus))])
 
     each = [f.of(partial(told, extra=d)) for f, d in zip(fits, least)]
-    values, us = [v for v, _ in each], [np.sqrt(np.maximum(np.diag(c), 0.0)) for _, c in each]
+    values = [v for v, _ in each]
+    us = [np.sqrt(np.maximum(np.diag(c), 0.0)) for _, c in each]
     lesser, lag, *times = (
         averaged(v, u, weights) for v, u in zip(np.transpose(values), np.transpose(us))
     )
@@ -282,8 +285,11 @@ def _on_grid(
     record: _Record, noise: tuple[Noise, float]
 ) -> tuple[list[Fitted], list[float], Array]:
     """The same on noise of one colour and level [K]."""
-    fits, least, prior = list[Fitted](), list[float](), list[float]()
-    step, own = record.step, record.own_s
+    fits = list[Fitted]()
+    least = list[float]()
+    prior = list[float]()
+    step = record.step
+    own = record.own_s
     head = [
         step.before_degC,
         record.entry_s,
@@ -322,7 +328,8 @@ def _fitted(record: _Record, extra: float, start: Array, noise: tuple[Noise, flo
     """Lags fitted beside one that is held, ``extra`` [s]: theta = level, entry, size, drift, medium's lag, the lags."""
     step, t, dt, medium = record.step, record.t, record.dt_s, record.medium_s
     count, span, ones = len(start) - 5, t[-1] - t[0], np.ones_like(t)
-    big, own = abs(step.size_K), record.own_s
+    big = abs(step.size_K)
+    own = record.own_s
     scale = np.array([big, own, big, big / span, max(own, medium[1]), *[own] * count])
 
     def model(theta: Array) -> Array | None:

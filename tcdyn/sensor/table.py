@@ -25,11 +25,10 @@ from calibration.log import COMPENSATED
 from calibration.plausible import dropout_codes, impossible
 from tcdyn.sensor.units import Unit, doubtful
 
-MARGIN_LAGS, MARGIN_ROWS, LEAST_ROWS = (
-    10.0,
-    400,
-    20_000,
-)  # on either side of a stretch, for its answer only; of it
+# on either side of a stretch, for its answer only; of it
+MARGIN_LAGS = 10.0
+MARGIN_ROWS = 400
+LEAST_ROWS = 20_000
 MOST_BESIDE = 1 << 16  # rows on either side that are held, however slowly the smoother forgets
 LONGEST_GAP_LAGS = 10.0  # beyond it, nothing before a gap says anything of what comes after
 LONGEST_GAP_ROWS = 60  # in a record that is fitted as one, whatever its length
@@ -262,11 +261,15 @@ def parts(
     again with that many rows beside it (rounded up, ``MOST_BESIDE`` at most), and so do those after it.
     """
     longest = LONGEST_GAP_LAGS * lag_s
-    pieces, over = source.pieces(columns), False
+    pieces = source.pieces(columns)
+    over = False
     time = np.empty(0)
     data: dict[str, Array] = {}
     found = list[Finding]()
-    done, usual, side = 0, 0.0, 0  # rows before ``done`` are answered
+    # rows before ``done`` are answered
+    done = 0
+    usual = 0.0
+    side = 0
     while done < len(time) or not over:
         size = max(2 * side, least or LEAST_ROWS)
         if (
@@ -293,7 +296,8 @@ def parts(
         whole = len(gaps) > 0 or (over and len(time) <= done + size + 2 * side)
         cut = done + (int(gaps[0]) + 1 if len(gaps) else len(ahead))
         keep_to = cut if whole else done + size
-        start, stop = max(done - side, 0), cut if whole else keep_to + side
+        start = max(done - side, 0)
+        stop = cut if whole else keep_to + side
         beside = np.inf if side >= MOST_BESIDE or (start == 0 and whole) else side
         wanted = yield Part(
             time[start:stop],
@@ -305,8 +309,11 @@ def parts(
         if wanted:
             side = _rounded(max(wanted, side + 1))
             continue
-        found, forget = [], keep_to if len(gaps) else max(keep_to - MOST_BESIDE, 0)
-        time, data, done = time[forget:], {n: v[forget:] for n, v in data.items()}, keep_to - forget
+        found = []
+        forget = keep_to if len(gaps) else max(keep_to - MOST_BESIDE, 0)
+        time = time[forget:]
+        data = {n: v[forget:] for n, v in data.items()}
+        done = keep_to - forget
 
 
 def _rounded(rows: float) -> int:

@@ -124,7 +124,9 @@ def units_of(
     >>> units_of(["Zone 1"], "F")[0]["Zone 1"].name, [f.code for f in units_of(["T1_degF"], "degC")[1]]
     ('degF', ['sensor.unit_contradicted'])
     """
-    out, plain, told = {}, [], list[Finding]()
+    out = {}
+    plain = []
+    told = list[Finding]()
     for name in columns:
         own = (
             declared

@@ -44,9 +44,12 @@ def fluid_state(fluid: FluidName, temperature_degC: float) -> FluidState:
             float, _WATER(np.clip(temperature_degC, 0.0, 100.0))
         )
     else:
-        kelvin, larger = temperature_degC + 273.15, 1 + _OIL_EXPANSION * (temperature_degC - 15.0)
+        kelvin = temperature_degC + 273.15
+        larger = 1 + _OIL_EXPANSION * (temperature_degC - 15.0)
         viscosity = float(10**10 ** (9.31259 - 3.66650 * np.log10(kelvin)) - 0.7) * 1e-6
-        k, density, heat = 0.14868 - 2.2275e-4 * (kelvin - 366.67), 1003.5 / larger, 2000.0
+        k = 0.14868 - 2.2275e-4 * (kelvin - 366.67)
+        density = 1003.5 / larger
+        heat = 2000.0
         expansion = _OIL_EXPANSION / larger
     return FluidState(viscosity, k, k / (density * heat), expansion)
 
@@ -136,7 +139,8 @@ def heat_radially(
     rim = 2 * np.pi * setup.outer_radius_m
 
     def rate(t: float, temperature: Array) -> Array:
-        bath, wall = bath_degC(t), float(temperature[-1])
+        bath = bath_degC(t)
+        wall = float(temperature[-1])
         for _ in range(3):
             film = h_W_m2K(t, wall) * rim
             wall = (skin * temperature[-1] + film * bath) / (skin + film)

@@ -229,7 +229,8 @@ def simulate_ehl(
             traces[f"{name}_{channel}_degC"] = true[:, k]
     last = ["ambient_degC", "oil_degC"]
     order = [c for c in columns if c not in last] + last
-    frame, trace_frame = pd.DataFrame(columns)[order], pd.DataFrame(traces)[order]
+    frame = pd.DataFrame(columns)[order]
+    trace_frame = pd.DataFrame(traces)[order]
     return frame, {**_scalars(drawn, rig, trace_frame), "unevenness": uneven, "traces": trace_frame}
 
 

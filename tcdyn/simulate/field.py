@@ -30,7 +30,8 @@ def around_disks(
 
 
 def _around(disk: DiskTruth, system: DiskSystem, state: Array, o: EhlOptions) -> Around:
-    g, parts = grid_of(disk, o.mesh), [state[rows] for rows in system.steel.cells]
+    g = grid_of(disk, o.mesh)
+    parts = [state[rows] for rows in system.steel.cells]
     angle = np.deg2rad(ANGLES_DEG - disk.uneven.angle_deg)
     waves = [np.ones(len(angle)), *(wave(n * angle) for n, wave in waves_of(disk))]
     field = sum(part[:, None] * wave for wave, part in zip(waves, parts)).reshape(

@@ -69,10 +69,12 @@ class Solution:
 
 def steady_state(system: DiskSystem, power_W: float, ambient_degC: float) -> Array:
     """The state that no longer changes under constant power and ambient temperature."""
-    load, factor = _load(system, power_W, ambient_degC), _factorise(system.conductance)
+    load = _load(system, power_W, ambient_degC)
+    factor = _factorise(system.conductance)
     state = factor.solve(load)
     for _ in range(FILM_ROUNDS if system.steel.follows else 0):
-        before, state = state, np.asarray(factor.solve(load + system.steel.conducted_W(state)))
+        before = state
+        state = np.asarray(factor.solve(load + system.steel.conducted_W(state)))
         if np.abs(state - before).max() <= FILM_TOLERANCE * np.abs(state).max():
             break
     return state
@@ -97,7 +99,9 @@ def integrate(
     stepping = stepping or Stepping()
     factors: dict[float, SuperLU] = {}
     times: list[float] = []
-    values, rates, pieces = [], [], []
+    values = []
+    rates = []
+    pieces = []
     y = start
     for begin, end in pairwise(edges_s):
         steps = step_sizes(end - begin, stepping)
@@ -152,7 +156,8 @@ def _step(system: DiskSystem, factor: SuperLU, y: Array, h: float, signals: Arra
             left = heat - h * _GAMMA * film * system.surface_m2 * rate
             if system.steel.follows:
                 left += system.steel.more_W(guess, guess + h * _GAMMA * rate, rate, system.capacity)
-            before, rate = rate, factor.solve(left)
+            before = rate
+            rate = factor.solve(left)
             if np.abs(rate - before).max() <= FILM_TOLERANCE * np.abs(rate).max():
                 break
         stages[i] = rate

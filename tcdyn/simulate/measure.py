@@ -167,7 +167,8 @@ def simulate_oven(
     how = rig.imperfections
     own = rig.disk(disk)
     rng = rng_for(seed, "oven", disk)
-    rows, errors = [], []
+    rows = []
+    errors = []
     for repeat in range(1, repeats + 1):
         for setpoint in setpoints_degC:
             level = setpoint + rng.normal(0, 0.5)

@@ -67,7 +67,8 @@ def graded_edges(start: float, end: float, first: float, count: int) -> Array:
     """``count`` cells from ``start`` to ``end`` whose size grows geometrically from ``first`` at the start."""
     length = abs(end - start)
     first = min(first, length / count)
-    low, high = 1.0, 3.0
+    low = 1.0
+    high = 3.0
     for _ in range(80):
         ratio = 0.5 * (low + high)
         total = first * (ratio**count - 1) / (ratio - 1) if ratio > 1 + 1e-12 else first * count
@@ -97,7 +98,8 @@ def build_system(
     g = grid_of(disk, mesh)
     to_ambient = to_ambient_W_K(disk, g, h_W_m2K)
     skin = skin_m2K_W(disk, g)
-    area, track = np.zeros(g.size), np.zeros(g.size)
+    area = np.zeros(g.size)
+    track = np.zeros(g.size)
     area[g.cells[-1]] = 2 * np.pi * s.outer_radius_m * g.dz
     track[g.cells[-1]] = track_shares(g.z_edges, half_width_m, s.flux)
 
@@ -233,7 +235,8 @@ def film_W_m2K(disk: DiskTruth, g: Grid, h_W_m2K: float) -> float:
 
 def to_ambient_W_K(disk: DiskTruth, g: Grid, h_W_m2K: float) -> Array:
     """Conductances to ambient [W/K] of the running surface, the washer faces and the shaft outside the disk."""
-    s, out = disk.setup, np.zeros(g.size)
+    s = disk.setup
+    out = np.zeros(g.size)
     washer = s.washer_conductivity_W_mK / s.washer_thickness_m
     if washer > 0:
         for face, step in ((0, g.z[0]), (-1, s.width_m - g.z[-1])):
@@ -260,7 +263,8 @@ def laplacian(links: list[Link], to_ground: Array, n: int) -> sparse.csc_matrix:
 
 def _sampler(disk: DiskTruth, r: Array, z: Array, n: int) -> sparse.csr_matrix:
     """Cubic interpolation in r and z from cell centres to each junction."""
-    cols, values = [], []
+    cols = []
+    values = []
     for _, junction in sorted(disk.setup.junctions.items()):
         ir, wr = cubic_weights(r, disk.setup.outer_radius_m - junction.depth_m)
         iz, wz = cubic_weights(z, junction.z_m)

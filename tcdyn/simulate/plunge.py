@@ -173,7 +173,8 @@ def bath_columns(
     probe = air + (bath - air) * share + 0.1 * noise[0]
     fluid = bath + drawn.fluid_bias_K + 0.05 * noise[1]
     if how.quantise:
-        probe, fluid = quantised(probe), quantised(fluid)
+        probe = quantised(probe)
+        fluid = quantised(fluid)
     return {"time_s": t, "switch": _switch(t, drawn), "probe_degC": probe, "fluid_degC": fluid}
 
 

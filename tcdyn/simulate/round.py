@@ -57,8 +57,10 @@ def uneven_system(
     even = build_system(disk, h_W_m2K, half_width_m, mesh)
     if disk.uneven.even:
         return even
-    g, waves = grid_of(disk, mesh), waves_of(disk)
-    size, parts = g.size, [_harmonic(disk, g, n, h_W_m2K) for n, _ in waves]
+    g = grid_of(disk, mesh)
+    waves = waves_of(disk)
+    size = g.size
+    parts = [_harmonic(disk, g, n, h_W_m2K) for n, _ in waves]
     starts = np.cumsum([0, size, *(len(capacity) for capacity, _, _ in parts)])
     own = sparse.block_diag(
         [even.conductance, *(conductance for _, conductance, _ in parts)], format="csc"
@@ -103,7 +105,8 @@ def waves_of(disk: DiskTruth) -> tuple[Wave, ...]:
 
 def _steel_round(disk: DiskTruth, g: Grid, even: Steel, starts: Array) -> Steel:
     """The steel of the disk in all unknowns: a harmonic conducts as the even part's temperature has it."""
-    size, blocks = g.cells.size, [even.conduction]
+    size = g.cells.size
+    blocks = [even.conduction]
     for (n, _), (first, beyond) in zip(waves_of(disk), pairwise(starts[1:])):
         block = np.zeros(beyond - first)
         block[:size] = _round_W_K(disk.setup.conductivity_W_mK, n, g.r_edges, g.dz).ravel()
@@ -129,7 +132,8 @@ def seen_round(disk: DiskTruth, readings: Array) -> dict[str, Any]:
     ``amplitude_K`` of the first harmonic at the depth of b and ``angle_deg`` of its hottest side; ``first_K`` and
     ``second_K``: what each junction reads more by either harmonic. Zeros for an even disk.
     """
-    names, contact = sorted(disk.channels), disk.uneven
+    names = sorted(disk.channels)
+    contact = disk.uneven
     parts = readings[len(names) :] if not contact.even else np.zeros(2 * len(names) + 1)
     first, second, (cos, *sin) = np.split(parts, [len(names), 2 * len(names)])
     turned = np.rad2deg(np.arctan2(sum(sin), cos))
@@ -161,12 +165,16 @@ def _harmonic(
 
     The mean of cos^2 round the disk is a half, so all of it is half of what the whole ring would be.
     """
-    s, first, beyond = disk.setup, g.first_under - BESIDE, g.first_under + len(g.z) + BESIDE
-    k, hollow = s.conductivity_W_mK, s.bore_radius_m * np.sqrt(1 - SHAFT_SECTION)
+    s = disk.setup
+    first = g.first_under - BESIDE
+    beyond = g.first_under + len(g.z) + BESIDE
+    k = s.conductivity_W_mK
+    hollow = s.bore_radius_m * np.sqrt(1 - SHAFT_SECTION)
     r_edges = graded_edges(s.bore_radius_m, hollow, THIN_M, SHAFT_CELLS)[::-1]
     z_edges = g.shaft_edges[first : beyond + 1]
     cells = g.cells.size + np.arange(SHAFT_CELLS * (beyond - first)).reshape(SHAFT_CELLS, -1)
-    r, area = 0.5 * (r_edges[1:] + r_edges[:-1]), np.pi * np.diff(r_edges**2)
+    r = 0.5 * (r_edges[1:] + r_edges[:-1])
+    area = np.pi * np.diff(r_edges**2)
     links = disk_links(disk, g) + ring_links(cells, r, area, np.diff(z_edges), k)
     even = to_ambient_W_K(disk, g, h_W_m2K)
     ground = np.append(even[: g.cells.size], np.zeros(cells.size))
@@ -189,10 +197,8 @@ def _coupling(disk: DiskTruth, g: Grid, walls: list[Wall], size: int) -> sparse.
     difference across the fit, half a cell of steel counted in h, as in the even system.
     """
     s = disk.setup
-    radius, steel = (
-        s.bore_radius_m,
-        s.bore_radius_m * np.log(g.r[0] / s.bore_radius_m) / s.conductivity_W_mK,
-    )
+    radius = s.bore_radius_m
+    steel = s.bore_radius_m * np.log(g.r[0] / s.bore_radius_m) / s.conductivity_W_mK
     psi = 2 * np.pi * (np.arange(ROUND) + 0.5) / ROUND
     even = disk.bore_conductance_W_m2K
     contact = even * disk.uneven.relative(psi)
@@ -200,7 +206,9 @@ def _coupling(disk: DiskTruth, g: Grid, walls: list[Wall], size: int) -> sparse.
     pairs = shapes * (contact / (1 + contact * steel)) @ shapes.T / ROUND
     pairs[0, 0] -= even / (1 + even * steel)
     area = 2 * np.pi * radius * g.dz
-    rows, cols, values = [], [], []
+    rows = []
+    cols = []
+    values = []
     for (i, one), (j, other) in product(enumerate(walls), repeat=2):
         for a, b, sign in zip((0, 0, 1, 1), (0, 1, 0, 1), (1, -1, -1, 1)):
             rows.append(one[a])

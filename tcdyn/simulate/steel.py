@@ -37,7 +37,8 @@ class Steel:
     def conducted_W(self, y: Array) -> Array:
         """Heat that reaches each unknown beyond what the reference conductivity brings, (n,) [W]."""
         even, *harmonics = (y[rows] for rows in self.cells)
-        hotter, more = even - self.slopes.reference_degC, np.zeros_like(y)
+        hotter = even - self.slopes.reference_degC
+        more = np.zeros_like(y)
         if 1 + min(self.slopes.conductivity_per_K, 0.0) * float(hotter.max()) < LEAST:
             raise InputError(
                 f"at {float(even.max()):.3g} degC this steel would hardly conduct",
@@ -55,14 +56,16 @@ class Steel:
 
     def _held_W(self, y: Array, rate: Array, capacity: Array) -> Array:
         """Heat beyond that of the reference's specific heat that warms each unknown at ``rate`` [K/s], (n,) [W]."""
-        out, hotter = np.zeros_like(y), y[self.cells[0]] - self.slopes.reference_degC
+        out = np.zeros_like(y)
+        hotter = y[self.cells[0]] - self.slopes.reference_degC
         for n, rows in enumerate(self.cells):
             out[rows] = hotter * rate[rows] + (y[rows] * rate[self.cells[0]] if n else 0.0)
         return self.slopes.specific_heat_per_K * capacity * out
 
     def rate(self, heat_W: Array, y: Array, capacity: Array) -> Array:
         """Rates (n,) [K/s] at which ``heat_W`` (n,) warms the unknowns at ``y``."""
-        out, slope = heat_W / capacity, self.slopes.specific_heat_per_K
+        out = heat_W / capacity
+        slope = self.slopes.specific_heat_per_K
         if slope:
             hotter = y[self.cells[0]] - self.slopes.reference_degC
             for n, rows in enumerate(self.cells):  # the even part first, which the others ask for

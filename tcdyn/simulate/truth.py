@@ -266,7 +266,8 @@ def _fitted(disk: DiskTruth, stated: DiskSetup) -> DiskTruth:
     """The disk with the mean conductance and the unevenness of the press fit that the rig states, if any."""
     if not stated.fit.stated:
         return disk
-    sectors, (_, bearing) = stated.fit.sectors(1e3 * stated.bore_radius_m), press_fit(stated)
+    sectors = stated.fit.sectors(1e3 * stated.bore_radius_m)
+    (_, bearing) = press_fit(stated)
     shares = harmonics(sectors, 1)
     contact = BoreContact(*amplitude_and_angle(shares, 1), sectors)
     return replace(disk, bore_conductance_W_m2K=bearing * float(shares[0].real), uneven=contact)

@@ -34,8 +34,11 @@ RISE_K = 20.0  # mean rise of the oil in crossing the contact (assumed)
 def speed_law_rows() -> Iterator[VerifyRow]:
     """The worked example of section 4.3."""
     chi = speed_ratio_power(4.24, 0.667)
-    fast_slope, slow_slope = (0.83 - 0.37) / 1100, (0.48 - 0.20) / 1100  # figures 4.13 to 4.16
-    a, c = 0.37 - 100 * fast_slope, 0.20 - 100 * slow_slope
+    # figures 4.13 to 4.16
+    fast_slope = (0.83 - 0.37) / 1100
+    slow_slope = (0.48 - 0.20) / 1100
+    a = 0.37 - 100 * fast_slope
+    c = 0.20 - 100 * slow_slope
     beta = speed_law_beta(a, fast_slope, c, slow_slope, chi)
     yield row(
         "arithmetic",
@@ -60,7 +63,8 @@ def speed_law_rows() -> Iterator[VerifyRow]:
 def oven_rows() -> Iterator[VerifyRow]:
     """Table 2.6: the static calibration."""
     truth = draw_truth(1)
-    raw, calibrated = [], []
+    raw = []
+    calibrated = []
     for disk in DISKS:
         oven = hold_means(simulate_oven(disk, 1, truth)[0])
         lines = fit_static_lines(oven).lines
@@ -98,11 +102,10 @@ def contact_rows() -> Iterator[VerifyRow]:
             relative=0.01,
         )
     tests = [PROGRAMME[f"A{k}"] for k in (1, 2, 3, 4)]
-    contacts, printed = (
-        [hertz_contact(test.load_N) for test in tests],
-        [test.pressure_GPa for test in tests],
-    )
-    pressures, majors = [c.pressure_Pa / 1e9 for c in contacts], [c.major_m * 1e3 for c in contacts]
+    contacts = [hertz_contact(test.load_N) for test in tests]
+    printed = [test.pressure_GPa for test in tests]
+    pressures = [c.pressure_Pa / 1e9 for c in contacts]
+    majors = [c.major_m * 1e3 for c in contacts]
     yield close(
         "physics",
         "greatest Hertz pressure at 850, 1460, 1850, 2320 N, GPa",
@@ -123,7 +126,8 @@ def contact_rows() -> Iterator[VerifyRow]:
         "agrees within 1 %",
         relative=0.01,
     )
-    minor, depth = contacts[-1].minor_m * 1e3, contacts[-1].yield_depth_m * 1e3
+    minor = contacts[-1].minor_m * 1e3
+    depth = contacts[-1].yield_depth_m * 1e3
     yield close(
         "physics",
         "half width along rolling a at 2320 N, mm",
@@ -170,7 +174,8 @@ def contact_rows() -> Iterator[VerifyRow]:
         relative=0.01,
     )
     ratios = [film_heat_ratio(t) for t in PROGRAMME.values()]
-    low, high = min(ratios), max(ratios)
+    low = min(ratios)
+    high = max(ratios)
     yield row(
         "trend",
         "frictional heat over heat carried off by the film, 16 tests",
@@ -185,11 +190,13 @@ def contact_rows() -> Iterator[VerifyRow]:
 
 def _conductance() -> VerifyRow:
     """Table 6.6: one constant must give all three printed numbers to their rounding."""
-    published, half = np.array([0.78, 7.7, 11.1]), np.array([0.005, 0.05, 0.05])
+    published = np.array([0.78, 7.7, 11.1])
+    half = np.array([0.005, 0.05, 0.05])
     unit = np.array(
         [contact_conductance_W_m2K(p * 1e6, 1e6, 1.0, 1.0, 1.0) for p in (1.0, 27.3, 45.6)]
     )
-    low, high = ((published - half) / unit).max(), ((published + half) / unit).min()
+    low = ((published - half) / unit).max()
+    high = ((published + half) / unit).min()
     return row(
         "rule",
         "conductance of the press fit at 1, 27.3, 45.6 MPa, kW/m2K",
@@ -209,11 +216,13 @@ def film_heat_ratio(test: EhlCondition) -> float:
     Mobil Jet Oil II at the mean of both disks' surface junctions and a pressure coefficient of 1.1e-8 1/Pa (assumed).
     """
     contact = hertz_contact(test.load_N)
-    radius, modulus = 0.0381 / 2, YOUNG_Pa / (1 - 0.3**2)
+    radius = 0.0381 / 2
+    modulus = YOUNG_Pa / (1 - 0.3**2)
     oil = fluid("mobil-jet-ii").at(0.5 * (test.fast_a_degC + test.slow_a_degC))
     viscosity = float(oil.rho_kg_m3 * oil.nu_m2_s)
     u = viscosity * test.entraining_speed_m_s / (modulus * radius)
-    g, w = 1.1e-8 * modulus, test.load_N / (modulus * radius**2)
+    g = 1.1e-8 * modulus
+    w = test.load_N / (modulus * radius**2)
     k = contact.major_m / contact.minor_m
     film = 2.69 * u**0.67 * g**0.53 * w**-0.067 * (1 - 0.61 * np.exp(-0.73 * k)) * radius
     carried = (

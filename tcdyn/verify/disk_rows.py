@@ -23,11 +23,17 @@ from tcdyn.verify import VerifyRow, numbers, row
 
 PAIR = (0.7, 900.0)  # of figure 4.9
 SHARES, FILMS = np.linspace(0.1, 1.0, 10), np.linspace(100.0, 1200.0, 12)  # the thesis's 120 pairs
-DT_s, LOADED_s, UNTIL_s = 0.05, 30.0, 40.0
+DT_s = 0.05
+LOADED_s = 30.0
+UNTIL_s = 40.0
 AIR_degC = 60.0
 BORE_W_m2K = {"fast": 900.0, "slow": 1600.0}  # assumed: what the synthetic rig's fits scatter about
-STEP_REL, ROUNDS = 0.1, 3
-BETA_U, AIR_U_K, BORE_U_REL, H_REL = 0.015, 3.0, 0.25, 0.05
+STEP_REL = 0.1
+ROUNDS = 3
+BETA_U = 0.015
+AIR_U_K = 3.0
+BORE_U_REL = 0.25
+H_REL = 0.05
 
 
 def disk(name: str, bore_W_m2K: float) -> DiskTruth:
@@ -58,7 +64,8 @@ def fictitious_rows() -> Iterator[VerifyRow]:
     true = dict(zip(system.channels, made.at(time).T, strict=True))
     heat = np.where(time > 0, power(time), 0.0)  # the rim starts at rest
     drive = Drive(DT_s, heat, true["d"], true["b"], true["f"], air(time))
-    rim, seen = Rim.from_setup(truth.setup), np.stack([true[c] for c in truth.setup.outer])
+    rim = Rim.from_setup(truth.setup)
+    seen = np.stack([true[c] for c in truth.setup.outer])
     points = points_of(truth.setup, truth.setup.outer)
     answers = map_beta_h(rim, drive, SHARES, FILMS, points, width, mesh=MESHES["III"])
     misfit = np.abs(answers - seen)[..., time > 1.0].mean(
@@ -136,7 +143,8 @@ def rms(x: Array) -> float:
 
 def table_7_2_rows() -> Iterator[VerifyRow]:
     """Table 7.2's 32 readings from tables 6.1 and 7.1, and what their misses come from."""
-    bore, air = dict(BORE_W_m2K), 0.0
+    bore = dict(BORE_W_m2K)
+    air = 0.0
     first = misses_K(bore)
     by_bore = (misses_K({d: bore[d] * (1 + STEP_REL) for d in DISKS}) - first) / STEP_REL
     beta, film = (
@@ -154,18 +162,21 @@ def table_7_2_rows() -> Iterator[VerifyRow]:
         f"% {film:.1f}, the air to 3 K {AIR_U_K:.1f}, the press fit to 25 % {rms(by_bore) * BORE_U_REL:.1f}: "
         f"{told:.1f} K in all; agrees below 1.5 times that",
     )
-    left, log_bore = first, np.zeros(2)
+    left = first
+    log_bore = np.zeros(2)
     for k in range(ROUNDS):
         columns = np.stack([by_bore * [1, 0], by_bore * [0, 1], np.ones((16, 2))], axis=-1).reshape(
             32, 3
         )
         step = -np.linalg.lstsq(columns, (left + air).ravel(), rcond=None)[0]
-        log_bore, air = log_bore + step[:2], air + step[2]
+        log_bore = log_bore + step[:2]
+        air = air + step[2]
         bore = {d: BORE_W_m2K[d] * float(np.exp(g)) for d, g in zip(DISKS, log_bore, strict=True)}
         left = misses_K(bore)
         if k < ROUNDS - 1:
             by_bore = (misses_K({d: bore[d] * (1 + STEP_REL) for d in DISKS}) - left) / STEP_REL
-    rest, scatter = rms(left + air), float(np.hypot(beta, film))
+    rest = rms(left + air)
+    scatter = float(np.hypot(beta, film))
     yield row(
         "rule",
         "the same after both press fits' conductances and the air are solved from it, K rms",

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-PAIRS_SAME, PAIRS_OTHER = "same", "other"
+PAIRS_SAME = "same"
+PAIRS_OTHER = "other"
 # tables 6.2 to 6.4: the two groups of junctions, and each pair's word, l(ogical), w(eak), i(llogical), n(ot applicable)
 COMPARED = (
     ("aef|bcd", "ae l af l ab i ac i ad i ef l eb i ec i ed w fb l fc n fd w bc n bd l cd l"),

@@ -39,10 +39,9 @@ D4_STATES = (
     (85.0, 65.0),
     (145.0, 70.0),
 )  # inner row and air [degC] at 125 s and 1000 s (figures 3.8, 6.16)
-SIZE, FARTHEST = (
-    4.0,
-    10.0,
-)  # "the same size": within this factor; nothing may lie farther off than the second
+# "the same size": within this factor; nothing may lie farther off than the second
+SIZE = 4.0
+FARTHEST = 10.0
 NOT_COMPARABLE = (("maximum", "I"), ("maximum", "III"))
 WHY_SIZE = (
     "quasi-steady fields of D4, point values of the parabola raised by table 3.4; agrees when it falls in time and "
@@ -142,8 +141,11 @@ def field_rows() -> Iterator[VerifyRow]:
         "two ways to solve one set of difference equations, each written from (3.30) anew: mesh II, steps of 20 ms, "
         "250 W into the disk; agrees below 2 mK",
     )
-    rim, b, mesh = studies.default_rim(), HALF_WIDTHS_mm[-1] * 1e-3, MESHES["IV"]
-    dz, middle = rim.width_m / (mesh.nz - 1), mesh.nz // 2
+    rim = studies.default_rim()
+    b = HALF_WIDTHS_mm[-1] * 1e-3
+    mesh = MESHES["IV"]
+    dz = rim.width_m / (mesh.nz - 1)
+    middle = mesh.nz // 2
     density = flux_density("hertz", b, rim.width_m, mesh.nz) * 2 * b
     outside = density[: middle - int(b / dz) - 1]
     flux = (
@@ -161,7 +163,8 @@ def field_rows() -> Iterator[VerifyRow]:
         "mean of each cell of mesh IV, b = 1.75 mm",
         absolute=1e-3,
     )
-    z, readings = np.linspace(0.0, rim.width_m, mesh.nz), (82.0, 85.0, 80.0)
+    z = np.linspace(0.0, rim.width_m, mesh.nz)
+    readings = (82.0, 85.0, 80.0)
     imposed = [0.0, *readings, 60.0]  # no power; d, b, f; air
     lines = [
         spectrum(rim, 0.0, b, kind, "hertz", mesh).boundary.T @ imposed
@@ -232,10 +235,12 @@ def mesh_rows() -> Iterator[VerifyRow]:
 
 def _ideal() -> Iterator[VerifyRow]:
     """Tables 3.2 and 3.3."""
-    plain, late = studies.ideal_study(), studies.ideal_study(late_steps=1)
+    plain = studies.ideal_study()
+    late = studies.ideal_study(late_steps=1)
     for table, part, published in (("3.2", "maximum", TABLE_3_2), ("3.3", "mean", TABLE_3_3)):
         for k, theirs in published.items():
-            ours, shifted = getattr(plain[k], part), getattr(late[k], part)
+            ours = getattr(plain[k], part)
+            shifted = getattr(late[k], part)
             falls = all(a > b for a, b in pairwise(ours))
             stays = all(a <= p for a, p in zip(ours, theirs, strict=True))
             yield row(
@@ -282,7 +287,8 @@ def _real() -> Iterator[VerifyRow]:
                 WHY_SIZE if known else WHY_NOT,
                 good=None if known else "not checkable",
             )
-    coarse, fine = early["I"].maximum[0], early["III"].maximum[0]
+    coarse = early["I"].maximum[0]
+    fine = early["III"].maximum[0]
     yield row(
         "trend",
         "mesh I stands out in the real test: maximum error of I over III",

@@ -216,12 +216,12 @@ def bath_rows() -> Iterator[VerifyRow]:
 
 def _cylinders() -> Iterator[VerifyRow]:
     rig = load_rig().disk_setup("fast")
-    k, radius, rho_c = (
-        rig.conductivity_W_mK,
-        rig.outer_radius_m,
-        rig.density_kg_m3 * rig.specific_heat_J_kgK,
-    )
-    solid, told, ours = Cylinder(0.0, radius, k, rho_c), [], []
+    k = rig.conductivity_W_mK
+    radius = rig.outer_radius_m
+    rho_c = rig.density_kg_m3 * rig.specific_heat_J_kgK
+    solid = Cylinder(0.0, radius, k, rho_c)
+    told = []
+    ours = []
 
     def film(h: float) -> Callable[[Array, Array, Array], Array]:
         return lambda surface, bulk, t: np.full_like(t, h)
@@ -260,7 +260,8 @@ def _cylinders() -> Iterator[VerifyRow]:
     run = simulate_plunge_model(
         disk, [radius - rig.bore_radius_m], film(1e-3), 0.0, 1e8, 120.0
     )  # as good as 1e5 W/m2
-    hole, last = rig.bore_radius_m, run.t_s > 60.0
+    hole = rig.bore_radius_m
+    last = run.t_s > 60.0
     rate = float(np.polyfit(run.t_s[last], run.surface_degC[last], 1)[0])
     across = float(run.surface_degC[-1] - run.junction_degC[-1, 0])
     area = radius**2 - hole**2

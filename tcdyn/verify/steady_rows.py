@@ -20,7 +20,8 @@ from tcdyn.verify import VerifyRow, close, numbers, published, row, studies
 AIR_degC = 60.0  # about what the ends of the lines of section 4.3 imply, see there
 WHY_AIR = f"air at {AIR_degC:g} degC and a level inner row (not printed), which is set so that a reads as in table 7.2"
 C2 = 9  # its place in the programme
-A_DEPTH_m, SURFACE_m = 3e-3, 0.0
+A_DEPTH_m = 3e-3
+SURFACE_m = 0.0
 RIM = studies.default_rim()
 MIDDLE_m = RIM.width_m / 2
 RATES = node_rates(1 / 75)
@@ -89,9 +90,12 @@ def steady_rows() -> Iterator[VerifyRow]:
 
 def _line_ends() -> Iterator[VerifyRow]:
     """Section 4.3: both ends of a line of least error fit the same readings; D4 of Clarke (2009), as its heat says."""
-    d4, (a_fast, a_slow, friction) = PROGRAMME["D4"], published.CLARKE_AT_REST[-1]
+    d4 = PROGRAMME["D4"]
+    (a_fast, a_slow, friction) = published.CLARKE_AT_REST[-1]
     total = friction * d4.sliding_speed_m_s
-    airs, rises, faces = [], [], []
+    airs = []
+    rises = []
+    faces = []
     for (first, second, _), a in zip(published.LINE_ENDS.values(), (a_fast, a_slow), strict=True):
         ends = [Steady(share * total, h, d4.load_N, a) for share, h in (first, second)]
         parts = [[float(x[0]) for x in end.parts(((A_DEPTH_m, MIDDLE_m),))] for end in ends]
@@ -190,7 +194,8 @@ def _asymmetries() -> Iterator[VerifyRow]:
 
 def _surfaces() -> Iterator[VerifyRow]:
     """Table 7.3: the greatest surface temperatures of both disks, from a's readings."""
-    ours, speed = [], []
+    ours = []
+    speed = []
     for test in PROGRAMME.values():
         disks = of_test(test)
         speed.append(test.sliding_speed_m_s)

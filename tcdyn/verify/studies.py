@@ -86,7 +86,8 @@ def transient_check() -> ClosedForm:
 
 def steady_check() -> ClosedForm:
     """Figure 3.16: uniform flux on the whole track, ideal washers, against (3.36) as corrected and (3.37)."""
-    rim, mesh = default_rim(False), Mesh()
+    rim = default_rim(False)
+    mesh = Mesh()
     inputs = [POWER_W, 85.0, 85.0, 85.0, 60.0]
     field = step_fields(
         rim, FILM_W_m2K, rim.width_m / 2, inputs, inputs, [0.0], flux="uniform", mesh=mesh
@@ -101,9 +102,14 @@ def steady_check() -> ClosedForm:
 
 def series_convergence() -> Convergence:
     """Hollow cylinder, fixed inside, flux and film outside, against its Bessel series at 0.3 and 2 s."""
-    rim, times, errors = default_rim(False), [0.3, 2.0], []
-    ri, ro, w = rim.inner_radius_m, rim.outer_radius_m, rim.width_m
-    before, after = [0.0, 20, 20, 20, 20], [POWER_W, 20.0, 20.0, 20.0, 10.0]
+    rim = default_rim(False)
+    times = [0.3, 2.0]
+    errors = []
+    ri = rim.inner_radius_m
+    ro = rim.outer_radius_m
+    w = rim.width_m
+    before = [0.0, 20, 20, 20, 20]
+    after = [POWER_W, 20.0, 20.0, 20.0, 10.0]
     flux = POWER_W / (2 * np.pi * ro * w)
     for n in NODES:
         mesh = Mesh(n, 9)
@@ -117,13 +123,12 @@ def series_convergence() -> Convergence:
 
 def product_convergence() -> Convergence:
     """A field that varies in z, after 1 s of decay from one kelvin; leaky washers make the variation large."""
-    rim, errors = replace(default_rim(), washer_W_m2K=5000.0), []
+    rim = replace(default_rim(), washer_W_m2K=5000.0)
+    errors = []
     for n in NODES:
         mesh = Mesh(n, int(1.625 * (n - 1)) + 1)
-        r, z = (
-            np.linspace(rim.inner_radius_m, rim.outer_radius_m, mesh.nr),
-            np.linspace(0, rim.width_m, mesh.nz),
-        )
+        r = np.linspace(rim.inner_radius_m, rim.outer_radius_m, mesh.nr)
+        z = np.linspace(0, rim.width_m, mesh.nz)
         start, later = (product_decay_K(rim, r, z, t, FILM_W_m2K) for t in (0.0, 1.0))
         errors.append(float(np.abs(free_decay(rim, FILM_W_m2K, start, 1.0, mesh) - later).max()))
     return Convergence("product solution, varies in z", NODES, tuple(errors))
@@ -212,7 +217,8 @@ def _errors(fields: dict[str, list[Array]]) -> dict[str, MeshErrors]:
         k: np.stack(f)[:, :: (SETS[k].nr - 1) // 8, :: (SETS[k].nz - 1) // 13]
         for k, f in fields.items()
     }
-    finest, out = common.pop("IV"), {}
+    finest = common.pop("IV")
+    out = {}
     for k, field in common.items():
         gap = np.abs(field - finest)
         mean = gap.sum(axis=(1, 2)) / finest.sum(axis=(1, 2))
@@ -224,10 +230,15 @@ def _errors(fields: dict[str, list[Array]]) -> dict[str, MeshErrors]:
 
 def stepped_gap_K(h: float, share: float) -> float:
     """Largest difference [K] of the engine's field from Crank-Nicolson stepped on mesh II, heat that comes at once."""
-    rim, mesh, b, dt, steps = default_rim(), SETS["II"], HALF_WIDTH_D4_m, 0.02, 150
+    rim = default_rim()
+    mesh = SETS["II"]
+    b = HALF_WIDTH_D4_m
+    dt = 0.02
+    steps = 150
     levels = np.tile([360.0, 84.0, 86.0, 85.0, 60.0], (steps, 1))
     levels[0, 0] = 0.0
-    s, inner = scheme(rim, h, mesh), spectrum(rim, h, b, "modal", "hertz", mesh).boundary
+    s = scheme(rim, h, mesh)
+    inner = spectrum(rim, h, b, "modal", "hertz", mesh).boundary
     columns = s.inner @ inner.T
     columns[:, 0] = (
         s.outer
@@ -236,7 +247,8 @@ def stepped_gap_K(h: float, share: float) -> float:
         / (2 * np.pi * rim.outer_radius_m)
     )
     columns[:, 4] += s.film + s.face_d + s.face_f
-    stepper, field = CrankNicolson.prepare(s, dt), steady_field(s, columns @ levels[0])
+    stepper = CrankNicolson.prepare(s, dt)
+    field = steady_field(s, columns @ levels[0])
     for k, u in enumerate(levels[:-1]):
         field = stepper.step(field, columns @ u, columns @ u, damped=k < 3)
     last = np.vstack([levels[-1] @ inner, field.reshape(mesh.nr - 1, mesh.nz)])

@@ -120,10 +120,8 @@ def _ratios() -> VerifyRow:
         [(t.h_fast_W_m2K, t.h_slow_W_m2K) for t in TESTS] + list(published.CLARKE_H), dtype=float
     )
     chi = speed_ratio_power(4.24, 0.667)
-    low, high = (
-        ((pairs[:, 0] - 0.5) / (pairs[:, 1] + 0.5)).max(),
-        ((pairs[:, 0] + 0.5) / (pairs[:, 1] - 0.5)).min(),
-    )
+    low = ((pairs[:, 0] - 0.5) / (pairs[:, 1] + 0.5)).max()
+    high = ((pairs[:, 0] + 0.5) / (pairs[:, 1] - 0.5)).min()
     ratios = pairs[:, 0] / pairs[:, 1]
     return row(
         "arithmetic",

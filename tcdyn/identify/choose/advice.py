@@ -71,10 +71,13 @@ def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str,
     held-out error is better by more than 5 %. ``left_out`` are names that are not considered, nor are rows that a
     growing search has refused.
     """
-    refused, out = table["refused"].eq(True), table["model"].isin(list(left_out))
+    refused = table["refused"].eq(True)
+    out = table["model"].isin(list(left_out))
     good = table[table["BIC"].notna() & ~out & ~refused]
-    sound, following = good[good["determined"]], good["p_input"] < ALARM
-    passing, explaining = sound[~following[sound.index]], good[~following]
+    sound = good[good["determined"]]
+    following = good["p_input"] < ALARM
+    passing = sound[~following[sound.index]]
+    explaining = good[~following]
     known = (
         sound if len(sound) and not refused.any() else good
     )  # a search's steps are held against colour already
@@ -84,7 +87,8 @@ def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str,
     near = pool[(pool["BIC"] < best["BIC"] + 2) & (pool["parameters"] < best["parameters"])]
     by = "BIC" if best["BIC"] == good["BIC"].min() else "BIC of those that qualify"
     if len(near):
-        best, by = near.sort_values("parameters").iloc[0], "parameters"
+        best = near.sort_values("parameters").iloc[0]
+        by = "parameters"
     rival = pool[pool["BIC"] < pool["BIC"].min() + DECISIVE].sort_values("held_out_rms").iloc[0]
     if rival["held_out_rms"] < 0.95 * best["held_out_rms"]:
         best, other, by = rival, best, "held out"
@@ -129,7 +133,8 @@ def verdict(
         troubles: codes of what to do about the record, as its residuals say (``Validation.troubles``).
     """
     row = table[table["model"] == recommended].iloc[0]
-    coloured, percent = bool(row["p_white"] < ALARM), float(row["fit_percent"])
+    coloured = bool(row["p_white"] < ALARM)
+    percent = float(row["fit_percent"])
     held_out = float(
         row["held_out_percent"]
     )  # not a number where the output of that part never moves

@@ -161,7 +161,8 @@ def compare(
         check_closed_loop(data, data.name or "identify")
     else:
         data = replace(data, findings=(*data.findings, *closed_loop(data)))
-    task, like = Task(data, held_out, progress, options), like or process("P1")
+    task = Task(data, held_out, progress, options)
+    like = like or process("P1")
     found = compared(task, listed(task, entries, like))
     at_once = "record.off_equilibrium" in found.validation.troubles
     if "initial" not in options and (at_once or off_equilibrium(data, found.best, options)):
@@ -169,7 +170,8 @@ def compare(
         freed = compared(with_state, listed(with_state, entries, like))
         if freed.table["BIC"].min() < found.table["BIC"].min():
             why = replace(freed.reason, numbers={**freed.reason.numbers, "freed": True})
-            found, task = replace(freed, reason=why), replace(task, options=with_state.options)
+            found = replace(freed, reason=why)
+            task = replace(task, options=with_state.options)
     found = with_disturbance(task, found)
     return with_rival(task, found, like) if found.grown else found
 
@@ -177,7 +179,9 @@ def compare(
 def with_rival(task: Task, found: Comparison, like: Model) -> Comparison:
     """``found``, or where the residuals of its best model are coloured or follow the input, and a transfer function
     whose inputs share their poles foresees better, that one beside the others (:func:`rival`)."""
-    best, row, options = found.best, found.best_row, task.options
+    best = found.best
+    row = found.best_row
+    options = task.options
     if clean(best) or options.get("loss", "linear") != "linear":
         return found
     task.progress("common poles", len(found.table) + 1, len(found.table) + 1)
@@ -204,7 +208,8 @@ def with_disturbance(task: Task, found: Comparison) -> Comparison:
     Only where they are coloured and, but for a drift, do not follow the input. Where the disturbance is modelled all
     models get the same, and where that costs held-out error none.
     """
-    best, options = found.best, task.options
+    best = found.best
+    options = task.options
     if (
         {"noise", "baseline"} & set(options)
         or options.get("loss", "linear") != "linear"
@@ -243,7 +248,9 @@ def compared(task: Task, models: Way) -> Comparison:
     rows: list[dict[str, Any]] = []
     fits: dict[str, Fit] = {}
     first: InputError | None = None
-    noticed, data, options = task.data.findings, replace(task.data, findings=()), task.options
+    noticed = task.data.findings
+    data = replace(task.data, findings=())
+    options = task.options
     for number, (model, start, refused) in enumerate(models, 1):
         task.progress(model.name, number, len(models))
         try:

@@ -38,7 +38,9 @@ UNSEEN = (
     1.05  # times the held-out error, beyond which a step has learnt the record and not the system
 )
 SEEN = 0.97  # times the held-out error, below which a step counts though the colour of the residuals could explain it
-MOST_POLES, MOST_STEPS, MOST_SHOWN = 6, 24, 3
+MOST_POLES = 6
+MOST_STEPS = 24
+MOST_SHOWN = 3
 SIZES = (0.1, 1.0, 10.0)  # of what is new, in lags of what was there
 Score = Callable[[Fit], float]
 Entry = Model | str | Fit | Identified
@@ -62,7 +64,9 @@ def grown(
     """
     quick = {**options, **QUICK}
     now = best_of([fitted(data, m, None, quick) for m in first_steps(data, template)])
-    error, way, seen = score(now), [now], {now.problem.model.name}
+    error = score(now)
+    way = [now]
+    seen = {now.problem.model.name}
     refused: list[Fit] = []
     for _ in range(MOST_STEPS):
         fresh = [m for m in steps(now.problem.model, data) if m.name not in seen]
@@ -79,7 +83,8 @@ def grown(
         else:
             refused = tried[:MOST_SHOWN]
             break
-        now, error = found, unseen
+        now = found
+        error = unseen
         way.append(found)
     return [
         (f.problem.model, f.identified.theta, any(f is r for r in refused))
@@ -193,7 +198,8 @@ def successors(model: Model) -> list[Model]:
     if model.name == SILENT:
         return [process("P1"), process("P1D")]
     delay = "Td" in model.names
-    poles, zeros = model.order, len([n for n in model.names if n[0] == "b"]) - 1
+    poles = model.order
+    zeros = len([n for n in model.names if n[0] == "b"]) - 1
     if model.kind == "tf":
         larger = [
             (zeros + 1, poles),
@@ -222,11 +228,14 @@ def successors(model: Model) -> list[Model]:
 def onward(found: Fit, model: Model) -> list[dict[str, float]]:
     """Parameters of ``model`` to begin at: what the smaller one ``found`` did with what is new of three sizes, and the
     starts that the larger branch has by itself."""
-    posed, theta, old = found.problem, found.identified.theta, found.problem.model
+    posed = found.problem
+    theta = found.identified.theta
+    old = found.problem.model
     k = next(
         k for k in range(len(posed.branches)) if model.branch(k)[0].name != old.branch(k)[0].name
     )
-    (part, names), (was, own) = model.branch(k), old.branch(k)
+    (part, names) = model.branch(k)
+    (was, own) = old.branch(k)
     have = {n: theta[w] for n, w in own.items()}
     kept = {w: v for w, v in theta.items() if w not in own.values()}
     lag = found.identified.longest_lag_s if was.name == SILENT else abs(was.rational(have).lag_s)
@@ -269,7 +278,8 @@ def entry(given: Entry, data: IOData) -> Model:
     found = given.identified if isinstance(given, Fit) else given
     names = data.input_names
     if isinstance(found, Identified):
-        model, theta = found.model, found.theta
+        model = found.model
+        theta = found.theta
         if model.inputs == tuple(
             f"u[{k}]" for k in range(len(names))
         ):  # control's own labels: by their place

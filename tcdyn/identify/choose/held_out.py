@@ -103,7 +103,8 @@ def judged(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[float, f
     if result.problem.trend and not late.all():
         since = np.cumsum(late)[late]
         all_of_it[late] -= since * (since @ all_of_it[late]) / (since @ since)
-    error, innovation = all_of_it[late], result.noise.whiten(all_of_it, whole)[late]
+    error = all_of_it[late]
+    innovation = result.noise.whiten(all_of_it, whole)[late]
     if (
         result.noise.memory > LASTING * len(error) and not late.all()
     ):  # from the level at which a walk is by then
@@ -113,7 +114,8 @@ def judged(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[float, f
     )
     if len(error) == 0:
         return np.nan, np.nan, np.nan
-    top, base = float(np.sqrt(np.mean(error**2))), float(np.sqrt(np.mean(spread**2)))
+    top = float(np.sqrt(np.mean(error**2)))
+    base = float(np.sqrt(np.mean(spread**2)))
     ratio = float(np.mean(innovation**2)) / max(model.noise_sd**2, 1e-300)
     freedom = [max(len(e) / correlation_length(e), 1.0) for e in (innovation, result.innovation)]
     return top, 100 * (1 - top / base) if base > 0 else np.nan, float(fdtrc(*freedom, ratio))
@@ -126,13 +128,17 @@ def blocks_out(found: Fit, count: int = 6) -> float:
     Leaving block b out moves the parameters by (J'J - J_b'J_b)^-1 J_b' w_b, J the slopes of the innovations w, and what
     is simulated there by its own slopes times that: exact where the problem is linear.
     """
-    answer, w, j = found.problem.evaluate(found.x), found.optimum.residual, found.optimum.jacobian
+    answer = found.problem.evaluate(found.x)
+    w = found.optimum.residual
+    j = found.optimum.jacobian
     assert answer is not None
-    w, j = w * found.root, j * found.root[:, None]
+    w = w * found.root
+    j = j * found.root[:, None]
     size = np.linalg.norm(j, axis=0)
     size[size == 0] = np.inf
     a = j / size
-    whole, errors = a.T @ a + np.diag(found.problem.precision / size**2), []
+    whole = a.T @ a + np.diag(found.problem.precision / size**2)
+    errors = []
     for b in np.array_split(np.arange(len(w)), count)[1:]:
         step = np.linalg.lstsq(whole - a[b].T @ a[b], a[b].T @ w[b], rcond=1e-10)[0] / size
         errors.append(answer[0][b] + answer[1][b] @ step)

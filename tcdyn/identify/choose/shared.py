@@ -21,7 +21,9 @@ from tcdyn.identify.validate import coloured
 MOST_POLES = 5
 UNSEEN = 1.05  # times either of them, above which it is not
 STRIDES = (1, 3, 10)  # samples, of the regressions that starts come from
-LONGEST, SHORTEST = 0.9999, 1e-3  # of a start's discrete poles
+# of a start's discrete poles
+LONGEST = 0.9999
+SHORTEST = 1e-3
 LATEST = 4  # samples of dead time that regressions ask for
 SEEN = 0.97  # times the errors in data kept from the fit, below which a model of coloured residuals is worth while
 
@@ -37,7 +39,9 @@ def rival(task: Task, now: Fit, held_out_rms: float, like: Model) -> tuple[Fit, 
     what is held out, which ``now`` does to ``held_out_rms``, and of :func:`blocks_out`, neither more than 5 %
     worse. ``like`` holds what all have.
     """
-    best, least, before = None, 1.0, blocks_out(now)
+    best = None
+    least = 1.0
+    before = blocks_out(now)
     quick = {**task.options, **QUICK}
     kinds = [False] if {"noise", "baseline"} & set(quick) else [False, True]
     for order, arx in product(range(1, MOST_POLES + 1), kinds):
@@ -53,7 +57,8 @@ def rival(task: Task, now: Fit, held_out_rms: float, like: Model) -> tuple[Fit, 
                 continue
             asked = UNSEEN if coloured(now) and not coloured(found) else SEEN
             if rest <= UNSEEN and (both := float(np.sqrt(blocks * rest))) < asked * least:
-                best, least = (found, both), both / asked
+                best = (found, both)
+                least = both / asked
     return best
 
 
@@ -101,7 +106,8 @@ def regressed(posed: Posed, order: int, late: int = 0, stride: int = 1) -> tuple
     Poles are put into the stable half plane; one that alternates from sample to sample has no likeness in continuous
     time, and gets its size.
     """
-    rows, outputs = [], []
+    rows = []
+    outputs = []
     m = order + late
     for s in posed.segments:
         n = len(s.y) // stride
@@ -119,16 +125,19 @@ def regressed(posed: Posed, order: int, late: int = 0, stride: int = 1) -> tuple
         outputs.append(y[m:])
     if not rows:
         return np.ones(1), np.inf
-    table, y = np.vstack(rows), np.concatenate(outputs)
+    table = np.vstack(rows)
+    y = np.concatenate(outputs)
     good = np.isfinite(table).all(axis=1) & np.isfinite(y)
-    table, y = table[good], y[good]
+    table = table[good]
+    y = y[good]
     if len(y) <= table.shape[1]:
         return np.ones(1), np.inf
     size = np.linalg.norm(table, axis=0) + 1e-300
     theta = np.linalg.lstsq(table / size, y, rcond=1e-10)[0] / size
     error = y - table @ theta
     z = np.roots(np.append(1.0, -theta[:order])) + 0j
-    far, angle = np.abs(z), np.where(z.imag == 0, 0.0, np.angle(z))
+    far = np.abs(z)
+    angle = np.where(z.imag == 0, 0.0, np.angle(z))
     far = np.clip(np.where(far > 1, 1 / np.maximum(far, 1.0), far), SHORTEST, LONGEST)
     below = np.poly((np.log(far) + 1j * angle) / (stride * posed.dt_s)).real[::-1]
     return below / below[0], float(

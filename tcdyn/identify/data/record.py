@@ -86,14 +86,16 @@ class IOData(Result):
                 f"dt_s is {dt_s}", where=where, expected="a sampling interval in seconds above zero"
             )
         check_hold(hold, where)
-        ua, ya = columns(u, input_names, "input", where), columns(y, output_names, "output", where)
+        ua = columns(u, input_names, "input", where)
+        ya = columns(y, output_names, "output", where)
         if len(ua) != len(ya):
             raise InputError(
                 f"the input has {len(ua)} samples, the output {len(ya)}",
                 where=where,
                 expected="equal lengths",
             )
-        ni, no = ua.shape[1], ya.shape[1]
+        ni = ua.shape[1]
+        no = ya.shape[1]
         return cls(
             runs=(Run(ua, ya, float(start_s), name),),
             dt_s=float(dt_s),

@@ -213,11 +213,10 @@ def was_set(u: Array) -> tuple[bool, float]:
     at = np.flatnonzero(moved)
     if not 0 < len(at) < (1 - REPEATED) * len(moved):
         return False, 0.0
-    stays, step = np.concatenate([[True], moved == 0, [True]]), float(moved[at].min())
-    alone, large = (
-        float(np.mean(stays[at] & stays[at + 2])),
-        bool(np.median(moved[at]) > JUMP * np.ptp(u)),
-    )
+    stays = np.concatenate([[True], moved == 0, [True]])
+    step = float(moved[at].min())
+    alone = float(np.mean(stays[at] & stays[at + 2]))
+    large = bool(np.median(moved[at]) > JUMP * np.ptp(u))
     if np.ptp(u) < 2.5 * step or np.mean(moved[at] < 1.5 * step) <= 0.5:
         return large or alone > 0.5, 0.0
     return large and alone > ALONE, step if large or alone > ALONE else 0.0
@@ -371,5 +370,6 @@ def even(
     if n == len(t):
         return u, y
     ue, ye = (np.full((n, v.shape[1]), np.nan) for v in (u, y))
-    ue[index], ye[index] = u, y
+    ue[index] = u
+    ye[index] = y
     return ue, ye

@@ -108,10 +108,8 @@ class SensorCheck:
 
         ``column``: "steady" or "unloading".
         """
-        order, own = (
-            [c for g in self.groups[disk] for c in g],
-            self.table[self.table["disk"] == disk],
-        )
+        order = [c for g in self.groups[disk] for c in g]
+        own = self.table[self.table["disk"] == disk]
         said = {frozenset((r["one"], r["other"])): r[column] for _, r in own.iterrows()}
         body = [
             [said[frozenset((r, c))] if k > i else "" for k, c in enumerate(order)]
@@ -131,7 +129,9 @@ def check_sensors(test: EhlTest) -> SensorCheck:
     features = {d: f for d, (f, _, _) in looked_at.items()}
     groups = {d: angle_groups(disk.setup) for d, disk in test.disks.items()}
     blind: dict[str, tuple[tuple[str, ...], ...]] = dict.fromkeys(test.disks, ())
-    likely, depths, before_load = {}, {}, at_rest(test)
+    likely = {}
+    depths = {}
+    before_load = at_rest(test)
     found = {d: dead for d, (_, dead, _) in looked_at.items()}
     for d, (_, _, judged) in looked_at.items():
         if judged is not None:
@@ -140,9 +140,11 @@ def check_sensors(test: EhlTest) -> SensorCheck:
                 Suspect(d, fault.kind, fault.channels, size, odds)
                 for fault, size, odds in before_load[d]
             )
-            found[d], likely[d] = tuple(resting) or suspect, best
+            found[d] = tuple(resting) or suspect
+            likely[d] = best
             if depth is not None and not found[d]:
-                blind[d], depths[d] = pairs, depth
+                blind[d] = pairs
+                depths[d] = depth
     crossed = (
         _crossed(test, features, sum(likely.values()))
         if all(found.values()) and len(likely) == 2
@@ -157,10 +159,8 @@ def check_sensors(test: EhlTest) -> SensorCheck:
     verdicts = {}
     for d in features:
         own = table[(table["disk"] == d) & (table["steady"] != LEFT_OUT)]
-        wrong, alike = (
-            int((own["steady"] == "illogical").sum()),
-            ["-".join(pair) for pair in blind[d]],
-        )
+        wrong = int((own["steady"] == "illogical").sum())
+        alike = ["-".join(pair) for pair in blind[d]]
         sound_disk = note("sensors.sound", subject=d, illogical=wrong, pairs=len(own), blind=alike)
         verdicts[d] = tuple(s.finding for s in found[d]) or (sound_disk,)
     return SensorCheck(
@@ -270,7 +270,8 @@ def _dead(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> tuple[Suspect, ..
     falls = -f.levels[f.event == "unloading"][-1]
     steady = f.levels[f.event == "steady"][0]
     rise = steady - disk.readings_degC[before].mean(axis=0) if before.sum() >= 10 else falls
-    usual, fall = float(np.median(rise)), float(np.median(falls))
+    usual = float(np.median(rise))
+    fall = float(np.median(falls))
     dead = (
         (rise < DEAD_REL * usual) & (falls < DEAD_REL * fall) & (usual > LEAST_RISE_K) & ~disk.out
     )
@@ -315,7 +316,8 @@ def demand(setup: DiskSetup, one: str, other: str) -> int | None:
     Under contact heat flows in at the centre of the track and away from it: nearer the surface and nearer the centre
     is hotter (section 6.4.2).
     """
-    i, j = setup.junctions[one], setup.junctions[other]
+    i = setup.junctions[one]
+    j = setup.junctions[other]
     middle = 0.5 * setup.width_m
     steps = (j.depth_m - i.depth_m, abs(j.z_m - middle) - abs(i.z_m - middle))
     signs = {0 if abs(s) < SAME_PLACE_M else int(np.sign(s)) for s in steps}
@@ -368,8 +370,10 @@ def pair_table(
     table.insert(0, "disk", disk.name)
     table["same_group"] = [any({*pair} <= {*group} for group in groups) for pair in pairs]
     for name, (level, u) in levels.items():
-        gap, spread = np.where(out, np.nan, level[i] - level[j]), np.hypot(u[i], u[j])
-        table[f"{name}_difference_K"], table[f"{name}_u_K"] = gap, spread
+        gap = np.where(out, np.nan, level[i] - level[j])
+        spread = np.hypot(u[i], u[j])
+        table[f"{name}_difference_K"] = gap
+        table[f"{name}_u_K"] = spread
         table[name] = np.where(
             out, LEFT_OUT, [said_of(w, x, u_x) for w, x, u_x in zip(wanted, gap, spread)]
         )

@@ -52,7 +52,8 @@ FREE = {
 }  # m, K, s: sd of each
 LEAST_DEPTH_M = 0.3e-3
 SETTLED_M = 0.03e-3
-SETTLED_S, LATE_ROUNDS = 0.01, 6
+SETTLED_S = 0.01
+LATE_ROUNDS = 6
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,8 @@ class Fault:
         order = list(range(len(channels)))
         if self.kind == "swapped":
             i, j = map(channels.index, self.channels)
-            order[i], order[j] = j, i
+            order[i] = j
+            order[j] = i
         return tuple(order)
 
 
@@ -108,7 +110,8 @@ def judge(f: DiskFeatures, disk: DiskTraces, faults: Sequence[Fault]) -> list[Ve
     The effect of every error grows with the share, so a hypothesis is a mixture of normal distributions about each
     share of ``SHARE_GRID``; the verdict's numbers are those of the likeliest.
     """
-    s, logs = f.setup, np.log(H_GRID_W_M2K)
+    s = f.setup
+    logs = np.log(H_GRID_W_M2K)
     order = faults[0].order(s.channels)
     answers = f.answer(order, tuple((float(h), NOMINAL) for h in H_GRID_W_M2K))
     rests, powers = (
@@ -149,7 +152,8 @@ class _Seen:
         """Of what is ``left`` (H, D) by its ``covariance`` (D, D) and the ``effects`` (Q, D) about it."""
         root: Array = np.asarray(np.linalg.cholesky(covariance), dtype=float)
         white = solve_triangular(root, np.vstack([effects, left]).T, lower=True)
-        by_effect, by_h = white[:, : len(effects)], white[:, len(effects) :]
+        by_effect = white[:, : len(effects)]
+        by_h = white[:, len(effects) :]
         return cls(
             root, by_effect, by_h, (by_h**2).sum(axis=0), 2 * float(np.log(np.diag(root)).sum())
         )
@@ -171,7 +175,8 @@ def _about(
     divided by the root of C, that lowers chi-squared by (e'r)^2/(1 + e'e) and adds ln(1 + e'e) to the log determinant.
     """
     mixed = fault.channels if fault.kind in ("swapped", "foreign") else ()
-    order, stands = fault.order(f.setup.channels), [what.name for what in stated(f.setup)]
+    order = fault.order(f.setup.channels)
+    stands = [what.name for what in stated(f.setup)]
     quantity, sd = FREE.get(fault.kind, ("", 0.0))
     rows = [stands.index(f"{quantity} {c}") for c in fault.channels] if sd else []
     at = -1
@@ -185,13 +190,12 @@ def _about(
             known[at, mixed] = _Seen.of(covariance(f, disk, effects, order, mixed), effects, left)
         seen = known[at, mixed]
         free = sd * seen.effects[:, rows].sum(axis=1)
-        wider, toward = 1 + float(free @ free), free @ seen.left
+        wider = 1 + float(free @ free)
+        toward = free @ seen.left
         best = int(np.argmin(seen.chi2 - toward**2 / wider))
     one_sd = float(toward[best]) / wider
-    chi2, log_det = (
-        float(seen.chi2[best]) - one_sd * float(toward[best]),
-        seen.log_det + float(np.log(wider)),
-    )
+    chi2 = float(seen.chi2[best]) - one_sd * float(toward[best])
+    log_det = seen.log_det + float(np.log(wider))
     size = Estimate.normal(sd * one_sd, sd / wider**0.5) if sd else None
     power = solve_triangular(seen.root, powers[best], lower=True)
     likely = float(
@@ -219,7 +223,8 @@ def settled(test: EhlTest, f: DiskFeatures, disk: DiskTraces, v: Verdict) -> Ver
     setup = f.setup
     at = setup.junctions[channel]
     deepest = setup.edge_m - LEAST_DEPTH_M
-    size, again = v.size, v
+    size = v.size
+    again = v
     for _ in range(4):
         depth = float(np.clip(at.depth_m + size.value, LEAST_DEPTH_M, deepest))
         there = {**setup.junctions, channel: replace(at, depth_m=depth)}
@@ -240,7 +245,8 @@ def settled(test: EhlTest, f: DiskFeatures, disk: DiskTraces, v: Verdict) -> Ver
 
 def _settled_late(test: EhlTest, disk: DiskTraces, v: Verdict, size: Estimate) -> Verdict:
     """What is much late is not linear: the column is brought forward in time, and judged again."""
-    k, again = disk.setup.channels.index(v.fault.channels[0]), v
+    k = disk.setup.channels.index(v.fault.channels[0])
+    again = v
     for _ in range(LATE_ROUNDS):
         readings = disk.readings_degC.copy()
         readings[:, k] = np.interp(test.time_s + size.value, test.time_s, readings[:, k])

@@ -121,7 +121,8 @@ class DiskFeatures:
         Kept, since all hypotheses share it."""
         if (cases, place) not in self._kept:
             inside = place == "inside"
-            extra, bore = self.rim.inside if inside else (), place == "inner row"
+            extra = self.rim.inside if inside else ()
+            bore = place == "inner row"
             every = [self.rim.gains(h, p, extra, bore) for h, p in cases]
             own = slice(len(self.setup.outer) * inside, None)
             direct, gains = (
@@ -139,13 +140,15 @@ class DiskFeatures:
     ) -> Array:
         """What a column makes of the points of ``place`` as the rim's input ``which``, (cases, W, points); a column
         that is not there makes nothing."""
-        k, made = self.columns.index(column), self.made(cases, place)
+        k = self.columns.index(column)
+        made = self.made(cases, place)
         return made[:, k, which] if k < made.shape[1] else np.zeros_like(made[:, 0, 0])
 
     def _at(
         self, order: Order, cases: tuple[Case, ...], place: Place = "outer row"
     ) -> tuple[Array, Array]:
-        air, made = self.rim.ambient, self.made(cases, place)
+        air = self.rim.ambient
+        made = self.made(cases, place)
         columns = [1 + order[i] for i in self._rows[1]]
         rest = made[:, columns, range(1, air)].sum(axis=1)
         rest += self.fed("ambient", air, cases, place) + self.fed("film", air + 1, cases, place)
@@ -167,7 +170,8 @@ class DiskFeatures:
                 self.rim.gains(h, p).static[self.rim.inner] for h, p in cases
             ]
             by_rest, by_power = self.gradient(order, cases)
-            rest, power = rest + by_rest @ static, power + by_power @ static
+            rest = rest + by_rest @ static
+            power = power + by_power @ static
         own = ("film", self.rim.ambient + 1), ("power", 0)
         film, inner = (self.fed(column, k, cases, "inner row") for column, k in own)
         return np.concatenate([rest, film], axis=2), np.concatenate([power, inner], axis=2)
@@ -191,15 +195,11 @@ class DiskFeatures:
         if self.shift_u_m:
             cases = tuple((h_W_m2K, Perturbation(shift_m=s)) for s in (SHIFT_STEP_M, -SHIFT_STEP_M))
             shifted = np.array(self.answer(order, cases)) * self.shift_u_m / (2 * SHIFT_STEP_M)
-        lasting, loading = (
-            (self.event == "steady").astype(float),
-            (self.event == "loading")[:, None],
-        )
-        rising, heat, nothing = (
-            self.slope[:, [order[i] for row in self._rows for i in row]],
-            shown[1][0],
-            0.0 * late,
-        )
+        lasting = (self.event == "steady").astype(float)
+        loading = (self.event == "loading")[:, None]
+        rising = self.slope[:, [order[i] for row in self._rows for i in row]]
+        heat = shown[1][0]
+        nothing = 0.0 * late
         found = []
         for x, along_r, (one, other), of_share in zip(shown, gradient, shifted, (False, True)):
             lasts, rates = (nothing[:, 0], nothing) if of_share else (lasting, rising)
@@ -252,7 +252,9 @@ class DiskFeatures:
 
 def disk_features(test: EhlTest, disk: DiskTraces) -> DiskFeatures:
     """Features of one disk; windows that the log does not hold are left out."""
-    on, off, end = test.events.load_on_s, test.events.unload_s, test.time_s[-1]
+    on = test.events.load_on_s
+    off = test.events.unload_s
+    end = test.time_s[-1]
     windows: list[Window] = [("steady", max(off - STEADY_S, on + 0.5 * (off - on)), off - 0.5)]
     windows += [
         ("unloading", off + a, off + b) for a, b in AFTER_UNLOADING_S if off + b <= end + test.dt_s
@@ -263,7 +265,8 @@ def disk_features(test: EhlTest, disk: DiskTraces) -> DiskFeatures:
         parts.append(_stretch(test, disk, loading, on - BEFORE_S, (on - BASE_S, on - 0.5)))
         windows += loading
     inputs, banks, slope, noise, bend = (np.concatenate(part) for part in zip(*parts))
-    begun, s = {"unloading": off, "loading": on}, disk.setup
+    begun = {"unloading": off, "loading": on}
+    s = disk.setup
     early = [event in begun and stop - begun[event] <= THICK_S for event, _, stop in windows]
     return DiskFeatures(
         disk=disk.name,
@@ -312,12 +315,14 @@ def _stretch(
     power, slower = (power_seen(test, rows, c)[0] for c in chains)
     film = film_seen(test, disk, rows, chain)
     feeds = np.stack([power, *y.T, test.ambient_of(disk.name)[rows], slower, *film], axis=1)
-    weights, ahead_s = np.zeros((len(windows), len(t))), np.zeros((len(windows), 1))
+    weights = np.zeros((len(windows), len(t)))
+    ahead_s = np.zeros((len(windows), 1))
     rate, slope = np.zeros((2, len(windows), y.shape[1]))
     base = between(t, *base_s)
     for k, (event, start, stop) in enumerate(windows):
         inside = between(t, start, stop)
-        first, last = inside.start, max(inside.stop, inside.start + 2) - 1
+        first = inside.start
+        last = max(inside.stop, inside.start + 2) - 1
         weights[k, first : last + 1] = 1.0 / (last + 1 - first)
         if event == "steady":
             continue

@@ -22,17 +22,15 @@ from tcdyn.partition.sensors.faults import Fault
 from tcdyn.partition.window import between
 from tcdyn.traces import DiskTraces
 
-REST_S, AT_REST_K, OFF_K, OFF_Z = (
-    10.0,
-    5.0,
-    0.75,
-    5.0,
-)  # before the load: how long, how near ambient, what is an offset
-REST_U_K, LIKELY_P, SURE_LOG_ODDS = (
-    0.07,
-    0.01,
-    6.0,
-)  # how alike a disk at rest is; a swap that explains it, surely
+# before the load: how long, how near ambient, what is an offset
+REST_S = 10.0
+AT_REST_K = 5.0
+OFF_K = 0.75
+OFF_Z = 5.0
+# how alike a disk at rest is; a swap that explains it, surely
+REST_U_K = 0.07
+LIKELY_P = 0.01
+SURE_LOG_ODDS = 6.0
 WARM_REL = 0.1  # of a disk's excess over ambient, by which its junctions may differ
 MOST_LEFT = 0.3  # of the misfit at rest, when the disks' cables were exchanged
 UNSOUND_P = 1e-4
@@ -58,7 +56,8 @@ class Resting:
 
     def through(self, other: Resting, order: Sequence[int]) -> Array:
         """What the disk's lines make of another's channels ``order`` (C,), whose own lines are undone [degC]."""
-        mine, theirs = self.disk.lines, other.disk.lines
+        mine = self.disk.lines
+        theirs = other.disk.lines
         raw = [(other.mean[k] - theirs[k].offset) / theirs[k].gain for k in order]
         return np.array([line.offset + line.gain * x for line, x in zip(mine, raw)])
 
@@ -66,10 +65,12 @@ class Resting:
 def resting(test: EhlTest, disk: DiskTraces) -> Resting | None:
     """The disk before the load; None where the log begins late, or the disk is warm or warms up."""
     rest = between(test.time_s, test.events.load_on_s - REST_S, test.events.load_on_s - 0.5)
-    used, y = np.flatnonzero(~disk.out), disk.readings_degC[rest]
+    used = np.flatnonzero(~disk.out)
+    y = disk.readings_degC[rest]
     if len(y) < 0.3 * REST_S / test.dt_s:
         return None
-    third, mean = len(y) // 3, y.mean(axis=0)
+    third = len(y) // 3
+    mean = y.mean(axis=0)
     drift = abs(float(np.median((y[-third:].mean(axis=0) - y[:third].mean(axis=0))[used])))
     warm_K = float(np.median(mean[used])) - float(test.ambient_of(disk.name)[rest].mean())
     if drift > OFF_K or abs(warm_K) > AT_REST_K:
@@ -103,11 +104,14 @@ def at_rest(test: EhlTest) -> Mapping[str, list[tuple[Fault, Estimate | None, fl
 def of_one(rest: Resting) -> list[tuple[Fault, Estimate | None, float]]:
     """Two channels exchanged, where each through the other's static line reads like the rest of the disk, and no single
     channel that is off would do as well; else those, two at most, that are off."""
-    usual, exchanged, freedom = rest.misfit(rest.mean), [], len(rest.used) - 1
+    usual = rest.misfit(rest.mean)
+    exchanged = []
+    freedom = len(rest.used) - 1
     one_off = min(rest.misfit(rest.mean, k) for k in rest.used)
     for i, j in combinations(rest.used, 2):
         order = [*range(len(rest.mean))]
-        order[i], order[j] = j, i
+        order[i] = j
+        order[j] = i
         exchanged.append((rest.misfit(rest.through(rest, order)), i, j))
     best, second = sorted(exchanged)[:2]
     explains = chdtrc(freedom, usual) < UNSOUND_P and chdtrc(freedom, best[0]) > LIKELY_P

@@ -29,7 +29,8 @@ def statement_effects(
 
     Only of those that have an uncertainty.
     """
-    u, found = disk.uncertainty, dict[Unmeasured, Array]()
+    u = disk.uncertainty
+    found = dict[Unmeasured, Array]()
     if (open_edge := by_edge(window.rim, h_W_m2K)) is not None:
         found[EDGE] = STAND_IN_K * open_edge * np.ones((len(window.y), 1))
     if u.film_along_rel:

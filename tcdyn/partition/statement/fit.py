@@ -61,11 +61,9 @@ class Predicted:
     def apart_z(self, uneven_rel: float, flux_rel: float, found: Unevenness) -> float:
         """Least distance of what was ``found`` from the statement, in standard uncertainties, whatever heat goes
         through the bore: this is known to ``flux_rel``, and goes outward."""
-        size, rel, least = (
-            float(np.hypot(*self.first_K)),
-            float(np.hypot(flux_rel, MODEL_REL)),
-            np.inf,
-        )
+        size = float(np.hypot(*self.first_K))
+        rel = float(np.hypot(flux_rel, MODEL_REL))
+        least = np.inf
         for scale in SCALES:
             other_K = np.hypot(
                 uneven_rel * self.per_share_K * max(scale, 1.0), ANGLE_REL * scale * size
@@ -82,8 +80,10 @@ class Predicted:
         What a fit ``found`` of the first harmonic, without the statement, tells how much heat goes through the bore,
         and so how large the second is, which no fit tells.
         """
-        size, rel = float(np.hypot(*self.first_K)), float(np.hypot(flux_rel, MODEL_REL))
-        toward, other_K = self.first_K / max(size, 1e-9), uneven_rel * self.per_share_K
+        size = float(np.hypot(*self.first_K))
+        rel = float(np.hypot(flux_rel, MODEL_REL))
+        toward = self.first_K / max(size, 1e-9)
+        other_K = uneven_rel * self.per_share_K
         seen = float(found.level_K @ toward)
         seen_u = float(np.sqrt(toward @ found.level_covariance_K2 @ toward + other_K**2))
         trust = (rel * size) ** 2 / ((rel * size) ** 2 + seen_u**2)
@@ -115,7 +115,9 @@ def shaft_admittance(setup: DiskSetup, n: int) -> float:
 
     1/Y = (w/pi) integral of sinc^2(l w/2) / (K l I_n'(l R)/I_n(l R)) dl.
     """
-    k, radius, w = setup.conductivity_W_mK, setup.bore_radius_m, setup.width_m
+    k = setup.conductivity_W_mK
+    radius = setup.bore_radius_m
+    w = setup.width_m
     wave = np.linspace(0.0, 80.0 / w, 8001)[1:] - 40.0 / w / 8000
     bessel = special.ive(n, wave * radius)
     slope = 0.5 * (special.ive(n - 1, wave * radius) + special.ive(n + 1, wave * radius))
@@ -131,7 +133,9 @@ def bore_flux_W_m2(
     From T'' + T'/r - kappa^2 T = 0 with ``power_W`` entering the running surface, whose film is ``h_W_m2K``, and
     ``inner_K`` above the ambient at the depth of b; ``air_K``: of what the film loses to, above the ambient.
     """
-    k, outer, bore = setup.conductivity_W_mK, setup.outer_radius_m, setup.bore_radius_m
+    k = setup.conductivity_W_mK
+    outer = setup.outer_radius_m
+    bore = setup.bore_radius_m
     kappa = known_kappa(setup)
     inner = outer - setup.edge_m
 
@@ -158,7 +162,8 @@ def flux_and_u(
 ) -> tuple[float, float]:
     """Mean flux through the bore [W/m2] and its standard uncertainty, by those of power, film, washers, steel and
     ambient: what the disk takes less most of itself, which is poorly known."""
-    s, u = disk.setup, disk.uncertainty
+    s = disk.setup
+    u = disk.uncertainty
     washer = replace(s, washer_conductivity_W_mK=s.washer_conductivity_W_mK * (1 + u.washer_rel))
     steel = replace(s, conductivity_W_mK=s.conductivity_W_mK * (1 + u.conductivity_rel))
     at = bore_flux_W_m2(s, power[0], h[0], inner_K, air_K)
@@ -219,14 +224,16 @@ def stated_round(
     beta = estimates["beta"]
     shares = {"fast": beta.value, "slow": 1 - beta.value}
     for d in DISKS:
-        disk, found = test.disks[d], uneven[d]
+        disk = test.disks[d]
+        found = uneven[d]
         if not disk.setup.fit.stated:
             continue
         inner = (
             disk.readings_degC[near][:, disk.setup.places(disk.setup.inner)]
             - test.ambient_of(d)[near, None]
         )
-        whole, film = float(np.mean(test.power_W[near])), estimates[f"h_{d}"]
+        whole = float(np.mean(test.power_W[near]))
+        film = estimates[f"h_{d}"]
         u = whole * float(np.hypot(beta.u, shares[d] * disk.uncertainty.friction_rel))
         air = float(test.film[d][near, 0].mean()) if d in test.film else 0.0
         flux, flux_u = flux_and_u(

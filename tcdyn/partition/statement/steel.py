@@ -54,12 +54,12 @@ def by_conductivity_slope(
 
     The rim conducts otherwise, and the readings bend otherwise, those of the inner row driving it.
     """
-    rim, dt_s = window.rim, float(window.time_s[1] - window.time_s[0])
-    steel, g = rim.setup.steel, rim.gains(h_W_m2K)
-    at_rim, own = (
-        float(rim.inputs[:, rim.inner].mean()),
-        u_per_K / steel.conductivity(steel.middle_degC),
-    )
+    rim = window.rim
+    dt_s = float(window.time_s[1] - window.time_s[0])
+    steel = rim.setup.steel
+    g = rim.gains(h_W_m2K)
+    at_rim = float(rim.inputs[:, rim.inner].mean())
+    own = u_per_K / steel.conductivity(steel.middle_degC)
     more = own * (steel.middle_degC - steel.reference_degC)
     more_at_rim = u_per_K * (at_rim - steel.reference_degC) / steel.conductivity(at_rim)
     rest, power = rim.answer(h_W_m2K)
@@ -80,7 +80,8 @@ def by_conductivity_slope(
 
 def by_specific_heat_slope(rim: RimMeans, share: float, h_W_m2K: float, u_per_K: float) -> Array:
     """What the outer row shows more if the specific heat rises more steeply by ``u_per_K``, (R, P) [K]."""
-    steel, at_rim = rim.setup.steel, float(rim.inputs[:, rim.inner].mean())
+    steel = rim.setup.steel
+    at_rim = float(rim.inputs[:, rim.inner].mean())
     more = u_per_K * (at_rim - steel.reference_degC) / steel.specific_heat(at_rim)
     rest, power = rim.answer(h_W_m2K)
     other, heat = rim.answer(h_W_m2K, Perturbation(heat_capacity=more))

@@ -28,7 +28,8 @@ def with_surfaces(test: EhlTest) -> EhlTest:
 
 def still(test: EhlTest, disk: DiskTraces) -> Array:
     """Columns (N, 2) of ``EhlTest.film`` while the speeds stay: how much warmer than the ambient T_a is, and zero."""
-    surface, ambient = disk.setup.surface, test.ambient_of(disk.name)
+    surface = disk.setup.surface
+    ambient = test.ambient_of(disk.name)
     own = test.air[disk.name].surface if disk.name in test.air else ambient
     warmer = (surface.air_degC if surface.measured else own) - ambient
     return np.column_stack([warmer, np.zeros_like(warmer)])

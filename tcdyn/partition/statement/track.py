@@ -52,9 +52,7 @@ def by_edge(rim: RimMeans, h_W_m2K: float) -> Array | None:
     disk = Rim.from_setup(rim.setup)
     if (z := disk.unseen_z_m) is None:
         return None
-    wider, points = (
-        replace(disk, boundary_z_m=(*disk.boundary_z_m, z)),
-        points_of(rim.setup, rim.setup.outer),
-    )
+    wider = replace(disk, boundary_z_m=(*disk.boundary_z_m, z))
+    points = points_of(rim.setup, rim.setup.outer)
     at = rim.half_width_m, tuple(rim.rates_1_s), rim.profile, "hertz", FIT_MESH
     return cached_gains(wider, h_W_m2K, points, *at).static[rim.ambient]

@@ -24,7 +24,9 @@ from tcdyn.pipeline.campaign.one_log import CampaignSettings, analyse_log
 from tcdyn.pipeline.campaign.table import AGREE, campaign_table, table_csv, table_row
 from tcdyn.threads import one_blas_thread
 
-TABLE_FILE, PAGE_FILE, JOINED_FILE = "campaign.csv", "campaign.html", "campaign.json"
+TABLE_FILE = "campaign.csv"
+PAGE_FILE = "campaign.html"
+JOINED_FILE = "campaign.json"
 PAPER_FILES = "table.csv", "table.tex"
 OUTPUTS = (TABLE_FILE, PAGE_FILE, JOINED_FILE, *PAPER_FILES)
 
@@ -140,7 +142,8 @@ def run_campaign(
     """
     paths = [Path(p) for p in logs]
     _check_names(paths)
-    folder, curves = Path(out), [read_curve(path) for path in models]
+    folder = Path(out)
+    curves = [read_curve(path) for path in models]
     given = [(i, path) for i, path in enumerate(paths) if path.name.endswith(ANSWER)]
     rig = rig_fingerprint(settings.rig, settings.records) if given else ""
     outcomes: dict[int, list[LogOutcome]] = {
@@ -202,7 +205,8 @@ def _stored(path: Path, folder: Path, settings: CampaignSettings) -> list[LogOut
 
 def _stored_one(path: Path, folder: Path, settings: CampaignSettings, stage: int) -> LogOutcome:
     data = read_answer(_answer_file(path, folder, stage))
-    own, wanted = data["campaign"], settings.fingerprint()
+    own = data["campaign"]
+    wanted = settings.fingerprint()
     if data["source"]["sha256"] != sha256(path) or any(own.get(k) != v for k, v in wanted.items()):
         raise ValueError("of another log or other settings")
     table_row(path.stem, data)

@@ -154,7 +154,8 @@ def trend(x: Array, y: Array) -> Trend | None:
     if different(x) < 3:
         return None
     line = fit_line(x, y)
-    u, reach = np.sqrt(line.covariance[0, 0]), Z95 * np.sqrt(line.covariance_95[0, 0])
+    u = np.sqrt(line.covariance[0, 0])
+    reach = Z95 * np.sqrt(line.covariance_95[0, 0])
     numbers = (line.intercept, line.slope, np.sqrt(np.mean(line.residuals**2)), u)
     return Trend(*map(float, (*numbers, line.slope - reach, line.slope + reach)))
 

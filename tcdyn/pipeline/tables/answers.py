@@ -65,7 +65,9 @@ def way_row(
 
 def ways_table(p: Partition) -> pd.DataFrame:
     """beta, h, lag and exponent by every way, the headline's first: standard uncertainties, 95 % interval of beta."""
-    a, gone, both = p.answers, p.withheld, p.both.estimates
+    a = p.answers
+    gone = p.withheld
+    both = p.both.estimates
     n = None if "both exponent" in gone else both["exponent"]
     shown = "both beta" not in gone
     rows = [
@@ -107,7 +109,8 @@ def budget_table(p: Partition) -> pd.DataFrame:
     table = [[both.get(x, 0.0), *(getattr(by_way.get(x), k, 0.0) for k in BY_WAY)] for x in rows]
     heads = ("fit of both disks", "speed law", "cooling fit of the worse disk")
     columns = ["source", *(f"u(β) [1], {head}" for head in heads)]
-    rows, table = [*rows, "all together"], [*table, [total, speed, cooling]]
+    rows = [*rows, "all together"]
+    table = [*table, [total, speed, cooling]]
     return pd.DataFrame(
         [(source, *map(u_of_beta, parts)) for source, parts in zip(rows, table)], columns=columns
     )
@@ -192,7 +195,10 @@ def cooling_by_window(partition: Partition, lengths: Sequence[float] = LENGTHS_S
 def _disk_rows(
     p: Partition, name: str, rows: slice, lengths: Sequence[float]
 ) -> list[dict[str, object]]:
-    test, line, lag, at = p.test, p.lines[name], p.joint[name].estimates["lag_s"], p.cooling[name]
+    test = p.test
+    line = p.lines[name]
+    lag = p.joint[name].estimates["lag_s"]
+    at = p.cooling[name]
     done = smoothed(test, test.disks[name], rows, p.chains[name], lag.u, p.compensated[name])
     cooled = compensated(test, test.disks[name], rows, done, p.windows[name].rim.profile)
     errors = cooling_errors(cooled, at.share, at.h_W_m2K)
@@ -235,7 +241,8 @@ def referee_table(partition: Partition) -> pd.DataFrame:
             ways = [f"{key}{kind} {d}" for kind in ("cooling", "joint")]
             one, other = (partition.answers[way] for way in ways)
             a, b = (partition.budget.draws[way] for way in ways)
-            gap, u = one.value - other.value, float(np.std(a - b))
+            gap = one.value - other.value
+            u = float(np.std(a - b))
             z = gap / max(u, 1e-12)
             rows.append(
                 {
@@ -278,7 +285,8 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
 
     A junction tells how much deeper this test alone places it than rig.toml [mm], and its pull on the stated depth.
     """
-    test, gone = p.test, p.withheld
+    test = p.test
+    gone = p.withheld
     a = {
         key: NOTHING if key in gone else estimate.model_dump()
         for key, estimate in p.answers.items()

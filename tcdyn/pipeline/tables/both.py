@@ -51,7 +51,8 @@ def residuals_table(p: Partition | OneDisk) -> pd.DataFrame:
     rows = []
     for disk in [d for d in DISKS if d in p.test.disks]:
         m = met(p, disk)
-        off, after = m.measured - m.model, m.at_s > 0
+        off = m.measured - m.model
+        after = m.at_s > 0
         for k, c in enumerate(m.channels):
             if np.isnan(off[:, k]).any():
                 rows.append((disk, c, LEFT_OUT, "", ""))
