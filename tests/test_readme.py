@@ -9,14 +9,16 @@ import shlex
 from pathlib import Path
 
 import pytest
+import typer
 
-from tcdyn.cli.app import COMMANDS, load_command
+from tcdyn.cli.app import app
 from tests.cli.test_main_job import tcdyn
 
 ROOT = Path(__file__).parent.parent
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"```(\w+)\n(.+?)\n```", TEXT, re.S)
 INLINE_COMMANDS = re.findall(r"`(tcdyn [^`]+)`", re.sub(r"```.+?```", "", TEXT, flags=re.S))
+COMMANDS = typer.main.get_command(app).commands
 MARKED_COMMANDS = ("demo-command", "test-command")
 
 
@@ -71,7 +73,7 @@ def test_every_command_and_option_that_is_named_exists(words: list[str]) -> None
         assert words[2:] == ["--help"]
         return
     assert words[1] in COMMANDS
-    command = load_command(words[1])
+    command = COMMANDS[words[1]]
     subcommands = getattr(command, "commands", {})
     if subcommands:
         command = subcommands[words[2]]

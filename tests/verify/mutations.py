@@ -95,8 +95,8 @@ MUTATIONS: tuple[Mutation, ...] = (
     Mutation(
         "washers: half of a face's exchange",
         MODAL,
-        "face = 2 * alpha * rim.washer",
-        "face = alpha * rim.washer",
+        "2 * alpha * rim.washer",
+        "alpha * rim.washer",
         "tests/conduction/test_rim_convergence.py",
     ),
     Mutation(
