@@ -248,7 +248,8 @@ def test_a_channel_that_the_sensor_map_finds_dead_is_left_out(
     frame = made.log.frame.assign(fast_d_degC=25 + (made.log.frame["fast_d_degC"] - 25) / 6)
     log = type(made.log)(frame, "ehl", made.log.path, made.log.sha256, made.log.dt_s)
     monkeypatch.setattr(stage, "read_stage", lambda log, _: (log, 1))
-    found = estimate_beta("EHL_B3.csv", made.rig, made.records, read=lambda *_, **__: log)
+    monkeypatch.setattr(stage, "iter_log", lambda *_, **__: log)
+    found = estimate_beta("EHL_B3.csv", made.rig, made.records)
     (told,) = lost(found.partition.noticed)
     assert told.subject == "fast_d"
     assert "channel d is dead" in told.sentence
