@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
@@ -13,8 +14,9 @@ from pydantic_core import CoreSchema, core_schema
 
 from calibration import Array
 from calibration.spelling import Spelling, as_argument
-from calibration.stated.layout import NAME
 from calibration.words import WORDS, told
+
+CHANNEL_NAME = re.compile("[A-Za-z]|[A-Za-z]+[0-9]+")  # of a thermocouple of a disk
 
 
 class Grade(StrEnum):
@@ -219,7 +221,7 @@ def channel_of(subject: str) -> str:
     stem = subject.removesuffix("_degC")
     column = stem != subject or stem.startswith(("fast_", "slow_"))
     name = stem.rpartition("_")[2] if column else stem
-    return name if NAME.fullmatch(name) else ""
+    return name if CHANNEL_NAME.fullmatch(name) else ""
 
 
 def _plain(value: Any) -> Any:

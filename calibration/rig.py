@@ -21,13 +21,13 @@ from pydantic import (
 
 from calibration.columns import couples
 from calibration.disk import DISKS, Conditioning, DiskSetup, Junction
+from calibration.finding import CHANNEL_NAME
 from calibration.errors import InputError, first_wrong
 from calibration.result import Result
 from calibration.stated.fit import NO_FIT, PressFit
 from calibration.stated.layout import (
     CHANNELS,
     DEFAULT_LAYOUT,
-    NAME,
     OWN_LAYOUT,
     inner_row,
     layout_junctions,
@@ -92,7 +92,7 @@ class RigTables(RigTable):
                 "thermocouples: none is listed; expected one or more, such as t1 = { depth_mm, z_mm }"
             )
         for name in self.thermocouples:
-            if not NAME.fullmatch(name):
+            if not CHANNEL_NAME.fullmatch(name):
                 wanted = "a letter, or letters and a number, such as t1; what logs call it goes to [columns]"
                 raise ValueError(
                     f"thermocouples: {name!r} is no name of a junction; expected {wanted}"

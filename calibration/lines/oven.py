@@ -1,4 +1,4 @@
-"""What an oven says before any line is drawn: its rows checked, steady minutes, error statistics, histogram."""
+"""Rows of an oven log: steady minutes of a continuous log, and checks of every row."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from calibration import Array
 from calibration.checks.trace import ColumnCheck
@@ -15,58 +15,6 @@ from calibration.errors import InputError
 from calibration.finding import Finding, Place, look, note
 from calibration.lines.linefit import fit_line
 from calibration.noise import clean, course_noise_K
-
-
-def error_statistics(errors_K: ArrayLike) -> pd.Series[float]:
-    """Table 2.6's statistics of thermocouple minus PRT [K], of any shape, under the table's names; NaN is left out.
-
-    The standard deviation is about the mean error.
-
-    >>> float(error_statistics([1.0, -1.0, 0.5, -0.5])["Average of the absolute error"])
-    0.75
-    """
-    e = np.asarray(errors_K, dtype=float).ravel()
-    e = e[np.isfinite(e)]
-    if len(e) < 2:
-        raise InputError("fewer than 2 errors to describe")
-    size = np.abs(e)
-    return pd.Series(
-        {
-            "Maximum error": float(size.max()),
-            "Summation of the absolute error": float(size.sum()),
-            "Average of the absolute error": float(size.mean()),
-            "Standard deviation": float(e.std(ddof=1)),
-        }
-    )
-
-
-def error_histogram(errors_K: ArrayLike, width_K: float = 0.1) -> tuple[NDArray[np.int64], Array]:
-    """Counts and edges [K] of a histogram with bins of ``width_K`` centred on zero (figure 2.16)."""
-    e = np.asarray(errors_K, dtype=float).ravel()
-    e = e[np.isfinite(e)]
-    half = int(np.ceil(np.abs(e).max() / width_K)) if len(e) else 1
-    edges = width_K * (np.arange(-half, half + 2) - 0.5)
-    counts, edges = np.histogram(e, edges)
-    return counts.astype(np.int64), np.asarray(edges, dtype=np.float64)
-
-
-def hold_means(frame: pd.DataFrame) -> pd.DataFrame:
-    """One row for each hold, the mean of its minutes: repeat, setpoint_degC, prt_degC, a_degC .. f_degC.
-
-    Minutes of one hold follow one another under one repeat and set point; a channel without a value in some minute
-    is averaged over the others, against the PRT of the same minutes.
-    """
-    keys = ["repeat", "setpoint_degC"]
-    if not frame.duplicated(keys).any():
-        return frame.reset_index(drop=True)
-    names = couples_in(frame)
-    offset = frame[names].sub(frame["prt_degC"], axis=0)
-    grouped = offset.assign(prt_degC=frame["prt_degC"]).groupby(
-        [frame[k] for k in keys], sort=False
-    )
-    means = grouped.mean()
-    means[names] = means[names].add(means["prt_degC"], axis=0)
-    return means.reset_index()[[*keys, "prt_degC", *names]]
 
 
 def steady_minutes(

@@ -1,9 +1,8 @@
-"""Static lines of the thermocouples against the oven's PRT, with a covariance that simulation bears out."""
+"""The static line of a thermocouple: what it is, its uncertainty, and where it extrapolates."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,23 +11,10 @@ from numpy.typing import ArrayLike
 from pydantic import BaseModel, Field, model_validator
 
 from calibration import Array, Flags
-from calibration.columns import couples_in
 from calibration.disk import CHANNELS
-from calibration.errors import InputError
 from calibration.estimate import Estimate
 from calibration.finding import Finding, look, note
-from calibration.lines.linefit import (
-    LineFit,
-    fit_line,
-    lack_of_fit_p,
-    outlying,
-    quadratic_p,
-    repeat_shift,
-)
-from calibration.lines.oven import error_statistics, hold_means
-from calibration.result import Result
 from calibration.stated import STRICT
-from calibration.traceability import PRT_U_DEGC
 
 # a disk has some twenty such tests: only from the latter on it is asked to look
 SIGNIFICANT = 0.01
@@ -89,101 +75,6 @@ class StaticLine(BaseModel):
         return Estimate.normal(self.offset, float(np.sqrt(self.covariance[1][1])))
 
 
-@dataclass(frozen=True)
-class OvenFit(Result):
-    """Static lines of one disk and what the oven said about them.
-
-    ``residuals`` holds one row for each hold: repeat, setpoint_degC, prt_degC and the residual [K] of each channel.
-    """
-
-    lines: dict[str, StaticLine]
-    statistics: pd.DataFrame
-    residuals: pd.DataFrame
-    raw_errors_K: Array
-    calibrated_errors_K: Array
-    findings: tuple[Finding, ...] = ()
-
-    def summary(self) -> str:
-        """The lines as people write them."""
-        return "\n".join(
-            f"{c}: T = {line.gain:.5f} x logged {line.offset:+.3f} degC, residual sd {line.residual_sd_degC:.3f} K"
-            for c, line in self.lines.items()
-        )
-
-    def card(self) -> pd.DataFrame:
-        """Gain and offset with their standard uncertainties, one row a channel."""
-        return lines_table(self.lines)
-
-
-def fit_static_lines(
-    frame: pd.DataFrame, prt_u_degC: float = PRT_U_DEGC, prt_shared_u_degC: float = 0.0
-) -> OvenFit:
-    """Lines T = gain * logged + offset of every channel of an oven log (``Log.frame``).
-
-    Rows of one hold (same repeat and set point) share the error of the PRT and count as one point, their mean. The
-    PRT (standard uncertainty ``prt_u_degC`` for each reading; ``prt_shared_u_degC``, common to all, is kept beside the
-    line) and the logged means both err; the slope is corrected for the noise of the logged side (errors in variables,
-    method of moments). The residual scatter sets the covariance, not below what the PRT alone makes of it; lack of fit
-    and a shift between repeats widen it. Tests at the 1 % level give notes, from 0.1 % on findings to look at: lack
-    of fit, curvature, shifts; outlying rows by name.
-
-    Raises InputError when a channel has fewer than 3 rows.
-    """
-    frame = hold_means(frame)
-    prt = frame["prt_degC"].to_numpy(dtype=float)
-    names = [n.removesuffix("_degC") for n in couples_in(frame)]
-    lines: dict[str, StaticLine] = {}
-    residuals = frame[["repeat", "setpoint_degC", "prt_degC"]].copy()
-    found: list[Finding] = []
-    for channel in names:
-        logged = frame[f"{channel}_degC"].to_numpy(dtype=float)
-        ok = np.isfinite(logged) & np.isfinite(prt)
-        if ok.sum() < 3:
-            raise InputError(
-                f"channel {channel} has {int(ok.sum())} oven rows", expected="at least 3"
-            )
-        fit = fit_line(logged[ok], prt[ok], u_y=prt_u_degC)
-        lines[channel], said = _line(channel, fit, frame[ok], prt_shared_u_degC)
-        found += said
-        residuals[f"{channel}_degC"] = prt - lines[channel].gain * logged - lines[channel].offset
-    columns = [f"{c}_degC" for c in names]
-    raw = (frame[columns].to_numpy(dtype=float) - prt[:, None]).ravel("F")
-    after = -residuals[columns].to_numpy().ravel("F")
-    table = pd.DataFrame({"raw": error_statistics(raw), "calibrated": error_statistics(after)})
-    return OvenFit(lines, table, residuals, raw, after, tuple(found))
-
-
-def _line(
-    channel: str, fit: LineFit, rows: pd.DataFrame, shared_u: float
-) -> tuple[StaticLine, list[Finding]]:
-    within, shift_u, shift_p = repeat_shift(fit, rows["repeat"].to_numpy())
-    found = _failed(shift_p, "line.repeats_shift", channel, u_degC=shift_u)
-    variance = shift_u**2 if found else 0.0
-    for i in outlying(fit):
-        repeat, setpoint = (float(rows[key].iloc[i]) for key in ("repeat", "setpoint_degC"))
-        off_K = fit.residuals[i]
-        found.append(
-            look(
-                "line.outlying", subject=channel, repeat=repeat, setpoint_degC=setpoint, off_K=off_K
-            )
-        )
-    (gg, go), (_, oo) = (fit.covariance_95 + np.diag([0.0, variance])).tolist()
-    line = StaticLine(
-        gain=fit.slope,
-        offset=fit.intercept,
-        covariance=((gg, go), (go, oo)),
-        range_degC=(float(fit.y.min()), float(fit.y.max())),
-        shared_u_K=shared_u,
-        residual_sd_degC=fit.sd,
-        repeatability_sd_degC=within,
-        n=len(fit.y),
-        r_squared=fit.r_squared,
-        lack_of_fit_p=lack_of_fit_p(fit, rows["setpoint_degC"].to_numpy()),
-        quadratic_p=quadratic_p(fit),
-    )
-    return line, [*line_doubts(channel, line), *found]
-
-
 def unit_lines(u_K: float, channels: Iterable[str] = CHANNELS) -> dict[str, StaticLine]:
     """Lines T = logged of the ``channels``, where no oven log tells better; ``u_K``: standard uncertainty of each [K].
 
@@ -204,11 +95,11 @@ def unit_lines(u_K: float, channels: Iterable[str] = CHANNELS) -> dict[str, Stat
 
 def line_doubts(channel: str, line: StaticLine) -> list[Finding]:
     """What the tests of a line say against it, at the 1 % level: see ``fit_static_lines``."""
-    fit = _failed(line.lack_of_fit_p, "line.lack_of_fit", channel)
-    return fit + _failed(line.quadratic_p, "line.curved", channel)
+    fit = significant_test(line.lack_of_fit_p, "line.lack_of_fit", channel)
+    return fit + significant_test(line.quadratic_p, "line.curved", channel)
 
 
-def _failed(p: float | None, code: str, channel: str, **numbers: Any) -> list[Finding]:
+def significant_test(p: float | None, code: str, channel: str, **numbers: Any) -> list[Finding]:
     """What a test says that fails at the 1 % level: a note, from 0.1 % on to be looked at."""
     if p is None or p >= SIGNIFICANT:
         return []

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 
 _PLACES = {
@@ -20,7 +19,6 @@ LAYOUTS = {  # angle_deg of the junctions; two groups opposite each other, 15 de
 }
 CHANNELS = tuple(_PLACES)  # of the thesis's disks; what a disk has is its ``DiskSetup.channels``
 DEFAULT_LAYOUT = "table 6.2"  # of this rig's disks; tables 6.3 and 6.4 are Clarke's and Voller's
-NAME = re.compile("[A-Za-z]|[A-Za-z]+[0-9]+")  # of a junction
 OWN_LAYOUT = "own"  # nothing but what the table lists
 ROW_M = 1e-3  # junctions this much nearer the surface than the deepest are of its row no more
 ELSEWHERE = {"clarke": {"e": {"depth_mm": 3.0, "z_mm": 7.53}}}

@@ -18,7 +18,7 @@ from tcdyn.cli.app import app, run
 from tcdyn.plots.style import figure
 
 if TYPE_CHECKING:
-    from calibration.lines.static import OvenFit
+    from calibration.lines.static_fit import OvenFit
     from tcdyn.partition.analyse import Partition
     from tcdyn.plunge.result import PlungeFit
 
@@ -95,7 +95,7 @@ def analysed() -> Partition:
 @cache
 def oven() -> OvenFit:
     """The static lines of its fast disk."""
-    from calibration.lines.static import fit_static_lines
+    from calibration.lines.static_fit import fit_static_lines
     from calibration.log import read_log
 
     return fit_static_lines(read_log(lab() / "oven_fast.csv", "oven").frame)

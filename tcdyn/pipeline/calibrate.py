@@ -14,14 +14,8 @@ import pandas as pd
 from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.finding import Finding, look, note, once
-from calibration.lines.static import (
-    OvenFit,
-    StaticLine,
-    extrapolated,
-    fit_static_lines,
-    static_u,
-    unit_lines,
-)
+from calibration.lines.static import StaticLine, extrapolated, static_u, unit_lines
+from calibration.lines.static_fit import OvenFit, fit_static_lines
 from calibration.log import Log, read_log
 from calibration.record import (
     ChainRecord,

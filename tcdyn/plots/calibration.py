@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
 
-from calibration.lines.oven import error_histogram
-from calibration.lines.static import OvenFit, static_u
+from calibration.lines.static import static_u
+from calibration.lines.static_fit import OvenFit, error_histogram
 from calibration.lines.transducers import BearingFriction, TransducerLine
 from calibration.log import COMPENSATED, Log
 from calibration.record import ChainRecord

@@ -9,7 +9,7 @@ from typing import Any
 from matplotlib.axes import Axes
 
 from calibration.errors import InputError
-from calibration.lines.static import OvenFit
+from calibration.lines.static_fit import OvenFit
 from calibration.lines.transducers import BearingFriction
 from calibration.log import Log
 from calibration.record import DiskRecord

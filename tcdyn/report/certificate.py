@@ -13,7 +13,8 @@ import pandas as pd
 from calibration.compare import check_record
 from calibration.estimate import with_u
 from calibration.finding import sentences
-from calibration.lines.static import OvenFit, whole_u
+from calibration.lines.static import whole_u
+from calibration.lines.static_fit import OvenFit
 from calibration.record import DiskRecord
 from tcdyn.pipeline.calibrate import CalibrationRun
 from tcdyn.plots.calibration import draw_lag_budget, draw_lags, draw_residuals, error_figure

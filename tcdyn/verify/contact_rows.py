@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from calibration.disk import DISKS
-from calibration.lines.oven import error_statistics, hold_means
-from calibration.lines.static import apply_static, fit_static_lines
+from calibration.lines.static import apply_static
+from calibration.lines.static_fit import error_statistics, fit_static_lines, hold_means
 from calibration.rig import load_rig
 from calibration.stated.fit import PressFit
 from immersion.fluids import fluid

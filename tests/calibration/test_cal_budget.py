@@ -15,7 +15,8 @@ from calibration.disk import CHANNELS
 from calibration.errors import InputError
 from calibration.estimate import with_u
 from calibration.lines.budget import Contribution, RestBudget, rest_budget
-from calibration.lines.static import apply_static, fit_static_lines, static_u, whole_u
+from calibration.lines.static import apply_static, static_u, whole_u
+from calibration.lines.static_fit import fit_static_lines
 from calibration.record import DiskRecord
 from calibration.rig import load_rig, parse_rig, rig_toml
 from calibration.traceability import TraceabilityTable

@@ -18,7 +18,7 @@ from calibration.disk import CHANNELS, Conditioning
 from calibration.errors import InputError
 from calibration.estimate import Estimate
 from calibration.finding import look, note
-from calibration.lines.static import fit_static_lines
+from calibration.lines.static_fit import fit_static_lines
 from calibration.record import (
     ChainRecord,
     ChannelChain,

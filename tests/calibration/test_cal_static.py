@@ -14,14 +14,9 @@ from scipy import stats
 from calibration.disk import CHANNELS
 from calibration.errors import InputError
 from calibration.lines.linefit import fit_line, lack_of_fit_p, outlying, quadratic_p, repeat_shift
-from calibration.lines.oven import error_histogram, error_statistics, steady_minutes
-from calibration.lines.static import (
-    StaticLine,
-    apply_static,
-    fit_static_lines,
-    outside_range,
-    static_u,
-)
+from calibration.lines.oven import steady_minutes
+from calibration.lines.static import StaticLine, apply_static, outside_range, static_u
+from calibration.lines.static_fit import error_histogram, error_statistics, fit_static_lines
 from calibration.log import read_log, write_log
 from calibration.traceability import PRT_U_DEGC
 from tcdyn.simulate.measure import simulate_oven

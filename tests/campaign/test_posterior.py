@@ -15,7 +15,7 @@ from calibration import Array
 from calibration.disk import DISKS
 from calibration.errors import InputError
 from calibration.files.seal import sealed
-from calibration.lines.static import fit_static_lines
+from calibration.lines.static_fit import fit_static_lines
 from calibration.record import DiskRecord, now_utc
 from calibration.rig import load_rig, parse_rig
 from tcdyn.campaign import KeptTest, checked, joined, rig_fingerprint, solve

@@ -18,7 +18,7 @@ import pandas as pd
 
 from calibration.disk import CHANNELS
 from calibration.estimate import Estimate
-from calibration.lines.static import fit_static_lines
+from calibration.lines.static_fit import fit_static_lines
 from calibration.record import ChainRecord, ChannelChain, DiskRecord
 from calibration.rig import parse_rig
 from tcdyn.pipeline.compensate import compensate_log

@@ -16,7 +16,7 @@ import pandas as pd
 
 from calibration.disk import DISKS
 from calibration.estimate import Estimate
-from calibration.lines.static import fit_static_lines
+from calibration.lines.static_fit import fit_static_lines
 from calibration.log import Log
 from calibration.record import ChainRecord, ChannelChain, DiskRecord, now_utc
 from calibration.rig import Rig, load_rig

@@ -13,7 +13,8 @@ from matplotlib.text import Annotation
 
 from calibration.estimate import Z95, Estimate
 from calibration.lines.linefit import fit_line
-from calibration.lines.static import fit_static_lines, static_u
+from calibration.lines.static import static_u
+from calibration.lines.static_fit import fit_static_lines
 from calibration.rig import load_rig
 from tcdyn.chain import Chain
 from tcdyn.plots import calibration as pictures
