@@ -9,12 +9,12 @@ import numpy as np
 import pandas as pd
 from scipy.special import ndtr
 
-from calibration.errors import InputError
-from calibration.finding import Finding, doubts, look, note, once, sentences
-from calibration.lines.static import apply_static, line_doubts, outside_range, static_u
-from calibration.record import DiskRecord, moment, now_utc
-from calibration.result import Result, jsonable
-from calibration.rig import changed_keys
+from tcdyn.core.errors import InputError
+from tcdyn.core.findings import Finding, doubts, look, note, once, sentences
+from tcdyn.core.result import Result, jsonable
+from tcdyn.rig.record import DiskRecord, moment, now_utc
+from tcdyn.rig.rigfile import changed_keys
+from tcdyn.rig.static_line import apply_static, line_doubts, outside_range, static_u
 
 SIGNIFICANT = 0.05
 OF_A_LOG = {

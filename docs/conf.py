@@ -62,14 +62,18 @@ nitpick_ignore_regex = [("py:(class|data|obj|exc|attr)", ".*")]
 REFERENCE_PAGES = {  # heading of a page, and the modules or packages on it
     "calibration": ["calibration"],
     "immersion": ["immersion"],
-    "chain": ["tcdyn.chain", "tcdyn.contact", "tcdyn.fitting", "tcdyn.traces"],
-    "compensate": ["tcdyn.compensate"],
+    "core": ["tcdyn.core"],
+    "io": ["tcdyn.io"],
+    "estimation": ["tcdyn.estimation"],
+    "rig": ["tcdyn.rig"],
+    "chain": ["tcdyn.chain"],
+    "heat": ["tcdyn.heat"],
+    "smoothing": ["tcdyn.smoothing"],
     "identify": ["tcdyn.identify"],
-    "sensor": ["tcdyn.sensor", "tcdyn.plunge"],
-    "conduction": ["tcdyn.conduction"],
+    "sensors": ["tcdyn.sensors"],
     "partition": ["tcdyn.partition", "tcdyn.campaign"],
     "design": ["tcdyn.design", "tcdyn.simulate", "tcdyn.verify"],
-    "pipeline": ["tcdyn.pipeline", "tcdyn.plots", "tcdyn.report"],
+    "workflows": ["tcdyn.workflows", "tcdyn.plots", "tcdyn.report"],
 }
 
 
@@ -85,7 +89,7 @@ def _modules(package: str) -> list[str]:
 
 def write_reference(*_: Any) -> None:
     """Write a reference page for each group of packages, so that new modules appear without being listed."""
-    folder = HERE / "reference" / "rooms"
+    folder = HERE / "reference" / "packages"
     folder.mkdir(parents=True, exist_ok=True)
     for title, packages in REFERENCE_PAGES.items():
         page = [f"# {title}", ""]

@@ -1,1 +1,1 @@
-"""The plunge test and its physics."""
+"""The immersion test: fluids, natural convection, radial conduction, and the fit of chains to plunges."""

@@ -8,10 +8,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibration import Array
-from calibration.errors import InputError
-from calibration.finding import Finding, look
 from immersion.fluids import Curve, Fluid, FluidProperties
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.core.findings import Finding, look
 
 GRAVITY_M_S2 = 9.80665
 

@@ -12,8 +12,8 @@ from scipy.linalg.lapack import dtbtrs, ztbtrs
 from scipy.optimize import brentq
 from scipy.special import j0, j1, y0, y1
 
-from calibration import Array
-from calibration.disk import Conditioning, DiskSetup
+from tcdyn.core import Array
+from tcdyn.rig.disk import Conditioning, DiskSetup
 
 ONE = 1e-5  # imaginary over absolute part of a pole below which two are taken as real: their halves would cancel
 

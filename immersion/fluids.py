@@ -16,9 +16,9 @@ import pandas as pd
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
-from calibration import Array
-from calibration.errors import InputError
-from calibration.finding import Finding, look
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.core.findings import Finding, look
 
 Curve = Callable[[Array], Array]
 ZERO_C = 273.15

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import solve_triangular
 
-from calibration import Array
-from calibration.errors import InputError
 from immersion.cylinder import Cylinder, influence
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
 
 FluxLaw = Callable[
     [Array], Array

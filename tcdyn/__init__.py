@@ -14,23 +14,23 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from calibration.disk import Conditioning
-    from calibration.errors import InputError
-    from calibration.log import iter_log, read_log, write_log
-    from calibration.record import read_record, write_record
-    from calibration.rig import load_rig
     from tcdyn.chain import Chain
-    from tcdyn.compensate import smooth
+    from tcdyn.core.errors import InputError
     from tcdyn.identify import IOData, compare, fit
-    from tcdyn.pipeline import (
+    from tcdyn.rig.disk import Conditioning
+    from tcdyn.rig.log import iter_log, read_log, write_log
+    from tcdyn.rig.record import read_record, write_record
+    from tcdyn.rig.rigfile import load_rig
+    from tcdyn.simulate.campaign import simulate_campaign
+    from tcdyn.smoothing import smooth
+    from tcdyn.version import __version__
+    from tcdyn.workflows import (
         calibrate_disk,
         compensate_log,
         estimate_beta,
         estimate_one_disk,
         run_demo,
     )
-    from tcdyn.simulate.campaign import simulate_campaign
-    from tcdyn.version import __version__
 
 __all__ = [
     "Chain",
@@ -57,22 +57,22 @@ __all__ = [
 
 _MODULES = {  # public name: where it is defined
     "__version__": "tcdyn.version",
-    "Conditioning": "calibration.disk",
-    "InputError": "calibration.errors",
-    "load_rig": "calibration.rig",
-    "iter_log": "calibration.log",
-    "read_log": "calibration.log",
-    "write_log": "calibration.log",
+    "Conditioning": "tcdyn.rig.disk",
+    "InputError": "tcdyn.core.errors",
+    "load_rig": "tcdyn.rig.rigfile",
+    "iter_log": "tcdyn.rig.log",
+    "read_log": "tcdyn.rig.log",
+    "write_log": "tcdyn.rig.log",
     "simulate_campaign": "tcdyn.simulate.campaign",
-    "calibrate_disk": "tcdyn.pipeline",
-    "read_record": "calibration.record",
-    "write_record": "calibration.record",
-    "compensate_log": "tcdyn.pipeline",
-    "estimate_beta": "tcdyn.pipeline",
-    "estimate_one_disk": "tcdyn.pipeline",
-    "run_demo": "tcdyn.pipeline",
+    "calibrate_disk": "tcdyn.workflows",
+    "read_record": "tcdyn.rig.record",
+    "write_record": "tcdyn.rig.record",
+    "compensate_log": "tcdyn.workflows",
+    "estimate_beta": "tcdyn.workflows",
+    "estimate_one_disk": "tcdyn.workflows",
+    "run_demo": "tcdyn.workflows",
     "Chain": "tcdyn.chain",
-    "smooth": "tcdyn.compensate",
+    "smooth": "tcdyn.smoothing",
     "IOData": "tcdyn.identify",
     "fit": "tcdyn.identify",
     "compare": "tcdyn.identify",
@@ -119,5 +119,5 @@ _get_shell = getattr(sys.modules.get("IPython"), "get_ipython", None)
 _shell = None if _get_shell is None else _get_shell()
 if _shell is not None:
     _shell.display_formatter.formatters["text/html"].for_type_by_name(
-        "calibration.result", "Result", _card
+        "tcdyn.core.result", "Result", _card
     )

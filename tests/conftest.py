@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from calibration.record import DiskRecord, read_record, write_record
-from calibration.rig import Rig, load_rig
+from tcdyn.rig.record import DiskRecord, read_record, write_record
+from tcdyn.rig.rigfile import Rig, load_rig
 from tcdyn.simulate.campaign import CampaignFiles, simulate_campaign
 from tcdyn.simulate.ehl import EhlOptions
 
 if TYPE_CHECKING:
     from tcdyn.partition.analyse import Partition
-    from tcdyn.pipeline import CalibrationRun
-    from tcdyn.pipeline.beta import BetaRun
+    from tcdyn.workflows import CalibrationRun
+    from tcdyn.workflows.beta import BetaRun
 
 SEED = 3
 
@@ -57,7 +57,7 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
 @pytest.fixture(scope="session")
 def beta_run(campaign: Campaign) -> BetaRun:
     """Heat partition of test B3 of that campaign, made once for all who read it."""
-    from tcdyn.pipeline import estimate_beta
+    from tcdyn.workflows import estimate_beta
 
     return estimate_beta(campaign.files.ehl["B3"], campaign.rig, campaign.records)
 
@@ -70,7 +70,7 @@ def partition(beta_run: BetaRun) -> Partition:
 
 def small_campaign(folder: Path) -> Campaign:
     """The campaign of the fixture, written into ``folder``."""
-    from tcdyn.pipeline import calibrate_disk
+    from tcdyn.workflows import calibrate_disk
 
     options = EhlOptions(load_on_s=30.0, unload_s=330.0, duration_s=350.0)
     files = simulate_campaign(folder, SEED, ("B3",), ehl_options=options)

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.container import ErrorbarContainer
 
-from calibration import Array
+from tcdyn.core import Array
 
 
 def bars(ax: Axes) -> tuple[Array, Array, Array]:

@@ -1,4 +1,4 @@
-"""The house's plan, held by tests: import contracts that a break does break, and no circle between files."""
+"""Import contracts between the packages: each can be broken, and no file imports itself through others."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ PACKAGES = ("calibration", "immersion", "tcdyn")
 
 
 def lint(folder: Path) -> str:
-    """What import-linter says of the packages in ``folder``."""
+    """Report of import-linter on the packages in ``folder``."""
     pytest.importorskip("importlinter")
     run = "from importlinter.cli import lint_imports_command; lint_imports_command()"
     call = [sys.executable, "-c", run, "--no-cache"]
@@ -28,10 +28,10 @@ def lint(folder: Path) -> str:
     ).stdout
 
 
-def verdicts(said: str) -> dict[str, str]:
+def verdicts(report: str) -> dict[str, str]:
     """KEPT or BROKEN by the contract's name."""
     ends = (
-        line.rpartition(" ") for line in said.splitlines() if line.endswith((" KEPT", " BROKEN"))
+        line.rpartition(" ") for line in report.splitlines() if line.endswith((" KEPT", " BROKEN"))
     )
     return {name: verdict for name, _, verdict in ends}
 
@@ -52,43 +52,42 @@ def append(path: Path, line: str) -> None:
     path.write_text(path.read_text(encoding="utf-8") + "\n" + line + "\n", encoding="utf-8")
 
 
-def test_the_house_keeps_its_contracts() -> None:
-    said = lint(ROOT)
-    assert set(verdicts(said).values()) == {"KEPT"}, said
+def test_the_library_keeps_its_contracts() -> None:
+    report = lint(ROOT)
+    assert set(verdicts(report).values()) == {"KEPT"}, report
 
 
-def test_a_fit_that_borrows_the_synthetic_rig_s_solver_is_caught(copy: Path) -> None:
-    """Directly (partition, plunge), and through another room (compensate, which identify and partition may ask)."""
+def test_an_estimator_that_imports_the_simulator_is_caught(copy: Path) -> None:
+    """Directly (partition, immersion), and through a package that estimators may import (smoothing)."""
     sabotage = {
-        "partition": "from tcdyn.simulate.implicit import *",
-        "plunge": "from tcdyn.simulate.plunge import simulate_plunge",
-        "compensate": "def later() -> None:\n    from tcdyn.simulate.measure import through_chains",
+        "tcdyn.partition": "from tcdyn.simulate.implicit import *",
+        "immersion": "from tcdyn.simulate.plunge import simulate_plunge",
+        "tcdyn.smoothing": "def later() -> None:\n    from tcdyn.simulate.measure import through_chains",
     }
-    borrowers = {}
-    for room, line in sabotage.items():
-        path = min(p for p in (copy / "tcdyn" / room).glob("*.py") if p.name != "__init__.py")
+    expected_arrows = {}
+    for package, line in sabotage.items():
+        folder = copy.joinpath(*package.split("."))
+        path = min(p for p in folder.glob("*.py") if p.name != "__init__.py")
         append(path, line)
-        borrowers[room] = f"tcdyn.{room}.{path.stem} -> tcdyn.simulate"
-    said = lint(copy)
-    crime = [
-        verdict for name, verdict in verdicts(said).items() if name.startswith("No inverse crime")
+        expected_arrows[package] = f"{package}.{path.stem} -> tcdyn.simulate"
+    report = lint(copy)
+    inverse_crime = [
+        verdict for name, verdict in verdicts(report).items() if name.startswith("No inverse crime")
     ]
-    assert crime == ["BROKEN"], said
-    assert [room for room, arrow in borrowers.items() if arrow not in said] == []
+    assert inverse_crime == ["BROKEN"], report
+    missing = [package for package, arrow in expected_arrows.items() if arrow not in report]
+    assert missing == []
 
 
 def test_every_contract_can_be_broken(copy: Path) -> None:
-    append(copy / "calibration/disk.py", "import tcdyn.chain")
-    append(copy / "tcdyn/contact.py", "import matplotlib")
-    append(copy / "tcdyn/simulate/mesh.py", "import tcdyn.conduction.rim")
+    append(copy / "tcdyn/rig/disk.py", "import tcdyn.chain")
+    append(copy / "tcdyn/rig/contact.py", "import matplotlib")
+    append(copy / "tcdyn/simulate/mesh.py", "import tcdyn.heat.rim")
     append(copy / "tcdyn/chain/__init__.py", "def later() -> None:\n    import tcdyn.simulate.mesh")
-    append(
-        copy / "tcdyn/contact.py", "import tcdyn.simulate.programme"
-    )  # which asks contact for the speeds
-    (copy / "tcdyn/attic.py").write_text('"""A room that no plan shows."""\n', encoding="utf-8")
-    said = lint(copy)
-    assert set(verdicts(said).values()) == {"BROKEN"}, said
-    assert "attic" in said
+    (copy / "tcdyn/unplanned.py").write_text('"""A module without a layer."""\n', encoding="utf-8")
+    report = lint(copy)
+    assert set(verdicts(report).values()) == {"BROKEN"}, report
+    assert "unplanned" in report
 
 
 def imports() -> dict[str, set[str]]:
@@ -120,7 +119,7 @@ def imported(path: Path) -> Iterator[tuple[str, str]]:
             yield from ((node.module, alias.name) for alias in node.names)
 
 
-def test_no_circle_between_files() -> None:
+def test_no_import_cycle_between_files() -> None:
     try:
         TopologicalSorter(imports()).prepare()
     except CycleError as error:

@@ -13,7 +13,7 @@ import pytest
 
 import tcdyn
 from tcdyn.chain import Chain
-from tcdyn.sensor import sensor_file, write_sensor
+from tcdyn.sensors import sensor_file, write_sensor
 from tests.conftest import Campaign
 
 ROOT = Path(__file__).parent.parent
@@ -105,7 +105,7 @@ shell = types.SimpleNamespace(display_formatter=types.SimpleNamespace(formatters
 sys.modules["IPython"] = types.SimpleNamespace(get_ipython=lambda: shell)
 import tcdyn
 del sys.modules["IPython"]
-show = asked["calibration.result", "Result"]
+show = asked["tcdyn.core.result", "Result"]
 card = show(tcdyn.Chain([0.7]))
 print(card.count("data:image/png"), card.startswith(tcdyn.Chain([0.7])._repr_html_()))
 print(show(tcdyn.load_rig()).count("<img"))

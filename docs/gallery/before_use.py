@@ -4,9 +4,9 @@ import numpy as np
 from common import behind, save
 
 from tcdyn import Chain
-from tcdyn.compensate import before_use, deconvolve, proper_inverse
 from tcdyn.plots import draw_before_use, draw_tradeoff
 from tcdyn.plots.style import figure
+from tcdyn.smoothing import before_use, deconvolve, proper_inverse
 
 dt = 1 / 75
 t = np.arange(0, 40, dt)

@@ -12,15 +12,15 @@ import pandas as pd
 from matplotlib.figure import Figure
 from scipy.signal import lfilter
 
-from calibration.disk import DISKS
 from tcdyn import run_demo
 from tcdyn.cli.app import app, run
 from tcdyn.plots.style import figure
+from tcdyn.rig.disk import DISKS
 
 if TYPE_CHECKING:
-    from calibration.lines.static_fit import OvenFit
+    from calibration.static_lines import OvenFit
+    from immersion.plunge_result import PlungeFit
     from tcdyn.partition.analyse import Partition
-    from tcdyn.plunge.result import PlungeFit
 
 ROOT = Path(__file__).parent.parent.parent
 OUT = ROOT / "docs" / "_pictures"
@@ -84,9 +84,9 @@ def lab() -> Path:
 @cache
 def analysed() -> Partition:
     """Test B3 of that folder."""
-    from calibration.record import read_record
-    from calibration.rig import load_rig
-    from tcdyn.pipeline import estimate_beta
+    from tcdyn.rig.record import read_record
+    from tcdyn.rig.rigfile import load_rig
+    from tcdyn.workflows import estimate_beta
 
     records = {d: read_record(lab() / f"{d}.disk.json") for d in DISKS}
     return estimate_beta(lab() / "EHL_B3.csv", load_rig(lab() / "rig.toml"), records).partition
@@ -95,8 +95,8 @@ def analysed() -> Partition:
 @cache
 def oven() -> OvenFit:
     """The static lines of its fast disk."""
-    from calibration.lines.static_fit import fit_static_lines
-    from calibration.log import read_log
+    from calibration.static_lines import fit_static_lines
+    from tcdyn.rig.log import read_log
 
     return fit_static_lines(read_log(lab() / "oven_fast.csv", "oven").frame)
 
@@ -104,11 +104,11 @@ def oven() -> OvenFit:
 @cache
 def plunged() -> PlungeFit:
     """The chain of its fast disk by one plunge."""
-    from calibration.log import read_log
-    from calibration.rig import load_rig
     from immersion.fluids import fluid
-    from tcdyn.plunge.fit import identify_plunges
-    from tcdyn.plunge.run import bath_filled, run_from_log
+    from immersion.plunge_data import bath_filled, run_from_log
+    from immersion.plunge_fit import identify_plunges
+    from tcdyn.rig.log import read_log
+    from tcdyn.rig.rigfile import load_rig
 
     rig = load_rig(lab() / "rig.toml")
     log = bath_filled(read_log(lab() / "plunge_fast_1.csv", "immersion", rig, "fast"))

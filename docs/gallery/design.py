@@ -2,11 +2,11 @@
 
 from common import save
 
-from calibration.rig import load_rig
 from tcdyn.design.compare import compare_tests
 from tcdyn.design.plans import PlungePlan
 from tcdyn.plots import draw_design
 from tcdyn.plots.style import figure
+from tcdyn.rig.rigfile import load_rig
 
 plans = [PlungePlan(bath_degC=bath, duration_s=60.0) for bath in (110.0, 138.0)]
 picture, (ax,) = figure(height_in=4.4)

@@ -2,9 +2,9 @@
 
 from common import save
 
+from immersion.hole import compare_holes
 from tcdyn.plots import draw_holes
 from tcdyn.plots.style import figure
-from tcdyn.plunge.hole import compare_holes
 from tcdyn.simulate.plunge import simulate_hole
 
 picture, (ax,) = figure(height_in=4.4)

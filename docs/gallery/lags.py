@@ -2,9 +2,9 @@
 
 from common import lab, plunged, save
 
-from calibration.record import read_record
 from tcdyn.plots import draw_common_lag, draw_differential_lags, draw_lags
 from tcdyn.plots.style import figure
+from tcdyn.rig.record import read_record
 
 chain = read_record(lab() / "fast.disk.json").chain
 assert chain is not None

@@ -2,9 +2,9 @@
 
 from common import analysed, lab, save
 
-from calibration.log import read_log
 from tcdyn.plots import draw_log, draw_temperatures
 from tcdyn.plots.style import figure
+from tcdyn.rig.log import read_log
 
 picture, (left, right) = figure(1, 2, width_in=10.0, height_in=4.0)
 draw_log(read_log(lab() / "EHL_B3.csv", "ehl"), left)

@@ -2,7 +2,7 @@
 
 from common import plunged, save
 
-from calibration.rig import load_rig
+from immersion.plunge_fit import published_degC
 from tcdyn.plots import (
     draw_entry,
     draw_heat_transfer,
@@ -11,7 +11,7 @@ from tcdyn.plots import (
     draw_record,
 )
 from tcdyn.plots.style import figure
-from tcdyn.plunge.fit import published_degC
+from tcdyn.rig.rigfile import load_rig
 
 fit, setup = plunged(), load_rig().disk_setup("fast")
 models = {**published_degC(fit.runs[0], setup), "fitted": fit.junction_degC(0)}

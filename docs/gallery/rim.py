@@ -3,11 +3,11 @@
 import numpy as np
 from common import save
 
-from calibration.rig import load_rig
-from tcdyn.conduction.engine import Drive, fields_at
-from tcdyn.conduction.rim import Rim, points_of
+from tcdyn.heat.engine import Drive, fields_at
+from tcdyn.heat.rim import Rim, points_of
 from tcdyn.plots import draw_field, draw_profiles
 from tcdyn.plots.style import figure
+from tcdyn.rig.rigfile import load_rig
 
 setup = load_rig().disk_setup("fast")
 rim, one = Rim.from_setup(setup), np.ones(2)

@@ -3,7 +3,7 @@
 import numpy as np
 from common import save
 
-from calibration.lines.transducers import fit_bearing_friction, fit_transducer
+from calibration.transducers import fit_bearing_friction, fit_transducer
 from tcdyn.plots import draw_bearing, draw_transducer
 from tcdyn.plots.style import figure
 

@@ -2,9 +2,9 @@
 
 from common import save
 
-from calibration.rig import load_rig
 from tcdyn.plots import draw_round, draw_round_surface
 from tcdyn.plots.style import figure
+from tcdyn.rig.rigfile import load_rig
 from tcdyn.simulate.ehl import EhlOptions
 from tcdyn.simulate.field import around_disks
 from tcdyn.simulate.truth import BoreContact, draw_truth

@@ -2,9 +2,9 @@
 
 from common import analysed, save
 
-from calibration.disk import DISKS
 from tcdyn.plots import draw_unloading
 from tcdyn.plots.style import figure
+from tcdyn.rig.disk import DISKS
 
 picture, axes = figure(1, 2, height_in=4.2)
 for disk, ax in zip(DISKS, axes):

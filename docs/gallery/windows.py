@@ -2,9 +2,9 @@
 
 from common import analysed, save
 
-from tcdyn.pipeline.tables import cooling_by_window, referee_table
 from tcdyn.plots import draw_junctions, draw_referee, draw_window_study
 from tcdyn.plots.style import figure
+from tcdyn.workflows.beta_tables import cooling_by_window, referee_table
 
 p = analysed()
 picture, axes = figure(3, 1, width_in=8.5, height_in=11.0)

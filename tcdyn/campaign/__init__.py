@@ -2,9 +2,9 @@
 far better than levels (design, section 13)."""
 
 from tcdyn.campaign.compress import compressed, kept_of
-from tcdyn.campaign.kept import KeptTest, checked, rig_fingerprint
 from tcdyn.campaign.posterior import Posterior, solve
 from tcdyn.campaign.result import JoinedCampaign, joined
+from tcdyn.campaign.sufficient_statistics import KeptTest, checked, rig_fingerprint
 
 __all__ = [
     "JoinedCampaign",

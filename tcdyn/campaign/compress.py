@@ -12,17 +12,17 @@ from typing import Any
 
 import numpy as np
 
-from calibration import Array
-from calibration.disk import DISKS
-from tcdyn.campaign.kept import ANSWERS, KeptTest, Loading
-from tcdyn.campaign.noise import whole_noise, zero_u
-from tcdyn.fitting import Optimum
+from tcdyn.campaign.input_noise import whole_noise, zero_u
+from tcdyn.campaign.sufficient_statistics import ANSWERS, KeptTest, Loading
+from tcdyn.core import Array
+from tcdyn.estimation import Optimum
 from tcdyn.partition.analyse import Partition
-from tcdyn.partition.effects import MODEL_K
+from tcdyn.partition.angular_harmonic import SHAPES, Unevenness, Unmeasured
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import LOG_H, LOG_LAGS, LOG_TAU2, SHAPE_SD, SHARE, Side, lags, unknowns
-from tcdyn.partition.uneven import SHAPES, Unevenness, Unmeasured
+from tcdyn.partition.nuisance import MODEL_K
 from tcdyn.partition.window import between, steady_start_s
+from tcdyn.rig.disk import DISKS
 
 # of the answers, where rows are weighed against each other
 BETA_UNIT = 0.01

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from calibration import Array
-from calibration.estimate import Estimate
-from calibration.result import jsonable
-from tcdyn.campaign.lines import fit_line
+from tcdyn.campaign.line_fit import fit_line
 from tcdyn.campaign.posterior import LN_H_FAST, LN_H_SLOW, A, Posterior, u_if_known, within
 from tcdyn.campaign.trends import LEAST_TESTS, set_points
+from tcdyn.core import Array
+from tcdyn.core.estimate import Estimate
+from tcdyn.core.result import jsonable
 
 
 @dataclass(frozen=True)

@@ -16,29 +16,29 @@ import numpy as np
 import pandas as pd
 from scipy.special import chdtr, chdtrc
 
-from calibration import Array
-from calibration.columns import couples
-from calibration.disk import DISKS
-from calibration.errors import InputError
-from calibration.files import read_numbers
-from calibration.lines.static import StaticLine, static_u
-from calibration.rig import Rig
 from tcdyn.campaign.compress import compressed
 from tcdyn.campaign.exponent import speed_law
-from tcdyn.campaign.kept import KeptTest
 from tcdyn.campaign.posterior import Posterior, by_shared, solve
+from tcdyn.campaign.sufficient_statistics import KeptTest
 from tcdyn.campaign.trends import trends
 from tcdyn.chain import Chain
-from tcdyn.chain.noise import LoggerNoise
-from tcdyn.contact import Events, equal_radius_m, half_width_m, hertz_contact, surface_speed_m_s
-from tcdyn.fitting import minimise
+from tcdyn.chain.logger_noise import LoggerNoise
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.core.threads import one_blas_thread
+from tcdyn.estimation import minimise
+from tcdyn.io.read import read_numbers
+from tcdyn.partition.angular_harmonic import UNKNOWN
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import JOINT_WINDOW_S, disk_side, joint_problem
-from tcdyn.partition.statement.surface import with_surfaces
 from tcdyn.partition.steady import at_own_temperature
-from tcdyn.partition.uneven import UNKNOWN
-from tcdyn.threads import one_blas_thread
-from tcdyn.traces import DiskTraces
+from tcdyn.partition.surface_flux import with_surfaces
+from tcdyn.rig.columns import couples
+from tcdyn.rig.contact import Events, equal_radius_m, half_width_m, hertz_contact, surface_speed_m_s
+from tcdyn.rig.disk import DISKS
+from tcdyn.rig.rigfile import Rig
+from tcdyn.rig.static_line import StaticLine, static_u
+from tcdyn.smoothing.traces import DiskTraces
 
 COLUMNS = ("load_N", "friction_N", "speed_fast_rpm", "speed_slow_rpm")
 OPTIONAL = ("beta", "h_fast_W_m2K")

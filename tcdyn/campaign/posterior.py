@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular
 
-from calibration import Array
-from calibration.disk import DISKS
-from calibration.errors import InputError
-from calibration.estimate import Estimate
 from tcdyn.campaign.compress import LAG_OWN_S
-from tcdyn.campaign.kept import ANSWERS, KeptTest, Loading
+from tcdyn.campaign.sufficient_statistics import ANSWERS, KeptTest, Loading
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.core.estimate import Estimate
+from tcdyn.rig.disk import DISKS
 
 A = len(ANSWERS)
 BETA, LN_H_FAST, LN_H_SLOW, LAG_FAST, LAG_SLOW = range(A)

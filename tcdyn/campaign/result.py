@@ -8,17 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from calibration.disk import DISKS
-from calibration.errors import InputError
-from calibration.estimate import Estimate
-from calibration.finding import Finding, look, note
-from calibration.result import jsonable
-from tcdyn.campaign.belong import Stranger, strangers
 from tcdyn.campaign.exponent import SpeedLaw, speed_law
-from tcdyn.campaign.kept import AGAIN, KeptTest
+from tcdyn.campaign.outliers import Stranger, strangers
 from tcdyn.campaign.posterior import Posterior, solve
+from tcdyn.campaign.sufficient_statistics import AGAIN, KeptTest
 from tcdyn.campaign.trends import BetaTrend, Curve, CurveTest, curve_test, trends
+from tcdyn.core.errors import InputError
+from tcdyn.core.estimate import Estimate
+from tcdyn.core.findings import Finding, look, note
+from tcdyn.core.result import jsonable
 from tcdyn.partition.steady import speed_law_beta, speed_ratio_power
+from tcdyn.rig.disk import DISKS
 
 SCHEMA = "tcdyn.campaign/1"
 FAR_Z = 2.0  # n of the campaign this far from rig.toml's is told

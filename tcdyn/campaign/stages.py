@@ -11,11 +11,11 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from calibration.errors import InputError
-from calibration.finding import note
-from calibration.log import Log, LogPieces
-from tcdyn.contact import Events
+from tcdyn.core.errors import InputError
+from tcdyn.core.findings import note
 from tcdyn.partition.events import find_events
+from tcdyn.rig.contact import Events
+from tcdyn.rig.log import Log, LogPieces
 
 AFTER_S = 2.0  # from one parting to where the next test may begin: the switch has settled
 BEFORE_S = 0.5  # from where a test ends to the next loading

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from calibration.disk import DISKS
-from calibration.errors import printable
-from calibration.estimate import rounded
 from tcdyn.campaign.result import JoinedCampaign
+from tcdyn.core.errors import printable
+from tcdyn.core.estimate import rounded
+from tcdyn.rig.disk import DISKS
 
 LATEX = {
     "test": "test",

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc
 
-from calibration import Array
-from calibration.errors import InputError
-from calibration.estimate import Estimate
-from calibration.files import read_numbers
-from calibration.result import jsonable
-from tcdyn.campaign.lines import Line, fit_line, level_inside_points
+from tcdyn.campaign.line_fit import Line, fit_line, level_inside_points
 from tcdyn.campaign.posterior import Posterior
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.core.estimate import Estimate
+from tcdyn.core.result import jsonable
+from tcdyn.io.read import read_numbers
 
 AGAINST = ("delta_T_us_K_m_s", "load_N", "sliding_speed_m_s", "entraining_speed_m_s")
 TOGETHER = (
@@ -190,7 +190,8 @@ def curve_test(posterior: Posterior, curve: Curve) -> CurveTest:
     """Chi-squared of the tests about the curve, straight lines between its points.
 
     What the curve itself is uncertain by is taken as common to all of it. Where the shape is rejected, the offset is
-    that of :func:`~tcdyn.campaign.lines.level_inside_points`. Raises InputError where fewer than two tests lie within
+    that of :func:`~tcdyn.campaign.line_fit.level_inside_points`. Raises InputError where fewer than two tests lie
+    within
     its range, or they do not tell its x.
     """
     x = np.array([t.conditions.get(curve.against, np.nan) for t in posterior.tests])

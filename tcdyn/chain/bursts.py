@@ -15,14 +15,14 @@ from itertools import compress
 import numpy as np
 from numpy.polynomial.legendre import legvander
 from scipy.ndimage import maximum_filter1d, uniform_filter1d
+from scipy.signal import find_peaks, oaconvolve
 
-from calibration import Array, Flags
-from calibration.disk import Conditioning
-from calibration.noise import SpikeRule, bridged, find_spikes
 from tcdyn.chain.chain import NO_CONDITIONING, Chain
-from tcdyn.chain.filters import largest_match, peaks
-from tcdyn.chain.noise import LoggerNoise, noise_of
+from tcdyn.chain.logger_noise import LoggerNoise, noise_of
 from tcdyn.chain.rational import Factor, Rational, simulate
+from tcdyn.core import Array, Flags
+from tcdyn.estimation.trace_noise import SpikeRule, bridged, find_spikes
+from tcdyn.rig.disk import Conditioning
 
 # samples of a pulse; one between two of these is found by either
 LENGTHS = (
@@ -188,7 +188,12 @@ class _Search:
 
     def score(self, padded: Array) -> Array:
         """Largest height of any pulse over its standard deviation, by the middle of its window; zeros at the ends."""
-        return np.pad(largest_match(padded, self.shapes), self.shapes.shape[1] // 2)
+        length = self.shapes.shape[1]
+        largest = np.zeros(len(padded) - length + 1)
+        for shape in self.shapes:
+            correlation = oaconvolve(padded, shape[::-1], mode="valid")
+            np.maximum(largest, np.abs(correlation), out=largest)
+        return np.pad(largest, length // 2)
 
     @cached_property
     def first(self) -> Array:
@@ -225,7 +230,9 @@ def _found(search: _Search | None, dt_s: float, lag_s: float, alone: Flags) -> F
     other = np.pad(alone, widest)
     for _ in range(ROUNDS):
         before = np.count_nonzero(moved)
-        for centre in peaks(score, SURE, widest):
+        centres, _ = find_peaks(score, height=SURE, distance=widest)
+        highest_first = np.argsort(-score[centres], kind="stable")
+        for centre in centres[highest_first]:
             for share in (0.5, 0.25, 0.75):  # a second pulse may lie on either side
                 first = int(np.clip(centre - share * widest, 0, len(padded) - widest))
                 if (

@@ -8,16 +8,16 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import scipy  # scipy.signal with its first use: it is slow to import
 from numpy.polynomial.polynomial import polyval
 from numpy.typing import ArrayLike, NDArray
+from scipy import signal
 from scipy.linalg import solve_continuous_lyapunov
 
-from calibration import Array
-from calibration.disk import Conditioning
-from calibration.errors import InputError
-from calibration.result import Result
 from tcdyn.chain.rational import Factor, Hold, Rational, Start, product, realise, simulate_rows
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.core.result import Result
+from tcdyn.rig.disk import Conditioning
 
 if TYPE_CHECKING:
     import control
@@ -242,8 +242,8 @@ def discretised(
     num: ArrayLike, den: ArrayLike, dt_s: float, hold: Hold = "foh"
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Digital form (b, a) in powers of z^-1 of num/den in descending powers of s, exact under ``hold``."""
-    system = scipy.signal.cont2discrete(scipy.signal.tf2ss(num, den), dt_s, method=hold)[:4]
-    b, a = scipy.signal.ss2tf(*system)
+    system = signal.cont2discrete(signal.tf2ss(num, den), dt_s, method=hold)[:4]
+    b, a = signal.ss2tf(*system)
     return np.asarray(b[0]), np.asarray(a)
 
 

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.polynomial.polynomial import polymul, polyroots
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm
+from scipy.signal import lfilter
 
-from calibration import Array
-from tcdyn.chain.filters import first_order
+from tcdyn.core import Array
 
 if TYPE_CHECKING:
     import control
@@ -242,7 +242,7 @@ def states(phi: NDArray, forcing: NDArray, x0: NDArray) -> NDArray:
         lower = np.flatnonzero(phi[k, :k])
         if len(lower):
             x[k, 1:] += phi[k, lower] @ x[lower, :-1]
-        x[k] = first_order(phi[k, k], x[k])
+        x[k] = lfilter([1.0], [1.0, -phi[k, k]], x[k])
     return x
 
 

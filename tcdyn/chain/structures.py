@@ -12,10 +12,10 @@ from itertools import compress
 
 import numpy as np
 
-from calibration import Array
-from calibration.errors import InputError
 from tcdyn.chain.chain import Chain
 from tcdyn.chain.rational import Factor, Rational, product, simulate
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
 
 STRUCTURES = (
     "P1",

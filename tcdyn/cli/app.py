@@ -9,8 +9,8 @@ from typing import Any
 
 import typer
 
-from calibration.errors import InputError, printable
-from tcdyn.cli import around, record, sensor, simulate
+from tcdyn.cli import record, sensor, simulate
+from tcdyn.cli import round as around
 from tcdyn.cli.beta import beta, campaign
 from tcdyn.cli.calibrate import calibrate, hole
 from tcdyn.cli.common import as_option
@@ -19,6 +19,7 @@ from tcdyn.cli.design import design
 from tcdyn.cli.follow import follow
 from tcdyn.cli.identify import identify, response
 from tcdyn.cli.verify import verify
+from tcdyn.core.errors import InputError, printable
 from tcdyn.version import __version__
 
 EPILOG = (

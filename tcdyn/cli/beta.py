@@ -77,11 +77,11 @@ def beta(
     Example: tcdyn beta D4.csv --rig rig.toml --record fast.disk.json --record slow.disk.json --out beta.json
     --report beta.html
     """
-    from calibration.files.write import write_text
-    from calibration.opened import records_by_disk, refuse_spare_records, rig_of
-    from calibration.rig import load_rig
-    from tcdyn.pipeline.bearing import read_bearing
-    from tcdyn.pipeline.beta import estimate_beta, estimate_stages
+    from tcdyn.io.write import write_text
+    from tcdyn.rig.opened_log import records_by_disk, refuse_spare_records, rig_of
+    from tcdyn.rig.rigfile import load_rig
+    from tcdyn.workflows.bearing import read_bearing
+    from tcdyn.workflows.beta import estimate_beta, estimate_stages
 
     spare_inputs([log, rig, bearing, *record], out=out, report=report)
     records = records_by_disk(record)
@@ -90,7 +90,7 @@ def beta(
     rolling = read_bearing(bearing) if bearing else None
     estimate: Any = estimate_beta
     if len(records) == 1:
-        from tcdyn.pipeline.one_disk import estimate_one_disk as estimate
+        from tcdyn.workflows.single_disk import estimate_one_disk as estimate
     with stages(tell.silent, verbose) as progress:
         options: dict[str, Any] = {
             "window_s": window_s,
@@ -119,7 +119,7 @@ def beta(
         if report is not None:
             progress("writing the report")
             from tcdyn.report.beta import write_beta_report
-            from tcdyn.report.one_disk import write_one_disk_report
+            from tcdyn.report.single_disk import write_one_disk_report
             from tcdyn.report.sources import sources_of
 
             tests: Any = {run.log.path.stem: run.partition for run in runs}
@@ -191,12 +191,12 @@ def campaign(
 
     Example: tcdyn campaign EHL_*.csv --rig rig.toml --record fast.disk.json --record slow.disk.json --out results
     """
-    from calibration.disk import left_out_of
-    from calibration.finding import doubts
-    from calibration.opened import records_by_disk, rig_of
-    from calibration.rig import load_rig
-    from tcdyn.pipeline.bearing import read_bearing
-    from tcdyn.pipeline.campaign.run import (
+    from tcdyn.core.findings import doubts
+    from tcdyn.rig.disk import left_out_of
+    from tcdyn.rig.opened_log import records_by_disk, rig_of
+    from tcdyn.rig.rigfile import load_rig
+    from tcdyn.workflows.bearing import read_bearing
+    from tcdyn.workflows.campaign import (
         OUTPUTS,
         PAGE_FILE,
         TABLE_FILE,

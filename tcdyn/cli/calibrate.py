@@ -7,7 +7,6 @@ from typing import Annotated
 
 import typer
 
-from calibration.errors import InputError
 from tcdyn.cli.common import (
     Disk,
     RigFile,
@@ -20,6 +19,7 @@ from tcdyn.cli.common import (
     spare_inputs,
     stages,
 )
+from tcdyn.core.errors import InputError
 
 
 @grouped
@@ -71,9 +71,9 @@ def calibrate(
     Example: tcdyn calibrate --rig rig.toml --disk fast --oven oven_fast.csv --immersion P1.csv --immersion P2.csv
     --fluid mobil-jet-ii --out fast.disk.json --report fast.html
     """
-    from calibration.record import read_record, write_record
-    from calibration.rig import load_rig
-    from tcdyn.pipeline import calibrate_disk
+    from tcdyn.rig.record import read_record, write_record
+    from tcdyn.rig.rigfile import load_rig
+    from tcdyn.workflows import calibrate_disk
 
     target = out or Path(f"{disk}.disk.json")
     fluids = fluid or ["mobil-jet-ii"]
@@ -137,13 +137,13 @@ def hole(
 
     Example: tcdyn simulate hole --out hole.csv && tcdyn hole hole.csv --report hole.html
     """
-    from calibration.files.write import write_text
-    from calibration.finding import once, sentences
-    from calibration.log import read_log
-    from calibration.rig import load_rig
-    from tcdyn.pipeline.calibrate import untold
-    from tcdyn.plunge.hole import compare_holes
-    from tcdyn.plunge.run import bath_filled
+    from immersion.hole import compare_holes
+    from immersion.plunge_data import bath_filled
+    from tcdyn.core.findings import once, sentences
+    from tcdyn.io.write import write_text
+    from tcdyn.rig.log import read_log
+    from tcdyn.rig.rigfile import load_rig
+    from tcdyn.workflows.calibrate import untold
 
     spare_inputs([log, rig], out=out, report=report)
     setup = load_rig(rig)

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from calibration.errors import InputError, printable
+from tcdyn.core.errors import InputError, printable
 
 if TYPE_CHECKING:
-    from calibration.finding import Finding
+    from tcdyn.core.findings import Finding
 
 OPTIONS = {  # of parameters, where it is not the name with dashes
     "records": "--record",
@@ -112,7 +112,7 @@ class Told:
 
     def warn(self, findings: Iterable[Finding]) -> None:
         """Print each finding on standard error, its grade in front: note, look or refuse."""
-        from calibration.finding import once
+        from tcdyn.core.findings import once
 
         for found in () if self.silent else once(findings):
             print(f"{found.grade.value}: {printable(found.message(as_option))}", file=sys.stderr)
@@ -152,7 +152,7 @@ def check_choice(option: str, value: str, allowed: tuple[str, ...]) -> None:
 
 def one_disk(value: str) -> str:
     """Callback of an option that names a disk of the rig."""
-    from calibration.disk import DISKS
+    from tcdyn.rig.disk import DISKS
 
     check_choice("--disk", value, DISKS)
     return value
@@ -248,7 +248,7 @@ def spare_inputs(inputs: Iterable[Path | str | None], **outputs: Path | None) ->
 
 def in_one_line(what: str, findings: Iterable[Finding]) -> bool:
     """Whether a finding is above a note; one line on standard error tells the first, also under --quiet and --json."""
-    from calibration.finding import doubts, once
+    from tcdyn.core.findings import doubts, once
 
     asking = doubts(once(findings))
     if asking:
@@ -267,6 +267,6 @@ def end(what: str, findings: Iterable[Finding]) -> None:
 
 def dump(data: Any) -> str:
     """JSON as all files and ``--json`` write it: what is not a number is null."""
-    from calibration.result import json_text
+    from tcdyn.core.result import json_text
 
     return json_text(data)

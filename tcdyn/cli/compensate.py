@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args
 
 import typer
 
-from calibration.errors import InputError
 from tcdyn.cli.common import (
     OptionalRecordFiles,
     OwnRigFile,
@@ -22,10 +21,11 @@ from tcdyn.cli.common import (
     stages,
 )
 from tcdyn.cli.tables import SensorFiles, TableColumns, TableReading, of_table, only_with_records
+from tcdyn.core.errors import InputError
 
 if TYPE_CHECKING:
-    from tcdyn.pipeline.compensate import CompensatedLog
-    from tcdyn.pipeline.stretches import Way
+    from tcdyn.workflows.compensate import CompensatedLog
+    from tcdyn.workflows.segments import Way
 
 
 @grouped
@@ -105,10 +105,10 @@ def compensate(
 
     Any other table: tcdyn compensate kiln.csv --sensor probe.sensor.json --out kiln.compensated.csv
     """
-    from calibration.files.write import write_text
-    from calibration.opened import records_by_disk, rig_of
-    from calibration.rig import load_rig
-    from tcdyn.pipeline import compensate_log
+    from tcdyn.io.write import write_text
+    from tcdyn.rig.opened_log import records_by_disk, rig_of
+    from tcdyn.rig.rigfile import load_rig
+    from tcdyn.workflows import compensate_log
 
     if sensor:
         asked = {
@@ -192,8 +192,8 @@ def _words(done: CompensatedLog) -> str:
 
 def _way(method: str, criterion: str | None, bandwidth_Hz: float | None, noise_only: bool) -> Way:
     """The compensator that the options ask for; InputError for options that do not belong together."""
-    from tcdyn.compensate.intensity import Criterion
-    from tcdyn.pipeline.stretches import METHODS, Way
+    from tcdyn.smoothing.process_noise import Criterion
+    from tcdyn.workflows.segments import METHODS, Way
 
     check_choice("--method", method, tuple(m for m in METHODS if m != "noise-only"))
     if noise_only and method != "smoother":
@@ -215,7 +215,7 @@ def _way(method: str, criterion: str | None, bandwidth_Hz: float | None, noise_o
 
 def _numbers(done: CompensatedLog) -> dict[str, Any]:
     """What ``--json`` prints: of a log without noise its channels, one by one."""
-    from calibration.result import jsonable
+    from tcdyn.core.result import jsonable
 
     if done.way.removes_lag:
         return done.to_dict()

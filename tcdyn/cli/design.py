@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from calibration.errors import InputError
 from tcdyn.cli.common import Disk, RigFile, Told, bounded, grouped, spare_inputs
+from tcdyn.core.errors import InputError
 
 if TYPE_CHECKING:
     from tcdyn.campaign.planned import PlannedCampaign
@@ -75,10 +75,10 @@ def design(
 
     Example: tcdyn design --fluid water --bath-degC 80 --bath-degC 95 --noise-K 0.05 --out plan.html
     """
-    from calibration.rig import load_rig
-    from tcdyn.chain.noise import passed_share
+    from tcdyn.chain.logger_noise import passed_share
     from tcdyn.design.compare import compare_tests
     from tcdyn.design.plans import PlungePlan, StepPlan
+    from tcdyn.rig.rigfile import load_rig
 
     spare_inputs([rig, fluid, campaign], out=out)
     if campaign is not None:
@@ -130,9 +130,9 @@ def _answer(result: Design | PlannedCampaign, out: Path | None, tell: Told) -> N
 def _campaign(
     plan: Path, rig: Path | None, rate_Hz: float, noise_K: float, out: Path | None, tell: Told
 ) -> None:
-    from calibration.files.write import write_text
-    from calibration.rig import load_rig
     from tcdyn.campaign.planned import Logging, predict_campaign, read_plan
+    from tcdyn.io.write import write_text
+    from tcdyn.rig.rigfile import load_rig
 
     if out is not None and out.suffix.lower() != ".csv":
         raise InputError(
@@ -149,7 +149,7 @@ def _campaign(
 
 
 def _write(result: Design, out: Path, assumptions: Sequence[str]) -> None:
-    from calibration.files.write import write_text
+    from tcdyn.io.write import write_text
 
     if out.suffix.lower() == ".csv":
         write_text(out, result.table().to_csv(index=False))

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from calibration.errors import InputError
 from tcdyn.cli.common import (
     OptionalRecordFiles,
     OwnRigFile,
@@ -23,9 +22,10 @@ from tcdyn.cli.common import (
     within,
 )
 from tcdyn.cli.tables import SensorFiles, TableReading, only_with_records
+from tcdyn.core.errors import InputError
 
 if TYPE_CHECKING:
-    from tcdyn.pipeline.causal import Causal
+    from tcdyn.workflows.live import Causal
 
 
 @grouped
@@ -94,11 +94,11 @@ def follow(
 
     Any other table: tcdyn follow kiln.csv --sensor probe.sensor.json --out live.csv
     """
-    from calibration.opened import records_by_disk
-    from calibration.rig import load_rig
-    from tcdyn.pipeline.causal import Settings
-    from tcdyn.pipeline.follow import follow as run
-    from tcdyn.sensor import read_sensor
+    from tcdyn.rig.opened_log import records_by_disk
+    from tcdyn.rig.rigfile import load_rig
+    from tcdyn.sensors import read_sensor
+    from tcdyn.workflows.follow import follow as run
+    from tcdyn.workflows.live import Settings
 
     if bool(record) == bool(sensor):
         raise InputError(

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from calibration.errors import InputError
 from tcdyn.cli.common import (
     Told,
     as_option,
@@ -22,6 +21,7 @@ from tcdyn.cli.common import (
     spare_inputs,
     within,
 )
+from tcdyn.core.errors import InputError
 
 if TYPE_CHECKING:
     from tcdyn.identify import Model
@@ -158,11 +158,11 @@ def identify(
 
     Example: tcdyn identify step.csv --input probe_degC --output a_degC --models P1D,P2D --report step.html
     """
-    from calibration.disk import FILTER_SHAPES, Conditioning
-    from calibration.files.write import write_text
     from tcdyn.chain import NO_CONDITIONING
     from tcdyn.identify import compare, from_csv, joint_table, read_identified
     from tcdyn.identify.disturbance import BASELINES, NOISES
+    from tcdyn.io.write import write_text
+    from tcdyn.rig.disk import FILTER_SHAPES, Conditioning
 
     if gain is not None and abs(gain) < 1e-12:
         raise InputError(
@@ -296,9 +296,9 @@ def response(
     """
     import pandas as pd
 
-    from calibration.files.write import write_text
-    from calibration.finding import doubts
+    from tcdyn.core.findings import doubts
     from tcdyn.identify import CANDIDATES, Response, fit_response, read_identified
+    from tcdyn.io.write import write_text
 
     check_choice("--form", form, ("magnitude", "dB", "complex"))
     both = columns("--columns", columns_)

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from calibration.errors import InputError
 from tcdyn.cli.common import (
     Disk,
     Json,
@@ -21,6 +20,7 @@ from tcdyn.cli.common import (
     grouped,
     spare_inputs,
 )
+from tcdyn.core.errors import InputError
 
 app = typer.Typer(
     name="record",
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from calibration.compare import RecordDiff
-    from calibration.record import ChainRecord, DiskRecord
+    from tcdyn.rig.record import ChainRecord, DiskRecord
 
 RecordPath = Annotated[Path, typer.Argument(help="*.disk.json")]
 
@@ -45,7 +45,7 @@ def show(record: RecordPath, json_: Json = False) -> None:
 
     Example: tcdyn record show fast.disk.json
     """
-    from calibration.record import read_record
+    from tcdyn.rig.record import read_record
 
     found = read_record(record)
     if json_:
@@ -57,8 +57,8 @@ def show(record: RecordPath, json_: Json = False) -> None:
 
 def _show(found: DiskRecord) -> None:
     """The record in words."""
-    from calibration.finding import once
-    from calibration.lines.static import lines_table
+    from tcdyn.core.findings import once
+    from tcdyn.rig.static_line import lines_table
 
     console = Console()
     console.print(f"disk {found.disk}, made {found.made}")
@@ -88,7 +88,7 @@ def diff(
     Example: tcdyn record diff fast.2026.disk.json fast.disk.json
     """
     from calibration.compare import diff_records
-    from calibration.record import read_record
+    from tcdyn.rig.record import read_record
 
     console = Console()
     found = diff_records(read_record(old), read_record(new))
@@ -111,8 +111,8 @@ def check(record: RecordPath, *, tell: Told) -> None:
     Example: tcdyn record check fast.disk.json
     """
     from calibration.compare import check_record
-    from calibration.finding import sentences
-    from calibration.record import read_record
+    from tcdyn.core.findings import sentences
+    from tcdyn.rig.record import read_record
 
     doubts = sentences(check_record(read_record(record)))
     tell.json(lambda: {"sound": not doubts, "doubts": doubts})
@@ -141,7 +141,7 @@ def rig(
 
     Example: tcdyn rig --show > rig.toml writes a file to start from; tcdyn rig --rig rig.toml checks it.
     """
-    from calibration.rig import load_rig, rig_toml
+    from tcdyn.rig.rigfile import load_rig, rig_toml
 
     found = load_rig(file)
     if show and not tell.quiet:
@@ -179,9 +179,9 @@ def transducer(
 
     Example: tcdyn transducer weights.csv --out cell.json; tcdyn transducer torque.csv --of friction
     """
-    from calibration.files import read_numbers
-    from calibration.files.write import write_text
-    from calibration.lines.transducers import fit_transducer
+    from calibration.transducers import fit_transducer
+    from tcdyn.io.read import read_numbers
+    from tcdyn.io.write import write_text
 
     if of is not None:
         check_choice("--of", of, ("load", "friction"))
@@ -233,8 +233,8 @@ def spot(
 
     Example: tcdyn spot spot_fast.csv --disk fast >> rig.toml
     """
-    from calibration.files import read_numbers
-    from calibration.stated.surface import fit_surface_flux
+    from tcdyn.io.read import read_numbers
+    from tcdyn.rig.surface_flux import fit_surface_flux
 
     points = read_numbers(table, ("temperature_degC", "flux_W_m2"))
     try:

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from calibration.errors import InputError
 from tcdyn.cli.common import Told, bounded, check_choice, end, grouped, spare_inputs
 from tcdyn.cli.tables import TableReading, value_and_u
+from tcdyn.core.errors import InputError
 
 if TYPE_CHECKING:
-    from calibration.disk import Conditioning
-    from calibration.finding import Finding
-    from calibration.record import InputFile
-    from tcdyn.sensor import SensorFile
+    from tcdyn.core.findings import Finding
+    from tcdyn.rig.disk import Conditioning
+    from tcdyn.rig.record import InputFile
+    from tcdyn.sensors import SensorFile
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -46,7 +46,7 @@ class Made:
 
     def finish(self, sensor: SensorFile, tell: Told, log: Path | None = None) -> None:
         """Write the file, say what it holds; exit 1 where something asks to be looked at."""
-        from tcdyn.sensor import read_sensor, write_sensor
+        from tcdyn.sensors import read_sensor, write_sensor
 
         spare_inputs([log], out=self.out)
         write_sensor(sensor, self.out)
@@ -78,8 +78,8 @@ class Filter:
 
     def conditioning(self) -> Conditioning:
         """The filter that was stated, none if it was not."""
-        from calibration.disk import FILTER_SHAPES, Conditioning
         from tcdyn.chain import NO_CONDITIONING
+        from tcdyn.rig.disk import FILTER_SHAPES, Conditioning
 
         check_choice("--shape", self.shape, FILTER_SHAPES)
         if self.cutoff_hz is None:
@@ -109,7 +109,7 @@ def new(
 
     Example: tcdyn sensor new --tau-s 1.5+-0.1 --column T1 --out probe.sensor.json
     """
-    from tcdyn.sensor import stated
+    from tcdyn.sensors import stated
 
     made = stated(
         to.called,
@@ -132,7 +132,7 @@ def show(
 
     Example: tcdyn sensor show probe.sensor.json
     """
-    from tcdyn.sensor import read_sensor
+    from tcdyn.sensors import read_sensor
 
     sensor = read_sensor(file)
     tell.json(sensor.to_dict)
@@ -177,8 +177,8 @@ def plunge(
 
     Example: tcdyn sensor plunge dip.csv --column T1 --out probe.sensor.json --medium water --diameter-mm 3
     """
-    from tcdyn.sensor.film import Film
-    from tcdyn.sensor.plunge import plunge_sensor
+    from tcdyn.sensors.plunge import plunge_sensor
+    from tcdyn.sensors.surface_h import Film
 
     if (medium is None) != (diameter_mm is None):
         raise InputError("--medium and --diameter-mm go together", remedy="give both, or none")
@@ -230,7 +230,7 @@ def pair(
 
     Example: tcdyn sensor pair exhaust.csv --columns T1,T2 --speed flow_m_s --out pair.sensor.json
     """
-    from tcdyn.sensor.pair import pair_sensor
+    from tcdyn.sensors.pair import pair_sensor
 
     wanted = [c.strip() for c in columns.split(",")]
     if len(wanted) != 2 or wanted[0] == wanted[1]:
@@ -275,7 +275,7 @@ def current(
 
     Example: tcdyn sensor current lcsr.csv --column R1 --current I_mA --out pipe.sensor.json
     """
-    from tcdyn.sensor.current import current_sensor
+    from tcdyn.sensors.current import current_sensor
 
     t, values, found, names = read(log, [column], reading, (current,))
     made = current_sensor(
@@ -298,7 +298,7 @@ def noise(
 
     Example: tcdyn sensor noise steady.csv --column T1 --out pipe.sensor.json
     """
-    from tcdyn.sensor.fluctuations import noise_sensor
+    from tcdyn.sensors.noise import noise_sensor
 
     t, values, found, names = read(log, [column], reading)
     made = noise_sensor(t, values[0], names[0], sensor=to.called, inputs=[source(log)])
@@ -309,8 +309,8 @@ def read(
     log: Path, columns: list[str], reading: TableReading, plain: tuple[str, ...] = ()
 ) -> tuple[Any, list[Any], list[Finding], list[str]]:
     """Even times [s], columns (temperatures [degC] first, then the ``plain`` ones as logged), findings, their names."""
-    from tcdyn.sensor.table import open_source, read_columns
-    from tcdyn.sensor.units import cold_column, matching, units_of
+    from tcdyn.sensors.table import open_source, read_columns
+    from tcdyn.sensors.units import cold_column, matching, units_of
 
     options = reading.options()
     opened = open_source(log, reading.time, [*columns, *plain], reading.time_unit)
@@ -337,8 +337,8 @@ def read(
 
 def source(log: Path) -> InputFile:
     """What the file says of the table it was made from."""
-    from calibration.files import sha256
-    from calibration.record import InputFile
+    from tcdyn.io.read import sha256
+    from tcdyn.rig.record import InputFile
 
     return InputFile(file=log.name, sha256=sha256(log))
 
@@ -346,8 +346,8 @@ def source(log: Path) -> InputFile:
 def with_findings(sensor: SensorFile, found: list[Finding], duration_s: float) -> SensorFile:
     """The sensor with the findings of the reader before those of the fit, and a warning for each lag whose standard
     uncertainty exceeds ``duration_s`` of the record [s]."""
-    from calibration.finding import look
-    from tcdyn.sensor.table import once_each
+    from tcdyn.core.findings import look
+    from tcdyn.sensors.table import once_each
 
     for column, channel in sensor.chain.channels.items():
         if channel.lag_s.u > duration_s:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
-from calibration.errors import InputError
 from tcdyn.cli.common import (
     Disk,
     Told,
@@ -23,6 +22,7 @@ from tcdyn.cli.common import (
     within,
 )
 from tcdyn.cli.record import rich_table
+from tcdyn.core.errors import InputError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -72,7 +72,7 @@ class Drawn:
 
     def truth(self) -> RigTruth:
         """What is true of it."""
-        from calibration.rig import load_rig
+        from tcdyn.rig.rigfile import load_rig
         from tcdyn.simulate.truth import CLEAN, draw_truth
 
         truth = draw_truth(self.seed, load_rig(self.rig), uncertain=self.uncertain)
@@ -201,7 +201,7 @@ def campaign(
 
     Example: tcdyn simulate campaign --out lab --test B3 --test D4 --seed 7
     """
-    from calibration.rig import load_rig
+    from tcdyn.rig.rigfile import load_rig
     from tcdyn.simulate.campaign import ALL_TESTS, DEFAULT_PLUNGES, PlannedPlunge, simulate_campaign
 
     tests = tuple(test or ("B3",))
@@ -241,9 +241,9 @@ def demo(
 
     Example: tcdyn demo --out demo --seed 4 --test A1 --test D4
     """
-    from tcdyn.pipeline import run_demo
     from tcdyn.report.beta import write_beta_report
     from tcdyn.report.sources import sources_of
+    from tcdyn.workflows import run_demo
 
     with stages(tell.silent, verbose) as progress:
         run = run_demo(out, seed, tuple(test or ("B3",)), progress=progress)
@@ -299,7 +299,7 @@ def _again(said: str) -> tuple[float, float]:
 
 def contacts(said: list[str] | None) -> dict[str, BoreContact]:
     """What ``--uneven`` says of each disk's bore."""
-    from calibration.disk import DISKS
+    from tcdyn.rig.disk import DISKS
     from tcdyn.simulate.truth import BoreContact
 
     contacts: dict[str, BoreContact] = {}

@@ -8,8 +8,8 @@ from typing import Annotated, Any
 
 import typer
 
-from calibration.errors import InputError
 from tcdyn.cli.common import Told, end, spare_inputs, stages
+from tcdyn.core.errors import InputError
 
 SensorFiles = Annotated[
     list[Path] | None,
@@ -115,9 +115,9 @@ def of_table(
     log: Path, files: list[Path], out: Path, options: dict[str, Any], tell: Told, verbose: bool
 ) -> None:
     """Compensate a table, say what came of it; exit 1 where something asks to be looked at."""
-    from tcdyn.pipeline.sensors import compensate_table
-    from tcdyn.sensor import read_sensor
-    from tcdyn.sensor.table import once_each
+    from tcdyn.sensors import read_sensor
+    from tcdyn.sensors.table import once_each
+    from tcdyn.workflows.compensate_table import compensate_table
 
     spare_inputs([log, *files], out=out)
     sensors = [read_sensor(path) for path in files]

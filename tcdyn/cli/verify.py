@@ -51,7 +51,7 @@ def verify(
     if not tell.silent:
         _print(rows, why)
     if csv is not None:
-        from calibration.files.write import write_text
+        from tcdyn.io.write import write_text
 
         write_text(csv, _frame(rows).to_csv(index=False))
     if report is not None:
@@ -131,7 +131,7 @@ SHOWN = (
 
 
 def _report(rows: Sequence[VerifyRow], path: Path) -> None:
-    from calibration.finding import look
+    from tcdyn.core.findings import look
     from tcdyn.plots.conduction import verify_figures
     from tcdyn.report.page import Section, write_page
 

@@ -8,11 +8,10 @@ from typing import Any
 
 import pandas as pd
 
-from calibration.disk import DiskSetup
-from calibration.errors import InputError
-from calibration.result import Result, jsonable
-from calibration.rig import UncertaintyTable
-from tcdyn.design import PredictedTest, combined
+from immersion.plunge_parameters import PlungePriors
+from tcdyn.core.errors import InputError
+from tcdyn.core.result import Result, jsonable
+from tcdyn.core.threads import one_blas_thread
 from tcdyn.design.plans import (
     PlungePlan,
     StepPlan,
@@ -21,8 +20,9 @@ from tcdyn.design.plans import (
     predict_step,
     predict_touches,
 )
-from tcdyn.plunge import PlungePriors
-from tcdyn.threads import one_blas_thread
+from tcdyn.design.prediction import PredictedTest, combined
+from tcdyn.rig.disk import DiskSetup
+from tcdyn.rig.rigfile import UncertaintyTable
 
 LEAST_OWN_LAG_S = 0.01
 COMMON = (

@@ -12,22 +12,22 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.special import erfc
 
-from calibration import Array
-from calibration.disk import DiskSetup
 from immersion.correlations import correlation as find_correlation
 from immersion.cylinder import Cylinder
-from immersion.events import EntryEvent
+from immersion.entry import EntryEvent
 from immersion.fluids import Fluid, fluid
+from immersion.plunge_data import PlungeBlocks, PlungeRun, RunNoise, make_averages
+from immersion.plunge_fit import full_prior
+from immersion.plunge_model import build_run_models
+from immersion.plunge_parameters import H_KINDS, PlungeParameters, PlungePriors, stages
+from immersion.plunge_posterior import PlungeProblem
 from immersion.radial import simulate_plunge_model
 from tcdyn.chain import Chain
-from tcdyn.conduction.modal import rim_gains
-from tcdyn.conduction.rim import Mesh, Rim, Switch, lag_bank, node_rates, points_of
-from tcdyn.design import PredictedTest, covariance, from_covariances, slopes
-from tcdyn.plunge import H_KINDS, PlungeParameters, PlungePriors, stages
-from tcdyn.plunge.fit import full_prior
-from tcdyn.plunge.model import build_run_models
-from tcdyn.plunge.posterior import PlungeProblem
-from tcdyn.plunge.run import PlungeBlocks, PlungeRun, RunNoise, make_averages
+from tcdyn.core import Array
+from tcdyn.design.prediction import PredictedTest, covariance, from_covariances, slopes
+from tcdyn.heat.modal import rim_gains
+from tcdyn.heat.rim import Mesh, Rim, Switch, lag_bank, node_rates, points_of
+from tcdyn.rig.disk import DiskSetup
 
 SPLIT_SD = 1.5  # prior standard deviation of the logit by which a lag is split into two
 EXPECTED_REL = 0.2  # by how much the lag that is expected may be off

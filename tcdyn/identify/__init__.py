@@ -34,16 +34,17 @@ array([-0.01])
 """
 
 from tcdyn.chain.rational import simulate
-from tcdyn.identify.choose import CANDIDATES, Comparison, compare, held_out_score, joint_table
-from tcdyn.identify.data import IOData, Run
-from tcdyn.identify.data.tables import from_csv, from_frame
+from tcdyn.identify.comparison import CANDIDATES, Comparison, compare, joint_table
 from tcdyn.identify.fit import fit
 from tcdyn.identify.frequency import Response, fit_response
+from tcdyn.identify.heldout import held_out_score
 from tcdyn.identify.identified import Identified, from_control, read_identified
 from tcdyn.identify.intervals import profile
+from tcdyn.identify.iodata import IOData, Run
 from tcdyn.identify.models import Known, Model, chain_model, process, several, transfer
 from tcdyn.identify.responses import bode_band, percent_times, roots_of, step_band
 from tcdyn.identify.search import Fit
+from tcdyn.identify.tables import from_csv, from_frame
 from tcdyn.identify.validate import Validation, confirm, validate
 
 __all__ = [

@@ -7,12 +7,12 @@ from itertools import combinations
 
 import numpy as np
 
-from calibration.errors import InputError
 from tcdyn.chain.rational import Factor, Rational, realise, simulate_rows
-from tcdyn.identify.data import REPEATED
+from tcdyn.core.errors import InputError
 from tcdyn.identify.models import process
 from tcdyn.identify.problem import Posed
-from tcdyn.identify.start import explained, filled
+from tcdyn.identify.segments import REPEATED
+from tcdyn.identify.starting_values import explained, filled
 
 LEADS = 12  # lags of which two make a lead
 REFINED = 4  # times the row of lags is narrowed to its cube root and less: from a factor 3 to 1 %

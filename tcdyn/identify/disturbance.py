@@ -12,12 +12,12 @@ from scipy.ndimage import median_filter
 from scipy.optimize import minimize
 from scipy.special import logsumexp, softmax
 
-from calibration import Array
-from calibration.noise import MAD_TO_SD
 from tcdyn.chain.rational import realise, simulate_rows
-from tcdyn.fitting import Noise, Optimum, fit_ar, fit_arma
-from tcdyn.fitting.average import NoiseGrid, Slopes, moments, widest
-from tcdyn.fitting.noise import coefficients, partials
+from tcdyn.core import Array
+from tcdyn.estimation import Noise, Optimum, fit_ar, fit_arma
+from tcdyn.estimation.arma import coefficients, partials
+from tcdyn.estimation.noise_average import NoiseGrid, Slopes, moments, widest
+from tcdyn.estimation.trace_noise import MAD_TO_SD
 from tcdyn.identify.problem import Posed
 from tcdyn.identify.search import rms, root_of, search
 

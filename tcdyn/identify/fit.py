@@ -9,12 +9,13 @@ from typing import Literal
 
 import numpy as np
 
-from calibration import Array
-from calibration.errors import InputError
-from calibration.finding import Finding, look
-from tcdyn.fitting import Loss, Noise, Optimum, Status, determined, minimise
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.core.findings import Finding, look
+from tcdyn.core.threads import one_blas_thread
+from tcdyn.estimation import Loss, Noise, Optimum, Status, determined, minimise
 from tcdyn.identify.causality import check_causality
-from tcdyn.identify.data import SHORTEST, IOData, check_closed_loop
+from tcdyn.identify.closed_loop import check_closed_loop
 from tcdyn.identify.disturbance import (
     DECISIVE,
     Baseline,
@@ -28,6 +29,7 @@ from tcdyn.identify.disturbance import (
 )
 from tcdyn.identify.identified import Identified
 from tcdyn.identify.intervals import Covariance, covariance_of, profiled
+from tcdyn.identify.iodata import IOData
 from tcdyn.identify.models import Model, as_model, bare, beside, suffix
 from tcdyn.identify.problem import Initial, Posed
 from tcdyn.identify.search import (
@@ -41,9 +43,9 @@ from tcdyn.identify.search import (
     rms,
     search,
 )
-from tcdyn.identify.start import alone, polished, starts
+from tcdyn.identify.segments import SHORTEST
+from tcdyn.identify.starting_values import alone, polished, starts
 from tcdyn.identify.validate import coloured, disturbed, undriven, validate
-from tcdyn.threads import one_blas_thread
 
 Intervals = Literal["auto", "quadratic", "profile"]
 
@@ -169,7 +171,8 @@ def with_noise(
 ) -> Fit:
     """``found`` with the disturbance that is asked for, or where the data choose that the residuals ask for.
 
-    First-order disturbances of any time constant are averaged over (:mod:`tcdyn.fitting.average`); only what leaves
+    First-order disturbances of any time constant are averaged over (:mod:`tcdyn.estimation.noise_average`); only
+    what leaves
     coloured innovations is sought among those of higher order, by BIC. What is asked for by name is never left out.
     Where noise may be slow a robust loss stands for the samples that :func:`unspiked` moves.
     """

@@ -11,19 +11,19 @@ import numpy as np
 from numpy.polynomial.polynomial import polyval
 from scipy.special import chdtrc
 
-from calibration import Array
-from calibration.errors import InputError
-from calibration.files import open_table
-from calibration.finding import Finding, look, note
 from tcdyn.chain.rational import Complex
-from tcdyn.fitting import Optimum, Problem, determined, least, minimise
-from tcdyn.identify.data.tables import numbers, table_of
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.core.findings import Finding, look, note
+from tcdyn.core.threads import one_blas_thread
+from tcdyn.estimation import Optimum, Problem, determined, least, minimise
 from tcdyn.identify.identified import Identified
 from tcdyn.identify.models import Model, as_model
 from tcdyn.identify.search import beyond, criteria
-from tcdyn.identify.start import from_poles, spread, stabilised
+from tcdyn.identify.starting_values import from_poles, spread, stabilised
+from tcdyn.identify.tables import numbers, table_of
 from tcdyn.identify.validate import ALARM
-from tcdyn.threads import one_blas_thread
+from tcdyn.io.read import open_table
 
 DELAYS = 13
 TAUS = 9

@@ -13,18 +13,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from calibration import Array
-from calibration.disk import Conditioning
-from calibration.errors import InputError
-from calibration.estimate import Estimate, rounded
-from calibration.finding import Finding, graded, look
-from calibration.result import Result, jsonable
-from calibration.spelling import Spelling, as_argument
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.chain.rational import Start, simulate
-from tcdyn.identify.data import Hold
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.core.estimate import Estimate, rounded
+from tcdyn.core.findings import Finding, graded, look
+from tcdyn.core.result import Result, jsonable
+from tcdyn.core.spelling import Spelling, as_argument
+from tcdyn.identify.iodata import Hold
 from tcdyn.identify.models import Known, Model, several, transfer
 from tcdyn.identify.responses import Dynamics, percent_times
+from tcdyn.rig.disk import Conditioning
 
 if TYPE_CHECKING:
     import control

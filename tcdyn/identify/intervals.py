@@ -8,11 +8,11 @@ from typing import Literal
 import numpy as np
 from scipy.special import stdtrit
 
-from calibration import Array
-from calibration.estimate import Z95, Estimate
-from calibration.finding import look
-from tcdyn.fitting import Loss, Optimum, inverse, robust_covariance, sandwich
-from tcdyn.fitting import profile as walk
+from tcdyn.core import Array
+from tcdyn.core.estimate import Z95, Estimate
+from tcdyn.core.findings import look
+from tcdyn.estimation import Loss, Optimum, inverse, robust_covariance, sandwich
+from tcdyn.estimation import profile as walk
 from tcdyn.identify.models import bare, suffix
 from tcdyn.identify.problem import Posed
 from tcdyn.identify.search import Fit, first_moment

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from calibration import Array, Flags
-from calibration.disk import Conditioning
-from calibration.errors import InputError
 from tcdyn.chain import NO_CONDITIONING, Structure, cement_lags
 from tcdyn.chain.rational import Factor, Rational, product
+from tcdyn.core import Array, Flags
+from tcdyn.core.errors import InputError
+from tcdyn.rig.disk import Conditioning
 
 UNITS = {
     "Kp": "",

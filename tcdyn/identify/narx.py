@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 from scipy.optimize import least_squares, newton
 
-from calibration import Array
-from calibration.errors import InputError
-from calibration.estimate import Estimate
-from calibration.result import jsonable
-from tcdyn.fitting import correlation_length
-from tcdyn.identify.data import IOData
-from tcdyn.identify.level import LevelLag, level_lag
-from tcdyn.threads import one_blas_thread
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.core.estimate import Estimate
+from tcdyn.core.result import jsonable
+from tcdyn.core.threads import one_blas_thread
+from tcdyn.estimation import correlation_length
+from tcdyn.identify.iodata import IOData
+from tcdyn.identify.level_lag import LevelLag, level_lag
 
 # of a weight, for slopes; of the bootstrap
 STEP = 1e-5

@@ -10,13 +10,13 @@ from typing import Literal
 
 import numpy as np
 
-from calibration import Array, Flags
-from calibration.noise import rounding_sd
 from tcdyn.chain.rational import Rational, Realisation, Start, free_rows, realise, simulate_rows
-from tcdyn.fitting import Noise, Problem
-from tcdyn.fitting.noise import equation_error
-from tcdyn.identify.data import Segment
+from tcdyn.core import Array, Flags
+from tcdyn.estimation import Noise, Problem
+from tcdyn.estimation.arma import equation_error
+from tcdyn.estimation.trace_noise import rounding_sd
 from tcdyn.identify.models import Model, bare
+from tcdyn.identify.segments import Segment
 
 Initial = Literal["equilibrium", "zero", "estimated"]
 
@@ -322,7 +322,8 @@ class Posed:
         return (residual * root, (jacobian.T * root).T) if np.isfinite(residual).all() else None
 
     def core(self, noise: Noise | None = None, root: Array | float = 1.0) -> Problem:
-        """The problem as :mod:`tcdyn.fitting` solves it; residuals times ``root`` (N,), then whitened by ``noise``, or
+        """The problem as :mod:`tcdyn.estimation` solves it; residuals times ``root`` (N,), then whitened by
+        ``noise``, or
         of a model whose poles colour its noise by them."""
 
         def evaluate(x: Array) -> tuple[Array, Array] | None:

@@ -8,10 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
-from calibration import Array
-from calibration.errors import InputError
-from calibration.estimate import Z95, Estimate
 from tcdyn.chain.rational import Rational, realise, simulate_rows
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.core.estimate import Z95, Estimate
 from tcdyn.identify.models import Known, Model
 
 PERCENT_TIMES = {"t50": 0.5, "t63.2": 1 - float(np.exp(-1)), "t90": 0.9}

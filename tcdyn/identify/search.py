@@ -10,17 +10,18 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 
-from calibration import Array
-from calibration.errors import InputError
-from calibration.estimate import Estimate
-from calibration.finding import Finding
-from calibration.result import Result
-from tcdyn.fitting import Loss, Noise, Optimum, Problem, least, minimise
-from tcdyn.identify.data import SHORTEST, IOData, cut, input_noise_sd
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.core.estimate import Estimate
+from tcdyn.core.findings import Finding
+from tcdyn.core.result import Result
+from tcdyn.estimation import Loss, Noise, Optimum, Problem, least, minimise
 from tcdyn.identify.identified import Identified
+from tcdyn.identify.iodata import IOData
 from tcdyn.identify.models import Model, bare, beside, suffix
 from tcdyn.identify.problem import Initial, Posed
-from tcdyn.identify.start import starts
+from tcdyn.identify.segments import SHORTEST, cut, input_noise_sd
+from tcdyn.identify.starting_values import starts
 
 
 @dataclass(frozen=True)

@@ -15,14 +15,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, fdtrc, ndtri
 
-from calibration import Array
-from calibration.errors import InputError
-from calibration.finding import Finding, look, note
-from calibration.spelling import Spelling, as_argument
-from tcdyn.fitting import Noise, autocovariance, fit_ar, inverse, orthonormal, sandwich
-from tcdyn.identify.data import IOData, Segment
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.core.findings import Finding, look, note
+from tcdyn.core.spelling import Spelling, as_argument
+from tcdyn.estimation import Noise, autocovariance, fit_ar, inverse, orthonormal, sandwich
+from tcdyn.identify.iodata import IOData
 from tcdyn.identify.problem import Posed
 from tcdyn.identify.search import Fit, pose
+from tcdyn.identify.segments import Segment
 
 DRIFT = 0.5  # correlation of residuals with time from which a drift is told: a quarter of their variance
 DRIVEN = 1e-3  # p of the input's test below which dynamics are missed, and no disturbance is sought

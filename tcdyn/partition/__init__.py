@@ -1,1 +1,1 @@
-"""Heat partition: the steady lines, the cooling fit, the joint fit and their cross-check."""
+"""Heat partition: steady lines, cooling fit, joint fit, sensor check, and their cross-check."""

@@ -11,22 +11,13 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from calibration.disk import DISKS
-from calibration.errors import InputError
-from calibration.estimate import Estimate
-from calibration.finding import Finding, Grade, doubts, look, note, sentences
 from tcdyn.chain import Chain
-from tcdyn.compensate.record import Compensated
-from tcdyn.conduction.rim import Profile
-from tcdyn.partition.alternatives import (
-    OFF_SCALE,
-    WAYS,
-    Alternatives,
-    alternatives,
-    impossible,
-    power_scale,
-    withheld,
-)
+from tcdyn.core.errors import InputError
+from tcdyn.core.estimate import Estimate
+from tcdyn.core.findings import Finding, Grade, doubts, look, note, sentences
+from tcdyn.heat.rim import Profile
+from tcdyn.partition.angular_harmonic import Unevenness, harmonic_K
+from tcdyn.partition.at_rest import cables_exchanged
 from tcdyn.partition.cooling import (
     Alone,
     CoolingFit,
@@ -45,10 +36,18 @@ from tcdyn.partition.cooling import (
 from tcdyn.partition.crosscheck import Budget, CrossCheck, cross_check, monte_carlo, tensions
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import JOINT_WINDOW_S, BothFit, DiskFit, joint_fits
+from tcdyn.partition.model_forms import (
+    OFF_SCALE,
+    WAYS,
+    Alternatives,
+    alternatives,
+    impossible,
+    power_scale,
+    withheld,
+)
+from tcdyn.partition.press_fit import stated_round
 from tcdyn.partition.profile import joint_profiles
-from tcdyn.partition.sensors import SensorCheck, cables_exchanged, check_sensors
-from tcdyn.partition.statement.fit import stated_round
-from tcdyn.partition.statement.surface import log_h_prior, with_surfaces
+from tcdyn.partition.sensor_check import SensorCheck, check_sensors
 from tcdyn.partition.steady import (
     DiskLine,
     SpeedLawPoint,
@@ -56,8 +55,10 @@ from tcdyn.partition.steady import (
     at_own_temperature,
     steady_lines,
 )
-from tcdyn.partition.uneven import Unevenness, harmonic_K
+from tcdyn.partition.surface_flux import log_h_prior, with_surfaces
 from tcdyn.partition.window import DiskWindow, stretch_of
+from tcdyn.rig.disk import DISKS
+from tcdyn.smoothing.record import Compensated
 
 # of the cooling fit; a channel at rest that is off by more reads something else
 WINDOW_S = 5.0

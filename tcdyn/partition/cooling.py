@@ -8,17 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from calibration import Array
-from calibration.errors import InputError
-from calibration.estimate import Estimate
 from tcdyn.chain import Chain
-from tcdyn.compensate.record import Compensated
-from tcdyn.compensate.smoother import smooth
-from tcdyn.conduction.rim import Profile
-from tcdyn.partition.effects import Effects, effects
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.core.estimate import Estimate
+from tcdyn.heat.rim import Profile
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import Starts, disk_fit
-from tcdyn.partition.statement.surface import still
+from tcdyn.partition.nuisance import Effects, effects
 from tcdyn.partition.steady import (
     LAST_S,
     LEVELLED_S,
@@ -30,8 +27,11 @@ from tcdyn.partition.steady import (
     SteadyLine,
     surface_degC,
 )
+from tcdyn.partition.surface_flux import still
 from tcdyn.partition.window import DiskWindow, disk_window, lagged_window, stretch_of
-from tcdyn.traces import DiskTraces
+from tcdyn.smoothing.record import Compensated
+from tcdyn.smoothing.smoother import smooth
+from tcdyn.smoothing.traces import DiskTraces
 
 H_RANGE_W_M2K = (5.0, 8000.0)
 MATCH_S = 10.0  # the model is matched to the readings over this long before parting

@@ -15,17 +15,17 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.special import ndtr
 
-from calibration import Array
-from calibration.disk import DISKS
-from calibration.estimate import Estimate
-from calibration.finding import Finding, look, note
-from tcdyn.partition.alternatives import Alternatives
+from tcdyn.core import Array
+from tcdyn.core.estimate import Estimate
+from tcdyn.core.findings import Finding, look, note
 from tcdyn.partition.cooling import CoolingFit, CoolingShift
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import LEAST_LAG_U_S, BothFit, DiskFit
-from tcdyn.partition.sensors import SensorCheck
-from tcdyn.partition.sensors.faults import DepthTest
+from tcdyn.partition.model_forms import Alternatives
+from tcdyn.partition.sensor_check import SensorCheck
+from tcdyn.partition.sensor_faults import DepthTest
 from tcdyn.partition.steady import DiskLine, FitShift, speed_law_beta
+from tcdyn.rig.disk import DISKS
 
 DEPTH_ALARM = 0.03  # with the pairs of ways beyond three and the other values, alarms stay below 7 % of sound tests
 OTHER_ALARM = 0.01

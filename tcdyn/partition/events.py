@@ -10,14 +10,14 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-from calibration import Array
-from calibration.errors import InputError
-from calibration.finding import Finding, look, note
-from calibration.noise import bridged, middle
-from tcdyn.contact import LEAST_ZERO, NOTHING_ADDED, STRAIGHT_FALL, Events, FrictionAdded
-from tcdyn.partition.parting import NEAR_S, parting_of
-from tcdyn.partition.uneven import Unevenness
-from tcdyn.traces import DiskTraces
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.core.findings import Finding, look, note
+from tcdyn.estimation.trace_noise import bridged, middle
+from tcdyn.partition.angular_harmonic import Unevenness
+from tcdyn.partition.unloading import NEAR_S, parting_of
+from tcdyn.rig.contact import LEAST_ZERO, NOTHING_ADDED, STRAIGHT_FALL, Events, FrictionAdded
+from tcdyn.smoothing.traces import DiskTraces
 
 SHORTEST_CONTACT_S = 20.0  # a shorter contact is a touch, not a test
 BOUNCE_S = 0.5

@@ -13,15 +13,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from calibration import Array
-from calibration.disk import DISKS
-from calibration.errors import InputError
-from calibration.estimate import Estimate
-from calibration.noise import white_noise_sd
 from tcdyn.chain import Chain, equalised
-from tcdyn.conduction.rim import Profile, bank_means
-from tcdyn.fitting import Optimum, Problem, from_rows, minimise, wave_factor
-from tcdyn.partition.effects import (
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.core.estimate import Estimate
+from tcdyn.estimation import Optimum, Problem, from_rows, minimise, wave_factor
+from tcdyn.estimation.trace_noise import white_noise_sd
+from tcdyn.heat.rim import Profile, bank_means
+from tcdyn.partition.angular_harmonic import ROUND, Unevenness, Unmeasured, found_in
+from tcdyn.partition.events import EhlTest
+from tcdyn.partition.nuisance import (
     LOG_H,
     LOG_LAGS,
     LOG_TAU2,
@@ -33,12 +34,11 @@ from tcdyn.partition.effects import (
     lags,
     with_lags,
 )
-from tcdyn.partition.events import EhlTest
-from tcdyn.partition.statement.surface import SURFACE_SLOPE, log_h_prior
 from tcdyn.partition.steady import FitShift
-from tcdyn.partition.uneven import ROUND, Unevenness, Unmeasured, found_in
+from tcdyn.partition.surface_flux import SURFACE_SLOPE, log_h_prior
 from tcdyn.partition.window import DiskWindow, RimMeans, disk_window, power_seen, stretch_of
-from tcdyn.traces import NOISE_ORDER, DiskTraces
+from tcdyn.rig.disk import DISKS
+from tcdyn.smoothing.traces import NOISE_ORDER, DiskTraces
 
 LARGEST = (np.inf, 0.7, 0.7, 0.7)  # of one step of a search
 SHAPE_SD = 1.5  # log of the second lag: known to a factor of four or so

@@ -18,12 +18,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from calibration import Array
-from calibration.disk import DISKS
-from calibration.estimate import Z95, Estimate
-from calibration.finding import note
-from tcdyn.conduction.rim import cardinal, cardinal_slope, log_nodes
-from tcdyn.fitting import crossing, eliminated, least, minimise, profile
+from tcdyn.core import Array
+from tcdyn.core.estimate import Z95, Estimate
+from tcdyn.core.findings import note
+from tcdyn.estimation import crossing, eliminated, least, minimise, profile
+from tcdyn.heat.rim import cardinal, cardinal_slope, log_nodes
 from tcdyn.partition.joint import (
     LOG_H,
     LOG_LAGS,
@@ -36,6 +35,7 @@ from tcdyn.partition.joint import (
     told,
 )
 from tcdyn.partition.window import POWER
+from tcdyn.rig.disk import DISKS
 
 REACH_U = 7.0  # half-width of the table in standard uncertainties,
 REACH_FOLD = 8.0  # but no farther than this factor

@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from calibration import Array, Flags
-from calibration.disk import DISKS, DiskSetup
-from calibration.errors import InputError
-from tcdyn.conduction.rim import Profile
-from tcdyn.partition.effects import effects, inner_gradient
+from tcdyn.core import Array, Flags
+from tcdyn.core.errors import InputError
+from tcdyn.heat.rim import Profile
+from tcdyn.partition.angular_harmonic import Unmeasured
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.statement.steel import follows_temperature, linear_about
-from tcdyn.partition.uneven import Unmeasured
+from tcdyn.partition.nuisance import effects, inner_gradient
+from tcdyn.partition.steel import follows_temperature, linear_about
 from tcdyn.partition.window import DiskWindow, lagged_window, stretch_of
-from tcdyn.traces import DiskTraces
+from tcdyn.rig.disk import DISKS, DiskSetup
+from tcdyn.smoothing.traces import DiskTraces
 
 H_GRID_W_M2K: Array = np.asarray(np.arange(100.0, 1201.0, 100.0), dtype=np.float64)  # section 4.3
 SHARE_GRID: Array = np.asarray(np.arange(0.1, 1.01, 0.1), dtype=np.float64)

@@ -15,16 +15,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from calibration import Array
-from calibration.disk import DiskSetup
-from calibration.errors import InputError
 from tcdyn.chain import Chain, equalised
-from tcdyn.conduction.flux import track
-from tcdyn.conduction.modal import RimGains
-from tcdyn.conduction.nonuniform import cached_gains
-from tcdyn.conduction.rim import Mesh, Point, Profile, Rim, Switch, bank_means, lag_bank, node_rates
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.heat.flux import track
+from tcdyn.heat.modal import RimGains
+from tcdyn.heat.nonuniform import cached_gains
+from tcdyn.heat.rim import Mesh, Point, Profile, Rim, Switch, bank_means, lag_bank, node_rates
 from tcdyn.partition.events import EhlTest
-from tcdyn.traces import DiskTraces
+from tcdyn.rig.disk import DiskSetup
+from tcdyn.smoothing.traces import DiskTraces
 
 STEADY_S = 150.0  # section 4.3
 FORGET_S = 20.0

@@ -8,7 +8,6 @@ its first argument names, and a matplotlib axes.
 ['draw_plunge', 'draw_plunge_residuals']
 """
 
-from tcdyn.plots.around import draw_round, draw_round_surface
 from tcdyn.plots.calibration import (
     draw_bearing,
     draw_chain,
@@ -24,6 +23,7 @@ from tcdyn.plots.campaign import (
     draw_temperature,
     draw_traction,
 )
+from tcdyn.plots.circumferential import draw_round, draw_round_surface
 from tcdyn.plots.compensate import draw_before_use, draw_compensated, draw_tradeoff
 from tcdyn.plots.conduction import (
     draw_comparison,

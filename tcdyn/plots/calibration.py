@@ -10,11 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
 
-from calibration.lines.static import static_u
-from calibration.lines.static_fit import OvenFit, error_histogram
-from calibration.lines.transducers import BearingFriction, TransducerLine
-from calibration.log import COMPENSATED, Log
-from calibration.record import ChainRecord
+from calibration.static_lines import OvenFit, error_histogram
+from calibration.transducers import BearingFriction, TransducerLine
+from immersion.plunge_result import LagShare
 from tcdyn.chain import Chain
 from tcdyn.plots.style import (
     DARK,
@@ -28,7 +26,9 @@ from tcdyn.plots.style import (
     figure,
     thinned,
 )
-from tcdyn.plunge.result import LagShare
+from tcdyn.rig.log import COMPENSATED, Log
+from tcdyn.rig.record import ChainRecord
+from tcdyn.rig.static_line import static_u
 
 LEAST_BINS = 12
 

@@ -10,10 +10,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from calibration.disk import DISKS
-from calibration.estimate import Z95
 from tcdyn.campaign import JoinedCampaign
-from tcdyn.pipeline.campaign.table import done_rows, speed_groups, trend
+from tcdyn.core.estimate import Z95
 from tcdyn.plots.style import (
     DARK,
     DISK_COLOUR,
@@ -27,6 +25,8 @@ from tcdyn.plots.style import (
     figure,
 )
 from tcdyn.plots.transient import draw_deeper
+from tcdyn.rig.disk import DISKS
+from tcdyn.workflows.campaign_table import done_rows, speed_groups, trend
 
 OVER = {
     "delta_T_us_K_m_s": "temperature difference of the surfaces times sliding speed, ΔT u_s [K m/s]",

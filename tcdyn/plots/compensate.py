@@ -6,10 +6,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
-from tcdyn.compensate.intensity import Tradeoff
-from tcdyn.compensate.inverse import BeforeUse
-from tcdyn.compensate.record import Compensated
 from tcdyn.plots.style import DARK, FAST, GREY, SLOW, dressed, line_with_band, thinned
+from tcdyn.smoothing.inverse import BeforeUse
+from tcdyn.smoothing.process_noise import Tradeoff
+from tcdyn.smoothing.record import Compensated
 
 
 def draw_compensated(

@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
-from tcdyn.conduction.modal import spectrum
-from tcdyn.conduction.rim import MESH_IV, Mesh, Point, Profile, Rim
+from tcdyn.heat.modal import spectrum
+from tcdyn.heat.rim import MESH_IV, Mesh, Point, Profile, Rim
 from tcdyn.plots.style import DARK, FAST, SLOW, TRUTH, dressed, pictured
 from tcdyn.verify.studies import IDEAL_TIMES_S, ClosedForm, Convergence, MeshErrors
 

@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.special import chdtri
 
-from tcdyn.identify.data import IOData
 from tcdyn.identify.identified import Identified
+from tcdyn.identify.iodata import IOData
 from tcdyn.identify.responses import Band, bode_band, percent_times, roots_of, step_band
 from tcdyn.identify.search import Fit
 from tcdyn.identify.validate import ResidualTest, Validation

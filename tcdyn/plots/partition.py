@@ -8,14 +8,12 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from calibration import Array
-from calibration.disk import DISKS, DiskSetup
-from calibration.estimate import Z95, Estimate
+from tcdyn.core import Array
+from tcdyn.core.estimate import Z95, Estimate
 from tcdyn.partition.analyse import Partition
-from tcdyn.partition.one_disk import WAYS, OneDisk
+from tcdyn.partition.angular_harmonic import radial_shape
+from tcdyn.partition.single_disk import WAYS, OneDisk
 from tcdyn.partition.steady import SteadyLine, exponent_sensitivity
-from tcdyn.partition.uneven import radial_shape
-from tcdyn.pipeline.tables import both_budget, met
 from tcdyn.plots.style import (
     DARK,
     DISK_COLOUR,
@@ -28,6 +26,8 @@ from tcdyn.plots.style import (
     line_with_band,
     thinned,
 )
+from tcdyn.rig.disk import DISKS, DiskSetup
+from tcdyn.workflows.joint_tables import both_budget, met
 
 STYLES = ("-", "--", ":")
 CLEAR: dict[str, Any] = {
@@ -44,7 +44,7 @@ LEAST_SCALE_K = 0.5  # of the colours round a disk: an even one stays of one ton
 def shown(setup: DiskSetup, left_out: Collection[str]) -> dict[str, str]:
     """Line styles of the channels to look at: nearest the surface, and nearest the centre of either row.
 
-    >>> from calibration.rig import load_rig
+    >>> from tcdyn.rig.rigfile import load_rig
     >>> shown(load_rig().disk_setup("fast"), "a")
     {'e': '-', 'b': ':'}
     """

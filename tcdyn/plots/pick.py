@@ -8,24 +8,19 @@ from typing import Any
 
 from matplotlib.axes import Axes
 
-from calibration.errors import InputError
-from calibration.lines.static_fit import OvenFit
-from calibration.lines.transducers import BearingFriction
-from calibration.log import Log
-from calibration.record import DiskRecord
+from calibration.static_lines import OvenFit
+from calibration.transducers import BearingFriction
+from immersion.hole import HoleComparison
+from immersion.plunge_result import PlungeFit
 from tcdyn.chain import Chain
-from tcdyn.compensate.inverse import BeforeUse
-from tcdyn.compensate.record import Compensated
+from tcdyn.core.errors import InputError
 from tcdyn.design.compare import Design
-from tcdyn.identify.choose import Comparison
-from tcdyn.identify.data import IOData
+from tcdyn.identify.comparison import Comparison
 from tcdyn.identify.identified import Identified
+from tcdyn.identify.iodata import IOData
 from tcdyn.identify.search import Fit
 from tcdyn.partition.analyse import Partition
-from tcdyn.partition.one_disk import OneDisk
-from tcdyn.pipeline import BetaRun, CalibrationRun, CompensatedLog, DemoRun
-from tcdyn.pipeline.campaign.run import CampaignRun
-from tcdyn.pipeline.one_disk import OneDiskRun
+from tcdyn.partition.single_disk import OneDisk
 from tcdyn.plots.calibration import draw_bearing, draw_chain, draw_lags, draw_log
 from tcdyn.plots.calibration import draw_residuals as draw_oven_residuals
 from tcdyn.plots.campaign import draw_beta
@@ -33,9 +28,14 @@ from tcdyn.plots.compensate import draw_before_use, draw_compensated
 from tcdyn.plots.identify import draw_data, draw_fit, draw_step
 from tcdyn.plots.partition import draw_ways
 from tcdyn.plots.plunge import draw_common_lag, draw_design, draw_holes
-from tcdyn.plunge.hole import HoleComparison
-from tcdyn.plunge.result import PlungeFit
-from tcdyn.sensor import SensorFile
+from tcdyn.rig.log import Log
+from tcdyn.rig.record import DiskRecord
+from tcdyn.sensors import SensorFile
+from tcdyn.smoothing.inverse import BeforeUse
+from tcdyn.smoothing.record import Compensated
+from tcdyn.workflows import BetaRun, CalibrationRun, CompensatedLog, DemoRun
+from tcdyn.workflows.campaign import CampaignRun
+from tcdyn.workflows.single_disk import OneDiskRun
 
 PICTURES: dict[type, Callable[..., Axes]] = {
     Log: draw_log,

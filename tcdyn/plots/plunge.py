@@ -11,12 +11,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from calibration.estimate import Z95
+from immersion.hole import HoleComparison
+from immersion.plunge_data import PlungeRun, block_sd
+from immersion.plunge_result import PlungeFit
+from tcdyn.core.estimate import Z95
 from tcdyn.design.compare import COMMON, DIFFERENCES, Design
 from tcdyn.plots.style import CHANNEL_STYLE, FAST, GREY, SLOW, TRUTH, dressed, pictured, thinned
-from tcdyn.plunge.hole import HoleComparison
-from tcdyn.plunge.result import PlungeFit
-from tcdyn.plunge.run import PlungeRun, block_sd
 
 HOLES_S = 10.0  # after the entry, in which holes differ
 _LINES = tuple(CHANNEL_STYLE.values())

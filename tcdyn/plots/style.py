@@ -8,8 +8,8 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from calibration import Array
-from calibration.estimate import Z95
+from tcdyn.core import Array
+from tcdyn.core.estimate import Z95
 
 # fast prints light grey, slow dark
 FAST = "#d1662a"

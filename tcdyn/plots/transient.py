@@ -8,15 +8,15 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from calibration.disk import DISKS
-from calibration.estimate import Z95, Estimate
-from calibration.words.partition import structure
-from calibration.words.plunge import percent
-from tcdyn.partition.alternatives import Alternatives
+from tcdyn.core.estimate import Z95, Estimate
+from tcdyn.core.messages.partition import structure
+from tcdyn.core.messages.plunge import percent
+from tcdyn.partition.model_forms import Alternatives
 from tcdyn.partition.profile import LEVEL, intervals
-from tcdyn.partition.sensors.faults import DepthTest
-from tcdyn.pipeline.tables.answers import HEADINGS
+from tcdyn.partition.sensor_faults import DepthTest
 from tcdyn.plots.style import DISK_COLOUR, DISK_MARKER, GREY, PALE, TRUTH, dressed
+from tcdyn.rig.disk import DISKS
+from tcdyn.workflows.beta_tables import HEADINGS
 
 TOP = 9.0
 TITLES = {"fast": "fast disk alone", "slow": "slow disk alone", "both": "both disks"}

@@ -9,21 +9,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from calibration.disk import DISKS
 from tcdyn.partition.analyse import Partition
-from tcdyn.partition.one_disk import OneDisk
-from tcdyn.pipeline.tables import (
-    both_budget,
-    budget_table,
-    cooling_by_window,
-    interval_table,
-    junctions_table,
-    referee_table,
-    residuals_table,
-    structures_table,
-    test_table,
-    ways_table,
-)
+from tcdyn.partition.single_disk import OneDisk
 from tcdyn.plots import partition as draw
 from tcdyn.plots.style import figure, pictured
 from tcdyn.plots.transient import (
@@ -33,8 +20,20 @@ from tcdyn.plots.transient import (
     draw_structures,
     draw_window_study,
 )
-from tcdyn.report.around import around_section, uneven_section
+from tcdyn.report.circumferential import around_section, uneven_section
 from tcdyn.report.page import Answer, Section, write_page
+from tcdyn.rig.disk import DISKS
+from tcdyn.workflows.beta_tables import (
+    budget_table,
+    cooling_by_window,
+    interval_table,
+    junctions_table,
+    referee_table,
+    structures_table,
+    test_table,
+    ways_table,
+)
+from tcdyn.workflows.joint_tables import both_budget, residuals_table
 
 ASSUMED = (
     "conductivity, density and specific heat of the steel and washer thickness are assumptions of rig.toml with the "

@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from calibration.disk import LEFT_OUT
-from calibration.estimate import rounded, with_u
-from tcdyn.pipeline.campaign.run import CampaignRun
-from tcdyn.pipeline.campaign.table import trend_table
+from tcdyn.core.estimate import rounded, with_u
 from tcdyn.plots import campaign as draw
 from tcdyn.plots.style import pictured
 from tcdyn.report.beta import ASSUMED
-from tcdyn.report.joined import joined_answer, joined_sections
+from tcdyn.report.campaign_joint import joined_answer, joined_sections
 from tcdyn.report.page import Section, pm, write_page
 from tcdyn.report.sources import table as sources
+from tcdyn.rig.disk import LEFT_OUT
+from tcdyn.workflows.campaign import CampaignRun
+from tcdyn.workflows.campaign_table import trend_table
 
 WORDS = {
     "fast_bulk_degC": "bulk temperature, fast disk [°C]",

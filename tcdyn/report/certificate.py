@@ -11,19 +11,19 @@ import numpy as np
 import pandas as pd
 
 from calibration.compare import check_record
-from calibration.estimate import with_u
-from calibration.finding import sentences
-from calibration.lines.static import whole_u
-from calibration.lines.static_fit import OvenFit
-from calibration.record import DiskRecord
-from tcdyn.pipeline.calibrate import CalibrationRun
+from calibration.static_lines import OvenFit
+from immersion.plunge_fit import moved_lines
+from immersion.plunge_result import INTERVAL_NOTE, PlungeFit
+from tcdyn.core.estimate import with_u
+from tcdyn.core.findings import sentences
 from tcdyn.plots.calibration import draw_lag_budget, draw_lags, draw_residuals, error_figure
 from tcdyn.plots.plunge import plunge_figure, residual_figure, standardised
 from tcdyn.plots.style import pictured
-from tcdyn.plunge.fit import moved_lines
-from tcdyn.plunge.result import INTERVAL_NOTE, PlungeFit
 from tcdyn.report.page import Section, write_page
 from tcdyn.report.signed import in_oven, signed_sections
+from tcdyn.rig.record import DiskRecord
+from tcdyn.rig.static_line import whole_u
+from tcdyn.workflows.calibrate import CalibrationRun
 
 OF_A_CHANNEL = ("line", "record", "plunge", "noise", "junctions", "said")  # kinds of finding
 BEYOND = "line.extrapolated"

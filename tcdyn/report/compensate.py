@@ -9,22 +9,22 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from calibration.finding import Finding
-from calibration.record import DiskRecord
-from tcdyn.compensate.inverse import (
+from tcdyn.core.findings import Finding
+from tcdyn.plots.compensate import draw_before_use, draw_compensated
+from tcdyn.plots.style import DARK, GREY, SLOW, dressed, figure, line_with_band, pictured, thinned
+from tcdyn.report.page import Section, write_page
+from tcdyn.report.sources import log_row, record_rows, table
+from tcdyn.rig.record import DiskRecord
+from tcdyn.smoothing.inverse import (
     before_use,
     proper_inverse,
     smoother_bandwidth_Hz,
     widest_bandwidth_Hz,
 )
-from tcdyn.compensate.record import Compensated
-from tcdyn.pipeline.causal import Causal
-from tcdyn.pipeline.compensate import CompensatedLog
-from tcdyn.plots.compensate import draw_before_use, draw_compensated
-from tcdyn.plots.style import DARK, GREY, SLOW, dressed, figure, line_with_band, pictured, thinned
-from tcdyn.report.page import Section, write_page
-from tcdyn.report.sources import log_row, record_rows, table
-from tcdyn.traces import record_chains
+from tcdyn.smoothing.record import Compensated
+from tcdyn.smoothing.traces import record_chains
+from tcdyn.workflows.compensate import CompensatedLog
+from tcdyn.workflows.live import Causal
 
 GAIN = 10.0  # noise of the causal inverse over the trace's that its widest bandwidth is stated for
 BY = {"smoother": "the smoother", "deconvolve": "deconvolution", "inverse": "the causal inverse"}

@@ -6,17 +6,17 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from calibration.disk import Conditioning
-from calibration.files import sha256
 from tcdyn.design import compare
 from tcdyn.design.compare import Design
 from tcdyn.identify import Comparison, Fit, IOData
-from tcdyn.identify.choose.advice import COLUMNS, order_table
+from tcdyn.identify.recommendation import COLUMNS, order_table
+from tcdyn.io.read import sha256
 from tcdyn.plots.identify import dynamics_figure, fit_figure, residual_figure
 from tcdyn.plots.plunge import draw_design
 from tcdyn.plots.style import pictured
 from tcdyn.report.page import Section, write_page
 from tcdyn.report.sources import table as sources
+from tcdyn.rig.disk import Conditioning
 
 MEANS = (
     "The common lag is the mean over the channels of a disk: an error in it shifts every compensated trace alike, and "

@@ -20,12 +20,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from calibration.errors import InputError
-from calibration.estimate import Estimate, with_u
-from calibration.files.write import write_text
-from calibration.finding import Finding, doubts, notes, sentences
-from calibration.result import Result
-from tcdyn.compensate.record import Compensated
+from tcdyn.core.errors import InputError
+from tcdyn.core.estimate import Estimate, with_u
+from tcdyn.core.findings import Finding, doubts, notes, sentences
+from tcdyn.core.result import Result
+from tcdyn.io.write import write_text
+from tcdyn.smoothing.record import Compensated
 from tcdyn.version import __version__
 
 if TYPE_CHECKING:

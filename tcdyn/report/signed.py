@@ -11,12 +11,12 @@ from datetime import date, timedelta
 
 import pandas as pd
 
+from calibration.budget import RestBudget, rest_budget
 from calibration.compare import diff_records
-from calibration.estimate import rounded, with_u
-from calibration.lines.budget import RestBudget, rest_budget
-from calibration.record import DiskRecord, moment
-from calibration.traceability import YEAR_DAYS
+from tcdyn.core.estimate import rounded, with_u
 from tcdyn.report.page import Section
+from tcdyn.rig.record import DiskRecord, moment
+from tcdyn.rig.traceability import YEAR_DAYS
 from tcdyn.version import __version__
 
 NOT_STATED = "not stated"

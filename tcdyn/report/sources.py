@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pandas as pd
 
-from calibration.files.seal import SEAL
-from calibration.log import Log
-from calibration.record import DiskRecord
-from tcdyn.pipeline.beta import BetaRun
-from tcdyn.pipeline.one_disk import OneDiskRun
+from tcdyn.io.checksum import SEAL
+from tcdyn.rig.log import Log
+from tcdyn.rig.record import DiskRecord
+from tcdyn.workflows.beta import BetaRun
+from tcdyn.workflows.single_disk import OneDiskRun
 
 SHOWN = 16  # hexadecimal digits of a checksum
 

@@ -10,8 +10,8 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
-from calibration import Array
-from calibration.disk import DiskSetup
+from tcdyn.core import Array
+from tcdyn.rig.disk import DiskSetup
 from tcdyn.simulate.mesh import cubic_weights, graded_edges
 
 GRAVITY_m_s2 = 9.80665

@@ -12,19 +12,20 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from calibration.disk import DISKS
-from calibration.errors import InputError
-from calibration.files import sha256, write
-from calibration.result import Result, jsonable
-from calibration.rig import Rig, load_rig, rig_toml
-from tcdyn.parallel import parallel_map
+from tcdyn.core.errors import InputError
+from tcdyn.core.parallel import parallel_map
+from tcdyn.core.result import Result, jsonable
+from tcdyn.core.threads import one_blas_thread
+from tcdyn.io import write
+from tcdyn.io.read import sha256
+from tcdyn.rig.disk import DISKS
+from tcdyn.rig.rigfile import Rig, load_rig, rig_toml
 from tcdyn.simulate.bath import FluidName
 from tcdyn.simulate.ehl import EhlOptions, simulate_ehl
 from tcdyn.simulate.measure import simulate_oven
 from tcdyn.simulate.plunge import PlungeOptions, simulate_plunge
 from tcdyn.simulate.programme import PROGRAMME, ehl_test
 from tcdyn.simulate.truth import RigTruth, draw_truth, truth_as_dict
-from tcdyn.threads import one_blas_thread
 
 _DECIMALS = {"time_s": 6, "friction_N": 4, "load_N": 3}
 _WHOLE = ("contact", "switch", "repeat")

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from calibration import Array
-from calibration.disk import DISKS
-from tcdyn.contact import hertz_contact
+from tcdyn.core import Array
+from tcdyn.rig.contact import hertz_contact
+from tcdyn.rig.disk import DISKS
 from tcdyn.simulate.implicit import Solution, Stepping, integrate, steady_state
 from tcdyn.simulate.measure import log_disk, quantised, sample_times
 from tcdyn.simulate.mesh import DiskMesh, DiskSystem

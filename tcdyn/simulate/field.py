@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibration import Array
-from calibration.around import ANGLES_DEG, Around
-from calibration.disk import DISKS
+from tcdyn.core import Array
+from tcdyn.rig.circumferential import ANGLES_DEG, Around
+from tcdyn.rig.disk import DISKS
 from tcdyn.simulate.ehl import EhlOptions, disk_run, draw_test
 from tcdyn.simulate.mesh import DiskSystem, grid_of
 from tcdyn.simulate.programme import ehl_test

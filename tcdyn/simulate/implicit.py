@@ -11,7 +11,7 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.sparse import csc_matrix, diags
 from scipy.sparse.linalg import SuperLU, splu
 
-from calibration import Array
+from tcdyn.core import Array
 from tcdyn.simulate.mesh import DiskSystem
 
 Signal = Callable[[Array], Array]  # time [s] -> value, smooth between breaks

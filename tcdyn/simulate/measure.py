@@ -10,9 +10,9 @@ import pandas as pd
 from scipy.linalg import expm
 from scipy.signal import buttap, lfilter
 
-from calibration import Array
-from calibration.disk import Conditioning
-from calibration.errors import InputError
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.rig.disk import Conditioning
 from tcdyn.simulate.truth import DiskTruth, Imperfections, RigTruth, draw_truth, rng_for
 
 RATE_Hz = 75.0

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from calibration import Array
-from calibration.errors import InputError
-from calibration.stated.flux import FluxProfile
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.rig.flux_profile import FluxProfile
 from tcdyn.simulate.steel import Steel
 from tcdyn.simulate.truth import DiskTruth
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from calibration import Array
-from calibration.disk import Conditioning, DiskSetup
+from tcdyn.core import Array
+from tcdyn.rig.disk import Conditioning, DiskSetup
 from tcdyn.simulate.bath import FluidName, Heating, heat_radially, natural_h_W_m2K
 from tcdyn.simulate.measure import (
     OVERSAMPLING,

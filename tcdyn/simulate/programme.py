@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from calibration.errors import InputError
-from tcdyn.contact import entraining_speed_m_s, sliding_speed_m_s
+from tcdyn.core.errors import InputError
+from tcdyn.rig.contact import entraining_speed_m_s, sliding_speed_m_s
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from calibration import Array
+from tcdyn.core import Array
 from tcdyn.simulate.mesh import (
     SHAFT_SECTION,
     DiskMesh,

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from calibration import Array
-from calibration.errors import InputError
-from calibration.stated.steel import SteelSlopes
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.rig.steel import SteelSlopes
 
 LEAST = 0.2
 

@@ -9,14 +9,14 @@ from zlib import crc32
 
 import numpy as np
 
-from calibration import Array
-from calibration.disk import DISKS, Conditioning, DiskSetup, Junction
-from calibration.errors import InputError
-from calibration.result import jsonable
-from calibration.rig import Rig, UncertaintyTable, load_rig
-from calibration.stated.fit import Sectors, amplitude_and_angle, harmonics, mean_shares
-from calibration.stated.flux import FluxProfile
-from tcdyn.contact import press_fit
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.core.result import jsonable
+from tcdyn.rig.contact import press_fit
+from tcdyn.rig.disk import DISKS, Conditioning, DiskSetup, Junction
+from tcdyn.rig.flux_profile import FluxProfile
+from tcdyn.rig.press_fit import Sectors, amplitude_and_angle, harmonics, mean_shares
+from tcdyn.rig.rigfile import Rig, UncertaintyTable, load_rig
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Literal
 
-from calibration.errors import InputError
-from tcdyn.threads import one_blas_thread
+from tcdyn.core.errors import InputError
+from tcdyn.core.threads import one_blas_thread
 
 HALF_WIDTHS_mm = (1.25, 1.50, 1.62, 1.75)  # of the tracks at 850, 1460, 1850, 2320 N (table 3.4)
 Verdict = Literal["agrees", "same trend", "misprint", "differs", "not checkable"]

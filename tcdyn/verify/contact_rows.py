@@ -7,20 +7,20 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.disk import DISKS
-from calibration.lines.static import apply_static
-from calibration.lines.static_fit import error_statistics, fit_static_lines, hold_means
-from calibration.rig import load_rig
-from calibration.stated.fit import PressFit
+from calibration.static_lines import error_statistics, fit_static_lines, hold_means
 from immersion.fluids import fluid
-from tcdyn.contact import (
+from tcdyn.partition.steady import speed_law_beta, speed_ratio_power
+from tcdyn.rig.contact import (
     YOUNG_Pa,
     contact_conductance_W_m2K,
     hertz_contact,
     interference_pressure_Pa,
     press_fit,
 )
-from tcdyn.partition.steady import speed_law_beta, speed_ratio_power
+from tcdyn.rig.disk import DISKS
+from tcdyn.rig.press_fit import PressFit
+from tcdyn.rig.rigfile import load_rig
+from tcdyn.rig.static_line import apply_static
 from tcdyn.simulate.measure import simulate_oven
 from tcdyn.simulate.programme import PROGRAMME, EhlCondition
 from tcdyn.simulate.truth import draw_truth

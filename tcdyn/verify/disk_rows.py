@@ -8,12 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration import Array
-from calibration.disk import DISKS
-from tcdyn.conduction.engine import Drive, map_beta_h
-from tcdyn.conduction.rim import MESHES, Rim, points_of
-from tcdyn.contact import half_width_m
+from tcdyn.core import Array
+from tcdyn.heat.engine import Drive, map_beta_h
+from tcdyn.heat.rim import MESHES, Rim, points_of
 from tcdyn.partition.steady import H_GRID_W_M2K, steady_map
+from tcdyn.rig.contact import half_width_m
+from tcdyn.rig.disk import DISKS
 from tcdyn.simulate.ehl import STUDY_MESH
 from tcdyn.simulate.implicit import integrate, steady_state
 from tcdyn.simulate.mesh import build_system

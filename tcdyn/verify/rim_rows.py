@@ -7,10 +7,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from tcdyn.conduction.modal import flux_density, spectrum
-from tcdyn.conduction.referees import explicit_growth, explicit_limit_s, penetration_depth_m
-from tcdyn.conduction.rim import MESHES, Mesh, correction_factor
-from tcdyn.contact import hertz_contact, surface_speed_m_s
+from tcdyn.heat.modal import flux_density, spectrum
+from tcdyn.heat.reference import explicit_growth, explicit_limit_s, penetration_depth_m
+from tcdyn.heat.rim import MESHES, Mesh, correction_factor
+from tcdyn.rig.contact import hertz_contact, surface_speed_m_s
 from tcdyn.verify import HALF_WIDTHS_mm, VerifyRow, close, numbers, row, studies, within
 
 TABLE_3_2 = {

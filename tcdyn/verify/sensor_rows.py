@@ -8,18 +8,18 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from scipy.special import j0
 
-from calibration import Array
-from calibration.disk import Conditioning
-from calibration.lines.couples import emf_mV, temperature_degC
-from calibration.lines.transducers import fit_bearing_friction
-from calibration.rig import load_rig
+from calibration.transducers import fit_bearing_friction
 from immersion.correlations import CORRELATIONS, THESIS_THREE, Bath
 from immersion.cylinder import Cylinder
 from immersion.fluids import fluid
 from immersion.radial import simulate_plunge_model
 from tcdyn.chain import Chain
-from tcdyn.conduction.rim import lag_bank
-from tcdyn.sensor.file import step_times
+from tcdyn.core import Array
+from tcdyn.heat.rim import lag_bank
+from tcdyn.rig.disk import Conditioning
+from tcdyn.rig.rigfile import load_rig
+from tcdyn.rig.thermocouple_types import emf_mV, temperature_degC
+from tcdyn.sensors.file import step_times
 from tcdyn.verify import VerifyRow, close, numbers, row, within
 
 TYPE_J_mV = {

@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import brentq
 
-from calibration import Array
-from tcdyn.conduction.modal import RimGains, rim_gains
-from tcdyn.conduction.nonuniform import film_in_steps, rim_gains_nonuniform
-from tcdyn.conduction.rim import MESHES, Point, node_rates
-from tcdyn.contact import half_width_m
+from tcdyn.core import Array
+from tcdyn.heat.modal import RimGains, rim_gains
+from tcdyn.heat.nonuniform import film_in_steps, rim_gains_nonuniform
+from tcdyn.heat.rim import MESHES, Point, node_rates
+from tcdyn.rig.contact import half_width_m
 from tcdyn.simulate.programme import PROGRAMME, EhlCondition
 from tcdyn.verify import VerifyRow, close, numbers, published, row, studies
 

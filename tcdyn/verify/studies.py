@@ -7,11 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import interp1d
 
-from calibration import Array
-from calibration.rig import load_rig
-from tcdyn.conduction.engine import Drive, fields_at, free_decay, step_fields
-from tcdyn.conduction.modal import flux_density, forcing, spectrum
-from tcdyn.conduction.referees import (
+from tcdyn.core import Array
+from tcdyn.heat.engine import Drive, fields_at, free_decay, step_fields
+from tcdyn.heat.modal import flux_density, forcing, spectrum
+from tcdyn.heat.reference import (
     CrankNicolson,
     product_decay_K,
     ring_steady_degC,
@@ -20,7 +19,8 @@ from tcdyn.conduction.referees import (
     semi_infinite,
     steady_field,
 )
-from tcdyn.conduction.rim import Mesh, Rim, correction_factor
+from tcdyn.heat.rim import Mesh, Rim, correction_factor
+from tcdyn.rig.rigfile import load_rig
 
 FILM_W_m2K = 700.0
 POWER_W = 250.0  # heat into one disk, about that of test B3

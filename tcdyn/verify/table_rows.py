@@ -8,11 +8,11 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.optimize import linprog
 
-from calibration import Array
-from calibration.disk import CHANNELS
-from calibration.rig import load_rig
-from tcdyn.contact import hertz_contact
+from tcdyn.core import Array
 from tcdyn.partition.steady import speed_ratio_power
+from tcdyn.rig.contact import hertz_contact
+from tcdyn.rig.disk import CHANNELS
+from tcdyn.rig.rigfile import load_rig
 from tcdyn.simulate.programme import PROGRAMME
 from tcdyn.verify import VerifyRow, close, numbers, published, row, within
 

@@ -8,12 +8,12 @@ import tempfile
 from pathlib import Path
 from time import perf_counter
 
-from calibration.record import read_record, write_record
-from calibration.rig import load_rig
-from tcdyn.pipeline import calibrate_disk
-from tcdyn.pipeline.campaign.run import CampaignSettings, run_campaign
+from tcdyn.rig.record import read_record, write_record
+from tcdyn.rig.rigfile import load_rig
 from tcdyn.simulate.campaign import simulate_campaign
 from tcdyn.simulate.ehl import STUDY_MESH, EhlOptions
+from tcdyn.workflows import calibrate_disk
+from tcdyn.workflows.campaign import CampaignSettings, run_campaign
 
 
 def main(count: int = 4) -> None:

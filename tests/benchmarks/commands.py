@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from tcdyn.campaign import solve
-from tcdyn.compensate.smoother import smooth
+from tcdyn.smoothing.smoother import smooth
 from tests.benchmarks.log_reading import best_s
 from tests.campaign.toy import toy
 

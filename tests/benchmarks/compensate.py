@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from calibration.disk import Conditioning
 from tcdyn.chain import NO_CONDITIONING, Chain
-from tcdyn.compensate import LiveSmoother, deconvolve, proper_inverse, smooth
-from tests.compensate.test_noise import CHAIN, DT_S, EVENT_S, disturbance, logged
+from tcdyn.rig.disk import Conditioning
+from tcdyn.smoothing import LiveSmoother, deconvolve, proper_inverse, smooth
+from tests.smoothing.test_noise import CHAIN, DT_S, EVENT_S, disturbance, logged
 
 RIG_FILTER = Conditioning(cutoff_Hz=4.0, poles=2)
 
@@ -162,7 +162,7 @@ def best_intensity(x: Array, dt: float, off: float):
     """Burst fitted to the true curvature: q(t) = x''^2 dt."""
     from scipy.optimize import curve_fit
 
-    from tcdyn.compensate import Burst, Intensity
+    from tcdyn.smoothing import Burst, Intensity
 
     first = int(np.ceil(off / dt)) + 1
     bend = np.diff(x[first:], 2) ** 2 / dt**3

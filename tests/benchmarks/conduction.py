@@ -19,11 +19,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration.rig import load_rig
-from tcdyn.conduction.engine import Drive, map_beta_h
-from tcdyn.conduction.modal import rim_gains, spectrum
-from tcdyn.conduction.referees import CrankNicolson, scheme
-from tcdyn.conduction.rim import Mesh, Rim, node_rates, points_of
+from tcdyn.heat.engine import Drive, map_beta_h
+from tcdyn.heat.modal import rim_gains, spectrum
+from tcdyn.heat.reference import CrankNicolson, scheme
+from tcdyn.heat.rim import Mesh, Rim, node_rates, points_of
+from tcdyn.rig.rigfile import load_rig
 
 DT_S, DURATION_S, HALF_WIDTH_M = 1 / 75, 1050.0, 1.62e-3
 FILMS, SHARES = np.linspace(100, 1200, 12), np.linspace(0.1, 1.0, 10)

@@ -5,7 +5,6 @@ Run with ``python -m tests.benchmarks.log_reading``.
 
 from __future__ import annotations
 
-import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -13,10 +12,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from calibration.log import iter_log, read_log, write_log
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "calibration"))
-from cal_cases import ehl_frame
+from tcdyn.rig.log import iter_log, read_log, write_log
+from tests.rig.log_cases import ehl_frame
 
 
 def best_s(work: Callable[[], object], times: int = 3) -> float:

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from tcdyn.pipeline import run_demo
+from tcdyn.workflows import run_demo
 
 
 def one_campaign(seed: int, tests: tuple[str, ...]) -> pd.DataFrame:

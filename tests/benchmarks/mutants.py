@@ -108,7 +108,7 @@ def stages(file: str) -> list[list[str]]:
     return [
         [file, *direct[:8]],
         own,
-        ["tests/golden", "tests/cli/test_main_job.py", "tests/test_results.py"],
+        ["tests/golden", "tests/cli/test_main_job.py", "tests/core/test_results.py"],
     ]
 
 
@@ -195,7 +195,7 @@ def main(count: int, seed: int, known: Path | None = None) -> None:
         for name in ("pyproject.toml", "README.md", "CHANGELOG.md"):
             shutil.copy(ROOT / name, copy / name)
         if killed(
-            copy, [["tests/fitting", "tests/immersion", "tests/behaviour/test_behaviour.py"]]
+            copy, [["tests/estimation", "tests/immersion", "tests/behaviour/test_behaviour.py"]]
         ):
             sys.exit("tests fail without a swapped operator")
         for k, (path, at, length, kind) in enumerate(rng.sample(every, count), 1):

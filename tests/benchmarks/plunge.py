@@ -9,21 +9,21 @@ from time import process_time
 import numpy as np
 from scipy.integrate import solve_ivp
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "plunge"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "immersion"))
 
 from plunge_simulator import same_pairs, simulate
 from plunge_study import make_runs
 
-from calibration.disk import CHANNELS
-from calibration.rig import load_rig
 from immersion.correlations import Bath, correlation
 from immersion.cylinder import Cylinder
 from immersion.fluids import fluid
+from immersion.plunge_data import make_blocks
+from immersion.plunge_fit import identify_plunges
+from immersion.plunge_model import build_run_models, predict
+from immersion.plunge_parameters import PlungeParameters, PlungePriors
 from immersion.radial import simulate_plunge_model
-from tcdyn.plunge import PlungeParameters, PlungePriors
-from tcdyn.plunge.fit import identify_plunges
-from tcdyn.plunge.model import build_run_models, predict
-from tcdyn.plunge.run import make_blocks
+from tcdyn.rig.disk import CHANNELS
+from tcdyn.rig.rigfile import load_rig
 
 SETUP = load_rig().disk_setup("fast")
 DEPTHS = np.array([1.25e-3, 3e-3, 6e-3])

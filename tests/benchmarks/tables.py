@@ -16,8 +16,8 @@ import numpy as np
 import pandas as pd
 from scipy.signal import lfilter
 
-from calibration.files.write import log_writer
-from tcdyn.sensor import stated, write_sensor
+from tcdyn.io.write import log_writer
+from tcdyn.sensors import stated, write_sensor
 
 LAG_S, BLOCK = 0.5, 200_000
 RUN = """

@@ -15,7 +15,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from tcdyn.pipeline import estimate_beta
+from tcdyn.workflows import estimate_beta
 from tests.conftest import small_campaign
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from calibration.estimate import Z95
 from tcdyn.campaign import solve
-from tcdyn.campaign.belong import strangers
 from tcdyn.campaign.exponent import speed_law
+from tcdyn.campaign.outliers import strangers
 from tcdyn.campaign.result import BENT_P, junctions
 from tcdyn.campaign.trends import trend
+from tcdyn.core.estimate import Z95
 from tests.campaign.rigs import EXPONENT, PER_M_S, PER_N, DrawnCampaign, drawn
 
 

@@ -16,10 +16,10 @@ from functools import cache
 import numpy as np
 from scipy import stats
 
-from calibration import Array
 from tcdyn.campaign import solve
 from tcdyn.campaign.posterior import BETA, A, Posterior
 from tcdyn.campaign.trends import Curve, curve_test
+from tcdyn.core import Array
 from tests.campaign.toy import toy
 
 COMMON = 0.004

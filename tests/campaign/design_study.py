@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from calibration.rig import Rig, load_rig
 from tcdyn.campaign import solve
 from tcdyn.campaign.planned import predict_campaign
+from tcdyn.rig.rigfile import Rig, load_rig
 from tests.campaign.rigs import DrawnCampaign, drawn
 from tests.campaign.test_planned import NEAR, layout, plan_of
 

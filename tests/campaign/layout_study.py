@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from calibration.rig import parse_rig
 from tcdyn.campaign import KeptTest, solve
 from tcdyn.campaign.exponent import speed_law
-from tcdyn.campaign.kept import Loading
 from tcdyn.campaign.planned import Logging, planned_test
+from tcdyn.campaign.sufficient_statistics import Loading
+from tcdyn.rig.rigfile import parse_rig
 from tests.campaign.test_planned import plan_of
 
 CORNERS = ("A1", "A4", "D1", "D4")

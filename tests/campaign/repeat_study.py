@@ -12,9 +12,9 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from calibration.rig import load_rig
 from tcdyn.campaign import KeptTest, solve
 from tcdyn.campaign.planned import APART_U_S, LAG_U_S, Logging, planned_test
+from tcdyn.rig.rigfile import load_rig
 from tests.campaign.test_planned import plan_of
 
 BUBBLE_S = 0.3

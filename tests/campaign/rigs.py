@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from calibration.disk import DISKS
-from calibration.errors import InputError
-from calibration.rig import Rig, load_rig
 from tcdyn.campaign import KeptTest, compressed
+from tcdyn.core.errors import InputError
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import joint_fits
 from tcdyn.partition.steady import at_one_radius, steady_lines
 from tcdyn.partition.window import stretch_of
+from tcdyn.rig.disk import DISKS
+from tcdyn.rig.rigfile import Rig, load_rig
 from tcdyn.simulate.ehl import EhlOptions
 from tcdyn.simulate.programme import PROGRAMME, ehl_test
 from tcdyn.simulate.truth import draw_truth

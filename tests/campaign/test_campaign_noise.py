@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter, savgol_filter
 
-from tcdyn.campaign import noise
-from tcdyn.campaign.noise import driven_noise, unsmoothed, whole_noise, zero_u
-from tcdyn.contact import SETTLE_S, line_length
+from tcdyn.campaign import input_noise as noise
+from tcdyn.campaign.input_noise import driven_noise, unsmoothed, whole_noise, zero_u
 from tcdyn.partition.joint import LOG_H, SHARE
+from tcdyn.rig.contact import SETTLE_S, line_length
 
 DT, LAST, N, BEGUN_S = 0.02, 300, 340, 1.0  # the log's clock begins at a second
 

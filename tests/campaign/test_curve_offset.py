@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from calibration.errors import InputError
-from calibration.finding import Grade
 from tcdyn.campaign import joined
-from tcdyn.campaign.lines import level_inside_points
+from tcdyn.campaign.line_fit import level_inside_points
 from tcdyn.campaign.posterior import BETA
 from tcdyn.campaign.trends import Curve, curve_test
+from tcdyn.core.errors import InputError
+from tcdyn.core.findings import Grade
 from tests.campaign.curve_study import COMMON, LEVEL, DrawnCurve, drawn_curve, outside
 from tests.campaign.toy import answer_of, toy
 

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from calibration import Array
-from calibration.errors import InputError
-from calibration.estimate import Estimate
 from tcdyn.campaign import JoinedCampaign, joined, solve
 from tcdyn.campaign.exponent import speed_law
 from tcdyn.campaign.posterior import A, Posterior
 from tcdyn.campaign.trends import Curve, curve_test, read_curve, trend
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.core.estimate import Estimate
 from tests.campaign.toy import RATIO, answer_of, toy
 
 SD = 0.004

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.errors import InputError
-from calibration.rig import Rig, load_rig, parse_rig
 from tcdyn.campaign import solve
 from tcdyn.campaign.planned import Logging, PlannedTest, planned_test, predict_campaign, read_plan
 from tcdyn.cli.app import app, run
+from tcdyn.core.errors import InputError
+from tcdyn.rig.rigfile import Rig, load_rig, parse_rig
 from tcdyn.simulate.programme import PROGRAMME, ehl_test
 from tcdyn.verify.published import TABLE_7_3
 from tests.campaign.rigs import drawn, true_beta

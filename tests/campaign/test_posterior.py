@@ -11,22 +11,22 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from calibration import Array
-from calibration.disk import DISKS
-from calibration.errors import InputError
-from calibration.files.seal import sealed
-from calibration.lines.static_fit import fit_static_lines
-from calibration.record import DiskRecord, now_utc
-from calibration.rig import load_rig, parse_rig
+from calibration.static_lines import fit_static_lines
 from tcdyn.campaign import KeptTest, checked, joined, rig_fingerprint, solve
-from tcdyn.campaign.belong import strangers
 from tcdyn.campaign.exponent import speed_law
-from tcdyn.campaign.kept import Loading
-from tcdyn.campaign.lines import fit_line
+from tcdyn.campaign.line_fit import fit_line
+from tcdyn.campaign.outliers import strangers
 from tcdyn.campaign.posterior import LAG_OWN_S, A, Posterior, u_if_known
 from tcdyn.campaign.result import junctions
+from tcdyn.campaign.sufficient_statistics import Loading
 from tcdyn.campaign.tables import paper_csv, paper_latex, paper_table
 from tcdyn.campaign.trends import Curve, curve_test, read_curve, trend
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.io.checksum import sealed
+from tcdyn.rig.disk import DISKS
+from tcdyn.rig.record import DiskRecord, now_utc
+from tcdyn.rig.rigfile import load_rig, parse_rig
 from tcdyn.simulate.measure import simulate_oven
 from tests.campaign.toy import EXPONENT, PER_M_S, PER_N, Toy, answer_of, toy
 

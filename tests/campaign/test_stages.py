@@ -8,14 +8,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calibration.errors import InputError
-from calibration.log import Log
 from tcdyn.campaign import solve
 from tcdyn.campaign.stages import loadings, stage_of, stages
+from tcdyn.core.errors import InputError
 from tcdyn.partition.joint import joint_fits
 from tcdyn.partition.steady import at_one_radius, steady_lines
 from tcdyn.partition.window import stretch_of
-from tcdyn.pipeline.beta import prepare
+from tcdyn.rig.log import Log
+from tcdyn.workflows.beta import prepare
 from tests.campaign.rigs import kept_of
 from tests.partition.study_rigs import StudyRig, study_rig
 

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibration import Array
-from calibration.disk import DISKS
 from tcdyn.campaign import KeptTest
-from tcdyn.campaign.kept import ANSWERS, Loading
 from tcdyn.campaign.posterior import LAG_OWN_S
+from tcdyn.campaign.sufficient_statistics import ANSWERS, Loading
+from tcdyn.core import Array
+from tcdyn.rig.disk import DISKS
 
 SHARED = (
     "depth e fast",

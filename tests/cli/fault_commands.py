@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tcdyn.sensor import stated, write_sensor
+from tcdyn.sensors import stated, write_sensor
 from tests.cli.fault_world import (
     FILES,
     PROBLEMS,
@@ -28,7 +28,7 @@ from tests.cli.fault_world import (
     refusing,
 )
 from tests.cli.test_main_job import tcdyn
-from tests.sensor.sensor_world import fluctuating, logged, write
+from tests.sensors.sensor_world import fluctuating, logged, write
 
 OLD = "old\n"
 PICTURE = "tcdyn.report.page:figure_data_uri"
@@ -65,22 +65,22 @@ QUICK = {
     "sensor plunge": Command(
         "sensor plunge {dip} --column T1 --out o.json -q",
         ("o.json",),
-        ("tcdyn.sensor.plunge:plunge_sensor",),
+        ("tcdyn.sensors.plunge:plunge_sensor",),
     ),
     "sensor pair": Command(
         "sensor pair {table} --columns T1_degC,T2_degC --out o.json -q",
         ("o.json",),
-        ("tcdyn.sensor.pair:pair_sensor",),
+        ("tcdyn.sensors.pair:pair_sensor",),
     ),
     "sensor noise": Command(
         "sensor noise {steady} --column T1_degC --out o.json -q",
         ("o.json",),
-        ("tcdyn.sensor.fluctuations:noise_sensor",),
+        ("tcdyn.sensors.noise:noise_sensor",),
     ),
     "sensor current": Command(
         "sensor current {lcsr} --column T1_degC --current I_mA --out o.json -q",
         ("o.json",),
-        ("tcdyn.sensor.current:current_sensor",),
+        ("tcdyn.sensors.current:current_sensor",),
     ),
     "response": Command(
         "response {bode} --columns gain,phase --models P1 --out o.json -q", ("o.json",)
@@ -146,32 +146,32 @@ LONG = {
         "calibrate --rig {rig} --disk fast --oven {oven} --immersion {plunge} --out o.json --report o.html "
         "--earlier {fast} -q",
         ("o.json", "o.html"),
-        ("tcdyn.pipeline:calibrate_disk", PICTURE),
+        ("tcdyn.workflows:calibrate_disk", PICTURE),
     ),
     "hole": Command(
         "hole {hole} --rig {rig} --out o.json --report o.html -q",
         ("o.json", "o.html"),
-        ("tcdyn.plunge.hole:compare_holes", PICTURE),
+        ("immersion.hole:compare_holes", PICTURE),
     ),
     "beta": Command(
         f"beta {{ehl}} --rig {{rig}} {RECORDS} --out o.json --report o.html",
         ("o.json", "o.html"),
-        ("tcdyn.pipeline.beta:estimate_stages", PICTURE),
+        ("tcdyn.workflows.beta:estimate_stages", PICTURE),
     ),
     "beta of one disk": Command(
         "beta {one} --rig {rig} --record {fast} --out o.json --report o.html -q",
         ("o.json", "o.html"),
-        ("tcdyn.pipeline.beta:estimate_stages", PICTURE),
+        ("tcdyn.workflows.beta:estimate_stages", PICTURE),
     ),
     "compensate --record": Command(
         "compensate {plunge} --record {fast} --out o.csv --report o.html --covariance o.json --covariance-from-s 30 -q",
         ("o.csv", "o.html", "o.json"),
-        ("tcdyn.pipeline:compensate_log", PICTURE),
+        ("tcdyn.workflows:compensate_log", PICTURE),
     ),
     "campaign": Command(
         f"campaign {{ehl}} --rig {{rig}} {RECORDS} --out o --workers 1",
         ("o/campaign.csv", "o/campaign.html"),
-        ("tcdyn.pipeline.campaign.one_log:_analysed", PICTURE),
+        ("tcdyn.workflows.campaign_log:_analysed", PICTURE),
     ),
     "simulate campaign": Command(
         "simulate campaign --out o -q --bath-degC 110",
@@ -189,9 +189,9 @@ LONG = {
             "tcdyn.simulate.campaign:simulate_oven",
             "tcdyn.simulate.campaign:simulate_plunge",
             "tcdyn.simulate.campaign:simulate_ehl",
-            "tcdyn.pipeline.demo:calibrate_disk",
-            "tcdyn.pipeline.demo:compensate_log",
-            "tcdyn.pipeline.demo:estimate_beta",
+            "tcdyn.workflows.demo:calibrate_disk",
+            "tcdyn.workflows.demo:compensate_log",
+            "tcdyn.workflows.demo:estimate_beta",
             PICTURE,
         ),
     ),

@@ -13,9 +13,9 @@ import pytest
 from matplotlib.figure import Figure
 from pyarrow import parquet as pq
 
-from calibration.errors import InputError
-from calibration.files import MOST_COLUMNS, open_table
 from tcdyn.campaign.tables import TEX
+from tcdyn.core.errors import InputError
+from tcdyn.io.read import MOST_COLUMNS, open_table
 from tcdyn.report.page import Section, figure_data_uri, render_page
 from tests.cli.fault_commands import small_files
 from tests.cli.test_main_job import tcdyn
@@ -101,8 +101,8 @@ def test_stored_files_beyond_reason(
 
 @pytest.mark.parametrize("kind", ["lists", "digits", "no object"])
 def test_an_answer_or_a_truth_beyond_reason(kind: str, tmp_path: Path) -> None:
-    from tcdyn.pipeline.campaign.answers import given_answer, is_altered
     from tcdyn.simulate.campaign import simulate_campaign
+    from tcdyn.workflows.campaign_results import given_answer, is_altered
 
     path = tmp_path / "EHL_B3.beta.json"
     path.write_text(JSON[kind], encoding="utf-8")

@@ -14,10 +14,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calibration.errors import InputError
-from calibration.record import read_record
-from tcdyn.pipeline import calibrate_disk
+from tcdyn.core.errors import InputError
 from tcdyn.report.certificate import FIT, certificate_verdict, channel_verdicts
+from tcdyn.rig.record import read_record
+from tcdyn.workflows import calibrate_disk
 from tests.cli.test_main_job import tcdyn
 from tests.conftest import Campaign
 from tests.report.test_browser import BROWSER
@@ -192,7 +192,7 @@ def test_an_unknown_structure_names_the_known_ones(
 
 @pytest.mark.slow
 def test_a_wrong_fluid_and_another_disk_s_plunge_are_named_as_such(campaign: Campaign) -> None:
-    from tcdyn.pipeline import calibrate_disk
+    from tcdyn.workflows import calibrate_disk
 
     f = campaign.files
     plunges = [f.plunges["fast"][0], f.plunges["slow"][1]]
@@ -212,8 +212,8 @@ def test_a_plunge_given_twice_is_refused_since_it_would_count_as_two(
 ) -> None:
     from shutil import copy
 
-    from calibration.errors import InputError
-    from tcdyn.pipeline import calibrate_disk
+    from tcdyn.core.errors import InputError
+    from tcdyn.workflows import calibrate_disk
 
     f = campaign.files
     again = copy(f.plunges["fast"][0], tmp_path / "another_name.csv")
@@ -225,7 +225,7 @@ def test_a_plunge_given_twice_is_refused_since_it_would_count_as_two(
 
 @pytest.mark.slow
 def test_an_oven_log_of_the_other_disk_is_named_as_such(campaign: Campaign) -> None:
-    from tcdyn.pipeline import calibrate_disk
+    from tcdyn.workflows import calibrate_disk
 
     f = campaign.files
     told = calibrate_disk(
@@ -241,7 +241,7 @@ def test_an_oven_log_of_the_other_disk_is_named_as_such(campaign: Campaign) -> N
 def test_missing_samples_stay_missing_and_a_plunge_hotter_than_the_oven_is_told(
     campaign: Campaign, tmp_path: Path
 ) -> None:
-    from tcdyn.pipeline import calibrate_disk
+    from tcdyn.workflows import calibrate_disk
 
     f = campaign.files
     oven, plunge = pd.read_csv(f.ovens["fast"]), pd.read_csv(f.plunges["fast"][1])
@@ -267,8 +267,8 @@ def test_missing_samples_stay_missing_and_a_plunge_hotter_than_the_oven_is_told(
 def test_fluids_are_given_once_or_once_for_each_plunge(
     campaign: Campaign, fluids: list[str]
 ) -> None:
-    from calibration.errors import InputError
-    from tcdyn.pipeline import calibrate_disk
+    from tcdyn.core.errors import InputError
+    from tcdyn.workflows import calibrate_disk
 
     f = campaign.files
     with pytest.raises(

@@ -11,15 +11,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calibration.errors import InputError
-from calibration.log import read_log
 from tcdyn.cli.app import app, run
-from tcdyn.pipeline.bearing import read_bearing
-from tcdyn.pipeline.beta import prepare
-from tcdyn.pipeline.campaign import one_log as stage
-from tcdyn.pipeline.campaign.one_log import CampaignSettings
-from tcdyn.pipeline.campaign.run import run_campaign
-from tcdyn.pipeline.campaign.table import COLUMNS, table_columns, trend_table
+from tcdyn.core.errors import InputError
+from tcdyn.rig.log import read_log
+from tcdyn.workflows import campaign_log as stage
+from tcdyn.workflows.bearing import read_bearing
+from tcdyn.workflows.beta import prepare
+from tcdyn.workflows.campaign import run_campaign
+from tcdyn.workflows.campaign_log import CampaignSettings
+from tcdyn.workflows.campaign_table import COLUMNS, table_columns, trend_table
 from tests.conftest import Campaign
 
 
@@ -229,7 +229,7 @@ def test_bad_requests_get_one_sentence(
     capsys: pytest.CaptureFixture[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("tcdyn.parallel.CONNECT_S", 0.5)
+    monkeypatch.setattr("tcdyn.core.parallel.CONNECT_S", 0.5)
     out = ["--out", tmp_path / "o", "-q"]
     assert tcdyn("campaign", bad_log, bad_log, *records(campaign), *out) == 2
     assert "two logs are called EHL_bad" in capsys.readouterr().err

@@ -13,11 +13,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calibration.errors import InputError
-from calibration.log import read_log, write_log
-from calibration.rig import load_rig
 from tcdyn.cli.app import app, run
-from tcdyn.pipeline import compensate_log
+from tcdyn.core.errors import InputError
+from tcdyn.rig.log import read_log, write_log
+from tcdyn.rig.rigfile import load_rig
+from tcdyn.workflows import compensate_log
 from tests.conftest import Campaign
 
 

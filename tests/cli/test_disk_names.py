@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 import tcdyn
-from calibration.errors import InputError
 from tcdyn.cli.app import app, run
+from tcdyn.core.errors import InputError
 from tests.conftest import Campaign
 
 COMMANDS = {

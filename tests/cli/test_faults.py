@@ -13,13 +13,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calibration.errors import InputError
-from calibration.files.seal import ALTERED, sealed
-from calibration.files.write import log_writer, write_log, write_text
-from calibration.record import read_record
 from tcdyn.cli.app import run
-from tcdyn.pipeline.campaign.answers import read_answer
-from tcdyn.sensor import read_sensor, stated, write_sensor
+from tcdyn.core.errors import InputError
+from tcdyn.io.checksum import ALTERED, sealed
+from tcdyn.io.write import log_writer, write_log, write_text
+from tcdyn.rig.record import read_record
+from tcdyn.sensors import read_sensor, stated, write_sensor
+from tcdyn.workflows.campaign_results import read_answer
 
 
 @pytest.mark.parametrize("ending", [".csv", ".parquet", ".tdms", ".txt"])

@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calibration.disk import Conditioning
 from tcdyn.chain import Chain
+from tcdyn.rig.disk import Conditioning
 from tests.cli.test_main_job import tcdyn
 from tests.conftest import Campaign
 

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from tcdyn.cli.app import app, run
-from tcdyn.pipeline import BetaRun
+from tcdyn.workflows import BetaRun
 from tests.conftest import Campaign
 
 

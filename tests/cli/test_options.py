@@ -13,11 +13,11 @@ import pandas as pd
 import pytest
 import typer
 
-from calibration.errors import InputError
-from calibration.finding import look
-from calibration.log import read_log
 from tcdyn.cli.app import app
 from tcdyn.cli.common import Told, as_option
+from tcdyn.core.errors import InputError
+from tcdyn.core.findings import look
+from tcdyn.rig.log import read_log
 from tests.cli.test_main_job import tcdyn
 from tests.conftest import Campaign
 

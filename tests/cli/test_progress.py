@@ -8,9 +8,9 @@ from time import sleep
 import pytest
 from rich.console import Console
 
-from calibration.finding import look
 from tcdyn.cli import common
 from tcdyn.cli.common import in_one_line, stages
+from tcdyn.core.findings import look
 
 
 def test_an_end_that_asks_for_a_look_tells_the_first_and_counts_the_others(

@@ -9,13 +9,13 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calibration.log import write_log
-from calibration.opened import rig_of
-from calibration.record import read_record, write_record
-from calibration.rig import load_rig
 from tcdyn.cli.app import app, run
 from tcdyn.partition.analyse import Partition
-from tcdyn.pipeline import compensate_log, estimate_beta
+from tcdyn.rig.log import write_log
+from tcdyn.rig.opened_log import rig_of
+from tcdyn.rig.record import read_record, write_record
+from tcdyn.rig.rigfile import load_rig
+from tcdyn.workflows import compensate_log, estimate_beta
 from tests.conftest import Campaign
 
 
@@ -101,7 +101,7 @@ def test_uncertainties_of_one_disk_widen_that_disk(
 
 def test_disks_of_other_radii_have_another_track(campaign: Campaign, tmp_path: Path) -> None:
     """A slow disk twice as crowned: the track is that of two equal disks with the mean of both curvatures."""
-    from tcdyn.contact import half_width_m
+    from tcdyn.rig.contact import half_width_m
 
     (tmp_path / "rig.toml").write_text("[slow.disk]\ncrown_radius_mm = 152.4\n")
     rig = load_rig(tmp_path / "rig.toml")

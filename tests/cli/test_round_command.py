@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from calibration.rig import load_rig
+from tcdyn.rig.rigfile import load_rig
 from tests.cli.test_main_job import tcdyn
 
 

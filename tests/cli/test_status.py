@@ -8,8 +8,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from calibration.finding import FEW, Grade, by_share
 from tcdyn.cli.app import app, run
+from tcdyn.core.findings import FEW, Grade, by_share
 from tests.conftest import Campaign
 
 

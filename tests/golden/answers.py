@@ -18,10 +18,10 @@ from typing import Any
 
 import numpy as np
 
-from calibration.disk import CHANNELS, DISKS
-from calibration.record import DiskRecord
 from tcdyn.identify import fit
-from tcdyn.pipeline import compensate_log, estimate_beta
+from tcdyn.rig.disk import CHANNELS, DISKS
+from tcdyn.rig.record import DiskRecord
+from tcdyn.workflows import compensate_log, estimate_beta
 from tests.identify.identify_cases import case_a
 
 KEPT = Path(__file__).with_name("kept_answers.json")

@@ -13,9 +13,9 @@ import numpy as np
 from identify_cases import CASE_A, case_a_input
 from scipy.signal import lfilter
 
-from calibration.disk import Conditioning
 from tcdyn.identify import IOData, fit, process
 from tcdyn.identify.models import Model
+from tcdyn.rig.disk import Conditioning
 
 DT_S, FINER = 0.05, 10
 AUTO = {"noise": "auto", "baseline": "auto"}

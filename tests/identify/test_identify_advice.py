@@ -11,12 +11,12 @@ import pandas as pd
 import pytest
 
 import tcdyn
-from calibration.disk import Conditioning
-from calibration.finding import note
 from tcdyn.chain import NO_CONDITIONING, Chain
+from tcdyn.core.findings import note
 from tcdyn.identify import CANDIDATES, IOData, compare, simulate
-from tcdyn.identify.choose.advice import as_chain, order_table, recommend, verdict
 from tcdyn.identify.models import process
+from tcdyn.identify.recommendation import as_chain, order_table, recommend, verdict
+from tcdyn.rig.disk import Conditioning
 
 
 def row(model: str, bic: float, **other: Any) -> dict[str, Any]:

@@ -10,8 +10,8 @@ from disturbance_study import record
 from identify_cases import case_a, case_a_input
 from scipy.signal import lfilter
 
-from calibration.errors import InputError
-from calibration.finding import Grade
+from tcdyn.core.errors import InputError
+from tcdyn.core.findings import Grade
 from tcdyn.identify import IOData, compare, fit
 from tcdyn.identify.causality import check_causality
 from tcdyn.identify.models import process

@@ -11,9 +11,9 @@ import pytest
 from disturbance_study import record
 from scipy.signal import cont2discrete, lfilter
 
-from calibration.errors import InputError
-from calibration.finding import Grade
-from tcdyn.fitting import correlation_length
+from tcdyn.core.errors import InputError
+from tcdyn.core.findings import Grade
+from tcdyn.estimation import correlation_length
 from tcdyn.identify import (
     IOData,
     compare,
@@ -24,8 +24,8 @@ from tcdyn.identify import (
     several,
     simulate,
 )
-from tcdyn.identify.choose import grow
-from tcdyn.identify.choose.comparison import not_worse
+from tcdyn.identify import forward_selection as grow
+from tcdyn.identify.comparison import not_worse
 from tcdyn.identify.validate import validate
 from tcdyn.report.dynamics import intervals_said, noise_said
 from tests.identify.test_identify_several import plant

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.errors import InputError
+from tcdyn.core.errors import InputError
 from tcdyn.identify import (
     Identified,
     IOData,
@@ -19,13 +19,13 @@ from tcdyn.identify import (
     several,
     transfer,
 )
-from tcdyn.identify.choose.held_out import divide
-from tcdyn.identify.data import cut, input_noise_sd
-from tcdyn.identify.data.record import check_wrap
 from tcdyn.identify.frequency import levy, longest_s, posed, starts
+from tcdyn.identify.heldout import divide
+from tcdyn.identify.iodata import check_wrap
 from tcdyn.identify.models import Model, as_model
 from tcdyn.identify.responses import slowest_s, step_band, step_times
 from tcdyn.identify.search import pose
+from tcdyn.identify.segments import cut, input_noise_sd
 
 F = np.geomspace(0.01, 1.0, 15)
 S = 2j * np.pi * F

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from closed_loop_cases import OPEN_LOOPS, closed_loop_record, open_loop_record
 
-from calibration.errors import InputError
-from calibration.finding import Grade
+from tcdyn.core.errors import InputError
+from tcdyn.core.findings import Grade
 from tcdyn.identify import IOData, compare, fit
-from tcdyn.identify.data import closed_loop
+from tcdyn.identify.closed_loop import closed_loop
 
 PLAIN = {"noise": "white", "initial": "equilibrium"}  # options of a quick comparison
 CONTROLLERS = ("PI", "PID", "filtered PI")

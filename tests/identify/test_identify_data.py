@@ -8,7 +8,7 @@ import pytest
 from identify_cases import case_a
 from nptdms import ChannelObject, TdmsWriter
 
-from calibration.errors import InputError
+from tcdyn.core.errors import InputError
 from tcdyn.identify import IOData, compare, fit, from_csv, from_frame, process, simulate
 
 

@@ -14,16 +14,16 @@ from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 from typer.testing import CliRunner
 
-from calibration.errors import InputError
 from tcdyn.cli.app import app
-from tcdyn.fitting import Noise
-from tcdyn.fitting.average import moments, noise_of
-from tcdyn.fitting.noise import coefficients, partials
+from tcdyn.core.errors import InputError
+from tcdyn.estimation import Noise
+from tcdyn.estimation.arma import coefficients, partials
+from tcdyn.estimation.noise_average import moments, noise_of
 from tcdyn.identify import IOData, compare, fit
-from tcdyn.identify.data import input_noise_sd
 from tcdyn.identify.disturbance import slopes
 from tcdyn.identify.models import process
 from tcdyn.identify.search import pose
+from tcdyn.identify.segments import input_noise_sd
 
 
 def held(runs: int, least: float) -> float:

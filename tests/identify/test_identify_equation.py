@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from calibration.errors import InputError
+from tcdyn.core.errors import InputError
 from tcdyn.identify import IOData, compare, fit, several, transfer
-from tcdyn.identify.choose.held_out import blocks_out
-from tcdyn.identify.choose.shared import candidates, regressed
+from tcdyn.identify.heldout import blocks_out
 from tcdyn.identify.models import as_model
 from tcdyn.identify.search import pose
+from tcdyn.identify.shared_poles import candidates, regressed
 
 DT, POLES = 0.5, np.array([0.9, 0.6])  # of the recursion y_t = sum b u_(t-k) - sum a y_(t-k) + e_t
 A = np.poly(POLES)

@@ -9,8 +9,7 @@ import pytest
 from identify_cases import CASE_A, RAO_GARNIER, case_a, case_a_input, rao_garnier
 from scipy.signal import lfilter
 
-from calibration.disk import Conditioning
-from tcdyn.fitting import Noise, Optimum, Status
+from tcdyn.estimation import Noise, Optimum, Status
 from tcdyn.identify import (
     Identified,
     IOData,
@@ -25,6 +24,7 @@ from tcdyn.identify import (
 from tcdyn.identify.fit import last_level, noticed
 from tcdyn.identify.models import as_model
 from tcdyn.identify.search import pose
+from tcdyn.rig.disk import Conditioning
 
 TRUTHS = {
     "P1": {"Kp": 2.0, "Tp1": 0.8},

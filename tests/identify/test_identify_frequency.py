@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from scipy.signal import coherence, csd, lfilter, welch
 
-from calibration.errors import InputError
+from tcdyn.core.errors import InputError
 from tcdyn.identify import Response, fit_response, read_identified
 from tests.cli.test_main_job import tcdyn
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tcdyn.identify import IOData
-from tcdyn.identify.level import Bent, level_lag
+from tcdyn.identify.level_lag import Bent, level_lag
 
 LOW, HIGH, DT_S, FINER = 25.0, 180.0, 0.05, 20
 

@@ -10,7 +10,7 @@ from disturbance_study import disturbance, fine
 from identify_cases import CASE_A
 from scipy.signal import lfilter
 
-from calibration.finding import look
+from tcdyn.core.findings import look
 from tcdyn.identify import IOData, fit
 from tcdyn.identify.models import as_model, several
 from tcdyn.identify.validate import confirm

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from calibration.errors import InputError
-from calibration.estimate import Estimate
+from tcdyn.core.errors import InputError
+from tcdyn.core.estimate import Estimate
 from tcdyn.identify import IOData
 from tcdyn.identify import narx as module
-from tcdyn.identify.level import LevelLag
+from tcdyn.identify.level_lag import LevelLag
 from tcdyn.identify.narx import Narx, narx, refined, spanned
 
 TERMS = ((("y", 1),), (("u", 1),), (("u", 1), ("y", 1)))

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tcdyn.fitting import Noise, Optimum, Status
+from tcdyn.estimation import Noise, Optimum, Status
 from tcdyn.identify import IOData, process
 from tcdyn.identify.causality import held_output
 from tcdyn.identify.disturbance import score, through_model, unspiked, walking
-from tcdyn.identify.level import Bent
+from tcdyn.identify.level_lag import Bent
 from tcdyn.identify.models import as_model
 from tcdyn.identify.problem import Posed
 from tcdyn.identify.search import ordered, pose, rms

@@ -8,7 +8,7 @@ import pytest
 import typer
 from identify_cases import CASE_A, case_a, case_a_input, data_dir
 
-from calibration.errors import InputError
+from tcdyn.core.errors import InputError
 from tcdyn.identify import (
     Identified,
     IOData,
@@ -23,8 +23,8 @@ from tcdyn.identify import (
     step_band,
     validate,
 )
-from tcdyn.identify.choose.advice import recommend
 from tcdyn.identify.narx import temperature_dependence
+from tcdyn.identify.recommendation import recommend
 
 
 def test_one_lag_is_caught_where_its_fit_looks_excellent():

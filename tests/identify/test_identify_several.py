@@ -13,7 +13,7 @@ import pytest
 from matplotlib.figure import Figure
 from scipy.signal import cont2discrete, lfilter
 
-from calibration.errors import InputError
+from tcdyn.core.errors import InputError
 from tcdyn.identify import (
     Identified,
     IOData,
@@ -26,7 +26,7 @@ from tcdyn.identify import (
     roots_of,
     several,
 )
-from tcdyn.identify.choose.grow import begin, successors
+from tcdyn.identify.forward_selection import begin, successors
 from tcdyn.identify.models import as_model
 from tcdyn.identify.search import pose
 from tcdyn.plots import draw, draw_poles

@@ -10,10 +10,10 @@ import pytest
 from tcdyn.chain.rational import Factor, Rational, realise, simulate_rows
 from tcdyn.identify import IOData, fit, process, several, simulate
 from tcdyn.identify.causality import leading
-from tcdyn.identify.choose.grow import begin, onward, successors
+from tcdyn.identify.forward_selection import begin, onward, successors
 from tcdyn.identify.models import as_model, bare
 from tcdyn.identify.search import diverse, first_moment, pose, spans
-from tcdyn.identify.start import (
+from tcdyn.identify.starting_values import (
     explained,
     from_poles,
     level_runs,

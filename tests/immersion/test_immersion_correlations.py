@@ -4,9 +4,9 @@ import ht
 import numpy as np
 import pytest
 
-from calibration.errors import InputError
 from immersion.correlations import CORRELATIONS, Bath, check_validity, correlation
 from immersion.fluids import fluid
+from tcdyn.core.errors import InputError
 
 
 def nusselt(name: str, ra: float, pr: float) -> float:

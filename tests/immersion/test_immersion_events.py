@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from calibration.errors import InputError
-from immersion.events import (
+from immersion.entry import (
     LATE_U_S,
     EntryEvent,
     find_entry,
@@ -14,6 +13,7 @@ from immersion.events import (
     switch_time,
     useful_end,
 )
+from tcdyn.core.errors import InputError
 
 T = np.arange(0, 60, 1 / 75)
 ENTRY = 20.004

@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calibration.errors import InputError
 from immersion.fluids import fluid, fluid_from_table, read_fluid
+from tcdyn.core.errors import InputError
 
 
 def test_jet_oil_passes_through_its_data_sheet() -> None:

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from plunge_series import lumped_plunge, series_plunge
 
-from calibration.rig import load_rig
 from immersion.correlations import Bath, correlation
 from immersion.cylinder import Cylinder, influence
 from immersion.fluids import fluid
 from immersion.radial import plunge_grid, simulate_plunge_model
+from tcdyn.rig.rigfile import load_rig
 
 SETUP = load_rig().disk_setup("fast")
 DISK = Cylinder.from_setup(SETUP)

@@ -13,12 +13,12 @@ ROOT = Path(__file__).parent.parent.parent
 ROOMS = (
     "tcdyn",
     "tcdyn.chain",
-    "tcdyn.compensate",
+    "tcdyn.smoothing",
     "tcdyn.identify",
-    "tcdyn.sensor",
-    "tcdyn.fitting",
+    "tcdyn.sensors",
+    "tcdyn.estimation",
     "tcdyn.campaign",
-    "tcdyn.pipeline",
+    "tcdyn.workflows",
     "tcdyn.plots",
 )
 PACKAGES = ("calibration", "immersion", "tcdyn")

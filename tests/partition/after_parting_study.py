@@ -13,7 +13,7 @@ from typing import Any
 
 import pandas as pd
 
-from calibration.errors import InputError
+from tcdyn.core.errors import InputError
 from tests.partition.coverage_study import report, told_of
 from tests.partition.study_rigs import QUICK, study_rig
 

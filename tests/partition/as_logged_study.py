@@ -17,13 +17,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from calibration.columns import is_couple
-from calibration.disk import DISKS
-from calibration.errors import InputError
-from calibration.log import read_log
-from calibration.rig import parse_rig
+from tcdyn.core.errors import InputError
 from tcdyn.partition.analyse import Partition, analyse
-from tcdyn.pipeline.beta import prepare
+from tcdyn.rig.columns import is_couple
+from tcdyn.rig.disk import DISKS
+from tcdyn.rig.log import read_log
+from tcdyn.rig.rigfile import parse_rig
+from tcdyn.workflows.beta import prepare
 from tests.partition.study_rigs import StudyRig, study_rig
 
 LOAD_REL, SPEED_REL, AMBIENT_U_K = 0.03, 0.005, 2.0

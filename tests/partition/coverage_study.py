@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from joblib import Parallel, delayed
 
-from calibration.errors import InputError
+from tcdyn.core.errors import InputError
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.crosscheck import DEPTH_ALARM, tensions
 from tests.partition.study_rigs import StudyRig, study_rig

@@ -16,10 +16,10 @@ import numpy as np
 import pandas as pd
 from joblib import Parallel, delayed
 
-from calibration.disk import CHANNELS
-from calibration.errors import InputError
-from calibration.finding import doubts
-from calibration.rig import Rig, load_rig, parse_rig
+from tcdyn.core.errors import InputError
+from tcdyn.core.findings import doubts
+from tcdyn.rig.disk import CHANNELS
+from tcdyn.rig.rigfile import Rig, load_rig, parse_rig
 from tcdyn.simulate.truth import draw_truth
 from tests.partition.study_rigs import study_rig
 

@@ -12,10 +12,10 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
-from calibration.disk import CHANNELS, DISKS
-from calibration.errors import InputError
-from calibration.finding import Grade
+from tcdyn.core.errors import InputError
+from tcdyn.core.findings import Grade
 from tcdyn.partition.analyse import analyse
+from tcdyn.rig.disk import CHANNELS, DISKS
 from tests.partition.study_rigs import study_rig
 
 TWELVE = tuple(f"{disk}_{channel}" for disk in DISKS for channel in CHANNELS)

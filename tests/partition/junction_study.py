@@ -15,9 +15,9 @@ import numpy as np
 import pandas as pd
 from joblib import Parallel, delayed
 
-from calibration.disk import CHANNELS, DISKS
-from calibration.errors import InputError
-from calibration.rig import load_rig
+from tcdyn.core.errors import InputError
+from tcdyn.rig.disk import CHANNELS, DISKS
+from tcdyn.rig.rigfile import load_rig
 from tcdyn.simulate.truth import RigTruth, draw_truth
 from tests.partition.study_rigs import study_rig
 

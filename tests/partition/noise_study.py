@@ -15,10 +15,10 @@ import pandas as pd
 from joblib import Parallel, delayed
 from scipy.signal import lfilter
 
-from calibration import Array
-from calibration.disk import CHANNELS, DISKS
-from calibration.errors import InputError
-from calibration.rig import load_rig
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.rig.disk import CHANNELS, DISKS
+from tcdyn.rig.rigfile import load_rig
 from tcdyn.simulate.truth import draw_truth
 from tests.partition.coverage_study import report, told_of
 from tests.partition.study_rigs import study_rig

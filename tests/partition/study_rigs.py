@@ -14,18 +14,18 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from calibration.disk import DISKS
-from calibration.estimate import Estimate
-from calibration.lines.static_fit import fit_static_lines
-from calibration.log import Log
-from calibration.record import ChainRecord, ChannelChain, DiskRecord, now_utc
-from calibration.rig import Rig, load_rig
+from calibration.static_lines import fit_static_lines
+from tcdyn.core.estimate import Estimate
 from tcdyn.partition.analyse import Partition, analyse
 from tcdyn.partition.events import EhlTest
-from tcdyn.pipeline.beta import prepare
+from tcdyn.rig.disk import DISKS
+from tcdyn.rig.log import Log
+from tcdyn.rig.record import ChainRecord, ChannelChain, DiskRecord, now_utc
+from tcdyn.rig.rigfile import Rig, load_rig
 from tcdyn.simulate.ehl import STUDY_MESH, EhlOptions, simulate_ehl
 from tcdyn.simulate.measure import simulate_oven
 from tcdyn.simulate.truth import RigTruth, draw_truth
+from tcdyn.workflows.beta import prepare
 
 COMMON_U_S, DIFFERENTIAL_U_S = 0.05, 0.008  # what a pair of plunges gives
 QUICK = EhlOptions(load_on_s=20.0, unload_s=320.0, duration_s=336.0, mesh=STUDY_MESH)

@@ -12,18 +12,18 @@ import pytest
 from scipy.linalg import lstsq
 from typer.testing import CliRunner
 
-from calibration.errors import InputError
-from calibration.log import read_log
-from calibration.record import read_record, write_record
-from calibration.rig import Rig, load_rig, parse_rig, rig_toml
 from tcdyn.cli.app import app
-from tcdyn.conduction.modal import spectrum
-from tcdyn.conduction.rim import MESH_IV, Rim
+from tcdyn.core.errors import InputError
+from tcdyn.heat.modal import spectrum
+from tcdyn.heat.rim import MESH_IV, Rim
 from tcdyn.partition.joint import joint_fits
-from tcdyn.partition.sensors import check_sensors
+from tcdyn.partition.sensor_check import check_sensors
 from tcdyn.partition.steady import steady_lines
 from tcdyn.partition.window import stretch_of
-from tcdyn.pipeline.beta import estimate_beta
+from tcdyn.rig.log import read_log
+from tcdyn.rig.record import read_record, write_record
+from tcdyn.rig.rigfile import Rig, load_rig, parse_rig, rig_toml
+from tcdyn.workflows.beta import estimate_beta
 from tests.partition.study_rigs import StudyRig, study_rig
 
 FOUR = {

@@ -7,15 +7,15 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from calibration.around import Around
-from calibration.disk import DISKS
-from calibration.rig import load_rig
 from tcdyn.partition.analyse import Partition
-from tcdyn.pipeline.around import around_disk
-from tcdyn.plots.around import draw_round, draw_round_surface
+from tcdyn.plots.circumferential import draw_round, draw_round_surface
 from tcdyn.plots.style import figure
+from tcdyn.rig.circumferential import Around
+from tcdyn.rig.disk import DISKS
+from tcdyn.rig.rigfile import load_rig
 from tcdyn.simulate.field import _middle, around_disks
 from tcdyn.simulate.truth import BoreContact, draw_truth
+from tcdyn.workflows.circumferential import around_disk
 from tests.partition.study_rigs import QUICK, study_rig
 
 SEED = 7000

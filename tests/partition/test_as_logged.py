@@ -8,21 +8,21 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calibration.disk import DISKS
-from calibration.errors import InputError
-from calibration.finding import doubts
-from calibration.log import read_log
-from calibration.rig import load_rig, parse_rig
-from calibration.stated.running import air_name
 from tcdyn.campaign.compress import loading_of, unit_of
-from tcdyn.campaign.kept import Loading
+from tcdyn.campaign.sufficient_statistics import Loading
+from tcdyn.core.errors import InputError
+from tcdyn.core.findings import doubts
 from tcdyn.partition.analyse import Partition, refine_lags
-from tcdyn.partition.effects import AIR, effects, of_test, stated
+from tcdyn.partition.angular_harmonic import Unmeasured
 from tcdyn.partition.events import EhlTest, find_events
-from tcdyn.partition.uneven import Unmeasured
+from tcdyn.partition.nuisance import AIR, effects, of_test, stated
 from tcdyn.partition.window import lagged_window, stretch_of
-from tcdyn.pipeline.beta import prepare
+from tcdyn.rig.disk import DISKS
+from tcdyn.rig.log import read_log
+from tcdyn.rig.logger import air_name
+from tcdyn.rig.rigfile import load_rig, parse_rig
 from tcdyn.simulate.truth import draw_truth
+from tcdyn.workflows.beta import prepare
 from tests.partition import as_logged_study as forms
 from tests.partition.study_rigs import StudyRig, study_rig
 from tests.partition.test_events import DT, log

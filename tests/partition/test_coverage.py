@@ -7,7 +7,7 @@ from collections.abc import Callable
 import pytest
 from scipy import stats
 
-from calibration.rig import load_rig
+from tcdyn.rig.rigfile import load_rig
 from tcdyn.simulate.truth import draw_truth
 from tests.partition.coverage_study import report, study
 from tests.partition.junction_study import moved_junction

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from calibration.estimate import Estimate
-from calibration.finding import Grade, note
-from tcdyn.partition.alternatives import H_OF, WAYS, Alternative, Alternatives, impossible, withheld
+from tcdyn.core.estimate import Estimate
+from tcdyn.core.findings import Grade, note
 from tcdyn.partition.crosscheck import (
     CrossCheck,
     Tension,
@@ -15,7 +14,8 @@ from tcdyn.partition.crosscheck import (
     largest_pulls,
     root_of,
 )
-from tcdyn.partition.sensors.faults import DepthTest
+from tcdyn.partition.model_forms import H_OF, WAYS, Alternative, Alternatives, impossible, withheld
+from tcdyn.partition.sensor_faults import DepthTest
 
 
 def known(**values: float) -> dict[str, Estimate]:

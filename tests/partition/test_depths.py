@@ -10,11 +10,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from calibration.disk import CHANNELS
-from calibration.estimate import Estimate
-from calibration.finding import note
-from calibration.log import read_log
-from tcdyn.contact import FrictionAdded
+from tcdyn.core.estimate import Estimate
+from tcdyn.core.findings import note
+from tcdyn.partition import sensor_faults as faults
 from tcdyn.partition.crosscheck import (
     DEPTH_ALARM,
     OTHER_ALARM,
@@ -24,12 +22,15 @@ from tcdyn.partition.crosscheck import (
     largest_pulls,
     tensions,
 )
+from tcdyn.partition.disk_features import DiskFeatures, disk_features
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.sensors import check_sensors, faults
-from tcdyn.partition.sensors.faults import DepthTest, Verdict, depth_test
-from tcdyn.partition.sensors.features import DiskFeatures, disk_features
+from tcdyn.partition.sensor_check import check_sensors
+from tcdyn.partition.sensor_faults import DepthTest, Verdict, depth_test
 from tcdyn.partition.window import NOMINAL
-from tcdyn.pipeline.beta import prepare
+from tcdyn.rig.contact import FrictionAdded
+from tcdyn.rig.disk import CHANNELS
+from tcdyn.rig.log import read_log
+from tcdyn.workflows.beta import prepare
 from tests.conftest import Campaign
 from tests.partition.study_rigs import QUICK, study_rig
 from tests.partition.test_sensors import stated_elsewhere

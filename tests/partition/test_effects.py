@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from calibration.rig import load_rig
-from tcdyn.partition.effects import stated, stated_effects
+from tcdyn.partition.nuisance import stated, stated_effects
+from tcdyn.rig.rigfile import load_rig
 
 GRADIENT_K_m = 2000.0  # rise with radius: hotter towards the running surface
 

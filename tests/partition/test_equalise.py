@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from calibration.disk import Conditioning
 from tcdyn.chain import Chain, equalised
+from tcdyn.rig.disk import Conditioning
 
 B = Conditioning(4.0, 2)
 DT = 1 / 75

@@ -4,9 +4,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calibration.errors import InputError
-from tcdyn.contact import Events, contact_force, speed_course
+from tcdyn.core.errors import InputError
 from tcdyn.partition.events import find_events
+from tcdyn.rig.contact import Events, contact_force, speed_course
 
 DT = 1 / 75
 

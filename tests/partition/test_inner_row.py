@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.rig import load_rig
-from tcdyn.partition.sensors import check_sensors
+from tcdyn.partition.sensor_check import check_sensors
 from tcdyn.partition.steady import at_one_radius, steady_lines
 from tcdyn.partition.window import stretch_of
+from tcdyn.rig.rigfile import load_rig
 from tests.partition.study_rigs import study_rig
 
 RAISED = """

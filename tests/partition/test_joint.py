@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from calibration.errors import InputError
-from tcdyn.fitting import minimise
+from tcdyn.core.errors import InputError
+from tcdyn.estimation import minimise
 from tcdyn.partition import joint as of_one
 from tcdyn.partition.joint import joint_fits, joint_problem, told
 from tcdyn.partition.profile import rim_table

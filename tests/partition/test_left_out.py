@@ -11,22 +11,22 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calibration.disk import CHANNELS, DISKS, LEFT_OUT, left_out_of
-from calibration.errors import InputError
-from calibration.finding import Finding, Grade
-from calibration.rig import load_rig
 from tcdyn.cli.app import app, run
+from tcdyn.core.errors import InputError
+from tcdyn.core.findings import Finding, Grade
 from tcdyn.partition.analyse import Partition, analyse
 from tcdyn.partition.crosscheck import tensions
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import BothFit, joint_fits
 from tcdyn.partition.steady import disk_line, steady_lines
 from tcdyn.partition.window import stretch_of
-from tcdyn.pipeline import beta as stage
-from tcdyn.pipeline.beta import estimate_beta, prepare
-from tcdyn.pipeline.campaign.one_log import CampaignSettings, analyse_log
-from tcdyn.pipeline.campaign.table import table_row
-from tcdyn.pipeline.tables import junctions_table
+from tcdyn.rig.disk import CHANNELS, DISKS, LEFT_OUT, left_out_of
+from tcdyn.rig.rigfile import load_rig
+from tcdyn.workflows import beta as stage
+from tcdyn.workflows.beta import estimate_beta, prepare
+from tcdyn.workflows.beta_tables import junctions_table
+from tcdyn.workflows.campaign_log import CampaignSettings, analyse_log
+from tcdyn.workflows.campaign_table import table_row
 from tests.conftest import Campaign
 from tests.partition.study_rigs import StudyRig, study_rig
 

@@ -10,19 +10,19 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from calibration.disk import CHANNELS
-from calibration.errors import InputError
-from calibration.estimate import Estimate
-from calibration.finding import doubts
-from calibration.record import write_record
 from tcdyn.cli.app import app
+from tcdyn.core.errors import InputError
+from tcdyn.core.estimate import Estimate
+from tcdyn.core.findings import doubts
 from tcdyn.partition.joint import disk_fit
-from tcdyn.partition.one_disk import OneDisk, analyse_one
-from tcdyn.pipeline import compensate_log, estimate_one_disk
-from tcdyn.pipeline.one_disk import OneDiskRun
-from tcdyn.pipeline.tables import met
-from tcdyn.report.one_disk import write_one_disk_report
+from tcdyn.partition.single_disk import OneDisk, analyse_one
 from tcdyn.report.page import typeset
+from tcdyn.report.single_disk import write_one_disk_report
+from tcdyn.rig.disk import CHANNELS
+from tcdyn.rig.record import write_record
+from tcdyn.workflows import compensate_log, estimate_one_disk
+from tcdyn.workflows.joint_tables import met
+from tcdyn.workflows.single_disk import OneDiskRun
 from tests.partition.study_rigs import StudyRig, study_rig
 
 SLOW = [f"slow_{c}_degC" for c in CHANNELS]

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from calibration import Array
 from tcdyn.chain import Chain
-from tcdyn.conduction.rim import bank_means, node_rates
-from tcdyn.contact import Events
-from tcdyn.partition.effects import lagged
+from tcdyn.core import Array
+from tcdyn.heat.rim import bank_means, node_rates
 from tcdyn.partition.events import EhlTest
+from tcdyn.partition.nuisance import lagged
 from tcdyn.partition.window import power_seen
+from tcdyn.rig.contact import Events
 
 DT_s, TAU_s, LEVEL_W = 1 / 75, 0.7, 360.0
 

@@ -11,15 +11,15 @@ import pytest
 from numpy.typing import NDArray
 from scipy import stats
 
-from calibration.disk import DISKS
-from calibration.estimate import Z95
-from tcdyn.fitting import Problem
+from tcdyn.core.estimate import Z95
+from tcdyn.estimation import Problem
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import BothFit, DiskFit, joint_fits, joint_problem
 from tcdyn.partition.profile import intervals, joint_profiles, profiles_file, rim_table
 from tcdyn.partition.steady import steady_lines
 from tcdyn.partition.window import stretch_of
-from tcdyn.pipeline.tables import interval_table
+from tcdyn.rig.disk import DISKS
+from tcdyn.workflows.beta_tables import interval_table
 from tests.partition.study_rigs import StudyRig, study_rig
 
 Array = NDArray[np.float64]

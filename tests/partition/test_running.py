@@ -9,10 +9,16 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calibration.errors import InputError
-from calibration.stated.running import Constant, air_name
-from tcdyn.contact import Events
-from tcdyn.pipeline.running import disk_air, forces_N, no_copies, speeds_rpm, stated_rel
+from tcdyn.core.errors import InputError
+from tcdyn.rig.contact import Events
+from tcdyn.rig.logger import Constant, air_name
+from tcdyn.workflows.operating_conditions import (
+    disk_air,
+    forces_N,
+    no_copies,
+    speeds_rpm,
+    stated_rel,
+)
 
 
 def stated(**values: tuple[float, float]) -> dict[str, Constant]:

@@ -8,28 +8,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibration.disk import CHANNELS
-from calibration.finding import doubts
-from calibration.log import read_log
-from calibration.record import read_record, write_record
-from calibration.rig import load_rig
-from tcdyn.partition.effects import stated
+from tcdyn.core.findings import doubts
+from tcdyn.partition.angular_harmonic import at_junctions
+from tcdyn.partition.at_rest import at_rest, cables_exchanged
+from tcdyn.partition.disk_features import AFTER_LOADING_S, AFTER_UNLOADING_S, disk_features
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.sensors import (
-    SensorCheck,
-    angle_groups,
-    cables_exchanged,
-    check_sensors,
-    demand,
-)
-from tcdyn.partition.sensors.features import AFTER_LOADING_S, AFTER_UNLOADING_S, disk_features
-from tcdyn.partition.sensors.rest import at_rest
+from tcdyn.partition.nuisance import stated
+from tcdyn.partition.sensor_check import SensorCheck, angle_groups, check_sensors, demand
 from tcdyn.partition.steady import at_one_radius
-from tcdyn.partition.uneven import at_junctions
 from tcdyn.partition.window import Perturbation
-from tcdyn.pipeline.beta import prepare
+from tcdyn.rig.disk import CHANNELS
+from tcdyn.rig.log import read_log
+from tcdyn.rig.record import read_record, write_record
+from tcdyn.rig.rigfile import load_rig
 from tcdyn.simulate.truth import draw_truth
-from tcdyn.traces import DiskTraces
+from tcdyn.smoothing.traces import DiskTraces
+from tcdyn.workflows.beta import prepare
 from tests.conftest import Campaign
 from tests.partition.fault_study import CASES
 from tests.partition.study_rigs import study_rig
@@ -328,9 +322,9 @@ def test_log_that_ends_soon_after_unloading_is_still_checked(b3: EhlTest) -> Non
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(20, 23))
 def test_rigs_drawn_from_their_uncertainties_raise_no_alarm(seed: int, tmp_path: Path) -> None:
-    from tcdyn.pipeline import calibrate_disk
     from tcdyn.simulate.campaign import simulate_campaign
     from tcdyn.simulate.ehl import STUDY_MESH, EhlOptions
+    from tcdyn.workflows import calibrate_disk
 
     options = EhlOptions(load_on_s=30.0, unload_s=330.0, duration_s=345.0, mesh=STUDY_MESH)
     files = simulate_campaign(tmp_path, seed, ("A1", "D4"), ehl_options=options, uncertain=True)

@@ -8,12 +8,12 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from calibration.disk import CHANNELS, DISKS
-from tcdyn.contact import speed_course
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.cooling import slowed
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.window import disk_window
+from tcdyn.rig.contact import speed_course
+from tcdyn.rig.disk import CHANNELS, DISKS
 from tcdyn.simulate.truth import CLEAN, draw_truth
 from tests.partition.after_parting_study import DEFAULT, WORLDS
 from tests.partition.coverage_study import told_of

@@ -7,21 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.disk import CHANNELS
-from calibration.estimate import Estimate
-from calibration.finding import Grade
-from calibration.rig import Rig, load_rig, parse_rig
+from tcdyn.core.estimate import Estimate
+from tcdyn.core.findings import Grade
 from tcdyn.partition.analyse import Partition
-from tcdyn.partition.statement.fit import (
-    MODEL_REL,
-    Predicted,
-    bore_flux_W_m2,
-    flux_and_u,
-    predicted,
-    shaft_admittance,
-    stated_round,
-)
-from tcdyn.partition.uneven import (
+from tcdyn.partition.angular_harmonic import (
     PER_K,
     SECOND_REL,
     SHAPES,
@@ -30,6 +19,17 @@ from tcdyn.partition.uneven import (
     at_junctions,
     harmonic_K,
 )
+from tcdyn.partition.press_fit import (
+    MODEL_REL,
+    Predicted,
+    bore_flux_W_m2,
+    flux_and_u,
+    predicted,
+    shaft_admittance,
+    stated_round,
+)
+from tcdyn.rig.disk import CHANNELS
+from tcdyn.rig.rigfile import Rig, load_rig, parse_rig
 from tcdyn.simulate.implicit import steady_state
 from tcdyn.simulate.mesh import DiskMesh, grid_of
 from tcdyn.simulate.round import seen_round, uneven_system

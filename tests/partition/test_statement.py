@@ -10,20 +10,16 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from calibration import Array
-from calibration.rig import Rig, load_rig, parse_rig
-from calibration.stated.surface import SurfaceFlux, fit_surface_flux
+from tcdyn.core import Array
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.statement.steel import (
-    by_conductivity_slope,
-    by_specific_heat_slope,
-    linear_about,
-)
 from tcdyn.partition.steady import at_own_temperature
+from tcdyn.partition.steel import by_conductivity_slope, by_specific_heat_slope, linear_about
 from tcdyn.partition.window import DiskWindow, lagged_window, stretch_of
-from tcdyn.pipeline.beta import prepare
+from tcdyn.rig.rigfile import Rig, load_rig, parse_rig
+from tcdyn.rig.surface_flux import SurfaceFlux, fit_surface_flux
 from tcdyn.simulate.truth import draw_truth
+from tcdyn.workflows.beta import prepare
 from tests.partition.study_rigs import StudyRig, study_rig
 
 SEED = 7000

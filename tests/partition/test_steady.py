@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calibration.errors import InputError
+from tcdyn.core.errors import InputError
 from tcdyn.partition.steady import (
     SteadyLine,
     speed_law,

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calibration.errors import InputError
+from tcdyn.core.errors import InputError
 from tcdyn.partition.window import stretch_of
 
 

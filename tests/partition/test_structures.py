@@ -9,22 +9,22 @@ from statistics import NormalDist
 import numpy as np
 import pytest
 
-from calibration.disk import DISKS
-from calibration.estimate import Estimate, mixture_range
-from calibration.finding import Grade
-from tcdyn.fitting import minimise
-from tcdyn.partition.alternatives import FITS_Z, NAMED_LOG_ODDS, WAYS, alternatives
+from tcdyn.core.estimate import Estimate, mixture_range
+from tcdyn.core.findings import Grade
+from tcdyn.estimation import minimise
 from tcdyn.partition.analyse import Partition
-from tcdyn.partition.effects import Unmeasured
+from tcdyn.partition.departures import STEM_SD, STRUCTURES, About, structures
 from tcdyn.partition.joint import joint_problem
-from tcdyn.partition.statement.track import by_shift
-from tcdyn.partition.structures import STEM_SD, STRUCTURES, About, structures
+from tcdyn.partition.model_forms import FITS_Z, NAMED_LOG_ODDS, WAYS, alternatives
+from tcdyn.partition.nuisance import Unmeasured
+from tcdyn.partition.track import by_shift
 from tcdyn.partition.window import Perturbation
-from tcdyn.pipeline import tables
-from tcdyn.pipeline.beta import summary_of
 from tcdyn.plots.partition import draw_lines
 from tcdyn.plots.style import figure
 from tcdyn.plots.transient import draw_structures
+from tcdyn.rig.disk import DISKS
+from tcdyn.workflows import beta_tables
+from tcdyn.workflows.beta import summary_of
 from tests.partition.study_rigs import StudyRig, study_rig
 from tests.partition.world_study import world_rig
 
@@ -192,7 +192,7 @@ def test_friction_in_pounds_is_found_by_the_heat_and_impossible_numbers_are_with
     )  # 3 % of steel, 1 % of friction, twice
     assert p.status == "withheld"  # two shares of a power that is off by four tell nothing
     assert {"joint fast", "joint slow", "both beta"} <= p.withheld
-    kept, said = tables.beta_file(p, {}), summary_of(p)
+    kept, said = beta_tables.beta_file(p, {}), summary_of(p)
     for d in DISKS:
         assert kept["joint"][d]["beta"] == dict.fromkeys(("value", "u", "low95", "high95"))
     assert said.count("withheld") >= 2
@@ -204,13 +204,13 @@ def test_the_headline_stands_first_in_words_tables_and_files(
 ) -> None:
     _, p = sound
     both = p.both.estimates["beta"]
-    kept = tables.beta_file(p, {})
+    kept = beta_tables.beta_file(p, {})
     assert kept["headline"]["beta"] == both.model_dump()
     assert kept["headline"]["way"] == "joint both"
     assert kept["status"] == p.status == "sound"
     assert [a["name"] for a in kept["alternatives"]] == [a.name for a in p.structures.tried]
     assert summary_of(p).startswith(f"beta = {both} by the joint fit of both disks")
-    assert tables.ways_table(p)["way"].iloc[0].startswith("joint fit of both")
+    assert beta_tables.ways_table(p)["way"].iloc[0].startswith("joint fit of both")
     assert set(WAYS) & p.withheld == set()
 
 

@@ -7,12 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.disk import CHANNELS, DISKS, DiskSetup
-from calibration.finding import Grade
-from calibration.rig import load_rig
+from tcdyn.core.findings import Grade
 from tcdyn.partition.analyse import Partition
-from tcdyn.partition.joint import joint_fits
-from tcdyn.partition.uneven import (
+from tcdyn.partition.angular_harmonic import (
     FIRST,
     ROUND,
     UNKNOWN,
@@ -23,9 +20,12 @@ from tcdyn.partition.uneven import (
     round_effects,
     seen,
 )
-from tcdyn.pipeline.tables import beta_file
+from tcdyn.partition.joint import joint_fits
 from tcdyn.report.beta import uneven_section
+from tcdyn.rig.disk import CHANNELS, DISKS, DiskSetup
+from tcdyn.rig.rigfile import load_rig
 from tcdyn.simulate.truth import BoreContact, draw_truth
+from tcdyn.workflows.beta_tables import beta_file
 from tests.partition.study_rigs import StudyRig, study_rig
 
 SETUP = load_rig().disk_setup("slow")

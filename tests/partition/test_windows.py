@@ -6,12 +6,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calibration.errors import InputError
-from calibration.estimate import Z95
+from tcdyn.core.errors import InputError
+from tcdyn.core.estimate import Z95
 from tcdyn.partition.analyse import Partition
-from tcdyn.pipeline.tables import cooling_by_window, referee_table
 from tcdyn.plots.style import figure
 from tcdyn.plots.transient import draw_junctions, draw_referee, draw_window_study
+from tcdyn.workflows.beta_tables import cooling_by_window, referee_table
 from tests.conftest import Campaign
 from tests.pictures import bars
 

@@ -14,9 +14,9 @@ import numpy as np
 import pandas as pd
 from joblib import Parallel, delayed
 
-from calibration.disk import DISKS
-from calibration.errors import InputError
-from calibration.rig import load_rig
+from tcdyn.core.errors import InputError
+from tcdyn.rig.disk import DISKS
+from tcdyn.rig.rigfile import load_rig
 from tcdyn.simulate.truth import BoreContact, draw_truth
 from tests.partition.coverage_study import report, told_of
 from tests.partition.study_rigs import study_rig

@@ -20,10 +20,10 @@ from scipy.interpolate import CubicSpline
 from scipy.sparse import coo_matrix, csc_matrix, diags
 from scipy.sparse.linalg import splu
 
-from calibration import Array
-from calibration.disk import CHANNELS, DISKS
-from calibration.errors import InputError
-from calibration.rig import load_rig
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.rig.disk import CHANNELS, DISKS
+from tcdyn.rig.rigfile import load_rig
 from tcdyn.simulate.measure import log_disk
 from tcdyn.simulate.truth import DiskTruth, draw_truth, rng_for
 from tests.partition.study_rigs import QUICK, StudyRig, study_rig

@@ -9,13 +9,13 @@ import pandas as pd
 import pytest
 from matplotlib.colors import to_rgb
 
-from calibration.disk import DISKS
 from tcdyn.partition.analyse import Partition
-from tcdyn.pipeline import tables
 from tcdyn.plots import partition as draw
 from tcdyn.plots.style import DISK_COLOUR, DISK_LINE, DISK_MARKER, figure
 from tcdyn.report.beta import assumed, verdict, write_beta_report
 from tcdyn.report.page import typeset
+from tcdyn.rig.disk import DISKS
+from tcdyn.workflows import beta_tables, joint_tables
 
 
 def decimals(text: str) -> int:
@@ -23,11 +23,11 @@ def decimals(text: str) -> int:
 
 
 def test_the_sources_add_up_to_all_together(partition: Partition) -> None:
-    table = tables.budget_table(partition)
+    table = beta_tables.budget_table(partition)
     assert table["source"].iloc[-1] == "all together"
     steady, cooling = partition.budget.together
     both = partition.both.estimates["beta"].u
-    assert hypot(*tables.both_budget(partition).values()) == pytest.approx(both, rel=1e-9)
+    assert hypot(*joint_tables.both_budget(partition).values()) == pytest.approx(both, rel=1e-9)
     assert [float(x) for x in table.iloc[-1, 1:]] == pytest.approx(
         [both, steady, cooling], abs=5e-5
     )
@@ -40,8 +40,8 @@ def test_the_sources_add_up_to_all_together(partition: Partition) -> None:
 
 
 def test_value_and_uncertainty_have_the_same_last_digit(partition: Partition) -> None:
-    cells = [c for column in tables.ways_table(partition).to_numpy().T for c in column]
-    cells += list(tables.test_table(partition)["value"])
+    cells = [c for column in beta_tables.ways_table(partition).to_numpy().T for c in column]
+    cells += list(beta_tables.test_table(partition)["value"])
     pairs = [c.split(" +- ") for c in cells if "+-" in c]
     assert len(pairs) > 20
     for value, u in pairs:
@@ -60,7 +60,7 @@ def test_the_verdict_is_a_finding_and_is_said_once(partition: Partition, tmp_pat
     found, said = partition.findings, partition.crosscheck.sentence
     assert found[-1] is partition.crosscheck.finding
     assert sum(f.code.startswith("ways.") for f in found) == 1
-    kept = tables.beta_file(partition, {})
+    kept = beta_tables.beta_file(partition, {})
     assert kept["findings"][-1]["code"] == partition.crosscheck.finding.code
     assert kept["crosscheck"]["sentence"] == said
     assert said not in kept["warnings"]
@@ -70,7 +70,7 @@ def test_the_verdict_is_a_finding_and_is_said_once(partition: Partition, tmp_pat
 
 def test_the_model_of_the_page_is_the_fits_own(partition: Partition) -> None:
     for disk in DISKS:
-        m = tables.met(partition, disk)
+        m = joint_tables.met(partition, disk)
         assert m.at_s[0] < -60
         assert m.at_s[-1] > 5
         under_load = m.measured[m.at_s < 0].mean(axis=0) - m.model[m.at_s < 0].mean(axis=0)
@@ -79,7 +79,7 @@ def test_the_model_of_the_page_is_the_fits_own(partition: Partition) -> None:
         )  # K: what nobody measured has moved the model onto the readings
         z = (m.measured - m.model) / m.sd
         assert 0.7 < float((z**2).mean()) < 2.0
-    rows = tables.residuals_table(partition)
+    rows = joint_tables.residuals_table(partition)
     assert len(rows) == 6
     assert (rows["rms over noise [1]"].astype(float) < 2).all()
 

@@ -14,9 +14,9 @@ import pytest
 
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.partition.analyse import Partition
-from tcdyn.pipeline.campaign.run import CampaignRun
 from tcdyn.report.beta import write_beta_report
 from tcdyn.report.campaign import write_campaign_report
+from tcdyn.workflows.campaign import CampaignRun
 from tests.cli.test_main_job import tcdyn
 from tests.conftest import Campaign
 from tests.report.test_campaign_page import sixteen

@@ -12,13 +12,10 @@ import pandas as pd
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from calibration.estimate import Estimate
-from calibration.finding import look, note
 from tcdyn.campaign import JoinedCampaign, joined
 from tcdyn.campaign.trends import Curve, CurveTest
-from tcdyn.pipeline.campaign.answers import said_once
-from tcdyn.pipeline.campaign.run import CampaignRun
-from tcdyn.pipeline.campaign.table import table_columns
+from tcdyn.core.estimate import Estimate
+from tcdyn.core.findings import look, note
 from tcdyn.plots import campaign as draw
 from tcdyn.plots.campaign import draw_joined_beta
 from tcdyn.plots.style import figure
@@ -29,9 +26,12 @@ from tcdyn.report.campaign import (
     trend_words,
     write_campaign_report,
 )
-from tcdyn.report.joined import beta_table, exponent_words, joined_sections, trend_sentence
-from tcdyn.report.joined import trend_words as joined_trend_words
+from tcdyn.report.campaign_joint import beta_table, exponent_words, joined_sections, trend_sentence
+from tcdyn.report.campaign_joint import trend_words as joined_trend_words
 from tcdyn.report.page import table_html
+from tcdyn.workflows.campaign import CampaignRun
+from tcdyn.workflows.campaign_results import said_once
+from tcdyn.workflows.campaign_table import table_columns
 from tests.campaign.toy import answer_of, toy
 
 NAMES = [f"{family}{k}" for family in "ABCD" for k in range(1, 5)]

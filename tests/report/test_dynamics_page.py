@@ -10,11 +10,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calibration.disk import Conditioning
 from tcdyn.identify import compare
-from tcdyn.pipeline.causal import Causal
 from tcdyn.report.compensate import _followed
 from tcdyn.report.dynamics import write_identify_report
+from tcdyn.rig.disk import Conditioning
+from tcdyn.workflows.live import Causal
 from tests.identify.identify_cases import case_a
 
 

@@ -13,15 +13,15 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 from matplotlib.patches import Rectangle
 
-from calibration.estimate import Estimate
-from calibration.finding import Finding, look, note
-from calibration.log import Log
-from calibration.record import read_record
-from tcdyn.pipeline.tables import u_of_beta
+from tcdyn.core.estimate import Estimate
+from tcdyn.core.findings import Finding, look, note
 from tcdyn.plots.style import figure
 from tcdyn.report.certificate import channel_verdicts
 from tcdyn.report.page import Section, figure_data_uri, pm, render_page, table_html
 from tcdyn.report.sources import log_row, record_rows
+from tcdyn.rig.log import Log
+from tcdyn.rig.record import read_record
+from tcdyn.workflows.beta_tables import u_of_beta
 
 
 def plain(page: str) -> str:
@@ -120,7 +120,7 @@ def test_an_uncertainty_too_small_for_its_digits_is_told_as_below_them() -> None
 
 
 def test_sources_name_the_record_s_file_and_of_a_part_of_a_log_the_whole(tmp_path: Path) -> None:
-    file = Path(__file__).parents[1] / "calibration" / "of_version_0_1.disk.json"
+    file = Path(__file__).parents[1] / "rig" / "of_version_0_1.disk.json"
     record = read_record(file)
     logs = ", ".join(f.file for f in record.inputs)
     (named,), (bare,) = (record_rows({"fast": record}, files) for files in ([file], []))
@@ -191,7 +191,7 @@ def test_what_was_mended_is_a_note_and_the_rest_a_warning() -> None:
 def test_a_gap_in_a_log_is_no_fault_of_a_thermocouple_and_noise_is(
     found: Finding, unfit: bool
 ) -> None:
-    file = Path(__file__).parents[1] / "calibration" / "of_version_0_1.disk.json"
+    file = Path(__file__).parents[1] / "rig" / "of_version_0_1.disk.json"
     plain = read_record(file)
     before = channel_verdicts(plain)
     after = channel_verdicts(plain.model_copy(update={"findings": [*plain.findings, found]}))

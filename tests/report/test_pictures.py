@@ -11,20 +11,20 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.text import Annotation
 
-from calibration.estimate import Z95, Estimate
-from calibration.lines.linefit import fit_line
-from calibration.lines.static import static_u
-from calibration.lines.static_fit import fit_static_lines
-from calibration.rig import load_rig
+from calibration.static_lines import fit_static_lines
 from tcdyn.chain import Chain
+from tcdyn.core.estimate import Z95, Estimate
+from tcdyn.estimation.line_fit import fit_line
 from tcdyn.plots import calibration as pictures
 from tcdyn.plots import partition as partitions
 from tcdyn.plots.campaign import name_points
 from tcdyn.plots.compensate import draw_before_use, draw_compensated, draw_tradeoff
 from tcdyn.plots.style import figure
 from tcdyn.plots.transient import draw_referee
-from tests.calibration.cal_cases import oven_frame
+from tcdyn.rig.rigfile import load_rig
+from tcdyn.rig.static_line import static_u
 from tests.pictures import bars
+from tests.rig.log_cases import oven_frame
 
 RIG = load_rig()
 

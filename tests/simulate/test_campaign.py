@@ -8,9 +8,9 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from calibration.errors import InputError
-from calibration.rig import load_rig, parse_rig
 from tcdyn.cli.simulate import app
+from tcdyn.core.errors import InputError
+from tcdyn.rig.rigfile import load_rig, parse_rig
 from tcdyn.simulate.campaign import PlannedPlunge, simulate_campaign
 from tcdyn.simulate.ehl import STUDY_MESH, EhlOptions
 from tcdyn.simulate.plunge import PlungeOptions

@@ -6,8 +6,8 @@ import sys
 import numpy as np
 import pytest
 
-from calibration.errors import InputError
-from tcdyn.contact import YOUNG_Pa, half_width_m, hertz_contact, interference_pressure_Pa
+from tcdyn.core.errors import InputError
+from tcdyn.rig.contact import YOUNG_Pa, half_width_m, hertz_contact, interference_pressure_Pa
 from tcdyn.simulate.programme import PROGRAMME, ehl_test
 
 TABLE_3_4_mm = {850: 1.25, 1460: 1.50, 1850: 1.62, 2320: 1.75}
@@ -66,7 +66,7 @@ def test_press_fit_of_a_thin_ring_follows_its_hoop_stress() -> None:
 
 
 def test_contact_loads_no_simulator() -> None:
-    code = "import sys, tcdyn.contact; print([m for m in sys.modules if m.startswith('tcdyn.simulate.')])"
+    code = "import sys, tcdyn.rig.contact; print([m for m in sys.modules if m.startswith('tcdyn.simulate.')])"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout.strip() == "[]"
 

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import i0e, i1e, j0, j1, k0e, k1e, y0, y1
 
-from calibration.errors import InputError
-from calibration.rig import parse_rig
-from tcdyn.contact import contact_conductance_W_m2K, interference_pressure_Pa
+from tcdyn.core.errors import InputError
+from tcdyn.rig.contact import contact_conductance_W_m2K, interference_pressure_Pa
+from tcdyn.rig.rigfile import parse_rig
 from tcdyn.simulate.implicit import Solution, Stepping, integrate, steady_state, step_sizes
 from tcdyn.simulate.mesh import (
     DiskMesh,

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from calibration.disk import Conditioning
-from calibration.errors import InputError
 from tcdyn.chain import Chain
+from tcdyn.core.errors import InputError
+from tcdyn.rig.disk import Conditioning
 from tcdyn.simulate.measure import (
     BITS,
     RANGE_degC,

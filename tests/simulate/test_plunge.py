@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import erfc, erfcx
 
-from calibration.rig import load_rig
+from tcdyn.rig.rigfile import load_rig
 from tcdyn.simulate.bath import fluid_state, heat_radially, natural_h_W_m2K
 from tcdyn.simulate.measure import simulate_oven
 from tcdyn.simulate.plunge import (

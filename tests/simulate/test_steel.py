@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from calibration import Array
-from calibration.errors import InputError
-from calibration.stated.flux import FluxProfile
-from calibration.stated.steel import SteelSlopes
-from tcdyn.partition.statement.steel import linear_about
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.partition.steel import linear_about
+from tcdyn.rig.flux_profile import FluxProfile
+from tcdyn.rig.steel import SteelSlopes
 from tcdyn.simulate.implicit import integrate, steady_state
 from tcdyn.simulate.mesh import DiskMesh, build_system, grid_of
 from tcdyn.simulate.round import uneven_system

@@ -38,10 +38,10 @@ class Mutation:
         return text.replace(self.old, self.new)
 
 
-CONTACT, MODAL, RIM = "tcdyn/contact.py", "tcdyn/conduction/modal.py", "tcdyn/conduction/rim.py"
+CONTACT, MODAL, RIM = "tcdyn/rig/contact.py", "tcdyn/heat/modal.py", "tcdyn/heat/rim.py"
 HERTZ_TESTS, RIM_TESTS = (
     "tests/simulate/test_contact.py",
-    "tests/conduction/test_rim_closed_forms.py",
+    "tests/heat/test_rim_closed_forms.py",
 )
 PLUNGE_TESTS, OIL_TESTS = (
     "tests/immersion/test_immersion_radial.py",
@@ -90,28 +90,28 @@ MUTATIONS: tuple[Mutation, ...] = (
         MODAL,
         "(ro + dr / 2) * 2 /",
         "(ro - dr / 2) * 2 /",
-        "tests/conduction/test_rim_convergence.py",
+        "tests/heat/test_rim_convergence.py",
     ),
     Mutation(
         "washers: half of a face's exchange",
         MODAL,
         "2 * alpha * rim.washer",
         "alpha * rim.washer",
-        "tests/conduction/test_rim_convergence.py",
+        "tests/heat/test_rim_convergence.py",
     ),
     Mutation(
         "washers' Biot number in the inner row",
         MODAL,
         "biot = rim.washer_W_m2K * w / k",
         "biot = rim.washer_W_m2K * w / (2 * k)",
-        "tests/conduction/test_rim_profiles.py",
+        "tests/heat/test_rim_profiles.py",
     ),
     Mutation(
         "flux over twice the contact's width",
         MODAL,
         "np.clip(edges / half_width,",
         "np.clip(edges / (2 * half_width),",
-        "tests/conduction/test_rim_flux.py",
+        "tests/heat/test_rim_flux.py",
     ),
     Mutation(
         "power spread over the inner radius",
@@ -132,7 +132,7 @@ MUTATIONS: tuple[Mutation, ...] = (
         MODAL,
         "t**2 * (3 - 2 * t)",
         "t**2 * (3 - t)",
-        "tests/conduction/test_rim_profiles.py",
+        "tests/heat/test_rim_profiles.py",
     ),
     Mutation("no radius in the radial coupling", MODAL, "half = r - dr / 2", "half = r", RIM_TESTS),
     Mutation(
@@ -140,21 +140,21 @@ MUTATIONS: tuple[Mutation, ...] = (
         RIM,
         "setup.washer_conductivity_W_mK / setup.washer_thickness_m",
         "setup.washer_conductivity_W_mK * setup.washer_thickness_m",
-        "tests/conduction/test_rim_engine.py",
+        "tests/heat/test_rim_engine.py",
     ),
     Mutation(
         "straight line between samples run backwards",
         RIM,
         "drive = ramp * u[1:] + (rise - ramp) * u[:-1]",
         "drive = ramp * u[:-1] + (rise - ramp) * u[1:]",
-        "tests/conduction/test_rim_bank.py",
+        "tests/heat/test_rim_bank.py",
     ),
     Mutation(
         "uneven film: sign of its departure",
-        "tcdyn/conduction/nonuniform.py",
+        "tcdyn/heat/nonuniform.py",
         "* (film - mean)",
         "* (mean - film)",
-        "tests/conduction/test_rim_nonuniform.py",
+        "tests/heat/test_rim_nonuniform.py",
     ),
     Mutation(
         "speed law: sign of the slow line's intercept",
@@ -200,17 +200,17 @@ MUTATIONS: tuple[Mutation, ...] = (
     ),
     Mutation(
         "cut-off taken in rad/s over pi",
-        "calibration/disk.py",
+        "tcdyn/rig/disk.py",
         "1.0 / (2 * math.pi * self.cutoff_Hz)",
         "1.0 / (math.pi * self.cutoff_Hz)",
-        "calibration/disk.py",
+        "tcdyn/rig/disk.py",
     ),
     Mutation(
         "terminal's emf taken away",
-        "calibration/lines/couples.py",
+        "tcdyn/rig/thermocouple_types.py",
         "dtype=float) + emf_mV(cold",
         "dtype=float) - emf_mV(cold",
-        "tests/calibration/test_cal_typej.py",
+        "tests/rig/test_thermocouple_types.py",
     ),
     Mutation(
         "whole disk: half the radial conduction",
@@ -221,10 +221,10 @@ MUTATIONS: tuple[Mutation, ...] = (
     ),
     Mutation(
         "static line: sign of the offset",
-        "calibration/lines/static.py",
+        "tcdyn/rig/static_line.py",
         "np.asarray(logged, dtype=float) + line.offset",
         "np.asarray(logged, dtype=float) - line.offset",
-        "calibration/lines/static.py",
+        "tcdyn/rig/static_line.py",
     ),
     Mutation(
         "power held on the wrong side of the parting",
@@ -235,24 +235,24 @@ MUTATIONS: tuple[Mutation, ...] = (
     ),
     Mutation(
         "harmonic round the bore: sign of its second solution",
-        "tcdyn/partition/uneven.py",
+        "tcdyn/partition/angular_harmonic.py",
         "special.iv(n, x) - lost_i / lost_k",
         "special.iv(n, x) + lost_i / lost_k",
         "tests/partition/test_uneven.py",
     ),
     Mutation(
         "effect of a deeper inner row: sign",
-        "tcdyn/partition/effects.py",
+        "tcdyn/partition/nuisance.py",
         "depth[p:, :, :p] += np.tensordot",
         "depth[p:, :, :p] -= np.tensordot",
         "tests/partition/test_effects.py",
     ),
     Mutation(
         "inverse of a chain: half the bandwidth",
-        "tcdyn/compensate/inverse.py",
+        "tcdyn/smoothing/inverse.py",
         "w = 2 * np.pi * bandwidth_Hz /",
         "w = np.pi * bandwidth_Hz /",
-        "tests/compensate/test_causal.py",
+        "tests/smoothing/test_causal.py",
     ),
 )
 

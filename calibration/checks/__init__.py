@@ -1,1 +1,0 @@
-"""What must hold for the columns of a log."""

@@ -1,1 +1,0 @@
-"""Straight lines of sensors: static lines, bearing friction, transducers; type J."""

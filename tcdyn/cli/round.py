@@ -1,0 +1,152 @@
+"""``tcdyn round``: the temperature round the disks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from tcdyn.cli.common import Told, check_choice, grouped, spare_inputs
+from tcdyn.cli.simulate import Beta, RigPath, Seed, Test, Uneven, contacts
+from tcdyn.core.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from matplotlib.figure import Figure
+
+    from tcdyn.rig.disk import DiskSetup
+
+PICTURES = (".png", ".svg", ".pdf")
+
+app = typer.Typer(
+    name="round",
+    help="The temperature round the disks.",
+    no_args_is_help=True,
+    add_completion=False,
+)
+
+
+@app.command("simulate")
+@grouped
+def simulate_round(
+    out: Annotated[Path, typer.Option(help="picture to write: .png, .svg or .pdf")],
+    test: Test = "B3",
+    seed: Seed = 0,
+    beta: Beta = None,
+    uneven: Uneven = None,
+    rig: RigPath = None,
+    *,
+    tell: Told,
+) -> None:
+    """The synthetic disks in (r, z, angle) at the end of the load, drawn from bore to running surface.
+
+    `tcdyn beta --report` draws the same of a measured test.
+
+    Example: tcdyn round simulate --out disks.png --test D4 --uneven slow:0.5@30
+    """
+    from tcdyn.plots.circumferential import round_figure
+    from tcdyn.rig.disk import DISKS
+    from tcdyn.rig.rigfile import load_rig
+    from tcdyn.simulate.ehl import EhlOptions
+    from tcdyn.simulate.field import around_disks
+    from tcdyn.simulate.truth import draw_truth
+
+    _check_picture(out, rig)
+    truth = draw_truth(seed, load_rig(rig)).with_uneven(contacts(uneven))
+    disks = around_disks(test, seed, truth, EhlOptions(beta=beta))
+    _save(round_figure([disks[d] for d in DISKS]), out)
+    told = {
+        d: {"surface_degC": _ends(disks[d].surface_degC), "seen_degC": disks[d].seen_degC}
+        for d in DISKS
+    }
+    tell.json(lambda: {"picture": out, **told})
+    for d in DISKS:
+        low, high = told[d]["surface_degC"]
+        tell.say(f"{d} disk: running surface {low:.1f} to {high:.1f} degC round the shaft")
+    tell.files(picture=out)
+
+
+@app.command("fit")
+@grouped
+def fit_round(
+    rig: RigPath = None,
+    disk: Annotated[
+        str | None, typer.Option(help="fast or slow; each that has a stated fit, without it")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="picture to write: .png, .svg or .pdf")] = None,
+    *,
+    tell: Told,
+) -> None:
+    """The press fit that table fit of rig.toml states: pressure (6.1), conductance (6.2), and both round the bore.
+
+    Table fit, or slow.fit for one disk, states interference_um (diametral), hardness_GPa, roughness_um, slope and
+    conductivity_W_mK of the joint, keyways = [{ angle_deg = 40, width_mm = 6, share = 0.1 }] and
+    patches = [{ from_deg = 100, to_deg = 160, share = 0.2 }]. Where there is one, `tcdyn simulate ehl`, `tcdyn round
+    simulate` and `tcdyn beta` use it.
+
+    Example: tcdyn round fit --rig rig.toml --disk slow --out fit.png
+    """
+    from functools import partial
+
+    from tcdyn.plots.circumferential import draw_fit
+    from tcdyn.plots.style import pictured
+    from tcdyn.rig.disk import DISKS
+    from tcdyn.rig.rigfile import load_rig
+
+    if disk is not None:
+        check_choice("--disk", disk, DISKS)
+    if out is not None:
+        _check_picture(out, rig)
+    all_of = load_rig(rig)
+    setups = [all_of.disk_setup(d) for d in DISKS if disk in (None, d)]
+    stated = [s for s in setups if s.fit.stated] or setups[:1]
+    told = {s.name: _told(s) for s in stated}
+    if out is not None:
+        draws = [partial(draw_fit, s) for s in stated]
+        rows = len(stated)
+        _save(pictured(*draws, rows=rows, width_in=7.0, height_in=3.2 * rows), out)
+    tell.json(lambda: {"picture": out, **told})
+    for name, x in told.items():
+        tell.say(
+            f"{name} disk: pressure {x['pressure_MPa']:.1f} MPa; conductance {1e-3 * x['bearing_W_m2K']:.2f} kW/m2K "
+            f"where the fit bears, {1e-3 * x['mean_W_m2K']:.2f} in the mean; of that mean the first harmonic is "
+            f"{x['first']['share']:.3f} at {x['first']['angle_deg']:.0f} degrees, the second "
+            f"{x['second']['share']:.3f} at {x['second']['angle_deg']:.0f}"
+        )
+    tell.files(picture=out)
+
+
+def _told(setup: DiskSetup) -> dict[str, Any]:
+    """What a stated fit comes to; angles are those of the greatest conductance."""
+    from tcdyn.rig.contact import press_fit
+    from tcdyn.rig.press_fit import amplitude_and_angle, harmonics
+
+    pressure, bearing = press_fit(setup)
+    shares = harmonics(setup.fit.sectors(1e3 * setup.bore_radius_m), 2)
+    waves = {n: dict(zip(("share", "angle_deg"), amplitude_and_angle(shares, n))) for n in (1, 2)}
+    mean = bearing * float(shares[0].real)
+    return {
+        "pressure_MPa": 1e-6 * pressure,
+        "bearing_W_m2K": bearing,
+        "mean_W_m2K": mean,
+        "first": waves[1],
+        "second": waves[2],
+    }
+
+
+def _check_picture(out: Path, rig: Path | None) -> None:
+    if out.suffix.lower() not in PICTURES:
+        raise InputError(f"--out is {out}", expected=f"a name ending in {', '.join(PICTURES)}")
+    spare_inputs([rig], out=out)
+
+
+def _save(picture: Figure, out: Path) -> None:
+    from tcdyn.io.write import atomic_path
+
+    with atomic_path(out) as beside:
+        picture.savefig(beside, dpi=150)
+
+
+def _ends(x: np.ndarray) -> tuple[float, float]:
+    return float(x.min()), float(x.max())

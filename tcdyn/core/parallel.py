@@ -1,0 +1,123 @@
+"""A function over many independent jobs, in worker processes of this machine or on a Dask scheduler."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import TypeVar
+
+from tcdyn.core.errors import InputError
+from tcdyn.core.threads import one_blas_thread
+
+Job = TypeVar("Job")
+Value = TypeVar("Value")
+CONNECT_S = 10.0  # wait for the Dask scheduler: a reachable one answers in well under a second
+
+
+def parallel_map(
+    function: Callable[[Job], Value], jobs: Sequence[Job], workers: int = 1, dask: str | None = None
+) -> Iterator[tuple[int, Value | Exception]]:
+    """Yield the position and the result of each job, in the order in which the results are ready.
+
+    Parameters
+    ----------
+    function : callable
+        Function of one job. With worker processes or Dask, it must be picklable (by cloudpickle), as must jobs and
+        results. It should return its failures: an exception in a Dask worker is yielded as the result of its job, any
+        other is raised here and ends the iteration.
+    jobs : sequence
+        Arguments of ``function``, one for each call.
+    workers : int
+        Number of worker processes. With 1, the jobs run in this process, one after the other.
+    dask : str, optional
+        Address of a Dask scheduler, for example "tcp://host:8786". ``workers`` is then not used.
+
+    Yields
+    ------
+    tuple of int and result
+        Position of the job in ``jobs``, and what ``function`` returned.
+
+    Raises
+    ------
+    InputError
+        If ``workers`` is below 1, a worker process was killed, dask.distributed is not installed, or no Dask scheduler
+        answers at the address.
+
+    Notes
+    -----
+    BLAS libraries use one thread in each worker.
+
+    Dask is used through its own client. joblib's Dask backend does not report a killed worker: the iteration over its
+    results does not end (joblib 1.6 with dask 2026.8).
+
+    Examples
+    --------
+    >>> sorted(parallel_map(abs, [-3, 2]))
+    [(0, 3), (1, 2)]
+    """
+    if dask is not None:
+        return _on_dask(function, jobs, dask)
+    if workers < 1:
+        raise InputError(f"{workers} workers", expected="at least 1")
+    if workers == 1 or len(jobs) < 2:
+        return ((position, function(job)) for position, job in enumerate(jobs))
+    return _in_processes(function, jobs, min(workers, len(jobs)))
+
+
+def _in_processes(
+    function: Callable[[Job], Value], jobs: Sequence[Job], workers: int
+) -> Iterator[tuple[int, Value | Exception]]:
+    """Yield position and result of each job from joblib's worker processes."""
+    from joblib import Parallel, delayed
+    from joblib.externals.loky.process_executor import TerminatedWorkerError
+
+    def run(position: int, job: Job) -> tuple[int, Value]:
+        return position, _on_one_blas_thread(function, job)
+
+    pool = Parallel(n_jobs=workers, batch_size=1, return_as="generator_unordered")
+    try:
+        yield from pool(delayed(run)(position, job) for position, job in enumerate(jobs))
+    except TerminatedWorkerError:
+        raise InputError(
+            "a worker process was killed, perhaps for want of memory",
+            remedy="run the same command with fewer workers; what is finished is kept",
+        ) from None
+
+
+def _on_dask(
+    function: Callable[[Job], Value], jobs: Sequence[Job], address: str
+) -> Iterator[tuple[int, Value | Exception]]:
+    """Yield position and result of each job from the workers of the Dask scheduler at ``address``."""
+    try:
+        from dask.distributed import Client, as_completed
+    except ImportError:
+        raise InputError(
+            "dask.distributed is not installed",
+            remedy="pip install 'tcdyn[dask]', or use {workers}",
+            parameters={"workers": None},
+        ) from None
+    try:
+        client = Client(address, timeout=CONNECT_S, set_as_default=False)
+    except (OSError, ValueError, TypeError) as problem:
+        raise InputError(
+            f"no Dask scheduler answers at {address} ({type(problem).__name__})",
+            expected="an address such as tcp://host:8786",
+            remedy="start one with `dask scheduler` and `dask worker`, or use {workers}",
+            parameters={"workers": "2"},
+        ) from None
+    with client:
+        positions = {}
+        for position, job in enumerate(jobs):
+            future = client.submit(_on_one_blas_thread, function, job, pure=False)
+            positions[future] = position
+        for future in as_completed(positions, loop=client.loop):
+            try:
+                result = future.result()
+            except Exception as problem:
+                result = problem
+            yield positions[future], result
+
+
+def _on_one_blas_thread(function: Callable[[Job], Value], job: Job) -> Value:
+    """The result of one job, with one BLAS thread in the worker."""
+    with one_blas_thread:
+        return function(job)

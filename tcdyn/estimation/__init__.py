@@ -1,0 +1,91 @@
+"""Least squares: residual, Jacobian and priors to optimum, covariance, pulls and intervals. One core for every fit.
+
+It knows nothing of thermocouples. A caller says what the parameters are called and how residuals (in standard
+deviations of their noise, if that is known) and their Jacobian follow from them; priors are normal, and inf where there
+is none.
+
+>>> import numpy as np
+>>> from tcdyn.estimation import Problem, minimise, profile
+>>> t = np.arange(0.0, 3.0, 0.01)
+>>> measured = 5.0 * np.exp(-t / 0.7) + 0.1 * np.random.default_rng(1).standard_normal(len(t))
+>>> def residual_and_jacobian(theta):
+...     size, tau = theta
+...     decay = np.exp(-t / tau)
+...     return (size * decay - measured) / 0.1, np.column_stack([decay, size * decay * t / tau**2]) / 0.1
+>>> problem = Problem(
+...     ("size_K", "tau_s"), residual_and_jacobian,
+...     prior_mean=np.array([0.0, 0.8]), prior_sd=np.array([np.inf, 0.2]),  # something was known of tau
+...     lower=np.array([0.0, 1e-3]), largest=np.array([np.inf, 0.5]),  # no step changes tau by more than 0.5 s
+... )
+>>> best = minimise(problem, np.array([1.0, 1.5]))
+>>> best.converged, best.theta.round(2), round(best.u("tau_s"), 4)
+(True, array([5.01, 0.69]), 0.0047)
+>>> round(best.pulls["tau_s"], 1)  # the data moved the stated 0.8 s by half its uncertainty
+-0.5
+>>> walk = profile(best, "tau_s", step=0.5)
+>>> abs(walk.high95 - (best.value("tau_s") + 1.96 * best.u("tau_s"))) < 0.001
+True
+
+``minimise(problem, start, fixed=rows)`` leaves the combinations rows @ theta as they are; ``held(best, "tau_s", 0.8)``
+fits the rest again; ``loss="huber"`` forgives spikes. Coloured residuals are the business of ``noise``: ``sandwich``
+(an autoregression fitted to them), ``correlation_length`` and ``wave_factor`` (variance factors). Where the model
+cannot be computed, ``residual_and_jacobian`` returns None.
+"""
+
+from tcdyn.estimation.arma import (
+    Noise,
+    autocovariance,
+    correlation_length,
+    fit_ar,
+    fit_arma,
+    sandwich,
+)
+from tcdyn.estimation.levenberg_marquardt import (
+    Loss,
+    free_directions,
+    held,
+    least,
+    minimise,
+    robust_covariance,
+)
+from tcdyn.estimation.linear_elimination import eliminated
+from tcdyn.estimation.problem import (
+    Evaluate,
+    Optimum,
+    Problem,
+    Status,
+    determined,
+    from_rows,
+    inverse,
+    orthonormal,
+    wave_factor,
+)
+from tcdyn.estimation.profile import Profile, crossing, profile
+
+__all__ = [
+    "Evaluate",
+    "Loss",
+    "Noise",
+    "Optimum",
+    "Problem",
+    "Profile",
+    "Status",
+    "autocovariance",
+    "correlation_length",
+    "crossing",
+    "determined",
+    "eliminated",
+    "fit_ar",
+    "fit_arma",
+    "free_directions",
+    "from_rows",
+    "held",
+    "inverse",
+    "least",
+    "minimise",
+    "orthonormal",
+    "profile",
+    "robust_covariance",
+    "sandwich",
+    "wave_factor",
+]

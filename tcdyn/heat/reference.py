@@ -1,0 +1,262 @@
+"""What the modal engine is held against: closed forms, and the thesis's Crank-Nicolson scheme, factorised once.
+
+Closed forms of sections 3.4.1 and 3.6, and the case that is missing there. The scheme of section 3.4.3 is written
+from the thesis's coefficients (3.30)-(3.31) in their own form on the engine's nodes, not from the engine's operators,
+so that the engine has something independent to agree with.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+from numpy.typing import ArrayLike
+from scipy.optimize import brentq
+from scipy.sparse.linalg import SuperLU, splu
+from scipy.special import erf, j0, j1, y0, y1
+
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.heat.rim import MESH_IV, Mesh, Rim
+
+ERF_ONE = 3.6  # the thesis's argument beyond which erf counts as one
+
+
+def semi_infinite(
+    depth_m: ArrayLike, time_s: ArrayLike, start: float, surface: float, alpha_m2_s: float
+) -> Array:
+    """Half space whose surface jumps: T = T_o + (T_i - T_o) erf(x / (2 sqrt(alpha t))) (3.26), t > 0.
+
+    >>> float(semi_infinite(3e-3, 1.0, 20.0, 160.0, 1.1e-5).round(2))
+    93.14
+    """
+    x = np.asarray(depth_m, dtype=float)
+    t = np.asarray(time_s, dtype=float)
+    return np.asarray(surface + (start - surface) * erf(x / (2 * np.sqrt(alpha_m2_s * t))))
+
+
+def penetration_depth_m(time_s: ArrayLike, alpha_m2_s: float) -> Array:
+    """How deep a surface jump has come after ``time_s``: x = 7.2 sqrt(alpha t) (3.27)."""
+    return np.asarray(2 * ERF_ONE * np.sqrt(alpha_m2_s * np.asarray(time_s, dtype=float)))
+
+
+def surface_steady_degC(
+    rim: Rim, h: float, flux: float, inner_degC: float, ambient_degC: float
+) -> float:
+    """Running surface of the steady ring, T_out = (R h T_A + K/ln(R/r) T_in + R q)/(h R + K/ln(R/r)) (3.37).
+
+    Here and below ``h`` is in W/m2K and ``flux`` in W/m2.
+    """
+    r = rim.outer_radius_m
+    c = rim.conductivity_W_mK / np.log(rim.outer_radius_m / rim.inner_radius_m)
+    return float((r * h * ambient_degC + c * inner_degC + r * flux) / (h * r + c))
+
+
+def ring_steady_degC(
+    rim: Rim, radius_m: ArrayLike, h: float, flux: float, inner_degC: float, ambient_degC: float
+) -> Array:
+    """Steady ring, T = T_in + (q - h (T_out - T_A)) R ln(r/r_in) / K: (3.36), T_in not divided by K; h in W/m2K."""
+    net = flux - h * (surface_steady_degC(rim, h, flux, inner_degC, ambient_degC) - ambient_degC)
+    shape = np.log(np.asarray(radius_m) / rim.inner_radius_m)
+    return np.asarray(inner_degC + net * rim.outer_radius_m / rim.conductivity_W_mK * shape)
+
+
+def _ring_mode(mu: ArrayLike, r: ArrayLike, inner_m: float) -> Array:
+    """Phi(r) = J0(mu r) Y0(mu R_i) - Y0(mu r) J0(mu R_i): zero at the inner radius."""
+    mu = np.asarray(mu)
+    r = np.asarray(r)
+    return np.asarray(j0(mu * r) * y0(mu * inner_m) - y0(mu * r) * j0(mu * inner_m))
+
+
+def ring_roots(inner_m: float, outer_m: float, biot_per_m: float, count: int) -> Array:
+    """The first ``count`` roots mu of K Phi'(R_o) + h Phi(R_o) = 0, with ``biot_per_m`` = h/K [1/m]; ascending.
+
+    The roots interlace with (n - 1/2) pi/(R_o - R_i) and n pi/(R_o - R_i), moved a little by the curvature.
+    """
+
+    def robin(mu: Array) -> Array:
+        slope = -mu * (j1(mu * outer_m) * y0(mu * inner_m) - y1(mu * outer_m) * j0(mu * inner_m))
+        return np.asarray(slope + biot_per_m * _ring_mode(mu, outer_m, inner_m))
+
+    step = np.pi / (outer_m - inner_m)
+    grid = np.linspace(1e-6 * step, (count + 1.5) * step, 40 * (count + 2))
+    values = robin(grid)
+    at = np.flatnonzero(values[:-1] * values[1:] < 0)[:count]
+    if len(at) < count:
+        raise InputError(f"ring_roots: found {len(at)} of {count} roots")
+    return np.array([brentq(robin, grid[i], grid[i + 1], xtol=1e-13 * step) for i in at])
+
+
+def ring_transient_degC(
+    rim: Rim,
+    radius_m: ArrayLike,
+    time_s: ArrayLike,
+    h: float,
+    flux: float,
+    inner_degC: float,
+    ambient_degC: float,
+    start_degC: float,
+    modes: int = 60,
+) -> Array:
+    """Hollow cylinder, T_in fixed inside, flux and film outside, from one temperature: (times, radii) [degC].
+
+    T = T_steady(r) + sum_n c_n Phi_n(r) exp(-alpha mu_n^2 t), c_n by projection with weight r; Phi_n and mu_n of
+    ``ring_roots``; Carslaw and Jaeger, chapters 7 and 13. The integrals are taken by Gauss-Legendre quadrature.
+    """
+    inner_m = rim.inner_radius_m
+    mu = ring_roots(inner_m, rim.outer_radius_m, h / rim.conductivity_W_mK, modes)
+    x, w = np.polynomial.legendre.leggauss(8 * modes)
+    at = inner_m + rim.thickness_m * (x + 1) / 2
+    phi = _ring_mode(mu[:, None], at, inner_m)
+    gap = start_degC - ring_steady_degC(rim, at, h, flux, inner_degC, ambient_degC)
+    c = (phi * gap) @ (w * at) / ((phi * phi) @ (w * at))
+    decay = np.exp(-rim.diffusivity_m2_s * np.outer(np.asarray(time_s, dtype=float), mu**2))
+    steady = ring_steady_degC(rim, radius_m, h, flux, inner_degC, ambient_degC)
+    return np.asarray(steady + (decay * c) @ _ring_mode(mu[:, None], radius_m, inner_m))
+
+
+def slab_root(biot: float) -> float:
+    """Lowest root nu of nu tan(nu) = biot: the even mode of a slab cooled equally at both faces."""
+    if not biot > 0:
+        raise InputError(f"slab_root: the Biot number must be positive; got {biot}")
+    return float(brentq(lambda v: v * np.sin(v) - biot * np.cos(v), 1e-12, np.pi / 2))
+
+
+def product_decay_K(
+    rim: Rim, radius_m: ArrayLike, z_m: ArrayLike, time_s: float, h: float
+) -> Array:
+    """A field that varies in z and is exact: Phi_1(r) cos(2 nu (z/w - 1/2)) exp(-alpha (mu^2 + (2 nu/w)^2) t).
+
+    (radii, z) [K] above an ambient at zero, with R_i held at zero, film ``h`` [W/m2K] at R_o and the rim's washers at
+    both faces; scaled so that Phi_1(R_o) = 1. It is the case that section 3.6.3 says it could not test.
+    """
+    inner = rim.inner_radius_m
+    outer = rim.outer_radius_m
+    w = rim.width_m
+    k = rim.conductivity_W_mK
+    mu = ring_roots(inner, outer, h / k, 1)[0]
+    nu = slab_root(rim.washer_W_m2K * w / (2 * k))
+    phi = _ring_mode(mu, radius_m, inner) / _ring_mode(mu, outer, inner)
+    shape = np.cos(2 * nu * (np.asarray(z_m) / w - 0.5))
+    return np.asarray(
+        np.outer(phi, shape) * np.exp(-rim.diffusivity_m2_s * (mu**2 + (2 * nu / w) ** 2) * time_s)
+    )
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """dT/dt = -A T + G_in T_inner + g_q q + g_a T_A + g_faces: unknowns (nr-1) x nz in rows of r, node 0 imposed.
+
+    matrix A (n, n) [1/s]; inner (n, nz) from the imposed profile; outer (n, nz) from the flux q_i [K/s per W/m2];
+    film (n,), face_d (n,), face_f (n,) from the air at the surface and behind each washer [1/s].
+    """
+
+    mesh: Mesh
+    matrix: sp.csc_matrix
+    inner: sp.csr_matrix
+    outer: sp.csr_matrix
+    film: Array
+    face_d: Array
+    face_f: Array
+
+
+def scheme(rim: Rim, h_W_m2K: float | Array, mesh: Mesh = MESH_IV) -> Scheme:
+    """The semi-discrete rim; ``h_W_m2K`` is one number, or one for each z node (nz,)."""
+    m = mesh.nr - 1
+    n = mesh.nz
+    dr = rim.thickness_m / m
+    dz = rim.width_m / (n - 1)
+    s = rim.inner_radius_m / dr
+    gamma = (dr / dz) ** 2
+    k = rim.conductivity_W_mK
+    scale = rim.diffusivity_m2_s / dr**2
+    j = np.arange(1, m + 1)
+    # (3.30): A and B times 2 (phi + gamma + 1)
+    up = (s + j + 0.5) / (s + j)
+    down = (s + j - 0.5) / (s + j)
+    first = np.eye(m)[0] * down[0] * scale
+    last = np.eye(m)[-1] * up[-1] * 2 * dr / k * scale
+    down[-1] += up[-1]  # (3.31): the node outside the surface is eliminated
+    in_r = 2 * np.eye(m) - np.diag(down[1:], -1) - np.diag(up[:-1], 1)
+    in_z = gamma * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
+    in_z[0, 1] = in_z[-1, -2] = -2 * gamma  # washers: the nodes outside the faces are eliminated
+    face = gamma * 2 * dz * rim.washer_W_m2K / k * scale
+    face_d = np.tile(np.eye(n)[0] * face, m)
+    face_f = np.tile(np.eye(n)[-1] * face, m)
+    film = np.kron(
+        last, np.broadcast_to(np.asarray(h_W_m2K, dtype=float), n)
+    )  # what the film adds to the diagonal
+    inside = (sp.kron(in_r, sp.eye(n)) + sp.kron(sp.eye(m), in_z)) * scale
+    return Scheme(
+        mesh=mesh,
+        matrix=sp.csc_matrix(inside + sp.diags(film + face_d + face_f)),
+        inner=sp.csr_matrix(sp.kron(first[:, None], sp.eye(n))),
+        outer=sp.csr_matrix(sp.kron(last[:, None], sp.eye(n))),
+        film=np.asarray(film),
+        face_d=face_d,
+        face_f=face_f,
+    )
+
+
+@dataclass(frozen=True)
+class CrankNicolson:
+    """(I + dt/2 A) T+ = (I - dt/2 A) T + dt/2 (g + g+), with its matrix factorised once.
+
+    ``damped``: the step is replaced by two implicit Euler steps of half its length, which share the factor
+    (Rannacher 1984); wanted for the two steps after a jump, because Crank-Nicolson does not damp what is stiff.
+    """
+
+    scheme: Scheme
+    dt_s: float
+    factor: SuperLU
+    forward: sp.csr_matrix
+
+    @classmethod
+    def prepare(cls, s: Scheme, dt_s: float) -> CrankNicolson:
+        """Factorise (SuperLU, minimum degree on A + A', symmetric mode)."""
+        eye = sp.eye(s.matrix.shape[0], format="csc")
+        half = (dt_s / 2) * s.matrix
+        factor = splu(
+            (eye + half).tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}
+        )
+        return cls(s, dt_s, factor, sp.csr_matrix(eye - half))
+
+    def step(self, field: Array, g_now: Array, g_next: Array, damped: bool = False) -> Array:
+        """One step of fields (n,) or (n, columns); g are the forcings [K/s] at its two ends."""
+        half = self.dt_s / 2
+        if damped:
+            middle = self.factor.solve(field + half * (g_now + g_next) / 2)
+            return np.asarray(self.factor.solve(middle + half * g_next))
+        return np.asarray(self.factor.solve(self.forward @ field + half * (g_now + g_next)))
+
+
+def steady_field(s: Scheme, forcing: Array) -> Array:
+    """The field (n,) that no longer changes: A T = g."""
+    return np.asarray(splu(s.matrix.tocsc(), permc_spec="MMD_AT_PLUS_A").solve(forcing))
+
+
+def explicit_limit_s(rim: Rim, mesh: Mesh) -> float:
+    """Largest stable step of the explicit scheme, dt <= dr^2 dz^2 / (2 alpha (dr^2 + dz^2)) [s] (section 3.4.2).
+
+    The thesis quotes the one-dimensional form alpha dt / dx^2 <= 1/2; in two dimensions the sum over both counts.
+
+    >>> from tcdyn.rig.rigfile import load_rig
+    >>> round(explicit_limit_s(Rim.from_setup(load_rig().disk_setup("fast")), Mesh()) * 1e3, 3)   # mesh IV: [ms]
+    0.193
+    """
+    dr = rim.thickness_m / (mesh.nr - 1)
+    dz = rim.width_m / (mesh.nz - 1)
+    return 0.5 / (rim.diffusivity_m2_s * (dr**-2 + dz**-2))
+
+
+def explicit_growth(rim: Rim, mesh: Mesh, dt_s: float, steps: int = 200) -> float:
+    """Largest |T| after ``steps`` explicit steps from a +-1 checkerboard, unforced: below one when stable."""
+    if not dt_s > 0:
+        raise InputError(f"explicit_growth: dt_s must be positive; got {dt_s}")
+    s = scheme(rim, 0.0, mesh)
+    i, j = np.indices((mesh.nr - 1, mesh.nz))
+    t = (1.0 - 2.0 * ((i + j) % 2)).ravel()
+    for _ in range(steps):
+        t = t - dt_s * (s.matrix @ t)
+    return float(np.abs(t).max())

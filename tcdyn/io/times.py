@@ -1,0 +1,483 @@
+"""Columns of time: their units, time stamps with dates, and clocks whose stamps are whole units."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import date
+from difflib import get_close_matches
+from itertools import pairwise
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+
+# seconds per unit; the first spelling of each unit is the one that messages use
+_SPELLINGS: dict[float, tuple[str, ...]] = {
+    1.0: ("s", "sec", "secs", "second", "seconds", "sek", "sekunde", "sekunden"),
+    1e-3: (
+        "ms",
+        "msec",
+        "msecs",
+        "millis",
+        "millisecond",
+        "milliseconds",
+        "milli",
+        "millisekunden",
+    ),
+    1e-6: ("us", "µs", "μs", "usec", "usecs", "micros", "microsecond", "microseconds"),
+    1e-9: ("ns", "nsec", "nanosecond", "nanoseconds"),
+    60.0: ("min", "mins", "minute", "minutes", "minuten"),
+    3600.0: ("h", "hr", "hrs", "hour", "hours", "std", "stunde", "stunden"),
+    86400.0: ("days", "d", "day", "tag", "tage"),
+}
+SECONDS_PER_UNIT = {
+    spelling: seconds for seconds, spellings in _SPELLINGS.items() for spelling in spellings
+}
+TIME_UNITS = tuple(spellings[0] for spellings in _SPELLINGS.values())
+TIME_NAMES = re.compile(
+    r"(time|t|time_?stamp|date[_ /]?time|time[_ ]?elapsed|elapsed([_ ]?time)?|clock)", re.IGNORECASE
+)
+HEADER_NAMES = ("time_s", "time", "t", "Time", "time_ms", "Time [s]", "Time (s)", "timestamp")
+_NAME_AND_UNIT = re.compile(
+    r"(?P<stem>.*?)\s*(?:[\[(]\s*(?P<bracket>[^\])]*?)\s*[\])]|(?:/|,|\s+in\s+)\s*(?P<after>[^\W\d]+)\.?)\s*"
+)
+_SUFFIX = re.compile(r"(?P<stem>.+?)[_ ](?P<suffix>[^\W\d_]+)")
+# Without a unit in the header, times are read as seconds only where the time step lies between these two. Below, the
+# rate would be above 20 kHz: Excel days at 1 Hz and hours at 75 Hz lie there. Above, milliseconds at 500 Hz and less.
+SHORTEST_PLAUSIBLE_STEP_S = 5e-5
+LONGEST_PLAUSIBLE_STEP_S = 1.5
+# Numbers of days as Excel (from 1900), MATLAB (from year 0) and astronomers (Julian) count them, for the years 1968 to
+# 2064. With such a start, a step below 0.1 may be minutes.
+DAY_NUMBERS = ((25_000.0, 60_000.0), (718_700.0, 754_000.0), (2_439_800.0, 2_475_000.0))
+DAY_STEP = 0.1
+LATEST_EPOCH_S = 4e9  # seconds since 1970: the year 2096; larger numbers are milliseconds
+# Steps that are a round number of seconds in minutes, hours or days, and seldom a round number in seconds
+ROUND_SECONDS = {
+    60.0: (1, 2, 5, 10),
+    3600.0: (1, 2, 5, 10, 15, 30),
+    86400.0: (1, 2, 5, 10, 15, 30, 60, 300, 600, 900),
+}
+SAME_STEP = 2e-3  # relative difference of two steps that are one: files round their times
+
+
+@dataclass(frozen=True)
+class TimeColumn:
+    """The time column of a table and its unit.
+
+    Attributes
+    ----------
+    name : str
+        Name of the column in the file.
+    seconds : float or None
+        Seconds per unit; None where the header states a unit that is not known.
+    stated : bool
+        Whether the caller, the header or the unit row states the unit. Otherwise seconds are assumed, and
+        ``check_step`` tests the assumption.
+    written : str
+        The unit as the file writes it.
+    where : str
+        The file, for messages.
+    """
+
+    name: str
+    seconds: float | None
+    stated: bool
+    written: str
+    where: str
+
+    def in_seconds(self, values: Array, is_clock: bool) -> Array:
+        """Times (N,) in seconds; clock stamps, which the reader has converted already, stay as they are.
+
+        Raises
+        ------
+        InputError
+            If the column holds numbers and its unit is not known.
+        """
+        if is_clock:
+            return values
+        if self.seconds is None:
+            raise self._unit_request(f"its unit {self.written!r} is not known")
+        return values * self.seconds
+
+    def check_step(self, times_s: Array, is_clock: bool) -> None:
+        """Raise InputError if no unit is stated and the time step is not plausible in seconds.
+
+        Parameters
+        ----------
+        times_s : array of shape (N,)
+            The first times of the column [s].
+        is_clock : bool
+            Whether the column holds clock stamps, whose unit is known.
+        """
+        steps = np.diff(times_s[np.isfinite(times_s)])
+        steps = steps[steps > 0]
+        if is_clock or self.stated or len(steps) == 0:
+            return
+        finite = times_s[np.isfinite(times_s)]
+        start = float(finite[0])
+        step = float(np.median(steps))
+        may_be_days = step < DAY_STEP and any(low <= start <= high for low, high in DAY_NUMBERS)
+        round_in_another_unit = any(
+            abs(step * seconds_per_unit / seconds - 1) < SAME_STEP
+            for seconds_per_unit, choices in ROUND_SECONDS.items()
+            for seconds in choices
+        )
+        is_plausible = (
+            SHORTEST_PLAUSIBLE_STEP_S <= step <= LONGEST_PLAUSIBLE_STEP_S and start < LATEST_EPOCH_S
+        )
+        if may_be_days or round_in_another_unit or not is_plausible:
+            raise self._unit_request(
+                f"no unit is stated, and a time step of {step:.4g} may be in any unit"
+            )
+
+    def _unit_request(self, problem: str) -> InputError:
+        return InputError(
+            f"column {self.name!r}: {problem}",
+            where=self.where,
+            expected=f"one of {', '.join(TIME_UNITS)}",
+            remedy="name the unit, {time_unit}",
+            parameters={"time_unit": "UNIT"},
+        )
+
+
+def find_time_column(
+    names: Sequence[str],
+    where: str,
+    *,
+    requested: str | None = None,
+    unit: str | None = None,
+    unit_row: Mapping[str, str] | None = None,
+) -> TimeColumn:
+    """Find the time column of a table and its unit.
+
+    Parameters
+    ----------
+    names : sequence of str
+        The columns of the table.
+    where : str
+        The file, for messages.
+    requested : str, optional
+        The time column, where its name does not say so.
+    unit : str, optional
+        The unit as the caller states it; it overrides the header.
+    unit_row : mapping, optional
+        Units from a row below the header, by column.
+
+    Raises
+    ------
+    InputError
+        If no column is found, the requested one is missing, or ``unit`` is not a unit of time.
+
+    Examples
+    --------
+    >>> find_time_column(["Time [ms]", "T1"], "log.csv").seconds
+    0.001
+    >>> find_time_column(["t", "T1"], "log.csv", unit_row={"t": "min"}).seconds
+    60.0
+    """
+    if unit is not None and unit.lower() not in SECONDS_PER_UNIT:
+        raise InputError(f"time unit {unit!r}", where=where, expected=" or ".join(TIME_UNITS))
+    if requested is not None and requested not in names:
+        near = get_close_matches(requested, names, n=1, cutoff=0.6)
+        raise InputError(
+            f"column {requested!r} is missing",
+            where=where,
+            expected=f"one of {', '.join(map(repr, names))}",
+            remedy=f"did you mean {near[0]!r}?" if near else "",
+        )
+    name = requested
+    if name is None:
+        name = next((n for n in names if TIME_NAMES.fullmatch(split_unit(n)[0])), None)
+    if name is None:
+        raise InputError(
+            "no time column found",
+            where=where,
+            expected=f"one of {', '.join(map(repr, names))}",
+            remedy="name it, {time}",
+            parameters={"time": "COLUMN"},
+        )
+    written = unit or split_unit(name)[1] or (unit_row or {}).get(name, "")
+    if not written:
+        return TimeColumn(name, 1.0, False, "", where)
+    return TimeColumn(name, SECONDS_PER_UNIT.get(written.lower()), True, written, where)
+
+
+def split_unit(name: str) -> tuple[str, str]:
+    """The name of a time column without its unit, and the unit as written (empty where there is none).
+
+    A suffix such as ``_ms`` is a unit only if it is a known one; text in brackets always is.
+
+    >>> split_unit("Time (minutes)"), split_unit("t/ms"), split_unit("elapsed_time"), split_unit("Time_h")
+    (('Time', 'minutes'), ('t', 'ms'), ('elapsed_time', ''), ('Time', 'h'))
+    """
+    match = _NAME_AND_UNIT.fullmatch(name)
+    if match is not None and (
+        match["bracket"] is not None or match["after"].lower() in SECONDS_PER_UNIT
+    ):
+        unit = match["bracket"] if match["bracket"] is not None else match["after"]
+        return match["stem"].strip(), unit.rstrip(".")
+    match = _SUFFIX.fullmatch(name.strip())
+    if match is not None and match["suffix"].lower() in SECONDS_PER_UNIT:
+        return match["stem"], match["suffix"]
+    return name.strip(), ""
+
+
+# ISO dates, day.month.year, and day/month/year or month/day/year
+_STAMP = (
+    r"^\s*(?:(?P<date>\d{4}-\d\d-\d\d|\d{1,2}[./]\d{1,2}[./]\d{2,4}|(?:19|20)\d{6})[T ]\s*)?"
+    r"(?P<hour>\d{1,2}):(?P<minute>\d\d):(?P<second>\d\d(?:\.\d+)?)\s*(?P<half>AM|PM)?"
+)
+_DATE_ONLY = re.compile(r"\s*(\d{4}-\d\d-\d\d|\d{1,2}[./]\d{1,2}[./]\d{2,4})\s*")
+SECONDS_PER_DAY = 86400.0
+
+
+@dataclass
+class Stamps:
+    """Clock stamps to seconds since the first one, in one chunk or in many.
+
+    A stamp with a date counts days by the calendar. In a column without dates the clock passes midnight where it goes
+    back by more than half a day.
+    """
+
+    column: str
+    where: str
+    first_s: float = np.nan
+    last_s: float = np.nan
+    midnights: float = 0.0
+    _dates: list[tuple[int, int, int]] = field(default_factory=list)
+    _day_first: bool | None = None
+
+    def seconds(self, texts: Sequence[str]) -> Array:
+        """Seconds (N,) since the first stamp of the column; NaN where a cell is no stamp.
+
+        Raises
+        ------
+        InputError
+            If the first stamp cannot be read, or dates such as 03/04/2021 can be read in two ways.
+        """
+        series = pd.Series(texts, dtype="str").str.replace(",", ".", regex=False)
+        parts = series.str.extract(_STAMP)
+        hour = pd.to_numeric(parts["hour"]).to_numpy(dtype=float)
+        afternoon = (parts["half"] == "PM").to_numpy(dtype=bool)
+        morning = (parts["half"] == "AM").to_numpy(dtype=bool)
+        hour = np.where(afternoon | morning, hour % 12, hour) + 12.0 * afternoon
+        minute = pd.to_numeric(parts["minute"]).to_numpy(dtype=float)
+        second = pd.to_numeric(parts["second"]).to_numpy(dtype=float)
+        of_day = hour * 3600 + minute * 60 + second
+        if len(of_day) == 0:
+            return of_day
+        if np.isnan(self.first_s):
+            if not np.isfinite(of_day[0]):
+                raise InputError(
+                    f"column {self.column}: {texts[0]!r} is no clock time", where=self.where
+                )
+            self.first_s = float(of_day[0])
+            self.last_s = self.first_s
+        if parts["date"].notna().any():
+            days = self._days(parts["date"])
+        else:
+            days = self._days_by_midnights(of_day)
+        return np.asarray(np.round(of_day + SECONDS_PER_DAY * days - self.first_s, 9))
+
+    def _days_by_midnights(self, of_day: Array) -> Array:
+        known = pd.Series(of_day).ffill().fillna(self.last_s).to_numpy()
+        steps = np.diff(known, prepend=self.last_s)
+        days = self.midnights + np.cumsum(np.where(steps < -SECONDS_PER_DAY / 2, 1.0, 0.0))
+        self.last_s = float(known[-1])
+        self.midnights = float(days[-1])
+        return days
+
+    def _days(self, dates: pd.Series) -> Array:
+        """Days (N,) since the first date of the column, NaN where a stamp has no date."""
+        codes, texts = pd.factorize(dates)
+        fields = [_date_fields(text, self.column, self.where) for text in texts]
+        slashed = any("/" in text for text in texts)
+        self._dates += [f for f in fields if f not in self._dates]
+        day_first = self._order() if slashed else True
+        numbers = [_day_number(f, day_first, self.column, self.where) for f in fields]
+        first = _day_number(self._dates[0], day_first, self.column, self.where)
+        days = np.array([*numbers, np.nan], dtype=float)  # code -1, no date, takes the last
+        return days[codes] - first
+
+    def _order(self) -> bool:
+        """Whether dates with slashes have the day first, as far as the dates of the column tell."""
+        if self._day_first is None:
+            self._day_first = _day_first(self._dates, self.column, self.where)
+        return True if self._day_first is None else self._day_first
+
+
+def _date_fields(text: str, column: str, where: str) -> tuple[int, int, int]:
+    """The three fields of a date as (first, second, year); an ISO date gives (day, month, year)."""
+    if text.isdecimal():
+        return int(text[6:]), int(text[4:6]), int(text[:4])
+    numbers = [int(x) for x in re.split(r"[-./]", text)]
+    if "-" in text:
+        year, month, day = numbers
+        return day, month, year
+    first, second, year = numbers
+    if "." in text and second > 12:
+        raise InputError(
+            f"column {column}: {text!r} is no date", where=where, expected="day.month.year"
+        )
+    return first, second, year + 2000 if year < 100 else year
+
+
+def _day_first(dates: Iterable[tuple[int, int, int]], column: str, where: str) -> bool | None:
+    """True for day/month/year, False for month/day/year, None while only one date is there.
+
+    A field above 12 decides. Otherwise the order in which the dates rise from day to day does.
+    """
+    listed = list(dates)
+    if any(first > 12 for first, _, _ in listed):
+        return True
+    if any(second > 12 for _, second, _ in listed):
+        return False
+    if len(listed) < 2:
+        return None
+    consecutive = []
+    for day_first in (True, False):
+        numbers = [_day_number(f, day_first, column, where) for f in listed]
+        if all(later - earlier == 1 for earlier, later in pairwise(numbers)):
+            consecutive.append(day_first)
+    if len(consecutive) == 1:
+        return consecutive[0]
+    first, second, year = listed[1]
+    raise InputError(
+        f"column {column}: a date such as {first:02}/{second:02}/{year} may be day/month or month/day",
+        where=where,
+        expected="dates as year-month-day",
+        remedy="write the dates so in the file",
+    )
+
+
+def _day_number(fields: tuple[int, int, int], day_first: bool, column: str, where: str) -> int:
+    """Days since the year 1 of a date given as three fields."""
+    first, second, year = fields
+    day, month = (first, second) if day_first else (second, first)
+    try:
+        return date(year, month, day).toordinal()
+    except ValueError:
+        what = (
+            f"column {column}: {first:02}/{second:02}/{year} is no date in the order of the others"
+        )
+        raise InputError(what, where=where, expected="one form of date in the column") from None
+
+
+@dataclass(frozen=True)
+class EvenRows:
+    """Rows of a clock that repeats its stamps, on an even grid.
+
+    Attributes
+    ----------
+    interval_s : float
+        Sampling interval [s].
+    u_s : float
+        Its standard uncertainty [s].
+    places : array of shape (N,)
+        Place of each row on the grid, from 0 on.
+    """
+
+    interval_s: float
+    u_s: float
+    places: NDArray[np.intp]
+
+
+def rows_of_repeated_stamps(times_s: Array) -> EvenRows | None:
+    """Sampling interval and places of rows whose clock repeats its stamps.
+
+    A logger faster than its clock writes each stamp several times. The first row of each stamp was taken less than
+    one interval after the stamp, so a straight line through stamps and row numbers of those rows has the interval as
+    its slope, without bias. Where rows are lost, a new line of the same slope begins. Rows are even where every stamp
+    lies within one clock unit of its line.
+
+    Parameters
+    ----------
+    times_s : array of shape (N,)
+        Times that do not go back [s].
+
+    Returns
+    -------
+    EvenRows or None
+        None where the rows are not even, or too few stamps tell.
+
+    Examples
+    --------
+    >>> rows_of_repeated_stamps(np.floor(np.arange(100) / 10)).interval_s
+    0.1
+    """
+    rows = np.arange(len(times_s), dtype=float)
+    first_rows = np.flatnonzero(np.diff(times_s) > 0) + 1
+    if len(first_rows) < 2:
+        return None
+    segment_of_row, ticks = _segments_without_lost_rows(times_s, first_rows)
+    segment = segment_of_row[ticks]
+    count = int(segment_of_row[-1]) + 1
+    sizes = np.bincount(segment, minlength=count)
+    if sizes.min() == 0:
+        return None
+    row_means = np.bincount(segment, rows[ticks], minlength=count) / sizes
+    time_means = np.bincount(segment, times_s[ticks], minlength=count) / sizes
+    rows_centred = rows[ticks] - row_means[segment]
+    lever = float(np.sum(rows_centred**2))
+    if lever <= 0:
+        return None
+    slope = float(np.sum(rows_centred * (times_s[ticks] - time_means[segment])) / lever)
+    if slope <= 0:
+        return None
+    line = time_means[segment_of_row] + slope * (rows - row_means[segment_of_row])
+    departure = times_s - line
+    # a stamp lies up to one unit before its row, and the line half an interval before it; half an interval is spare
+    unit_s = float(np.diff(times_s)[first_rows - 1].min())
+    if departure.min() <= -unit_s or departure.max() >= slope:
+        return None
+    # each of the first rows is up to one interval late: a uniform error, whose standard deviation is slope / sqrt(12)
+    u_s = slope / np.sqrt(12 * lever)
+    places = np.rint((line - line[0]) / slope).astype(np.intp)
+    return EvenRows(float(np.round(slope, 12)), float(u_s), places)
+
+
+def _segments_without_lost_rows(
+    times_s: Array, first_rows: NDArray[np.intp]
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Number of the segment of each row (N,), and the rows at which the clock goes on by one unit.
+
+    A segment ends where the clock leaves out a stamp: the first row behind the gap may be anywhere in its unit. It also
+    ends after a stamp within it that is written less often than the others.
+    """
+    step_s = np.diff(times_s)[first_rows - 1]
+    behind_gap = step_s > 1.5 * float(step_s.min())
+    repeats = np.diff(np.append(first_rows, len(times_s)))
+    is_short = (repeats < float(np.median(repeats)) - 1.5) & ~behind_gap
+    after_short = np.append(False, is_short[:-1]) & ~behind_gap
+    marks = np.zeros(len(times_s), dtype=np.intp)
+    marks[first_rows[behind_gap | after_short]] = 1
+    return np.cumsum(marks), first_rows[~behind_gap]
+
+
+def is_date(text: str, column: str = "") -> bool:
+    """Whether a cell is a date without a time; eight digits are one in a ``column`` that is named so.
+
+    >>> is_date("26.11.2021"), is_date("2021-11-26 10:00:00"), is_date("20211126", "Date")
+    (True, False, True)
+    """
+    if _DATE_ONLY.fullmatch(text) is not None:
+        return True
+    return (
+        column.strip().lower() in ("date", "datum")
+        and re.fullmatch(r"(19|20)\d{6}", text) is not None
+    )
+
+
+def is_time_of_day(text: str) -> bool:
+    """Whether a cell is a time of the day without a date.
+
+    >>> is_time_of_day("10:00:00.5"), is_time_of_day("2021-11-26 10:00:00")
+    (True, False)
+    """
+    match = re.match(_STAMP, text.replace(",", "."))
+    return match is not None and match["date"] is None

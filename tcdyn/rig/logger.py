@@ -1,0 +1,64 @@
+"""What people state of a test's log: what its logger wrote, constants it does not hold, the channels of the air."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import ConfigDict, Field
+
+from tcdyn.rig.strict import STRICT
+
+ConstantName = Literal["load_N", "speed_fast_rpm", "speed_slow_rpm", "ambient_degC"]
+
+
+@dataclass(frozen=True)
+class Constant:
+    """[constants] load_N = { value = 2320, u = 20 }: what a column that is not in the log would have held.
+
+    ``value`` under load, over the last 150 s before the disks part, with its standard uncertainty ``u``, both in the
+    unit that the name ends in.
+    """
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+    value: float
+    u: Annotated[float, Field(ge=0)]
+
+
+@dataclass(frozen=True)
+class LoggerTable:
+    """[logger]; ``millivolts``: the junctions' columns hold the emf of type ``couple``, not degrees Celsius."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+    millivolts: bool = False
+    couple: Literal["E", "J", "K", "N", "T"] = "J"
+    cold_junction_degC: Annotated[float, Field(ge=-50, le=100)] = 0.0
+
+
+@dataclass(frozen=True)
+class AmbientChannels:
+    """[ambient]: columns of the log that tell T_A, the air at a disk's running ``surface`` and behind its ``faces``."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+    surface: tuple[str, ...] = ()
+    faces: tuple[str, ...] = ()
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Both places' columns, each once."""
+        return tuple(dict.fromkeys((*self.surface, *self.faces)))
+
+
+def air_name(column: str) -> str:
+    """What a column of ``[ambient]`` is called in a log that was read.
+
+    >>> air_name("Oil jet 2"), air_name("air_3_degC")
+    ('ambient_Oil jet 2_degC', 'ambient_air_3_degC')
+    """
+    return f"ambient_{column.removesuffix('_degC').removeprefix('ambient_')}_degC"
+
+
+def air_columns(channels: Sequence[AmbientChannels]) -> dict[str, str]:
+    """Name in a log that was read -> name in the file, of the columns that tell the air of any disk."""
+    return {air_name(column): column for each in channels for column in each.columns}

@@ -1,0 +1,63 @@
+"""Steel whose conductivity and specific heat change with temperature, and Kirchhoff's transform of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tcdyn.core import Array
+
+
+@dataclass(frozen=True)
+class SteelSlopes:
+    """k = k_0 (1 + a (T - T_0)) and c = c_0 (1 + b (T - T_0)), a and b in 1/K, T_0 ``reference_degC``.
+
+    ``air_degC`` and ``surface_degC``: of air and running surface, about which a test makes the rim linear.
+    """
+
+    conductivity_per_K: float = 0.0
+    specific_heat_per_K: float = 0.0
+    reference_degC: float = 20.0
+    air_degC: float = 0.0
+    surface_degC: float = 0.0
+
+    @property
+    def middle_degC(self) -> float:
+        """Mean of air and surface: with the conductivity of that temperature a film stays what it is."""
+        return 0.5 * (self.air_degC + self.surface_degC)
+
+    def conductivity(self, temperature_degC: float) -> float:
+        """Conductivity at a temperature over that at the reference."""
+        return 1 + self.conductivity_per_K * (temperature_degC - self.reference_degC)
+
+    def specific_heat(self, temperature_degC: float) -> float:
+        """Specific heat at a temperature over that at the reference."""
+        return 1 + self.specific_heat_per_K * (temperature_degC - self.reference_degC)
+
+    def bend(self, temperature_degC: Array) -> Array:
+        """(T - T_A) (T - T_s) / 2, same shape [K2]: how Kirchhoff's temperature bends with the slope."""
+        t = np.asarray(temperature_degC, dtype=float)
+        return np.asarray(0.5 * (t - self.air_degC) * (t - self.surface_degC))
+
+    def straight(self, temperature_degC: Array) -> Array:
+        """Kirchhoff's temperature T_A + integral of k / k_m from T_A to T, same shape [degC]; k_m at ``middle_degC``.
+
+        Heat flows by its gradient with k_m alone, and air and surface keep their own temperatures:
+        theta = T + a' (T - T_A) (T - T_s) / 2 with a' = a k_0 / k_m.
+
+        >>> steel = SteelSlopes(-5e-4, air_degC=60.0, surface_degC=160.0)
+        >>> steel.straight(np.array([60.0, 110.0, 160.0])).round(3)
+        array([ 60.   , 110.654, 160.   ])
+        """
+        if not self.conductivity_per_K:
+            return temperature_degC
+        own = self.conductivity_per_K / self.conductivity(self.middle_degC)
+        return np.asarray(temperature_degC + own * self.bend(temperature_degC))
+
+    def about(self, air_degC: float, surface_degC: float) -> SteelSlopes:
+        """The same steel, linear about air and surface at these temperatures."""
+        return replace(self, air_degC=air_degC, surface_degC=surface_degC)
+
+
+EVEN_STEEL = SteelSlopes()

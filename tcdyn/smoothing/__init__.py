@@ -1,0 +1,59 @@
+"""From what the logger wrote back to what the junction felt, with an uncertainty for every sample.
+
+>>> import numpy as np
+>>> from tcdyn.chain import Chain
+>>> dt, chain = 0.02, Chain(0.5)
+>>> t = np.arange(0.0, 20.0, dt)
+>>> true = 80 - 10 * (1 - np.exp(-np.clip(t - 10, 0, None)))
+>>> y = chain.response(true, dt) + np.random.default_rng(0).normal(0, 0.1, len(t))
+>>> def worst(done): return round(float(np.abs(done.temperature[:, 0] - true)[600:-50].max()), 1)
+>>> worst(smooth(y, dt, chain, events_s=(10.0,))), worst(deconvolve(y, dt, chain)[0]), worst(invert(y, dt, chain, 1.0))
+(0.0, 0.1, 1.1)
+>>> done = smooth(y, dt, chain, events_s=(10.0,))
+>>> window_covariance(y, dt, chain, done, channel=0, first=500, last=503).shape
+(3, 3)
+>>> round(widest_bandwidth_Hz(chain, dt, noise_sd=0.1, wanted_K=0.3), 2)  # of the inverse that adds no more noise
+0.98
+>>> round(before_use(proper_inverse(chain, dt, 1.0), noise_sd=0.1).noise_out_K, 2)
+0.31
+>>> live = LiveSmoother.of([chain], dt, noise_sd=0.1, intensity=1.0, lag_samples=25)  # half a second behind
+>>> bool(live_before_use(live, [chain]).noise_out_K < 0.1)
+True
+
+>>> state, x, sd, flags = live.run(live.start(y[:1]), y[:, None])  # or as rows come, from state to state
+>>> isinstance(state, LiveState), state.done, x.shape
+(True, 1000, (1000, 1))
+"""
+
+from tcdyn.smoothing.inverse import (
+    BeforeUse,
+    InverseFilter,
+    before_use,
+    invert,
+    proper_inverse,
+    widest_bandwidth_Hz,
+)
+from tcdyn.smoothing.live import LiveSmoother, LiveState, live_before_use
+from tcdyn.smoothing.noise_levels import Burst, Intensity
+from tcdyn.smoothing.process_noise import Tradeoff
+from tcdyn.smoothing.record import Compensated
+from tcdyn.smoothing.smoother import deconvolve, smooth, window_covariance
+
+__all__ = [
+    "BeforeUse",
+    "Burst",
+    "Compensated",
+    "Intensity",
+    "InverseFilter",
+    "LiveSmoother",
+    "LiveState",
+    "Tradeoff",
+    "before_use",
+    "deconvolve",
+    "invert",
+    "live_before_use",
+    "proper_inverse",
+    "smooth",
+    "widest_bandwidth_Hz",
+    "window_covariance",
+]

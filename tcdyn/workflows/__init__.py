@@ -1,0 +1,20 @@
+"""The order of the stages: what each command does, as functions with result objects."""
+
+from tcdyn.workflows.beta import BetaRun, estimate_beta
+from tcdyn.workflows.calibrate import CalibrationRun, calibrate_disk
+from tcdyn.workflows.compensate import CompensatedLog, compensate_log
+from tcdyn.workflows.demo import DemoRun, run_demo
+from tcdyn.workflows.single_disk import OneDiskRun, estimate_one_disk
+
+__all__ = [
+    "BetaRun",
+    "CalibrationRun",
+    "CompensatedLog",
+    "DemoRun",
+    "OneDiskRun",
+    "calibrate_disk",
+    "compensate_log",
+    "estimate_beta",
+    "estimate_one_disk",
+    "run_demo",
+]

@@ -1,0 +1,126 @@
+"""A text file that rows are appended to while others may read, rename or delete it."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from tcdyn.core.errors import InputError
+
+
+class AppendedFile:
+    """The output of a followed log, open for appending; it is checked before and after each write.
+
+    ``size`` [bytes], ``hash`` of its content, ``rows`` that were written to it.
+    """
+
+    def __init__(self, path: Path, size: int, rows: int) -> None:
+        """Open ``path`` and cut it back to ``size`` bytes, which hold ``rows`` rows.
+
+        Raises InputError where it cannot be written.
+        """
+        self.path = path
+        self.size = size
+        self.rows = rows
+        self.hash = digest(path, size)
+        try:
+            self.stream = io.FileIO(path, "r+")
+            self.stream.truncate(size)
+            self.stream.seek(size)
+        except OSError as problem:
+            raise InputError(f"cannot be written ({problem.strerror})", where=str(path)) from None
+
+    def __enter__(self) -> AppendedFile:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.stream.close()
+
+    def append(self, text: str, rows: int) -> None:
+        """Write ``text``, which holds ``rows`` rows, whole or not at all.
+
+        Raises InputError where it cannot be written, and where the file is no longer what was written.
+        """
+        self.check(rows)
+        data = text.encode("utf-8")
+        try:
+            left = memoryview(data)
+            while left:
+                left = left[self.stream.write(left) :]
+        except OSError as problem:
+            self.stream.truncate(self.size)
+            raise InputError(
+                f"cannot be written ({problem.strerror})", where=str(self.path)
+            ) from None
+        self.size += len(data)
+        self.hash.update(data)
+        self.rows += rows
+        self.check(0)
+
+    def check(self, next_rows: int) -> None:
+        """Raise InputError where the file at the path is not the one that is open, or has another size than it should.
+
+        ``next_rows``: how many rows are to be written next.
+        """
+        before = f"rows 1 to {self.rows}" if self.rows else "no rows"
+        after = (
+            f", and rows {self.rows + 1} to {self.rows + next_rows} were not written"
+            if next_rows
+            else ""
+        )
+        own = os.fstat(self.stream.fileno())
+        try:
+            there = os.stat(self.path)
+        except OSError:
+            raise InputError(
+                f"the output was renamed or deleted while it was written: {before} are in the file that was "
+                f"there{after}",
+                where=str(self.path),
+                remedy="follow the log with another {out}",
+                parameters={"out": "FILE"},
+            ) from None
+        if not os.path.samestat(own, there):
+            raise InputError(
+                f"the output was replaced by another file while it was written: {before} are in the file that was "
+                f"there{after}",
+                where=str(self.path),
+                remedy="follow the log with another {out}",
+                parameters={"out": "FILE"},
+            )
+        if there.st_size != self.size:
+            raise InputError(
+                f"the output was changed by another program: it has {there.st_size} bytes after {before}{after}",
+                where=str(self.path),
+                expected=f"{self.size} bytes",
+                remedy="follow the log with another {out}",
+                parameters={"out": "FILE"},
+            )
+
+
+def digest(path: Path, size: int) -> Any:
+    """SHA-256 of the first ``size`` bytes of a file, to be continued.
+
+    Raises InputError where it cannot be read.
+    """
+    found = hashlib.sha256()
+    left = size
+    try:
+        with open(path, "rb") as stream:
+            while left > 0:
+                part = stream.read(min(left, 1 << 20))
+                if not part:
+                    break
+                found.update(part)
+                left -= len(part)
+    except OSError as problem:
+        raise InputError(f"cannot be read ({problem.strerror})", where=str(path)) from None
+    return found

@@ -1,0 +1,377 @@
+"""An EHL log and two records to beta by every way, and the file that keeps it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import pandas as pd
+
+from tcdyn import campaign
+from tcdyn.campaign.stages import read_stage
+from tcdyn.core.errors import InputError
+from tcdyn.core.findings import Finding, look, note
+from tcdyn.core.result import Result
+from tcdyn.core.threads import one_blas_thread
+from tcdyn.estimation.trace_noise import white_noise_sd
+from tcdyn.io.checksum import sealed
+from tcdyn.partition.analyse import WINDOW_S, Partition, analyse
+from tcdyn.partition.events import EhlTest, find_events
+from tcdyn.rig.check_clock import interval_s
+from tcdyn.rig.contact import (
+    LEAST_ZERO,
+    NOTHING_ADDED,
+    SETTLE_S,
+    Events,
+    FrictionAdded,
+    equal_radius_m,
+    hertz_contact,
+    speed_course,
+    surface_speed_m_s,
+)
+from tcdyn.rig.disk import DISKS, left_out_of
+from tcdyn.rig.log import COMPENSATED, Log, iter_log
+from tcdyn.rig.opened_log import rig_of
+from tcdyn.rig.record import DiskRecord
+from tcdyn.rig.rigfile import Rig, changed_keys
+from tcdyn.smoothing.traces import DiskTraces, disk_traces, gathered
+from tcdyn.workflows.bearing import BearingFile
+from tcdyn.workflows.beta_tables import beta_file, ways_table
+from tcdyn.workflows.operating_conditions import (
+    constants_of,
+    disk_air,
+    forces_N,
+    no_copies,
+    speeds_rpm,
+    stated_rel,
+)
+
+MADE_OF = {"disk", "washer", "thermocouples"}  # tables of rig.toml that tell what a disk is
+NO_LAG_ASKS = (
+    "angle_deg",
+    "slope_per_K",
+    "reference_degC",
+)  # keys of these that the lags do not hang on
+Run = TypeVar("Run")
+SLOWER_S = 3.0  # after the parting a changed speed is told
+
+
+@dataclass(frozen=True)
+class BetaRun(Result):
+    """One analysed test: the numbers, the log they came from, and how many tests that log holds in all."""
+
+    log: Log
+    partition: Partition
+    rig_sha256: str
+    stages: int = 1
+    records: Mapping[str, DiskRecord] = field(default_factory=dict, repr=False)
+
+    def __repr__(self) -> str:
+        return f"<BetaRun of {self.log.path.name}; summary() says it in words>"
+
+    @one_blas_thread
+    def to_dict(self) -> dict[str, Any]:
+        """The content of ``beta.json`` (design, section 8), sealed with its checksum."""
+        data = beta_file(self.partition, {"file": self.log.path.name, "sha256": self.log.sha256})
+        data["kept"] = campaign.kept_of(self.log.path.stem, self.rig_sha256, self.partition)
+        return sealed(data)
+
+    def summary(self) -> str:
+        """The answer in a few lines."""
+        return summary_of(self.partition)
+
+    def card(self) -> pd.DataFrame:
+        """The ways to beta."""
+        return ways_table(self.partition)
+
+
+def prepare(
+    log: Log,
+    rig: Rig,
+    records: Mapping[str, DiskRecord],
+    friction_added: Callable[[float, float], FrictionAdded] | None = None,
+    left_out: Mapping[str, str] | None = None,
+    events: Events | None = None,
+) -> EhlTest:
+    """Apply static lines, take out spikes, find the events, and turn friction and speeds into power.
+
+    ``friction_added`` (load [N], slow shaft [rpm]) is added to the friction of the contact: half of the bearings'
+    friction (section 2.10), which the transducer on the slow shaft does not see. ``left_out``: channels that the
+    analysis goes on without, such as "fast_c", and why; empty where that was asked for. ``events``: its own, if known.
+    Raises InputError for a log without unloading, a compensated log, a missing record or a load that is not one.
+    """
+    where = log.path.name
+    if log.metadata.get("tcdyn") == COMPENSATED:
+        remedy = "give the log as it was recorded: the fits compensate it"
+        raise InputError("this log is already compensated", where=where, remedy=remedy)
+    here = [d for d in DISKS if any(n.startswith(f"{d}_") for n in log.channels)]
+    if missing := [d for d in here or DISKS if d not in records]:
+        raise InputError(
+            f"no record of the {missing[0]} disk",
+            remedy="add {records}",
+            parameters={"records": f"{missing[0]}.disk.json"},
+        )
+    frame = log.frame
+    t = log.frame["time_s"].to_numpy(dtype=float)
+    dt = interval_s(t)
+    events = events or find_events(frame, where)
+    stated, told = constants_of(frame, rig)
+    under_load = (t > events.load_on_s + 5) & (t < events.unload_s - 0.5)
+    steady = (t > events.unload_s - 150) & (t < events.unload_s - 1) & under_load
+    load, friction = forces_N(frame, events, steady, stated)
+    out = left_out_of(left_out := left_out or {}, rig.setups)
+    no_copies(frame, left_out, where)
+    found = [
+        *gathered(log.findings),
+        *(_left_out(rig, name, why, out) for name, why in left_out.items()),
+    ]
+    found += [*events.findings, *told]
+    radius, crown = zip(*((s.outer_radius_m, s.crown_radius_m) for s in map(rig.disk_setup, DISKS)))
+    rpm, rpm_u = speeds_rpm(frame, under_load, stated)
+    speeds = (surface_speed_m_s(rpm[0], radius[0]), surface_speed_m_s(rpm[1], radius[1]))
+    if not speeds[0] > speeds[1] > 0:
+        raise InputError(
+            f"surface speeds {speeds[0]:.2f} (fast) and {speeds[1]:.2f} m/s (slow)",
+            where=where,
+            expected="a fast disk that is faster than the slow one",
+            remedy="check speed_fast_rpm and speed_slow_rpm, or the [columns] of rig.toml",
+        )
+    ratio = speeds[0] / speeds[1]
+    nominal = rig.common.contact.gear_ratio
+    if abs(ratio / nominal - 1) > 0.05:
+        found.append(look("speeds.ratio", ratio=ratio, stated=nominal))
+    if np.sum(t < events.load_on_s - SETTLE_S) < LEAST_ZERO:
+        found.append(look("forces.one_zero"))
+    load_N = float(np.mean(load[steady]))
+    friction_N = float(np.mean(friction[steady]))
+    if not 0 < friction_N < load_N:
+        raise InputError(
+            f"load {load_N:.1f} N and friction {friction_N:.2f} N under contact",
+            where=where,
+            expected="both above zero, and less friction than load",
+            remedy="is a sign turned round, a unit another, or are load_N and friction_N exchanged?",
+        )
+    added = NOTHING_ADDED if friction_added is None else friction_added(load_N, rpm[1])
+    friction = friction + added.value_N * load / load_N
+    friction_N = friction_N + added.value_N
+    found += added.findings
+    slowing = {}
+    for d, level in zip(DISKS, rpm):
+        if f"speed_{d}_rpm" in stated:
+            continue
+        course = speed_course(
+            t, frame[f"speed_{d}_rpm"].to_numpy(dtype=float), events.unload_s, level
+        )
+        if course is None:
+            found.append(look("speeds.missing", subject=d))
+        elif np.any(course != 1):
+            slowing[d] = course
+            at = float(min(SLOWER_S, t[-1] - events.unload_s))
+            percent = 100 * float(np.interp(events.unload_s + at, t, course))
+            n = rig.common.contact.speed_exponent
+            found.append(note("speeds.change", subject=d, percent=percent, after_s=at, exponent=n))
+    if not 0.002 < friction_N / load_N < 0.2:
+        found.append(look("friction.coefficient", coefficient=friction_N / load_N))
+    contact = hertz_contact(load_N, equal_radius_m(*radius), equal_radius_m(*crown))
+    u = rig.common.uncertainty
+    (load_rel, sliding_rel, ratio_rel) = stated_rel(rpm, rpm_u, stated)
+    about = {d: disk_air(frame, d, rig, steady, stated) for d in here}
+    disks = dict[str, DiskTraces]()
+    air = {d: a for d, (a, _) in about.items()}
+    stated_u = {"friction_rel": sliding_rel, "half_width_rel": load_rel / 3}  # b ~ W^(1/3)
+    stated_u["ambient_K"] = stated["ambient_degC"].u if "ambient_degC" in stated else 0.0
+
+    traces_of = {
+        d: disk_traces(frame, d, rig, records[d], rows=steady, where=where, left_out=out[d])
+        for d in here
+    }
+    for d, traces in traces_of.items():
+        rig.disk_setup(d).check_rows()
+        found += [
+            *_other_disk(rig, d, records[d]),
+            *traces.findings,
+            *traces.outside_lines(f"{d} disk", steady),
+        ]
+        found += about[d][1]
+        wider = {
+            key: math.hypot(getattr(traces.uncertainty, key), part)
+            for key, part in stated_u.items()
+        }
+        wider["friction_rel"] = math.hypot(wider["friction_rel"], added.u_N / friction_N)
+        setup = replace(traces.setup, flux=traces.setup.flux.under(contact.pressure_Pa))
+        disks[d] = replace(
+            traces, uncertainty=traces.uncertainty.model_copy(update=wider), setup=setup
+        )
+    return EhlTest(
+        time_s=t,
+        dt_s=dt,
+        events=events,
+        power_W=friction
+        * (speeds[0] * slowing.get("fast", 1.0) - speeds[1] * slowing.get("slow", 1.0)),
+        ambient_degC=air[here[0]].faces,
+        air=air if rig.air_columns() else {},
+        stated_u=stated_u,
+        load_N=load_N,
+        friction_N=friction_N,
+        speed_ratio=ratio,
+        sliding_speed_m_s=speeds[0] - speeds[1],
+        entraining_speed_m_s=0.5 * (speeds[0] + speeds[1]),
+        half_width_m=contact.major_m,
+        speed_exponent=rig.common.contact.speed_exponent,
+        exponent_half_range=math.hypot(
+            0.5 * (u.speed_exponent_high - u.speed_exponent_low),
+            3**0.5
+            * rig.common.contact.speed_exponent
+            * ratio_rel
+            / math.log(ratio),  # chi = ratio^n
+        ),
+        disks=disks,
+        findings=tuple(found),
+        added=added,
+        slowing=slowing,
+        friction_noise_N=float(white_noise_sd(frame["friction_N"].to_numpy(dtype=float)[steady])),
+    )
+
+
+def _other_disk(rig: Rig, disk: str, record: DiskRecord) -> list[Finding]:
+    """What rig.toml says of the disk that the record was not made with: its lags were found with other numbers."""
+    if "setup" not in record.model_fields_set:
+        return []
+    own, stated = (
+        tables.model_dump(include=MADE_OF) for tables in (record.setup, rig.tables(disk))
+    )
+    if own == stated or not (
+        changed := [key for key in changed_keys(own, stated) if not key[0].endswith(NO_LAG_ASKS)]
+    ):
+        return []
+    keys, was, now = ([str(x) for x in column] for column in zip(*changed))
+    return [look("record.other_disk", subject=disk, keys=keys, record=was, rig=now)]
+
+
+def _left_out(rig: Rig, name: str, why: str, out: Mapping[str, Sequence[str]]) -> Finding:
+    """That a channel such as "fast_c" is left out, and what goes on without it; a note where it was asked for."""
+    disk, _, channel = name.rpartition("_")
+    setup = rig.disk_setup(disk)
+    names = setup.stand_ins(out[disk]).get(channel, ())
+    kept = [c for c in setup.outer if c not in out[disk]]
+    cost: dict[str, Any] = {"stand_ins": [*names] if channel in setup.inner else [], "kept": kept}
+    return (look if why else note)(
+        "channel.left_out", subject=name, why=why or "as asked for", **cost
+    )
+
+
+@one_blas_thread
+def estimate_beta(
+    log: str | Path,
+    rig: Rig | None,
+    records: Mapping[str, DiskRecord],
+    *,
+    without: Sequence[str] = (),
+    window_s: float = WINDOW_S,
+    seed: int = 0,
+    sensor_check: bool = True,
+    bearing: BearingFile | None = None,
+    stage: int | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> BetaRun:
+    """Read one EHL log and find beta by the speed law, the cooling fits and the joint fits.
+
+    ``rig`` None is the one that the records were made with; ``without``: channels to leave out, such as "fast_c";
+    ``window_s``: cooling used by the h-only fit [s]; ``bearing``: the pure-rolling test whose friction is added
+    (section 2.10); ``stage``: which of several loadings in the log, from 1, None for the longest. A channel that is
+    dead, missing, or lost for long is left out too, with a finding, as long as the rest still tells beta.
+    Raises InputError for a log, rig or record that does not fit, naming the log.
+    """
+    rig = rig or rig_of(records)
+
+    def attempt(left_out: Mapping[str, str]) -> BetaRun:
+        progress("reading the log")
+        pieces = iter_log(log, "ehl", rig, without=[f"{name}_degC" for name in left_out])
+        table, count = read_stage(pieces, stage)
+        test = prepare(table, rig, records, bearing.added if bearing else None, left_out)
+        try:
+            found = analyse(
+                test, window_s=window_s, seed=seed, sensor_check=sensor_check, progress=progress
+            )
+        except InputError as problem:
+            raise problem.at(table.path.name) from None
+        return BetaRun(table, found, campaign.rig_fingerprint(rig, records), count, records)
+
+    return without_lost(attempt, without, rig, progress)
+
+
+def without_lost(
+    attempt: Callable[[Mapping[str, str]], Run],
+    without: Sequence[str],
+    rig: Rig,
+    progress: Callable[[str], None],
+) -> Run:
+    """``attempt`` without the channels asked for, and again without each that it finds lost, while enough is left."""
+    left_out_of(without, rig.setups)
+    left_out = dict.fromkeys((name.removesuffix("_degC") for name in without), "")
+    first: InputError | None = (
+        None  # of the channels lost: where too many are, it names the cause best
+    )
+    while True:
+        try:
+            return attempt(left_out)
+        except InputError as problem:
+            lost = problem.column.removesuffix("_degC")
+            disk, _, channel = lost.rpartition("_")
+            gone = (*left_out_of(left_out, rig.setups).get(disk, ()), channel)
+            if lost in left_out or disk not in DISKS or not rig.disk_setup(disk).tells_beta(gone):
+                raise (first or problem if problem.column else problem) from None
+            first = first or problem
+            left_out[lost] = problem.what
+            progress(f"going on without {lost}")
+
+
+def estimate_stages(
+    log: str | Path,
+    rig: Rig | None,
+    records: Mapping[str, DiskRecord],
+    estimate: Any = estimate_beta,
+    **options: Any,
+) -> tuple[Any, ...]:
+    """``estimate`` of every loading in one log that an unloading follows, in order; ``options`` as there."""
+    first, said = (
+        estimate(log, rig, records, stage=1, **options),
+        options.pop("progress", lambda _: None),
+    )
+    told = {
+        k: lambda what, k=k: said(f"test {k} of {first.stages}: {what}")
+        for k in range(2, first.stages + 1)
+    }
+    return (
+        first,
+        *(estimate(log, rig, records, stage=k, progress=told[k], **options) for k in told),
+    )
+
+
+def summary_of(p: Partition) -> str:
+    """The headline, beta, h and lag by every way, and the verdict."""
+    a = p.answers
+    both = p.both.estimates
+    gone = p.withheld
+    pair = "beta {}   h_fast {}   h_slow {} W/m2K"
+    lines = {"both beta": ("both disks", pair.format(both["beta"], both["h_fast"], both["h_slow"]))}
+    lines["speed law"] = "speed law", pair.format(a["speed law"], a["h_fast"], a["h_slow"])
+    for d in DISKS:
+        lines[f"cooling {d}"] = (
+            f"cooling {d}",
+            f"beta {a[f'cooling {d}']}   h {a[f'h cooling {d}']} W/m2K",
+        )
+    for d, fit in p.joint.items():
+        lag = fit.estimates["lag_s"]
+        lines[f"joint {d}"] = (
+            f"joint {d}",
+            f"beta {a[f'joint {d}']}   h {a[f'h joint {d}']} W/m2K   lag {lag} s",
+        )
+    said = [
+        f"{word:14}{'withheld' if key in gone else text}" for key, (word, text) in lines.items()
+    ]
+    return "\n".join([p.headline.sentence, *said, p.crosscheck.sentence])

@@ -1,0 +1,367 @@
+"""The answers of one test: beta.json, and tables of ways to beta, budget, conditions and the cooling fit's window."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from tcdyn.core.errors import InputError
+from tcdyn.core.estimate import Estimate, with_u
+from tcdyn.core.messages.partition import structure
+from tcdyn.core.messages.phrases import as_known
+from tcdyn.core.messages.plunge import percent
+from tcdyn.partition.analyse import Partition
+from tcdyn.partition.cooling import (
+    compensated,
+    cooling_errors,
+    cooling_fit,
+    cooling_shift,
+    smoothed,
+)
+from tcdyn.partition.profile import intervals, profiles_file
+from tcdyn.partition.sensor_check import SensorCheck
+from tcdyn.partition.sensor_faults import DepthTest
+from tcdyn.partition.single_disk import OneDisk
+from tcdyn.partition.surface_flux import log_h_prior
+from tcdyn.partition.window import stretch_of
+from tcdyn.rig.disk import DISKS, LEFT_OUT
+from tcdyn.workflows.joint_tables import both_budget
+
+SCHEMA = "tcdyn.beta/1"
+NOTHING: dict[str, Any] = dict.fromkeys(
+    ("value", "u", "low95", "high95")
+)  # an estimate that is withheld
+HEADINGS = {
+    "beta": "β [1]",
+    "h": "h [W/m²K]",
+    "lag_s": "lag [s]",
+    "h_fast": "h, fast [W/m²K]",
+    "h_slow": "h, slow [W/m²K]",
+    "exponent": "exponent n [1]",
+}
+LENGTHS_S = (0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 7.5, 10.0, 15.0, 20.0)
+BY_WAY = ("u_beta_steady", "u_beta_transient")
+TWO_SIGMA = 2.0
+
+
+def way_row(
+    word: str,
+    beta: Estimate,
+    h: Estimate,
+    lag: Estimate | None = None,
+    n: Estimate | None = None,
+    shown: bool = True,
+) -> dict[str, str]:
+    """One way to beta in a table, empty where it is withheld."""
+    row = {"way": word, "β [1]": beta.plain(), "95 % of β": beta.interval}
+    more = {"h [W/m²K]": h, "lag [s]": lag, "exponent n [1]": n}
+    row |= {key: e.plain() if e else "" for key, e in more.items()}
+    return row if shown else {**dict.fromkeys(row, ""), "way": word, "β [1]": "withheld"}
+
+
+def ways_table(p: Partition) -> pd.DataFrame:
+    """beta, h, lag and exponent by every way, the headline's first: standard uncertainties, 95 % interval of beta."""
+    a = p.answers
+    gone = p.withheld
+    both = p.both.estimates
+    n = None if "both exponent" in gone else both["exponent"]
+    shown = "both beta" not in gone
+    rows = [
+        way_row(f"joint fit of both, {d} disk", both["beta"], both[f"h_{d}"], n=n, shown=shown)
+        for d in DISKS
+    ]
+    shown = "speed law" not in gone
+    rows += [
+        way_row(f"speed law, {d} disk", a["speed law"], a[f"h_{d}"], shown=shown) for d in DISKS
+    ]
+    for way in [f"{kind} {d}" for kind in ("cooling", "joint") for d in DISKS]:
+        kind, disk = way.split()
+        lag = p.joint[disk].estimates["lag_s"] if kind == "joint" else None
+        rows.append(
+            way_row(f"{kind} fit, {disk} disk", a[way], a[f"h {way}"], lag, shown=way not in gone)
+        )
+    return pd.DataFrame(rows)
+
+
+def structures_table(p: Partition) -> pd.DataFrame:
+    """The fit of both disks under every other structure, best supported first."""
+    rows = []
+    for a, likely in zip(p.structures.tried, p.structures.probability):
+        implied = a.exponent.plain()
+        rows.append(
+            (structure(a.name), a.beta.plain(), f"{a.delta_chi2:.1f}", percent(likely), implied)
+        )
+    columns = ["if", "β [1]", "chi-squared falls by [1]", "probability", "exponent n [1]"]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def budget_table(p: Partition) -> pd.DataFrame:
+    """Source, and its standard uncertainty of beta by the fit of both disks (the headline), by the speed law and by the
+    cooling fit; the headline's largest first, last all together."""
+    speed, cooling = p.budget.together
+    both, by_way = both_budget(p), {r.source: r for r in p.budget.rows}
+    rows = sorted(both | by_way, key=lambda source: -both.get(source, 0.0))
+    total = sum(u**2 for u in both.values()) ** 0.5
+    table = [[both.get(x, 0.0), *(getattr(by_way.get(x), k, 0.0) for k in BY_WAY)] for x in rows]
+    heads = ("fit of both disks", "speed law", "cooling fit of the worse disk")
+    columns = ["source", *(f"u(β) [1], {head}" for head in heads)]
+    rows = [*rows, "all together"]
+    table = [*table, [total, speed, cooling]]
+    return pd.DataFrame(
+        [(source, *map(u_of_beta, parts)) for source, parts in zip(rows, table)], columns=columns
+    )
+
+
+def u_of_beta(u: float) -> str:
+    """A standard uncertainty of beta in a table."""
+    return f"{u:.4f}" if u >= 0.00005 else "below 0.0001"
+
+
+def test_table(p: Partition | OneDisk) -> pd.DataFrame:
+    """The test's conditions."""
+    t = p.test
+    plain = [
+        ("load", f"{t.load_N:.0f}", "N"),
+        ("friction", f"{t.friction_N:.2f}", "N"),
+        ("friction coefficient", f"{t.friction_N / t.load_N:.4f}", "1"),
+        ("sliding speed", f"{t.sliding_speed_m_s:.2f}", "m/s"),
+        ("entraining speed", f"{t.entraining_speed_m_s:.2f}", "m/s"),
+        ("half-width of the contact", f"{t.half_width_m * 1e3:.3f}", "mm"),
+        ("load on at", f"{t.events.load_on_s:.2f}", "s"),
+        ("unloading at", with_u(t.events.unload_s, t.events.unload_u_s), "s"),
+    ]
+    for word, key, unit in (
+        ("hottest surface, fast disk", "surface fast", "°C"),
+        ("hottest surface, slow disk", "surface slow", "°C"),
+        ("their difference times sliding speed, ΔT u_s", "delta_T_us", "K m/s"),
+    ):
+        plain += [(word, str(p.answers[key]), unit)] if key in p.answers else []
+    return pd.DataFrame(plain, columns=["quantity", "value", "unit"])
+
+
+def junctions_table(tests: Mapping[str, DepthTest]) -> pd.DataFrame:
+    """How much deeper than stated each junction lies by the test alone, and its pull on what is stated."""
+    rows = []
+    for disk, test in tests.items():
+        for (channel, deeper), pull in zip(test.deeper_m.items(), test.pull):
+            mm = deeper.times(1e3).plain()
+            rows.append(
+                (
+                    disk,
+                    channel,
+                    mm,
+                    f"{1e3 * test.stated_u_m:.2f}",
+                    f"{round(float(pull), 1) + 0.0:+.1f}",
+                )
+            )
+        rows += [(disk, channel, LEFT_OUT, "", "") for channel in test.left_out]
+    columns = [
+        "disk",
+        "junction",
+        "deeper than stated [mm]",
+        "u of the stated depth [mm]",
+        "standard deviations off [1]",
+    ]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def cooling_by_window(partition: Partition, lengths: Sequence[float] = LENGTHS_S) -> pd.DataFrame:
+    """The h-only fit of both disks for each window length [s]: disk, window_s, beta, u_beta, h, u_h, misfit, lag.
+
+    Traces are smoothed as freely as for the cooling fit. ``u_beta`` and ``u_h_W_m2K`` hold noise, nuisances, the steady
+    line and the lag, as the budget does; ``within_lag`` marks windows shorter than the disk's common lag, which hold
+    more of the chain than of the cooling. Lengths beyond the log's end are left out; a window whose fit runs away has
+    NaN. Raises InputError when no length is left, or one is not above zero.
+    """
+    test = partition.test
+    held = float(test.time_s[-1] - test.events.unload_s)
+    if min(lengths, default=1.0) <= 0:
+        raise InputError(f"a window of {min(lengths):g} s", expected="lengths above zero")
+    wanted = sorted(float(x) for x in lengths if x <= held)
+    if not wanted:
+        raise InputError(
+            f"the log holds {held:.2f} s of cooling",
+            expected=f"at least {min(lengths, default=0):g} s",
+        )
+    rows = stretch_of(test, wanted[-1])
+    of_disks = [_disk_rows(partition, disk, rows, wanted) for disk in DISKS]
+    return pd.DataFrame([row for of_one in of_disks for row in of_one])
+
+
+def _disk_rows(
+    p: Partition, name: str, rows: slice, lengths: Sequence[float]
+) -> list[dict[str, object]]:
+    test = p.test
+    line = p.lines[name]
+    lag = p.joint[name].estimates["lag_s"]
+    at = p.cooling[name]
+    done = smoothed(test, test.disks[name], rows, p.chains[name], lag.u, p.compensated[name])
+    cooled = compensated(test, test.disks[name], rows, done, p.windows[name].rim.profile)
+    errors = cooling_errors(cooled, at.share, at.h_W_m2K)
+    out: list[dict[str, object]] = []
+    for length in lengths:
+        found = dict.fromkeys(("beta", "u_beta", "h_W_m2K", "u_h_W_m2K", "misfit_K"), np.nan)
+        try:
+            prior = log_h_prior(cooled.disk.setup.surface)
+            fit = cooling_fit(
+                cooled.window, line.line, test.events.unload_s, length, cooled.noise_K, prior
+            )
+        except InputError:
+            pass
+        else:
+            shift = cooling_shift(fit, *errors, line)
+            variance = (
+                (shift.per_sd**2).sum(axis=0) + np.diag(shift.noise) + (lag.u * shift.by_lag) ** 2
+            )
+            u_share, u_h = (float(u) for u in np.sqrt(variance))
+            found = {
+                "beta": fit.beta,
+                "u_beta": u_share,
+                "h_W_m2K": fit.h_W_m2K,
+                "u_h_W_m2K": u_h,
+                "misfit_K": fit.misfit_K,
+            }
+        out.append({"disk": name, "window_s": length, "within_lag": length < lag.value, **found})
+    return out
+
+
+def referee_table(partition: Partition) -> pd.DataFrame:
+    """Compensated (cooling fit) against commuted (joint fit, no inverse) for beta and h of each disk.
+
+    ``u_difference`` is the spread of the difference of the budget's draws, so that what moves both alike does not
+    count; ``z`` = difference / u_difference; ``agree`` below two.
+    """
+    rows = []
+    for d in DISKS:
+        for quantity, key in (("beta", ""), ("h_W_m2K", "h ")):
+            ways = [f"{key}{kind} {d}" for kind in ("cooling", "joint")]
+            one, other = (partition.answers[way] for way in ways)
+            a, b = (partition.budget.draws[way] for way in ways)
+            gap = one.value - other.value
+            u = float(np.std(a - b))
+            z = gap / max(u, 1e-12)
+            rows.append(
+                {
+                    "disk": d,
+                    "quantity": quantity,
+                    "compensated": one.value,
+                    "u_compensated": one.u,
+                    "commuted": other.value,
+                    "u_commuted": other.u,
+                    "difference": gap,
+                    "u_difference": u,
+                    "correlation": float(np.corrcoef(a, b)[0, 1]),
+                    "z": z,
+                    "agree": bool(abs(z) < TWO_SIGMA),
+                }
+            )
+    return pd.DataFrame(rows)
+
+
+def interval_table(profiles: pd.DataFrame) -> pd.DataFrame:
+    """Every number of the joint fits with both intervals, and a sentence where they part."""
+    rows = []
+    for i in intervals(profiles):
+        e = i.estimate
+        rows.append(
+            {
+                "joint fit": "both disks" if i.fit == "both" else f"{i.fit} disk",
+                "number": HEADINGS[i.parameter],
+                "value": str(e),
+                "95 %, normal": " to ".join(as_known(end, e.u) for end in (e.low95, e.high95)),
+                "95 %, profile": " to ".join(as_known(end, e.u) for end in (i.low95, i.high95)),
+                "remark": i.sentence,
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
+    """The content of ``beta.json``; every estimate is {value, u, low95, high95}, h in W/m2K, lags in s.
+
+    A junction tells how much deeper this test alone places it than rig.toml [mm], and its pull on the stated depth.
+    """
+    test = p.test
+    gone = p.withheld
+    a = {
+        key: NOTHING if key in gone else estimate.model_dump()
+        for key, estimate in p.answers.items()
+    }
+    both = {
+        key: NOTHING if f"both {key}" in gone else e.model_dump()
+        for key, e in p.both.estimates.items()
+    }
+    return {
+        "schema": SCHEMA,
+        "source": source,
+        "test": test.conditions,
+        "steady": {
+            "beta": a["speed law"],
+            "h_fast": a["h_fast"],
+            "h_slow": a["h_slow"],
+            **{
+                f"{d}_line": {"intercept": a[f"{d} intercept"], "slope": a[f"{d} slope"]}
+                for d in DISKS
+            },
+            "exponent": a["exponent"],
+        },
+        "transient": {
+            d: {
+                "beta": a[f"cooling {d}"],
+                "h": a[f"h cooling {d}"],
+                "window_s": p.cooling[d].window_s,
+            }
+            for d in DISKS
+        },
+        "joint": {
+            **{
+                d: {
+                    "beta": a[f"joint {d}"],
+                    "h": a[f"h joint {d}"],
+                    "lag_s": p.joint[d].estimates["lag_s"].model_dump(),
+                }
+                for d in DISKS
+            },
+            "both": both,
+            "profiles": profiles_file(p.profiles),
+        },
+        "headline": {
+            "beta": both["beta"],
+            "way": "joint both",
+            "sentence": p.headline.sentence,
+            "range95": None
+            if p.status == "withheld"
+            else [p.structures.low95, p.structures.high95],
+        },
+        "status": p.status,
+        "alternatives": [] if p.status == "withheld" else p.structures.to_list(),
+        "crosscheck": p.crosscheck.to_dict(),
+        "budget": [asdict(row) for row in p.budget.rows],
+        "budget_both": [{"source": name, "u_beta": u} for name, u in both_budget(p).items()],
+        "surface": {
+            "fast_max_degC": a["surface fast"],
+            "slow_max_degC": a["surface slow"],
+            "delta_T_us": a["delta_T_us"],
+        },
+        "noise": {d: test.disks[d].noise.to_dict() for d in DISKS},
+        "unevenness": {d: p.both.uneven[d].to_dict() for d in DISKS},
+        "sensors": {} if p.sensors is None else p.sensors.said,
+        "junctions": junctions(p.sensors),
+        "findings": [found.to_dict() for found in p.findings],
+        "warnings": list(p.warnings),
+    }
+
+
+def junctions(found: SensorCheck | None) -> dict[str, Any]:
+    """How much deeper [mm] than stated a test alone places each junction, and its pull, as ``beta.json`` keeps it."""
+    return {
+        d: {
+            c: {"deeper_mm": e.times(1e3).model_dump(), "z": float(z)}
+            for (c, e), z in zip(t.deeper_m.items(), t.pull)
+        }
+        for d, t in ({} if found is None else found.depths).items()
+    }

@@ -1,0 +1,267 @@
+"""A new disk: oven log to static lines, plunge logs to the chain, both to a record."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from calibration.static_lines import OvenFit, fit_static_lines
+from immersion.entry import EntryEvent
+from immersion.fluids import fluid
+from immersion.plunge_data import PlungeRun, bath_filled, run_from_log
+from immersion.plunge_fit import identify_plunges, moved_lines, with_structure_doubt
+from immersion.plunge_parameters import PlungePriors
+from immersion.plunge_result import COLOURED, PlungeFit
+from tcdyn.core.errors import InputError
+from tcdyn.core.findings import Finding, look, note, once
+from tcdyn.core.result import Result
+from tcdyn.core.threads import one_blas_thread
+from tcdyn.rig.disk import DISKS
+from tcdyn.rig.log import Log, read_log
+from tcdyn.rig.record import (
+    ChainRecord,
+    ChannelChain,
+    DiskRecord,
+    InputFile,
+    moment,
+    now_utc,
+    user_name,
+)
+from tcdyn.rig.rigfile import Rig
+from tcdyn.rig.static_line import StaticLine, extrapolated, static_u, unit_lines
+
+SAME_K = 0.02  # a file saved again may have lost decimals; no two plunges are alike to this in every sample
+# before an entry: kept clear of it, fewest, how alike a disk is
+REST_CLEAR_S = 0.5
+REST_SAMPLES = 20
+REST_U_K = 0.07
+
+
+@dataclass(frozen=True)
+class CalibrationRun(Result):
+    """Everything that a calibration found: the record to keep, and the fits behind it for the report."""
+
+    record: DiskRecord
+    oven: OvenFit | None
+    plunges: tuple[PlungeRun, ...]
+    fit: PlungeFit
+
+    def __repr__(self) -> str:
+        return f"<CalibrationRun of the {self.record.disk} disk; summary() says it in words>"
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What was noticed in logs and fits."""
+        return tuple(self.record.findings)
+
+    def summary(self) -> str:
+        """Static errors, lags and what the plunges cannot tell, in a few lines."""
+        return "\n".join(self.fit.lines())
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of the disk record."""
+        return self.record.to_dict()
+
+    def card(self) -> pd.DataFrame:
+        """Static line and lag of each channel."""
+        return self.record.card()
+
+
+@one_blas_thread
+def calibrate_disk(
+    rig: Rig,
+    disk: str,
+    oven: str | Path | None,
+    immersion: Sequence[str | Path],
+    fluids: Sequence[str],
+    *,
+    structure: str = "P2",
+    correlation: str = "churchill-chu-laminar",
+    prt_u_degC: float = 0.0,
+    line_u_K: float | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> CalibrationRun:
+    """Calibrate one disk from its oven log and its plunges.
+
+    ``disk``: "fast" or "slow"; ``fluids``: one name or table for all plunges, or one for each; ``prt_u_degC``: of each
+    reading of the oven's PRT against itself, where that was stated apart from its certificate (in the rig's
+    [traceability], common to all; their scatter tells the rest); ``line_u_K``: without an oven log, standard
+    uncertainty of a reading as it was logged. Raises InputError with file and place for anything that cannot be used.
+    """
+    if disk not in DISKS:
+        raise InputError(f"disk is {disk!r}", where="calibrate", expected=" or ".join(DISKS))
+    if len(fluids) not in (1, len(immersion)):
+        raise InputError(
+            f"{len(fluids)} fluids for {len(immersion)} plunge(s)",
+            where="calibrate",
+            expected="one fluid for all plunges, or one for each, in their order",
+        )
+    tables = rig.tables(disk)
+    setup = rig.disk_setup(disk)
+    static, lines, findings, inputs = _static(oven, line_u_K, rig, disk, prt_u_degC, progress)
+    runs: list[PlungeRun] = []
+    logs: list[Log] = []
+    for k, path in enumerate(immersion):
+        progress(f"plunge {k + 1} of {len(immersion)}: {Path(path).name}")
+        log = read_log(path, "immersion", rig, disk)
+        _once(log, logs)
+        logs.append(log)
+        substance = fluid(fluids[k if len(fluids) > 1 else 0])
+        run = run_from_log(
+            bath_filled(log), substance, lines, channels=setup.channels, name=log.path.name
+        )
+        runs.append(run)
+        inputs.append(InputFile(file=log.path.name, sha256=log.sha256))
+        findings += extrapolated(run.name, dict(zip(run.channels, run.readings_degC.T)), lines)
+        findings += untold(log, run.entry)
+    progress("grey-box fit of the chain to all plunges")
+    priors = PlungePriors.for_rig(tables.uncertainty)
+    fit = identify_plunges(runs, setup, correlation=correlation, structure=structure, priors=priors)
+    _swapped(logs, fit)
+    progress("other chain structures on the same plunges")
+    fit = with_structure_doubt(fit)
+    pulled = [
+        f
+        for f in fit.findings
+        if f.code == "plunge.pull" and f.numbers["kind"] in ("offset", "gain")
+    ]
+    strained = {f.subject for f in pulled}
+    apart = set.intersection(*(apart_at_rest(run) for run in runs))
+    if static is not None and (len(strained) > len(setup.channels) // 2 or len(apart) > 1):
+        findings.append(look("calibrate.other_disk", subject=disk, count=len(strained | apart)))
+    findings += fit.findings
+    record = DiskRecord(
+        disk=disk,
+        created=now_utc(),
+        created_by=user_name(),
+        inputs=inputs,
+        static=lines,
+        chain=chain_record(fit, structure),
+        conditioning=tables.conditioning,
+        setup=tables,
+        fit=fit_summary(fit, correlation),
+        findings=list(once(findings)),
+    )
+    return CalibrationRun(record, static, tuple(runs), fit)
+
+
+def apart_at_rest(run: PlungeRun) -> set[str]:
+    """Channels that read more than three standard uncertainties off the disk's middle before the entry, when a disk has
+    one temperature: their static lines are another disk's, or their columns are. None of a disk that still warms or
+    cools, whose junctions differ."""
+    before = run.readings_degC[run.time_s < run.entry.time_s - max(4 * run.entry.u_s, REST_CLEAR_S)]
+    if len(before) < REST_SAMPLES or not run.lines:
+        return set()
+    third = len(before) // 3
+    mean = np.nanmean(before, axis=0)
+    if (
+        abs(np.nanmedian(np.nanmean(before[-third:], axis=0) - np.nanmean(before[:third], axis=0)))
+        > REST_U_K
+    ):
+        return set()
+    u = np.array([float(static_u(run.lines[c], x)) for c, x in zip(run.channels, mean)])
+    return {
+        c
+        for c, off in zip(run.channels, np.abs(mean - np.nanmedian(mean)) / np.hypot(u, REST_U_K))
+        if off > 3
+    }
+
+
+def _static(
+    oven: str | Path | None,
+    line_u_K: float | None,
+    rig: Rig,
+    disk: str,
+    prt_u_degC: float,
+    progress: Callable[[str], None],
+) -> tuple[OvenFit | None, dict[str, StaticLine], list[Finding], list[InputFile]]:
+    """Static lines by the oven log, or T = logged as stated; what was noticed, and the file."""
+    if (oven is None) == (line_u_K is None):
+        raise InputError(
+            "no oven log" if oven is None else "an oven log and a stated line",
+            where="calibrate",
+            expected="one of them: the oven log, or how far off a reading may be as logged (standard uncertainty, K)",
+            remedy="add {oven} or {line_u_K}" if oven is None else "leave one out",
+            parameters={"oven": "LOG", "line_u_K": "K"},
+        )
+    if oven is None or line_u_K is not None:
+        return (
+            None,
+            unit_lines(line_u_K or 0.0, rig.disk_setup(disk).channels),
+            [note("static.stated", u_K=line_u_K)],
+            [],
+        )
+    progress("static lines from the oven log")
+    log = read_log(oven, "oven", rig, disk)
+    stated = rig.tables(disk).traceability.shared_u_K(moment(now_utc()).date())
+    static = fit_static_lines(log.frame, prt_u_degC=prt_u_degC, prt_shared_u_degC=stated)
+    made_from = [InputFile(file=log.path.name, sha256=log.sha256)]
+    return static, static.lines, [*log.findings, *static.findings], made_from
+
+
+def untold(log: Log, entry: EntryEvent) -> list[Finding]:
+    """What the reader of a plunge noticed, but for a bouncing switch where the entry says what was done about it."""
+    told = any(f.code == "entry.bounced" for f in entry.findings)
+    return [f for f in log.findings if not (told and f.code == "switch.bounces")]
+
+
+def _once(log: Log, earlier: Sequence[Log]) -> None:
+    """Refuse a plunge that was given before, in whatever file: counted twice, the lags would look better known."""
+    columns = [*log.channels]
+    for other in earlier:
+        if len(other.frame) != len(log.frame):
+            continue
+        apart = np.abs(other.frame[columns].to_numpy() - log.frame[columns].to_numpy())
+        if not np.nanmax(apart, initial=0.0) > SAME_K:
+            raise InputError(
+                f"holds the same samples as {other.path.name}",
+                where=log.path.name,
+                expected="each plunge once",
+                remedy="give another plunge, or leave it out",
+            )
+
+
+def _swapped(logs: Sequence[Log], fit: PlungeFit) -> None:
+    """Refuse channels that stand the wrong way round in a log and do not move together in the fit either."""
+    for log, factor in zip(logs, fit.optimum.problem.noise):
+        found = [f for f in log.findings if f.code == "junctions.swapped"]
+        if found and factor.differential > COLOURED:
+            raise InputError(
+                found[0].sentence,
+                expected="each column from the junction that rig.toml says",
+                remedy="map the columns in rig.toml [columns], or correct the depths in [thermocouples]",
+            )
+
+
+def chain_record(fit: PlungeFit, structure: str) -> ChainRecord:
+    """The identified chains as the record keeps them."""
+    channels = {
+        c: ChannelChain(**fit.chains[c].parameters, lag_s=fit.lag_s[c], split_u_s=fit.split_u_s[c])
+        for c in sorted(fit.chains)
+    }
+    return ChainRecord(
+        structure=structure,
+        channels=channels,
+        covariance=[[float(x) for x in row] for row in fit.lag_covariance],
+        common_lag_s=fit.common_lag_s,
+        differential_lag_s=dict(fit.differential_lag_s),
+    )
+
+
+def fit_summary(fit: PlungeFit, correlation: str) -> dict[str, object]:
+    """What a reader of the record needs to judge the fit, as JSON."""
+    return {
+        "correlation": correlation,
+        "sentence": fit.sentence,
+        "converged": fit.converged,
+        "static_lines": json.loads(moved_lines(fit).to_json(orient="records")),
+        "nuisances": json.loads(fit.nuisances.to_json(orient="records")),
+        "structures": fit.structures.to_dict() if fit.structures is not None else None,
+        "lag_budget": [asdict(share) for share in fit.budget],
+    }

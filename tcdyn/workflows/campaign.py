@@ -1,0 +1,245 @@
+"""Many EHL logs to one table: spread over workers, resumable, and one failing log does not stop the others."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from tcdyn.campaign import JoinedCampaign, joined, rig_fingerprint
+from tcdyn.campaign.tables import paper_csv, paper_latex
+from tcdyn.campaign.trends import read_curve
+from tcdyn.core.errors import InputError
+from tcdyn.core.findings import Finding, note
+from tcdyn.core.parallel import parallel_map
+from tcdyn.core.result import Result, json_text, jsonable
+from tcdyn.core.threads import one_blas_thread
+from tcdyn.io.read import sha256
+from tcdyn.io.write import write_text
+from tcdyn.workflows.campaign_log import CampaignSettings, analyse_log
+from tcdyn.workflows.campaign_results import (
+    ANSWER,
+    given_answer,
+    is_altered,
+    read_answer,
+    said_once,
+)
+from tcdyn.workflows.campaign_table import AGREE, campaign_table, table_csv, table_row
+
+TABLE_FILE = "campaign.csv"
+PAGE_FILE = "campaign.html"
+JOINED_FILE = "campaign.json"
+PAPER_FILES = "table.csv", "table.tex"
+OUTPUTS = (TABLE_FILE, PAGE_FILE, JOINED_FILE, *PAPER_FILES)
+
+
+@dataclass(frozen=True)
+class LogOutcome:
+    """One test: the content of its beta.json, or the sentence that says why there is none.
+
+    ``stage``: which of several loadings in its log, from 1; 0 in a log with one.
+    """
+
+    log: Path
+    data: dict[str, Any] | None
+    error: str = ""
+    kept: bool = False
+    stage: int = 0
+
+    @property
+    def name(self) -> str:
+        """The log's name without its ending, also of an answer that was given in its place; with its stage, if any."""
+        if self.log.name.endswith(ANSWER):
+            return self.log.name.removesuffix(ANSWER)
+        return stage_name(self.log, self.stage)
+
+
+@dataclass(frozen=True)
+class CampaignRun(Result):
+    """All logs in the order in which they were given, and their table; ``kept`` counts answers of an earlier run.
+
+    ``joined``: all that were analysed as one measurement, None where none was; ``altered``: logs whose stored answer
+    was not as it had been written.
+    """
+
+    folder: Path
+    outcomes: tuple[LogOutcome, ...]
+    table: pd.DataFrame
+    joined: JoinedCampaign | None = None
+    altered: tuple[str, ...] = ()
+
+    @property
+    def failed(self) -> tuple[LogOutcome, ...]:
+        """The logs that could not be analysed."""
+        return tuple(o for o in self.outcomes if o.data is None)
+
+    @property
+    def kept(self) -> int:
+        """How many answers are those of an earlier run."""
+        return sum(o.kept for o in self.outcomes)
+
+    @property
+    def findings(self) -> list[Finding]:
+        """What all tests together show, then what was noticed in each, with its log's name; what repeats is said once.
+
+        That the ways agree is in the table.
+        """
+        each = [
+            (o.name, Finding.from_dict(found))
+            for o in self.outcomes
+            for found in (o.data["findings"] if o.data else [])
+            if found["code"] != AGREE
+        ]
+        own = [note("campaign.altered", subject=name) for name in self.altered]
+        return [*own, *(self.joined.findings if self.joined else ()), *said_once(each)]
+
+    def summary(self) -> str:
+        """How many logs did what, and the range of beta."""
+        good = self.table[self.table["error"] == ""]
+        said = f"{len(self.outcomes)} logs: {len(good)} analysed ({self.kept} kept from before), "
+        said += f"{len(self.failed)} failed"
+        if len(good):
+            said += f"; beta by the speed law {good['beta'].min():.3f} to {good['beta'].max():.3f}"
+            said += f"; the ways agree in {int((good['agree'] == 'yes').sum())} of {len(good)}"
+        if self.joined is not None and len(self.joined.posterior.tests) > 1:
+            inside, whole = (
+                max(e[k].u for e in self.joined.posterior.estimates)
+                for k in ("beta_within", "beta")
+            )
+            said += f"\nall tests as one: u of beta {inside:.4f} at most within the campaign, {whole:.4f} absolute"
+            said += f"; exponent n {self.joined.law.exponent}"
+        return said
+
+    def to_dict(self) -> dict[str, Any]:
+        """The table, one row a log."""
+        return {"folder": str(self.folder), "logs": jsonable(self.table)}
+
+    def card(self) -> pd.DataFrame:
+        """The table, one row a log."""
+        return self.table
+
+
+Progress = Callable[[str, int, int], None]  # (log, logs done, logs in all)
+
+
+@one_blas_thread
+def run_campaign(
+    logs: Sequence[str | Path],
+    settings: CampaignSettings,
+    out: str | Path,
+    *,
+    workers: int = 1,
+    dask: str | None = None,
+    models: Sequence[str | Path] = (),
+    progress: Progress = lambda *_: None,
+) -> CampaignRun:
+    """Analyse every log into ``out``/<stem>.beta.json; gather ``out``/campaign.csv and, as one, ``out``/campaign.json.
+
+    A log whose stored answer has the same log, records, rig and settings is not analysed again. Each answer is
+    written when it is ready, so a stopped campaign goes on where it was. A <stem>.beta.json among ``logs`` is a test
+    whose log is not at hand: it stands as it is. ``models``: files of curves to lay over the tests. With ``dask`` (a
+    scheduler's address) the workers must see the logs under the same paths. Raises InputError for no log, two of the
+    same name, a given answer that is not as it was written or of another rig, and a curve that the tests do not reach.
+    Where no log could be analysed, the table of an earlier run stays as it is.
+    """
+    paths = [Path(p) for p in logs]
+    _check_names(paths)
+    folder = Path(out)
+    curves = [read_curve(path) for path in models]
+    given = [(i, path) for i, path in enumerate(paths) if path.name.endswith(ANSWER)]
+    rig = rig_fingerprint(settings.rig, settings.records) if given else ""
+    outcomes: dict[int, list[LogOutcome]] = {
+        i: [LogOutcome(path, given_answer(path, rig), kept=True)] for i, path in given
+    }
+    jobs: list[tuple[int, Path]] = []
+    altered = tuple(
+        p.stem
+        for i, p in enumerate(paths)
+        if i not in outcomes and is_altered(_answer_file(p, folder, 0))
+    )
+    for i, path in enumerate(paths):
+        if i in outcomes:
+            continue
+        kept = _stored(path, folder, settings)
+        if kept:
+            outcomes[i] = kept
+            progress(path.stem, len(outcomes), len(paths))
+        else:
+            jobs.append((i, path))
+    work = partial(analyse_log, settings=settings)
+    for at, answer in parallel_map(work, [path.resolve() for _, path in jobs], workers, dask):
+        i, path = jobs[at]
+        if isinstance(answer, Exception):
+            answer = [f"{path.name}: the worker failed, {type(answer).__name__}: {answer}"]
+        outcomes[i] = []
+        for stage, one in enumerate(answer, 1) if len(answer) > 1 else [(0, answer[0])]:
+            if isinstance(one, str):
+                outcomes[i].append(LogOutcome(path, None, one, stage=stage))
+            else:
+                outcomes[i].append(LogOutcome(path, one, stage=stage))
+                file = _answer_file(path, folder, stage)
+                write_text(file, json_text(one))
+        progress(path.stem, len(outcomes), len(paths))
+    ordered = tuple(one for i in range(len(paths)) for one in outcomes[i])
+    table = campaign_table([table_row(o.name, o.data, o.error) for o in ordered])
+    if any(o.data is not None for o in ordered) or not (folder / TABLE_FILE).exists():
+        write_text(folder / TABLE_FILE, table_csv(table))
+    whole = joined({o.name: o.data for o in ordered if o.data is not None}, curves)
+    if whole is not None:
+        write_text(folder / JOINED_FILE, json_text(whole.to_dict()))
+        for name, text in zip(PAPER_FILES, (paper_csv(whole), paper_latex(whole))):
+            write_text(folder / name, text)
+    return CampaignRun(folder, ordered, table, whole, altered)
+
+
+def _stored(path: Path, folder: Path, settings: CampaignSettings) -> list[LogOutcome]:
+    """The stored answers of an earlier run, when all of them stand for the same log and settings; else none."""
+    try:
+        first = 0 if _answer_file(path, folder, 0).exists() else 1
+        count = read_answer(_answer_file(path, folder, first))["campaign"]["stages"]
+        return [
+            _stored_one(path, folder, settings, k)
+            for k in ([0] if count == 1 else range(1, count + 1))
+        ]
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return []
+
+
+def _stored_one(path: Path, folder: Path, settings: CampaignSettings, stage: int) -> LogOutcome:
+    data = read_answer(_answer_file(path, folder, stage))
+    own = data["campaign"]
+    wanted = settings.fingerprint()
+    if data["source"]["sha256"] != sha256(path) or any(own.get(k) != v for k, v in wanted.items()):
+        raise ValueError("of another log or other settings")
+    table_row(path.stem, data)
+    return LogOutcome(path, data, kept=True, stage=stage)
+
+
+def stage_name(path: Path, stage: int) -> str:
+    """A test's name: its log's, with the number of its loading where there are several.
+
+    >>> stage_name(Path("EHL_D4.csv"), 0), stage_name(Path("EHL_D4.csv"), 2)
+    ('EHL_D4', 'EHL_D4.2')
+    """
+    return path.stem + (f".{stage}" if stage else "")
+
+
+def _answer_file(path: Path, folder: Path, stage: int) -> Path:
+    return folder / f"{stage_name(path, stage)}{ANSWER}"
+
+
+def _check_names(paths: Sequence[Path]) -> None:
+    if not paths:
+        raise InputError("no logs", expected="at least one EHL log")
+    seen: dict[str, Path] = {}
+    for path in paths:
+        if path.stem in seen:
+            raise InputError(
+                f"two logs are called {path.stem}: {seen[path.stem]} and {path}",
+                remedy="rename one: the answers are named after the logs",
+            )
+        seen[path.stem] = path

@@ -1,0 +1,187 @@
+"""The one table of a campaign (tables 7.1 to 7.3), its groups of equal sliding speed and its trend lines."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import product
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from tcdyn.core import Array
+from tcdyn.core.estimate import Z95
+from tcdyn.estimation.line_fit import fit_line
+from tcdyn.rig.disk import DISKS
+
+AGREE = "ways.agree"  # a finding that stands in its own column
+SAME_SPEED = 0.05  # sliding speeds within 5 % belong to one group
+# column: (keys into beta.json, is an estimate with u)
+COLUMNS: dict[str, tuple[tuple[str, ...], bool]] = {
+    "load_N": (("test", "load_N"), False),
+    "sliding_speed_m_s": (("test", "sliding_speed_m_s"), False),
+    "entraining_speed_m_s": (("test", "entraining_speed_m_s"), False),
+    "friction_N": (("test", "friction_N"), False),
+    "friction_coefficient": (("campaign", "friction_coefficient"), False),
+    "beta": (("steady", "beta"), True),
+    "h_fast_W_m2K": (("steady", "h_fast"), True),
+    "h_slow_W_m2K": (("steady", "h_slow"), True),
+    **{
+        f"{key}_cooling_{d}{unit}": (("transient", d, key), True)
+        for d in DISKS
+        for key, unit in (("beta", ""), ("h", "_W_m2K"))
+    },
+    **{
+        f"{key}_joint_{d}{unit}": (("joint", d, name), True)
+        for d in DISKS
+        for key, name, unit in (("beta", "beta", ""), ("h", "h", "_W_m2K"), ("lag", "lag_s", "_s"))
+    },
+    "beta_both": (("joint", "both", "beta"), True),
+    "h_fast_both_W_m2K": (("joint", "both", "h_fast"), True),
+    "h_slow_both_W_m2K": (("joint", "both", "h_slow"), True),
+    "exponent": (("joint", "both", "exponent"), True),
+    **{f"{d}_surface_max_degC": (("surface", f"{d}_max_degC"), True) for d in DISKS},
+    "delta_T_us_K_m_s": (("surface", "delta_T_us"), True),
+    **{f"{d}_bulk_degC": (("campaign", "bulk_degC", d), False) for d in DISKS},
+    **{f"{d}_a_degC": (("campaign", "steady_degC", d, "a"), False) for d in DISKS},
+    "crosscheck_z": (("crosscheck", "z"), False),
+}
+
+
+def table_columns() -> list[str]:
+    """All columns of campaign.csv in their order; each estimate is followed by its standard uncertainty u_..."""
+    out = ["test", "log"]
+    for name, (_, estimate) in COLUMNS.items():
+        out += [name, f"u_{name}"] if estimate else [name]
+    return [*out, "agree", "status", "warnings", "error"]
+
+
+def table_row(log: str, data: Mapping[str, Any] | None, error: str = "") -> dict[str, Any]:
+    """One row from the content of a beta.json; without it (a log that failed) the numbers stay empty."""
+    row: dict[str, Any] = dict.fromkeys(table_columns(), np.nan)
+    row |= {
+        "test": log.removeprefix("EHL_"),
+        "log": log,
+        "error": error,
+        "agree": "",
+        "status": "",
+        "warnings": 0,
+    }
+    if data is None:
+        return row
+    for name, (keys, estimate) in COLUMNS.items():
+        found: Any = (
+            data if keys[0] in data or keys[0] != "campaign" else None
+        )  # a beta.json of its own has none
+        for key in keys if found is not None else ():
+            found = found.get(key)  # a disk may have no junction a
+        row[name] = found["value"] if estimate else np.nan if found is None else found
+        if estimate:
+            row[f"u_{name}"] = found["u"]
+    row["status"] = data["status"]
+    row["agree"] = "yes" if data["crosscheck"]["agree"] else "no"
+    row["warnings"] = sum(found["code"] != AGREE for found in data["findings"])
+    return row
+
+
+def campaign_table(rows: list[dict[str, Any]]) -> pd.DataFrame:
+    """The rows as a table with the columns in their order."""
+    return pd.DataFrame(rows, columns=table_columns())
+
+
+def table_csv(table: pd.DataFrame) -> str:
+    """The table as CSV text: eight digits, so that rounding of the last bits does not show."""
+    return str(table.to_csv(index=False, float_format="%.8g", lineterminator="\n"))
+
+
+def speed_groups(sliding_speed_m_s: Array) -> NDArray[np.int64]:
+    """Number of the group of nearly equal sliding speed that each test belongs to, slowest first; (N,) -> (N,).
+
+    >>> speed_groups(np.array([10.0, 20.1, 10.2, 13.0])).tolist()
+    [0, 2, 0, 1]
+    """
+    order = np.argsort(sliding_speed_m_s, kind="stable")
+    ranked = sliding_speed_m_s[order]
+    steps = np.concatenate([[0], np.cumsum(np.diff(ranked) > SAME_SPEED * ranked[:-1])])
+    out = np.empty(len(order), dtype=np.int64)
+    out[order] = steps
+    return out
+
+
+def done_rows(table: pd.DataFrame) -> pd.DataFrame:
+    """The tests that were analysed, with the column ``group`` of nearly equal sliding speed."""
+    good = table[table["error"] == ""].copy()
+    good["group"] = speed_groups(good["sliding_speed_m_s"].to_numpy(dtype=float))
+    return good
+
+
+def different(x: Array) -> int:
+    """How many values stand apart by more than 1 % of the largest: set points, not their wandering.
+
+    >>> different(np.array([850.2, 1459.0, 849.7, 1461.0]))
+    2
+    """
+    kept: list[float] = []
+    for value in np.sort(x):
+        if not kept or value - kept[-1] > 0.01 * np.abs(x).max():
+            kept.append(float(value))
+    return len(kept)
+
+
+class Trend(NamedTuple):
+    """A least-squares line: intercept, slope with its standard uncertainty and 95 % interval, rms of the rest."""
+
+    intercept: float
+    slope: float
+    rms: float
+    u_slope: float
+    low95_slope: float
+    high95_slope: float
+
+
+def trend(x: Array, y: Array) -> Trend | None:
+    """Least-squares line through points; None with fewer than three different x: two points always make a line.
+
+    The slope's uncertainty is that of the scatter about the line, its interval Student's with N - 2 degrees.
+
+    >>> line = trend(np.array([0.0, 1.0, 2.0, 3.0]), np.array([1.0, 3.0, 5.0, 7.4]))
+    >>> round(line.intercept, 2), round(line.slope, 2), round(line.u_slope, 3), round(line.high95_slope, 2)
+    (0.92, 2.12, 0.069, 2.42)
+    >>> trend(np.array([1.0, 2.0]), np.array([1.0, 3.0])) is None
+    True
+    """
+    if different(x) < 3:
+        return None
+    line = fit_line(x, y)
+    u = np.sqrt(line.covariance[0, 0])
+    reach = Z95 * np.sqrt(line.covariance_95[0, 0])
+    numbers = (line.intercept, line.slope, np.sqrt(np.mean(line.residuals**2)), u)
+    return Trend(*map(float, (*numbers, line.slope - reach, line.slope + reach)))
+
+
+def trend_table(table: pd.DataFrame) -> pd.DataFrame:
+    """Lines over the load in each group of sliding speed (figures 6.17, 6.33, 7.20)."""
+    good = done_rows(table)
+    columns = (
+        "fast_bulk_degC",
+        "slow_bulk_degC",
+        "friction_N",
+        "fast_surface_max_degC",
+        "slow_surface_max_degC",
+    )
+    rows = []
+    for column, (_, part) in product(columns, good.groupby("group")):
+        line = trend(part["load_N"].to_numpy(dtype=float), part[column].to_numpy(dtype=float))
+        if line is not None:
+            name = f"{part['sliding_speed_m_s'].mean():.1f} m/s"
+            rows.append(
+                {
+                    "quantity": column,
+                    "over": "load_N",
+                    "tests": name,
+                    "number": len(part),
+                    **line._asdict(),
+                }
+            )
+    return pd.DataFrame(rows, columns=["quantity", "over", "tests", "number", *Trend._fields])

@@ -1,0 +1,177 @@
+"""The whole main job on a simulated campaign: simulate, calibrate, compensate, analyse, compare with the truth."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pandas as pd
+
+from tcdyn.core.estimate import rounded
+from tcdyn.core.result import Result, json_text, jsonable
+from tcdyn.core.threads import one_blas_thread
+from tcdyn.io.write import write_text
+from tcdyn.rig.disk import DISKS
+from tcdyn.rig.log import write_log
+from tcdyn.rig.record import DiskRecord, read_record, write_record
+from tcdyn.rig.rigfile import Rig, load_rig
+from tcdyn.workflows.beta import BetaRun, estimate_beta
+from tcdyn.workflows.calibrate import CalibrationRun, calibrate_disk
+from tcdyn.workflows.compensate import CompensatedLog, compensate_log
+
+if TYPE_CHECKING:
+    from tcdyn.simulate.campaign import CampaignFiles
+
+AFTER_S = 5.0
+FLUID = "mobil-jet-ii"
+
+
+@dataclass(frozen=True)
+class DemoRun(Result):
+    """What the demo made: files, fits by disk and test, and the truth of the simulation beside the answers."""
+
+    files: CampaignFiles
+    calibrations: Mapping[str, CalibrationRun]
+    tests: Mapping[str, BetaRun]
+    compensated: Mapping[str, CompensatedLog]
+    comparison: pd.DataFrame
+
+    def summary(self) -> str:
+        """The answers with the truth of the simulation beside them, and the verdict of every test."""
+        said = [f"{name}: {run.partition.crosscheck.sentence}" for name, run in self.tests.items()]
+        return "\n".join([self.card().to_string(index=False), *said])
+
+    def to_dict(self) -> dict[str, Any]:
+        """The comparison with the truth, and the content of every test's beta.json."""
+        tests = {name: run.to_dict() for name, run in self.tests.items()}
+        return {"comparison": jsonable(self.comparison), "tests": tests}
+
+    def card(self) -> pd.DataFrame:
+        """Estimate, standard uncertainty and truth of every quantity."""
+        rows = []
+        for row in self.comparison.to_dict("records"):
+            known = row["u"] is not None and np.isfinite(row["u"])
+            estimate, u = (
+                rounded(row["estimate"], row["u"]) if known else (f"{row['estimate']:.3g}", "")
+            )
+            told = {
+                "quantity": row["quantity"],
+                "estimate": estimate,
+                "u": u,
+                "truth": f"{row['truth']:.4g}",
+            }
+            rows.append({**told, "unit": row["unit"]})
+        return pd.DataFrame(rows)
+
+
+@one_blas_thread
+def run_demo(
+    out: str | Path,
+    seed: int = 1,
+    tests: Sequence[str] = ("B3",),
+    progress: Callable[[str], None] = lambda _: None,
+) -> DemoRun:
+    """Simulate a campaign into ``out`` and run every stage on its files, as a user would from the command line.
+
+    No stage reads the truth; it is read last, for the ``comparison``.
+    """
+    from tcdyn.simulate.campaign import (
+        simulate_campaign,
+    )  # a quarter of a second, which no other stage needs
+
+    folder = Path(out)
+    progress("simulating the campaign")
+    files = simulate_campaign(
+        folder, seed, tests, progress=lambda name, *_: progress(f"simulated {name}")
+    )
+    rig = load_rig(files.rig)
+    progress("calibrating both disks")
+    calibrations = {disk: _calibrated(files, rig, disk) for disk in DISKS}
+    records = {disk: read_record(folder / f"{disk}.disk.json") for disk in DISKS}
+    progress("compensating every test, and its heat partition")
+    betas = {}
+    compensated = {}
+    for name, log in files.ehl.items():
+        out = folder / f"EHL_{name}"
+        betas[name] = _partition(log, rig, records, out)
+        compensated[name] = _compensated(log, rig, records, out)
+    comparison = compare_with_truth(files, calibrations, betas, compensated)
+    return DemoRun(files, calibrations, betas, compensated, comparison)
+
+
+def _calibrated(files: CampaignFiles, rig: Rig, disk: str) -> CalibrationRun:
+    run = calibrate_disk(rig, disk, files.ovens[disk], files.plunges[disk], [FLUID])
+    write_record(run.record, files.folder / f"{disk}.disk.json")
+    return run
+
+
+def _compensated(
+    log: Path, rig: Rig, records: Mapping[str, DiskRecord], out: Path
+) -> CompensatedLog:
+    done = compensate_log(log, records, rig)
+    write_log(done.frame, out.with_name(f"{out.name}.compensated.csv"), done.metadata)
+    return done
+
+
+def _partition(log: Path, rig: Rig, records: Mapping[str, DiskRecord], out: Path) -> BetaRun:
+    beta = estimate_beta(log, rig, records)
+    write_text(out.with_name(f"{out.name}.beta.json"), json_text(beta.to_dict()))
+    return beta
+
+
+def compare_with_truth(
+    files: CampaignFiles,
+    calibrations: Mapping[str, CalibrationRun],
+    tests: Mapping[str, BetaRun],
+    compensated: Mapping[str, CompensatedLog],
+) -> pd.DataFrame:
+    """Each answer with its uncertainty beside the simulation's truth; columns quantity, unit, estimate, u, truth."""
+    truth = json.loads(files.truth.read_text(encoding="utf-8"))
+    rows: list[dict[str, Any]] = []
+
+    def add(quantity: str, unit: str, value: float, u: float | None, true: float) -> None:
+        rows.append({"quantity": quantity, "unit": unit, "estimate": value, "u": u, "truth": true})
+
+    for disk, run in calibrations.items():
+        lag = run.fit.common_lag_s
+        add(f"{disk} common lag, plunges", "s", lag.value, lag.u, truth[disk]["common_lag_s"])
+    for name, beta in tests.items():
+        p = beta.partition
+        true = truth["tests"][name]
+        for way, value in p.ways.items():
+            add(f"{name} beta, {way}", "1", value.value, value.u, true["beta"])
+        for d in DISKS:
+            h = p.answers[f"h_{d}"]
+            add(f"{name} h {d}, speed law", "W/m2K", h.value, h.u, true[f"h_{d}"])
+        for disk in DISKS:
+            lag = p.joint[disk].estimates["lag_s"]
+            add(
+                f"{name} {disk} common lag, unloading",
+                "s",
+                lag.value,
+                lag.u,
+                truth[disk]["common_lag_s"],
+            )
+        for disk in DISKS:
+            raw, done = errors_after_unloading(
+                files, name, compensated[name], f"{disk}_e_degC", true["unload_s"]
+            )
+            add(f"{name} {disk} e, rms error raw, 5 s after unloading", "K", raw, None, 0.0)
+            add(f"{name} {disk} e, rms error compensated", "K", done, None, 0.0)
+    return pd.DataFrame(rows)
+
+
+def errors_after_unloading(
+    files: CampaignFiles, test: str, done: CompensatedLog, column: str, unload_s: float
+) -> tuple[float, float]:
+    """Rms error of the logged and of the compensated trace against the simulated one, over ``AFTER_S`` [K]."""
+    traces = pd.read_parquet(files.folder / "truth" / f"EHL_{test}_traces.parquet")
+    after = ((traces["time_s"] >= unload_s) & (traces["time_s"] < unload_s + AFTER_S)).to_numpy()
+    true = traces[column].to_numpy()[after]
+    raw = done.raw.frame[column].to_numpy()[after]
+    new = done.frame[column].to_numpy()[after]
+    return float(np.sqrt(np.nanmean((raw - true) ** 2))), float(np.sqrt(np.mean((new - true) ** 2)))

@@ -1,0 +1,420 @@
+"""A log that is still growing, compensated row by row as it grows; stopped and begun again without losing a row."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tcdyn.core.errors import InputError
+from tcdyn.core.findings import Finding, look
+from tcdyn.core.result import Result
+from tcdyn.io.checksum import SEAL, checksum
+from tcdyn.io.csv_dialect import HEAD_BYTES
+from tcdyn.io.growing import GrowingTable
+from tcdyn.io.read import shown
+from tcdyn.io.write import header_line, write_text
+from tcdyn.rig.log import COMPENSATED
+from tcdyn.rig.opened_log import rig_of
+from tcdyn.rig.rigfile import Rig
+from tcdyn.workflows.appended_file import AppendedFile, digest
+from tcdyn.workflows.live import LONGEST_GAP_S, Causal, CausalState, Settings
+from tcdyn.workflows.log_source import GrowingLog, Known, TableOptions, growing_log
+from tcdyn.workflows.segments import DECIMALS
+from tcdyn.workflows.warm_up import begin
+
+STATE = "tcdyn.follow/6"
+STOPPED = "stopped"
+SAVE_EVERY_S = 10.0
+
+
+@dataclass(frozen=True)
+class FollowRun(Result):
+    """What was done: rows read and written, lines left out, why it ended, and the plan it was done with."""
+
+    rows_read: int
+    rows_written: int
+    bad_lines: int
+    ended: str
+    plan: Causal | None
+    findings: tuple[Finding, ...]
+
+    def summary(self) -> str:
+        """Why it ended, and how many rows there were."""
+        return f"{self.ended}: {self.rows_read} rows read, {self.rows_written} written"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Counts, why it ended and what was noticed."""
+        counts = {
+            "rows_read": self.rows_read,
+            "rows_written": self.rows_written,
+            "bad_lines": self.bad_lines,
+        }
+        return {**counts, "ended": self.ended, "warnings": list(self.warnings)}
+
+
+def follow(
+    log: str | Path,
+    records: Known,
+    out: str | Path,
+    rig: Rig | None = None,
+    settings: Settings | None = None,
+    *,
+    options: TableOptions | None = None,
+    state: str | Path | None = None,
+    overwrite: bool = False,
+    idle_s: float = 30.0,
+    poll_s: float = 0.2,
+    asked_to_stop: Callable[[], bool] = lambda: False,
+    announce: Callable[[Causal], None] = lambda _: None,
+    sleep: Callable[[float], None] = time.sleep,
+) -> FollowRun:
+    """Append the compensated rows of ``log`` to ``out`` while the log grows; ends after ``idle_s`` without growth.
+
+    The first seconds (``settings.learn_s``) give sample interval and noise; then rows are written as they come, whole
+    lines only. ``state``: a file from which a run that was stopped goes on, and to which this one writes where it
+    stands, at the end and every ten seconds; ``out`` is cut back to what that file knows, so that no row is lost or
+    doubled. Without such a file an ``out`` that exists is refused, unless ``overwrite`` says to replace it.
+    ``announce`` is called with the plan before the first row is written. ``options``: what tells the time and
+    the units of any table where its names do not.
+
+    Raises InputError for a log that is no growing text table, is compensated already, or is not the one of the state
+    file; for an end before anything could be learnt. While it follows: for a log that was replaced, rotated, truncated
+    or rewritten, after all rows read before are written and the state is saved (a copy of the log with the same rows
+    may take its place); for an output that was renamed, deleted or changed by another program.
+    """
+    if not records:
+        raise InputError(
+            "no record was given", remedy="add {records}", parameters={"records": "DISK.disk.json"}
+        )
+    log = Path(log)
+    out = Path(out)
+    settings = settings or Settings()
+    rig = rig or (rig_of(records) if isinstance(records, Mapping) else None)
+    if out.suffix.lower() != ".csv":
+        raise InputError(
+            f"ending {out.suffix!r}",
+            where=str(out),
+            expected=".csv: only a text file grows in place",
+        )
+    if log.resolve() == out.resolve():
+        raise InputError(
+            "log and output are the same file",
+            where=str(out),
+            remedy="name another {out}",
+            parameters={"out": None},
+        )
+    patience = _Patience(idle_s, poll_s, asked_to_stop, sleep)
+    state = Path(state) if state else None
+    continues = state is not None and state.exists()
+    if not continues:
+        _spare(out, overwrite)
+    source = _header(log, rig, records, options, patience)
+    if source is None:
+        return FollowRun(0, 0, 0, "stopped before the header was there", None, ())
+    table = source.table
+    key = _key(source, records, settings)
+    rows: list[list[float]] = []
+    if state is not None and continues:
+        left = _restored(state, key, table, out)
+        plan, now = _plan_of(state, left, source, settings, out)
+        written = left["where"]["written"]
+        size = left["where"]["out_bytes"]
+    else:
+        begun = _learnt(source, settings, patience)
+        if begun is None:
+            ended = "stopped before anything was learnt; nothing was written"
+            return FollowRun(table.rows, 0, table.bad, ended, None, ())
+        (plan, now, rows) = begun
+        written = 0
+        head = _head(source, plan)
+        _spare(out, overwrite)  # it may have come while the first seconds were waited for
+        write_text(out, head)  # what stood there stays until this is whole
+        size = len(head.encode("utf-8"))
+    announce(plan)
+    saved_at = -np.inf  # at once, so that a run that is killed can be continued
+    lost: InputError | None = None
+    with AppendedFile(out, size, written) as output:
+        while True:
+            if rows:
+                now, done = plan.advance(now, np.array(rows))
+                output.append(_lines(source.given_back(done, plan.output_names)), len(done))
+            else:
+                output.check(0)
+            ended = "the log was lost" if lost else patience.ended()
+            if state and (ended or time.monotonic() - saved_at > SAVE_EVERY_S):
+                _save(
+                    state,
+                    {
+                        **key,
+                        "where": _where(table, output),
+                        "plan": plan.learnt(),
+                        "state": now.to_json(),
+                    },
+                )
+                saved_at = time.monotonic()
+            if ended:
+                break
+            try:
+                rows = _rows(source, patience)
+            except (
+                InputError
+            ) as error:  # the log is not the same any more: what was read of it is kept
+                lost = error
+                rows = []
+        rest = plan.rest(
+            now
+        )  # a run that goes on from the state file writes these rows again, then better known
+        output.append(_lines(source.given_back(rest, plan.output_names)), len(rest))
+        written = output.rows
+    if lost:
+        raise InputError(
+            f"{lost.what}; the {written} rows before that are in {out}",
+            where=lost.where,
+            expected=lost.expected,
+            remedy=lost.remedy,
+            parameters=lost.parameters,
+        )
+    torn = (look("follow.torn", count=table.bad),) if table.bad else ()
+    screened = now.screening.findings(plan.junctions)
+    return FollowRun(
+        table.rows,
+        written,
+        table.bad,
+        ended,
+        plan,
+        (*source.findings, *plan.findings, *torn, *screened, *now.findings),
+    )
+
+
+def _spare(out: Path, overwrite: bool) -> None:
+    """Refuse an output that exists. Raises InputError."""
+    if out.exists() and not overwrite:
+        raise InputError(
+            "the output exists already",
+            where=str(out),
+            expected="a file that does not exist yet",
+            remedy="give another {out}, or replace it with {overwrite}, or continue the run that wrote it with "
+            "its {state}",
+            parameters={"out": "FILE", "overwrite": True, "state": "FILE"},
+        )
+
+
+@dataclass
+class _Patience:
+    """How long nothing may come before a run ends, and whether it was asked to stop."""
+
+    idle_s: float
+    poll_s: float
+    asked_to_stop: Callable[[], bool]
+    sleep: Callable[[float], None]
+    since: float | None = None  # when a look first found nothing new
+
+    def saw(self, something: bool) -> None:
+        """Whether anything new was found; if not, wait a little."""
+        if something:
+            self.since = None
+            return
+        self.since = self.since or time.monotonic()
+        self.sleep(self.poll_s)
+
+    def ended(self) -> str:
+        """Why the run ends now; empty when it does not."""
+        if self.asked_to_stop():
+            return STOPPED
+        still = self.since is not None and time.monotonic() - self.since > self.idle_s
+        return f"no growth for {self.idle_s:g} s" if still else ""
+
+
+def _header(
+    log: Path, rig: Rig | None, records: Known, options: TableOptions | None, patience: _Patience
+) -> GrowingLog | None:
+    """The log once it can be read; None when the run was stopped before. Raises what is wrong with its header."""
+    while True:
+        problem = InputError("no two rows came below the header", where=shown(log))
+        try:
+            if found := growing_log(log, rig, records, options):
+                patience.saw(True)
+                return found
+        except InputError as error:
+            problem = error
+            if log.exists() and log.stat().st_size > HEAD_BYTES:
+                raise
+        patience.saw(False)
+        if ended := patience.ended():
+            if ended == STOPPED:
+                return None
+            raise problem
+
+
+def _rows(source: GrowingLog, patience: _Patience) -> list[list[float]]:
+    """New rows of canonical columns; none after a pause."""
+    rows = source.new_rows()
+    patience.saw(rows is not None)
+    return rows or []
+
+
+def _learnt(
+    source: GrowingLog, settings: Settings, patience: _Patience
+) -> tuple[Causal, CausalState, list[list[float]]] | None:
+    """Plan and state from the first seconds; all rows read so far are still to be advanced. None when stopped."""
+    source.table.seek(source.table.first_byte)
+    rows: list[list[float]] = []
+    names = list(source.places)
+    at = names.index("time_s")
+    while not (inside := _stretch(rows, at, settings.learn_s)):
+        new = _rows(source, patience)
+        rows += new
+        if not new and (ended := patience.ended()):
+            if ended == STOPPED:
+                return None
+            raise InputError(
+                f"ended after {len(rows)} rows, before {settings.learn_s:g} s to learn from were there",
+                where=shown(source.table.path),
+                remedy="follow a longer log, or lower {learn_s}",
+                parameters={"learn_s": None},
+            )
+    return (*begin(names, np.array(inside), source.channels, source.level_K2_s3, settings), rows)
+
+
+def _stretch(rows: list[list[float]], at: int, learn_s: float) -> list[list[float]]:
+    """The first rows that last ``learn_s`` [s] while the clock, column ``at``, does not jump; none while there are not
+    so many."""
+    begun = 0
+    last = np.nan
+    longest_gap_s = max(
+        LONGEST_GAP_S, 0.1 * learn_s
+    )  # at least 17 rows are learnt from: more than a regular step
+    for i, row in enumerate(rows):
+        now = row[at]
+        if not 0 <= now - last <= longest_gap_s and np.isfinite(now):
+            begun = i
+        if now - rows[begun][at] >= learn_s:
+            return rows[begun : i + (now - rows[begun][at] == learn_s)]
+        last = now if np.isfinite(now) else last
+    return []
+
+
+def _key(source: GrowingLog, records: Known, settings: Settings) -> dict[str, Any]:
+    """What a state file must agree with."""
+    texts = (
+        {d: r.to_json() for d, r in records.items()}
+        if isinstance(records, Mapping)
+        else {f"{i} {s.sensor}": json.dumps(s.to_dict()) for i, s in enumerate(records)}
+    )
+    digests = {d: hashlib.sha256(text.encode()).hexdigest() for d, text in texts.items()}
+    order = [c for channels in source.channels for c in channels.columns]  # of what is remembered
+    told = {
+        "units": {n: vars(u) for n, u in source.units.items()},
+        "channels": order,
+        "settings": vars(settings),
+    }
+    return {"schema": STATE, "log": source.table.path.name, "records": digests, **told}
+
+
+def _where(table: GrowingTable, output: AppendedFile) -> dict[str, Any]:
+    """How far log and output are."""
+    read = {
+        "offset": table.offset,
+        "sha256": table.hash.hexdigest(),
+        "rows": table.rows,
+        "bad": table.bad,
+    }
+    return {
+        **read,
+        "written": output.rows,
+        "out_bytes": output.size,
+        "out_sha256": output.hash.hexdigest(),
+    }
+
+
+def _save(file: Path, kept: dict[str, Any]) -> None:
+    """Write the state file, with a checksum of its content."""
+    plain = json.loads(json.dumps(kept))
+    write_text(file, json.dumps({**plain, SEAL: checksum(plain)}) + "\n")
+
+
+def _anew(file: Path, out: Path) -> str:
+    return f"to begin anew, keep {out}, delete {file} and give another {{out}}"
+
+
+def _restored(file: Path, key: dict[str, Any], table: GrowingTable, out: Path) -> dict[str, Any]:
+    """What the state file holds, ``table`` set to where the run was left; InputError where anything is not its own."""
+    anew: dict[str, Any] = {"remedy": _anew(file, out), "parameters": {"out": "FILE"}}
+    try:
+        data: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+        where, _, _ = data["where"], data["plan"], data["state"]
+        table.rows, table.bad, _ = int(where["rows"]), int(where["bad"]), int(where["written"])
+        offset = int(where["offset"])
+        digest_of_log = str(where["sha256"])
+        out_bytes = int(where["out_bytes"])
+        digest_of_out = str(where["out_sha256"])
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as problem:
+        raise InputError(
+            f"is no state of a followed log ({problem!r})", where=str(file), **anew
+        ) from None
+    for name, own in json.loads(json.dumps(key)).items():
+        if data.get(name) != own:
+            raise InputError(f"was written with another {name}", where=str(file), **anew)
+    if checksum({k: v for k, v in data.items() if k != SEAL}) != data.get(SEAL):
+        raise InputError(
+            "is damaged: its checksum does not fit its content", where=str(file), **anew
+        )
+    table.seek(offset)
+    if table.hash.hexdigest() != digest_of_log:
+        raise InputError(
+            "is not the log that the state file remembers", where=shown(table.path), **anew
+        )
+    if not out.exists() or out.stat().st_size < out_bytes:
+        raise InputError("holds less than the state file remembers", where=str(out), **anew)
+    if digest(out, out_bytes).hexdigest() != digest_of_out:
+        raise InputError("is not the output that the state file remembers", where=str(out), **anew)
+    return data
+
+
+def _plan_of(
+    file: Path, left: dict[str, Any], source: GrowingLog, settings: Settings, out: Path
+) -> tuple[Causal, CausalState]:
+    """Plan and state that the content of a state file describes; InputError for one that describes none."""
+    try:
+        plan = Causal.of(
+            list(source.places), source.channels, source.level_K2_s3, settings, left["plan"]
+        )
+        now = CausalState.from_json(left["state"])
+        plan.check_fits(now)
+        return plan, now
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as problem:
+        raise InputError(
+            f"is damaged ({problem!r})",
+            where=str(file),
+            remedy=_anew(file, out),
+            parameters={"out": "FILE"},
+        ) from None
+
+
+def _head(source: GrowingLog, plan: Causal) -> str:
+    table = source.table
+    notes = {
+        **table.table.metadata,
+        "tcdyn": COMPENSATED,
+        "source": table.path.name,
+        **plan.notes(),
+    }
+    lines = [
+        f"# {' '.join(k.split()).replace(':', ' ')}: {' '.join(str(v).split())}\n"
+        for k, v in notes.items()
+    ]
+    return "".join(lines) + header_line(source.called(plan.output_names))
+
+
+def _lines(rows: np.ndarray) -> str:
+    rounded = np.round(rows, DECIMALS + 1)
+    return "".join(
+        ",".join(["" if v != v else f"{v:.12g}" for v in row]) + "\n" for row in rounded.tolist()
+    )

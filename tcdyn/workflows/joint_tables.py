@@ -1,0 +1,84 @@
+"""The joint fit on the page of a test: readings against the model, and beta's uncertainty by source."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from tcdyn.core import Array
+from tcdyn.partition.analyse import Partition
+from tcdyn.partition.joint import SHARE, told, unknowns
+from tcdyn.partition.single_disk import OneDisk
+from tcdyn.rig.disk import DISKS, LEFT_OUT
+
+
+@dataclass(frozen=True)
+class Met:
+    """Readings (R, M) of one disk's outer row [degC] about ``at_s`` (R,) from the parting, the joint fit's
+    model of them, and standard deviations of a reading; NaN for a channel that is left out."""
+
+    channels: tuple[str, ...]
+    at_s: Array
+    measured: Array
+    model: Array
+    sd: Array
+
+
+def met(p: Partition | OneDisk, disk: str) -> Met:
+    """Measured against modelled, as the joint fit of all disks there are ended."""
+    names = [d for d in DISKS if d in p.test.disks]
+    sides = [p.joint.side] if isinstance(p, OneDisk) else [p.joint[d].side for d in names]
+    optimum = p.optimum if isinstance(p, OneDisk) else p.both.optimum
+    ends = np.cumsum([len(s.y) for s in sides])
+    window = sides[names.index(disk)].window
+    residual = np.split(optimum.residual[: ends[-1]], ends[:-1])[names.index(disk)].reshape(
+        window.y.shape
+    )
+    sd = 1 / np.where(window.weight > 0, window.weight, np.nan)
+    return Met(
+        p.test.disks[disk].setup.outer,
+        window.at_s - p.test.events.unload_s,
+        window.y,
+        window.y + residual * sd,
+        sd,
+    )
+
+
+def residuals_table(p: Partition | OneDisk) -> pd.DataFrame:
+    """Reading less model at each junction [K], mean under load and after the parting, and rms over its noise."""
+    rows = []
+    for disk in [d for d in DISKS if d in p.test.disks]:
+        m = met(p, disk)
+        off = m.measured - m.model
+        after = m.at_s > 0
+        for k, c in enumerate(m.channels):
+            if np.isnan(off[:, k]).any():
+                rows.append((disk, c, LEFT_OUT, "", ""))
+                continue
+            before, cooling = (
+                f"{1e3 * float(np.mean(off[part, k])):+z.0f}" for part in (~after, after)
+            )
+            rms = float(np.sqrt(np.mean((off[:, k] / m.sd[:, k]) ** 2)))
+            rows.append((disk, c, before, cooling, f"{rms:.2f}"))
+    columns = [
+        "disk",
+        "junction",
+        "mean under load [mK]",
+        "mean after the parting [mK]",
+        "rms over noise [1]",
+    ]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def both_budget(p: Partition) -> dict[str, float]:
+    """Standard uncertainty of the headline's beta by source, largest first; their squares add to that of all."""
+    sides = [p.joint[d].side for d in DISKS]
+    noise, per_sd = told(p.both.optimum, sides)
+    sources = [what.source for what, _ in unknowns(sides)] + ["chain"] * (2 * len(sides))
+    sources += ["measured surface flux"] * (per_sd.shape[1] - len(sources))
+    square = {"noise": p.both.inflation * float(noise[SHARE, SHARE])}
+    for source, by in zip(sources, per_sd[SHARE]):
+        square[source] = square.get(source, 0.0) + float(by) ** 2
+    return {source: x**0.5 for source, x in sorted(square.items(), key=lambda item: -item[1])}

@@ -1,0 +1,449 @@
+"""Rows of a log, static lines, live smoother, rows of temperatures: in pieces of any length, state kept apart."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import signal
+
+from tcdyn.chain import Chain
+from tcdyn.core.errors import InputError
+from tcdyn.core.findings import Finding, look, note
+from tcdyn.rig.plausible import impossible
+from tcdyn.rig.record import LONGEST_LAG_S
+from tcdyn.rig.static_line import StaticLine, apply_static, whole_u
+from tcdyn.sensors.units import u_name
+from tcdyn.smoothing.inverse import BeforeUse, lag_rate, split_change
+from tcdyn.smoothing.live import LiveSmoother, live_before_use
+from tcdyn.smoothing.live_model import LiveState
+from tcdyn.smoothing.record import SPIKE
+from tcdyn.smoothing.traces import DiskChannels
+from tcdyn.workflows.reachable import Reach, ReadingTrack, Screening
+
+Array = NDArray[np.float64]
+CORNER_LAGS = 6.0  # in any other table: slopes may change so that the answer follows to so many radians in a lag
+# told; beyond which nothing is known any more
+TOLD_GAP_S = 1.0
+LONGEST_GAP_S = 60.0
+LONGEST_BEHIND_S = 60.0  # at any rate
+GAP_ROWS = 1.5  # a shorter step is no gap, at any rate: half a row above the regular one
+RESTART_ROWS = 10.0  # a shorter gap does not restart the smoother, at any rate
+MAX_HELD_ROWS = (
+    4500  # behind the present, or bridged in a gap: a minute at the rig's 75 Hz; bounds the memory
+)
+COUNTS = ("spikes", "backward", "gaps", "longest_gap_s")
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to follow: the live smoother works ``behind_s`` [s] behind the present.
+
+    ``noise_K`` and ``intensity_K2_s3`` for all channels; left out, the noise is measured in the first ``learn_s``
+    seconds, and the intensity is 30 K2/s3 for a test on the rig, 3000 for a plunge.
+    """
+
+    behind_s: float = 0.0
+    noise_K: float | None = None
+    intensity_K2_s3: float | None = None
+    learn_s: float = 5.0
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.behind_s < LONGEST_LAG_S or not 0 < self.learn_s < LONGEST_LAG_S:
+            raise InputError(
+                f"behind_s {self.behind_s:g}, learn_s {self.learn_s:g}",
+                expected=f"at least 0 s behind, more than 0 s to learn from, both below {LONGEST_LAG_S:g} s",
+            )
+        for name, value in (("noise_K", self.noise_K), ("intensity_K2_s3", self.intensity_K2_s3)):
+            if value is not None and not 0 < value < np.inf:
+                raise InputError(f"{name} {value:g}", expected="a positive number")
+
+
+@dataclass(frozen=True)
+class CausalState:
+    """All that is needed to go on: the smoother's state, recent samples, rows that wait for their temperatures.
+
+    ``memory`` (M, 3): of the filters for what lags, and how they divide, are worth; ``waiting`` (k, columns): rows, NaN
+    in every column where the logger left one out; ``found`` and ``found_u`` (k, M): answers not yet written;
+    ``screening``: which readings were treated as missing.
+    """
+
+    kernel: LiveState
+    memory: Array
+    waiting: Array
+    found: Array
+    found_u: Array
+    last_time_s: float = -np.inf
+    spikes: int = 0
+    backward: int = 0
+    gaps: int = 0
+    longest_gap_s: float = 0.0
+    screening: Screening = field(
+        default_factory=lambda: Screening.begin(ReadingTrack.begin(np.empty(0)))
+    )
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain lists and numbers, exact to the last bit in JSON."""
+        plain = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in vars(self).items()}
+        return plain | {"kernel": self.kernel.to_json(), "screening": self.screening.to_json()}
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> CausalState:
+        """The state that :meth:`to_json` gave."""
+        kept: dict[str, Any] = {
+            k: np.array(v, dtype=float) if isinstance(v, list) else v for k, v in data.items()
+        }
+        parts = {
+            "kernel": LiveState.from_json(data["kernel"]),
+            "screening": Screening.from_json(data["screening"]),
+        }
+        return cls(**kept | parts)
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """What was noticed on the way."""
+        spikes = [note("follow.spikes", count=self.spikes)] if self.spikes else []
+        backward = [look("follow.backward", count=self.backward)] if self.backward else []
+        gaps = (
+            [look("follow.gaps", count=self.gaps, longest_s=self.longest_gap_s)]
+            if self.gaps
+            else []
+        )
+        return (*spikes, *backward, *gaps)
+
+
+@dataclass(frozen=True)
+class Causal:
+    """What is done to each row: which columns are junctions, how they are measured, and the smoother for them.
+
+    ``names``: all columns of a row; ``junctions`` (M,): those to compensate, with their ``lines``, ``chains``,
+    uncertainty of the lag and of how it divides, white noise and noise from before the filter; ``dead``: those that
+    show nothing and are left empty. A row is written once the answer for its own time is there, so all columns of a row
+    belong to its ``time_s``.
+    """
+
+    names: tuple[str, ...]
+    junctions: tuple[str, ...]
+    dead: tuple[str, ...]
+    lines: tuple[StaticLine, ...]
+    chains: tuple[Chain, ...]
+    lag_u_s: Array
+    split_u_s: Array
+    noise_K: Array
+    before_K: Array
+    dt_s: float
+    engine: LiveSmoother
+    settings: Settings
+
+    @classmethod
+    def of(
+        cls,
+        names: Sequence[str],
+        channels: Sequence[DiskChannels],
+        level_K2_s3: float | None,
+        settings: Settings,
+        learnt: Mapping[str, Any],
+    ) -> Causal:
+        """The plan for columns ``names``; ``learnt``: dt_s, dead (columns that show nothing), noise_K and before_K.
+
+        ``level_K2_s3``: how suddenly slopes may change where the settings do not say; None: by lag and noise.
+        The last two by channel: noise that is white, and as it comes out of the filter before which it was white.
+        """
+        alive = [
+            one
+            for disk in channels
+            for one in zip(
+                disk.columns,
+                disk.lines,
+                disk.chains,
+                np.diag(disk.lag_covariance_s2),
+                disk.split_u_s,
+            )
+            if one[0] not in learnt["dead"]
+        ]
+        junctions, lines, chains, variances, split_u = zip(*alive)
+        dt = float(learnt["dt_s"])
+        level = settings.intensity_K2_s3 or level_K2_s3
+        after, before = (
+            np.array([learnt[k][n] for n in junctions], dtype=float)
+            for k in ("noise_K", "before_K")
+        )
+        if level is None:
+            corner = CORNER_LAGS / np.array([max(c.lag_s, dt) for c in chains])
+            level = np.hypot(after, before) ** 2 * dt * corner**4 * (1 + CORNER_LAGS**2)
+        longest_behind_s = max(LONGEST_BEHIND_S, MAX_HELD_ROWS * dt)
+        if settings.behind_s > longest_behind_s:
+            what = f"{{behind_s}} {settings.behind_s:g} with rows every {dt:.3g} s"
+            raise InputError(
+                what, expected=f"at most {longest_behind_s:g} s", parameters={"behind_s": None}
+            )
+        delay_s = max(c.delay_s for c in chains)
+        if delay_s > longest_behind_s:
+            what = f"a dead time of {delay_s:g} s with rows every {dt:.3g} s: rows would wait for too long"
+            raise InputError(
+                what, expected=f"at most {longest_behind_s:g} s", remedy="use `tcdyn compensate`"
+            )
+        engine = LiveSmoother.of(chains, dt, after, level, round(settings.behind_s / dt), before)
+        return cls(
+            tuple(names),
+            junctions,
+            tuple(learnt["dead"]),
+            lines,
+            chains,
+            np.sqrt(np.maximum(variances, 0.0)),
+            np.array(split_u),
+            after,
+            before,
+            dt,
+            engine,
+            settings,
+        )
+
+    def learnt(self) -> dict[str, Any]:
+        """What ``of`` needs besides the files."""
+        levels = {"noise_K": self.noise_K, "before_K": self.before_K}
+        named = {k: dict(zip(self.junctions, v.tolist())) for k, v in levels.items()}
+        return {"dt_s": self.dt_s, "dead": list(self.dead), **named}
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """The channels that are left empty."""
+        return tuple(look("follow.dead", subject=name) for name in self.dead)
+
+    @property
+    def output_names(self) -> tuple[str, ...]:
+        """All columns, then a standard deviation for each temperature of a junction."""
+        return (*self.names, *(u_name(n) for n in self.names if n in {*self.junctions, *self.dead}))
+
+    @property
+    def shifts_s(self) -> Array:
+        """By how much a channel's answer comes late (M,) [s]: dead time, and how far behind the smoother works."""
+        return np.array([c.delay_s + self.engine.lag_samples * self.dt_s for c in self.chains])
+
+    @property
+    def rows_late(self) -> int:
+        """How many rows a row waits for its temperatures."""
+        return int(np.ceil(np.max(self.shifts_s) / self.dt_s - 1e-6))
+
+    def start(self, first: Array, count: float = 0.0) -> CausalState:
+        """State before the first row, in equilibrium with ``first (M,)`` [degC, after the static lines].
+
+        ``count``: how many readings are known to agree with ``first``.
+        """
+        m = len(self.junctions)
+        memory = [np.concatenate([signal.lfilter_zi(*f) for f in pair]) for pair in self._filters]
+        return CausalState(
+            self.engine.start(first),
+            np.array(memory) * first[:, None],
+            np.empty((0, len(self.names))),
+            np.empty((0, m)),
+            np.empty((0, m)),
+            screening=Screening.begin(ReadingTrack.begin(first, count)),
+        )
+
+    def check_fits(self, state: CausalState) -> None:
+        """Raise ValueError where the arrays of ``state`` have not the shapes of this plan's."""
+        own = self.start(np.zeros(len(self.junctions)))
+        screening = state.screening
+        own_screening = own.screening
+        pairs: list[tuple[Any, Any]] = [(state.kernel, own.kernel), (screening, own_screening)]
+        pairs += [(screening.track, own_screening.track), (state, own)]
+        for given, expected in pairs:
+            for name, value in vars(expected).items():
+                if not isinstance(value, np.ndarray):
+                    continue
+                shape = np.shape(getattr(given, name))
+                if shape == (0,):  # JSON keeps no more of an array without rows
+                    fits = not value.size
+                elif name in ("waiting", "found", "found_u"):  # any number of rows
+                    fits = shape[1:] == value.shape[1:]
+                else:
+                    fits = shape == value.shape
+                if not fits:
+                    raise ValueError(f"{name} has the shape {shape}")
+
+    @cached_property
+    def _filters(self) -> list[tuple[tuple[Array, Array], tuple[Array, Array]]]:
+        """What makes of a channel's answers their change per second of lag, and by how the lag divides."""
+        dt = self.dt_s
+        return [
+            (lag_rate(c, dt), split_change(c, u, dt))
+            for c, u in zip(self.chains, self.split_u_s.tolist())
+        ]
+
+    @cached_property
+    def reach(self) -> Reach:
+        """How far the readings of each channel can move."""
+        noise_K = np.hypot(self.noise_K, self.before_K)
+        return Reach.of(self.chains, self.lag_u_s, self.split_u_s, noise_K, self.dt_s)
+
+    def advance(self, state: CausalState, rows: Array) -> tuple[CausalState, Array]:
+        """Take ``rows (n, columns)`` as logged; the rows (k, output columns) that are ready now.
+
+        Beyond a gap of a minute, of a lag or of ten rows nothing is known any more: what still waits is handed out, the
+        smoother starts anew.
+        """
+        rows = np.asarray(rows, dtype=float)
+        time = np.where(np.isinf(rows[:, (at := self.names.index("time_s"))]), np.nan, rows[:, at])
+        before = np.fmax.accumulate(np.concatenate([[state.last_time_s], time]))
+        rising = time > before[:-1]
+        step = np.where(rising & np.isfinite(before[:-1]), time - before[:-1], 0.0)
+        gap = step > max(TOLD_GAP_S, GAP_ROWS * self.dt_s)
+        if far := np.flatnonzero(step > self._longest_gap_s).tolist():
+            state, first = self.advance(state, rows[: far[0]])
+            fresh = replace(
+                self.start(self._first(rows[far[0] :], state)),
+                **{k: getattr(state, k) for k in COUNTS},
+            )
+            fresh = replace(fresh, screening=replace(state.screening, track=fresh.screening.track))
+            fresh = replace(
+                fresh,
+                gaps=fresh.gaps + 1,
+                longest_gap_s=max(fresh.longest_gap_s, float(step[far[0]])),
+            )
+            fresh, rest = self.advance(fresh, rows[far[0] :])
+            return fresh, np.concatenate([first, self.rest(state), rest])
+        place = np.cumsum(np.round(np.maximum(step[rising] / self.dt_s, 1.0))).astype(int)
+        even = np.full((int(place[-1]) if len(place) else 0, rows.shape[1]), np.nan)
+        even[place - 1] = rows[rising]
+        state = replace(
+            state,
+            last_time_s=float(before[-1]),
+            backward=state.backward + int(np.count_nonzero(~rising)),
+            gaps=state.gaps + int(np.count_nonzero(gap)),
+            longest_gap_s=max([state.longest_gap_s, *step[gap].tolist()]),
+        )
+        return self._taken(state, even)
+
+    @property
+    def _longest_gap_s(self) -> float:
+        """The gap beyond which the smoother starts anew [s]."""
+        lag_s = min(max(c.lag_s for c in self.chains), MAX_HELD_ROWS * self.dt_s)
+        return max(LONGEST_GAP_S, lag_s, RESTART_ROWS * self.dt_s)
+
+    def rest(self, state: CausalState) -> Array:
+        """The rows (k, output columns) that still wait when no more come, by what is known of them."""
+        return self._taken(state, np.full((self.rows_late, len(self.names)), np.nan))[1]
+
+    def _first(self, rows: Array, state: CausalState) -> Array:
+        """What each channel shows first in ``rows``; as it was known last where it shows nothing."""
+        y = self._corrected(rows)
+        seen = np.isfinite(y)
+        return np.where(
+            seen.any(axis=0),
+            y[np.argmax(seen, axis=0), np.arange(y.shape[1])],
+            state.kernel.recent[-1],
+        )
+
+    def _logged(self, rows: Array) -> Array:
+        """Readings of the junctions (n, M) [degC] before the static lines."""
+        return rows[:, [self.names.index(n) for n in self.junctions]]
+
+    def _corrected(self, rows: Array) -> Array:
+        """Temperatures of the junctions (n, M) [degC] after the static lines, NaN outside the physical range."""
+        logged = self._logged(rows)
+        logged = np.where(impossible(logged), np.nan, logged)
+        return np.column_stack(
+            [apply_static(logged[:, i], line) for i, line in enumerate(self.lines)]
+        )
+
+    def _taken(self, state: CausalState, rows: Array) -> tuple[CausalState, Array]:
+        """The same as ``advance`` for one row a sample, NaN where the logger left one out."""
+        if len(rows) == 0:
+            return state, np.empty((0, len(self.output_names)))
+        time_s = rows[:, self.names.index("time_s")]
+        outside = impossible(self._logged(rows))
+        screening, y, anew = state.screening.examined(
+            self.reach, time_s, self._corrected(rows), outside
+        )
+        starts = np.flatnonzero(anew.any(axis=1)).tolist()
+        borders = sorted({0, *starts, len(rows)})
+        answers: list[Array] = []
+        uncertainties: list[Array] = []
+        for first, last in pairwise(borders):
+            if first in starts:
+                state = self._restarted(state, y[first], anew[first])
+            state, x, u = self._answered(state, y[first:last])
+            answers.append(x)
+            uncertainties.append(u)
+        x = np.concatenate(answers)
+        u = np.concatenate(uncertainties)
+        bad = impossible(x)
+        state = replace(
+            state,
+            screening=screening.blanked(bad),
+            waiting=_joined(state.waiting, rows),
+            found=_joined(state.found, np.where(bad, np.nan, x)),
+            found_u=_joined(state.found_u, np.where(bad, np.nan, u)),
+        )
+        return self._ready(state)
+
+    def _answered(self, state: CausalState, y: Array) -> tuple[CausalState, Array, Array]:
+        """The state after the readings ``y (n, M)`` [degC], temperatures [degC] and their uncertainty [K] (n, M)."""
+        kernel, x, sd, flags = self.engine.run(state.kernel, y)
+        rate = np.empty_like(x)
+        split_K = np.empty_like(x)
+        memory = np.empty_like(state.memory)
+        for i, (per_lag, divided) in enumerate(self._filters):
+            rate[:, i], memory[i, :1] = signal.lfilter(*per_lag, x[:, i], zi=state.memory[i, :1])
+            split_K[:, i], memory[i, 1:] = signal.lfilter(*divided, x[:, i], zi=state.memory[i, 1:])
+        line_u = np.column_stack([whole_u(line, x[:, i]) for i, line in enumerate(self.lines)])
+        u = np.sqrt(sd**2 + line_u**2 + (rate * self.lag_u_s) ** 2 + split_K**2)
+        spikes = state.spikes + int(np.sum(flags == SPIKE))
+        return replace(state, kernel=kernel, memory=memory, spikes=spikes), x, u
+
+    def _restarted(self, state: CausalState, y: Array, anew: NDArray[np.bool_]) -> CausalState:
+        """The state with the channels ``anew`` (M,) begun from their readings ``y`` (M,) [degC]."""
+        fresh = self.start(np.where(anew, y, state.kernel.recent[-1]))
+        kernel = {}
+        for name in ("mean", "cov", "var", "weight", "held"):
+            kernel[name] = getattr(state.kernel, name).copy()
+            kernel[name][anew] = getattr(fresh.kernel, name)[anew]
+        for name in ("recent", "past"):
+            kernel[name] = getattr(state.kernel, name).reshape(-1, len(anew)).copy()
+            kernel[name][:, anew] = getattr(fresh.kernel, name)[:, anew]
+        memory = np.where(anew[:, None], fresh.memory, state.memory)
+        return replace(state, kernel=replace(state.kernel, **kernel), memory=memory)
+
+    def _ready(self, state: CausalState) -> tuple[CausalState, Array]:
+        """The rows whose answers are all there, those between samples by straight lines; the rest goes on waiting."""
+        ready = max(len(state.waiting) - self.rows_late, 0)
+        out = np.full((ready, len(self.output_names)), np.nan)
+        out[:, : len(self.names)] = state.waiting[:ready]
+        out[:, [self.names.index(n) for n in self.dead]] = np.nan
+        for i, (name, shift) in enumerate(zip(self.junctions, self.shifts_s / self.dt_s)):
+            whole = int(np.floor(shift + 1e-6))
+            part = shift - whole if shift - whole > 1e-6 else 0.0
+            for source, column in ((state.found, name), (state.found_u, u_name(name))):
+                values = source[whole : whole + ready, i]
+                if part:
+                    values = (1 - part) * values + part * source[whole + 1 : whole + 1 + ready, i]
+                out[:, self.output_names.index(column)] = values
+        real = np.isfinite(state.waiting[:ready, self.names.index("time_s")])
+        left = {k: getattr(state, k)[ready:] for k in ("waiting", "found", "found_u")}
+        return replace(state, **left), out[real]
+
+    def before_use(self) -> BeforeUse:
+        """The report on the channel whose answer is noisiest."""
+        return live_before_use(self.engine, self.chains)
+
+    def notes(self) -> dict[str, str]:
+        """What the output says about itself."""
+        return {
+            "method": "live smoother",
+            "behind_s": f"{self.settings.behind_s:g}",
+            "dt_s": f"{self.dt_s:.9g}",
+            "noise_K": f"{self.noise_K.min():.4g} to {self.noise_K.max():.4g}",
+            "noise_before_filter_K": f"{self.before_K.min():.4g} to {self.before_K.max():.4g}",
+            "intensity_K2_s3": f"{self.engine.intensity[0]:g}",
+        }
+
+
+def _joined(waiting: Array, new: Array) -> Array:
+    """New rows behind those that wait; an empty list that came back from JSON has lost its columns."""
+    return np.concatenate([waiting.reshape(-1, new.shape[1]), new])

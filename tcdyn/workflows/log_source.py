@@ -1,0 +1,184 @@
+"""A log that grows, of the rig or any table: which columns are junctions, and how each is measured."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypedDict
+
+import numpy as np
+
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.core.findings import Finding
+from tcdyn.io.checksum import ALTERED
+from tcdyn.io.csv_dialect import is_number
+from tcdyn.io.growing import GrowingTable, open_growing
+from tcdyn.io.read import shown
+from tcdyn.io.times import HEADER_NAMES, find_time_column
+from tcdyn.rig.columns import KNOWN, TORQUES, match_columns
+from tcdyn.rig.opened_log import COMPENSATED, as_logged, kind_of_columns, known_names, layouts_of
+from tcdyn.rig.record import DiskRecord
+from tcdyn.rig.rigfile import Rig
+from tcdyn.rig.static_line import StaticLine
+from tcdyn.sensors.file import SensorFile
+from tcdyn.sensors.units import Unit, cold_column, u_name
+from tcdyn.smoothing.traces import DiskChannels, disk_channels
+from tcdyn.workflows.compensate_table import worn_in
+
+INTENSITY_K2_S3 = {
+    "ehl": 30.0,
+    "immersion": 3000.0,
+}  # an unloading bends by 10 K/s in a second, a plunge by 100 K/s
+AS_READ = StaticLine(
+    gain=1.0, offset=0.0, covariance=((0.0, 0.0), (0.0, 0.0)), range_degC=(-273.15, 5000.0)
+)
+Known = Mapping[str, DiskRecord] | Sequence[SensorFile]
+
+
+@dataclass(frozen=True)
+class GrowingLog:
+    """The growing log, which field of a row is which canonical column, and how junctions are measured.
+
+    ``level_K2_s3``: how suddenly slopes may change in a log of this kind, None where nobody knows. ``how``: what makes
+    seconds and degrees Celsius of columns in another unit; ``units``: of the columns that are given back in their own.
+    """
+
+    table: GrowingTable
+    places: dict[str, int]
+    channels: list[DiskChannels]
+    level_K2_s3: float | None
+    how: Mapping[str, Callable[[Array], Array]] = field(default_factory=dict)
+    units: Mapping[str, Unit] = field(default_factory=dict)
+    findings: tuple[Finding, ...] = ()
+
+    def new_rows(self) -> list[list[float]] | None:
+        """New rows of canonical columns [s, degC], None without a whole line; NaN where a couple has no such emf."""
+        names = list(self.places)
+        new = self.table.new_rows(list(self.places.values()))
+        if not new or not (self.how or self.units):
+            return new
+        rows = np.array(new)
+        done = rows.copy()
+        for name, convert in self.how.items():
+            done[:, names.index(name)] = convert(rows[:, names.index(name)])
+        for name, unit in self.units.items():
+            cold = rows[:, names.index(unit.cold)] if isinstance(unit.cold, str) else unit.cold
+            done[:, names.index(name)] = unit.in_degC(rows[:, names.index(name)], cold)
+        # An infinite temperature of a channel (no such emf of the couple) stays: it is counted as impossible later.
+        infinite = np.isinf(done)
+        infinite[
+            :, [names.index(name) for channels in self.channels for name in channels.columns]
+        ] = False
+        return [list(map(float, row)) for row in np.where(infinite, np.nan, done)]
+
+    def given_back(self, rows: Array, names: Sequence[str]) -> Array:
+        """Answers (k, columns ``names``) in the units of the table's own columns."""
+        out = np.array(rows)
+        for name, unit in self.units.items():
+            at = names.index(name)
+            u_at = names.index(u_name(name))
+            out[:, at], out[:, u_at] = unit.back(rows[:, at]), unit.per_K * rows[:, u_at]
+        return out
+
+    def called(self, names: Sequence[str]) -> list[str]:
+        """What the output calls the columns ``names``: by their units, and degrees Celsius where it was millivolts."""
+        own = {u_name(n): unit.names(n)[1] for n, unit in self.units.items()}
+        own |= {n: unit.names(n)[0] for n, unit in self.units.items()}
+        return [own.get(n, n) for n in names]
+
+
+class TableOptions(TypedDict, total=False):
+    """How any table is read where its names do not say it, as ``compensate_table`` takes it."""
+
+    time: str | None
+    time_unit: str | None
+    unit: Mapping[str, str] | str
+    couple: str
+    cold: float | str
+
+
+def growing_log(
+    log: Path, rig: Rig | None, records: Known, options: TableOptions | None = None
+) -> GrowingLog | None:
+    """The log once two whole rows stand in it; InputError for one that is compensated, and for missing columns."""
+    wanted = (*KNOWN, *HEADER_NAMES)
+    if rig and isinstance(records, Mapping):
+        disk = next(iter(records))
+        wanted = (*known_names(layouts_of(rig, disk)), *rig.columns(disk).values())
+    growing = open_growing(log, wanted)
+    if growing is None:
+        return None
+    where = shown(log)
+    table = growing.table
+    if table.metadata.get("tcdyn") == COMPENSATED:
+        raise InputError(
+            "is compensated already",
+            where=where,
+            expected="a log as the logger wrote it",
+            remedy="give the raw log; static lines and chain must not be applied twice",
+        )
+    if rig is None or not isinstance(records, Mapping):
+        return _table_source(growing, records, where, options or {})  # type: ignore[arg-type]
+    altered = tuple(f for record in records.values() for f in record.findings if f.code == ALTERED)
+    kind, own = kind_of_columns(table.names, rig, records, where)
+    mapping = rig.columns(own)
+    chosen = match_columns(
+        table.names, kind, where, mapping, stated=rig.stated(), layouts=layouts_of(rig, own)
+    )
+    how = as_logged(chosen, table.names, rig, own or "", mapping)
+    converted = {
+        name: how[column]
+        for name, column in chosen.items()
+        if column in how and name not in TORQUES
+    }
+    places = {canonical: table.names.index(name) for canonical, name in chosen.items()}
+    if not is_number(table.dialect.first_row[places["time_s"]], table.dialect.decimal):
+        raise InputError(
+            f"column {chosen['time_s']} holds no seconds", where=where, expected="time as a number"
+        )
+    channels = [
+        disk_channels(r, rig.disk_setup(d), d if kind == "ehl" else "") for d, r in records.items()
+    ]
+    return GrowingLog(growing, places, channels, INTENSITY_K2_S3[kind], converted, findings=altered)
+
+
+def _table_source(
+    growing: GrowingTable, sensors: Sequence[SensorFile], where: str, options: TableOptions
+) -> GrowingLog:
+    """Any table that grows: all its columns, the time in seconds called time_s, those sensors cover in their units."""
+    names = growing.table.names
+    dialect = growing.table.dialect
+    units = growing.table.units
+    clock = find_time_column(
+        names, where, requested=options.get("time"), unit=options.get("time_unit"), unit_row=units
+    )
+    time = clock.name
+    if not is_number(dialect.first_row[names.index(time)], dialect.decimal):
+        raise InputError(f"column {time} holds no time", where=where, expected="time as a number")
+    if time != "time_s" and "time_s" in names:
+        raise InputError(
+            f"column 'time_s' stands beside the clock {time!r}", where=where, remedy="rename it"
+        )
+    own = {"time_s" if n == time else n: i for i, n in enumerate(names)}
+    cold = cold_column(options.get("cold", 0.0), names, where)
+    unit = options.get("unit", "")
+    couple = options.get("couple", "")
+    worn, told = worn_in(
+        [n for n in names if n != time], where, sensors, (), unit, couple, cold, units
+    )
+    channels = DiskChannels(
+        tuple(w.column for w in worn),
+        tuple(w.line or AS_READ for w in worn),
+        tuple(w.chain for w in worn),
+        np.diag([w.file.lag_covariance_s2[w.at, w.at] for w in worn]),
+        np.array([w.file.split_u_s[w.at] for w in worn]),
+    )
+    clock.check_step(clock.in_seconds(growing.first_numbers(names.index(time)), False), False)
+    scale = float(clock.seconds or 1.0)
+    how: dict[str, Callable[[Array], Array]] = (
+        {} if scale == 1.0 else {"time_s": lambda t: t * scale}
+    )
+    other = {w.column: w.unit for w in worn if w.unit.name != "degC"}
+    return GrowingLog(growing, own, [channels], None, how, other, tuple(told))

@@ -1,0 +1,138 @@
+"""What ran in a test and in what air: columns of the log where it has them, else what rig.toml states."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.core.findings import Finding, note
+from tcdyn.partition.events import DiskAir
+from tcdyn.rig.columns import couples_in
+from tcdyn.rig.contact import Events, contact_force
+from tcdyn.rig.disk import DISKS
+from tcdyn.rig.logger import Constant, air_name
+from tcdyn.rig.rigfile import Rig
+from tcdyn.smoothing.traces import bridged
+
+Rows = NDArray[np.bool_]
+
+
+def constants_of(frame: pd.DataFrame, rig: Rig) -> tuple[dict[str, Constant], list[Finding]]:
+    """What ``[constants]`` states of columns that the log does not hold; what it holds is taken from there."""
+    used: dict[str, Constant] = {
+        name: c for name, c in rig.common.constants.items() if name not in frame
+    }
+    found = [note("constant.used", subject=name, value=c.value, u=c.u) for name, c in used.items()]
+    return used, found + [
+        note("constant.logged", subject=n) for n in rig.common.constants if n not in used
+    ]
+
+
+def forces_N(
+    frame: pd.DataFrame, events: Events, steady: Rows, stated: Mapping[str, Constant]
+) -> tuple[Array, Array]:
+    """Load and friction while the disks touch, zero elsewhere, (N,) each.
+
+    A load that was stated goes with the friction, and is its mean over the rows of ``steady``.
+    """
+    t = frame["time_s"].to_numpy(dtype=float)
+    friction = contact_force(t, frame["friction_N"].to_numpy(dtype=float), events)
+    if "load_N" not in stated:
+        return contact_force(t, frame["load_N"].to_numpy(dtype=float), events), friction
+    return stated["load_N"].value * friction / float(np.mean(friction[steady])), friction
+
+
+def speeds_rpm(
+    frame: pd.DataFrame, under_load: Rows, stated: Mapping[str, Constant]
+) -> tuple[list[float], list[float]]:
+    """Speed of the fast and the slow shaft under load and, where stated, its standard uncertainty, else zero [rpm]."""
+    names = [f"speed_{d}_rpm" for d in DISKS]
+    logged = {
+        n: float(np.nanmedian(frame[n].to_numpy(dtype=float)[under_load]))
+        for n in names
+        if n not in stated
+    }
+    rpm = [stated[n].value if n in stated else logged[n] for n in names]
+    return rpm, [stated[n].u if n in stated else 0.0 for n in names]
+
+
+def stated_rel(
+    rpm: Sequence[float], rpm_u: Sequence[float], stated: Mapping[str, Constant]
+) -> tuple[float, float, float]:
+    """Relative standard uncertainty, by what is stated, of the load, of the sliding and of the ratio of both speeds.
+
+    The disks' radii are taken as alike.
+    """
+    load = stated["load_N"].u / stated["load_N"].value if "load_N" in stated else 0.0
+    sliding = math.hypot(*rpm_u) / abs(rpm[0] - rpm[1])
+    return load, sliding, math.hypot(*(u / n for u, n in zip(rpm_u, rpm)))
+
+
+def disk_air(
+    frame: pd.DataFrame, disk: str, rig: Rig, steady: Rows, stated: Mapping[str, Constant]
+) -> tuple[DiskAir, list[Finding]]:
+    """The air about a disk, and what to say of its channels.
+
+    It is the means of those that ``[ambient]`` names, else the ambient that was logged or is stated.
+
+    A place without channels has that ambient, or without one the other place's air. A channel that never changes is
+    left out. The mean of n channels whose means under load have the standard deviation s is known to s / sqrt(n).
+    """
+    channels = rig.tables(disk).ambient
+    room: Array | None = None
+    if "ambient_degC" in frame:
+        logged = frame["ambient_degC"].to_numpy(dtype=float)
+        room = bridged(logged, np.isfinite(logged))
+    elif "ambient_degC" in stated:
+        room = np.full(len(frame), stated["ambient_degC"].value)
+    means = dict[str, Array]()
+    own = 0.0
+    found = list[Finding]()
+    for place, columns in (("surface", channels.surface), ("faces", channels.faces)):
+        alive = [x for c in columns if np.nanstd(x := frame[air_name(c)].to_numpy(dtype=float)) > 0]
+        if not alive:
+            continue
+        traces = np.stack([bridged(x, np.isfinite(x)) for x in alive])
+        means[place], levels = traces.mean(axis=0), traces[:, steady].mean(axis=1)
+        spread = float(np.std(levels, ddof=1)) if len(levels) > 1 else 0.0
+        own = max(own, spread / len(levels) ** 0.5)
+        rows = np.flatnonzero(steady)
+        drift = float(np.polyfit(rows, means[place][rows], 1)[0] * len(rows))
+        told: dict[str, Any] = {
+            "mean_degC": float(levels.mean()),
+            "drift_K": drift,
+            "spread_K": spread,
+        }
+        found.append(note("ambient.channels", subject=disk, at=place, count=len(levels), **told))
+    faces = means.get("faces", room)
+    surface = means.get("surface", room)
+    faces = surface if faces is None else faces
+    surface = faces if surface is None else surface
+    if faces is None or surface is None:
+        raise InputError(
+            f"no channel of the air about the {disk} disk is alive",
+            expected="one that changes, or ambient_degC",
+            remedy="state ambient_degC in rig.toml [constants], or log it",
+        )
+    return DiskAir(faces, surface, own), found
+
+
+def no_copies(frame: pd.DataFrame, left_out: Mapping[str, str], where: str) -> None:
+    """Refuse a log in which two junctions hold the same numbers: one of them is not measured."""
+    names = [n for n in couples_in(frame) if n.removesuffix("_degC") not in left_out]
+    for one, other in combinations(names, 2):
+        if frame[one].equals(frame[other]) and frame[one].nunique() > 1:
+            raise InputError(
+                f"columns {one} and {other} hold the same numbers in every row: one is a copy",
+                where=where,
+                remedy="map it in rig.toml [columns], or {without}",
+                parameters={"without": other.removesuffix("_degC")},
+            )

@@ -1,0 +1,208 @@
+"""What one disk's traces come to; and logs too long for the memory, stretch by stretch, with enough beside each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from tcdyn.chain import sensors
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+from tcdyn.core.estimate import with_u
+from tcdyn.core.findings import Finding
+from tcdyn.io.write import log_writer
+from tcdyn.partition.cooling import Alone, refined_chains, with_common_u
+from tcdyn.rig.check_clock import interval_s
+from tcdyn.rig.log import LogPieces
+from tcdyn.rig.record import DiskRecord
+from tcdyn.rig.rigfile import Rig
+from tcdyn.rig.static_line import shared_u_K
+from tcdyn.sensors.table import Part, parts
+from tcdyn.smoothing.intervals import settled_s
+from tcdyn.smoothing.inverse import invert
+from tcdyn.smoothing.process_noise import Criterion
+from tcdyn.smoothing.record import Compensated
+from tcdyn.smoothing.smoother import deconvolve, smooth
+from tcdyn.smoothing.traces import DiskTraces, disk_traces, gathered
+
+DECIMALS = 5  # 0.01 mK: far below what any sample is known to
+STRETCH_ROWS = 50_000
+Method = Literal["smoother", "deconvolve", "inverse", "noise-only"]
+METHODS: tuple[Method, ...] = get_args(Method)
+
+
+@dataclass(frozen=True)
+class Way:
+    """How a log is compensated.
+
+    ``method``: "smoother"; "deconvolve" with its ``criterion``; "inverse" of ``bandwidth_Hz``; or "noise-only", the
+    smoother with an empty chain, which leaves the lag in.
+    """
+
+    method: Method = "smoother"
+    criterion: Criterion = "gcv"
+    bandwidth_Hz: float = 0.5
+
+    def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            raise InputError(f"method {self.method!r}", expected=" or ".join(METHODS))
+
+    @property
+    def removes_lag(self) -> bool:
+        """Whether the answer is the temperature at the junction."""
+        return self.method != "noise-only"
+
+
+def with_lag(traces: DiskTraces, record: DiskRecord, fit: Alone | None) -> tuple[DiskTraces, str]:
+    """The traces with the common lag of the fit, if there is one, and what to note of it."""
+    if fit is not None:
+        lag = fit.estimates["lag_s"]
+        chains = refined_chains(traces.chains, fit.chain)
+        traces = replace(
+            traces, chains=chains, lag_covariance_s2=with_common_u(traces.lag_covariance_s2, lag.u)
+        )
+        return traces, f"{with_u(lag.value, lag.u)} s, from the unloading, record as prior"
+    assert record.chain is not None
+    common = record.chain.common_lag_s
+    return traces, f"{with_u(common.value, common.u)} s, from the record"
+
+
+def one_disk(
+    traces: DiskTraces, frame: pd.DataFrame, events: Mapping[float, float], way: Way
+) -> Compensated:
+    """One disk's traces; ``events``: time [s] of each, of all the log, and its uncertainty [s]."""
+    time = frame["time_s"].to_numpy(dtype=float)
+    y = traces.measured_degC
+    dt = interval_s(time)
+    given: dict[str, Any] = {
+        "noise_sd": traces.noise_K,
+        "lag_covariance": traces.lag_covariance_s2,
+        "static_u": np.hypot(traces.static_u(traces.readings_degC), shared_u_K(traces.lines)),
+        "names": [c.removesuffix("_degC") for c in traces.columns],
+    }
+    if way.method != "inverse":
+        given["split_u_s"] = traces.split_u_s
+    if way.method == "deconvolve":
+        return deconvolve(y, dt, traces.chains, criterion=way.criterion, **given)[0]
+    if way.method == "inverse":
+        return invert(y, dt, traces.chains, way.bandwidth_Hz, **given)
+    known = {float(t - time[0]): u for t, u in events.items() if time[0] <= t <= time[-1]}
+    return smooth(
+        y,
+        dt,
+        traces.chains,
+        events_s=[*known],
+        event_u_s=[*known.values()],
+        find_events=not events,
+        **given,
+    )
+
+
+def columns_of(
+    traces: DiskTraces, done: Compensated, way: Way, parts: bool
+) -> dict[str, NDArray[np.float64]]:
+    """The columns (N,) that one disk's answer puts into the log, by name."""
+    out: dict[str, NDArray[np.float64]] = {}
+    common = (
+        np.hypot(done.common_sd(), shared_u_K(traces.lines))
+        if parts and way.removes_lag
+        else done.sd
+    )
+    temperature, sd = done.answers()
+    for i, column in enumerate(traces.columns):
+        out[column] = temperature[:, i]
+        if way.removes_lag:
+            out[column.replace("_degC", "_u_K")] = sd[:, i]
+        if way.removes_lag and parts:
+            out[column.replace("_degC", "_noise_u_K")] = done.sd_noise[:, i]
+            out[column.replace("_degC", "_common_u_K")] = common[:, i]
+    return {name: np.round(values, DECIMALS) for name, values in out.items()}
+
+
+@dataclass(frozen=True)
+class Stretches:
+    """What the rest of a long log is compensated with, once the rows about its unloading have been.
+
+    Noise and intensity are those of each stretch; lags are the unloading's, ``fits``, or the records'.
+    """
+
+    log: LogPieces
+    rig: Rig
+    records: Mapping[str, DiskRecord]
+    way: Way
+    fits: Mapping[str, Alone]
+    events: Mapping[float, float]
+    parts: bool
+    named: bool
+    columns: pd.Index[str]
+    header: pd.Index[str]
+    notes: Mapping[str, str]
+
+    def pieces(
+        self, columns: Sequence[str]
+    ) -> Iterator[tuple[Array, dict[str, Array], tuple[Finding, ...]]]:
+        """Time and columns of the log, piece by piece."""
+        for piece in self.log:
+            yield (
+                piece.frame["time_s"].to_numpy(),
+                {name: piece.frame[name].to_numpy() for name in columns},
+                piece.findings,
+            )
+
+    def write(self, out: str | Path, progress: Callable[[str], None]) -> list[Finding]:
+        """Write the ``header`` and all rows to ``out``, whole or not at all; what was noticed."""
+        rows = 0
+        told = 0
+        found = list[Finding]()
+        lags = [
+            c.lag_s.value
+            for r in self.records.values()
+            if r.chain
+            for c in r.chain.channels.values()
+        ]
+        with log_writer(out, [*self.header], self.notes) as write:
+            stretches = parts(self, [*self.columns], max(lags, default=0.0), STRETCH_ROWS)
+            stretch = next(stretches, None)
+            while stretch is not None:
+                frame, said, beside = self._answered(stretch)
+                if beside > stretch.beside:
+                    stretch = stretches.send(beside)
+                    continue
+                write(frame)
+                rows = rows + len(frame)
+                found = [*found, *said]
+                if (percent := 10 * (10 * rows // self.log.rows)) > told:
+                    told = percent
+                    progress(f"writing, {percent} % of the rows")
+                stretch = next(stretches, None)
+        return found
+
+    def _answered(self, stretch: Part) -> tuple[pd.DataFrame, list[Finding], int]:
+        """Rows to write, what was noticed, and how many rows beside them both sweeps need to settle."""
+        frame = pd.DataFrame(stretch.data)
+        where = self.log.path.name
+        found = list(stretch.findings)
+        beside = 0.0
+        answer = frame
+        dt = self.log.dt_s
+        for disk, record in self.records.items():
+            lag = self.way.removes_lag
+            one = disk_traces(frame, disk, self.rig, record, named=self.named, where=where, lag=lag)
+            one = with_lag(one, record, self.fits.get(disk))[0] if lag else one
+            smooth = one_disk(one, frame, self.events, self.way)
+            answer = answer.assign(**columns_of(one, smooth, self.way, self.parts))
+            if smooth.intensities:
+                beside = max(
+                    beside,
+                    settled_s(sensors(one.chains), smooth.noise_sd, dt, smooth.intensities) / dt,
+                )
+            found += [f.at(disk) for f in (*smooth.findings, *one.outside_lines("the log"))] + list(
+                one.findings
+            )
+        return answer[[*self.header]].iloc[stretch.keep], gathered(found), int(np.ceil(beside))

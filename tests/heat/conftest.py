@@ -1,0 +1,21 @@
+"""The rim that most statements are about."""
+
+import pytest
+
+from tcdyn.heat.rim import Rim, points_of
+from tcdyn.rig.rigfile import load_rig
+
+
+@pytest.fixture(scope="session")
+def setup():
+    return load_rig().disk_setup("fast")
+
+
+@pytest.fixture(scope="session")
+def rim(setup):
+    return Rim.from_setup(setup)
+
+
+@pytest.fixture(scope="session")
+def points(setup):
+    return points_of(setup, "ace")

@@ -1,0 +1,52 @@
+"""Does ``design`` foresee what ``calibrate`` gets? Simulated calibrations against its 10 to 90 % band.
+
+``python tests/immersion/foreseen_study.py N SEED``: N disks plunged in hot oil
+at 110 and 138 degC, h(T) of five published
+forms, lags of 0.65 s within 20 %; each is fitted, other chain structures tried, and its u set against the band.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+from forms_study import BATHS, FORMS, plunged
+
+from immersion.plunge_fit import identify_plunges, with_structure_doubt
+from tcdyn.design.plans import PlungePlan, predict_plunges
+from tcdyn.rig.rigfile import load_rig
+
+CASE, EXPECTED_S = "oil, heated", 0.65
+
+
+def main(disks: int, seed: int) -> None:
+    """A line a disk, then the band and how many lie within, above and below."""
+    setup = load_rig().disk_setup("fast")
+    baths = BATHS[CASE][3]
+    told = predict_plunges(
+        [PlungePlan(bath_degC=b, initial_degC=26.0) for b in baths], setup, lag_s=EXPECTED_S
+    )
+    _, chosen, runs = plunged(CASE, disks, seed, lag_s=EXPECTED_S)
+    found = []
+    for k, form in enumerate(chosen):
+        fit = with_structure_doubt(identify_plunges(runs[2 * k : 2 * k + 2], setup))
+        apart = np.sqrt(np.mean([e.u**2 for e in fit.differential_lag_s.values()]))
+        found.append((fit.common_lag_s.u, apart))
+        print(
+            f"{FORMS[form].__name__:10} lag {fit.common_lag_s}, differences u {apart:.4f}",
+            flush=True,
+        )
+    common, apart = np.array(found).T
+    low, high = told.low_s, told.high_s
+    print(
+        f"{disks} disks: u of the common lag foreseen {told.u_common_s:.3f} s, band {low:.3f} to {high:.3f}; found "
+        f"{np.sqrt(np.mean(common**2)):.3f} rms, {np.quantile(common, 0.1):.3f} to {np.quantile(common, 0.9):.3f}; "
+        f"within {100 * np.mean((common >= low) & (common <= high)):.0f} %, "
+        f"below {100 * np.mean(common < low):.0f} %, "
+        f"above {100 * np.mean(common > high):.0f} %; differences foreseen {told.u_differential_s:.4f}, found "
+        f"{np.sqrt(np.mean(apart**2)):.4f} rms"
+    )
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]), int(sys.argv[2]))

@@ -1,0 +1,260 @@
+"""Every picture of a plunge draws from a result and returns its axes; the design command writes what it says."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import cache
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from plunge_simulator import same_pairs, simulate
+from plunge_study import make_runs
+
+from immersion.hole import compare_holes
+from immersion.plunge_fit import identify_plunges, published_degC
+from immersion.plunge_result import PlungeFit
+from tcdyn.cli.design import design
+from tcdyn.core.errors import InputError
+from tcdyn.design.compare import Design, compare_tests
+from tcdyn.design.plans import PlungePlan
+from tcdyn.plots import plunge as pictures
+from tcdyn.plots.style import figure
+from tcdyn.rig.rigfile import load_rig
+from tcdyn.simulate.plunge import simulate_hole
+from tests.pictures import bars
+
+SETUP = load_rig().disk_setup("fast")
+
+
+@cache
+def fit() -> PlungeFit:
+    rng = np.random.default_rng(8)
+    d = same_pairs(1)
+    times, readings = simulate(d, 60.0, rng)
+    return identify_plunges(
+        make_runs(d, times, readings, rng)[:1], SETUP, alternatives=("mcadams",)
+    )
+
+
+@cache
+def planned() -> Design:
+    return compare_tests(SETUP, [PlungePlan(duration_s=40.0), PlungePlan(duration_s=80.0)], draws=4)
+
+
+def test_pictures_of_a_fit_have_axes_with_units() -> None:
+    run = fit().runs[0]
+    models = {**published_degC(run, SETUP), "fitted": fit().junction_degC(0)}
+    drawings = [
+        lambda ax: pictures.draw_record(run, ax),
+        lambda ax: pictures.draw_record(run, ax, until_s=20.0),
+        lambda ax: pictures.draw_entry(run, models, ax),
+        lambda ax: pictures.draw_heat_transfer(fit(), 0, ax),
+        lambda ax: pictures.draw_common_lag(fit(), ax),
+        lambda ax: pictures.draw_differential_lags(fit(), ax),
+        lambda ax: pictures.draw_holes(compare_holes(simulate_hole(1)[0]), ax),
+        lambda ax: pictures.draw_design(planned(), ax),
+    ]
+    for draw in drawings:
+        fig, (ax,) = figure()
+        assert draw(ax) is ax
+        fig.canvas.draw()
+        assert "[" in ax.get_xlabel() + ax.get_ylabel()
+        assert ax.lines or ax.collections or ax.containers
+
+
+def test_a_planned_test_s_bar_ends_where_a_tenth_of_the_draws_lies_beyond() -> None:
+    table = planned().table()
+    marks, low, high = bars(pictures.draw_design(planned(), figure()[1][0]))
+    assert marks[:, 0] == pytest.approx(table["u_common_s"])
+    assert low == pytest.approx(np.minimum(table["u_common_10_s"], table["u_common_s"]))
+    assert high == pytest.approx(np.maximum(table["u_common_90_s"], table["u_common_s"]))
+    assert (high > low).any()
+
+
+def test_the_interval_of_the_common_lag_stands_over_its_posterior() -> None:
+    ax = pictures.draw_common_lag(fit(), figure()[1][0])
+    lag = fit().common_lag_s
+    posterior, profile, *others = [np.transpose(line.get_data()) for line in ax.lines]
+    (band,) = ax.patches
+    assert band.get_x() == pytest.approx(lag.low95)  # type: ignore[attr-defined]
+    assert band.get_x() + band.get_width() == pytest.approx(lag.high95)  # type: ignore[attr-defined]
+    mean = np.average(posterior[:, 0], weights=posterior[:, 1] * np.gradient(posterior[:, 0]))
+    assert mean == pytest.approx(lag.value, abs=0.05 * lag.u)
+    assert posterior[:, 1].max() == pytest.approx(1.0)
+    assert profile[:, 1].max() == pytest.approx(1.0)
+    top = profile[np.argmax(profile[:, 1]), 0]
+    assert abs(top - lag.value) < lag.u
+    assert [line[0, 0] for line in others] == pytest.approx(
+        list(fit().model_form.common_lag_s.values())
+    )
+
+
+def test_differences_of_the_lags_have_bars_of_95_percent() -> None:
+    marks, low, high = bars(pictures.draw_differential_lags(fit(), figure()[1][0]))
+    found = [fit().differential_lag_s[c] for c in fit().channels]
+    assert marks[:, 1] == pytest.approx([e.value for e in found])
+    assert low == pytest.approx([e.low95 for e in found])
+    assert high == pytest.approx([e.high95 for e in found])
+
+
+def test_a_record_is_drawn_from_its_entry_up_to_the_time_asked_for() -> None:
+    run = fit().runs[0]
+    since = run.time_s - run.entry.time_s
+    for until_s, end in ((None, since[-1]), (20.0, 20.0)):
+        *channels, bath, entry = pictures.draw_record(run, figure()[1][0], until_s).lines
+        assert [line.get_label() for line in channels] == list(run.channels)
+        assert (bath.get_label(), np.unique(entry.get_xdata())) == ("bath", 0.0)
+        for k, line in enumerate(channels):
+            t, y = np.transpose(line.get_data()).T
+            step = t[1] - t[0]
+            assert 1500 <= len(t) <= 8000
+            assert t[0] == since[0]
+            assert end - step < t[-1] <= end
+            assert y == pytest.approx(np.interp(t, since, run.readings_degC[:, k]))
+        assert bath.get_ydata() == pytest.approx(np.interp(t, since, run.fluid_degC))
+
+
+def test_an_entry_is_drawn_with_both_witnesses_and_its_uncertainty() -> None:
+    entry = fit().runs[0].entry
+    entry = replace(entry, switch_s=entry.time_s + 0.1, probe_s=entry.time_s - 0.05)
+    run = replace(fit().runs[0], entry=entry)
+    ax = pictures.draw_entry(
+        run, {"fitted": fit().junction_degC(0)}, figure()[1][0], channel="b", until_s=12.0
+    )
+    measured, fitted, *witnesses = ax.lines
+    since = run.time_s - run.entry.time_s
+    near = (since > -3) & (since < 12)
+    assert measured.get_xdata() == pytest.approx(since[near])
+    assert measured.get_ydata() == pytest.approx(run.readings_degC[near, run.channels.index("b")])
+    assert 11.5 < np.max(fitted.get_xdata()) < 12.0  # its steps grow to 0.3 s
+    (band,) = ax.patches
+    assert band.get_extents().transformed(ax.transData.inverted()).intervalx == pytest.approx(
+        [-run.entry.u_s, run.entry.u_s]
+    )
+    assert {str(line.get_label()): np.mean(line.get_xdata()) for line in witnesses} == {
+        "switch": pytest.approx(0.1),
+        "free probe": pytest.approx(-0.05),
+    }
+
+
+def test_first_seconds_of_a_plunge_are_drawn_of_the_shallowest_and_the_deepest_junction() -> None:
+    blocks, foreseen = fit().optimum.problem.models[0].blocks, fit().optimum.predictions_degC[0]
+    ax = pictures.draw_plunge(fit(), 0, figure()[1][0], until_s=6.0)
+    near = (blocks.time_s > -2.0) & (blocks.time_s < 6.0)
+    dots, lines = ax.lines[:4:2], ax.lines[1:4:2]
+    depth_mm = {c: 1e3 * SETUP.junctions[c].depth_m for c in fit().channels}
+    ends = min(depth_mm, key=depth_mm.__getitem__), max(depth_mm, key=depth_mm.__getitem__)
+    for c, seen, model in zip(ends, dots, lines, strict=True):
+        j = fit().channels.index(c)
+        assert np.array_equal(np.transpose(seen.get_data())[:, 0], blocks.time_s[near])
+        np.testing.assert_array_equal(seen.get_ydata(), blocks.readings_degC[near, j])
+        np.testing.assert_array_equal(model.get_ydata(), foreseen[near, j])
+        assert model.get_label() == f"{c}, {depth_mm[c]:g} mm deep"
+    assert 0.5 < depth_mm[ends[0]] < depth_mm[ends[1]] < 10  # a disk of 20 mm
+
+
+def test_h_is_drawn_from_a_hundredth_of_a_second_on_and_lies_near_the_correlation() -> None:
+    fitted, published = pictures.draw_heat_transfer(fit(), 0, figure()[1][0]).lines
+    t, h = np.transpose(fitted.get_data()).T
+    assert 0.01 < t[0] < 0.1
+    assert t[-1] > 30
+    late = t > 20
+    ratio = h[late] / np.asarray(published.get_ydata())[late]
+    assert ((ratio > 0.5) & (ratio < 2)).all()  # correlations disagree by half
+
+
+def test_holes_are_drawn_from_a_second_before_the_entry_and_nothing_near_is_cut_off() -> None:
+    result = compare_holes(simulate_hole(1)[0])
+    ax = pictures.draw_holes(result, figure()[1][0])
+    assert ax.get_xlim() == (-1.0, pytest.approx(min(10.0, result.block_time_s[-1])))
+    near = result.readings_degC[result.block_time_s <= 10.0]
+    assert ax.get_ylim() == pytest.approx((np.nanmin(near) - 1, np.nanmax(near) + 1))
+    tones = [line.get_color() for line in ax.lines[::2]]
+    assert (
+        len(set(tones)) == len(result.names) - sum(n.startswith("ideal") for n in result.names) + 1
+    )
+
+
+def test_the_marks_of_a_planned_test_stand_side_by_side_under_the_ticks_about_them() -> None:
+    ax, table = pictures.draw_design(planned(), figure()[1][0]), planned().table()
+    marks, _, _ = bars(ax)
+    (rest,) = [line for line in ax.lines if line.get_label() == "differences between channels"]
+    rows = np.arange(len(table))[::-1]  # the first on top
+    assert marks[:, 1] == pytest.approx(rows + 0.12)
+    assert np.transpose(rest.get_data()) == pytest.approx(
+        np.column_stack([table["u_differential_s"], rows - 0.12])
+    )
+    levels = {str(line.get_label()): np.unique(line.get_xdata()) for line in ax.lines}
+    told = {words: at for words, at in levels.items() if "told well" in words}
+    assert len(told) == 2
+    for words, at in told.items():
+        assert at == pytest.approx(float(words.split(" %")[0]) / 100 * planned().lag_s)
+    low, high = table["u_differential_s"].min(), table["u_common_90_s"].max()
+    ticks = ax.get_xticks()
+    assert low / 2 < ticks.min() <= 1.25 * low  # steps of 1, 2, 5
+    assert 0.8 * high <= ticks.max() < 2 * high
+    assert [t.get_text() for t in ax.get_xticklabels()] == [f"{t:g}" for t in ticks]
+
+
+@pytest.mark.parametrize("many", [1, 2, 3])
+def test_plunges_are_drawn_two_in_a_row(many: int) -> None:
+    drawn: list[int] = []
+
+    def draw(_: PlungeFit, run: int, ax: Axes) -> Axes:
+        drawn.append(run)
+        return ax
+
+    several = SimpleNamespace(runs=fit().runs * many)
+    picture = pictures._panels(several, draw, 3.0)  # type: ignore[arg-type]
+    assert drawn == list(range(many))
+    assert len(picture.axes) == many
+    assert picture.get_figheight() == 3.0 * (2 if many == 3 else 1)
+    assert len({round(ax.get_position().x0, 3) for ax in picture.axes}) == min(many, 2)
+
+
+def test_what_is_left_of_a_plunge_is_drawn_in_units_of_the_noise() -> None:
+    left = pictures.standardised(fit(), 0)
+    assert np.nanstd(left) == pytest.approx(1.0, abs=0.3)
+    ax = pictures.draw_plunge_residuals(fit(), 0, figure()[1][0])
+    inside = np.abs(left[np.isfinite(left)]) < 1.96
+    told = float(ax.get_title("left").split(": ")[1].split(" %")[0])
+    assert told == pytest.approx(
+        100 * inside.mean(), abs=1.5
+    )  # the title leaves out the first 0.02 s
+    mean = ax.lines[1].get_ydata()
+    blocks = fit().optimum.problem.models[0].blocks
+    assert mean == pytest.approx(np.nanmean(left[blocks.time_s > 0.02], axis=1), nan_ok=True)
+
+
+def test_the_junction_leads_its_reading_by_the_lag_on_the_slow_part() -> None:
+    seen, run = fit().junction_degC(0), fit().runs[0]
+    t = run.time_s - run.entry.time_s
+    inside = (t > 20) & (t < 50)
+    for j, c in enumerate(fit().channels):
+        behind = t[inside] - np.interp(run.readings_degC[inside, j], seen[c], seen.index)
+        # static remainders of some hundredths of a kelvin at 0.4 K/s are 0.1 s
+        assert np.mean(behind) == pytest.approx(fit().lag_s[c].value, abs=0.15)
+
+
+def test_published_correlations_disagree_by_far_more_than_the_lag() -> None:
+    run = fit().runs[0]
+    at_30_s = [
+        table[table.index > 30].iloc[0].mean() for table in published_degC(run, SETUP).values()
+    ]
+    assert np.ptp(at_30_s) > 0.5  # and it is why h must be free
+
+
+def test_the_design_command_writes_a_table_and_a_page(tmp_path, capsys) -> None:  # type: ignore[no-untyped-def]
+    design(bath_degC=[110.0], duration_s=40.0, out=tmp_path / "plan.html", json_=True)
+    told = json.loads(capsys.readouterr().out)
+    assert len(told["tests"]) == 5
+    assert "data:image/png" in (tmp_path / "plan.html").read_text(encoding="utf-8")
+    design(bath_degC=[110.0], duration_s=40.0, out=tmp_path / "plan.csv", quiet=True)
+    assert (tmp_path / "plan.csv").read_text(encoding="utf-8").startswith("test,")
+    with pytest.raises(InputError, match="within 5 K"):
+        design(bath_degC=[26.0])
+    with pytest.raises(InputError, match="unknown kind"):
+        design(bath_degC=[110.0], duration_s=40.0, out=tmp_path / "plan.doc", quiet=True)

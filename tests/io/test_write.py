@@ -1,0 +1,95 @@
+"""Outputs appear whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from tcdyn.core.errors import InputError
+from tcdyn.io.read import sha256
+from tcdyn.io.write import atomic_path, write_text
+from tcdyn.rig.log import write_log
+from tests.rig.log_cases import ehl_frame
+
+WRITER = """
+import sys
+import numpy as np, pandas as pd
+from tcdyn.rig.log import write_log
+frame = pd.DataFrame({f"c{i}": np.arange(400_000.0) + i for i in range(8)})
+print("ready", flush=True)
+while True:
+    write_log(frame, sys.argv[1])
+"""
+
+
+@pytest.mark.parametrize(
+    ("ending", "before"), [("csv", True), ("csv", False), ("parquet", True), ("tdms", False)]
+)
+def test_killing_the_writer_leaves_the_previous_file_or_none(tmp_path, ending, before):
+    target = tmp_path / f"out.{ending}"
+    good = {len(b"previous")}
+    if before:
+        target.write_bytes(b"previous")
+    for delay in (0.0, 0.05):
+        process = subprocess.Popen(
+            [sys.executable, "-c", WRITER, str(target)],
+            stdout=subprocess.PIPE,
+            env={**os.environ, "OMP_NUM_THREADS": "1"},
+        )
+        assert process.stdout is not None
+        process.stdout.readline()
+        time.sleep(delay)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        process.stdout.close()
+        if target.exists() and target.read_bytes() != b"previous":
+            good.add(target.stat().st_size)
+    # every whole file has one size; a half-written one would have another
+    assert len(good) <= 2
+    assert [p for p in tmp_path.iterdir() if not p.name.startswith(".")] in ([], [target])
+
+
+def test_a_failing_writer_leaves_the_previous_file_and_no_litter(tmp_path):
+    target = write_text(tmp_path / "a.txt", "old")
+
+    def half():
+        with atomic_path(target) as beside:
+            beside.write_text("half")
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        half()
+    assert target.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_interrupting_leaves_the_previous_file(tmp_path):
+    target = write_text(tmp_path / "a.txt", "old")
+    with pytest.raises(KeyboardInterrupt), atomic_path(target):
+        raise KeyboardInterrupt
+    assert target.read_text() == "old"
+
+
+def test_unwritable_places_and_unknown_endings_are_refused(tmp_path):
+    (tmp_path / "file").write_text("x")
+    for place in (tmp_path / "file" / "out.csv", tmp_path, tmp_path / "a\0b.csv"):
+        with pytest.raises(InputError):
+            write_text(place, "x")
+    with pytest.raises(InputError, match=r"\.csv, \.parquet or \.tdms"):
+        write_log(ehl_frame(), tmp_path / "out.xlsx")
+    with pytest.raises(InputError, match="not readable"):
+        sha256(tmp_path / "none")
+
+
+def test_a_hash_is_that_of_the_standards_own_example(tmp_path):
+    assert sha256(write_text(tmp_path / "abc.txt", "abc")).startswith("ba7816bf")  # FIPS 180
+
+
+def test_metadata_cannot_break_out_of_its_line(tmp_path):
+    path = write_log(ehl_frame(), tmp_path / "a.csv", {"note\ntime_s": "1\n2,3"})
+    assert path.read_text().split("\n")[0] == "# note time_s: 1 2,3"

@@ -1,0 +1,106 @@
+"""The commands, code and links of README work."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+import typer
+
+from tcdyn.cli.app import app
+from tests.cli.test_main_job import tcdyn
+
+ROOT = Path(__file__).parents[2]
+TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"```(\w+)\n(.+?)\n```", TEXT, re.S)
+INLINE_COMMANDS = re.findall(r"`(tcdyn [^`]+)`", re.sub(r"```.+?```", "", TEXT, flags=re.S))
+COMMANDS = typer.main.get_command(app).commands
+MARKED_COMMANDS = ("demo-command", "test-command")
+
+
+def command_lines(block: str) -> list[list[str]]:
+    """Words of the command lines of a shell block, continued lines joined."""
+    return [shlex.split(line) for line in block.replace("\\\n", " ").splitlines() if line.strip()]
+
+
+def commands() -> list[list[str]]:
+    """Words of every call of ``tcdyn`` in a code block or in the text."""
+    blocks = [
+        words for language, block in BLOCKS if language == "sh" for words in command_lines(block)
+    ]
+    calls = [words for words in blocks if words[0] == "tcdyn"]
+    return calls + [shlex.split(line) for line in INLINE_COMMANDS]
+
+
+@pytest.mark.parametrize("name", MARKED_COMMANDS)
+def test_a_marked_command_is_one_line_and_the_first_code_after_its_marker(name: str) -> None:
+    assert TEXT.count(f"<!-- {name} -->") == 1
+    marked = re.search(rf"<!-- {name} -->\n```sh\n(.+?)\n```", TEXT, re.S)
+    assert marked is not None
+    assert "\n" not in marked.group(1)
+
+
+def test_every_block_runs_and_prints_what_its_comments_say(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    languages = []
+    for language, block in BLOCKS:
+        if "venv" in block:  # the installation and the two marked commands: CI runs the marked ones
+            continue
+        languages.append(language)
+        if language == "sh":
+            for words in command_lines(block):
+                assert words[0] == "tcdyn"
+                assert tcdyn(*words[1:]) == 0, " ".join(words)
+        else:
+            assert language == "python"
+            output = io.StringIO()
+            with contextlib.redirect_stdout(output):
+                exec(compile(block, "README.md", "exec"), {})
+            for expected in re.findall(r"^# (.+)$", block, re.M):
+                assert expected in output.getvalue()
+    assert languages == ["python", "sh", "python"]
+
+
+@pytest.mark.parametrize("words", commands(), ids=" ".join)
+def test_every_command_and_option_that_is_named_exists(words: list[str]) -> None:
+    if words[1] == "COMMAND":
+        assert words[2:] == ["--help"]
+        return
+    assert words[1] in COMMANDS
+    command = COMMANDS[words[1]]
+    subcommands = getattr(command, "commands", {})
+    if subcommands:
+        command = subcommands[words[2]]
+    options = {option for parameter in command.params for option in parameter.opts}
+    assert {word for word in words if word.startswith("--")} <= options
+
+
+def test_the_table_lists_every_command_that_has_a_task_of_its_own() -> None:
+    named = {words[1] for words in commands()}
+    helpers = {
+        "round",
+        "rig",
+        "transducer",
+        "spot",
+        "record",
+        "hole",
+    }  # commands of the two-disk rig's own guides
+    assert set(COMMANDS) - helpers <= named | {"demo"}
+
+
+def test_every_link_leads_to_a_file() -> None:
+    links = [link for link in re.findall(r"\]\(([^)\s]+)\)", TEXT) if not link.startswith("http")]
+    assert len(links) > 5
+    for link in links:
+        assert (ROOT / link.partition("#")[0]).exists(), link
+
+
+def test_no_page_of_the_manual_includes_text_of_readme() -> None:
+    for page in (ROOT / "docs").rglob("*.md"):
+        assert "{include}" not in page.read_text(encoding="utf-8"), page.name

@@ -1,0 +1,342 @@
+"""Long logs piece by piece: the same table in bounded memory."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from nptdms import ChannelObject, TdmsWriter
+
+from tcdyn.core.errors import InputError
+from tcdyn.io import read as files
+from tcdyn.rig import log as reading
+from tcdyn.rig.log import iter_log, read_log, write_log
+from tests.rig.log_cases import csv_text, ehl_frame, immersion_frame, lvm_text, write
+
+
+def together(path, kind, rows):
+    """The pieces as one frame, and every warning."""
+    log = iter_log(path, kind, rows=rows)
+    pieces = list(log)
+    assert len(pieces) > 1
+    assert [p.first for p in pieces] == np.cumsum(
+        [0, *(len(p.frame) for p in pieces[:-1])]
+    ).tolist()
+    assert sum(len(p.frame) for p in pieces) == log.rows
+    said = [f.sentence for found in (log, *pieces) for f in found.findings]
+    return pd.concat([p.frame for p in pieces], ignore_index=True), said
+
+
+def same(path, kind="ehl", rows=700):
+    """Both ways of reading give the same numbers to the last bit, and say the same."""
+    whole = read_log(path, kind)
+    found, said = together(path, kind, rows)
+    assert list(found.columns) == list(whole.frame.columns)
+    assert np.array_equal(found.to_numpy(), whole.frame.to_numpy(), equal_nan=True)
+    assert sorted(said) == sorted(whole.warnings)
+    return whole
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet", "tdms", "lvm"])
+def test_the_pieces_are_the_whole(tmp_path, ending):
+    frame = ehl_frame()
+    path = tmp_path / f"log.{ending}"
+    if ending == "lvm":
+        write(tmp_path, "log.lvm", lvm_text(frame))
+    else:
+        write_log(frame, path)
+    assert same(path).warnings == ()
+
+
+def at(rows, column, value):
+    def change(frame):
+        return frame.assign(
+            **{column: frame[column].where(~frame.index.isin(np.atleast_1d(rows)), value)}
+        )
+
+    return change
+
+
+def jittered(frame):
+    late = np.random.default_rng(2).uniform(-0.3, 0.3, len(frame)) / 75
+    return frame.assign(time_s=frame["time_s"] + late)
+
+
+def clock(frame):
+    stamp = pd.Timestamp("2015-03-09 23:59:40") + pd.to_timedelta(frame["time_s"], unit="s")
+    return frame.assign(time_s=stamp.dt.strftime("%H:%M:%S.%f"))
+
+
+FORMS = {
+    "contact in volts": lambda f: f.assign(contact=5 * f["contact"]),
+    "contact in words": lambda f: f.assign(contact=np.where(f["contact"] > 0, "on", "off")),
+    "contact missing here and there": at([400, 1100, 2300], "contact", np.nan),
+    "clock time through midnight": clock,
+    "three decimals of a second": lambda f: f.assign(time_s=f["time_s"].round(3)),
+    "two decimals of a second": lambda f: f.assign(time_s=f["time_s"].round(2)),
+    "time that jitters": jittered,
+    "time that starts late": lambda f: f.assign(time_s=f["time_s"] + 86400.0),
+    "a time missing": at([1500], "time_s", np.nan),
+    "rows lost, rounded time": lambda f: f.assign(time_s=f["time_s"].round(3)).drop(
+        index=[*range(690, 705), 1400]
+    ),
+    "a room that does not change": lambda f: f.assign(ambient_degC=22.0),
+    "an oil bath that rests for 9 s": at(range(600, 1275), "oil_degC", 60.0),
+    "a coarse logger": lambda f: f.assign(
+        **{n: (f[n] / 0.2).round() * 0.2 for n in f if n.endswith("_degC")}
+    ),
+    "values missing for 0.45 s at a seam": at(range(680, 714), "fast_e_degC", np.nan),
+    "spikes beside missing values": lambda f: at([681, 715], "fast_e_degC", 200.0)(
+        at(range(682, 714), "fast_e_degC", np.nan)(f)
+    ),
+    "impossible values": at([3, 699, 700, 2999], "slow_b_degC", 1e30),
+    "infinite values": at([1399, 1400], "slow_b_degC", np.inf),
+    "load missing": at(range(700, 760), "load_N", np.nan),
+    "words among numbers": lambda f: at([5, 2345], "fast_c_degC", "---")(
+        f.astype({"fast_c_degC": object})
+    ),
+    "a word late in the log": lambda f: at([2345], "friction_N", "overload")(
+        f.astype({"friction_N": object})
+    ),
+    "junctions e and b swapped": lambda f: f.rename(
+        columns={"fast_e_degC": "fast_b_degC", "fast_b_degC": "fast_e_degC"}
+    ),
+    "no oil": lambda f: f.drop(columns="oil_degC"),
+}
+
+
+@pytest.mark.parametrize("rows", [250, 700])
+@pytest.mark.parametrize("form", FORMS)
+def test_whatever_form_a_log_has_its_pieces_are_what_read_log_gives(tmp_path, form, rows):
+    path = tmp_path / "log.csv"
+    FORMS[form](ehl_frame()).to_csv(path, index=False)
+    same(path, rows=rows)
+
+
+@pytest.mark.parametrize(("separator", "decimal"), [(";", ","), ("\t", ","), ("\t", ".")])
+def test_dialects_are_read_in_pieces(tmp_path, separator, decimal):
+    same(
+        write(tmp_path, "log.csv", csv_text(ehl_frame(), separator, decimal, head="Operator;A\n\n"))
+    )
+
+
+def test_time_stamps_and_words_of_parquet_are_read_in_pieces(tmp_path):
+    frame = ehl_frame()
+    stamp = pd.Timestamp("2015-03-09 23:59:40") + pd.to_timedelta(frame["time_s"], unit="s")
+    words = frame["contact"].map({0.0: "off", 1.0: "on"})
+    frame.assign(time_s=stamp.dt.round("us"), contact=words).to_parquet(tmp_path / "log.parquet")
+    same(tmp_path / "log.parquet")
+
+
+def test_tdms_is_read_in_pieces_with_time_stamps_and_with_channels_of_other_rates(tmp_path):
+    frame = immersion_frame()
+    stamp = (
+        np.datetime64("2015-03-09T23:59:40")
+        + (frame["time_s"] * 1e6).round().astype("timedelta64[us]")
+    ).to_numpy()
+    path = tmp_path / "log.tdms"
+    with TdmsWriter(path) as writer:
+        writer.write_segment(
+            [
+                ChannelObject("log", n, stamp if n == "time_s" else frame[n].to_numpy())
+                for n in frame
+            ]
+        )
+    same(path, "immersion")
+    with TdmsWriter(path) as writer:
+        for name in frame.columns[1:]:
+            step = 2 if name == "fluid_degC" else 1
+            track = {"wf_increment": step / 75}
+            writer.write_segment(
+                [ChannelObject("log", name, frame[name].to_numpy()[::step], properties=track)]
+            )
+    assert len(read_log(path, "immersion").frame) > 2990
+    same(path, "immersion")
+
+
+@pytest.mark.parametrize(
+    "form", ["spikes beside missing values", "contact in volts", "words among numbers"]
+)
+def test_a_log_too_long_for_its_sample_gives_the_same_numbers(tmp_path, monkeypatch, form):
+    monkeypatch.setattr(reading, "MOST", 1000)
+    path = tmp_path / "log.csv"
+    FORMS[form](ehl_frame()).to_csv(path, index=False)
+    found, _ = together(path, "ehl", 300)
+    assert np.array_equal(found.to_numpy(), read_log(path, "ehl").frame.to_numpy(), equal_nan=True)
+
+
+REFUSED = {
+    "a channel that freezes": (at(range(1000, 2000), "fast_d_degC", 60.0), "stays at"),
+    "a dead channel": (lambda f: f.assign(slow_b_degC=21.5), "slow_b_degC.*dead"),
+    "too many spikes": (
+        at(range(0, 3000, 15), "fast_d_degC", 300.0),
+        "% of the samples are spikes",
+    ),
+    "kelvin": (lambda f: f.assign(fast_c_degC=f["fast_c_degC"] + 273.15), "fast_c_degC.*kelvin"),
+    "millivolts": (
+        lambda f: f.assign(fast_c_degC=0.05 * f["fast_c_degC"]),
+        "fast_c_degC.*millivolts",
+    ),
+    "load in kilonewtons": (lambda f: f.assign(load_N=f["load_N"] / 1000), "kilonewtons"),
+    "five levels": (lambda f: f.assign(contact=np.arange(len(f)) % 5 / 4), "different values"),
+    "a long gap": (at(range(1000, 1100), "fast_e_degC", np.nan), "100 values in a row"),
+    "load missing for long": (at(range(1000, 1200), "load_N", np.nan), "7 % of the column"),
+    "words for numbers": (
+        lambda f: f.assign(fast_c_degC=["---", "50.1"] * (len(f) // 2)),
+        "no number",
+    ),
+}
+
+
+@pytest.mark.parametrize("form", REFUSED)
+def test_what_read_log_refuses_is_refused_before_the_last_piece(tmp_path, form):
+    change, words = REFUSED[form]
+    path = tmp_path / "log.csv"
+    change(ehl_frame()).to_csv(path, index=False)
+    with pytest.raises(InputError, match=words):
+        read_log(path, "ehl")
+    pieces = []
+    with pytest.raises(InputError, match=words):
+        pieces.extend(iter_log(path, "ehl", rows=300))
+    assert sum(len(p.frame) for p in pieces) < 3000
+
+
+@settings(
+    max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(at=st.integers(100, 2800), lost=st.integers(1, 20), spike=st.integers(100, 2800))
+def test_gaps_and_spikes_at_any_seam_are_found(tmp_path, at, lost, spike):
+    frame = ehl_frame()
+    frame.loc[spike, "fast_e_degC"] = 400.0
+    path = write_log(frame.drop(index=range(at, at + lost)), tmp_path / "log.csv")
+    whole = read_log(path, "ehl").frame
+    found, _ = together(path, "ehl", 400)
+    assert np.array_equal(found.to_numpy(), whole.to_numpy(), equal_nan=True)
+
+
+@pytest.mark.parametrize("rows", [400, 1000])
+def test_what_only_the_whole_test_shows_is_checked_at_its_end(tmp_path, rows):
+    for frame, kind, words in (
+        (ehl_frame().iloc[:2000], "ehl", "no unloading"),
+        (immersion_frame().assign(switch=0.0), "immersion", "never moves"),
+        (ehl_frame().iloc[::-1], "ehl", "backward"),
+    ):
+        path = write_log(frame, tmp_path / "log.csv")
+        with pytest.raises(InputError, match=words):
+            list(iter_log(path, kind, rows=rows))
+
+
+def test_pieces_can_be_gone_through_again_and_findings_say_where(tmp_path):
+    frame = at([700, 1000], "fast_e_degC", 150.0)(ehl_frame())
+    log = iter_log(write_log(frame, tmp_path / "log.csv"), "ehl", rows=700)
+    first, again = (list(log) for _ in range(2))
+    assert sum(len(piece.frame) for piece in first) == len(frame)
+    assert max(len(piece.frame) for piece in first) <= 2 * 700 < len(frame)
+    assert all(
+        a.frame.equals(b.frame) and a.findings == b.findings
+        for a, b in zip(first, again, strict=True)
+    )
+    (spikes,) = (f for piece in first for f in piece.findings)
+    assert (spikes.code, spikes.grade, spikes.subject) == ("spikes.removed", "note", "fast_e_degC")
+    assert spikes.numbers == {"count": 2, "row": 702, "time_s": pytest.approx(700 / 75)}
+    assert spikes.where.endswith("log.csv")
+
+
+def test_a_log_without_rows_is_refused(tmp_path):
+    path = write_log(ehl_frame().iloc[:0], tmp_path / "log.csv")
+    with pytest.raises(InputError, match="no table"):
+        iter_log(path, "ehl")
+
+
+def test_oven_logs_are_not_read_in_pieces(tmp_path):
+    with pytest.raises(InputError, match="whole"):
+        iter_log(tmp_path / "x.csv", "oven")
+
+
+def test_the_example_of_the_files_page_runs(tmp_path, monkeypatch, capsys):
+    page = (Path(__file__).parents[2] / "docs" / "files.md").read_text(encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    write_log(ehl_frame(), Path("long.csv"))
+    exec(compile(re.search(r"```python\n(.*?)```", page, re.S)[1], "files.md", "exec"), {})
+    assert capsys.readouterr().out.startswith("3000 ")
+
+
+PEAK = """
+import sys
+from tcdyn.rig.log import iter_log
+rows = sum(len(piece.frame) for piece in iter_log(sys.argv[1], "ehl"))
+peak = next(line for line in open("/proc/self/status") if line.startswith("VmHWM"))
+print(rows, int(peak.split()[1]) // 1024)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(
+    not Path("/proc/self/status").exists(), reason="peak memory is read from Linux's /proc"
+)
+def test_a_log_of_a_gigabyte_is_read_in_bounded_memory(tmp_path):
+    size, path, k = 0, tmp_path / "long.csv", 0
+    frame = ehl_frame(60_000).round(4)
+    step = len(frame) / 75
+    text = "\n".join(
+        ",".join(map(str, row)) for row in frame.drop(columns="time_s").to_numpy().tolist()
+    ).split("\n")
+    with open(path, "w") as stream:
+        stream.write(",".join(frame.columns) + "\n")
+        while size < 1e9:
+            times = k * step + np.arange(len(text)) / 75
+            block = "\n".join(f"{t:.6f},{rest}" for t, rest in zip(times.tolist(), text)) + "\n"
+            size, k = size + stream.write(block), k + 1
+    out = subprocess.run(
+        [sys.executable, "-c", PEAK, str(path)], capture_output=True, text=True, check=True
+    )
+    rows, peak_MB = map(int, out.stdout.split())
+    assert rows == k * len(frame)
+    assert peak_MB < 600, (
+        peak_MB
+    )  # the log's numbers alone are 900 MB, the interpreter and its libraries 130
+
+
+@pytest.mark.parametrize("size", [16, 4096, 1 << 20])
+def test_rows_are_counted_alike_in_blocks_of_any_size(size, tmp_path, monkeypatch):
+    """A bad row is named by its line wherever a block ends; blank lines count as lines, not as rows."""
+    monkeypatch.setattr(files, "COUNTED_BYTES", size)
+    lines = csv_text(ehl_frame(3000)).splitlines()
+    sound = read_log(
+        write(tmp_path, "x.csv", "\n".join([*lines[:900], "", *lines[900:]]) + "\n"), "ehl"
+    )
+    assert len(sound.frame) == len(lines) - 1
+    for change, said in (
+        (lambda x: x.rpartition(",")[0], "fields"),
+        (lambda x: x[:-1] + "\x00", "zero bytes"),
+    ):
+        bad = [*lines[:2000], change(lines[2000]), *lines[2001:]]
+        with pytest.raises(InputError, match=rf"row 2001 .*{said}"):
+            read_log(write(tmp_path, "x.csv", "\n".join(bad) + "\n"), "ehl")
+    with pytest.raises(InputError, match=rf"row {len(lines)}, the last, has 1 of .* truncated"):
+        read_log(write(tmp_path, "x.csv", "\n".join([*lines[:-1], lines[-1].split(",")[0]])), "ehl")
+
+
+def test_a_short_log_is_joined_once_and_a_long_one_or_some_of_its_rows_when_asked_for(
+    tmp_path, monkeypatch
+):
+    path = write_log(ehl_frame(), tmp_path / "log.csv")
+    log = iter_log(path, "ehl", rows=700)
+    (own := log.whole().frame).loc[5, "fast_a_degC"] = -1.0
+    assert own.loc[5, "fast_a_degC"] == -1.0 != log.whole().frame.loc[5, "fast_a_degC"]
+    assert np.shares_memory(*(log.whole().frame["fast_b_degC"].to_numpy() for _ in range(2)))
+    rows = np.array([3, 4, 900, 1500])
+    some = log.whole(rows)
+    assert np.array_equal(some.frame.to_numpy(), log.whole().frame.to_numpy()[rows], equal_nan=True)
+    assert some.sha256 == log.whole().sha256 == files.sha256(path)
+    monkeypatch.setattr(reading, "MOST", 1000)
+    longer = iter_log(path, "ehl", rows=700)
+    assert not np.shares_memory(*(longer.whole().frame["fast_b_degC"].to_numpy() for _ in range(2)))
+    assert longer.whole().frame.equals(log.whole().frame)

@@ -1,0 +1,213 @@
+"""Lags found in place: two sensors in one gas, a current through the sensor, the process's own noise."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tcdyn.core.errors import InputError
+from tcdyn.core.estimate import Estimate
+from tcdyn.sensors import read_sensor
+from tcdyn.sensors.current import MODES, current_sensor, cylinder
+from tcdyn.sensors.noise import _lags, noise_sensor
+from tcdyn.sensors.pair import pair_sensor
+from tests.cli.test_main_job import tcdyn as run_cli
+from tests.sensors.sensor_study import DRAWS, noise
+from tests.sensors.sensor_world import (
+    FINE,
+    Sheath,
+    fluctuating,
+    lagged,
+    two_in_a_gas,
+    write,
+    written,
+)
+
+
+@pytest.mark.parametrize(
+    ("kind", "draws", "most"),
+    [("pair", 4, 0.1), ("flow", 2, 0.1), ("current", 4, 0.15), ("noise", 2, 0.2)],
+)
+def test_the_lag_lies_in_its_interval(kind: str, draws: int, most: float) -> None:
+    """Few draws; 200 of each are in `python -m tests.sensors.sensor_study KIND`."""
+    found = [one for seed in range(draws) for one in DRAWS[kind](1000 + seed)]
+    assert np.mean([e.covers(v) for e, v in found]) >= 0.7
+    assert max(abs(e.value / v - 1) for e, v in found) < most
+    assert max(abs(e.value - v) / e.u for e, v in found) < 4.5
+
+
+def test_noise_on_both_does_not_bias_the_pair_where_plain_regression_is_wrong() -> None:
+    """16 records of large noise: the mean of the short lag within 3 of its standard errors; regression far off."""
+    taus, lags, plain = (0.15, 0.5), [], []
+    for seed in range(16):
+        t, a, b, _ = two_in_a_gas(seed, taus, 0.02, 1500, (1.0, 1.0))
+        lags.append(pair_sensor(t, a, b, ("A", "B")).chain.channels["A"].lag_s)
+        da, db = np.gradient(a, t), np.gradient(b, t)  # b - a = tau1 a' - tau2 b'
+        plain.append(np.linalg.lstsq(np.column_stack([da, -db]), b - a, rcond=None)[0][0])
+    value, u = np.array([e.value for e in lags]), np.array([e.u for e in lags])
+    assert abs(value.mean() - 0.15) < 3 * u.mean() / 4
+    assert abs(np.mean(plain) - 0.15) > 0.05
+
+
+def test_a_slow_fluid_tells_the_difference_of_the_lags_only_and_that_is_said() -> None:
+    t, a, b, _ = two_in_a_gas(3, (0.15, 0.5), 0.02, 1500, (1.0, 1.0), slow_s=(60.0, 200.0))
+    made = pair_sensor(t, a, b, ("A", "B"))
+    (found,) = [f for f in made.findings if f.code == "sensor.pair_difference"]
+    assert abs(found.numbers["difference_s"] + 0.35) < 4 * found.numbers["u_s"] < 1.0
+
+
+def test_two_fluids_are_told_and_one_trace_twice_is_refused() -> None:
+    t, a, _, _ = two_in_a_gas(4, (0.15, 0.5), 0.02, 1500, (0.3, 0.3))
+    _, _, b, _ = two_in_a_gas(5, (0.15, 0.5), 0.02, 1500, (0.3, 0.3))
+    assert {"sensor.pair_misfit"} <= {f.code for f in pair_sensor(t, a, b, ("A", "B")).findings}
+    with pytest.raises(InputError, match="the same within noise"):
+        pair_sensor(t, a, a.copy(), ("A", "B"))
+    with pytest.raises(InputError, match="not above zero"):
+        pair_sensor(t, a, b, ("A", "B"), speed=np.zeros(len(t)))
+    with pytest.raises(InputError, match="rows"):
+        pair_sensor(t, a, b, ("A", "B"), changes_s=[t[20]])
+    for count in (0, 1, 3):
+        with pytest.raises(InputError, match=f"B holds {count} numbers"):
+            pair_sensor(t, a, np.where(np.arange(len(b)) < count, b, np.nan), ("A", "B"))
+
+
+def test_the_modes_of_a_cylinder_add_to_its_lag() -> None:
+    """The lag is the sum of all modes, those beyond the last as 1/z^2; a slender one has a single mode."""
+    tau, _ = cylinder(np.log([2.0, 1.5, 0.6, 0.2]))
+    beyond = tau[-1] * MODES**2 / (MODES + 0.5)  # integral of 1/n^2
+    assert np.sum(tau) + beyond == pytest.approx(2.0, rel=0.002)
+    slender, _ = cylinder(np.log([2.0, 0.005, 0.5, 0.2]))
+    assert slender[0] == pytest.approx(2.0, rel=0.003)
+
+
+def test_an_answer_that_does_not_tell_the_plunge_is_said_to() -> None:
+    """Much noise: the interval is wide, holds the lag, and a finding says so."""
+    rng = np.random.default_rng(14)
+    probe = Sheath.drawn(rng)
+    t, y, power = probe.heated(rng, 0.08)
+    made = current_sensor(t, y, np.sqrt(power), "T")
+    (said,) = [f for f in made.findings if f.code == "sensor.conversion_wide"]
+    assert said.grade.value == "look"
+    assert said.numbers["low_s"] < probe.lag_s < said.numbers["high_s"]
+    with pytest.raises(InputError, match="within ten times"):
+        current_sensor(t, y + 10 * rng.standard_normal(len(y)), np.sqrt(power), "T")
+
+
+def test_a_thermocouple_that_is_read_only_without_current_gives_the_same_lag() -> None:
+    rng = np.random.default_rng(2)
+    probe = Sheath.drawn(rng)
+    t, y, power = probe.heated(rng, 0.005)
+    both = Estimate(**current_sensor(t, y, np.sqrt(power), "T").fit["lag_s"])
+    y = np.where(power > 0.5, 500.0, y)  # what the current writes into the reading
+    cooling = Estimate(**current_sensor(t, y, np.sqrt(power), "T", off_only=True).fit["lag_s"])
+    assert cooling.covers(probe.lag_s)
+    assert abs(cooling.value - both.value) < both.u
+    with pytest.raises(InputError, match="does not switch"):
+        current_sensor(t, y, np.ones(len(t)), "T")
+
+
+def test_a_second_lag_that_goes_to_nothing_is_none() -> None:
+    """Draw 62 of the study: the fit of two lags ends with 1e-95 s for one of them."""
+    [(lag, true)] = noise(62)
+    assert lag.covers(true)
+
+
+def test_of_two_lags_the_longer_is_told_first_and_one_of_a_millionth_is_not_told() -> None:
+    assert _lags(np.log([0.3, 2.0])) == pytest.approx([2.0, 0.3])
+    assert _lags(np.log([2.0, 2.1e-6])) == pytest.approx([2.0, 2.1e-6])
+    assert _lags(np.log([2.0, 1.9e-6])) == pytest.approx([2.0])
+
+
+def test_noise_tells_when_its_conditions_do_not_hold() -> None:
+    t, y = fluctuating(1, (1.0,), 0.1, 12_000, 0.05)
+    calm = noise_sensor(t, y, "T")
+    assert {f.code for f in calm.findings} <= {"sensor.noise_driving"}
+    louder = noise_sensor(t, 50 + (y - 50) * np.linspace(0.2, 2, len(y)), "T")
+    assert "sensor.noise_unsteady" in {f.code for f in louder.findings}
+    hum = noise_sensor(t, y + 0.6 * np.sin(2 * np.pi * 0.9 * t), "T")
+    assert "sensor.noise_misfit" in {f.code for f in hum.findings}
+    rng = np.random.default_rng(
+        3
+    )  # a fluid slower than white: the answer is longer, and one trace cannot know
+    x = lagged(lagged(rng.standard_normal(15_000 * FINE), (0.5,), 0.1 / FINE), (1.0,), 0.1 / FINE)[
+        2000 * FINE :: FINE
+    ]
+    slow = noise_sensor(t[: len(x)], 50 + x / x.std() + 0.02 * rng.standard_normal(len(x)), "T")
+    assert Estimate(**slow.fit["lag_s"]).value > 1.25
+    (said,) = [f for f in slow.findings if f.code == "sensor.noise_driving"]
+    assert said.grade.value == "look"
+    assert "may be the fluid's" in said.sentence
+    with pytest.raises(InputError, match="lags long"):
+        noise_sensor(t[:1000], y[:1000], "T")
+    with pytest.raises(InputError, match="512"):
+        noise_sensor(t[:100], y[:100], "T")
+
+
+def test_the_commands_write_files_that_compensate_takes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    t, a, b, speed = two_in_a_gas(6, (0.15, 0.5), 0.02, 1500, (0.3, 0.3), 3.0)
+    log = write(tmp_path / "gas.csv", time_s=np.round(t, 3), A_degC=a, B_K=b + 273.15, v=speed)
+    out = tmp_path / "pair.sensor.json"
+    assert (
+        run_cli("sensor", "pair", log, "--columns", "A,B", "--speed", "v", "--out", out) == 1
+    )  # they change: look
+    assert read_sensor(out).fit["exponent"]["value"] == pytest.approx(0.5, abs=0.1)
+    assert run_cli("sensor", "pair", log, "--columns", "A", "--out", out) == 2
+    assert run_cli("sensor", "pair", log, "--columns", "A,B", "--change-s", "15", "--out", out) == 1
+    assert run_cli("compensate", log, "--sensor", out, "--out", tmp_path / "o.csv", "--quiet") == 1
+    done = written(tmp_path / "o.csv")
+    late = t > 20
+    assert (
+        np.median(np.abs(done["A_degC"] - done["B_K"] + 273.15)[late])
+        < np.median(np.abs(a - b)[late]) / 2
+    )
+    rng = np.random.default_rng(7)
+    probe = Sheath.drawn(rng)
+    t, y, power = probe.heated(rng, 0.005)
+    log = write(tmp_path / "lcsr.csv", time_s=t, R_degC=20 + y, I_mA=40 * np.sqrt(power))
+    capsys.readouterr()
+    assert (
+        run_cli(
+            "sensor", "current", log, "--column", "R", "--current", "I_mA", "--out", out, "--json"
+        )
+        == 0
+    )
+    said = json.loads(capsys.readouterr().out)
+    assert Estimate(**said["fit"]["lag_s"]).covers(probe.lag_s)
+    t, y = fluctuating(8, (1.0,), 0.1, 8000, 0.05)
+    log = write(tmp_path / "noise.csv", time_s=np.round(t, 3), T_degC=y)
+    assert run_cli("sensor", "noise", log, "--column", "T", "--out", out, "--quiet") in (0, 1)
+    assert read_sensor(out).method == "noise"
+
+
+@pytest.mark.parametrize(
+    ("biot", "wall", "heated"), [(5.0, 0.3, 0.1), (0.8, 1.2, 0.3), (30.0, 0.05, 0.5)]
+)
+def test_modes_of_a_heated_cylinder_are_those_of_its_rings(
+    biot: float, wall: float, heated: float
+) -> None:
+    """Rings of radius and diffusivity one; at the wall -T' = Bi T + (g/2) dT/dt; heat within ``heated``."""
+    edge = np.linspace(0.0, 1.0, 601)
+    middle, area = 0.5 * (edge[1:] + edge[:-1]), np.diff(edge**2) / 2
+    n = len(middle)
+    between = edge[1:-1] / np.diff(middle)
+    out = np.append(between, 0.0) + np.insert(between, 0, 0.0)
+    to_wall = 1 / (1 - middle[-1])
+    out[-1] += to_wall
+    conductance = np.diag(np.append(out, to_wall + biot))
+    pairs = np.arange(n)
+    conductance[pairs[:-1], pairs[1:]] = conductance[pairs[1:], pairs[:-1]] = -between
+    conductance[n - 1, n] = conductance[n, n - 1] = -to_wall
+    root = np.sqrt(np.append(area, wall / 2))  # capacities; the wall is one node
+    rate, mode = np.linalg.eigh(conductance / root[:, None] / root)
+    heat = np.append(np.where(middle < heated, area, 0.0), 0.0)
+    shares = (mode[0] / root[0]) * (mode.T @ (heat / root)) / rate
+    tau_s, share = cylinder(np.log([0.25 + (1 + wall) / (2 * biot), biot, wall, heated]))
+    assert tau_s[:4] == pytest.approx(1 / rate[:4], rel=2e-3)
+    assert share[:4] / share[0] == pytest.approx(
+        shares[:4] / shares[0], rel=1e-2
+    )  # the series is cut elsewhere

@@ -1,0 +1,231 @@
+"""A bare sensor plunged by code of its own: nobody knows when, and the surroundings step with a lag of their own."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from tcdyn.core.errors import InputError
+from tcdyn.core.estimate import Estimate
+from tcdyn.sensors import read_sensor
+from tcdyn.sensors.plunge import find_step, plunge_sensor
+from tcdyn.sensors.step_fits import colour_of
+from tcdyn.sensors.surface_h import STREAMS, Film, Stream
+from tests.cli.test_main_job import tcdyn as run_cli
+from tests.sensors.sensor_world import FINE, Array, lagged, write
+
+
+def plunged(
+    taus_s: tuple[float, ...],
+    dt_s: float,
+    n: int,
+    noise_K: float,
+    seed: int,
+    medium_s: float | None = None,
+) -> tuple[Array, Array, float]:
+    """Time, reading and the entry [s]; the medium's own lag is drawn from 0.02 +- 0.02 s unless told."""
+    rng = np.random.default_rng(seed)
+    fine = np.arange(n * FINE) * (dt_s / FINE)
+    entry = n * dt_s / 6 + rng.uniform(0, dt_s)
+    own = abs(0.02 + 0.02 * rng.standard_normal()) if medium_s is None else medium_s
+    x = np.where(fine < entry, 20.0, 90.0)
+    return (
+        fine[::FINE],
+        lagged(x, (own, *taus_s), dt_s / FINE)[::FINE] + noise_K * rng.standard_normal(n),
+        entry,
+    )
+
+
+def truth(taus_s: tuple[float, ...]) -> list[float]:
+    """Lag, t50, t63.2, t90 [s] on a fine grid."""
+    t = np.arange(0, 12 * sum(taus_s), 1e-3 * sum(taus_s))
+    step = lagged(np.r_[0.0, np.ones(len(t) - 1)], taus_s, float(t[1]))
+    return [sum(taus_s), *(float(np.interp(q, step, t)) for q in (0.5, 1 - np.exp(-1), 0.9))]
+
+
+@pytest.mark.parametrize(("noise_K", "down"), [(0.02, False), (0.2, False), (0.2, True)])
+def test_a_step_begins_where_the_reading_leaves_its_noise(noise_K: float, down: bool) -> None:
+    _, y, entry = plunged((1.5,), 0.05, 500, noise_K, 0, 0.01)
+    step = find_step(110.0 - y if down else y, 0.05)
+    assert entry - 0.2 < step.entry_s < entry + 0.3
+    assert step.before_degC == pytest.approx(90.0 if down else 20.0, abs=0.1)
+    assert step.size_K == pytest.approx(-70.0 if down else 70.0, abs=0.2)
+    assert step.rise_s == pytest.approx(1.5, abs=0.3)
+
+
+@pytest.mark.parametrize(
+    ("taus_s", "dt_s", "n", "noise_K"),
+    [((1.5, 0.3), 0.05, 500, 0.1), ((1.5,), 0.05, 500, 0.1), ((0.3, 0.05), 0.01, 600, 0.2)],
+)
+def test_lag_and_percent_times_lie_in_their_intervals(
+    taus_s: tuple[float, ...], dt_s: float, n: int, noise_K: float
+) -> None:
+    """Three plunges each; 200 a case are in `python -m tests.sensors.sensor_study plunge`."""
+    held = []
+    for seed in range(3):
+        t, y, entry = plunged(taus_s, dt_s, n, noise_K, seed)
+        made = plunge_sensor(t, y, "T1")
+        got = [Estimate(**made.fit["lag_s"]), *made.times["T1"].values()]
+        held += [e.covers(v) for e, v in zip(got, truth(taus_s))]
+        assert all(abs(e.value / v - 1) < 0.2 for e, v in zip(got, truth(taus_s)))
+        assert abs(made.fit["entry_s"] - entry) < 0.15 * sum(taus_s)
+    assert np.mean(held) > 0.7
+
+
+def test_a_known_entry_narrows_the_lag_and_a_slow_medium_is_no_part_of_it() -> None:
+    t, y, entry = plunged((1.5, 0.1), 0.02, 800, 0.2, 1, medium_s=0.2)
+    known = plunge_sensor(t, y, "T1", medium_s=(0.2, 0.02), entry_s=(entry, 0.001))
+    lag = known.chain.channels["T1"].lag_s
+    assert abs(lag.value - 1.6) < 3 * lag.u < 0.15  # 0.02 s of the medium's is left
+    wrong = plunge_sensor(t, y, "T1", medium_s=(0.0, 1e-3), entry_s=(entry, 0.001))
+    assert wrong.chain.channels["T1"].lag_s.value > 1.75  # the medium's lag taken for the sensor's
+
+
+@pytest.mark.parametrize("specified_u_s", [0.1, 0.3])
+def test_a_specified_entry_that_the_data_contradict_is_a_warning_with_both_instants(
+    specified_u_s: float,
+) -> None:
+    """A dead time of 3 s, or an instant that is 3 s early: 10 to 30 times its standard uncertainty."""
+    t, y, entry = plunged((4.0, 0.5), 0.1, 600, 0.1, 5)
+    made = plunge_sensor(t, y, "T1", entry_s=(entry - 3.0, specified_u_s))
+    (conflict,) = [f for f in made.findings if f.code == "sensor.entry_conflict"]
+    assert conflict.grade.value == "look"
+    assert conflict.numbers["specified_s"] == pytest.approx(entry - 3.0)
+    assert conflict.numbers["fitted_s"] > entry - 3.0 + 3 * specified_u_s
+    assert "dead time" in conflict.sentence
+
+
+@pytest.mark.parametrize("specified_u_s", [0.0, 0.001, 0.02, 0.2])
+def test_a_specified_entry_that_is_right_is_no_warning(specified_u_s: float) -> None:
+    """Off by its own standard uncertainty at most; a medium as specified."""
+    for seed in range(3):
+        t, y, entry = plunged((1.5, 0.3), 0.05, 500, 0.1, seed)
+        off = specified_u_s * (seed - 1)
+        made = plunge_sensor(t, y, "T1", entry_s=(entry + off, specified_u_s))
+        assert "sensor.entry_conflict" not in {f.code for f in made.findings}
+
+
+@pytest.mark.parametrize(("dt_s", "slow"), [(0.05, False), (4.0, True)])
+def test_rows_slower_than_the_lag_are_a_warning(dt_s: float, slow: bool) -> None:
+    t, y, _ = plunged((1.5,), dt_s, 500, 0.05, 4)
+    made = plunge_sensor(t, y, "T1")
+    assert ("sensor.slow" in {f.code for f in made.findings}) == slow
+
+
+def test_no_step_a_step_that_is_cut_off_and_few_samples_are_refused() -> None:
+    t, y, _ = plunged((1.5,), 0.05, 500, 0.1, 2)
+    with pytest.raises(InputError, match="no step"):
+        plunge_sensor(t, 20 + 0.1 * np.random.default_rng(0).standard_normal(500), "T1")
+    with pytest.raises(InputError, match="not over"):
+        plunge_sensor(t[:105], y[:105], "T1")
+    with pytest.raises(InputError, match="samples"):
+        plunge_sensor(t[:20], y[:20], "T1")
+
+
+def test_what_is_no_chain_of_lags_is_told() -> None:
+    t, y, _ = plunged((1.5,), 0.05, 500, 0.05, 3)
+    made = plunge_sensor(t, y + 8 * np.exp(-(((t - 9) / 0.8) ** 2)), "T1")
+    assert "sensor.misfit" in {f.code for f in made.findings}
+
+
+def test_h_across_a_stream_agrees_with_hilpert_s_numbers_and_the_film_moves_the_lag() -> None:
+    """Hilpert's table, Nu = C Re^m Pr^(1/3): 0.683 Re^0.466 for 40 < Re < 4000; the two fits differ by up to 20 %."""
+    for name, d in (("water", 3e-3), ("air", 3e-3), ("air", 6e-3)):
+        s = STREAMS[name]
+        re = s.speed_m_s * d / s.nu_m2_s
+        assert 40 < re < 4000
+        assert s.h_W_m2K(d) == pytest.approx(
+            0.683 * re**0.466 * s.prandtl ** (1 / 3) * s.k_W_mK / d, rel=0.2
+        )
+    fit = Film("water", 3e-3).to_fit(Estimate.normal(2.0, 0.05))
+    assert isinstance(fit["lag_air_s"], dict)
+    assert 15 < fit["lag_air_s"]["value"] < 35  # 3 mm: rho c d/4 = 2700 J/m2K over h of 105 W/m2K
+    with pytest.raises(InputError, match="water or air"):
+        Film("oil", 3e-3)
+
+
+@pytest.mark.parametrize(("medium", "speed"), [("water", 0.1), ("air", 20.0), ("air", None)])
+def test_the_uncertainty_in_another_stream_is_that_of_its_four_sources(
+    medium: str, speed: float | None
+) -> None:
+    """Each moved by a thousandth of its uncertainty in lag + rho c d/4 (1/h' - 1/h): 15 % of h, h' and rho c."""
+    film, lag = Film(medium, 3e-3, speed), Estimate.normal(2.0, 0.05)
+    own = film.stream
+    assert (own.k_W_mK, own.speed_m_s) == (STREAMS[medium].k_W_mK, speed or 3.0)
+    fit = film.to_fit(lag)
+    best = np.array([own.h_W_m2K(3e-3), 0.0, 3.6e6, 2.0])
+    told = 0
+    for name, stream in STREAMS.items():
+        if name == medium and speed is None:
+            assert f"lag_{name}_s" not in fit
+            continue
+        best[1] = stream.h_W_m2K(3e-3)
+
+        def there(of: Array) -> float:
+            return float(of[3] + of[2] * 3e-3 / 4 * (1 / of[1] - 1 / of[0]))
+
+        u = np.append(0.15 * best[:3], 0.05)
+        moves = [there(best + 1e-3 * u * side) for side in np.eye(4)]
+        found = fit[f"lag_{name}_s"]
+        assert isinstance(found, dict)
+        assert found["value"] == pytest.approx(there(best), rel=1e-9)
+        assert found["u"] == pytest.approx(
+            1e3 * np.linalg.norm(np.array(moves) - there(best)), rel=1e-3
+        )  # curved
+        told += 1
+    assert told == 1 + (speed is not None)
+    assert fit["diameter_mm"] == pytest.approx(3.0)
+    h = fit["h_W_m2K"]
+    assert isinstance(h, dict)
+    assert (h["value"], h["u"]) == pytest.approx((best[0], 0.15 * best[0]))
+
+
+def test_h_across_a_stream_is_known_where_the_correlation_s_bracket_is_known() -> None:
+    """At Pr = 0.4 and Re = 282 000 its brackets are 2 and 2: Nu = 0.3 + 0.62 Re^1/2 Pr^1/3 2^(4/5 - 1/4)."""
+    nu = 0.3 + 0.62 * 282e3**0.5 * 0.4 ** (1 / 3) * 2**0.55
+    assert Stream(0.5, 1e-5, 0.4, 28.2).h_W_m2K(0.1) == pytest.approx(nu * 0.5 / 0.1, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("diameter_m", "speed"), [(0.3, None), (5e-6, None), (3e-3, 0.0), (3e-3, 250.0)]
+)
+def test_a_film_of_impossible_size_or_speed_is_refused(
+    diameter_m: float, speed: float | None
+) -> None:
+    with pytest.raises(InputError, match=f"diameter {1e3 * diameter_m:g} mm"):
+        Film("air", diameter_m, speed)
+
+
+def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    t, y, _ = plunged((1.5, 0.3), 0.05, 500, 0.1, 4)
+    log, out = (
+        write(tmp_path / "dip.csv", time_s=np.round(t, 3), T1_K=y + 273.15),
+        tmp_path / "p.sensor.json",
+    )
+    words = ("sensor", "plunge", log, "--column", "T1", "--out", out)
+    assert run_cli(*words, "--medium", "water", "--diameter-mm", "3", "--json") == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["times"]["T1_K"]["t90_s"]["value"] == pytest.approx(truth((1.5, 0.3))[3], rel=0.02)
+    assert said["fit"]["h_W_m2K"]["value"] == pytest.approx(8381, rel=0.01)
+    assert read_sensor(out).inputs[0].file == "dip.csv"
+    assert "h_W_m2K: 8400 +- 1300" in read_sensor(out).summary()
+    assert "lag_air_s: " in read_sensor(out).summary()
+    assert run_cli(*words, "--medium", "water") == 2
+    assert run_cli("sensor", "plunge", log, "--column", "T9", "--out", out) == 2
+    assert "T9" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("size_K", [0.01, 30.0])
+def test_the_colour_of_residuals_is_told_in_any_unit(size_K: float) -> None:
+    rng = np.random.default_rng(4)
+    white = size_K * rng.standard_normal(400)
+    coloured = lfilter([1.0], [1.0, -0.8], white)
+    found, level = colour_of(coloured, 3)
+    assert (found.ar[0], level / size_K) == pytest.approx((-0.8, 1.0), abs=0.15)
+    none, level = colour_of(white, 3)
+    assert none.white
+    assert level / size_K == pytest.approx(1.0, abs=0.15)

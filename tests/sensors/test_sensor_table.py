@@ -1,0 +1,150 @@
+"""Any table on even times: what its rows' stamps tell, and where rows stand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tcdyn.core.errors import InputError
+from tcdyn.sensors.table import on_grid, open_source, parts, places, read_columns
+from tests.sensors.sensor_world import Array
+
+T = np.arange(60) / 8  # eighths of a second are exact
+
+
+def rows_of(text: str) -> str:
+    """A table of twelve rows below this header, one a second."""
+    columns = text.count(",")
+    return text + "\n" + "\n".join(f"{k}" + f",{20 + k}" * columns for k in range(12)) + "\n"
+
+
+def test_a_column_that_stands_twice_is_refused(tmp_path: Path) -> None:
+    log = tmp_path / "log.csv"
+    log.write_text(rows_of("t,T1,T2"), encoding="utf-8")
+    assert open_source(log).table.names == ("t", "T1", "T2")
+    log.write_text(rows_of("t,T1,T1"), encoding="utf-8")
+    with pytest.raises(InputError, match="'T1' stands twice"):
+        open_source(log)
+
+
+def test_rows_lost_leave_their_places_empty(tmp_path: Path) -> None:
+    kept = np.r_[0:20, 23:60]
+    grid, found = places(T[kept], "log.csv")
+    assert (grid.dt_s, found) == (0.125, [])
+    assert grid.place.tolist() == kept.tolist()
+    values = on_grid(10.0 * kept, grid, 60)
+    assert np.flatnonzero(np.isnan(values)).tolist() == [20, 21, 22]
+    assert values[kept] == pytest.approx(10.0 * kept)
+    log = tmp_path / "log.csv"
+    log.write_text("t,T1\n" + "".join(f"{T[k]},{k}\n" for k in kept), encoding="utf-8")
+    t, columns, _ = read_columns(log, ["T1"])
+    assert t == pytest.approx(T)
+    assert np.array_equal(np.isnan(columns["T1"]), np.isnan(values))
+
+
+def test_rows_of_one_place_are_averaged() -> None:
+    stamps = np.insert(T, 30, T[29] + 0.01)  # a row that came twice
+    grid, found = places(stamps, "log.csv", 0.125)
+    assert [f.code for f in found] == []
+    assert grid.place.tolist() == np.insert(np.arange(60), 30, 29).tolist()
+    values = on_grid(np.where(np.arange(61) == 30, 7.0, 5.0), grid, 60)
+    assert values[29] == 6.0
+    assert np.delete(values, 29) == pytest.approx(5.0)
+
+
+@pytest.mark.parametrize(("stray", "told"), [(0.0, False), (0.04, False), (0.45, True)])
+def test_stamps_that_stray_far_are_told_with_how_far(stray: float, told: bool) -> None:
+    """Every other stamp late by this part of an interval: their sd is half of it."""
+    late = stray * 0.125 * (np.arange(60) % 2)
+    grid, found = places(100.0 + T + late, "log.csv", 0.125)
+    assert grid.place.tolist() == list(range(60))
+    assert [f.code for f in found] == (["sensor.uneven"] if told else [])
+    for f in found:
+        assert f.numbers["rate_Hz"] == pytest.approx(8.0)
+        assert f.numbers["stray_s"] == pytest.approx(stray * 0.125 / 2, rel=0.02)
+
+
+def test_rows_are_counted_where_the_clock_wanders_by_half_an_interval() -> None:
+    """Slowly, by 0.55 to either side, so that the nearest place would be another row's; three rows are lost."""
+    wander = 0.55 * np.sin(2 * np.pi * np.arange(60) / 60)
+    kept = np.r_[0:29, 32:60]
+    grid, (found,) = places((100 + T + 0.125 * wander)[kept], "log.csv", 0.125)
+    assert grid.place.tolist() == kept.tolist()
+    away = np.abs(wander[kept] - np.median(wander[kept]))
+    nearest = np.minimum(away, 1 - away)
+    assert found.numbers["stray_s"] == pytest.approx(0.125 * np.sqrt(np.mean(nearest**2)))
+
+
+def test_a_clock_of_few_decimals_counts_its_rows() -> None:
+    grid, (found,) = places(100 + np.floor(T), "log.csv")
+    assert grid.place.tolist() == list(range(60))
+    assert grid.dt_s == pytest.approx(
+        0.125
+    )  # the rows' own interval, not the span of the stamps over their number
+    assert (found.code, found.numbers["rate_Hz"]) == ("sensor.few_decimals", pytest.approx(8.0))
+
+
+def test_a_stamp_that_stands_twice_leaves_the_rate_as_it_is() -> None:
+    once = T.copy()
+    once[5] = once[4]  # of sixty one is less than a fiftieth
+    grid, found = places(100 + once, "log.csv")
+    assert (grid.dt_s, found) == (0.125, [])
+    assert grid.place.tolist() == np.where(np.arange(60) == 5, 4, np.arange(60)).tolist()
+
+
+@pytest.mark.parametrize(
+    ("stamps", "words"),
+    [
+        (T[:9], "only 9 rows"),
+        (np.where(T == 0.5, np.nan, T), "no time in row 5 below the header"),
+        (
+            np.where(np.arange(60) == 7, 0.25, T),
+            r"backward at row 8 below the header \(0.75 s, then 0.25 s\)",
+        ),
+        (np.zeros(60), "one time"),
+    ],
+)
+def test_time_that_tells_no_rate_is_refused_with_its_row(stamps: Array, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        places(stamps, "log.csv")
+
+
+def test_ten_rows_are_enough() -> None:
+    assert places(T[:10], "log.csv")[0].place.tolist() == list(range(10))
+
+
+class Rows:
+    """Pieces of a table of one column whose values are their row's number."""
+
+    def __init__(self, time_s: Array, size: int) -> None:
+        self.time_s, self.size = time_s, size
+
+    def pieces(self, columns):  # type: ignore[no-untyped-def]
+        number = np.arange(float(len(self.time_s)))
+        for a in range(0, len(number), self.size):
+            b = a + self.size
+            yield self.time_s[a:b], dict.fromkeys(columns, number[a:b]), ()
+
+
+@pytest.mark.parametrize("size", [50, 700, 10_000])
+@pytest.mark.parametrize(("silence_s", "parted"), [(19.0, False), (21.0, True)])
+def test_stretches_answer_every_row_once_and_part_at_a_silence_of_ten_lags(
+    size: int, silence_s: float, parted: bool
+) -> None:
+    """A lag of two seconds, 8 rows a second; row 3000 comes after the silence."""
+    time_s = np.arange(6000) / 8
+    time_s[3000:] += silence_s
+    made = list(parts(Rows(time_s, size), ["T1"], 2.0, least=1000))
+    answered = [p.data["T1"][p.keep] for p in made]
+    assert np.concatenate(answered).tolist() == list(range(6000))
+    assert (2999.0 in [rows[-1] for rows in answered]) == parted
+    ends = [(0, 3000), (2999, 5999)] if parted else [(0,), (5999,)]
+    for p in made:
+        rows = p.data["T1"]
+        assert np.array_equal(p.time_s, time_s[rows.astype(int)])
+        assert not parted or (rows[0] < 3000) == (rows[-1] < 3000)  # none over the silence
+        assert p.keep.start >= p.beside or rows[0] in ends[0]
+        assert len(rows) - p.keep.stop >= p.beside or rows[-1] in ends[1]
+        assert p.beside >= 560  # ten lags and 400 rows

@@ -1,0 +1,189 @@
+"""Answers do not hang on the unit of temperature or on its zero; levels of intensity are those that made the trace."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.integrate import trapezoid
+
+from tcdyn.chain import NO_CONDITIONING, Chain
+from tcdyn.rig.disk import Conditioning
+from tcdyn.smoothing import Burst, Intensity, deconvolve, invert, smooth
+from tcdyn.smoothing.live import LiveSmoother
+from tcdyn.smoothing.process_noise import (
+    _pick,
+    cut_out,
+    exact_levels,
+    levels_of,
+    smeared_s,
+    spans,
+    spectral_level,
+)
+from tcdyn.smoothing.record import stretch_of
+
+CHAIN, DT = Chain((0.4,), conditioning=Conditioning(4.0, 2)), 0.05
+
+
+def trace(n: int = 500, jump: float = 8.0, seed: int = 0) -> np.ndarray:
+    """Two channels that swing slowly, jump in the middle, one with a spike; noise of 0.05 K."""
+    rng, t = np.random.default_rng(seed), np.arange(n) * DT
+    x = 60 + 4 * np.sin(t / 4) + np.where(t > n * DT / 2, jump, 0.0)
+    y = np.stack(
+        [CHAIN.response(x, DT), CHAIN.response(0.5 * x, DT)], axis=1
+    ) + 0.05 * rng.standard_normal((n, 2))
+    y[n // 5, 0] += 3.0
+    return y
+
+
+def test_a_smoothed_trace_with_a_hidden_jump_is_the_same_in_any_unit() -> None:
+    """An event that nobody announced is found, weighed and averaged over: times and odds stay, temperatures scale."""
+    y, size, zero = trace(160)[:, :1], 9.0, 500.0
+    plain = smooth(y, DT, CHAIN, noise_sd=0.05)
+    other = smooth(size * y + zero, DT, CHAIN, noise_sd=size * 0.05)
+    assert len(plain.events_s) >= 1
+    near = {"rel": 1e-4, "abs": 1e-4 * size}  # searches end where the likelihood no longer moves
+    assert np.ravel(other.events_s) == pytest.approx(np.ravel(plain.events_s), abs=1e-4)
+    assert other.temperature == pytest.approx(size * plain.temperature + zero, **near)
+    assert other.sd == pytest.approx(size * plain.sd, **near)
+    assert other.slope == pytest.approx(size * plain.slope, rel=1e-3, abs=1e-3 * size)
+    assert other.intensity == pytest.approx(size**2 * plain.intensity, rel=1e-4)
+    assert np.array_equal(other.flags, plain.flags)
+
+
+def test_a_known_event_deconvolution_and_the_inverse_are_the_same_in_any_unit() -> None:
+    y, lags = trace(200), 4e-4 * np.ones((2, 2))
+    for made in (
+        lambda k: smooth(
+            k * y, DT, CHAIN, events_s=[5.0], event_u_s=0.05, split_u_s=0.03, lag_covariance=lags
+        ),
+        lambda k: deconvolve(k * y, DT, CHAIN, trials=9)[0],
+        lambda k: invert(k * y, DT, CHAIN, 1.0),
+    ):
+        plain, other = made(1.0), made(9.0)
+        assert other.temperature == pytest.approx(9 * plain.temperature, rel=1e-5)
+        assert other.sd == pytest.approx(9 * plain.sd, rel=1e-4)
+        assert other.noise_sd == pytest.approx(9 * plain.noise_sd, rel=1e-4)
+        assert other.lag_sensitivity == pytest.approx(9 * plain.lag_sensitivity, rel=1e-4, abs=1e-3)
+
+
+@pytest.mark.parametrize("behind", [0, 6])
+def test_a_live_smoother_is_the_same_in_any_unit_whatever_happens(behind: int) -> None:
+    """A jump, a spike, a burst of ten samples, a gap."""
+    y = trace(400, seed=1)
+    y[300:310] += 2.0
+    y[120:124, 1] = np.nan
+    answers = []
+    for size in (1.0, 9.0):
+        live = LiveSmoother.of([CHAIN] * 2, DT, 0.05 * size, 0.5 * size**2, behind, 0.02 * size)
+        _, x, sd, flags = live.run(live.start(size * y[0]), size * y)
+        answers.append((x / size, sd / size, flags))
+    (x, sd, flags), (x2, sd2, flags2) = answers
+    assert x2 == pytest.approx(x, rel=1e-6)
+    assert sd2 == pytest.approx(sd, rel=1e-5)
+    assert np.array_equal(flags, flags2)
+
+
+def wander(q: float, n: int, sd: float, seed: int, chain: Chain) -> np.ndarray:
+    """A temperature whose slope wanders with the intensity ``q``, read through ``chain`` with white noise."""
+    rng = np.random.default_rng(seed)
+    slope = np.sqrt(q * DT) * rng.standard_normal(n).cumsum()
+    x = DT * np.r_[0.0, slope[:-1].cumsum()]
+    return chain.response(x, DT) + sd * rng.standard_normal(n)
+
+
+@pytest.mark.parametrize("q", [0.01, 1.0])
+def test_the_level_of_a_wandering_slope_is_recovered_by_spectrum_and_by_likelihood(
+    q: float,
+) -> None:
+    """Some w_c T/pi waves above the noise tell it: of 8192 samples above a hundred, so to a factor 1.5 (four sd)."""
+    chain = Chain((0.4,), conditioning=NO_CONDITIONING)
+    found = [spectral_level(wander(q, 8192, 0.05, s, chain), DT, chain, 0.05**2) for s in range(4)]
+    assert np.exp(np.mean(np.log(found))) == pytest.approx(q, rel=0.35)
+    assert max(found) < 2 * q < 4 * min(found)
+    short = stretch_of(wander(q, 1200, 0.05, 9, chain), DT, chain, noise_sd=0.05)
+    level, var = exact_levels(short, short.noise_sd**2, True)
+    assert 0.4 * q < level[0] < 2.5 * q
+    assert var == pytest.approx(short.noise_sd**2)
+    free, told = exact_levels(short, 4 * short.noise_sd**2, False)  # the noise is found, too
+    assert told[0] == pytest.approx(0.05**2, rel=0.15)  # 1200 samples: 4 % a standard deviation
+    assert free[0] == pytest.approx(level[0], rel=0.5)
+
+
+def test_segments_have_levels_of_their_own_and_a_short_one_the_largest_of_the_others() -> None:
+    chain = Chain((0.4,), conditioning=NO_CONDITIONING)
+    y = np.r_[wander(0.01, 1000, 0.05, 1, chain), np.zeros(1640)]
+    late = wander(3.0, 1600, 0.05, 2, chain)
+    y[1000:1040], y[1040:] = (
+        y[999] + 0.05 * np.random.default_rng(3).standard_normal(40),
+        y[999] + late,
+    )
+    events = (1000 * DT, 1040 * DT)
+    short = stretch_of(y, DT, chain, events, noise_sd=0.05)
+    (found,), _ = levels_of(short, short.noise_sd**2, True)
+    assert found.starts_s == (0.0, *events)
+    quiet, between, wild = found.levels
+    assert 0.3 * 0.01 < quiet < 3.5 * 0.01
+    assert 0.3 * 3.0 < wild < 3.5 * 3.0
+    assert between == max(quiet, wild)
+
+
+def test_a_window_has_a_clock_of_its_own_and_what_an_instant_smears_is_a_lag_and_four_samples() -> (
+    None
+):
+    whole = stretch_of(trace(), DT, CHAIN, (5.0, 12.5), noise_sd=0.05)
+    part = cut_out(whole, 80, 200, whole.events_s)
+    assert part.events_s == pytest.approx((1.0,))
+    assert np.array_equal(part.y, whole.y[80:200])
+    assert smeared_s(whole) == pytest.approx(CHAIN.lag_s + 4 * DT)
+    assert spans(whole, np.array([0.0025, 100.0])) == pytest.approx([np.ptp(whole.y[:, 0]), 100.0])
+
+
+def test_of_a_trade_off_the_least_or_the_level_of_the_noise_is_taken_between_the_trials() -> None:
+    levels = np.geomspace(1e-2, 1e4, 13)
+    logs = np.log(levels)
+    freedom = np.linspace(2, 50, 13)
+    score = 0.01 * (logs - 3.3) ** 2  # cross-validation's, by its logarithm
+    misfit = np.exp(score) * (1 - freedom / 200) ** 2
+    assert _pick("gcv", levels, misfit, misfit, freedom, 200, 1.0) == pytest.approx(
+        np.exp(3.3), rel=1e-9
+    )
+    falls = np.exp(-0.5 * logs)
+    assert _pick("discrepancy", levels, falls, falls, freedom, 200, np.exp(-1.1)) == pytest.approx(
+        np.exp(2.2)
+    )
+    bend = np.where(logs < logs[6], 0.9, 0.1) * (logs[6] - logs)  # misfit falls fast, then slowly
+    rough = np.where(logs < logs[6], 0.1, 0.9) * (logs - logs[6])
+    corner = _pick("l-curve", levels, np.exp(bend), np.exp(rough), freedom, 200, 1.0)
+    assert corner == pytest.approx(levels[6])
+    assert _pick("gcv", levels, np.exp(logs), falls, np.zeros(13), 200, 1.0) == levels[0]
+
+
+def test_an_intensity_moves_with_its_event_and_its_jumps_stand_at_its_start() -> None:
+    q = Intensity((0.0, 7.0), (1.0, 4.0), (Burst(7.0, 8.0, 2.0, level_sd=0.5, slope_sd=3.0),))
+    moved = q.moved(7.0, 8.5, shift_s=2.0)
+    assert moved.starts_s == (-2.0, 6.5)
+    assert moved.bursts[0].start_s == 6.5
+    whole = Intensity((0.0,), (1,), (Burst(0.0, 0.5, 2.0),))  # levels without a decimal point
+    assert whole.at(0.0) == 1.5
+    assert q.jumps(np.array([6.0, 7.0])).tolist() == [[0.0, 0.0], [0.25, 9.0]]
+    t = np.linspace(0, 30, 30_001)
+    quick = Intensity((0.0,), (0.5,), (Burst(3.0, 8.0, 2.0, 4.0), Burst(5.0, 2.0, 0.5)))
+    cells = np.array([0.0, 3.0, 4.5, 20.0])
+    inside = [t[(t >= a) & (t <= b)] for a, b in pairwise(cells)]
+    exact = [trapezoid(quick.at(part), part) for part in inside]
+    assert quick.between(cells) == pytest.approx(
+        exact, abs=6e-3
+    )  # half a step of height 8 at 3 s, of 1 ms
+
+
+def test_what_rests_and_what_is_missing_is_told_with_its_share() -> None:
+    y = trace(400, jump=0.0)
+    y[300:340, 0] = y[300, 0]  # of 400: stands still for two seconds
+    y[100:112, 1] = np.nan
+    told = {f.code: f for f in stretch_of(y, DT, CHAIN, (), 0.05, ["a", "b"]).findings}
+    still, gone = told["trace.stuck"], told["trace.bad"]
+    assert (still.subject, still.numbers["first_sample"]) == ("a", pytest.approx(300, abs=1))
+    assert still.numbers["percent"] == pytest.approx(100 * 40 / 400, abs=0.3)
+    assert (gone.subject, gone.numbers["percent"]) == ("b", pytest.approx(100 * 12 / 400, abs=0.3))

@@ -1,0 +1,141 @@
+"""A followed log whose clock jumps, while there is something to learn from and later; and its last rows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tcdyn.chain import NO_CONDITIONING, Chain
+from tcdyn.core.errors import InputError
+from tcdyn.io.csv_dialect import HEAD_BYTES
+from tcdyn.sensors import stated
+from tcdyn.workflows.follow import FollowRun, follow
+from tcdyn.workflows.live import Settings
+from tests.sensors.sensor_world import Array, logged, write, written
+
+Change = Callable[[Array], Array]
+
+
+def followed(folder: Path, change: Change, behind_s: float = 0.0) -> tuple[FollowRun, Array, Array]:
+    """The run, the times logged and the times written."""
+    t, _, y = logged((0.5,), 0.05, 600, 0.1, 2)
+    times = np.round(change(t), 3)
+    log, out = write(folder / "log.csv", time_s=times, T1_degC=y), folder / "out.csv"
+    settings = Settings(behind_s=behind_s, learn_s=2.0)
+    run = follow(
+        log, [stated("s", ["T1"], [(0.5, 0.02)])], out, settings=settings, idle_s=0.0, poll_s=0.01
+    )
+    done = written(out)
+    assert np.isfinite(done.drop(columns="time_s")).all(axis=None)
+    return run, times, done["time_s"].to_numpy()
+
+
+def at(place: int | slice, time_s: float) -> Change:
+    def change(t: Array) -> Array:
+        t = t.copy()
+        t[place] = time_s
+        return t
+
+    return change
+
+
+@pytest.mark.parametrize("behind_s", [0.0, 0.5])
+@pytest.mark.parametrize("later_s", [0.0, 5.0, 100.0])
+def test_a_gap_is_told_and_the_last_rows_are_written(
+    tmp_path: Path, later_s: float, behind_s: float
+) -> None:
+    run, logged_s, written_s = followed(tmp_path, lambda t: t + later_s * (t > 15), behind_s)
+    assert written_s.tolist() == logged_s.tolist()
+    told = {f.code: f.numbers for f in run.findings if f.code == "follow.gaps"}
+    assert told == (
+        {"follow.gaps": {"count": 1, "longest_s": pytest.approx(later_s + 0.05)}} if later_s else {}
+    )
+
+
+def test_a_clock_that_counts_from_1970_is_followed_as_one_that_begins_at_zero(
+    tmp_path: Path,
+) -> None:
+    """What is learnt first is laid on an even grid from the first row on, not from the clock's zero."""
+    temperatures = []
+    for k, since in enumerate((0.0, 1.7e9)):
+        (tmp_path / str(k)).mkdir()
+        run, logged_s, written_s = followed(tmp_path / str(k), lambda t, since=since: t + since)
+        assert written_s.tolist() == logged_s.tolist()
+        assert not run.findings
+        temperatures.append(
+            written(tmp_path / str(k) / "out.csv").drop(columns="time_s").to_numpy()
+        )
+    assert np.allclose(*temperatures, rtol=0, atol=1e-3)  # the clock's double tells 0.2 us
+
+
+@pytest.mark.parametrize("behind_s", [0.0, 0.5])
+@pytest.mark.parametrize(
+    ("change", "lost"),
+    [
+        (at(300, -1e9), 1),
+        (at(300, np.nan), 1),
+        (lambda t: t - 3.0 * (t > 15), 60),
+        (at(3, -1e9), 1),
+        (lambda t: np.where(t > 15, t - 3600, t), 299),
+    ],
+    ids=["one row long ago", "one row without", "back 3 s", "while learning", "back an hour"],
+)
+def test_a_clock_that_jumps_back_is_told(
+    tmp_path: Path, change: Change, lost: int, behind_s: float
+) -> None:
+    run, logged_s, written_s = followed(tmp_path, change, behind_s)
+    assert [f.numbers["count"] for f in run.findings if f.code == "follow.backward"] == [lost]
+    rising = np.fmax.accumulate(np.concatenate([[-np.inf], logged_s]))
+    assert written_s.tolist() == logged_s[logged_s > rising[:-1]].tolist()
+    assert run.rows_written == len(logged_s) - lost
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.02, 0.05, 0.133])
+def test_a_dead_time_of_part_of_a_sample_is_taken_out(tmp_path: Path, delay_s: float) -> None:
+    dt_s, chain = 0.05, Chain((0.5,), delay_s=delay_s, conditioning=NO_CONDITIONING)
+    t = dt_s * np.arange(1200)
+    true = 50 + 10 * np.sin(2 * np.pi * t / 20)  # 3 K/s: a tenth of a sample is 0.016 K
+    y = np.ravel(chain.response(true, dt_s)) + 0.003 * np.random.default_rng(1).standard_normal(
+        len(t)
+    )
+    log, out = write(tmp_path / "log.csv", time_s=np.round(t, 3), T1_degC=y), tmp_path / "out.csv"
+    sensor = stated("s", ["T1"], [(0.5, 0.001)], delay_s=(delay_s, 0.0))
+    follow(
+        log, [sensor], out, settings=Settings(behind_s=0.5, learn_s=2.0), idle_s=0.0, poll_s=0.01
+    )
+    off = (written(out)["T1_degC"].to_numpy() - true)[t < 55.0][200:]
+    assert np.sqrt(np.mean(off**2)) < 0.016
+
+
+def test_a_head_is_waited_for_while_the_log_is_short_and_refused_when_it_is_long(
+    tmp_path: Path,
+) -> None:
+    t, _, y = logged((0.5,), 0.05, 600, 0.1, 2)
+    whole = write(tmp_path / "whole.csv", time_s=np.round(t, 3), T1_degC=y).read_text(
+        encoding="utf-8"
+    )
+    sensors, log, out = (
+        [stated("s", ["T1"], [(0.5, 0.02)])],
+        tmp_path / "log.csv",
+        tmp_path / "out.csv",
+    )
+    log.write_text(whole[:10], encoding="utf-8")  # "time_s,T1_": the logger has not got further
+
+    def goes_on(_: float) -> None:
+        log.write_text(whole, encoding="utf-8")
+
+    run = follow(
+        log, sensors, out, settings=Settings(learn_s=2.0), idle_s=0.2, poll_s=0.01, sleep=goes_on
+    )
+    assert run.rows_written == 600
+
+    def waits(_: float) -> None:
+        raise AssertionError("waits for a head that is there")
+
+    log.write_text(whole.replace("T1", "X") * 10, encoding="utf-8")
+    assert log.stat().st_size > HEAD_BYTES
+    with pytest.raises(InputError):
+        follow(log, sensors, tmp_path / "other.csv", idle_s=60.0, poll_s=0.01, sleep=waits)

@@ -1,0 +1,90 @@
+"""Events that nobody announced: found, told from none, and inside the band whatever they are."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tcdyn.chain import NO_CONDITIONING, Chain
+from tcdyn.smoothing import Burst, Intensity, smooth
+from tcdyn.smoothing import hidden_events as hidden
+from tests.smoothing.event_study import CHAIN, RATE_HZ, WORLDS, judged, kinks, logged
+
+
+def test_a_jump_of_the_temperature_is_told_from_a_kink_and_its_time_is_found() -> None:
+    t, truth, y, (at,) = logged(WORLDS["jump"], np.random.default_rng(1), seconds=20.0)
+    done = smooth(y, 1 / RATE_HZ, CHAIN)
+    ((found, u),) = done.events_s
+    assert abs(found - at) < max(3 * u, 0.03)
+    assert max(b.level_sd for b in done.intensities[0].bursts) > 0
+    off = done.temperature[:, 0] - truth
+    assert (
+        np.sqrt(np.mean(off[np.abs(t - at) > 2 / RATE_HZ] ** 2)) < 0.1
+    )  # 0.6 K with a kink for it
+    assert np.mean(np.abs(off) < 1.96 * done.sd[:, 0]) > 0.9
+
+
+@pytest.mark.parametrize("world", ["quiet", "wave", "wandering"])
+def test_smooth_motion_has_no_events(world: str) -> None:
+    _, held, _, found, _ = judged(WORLDS[world], 3, seconds=30.0)
+    assert found == 0
+    assert np.mean(held) > 0.85  # one record: its samples move together, some ten of them are free
+
+
+def test_given_a_jump_the_temperature_jumps_between_two_samples() -> None:
+    _, truth, y, (at,) = logged(WORLDS["jump"], np.random.default_rng(2), seconds=20.0)
+    free = Burst(at, 0.0, 1.0, level_sd=10.0, slope_sd=10.0)
+    kink, jump = (
+        smooth(
+            y,
+            1 / RATE_HZ,
+            CHAIN,
+            noise_sd=0.12,
+            intensity=Intensity((0.0,), (1e-6,), bursts),
+            events_s=(at,),
+        )
+        for bursts in ((), (free,))
+    )
+    assert np.abs(jump.temperature[:, 0] - truth).max() < 0.2
+    assert np.abs(kink.temperature[:, 0] - truth).max() > 2.0
+
+
+def test_a_chain_without_lag_and_a_late_spike_do_no_harm() -> None:
+    """No lag: a step is told within the noise. A spike that only the answer shows does not rouse the whole record."""
+    rng = np.random.default_rng(3)
+    y = np.where(np.arange(1500) < 700, 20.0, 30.0) + 0.1 * rng.standard_normal(1500)
+    done = smooth(y, 1 / RATE_HZ, Chain((), conditioning=NO_CONDITIONING))
+    assert np.abs(done.temperature[:, 0] - np.round(y, -1)).max() < 0.5
+    calm = 20 + 0.1 * rng.standard_normal(5000)
+    done = smooth(calm + 20.0 * (np.arange(5000) == 2500), 1 / RATE_HZ, CHAIN)
+    assert np.sqrt(np.mean((done.temperature[:, 0] - 20.0) ** 2)) < 0.02
+
+
+def test_an_event_that_the_others_make_doubtful_is_given_up(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """In the last round the first of two loses its odds: the second is weighed all the same."""
+    weigh, rounds = hidden.weigh, []
+
+    def doubtful(*given: Any) -> hidden.Hidden:
+        found = weigh(*given)
+        rounds.append(found.at_s)
+        return (
+            replace(found, log_odds=-1.0) if given[-1] is not None and found.at_s < 15.0 else found
+        )
+
+    monkeypatch.setattr(hidden, "weigh", doubtful)
+    _, _, y, at = logged(kinks((12.0, -12.0), 0.5), np.random.default_rng(4), seconds=30.0)
+    done = smooth(y, 1 / RATE_HZ, CHAIN)
+    assert [round(t) for t, _ in done.events_s] == [round(at[1])]
+    assert len(rounds) >= 4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("world", list(WORLDS))
+def test_what_nobody_announced_stays_inside_the_band(world: str, draws) -> None:
+    """95 % intervals within 3 s after and 1 s before each event; samples move together, hence the wide limits."""
+    runs = [judged(WORLDS[world], seed) for seed in range(200, 200 + draws(8))]
+    where = [near if near.any() else ~near for _, _, near, _, _ in runs]
+    assert np.mean(np.concatenate([held[near] for (_, held, *_), near in zip(runs, where)])) > 0.9

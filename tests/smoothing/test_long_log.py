@@ -1,0 +1,117 @@
+"""Logs too long for the memory: what surrounds the unloading is kept, all is compensated stretch by stretch."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from tcdyn.campaign import stages
+from tcdyn.core.errors import InputError
+from tcdyn.rig.log import iter_log, read_log, write_log
+from tcdyn.workflows import compensate, compensate_log
+from tcdyn.workflows import segments as stretches
+from tests.cli.test_compensate_command import both, tcdyn, whole
+from tests.conftest import Campaign
+
+__all__ = ["whole"]
+
+
+@pytest.fixture
+def small(monkeypatch: pytest.MonkeyPatch) -> None:
+    """So little memory that the campaign's log of 26,000 rows is long."""
+    for room in (stages, compensate):
+        monkeypatch.setattr(room, "LONG_ROWS", 12_000)
+    monkeypatch.setattr(stretches, "STRETCH_ROWS", 9_000)
+
+
+@pytest.mark.usefixtures("small")
+def test_of_a_long_log_the_rows_about_the_unloading_are_kept_as_they_are(
+    campaign: Campaign,
+) -> None:
+    pieces = iter_log(campaign.files.ehl["B3"], "ehl", campaign.rig)
+    log, count = stages.read_stage(pieces, None)
+    assert count == 1
+    time = log.frame["time_s"]
+    assert [time.iloc[0], time.iloc[-1]] == pytest.approx([330 - stages.LEAST_S[1], 350], abs=0.5)
+    full = read_log(campaign.files.ehl["B3"], "ehl", campaign.rig).frame
+    same = full[full["time_s"] >= time.iloc[0]].reset_index(drop=True)
+    pd.testing.assert_frame_equal(log.frame, same)
+    assert [(f.code, f.numbers["count"]) for f in log.findings if f.code == "log.long"] == [
+        ("log.long", len(full))
+    ]
+    with pytest.raises(InputError, match="no loading number 2"):
+        stages.read_stage(pieces, 2)
+
+
+@pytest.mark.usefixtures("small")
+@pytest.mark.parametrize("ending", [".csv", ".parquet"])
+def test_a_long_log_is_compensated_as_in_one_piece(
+    campaign: Campaign, tmp_path: Path, whole: pd.DataFrame, ending: str
+) -> None:
+    """Noise and intensity of each stretch are its own: the answers part by a small part of their uncertainty."""
+    out = tmp_path / f"out{ending}"
+    assert (
+        tcdyn("compensate", campaign.files.ehl["B3"], *both(campaign), "--out", out, "--quiet") == 0
+    )
+    made = pd.read_csv(out, comment="#") if ending == ".csv" else pd.read_parquet(out)
+    assert list(made) == list(whole)
+    assert len(made) == len(whole)
+    for name in (n for n in whole if n.endswith("_u_K")):
+        of, u = name.replace("_u_K", "_degC"), whole[name].to_numpy()
+        apart = np.abs(made[of] - whole[of]) / u
+        assert np.sqrt(np.mean(apart**2)) < 0.02
+        assert apart.max() < 0.25
+        assert np.abs(made[name] / u - 1).max() < 0.05
+    rest = [n for n in whole if not n.endswith("_u_K") and n.replace("_degC", "_u_K") not in whole]
+    pd.testing.assert_frame_equal(made[rest], whole[rest])
+
+
+@pytest.mark.usefixtures("small")
+def test_a_long_log_without_unloading_and_a_place_that_cannot_be_written(
+    campaign: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frame = pd.read_csv(campaign.files.ehl["B3"], comment="#")
+    loaded = write_log(frame[frame["time_s"].between(100, 200)], tmp_path / "loaded.csv")
+    monkeypatch.setattr(compensate, "LONG_ROWS", 4_000)
+    monkeypatch.setattr(stages, "LONG_ROWS", 4_000)
+    done = compensate_log(loaded, campaign.records, campaign.rig)
+    assert len(done.frame) == 4_000
+    path, noticed = done.write(tmp_path / "out.csv")
+    assert len(pd.read_csv(path, comment="#")) == 100 * 75 + 1
+    assert "compensate.unrefined" in {f.code for f in noticed}
+    with pytest.raises(InputError, match=r"\.tdms"):
+        done.write(tmp_path / "out.tdms")
+    assert not (tmp_path / "out.tdms").exists()
+
+
+def test_of_every_tenth_that_is_written_one_line_is_told_and_a_stretch_that_needs_more_beside_it_comes_again(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    sent: list[int] = []
+
+    def in_four(*_: object) -> Generator[SimpleNamespace, int, None]:
+        for rows in (3, 4, 6, 27):  # of 40: 7, 17, 32 and 100 %
+            beside = 10
+            while wanted := (yield SimpleNamespace(rows=rows, beside=beside)):
+                sent.append(wanted)
+                beside = wanted
+
+    def answered(_: object, part: SimpleNamespace) -> tuple[pd.DataFrame, list[Any], int]:
+        return pd.DataFrame({"time_s": np.zeros(part.rows)}), [], 12 if part.rows == 6 else 10
+
+    monkeypatch.setattr(stretches, "parts", in_four)
+    monkeypatch.setattr(stretches.Stretches, "_answered", answered)
+    log, none = cast(Any, SimpleNamespace(rows=40)), pd.Index(["time_s"])
+    way, rig = stretches.Way(), cast(Any, None)
+    rest = stretches.Stretches(log, rig, {}, way, {}, {}, False, False, none, none, {})
+    told: list[str] = []
+    assert rest.write(tmp_path / "out.csv", told.append) == []
+    assert told == [f"writing, {percent} % of the rows" for percent in (10, 30, 100)]
+    assert sent == [12]
+    assert len(pd.read_csv(tmp_path / "out.csv", comment="#")) == 40
