@@ -10,7 +10,7 @@ import pandas as pd
 from scipy.special import ndtr
 
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, doubts, look, note, once, sentences
+from tcdyn.core.findings import Finding, info, messages, unique, warning, warnings_and_errors
 from tcdyn.core.result import Result, jsonable
 from tcdyn.rig.record import DiskRecord, moment, now_utc
 from tcdyn.rig.rigfile import changed_keys
@@ -39,7 +39,7 @@ class RecordDiff(Result):
     @property
     def notes(self) -> tuple[str, ...]:
         """The findings in words."""
-        return sentences(self.findings)
+        return messages(self.findings)
 
     @property
     def significant(self) -> pd.DataFrame:
@@ -55,7 +55,7 @@ class RecordDiff(Result):
 
     def summary(self) -> str:
         """The verdict and the notes."""
-        return "\n".join([self.sentence(), *(f"note: {note}" for note in self.notes)])
+        return "\n".join([self.sentence(), *(f"info: {info}" for info in self.notes)])
 
     def to_dict(self) -> dict[str, Any]:
         """Sentence, notes and every row of the table."""
@@ -94,7 +94,7 @@ def diff_records(old: DiskRecord, new: DiskRecord) -> RecordDiff:
         low = max(a.range_degC[0], b.range_degC[0])
         high = min(a.range_degC[1], b.range_degC[1])
         if low >= high:
-            found.append(look("record.ranges_apart", subject=c))
+            found.append(warning("record.ranges_apart", subject=c))
             continue
         for t in (low, high):
             logged = (t - a.offset) / a.gain
@@ -116,11 +116,11 @@ def diff_records(old: DiskRecord, new: DiskRecord) -> RecordDiff:
         for r in (old, new)
     ]
     found += [
-        note("record.changed", subject=key, was=was, now=now)
+        info("record.changed", subject=key, was=was, now=now)
         for key, was, now in changed_keys(*made)
     ]
     if gone := sorted(set(old.static) ^ set(new.static)):
-        found.append(look("record.in_one_only", channels=gone))
+        found.append(warning("record.in_one_only", channels=gone))
     return RecordDiff(_holm(rows), tuple(found))
 
 
@@ -144,29 +144,29 @@ def check_record(record: DiskRecord) -> tuple[Finding, ...]:
     What was noticed while it was made is among it; notes, which tell of what was mended in full, are not. A record of
     version 0.1 kept sentences only, so what the tests of its lines say is found anew from their numbers.
     """
-    found = list(doubts(record.findings))
+    found = list(warnings_and_errors(record.findings))
     for c, line in record.static.items():
-        found += doubts(line_doubts(c, line))
+        found += warnings_and_errors(line_doubts(c, line))
     if missing := [c for c in sorted(record.setup.thermocouples) if c not in record.static]:
-        found.append(look("record.missing_channels", channels=missing))
+        found.append(warning("record.missing_channels", channels=missing))
     if moment(record.created) > moment(now_utc()):
-        found.append(look("record.future", created=record.created))
+        found.append(warning("record.future", created=record.created))
     for c, line in record.static.items():
         if abs(line.gain - 1) > 0.05:
-            found.append(look("record.gain", subject=c, gain=line.gain))
+            found.append(warning("record.gain", subject=c, gain=line.gain))
         if outside_range(line, [20.0, 160.0], margin_K=10.0).any():
-            found.append(look("record.range", subject=c, range_degC=line.range_degC))
+            found.append(warning("record.range", subject=c, range_degC=line.range_degC))
         u = float(np.max(static_u(line, np.array(line.range_degC))))
         if u > 0.5:
-            found.append(look("record.line_unsure", subject=c, u_K=u))
+            found.append(warning("record.line_unsure", subject=c, u_K=u))
     if record.chain is None:
-        return once([*found, look("record.no_chain")])
+        return unique([*found, warning("record.no_chain")])
     common = record.chain.common_lag_s
     for c, chain in record.chain.channels.items():
         lag = chain.lag_s
         apart = record.chain.differential_lag_s[c]
         if lag.u > 0.5 * lag.value:
-            found.append(look("record.lag_unsure", subject=c, lag_s=lag.value, u_s=lag.u))
+            found.append(warning("record.lag_unsure", subject=c, lag_s=lag.value, u_s=lag.u))
         if abs(apart.value) > 0.5 * common.value and abs(apart.value) > 2 * apart.u:
-            found.append(look("record.lag_apart", subject=c, apart_s=apart.value, u_s=apart.u))
-    return once(found)
+            found.append(warning("record.lag_apart", subject=c, apart_s=apart.value, u_s=apart.u))
+    return unique(found)

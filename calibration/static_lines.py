@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, look
+from tcdyn.core.findings import Finding, warning
 from tcdyn.core.result import Result
 from tcdyn.estimation.line_fit import (
     LineFit,
@@ -151,7 +151,7 @@ def _line(
         repeat, setpoint = (float(rows[key].iloc[i]) for key in ("repeat", "setpoint_degC"))
         off_K = fit.residuals[i]
         found.append(
-            look(
+            warning(
                 "line.outlying", subject=channel, repeat=repeat, setpoint_degC=setpoint, off_K=off_K
             )
         )

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
-from tcdyn.core.findings import Finding, graded, look, sentences
+from tcdyn.core.findings import Finding, labelled_messages, messages, warning
 from tcdyn.core.result import Result
 from tcdyn.estimation.line_fit import LineFit, fit_line
 
@@ -61,7 +61,7 @@ class TransducerLine(Result):
                 f"the zeros lie up to {self.shift_N.text('N')} apart: take the zero anew before each test"
             )
         lines.append(f"scatter {self.residual_sd_V:.2g} V, r squared {self.r_squared:.6f}")
-        return "\n".join([*lines, *graded(self.findings)])
+        return "\n".join([*lines, *labelled_messages(self.findings)])
 
     def card(self) -> pd.DataFrame:
         """The zero of each session."""
@@ -74,7 +74,7 @@ class TransducerLine(Result):
 
     def to_dict(self) -> dict[str, Any]:
         """Every estimate, the tests and the warnings."""
-        return {**super().to_dict(), "warnings": list(sentences(self.findings))}
+        return {**super().to_dict(), "warnings": list(messages(self.findings))}
 
 
 def _interval(e: Estimate) -> str:
@@ -135,7 +135,7 @@ def fit_transducer(volts: ArrayLike, force_N: ArrayLike, session: ArrayLike) -> 
         p,
         shift,
         (float(f.min()), float(f.max())),
-        (look("transducer.slopes_differ", p=p),) if p is not None and p < 0.01 else (),
+        (warning("transducer.slopes_differ", p=p),) if p is not None and p < 0.01 else (),
     )
 
 

@@ -15,7 +15,7 @@ from immersion.plunge_posterior import LagScan, PlungeOptimum, settled_scan
 from tcdyn.chain import STRUCTURES, Structure
 from tcdyn.core import Array
 from tcdyn.core.estimate import Estimate, with_u
-from tcdyn.core.findings import Finding, look, note
+from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.messages.plunge import percent
 from tcdyn.core.result import jsonable
 
@@ -110,8 +110,8 @@ class StructureComparison:
             "u_after_s": self.u_after_s,
         }
         if self.contradicted or self.u_structure_s > self.u_before_s:
-            return look("plunge.structure", **numbers)
-        return note("plunge.structure", **numbers)
+            return warning("plunge.structure", **numbers)
+        return info("plunge.structure", **numbers)
 
     @property
     def sentence(self) -> str:
@@ -122,7 +122,7 @@ class StructureComparison:
     def findings(self) -> tuple[Finding, ...]:
         """The verdict, when the structure is contradicted, or adds more to the lag's u than all else together."""
         verdict = self.verdict
-        return (verdict,) if verdict.grade == "look" else ()
+        return (verdict,) if verdict.severity == "warning" else ()
 
     def table(self) -> pd.DataFrame:
         """One row a structure, for people."""

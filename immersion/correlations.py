@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from immersion.fluids import Curve, Fluid, FluidProperties
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, look
+from tcdyn.core.findings import Finding, warning
 
 GRAVITY_M_S2 = 9.80665
 
@@ -205,7 +205,7 @@ def check_validity(
     high = float(np.max(gr * p.prandtl))
     if low < c.ra_range[0] or high > c.ra_range[1]:
         found.append(
-            look(
+            warning(
                 "correlation.range",
                 subject=c.name,
                 title=c.title,
@@ -218,7 +218,7 @@ def check_validity(
     ratio = bath.diameter_m / bath.width_m
     least = float(35 / np.min(gr) ** 0.25)
     if c.length == "width" and ratio < least:
-        found.append(look("correlation.no_plate", subject=c.name, ratio=ratio, least=least))
+        found.append(warning("correlation.no_plate", subject=c.name, ratio=ratio, least=least))
     return tuple(found)
 
 

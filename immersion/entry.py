@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from scipy.ndimage import median_filter, uniform_filter1d
 
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, look, note
+from tcdyn.core.findings import Finding, info, warning
 
 SWITCH_U_S = 0.10  # a person pressing a switch as the disk goes in
 APART = 4.0  # standard uncertainties
@@ -146,7 +146,7 @@ def reconcile_entry(
     """
     su = float(np.hypot(switch_u_s, sample_s / np.sqrt(12)))
     pu = float(np.hypot(probe_u_s, sample_s / np.sqrt(12)))
-    found = [note("entry.bounced", subject="switch")] if bounced else []
+    found = [info("entry.bounced", subject="switch")] if bounced else []
     if switch_s is None and probe_s is None:
         raise InputError(
             "no entry found: the switch never closes and the probe never jumps",
@@ -156,10 +156,10 @@ def reconcile_entry(
         )
     if switch_s is None:
         assert probe_s is not None
-        found.append(look("entry.no_switch", subject="switch"))
+        found.append(warning("entry.no_switch", subject="switch"))
         return EntryEvent(probe_s, 2 * pu, None, probe_s, "probe", tuple(found))
     if probe_s is None:
-        found.append(look("entry.no_probe", subject="probe_degC"))
+        found.append(warning("entry.no_probe", subject="probe_degC"))
         return EntryEvent(switch_s, 1.5 * su, switch_s, None, "switch", tuple(found))
     difference = abs(switch_s - probe_s)
     u_difference = float(np.hypot(su, pu))
@@ -176,7 +176,9 @@ def reconcile_entry(
         u *= difference / (2 * u_difference)
         far = difference > APART * u_difference
         found.append(
-            (look if far else note)("entry.apart", subject="switch", difference_s=difference, u_s=u)
+            (warning if far else info)(
+                "entry.apart", subject="switch", difference_s=difference, u_s=u
+            )
         )
     time = weight * switch_s + (1 - weight) * probe_s
     return EntryEvent(float(time), float(u), switch_s, probe_s, "switch and probe", tuple(found))
@@ -199,7 +201,7 @@ def find_entry(
     if moved is None and jumped is None and readings_degC is not None and fluid_degC is not None:
         begun = rise_time(t, readings_degC, fluid_degC)
         if begun is not None:
-            said = look("entry.by_junctions", subject="switch", u_s=LATE_U_S)
+            said = warning("entry.by_junctions", subject="switch", u_s=LATE_U_S)
             return EntryEvent(begun - LATE_S, LATE_U_S, None, None, "junctions", (said,))
     return reconcile_entry(
         moved, probe_s, bounced=bounced, probe_u_s=probe_u_s, sample_s=sample_s, where=where

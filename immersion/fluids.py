@@ -18,7 +18,7 @@ from scipy.interpolate import CubicSpline
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, look
+from tcdyn.core.findings import Finding, warning
 
 Curve = Callable[[Array], Array]
 ZERO_C = 273.15
@@ -89,7 +89,7 @@ class Fluid:
             return ()
         used = (low_degC, high_degC)
         known = self.range_degC
-        return (look("fluid.extrapolated", subject=self.name, used_degC=used, known_degC=known),)
+        return (warning("fluid.extrapolated", subject=self.name, used_degC=used, known_degC=known),)
 
 
 _WATER_C = np.array(

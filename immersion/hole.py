@@ -17,7 +17,7 @@ from immersion.radial import Reading, plunge_grid
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
-from tcdyn.core.findings import Finding, look, note, sentences
+from tcdyn.core.findings import Finding, info, messages, warning
 from tcdyn.core.result import Result, jsonable
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.estimation import Problem, minimise
@@ -56,7 +56,7 @@ class HoleComparison(Result):
     @property
     def warnings(self) -> tuple[str, ...]:
         """The findings in words."""
-        return sentences(self.findings)
+        return messages(self.findings)
 
     def table(self) -> pd.DataFrame:
         """One row a hole."""
@@ -155,7 +155,7 @@ def compare_holes(
     )
     findings = [*entry.findings]
     if spikes:
-        findings.append(note("plunge.spikes", count=spikes))
+        findings.append(info("plunge.spikes", count=spikes))
     alpha = (
         load_rig().disk_setup("").diffusivity_m2_s if diffusivity_m2_s is None else diffusivity_m2_s
     )
@@ -172,7 +172,7 @@ def compare_holes(
         spread = Estimate.normal(float(extra[0] - extra[1]), float(u))
         allowed = 2 * float(np.hypot(spread.u, np.sqrt(2) * shift))
         if abs(spread.value) > allowed:
-            findings.append(look("hole.ideal", apart_s=abs(spread.value)))
+            findings.append(warning("hole.ideal", apart_s=abs(spread.value)))
     return HoleComparison(
         holes, spread, limit_s, u_depth, entry, tuple(order), time, mean, fitted, tuple(findings)
     )

@@ -29,7 +29,7 @@ from tcdyn.chain.bursts import noise_and_white
 from tcdyn.chain.logger_noise import TYPICAL_LAG_S, LoggerNoise
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, look
+from tcdyn.core.findings import Finding, warning
 from tcdyn.estimation import held
 from tcdyn.estimation.trace_noise import SPIKES, white_noise_sd
 from tcdyn.rig.disk import Conditioning, DiskSetup
@@ -213,7 +213,7 @@ def _best_of_two(
         return best, ()
     if gap < -6.0 or abs(long - short) < 0.3:
         return other, ()
-    return other, (look("plunge.rival", lag_s=long + own_lag_s, chi_square=abs(gap)),)
+    return other, (warning("plunge.rival", lag_s=long + own_lag_s, chi_square=abs(gap)),)
 
 
 def fit_map(

@@ -27,7 +27,7 @@ from tcdyn.chain import Chain
 from tcdyn.chain.logger_noise import LoggerNoise
 from tcdyn.core import Array, Flags
 from tcdyn.core.estimate import Estimate, rounded, with_u
-from tcdyn.core.findings import Finding, graded, look, note, once, sentences
+from tcdyn.core.findings import Finding, info, labelled_messages, messages, unique, warning
 from tcdyn.estimation import inverse
 from tcdyn.rig.disk import DiskSetup
 
@@ -219,7 +219,7 @@ class PlungeFit:
         common = self.common_lag_s
         within = self._common(self.model_form.covariance).u
         known = lag_u_s(self._knowing(*BURST_KINDS, "entry"))[0]
-        return note(
+        return info(
             "plunge.lag",
             plunges=len(self.runs),
             common_lag_s=common.value,
@@ -242,18 +242,18 @@ class PlungeFit:
         out = [*(self.structures.findings if self.structures is not None else ()), *self.rival]
         out += self.noise.findings(self.disk)
         if not self.converged:
-            out.append(look("plunge.unconverged"))
+            out.append(warning("plunge.unconverged"))
         pulls = np.where(np.isfinite(problem.sd), (theta - problem.mean) / problem.sd, 0.0)
         for (kind, subject), pull, value in zip(self.layout.table(), np.abs(pulls), theta):
             where = names[int(subject) - 1] if kind in RUN_KINDS else ""
             if kind == "ln_h" and pull > DOUBTED:
                 fluid = self.runs[int(subject) - 1].fluid.name
                 out.append(
-                    look("plunge.fluid", where=where, fluid=fluid, ratio=np.exp(value), sds=pull)
+                    warning("plunge.fluid", where=where, fluid=fluid, ratio=np.exp(value), sds=pull)
                 )
             elif pull > (UNUSUAL if kind in ("bath", "h_exponent", "h_viscosity") else DOUBTED):
                 where, subject = (where, "") if where else ("", subject)
-                said = (look if pull > DOUBTED else note)(
+                said = (warning if pull > DOUBTED else info)(
                     "plunge.pull", where=where, subject=subject, kind=kind, sds=pull
                 )
                 out.append(said)
@@ -263,10 +263,10 @@ class PlungeFit:
             beyond = check_validity(model.bath, surface.temperature_degC, model.bath_degC)
             out += [f.at(run.name) for f in (*run.entry.findings, *beyond)]
             if model.blocks.spikes:
-                out.append(note("plunge.spikes", where=run.name, count=model.blocks.spikes))
+                out.append(info("plunge.spikes", where=run.name, count=model.blocks.spikes))
             if max(factor.common, factor.differential) > COLOURED:
                 out.append(
-                    look(
+                    warning(
                         "plunge.coloured",
                         where=run.name,
                         common=factor.common,
@@ -275,16 +275,16 @@ class PlungeFit:
                     )
                 )
         out += [
-            look("plunge.no_lag", subject=c)
+            warning("plunge.no_lag", subject=c)
             for c, lag in zip(self.channels, self.optimum.lag_s)
             if lag < 0.01
         ]
-        return once(out)
+        return unique(out)
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """The findings in words."""
-        return sentences(self.findings)
+        return messages(self.findings)
 
     def junction_degC(self, run: int) -> pd.DataFrame:
         """What the junctions of a plunge really saw, without the chain: [degC] by time after entry [s] and channel."""
@@ -292,7 +292,9 @@ class PlungeFit:
 
     def summary(self) -> str:
         """The lags, the structures and what limits them, in a few lines; warnings last."""
-        return "\n".join([*self.lines(), *(f"  {line}" for line in graded(self.findings))])
+        return "\n".join(
+            [*self.lines(), *(f"  {line}" for line in labelled_messages(self.findings))]
+        )
 
     def lines(self) -> list[str]:
         """The summary's lines without the warnings."""

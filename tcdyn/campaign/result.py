@@ -15,7 +15,7 @@ from tcdyn.campaign.sufficient_statistics import AGAIN, KeptTest
 from tcdyn.campaign.trends import BetaTrend, Curve, CurveTest, curve_test, trends
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
-from tcdyn.core.findings import Finding, look, note
+from tcdyn.core.findings import GRADES_OF_0_2, Finding, info, warning
 from tcdyn.core.result import jsonable
 from tcdyn.partition.steady import speed_law_beta, speed_ratio_power
 from tcdyn.rig.disk import DISKS
@@ -60,7 +60,7 @@ class JoinedCampaign:
     def findings(self) -> tuple[Finding, ...]:
         """What the campaign shows that no test alone does."""
         found = [
-            look(
+            warning(
                 "campaign.stranger",
                 subject=s.name,
                 cause=s.cause,
@@ -78,7 +78,7 @@ class JoinedCampaign:
         assumed = self.posterior.tests[0].conditions["speed_exponent"]
         tests = len(self.posterior.tests)
         if tests > 1 and abs(n.value - assumed) > FAR_Z * n.u:
-            found.append(note("campaign.exponent", n=n.value, u=n.u, assumed=assumed, tests=tests))
+            found.append(info("campaign.exponent", n=n.value, u=n.u, assumed=assumed, tests=tests))
         if (
             self.law.by_speed is not None
             and self.law.p_value is not None
@@ -86,14 +86,14 @@ class JoinedCampaign:
         ):
             by = self.law.by_speed
             found.append(
-                look("campaign.power_law", per_doubled=by.value, u=by.u, p=self.law.p_value)
+                warning("campaign.power_law", per_doubled=by.value, u=by.u, p=self.law.p_value)
             )
         for d, pulls in self.pulls.items():
             for c, z in pulls.items():
                 if abs(z) > MOVED_Z:
                     e = self.deeper_mm[d][c]
                     found.append(
-                        look(
+                        warning(
                             "campaign.junction",
                             subject=f"{d}_{c}",
                             deeper_mm=e.value,
@@ -103,7 +103,7 @@ class JoinedCampaign:
                     )
         for test in self.curves:
             if test.shape_rejected:
-                shape = look(
+                shape = warning(
                     "campaign.curve_shape",
                     subject=test.curve.file,
                     chi2=test.shape_chi2,
@@ -114,7 +114,7 @@ class JoinedCampaign:
                     u=test.offset.u,
                 )
                 found.append(shape)
-        found += [note("campaign.apart", subject=name, why=why) for name, why in self.apart.items()]
+        found += [info("campaign.apart", subject=name, why=why) for name, why in self.apart.items()]
         return tuple(found)
 
     def to_dict(self) -> dict[str, Any]:
@@ -198,7 +198,9 @@ def joined(
         pulls=pulls,
         single={name: Estimate(**data["joint"]["both"]["beta"]) for name, data in used.items()},
         by_law={t.name: _by_law(used[t.name], t, law.exponent.value) for t in posterior.tests},
-        status={name: str(data["status"]) for name, data in used.items()},
+        status={
+            name: GRADES_OF_0_2.get(data["status"], data["status"]) for name, data in used.items()
+        },
         delta_T_us={name: Estimate(**data["surface"]["delta_T_us"]) for name, data in used.items()},
         apart=apart,
     )

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import note
+from tcdyn.core.findings import info
 from tcdyn.partition.events import find_events
 from tcdyn.rig.contact import Events
 from tcdyn.rig.log import Log, LogPieces
@@ -110,7 +110,7 @@ def read_stage(log: LogPieces, number: int | None) -> tuple[Log, int]:
     end = min(end, off + after)
     first, last = _rows(log, [begin, end])
     kept = log.whole(np.arange(first, log.rows if last + every >= log.rows else last + 1))
-    told = note("log.long", count=log.rows, begin_s=begin, end_s=end)
+    told = info("log.long", count=log.rows, begin_s=begin, end_s=end)
     return replace(kept, path=course.path, findings=(*kept.findings, told)), count
 
 

@@ -21,7 +21,7 @@ from scipy.optimize import nnls
 from tcdyn.chain.chain import NO_CONDITIONING, Chain
 from tcdyn.chain.rational import Factor, Rational, product, simulate, spectral_factor
 from tcdyn.core import Array, Flags
-from tcdyn.core.findings import Finding, look, note
+from tcdyn.core.findings import Finding, info, warning
 from tcdyn.estimation.trace_noise import bridged, middle
 from tcdyn.rig.disk import Conditioning
 
@@ -119,16 +119,16 @@ class LoggerNoise:
         if self.coloured:
             lag_s = self.shaping.lag_s if self.shaping.poles == 1 else 0.0
             out.append(
-                note("noise.coloured", subject=subject, before_K=before, after_K=after, lag_s=lag_s)
+                info("noise.coloured", subject=subject, before_K=before, after_K=after, lag_s=lag_s)
             )
         for f, amplitude in self.lines:
             out.append(
-                note("noise.hum", subject=subject, f_Hz=f, amplitude_K=float(np.max(amplitude)))
+                info("noise.hum", subject=subject, f_Hz=f, amplitude_K=float(np.max(amplitude)))
             )
         if (folded := float(np.max(self.folded_u_K))) > 0:
-            out.append(look("noise.folded", subject=subject, folded_K=folded))
+            out.append(warning("noise.folded", subject=subject, folded_K=folded))
         if self.unexplained > UNEXPLAINED:
-            out.append(look("noise.unexplained", subject=subject, ratio=self.unexplained))
+            out.append(warning("noise.unexplained", subject=subject, ratio=self.unexplained))
         return out
 
     @property

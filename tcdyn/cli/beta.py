@@ -191,7 +191,7 @@ def campaign(
 
     Example: tcdyn campaign EHL_*.csv --rig rig.toml --record fast.disk.json --record slow.disk.json --out results
     """
-    from tcdyn.core.findings import doubts
+    from tcdyn.core.findings import warnings_and_errors
     from tcdyn.rig.disk import left_out_of
     from tcdyn.rig.opened_log import records_by_disk, rig_of
     from tcdyn.rig.rigfile import load_rig
@@ -234,5 +234,5 @@ def campaign(
     tell.say(run.summary())
     tell.files(**files)
     in_one_line("campaign", run.findings)
-    if run.failed or doubts(run.findings):
+    if run.failed or warnings_and_errors(run.findings):
         raise typer.Exit(2 if nothing else 1)

@@ -139,7 +139,7 @@ def hole(
     """
     from immersion.hole import compare_holes
     from immersion.plunge_data import bath_filled
-    from tcdyn.core.findings import once, sentences
+    from tcdyn.core.findings import messages, unique
     from tcdyn.io.write import write_text
     from tcdyn.rig.log import read_log
     from tcdyn.rig.rigfile import load_rig
@@ -157,8 +157,8 @@ def hole(
         diffusivity_m2_s=setup.disk_setup("").diffusivity_m2_s,
         where=log.name,
     )
-    noticed = once((*untold(table, found.entry), *found.findings))
-    content = {**found.to_dict(), "warnings": list(sentences(noticed))}
+    noticed = unique((*untold(table, found.entry), *found.findings))
+    content = {**found.to_dict(), "warnings": list(messages(noticed))}
     if out is not None:
         write_text(out, dump(content))
     if report is not None:

@@ -111,11 +111,11 @@ class Told:
             print(dump(data()), end="")
 
     def warn(self, findings: Iterable[Finding]) -> None:
-        """Print each finding on standard error, its grade in front: note, look or refuse."""
-        from tcdyn.core.findings import once
+        """Print each finding on standard error, its severity in front: info, warning or error."""
+        from tcdyn.core.findings import unique
 
-        for found in () if self.silent else once(findings):
-            print(f"{found.grade.value}: {printable(found.message(as_option))}", file=sys.stderr)
+        for found in () if self.silent else unique(findings):
+            print(f"{found.severity.value}: {printable(found.message(as_option))}", file=sys.stderr)
 
     def files(self, **written: Path | None) -> None:
         """Name the files that were written, by what they hold."""
@@ -248,13 +248,14 @@ def spare_inputs(inputs: Iterable[Path | str | None], **outputs: Path | None) ->
 
 def in_one_line(what: str, findings: Iterable[Finding]) -> bool:
     """Whether a finding is above a note; one line on standard error tells the first, also under --quiet and --json."""
-    from tcdyn.core.findings import doubts, once
+    from tcdyn.core.findings import unique, warnings_and_errors
 
-    asking = doubts(once(findings))
+    asking = warnings_and_errors(unique(findings))
     if asking:
         more = f" (and {len(asking) - 1} more)" if len(asking) > 1 else ""
         print(
-            f"tcdyn: {what}: look: {printable(asking[0].message(as_option))}{more}", file=sys.stderr
+            f"tcdyn: {what}: warning: {printable(asking[0].message(as_option))}{more}",
+            file=sys.stderr,
         )
     return bool(asking)
 

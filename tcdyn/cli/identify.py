@@ -296,7 +296,7 @@ def response(
     """
     import pandas as pd
 
-    from tcdyn.core.findings import doubts
+    from tcdyn.core.findings import warnings_and_errors
     from tcdyn.identify import CANDIDATES, Response, fit_response, read_identified
     from tcdyn.io.write import write_text
 
@@ -314,7 +314,7 @@ def response(
         (fit_response(measured, name) for name in names),
         key=lambda f: round(f.statistics["bic"], 6),
     )  # of equals the first named
-    best = next((f for f in fits if not doubts(f.findings)), fits[0])
+    best = next((f for f in fits if not warnings_and_errors(f.findings)), fits[0])
     best = replace(best, input_name=frequency, output_name=" and ".join(both))
     least = fits[0].statistics["bic"]
     rows = [

@@ -57,7 +57,7 @@ def show(record: RecordPath, json_: Json = False) -> None:
 
 def _show(found: DiskRecord) -> None:
     """The record in words."""
-    from tcdyn.core.findings import once
+    from tcdyn.core.findings import unique
     from tcdyn.rig.static_line import lines_table
 
     console = Console()
@@ -72,8 +72,10 @@ def _show(found: DiskRecord) -> None:
         console.print(
             f"from {item.file}  sha256 {item.sha256[:16]}...", markup=False, highlight=False
         )
-    for noticed in once(found.findings):
-        console.print(f"{noticed.grade.value}: {noticed.sentence}", markup=False, highlight=False)
+    for noticed in unique(found.findings):
+        console.print(
+            f"{noticed.severity.value}: {noticed.sentence}", markup=False, highlight=False
+        )
 
 
 @app.command()
@@ -100,7 +102,7 @@ def diff(
         console.print(rich_table(diff_rows(found, every)))
     console.print(found.sentence())
     for note in found.notes:
-        console.print(f"note: {note}", markup=False, highlight=False)
+        console.print(f"info: {note}", markup=False, highlight=False)
 
 
 @app.command()
@@ -111,10 +113,10 @@ def check(record: RecordPath, *, tell: Told) -> None:
     Example: tcdyn record check fast.disk.json
     """
     from calibration.compare import check_record
-    from tcdyn.core.findings import sentences
+    from tcdyn.core.findings import messages
     from tcdyn.rig.record import read_record
 
-    doubts = sentences(check_record(read_record(record)))
+    doubts = messages(check_record(read_record(record)))
     tell.json(lambda: {"sound": not doubts, "doubts": doubts})
     verdict = (
         f"The record is readable; {len(doubts)} point(s) to look at."

@@ -52,7 +52,7 @@ class Made:
         write_sensor(sensor, self.out)
         read_sensor(self.out)
         tell.json(sensor.to_dict)
-        tell.say(sensor.summary().split("\nlook:")[0].split("\nnote:")[0])
+        tell.say(sensor.summary().split("\nwarning:")[0].split("\ninfo:")[0])
         tell.warn(sensor.findings)
         tell.say(f"wrote {self.out}")
         end(str(self.out), sensor.findings)
@@ -346,13 +346,13 @@ def source(log: Path) -> InputFile:
 def with_findings(sensor: SensorFile, found: list[Finding], duration_s: float) -> SensorFile:
     """The sensor with the findings of the reader before those of the fit, and a warning for each lag whose standard
     uncertainty exceeds ``duration_s`` of the record [s]."""
-    from tcdyn.core.findings import look
+    from tcdyn.core.findings import warning
     from tcdyn.sensors.table import once_each
 
     for column, channel in sensor.chain.channels.items():
         if channel.lag_s.u > duration_s:
             found.append(
-                look(
+                warning(
                     "sensor.undetermined",
                     subject=column,
                     u_s=channel.lag_s.u,

@@ -131,7 +131,7 @@ SHOWN = (
 
 
 def _report(rows: Sequence[VerifyRow], path: Path) -> None:
-    from tcdyn.core.findings import look
+    from tcdyn.core.findings import warning
     from tcdyn.plots.conduction import verify_figures
     from tcdyn.report.page import Section, write_page
 
@@ -145,7 +145,7 @@ def _report(rows: Sequence[VerifyRow], path: Path) -> None:
         for caption, f in verify_figures().items()
     ]
     differing = [
-        look(
+        warning(
             "verify.differs",
             subject=row.quantity,
             source=row.source,

@@ -1,4 +1,4 @@
-"""What was noticed, as a value: code branches on its code, subject and numbers; `tcdyn/core/messages` says it."""
+"""Findings: what was noticed about data or a fit, as values. Their messages are in ``tcdyn/core/messages``."""
 
 from __future__ import annotations
 
@@ -13,68 +13,88 @@ from pydantic import GetCoreSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
 from tcdyn.core import Array
-from tcdyn.core.messages import WORDS, told
+from tcdyn.core.messages import MESSAGES, message_text
 from tcdyn.core.spelling import Spelling, as_argument
 
 CHANNEL_NAME = re.compile("[A-Za-z]|[A-Za-z]+[0-9]+")  # of a thermocouple of a disk
 
 
-class Grade(StrEnum):
-    """What a finding asks of its reader."""
+# values of the key "grade" in files of version 0.2
+GRADES_OF_0_2 = {"note": "info", "look": "warning", "refuse": "error"}
 
-    NOTE = "note"  # mended in full on the way: nobody needs to act
-    LOOK = "look"  # asks for a decision
-    REFUSE = "refuse"  # what it speaks of is not to be used
+
+class Severity(StrEnum):
+    """How serious a finding is."""
+
+    INFO = "info"  # corrected without loss: no action is needed
+    WARNING = "warning"  # the user has to decide
+    ERROR = "error"  # the result or the data must not be used
 
 
 @dataclass(frozen=True)
 class Finding:
     """Something noticed about data or a fit.
 
-    ``code``: what, from `tcdyn/core/messages`; ``grade``; ``where``: the file or stage; ``subject``: the channel,
-    column, disk or parameter that it is about; ``numbers``: numbers, texts and lists of them, by name with unit.
-    ``text`` is the sentence of a finding that was read from a file, as it stood there.
+    Parameters
+    ----------
+    code
+        What was noticed: a key of ``tcdyn.core.messages.MESSAGES``.
+    severity
+        Info, warning or error; the names of version 0.2 (note, look, refuse) are accepted.
+    where
+        File or stage.
+    subject
+        The channel, column, disk or parameter concerned; several channels are separated by ", ".
+    numbers
+        Numbers, texts and lists of them for the message, by name with unit.
+    text
+        The message of a finding that was read from a file, as written there.
 
-    >>> found = note("said", text="the clock stood still")
-    >>> found.sentence, found.grade.value
-    ('the clock stood still', 'note')
-    >>> Finding.from_dict(found.to_dict()) == found
+    Examples
+    --------
+    >>> finding = info("said", text="the clock stood still")
+    >>> finding.sentence, finding.severity.value
+    ('the clock stood still', 'info')
+    >>> Finding.from_dict(finding.to_dict()) == finding
     True
     """
 
     code: str
-    grade: Grade
+    severity: Severity
     where: str = ""
     subject: str = ""
     numbers: Mapping[str, Any] = field(default_factory=dict)
     text: str = field(default="", compare=False, repr=False)
 
     def __post_init__(self) -> None:
-        if self.code not in WORDS and not self.text:
-            raise ValueError(f"finding {self.code!r} has no words in tcdyn/core/messages")
-        object.__setattr__(self, "grade", Grade(self.grade))
+        if self.code not in MESSAGES and not self.text:
+            raise ValueError(f"finding {self.code!r} has no message in tcdyn/core/messages")
+        severity = GRADES_OF_0_2.get(self.severity, self.severity)
+        object.__setattr__(self, "severity", Severity(severity))
         object.__setattr__(self, "numbers", {k: _plain(v) for k, v in self.numbers.items()})
 
     def __hash__(self) -> int:
-        return hash((self.code, self.grade, self.where, self.subject, tuple(self.numbers)))
+        return hash((self.code, self.severity, self.where, self.subject, tuple(self.numbers)))
 
     def __str__(self) -> str:
         return self.sentence
 
     @property
     def sentence(self) -> str:
-        """The finding in words, parameters as a caller in Python writes them."""
+        """The message, with parameters as a caller in Python writes them."""
         return self.message()
 
     def message(self, spelling: Spelling = as_argument) -> str:
-        """The finding in words, its parameters in the given spelling; the text of one from a file stays as it is."""
-        return self.text or told(self.code, self.where, self.subject, dict(self.numbers), spelling)
+        """The message, with parameters in the given spelling. The text of a finding from a file is not changed."""
+        return self.text or message_text(
+            self.code, self.where, self.subject, dict(self.numbers), spelling
+        )
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """The channels that it is about: in its subject (several stand with commas), its ``other``, its ``channels``.
+        """The channels concerned: those in the subject and in the numbers ``other`` and ``channels``.
 
-        >>> look("said", subject="fast_e_degC", text="").channels, look("said", subject="a, b", text="").channels
+        >>> warning("said", subject="fast_e_degC", text="").channels, warning("said", subject="a, b", text="").channels
         (('e',), ('a', 'b'))
         """
         names = (
@@ -85,15 +105,15 @@ class Finding:
         return tuple(dict.fromkeys(c for c in (channel_of(str(n)) for n in names) if c))
 
     def at(self, where: str) -> Finding:
-        """The same, with ``where`` in front of where it was."""
+        """The same finding with ``where`` put in front of its location."""
         text = f"{where}: {self.text}" if self.text else ""
         return replace(self, where=f"{where}: {self.where}" if self.where else where, text=text)
 
     def to_dict(self) -> dict[str, Any]:
-        """As files keep it; ``sentence`` is there to be read by people."""
+        """The finding as files store it; ``sentence`` is the message for readers."""
         return {
             "code": self.code,
-            "grade": self.grade.value,
+            "grade": self.severity.value,
             "where": self.where,
             "subject": self.subject,
             "numbers": {k: list(v) if isinstance(v, tuple) else v for k, v in self.numbers.items()},
@@ -101,21 +121,21 @@ class Finding:
         }
 
     @classmethod
-    def from_dict(cls, kept: Mapping[str, Any] | Finding) -> Finding:
-        """Back from a file; its sentence stays as it was written. Raises ValueError for anything else."""
-        if isinstance(kept, Finding):
-            return kept
+    def from_dict(cls, stored: Mapping[str, Any] | Finding) -> Finding:
+        """The finding stored in a file; its message stays as written. Raises ValueError for other content."""
+        if isinstance(stored, Finding):
+            return stored
         try:
             return cls(
-                str(kept["code"]),
-                kept["grade"],
-                str(kept.get("where", "")),
-                str(kept.get("subject", "")),
-                dict(kept.get("numbers", {})),
-                str(kept["sentence"]),
+                str(stored["code"]),
+                stored["grade"],
+                str(stored.get("where", "")),
+                str(stored.get("subject", "")),
+                dict(stored.get("numbers", {})),
+                str(stored["sentence"]),
             )
         except (KeyError, TypeError, AttributeError) as problem:
-            raise ValueError(f"is no finding: {problem!r}") from None
+            raise ValueError(f"not a finding: {problem!r}") from None
 
     @classmethod
     def __get_pydantic_core_schema__(
@@ -128,10 +148,21 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Place:
-    """Where samples stand: file, rows, and their times (``time_s`` (N,), ``dt_s``; None where there is no even time).
+class SampleLocation:
+    """Location of samples in a file.
 
-    ``first`` is the line of the first sample, ``blank`` are the lines below it that hold nothing.
+    Parameters
+    ----------
+    where
+        Name of the file.
+    first
+        Line of the first sample.
+    blank
+        Lines below it without a sample.
+    time_s
+        Time (N,) of the samples [s]; None without a time column.
+    dt_s
+        Sampling interval [s]; None without even sampling.
     """
 
     where: str
@@ -141,79 +172,84 @@ class Place:
     dt_s: float | None = None
 
     def row(self, index: int) -> int:
-        """The line of a sample, as an editor numbers it."""
+        """Line of a sample, counted from 1."""
         line = self.first + int(index)
         for gap in self.blank:
             line += gap <= line
         return line
 
     def of(self, index: int) -> dict[str, Any]:
-        """Row and, in a trace, time of a sample, as findings carry them."""
+        """Row and, where known, time of a sample, for the numbers of a finding."""
         time = {} if self.time_s is None else {"time_s": float(self.time_s[index])}
         return {"row": self.row(index), **time}
 
     def at(self, column: str, index: int) -> str:
-        """Column, row and time of a sample in words, as errors name them."""
+        """Column, row and time of a sample as text for an error message."""
         time = "" if self.time_s is None else f" ({self.time_s[index]:.6g} s)"
         return f"column {column}, row {self.row(index)}{time}"
 
 
-def note(code: str, /, *, where: str = "", subject: str = "", **numbers: Any) -> Finding:
-    """A finding that needs no act: something was mended in full."""
-    return Finding(code, Grade.NOTE, where, subject, numbers)
+def info(code: str, /, *, where: str = "", subject: str = "", **numbers: Any) -> Finding:
+    """A finding without need for action: something was corrected without loss."""
+    return Finding(code, Severity.INFO, where, subject, numbers)
 
 
-def look(code: str, /, *, where: str = "", subject: str = "", **numbers: Any) -> Finding:
-    """A finding that asks for a decision."""
-    return Finding(code, Grade.LOOK, where, subject, numbers)
+def warning(code: str, /, *, where: str = "", subject: str = "", **numbers: Any) -> Finding:
+    """A finding on which the user has to decide."""
+    return Finding(code, Severity.WARNING, where, subject, numbers)
 
 
-FEW = 0.02  # share of the samples that may be mended without asking anybody
+FEW_SAMPLES_SHARE = (
+    0.02  # of the samples; up to this share a correction is an info, above it a warning
+)
 
 
-def by_share(
+def info_or_warning(
     share: float, code: str, /, *, where: str = "", subject: str = "", **numbers: Any
 ) -> Finding:
-    """A note where what was mended is few of the samples, ``share`` of all; else it asks for a decision."""
-    return (look if share > FEW else note)(code, where=where, subject=subject, **numbers)
+    """An info where ``share`` of the samples is at most ``FEW_SAMPLES_SHARE``, otherwise a warning."""
+    severity = Severity.WARNING if share > FEW_SAMPLES_SHARE else Severity.INFO
+    return Finding(code, severity, where, subject, numbers)
 
 
-def refuse(code: str, /, *, where: str = "", subject: str = "", **numbers: Any) -> Finding:
-    """A finding that says what must not be used."""
-    return Finding(code, Grade.REFUSE, where, subject, numbers)
+def error(code: str, /, *, where: str = "", subject: str = "", **numbers: Any) -> Finding:
+    """A finding about a result or data that must not be used."""
+    return Finding(code, Severity.ERROR, where, subject, numbers)
 
 
-def once(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Each finding once, in order."""
+def unique(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """The findings without repetitions, in order."""
     return tuple(dict.fromkeys(findings))
 
 
-def sentences(findings: Iterable[Finding]) -> tuple[str, ...]:
-    """The findings in words, in order, each sentence once."""
+def messages(findings: Iterable[Finding]) -> tuple[str, ...]:
+    """The messages of the findings without repetitions, in order."""
     return tuple(dict.fromkeys(f.sentence for f in findings))
 
 
-def graded(findings: Iterable[Finding], spelling: Spelling = as_argument) -> tuple[str, ...]:
-    """The findings in words, each once, with its grade in front, as a summary ends with them.
+def labelled_messages(
+    findings: Iterable[Finding], spelling: Spelling = as_argument
+) -> tuple[str, ...]:
+    """The messages of the findings without repetitions, each with its severity in front.
 
-    >>> graded([note("said", text="one spike was taken out")])
-    ('note: one spike was taken out',)
+    >>> labelled_messages([info("said", text="one spike was removed")])
+    ('info: one spike was removed',)
     """
-    return tuple(dict.fromkeys(f"{f.grade.value}: {f.message(spelling)}" for f in findings))
+    return tuple(dict.fromkeys(f"{f.severity.value}: {f.message(spelling)}" for f in findings))
 
 
-def doubts(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Those above a note."""
-    return tuple(f for f in findings if f.grade is not Grade.NOTE)
+def warnings_and_errors(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """The findings more serious than an info."""
+    return tuple(f for f in findings if f.severity is not Severity.INFO)
 
 
-def notes(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Those that only tell of something mended."""
-    return tuple(f for f in findings if f.grade is Grade.NOTE)
+def infos(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """The findings that are an info."""
+    return tuple(f for f in findings if f.severity is Severity.INFO)
 
 
 def channel_of(subject: str) -> str:
-    """The channel that a subject means, however it is called; empty where it is no channel.
+    """Letter of the channel in a subject (``e``, ``e_degC``, ``fast_e_degC``); empty for other subjects.
 
     >>> [channel_of(s) for s in ("e", "e_degC", "fast_e_degC", "slow_e", "switch", "load_on_s", "fast")]
     ['e', 'e', 'e', 'e', '', '', '']
@@ -225,11 +261,11 @@ def channel_of(subject: str) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """A number, text, truth, None, or a tuple of them: what JSON can hold."""
+    """A number, text, Boolean, None, or a tuple of them: what JSON can store."""
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     if isinstance(value, list | tuple):
         return tuple(_plain(v) for v in value)
     if value is None or isinstance(value, bool | int | float | str):
         return value
-    raise TypeError(f"a {type(value).__name__} is no number of a finding")
+    raise TypeError(f"a {type(value).__name__} cannot be stored in a finding")

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 from pydantic import BaseModel
 
-from tcdyn.core.findings import Finding, sentences
+from tcdyn.core.findings import Finding, messages
 
 MOST_ROWS = 30  # of a table in a notebook; the rest stays in the result
 
@@ -42,7 +42,7 @@ class Result(ABC):
     @property
     def warnings(self) -> Sequence[str]:
         """What was noticed (``findings``) in words, each once; nothing where a result keeps none."""
-        return sentences(getattr(self, "findings", ()))
+        return messages(getattr(self, "findings", ()))
 
     def to_dict(self) -> dict[str, Any]:
         """The result as plain numbers, texts, lists and dicts, ready for ``json.dumps``; keys carry units."""

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Place
+from tcdyn.core.findings import SampleLocation
 
 MAD_TO_SD = 1.482602218505602  # standard deviation of a normal distribution over its median absolute deviation
 # type J's range at the hot end
@@ -268,7 +268,9 @@ def clean(name: str, values: Array, noise_K: float = np.inf) -> Array:
     return out
 
 
-def course_noise_K(name: str, sample: Array, rows: NDArray[np.int64], place: Place) -> float:
+def course_noise_K(
+    name: str, sample: Array, rows: NDArray[np.int64], place: SampleLocation
+) -> float:
     """Noise [K] that a spike of this column must stand out of, from its course ``sample`` (M,), found in ``rows`` (M,).
 
     Infinite where no spikes are sought, or too few samples tell it. Raises InputError for a temperature without

@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, look
+from tcdyn.core.findings import Finding, warning
 from tcdyn.estimation.trace_noise import MAD_TO_SD
 from tcdyn.identify.iodata import IOData
 from tcdyn.identify.segments import Segment, cut
@@ -148,7 +148,7 @@ def closed_loop(data: IOData) -> tuple[Finding, ...]:
         rows = [rows_of(s, k, int(np.ceil(share * len(s.u)))) for s in segments]
         rows = [r for r in rows if len(r.u) >= OWN_LAGS + SHORTEST_STRETCH]
         if integral_law(rows) or delayed_law(rows):
-            findings.append(look("record.closed_loop", subject=name, output=output))
+            findings.append(warning("record.closed_loop", subject=name, output=output))
     return tuple(findings)
 
 

@@ -11,7 +11,7 @@ import pandas as pd
 
 from tcdyn.chain import NO_CONDITIONING
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, Grade, note
+from tcdyn.core.findings import Finding, Severity, info
 from tcdyn.core.result import Result, jsonable
 from tcdyn.core.spelling import Spelling, as_argument
 from tcdyn.core.threads import one_blas_thread
@@ -102,7 +102,7 @@ class Comparison(Result):
 
     def removal(self, conditioning: Conditioning = NO_CONDITIONING) -> str:
         """How to remove the lag from other traces (:func:`as_chain`); nothing where no model may be trusted."""
-        refused = self.verdict.grade is Grade.REFUSE
+        refused = self.verdict.severity is Severity.ERROR
         return "" if refused else as_chain(self.best.identified, conditioning)
 
     @property
@@ -200,7 +200,7 @@ def with_rival(task: Task, found: Comparison, like: Model) -> Comparison:
         "initial", "equilibrium"
     )
     told: dict[str, Any] = {"other": found.recommended, "ratio": better[1], "freed": freed}
-    reason = note("models.foresees", subject=other.name, white=not coloured(alone.best), **told)
+    reason = info("models.foresees", subject=other.name, white=not coloured(alone.best), **told)
     return Comparison(table, {**alone.fits, **found.fits}, other.name, reason, grown=True)
 
 
@@ -325,7 +325,7 @@ def joint_table(comparisons: Mapping[str, Comparison]) -> pd.DataFrame:
                     "gain": f"{part.gain:.4g}",
                     "lag": lag,
                     **fits,
-                    "grade": c.verdict.grade.name.lower(),
+                    "grade": c.verdict.severity.name.lower(),
                 }
             )
     return pd.DataFrame(rows)

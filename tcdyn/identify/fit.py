@@ -11,7 +11,7 @@ import numpy as np
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, look
+from tcdyn.core.findings import Finding, warning
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.estimation import Loss, Noise, Optimum, Status, determined, minimise
 from tcdyn.identify.causality import check_causality
@@ -351,7 +351,7 @@ def unbounded_lags(identified: Identified, longest_s: float) -> list[Finding]:
     lags = {name: part.lag_s for name, part in identified.parts.items()}
     one = len(lags) == 1
     return [
-        look(
+        warning(
             "fit.lag_unbounded",
             subject="the lag" if one else f"the lag behind {name}",
             u=lag.u,
@@ -377,13 +377,13 @@ def noticed(optimum: Optimum, identified: Identified) -> tuple[Finding, ...]:
             )
         twins = [n for n in lags if n != name and suffix(n) == suffix(name)] if name in lags else []
         if end := beyond(optimum, i):
-            found.append(look("fit.bound", subject=name, end=end, value=e.value))
+            found.append(warning("fit.bound", subject=name, end=end, value=e.value))
         elif any(abs(theta[n] / e.value - 1) < 1e-2 for n in twins):
-            found.append(look("fit.twin", subject=name))  # the cost is flat in their difference
+            found.append(warning("fit.twin", subject=name))  # the cost is flat in their difference
         elif (bare(name) in ("Kp", "Tz") or model.positive(name)) and e.u > 0.5 * size:
-            found.append(look("fit.undetermined", subject=name, u=e.u, value=e.value))
+            found.append(warning("fit.undetermined", subject=name, u=e.u, value=e.value))
     if not determined(optimum.information):
-        found.append(look("fit.indistinct", subject=model.name))
+        found.append(warning("fit.indistinct", subject=model.name))
     if optimum.status is Status.STALLED:
-        found.append(look("fit.stalled"))
+        found.append(warning("fit.stalled"))
     return tuple(found)

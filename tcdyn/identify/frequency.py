@@ -14,7 +14,7 @@ from scipy.special import chdtrc
 from tcdyn.chain.rational import Complex
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, look, note
+from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.estimation import Optimum, Problem, determined, least, minimise
 from tcdyn.identify.identified import Identified
@@ -326,23 +326,23 @@ def identified(
     scale = chi2 / freedom
     if data.unstated:
         found.append(
-            note("response.unstated", share=np.sqrt(scale), floor=data.floor * np.sqrt(scale))
+            info("response.unstated", share=np.sqrt(scale), floor=data.floor * np.sqrt(scale))
         )
     else:
         p = float(chdtrc(freedom, chi2))
         if p < ALARM:
-            found.append(look("response.misfit", subject=model.name, ratio=np.sqrt(scale), p=p))
+            found.append(warning("response.misfit", subject=model.name, ratio=np.sqrt(scale), p=p))
         scale = max(scale, 1.0) if p < ALARM else 1.0
     free = np.exp(np.where(model.logarithms, best.theta, 0.0))
     covariance = scale * best.covariance * np.outer(free, free)
     answer = Identified.of(model, theta, covariance, dt_s=0.0)
     for i, (name, e) in enumerate(answer.estimates.items()):
         if end := beyond(best, i):
-            found.append(look("fit.bound", subject=name, end=end, value=e.value))
+            found.append(warning("fit.bound", subject=name, end=end, value=e.value))
         elif e.u > abs(e.value) and name not in ("Tz", "Td") and name[0] not in "ab":
-            found.append(look("fit.undetermined", subject=name, value=e.value, u=e.u))
+            found.append(warning("fit.undetermined", subject=name, value=e.value, u=e.u))
     if not determined(best.information):
-        found.append(look("fit.indistinct", subject=model.name))
+        found.append(warning("fit.indistinct", subject=model.name))
     error = np.abs(model.rational(theta).frequency_response(data.frequency_Hz) - data.response)
     spread_ = np.linalg.norm(data.response - data.response.mean()) or 1.0
     count = len(model.free) + data.unstated

@@ -18,7 +18,7 @@ from tcdyn.chain.rational import Start, simulate
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate, rounded
-from tcdyn.core.findings import Finding, graded, look
+from tcdyn.core.findings import Finding, labelled_messages, warning
 from tcdyn.core.result import Result, jsonable
 from tcdyn.core.spelling import Spelling, as_argument
 from tcdyn.identify.iodata import Hold
@@ -217,7 +217,9 @@ class Identified(Dynamics, Result):
                 f"  fit {s['fit_percent']:.2f} %, rms {s['rms']:.4g}, AICc {s['aicc']:.1f}, BIC {s['bic']:.1f}"
             ]
         lines += [f"  {self.sentence}"] if self.sentence else []
-        return "\n".join([*lines, *(f"  {line}" for line in graded(self.findings, spelling))])
+        return "\n".join(
+            [*lines, *(f"  {line}" for line in labelled_messages(self.findings, spelling))]
+        )
 
     def card(self) -> pd.DataFrame:
         """Free parameters, lag (first moment) and percent times, one row each, with their 95 % intervals."""
@@ -295,7 +297,7 @@ class Identified(Dynamics, Result):
         }
         findings = [Finding.from_dict(f) for f in d.get("findings", [])]
         if "findings" not in d:  # of version 0.1
-            findings = [look("said", text=text) for text in d["warnings"]]
+            findings = [warning("said", text=text) for text in d["warnings"]]
         return cls(
             model=model,
             **{**{k: d[k] for k in PLAIN}, **parsed},

@@ -10,7 +10,7 @@ from scipy.special import stdtrit
 
 from tcdyn.core import Array
 from tcdyn.core.estimate import Z95, Estimate
-from tcdyn.core.findings import look
+from tcdyn.core.findings import warning
 from tcdyn.estimation import Loss, Optimum, inverse, robust_covariance, sandwich
 from tcdyn.estimation import profile as walk
 from tcdyn.identify.models import bare, suffix
@@ -29,7 +29,9 @@ def profiled(found: Fit, everything: bool) -> Fit:
         e, inside = profile(found, name)
         estimates[name] = e
         if not inside:
-            findings.append(look("fit.open_interval", subject=name, low95=e.low95, high95=e.high95))
+            findings.append(
+                warning("fit.open_interval", subject=name, low95=e.low95, high95=e.high95)
+            )
     return replace(
         found, identified=replace(found.identified, estimates=estimates, findings=tuple(findings))
     )

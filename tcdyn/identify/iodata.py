@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, once
+from tcdyn.core.findings import Finding, unique
 from tcdyn.core.result import Result
 
 Hold = Literal["zoh", "foh"]
@@ -156,7 +156,7 @@ class IOData(Result):
                     expected=f"dt_s {self.dt_s}, hold {self.hold}, {self.input_names} -> {self.output_names}",
                     remedy="resample or rename one of them first",
                 )
-        findings = tuple(once(f for each in (self, *others) for f in each.findings))
+        findings = tuple(unique(f for each in (self, *others) for f in each.findings))
         return replace(self, runs=sum((o.runs for o in others), self.runs), findings=findings)
 
     def between(self, start_s: float | None = None, end_s: float | None = None) -> IOData:

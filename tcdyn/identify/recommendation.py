@@ -12,7 +12,7 @@ import pandas as pd
 from tcdyn.chain import NO_CONDITIONING
 from tcdyn.chain.rational import simulate
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, look, note, refuse
+from tcdyn.core.findings import Finding, error, info, warning
 from tcdyn.identify.identified import Identified
 from tcdyn.identify.search import Fit
 from tcdyn.identify.validate import ALARM
@@ -102,7 +102,7 @@ def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str,
         "refused": table[refused & better],
     }
     told: dict[str, Any] = {group: list(rows["model"]) for group, rows in groups.items()}
-    why = note(
+    why = info(
         "models.why",
         subject=str(best["model"]),
         other=str(other["model"]),
@@ -157,15 +157,15 @@ def verdict(
     if np.isfinite(held_out):
         numbers["held_out_percent"] = held_out
     if against:
-        return refuse("models.none", against=against, untried=list(untried[:3]), **numbers)
+        return error("models.none", against=against, untried=list(untried[:3]), **numbers)
     if not row["determined"]:
-        return look("models.undetermined", remark=row["remark"], **numbers)
+        return warning("models.undetermined", remark=row["remark"], **numbers)
     worse = coloured and held_out_against
     numbers |= {"coloured": coloured, "worse_than_mean": worse, "small": percent < HALF}
     return (
-        look("models.provisional", **numbers)
+        warning("models.provisional", **numbers)
         if troubles or worse
-        else note("models.recommended", **numbers)
+        else info("models.recommended", **numbers)
     )
 
 

@@ -12,7 +12,7 @@ import pandas as pd
 
 from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Place, look, note
+from tcdyn.core.findings import SampleLocation, info, warning
 from tcdyn.identify.iodata import Hold, IOData, check_hold
 from tcdyn.identify.segments import REPEATED
 from tcdyn.io.csv_dialect import CLOCK, TextColumn
@@ -131,14 +131,14 @@ def from_frame(
         )
     data = parts[0].merge(*parts[1:])
     codes = tuple(
-        look("record.codes", subject=column, count=count) for column, count in wrong.items()
+        warning("record.codes", subject=column, count=count) for column, count in wrong.items()
     )
     if hold != "auto":
         return replace(data, hold=check_hold(hold, where), findings=codes)
     asked = [was_set(np.concatenate([r.u[:, k] for r in data.runs])) for k in range(len(inputs))]
     kind: Hold = "zoh" if all(held for held, _ in asked) else "foh"
     told = [
-        (note if held else look)(
+        (info if held else warning)(
             "record.hold", subject=name, step=step, hold=kind, half_s=data.dt_s / 2
         )
         for name, (held, step) in zip(inputs, asked)
@@ -296,7 +296,7 @@ def numbers(frame: pd.DataFrame, column: str, where: str, clock: bool = False) -
             return np.asarray((values - values.iloc[0]).dt.total_seconds(), dtype=float)
         texts = [str(v).strip() for v in values]
         if sum(CLOCK.fullmatch(t) is not None for t in texts) > 0.5 * len(texts):
-            return TextColumn(column, ".", Place(where)).numbers(texts, 0)
+            return TextColumn(column, ".", SampleLocation(where)).numbers(texts, 0)
     converted = pd.to_numeric(values, errors="coerce")
     bad = np.flatnonzero(converted.isna().to_numpy() & values.notna().to_numpy())
     if len(bad):

@@ -17,7 +17,7 @@ from scipy.special import chdtrc, fdtrc, ndtri
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, look, note
+from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.spelling import Spelling, as_argument
 from tcdyn.estimation import Noise, autocovariance, fit_ar, inverse, orthonormal, sandwich
 from tcdyn.identify.iodata import IOData
@@ -117,13 +117,13 @@ def validate(fit: Fit, lags: int = 20) -> Validation:
     unsettled = off_equilibrium(fit)
     found = [_verdict(fit, white, cross, coloured, rounding, percent)]
     if spikes and cross.p >= ALARM and not rounding and not unsettled:
-        found.append(look("residuals.spikes", count=spikes, robust=fit.loss != "linear"))
+        found.append(warning("residuals.spikes", count=spikes, robust=fit.loss != "linear"))
     if resumed := sum(s.resumed for s in problem.segments):
-        found.append(note("record.gaps", count=resumed))
+        found.append(info("record.gaps", count=resumed))
     found += unsettled
     found += drift(problem, r) if coloured else ()
     if (rms := float(np.sqrt(np.mean(r**2)))) < problem.rounding_step:
-        found.append(look("record.coarse", step=problem.rounding_step, rms=rms))
+        found.append(warning("record.coarse", step=problem.rounding_step, rms=rms))
     found += feedback(
         ew, jw, ahead, np.delete(u, np.arange(len(problem.branches)) * len(behind), axis=1)
     )
@@ -183,7 +183,7 @@ def confirm(fit: Fit, data: IOData, lags: int = 20) -> Validation:
     step = (unit @ (j.T @ e))[:k]
     covariance = own[:k, :k] + fit.covariance_x[:k, :k]
     p = float(chdtrc(k, step @ inverse(covariance) @ step))
-    moved = (look("validation.moved", subject=old.model.name, p=p),) if p < ALARM else ()
+    moved = (warning("validation.moved", subject=old.model.name, p=p),) if p < ALARM else ()
     return replace(tested, findings=tested.findings + moved)
 
 
@@ -198,13 +198,13 @@ def _verdict(
     """What is wrong with the model, or that the record holds nothing against it."""
     name = fit.problem.model.name
     if rounding:
-        return note("residuals.rounding", subject=name)
+        return info("residuals.rounding", subject=name)
     if cross.p < ALARM:
         worst = int(np.argmax(np.abs(cross.value) / np.maximum(cross.bound95, 1e-300)))
         inputs = fit.problem.model.inputs
         which = inputs[worst * len(inputs) // len(cross.value)] if inputs else ""
         lag = float(cross.lags_s[worst])
-        return look(
+        return warning(
             "residuals.follow_input",
             subject=name,
             fit_percent=percent,
@@ -213,14 +213,14 @@ def _verdict(
             input=which,
         )
     if coloured:
-        return look(
+        return warning(
             "residuals.coloured",
             subject=name,
             noise_model=not fit.noise.white,
             p_white=white.p,
             p_input=cross.p,
         )
-    return note("residuals.white", subject=name, p_white=white.p, p_input=cross.p)
+    return info("residuals.white", subject=name, p_white=white.p, p_input=cross.p)
 
 
 def whiteness(
@@ -320,7 +320,7 @@ def off_equilibrium(fit: Fit) -> tuple[Finding, ...]:
     ]
     first = abs(max((float(np.median(r)) for r in starts), key=abs, default=0.0))
     return (
-        (look("record.off_equilibrium", off=first, times_rms=first / rms),)
+        (warning("record.off_equilibrium", off=first, times_rms=first / rms),)
         if first > 4 * rms
         else ()
     )
@@ -337,7 +337,7 @@ def drift(problem: Posed, residual: Array) -> tuple[Finding, ...]:
         pairs.append(np.stack([t - t.mean(), r - r.mean()]))
     t, r = np.hstack(pairs)
     correlation = float(r @ t) / float(np.sqrt(max((r @ r) * (t @ t), 1e-300)))
-    return (look("record.drift", correlation=correlation),) if abs(correlation) > DRIFT else ()
+    return (warning("record.drift", correlation=correlation),) if abs(correlation) > DRIFT else ()
 
 
 def feedback(e: Array, jacobian: Array, ahead: Array, behind: Array) -> tuple[Finding, ...]:
@@ -345,7 +345,7 @@ def feedback(e: Array, jacobian: Array, ahead: Array, behind: Array) -> tuple[Fi
     future, past = (
         input_correlation(e, jacobian, u, np.zeros(u.shape[1])).p for u in (ahead, behind)
     )
-    return (look("record.feedback", p=future),) if past >= ALARM > future else ()
+    return (warning("record.feedback", p=future),) if past >= ALARM > future else ()
 
 
 def coloured(found: Fit) -> bool:

@@ -20,7 +20,7 @@ from pyarrow import parquet as pq
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Place
+from tcdyn.core.findings import SampleLocation
 from tcdyn.io.csv_dialect import TextColumn
 from tcdyn.io.table import PIECE_ROWS, Columns, Table, Track, align, in_pieces
 
@@ -88,7 +88,9 @@ def _tdms_pieces(
             time, data, found = align({n: _track(c, where) for n, c in channels.items()}, where)
             if made and time is not None:
                 data = {"time_s": time, **data}
-            yield from in_pieces(Columns(data, Place(where), tuple(found)), list(data), rows)
+            yield from in_pieces(
+                Columns(data, SampleLocation(where), tuple(found)), list(data), rows
+            )
             return
         for start in range(0, lengths.pop(), rows):
             part = {n: _track(c, where, start, start + rows).values for n, c in channels.items()}
@@ -100,7 +102,7 @@ def _tdms_pieces(
                 n: np.asarray(c[start : start + rows]).astype(str).astype(object)
                 for n, c in clocks.items()
             }
-            yield Columns(part, Place(where), (), stamps)
+            yield Columns(part, SampleLocation(where), (), stamps)
 
 
 @contextmanager
@@ -204,7 +206,7 @@ def _parquet_pieces(
     texts = dict[str, TextColumn]()
     begun = dict[str, Any]()
     names = list(dict.fromkeys(wanted))
-    place = Place(where)
+    place = SampleLocation(where)
     try:
         with pq.ParquetFile(
             path, read_dictionary=names

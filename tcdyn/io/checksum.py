@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from tcdyn.core.findings import Finding, look
+from tcdyn.core.findings import Finding, warning
 from tcdyn.core.result import jsonable
 
 SEAL = "sha256"
@@ -38,7 +38,7 @@ def intact(data: Mapping[str, Any]) -> bool:
 
 def altered(data: Mapping[str, Any], where: str) -> list[Finding]:
     """That a file is not what was written, to be looked at by whoever uses it; nothing where it is."""
-    return [] if intact(data) else [look("file.altered", where=Path(where).name)]
+    return [] if intact(data) else [warning("file.altered", where=Path(where).name)]
 
 
 def checksum(plain: Mapping[str, Any]) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, Place, look, note
+from tcdyn.core.findings import Finding, SampleLocation, info, warning
 from tcdyn.io.times import SECONDS_PER_UNIT, Stamps
 
 NUMBER = {
@@ -333,11 +333,13 @@ class TextColumn:
     Whether it holds clock times is seen from the first piece with anything in it; ``clock`` says so beforehand.
     Clock times are seconds since the first one; see ``Stamps`` for dates and midnight.
 
-    >>> TextColumn("time", ".", Place("x.csv")).numbers(["23:59:59.5", "00:00:00,25"], 0)
+    >>> TextColumn("time", ".", SampleLocation("x.csv")).numbers(["23:59:59.5", "00:00:00,25"], 0)
     array([0.  , 0.75])
     """
 
-    def __init__(self, name: str, decimal: str, place: Place, clock: bool | None = None) -> None:
+    def __init__(
+        self, name: str, decimal: str, place: SampleLocation, clock: bool | None = None
+    ) -> None:
         self.name = name
         self.decimal = decimal
         self.place = place
@@ -375,7 +377,7 @@ class TextColumn:
         Raises InputError when more than one in a hundred (and more than three) is no number.
         """
         if self.clock:
-            return [note("text.midnight", subject=self.name)] if self.stamps.midnights else []
+            return [info("text.midnight", subject=self.name)] if self.stamps.midnights else []
         if not self.bad:
             return []
         if self.bad > max(3, 0.01 * cells):
@@ -385,4 +387,4 @@ class TextColumn:
                 where=self.place.where,
                 expected=f"numbers with decimal {'comma' if self.decimal == ',' else 'point'}",
             )
-        return [look("text.no_number", subject=self.name, count=self.bad, **self.first_bad)]
+        return [warning("text.no_number", subject=self.name, count=self.bad, **self.first_bad)]

@@ -20,7 +20,7 @@ from pyarrow import csv as pacsv
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError, printable
-from tcdyn.core.findings import Finding, Place, look
+from tcdyn.core.findings import Finding, SampleLocation, warning
 from tcdyn.io.csv_dialect import ABSENT, Dialect, TextColumn, is_number, sniff
 from tcdyn.io.lvm import MARK, lvm_table
 from tcdyn.io.table import PIECE_ROWS, Columns, Table, read_whole
@@ -243,7 +243,7 @@ def _numbers(
     name: str,
     dialect: Dialect,
     at: int,
-    place: Place,
+    place: SampleLocation,
     texts: dict[str, TextColumn],
     days: list[str] | None = None,
 ) -> Array:
@@ -265,7 +265,7 @@ def _cells(column: pa.Array) -> list[str]:
     return [c.decode("utf-8", errors="replace").strip().strip('"').strip() for c in cells]
 
 
-def check_rows(stream: IO[bytes], dialect: Dialect) -> tuple[int, Place, list[Finding]]:
+def check_rows(stream: IO[bytes], dialect: Dialect) -> tuple[int, SampleLocation, list[Finding]]:
     """How many rows of data there are, where they stand, and what was noticed: the fields of every row are counted.
 
     A short or long row is refused by its number, a last short one as truncated; a last row without line end may have
@@ -321,8 +321,8 @@ def check_rows(stream: IO[bytes], dialect: Dialect) -> tuple[int, Place, list[Fi
             remedy="copy the file again, or delete the last row",
         )
     whole = line.endswith((b"\n", b"\r"))
-    found = [] if whole else [look("text.no_line_end", row=dialect.skip + rows + len(blank))]
-    return rows, Place(where, dialect.skip + 1, tuple(blank)), found
+    found = [] if whole else [warning("text.no_line_end", row=dialect.skip + rows + len(blank))]
+    return rows, SampleLocation(where, dialect.skip + 1, tuple(blank)), found
 
 
 def _row_error(row: tuple[int, int], fields: int, where: str) -> InputError:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, Place, look
+from tcdyn.core.findings import Finding, SampleLocation, warning
 
 PIECE_ROWS = 50_000
 SAME = 1e-3  # of a sample: starts closer than this are one start (time stamps are good to a microsecond)
@@ -27,7 +27,7 @@ class Columns:
     """
 
     data: dict[str, Array]
-    place: Place
+    place: SampleLocation
     findings: tuple[Finding, ...] = ()
     stamps: dict[str, NDArray[Any]] = field(default_factory=dict)
 
@@ -58,10 +58,10 @@ def in_pieces(whole: Columns, wanted: Sequence[str], rows: int = PIECE_ROWS) -> 
 def read_whole(table: Table, wanted: Sequence[str]) -> Columns:
     """The wanted columns of the whole file: its pieces joined."""
     parts = list(table.pieces(wanted, PIECE_ROWS))
-    return joined(parts, wanted, parts[0].place if parts else Place(table.where))
+    return joined(parts, wanted, parts[0].place if parts else SampleLocation(table.where))
 
 
-def joined(parts: Sequence[Columns], wanted: Sequence[str], place: Place) -> Columns:
+def joined(parts: Sequence[Columns], wanted: Sequence[str], place: SampleLocation) -> Columns:
     """The wanted columns of all ``parts``, one below the other, with their findings."""
     data = {
         name: np.concatenate([np.empty(0), *(part.data[name] for part in parts)]) for name in wanted
@@ -137,7 +137,7 @@ def align(
                     expected=f"as many samples as another channel; it has {len(track.values)}",
                 )
             full[name] = Track(track.values, timed[twin].start_s, timed[twin].dt_s)
-            found.append(look("tracks.assumed", subject=name, of=twin))
+            found.append(warning("tracks.assumed", subject=name, of=twin))
     if len({t.same_as for t in full.values()}) == 1:
         track = next(iter(full.values()))
         time = np.asarray(np.arange(len(track.values)) * float(track.dt_s or 1.0), dtype=np.float64)
@@ -146,7 +146,7 @@ def align(
     late = max(full, key=lambda n: full[n].start_s)
     spread = full[late].start_s - min(t.start_s for t in full.values())
     rates = sorted({round(1 / t.dt_s, 6) for t in full.values() if t.dt_s})
-    found.append(look("tracks.aligned", subject=late, spread_s=spread, rates_Hz=rates))
+    found.append(warning("tracks.aligned", subject=late, spread_s=spread, rates_Hz=rates))
     return time, data, found
 
 

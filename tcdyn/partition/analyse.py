@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from tcdyn.chain import Chain
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
-from tcdyn.core.findings import Finding, Grade, doubts, look, note, sentences
+from tcdyn.core.findings import Finding, Severity, info, messages, warning, warnings_and_errors
 from tcdyn.heat.rim import Profile
 from tcdyn.partition.angular_harmonic import Unevenness, harmonic_K
 from tcdyn.partition.at_rest import cables_exchanged
@@ -104,7 +104,7 @@ class Partition:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What was noticed in words; the verdict's stand in ``crosscheck.sentence``."""
-        return sentences(self.noticed)
+        return messages(self.noticed)
 
     @property
     def ways(self) -> dict[str, Estimate]:
@@ -118,22 +118,22 @@ class Partition:
 
     @property
     def status(self) -> str:
-        """ "sound", "look" where something asks for a decision, "withheld" where the headline cannot be true."""
+        """ "sound", "warning" with at least one warning, "withheld" for a physically impossible estimate."""
         if "both beta" in self.withheld:
             return "withheld"
-        return "look" if doubts(self.findings) else "sound"
+        return "warning" if warnings_and_errors(self.findings) else "sound"
 
     @property
     def headline(self) -> Finding:
         """The recommended answer and why, in words: the joint fit of both disks."""
         if "both beta" in self.withheld:
-            return look("headline.withheld")
+            return warning("headline.withheld")
         e = self.both.estimates
         s = self.structures
         numbers: dict[str, Any] = (
             {} if s.named is None else {"named": s.named.name, "named_beta": s.named.beta.value}
         )
-        return note(
+        return info(
             "headline.both",
             beta=e["beta"].value,
             u=e["beta"].u,
@@ -278,7 +278,7 @@ def heeded(found: SensorCheck) -> list[Finding]:
     for finding in suspected:
         n = finding.numbers
         lost = n["kind"] == "dead" or (n["kind"] == "offset" and abs(n["size"] or 0.0) > LOST_K)
-        if lost or finding.grade is Grade.REFUSE:
+        if lost or finding.severity is Severity.ERROR:
             raise InputError(
                 finding.sentence,
                 expected="living junctions where rig.toml says",
@@ -306,7 +306,7 @@ def _exchanged(test: EhlTest, both: BothFit) -> list[Finding]:
         "assumed": assumed,
         "beta": both.estimates["beta"].value,
     }
-    return [look("cables.exchanged", **numbers, at_rest=at_rest)]
+    return [warning("cables.exchanged", **numbers, at_rest=at_rest)]
 
 
 def _check_sensors(test: EhlTest, rows: slice, joint_s: float, profile: Profile) -> SensorCheck:

@@ -18,7 +18,7 @@ from scipy import special
 
 from tcdyn.core import Array
 from tcdyn.core.estimate import Z95, Estimate
-from tcdyn.core.findings import Finding, note
+from tcdyn.core.findings import Finding, info
 from tcdyn.rig.disk import DiskSetup
 
 SHAPES = {
@@ -142,7 +142,7 @@ class Unevenness:
             return None
         size = self.amplitude_K
         at = self.angle_deg
-        return note(
+        return info(
             "unevenness",
             subject=disk,
             amplitude_K=size.value,

@@ -17,7 +17,7 @@ from scipy.special import ndtr
 
 from tcdyn.core import Array
 from tcdyn.core.estimate import Estimate
-from tcdyn.core.findings import Finding, look, note
+from tcdyn.core.findings import Finding, info, warning
 from tcdyn.partition.cooling import CoolingFit, CoolingShift
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import LEAST_LAG_U_S, BothFit, DiskFit
@@ -255,9 +255,9 @@ def cross_check(
         }
         numbers |= {"low95": both.low95, "high95": both.high95}
     if worst[3] >= SUSPECT_Z:
-        finding = look("ways.apart", **numbers)
+        finding = warning("ways.apart", **numbers)
     elif suspects:
-        finding = look("ways.contradicted", **numbers)
+        finding = warning("ways.contradicted", **numbers)
     else:
         if strained is not None:
             numbers |= {
@@ -265,7 +265,7 @@ def cross_check(
                 "strained_z": abs(strained.z),
                 "chance": strained.chance,
             }
-        finding = note("ways.agree", **numbers)
+        finding = info("ways.agree", **numbers)
     return CrossCheck(worst[3], finding, p, tuple(pairs), suspects, strained)
 
 
@@ -282,7 +282,7 @@ def tensions(
     depths = {} if sensors is None else sensors.depths
     pulled = [
         (
-            note(
+            info(
                 "stated.depth",
                 subject=d,
                 channel=c,
@@ -295,7 +295,7 @@ def tensions(
         for (c, deeper), z in zip(t.deeper_m.items(), t.pull)
     ]
     others = [
-        (note("stated.value", subject=disk, name=what.name, source=what.source), z)
+        (info("stated.value", subject=disk, name=what.name, source=what.source), z)
         for what, disk, z in both.pulls
         if not (what.source == "junction depth" and disk in depths)
         and not (disk and what.name.rpartition(" ")[2] in test.disks[disk].left_out)
@@ -305,13 +305,13 @@ def tensions(
         lag = fit.estimates["lag_s"]
         prior_u = max(disk.common_lag_u_s, LEAST_LAG_U_S)
         told = np.sqrt(max(prior_u**2 - lag.u**2, (0.3 * prior_u) ** 2))
-        stated = note("stated.lag", subject=name, record_s=disk.common_lag_s, unloading_s=lag.value)
+        stated = info("stated.lag", subject=name, record_s=disk.common_lag_s, unloading_s=lag.value)
         others.append((stated, float((lag.value - disk.common_lag_s) / told)))
     n = both.estimates["exponent"]
     assumed = test.speed_exponent
     half = test.exponent_half_range
     outside = n.value - float(np.clip(n.value, assumed - half, assumed + half))
-    others.append((note("stated.exponent", assumed=assumed, implied=n.value, u=n.u), outside / n.u))
+    others.append((info("stated.exponent", assumed=assumed, implied=n.value, u=n.u), outside / n.u))
     largest = largest_pulls([*depths.values()])
     out = [Tension(f, z, chance_of(z, largest, len(pulled)), DEPTH_ALARM) for f, z in pulled]
     for (
@@ -321,7 +321,7 @@ def tensions(
         one = min(2 * float(ndtr(-abs(z))), 1 - 1e-9)
         out.append(Tension(finding, z, float(-np.expm1(len(others) * np.log1p(-one))), OTHER_ALARM))
     for s in () if sensors is None else sensors.suspects:
-        fault = note("stated.sensors", subject=s.disk, kind=s.kind, columns=s.columns)
+        fault = info("stated.sensors", subject=s.disk, kind=s.kind, columns=s.columns)
         out.append(
             Tension(fault, float(np.sqrt(2.0 * max(s.log_odds, 0.0))), LEAST_CHANCE, OTHER_ALARM)
         )

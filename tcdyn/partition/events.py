@@ -12,7 +12,7 @@ from scipy.ndimage import median_filter
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, look, note
+from tcdyn.core.findings import Finding, info, warning
 from tcdyn.estimation.trace_noise import bridged, middle
 from tcdyn.partition.angular_harmonic import Unevenness
 from tcdyn.partition.unloading import NEAR_S, parting_of
@@ -129,7 +129,7 @@ def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:
     voting = np.abs(force) > 1.5
     if voting.any() and np.mean(contact[voting] != (force[voting] > 0)) > INVERTED:
         contact = ~contact
-        found.append(look("contact.inverted", subject="contact"))
+        found.append(warning("contact.inverted", subject="contact"))
     touching = _runs(t, force + (contact - 0.5) > 0)
     first, last = max(touching, key=lambda run: t[run[1]] - t[run[0]], default=(0, 0))
     if last == len(t) - 1 or contact.all():
@@ -156,7 +156,7 @@ def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:
     if abs(by_switch - load_on) <= LOADING_AGREE_S:
         load_on = by_switch
     else:
-        found.append(look("loading.disagree", subject="contact", late_s=by_switch - load_on))
+        found.append(warning("loading.disagree", subject="contact", late_s=by_switch - load_on))
     again = _again(t, contact, levels, last)
     switch_s, vote_s = (0.5 * float(t[k] + t[min(k + 1, len(t) - 1)]) for k in (off, last))
     about_s = switch_s if abs(switch_s - vote_s) <= NEAR_S else vote_s
@@ -173,7 +173,7 @@ def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:
     if touches:
         length = sum(b - a for a, b in touches)
         found.append(
-            note(
+            info(
                 "contact.again", count=len(touches), after_s=touches[0][0] - unload, length_s=length
             )
         )
@@ -235,7 +235,7 @@ def _failures(t: Array, contact: NDArray[np.bool_], first: int, last: int) -> li
     found = list[Finding]()
     if dropped:
         found.append(
-            look(
+            warning(
                 "contact.dropout",
                 subject="contact",
                 first_s=float(t[dropped[0]]),
@@ -243,7 +243,7 @@ def _failures(t: Array, contact: NDArray[np.bool_], first: int, last: int) -> li
             )
         )
     if bounced := len(off) - len(dropped):
-        found.append(note("contact.bounced", subject="contact", count=bounced, shorter_s=BOUNCE_S))
+        found.append(info("contact.bounced", subject="contact", count=bounced, shorter_s=BOUNCE_S))
     return found
 
 

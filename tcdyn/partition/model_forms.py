@@ -17,7 +17,7 @@ from scipy import special
 
 from tcdyn.core import Array
 from tcdyn.core.estimate import Estimate, mixture_range
-from tcdyn.core.findings import Finding, look, note
+from tcdyn.core.findings import Finding, info, warning
 from tcdyn.estimation import minimise
 from tcdyn.partition.departures import LAG_SD_S, Linear, Refit, structures
 from tcdyn.partition.events import EhlTest
@@ -111,9 +111,9 @@ class Alternatives:
             "beta": best.beta.value,
             "u": best.beta.u,
         }
-        finding = look("structures.other", **numbers)
+        finding = warning("structures.other", **numbers)
         if self.holds:
-            finding = note("structures.other", **numbers)
+            finding = info("structures.other", **numbers)
         return (finding,)
 
     def to_list(self) -> list[dict[str, Any]]:
@@ -275,8 +275,8 @@ def impossible(
             for name in sorted(near, key=near.__getitem__)
             if near[name] < max(SAME_UNIT, 2 * u / abs(scale))
         ]
-        found.append(look("power.scale", scale=scale, u=u, units=units[:2]))
+        found.append(warning("power.scale", scale=scale, u=u, units=units[:2]))
     ways = [way for way in WAYS if way in gone] + ["joint, both disks"] * ("both beta" in gone)
     if ways:
-        found.append(look("answers.impossible", ways=ways))
+        found.append(warning("answers.impossible", ways=ways))
     return found

@@ -17,7 +17,7 @@ from scipy import special
 
 from tcdyn.core import Array
 from tcdyn.core.estimate import Estimate
-from tcdyn.core.findings import Finding, look
+from tcdyn.core.findings import Finding, warning
 from tcdyn.partition.angular_harmonic import (
     SECOND_REL,
     SIGNIFICANT,
@@ -248,7 +248,7 @@ def stated_round(
         seen_K, seen_deg = _polar(found.level_K)
         told_K, told_deg = _polar(told.first_K)
         findings.append(
-            look(
+            warning(
                 "fit.contradicted",
                 subject=d,
                 seen_K=seen_K,

@@ -20,7 +20,7 @@ import pandas as pd
 
 from tcdyn.core import Array
 from tcdyn.core.estimate import Z95, Estimate
-from tcdyn.core.findings import note
+from tcdyn.core.findings import info
 from tcdyn.estimation import crossing, eliminated, least, minimise, profile
 from tcdyn.heat.rim import cardinal, cardinal_slope, log_nodes
 from tcdyn.partition.joint import (
@@ -280,7 +280,7 @@ def intervals(table: pd.DataFrame) -> tuple[ProfileInterval, ...]:
             for end, normal in ((low, e.low95), (high, e.high95))
         ]
         differs = max(off) > NOTICEABLE * Z95 * e.u
-        said = note(
+        said = info(
             "joint.interval",
             subject=str(fit),
             parameter=parameter,

@@ -12,7 +12,7 @@ import pandas as pd
 from scipy.special import chdtrc
 
 from tcdyn.core.estimate import Estimate
-from tcdyn.core.findings import Finding, look, note, refuse
+from tcdyn.core.findings import Finding, error, info, warning
 from tcdyn.partition.at_rest import UNSOUND_P, at_rest
 from tcdyn.partition.disk_features import DiskFeatures, disk_features
 from tcdyn.partition.events import EhlTest
@@ -72,8 +72,8 @@ class Suspect:
             **self.numbers,
         }
         if self.kind in ("dead", "swapped"):
-            return refuse("sensors.suspect", subject=self.disk, **told)
-        return look("sensors.suspect", subject=self.disk, **told)
+            return error("sensors.suspect", subject=self.disk, **told)
+        return warning("sensors.suspect", subject=self.disk, **told)
 
 
 @dataclass(frozen=True)
@@ -161,7 +161,7 @@ def check_sensors(test: EhlTest) -> SensorCheck:
         own = table[(table["disk"] == d) & (table["steady"] != LEFT_OUT)]
         wrong = int((own["steady"] == "illogical").sum())
         alike = ["-".join(pair) for pair in blind[d]]
-        sound_disk = note("sensors.sound", subject=d, illogical=wrong, pairs=len(own), blind=alike)
+        sound_disk = info("sensors.sound", subject=d, illogical=wrong, pairs=len(own), blind=alike)
         verdicts[d] = tuple(s.finding for s in found[d]) or (sound_disk,)
     return SensorCheck(
         table=table,

@@ -9,7 +9,7 @@ import numpy as np
 
 from tcdyn.core import Array
 from tcdyn.core.estimate import Estimate
-from tcdyn.core.findings import Finding, doubts, look, note
+from tcdyn.core.findings import Finding, info, warning, warnings_and_errors
 from tcdyn.estimation import Optimum, minimise
 from tcdyn.partition.analyse import WINDOW_S, evened, followed, heeded
 from tcdyn.partition.angular_harmonic import Unevenness, found_in
@@ -85,12 +85,12 @@ class OneDisk:
     def crosscheck(self) -> Finding:
         """Whether the two ways agree; where one is withheld, which."""
         if self.withheld:
-            return look(
+            return warning(
                 "answers.impossible",
                 ways=[f"{way} {self.disk}" for way in WAYS if way in self.withheld],
             )
         joint, cooling = (self.answers[way] for way in WAYS)
-        return (look if self.z > SUSPECT_Z else note)(
+        return (warning if self.z > SUSPECT_Z else info)(
             "one_disk.ways",
             subject=self.disk,
             z=self.z,
@@ -107,18 +107,18 @@ class OneDisk:
 
     @property
     def status(self) -> str:
-        """ "sound", "look" where something asks for a decision, "withheld" where beta cannot be true."""
+        """ "sound", "warning" with at least one warning, "withheld" for a physically impossible estimate."""
         if "joint" in self.withheld:
             return "withheld"
-        return "look" if doubts(self.findings) else "sound"
+        return "warning" if warnings_and_errors(self.findings) else "sound"
 
     @property
     def headline(self) -> Finding:
         """Beta by the joint fit of the disk, and what it rests on."""
         if self.status == "withheld":
-            return look("headline.withheld", subject=self.disk)
+            return warning("headline.withheld", subject=self.disk)
         beta = self.answers["joint"]
-        return note("one_disk.headline", subject=self.disk, beta=beta.value, u=beta.u)
+        return info("one_disk.headline", subject=self.disk, beta=beta.value, u=beta.u)
 
 
 def analyse_one(
@@ -141,9 +141,9 @@ def analyse_one(
     rows = stretch_of(test, max(window_s, joint_s))
     sensors = None
     findings = [*test.findings]
-    findings.append(note("one_disk.only", subject=name))
+    findings.append(info("one_disk.only", subject=name))
     if test.disks[name].setup.fit.stated:
-        findings.append(look("one_disk.fit_unused", subject=name))
+        findings.append(warning("one_disk.fit_unused", subject=name))
     if sensor_check:
         progress("sensor map")
         sensors = check_sensors(test)

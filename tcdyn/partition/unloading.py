@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 
 from tcdyn.core import Array
-from tcdyn.core.findings import Finding, look
+from tcdyn.core.findings import Finding, warning
 
 AGREE_S = 0.1
 MISSING = 3.5  # sampling intervals: a wider gap at the fall leaves its instant open
@@ -38,17 +38,17 @@ def parting_of(
     }
     named = [(NAMES[c], fall) for c, fall in falls.items() if fall is not None]
     if not named and switch_s is None:
-        return about_s, AGREE_S, 0.0, [look("parting.unclear")]
+        return about_s, AGREE_S, 0.0, [warning("parting.unclear")]
     if not named and switch_s is not None:
-        return switch_s, indicator_u_s, 0.0, [look("parting.switch_alone")]
+        return switch_s, indicator_u_s, 0.0, [warning("parting.switch_alone")]
     said: list[Finding] = []
     if falls.get("friction_N") is None:
-        said.append(look("parting.no_friction"))
+        said.append(warning("parting.no_friction"))
     (witness, (at, parting)), *others = named
     instants_of_others = ([] if switch_s is None else [switch_s]) + [fall[0] for _, fall in others]
     near = [x for x in instants_of_others if abs(x - at) <= max(AGREE_S, 0.5 * parting)]
     if switch_s is not None and switch_s not in near:
-        said.append(look("parting.disagree", subject=witness, late_s=at - switch_s))
+        said.append(warning("parting.disagree", subject=witness, late_s=at - switch_s))
     if (
         parting > AGREE_S
     ):  # a slow fall: switch and load cell do not say when the heat was half gone

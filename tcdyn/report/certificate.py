@@ -15,7 +15,7 @@ from calibration.static_lines import OvenFit
 from immersion.plunge_fit import moved_lines
 from immersion.plunge_result import INTERVAL_NOTE, PlungeFit
 from tcdyn.core.estimate import with_u
-from tcdyn.core.findings import sentences
+from tcdyn.core.findings import messages
 from tcdyn.plots.calibration import draw_lag_budget, draw_lags, draw_residuals, error_figure
 from tcdyn.plots.plunge import plunge_figure, residual_figure, standardised
 from tcdyn.plots.style import pictured
@@ -63,7 +63,7 @@ def channel_verdicts(record: DiskRecord) -> dict[str, str]:
     ]
     verdicts: dict[str, str] = {}
     for name in sorted(record.static):
-        verdicts[name] = "; ".join(sentences(f for f in doubts if name in f.channels)) or FIT
+        verdicts[name] = "; ".join(messages(f for f in doubts if name in f.channels)) or FIT
     return verdicts
 
 

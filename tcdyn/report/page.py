@@ -22,7 +22,7 @@ import pandas as pd
 
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate, with_u
-from tcdyn.core.findings import Finding, doubts, notes, sentences
+from tcdyn.core.findings import Finding, infos, messages, warnings_and_errors
 from tcdyn.core.result import Result
 from tcdyn.io.write import write_text
 from tcdyn.smoothing.record import Compensated
@@ -198,8 +198,8 @@ def render_page(
         title=title,
         sections=sections,
         verdict=[part.strip() for part in verdict.split("\n\n") if part.strip()],
-        warnings=sentences(doubts(findings)),
-        notes=sentences(notes(findings)),
+        warnings=messages(warnings_and_errors(findings)),
+        notes=messages(infos(findings)),
         assumptions=list(assumptions),
         answers=answers,
         lead=lead,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, Place, by_share, look, note
+from tcdyn.core.findings import Finding, SampleLocation, info, info_or_warning, warning
 from tcdyn.estimation.trace_noise import MAD_TO_SD
 
 LONGEST_GAP_S = 0.5  # longer silence is refused: nobody knows what happened in it
@@ -43,7 +43,7 @@ class Sampling:
     late_s: Array | None = None
 
 
-def check_time(time: Array, place: Place) -> Sampling:
+def check_time(time: Array, place: SampleLocation) -> Sampling:
     """The time (N,) [s] as logged, with single missing values filled, and its sampling.
 
     Rounded stamps (0.013, 0.027, 0.040 at 75 Hz) are recognised as even and come back so; stamps that stray come back
@@ -115,7 +115,7 @@ def check_time(time: Array, place: Place) -> Sampling:
     if jitter.any() and not straying:
         i = int(np.argmax(jitter))
         found.append(
-            note("time.jitter", subject="time_s", row=place.row(i + 1), count=int(jitter.sum()))
+            info("time.jitter", subject="time_s", row=place.row(i + 1), count=int(jitter.sum()))
         )
     even, away_s = _even(time, grid, dt)
     if straying:
@@ -124,7 +124,7 @@ def check_time(time: Array, place: Place) -> Sampling:
             np.allclose(step / decimal_s, np.rint(step / decimal_s), atol=0.01)
             and away_s < 0.6 * decimal_s
         ):
-            found.append(note("time.few_decimals", subject="time_s", rate_Hz=1 / dt))
+            found.append(info("time.few_decimals", subject="time_s", rate_Hz=1 / dt))
         else:
             late = time - even
     if lost := int((places[places > 1] - 1).sum()):
@@ -133,9 +133,9 @@ def check_time(time: Array, place: Place) -> Sampling:
         line = place.row(i + 1)
         first_s = float(time[i])
         numbers: dict[str, Any] = {"row": line, "count": lost, "places": gaps, "first_s": first_s}
-        found.append(by_share(lost / len(time), "time.lost", subject="time_s", **numbers))
+        found.append(info_or_warning(lost / len(time), "time.lost", subject="time_s", **numbers))
     if dt > 0.05:
-        found.append(look("time.slow", subject="time_s", rate_Hz=1 / dt, lost_s=2 * dt))
+        found.append(warning("time.slow", subject="time_s", rate_Hz=1 / dt, lost_s=2 * dt))
     # steps of 13 and 14 ms, neither of which is the interval of 75 Hz: the clock has too few decimals
     rounded = straying or (abs(usual - dt) >= 1e-3 * dt and away_s < dt)
     return Sampling(even if rounded else time, dt, grid, tuple(found), late)
@@ -203,7 +203,7 @@ def weighed(sampling: Sampling, course: pd.DataFrame) -> Sampling:
     share = _real_share(couples, course.index.to_numpy(), sampling, sampling.late_s)
     stray_s = float(np.std(sampling.late_s))
     rate_Hz = 1 / sampling.dt_s
-    said = note(
+    said = info(
         "time.strays", subject="time_s", stray_s=stray_s, percent=100 * share, rate_Hz=rate_Hz
     )
     return replace(sampling, late_s=share * sampling.late_s, findings=(*sampling.findings, said))
@@ -278,7 +278,7 @@ def _even(time: Array, place: NDArray[np.int32], dt_s: float) -> tuple[Array, fl
     return even, float(max(late.max(), -late.min()))
 
 
-def _filled(time: Array, place: Place) -> tuple[Array, list[Finding]]:
+def _filled(time: Array, place: SampleLocation) -> tuple[Array, list[Finding]]:
     bad = ~np.isfinite(time)
     if not bad.any():
         return time, []
@@ -291,4 +291,4 @@ def _filled(time: Array, place: Place) -> tuple[Array, list[Finding]]:
         )
     index = np.arange(len(time))
     time = np.interp(index, index[~bad], time[~bad])
-    return time, [note("time.filled", subject="time_s", row=place.row(i), count=int(bad.sum()))]
+    return time, [info("time.filled", subject="time_s", row=place.row(i), count=int(bad.sum()))]

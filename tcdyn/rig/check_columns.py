@@ -13,7 +13,7 @@ from pandas.api.types import union_categoricals
 
 from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, Place, by_share, look, note
+from tcdyn.core.findings import Finding, SampleLocation, info, info_or_warning, warning
 from tcdyn.estimation.trace_noise import MOST_MISSING, impossible
 from tcdyn.rig.columns import SWITCHES, is_air
 
@@ -106,7 +106,7 @@ class ColumnCheck:
     """
 
     name: str
-    place: Place
+    place: SampleLocation
     tallies: dict[str, Tally] = field(default_factory=lambda: defaultdict(Tally))
     seen: int = 0
     last: float = np.nan
@@ -150,13 +150,15 @@ class ColumnCheck:
                 )
             numbers = {"count": gap.count, **place.of(gap.first)} if gap.count else {}
             return (
-                [by_share(gap.count / seen, "values.missing", subject=name, **numbers)]
+                [info_or_warning(gap.count / seen, "values.missing", subject=name, **numbers)]
                 if gap.count
                 else []
             )
         if wild.count:
             numbers = {"count": wild.count, "value": wild.value, **place.of(wild.first)}
-            found.append(by_share(wild.count / seen, "values.impossible", subject=name, **numbers))
+            found.append(
+                info_or_warning(wild.count / seen, "values.impossible", subject=name, **numbers)
+            )
         if place.dt_s is None:
             return found
         found += self._frozen(place.dt_s)
@@ -169,7 +171,7 @@ class ColumnCheck:
             )
         if spikes.count:
             found.append(
-                note("spikes.removed", subject=name, count=spikes.count, **place.of(spikes.first))
+                info("spikes.removed", subject=name, count=spikes.count, **place.of(spikes.first))
             )
         span_s = gap.length * place.dt_s
         if span_s > max(LONGEST_NAN_S, 3 * place.dt_s) or gap.count > MOST_MISSING * seen:
@@ -188,7 +190,7 @@ class ColumnCheck:
                 **place.of(absent.start),
             }
             found.append(
-                by_share(
+                info_or_warning(
                     absent.count / seen,
                     "values.absent",
                     subject=name,
@@ -205,10 +207,10 @@ class ColumnCheck:
         others = self.seen - 1 - same.length
         span_s = same.length * dt_s
         if self.low == self.high:
-            found = look("column.constant", subject=name, value=self.low)
+            found = warning("column.constant", subject=name, value=self.low)
             remedy = "check its wiring"
         elif span_s > FROZEN_S and same.count - same.length < 0.5 * max(others, 1):
-            found = look(
+            found = warning(
                 "column.frozen",
                 subject=name,
                 value=same.held,

@@ -9,7 +9,7 @@ import pandas as pd
 
 from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, Place, by_share, look, note
+from tcdyn.core.findings import Finding, SampleLocation, info, info_or_warning, warning
 from tcdyn.estimation.trace_noise import white_noise_sd
 from tcdyn.rig.columns import ROOM_AND_BATH, couples_in
 from tcdyn.rig.disk import DISKS
@@ -22,7 +22,7 @@ def check_kind(
     kind: str,
     course: pd.DataFrame,
     switches: Mapping[str, Array],
-    place: Place,
+    place: SampleLocation,
     rig: Rig,
     disk: str | None,
     *,
@@ -39,7 +39,7 @@ def check_kind(
         levels, said = _two_level(values, name, place)
         if name == "contact" and _inverted(course, levels[course.index] > 0.5):
             levels = 1.0 - levels
-            said = [*said, look("contact.inverted", subject="contact")]
+            said = [*said, warning("contact.inverted", subject="contact")]
         found += said + _edges(levels, name, place, parted)
         states[name] = levels > 0.5
     bath = [float(course[n].median()) for n in ROOM_AND_BATH if n in course]
@@ -93,7 +93,7 @@ def _touching(course: pd.DataFrame) -> Flags:
     return np.asarray(calm > 0.5 * (calm.min() + calm.max()))
 
 
-def _two_level(values: Array, name: str, place: Place) -> tuple[Array, list[Finding]]:
+def _two_level(values: Array, name: str, place: SampleLocation) -> tuple[Array, list[Finding]]:
     """A switch (N,) as 0 and 1; missing samples keep the state before them.
 
     Other pairs of levels (0 and 5 V) are read as off and on, with a note. Raises InputError for more levels.
@@ -111,7 +111,7 @@ def _two_level(values: Array, name: str, place: Place) -> tuple[Array, list[Find
             )
         count = int(missing.sum())
         found.append(
-            by_share(
+            info_or_warning(
                 count / len(values), "switch.filled", subject=name, count=count, **place.of(first)
             )
         )
@@ -130,7 +130,7 @@ def _two_level(values: Array, name: str, place: Place) -> tuple[Array, list[Find
         raise InputError(
             f"column {name} is {levels[0]:g} in every row", where=place.where, expected="0 and 1"
         )
-    found.append(note("switch.levels", subject=name, low=float(levels[0]), high=float(levels[1])))
+    found.append(info("switch.levels", subject=name, low=float(levels[0]), high=float(levels[1])))
     return (values == levels[1]).astype(float), found
 
 
@@ -152,7 +152,7 @@ def _inverted(course: pd.DataFrame, contact: Flags) -> bool:
     return all(against)
 
 
-def _edges(values: Array, name: str, place: Place, parted: bool) -> list[Finding]:
+def _edges(values: Array, name: str, place: SampleLocation, parted: bool) -> list[Finding]:
     """Whether a switch (N,) of 0 and 1 moves as it must: up at an entry, down where the disks part.
 
     Held or momentary both are fine for an entry; bounces and a missing loading or cooling are noted.
@@ -181,17 +181,19 @@ def _edges(values: Array, name: str, place: Place, parted: bool) -> list[Finding
     close = np.flatnonzero(np.diff(edges) * place.dt_s < BOUNCE_S)
     if len(edges) > 2 and len(close):
         found.append(
-            note("switch.bounces", subject=name, count=len(edges), **place.of(int(edges[close[0]])))
+            info("switch.bounces", subject=name, count=len(edges), **place.of(int(edges[close[0]])))
         )
     if name == "contact" and values[0] > 0.5:
-        found.append(look("contact.from_start", subject="contact"))
+        found.append(warning("contact.from_start", subject="contact"))
     cooling_s = float(len(values) - 1 - falls[-1]) * place.dt_s if len(falls) else np.inf
     if name == "contact" and cooling_s < 5.0:
-        found.append(look("contact.short_cooling", subject="contact", cooling_s=cooling_s))
+        found.append(warning("contact.short_cooling", subject="contact", cooling_s=cooling_s))
     return found
 
 
-def _group(columns: pd.DataFrame, place: Place, reference_degC: float | None) -> list[Finding]:
+def _group(
+    columns: pd.DataFrame, place: SampleLocation, reference_degC: float | None
+) -> list[Finding]:
     """Channels of one disk against one another: millivolts, and one that does not follow the rest.
 
     ``reference_degC`` is the median of a bath or room temperature known to be in degC. Raises InputError.
@@ -226,7 +228,7 @@ def _group(columns: pd.DataFrame, place: Place, reference_degC: float | None) ->
     calm = _upper_median(noise)
     loud = noise[noise > 4.0 * calm + 0.1]
     return [
-        look("noise.high", subject=str(name), noise_K=value, others_K=calm)
+        warning("noise.high", subject=str(name), noise_K=value, others_K=calm)
         for name, value in loud.items()
     ]
 
@@ -262,9 +264,9 @@ def _loads(course: pd.DataFrame, contact: Flags, where: str) -> list[Finding]:
     found: list[Finding] = []
     friction = float(touching.get("friction_N", np.nan))
     if friction < 0:
-        found.append(look("friction.negative", subject="friction_N", friction_N=friction))
+        found.append(warning("friction.negative", subject="friction_N", friction_N=friction))
     elif friction > 0.3 * on:
-        found.append(look("friction.high", subject="friction_N", friction_N=friction, load_N=on))
+        found.append(warning("friction.high", subject="friction_N", friction_N=friction, load_N=on))
     fast, slow = (float(touching.get(f"speed_{disk}_rpm", np.nan)) for disk in DISKS)
     for disk, value in zip(DISKS, (fast, slow)):
         if not value > 0 and f"speed_{disk}_rpm" in course:
@@ -281,7 +283,7 @@ def _loads(course: pd.DataFrame, contact: Flags, where: str) -> list[Finding]:
             remedy="the columns look swapped",
         )
     if slow < 60.0:
-        found.append(look("speed.slow", subject="speed_slow_rpm", speed_rpm=slow))
+        found.append(warning("speed.slow", subject="speed_slow_rpm", speed_rpm=slow))
     return found
 
 
@@ -304,7 +306,7 @@ def _swapped(course: pd.DataFrame, prefix: str, tables: RigTables, hot: Flags) -
     if not wrong:
         return []
     shallow, deep = min(wrong, key=lambda p: lead[p[0]] - lead[p[1]])
-    found = look(
+    found = warning(
         "junctions.swapped",
         subject=f"{prefix}{shallow}_degC",
         other=f"{prefix}{deep}_degC",

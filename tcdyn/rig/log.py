@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, Place, graded
+from tcdyn.core.findings import Finding, SampleLocation, labelled_messages
 from tcdyn.core.result import Result, jsonable
 from tcdyn.estimation.trace_noise import SPIKES, clean, course_noise_K
 from tcdyn.io.read import Table, read_whole, sha256
@@ -67,7 +67,9 @@ class Log(Result):
         said = f"{self.path.name}: {LAYOUTS[self.kind].name}, {len(self.frame)} rows"
         if self.dt_s is not None:
             said += f" at {1 / self.dt_s:.4g} Hz, {len(self.frame) * self.dt_s:.4g} s"
-        return "\n".join([f"{said}, {len(self.channels)} thermocouples", *graded(self.findings)])
+        return "\n".join(
+            [f"{said}, {len(self.channels)} thermocouples", *labelled_messages(self.findings)]
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Where the log comes from and the range of every column; the samples are in ``frame``."""
@@ -133,7 +135,7 @@ class LogPieces:
     _table: Table = field(repr=False)
     _names: Mapping[str, str] = field(repr=False)
     _noise_K: Mapping[str, float] = field(repr=False)
-    _place: Place = field(repr=False)
+    _place: SampleLocation = field(repr=False)
     _piece_rows: int = field(repr=False)
     _whole: Log | None = field(repr=False, default=None)  # of a file whose rows are kept
 
@@ -276,7 +278,7 @@ def iter_log(
     others = [name for name in names if name != "time_s" and name not in SWITCHES]
     found = list[Finding]()
     course = Course()
-    place = Place(table.where)
+    place = SampleLocation(table.where)
     for raw in table.pieces(list(dict.fromkeys(names.values())), rows):
         place = raw.place
         time = raw.data[names["time_s"]]

@@ -12,7 +12,7 @@ import numpy as np
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, look, note
+from tcdyn.core.findings import Finding, info, warning
 from tcdyn.io.read import Table, open_table, shown
 from tcdyn.rig.columns import (
     EHL_RUNNING,
@@ -87,11 +87,11 @@ def missing_and_unused(
         if n not in (*names, *TORQUES) and kind in ("ehl", "immersion")
     ]
     found = [
-        note("contact.not_logged") if n == "contact" else look("column.not_there", subject=n)
+        info("contact.not_logged") if n == "contact" else warning("column.not_there", subject=n)
         for n in asked
     ]
     if unused := [n for n in table.names if n not in (*names.values(), *without)]:
-        found.append(note("columns.unused", names=unused))
+        found.append(info("columns.unused", names=unused))
     return found
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, Place, look, note
+from tcdyn.core.findings import Finding, SampleLocation, info, warning
 from tcdyn.estimation.line_fit import fit_line
 from tcdyn.estimation.trace_noise import clean, course_noise_K
 from tcdyn.rig.check_columns import ColumnCheck
@@ -86,7 +86,9 @@ def _plateaus(steady: NDArray[np.bool_], level: Array, apart_K: float) -> list[l
     return found
 
 
-def oven_frame(columns: Mapping[str, Array], place: Place) -> tuple[pd.DataFrame, list[Finding]]:
+def oven_frame(
+    columns: Mapping[str, Array], place: SampleLocation
+) -> tuple[pd.DataFrame, list[Finding]]:
     """Oven rows as every log of an oven has them, from its canonical columns (N,), checked, and what was noticed.
 
     Raises InputError for channels that do not follow the PRT, and for a continuous log without a steady minute.
@@ -104,13 +106,13 @@ def oven_frame(columns: Mapping[str, Array], place: Place) -> tuple[pd.DataFrame
     empty = ~np.isfinite(checked["prt_degC"])
     if empty.any():
         first = place.of(int(np.argmax(empty)))
-        found.append(look("oven.no_prt", subject="prt_degC", count=int(empty.sum()), **first))
+        found.append(warning("oven.no_prt", subject="prt_degC", count=int(empty.sum()), **first))
     junctions = couples_in(columns)
     for name in junctions:
         gaps = ~np.isfinite(checked[name]) & ~empty
         if gaps.any():
             first = place.of(int(np.argmax(gaps)))
-            found.append(look("oven.missing", subject=name, count=int(gaps.sum()), **first))
+            found.append(warning("oven.missing", subject=name, count=int(gaps.sum()), **first))
     frame = pd.DataFrame(checked)
     if "time_s" in frame and not {"repeat", "setpoint_degC"} & set(frame.columns):
         time = frame["time_s"].to_numpy()
@@ -123,23 +125,23 @@ def oven_frame(columns: Mapping[str, Array], place: Place) -> tuple[pd.DataFrame
             )
         span_h = float(time[-1] - time[0]) / 3600
         frame = steady_minutes(frame)
-        found.append(note("oven.continuous", count=len(frame), span_h=span_h))
+        found.append(info("oven.continuous", count=len(frame), span_h=span_h))
         empty = np.zeros(len(frame), dtype=bool)
     found += check_oven(frame, place)
     frame = frame.loc[~empty].reset_index(drop=True)
     if "setpoint_degC" not in frame:
         frame["setpoint_degC"] = 5.0 * np.rint(frame["prt_degC"] / 5.0)
-        found.append(look("oven.no_setpoint", subject="setpoint_degC"))
+        found.append(warning("oven.no_setpoint", subject="setpoint_degC"))
     if "repeat" not in frame:
         hold = (frame["setpoint_degC"].diff() != 0).cumsum()
         first_of = pd.DataFrame({"hold": hold, "at": frame["setpoint_degC"]}).drop_duplicates()
         number = dict(zip(first_of["hold"], first_of.groupby("at").cumcount() + 1.0))
         frame["repeat"] = hold.map(number).astype(float)
-        found.append(note("oven.no_repeat", subject="repeat"))
+        found.append(info("oven.no_repeat", subject="repeat"))
     return frame[["repeat", "setpoint_degC", "prt_degC", *junctions]], found
 
 
-def check_oven(frame: pd.DataFrame, place: Place) -> list[Finding]:
+def check_oven(frame: pd.DataFrame, place: SampleLocation) -> list[Finding]:
     """Oven rows: enough of them, and every channel follows the PRT. Raises InputError."""
     prt = frame["prt_degC"].to_numpy()
     found: list[Finding] = []
@@ -176,6 +178,6 @@ def check_oven(frame: pd.DataFrame, place: Place) -> list[Finding]:
         if far.any():
             i = int(np.argmax(far))
             found.append(
-                look("oven.far", subject=name, value_degC=y[i], prt_degC=prt[i], **place.of(i))
+                warning("oven.far", subject=name, value_degC=y[i], prt_degC=prt[i], **place.of(i))
             )
     return found

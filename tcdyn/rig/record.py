@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, computed_fie
 
 from tcdyn.core.errors import InputError, first_wrong
 from tcdyn.core.estimate import Estimate
-from tcdyn.core.findings import Finding, graded, look, sentences
+from tcdyn.core.findings import Finding, labelled_messages, messages, warning
 from tcdyn.core.result import Result, json_text
 from tcdyn.io.checksum import SEAL, altered, sealed
 from tcdyn.io.write import write_text
@@ -138,7 +138,7 @@ class DiskRecord(Result, RecordPart):
         old = data.pop("warnings")
         if not isinstance(old, list) or not all(isinstance(sentence, str) for sentence in old):
             raise ValueError("warnings: must be a list of sentences")
-        data.setdefault("findings", [look("said", text=sentence) for sentence in old])
+        data.setdefault("findings", [warning("said", text=sentence) for sentence in old])
         return data
 
     @model_validator(mode="after")
@@ -174,7 +174,7 @@ class DiskRecord(Result, RecordPart):
     @property
     def warnings(self) -> list[str]:
         """The findings as sentences, notes among them."""
-        return list(sentences(self.findings))
+        return list(messages(self.findings))
 
     @property
     def made(self) -> str:
@@ -198,7 +198,7 @@ class DiskRecord(Result, RecordPart):
             )
             rest = self.chain.differential_lag_s
             lines.append("  " + ", ".join(f"{c} {rest[c].text('s')}" for c in sorted(rest)))
-        return "\n".join([*lines, *graded(self.findings)])
+        return "\n".join([*lines, *labelled_messages(self.findings)])
 
     def card(self) -> pd.DataFrame:
         """Static line and lag of each channel."""

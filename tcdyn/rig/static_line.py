@@ -12,7 +12,7 @@ from pydantic import BaseModel, Field, model_validator
 
 from tcdyn.core import Array, Flags
 from tcdyn.core.estimate import Estimate
-from tcdyn.core.findings import Finding, look, note
+from tcdyn.core.findings import Finding, info, warning
 from tcdyn.rig.disk import CHANNELS
 from tcdyn.rig.strict import STRICT
 
@@ -103,7 +103,7 @@ def significant_test(p: float | None, code: str, channel: str, **numbers: Any) -
     """What a test says that fails at the 1 % level: a note, from 0.1 % on to be looked at."""
     if p is None or p >= SIGNIFICANT:
         return []
-    return [(look if p < CLEARLY else note)(code, subject=channel, **numbers, p=p)]
+    return [(warning if p < CLEARLY else info)(code, subject=channel, **numbers, p=p)]
 
 
 def lines_table(lines: Mapping[str, StaticLine]) -> pd.DataFrame:
@@ -192,7 +192,7 @@ def extrapolated(
         if outside_range(lines[channel], ends, margin_K=FAR_K).any():
             left.setdefault(lines[channel].range_degC, {})[channel] = ends.tolist()
     return [
-        look(
+        warning(
             "line.extrapolated",
             where=where,
             subject=", ".join(read),

@@ -18,7 +18,7 @@ from tcdyn.chain import Chain
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
-from tcdyn.core.findings import Finding, look, note
+from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.estimation import Noise
 from tcdyn.estimation.trace_noise import white_noise_sd
@@ -110,15 +110,15 @@ def current_sensor(
     longest = float(np.diff(np.r_[switches, len(power) - 1]).max() * (time_s[1] - time_s[0]))
     found: list[Finding] = []
     if longest < 4 * lag.value:
-        found.append(look("sensor.cut_off", subject=column, after_s=longest, lag_s=lag.value))
+        found.append(warning("sensor.cut_off", subject=column, after_s=longest, lag_s=lag.value))
     found += best.doubts(column, noise, 0.01 * span)
     percent = 50 * (lag.high95 - lag.low95) / lag.value
     if percent > WIDE:
         found.append(
-            look("sensor.conversion_wide", subject=column, low_s=lag.low95, high_s=lag.high95)
+            warning("sensor.conversion_wide", subject=column, low_s=lag.low95, high_s=lag.high95)
         )
     else:
-        found.append(note("sensor.conversion", subject=column, percent=percent))
+        found.append(info("sensor.conversion", subject=column, percent=percent))
     shape = {
         k.removeprefix("log_"): _of(np.exp(v), weights).model_dump()
         for k, v in zip(KNOWN, theta.T[1:])

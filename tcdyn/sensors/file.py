@@ -15,7 +15,7 @@ from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
-from tcdyn.core.findings import Finding, graded, look, sentences
+from tcdyn.core.findings import Finding, labelled_messages, messages, warning
 from tcdyn.core.result import Result
 from tcdyn.io.checksum import altered, sealed
 from tcdyn.io.write import write_text
@@ -115,7 +115,7 @@ class SensorFile(Result, RecordPart):
     @property
     def warnings(self) -> list[str]:
         """The findings as sentences."""
-        return list(sentences(self.findings))
+        return list(messages(self.findings))
 
     @property
     def chains(self) -> tuple[Chain, ...]:
@@ -155,7 +155,7 @@ class SensorFile(Result, RecordPart):
                 if isinstance(v, float)
                 else []
             )
-        return "\n".join([*lines, *graded(self.findings)])
+        return "\n".join([*lines, *labelled_messages(self.findings)])
 
     def card(self) -> pd.DataFrame:
         """Lag and times of each column."""
@@ -300,7 +300,7 @@ def stated(
     chain = Chain([t for t, _ in taus], delay_s=delay_s[0], conditioning=conditioning)
     u2 = sum(u * u for _, u in (*taus, delay_s))
     lesser = sum(u * u for _, u in (*taus[1:], delay_s))
-    found = [] if u2 > 0 else [look("sensor.exact", lag_s=chain.lag_s)]
+    found = [] if u2 > 0 else [warning("sensor.exact", lag_s=chain.lag_s)]
     m = len(columns)
     return sensor_file(
         sensor,
@@ -364,7 +364,7 @@ def from_identified(model: Identified, sensor: str = "") -> SensorFile:
     gain = model.estimates.get("Kp")
     found = list(model.findings)
     if gain is not None and abs(gain.value - 1) > max(3 * gain.u, 1e-3):
-        found.append(look("sensor.gain", subject=model.output_name, gain=gain.value, u=gain.u))
+        found.append(warning("sensor.gain", subject=model.output_name, gain=gain.value, u=gain.u))
     column = model.output_name
     return sensor_file(
         sensor or model.model.name,

@@ -15,7 +15,7 @@ from tcdyn.chain import Chain
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
-from tcdyn.core.findings import Finding, look, note
+from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.sensors.file import SHARES, SensorFile, lag_and_times, sensor_file, undetermined
 from tcdyn.sensors.step_fits import averaged, weights_of
@@ -218,12 +218,12 @@ def _enough(y: Array, dt: float, lag: Estimate, theta: Array) -> None:
 def _conditions(y: Array, seen: Periodogram, theta: Array, column: str, lags: int) -> list[Finding]:
     """What the trace tells of the conditions: stationarity, and whether the spectrum is the model's."""
     found: list[Finding] = [
-        (look if lags == 2 else note)("sensor.noise_driving", subject=column, lags=lags)
+        (warning if lags == 2 else info)("sensor.noise_driving", subject=column, lags=lags)
     ]
     quarters = [float(np.var(part)) for part in np.array_split(y, 4)]
     if max(quarters) > UNSTEADY * min(quarters):
         found.append(
-            look(
+            warning(
                 "sensor.noise_unsteady",
                 subject=column,
                 ratio=(max(quarters) / min(quarters)) ** 0.5,
@@ -239,5 +239,5 @@ def _conditions(y: Array, seen: Periodogram, theta: Array, column: str, lags: in
             bands += 1
     p = float(chdtrc(max(bands - len(theta), 1), total))
     if p < ALARM:
-        found.append(look("sensor.noise_misfit", subject=column, p_value=p))
+        found.append(warning("sensor.noise_misfit", subject=column, p_value=p))
     return found

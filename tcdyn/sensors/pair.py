@@ -21,7 +21,7 @@ from tcdyn.chain import Chain
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
-from tcdyn.core.findings import Finding, look, note
+from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.estimation.trace_noise import white_noise_sd
 from tcdyn.sensors.file import SensorFile, sensor_file, undetermined
@@ -172,7 +172,7 @@ def _with_new_values(data: PairData, columns: tuple[str, str]) -> tuple[PairData
         interval_s = data.dt_s / updates[k].share
         percent = 100 * updates[k].share
         found.append(
-            note("sensor.pair_slower", subject=columns[k], percent=percent, interval_s=interval_s)
+            info("sensor.pair_slower", subject=columns[k], percent=percent, interval_s=interval_s)
         )
     dense = updates[int(np.argmax([u.share for u in updates]))]
     period = max(dense.period, 1)
@@ -394,7 +394,7 @@ def _file(
         if max(np.sqrt(np.diag(part)) / (t1, t2)) > TOLD:
             u = _difference_u(part)
             found.append(
-                look(
+                warning(
                     "sensor.pair_difference",
                     subject=", ".join(columns),
                     difference_s=t1 - t2,
@@ -403,12 +403,12 @@ def _file(
             )
     if data.dt_s > min(taus) / 3:
         found.append(
-            look(
+            warning(
                 "sensor.slow", subject=columns[np.argmin(taus[:2])], dt_s=data.dt_s, lag_s=min(taus)
             )
         )
     if chi2 > 1.5:
-        found.append(look("sensor.pair_misfit", subject=", ".join(columns), ratio=chi2))
+        found.append(warning("sensor.pair_misfit", subject=", ".join(columns), ratio=chi2))
     fit: dict[str, Any] = {
         "chi2": chi2,
         "noise_K": list(data.noise_K),
@@ -418,7 +418,7 @@ def _file(
         fit["exponent"] = Estimate.normal(theta[m], np.sqrt(covariance[m, m])).model_dump()
         fit["speed_median"] = float(np.nanmedian(speed))
         found.append(
-            look(
+            warning(
                 "sensor.pair_flow",
                 subject=", ".join(columns),
                 what=f"speed {np.nanmedian(speed):.4g}",
@@ -429,7 +429,7 @@ def _file(
         fit["changes_s"] = list(map(float, changes_s))
         fit["stretches"] = [dict(zip(columns, each[2 * k : 2 * k + 2])) for k in range(data.pieces)]
         what = f"the stretch after {max(changes_s):.6g} s"
-        found.append(look("sensor.pair_flow", subject=", ".join(columns), what=what))
+        found.append(warning("sensor.pair_flow", subject=", ".join(columns), what=what))
     chains = {c: Chain(tau) for c, tau in zip(columns, taus[now])}
     return sensor_file(
         sensor, chains, "pair", lags[now, now], [0.0, 0.0], fit=fit, findings=found, **more

@@ -11,7 +11,7 @@ import numpy as np
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, look
+from tcdyn.core.findings import Finding, warning
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.estimation import Noise
 from tcdyn.estimation.trace_noise import white_noise_sd
@@ -133,9 +133,9 @@ def plunge_sensor(
         specified_s = (entry_s[0], max(entry_s[1], _exact_s(dt)))
         found += _entry_conflict(column, specified_s, best.theta["entry_s"] + begun, entry_u)
     if dt > lag.value:
-        found.append(look("sensor.slow", subject=column, dt_s=dt, lag_s=lag.value))
+        found.append(warning("sensor.slow", subject=column, dt_s=dt, lag_s=lag.value))
     if (after := len(y) * dt - at) < 4 * lag.value:
-        found.append(look("sensor.cut_off", subject=column, after_s=after, lag_s=lag.value))
+        found.append(warning("sensor.cut_off", subject=column, after_s=after, lag_s=lag.value))
     fit = {
         "entry_s": best.theta["entry_s"] + begun,
         "entry_u_s": float(np.sqrt(best.optimum.covariance[1, 1])),
@@ -188,7 +188,7 @@ def _entry_conflict(
     shift_u_s = max(float(np.sqrt(max(specified_s[1] ** 2 - fitted_u_s**2, 0.0))), least_u_s)
     if abs(shift_s) <= CONFLICT_U * shift_u_s:
         return []
-    conflict = look(
+    conflict = warning(
         "sensor.entry_conflict",
         subject=column,
         specified_s=specified_s[0],

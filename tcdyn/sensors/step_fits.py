@@ -10,7 +10,7 @@ import numpy as np
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate, mixture_range
-from tcdyn.core.findings import Finding, look, note
+from tcdyn.core.findings import Finding, info, warning
 from tcdyn.estimation import Noise, Optimum, Problem, Status, fit_ar, minimise
 from tcdyn.sensors.file import undetermined
 
@@ -49,10 +49,10 @@ class Fitted:
 
     def doubts(self, column: str, noise_K: float, least_K: float) -> list[Finding]:
         """Whether the residuals are coloured, and whether they are clearly more than ``noise_K`` and ``least_K``."""
-        found = [] if self.colour.white else [note("sensor.coloured", subject=column)]
+        found = [] if self.colour.white else [info("sensor.coloured", subject=column)]
         rest = float(np.sqrt(np.mean(self.residual**2)))
         if rest > max(3 * noise_K, least_K):
-            found.append(look("sensor.misfit", subject=column, rms_K=rest, noise_K=noise_K))
+            found.append(warning("sensor.misfit", subject=column, rms_K=rest, noise_K=noise_K))
         return found
 
 

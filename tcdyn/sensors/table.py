@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, look, note
+from tcdyn.core.findings import Finding, info, warning
 from tcdyn.io.read import Table, open_table, shown
 from tcdyn.io.table import PIECE_ROWS, missing
 from tcdyn.io.times import HEADER_NAMES, TimeColumn, find_time_column, rows_of_repeated_stamps
@@ -148,7 +148,7 @@ def read_columns(
             if wrong.any():
                 first = int(np.argmax(wrong))
                 found.append(
-                    look(
+                    warning(
                         "sensor.codes",
                         subject=name,
                         count=int(wrong.sum()),
@@ -206,9 +206,9 @@ def places(time_s: Array, where: str, dt_s: float | None = None) -> tuple[EvenTi
         if even is not None:
             dt = dt_s or even.interval_s
             percent = 100 * even.u_s / dt
-            finding = note("sensor.few_decimals", rate_Hz=1 / dt, percent=percent)
+            finding = info("sensor.few_decimals", rate_Hz=1 / dt, percent=percent)
             if even.u_s > UNSURE_RATE * dt:
-                finding = look("sensor.few_decimals", rate_Hz=1 / dt, percent=percent)
+                finding = warning("sensor.few_decimals", rate_Hz=1 / dt, percent=percent)
             return EvenTimes(even.places, dt), [finding]
         if (step == 0).mean() > MOSTLY_REPEATED:
             raise InputError(
@@ -218,7 +218,7 @@ def places(time_s: Array, where: str, dt_s: float | None = None) -> tuple[EvenTi
                 remedy="log finer stamps, or cut the table where rows are missing",
             )
         row = int(np.argmax(step == 0))
-        repeated = [note("sensor.repeated", count=int((step == 0).sum()), row=row + 2)]
+        repeated = [info("sensor.repeated", count=int((step == 0).sum()), row=row + 2)]
     usual = dt_s or float(np.median(step[step > 0]))
     dt = dt_s or float(step.sum() / np.rint(step / usual).sum())  # a row that came twice is no step
     place = np.concatenate([[0.0], np.cumsum(np.maximum(np.rint(step / dt), 1.0))])
@@ -229,7 +229,7 @@ def places(time_s: Array, where: str, dt_s: float | None = None) -> tuple[EvenTi
         place = np.rint((time_s - time_s[0]) / dt)
         place = np.maximum.accumulate(place)
         stray = float(np.sqrt(np.mean(((time_s - time_s[0]) / dt - place) ** 2)))
-    found = [look("sensor.uneven", rate_Hz=1 / dt, stray_s=stray * dt)] if stray > UNEVEN else []
+    found = [warning("sensor.uneven", rate_Hz=1 / dt, stray_s=stray * dt)] if stray > UNEVEN else []
     return EvenTimes(place.astype(np.intp), dt), [*repeated, *found]
 
 

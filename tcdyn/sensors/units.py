@@ -11,7 +11,7 @@ import numpy as np
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, look, note
+from tcdyn.core.findings import Finding, info, warning
 from tcdyn.io.table import missing
 from tcdyn.rig.thermocouple_types import to_degC
 
@@ -144,14 +144,14 @@ def units_of(
                 parameters={"unit": "UNIT"},
             )
         if stated and stated != unit:
-            told.append(look("sensor.unit_contradicted", subject=name, said=unit))
+            told.append(warning("sensor.unit_contradicted", subject=name, said=unit))
         if not unit:
             plain.append(name)
         out[name] = Unit(unit or "degC", couple if (unit or "degC") == "mV" else "", cold)
     return out, [
         *told,
         *(
-            [note("sensor.unit_assumed", subject=", ".join(plain), count=len(plain))]
+            [info("sensor.unit_assumed", subject=", ".join(plain), count=len(plain))]
             if plain
             else []
         ),
@@ -162,7 +162,7 @@ def doubtful(column: str, unit: Unit, values: Array) -> list[Finding]:
     """What speaks against a unit: kelvin that would be colder than 100 K, degrees Celsius that look like kelvin."""
     middle = float(np.nanmedian(values)) if np.isfinite(values).any() else np.nan
     if unit.name == "K" and middle < COLDEST_K:
-        return [look("sensor.unit_doubt", subject=column, unit="K", value=middle)]
+        return [warning("sensor.unit_doubt", subject=column, unit="K", value=middle)]
     return []
 
 

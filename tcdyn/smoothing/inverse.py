@@ -13,7 +13,7 @@ from scipy.ndimage import uniform_filter1d
 from tcdyn.chain import Chain, discretised
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, look, sentences
+from tcdyn.core.findings import Finding, messages, warning
 from tcdyn.core.result import Result
 from tcdyn.smoothing.intervals import corner_rad_s
 from tcdyn.smoothing.record import Compensated, stretch_of
@@ -183,7 +183,7 @@ class BeforeUse(Result):
     @property
     def warnings(self) -> tuple[str, ...]:
         """What a user should know first, in words."""
-        return sentences(self.findings)
+        return messages(self.findings)
 
     def summary(self) -> str:
         """The report in words."""
@@ -214,7 +214,7 @@ def before_use(f: InverseFilter, noise_sd: float, wanted_K: float | None = None)
     if noise_out > limit:
         best = widest_bandwidth_Hz(f.chain, dt, noise_sd, limit)
         found.append(
-            look(
+            warning(
                 "inverse.noisy",
                 bandwidth_Hz=f.bandwidth_Hz,
                 noise_K=noise_out,
@@ -223,7 +223,7 @@ def before_use(f: InverseFilter, noise_sd: float, wanted_K: float | None = None)
             )
         )
     if f.bandwidth_Hz > 0.2 / dt:
-        found.append(look("inverse.near_nyquist", bandwidth_Hz=f.bandwidth_Hz, rate_Hz=1 / dt))
+        found.append(warning("inverse.near_nyquist", bandwidth_Hz=f.bandwidth_Hz, rate_Hz=1 / dt))
     return filter_report(f, noise_sd, found)
 
 
@@ -243,7 +243,7 @@ def filter_report(f: InverseFilter, noise_sd: float, found: Sequence[Finding]) -
     wide = np.geomspace(1e-4, 1e3, 4000) / max(chain.lag_s, 1e-6)
     b = np.arange(len(f.b)) @ f.b / np.sum(f.b)
     a = np.arange(len(f.a)) @ f.a / np.sum(f.a)
-    late = [look("inverse.dead_time")] if chain.delay_s > 0 or chain.zero_s < 0 else []
+    late = [warning("inverse.dead_time")] if chain.delay_s > 0 or chain.zero_s < 0 else []
     return BeforeUse(
         noise_gain=gain,
         noise_out_K=gain * noise_sd,

@@ -11,7 +11,7 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from tcdyn.chain import Chain, Sensor, sensors
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import look
+from tcdyn.core.findings import warning
 from tcdyn.smoothing.inverse import BeforeUse, InverseFilter, filter_report
 from tcdyn.smoothing.live_model import Block, LiveState, noise_paths, scattered, with_noise
 from tcdyn.smoothing.record import MISSING, SPIKE
@@ -391,5 +391,5 @@ def live_before_use(engine: LiveSmoother, chains: Sequence[Chain]) -> BeforeUse:
     f = InverseFilter(
         pulses[:, worst], one, dt, np.nan, chain.delay_s + engine.lag_samples * dt, chain
     )
-    noisy = [look("live.noisy", gain=f.noise_gain)] if f.noise_gain > MOST_GAIN else []
+    noisy = [warning("live.noisy", gain=f.noise_gain)] if f.noise_gain > MOST_GAIN else []
     return filter_report(f, float(engine.noise_sd[worst]), noisy)

@@ -16,7 +16,7 @@ from tcdyn.chain.logger_noise import LoggerNoise
 from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import with_u
-from tcdyn.core.findings import Finding, by_share, look, sentences
+from tcdyn.core.findings import Finding, info_or_warning, messages, warning
 from tcdyn.core.result import Result, jsonable
 from tcdyn.estimation.trace_noise import SPIKES, bridged, long_runs, rounding_sd, trace_noise_sd
 from tcdyn.rig.plausible import HIGHEST_DEGC, LOWEST_DEGC, dropout_codes, impossible, unreachable
@@ -131,9 +131,9 @@ def stretch_of(
         if (still := flag & (STUCK | SATURATED) != 0).any():
             percent = 100 * float(np.mean(still))
             first = int(np.argmax(still))
-            found.append(look("trace.stuck", subject=name, percent=percent, first_sample=first))
+            found.append(warning("trace.stuck", subject=name, percent=percent, first_sample=first))
         elif (bad := float(np.mean(flag != GOOD))) > 0.01:
-            found.append(by_share(bad, "trace.bad", subject=name, percent=100 * bad))
+            found.append(info_or_warning(bad, "trace.bad", subject=name, percent=100 * bad))
     good = flags == GOOD
     filled = np.stack([bridged(x, g) for x, g in zip(data.T, good.T)], axis=1)
     events = tuple(sorted({float(e) for e in events_s if 0 < e < (n - 1) * dt_s}))
@@ -178,12 +178,12 @@ def _implausible(
         if outside.any():
             numbers = _first_of(outside, y)
             findings.append(
-                by_share(float(outside.mean()), "trace.outside", subject=name, **numbers)
+                info_or_warning(float(outside.mean()), "trace.outside", subject=name, **numbers)
             )
         if codes.any():
-            findings.append(look("trace.codes", subject=name, **_first_of(codes, y)))
+            findings.append(warning("trace.codes", subject=name, **_first_of(codes, y)))
         if unreached.any():
-            findings.append(look("trace.unreachable", subject=name, **_first_of(unreached, y)))
+            findings.append(warning("trace.unreachable", subject=name, **_first_of(unreached, y)))
     return out, findings
 
 
@@ -306,7 +306,9 @@ class Compensated(Result):
                 "first_sample": int(np.argmax(column)),
             }
             findings.append(
-                look("trace.undetermined", subject=names[c], range_K=float(range_K[c]), **numbers)
+                warning(
+                    "trace.undetermined", subject=names[c], range_K=float(range_K[c]), **numbers
+                )
             )
         return replace(self, undetermined=undetermined, findings=tuple(findings))
 
@@ -321,7 +323,7 @@ class Compensated(Result):
     @property
     def warnings(self) -> tuple[str, ...]:
         """What was noticed, in words."""
-        return sentences(self.findings)
+        return messages(self.findings)
 
     def common_sd(self) -> Array:
         """Part of ``sd`` (N, M) that comes from the lag common to all channels, hence moves them together [K]."""

@@ -14,7 +14,7 @@ from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.chain.bursts import noise_and_white
 from tcdyn.chain.logger_noise import TYPICAL_LAG_S, UNEXPLAINED, LoggerNoise
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, look, note
+from tcdyn.core.findings import Finding, info, warning
 from tcdyn.estimation.trace_noise import SPIKES, bridged, rounding_sd, white_noise_sd
 from tcdyn.io.checksum import ALTERED
 from tcdyn.rig.check_clock import interval_s
@@ -266,7 +266,7 @@ def disk_traces(
         marks.append(marked)
     coarse = [ch for ch, error in zip(compress(setup.channels, used), rounding) if error > 0]
     found += (
-        [look("traces.coarse", subject=disk, step_K=max(rounding) * 12**0.5, channels=coarse)]
+        [warning("traces.coarse", subject=disk, step_K=max(rounding) * 12**0.5, channels=coarse)]
         if coarse
         else []
     )
@@ -295,7 +295,7 @@ def disk_traces(
         for name, share in zip(names, missing.mean(axis=0))
     }
     found += [
-        look("traces.gaps", subject=name, percent=x)
+        warning("traces.gaps", subject=name, percent=x)
         for name, x in lost.items()
         if x > 100 * MANY_MISSING
     ]
@@ -332,7 +332,7 @@ def disk_traces(
 def gathered(findings: Sequence[Finding]) -> list[Finding]:
     """What the reader noticed, the spikes of all columns as one note: every slip ring has some.
 
-    >>> spiky = [note("spikes.removed", subject=f"fast_{c}_degC", count=n) for c, n in (("a", 3), ("c", 5))]
+    >>> spiky = [info("spikes.removed", subject=f"fast_{c}_degC", count=n) for c, n in (("a", 3), ("c", 5))]
     >>> [f.sentence for f in gathered(spiky)]
     ['8 spikes in 2 channels were taken as missing, most in fast_c_degC (5)']
     """
@@ -341,7 +341,7 @@ def gathered(findings: Sequence[Finding]) -> list[Finding]:
         return list(findings)
     most = max(spiky, key=lambda f: f.numbers["count"])
     counts = [f.numbers["count"] for f in spiky]
-    told = note(
+    told = info(
         "spikes.gathered",
         subject=most.subject,
         count=sum(counts),

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from calibration.transducers import BearingFriction, fit_bearing_friction
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import look
+from tcdyn.core.findings import warning
 from tcdyn.io.read import read_numbers, sha256
 from tcdyn.rig.contact import FrictionAdded
 
@@ -31,7 +31,7 @@ class BearingFile:
         if not bool(self.friction.outside(load_N, speed_rpm)):
             return FrictionAdded(value, u)
         speeds = self.friction.speeds_rpm
-        said = look(
+        said = warning(
             "bearing.extrapolated",
             file=self.file,
             load_N=load_N,

@@ -14,7 +14,7 @@ import pandas as pd
 from tcdyn import campaign
 from tcdyn.campaign.stages import read_stage
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, look, note
+from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.estimation.trace_noise import white_noise_sd
@@ -143,9 +143,9 @@ def prepare(
     ratio = speeds[0] / speeds[1]
     nominal = rig.common.contact.gear_ratio
     if abs(ratio / nominal - 1) > 0.05:
-        found.append(look("speeds.ratio", ratio=ratio, stated=nominal))
+        found.append(warning("speeds.ratio", ratio=ratio, stated=nominal))
     if np.sum(t < events.load_on_s - SETTLE_S) < LEAST_ZERO:
-        found.append(look("forces.one_zero"))
+        found.append(warning("forces.one_zero"))
     load_N = float(np.mean(load[steady]))
     friction_N = float(np.mean(friction[steady]))
     if not 0 < friction_N < load_N:
@@ -167,15 +167,15 @@ def prepare(
             t, frame[f"speed_{d}_rpm"].to_numpy(dtype=float), events.unload_s, level
         )
         if course is None:
-            found.append(look("speeds.missing", subject=d))
+            found.append(warning("speeds.missing", subject=d))
         elif np.any(course != 1):
             slowing[d] = course
             at = float(min(SLOWER_S, t[-1] - events.unload_s))
             percent = 100 * float(np.interp(events.unload_s + at, t, course))
             n = rig.common.contact.speed_exponent
-            found.append(note("speeds.change", subject=d, percent=percent, after_s=at, exponent=n))
+            found.append(info("speeds.change", subject=d, percent=percent, after_s=at, exponent=n))
     if not 0.002 < friction_N / load_N < 0.2:
-        found.append(look("friction.coefficient", coefficient=friction_N / load_N))
+        found.append(warning("friction.coefficient", coefficient=friction_N / load_N))
     contact = hertz_contact(load_N, equal_radius_m(*radius), equal_radius_m(*crown))
     u = rig.common.uncertainty
     (load_rel, sliding_rel, ratio_rel) = stated_rel(rpm, rpm_u, stated)
@@ -249,7 +249,7 @@ def _other_disk(rig: Rig, disk: str, record: DiskRecord) -> list[Finding]:
     ):
         return []
     keys, was, now = ([str(x) for x in column] for column in zip(*changed))
-    return [look("record.other_disk", subject=disk, keys=keys, record=was, rig=now)]
+    return [warning("record.other_disk", subject=disk, keys=keys, record=was, rig=now)]
 
 
 def _left_out(rig: Rig, name: str, why: str, out: Mapping[str, Sequence[str]]) -> Finding:
@@ -259,7 +259,7 @@ def _left_out(rig: Rig, name: str, why: str, out: Mapping[str, Sequence[str]]) -
     names = setup.stand_ins(out[disk]).get(channel, ())
     kept = [c for c in setup.outer if c not in out[disk]]
     cost: dict[str, Any] = {"stand_ins": [*names] if channel in setup.inner else [], "kept": kept}
-    return (look if why else note)(
+    return (warning if why else info)(
         "channel.left_out", subject=name, why=why or "as asked for", **cost
     )
 

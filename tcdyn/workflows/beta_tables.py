@@ -12,7 +12,7 @@ import pandas as pd
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate, with_u
 from tcdyn.core.messages.partition import structure
-from tcdyn.core.messages.phrases import as_known
+from tcdyn.core.messages.phrases import rounded_to_u
 from tcdyn.core.messages.plunge import percent
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.cooling import (
@@ -272,8 +272,8 @@ def interval_table(profiles: pd.DataFrame) -> pd.DataFrame:
                 "joint fit": "both disks" if i.fit == "both" else f"{i.fit} disk",
                 "number": HEADINGS[i.parameter],
                 "value": str(e),
-                "95 %, normal": " to ".join(as_known(end, e.u) for end in (e.low95, e.high95)),
-                "95 %, profile": " to ".join(as_known(end, e.u) for end in (i.low95, i.high95)),
+                "95 %, normal": " to ".join(rounded_to_u(end, e.u) for end in (e.low95, e.high95)),
+                "95 %, profile": " to ".join(rounded_to_u(end, e.u) for end in (i.low95, i.high95)),
                 "remark": i.sentence,
             }
         )

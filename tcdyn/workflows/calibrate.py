@@ -19,7 +19,7 @@ from immersion.plunge_fit import identify_plunges, moved_lines, with_structure_d
 from immersion.plunge_parameters import PlungePriors
 from immersion.plunge_result import COLOURED, PlungeFit
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, look, note, once
+from tcdyn.core.findings import Finding, info, unique, warning
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.rig.disk import DISKS
@@ -134,7 +134,7 @@ def calibrate_disk(
     strained = {f.subject for f in pulled}
     apart = set.intersection(*(apart_at_rest(run) for run in runs))
     if static is not None and (len(strained) > len(setup.channels) // 2 or len(apart) > 1):
-        findings.append(look("calibrate.other_disk", subject=disk, count=len(strained | apart)))
+        findings.append(warning("calibrate.other_disk", subject=disk, count=len(strained | apart)))
     findings += fit.findings
     record = DiskRecord(
         disk=disk,
@@ -146,7 +146,7 @@ def calibrate_disk(
         conditioning=tables.conditioning,
         setup=tables,
         fit=fit_summary(fit, correlation),
-        findings=list(once(findings)),
+        findings=list(unique(findings)),
     )
     return CalibrationRun(record, static, tuple(runs), fit)
 
@@ -194,7 +194,7 @@ def _static(
         return (
             None,
             unit_lines(line_u_K or 0.0, rig.disk_setup(disk).channels),
-            [note("static.stated", u_K=line_u_K)],
+            [info("static.stated", u_K=line_u_K)],
             [],
         )
     progress("static lines from the oven log")

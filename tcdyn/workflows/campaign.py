@@ -14,7 +14,7 @@ from tcdyn.campaign import JoinedCampaign, joined, rig_fingerprint
 from tcdyn.campaign.tables import paper_csv, paper_latex
 from tcdyn.campaign.trends import read_curve
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, note
+from tcdyn.core.findings import Finding, info
 from tcdyn.core.parallel import parallel_map
 from tcdyn.core.result import Result, json_text, jsonable
 from tcdyn.core.threads import one_blas_thread
@@ -94,7 +94,7 @@ class CampaignRun(Result):
             for found in (o.data["findings"] if o.data else [])
             if found["code"] != AGREE
         ]
-        own = [note("campaign.altered", subject=name) for name in self.altered]
+        own = [info("campaign.altered", subject=name) for name in self.altered]
         return [*own, *(self.joined.findings if self.joined else ()), *said_once(each)]
 
     def summary(self) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 
 from tcdyn.campaign.stages import read_stage
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import sentences
+from tcdyn.core.findings import messages
 from tcdyn.io.checksum import sealed
 from tcdyn.partition.analyse import WINDOW_S
 from tcdyn.partition.events import EhlTest
@@ -95,7 +95,7 @@ def _analysed(path: Path, settings: CampaignSettings, stage: int) -> tuple[dict[
     found = [
         replace(f, where=f.where.replace(str(path), path.name)) for f in run.partition.findings
     ]
-    data["findings"], data["warnings"] = [f.to_dict() for f in found], list(sentences(found[:-1]))
+    data["findings"], data["warnings"] = [f.to_dict() for f in found], list(messages(found[:-1]))
     steady = steady_degC(test)
     data["campaign"] = {
         **settings.fingerprint(),

@@ -62,13 +62,13 @@ def said_once(found: Sequence[tuple[str, Finding]]) -> list[Finding]:
     """Findings (test, finding), each at its test; those that differ in their numbers alone said once for all.
 
     >>> from tcdyn.core.findings import note
-    >>> some = [(t, note("said", subject="fast_a", text="x")) for t in ("EHL_A1", "EHL_A2")]
+    >>> some = [(t, info("said", subject="fast_a", text="x")) for t in ("EHL_A1", "EHL_A2")]
     >>> [f.sentence for f in said_once(some)]
     ['x (in A1; so or nearly so in A2)']
     """
     groups: dict[tuple[str, str, str], list[tuple[str, Finding]]] = {}
     for test, one in found:
-        groups.setdefault((one.code, one.grade, one.subject), []).append((test, one))
+        groups.setdefault((one.code, one.severity, one.subject), []).append((test, one))
     out = []
     for group in groups.values():
         tests = list(dict.fromkeys(test for test, _ in group))
@@ -84,7 +84,11 @@ def said_once(found: Sequence[tuple[str, Finding]]) -> list[Finding]:
         others = ", ".join(t.removeprefix(SHORT_NAME) for t in tests[1:])
         out.append(
             Finding(
-                "campaign.repeated", first.grade, "", first.subject, {**numbers, "others": others}
+                "campaign.repeated",
+                first.severity,
+                "",
+                first.subject,
+                {**numbers, "others": others},
             )
         )
     return out

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from tcdyn.core import Array
 from tcdyn.core.estimate import Z95
+from tcdyn.core.findings import GRADES_OF_0_2
 from tcdyn.estimation.line_fit import fit_line
 from tcdyn.rig.disk import DISKS
 
@@ -79,7 +80,7 @@ def table_row(log: str, data: Mapping[str, Any] | None, error: str = "") -> dict
         row[name] = found["value"] if estimate else np.nan if found is None else found
         if estimate:
             row[f"u_{name}"] = found["u"]
-    row["status"] = data["status"]
+    row["status"] = GRADES_OF_0_2.get(data["status"], data["status"])
     row["agree"] = "yes" if data["crosscheck"]["agree"] else "no"
     row["warnings"] = sum(found["code"] != AGREE for found in data["findings"])
     return row

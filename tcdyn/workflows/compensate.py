@@ -12,7 +12,7 @@ import pandas as pd
 
 from tcdyn.campaign.stages import LONG_ROWS, all_events, read_stage
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, graded, look, note, sentences
+from tcdyn.core.findings import Finding, info, labelled_messages, messages, warning
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.io.write import write_log
@@ -65,7 +65,7 @@ class CompensatedLog(Result):
     @property
     def warnings(self) -> tuple[str, ...]:
         """What was noticed, in words."""
-        return sentences(self.findings)
+        return messages(self.findings)
 
     def summary(self) -> str:
         """The lag removed and what is left uncertain, a few lines a disk."""
@@ -77,7 +77,7 @@ class CompensatedLog(Result):
                 else []
             )
             lines += done.lines(self.traces[disk].setup.channels)
-        return "\n".join([*lines, *graded(self.findings)])
+        return "\n".join([*lines, *labelled_messages(self.findings)])
 
     def to_dict(self) -> dict[str, Any]:
         """Metadata, warnings and what each channel is worth; the samples are in ``frame``."""
@@ -172,7 +172,7 @@ def compensate_log(
     if refine and unused and way.removes_lag:
         refine = False
         findings.append(
-            look("compensate.unrefined", problem=f"the log holds no {', '.join(unused)}")
+            warning("compensate.unrefined", problem=f"the log holds no {', '.join(unused)}")
         )
     if kind == "ehl":
         try:
@@ -181,14 +181,14 @@ def compensate_log(
                 known |= {events.load_on_s: 0.0} | dict.fromkeys(events.kinks_s, events.unload_u_s)
         except InputError as problem:  # slopes that jump are found by the smoother
             findings += (
-                [look("compensate.unrefined", problem=str(problem))]
+                [warning("compensate.unrefined", problem=str(problem))]
                 if way.removes_lag and refine
                 else []
             )
             refine = False
         other = next(iter(records))
         findings += [
-            note("compensate.one_disk", subject=d, other=other)
+            info("compensate.one_disk", subject=d, other=other)
             for d in DISKS
             if d in here and d not in records
         ]
@@ -265,4 +265,4 @@ def _refined(
         traces = dict(test.disks)
         return traces, refine_lags(at_one_radius(test)), []
     except InputError as problem:
-        return traces, {}, [look("compensate.unrefined", problem=str(problem))]
+        return traces, {}, [warning("compensate.unrefined", problem=str(problem))]

@@ -15,7 +15,7 @@ from tcdyn.chain import sensors as sensors_of
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
-from tcdyn.core.findings import Finding, look, note
+from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.io.checksum import ALTERED
@@ -145,7 +145,7 @@ def compensate_table(
     others = [n for n in own if n not in {w.column for w in worn}]
     kept: list[str] = [str(cold)] if isinstance(cold, str) else []
     if others:
-        told.append(note("sensor.carried", columns=others))
+        told.append(info("sensor.carried", columns=others))
     notes = {**source.table.metadata, "tcdyn": COMPENSATED, "source": source.path.name}
     notes |= {"source_sha256": sha256(log)} if source.path.is_file() else {}
     for w in worn:
@@ -197,7 +197,7 @@ def compensate_table(
         lasts = max(ends_s, default=0.0) - min(ends_s, default=0.0)
         lag_s = w.chain.lag_s
         if lasts < lag_s:
-            found.append(look("sensor.brief", subject=w.column, duration_s=lasts, lag_s=lag_s))
+            found.append(warning("sensor.brief", subject=w.column, duration_s=lasts, lag_s=lag_s))
         table.append(
             {"column": w.column, "noise_sd_K": noise, "sd_typical_K": typical, "sd_max_K": most}
         )
@@ -262,14 +262,14 @@ def _answered(
         name, u_name = w.unit.names(w.column)
         out[name] = out[u_name] = np.full(len(out[w.column]), np.nan)
     if len(stretch.time_s) < 10:
-        return out, numbers, [*found, look("sensor.short", count=len(stretch.time_s))], 0
+        return out, numbers, [*found, warning("sensor.short", count=len(stretch.time_s))], 0
     grid, told = places(stretch.time_s, where)
     found += told
     size = int(grid.place[-1]) + 1
     group = min(max(int(MOST_VALUES / size), 1), MOST_COLUMNS)
     memory = 0.0
     alive = [w for w in worn if np.count_nonzero(np.isfinite(read[w.column])) >= 10]
-    found += [look("sensor.dead", subject=w.column) for w in worn if w not in alive]
+    found += [warning("sensor.dead", subject=w.column) for w in worn if w not in alive]
     for first in range(0, len(alive), group):
         for done_for, done in _smoothed(alive[first : first + group], read, grid, size, found):
             temperature, sd_all = done.answers()
@@ -288,7 +288,9 @@ def _answered(
                 )
                 if x.size and np.median(grid.dt_s / max(w.chain.lag_s, 1e-12)) > 0.5:
                     found.append(
-                        look("sensor.slow", subject=w.column, dt_s=grid.dt_s, lag_s=w.chain.lag_s)
+                        warning(
+                            "sensor.slow", subject=w.column, dt_s=grid.dt_s, lag_s=w.chain.lag_s
+                        )
                     )
                 name, u_name = w.unit.names(w.column)
                 out[name] = np.round(w.unit.back(x), DECIMALS)
@@ -332,7 +334,7 @@ def _smoothed(
         )
     except InputError as problem:
         if len(worn) == 1:
-            found.append(look("sensor.left", subject=worn[0].column, problem=problem.what))
+            found.append(warning("sensor.left", subject=worn[0].column, problem=problem.what))
             return
         for w in worn:
             yield from _smoothed([w], read, grid, size, found)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, look
+from tcdyn.core.findings import Finding, warning
 from tcdyn.core.result import Result
 from tcdyn.io.checksum import SEAL, checksum
 from tcdyn.io.csv_dialect import HEAD_BYTES
@@ -181,7 +181,7 @@ def follow(
             remedy=lost.remedy,
             parameters=lost.parameters,
         )
-    torn = (look("follow.torn", count=table.bad),) if table.bad else ()
+    torn = (warning("follow.torn", count=table.bad),) if table.bad else ()
     screened = now.screening.findings(plan.junctions)
     return FollowRun(
         table.rows,

@@ -14,7 +14,7 @@ from scipy import signal
 
 from tcdyn.chain import Chain
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, look, note
+from tcdyn.core.findings import Finding, info, warning
 from tcdyn.rig.plausible import impossible
 from tcdyn.rig.record import LONGEST_LAG_S
 from tcdyn.rig.static_line import StaticLine, apply_static, whole_u
@@ -107,10 +107,10 @@ class CausalState:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What was noticed on the way."""
-        spikes = [note("follow.spikes", count=self.spikes)] if self.spikes else []
-        backward = [look("follow.backward", count=self.backward)] if self.backward else []
+        spikes = [info("follow.spikes", count=self.spikes)] if self.spikes else []
+        backward = [warning("follow.backward", count=self.backward)] if self.backward else []
         gaps = (
-            [look("follow.gaps", count=self.gaps, longest_s=self.longest_gap_s)]
+            [warning("follow.gaps", count=self.gaps, longest_s=self.longest_gap_s)]
             if self.gaps
             else []
         )
@@ -213,7 +213,7 @@ class Causal:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """The channels that are left empty."""
-        return tuple(look("follow.dead", subject=name) for name in self.dead)
+        return tuple(warning("follow.dead", subject=name) for name in self.dead)
 
     @property
     def output_names(self) -> tuple[str, ...]:

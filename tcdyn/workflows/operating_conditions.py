@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, note
+from tcdyn.core.findings import Finding, info
 from tcdyn.partition.events import DiskAir
 from tcdyn.rig.columns import couples_in
 from tcdyn.rig.contact import Events, contact_force
@@ -30,9 +30,9 @@ def constants_of(frame: pd.DataFrame, rig: Rig) -> tuple[dict[str, Constant], li
     used: dict[str, Constant] = {
         name: c for name, c in rig.common.constants.items() if name not in frame
     }
-    found = [note("constant.used", subject=name, value=c.value, u=c.u) for name, c in used.items()]
+    found = [info("constant.used", subject=name, value=c.value, u=c.u) for name, c in used.items()]
     return used, found + [
-        note("constant.logged", subject=n) for n in rig.common.constants if n not in used
+        info("constant.logged", subject=n) for n in rig.common.constants if n not in used
     ]
 
 
@@ -111,7 +111,7 @@ def disk_air(
             "drift_K": drift,
             "spread_K": spread,
         }
-        found.append(note("ambient.channels", subject=disk, at=place, count=len(levels), **told))
+        found.append(info("ambient.channels", subject=disk, at=place, count=len(levels), **told))
     faces = means.get("faces", room)
     surface = means.get("surface", room)
     faces = surface if faces is None else faces

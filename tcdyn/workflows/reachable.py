@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from tcdyn.chain import Chain
 from tcdyn.core import Array
-from tcdyn.core.findings import Finding, look
+from tcdyn.core.findings import Finding, warning
 from tcdyn.rig.plausible import HIGHEST_DEGC, LOWEST_DEGC
 from tcdyn.smoothing.live import BURST_NOISES
 
@@ -315,22 +315,22 @@ class Screening:
                 "high_degC": HIGHEST_DEGC,
                 "first_s": self.first_s,
             }
-            told.append(look("follow.impossible", subject=subject, count=count, **limits))
+            told.append(warning("follow.impossible", subject=subject, count=count, **limits))
         count = int(self.unreachable.sum())
         if count:
             subject = _listed(names, self.unreachable)
             told.append(
-                look("follow.unreachable", subject=subject, count=count, first_s=self.first_s)
+                warning("follow.unreachable", subject=subject, count=count, first_s=self.first_s)
             )
         count = int(self.restarts.sum())
         if count:
             subject = _listed(names, self.restarts)
-            told.append(look("follow.restarted", subject=subject, count=count))
+            told.append(warning("follow.restarted", subject=subject, count=count))
         count = int(self.blank.sum())
         if count:
             subject = _listed(names, self.blank)
             limits = {"low_degC": LOWEST_DEGC, "high_degC": HIGHEST_DEGC}
-            told.append(look("follow.blank", subject=subject, count=count, **limits))
+            told.append(warning("follow.blank", subject=subject, count=count, **limits))
         return tuple(told)
 
 

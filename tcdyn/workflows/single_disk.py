@@ -80,7 +80,7 @@ class OneDiskRun(Result):
                 "alternatives": [],
                 "crosscheck": {
                     "z": None if gone else p.z,
-                    "agree": check.grade == "note",
+                    "agree": check.severity == "info",
                     "sentence": check.sentence,
                     "p_value": None,
                     "suspects": [],

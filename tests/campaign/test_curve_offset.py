@@ -13,7 +13,7 @@ from tcdyn.campaign.line_fit import level_inside_points
 from tcdyn.campaign.posterior import BETA
 from tcdyn.campaign.trends import Curve, curve_test
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Grade
+from tcdyn.core.findings import Severity
 from tests.campaign.curve_study import COMMON, LEVEL, DrawnCurve, drawn_curve, outside
 from tests.campaign.toy import answer_of, toy
 
@@ -158,7 +158,7 @@ def test_a_campaign_warns_of_a_curve_whose_shape_does_not_fit() -> None:
     shapes = [f for f in whole.findings if f.code == "campaign.curve_shape"]
     assert [f.subject for f in shapes] == ["wrong.csv"]
     (found,) = shapes
-    assert found.grade is Grade.LOOK
+    assert found.severity is Severity.WARNING
     first, second = whole.curves
     assert found.numbers["chi2"] == first.shape_chi2
     assert found.numbers["freedom"] == len(first.inside) - 1

@@ -195,7 +195,9 @@ def complaints(before: dict[str, bytes], sound: Ended, now: Ended, grows: str = 
     lost nothing; every other has to end with 2, one sentence, and each file as it was or as it should be.
     """
     told = [
-        line for line in now.err.splitlines() if not line.startswith(("... ", "note: ", "look: "))
+        line
+        for line in now.err.splitlines()
+        if not line.startswith(("... ", "info: ", "warning: "))
     ]
     if (now.code, now.files) == (sound.code, sound.files):
         return []

@@ -16,7 +16,7 @@ import typer
 from tcdyn.cli.app import app
 from tcdyn.cli.common import Told, as_option
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import look
+from tcdyn.core.findings import warning
 from tcdyn.rig.log import read_log
 from tests.cli.test_main_job import tcdyn
 from tests.conftest import Campaign
@@ -216,7 +216,7 @@ def test_compensate_prints_json(
     assert tcdyn(*words, "--verbose") == 1
     said = capsys.readouterr().err
     assert re.search(r"\d\.\d s  done", said)
-    assert "tcdyn: P1.csv: look: " in said
+    assert "tcdyn: P1.csv: warning: " in said
 
 
 def test_noise_only_takes_the_noise_and_leaves_the_lag(
@@ -377,15 +377,15 @@ def test_a_lag_shorter_than_the_conditioning_s_is_refused(
 def test_a_finding_names_the_command_s_options_and_keeps_its_other_words(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    found = look("record.drift", correlation=0.8)
+    found = warning("record.drift", correlation=0.8)
     assert (
         found.sentence
         == "The residuals drift (correlation with time 0.80): fit with baseline=trend."
     )
-    Told().warn([found, look("said", text="the baseline=trend of a file")])
+    Told().warn([found, warning("said", text="the baseline=trend of a file")])
     assert capsys.readouterr().err == (
-        "look: The residuals drift (correlation with time 0.80): fit with --baseline trend.\n"
-        "look: the baseline=trend of a file\n"
+        "warning: The residuals drift (correlation with time 0.80): fit with --baseline trend.\n"
+        "warning: the baseline=trend of a file\n"
     )
 
 

@@ -10,16 +10,20 @@ from rich.console import Console
 
 from tcdyn.cli import common
 from tcdyn.cli.common import in_one_line, stages
-from tcdyn.core.findings import look
+from tcdyn.core.findings import warning
 
 
 def test_an_end_that_asks_for_a_look_tells_the_first_and_counts_the_others(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    found = [look("said", text="odd"), look("said", text="odder"), look("said", text="oddest")]
+    found = [
+        warning("said", text="odd"),
+        warning("said", text="odder"),
+        warning("said", text="oddest"),
+    ]
     for count, said in ((1, "odd\n"), (3, "odd (and 2 more)\n")):
         in_one_line("B3", found[:count])
-        assert capsys.readouterr().err == f"tcdyn: B3: look: {said}"
+        assert capsys.readouterr().err == f"tcdyn: B3: warning: {said}"
 
 
 def test_without_a_terminal_each_stage_is_a_line_unless_quiet(

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from tcdyn.cli.app import app, run
-from tcdyn.core.findings import FEW, Grade, by_share
+from tcdyn.core.findings import FEW_SAMPLES_SHARE, Severity, info_or_warning
 from tests.conftest import Campaign
 
 
@@ -29,7 +29,7 @@ def test_a_sound_log_ends_with_0_and_the_headline(
     assert (code, kept["status"]) == (0, "sound")
     assert said.out.startswith("beta = 0.")
     assert said.out.splitlines()[0] == kept["headline"]["sentence"]
-    assert "look:" not in said.err
+    assert "warning:" not in said.err
     low, high = kept["headline"]["range95"]
     assert low < kept["headline"]["beta"]["value"] < high
 
@@ -50,7 +50,7 @@ def test_friction_in_pounds_ends_with_1_and_one_line_that_says_so_though_quiet(
     assert code == 1
     assert said.out == ""
     assert said.err.count("\n") == 1
-    assert said.err.startswith("tcdyn: B3.csv: look: ")
+    assert said.err.startswith("tcdyn: B3.csv: warning: ")
     assert kept["joint"]["fast"]["beta"]["value"] is None
     assert (kept["status"], kept["headline"]["beta"]["value"]) == ("withheld", None)
     scale = next(f for f in kept["findings"] if f["code"] == "power.scale")
@@ -86,9 +86,12 @@ def test_a_channel_in_degrees_fahrenheit_is_left_out_by_name(
     assert abs(beta["value"] - truth) < 3 * beta["u"] < 0.03
 
 
-@pytest.mark.parametrize(("share", "grade"), [(0.5 * FEW, Grade.NOTE), (2 * FEW, Grade.LOOK)])
-def test_few_samples_that_were_mended_ask_nobody(share: float, grade: Grade) -> None:
-    assert by_share(share, "trace.bad", subject="e", percent=100 * share).grade is grade
+@pytest.mark.parametrize(
+    ("share", "grade"),
+    [(0.5 * FEW_SAMPLES_SHARE, Severity.INFO), (2 * FEW_SAMPLES_SHARE, Severity.WARNING)],
+)
+def test_few_samples_that_were_mended_ask_nobody(share: float, grade: Severity) -> None:
+    assert info_or_warning(share, "trace.bad", subject="e", percent=100 * share).severity is grade
 
 
 def test_load_and_friction_exchanged_is_said(

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel
 
-from tcdyn.core.findings import Finding, Grade, channel_of, look, note, once, sentences
-from tcdyn.core.messages import OLD, WORDS
+from tcdyn.core.findings import Finding, Severity, channel_of, info, messages, unique, warning
+from tcdyn.core.messages import FROM_FILES, MESSAGES
 
 ROOT = Path(__file__).resolve().parents[2]
-MAKERS = {"note", "look", "refuse", "by_share", "Finding", "_failed"}
+MAKERS = {"info", "warning", "error", "info_or_warning", "Finding", "significant_test"}
 
 
 def makers_of(node: ast.AST) -> set[str]:
@@ -35,7 +35,9 @@ def codes_made() -> dict[str, str]:
                     continue
                 assert isinstance(node, ast.Call)
                 assert node.args, f"{path}, line {node.lineno}: a finding without a code"
-                for part in ast.walk(node.args[bool({"by_share", "_failed"} & maker)]):
+                for part in ast.walk(
+                    node.args[bool({"info_or_warning", "significant_test"} & maker)]
+                ):
                     if isinstance(part, ast.Constant) and isinstance(part.value, str):
                         made[part.value] = path.name
     return made
@@ -43,20 +45,20 @@ def codes_made() -> dict[str, str]:
 
 def test_every_code_made_has_words_and_every_words_are_made() -> None:
     made = codes_made()
-    assert {c: f for c, f in made.items() if c not in WORDS} == {}
-    assert set(WORDS) - set(made) - set(OLD) == set()
+    assert {c: f for c, f in made.items() if c not in MESSAGES} == {}
+    assert set(MESSAGES) - set(made) - set(FROM_FILES) == set()
 
 
 def test_an_unknown_code_is_an_error() -> None:
-    with pytest.raises(ValueError, match="no words"):
-        note("no.such.code")
+    with pytest.raises(ValueError, match="no message"):
+        info("no.such.code")
 
 
 def test_a_finding_comes_back_from_a_file_with_the_sentence_it_had() -> None:
     class Kept(BaseModel):
         findings: list[Finding]
 
-    found = look(
+    found = warning(
         "said", where="x.csv", subject="fast_e_degC", text="it hums", count=3, channels=["a", "b"]
     )
     back = Kept.model_validate_json(Kept(findings=[found]).model_dump_json()).findings
@@ -64,14 +66,14 @@ def test_a_finding_comes_back_from_a_file_with_the_sentence_it_had() -> None:
     assert back[0].sentence == found.sentence == "x.csv: it hums"
     newer = Finding.from_dict({**found.to_dict(), "code": "of.a.later.version"})
     assert newer.sentence == "x.csv: it hums"
-    assert newer.grade is Grade.LOOK
+    assert newer.severity is Severity.WARNING
     assert newer.at("A1").sentence == "A1: x.csv: it hums"
 
 
 def test_findings_are_told_once_and_keep_their_order() -> None:
-    first, second = note("said", text="b"), look("said", text="a")
-    assert once([first, second, first]) == (first, second)
-    assert sentences(f.at("A1") for f in (first, second)) == ("A1: b", "A1: a")
+    first, second = info("said", text="b"), warning("said", text="a")
+    assert unique([first, second, first]) == (first, second)
+    assert messages(f.at("A1") for f in (first, second)) == ("A1: b", "A1: a")
 
 
 @pytest.mark.parametrize("name", ["e", "e_degC", "fast_e_degC", "slow_e", "rig2_e_degC"])
@@ -80,6 +82,6 @@ def test_a_channel_is_known_by_any_of_its_names(name: str) -> None:
 
 
 def test_numbers_are_plain() -> None:
-    with pytest.raises(TypeError, match="no number"):
-        note("said", text=object())
-    assert math.isnan(note("said", text="x", u=math.nan).numbers["u"])
+    with pytest.raises(TypeError, match="cannot be stored"):
+        info("said", text=object())
+    assert math.isnan(info("said", text="x", u=math.nan).numbers["u"])

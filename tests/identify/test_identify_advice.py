@@ -12,7 +12,7 @@ import pytest
 
 import tcdyn
 from tcdyn.chain import NO_CONDITIONING, Chain
-from tcdyn.core.findings import note
+from tcdyn.core.findings import info
 from tcdyn.identify import CANDIDATES, IOData, compare, simulate
 from tcdyn.identify.models import process
 from tcdyn.identify.recommendation import as_chain, order_table, recommend, verdict
@@ -229,7 +229,7 @@ def test_each_model_is_told_before_it_is_fitted() -> None:
 
 
 def test_a_rival_that_foresees_better_says_by_how_much() -> None:
-    said = note(
+    said = info(
         "models.foresees", subject="TF(2,2)", other="P1D", ratio=0.83, white=True, freed=False
     ).sentence
     assert said == (

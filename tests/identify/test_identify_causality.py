@@ -11,7 +11,7 @@ from identify_cases import case_a, case_a_input
 from scipy.signal import lfilter
 
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Grade
+from tcdyn.core.findings import Severity
 from tcdyn.identify import IOData, compare, fit
 from tcdyn.identify.causality import check_causality
 from tcdyn.identify.models import process
@@ -82,7 +82,7 @@ def test_a_lead_is_found_as_what_it_is():
 def test_no_chain_is_handed_on_from_a_model_that_must_not_be_trusted():
     data = record("PRBS", 1)
     bad = compare(data, ["P1"])
-    assert bad.verdict.grade is Grade.REFUSE
+    assert bad.verdict.severity is Severity.ERROR
     assert "Do not trust" in bad.advice
     assert bad.removal() == ""
     assert "Chain(" in compare(data, ["P2D"]).removal()

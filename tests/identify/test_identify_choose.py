@@ -12,7 +12,7 @@ from disturbance_study import record
 from scipy.signal import cont2discrete, lfilter
 
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Grade
+from tcdyn.core.findings import Severity
 from tcdyn.estimation import correlation_length
 from tcdyn.identify import (
     IOData,
@@ -30,7 +30,7 @@ from tcdyn.identify.validate import validate
 from tcdyn.report.dynamics import intervals_said, noise_said
 from tests.identify.test_identify_several import plant
 
-LOOK, NOTE = Grade.LOOK, Grade.NOTE
+LOOK, NOTE = Severity.WARNING, Severity.INFO
 
 
 def test_an_input_set_in_small_steps_is_held_and_where_rounding_looks_alike_the_user_is_asked():
@@ -52,7 +52,7 @@ def test_an_input_set_in_small_steps_is_held_and_where_rounding_looks_alike_the_
     )
     found = {name: from_frame(frame, input=name, output="y") for name in (*each, "few")}
     assert [d.hold for d in found.values()] == ["zoh", "zoh", "foh", "foh", "foh", "foh", "zoh"]
-    asked = {name: [f.grade for f in d.findings] for name, d in found.items()}
+    asked = {name: [f.severity for f in d.findings] for name, d in found.items()}
     assert asked == {**{name: [] for name in each}, "stairs": [LOOK], "ramp": [LOOK], "few": [NOTE]}
     td = fit(found["small"], "P1D", intervals="quadratic").estimates["Td"]
     assert td.value == pytest.approx(0.13, abs=4 * td.u)
@@ -120,7 +120,7 @@ def test_a_drift_that_was_asked_for_is_no_reproach_where_it_goes_on():
     """Held out is a plateau of noise 0.5 K, on which the drift of 3 K goes on: it was counted as an error of 0.7 K."""
     found = compare(record("plunge", 0, "drift"), ["P2D"], noise="white", baseline="trend")
     assert found.best_row["held_out_rms"] == pytest.approx(0.5, rel=0.1)
-    assert found.verdict.grade is NOTE
+    assert found.verdict.severity is NOTE
     assert "Chain(" in found.removal()
 
 

@@ -10,7 +10,7 @@ from disturbance_study import disturbance, fine
 from identify_cases import CASE_A
 from scipy.signal import lfilter
 
-from tcdyn.core.findings import look
+from tcdyn.core.findings import warning
 from tcdyn.identify import IOData, fit
 from tcdyn.identify.models import as_model, several
 from tcdyn.identify.validate import confirm
@@ -138,7 +138,7 @@ def test_missed_dynamics_name_the_input():
     assert "still follow the input fan (" in said
     assert (
         "input ("
-        in look(
+        in warning(
             "residuals.follow_input", subject="P1", fit_percent=1.0, p_input=0.0, lag_s=1.0
         ).sentence
     )

@@ -297,7 +297,7 @@ def test_command_writes_model_and_page(tmp_path, capsys):
     with pytest.raises(typer.Exit) as ended:
         identify(path, **swapped, check=False)
     assert ended.value.exit_code == 1
-    assert "look: None of these models is good enough" in capsys.readouterr().err
+    assert "warning: None of these models is good enough" in capsys.readouterr().err
     with pytest.raises(InputError, match="--hold"):
         identify(path, "u", "y", hold="linear")
 

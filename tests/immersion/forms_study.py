@@ -148,7 +148,9 @@ def study(
                 "apart": np.array([apart[c].value for c in CHANNELS]) - (true - true.mean()),
                 "u_apart": np.array([apart[c].u for c in CHANNELS]),
                 "said": [
-                    (f.code, f.numbers.get("kind", "")) for f in fit.findings if f.grade == "look"
+                    (f.code, f.numbers.get("kind", ""))
+                    for f in fit.findings
+                    if f.severity == "warning"
                 ],
             }
         )

@@ -148,13 +148,13 @@ def test_two_witnesses_are_weighed_by_their_variances_to_the_last_digit() -> Non
 
     for d, u, grades in (
         (0.5, 0.24, []),
-        (1.5, 0.36, ["note"]),
-        (-1.5, 0.36, ["note"]),
-        (2.1, 0.504, ["look"]),
+        (1.5, 0.36, ["info"]),
+        (-1.5, 0.36, ["info"]),
+        (2.1, 0.504, ["warning"]),
     ):
         event = of(d)
         assert (event.time_s, event.u_s) == pytest.approx((20.0 + 0.36 * d, u))
-        assert [f.grade.value for f in event.findings] == grades
+        assert [f.severity.value for f in event.findings] == grades
     assert of(2.99).u_s == pytest.approx(0.24 * 2.99)
     with pytest.raises(InputError, match="agreement within 3 s"):
         of(3.01)

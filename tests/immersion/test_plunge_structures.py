@@ -46,9 +46,9 @@ def test_one_lag_fitted_to_two_is_contradicted_in_one_sentence_with_figures() ->
     assert found.best.structure == "P2"
     (finding,) = found.findings
     assert after.findings[0] == finding
-    assert (finding.code, finding.grade, finding.numbers["structures"]) == (
+    assert (finding.code, finding.severity, finding.numbers["structures"]) == (
         "plunge.structure",
-        "look",
+        "warning",
         ("P1", "P2"),
     )
     warning = finding.sentence

@@ -17,7 +17,7 @@ import pandas as pd
 from joblib import Parallel, delayed
 
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import doubts
+from tcdyn.core.findings import warnings_and_errors
 from tcdyn.rig.disk import CHANNELS
 from tcdyn.rig.rigfile import Rig, load_rig, parse_rig
 from tcdyn.simulate.truth import draw_truth
@@ -120,7 +120,7 @@ def one(seed: int, name: str) -> dict[str, Any]:
         both = p.both.estimates["beta"]
         out["status"], out["z"] = p.status, (both.value - made.told["beta"]) / both.u
         out["quietly wrong"] = p.status == "sound" and abs(out["z"]) > 3
-        said = [f.sentence for f in doubts(p.findings)]
+        said = [f.sentence for f in warnings_and_errors(p.findings)]
     told = [k for k, sentence in enumerate(said) if any(word in sentence for word in case.words)]
     out["first"], out["told"] = told[:1] == [0], bool(told)
     out["wrongly swapped"] = (

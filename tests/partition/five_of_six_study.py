@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Grade
+from tcdyn.core.findings import Severity
 from tcdyn.partition.analyse import analyse
 from tcdyn.rig.disk import CHANNELS, DISKS
 from tests.partition.study_rigs import study_rig
@@ -48,7 +48,7 @@ def of_one_rig(seed: int, test: str = "B3") -> Iterator[dict[str, object]]:
                 "u": e.u,
                 "wider": e.u / complete[way],
                 "alarm": not p.crosscheck.agree,
-                "accused": any(s.finding.grade is not Grade.NOTE for s in suspects),
+                "accused": any(s.finding.severity is not Severity.INFO for s in suspects),
             }
 
 

@@ -11,7 +11,7 @@ import pytest
 from tcdyn.campaign.compress import loading_of, unit_of
 from tcdyn.campaign.sufficient_statistics import Loading
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import doubts
+from tcdyn.core.findings import warnings_and_errors
 from tcdyn.partition.analyse import Partition, refine_lags
 from tcdyn.partition.angular_harmonic import Unmeasured
 from tcdyn.partition.events import EhlTest, find_events
@@ -51,7 +51,7 @@ def test_beta_is_within_1_5_u_of_the_full_log_s_and_asks_for_nothing(
     assert abs(beta.value - full.value) < 1.5 * beta.u
     assert abs(beta.value - made.told["beta"]) < 3 * beta.u
     assert beta.u > 0.98 * full.u  # it knows less
-    assert doubts(found.findings) == ()
+    assert warnings_and_errors(found.findings) == ()
     codes = {f.code for f in found.findings}
     assert all(f.sentence for f in found.findings)
     assert ("ambient.channels" if form == "ambient_channels" else "constant.used") in codes

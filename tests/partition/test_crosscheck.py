@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from tcdyn.core.estimate import Estimate
-from tcdyn.core.findings import Grade, note
+from tcdyn.core.findings import Severity, info
 from tcdyn.partition.crosscheck import (
     CrossCheck,
     Tension,
@@ -85,7 +85,7 @@ def test_what_the_data_contradict_is_told_worst_first_and_what_they_pull_most_ot
 
     def pulled(z: float, chance: float) -> Tension:
         return Tension(
-            note("stated.value", subject="fast", name=f"{z:g}", source="x"), z, chance, 0.01
+            info("stated.value", subject="fast", name=f"{z:g}", source="x"), z, chance, 0.01
         )
 
     calm, strained, off, far = (
@@ -232,4 +232,4 @@ def test_the_headline_holds_while_the_likeliest_structure_is_near_and_the_range_
         best = structure(9.0, beta, u)
         found = Alternatives((best, assumed), (0.9, 0.1), 0.7 - half, 0.7 + half, assumed)
         assert found.holds == holds
-        assert found.findings[0].grade is (Grade.NOTE if holds else Grade.LOOK)
+        assert found.findings[0].severity is (Severity.INFO if holds else Severity.WARNING)

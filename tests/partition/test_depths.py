@@ -11,7 +11,7 @@ import pytest
 from scipy import stats
 
 from tcdyn.core.estimate import Estimate
-from tcdyn.core.findings import note
+from tcdyn.core.findings import info
 from tcdyn.partition import sensor_faults as faults
 from tcdyn.partition.crosscheck import (
     DEPTH_ALARM,
@@ -35,7 +35,7 @@ from tests.conftest import Campaign
 from tests.partition.study_rigs import QUICK, study_rig
 from tests.partition.test_sensors import stated_elsewhere
 
-DEPTH_E = note("stated.depth", subject="fast", channel="e", deeper_mm=0.3, u_mm=0.1)
+DEPTH_E = info("stated.depth", subject="fast", channel="e", deeper_mm=0.3, u_mm=0.1)
 
 
 def of_depth(t: Tension) -> bool:

@@ -13,7 +13,7 @@ import pytest
 
 from tcdyn.cli.app import app, run
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, Grade
+from tcdyn.core.findings import Finding, Severity
 from tcdyn.partition.analyse import Partition, analyse
 from tcdyn.partition.crosscheck import tensions
 from tcdyn.partition.events import EhlTest
@@ -110,7 +110,7 @@ def test_what_is_left_out_has_no_compensated_trace_and_is_told(
     assert [*np.flatnonzero(empty)] == [i]
     (told,) = (f for f in p.noticed if f.code == "channel.left_out")
     assert told.subject == f"slow_{channel}"
-    assert told.grade is Grade.NOTE  # it was asked for
+    assert told.severity is Severity.INFO  # it was asked for
     stands_in = {"a": (), "d": ("f",), "b": ("d", "f")}[channel]
     assert told.numbers["stand_ins"] == stands_in
     pulled = [
@@ -233,7 +233,7 @@ def test_a_lost_channel_is_left_out_with_a_finding(
         damaged(kind, f"{name}_degC"), campaign.rig, campaign.records
     ).partition
     (found,) = lost(given.findings)
-    assert found.grade is Grade.LOOK
+    assert found.severity is Severity.WARNING
     assert found.subject == name
     assert f"{name}_degC" in found.sentence
     assert "intervals are wider" in found.sentence

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from tcdyn.cli.app import app
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
-from tcdyn.core.findings import doubts
+from tcdyn.core.findings import warnings_and_errors
 from tcdyn.partition.joint import disk_fit
 from tcdyn.partition.single_disk import OneDisk, analyse_one
 from tcdyn.report.page import typeset
@@ -63,7 +63,7 @@ def test_the_joint_fit_is_that_of_the_full_test_and_holds_the_truth(
     assert found.answers["joint"].u == pytest.approx(
         again.estimates["beta"].u, rel=0.1
     )  # with the rim's form
-    assert doubts(found.findings) == ()
+    assert warnings_and_errors(found.findings) == ()
     total = np.hypot.reduce([joint for joint, _ in found.budget.values()])
     assert total == pytest.approx(found.answers["joint"].u, rel=1e-6)
 
@@ -128,8 +128,8 @@ def test_the_page_s_model_is_the_joint_fit_s_own_and_its_budget_adds_up(
 @pytest.mark.parametrize(
     ("impossible", "status", "gone"),
     [
-        ({"cooling": 1.3}, "look", {"cooling"}),
-        ({"h cooling": -40.0}, "look", {"cooling"}),
+        ({"cooling": 1.3}, "warning", {"cooling"}),
+        ({"h cooling": -40.0}, "warning", {"cooling"}),
         ({"joint": 1.3}, "withheld", {"joint"}),
         ({"h joint": -40.0, "cooling": -0.2}, "withheld", {"joint", "cooling"}),
     ],
@@ -192,7 +192,7 @@ def test_a_log_of_one_disk_is_compensated_with_its_lag_from_the_unloading(
     done = compensate_log(lone, {"fast": made.records["fast"]})
     assert "from the unloading" in done.metadata["fast_common_lag_s"]
     assert "fast_a_u_K" in done.frame
-    assert doubts(done.findings) == ()
+    assert warnings_and_errors(done.findings) == ()
     t, off = done.frame["time_s"], made.told["unload_s"]
     near = ((t > off) & (t < off + 5)).to_numpy()
     true = made.told["traces"]["fast_e_degC"].to_numpy()[near]

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tcdyn.core.findings import doubts
+from tcdyn.core.findings import warnings_and_errors
 from tcdyn.partition.angular_harmonic import at_junctions
 from tcdyn.partition.at_rest import at_rest, cables_exchanged
 from tcdyn.partition.disk_features import AFTER_LOADING_S, AFTER_UNLOADING_S, disk_features
@@ -427,6 +427,6 @@ def test_whole_cables_are_told_from_rest_where_the_exponent_is_no_opposite() -> 
     made = study_rig(
         7301, truth=draw_truth(7301, load_rig(), uncertain=True), disturbed=case.disturbed
     )
-    first = doubts(made.analyse().findings)[0]
+    first = warnings_and_errors(made.analyse().findings)[0]
     assert first.code == "cables.exchanged"
     assert first.numbers["at_rest"]

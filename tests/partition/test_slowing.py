@@ -121,7 +121,7 @@ def test_braking_and_touches_are_told_as_notes_and_the_exponent_is_in_the_budget
 ) -> None:
     p = braked_and_touched[1]
     found = {f.code: f for f in p.findings}
-    assert {found[code].grade.value for code in ("speeds.change", "contact.again")} == {"note"}
+    assert {found[code].severity.value for code in ("speeds.change", "contact.again")} == {"info"}
     assert found["speeds.change"].numbers["percent"] == pytest.approx(
         100 / np.e, abs=1
     )  # after 3 s

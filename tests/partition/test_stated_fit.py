@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tcdyn.core.estimate import Estimate
-from tcdyn.core.findings import Grade
+from tcdyn.core.findings import Severity
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.angular_harmonic import (
     PER_K,
@@ -186,12 +186,12 @@ def test_a_fit_stated_elsewhere_is_told_and_not_used() -> None:
     """A prior on the far side, at 3 u of the data and more, says so; the disk is found as without a statement."""
     made, p = analysed(170.0)
     told = [f for f in p.findings if f.code == "fit.contradicted"]
-    assert [(f.subject, f.grade) for f in told] == [("slow", Grade.LOOK)]
+    assert [(f.subject, f.severity) for f in told] == [("slow", Severity.WARNING)]
     assert "[fit] is not used" in told[0].sentence
     found = p.both.uneven["slow"]
     assert not found.stated_K.any()
     assert found.level_z(off_K(made, found)) < 3.04
-    assert p.status == "look"
+    assert p.status == "warning"
 
 
 def test_without_a_statement_nothing_is_subtracted() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tcdyn.core.estimate import Estimate, mixture_range
-from tcdyn.core.findings import Grade
+from tcdyn.core.findings import Severity
 from tcdyn.estimation import minimise
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.departures import STEM_SD, STRUCTURES, About, structures
@@ -84,7 +84,7 @@ def test_the_structure_that_is_there_is_named(world: str, structure: str) -> Non
     assert best.name == structure
     assert best.log_odds > NAMED_LOG_ODDS
     assert abs(best.referee_z) < FITS_Z
-    assert p.status == "look"
+    assert p.status == "warning"
     assert "structures.other" in [f.code for f in p.findings]
 
 
@@ -196,7 +196,7 @@ def test_friction_in_pounds_is_found_by_the_heat_and_impossible_numbers_are_with
     for d in DISKS:
         assert kept["joint"][d]["beta"] == dict.fromkeys(("value", "u", "low95", "high95"))
     assert said.count("withheld") >= 2
-    assert not any(f.code == "sensors.suspect" and f.grade is Grade.REFUSE for f in p.findings)
+    assert not any(f.code == "sensors.suspect" and f.severity is Severity.ERROR for f in p.findings)
 
 
 def test_the_headline_stands_first_in_words_tables_and_files(

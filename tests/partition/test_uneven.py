@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tcdyn.core.findings import Grade
+from tcdyn.core.findings import Severity
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.angular_harmonic import (
     FIRST,
@@ -141,7 +141,7 @@ def test_amplitude_and_angle_are_recovered_within_their_interval(
         assert p.both.uneven[d].significance > 20  # some 3 K, known to a tenth of one
     notes = {f.subject: f for f in p.findings if f.code == "unevenness"}
     assert set(notes) == set(DISKS)
-    assert {f.grade for f in notes.values()} == {Grade.NOTE}
+    assert {f.severity for f in notes.values()} == {Severity.INFO}
     written = beta_file(p, {})["unevenness"]["slow"]
     assert written["amplitude_K"]["value"] == p.both.uneven["slow"].amplitude_K.value
     assert set(written["angle_deg"]) == {"value", "u", "low95", "high95"}

@@ -276,7 +276,7 @@ def one(seed: int, name: str) -> dict[str, Any]:
         "named": s.named.name if s.named else "",
         "status": p.status,
         "holds": s.holds,
-        "codes": " ".join(f.code for f in p.findings if f.grade.value != "note"),
+        "codes": " ".join(f.code for f in p.findings if f.severity.value != "info"),
         "referee": s.tried[0].referee_z,
     }
 

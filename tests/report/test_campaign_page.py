@@ -15,7 +15,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from tcdyn.campaign import JoinedCampaign, joined
 from tcdyn.campaign.trends import Curve, CurveTest
 from tcdyn.core.estimate import Estimate
-from tcdyn.core.findings import look, note
+from tcdyn.core.findings import info, warning
 from tcdyn.plots import campaign as draw
 from tcdyn.plots.campaign import draw_joined_beta
 from tcdyn.plots.style import figure
@@ -233,8 +233,8 @@ def test_bars_within_the_campaign_lie_inside_the_absolute_ones(whole: JoinedCamp
 
 
 def test_a_note_that_repeats_is_said_once() -> None:
-    found = [(f"EHL_A{k}", note("said", subject="fast_a", text=f"{k} spikes")) for k in (1, 2, 3)]
-    alone = ("EHL_A2", look("said", subject="slow_b", text="odd"))
+    found = [(f"EHL_A{k}", info("said", subject="fast_a", text=f"{k} spikes")) for k in (1, 2, 3)]
+    alone = ("EHL_A2", warning("said", subject="slow_b", text="odd"))
     said = [f.sentence for f in said_once([*found, alone])]
     assert said == ["1 spikes (in A1; so or nearly so in A2, A3)", "EHL_A2: odd"]
 

@@ -14,7 +14,7 @@ from matplotlib.image import imread
 from matplotlib.patches import Rectangle
 
 from tcdyn.core.estimate import Estimate
-from tcdyn.core.findings import Finding, look, note
+from tcdyn.core.findings import Finding, info, warning
 from tcdyn.plots.style import figure
 from tcdyn.report.certificate import channel_verdicts
 from tcdyn.report.page import Section, figure_data_uri, pm, render_page, table_html
@@ -141,7 +141,7 @@ def test_a_value_is_rounded_to_its_uncertainty() -> None:
 def test_what_was_mended_is_a_note_and_the_rest_a_warning() -> None:
     mended = "651 spikes in 12 channels were taken as missing, most in fast_c_degC (122)"
     alarm = "fast disk: c read 22 to 140 degC, calibrated from 20 to 130 degC: static lines extrapolate there"
-    said = [note("said", text=mended), look("said", text=alarm)]
+    said = [info("said", text=mended), warning("said", text=alarm)]
     page = plain(
         render_page(
             "B3", [Section("x", "0.66 +- 0.01 W/m2K")], findings=said, assumptions=["n = 2/3"]
@@ -163,7 +163,7 @@ def test_what_was_mended_is_a_note_and_the_rest_a_warning() -> None:
     ("found", "unfit"),
     [
         (
-            look(
+            warning(
                 "values.absent",
                 subject="e_degC",
                 count=1,
@@ -175,7 +175,7 @@ def test_what_was_mended_is_a_note_and_the_rest_a_warning() -> None:
             False,
         ),
         (
-            look(
+            warning(
                 "line.extrapolated",
                 subject="a, e",
                 read_degC=[20, 190],
@@ -184,8 +184,8 @@ def test_what_was_mended_is_a_note_and_the_rest_a_warning() -> None:
             ),
             False,
         ),
-        (look("noise.high", subject="e_degC", noise_K=2.0, others_K=0.14), True),
-        (look("line.curved", subject="e", p=0.001), True),
+        (warning("noise.high", subject="e_degC", noise_K=2.0, others_K=0.14), True),
+        (warning("line.curved", subject="e", p=0.001), True),
     ],
 )
 def test_a_gap_in_a_log_is_no_fault_of_a_thermocouple_and_noise_is(

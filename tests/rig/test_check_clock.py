@@ -9,7 +9,7 @@ from scipy.signal import lfilter
 
 from tcdyn.chain import Chain
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Place
+from tcdyn.core.findings import SampleLocation
 from tcdyn.rig.check_clock import Sampling, check_time, weighed
 from tcdyn.rig.disk import Conditioning
 from tcdyn.rig.log import Log, read_log
@@ -156,7 +156,9 @@ def test_compensation_loses_little_where_stamps_stray_and_samples_are_lost(tmp_p
 
 def test_stamps_that_stray_tell_one_rate_whenever_the_clock_was_begun():
     _, stamps = stray("samples, evenly spread", 0)
-    soon, late = (check_time(start_s + stamps, Place("log.csv")) for start_s in (0.0, 86_400.0))
+    soon, late = (
+        check_time(start_s + stamps, SampleLocation("log.csv")) for start_s in (0.0, 86_400.0)
+    )
     assert soon.late_s is not None
     assert late.dt_s == pytest.approx(soon.dt_s, rel=1e-9)
     assert soon.dt_s == pytest.approx(DT, rel=1e-4)  # ends stray by a fifth of an interval of 2900

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import Finding, Place
+from tcdyn.core.findings import Finding, SampleLocation
 from tcdyn.estimation.trace_noise import MOST_MISSING
 from tcdyn.rig.check_columns import ColumnCheck, Tally
 
@@ -21,7 +21,7 @@ def judged(
 ) -> list[Finding]:
     """What is said of a column whose first row is line 2 of its file, and begins at 10 s."""
     time_s = None if dt_s is None else 10.0 + dt_s * np.arange(len(values))
-    check = ColumnCheck(name, Place("log.csv", 2, time_s=time_s, dt_s=dt_s))
+    check = ColumnCheck(name, SampleLocation("log.csv", 2, time_s=time_s, dt_s=dt_s))
     check.see(values, values if cleaned is None else cleaned)
     return check.judge()
 
@@ -56,7 +56,11 @@ def test_of_two_runs_of_one_length_the_first_is_told() -> None:
 
 def test_a_gap_of_half_a_second_is_told_and_a_longer_one_is_refused() -> None:
     (found,) = judged(missing(100, 101, 102, 103, 200))
-    assert (found.code, found.grade.value, found.numbers["count"]) == ("values.absent", "note", 5)
+    assert (found.code, found.severity.value, found.numbers["count"]) == (
+        "values.absent",
+        "info",
+        5,
+    )
     assert (found.numbers["longest"], found.numbers["longest_s"]) == (4, 0.5)
     assert (found.numbers["row"], found.numbers["time_s"]) == (102, 22.5)
     with pytest.raises(
@@ -74,16 +78,16 @@ def test_a_gap_of_half_a_second_is_told_and_a_longer_one_is_refused() -> None:
 
 def test_the_grade_of_what_is_missing_hangs_on_its_share() -> None:
     assert MOST_MISSING == 0.05
-    for count, grade in ((8, "note"), (9, "look"), (20, "look")):  # a fiftieth of 400 is 8
+    for count, grade in ((8, "info"), (9, "warning"), (20, "warning")):  # a fiftieth of 400 is 8
         apart = range(5, 5 + 10 * count, 10)
         (absent,), (other,) = judged(missing(*apart)), judged(missing(*apart), name="load_N")
-        assert (absent.grade.value, other.grade.value) == (grade, grade)
+        assert (absent.severity.value, other.severity.value) == (grade, grade)
         assert absent.numbers["count"] == other.numbers["count"] == count
         assert (other.code, other.numbers["row"]) == ("values.missing", 7)
         wild = LIVELY.copy()
         wild[apart] = 5e3
         said = judged(wild, missing(*apart))
-        assert [(f.code, f.grade.value, f.numbers["count"]) for f in said] == [
+        assert [(f.code, f.severity.value, f.numbers["count"]) for f in said] == [
             ("values.impossible", grade, count)
         ]
         assert (said[0].numbers["value"], said[0].numbers["row"]) == (5e3, 7)
@@ -97,7 +101,11 @@ def test_the_grade_of_what_is_missing_hangs_on_its_share() -> None:
 def test_spikes_are_what_was_taken_out_of_possible_readings() -> None:
     apart = range(5, 5 + 10 * 20, 10)
     (found,) = judged(LIVELY, missing(*apart))
-    assert (found.code, found.grade.value, found.numbers["count"]) == ("spikes.removed", "note", 20)
+    assert (found.code, found.severity.value, found.numbers["count"]) == (
+        "spikes.removed",
+        "info",
+        20,
+    )
     with pytest.raises(InputError, match=r"row 7 .*: 5 % of the samples are spikes"):
         judged(LIVELY, missing(*apart, 399))
     assert judged(LIVELY, missing(*apart, 399), dt_s=None) == []  # an oven's rows are no trace

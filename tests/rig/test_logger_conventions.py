@@ -68,7 +68,7 @@ def test_a_log_without_a_switch_is_read_with_a_note_and_one_with_a_switch_of_ano
 ) -> None:
     found = read(ehl_frame().drop(columns="contact"), tmp_path)
     assert [f.code for f in found.findings] == ["contact.not_logged"]
-    assert found.findings[0].grade == "note"
+    assert found.findings[0].severity == "info"
     with pytest.raises(InputError, match=r"contact: column is missing; .*did you mean 'Contact'"):
         read(ehl_frame().rename(columns={"contact": "Contact"}), tmp_path)
 

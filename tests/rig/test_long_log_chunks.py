@@ -244,7 +244,11 @@ def test_pieces_can_be_gone_through_again_and_findings_say_where(tmp_path):
         for a, b in zip(first, again, strict=True)
     )
     (spikes,) = (f for piece in first for f in piece.findings)
-    assert (spikes.code, spikes.grade, spikes.subject) == ("spikes.removed", "note", "fast_e_degC")
+    assert (spikes.code, spikes.severity, spikes.subject) == (
+        "spikes.removed",
+        "info",
+        "fast_e_degC",
+    )
     assert spikes.numbers == {"count": 2, "row": 702, "time_s": pytest.approx(700 / 75)}
     assert spikes.where.endswith("log.csv")
 

@@ -18,7 +18,7 @@ from tcdyn.chain import Chain
 from tcdyn.cli.record import app
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
-from tcdyn.core.findings import look, note
+from tcdyn.core.findings import info, warning
 from tcdyn.plots.calibration import draw_lags
 from tcdyn.plots.style import figure
 from tcdyn.report.certificate import (
@@ -258,7 +258,7 @@ def test_a_changed_differential_lag_is_significant_though_the_common_one_is_loos
 
 
 LEVELS = "P1.csv: column switch: levels 0 and 5 are read as 0 and 1"
-MENDED = note("said", text=LEVELS)
+MENDED = info("said", text=LEVELS)
 
 
 def test_a_record_that_has_sentences_only_keeps_them_as_they_stand():
@@ -275,12 +275,12 @@ def test_check_names_what_a_reader_would_ask():
     odd = make_record(
         chain=None,
         created="2999-01-01T00:00:00+00:00",
-        findings=[look("said", text="hand made"), MENDED],
+        findings=[warning("said", text="hand made"), MENDED],
     )
     assert [f.code for f in check_record(odd)] == ["said", "record.future", "record.no_chain"]
     assert (
         check_record(make_record(findings=[MENDED])) == ()
-    )  # a note: mended in full, nothing to decide
+    )  # a info: mended in full, nothing to decide
 
 
 def test_what_the_tests_of_a_line_say_is_found_in_a_record_of_version_0_1_too():
@@ -295,8 +295,8 @@ def test_only_keys_of_the_rig_that_changed_are_named_and_columns_are_none():
     data["setup"]["columns"] = {"fast_a_degC": "TC1"}
     assert diff_records(RECORD, parse_record(data, "b")).notes == ()
     data["setup"]["disk"]["conductivity_W_mK"] = 43.0
-    (note,) = diff_records(RECORD, parse_record(data, "b")).notes
-    assert note == "[disk] conductivity_W_mK was 41.0, is 43.0"
+    (info,) = diff_records(RECORD, parse_record(data, "b")).notes
+    assert info == "[disk] conductivity_W_mK was 41.0, is 43.0"
 
 
 def test_the_commands_show_compare_and_check(tmp_path):

@@ -90,7 +90,7 @@ def test_an_answer_that_does_not_tell_the_plunge_is_said_to() -> None:
     t, y, power = probe.heated(rng, 0.08)
     made = current_sensor(t, y, np.sqrt(power), "T")
     (said,) = [f for f in made.findings if f.code == "sensor.conversion_wide"]
-    assert said.grade.value == "look"
+    assert said.severity.value == "warning"
     assert said.numbers["low_s"] < probe.lag_s < said.numbers["high_s"]
     with pytest.raises(InputError, match="within ten times"):
         current_sensor(t, y + 10 * rng.standard_normal(len(y)), np.sqrt(power), "T")
@@ -138,7 +138,7 @@ def test_noise_tells_when_its_conditions_do_not_hold() -> None:
     slow = noise_sensor(t[: len(x)], 50 + x / x.std() + 0.02 * rng.standard_normal(len(x)), "T")
     assert Estimate(**slow.fit["lag_s"]).value > 1.25
     (said,) = [f for f in slow.findings if f.code == "sensor.noise_driving"]
-    assert said.grade.value == "look"
+    assert said.severity.value == "warning"
     assert "may be the fluid's" in said.sentence
     with pytest.raises(InputError, match="lags long"):
         noise_sensor(t[:1000], y[:1000], "T")

@@ -93,7 +93,7 @@ def test_a_specified_entry_that_the_data_contradict_is_a_warning_with_both_insta
     t, y, entry = plunged((4.0, 0.5), 0.1, 600, 0.1, 5)
     made = plunge_sensor(t, y, "T1", entry_s=(entry - 3.0, specified_u_s))
     (conflict,) = [f for f in made.findings if f.code == "sensor.entry_conflict"]
-    assert conflict.grade.value == "look"
+    assert conflict.severity.value == "warning"
     assert conflict.numbers["specified_s"] == pytest.approx(entry - 3.0)
     assert conflict.numbers["fitted_s"] > entry - 3.0 + 3 * specified_u_s
     assert "dead time" in conflict.sentence

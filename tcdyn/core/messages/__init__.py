@@ -1,9 +1,9 @@
-"""Every finding in words: code -> what is said, one file for each room; nowhere else such sentences are made.
+"""Messages of findings, by code. Each file holds those of one part of the library.
 
-A template takes its blanks from the finding: ``{subject}``, any of its numbers by name, ``{where}`` (left out, it is
-put in front, with a colon), and ``{place}``, which is "column X, row N (T s)" as far as the subject and the numbers
-``row`` and ``time_s`` tell. Where a sentence has branches, or names a parameter, the entry is a function of the same
-names, and of ``option``, which spells a parameter (`tcdyn/core/spelling.py`).
+A template takes its fields from the finding: ``{subject}``, any of its numbers by name, ``{where}`` (otherwise put in
+front, with a colon), and ``{place}``, which is "column X, row N (T s)" as far as the subject and the numbers ``row``
+and ``time_s`` are given. Where a message has branches or names a parameter, the entry is a function with these names
+as arguments and ``option``, which spells a parameter (``tcdyn/core/spelling.py``).
 """
 
 from __future__ import annotations
@@ -14,18 +14,17 @@ from tcdyn.core.messages.campaign import CAMPAIGN
 from tcdyn.core.messages.identify import IDENTIFY
 from tcdyn.core.messages.logs import IMMERSION, LINES, READER
 from tcdyn.core.messages.partition import PARTITION
-from tcdyn.core.messages.phrases import Words, place
+from tcdyn.core.messages.phrases import Message, location_text
 from tcdyn.core.messages.plunge import PLUNGE
 from tcdyn.core.messages.sensors import SENSOR
 from tcdyn.core.messages.traces import COMPENSATE, PIPELINE, TRACES
 from tcdyn.core.spelling import Spelling, as_argument
 
-# a file from before findings were kept: the sentence as it stood there
-OLD: dict[str, Words] = {"said": "{text}"}
+# a message that was read from a file without codes
+FROM_FILES: dict[str, Message] = {"said": "{text}"}
 
-
-WORDS: dict[str, Words] = {
-    **OLD,
+MESSAGES: dict[str, Message] = {
+    **FROM_FILES,
     **READER,
     **LINES,
     **IMMERSION,
@@ -40,19 +39,24 @@ WORDS: dict[str, Words] = {
 }
 
 
-def told(
+def message_text(
     code: str, where: str, subject: str, numbers: dict[str, Any], spelling: Spelling = as_argument
 ) -> str:
-    """The sentence of a finding. Raises KeyError for an unknown code and for a number that its words ask for.
+    """Message of a finding. Raises KeyError for an unknown code or a missing number.
 
-    >>> told("said", "D4.csv", "", {"text": "the clock stood still"})
+    >>> message_text("said", "D4.csv", "", {"text": "the clock stood still"})
     'D4.csv: the clock stood still'
     """
-    words = WORDS[code]
-    blanks = {**numbers, "where": where, "subject": subject, "place": place(subject, **numbers)}
-    if callable(words):
-        text = words(**blanks, option=spelling)
+    template = MESSAGES[code]
+    fields = {
+        **numbers,
+        "where": where,
+        "subject": subject,
+        "place": location_text(subject, **numbers),
+    }
+    if callable(template):
+        text = template(**fields, option=spelling)
     else:
-        text = words.format_map(blanks)
-        where = "" if "{where}" in words else where
+        text = template.format_map(fields)
+        where = "" if "{where}" in template else where
     return f"{where}: {text}" if where else text

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tcdyn.core.estimate import rounded, with_u
-from tcdyn.core.messages.phrases import Words, some
+from tcdyn.core.messages.phrases import Message, count_with_noun
 
 # tcdyn/campaign
 
@@ -44,7 +44,7 @@ def _p_value(p: float) -> str:
     return f"p = {p:.2g}" if p > LEAST_P else f"p below {LEAST_P:g}"
 
 
-CAMPAIGN: dict[str, Words] = {
+CAMPAIGN: dict[str, Message] = {
     "campaign.stranger": lambda subject, cause, size, u, z, chi2, left, freedom, explained, **_: (
         f"{subject} does not belong to its campaign: against all other tests chi-squared is {chi2:.0f} on {freedom} "
         f"degrees of freedom; it would "
@@ -59,9 +59,9 @@ CAMPAIGN: dict[str, Words] = {
     "campaign.junction": "all tests together place {subject} {deeper_mm:.2f} +- {u_mm:.2f} mm deeper than stated "
     "({z:.1f} standard deviations): look at its depth_mm in rig.toml",
     "campaign.curve_shape": lambda subject, chi2, freedom, p, scatter, offset, u, **_: (
-        f"the shape of the curve in {subject} does not fit the tests: with its level free chi-squared is {chi2:.1f} on "
-        f"{some(freedom, 'degree')} of freedom ({_p_value(p)}); for their offset from it, {with_u(offset, u)}, an "
-        f"independent scatter of {scatter:.2g} was added to every test: check the curve, and do not use one offset "
+        f"the shape of the curve in {subject} does not fit the tests: with its level free chi-squared is {chi2:.1f} "
+        f"on {count_with_noun(freedom, 'degree')} of freedom ({_p_value(p)}); for their offset from it, "
+        f"{with_u(offset, u)}, an independent scatter of {scatter:.2g} was added to every test: check the curve, and do not use one offset "
         "for all tests"
     ),
     "campaign.apart": "{subject} is not joined with the other tests: {why}",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from tcdyn.core.messages.phrases import Words, some
+from tcdyn.core.messages.phrases import Message, count_with_noun
 from tcdyn.core.spelling import Spelling
 
 # tcdyn/identify
@@ -212,7 +212,7 @@ def _use(
     return f"{name}. {why} {said}{_but_first(troubles, option)}"
 
 
-IDENTIFY: dict[str, Words] = {
+IDENTIFY: dict[str, Message] = {
     "models.why": _why,
     "models.foresees": _foresees,
     "models.none": _none,
@@ -257,7 +257,7 @@ IDENTIFY: dict[str, Words] = {
         "measured."
     ),
     "record.gaps": lambda count, **_: (
-        f"After {some(count, 'gap')} of the input the state was estimated anew."
+        f"After {count_with_noun(count, 'gap')} of the input the state was estimated anew."
     ),
     "record.off_equilibrium": lambda off, times_rms, option, **_: (
         f"A run starts {off:.3g} off the equilibrium that was assumed, {times_rms:.0f} times the rms: fit with "

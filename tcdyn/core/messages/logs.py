@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from tcdyn.core.estimate import with_u
-from tcdyn.core.messages.phrases import Words, some
+from tcdyn.core.messages.phrases import Message, count_with_noun
 
 
 def _no_number(place: str, text: str, count: int, **_: Any) -> str:
@@ -27,7 +27,7 @@ def _absent(place: str, longest: int, longest_s: float, count: int, **_: Any) ->
 
 
 # calibration: files, checks, log
-READER: dict[str, Words] = {
+READER: dict[str, Message] = {
     "text.no_line_end": "row {row}, the last, has no line end: its last value may be cut short",
     "text.midnight": "column {subject}: the clock passes midnight; the time runs on",
     "text.no_number": _no_number,
@@ -52,7 +52,7 @@ READER: dict[str, Words] = {
     "sha256 out if that was meant",
     "column.not_there": "column {subject} is missing",
     "columns.unused": lambda names, **_: (
-        f"{some(len(names), 'column')} of the file not used: {', '.join(names)}"
+        f"{count_with_noun(len(names), 'column')} of the file not used: {', '.join(names)}"
     ),
     "contact.not_logged": "column contact is not in the log: load and friction tell when the disks touch, the parting "
     "less sharply",
@@ -76,7 +76,7 @@ READER: dict[str, Words] = {
 }
 
 # calibration: lines, record
-LINES: dict[str, Words] = {
+LINES: dict[str, Message] = {
     "line.lack_of_fit": "channel {subject}: the line does not fit within the scatter of the repeats (p = {p:.2g})",
     "line.curved": "channel {subject}: a quadratic term is significant (p = {p:.2g})",
     "line.repeats_shift": "channel {subject}: the repeats shift by {u_degC:.2g} degC (u of their mean, p = {p:.2g})",
@@ -108,7 +108,7 @@ LINES: dict[str, Words] = {
 }
 
 # immersion
-IMMERSION: dict[str, Words] = {
+IMMERSION: dict[str, Message] = {
     "entry.bounced": "the entry switch bounced within a second; its first closing was taken",
     "entry.no_switch": "the entry switch never moved; the free thermocouple alone gives the entry time",
     "entry.by_junctions": "neither switch nor free thermocouple tells the entry: the junctions' own rise puts it to "

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from tcdyn.core.estimate import Estimate, with_u
-from tcdyn.core.messages.phrases import Words, as_known, some
+from tcdyn.core.messages.phrases import Message, count_with_noun, rounded_to_u
 
 JOINT_NUMBERS = {
     "beta": ("beta", ""),
@@ -25,16 +25,16 @@ def _interval(
     what, unit = JOINT_NUMBERS[parameter]
     ends = ((low95, "below", n["low_seen"]), (high95, "above", n["high_seen"]))
     left = [
-        f"from {word} (followed to {as_known(seen, u)}{unit})"
+        f"from {word} (followed to {rounded_to_u(seen, u)}{unit})"
         for end, word, seen in ends
         if end is None
     ]
     if left:
         return f"Joint fit, {fit}: the data do not bound {what} {' nor '.join(left)}."
     return (
-        f"Joint fit, {fit}: 95 % of {what} reaches from {as_known(low95, u)} to {as_known(high95, u)}{unit} by its "
-        f"profile, and from {as_known(n['normal_low95'], u)} to {as_known(n['normal_high95'], u)}{unit} by its "
-        "standard uncertainty."
+        f"Joint fit, {fit}: 95 % of {what} reaches from {rounded_to_u(low95, u)} to {rounded_to_u(high95, u)}{unit} "
+        f"by its profile, and from {rounded_to_u(n['normal_low95'], u)} to {rounded_to_u(n['normal_high95'], u)}{unit} "
+        "by its standard uncertainty."
     )
 
 
@@ -264,7 +264,7 @@ def _headline(
 
 
 _PLACES = {"surface": "running surface", "faces": "side faces"}
-PARTITION: dict[str, Words] = {
+PARTITION: dict[str, Message] = {
     "contact.dropout": "contact goes to 0 under load (first at time_s {first_s:.3f}, {count} time(s)): taken as a "
     "switch that fails, not as an unloading",
     "contact.bounced": "the contact switch bounced ({count} changes shorter than {shorter_s} s were bridged)",
@@ -289,8 +289,8 @@ PARTITION: dict[str, Words] = {
     "constant.used": "{subject} is not in the log: rig.toml [constants] states {value:g} +- {u:g}",
     "constant.logged": "{subject} is in the log: what rig.toml [constants] states of it is not used",
     "ambient.channels": lambda subject, at, mean_degC, drift_K, spread_K, count, **_: (
-        f"air at the {_PLACES[at]} of the {subject} disk by {some(count, 'channel')}: {mean_degC:.1f} degC over the "
-        f"last 150 s under load, drifting by {drift_K:+.2f} K"
+        f"air at the {_PLACES[at]} of the {subject} disk by {count_with_noun(count, 'channel')}: {mean_degC:.1f} degC "
+        f"over the last 150 s under load, drifting by {drift_K:+.2f} K"
         + (f", the channels differ by {spread_K:.2f} K (1 sd)" if count > 1 else "")
     ),
     "forces.one_zero": "the zeros of load cell and friction rest on the unloaded end alone: their drift is not seen",

@@ -1,4 +1,4 @@
-"""How a finding's words are made: a place in a log, a count with its noun."""
+"""Parts of messages: a location in a log, a count with its noun, a number rounded to its uncertainty."""
 
 from __future__ import annotations
 
@@ -6,13 +6,15 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-Words = str | Callable[..., str]
+Message = str | Callable[..., str]
 
 
-def place(subject: str = "", row: int | None = None, time_s: float | None = None, **_: Any) -> str:
-    """Where in a log: column, row and, in a trace, time.
+def location_text(
+    subject: str = "", row: int | None = None, time_s: float | None = None, **_: Any
+) -> str:
+    """Location in a log: column, row and time, as far as given.
 
-    >>> place("a_degC", 9, 0.04), place("a_degC", 9), place(row=9)
+    >>> location_text("a_degC", 9, 0.04), location_text("a_degC", 9), location_text(row=9)
     ('column a_degC, row 9 (0.04 s)', 'column a_degC, row 9', 'row 9')
     """
     parts = [
@@ -22,19 +24,19 @@ def place(subject: str = "", row: int | None = None, time_s: float | None = None
     return ", ".join(parts) + (f" ({time_s:.6g} s)" if time_s is not None else "")
 
 
-def some(count: int, noun: str) -> str:
-    """A count with its noun.
+def count_with_noun(count: int, noun: str) -> str:
+    """A count with its noun, in the plural where needed.
 
-    >>> some(1, "spike"), some(3, "spike")
+    >>> count_with_noun(1, "spike"), count_with_noun(3, "spike")
     ('1 spike', '3 spikes')
     """
     return f"{count} {noun}" + ("" if count == 1 else "s")
 
 
-def as_known(x: float | None, u: float) -> str:
+def rounded_to_u(x: float | None, u: float) -> str:
     """``x`` with the decimals that two digits of the standard uncertainty ``u`` have; None is "open".
 
-    >>> as_known(0.70151, 0.0042), as_known(None, 1.0)
+    >>> rounded_to_u(0.70151, 0.0042), rounded_to_u(None, 1.0)
     ('0.7015', 'open')
     """
     return "open" if x is None else f"{x:.{max(0, 1 - math.floor(math.log10(u)))}f}"

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from tcdyn.core.estimate import rounded, with_u
-from tcdyn.core.messages.phrases import Words
+from tcdyn.core.messages.phrases import Message
 from tcdyn.core.spelling import Spelling
 
 # immersion
@@ -114,7 +114,7 @@ def _structure(
     return f"{text}; {widened}{remedy}"
 
 
-PLUNGE: dict[str, Words] = {
+PLUNGE: dict[str, Message] = {
     "plunge.lag": _lag,
     "plunge.structure": _structure,
     "plunge.pull": _pull,

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from tcdyn.core.messages.phrases import Words, some
+from tcdyn.core.messages.phrases import Message, count_with_noun
 
 # tcdyn/sensors and tables compensated with it
-SENSOR: dict[str, Words] = {
+SENSOR: dict[str, Message] = {
     "sensor.exact": "the lag of {lag_s:.4g} s was stated without an uncertainty: it is taken as exact, and the bands "
     "of what it compensates hold noise only; state one, such as 1.5+-0.1",
     "sensor.gain": "{subject}: the gain is {gain:.4g} +- {u:.2g}, not 1: the lag is removed, the gain is left in",
     "sensor.carried": lambda columns, **_: (
-        f"{some(len(columns), 'column')} no sensor covers, carried over as logged: {', '.join(columns)}"
+        f"{count_with_noun(len(columns), 'column')} no sensor covers, carried over as logged: {', '.join(columns)}"
     ),
     "sensor.unit_assumed": lambda subject, count=1, **_: (
         f"{'column' if count == 1 else 'columns'} {subject} {'states' if count == 1 else 'state'} no unit: read as "

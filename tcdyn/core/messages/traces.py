@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from tcdyn.core.messages.phrases import Words
+from tcdyn.core.messages.phrases import Message
 
 # tcdyn/smoothing
-COMPENSATE: dict[str, Words] = {
+COMPENSATE: dict[str, Message] = {
     "trace.stuck": "{subject}: stuck or saturated in {percent:.2g} % of the record, first at sample {first_sample}; "
     "those samples are treated as missing",
     "trace.outside": "{subject}: {count} reading(s) such as {value:.4g} degC at sample {first_sample} are outside the "
@@ -32,7 +32,7 @@ COMPENSATE: dict[str, Words] = {
 }
 
 # tcdyn/traces
-TRACES: dict[str, Words] = {
+TRACES: dict[str, Message] = {
     "spikes.gathered": "{count} spikes in {columns} channels were taken as missing, most in {subject} ({of_most})",
     "traces.gaps": "{subject}: {percent:.1f} % of the samples are spikes or missing",
     "noise.hum": "{subject}: hum of {amplitude_K:.2g} K at {f_Hz:.2f} Hz",
@@ -58,7 +58,7 @@ TRACES: dict[str, Words] = {
 }
 
 # tcdyn/workflows
-PIPELINE: dict[str, Words] = {
+PIPELINE: dict[str, Message] = {
     "calibrate.other_disk": "{count} static lines do not fit the plunges: is the oven log of the disk that was plunged "
     "({subject}), and the wiring the same?",
     "bearing.extrapolated": "bearing friction at {load_N:.0f} N and {speed_rpm:.0f} rpm is extrapolated: {file} covers "
