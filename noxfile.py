@@ -11,7 +11,7 @@ nox.options.reuse_existing_virtualenvs = True
 
 @nox.session
 def test(session: nox.Session) -> None:
-    """The default tests, under ten minutes."""
+    """The default tests, about three minutes."""
     session.install(".[test]")
     session.run("python", "-m", "pytest", "-n", "auto", *session.posargs)
 
@@ -38,10 +38,17 @@ def lowest(session: nox.Session) -> None:
 
 
 @nox.session
-def slow(session: nox.Session) -> None:
-    """The long studies: coverage of intervals, whole campaigns."""
+def e2e(session: nox.Session) -> None:
+    """Whole commands, damaged input, the behaviour suite, figures."""
     session.install(".[test]")
-    session.run("python", "-m", "pytest", "-n", "auto", "-m", "slow", *session.posargs)
+    session.run("python", "-m", "pytest", "-n", "auto", "-m", "e2e", *session.posargs)
+
+
+@nox.session
+def study(session: nox.Session) -> None:
+    """Monte Carlo studies of coverage, and mutations of the source."""
+    session.install(".[test]")
+    session.run("python", "-m", "pytest", "-n", "auto", "-m", "study", *session.posargs)
 
 
 @nox.session
@@ -54,6 +61,8 @@ def coverage(session: nox.Session) -> None:
         "pytest",
         "-n",
         "auto",
+        "-m",
+        "e2e or not study",
         "--cov",
         "--cov-report=term-missing:skip-covered",
         *session.posargs,
@@ -62,7 +71,7 @@ def coverage(session: nox.Session) -> None:
 
 @nox.session
 def lint(session: nox.Session) -> None:
-    """Style, types and the house's import contracts."""
+    """Style, types and import contracts."""
     session.install(".[lint]")
     session.run("ruff", "check", ".")
     session.run("ruff", "format", "--check", ".")

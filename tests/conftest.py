@@ -1,4 +1,4 @@
-"""Fixtures that several rooms share: a small campaign of the synthetic rig, written once."""
+"""Fixtures of several test folders: a small campaign of the synthetic rig, from committed logs."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from tcdyn.rig.record import DiskRecord, read_record, write_record
+from tcdyn.rig.record import DiskRecord, read_record
 from tcdyn.rig.rigfile import Rig, load_rig
-from tcdyn.simulate.campaign import CampaignFiles, simulate_campaign
-from tcdyn.simulate.ehl import EhlOptions
+from tcdyn.simulate.campaign import CampaignFiles
+from tests.behaviour.logs import write_logs
 
 if TYPE_CHECKING:
     from tcdyn.partition.analyse import Partition
     from tcdyn.workflows import CalibrationRun
     from tcdyn.workflows.beta import BetaRun
 
-SEED = 3
+DISKS = ("fast", "slow")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -44,14 +44,30 @@ class Campaign:
     rig: Rig
     records: dict[str, DiskRecord]
     record_paths: dict[str, Path]
-    calibrations: dict[str, CalibrationRun]
     truth: dict[str, Any]
 
 
 @pytest.fixture(scope="session")
 def campaign(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
-    """Ovens, two plunges a disk and test B3, loaded for 300 s only, so that it is quick."""
+    """The committed logs of the behaviour suite: ovens, two plunges a disk, and test B3, loaded for 200 s."""
     return small_campaign(tmp_path_factory.mktemp("campaign"))
+
+
+@pytest.fixture(scope="session")
+def calibrations(campaign: Campaign) -> dict[str, CalibrationRun]:
+    """Both disks of that campaign, calibrated."""
+    from tcdyn.workflows import calibrate_disk
+
+    return {
+        disk: calibrate_disk(
+            campaign.rig,
+            disk,
+            campaign.files.ovens[disk],
+            campaign.files.plunges[disk],
+            ["mobil-jet-ii"],
+        )
+        for disk in DISKS
+    }
 
 
 @pytest.fixture(scope="session")
@@ -69,19 +85,24 @@ def partition(beta_run: BetaRun) -> Partition:
 
 
 def small_campaign(folder: Path) -> Campaign:
-    """The campaign of the fixture, written into ``folder``."""
-    from tcdyn.workflows import calibrate_disk
-
-    options = EhlOptions(load_on_s=30.0, unload_s=330.0, duration_s=350.0)
-    files = simulate_campaign(folder, SEED, ("B3",), ehl_options=options)
-    rig = load_rig(files.rig)
-    records, paths, runs = {}, {}, {}
-    for disk in ("fast", "slow"):
-        runs[disk] = calibrate_disk(
-            rig, disk, files.ovens[disk], files.plunges[disk], ["mobil-jet-ii"]
-        )
-        paths[disk] = write_record(runs[disk].record, folder / f"{disk}.disk.json")
-        records[disk] = read_record(paths[disk])
+    """The campaign of the fixture, its files copied into ``folder``."""
+    paths = write_logs(folder)
+    ehl_log = paths["ehl_B3"].rename(folder / "EHL_B3.csv")
+    truth_path = paths["truth"]
+    files = CampaignFiles(
+        folder=folder,
+        rig=paths["rig"],
+        truth=truth_path,
+        ovens={disk: paths[f"oven_{disk}"] for disk in DISKS},
+        plunges={disk: tuple(paths[f"plunge_{disk}_{k}"] for k in (1, 2)) for disk in DISKS},
+        ehl={"B3": ehl_log},
+        traces={},
+    )
+    record_paths = {disk: paths[disk] for disk in DISKS}
     return Campaign(
-        files, rig, records, paths, runs, json.loads(files.truth.read_text(encoding="utf-8"))
+        files=files,
+        rig=load_rig(files.rig),
+        records={disk: read_record(path) for disk, path in record_paths.items()},
+        record_paths=record_paths,
+        truth=json.loads(truth_path.read_text(encoding="utf-8")),
     )

@@ -160,7 +160,7 @@ def test_help_brings_no_library_of_computation(command: str) -> None:
     [
         "compensate",
         "compensate --sensor",
-        *(pytest.param(n, marks=pytest.mark.slow) for n in ("beta", "calibrate")),
+        *(pytest.param(n, marks=pytest.mark.e2e) for n in ("beta", "calibrate")),
     ],
 )
 def test_a_command_without_a_page_brings_no_library_that_it_does_not_need(

@@ -1,11 +1,12 @@
-"""Do the default tests bite? Random operators of the library swapped one at a time: + and -, * and /, < and >.
+"""Do the tests detect faults? Random operators of the library are swapped one at a time: + and -, * and /, < and >.
 
-Run: ``python -m tests.benchmarks.mutants N [SEED [SEEN]]``. Each mutant is made in a copy; first the tests that import
-its module are run, then those of its room, then golden answers and the main job, all of them part of the default run:
-what these let live, the whole run would have to see. A test that does not end counts as one that fails.
+Run ``python -m tests.benchmarks.mutants N [SEED [COVERAGE]]``. Each mutant is made in a copy of the source. First the
+tests run that import its module, then those of its package, then the behaviour suite and the main job; of all test
+groups, as in CI. A test that does not end counts as a failure.
 
-SEEN is a folder that ``pytest --cov --cov-context=test --junitxml=SEEN/tests.xml`` was run with, its ``.coverage`` put
-there: then the tests that run the mutant's line are all that is run, the quick ones first, for a few minutes.
+COVERAGE is a folder with the files ``.coverage`` and ``tests.xml`` of
+``pytest -m "" --cov --cov-context=test --junitxml=COVERAGE/tests.xml``. Then only the tests run that execute the line
+of the mutant, the quick ones first, for a few minutes.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ LIBRARIES = (
     "pyarrow.parquet",
     "typer",
 )
-ROOMS = ("calibration", "immersion", "tcdyn")
+PACKAGES = ("calibration", "immersion", "tcdyn")
 SIGNS = {
     ast.Add: "+",
     ast.Sub: "-",
@@ -49,15 +50,7 @@ SIGNS = {
     ast.GtE: ">=",
 }
 SWAPPED = {**dict(zip(SIGNS, "-+/*><")), ast.LtE: ">=", ast.GtE: "<="}
-TESTS_OF = {
-    "chain": "compensate",
-    "contact": "simulate",
-    "traces": "partition",
-    "design": "plunge",
-    "pipeline": "cli",
-    "plots": "report",
-    "verify": "verify",
-}
+TEST_FOLDER_OF = {"design": "immersion", "workflows": "cli", "plots": "report"}
 LIMIT_s = 1500.0
 MOST_s = 90.0
 
@@ -91,7 +84,7 @@ def places(path: Path) -> Iterator[tuple[int, int, type]]:
 
 
 def stages(file: str) -> list[list[str]]:
-    """Tests that import the module, those of its room, and the whole job."""
+    """Tests that import the module, those of its package, and the main job."""
     parts = Path(file).with_suffix("").parts
     module = ".".join(p for p in parts if p != "__init__")
     direct = [
@@ -99,32 +92,32 @@ def stages(file: str) -> list[list[str]]:
         for p in sorted((ROOT / "tests").rglob("test_*.py"))
         if re.search(rf"\b{re.escape(module)}\b", p.read_text(encoding="utf-8"))
     ]
-    room = Path(parts[1 if parts[0] == "tcdyn" else 0]).stem
+    package = Path(parts[1 if parts[0] == "tcdyn" else 0]).stem
     own = [
         f"tests/{name}"
-        for name in (TESTS_OF.get(room), room)
+        for name in (TEST_FOLDER_OF.get(package), package)
         if name and (ROOT / "tests" / name).is_dir()
     ][:1]
     return [
         [file, *direct[:8]],
         own,
-        ["tests/golden", "tests/cli/test_main_job.py", "tests/core/test_results.py"],
+        ["tests/behaviour", "tests/cli/test_main_job.py", "tests/core/test_results.py"],
     ]
 
 
-def stages_seen(seen: Path, file: str, row: int) -> list[list[str]]:
+def stages_by_coverage(folder: Path, file: str, row: int) -> list[list[str]]:
     """The tests that run a line: those without the campaign that is made first, then the rest, the quick ones first.
 
     Of each as many as the whole run took ``MOST_s`` for; then the numbers of this version, and of a line that a fixture
     runs the whole job.
     """
-    data = CoverageData(str(seen / ".coverage"))
+    data = CoverageData(str(folder / ".coverage"))
     data.read()
     (measured,) = [path for path in data.measured_files() if path.endswith(f"/{file}")]
     every = [c.rpartition("|") for c in data.contexts_by_lineno(measured).get(row, []) if c]
     contexts, shared = {test for test, _, _ in every}, any(when == "setup" for _, _, when in every)
     took = {}
-    for case in ElementTree.parse(seen / "tests.xml").iter("testcase"):
+    for case in ElementTree.parse(folder / "tests.xml").iter("testcase"):
         file_of = case.attrib["classname"].replace(".", "/")
         took[f"{file_of}.py::{case.attrib['name']}"] = float(case.attrib["time"])
     with_campaign = {
@@ -149,8 +142,8 @@ def stages_seen(seen: Path, file: str, row: int) -> list[list[str]]:
 
 
 def killed(copy: Path, found: list[list[str]]) -> str:
-    """The stage that saw the mutant, or nothing."""
-    for name, tests in zip(("module", "room", "job"), found):
+    """The stage that detected the mutant, or an empty text."""
+    for name, tests in zip(("module", "package", "job"), found):
         if not tests:
             continue
         run = get_context("fork").Process(
@@ -169,7 +162,7 @@ def killed(copy: Path, found: list[list[str]]) -> str:
 
 def run_in(copy: Path, tests: list[str]) -> None:
     """Ends this process with pytest's exit code of ``tests`` in ``copy``."""
-    for name in [name for name in sys.modules if name.partition(".")[0] in (*ROOMS, "tests")]:
+    for name in [name for name in sys.modules if name.partition(".")[0] in (*PACKAGES, "tests")]:
         del sys.modules[name]
     os.chdir(copy)
     sys.path.insert(0, str(copy))
@@ -177,20 +170,22 @@ def run_in(copy: Path, tests: list[str]) -> None:
     with open(os.devnull, "wb") as nothing:
         for stream in (1, 2):
             os.dup2(nothing.fileno(), stream)
-    sys.exit(int(pytest.main(["-x", "-q", "-p", "no:cacheprovider", "-p", "no:xdist", *tests])))
+    sys.exit(
+        int(pytest.main(["-x", "-q", "-m", "", "-p", "no:cacheprovider", "-p", "no:xdist", *tests]))
+    )
 
 
-def main(count: int, seed: int, known: Path | None = None) -> None:
-    """Draw ``count`` operators, print each with who saw it, and the share."""
+def main(count: int, seed: int, coverage: Path | None = None) -> None:
+    """Draw ``count`` operators; print for each the stage that detected it, and the total."""
     for name in LIBRARIES:
         import_module(name)
     rng = Random(seed)
-    files = [p for room in ROOMS for p in sorted((ROOT / room).rglob("*.py"))]
+    files = [p for package in PACKAGES for p in sorted((ROOT / package).rglob("*.py"))]
     every = [(p, *place) for p in files for place in places(p)]
-    seen = 0
+    detected = 0
     with TemporaryDirectory() as folder:
         copy = Path(folder)
-        for part in (*ROOMS, "tests", "docs"):
+        for part in (*PACKAGES, "tests", "docs"):
             shutil.copytree(ROOT / part, copy / part, ignore=shutil.ignore_patterns("__pycache__"))
         for name in ("pyproject.toml", "README.md", "CHANGELOG.md"):
             shutil.copy(ROOT / name, copy / name)
@@ -203,16 +198,16 @@ def main(count: int, seed: int, known: Path | None = None) -> None:
             mutant = text[:at] + SWAPPED[kind] + text[at + length :]
             (copy / file).write_text(mutant, encoding="utf-8")
             line_no = text.count("\n", 0, at) + 1
-            found = stages_seen(known, file, line_no) if known else []
+            found = stages_by_coverage(coverage, file, line_no) if coverage else []
             who = killed(copy, found if any(found) else stages(file))
             (copy / file).write_text(text, encoding="utf-8")
-            seen += bool(who)
+            detected += bool(who)
             line = text.splitlines()[line_no - 1].strip()
             print(
-                f"{k} {file}:{line_no} {SIGNS[kind]} -> {SWAPPED[kind]}: {who or 'LIVES'}: {line}",
+                f"{k} {file}:{line_no} {SIGNS[kind]} -> {SWAPPED[kind]}: {who or 'NOT DETECTED'}: {line}",
                 flush=True,
             )
-    print(f"{seen} of {count} seen")
+    print(f"{detected} of {count} detected")
 
 
 if __name__ == "__main__":

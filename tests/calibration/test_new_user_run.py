@@ -25,7 +25,7 @@ def tcdyn(*words) -> int:
     return run(lambda: app([str(w) for w in words]))
 
 
-@pytest.mark.slow
+@pytest.mark.e2e
 def test_from_simulated_oven_and_plunges_to_a_certificate_in_two_commands(tmp_path):
     campaign = tmp_path / "rig"
     assert tcdyn("simulate", "campaign", "--out", campaign, "--test", "B3", "--seed", 4) == 0
@@ -62,7 +62,7 @@ def test_from_simulated_oven_and_plunges_to_a_certificate_in_two_commands(tmp_pa
     assert tcdyn("record", "show", record) == 0
 
 
-@pytest.mark.slow
+@pytest.mark.e2e
 def test_damaged_files_end_every_command_with_exit_code_2_and_no_output(tmp_path, capsys):
     record = write_record(RECORD, tmp_path / "fast.disk.json")
     oven = write_log(oven_frame(), tmp_path / "oven.csv")
@@ -113,7 +113,7 @@ def test_damaged_files_end_every_command_with_exit_code_2_and_no_output(tmp_path
         assert set(tmp_path.iterdir()) == before, damage.name
 
 
-@pytest.mark.slow
+@pytest.mark.e2e
 def test_the_certificate_shows_the_plunges(tmp_path):
     from tcdyn.rig.rigfile import load_rig
     from tcdyn.simulate.campaign import write_log as write_rig_log

@@ -161,7 +161,7 @@ def coverage(ovens) -> dict[str, float]:
 
 
 @pytest.mark.parametrize(
-    "noise", [0.05, *(pytest.param(n, marks=pytest.mark.slow) for n in (0.01, 0.2))]
+    "noise", [0.05, *(pytest.param(n, marks=pytest.mark.study) for n in (0.01, 0.2))]
 )
 def test_95_percent_intervals_hold_the_truth_at_that_rate_over_200_ovens(noise):
     found = coverage((oven_frame(s, noise), *oven_truth(s)) for s in range(OVENS))

@@ -62,7 +62,7 @@ def test_an_oven_log_or_a_stated_line_is_needed_and_not_both(tmp_path: Path) -> 
             calibrate_disk(load_rig(), "fast", oven, [tmp_path / "P.csv"], ["water"], line_u_K=u)
 
 
-@pytest.mark.slow
+@pytest.mark.e2e
 def test_without_oven_switch_and_probe_the_lags_hold_the_truth_and_differences_stay_sharp(
     tmp_path: Path,
 ) -> None:

@@ -50,7 +50,7 @@ def layout(name: str) -> Rig:
     return parse_rig({"thermocouples": nearer}, "rig.toml")
 
 
-@pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize("name", ["thesis", "clarke", "nearer"])
 def test_the_predicted_uncertainty_is_the_fitted_one(name: str) -> None:
     rig = layout(name)

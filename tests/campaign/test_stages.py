@@ -62,7 +62,7 @@ def test_a_log_with_one_loading_keeps_its_name(made: tuple[StudyRig, StudyRig]) 
     assert stages(warm) == (warm,)  # the reader of events says what is missing
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_a_stage_gives_the_answer_of_its_own_log(
     made: tuple[StudyRig, StudyRig], joined_log: Log
 ) -> None:
@@ -76,7 +76,7 @@ def test_a_stage_gives_the_answer_of_its_own_log(
         assert abs(found[1].value - found[0].value) < 0.2 * found[0].u
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_a_second_unloading_tightens_lag_and_h(
     made: tuple[StudyRig, StudyRig], joined_log: Log
 ) -> None:

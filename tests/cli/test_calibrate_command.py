@@ -18,6 +18,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.report.certificate import FIT, certificate_verdict, channel_verdicts
 from tcdyn.rig.record import read_record
 from tcdyn.workflows import calibrate_disk
+from tcdyn.workflows.calibrate import CalibrationRun
 from tests.cli.test_main_job import tcdyn
 from tests.conftest import Campaign
 from tests.report.test_browser import BROWSER
@@ -190,7 +191,7 @@ def test_an_unknown_structure_names_the_known_ones(
     assert "P1, P2, P1D, P2D, P2Z" in capsys.readouterr().err
 
 
-@pytest.mark.slow
+@pytest.mark.e2e
 def test_a_wrong_fluid_and_another_disk_s_plunge_are_named_as_such(campaign: Campaign) -> None:
     from tcdyn.workflows import calibrate_disk
 
@@ -223,7 +224,7 @@ def test_a_plunge_given_twice_is_refused_since_it_would_count_as_two(
         )
 
 
-@pytest.mark.slow
+@pytest.mark.e2e
 def test_an_oven_log_of_the_other_disk_is_named_as_such(campaign: Campaign) -> None:
     from tcdyn.workflows import calibrate_disk
 
@@ -239,7 +240,7 @@ def test_an_oven_log_of_the_other_disk_is_named_as_such(campaign: Campaign) -> N
 
 
 def test_missing_samples_stay_missing_and_a_plunge_hotter_than_the_oven_is_told(
-    campaign: Campaign, tmp_path: Path
+    campaign: Campaign, calibrations: dict[str, CalibrationRun], tmp_path: Path
 ) -> None:
     from tcdyn.workflows import calibrate_disk
 
@@ -259,7 +260,7 @@ def test_missing_samples_stay_missing_and_a_plunge_hotter_than_the_oven_is_told(
         r"P2\.csv: a, b, c, d, e, f read 2\d to 9\d degC, calibrated from \d+ to (79|80|81) degC",
         told[0],
     )
-    own = campaign.calibrations["fast"].warnings
+    own = calibrations["fast"].warnings
     assert not any("extrapolate" in w for w in own)
 
 
@@ -302,7 +303,7 @@ def test_swapped_channels_of_a_plunge_give_no_record(campaign: Campaign, tmp_pat
         )
 
 
-@pytest.mark.slow
+@pytest.mark.e2e
 def test_a_noisy_channel_is_not_called_fit_to_use(campaign: Campaign, tmp_path: Path) -> None:
     """The log's finding spoke of column e_degC; whoever looked for "channel e:" called all six fit to use."""
     f = campaign.files

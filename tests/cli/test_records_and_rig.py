@@ -55,7 +55,7 @@ def speed_law(campaign: Campaign, records: list[Path], *rig: object) -> float:
     return float(json.loads(out.read_text())["steady"]["beta"]["value"])
 
 
-@pytest.mark.slow
+@pytest.mark.e2e
 def test_without_a_rig_file_the_records_rig_is_used(
     campaign: Campaign, other_steel: list[Path]
 ) -> None:
@@ -114,7 +114,7 @@ def test_disks_of_other_radii_have_another_track(campaign: Campaign, tmp_path: P
     assert test.half_width_m < 0.9 * half_width_m(test.load_N)
 
 
-@pytest.mark.slow
+@pytest.mark.e2e
 def test_a_gap_after_the_parting_is_no_straight_line(campaign: Campaign, tmp_path: Path) -> None:
     """0.44 s of e missing from the parting on: bridged by a straight line, the trace was 0.4 K rms off."""
     frame = pd.read_csv(campaign.files.ehl["B3"], comment="#")

@@ -65,13 +65,13 @@ def test_a_quick_command_whose_calls_fail(
     refused(name, world, tmp_path, 12)
 
 
-@pytest.mark.slow
+@pytest.mark.e2e
 @pytest.mark.parametrize("name", REST)
 def test_a_command_whose_calls_fail(name: str, world: dict[str, Path], tmp_path: Path) -> None:
     refused(name, world, tmp_path, 30)
 
 
-@pytest.mark.slow
+@pytest.mark.e2e
 @pytest.mark.parametrize("name", LONG)
 def test_a_long_command_whose_calls_fail(name: str, world: dict[str, Path], tmp_path: Path) -> None:
     refused(name, world, tmp_path, 20)
@@ -82,7 +82,7 @@ def test_memory_that_runs_out(name: str, world: dict[str, Path], tmp_path: Path)
     refused(name, world, tmp_path, 10, ARRAYS)
 
 
-@pytest.mark.slow
+@pytest.mark.e2e
 @pytest.mark.parametrize("name", ["compensate --record", "calibrate", "identify", "hole"])
 def test_memory_that_runs_out_in_a_long_command(
     name: str, world: dict[str, Path], tmp_path: Path
@@ -98,7 +98,7 @@ def test_a_kill_leaves_old_or_whole_files_and_the_next_run_goes_on(
     assert done >= 6
 
 
-@pytest.mark.slow
+@pytest.mark.e2e
 @pytest.mark.parametrize("name", KILLED)
 def test_a_long_command_is_killed(name: str, world: dict[str, Path], tmp_path: Path) -> None:
     done, _, wrong = kills(Trial(LONG[name], world, tmp_path), 10, 1)

@@ -142,7 +142,7 @@ def test_an_exception_in_a_dask_worker_is_the_result_of_its_job(cluster: str) ->
     assert isinstance(results[1], ValueError)
 
 
-@pytest.mark.slow
+@pytest.mark.e2e
 @pytest.mark.skipif(sys.platform == "win32", reason="there is no SIGKILL")
 def test_a_killed_dask_worker_fails_its_own_job_only() -> None:
     distributed = pytest.importorskip("dask.distributed")

@@ -34,7 +34,9 @@ WITHOUT_PICTURE = {"Rig", "CampaignFiles", "RecordDiff"}
 
 
 @pytest.fixture(scope="module")
-def results(campaign: Campaign, beta_run: BetaRun) -> dict[str, Any]:
+def results(
+    campaign: Campaign, calibrations: dict[str, CalibrationRun], beta_run: BetaRun
+) -> dict[str, Any]:
     """What the names of ``import tcdyn`` return on a small campaign, by class name."""
     from immersion.hole import compare_holes
     from tcdyn.design.compare import compare_tests
@@ -51,7 +53,6 @@ def results(campaign: Campaign, beta_run: BetaRun) -> dict[str, Any]:
     fitted = tcdyn.fit(data, "P1")
     compensated = tcdyn.compensate_log(log, records, rig)
     beta = beta_run
-    calibrations: dict[str, CalibrationRun] = campaign.calibrations
     comparison = compare_with_truth(campaign.files, calibrations, {"B3": beta}, {"B3": compensated})
     steady = steady_degC(beta.partition.test)
     more = {

@@ -47,7 +47,7 @@ def test_engine_follows_the_reference_on_the_same_mesh_through_heating_and_cooli
     assert np.abs(ours - reference).max() < 1e-3
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_engine_follows_the_reference_over_a_whole_test(rim, points):
     """Load for 1000 s, then 200 s of cooling, every sample compared; the reference is refined after the jumps."""
     drive = heating_and_cooling(1250.0, 50.0, 1050.0, power=600.0)

@@ -47,7 +47,7 @@ def test_the_modal_profile_of_a_slab_between_two_airs_is_that_slab(rim):
     )  # 30 K across; half the Biot number would be off by kelvins
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_modal_profile_has_the_smallest_bias():
     for case in cases():
         found = {p: bias(case, p, Mesh(33, 53)) for p in ("quadratic", "quartic", "modal")}

@@ -65,7 +65,7 @@ def test_slopes_by_past_and_drift_equal_differences():
         )  # rounding 1e-16/1e-6
 
 
-@pytest.mark.parametrize("name", ["ar0.9", "walk", pytest.param("drift", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["ar0.9", "walk", pytest.param("drift", marks=pytest.mark.study)])
 def test_the_noise_that_the_data_ask_for_covers_the_lag(name):
     """White noise assumed, the sandwich covered 47 % under a random walk and 5 % under a drift."""
     found = study("PRBS", range(16), name, **AUTO)
@@ -171,7 +171,7 @@ def test_compare_models_the_disturbance_and_says_so():
     assert "modelled" not in plain.advice
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_a_plateau_of_coloured_noise_is_no_reproach():
     """Held out lies a plateau, where any model is as bad as the mean; only its noise can judge it."""
     rng = np.random.default_rng(0)

@@ -135,7 +135,7 @@ def test_a_block_that_is_left_out_is_foreseen_as_a_fit_without_it_foresees_it():
     )
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_the_bare_comparison_takes_equation_error_where_the_noise_asks_for_it():
     found = compare(stirred(3, 400, 1.0))
     assert found.best.identified.statistics["p_input"] > 0.01

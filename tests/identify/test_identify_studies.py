@@ -11,7 +11,7 @@ from scipy import stats
 
 from tcdyn.identify import fit, transfer
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.study
 
 
 def study_case_a(kind: str, seeds: range) -> dict[str, np.ndarray]:

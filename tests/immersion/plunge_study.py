@@ -1,4 +1,4 @@
-"""Fits many simulated pairs and gathers errors against stated uncertainties: used by the slow tests and by hand."""
+"""Fits many simulated pairs and gathers errors against stated uncertainties: used by the study tests and by hand."""
 
 from __future__ import annotations
 

@@ -252,7 +252,7 @@ def test_runs_that_cannot_be_fitted_together_are_refused() -> None:
         identify_plunges([short], SETUP)
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_intervals_cover_over_a_hundred_pairs_drawn_from_the_priors(
     draws: Callable[[int], int],
 ) -> None:

@@ -70,7 +70,7 @@ def test_the_widened_interval_holds_the_truth_that_the_wrong_structure_missed() 
     assert {s.source for s in after.budget} >= {"everything", "choice of chain structure"}
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_the_right_structure_is_neither_warned_of_nor_widened_much() -> None:
     before, after = fitted("P2", 0.75)
     assert after.structures is not None
@@ -79,7 +79,7 @@ def test_the_right_structure_is_neither_warned_of_nor_widened_much() -> None:
     assert after.common_lag_s.u < 1.2 * before.common_lag_s.u
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_one_lag_is_not_contradicted_where_there_is_one() -> None:
     found = fitted("P1", 0.3, second_lag=False)[1].structures
     assert found is not None
@@ -98,7 +98,7 @@ def late_pair(lag_s: float, samples: int) -> tuple[PlungeFit, PlungeFit]:
     return before, with_structure_doubt(before)
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_two_lags_behind_a_dead_time_are_covered_though_no_one_asked_for_them() -> None:
     """Of three candidates none had both: the common lag was nine standard uncertainties off, and called sure."""
     before, after = late_pair(0.6, 15)

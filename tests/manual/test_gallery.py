@@ -24,7 +24,7 @@ def test_the_page_shows_every_picture_with_its_script_and_what_its_docstring_say
         assert f'"""{what}"""' in (GALLERY / f"{name}.py").read_text(encoding="utf-8")
 
 
-@pytest.mark.slow
+@pytest.mark.e2e
 def test_every_script_draws(tmp_path: Path) -> None:
     """In one process of their own, as CI makes them, into a folder of the test's."""
     call = [sys.executable, str(GALLERY / "make.py"), "--out", str(tmp_path)]

@@ -90,7 +90,7 @@ def test_a_page_does_what_it_says(
     follow(page)
 
 
-@pytest.mark.slow
+@pytest.mark.e2e
 def test_the_pages_of_the_rig_do_what_they_say(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,6 +1,6 @@
 """How often the 95 % intervals hold the truth, over rigs drawn from the stated uncertainties.
 
-`python -m tests.partition.coverage_study 100` prints coverage, bias and the cross-check's alarms; the slow test runs
+`python -m tests.partition.coverage_study 100` prints coverage, bias and the cross-check's alarms; the study test runs
 fewer.
 """
 

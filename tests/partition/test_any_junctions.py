@@ -117,7 +117,7 @@ def test_the_profile_of_an_inner_row_is_the_least_squares_one_of_as_many_shapes_
         np.testing.assert_allclose(readings @ ours, free @ lstsq(seen, readings)[0], atol=2e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_eight_junctions_tell_beta_better_than_four(eight: StudyRig) -> None:
     """Four leave one face unread: a wider interval, which holds the truth all the same."""
     four = study_rig(SEED, rig=rig_with(FOUR))
@@ -130,7 +130,7 @@ def test_eight_junctions_tell_beta_better_than_four(eight: StudyRig) -> None:
     assert found[8] < 0.7 * found[4]
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_a_swap_among_eight_is_told(eight: StudyRig) -> None:
     swapped = eight.log.frame.rename(
         columns={"slow_t2_degC": "slow_t7_degC", "slow_t7_degC": "slow_t2_degC"}

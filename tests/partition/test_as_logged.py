@@ -41,7 +41,7 @@ def whole(made: StudyRig) -> Partition:
 
 
 @pytest.mark.parametrize(
-    "form", [pytest.param("ambient_channels", marks=pytest.mark.slow), "least"]
+    "form", [pytest.param("ambient_channels", marks=pytest.mark.study), "least"]
 )
 def test_beta_is_within_1_5_u_of_the_full_log_s_and_asks_for_nothing(
     form: str, made: StudyRig, whole: Partition

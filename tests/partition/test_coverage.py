@@ -16,7 +16,7 @@ from tests.partition.study_rigs import study_rig
 RIGS = 40
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_intervals_hold_the_truth_as_often_as_they_say(draws: Callable[[int], int]) -> None:
     """95 % intervals over 40 rigs: at least as many hold as the 0.1 % point of the binomial law for 93 %."""
     done = study(rigs := draws(RIGS))
@@ -34,7 +34,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(draws: Callable[[int], in
     assert done["alarm"].sum() <= stats.binom.ppf(0.999, rigs, 0.07), done["sentence"].to_string()
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_a_wrong_exponent_is_named() -> None:
     """h with the power 1.25 of the speed, against at most 0.8 stated: one test knows the power to 0.05 or so, since a
     part of what tells h apart may be an uneven bore."""
@@ -44,7 +44,7 @@ def test_a_wrong_exponent_is_named() -> None:
     assert "speed exponent" in checked.sentence
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_a_junction_half_a_millimetre_off_is_named() -> None:
     """Five standard uncertainties; the power for smaller ones is measured by `junction_study`."""
     true = moved_junction(draw_truth(3, load_rig()), "fast", "e", 0.5e-3)
@@ -53,7 +53,7 @@ def test_a_junction_half_a_millimetre_off_is_named() -> None:
     assert "junction e of the fast disk" in checked.sentence
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_a_lag_left_uncompensated_is_named() -> None:
     made = study_rig(3, "D4", lag_error_s=-0.6)
     checked = made.analyse().crosscheck

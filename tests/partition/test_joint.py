@@ -133,7 +133,7 @@ def moved(truth: RigTruth, what: str) -> RigTruth:
     }[what]()
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_errors_of_the_budget_are_those_that_the_whole_disk_makes() -> None:
     """Each nuisance, moved in the simulated rig, moves lines and joint fits as their linear shifts say.
 

@@ -64,7 +64,7 @@ def test_beta_of_both_disks_holds_without_any_one_channel(
 
 
 @pytest.fixture(
-    scope="module", params=["slow_a", "slow_d", pytest.param("slow_b", marks=pytest.mark.slow)]
+    scope="module", params=["slow_a", "slow_d", pytest.param("slow_b", marks=pytest.mark.study)]
 )
 def whole(request: pytest.FixtureRequest, made: StudyRig) -> tuple[str, Partition]:
     """All ways to beta without a channel of the outer row, and without one of the inner row by either stand-in."""
@@ -240,7 +240,7 @@ def test_a_lost_channel_is_left_out_with_a_finding(
     assert [given.disks[d].left_out for d in DISKS] == [(), (name[-1],)]
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_a_channel_that_the_sensor_map_finds_dead_is_left_out(
     made: StudyRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -178,7 +178,7 @@ def test_slow_waves_widen_profile_and_covariance_alike(rig: StudyRig) -> None:
             assert 0.5 * (i.high95 - i.low95) == pytest.approx(Z95 * i.estimate.u, rel=0.06)
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_lag_that_the_data_hardly_tell_has_a_skewed_profile_and_a_sentence(rig: StudyRig) -> None:
     """0.3 s of cooling, lags of 0.7 s, no prior: a longer lag hides in what is not seen, a shorter one would show."""
     joint, both = fitted(rig, 0.3, without_lag_prior(rig.test))
@@ -194,7 +194,7 @@ def test_lag_that_the_data_hardly_tell_has_a_skewed_profile_and_a_sentence(rig: 
     assert lag.low95 < truth < lag.high95
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_lag_that_the_data_do_not_tell_is_called_unbounded(rig: StudyRig) -> None:
     """Four samples of cooling and no prior: any lag fits, and the sentence and the null in the file say so."""
     joint, both = fitted(rig, 0.05, without_lag_prior(rig.test))
@@ -207,7 +207,7 @@ def test_lag_that_the_data_do_not_tell_is_called_unbounded(rig: StudyRig) -> Non
     assert words.loc[("slow disk", "lag [s]"), "95 %, profile"].startswith("open")
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_profiles_hold_the_truth_as_often_as_they_say(draws: Callable[[int], int]) -> None:
     """Ten numbers on each of 24 drawn rigs: each is held at least as often as the 0.1 % point of the law for 93 %."""
     count = draws(24)

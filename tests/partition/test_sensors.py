@@ -135,7 +135,7 @@ def test_effects_on_the_features_are_differences_of_their_answers(b3: EhlTest) -
         ("fast", "cd"),
         ("slow", "be"),
         *(
-            pytest.param(*both, marks=pytest.mark.slow)
+            pytest.param(*both, marks=pytest.mark.study)
             for both in (
                 ("fast", "ae"),
                 ("fast", "ab"),
@@ -168,7 +168,7 @@ def test_a_flat_channel_is_dead(b3: EhlTest, channel: str) -> None:
     [
         ("a", 1.5),
         ("c", -1.5),
-        *(pytest.param(*both, marks=pytest.mark.slow) for both in (("a", -1.5), ("c", 1.5))),
+        *(pytest.param(*both, marks=pytest.mark.study) for both in (("a", -1.5), ("c", 1.5))),
         ("e", -1.5),
     ],
 )
@@ -319,7 +319,7 @@ def test_log_that_ends_soon_after_unloading_is_still_checked(b3: EhlTest) -> Non
     assert check_sensors(short).sound
 
 
-@pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize("seed", range(20, 23))
 def test_rigs_drawn_from_their_uncertainties_raise_no_alarm(seed: int, tmp_path: Path) -> None:
     from tcdyn.simulate.campaign import simulate_campaign
@@ -338,7 +338,7 @@ def test_rigs_drawn_from_their_uncertainties_raise_no_alarm(seed: int, tmp_path:
         assert check.sound, check.said
 
 
-@pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize(
     ("channel", "deeper_mm"), [("b", 1.5), ("b", -1.5), ("d", 1.5), ("d", -1.5), ("f", -1.5)]
 )
@@ -378,7 +378,7 @@ def test_a_misplaced_junction_of_the_inner_row_is_named(
 
 @pytest.mark.parametrize(
     ("fast", "slow"),
-    [pytest.param(*both, marks=pytest.mark.slow) for both in (("a", "a"), ("e", "c"), ("b", "d"))],
+    [pytest.param(*both, marks=pytest.mark.study) for both in (("a", "a"), ("e", "c"), ("b", "d"))],
 )
 def test_channels_swapped_between_the_disks_are_named(b3: EhlTest, fast: str, slow: str) -> None:
     wrong = with_readings(b3, "fast", {fast: column(b3, "slow", slow)})
@@ -420,7 +420,7 @@ def test_a_stated_doubt_of_the_flux_s_place_is_heeded() -> None:
     ).sound
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_whole_cables_are_told_from_rest_where_the_exponent_is_no_opposite() -> None:
     """Where the two disks' static lines differ, the exchanged fit finds no power law at all (seed 7301: n = 0.0)."""
     case = CASES["whole cables"]

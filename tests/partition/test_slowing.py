@@ -78,7 +78,7 @@ def test_what_was_measured_of_a_disk_that_keeps_its_speed_stays() -> None:
     assert np.abs(test.film["fast"][:, 0]).max() > 1.0
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_a_speed_that_does_not_change_changes_no_answer() -> None:
     """The film's input is there, and zero: the same answers, but for rounding."""
     made = study_rig(12)
@@ -109,7 +109,7 @@ def test_braked_disks_that_touch_again_give_lags_and_share(
     held(told_of(*braked_and_touched))
 
 
-@pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize("world", DEFAULT)
 def test_each_of_what_comes_after_the_parting_gives_lags_and_share(world: str) -> None:
     made = study_rig(5200, options=replace(QUICK, **WORLDS[world]))

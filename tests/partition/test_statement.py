@@ -48,7 +48,7 @@ def usual() -> Partition:
     return study_rig(SEED).analyse()
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_a_stated_flux_is_as_good_as_the_usual_one() -> None:
     """Heat with the oil's viscosity, 0.4 mm beside the centre, by sums over the ellipse."""
     rig = stating(contact=FLUX)
@@ -65,7 +65,7 @@ def test_a_stated_flux_is_as_good_as_the_usual_one() -> None:
     assert named.name == "flux_shift"
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_an_uncertain_place_of_the_flux_widens_and_is_in_the_budget() -> None:
     made = study_rig(SEED, rig=stating(contact=FLUX))
     rig = stating(contact={"flux_profile": "barus"}, uncertainty={"flux_shift_mm": 0.4})
@@ -105,7 +105,7 @@ def test_a_flux_that_cannot_be_is_refused(contact: dict[str, Any], words: str) -
 STEEL = {"conductivity_slope_per_K": -7e-4, "specific_heat_slope_per_K": 6e-4}
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_a_stated_slope_of_the_steel_removes_its_bias_and_an_open_one_widens() -> None:
     """Conduction with k(T) and c(T) solved for the whole disk; the noise and all other errors are the usual rig's."""
     rig = stating(disk=STEEL)
@@ -210,7 +210,7 @@ def test_the_line_of_a_spot_holds_its_truth_as_often_as_it_says() -> None:
     )  # 7 degrees of freedom leave 91 % within 1.96 of the scatter's part
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_a_measured_surface_tells_h_and_is_honest_where_the_ambient_is_not_what_cools() -> None:
     """The oil cools both running surfaces 8 K below the logged ambient: without the spot h is 4 u wrong."""
     truth = draw_truth(SEED, load_rig(), uncertain=True).with_film_air(COLDER_K)

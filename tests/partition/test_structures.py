@@ -74,7 +74,7 @@ def test_half_of_the_prior_is_for_what_was_assumed_and_the_rest_shared(
     ("world", "structure"),
     [
         ("flux 1 mm", "flux_shift"),
-        pytest.param("15 % elsewhere", "elsewhere", marks=pytest.mark.slow),
+        pytest.param("15 % elsewhere", "elsewhere", marks=pytest.mark.study),
     ],
 )
 def test_the_structure_that_is_there_is_named(world: str, structure: str) -> None:
@@ -95,7 +95,7 @@ def test_what_wires_take_away_is_within_what_the_test_tells_of_it() -> None:
     assert abs(STEM_SD * size.value - 0.03) < 3 * STEM_SD * size.u
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_the_range_follows_a_structure_that_moves_the_answer() -> None:
     """A bubble that doubles a junction's lag moves both disks by some 5 of their u; what is printed must say so."""
     made, p = of_world("bubble x2")
@@ -180,7 +180,7 @@ def test_a_mixture_has_the_share_below_and_above_that_its_range_says() -> None:
     assert below == pytest.approx([0.025, 0.975], abs=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_friction_in_pounds_is_found_by_the_heat_and_impossible_numbers_are_withheld() -> None:
     """Before, beta 3.14 and h -728 came with exit code 0, or sound wiring was called swapped."""
     made = study_rig(SEED, disturbed=lambda log: log.assign(friction_N=log["friction_N"] / 4.448))

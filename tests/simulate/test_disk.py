@@ -209,7 +209,7 @@ def test_traces_between_steps_are_good_to_a_millikelvin() -> None:
     )  # the work order allows 5 mK for time and space together
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_default_mesh_is_within_five_millikelvin_of_a_refined_one() -> None:
     usual = loaded_test(Stepping(), DiskMesh())
     fine = loaded_test(Stepping(1 / 600, 1.0, 0.04), DiskMesh(140, 180, 0.03e-3, 160))

@@ -176,7 +176,7 @@ def test_uncertain_rigs_scatter_as_rig_toml_states() -> None:
     assert scatter(exponents) == pytest.approx((0.8 - 0.571) / np.sqrt(12), **near)
 
 
-@pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize(
     ("test", "fast_a", "slow_a"), [("A1", 85, 73), ("B3", 122, 96), ("D4", 155, 125)]
 )

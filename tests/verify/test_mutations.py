@@ -26,7 +26,7 @@ def test_a_text_that_stands_there_twice_is_refused():
         Mutation("x", "f.py", "a", "b", "t.py").changed("a a")
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_verify_sees_24_of_30_mutations_and_a_unit_test_all_but_one_of_the_others():
     found = study().values()
     assert sum(c.by_verify for c in found) >= 24
