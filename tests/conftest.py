@@ -1,8 +1,9 @@
-"""Fixtures of several test folders: a small campaign of the synthetic rig, from committed logs."""
+"""Fixtures of several test folders: a small campaign of the synthetic rig."""
 
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,15 +13,17 @@ import pytest
 
 from tcdyn.rig.record import DiskRecord, read_record
 from tcdyn.rig.rigfile import Rig, load_rig
-from tcdyn.simulate.campaign import CampaignFiles
-from tests.behaviour.logs import write_logs
+from tcdyn.simulate.campaign import CampaignFiles, simulate_campaign
+from tcdyn.simulate.ehl import EhlOptions
 
 if TYPE_CHECKING:
     from tcdyn.partition.analyse import Partition
     from tcdyn.workflows import CalibrationRun
     from tcdyn.workflows.beta import BetaRun
 
+SEED = 3
 DISKS = ("fast", "slow")
+RECORDS = Path(__file__).parent / "behaviour" / "data"
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -36,6 +39,17 @@ def draws(request: pytest.FixtureRequest) -> Callable[[int], int]:
     return lambda full: full if request.config.getoption("--full") else full // 4
 
 
+SLOW_FIXTURES = {"beta_run", "partition", "calibrations"}
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Tests of a complete ``beta`` or ``calibrate`` run are e2e tests."""
+    for item in items:
+        if SLOW_FIXTURES & set(getattr(item, "fixturenames", ())):
+            item.add_marker(pytest.mark.e2e)
+
+
 @dataclass(frozen=True)
 class Campaign:
     """A short campaign on disk, its records, and its truth for the tests to compare with."""
@@ -49,7 +63,7 @@ class Campaign:
 
 @pytest.fixture(scope="session")
 def campaign(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
-    """The committed logs of the behaviour suite: ovens, two plunges a disk, and test B3, loaded for 200 s."""
+    """Ovens, two plunges a disk and test B3, loaded for 300 s only; the records are committed."""
     return small_campaign(tmp_path_factory.mktemp("campaign"))
 
 
@@ -85,24 +99,17 @@ def partition(beta_run: BetaRun) -> Partition:
 
 
 def small_campaign(folder: Path) -> Campaign:
-    """The campaign of the fixture, its files copied into ``folder``."""
-    paths = write_logs(folder)
-    ehl_log = paths["ehl_B3"].rename(folder / "EHL_B3.csv")
-    truth_path = paths["truth"]
-    files = CampaignFiles(
-        folder=folder,
-        rig=paths["rig"],
-        truth=truth_path,
-        ovens={disk: paths[f"oven_{disk}"] for disk in DISKS},
-        plunges={disk: tuple(paths[f"plunge_{disk}_{k}"] for k in (1, 2)) for disk in DISKS},
-        ehl={"B3": ehl_log},
-        traces={},
-    )
-    record_paths = {disk: paths[disk] for disk in DISKS}
+    """Simulate the campaign of the fixture into ``folder``; its records are those of the behaviour suite."""
+    options = EhlOptions(load_on_s=30.0, unload_s=330.0, duration_s=350.0)
+    files = simulate_campaign(folder, SEED, ("B3",), ehl_options=options)
+    record_paths = {}
+    for disk in DISKS:
+        record_paths[disk] = folder / f"{disk}.disk.json"
+        shutil.copyfile(RECORDS / f"{disk}.disk.json", record_paths[disk])
     return Campaign(
         files=files,
         rig=load_rig(files.rig),
         records={disk: read_record(path) for disk, path in record_paths.items()},
         record_paths=record_paths,
-        truth=json.loads(truth_path.read_text(encoding="utf-8")),
+        truth=json.loads(files.truth.read_text(encoding="utf-8")),
     )

@@ -7,14 +7,9 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
-import pandas as pd
 import pytest
 
 import tcdyn
-from tcdyn.chain import Chain
-from tcdyn.sensors import sensor_file, write_sensor
-from tests.conftest import Campaign
 
 ROOT = Path(__file__).parent.parent
 Function = ast.FunctionDef | ast.AsyncFunctionDef
@@ -70,6 +65,7 @@ def public_definitions() -> Iterator[tuple[str, ast.AST, str]]:
                         todo.append((name, node))
 
 
+@pytest.mark.e2e
 def test_every_public_name_is_there_with_a_docstring() -> None:
     for name in tcdyn.__all__:
         thing = getattr(tcdyn, name)
@@ -85,6 +81,7 @@ def overload(node: ast.AST) -> bool:
     )
 
 
+@pytest.mark.e2e
 def test_rooms_are_reached_without_another_import_and_told_by_tab_completion() -> None:
     said = (
         "import tcdyn; "
@@ -94,6 +91,7 @@ def test_rooms_are_reached_without_another_import_and_told_by_tab_completion() -
     assert done.stdout.split() == ["draw", "tcdyn.partition", "True"]
 
 
+@pytest.mark.e2e
 def test_in_a_notebook_a_result_shows_its_picture() -> None:
     said = """
 import sys, types
@@ -114,6 +112,7 @@ print(show(tcdyn.load_rig()).count("<img"))
     assert done.stdout.split() == ["1", "True", "0"]
 
 
+@pytest.mark.e2e
 def test_quantities_are_given_with_their_unit_by_name_or_in_the_docstring() -> None:
     """An argument called ``time_s`` says its unit; one called ``time`` has it in the docstring."""
     found = []
@@ -139,84 +138,3 @@ def test_import_brings_no_heavy_library() -> None:
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     ).stdout
     assert said.strip() == "[]"
-
-
-@pytest.mark.parametrize("command", ["compensate", "identify", "sensor plunge"])
-def test_help_brings_no_library_of_computation(command: str) -> None:
-    heavy = "scipy pandas control matplotlib"
-    code = (
-        f"import sys\nsys.argv = ['tcdyn', *{command.split()}, '--help']\nfrom tcdyn.cli.app import main\n"
-        f"try: main()\nfinally: print([m for m in {heavy.split()} if m in sys.modules])"
-    )
-    said = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    ).stdout
-    assert said.splitlines()[-1] == "[]"
-    assert f"Usage: tcdyn {command} " in said
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        "compensate",
-        "compensate --sensor",
-        *(pytest.param(n, marks=pytest.mark.e2e) for n in ("beta", "calibrate")),
-    ],
-)
-def test_a_command_without_a_page_brings_no_library_that_it_does_not_need(
-    name: str, campaign: Campaign, tmp_path: Path
-) -> None:
-    """Each of these takes longer to import than what a short log takes to compute."""
-    log, rig = str(campaign.files.ehl["B3"]), str(campaign.files.rig)
-    disks = [word for path in campaign.record_paths.values() for word in ("--record", str(path))]
-    plunge = str(campaign.files.plunges["fast"][0])
-    if name == "compensate --sensor":
-        log = str(tmp_path / "kiln.csv")
-        pd.DataFrame(
-            {
-                "time_s": np.arange(400) * 0.1,
-                "T1": 20.0 + np.random.default_rng(0).normal(0, 0.1, 400),
-            }
-        ).to_csv(log, index=False)
-    said = {
-        "compensate": ["compensate", log, *disks, "--out", "o.csv"],
-        "compensate --sensor": [
-            "compensate",
-            log,
-            "--sensor",
-            "probe.sensor.json",
-            "--out",
-            "o.csv",
-        ],
-        "beta": ["beta", log, *disks, "--out", "o.json"],
-        "calibrate": [
-            "calibrate",
-            "--rig",
-            rig,
-            "--disk",
-            "fast",
-            "--oven",
-            str(campaign.files.ovens["fast"]),
-            "--immersion",
-            plunge,
-            "--out",
-            "o.disk.json",
-        ],
-    }[name]
-    if name == "compensate --sensor":
-        write_sensor(
-            sensor_file("probe", {"T1": Chain(1.5)}, "stated", [[0.1**2]], [0.0]),
-            tmp_path / said[3],
-        )
-    heavy = "scipy.stats scipy.signal control sysidentpy matplotlib jinja2 nptdms joblib"
-    heavy += " tcdyn.identify"
-    code = (
-        "import sys\nfrom tcdyn.cli.app import app\n"
-        f"try: app({[*said, '-q']})\n"
-        f"finally: print([m for m in {heavy.split()} if m in sys.modules])"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, cwd=tmp_path
-    )
-    assert done.stdout.strip() == "[]", done.stderr
-    assert (tmp_path / said[said.index("--out") + 1]).is_file(), done.stderr

@@ -73,8 +73,7 @@ def simulated(folder: Path) -> dict[str, Path]:
         for disk, paths in files.plunges.items()
         for k, path in enumerate(paths, 1)
     }
-    logs |= {f"ehl_{name}": path for name, path in files.ehl.items()}
-    return logs | {"rig": files.rig, "truth": files.truth}
+    return logs | {f"ehl_{name}": path for name, path in files.ehl.items()} | {"rig": files.rig}
 
 
 def write_logs(folder: Path) -> dict[str, Path]:
@@ -95,8 +94,8 @@ def main() -> None:
     """Write the committed logs anew; ``python -m tests.behaviour.store records`` makes the records beside them."""
     with tempfile.TemporaryDirectory() as folder:
         for name, path in simulated(Path(folder)).items():
-            if name in ("rig", "truth"):
-                (FOLDER / path.name).write_bytes(path.read_bytes())
+            if path.suffix == ".toml":
+                (FOLDER / "rig.toml").write_bytes(path.read_bytes())
             else:
                 pack(pd.read_csv(path, comment="#"), FOLDER / f"{name}.parquet")
 

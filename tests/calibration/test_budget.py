@@ -57,6 +57,7 @@ def test_a_reading_at_rest_is_never_surer_than_its_reference() -> None:
         assert whole_u(line, t) ** 2 == pytest.approx(static_u(line, t) ** 2 + shared**2)
 
 
+@pytest.mark.study
 def test_intervals_hold_with_a_bias_and_a_drift_of_the_reference_and_differences_without() -> None:
     """200 ovens, each with a reference that is off by one certificate error and one drift for all its readings."""
     rng = np.random.default_rng(5)

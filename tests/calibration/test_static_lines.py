@@ -160,6 +160,7 @@ def coverage(ovens) -> dict[str, float]:
     return {name: float(np.mean(hit)) for name, hit in hits.items()}
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     "noise", [0.05, *(pytest.param(n, marks=pytest.mark.study) for n in (0.01, 0.2))]
 )
@@ -169,6 +170,7 @@ def test_95_percent_intervals_hold_the_truth_at_that_rate_over_200_ovens(noise):
     assert all(0.904 <= rate <= 0.996 for rate in found.values()), found
 
 
+@pytest.mark.study
 def test_intervals_hold_the_truth_for_the_rigs_ovens_whose_minutes_share_an_error():
     def ovens():
         for seed in range(100):

@@ -61,6 +61,7 @@ def test_the_predicted_uncertainty_is_the_fitted_one(name: str) -> None:
         assert planned[key].to_numpy(dtype=float) == pytest.approx(fitted, rel=NEAR)
 
 
+@pytest.mark.study
 def test_depths_known_better_tell_beta_better_and_leave_differences_as_they_are() -> None:
     finer = parse_rig({"uncertainty": {"depth_mm": 0.02}}, "rig.toml")
     plan = plan_of(("A2", "D3"))
@@ -70,6 +71,7 @@ def test_depths_known_better_tell_beta_better_and_leave_differences_as_they_are(
     assert within[1] == pytest.approx(within[0], rel=0.2)
 
 
+@pytest.mark.study
 def test_more_tests_tell_the_exponent_no_worse() -> None:
     plan = plan_of(("A2", "B4", "D3"))
     whole = predict_campaign(plan, load_rig())

@@ -36,6 +36,7 @@ def joined_log(made: tuple[StudyRig, StudyRig]) -> Log:
     return replace(made[0].log, frame=frame)
 
 
+@pytest.mark.study
 def test_each_loading_is_found_in_order(made: tuple[StudyRig, StudyRig], joined_log: Log) -> None:
     length = float(made[0].log.frame["time_s"].iloc[-1]) + 1 / 75
     wanted = [

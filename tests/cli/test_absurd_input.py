@@ -162,6 +162,7 @@ def test_an_option_names_its_bounds(words: str, capsys: pytest.CaptureFixture[st
         assert f"{words.split()[-1]} is " in one_sentence(capsys, *words.split(), number)
 
 
+@pytest.mark.e2e
 def test_a_file_that_unpacks_to_gigabytes_is_refused_by_a_limit_that_is_told(
     world: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -72,6 +72,7 @@ def said(campaign: Campaign, tmp_path_factory: pytest.TempPathFactory) -> Said:
     )
 
 
+@pytest.mark.e2e
 def test_a_bouncing_switch_is_told_once_and_in_one_wording(said: Said) -> None:
     told = [w for w in said.record["warnings"] if "bounc" in w]
     assert told == [
@@ -239,6 +240,7 @@ def test_an_oven_log_of_the_other_disk_is_named_as_such(campaign: Campaign) -> N
     assert not any("is the oven log of the disk" in w for w in own)
 
 
+@pytest.mark.e2e
 def test_missing_samples_stay_missing_and_a_plunge_hotter_than_the_oven_is_told(
     campaign: Campaign, calibrations: dict[str, CalibrationRun], tmp_path: Path
 ) -> None:
@@ -290,6 +292,7 @@ def test_a_plunge_saved_again_in_another_dialect_is_still_the_same_plunge(
         calibrate_disk(campaign.rig, "fast", f.ovens["fast"], plunges, ["mobil-jet-ii"])
 
 
+@pytest.mark.e2e
 def test_swapped_channels_of_a_plunge_give_no_record(campaign: Campaign, tmp_path: Path) -> None:
     """It gave a common lag of seconds and sixteen warnings; the reader had seen the swap."""
     f = campaign.files

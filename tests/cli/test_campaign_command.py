@@ -66,6 +66,7 @@ def done(
     return out, code
 
 
+@pytest.mark.e2e
 def test_a_failing_log_has_its_sentence_in_the_table_and_the_others_go_on(
     done: tuple[Path, int],
 ) -> None:
@@ -134,6 +135,7 @@ def test_an_altered_answer_is_not_kept(
     assert [f.code for f in again.findings] == ["campaign.altered"]
 
 
+@pytest.mark.e2e
 def test_an_answer_stands_in_for_its_log_if_it_is_whole_and_of_this_rig(
     done: tuple[Path, int], campaign: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -222,6 +224,7 @@ def test_all_logs_bad_is_exit_2_and_still_a_table(
     assert kept == {"of an earlier run"}
 
 
+@pytest.mark.e2e
 def test_bad_requests_get_one_sentence(
     campaign: Campaign,
     bad_log: Path,

@@ -72,6 +72,7 @@ def lvm_text(frame: pd.DataFrame) -> str:
     )
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize(
     ("given", "wanted"), [("csv", "parquet"), ("tdms", "csv"), ("parquet", "tdms"), ("lvm", "csv")]
 )
@@ -103,6 +104,7 @@ def test_every_format_comes_in_and_goes_out_once(
     assert not (tmp_path / "twice.csv").exists()
 
 
+@pytest.mark.e2e
 def test_a_compensated_plunge_is_closer_to_the_truth_and_takes_one_record(
     campaign: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -131,6 +133,7 @@ def test_a_disk_without_record_stays_as_logged_and_is_named(campaign: Campaign) 
     assert " s, from the record" in done.metadata["slow_common_lag_s"]
 
 
+@pytest.mark.e2e
 def test_the_page_holds_numbers_and_pictures(
     campaign: Campaign, tmp_path: Path, stretch: pd.DataFrame
 ) -> None:
@@ -143,6 +146,7 @@ def test_the_page_holds_numbers_and_pictures(
         assert words in html
 
 
+@pytest.mark.e2e
 def test_follow_prints_the_report_before_use_and_ends_by_itself(
     campaign: Campaign, tmp_path: Path, stretch: pd.DataFrame, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -191,6 +195,7 @@ def test_follow_needs_a_text_output_of_its_own_and_numbers_that_can_be(
     assert "does not grow line by line" in capsys.readouterr().err
 
 
+@pytest.mark.e2e
 def test_other_compensators_give_a_second_opinion(
     campaign: Campaign,
     tmp_path: Path,
@@ -236,6 +241,7 @@ def test_other_compensators_give_a_second_opinion(
         assert tcdyn("compensate", log, *fast(campaign), "--out", out, *words) == 2
 
 
+@pytest.mark.e2e
 def test_the_covariance_over_a_stretch_is_that_of_the_samples(
     campaign: Campaign, tmp_path: Path, stretch: pd.DataFrame, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -288,6 +294,7 @@ def test_the_covariance_over_a_stretch_is_that_of_the_samples(
     assert "take the smoother" in capsys.readouterr().err
 
 
+@pytest.mark.e2e
 @pytest.mark.skipif(sys.platform == "win32", reason="Ctrl-C is sent as a POSIX signal")
 def test_ctrl_c_ends_it_with_whole_lines_and_a_state_to_go_on_from(
     campaign: Campaign, tmp_path: Path, stretch: pd.DataFrame
@@ -335,6 +342,7 @@ def test_ctrl_c_ends_it_with_whole_lines_and_a_state_to_go_on_from(
     assert pd.read_csv(out, comment="#")["time_s"].tolist() == stretch["time_s"].tolist()
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize(
     ("first_s", "last_s", "said"),
     [

@@ -27,6 +27,7 @@ def table(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.e2e
 def test_identify_prints_the_model_as_json(table: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ("identify", table, "--input", "u", "--output", "y", "--hold", "zoh", "--models", "P1")
     assert tcdyn(*words, "--json") == 0
@@ -39,6 +40,7 @@ def test_identify_prints_the_model_as_json(table: Path, capsys: pytest.CaptureFi
     assert "No sign that the lag depends on the level" in said
 
 
+@pytest.mark.e2e
 def test_what_narx_says_is_in_file_and_page_even_where_nothing_is_printed(
     table: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -12,6 +12,7 @@ import pytest
 
 from tcdyn.cli.app import app, run
 from tcdyn.workflows import BetaRun
+from tcdyn.workflows.calibrate import CalibrationRun
 from tests.conftest import Campaign
 
 
@@ -43,6 +44,7 @@ def records(campaign: Campaign) -> list[object]:
     return [word for path in campaign.record_paths.values() for word in ("--record", path)]
 
 
+@pytest.mark.e2e
 def test_beta_json_has_the_contract_s_keys(beta_json: Path) -> None:
     data = json.loads(beta_json.read_text(encoding="utf-8"))
     estimate = {"value", "u", "low95", "high95"}
@@ -87,6 +89,7 @@ def test_every_way_to_beta_holds_the_truth_of_the_simulation(
     assert data["crosscheck"]["agree"]
 
 
+@pytest.mark.e2e
 def test_command_and_function_give_the_same_numbers(beta_json: Path, beta_run: BetaRun) -> None:
     assert json.loads(beta_json.read_text(encoding="utf-8")) == json.loads(
         json.dumps(beta_run.to_dict())
@@ -101,6 +104,7 @@ def test_report_is_one_file_with_verdict_and_pictures(beta_json: Path) -> None:
     assert "The ways to beta agree" in html
 
 
+@pytest.mark.e2e
 def test_compensated_e_is_ten_times_closer_than_raw(campaign: Campaign, tmp_path: Path) -> None:
     out = tmp_path / "B3.compensated.csv"
     assert (
@@ -125,8 +129,9 @@ def test_compensated_e_is_ten_times_closer_than_raw(campaign: Campaign, tmp_path
     assert not (tmp_path / "twice.csv").exists()
 
 
+@pytest.mark.e2e
 def test_calibrate_writes_the_record_that_the_function_makes(
-    campaign: Campaign, tmp_path: Path
+    campaign: Campaign, calibrations: dict[str, CalibrationRun], tmp_path: Path
 ) -> None:
     out = tmp_path / "fast.disk.json"
     f = campaign.files
@@ -150,7 +155,7 @@ def test_calibrate_writes_the_record_that_the_function_makes(
     )
     assert code == 0
     made = json.loads(out.read_text(encoding="utf-8"))
-    inside = json.loads(campaign.record_paths["fast"].read_text(encoding="utf-8"))
+    inside = json.loads(calibrations["fast"].record.to_json())
     for one in (made, inside):
         del one["created"], one["sha256"]
     assert made == inside
@@ -163,6 +168,7 @@ def rewritten(campaign: Campaign, path: Path, change: object) -> Path:
     return path
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize(
     ("change", "words"),
     [

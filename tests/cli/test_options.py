@@ -146,6 +146,7 @@ def test_exit_codes_are_those_that_help_tells(tmp_path: Path, campaign: Campaign
     assert tcdyn("record", "check", path) == 1
 
 
+@pytest.mark.e2e
 def test_no_colour_where_nobody_sees_it(campaign: Campaign) -> None:
     for words in (("--help",), ("record", "show", campaign.record_paths["fast"])):
         said = call(*words)
@@ -204,6 +205,7 @@ def slow_plunge(campaign: Campaign, tmp_path_factory: pytest.TempPathFactory) ->
     return path
 
 
+@pytest.mark.e2e
 def test_compensate_prints_json(
     campaign: Campaign, slow_plunge: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -318,6 +320,7 @@ def test_files_of_another_kind_are_named_as_what_they_are(
         assert said in capsys.readouterr().err
 
 
+@pytest.mark.e2e
 def test_noise_from_before_the_filter_is_planned_with_as_white_noise_as_strong_at_low_frequency(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
@@ -404,6 +407,7 @@ def test_an_option_is_put_for_a_parameter_and_not_into_a_path() -> None:
     assert problem.at("elsewhere").message(as_option) == problem.message(as_option)
 
 
+@pytest.mark.e2e
 def test_uneven_bores_are_asked_for_by_disk_and_told_beside_the_log(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -85,6 +85,7 @@ def test_an_input_is_never_written_over(
     assert {p.name: p.read_bytes() for p in Path().iterdir()} == before, spared
 
 
+@pytest.mark.e2e
 def test_a_command_that_ends_has_written_all_and_tells_its_status(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "tcdyn.cli.app"]
     told = subprocess.run([*command, "verify", "--json"], stdout=subprocess.PIPE, check=True).stdout
@@ -118,6 +119,7 @@ def test_a_script_that_calls_a_command_goes_on_and_ends_as_it_says(tmp_path: Pat
     assert (done.returncode, done.stderr, (tmp_path / "late.txt").read_text()) == (3, "", "data")
 
 
+@pytest.mark.e2e
 @pytest.mark.skipif(sys.platform != "linux", reason="a device that is always full")
 @pytest.mark.parametrize("words", ["verify", "rig --show"])
 def test_an_output_that_takes_nothing_is_told_of(words: str) -> None:
@@ -128,6 +130,7 @@ def test_an_output_that_takes_nothing_is_told_of(words: str) -> None:
     assert (done.returncode, done.stderr.count(b"\n")) == (2, 1)
 
 
+@pytest.mark.e2e
 @pytest.mark.skipif(sys.platform == "win32", reason="a closed pipe of POSIX")
 @pytest.mark.parametrize("words", ["verify", "rig --show", "--help"])
 def test_a_reader_that_closes_its_end_of_the_pipe_is_no_error(words: str) -> None:
@@ -141,6 +144,7 @@ def test_a_reader_that_closes_its_end_of_the_pipe_is_no_error(words: str) -> Non
     assert (done.returncode, done.stderr) == (0, b"")
 
 
+@pytest.mark.e2e
 @pytest.mark.skipif(sys.platform == "win32", reason="a signal to a group of processes")
 def test_ctrl_c_ends_with_one_line_and_its_code(campaign: Campaign, tmp_path: Path) -> None:
     """Whenever it comes: while libraries are imported, a log is read, or fits are made."""

@@ -65,6 +65,7 @@ def test_without_a_rig_file_the_records_rig_is_used(
     assert abs(own - speed_law(campaign, other_steel, "--rig", campaign.files.rig)) > 0.01
 
 
+@pytest.mark.e2e
 def test_a_rig_file_that_is_not_the_records_is_said(
     campaign: Campaign, partition: Partition, other_steel: list[Path]
 ) -> None:
@@ -83,6 +84,7 @@ def test_one_record_alone_remembers_its_columns(campaign: Campaign) -> None:
     assert rig_of({"slow": record}).columns()["load_N"] == "Load"
 
 
+@pytest.mark.e2e
 def test_uncertainties_of_one_disk_widen_that_disk(
     campaign: Campaign, partition: Partition, tmp_path: Path
 ) -> None:
@@ -99,6 +101,7 @@ def test_uncertainties_of_one_disk_widen_that_disk(
         assert least < grown < most
 
 
+@pytest.mark.e2e
 def test_disks_of_other_radii_have_another_track(campaign: Campaign, tmp_path: Path) -> None:
     """A slow disk twice as crowned: the track is that of two equal disks with the mean of both curvatures."""
     from tcdyn.rig.contact import half_width_m

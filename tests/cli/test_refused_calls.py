@@ -58,6 +58,7 @@ def refused(
     assert tried >= ended >= max(tried // 2, 1)
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("name", [*WITHOUT_RIG, *RECORD])
 def test_a_quick_command_whose_calls_fail(
     name: str, world: dict[str, Path], tmp_path: Path
@@ -77,6 +78,7 @@ def test_a_long_command_whose_calls_fail(name: str, world: dict[str, Path], tmp_
     refused(name, world, tmp_path, 20)
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("name", ["compensate --sensor", "follow --sensor", "transducer"])
 def test_memory_that_runs_out(name: str, world: dict[str, Path], tmp_path: Path) -> None:
     refused(name, world, tmp_path, 10, ARRAYS)
@@ -90,6 +92,7 @@ def test_memory_that_runs_out_in_a_long_command(
     refused(name, world, tmp_path, 8, ARRAYS)
 
 
+@pytest.mark.e2e
 def test_a_kill_leaves_old_or_whole_files_and_the_next_run_goes_on(
     world: dict[str, Path], tmp_path: Path
 ) -> None:

@@ -2,6 +2,7 @@
 
 import json
 
+import pytest
 import typer
 from typer.testing import CliRunner
 
@@ -12,6 +13,7 @@ app = typer.Typer()
 app.command()(command.verify)
 
 
+@pytest.mark.e2e
 def test_every_published_number_agrees_or_says_why_it_cannot_be_checked():
     rows = verify_rows()
     assert [r.quantity for r in rows if r.failed] == []
@@ -157,6 +159,7 @@ def test_a_changed_formula_is_caught(monkeypatch):
     assert "beta of the worked example" in failed
 
 
+@pytest.mark.e2e
 def test_the_report_has_the_table_and_four_pictures(monkeypatch, tmp_path):
     monkeypatch.setattr("tcdyn.verify.verify_rows", lambda: few("not checkable"))
     page = tmp_path / "verify.html"

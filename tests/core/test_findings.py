@@ -43,6 +43,7 @@ def codes_made() -> dict[str, str]:
     return made
 
 
+@pytest.mark.e2e
 def test_every_code_made_has_words_and_every_words_are_made() -> None:
     made = codes_made()
     assert {c: f for c, f in made.items() if c not in MESSAGES} == {}

@@ -81,6 +81,7 @@ def lag_and_environment(seed: int) -> tuple[tuple[float, float, float], bool]:
     return interval_of_lag(seed), dict(os.environ) == before
 
 
+@pytest.mark.e2e
 @pytest.mark.usefixtures("workers_ended")
 def test_one_worker_two_workers_and_dask_give_the_same_results(cluster: str) -> None:
     jobs = [float(x) for x in range(7)]
@@ -89,6 +90,7 @@ def test_one_worker_two_workers_and_dask_give_the_same_results(cluster: str) -> 
     assert dict(parallel_map(np.cosh, jobs, dask=cluster)) == one
 
 
+@pytest.mark.e2e
 @pytest.mark.usefixtures("workers_ended")
 def test_results_come_in_the_order_in_which_they_are_ready(tmp_path: Path) -> None:
     assert [*parallel_map(partial(wait_for_the_other, tmp_path), [0, 1], workers=2)] == [
@@ -109,6 +111,7 @@ def test_no_more_processes_work_than_there_are_workers() -> None:
     assert [*parallel_map(process_id, [], workers=2)] == []
 
 
+@pytest.mark.e2e
 @pytest.mark.usefixtures("workers_ended")
 def test_workers_use_one_blas_thread(cluster: str) -> None:
     assert [threads for _, threads in parallel_map(blas_threads, range(2), workers=2)] == [{1}, {1}]
@@ -124,6 +127,7 @@ def test_an_exception_in_a_worker_process_is_raised_here() -> None:
         list(parallel_map(int, ["7", "x"], workers=2))
 
 
+@pytest.mark.e2e
 @pytest.mark.usefixtures("workers_ended")
 @pytest.mark.skipif(sys.platform == "win32", reason="there is no SIGKILL")
 def test_a_killed_worker_process_is_an_error_with_advice() -> None:
@@ -176,6 +180,7 @@ def test_dask_that_is_not_installed_is_an_error_with_advice(
         list(parallel_map(abs, [1], dask=NOWHERE))
 
 
+@pytest.mark.e2e
 @pytest.mark.usefixtures("workers_ended")
 def test_worker_processes_and_threads_of_the_caller_give_the_numbers_of_this_process() -> None:
     """Workers of multiprocessing.Pool are daemonic: they may not start processes of their own."""

@@ -101,6 +101,7 @@ class Balanced(HTMLParser):
         assert self.open.pop() == tag
 
 
+@pytest.mark.e2e
 def test_the_demo_s_comparison_is_that_of_the_files(
     results: dict[str, Any], campaign: Campaign
 ) -> None:

@@ -113,6 +113,7 @@ def seen(monkeypatch: pytest.MonkeyPatch) -> list[set[int]]:
     return numbers
 
 
+@pytest.mark.e2e
 def test_fit_and_compare_run_on_one_thread(seen: list[set[int]]) -> None:
     data = IOData.from_arrays(
         steps(), steps() + np.random.default_rng(0).normal(0, 0.1, 180), DT_S, hold="zoh"

@@ -172,6 +172,7 @@ def test_a_linear_profile_is_the_normal_parabola_with_its_interval() -> None:
     )
 
 
+@pytest.mark.study
 def test_a_skewed_profile_covers_as_often_as_it_says() -> None:
     """A lag told to 25 %: intervals by profile hold the truth 95 times in a hundred, the symmetric ones fail above."""
     rng = np.random.default_rng(5)

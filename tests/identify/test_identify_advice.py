@@ -180,6 +180,7 @@ def off_equilibrium() -> IOData:
     return IOData.from_arrays(u, y, 0.2, hold="zoh")
 
 
+@pytest.mark.study
 def test_runs_that_start_off_equilibrium_are_refitted_with_their_state_estimated() -> None:
     found = compare(off_equilibrium(), ["P1", "P2", "P2Z"])
     assert found.advice.startswith("Recommended: P1.")
@@ -203,6 +204,7 @@ def test_two_real_lags_are_not_stated_as_an_oscillating_pair() -> None:
     assert "P2U is left out" in found.why
 
 
+@pytest.mark.study
 def test_oscillators_with_dead_time_are_among_the_candidates_and_integrators_are_offered() -> None:
     assert "P2DU" in CANDIDATES
     rng = np.random.default_rng(9)

@@ -138,6 +138,7 @@ def ringing(seed: int, n: int = 500) -> IOData:
     return IOData.from_arrays(u[300:], (np.array(y) + noise)[300:], dt, hold="zoh")
 
 
+@pytest.mark.study
 def test_a_record_that_rings_when_it_begins_is_told_by_all_of_its_residuals():
     """Its first residuals are within 4 rms, and the gain came out as 0.83, the fit as 43 %."""
     data = ringing(1)

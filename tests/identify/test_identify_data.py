@@ -242,6 +242,7 @@ def single_step(tau_s: float, noise: float = 0.2) -> IOData:
     return IOData.from_arrays(20 + 60.0 * (t > 4), y, 1 / 75, hold="zoh")
 
 
+@pytest.mark.study
 def test_a_lag_between_the_trial_lags_is_not_taken_for_an_output_that_moves_first():
     """The trial lags are a factor 2.6 apart, so that 8 of these 25 were refused; exchanged, all still are."""
     for tau in np.geomspace(0.3, 6, 25):

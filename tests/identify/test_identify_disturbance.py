@@ -31,6 +31,7 @@ def held(runs: int, least: float) -> float:
     return float(stats.binom.ppf(0.005, runs, least)) / runs
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("kind", ["plunge", "PRBS"])
 def test_a_measured_input_whose_first_sample_is_noisy_still_covers_gain_and_lag(kind):
     """The first sample taken for the whole past, 35 and 53 % of the plunges and 60 and 68 % of the steps did."""
@@ -65,6 +66,7 @@ def test_slopes_by_past_and_drift_equal_differences():
         )  # rounding 1e-16/1e-6
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("name", ["ar0.9", "walk", pytest.param("drift", marks=pytest.mark.study)])
 def test_the_noise_that_the_data_ask_for_covers_the_lag(name):
     """White noise assumed, the sandwich covered 47 % under a random walk and 5 % under a drift."""
@@ -156,6 +158,7 @@ def test_partial_correlations_and_coefficients_are_inverses():
     assert np.all(np.abs(np.roots([1.0, *coefficients(np.array([0.9, -0.9, 0.9]))])) < 1)
 
 
+@pytest.mark.study
 def test_compare_models_the_disturbance_and_says_so():
     data = record("PRBS", 5, "walk")
     found = compare(data, ["P2", "P2D"])
@@ -188,6 +191,7 @@ def test_noise_of_the_input_below_zero_is_refused():
         fit(record("plunge", 0), "P1D", input_noise=-1.0)
 
 
+@pytest.mark.e2e
 def test_the_command_takes_noise_baseline_and_noise_of_the_input(tmp_path):
     data = record("plunge", 5, input_sd=0.5)
     table = tmp_path / "plunge.csv"

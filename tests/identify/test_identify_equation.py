@@ -78,6 +78,7 @@ def test_a_state_that_is_free_is_told_by_the_first_samples():
         assert not found.findings
 
 
+@pytest.mark.study
 def test_poles_and_gains_are_covered_where_noise_comes_in_before_the_poles():
     held, spread = [], []
     truth = {"a1": -np.sum(DT / np.log(POLES)), "b0.fan": -0.2 / A.sum(), "b0.heat": 0.15 / A.sum()}

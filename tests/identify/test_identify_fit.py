@@ -60,6 +60,7 @@ def test_every_structure_finds_its_truth_from_no_start(name):
     assert found.identified.offset == pytest.approx(4.0, abs=1.0)
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("kind", ["plunge", "PRBS"])
 def test_case_a_small_study(kind):
     # 30 seeds; the 200-seed study is test_identify_studies.py

@@ -31,6 +31,7 @@ def measured(seed: int, share: float = 0.03) -> tuple[np.ndarray, np.ndarray]:
     return h + u * (rng.normal(size=25) + 1j * rng.normal(size=25)), u
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("stated", [True, False])
 def test_intervals_hold_the_truth(stated):
     held, misfit = [], []
@@ -45,6 +46,7 @@ def test_intervals_hold_the_truth(stated):
     assert np.mean(misfit) < 0.06
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("form", ["share of 20 %", "coherence", "floor"])
 def test_an_uncertainty_that_goes_with_the_magnitude_is_that_of_the_true_one(form):
     """Of the measured one (30 %) the gain was 21 % too small and held by 43 % of the intervals."""

@@ -47,6 +47,7 @@ def study(kind: str, seeds: range, high_s: float) -> dict[str, float]:
     }
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("kind", ["plunge", pytest.param("square", marks=pytest.mark.study)])
 def test_a_lag_that_rises_is_told_to_rise_and_a_constant_one_is_not(kind):
     """Before, 15 of 15 were told that it falls, and 5 of 5 constant ones that it changes."""

@@ -48,6 +48,7 @@ def record(
     return IOData.from_arrays(u, y, DT_S, hold="zoh")
 
 
+@pytest.mark.study
 def test_a_robust_fit_with_a_drift_covers_the_truth():
     """With the weights of the fit without the drift, 36 % did."""
     found = [
@@ -80,6 +81,7 @@ def test_what_is_asked_for_by_name_is_kept_where_the_residuals_are_white():
     assert fit(record(1), "P1D", noise="auto", baseline="walk").noise.walks
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("drift", [5.0, -30.0])
 @pytest.mark.parametrize("options", [{"baseline": "trend"}, {"noise": "auto", "baseline": "auto"}])
 def test_a_drift_larger_than_the_answer_is_told_from_it(drift, options):
@@ -92,6 +94,7 @@ def test_a_drift_larger_than_the_answer_is_told_from_it(drift, options):
             )
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(("options", "walks"), [({"ar": 0.7}, False), ({"walk": 0.01}, True)])
 def test_gaps_make_no_random_walk_and_hide_none(options, walks):
     """Its level after each gap for nothing, a walk was chosen in 8 of 10; at ln N for each level, never."""
@@ -144,6 +147,7 @@ def test_missed_dynamics_name_the_input():
     )
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("baseline", ["walk", "auto"])
 def test_spikes_upon_a_random_walk_are_told_from_its_crests(baseline):
     """Weights by the size of residuals took crests for spikes: 40 % of the intervals held the lag."""

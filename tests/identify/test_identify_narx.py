@@ -28,6 +28,7 @@ def record(seed: int, colour: float, n: int = 400) -> tuple[np.ndarray, np.ndarr
     return u, y + e
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("colour", [0.0, 0.7])
 def test_weights_are_unbiased_and_bootstrap_intervals_hold_them(colour):
     held, ends = [], []

@@ -51,6 +51,7 @@ def test_bounds_of_the_input_correlation_know_what_the_fit_has_used():
     assert np.mean(np.abs(v.input.value) < v.input.bound95) > 0.7
 
 
+@pytest.mark.study
 def test_false_alarms_of_both_residual_tests_are_near_nominal():
     p = []
     for seed in range(100):
@@ -62,6 +63,7 @@ def test_false_alarms_of_both_residual_tests_are_near_nominal():
     assert np.all(alarms < 0.115)
 
 
+@pytest.mark.study
 def test_the_table_recommends_the_true_structure_and_says_why():
     c = compare(case_a("PRBS", 3), ["P1", "P1D", "P2", "P2D", "P2Z"])
     assert c.recommended == "P2D"
@@ -108,6 +110,7 @@ def test_percent_times_of_one_lag_are_its_logarithms():
         assert times[name].u == pytest.approx(found.u_of(gradient[:, None])[0], rel=1e-2)
 
 
+@pytest.mark.study
 def test_bands_cover_the_truth_as_often_as_they_say():
     truth = process("P2D").rational(CASE_A)
     f, t = np.geomspace(0.01, 1.0, 12), np.arange(200) * 0.05
@@ -158,6 +161,7 @@ def quantised(seed: int) -> IOData:
 QUANTISED = {"Kp": 6.0, "Tp1": 4.0, "Td": 1.2}
 
 
+@pytest.mark.study
 def test_intervals_of_a_rounded_output_include_its_rounding():
     fits = [fit(quantised(seed), "P1D") for seed in range(40)]
     covered = [[f.estimates[n].covers(v) for n, v in QUANTISED.items()] for f in fits]
@@ -211,6 +215,7 @@ def test_a_gain_the_data_do_not_determine_is_remarked_on():
     assert any(w.startswith("Kp is hardly determined") for w in found.warnings)
 
 
+@pytest.mark.study
 def test_a_model_is_confirmed_by_new_data_and_a_changed_system_is_told():
     """On 40 pairs of records from one system the three tests each alarm in 1 %; a lag 10 % longer shows at once."""
     alarms = np.zeros(3)
@@ -246,6 +251,7 @@ def test_narx_refuses_gaps_and_names_the_remedy():
         temperature_dependence(IOData.from_arrays(data.runs[0].u, y, 0.05))
 
 
+@pytest.mark.study
 @pytest.mark.filterwarnings("ignore")
 def test_narx_says_whether_the_lag_depends_on_temperature():
     rng = np.random.default_rng(0)
@@ -274,6 +280,7 @@ def test_narx_says_whether_the_lag_depends_on_temperature():
     assert constant.linear.one_step_percent > 97
 
 
+@pytest.mark.e2e
 def test_command_writes_model_and_page(tmp_path, capsys):
     from tcdyn.cli.identify import identify
 
@@ -307,6 +314,7 @@ needs_data = pytest.mark.skipif(
 )
 
 
+@pytest.mark.study
 @needs_data
 def test_daisy_heating_system():
     a = np.loadtxt(data_dir() / "daisy" / "heating_system.dat")
@@ -327,6 +335,7 @@ def test_daisy_heating_system():
     assert "misses dynamics" in volts.identified.sentence or "coloured" in volts.identified.sentence
 
 
+@pytest.mark.study
 @needs_data
 def test_tclab_step():
     frame = pd.read_csv(

@@ -100,6 +100,7 @@ def test_slopes_are_those_of_the_residuals(common, initial):
         )  # of the difference
 
 
+@pytest.mark.study
 def test_the_search_grows_to_the_truth_and_leaves_out_an_input_that_does_nothing():
     data = plant(3)
     idle = np.random.default_rng(9).choice([0.0, 1.0], data.n_samples)
@@ -118,6 +119,7 @@ def test_the_search_grows_to_the_truth_and_leaves_out_an_input_that_does_nothing
     assert found.verdict.code == "models.recommended"
 
 
+@pytest.mark.study
 def test_the_search_grows_beyond_three_poles():
     rng = np.random.default_rng(4)
     u = np.repeat(rng.choice([0.0, 1.0], 40), 12)
@@ -296,6 +298,7 @@ def test_bad_input_is_told_in_one_sentence(case):
         call(plant(0, 200))
 
 
+@pytest.mark.e2e
 def test_the_command_takes_several_inputs_and_outputs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ):

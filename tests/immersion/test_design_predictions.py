@@ -22,6 +22,7 @@ SETUP = load_rig().disk_setup("fast")
 PLAN = PlungePlan(duration_s=60.0)
 
 
+@pytest.mark.study
 def test_less_noise_more_runs_and_a_better_event_all_help() -> None:
     # at the nominal values, where it must hold; a few draws differ from others by more than the entry tells
     base = predict_plunges([PLAN], SETUP, draws=1)
@@ -107,6 +108,7 @@ def test_common_and_differential_parts_of_a_covariance() -> None:
     assert p.u_differential_s == pytest.approx(np.sqrt(1e-4 * 5 / 6))
 
 
+@pytest.mark.study
 def test_the_comparison_has_a_row_and_a_sentence_for_every_test() -> None:
     design = compare_tests(SETUP, [PLAN, replace(PLAN, bath_degC=138.0)], draws=4)
     assert len(design.table()) == 7
@@ -114,6 +116,7 @@ def test_the_comparison_has_a_row_and_a_sentence_for_every_test() -> None:
     assert all(s.endswith(".") for s in design.sentences())
 
 
+@pytest.mark.study
 def test_the_rig_s_uncertainties_reach_every_test() -> None:
     table = {"draws": 1, "lag_s": 0.73}  # at the middle of the priors: no draw decides
     stated = compare_tests(SETUP, [PLAN], **table)

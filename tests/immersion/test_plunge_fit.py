@@ -48,6 +48,7 @@ def fitted() -> PlungeFit:
     return identify_plunges(pair()[0], SETUP)
 
 
+@pytest.mark.study
 def test_lags_are_recovered_within_their_stated_uncertainty() -> None:
     fit = fitted()
     true = pair()[1]
@@ -94,6 +95,7 @@ def test_the_summary_says_what_limits_the_common_lag() -> None:
     assert shares["noise alone"].u_common_s < 0.2 * shares["all of the fit"].u_common_s
 
 
+@pytest.mark.study
 def test_a_plunge_that_cannot_separate_lag_from_burst_says_so() -> None:
     runs = [replace(r, entry=replace(r.entry, u_s=1.0)) for r in pair()[0][:1]]
     wide = PlungePriors(burst_log=2.0, burst_shape_log=1.0, burst_time_log=1.0)

@@ -44,6 +44,7 @@ def planned() -> Design:
     return compare_tests(SETUP, [PlungePlan(duration_s=40.0), PlungePlan(duration_s=80.0)], draws=4)
 
 
+@pytest.mark.study
 def test_pictures_of_a_fit_have_axes_with_units() -> None:
     run = fit().runs[0]
     models = {**published_degC(run, SETUP), "fitted": fit().junction_degC(0)}
@@ -247,6 +248,7 @@ def test_published_correlations_disagree_by_far_more_than_the_lag() -> None:
     assert np.ptp(at_30_s) > 0.5  # and it is why h must be free
 
 
+@pytest.mark.e2e
 def test_the_design_command_writes_a_table_and_a_page(tmp_path, capsys) -> None:  # type: ignore[no-untyped-def]
     design(bath_degC=[110.0], duration_s=40.0, out=tmp_path / "plan.html", json_=True)
     told = json.loads(capsys.readouterr().out)

@@ -37,6 +37,7 @@ def fitted(structure: str, lag_s: float, second_lag: bool = True) -> tuple[Plung
     return before, with_structure_doubt(before)
 
 
+@pytest.mark.study
 def test_one_lag_fitted_to_two_is_contradicted_in_one_sentence_with_figures() -> None:
     before, after = fitted("P1", 0.75)
     found = after.structures
@@ -118,6 +119,7 @@ def test_three_lags_are_offered_where_they_fit_best_for_a_record_holds_any_numbe
     assert "calibrate with structure=P3" in found.sentence
 
 
+@pytest.mark.study
 def test_evidence_integrated_over_the_lag_is_laplace_s_where_the_lag_is_normal() -> None:
     # at the rig's noise it is not: the marginal is narrower by a quarter than its curvature says, and ln 3/4 is -0.29
     best = fitted("P2", 0.75)[0].optimum
@@ -136,6 +138,7 @@ def test_evidence_integrated_over_the_lag_is_laplace_s_where_the_lag_is_normal()
     )  # a search tells each to 0.05
 
 
+@pytest.mark.study
 def test_one_plunge_alone_holds_nothing_out() -> None:
     rng = np.random.default_rng(6)
     d = same_pairs(1)

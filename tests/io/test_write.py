@@ -27,6 +27,7 @@ while True:
 """
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize(
     ("ending", "before"), [("csv", True), ("csv", False), ("parquet", True), ("tdms", False)]
 )

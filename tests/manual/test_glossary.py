@@ -62,6 +62,7 @@ def number(value: Any) -> bool:
     )
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("section", ["beta.json", "*.disk.json"])
 def test_every_key_is_told_with_its_unit_and_no_other(
     section: str, campaign: Campaign, request: pytest.FixtureRequest

@@ -82,6 +82,7 @@ def follow(page: str) -> None:
             assert not missing, f"{page} shows what nothing printed: {missing}"
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("page", ALONE)
 def test_a_page_does_what_it_says(
     page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

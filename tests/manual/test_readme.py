@@ -44,6 +44,7 @@ def test_a_marked_command_is_one_line_and_the_first_code_after_its_marker(name: 
     assert "\n" not in marked.group(1)
 
 
+@pytest.mark.e2e
 def test_every_block_runs_and_prints_what_its_comments_say(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -140,6 +140,7 @@ def test_a_swap_among_eight_is_told(eight: StudyRig) -> None:
     assert (suspect.disk, suspect.kind, set(suspect.channels)) == ("slow", "swapped", {"t2", "t7"})
 
 
+@pytest.mark.e2e
 def test_disks_with_different_junctions_go_from_log_to_beta_by_command(tmp_path: Path) -> None:
     """Fast eight, slow six; the log calls one of them otherwise, and one is left out."""
     rig = parse_rig(

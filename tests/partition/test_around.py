@@ -30,6 +30,7 @@ def found_and_true() -> tuple[Partition, dict[str, Around]]:
     return study_rig(SEED, truth=truth).analyse(), around_disks("B3", SEED, truth, QUICK)
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("disk", DISKS)
 def test_the_surface_round_the_disk_is_the_true_one_within_its_band(disk: str) -> None:
     p, true = found_and_true()

@@ -40,6 +40,7 @@ def whole(made: StudyRig) -> Partition:
     return forms.analysed(made, "full", SEED, sensor_check=False)
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     "form", [pytest.param("ambient_channels", marks=pytest.mark.study), "least"]
 )
@@ -64,6 +65,7 @@ def prepared(made: StudyRig, form: forms.Form, tmp_path) -> EhlTest:
     return prepare(read_log(tmp_path / "log.csv", "ehl", rig), rig, made.records)
 
 
+@pytest.mark.study
 def test_torque_and_kelvin_are_the_same_test(made: StudyRig, tmp_path) -> None:
     test = prepared(
         made, forms.torque_and_kelvin(made.log.frame, np.random.default_rng(0)), tmp_path
@@ -127,6 +129,7 @@ def _shared_and_own(what: Unmeasured, test: EhlTest) -> tuple[float, float]:
     return size * loading.shared[what.name], size * loading.own
 
 
+@pytest.mark.study
 def test_channels_of_a_disk_s_own_give_its_air_and_its_uncertainty(
     made: StudyRig, tmp_path
 ) -> None:
@@ -196,6 +199,7 @@ def test_a_friction_without_a_load_is_no_test() -> None:
         find_events(both)
 
 
+@pytest.mark.study
 def test_channels_at_the_running_surface_take_out_that_its_air_is_colder() -> None:
     """An air 8 K colder at the running surfaces is read as a higher h by one thermometer in the room."""
     cold = study_rig(SEED + 100, truth=draw_truth(SEED + 100, load_rig()).with_film_air(-8.0))

@@ -51,6 +51,7 @@ def test_pull_is_the_change_of_h_that_a_second_fit_finds() -> None:
     assert (fit.by_effect * effect).sum() == pytest.approx(again.h_W_m2K - fit.h_W_m2K, rel=0.005)
 
 
+@pytest.mark.study
 def test_a_parting_of_1_5_s_leaves_the_cooling_fit_right() -> None:
     """Figure 4.20: taken as one kink in its middle, such a ramp moved h by a fifth and the share by 0.05."""
     made = study_rig(1, uncertain=False, lag_error_s=0.0, options=replace(QUICK, parting_s=1.5))

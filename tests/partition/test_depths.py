@@ -50,6 +50,7 @@ def b3(campaign: Campaign) -> EhlTest:
     )
 
 
+@pytest.mark.study
 def test_a_disk_that_still_warms_up_is_not_accused() -> None:
     """A minute under load: the inner row rises by 0.3 K/s when the load goes off."""
     made = study_rig(
@@ -94,6 +95,7 @@ def independent(pull: list[float]) -> DepthTest:
     return DepthTest("fast", np.array(pull), np.eye(6), deeper, 1e-4)
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     ("channel", "deeper_mm"), [("a", 0.3), ("c", -0.3), ("e", 0.3), ("d", 0.3), ("b", -0.3)]
 )
@@ -152,6 +154,7 @@ def test_a_contradiction_is_an_alarm_and_the_most_pulled_value_only_a_remark() -
     assert quiet.strained is None
 
 
+@pytest.mark.study
 def test_every_stated_value_is_judged_once(b3: EhlTest, campaign: Campaign) -> None:
     """Depths by the sensor map where there is one, by the joint fit otherwise; never by both."""
     from tcdyn.partition.analyse import analyse

@@ -20,6 +20,7 @@ f = { depth_mm = 5.4, z_mm = 7.53 }
 """
 
 
+@pytest.mark.study
 def test_stated_depths_of_d_and_f_are_honoured(tmp_path: Path) -> None:
     """Both 0.6 mm nearer the surface, and stated so: taken as level with b, they moved beta by 0.010, h by a tenth."""
     (tmp_path / "rig.toml").write_text(RAISED)

@@ -20,6 +20,7 @@ from tests.partition.study_rigs import QUICK, study_rig
 from tests.partition.world_study import world_rig
 
 
+@pytest.mark.study
 def test_joint_fit_finds_beta_h_and_lag_without_a_speed_law() -> None:
     """From a start that is 0.06 and 40 % off, with a record whose lag is 0.1 s off."""
     made = study_rig(5, "D4", uncertain=False, lag_error_s=0.1)
@@ -38,6 +39,7 @@ def test_joint_fit_finds_beta_h_and_lag_without_a_speed_law() -> None:
     assert both.estimates["beta"].u < fits["fast"].estimates["beta"].u
 
 
+@pytest.mark.study
 def test_a_third_lag_of_the_record_stays_in_the_joint_fit() -> None:
     """Of two lags the smaller is written as two: their sum, and the lag found, stays what it was."""
     made = study_rig(5, "D4", uncertain=False)
@@ -61,6 +63,7 @@ def test_a_third_lag_of_the_record_stays_in_the_joint_fit() -> None:
         assert abs(fit.estimates["lag_s"].value - lag.value) < lag.u
 
 
+@pytest.mark.study
 def test_joint_fit_of_a_short_cooling_ends_at_the_least_sum_of_squares() -> None:
     """A fifth of a second, where whole Gauss-Newton steps of the second lag go to and fro without end.
 
@@ -80,6 +83,7 @@ def test_joint_fit_of_a_short_cooling_ends_at_the_least_sum_of_squares() -> None
         assert here.cost < best.cost + 0.05
 
 
+@pytest.mark.study
 def test_a_fit_that_cannot_tell_share_from_h_is_refused_in_words() -> None:
     """Without friction power the share does nothing: its column is another's."""
     fit = joint_fits(*_started())[0]["fast"]
@@ -172,6 +176,7 @@ def test_errors_of_the_budget_are_those_that_the_whole_disk_makes() -> None:
             assert fits[disk].share - base[disk].share == pytest.approx(said, rel=0.2, abs=6e-4)
 
 
+@pytest.mark.study
 def test_a_film_that_is_weak_where_the_track_is_moves_h_within_what_is_said_and_beta_hardly() -> (
     None
 ):
@@ -191,6 +196,7 @@ def test_a_film_that_is_weak_where_the_track_is_moves_h_within_what_is_said_and_
     assert sure.estimates["beta"].u > 0.93 * both.estimates["beta"].u
 
 
+@pytest.mark.study
 def test_a_fit_that_a_pass_no_longer_moves_stays_where_more_passes_would_leave_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

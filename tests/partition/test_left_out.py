@@ -53,6 +53,7 @@ def complete(made: StudyRig) -> BothFit:
     return both_of(made.test)
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("channel", CHANNELS)
 def test_beta_of_both_disks_holds_without_any_one_channel(
     channel: str, made: StudyRig, complete: BothFit
@@ -71,6 +72,7 @@ def whole(request: pytest.FixtureRequest, made: StudyRig) -> tuple[str, Partitio
     return request.param[-1], analyse(made.without(request.param))
 
 
+@pytest.mark.study
 def test_every_way_to_beta_holds_without_a_channel(
     whole: tuple[str, Partition], made: StudyRig
 ) -> None:
@@ -135,6 +137,7 @@ def test_nothing_that_a_channel_left_out_reads_is_looked_at(channel: str, made: 
     np.testing.assert_array_equal(tests[0].static_u_K, tests[1].static_u_K)
 
 
+@pytest.mark.study
 def test_an_error_of_a_stand_in_counts_in_both_its_places(made: StudyRig) -> None:
     """f half a kelvin too high, with d left out: the line moves as the budget's linear shift says, within 2 %."""
     high_K = 0.5
@@ -219,6 +222,7 @@ def lost(findings: Any) -> list[Finding]:
     return [f for f in findings if f.code == "channel.left_out"]
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("kind", DAMAGE)
 def test_a_lost_channel_is_left_out_with_a_finding(
     kind: str,
@@ -289,6 +293,7 @@ def records(campaign: Campaign) -> list[object]:
     ]
 
 
+@pytest.mark.study
 def test_a_gap_at_the_parting_leaves_exit_code_1_and_a_finding_in_the_file(
     damaged: Callable[[str, str], Path],
     campaign: Campaign,
@@ -311,6 +316,7 @@ def test_a_gap_at_the_parting_leaves_exit_code_1_and_a_finding_in_the_file(
     assert abs(beta["value"] - campaign.truth["tests"]["B3"]["beta"]) < 3 * beta["u"]
 
 
+@pytest.mark.e2e
 def test_without_names_channels_on_the_command_line(
     campaign: Campaign, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -330,6 +336,7 @@ def test_without_names_channels_on_the_command_line(
     assert [f["subject"] for f in found if f["code"] == "channel.left_out"] == ["fast_c", "slow_e"]
 
 
+@pytest.mark.study
 def test_a_campaign_without_a_channel_has_no_number_for_it(campaign: Campaign) -> None:
     settings = CampaignSettings(campaign.rig, campaign.records, without=("fast_a",))
     [data] = analyse_log(campaign.files.ehl["B3"], settings)

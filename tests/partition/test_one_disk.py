@@ -49,6 +49,7 @@ def found(made: StudyRig) -> OneDisk:
     )
 
 
+@pytest.mark.study
 def test_the_joint_fit_is_that_of_the_full_test_and_holds_the_truth(
     made: StudyRig, found: OneDisk
 ) -> None:
@@ -68,6 +69,7 @@ def test_the_joint_fit_is_that_of_the_full_test_and_holds_the_truth(
     assert total == pytest.approx(found.answers["joint"].u, rel=1e-6)
 
 
+@pytest.mark.e2e
 def test_the_command_takes_one_record_and_tells_what_is_not_possible(lone: Path) -> None:
     record, out = str(lone.with_name("fast.disk.json")), lone.with_name("beta.json")
     page = lone.with_name("beta.html")
@@ -109,6 +111,7 @@ def test_the_command_takes_one_record_and_tells_what_is_not_possible(lone: Path)
     assert shown.count("joint fit, fast disk") == 1
 
 
+@pytest.mark.e2e
 def test_the_page_s_model_is_the_joint_fit_s_own_and_its_budget_adds_up(
     found: OneDisk, tmp_path: Path
 ) -> None:
@@ -186,6 +189,7 @@ def test_a_record_of_the_disk_that_the_log_does_not_hold_is_one_too_many(
     assert "holds no column of the slow disk, whose record was given" in str(done.exception)
 
 
+@pytest.mark.study
 def test_a_log_of_one_disk_is_compensated_with_its_lag_from_the_unloading(
     made: StudyRig, lone: Path
 ) -> None:

@@ -75,6 +75,7 @@ def cost(problem: Problem, main: Array) -> float:
     return float(np.sum((residual + free @ best) ** 2) + known @ best**2 + prior)
 
 
+@pytest.mark.study
 def test_table_stands_for_the_rim_model(sound: Fitted) -> None:
     """Sum of squares of table and of rim model, nuisances at their best, at points up to two sigma off: to 0.01.
 
@@ -158,6 +159,7 @@ def test_widths_of_a_sound_test_are_those_of_the_covariance(table: pd.DataFrame)
         assert i.sentence == ""
 
 
+@pytest.mark.study
 def test_slow_waves_widen_profile_and_covariance_alike(rig: StudyRig) -> None:
     """Waves of 0.1 K and 3 s on a, c, e: the profile is then told of its inflation and stays the covariance's.
 

@@ -65,6 +65,7 @@ def stated_elsewhere(test: EhlTest, name: str, channel: str, deeper_m: float) ->
     return with_disk(test, replace(test.disks[name], setup=replace(setup, junctions=junctions)))
 
 
+@pytest.mark.study
 def test_a_sound_rig_raises_no_alarm_and_no_pair_is_illogical(sound: SensorCheck) -> None:
     assert sound.sound
     assert {f.code for found in sound.verdicts.values() for f in found} == {"sensors.sound"}
@@ -129,6 +130,7 @@ def test_effects_on_the_features_are_differences_of_their_answers(b3: EhlTest) -
     assert np.abs(full[unloading, :3]).min() > 0
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     ("disk", "pair"),
     [
@@ -155,6 +157,7 @@ def test_two_swapped_channels_are_named(b3: EhlTest, disk: str, pair: str) -> No
     assert f"{disk}_{one}_degC" in suspect.columns
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("channel", CHANNELS)
 def test_a_flat_channel_is_dead(b3: EhlTest, channel: str) -> None:
     rng = np.random.default_rng(1)
@@ -163,6 +166,7 @@ def test_a_flat_channel_is_dead(b3: EhlTest, channel: str) -> None:
     assert (suspect.kind, suspect.channels) == ("dead", (channel,))
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     ("channel", "deeper_mm"),
     [
@@ -183,6 +187,7 @@ def test_a_misplaced_junction_of_the_outer_row_is_named_with_its_depth(
     )  # 3 u of a depth known to 0.1 mm
 
 
+@pytest.mark.study
 def test_a_wrong_static_line_is_not_taken_for_a_wrong_depth(b3: EhlTest) -> None:
     """An offset leaves the transients as they were; a wrong depth does not."""
     for channel in ("a", "e"):
@@ -196,6 +201,7 @@ def test_a_wrong_static_line_is_not_taken_for_a_wrong_depth(b3: EhlTest) -> None
         )  # prior of 5 K, and 3 u of the model's level
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("channel", CHANNELS)
 def test_an_offset_shows_before_the_load_in_every_channel(b3: EhlTest, channel: str) -> None:
     """An inner one under load is nearly another h and an uneven fit; at rest all junctions read alike."""
@@ -217,6 +223,7 @@ def test_a_disk_that_is_warm_before_the_load_is_not_asked_for_offsets(b3: EhlTes
     assert not any(at_rest(b3).values())
 
 
+@pytest.mark.study
 def test_two_of_the_inner_row_exchanged_are_told_by_their_static_lines_at_rest(b3: EhlTest) -> None:
     """Under load they read nearly alike; each read through the other's line does not."""
     lines = b3.disks["fast"].lines
@@ -244,6 +251,7 @@ def test_a_channel_that_drifted_a_little_is_not_called_exchanged(
         assert "swapped" not in [fault.kind for fault, _, _ in at_rest(moved)["fast"]]
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(("channel", "late_s"), [("e", 0.5), ("a", 0.5), ("e", -0.4)])
 def test_a_column_that_is_much_shifted_in_time_is_named_with_its_shift(
     b3: EhlTest, channel: str, late_s: float
@@ -388,6 +396,7 @@ def test_channels_swapped_between_the_disks_are_named(b3: EhlTest, fast: str, sl
     assert suspect.columns == (f"fast_{fast}_degC", f"slow_{slow}_degC")
 
 
+@pytest.mark.study
 def test_channels_swapped_between_the_disks_are_named_though_their_lines_are_far_apart(
     b3: EhlTest,
 ) -> None:
@@ -407,6 +416,7 @@ def test_channels_swapped_between_the_disks_are_named_though_their_lines_are_far
     assert (suspect.kind, suspect.columns) == ("swapped", ("fast_e_degC", "slow_e_degC"))
 
 
+@pytest.mark.study
 def test_a_stated_doubt_of_the_flux_s_place_is_heeded() -> None:
     """A millimetre beside the centre is otherwise taken for a misplaced junction."""
     test = at_one_radius(world_rig(7202, "flux 1 mm").test)

@@ -48,6 +48,7 @@ def missed_K(made: StudyRig, test: EhlTest, disk: str) -> np.ndarray:
     return np.asarray(wrong[after] - wrong[window.at_s < off - 0.5].mean(axis=0))
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     "world", ["brake 3 s", "brake 20 s", "again 0.1 s", "again 0.4 s", "both", "neither"]
 )
@@ -63,6 +64,7 @@ def test_with_the_true_share_and_h_the_model_follows_the_whole_disk(world: str, 
         assert np.abs(missed_K(made, made.test, disk)).max() > 10 * TOLERANCE_K
 
 
+@pytest.mark.study
 def test_disks_that_keep_their_speed_have_no_film_to_follow() -> None:
     made = study_rig(12)
     assert made.test.slowing == {}
@@ -103,6 +105,7 @@ def held(told: dict[str, float]) -> None:
     assert not told["alarm"]
 
 
+@pytest.mark.study
 def test_braked_disks_that_touch_again_give_lags_and_share(
     braked_and_touched: tuple[StudyRig, Partition],
 ) -> None:
@@ -168,6 +171,7 @@ def test_a_speed_that_is_missing_after_the_parting_is_taken_as_unchanged_and_sai
     assert gone.test.slowing == {}
 
 
+@pytest.mark.study
 def test_an_inverted_switch_gives_the_answers_of_the_right_one() -> None:
     right = study_rig(12).test
     wrong = study_rig(12, disturbed=lambda f: f.assign(contact=1 - f["contact"])).test

@@ -100,6 +100,7 @@ def off_K(made: StudyRig, found: Unevenness) -> np.ndarray:
     return found.level_K - told["amplitude_K"] * np.array([np.cos(at), np.sin(at)])
 
 
+@pytest.mark.study
 def test_a_fit_stated_as_it_is_serves_as_the_prior() -> None:
     """The harmonic within its 99 % region, the second within two standard uncertainties of what was subtracted."""
     made, p = analysed(0.0)
@@ -127,6 +128,7 @@ def test_a_fit_stated_as_it_is_serves_as_the_prior() -> None:
     )
 
 
+@pytest.mark.study
 def test_where_the_film_takes_all_the_heat_half_an_uncertainty_of_it_goes_through_the_bore() -> (
     None
 ):
@@ -182,6 +184,7 @@ def test_a_stated_harmonic_is_the_prior_with_as_much_heat_as_a_sharp_fit_sees_an
         )
 
 
+@pytest.mark.study
 def test_a_fit_stated_elsewhere_is_told_and_not_used() -> None:
     """A prior on the far side, at 3 u of the data and more, says so; the disk is found as without a statement."""
     made, p = analysed(170.0)

@@ -130,6 +130,7 @@ def test_a_stated_slope_of_the_steel_removes_its_bias_and_an_open_one_widens() -
         assert abs(beta.value - made.told["beta"]) < 2.5 * beta.u, way
 
 
+@pytest.mark.study
 def test_the_effect_of_a_slope_is_what_another_slope_does() -> None:
     made = study_rig(SEED)
     u, at = 1e-4, (0.68, 750.0)
@@ -156,6 +157,7 @@ def test_the_effect_of_a_slope_is_what_another_slope_does() -> None:
         np.testing.assert_allclose(found, moved, atol=0.05 * np.abs(moved).max())
 
 
+@pytest.mark.study
 def test_a_column_of_the_fit_holds_no_noise_of_the_readings() -> None:
     """Else it would explain their noise: with it the share of the fast disk alone once came out 0.15 off."""
     made = study_rig(SEED)

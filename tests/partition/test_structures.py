@@ -44,6 +44,7 @@ def of_world(name: str) -> tuple[StudyRig, Partition]:
     return made, made.analyse()
 
 
+@pytest.mark.study
 def test_a_sound_test_keeps_its_structure(sound: tuple[StudyRig, Partition]) -> None:
     made, p = sound
     s = p.structures
@@ -70,6 +71,7 @@ def test_half_of_the_prior_is_for_what_was_assumed_and_the_rest_shared(
     assert np.asarray(s.probability) == pytest.approx(shares, rel=1e-9)
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     ("world", "structure"),
     [
@@ -88,6 +90,7 @@ def test_the_structure_that_is_there_is_named(world: str, structure: str) -> Non
     assert "structures.other" in [f.code for f in p.findings]
 
 
+@pytest.mark.study
 def test_what_wires_take_away_is_within_what_the_test_tells_of_it() -> None:
     _, p = of_world("stem 3 %")
     (stem,) = (a for a in p.structures.tried if a.name == "stem")

@@ -59,6 +59,7 @@ def test_the_harmonic_solves_its_equation_and_loses_heat_at_the_surface(
     )  # normalised at the depth of b
 
 
+@pytest.mark.study
 def test_junctions_read_the_harmonic_of_the_whole_disk() -> None:
     """Amplitude at the depth of b times shape and cosine, against the synthetic rig's first harmonic: 1 % of it, for
     the rim is taken as thin across its width and steady."""
@@ -132,6 +133,7 @@ def vector_z(made: StudyRig, p: Partition, disk: str) -> float:
     return found.level_z(ends[1] - ends[0])
 
 
+@pytest.mark.study
 def test_amplitude_and_angle_are_recovered_within_their_interval(
     uneven: tuple[StudyRig, Partition],
 ) -> None:
@@ -176,6 +178,7 @@ def test_readings_stand_without_the_harmonic_afterwards(uneven: tuple[StudyRig, 
         )  # 3 u of the weaker direction
 
 
+@pytest.mark.study
 def test_a_sound_log_stays_even_and_nearly_as_sharp(
     sound: tuple[StudyRig, Partition],
 ) -> None:

@@ -56,6 +56,7 @@ def test_the_verdict_gives_the_answer_before_the_agreement(partition: Partition)
     assert any(f"{partition.test.speed_exponent:g}" in line for line in assumed(partition))
 
 
+@pytest.mark.e2e
 def test_the_verdict_is_a_finding_and_is_said_once(partition: Partition, tmp_path: Path) -> None:
     found, said = partition.findings, partition.crosscheck.sentence
     assert found[-1] is partition.crosscheck.finding
@@ -84,6 +85,7 @@ def test_the_model_of_the_page_is_the_fits_own(partition: Partition) -> None:
     assert (rows["rms over noise [1]"].astype(float) < 2).all()
 
 
+@pytest.mark.e2e
 def test_a_page_tells_answer_status_and_sources_and_that_it_is_simulated(
     partition: Partition, tmp_path: Path
 ) -> None:

@@ -159,6 +159,7 @@ def test_a_page_opens_in_a_browser_without_console_errors(page: Path, tmp_path: 
     assert picture.stat().st_size > 60_000  # a page of pictures; an empty one is some kilobytes
 
 
+@pytest.mark.e2e
 def test_a_page_is_one_file_that_tells_its_answer_and_its_assumptions_first(page: Path) -> None:
     html = page.read_text(encoding="utf-8")
     assert "<script" not in html

@@ -60,6 +60,7 @@ def test_a_picture_ends_a_tenth_of_an_inch_beyond_what_is_drawn_and_so_beyond_it
     )  # of pixels that are partly covered
 
 
+@pytest.mark.e2e
 def test_a_heading_wider_than_its_picture_is_whole_wherever_the_border_falls() -> None:
     """Between two letters too; the figure is left as it was."""
     for pad in range(12):

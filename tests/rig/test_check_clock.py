@@ -146,6 +146,7 @@ def even(tmp_path_factory) -> float:
     return compensated(tmp_path_factory.mktemp("even"), "even")[0]
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("world", WORLDS)
 def test_compensation_loses_little_where_stamps_stray_and_samples_are_lost(tmp_path, even, world):
     """The error is within 1.3 times that of an even clock (24 channels: their ratio is good to some 10 %)."""

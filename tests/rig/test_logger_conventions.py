@@ -27,6 +27,7 @@ def read(
     return read_log(write_log(frame, folder / "log.csv"), kind, parse_rig(tables or {}, "rig.toml"))
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("unit", UNITS)
 @pytest.mark.parametrize("kind", FRAMES)
 @pytest.mark.parametrize("mapped", [False, True], ids=["by the column's name", "by [columns]"])
@@ -47,6 +48,7 @@ def test_temperatures_in_another_unit_are_read_as_in_degrees(
     assert [f.code for f in found.findings] == [f.code for f in plain.findings]
 
 
+@pytest.mark.e2e
 def test_friction_as_a_shaft_s_torque_is_the_torque_over_the_disk_s_radius(tmp_path: Path) -> None:
     frame = ehl_frame()
     torque = frame.assign(torque_slow_Nm=0.05 * frame["friction_N"]).drop(columns="friction_N")

@@ -112,6 +112,7 @@ FORMS = {
 }
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("rows", [250, 700])
 @pytest.mark.parametrize("form", FORMS)
 def test_whatever_form_a_log_has_its_pieces_are_what_read_log_gives(tmp_path, form, rows):
@@ -208,6 +209,7 @@ def test_what_read_log_refuses_is_refused_before_the_last_piece(tmp_path, form):
     assert sum(len(p.frame) for p in pieces) < 3000
 
 
+@pytest.mark.e2e
 @settings(
     max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )

@@ -243,6 +243,7 @@ def again(seed: int, drift_K: float = 0.0):
     return frame
 
 
+@pytest.mark.e2e
 def test_drift_between_two_calibrations_is_significant_when_real_and_rarely_otherwise():
     false = [len(diff_records(RECORD, make_record(again(s))).significant) > 0 for s in range(1, 61)]
     assert np.mean(false) <= 0.14  # 5 % over all rows, three sigma of 60 above it

@@ -49,6 +49,7 @@ def check_file(path: Path, column: str, lag_s: float) -> None:
     assert run_cli("sensor", "show", path) == 0
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("lag_s", LONG_S)
 def test_a_plunge_is_written_read_and_compensated(lag_s: float, tmp_path: Path) -> None:
     t, _, _ = room(lag_s)
@@ -63,6 +64,7 @@ def test_a_plunge_is_written_read_and_compensated(lag_s: float, tmp_path: Path) 
     assert run_cli("compensate", log, "--sensor", out, "--out", tmp_path / "o.csv") == 0
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("lag_s", LONG_S)
 def test_a_specified_lag_compensates_and_follows_a_room(lag_s: float, tmp_path: Path) -> None:
     t, truth, y = room(lag_s)
@@ -90,6 +92,7 @@ def test_a_specified_lag_compensates_and_follows_a_room(lag_s: float, tmp_path: 
     assert np.sqrt(np.mean(error[settled] ** 2)) < 0.3 * np.sqrt(np.mean((y - truth)[settled] ** 2))
 
 
+@pytest.mark.e2e
 @pytest.mark.parametrize("lag_s", LONG_S)
 def test_a_model_of_identify_is_a_sensor(lag_s: float, tmp_path: Path) -> None:
     rng = np.random.default_rng(3)
@@ -106,6 +109,7 @@ def test_a_model_of_identify_is_a_sensor(lag_s: float, tmp_path: Path) -> None:
     assert run_cli("compensate", log, "--sensor", out, "--out", tmp_path / "o.csv") == 0
 
 
+@pytest.mark.e2e
 def test_a_pair_a_current_and_process_noise_give_long_lags(tmp_path: Path) -> None:
     out = tmp_path / "s.sensor.json"
     t, a, b, _ = two_in_a_gas(6, (0.15, 0.5), 0.02, 1500, (0.3, 0.3))

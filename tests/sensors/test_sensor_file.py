@@ -86,6 +86,7 @@ def test_a_damaged_file_is_refused_by_its_key(
         read_sensor(path)
 
 
+@pytest.mark.study
 def test_every_unit_gives_the_same_answer_in_its_own_unit_and_other_columns_stay(
     tmp_path: Path,
 ) -> None:
@@ -181,6 +182,7 @@ def test_a_clock_or_a_unit_that_contradicts_the_rest_is_told(tmp_path: Path) -> 
     assert compensate_table(log, [sensor], tmp_path / "out.csv", unit="F").findings == ()
 
 
+@pytest.mark.study
 def test_the_band_holds_the_lag_s_uncertainty() -> None:
     """16 sensors drawn from their stated lags, 1.5 +- 0.15 and 0.3 +- 0.03 s: the 95 % bands hold, pointwise.
 
@@ -200,6 +202,7 @@ def test_the_band_holds_the_lag_s_uncertainty() -> None:
     assert np.mean(without) < 0.6
 
 
+@pytest.mark.study
 def test_a_table_in_stretches_is_the_table_at_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -257,6 +260,7 @@ def test_stretches_with_their_neighbours_give_what_the_whole_table_gives(
             assert np.abs(out[name] - one[:, 0]).max() < 1e-4
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     ("dt_s", "tau_s", "rows", "columns"),
     [(1.0, 8.0, 100, 1), (1e-4, 0.01, 4000, 3), (0.1, 1.0, 150, 40)],
@@ -374,6 +378,7 @@ def test_the_filter_that_identify_knew_is_that_of_the_sensor(
     assert np.allclose(chain.taus_s, (0.8, 0.3), rtol=0.02)
 
 
+@pytest.mark.study
 def test_a_model_of_identify_is_a_sensor(tmp_path: Path) -> None:
     t, x, y = logged((1.5, 0.3), 0.1, 1500, 0.05, 5)
     found = fit(

@@ -27,6 +27,7 @@ from tests.sensors.sensor_world import (
 )
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     ("kind", "draws", "most"),
     [("pair", 4, 0.1), ("flow", 2, 0.1), ("current", 4, 0.15), ("noise", 2, 0.2)],
@@ -39,6 +40,7 @@ def test_the_lag_lies_in_its_interval(kind: str, draws: int, most: float) -> Non
     assert max(abs(e.value - v) / e.u for e, v in found) < 4.5
 
 
+@pytest.mark.study
 def test_noise_on_both_does_not_bias_the_pair_where_plain_regression_is_wrong() -> None:
     """16 records of large noise: the mean of the short lag within 3 of its standard errors; regression far off."""
     taus, lags, plain = (0.15, 0.5), [], []
@@ -83,6 +85,7 @@ def test_the_modes_of_a_cylinder_add_to_its_lag() -> None:
     assert slender[0] == pytest.approx(2.0, rel=0.003)
 
 
+@pytest.mark.study
 def test_an_answer_that_does_not_tell_the_plunge_is_said_to() -> None:
     """Much noise: the interval is wide, holds the lag, and a finding says so."""
     rng = np.random.default_rng(14)
@@ -96,6 +99,7 @@ def test_an_answer_that_does_not_tell_the_plunge_is_said_to() -> None:
         current_sensor(t, y + 10 * rng.standard_normal(len(y)), np.sqrt(power), "T")
 
 
+@pytest.mark.study
 def test_a_thermocouple_that_is_read_only_without_current_gives_the_same_lag() -> None:
     rng = np.random.default_rng(2)
     probe = Sheath.drawn(rng)
@@ -121,6 +125,7 @@ def test_of_two_lags_the_longer_is_told_first_and_one_of_a_millionth_is_not_told
     assert _lags(np.log([2.0, 1.9e-6])) == pytest.approx([2.0])
 
 
+@pytest.mark.study
 def test_noise_tells_when_its_conditions_do_not_hold() -> None:
     t, y = fluctuating(1, (1.0,), 0.1, 12_000, 0.05)
     calm = noise_sensor(t, y, "T")
@@ -146,6 +151,7 @@ def test_noise_tells_when_its_conditions_do_not_hold() -> None:
         noise_sensor(t[:100], y[:100], "T")
 
 
+@pytest.mark.e2e
 def test_the_commands_write_files_that_compensate_takes(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -57,6 +57,7 @@ def test_a_step_begins_where_the_reading_leaves_its_noise(noise_K: float, down: 
     assert step.rise_s == pytest.approx(1.5, abs=0.3)
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     ("taus_s", "dt_s", "n", "noise_K"),
     [((1.5, 0.3), 0.05, 500, 0.1), ((1.5,), 0.05, 500, 0.1), ((0.3, 0.05), 0.01, 600, 0.2)],
@@ -99,6 +100,7 @@ def test_a_specified_entry_that_the_data_contradict_is_a_warning_with_both_insta
     assert "dead time" in conflict.sentence
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("specified_u_s", [0.0, 0.001, 0.02, 0.2])
 def test_a_specified_entry_that_is_right_is_no_warning(specified_u_s: float) -> None:
     """Off by its own standard uncertainty at most; a medium as specified."""
@@ -126,6 +128,7 @@ def test_no_step_a_step_that_is_cut_off_and_few_samples_are_refused() -> None:
         plunge_sensor(t[:20], y[:20], "T1")
 
 
+@pytest.mark.study
 def test_what_is_no_chain_of_lags_is_told() -> None:
     t, y, _ = plunged((1.5,), 0.05, 500, 0.05, 3)
     made = plunge_sensor(t, y + 8 * np.exp(-(((t - 9) / 0.8) ** 2)), "T1")

@@ -117,6 +117,7 @@ def test_what_a_record_does_not_determine_is_left_empty(tmp_path: Path) -> None:
     assert (np.abs(out["TC1_degC"] - gas)[reported] < 4 * out["TC1_u_K"][reported]).mean() > 0.98
 
 
+@pytest.mark.study
 def test_a_sound_record_has_no_such_finding(tmp_path: Path) -> None:
     """Steps of the gas by 600 K within one row are fast, but the sensor can follow them."""
     y = np.empty(1200)

@@ -62,6 +62,7 @@ def test_logs_read_back_and_stand_beside_their_truth(tmp_path: Path) -> None:
     assert apart.abs().median() < 0.9
 
 
+@pytest.mark.study
 def test_a_file_depends_on_the_seed_and_its_own_name_only(tmp_path: Path) -> None:
     alone = campaign(tmp_path / "a")
     among = campaign(tmp_path / "b", tests=("A1", "B3"), plunges=(PlannedPlunge(110.0),), n_jobs=2)
@@ -71,6 +72,7 @@ def test_a_file_depends_on_the_seed_and_its_own_name_only(tmp_path: Path) -> Non
     assert len(among.plunges["slow"]) == 1
 
 
+@pytest.mark.study
 def test_a_folder_used_again_gives_this_campaign_s_files_only(tmp_path: Path) -> None:
     first = campaign(tmp_path, tests=("A1", "B3"))
     again = campaign(tmp_path, tests=("b3", "B3"), plunges=(PlannedPlunge(110.0),))

@@ -65,6 +65,7 @@ def test_press_fit_of_a_thin_ring_follows_its_hoop_stress() -> None:
     )
 
 
+@pytest.mark.study
 def test_contact_loads_no_simulator() -> None:
     code = "import sys, tcdyn.rig.contact; print([m for m in sys.modules if m.startswith('tcdyn.simulate.')])"
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

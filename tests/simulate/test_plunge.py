@@ -72,6 +72,7 @@ def test_disks_reach_no_bath_but_follow_each_other_in_order_of_depth() -> None:
     assert 110 > last["e_degC"] > last["a_degC"] > last["b_degC"] > 30
 
 
+@pytest.mark.study
 def test_hand_pressed_switch_scatters_by_a_seventh_of_a_second_and_sometimes_bounces() -> None:
     runs = [
         simulate_plunge("fast", seed, options=PlungeOptions(entry_s=3, after_s=2))[1]

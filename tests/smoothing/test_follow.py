@@ -285,6 +285,7 @@ def test_a_log_that_cannot_be_followed_is_refused_and_nothing_written(
     assert not (tmp_path / "out.csv").exists()
 
 
+@pytest.mark.e2e
 def test_a_plunge_is_followed_with_one_record(campaign: Campaign, tmp_path: Path) -> None:
     log, out = campaign.files.plunges["fast"][0], tmp_path / "plunge.csv"
     one = {"fast": campaign.records["fast"]}

@@ -61,6 +61,7 @@ def test_a_chain_without_lag_and_a_late_spike_do_no_harm() -> None:
     assert np.sqrt(np.mean((done.temperature[:, 0] - 20.0) ** 2)) < 0.02
 
 
+@pytest.mark.study
 def test_an_event_that_the_others_make_doubtful_is_given_up(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -62,6 +62,7 @@ def hold(made: World, run: FollowRun, done: pd.DataFrame, behind_s: float) -> No
         assert np.sqrt(np.mean(error**2)) < 2 * NOISE_K
 
 
+@pytest.mark.study
 @pytest.mark.parametrize(
     ("before", "behind_s"),
     [(0.0, 0.5), (0.97, 0.5), (0.97, 0.0)],
@@ -103,6 +104,7 @@ def test_behind_it_is_the_batch_smoother_within_the_stated_band(
     assert run.ended.startswith("no growth")
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("behind", [0, 37])
 def test_small_bursts_and_one_upon_another_are_within_the_band(behind: int) -> None:
     """200 channels at rest, each with a burst of 0.5 to 1 K or one of 1.5 to 3 K that steps up or down on its way."""

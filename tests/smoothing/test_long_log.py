@@ -49,6 +49,7 @@ def test_of_a_long_log_the_rows_about_the_unloading_are_kept_as_they_are(
         stages.read_stage(pieces, 2)
 
 
+@pytest.mark.e2e
 @pytest.mark.usefixtures("small")
 @pytest.mark.parametrize("ending", [".csv", ".parquet"])
 def test_a_long_log_is_compensated_as_in_one_piece(

@@ -254,6 +254,7 @@ def test_noise_that_no_part_of_the_model_explains_is_said(world: str) -> None:
     assert [f.code for f in told.findings("fast")].count("noise.unexplained") == (world != "white")
 
 
+@pytest.mark.study
 def test_bursts_in_every_segment_are_not_taken_for_coloured_noise() -> None:
     """One in six seconds in every channel: they are found, the noise is white, and nothing passes for an event."""
     t, truth, clean = logged(False, 60.0)
@@ -313,6 +314,7 @@ def test_what_one_junction_alone_does_is_not_cut_out_as_a_burst(others: str) -> 
         assert np.count_nonzero(moved[:, 0]) < 4
 
 
+@pytest.mark.study
 def test_a_channel_that_mostly_rests_or_is_missing_tells_nothing_of_the_noise() -> None:
     """Steps of 0.5 K on 0.01 K of noise; six samples of ten lost: the levels stay those of differences and steps."""
     t, _, clean = logged(False, 40.0)
@@ -369,6 +371,7 @@ def test_plunges_sampled_at_two_rates_are_each_made_white_at_their_own() -> None
     assert np.abs(other - own).max() > 1.0
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("rate_Hz", [10.0, 50.0, 100.0])
 def test_a_temperature_that_swings_is_not_called_hum(rate_Hz: float) -> None:
     """A wave that the chain lets through, in a record of few segments, is the temperature's own."""

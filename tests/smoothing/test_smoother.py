@@ -181,6 +181,7 @@ def test_the_uncertainty_of_an_events_time_stays_with_its_event():
     assert ours.events_s == ((5.0, 0.3), (12.0, 0.0))
 
 
+@pytest.mark.study
 def test_the_split_of_a_lag_is_counted_and_the_band_holds():
     """One lag of 0.67 s divided as its record does not know to 0.08 s: 24 records, 5 % of which may miss."""
     rng, dt = np.random.default_rng(3), 1 / 30

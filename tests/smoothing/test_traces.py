@@ -67,6 +67,7 @@ def test_a_logger_whose_steps_hide_the_noise_is_named(record: DiskRecord) -> Non
     assert found.numbers["step_K"] == pytest.approx(0.21, rel=1e-3)
 
 
+@pytest.mark.study
 def test_each_channel_goes_through_its_line_and_the_spike_finder_once(
     campaign: Campaign, monkeypatch: pytest.MonkeyPatch
 ) -> None:
