@@ -21,15 +21,15 @@ from tcdyn.partition.at_rest import cables_exchanged
 from tcdyn.partition.cooling import (
     Alone,
     CoolingFit,
-    CoolingShift,
+    CoolingSensitivity,
     compensated,
     cooling_errors,
     cooling_fit,
     cooling_shift,
-    fits_alone,
-    longer_than_lag,
+    single_disk_fits,
+    require_window_longer_than_lag,
     refined_chains,
-    slowed,
+    with_slowing_air_offset,
     smoothed,
     surface_temperatures,
 )
@@ -37,15 +37,15 @@ from tcdyn.partition.crosscheck import Budget, CrossCheck, cross_check, monte_ca
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import JOINT_WINDOW_S, BothFit, DiskFit, joint_fits
 from tcdyn.partition.model_forms import (
-    OFF_SCALE,
-    WAYS,
+    POWER_SCALE_TOLERANCE,
+    ESTIMATORS,
     Alternatives,
-    alternatives,
-    impossible,
+    compare_model_forms,
+    impossibility_findings,
     power_scale,
-    withheld,
+    impossible_keys,
 )
-from tcdyn.partition.press_fit import stated_round
+from tcdyn.partition.press_fit import press_fit_priors
 from tcdyn.partition.profile import joint_profiles
 from tcdyn.partition.sensor_check import SensorCheck, check_sensors
 from tcdyn.partition.steady import (
@@ -62,11 +62,11 @@ from tcdyn.smoothing.record import Compensated
 
 # of the cooling fit; a channel at rest that is off by more reads something else
 WINDOW_S = 5.0
-LOST_K = 20.0
-NOTHING: Mapping[str, Unevenness] = {}
+MAX_OFFSET_K = 20.0
+NO_HARMONICS: Mapping[str, Unevenness] = {}
 # the exponent this far from the speed law's, and its opposite this near
 EXCHANGED_Z = 5.0
-SAME_Z = 3.0
+OPPOSITE_Z = 3.0
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class Partition:
 
     ``compensated``: each disk's traces over ``rows`` of the test, smoothed with ``chains`` (the record's, their common
     lag refined by the joint fit); ``answers``: every quantity with the uncertainty of the budget's draws, which hold
-    their correlations; ``structures``: the fit of both disks if the test were built otherwise; ``noticed``: what was
+    their correlations; ``model_form_columns``: the fit of both disks if the test were built otherwise; ``noticed``: what was
     found on the way, before the cross-check's verdict.
     """
 
@@ -109,12 +109,12 @@ class Partition:
     @property
     def ways(self) -> dict[str, Estimate]:
         """beta of the fast disk by each way."""
-        return {way: self.answers[way] for way in WAYS}
+        return {way: self.answers[way] for way in ESTIMATORS}
 
     @property
     def withheld(self) -> frozenset[str]:
         """Keys of ``answers`` that cannot be true, and of both disks' estimates as "both beta"; not to be shown."""
-        return withheld(self.answers, self.both.estimates)
+        return impossible_keys(self.answers, self.both.estimates)
 
     @property
     def status(self) -> str:
@@ -169,8 +169,8 @@ def analyse(
     first. Raises InputError when the log ends too early, the window is shorter than the lag, a channel is dead or
     swapped, or the data contradict the model.
     """
-    longer_than_lag(test, window_s)
-    logged = test = followed(at_one_radius(at_own_temperature(with_surfaces(test))))
+    require_window_longer_than_lag(test, window_s)
+    logged = test = with_slowing_by_speed_law(at_one_radius(at_own_temperature(with_surfaces(test))))
     joint_s = float(
         min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s)
     )  # of cooling, or what the log holds
@@ -180,25 +180,25 @@ def analyse(
     if sensor_check:
         progress("sensor map")
         sensors = _check_sensors(test, rows, joint_s, profile)
-        findings += heeded(sensors)
+        findings += check_suspects(sensors)
     progress("steady lines")
     lines, speed = steady_lines(test, rows, profile, weights)
     progress("joint fits")
     joint, both = joint_fits(test, speed.starts, joint_s, profile)
     if test.slowing:
-        test = slowed(test, {d: (fit.share, fit.h_W_m2K) for d, fit in joint.items()})
+        test = with_slowing_air_offset(test, {d: (fit.share, fit.h_W_m2K) for d, fit in joint.items()})
         joint, both = joint_fits(test, speed.starts, joint_s, profile)
     fitted = test
-    (test, again) = evened(test, both.uneven)
+    (test, again) = remove_and_expect_harmonics(test, both.uneven)
     lines, speed = steady_lines(test, rows, profile, weights)
-    stated, contradicted = stated_round(test, both.estimates, both.uneven)
+    stated, contradicted = press_fit_priors(test, both.estimates, both.uneven)
     findings += contradicted
     if stated:
-        again = evened(fitted, both.uneven, stated)[1]
+        again = remove_and_expect_harmonics(fitted, both.uneven, stated)[1]
     if again is not None:
-        fitted = unwound(again, again.uneven) if stated else again
+        fitted = remove_harmonics(again, again.uneven) if stated else again
         joint, both = joint_fits(fitted, speed.starts, joint_s, profile)
-        test, _ = evened(again, both.uneven, stated)
+        test, _ = remove_and_expect_harmonics(again, both.uneven, stated)
         lines, speed = steady_lines(test, rows, profile, weights)
     findings += [told for d in DISKS if (told := both.uneven[d].finding(d)) is not None]
     progress("other structures, compensation and cooling fits")
@@ -206,7 +206,7 @@ def analyse(
     windows: dict[str, DiskWindow] = {}
     shown: dict[str, Compensated] = {}
     cooling: dict[str, CoolingFit] = {}
-    shifts: dict[str, CoolingShift] = {}
+    shifts: dict[str, CoolingSensitivity] = {}
     for d in DISKS:
         disk = test.disks[d]
         line = lines[d]
@@ -221,7 +221,7 @@ def analyse(
         shown[d] = traces.shown
         cooling[d] = fit
         shifts[d] = cooling_shift(fit, *errors, line)
-    structures = alternatives(fitted, joint, both)
+    structures = compare_model_forms(fitted, joint, both)
     budget = monte_carlo(test, lines, cooling, shifts, joint, seed)
     values = {
         "speed law": speed.beta,
@@ -239,8 +239,8 @@ def analyse(
         k: Estimate.normal(value, float(np.std(draws[k])))
         for k, value in (values | surface).items()
     }
-    held = structures if "both beta" not in withheld(answers, both.estimates) else None
-    causes = impossible(answers, both.estimates, draws)
+    held = structures if "both beta" not in impossible_keys(answers, both.estimates) else None
+    causes = impossibility_findings(answers, both.estimates, draws)
     units = [f for f in causes if f.numbers.get("units")]  # they explain all the rest
     findings = [
         *_exchanged(logged, both),
@@ -250,7 +250,7 @@ def analyse(
     ]
     findings += held.findings if held else ()
     checked = cross_check(
-        {way: answers[way] for way in WAYS}, draws, tensions(test, joint, both, sensors), held
+        {way: answers[way] for way in ESTIMATORS}, draws, tensions(test, joint, both, sensors), held
     )
     return Partition(
         test,
@@ -272,12 +272,12 @@ def analyse(
     )
 
 
-def heeded(found: SensorCheck) -> list[Finding]:
-    """What the sensor map suspects. Raises InputError where a channel is dead, swapped or off by ``LOST_K``."""
+def check_suspects(found: SensorCheck) -> list[Finding]:
+    """What the sensor map suspects. Raises InputError where a channel is dead, swapped or off by ``MAX_OFFSET_K``."""
     suspected = [suspect.finding for suspect in found.suspects]
     for finding in suspected:
         n = finding.numbers
-        lost = n["kind"] == "dead" or (n["kind"] == "offset" and abs(n["size"] or 0.0) > LOST_K)
+        lost = n["kind"] == "dead" or (n["kind"] == "offset" and abs(n["size"] or 0.0) > MAX_OFFSET_K)
         if lost or finding.severity is Severity.ERROR:
             raise InputError(
                 finding.sentence,
@@ -298,7 +298,7 @@ def _exchanged(test: EhlTest, both: BothFit) -> list[Finding]:
         abs(assumed - sign * n.value) / float(np.hypot(n.u, law_u)) for sign in (1, -1)
     )
     at_rest = away >= EXCHANGED_Z and cables_exchanged(test)
-    if away < EXCHANGED_Z or (opposite > SAME_Z and not at_rest):
+    if away < EXCHANGED_Z or (opposite > OPPOSITE_Z and not at_rest):
         return []
     numbers: dict[str, Any] = {
         "exponent": n.value,
@@ -316,11 +316,11 @@ def _check_sensors(test: EhlTest, rows: slice, joint_s: float, profile: Profile)
         return found
     try:
         _, speed = steady_lines(test, rows, profile)
-        joint = fits_alone(test, speed.starts, joint_s, profile)
+        joint = single_disk_fits(test, speed.starts, joint_s, profile)
     except InputError:
         return found
     scale = power_scale(*(joint[d].estimates["beta"].value for d in DISKS))
-    if scale <= 0 or abs(scale - 1) < OFF_SCALE:
+    if scale <= 0 or abs(scale - 1) < POWER_SCALE_TOLERANCE:
         return found
     return (
         again
@@ -329,18 +329,18 @@ def _check_sensors(test: EhlTest, rows: slice, joint_s: float, profile: Profile)
     )
 
 
-def followed(test: EhlTest) -> EhlTest:
+def with_slowing_by_speed_law(test: EhlTest) -> EhlTest:
     """The test with the film of slowing disks, by the speed law."""
     length = float(min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s))
     return (
-        slowed(test, steady_lines(test, stretch_of(test, length))[1].starts)
+        with_slowing_air_offset(test, steady_lines(test, stretch_of(test, length))[1].starts)
         if test.slowing
         else test
     )
 
 
-def evened(
-    test: EhlTest, found: Mapping[str, Unevenness], stated: Mapping[str, Unevenness] = NOTHING
+def remove_and_expect_harmonics(
+    test: EhlTest, found: Mapping[str, Unevenness], stated: Mapping[str, Unevenness] = NO_HARMONICS
 ) -> tuple[EhlTest, EhlTest | None]:
     """The test without the harmonics round the bore that were ``found``; and where one is beyond doubt, or ``stated``,
     the test with them, to be fitted again with what is to be expected of such a disk."""
@@ -349,10 +349,10 @@ def evened(
         d: replace(found[d], second_K=e.second_K, about_K=e.about_K) for d, e in expected.items()
     }
     uneven = bool(stated) or any(one.second_K > 0 for one in known.values())
-    return unwound(test, known), replace(test, uneven=expected) if uneven else None
+    return remove_harmonics(test, known), replace(test, uneven=expected) if uneven else None
 
 
-def unwound(test: EhlTest, known: Mapping[str, Unevenness]) -> EhlTest:
+def remove_harmonics(test: EhlTest, known: Mapping[str, Unevenness]) -> EhlTest:
     """The test without the harmonics round the bore that are ``known``."""
     disks = {}
     for d, disk in test.disks.items():
@@ -365,6 +365,6 @@ def unwound(test: EhlTest, known: Mapping[str, Unevenness]) -> EhlTest:
 
 def refine_lags(test: EhlTest) -> Mapping[str, Alone]:
     """Joint fits of the disks that were logged, for their chains."""
-    test = followed(at_own_temperature(with_surfaces(test)))
+    test = with_slowing_by_speed_law(at_own_temperature(with_surfaces(test)))
     length = float(min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s))
-    return fits_alone(test, steady_lines(test, stretch_of(test, length))[1].starts, length)
+    return single_disk_fits(test, steady_lines(test, stretch_of(test, length))[1].starts, length)

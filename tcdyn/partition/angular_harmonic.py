@@ -27,17 +27,17 @@ SHAPES = {
     "bend": 0.15,
     "fall": 0.5,
 }  # priors [K] at the rim's edge, the depth of b
-PER_K = {
+HARMONIC_PRIOR_REL = {
     "level": 1.0,
     "drift": 0.3,
     "bend": 0.15,
     "fall": 0.5,
 }  # at least this share of the level, once it was found
-KEEPS_S = 10.0  # as long after the parting drift and bend go on: the bore does not feel it yet
-FALL_S = 25.0  # by then half of what falls has fallen: a fiftieth after ten seconds, against whole-disk solutions
-SECOND_REL = 0.07  # of the first harmonic: what the same contact makes of the second, against whole-disk solutions
+DRIFT_LASTS_S = 10.0  # as long after the parting drift and bend go on: the bore does not feel it yet
+HALF_FALL_S = 25.0  # by then half of what falls has fallen: a fiftieth after ten seconds, against whole-disk solutions
+SECOND_HARMONIC_REL = 0.07  # of the first harmonic: what the same contact makes of the second, against whole-disk solutions
 ANGLE_U_DEG = 3.0  # of each junction: what stands in the rig file is assumed (design, section 12)
-SIGNIFICANT = 3.0
+SIGNIFICANT_Z = 3.0
 LEAST_KAPPA_R = 1e-2
 LARGEST_ANGLE_U_DEG = 180.0 / 3**0.5  # of an angle that nobody knows
 
@@ -51,19 +51,19 @@ class Unmeasured:
     shared: bool = False
 
 
-SIDES = ("cos", "sin")
-FIRST = tuple(
+COMPONENTS = ("cos", "sin")
+FIRST_HARMONIC = tuple(
     Unmeasured(f"uneven {shape}, {side}", "uneven bore contact")
     for shape in SHAPES
-    for side in SIDES
+    for side in COMPONENTS
 )
-SECOND = tuple(
-    Unmeasured(f"second harmonic, {side}", "second harmonic round the bore") for side in SIDES
+SECOND_HARMONIC = tuple(
+    Unmeasured(f"second harmonic, {side}", "second harmonic round the bore") for side in COMPONENTS
 )
-ANGLES = "angles of the junctions"
-ROUND = {
-    ANGLES,
-    *(what.source for what in (*SECOND, *FIRST)),
+ANGLE_SOURCE = "angles of the junctions"
+HARMONIC_SOURCES = {
+    ANGLE_SOURCE,
+    *(what.source for what in (*SECOND_HARMONIC, *FIRST_HARMONIC)),
 }  # sources of what has to do with the bore
 
 
@@ -71,7 +71,7 @@ ROUND = {
 class Unevenness:
     """What is known of the first harmonic of one disk: nothing but its prior, or what a joint fit found.
 
-    ``found`` (8,): of ``FIRST``, in standard uncertainties of the prior; ``covariance`` (8, 8) of what it leaves, in
+    ``found`` (8,): of ``FIRST_HARMONIC``, in standard uncertainties of the prior; ``covariance`` (8, 8) of what it leaves, in
     all; ``by_others``: how that moves with a standard uncertainty of what else nobody measured, (8,) each; ``h_W_m2K``:
     the film that it was found with; ``prior_K`` (4,): that prior, of ``SHAPES``; ``second_K``: standard uncertainty of
     the second harmonic at the depth of b; ``about_K`` (2,): the level, cos and sin, about which angles may be wrong;
@@ -80,8 +80,8 @@ class Unevenness:
     """
 
     prior_K: Array = field(default_factory=lambda: np.array(list(SHAPES.values())))
-    found: Array = field(default_factory=lambda: np.zeros(len(FIRST)))
-    covariance: Array = field(default_factory=lambda: np.eye(len(FIRST)))
+    found: Array = field(default_factory=lambda: np.zeros(len(FIRST_HARMONIC)))
+    covariance: Array = field(default_factory=lambda: np.eye(len(FIRST_HARMONIC)))
     by_others: Mapping[Unmeasured, Array] = field(default_factory=dict)
     h_W_m2K: float = 0.0
     second_K: float = 0.0
@@ -131,14 +131,14 @@ class Unevenness:
         size = float(np.hypot(*level))
         across = np.array([-level[1], level[0]]) / size if size else np.array([0.0, 1.0])
         u = np.rad2deg(float(np.sqrt(across @ covariance @ across)) / max(size, 1e-12))
-        known = self.significance > SIGNIFICANT and u < LARGEST_ANGLE_U_DEG
+        known = self.significance > SIGNIFICANT_Z and u < LARGEST_ANGLE_U_DEG
         at = float(np.rad2deg(np.arctan2(level[1], level[0])) % 360.0)
         half = Z95 * u if known else 180.0
         return Estimate(value=at, u=min(u, LARGEST_ANGLE_U_DEG), low95=at - half, high95=at + half)
 
     def finding(self, disk: str) -> Finding | None:
         """A note where the disk is uneven beyond doubt."""
-        if self.significance < SIGNIFICANT:
+        if self.significance < SIGNIFICANT_Z:
             return None
         size = self.amplitude_K
         at = self.angle_deg
@@ -162,12 +162,12 @@ class Unevenness:
     def expected(self) -> Unevenness:
         """The prior of a disk of which this was found: where it is beyond doubt, its change and its second harmonic may
         be shares of it, and the junctions' angles matter."""
-        if self.significance < SIGNIFICANT:
+        if self.significance < SIGNIFICANT_Z:
             return Unevenness(span_s=self.span_s)
         size = self.amplitude_K.value
         return Unevenness(
-            prior_K=prior_of(size),
-            second_K=SECOND_REL * size,
+            prior_K=harmonic_prior_K(size),
+            second_K=SECOND_HARMONIC_REL * size,
             about_K=self._level[0],
             span_s=self.span_s,
         )
@@ -176,12 +176,12 @@ class Unevenness:
 UNKNOWN = Unevenness()
 
 
-def prior_of(size_K: float) -> Array:
+def harmonic_prior_K(size_K: float) -> Array:
     """Standard uncertainties (4,) of ``SHAPES`` [K] in a disk whose level is known to be of ``size_K``."""
-    return np.maximum(list(SHAPES.values()), size_K * np.array(list(PER_K.values())))
+    return np.maximum(list(SHAPES.values()), size_K * np.array(list(HARMONIC_PRIOR_REL.values())))
 
 
-def known_kappa(setup: DiskSetup) -> float:
+def washer_kappa(setup: DiskSetup) -> float:
     """kappa of heat leaving through the washers [1/m]."""
     washer = setup.washer_conductivity_W_mK / setup.washer_thickness_m
     k = setup.conductivity_W_mK
@@ -201,7 +201,7 @@ def radial_shape(setup: DiskSetup, h_W_m2K: float, depth_m: Array, n: int = 1) -
     """
     k = setup.conductivity_W_mK
     outer = setup.outer_radius_m
-    kappa = known_kappa(setup)
+    kappa = washer_kappa(setup)
     edge = kappa * outer
     lost_i = k * kappa * special.ivp(n, edge) + h_W_m2K * special.iv(n, edge)
     lost_k = k * kappa * special.kvp(n, edge) + h_W_m2K * special.kv(n, edge)
@@ -211,7 +211,7 @@ def radial_shape(setup: DiskSetup, h_W_m2K: float, depth_m: Array, n: int = 1) -
     return np.asarray((shape[:-1] / shape[-1]).reshape(np.shape(depth_m)))
 
 
-def at_junctions(setup: DiskSetup, h_W_m2K: float, channels: Sequence[str], n: int = 1) -> Array:
+def harmonic_at_junctions(setup: DiskSetup, h_W_m2K: float, channels: Sequence[str], n: int = 1) -> Array:
     """What each of ``channels`` reads more by a kelvin of harmonic ``n`` at the depth of b, (2, C) for cos and sin."""
     places = [setup.junctions[c] for c in channels]
     angle = n * np.deg2rad([p.angle_deg for p in places])
@@ -220,35 +220,35 @@ def at_junctions(setup: DiskSetup, h_W_m2K: float, channels: Sequence[str], n: i
     )
 
 
-def in_time(since_s: Array, span_s: float) -> Array:
+def time_shapes(since_s: Array, span_s: float) -> Array:
     """``SHAPES`` of a kelvin at times since the parting, (4, N) [K]: level at it, drift, bend, and fall after it.
 
-    Before the steady window, which lasts ``span_s``, as at its start; what was under way goes on for ``KEEPS_S`` after
+    Before the steady window, which lasts ``span_s``, as at its start; what was under way goes on for ``DRIFT_LASTS_S`` after
     the parting. The fall begins with the third power of time: the bore is far.
 
-    >>> in_time(np.array([-200.0, -50.0, 0.0, 25.0]), 100.0).tolist()
+    >>> time_shapes(np.array([-200.0, -50.0, 0.0, 25.0]), 100.0).tolist()
     [[1.0, 1.0, 1.0, 1.0], [-1.0, -0.5, 0.0, 0.1], [1.0, 0.25, 0.0, 0.010000000000000002], [0.0, 0.0, 0.0, 0.5]]
     """
-    x = np.clip(np.asarray(since_s, dtype=float), -span_s, KEEPS_S) / span_s
-    return np.stack([np.ones_like(x), x, x * x, fallen(since_s)])
+    x = np.clip(np.asarray(since_s, dtype=float), -span_s, DRIFT_LASTS_S) / span_s
+    return np.stack([np.ones_like(x), x, x * x, fall_fraction(since_s)])
 
 
-def fallen(since_s: Array) -> Array:
+def fall_fraction(since_s: Array) -> Array:
     """Share, of all that falls, that fell within a time since the parting."""
-    cube = (np.clip(np.asarray(since_s, dtype=float), 0.0, None) / FALL_S) ** 3
+    cube = (np.clip(np.asarray(since_s, dtype=float), 0.0, None) / HALF_FALL_S) ** 3
     return np.asarray(cube / (1 + cube))
 
 
-def seen(setup: DiskSetup, h_W_m2K: float, static: Array, n: int = 1) -> Array:
+def outer_row_effect(setup: DiskSetup, h_W_m2K: float, static: Array, n: int = 1) -> Array:
     """What the outer row shows more than predicted by a kelvin of harmonic ``n`` at the edge, (2, P) for cos and sin.
 
     ``static`` (k, P): its answer to a lasting kelvin at each of the inner row, whose own part drives the rim.
     """
-    outer, inner = (at_junctions(setup, h_W_m2K, row, n) for row in (setup.outer, setup.inner))
+    outer, inner = (harmonic_at_junctions(setup, h_W_m2K, row, n) for row in (setup.outer, setup.inner))
     return np.asarray(outer - inner @ static)
 
 
-def round_effects(
+def add_harmonic_effects(
     of: tuple[Unmeasured, ...],
     change: Array,
     known: Unevenness,
@@ -262,37 +262,37 @@ def round_effects(
     Where a harmonic was found and subtracted, its remainder moves with what else nobody measured, and the rest of it
     has the covariance that is left.
     """
-    first = (known.prior_K[:, None] * in_time(since_s, known.span_s))[:, None, :, None] * seen(
+    first = (known.prior_K[:, None] * time_shapes(since_s, known.span_s))[:, None, :, None] * outer_row_effect(
         setup, h_W_m2K, static
     )[None, :, None, :]
-    first = first.reshape(len(FIRST), *change.shape[1:])
+    first = first.reshape(len(FIRST_HARMONIC), *change.shape[1:])
     constant = [
-        known.second_K * seen(setup, h_W_m2K, static, 2),
-        turned(setup, h_W_m2K, static, known.about_K),
+        known.second_K * outer_row_effect(setup, h_W_m2K, static, 2),
+        angle_error_effect(setup, h_W_m2K, static, known.about_K),
     ]
     change = np.concatenate(
         [change, np.concatenate(constant)[:, None] * np.ones((1, *change.shape[1:]))]
     )
-    of = (*of, *SECOND, *(Unmeasured(f"angle {c}", ANGLES) for c in setup.rows))
-    others = np.array([known.by_others.get(q, np.zeros(len(FIRST))) for q in of])
+    of = (*of, *SECOND_HARMONIC, *(Unmeasured(f"angle {c}", ANGLE_SOURCE) for c in setup.rows))
+    others = np.array([known.by_others.get(q, np.zeros(len(FIRST_HARMONIC))) for q in of])
     values, vectors = np.linalg.eigh(known.covariance - others.T @ others)
     root = (
         vectors * np.sqrt(np.clip(values, 0.0, None))
     ) @ vectors.T  # near the prior, the prior's own directions
     moved = change + np.tensordot(others, first, axes=1)
-    return (*of, *FIRST), np.concatenate([moved, np.tensordot(root, first, axes=1)])
+    return (*of, *FIRST_HARMONIC), np.concatenate([moved, np.tensordot(root, first, axes=1)])
 
 
-def turned(setup: DiskSetup, h_W_m2K: float, static: Array, about_K: Array) -> Array:
+def angle_error_effect(setup: DiskSetup, h_W_m2K: float, static: Array, about_K: Array) -> Array:
     """What the outer row shows more if one of the rows sits ``ANGLE_U_DEG`` further round the harmonic ``about_K``,
     (P + k, P)."""
-    (cos, sin) = at_junctions(setup, h_W_m2K, setup.rows)
+    (cos, sin) = harmonic_at_junctions(setup, h_W_m2K, setup.rows)
     p = len(setup.outer)
     more = np.diag(np.deg2rad(ANGLE_U_DEG) * (about_K[1] * cos - about_K[0] * sin))
     return np.asarray(more[:, :p] - more[:, p:] @ static)
 
 
-def sensed(
+def window_harmonic_effects(
     setup: DiskSetup, h_W_m2K: float, static: Array, event: NDArray[np.str_], after_s: Array
 ) -> Array:
     """What both rows show more in windows by a prior's standard uncertainty of the harmonic, (6, W, P + k) [K].
@@ -300,19 +300,19 @@ def sensed(
     Of cos and sin: its level when steady, its fall after unloading, its rise after loading, ``after_s`` (W,) since the
     ``event`` (W,); the inner row's first seconds after an event are predicted without the bore.
     """
-    whole = np.hstack([seen(setup, h_W_m2K, static), at_junctions(setup, h_W_m2K, setup.inner)])
+    whole = np.hstack([outer_row_effect(setup, h_W_m2K, static), harmonic_at_junctions(setup, h_W_m2K, setup.inner)])
     sizes = [
         (event == name) * size
         for name, size in (
             ("steady", SHAPES["level"]),
-            ("unloading", SHAPES["fall"] * fallen(after_s)),
-            ("loading", 2 * SHAPES["level"] * fallen(after_s)),
+            ("unloading", SHAPES["fall"] * fall_fraction(after_s)),
+            ("loading", 2 * SHAPES["level"] * fall_fraction(after_s)),
         )
     ]
     return np.array([size[:, None] * side for size in sizes for side in whole])
 
 
-def found_in(
+def harmonic_from_fit(
     theta: Array,
     covariance: Array,
     unknown: Sequence[tuple[Unmeasured, str]],
@@ -325,8 +325,8 @@ def found_in(
     With priors of unit variance the truth departs from what a fit found by covariance times what nobody measured
     departs from its statement, and by the noise.
     """
-    rows = [unknown.index((what, disk)) for what in FIRST]
-    own = [k for k, (what, of) in enumerate(unknown) if of in ("", disk) and what not in FIRST]
+    rows = [unknown.index((what, disk)) for what in FIRST_HARMONIC]
+    own = [k for k, (what, of) in enumerate(unknown) if of in ("", disk) and what not in FIRST_HARMONIC]
     by_others = {unknown[k][0]: covariance[rows, k] for k in own}
     return replace(
         prior,
@@ -339,12 +339,12 @@ def found_in(
 
 def harmonic_K(known: Unevenness, setup: DiskSetup, since_s: Array) -> Array:
     """What the channels read more, (N, C), by the harmonic that was found, at times since the parting."""
-    size_K = known.prior_K[:, None] * known.found.reshape(len(SHAPES), len(SIDES))
+    size_K = known.prior_K[:, None] * known.found.reshape(len(SHAPES), len(COMPONENTS))
     size_K[0] += known.stated_K
-    second = known.stated_second_K @ at_junctions(setup, known.h_W_m2K, setup.channels, 2)
+    second = known.stated_second_K @ harmonic_at_junctions(setup, known.h_W_m2K, setup.channels, 2)
     return np.asarray(
-        in_time(since_s, known.span_s).T
+        time_shapes(since_s, known.span_s).T
         @ size_K
-        @ at_junctions(setup, known.h_W_m2K, setup.channels)
+        @ harmonic_at_junctions(setup, known.h_W_m2K, setup.channels)
         + second
     )

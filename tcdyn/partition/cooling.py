@@ -14,20 +14,20 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.heat.rim import Profile
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.joint import Starts, disk_fit
-from tcdyn.partition.nuisance import Effects, effects
+from tcdyn.partition.joint import StartPoints, disk_fit
+from tcdyn.partition.nuisance import NuisanceEffects, nuisance_effects
 from tcdyn.partition.steady import (
     LAST_S,
-    LEVELLED_S,
-    ROUNDS,
+    MAX_COOLING_S,
+    N_ITERATIONS,
     SURFACE_DEPTH_M,
     DiskLine,
-    FitShift,
+    FitSensitivity,
     SpeedLawPoint,
     SteadyLine,
     surface_degC,
 )
-from tcdyn.partition.surface_flux import still
+from tcdyn.partition.surface_flux import constant_speed_air_offset
 from tcdyn.partition.window import DiskWindow, disk_window, lagged_window, stretch_of
 from tcdyn.smoothing.record import Compensated
 from tcdyn.smoothing.smoother import smooth
@@ -36,10 +36,10 @@ from tcdyn.smoothing.traces import DiskTraces
 H_RANGE_W_M2K = (5.0, 8000.0)
 MATCH_S = 10.0  # the model is matched to the readings over this long before parting
 LAG_STEP_S = 0.01
-LEAST_SPEED = 0.01  # of that under load
+MIN_SPEED_RATIO = 0.01  # of that under load
 
 
-def longer_than_lag(test: EhlTest, window_s: float) -> None:
+def require_window_longer_than_lag(test: EhlTest, window_s: float) -> None:
     """Raise InputError for a cooling window that holds less than the lag of a disk."""
     if window_s < (lag := max(d.common_lag_s for d in test.disks.values())):
         raise InputError(
@@ -49,7 +49,7 @@ def longer_than_lag(test: EhlTest, window_s: float) -> None:
         )
 
 
-def slowed(test: EhlTest, at: Mapping[str, tuple[float, float]]) -> EhlTest:
+def with_slowing_air_offset(test: EhlTest, at: Mapping[str, tuple[float, float]]) -> EhlTest:
     """The test with ``film`` set for the disks that did not keep their speed after the parting.
 
     The film's loss there is h (u/u_0)^n (T_s - T_A): that of the film under load with air at the running surface alone
@@ -59,8 +59,8 @@ def slowed(test: EhlTest, at: Mapping[str, tuple[float, float]]) -> EhlTest:
     """
     if not test.slowing:
         return test
-    rows = stretch_of(test, min(LEVELLED_S, float(test.time_s[-1] - test.events.unload_s)))
-    for _ in range(ROUNDS):
+    rows = stretch_of(test, min(MAX_COOLING_S, float(test.time_s[-1] - test.events.unload_s)))
+    for _ in range(N_ITERATIONS):
         film = {
             d: _film(test, test.disks[d], rows, *at[d]) for d in test.slowing if d in test.disks
         }
@@ -70,8 +70,8 @@ def slowed(test: EhlTest, at: Mapping[str, tuple[float, float]]) -> EhlTest:
 
 def _film(test: EhlTest, disk: DiskTraces, rows: slice, share: float, h_W_m2K: float) -> Array:
     window = lagged_window(test, disk, rows)
-    u = np.maximum(test.slowing[disk.name], LEAST_SPEED)
-    known = still(test, disk)
+    u = np.maximum(test.slowing[disk.name], MIN_SPEED_RATIO)
+    known = constant_speed_air_offset(test, disk)
     warmer = (
         surface_degC(window, share, h_W_m2K)
         - window.rim.inputs[:, window.rim.ambient]
@@ -84,7 +84,7 @@ def _film(test: EhlTest, disk: DiskTraces, rows: slice, share: float, h_W_m2K: f
 
 
 @dataclass(frozen=True)
-class Cooled:
+class CompensatedDisk:
     """One disk's traces over some rows of a test with their lag removed, and the window of what was compensated.
 
     ``late``: that window had ``LAG_STEP_S`` more lag been removed; ``noise_K``: standard deviation of what compensation
@@ -126,7 +126,7 @@ class CoolingFit:
 
 
 @dataclass(frozen=True)
-class CoolingShift(FitShift):
+class CoolingSensitivity(FitSensitivity):
     """Errors of (share, h); ``by_lag`` (2,): the same per second by which the compensated lag is too long."""
 
     by_lag: Array
@@ -151,8 +151,8 @@ class Alone:
     estimates: Mapping[str, Estimate]
 
 
-def fits_alone(
-    test: EhlTest, start: Starts, window_s: float, profile: Profile = "modal"
+def single_disk_fits(
+    test: EhlTest, start: StartPoints, window_s: float, profile: Profile = "modal"
 ) -> dict[str, Alone]:
     """Joint fit of each disk that has a ``start``, independent of the other disk."""
     alone = {}
@@ -197,7 +197,7 @@ def smoothed(
 
 def compensated(
     test: EhlTest, disk: DiskTraces, rows: slice, done: Compensated, profile: Profile = "modal"
-) -> Cooled:
+) -> CompensatedDisk:
     """The traces of one disk over ``rows``, ``done`` by :func:`smoothed`, and the windows made of them."""
     window, late = (
         disk_window(
@@ -210,7 +210,7 @@ def compensated(
         )
         for longer_s in (0.0, LAG_STEP_S)
     )
-    return Cooled(
+    return CompensatedDisk(
         test,
         disk,
         done,
@@ -220,17 +220,17 @@ def compensated(
     )
 
 
-def cooling_errors(cooled: Cooled, share: float, h_W_m2K: float) -> tuple[Effects, Array]:
+def cooling_errors(cooled: CompensatedDisk, share: float, h_W_m2K: float) -> tuple[NuisanceEffects, Array]:
     """What may be wrong with the window about a point of the plane: effects of what nobody measured, and predicted
     less compensated outer row per second of compensated lag too long, (R, P)."""
     late_rim = cooled.late.rim
     rim = cooled.window.rim
     predicted = late_rim.through(rim.rest, h_W_m2K) - rim.through(rim.rest, h_W_m2K)
     late = (predicted - (cooled.late.y - cooled.window.y)) / LAG_STEP_S
-    return effects(cooled.test, cooled.disk, cooled.window, share, h_W_m2K), late
+    return nuisance_effects(cooled.test, cooled.disk, cooled.window, share, h_W_m2K), late
 
 
-def cooling_shift(fit: CoolingFit, known: Effects, late: Array, line: DiskLine) -> CoolingShift:
+def cooling_shift(fit: CoolingFit, known: NuisanceEffects, late: Array, line: DiskLine) -> CoolingSensitivity:
     """Errors of (share, h), through the traces and through the line; ``known`` and ``late`` of ``cooling_errors``."""
     share_off = line.shift.per_sd @ np.array([1.0, fit.h_W_m2K])
     h_off = np.einsum(
@@ -240,7 +240,7 @@ def cooling_shift(fit: CoolingFit, known: Effects, late: Array, line: DiskLine) 
     noise = fit.h_noise**2 * np.outer(toward, toward)
     noise[0, 0] += line.shift.noise[0, 0]
     per_sd = np.column_stack([share_off + line.line.slope * h_off, h_off])
-    return CoolingShift(known.of, per_sd, noise, toward * float((fit.by_effect * late).sum()))
+    return CoolingSensitivity(known.of, per_sd, noise, toward * float((fit.by_effect * late).sum()))
 
 
 def cooling_fit(

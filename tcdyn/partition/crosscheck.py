@@ -18,23 +18,23 @@ from scipy.special import ndtr
 from tcdyn.core import Array
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, info, warning
-from tcdyn.partition.cooling import CoolingFit, CoolingShift
+from tcdyn.partition.cooling import CoolingFit, CoolingSensitivity
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.joint import LEAST_LAG_U_S, BothFit, DiskFit
+from tcdyn.partition.joint import MIN_LAG_U_S, BothFit, DiskFit
 from tcdyn.partition.model_forms import Alternatives
 from tcdyn.partition.sensor_check import SensorCheck
 from tcdyn.partition.sensor_faults import DepthTest
-from tcdyn.partition.steady import DiskLine, FitShift, speed_law_beta
+from tcdyn.partition.steady import DiskLine, FitSensitivity, speed_law_beta
 from tcdyn.rig.disk import DISKS
 
-DEPTH_ALARM = 0.03  # with the pairs of ways beyond three and the other values, alarms stay below 7 % of sound tests
-OTHER_ALARM = 0.01
-LEAST_CHANCE = 1e-12
+DEPTH_THRESHOLD = 0.03  # with the pairs of ways beyond three and the other values, alarms stay below 7 % of sound tests
+OTHER_THRESHOLD = 0.01
+MIN_PROBABILITY = 1e-12
 SUSPECT_Z = 3.0
-NOTED_CHANCE = 0.5
-DRAWS = 4000
-PULL_DRAWS = 20_000
-LEAST_SEEN = 20
+REPORT_PROBABILITY = 0.5
+N_SAMPLES = 4000
+N_PULL_SAMPLES = 20_000
+MIN_COUNT = 20
 MODEL_FORM_REL = (
     0.002  # of the share: inner profile and mesh; 0.03 % was seen against the whole disk
 )
@@ -67,7 +67,7 @@ def monte_carlo(
     test: EhlTest,
     lines: Mapping[str, DiskLine],
     cooling: Mapping[str, CoolingFit],
-    cooling_shifts: Mapping[str, CoolingShift],
+    cooling_shifts: Mapping[str, CoolingSensitivity],
     joint: Mapping[str, DiskFit],
     seed: int = 0,
 ) -> Budget:
@@ -79,15 +79,15 @@ def monte_carlo(
     own = [(d, name) for d in DISKS for name in ("common lag", "lag shape", "model form")]
     rng = np.random.default_rng(seed)
     names = [*sorted({key for keys in whose.values() for key in keys} - {*own}), *own]
-    normal = {key: rng.standard_normal(DRAWS) for key in names}
+    normal = {key: rng.standard_normal(N_SAMPLES) for key in names}
     n, half = test.speed_exponent, test.exponent_half_range
-    uniform = rng.uniform(n - half, n + half, DRAWS)
-    noise = {d: rng.standard_normal((DRAWS, 7)) for d in DISKS}
-    shifts = {d: together(lines[d].shift, cooling_shifts[d], joint[d].shift) for d in DISKS}
+    uniform = rng.uniform(n - half, n + half, N_SAMPLES)
+    noise = {d: rng.standard_normal((N_SAMPLES, 7)) for d in DISKS}
+    shifts = {d: stacked_sensitivity(lines[d].shift, cooling_shifts[d], joint[d].shift) for d in DISKS}
     drawn = {d: np.column_stack([normal[key] for key in whose[d]]) for d in DISKS}
 
     def run(active: str | None) -> dict[str, Array]:
-        moved = {"exponent": uniform if active in (None, "speed exponent") else np.full(DRAWS, n)}
+        moved = {"exponent": uniform if active in (None, "speed exponent") else np.full(N_SAMPLES, n)}
         for d in DISKS:
             per_sd, root = shifts[d]
             on = np.array([active in (None, q.source) for q in joint[d].shift.of])
@@ -120,7 +120,7 @@ def monte_carlo(
     return Budget(tuple(rows), run(None))
 
 
-def together(line: FitShift, cooling: CoolingShift, joint: FitShift) -> tuple[Array, Array]:
+def stacked_sensitivity(line: FitSensitivity, cooling: CoolingSensitivity, joint: FitSensitivity) -> tuple[Array, Array]:
     """Errors of line, cooling and joint fit of a disk, (Q, 7) by a standard uncertainty of what the joint fit knows,
     and a root (7, 7) of their noise; the compensated lag, which is the joint fit's, moves the cooling fit."""
     per_sd = np.zeros((len(joint.of), 7))
@@ -132,7 +132,7 @@ def together(line: FitShift, cooling: CoolingShift, joint: FitShift) -> tuple[Ar
     late = np.eye(7)
     late[2:4, 6] = cooling.by_lag
     return per_sd @ late.T, late @ block_diag(
-        *(root_of(fit.noise) for fit in (line, cooling, joint))
+        *(covariance_root(fit.noise) for fit in (line, cooling, joint))
     )
 
 
@@ -232,7 +232,7 @@ def cross_check(
         p = min(1.0, 2 * len(pairs) * float(ndtr(-worst[3])))
     suspects = tuple(sorted((t for t in tensions if t.contradicts), key=lambda t: -abs(t.z)))
     most = min(tensions, key=lambda t: t.chance, default=None)
-    strained = most if most is not None and most.chance < NOTED_CHANCE else None
+    strained = most if most is not None and most.chance < REPORT_PROBABILITY else None
     steady = next(iter(ways.values()))
     numbers: dict[str, Any] = {
         "one": worst[0],
@@ -303,7 +303,7 @@ def tensions(
     for name, fit in joint.items():
         disk = test.disks[name]
         lag = fit.estimates["lag_s"]
-        prior_u = max(disk.common_lag_u_s, LEAST_LAG_U_S)
+        prior_u = max(disk.common_lag_u_s, MIN_LAG_U_S)
         told = np.sqrt(max(prior_u**2 - lag.u**2, (0.3 * prior_u) ** 2))
         stated = info("stated.lag", subject=name, record_s=disk.common_lag_s, unloading_s=lag.value)
         others.append((stated, float((lag.value - disk.common_lag_s) / told)))
@@ -312,42 +312,42 @@ def tensions(
     half = test.exponent_half_range
     outside = n.value - float(np.clip(n.value, assumed - half, assumed + half))
     others.append((info("stated.exponent", assumed=assumed, implied=n.value, u=n.u), outside / n.u))
-    largest = largest_pulls([*depths.values()])
-    out = [Tension(f, z, chance_of(z, largest, len(pulled)), DEPTH_ALARM) for f, z in pulled]
+    largest = sample_largest_pulls([*depths.values()])
+    out = [Tension(f, z, probability_of_pull(z, largest, len(pulled)), DEPTH_THRESHOLD) for f, z in pulled]
     for (
         finding,
         z,
     ) in others:  # how often the largest of so many independent normal deviates is at least |z|
         one = min(2 * float(ndtr(-abs(z))), 1 - 1e-9)
-        out.append(Tension(finding, z, float(-np.expm1(len(others) * np.log1p(-one))), OTHER_ALARM))
+        out.append(Tension(finding, z, float(-np.expm1(len(others) * np.log1p(-one))), OTHER_THRESHOLD))
     for s in () if sensors is None else sensors.suspects:
         fault = info("stated.sensors", subject=s.disk, kind=s.kind, columns=s.columns)
         out.append(
-            Tension(fault, float(np.sqrt(2.0 * max(s.log_odds, 0.0))), LEAST_CHANCE, OTHER_ALARM)
+            Tension(fault, float(np.sqrt(2.0 * max(s.log_odds, 0.0))), MIN_PROBABILITY, OTHER_THRESHOLD)
         )
-    return tuple(replace(t, chance=max(t.chance, LEAST_CHANCE)) for t in out)
+    return tuple(replace(t, chance=max(t.chance, MIN_PROBABILITY)) for t in out)
 
 
-def root_of(covariance: Array) -> Array:
+def covariance_root(covariance: Array) -> Array:
     """A square root of a covariance that may be singular."""
     values, vectors = np.linalg.eigh(covariance)
     return np.asarray(vectors * np.sqrt(np.clip(values, 0.0, None)))
 
 
-def largest_pulls(tests: Sequence[DepthTest], seed: int = 0) -> Array:
+def sample_largest_pulls(tests: Sequence[DepthTest], seed: int = 0) -> Array:
     """Draws of the largest pull of all ``tests`` on sound disks, (PULL_DRAWS,)."""
     rng = np.random.default_rng(seed)
     pulls = [
-        rng.standard_normal((PULL_DRAWS, len(t.pull))) @ root_of(t.correlation).T for t in tests
+        rng.standard_normal((N_PULL_SAMPLES, len(t.pull))) @ covariance_root(t.correlation).T for t in tests
     ]
-    return np.abs(np.hstack([np.zeros((PULL_DRAWS, 1)), *pulls])).max(axis=1)
+    return np.abs(np.hstack([np.zeros((N_PULL_SAMPLES, 1)), *pulls])).max(axis=1)
 
 
-def chance_of(pull: float, largest: Array, count: int) -> float:
+def probability_of_pull(pull: float, largest: Array, count: int) -> float:
     """How often the ``largest`` of ``count`` pulls is at least ``pull``; beyond the draws by the normal tail."""
     seen = float(np.mean(largest >= abs(pull)))
     return (
         seen
-        if seen * len(largest) >= LEAST_SEEN
+        if seen * len(largest) >= MIN_COUNT
         else min(1.0, 2.0 * count * float(ndtr(-abs(pull))))
     )

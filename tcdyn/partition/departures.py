@@ -21,29 +21,29 @@ from tcdyn.heat.nonuniform import cached_gains
 from tcdyn.heat.rim import Rim, bank_means, lag_bank, points_of
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import DiskFit
-from tcdyn.partition.nuisance import LOG_H, SHARE, effects, lags, with_lags
-from tcdyn.partition.steel import by_conductivity_slope
-from tcdyn.partition.track import by_shift
-from tcdyn.partition.window import FIT_MESH, Perturbation, RimMeans, power_seen, sampled
+from tcdyn.partition.nuisance import LOG_H, SHARE, nuisance_effects, lags, with_lags
+from tcdyn.partition.steel import conductivity_slope_effect
+from tcdyn.partition.track import flux_shift_effect
+from tcdyn.partition.window import FIT_MESH, Perturbation, RimMeans, lagged_power, interpolate_blocks
 from tcdyn.rig.disk import DISKS
 
-STEP_SD = 0.15  # of h at the parting: the jets' pattern changes
-PER_K_SD = 0.002  # of h by a kelvin of the surface: viscosity of the film
+H_STEP_SD = 0.15  # of h at the parting: the jets' pattern changes
+H_PER_K_SD = 0.002  # of h by a kelvin of the surface: viscosity of the film
 SHIFT_SD_M = 0.35e-3  # of the flux along the track: 0.5 mm of each disk
-WIDER_SD = 0.5  # of the flux's half-width
-FACES_SD = 1.0  # of the washers' conductance
+FLUX_WIDTH_SD = 0.5  # of the flux's half-width
+WASHER_SD = 1.0  # of the washers' conductance
 STEM_SD = 0.02  # of a junction's excess over ambient that its wires take away
-ELSEWHERE_SD = 0.1  # of the frictional heat that enters neither disk, or of the friction's scale
-PER_100_K_SD = 0.07  # of the conductivity
+LOST_HEAT_SD = 0.1  # of the frictional heat that enters neither disk, or of the friction's scale
+CONDUCTIVITY_PER_100_K_SD = 0.07  # of the conductivity
 AIR_SD_K = 5.0  # of what the running surface loses heat to, oil or air, against the logged ambient
 LAG_SD_S = 0.3  # of one junction: a bubble in its cement
-ACROSS = np.linspace(
+SURFACE_POINTS = np.linspace(
     0.05, 0.95, 7
 )  # places across the running surface whose mean is its temperature
 
 
 @dataclass(frozen=True)
-class About:
+class DiskAtFit:
     """One disk about its part of the fit of both: its rim driven by the power that the fit sees, answers there.
 
     ``base`` and ``power`` (R, P): what the outer row is predicted to show, and by a share of one; ``surface`` (R,):
@@ -60,7 +60,7 @@ class About:
     surface: Array
 
     @classmethod
-    def of(cls, test: EhlTest, fit: DiskFit, theta: Array) -> About:
+    def of(cls, test: EhlTest, fit: DiskFit, theta: Array) -> DiskAtFit:
         """The disk of ``fit`` at ``theta`` (4,)."""
         rim = fit.side.heated(lags(theta))
         share = float(theta[SHARE])
@@ -69,14 +69,14 @@ class About:
         window = fit.side.window
         rest, power = rim.answer(h)
         first = int(np.searchsorted(test.time_s, window.time_s[0]))
-        true, held = power_seen(test, slice(first, first + len(window.time_s)), None)
+        true, held = lagged_power(test, slice(first, first + len(window.time_s)), None)
         bank = window.blocks @ lag_bank(true, test.dt_s, rim.rates_1_s, **held)
         inputs = np.column_stack([window.blocks @ true, rim.inputs[:, rim.rest]])
         unlagged = replace(
             rim, inputs=inputs, banks=np.concatenate([bank[None], rim.banks[rim.rest]])
         )
         at_surface, heat = unlagged.answer(
-            h, extra=tuple((0.0, float(x)) for x in ACROSS * rim.setup.width_m)
+            h, extra=tuple((0.0, float(x)) for x in SURFACE_POINTS * rim.setup.width_m)
         )
         surface = (at_surface + share * heat)[:, len(rim.setup.outer) :].mean(axis=1)
         return cls(test, fit, share, h, rim, chain, rest + share * power, power, surface)
@@ -90,7 +90,7 @@ class About:
         """What the outer row shows more when the air at the running surface alone is warmer by ``air_K`` (R,), (R, P)
         [K]."""
         window = self.fit.side.window
-        air = self.chain.response(sampled(window, air_K[:, None])[:, 0], self.test.dt_s)
+        air = self.chain.response(interpolate_blocks(window, air_K[:, None])[:, 0], self.test.dt_s)
         bank = bank_means(air, self.test.dt_s, self.rim.rates_1_s, window.counts)
         s = self.rim.setup
         points = points_of(s, s.outer)
@@ -127,13 +127,13 @@ class About:
         free = replace(
             disk, lag_covariance_s2=LAG_SD_S**2 * (n / (n - 1)) * np.eye(n)
         )  # less the mean of n
-        known = effects(self.test, free, window, self.share, self.h_W_m2K)
+        known = nuisance_effects(self.test, free, window, self.share, self.h_W_m2K)
         rows = [k for k, what in enumerate(known.of) if what.name.startswith("lag ")]
         change = known.change[rows].copy()
         names = [known.of[k].name.removeprefix("lag ") for k in rows]
         slower = self.chain.with_lag_shift(max(late_s, -0.8 * max(self.chain.taus_s)))
         if off_s := slower.lag_s - self.chain.lag_s:
-            whole = sampled(window, self.base)
+            whole = interpolate_blocks(window, self.base)
             shown = equalised(whole, self.test.dt_s, (self.chain,) * len(outer), slower)
             moved = window.blocks @ (shown - whole) * (LAG_SD_S / off_s)
             for k, c in enumerate(outer):
@@ -142,32 +142,32 @@ class About:
         return change, names
 
 
-def _h_step(a: About) -> Array:
-    return STEP_SD * a.lossier((a.fit.side.window.at_s >= a.test.events.unload_s).astype(float))
+def _h_step(a: DiskAtFit) -> Array:
+    return H_STEP_SD * a.lossier((a.fit.side.window.at_s >= a.test.events.unload_s).astype(float))
 
 
-def _h_of_T(a: About) -> Array:
-    return PER_K_SD * a.lossier(a.surface - _at_parting(a, a.surface))
+def _h_of_T(a: DiskAtFit) -> Array:
+    return H_PER_K_SD * a.lossier(a.surface - _at_parting(a, a.surface))
 
 
-def _at_parting(a: About, x: Array) -> float:
+def _at_parting(a: DiskAtFit, x: Array) -> float:
     since = a.fit.side.window.at_s - a.test.events.unload_s
     return float(x[(since > -10.0) & (since < 0.0)].mean())
 
 
-def _flux_shift(a: About) -> Array:
-    return SHIFT_SD_M * by_shift(a.rim, a.share, a.h_W_m2K)
+def _flux_shift(a: DiskAtFit) -> Array:
+    return SHIFT_SD_M * flux_shift_effect(a.rim, a.share, a.h_W_m2K)
 
 
-def _flux_wider(a: About) -> Array:
-    return a.moved(Perturbation(half_width=WIDER_SD))
+def _flux_wider(a: DiskAtFit) -> Array:
+    return a.moved(Perturbation(half_width=FLUX_WIDTH_SD))
 
 
-def _faces(a: About) -> Array:
-    return a.moved(Perturbation(washer=FACES_SD))
+def _faces(a: DiskAtFit) -> Array:
+    return a.moved(Perturbation(washer=WASHER_SD))
 
 
-def _stem(a: About) -> Array:
+def _stem(a: DiskAtFit) -> Array:
     """Every junction reads less by a part of its excess over ambient; the inner row then drives the rim too cold."""
     at = a.rim.ambient
     gains = a.rim.gains(a.h_W_m2K)
@@ -180,25 +180,25 @@ def _stem(a: About) -> Array:
     return np.asarray(STEM_SD * (driven - (a.base - air)))
 
 
-def _elsewhere(a: About) -> Array:
-    return -ELSEWHERE_SD * a.share * a.power
+def _elsewhere(a: DiskAtFit) -> Array:
+    return -LOST_HEAT_SD * a.share * a.power
 
 
-def _k_of_T(a: About) -> Array:
+def _k_of_T(a: DiskAtFit) -> Array:
     """Less where it is hot, as rig.toml might have stated."""
     s = a.rim.setup
     air = _at_parting(a, a.rim.inputs[:, a.rim.ambient])
     rim = replace(a.rim, setup=replace(s, steel=s.steel.about(air, _at_parting(a, a.surface))))
     window = replace(a.fit.side.window, rim=rim)
-    return -by_conductivity_slope(window, a.share, a.h_W_m2K, 0.01 * PER_100_K_SD)
+    return -conductivity_slope_effect(window, a.share, a.h_W_m2K, 0.01 * CONDUCTIVITY_PER_100_K_SD)
 
 
-def _film_air(a: About) -> Array:
+def _film_air(a: DiskAtFit) -> Array:
     return a.film(np.full(len(a.base), AIR_SD_K))
 
 
 # name: column of a disk, and how far the disks may differ: half the difference's standard deviation over the mean's
-STRUCTURES: dict[str, tuple[Callable[[About], Array], float]] = {
+MODEL_FORMS: dict[str, tuple[Callable[[DiskAtFit], Array], float]] = {
     "h_step": (_h_step, 1 / 3),
     "h_of_T": (_h_of_T, 0.0),
     "flux_shift": (_flux_shift, 1.0),
@@ -211,7 +211,7 @@ STRUCTURES: dict[str, tuple[Callable[[About], Array], float]] = {
 }
 
 
-def structures(
+def model_form_columns(
     test: EhlTest, joint: Mapping[str, DiskFit], theta: Array, only: str = "", late_s: float = 0.0
 ) -> dict[str, Array]:
     """Whitened columns (N, m) of both disks' data by a prior standard deviation of each structure's parameters.
@@ -219,7 +219,7 @@ def structures(
     ``theta`` (8,) is where the fit of both disks stands; ``only`` one structure, if named; ``late_s`` how late a
     junction is, if not a little.
     """
-    about = [About.of(test, joint[d], theta[4 * k : 4 * k + 4]) for k, d in enumerate(DISKS)]
+    about = [DiskAtFit.of(test, joint[d], theta[4 * k : 4 * k + 4]) for k, d in enumerate(DISKS)]
     weights = [a.fit.side.window.weight for a in about]
 
     def alone(k: int, change: Array) -> Array:
@@ -228,7 +228,7 @@ def structures(
         return np.concatenate(parts)
 
     out: dict[str, Array] = {}
-    for name, (column, differ) in STRUCTURES.items():
+    for name, (column, differ) in MODEL_FORMS.items():
         if only in ("", name):
             fast, slow = (alone(k, column(a)) for k, a in enumerate(about))
             out[name] = np.stack(
@@ -261,7 +261,7 @@ class Refit:
 
 
 @dataclass(frozen=True)
-class Linear:
+class LinearisedFit:
     """The fit of both disks linear about its optimum; ``ends`` of each disk's data, behind which stand prior rows, and
     ``points``: how many junctions its outer row has."""
 
@@ -280,7 +280,7 @@ class Linear:
         ends: NDArray[np.int64],
         points: tuple[int, ...],
         which: NDArray[np.int64] | None = None,
-    ) -> Linear:
+    ) -> LinearisedFit:
         """About an optimum, by the parameters ``which`` of it."""
         k = np.arange(len(best.theta)) if which is None else which
         off = best.theta - best.problem.prior_mean

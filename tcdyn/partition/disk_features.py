@@ -14,25 +14,25 @@ from numpy.typing import NDArray
 from tcdyn.chain import equalised
 from tcdyn.core import Array
 from tcdyn.heat.rim import lag_bank, node_rates
-from tcdyn.partition.angular_harmonic import sensed
+from tcdyn.partition.angular_harmonic import window_harmonic_effects
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.nuisance import by_inputs, departures, stated_effects
-from tcdyn.partition.track import SHIFT_STEP_M, by_edge
+from tcdyn.partition.nuisance import steady_input_response, nominal_perturbations, nominal_effects
+from tcdyn.partition.track import SHIFT_STEP_M, unresolved_edge_effect
 from tcdyn.partition.window import (
     GRADIENT_STEP_M,
     NOMINAL,
     Perturbation,
     RimMeans,
     between,
-    film_seen,
-    power_seen,
+    lagged_surface_air,
+    lagged_power,
 )
 from tcdyn.rig.disk import DiskSetup
 from tcdyn.smoothing.traces import STAND_IN_K, DiskTraces
 
 Order = tuple[int, ...]
 Case = tuple[float, Perturbation]  # h [W/m2K], and how the disk departs from its statement
-Place = Literal[
+Target = Literal[
     "outer row", "inside", "inner row"
 ]  # just inside the inner row; this row, of a rim to the bore
 Window = tuple[str, float, float]  # event that it follows, start, stop [s]
@@ -44,8 +44,8 @@ AFTER_UNLOADING_S = ((0.3, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, 8.0))
 AFTER_LOADING_S = ((1.0, 2.5), (2.5, 5.0), (5.0, 10.0))
 LAG_STEP_S = 0.05
 SLOWEST_PER_S = 0.02
-BEND_S = 40.0  # a disk under load warms up with about this time constant
-THICK_S = 5.0  # heat needs some ten seconds to the bore and back
+WARMUP_TIME_CONSTANT_S = 40.0  # a disk under load warms up with about this time constant
+BORE_DELAY_S = 5.0  # heat needs some ten seconds to the bore and back
 FEATURE_DEPTH_M = 0.1e-3
 
 
@@ -112,10 +112,10 @@ class DiskFeatures:
 
     @cached_property
     def _departures(self) -> tuple[tuple[Perturbation, ...], Array]:
-        departing, sizes = zip(*departures(self.setup, FEATURE_DEPTH_M))
+        departing, sizes = zip(*nominal_perturbations(self.setup, FEATURE_DEPTH_M))
         return departing, np.array(sizes)
 
-    def made(self, cases: tuple[Case, ...], place: Place = "outer row") -> Array:
+    def made(self, cases: tuple[Case, ...], place: Target = "outer row") -> Array:
         """What every column makes of the points of ``place`` as every input of the rim, (cases, C + 3, I, W, points).
 
         Kept, since all hypotheses share it."""
@@ -136,7 +136,7 @@ class DiskFeatures:
         return np.asarray(self._kept[cases, place])
 
     def fed(
-        self, column: str, which: int, cases: tuple[Case, ...], place: Place = "outer row"
+        self, column: str, which: int, cases: tuple[Case, ...], place: Target = "outer row"
     ) -> Array:
         """What a column makes of the points of ``place`` as the rim's input ``which``, (cases, W, points); a column
         that is not there makes nothing."""
@@ -145,7 +145,7 @@ class DiskFeatures:
         return made[:, k, which] if k < made.shape[1] else np.zeros_like(made[:, 0, 0])
 
     def _at(
-        self, order: Order, cases: tuple[Case, ...], place: Place = "outer row"
+        self, order: Order, cases: tuple[Case, ...], place: Target = "outer row"
     ) -> tuple[Array, Array]:
         air = self.rim.ambient
         made = self.made(cases, place)
@@ -210,7 +210,7 @@ class DiskFeatures:
                 lasts,
             ]
             driven = np.array(slow)[:, :, None] * driven_to[:, None]  # the rim follows
-            known = stated_effects(
+            known = nominal_effects(
                 (x[1:] - x[0]) / sizes[:, None, None], driven, lasts, rates, self.drives
             )
             more = (
@@ -228,7 +228,7 @@ class DiskFeatures:
         if h_W_m2K not in self._kept:
             case: tuple[Case, ...] = ((h_W_m2K, NOMINAL),)
             static = self.rim.gains(h_W_m2K).static
-            rows: tuple[Place, ...] = "outer row", "inner row"
+            rows: tuple[Target, ...] = "outer row", "inner row"
             slower, same, film = (
                 np.hstack([self.fed(column, which, case, row)[0] for row in rows])
                 for column, which in (
@@ -237,15 +237,15 @@ class DiskFeatures:
                     ("film by n", self.rim.ambient + 2),
                 )
             )
-            harmonic = sensed(self.setup, h_W_m2K, static[self.rim.inner], self.event, self.after_s)
-            if (open_edge := by_edge(self.rim, h_W_m2K)) is not None:
+            harmonic = window_harmonic_effects(self.setup, h_W_m2K, static[self.rim.inner], self.event, self.after_s)
+            if (open_edge := unresolved_edge_effect(self.rim, h_W_m2K)) is not None:
                 edge = np.zeros_like(same)
                 edge[:, : len(open_edge)] = (
                     STAND_IN_K * (self.event == "steady")[:, None] * open_edge
                 )
                 harmonic = np.concatenate([harmonic, edge[None]])
             late = (slower - same) / LAG_STEP_S
-            self._kept[h_W_m2K] = by_inputs(self.setup, static), harmonic, late, film
+            self._kept[h_W_m2K] = steady_input_response(self.setup, static), harmonic, late, film
         of: tuple[Array, Array, Array, Array] = self._kept[h_W_m2K]
         return of
 
@@ -267,7 +267,7 @@ def disk_features(test: EhlTest, disk: DiskTraces) -> DiskFeatures:
     inputs, banks, slope, noise, bend = (np.concatenate(part) for part in zip(*parts))
     begun = {"unloading": off, "loading": on}
     s = disk.setup
-    early = [event in begun and stop - begun[event] <= THICK_S for event, _, stop in windows]
+    early = [event in begun and stop - begun[event] <= BORE_DELAY_S for event, _, stop in windows]
     return DiskFeatures(
         disk=disk.name,
         setup=disk.setup,
@@ -312,8 +312,8 @@ def _stretch(
     y = disk.setup.steel.straight(
         equalised(disk.readings_degC[rows], test.dt_s, disk.chains, chain)
     )
-    power, slower = (power_seen(test, rows, c)[0] for c in chains)
-    film = film_seen(test, disk, rows, chain)
+    power, slower = (lagged_power(test, rows, c)[0] for c in chains)
+    film = lagged_surface_air(test, disk, rows, chain)
     feeds = np.stack([power, *y.T, test.ambient_of(disk.name)[rows], slower, *film], axis=1)
     weights = np.zeros((len(windows), len(t)))
     ahead_s = np.zeros((len(windows), 1))
@@ -340,5 +340,5 @@ def _stretch(
         np.stack(banks, axis=1),
         slope,
         noise,
-        0.5 * np.abs(rate) * ahead_s**2 / BEND_S,
+        0.5 * np.abs(rate) * ahead_s**2 / WARMUP_TIME_CONSTANT_S,
     )

@@ -15,22 +15,22 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.estimation.trace_noise import bridged, middle
 from tcdyn.partition.angular_harmonic import Unevenness
-from tcdyn.partition.unloading import NEAR_S, parting_of
+from tcdyn.partition.unloading import NEAR_S, unloading_instant
 from tcdyn.rig.contact import LEAST_ZERO, NOTHING_ADDED, STRAIGHT_FALL, Events, FrictionAdded
 from tcdyn.smoothing.traces import DiskTraces
 
 SHORTEST_CONTACT_S = 20.0  # a shorter contact is a touch, not a test
 BOUNCE_S = 0.5
-HELD_S = 5.0  # disks that part for less than a bounce and then touch for this long had not parted
+RELOADED_S = 5.0  # disks that part for less than a bounce and then touch for this long had not parted
 LOADING_AGREE_S = 0.5
-CLEAR = 6.0  # noises of a force between its two levels: below it is no witness
+MIN_FORCE_SNR = 6.0  # noises of a force between its two levels: below it is no witness
 HYSTERESIS = 0.1  # of the way between the levels, about its middle
-INVERTED = 0.8  # of the samples in which load and friction agree
+INVERTED_FRACTION = 0.8  # of the samples in which load and friction agree
 TOUCH_S = 0.04
 # of the way between the levels: where a later touch begins, and what it reaches
-TOUCH_LEAST = 0.05
-TOUCH_CLEAR = 0.15
-TWO_KINKS_S = 0.5  # a shorter fall is one kink: behind a lag its two ends are not told apart
+TOUCH_START = 0.05
+TOUCH_MIN_PEAK = 0.15
+MIN_TWO_KINKS_S = 0.5  # a shorter fall is one kink: behind a lag its two ends are not told apart
 
 
 @dataclass(frozen=True)
@@ -53,9 +53,9 @@ class EhlTest:
     (2.1), their mean entraining (2.2); ``added`` the part of ``friction_N`` that the transducer did not see;
     ``exponent_half_range`` how far n may lie from ``speed_exponent``. ``slowing``: surface speed of each disk that did
     not keep it after the parting, as a share of that under load (N,); ``film`` (N, 2): what its changed film comes to,
-    see :func:`tcdyn.partition.cooling.slowed`; ``uneven``: what is known of each disk round its bore;
+    see :func:`tcdyn.partition.cooling.with_slowing_air_offset`; ``uneven``: what is known of each disk round its bore;
     ``friction_noise_N``: white noise of a logged sample of the friction, before it was smoothed; ``air``: of each disk,
-    where channels of its own tell it, in place of ``ambient_degC``; ``stated_u``: the part of the disks'
+    where channels of its own tell it, in place of ``ambient_degC``; ``nominal_u``: the part of the disks'
     ``friction_rel``, ``half_width_rel`` and ``ambient_K`` that ``[constants]`` states, this log's and not the rig's.
     """
 
@@ -127,7 +127,7 @@ def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:
         )
     found: list[Finding] = []
     voting = np.abs(force) > 1.5
-    if voting.any() and np.mean(contact[voting] != (force[voting] > 0)) > INVERTED:
+    if voting.any() and np.mean(contact[voting] != (force[voting] > 0)) > INVERTED_FRACTION:
         contact = ~contact
         found.append(warning("contact.inverted", subject="contact"))
     touching = _runs(t, force + (contact - 0.5) > 0)
@@ -161,12 +161,12 @@ def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:
     switch_s, vote_s = (0.5 * float(t[k] + t[min(k + 1, len(t) - 1)]) for k in (off, last))
     about_s = switch_s if abs(switch_s - vote_s) <= NEAR_S else vote_s
     seen = _alone(frame, [*levels], again)
-    unload, u, parting, said = parting_of(
+    unload, u, parting, said = unloading_instant(
         t, seen, None if switch is None else switch_s, about_s, float(load_on)
     )
     found += said
     half_s = 0.5 * parting / STRAIGHT_FALL  # of a straight fall
-    kinks = [unload] if 2 * half_s < TWO_KINKS_S else [unload - half_s, unload + half_s]
+    kinks = [unload] if 2 * half_s < MIN_TWO_KINKS_S else [unload - half_s, unload + half_s]
     touches = tuple(
         (float(max(t[a], kinks[-1])), float(t[b])) for a, b in again if t[b] > kinks[-1]
     )
@@ -206,7 +206,7 @@ def _levels(force: Array) -> Array | None:
         low = float(middle(slow[~upper]))
         high = float(middle(slow[upper]))
     noise = 1.4826 * float(middle(np.abs(filled - calm)))
-    if high - low < CLEAR * noise or high <= abs(low):  # or its sign is turned
+    if high - low < MIN_FORCE_SNR * noise or high <= abs(low):  # or its sign is turned
         return None
     return (calm - low) / (high - low)
 
@@ -222,7 +222,7 @@ def _runs(t: Array, state: NDArray[np.bool_], bridged_s: float = BOUNCE_S) -> li
     edges = np.flatnonzero(np.diff(np.concatenate([[0], state.astype(int), [0]])))
     runs: list[tuple[int, int]] = []
     for a, b in zip(edges[::2].tolist(), (edges[1::2] - 1).tolist()):
-        if runs and t[a] - t[runs[-1][1]] < bridged_s and t[b] - t[a] > HELD_S:
+        if runs and t[a] - t[runs[-1][1]] < bridged_s and t[b] - t[a] > RELOADED_S:
             a = runs.pop()[0]
         runs.append((a, b))
     return runs
@@ -253,9 +253,9 @@ def _again(
     """First and last rows of each touch after row ``last``, in which two of friction, load and switch rise again."""
     forces = [x for x in levels.values() if x is not None]
     votes = contact.astype(int) + sum(
-        (_above(x, TOUCH_LEAST, 0.0).astype(int) for x in forces), np.zeros(len(t), int)
+        (_above(x, TOUCH_START, 0.0).astype(int) for x in forces), np.zeros(len(t), int)
     )
-    clear = contact | np.any([x > TOUCH_CLEAR for x in forces] or [contact], axis=0)
+    clear = contact | np.any([x > TOUCH_MIN_PEAK for x in forces] or [contact], axis=0)
     later = votes >= 2
     apart = np.flatnonzero(~later[last + 1 :])
     later[: last + 1 + (int(apart[0]) if len(apart) else len(t))] = False

@@ -20,7 +20,7 @@ from tcdyn.core.estimate import Estimate
 from tcdyn.estimation import Optimum, Problem, from_rows, minimise, wave_factor
 from tcdyn.estimation.trace_noise import white_noise_sd
 from tcdyn.heat.rim import Profile, bank_means
-from tcdyn.partition.angular_harmonic import ROUND, Unevenness, Unmeasured, found_in
+from tcdyn.partition.angular_harmonic import HARMONIC_SOURCES, Unevenness, Unmeasured, harmonic_from_fit
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.nuisance import (
     LOG_H,
@@ -28,27 +28,27 @@ from tcdyn.partition.nuisance import (
     LOG_TAU2,
     PARAMETERS,
     SHARE,
-    SeenRim,
-    effects,
-    known_round,
+    LaggedRim,
+    nuisance_effects,
+    harmonic_prior,
     lags,
     with_lags,
 )
-from tcdyn.partition.steady import FitShift
+from tcdyn.partition.steady import FitSensitivity
 from tcdyn.partition.surface_flux import SURFACE_SLOPE, log_h_prior
-from tcdyn.partition.window import DiskWindow, RimMeans, disk_window, power_seen, stretch_of
+from tcdyn.partition.window import DiskWindow, RimMeans, disk_window, lagged_power, stretch_of
 from tcdyn.rig.disk import DISKS
 from tcdyn.smoothing.traces import NOISE_ORDER, DiskTraces
 
-LARGEST = (np.inf, 0.7, 0.7, 0.7)  # of one step of a search
+MAX_STEP = (np.inf, 0.7, 0.7, 0.7)  # of one step of a search
 SHAPE_SD = 1.5  # log of the second lag: known to a factor of four or so
-LEAST_LAG_U_S = 0.02
-SINGULAR = 1e-10  # least part of a column, of its length, that the others leave
+MIN_LAG_U_S = 0.02
+MIN_INDEPENDENT_PART = 1e-10  # least part of a column, of its length, that the others leave
 # of chi-squared
-ENOUGH = 1e-7
-ROUGHLY = 1e-3
-SETTLED = 0.1  # standard deviations that a pass moves a disk's fit: the next moved 36 such by 0.008 of one at most
-Starts = Mapping[
+TOLERANCE = 1e-7
+COARSE_TOLERANCE = 1e-3
+CONVERGED_U = 0.1  # standard deviations that a pass moves a disk's fit: the next moved 36 such by 0.008 of one at most
+StartPoints = Mapping[
     str, tuple[float, float]
 ]  # share and h [W/m2K] of disks to begin from, e.g. the speed law's
 JOINT_WINDOW_S = 10.0
@@ -93,7 +93,7 @@ class DiskFit:
     h_W_m2K: float
     estimates: Mapping[str, Estimate]
     chain: Chain
-    shift: FitShift
+    shift: FitSensitivity
     inflation: float
     side: Side = field(repr=False, compare=False)
 
@@ -131,11 +131,11 @@ def disk_side(
     )  # differences see what no fit sees
     noise = np.maximum(seen, (1.0 if disk.noise.coloured else 0.5) * disk.noise_K)
     window = disk_window(test, disk, readings, rows, noise, profile, common)
-    known = effects(test, disk, window, float(theta[SHARE]), float(np.exp(theta[LOG_H])))
+    known = nuisance_effects(test, disk, window, float(theta[SHARE]), float(np.exp(theta[LOG_H])))
     longest = max(lags(theta))
-    power, _ = power_seen(test, rows, with_lags(like, (longest,)))
+    power, _ = lagged_power(test, rows, with_lags(like, (longest,)))
     bank = bank_means(power, test.dt_s, window.rim.rates_1_s, window.counts)
-    model = SeenRim(window.rim.driven_by(window.blocks @ power, bank), longest, window.weight)
+    model = LaggedRim(window.rim.driven_by(window.blocks @ power, bank), longest, window.weight)
     return Side(
         disk=disk.name,
         of=known.of,
@@ -143,7 +143,7 @@ def disk_side(
         effect=(known.change * window.weight).reshape(len(known.of), -1).T,
         model=model,
         prior_lag_s=disk.common_lag_s,
-        prior_lag_u_s=max(disk.common_lag_u_s, LEAST_LAG_U_S),
+        prior_lag_u_s=max(disk.common_lag_u_s, MIN_LAG_U_S),
         prior_tau2_s=tau2_s,
         rest_of_lag_s=like.lag_s - sum(sorted(like.taus_s, reverse=True)[:2]),
         prior_log_h=log_h_prior(disk.setup.surface),
@@ -195,7 +195,7 @@ def joint_problem(sides: Sequence[Side]) -> Problem:
     mean[LOG_TAU2:k:4] = [np.log(s.prior_tau2_s) for s in sides]
     sd[LOG_TAU2:k:4] = SHAPE_SD
     mean[LOG_H:k:4], sd[LOG_H:k:4] = zip(*(s.prior_log_h for s in sides))
-    largest = np.append(LARGEST * len(sides), np.full(len(unknown), np.inf))
+    largest = np.append(MAX_STEP * len(sides), np.full(len(unknown), np.inf))
     fixed = np.zeros((len(sides) - 1, len(names)))
     fixed[:, SHARE:k:4] = 1.0
     return Problem(tuple(names), evaluate, mean, sd, largest=largest, fixed=fixed)
@@ -212,7 +212,7 @@ def told(optimum: Optimum, sides: Sequence[Side]) -> tuple[Array, Array]:
     precise = np.sqrt(optimum.problem.precision)
     free = optimum.directions
     inner, left = from_rows(np.vstack([optimum.jacobian, np.diag(precise)[precise > 0]]) @ free)
-    if left < SINGULAR:
+    if left < MIN_INDEPENDENT_PART:
         raise InputError(
             "the stretch about the parting does not tell heat partition from heat transfer coefficient",
             expected="frictional heat before the parting and some cooling after it",
@@ -244,7 +244,7 @@ def _known(
 
 
 def joint_fits(
-    test: EhlTest, start: Starts, window_s: float = JOINT_WINDOW_S, profile: Profile = "modal"
+    test: EhlTest, start: StartPoints, window_s: float = JOINT_WINDOW_S, profile: Profile = "modal"
 ) -> tuple[dict[str, DiskFit], BothFit]:
     """Fit each disk alone, then both with shares that add to one; ``window_s``: length of cooling used.
 
@@ -256,7 +256,7 @@ def joint_fits(
     theta = np.zeros(len(problem.names))
     theta[:8] = np.concatenate([fits[d].theta for d in DISKS])
     theta[SHARE:8:4] += 0.5 * (1.0 - theta[SHARE:8:4].sum())
-    best = minimise(problem, theta, tolerance=ENOUGH)
+    best = minimise(problem, theta, tolerance=TOLERANCE)
     at = best.theta[[SHARE, LOG_H, 4 + LOG_H]]
     beta, h_fast, h_slow = at[0], *np.exp(at[1:])
     inflation, noise, per_sd = _known(
@@ -279,11 +279,11 @@ def joint_fits(
     pulls = tuple(
         (*u, z)
         for u, z in zip(unknown, [*best.pulls.values()][-len(unknown) :])
-        if u[0].source not in ROUND
+        if u[0].source not in HARMONIC_SOURCES
     )
     left = best.theta[8:], best.covariance[8:, 8:], unknown
-    known = [(d, h, known_round(test, d)) for d, h in zip(DISKS, (h_fast, h_slow))]
-    uneven = {of[0]: found_in(*left, *of) for of in known}
+    known = [(d, h, harmonic_prior(test, d)) for d, h in zip(DISKS, (h_fast, h_slow))]
+    uneven = {of[0]: harmonic_from_fit(*left, *of) for of in known}
     return fits, BothFit(
         best.theta[:8], test.speed_ratio, estimates, pulls, inflation, uneven, best
     )
@@ -298,9 +298,9 @@ def disk_fit(
     tau2 = max(taus[1] if len(taus) > 1 else 0.0, 0.1 * tau1)
     theta = np.array([share, np.log(max(h, 20.0)), np.log(tau1 + tau2), np.log(tau2)])
     for enough in (
-        ROUGHLY,
-        ENOUGH,
-        ENOUGH,
+        COARSE_TOLERANCE,
+        TOLERANCE,
+        TOLERANCE,
     ):  # each pass equalises with the chain that the one before found
         side = disk_side(test, disk, theta, window_s, profile, tau2)
         problem = joint_problem([side])
@@ -309,7 +309,7 @@ def disk_fit(
         )
         moved = np.abs(best.theta[:4] - theta[:4])
         theta = best.theta
-        if enough == ENOUGH and np.all(moved < SETTLED * np.sqrt(np.diag(best.covariance)[:4])):
+        if enough == TOLERANCE and np.all(moved < CONVERGED_U * np.sqrt(np.diag(best.covariance)[:4])):
             break
     share = float(theta[SHARE])
     (h, total) = map(float, np.exp(theta[[LOG_H, LOG_LAGS]]))
@@ -330,7 +330,7 @@ def disk_fit(
         h_W_m2K=h,
         chain=chain,
         estimates={name: Estimate.normal(x, float(s)) for (name, x), s in zip(values.items(), u)},
-        shift=FitShift((*side.of, *of), per_sd.T, noise),
+        shift=FitSensitivity((*side.of, *of), per_sd.T, noise),
         inflation=inflation,
         side=side,
     )

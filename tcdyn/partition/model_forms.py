@@ -19,43 +19,43 @@ from tcdyn.core import Array
 from tcdyn.core.estimate import Estimate, mixture_range
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.estimation import minimise
-from tcdyn.partition.departures import LAG_SD_S, Linear, Refit, structures
+from tcdyn.partition.departures import LAG_SD_S, LinearisedFit, Refit, model_form_columns
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.joint import LOG_H, ROUGHLY, SHARE, BothFit, DiskFit, joint_problem
+from tcdyn.partition.joint import LOG_H, COARSE_TOLERANCE, SHARE, BothFit, DiskFit, joint_problem
 from tcdyn.partition.nuisance import Unmeasured
 from tcdyn.rig.disk import DISKS
 
-H_OF = {  # the heat transfer coefficients that a way finds beside beta
+H_KEYS = {  # the heat transfer coefficients that a way finds beside beta
     "speed law": ("h_fast", "h_slow"),
     **{f"{kind} {d}": (f"h {kind} {d}",) for kind in ("cooling", "joint") for d in DISKS},
 }
-WAYS = tuple(H_OF)
-EXPONENT_U = 5.0  # an exponent known worse than this is not known
+ESTIMATORS = tuple(H_KEYS)
+MAX_EXPONENT_U = 5.0  # an exponent known worse than this is not known
 # of the frictional power against the heat that both disks show, to be told
-OFF_SCALE = 0.1
-OFF_SCALE_Z = 5.0
-FAR_OFF = 2.0  # times it or a part of it: shares of it that add to one tell nothing
-UNITS = {  # by how much the true power is above the logged one when numbers stand in other units, and which
+POWER_SCALE_TOLERANCE = 0.1
+POWER_SCALE_Z = 5.0
+MAX_POWER_SCALE = 2.0  # times it or a part of it: shares of it that add to one tell nothing
+UNIT_FACTORS = {  # by how much the true power is above the logged one when numbers stand in other units, and which
     "friction in pounds-force": 4.448,
     "friction in kilograms-force": 9.807,
     "speeds in rad/s": 9.549,
     "speeds in revolutions per second": 60.0,
     "friction in kilonewtons": 1000.0,
 }
-SAME_UNIT = 0.08
-SETTLED = 3
-SETTLED_LOG_ODDS = 3.0
-ROUNDS = 3
-SOUND = 0.5  # prior probability that the structure is as assumed; the others share the rest
+UNIT_TOLERANCE = 0.08
+MAX_REFITS = 3
+REFIT_LOG_ODDS = 3.0
+N_REFIT_ITERATIONS = 3
+ASSUMED_PROBABILITY = 0.5  # prior probability that the structure is as assumed; the others share the rest
 NAMED_LOG_ODDS = 8.0
-FITS_Z = 3.0
+SPEED_LAW_Z = 3.0
 # the headline holds within these
-STEADY_U = 2.0
-STEADY_BETA = 0.02
+MAX_SHIFT_U = 2.0
+MAX_HALF_RANGE = 0.02
 
 
 @dataclass(frozen=True)
-class Alternative:
+class ModelForm:
     """The fit of both disks under another structure.
 
     ``size`` of each of its parameters, in prior standard deviations; ``log_odds``: logarithm of its Bayes factor
@@ -79,26 +79,26 @@ class Alternatives:
     ``low95`` to ``high95``: 95 % range of beta over all of them, each weighed by its probability.
     """
 
-    tried: tuple[Alternative, ...]
+    tried: tuple[ModelForm, ...]
     probability: tuple[float, ...]
     low95: float
     high95: float
-    assumed: Alternative
+    assumed: ModelForm
 
     @property
-    def named(self) -> Alternative | None:
+    def named(self) -> ModelForm | None:
         """The structure that the data ask for, if one is far likelier than what was assumed and agrees with the speed
         law."""
         best = max(self.tried, key=lambda a: a.log_odds)
-        return best if best.log_odds > NAMED_LOG_ODDS and abs(best.referee_z) < FITS_Z else None
+        return best if best.log_odds > NAMED_LOG_ODDS and abs(best.referee_z) < SPEED_LAW_Z else None
 
     @property
     def holds(self) -> bool:
         """Whether the headline stays where it is under every structure that the data leave open."""
         beta = self.assumed.beta
         best = self.tried[0]
-        near = abs(best.beta.value - beta.value) <= STEADY_U * max(beta.u, best.beta.u)
-        return near and 0.5 * (self.high95 - self.low95) <= STEADY_BETA
+        near = abs(best.beta.value - beta.value) <= MAX_SHIFT_U * max(beta.u, best.beta.u)
+        return near and 0.5 * (self.high95 - self.low95) <= MAX_HALF_RANGE
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -131,7 +131,7 @@ class Alternatives:
         ]
 
 
-def alternatives(test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit) -> Alternatives:
+def compare_model_forms(test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit) -> Alternatives:
     """The fit of both disks under every structure, and the range of beta over all of them.
 
     Slow waves of the residuals count as in the fits' own uncertainties: evidence is weighed with those that are left
@@ -139,10 +139,10 @@ def alternatives(test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit) -> 
     data seem to ask for is fitted again where it leads, since a large departure is not linear.
     """
     ends = np.cumsum([len(joint[d].side.y) for d in DISKS])
-    columns = structures(test, joint, both.theta)
+    columns = model_form_columns(test, joint, both.theta)
     none = np.zeros((ends[-1], 0))
     points = tuple(joint[d].side.window.y.shape[1] for d in DISKS)
-    solve = Linear.at(both.optimum, ends, points)
+    solve = LinearisedFit.at(both.optimum, ends, points)
     waves = solve(np.hstack([*columns.values()]), solve.waves(both.optimum.residual)).waves
     log_ratio = float(np.log(test.speed_ratio))
     toward = np.zeros((2, len(both.optimum.theta)))
@@ -153,10 +153,10 @@ def alternatives(test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit) -> 
     stated = solve(none, both.inflation)
     usual = stated.covariance(both.inflation)
     first = {name: solve(x, waves) for name, x in {"as assumed": none, **columns}.items()}
-    likeliest = sorted(first, key=lambda name: -first[name].log_odds)[:SETTLED]
+    likeliest = sorted(first, key=lambda name: -first[name].log_odds)[:MAX_REFITS]
     tried = []
     for name, found in first.items():
-        if name in likeliest and found.log_odds > SETTLED_LOG_ODDS:
+        if name in likeliest and found.log_odds > REFIT_LOG_ODDS:
             found = _settled(test, joint, both, name, found, solve, waves)
         wide = found.covariance(max(found.waves, waves)) if found.sizes else usual
         beta, n = (
@@ -167,8 +167,8 @@ def alternatives(test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit) -> 
             for v, w in [(t @ wide @ t, t @ usual @ t)]
         )
         z = (n.value - test.speed_exponent) / float(np.hypot(n.u, law_u))
-        tried.append(Alternative(name, beta, n, found.sizes, found.log_odds, found.delta_chi2, z))
-    prior = [np.log(SOUND), *[np.log((1 - SOUND) / (len(tried) - 1))] * (len(tried) - 1)]
+        tried.append(ModelForm(name, beta, n, found.sizes, found.log_odds, found.delta_chi2, z))
+    prior = [np.log(ASSUMED_PROBABILITY), *[np.log((1 - ASSUMED_PROBABILITY) / (len(tried) - 1))] * (len(tried) - 1)]
     referee = [-0.5 * a.referee_z**2 - np.log(np.hypot(a.exponent.u, law_u)) for a in tried]
     weights = special.softmax([a.log_odds + p + r for a, p, r in zip(tried, prior, referee)])
     order = np.argsort(-weights)
@@ -183,7 +183,7 @@ def _settled(
     both: BothFit,
     name: str,
     found: Refit,
-    about: Linear,
+    about: LinearisedFit,
     waves: float,
 ) -> Refit:
     """The fit of both disks with the structure ``name`` among its unknowns, by the model itself, columns taken anew."""
@@ -191,9 +191,9 @@ def _settled(
     theta = both.theta + found.step[:8]
     best = both.optimum
     sides = [joint[d].side for d in DISKS]
-    for _ in range(ROUNDS):
+    for _ in range(N_REFIT_ITERATIONS):
         late_s = LAG_SD_S * found.sizes[0].value if name.startswith("lag of ") else 0.0
-        parts = np.split(structures(test, joint, theta, name, late_s)[name], ends[:-1])
+        parts = np.split(model_form_columns(test, joint, theta, name, late_s)[name], ends[:-1])
         extra = tuple(Unmeasured(f"{name} {k}", name, True) for k in range(parts[0].shape[1]))
         wider = [
             replace(s, of=(*s.of, *extra), effect=np.hstack([s.effect, x]))
@@ -202,11 +202,11 @@ def _settled(
         problem = joint_problem(wider)
         start = np.zeros(len(problem.names))
         start[:8] = theta
-        again = minimise(problem, start, tolerance=ROUGHLY)
+        again = minimise(problem, start, tolerance=COARSE_TOLERANCE)
         theta = again.theta[:8]
         own = [problem.names.index(what.name) for what in extra]
         order = np.array([problem.names.index(x) for x in best.problem.names])
-        solve = Linear.at(again, ends, about.points, order)
+        solve = LinearisedFit.at(again, ends, about.points, order)
         there = solve(again.jacobian[: ends[-1], own], waves)
         sizes = tuple(Estimate.normal(float(again.theta[k]), e.u) for k, e in zip(own, there.sizes))
         found = replace(
@@ -219,33 +219,33 @@ def _settled(
     return replace(found, log_odds=0.5 * fall - found.volume, delta_chi2=fall)
 
 
-def cannot_be(beta: Estimate, *h: Estimate) -> bool:
+def is_impossible(beta: Estimate, *h: Estimate) -> bool:
     """Whether no disk can do this: beta outside 0 to 1, or an h that is not above zero."""
     return not 0 <= beta.value <= 1 or any(each.value <= 0 for each in h)
 
 
-def withheld(answers: Mapping[str, Estimate], both: Mapping[str, Estimate]) -> frozenset[str]:
+def impossible_keys(answers: Mapping[str, Estimate], both: Mapping[str, Estimate]) -> frozenset[str]:
     """Keys of what no disk can do: beta outside 0 to 1, h not above zero, an exponent that nothing tells, shares of a
     frictional power that is off by far; with a number goes the whole way that it stands in.
 
     >>> some = {way: Estimate.normal(0.7, 0.01) for way in WAYS}
     >>> some |= {h: Estimate.normal(700.0, 9.0) for hs in H_OF.values() for h in hs}
-    >>> sorted(withheld(some | {"joint slow": Estimate.normal(1.4, 0.1)}, {}))
+    >>> sorted(impossible_keys(some | {"joint slow": Estimate.normal(1.4, 0.1)}, {}))
     ['h joint slow', 'joint slow']
     """
     out: set[str] = set()
-    for way, hs in H_OF.items():
-        if cannot_be(answers[way], *(answers[h] for h in hs)):
+    for way, hs in H_KEYS.items():
+        if is_impossible(answers[way], *(answers[h] for h in hs)):
             out |= {way, *hs}
     if both:
         fast = answers["joint fast"]
         slow = answers["joint slow"]
         scale = power_scale(fast.value, slow.value)
         u = float(np.hypot(fast.u, slow.u))
-        far = not 1 / FAR_OFF < scale < FAR_OFF and abs(scale - 1) > OFF_SCALE_Z * u
-        if far or cannot_be(both["beta"], both["h_fast"], both["h_slow"]):
+        far = not 1 / MAX_POWER_SCALE < scale < MAX_POWER_SCALE and abs(scale - 1) > POWER_SCALE_Z * u
+        if far or is_impossible(both["beta"], both["h_fast"], both["h_slow"]):
             out |= {f"both {name}" for name in both}
-        if both["exponent"].u > EXPONENT_U:
+        if both["exponent"].u > MAX_EXPONENT_U:
             out.add("both exponent")
     return frozenset(out)
 
@@ -255,7 +255,7 @@ def power_scale(fast: float, slow: float) -> float:
     return 1 + fast - slow
 
 
-def impossible(
+def impossibility_findings(
     answers: Mapping[str, Estimate], both: Mapping[str, Estimate], draws: Mapping[str, Array]
 ) -> list[Finding]:
     """Ways that are withheld, and a frictional power that is not the heat that both disks show, with likely units.
@@ -263,20 +263,20 @@ def impossible(
     The shares that the joint fits of either disk find by themselves add to true power over logged power.
     """
     found = list[Finding]()
-    gone = withheld(answers, both)
+    gone = impossible_keys(answers, both)
     scale = power_scale(answers["joint fast"].value, answers["joint slow"].value)
     u = float(np.std(draws["joint fast"] - draws["joint slow"]))
-    if abs(scale - 1) > max(OFF_SCALE, OFF_SCALE_Z * u):
+    if abs(scale - 1) > max(POWER_SCALE_TOLERANCE, POWER_SCALE_Z * u):
         near = {
-            name: abs(np.log(abs(scale) / factor)) for name, factor in UNITS.items() if scale > 0
+            name: abs(np.log(abs(scale) / factor)) for name, factor in UNIT_FACTORS.items() if scale > 0
         }
         units = [
             name
             for name in sorted(near, key=near.__getitem__)
-            if near[name] < max(SAME_UNIT, 2 * u / abs(scale))
+            if near[name] < max(UNIT_TOLERANCE, 2 * u / abs(scale))
         ]
         found.append(warning("power.scale", scale=scale, u=u, units=units[:2]))
-    ways = [way for way in WAYS if way in gone] + ["joint, both disks"] * ("both beta" in gone)
+    ways = [way for way in ESTIMATORS if way in gone] + ["joint, both disks"] * ("both beta" in gone)
     if ways:
         found.append(warning("answers.impossible", ways=ways))
     return found

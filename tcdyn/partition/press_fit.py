@@ -19,11 +19,11 @@ from tcdyn.core import Array
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, warning
 from tcdyn.partition.angular_harmonic import (
-    SECOND_REL,
-    SIGNIFICANT,
+    SECOND_HARMONIC_REL,
+    SIGNIFICANT_Z,
     Unevenness,
-    known_kappa,
-    prior_of,
+    washer_kappa,
+    harmonic_prior_K,
     radial_shape,
 )
 from tcdyn.partition.events import DiskTraces, EhlTest
@@ -31,19 +31,19 @@ from tcdyn.rig.contact import press_fit
 from tcdyn.rig.disk import DISKS, DiskSetup
 from tcdyn.rig.press_fit import harmonics
 
-ORDERS = 8  # harmonics that couple; more change the first two by less than a hundredth
+N_HARMONICS = 8  # harmonics that couple; more change the first two by less than a hundredth
 STEP_M = 1e-5
 MODEL_REL = 0.3  # of the predicted harmonic: a bored shaft, short runs, a rim taken as thin; whole-disk runs: to 0.28
-LEAST_SIGMAS = (
+MIN_FLUX_U = (
     0.5  # of the flux through the bore: below it all that is known is that some heat goes there
 )
 ANGLE_REL = 0.1  # of the harmonic: across it, by the model; whole-disk runs: 5 degrees
-SCALES = np.linspace(0.0, 8.0, 161)  # of the heat through the bore, tried
+FLUX_SCALES = np.linspace(0.0, 8.0, 161)  # of the heat through the bore, tried
 WINDOW_S = 20.0  # before the parting
 
 
 @dataclass(frozen=True)
-class Predicted:
+class PressFitHarmonics:
     """Harmonics at the depth of b for a kW/m2 through the bore: ``first_K`` and ``second_K`` (2,), cos and sin;
     ``per_share_K``: size of the first for each unit of a small first harmonic of the conductance, as a share of its
     mean."""
@@ -52,9 +52,9 @@ class Predicted:
     second_K: Array
     per_share_K: float
 
-    def times(self, flux_kW_m2: float) -> Predicted:
+    def times(self, flux_kW_m2: float) -> PressFitHarmonics:
         """The same for another flux."""
-        return Predicted(
+        return PressFitHarmonics(
             flux_kW_m2 * self.first_K, flux_kW_m2 * self.second_K, flux_kW_m2 * self.per_share_K
         )
 
@@ -64,7 +64,7 @@ class Predicted:
         size = float(np.hypot(*self.first_K))
         rel = float(np.hypot(flux_rel, MODEL_REL))
         least = np.inf
-        for scale in SCALES:
+        for scale in FLUX_SCALES:
             other_K = np.hypot(
                 uneven_rel * self.per_share_K * max(scale, 1.0), ANGLE_REL * scale * size
             )
@@ -90,7 +90,7 @@ class Predicted:
         scale = max(1 + trust * (seen / size - 1), 0.0) if size > 0 else 1.0
         second_rel = float(np.hypot(rel * np.sqrt(1 - trust), MODEL_REL))
         second_K = scale * self.second_K
-        prior = prior_of(size)
+        prior = harmonic_prior_K(size)
         prior[0] = np.hypot(other_K, rel * size)
         return Unevenness(
             prior,
@@ -98,7 +98,7 @@ class Predicted:
             span_s=found.span_s,
             about_K=found.level_K,
             stated_K=self.first_K,
-            second_K=float(np.hypot(second_rel * np.hypot(*second_K), SECOND_REL * scale * size)),
+            second_K=float(np.hypot(second_rel * np.hypot(*second_K), SECOND_HARMONIC_REL * scale * size)),
             stated_second_K=second_K,
         )
 
@@ -136,7 +136,7 @@ def bore_flux_W_m2(
     k = setup.conductivity_W_mK
     outer = setup.outer_radius_m
     bore = setup.bore_radius_m
-    kappa = known_kappa(setup)
+    kappa = washer_kappa(setup)
     inner = outer - setup.edge_m
 
     def waves(r: float) -> Array:
@@ -153,7 +153,7 @@ def bore_flux_W_m2(
     return float(k * slopes(bore) @ of)
 
 
-def flux_and_u(
+def bore_flux_with_u(
     disk: DiskTraces,
     power: tuple[float, float],
     h: tuple[float, float],
@@ -178,14 +178,14 @@ def flux_and_u(
     return at, float(np.linalg.norm(np.array(moved) - at))
 
 
-def predicted(setup: DiskSetup, h_W_m2K: float) -> Predicted:
+def predict_harmonics(setup: DiskSetup, h_W_m2K: float) -> PressFitHarmonics:
     """Harmonics of a disk with its stated fit for a mean flux of 1 kW/m2 out of the disk through its bore."""
-    c = press_fit(setup)[1] * harmonics(setup.fit.sectors(1e3 * setup.bore_radius_m), 2 * ORDERS)
-    disk = [disk_admittance(setup, h_W_m2K, n) for n in range(1, ORDERS + 1)]
+    c = press_fit(setup)[1] * harmonics(setup.fit.sectors(1e3 * setup.bore_radius_m), 2 * N_HARMONICS)
+    disk = [disk_admittance(setup, h_W_m2K, n) for n in range(1, N_HARMONICS + 1)]
     hindered = np.array(
         [1 / y + 1 / shaft_admittance(setup, n) for n, (y, _) in enumerate(disk, start=1)]
     )
-    orders = np.array([n for n in range(-ORDERS, ORDERS + 1) if n])
+    orders = np.array([n for n in range(-N_HARMONICS, N_HARMONICS + 1) if n])
     z = hindered[np.abs(orders) - 1]
 
     def at(n: NDArray[np.int64]) -> NDArray[np.complex128]:
@@ -202,12 +202,12 @@ def predicted(setup: DiskSetup, h_W_m2K: float) -> Predicted:
     first, second = (2e3 / mean * waves[n] for n in (1, 2))
     y, bore = disk[0]
     per_share = 1e3 / (y * (1 + c[0].real * hindered[0]) * bore)
-    return Predicted(
+    return PressFitHarmonics(
         np.array([first.real, -first.imag]), np.array([second.real, -second.imag]), float(per_share)
     )
 
 
-def stated_round(
+def press_fit_priors(
     test: EhlTest, estimates: Mapping[str, Estimate], uneven: Mapping[str, Unevenness]
 ) -> tuple[dict[str, Unevenness], list[Finding]]:
     """What is to be expected of each disk with a stated fit, by ``estimates`` and what was found ``uneven`` by the fit
@@ -236,13 +236,13 @@ def stated_round(
         film = estimates[f"h_{d}"]
         u = whole * float(np.hypot(beta.u, shares[d] * disk.uncertainty.friction_rel))
         air = float(test.film[d][near, 0].mean()) if d in test.film else 0.0
-        flux, flux_u = flux_and_u(
+        flux, flux_u = bore_flux_with_u(
             disk, (shares[d] * whole, u), (film.value, film.u), float(np.nanmean(inner)), air
         )
-        least = max(flux, LEAST_SIGMAS * flux_u)  # heat leaves through the bore
-        told = predicted(disk.setup, film.value).times(1e-3 * least)
+        least = max(flux, MIN_FLUX_U * flux_u)  # heat leaves through the bore
+        told = predict_harmonics(disk.setup, film.value).times(1e-3 * least)
         known = disk.setup.fit.uneven_rel, flux_u / least, found
-        if (z := told.apart_z(*known)) < SIGNIFICANT:
+        if (z := told.apart_z(*known)) < SIGNIFICANT_Z:
             stated[d] = told.prior(*known)
             continue
         seen_K, seen_deg = _polar(found.level_K)

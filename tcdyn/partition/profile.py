@@ -38,21 +38,21 @@ from tcdyn.partition.window import POWER
 from tcdyn.rig.disk import DISKS
 
 REACH_U = 7.0  # half-width of the table in standard uncertainties,
-REACH_FOLD = 8.0  # but no farther than this factor
+REACH_FACTOR = 8.0  # but no farther than this factor
 H_NODES = 13
 SHAPE_NODES = 9
 SUM_NODES = ((0.4, 5), (1.4, 7), (np.inf, 11))  # up to this width in log S
 RANK = 60  # directions of data space that a disk's table spans: what they leave out is below 1e-8 K
-OTHER_SHAPES = (
+SHAPE_STARTS = (
     0.0,
     -0.7,
     0.7,
 )  # starts of the second lag's logarithm: the posterior may have two valleys in it
-ENOUGH = 1e-4  # of the sum of squares that a step would still gain; the step is taken, and leaves far less
+TOLERANCE = 1e-4  # of the sum of squares that a step would still gain; the step is taken, and leaves far less
 # in standard uncertainties
 STEP_U = 0.3
-FARTHEST_U = 6.0
-TOP = 8.99  # of the deviance: three standard uncertainties of a parabola
+MAX_DISTANCE_U = 6.0
+MAX_DEVIANCE = 8.99  # of the deviance: three standard uncertainties of a parabola
 LEVEL = Z95**2  # 3.84, the 95 % point of chi-squared with one degree of freedom
 NOTICEABLE = 0.2  # of the half-width
 
@@ -131,7 +131,7 @@ class _Table:
 
 
 @dataclass(frozen=True)
-class Number:
+class ProfiledNumber:
     """A number to be profiled, ``value`` of the coordinate ``toward`` @ theta and back; it makes sense ``within``."""
 
     toward: Array
@@ -140,8 +140,8 @@ class Number:
     within: tuple[float, float] = (-np.inf, np.inf)
 
 
-def _logarithm(toward: Array, rest: float = 0.0) -> Number:
-    return Number(
+def _logarithm(toward: Array, rest: float = 0.0) -> ProfiledNumber:
+    return ProfiledNumber(
         toward,
         lambda x: float(np.exp(x)) + rest,
         lambda number: float(np.log(number - rest)),
@@ -164,7 +164,7 @@ def joint_profiles(joint: Mapping[str, DiskFit], both: BothFit) -> pd.DataFrame:
         table = rim_table(fit.side, [fit.theta, together], e["h"].u, e["lag_s"].u)
         turn = float if d == "fast" else (lambda share: 1.0 - share)
         numbers = {
-            "beta": Number(one[SHARE, :4], turn, turn, (0.0, 1.0)),
+            "beta": ProfiledNumber(one[SHARE, :4], turn, turn, (0.0, 1.0)),
             "h": _logarithm(one[LOG_H, :4]),
             "lag_s": _logarithm(one[LOG_LAGS, :4], fit.side.rest_of_lag_s),
         }
@@ -175,10 +175,10 @@ def joint_profiles(joint: Mapping[str, DiskFit], both: BothFit) -> pd.DataFrame:
     h_fast = one[LOG_H]
     h_slow = one[4 + LOG_H]
     numbers = {
-        "beta": Number(one[SHARE], within=(0.0, 1.0)),
+        "beta": ProfiledNumber(one[SHARE], within=(0.0, 1.0)),
         "h_fast": _logarithm(h_fast),
         "h_slow": _logarithm(h_slow),
-        "exponent": Number((h_fast - h_slow) / float(np.log(both.speed_ratio))),
+        "exponent": ProfiledNumber((h_fast - h_slow) / float(np.log(both.speed_ratio))),
     }
     sides = [replace(joint[d].side, **table) for d, table in zip(DISKS, tables)]
     whole = _profiles("both", sides, both.theta, numbers, both.estimates, both.inflation)
@@ -189,7 +189,7 @@ def _profiles(
     fit: str,
     sides: Sequence[Side],
     start: Array,
-    numbers: Mapping[str, Number],
+    numbers: Mapping[str, ProfiledNumber],
     estimates: Mapping[str, Estimate],
     inflation: float,
 ) -> pd.DataFrame:
@@ -203,13 +203,13 @@ def _profiles(
     k = len(start)
     few = eliminated(problem, k, np.concatenate([start, np.zeros(problem.size - k)]))
     tried = []
-    for shift in OTHER_SHAPES:
+    for shift in SHAPE_STARTS:
         theta = start.copy()
         theta[LOG_TAU2::4] = np.minimum(theta[LOG_TAU2::4] + shift, theta[LOG_LAGS::4] - 0.1)
-        tried.append(minimise(few, theta, tolerance=ENOUGH))
+        tried.append(minimise(few, theta, tolerance=TOLERANCE))
     best = least(tried)
     whole = minimise(
-        problem, np.concatenate([best.theta, np.zeros(problem.size - k)]), tolerance=ENOUGH
+        problem, np.concatenate([best.theta, np.zeros(problem.size - k)]), tolerance=TOLERANCE
     )
     noise, per_sd = told(whole, sides)
 
@@ -224,12 +224,12 @@ def _profiles(
             u=e.u,
             scale=float((inflation * white + other) / (white + other)),
             step=STEP_U,
-            drop=TOP,
-            reach=FARTHEST_U,
+            drop=MAX_DEVIANCE,
+            reach=MAX_DISTANCE_U,
             value=n.value,
             at=n.at,
             within=n.within,
-            tolerance=ENOUGH,
+            tolerance=TOLERANCE,
         )
         columns = {"value": walk.value, "deviance": walk.deviance, "estimate": e.value, "u": e.u}
         return pd.DataFrame({"fit": fit, "parameter": name, **columns})
@@ -239,8 +239,8 @@ def _profiles(
 
 def _reach(values: Sequence[float], u: float) -> tuple[float, float]:
     """Logarithms of the ends of a table about all ``values``."""
-    low = min(max(v - REACH_U * u, v / REACH_FOLD) for v in values)
-    high = max(min(v + REACH_U * u, v * REACH_FOLD) for v in values)
+    low = min(max(v - REACH_U * u, v / REACH_FACTOR) for v in values)
+    high = max(min(v + REACH_U * u, v * REACH_FACTOR) for v in values)
     return float(np.log(low)), float(np.log(high))
 
 

@@ -13,22 +13,22 @@ from scipy.special import chdtrc
 
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, error, info, warning
-from tcdyn.partition.at_rest import UNSOUND_P, at_rest
+from tcdyn.partition.at_rest import MISFIT_P, faults_at_rest
 from tcdyn.partition.disk_features import DiskFeatures, disk_features
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.sensor_faults import DepthTest, Fault, depth_test, hypotheses, judge, settled
+from tcdyn.partition.sensor_faults import DepthTest, Fault, depth_test, hypotheses, evaluate_faults, refine_fault
 from tcdyn.partition.window import between
 from tcdyn.rig.disk import DISKS, LEFT_OUT, DiskSetup
 from tcdyn.smoothing.traces import DiskTraces
 
-NAMED_LOG_ODDS = (
+FAULT_LOG_ODDS = (
     8.0  # a fault is named when it is e^8 = 3000 times as likely as a sound disk, against 28 faults
 )
 RIVAL_LOG_ODDS = 4.0  # rivals within e^4 = 55 times are named with it
-BLIND_LOG_ODDS = 4.0
+INDISTINGUISHABLE_LOG_ODDS = 4.0
 DEAD_REL = 0.25  # of the median rise of the disk's channels
-LEAST_RISE_K = 3.0
-SAME_PLACE_M = 0.15e-3
+MIN_RISE_K = 3.0
+SAME_POSITION_M = 0.15e-3
 SURE_Z = 2.0
 ASYMMETRY_Z = 3.0
 LAG_U_S = 0.05
@@ -131,7 +131,7 @@ def check_sensors(test: EhlTest) -> SensorCheck:
     blind: dict[str, tuple[tuple[str, ...], ...]] = dict.fromkeys(test.disks, ())
     likely = {}
     depths = {}
-    before_load = at_rest(test)
+    before_load = faults_at_rest(test)
     found = {d: dead for d, (_, dead, _) in looked_at.items()}
     for d, (_, _, judged) in looked_at.items():
         if judged is not None:
@@ -192,21 +192,21 @@ def _judged(test: EhlTest, f: DiskFeatures, disk: DiskTraces) -> Judged:
     """Where the test places the junctions of a sound disk, the log likelihood of what is believed, the suspect if there
     is one, and the blind swaps."""
     (sound, *found), *swapped = (
-        judge(f, disk, faults) for faults in hypotheses(f.setup.channels, disk.left_out)
+        evaluate_faults(f, disk, faults) for faults in hypotheses(f.setup.channels, disk.left_out)
     )
     found += [v for verdicts in swapped for v in verdicts]
     ranked = sorted(found, key=lambda v: -v.log_likelihood)
     odds = ranked[0].log_likelihood - sound.log_likelihood
-    if odds > NAMED_LOG_ODDS:
+    if odds > FAULT_LOG_ODDS:
         first, *others = sorted(
-            (settled(test, f, disk, v) for v in found), key=lambda v: -v.log_likelihood
+            (refine_fault(test, f, disk, v) for v in found), key=lambda v: -v.log_likelihood
         )
         rivals = [
             v.fault for v in others if v.log_likelihood > first.log_likelihood - RIVAL_LOG_ODDS
         ]
         also = {"rivals": [f"{r.kind} {'-'.join(r.channels)}" for r in rivals[:3]]}
         odds = first.log_likelihood - sound.log_likelihood
-        if first.fault.kind == "swapped" and chdtrc(first.dof, first.chi2) < UNSOUND_P:
+        if first.fault.kind == "swapped" and chdtrc(first.dof, first.chi2) < MISFIT_P:
             told = {
                 **also,
                 "chi2": sound.chi2,
@@ -220,12 +220,12 @@ def _judged(test: EhlTest, f: DiskFeatures, disk: DiskTraces) -> Judged:
             )
         named = Suspect(disk.name, first.fault.kind, first.fault.channels, first.size, odds, also)
         return None, first.log_likelihood, (named,), ()
-    if chdtrc(sound.dof, sound.chi2) < UNSOUND_P:
+    if chdtrc(sound.dof, sound.chi2) < MISFIT_P:
         unknown = Suspect(
             disk.name, "unknown", (), None, odds, {"chi2": sound.chi2, "dof": sound.dof}
         )
         return None, sound.log_likelihood, (unknown,), ()
-    near = sound.log_likelihood - BLIND_LOG_ODDS
+    near = sound.log_likelihood - INDISTINGUISHABLE_LOG_ODDS
     blind = tuple(
         v.fault.channels for v in found if v.fault.kind == "swapped" and v.log_likelihood > near
     )
@@ -250,7 +250,7 @@ def _crossed(test: EhlTest, features: Mapping[str, DiskFeatures], apart: float) 
                 other.slope[:, column],
                 other.bend[:, column],
             )
-            (foreign,) = judge(
+            (foreign,) = evaluate_faults(
                 mixed, test.disks[f.disk], [Fault("foreign", (f.setup.channels[place],))]
             )
             total += foreign.log_likelihood
@@ -273,7 +273,7 @@ def _dead(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> tuple[Suspect, ..
     usual = float(np.median(rise))
     fall = float(np.median(falls))
     dead = (
-        (rise < DEAD_REL * usual) & (falls < DEAD_REL * fall) & (usual > LEAST_RISE_K) & ~disk.out
+        (rise < DEAD_REL * usual) & (falls < DEAD_REL * fall) & (usual > MIN_RISE_K) & ~disk.out
     )
     out = []
     for i in np.flatnonzero(dead):
@@ -310,7 +310,7 @@ def angle_groups(setup: DiskSetup) -> tuple[tuple[str, ...], ...]:
     return tuple(sorted(groups))
 
 
-def demand(setup: DiskSetup, one: str, other: str) -> int | None:
+def hotter_junction(setup: DiskSetup, one: str, other: str) -> int | None:
     """1 when ``one`` must be the hotter, -1 when ``other`` must, 0 when neither by symmetry, None when it depends.
 
     Under contact heat flows in at the centre of the track and away from it: nearer the surface and nearer the centre
@@ -320,17 +320,17 @@ def demand(setup: DiskSetup, one: str, other: str) -> int | None:
     j = setup.junctions[other]
     middle = 0.5 * setup.width_m
     steps = (j.depth_m - i.depth_m, abs(j.z_m - middle) - abs(i.z_m - middle))
-    signs = {0 if abs(s) < SAME_PLACE_M else int(np.sign(s)) for s in steps}
+    signs = {0 if abs(s) < SAME_POSITION_M else int(np.sign(s)) for s in steps}
     if signs == {0}:
         return 0
     signs.discard(0)
     return signs.pop() if len(signs) == 1 else None
 
 
-def said_of(wanted: int | None, difference_K: float, u_K: float) -> str:
+def classify_pair(wanted: int | None, difference_K: float, u_K: float) -> str:
     """ "logical", "weak", "illogical" or "N.A." for a pair that reads ``difference_K`` apart.
 
-    >>> said_of(1, 3.0, 0.3), said_of(1, 0.2, 0.3), said_of(1, -3.0, 0.3), said_of(None, 3.0, 0.3)
+    >>> classify_pair(1, 3.0, 0.3), classify_pair(1, 0.2, 0.3), classify_pair(1, -3.0, 0.3), classify_pair(None, 3.0, 0.3)
     ('logical', 'weak', 'illogical', 'N.A.')
     """
     if wanted is None:
@@ -364,7 +364,7 @@ def pair_table(
     }
     i, j = np.triu_indices(len(s.channels), 1)
     pairs = [(s.channels[one], s.channels[other]) for one, other in zip(i, j)]
-    wanted = [demand(s, *pair) for pair in pairs]
+    wanted = [hotter_junction(s, *pair) for pair in pairs]
     out = np.array([not {*pair}.isdisjoint(disk.left_out) for pair in pairs])
     table = pd.DataFrame(pairs, columns=["one", "other"])
     table.insert(0, "disk", disk.name)
@@ -375,6 +375,6 @@ def pair_table(
         table[f"{name}_difference_K"] = gap
         table[f"{name}_u_K"] = spread
         table[name] = np.where(
-            out, LEFT_OUT, [said_of(w, x, u_x) for w, x, u_x in zip(wanted, gap, spread)]
+            out, LEFT_OUT, [classify_pair(w, x, u_x) for w, x, u_x in zip(wanted, gap, spread)]
         )
     return table

@@ -21,39 +21,39 @@ from tcdyn.core import Array
 from tcdyn.core.estimate import Estimate
 from tcdyn.partition.disk_features import DiskFeatures, Order, disk_features
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.nuisance import stated, stated_u
+from tcdyn.partition.nuisance import nominal_parameters, nominal_u
 from tcdyn.partition.window import NOMINAL
 from tcdyn.smoothing.traces import DiskTraces
 
 SHARE_SD = 0.12  # about each of the shares that are looked at
-MIXED_LINES_K = 0.7  # swapped channels carry each other's static lines
-MIXED_LAGS_S = 0.06
+SWAPPED_LINES_K = 0.7  # swapped channels carry each other's static lines
+SWAPPED_LAGS_S = 0.06
 LEAST_LAG_U_S = 0.05
 LOADING_U_S = 0.5  # how long the load takes to come on is not known
 MODEL_REL = 0.005  # of what the frictional heat does: rim against whole disk
-THICK_REL = (
+INNER_MODEL_REL = (
     0.015  # the same for the inner row, predicted as if the bore did not feel the first seconds
 )
 MODEL_K = 0.03
-LEAST_TOLD = 0.02
+MIN_INFORMATION = 0.02
 LOG_H_STEP = 0.05
 H_GRID_W_M2K = np.geomspace(
     30.0, 3000.0, 14
 )  # gains are worked out here, answers between by splines in ln h
 H_FINE_W_M2K = np.geomspace(30.0, 3000.0, 131)
-ROUNDS = 4
+MAX_ITERATIONS = 4
 SHARE_GRID = (0.14, 0.32, 0.5, 0.68, 0.86)
 LOG_H_SD = 1.0  # h is as good as unknown
 MISPLACED_M = 1.5e-3
-FREE = {
+FREE_PARAMETER = {
     "misplaced": ("depth", MISPLACED_M),
     "offset": ("static", 5.0),
     "late": ("lag", 0.5),
 }  # m, K, s: sd of each
-LEAST_DEPTH_M = 0.3e-3
-SETTLED_M = 0.03e-3
-SETTLED_S = 0.01
-LATE_ROUNDS = 6
+MIN_DEPTH_M = 0.3e-3
+CONVERGED_M = 0.03e-3
+CONVERGED_S = 0.01
+MAX_LATE_ITERATIONS = 6
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class Fault:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class FaultFit:
     """A hypothesis with its log likelihood, chi-square and the number of data, at its best share and h.
 
     ``size`` is how far the junction is misplaced [m, positive deeper], how much it reads too high [K], how much it is
@@ -99,12 +99,12 @@ def hypotheses(channels: Sequence[str], left_out: Sequence[str] = ()) -> Iterato
     Channels ``left_out`` have no faults.
     """
     used = [c for c in channels if c not in left_out]
-    yield [Fault("none"), *(Fault(kind, (c,)) for c in used for kind in FREE)]
+    yield [Fault("none"), *(Fault(kind, (c,)) for c in used for kind in FREE_PARAMETER)]
     for pair in combinations(used, 2):
         yield [Fault("swapped", pair)]
 
 
-def judge(f: DiskFeatures, disk: DiskTraces, faults: Sequence[Fault]) -> list[Verdict]:
+def evaluate_faults(f: DiskFeatures, disk: DiskTraces, faults: Sequence[Fault]) -> list[FaultFit]:
     """Likelihood of the features under each of ``faults``, all of one order of the columns.
 
     The effect of every error grows with the share, so a hypothesis is a mixture of normal distributions about each
@@ -120,7 +120,7 @@ def judge(f: DiskFeatures, disk: DiskTraces, faults: Sequence[Fault]) -> list[Ve
     found = []
     for share in SHARE_GRID:
         left = f.levels[:, order][:, s.places(s.rows)][f.seen] - rests - share * powers
-        own = independent_K(f, disk, powers[len(powers) // 2], order)
+        own = independent_sd_K(f, disk, powers[len(powers) // 2], order)
         start = int(np.argmin(((left / own) ** 2).sum(axis=1)))
         known: dict[
             tuple[int, tuple[str, ...]], _Seen
@@ -168,7 +168,7 @@ def _about(
     powers: Array,
     best: int,
     known: dict[tuple[int, tuple[str, ...]], _Seen],
-) -> Verdict:
+) -> FaultFit:
     """The verdict if the share lies about ``share``, of what is ``left`` (H, D) over ``H_FINE_W_M2K``.
 
     What a fault leaves free, e by one standard deviation of it, adds e e' to the covariance C. With e and all else
@@ -176,11 +176,11 @@ def _about(
     """
     mixed = fault.channels if fault.kind in ("swapped", "foreign") else ()
     order = fault.order(f.setup.channels)
-    stands = [what.name for what in stated(f.setup)]
-    quantity, sd = FREE.get(fault.kind, ("", 0.0))
+    stands = [what.name for what in nominal_parameters(f.setup)]
+    quantity, sd = FREE_PARAMETER.get(fault.kind, ("", 0.0))
     rows = [stands.index(f"{quantity} {c}") for c in fault.channels] if sd else []
     at = -1
-    for _ in range(ROUNDS):  # the covariance is worked out at the nearest point of the coarse grid
+    for _ in range(MAX_ITERATIONS):  # the covariance is worked out at the nearest point of the coarse grid
         nearest = int(np.argmin(np.abs(np.log(H_GRID_W_M2K / H_FINE_W_M2K[best]))))
         if nearest == at:
             break
@@ -201,7 +201,7 @@ def _about(
     likely = float(
         np.clip(share + SHARE_SD**2 * float(power @ (seen.left[:, best] - one_sd * free)), 0.0, 1.0)
     )
-    return Verdict(
+    return FaultFit(
         fault,
         -0.5 * (chi2 + log_det),
         chi2,
@@ -212,7 +212,7 @@ def _about(
     )
 
 
-def settled(test: EhlTest, f: DiskFeatures, disk: DiskTraces, v: Verdict) -> Verdict:
+def refine_fault(test: EhlTest, f: DiskFeatures, disk: DiskTraces, v: FaultFit) -> FaultFit:
     """A misplaced junction of the outer row, or a late channel, linearised again where the last look put it, until it
     stays."""
     channel = v.fault.channels[0]
@@ -222,17 +222,17 @@ def settled(test: EhlTest, f: DiskFeatures, disk: DiskTraces, v: Verdict) -> Ver
         return v
     setup = f.setup
     at = setup.junctions[channel]
-    deepest = setup.edge_m - LEAST_DEPTH_M
+    deepest = setup.edge_m - MIN_DEPTH_M
     size = v.size
     again = v
     for _ in range(4):
-        depth = float(np.clip(at.depth_m + size.value, LEAST_DEPTH_M, deepest))
+        depth = float(np.clip(at.depth_m + size.value, MIN_DEPTH_M, deepest))
         there = {**setup.junctions, channel: replace(at, depth_m=depth)}
-        (again,) = judge(replace(f, setup=replace(setup, junctions=there)), disk, [v.fault])
+        (again,) = evaluate_faults(replace(f, setup=replace(setup, junctions=there)), disk, [v.fault])
         if again.size is None:
             break
         size = Estimate.normal(depth - at.depth_m + again.size.value, again.size.u)
-        if abs(again.size.value) < SETTLED_M:
+        if abs(again.size.value) < CONVERGED_M:
             break
     if size.value + at.depth_m > deepest:  # the outer row lies above the inner one
         return replace(again, size=size, log_likelihood=-np.inf)
@@ -243,24 +243,24 @@ def settled(test: EhlTest, f: DiskFeatures, disk: DiskTraces, v: Verdict) -> Ver
     )
 
 
-def _settled_late(test: EhlTest, disk: DiskTraces, v: Verdict, size: Estimate) -> Verdict:
+def _settled_late(test: EhlTest, disk: DiskTraces, v: FaultFit, size: Estimate) -> FaultFit:
     """What is much late is not linear: the column is brought forward in time, and judged again."""
     k = disk.setup.channels.index(v.fault.channels[0])
     again = v
-    for _ in range(LATE_ROUNDS):
+    for _ in range(MAX_LATE_ITERATIONS):
         readings = disk.readings_degC.copy()
         readings[:, k] = np.interp(test.time_s + size.value, test.time_s, readings[:, k])
         moved = replace(disk, readings_degC=readings)
-        (again,) = judge(disk_features(test, moved), moved, [v.fault])
+        (again,) = evaluate_faults(disk_features(test, moved), moved, [v.fault])
         if again.size is None:
             break
         size = Estimate.normal(size.value + again.size.value, again.size.u)
-        if abs(again.size.value) < SETTLED_S:
+        if abs(again.size.value) < CONVERGED_S:
             break
     return replace(
         again,
         size=size,
-        log_likelihood=again.log_likelihood - 0.5 * (size.value / FREE["late"][1]) ** 2,
+        log_likelihood=again.log_likelihood - 0.5 * (size.value / FREE_PARAMETER["late"][1]) ** 2,
     )
 
 
@@ -272,22 +272,22 @@ def covariance(
     ``mixed``: channels whose static lines and lags are another's.
     """
     foreign = np.isin(disk.setup.channels, mixed).astype(float)
-    static = np.hypot(disk.static_u_K, MIXED_LINES_K * foreign)
-    u = stated_u(disk, static, MIXED_LAGS_S * foreign)
+    static = np.hypot(disk.static_u_K, SWAPPED_LINES_K * foreign)
+    u = nominal_u(disk, static, SWAPPED_LAGS_S * foreign)
     common = [1.0, 1.0, max(disk.common_lag_u_s, LEAST_LAG_U_S), LOADING_U_S, SHARE_SD]
     a = np.concatenate([u, np.ones(len(effects) - len(u) - len(common)), common])[:, None] * effects
-    return np.asarray(a.T @ a + np.diag(independent_K(f, disk, effects[-1], order) ** 2))
+    return np.asarray(a.T @ a + np.diag(independent_sd_K(f, disk, effects[-1], order) ** 2))
 
 
-def independent_K(f: DiskFeatures, disk: DiskTraces, power: Array, order: Order) -> Array:
+def independent_sd_K(f: DiskFeatures, disk: DiskTraces, power: Array, order: Order) -> Array:
     """Independent part of each datum's standard deviation (D,) [K]: white noise, what the models miss, trends.
 
     ``power`` (D,): what a share of one makes.
     """
     places = f.setup.places(f.setup.rows)
     noise = f.noise[:, None] * np.maximum(disk.noise_K[list(order)][places], 1e-3)
-    rel = np.repeat([MODEL_REL, THICK_REL], [len(f.setup.outer), len(f.setup.inner)])
-    bend = f.bend[:, order][:, places] * (rel == THICK_REL)  # the outer row follows it
+    rel = np.repeat([MODEL_REL, INNER_MODEL_REL], [len(f.setup.outer), len(f.setup.inner)])
+    bend = f.bend[:, order][:, places] * (rel == INNER_MODEL_REL)  # the outer row follows it
     own = 2 * noise**2 + MODEL_K**2 + bend**2
     return np.sqrt(own[f.seen] + (np.broadcast_to(rel, own.shape)[f.seen] * power) ** 2)
 
@@ -309,7 +309,7 @@ class DepthTest:
     left_out: tuple[str, ...] = ()
 
 
-def depth_test(f: DiskFeatures, disk: DiskTraces, sound: Verdict) -> DepthTest:
+def depth_test(f: DiskFeatures, disk: DiskTraces, sound: FaultFit) -> DepthTest:
     """Score test of each depth about the ``sound`` verdict, all other nuisances and depths at their priors.
 
     With r the misfit, C its covariance and e the effect of one standard uncertainty of a depth, the pull is
@@ -329,11 +329,11 @@ def depth_test(f: DiskFeatures, disk: DiskTraces, sound: Verdict) -> DepthTest:
     left = (f.levels[:, f.setup.places(f.setup.rows)] - at)[f.seen]
     sd_m = disk.uncertainty.depth_mm * 1e-3
     used = [c for c in f.setup.channels if c not in disk.left_out]
-    stands = [what.name for what in stated(f.setup)]
+    stands = [what.name for what in nominal_parameters(f.setup)]
     effects = sd_m * known[[stands.index(f"depth {c}") for c in used]]
     toward = np.linalg.solve(cov, effects.T).T
     gram = toward @ effects.T
-    told = np.clip(np.diag(gram), LEAST_TOLD, 1 - 1e-9)
+    told = np.clip(np.diag(gram), MIN_INFORMATION, 1 - 1e-9)
     score = toward @ left
     root = np.sqrt(np.diag(gram))
     deeper = {

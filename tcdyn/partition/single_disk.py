@@ -11,23 +11,23 @@ from tcdyn.core import Array
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, info, warning, warnings_and_errors
 from tcdyn.estimation import Optimum, minimise
-from tcdyn.partition.analyse import WINDOW_S, evened, followed, heeded
-from tcdyn.partition.angular_harmonic import Unevenness, found_in
+from tcdyn.partition.analyse import WINDOW_S, remove_and_expect_harmonics, with_slowing_by_speed_law, check_suspects
+from tcdyn.partition.angular_harmonic import Unevenness, harmonic_from_fit
 from tcdyn.partition.cooling import (
     CoolingFit,
     compensated,
     cooling_errors,
     cooling_fit,
     cooling_shift,
-    longer_than_lag,
+    require_window_longer_than_lag,
     refined_chains,
-    slowed,
+    with_slowing_air_offset,
     smoothed,
 )
-from tcdyn.partition.crosscheck import MODEL_FORM_REL, SUSPECT_Z, together
+from tcdyn.partition.crosscheck import MODEL_FORM_REL, SUSPECT_Z, stacked_sensitivity
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import (
-    ENOUGH,
+    TOLERANCE,
     JOINT_WINDOW_S,
     LOG_H,
     DiskFit,
@@ -35,25 +35,25 @@ from tcdyn.partition.joint import (
     joint_problem,
     unknowns,
 )
-from tcdyn.partition.model_forms import cannot_be
-from tcdyn.partition.nuisance import known_round
+from tcdyn.partition.model_forms import is_impossible
+from tcdyn.partition.nuisance import harmonic_prior
 from tcdyn.partition.sensor_check import SensorCheck, check_sensors
 from tcdyn.partition.steady import DiskLine, at_one_radius, at_own_temperature, steady_lines
 from tcdyn.partition.surface_flux import log_h_prior, with_surfaces
 from tcdyn.partition.window import stretch_of
 from tcdyn.smoothing.record import Compensated
 
-NUMBERS = ("intercept", "slope", "cooling", "h cooling", "joint", "h joint", "lag_s")
+QUANTITIES = ("intercept", "slope", "cooling", "h cooling", "joint", "h joint", "lag_s")
 SHARES = np.array([1.0, 1.0, 1.0, 0.0, 1.0, 0.0, 0.0])  # which of them the rim's form scales
 WAYS = ("joint", "cooling")
-COOLING, JOINT = NUMBERS.index("cooling"), NUMBERS.index("joint")
+COOLING, JOINT = QUANTITIES.index("cooling"), QUANTITIES.index("joint")
 
 
 @dataclass(frozen=True)
 class OneDisk:
     """Steady line, cooling fit and joint fit of the only ``disk`` of a test.
 
-    ``answers``: ``NUMBERS`` with their uncertainties; "cooling" and "joint" are beta of the fast disk, h in W/m2K;
+    ``answers``: ``QUANTITIES`` with their uncertainties; "cooling" and "joint" are beta of the fast disk, h in W/m2K;
     ``z``: of the difference of those two in standard uncertainties of it; ``budget``: of beta, by
     source, by the joint fit and by the cooling fit. ``optimum``: where the joint fit ended; ``compensated``: by disk,
     the traces of ``rows`` of the log.
@@ -78,7 +78,7 @@ class OneDisk:
     def withheld(self) -> frozenset[str]:
         """Ways that cannot be true, "joint" or "cooling": beta outside 0 to 1, or h not above zero; not to be shown."""
         return frozenset(
-            way for way in WAYS if cannot_be(self.answers[way], self.answers[f"h {way}"])
+            way for way in WAYS if is_impossible(self.answers[way], self.answers[f"h {way}"])
         )
 
     @property
@@ -135,8 +135,8 @@ def analyse_one(
     :func:`tcdyn.partition.analyse.analyse`.
     """
     (name,) = test.disks
-    longer_than_lag(test, window_s)
-    test = followed(at_one_radius(at_own_temperature(with_surfaces(test))))
+    require_window_longer_than_lag(test, window_s)
+    test = with_slowing_by_speed_law(at_one_radius(at_own_temperature(with_surfaces(test))))
     joint_s = float(min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s))
     rows = stretch_of(test, max(window_s, joint_s))
     sensors = None
@@ -147,19 +147,19 @@ def analyse_one(
     if sensor_check:
         progress("sensor map")
         sensors = check_sensors(test)
-        findings += heeded(sensors)
+        findings += check_suspects(sensors)
     progress("joint fit")
     share, h = steady_lines(test, rows)[1].starts[name]
     fit = disk_fit(test, test.disks[name], share, h, joint_s, "modal")
     if test.slowing:
-        test = slowed(test, {name: (fit.share, fit.h_W_m2K)})
+        test = with_slowing_air_offset(test, {name: (fit.share, fit.h_W_m2K)})
         fit = disk_fit(test, test.disks[name], fit.share, fit.h_W_m2K, joint_s, "modal")
     found, best = _round(test, fit)
-    even, again = evened(test, {name: found})
+    even, again = remove_and_expect_harmonics(test, {name: found})
     if again is not None:
         fit = disk_fit(again, again.disks[name], fit.share, fit.h_W_m2K, joint_s, "modal")
         found, best = _round(again, fit)
-        even, _ = evened(again, {name: found})
+        even, _ = remove_and_expect_harmonics(again, {name: found})
         findings += [told for told in (found.finding(name),) if told is not None]
     progress("cooling fit")
     disk = even.disks[name]
@@ -173,7 +173,7 @@ def analyse_one(
         cooled.window, line.line, test.events.unload_s, window_s, cooled.noise_K, prior
     )
     shift = cooling_shift(cooling, *cooling_errors(cooled, cooling.share, cooling.h_W_m2K), line)
-    per_sd, root = together(line.shift, shift, fit.shift)
+    per_sd, root = stacked_sensitivity(line.shift, shift, fit.shift)
     values = np.array(
         [
             line.line.intercept,
@@ -187,15 +187,15 @@ def analyse_one(
     )
     form = MODEL_FORM_REL * SHARES * values
     covariance = per_sd.T @ per_sd + root @ root.T + np.outer(form, form)
-    apart = np.eye(len(NUMBERS))[JOINT] - np.eye(len(NUMBERS))[COOLING]
+    apart = np.eye(len(QUANTITIES))[JOINT] - np.eye(len(QUANTITIES))[COOLING]
     z = float(abs(apart @ values) / np.sqrt(apart @ covariance @ apart))
     of_fast = (
         values
         if name == "fast"
-        else np.where(np.isin(NUMBERS, ("cooling", "joint")), 1 - values, values)
+        else np.where(np.isin(QUANTITIES, ("cooling", "joint")), 1 - values, values)
     )
     u = np.sqrt(np.diag(covariance))
-    answers = {n: Estimate.normal(float(x), float(s)) for n, x, s in zip(NUMBERS, of_fast, u)}
+    answers = {n: Estimate.normal(float(x), float(s)) for n, x, s in zip(QUANTITIES, of_fast, u)}
     budget = _budget([q.source for q in fit.shift.of], per_sd, root, float(form[JOINT]))
     return OneDisk(
         even,
@@ -220,10 +220,10 @@ def _round(test: EhlTest, fit: DiskFit) -> tuple[Unevenness, Optimum]:
     problem = joint_problem([fit.side])
     unknown = unknowns([fit.side])
     start = np.append(fit.theta, np.zeros(len(problem.names) - len(fit.theta)))
-    best = minimise(problem, start, tolerance=ENOUGH)
+    best = minimise(problem, start, tolerance=TOLERANCE)
     left = best.theta[4:], best.covariance[4:, 4:], unknown
-    return found_in(
-        *left, fit.disk, float(np.exp(best.theta[LOG_H])), known_round(test, fit.disk)
+    return harmonic_from_fit(
+        *left, fit.disk, float(np.exp(best.theta[LOG_H])), harmonic_prior(test, fit.disk)
     ), best
 
 

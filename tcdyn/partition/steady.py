@@ -14,8 +14,8 @@ from tcdyn.core.errors import InputError
 from tcdyn.heat.rim import Profile
 from tcdyn.partition.angular_harmonic import Unmeasured
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.nuisance import effects, inner_gradient
-from tcdyn.partition.steel import follows_temperature, linear_about
+from tcdyn.partition.nuisance import nuisance_effects, inner_gradient
+from tcdyn.partition.steel import depends_on_temperature, linear_about
 from tcdyn.partition.window import DiskWindow, lagged_window, stretch_of
 from tcdyn.rig.disk import DISKS, DiskSetup
 from tcdyn.smoothing.traces import DiskTraces
@@ -23,13 +23,13 @@ from tcdyn.smoothing.traces import DiskTraces
 H_GRID_W_M2K: Array = np.asarray(np.arange(100.0, 1201.0, 100.0), dtype=np.float64)  # section 4.3
 SHARE_GRID: Array = np.asarray(np.arange(0.1, 1.01, 0.1), dtype=np.float64)
 END_GAP_S = 0.2  # the last fraction of a second may already hold the parting
-LEAST_H_W_M2K = 50.0
+MIN_START_H_W_M2K = 50.0
 START_H_W_M2K = 400.0
-LEVELLED_S = 20.0  # of cooling that any fit looks at
+MAX_COOLING_S = 20.0  # of cooling that any fit looks at
 LAST_S = 10.0
 SURFACE_DEPTH_M = 0.0
-PLACES = 12  # across the running surface
-ROUNDS = 2  # what moves share and h in the second is a hundredth of what moved them in the first
+N_SURFACE_POINTS = 12  # across the running surface
+N_ITERATIONS = 2  # what moves share and h in the second is a hundredth of what moved them in the first
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ def speed_law(
         )
     beta = speed_law_beta(fast.intercept, fast.slope, slow.intercept, slow.slope, chi)
     h_fast = (beta - fast.intercept) / fast.slope
-    least = LEAST_H_W_M2K
+    least = MIN_START_H_W_M2K
     starts = {"fast": (beta, max(h_fast, least)), "slow": (1 - beta, max(h_fast / chi, least))}
     return SpeedLawPoint(beta, h_fast, h_fast / chi, chi, starts)
 
@@ -161,7 +161,7 @@ def steady_map(
 
 
 @dataclass(frozen=True)
-class FitShift:
+class FitSensitivity:
     """Error of fitted numbers by one standard uncertainty of what nobody measured, and their noise.
 
     ``per_sd`` (Q, k): how far the fit is off when the true disk departs by one standard uncertainty from the stated
@@ -180,10 +180,10 @@ class DiskLine:
 
     map: SteadyMap
     line: SteadyLine
-    errors: Callable[[], FitShift] = field(repr=False)
+    errors: Callable[[], FitSensitivity] = field(repr=False)
 
     @cached_property
-    def shift(self) -> FitShift:
+    def shift(self) -> FitSensitivity:
         """Error of (intercept, slope) per standard uncertainty of what nobody measured."""
         return self.errors()
 
@@ -217,7 +217,7 @@ def _line_shift(
     power: Array,
     weights: Array,
     steady: Flags,
-) -> FitShift:
+) -> FitSensitivity:
     """What is to be feared of a line through the ``steady`` (R,) means of its window; ``power`` (n_h, r, P) theirs."""
     w = weights / weights.sum()
     moved = []
@@ -225,7 +225,7 @@ def _line_shift(
     high = len(H_GRID_W_M2K) - 3
     for k in (low, high):
         h = float(H_GRID_W_M2K[k])
-        known = effects(test, disk, window, line.at(h), h)
+        known = nuisance_effects(test, disk, window, line.at(h), h)
         size = np.einsum("rp,rp,p->", power[k], power[k], w)
         moved.append(np.einsum("qrp,rp,p->q", known.change[:, steady], power[k], w) / size)
     h_low = float(H_GRID_W_M2K[low])
@@ -237,7 +237,7 @@ def _line_shift(
     )  # twice: so is the boundary
     noise = float(np.sqrt(spread) / (s * power[low]).sum())
     per_sd = np.column_stack([moved[0] - slope * h_low, slope])
-    return FitShift(known.of, per_sd, np.diag([noise**2, 0.0]))
+    return FitSensitivity(known.of, per_sd, np.diag([noise**2, 0.0]))
 
 
 def steady_lines(
@@ -265,8 +265,8 @@ def at_one_radius(test: EhlTest) -> EhlTest:
         off := {d: o for d, x in test.disks.items() if np.any(o := x.setup.deeper_than_edge_m)}
     ):
         return test
-    rows = stretch_of(test, min(LEVELLED_S, float(test.time_s[-1] - test.events.unload_s)))
-    for _ in range(ROUNDS):
+    rows = stretch_of(test, min(MAX_COOLING_S, float(test.time_s[-1] - test.events.unload_s)))
+    for _ in range(N_ITERATIONS):
         _, speed = steady_lines(test, rows)
         moved = {d: _levelled(test, test.disks[d], rows, off[d], *speed.starts[d]) for d in off}
         test = replace(test, disks={**test.disks, **moved})
@@ -279,14 +279,14 @@ def at_own_temperature(test: EhlTest) -> EhlTest:
     Both are means over the last seconds under load, the surface's by the model itself at the speed law's share and h.
     """
     asked = [
-        d for d in test.disks if follows_temperature(test.disks[d].setup, test.disks[d].uncertainty)
+        d for d in test.disks if depends_on_temperature(test.disks[d].setup, test.disks[d].uncertainty)
     ]
     if not asked:
         return test
-    rows = stretch_of(test, min(LEVELLED_S, float(test.time_s[-1] - test.events.unload_s)))
+    rows = stretch_of(test, min(MAX_COOLING_S, float(test.time_s[-1] - test.events.unload_s)))
     stated = test.disks
     for k in range(
-        ROUNDS + 1
+        N_ITERATIONS + 1
     ):  # the first with the steel as it is at the readings' own temperature
         starts = steady_lines(test, rows)[1].starts if k else dict.fromkeys(DISKS, None)
         moved = {
@@ -314,7 +314,7 @@ def surface_degC(window: DiskWindow, share: float, h_W_m2K: float) -> Array:
     """Mean temperature of the running surface by the model, (R,) [degC]."""
     places = tuple(
         (SURFACE_DEPTH_M, float(x))
-        for x in (np.arange(PLACES) + 0.5) / PLACES * window.rim.setup.width_m
+        for x in (np.arange(N_SURFACE_POINTS) + 0.5) / N_SURFACE_POINTS * window.rim.setup.width_m
     )
     rest, power = (
         x[:, len(window.rim.setup.outer) :].mean(axis=1)

@@ -23,7 +23,7 @@ SMOOTH_S = 0.5
 SPECIFIC_HEAT_SLOPE = Unmeasured("specific heat slope", "specific heat slope", True)
 
 
-def follows_temperature(setup: DiskSetup, u: UncertaintyTable) -> bool:
+def depends_on_temperature(setup: DiskSetup, u: UncertaintyTable) -> bool:
     """Whether steel that changes with temperature is stated, or left open."""
     stated = setup.steel.conductivity_per_K, setup.steel.specific_heat_per_K
     return any((*stated, u.conductivity_slope_per_K, u.specific_heat_slope_per_K))
@@ -47,7 +47,7 @@ def linear_about(
     )
 
 
-def by_conductivity_slope(
+def conductivity_slope_effect(
     window: DiskWindow, share: float, h_W_m2K: float, u_per_K: float
 ) -> Array:
     """What the outer row shows more than predicted if the conductivity's slope is steeper by ``u_per_K``, (R, P) [K].
@@ -78,7 +78,7 @@ def by_conductivity_slope(
     return np.asarray(other + share * heat - predicted + driven - own * steel.bend(predicted))
 
 
-def by_specific_heat_slope(rim: RimMeans, share: float, h_W_m2K: float, u_per_K: float) -> Array:
+def specific_heat_slope_effect(rim: RimMeans, share: float, h_W_m2K: float, u_per_K: float) -> Array:
     """What the outer row shows more if the specific heat rises more steeply by ``u_per_K``, (R, P) [K]."""
     steel = rim.setup.steel
     at_rim = float(rim.inputs[:, rim.inner].mean())

@@ -15,18 +15,18 @@ from tcdyn.smoothing.traces import DiskTraces
 
 SURFACE_AIR = Unmeasured("surface air", "measured surface flux")
 SURFACE_SLOPE = Unmeasured("surface slope", "measured surface flux")
-LEAST_REL = 1e-4
+MIN_H_U_REL = 1e-4
 
 
 def with_surfaces(test: EhlTest) -> EhlTest:
     """The test with ``film`` set for disks whose surface loses heat to another air than that behind the faces: to T_a
     where its loss was measured, else to what channels of its own tell."""
-    found = {d: still(test, disk) for d, disk in test.disks.items()}
+    found = {d: constant_speed_air_offset(test, disk) for d, disk in test.disks.items()}
     film = {d: f for d, f in found.items() if test.disks[d].setup.surface.measured or f.any()}
     return replace(test, film={**test.film, **film}) if film else test
 
 
-def still(test: EhlTest, disk: DiskTraces) -> Array:
+def constant_speed_air_offset(test: EhlTest, disk: DiskTraces) -> Array:
     """Columns (N, 2) of ``EhlTest.film`` while the speeds stay: how much warmer than the ambient T_a is, and zero."""
     surface = disk.setup.surface
     ambient = test.ambient_of(disk.name)
@@ -35,7 +35,7 @@ def still(test: EhlTest, disk: DiskTraces) -> Array:
     return np.column_stack([warmer, np.zeros_like(warmer)])
 
 
-def by_air(rim: RimMeans, h_W_m2K: float, u_K: float) -> Array:
+def surface_air_effect(rim: RimMeans, h_W_m2K: float, u_K: float) -> Array:
     """What the outer row shows more if T_a lies ``u_K`` higher, for ever, (R, P) [K]."""
     static = rim.gains(h_W_m2K).static[rim.films[0]]
     return np.asarray(u_K * static * np.ones((len(rim.inputs), 1)))
@@ -46,4 +46,4 @@ def log_h_prior(surface: SurfaceFlux) -> tuple[float, float]:
     if not surface.measured:
         return 0.0, np.inf
     h = surface.heat_transfer_W_m2K
-    return float(np.log(h)), max(surface.heat_transfer_u_W_m2K / h, LEAST_REL)
+    return float(np.log(h)), max(surface.heat_transfer_u_W_m2K / h, MIN_H_U_REL)

@@ -9,17 +9,17 @@ from tcdyn.core import Array
 from tcdyn.core.findings import Finding, warning
 
 AGREE_S = 0.1
-MISSING = 3.5  # sampling intervals: a wider gap at the fall leaves its instant open
+MAX_GAP = 3.5  # sampling intervals: a wider gap at the fall leaves its instant open
 NEAR_S = 1.0  # from the switch: nearer than this the force's fall is looked for about the switch
 STEP_REACH_S = 60.0  # as far from the switch as the force's step is looked for
 INDICATOR_U_S = 0.05 / 12**0.5  # section 5.3: the signals differ by 0.05 s
 NO_SWITCH_U_S = (
     0.05 / 3**0.5
 )  # of a force alone, which may be that far from the switch on either side
-NAMES = {"friction_N": "friction", "load_N": "load cell"}
+SIGNAL_NAMES = {"friction_N": "friction", "load_N": "load cell"}
 
 
-def parting_of(
+def unloading_instant(
     t: Array, frame: pd.DataFrame, switch_s: float | None, about_s: float, contact_s: float
 ) -> tuple[float, float, float, list[Finding]]:
     """Instant of parting, its standard uncertainty, the friction's 90-10 % time, and what was noticed.
@@ -33,10 +33,10 @@ def parting_of(
     indicator_u_s = NO_SWITCH_U_S if switch_s is None else INDICATOR_U_S
     falls = {
         c: _far_fall(t, frame[c].to_numpy(dtype=float), about_s, contact_s)
-        for c in NAMES
+        for c in SIGNAL_NAMES
         if c in frame
     }
-    named = [(NAMES[c], fall) for c, fall in falls.items() if fall is not None]
+    named = [(SIGNAL_NAMES[c], fall) for c, fall in falls.items() if fall is not None]
     if not named and switch_s is None:
         return about_s, AGREE_S, 0.0, [warning("parting.unclear")]
     if not named and switch_s is not None:
@@ -123,7 +123,7 @@ def _crossing(t: Array, level: Array, at: float) -> float | None:
     cut = int(np.argmin(misplaced))
     if cut + 1 >= len(t) or misplaced[cut] > 0.2 * len(t):
         return None
-    if t[cut + 1] - t[cut] > MISSING * float(np.median(np.diff(t))):
+    if t[cut + 1] - t[cut] > MAX_GAP * float(np.median(np.diff(t))):
         return None
     a = level[cut]
     b = level[cut + 1]

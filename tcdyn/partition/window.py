@@ -29,10 +29,10 @@ from tcdyn.smoothing.traces import DiskTraces
 STEADY_S = 150.0  # section 4.3
 FORGET_S = 20.0
 STEADY_BLOCK_S = 1.0
-FINE_S = 3.0  # sample by sample this long after parting, then in blocks of
+SINGLE_SAMPLES_S = 3.0  # sample by sample this long after parting, then in blocks of
 COARSE_BLOCK_S = 0.1
 GRADIENT_STEP_M = 0.25e-3
-LEAST_SEEN = (
+MIN_OBSERVED_FRACTION = (
     1e-4  # share of a block's samples: what was bridged weighs nothing, and divides nothing by zero
 )
 FIT_MESH, BORE_MESH = Mesh(33, 53), Mesh(49, 41)
@@ -66,7 +66,7 @@ class RimMeans:
     ``inputs`` (R, I) and ``banks`` (I, R, K) in the order power, inner row, ambient of the rim gains (power in W for a
     share of one), the lags of the banks at ``rates_1_s`` (K,). Where the speeds change there are two more, air at the
     running surface alone: what the changed film comes to, and by how much a standard uncertainty of its exponent
-    changes that (see :func:`tcdyn.partition.cooling.slowed`).
+    changes that (see :func:`tcdyn.partition.cooling.with_slowing_air_offset`).
     """
 
     setup: DiskSetup
@@ -268,7 +268,7 @@ def disk_window(
     off = test.events.unload_s
     straight = disk.setup.steel.straight(temperatures)
     inner_row, outer_row = (disk.setup.places(row) for row in (disk.setup.inner, disk.setup.outer))
-    first, fine, coarse = np.searchsorted(t, [steady_start_s(test), off - 0.5, off + FINE_S])
+    first, fine, coarse = np.searchsorted(t, [steady_start_s(test), off - 0.5, off + SINGLE_SAMPLES_S])
     big, small = (max(int(round(length / dt)), 1) for length in (STEADY_BLOCK_S, COARSE_BLOCK_S))
     starts = np.concatenate(
         [np.arange(first, fine, big), np.arange(fine, coarse), np.arange(coarse, len(t), small)]
@@ -278,9 +278,9 @@ def disk_window(
     blocks = sparse.csr_array(
         (*each, np.append(starts, len(t)) - first), shape=(len(starts), len(t))
     )
-    seen = np.maximum(1.0 - blocks @ disk.missing[rows][:, outer_row].astype(float), LEAST_SEEN)
+    seen = np.maximum(1.0 - blocks @ disk.missing[rows][:, outer_row].astype(float), MIN_OBSERVED_FRACTION)
     lags_s = chain.taus_s if chain else ()  # whose longest, and twice that, a fit makes of the bank
-    (power, held) = power_seen(test, rows, chain)
+    (power, held) = lagged_power(test, rows, chain)
     rates = node_rates(dt, longest_s=2 * max(lags_s, default=0.0))
     bank = (
         blocks @ lag_bank(power, dt, rates, **held)
@@ -288,7 +288,7 @@ def disk_window(
         else bank_means(power, dt, rates, counts)
     )
     inner = straight[:, inner_row] + disk.inner_K[rows]
-    feeds = [*inner.T, test.ambient_of(disk.name)[rows], *film_seen(test, disk, rows, chain)]
+    feeds = [*inner.T, test.ambient_of(disk.name)[rows], *lagged_surface_air(test, disk, rows, chain)]
     inputs = blocks @ np.column_stack([power, *feeds])
     banks = np.stack([bank, *(bank_means(u, dt, rates, counts) for u in feeds)])
     return DiskWindow(
@@ -314,20 +314,20 @@ def lagged_window(
     return disk_window(test, disk, readings, rows, disk.noise_K, profile, disk.mean_chain)
 
 
-def sampled(window: DiskWindow, of_blocks: Array) -> Array:
+def interpolate_blocks(window: DiskWindow, of_blocks: Array) -> Array:
     """What was worked out on block means (R, M), straight between them, (N, M)."""
     return np.column_stack(
         [np.interp(window.time_s, window.at_s, column) for column in of_blocks.T]
     )
 
 
-def film_seen(test: EhlTest, disk: DiskTraces, rows: slice, chain: Chain | None) -> list[Array]:
+def lagged_surface_air(test: EhlTest, disk: DiskTraces, rows: slice, chain: Chain | None) -> list[Array]:
     """What the changed film, if any, comes to and its change by its exponent, (N,) [K] each, seen through ``chain``."""
     film = test.film[disk.name][rows].T if disk.name in test.film else ()
     return [x if chain is None else chain.response(x, test.dt_s) for x in film]
 
 
-def power_seen(test: EhlTest, rows: slice, chain: Chain | None) -> tuple[Array, dict[str, Any]]:
+def lagged_power(test: EhlTest, rows: slice, chain: Chain | None) -> tuple[Array, dict[str, Any]]:
     """Frictional power (N,) [W] as the ``chain`` would show it, or as it is, and how ``lag_bank`` is to hold it.
 
     It is held between samples and ends at an instant inside one. Through the chain, for readings left lagged, the

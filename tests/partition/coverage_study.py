@@ -15,7 +15,7 @@ from joblib import Parallel, delayed
 
 from tcdyn.core.errors import InputError
 from tcdyn.partition.analyse import Partition
-from tcdyn.partition.crosscheck import DEPTH_ALARM, tensions
+from tcdyn.partition.crosscheck import DEPTH_THRESHOLD, tensions
 from tests.partition.study_rigs import StudyRig, study_rig
 
 WAYS = ("speed law", "cooling fast", "cooling slow", "joint fast", "joint slow")
@@ -64,8 +64,8 @@ def told_of(made: StudyRig, p: Partition) -> dict[str, float]:
             )
             out[f"z depth {channel} {disk}"] = (deeper.value - true_m) / deeper.u
     pulls = tensions(made.test, p.joint, p.both, p.sensors)
-    out["chance of the depths"] = min(t.chance for t in pulls if t.alarm == DEPTH_ALARM)
-    out["chance of the rest"] = min(t.chance for t in pulls if t.alarm != DEPTH_ALARM)
+    out["chance of the depths"] = min(t.chance for t in pulls if t.alarm == DEPTH_THRESHOLD)
+    out["chance of the rest"] = min(t.chance for t in pulls if t.alarm != DEPTH_THRESHOLD)
     out["alarm"] = float(not p.crosscheck.agree)
     out["asks to be looked at"] = float(p.status != "sound")
     out["range held"] = float(p.structures.low95 <= told["beta"] <= p.structures.high95)

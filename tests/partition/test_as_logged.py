@@ -15,7 +15,7 @@ from tcdyn.core.findings import warnings_and_errors
 from tcdyn.partition.analyse import Partition, refine_lags
 from tcdyn.partition.angular_harmonic import Unmeasured
 from tcdyn.partition.events import EhlTest, find_events
-from tcdyn.partition.nuisance import AIR, effects, of_test, stated
+from tcdyn.partition.nuisance import DISK_AIR, nuisance_effects, parameters_of_test, nominal_parameters
 from tcdyn.partition.window import lagged_window, stretch_of
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.log import read_log
@@ -106,8 +106,8 @@ def test_what_is_stated_widens_what_hangs_on_it(made: StudyRig, tmp_path) -> Non
     }
     setup = full.disks["fast"].setup
     for what in (
-        *stated(setup),
-        *of_test(setup),
+        *nominal_parameters(setup),
+        *parameters_of_test(setup),
     ):  # to a campaign what is stated is the test's own, the rest as much the rig's as ever
         if what.name not in theirs:
             continue
@@ -155,14 +155,14 @@ def test_channels_of_a_disk_s_own_give_its_air_and_its_uncertainty(
     assert told["fast", "faces"]["drift_K"] == pytest.approx(
         1.5, abs=0.7
     )  # 0.01 K/s over 150 s, and its own
-    known = effects(
+    known = nuisance_effects(
         test,
         test.disks["fast"],
         lagged_window(test, test.disks["fast"], stretch_of(test, 5.0)),
         0.7,
         500.0,
     )
-    assert AIR in known.of
+    assert DISK_AIR in known.of
 
 
 def test_without_a_switch_the_parting_is_found_and_known_less_well() -> None:

@@ -9,12 +9,12 @@ from tcdyn.core.findings import Severity, info
 from tcdyn.partition.crosscheck import (
     CrossCheck,
     Tension,
-    chance_of,
+    probability_of_pull,
     cross_check,
-    largest_pulls,
-    root_of,
+    sample_largest_pulls,
+    covariance_root,
 )
-from tcdyn.partition.model_forms import H_OF, WAYS, Alternative, Alternatives, impossible, withheld
+from tcdyn.partition.model_forms import H_KEYS, ESTIMATORS, ModelForm, Alternatives, impossibility_findings, impossible_keys
 from tcdyn.partition.sensor_faults import DepthTest
 
 
@@ -112,12 +112,12 @@ def test_the_largest_of_several_pulls_is_judged_with_their_correlation() -> None
     one = 2 * stats.norm.sf(1.5)
     for correlation, chance in ((np.ones((2, 2)), one), (np.eye(2), 1 - (1 - one) ** 2)):
         np.testing.assert_allclose(
-            root_of(correlation) @ root_of(correlation).T, correlation, atol=1e-12
+            covariance_root(correlation) @ covariance_root(correlation).T, correlation, atol=1e-12
         )
-        largest = largest_pulls([DepthTest("fast", np.zeros(2), correlation, {}, 1e-4)])
-        assert chance_of(-1.5, largest, 2) == pytest.approx(chance, abs=0.012)
-    assert chance_of(7.0, largest, 2) == pytest.approx(2 * 2 * stats.norm.sf(7.0), rel=1e-9)
-    assert largest_pulls([]).max() == 0.0
+        largest = sample_largest_pulls([DepthTest("fast", np.zeros(2), correlation, {}, 1e-4)])
+        assert probability_of_pull(-1.5, largest, 2) == pytest.approx(chance, abs=0.012)
+    assert probability_of_pull(7.0, largest, 2) == pytest.approx(2 * 2 * stats.norm.sf(7.0), rel=1e-9)
+    assert sample_largest_pulls([]).max() == 0.0
 
 
 def ways_of(
@@ -126,8 +126,8 @@ def ways_of(
     """Answers of a test of beta 0.7 whose true power is ``scale`` of the logged one; draws of both joint fits, with an
     error that both share."""
     shares = {"joint fast": 0.7 * scale, "joint slow": 1 - 0.3 * scale}
-    answers = {way: Estimate.normal(0.7, 0.01) for way in WAYS}
-    answers |= {h: Estimate.normal(700.0, 9.0) for hs in H_OF.values() for h in hs}
+    answers = {way: Estimate.normal(0.7, 0.01) for way in ESTIMATORS}
+    answers |= {h: Estimate.normal(700.0, 9.0) for hs in H_KEYS.values() for h in hs}
     answers |= {way: Estimate.normal(value, u) for way, value in shares.items()}
     both = {
         n: Estimate.normal(x, s)
@@ -167,7 +167,7 @@ def ways_of(
 def test_a_power_that_is_not_the_heat_of_both_disks_is_told_with_the_units_that_explain_it(
     scale: float, u: float, units: list[str] | None
 ) -> None:
-    found = [f for f in impossible(*ways_of(scale, u)) if f.code == "power.scale"]
+    found = [f for f in impossibility_findings(*ways_of(scale, u)) if f.code == "power.scale"]
     assert len(found) == (units is not None)
     for one in found:
         assert one.numbers["scale"] == pytest.approx(scale)
@@ -187,20 +187,20 @@ def test_shares_of_a_power_off_by_more_than_two_are_withheld_where_that_is_sure(
         (2.1, 0.2, False),
     ):
         answers, both, drawn = ways_of(scale, u)
-        assert (every <= withheld(answers, both)) == gone
-        told = [f for f in impossible(answers, both, drawn) if f.code == "answers.impossible"]
+        assert (every <= impossible_keys(answers, both)) == gone
+        told = [f for f in impossibility_findings(answers, both, drawn) if f.code == "answers.impossible"]
         assert ("joint, both disks" in [way for f in told for way in f.numbers["ways"]]) == gone
     answers, both, _ = ways_of(1.0)
-    assert withheld(answers, both) == frozenset()
-    assert withheld(answers, both | {"exponent": Estimate.normal(0.7, 5.5)}) == {"both exponent"}
-    assert withheld(answers | {"h cooling fast": Estimate.normal(-3.0, 9.0)}, both) == {
+    assert impossible_keys(answers, both) == frozenset()
+    assert impossible_keys(answers, both | {"exponent": Estimate.normal(0.7, 5.5)}) == {"both exponent"}
+    assert impossible_keys(answers | {"h cooling fast": Estimate.normal(-3.0, 9.0)}, both) == {
         "cooling fast",
         "h cooling fast",
     }
 
 
-def structure(log_odds: float, beta: float = 0.7, u: float = 0.004, z: float = 0.0) -> Alternative:
-    return Alternative(
+def structure(log_odds: float, beta: float = 0.7, u: float = 0.004, z: float = 0.0) -> ModelForm:
+    return ModelForm(
         "faces", Estimate.normal(beta, u), Estimate.normal(0.67, 0.02), (), log_odds, 10.0, z
     )
 

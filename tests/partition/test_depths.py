@@ -14,18 +14,18 @@ from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import info
 from tcdyn.partition import sensor_faults as faults
 from tcdyn.partition.crosscheck import (
-    DEPTH_ALARM,
-    OTHER_ALARM,
+    DEPTH_THRESHOLD,
+    OTHER_THRESHOLD,
     Tension,
-    chance_of,
+    probability_of_pull,
     cross_check,
-    largest_pulls,
+    sample_largest_pulls,
     tensions,
 )
 from tcdyn.partition.disk_features import DiskFeatures, disk_features
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.sensor_check import check_sensors
-from tcdyn.partition.sensor_faults import DepthTest, Verdict, depth_test
+from tcdyn.partition.sensor_faults import DepthTest, FaultFit, depth_test
 from tcdyn.partition.window import NOMINAL
 from tcdyn.rig.contact import FrictionAdded
 from tcdyn.rig.disk import CHANNELS
@@ -77,7 +77,7 @@ def test_what_another_h_would_show_is_no_evidence_of_a_depth(
 ) -> None:
     """It moves the pulls where h is taken as known, and hardly where h is as good as unknown."""
     disk, h = b3.disks["fast"], float(faults.H_GRID_W_M2K[9])
-    f, verdict = disk_features(b3, disk), cast(Verdict, SimpleNamespace(h_W_m2K=h, share=0.6))
+    f, verdict = disk_features(b3, disk), cast(FaultFit, SimpleNamespace(h_W_m2K=h, share=0.6))
     high, at = (
         rest + 0.6 * power
         for rest, power in zip(*f.answer(f.as_wired, ((1.05 * h, NOMINAL), (h, NOMINAL))))
@@ -114,21 +114,21 @@ def test_a_junction_off_by_a_third_of_a_millimetre_is_placed_there(
 
 def test_the_chance_of_the_largest_pull_is_that_of_so_many_normal_deviates() -> None:
     tests = [independent([0.0] * 6)] * 2
-    largest = largest_pulls(tests)
+    largest = sample_largest_pulls(tests)
     for pull in (2.0, 2.5, 3.0):
         exact = 1 - (1 - 2 * stats.norm.sf(pull)) ** 12
-        assert chance_of(pull, largest, 12) == pytest.approx(
+        assert probability_of_pull(pull, largest, 12) == pytest.approx(
             exact, abs=4 * np.sqrt(exact / len(largest))
         )
-    assert chance_of(6.0, largest, 12) == pytest.approx(
+    assert probability_of_pull(6.0, largest, 12) == pytest.approx(
         24 * stats.norm.sf(6.0)
     )  # beyond every draw
 
 
 def test_pulls_that_go_together_count_for_fewer() -> None:
     alike = replace(independent([0.0] * 6), correlation=np.full((6, 6), 0.99) + 0.01 * np.eye(6))
-    assert chance_of(2.5, largest_pulls([alike]), 6) < 0.5 * chance_of(
-        2.5, largest_pulls([independent([0.0] * 6)]), 6
+    assert probability_of_pull(2.5, sample_largest_pulls([alike]), 6) < 0.5 * probability_of_pull(
+        2.5, sample_largest_pulls([independent([0.0] * 6)]), 6
     )
 
 
@@ -138,7 +138,7 @@ def test_a_contradiction_is_an_alarm_and_the_most_pulled_value_only_a_remark() -
         for k, n in enumerate(("speed law", "joint fast"))
     }
     ways = {"speed law": Estimate.normal(0.66, 0.01), "joint fast": Estimate.normal(0.665, 0.01)}
-    remark = cross_check(ways, draws, [Tension(DEPTH_E, 2.4, 0.2, DEPTH_ALARM)])
+    remark = cross_check(ways, draws, [Tension(DEPTH_E, 2.4, 0.2, DEPTH_THRESHOLD)])
     assert remark.agree
     assert remark.strained is not None
     assert (remark.finding.numbers["strained_z"], remark.finding.numbers["chance"]) == (2.4, 0.2)
@@ -146,11 +146,11 @@ def test_a_contradiction_is_an_alarm_and_the_most_pulled_value_only_a_remark() -
         "2.4 standard deviations, no contradiction (one sound test in 5 shows as much)"
         in remark.sentence
     )
-    alarm = cross_check(ways, draws, [Tension(DEPTH_E, 3.4, 0.008, DEPTH_ALARM)])
+    alarm = cross_check(ways, draws, [Tension(DEPTH_E, 3.4, 0.008, DEPTH_THRESHOLD)])
     assert not alarm.agree
     assert alarm.finding.code == "ways.contradicted"
     assert alarm.finding.numbers["suspects"] == (DEPTH_E.sentence,)
-    quiet = cross_check(ways, draws, [Tension(DEPTH_E, 1.4, 0.9, DEPTH_ALARM)])
+    quiet = cross_check(ways, draws, [Tension(DEPTH_E, 1.4, 0.9, DEPTH_THRESHOLD)])
     assert quiet.strained is None
 
 
@@ -165,8 +165,8 @@ def test_every_stated_value_is_judged_once(b3: EhlTest, campaign: Campaign) -> N
     bare = tensions(b3, with_map.joint, with_map.both)
     assert sum(of_depth(t) for t in mapped) == sum(of_depth(t) for t in bare) == 12
     assert len(mapped) == len(bare)
-    assert {t.alarm for t in mapped if of_depth(t)} == {DEPTH_ALARM}
-    assert {t.alarm for t in bare} == {OTHER_ALARM}
+    assert {t.alarm for t in mapped if of_depth(t)} == {DEPTH_THRESHOLD}
+    assert {t.alarm for t in bare} == {OTHER_THRESHOLD}
     # an exponent that rig.toml states far from what the two disks imply is a contradiction, wherever its range lies
     elsewhere = replace(b3, speed_exponent=1.2)
     (steep,) = [

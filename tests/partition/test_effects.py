@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tcdyn.partition.nuisance import stated, stated_effects
+from tcdyn.partition.nuisance import nominal_parameters, nominal_effects
 from tcdyn.rig.rigfile import load_rig
 
 GRADIENT_K_m = 2000.0  # rise with radius: hotter towards the running surface
@@ -24,10 +24,10 @@ def test_a_deeper_junction_of_the_inner_row_shows_more_in_the_outer_row_and_one_
     driven[3:6] = GRADIENT_K_m / 3  # and as much of what a metre of depth takes away
     driven[6:9] = 0.5 / 3  # all warm by half a kelvin a second
     moved[:3] = -GRADIENT_K_m * np.eye(3)[:, None]  # a, c or e itself, deeper, reads less
-    found = stated_effects(moved, driven, np.ones(blocks), np.full((blocks, 3), 0.5), np.eye(3))
+    found = nominal_effects(moved, driven, np.ones(blocks), np.full((blocks, 3), 0.5), np.eye(3))
     shows = {
         u.name: change[0]
-        for u, change in zip(stated(load_rig().disk_setup("fast")), found, strict=True)
+        for u, change in zip(nominal_parameters(load_rig().disk_setup("fast")), found, strict=True)
     }
     for inner in "dbf":
         np.testing.assert_allclose(shows[f"depth {inner}"], GRADIENT_K_m / 3)

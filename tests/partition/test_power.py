@@ -9,8 +9,8 @@ from tcdyn.chain import Chain
 from tcdyn.core import Array
 from tcdyn.heat.rim import bank_means, node_rates
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.nuisance import lagged
-from tcdyn.partition.window import power_seen
+from tcdyn.partition.nuisance import add_lag
+from tcdyn.partition.window import lagged_power
 from tcdyn.rig.contact import Events
 
 DT_s, TAU_s, LEVEL_W = 1 / 75, 0.7, 360.0
@@ -39,14 +39,14 @@ def test_a_power_that_ends_inside_a_sample_falls_by_its_lag_from_that_instant(pa
         {},
         (),
     )
-    seen, held = power_seen(test, slice(0, len(time)), Chain(TAU_s))
+    seen, held = lagged_power(test, slice(0, len(time)), Chain(TAU_s))
     after = time > off + 2 * DT_s
     # second order in the sampling interval: (dt/tau)^2 / 8; half a sample on the wrong side is ten times that
     np.testing.assert_allclose(
         seen[after], LEVEL_W * np.exp(-(time[after] - off) / TAU_s), rtol=1e-4
     )
     assert held == {}
-    _, exact = power_seen(test, slice(0, len(time)), None)
+    _, exact = lagged_power(test, slice(0, len(time)), None)
     (jump,) = exact["switches"]
     assert (jump.index, jump.before, jump.after) == (last, LEVEL_W, 0.0)
     assert jump.fraction == pytest.approx(part, abs=1e-9)
@@ -65,6 +65,6 @@ def test_one_more_lag_is_weights_on_the_bank(tau_s: float) -> None:
         return x[-2000:].reshape(40, 50).mean(axis=1), bank_means(x, dt_s, rates, [50] * 40)
 
     for found, expected in zip(
-        lagged(*means(u), rates, tau_s), means(Chain((tau_s,)).response(u, dt_s))
+        add_lag(*means(u), rates, tau_s), means(Chain((tau_s,)).response(u, dt_s))
     ):
         np.testing.assert_allclose(found, expected, atol=1e-5)

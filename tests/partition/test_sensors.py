@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from tcdyn.core.findings import warnings_and_errors
-from tcdyn.partition.angular_harmonic import at_junctions
-from tcdyn.partition.at_rest import at_rest, cables_exchanged
+from tcdyn.partition.angular_harmonic import harmonic_at_junctions
+from tcdyn.partition.at_rest import faults_at_rest, cables_exchanged
 from tcdyn.partition.disk_features import AFTER_LOADING_S, AFTER_UNLOADING_S, disk_features
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.nuisance import stated
-from tcdyn.partition.sensor_check import SensorCheck, angle_groups, check_sensors, demand
+from tcdyn.partition.nuisance import nominal_parameters
+from tcdyn.partition.sensor_check import SensorCheck, angle_groups, check_sensors, hotter_junction
 from tcdyn.partition.steady import at_one_radius
 from tcdyn.partition.window import Perturbation
 from tcdyn.rig.disk import CHANNELS
@@ -89,7 +89,7 @@ def test_a_kelvin_on_all_thermocouples_is_an_ambient_read_a_kelvin_too_low(b3: E
     for disk in b3.disks.values():
         f = disk_features(b3, disk)
         known = dict(
-            zip([what.name for what in stated(f.setup)], f.effects(f.as_wired, 700.0, 0.6)[:, :3])
+            zip([what.name for what in nominal_parameters(f.setup)], f.effects(f.as_wired, 700.0, 0.6)[:, :3])
         )  # a, c, e, steady
         all_six = np.sum([known[f"static {c}"] for c in CHANNELS], axis=0)
         np.testing.assert_allclose(all_six, known["ambient"], atol=1e-9)
@@ -219,8 +219,8 @@ def test_a_disk_that_is_warm_before_the_load_is_not_asked_for_offsets(b3: EhlTes
     rest = b3.time_s < b3.events.load_on_s
     warm = {c: column(b3, "fast", c) + rest * (20.0 + 2.0 * (c == "b")) for c in CHANNELS}
     moved = with_readings(b3, "fast", warm)
-    assert at_rest(moved)["fast"] == []
-    assert not any(at_rest(b3).values())
+    assert faults_at_rest(moved)["fast"] == []
+    assert not any(faults_at_rest(b3).values())
 
 
 @pytest.mark.study
@@ -248,7 +248,7 @@ def test_a_channel_that_drifted_a_little_is_not_called_exchanged(
 ) -> None:
     for sign in (1, -1):
         moved = with_readings(b3, "fast", {channel: column(b3, "fast", channel) + sign * off_K})
-        assert "swapped" not in [fault.kind for fault, _, _ in at_rest(moved)["fast"]]
+        assert "swapped" not in [fault.kind for fault, _, _ in faults_at_rest(moved)["fast"]]
 
 
 @pytest.mark.study
@@ -274,7 +274,7 @@ def test_cables_exchanged_as_a_whole_read_alike_through_each_other_s_lines(b3: E
 
     exchanged = replace(b3, disks={"fast": read(fast, slow), "slow": read(slow, fast)})
     assert cables_exchanged(exchanged)
-    assert not any(at_rest(exchanged).values())
+    assert not any(faults_at_rest(exchanged).values())
     assert not cables_exchanged(b3)
     off = with_readings(
         b3, "fast", {"b": column(b3, "fast", "b") + 5.0}
@@ -286,7 +286,7 @@ def test_a_hotter_side_is_the_press_fit_s_and_no_fault_of_a_channel(b3: EhlTest)
     """Poor contact with the shaft on one side (6.4.3) warms it over minutes: the first harmonic, as the rim has it."""
     t, setup = b3.time_s, b3.disks["slow"].setup
     slow_rise = 3.0 * (1 - np.exp(-np.clip(t - b3.events.load_on_s, 0, None) / 60.0))
-    reads = at_junctions(setup, 280.0, CHANNELS)[1] * 0.5 + at_junctions(setup, 280.0, CHANNELS)[0]
+    reads = harmonic_at_junctions(setup, 280.0, CHANNELS)[1] * 0.5 + harmonic_at_junctions(setup, 280.0, CHANNELS)[0]
     moved = {c: column(b3, "slow", c) + k * slow_rise for c, k in zip(CHANNELS, reads)}
     check = check_sensors(with_readings(b3, "slow", moved))
     assert check.sound, check.said
@@ -301,10 +301,10 @@ def test_swaps_that_cannot_be_told_are_said(sound: SensorCheck) -> None:
 
 def test_demand_of_conduction_on_the_default_layout() -> None:
     setup = load_rig().disk_setup("slow")
-    assert demand(setup, "e", "a") == 1
-    assert demand(setup, "d", "b") == -1
-    assert demand(setup, "d", "f") == 0
-    assert demand(setup, "b", "c") is None  # deeper but nearer the centre: table 6.2 says N.A.
+    assert hotter_junction(setup, "e", "a") == 1
+    assert hotter_junction(setup, "d", "b") == -1
+    assert hotter_junction(setup, "d", "f") == 0
+    assert hotter_junction(setup, "b", "c") is None  # deeper but nearer the centre: table 6.2 says N.A.
     assert angle_groups(setup) == (("a", "e", "f"), ("b", "c", "d"))  # table 6.2
 
 

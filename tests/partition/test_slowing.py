@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tcdyn.partition.analyse import Partition
-from tcdyn.partition.cooling import slowed
+from tcdyn.partition.cooling import with_slowing_air_offset
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.window import disk_window
 from tcdyn.rig.contact import speed_course
@@ -56,7 +56,7 @@ def missed_K(made: StudyRig, test: EhlTest, disk: str) -> np.ndarray:
 def test_with_the_true_share_and_h_the_model_follows_the_whole_disk(world: str, disk: str) -> None:
     made = clean_rig(world)
     share, h = made.told["beta"], {d: made.told[f"h_{d}"] for d in DISKS}
-    test = slowed(made.test, {"fast": (share, h["fast"]), "slow": (1 - share, h["slow"])})
+    test = with_slowing_air_offset(made.test, {"fast": (share, h["fast"]), "slow": (1 - share, h["slow"])})
     assert np.abs(missed_K(made, test, disk)).max() < TOLERANCE_K + EDGE_K * bool(
         made.test.events.again
     )
@@ -68,14 +68,14 @@ def test_with_the_true_share_and_h_the_model_follows_the_whole_disk(world: str, 
 def test_disks_that_keep_their_speed_have_no_film_to_follow() -> None:
     made = study_rig(12)
     assert made.test.slowing == {}
-    assert slowed(made.test, {}) is made.test
+    assert with_slowing_air_offset(made.test, {}) is made.test
 
 
 def test_what_was_measured_of_a_disk_that_keeps_its_speed_stays() -> None:
     made = clean_rig("brake 3 s")
     warmer = np.column_stack([np.full(len(made.test.time_s), 7.0), np.zeros(len(made.test.time_s))])
     kept = {d: course for d, course in made.test.slowing.items() if d == "fast"}
-    test = slowed(replace(made.test, slowing=kept, film={"slow": warmer}), {"fast": (0.7, 700.0)})
+    test = with_slowing_air_offset(replace(made.test, slowing=kept, film={"slow": warmer}), {"fast": (0.7, 700.0)})
     np.testing.assert_array_equal(test.film["slow"], warmer)
     assert np.abs(test.film["fast"][:, 0]).max() > 1.0
 

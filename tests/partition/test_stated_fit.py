@@ -11,22 +11,22 @@ from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Severity
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.angular_harmonic import (
-    PER_K,
-    SECOND_REL,
+    HARMONIC_PRIOR_REL,
+    SECOND_HARMONIC_REL,
     SHAPES,
     UNKNOWN,
     Unevenness,
-    at_junctions,
+    harmonic_at_junctions,
     harmonic_K,
 )
 from tcdyn.partition.press_fit import (
     MODEL_REL,
-    Predicted,
+    PressFitHarmonics,
     bore_flux_W_m2,
-    flux_and_u,
-    predicted,
+    bore_flux_with_u,
+    predict_harmonics,
     shaft_admittance,
-    stated_round,
+    press_fit_priors,
 )
 from tcdyn.rig.disk import CHANNELS
 from tcdyn.rig.rigfile import Rig, load_rig, parse_rig
@@ -66,14 +66,14 @@ def test_predicted_harmonics_are_those_of_the_whole_disk(roughness_um: float) ->
     even = state[: grid.cells.size].reshape(grid.cells.shape).mean(axis=1)
     setup = disk.setup
     inner_K = float(np.interp(setup.outer_radius_m - setup.junctions["b"].depth_m, grid.r, even))
-    found = predicted(setup, H).times(1e-3 * bore_flux_W_m2(setup, POWER_W, H, inner_K))
+    found = predict_harmonics(setup, H).times(1e-3 * bore_flux_W_m2(setup, POWER_W, H, inner_K))
     assert np.hypot(*found.first_K) == pytest.approx(told["amplitude_K"], rel=0.3)
     off = np.rad2deg(np.arctan2(found.first_K[1], found.first_K[0])) - told["angle_deg"]
     assert abs((off + 180) % 360 - 180) < 5.0
     for key, level, n in (("first_K", found.first_K, 1), ("second_K", found.second_K, 2)):
         true = np.array([told[key][c] for c in CHANNELS])
         np.testing.assert_allclose(
-            level @ at_junctions(setup, H, CHANNELS, n), true, atol=0.3 * np.abs(true).max()
+            level @ harmonic_at_junctions(setup, H, CHANNELS, n), true, atol=0.3 * np.abs(true).max()
         )
 
 
@@ -111,7 +111,7 @@ def test_a_fit_stated_as_it_is_serves_as_the_prior() -> None:
     assert p.both.estimates["beta"].value == pytest.approx(made.told["beta"], abs=0.01)
     for way, estimate in p.ways.items():
         assert abs(estimate.value - made.told["beta"]) < 3 * estimate.u, way
-    second = found.stated_second_K @ at_junctions(
+    second = found.stated_second_K @ harmonic_at_junctions(
         p.test.disks["slow"].setup, found.h_W_m2K, CHANNELS, 2
     )
     true = np.array([made.told["unevenness"]["slow"]["second_K"][c] for c in CHANNELS])
@@ -138,7 +138,7 @@ def test_where_the_film_takes_all_the_heat_half_an_uncertainty_of_it_goes_throug
     told = {f"h_{d}": Estimate.normal(value, 1.0) for d, value in h.items()}
     told["beta"] = Estimate.normal(0.7, u_rel)
     wide = replace(UNKNOWN, covariance=1e4 * np.eye(len(UNKNOWN.found)), h_W_m2K=h["slow"])
-    prior = stated_round(test, told, {"fast": UNKNOWN, "slow": wide})[0]["slow"]
+    prior = press_fit_priors(test, told, {"fast": UNKNOWN, "slow": wide})[0]["slow"]
     near = (test.time_s > events.unload_s - 20) & (test.time_s < events.unload_s - 1)
     power = float(test.power_W[near].mean())
     disk = test.disks["slow"]
@@ -147,10 +147,10 @@ def test_where_the_film_takes_all_the_heat_half_an_uncertainty_of_it_goes_throug
         disk.readings_degC[near][:, disk.setup.places(disk.setup.inner)]
         - test.ambient_of("slow")[near, None]
     )
-    flux, u = flux_and_u(disk, (0.3 * power, power_u), (h["slow"], 1.0), float(np.nanmean(inner)))
+    flux, u = bore_flux_with_u(disk, (0.3 * power, power_u), (h["slow"], 1.0), float(np.nanmean(inner)))
     assert flux < 0.4 * u
     assert prior.stated_K == pytest.approx(
-        predicted(disk.setup, h["slow"]).first_K * 0.5 * u / 1e3, rel=1e-6
+        predict_harmonics(disk.setup, h["slow"]).first_K * 0.5 * u / 1e3, rel=1e-6
     )
 
 
@@ -160,7 +160,7 @@ def test_a_stated_harmonic_is_the_prior_with_as_much_heat_as_a_sharp_fit_sees_an
 ) -> None:
     """A fit that sees 0.6 of the first harmonic, to nothing or not at all, the heat known to 40 % and the model's."""
     told, flux_rel, uneven_rel = (
-        Predicted(size * np.array([0.6, 0.8]), np.array([0.0, 3.0]), 20.0),
+        PressFitHarmonics(size * np.array([0.6, 0.8]), np.array([0.0, 3.0]), 20.0),
         0.4,
         0.05,
     )
@@ -176,9 +176,9 @@ def test_a_stated_harmonic_is_the_prior_with_as_much_heat_as_a_sharp_fit_sees_an
         prior = told.prior(others, flux_rel, found)
         np.testing.assert_allclose(prior.stated_second_K, [0.0, scale * 3.0], rtol=1e-9)
         assert prior.second_K == pytest.approx(
-            np.hypot(second_rel * scale * 3.0, SECOND_REL * scale * size), rel=1e-6
+            np.hypot(second_rel * scale * 3.0, SECOND_HARMONIC_REL * scale * size), rel=1e-6
         )
-        least = [max(SHAPES[name], PER_K[name] * size) for name in SHAPES]
+        least = [max(SHAPES[name], HARMONIC_PRIOR_REL[name] * size) for name in SHAPES]
         np.testing.assert_allclose(
             prior.prior_K, [np.hypot(others * 20.0, rel * size), *least[1:]], rtol=1e-9
         )

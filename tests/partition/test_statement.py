@@ -14,7 +14,7 @@ from tcdyn.core import Array
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.steady import at_own_temperature
-from tcdyn.partition.steel import by_conductivity_slope, by_specific_heat_slope, linear_about
+from tcdyn.partition.steel import conductivity_slope_effect, specific_heat_slope_effect, linear_about
 from tcdyn.partition.window import DiskWindow, lagged_window, stretch_of
 from tcdyn.rig.rigfile import Rig, load_rig, parse_rig
 from tcdyn.rig.surface_flux import SurfaceFlux, fit_surface_flux
@@ -149,8 +149,8 @@ def test_the_effect_of_a_slope_is_what_another_slope_does() -> None:
 
     base, window = gap(0.0, 0.0)
     for found, moved in (
-        (by_conductivity_slope(window, *at, u), gap(u, 0.0)[0] - base),
-        (by_specific_heat_slope(window.rim, *at, u), gap(0.0, u)[0] - base),
+        (conductivity_slope_effect(window, *at, u), gap(u, 0.0)[0] - base),
+        (specific_heat_slope_effect(window.rim, *at, u), gap(0.0, u)[0] - base),
     ):
         assert np.abs(moved).max() > 0.02
         # the column is of smooth readings, at the model's own outer row, some kelvin off at this share and h
@@ -165,7 +165,7 @@ def test_a_column_of_the_fit_holds_no_noise_of_the_readings() -> None:
         seen_test(made, stating(uncertainty={"conductivity_slope_per_K": 5e-4}))
     )
     window = lagged_window(test, test.disks["fast"], stretch_of(test, 8.0))
-    column = by_conductivity_slope(window, 0.68, 750.0, 5e-4)
+    column = conductivity_slope_effect(window, 0.68, 750.0, 5e-4)
     late = window.at_s > test.events.unload_s + 0.5
     noise = [np.std(np.diff(x[late][:150], n=3, axis=0)) for x in (column, window.y)]
     assert noise[0] < 0.002 * noise[1]

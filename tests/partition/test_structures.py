@@ -13,11 +13,11 @@ from tcdyn.core.estimate import Estimate, mixture_range
 from tcdyn.core.findings import Severity
 from tcdyn.estimation import minimise
 from tcdyn.partition.analyse import Partition
-from tcdyn.partition.departures import STEM_SD, STRUCTURES, About, structures
+from tcdyn.partition.departures import STEM_SD, MODEL_FORMS, DiskAtFit, model_form_columns
 from tcdyn.partition.joint import joint_problem
-from tcdyn.partition.model_forms import FITS_Z, NAMED_LOG_ODDS, WAYS, alternatives
+from tcdyn.partition.model_forms import SPEED_LAW_Z, NAMED_LOG_ODDS, ESTIMATORS, compare_model_forms
 from tcdyn.partition.nuisance import Unmeasured
-from tcdyn.partition.track import by_shift
+from tcdyn.partition.track import flux_shift_effect
 from tcdyn.partition.window import Perturbation
 from tcdyn.plots.partition import draw_lines
 from tcdyn.plots.style import figure
@@ -54,7 +54,7 @@ def test_a_sound_test_keeps_its_structure(sound: tuple[StudyRig, Partition]) -> 
     assert s.holds
     assert s.low95 <= made.told["beta"] <= s.high95
     assert sum(s.probability) == pytest.approx(1.0)
-    assert len(s.tried) == 1 + len(STRUCTURES) + 12  # and the lag of each junction
+    assert len(s.tried) == 1 + len(MODEL_FORMS) + 12  # and the lag of each junction
 
 
 def test_half_of_the_prior_is_for_what_was_assumed_and_the_rest_shared(
@@ -85,7 +85,7 @@ def test_the_structure_that_is_there_is_named(world: str, structure: str) -> Non
     assert best is not None
     assert best.name == structure
     assert best.log_odds > NAMED_LOG_ODDS
-    assert abs(best.referee_z) < FITS_Z
+    assert abs(best.referee_z) < SPEED_LAW_Z
     assert p.status == "warning"
     assert "structures.other" in [f.code for f in p.findings]
 
@@ -119,7 +119,7 @@ def test_one_linear_step_is_the_fit_with_one_unknown_more(
 ) -> None:
     _, p = sound
     name = "faces"
-    columns = structures(p.test, p.joint, p.both.theta)[name]
+    columns = model_form_columns(p.test, p.joint, p.both.theta)[name]
     parts = np.split(columns, [len(p.joint["fast"].side.y)])
     extra = (Unmeasured(name, name, True),)
     sides = [
@@ -146,7 +146,7 @@ def test_a_loss_that_is_higher_throughout_is_the_slope_of_the_answer_by_h(
     """Two ways of one thing: an air colder by (T - T_A) at the surface, and the rim's gains at another h."""
     _, p = sound
     for k, d in enumerate(DISKS):
-        a = About.of(p.test, p.joint[d], p.both.theta[4 * k : 4 * k + 4])
+        a = DiskAtFit.of(p.test, p.joint[d], p.both.theta[4 * k : 4 * k + 4])
         high, low = (
             rest + a.share * power
             for rest, power in map(a.rim.answer, a.h_W_m2K * np.exp([1e-3, -1e-3]))
@@ -164,11 +164,11 @@ def test_a_lag_and_a_flux_moved_a_little_do_what_their_slopes_say(
     """A junction slower by a straight line, not by the readings' slope; the flux moved one way, and to both sides."""
     _, p = sound
     for k, d in enumerate(DISKS):
-        a = About.of(p.test, p.joint[d], p.both.theta[4 * k : 4 * k + 4])
+        a = DiskAtFit.of(p.test, p.joint[d], p.both.theta[4 * k : 4 * k + 4])
         slopes, lines = a.later()[0], a.later(0.05)[0]
         assert np.std(lines - slopes) < 0.5 * np.std(slopes)  # most of it where the slope jumps
         moved = a.moved(Perturbation(shift_m=1e-5)) / 1e-5
-        assert by_shift(a.rim, a.share, a.h_W_m2K) == pytest.approx(
+        assert flux_shift_effect(a.rim, a.share, a.h_W_m2K) == pytest.approx(
             moved, abs=0.02 * np.abs(moved).max()
         )
 
@@ -214,7 +214,7 @@ def test_the_headline_stands_first_in_words_tables_and_files(
     assert [a["name"] for a in kept["alternatives"]] == [a.name for a in p.structures.tried]
     assert summary_of(p).startswith(f"beta = {both} by the joint fit of both disks")
     assert beta_tables.ways_table(p)["way"].iloc[0].startswith("joint fit of both")
-    assert set(WAYS) & p.withheld == set()
+    assert set(ESTIMATORS) & p.withheld == set()
 
 
 def test_the_picture_shows_every_structure_and_the_range(sound: tuple[StudyRig, Partition]) -> None:
@@ -243,5 +243,5 @@ def test_every_point_on_the_steady_lines_has_bars_of_95_percent(
 
 def test_alternatives_are_the_same_when_asked_again(sound: tuple[StudyRig, Partition]) -> None:
     made, p = sound  # an even disk: the test that was fitted is the one that was prepared
-    again = alternatives(made.test, p.joint, p.both)
+    again = compare_model_forms(made.test, p.joint, p.both)
     assert (again.low95, again.high95) == (p.structures.low95, p.structures.high95)

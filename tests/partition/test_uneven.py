@@ -10,15 +10,15 @@ import pytest
 from tcdyn.core.findings import Severity
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.angular_harmonic import (
-    FIRST,
-    ROUND,
+    FIRST_HARMONIC,
+    HARMONIC_SOURCES,
     UNKNOWN,
     Unevenness,
-    at_junctions,
+    harmonic_at_junctions,
     harmonic_K,
     radial_shape,
-    round_effects,
-    seen,
+    add_harmonic_effects,
+    outer_row_effect,
 )
 from tcdyn.partition.joint import joint_fits
 from tcdyn.report.beta import uneven_section
@@ -69,7 +69,7 @@ def test_junctions_read_the_harmonic_of_the_whole_disk() -> None:
     vector = own["amplitude_K"] * np.array(
         [np.cos(np.deg2rad(own["angle_deg"])), np.sin(np.deg2rad(own["angle_deg"]))]
     )
-    model = vector @ at_junctions(true.slow.setup, told["h_slow"], CHANNELS)
+    model = vector @ harmonic_at_junctions(true.slow.setup, told["h_slow"], CHANNELS)
     np.testing.assert_allclose(
         model, [own["first_K"][c] for c in CHANNELS], atol=0.01 * own["amplitude_K"]
     )
@@ -85,24 +85,24 @@ def test_junctions_on_one_side_make_the_nuisance_a_common_warmth() -> None:
     """All at one angle: cos and sin are one pattern, which is nearly what all six read more; nothing fails."""
     one_side = with_angles(SETUP, 30.0)
     static = np.full((3, 3), 1 / 3)  # d, b and f tell the outer row alike
-    cos, sin = seen(one_side, 280.0, static)
+    cos, sin = outer_row_effect(one_side, 280.0, static)
     np.testing.assert_allclose(cos * np.tan(np.deg2rad(30.0)), sin, atol=1e-12)
     assert np.abs(cos).max() < 0.1  # of a kelvin; 1.9 for the outer junctions of two groups
-    assert np.abs(seen(SETUP, 280.0, static)).max() > 0.9
+    assert np.abs(outer_row_effect(SETUP, 280.0, static)).max() > 0.9
 
 
 def test_what_is_left_of_a_found_harmonic_has_the_covariance_that_the_fit_gave() -> None:
     """A tenth of the prior's standard uncertainty left in every direction is a tenth of the prior's effect."""
     change, static, since_s = np.zeros((0, 2, 3)), np.full((3, 3), 1 / 3), np.array([-1.0, 5.0])
-    left = Unevenness(covariance=0.01 * np.eye(len(FIRST)))
+    left = Unevenness(covariance=0.01 * np.eye(len(FIRST_HARMONIC)))
     (of, prior), (_, rest) = (
-        round_effects((), change, u, SETUP, 280.0, static, since_s) for u in (UNKNOWN, left)
+        add_harmonic_effects((), change, u, SETUP, 280.0, static, since_s) for u in (UNKNOWN, left)
     )
-    assert {what.source for what in of} == ROUND
+    assert {what.source for what in of} == HARMONIC_SOURCES
     assert [what.name for what in of if what.name.startswith("angle")] == [
         f"angle {c}" for c in SETUP.rows
     ]
-    np.testing.assert_allclose(rest[-len(FIRST) :], 0.1 * prior[-len(FIRST) :], atol=1e-15)
+    np.testing.assert_allclose(rest[-len(FIRST_HARMONIC) :], 0.1 * prior[-len(FIRST_HARMONIC) :], atol=1e-15)
 
 
 @pytest.fixture(scope="module")
