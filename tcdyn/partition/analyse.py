@@ -26,24 +26,24 @@ from tcdyn.partition.cooling import (
     cooling_errors,
     cooling_fit,
     cooling_shift,
-    single_disk_fits,
-    require_window_longer_than_lag,
     refined_chains,
-    with_slowing_air_offset,
+    require_window_longer_than_lag,
+    single_disk_fits,
     smoothed,
     surface_temperatures,
+    with_slowing_air_offset,
 )
 from tcdyn.partition.crosscheck import Budget, CrossCheck, cross_check, monte_carlo, tensions
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import JOINT_WINDOW_S, BothFit, DiskFit, joint_fits
 from tcdyn.partition.model_forms import (
-    POWER_SCALE_TOLERANCE,
     ESTIMATORS,
+    POWER_SCALE_TOLERANCE,
     Alternatives,
     compare_model_forms,
     impossibility_findings,
-    power_scale,
     impossible_keys,
+    power_scale,
 )
 from tcdyn.partition.press_fit import press_fit_priors
 from tcdyn.partition.profile import joint_profiles
@@ -131,7 +131,9 @@ class Partition:
         e = self.both.estimates
         s = self.structures
         numbers: dict[str, Any] = (
-            {} if s.named is None else {"named": s.named.name, "named_beta": s.named.beta.value}
+            {}
+            if s.preferred is None
+            else {"named": s.preferred.name, "named_beta": s.preferred.beta.value}
         )
         return info(
             "headline.both",
@@ -140,7 +142,7 @@ class Partition:
             exponent=e["exponent"].value,
             exponent_u=e["exponent"].u,
             assumed=self.test.speed_exponent,
-            z=s.assumed.referee_z,
+            z=s.assumed.speed_law_z,
             count=len(s.tried) - 1,
             low95=s.low95,
             high95=s.high95,
@@ -170,7 +172,9 @@ def analyse(
     swapped, or the data contradict the model.
     """
     require_window_longer_than_lag(test, window_s)
-    logged = test = with_slowing_by_speed_law(at_one_radius(at_own_temperature(with_surfaces(test))))
+    logged = test = with_slowing_by_speed_law(
+        at_one_radius(at_own_temperature(with_surfaces(test)))
+    )
     joint_s = float(
         min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s)
     )  # of cooling, or what the log holds
@@ -186,7 +190,9 @@ def analyse(
     progress("joint fits")
     joint, both = joint_fits(test, speed.starts, joint_s, profile)
     if test.slowing:
-        test = with_slowing_air_offset(test, {d: (fit.share, fit.h_W_m2K) for d, fit in joint.items()})
+        test = with_slowing_air_offset(
+            test, {d: (fit.share, fit.h_W_m2K) for d, fit in joint.items()}
+        )
         joint, both = joint_fits(test, speed.starts, joint_s, profile)
     fitted = test
     (test, again) = remove_and_expect_harmonics(test, both.uneven)
@@ -277,7 +283,9 @@ def check_suspects(found: SensorCheck) -> list[Finding]:
     suspected = [suspect.finding for suspect in found.suspects]
     for finding in suspected:
         n = finding.numbers
-        lost = n["kind"] == "dead" or (n["kind"] == "offset" and abs(n["size"] or 0.0) > MAX_OFFSET_K)
+        lost = n["kind"] == "dead" or (
+            n["kind"] == "offset" and abs(n["size"] or 0.0) > MAX_OFFSET_K
+        )
         if lost or finding.severity is Severity.ERROR:
             raise InputError(
                 finding.sentence,
@@ -346,9 +354,12 @@ def remove_and_expect_harmonics(
     the test with them, to be fitted again with what is to be expected of such a disk."""
     expected = {d: stated.get(d, one.expected) for d, one in found.items()}
     known = {
-        d: replace(found[d], second_K=e.second_K, about_K=e.about_K) for d, e in expected.items()
+        d: replace(
+            found[d], second_harmonic_u_K=e.second_harmonic_u_K, angle_level_K=e.angle_level_K
+        )
+        for d, e in expected.items()
     }
-    uneven = bool(stated) or any(one.second_K > 0 for one in known.values())
+    uneven = bool(stated) or any(one.second_harmonic_u_K > 0 for one in known.values())
     return remove_harmonics(test, known), replace(test, uneven=expected) if uneven else None
 
 

@@ -46,15 +46,15 @@ class DiskAtRest:
     u: Array
     used: NDArray[np.int64]
 
-    def away(self, reads: Array) -> Array:
+    def deviation(self, reads: Array) -> Array:
         """Departures of ``reads`` (C,) from the middle of the channels used [K]."""
         return np.asarray(reads - np.median(reads[self.used]))
 
     def misfit(self, reads: Array, but: int = -1) -> float:
         """Chi-squared of ``reads`` (C,) against one temperature, one channel left out if told."""
-        return float(((self.away(reads) / self.u)[self.used[self.used != but]] ** 2).sum())
+        return float(((self.deviation(reads) / self.u)[self.used[self.used != but]] ** 2).sum())
 
-    def through(self, other: DiskAtRest, order: Sequence[int]) -> Array:
+    def read_through(self, other: DiskAtRest, order: Sequence[int]) -> Array:
         """What the disk's lines make of another's channels ``order`` (C,), whose own lines are undone [degC]."""
         mine = self.disk.lines
         theirs = other.disk.lines
@@ -87,7 +87,9 @@ def cables_exchanged(test: EhlTest) -> bool:
     if fast is None or slow is None or len(fast.mean) != len(slow.mean):
         return False
     as_wired = range(len(fast.mean))
-    crossed = fast.misfit(fast.through(slow, as_wired)) + slow.misfit(slow.through(fast, as_wired))
+    crossed = fast.misfit(fast.read_through(slow, as_wired)) + slow.misfit(
+        slow.read_through(fast, as_wired)
+    )
     usual = fast.misfit(fast.mean) + slow.misfit(slow.mean)
     return usual - crossed > 2 * SURE_LOG_ODDS and crossed < MAX_MISFIT_RATIO * usual
 
@@ -112,14 +114,14 @@ def faults_of_disk(rest: DiskAtRest) -> list[tuple[Fault, Estimate | None, float
         order = [*range(len(rest.mean))]
         order[i] = j
         order[j] = i
-        exchanged.append((rest.misfit(rest.through(rest, order)), i, j))
+        exchanged.append((rest.misfit(rest.read_through(rest, order)), i, j))
     best, second = sorted(exchanged)[:2]
     explains = chdtrc(freedom, usual) < MISFIT_P and chdtrc(freedom, best[0]) > LIKELY_P
     if explains and min(second[0], one_off) - best[0] > 2 * SURE_LOG_ODDS:
         channels = rest.disk.setup.channels
         pair = channels[best[1]], channels[best[2]]
         return [(Fault("swapped", pair), None, 0.5 * (usual - best[0]))]
-    away = rest.away(rest.mean)
+    away = rest.deviation(rest.mean)
     off = [k for k in rest.used if abs(away[k]) > max(MIN_OFFSET_Z * rest.u[k], MIN_OFFSET_K)]
     others = [away[k] for k in rest.used if k not in off]
     if not 1 <= len(off) <= 2 or np.ptp(others) > MIN_OFFSET_K:

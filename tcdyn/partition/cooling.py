@@ -1,4 +1,4 @@
-"""The cooling fit: with the power gone, h is the one unknown of a disk on its steady line (sections 4.4 and 7.5)."""
+"""Cooling fit: with the power gone, h is the one unknown of a disk on its steady line (sections 4.4 and 7.5)."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import StartPoints, disk_fit
 from tcdyn.partition.nuisance import NuisanceEffects, nuisance_effects
 from tcdyn.partition.steady import (
+    END_GAP_S,
     LAST_S,
     MAX_COOLING_S,
     N_ITERATIONS,
@@ -33,85 +34,129 @@ from tcdyn.smoothing.record import Compensated
 from tcdyn.smoothing.smoother import smooth
 from tcdyn.smoothing.traces import DiskTraces
 
-H_RANGE_W_M2K = (5.0, 8000.0)
-MATCH_S = 10.0  # the model is matched to the readings over this long before parting
-LAG_STEP_S = 0.01
-MIN_SPEED_RATIO = 0.01  # of that under load
+H_RANGE_W_M2K = (5.0, 8000.0)  # range of the search for h; a fit at its ends is an error
+MATCH_S = 10.0  # the model is matched to the readings over this long before the unloading [s]
+MATCH_GAP_S = 0.1  # and up to this long before it [s]
+LAG_STEP_S = 0.01  # of the difference quotient by the compensated lag [s]
+MIN_SPEED_RATIO = 0.01  # least surface speed, relative to that under load, in the speed law of h
+TRACK_POINTS = np.linspace(0.3, 0.7, 9)  # across the running track, relative to the width
+MIN_TAU_S = 1e-3  # least lag of a channel's chain [s]
 
 
 def require_window_longer_than_lag(test: EhlTest, window_s: float) -> None:
-    """Raise InputError for a cooling window that holds less than the lag of a disk."""
-    if window_s < (lag := max(d.common_lag_s for d in test.disks.values())):
+    """Raise InputError for a cooling window that is shorter than the lag of a disk."""
+    lag_s = max(disk.common_lag_s for disk in test.disks.values())
+    if window_s < lag_s:
         raise InputError(
-            f"the cooling window of {window_s:g} s is shorter than the lag of {lag:.2f} s",
-            expected=f"at least {lag:.2f} s",
+            f"the cooling window of {window_s:g} s is shorter than the lag of {lag_s:.2f} s",
+            expected=f"at least {lag_s:.2f} s",
             remedy="ask for a longer window",
         )
 
 
 def with_slowing_air_offset(test: EhlTest, at: Mapping[str, tuple[float, float]]) -> EhlTest:
-    """The test with ``film`` set for the disks that did not keep their speed after the parting.
+    """The test with ``surface_air_offset_K`` for the disks that did not keep their speed after the unloading.
 
-    The film's loss there is h (u/u_0)^n (T_s - T_A): that of the film under load with air at the running surface alone
-    that is ((u/u_0)^n - 1)(T_s - T_A) colder. T_s is the mean temperature of the running surface by the model itself at
-    the share and h [W/m2K] ``at`` of each disk, so air and surface are found in turn. The second column is what a
-    standard uncertainty of n, even over its range, changes in it. A test whose speeds stay is left as it is.
+    Parameters
+    ----------
+    test
+        The test; one at constant speeds is returned as it is.
+    at
+        Share and h [W/m2K] of each disk.
+
+    Notes
+    -----
+    The surface loses h (u/u_0)^n (T_s - T_A). That is the loss under load with air at the running surface alone that is
+    ((u/u_0)^n - 1)(T_s - T_A) colder. T_s is the mean temperature of the running surface by the model itself, so air
+    and surface are computed in turn. The second column is the change by a standard uncertainty of n, which is
+    uniform over its range.
     """
     if not test.slowing:
         return test
     rows = stretch_of(test, min(MAX_COOLING_S, float(test.time_s[-1] - test.events.unload_s)))
     for _ in range(N_ITERATIONS):
-        film = {
-            d: _film(test, test.disks[d], rows, *at[d]) for d in test.slowing if d in test.disks
+        offsets = {
+            d: _slowing_air_offset(test, test.disks[d], rows, *at[d])
+            for d in test.slowing
+            if d in test.disks
         }
-        test = replace(test, film={**test.film, **film})
+        test = replace(test, surface_air_offset_K={**test.surface_air_offset_K, **offsets})
     return test
 
 
-def _film(test: EhlTest, disk: DiskTraces, rows: slice, share: float, h_W_m2K: float) -> Array:
+def _slowing_air_offset(
+    test: EhlTest, disk: DiskTraces, rows: slice, share: float, h_W_m2K: float
+) -> Array:
+    """``surface_air_offset_K`` of one slowing disk, (N, 2)."""
     window = lagged_window(test, disk, rows)
-    u = np.maximum(test.slowing[disk.name], MIN_SPEED_RATIO)
-    known = constant_speed_air_offset(test, disk)
-    warmer = (
+    speed = np.maximum(test.slowing[disk.name], MIN_SPEED_RATIO)
+    at_constant_speed = constant_speed_air_offset(test, disk)
+    superheat_of_blocks = (
         surface_degC(window, share, h_W_m2K)
-        - window.rim.inputs[:, window.rim.ambient]
-        - window.blocks @ known[rows, 0]
+        - window.rim.inputs[:, window.rim.ambient_index]
+        - window.blocks @ at_constant_speed[rows, 0]
     )
-    superheat = np.interp(test.time_s + disk.mean_chain.lag_s, window.at_s, warmer)
-    film = u**test.speed_exponent
-    sd = test.exponent_half_range / np.sqrt(3)
-    return known + np.column_stack([(1 - film) * superheat, -sd * film * np.log(u) * superheat])
+    lag_s = disk.mean_chain.lag_s
+    superheat = np.interp(test.time_s + lag_s, window.at_s, superheat_of_blocks)
+    h_ratio = speed**test.speed_exponent
+    exponent_u = test.exponent_half_range / np.sqrt(3)
+    by_exponent = -exponent_u * h_ratio * np.log(speed) * superheat
+    return at_constant_speed + np.column_stack([(1 - h_ratio) * superheat, by_exponent])
 
 
 @dataclass(frozen=True)
 class CompensatedDisk:
-    """One disk's traces over some rows of a test with their lag removed, and the window of what was compensated.
+    """One disk's compensated traces over some rows of a test, and the windows made of them.
 
-    ``late``: that window had ``LAG_STEP_S`` more lag been removed; ``noise_K``: standard deviation of what compensation
-    left in a trace of the outer row.
+    Parameters
+    ----------
+    test, disk
+        The test, and the disk of it.
+    compensated
+        The compensated traces.
+    window
+        The window of the compensated traces.
+    longer_lag_window
+        The same with ``LAG_STEP_S`` more lag removed.
+    noise_K
+        Standard deviation of the noise that compensation leaves in a trace of the outer row.
     """
 
     test: EhlTest
     disk: DiskTraces
-    done: Compensated
+    compensated: Compensated
     window: DiskWindow
-    late: DiskWindow
+    longer_lag_window: DiskWindow
     noise_K: float
 
     @property
     def shown(self) -> Compensated:
-        """What was compensated, empty where a channel is left out."""
-        own = np.where(self.disk.out, np.nan, 0.0)
-        return replace(self.done, temperature=self.done.temperature + own, sd=self.done.sd + own)
+        """The compensated traces, NaN for an excluded channel."""
+        mask = np.where(self.disk.out, np.nan, 0.0)
+        traces = self.compensated
+        return replace(traces, temperature=traces.temperature + mask, sd=traces.sd + mask)
 
 
 @dataclass(frozen=True)
 class CoolingFit:
-    """h [W/m2K] and share of one disk from its cooling; ``misfit_K`` is the rms over the window.
+    """h [W/m2K] and share of one disk from its cooling.
 
-    ``by_effect`` (R, P): change of the fitted h by what the model's prediction of each mean changes by [W/m2K per K];
-    ``power`` (R, P): the model's answer to a share of one; ``h_noise``: standard uncertainty of h from the compensated
-    traces' noise alone.
+    Parameters
+    ----------
+    disk
+        Name of the disk.
+    h_W_m2K, share, beta
+        The fitted h, the share on the steady line, and beta of the fast disk.
+    window_s
+        Length of the cooling used.
+    misfit_K
+        Root mean square of the residuals over the window.
+    h_per_effect
+        Change of the fitted h by a change of the prediction of each mean, (R, P) [W/m2K per K].
+    power
+        Response of the model to a share of one, (R, P).
+    h_noise
+        Standard uncertainty of h by the noise of the compensated traces alone [W/m2K].
     """
 
     disk: str
@@ -120,32 +165,33 @@ class CoolingFit:
     beta: float
     window_s: float
     misfit_K: float
-    by_effect: Array
+    h_per_effect: Array
     power: Array
     h_noise: float
 
 
 @dataclass(frozen=True)
 class CoolingSensitivity(FitSensitivity):
-    """Errors of (share, h); ``by_lag`` (2,): the same per second by which the compensated lag is too long."""
+    """Sensitivity of (share, h); ``by_lag`` (2,): the same per second by which the compensated lag is too long."""
 
     by_lag: Array
 
 
 def with_common_u(covariance_s2: Array, common_u_s: float) -> Array:
-    """Covariance (M, M) of lags whose differences are known as ``covariance_s2`` says and their mean to ``common_u_s``.
+    """Covariance (M, M) of lags: differences as in ``covariance_s2``, their mean known to ``common_u_s``.
 
     >>> with_common_u(np.full((2, 2), 0.25), 0.1).round(4)
     array([[0.01, 0.01],
            [0.01, 0.01]])
     """
-    centre = np.eye(len(covariance_s2)) - 1.0 / len(covariance_s2)
+    n_channels = len(covariance_s2)
+    centre = np.eye(n_channels) - 1.0 / n_channels
     return np.asarray(centre @ covariance_s2 @ centre.T + common_u_s**2)
 
 
 @dataclass(frozen=True)
 class Alone:
-    """What a disk's joint fit says of itself: its ``chain``, and ``estimates`` of beta, h [W/m2K] and lag_s."""
+    """Joint fit of one disk without the other: its ``chain``, and ``estimates`` of beta, h [W/m2K] and lag_s."""
 
     chain: Chain
     estimates: Mapping[str, Estimate]
@@ -155,19 +201,20 @@ def single_disk_fits(
     test: EhlTest, start: StartPoints, window_s: float, profile: Profile = "modal"
 ) -> dict[str, Alone]:
     """Joint fit of each disk that has a ``start``, independent of the other disk."""
-    alone = {}
-    for disk, values in start.items():
-        fit = disk_fit(test, test.disks[disk], *values, window_s, profile)
-        alone[disk] = Alone(fit.chain, fit.estimates)
-    return alone
+    fits = {}
+    for name, point in start.items():
+        fit = disk_fit(test, test.disks[name], *point, window_s, profile)
+        fits[name] = Alone(fit.chain, fit.estimates)
+    return fits
 
 
 def refined_chains(chains: Sequence[Chain], common: Chain) -> tuple[Chain, ...]:
     """``common`` for every channel, its largest lag shifted by the channel's difference from the mean of ``chains``."""
-    mean = float(np.mean([c.lag_s for c in chains]))
-    taus = sorted(common.taus_s, reverse=True)
+    mean_s = float(np.mean([chain.lag_s for chain in chains]))
+    longest, *others = sorted(common.taus_s, reverse=True)
     return tuple(
-        replace(common, taus_s=(max(taus[0] + c.lag_s - mean, 1e-3), *taus[1:])) for c in chains
+        replace(common, taus_s=(max(longest + chain.lag_s - mean_s, MIN_TAU_S), *others))
+        for chain in chains
     )
 
 
@@ -179,16 +226,35 @@ def smoothed(
     lag_u_s: float,
     like: Compensated | None = None,
 ) -> Compensated:
-    """The traces of one disk over ``rows``, smoothed with the parting as a known kink, a slow one as two, and as freely
-    as they were in ``like``, from the same row on: without it by their likelihood."""
-    start, end = test.time_s[rows][[0, -1]]
+    """Compensated traces of one disk by the RTS smoother, with the unloading as a known change of slope.
+
+    Parameters
+    ----------
+    test, disk
+        The test, and the disk of it.
+    rows
+        Rows of the test to smooth.
+    chains
+        Chain of each channel.
+    lag_u_s
+        Standard uncertainty of their common lag.
+    like
+        Traces from the same first row on whose process-noise intensities are used; without it these are estimated
+        by their likelihood.
+
+    Notes
+    -----
+    A slow unloading is two known changes of slope.
+    """
+    start_s = test.time_s[rows][0]
+    end_s = test.time_s[rows][-1]
     return smooth(
         disk.measured_degC[rows],
         test.dt_s,
         chains,
         noise_sd=disk.noise_K,
         intensity=None if like is None else like.intensities,
-        events_s=tuple(float(kink - start) for kink in test.events.kinks_s if kink < end),
+        events_s=tuple(float(kink - start_s) for kink in test.events.kinks_s if kink < end_s),
         event_u_s=test.events.unload_u_s,
         lag_covariance=with_common_u(disk.lag_covariance_s2, lag_u_s),
         static_u=disk.static_u_K,
@@ -199,48 +265,54 @@ def compensated(
     test: EhlTest, disk: DiskTraces, rows: slice, done: Compensated, profile: Profile = "modal"
 ) -> CompensatedDisk:
     """The traces of one disk over ``rows``, ``done`` by :func:`smoothed`, and the windows made of them."""
-    window, late = (
-        disk_window(
-            test,
-            disk,
-            done.temperature + longer_s * done.lag_sensitivity,
-            rows,
-            disk.noise_K,
-            profile,
-        )
-        for longer_s in (0.0, LAG_STEP_S)
-    )
-    return CompensatedDisk(
-        test,
-        disk,
-        done,
-        window,
-        late,
-        float(np.median(done.sd_noise[:, disk.setup.places(disk.setup.outer)])),
-    )
+
+    def window_with(longer_s: float) -> DiskWindow:
+        temperature = done.temperature + longer_s * done.lag_sensitivity
+        return disk_window(test, disk, temperature, rows, disk.noise_K, profile)
+
+    outer = disk.setup.places(disk.setup.outer)
+    noise_K = float(np.median(done.sd_noise[:, outer]))
+    return CompensatedDisk(test, disk, done, window_with(0.0), window_with(LAG_STEP_S), noise_K)
 
 
-def cooling_errors(cooled: CompensatedDisk, share: float, h_W_m2K: float) -> tuple[NuisanceEffects, Array]:
-    """What may be wrong with the window about a point of the plane: effects of what nobody measured, and predicted
-    less compensated outer row per second of compensated lag too long, (R, P)."""
-    late_rim = cooled.late.rim
-    rim = cooled.window.rim
-    predicted = late_rim.through(rim.rest, h_W_m2K) - rim.through(rim.rest, h_W_m2K)
-    late = (predicted - (cooled.late.y - cooled.window.y)) / LAG_STEP_S
-    return nuisance_effects(cooled.test, cooled.disk, cooled.window, share, h_W_m2K), late
+def cooling_errors(
+    cooled: CompensatedDisk, share: float, h_W_m2K: float
+) -> tuple[NuisanceEffects, Array]:
+    """What may be wrong with the compensated window, linearised at (share, h).
+
+    Returns
+    -------
+    effects
+        Effects of the nuisance parameters.
+    by_lag
+        Predicted less compensated outer row per second by which the compensated lag is too long, (R, P).
+    """
+    window = cooled.window
+    longer = cooled.longer_lag_window
+    boundary = window.rim.boundary_inputs
+    predicted = longer.rim.input_response(boundary, h_W_m2K)
+    predicted -= window.rim.input_response(boundary, h_W_m2K)
+    by_lag = (predicted - (longer.y - window.y)) / LAG_STEP_S
+    return nuisance_effects(cooled.test, cooled.disk, window, share, h_W_m2K), by_lag
 
 
-def cooling_shift(fit: CoolingFit, known: NuisanceEffects, late: Array, line: DiskLine) -> CoolingSensitivity:
-    """Errors of (share, h), through the traces and through the line; ``known`` and ``late`` of ``cooling_errors``."""
-    share_off = line.shift.per_sd @ np.array([1.0, fit.h_W_m2K])
-    h_off = np.einsum(
-        "rp,qrp->q", fit.by_effect, share_off[:, None, None] * fit.power - known.change
-    )
-    toward = np.array([line.line.slope, 1.0])
-    noise = fit.h_noise**2 * np.outer(toward, toward)
-    noise[0, 0] += line.shift.noise[0, 0]
-    per_sd = np.column_stack([share_off + line.line.slope * h_off, h_off])
-    return CoolingSensitivity(known.of, per_sd, noise, toward * float((fit.by_effect * late).sum()))
+def cooling_shift(
+    fit: CoolingFit, known: NuisanceEffects, late: Array, line: DiskLine
+) -> CoolingSensitivity:
+    """Sensitivity of (share, h), through the traces and through the line.
+
+    ``known`` and ``late`` are the effects and the effect of the lag by :func:`cooling_errors`.
+    """
+    slope = line.line.slope
+    share_errors = line.sensitivity.per_sd @ np.array([1.0, fit.h_W_m2K])
+    prediction_errors = share_errors[:, None, None] * fit.power - known.change
+    h_errors = np.einsum("rp,qrp->q", fit.h_per_effect, prediction_errors)
+    along_line = np.array([slope, 1.0])
+    noise = fit.h_noise**2 * np.outer(along_line, along_line)
+    noise[0, 0] += line.sensitivity.noise[0, 0]
+    per_sd = np.column_stack([share_errors + slope * h_errors, h_errors])
+    by_lag = along_line * float((fit.h_per_effect * late).sum())
+    return CoolingSensitivity(known.parameters, per_sd, noise, by_lag)
 
 
 def cooling_fit(
@@ -251,32 +323,53 @@ def cooling_fit(
     noise_K: float,
     log_h: tuple[float, float] = (0.0, np.inf),
 ) -> CoolingFit:
-    """Fit h alone to compensated traces over ``window_s`` seconds after ``unload_s``; the share follows the line.
+    """Fit h alone to compensated traces; the share follows the steady line.
 
+    Parameters
+    ----------
+    window
+        Window of the compensated traces.
+    line
+        Steady line of the disk.
+    unload_s
+        Instant of unloading.
+    window_s
+        Length of the cooling used.
+    noise_K
+        Standard deviation of the noise that compensation leaves in a trace.
+    log_h
+        Prior mean and standard deviation of log h.
+
+    Raises
+    ------
+    InputError
+        If the best h is not inside 5..8000 W/m2K.
+
+    Notes
+    -----
     Each outer junction is compared with the model after both are matched over the last ``MATCH_S`` seconds under
-    load, so that static errors, which the steady line already holds, do not enter twice. ``noise_K`` is the standard
-    deviation of what compensation left in a trace, ``log_h`` mean and deviation of what is known of h beforehand.
-    Raises InputError when no h in 5..8000 W/m2K fits best inside.
+    load, so that static errors, which the steady line already holds, do not enter twice.
     """
-    since = window.at_s - unload_s
-    inside = (since >= 0) & (since < window_s)
-    before = (since >= -MATCH_S) & (since < -0.1)
-    weight = window.counts[inside][:, None].astype(float) * window.used
+    since_s = window.at_s - unload_s
+    inside = (since_s >= 0) & (since_s < window_s)
+    before = (since_s >= -MATCH_S) & (since_s < -MATCH_GAP_S)
+    weight = window.counts[inside][:, None].astype(float) * window.used_channels
+    prior_mean, prior_sd = log_h
 
     def model(h: float) -> tuple[Array, Array]:
-        rest, power = window.rim.answer(h)
-        return rest + line.at(h) * power, power
+        boundary, power = window.rim.answer(h)
+        return boundary + line.at(h) * power, power
 
     def matched(x: Array) -> Array:
         return np.asarray(x - x[before].mean(axis=0))
 
     target = matched(window.y)
 
-    stated, stated_u = log_h
-
     def cost(log_h: float) -> float:
-        gap = (target - matched(model(float(np.exp(log_h)))[0]))[inside]
-        return float((weight * gap**2).sum()) + (noise_K * (log_h - stated) / stated_u) ** 2
+        predicted, _ = model(float(np.exp(log_h)))
+        residual = (target - matched(predicted))[inside]
+        prior = (noise_K * (log_h - prior_mean) / prior_sd) ** 2
+        return float((weight * residual**2).sum()) + prior
 
     low, high = np.log(H_RANGE_W_M2K)
     best = minimize_scalar(cost, bounds=(low, high), method="bounded", options={"xatol": 1e-6})
@@ -289,26 +382,23 @@ def cooling_fit(
     h = float(np.exp(best.x))
     predicted, power = model(h)
     step = 1e-3 * h
-    s = matched((model(h + step)[0] - model(h - step)[0]) / (2 * step))[
-        inside
-    ]  # by h, along the line
+    h_slope = matched((model(h + step)[0] - model(h - step)[0]) / (2 * step))[inside]
     residual = (target - matched(predicted))[inside]
-    curvature = (weight * s * s).sum() + (noise_K / (h * stated_u)) ** 2
-    by_effect = np.zeros_like(power)
-    by_effect[inside] = -weight * s / curvature
-    by_effect[before] -= by_effect[inside].sum(axis=0) / before.sum()
+    information = (weight * h_slope * h_slope).sum() + (noise_K / (h * prior_sd)) ** 2
+    h_per_effect = np.zeros_like(power)
+    h_per_effect[inside] = -weight * h_slope / information
+    h_per_effect[before] -= h_per_effect[inside].sum(axis=0) / before.sum()
+    share = line.at(h)
     return CoolingFit(
         disk=window.disk,
         h_W_m2K=h,
-        share=line.at(h),
-        beta=line.at(h) if window.disk == "fast" else 1.0 - line.at(h),
+        share=share,
+        beta=share if window.disk == "fast" else 1.0 - share,
         window_s=window_s,
         misfit_K=float(np.sqrt((weight * residual**2).sum() / weight.sum())),
-        by_effect=by_effect,
+        h_per_effect=h_per_effect,
         power=power,
-        h_noise=float(
-            np.sqrt((weight * s * s).sum() + (noise_K / (h * stated_u)) ** 2) * noise_K / curvature
-        ),
+        h_noise=float(np.sqrt(information) * noise_K / information),
     )
 
 
@@ -318,35 +408,54 @@ def surface_temperatures(
     windows: Mapping[str, DiskWindow],
     draws: Mapping[str, Array],
 ) -> tuple[dict[str, float], dict[str, Array]]:
-    """Maxima of the running tracks' mean temperature over the last seconds under load, and their Monte Carlo draws.
+    """Maximum of each running track's mean temperature over the last seconds under load, with Monte Carlo samples.
 
-    "surface fast" and "surface slow" [degC], and (T_fast - T_slow) u_s [K m/s] as "delta_T_us" (figure 7.18); nine
-    places across the track are looked at. ``draws`` of beta, h_fast and h_slow move them by their slopes.
+    Parameters
+    ----------
+    test
+        The test.
+    speed
+        beta and h by the speed law.
+    windows
+        Window of each disk.
+    draws
+        Monte Carlo samples of "speed law", "h_fast" and "h_slow".
+
+    Returns
+    -------
+    values, samples
+        "surface fast" and "surface slow" [degC], and (T_fast - T_slow) u_s [K m/s] as "delta_T_us" (figure 7.18).
+
+    Notes
+    -----
+    The maximum is taken over nine points across the track. The samples are linear in beta and h.
     """
     values = dict[str, float]()
-    drawn = dict[str, Array]()
+    samples = dict[str, Array]()
     for d, h, share, sign in (
         ("fast", speed.h_fast, speed.beta, 1),
         ("slow", speed.h_slow, 1 - speed.beta, -1),
     ):
         rim = windows[d].rim
-        to_parting = windows[d].at_s - test.events.unload_s
-        last = (to_parting >= -LAST_S) & (to_parting < -0.2)
-        places = tuple(
-            (SURFACE_DEPTH_M, float(x)) for x in np.linspace(0.3, 0.7, 9) * rim.setup.width_m
-        )
+        setup = rim.setup
+        since_s = windows[d].at_s - test.events.unload_s
+        last = (since_s >= -LAST_S) & (since_s < -END_GAP_S)
+        points = tuple((SURFACE_DEPTH_M, float(z)) for z in TRACK_POINTS * setup.width_m)
         step = 0.01 * max(h, 10.0)
-        both = rim.answer(max(h, 0.0) + np.array([0.0, step]), extra=places)
-        rest, power = (x[:, last, len(rim.setup.outer) :].mean(axis=1) for x in both)
-        track = rest + share * power  # (2, 9)
-        track -= (
-            rim.setup.steel.straight(track) - track
-        )  # back from Kirchhoff's temperature, to first order
-        by_h = (track[1, k := int(np.argmax(track[0]))] - track[0, k]) / step
-        more = sign * power[0, k] * (draws["speed law"] - speed.beta) + by_h * (draws[f"h_{d}"] - h)
-        values[f"surface {d}"], drawn[f"surface {d}"] = float(track[0, k]), track[0, k] + more
-    values["delta_T_us"] = (
-        values["surface fast"] - values["surface slow"]
-    ) * test.sliding_speed_m_s
-    drawn["delta_T_us"] = (drawn["surface fast"] - drawn["surface slow"]) * test.sliding_speed_m_s
-    return values, drawn
+        responses = rim.answer(max(h, 0.0) + np.array([0.0, step]), extra=points)
+        boundary, power = (x[:, last, len(setup.outer) :].mean(axis=1) for x in responses)
+        track = boundary + share * power  # (2, 9)
+        # back from Kirchhoff's temperature, to first order
+        track -= setup.steel.straight(track) - track
+        hottest = int(np.argmax(track[0]))
+        temperature = track[0, hottest]
+        by_h = (track[1, hottest] - temperature) / step
+        by_beta = sign * power[0, hottest]
+        deviation = by_beta * (draws["speed law"] - speed.beta) + by_h * (draws[f"h_{d}"] - h)
+        values[f"surface {d}"] = float(temperature)
+        samples[f"surface {d}"] = temperature + deviation
+    difference = values["surface fast"] - values["surface slow"]
+    sampled_difference = samples["surface fast"] - samples["surface slow"]
+    values["delta_T_us"] = difference * test.sliding_speed_m_s
+    samples["delta_T_us"] = sampled_difference * test.sliding_speed_m_s
+    return values, samples

@@ -75,7 +75,10 @@ def monte_carlo(
 
     What both disks share moves both together. The exponent n is drawn evenly from its range; everything else is normal.
     """
-    whose = {d: [("both" if q.shared else d, q.name) for q in joint[d].shift.of] for d in DISKS}
+    whose = {
+        d: [("both" if q.shared else d, q.name) for q in joint[d].sensitivity.parameters]
+        for d in DISKS
+    }
     own = [(d, name) for d in DISKS for name in ("common lag", "lag shape", "model form")]
     rng = np.random.default_rng(seed)
     names = [*sorted({key for keys in whose.values() for key in keys} - {*own}), *own]
@@ -83,14 +86,19 @@ def monte_carlo(
     n, half = test.speed_exponent, test.exponent_half_range
     uniform = rng.uniform(n - half, n + half, N_SAMPLES)
     noise = {d: rng.standard_normal((N_SAMPLES, 7)) for d in DISKS}
-    shifts = {d: stacked_sensitivity(lines[d].shift, cooling_shifts[d], joint[d].shift) for d in DISKS}
+    shifts = {
+        d: stacked_sensitivity(lines[d].sensitivity, cooling_shifts[d], joint[d].sensitivity)
+        for d in DISKS
+    }
     drawn = {d: np.column_stack([normal[key] for key in whose[d]]) for d in DISKS}
 
     def run(active: str | None) -> dict[str, Array]:
-        moved = {"exponent": uniform if active in (None, "speed exponent") else np.full(N_SAMPLES, n)}
+        moved = {
+            "exponent": uniform if active in (None, "speed exponent") else np.full(N_SAMPLES, n)
+        }
         for d in DISKS:
             per_sd, root = shifts[d]
-            on = np.array([active in (None, q.source) for q in joint[d].shift.of])
+            on = np.array([active in (None, q.source) for q in joint[d].sensitivity.parameters])
             off = (drawn[d][:, on] @ per_sd[on] + (active in (None, "noise")) * noise[d] @ root.T).T
             grow = 1 + MODEL_FORM_REL * normal[d, "model form"] * (
                 active in (None, "rim model form")
@@ -111,7 +119,7 @@ def monte_carlo(
         return moved | {"h_fast": (beta - a) / b, "h_slow": (1 - beta - c) / slope}
 
     rows = []
-    sources = {q.source for d in DISKS for q in joint[d].shift.of}
+    sources = {q.source for d in DISKS for q in joint[d].sensitivity.parameters}
     for source in sorted(sources | {"speed exponent", "noise", "rim model form"}):
         one = run(source)
         transient = max(float(np.std(one[f"cooling {d}"])) for d in DISKS)
@@ -120,11 +128,13 @@ def monte_carlo(
     return Budget(tuple(rows), run(None))
 
 
-def stacked_sensitivity(line: FitSensitivity, cooling: CoolingSensitivity, joint: FitSensitivity) -> tuple[Array, Array]:
+def stacked_sensitivity(
+    line: FitSensitivity, cooling: CoolingSensitivity, joint: FitSensitivity
+) -> tuple[Array, Array]:
     """Errors of line, cooling and joint fit of a disk, (Q, 7) by a standard uncertainty of what the joint fit knows,
     and a root (7, 7) of their noise; the compensated lag, which is the joint fit's, moves the cooling fit."""
-    per_sd = np.zeros((len(joint.of), 7))
-    per_sd[: len(line.of), :2], per_sd[: len(cooling.of), 2:4], per_sd[:, 4:] = (
+    per_sd = np.zeros((len(joint.parameters), 7))
+    per_sd[: len(line.parameters), :2], per_sd[: len(cooling.parameters), 2:4], per_sd[:, 4:] = (
         line.per_sd,
         cooling.per_sd,
         joint.per_sd,
@@ -144,19 +154,19 @@ class Tension:
     below which it is a contradiction.
     """
 
-    stated: Finding
+    nominal: Finding
     z: float
     chance: float
-    alarm: float
+    threshold: float
 
     @property
     def contradicts(self) -> bool:
         """Whether chance would bring so large a tension too rarely to believe it."""
-        return self.chance < self.alarm
+        return self.chance < self.threshold
 
     def to_dict(self) -> dict[str, Any]:
         """As ``beta.json`` keeps it."""
-        return {"what": self.stated.sentence, "z": self.z, "chance": self.chance}
+        return {"what": self.nominal.sentence, "z": self.z, "chance": self.chance}
 
 
 @dataclass(frozen=True)
@@ -173,7 +183,7 @@ class CrossCheck:
     p_value: float
     pairs: tuple[tuple[str, str, float, float], ...]
     suspects: tuple[Tension, ...]
-    strained: Tension | None
+    largest_tension: Tension | None
 
     @property
     def agree(self) -> bool:
@@ -193,7 +203,7 @@ class CrossCheck:
             "sentence": self.sentence,
             "p_value": self.p_value,
             "suspects": [t.to_dict() for t in self.suspects],
-            "strained": None if self.strained is None else self.strained.to_dict(),
+            "strained": None if self.largest_tension is None else self.largest_tension.to_dict(),
             "pairs": [
                 {"one": a, "other": b, "difference": gap, "z": z} for a, b, gap, z in self.pairs
             ],
@@ -243,13 +253,13 @@ def cross_check(
         "high": max(values.values()),
         "steady": steady.value,
         "steady_u": steady.u,
-        "suspects": [t.stated.sentence for t in suspects[:3]],
+        "suspects": [t.nominal.sentence for t in suspects[:3]],
         "suspects_z": [abs(t.z) for t in suspects[:3]],
         "holds": False,
     }
     if both is not None:
         numbers |= {
-            "holds": both.holds,
+            "holds": both.estimate_holds,
             "both": both.assumed.beta.value,
             "both_u": both.assumed.beta.u,
         }
@@ -261,7 +271,7 @@ def cross_check(
     else:
         if strained is not None:
             numbers |= {
-                "strained": strained.stated.sentence,
+                "strained": strained.nominal.sentence,
                 "strained_z": abs(strained.z),
                 "chance": strained.chance,
             }
@@ -313,17 +323,24 @@ def tensions(
     outside = n.value - float(np.clip(n.value, assumed - half, assumed + half))
     others.append((info("stated.exponent", assumed=assumed, implied=n.value, u=n.u), outside / n.u))
     largest = sample_largest_pulls([*depths.values()])
-    out = [Tension(f, z, probability_of_pull(z, largest, len(pulled)), DEPTH_THRESHOLD) for f, z in pulled]
+    out = [
+        Tension(f, z, probability_of_pull(z, largest, len(pulled)), DEPTH_THRESHOLD)
+        for f, z in pulled
+    ]
     for (
         finding,
         z,
     ) in others:  # how often the largest of so many independent normal deviates is at least |z|
         one = min(2 * float(ndtr(-abs(z))), 1 - 1e-9)
-        out.append(Tension(finding, z, float(-np.expm1(len(others) * np.log1p(-one))), OTHER_THRESHOLD))
+        out.append(
+            Tension(finding, z, float(-np.expm1(len(others) * np.log1p(-one))), OTHER_THRESHOLD)
+        )
     for s in () if sensors is None else sensors.suspects:
         fault = info("stated.sensors", subject=s.disk, kind=s.kind, columns=s.columns)
         out.append(
-            Tension(fault, float(np.sqrt(2.0 * max(s.log_odds, 0.0))), MIN_PROBABILITY, OTHER_THRESHOLD)
+            Tension(
+                fault, float(np.sqrt(2.0 * max(s.log_odds, 0.0))), MIN_PROBABILITY, OTHER_THRESHOLD
+            )
         )
     return tuple(replace(t, chance=max(t.chance, MIN_PROBABILITY)) for t in out)
 
@@ -338,7 +355,8 @@ def sample_largest_pulls(tests: Sequence[DepthTest], seed: int = 0) -> Array:
     """Draws of the largest pull of all ``tests`` on sound disks, (PULL_DRAWS,)."""
     rng = np.random.default_rng(seed)
     pulls = [
-        rng.standard_normal((N_PULL_SAMPLES, len(t.pull))) @ covariance_root(t.correlation).T for t in tests
+        rng.standard_normal((N_PULL_SAMPLES, len(t.pull))) @ covariance_root(t.correlation).T
+        for t in tests
     ]
     return np.abs(np.hstack([np.zeros((N_PULL_SAMPLES, 1)), *pulls])).max(axis=1)
 

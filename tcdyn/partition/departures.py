@@ -1,7 +1,7 @@
-"""Departures of a test from the structure that the fits assume: what readings show more by a standard deviation each.
+"""Linear effects of model-form alternatives on the readings, and the joint fit with them added.
 
-None of them is covered by a statement of rig.toml. They are linear about the fit of both disks, and known beforehand to
-a standard deviation only.
+Each alternative is a departure of the test from the model that the fits assume, which rig.toml does
+not cover. It is linear about the fit of both disks, with a prior standard deviation.
 """
 
 from __future__ import annotations
@@ -21,33 +21,53 @@ from tcdyn.heat.nonuniform import cached_gains
 from tcdyn.heat.rim import Rim, bank_means, lag_bank, points_of
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import DiskFit
-from tcdyn.partition.nuisance import LOG_H, SHARE, nuisance_effects, lags, with_lags
+from tcdyn.partition.nuisance import LOG_H, SHARE, lags, nuisance_effects, with_lags
 from tcdyn.partition.steel import conductivity_slope_effect
 from tcdyn.partition.track import flux_shift_effect
-from tcdyn.partition.window import FIT_MESH, Perturbation, RimMeans, lagged_power, interpolate_blocks
+from tcdyn.partition.window import (
+    FIT_MESH,
+    Perturbation,
+    RimMeans,
+    interpolate_blocks,
+    lagged_power,
+)
 from tcdyn.rig.disk import DISKS
 
-H_STEP_SD = 0.15  # of h at the parting: the jets' pattern changes
-H_PER_K_SD = 0.002  # of h by a kelvin of the surface: viscosity of the film
-SHIFT_SD_M = 0.35e-3  # of the flux along the track: 0.5 mm of each disk
-FLUX_WIDTH_SD = 0.5  # of the flux's half-width
-WASHER_SD = 1.0  # of the washers' conductance
-STEM_SD = 0.02  # of a junction's excess over ambient that its wires take away
+# Prior standard deviations of the alternatives, chosen by judgement.
+H_STEP_SD = 0.15  # relative change of h at the unloading: the pattern of the jets changes
+H_PER_K_SD = 0.002  # relative change of h per kelvin of the surface: viscosity of the film
+SHIFT_SD_M = 0.35e-3  # of the flux along the track [m]: 0.5 mm of each disk
+FLUX_WIDTH_SD = 0.5  # relative change of the flux's half-width
+WASHER_SD = 1.0  # relative change of the washers' conductance
+STEM_SD = 0.02  # of a junction's excess over ambient that its wires conduct away
 LOST_HEAT_SD = 0.1  # of the frictional heat that enters neither disk, or of the friction's scale
-CONDUCTIVITY_PER_100_K_SD = 0.07  # of the conductivity
-AIR_SD_K = 5.0  # of what the running surface loses heat to, oil or air, against the logged ambient
-LAG_SD_S = 0.3  # of one junction: a bubble in its cement
-SURFACE_POINTS = np.linspace(
-    0.05, 0.95, 7
-)  # places across the running surface whose mean is its temperature
+CONDUCTIVITY_PER_100_K_SD = 0.07  # relative change of the conductivity
+AIR_SD_K = 5.0  # temperature of oil or air at the running surface less the logged ambient [K]
+LAG_SD_S = 0.3  # lag of one junction [s]: a bubble in its cement
+SURFACE_POINTS = np.linspace(0.05, 0.95, 7)  # across the running surface, relative to its width
+UNLOADING_MEAN_S = 10.0  # values at the unloading are means over this long before it [s]
+MAX_LAG_REDUCTION = 0.8  # largest reduction of a lag, relative to the chain's longest
 
 
 @dataclass(frozen=True)
 class DiskAtFit:
-    """One disk about its part of the fit of both: its rim driven by the power that the fit sees, answers there.
+    """One disk at its part of the fit of both, as the point to linearise at.
 
-    ``base`` and ``power`` (R, P): what the outer row is predicted to show, and by a share of one; ``surface`` (R,):
-    mean temperature of the running surface [degC], its power not lagged; ``chain``: through which all is seen."""
+    Parameters
+    ----------
+    test, fit
+        The test, and the joint fit of the disk.
+    share, h_W_m2K
+        Its share and heat transfer coefficient.
+    rim
+        The rim with the power as the fit sees it.
+    chain
+        The chain through which all is seen.
+    base, power
+        Prediction of the outer row, and its response to a share of one, (R, P).
+    surface
+        Mean temperature of the running surface, without lag, (R,) [degC].
+    """
 
     test: EhlTest
     fit: DiskFit
@@ -62,43 +82,33 @@ class DiskAtFit:
     @classmethod
     def of(cls, test: EhlTest, fit: DiskFit, theta: Array) -> DiskAtFit:
         """The disk of ``fit`` at ``theta`` (4,)."""
-        rim = fit.side.heated(lags(theta))
+        rim = fit.side.rim_with_lags(lags(theta))
         share = float(theta[SHARE])
         h = float(np.exp(theta[LOG_H]))
         chain = with_lags(test.disks[fit.disk].mean_chain, lags(theta))
-        window = fit.side.window
-        rest, power = rim.answer(h)
-        first = int(np.searchsorted(test.time_s, window.time_s[0]))
-        true, held = lagged_power(test, slice(first, first + len(window.time_s)), None)
-        bank = window.blocks @ lag_bank(true, test.dt_s, rim.rates_1_s, **held)
-        inputs = np.column_stack([window.blocks @ true, rim.inputs[:, rim.rest]])
-        unlagged = replace(
-            rim, inputs=inputs, banks=np.concatenate([bank[None], rim.banks[rim.rest]])
-        )
-        at_surface, heat = unlagged.answer(
-            h, extra=tuple((0.0, float(x)) for x in SURFACE_POINTS * rim.setup.width_m)
-        )
-        surface = (at_surface + share * heat)[:, len(rim.setup.outer) :].mean(axis=1)
-        return cls(test, fit, share, h, rim, chain, rest + share * power, power, surface)
+        boundary, power = rim.answer(h)
+        surface = _surface_temperature(test, fit, rim, share, h)
+        return cls(test, fit, share, h, rim, chain, boundary + share * power, power, surface)
 
-    def moved(self, p: Perturbation) -> Array:
-        """What the outer row shows more of a disk that departs by ``p``, (R, P) [K]."""
-        rest, power = self.rim.answer(self.h_W_m2K, p)
-        return np.asarray(rest + self.share * power - self.base)
+    def perturbation_effect(self, p: Perturbation) -> Array:
+        """Change of the outer row of a disk that departs by ``p``, (R, P) [K]."""
+        boundary, power = self.rim.answer(self.h_W_m2K, p)
+        return np.asarray(boundary + self.share * power - self.base)
 
-    def film(self, air_K: Array) -> Array:
-        """What the outer row shows more when the air at the running surface alone is warmer by ``air_K`` (R,), (R, P)
-        [K]."""
+    def surface_air_effect(self, air_K: Array) -> Array:
+        """Change of the outer row if the air at the running surface alone is warmer, (R, P) [K].
+
+        ``air_K`` (R,) is by how much.
+        """
         window = self.fit.side.window
-        air = self.chain.response(interpolate_blocks(window, air_K[:, None])[:, 0], self.test.dt_s)
+        setup = self.rim.setup
+        samples = interpolate_blocks(window, air_K[:, None])[:, 0]
+        air = self.chain.response(samples, self.test.dt_s)
         bank = bank_means(air, self.test.dt_s, self.rim.rates_1_s, window.counts)
-        s = self.rim.setup
-        points = points_of(s, s.outer)
-        film = self.rim.films[0]
         gains = cached_gains(
-            Rim.from_setup(s),
+            Rim.from_setup(setup),
             self.h_W_m2K,
-            points,
+            points_of(setup, setup.outer),
             self.rim.half_width_m,
             tuple(self.rim.rates_1_s),
             self.rim.profile,
@@ -106,150 +116,208 @@ class DiskAtFit:
             FIT_MESH,
             film=True,
         )
+        surface_air = self.rim.surface_air_inputs[0]
+        direct = gains.direct[surface_air][0]
         return np.asarray(
-            (window.blocks @ air)[:, None] * gains.direct[film][0] + bank @ gains.gains[film][0].T
+            (window.blocks @ air)[:, None] * direct + bank @ gains.gains[surface_air][0].T
         )
 
-    def lossier(self, ratio: Array) -> Array:
-        """The same when h is higher by ``ratio`` (R,) of itself: h (1 + ratio) (T - T_A) is an air that is colder by
-        ratio (T - T_A)."""
-        return self.film(-ratio * (self.surface - self.rim.inputs[:, self.rim.ambient]))
+    def h_change_effect(self, ratio: Array) -> Array:
+        """Change of the outer row if h is higher by ``ratio`` (R,) of itself, (R, P) [K].
 
-    def later(self, late_s: float = 0.0) -> tuple[Array, list[str]]:
-        """What the outer row shows more when one junction is ``LAG_SD_S`` slower, (C, R, P), and which.
+        h (1 + ratio) (T - T_A) is an air that is colder by ratio (T - T_A).
+        """
+        superheat = self.surface - self.rim.inputs[:, self.rim.ambient_index]
+        return self.surface_air_effect(-ratio * superheat)
 
-        Of the outer row by the straight line to ``late_s``, if that is not zero: much lag is not linear.
+    def lag_effects(self, late_s: float = 0.0) -> tuple[Array, list[str]]:
+        """Change of the outer row when one junction is ``LAG_SD_S`` slower, (C, R, P), and which.
+
+        For junctions of the outer row, the secant to a delay of ``late_s`` if that is not zero: a
+        large lag is not linear.
         """
         disk = self.test.disks[self.fit.disk]
         window = self.fit.side.window
         n = len(disk.chains)
         outer = disk.setup.outer
-        free = replace(
-            disk, lag_covariance_s2=LAG_SD_S**2 * (n / (n - 1)) * np.eye(n)
-        )  # less the mean of n
-        known = nuisance_effects(self.test, free, window, self.share, self.h_W_m2K)
-        rows = [k for k, what in enumerate(known.of) if what.name.startswith("lag ")]
-        change = known.change[rows].copy()
-        names = [known.of[k].name.removeprefix("lag ") for k in rows]
-        slower = self.chain.with_lag_shift(max(late_s, -0.8 * max(self.chain.taus_s)))
-        if off_s := slower.lag_s - self.chain.lag_s:
-            whole = interpolate_blocks(window, self.base)
-            shown = equalised(whole, self.test.dt_s, (self.chain,) * len(outer), slower)
-            moved = window.blocks @ (shown - whole) * (LAG_SD_S / off_s)
+        # the effects subtract the mean of the n lags
+        covariance_s2 = LAG_SD_S**2 * (n / (n - 1)) * np.eye(n)
+        independent = replace(disk, lag_covariance_s2=covariance_s2)
+        nuisances = nuisance_effects(self.test, independent, window, self.share, self.h_W_m2K)
+        rows = [k for k, q in enumerate(nuisances.parameters) if q.name.startswith("lag ")]
+        change = nuisances.change[rows].copy()
+        names = [nuisances.parameters[k].name.removeprefix("lag ") for k in rows]
+        shift_s = max(late_s, -MAX_LAG_REDUCTION * max(self.chain.taus_s))
+        slower = self.chain.with_lag_shift(shift_s)
+        delay_s = slower.lag_s - self.chain.lag_s
+        if delay_s:
+            samples = interpolate_blocks(window, self.base)
+            delayed = equalised(samples, self.test.dt_s, (self.chain,) * len(outer), slower)
+            secant = window.blocks @ (delayed - samples) * (LAG_SD_S / delay_s)
             for k, c in enumerate(outer):
                 if c in names:
-                    change[names.index(c)] = moved * (np.arange(len(outer)) == k)
+                    change[names.index(c)] = secant * (np.arange(len(outer)) == k)
         return change, names
+
+    def at_unloading(self, x: Array) -> float:
+        """Mean of ``x`` (R,) over the last seconds under load."""
+        since_s = self.fit.side.window.at_s - self.test.events.unload_s
+        return float(x[(since_s > -UNLOADING_MEAN_S) & (since_s < 0.0)].mean())
+
+
+def _surface_temperature(
+    test: EhlTest, fit: DiskFit, rim: RimMeans, share: float, h_W_m2K: float
+) -> Array:
+    """Mean temperature of the running surface by the power without lag, (R,) [degC]."""
+    window = fit.side.window
+    first = int(np.searchsorted(test.time_s, window.time_s[0]))
+    rows = slice(first, first + len(window.time_s))
+    power, hold = lagged_power(test, rows, None)
+    bank = window.blocks @ lag_bank(power, test.dt_s, rim.rates_1_s, **hold)
+    unlagged = replace(
+        rim,
+        inputs=np.column_stack([window.blocks @ power, rim.inputs[:, rim.boundary_inputs]]),
+        banks=np.concatenate([bank[None], rim.banks[rim.boundary_inputs]]),
+    )
+    points = tuple((0.0, float(z)) for z in SURFACE_POINTS * rim.setup.width_m)
+    boundary, heat = unlagged.answer(h_W_m2K, extra=points)
+    return np.asarray((boundary + share * heat)[:, len(rim.setup.outer) :].mean(axis=1))
 
 
 def _h_step(a: DiskAtFit) -> Array:
-    return H_STEP_SD * a.lossier((a.fit.side.window.at_s >= a.test.events.unload_s).astype(float))
+    after = a.fit.side.window.at_s >= a.test.events.unload_s
+    return H_STEP_SD * a.h_change_effect(after.astype(float))
 
 
-def _h_of_T(a: DiskAtFit) -> Array:
-    return H_PER_K_SD * a.lossier(a.surface - _at_parting(a, a.surface))
-
-
-def _at_parting(a: DiskAtFit, x: Array) -> float:
-    since = a.fit.side.window.at_s - a.test.events.unload_s
-    return float(x[(since > -10.0) & (since < 0.0)].mean())
+def _h_of_temperature(a: DiskAtFit) -> Array:
+    return H_PER_K_SD * a.h_change_effect(a.surface - a.at_unloading(a.surface))
 
 
 def _flux_shift(a: DiskAtFit) -> Array:
     return SHIFT_SD_M * flux_shift_effect(a.rim, a.share, a.h_W_m2K)
 
 
-def _flux_wider(a: DiskAtFit) -> Array:
-    return a.moved(Perturbation(half_width=FLUX_WIDTH_SD))
+def _flux_width(a: DiskAtFit) -> Array:
+    return a.perturbation_effect(Perturbation(half_width=FLUX_WIDTH_SD))
 
 
-def _faces(a: DiskAtFit) -> Array:
-    return a.moved(Perturbation(washer=WASHER_SD))
+def _washers(a: DiskAtFit) -> Array:
+    return a.perturbation_effect(Perturbation(washer=WASHER_SD))
 
 
-def _stem(a: DiskAtFit) -> Array:
-    """Every junction reads less by a part of its excess over ambient; the inner row then drives the rim too cold."""
-    at = a.rim.ambient
+def _stem_conduction(a: DiskAtFit) -> Array:
+    """Each junction loses a part of its excess over ambient; the inner row then drives the rim too cold."""
+    ambient = a.rim.ambient_index
     gains = a.rim.gains(a.h_W_m2K)
-    air = a.rim.inputs[:, [at]]
-    excess = [a.rim.inputs[:, [k]] - air for k in range(1, at)]
-    driven = sum(
-        x * gains.direct[k] + (a.rim.banks[k] - a.rim.banks[at]) @ gains.gains[k].T
-        for k, x in enumerate(excess, 1)
-    )
-    return np.asarray(STEM_SD * (driven - (a.base - air)))
+    air = a.rim.inputs[:, [ambient]]
+    by_inner = 0.0
+    for k in range(1, ambient):
+        excess = a.rim.inputs[:, [k]] - air
+        excess_bank = a.rim.banks[k] - a.rim.banks[ambient]
+        by_inner = by_inner + (excess * gains.direct[k] + excess_bank @ gains.gains[k].T)
+    return np.asarray(STEM_SD * (by_inner - (a.base - air)))
 
 
-def _elsewhere(a: DiskAtFit) -> Array:
+def _lost_heat(a: DiskAtFit) -> Array:
     return -LOST_HEAT_SD * a.share * a.power
 
 
-def _k_of_T(a: DiskAtFit) -> Array:
-    """Less where it is hot, as rig.toml might have stated."""
-    s = a.rim.setup
-    air = _at_parting(a, a.rim.inputs[:, a.rim.ambient])
-    rim = replace(a.rim, setup=replace(s, steel=s.steel.about(air, _at_parting(a, a.surface))))
+def _conductivity_of_temperature(a: DiskAtFit) -> Array:
+    """Lower conductivity where it is hot, as rig.toml might have stated."""
+    setup = a.rim.setup
+    air = a.at_unloading(a.rim.inputs[:, a.rim.ambient_index])
+    steel = setup.steel.about(air, a.at_unloading(a.surface))
+    rim = replace(a.rim, setup=replace(setup, steel=steel))
     window = replace(a.fit.side.window, rim=rim)
-    return -conductivity_slope_effect(window, a.share, a.h_W_m2K, 0.01 * CONDUCTIVITY_PER_100_K_SD)
+    slope_u_per_K = 0.01 * CONDUCTIVITY_PER_100_K_SD
+    return -conductivity_slope_effect(window, a.share, a.h_W_m2K, slope_u_per_K)
 
 
-def _film_air(a: DiskAtFit) -> Array:
-    return a.film(np.full(len(a.base), AIR_SD_K))
+def _surface_air(a: DiskAtFit) -> Array:
+    return a.surface_air_effect(np.full(len(a.base), AIR_SD_K))
 
 
-# name: column of a disk, and how far the disks may differ: half the difference's standard deviation over the mean's
+# name: effect on a disk, and how far the disks may differ: half the standard deviation of the
+# difference, relative to that of the mean
 MODEL_FORMS: dict[str, tuple[Callable[[DiskAtFit], Array], float]] = {
     "h_step": (_h_step, 1 / 3),
-    "h_of_T": (_h_of_T, 0.0),
+    "h_of_T": (_h_of_temperature, 0.0),
     "flux_shift": (_flux_shift, 1.0),
-    "flux_wider": (_flux_wider, 0.0),
-    "faces": (_faces, 0.0),
-    "stem": (_stem, 0.0),
-    "elsewhere": (_elsewhere, 0.0),
-    "k_of_T": (_k_of_T, 0.0),
-    "film_air": (_film_air, 0.0),
+    "flux_wider": (_flux_width, 0.0),
+    "faces": (_washers, 0.0),
+    "stem": (_stem_conduction, 0.0),
+    "elsewhere": (_lost_heat, 0.0),
+    "k_of_T": (_conductivity_of_temperature, 0.0),
+    "film_air": (_surface_air, 0.0),
 }
 
 
 def model_form_columns(
     test: EhlTest, joint: Mapping[str, DiskFit], theta: Array, only: str = "", late_s: float = 0.0
 ) -> dict[str, Array]:
-    """Whitened columns (N, m) of both disks' data by a prior standard deviation of each structure's parameters.
+    """Effects of each alternative's parameters on the weighted data of both disks, (N, m) each.
 
-    ``theta`` (8,) is where the fit of both disks stands; ``only`` one structure, if named; ``late_s`` how late a
-    junction is, if not a little.
+    Parameters
+    ----------
+    test, joint
+        The test, and the joint fit of each disk.
+    theta
+        Parameters of the fit of both disks, (8,): the point to linearise at.
+    only
+        Name of the one alternative to compute; all if empty.
+    late_s
+        Delay of a junction for the secant of its lag, if that is not small [s].
     """
-    about = [DiskAtFit.of(test, joint[d], theta[4 * k : 4 * k + 4]) for k, d in enumerate(DISKS)]
-    weights = [a.fit.side.window.weight for a in about]
+    disks = [DiskAtFit.of(test, joint[d], theta[4 * k : 4 * k + 4]) for k, d in enumerate(DISKS)]
+    weights = [a.fit.side.window.weight for a in disks]
 
-    def alone(k: int, change: Array) -> Array:
-        parts = [np.zeros(w.size) for w in weights]
-        parts[k] = (change * weights[k]).ravel()
-        return np.concatenate(parts)
+    def column(k: int, change: Array) -> Array:
+        """Weighted data of both disks by a ``change`` (R, P) of disk ``k``."""
+        segments = [np.zeros(w.size) for w in weights]
+        segments[k] = (change * weights[k]).ravel()
+        return np.concatenate(segments)
 
-    out: dict[str, Array] = {}
-    for name, (column, differ) in MODEL_FORMS.items():
-        if only in ("", name):
-            fast, slow = (alone(k, column(a)) for k, a in enumerate(about))
-            out[name] = np.stack(
-                [fast + slow, differ * (fast - slow)] if differ else [fast + slow], axis=1
-            )
-    for k, a in enumerate(about):
-        if not only or only.startswith(f"lag of {DISKS[k]}"):
-            change, channels = a.later(late_s)
-            used = [c not in test.disks[DISKS[k]].left_out for c in channels]
-            out |= {
-                f"lag of {DISKS[k]}_{c}": alone(k, x)[:, None]
-                for c, x, u in zip(channels, change, used)
-                if u
-            }
-    return out
+    columns: dict[str, Array] = {}
+    for name, (effect, difference) in MODEL_FORMS.items():
+        if only not in ("", name):
+            continue
+        fast, slow = (column(k, effect(a)) for k, a in enumerate(disks))
+        parameters = [fast + slow]
+        if difference:
+            parameters.append(difference * (fast - slow))
+        columns[name] = np.stack(parameters, axis=1)
+    for k, a in enumerate(disks):
+        disk = DISKS[k]
+        if only and not only.startswith(f"lag of {disk}"):
+            continue
+        changes, channels = a.lag_effects(late_s)
+        for channel, change in zip(channels, changes):
+            if channel not in test.disks[disk].left_out:
+                columns[f"lag of {disk}_{channel}"] = column(k, change)[:, None]
+    return columns
 
 
 @dataclass(frozen=True)
 class Refit:
-    """The fit with more columns: ``step`` (P,) of its parameters, ``sizes`` of the columns, ``volume``: half the log
-    determinant of what they add to the information; ``covariance`` (P, P) for white noise scaled by a factor."""
+    """The fit of both disks with more columns.
+
+    Parameters
+    ----------
+    step
+        Change of the fit's parameters, (P,).
+    covariance
+        Covariance (P, P) of the parameters for white noise scaled by a factor.
+    sizes
+        Estimates of the columns' parameters.
+    volume
+        Half the log determinant of what the columns add to the information.
+    log_odds
+        Logarithm of the Bayes factor.
+    delta_chi2
+        Decrease of chi-squared.
+    inflation
+        Variance ratio of slow waves in the remaining residuals to white noise.
+    """
 
     step: Array
     covariance: Callable[[float], Array]
@@ -257,13 +325,26 @@ class Refit:
     volume: float
     log_odds: float
     delta_chi2: float
-    waves: float
+    inflation: float
 
 
 @dataclass(frozen=True)
 class LinearisedFit:
-    """The fit of both disks linear about its optimum; ``ends`` of each disk's data, behind which stand prior rows, and
-    ``points``: how many junctions its outer row has."""
+    """The fit of both disks, linear about its optimum.
+
+    Parameters
+    ----------
+    residual, jacobian
+        At the optimum: rows of the data, then of the prior.
+    precision, off_prior
+        Prior precisions of the parameters, and their departure from the prior mean.
+    directions
+        Free directions of the parameters.
+    ends
+        Ends of each disk's data among the rows.
+    points
+        Number of junctions in each outer row.
+    """
 
     residual: Array
     jacobian: Array
@@ -281,66 +362,78 @@ class LinearisedFit:
         points: tuple[int, ...],
         which: NDArray[np.int64] | None = None,
     ) -> LinearisedFit:
-        """About an optimum, by the parameters ``which`` of it."""
+        """About the optimum ``best``; ``which`` are the indices of the parameters, all if None."""
         k = np.arange(len(best.theta)) if which is None else which
-        off = best.theta - best.problem.prior_mean
-        free = free_directions(best.problem.fixed[:, k])
+        off_prior = best.theta - best.problem.prior_mean
         return cls(
-            best.residual,
-            best.jacobian[:, k],
-            best.problem.precision[k],
-            off[k],
-            free,
-            ends,
-            points,
+            residual=best.residual,
+            jacobian=best.jacobian[:, k],
+            precision=best.problem.precision[k],
+            off_prior=off_prior[k],
+            directions=free_directions(best.problem.fixed[:, k]),
+            ends=ends,
+            points=points,
         )
 
     @cached_property
-    def _sums(self) -> tuple[Array, Array, Array, Array]:
-        """Information and half-gradient of the data, and of all that was known beforehand."""
-        (r, s), (j, k) = (np.split(x, self.ends[-1:]) for x in (self.residual, self.jacobian))
+    def _normal_equations(self) -> tuple[Array, Array, Array, Array]:
+        """Information and half-gradient of the data, then of all priors."""
+        n_data = self.ends[-1]
+        data_residual = self.residual[:n_data]
+        prior_residual = self.residual[n_data:]
+        data_jacobian = self.jacobian[:n_data]
+        prior_jacobian = self.jacobian[n_data:]
+        prior_gradient = prior_jacobian.T @ prior_residual + self.precision * self.off_prior
         return (
-            j.T @ j,
-            j.T @ r,
-            k.T @ k + np.diag(self.precision),
-            k.T @ s + self.precision * self.off_prior,
+            data_jacobian.T @ data_jacobian,
+            data_jacobian.T @ data_residual,
+            prior_jacobian.T @ prior_jacobian + np.diag(self.precision),
+            prior_gradient,
         )
 
-    def waves(self, residual: Array) -> float:
-        """Slow waves in the residuals of the worse disk, as the fits count them."""
-        parts = np.split(residual[: self.ends[-1]], self.ends[:-1])
-        return max(wave_factor(r.reshape(-1, p)) for r, p in zip(parts, self.points))
+    def inflation_of(self, residual: Array) -> float:
+        """Variance ratio of slow waves in the residuals of the worse disk to white noise."""
+        segments = np.split(residual[: self.ends[-1]], self.ends[:-1])
+        return max(wave_factor(r.reshape(-1, p)) for r, p in zip(segments, self.points))
 
     def __call__(self, columns: Array, waves: float) -> Refit:
-        """The answer with ``columns`` (N, m), each with a standard normal prior, white noise scaled by ``waves``."""
-        r = self.residual[: self.ends[-1]]
-        j = self.jacobian[: self.ends[-1]]
+        """The fit with ``columns`` (N, m), each with a standard normal prior.
+
+        ``waves`` scales the variance of the white noise.
+        """
+        n_data = self.ends[-1]
+        jacobian = self.jacobian[:n_data]
         d = self.directions
-        seen_by, toward, before, held = self._sums
-        cov = d @ inverse(d.T @ (seen_by / waves + before) @ d) @ d.T
-        start = -cov @ (toward / waves + held)
-        left = r + j @ start
-        across = j.T @ columns / waves
-        follow = cov @ across
-        seen = np.eye(columns.shape[1]) + columns.T @ columns / waves - across.T @ follow
-        b = columns.T @ left / waves
-        known = np.linalg.inv(seen)
-        size = -known @ b
-        chi2 = float(b @ known @ b)
-        volume = 0.5 * float(np.linalg.slogdet(seen)[1])
+        data_information, data_gradient, prior_information, prior_gradient = self._normal_equations
+        information = data_information / waves + prior_information
+        cov = d @ inverse(d.T @ information @ d) @ d.T
+        start = -cov @ (data_gradient / waves + prior_gradient)
+        residual = self.residual[:n_data] + jacobian @ start
+        cross = jacobian.T @ columns / waves
+        follow = cov @ cross
+        identity = np.eye(columns.shape[1])
+        column_information = identity + columns.T @ columns / waves - cross.T @ follow
+        gradient = columns.T @ residual / waves
+        column_covariance = np.linalg.inv(column_information)
+        size = -column_covariance @ gradient
+        chi2 = float(gradient @ column_covariance @ gradient)
+        volume = 0.5 * float(np.linalg.slogdet(column_information)[1])
+        remaining = residual + columns @ size - jacobian @ (follow @ size)
 
-        def covariance(scaled: float) -> Array:
-            own = np.asarray(cov + follow @ known @ follow.T)
-            return own if scaled == waves else self(columns, scaled).covariance(scaled)
+        def covariance(scale: float) -> Array:
+            if scale != waves:
+                return self(columns, scale).covariance(scale)
+            return np.asarray(cov + follow @ column_covariance @ follow.T)
 
+        variances = np.diag(column_covariance)
         return Refit(
             step=start - follow @ size,
             covariance=covariance,
             sizes=tuple(
-                Estimate.normal(float(s), float(np.sqrt(v))) for s, v in zip(size, np.diag(known))
+                Estimate.normal(float(s), float(np.sqrt(v))) for s, v in zip(size, variances)
             ),
             volume=volume,
             log_odds=0.5 * chi2 - volume,
             delta_chi2=chi2,
-            waves=self.waves(left + columns @ size - j @ (follow @ size)),
+            inflation=self.inflation_of(remaining),
         )

@@ -16,7 +16,7 @@ from tcdyn.core import Array
 from tcdyn.heat.rim import lag_bank, node_rates
 from tcdyn.partition.angular_harmonic import window_harmonic_effects
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.nuisance import steady_input_response, nominal_perturbations, nominal_effects
+from tcdyn.partition.nuisance import nominal_effects, nominal_perturbations, steady_input_response
 from tcdyn.partition.track import SHIFT_STEP_M, unresolved_edge_effect
 from tcdyn.partition.window import (
     GRADIENT_STEP_M,
@@ -24,8 +24,8 @@ from tcdyn.partition.window import (
     Perturbation,
     RimMeans,
     between,
-    lagged_surface_air,
     lagged_power,
+    lagged_surface_air,
 )
 from tcdyn.rig.disk import DiskSetup
 from tcdyn.smoothing.traces import STAND_IN_K, DiskTraces
@@ -72,8 +72,8 @@ class DiskFeatures:
     banks: Array
     slope: Array
     noise: Array
-    bend: Array
-    seen: NDArray[np.bool_]
+    trend_u_K: Array
+    observed: NDArray[np.bool_]
     drives: Array
     shift_u_m: float = 0.0
 
@@ -115,13 +115,13 @@ class DiskFeatures:
         departing, sizes = zip(*nominal_perturbations(self.setup, FEATURE_DEPTH_M))
         return departing, np.array(sizes)
 
-    def made(self, cases: tuple[Case, ...], place: Target = "outer row") -> Array:
+    def target_responses(self, cases: tuple[Case, ...], place: Target = "outer row") -> Array:
         """What every column makes of the points of ``place`` as every input of the rim, (cases, C + 3, I, W, points).
 
         Kept, since all hypotheses share it."""
         if (cases, place) not in self._kept:
             inside = place == "inside"
-            extra = self.rim.inside if inside else ()
+            extra = self.rim.points_inside if inside else ()
             bore = place == "inner row"
             every = [self.rim.gains(h, p, extra, bore) for h, p in cases]
             own = slice(len(self.setup.outer) * inside, None)
@@ -135,23 +135,25 @@ class DiskFeatures:
             self._kept[cases, place] = np.ascontiguousarray(lagged.transpose(0, 3, 1, 4, 2))
         return np.asarray(self._kept[cases, place])
 
-    def fed(
+    def column_response(
         self, column: str, which: int, cases: tuple[Case, ...], place: Target = "outer row"
     ) -> Array:
         """What a column makes of the points of ``place`` as the rim's input ``which``, (cases, W, points); a column
         that is not there makes nothing."""
         k = self.columns.index(column)
-        made = self.made(cases, place)
+        made = self.target_responses(cases, place)
         return made[:, k, which] if k < made.shape[1] else np.zeros_like(made[:, 0, 0])
 
     def _at(
         self, order: Order, cases: tuple[Case, ...], place: Target = "outer row"
     ) -> tuple[Array, Array]:
-        air = self.rim.ambient
-        made = self.made(cases, place)
+        air = self.rim.ambient_index
+        made = self.target_responses(cases, place)
         columns = [1 + order[i] for i in self._rows[1]]
         rest = made[:, columns, range(1, air)].sum(axis=1)
-        rest += self.fed("ambient", air, cases, place) + self.fed("film", air + 1, cases, place)
+        rest += self.column_response("ambient", air, cases, place) + self.column_response(
+            "film", air + 1, cases, place
+        )
         return rest, made[:, 0, 0]
 
     def gradient(self, order: Order, cases: tuple[Case, ...]) -> tuple[Array, Array]:
@@ -161,19 +163,19 @@ class DiskFeatures:
         read = self.levels[:, [order[i] for i in self._rows[1]]]
         return (rest - read) / GRADIENT_STEP_M, power / GRADIENT_STEP_M
 
-    def answer(self, order: Order, cases: tuple[Case, ...]) -> tuple[Array, Array]:
+    def response(self, order: Order, cases: tuple[Case, ...]) -> tuple[Array, Array]:
         """Model of both rows without heat and per share of one, (cases, W, C) each, when position i of the channels is
         read by column ``order[i]``; each case is an h [W/m2K] and a departure of the disk."""
         rest, power = self._at(order, cases)
         if np.any(deeper := self.setup.deeper_than_edge_m):
             static = deeper[:, None] * [
-                self.rim.gains(h, p).static[self.rim.inner] for h, p in cases
+                self.rim.gains(h, p).static[self.rim.inner_inputs] for h, p in cases
             ]
             by_rest, by_power = self.gradient(order, cases)
             rest = rest + by_rest @ static
             power = power + by_power @ static
-        own = ("film", self.rim.ambient + 1), ("power", 0)
-        film, inner = (self.fed(column, k, cases, "inner row") for column, k in own)
+        own = ("film", self.rim.ambient_index + 1), ("power", 0)
+        film, inner = (self.column_response(column, k, cases, "inner row") for column, k in own)
         return np.concatenate([rest, film], axis=2), np.concatenate([power, inner], axis=2)
 
     def effects(self, order: Order, h_W_m2K: float, share: float) -> Array:
@@ -189,12 +191,12 @@ class DiskFeatures:
         """``effects`` for a share of none, and what they grow by a share of one: they are linear in it."""
         departing, sizes = self._departures
         driven_to, harmonic, late, film = self._whatever_order(h_W_m2K)
-        shown = self.answer(order, tuple((h_W_m2K, p) for p in (NOMINAL, *departing)))
+        shown = self.response(order, tuple((h_W_m2K, p) for p in (NOMINAL, *departing)))
         gradient = self.gradient(order, ((h_W_m2K, NOMINAL),))
         shifted = np.zeros((2, 2, *late.shape))
         if self.shift_u_m:
             cases = tuple((h_W_m2K, Perturbation(shift_m=s)) for s in (SHIFT_STEP_M, -SHIFT_STEP_M))
-            shifted = np.array(self.answer(order, cases)) * self.shift_u_m / (2 * SHIFT_STEP_M)
+            shifted = np.array(self.response(order, cases)) * self.shift_u_m / (2 * SHIFT_STEP_M)
         lasting = (self.event == "steady").astype(float)
         loading = (self.event == "loading")[:, None]
         rising = self.slope[:, [order[i] for row in self._rows for i in row]]
@@ -219,7 +221,9 @@ class DiskFeatures:
                 else [film, nothing, nothing, heat]
             )
             beside = one - other, *more
-            found.append(np.concatenate([known, harmonic * (not of_share), beside])[:, self.seen])
+            found.append(
+                np.concatenate([known, harmonic * (not of_share), beside])[:, self.observed]
+            )
         return found[0], found[1]
 
     def _whatever_order(self, h_W_m2K: float) -> tuple[Array, Array, Array, Array]:
@@ -230,14 +234,16 @@ class DiskFeatures:
             static = self.rim.gains(h_W_m2K).static
             rows: tuple[Target, ...] = "outer row", "inner row"
             slower, same, film = (
-                np.hstack([self.fed(column, which, case, row)[0] for row in rows])
+                np.hstack([self.column_response(column, which, case, row)[0] for row in rows])
                 for column, which in (
                     ("slower power", 0),
                     ("power", 0),
-                    ("film by n", self.rim.ambient + 2),
+                    ("film by n", self.rim.ambient_index + 2),
                 )
             )
-            harmonic = window_harmonic_effects(self.setup, h_W_m2K, static[self.rim.inner], self.event, self.after_s)
+            harmonic = window_harmonic_effects(
+                self.setup, h_W_m2K, static[self.rim.inner_inputs], self.event, self.after_s
+            )
             if (open_edge := unresolved_edge_effect(self.rim, h_W_m2K)) is not None:
                 edge = np.zeros_like(same)
                 edge[:, : len(open_edge)] = (
@@ -281,8 +287,8 @@ def disk_features(test: EhlTest, disk: DiskTraces) -> DiskFeatures:
         banks=banks.transpose(1, 0, 2),
         slope=slope,
         noise=noise,
-        bend=bend,
-        seen=np.repeat(
+        trend_u_K=bend,
+        observed=np.repeat(
             np.column_stack([np.full(len(early), True), early]),
             [len(s.outer), len(s.inner)],
             axis=1,

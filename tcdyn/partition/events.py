@@ -1,4 +1,4 @@
-"""When the disks met and parted, from contact switch, friction and load together."""
+"""Loading and unloading of an EHL test, from contact switch, friction and load; and the test itself, ready for the fits."""
 
 from __future__ import annotations
 
@@ -19,25 +19,36 @@ from tcdyn.partition.unloading import NEAR_S, unloading_instant
 from tcdyn.rig.contact import LEAST_ZERO, NOTHING_ADDED, STRAIGHT_FALL, Events, FrictionAdded
 from tcdyn.smoothing.traces import DiskTraces
 
+# Durations [s], chosen by judgement.
 SHORTEST_CONTACT_S = 20.0  # a shorter contact is a touch, not a test
-BOUNCE_S = 0.5
-RELOADED_S = 5.0  # disks that part for less than a bounce and then touch for this long had not parted
-LOADING_AGREE_S = 0.5
-MIN_FORCE_SNR = 6.0  # noises of a force between its two levels: below it is no witness
-HYSTERESIS = 0.1  # of the way between the levels, about its middle
-INVERTED_FRACTION = 0.8  # of the samples in which load and friction agree
-TOUCH_S = 0.04
-# of the way between the levels: where a later touch begins, and what it reaches
+BOUNCE_S = 0.5  # longest interruption of the contact that counts as a bounce
+RELOADED_S = 5.0  # a bounce must be followed by a contact of this length
+LOADING_AGREE_S = 0.5  # the switch is believed within this of the forces
+TOUCH_S = 0.04  # shortest later touch
+# A shorter fall is one change of slope: behind a lag its two ends cannot be separated.
+MIN_TWO_KINKS_S = 0.5
+# A force is used if its two levels differ by this many standard deviations of its noise.
+MIN_FORCE_SNR = 6.0
+HYSTERESIS = 0.1  # about the middle between the levels, relative to their difference
+# The switch is inverted if it disagrees in this fraction of the samples in which the forces agree.
+INVERTED_FRACTION = 0.8
+# Levels at which a later touch begins, and that it must reach, relative to the difference.
 TOUCH_START = 0.05
 TOUCH_MIN_PEAK = 0.15
-MIN_TWO_KINKS_S = 0.5  # a shorter fall is one kink: behind a lag its two ends are not told apart
+NOISE_WIDTH = 5  # of the median filter that removes the noise of a force [samples]
+LEVEL_WIDTH = 51  # of the median filter that gives its levels [samples]
 
 
 @dataclass(frozen=True)
 class DiskAir:
-    """T_A of one disk: behind its ``faces`` and at its running ``surface``, (N,) [degC] each.
+    """Air temperature T_A of one disk.
 
-    ``own_u_K``: standard uncertainty of their means by how their channels differ.
+    Parameters
+    ----------
+    faces, surface
+        Temperature at its faces and at its running surface, (N,) [degC].
+    own_u_K
+        Standard uncertainty of their means, by how the disk's channels differ.
     """
 
     faces: Array
@@ -47,16 +58,51 @@ class DiskAir:
 
 @dataclass(frozen=True)
 class EhlTest:
-    """An EHL test ready for the fits; arrays of shape (N,) on an even time base.
+    """An EHL test ready for the fits; arrays of shape (N,) at even times.
 
-    ``power_W`` is the whole frictional power F u_s; surface speeds under load: u_f / u_s their ratio, u_f - u_s sliding
-    (2.1), their mean entraining (2.2); ``added`` the part of ``friction_N`` that the transducer did not see;
-    ``exponent_half_range`` how far n may lie from ``speed_exponent``. ``slowing``: surface speed of each disk that did
-    not keep it after the parting, as a share of that under load (N,); ``film`` (N, 2): what its changed film comes to,
-    see :func:`tcdyn.partition.cooling.with_slowing_air_offset`; ``uneven``: what is known of each disk round its bore;
-    ``friction_noise_N``: white noise of a logged sample of the friction, before it was smoothed; ``air``: of each disk,
-    where channels of its own tell it, in place of ``ambient_degC``; ``nominal_u``: the part of the disks'
-    ``friction_rel``, ``half_width_rel`` and ``ambient_K`` that ``[constants]`` states, this log's and not the rig's.
+    Parameters
+    ----------
+    time_s, dt_s
+        Times, and their interval.
+    events
+        Loading and unloading.
+    power_W
+        Total frictional power F u_s.
+    ambient_degC
+        Ambient temperature.
+    load_N, friction_N
+        Means under load.
+    speed_ratio
+        u_f / u_s of the surface speeds under load.
+    sliding_speed_m_s
+        u_f - u_s, (2.1).
+    entraining_speed_m_s
+        Mean of both speeds, (2.2).
+    half_width_m
+        Half-width of the flux.
+    speed_exponent, exponent_half_range
+        Exponent n of the speed law, and how far n may lie from it.
+    disks
+        Traces of each disk.
+    findings
+        Findings of the preparation.
+    added
+        The part of ``friction_N`` that the transducer did not measure.
+    slowing
+        Surface speed of each disk that did not keep it after the unloading, relative to that under
+        load, (N,).
+    surface_air_offset_K
+        Offset of the air at the running surface, and its change by the speed exponent, (N, 2); see
+        :func:`tcdyn.partition.cooling.with_slowing_air_offset`.
+    uneven
+        First circumferential harmonic of each disk, where it is not the default prior.
+    friction_noise_N
+        White noise of a logged sample of the friction, before it was smoothed.
+    air
+        Air temperatures of each disk that has channels for them, in place of ``ambient_degC``.
+    stated_u
+        The part of the disks' ``friction_rel``, ``half_width_rel`` and ``ambient_K`` that
+        ``[constants]`` states: the uncertainty of this log, not of the rig.
     """
 
     time_s: Array
@@ -76,7 +122,7 @@ class EhlTest:
     findings: tuple[Finding, ...]
     added: FrictionAdded = NOTHING_ADDED
     slowing: Mapping[str, Array] = field(default_factory=dict)
-    film: Mapping[str, Array] = field(default_factory=dict)
+    surface_air_offset_K: Mapping[str, Array] = field(default_factory=dict)
     uneven: Mapping[str, Unevenness] = field(default_factory=dict)
     friction_noise_N: float = 0.0
     air: Mapping[str, DiskAir] = field(default_factory=dict)
@@ -84,7 +130,7 @@ class EhlTest:
 
     @property
     def conditions(self) -> dict[str, float]:
-        """What ran, and when, as ``beta.json`` keeps it."""
+        """Operating conditions and times, as in ``beta.json``."""
         return {
             "load_N": self.load_N,
             "friction_N": self.friction_N,
@@ -96,44 +142,117 @@ class EhlTest:
         }
 
     def ambient_of(self, disk: str) -> Array:
-        """Temperature of the air behind a disk's faces, and at its surface where nothing else is known, (N,) [degC]."""
+        """Air temperature at a disk's faces, and at its surface where it has no other, (N,) [degC]."""
         return self.air[disk].faces if disk in self.air else self.ambient_degC
 
 
 def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:
-    """Find the loaded stretch of an EHL log and the instant of parting, to better than a sample where possible.
+    """Find loading and unloading of an EHL log, to better than a sample where possible.
 
-    Contact switch, load and friction, as far as they were logged, vote on when the disks touched; the friction's fall
-    through half its level places the end of the heat between the samples, averaged with switch and load cell where they
-    agree. Raises InputError without a contact or without an unloading.
+    Parameters
+    ----------
+    frame
+        Columns ``time_s`` and, as far as they were logged, ``contact``, ``load_N``, ``friction_N``.
+    where
+        Name of the log in error messages.
+
+    Raises
+    ------
+    InputError
+        If there is no contact, or no unloading.
+
+    Notes
+    -----
+    The contact interval is decided by majority from contact switch, load and friction. The
+    friction's fall through half its level gives the end of the heat between the samples, averaged
+    with switch and load cell where they agree.
     """
-    t, switch = frame["time_s"].to_numpy(dtype=float), _switch(frame)
+    t = frame["time_s"].to_numpy(dtype=float)
+    switch = _switch(frame)
     levels = {
         c: _levels(frame[c].to_numpy(dtype=float)) for c in ("load_N", "friction_N") if c in frame
     }
-    force = sum(
+    force_votes = sum(
         (np.sign(_above(x, 0.5, HYSTERESIS) - 0.5) for x in levels.values() if x is not None),
         np.zeros(len(t)),
     )
-    contact = force > 0 if switch is None else switch
+    contact = force_votes > 0 if switch is None else switch
     if not contact.any():
+        if switch is None:
+            message = "neither load nor friction shows a loaded stretch"
+        else:
+            message = "contact never goes to 1"
         raise InputError(
-            "contact never goes to 1"
-            if switch is not None
-            else "neither load nor friction shows a loaded stretch",
+            message,
             where=where,
             expected="a loaded stretch",
             remedy="is this a log of an unloaded run?",
         )
-    found: list[Finding] = []
-    voting = np.abs(force) > 1.5
-    if voting.any() and np.mean(contact[voting] != (force[voting] > 0)) > INVERTED_FRACTION:
-        contact = ~contact
-        found.append(warning("contact.inverted", subject="contact"))
-    touching = _runs(t, force + (contact - 0.5) > 0)
-    first, last = max(touching, key=lambda run: t[run[1]] - t[run[0]], default=(0, 0))
+    findings: list[Finding] = []
+    forces_agree = np.abs(force_votes) > 1.5
+    if forces_agree.any():
+        disagreement = np.mean(contact[forces_agree] != (force_votes[forces_agree] > 0))
+        if disagreement > INVERTED_FRACTION:
+            contact = ~contact
+            findings.append(warning("contact.inverted", subject="contact"))
+    first, last = _contact_interval(t, contact, force_votes, switch is not None, where)
+    if switch is not None:
+        findings += _failures(t, contact, first, last)
+    load_on_s, switch_off, late_s = _loading(t, contact, first, last)
+    if late_s is not None:
+        findings.append(warning("loading.disagree", subject="contact", late_s=late_s))
+    touches = _later_touches(t, contact, levels, last)
+    switch_s = _between_samples(t, switch_off)
+    vote_s = _between_samples(t, last)
+    about_s = switch_s if abs(switch_s - vote_s) <= NEAR_S else vote_s
+    unload, u, fall_s, unloading_findings = unloading_instant(
+        t,
+        _without_touches(frame, [*levels], touches),
+        None if switch is None else switch_s,
+        about_s,
+        float(load_on_s),
+    )
+    findings += unloading_findings
+    half_s = 0.5 * fall_s / STRAIGHT_FALL  # of a straight fall
+    kinks = [unload] if 2 * half_s < MIN_TWO_KINKS_S else [unload - half_s, unload + half_s]
+    unload_end_s = kinks[-1]
+    again = tuple(
+        (float(max(t[a], unload_end_s)), float(t[b])) for a, b in touches if t[b] > unload_end_s
+    )
+    if again:
+        findings.append(
+            info(
+                "contact.again",
+                count=len(again),
+                after_s=again[0][0] - unload,
+                length_s=sum(b - a for a, b in again),
+            )
+        )
+    all_kinks = tuple(float(x) for x in (*kinks, *(x for touch in again for x in touch)))
+    return Events(
+        float(load_on_s),
+        float(unload),
+        float(u),
+        float(fall_s),
+        all_kinks,
+        tuple(findings),
+        again,
+    )
+
+
+def _between_samples(t: Array, row: int) -> float:
+    """Time halfway from a row to the next one."""
+    return 0.5 * float(t[row] + t[min(row + 1, len(t) - 1)])
+
+
+def _contact_interval(
+    t: Array, contact: NDArray[np.bool_], force_votes: Array, has_switch: bool, where: str
+) -> tuple[int, int]:
+    """First and last row of the longest contact by majority. Raises InputError without unloading."""
+    intervals = _intervals(t, force_votes + (contact - 0.5) > 0)
+    first, last = max(intervals, key=lambda rows: t[rows[1]] - t[rows[0]], default=(0, 0))
     if last == len(t) - 1 or contact.all():
-        still = "contact is still 1" if switch is not None else "the disks still touch"
+        still = "contact is still 1" if has_switch else "the disks still touch"
         raise InputError(
             f"no unloading: {still} at the last row (time_s {t[-1]:.3f})",
             where=where,
@@ -146,57 +265,37 @@ def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:
             where=where,
             expected=f"at least {SHORTEST_CONTACT_S:g} s under load",
         )
-    found += [] if switch is None else _failures(t, contact, first, last)
-    own = [run for run in _runs(t, contact) if run[1] >= first and run[0] <= last] or [
-        (first, last)
-    ]
-    (on, _) = own[0]
-    (_, off) = own[-1]
-    load_on, by_switch = (0.5 * (t[k - 1] + t[k]) if k else t[0] for k in (first, on))
-    if abs(by_switch - load_on) <= LOADING_AGREE_S:
-        load_on = by_switch
-    else:
-        found.append(warning("loading.disagree", subject="contact", late_s=by_switch - load_on))
-    again = _again(t, contact, levels, last)
-    switch_s, vote_s = (0.5 * float(t[k] + t[min(k + 1, len(t) - 1)]) for k in (off, last))
-    about_s = switch_s if abs(switch_s - vote_s) <= NEAR_S else vote_s
-    seen = _alone(frame, [*levels], again)
-    unload, u, parting, said = unloading_instant(
-        t, seen, None if switch is None else switch_s, about_s, float(load_on)
-    )
-    found += said
-    half_s = 0.5 * parting / STRAIGHT_FALL  # of a straight fall
-    kinks = [unload] if 2 * half_s < MIN_TWO_KINKS_S else [unload - half_s, unload + half_s]
-    touches = tuple(
-        (float(max(t[a], kinks[-1])), float(t[b])) for a, b in again if t[b] > kinks[-1]
-    )
-    if touches:
-        length = sum(b - a for a, b in touches)
-        found.append(
-            info(
-                "contact.again", count=len(touches), after_s=touches[0][0] - unload, length_s=length
-            )
-        )
-    kinks = [float(x) for x in (*kinks, *(x for touch in touches for x in touch))]
-    return Events(
-        float(load_on), float(unload), float(u), float(parting), tuple(kinks), tuple(found), touches
-    )
+    return first, last
+
+
+def _loading(
+    t: Array, contact: NDArray[np.bool_], first: int, last: int
+) -> tuple[float, int, float | None]:
+    """Time of loading, row in which the switch opens, and delay of a switch that disagrees [s]."""
+    overlapping = [rows for rows in _intervals(t, contact) if rows[1] >= first and rows[0] <= last]
+    intervals = overlapping or [(first, last)]
+    switch_on = intervals[0][0]
+    switch_off = intervals[-1][1]
+    by_majority, by_switch = (0.5 * (t[k - 1] + t[k]) if k else t[0] for k in (first, switch_on))
+    if abs(by_switch - by_majority) <= LOADING_AGREE_S:
+        return by_switch, switch_off, None
+    return by_majority, switch_off, by_switch - by_majority
 
 
 def _switch(frame: pd.DataFrame) -> NDArray[np.bool_] | None:
-    return (
-        None
-        if "contact" not in frame
-        else np.asarray(frame["contact"].ffill().bfill().to_numpy(dtype=float) > 0.5)
-    )
+    """State of the contact switch (N,), gaps filled; None if it was not logged."""
+    if "contact" not in frame:
+        return None
+    return np.asarray(frame["contact"].ffill().bfill().to_numpy(dtype=float) > 0.5)
 
 
 def _levels(force: Array) -> Array | None:
-    """A force (N,) on a scale where zero is apart and one is loaded; None where it hardly rises above its noise."""
+    """A force (N,) scaled to 0 apart and 1 loaded; None where it hardly rises above its noise."""
     if np.isfinite(force).sum() < LEAST_ZERO:
         return None
     filled = bridged(force, np.isfinite(force))
-    calm, slow = (median_filter(filled, width) for width in (5, 51))
+    denoised = median_filter(filled, NOISE_WIDTH)
+    slow = median_filter(filled, LEVEL_WIDTH)
     low = float(slow.min())
     high = float(slow.max())
     for _ in range(5):
@@ -205,69 +304,90 @@ def _levels(force: Array) -> Array | None:
             return None
         low = float(middle(slow[~upper]))
         high = float(middle(slow[upper]))
-    noise = 1.4826 * float(middle(np.abs(filled - calm)))
-    if high - low < MIN_FORCE_SNR * noise or high <= abs(low):  # or its sign is turned
+    noise = 1.4826 * float(middle(np.abs(filled - denoised)))
+    too_small = high - low < MIN_FORCE_SNR * noise
+    wrong_sign = high <= abs(low)
+    if too_small or wrong_sign:
         return None
-    return (calm - low) / (high - low)
+    return (denoised - low) / (high - low)
 
 
 def _above(level: Array, at: float, by: float) -> NDArray[np.bool_]:
-    """Whether ``level`` (N,) is above ``at``: it has come above ``at + by`` and not fallen below ``at - by`` since."""
-    state = pd.Series(np.where(level > at + by, 1.0, np.where(level < at - by, 0.0, np.nan)))
-    return np.asarray(state.ffill().fillna(0.0) > 0.5)
+    """Whether ``level`` (N,) is above ``at``, with hysteresis ``by`` to both sides."""
+    state = np.full(len(level), np.nan)
+    state[level < at - by] = 0.0
+    state[level > at + by] = 1.0
+    return np.asarray(pd.Series(state).ffill().fillna(0.0) > 0.5)
 
 
-def _runs(t: Array, state: NDArray[np.bool_], bridged_s: float = BOUNCE_S) -> list[tuple[int, int]]:
-    """First and last rows of each stretch of ``state``, joined over a short gap that a long stretch follows."""
+def _intervals(
+    t: Array, state: NDArray[np.bool_], gap_s: float = BOUNCE_S
+) -> list[tuple[int, int]]:
+    """First and last rows of each interval of ``state``.
+
+    An interval longer than ``RELOADED_S`` is joined to the one before over a gap below ``gap_s``.
+    """
     edges = np.flatnonzero(np.diff(np.concatenate([[0], state.astype(int), [0]])))
-    runs: list[tuple[int, int]] = []
-    for a, b in zip(edges[::2].tolist(), (edges[1::2] - 1).tolist()):
-        if runs and t[a] - t[runs[-1][1]] < bridged_s and t[b] - t[a] > RELOADED_S:
-            a = runs.pop()[0]
-        runs.append((a, b))
-    return runs
+    intervals: list[tuple[int, int]] = []
+    for start, end in zip(edges[::2].tolist(), (edges[1::2] - 1).tolist()):
+        first = start
+        if intervals and t[start] - t[intervals[-1][1]] < gap_s and t[end] - t[start] > RELOADED_S:
+            first = intervals.pop()[0]
+        intervals.append((first, end))
+    return intervals
 
 
 def _failures(t: Array, contact: NDArray[np.bool_], first: int, last: int) -> list[Finding]:
-    """Times at which the switch was off between two rows under load."""
-    off = [(a, b) for a, b in _runs(t, ~contact, 0.0) if a > first and b < last]
-    dropped = [a for a, b in off if t[b] - t[a] >= BOUNCE_S]
-    found = list[Finding]()
-    if dropped:
-        found.append(
+    """Findings on times at which the switch was off between two rows under load."""
+    off = [(a, b) for a, b in _intervals(t, ~contact, 0.0) if a > first and b < last]
+    dropouts = [a for a, b in off if t[b] - t[a] >= BOUNCE_S]
+    n_bounces = len(off) - len(dropouts)
+    findings: list[Finding] = []
+    if dropouts:
+        findings.append(
             warning(
                 "contact.dropout",
                 subject="contact",
-                first_s=float(t[dropped[0]]),
-                count=len(dropped),
+                first_s=float(t[dropouts[0]]),
+                count=len(dropouts),
             )
         )
-    if bounced := len(off) - len(dropped):
-        found.append(info("contact.bounced", subject="contact", count=bounced, shorter_s=BOUNCE_S))
-    return found
+    if n_bounces:
+        findings.append(
+            info("contact.bounced", subject="contact", count=n_bounces, shorter_s=BOUNCE_S)
+        )
+    return findings
 
 
-def _again(
+def _later_touches(
     t: Array, contact: NDArray[np.bool_], levels: Mapping[str, Array | None], last: int
 ) -> list[tuple[int, int]]:
-    """First and last rows of each touch after row ``last``, in which two of friction, load and switch rise again."""
+    """First and last rows of each touch after row ``last``: two of friction, load, switch rise."""
     forces = [x for x in levels.values() if x is not None]
-    votes = contact.astype(int) + sum(
-        (_above(x, TOUCH_START, 0.0).astype(int) for x in forces), np.zeros(len(t), int)
-    )
-    clear = contact | np.any([x > TOUCH_MIN_PEAK for x in forces] or [contact], axis=0)
-    later = votes >= 2
-    apart = np.flatnonzero(~later[last + 1 :])
-    later[: last + 1 + (int(apart[0]) if len(apart) else len(t))] = False
-    runs = [(a, b) for a, b in _runs(t, later) if t[b] - t[a] >= TOUCH_S and clear[a : b + 1].any()]
-    return [(max(a - 2, last + 1), min(b + 2, len(t) - 1)) for a, b in runs]
+    rising = (_above(x, TOUCH_START, 0.0).astype(int) for x in forces)
+    votes = contact.astype(int) + sum(rising, np.zeros(len(t), int))
+    clear = contact.copy()
+    for x in forces:
+        clear |= x > TOUCH_MIN_PEAK
+    touching = votes >= 2
+    apart = np.flatnonzero(~touching[last + 1 :])
+    first_apart = int(apart[0]) if len(apart) else len(t)
+    touching[: last + 1 + first_apart] = False
+    touches = []
+    for a, b in _intervals(t, touching):
+        if t[b] - t[a] >= TOUCH_S and clear[a : b + 1].any():
+            touches.append((max(a - 2, last + 1), min(b + 2, len(t) - 1)))
+    return touches
 
 
-def _alone(frame: pd.DataFrame, columns: list[str], again: list[tuple[int, int]]) -> pd.DataFrame:
-    """The forces as if the disks had not touched again: straight lines in their place."""
-    if not again:
+def _without_touches(
+    frame: pd.DataFrame, columns: list[str], touches: list[tuple[int, int]]
+) -> pd.DataFrame:
+    """The log with the forces linearly interpolated over later touches."""
+    if not touches:
         return frame
-    rows = np.concatenate([np.arange(a, b + 1) for a, b in again])
+    rows = np.concatenate([np.arange(a, b + 1) for a, b in touches])
     out = frame.reset_index(drop=True)
-    out.loc[rows, columns] = out[columns].drop(rows).reindex(out.index).interpolate().loc[rows]
+    interpolated = out[columns].drop(rows).reindex(out.index).interpolate()
+    out.loc[rows, columns] = interpolated.loc[rows]
     return out

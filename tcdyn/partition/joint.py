@@ -1,9 +1,6 @@
-"""Joint fit of heat partition, heat transfer coefficient and common lag to an unloading, with no inverse filter.
+"""Joint fit of heat partition, heat transfer coefficient and common lag to the unloading, with no inverse filter.
 
-If all channels of a disk share one chain G, filtering the rim model by G gives
-y_outer = H_boundary y_(d,b,f) + share G (H_F F u_s) + H_A T_A: the lagged boundary readings drive the model as they
-are, and only the frictional power is seen through G (design, section 7). What was not measured in this test enters
-with its prior, so that the answer's covariance holds it.
+The nuisance parameters of the test enter the fit with their priors, so that the covariance of the result holds them.
 """
 
 from __future__ import annotations
@@ -20,7 +17,12 @@ from tcdyn.core.estimate import Estimate
 from tcdyn.estimation import Optimum, Problem, from_rows, minimise, wave_factor
 from tcdyn.estimation.trace_noise import white_noise_sd
 from tcdyn.heat.rim import Profile, bank_means
-from tcdyn.partition.angular_harmonic import HARMONIC_SOURCES, Unevenness, Unmeasured, harmonic_from_fit
+from tcdyn.partition.angular_harmonic import (
+    HARMONIC_SOURCES,
+    Unevenness,
+    Unmeasured,
+    harmonic_from_fit,
+)
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.nuisance import (
     LOG_H,
@@ -29,9 +31,9 @@ from tcdyn.partition.nuisance import (
     PARAMETERS,
     SHARE,
     LaggedRim,
-    nuisance_effects,
     harmonic_prior,
     lags,
+    nuisance_effects,
     with_lags,
 )
 from tcdyn.partition.steady import FitSensitivity
@@ -40,34 +42,60 @@ from tcdyn.partition.window import DiskWindow, RimMeans, disk_window, lagged_pow
 from tcdyn.rig.disk import DISKS
 from tcdyn.smoothing.traces import NOISE_ORDER, DiskTraces
 
-MAX_STEP = (np.inf, 0.7, 0.7, 0.7)  # of one step of a search
-SHAPE_SD = 1.5  # log of the second lag: known to a factor of four or so
+# Largest change of share, log h, log lags and log tau2 in one step of the search. Chosen by judgement.
+MAX_STEP = (np.inf, 0.7, 0.7, 0.7)
+# Prior standard deviation of the logarithm of the second lag: known to a factor of about four.
+SHAPE_SD = 1.5
+# Least standard uncertainty of a disk's common lag from its record [s]. Chosen by judgement.
 MIN_LAG_U_S = 0.02
-MIN_INDEPENDENT_PART = 1e-10  # least part of a column, of its length, that the others leave
-# of chi-squared
+# Least part of a column of the Jacobian, relative to its length, that is independent of the others.
+MIN_INDEPENDENT_PART = 1e-10
+# The search stops when a step would lower chi-squared by less than this. Chosen by judgement.
 TOLERANCE = 1e-7
 COARSE_TOLERANCE = 1e-3
-CONVERGED_U = 0.1  # standard deviations that a pass moves a disk's fit: the next moved 36 such by 0.008 of one at most
-StartPoints = Mapping[
-    str, tuple[float, float]
-]  # share and h [W/m2K] of disks to begin from, e.g. the speed law's
-JOINT_WINDOW_S = 10.0
+# A further pass is needed if a parameter changed by more than this in the last one [standard deviations].
+# Of 36 fits that passed this test, the next pass changed none by more than 0.008.
+CONVERGED_U = 0.1
+MIN_START_LAG_S = 0.02  # first guess of the longest lag is at least this [s]
+MIN_START_H_W_M2K = 20.0  # first guess of h is at least this [W/m2K]
+JOINT_WINDOW_S = 10.0  # length of the cooling that the joint fits use [s]
+StartPoints = Mapping[str, tuple[float, float]]  # share and h [W/m2K] of each disk, to start from
 
 
 @dataclass(frozen=True)
 class Side:
-    """One disk in a joint fit, in standard deviations of its noise.
+    """Data, model and priors of one disk in a joint fit, in standard deviations of its noise.
 
-    ``y`` (m,): what was seen; ``effect`` (m, Q): what one standard uncertainty of each of ``of`` makes of it;
-    ``model``: prediction (m,) and its derivatives (m, 4) by ``PARAMETERS``, None where there is none; ``prior_*``: what
-    was known of its lags, and of log h; ``rest_of_lag_s``: of the chain beyond tau1 + tau2. The model is that
-    of ``window``, with ``heated``, its rim with the power seen through given lags.
+    Parameters
+    ----------
+    disk
+        Name of the disk.
+    parameters
+        The Q nuisance parameters.
+    y
+        Weighted readings, (m,).
+    effects
+        Change of the readings by one standard uncertainty of each nuisance parameter, (m, Q).
+    model
+        Prediction (m,) and its derivatives (m, 4) by ``PARAMETERS``; None outside the range of the model.
+    prior_lag_s, prior_lag_u_s
+        Common lag of the disk by its record, and its standard uncertainty.
+    prior_tau2_s
+        Prior of the second lag.
+    rest_of_lag_s
+        Lag of the chain beyond tau1 + tau2.
+    prior_log_h
+        Mean and standard deviation of log h.
+    window
+        The window of readings that ``y`` and ``model`` belong to.
+    rim_with_lags
+        The rim of the window with the frictional power seen through given lags.
     """
 
     disk: str
-    of: tuple[Unmeasured, ...]
+    parameters: tuple[Unmeasured, ...]
     y: Array
-    effect: Array
+    effects: Array
     model: Callable[[Array], tuple[Array, Array] | None]
     prior_lag_s: float
     prior_lag_u_s: float
@@ -75,15 +103,33 @@ class Side:
     rest_of_lag_s: float
     prior_log_h: tuple[float, float]
     window: DiskWindow
-    heated: Callable[[tuple[float, ...]], RimMeans]
+    rim_with_lags: Callable[[tuple[float, ...]], RimMeans]
 
 
 @dataclass(frozen=True)
 class DiskFit:
-    """Share, h [W/m2K] and common chain of one disk; beta (of the fast disk), h and lag_s in ``estimates``.
+    """Joint fit of one disk: share, h [W/m2K] and common chain.
 
-    ``inflation``: variance ratio of slow residual waves to white noise that the uncertainties allow for; ``side`` and
-    ``theta`` (4,): what was fitted, and where it ended.
+    Parameters
+    ----------
+    disk
+        Name of the disk.
+    theta
+        The fitted ``PARAMETERS``, (4,).
+    share, beta
+        Share of the frictional power that enters this disk, and the fast disk.
+    h_W_m2K
+        Heat transfer coefficient of the running surface.
+    estimates
+        beta (of the fast disk), h and lag_s with their uncertainties.
+    chain
+        The common chain of the channels, with the fitted lags.
+    sensitivity
+        Sensitivity of (share, h, lag) to the nuisance parameters, and their noise.
+    inflation
+        Variance ratio of slow waves in the residuals to white noise; the uncertainties allow for it.
+    side
+        The data and the model that were fitted.
     """
 
     disk: str
@@ -93,18 +139,32 @@ class DiskFit:
     h_W_m2K: float
     estimates: Mapping[str, Estimate]
     chain: Chain
-    shift: FitSensitivity
+    sensitivity: FitSensitivity
     inflation: float
     side: Side = field(repr=False, compare=False)
 
 
 @dataclass(frozen=True)
 class BothFit:
-    """Both disks at once, shares adding to one; ``theta`` (8,).
+    """Joint fit of both disks at once, with shares that add to one.
 
-    ``estimates``: beta, h_fast and h_slow [W/m2K], and the exponent ln(h_fast/h_slow)/ln(u_f/u_s) that they imply.
-    ``pulls``: what nobody measured, of which disk ("" of both), and how many standard deviations the data would move it
-    from its stated value; about standard normal on a sound rig. ``uneven``: each disk round its bore.
+    Parameters
+    ----------
+    theta
+        The fitted ``PARAMETERS`` of the fast disk, then of the slow disk, (8,).
+    speed_ratio
+        u_f/u_s under load.
+    estimates
+        beta, h_fast and h_slow [W/m2K], and the exponent ln(h_fast/h_slow)/ln(u_f/u_s) that they imply.
+    pulls
+        For each nuisance parameter: the parameter, its disk ("" if common to both), and how many standard
+        deviations the data would move it from its nominal value; about standard normal on a sound rig.
+    inflation
+        Variance ratio of slow waves in the residuals of the worse disk to white noise.
+    uneven
+        First circumferential harmonic of each disk.
+    optimum
+        Result of the least-squares search.
     """
 
     theta: Array
@@ -119,136 +179,220 @@ class BothFit:
 def disk_side(
     test: EhlTest, disk: DiskTraces, theta: Array, window_s: float, profile: Profile, tau2_s: float
 ) -> Side:
-    """The disk's readings brought to the chain of ``theta``, and what nobody measured about that point."""
+    """Bring all channels of a disk to one common chain, and linearise the nuisance parameters.
+
+    Parameters
+    ----------
+    test, disk
+        The test, and the disk of it.
+    theta
+        ``PARAMETERS`` of the disk, (4,): the point to linearise at, whose lags the common chain gets.
+    window_s
+        Length of the cooling [s].
+    profile
+        Profile of the inner boundary along z.
+    tau2_s
+        Prior of the second lag [s].
+
+    Notes
+    -----
+    If all channels of a disk share one chain G, filtering the rim model by G gives
+    y_outer = H_boundary y_(d,b,f) + share G (H_F F u_s) + H_A T_A. So the lagged boundary readings drive the model
+    as they are, and only the frictional power passes G (design, section 7).
+    """
     rows = stretch_of(test, window_s)
-    like = disk.mean_chain
-    common = with_lags(like, lags(theta))
-    shift = common.lag_s - like.lag_s
-    chains = tuple(c.with_lag_shift(shift) for c in disk.chains)
-    readings = equalised(disk.readings_degC[rows], test.dt_s, chains, like.with_lag_shift(shift))
-    seen = (
-        0.0 if disk.noise.coloured else white_noise_sd(readings, NOISE_ORDER)
-    )  # differences see what no fit sees
-    noise = np.maximum(seen, (1.0 if disk.noise.coloured else 0.5) * disk.noise_K)
-    window = disk_window(test, disk, readings, rows, noise, profile, common)
-    known = nuisance_effects(test, disk, window, float(theta[SHARE]), float(np.exp(theta[LOG_H])))
-    longest = max(lags(theta))
-    power, _ = lagged_power(test, rows, with_lags(like, (longest,)))
+    record_chain = disk.mean_chain
+    common_chain = with_lags(record_chain, lags(theta))
+    lag_shift_s = common_chain.lag_s - record_chain.lag_s
+    chains = tuple(c.with_lag_shift(lag_shift_s) for c in disk.chains)
+    readings = equalised(
+        disk.readings_degC[rows], test.dt_s, chains, record_chain.with_lag_shift(lag_shift_s)
+    )
+    noise = _noise_K(disk, readings)
+    window = disk_window(test, disk, readings, rows, noise, profile, common_chain)
+    nuisances = nuisance_effects(
+        test, disk, window, float(theta[SHARE]), float(np.exp(theta[LOG_H]))
+    )
+    longest_s = max(lags(theta))
+    power, _ = lagged_power(test, rows, with_lags(record_chain, (longest_s,)))
     bank = bank_means(power, test.dt_s, window.rim.rates_1_s, window.counts)
-    model = LaggedRim(window.rim.driven_by(window.blocks @ power, bank), longest, window.weight)
+    rim = window.rim.with_power(window.blocks @ power, bank)
+    model = LaggedRim(rim, longest_s, window.weight)
+    n_nuisances = len(nuisances.parameters)
     return Side(
         disk=disk.name,
-        of=known.of,
+        parameters=nuisances.parameters,
         y=(window.y * window.weight).ravel(),
-        effect=(known.change * window.weight).reshape(len(known.of), -1).T,
+        effects=(nuisances.change * window.weight).reshape(n_nuisances, -1).T,
         model=model,
         prior_lag_s=disk.common_lag_s,
         prior_lag_u_s=max(disk.common_lag_u_s, MIN_LAG_U_S),
         prior_tau2_s=tau2_s,
-        rest_of_lag_s=like.lag_s - sum(sorted(like.taus_s, reverse=True)[:2]),
+        rest_of_lag_s=record_chain.lag_s - sum(sorted(record_chain.taus_s, reverse=True)[:2]),
         prior_log_h=log_h_prior(disk.setup.surface),
         window=window,
-        heated=model.heated,
+        rim_with_lags=model.rim_with_lags,
     )
 
 
+def _noise_K(disk: DiskTraces, readings: Array) -> Array:
+    """Standard deviation of the noise of each channel (C,) [K].
+
+    Differences of white noise show what no fit shows; coloured noise is taken from the traces.
+    """
+    if disk.noise.coloured:
+        return np.maximum(0.0, disk.noise_K)
+    return np.maximum(white_noise_sd(readings, NOISE_ORDER), 0.5 * disk.noise_K)
+
+
 def unknowns(sides: Sequence[Side]) -> list[tuple[Unmeasured, str]]:
-    """What nobody measured, each with its disk, or "" where both have it in common; in the order of the parameters."""
-    every = [(what, "" if what.shared else side.disk) for side in sides for what in side.of]
-    return list(dict.fromkeys(every))
+    """All nuisance parameters, each with its disk, or "" if common to both; in the order of the fit."""
+    labels = [
+        (parameter, "" if parameter.shared else side.disk)
+        for side in sides
+        for parameter in side.parameters
+    ]
+    return list(dict.fromkeys(labels))
 
 
 def joint_problem(sides: Sequence[Side]) -> Problem:
-    """The posterior of one disk, or of both with shares that add to what they add to at the start.
+    """The posterior of one disk, or of both with shares that keep their sum.
 
-    Parameters are four a disk and then, in standard uncertainties, what nobody measured; what the disks share is one.
+    The parameters are four for each disk, then the nuisance parameters in standard uncertainties. A nuisance
+    parameter that the disks have in common stands there once. The last rows of the residual are the lags of the
+    records.
     """
-    k, ends = 4 * len(sides), np.cumsum([0, *(len(s.y) for s in sides)])
-    unknown = unknowns(sides)
-    effect = np.zeros((ends[-1], len(unknown)))
-    for i, s in enumerate(sides):
-        columns = [unknown.index((what, "" if what.shared else s.disk)) for what in s.of]
-        effect[ends[i] : ends[i + 1], columns] = s.effect
+    n_main = 4 * len(sides)
+    ends = np.cumsum([0, *(len(side.y) for side in sides)])
+    n_data = ends[-1]
+    nuisances = unknowns(sides)
+    effects = np.zeros((n_data, len(nuisances)))
+    for i, side in enumerate(sides):
+        columns = [nuisances.index((q, "" if q.shared else side.disk)) for q in side.parameters]
+        effects[ends[i] : ends[i + 1], columns] = side.effects
 
     def evaluate(theta: Array) -> tuple[Array, Array] | None:
-        residual = np.zeros(ends[-1] + len(sides))
+        residual = np.zeros(n_data + len(sides))
         jacobian = np.zeros((len(residual), len(theta)))
-        residual[: ends[-1]] = effect @ theta[k:]
-        jacobian[: ends[-1], k:] = effect
-        for i, s in enumerate(sides):
-            p = theta[4 * i : 4 * i + 4]
-            own = slice(ends[i], ends[i + 1])
-            answer = s.model(p)
-            if answer is None:
+        residual[:n_data] = effects @ theta[n_main:]
+        jacobian[:n_data, n_main:] = effects
+        for i, side in enumerate(sides):
+            main = theta[4 * i : 4 * i + 4]
+            rows = slice(ends[i], ends[i + 1])
+            response = side.model(main)
+            if response is None:
                 return None
-            residual[own] += answer[0] - s.y
-            jacobian[own, 4 * i : 4 * i + 4] = answer[1]
-            total = float(np.exp(p[LOG_LAGS]))  # the record's lag, the last rows
-            residual[ends[-1] + i] = (total + s.rest_of_lag_s - s.prior_lag_s) / s.prior_lag_u_s
-            jacobian[ends[-1] + i, 4 * i + LOG_LAGS] = total / s.prior_lag_u_s
+            prediction, derivatives = response
+            residual[rows] += prediction - side.y
+            jacobian[rows, 4 * i : 4 * i + 4] = derivatives
+            lag_s = float(np.exp(main[LOG_LAGS]))
+            deviation_s = lag_s + side.rest_of_lag_s - side.prior_lag_s
+            residual[n_data + i] = deviation_s / side.prior_lag_u_s
+            jacobian[n_data + i, 4 * i + LOG_LAGS] = lag_s / side.prior_lag_u_s
         return residual, jacobian
 
-    names = [f"{name}, {s.disk} disk" for s in sides for name in PARAMETERS]
-    names += [f"{what.name} {disk}".strip() for what, disk in unknown]
+    names = [f"{name}, {side.disk} disk" for side in sides for name in PARAMETERS]
+    names += [f"{parameter.name} {disk}".strip() for parameter, disk in nuisances]
     mean = np.zeros(len(names))
-    sd = np.where(np.arange(len(names)) < k, np.inf, 1.0)
-    mean[LOG_TAU2:k:4] = [np.log(s.prior_tau2_s) for s in sides]
-    sd[LOG_TAU2:k:4] = SHAPE_SD
-    mean[LOG_H:k:4], sd[LOG_H:k:4] = zip(*(s.prior_log_h for s in sides))
-    largest = np.append(MAX_STEP * len(sides), np.full(len(unknown), np.inf))
+    sd = np.where(np.arange(len(names)) < n_main, np.inf, 1.0)
+    mean[LOG_TAU2:n_main:4] = [np.log(side.prior_tau2_s) for side in sides]
+    sd[LOG_TAU2:n_main:4] = SHAPE_SD
+    mean[LOG_H:n_main:4] = [side.prior_log_h[0] for side in sides]
+    sd[LOG_H:n_main:4] = [side.prior_log_h[1] for side in sides]
+    largest = np.append(MAX_STEP * len(sides), np.full(len(nuisances), np.inf))
     fixed = np.zeros((len(sides) - 1, len(names)))
-    fixed[:, SHARE:k:4] = 1.0
+    fixed[:, SHARE:n_main:4] = 1.0
     return Problem(tuple(names), evaluate, mean, sd, largest=largest, fixed=fixed)
 
 
 def told(optimum: Optimum, sides: Sequence[Side]) -> tuple[Array, Array]:
-    """Covariance (P, P) of the main parameters, 4 a disk, by white noise, and their answer to all else, (P, Q).
+    """Covariance of the main parameters by white noise, and their sensitivity to everything else.
 
-    By a standard uncertainty of each unmeasured quantity, then of each disk's lag, of its shape, and of h where known.
-    Raises InputError where a column adds nothing to the others: share and h, without priors, are then one.
+    Parameters
+    ----------
+    optimum
+        Optimum of :func:`joint_problem`.
+    sides
+        The disks of that problem.
+
+    Returns
+    -------
+    covariance
+        Covariance of the P = 4 parameters a disk, (P, P).
+    sensitivity
+        Change of the main parameters by one standard uncertainty of each nuisance parameter, then of each disk's
+        lag, of its second lag, and of its h where that has a prior, (P, Q).
+
+    Raises
+    ------
+    InputError
+        If a column of the Jacobian adds nothing to the others: without priors, share and h then cannot be separated.
     """
-    k = 4 * len(sides)
-    data = len(optimum.residual) - len(sides)
-    precise = np.sqrt(optimum.problem.precision)
-    free = optimum.directions
-    inner, left = from_rows(np.vstack([optimum.jacobian, np.diag(precise)[precise > 0]]) @ free)
-    if left < MIN_INDEPENDENT_PART:
+    n_main = 4 * len(sides)
+    n_data = len(optimum.residual) - len(sides)
+    prior_root = np.sqrt(optimum.problem.precision)
+    directions = optimum.directions
+    prior_rows = np.diag(prior_root)[prior_root > 0]
+    inner, independent_part = from_rows(np.vstack([optimum.jacobian, prior_rows]) @ directions)
+    if independent_part < MIN_INDEPENDENT_PART:
         raise InputError(
-            "the stretch about the parting does not tell heat partition from heat transfer coefficient",
-            expected="frictional heat before the parting and some cooling after it",
-            remedy="log more of the cooling, or look at load and friction before the parting",
+            "the data about the unloading do not separate heat partition from heat transfer coefficient",
+            expected="frictional heat before the unloading and some cooling after it",
+            remedy="log more of the cooling, or check load and friction before the unloading",
         )
-    covariance = free @ inner @ free.T
-    gain = covariance[:k] @ optimum.jacobian.T
-    shape = covariance[:k, LOG_TAU2:k:4] / SHAPE_SD
-    sd = np.array([s.prior_log_h[1] for s in sides])
-    film = (covariance[:k, LOG_H:k:4] / sd)[:, np.isfinite(sd)]
-    return gain[:, :data] @ gain[:, :data].T, np.hstack(
-        [-covariance[:k, k:], gain[:, data:], shape, film]
-    )
+    covariance = directions @ inner @ directions.T
+    gain = covariance[:n_main] @ optimum.jacobian.T
+    noise_gain = gain[:, :n_data]
+    by_nuisance = -covariance[:n_main, n_main:]
+    by_lag = gain[:, n_data:]
+    by_tau2 = covariance[:n_main, LOG_TAU2:n_main:4] / SHAPE_SD
+    log_h_sd = np.array([side.prior_log_h[1] for side in sides])
+    by_h = (covariance[:n_main, LOG_H:n_main:4] / log_h_sd)[:, np.isfinite(log_h_sd)]
+    return noise_gain @ noise_gain.T, np.hstack([by_nuisance, by_lag, by_tau2, by_h])
 
 
-def _known(
+def _noise_and_sensitivity(
     best: Optimum, sides: Sequence[Side], index: list[int], scale: Array
 ) -> tuple[float, Array, Array]:
-    """Inflation by slow waves in the residuals of the worse disk; covariance by noise (k, k) and answers to all else
-    (k, Q) of numbers that change by ``scale`` (k,) with the parameters of ``index``."""
-    noise, per_sd = told(best, sides)
-    parts = np.split(best.residual[: -len(sides)], np.cumsum([len(s.y) for s in sides])[:-1])
-    inflation = max(wave_factor(r.reshape(s.window.y.shape)) for s, r in zip(sides, parts))
-    return (
-        inflation,
-        inflation * noise[np.ix_(index, index)] * np.outer(scale, scale),
-        scale[:, None] * per_sd[index],
+    """Uncertainty of k numbers that change by ``scale`` (k,) with the parameters of ``index``.
+
+    Returns the inflation by slow waves in the residuals of the worse disk, the covariance by noise (k, k), and the
+    sensitivity to everything else (k, Q).
+    """
+    white, sensitivity = told(best, sides)
+    ends = np.cumsum([len(side.y) for side in sides])[:-1]
+    residuals = np.split(best.residual[: -len(sides)], ends)
+    inflation = max(
+        wave_factor(residual.reshape(side.window.y.shape))
+        for side, residual in zip(sides, residuals)
     )
+    noise = inflation * white[np.ix_(index, index)] * np.outer(scale, scale)
+    return inflation, noise, scale[:, None] * sensitivity[index]
 
 
 def joint_fits(
-    test: EhlTest, start: StartPoints, window_s: float = JOINT_WINDOW_S, profile: Profile = "modal"
+    test: EhlTest,
+    start: StartPoints,
+    window_s: float = JOINT_WINDOW_S,
+    profile: Profile = "modal",
 ) -> tuple[dict[str, DiskFit], BothFit]:
-    """Fit each disk alone, then both with shares that add to one; ``window_s``: length of cooling used.
+    """Fit each disk by itself, then both with shares that add to one.
 
-    Raises InputError when the log ends before the window.
+    Parameters
+    ----------
+    test
+        The test.
+    start
+        Share and h [W/m2K] of each disk to start from.
+    window_s
+        Length of the cooling used [s].
+    profile
+        Profile of the inner boundary along z.
+
+    Raises
+    ------
+    InputError
+        If the log ends before the window.
     """
     fits = {d: disk_fit(test, test.disks[d], *start[d], window_s, profile) for d in DISKS}
     sides = [fits[d].side for d in DISKS]
@@ -257,71 +401,109 @@ def joint_fits(
     theta[:8] = np.concatenate([fits[d].theta for d in DISKS])
     theta[SHARE:8:4] += 0.5 * (1.0 - theta[SHARE:8:4].sum())
     best = minimise(problem, theta, tolerance=TOLERANCE)
-    at = best.theta[[SHARE, LOG_H, 4 + LOG_H]]
-    beta, h_fast, h_slow = at[0], *np.exp(at[1:])
-    inflation, noise, per_sd = _known(
-        best, sides, [SHARE, LOG_H, 4 + LOG_H], np.array([1.0, h_fast, h_slow])
+    index = [SHARE, LOG_H, 4 + LOG_H]
+    beta = best.theta[SHARE]
+    h_fast, h_slow = np.exp(best.theta[index[1:]])
+    inflation, noise, sensitivity = _noise_and_sensitivity(
+        best, sides, index, np.array([1.0, h_fast, h_slow])
     )
-    covariance = noise + per_sd @ per_sd.T
+    covariance = noise + sensitivity @ sensitivity.T
     log_ratio = np.log(test.speed_ratio)
-    slope = np.array([0.0, 1 / h_fast, -1 / h_slow]) / log_ratio
+    exponent_slope = np.array([0.0, 1 / h_fast, -1 / h_slow]) / log_ratio
     values = {
         "beta": beta,
         "h_fast": h_fast,
         "h_slow": h_slow,
         "exponent": np.log(h_fast / h_slow) / log_ratio,
     }
-    u = np.sqrt([*np.diag(covariance), slope @ covariance @ slope])
-    estimates = {
-        name: Estimate.normal(float(x), float(s)) for (name, x), s in zip(values.items(), u)
+    variances = [*np.diag(covariance), exponent_slope @ covariance @ exponent_slope]
+    nuisances = unknowns(sides)
+    harmonics = {
+        d: harmonic_from_fit(
+            best.theta[8:],
+            best.covariance[8:, 8:],
+            nuisances,
+            d,
+            h_W_m2K,
+            harmonic_prior(test, d),
+        )
+        for d, h_W_m2K in zip(DISKS, (h_fast, h_slow))
     }
-    unknown = unknowns(sides)
-    pulls = tuple(
-        (*u, z)
-        for u, z in zip(unknown, [*best.pulls.values()][-len(unknown) :])
-        if u[0].source not in HARMONIC_SOURCES
+    fit = BothFit(
+        theta=best.theta[:8],
+        speed_ratio=test.speed_ratio,
+        estimates=_estimates(values, np.sqrt(variances)),
+        pulls=_pulls(best, nuisances),
+        inflation=inflation,
+        uneven=harmonics,
+        optimum=best,
     )
-    left = best.theta[8:], best.covariance[8:, 8:], unknown
-    known = [(d, h, harmonic_prior(test, d)) for d, h in zip(DISKS, (h_fast, h_slow))]
-    uneven = {of[0]: harmonic_from_fit(*left, *of) for of in known}
-    return fits, BothFit(
-        best.theta[:8], test.speed_ratio, estimates, pulls, inflation, uneven, best
+    return fits, fit
+
+
+def _estimates(values: Mapping[str, float], u: Array) -> dict[str, Estimate]:
+    """Normal estimates of ``values`` with standard uncertainties ``u``."""
+    return {
+        name: Estimate.normal(float(value), float(sd))
+        for (name, value), sd in zip(values.items(), u)
+    }
+
+
+def _pulls(
+    best: Optimum, nuisances: Sequence[tuple[Unmeasured, str]]
+) -> tuple[tuple[Unmeasured, str, float], ...]:
+    """The pull of each nuisance parameter but those of the circumferential harmonics."""
+    values = [*best.pulls.values()][-len(nuisances) :]
+    return tuple(
+        (parameter, disk, z)
+        for (parameter, disk), z in zip(nuisances, values)
+        if parameter.source not in HARMONIC_SOURCES
     )
 
 
 def disk_fit(
     test: EhlTest, disk: DiskTraces, share: float, h: float, window_s: float, profile: Profile
 ) -> DiskFit:
-    """One disk alone, from ``share`` and ``h`` [W/m2K] on, over ``window_s`` of cooling."""
+    """Joint fit of one disk by itself.
+
+    Parameters
+    ----------
+    test, disk
+        The test, and the disk of it.
+    share, h
+        Share and heat transfer coefficient [W/m2K] to start from.
+    window_s
+        Length of the cooling used [s].
+    profile
+        Profile of the inner boundary along z.
+    """
     taus = sorted(disk.mean_chain.taus_s, reverse=True)
-    tau1 = max(taus[0], 0.02)
+    tau1 = max(taus[0], MIN_START_LAG_S)
     tau2 = max(taus[1] if len(taus) > 1 else 0.0, 0.1 * tau1)
-    theta = np.array([share, np.log(max(h, 20.0)), np.log(tau1 + tau2), np.log(tau2)])
-    for enough in (
-        COARSE_TOLERANCE,
-        TOLERANCE,
-        TOLERANCE,
-    ):  # each pass equalises with the chain that the one before found
+    log_h = np.log(max(h, MIN_START_H_W_M2K))
+    theta = np.array([share, log_h, np.log(tau1 + tau2), np.log(tau2)])
+    # each pass equalises the channels with the chain that the previous pass fitted
+    for tolerance in (COARSE_TOLERANCE, TOLERANCE, TOLERANCE):
         side = disk_side(test, disk, theta, window_s, profile, tau2)
         problem = joint_problem([side])
-        best = minimise(
-            problem, np.append(theta, np.zeros(len(problem.names) - len(theta))), tolerance=enough
-        )
-        moved = np.abs(best.theta[:4] - theta[:4])
+        start = np.append(theta, np.zeros(len(problem.names) - len(theta)))
+        best = minimise(problem, start, tolerance=tolerance)
+        change = np.abs(best.theta[:4] - theta[:4])
         theta = best.theta
-        if enough == TOLERANCE and np.all(moved < CONVERGED_U * np.sqrt(np.diag(best.covariance)[:4])):
+        sd = np.sqrt(np.diag(best.covariance)[:4])
+        if tolerance == TOLERANCE and np.all(change < CONVERGED_U * sd):
             break
     share = float(theta[SHARE])
-    (h, total) = map(float, np.exp(theta[[LOG_H, LOG_LAGS]]))
-    inflation, noise, per_sd = _known(
-        best, [side], [SHARE, LOG_H, LOG_LAGS], np.array([1.0, h, total])
+    h, lag_s = map(float, np.exp(theta[[LOG_H, LOG_LAGS]]))
+    inflation, noise, sensitivity = _noise_and_sensitivity(
+        best, [side], [SHARE, LOG_H, LOG_LAGS], np.array([1.0, h, lag_s])
     )
     beta = share if disk.name == "fast" else 1.0 - share
     chain = with_lags(disk.mean_chain, lags(theta))
-    u = np.sqrt(np.diag(noise + per_sd @ per_sd.T))
-    of = [Unmeasured(x, "chain") for x in ("common lag", "lag shape")]
-    of += [SURFACE_SLOPE] * bool(np.isfinite(side.prior_log_h[1]))
-    values = {"beta": beta, "h": h, "lag_s": chain.lag_s}
+    u = np.sqrt(np.diag(noise + sensitivity @ sensitivity.T))
+    parameters = [*side.parameters, *(Unmeasured(x, "chain") for x in ("common lag", "lag shape"))]
+    if np.isfinite(side.prior_log_h[1]):
+        parameters.append(SURFACE_SLOPE)
     return DiskFit(
         disk=disk.name,
         theta=theta[:4],
@@ -329,8 +511,8 @@ def disk_fit(
         beta=beta,
         h_W_m2K=h,
         chain=chain,
-        estimates={name: Estimate.normal(x, float(s)) for (name, x), s in zip(values.items(), u)},
-        shift=FitSensitivity((*side.of, *of), per_sd.T, noise),
+        estimates=_estimates({"beta": beta, "h": h, "lag_s": chain.lag_s}, u),
+        sensitivity=FitSensitivity(tuple(parameters), sensitivity.T, noise),
         inflation=inflation,
         side=side,
     )

@@ -1,6 +1,7 @@
-"""What the readings of a disk show: by its share, its film and the lags of its chain, the model of the joint fits; and
-by what nobody measured in a test: how well it is known, and what it does to the readings that the rim predicts: in the
-blocks of the fits, and in few numbers that tell junctions apart, of the steady level and after each event."""
+"""Nuisance parameters of a test, what one standard uncertainty of each does to the readings, and the model of the joint fits.
+
+The model gives the readings of a disk by its share, its heat transfer coefficient and the lags of its chain.
+"""
 
 from __future__ import annotations
 
@@ -29,24 +30,30 @@ from tcdyn.smoothing.traces import DiskTraces
 
 PARAMETERS = ("share", "log h", "log lags", "log tau2")  # of each disk; lags: tau1 + tau2
 SHARE, LOG_H, LOG_LAGS, LOG_TAU2 = range(4)
-MIN_LAG_FRACTION = 1e-7  # of the sum of both lags
-MIN_NODE_DISTANCE = 1e-6  # a lag this near to one of the bank's is taken to lie beside it
-# a search that goes beyond a million W/m2K has lost its way
-LOG_H_STEP = 1e-5
+MIN_LAG_FRACTION = 1e-7  # least first lag, as a fraction of the sum of both lags
+MIN_NODE_DISTANCE = 1e-6  # in ln(rate): a lag nearer to one of the bank is moved away from it
+LOG_H_STEP = 1e-5  # of the difference quotient by log h
+# The search rejects h above exp(14) = 1.2 million W/m2K. Chosen by judgement.
 MAX_LOG_H = 14.0
-AMBIENT_INDEX = -1  # of what ``nominal_effects`` gives
+AMBIENT_INDEX = -1  # row of the ambient in ``nominal_effects``
+# Relative steps of conductivity, heat capacity, washer conductance and half-width, and of depths [m].
 MATERIAL_STEP = 0.01
-MATERIALS = [Perturbation(*(MATERIAL_STEP * row)) for row in np.eye(4)]  # steel, washer, half-width
+MATERIALS = [Perturbation(*(MATERIAL_STEP * row)) for row in np.eye(4)]
 DEPTH_STEP_M = 0.05e-3
-SMOOTH_RATE_S = 0.5
-SPLIT_SD_S = 0.03  # a plunge hardly tells how a channel's lag is split in two
-MODEL_K = 0.03  # what rim and mesh leave unexplained at a junction, against whole-disk solutions
+SMOOTH_RATE_S = (
+    0.5  # readings of the inner row are averaged over this before their rate is taken [s]
+)
+# Standard uncertainty of how a channel's lag is split into two [s]: a plunge hardly determines it.
+SPLIT_SD_S = 0.03
+# Standard uncertainty of rim model and mesh at a junction [K], by comparison with whole-disk solutions.
+MODEL_K = 0.03
+MIN_TAU1_S = 5e-3  # least first lag when the split of a lag is varied [s]
 
-DISK_AIR = Unmeasured("air", "ambient")  # of one disk, as far as its channels differ
+DISK_AIR = Unmeasured("air", "ambient")  # of one disk, as far as its own channels differ
 
 
 def nominal_parameters(disk: DiskSetup) -> tuple[Unmeasured, ...]:
-    """What is stated of a disk and its surroundings: of each junction, the outer row first, then of the steel."""
+    """Nuisance parameters that rig.toml and the record give: of each junction, outer row first, then of the steel."""
     return (
         *(Unmeasured(f"static {c}", "static lines") for c in disk.rows),
         *(Unmeasured(f"depth {c}", "junction depth") for c in disk.rows),
@@ -59,7 +66,7 @@ def nominal_parameters(disk: DiskSetup) -> tuple[Unmeasured, ...]:
 
 
 def parameters_of_test(disk: DiskSetup) -> tuple[Unmeasured, ...]:
-    """What a test adds to that."""
+    """Nuisance parameters that a test adds to ``nominal_parameters``."""
     return (
         Unmeasured("parting", "parting", True),
         Unmeasured("friction", "friction", True),
@@ -71,202 +78,322 @@ def parameters_of_test(disk: DiskSetup) -> tuple[Unmeasured, ...]:
 
 @dataclass(frozen=True)
 class NuisanceEffects:
-    """``change`` (Q, R, P): what the readings show more than predicted by one standard uncertainty of each [K]."""
+    """The effect of nuisance parameters on the readings.
 
-    of: tuple[Unmeasured, ...]
+    Parameters
+    ----------
+    parameters
+        The Q nuisance parameters.
+    change
+        Readings less prediction by one standard uncertainty of each, (Q, R, P) [K].
+    """
+
+    parameters: tuple[Unmeasured, ...]
     change: Array
 
 
 def nominal_u(disk: DiskTraces, static_u_K: Array, other_lags_s: Array | float = 0.0) -> Array:
-    """Standard uncertainty of everything ``stated``, (Q,): static lines (C,) as given; lags by how well the
-    record tells each from the mean of all, and by ``other_lags_s`` where they may be another channel's."""
+    """Standard uncertainties (Q,) of ``nominal_parameters``.
+
+    Parameters
+    ----------
+    disk
+        The traces of the disk.
+    static_u_K
+        Standard uncertainty of the static lines, (C,) [K].
+    other_lags_s
+        Additional standard uncertainty of the lags, where they may be another channel's [s].
+
+    Notes
+    -----
+    The uncertainty of a lag is that of its difference from the mean of all, as the record determines it.
+    """
     u = disk.uncertainty
     order = disk.setup.places(disk.setup.rows)
-    centre = np.eye(len(order)) - 1.0 / len(order)
-    apart = np.clip(np.diag(centre @ disk.lag_covariance_s2 @ centre.T), 0.0, None)
-    lag_u_s = np.hypot(np.sqrt(apart), other_lags_s)
+    n_channels = len(order)
+    centre = np.eye(n_channels) - 1.0 / n_channels
+    variances = np.diag(centre @ disk.lag_covariance_s2 @ centre.T)
+    lag_u_s = np.hypot(np.sqrt(np.clip(variances, 0.0, None)), other_lags_s)
     steel = [u.conductivity_rel, u.heat_capacity_rel, u.washer_rel, u.half_width_rel, u.ambient_K]
     return np.concatenate([static_u_K[order], disk.depth_u_m[order], lag_u_s[order], steel])
 
 
 def nominal_perturbations(disk: DiskSetup, depth_step_m: float) -> list[tuple[Perturbation, float]]:
-    """What ``nominal_effects`` asks the answer to, each with its size: every junction deeper, steel, washer, width."""
+    """Perturbations that ``nominal_effects`` needs, with their sizes: each junction deeper, steel, washer, width."""
+    n_junctions = len(disk.rows)
     deeper = [
-        (Perturbation(deeper_m=tuple(row)), depth_step_m)
-        for row in depth_step_m * np.eye(len(disk.rows))
+        (Perturbation(depth_shift_m=tuple(row)), depth_step_m)
+        for row in depth_step_m * np.eye(n_junctions)
     ]
     return deeper + [(p, MATERIAL_STEP) for p in MATERIALS]
 
 
 def nominal_effects(
-    moved: Array, driven: Array, lasts: Array, rates_K_s: Array, drives: Array
+    perturbed: Array, input_responses: Array, constant: Array, rates_K_s: Array, drives: Array
 ) -> Array:
-    """What R means of the P outer junctions (or of these and the k inner) show more by a unit of everything ``stated``.
+    """Readings less prediction by a unit of each of ``nominal_parameters``, (Q, R, P or P + k).
 
-    (Q, R, P or P + k). ``moved`` (P + k + 4, R, ...): what they show more by a unit of each of the ``nominal_perturbations``;
-    ``driven`` (3 k + 1, R, P): what the outer row answers to an input that is higher by a lasting kelvin, by its rise
-    of temperature with radius, and by its rate, each for the inner row, and to a kelvin of ambient; ``lasts`` (R,): how
-    much of a lasting error the means show; ``rates_K_s`` (R, ...): how fast each rises; ``drives`` (k, k): which inputs
-    each of the inner row errs with. A junction of the inner row that reads too high drives the prediction up, one that
-    lies deeper reads too low for its inner radius."""
+    R means of the P outer junctions, or of these and the k inner junctions.
+
+    Parameters
+    ----------
+    perturbed
+        Change by a unit of each of ``nominal_perturbations``, (P + k + 4, R, ...).
+    input_responses
+        Response of the outer row to an input that is higher by a constant kelvin, by its rise of temperature with
+        radius, and by its rate, each for the inner row, then to a kelvin of ambient, (3 k + 1, R, P).
+    constant
+        How much of a constant error the means show, (R,).
+    rates_K_s
+        Rate of each mean, (R, ...).
+    drives
+        Which inputs are wrong with each junction of the inner row, (k, k).
+
+    Notes
+    -----
+    A junction of the inner row that reads too high drives the prediction up. One that lies deeper reads too low for
+    its nominal radius.
+    """
     k = len(drives)
-    p = driven.shape[2]
-    place = np.eye(p + k)[:, None, : moved.shape[2]]
-    static = place * lasts[:, None]
-    lag = -place * rates_K_s
-    depth = moved[: p + k].copy()
-    static[p:, :, :p] -= np.tensordot(drives, driven[:k], 1)
-    depth[p:, :, :p] += np.tensordot(drives, driven[k : 2 * k], 1)
-    lag[p:, :, :p] += np.tensordot(drives, driven[2 * k : 3 * k], 1)
-    ambient = np.zeros_like(moved[:1])
-    ambient[0, :, :p] = driven[3 * k]
-    return np.concatenate([static, depth, lag, moved[p + k :], ambient])
+    p = input_responses.shape[2]
+    junctions = np.eye(p + k)[:, None, : perturbed.shape[2]]
+    static = junctions * constant[:, None]
+    lag = -junctions * rates_K_s
+    depth = perturbed[: p + k].copy()
+    static[p:, :, :p] -= np.tensordot(drives, input_responses[:k], 1)
+    depth[p:, :, :p] += np.tensordot(drives, input_responses[k : 2 * k], 1)
+    lag[p:, :, :p] += np.tensordot(drives, input_responses[2 * k : 3 * k], 1)
+    ambient = np.zeros_like(perturbed[:1])
+    ambient[0, :, :p] = input_responses[3 * k]
+    return np.concatenate([static, depth, lag, perturbed[p + k :], ambient])
 
 
 def steady_input_response(setup: DiskSetup, static: Array) -> Array:
-    """Steady answers of ``static`` (I, P) in the order of ``driven``, see ``nominal_effects``: (3 k + 1, P)."""
+    """Steady responses ``static`` (I, P) in the order of ``input_responses`` of ``nominal_effects``, (3 k + 1, P)."""
     k = len(setup.inner)
-    return np.concatenate([static[1 : k + 1]] * 3 + [static[k + 1 : k + 2]])
+    inner = static[1 : k + 1]
+    ambient = static[k + 1 : k + 2]
+    return np.concatenate([inner, inner, inner, ambient])
 
 
 def inner_gradient(window: DiskWindow, share: float, h_W_m2K: float) -> Array:
-    """Rise of temperature with radius at the inner row in every sample, (N, k) [K/m], from the model itself."""
-    rest, power = window.rim.gradient(h_W_m2K)
-    return interpolate_blocks(window, rest + share * power)
+    """Rise of temperature with radius at the inner row in every sample by the rim model, (N, k) [K/m]."""
+    boundary, power = window.rim.gradient(h_W_m2K)
+    return interpolate_blocks(window, boundary + share * power)
 
 
 def harmonic_prior(test: EhlTest, disk: str) -> Unevenness:
-    """What is known of the harmonic round the bore of a disk: at first its prior, about the test's steady window."""
-    return test.uneven.get(disk, Unevenness(span_s=test.events.unload_s - steady_start_s(test)))
+    """The circumferential harmonic of a disk as the test states it, else its prior over the steady window."""
+    return test.uneven.get(
+        disk, Unevenness(steady_window_s=test.events.unload_s - steady_start_s(test))
+    )
 
 
 def nuisance_effects(
     test: EhlTest, disk: DiskTraces, window: DiskWindow, share: float, h_W_m2K: float
 ) -> NuisanceEffects:
-    """All that nobody measured, about the point (share, h), as the fits of one disk see it.
+    """Effect of all nuisance parameters on the readings of one disk, linearised at (share, h [W/m2K]).
 
-    To what is stated come the friction, the instant of parting, and how each lag of the outer row is split: per second
-    moved from its first lag to its second, (1 + tau1 s)(1 + tau2 s) grows by (tau1 - tau2) s^2, so the reading loses
+    Parameters without an uncertainty are left out.
+
+    Notes
+    -----
+    How a lag of the outer row is split into two is a nuisance parameter. Per second moved from its first lag to its
+    second, (1 + tau1 s)(1 + tau2 s) grows by (tau1 - tau2) s^2, so the reading loses
     (tau1 - tau2) s^2 / ((1 + tau1 s)(1 + tau2 s)) of itself.
     """
     rim = window.rim
-    blocks = window.blocks
-    dt = test.dt_s
     setup = disk.setup
-    inner = setup.places(setup.inner)
     outer = setup.places(setup.outer)
-    rest, power = rim.answer(h_W_m2K)
-    base = rest + share * power
-    g = rim.gains(h_W_m2K)
-    there = [(*rim.answer(h_W_m2K, p), size) for p, size in nominal_perturbations(setup, DEPTH_STEP_M)]
-    moved = np.array([(rest + share * power - base) / size for rest, power, size in there])
-    width = max(int(round(SMOOTH_RATE_S / dt)), 1)
-    smooth = ndimage.uniform_filter1d(window.readings[:, inner], width, axis=0, mode="nearest")
-    errors = np.hstack([inner_gradient(window, share, h_W_m2K), np.gradient(smooth, dt, axis=0)])
-    driven = np.repeat(steady_input_response(setup, g.static)[:, None], len(base), axis=1)
-    for k, error in enumerate(errors.T, start=len(inner)):
-        i = 1 + k % len(inner)
-        bank = bank_means(error, dt, rim.rates_1_s, window.counts)
-        driven[k] = (blocks @ error)[:, None] * g.direct[i] + bank @ g.gains[i].T
-    rates = np.gradient(base, window.at_s, axis=0)
-    known = nominal_effects(moved, driven, np.ones(len(base)), rates, disk.drives)
-    late = -share * np.gradient(power, window.at_s, axis=0)
-    taus = sorted(disk.mean_chain.taus_s, reverse=True)
-    tau1 = max(taus[0], 5e-3)
-    tau2 = max(taus[1] if len(taus) > 1 else 0.0, 2 * dt)
-    bent = Rational(np.array([0.0, 0.0, tau1 - tau2]), (Factor((1.0, tau1)), Factor((1.0, tau2))))
-    lost = np.column_stack([simulate(bent, column, dt) for column in interpolate_blocks(window, base).T])
-    split = -np.eye(len(outer))[:, None] * (blocks @ lost)
-    static = disk.static_u_K.copy()
-    static[outer] = np.hypot(static[outer], MODEL_K)
-    film = rim.through(rim.films[1], h_W_m2K)
-    own = [
+    boundary, power = rim.answer(h_W_m2K)
+    predicted = boundary + share * power
+    gains = rim.gains(h_W_m2K)
+    perturbed = _perturbed(rim, setup, predicted, share, h_W_m2K)
+    input_responses = _input_responses(test, disk, window, share, h_W_m2K)
+    rates = np.gradient(predicted, window.at_s, axis=0)
+    constant = np.ones(len(predicted))
+    nominal = nominal_effects(perturbed, input_responses, constant, rates, disk.drives)
+    later_unloading = -share * np.gradient(power, window.at_s, axis=0)
+    speed_exponent = rim.input_response(rim.surface_air_inputs[1], h_W_m2K)
+    change = np.concatenate(
+        [
+            nominal,
+            [later_unloading, share * power],
+            _split_effects(test, disk, window, predicted),
+            [speed_exponent, nominal[AMBIENT_INDEX]],
+        ]
+    )
+    static_u_K = disk.static_u_K.copy()
+    static_u_K[outer] = np.hypot(static_u_K[outer], MODEL_K)
+    air_u_K = test.air[disk.name].own_u_K if disk.name in test.air else 0.0
+    test_u = [
         test.events.unload_u_s,
         disk.uncertainty.friction_rel,
         *[SPLIT_SD_S] * len(outer),
-        float(film.any()),
+        float(speed_exponent.any()),
+        air_u_K,
     ]
-    own += [test.air[disk.name].own_u_K if disk.name in test.air else 0.0]
-    u = np.concatenate([nominal_u(disk, static), own])
-    change = np.concatenate([known, [late, share * power], split, [film, known[AMBIENT_INDEX]]])
-    asked = np.flatnonzero(u > 0)
-    of = tuple((*nominal_parameters(setup), *parameters_of_test(setup))[q] for q in asked)
+    u = np.concatenate([nominal_u(disk, static_u_K), test_u])
+    uncertain = np.flatnonzero(u > 0)
+    candidates = (*nominal_parameters(setup), *parameters_of_test(setup))
+    specified_parameters, specified_change = specified_effects(disk, window, share, h_W_m2K)
+    parameters = (*(candidates[q] for q in uncertain), *specified_parameters)
+    change = np.concatenate([u[uncertain, None, None] * change[uncertain], specified_change])
     since_s = window.at_s - test.events.unload_s
-    more_of, more = specified_effects(disk, window, share, h_W_m2K)
-    of = (*of, *more_of)
-    change = np.concatenate([u[asked, None, None] * change[asked], more])
-    uneven = harmonic_prior(test, disk.name)
+    harmonic = harmonic_prior(test, disk.name)
+    static = gains.static[rim.inner_inputs]
     return NuisanceEffects(
-        *add_harmonic_effects(of, change, uneven, disk.setup, h_W_m2K, g.static[rim.inner], since_s)
+        *add_harmonic_effects(parameters, change, harmonic, setup, h_W_m2K, static, since_s)
     )
 
 
+def _perturbed(
+    rim: RimMeans, setup: DiskSetup, predicted: Array, share: float, h_W_m2K: float
+) -> Array:
+    """Change of the prediction by a unit of each of ``nominal_perturbations``, (P + k + 4, R, P)."""
+    changes = []
+    for perturbation, size in nominal_perturbations(setup, DEPTH_STEP_M):
+        boundary, power = rim.answer(h_W_m2K, perturbation)
+        changes.append((boundary + share * power - predicted) / size)
+    return np.array(changes)
+
+
+def _input_responses(
+    test: EhlTest, disk: DiskTraces, window: DiskWindow, share: float, h_W_m2K: float
+) -> Array:
+    """``input_responses`` of ``nominal_effects``: the gradients and rates of the inner row pass the rim."""
+    setup = disk.setup
+    inner = setup.places(setup.inner)
+    rates_1_s = window.rim.rates_1_s
+    gains = window.rim.gains(h_W_m2K)
+    width = max(int(round(SMOOTH_RATE_S / test.dt_s)), 1)
+    smooth = ndimage.uniform_filter1d(window.readings[:, inner], width, axis=0, mode="nearest")
+    gradients = inner_gradient(window, share, h_W_m2K)
+    rates = np.gradient(smooth, test.dt_s, axis=0)
+    steady = steady_input_response(setup, gains.static)
+    out = np.repeat(steady[:, None], len(window.y), axis=1)
+    for k, error in enumerate(np.hstack([gradients, rates]).T, start=len(inner)):
+        i = 1 + k % len(inner)
+        bank = bank_means(error, test.dt_s, rates_1_s, window.counts)
+        out[k] = (window.blocks @ error)[:, None] * gains.direct[i] + bank @ gains.gains[i].T
+    return out
+
+
+def _split_effects(test: EhlTest, disk: DiskTraces, window: DiskWindow, predicted: Array) -> Array:
+    """Effect of a second moved from the first lag to the second, for each outer junction, (P, R, P) [K]."""
+    dt = test.dt_s
+    taus = sorted(disk.mean_chain.taus_s, reverse=True)
+    tau1 = max(taus[0], MIN_TAU1_S)
+    tau2 = max(taus[1] if len(taus) > 1 else 0.0, 2 * dt)
+    loss = Rational(np.array([0.0, 0.0, tau1 - tau2]), (Factor((1.0, tau1)), Factor((1.0, tau2))))
+    samples = interpolate_blocks(window, predicted)
+    lost = np.column_stack([simulate(loss, column, dt) for column in samples.T])
+    return -np.eye(predicted.shape[1])[:, None] * (window.blocks @ lost)
+
+
 def lags(p: Array) -> tuple[float, float]:
-    """tau1 and tau2 [s] of the parameters of a disk; a second lag that would be longer than the sum is all of it."""
+    """tau1 and tau2 [s] of the parameters of a disk; tau2 is at most the sum of both."""
     total = float(np.exp(p[LOG_LAGS]))
-    second = float(np.exp(p[LOG_TAU2]))
-    second = min(second, (1 - MIN_LAG_FRACTION) * total)
+    second = min(float(np.exp(p[LOG_TAU2])), (1 - MIN_LAG_FRACTION) * total)
     return total - second, second
 
 
-def with_lags(like: Chain, taus_s: tuple[float, ...]) -> Chain:
-    """The chain with ``taus_s`` for the two largest lags of ``like``, the rest as there."""
-    return replace(like, taus_s=(*taus_s, *sorted(like.taus_s, reverse=True)[2:]))
+def with_lags(chain: Chain, taus_s: tuple[float, ...]) -> Chain:
+    """The chain with ``taus_s`` for its two largest lags, the others unchanged."""
+    return replace(chain, taus_s=(*taus_s, *sorted(chain.taus_s, reverse=True)[2:]))
 
 
 def add_lag(u: Array, bank: Array, rates_1_s: Array, tau_s: float) -> tuple[Array, Array]:
-    """Means (R,) of an input and its ``bank`` (R, K) as it passes one more lag L = 1/(1 + tau s).
+    """Pass an input and its filter bank through one more first-order lag.
 
-    With the bank's lags L_k of rates r_k and a = 1/tau it is L L_k = (a L_k - r_k L)/(a - r_k), and L is made up of
-    the L_k themselves by ``cardinal``: good to 1e-6 for a lag within the bank's; one beyond is taken for its last.
+    Parameters
+    ----------
+    u
+        Block means of the input, (R,).
+    bank
+        Block means of the input through the lags of the bank, (R, K).
+    rates_1_s
+        Rates of the bank, (K,).
+    tau_s
+        The lag to add.
+
+    Notes
+    -----
+    With the bank's lags L_k of rates r_k and a = 1/tau, L L_k = (a L_k - r_k L)/(a - r_k), and L is made up of the
+    L_k themselves by ``cardinal``: accurate to 1e-6 for a lag within the bank's; one beyond is taken for its last.
     """
     rate = 1 / tau_s
-    rate *= 1 + 3 * MIN_NODE_DISTANCE * bool(np.any(np.abs(np.log(rate / rates_1_s)) < MIN_NODE_DISTANCE))
-    seen = bank @ cardinal(rates_1_s, np.log(np.clip([rate], *rates_1_s[[0, -1]])))[0]
-    return seen, (rate * bank - rates_1_s * seen[:, None]) / (rate - rates_1_s)
+    if np.any(np.abs(np.log(rate / rates_1_s)) < MIN_NODE_DISTANCE):
+        rate *= 1 + 3 * MIN_NODE_DISTANCE
+    log_rate = np.log(np.clip([rate], *rates_1_s[[0, -1]]))
+    lagged = bank @ cardinal(rates_1_s, log_rate)[0]
+    return lagged, (rate * bank - rates_1_s * lagged[:, None]) / (rate - rates_1_s)
 
 
 @dataclass(frozen=True)
 class LaggedRim:
-    """A ``rim`` whose power was seen through the one lag ``lag_s`` of two, here answering to both, its readings weighed
-    by ``weight`` (R, P)."""
+    """Model of a joint fit: a rim whose power was seen through one lag, with the responses for both lags.
+
+    Parameters
+    ----------
+    rim
+        The rim, its power seen through ``lag_s``.
+    lag_s
+        That lag.
+    weight
+        Weights of the readings, (R, P) [1/K].
+    """
 
     rim: RimMeans
     lag_s: float
     weight: Array
 
-    def heated(self, taus_s: tuple[float, ...]) -> RimMeans:
-        """The rim with the power seen through these lags: (1 + lag s)/(1 + tau s) = lag/tau + (1 - lag/tau) L with the
-        longest of them, then the others."""
+    def rim_with_lags(self, taus_s: tuple[float, ...]) -> RimMeans:
+        """The rim with the power seen through the lags ``taus_s`` [s].
+
+        Notes
+        -----
+        (1 + lag s)/(1 + tau s) = lag/tau + (1 - lag/tau) L with the longest of them, then the others.
+        """
         rates = self.rim.rates_1_s
-        power = (self.rim.inputs[:, 0], self.rim.banks[0])
+        u = self.rim.inputs[:, 0]
+        bank = self.rim.banks[0]
         longest, *others = sorted(taus_s, reverse=True)
-        part = self.lag_s / longest
-        u, bank = (part * x + (1 - part) * y for x, y in zip(power, add_lag(*power, rates, longest)))
+        ratio = self.lag_s / longest
+        lagged_u, lagged_bank = add_lag(u, bank, rates, longest)
+        u = ratio * u + (1 - ratio) * lagged_u
+        bank = ratio * bank + (1 - ratio) * lagged_bank
         for tau in others:
             u, bank = add_lag(u, bank, rates, tau)
-        return self.rim.driven_by(u, bank)
+        return self.rim.with_power(u, bank)
 
     def __call__(self, p: Array) -> tuple[Array, Array] | None:
-        """Prediction (m,) and derivatives (m, 4); by the logarithm of a lag, which the power P passes as L, it is
-        (L - 1) L P."""
+        """Weighted prediction (m,) and its derivatives (m, 4) at ``PARAMETERS``; None for too large an h.
+
+        Notes
+        -----
+        The derivative by the logarithm of a lag L that the power P passes is (L - 1) L P.
+        """
         if not p[LOG_H] < MAX_LOG_H:
             return None
         share = p[SHARE]
         h = float(np.exp(p[LOG_H]))
-        (one, two) = lags(p)
-        rest, power = self.heated((one, two)).answer(h * np.exp([0.0, LOG_H_STEP]))
-        at, up = rest + share * power
-        by_one, by_two = (
-            share * (self.heated((one, two, tau)).through(POWER, h) - power[0])
-            for tau in (one, two)
-        )
-        slopes = [
+        tau1, tau2 = lags(p)
+        rim = self.rim_with_lags((tau1, tau2))
+        boundary, power = rim.answer(h * np.exp([0.0, LOG_H_STEP]))
+        predicted, predicted_at_step = boundary + share * power
+
+        def by_log_lag(tau: float) -> Array:
+            twice = self.rim_with_lags((tau1, tau2, tau)).input_response(POWER, h)
+            return np.asarray(share * (twice - power[0]))
+
+        by_tau1 = by_log_lag(tau1)
+        by_tau2 = by_log_lag(tau2)
+        derivatives = [
             power[0],
-            (up - at) / LOG_H_STEP,
-            by_one * (one + two) / one,
-            by_two - by_one * two / one,
+            (predicted_at_step - predicted) / LOG_H_STEP,
+            by_tau1 * (tau1 + tau2) / tau1,
+            by_tau2 - by_tau1 * tau2 / tau1,
         ]
-        return (at * self.weight).ravel(), np.stack(
-            [(s * self.weight).ravel() for s in slopes], axis=1
-        )
+        weighted = [(derivative * self.weight).ravel() for derivative in derivatives]
+        return (predicted * self.weight).ravel(), np.stack(weighted, axis=1)

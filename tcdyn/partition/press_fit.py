@@ -22,9 +22,9 @@ from tcdyn.partition.angular_harmonic import (
     SECOND_HARMONIC_REL,
     SIGNIFICANT_Z,
     Unevenness,
-    washer_kappa,
     harmonic_prior_K,
     radial_shape,
+    washer_kappa,
 )
 from tcdyn.partition.events import DiskTraces, EhlTest
 from tcdyn.rig.contact import press_fit
@@ -52,13 +52,13 @@ class PressFitHarmonics:
     second_K: Array
     per_share_K: float
 
-    def times(self, flux_kW_m2: float) -> PressFitHarmonics:
+    def scaled(self, flux_kW_m2: float) -> PressFitHarmonics:
         """The same for another flux."""
         return PressFitHarmonics(
             flux_kW_m2 * self.first_K, flux_kW_m2 * self.second_K, flux_kW_m2 * self.per_share_K
         )
 
-    def apart_z(self, uneven_rel: float, flux_rel: float, found: Unevenness) -> float:
+    def distance_z(self, uneven_rel: float, flux_rel: float, found: Unevenness) -> float:
         """Least distance of what was ``found`` from the statement, in standard uncertainties, whatever heat goes
         through the bore: this is known to ``flux_rel``, and goes outward."""
         size = float(np.hypot(*self.first_K))
@@ -95,11 +95,13 @@ class PressFitHarmonics:
         return Unevenness(
             prior,
             h_W_m2K=found.h_W_m2K,
-            span_s=found.span_s,
-            about_K=found.level_K,
-            stated_K=self.first_K,
-            second_K=float(np.hypot(second_rel * np.hypot(*second_K), SECOND_HARMONIC_REL * scale * size)),
-            stated_second_K=second_K,
+            steady_window_s=found.steady_window_s,
+            angle_level_K=found.level_K,
+            nominal_K=self.first_K,
+            second_harmonic_u_K=float(
+                np.hypot(second_rel * np.hypot(*second_K), SECOND_HARMONIC_REL * scale * size)
+            ),
+            nominal_second_K=second_K,
         )
 
 
@@ -180,7 +182,9 @@ def bore_flux_with_u(
 
 def predict_harmonics(setup: DiskSetup, h_W_m2K: float) -> PressFitHarmonics:
     """Harmonics of a disk with its stated fit for a mean flux of 1 kW/m2 out of the disk through its bore."""
-    c = press_fit(setup)[1] * harmonics(setup.fit.sectors(1e3 * setup.bore_radius_m), 2 * N_HARMONICS)
+    c = press_fit(setup)[1] * harmonics(
+        setup.fit.sectors(1e3 * setup.bore_radius_m), 2 * N_HARMONICS
+    )
     disk = [disk_admittance(setup, h_W_m2K, n) for n in range(1, N_HARMONICS + 1)]
     hindered = np.array(
         [1 / y + 1 / shaft_admittance(setup, n) for n, (y, _) in enumerate(disk, start=1)]
@@ -235,14 +239,18 @@ def press_fit_priors(
         whole = float(np.mean(test.power_W[near]))
         film = estimates[f"h_{d}"]
         u = whole * float(np.hypot(beta.u, shares[d] * disk.uncertainty.friction_rel))
-        air = float(test.film[d][near, 0].mean()) if d in test.film else 0.0
+        air = (
+            float(test.surface_air_offset_K[d][near, 0].mean())
+            if d in test.surface_air_offset_K
+            else 0.0
+        )
         flux, flux_u = bore_flux_with_u(
             disk, (shares[d] * whole, u), (film.value, film.u), float(np.nanmean(inner)), air
         )
         least = max(flux, MIN_FLUX_U * flux_u)  # heat leaves through the bore
-        told = predict_harmonics(disk.setup, film.value).times(1e-3 * least)
+        told = predict_harmonics(disk.setup, film.value).scaled(1e-3 * least)
         known = disk.setup.fit.uneven_rel, flux_u / least, found
-        if (z := told.apart_z(*known)) < SIGNIFICANT_Z:
+        if (z := told.distance_z(*known)) < SIGNIFICANT_Z:
             stated[d] = told.prior(*known)
             continue
         seen_K, seen_deg = _polar(found.level_K)

@@ -74,22 +74,24 @@ def rim_table(side: Side, points: Sequence[Array], h_u_W_m2K: float, lag_u_s: fl
     )
     nodes_shape = log_nodes(0.0, 1.0, SHAPE_NODES)
     weight = side.window.weight
-    rest = (side.window.rim.through(side.window.rim.rest, nodes_h) * weight).reshape(H_NODES, -1)
+    rest = (
+        side.window.rim.input_response(side.window.rim.boundary_inputs, nodes_h) * weight
+    ).reshape(H_NODES, -1)
     power = np.empty((H_NODES, len(nodes_sum), SHAPE_NODES, weight.size))
     for i, s in enumerate(nodes_sum):
         for j, q in enumerate(np.log(nodes_shape)):
             ratio = max(0.5 * (1 - np.sqrt(max(1 - q, 0.0))), 1e-9)
-            seen = side.heated((float(s * (1 - ratio)), float(s * ratio)))
-            power[:, i, j] = (seen.through(POWER, nodes_h) * weight).reshape(H_NODES, -1)
+            seen = side.rim_with_lags((float(s * (1 - ratio)), float(s * ratio)))
+            power[:, i, j] = (seen.input_response(POWER, nodes_h) * weight).reshape(H_NODES, -1)
     # orthonormal columns that span data and effects exactly, and the many answers by random mixing:
     # Halko, Martinsson & Tropp, SIAM Review 53 (2011), algorithm 4.1
     many = np.vstack([rest, power.reshape(-1, weight.size)])
     mixed = np.random.default_rng(0).standard_normal((RANK, len(many))) @ many
-    basis = np.linalg.qr(np.vstack([side.y, side.effect.T, mixed]).T)[0]
+    basis = np.linalg.qr(np.vstack([side.y, side.effects.T, mixed]).T)[0]
     rest = rest @ basis
     power = (power @ basis).reshape(H_NODES, -1)
     table = _Table((nodes_h, nodes_sum, nodes_shape), rest, power)
-    return replace(side, y=side.y @ basis, effect=(side.effect.T @ basis).T, model=table)
+    return replace(side, y=side.y @ basis, effects=(side.effects.T @ basis).T, model=table)
 
 
 @dataclass(frozen=True)
@@ -169,7 +171,7 @@ def joint_profiles(joint: Mapping[str, DiskFit], both: BothFit) -> pd.DataFrame:
             "lag_s": _logarithm(one[LOG_LAGS, :4], fit.side.rest_of_lag_s),
         }
         found = _profiles(d, [table], fit.theta, numbers, e, fit.inflation)
-        return found, {"y": table.y, "effect": table.effect, "model": table.model}
+        return found, {"y": table.y, "effect": table.effects, "model": table.model}
 
     found, tables = zip(*(alone(d) for d in DISKS))
     h_fast = one[LOG_H]

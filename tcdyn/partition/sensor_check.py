@@ -16,7 +16,14 @@ from tcdyn.core.findings import Finding, error, info, warning
 from tcdyn.partition.at_rest import MISFIT_P, faults_at_rest
 from tcdyn.partition.disk_features import DiskFeatures, disk_features
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.sensor_faults import DepthTest, Fault, depth_test, hypotheses, evaluate_faults, refine_fault
+from tcdyn.partition.sensor_faults import (
+    DepthTest,
+    Fault,
+    depth_test,
+    evaluate_faults,
+    hypotheses,
+    refine_fault,
+)
 from tcdyn.partition.window import between
 from tcdyn.rig.disk import DISKS, LEFT_OUT, DiskSetup
 from tcdyn.smoothing.traces import DiskTraces
@@ -86,17 +93,17 @@ class SensorCheck:
     """
 
     table: pd.DataFrame
-    verdicts: dict[str, tuple[Finding, ...]]
+    findings: dict[str, tuple[Finding, ...]]
     suspects: tuple[Suspect, ...]
     bulk_degC: dict[str, float]
-    blind: dict[str, tuple[tuple[str, ...], ...]]
+    indistinguishable: dict[str, tuple[tuple[str, ...], ...]]
     depths: dict[str, DepthTest]
     groups: Mapping[str, tuple[tuple[str, ...], ...]]
 
     @property
     def said(self) -> dict[str, str]:
         """What is found of each disk, in words."""
-        return {d: " ".join(f"{f.sentence}." for f in found) for d, found in self.verdicts.items()}
+        return {d: " ".join(f"{f.sentence}." for f in found) for d, found in self.findings.items()}
 
     @property
     def sound(self) -> bool:
@@ -165,12 +172,12 @@ def check_sensors(test: EhlTest) -> SensorCheck:
         verdicts[d] = tuple(s.finding for s in found[d]) or (sound_disk,)
     return SensorCheck(
         table=table,
-        verdicts=verdicts,
+        findings=verdicts,
         suspects=found[DISKS[0]]
         if crossed is not None
         else tuple(s for d in features for s in found[d]),
         bulk_degC={d: float(f.levels[f.event == "steady"][0].mean()) for d, f in features.items()},
-        blind=blind,
+        indistinguishable=blind,
         depths=depths,
         groups=groups,
     )
@@ -246,9 +253,9 @@ def _crossed(test: EhlTest, features: Mapping[str, DiskFeatures], apart: float) 
                 other.inputs[:, 1 + column],
                 other.banks[1 + column],
             )
-            mixed.slope[:, place], mixed.bend[:, place] = (
+            mixed.slope[:, place], mixed.trend_u_K[:, place] = (
                 other.slope[:, column],
-                other.bend[:, column],
+                other.trend_u_K[:, column],
             )
             (foreign,) = evaluate_faults(
                 mixed, test.disks[f.disk], [Fault("foreign", (f.setup.channels[place],))]
@@ -272,9 +279,7 @@ def _dead(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> tuple[Suspect, ..
     rise = steady - disk.readings_degC[before].mean(axis=0) if before.sum() >= 10 else falls
     usual = float(np.median(rise))
     fall = float(np.median(falls))
-    dead = (
-        (rise < DEAD_REL * usual) & (falls < DEAD_REL * fall) & (usual > MIN_RISE_K) & ~disk.out
-    )
+    dead = (rise < DEAD_REL * usual) & (falls < DEAD_REL * fall) & (usual > MIN_RISE_K) & ~disk.out
     out = []
     for i in np.flatnonzero(dead):
         moved = {"rise_K": rise[i], "fall_K": falls[i], "usual_rise_K": usual, "usual_fall_K": fall}

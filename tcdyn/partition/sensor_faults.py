@@ -113,13 +113,13 @@ def evaluate_faults(f: DiskFeatures, disk: DiskTraces, faults: Sequence[Fault]) 
     s = f.setup
     logs = np.log(H_GRID_W_M2K)
     order = faults[0].order(s.channels)
-    answers = f.answer(order, tuple((float(h), NOMINAL) for h in H_GRID_W_M2K))
+    answers = f.response(order, tuple((float(h), NOMINAL) for h in H_GRID_W_M2K))
     rests, powers = (
-        np.asarray(CubicSpline(logs, x[:, f.seen])(np.log(H_FINE_W_M2K))) for x in answers
+        np.asarray(CubicSpline(logs, x[:, f.observed])(np.log(H_FINE_W_M2K))) for x in answers
     )
     found = []
     for share in SHARE_GRID:
-        left = f.levels[:, order][:, s.places(s.rows)][f.seen] - rests - share * powers
+        left = f.levels[:, order][:, s.places(s.rows)][f.observed] - rests - share * powers
         own = independent_sd_K(f, disk, powers[len(powers) // 2], order)
         start = int(np.argmin(((left / own) ** 2).sum(axis=1)))
         known: dict[
@@ -180,7 +180,9 @@ def _about(
     quantity, sd = FREE_PARAMETER.get(fault.kind, ("", 0.0))
     rows = [stands.index(f"{quantity} {c}") for c in fault.channels] if sd else []
     at = -1
-    for _ in range(MAX_ITERATIONS):  # the covariance is worked out at the nearest point of the coarse grid
+    for _ in range(
+        MAX_ITERATIONS
+    ):  # the covariance is worked out at the nearest point of the coarse grid
         nearest = int(np.argmin(np.abs(np.log(H_GRID_W_M2K / H_FINE_W_M2K[best]))))
         if nearest == at:
             break
@@ -228,7 +230,9 @@ def refine_fault(test: EhlTest, f: DiskFeatures, disk: DiskTraces, v: FaultFit) 
     for _ in range(4):
         depth = float(np.clip(at.depth_m + size.value, MIN_DEPTH_M, deepest))
         there = {**setup.junctions, channel: replace(at, depth_m=depth)}
-        (again,) = evaluate_faults(replace(f, setup=replace(setup, junctions=there)), disk, [v.fault])
+        (again,) = evaluate_faults(
+            replace(f, setup=replace(setup, junctions=there)), disk, [v.fault]
+        )
         if again.size is None:
             break
         size = Estimate.normal(depth - at.depth_m + again.size.value, again.size.u)
@@ -287,9 +291,9 @@ def independent_sd_K(f: DiskFeatures, disk: DiskTraces, power: Array, order: Ord
     places = f.setup.places(f.setup.rows)
     noise = f.noise[:, None] * np.maximum(disk.noise_K[list(order)][places], 1e-3)
     rel = np.repeat([MODEL_REL, INNER_MODEL_REL], [len(f.setup.outer), len(f.setup.inner)])
-    bend = f.bend[:, order][:, places] * (rel == INNER_MODEL_REL)  # the outer row follows it
+    bend = f.trend_u_K[:, order][:, places] * (rel == INNER_MODEL_REL)  # the outer row follows it
     own = 2 * noise**2 + MODEL_K**2 + bend**2
-    return np.sqrt(own[f.seen] + (np.broadcast_to(rel, own.shape)[f.seen] * power) ** 2)
+    return np.sqrt(own[f.observed] + (np.broadcast_to(rel, own.shape)[f.observed] * power) ** 2)
 
 
 @dataclass(frozen=True)
@@ -320,13 +324,13 @@ def depth_test(f: DiskFeatures, disk: DiskTraces, sound: FaultFit) -> DepthTest:
     at, more = (
         rest + sound.share * power
         for rest, power in zip(
-            *f.answer(f.as_wired, tuple((x, NOMINAL) for x in (h, h * float(np.exp(LOG_H_STEP)))))
+            *f.response(f.as_wired, tuple((x, NOMINAL) for x in (h, h * float(np.exp(LOG_H_STEP)))))
         )
     )
-    off = LOG_H_SD / LOG_H_STEP * (more - at)[f.seen]
+    off = LOG_H_SD / LOG_H_STEP * (more - at)[f.observed]
     known = f.effects(f.as_wired, h, sound.share)
     cov = covariance(f, disk, known, f.as_wired) + np.outer(off, off)
-    left = (f.levels[:, f.setup.places(f.setup.rows)] - at)[f.seen]
+    left = (f.levels[:, f.setup.places(f.setup.rows)] - at)[f.observed]
     sd_m = disk.uncertainty.depth_mm * 1e-3
     used = [c for c in f.setup.channels if c not in disk.left_out]
     stands = [what.name for what in nominal_parameters(f.setup)]

@@ -11,7 +11,12 @@ from tcdyn.core import Array
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, info, warning, warnings_and_errors
 from tcdyn.estimation import Optimum, minimise
-from tcdyn.partition.analyse import WINDOW_S, remove_and_expect_harmonics, with_slowing_by_speed_law, check_suspects
+from tcdyn.partition.analyse import (
+    WINDOW_S,
+    check_suspects,
+    remove_and_expect_harmonics,
+    with_slowing_by_speed_law,
+)
 from tcdyn.partition.angular_harmonic import Unevenness, harmonic_from_fit
 from tcdyn.partition.cooling import (
     CoolingFit,
@@ -19,17 +24,17 @@ from tcdyn.partition.cooling import (
     cooling_errors,
     cooling_fit,
     cooling_shift,
-    require_window_longer_than_lag,
     refined_chains,
-    with_slowing_air_offset,
+    require_window_longer_than_lag,
     smoothed,
+    with_slowing_air_offset,
 )
 from tcdyn.partition.crosscheck import MODEL_FORM_REL, SUSPECT_Z, stacked_sensitivity
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import (
-    TOLERANCE,
     JOINT_WINDOW_S,
     LOG_H,
+    TOLERANCE,
     DiskFit,
     disk_fit,
     joint_problem,
@@ -173,7 +178,7 @@ def analyse_one(
         cooled.window, line.line, test.events.unload_s, window_s, cooled.noise_K, prior
     )
     shift = cooling_shift(cooling, *cooling_errors(cooled, cooling.share, cooling.h_W_m2K), line)
-    per_sd, root = stacked_sensitivity(line.shift, shift, fit.shift)
+    per_sd, root = stacked_sensitivity(line.sensitivity, shift, fit.sensitivity)
     values = np.array(
         [
             line.line.intercept,
@@ -196,7 +201,9 @@ def analyse_one(
     )
     u = np.sqrt(np.diag(covariance))
     answers = {n: Estimate.normal(float(x), float(s)) for n, x, s in zip(QUANTITIES, of_fast, u)}
-    budget = _budget([q.source for q in fit.shift.of], per_sd, root, float(form[JOINT]))
+    budget = _budget(
+        [q.source for q in fit.sensitivity.parameters], per_sd, root, float(form[JOINT])
+    )
     return OneDisk(
         even,
         name,

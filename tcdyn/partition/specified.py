@@ -1,5 +1,8 @@
-"""What ``rig.toml`` may state beyond the thesis's own model (section 8.3): flux and film along the track, steel that
-follows temperature, a running surface whose loss was measured; and what an inner row of few junctions leaves open."""
+"""Nuisance parameters of what ``rig.toml`` may specify beyond the thesis's own model (section 8.3).
+
+These are flux and heat transfer coefficient along the track, steel that depends on temperature, and a running surface
+whose loss was measured; further the rim edge that an inner row of few junctions does not determine.
+"""
 
 from __future__ import annotations
 
@@ -14,33 +17,44 @@ from tcdyn.partition.steel import (
     specific_heat_slope_effect,
 )
 from tcdyn.partition.surface_flux import SURFACE_AIR, surface_air_effect
-from tcdyn.partition.track import UNRESOLVED_EDGE, FLUX_SHIFT, unresolved_edge_effect, h_profile_effects, flux_shift_effect
+from tcdyn.partition.track import (
+    FLUX_SHIFT,
+    UNRESOLVED_EDGE,
+    flux_shift_effect,
+    h_profile_effects,
+    unresolved_edge_effect,
+)
 from tcdyn.partition.window import DiskWindow
 from tcdyn.smoothing.traces import STAND_IN_K, DiskTraces
-
-__all__ = ["statement_effects"]
 
 
 def specified_effects(
     disk: DiskTraces, window: DiskWindow, share: float, h_W_m2K: float
 ) -> tuple[tuple[Unmeasured, ...], Array]:
-    """What readings of the outer row show more than predicted by one standard uncertainty of each statement, (Q, R, P)
-    [K].
+    """Nuisance parameters that have an uncertainty, and readings less prediction by one standard uncertainty of each.
 
-    Only of those that have an uncertainty.
+    Returns the Q parameters and their effects on the outer row, (Q, R, P) [K].
     """
     u = disk.uncertainty
-    found = dict[Unmeasured, Array]()
-    if (open_edge := unresolved_edge_effect(window.rim, h_W_m2K)) is not None:
-        found[UNRESOLVED_EDGE] = STAND_IN_K * open_edge * np.ones((len(window.y), 1))
+    rim = window.rim
+    surface = disk.setup.surface
+    effects: dict[Unmeasured, Array] = {}
+    edge = unresolved_edge_effect(rim, h_W_m2K)
+    if edge is not None:
+        effects[UNRESOLVED_EDGE] = STAND_IN_K * edge * np.ones((len(window.y), 1))
     if u.film_along_rel:
-        found |= {x: u.film_along_rel * k for x, k in h_profile_effects(window.rim, share, h_W_m2K).items()}
+        for parameter, change in h_profile_effects(rim, share, h_W_m2K).items():
+            effects[parameter] = u.film_along_rel * change
     if u.flux_shift_mm:
-        found[FLUX_SHIFT] = 1e-3 * u.flux_shift_mm * flux_shift_effect(window.rim, share, h_W_m2K)
-    if disk.setup.surface.measured and disk.setup.surface.air_u_K:
-        found[SURFACE_AIR] = surface_air_effect(window.rim, h_W_m2K, disk.setup.surface.air_u_K)
-    if slope := u.conductivity_slope_per_K:
-        found[CONDUCTIVITY_SLOPE] = conductivity_slope_effect(window, share, h_W_m2K, slope)
-    if slope := u.specific_heat_slope_per_K:
-        found[SPECIFIC_HEAT_SLOPE] = specific_heat_slope_effect(window.rim, share, h_W_m2K, slope)
-    return tuple(found), np.reshape([*found.values()], (len(found), *window.y.shape))
+        effects[FLUX_SHIFT] = 1e-3 * u.flux_shift_mm * flux_shift_effect(rim, share, h_W_m2K)
+    if surface.measured and surface.air_u_K:
+        effects[SURFACE_AIR] = surface_air_effect(rim, h_W_m2K, surface.air_u_K)
+    if u.conductivity_slope_per_K:
+        effects[CONDUCTIVITY_SLOPE] = conductivity_slope_effect(
+            window, share, h_W_m2K, u.conductivity_slope_per_K
+        )
+    if u.specific_heat_slope_per_K:
+        effects[SPECIFIC_HEAT_SLOPE] = specific_heat_slope_effect(
+            rim, share, h_W_m2K, u.specific_heat_slope_per_K
+        )
+    return tuple(effects), np.reshape([*effects.values()], (len(effects), *window.y.shape))

@@ -1,4 +1,4 @@
-"""The steady line of each disk in the (share, h) plane, and the speed law that picks a point on both."""
+"""Steady line of each disk in the plane of share and heat transfer coefficient, and the speed law on both lines."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.heat.rim import Profile
 from tcdyn.partition.angular_harmonic import Unmeasured
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.nuisance import nuisance_effects, inner_gradient
+from tcdyn.partition.nuisance import inner_gradient, nuisance_effects
 from tcdyn.partition.steel import depends_on_temperature, linear_about
 from tcdyn.partition.window import DiskWindow, lagged_window, stretch_of
 from tcdyn.rig.disk import DISKS, DiskSetup
@@ -22,19 +22,24 @@ from tcdyn.smoothing.traces import DiskTraces
 
 H_GRID_W_M2K: Array = np.asarray(np.arange(100.0, 1201.0, 100.0), dtype=np.float64)  # section 4.3
 SHARE_GRID: Array = np.asarray(np.arange(0.1, 1.01, 0.1), dtype=np.float64)
-END_GAP_S = 0.2  # the last fraction of a second may already hold the parting
+# Nodes of ``H_GRID_W_M2K`` between which the sensitivity of a line is taken.
+LOW_NODE = 2
+HIGH_NODE = len(H_GRID_W_M2K) - 3
+END_GAP_S = 0.2  # the last fraction of a second may already hold the unloading [s]
+# Start of the transient fits: least h, and h for a test with one disk [W/m2K]. Chosen by judgement.
 MIN_START_H_W_M2K = 50.0
 START_H_W_M2K = 400.0
-MAX_COOLING_S = 20.0  # of cooling that any fit looks at
-LAST_S = 10.0
+MAX_COOLING_S = 20.0  # longest cooling that any fit uses [s]
+LAST_S = 10.0  # temperatures at the unloading are means over this long before it [s]
 SURFACE_DEPTH_M = 0.0
 N_SURFACE_POINTS = 12  # across the running surface
-N_ITERATIONS = 2  # what moves share and h in the second is a hundredth of what moved them in the first
+# Iterations of corrections that need share and h. The second changes them by a hundredth of what the first does.
+N_ITERATIONS = 2
 
 
 @dataclass(frozen=True)
 class SteadyLine:
-    """share = intercept + slope h: what the steady running of one disk leaves free; (4.1), (4.2).
+    """share = intercept + slope h: the line that the steady temperatures of one disk determine; (4.1), (4.2).
 
     ``share`` is beta for the fast disk and 1 - beta for the slow one; ``slope`` in 1/(W/m2K).
     """
@@ -51,7 +56,16 @@ class SteadyLine:
 class SteadyMap:
     """Misfit of one disk over a grid of shares and h, and the line of least misfit.
 
-    ``mean_abs_K`` has shape (n_h, n_share); ``best_share`` is, for each h, the share of least squares.
+    Parameters
+    ----------
+    h_W_m2K, share
+        The grid.
+    mean_abs_K
+        Mean absolute misfit, (n_h, n_share).
+    best_share
+        For each h, the share of least squares, (n_h,).
+    line
+        Straight line through ``best_share``.
     """
 
     h_W_m2K: Array
@@ -63,9 +77,9 @@ class SteadyMap:
 
 @dataclass(frozen=True)
 class SpeedLawPoint:
-    """beta and both heat transfer coefficients [W/m2K] where the lines meet h_fast / h_slow = chi.
+    """beta and both heat transfer coefficients [W/m2K] where the lines have h_fast / h_slow = chi.
 
-    ``starts``: share and h [W/m2K] of each disk, for a transient fit to begin from.
+    ``starts``: share and h [W/m2K] of each disk, for a transient fit to start from.
     """
 
     beta: float
@@ -85,11 +99,24 @@ def speed_ratio_power(speed_ratio: float, exponent: float) -> float:
 
 
 def speed_law_beta(A: Any, B: Any, C: Any, D: Any, chi: Any) -> Any:
-    """beta = (A D + chi B (1 - C)) / (D + chi B): eq. (4.7) as it must read with (4.1), (4.2) and (4.6).
+    """beta by the speed law from both steady lines.
 
-    ``A``, ``B``: intercept and slope of the fast line beta = A + B h_f; ``C``, ``D``: of the slow line
-    1 - beta = C + D h_s. The thesis prints (4.7) for a slow line written for beta.
+    Parameters
+    ----------
+    A, B
+        Intercept and slope of the fast line beta = A + B h_f.
+    C, D
+        Intercept and slope of the slow line 1 - beta = C + D h_s.
+    chi
+        h_f / h_s.
 
+    Notes
+    -----
+    beta = (A D + chi B (1 - C)) / (D + chi B): eq. (4.7) as it must read with (4.1), (4.2) and (4.6). The thesis
+    prints (4.7) for a slow line written for beta.
+
+    Examples
+    --------
     >>> B, D = (0.83 - 0.37) / 1100, (0.48 - 0.20) / 1100
     >>> round(speed_law_beta(0.37 - 100 * B, B, 0.20 - 100 * D, D, 4.24**0.667), 2)
     0.73
@@ -102,7 +129,10 @@ def speed_law(
 ) -> SpeedLawPoint:
     """The point of both lines that obeys h_fast = (u_f/u_s)^n h_slow.
 
-    Raises InputError when the lines do not rise with h or meet at a negative h: then the data contradict the model.
+    Raises
+    ------
+    InputError
+        If a line does not rise with h: then the data contradict the model.
     """
     chi = speed_ratio_power(speed_ratio, exponent)
     if fast.slope <= 0 or slow.slope <= 0:
@@ -113,9 +143,12 @@ def speed_law(
         )
     beta = speed_law_beta(fast.intercept, fast.slope, slow.intercept, slow.slope, chi)
     h_fast = (beta - fast.intercept) / fast.slope
-    least = MIN_START_H_W_M2K
-    starts = {"fast": (beta, max(h_fast, least)), "slow": (1 - beta, max(h_fast / chi, least))}
-    return SpeedLawPoint(beta, h_fast, h_fast / chi, chi, starts)
+    h_slow = h_fast / chi
+    starts = {
+        "fast": (beta, max(h_fast, MIN_START_H_W_M2K)),
+        "slow": (1 - beta, max(h_slow, MIN_START_H_W_M2K)),
+    }
+    return SpeedLawPoint(beta, h_fast, h_slow, chi, starts)
 
 
 def exponent_sensitivity(
@@ -142,50 +175,71 @@ def steady_map(
 ) -> SteadyMap:
     """Misfit over (h, share) and the line of least misfit.
 
-    ``y``: measured outer row, (rows, P) [degC]; ``boundary``: model with no frictional heat, (n_h, rows, P) [degC];
-    ``per_share``: model response to a share of one, (n_h, rows, P) [K]; ``weights``: of the P junctions, (7.1) gives
-    each the same, (7.2) a double one to ``a``. The model is linear in the share, so for each h the best share is one
-    division, and the map costs no further model run. (The thesis fits a parabola to the error along each h, figure
-    4.10, and then a straight line through the minima.)
+    Parameters
+    ----------
+    y
+        Measured outer row, (rows, P) [degC].
+    boundary
+        Model without frictional heat, (n_h, rows, P) [degC].
+    per_share
+        Response of the model to a share of one, (n_h, rows, P) [K].
+    h_W_m2K, share
+        The grid.
+    weights
+        Weights of the P junctions: (7.1) gives each the same, (7.2) a double one to ``a``.
+
+    Notes
+    -----
+    The model is linear in the share, so for each h the best share is one division, and the map needs no further run
+    of the model. (The thesis fits a parabola to the error along each h, figure 4.10, and then a straight line through
+    the minima.)
     """
     w = np.ones(y.shape[1]) if weights is None else np.asarray(weights, dtype=float)
     w = w / w.sum()
-    gap = y[None] - boundary
-    best = np.einsum("hrp,hrp,p->h", gap, per_share, w) / np.einsum(
-        "hrp,hrp,p->h", per_share, per_share, w
-    )
-    misfit = gap[:, None] - share[None, :, None, None] * per_share[:, None]
+    excess = y[None] - boundary
+    projection = np.einsum("hrp,hrp,p->h", excess, per_share, w)
+    best_share = projection / np.einsum("hrp,hrp,p->h", per_share, per_share, w)
+    misfit = excess[:, None] - share[None, :, None, None] * per_share[:, None]
     mean_abs = np.einsum("hsrp,p->hs", np.abs(misfit), w) / y.shape[0]
-    slope, intercept = np.polyfit(h_W_m2K, best, 1)
-    return SteadyMap(h_W_m2K, share, mean_abs, best, SteadyLine(float(intercept), float(slope)))
+    slope, intercept = np.polyfit(h_W_m2K, best_share, 1)
+    line = SteadyLine(float(intercept), float(slope))
+    return SteadyMap(h_W_m2K, share, mean_abs, best_share, line)
 
 
 @dataclass(frozen=True)
 class FitSensitivity:
-    """Error of fitted numbers by one standard uncertainty of what nobody measured, and their noise.
+    """Sensitivity of k fitted numbers to the nuisance parameters, and their noise.
 
-    ``per_sd`` (Q, k): how far the fit is off when the true disk departs by one standard uncertainty from the stated
-    one, in the units of the fitted numbers: (intercept, slope) of a steady line, (share, h [W/m2K]) of a cooling fit,
-    (share, h, lag [s]) of a joint fit; ``noise`` (k, k) covariance.
+    The fitted numbers are (intercept, slope) of a steady line, (share, h [W/m2K]) of a cooling fit, or
+    (share, h, lag [s]) of a joint fit.
+
+    Parameters
+    ----------
+    parameters
+        The Q nuisance parameters.
+    per_sd
+        Error of the fit when the true disk departs by one standard uncertainty from the nominal one, (Q, k).
+    noise
+        Covariance by noise, (k, k).
     """
 
-    of: tuple[Unmeasured, ...]
+    parameters: tuple[Unmeasured, ...]
     per_sd: Array
     noise: Array
 
 
 @dataclass(frozen=True)
 class DiskLine:
-    """Map and line of one disk; ``errors`` works out the ``shift`` of (intercept, slope), which not everybody asks."""
+    """Map and line of one disk; ``compute_sensitivity`` works out the ``sensitivity`` when it is needed."""
 
     map: SteadyMap
     line: SteadyLine
-    errors: Callable[[], FitSensitivity] = field(repr=False)
+    compute_sensitivity: Callable[[], FitSensitivity] = field(repr=False)
 
     @cached_property
-    def shift(self) -> FitSensitivity:
-        """Error of (intercept, slope) per standard uncertainty of what nobody measured."""
-        return self.errors()
+    def sensitivity(self) -> FitSensitivity:
+        """Sensitivity of (intercept, slope) to the nuisance parameters."""
+        return self.compute_sensitivity()
 
 
 def disk_line(
@@ -195,21 +249,22 @@ def disk_line(
     profile: Profile = "modal",
     weights: Array | None = None,
 ) -> DiskLine:
-    """Line of least misfit over the steady blocks of the lagged readings; ``weights`` (P,) of the outer row, equal
-    (7.1) unless given; (7.2) doubles that of a."""
+    """Line of least misfit over the steady blocks of the uncompensated readings.
+
+    ``weights`` (P,) of the outer row are equal (7.1) unless given; (7.2) doubles that of a.
+    """
     window = lagged_window(test, disk, rows, profile)
-    weights = (1.0 if weights is None else weights) * window.used.astype(float)
+    used = window.used_channels.astype(float)
+    channel_weights = used if weights is None else weights * used
     steady = window.at_s < test.events.unload_s - END_GAP_S
-    rest, power = (x[:, steady] for x in window.rim.answer(H_GRID_W_M2K))
-    found = steady_map(window.y[steady], rest, power, weights=weights)
-    return DiskLine(
-        found,
-        found.line,
-        partial(_line_shift, test, disk, window, found.line, power, weights, steady),
-    )
+    boundary, power = (x[:, steady] for x in window.rim.answer(H_GRID_W_M2K))
+    steady_fit = steady_map(window.y[steady], boundary, power, weights=channel_weights)
+    line = steady_fit.line
+    compute = partial(_line_sensitivity, test, disk, window, line, power, channel_weights, steady)
+    return DiskLine(steady_fit, line, compute)
 
 
-def _line_shift(
+def _line_sensitivity(
     test: EhlTest,
     disk: DiskTraces,
     window: DiskWindow,
@@ -218,115 +273,140 @@ def _line_shift(
     weights: Array,
     steady: Flags,
 ) -> FitSensitivity:
-    """What is to be feared of a line through the ``steady`` (R,) means of its window; ``power`` (n_h, r, P) theirs."""
+    """Sensitivity of a line through the ``steady`` (R,) means of its window; ``power`` (n_h, r, P) is theirs."""
     w = weights / weights.sum()
-    moved = []
-    low = 2
-    high = len(H_GRID_W_M2K) - 3
-    for k in (low, high):
+    share_errors = []
+    for k in (LOW_NODE, HIGH_NODE):
         h = float(H_GRID_W_M2K[k])
-        known = nuisance_effects(test, disk, window, line.at(h), h)
+        nuisances = nuisance_effects(test, disk, window, line.at(h), h)
         size = np.einsum("rp,rp,p->", power[k], power[k], w)
-        moved.append(np.einsum("qrp,rp,p->q", known.change[:, steady], power[k], w) / size)
-    h_low = float(H_GRID_W_M2K[low])
-    h_high = float(H_GRID_W_M2K[high])
-    slope = (moved[1] - moved[0]) / (h_high - h_low)
-    s = power[low] * w
-    spread = (
-        2.0 * ((s[:, window.used] / window.weight[steady][:, window.used]) ** 2).sum()
-    )  # twice: so is the boundary
-    noise = float(np.sqrt(spread) / (s * power[low]).sum())
-    per_sd = np.column_stack([moved[0] - slope * h_low, slope])
-    return FitSensitivity(known.of, per_sd, np.diag([noise**2, 0.0]))
+        projection = np.einsum("qrp,rp,p->q", nuisances.change[:, steady], power[k], w)
+        share_errors.append(projection / size)
+    at_low, at_high = share_errors
+    h_low = float(H_GRID_W_M2K[LOW_NODE])
+    h_high = float(H_GRID_W_M2K[HIGH_NODE])
+    slope = (at_high - at_low) / (h_high - h_low)
+    used = window.used_channels
+    weighted_power = power[LOW_NODE] * w
+    noise_terms = weighted_power[:, used] / window.weight[steady][:, used]
+    variance = 2.0 * (noise_terms**2).sum()  # twice: the boundary readings have the same noise
+    noise = float(np.sqrt(variance)) / (weighted_power * power[LOW_NODE]).sum()
+    per_sd = np.column_stack([at_low - slope * h_low, slope])
+    return FitSensitivity(nuisances.parameters, per_sd, np.diag([noise**2, 0.0]))
 
 
 def steady_lines(
     test: EhlTest, rows: slice, profile: Profile = "modal", weights: Array | None = None
 ) -> tuple[dict[str, DiskLine], SpeedLawPoint]:
-    """Steady line of each disk from the lagged readings, and the speed law's point on both; of one disk a start."""
-    each = [disk_line(test, disk, rows, profile, weights) for disk in test.disks.values()]
-    lines = dict(zip(test.disks, each))
+    """Steady line of each disk from the uncompensated readings, and the speed law's point on both lines.
+
+    For a test with one disk the point has only the start of its transient fit.
+    """
+    lines = {
+        name: disk_line(test, disk, rows, profile, weights) for name, disk in test.disks.items()
+    }
     if len(lines) < len(DISKS):
-        starts = {d: (one.line.at(START_H_W_M2K), START_H_W_M2K) for d, one in lines.items()}
+        starts = {d: (fit.line.at(START_H_W_M2K), START_H_W_M2K) for d, fit in lines.items()}
         return lines, SpeedLawPoint(np.nan, np.nan, np.nan, np.nan, starts)
-    return lines, speed_law(
-        lines["fast"].line, lines["slow"].line, test.speed_ratio, test.speed_exponent
-    )
+    fast = lines["fast"].line
+    slow = lines["slow"].line
+    return lines, speed_law(fast, slow, test.speed_ratio, test.speed_exponent)
+
+
+def _cooling_rows(test: EhlTest) -> slice:
+    """Rows up to the longest cooling that any fit uses, or the end of the log."""
+    return stretch_of(test, min(MAX_COOLING_S, float(test.time_s[-1] - test.events.unload_s)))
 
 
 def at_one_radius(test: EhlTest) -> EhlTest:
-    """The test with ``inner_K`` of both disks set: radial gradient times how much deeper than its edge a junction lies.
+    """The test with ``inner_K``, the correction of the inner row to one radius, of both disks.
 
-    The rim begins at its edge, the depth of b, and d and f are taken to read the temperature there (eq. 3.34). Where
-    rig.toml states another depth, the gradient of the model itself, at the speed law's share and h, tells what they
-    would read. First order in the difference: good for some tenths of a millimetre. Disks whose inner row is level stay
-    untouched."""
-    if not (
-        off := {d: o for d, x in test.disks.items() if np.any(o := x.setup.deeper_than_edge_m)}
-    ):
+    Notes
+    -----
+    The correction is the radial gradient times how much deeper than the rim's edge a junction lies. The rim begins at
+    its edge, the depth of b, and d and f are taken to read the temperature there (eq. 3.34). Where rig.toml states
+    another depth, the gradient of the model itself, at the speed law's share and h, gives what they would read there.
+    First order in the difference: good for some tenths of a millimetre. Disks whose inner row has one depth are not
+    changed.
+    """
+    depth_differences = {
+        name: disk.setup.deeper_than_edge_m
+        for name, disk in test.disks.items()
+        if np.any(disk.setup.deeper_than_edge_m)
+    }
+    if not depth_differences:
         return test
-    rows = stretch_of(test, min(MAX_COOLING_S, float(test.time_s[-1] - test.events.unload_s)))
+    rows = _cooling_rows(test)
     for _ in range(N_ITERATIONS):
         _, speed = steady_lines(test, rows)
-        moved = {d: _levelled(test, test.disks[d], rows, off[d], *speed.starts[d]) for d in off}
-        test = replace(test, disks={**test.disks, **moved})
+        corrected = {
+            d: _at_one_radius(test, test.disks[d], rows, deeper_m, *speed.starts[d])
+            for d, deeper_m in depth_differences.items()
+        }
+        test = replace(test, disks={**test.disks, **corrected})
     return test
+
+
+def _at_one_radius(
+    test: EhlTest, disk: DiskTraces, rows: slice, deeper_m: Array, share: float, h_W_m2K: float
+) -> DiskTraces:
+    """The traces with ``inner_K`` by the gradient at (share, h)."""
+    correction = np.zeros_like(disk.inner_K)
+    gradient = inner_gradient(lagged_window(test, disk, rows), share, h_W_m2K)
+    correction[rows] = gradient * deeper_m
+    correction[rows.stop :] = correction[rows.stop - 1]
+    return replace(disk, inner_K=correction)
 
 
 def at_own_temperature(test: EhlTest) -> EhlTest:
-    """The test with each disk whose steel follows temperature made linear about its air and running surface.
+    """The test with each disk whose steel depends on temperature linearised about its air and running surface.
 
-    Both are means over the last seconds under load, the surface's by the model itself at the speed law's share and h.
+    Both temperatures are means over the last seconds under load, the surface's by the model itself at the speed law's
+    share and h. The first iteration takes the steel at the temperature of the readings.
     """
-    asked = [
-        d for d in test.disks if depends_on_temperature(test.disks[d].setup, test.disks[d].uncertainty)
+    names = [
+        name
+        for name, disk in test.disks.items()
+        if depends_on_temperature(disk.setup, disk.uncertainty)
     ]
-    if not asked:
+    if not names:
         return test
-    rows = stretch_of(test, min(MAX_COOLING_S, float(test.time_s[-1] - test.events.unload_s)))
-    stated = test.disks
-    for k in range(
-        N_ITERATIONS + 1
-    ):  # the first with the steel as it is at the readings' own temperature
-        starts = steady_lines(test, rows)[1].starts if k else dict.fromkeys(DISKS, None)
-        moved = {
-            d: replace(stated[d], setup=_linear(test, stated[d].setup, d, rows, starts[d]))
-            for d in asked
+    rows = _cooling_rows(test)
+    nominal = test.disks
+    starts: Mapping[str, tuple[float, float] | None] = dict.fromkeys(DISKS)
+    for k in range(N_ITERATIONS + 1):
+        if k:
+            starts = steady_lines(test, rows)[1].starts
+        linear = {
+            d: replace(nominal[d], setup=_linear_steel(test, nominal[d].setup, d, rows, starts[d]))
+            for d in names
         }
-        test = replace(test, disks={**stated, **moved})
+        test = replace(test, disks={**nominal, **linear})
     return test
 
 
-def _linear(
-    test: EhlTest, setup: DiskSetup, d: str, rows: slice, at: tuple[float, float] | None
+def _linear_steel(
+    test: EhlTest, setup: DiskSetup, d: str, rows: slice, point: tuple[float, float] | None
 ) -> DiskSetup:
+    """The disk ``d`` linearised at (share, h) ``point``, or without one at the temperature of its rim."""
     window = lagged_window(test, test.disks[d], rows)
-    to_parting = window.at_s - test.events.unload_s
-    last = (to_parting >= -LAST_S) & (to_parting < -END_GAP_S)
-    air, rim = (
-        float(window.rim.inputs[last, k].mean()) for k in (window.rim.ambient, window.rim.inner)
-    )
-    surface = rim if at is None else float(surface_degC(window, *at)[last].mean())
-    return linear_about(setup, air, surface, rim)
+    rim = window.rim
+    since_s = window.at_s - test.events.unload_s
+    last = (since_s >= -LAST_S) & (since_s < -END_GAP_S)
+    air_degC = float(rim.inputs[last, rim.ambient_index].mean())
+    rim_degC = float(rim.inputs[last, rim.inner_inputs].mean())
+    if point is None:
+        return linear_about(setup, air_degC, rim_degC, rim_degC)
+    at_surface_degC = float(surface_degC(window, *point)[last].mean())
+    return linear_about(setup, air_degC, at_surface_degC, rim_degC)
 
 
 def surface_degC(window: DiskWindow, share: float, h_W_m2K: float) -> Array:
     """Mean temperature of the running surface by the model, (R,) [degC]."""
-    places = tuple(
-        (SURFACE_DEPTH_M, float(x))
-        for x in (np.arange(N_SURFACE_POINTS) + 0.5) / N_SURFACE_POINTS * window.rim.setup.width_m
+    setup = window.rim.setup
+    z_m = (np.arange(N_SURFACE_POINTS) + 0.5) / N_SURFACE_POINTS * setup.width_m
+    points = tuple((SURFACE_DEPTH_M, float(z)) for z in z_m)
+    boundary, power = (
+        x[:, len(setup.outer) :].mean(axis=1) for x in window.rim.answer(h_W_m2K, extra=points)
     )
-    rest, power = (
-        x[:, len(window.rim.setup.outer) :].mean(axis=1)
-        for x in window.rim.answer(h_W_m2K, extra=places)
-    )
-    return np.asarray(rest + share * power)
-
-
-def _levelled(
-    test: EhlTest, disk: DiskTraces, rows: slice, deeper_m: Array, share: float, h_W_m2K: float
-) -> DiskTraces:
-    whole = np.zeros_like(disk.inner_K)
-    whole[rows] = inner_gradient(lagged_window(test, disk, rows), share, h_W_m2K) * deeper_m
-    whole[rows.stop :] = whole[rows.stop - 1]
-    return replace(disk, inner_K=whole)
+    return np.asarray(boundary + share * power)

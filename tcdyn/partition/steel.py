@@ -1,7 +1,7 @@
-"""Conductivity and specific heat that change with temperature: the disk that a linear rim stands for, and its doubt.
+"""Steel whose conductivity and specific heat depend on temperature: the equivalent linear disk and its nuisance parameters.
 
-In Kirchhoff's temperature conduction is linear but for the diffusivity, which is taken at the rim's temperature when
-the load goes: the rim is steady until then, and cools by a tenth of what it is above the air while the fits look on.
+In Kirchhoff's temperature conduction is linear but for the diffusivity, which is taken at the rim's temperature at the
+unloading: the rim is steady until then, and during the fits it cools by a tenth of its excess over the air.
 """
 
 from __future__ import annotations
@@ -19,26 +19,36 @@ from tcdyn.rig.disk import DiskSetup
 from tcdyn.rig.rigfile import UncertaintyTable
 
 CONDUCTIVITY_SLOPE = Unmeasured("conductivity slope", "conductivity slope", True)
-SMOOTH_S = 0.5
 SPECIFIC_HEAT_SLOPE = Unmeasured("specific heat slope", "specific heat slope", True)
+# Readings of the inner row are averaged over this [s]: a column with their noise would explain that noise.
+SMOOTH_S = 0.5
 
 
 def depends_on_temperature(setup: DiskSetup, u: UncertaintyTable) -> bool:
-    """Whether steel that changes with temperature is stated, or left open."""
-    stated = setup.steel.conductivity_per_K, setup.steel.specific_heat_per_K
-    return any((*stated, u.conductivity_slope_per_K, u.specific_heat_slope_per_K))
+    """Whether the steel's slopes with temperature are specified, or uncertain."""
+    steel = setup.steel
+    slopes = (
+        steel.conductivity_per_K,
+        steel.specific_heat_per_K,
+        u.conductivity_slope_per_K,
+        u.specific_heat_slope_per_K,
+    )
+    return any(slopes)
 
 
 def linear_about(
     setup: DiskSetup, air_degC: float, surface_degC: float, rim_degC: float
 ) -> DiskSetup:
-    """The disk of one conductivity and specific heat that stands for ``setup`` at these temperatures.
+    """The disk of constant conductivity and specific heat that is equivalent to ``setup`` at these temperatures.
 
-    In Kirchhoff's temperature (see ``SteelSlopes.straight``): k_m = k((T_A + T_s)/2), and rho c_m = rho c(T) k_m / k(T)
-    at the rim's T, so that the diffusivity is the rim's.
+    Notes
+    -----
+    In Kirchhoff's temperature (see ``SteelSlopes.straight``): k_m = k((T_A + T_s)/2), and
+    rho c_m = rho c(T) k_m / k(T) at the rim's T, so that the diffusivity is the rim's.
     """
     steel = setup.steel.about(air_degC, surface_degC)
-    k, k_rim = (steel.conductivity(t) for t in (steel.middle_degC, rim_degC))
+    k = steel.conductivity(steel.middle_degC)
+    k_rim = steel.conductivity(rim_degC)
     return replace(
         setup,
         steel=steel,
@@ -50,39 +60,44 @@ def linear_about(
 def conductivity_slope_effect(
     window: DiskWindow, share: float, h_W_m2K: float, u_per_K: float
 ) -> Array:
-    """What the outer row shows more than predicted if the conductivity's slope is steeper by ``u_per_K``, (R, P) [K].
+    """Readings less prediction if the conductivity's slope is steeper by ``u_per_K``, (R, P) [K].
 
-    The rim conducts otherwise, and the readings bend otherwise, those of the inner row driving it.
+    The rim conducts differently, and Kirchhoff's transformation of the readings changes, also of those of the inner
+    row that drive the rim.
     """
     rim = window.rim
     dt_s = float(window.time_s[1] - window.time_s[0])
     steel = rim.setup.steel
-    g = rim.gains(h_W_m2K)
-    at_rim = float(rim.inputs[:, rim.inner].mean())
-    own = u_per_K / steel.conductivity(steel.middle_degC)
-    more = own * (steel.middle_degC - steel.reference_degC)
-    more_at_rim = u_per_K * (at_rim - steel.reference_degC) / steel.conductivity(at_rim)
-    rest, power = rim.answer(h_W_m2K)
-    other, heat = rim.answer(
-        h_W_m2K, Perturbation(conductivity=more, heat_capacity=more - more_at_rim)
-    )
-    width = max(
-        int(round(SMOOTH_S / dt_s)), 1
-    )  # a column that held the readings' noise would explain it
+    gains = rim.gains(h_W_m2K)
+    rim_degC = float(rim.inputs[:, rim.inner_inputs].mean())
+    slope_rel = u_per_K / steel.conductivity(steel.middle_degC)
+    conductivity = slope_rel * (steel.middle_degC - steel.reference_degC)
+    at_rim = u_per_K * (rim_degC - steel.reference_degC) / steel.conductivity(rim_degC)
+    perturbation = Perturbation(conductivity=conductivity, heat_capacity=conductivity - at_rim)
+    boundary, power = rim.answer(h_W_m2K)
+    perturbed_boundary, perturbed_power = rim.answer(h_W_m2K, perturbation)
+    predicted = boundary + share * power
+    perturbed = perturbed_boundary + share * perturbed_power
+    width = max(int(round(SMOOTH_S / dt_s)), 1)
     readings = window.readings[:, rim.setup.places(rim.setup.inner)]
-    inner = own * steel.bend(uniform_filter1d(readings, width, axis=0, mode="nearest"))
-    driven = window.blocks @ inner @ g.direct[rim.inner]
-    for k, x in enumerate(inner.T, start=1):
-        driven = driven + bank_means(x, dt_s, rim.rates_1_s, window.counts) @ g.gains[k].T
-    predicted = rest + share * power
-    return np.asarray(other + share * heat - predicted + driven - own * steel.bend(predicted))
+    smooth = uniform_filter1d(readings, width, axis=0, mode="nearest")
+    inner = slope_rel * steel.bend(smooth)
+    by_inner = window.blocks @ inner @ gains.direct[rim.inner_inputs]
+    for k, column in enumerate(inner.T, start=1):
+        bank = bank_means(column, dt_s, rim.rates_1_s, window.counts)
+        by_inner = by_inner + bank @ gains.gains[k].T
+    return np.asarray(perturbed - predicted + by_inner - slope_rel * steel.bend(predicted))
 
 
-def specific_heat_slope_effect(rim: RimMeans, share: float, h_W_m2K: float, u_per_K: float) -> Array:
-    """What the outer row shows more if the specific heat rises more steeply by ``u_per_K``, (R, P) [K]."""
+def specific_heat_slope_effect(
+    rim: RimMeans, share: float, h_W_m2K: float, u_per_K: float
+) -> Array:
+    """Change of the outer row if the specific heat rises more steeply by ``u_per_K``, (R, P) [K]."""
     steel = rim.setup.steel
-    at_rim = float(rim.inputs[:, rim.inner].mean())
-    more = u_per_K * (at_rim - steel.reference_degC) / steel.specific_heat(at_rim)
-    rest, power = rim.answer(h_W_m2K)
-    other, heat = rim.answer(h_W_m2K, Perturbation(heat_capacity=more))
-    return np.asarray(other - rest + share * (heat - power))
+    rim_degC = float(rim.inputs[:, rim.inner_inputs].mean())
+    heat_capacity = u_per_K * (rim_degC - steel.reference_degC) / steel.specific_heat(rim_degC)
+    boundary, power = rim.answer(h_W_m2K)
+    perturbed_boundary, perturbed_power = rim.answer(
+        h_W_m2K, Perturbation(heat_capacity=heat_capacity)
+    )
+    return np.asarray(perturbed_boundary - boundary + share * (perturbed_power - power))

@@ -1,4 +1,4 @@
-"""The running surface's loss as a measured relation of flux and temperature, in place of h and the ambient there."""
+"""Air temperature at the running surface: by a measured relation of surface flux and temperature, or by own channels."""
 
 from __future__ import annotations
 
@@ -15,34 +15,45 @@ from tcdyn.smoothing.traces import DiskTraces
 
 SURFACE_AIR = Unmeasured("surface air", "measured surface flux")
 SURFACE_SLOPE = Unmeasured("surface slope", "measured surface flux")
-MIN_H_U_REL = 1e-4
+MIN_H_U_REL = 1e-4  # least relative standard uncertainty of a measured h; chosen by judgement
 
 
 def with_surfaces(test: EhlTest) -> EhlTest:
-    """The test with ``film`` set for disks whose surface loses heat to another air than that behind the faces: to T_a
-    where its loss was measured, else to what channels of its own tell."""
-    found = {d: constant_speed_air_offset(test, disk) for d, disk in test.disks.items()}
-    film = {d: f for d, f in found.items() if test.disks[d].setup.surface.measured or f.any()}
-    return replace(test, film={**test.film, **film}) if film else test
+    """The test with the offset of the surface air for disks whose surface has another air than their faces.
+
+    That is T_a where the surface loss was measured, else what the disk's own channels show.
+    """
+    offsets = {}
+    for name, disk in test.disks.items():
+        offset = constant_speed_air_offset(test, disk)
+        if disk.setup.surface.measured or offset.any():
+            offsets[name] = offset
+    if not offsets:
+        return test
+    return replace(test, surface_air_offset_K={**test.surface_air_offset_K, **offsets})
 
 
 def constant_speed_air_offset(test: EhlTest, disk: DiskTraces) -> Array:
-    """Columns (N, 2) of ``EhlTest.film`` while the speeds stay: how much warmer than the ambient T_a is, and zero."""
+    """Columns (N, 2) of ``EhlTest.surface_air_offset_K`` at constant speed: T_a less ambient, and zero [K]."""
     surface = disk.setup.surface
     ambient = test.ambient_of(disk.name)
-    own = test.air[disk.name].surface if disk.name in test.air else ambient
-    warmer = (surface.air_degC if surface.measured else own) - ambient
-    return np.column_stack([warmer, np.zeros_like(warmer)])
+    if surface.measured:
+        offset = surface.air_degC - ambient
+    elif disk.name in test.air:
+        offset = test.air[disk.name].surface - ambient
+    else:
+        offset = np.zeros_like(ambient)
+    return np.column_stack([offset, np.zeros_like(offset)])
 
 
 def surface_air_effect(rim: RimMeans, h_W_m2K: float, u_K: float) -> Array:
-    """What the outer row shows more if T_a lies ``u_K`` higher, for ever, (R, P) [K]."""
-    static = rim.gains(h_W_m2K).static[rim.films[0]]
+    """Change of the outer row if T_a is permanently higher by ``u_K``, (R, P) [K]."""
+    static = rim.gains(h_W_m2K).static[rim.surface_air_inputs[0]]
     return np.asarray(u_K * static * np.ones((len(rim.inputs), 1)))
 
 
 def log_h_prior(surface: SurfaceFlux) -> tuple[float, float]:
-    """Mean and standard deviation of log h [W/m2K] that the relation tells; without one, nothing."""
+    """Prior mean and standard deviation of log h [W/m2K]: of the measured relation, else no prior (infinite)."""
     if not surface.measured:
         return 0.0, np.inf
     h = surface.heat_transfer_W_m2K

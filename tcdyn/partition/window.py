@@ -1,7 +1,7 @@
-"""Means over windows of a test, and what the rim of a disk answers in them.
+"""Block means of a disk's readings over a window of a test, and the response of its rim model in the same blocks.
 
 The rim forgets in some seconds (its slowest mode decays at about 1 1/s), so nothing before the last minutes under load
-matters, and one filter bank of that stretch serves every heat transfer coefficient, share and material.
+matters, and one filter bank over the window serves every heat transfer coefficient, share and material.
 """
 
 from __future__ import annotations
@@ -26,34 +26,46 @@ from tcdyn.partition.events import EhlTest
 from tcdyn.rig.disk import DiskSetup
 from tcdyn.smoothing.traces import DiskTraces
 
-STEADY_S = 150.0  # section 4.3
-FORGET_S = 20.0
-STEADY_BLOCK_S = 1.0
-SINGLE_SAMPLES_S = 3.0  # sample by sample this long after parting, then in blocks of
-COARSE_BLOCK_S = 0.1
-GRADIENT_STEP_M = 0.25e-3
-MIN_OBSERVED_FRACTION = (
-    1e-4  # share of a block's samples: what was bridged weighs nothing, and divides nothing by zero
-)
-FIT_MESH, BORE_MESH = Mesh(33, 53), Mesh(49, 41)
-POWER = slice(0, 1)  # of the rim's inputs
+STEADY_S = 150.0  # length of the steady window before the unloading [s], section 4.3
+FORGET_S = 20.0  # before the steady window, for the filter bank to settle [s]
+AFTER_LOADING_S = 5.0  # the first seconds after the loading are not used [s]
+STEADY_BLOCK_S = 1.0  # length of a block under steady load [s]
+BEFORE_UNLOADING_S = 0.5  # single samples from this long before the unloading [s]
+SINGLE_SAMPLES_S = 3.0  # single samples this long after the unloading, then blocks [s]
+COARSE_BLOCK_S = 0.1  # length of those blocks [s]
+GRADIENT_STEP_M = 0.25e-3  # of the difference quotient by radius at the inner row [m]
+# Least fraction of a block's samples that counts as observed. Interpolated samples get next to no weight; this keeps
+# the weight above zero.
+MIN_OBSERVED_FRACTION = 1e-4
+FIT_MESH = Mesh(33, 53)
+BORE_MESH = Mesh(49, 41)  # of a rim that reaches to the bore
+POWER = slice(0, 1)  # index of the power among the rim's inputs
 
 
 @dataclass(frozen=True)
 class Perturbation:
-    """Departures from the stated disk: relative ones of properties, ``deeper_m`` of the disk's ``rows``, none if empty.
+    """Departure of a disk from its nominal values.
 
-    ``shift_m``: of the flux's centre along z [m]; ``film``: of h along the track, see ``film_along``. The rim begins at
-    its stated edge whatever the inner row's depths are.
+    Parameters
+    ----------
+    conductivity, heat_capacity, washer, half_width
+        Relative changes of conductivity, specific heat, washer conductance and half-width of the flux.
+    depth_shift_m
+        How much deeper each junction of the disk's ``rows`` lies [m]; empty for none. The rim begins at its nominal
+        edge whatever the depths of the inner row are.
+    shift_m
+        Shift of the centre of the flux along z [m].
+    h_profile
+        Tilt and crown of h along the track, see ``film_along`` of ``tcdyn.heat``.
     """
 
     conductivity: float = 0.0
     heat_capacity: float = 0.0
     washer: float = 0.0
     half_width: float = 0.0
-    deeper_m: tuple[float, ...] = ()
+    depth_shift_m: tuple[float, ...] = ()
     shift_m: float = 0.0
-    film: tuple[float, float] = (0.0, 0.0)
+    h_profile: tuple[float, float] = (0.0, 0.0)
 
 
 NOMINAL = Perturbation()
@@ -61,12 +73,24 @@ NOMINAL = Perturbation()
 
 @dataclass(frozen=True)
 class RimMeans:
-    """What drives the rim of one disk, and the filter banks of it, as R means over windows of a test.
+    """The rim model of one disk with its inputs as means over R blocks.
 
-    ``inputs`` (R, I) and ``banks`` (I, R, K) in the order power, inner row, ambient of the rim gains (power in W for a
-    share of one), the lags of the banks at ``rates_1_s`` (K,). Where the speeds change there are two more, air at the
-    running surface alone: what the changed film comes to, and by how much a standard uncertainty of its exponent
-    changes that (see :func:`tcdyn.partition.cooling.with_slowing_air_offset`).
+    Parameters
+    ----------
+    setup
+        The disk.
+    half_width_m
+        Half-width of the flux.
+    rates_1_s
+        Rates of the filter bank, (K,).
+    inputs
+        Block means of the inputs, (R, I): power [W, for a share of one], inner row, ambient. Where the speeds change,
+        two more follow: the offset of the air at the running surface, and its change by a standard uncertainty of
+        the speed exponent (see :func:`tcdyn.partition.cooling.with_slowing_air_offset`).
+    banks
+        The inputs through the lags of the filter bank, (I, R, K).
+    profile
+        Profile of the inner boundary along z.
     """
 
     setup: DiskSetup
@@ -77,27 +101,28 @@ class RimMeans:
     profile: Profile = "modal"
 
     @property
-    def ambient(self) -> int:
-        """Which of the inputs is the air."""
+    def ambient_index(self) -> int:
+        """Index of the ambient among the inputs."""
         return len(self.setup.inner) + 1
 
     @property
-    def inner(self) -> slice:
-        """Which of the inputs are the inner row."""
-        return slice(1, self.ambient)
+    def inner_inputs(self) -> slice:
+        """Inputs of the inner row."""
+        return slice(1, self.ambient_index)
 
     @property
-    def rest(self) -> slice:
-        """All inputs but the power, and the film where speeds change."""
-        return slice(1, self.ambient + 2)
+    def boundary_inputs(self) -> slice:
+        """All inputs but the power, and the offset of the surface air where speeds change."""
+        return slice(1, self.ambient_index + 2)
 
     @property
-    def films(self) -> tuple[slice, slice]:
-        """Where speeds change: what the film comes to, and what its exponent changes in that."""
-        return slice(self.ambient + 1, self.ambient + 2), slice(self.ambient + 2, self.ambient + 3)
+    def surface_air_inputs(self) -> tuple[slice, slice]:
+        """Where speeds change: offset of the surface air, and its change by the speed exponent."""
+        first = self.ambient_index + 1
+        return slice(first, first + 1), slice(first + 1, first + 2)
 
     @cached_property
-    def _kept(self) -> dict[tuple[float, Perturbation, tuple[Point, ...], bool], RimGains]:
+    def _gains_cache(self) -> dict[tuple[float, Perturbation, tuple[Point, ...], bool], RimGains]:
         return {}
 
     def gains(
@@ -107,98 +132,136 @@ class RimMeans:
         extra: tuple[Point, ...] = (),
         bore: bool = False,
     ) -> RimGains:
-        """Gains of a disk that departs from its statement by ``p``, at the outer row and any ``extra`` points.
+        """Gains of the rim, cached.
 
-        With ``bore`` those at the inner row, of a rim that reaches to the bore.
+        Parameters
+        ----------
+        h_W_m2K
+            Heat transfer coefficient of the running surface.
+        p
+            Departure from the nominal disk.
+        extra
+            Points beside the outer row, (depth, z) [m].
+        bore
+            Whether the rim reaches to the bore; the gains are then those at the inner row.
         """
         key = h_W_m2K, p, extra, bore
-        if key not in self._kept:
-            self._kept[key] = self._gains(*key)
-        return self._kept[key]
+        if key not in self._gains_cache:
+            self._gains_cache[key] = self._gains(*key)
+        return self._gains_cache[key]
 
     def _gains(
         self, h_W_m2K: float, p: Perturbation, extra: tuple[Point, ...], bore: bool
     ) -> RimGains:
-        s = self.setup
-        moved = zip_longest(s.rows, p.deeper_m, fillvalue=0.0)
-        places = [
-            (s.junctions[str(c)].depth_m + float(dx), s.junctions[str(c)].z_m) for c, dx in moved
+        setup = self.setup
+        depth_shifts = zip_longest(setup.rows, p.depth_shift_m, fillvalue=0.0)
+        positions = [
+            (setup.junctions[str(c)].depth_m + float(shift), setup.junctions[str(c)].z_m)
+            for c, shift in depth_shifts
         ]
-        rim = Rim.from_setup(s, inner_radius_m=s.bore_radius_m) if bore else Rim.from_setup(s)
+        n_outer = len(setup.outer)
+        if bore:
+            rim = Rim.from_setup(setup, inner_radius_m=setup.bore_radius_m)
+            points = (*positions[n_outer:], *extra)
+            mesh = BORE_MESH
+        else:
+            rim = Rim.from_setup(setup)
+            points = (*positions[:n_outer], *extra)
+            mesh = FIT_MESH
         rim = replace(
             rim,
             conductivity_W_mK=rim.conductivity_W_mK * (1 + p.conductivity),
             specific_heat_J_kgK=rim.specific_heat_J_kgK * (1 + p.heat_capacity),
             washer_W_m2K=rim.washer_W_m2K * (1 + p.washer),
         )
-        split = len(s.outer)
-        points = (*(places[split:] if bore else places[:split]), *extra)
         width = self.half_width_m * (1 + p.half_width)
-        flux = track(s.flux, width, p.shift_m, 1 + p.half_width)
-        mesh = BORE_MESH if bore else FIT_MESH
-        rates = tuple(self.rates_1_s)
-        film = len(self.banks) > self.ambient + 1
+        flux = track(setup.flux, width, p.shift_m, 1 + p.half_width)
+        has_surface_air = len(self.banks) > self.ambient_index + 1
         return cached_gains(
-            rim, h_W_m2K, points, width, rates, self.profile, flux, mesh, film, p.film
+            rim,
+            h_W_m2K,
+            points,
+            width,
+            tuple(self.rates_1_s),
+            self.profile,
+            flux,
+            mesh,
+            has_surface_air,
+            p.h_profile,
         )
 
-    def through(
+    def input_response(
         self,
-        which: slice,
+        inputs: slice,
         h_W_m2K: ArrayLike,
         p: Perturbation = NOMINAL,
         extra: tuple[Point, ...] = (),
         bore: bool = False,
     ) -> Array:
-        """Answer to the inputs of ``which``, (..., R, P) for h of shape (...)."""
-        every = [self.gains(float(h), p, extra, bore) for h in np.ravel(h_W_m2K)]
-        direct, gains = (
-            np.concatenate([getattr(g, x)[which] for g in every], axis=1)
-            for x in ("direct", "gains")
-        )
-        out = self.inputs[:, which] @ direct
-        for bank, part in zip(self.banks[which], gains):
-            out += bank @ part.T
-        return np.moveaxis(out.reshape(len(out), len(every), -1), 1, 0).reshape(
-            *np.shape(h_W_m2K), len(out), -1
-        )
+        """Response to the ``inputs``, (..., R, P) for h of shape (...)."""
+        gains_of_h = [self.gains(float(h), p, extra, bore) for h in np.ravel(h_W_m2K)]
+        direct = np.concatenate([g.direct[inputs] for g in gains_of_h], axis=1)
+        gains = np.concatenate([g.gains[inputs] for g in gains_of_h], axis=1)
+        out = self.inputs[:, inputs] @ direct
+        for bank, gain in zip(self.banks[inputs], gains):
+            out += bank @ gain.T
+        n_blocks = len(out)
+        by_h = np.moveaxis(out.reshape(n_blocks, len(gains_of_h), -1), 1, 0)
+        return by_h.reshape(*np.shape(h_W_m2K), n_blocks, -1)
 
-    def driven_by(self, power_W: Array, bank: Array) -> RimMeans:
-        """The same rim, its gains kept, by another power (R,) with its ``bank`` (R, K)."""
-        inputs = np.column_stack([power_W, self.inputs[:, self.rest]])
-        other = replace(
-            self, inputs=inputs, banks=np.concatenate([bank[None], self.banks[self.rest]])
-        )
-        other.__dict__["_kept"] = self._kept
-        return other
+    def with_power(self, power_W: Array, bank: Array) -> RimMeans:
+        """The same rim and gains with another power (R,) and its ``bank`` (R, K)."""
+        inputs = np.column_stack([power_W, self.inputs[:, self.boundary_inputs]])
+        banks = np.concatenate([bank[None], self.banks[self.boundary_inputs]])
+        out = replace(self, inputs=inputs, banks=banks)
+        out.__dict__["_gains_cache"] = self._gains_cache
+        return out
 
     def answer(
         self, h_W_m2K: ArrayLike, p: Perturbation = NOMINAL, extra: tuple[Point, ...] = ()
     ) -> tuple[Array, Array]:
-        """Model without frictional heat, and per share of one; (..., R, P) each, P with the ``extra`` points."""
-        return self.through(self.rest, h_W_m2K, p, extra), self.through(POWER, h_W_m2K, p, extra)
+        """Response without frictional heat, and to a share of one; (..., R, P) each, P with the ``extra`` points."""
+        boundary = self.input_response(self.boundary_inputs, h_W_m2K, p, extra)
+        return boundary, self.input_response(POWER, h_W_m2K, p, extra)
 
     @property
-    def inside(self) -> tuple[Point, ...]:
+    def points_inside(self) -> tuple[Point, ...]:
         """Points just inside the rim at the inner row."""
         depth = self.setup.edge_m - GRADIENT_STEP_M
         return tuple((depth, self.setup.junctions[c].z_m) for c in self.setup.inner)
 
     def gradient(self, h_W_m2K: ArrayLike, p: Perturbation = NOMINAL) -> tuple[Array, Array]:
-        """Rise of temperature with radius at the inner row, as ``answer`` gives it; (..., R, k) each [K/m]."""
-        rest, power = (
-            x[..., len(self.setup.outer) :] for x in self.answer(h_W_m2K, p, self.inside)
-        )
-        return (rest - self.inputs[:, self.inner]) / GRADIENT_STEP_M, power / GRADIENT_STEP_M
+        """Rise of temperature with radius at the inner row, without heat and for a share of one, (..., R, k) [K/m]."""
+        boundary, power = self.answer(h_W_m2K, p, self.points_inside)
+        n_outer = len(self.setup.outer)
+        rise = boundary[..., n_outer:] - self.inputs[:, self.inner_inputs]
+        return rise / GRADIENT_STEP_M, power[..., n_outer:] / GRADIENT_STEP_M
 
 
 @dataclass(frozen=True)
 class DiskWindow:
-    """One disk over a stretch: measured outer row, and what drives the rim, means over blocks of both.
+    """Readings of one disk over a window, and its rim model, as means over the same R blocks.
 
-    ``readings`` (N, C) [degC] as they were seen at ``time_s`` (N,); ``blocks`` (R, N) averages over blocks of
-    ``counts`` (R,) samples about ``at_s`` (R,); ``y`` (R, P) [degC]; ``weight`` (R, P) one over the noise of a block
-    mean of what was seen [1/K], zero for a channel that is left out.
+    Parameters
+    ----------
+    disk
+        Name of the disk.
+    readings
+        Readings of the C channels in the N samples, (N, C) [degC].
+    time_s
+        Times of the samples, (N,).
+    blocks
+        Averaging matrix, (R, N).
+    at_s
+        Mean time of each block, (R,).
+    counts
+        Number of samples in each block, (R,).
+    y
+        Block means of the P outer junctions, (R, P) [degC].
+    weight
+        One over the standard deviation of the noise of a block mean, (R, P) [1/K]; zero for an excluded channel.
+    rim
+        The rim model.
     """
 
     disk: str
@@ -212,8 +275,8 @@ class DiskWindow:
     rim: RimMeans
 
     @property
-    def used(self) -> NDArray[np.bool_]:
-        """Which of the outer row are looked at (P,)."""
+    def used_channels(self) -> NDArray[np.bool_]:
+        """Mask of the outer junctions that are used, (P,)."""
         return np.asarray(self.weight.any(axis=0))
 
 
@@ -223,31 +286,36 @@ def between(time_s: Array, start_s: float, stop_s: float) -> slice:
     >>> between(np.arange(5.0), 1.5, 3.0)
     slice(2, 3, None)
     """
-    first, last = (int(k) for k in np.searchsorted(time_s, [start_s, stop_s]))
-    return slice(first, last)
+    first, last = np.searchsorted(time_s, [start_s, stop_s])
+    return slice(int(first), int(last))
 
 
 def stretch_of(test: EhlTest, after_s: float) -> slice:
-    """Rows from well before the steady window to ``after_s`` after parting; refuses a log that ends before."""
-    off = test.events.unload_s
-    end = test.time_s[-1]
-    if end < off + after_s:
-        left = max(np.floor(10 * (end - off)) / 10, 0.0)
+    """Rows of the fits, from well before the steady window to ``after_s`` after the unloading.
+
+    Raises
+    ------
+    InputError
+        If the log ends before.
+    """
+    unload_s = test.events.unload_s
+    cooling_s = test.time_s[-1] - unload_s
+    if test.time_s[-1] < unload_s + after_s:
+        available_s = max(np.floor(10 * cooling_s) / 10, 0.0)
         raise InputError(
-            f"the log ends {end - off:.2f} s after the disks part",
+            f"the log ends {cooling_s:.2f} s after the disks part",
             expected=f"at least {after_s:g} s of cooling",
             remedy="ask for a shorter window, {window_s}, or log more of the cooling",
-            parameters={"window_s": f"{left:g}"},
+            parameters={"window_s": f"{available_s:g}"},
         )
-    return between(
-        test.time_s, max(off - STEADY_S - FORGET_S, test.events.load_on_s + 5.0), off + after_s
-    )
+    start_s = max(unload_s - STEADY_S - FORGET_S, test.events.load_on_s + AFTER_LOADING_S)
+    return between(test.time_s, start_s, unload_s + after_s)
 
 
 def steady_start_s(test: EhlTest) -> float:
     """Start of the steady window: the last 150 s under load, less when the load was on for a shorter time."""
-    loaded = test.events.unload_s - test.events.load_on_s
-    return test.events.unload_s - min(STEADY_S, max(0.3 * loaded, 10.0))
+    loaded_s = test.events.unload_s - test.events.load_on_s
+    return test.events.unload_s - min(STEADY_S, max(0.3 * loaded_s, 10.0))
 
 
 def disk_window(
@@ -259,91 +327,136 @@ def disk_window(
     profile: Profile = "modal",
     chain: Chain | None = None,
 ) -> DiskWindow:
-    """Build the window from the ``temperatures`` (N, C) of one disk over ``rows``, power seen through ``chain``.
+    """Build the window of one disk.
 
-    Blocks are one second long under steady load, single samples about the parting, tenths of a second later.
+    Parameters
+    ----------
+    test, disk
+        The test, and the disk of it.
+    temperatures
+        Temperatures of the channels over ``rows``, (N, C) [degC].
+    rows
+        Rows of the test.
+    noise_K
+        Standard deviation of the noise of each channel, (C,).
+    profile
+        Profile of the inner boundary along z.
+    chain
+        The chain that the temperatures still lag by; None for compensated temperatures.
+
+    Notes
+    -----
+    Blocks are one second long under steady load, single samples about the unloading, and tenths of a second later.
     """
-    t = test.time_s[rows]
     dt = test.dt_s
-    off = test.events.unload_s
-    straight = disk.setup.steel.straight(temperatures)
-    inner_row, outer_row = (disk.setup.places(row) for row in (disk.setup.inner, disk.setup.outer))
-    first, fine, coarse = np.searchsorted(t, [steady_start_s(test), off - 0.5, off + SINGLE_SAMPLES_S])
-    big, small = (max(int(round(length / dt)), 1) for length in (STEADY_BLOCK_S, COARSE_BLOCK_S))
-    starts = np.concatenate(
-        [np.arange(first, fine, big), np.arange(fine, coarse), np.arange(coarse, len(t), small)]
-    )
-    counts = np.diff(np.append(starts, len(t)))
-    each = np.repeat(1.0 / counts, counts), np.arange(first, len(t))
-    blocks = sparse.csr_array(
-        (*each, np.append(starts, len(t)) - first), shape=(len(starts), len(t))
-    )
-    seen = np.maximum(1.0 - blocks @ disk.missing[rows][:, outer_row].astype(float), MIN_OBSERVED_FRACTION)
-    lags_s = chain.taus_s if chain else ()  # whose longest, and twice that, a fit makes of the bank
-    (power, held) = lagged_power(test, rows, chain)
-    rates = node_rates(dt, longest_s=2 * max(lags_s, default=0.0))
-    bank = (
-        blocks @ lag_bank(power, dt, rates, **held)
-        if held
-        else bank_means(power, dt, rates, counts)
-    )
-    inner = straight[:, inner_row] + disk.inner_K[rows]
-    feeds = [*inner.T, test.ambient_of(disk.name)[rows], *lagged_surface_air(test, disk, rows, chain)]
-    inputs = blocks @ np.column_stack([power, *feeds])
-    banks = np.stack([bank, *(bank_means(u, dt, rates, counts) for u in feeds)])
+    time_s = test.time_s[rows]
+    steel_K = disk.setup.steel.straight(temperatures)
+    inner_row = disk.setup.places(disk.setup.inner)
+    outer_row = disk.setup.places(disk.setup.outer)
+    blocks, counts = _averaging_matrix(test, time_s)
+    missing = disk.missing[rows][:, outer_row].astype(float)
+    observed = np.maximum(1.0 - blocks @ missing, MIN_OBSERVED_FRACTION)
+    # a fit also makes of the bank the longest lag of the chain, and twice that lag
+    longest_s = 2 * max(chain.taus_s, default=0.0) if chain else 0.0
+    rates = node_rates(dt, longest_s=longest_s)
+    power, hold = lagged_power(test, rows, chain)
+    if hold:
+        power_bank = blocks @ lag_bank(power, dt, rates, **hold)
+    else:
+        power_bank = bank_means(power, dt, rates, counts)
+    inner = steel_K[:, inner_row] + disk.inner_K[rows]
+    ambient = test.ambient_of(disk.name)[rows]
+    boundary = [*inner.T, ambient, *lagged_surface_air(test, disk, rows, chain)]
+    inputs = blocks @ np.column_stack([power, *boundary])
+    banks = np.stack([power_bank, *(bank_means(u, dt, rates, counts) for u in boundary)])
+    weight = np.sqrt(counts[:, None] * observed) / noise_K[None, outer_row]
     return DiskWindow(
         disk=disk.name,
         readings=disk.readings_degC[rows] if chain is None else temperatures,
-        time_s=t,
+        time_s=time_s,
         blocks=blocks,
-        at_s=blocks @ t,
+        at_s=blocks @ time_s,
         counts=counts,
-        y=blocks @ straight[:, outer_row],
-        weight=np.sqrt(counts[:, None] * seen) / noise_K[None, outer_row] * ~disk.out[outer_row],
+        y=blocks @ steel_K[:, outer_row],
+        weight=weight * ~disk.out[outer_row],
         rim=RimMeans(
             disk.setup, test.half_width_m, rates, inputs=inputs, banks=banks, profile=profile
         ),
     )
 
 
+def _averaging_matrix(test: EhlTest, time_s: Array) -> tuple[sparse.csr_array, NDArray[np.int64]]:
+    """Averaging matrix (R, N) of the blocks, and the number of samples in each (R,)."""
+    unload_s = test.events.unload_s
+    n_samples = len(time_s)
+    boundaries_s = [
+        steady_start_s(test),
+        unload_s - BEFORE_UNLOADING_S,
+        unload_s + SINGLE_SAMPLES_S,
+    ]
+    first, single, coarse = np.searchsorted(time_s, boundaries_s)
+    steady_length = max(int(round(STEADY_BLOCK_S / test.dt_s)), 1)
+    coarse_length = max(int(round(COARSE_BLOCK_S / test.dt_s)), 1)
+    starts = np.concatenate(
+        [
+            np.arange(first, single, steady_length),
+            np.arange(single, coarse),
+            np.arange(coarse, n_samples, coarse_length),
+        ]
+    )
+    edges = np.append(starts, n_samples)
+    counts = np.diff(edges)
+    weights = np.repeat(1.0 / counts, counts)
+    columns = np.arange(first, n_samples)
+    blocks = sparse.csr_array((weights, columns, edges - first), shape=(len(starts), n_samples))
+    return blocks, counts
+
+
 def lagged_window(
     test: EhlTest, disk: DiskTraces, rows: slice, profile: Profile = "modal"
 ) -> DiskWindow:
-    """Window of the readings as they lag, all channels brought to the mean chain, power seen through it."""
+    """Window of the uncompensated readings, all channels brought to the mean chain, the power seen through it."""
     readings = equalised(disk.readings_degC[rows], test.dt_s, disk.chains, disk.mean_chain)
     return disk_window(test, disk, readings, rows, disk.noise_K, profile, disk.mean_chain)
 
 
 def interpolate_blocks(window: DiskWindow, of_blocks: Array) -> Array:
-    """What was worked out on block means (R, M), straight between them, (N, M)."""
+    """Block means (R, M) linearly interpolated to the samples, (N, M)."""
     return np.column_stack(
         [np.interp(window.time_s, window.at_s, column) for column in of_blocks.T]
     )
 
 
-def lagged_surface_air(test: EhlTest, disk: DiskTraces, rows: slice, chain: Chain | None) -> list[Array]:
-    """What the changed film, if any, comes to and its change by its exponent, (N,) [K] each, seen through ``chain``."""
-    film = test.film[disk.name][rows].T if disk.name in test.film else ()
-    return [x if chain is None else chain.response(x, test.dt_s) for x in film]
+def lagged_surface_air(
+    test: EhlTest, disk: DiskTraces, rows: slice, chain: Chain | None
+) -> list[Array]:
+    """Offset of the surface air, if any, and its change by the speed exponent, (N,) [K] each, through ``chain``."""
+    if disk.name not in test.surface_air_offset_K:
+        return []
+    offsets = test.surface_air_offset_K[disk.name][rows].T
+    if chain is None:
+        return list(offsets)
+    return [chain.response(offset, test.dt_s) for offset in offsets]
 
 
 def lagged_power(test: EhlTest, rows: slice, chain: Chain | None) -> tuple[Array, dict[str, Any]]:
-    """Frictional power (N,) [W] as the ``chain`` would show it, or as it is, and how ``lag_bank`` is to hold it.
+    """Frictional power (N,) [W] through the ``chain``, if any, and the arguments of ``lag_bank`` that hold it.
 
-    It is held between samples and ends at an instant inside one. Through the chain, for readings left lagged, the
-    sample in which it ends carries its average, which keeps the energy and places the step to second order in dt.
+    Notes
+    -----
+    The power is held between samples and ends at an instant inside a sample. Through a chain, for uncompensated
+    readings, the sample in which it ends carries its average, which keeps the energy and places the step to second
+    order in dt.
     """
     power = test.power_W[rows]
-    t = test.time_s[rows]
-    off = test.events.unload_s
-    k = int(np.searchsorted(t, off)) - 1
-    ends = 0 <= k < len(t) - 1 and power[k] > 0 and power[k + 1] == 0
-    part = float((off - t[k]) / test.dt_s) if ends else 1.0
+    time_s = test.time_s[rows]
+    unload_s = test.events.unload_s
+    k = int(np.searchsorted(time_s, unload_s)) - 1
+    ends = 0 <= k < len(time_s) - 1 and power[k] > 0 and power[k + 1] == 0
+    fraction = float((unload_s - time_s[k]) / test.dt_s) if ends else 1.0
     if chain is None:
-        return power, {
-            "hold": "zoh",
-            "switches": (Switch(k, part, float(power[k]), 0.0),) if ends else (),
-        }
-    held = power.copy()
-    held[max(k, 0)] *= part
-    return chain.response(held, test.dt_s, hold="zoh"), {}
+        switches = (Switch(k, fraction, float(power[k]), 0.0),) if ends else ()
+        return power, {"hold": "zoh", "switches": switches}
+    averaged = power.copy()
+    averaged[max(k, 0)] *= fraction
+    return chain.response(averaged, test.dt_s, hold="zoh"), {}

@@ -64,8 +64,8 @@ def told_of(made: StudyRig, p: Partition) -> dict[str, float]:
             )
             out[f"z depth {channel} {disk}"] = (deeper.value - true_m) / deeper.u
     pulls = tensions(made.test, p.joint, p.both, p.sensors)
-    out["chance of the depths"] = min(t.chance for t in pulls if t.alarm == DEPTH_THRESHOLD)
-    out["chance of the rest"] = min(t.chance for t in pulls if t.alarm != DEPTH_THRESHOLD)
+    out["chance of the depths"] = min(t.chance for t in pulls if t.threshold == DEPTH_THRESHOLD)
+    out["chance of the rest"] = min(t.chance for t in pulls if t.threshold != DEPTH_THRESHOLD)
     out["alarm"] = float(not p.crosscheck.agree)
     out["asks to be looked at"] = float(p.status != "sound")
     out["range held"] = float(p.structures.low95 <= told["beta"] <= p.structures.high95)

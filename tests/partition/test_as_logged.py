@@ -15,7 +15,12 @@ from tcdyn.core.findings import warnings_and_errors
 from tcdyn.partition.analyse import Partition, refine_lags
 from tcdyn.partition.angular_harmonic import Unmeasured
 from tcdyn.partition.events import EhlTest, find_events
-from tcdyn.partition.nuisance import DISK_AIR, nuisance_effects, parameters_of_test, nominal_parameters
+from tcdyn.partition.nuisance import (
+    DISK_AIR,
+    nominal_parameters,
+    nuisance_effects,
+    parameters_of_test,
+)
 from tcdyn.partition.window import lagged_window, stretch_of
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.log import read_log
@@ -162,7 +167,7 @@ def test_channels_of_a_disk_s_own_give_its_air_and_its_uncertainty(
         0.7,
         500.0,
     )
-    assert DISK_AIR in known.of
+    assert DISK_AIR in known.parameters
 
 
 def test_without_a_switch_the_parting_is_found_and_known_less_well() -> None:

@@ -48,7 +48,9 @@ def test_pull_is_the_change_of_h_that_a_second_fit_finds() -> None:
     again = cooling_fit(replace(made, y=made.y - effect), line, 0.0, 7.0, 0.1)  # type: ignore[arg-type]
     assert fit.h_W_m2K == pytest.approx(700.0, rel=1e-5)  # xatol of the search
     # curvature over a step of half a per cent of h; without the weights the pull is off by a quarter
-    assert (fit.by_effect * effect).sum() == pytest.approx(again.h_W_m2K - fit.h_W_m2K, rel=0.005)
+    assert (fit.h_per_effect * effect).sum() == pytest.approx(
+        again.h_W_m2K - fit.h_W_m2K, rel=0.005
+    )
 
 
 @pytest.mark.study

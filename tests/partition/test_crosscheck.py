@@ -9,12 +9,19 @@ from tcdyn.core.findings import Severity, info
 from tcdyn.partition.crosscheck import (
     CrossCheck,
     Tension,
-    probability_of_pull,
-    cross_check,
-    sample_largest_pulls,
     covariance_root,
+    cross_check,
+    probability_of_pull,
+    sample_largest_pulls,
 )
-from tcdyn.partition.model_forms import H_KEYS, ESTIMATORS, ModelForm, Alternatives, impossibility_findings, impossible_keys
+from tcdyn.partition.model_forms import (
+    ESTIMATORS,
+    H_KEYS,
+    Alternatives,
+    ModelForm,
+    impossibility_findings,
+    impossible_keys,
+)
 from tcdyn.partition.sensor_faults import DepthTest
 
 
@@ -94,11 +101,11 @@ def test_what_the_data_contradict_is_told_worst_first_and_what_they_pull_most_ot
         pulled(-4.0, 0.002),
         pulled(5.0, 1e-4),
     )
-    assert cross_check(ways, d, [calm]).strained is None
+    assert cross_check(ways, d, [calm]).largest_tension is None
     found = cross_check(ways, d, [calm, strained])
-    assert (found.agree, found.strained, found.suspects) == (True, strained, ())
+    assert (found.agree, found.largest_tension, found.suspects) == (True, strained, ())
     found = cross_check(ways, d, [calm, off, strained, far])
-    assert (found.finding.code, found.suspects, found.strained) == (
+    assert (found.finding.code, found.suspects, found.largest_tension) == (
         "ways.contradicted",
         (far, off),
         far,
@@ -116,7 +123,9 @@ def test_the_largest_of_several_pulls_is_judged_with_their_correlation() -> None
         )
         largest = sample_largest_pulls([DepthTest("fast", np.zeros(2), correlation, {}, 1e-4)])
         assert probability_of_pull(-1.5, largest, 2) == pytest.approx(chance, abs=0.012)
-    assert probability_of_pull(7.0, largest, 2) == pytest.approx(2 * 2 * stats.norm.sf(7.0), rel=1e-9)
+    assert probability_of_pull(7.0, largest, 2) == pytest.approx(
+        2 * 2 * stats.norm.sf(7.0), rel=1e-9
+    )
     assert sample_largest_pulls([]).max() == 0.0
 
 
@@ -188,11 +197,17 @@ def test_shares_of_a_power_off_by_more_than_two_are_withheld_where_that_is_sure(
     ):
         answers, both, drawn = ways_of(scale, u)
         assert (every <= impossible_keys(answers, both)) == gone
-        told = [f for f in impossibility_findings(answers, both, drawn) if f.code == "answers.impossible"]
+        told = [
+            f
+            for f in impossibility_findings(answers, both, drawn)
+            if f.code == "answers.impossible"
+        ]
         assert ("joint, both disks" in [way for f in told for way in f.numbers["ways"]]) == gone
     answers, both, _ = ways_of(1.0)
     assert impossible_keys(answers, both) == frozenset()
-    assert impossible_keys(answers, both | {"exponent": Estimate.normal(0.7, 5.5)}) == {"both exponent"}
+    assert impossible_keys(answers, both | {"exponent": Estimate.normal(0.7, 5.5)}) == {
+        "both exponent"
+    }
     assert impossible_keys(answers | {"h cooling fast": Estimate.normal(-3.0, 9.0)}, both) == {
         "cooling fast",
         "h cooling fast",
@@ -214,7 +229,7 @@ def test_a_structure_is_named_where_it_is_far_likelier_and_agrees_with_the_speed
         (structure(8.1, z=-2.9), True),
     ):
         found = Alternatives((other, assumed), (0.9, 0.1), 0.69, 0.71, assumed)
-        assert (found.named is other) == named
+        assert (found.preferred is other) == named
         assert bool(found.findings) == named
 
 
@@ -231,5 +246,5 @@ def test_the_headline_holds_while_the_likeliest_structure_is_near_and_the_range_
     ):
         best = structure(9.0, beta, u)
         found = Alternatives((best, assumed), (0.9, 0.1), 0.7 - half, 0.7 + half, assumed)
-        assert found.holds == holds
+        assert found.estimate_holds == holds
         assert found.findings[0].severity is (Severity.INFO if holds else Severity.WARNING)

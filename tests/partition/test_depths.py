@@ -17,8 +17,8 @@ from tcdyn.partition.crosscheck import (
     DEPTH_THRESHOLD,
     OTHER_THRESHOLD,
     Tension,
-    probability_of_pull,
     cross_check,
+    probability_of_pull,
     sample_largest_pulls,
     tensions,
 )
@@ -40,7 +40,7 @@ DEPTH_E = info("stated.depth", subject="fast", channel="e", deeper_mm=0.3, u_mm=
 
 def of_depth(t: Tension) -> bool:
     """Whether it is about a junction's depth, by the sensor map or by the joint fit."""
-    return t.stated.code == "stated.depth" or t.stated.numbers.get("source") == "junction depth"
+    return t.nominal.code == "stated.depth" or t.nominal.numbers.get("source") == "junction depth"
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +57,7 @@ def test_a_disk_that_still_warms_up_is_not_accused() -> None:
         3, uncertain=False, options=replace(QUICK, load_on_s=20.0, unload_s=80.0, duration_s=96.0)
     )
     found = check_sensors(made.test)
-    assert found.sound, found.verdicts
+    assert found.sound, found.findings
     for test in found.depths.values():
         assert np.abs(test.pull).max() < 3.0  # twelve junctions: one sound rig in thirty
 
@@ -80,7 +80,7 @@ def test_what_another_h_would_show_is_no_evidence_of_a_depth(
     f, verdict = disk_features(b3, disk), cast(FaultFit, SimpleNamespace(h_W_m2K=h, share=0.6))
     high, at = (
         rest + 0.6 * power
-        for rest, power in zip(*f.answer(f.as_wired, ((1.05 * h, NOMINAL), (h, NOMINAL))))
+        for rest, power in zip(*f.response(f.as_wired, ((1.05 * h, NOMINAL), (h, NOMINAL))))
     )
     shown, moved = cast(DiskFeatures, Shown(f, 10 * (high - at))), []
     for sd in (faults.LOG_H_SD, 1e-3):
@@ -140,7 +140,7 @@ def test_a_contradiction_is_an_alarm_and_the_most_pulled_value_only_a_remark() -
     ways = {"speed law": Estimate.normal(0.66, 0.01), "joint fast": Estimate.normal(0.665, 0.01)}
     remark = cross_check(ways, draws, [Tension(DEPTH_E, 2.4, 0.2, DEPTH_THRESHOLD)])
     assert remark.agree
-    assert remark.strained is not None
+    assert remark.largest_tension is not None
     assert (remark.finding.numbers["strained_z"], remark.finding.numbers["chance"]) == (2.4, 0.2)
     assert (
         "2.4 standard deviations, no contradiction (one sound test in 5 shows as much)"
@@ -151,7 +151,7 @@ def test_a_contradiction_is_an_alarm_and_the_most_pulled_value_only_a_remark() -
     assert alarm.finding.code == "ways.contradicted"
     assert alarm.finding.numbers["suspects"] == (DEPTH_E.sentence,)
     quiet = cross_check(ways, draws, [Tension(DEPTH_E, 1.4, 0.9, DEPTH_THRESHOLD)])
-    assert quiet.strained is None
+    assert quiet.largest_tension is None
 
 
 @pytest.mark.study
@@ -165,14 +165,14 @@ def test_every_stated_value_is_judged_once(b3: EhlTest, campaign: Campaign) -> N
     bare = tensions(b3, with_map.joint, with_map.both)
     assert sum(of_depth(t) for t in mapped) == sum(of_depth(t) for t in bare) == 12
     assert len(mapped) == len(bare)
-    assert {t.alarm for t in mapped if of_depth(t)} == {DEPTH_THRESHOLD}
-    assert {t.alarm for t in bare} == {OTHER_THRESHOLD}
+    assert {t.threshold for t in mapped if of_depth(t)} == {DEPTH_THRESHOLD}
+    assert {t.threshold for t in bare} == {OTHER_THRESHOLD}
     # an exponent that rig.toml states far from what the two disks imply is a contradiction, wherever its range lies
     elsewhere = replace(b3, speed_exponent=1.2)
     (steep,) = [
         t
         for t in tensions(elsewhere, with_map.joint, with_map.both)
-        if t.stated.code == "stated.exponent"
+        if t.nominal.code == "stated.exponent"
     ]
     assert steep.contradicts
     assert not any(t.contradicts for t in mapped)

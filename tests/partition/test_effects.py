@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tcdyn.partition.nuisance import nominal_parameters, nominal_effects
+from tcdyn.partition.nuisance import nominal_effects, nominal_parameters
 from tcdyn.rig.rigfile import load_rig
 
 GRADIENT_K_m = 2000.0  # rise with radius: hotter towards the running surface

@@ -92,7 +92,7 @@ def test_a_fit_that_cannot_tell_share_from_h_is_refused_in_words() -> None:
     jacobian = best.jacobian.copy()
     jacobian[:, 0] = jacobian[:, 1]
     with pytest.raises(
-        InputError, match="does not tell heat partition from heat transfer coefficient"
+        InputError, match="do not separate heat partition from heat transfer coefficient"
     ):
         told(replace(best, jacobian=jacobian), [fit.side])
 
@@ -166,13 +166,13 @@ def test_errors_of_the_budget_are_those_that_the_whole_disk_makes() -> None:
         lines, fits = fitted(moved(truth, what))
         for disk in ("fast", "slow"):
             h = base[disk].h_W_m2K
-            k = [o.name for o in base_lines[disk].shift.of].index(what)
-            said = base_lines[disk].shift.per_sd[k] @ np.array([1.0, h])
+            k = [o.name for o in base_lines[disk].sensitivity.parameters].index(what)
+            said = base_lines[disk].sensitivity.per_sd[k] @ np.array([1.0, h])
             assert lines[disk].line.at(h) - base_lines[disk].line.at(h) == pytest.approx(
                 said, rel=0.2, abs=6e-4
             )
-            k = [o.name for o in base[disk].shift.of].index(what)
-            said = base[disk].shift.per_sd[k][0]
+            k = [o.name for o in base[disk].sensitivity.parameters].index(what)
+            said = base[disk].sensitivity.per_sd[k][0]
             assert fits[disk].share - base[disk].share == pytest.approx(said, rel=0.2, abs=6e-4)
 
 

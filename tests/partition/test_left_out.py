@@ -116,7 +116,7 @@ def test_what_is_left_out_has_no_compensated_trace_and_is_told(
     stands_in = {"a": (), "d": ("f",), "b": ("d", "f")}[channel]
     assert told.numbers["stand_ins"] == stands_in
     pulled = [
-        (t.stated.subject, str(t.stated.numbers.get("channel", t.stated.numbers.get("name"))))
+        (t.nominal.subject, str(t.nominal.numbers.get("channel", t.nominal.numbers.get("name"))))
         for t in tensions(p.test, p.joint, p.both, p.sensors)
     ]
     assert ("slow", "depth e") in pulled or ("slow", "e") in pulled
@@ -148,9 +148,9 @@ def test_an_error_of_a_stand_in_counts_in_both_its_places(made: StudyRig) -> Non
     moved = prepare(log, made.rig, made.records, left_out={"fast_d": ""})
     before, after = (disk_line(t, t.disks["fast"], rows) for t in (test, moved))
     h = made.told["h_fast"]
-    k = [what.name for what in before.shift.of].index("static f")
+    k = [what.name for what in before.sensitivity.parameters].index("static f")
     u_K = test.disks["fast"].static_u_K[CHANNELS.index("f")]
-    said = high_K / u_K * before.shift.per_sd[k] @ np.array([1.0, h])
+    said = high_K / u_K * before.sensitivity.per_sd[k] @ np.array([1.0, h])
     assert after.line.at(h) - before.line.at(h) == pytest.approx(said, rel=0.02)
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from tcdyn.core.findings import warnings_and_errors
 from tcdyn.partition.angular_harmonic import harmonic_at_junctions
-from tcdyn.partition.at_rest import faults_at_rest, cables_exchanged
+from tcdyn.partition.at_rest import cables_exchanged, faults_at_rest
 from tcdyn.partition.disk_features import AFTER_LOADING_S, AFTER_UNLOADING_S, disk_features
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.nuisance import nominal_parameters
@@ -68,7 +68,7 @@ def stated_elsewhere(test: EhlTest, name: str, channel: str, deeper_m: float) ->
 @pytest.mark.study
 def test_a_sound_rig_raises_no_alarm_and_no_pair_is_illogical(sound: SensorCheck) -> None:
     assert sound.sound
-    assert {f.code for found in sound.verdicts.values() for f in found} == {"sensors.sound"}
+    assert {f.code for found in sound.findings.values() for f in found} == {"sensors.sound"}
     assert "illogical" not in set(sound.table["steady"]) | set(sound.table["unloading"])
     assert sound.bulk_degC["fast"] > sound.bulk_degC["slow"]  # figure 6.17
 
@@ -89,7 +89,10 @@ def test_a_kelvin_on_all_thermocouples_is_an_ambient_read_a_kelvin_too_low(b3: E
     for disk in b3.disks.values():
         f = disk_features(b3, disk)
         known = dict(
-            zip([what.name for what in nominal_parameters(f.setup)], f.effects(f.as_wired, 700.0, 0.6)[:, :3])
+            zip(
+                [what.name for what in nominal_parameters(f.setup)],
+                f.effects(f.as_wired, 700.0, 0.6)[:, :3],
+            )
         )  # a, c, e, steady
         all_six = np.sum([known[f"static {c}"] for c in CHANNELS], axis=0)
         np.testing.assert_allclose(all_six, known["ambient"], atol=1e-9)
@@ -108,24 +111,24 @@ def test_effects_on_the_features_are_differences_of_their_answers(b3: EhlTest) -
     assert f.after_s[loading] == pytest.approx(np.mean(AFTER_LOADING_S, axis=1))
 
     def shown(share: float, shift_m: float = 0.0) -> np.ndarray:
-        rest, power = f.answer(f.as_wired, ((700.0, Perturbation(shift_m=shift_m)),))
+        rest, power = f.response(f.as_wired, ((700.0, Perturbation(shift_m=shift_m)),))
         return np.asarray(rest + share * power)[0]
 
     effects = dict(
         zip(("beside", "film", "lag", "later", "power"), f.effects(f.as_wired, 700.0, 0.6)[-5:])
     )
-    assert effects["power"] == pytest.approx((shown(0.7) - shown(0.5))[f.seen] / 0.2)
-    beside = (shown(0.6, 5e-5) - shown(0.6, -5e-5))[f.seen] * 3e-4 / 1e-4
+    assert effects["power"] == pytest.approx((shown(0.7) - shown(0.5))[f.observed] / 0.2)
+    beside = (shown(0.6, 5e-5) - shown(0.6, -5e-5))[f.observed] * 3e-4 / 1e-4
     assert effects["beside"] == pytest.approx(beside, abs=1e-2 * np.abs(beside).max())
-    full = np.zeros(f.seen.shape)
-    full[f.seen] = effects["lag"]
-    power = 0.6 * f.answer(f.as_wired, ((700.0, Perturbation()),))[1][0, :, :3]  # outer row
+    full = np.zeros(f.observed.shape)
+    full[f.observed] = effects["lag"]
+    power = 0.6 * f.response(f.as_wired, ((700.0, Perturbation()),))[1][0, :, :3]  # outer row
     first, second, third, _ = np.flatnonzero(unloading)
     rate = (power[third] - power[first]) / (f.after_s[third] - f.after_s[first])
     assert full[second, :3] == pytest.approx(
         -rate, rel=0.5
     )  # straight between windows that are a second apart
-    full[f.seen] -= effects["later"]
+    full[f.observed] -= effects["later"]
     assert not full[loading].any()
     assert np.abs(full[unloading, :3]).min() > 0
 
@@ -286,7 +289,10 @@ def test_a_hotter_side_is_the_press_fit_s_and_no_fault_of_a_channel(b3: EhlTest)
     """Poor contact with the shaft on one side (6.4.3) warms it over minutes: the first harmonic, as the rim has it."""
     t, setup = b3.time_s, b3.disks["slow"].setup
     slow_rise = 3.0 * (1 - np.exp(-np.clip(t - b3.events.load_on_s, 0, None) / 60.0))
-    reads = harmonic_at_junctions(setup, 280.0, CHANNELS)[1] * 0.5 + harmonic_at_junctions(setup, 280.0, CHANNELS)[0]
+    reads = (
+        harmonic_at_junctions(setup, 280.0, CHANNELS)[1] * 0.5
+        + harmonic_at_junctions(setup, 280.0, CHANNELS)[0]
+    )
     moved = {c: column(b3, "slow", c) + k * slow_rise for c, k in zip(CHANNELS, reads)}
     check = check_sensors(with_readings(b3, "slow", moved))
     assert check.sound, check.said
@@ -295,8 +301,10 @@ def test_a_hotter_side_is_the_press_fit_s_and_no_fault_of_a_channel(b3: EhlTest)
 
 
 def test_swaps_that_cannot_be_told_are_said(sound: SensorCheck) -> None:
-    assert ("d", "f") in sound.blind["fast"]  # the same depth and distance from the centre
-    assert not any({"a", "e"} == set(pair) for pair in sound.blind["fast"])
+    assert ("d", "f") in sound.indistinguishable[
+        "fast"
+    ]  # the same depth and distance from the centre
+    assert not any({"a", "e"} == set(pair) for pair in sound.indistinguishable["fast"])
 
 
 def test_demand_of_conduction_on_the_default_layout() -> None:
@@ -304,7 +312,9 @@ def test_demand_of_conduction_on_the_default_layout() -> None:
     assert hotter_junction(setup, "e", "a") == 1
     assert hotter_junction(setup, "d", "b") == -1
     assert hotter_junction(setup, "d", "f") == 0
-    assert hotter_junction(setup, "b", "c") is None  # deeper but nearer the centre: table 6.2 says N.A.
+    assert (
+        hotter_junction(setup, "b", "c") is None
+    )  # deeper but nearer the centre: table 6.2 says N.A.
     assert angle_groups(setup) == (("a", "e", "f"), ("b", "c", "d"))  # table 6.2
 
 

@@ -56,7 +56,9 @@ def missed_K(made: StudyRig, test: EhlTest, disk: str) -> np.ndarray:
 def test_with_the_true_share_and_h_the_model_follows_the_whole_disk(world: str, disk: str) -> None:
     made = clean_rig(world)
     share, h = made.told["beta"], {d: made.told[f"h_{d}"] for d in DISKS}
-    test = with_slowing_air_offset(made.test, {"fast": (share, h["fast"]), "slow": (1 - share, h["slow"])})
+    test = with_slowing_air_offset(
+        made.test, {"fast": (share, h["fast"]), "slow": (1 - share, h["slow"])}
+    )
     assert np.abs(missed_K(made, test, disk)).max() < TOLERANCE_K + EDGE_K * bool(
         made.test.events.again
     )
@@ -75,9 +77,12 @@ def test_what_was_measured_of_a_disk_that_keeps_its_speed_stays() -> None:
     made = clean_rig("brake 3 s")
     warmer = np.column_stack([np.full(len(made.test.time_s), 7.0), np.zeros(len(made.test.time_s))])
     kept = {d: course for d, course in made.test.slowing.items() if d == "fast"}
-    test = with_slowing_air_offset(replace(made.test, slowing=kept, film={"slow": warmer}), {"fast": (0.7, 700.0)})
-    np.testing.assert_array_equal(test.film["slow"], warmer)
-    assert np.abs(test.film["fast"][:, 0]).max() > 1.0
+    test = with_slowing_air_offset(
+        replace(made.test, slowing=kept, surface_air_offset_K={"slow": warmer}),
+        {"fast": (0.7, 700.0)},
+    )
+    np.testing.assert_array_equal(test.surface_air_offset_K["slow"], warmer)
+    assert np.abs(test.surface_air_offset_K["fast"][:, 0]).max() > 1.0
 
 
 @pytest.mark.study

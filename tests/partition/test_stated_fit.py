@@ -25,8 +25,8 @@ from tcdyn.partition.press_fit import (
     bore_flux_W_m2,
     bore_flux_with_u,
     predict_harmonics,
-    shaft_admittance,
     press_fit_priors,
+    shaft_admittance,
 )
 from tcdyn.rig.disk import CHANNELS
 from tcdyn.rig.rigfile import Rig, load_rig, parse_rig
@@ -66,14 +66,16 @@ def test_predicted_harmonics_are_those_of_the_whole_disk(roughness_um: float) ->
     even = state[: grid.cells.size].reshape(grid.cells.shape).mean(axis=1)
     setup = disk.setup
     inner_K = float(np.interp(setup.outer_radius_m - setup.junctions["b"].depth_m, grid.r, even))
-    found = predict_harmonics(setup, H).times(1e-3 * bore_flux_W_m2(setup, POWER_W, H, inner_K))
+    found = predict_harmonics(setup, H).scaled(1e-3 * bore_flux_W_m2(setup, POWER_W, H, inner_K))
     assert np.hypot(*found.first_K) == pytest.approx(told["amplitude_K"], rel=0.3)
     off = np.rad2deg(np.arctan2(found.first_K[1], found.first_K[0])) - told["angle_deg"]
     assert abs((off + 180) % 360 - 180) < 5.0
     for key, level, n in (("first_K", found.first_K, 1), ("second_K", found.second_K, 2)):
         true = np.array([told[key][c] for c in CHANNELS])
         np.testing.assert_allclose(
-            level @ harmonic_at_junctions(setup, H, CHANNELS, n), true, atol=0.3 * np.abs(true).max()
+            level @ harmonic_at_junctions(setup, H, CHANNELS, n),
+            true,
+            atol=0.3 * np.abs(true).max(),
         )
 
 
@@ -105,18 +107,18 @@ def test_a_fit_stated_as_it_is_serves_as_the_prior() -> None:
     """The harmonic within its 99 % region, the second within two standard uncertainties of what was subtracted."""
     made, p = analysed(0.0)
     found = p.both.uneven["slow"]
-    assert np.hypot(*found.stated_K) > 0.3
+    assert np.hypot(*found.nominal_K) > 0.3
     assert found.level_z(off_K(made, found)) < 3.04
     assert "fit.contradicted" not in {f.code for f in p.findings}
     assert p.both.estimates["beta"].value == pytest.approx(made.told["beta"], abs=0.01)
     for way, estimate in p.ways.items():
         assert abs(estimate.value - made.told["beta"]) < 3 * estimate.u, way
-    second = found.stated_second_K @ harmonic_at_junctions(
+    second = found.nominal_second_K @ harmonic_at_junctions(
         p.test.disks["slow"].setup, found.h_W_m2K, CHANNELS, 2
     )
     true = np.array([made.told["unevenness"]["slow"]["second_K"][c] for c in CHANNELS])
     assert np.abs(true).max() > 0.3
-    assert np.abs(second - true).max() < 2 * found.second_K
+    assert np.abs(second - true).max() < 2 * found.second_harmonic_u_K
     assert {r.source: r.u_beta_steady for r in p.budget.rows}[
         "second harmonic round the bore"
     ] > 1e-3
@@ -137,7 +139,7 @@ def test_where_the_film_takes_all_the_heat_half_an_uncertainty_of_it_goes_throug
     u_rel, h = 0.02, {"fast": 3000.0, "slow": 1500.0}
     told = {f"h_{d}": Estimate.normal(value, 1.0) for d, value in h.items()}
     told["beta"] = Estimate.normal(0.7, u_rel)
-    wide = replace(UNKNOWN, covariance=1e4 * np.eye(len(UNKNOWN.found)), h_W_m2K=h["slow"])
+    wide = replace(UNKNOWN, covariance=1e4 * np.eye(len(UNKNOWN.estimate)), h_W_m2K=h["slow"])
     prior = press_fit_priors(test, told, {"fast": UNKNOWN, "slow": wide})[0]["slow"]
     near = (test.time_s > events.unload_s - 20) & (test.time_s < events.unload_s - 1)
     power = float(test.power_W[near].mean())
@@ -147,9 +149,11 @@ def test_where_the_film_takes_all_the_heat_half_an_uncertainty_of_it_goes_throug
         disk.readings_degC[near][:, disk.setup.places(disk.setup.inner)]
         - test.ambient_of("slow")[near, None]
     )
-    flux, u = bore_flux_with_u(disk, (0.3 * power, power_u), (h["slow"], 1.0), float(np.nanmean(inner)))
+    flux, u = bore_flux_with_u(
+        disk, (0.3 * power, power_u), (h["slow"], 1.0), float(np.nanmean(inner))
+    )
     assert flux < 0.4 * u
-    assert prior.stated_K == pytest.approx(
+    assert prior.nominal_K == pytest.approx(
         predict_harmonics(disk.setup, h["slow"]).first_K * 0.5 * u / 1e3, rel=1e-6
     )
 
@@ -170,12 +174,12 @@ def test_a_stated_harmonic_is_the_prior_with_as_much_heat_as_a_sharp_fit_sees_an
         (1e9, uneven_rel, 1.0, np.hypot(rel, MODEL_REL)),
     ):
         found = Unevenness(
-            found=np.r_[size * np.array([0.36, 0.48]) / 4, np.zeros(6)],
+            estimate=np.r_[size * np.array([0.36, 0.48]) / 4, np.zeros(6)],
             covariance=sd**2 * np.eye(8),
         )
         prior = told.prior(others, flux_rel, found)
-        np.testing.assert_allclose(prior.stated_second_K, [0.0, scale * 3.0], rtol=1e-9)
-        assert prior.second_K == pytest.approx(
+        np.testing.assert_allclose(prior.nominal_second_K, [0.0, scale * 3.0], rtol=1e-9)
+        assert prior.second_harmonic_u_K == pytest.approx(
             np.hypot(second_rel * scale * 3.0, SECOND_HARMONIC_REL * scale * size), rel=1e-6
         )
         least = [max(SHAPES[name], HARMONIC_PRIOR_REL[name] * size) for name in SHAPES]
@@ -192,7 +196,7 @@ def test_a_fit_stated_elsewhere_is_told_and_not_used() -> None:
     assert [(f.subject, f.severity) for f in told] == [("slow", Severity.WARNING)]
     assert "[fit] is not used" in told[0].sentence
     found = p.both.uneven["slow"]
-    assert not found.stated_K.any()
+    assert not found.nominal_K.any()
     assert found.level_z(off_K(made, found)) < 3.04
     assert p.status == "warning"
 

@@ -14,7 +14,11 @@ from tcdyn.core import Array
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.steady import at_own_temperature
-from tcdyn.partition.steel import conductivity_slope_effect, specific_heat_slope_effect, linear_about
+from tcdyn.partition.steel import (
+    conductivity_slope_effect,
+    linear_about,
+    specific_heat_slope_effect,
+)
 from tcdyn.partition.window import DiskWindow, lagged_window, stretch_of
 from tcdyn.rig.rigfile import Rig, load_rig, parse_rig
 from tcdyn.rig.surface_flux import SurfaceFlux, fit_surface_flux
@@ -60,7 +64,7 @@ def test_a_stated_flux_is_as_good_as_the_usual_one() -> None:
     assert off[0] < 0.002  # the noise is the same, and so are the errors of the rig
     assert off[1] > 0.01
     assert told.status == "sound"
-    named = ignored.structures.named
+    named = ignored.structures.preferred
     assert named is not None
     assert named.name == "flux_shift"
 
@@ -76,7 +80,7 @@ def test_an_uncertain_place_of_the_flux_widens_and_is_in_the_budget() -> None:
     assert both.u > 1.2 * usual().both.estimates["beta"].u
     assert abs(both.value - made.told["beta"]) < 2 * both.u
     assert "place of the flux" not in [r.source for r in usual().budget.rows]
-    assert p.structures.named is None  # what is stated to be uncertain is no other structure
+    assert p.structures.preferred is None  # what is stated to be uncertain is no other structure
 
 
 TABLE = {"flux_profile": "table"}

@@ -13,9 +13,9 @@ from tcdyn.core.estimate import Estimate, mixture_range
 from tcdyn.core.findings import Severity
 from tcdyn.estimation import minimise
 from tcdyn.partition.analyse import Partition
-from tcdyn.partition.departures import STEM_SD, MODEL_FORMS, DiskAtFit, model_form_columns
+from tcdyn.partition.departures import MODEL_FORMS, STEM_SD, DiskAtFit, model_form_columns
 from tcdyn.partition.joint import joint_problem
-from tcdyn.partition.model_forms import SPEED_LAW_Z, NAMED_LOG_ODDS, ESTIMATORS, compare_model_forms
+from tcdyn.partition.model_forms import ESTIMATORS, NAMED_LOG_ODDS, SPEED_LAW_Z, compare_model_forms
 from tcdyn.partition.nuisance import Unmeasured
 from tcdyn.partition.track import flux_shift_effect
 from tcdyn.partition.window import Perturbation
@@ -50,8 +50,8 @@ def test_a_sound_test_keeps_its_structure(sound: tuple[StudyRig, Partition]) -> 
     s = p.structures
     assert s.tried[0].name == "as assumed"
     assert s.tried[0].beta == p.both.estimates["beta"]
-    assert s.named is None
-    assert s.holds
+    assert s.preferred is None
+    assert s.estimate_holds
     assert s.low95 <= made.told["beta"] <= s.high95
     assert sum(s.probability) == pytest.approx(1.0)
     assert len(s.tried) == 1 + len(MODEL_FORMS) + 12  # and the lag of each junction
@@ -64,7 +64,7 @@ def test_half_of_the_prior_is_for_what_was_assumed_and_the_rest_shared(
     s, law_u = p.structures, p.test.exponent_half_range / 3**0.5
     weight = {}
     for a in s.tried:
-        referee = np.exp(-(a.referee_z**2) / 2) / np.hypot(a.exponent.u, law_u)
+        referee = np.exp(-(a.speed_law_z**2) / 2) / np.hypot(a.exponent.u, law_u)
         prior = 0.5 if a.name == "as assumed" else 0.5 / (len(s.tried) - 1)
         weight[a.name] = prior * np.exp(a.log_odds) * referee
     shares = np.array([weight[a.name] for a in s.tried]) / sum(weight.values())
@@ -81,11 +81,11 @@ def test_half_of_the_prior_is_for_what_was_assumed_and_the_rest_shared(
 )
 def test_the_structure_that_is_there_is_named(world: str, structure: str) -> None:
     _, p = of_world(world)
-    best = p.structures.named
+    best = p.structures.preferred
     assert best is not None
     assert best.name == structure
     assert best.log_odds > NAMED_LOG_ODDS
-    assert abs(best.referee_z) < SPEED_LAW_Z
+    assert abs(best.speed_law_z) < SPEED_LAW_Z
     assert p.status == "warning"
     assert "structures.other" in [f.code for f in p.findings]
 
@@ -104,13 +104,13 @@ def test_the_range_follows_a_structure_that_moves_the_answer() -> None:
     made, p = of_world("bubble x2")
     both, s = p.both.estimates["beta"], p.structures
     assert abs(both.value - made.told["beta"]) > 3 * both.u
-    assert s.named is not None
-    assert s.named.name == "lag of fast_e"
+    assert s.preferred is not None
+    assert s.preferred.name == "lag of fast_e"
     # a lag twice as long is no longer linear: most of the error goes, what is left lies within some 2 u of the refitted
     assert abs(s.tried[0].beta.value - made.told["beta"]) < 0.6 * abs(
         both.value - made.told["beta"]
     )
-    assert not s.holds
+    assert not s.estimate_holds
     assert "Do NOT trust" in p.crosscheck.sentence
 
 
@@ -125,8 +125,8 @@ def test_one_linear_step_is_the_fit_with_one_unknown_more(
     sides = [
         replace(
             p.joint[d].side,
-            of=(*p.joint[d].side.of, *extra),
-            effect=np.hstack([p.joint[d].side.effect, x]),
+            parameters=(*p.joint[d].side.parameters, *extra),
+            effects=np.hstack([p.joint[d].side.effects, x]),
         )
         for d, x in zip(DISKS, parts)
     ]
@@ -152,10 +152,10 @@ def test_a_loss_that_is_higher_throughout_is_the_slope_of_the_answer_by_h(
             for rest, power in map(a.rim.answer, a.h_W_m2K * np.exp([1e-3, -1e-3]))
         )
         slope = (high - low) / 2e-3
-        assert a.lossier(np.ones(len(a.base))) == pytest.approx(
+        assert a.h_change_effect(np.ones(len(a.base))) == pytest.approx(
             slope, abs=0.03 * np.abs(slope).max()
         )
-        assert not a.moved(Perturbation()).any()
+        assert not a.perturbation_effect(Perturbation()).any()
 
 
 def test_a_lag_and_a_flux_moved_a_little_do_what_their_slopes_say(
@@ -165,9 +165,9 @@ def test_a_lag_and_a_flux_moved_a_little_do_what_their_slopes_say(
     _, p = sound
     for k, d in enumerate(DISKS):
         a = DiskAtFit.of(p.test, p.joint[d], p.both.theta[4 * k : 4 * k + 4])
-        slopes, lines = a.later()[0], a.later(0.05)[0]
+        slopes, lines = a.lag_effects()[0], a.lag_effects(0.05)[0]
         assert np.std(lines - slopes) < 0.5 * np.std(slopes)  # most of it where the slope jumps
-        moved = a.moved(Perturbation(shift_m=1e-5)) / 1e-5
+        moved = a.perturbation_effect(Perturbation(shift_m=1e-5)) / 1e-5
         assert flux_shift_effect(a.rim, a.share, a.h_W_m2K) == pytest.approx(
             moved, abs=0.02 * np.abs(moved).max()
         )

@@ -14,11 +14,11 @@ from tcdyn.partition.angular_harmonic import (
     HARMONIC_SOURCES,
     UNKNOWN,
     Unevenness,
+    add_harmonic_effects,
     harmonic_at_junctions,
     harmonic_K,
-    radial_shape,
-    add_harmonic_effects,
     outer_row_effect,
+    radial_shape,
 )
 from tcdyn.partition.joint import joint_fits
 from tcdyn.report.beta import uneven_section
@@ -102,7 +102,9 @@ def test_what_is_left_of_a_found_harmonic_has_the_covariance_that_the_fit_gave()
     assert [what.name for what in of if what.name.startswith("angle")] == [
         f"angle {c}" for c in SETUP.rows
     ]
-    np.testing.assert_allclose(rest[-len(FIRST_HARMONIC) :], 0.1 * prior[-len(FIRST_HARMONIC) :], atol=1e-15)
+    np.testing.assert_allclose(
+        rest[-len(FIRST_HARMONIC) :], 0.1 * prior[-len(FIRST_HARMONIC) :], atol=1e-15
+    )
 
 
 @pytest.fixture(scope="module")
