@@ -355,9 +355,7 @@ def add_harmonic_effects(
     return (*of, *FIRST_HARMONIC), np.concatenate([change, np.tensordot(root, first, axes=1)])
 
 
-def angle_error_effect(
-    setup: DiskSetup, h_W_m2K: float, static: Array, about_K: Array
-) -> Array:
+def angle_error_effect(setup: DiskSetup, h_W_m2K: float, static: Array, about_K: Array) -> Array:
     """Outer row less prediction if one junction lies ``ANGLE_U_DEG`` further round, (P + k, P) [K].
 
     ``about_K`` (2,) is the level of the harmonic, cos and sin.

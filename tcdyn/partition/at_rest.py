@@ -1,7 +1,7 @@
-"""Faults that show before the load: a disk that rests at ambient has one temperature.
+"""Sensor faults that show before the load: a disk at rest at ambient has one temperature.
 
-Under load an offset of the inner row, or two of its channels exchanged, are nearly another h and a disk that sits
-unevenly.
+Under load an offset of the inner row, or two of its channels exchanged, are nearly the same as
+another h and an uneven press fit.
 """
 
 from __future__ import annotations
@@ -22,24 +22,39 @@ from tcdyn.partition.window import between
 from tcdyn.rig.disk import DISKS
 from tcdyn.smoothing.traces import DiskTraces
 
-# before the load: how long, how near ambient, what is an offset
-REST_S = 10.0
-AT_REST_K = 5.0
+# A disk at rest. Chosen by judgement.
+REST_S = 10.0  # length of the window before the loading [s]
+REST_GAP_S = 0.5  # its end before the loading [s]
+MIN_REST_FRACTION = 0.3  # least part of the window that the log must hold
+AT_REST_K = 5.0  # largest mean excess over ambient [K]
+REST_U_K = 0.07  # standard deviation of the junctions' temperatures at rest [K]
+WARM_REL = 0.1  # the same by the disk's excess over ambient, relative to that
+MEAN_NOISE = 0.2  # noise of the mean over the window, relative to that of a sample, maybe coloured
+# An offset is larger than these [K, standard uncertainties]; the drift of a disk at rest is smaller.
 MIN_OFFSET_K = 0.75
 MIN_OFFSET_Z = 5.0
-# how alike a disk at rest is; a swap that explains it, surely
-REST_U_K = 0.07
-LIKELY_P = 0.01
-SURE_LOG_ODDS = 6.0
-WARM_REL = 0.1  # of a disk's excess over ambient, by which its junctions may differ
-MAX_MISFIT_RATIO = 0.3  # of the misfit at rest, when the disks' cables were exchanged
+# The disk does not fit one temperature below this probability of chi-squared; with two channels
+# exchanged it does above the other one.
 MISFIT_P = 1e-4
-MEAN_NOISE = 0.2  # of the noise of a sample, coloured as it may be, in the mean of that time
+LIKELY_P = 0.01
+SURE_LOG_ODDS = 6.0  # log-odds from which an exchange at rest is reported
+# The disks' cables are exchanged if that leaves less than this part of the misfit.
+MAX_MISFIT_RATIO = 0.3
 
 
 @dataclass(frozen=True)
 class DiskAtRest:
-    """Mean readings (C,) of a disk at rest [degC], their standard uncertainties (C,) [K], and the channels used."""
+    """Readings of a disk at rest.
+
+    Parameters
+    ----------
+    disk
+        The traces of the disk.
+    mean, u
+        Mean readings [degC] and their standard uncertainties [K], (C,).
+    used
+        Indices of the channels used.
+    """
 
     disk: DiskTraces
     mean: Array
@@ -47,38 +62,41 @@ class DiskAtRest:
     used: NDArray[np.int64]
 
     def deviation(self, reads: Array) -> Array:
-        """Departures of ``reads`` (C,) from the middle of the channels used [K]."""
+        """Deviation of ``reads`` (C,) from the median of the channels used [K]."""
         return np.asarray(reads - np.median(reads[self.used]))
 
     def misfit(self, reads: Array, but: int = -1) -> float:
-        """Chi-squared of ``reads`` (C,) against one temperature, one channel left out if told."""
-        return float(((self.deviation(reads) / self.u)[self.used[self.used != but]] ** 2).sum())
+        """Chi-squared of ``reads`` (C,) against one temperature, without channel ``but``."""
+        channels = self.used[self.used != but]
+        return float(((self.deviation(reads) / self.u)[channels] ** 2).sum())
 
     def read_through(self, other: DiskAtRest, order: Sequence[int]) -> Array:
-        """What the disk's lines make of another's channels ``order`` (C,), whose own lines are undone [degC]."""
-        mine = self.disk.lines
-        theirs = other.disk.lines
-        raw = [(other.mean[k] - theirs[k].offset) / theirs[k].gain for k in order]
-        return np.array([line.offset + line.gain * x for line, x in zip(mine, raw)])
+        """Signals of channels ``order`` (C,) of ``other`` through this disk's static lines [degC]."""
+        lines = self.disk.lines
+        other_lines = other.disk.lines
+        raw = [(other.mean[k] - other_lines[k].offset) / other_lines[k].gain for k in order]
+        return np.array([line.offset + line.gain * x for line, x in zip(lines, raw)])
 
 
 def disk_at_rest(test: EhlTest, disk: DiskTraces) -> DiskAtRest | None:
     """The disk before the load; None where the log begins late, or the disk is warm or warms up."""
-    rest = between(test.time_s, test.events.load_on_s - REST_S, test.events.load_on_s - 0.5)
+    load_on_s = test.events.load_on_s
+    rows = between(test.time_s, load_on_s - REST_S, load_on_s - REST_GAP_S)
     used = np.flatnonzero(~disk.out)
-    y = disk.readings_degC[rest]
-    if len(y) < 0.3 * REST_S / test.dt_s:
+    y = disk.readings_degC[rows]
+    if len(y) < MIN_REST_FRACTION * REST_S / test.dt_s:
         return None
     third = len(y) // 3
     mean = y.mean(axis=0)
-    drift = abs(float(np.median((y[-third:].mean(axis=0) - y[:third].mean(axis=0))[used])))
-    warm_K = float(np.median(mean[used])) - float(test.ambient_of(disk.name)[rest].mean())
-    if drift > MIN_OFFSET_K or abs(warm_K) > AT_REST_K:
+    change = y[-third:].mean(axis=0) - y[:third].mean(axis=0)
+    drift_K = abs(float(np.median(change[used])))
+    ambient = float(test.ambient_of(disk.name)[rows].mean())
+    excess_K = float(np.median(mean[used])) - ambient
+    if drift_K > MIN_OFFSET_K or abs(excess_K) > AT_REST_K:
         return None
-    alike = np.hypot(REST_U_K, WARM_REL * warm_K)
-    return DiskAtRest(
-        disk, mean, np.hypot(disk.static_u(mean), np.hypot(MEAN_NOISE * disk.noise_K, alike)), used
-    )
+    scatter = np.hypot(REST_U_K, WARM_REL * excess_K)
+    u = np.hypot(disk.static_u(mean), np.hypot(MEAN_NOISE * disk.noise_K, scatter))
+    return DiskAtRest(disk, mean, u, used)
 
 
 def cables_exchanged(test: EhlTest) -> bool:
@@ -86,48 +104,68 @@ def cables_exchanged(test: EhlTest) -> bool:
     fast, slow = (disk_at_rest(test, test.disks[d]) if d in test.disks else None for d in DISKS)
     if fast is None or slow is None or len(fast.mean) != len(slow.mean):
         return False
-    as_wired = range(len(fast.mean))
-    crossed = fast.misfit(fast.read_through(slow, as_wired)) + slow.misfit(
-        slow.read_through(fast, as_wired)
-    )
-    usual = fast.misfit(fast.mean) + slow.misfit(slow.mean)
-    return usual - crossed > 2 * SURE_LOG_ODDS and crossed < MAX_MISFIT_RATIO * usual
+    order = range(len(fast.mean))
+    exchanged = fast.misfit(fast.read_through(slow, order))
+    exchanged += slow.misfit(slow.read_through(fast, order))
+    as_wired = fast.misfit(fast.mean) + slow.misfit(slow.mean)
+    surely = as_wired - exchanged > 2 * SURE_LOG_ODDS
+    return surely and exchanged < MAX_MISFIT_RATIO * as_wired
 
 
 def faults_at_rest(test: EhlTest) -> Mapping[str, list[tuple[Fault, Estimate | None, float]]]:
-    """Faults of each disk that show before the load, with size [K] and log-odds; none where the disks' cables look
-    exchanged as a whole, which the fits tell."""
+    """Faults of each disk that show before the load, with size [K] and log-odds.
+
+    None where the disks' cables look exchanged as a whole; the fits show that.
+    """
     if cables_exchanged(test):
         return {d: [] for d in test.disks}
-    found = {d: disk_at_rest(test, disk) for d, disk in test.disks.items()}
-    return {d: [] if rest is None else faults_of_disk(rest) for d, rest in found.items()}
+    faults = {}
+    for name, disk in test.disks.items():
+        at_rest = disk_at_rest(test, disk)
+        faults[name] = [] if at_rest is None else faults_of_disk(at_rest)
+    return faults
 
 
 def faults_of_disk(rest: DiskAtRest) -> list[tuple[Fault, Estimate | None, float]]:
-    """Two channels exchanged, where each through the other's static line reads like the rest of the disk, and no single
-    channel that is off would do as well; else those, two at most, that are off."""
-    usual = rest.misfit(rest.mean)
-    exchanged = []
-    freedom = len(rest.used) - 1
-    one_off = min(rest.misfit(rest.mean, k) for k in rest.used)
+    """Two channels exchanged, or channels with an offset, of a disk at rest.
+
+    Two channels are exchanged if each reads like the rest of the disk through the other's static
+    line, and no single channel with an offset would explain the readings as well. Otherwise the
+    result is the channels, two at most, that have an offset.
+    """
+    return _exchanged_channels(rest) or _offsets(rest)
+
+
+def _exchanged_channels(rest: DiskAtRest) -> list[tuple[Fault, Estimate | None, float]]:
+    """The exchange of two channels that explains the readings, if there is one."""
+    as_wired = rest.misfit(rest.mean)
+    dof = len(rest.used) - 1
+    one_offset = min(rest.misfit(rest.mean, k) for k in rest.used)
+    candidates = []
     for i, j in combinations(rest.used, 2):
         order = [*range(len(rest.mean))]
         order[i] = j
         order[j] = i
-        exchanged.append((rest.misfit(rest.read_through(rest, order)), i, j))
-    best, second = sorted(exchanged)[:2]
-    explains = chdtrc(freedom, usual) < MISFIT_P and chdtrc(freedom, best[0]) > LIKELY_P
-    if explains and min(second[0], one_off) - best[0] > 2 * SURE_LOG_ODDS:
-        channels = rest.disk.setup.channels
-        pair = channels[best[1]], channels[best[2]]
-        return [(Fault("swapped", pair), None, 0.5 * (usual - best[0]))]
-    away = rest.deviation(rest.mean)
-    off = [k for k in rest.used if abs(away[k]) > max(MIN_OFFSET_Z * rest.u[k], MIN_OFFSET_K)]
-    others = [away[k] for k in rest.used if k not in off]
-    if not 1 <= len(off) <= 2 or np.ptp(others) > MIN_OFFSET_K:
+        candidates.append((rest.misfit(rest.read_through(rest, order)), i, j))
+    (misfit, i, j), second = sorted(candidates)[:2]
+    explains = chdtrc(dof, as_wired) < MISFIT_P and chdtrc(dof, misfit) > LIKELY_P
+    if not explains or min(second[0], one_offset) - misfit <= 2 * SURE_LOG_ODDS:
         return []
-    sizes = {k: Estimate.normal(float(away[k]), float(rest.u[k])) for k in off}
-    return [
-        (Fault("offset", (rest.disk.setup.channels[k],)), size, 0.5 * (size.value / size.u) ** 2)
-        for k, size in sizes.items()
-    ]
+    channels = rest.disk.setup.channels
+    return [(Fault("swapped", (channels[i], channels[j])), None, 0.5 * (as_wired - misfit))]
+
+
+def _offsets(rest: DiskAtRest) -> list[tuple[Fault, Estimate | None, float]]:
+    """The one or two channels with an offset, if all others agree."""
+    deviation = rest.deviation(rest.mean)
+    limit = np.maximum(MIN_OFFSET_Z * rest.u, MIN_OFFSET_K)
+    outliers = [k for k in rest.used if abs(deviation[k]) > limit[k]]
+    others = [deviation[k] for k in rest.used if k not in outliers]
+    if not 1 <= len(outliers) <= 2 or np.ptp(others) > MIN_OFFSET_K:
+        return []
+    faults: list[tuple[Fault, Estimate | None, float]] = []
+    for k in outliers:
+        size = Estimate.normal(float(deviation[k]), float(rest.u[k]))
+        fault = Fault("offset", (rest.disk.setup.channels[k],))
+        faults.append((fault, size, 0.5 * (size.value / size.u) ** 2))
+    return faults

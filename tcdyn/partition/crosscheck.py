@@ -1,7 +1,7 @@
-"""Where the uncertainty of beta comes from, whether the ways to it agree, and what of the stated the data contradict.
+"""Cross-check of the estimators of beta, its uncertainty budget, and nominal values that the data contradict.
 
-Monte Carlo by source over both ways and both disks (GUM Supplement 1): its draws hold every quantity with its
-correlations, by which the ways are compared.
+The budget is a Monte Carlo simulation by source over all estimators and both disks (GUM Supplement
+1). Its samples hold every quantity with its correlations, by which the estimators are compared.
 """
 
 from __future__ import annotations
@@ -27,22 +27,27 @@ from tcdyn.partition.sensor_faults import DepthTest
 from tcdyn.partition.steady import DiskLine, FitSensitivity, speed_law_beta
 from tcdyn.rig.disk import DISKS
 
-DEPTH_THRESHOLD = 0.03  # with the pairs of ways beyond three and the other values, alarms stay below 7 % of sound tests
+# Probability below which a tension is a contradiction. With the pairs of estimators beyond
+# ``SUSPECT_Z``, these give a false alarm in fewer than 7 % of sound tests.
+DEPTH_THRESHOLD = 0.03
 OTHER_THRESHOLD = 0.01
-MIN_PROBABILITY = 1e-12
-SUSPECT_Z = 3.0
+MIN_PROBABILITY = 1e-12  # smaller probabilities are reported as this
+SUSPECT_Z = 3.0  # two estimators disagree beyond this many standard deviations of their difference
+# The largest tension is reported if at most half of all sound tests have as large a one.
 REPORT_PROBABILITY = 0.5
 N_SAMPLES = 4000
 N_PULL_SAMPLES = 20_000
-MIN_COUNT = 20
-MODEL_FORM_REL = (
-    0.002  # of the share: inner profile and mesh; 0.03 % was seen against the whole disk
-)
+MIN_COUNT = 20  # least number of samples that give a probability; below, the normal tail does
+MIN_PRIOR_PART = 0.3  # least sd of prior less posterior lag, relative to the prior's
+# Standard uncertainty of the rim's form (inner profile and mesh), relative to the share; 0.03 % by
+# comparison with the whole disk.
+MODEL_FORM_REL = 0.002
+N_QUANTITIES = 7  # intercept, slope; share, h of the cooling fit; share, h, lag of the joint fit
 
 
 @dataclass(frozen=True)
 class BudgetRow:
-    """One source of uncertainty and its standard uncertainty of beta by the speed law and by the cooling fit."""
+    """One source of uncertainty, and its standard uncertainty of beta by speed law and cooling fit."""
 
     source: str
     u_beta_steady: float
@@ -51,14 +56,14 @@ class BudgetRow:
 
 @dataclass(frozen=True)
 class Budget:
-    """``rows`` by source; ``draws`` of every quantity, all sources together, each (draws,)."""
+    """Uncertainty budget: ``rows`` by source; ``draws``: samples of every quantity by all sources."""
 
     rows: tuple[BudgetRow, ...]
     draws: dict[str, Array]
 
     @property
     def together(self) -> tuple[float, float]:
-        """Standard uncertainty of beta by the speed law, and by the cooling fit of the worse disk, of all sources."""
+        """Standard uncertainty of beta by the speed law, and by the cooling fit of the worse disk."""
         cooling = [float(np.std(self.draws[f"cooling {d}"])) for d in DISKS]
         return float(np.std(self.draws["speed law"])), max(cooling)
 
@@ -71,87 +76,148 @@ def monte_carlo(
     joint: Mapping[str, DiskFit],
     seed: int = 0,
 ) -> Budget:
-    """Draw all sources, push them through lines, speed law and transient fits, and read off each source's part.
+    """Sample all sources, propagate them through lines, speed law and transient fits, one and all.
 
-    What both disks share moves both together. The exponent n is drawn evenly from its range; everything else is normal.
+    Parameters
+    ----------
+    test
+        The test.
+    lines, cooling, cooling_shifts, joint
+        Steady line, cooling fit with its sensitivity, and joint fit of each disk.
+    seed
+        Of the random numbers.
+
+    Notes
+    -----
+    Sources that both disks share affect both together. The exponent n is uniform over its range;
+    everything else is normal.
     """
-    whose = {
-        d: [("both" if q.shared else d, q.name) for q in joint[d].sensitivity.parameters]
-        for d in DISKS
-    }
-    own = [(d, name) for d in DISKS for name in ("common lag", "lag shape", "model form")]
-    rng = np.random.default_rng(seed)
-    names = [*sorted({key for keys in whose.values() for key in keys} - {*own}), *own]
-    normal = {key: rng.standard_normal(N_SAMPLES) for key in names}
-    n, half = test.speed_exponent, test.exponent_half_range
-    uniform = rng.uniform(n - half, n + half, N_SAMPLES)
-    noise = {d: rng.standard_normal((N_SAMPLES, 7)) for d in DISKS}
-    shifts = {
-        d: stacked_sensitivity(lines[d].sensitivity, cooling_shifts[d], joint[d].sensitivity)
-        for d in DISKS
-    }
-    drawn = {d: np.column_stack([normal[key] for key in whose[d]]) for d in DISKS}
-
-    def run(active: str | None) -> dict[str, Array]:
-        moved = {
-            "exponent": uniform if active in (None, "speed exponent") else np.full(N_SAMPLES, n)
-        }
-        for d in DISKS:
-            per_sd, root = shifts[d]
-            on = np.array([active in (None, q.source) for q in joint[d].sensitivity.parameters])
-            off = (drawn[d][:, on] @ per_sd[on] + (active in (None, "noise")) * noise[d] @ root.T).T
-            grow = 1 + MODEL_FORM_REL * normal[d, "model form"] * (
-                active in (None, "rim model form")
-            )
-            moved[f"{d} intercept"] = (lines[d].line.intercept + off[0]) * grow
-            moved[f"{d} slope"] = (lines[d].line.slope + off[1]) * grow
-            for way, at, share_off, h_off in (
-                ("cooling", cooling[d], *off[2:4]),
-                ("joint", joint[d], *off[4:6]),
-            ):
-                share = at.share * grow + share_off
-                moved[f"{way} {d}"] = share if d == "fast" else 1 - share
-                moved[f"h {way} {d}"] = at.h_W_m2K + h_off
-            moved[f"lag {d}"] = off[6]
-        a, b, c, slope = (moved[f"{d} {key}"] for d in DISKS for key in ("intercept", "slope"))
-        chi = test.speed_ratio ** moved["exponent"]
-        beta = moved["speed law"] = speed_law_beta(a, b, c, slope, chi)
-        return moved | {"h_fast": (beta - a) / b, "h_slow": (1 - beta - c) / slope}
-
+    sampler = _Sampler(test, lines, cooling, cooling_shifts, joint, seed)
+    sources = {parameter.source for d in DISKS for parameter in joint[d].sensitivity.parameters}
     rows = []
-    sources = {q.source for d in DISKS for q in joint[d].sensitivity.parameters}
     for source in sorted(sources | {"speed exponent", "noise", "rim model form"}):
-        one = run(source)
-        transient = max(float(np.std(one[f"cooling {d}"])) for d in DISKS)
-        rows.append(BudgetRow(source, float(np.std(one["speed law"])), transient))
-    rows.sort(key=lambda r: -max(r.u_beta_steady, r.u_beta_transient))
-    return Budget(tuple(rows), run(None))
+        samples = sampler.samples(source)
+        transient = max(float(np.std(samples[f"cooling {d}"])) for d in DISKS)
+        rows.append(BudgetRow(source, float(np.std(samples["speed law"])), transient))
+    rows.sort(key=lambda row: -max(row.u_beta_steady, row.u_beta_transient))
+    return Budget(tuple(rows), sampler.samples(None))
+
+
+class _Sampler:
+    """Random numbers of all sources, and the quantities that they give."""
+
+    def __init__(
+        self,
+        test: EhlTest,
+        lines: Mapping[str, DiskLine],
+        cooling: Mapping[str, CoolingFit],
+        cooling_shifts: Mapping[str, CoolingSensitivity],
+        joint: Mapping[str, DiskFit],
+        seed: int,
+    ) -> None:
+        self.test = test
+        self.lines = lines
+        self.cooling = cooling
+        self.joint = joint
+        self.sensitivity = {
+            d: stacked_sensitivity(lines[d].sensitivity, cooling_shifts[d], joint[d].sensitivity)
+            for d in DISKS
+        }
+        keys = {
+            d: [("both" if q.shared else d, q.name) for q in joint[d].sensitivity.parameters]
+            for d in DISKS
+        }
+        of_one_disk = [
+            (d, name) for d in DISKS for name in ("common lag", "lag shape", "model form")
+        ]
+        all_keys = {key for d in DISKS for key in keys[d]}
+        rng = np.random.default_rng(seed)
+        names = [*sorted(all_keys - {*of_one_disk}), *of_one_disk]
+        normal = {key: rng.standard_normal(N_SAMPLES) for key in names}
+        n = test.speed_exponent
+        half = test.exponent_half_range
+        self.exponent = rng.uniform(n - half, n + half, N_SAMPLES)
+        self.noise = {d: rng.standard_normal((N_SAMPLES, N_QUANTITIES)) for d in DISKS}
+        self.parameters = {d: np.column_stack([normal[key] for key in keys[d]]) for d in DISKS}
+        self.model_form = {d: normal[d, "model form"] for d in DISKS}
+
+    def samples(self, active: str | None) -> dict[str, Array]:
+        """Samples (N_SAMPLES,) of every quantity if only the source ``active`` is uncertain, or all."""
+        exponent = np.full(N_SAMPLES, self.test.speed_exponent)
+        if active in (None, "speed exponent"):
+            exponent = self.exponent
+        out = {"exponent": exponent}
+        for d in DISKS:
+            out |= self._disk_samples(d, active)
+        a = out["fast intercept"]
+        b = out["fast slope"]
+        c = out["slow intercept"]
+        slope = out["slow slope"]
+        chi = self.test.speed_ratio**exponent
+        beta = speed_law_beta(a, b, c, slope, chi)
+        return out | {"speed law": beta, "h_fast": (beta - a) / b, "h_slow": (1 - beta - c) / slope}
+
+    def _disk_samples(self, d: str, active: str | None) -> dict[str, Array]:
+        """Samples of the quantities of one disk."""
+        per_sd, root = self.sensitivity[d]
+        parameters = self.joint[d].sensitivity.parameters
+        uncertain = np.array([active in (None, q.source) for q in parameters])
+        deviation = self.parameters[d][:, uncertain] @ per_sd[uncertain]
+        deviation += (active in (None, "noise")) * self.noise[d] @ root.T
+        intercept, slope, *others = deviation.T
+        cooling_share, cooling_h, joint_share, joint_h, lag = others
+        form = MODEL_FORM_REL * self.model_form[d] * (active in (None, "rim model form"))
+        scale = 1 + form
+        line = self.lines[d].line
+        out = {
+            f"{d} intercept": (line.intercept + intercept) * scale,
+            f"{d} slope": (line.slope + slope) * scale,
+            f"lag {d}": lag,
+        }
+        transient_fits: tuple[tuple[str, CoolingFit | DiskFit, Array, Array], ...] = (
+            ("cooling", self.cooling[d], cooling_share, cooling_h),
+            ("joint", self.joint[d], joint_share, joint_h),
+        )
+        for kind, fit, share_deviation, h_deviation in transient_fits:
+            share = fit.share * scale + share_deviation
+            out[f"{kind} {d}"] = share if d == "fast" else 1 - share
+            out[f"h {kind} {d}"] = fit.h_W_m2K + h_deviation
+        return out
 
 
 def stacked_sensitivity(
     line: FitSensitivity, cooling: CoolingSensitivity, joint: FitSensitivity
 ) -> tuple[Array, Array]:
-    """Errors of line, cooling and joint fit of a disk, (Q, 7) by a standard uncertainty of what the joint fit knows,
-    and a root (7, 7) of their noise; the compensated lag, which is the joint fit's, moves the cooling fit."""
-    per_sd = np.zeros((len(joint.parameters), 7))
-    per_sd[: len(line.parameters), :2], per_sd[: len(cooling.parameters), 2:4], per_sd[:, 4:] = (
-        line.per_sd,
-        cooling.per_sd,
-        joint.per_sd,
-    )
-    late = np.eye(7)
-    late[2:4, 6] = cooling.by_lag
-    return per_sd @ late.T, late @ block_diag(
-        *(covariance_root(fit.noise) for fit in (line, cooling, joint))
-    )
+    """Sensitivity of line, cooling and joint fit of a disk together.
+
+    Returns the errors by one standard uncertainty of each nuisance parameter of the joint fit,
+    (Q, 7), and a root of the covariance of their noise, (7, 7). The compensated lag, which is the
+    joint fit's, changes the cooling fit.
+    """
+    per_sd = np.zeros((len(joint.parameters), N_QUANTITIES))
+    per_sd[: len(line.parameters), :2] = line.per_sd
+    per_sd[: len(cooling.parameters), 2:4] = cooling.per_sd
+    per_sd[:, 4:] = joint.per_sd
+    by_lag = np.eye(N_QUANTITIES)
+    by_lag[2:4, 6] = cooling.by_lag
+    root = block_diag(*(covariance_root(fit.noise) for fit in (line, cooling, joint)))
+    return per_sd @ by_lag.T, by_lag @ root
 
 
 @dataclass(frozen=True)
 class Tension:
-    """A ``stated`` value that the data pull by ``z`` standard deviations.
+    """A nominal value that the data pull.
 
-    ``chance``: how often a sound test shows as much somewhere among the values of this kind; ``alarm``: the chance
-    below which it is a contradiction.
+    Parameters
+    ----------
+    nominal
+        The nominal value, as a finding.
+    z
+        By how many standard deviations the data would change it.
+    chance
+        Probability that a sound test has as large a tension among the values of this kind.
+    threshold
+        The probability below which it is a contradiction.
     """
 
     nominal: Finding
@@ -161,21 +227,32 @@ class Tension:
 
     @property
     def contradicts(self) -> bool:
-        """Whether chance would bring so large a tension too rarely to believe it."""
+        """Whether so large a tension is too improbable for a sound test."""
         return self.chance < self.threshold
 
     def to_dict(self) -> dict[str, Any]:
-        """As ``beta.json`` keeps it."""
+        """The entry of ``beta.json``."""
         return {"what": self.nominal.sentence, "z": self.z, "chance": self.chance}
 
 
 @dataclass(frozen=True)
 class CrossCheck:
-    """``z`` is the largest disagreement of any two ways to beta in standard deviations of their difference.
+    """Agreement of the estimators of beta, and of the nominal values with the data.
 
-    ``suspects`` are stated values that the data contradict (a depth, a lag, the exponent), worst first; ``strained`` is
-    the one that they pull most, where half of all sound tests show less, though it is no contradiction. ``finding``
-    says it: "ways.agree", "ways.apart" or "ways.contradicted".
+    Parameters
+    ----------
+    z
+        Largest disagreement of two estimators in standard deviations of their difference.
+    finding
+        The conclusion: "ways.agree", "ways.apart" or "ways.contradicted".
+    p_value
+        Probability of so large a disagreement among so many pairs.
+    pairs
+        Both estimators, their difference, and its z, for each pair.
+    suspects
+        Nominal values that the data contradict (a depth, a lag, the exponent), worst first.
+    largest_tension
+        The largest tension, where at most half of all sound tests have as large a one.
     """
 
     z: float
@@ -187,25 +264,27 @@ class CrossCheck:
 
     @property
     def agree(self) -> bool:
-        """Whether the ways lie together and nothing contradicts what was stated."""
+        """Whether the estimators agree and nothing contradicts the nominal values."""
         return self.finding.code == "ways.agree"
 
     @property
     def sentence(self) -> str:
-        """The verdict in words."""
+        """The conclusion as a sentence."""
         return self.finding.sentence
 
     def to_dict(self) -> dict[str, Any]:
-        """As ``beta.json`` keeps it."""
+        """The entry of ``beta.json``."""
+        largest = self.largest_tension
         return {
             "z": self.z,
             "agree": self.agree,
             "sentence": self.sentence,
             "p_value": self.p_value,
             "suspects": [t.to_dict() for t in self.suspects],
-            "strained": None if self.largest_tension is None else self.largest_tension.to_dict(),
+            "strained": None if largest is None else largest.to_dict(),
             "pairs": [
-                {"one": a, "other": b, "difference": gap, "z": z} for a, b, gap, z in self.pairs
+                {"one": first, "other": second, "difference": difference, "z": z}
+                for first, second, difference, z in self.pairs
             ],
         }
 
@@ -216,41 +295,67 @@ def cross_check(
     tensions: Sequence[Tension] = (),
     both: Alternatives | None = None,
 ) -> CrossCheck:
-    """Compare the ways to beta, given Monte Carlo ``draws`` of each that share their common errors.
+    """Compare the estimators of beta.
 
-    ``ways``: the speed law's first; ``draws`` have their keys. The difference of two ways is judged against the spread
-    of the difference of their draws, so an error that moves both alike does not count. With several pairs the largest
-    z is judged by the chance that any of so many would be as large (``p_value`` from the draws themselves).
-    ``tensions`` that contradict become named suspects. The ways agree when there is none and no pair is beyond
-    ``SUSPECT_Z``. ``both``: whether the fit of both disks holds where they do not.
+    Parameters
+    ----------
+    ways
+        beta by each estimator, the speed law's first.
+    draws
+        Monte Carlo samples of each, which share their common errors.
+    tensions
+        Nominal values and how far the data pull them.
+    both
+        The fit of both disks under all model-form alternatives; None if it is impossible.
+
+    Notes
+    -----
+    The difference of two estimators is compared with the spread of the difference of their samples,
+    so errors common to both cancel. With several pairs, the largest z is judged by the probability
+    that any of so many is as large (``p_value``, from the samples themselves). The estimators agree
+    if no tension is a contradiction and no pair is beyond ``SUSPECT_Z``.
     """
-    values = {way: e.value for way, e in ways.items()}
     pairs = []
-    zs = []
-    for one, other in combinations(ways, 2):
-        gap = values[one] - values[other]
-        centred = draws[one] - draws[other]
-        spread = max(float(np.std(centred)), 1e-12)
-        pairs.append((one, other, gap, abs(gap) / spread))
-        zs.append(np.abs(centred - centred.mean()) / spread)
-    worst = max(pairs, key=lambda row: row[3])
-    largest = np.max(np.stack(zs), axis=0)
-    p = float(np.mean(largest >= worst[3]))
-    if (
-        worst[3] > largest.max()
-    ):  # beyond what the draws can tell: the normal tail, for so many pairs
-        p = min(1.0, 2 * len(pairs) * float(ndtr(-worst[3])))
-    suspects = tuple(sorted((t for t in tensions if t.contradicts), key=lambda t: -abs(t.z)))
-    most = min(tensions, key=lambda t: t.chance, default=None)
-    strained = most if most is not None and most.chance < REPORT_PROBABILITY else None
+    sampled_z = []
+    for first, second in combinations(ways, 2):
+        difference = ways[first].value - ways[second].value
+        samples = draws[first] - draws[second]
+        spread = max(float(np.std(samples)), 1e-12)
+        pairs.append((first, second, difference, abs(difference) / spread))
+        sampled_z.append(np.abs(samples - samples.mean()) / spread)
+    worst = max(pairs, key=lambda pair: pair[3])
+    largest = np.max(np.stack(sampled_z), axis=0)
+    z = worst[3]
+    p = float(np.mean(largest >= z))
+    if z > largest.max():  # beyond the samples: the normal tail, for so many pairs
+        p = min(1.0, 2 * len(pairs) * float(ndtr(-z)))
+    contradictions = [t for t in tensions if t.contradicts]
+    suspects = tuple(sorted(contradictions, key=lambda t: -abs(t.z)))
+    largest_tension = min(tensions, key=lambda t: t.chance, default=None)
+    if largest_tension is not None and largest_tension.chance >= REPORT_PROBABILITY:
+        largest_tension = None
+    finding = _conclusion(ways, worst, suspects, largest_tension, both)
+    return CrossCheck(z, finding, p, tuple(pairs), suspects, largest_tension)
+
+
+def _conclusion(
+    ways: Mapping[str, Estimate],
+    worst: tuple[str, str, float, float],
+    suspects: Sequence[Tension],
+    largest_tension: Tension | None,
+    both: Alternatives | None,
+) -> Finding:
+    """The finding of :func:`cross_check` by the pair that disagrees most."""
+    first, second, difference, z = worst
+    values = [estimate.value for estimate in ways.values()]
     steady = next(iter(ways.values()))
     numbers: dict[str, Any] = {
-        "one": worst[0],
-        "other": worst[1],
-        "apart": abs(worst[2]),
-        "z": worst[3],
-        "low": min(values.values()),
-        "high": max(values.values()),
+        "one": first,
+        "other": second,
+        "apart": abs(difference),
+        "z": z,
+        "low": min(values),
+        "high": max(values),
         "steady": steady.value,
         "steady_u": steady.u,
         "suspects": [t.nominal.sentence for t in suspects[:3]],
@@ -262,87 +367,119 @@ def cross_check(
             "holds": both.estimate_holds,
             "both": both.assumed.beta.value,
             "both_u": both.assumed.beta.u,
+            "low95": both.low95,
+            "high95": both.high95,
         }
-        numbers |= {"low95": both.low95, "high95": both.high95}
-    if worst[3] >= SUSPECT_Z:
-        finding = warning("ways.apart", **numbers)
-    elif suspects:
-        finding = warning("ways.contradicted", **numbers)
-    else:
-        if strained is not None:
-            numbers |= {
-                "strained": strained.nominal.sentence,
-                "strained_z": abs(strained.z),
-                "chance": strained.chance,
-            }
-        finding = info("ways.agree", **numbers)
-    return CrossCheck(worst[3], finding, p, tuple(pairs), suspects, strained)
+    if z >= SUSPECT_Z:
+        return warning("ways.apart", **numbers)
+    if suspects:
+        return warning("ways.contradicted", **numbers)
+    if largest_tension is not None:
+        numbers |= {
+            "strained": largest_tension.nominal.sentence,
+            "strained_z": abs(largest_tension.z),
+            "chance": largest_tension.chance,
+        }
+    return info("ways.agree", **numbers)
 
 
 def tensions(
     test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit, sensors: SensorCheck | None = None
 ) -> tuple[Tension, ...]:
-    """Every stated value with the number of standard deviations by which the data would move it.
+    """Every nominal value with the number of standard deviations by which the data would change it.
 
-    Depths come from the sensor map, or where that was left out from the joint fit; other nuisances as pulls of the fit
-    of both disks. The lag's prior and posterior differ with variance u_prior^2 - u_posterior^2; an exponent within the
-    stated range about the one in use is no tension, outside it counts from the nearer end. What the sensor map suspects
-    comes with the normal deviate of its odds.
+    Parameters
+    ----------
+    test, joint, both
+        The test and its joint fits.
+    sensors
+        The sensor check; None if it was not made.
+
+    Notes
+    -----
+    Depths are taken from the sensor check, or without it from the joint fit; other nuisance
+    parameters are pulls of the fit of both disks. Prior and posterior lag differ with variance
+    u_prior^2 - u_posterior^2. An exponent within the range about the assumed one is no tension;
+    outside it counts from the nearer end. A suspected sensor fault has the normal deviate of its
+    odds.
     """
-    depths = {} if sensors is None else sensors.depths
-    pulled = [
-        (
-            info(
+    depth_tests = {} if sensors is None else sensors.depths
+    depths = _depth_pulls(depth_tests)
+    others = _nuisance_pulls(test, both, depth_tests)
+    others += [_lag_pull(test, name, fit) for name, fit in joint.items()]
+    others.append(_exponent_pull(test, both))
+    largest = sample_largest_pulls([*depth_tests.values()])
+    out = [
+        Tension(nominal, z, probability_of_pull(z, largest, len(depths)), DEPTH_THRESHOLD)
+        for nominal, z in depths
+    ]
+    for nominal, z in others:
+        # how often the largest of so many independent normal deviates is at least |z|
+        single = min(2 * float(ndtr(-abs(z))), 1 - 1e-9)
+        probability = float(-np.expm1(len(others) * np.log1p(-single)))
+        out.append(Tension(nominal, z, probability, OTHER_THRESHOLD))
+    for suspect in () if sensors is None else sensors.suspects:
+        fault = info(
+            "stated.sensors", subject=suspect.disk, kind=suspect.kind, columns=suspect.columns
+        )
+        z = float(np.sqrt(2.0 * max(suspect.log_odds, 0.0)))
+        out.append(Tension(fault, z, MIN_PROBABILITY, OTHER_THRESHOLD))
+    return tuple(replace(t, chance=max(t.chance, MIN_PROBABILITY)) for t in out)
+
+
+def _depth_pulls(depth_tests: Mapping[str, DepthTest]) -> list[tuple[Finding, float]]:
+    """Each depth that the sensor check estimates, and its pull."""
+    pulls = []
+    for disk, depth_test in depth_tests.items():
+        for (channel, deeper), z in zip(depth_test.deeper_m.items(), depth_test.pull):
+            nominal = info(
                 "stated.depth",
-                subject=d,
-                channel=c,
+                subject=disk,
+                channel=channel,
                 deeper_mm=1e3 * deeper.value,
                 u_mm=1e3 * deeper.u,
-            ),
-            float(z),
-        )
-        for d, t in depths.items()
-        for (c, deeper), z in zip(t.deeper_m.items(), t.pull)
-    ]
-    others = [
-        (info("stated.value", subject=disk, name=what.name, source=what.source), z)
-        for what, disk, z in both.pulls
-        if not (what.source == "junction depth" and disk in depths)
-        and not (disk and what.name.rpartition(" ")[2] in test.disks[disk].left_out)
-    ]
-    for name, fit in joint.items():
-        disk = test.disks[name]
-        lag = fit.estimates["lag_s"]
-        prior_u = max(disk.common_lag_u_s, MIN_LAG_U_S)
-        told = np.sqrt(max(prior_u**2 - lag.u**2, (0.3 * prior_u) ** 2))
-        stated = info("stated.lag", subject=name, record_s=disk.common_lag_s, unloading_s=lag.value)
-        others.append((stated, float((lag.value - disk.common_lag_s) / told)))
+            )
+            pulls.append((nominal, float(z)))
+    return pulls
+
+
+def _nuisance_pulls(
+    test: EhlTest, both: BothFit, depth_tests: Mapping[str, DepthTest]
+) -> list[tuple[Finding, float]]:
+    """Each nuisance parameter of the fit of both disks, and its pull.
+
+    Without depths that the sensor check estimates, and without excluded channels.
+    """
+    pulls = []
+    for parameter, disk, z in both.pulls:
+        in_sensor_check = parameter.source == "junction depth" and disk in depth_tests
+        channel = parameter.name.rpartition(" ")[2]
+        excluded = disk and channel in test.disks[disk].left_out
+        if not in_sensor_check and not excluded:
+            nominal = info(
+                "stated.value", subject=disk, name=parameter.name, source=parameter.source
+            )
+            pulls.append((nominal, z))
+    return pulls
+
+
+def _lag_pull(test: EhlTest, name: str, fit: DiskFit) -> tuple[Finding, float]:
+    """The common lag of the record, and its pull by the joint fit of the disk."""
+    disk = test.disks[name]
+    lag = fit.estimates["lag_s"]
+    prior_u = max(disk.common_lag_u_s, MIN_LAG_U_S)
+    difference_u = np.sqrt(max(prior_u**2 - lag.u**2, (MIN_PRIOR_PART * prior_u) ** 2))
+    nominal = info("stated.lag", subject=name, record_s=disk.common_lag_s, unloading_s=lag.value)
+    return nominal, float((lag.value - disk.common_lag_s) / difference_u)
+
+
+def _exponent_pull(test: EhlTest, both: BothFit) -> tuple[Finding, float]:
+    """The exponent of the speed law, and its pull by the fit of both disks."""
     n = both.estimates["exponent"]
     assumed = test.speed_exponent
     half = test.exponent_half_range
     outside = n.value - float(np.clip(n.value, assumed - half, assumed + half))
-    others.append((info("stated.exponent", assumed=assumed, implied=n.value, u=n.u), outside / n.u))
-    largest = sample_largest_pulls([*depths.values()])
-    out = [
-        Tension(f, z, probability_of_pull(z, largest, len(pulled)), DEPTH_THRESHOLD)
-        for f, z in pulled
-    ]
-    for (
-        finding,
-        z,
-    ) in others:  # how often the largest of so many independent normal deviates is at least |z|
-        one = min(2 * float(ndtr(-abs(z))), 1 - 1e-9)
-        out.append(
-            Tension(finding, z, float(-np.expm1(len(others) * np.log1p(-one))), OTHER_THRESHOLD)
-        )
-    for s in () if sensors is None else sensors.suspects:
-        fault = info("stated.sensors", subject=s.disk, kind=s.kind, columns=s.columns)
-        out.append(
-            Tension(
-                fault, float(np.sqrt(2.0 * max(s.log_odds, 0.0))), MIN_PROBABILITY, OTHER_THRESHOLD
-            )
-        )
-    return tuple(replace(t, chance=max(t.chance, MIN_PROBABILITY)) for t in out)
+    return info("stated.exponent", assumed=assumed, implied=n.value, u=n.u), outside / n.u
 
 
 def covariance_root(covariance: Array) -> Array:
@@ -352,7 +489,7 @@ def covariance_root(covariance: Array) -> Array:
 
 
 def sample_largest_pulls(tests: Sequence[DepthTest], seed: int = 0) -> Array:
-    """Draws of the largest pull of all ``tests`` on sound disks, (PULL_DRAWS,)."""
+    """Samples of the largest pull of all ``tests`` on sound disks, (N_PULL_SAMPLES,)."""
     rng = np.random.default_rng(seed)
     pulls = [
         rng.standard_normal((N_PULL_SAMPLES, len(t.pull))) @ covariance_root(t.correlation).T
@@ -362,10 +499,11 @@ def sample_largest_pulls(tests: Sequence[DepthTest], seed: int = 0) -> Array:
 
 
 def probability_of_pull(pull: float, largest: Array, count: int) -> float:
-    """How often the ``largest`` of ``count`` pulls is at least ``pull``; beyond the draws by the normal tail."""
-    seen = float(np.mean(largest >= abs(pull)))
-    return (
-        seen
-        if seen * len(largest) >= MIN_COUNT
-        else min(1.0, 2.0 * count * float(ndtr(-abs(pull))))
-    )
+    """Probability that the ``largest`` of ``count`` pulls is at least ``pull``.
+
+    Beyond the samples it is that of the normal tail.
+    """
+    fraction = float(np.mean(largest >= abs(pull)))
+    if fraction * len(largest) >= MIN_COUNT:
+        return fraction
+    return min(1.0, 2.0 * count * float(ndtr(-abs(pull))))

@@ -1,12 +1,14 @@
-"""Few numbers of a disk that tell its junctions apart, of the steady level and after each event, what the rim makes of
-them whatever column reads which place, and what unmeasured things do to them."""
+"""Features of a disk for the sensor check: window means of its readings, steady and after each event, with their model.
+
+The model predicts them for any order of the columns, and the effects of the nuisance parameters.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +18,11 @@ from tcdyn.core import Array
 from tcdyn.heat.rim import lag_bank, node_rates
 from tcdyn.partition.angular_harmonic import window_harmonic_effects
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.nuisance import nominal_effects, nominal_perturbations, steady_input_response
+from tcdyn.partition.nuisance import (
+    nominal_effects,
+    nominal_perturbations,
+    steady_input_response,
+)
 from tcdyn.partition.track import SHIFT_STEP_M, unresolved_edge_effect
 from tcdyn.partition.window import (
     GRADIENT_STEP_M,
@@ -30,37 +36,104 @@ from tcdyn.partition.window import (
 from tcdyn.rig.disk import DiskSetup
 from tcdyn.smoothing.traces import STAND_IN_K, DiskTraces
 
-Order = tuple[int, ...]
-Case = tuple[float, Perturbation]  # h [W/m2K], and how the disk departs from its statement
-Target = Literal[
-    "outer row", "inside", "inner row"
-]  # just inside the inner row; this row, of a rim to the bore
+Order = tuple[int, ...]  # for each position, the column that reads it
+Case = tuple[float, Perturbation]  # h [W/m2K], and the departure from the nominal disk
+# "inside": just inside the inner row; "inner row": this row, of a rim to the bore.
+Target = Literal["outer row", "inside", "inner row"]
 Window = tuple[str, float, float]  # event that it follows, start, stop [s]
-STEADY_S = 100.0
-BASE_S = 8.0
-BEFORE_S = 12.0
-FORGET_S = 20.0
+# Windows, chosen by judgement [s].
+STEADY_S = 100.0  # length of the steady window before the unloading
+STEADY_GAP_S = 0.5  # its end before the unloading
+BASE_S = 8.0  # length of the base before an event
+UNLOADING_BASE_GAP_S = 0.3  # end of the base before the unloading
+LOADING_BASE_GAP_S = 0.5  # end of the base before the loading
+BEFORE_S = 12.0  # record before the loading that the filter bank needs
+FORGET_S = 20.0  # record before the steady window that the filter bank needs
 AFTER_UNLOADING_S = ((0.3, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, 8.0))
 AFTER_LOADING_S = ((1.0, 2.5), (2.5, 5.0), (5.0, 10.0))
-LAG_STEP_S = 0.05
-SLOWEST_PER_S = 0.02
-WARMUP_TIME_CONSTANT_S = 40.0  # a disk under load warms up with about this time constant
-BORE_DELAY_S = 5.0  # heat needs some ten seconds to the bore and back
-FEATURE_DEPTH_M = 0.1e-3
+LAG_STEP_S = 0.05  # of the difference quotient by the common lag [s]
+SLOWEST_PER_S = 0.02  # slowest rate of the filter bank [1/s]
+WARMUP_TIME_CONSTANT_S = 40.0  # a disk under load warms up with about this time constant [s]
+# The bore has no effect within this of an event [s]: heat needs ten seconds to the bore and back.
+BORE_DELAY_S = 5.0
+FEATURE_DEPTH_M = 0.1e-3  # of the difference quotient by depth [m]
+
+
+@dataclass(frozen=True)
+class _SegmentMeans:
+    """Window means of one segment of the record: W windows of the columns, C of them channels.
+
+    ``inputs`` (W, I) and ``banks`` (W, I, K) of the columns, ``slope`` (W, C), ``noise`` (W,), and
+    ``trend_u_K`` (W, C) as of ``DiskFeatures``.
+    """
+
+    inputs: Array
+    banks: Array
+    slope: Array
+    noise: Array
+    trend_u_K: Array
+
+
+@dataclass(frozen=True)
+class _OrderFree:
+    """Effects at one h that do not depend on which column reads which position.
+
+    Parameters
+    ----------
+    steady
+        ``steady_input_response`` of the rim, (3 k + 1, P).
+    harmonic
+        Effects of the circumferential harmonic and of an unresolved edge, (.., W, C).
+    late
+        Effect of a second of common lag for a share of one, (W, C).
+    speed_exponent
+        Effect of the speed exponent, (W, C).
+    """
+
+    steady: Array
+    harmonic: Array
+    late: Array
+    speed_exponent: Array
 
 
 @dataclass(frozen=True)
 class DiskFeatures:
-    """Window means of one disk, W windows, each after one ``event``: "steady", "unloading" or "loading".
+    """Window means of one disk; W windows.
 
-    ``after_s`` (W,): middle of the window since the event; ``inputs`` (W, C + 3) and ``banks`` (C + 3, W, K): power
-    [W], C channels, ambient [degC], and the power when the chain is ``LAG_STEP_S`` slower, and where speeds change the
-    film's two; ``slope`` (W, C) mean rate of each channel [K/s], less that of the base; ``noise`` (W,) white noise left
-    of one; ``bend`` (W, C) how far a trend before the event may have bent since [K].
+    The outer row is predicted from the inner row; the inner row itself only in the first seconds
+    after an event, when the bore has no effect yet, by a rim that reaches to the bore.
 
-    The outer row is predicted from the inner row; the inner row itself only in the first seconds after an event, when
-    the bore does not yet feel it, by a rim that reaches to the bore: ``seen`` (W, C) in the order of the disk's rows;
-    ``drives`` as of ``DiskTraces``; ``shift_u_m``: how well the place of the flux is stated [m]."""
+    Parameters
+    ----------
+    disk, setup
+        Name and set-up of the disk.
+    half_width_m
+        Half-width of the flux.
+    rates_1_s
+        Rates of the filter bank, (K,).
+    event
+        Event before each window, (W,): "steady", "unloading" or "loading".
+    after_s
+        Middle of each window since its event, (W,).
+    inputs
+        Means of the ``columns``, (W, C + 3): power [W], C channels, ambient [degC], and the power
+        through a chain that is ``LAG_STEP_S`` slower; where speeds change, two more for the offset
+        of the surface air.
+    banks
+        The same through the lags of the filter bank, (C + 3, W, K).
+    slope
+        Mean rate of each channel less that of the base, (W, C) [K/s].
+    noise
+        Standard deviation of a mean by white noise of unit variance, (W,).
+    trend_u_K
+        How far a trend before the event may have curved since, (W, C).
+    observed
+        Which data are used, (W, C), in the order of the disk's rows.
+    drives
+        As of ``DiskTraces``.
+    shift_u_m
+        Standard uncertainty of the position of the flux.
+    """
 
     disk: str
     setup: DiskSetup
@@ -76,10 +149,19 @@ class DiskFeatures:
     observed: NDArray[np.bool_]
     drives: Array
     shift_u_m: float = 0.0
+    _responses: dict[tuple[tuple[Case, ...], Target], Array] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
+    _effects: dict[tuple[Order, float], tuple[Array, Array]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
+    _order_free: dict[float, _OrderFree] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Names of the inputs; of the film where speeds change."""
+        """Names of the inputs; the last two only where speeds change."""
         return ("power", *self.setup.channels, "ambient", "slower power", "film", "film by n")
 
     @property
@@ -95,235 +177,294 @@ class DiskFeatures:
     @cached_property
     def rim(self) -> RimMeans:
         """The rim driven by the power, the inner row as wired, and ambient."""
-        air = 1 + len(self.setup.channels)
-        inner = (1 + i for i in self.setup.places(self.setup.inner))
-        feeds = [0, *inner, air, *range(air + 2, self.inputs.shape[1])]
+        ambient = 1 + len(self.setup.channels)
+        inner = (1 + i for i in self._inner_row)
+        surface_air = range(ambient + 2, self.inputs.shape[1])
+        index = [0, *inner, ambient, *surface_air]
         return RimMeans(
-            self.setup, self.half_width_m, self.rates_1_s, self.inputs[:, feeds], self.banks[feeds]
+            self.setup, self.half_width_m, self.rates_1_s, self.inputs[:, index], self.banks[index]
         )
 
     @cached_property
-    def _kept(self) -> dict[Any, Any]:
-        return {}
+    def _outer_row(self) -> list[int]:
+        return self.setup.places(self.setup.outer)
 
     @cached_property
-    def _rows(self) -> tuple[list[int], list[int]]:
-        return self.setup.places(self.setup.outer), self.setup.places(self.setup.inner)
+    def _inner_row(self) -> list[int]:
+        return self.setup.places(self.setup.inner)
 
     @cached_property
-    def _departures(self) -> tuple[tuple[Perturbation, ...], Array]:
-        departing, sizes = zip(*nominal_perturbations(self.setup, FEATURE_DEPTH_M))
-        return departing, np.array(sizes)
+    def _perturbations(self) -> tuple[tuple[Perturbation, ...], Array]:
+        perturbations, sizes = zip(*nominal_perturbations(self.setup, FEATURE_DEPTH_M))
+        return perturbations, np.array(sizes)
 
     def target_responses(self, cases: tuple[Case, ...], place: Target = "outer row") -> Array:
-        """What every column makes of the points of ``place`` as every input of the rim, (cases, C + 3, I, W, points).
+        """Response of the points of ``place`` to every column as every input of the rim.
 
-        Kept, since all hypotheses share it."""
-        if (cases, place) not in self._kept:
-            inside = place == "inside"
-            extra = self.rim.points_inside if inside else ()
-            bore = place == "inner row"
-            every = [self.rim.gains(h, p, extra, bore) for h, p in cases]
-            own = slice(len(self.setup.outer) * inside, None)
-            direct, gains = (
-                np.stack([x[:, own] for x in part])
-                for part in zip(*((g.direct, g.gains) for g in every))
-            )
-            lagged = (
-                np.tensordot(gains, self.banks, (3, 2)) + direct[..., None, None] * self.inputs.T
-            )
-            self._kept[cases, place] = np.ascontiguousarray(lagged.transpose(0, 3, 1, 4, 2))
-        return np.asarray(self._kept[cases, place])
+        Shape (cases, C + 3, I, W, points). Cached, since all hypotheses need it.
+        """
+        if (cases, place) not in self._responses:
+            self._responses[cases, place] = self._target_responses(cases, place)
+        return self._responses[cases, place]
+
+    def _target_responses(self, cases: tuple[Case, ...], place: Target) -> Array:
+        inside = place == "inside"
+        extra = self.rim.points_inside if inside else ()
+        first_point = len(self.setup.outer) if inside else 0
+        gains_of_cases = [self.rim.gains(h, p, extra, place == "inner row") for h, p in cases]
+        direct = np.stack([g.direct[:, first_point:] for g in gains_of_cases])
+        gains = np.stack([g.gains[:, first_point:] for g in gains_of_cases])
+        responses = np.tensordot(gains, self.banks, (3, 2))
+        responses += direct[..., None, None] * self.inputs.T
+        return np.ascontiguousarray(responses.transpose(0, 3, 1, 4, 2))
 
     def column_response(
         self, column: str, which: int, cases: tuple[Case, ...], place: Target = "outer row"
     ) -> Array:
-        """What a column makes of the points of ``place`` as the rim's input ``which``, (cases, W, points); a column
-        that is not there makes nothing."""
-        k = self.columns.index(column)
-        made = self.target_responses(cases, place)
-        return made[:, k, which] if k < made.shape[1] else np.zeros_like(made[:, 0, 0])
+        """Response of the points of ``place`` to a column as input ``which``, (cases, W, points).
 
-    def _at(
+        Zero for a column that does not exist.
+        """
+        k = self.columns.index(column)
+        responses = self.target_responses(cases, place)
+        if k < responses.shape[1]:
+            return responses[:, k, which]
+        return np.zeros_like(responses[:, 0, 0])
+
+    def _rim_response(
         self, order: Order, cases: tuple[Case, ...], place: Target = "outer row"
     ) -> tuple[Array, Array]:
-        air = self.rim.ambient_index
-        made = self.target_responses(cases, place)
-        columns = [1 + order[i] for i in self._rows[1]]
-        rest = made[:, columns, range(1, air)].sum(axis=1)
-        rest += self.column_response("ambient", air, cases, place) + self.column_response(
-            "film", air + 1, cases, place
-        )
-        return rest, made[:, 0, 0]
+        """Response without heat and to a share of one at ``place``, (cases, W, points) each."""
+        ambient = self.rim.ambient_index
+        responses = self.target_responses(cases, place)
+        columns = [1 + order[i] for i in self._inner_row]
+        boundary = responses[:, columns, range(1, ambient)].sum(axis=1)
+        boundary += self.column_response(
+            "ambient", ambient, cases, place
+        ) + self.column_response("film", ambient + 1, cases, place)
+        return boundary, responses[:, 0, 0]
 
     def gradient(self, order: Order, cases: tuple[Case, ...]) -> tuple[Array, Array]:
-        """Rise of temperature with radius at the inner row without heat and per share of one, (cases, W, k) each
-        [K/m]."""
-        rest, power = self._at(order, cases, "inside")
-        read = self.levels[:, [order[i] for i in self._rows[1]]]
-        return (rest - read) / GRADIENT_STEP_M, power / GRADIENT_STEP_M
+        """Rise of temperature with radius at the inner row, (cases, W, k) each [K/m].
+
+        Without heat, and for a share of one.
+        """
+        boundary, power = self._rim_response(order, cases, "inside")
+        readings = self.levels[:, [order[i] for i in self._inner_row]]
+        return (boundary - readings) / GRADIENT_STEP_M, power / GRADIENT_STEP_M
 
     def response(self, order: Order, cases: tuple[Case, ...]) -> tuple[Array, Array]:
-        """Model of both rows without heat and per share of one, (cases, W, C) each, when position i of the channels is
-        read by column ``order[i]``; each case is an h [W/m2K] and a departure of the disk."""
-        rest, power = self._at(order, cases)
-        if np.any(deeper := self.setup.deeper_than_edge_m):
-            static = deeper[:, None] * [
-                self.rim.gains(h, p).static[self.rim.inner_inputs] for h, p in cases
-            ]
-            by_rest, by_power = self.gradient(order, cases)
-            rest = rest + by_rest @ static
-            power = power + by_power @ static
-        own = ("film", self.rim.ambient_index + 1), ("power", 0)
-        film, inner = (self.column_response(column, k, cases, "inner row") for column, k in own)
-        return np.concatenate([rest, film], axis=2), np.concatenate([power, inner], axis=2)
+        """Model of both rows without heat and per share of one, (cases, W, C) each.
+
+        Parameters
+        ----------
+        order
+            For each position of the channels, the column that reads it.
+        cases
+            h [W/m2K] and departure from the nominal disk.
+        """
+        boundary, power = self._rim_response(order, cases)
+        deeper_m = self.setup.deeper_than_edge_m
+        if np.any(deeper_m):
+            inner = self.rim.inner_inputs
+            static = deeper_m[:, None] * [self.rim.gains(h, p).static[inner] for h, p in cases]
+            boundary_gradient, power_gradient = self.gradient(order, cases)
+            boundary = boundary + boundary_gradient @ static
+            power = power + power_gradient @ static
+        surface_air = self.rim.ambient_index + 1
+        inner_boundary = self.column_response("film", surface_air, cases, "inner row")
+        inner_power = self.column_response("power", 0, cases, "inner row")
+        return (
+            np.concatenate([boundary, inner_boundary], axis=2),
+            np.concatenate([power, inner_power], axis=2),
+        )
 
     def effects(self, order: Order, h_W_m2K: float, share: float) -> Array:
-        """What the data ``seen`` show more about a point by a unit of each of ``effects.stated``, of the harmonic round
-        the bore, then by a standard uncertainty of the flux's place and of the film's exponent, a second of common lag,
-        a second of later load, and the share, (Q, D)."""
-        if (order, h_W_m2K) not in self._kept:
-            self._kept[order, h_W_m2K] = self._without_heat_and_by_share(order, h_W_m2K)
-        still, by_share = self._kept[order, h_W_m2K]
-        return np.asarray(still + share * by_share)
+        """Effects on the ``observed`` data about a point, (Q, D).
 
-    def _without_heat_and_by_share(self, order: Order, h_W_m2K: float) -> tuple[Array, Array]:
-        """``effects`` for a share of none, and what they grow by a share of one: they are linear in it."""
-        departing, sizes = self._departures
-        driven_to, harmonic, late, film = self._whatever_order(h_W_m2K)
-        shown = self.response(order, tuple((h_W_m2K, p) for p in (NOMINAL, *departing)))
-        gradient = self.gradient(order, ((h_W_m2K, NOMINAL),))
-        shifted = np.zeros((2, 2, *late.shape))
-        if self.shift_u_m:
-            cases = tuple((h_W_m2K, Perturbation(shift_m=s)) for s in (SHIFT_STEP_M, -SHIFT_STEP_M))
-            shifted = np.array(self.response(order, cases)) * self.shift_u_m / (2 * SHIFT_STEP_M)
-        lasting = (self.event == "steady").astype(float)
+        Of a unit of each of ``nominal_parameters`` and of the circumferential harmonic, then of a
+        standard uncertainty of the flux's position and of the speed exponent, of a second of common
+        lag, of a second of later load, and of the share. They are linear in the share.
+        """
+        if (order, h_W_m2K) not in self._effects:
+            self._effects[order, h_W_m2K] = self._effects_by_share(order, h_W_m2K)
+        without_heat, per_share = self._effects[order, h_W_m2K]
+        return np.asarray(without_heat + share * per_share)
+
+    def _effects_by_share(self, order: Order, h_W_m2K: float) -> tuple[Array, Array]:
+        """``effects`` for a share of zero, and their increase by a share of one."""
+        perturbations, sizes = self._perturbations
+        fixed = self._order_free_effects(h_W_m2K)
+        cases = tuple((h_W_m2K, p) for p in (NOMINAL, *perturbations))
+        boundary, power = self.response(order, cases)
+        boundary_gradient, power_gradient = self.gradient(order, ((h_W_m2K, NOMINAL),))
+        boundary_shift, power_shift = self._flux_shift_effects(order, h_W_m2K)
+        steady = (self.event == "steady").astype(float)
         loading = (self.event == "loading")[:, None]
-        rising = self.slope[:, [order[i] for row in self._rows for i in row]]
-        heat = shown[1][0]
-        nothing = 0.0 * late
-        found = []
-        for x, along_r, (one, other), of_share in zip(shown, gradient, shifted, (False, True)):
-            lasts, rates = (nothing[:, 0], nothing) if of_share else (lasting, rising)
-            slow = [
-                *[lasts] * len(self.setup.inner),
-                *along_r[0].T,
-                *rates.T[len(self.setup.outer) :],
-                lasts,
-            ]
-            driven = np.array(slow)[:, :, None] * driven_to[:, None]  # the rim follows
-            known = nominal_effects(
-                (x[1:] - x[0]) / sizes[:, None, None], driven, lasts, rates, self.drives
-            )
-            more = (
-                [nothing, late, late * loading, nothing]
-                if of_share
-                else [film, nothing, nothing, heat]
-            )
-            beside = one - other, *more
-            found.append(
-                np.concatenate([known, harmonic * (not of_share), beside])[:, self.observed]
-            )
-        return found[0], found[1]
+        rates = self.slope[:, [order[i] for i in (*self._outer_row, *self._inner_row)]]
+        zero = np.zeros_like(fixed.late)
 
-    def _whatever_order(self, h_W_m2K: float) -> tuple[Array, Array, Array, Array]:
-        """Of an h, whichever column reads which place: steady answers by what drives the rim, effects of the harmonic
-        round the bore, of a second of common lag for a share of one, and of the film's exponent."""
-        if h_W_m2K not in self._kept:
-            case: tuple[Case, ...] = ((h_W_m2K, NOMINAL),)
-            static = self.rim.gains(h_W_m2K).static
-            rows: tuple[Target, ...] = "outer row", "inner row"
-            slower, same, film = (
-                np.hstack([self.column_response(column, which, case, row)[0] for row in rows])
-                for column, which in (
-                    ("slower power", 0),
-                    ("power", 0),
-                    ("film by n", self.rim.ambient_index + 2),
-                )
-            )
-            harmonic = window_harmonic_effects(
-                self.setup, h_W_m2K, static[self.rim.inner_inputs], self.event, self.after_s
-            )
-            if (open_edge := unresolved_edge_effect(self.rim, h_W_m2K)) is not None:
-                edge = np.zeros_like(same)
-                edge[:, : len(open_edge)] = (
-                    STAND_IN_K * (self.event == "steady")[:, None] * open_edge
-                )
-                harmonic = np.concatenate([harmonic, edge[None]])
-            late = (slower - same) / LAG_STEP_S
-            self._kept[h_W_m2K] = steady_input_response(self.setup, static), harmonic, late, film
-        of: tuple[Array, Array, Array, Array] = self._kept[h_W_m2K]
-        return of
+        def assemble(
+            response: Array,
+            gradient: Array,
+            constant: Array,
+            rates: Array,
+            harmonic: Array,
+            others: list[Array],
+        ) -> Array:
+            perturbed = (response[1:] - response[0]) / sizes[:, None, None]
+            nominal = self._nominal_effects(perturbed, gradient[0], constant, rates, fixed.steady)
+            return np.concatenate([nominal, harmonic, others])[:, self.observed]
+
+        without_heat = assemble(
+            boundary,
+            boundary_gradient,
+            steady,
+            rates,
+            fixed.harmonic,
+            [boundary_shift, fixed.speed_exponent, zero, zero, power[0]],
+        )
+        per_share = assemble(
+            power,
+            power_gradient,
+            zero[:, 0],
+            zero,
+            np.zeros_like(fixed.harmonic),
+            [power_shift, zero, fixed.late, fixed.late * loading, zero],
+        )
+        return without_heat, per_share
+
+    def _nominal_effects(
+        self, perturbed: Array, gradient: Array, constant: Array, rates: Array, steady: Array
+    ) -> Array:
+        """``nominal_effects`` of the windows; the rim follows the errors of the inner row at once."""
+        n_inner = len(self.setup.inner)
+        inner_rates = rates.T[len(self.setup.outer) :]
+        errors = np.array([*[constant] * n_inner, *gradient.T, *inner_rates, constant])
+        input_responses = errors[:, :, None] * steady[:, None]
+        return nominal_effects(perturbed, input_responses, constant, rates, self.drives)
+
+    def _flux_shift_effects(self, order: Order, h_W_m2K: float) -> tuple[Array, Array]:
+        """Effect of a standard uncertainty of the flux's position, without heat and per share."""
+        if not self.shift_u_m:
+            zero = np.zeros(self.observed.shape)
+            return zero, zero
+        steps = (SHIFT_STEP_M, -SHIFT_STEP_M)
+        cases = tuple((h_W_m2K, Perturbation(shift_m=step)) for step in steps)
+        scale = self.shift_u_m / (2 * SHIFT_STEP_M)
+        boundary, power = self.response(order, cases)
+        return (boundary[0] - boundary[1]) * scale, (power[0] - power[1]) * scale
+
+    def _order_free_effects(self, h_W_m2K: float) -> _OrderFree:
+        """Effects at one h that do not depend on which column reads which position, cached."""
+        if h_W_m2K not in self._order_free:
+            self._order_free[h_W_m2K] = self._compute_order_free(h_W_m2K)
+        return self._order_free[h_W_m2K]
+
+    def _compute_order_free(self, h_W_m2K: float) -> _OrderFree:
+        cases: tuple[Case, ...] = ((h_W_m2K, NOMINAL),)
+        static = self.rim.gains(h_W_m2K).static
+
+        def both_rows(column: str, which: int) -> Array:
+            outer = self.column_response(column, which, cases, "outer row")[0]
+            inner = self.column_response(column, which, cases, "inner row")[0]
+            return np.hstack([outer, inner])
+
+        slower = both_rows("slower power", 0)
+        power = both_rows("power", 0)
+        speed_exponent = both_rows("film by n", self.rim.ambient_index + 2)
+        inner_static = static[self.rim.inner_inputs]
+        harmonic = window_harmonic_effects(
+            self.setup, h_W_m2K, inner_static, self.event, self.after_s
+        )
+        edge = unresolved_edge_effect(self.rim, h_W_m2K)
+        if edge is not None:
+            edge_effect = np.zeros_like(power)
+            steady = (self.event == "steady")[:, None]
+            edge_effect[:, : len(edge)] = STAND_IN_K * steady * edge
+            harmonic = np.concatenate([harmonic, edge_effect[None]])
+        late = (slower - power) / LAG_STEP_S
+        return _OrderFree(
+            steady_input_response(self.setup, static), harmonic, late, speed_exponent
+        )
 
 
 def disk_features(test: EhlTest, disk: DiskTraces) -> DiskFeatures:
-    """Features of one disk; windows that the log does not hold are left out."""
-    on = test.events.load_on_s
-    off = test.events.unload_s
-    end = test.time_s[-1]
-    windows: list[Window] = [("steady", max(off - STEADY_S, on + 0.5 * (off - on)), off - 0.5)]
+    """Features of one disk; windows that the log does not hold are omitted."""
+    load_on_s = test.events.load_on_s
+    unload_s = test.events.unload_s
+    end_s = test.time_s[-1]
+    loaded_s = unload_s - load_on_s
+    steady_start = max(unload_s - STEADY_S, load_on_s + 0.5 * loaded_s)
+    windows: list[Window] = [("steady", steady_start, unload_s - STEADY_GAP_S)]
     windows += [
-        ("unloading", off + a, off + b) for a, b in AFTER_UNLOADING_S if off + b <= end + test.dt_s
+        ("unloading", unload_s + start, unload_s + stop)
+        for start, stop in AFTER_UNLOADING_S
+        if unload_s + stop <= end_s + test.dt_s
     ]
-    parts = [_stretch(test, disk, windows, windows[0][1] - FORGET_S, (off - BASE_S, off - 0.3))]
-    if on - test.time_s[0] >= BASE_S and off - on > 2 * AFTER_LOADING_S[-1][1]:
-        loading: list[Window] = [("loading", on + a, on + b) for a, b in AFTER_LOADING_S]
-        parts.append(_stretch(test, disk, loading, on - BEFORE_S, (on - BASE_S, on - 0.5)))
+    base = (unload_s - BASE_S, unload_s - UNLOADING_BASE_GAP_S)
+    segments = [_segment_means(test, disk, windows, steady_start - FORGET_S, base)]
+    if load_on_s - test.time_s[0] >= BASE_S and loaded_s > 2 * AFTER_LOADING_S[-1][1]:
+        loading: list[Window] = [
+            ("loading", load_on_s + start, load_on_s + stop) for start, stop in AFTER_LOADING_S
+        ]
+        base = (load_on_s - BASE_S, load_on_s - LOADING_BASE_GAP_S)
+        segments.append(_segment_means(test, disk, loading, load_on_s - BEFORE_S, base))
         windows += loading
-    inputs, banks, slope, noise, bend = (np.concatenate(part) for part in zip(*parts))
-    begun = {"unloading": off, "loading": on}
-    s = disk.setup
-    early = [event in begun and stop - begun[event] <= BORE_DELAY_S for event, _, stop in windows]
+    event_s = {"steady": unload_s, "unloading": unload_s, "loading": load_on_s}
+    setup = disk.setup
+    before_bore = [
+        event != "steady" and stop - event_s[event] <= BORE_DELAY_S for event, _, stop in windows
+    ]
+    by_row = np.column_stack([np.full(len(windows), True), before_bore])
+    observed = np.repeat(by_row, [len(setup.outer), len(setup.inner)], axis=1)
     return DiskFeatures(
         disk=disk.name,
-        setup=disk.setup,
+        setup=setup,
         half_width_m=test.half_width_m,
         rates_1_s=node_rates(test.dt_s, slowest_per_s=SLOWEST_PER_S),
         event=np.array([event for event, _, _ in windows]),
-        after_s=np.array(
-            [0.5 * (start + stop) - begun.get(event, off) for event, start, stop in windows]
-        ),
-        inputs=inputs,
-        banks=banks.transpose(1, 0, 2),
-        slope=slope,
-        noise=noise,
-        trend_u_K=bend,
-        observed=np.repeat(
-            np.column_stack([np.full(len(early), True), early]),
-            [len(s.outer), len(s.inner)],
-            axis=1,
-        )
-        & ~disk.out[s.places(s.rows)],
+        after_s=np.array([0.5 * (start + stop) - event_s[event] for event, start, stop in windows]),
+        inputs=np.concatenate([s.inputs for s in segments]),
+        banks=np.concatenate([s.banks for s in segments]).transpose(1, 0, 2),
+        slope=np.concatenate([s.slope for s in segments]),
+        noise=np.concatenate([s.noise for s in segments]),
+        trend_u_K=np.concatenate([s.trend_u_K for s in segments]),
+        observed=observed & ~disk.out[setup.places(setup.rows)],
         drives=disk.drives,
         shift_u_m=1e-3 * disk.uncertainty.flux_shift_mm,
     )
 
 
-def _stretch(
+def _segment_means(
     test: EhlTest,
     disk: DiskTraces,
     windows: Sequence[Window],
     start_s: float,
     base_s: tuple[float, float],
-) -> tuple[Array, ...]:
-    """Means of the columns (W, C + 3), their banks (W, C + 3, K), slope, noise and bend in one stretch.
+) -> _SegmentMeans:
+    """Window means of one segment of the record.
 
-    From the mean of a window after an event the straight line through the base is taken, so that a disk that still
-    warms up, or an ambient that drifts, is not read as an answer to the event.
+    From the mean of a window after an event, the straight line through the base is subtracted, so
+    that a disk that still warms up, or an ambient that drifts, is not taken for a response to the
+    event.
     """
     rows = between(test.time_s, start_s, windows[-1][2] + test.dt_s)
     t = test.time_s[rows]
     chain = disk.mean_chain
-    chains = chain, chain.with_lag_shift(LAG_STEP_S)
-    y = disk.setup.steel.straight(
-        equalised(disk.readings_degC[rows], test.dt_s, disk.chains, chain)
-    )
-    power, slower = (lagged_power(test, rows, c)[0] for c in chains)
-    film = lagged_surface_air(test, disk, rows, chain)
-    feeds = np.stack([power, *y.T, test.ambient_of(disk.name)[rows], slower, *film], axis=1)
-    weights = np.zeros((len(windows), len(t)))
-    ahead_s = np.zeros((len(windows), 1))
-    rate, slope = np.zeros((2, len(windows), y.shape[1]))
+    slower_chain = chain.with_lag_shift(LAG_STEP_S)
+    readings = equalised(disk.readings_degC[rows], test.dt_s, disk.chains, chain)
+    y = disk.setup.steel.straight(readings)
+    power, _ = lagged_power(test, rows, chain)
+    slower_power, _ = lagged_power(test, rows, slower_chain)
+    surface_air = lagged_surface_air(test, disk, rows, chain)
+    ambient = test.ambient_of(disk.name)[rows]
+    columns = np.stack([power, *y.T, ambient, slower_power, *surface_air], axis=1)
+    n_windows = len(windows)
+    weights = np.zeros((n_windows, len(t)))
+    distance_s = np.zeros((n_windows, 1))
+    base_rate = np.zeros((n_windows, y.shape[1]))
+    slope = np.zeros((n_windows, y.shape[1]))
     base = between(t, *base_s)
     for k, (event, start, stop) in enumerate(windows):
         inside = between(t, start, stop)
@@ -332,19 +473,18 @@ def _stretch(
         weights[k, first : last + 1] = 1.0 / (last + 1 - first)
         if event == "steady":
             continue
-        about = t[base] - t[base].mean()
-        trend = about / (about**2).sum()
-        ahead_s[k] = t[first : last + 1].mean() - t[base].mean()
-        weights[k, base] -= 1.0 / len(about) + ahead_s[k] * trend
-        rate[k] = trend @ y[base]  # before the event
-        slope[k] = (y[last] - y[first]) / (t[last] - t[first]) - rate[k]
+        centred = t[base] - t[base].mean()
+        trend = centred / (centred**2).sum()
+        distance_s[k] = t[first : last + 1].mean() - t[base].mean()
+        weights[k, base] -= 1.0 / len(centred) + distance_s[k] * trend
+        base_rate[k] = trend @ y[base]
+        slope[k] = (y[last] - y[first]) / (t[last] - t[first]) - base_rate[k]
     rates = node_rates(test.dt_s, slowest_per_s=SLOWEST_PER_S)
-    banks = [weights @ lag_bank(u, test.dt_s, rates) for u in feeds.T]
-    noise = np.sqrt((weights**2).sum(axis=1))
-    return (
-        weights @ feeds,
-        np.stack(banks, axis=1),
-        slope,
-        noise,
-        0.5 * np.abs(rate) * ahead_s**2 / WARMUP_TIME_CONSTANT_S,
+    banks = [weights @ lag_bank(u, test.dt_s, rates) for u in columns.T]
+    return _SegmentMeans(
+        inputs=weights @ columns,
+        banks=np.stack(banks, axis=1),
+        slope=slope,
+        noise=np.sqrt((weights**2).sum(axis=1)),
+        trend_u_K=0.5 * np.abs(base_rate) * distance_s**2 / WARMUP_TIME_CONSTANT_S,
     )

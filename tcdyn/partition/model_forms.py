@@ -162,9 +162,7 @@ class Alternatives:
         ]
 
 
-def compare_model_forms(
-    test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit
-) -> Alternatives:
+def compare_model_forms(test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit) -> Alternatives:
     """The fit of both disks under every model-form alternative, and the range of beta over all.
 
     Notes
@@ -206,9 +204,7 @@ def compare_model_forms(
         beta = estimate("beta", beta_direction, refit.step, covariance)
         n = estimate("exponent", exponent_direction, refit.step, covariance)
         z = (n.value - test.speed_exponent) / float(np.hypot(n.u, law_u))
-        forms.append(
-            ModelForm(name, beta, n, refit.sizes, refit.log_odds, refit.delta_chi2, z)
-        )
+        forms.append(ModelForm(name, beta, n, refit.sizes, refit.log_odds, refit.delta_chi2, z))
     probability = _probabilities(forms, law_u)
     low, high = mixture_range([form.beta for form in forms], [float(p) for p in probability])
     order = np.argsort(-probability)
@@ -376,8 +372,8 @@ def _likely_units(scale: float, u: float) -> list[str]:
     """The two units whose factors are nearest to ``scale``, within the tolerance."""
     if scale <= 0:
         return []
-    distance = {
-        name: abs(np.log(abs(scale) / factor)) for name, factor in UNIT_FACTORS.items()
-    }
+    distance = {name: abs(np.log(abs(scale) / factor)) for name, factor in UNIT_FACTORS.items()}
     tolerance = max(UNIT_TOLERANCE, 2 * u / abs(scale))
-    return [name for name in sorted(distance, key=distance.__getitem__) if distance[name] < tolerance][:2]
+    return [
+        name for name in sorted(distance, key=distance.__getitem__) if distance[name] < tolerance
+    ][:2]

@@ -1,9 +1,10 @@
-"""What a stated press fit makes of a disk's temperature round the bore: the prior of its harmonics.
+"""Prior of a disk's circumferential harmonics from a press fit that rig.toml states.
 
-The mean heat through the bore is that of the rim's own balance; round it q_n = sum of H_(n-m) D_m, with H_n the
-Fourier coefficients of the stated conductance and D_n = T_disk - T_shaft at the bore. A wave of flux q_n that enters
-the shaft warms it by q_n / Y_shaft and cools the disk by q_n / Y_disk, so D_n = -q_n (1/Y_disk + 1/Y_shaft) for n other
-than zero, Y_disk of the rim's Bessel functions, Y_shaft of a long solid cylinder heated over the disk's width.
+The mean heat through the bore is that of the rim's own balance; round it q_n = sum of H_(n-m) D_m,
+with H_n the Fourier coefficients of the stated conductance and D_n = T_disk - T_shaft at the bore.
+A wave of flux q_n that enters the shaft warms it by q_n / Y_shaft and cools the disk by
+q_n / Y_disk, so D_n = -q_n (1/Y_disk + 1/Y_shaft) for n other than zero, Y_disk of the rim's Bessel
+functions, Y_shaft of a long solid cylinder heated over the disk's width.
 """
 
 from __future__ import annotations
@@ -31,76 +32,98 @@ from tcdyn.rig.contact import press_fit
 from tcdyn.rig.disk import DISKS, DiskSetup
 from tcdyn.rig.press_fit import harmonics
 
-N_HARMONICS = 8  # harmonics that couple; more change the first two by less than a hundredth
-STEP_M = 1e-5
-MODEL_REL = 0.3  # of the predicted harmonic: a bored shaft, short runs, a rim taken as thin; whole-disk runs: to 0.28
-MIN_FLUX_U = (
-    0.5  # of the flux through the bore: below it all that is known is that some heat goes there
-)
-ANGLE_REL = 0.1  # of the harmonic: across it, by the model; whole-disk runs: 5 degrees
-FLUX_SCALES = np.linspace(0.0, 8.0, 161)  # of the heat through the bore, tried
-WINDOW_S = 20.0  # before the parting
+N_HARMONICS = 8  # that couple; more change the first two by less than a hundredth
+STEP_M = 1e-5  # of the difference quotient by radius at the bore [m]
+# Standard uncertainty of a predicted harmonic, relative to it: a bored shaft, short runs, a rim
+# taken as thin. Whole-disk runs differ by up to 0.28.
+MODEL_REL = 0.3
+# Least flux through the bore in its standard uncertainties: below, only its direction is known.
+MIN_FLUX_U = 0.5
+# Standard uncertainty across the harmonic, relative to it, by the model; whole-disk runs: 5 degrees.
+ANGLE_REL = 0.1
+FLUX_SCALES = np.linspace(0.0, 8.0, 161)  # trial scales of the heat through the bore
+WINDOW_S = 20.0  # length of the means before the unloading [s]
+WINDOW_GAP_S = 1.0  # their end before the unloading [s]
 
 
 @dataclass(frozen=True)
 class PressFitHarmonics:
-    """Harmonics at the depth of b for a kW/m2 through the bore: ``first_K`` and ``second_K`` (2,), cos and sin;
-    ``per_share_K``: size of the first for each unit of a small first harmonic of the conductance, as a share of its
-    mean."""
+    """Harmonics at the depth of b that a press fit makes.
+
+    Parameters
+    ----------
+    first_K, second_K
+        First and second harmonic, cos and sin, (2,).
+    per_share_K
+        Size of the first per unit of a small first harmonic of the conductance, relative to its mean.
+    """
 
     first_K: Array
     second_K: Array
     per_share_K: float
 
     def scaled(self, flux_kW_m2: float) -> PressFitHarmonics:
-        """The same for another flux."""
+        """The harmonics of another flux."""
         return PressFitHarmonics(
             flux_kW_m2 * self.first_K, flux_kW_m2 * self.second_K, flux_kW_m2 * self.per_share_K
         )
 
     def distance_z(self, uneven_rel: float, flux_rel: float, found: Unevenness) -> float:
-        """Least distance of what was ``found`` from the statement, in standard uncertainties, whatever heat goes
-        through the bore: this is known to ``flux_rel``, and goes outward."""
+        """Least distance of an estimated harmonic from the prediction, in standard uncertainties.
+
+        The least over all scales of the heat through the bore, which goes outward.
+
+        Parameters
+        ----------
+        uneven_rel
+            Standard uncertainty of the stated conductance's first harmonic, relative to its mean.
+        flux_rel
+            Relative standard uncertainty of the heat through the bore.
+        found
+            The harmonic by a fit that did not use the press fit.
+        """
         size = float(np.hypot(*self.first_K))
-        rel = float(np.hypot(flux_rel, MODEL_REL))
+        scale_u = float(np.hypot(flux_rel, MODEL_REL))
         least = np.inf
         for scale in FLUX_SCALES:
-            other_K = np.hypot(
-                uneven_rel * self.per_share_K * max(scale, 1.0), ANGLE_REL * scale * size
-            )
-            off = found.level_K - scale * self.first_K
-            z2 = off @ np.linalg.solve(found.level_covariance_K2 + other_K**2 * np.eye(2), off)
-            least = min(least, float(z2) + ((scale - 1) / rel) ** 2)
+            conductance_u_K = uneven_rel * self.per_share_K * max(scale, 1.0)
+            other_u_K = np.hypot(conductance_u_K, ANGLE_REL * scale * size)
+            deviation = found.level_K - scale * self.first_K
+            covariance = found.level_covariance_K2 + other_u_K**2 * np.eye(2)
+            z2 = float(deviation @ np.linalg.solve(covariance, deviation))
+            least = min(least, z2 + ((scale - 1) / scale_u) ** 2)
         return float(np.sqrt(least))
 
     def prior(self, uneven_rel: float, flux_rel: float, found: Unevenness) -> Unevenness:
-        """What is to be expected of such a disk, the stated conductance known to ``uneven_rel`` of its mean, the heat
-        through the bore to ``flux_rel``.
+        """The prior of the harmonics of such a disk; parameters as of :meth:`distance_z`.
 
-        What a fit ``found`` of the first harmonic, without the statement, tells how much heat goes through the bore,
-        and so how large the second is, which no fit tells.
+        Notes
+        -----
+        The first harmonic by a fit without the press fit determines how much heat goes through the
+        bore, and so how large the second harmonic is, which no fit determines.
         """
         size = float(np.hypot(*self.first_K))
-        rel = float(np.hypot(flux_rel, MODEL_REL))
-        toward = self.first_K / max(size, 1e-9)
-        other_K = uneven_rel * self.per_share_K
-        seen = float(found.level_K @ toward)
-        seen_u = float(np.sqrt(toward @ found.level_covariance_K2 @ toward + other_K**2))
-        trust = (rel * size) ** 2 / ((rel * size) ** 2 + seen_u**2)
-        scale = max(1 + trust * (seen / size - 1), 0.0) if size > 0 else 1.0
-        second_rel = float(np.hypot(rel * np.sqrt(1 - trust), MODEL_REL))
+        scale_u = float(np.hypot(flux_rel, MODEL_REL))
+        direction = self.first_K / max(size, 1e-9)
+        conductance_u_K = uneven_rel * self.per_share_K
+        level = float(found.level_K @ direction)
+        level_variance = direction @ found.level_covariance_K2 @ direction + conductance_u_K**2
+        level_u = float(np.sqrt(level_variance))
+        prior_variance = (scale_u * size) ** 2
+        gain = prior_variance / (prior_variance + level_u**2)
+        scale = max(1 + gain * (level / size - 1), 0.0) if size > 0 else 1.0
+        second_rel = float(np.hypot(scale_u * np.sqrt(1 - gain), MODEL_REL))
         second_K = scale * self.second_K
+        second_u_K = np.hypot(second_rel * np.hypot(*second_K), SECOND_HARMONIC_REL * scale * size)
         prior = harmonic_prior_K(size)
-        prior[0] = np.hypot(other_K, rel * size)
+        prior[0] = np.hypot(conductance_u_K, scale_u * size)
         return Unevenness(
             prior,
             h_W_m2K=found.h_W_m2K,
             steady_window_s=found.steady_window_s,
             angle_level_K=found.level_K,
             nominal_K=self.first_K,
-            second_harmonic_u_K=float(
-                np.hypot(second_rel * np.hypot(*second_K), SECOND_HARMONIC_REL * scale * size)
-            ),
+            second_harmonic_u_K=float(second_u_K),
             nominal_second_K=second_K,
         )
 
@@ -108,12 +131,13 @@ class PressFitHarmonics:
 def disk_admittance(setup: DiskSetup, h_W_m2K: float, n: int) -> tuple[float, float]:
     """Y = -K T_n'/T_n at the bore [W/m2K], and T_n there over T_n at the depth of b."""
     wall = setup.outer_radius_m - setup.bore_radius_m
-    out, at = radial_shape(setup, h_W_m2K, np.array([wall - STEP_M, wall]), n)
-    return float(-setup.conductivity_W_mK * (out - at) / STEP_M / at), float(at)
+    outside, at_bore = radial_shape(setup, h_W_m2K, np.array([wall - STEP_M, wall]), n)
+    slope = (outside - at_bore) / STEP_M
+    return float(-setup.conductivity_W_mK * slope / at_bore), float(at_bore)
 
 
 def shaft_admittance(setup: DiskSetup, n: int) -> float:
-    """Even flux over the disk's width w over the mean of T_n there, on a long solid shaft [W/m2K].
+    """Uniform flux over the disk's width w over the mean of T_n there, on a long solid shaft [W/m2K].
 
     1/Y = (w/pi) integral of sinc^2(l w/2) / (K l I_n'(l R)/I_n(l R)) dl.
     """
@@ -123,36 +147,45 @@ def shaft_admittance(setup: DiskSetup, n: int) -> float:
     wave = np.linspace(0.0, 80.0 / w, 8001)[1:] - 40.0 / w / 8000
     bessel = special.ive(n, wave * radius)
     slope = 0.5 * (special.ive(n - 1, wave * radius) + special.ive(n + 1, wave * radius))
-    hindrance = np.sinc(0.5 * wave * w / np.pi) ** 2 * bessel / (k * wave * slope)
-    return float(np.pi / (w * hindrance.sum() * (wave[1] - wave[0])))
+    integrand = np.sinc(0.5 * wave * w / np.pi) ** 2 * bessel / (k * wave * slope)
+    return float(np.pi / (w * integrand.sum() * (wave[1] - wave[0])))
 
 
 def bore_flux_W_m2(
     setup: DiskSetup, power_W: float, h_W_m2K: float, inner_K: float, air_K: float = 0.0
 ) -> float:
-    """Mean flux out of the disk through its bore [W/m2].
+    """Mean flux out of the disk through its bore [W/m2], from T'' + T'/r - kappa^2 T = 0.
 
-    From T'' + T'/r - kappa^2 T = 0 with ``power_W`` entering the running surface, whose film is ``h_W_m2K``, and
-    ``inner_K`` above the ambient at the depth of b; ``air_K``: of what the film loses to, above the ambient.
+    Parameters
+    ----------
+    setup
+        The disk.
+    power_W
+        Heat that enters the running surface.
+    h_W_m2K
+        Heat transfer coefficient of the running surface.
+    inner_K
+        Temperature at the depth of b above the ambient.
+    air_K
+        Temperature of the air at the running surface above the ambient.
     """
     k = setup.conductivity_W_mK
     outer = setup.outer_radius_m
-    bore = setup.bore_radius_m
     kappa = washer_kappa(setup)
     inner = outer - setup.edge_m
 
-    def waves(r: float) -> Array:
+    def values(r: float) -> Array:
         return np.array([special.i0(kappa * r), special.k0(kappa * r)])
 
     def slopes(r: float) -> Array:
         return kappa * np.array([special.i1(kappa * r), -special.k1(kappa * r)])
 
     flux = power_W / (2 * np.pi * outer * setup.width_m)
-    of = np.linalg.solve(
-        [waves(inner), k * slopes(outer) + h_W_m2K * waves(outer)],
+    coefficients = np.linalg.solve(
+        [values(inner), k * slopes(outer) + h_W_m2K * values(outer)],
         [inner_K, flux + h_W_m2K * air_K],
     )
-    return float(k * slopes(bore) @ of)
+    return float(k * slopes(setup.bore_radius_m) @ coefficients)
 
 
 def bore_flux_with_u(
@@ -162,50 +195,70 @@ def bore_flux_with_u(
     inner_K: float,
     air_K: float = 0.0,
 ) -> tuple[float, float]:
-    """Mean flux through the bore [W/m2] and its standard uncertainty, by those of power, film, washers, steel and
-    ambient: what the disk takes less most of itself, which is poorly known."""
+    """Mean flux through the bore [W/m2] and its standard uncertainty.
+
+    The uncertainty is that of power, h, washers, steel and ambient. The flux is the heat that the
+    disk takes less most of itself, so it is poorly known.
+
+    Parameters
+    ----------
+    disk
+        The traces of the disk.
+    power, h
+        Heat that enters the disk and heat transfer coefficient, each with its standard uncertainty.
+    inner_K, air_K
+        As of :func:`bore_flux_W_m2`.
+    """
     s = disk.setup
     u = disk.uncertainty
+    power_W, power_u_W = power
+    h_W_m2K, h_u_W_m2K = h
     washer = replace(s, washer_conductivity_W_mK=s.washer_conductivity_W_mK * (1 + u.washer_rel))
     steel = replace(s, conductivity_W_mK=s.conductivity_W_mK * (1 + u.conductivity_rel))
-    at = bore_flux_W_m2(s, power[0], h[0], inner_K, air_K)
-    moved = [
-        bore_flux_W_m2(washer, power[0], h[0], inner_K, air_K),
-        bore_flux_W_m2(steel, power[0], h[0], inner_K, air_K),
-        bore_flux_W_m2(s, power[0] + power[1], h[0], inner_K, air_K),
-        bore_flux_W_m2(s, power[0], h[0] + h[1], inner_K, air_K),
-        bore_flux_W_m2(s, power[0], h[0], inner_K + u.ambient_K, air_K),
-        bore_flux_W_m2(s, power[0], h[0], inner_K, air_K + s.surface.air_u_K),
+    flux = bore_flux_W_m2(s, power_W, h_W_m2K, inner_K, air_K)
+    perturbed = [
+        bore_flux_W_m2(washer, power_W, h_W_m2K, inner_K, air_K),
+        bore_flux_W_m2(steel, power_W, h_W_m2K, inner_K, air_K),
+        bore_flux_W_m2(s, power_W + power_u_W, h_W_m2K, inner_K, air_K),
+        bore_flux_W_m2(s, power_W, h_W_m2K + h_u_W_m2K, inner_K, air_K),
+        bore_flux_W_m2(s, power_W, h_W_m2K, inner_K + u.ambient_K, air_K),
+        bore_flux_W_m2(s, power_W, h_W_m2K, inner_K, air_K + s.surface.air_u_K),
     ]
-    return at, float(np.linalg.norm(np.array(moved) - at))
+    return flux, float(np.linalg.norm(np.array(perturbed) - flux))
 
 
 def predict_harmonics(setup: DiskSetup, h_W_m2K: float) -> PressFitHarmonics:
-    """Harmonics of a disk with its stated fit for a mean flux of 1 kW/m2 out of the disk through its bore."""
-    c = press_fit(setup)[1] * harmonics(
-        setup.fit.sectors(1e3 * setup.bore_radius_m), 2 * N_HARMONICS
-    )
-    disk = [disk_admittance(setup, h_W_m2K, n) for n in range(1, N_HARMONICS + 1)]
-    hindered = np.array(
-        [1 / y + 1 / shaft_admittance(setup, n) for n, (y, _) in enumerate(disk, start=1)]
+    """Harmonics of a disk with its stated press fit for a mean flux of 1 kW/m2 out through its bore."""
+    sectors = setup.fit.sectors(1e3 * setup.bore_radius_m)
+    conductance = press_fit(setup)[1] * harmonics(sectors, 2 * N_HARMONICS)
+    admittances = [disk_admittance(setup, h_W_m2K, n) for n in range(1, N_HARMONICS + 1)]
+    resistances = np.array(
+        [1 / y + 1 / shaft_admittance(setup, n) for n, (y, _) in enumerate(admittances, start=1)]
     )
     orders = np.array([n for n in range(-N_HARMONICS, N_HARMONICS + 1) if n])
-    z = hindered[np.abs(orders) - 1]
+    z = resistances[np.abs(orders) - 1]
 
-    def at(n: NDArray[np.int64]) -> NDArray[np.complex128]:
-        return np.where(n < 0, c[np.abs(n)].conj(), c[np.abs(n)])
+    def coefficient(n: NDArray[np.int64]) -> NDArray[np.complex128]:
+        """Fourier coefficients of the conductance for orders of both signs."""
+        c = conductance[np.abs(n)]
+        return np.where(n < 0, c.conj(), c)
 
-    apart = np.linalg.solve(
-        np.diag(1 / z) + at(orders[:, None] - orders), -at(orders)
-    )  # D_n over D_0
-    mean = float((c[0] + at(-orders) @ apart).real)
-    waves = {
-        n: complex(apart[orders == n][0] / (z[orders == n][0] * disk[n - 1][0] * disk[n - 1][1]))
-        for n in (1, 2)
-    }
-    first, second = (2e3 / mean * waves[n] for n in (1, 2))
-    y, bore = disk[0]
-    per_share = 1e3 / (y * (1 + c[0].real * hindered[0]) * bore)
+    coupling = coefficient(orders[:, None] - orders)
+    # D_n over D_0
+    differences = np.linalg.solve(np.diag(1 / z) + coupling, -coefficient(orders))
+    mean_flux = float((conductance[0] + coefficient(-orders) @ differences).real)
+
+    def wave(n: int) -> complex:
+        """Harmonic ``n`` at the depth of b for a mean flux of 1 kW/m2."""
+        at = orders == n
+        y, at_bore = admittances[n - 1]
+        amplitude = complex(differences[at][0] / (z[at][0] * y * at_bore))
+        return 2e3 / mean_flux * amplitude
+
+    first = wave(1)
+    second = wave(2)
+    y, at_bore = admittances[0]
+    per_share = 1e3 / (y * (1 + conductance[0].real * resistances[0]) * at_bore)
     return PressFitHarmonics(
         np.array([first.real, -first.imag]), np.array([second.real, -second.imag]), float(per_share)
     )
@@ -214,60 +267,73 @@ def predict_harmonics(setup: DiskSetup, h_W_m2K: float) -> PressFitHarmonics:
 def press_fit_priors(
     test: EhlTest, estimates: Mapping[str, Estimate], uneven: Mapping[str, Unevenness]
 ) -> tuple[dict[str, Unevenness], list[Finding]]:
-    """What is to be expected of each disk with a stated fit, by ``estimates`` and what was found ``uneven`` by the fit
-    of both disks that did not know it.
+    """Prior of the harmonics of each disk with a stated press fit.
 
-    A disk in which that fit found another harmonic, beyond three standard uncertainties, is left as without a
-    statement, and a finding says so. ``test``: without the harmonics that were found.
+    Parameters
+    ----------
+    test
+        The test without the estimated harmonics.
+    estimates, uneven
+        Estimates and harmonics by the fit of both disks that did not use the press fit.
+
+    Returns
+    -------
+    priors, findings
+        A disk in which that fit found another harmonic, beyond three standard uncertainties, has no
+        prior but a finding.
     """
-    stated: dict[str, Unevenness] = {}
+    priors: dict[str, Unevenness] = {}
     findings = []
-    near = (test.time_s > test.events.unload_s - WINDOW_S) & (
-        test.time_s < test.events.unload_s - 1.0
-    )
     beta = estimates["beta"]
     shares = {"fast": beta.value, "slow": 1 - beta.value}
     for d in DISKS:
         disk = test.disks[d]
-        found = uneven[d]
         if not disk.setup.fit.stated:
             continue
-        inner = (
-            disk.readings_degC[near][:, disk.setup.places(disk.setup.inner)]
-            - test.ambient_of(d)[near, None]
-        )
-        whole = float(np.mean(test.power_W[near]))
-        film = estimates[f"h_{d}"]
-        u = whole * float(np.hypot(beta.u, shares[d] * disk.uncertainty.friction_rel))
-        air = (
-            float(test.surface_air_offset_K[d][near, 0].mean())
-            if d in test.surface_air_offset_K
-            else 0.0
-        )
-        flux, flux_u = bore_flux_with_u(
-            disk, (shares[d] * whole, u), (film.value, film.u), float(np.nanmean(inner)), air
-        )
-        least = max(flux, MIN_FLUX_U * flux_u)  # heat leaves through the bore
-        told = predict_harmonics(disk.setup, film.value).scaled(1e-3 * least)
-        known = disk.setup.fit.uneven_rel, flux_u / least, found
-        if (z := told.distance_z(*known)) < SIGNIFICANT_Z:
-            stated[d] = told.prior(*known)
+        h = estimates[f"h_{d}"]
+        flux, flux_u = _bore_flux_of_test(test, disk, shares[d], beta.u, h)
+        outward_flux = max(flux, MIN_FLUX_U * flux_u)  # heat leaves through the bore
+        predicted = predict_harmonics(disk.setup, h.value).scaled(1e-3 * outward_flux)
+        evidence = disk.setup.fit.uneven_rel, flux_u / outward_flux, uneven[d]
+        z = predicted.distance_z(*evidence)
+        if z < SIGNIFICANT_Z:
+            priors[d] = predicted.prior(*evidence)
             continue
-        seen_K, seen_deg = _polar(found.level_K)
-        told_K, told_deg = _polar(told.first_K)
+        estimated_K, estimated_deg = _polar(uneven[d].level_K)
+        predicted_K, predicted_deg = _polar(predicted.first_K)
         findings.append(
             warning(
                 "fit.contradicted",
                 subject=d,
-                seen_K=seen_K,
-                seen_deg=seen_deg,
-                told_K=told_K,
-                told_deg=told_deg,
+                seen_K=estimated_K,
+                seen_deg=estimated_deg,
+                told_K=predicted_K,
+                told_deg=predicted_deg,
                 z=z,
             )
         )
-    return stated, findings
+    return priors, findings
+
+
+def _bore_flux_of_test(
+    test: EhlTest, disk: DiskTraces, share: float, share_u: float, h: Estimate
+) -> tuple[float, float]:
+    """Mean flux through the bore before the unloading and its standard uncertainty [W/m2]."""
+    unload_s = test.events.unload_s
+    last = (test.time_s > unload_s - WINDOW_S) & (test.time_s < unload_s - WINDOW_GAP_S)
+    readings = disk.readings_degC[last][:, disk.setup.places(disk.setup.inner)]
+    inner_K = float(np.nanmean(readings - test.ambient_of(disk.name)[last, None]))
+    power_W = float(np.mean(test.power_W[last]))
+    power_u_W = power_W * float(np.hypot(share_u, share * disk.uncertainty.friction_rel))
+    air_K = 0.0
+    if disk.name in test.surface_air_offset_K:
+        air_K = float(test.surface_air_offset_K[disk.name][last, 0].mean())
+    return bore_flux_with_u(
+        disk, (share * power_W, power_u_W), (h.value, h.u), inner_K, air_K
+    )
 
 
 def _polar(level_K: Array) -> tuple[float, float]:
-    return float(np.hypot(*level_K)), float(np.rad2deg(np.arctan2(level_K[1], level_K[0])) % 360.0)
+    """Amplitude [K] and angle [deg] of a level, cos and sin."""
+    angle_deg = float(np.rad2deg(np.arctan2(level_K[1], level_K[0])) % 360.0)
+    return float(np.hypot(*level_K)), angle_deg

@@ -1,8 +1,8 @@
-"""Are all junctions where rig.toml says, wired as their columns say, and alive? Section 6.4, before any beta."""
+"""Sensor check of a test before any beta (section 6.4): dead, swapped, misplaced, offset or late channels."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product
 from typing import Any
@@ -19,6 +19,7 @@ from tcdyn.partition.events import EhlTest
 from tcdyn.partition.sensor_faults import (
     DepthTest,
     Fault,
+    FaultFit,
     depth_test,
     evaluate_faults,
     hypotheses,
@@ -28,27 +29,44 @@ from tcdyn.partition.window import between
 from tcdyn.rig.disk import DISKS, LEFT_OUT, DiskSetup
 from tcdyn.smoothing.traces import DiskTraces
 
-FAULT_LOG_ODDS = (
-    8.0  # a fault is named when it is e^8 = 3000 times as likely as a sound disk, against 28 faults
-)
+# A fault is named when it is e^8 = 3000 times as likely as a sound disk, against 28 faults.
+FAULT_LOG_ODDS = 8.0
 RIVAL_LOG_ODDS = 4.0  # rivals within e^4 = 55 times are named with it
+# Swaps within e^4 of a sound disk cannot be distinguished from it.
 INDISTINGUISHABLE_LOG_ODDS = 4.0
-DEAD_REL = 0.25  # of the median rise of the disk's channels
-MIN_RISE_K = 3.0
-SAME_POSITION_M = 0.15e-3
-SURE_Z = 2.0
-ASYMMETRY_Z = 3.0
-LAG_U_S = 0.05
-SAME_GROUP_DEG = 60.0
+# A dead channel rises and falls by less than this part of the median of the disk's channels.
+DEAD_REL = 0.25
+MIN_RISE_K = 3.0  # least median rise at which a dead channel can be detected [K]
+MIN_REST_SAMPLES = 10  # least number of samples before the load that give a rise
+SAME_POSITION_M = 0.15e-3  # junctions nearer than this are at the same position [m]
+SURE_Z = 2.0  # a difference is sure beyond this many standard uncertainties
+ASYMMETRY_Z = 3.0  # the same for junctions that should read alike
+LAG_U_S = 0.05  # standard uncertainty of a lag, for the fall after unloading [s]
+SAME_GROUP_DEG = 60.0  # neighbours within this angle belong to one group [deg]
+LAST_S = (20.0, 1.0)  # before the unloading, window of the mean power [s]
+
+Candidate = tuple[str, ...]  # channels of a swap
 
 
 @dataclass(frozen=True)
 class Suspect:
-    """A fault of one disk: ``kind`` "dead", "swapped", "misplaced", "offset", "late" or "unknown".
+    """A suspected fault.
 
-    A swap between the disks has ``disk`` "both" and channels such as "fast_a". ``columns``: names as in the log;
-    ``size``: how much deeper the junction lies than stated [m], how much it reads too high [K] or is late [s];
-    ``log_odds`` against a sound disk; ``numbers``: what else its words tell.
+    Parameters
+    ----------
+    disk
+        The disk; "both" for a swap between the disks, with channels such as "fast_a".
+    kind
+        "dead", "swapped", "misplaced", "offset", "late" or "unknown".
+    channels
+        The channels concerned.
+    size
+        How much deeper the junction lies than its nominal depth [m], how much it reads too high [K],
+        or how late it is [s].
+    log_odds
+        Logarithm of the odds against a sound disk.
+    numbers
+        Further numbers of the message.
     """
 
     disk: str
@@ -60,36 +78,48 @@ class Suspect:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """The suspected channels as the log names them."""
-        return tuple(
-            f"{c}_degC" if self.disk == "both" else f"{self.disk}_{c}_degC" for c in self.channels
-        )
+        """The columns of the suspected channels in the log."""
+        prefix = "" if self.disk == "both" else f"{self.disk}_"
+        return tuple(f"{prefix}{c}_degC" for c in self.channels)
 
     @property
     def finding(self) -> Finding:
-        """The fault to be told; a dead or swapped channel is not to be used."""
-        odds = {} if self.kind in ("dead", "unknown") else {"log_odds": self.log_odds}
-        size = {} if self.size is None else {"size": self.size.value, "size_u": self.size.u}
-        told = {
+        """The fault as an error for a dead or swapped channel, else as a warning."""
+        numbers: dict[str, Any] = {
             "kind": self.kind,
             "channels": self.channels,
             "columns": self.columns,
-            **odds,
-            **size,
-            **self.numbers,
         }
-        if self.kind in ("dead", "swapped"):
-            return error("sensors.suspect", subject=self.disk, **told)
-        return warning("sensors.suspect", subject=self.disk, **told)
+        if self.kind not in ("dead", "unknown"):
+            numbers["log_odds"] = self.log_odds
+        if self.size is not None:
+            numbers["size"] = self.size.value
+            numbers["size_u"] = self.size.u
+        numbers |= self.numbers
+        severity = error if self.kind in ("dead", "swapped") else warning
+        return severity("sensors.suspect", subject=self.disk, **numbers)
 
 
 @dataclass(frozen=True)
 class SensorCheck:
-    """``table``: a row for each pair of junctions of each disk; ``verdicts``: what is found of each disk.
+    """Result of the sensor check.
 
-    ``bulk_degC``: mean of the junctions when steady (6.4.1); ``blind``: swaps that this test could not tell;
-    ``depths``: where the test places the junctions of each disk that shows no fault; ``groups``: channels of each disk
-    by angle.
+    Parameters
+    ----------
+    table
+        A row for each pair of junctions of each disk.
+    findings
+        The findings of each disk.
+    suspects
+        All suspected faults.
+    bulk_degC
+        Mean of the junctions of each disk in steady state (6.4.1).
+    indistinguishable
+        Swaps of each disk that this test cannot distinguish from a sound disk.
+    depths
+        Depths of the junctions by the test, for each disk that shows no fault.
+    groups
+        Channels of each disk by angle.
     """
 
     table: pd.DataFrame
@@ -102,8 +132,11 @@ class SensorCheck:
 
     @property
     def said(self) -> dict[str, str]:
-        """What is found of each disk, in words."""
-        return {d: " ".join(f"{f.sentence}." for f in found) for d, found in self.findings.items()}
+        """The findings of each disk as text."""
+        return {
+            d: " ".join(f"{finding.sentence}." for finding in findings)
+            for d, findings in self.findings.items()
+        }
 
     @property
     def sound(self) -> bool:
@@ -111,193 +144,228 @@ class SensorCheck:
         return not self.suspects
 
     def matrix(self, disk: str, column: str = "steady") -> pd.DataFrame:
-        """The pairs of one disk as the thesis prints them (tables 6.2 to 6.4): upper triangle, channels in groups.
+        """The pairs of one disk as in tables 6.2 to 6.4: upper triangle, channels in groups.
 
-        ``column``: "steady" or "unloading".
+        ``column`` is "steady" or "unloading".
         """
-        order = [c for g in self.groups[disk] for c in g]
-        own = self.table[self.table["disk"] == disk]
-        said = {frozenset((r["one"], r["other"])): r[column] for _, r in own.iterrows()}
+        order = [c for group in self.groups[disk] for c in group]
+        rows = self.table[self.table["disk"] == disk]
+        classes = {
+            frozenset(pair): value for *pair, value in zip(rows["one"], rows["other"], rows[column])
+        }
         body = [
-            [said[frozenset((r, c))] if k > i else "" for k, c in enumerate(order)]
+            [classes[frozenset((r, c))] if k > i else "" for k, c in enumerate(order)]
             for i, r in enumerate(order)
         ]
         return pd.DataFrame(body, index=order, columns=order)
 
 
-def check_sensors(test: EhlTest) -> SensorCheck:
-    """Look for dead, swapped, misplaced, offset or late channels in the steady pattern and both transients of a test.
+@dataclass(frozen=True)
+class _DiskCheck:
+    """Result of the check of one disk.
 
-    The outer row is predicted from the inner row by the rim model, steady, after unloading and after loading, with
-    share and h free; a fault is named when it explains all three far better than a sound disk does. Two channels whose
-    junctions read nearly alike (d and f) cannot be told apart: ``blind`` lists such pairs.
+    ``log_likelihood`` is None where a channel is dead, ``depths`` is None where a fault is suspected.
     """
-    looked_at = {d: _looked_at(test, disk) for d, disk in test.disks.items()}
-    features = {d: f for d, (f, _, _) in looked_at.items()}
-    groups = {d: angle_groups(disk.setup) for d, disk in test.disks.items()}
-    blind: dict[str, tuple[tuple[str, ...], ...]] = dict.fromkeys(test.disks, ())
-    likely = {}
-    depths = {}
-    before_load = faults_at_rest(test)
-    found = {d: dead for d, (_, dead, _) in looked_at.items()}
-    for d, (_, _, judged) in looked_at.items():
-        if judged is not None:
-            depth, best, suspect, pairs = judged
-            resting = (
+
+    suspects: tuple[Suspect, ...]
+    log_likelihood: float | None = None
+    depths: DepthTest | None = None
+    indistinguishable: tuple[Candidate, ...] = ()
+
+
+def check_sensors(test: EhlTest) -> SensorCheck:
+    """Look for faulty channels in the steady pattern and in both transients of a test.
+
+    Notes
+    -----
+    The outer row is predicted from the inner row by the rim model, steady, after unloading and after
+    loading, with share and h free. A fault is named when it explains all three far better than a
+    sound disk does. Two channels whose junctions read nearly alike (d and f) cannot be distinguished:
+    ``indistinguishable`` lists such pairs.
+    """
+    features = {d: disk_features(test, disk) for d, disk in test.disks.items()}
+    checks = {d: _check_disk(test, disk, features[d]) for d, disk in test.disks.items()}
+    at_rest = faults_at_rest(test)
+    suspects = {}
+    for d, check in checks.items():
+        suspects[d] = check.suspects
+        if check.log_likelihood is not None and at_rest[d]:
+            suspects[d] = tuple(
                 Suspect(d, fault.kind, fault.channels, size, odds)
-                for fault, size, odds in before_load[d]
+                for fault, size, odds in at_rest[d]
             )
-            found[d] = tuple(resting) or suspect
-            likely[d] = best
-            if depth is not None and not found[d]:
-                blind[d] = pairs
-                depths[d] = depth
-    crossed = (
-        _crossed(test, features, sum(likely.values()))
-        if all(found.values()) and len(likely) == 2
-        else None
-    )
-    if crossed is not None:
-        found = dict.fromkeys(DISKS, (crossed,))
+    depths = {}
+    indistinguishable: dict[str, tuple[Candidate, ...]] = dict.fromkeys(test.disks, ())
+    for d, check in checks.items():
+        if check.depths is not None and not suspects[d]:
+            depths[d] = check.depths
+            indistinguishable[d] = check.indistinguishable
+    likelihoods = [c.log_likelihood for c in checks.values() if c.log_likelihood is not None]
+    swap = None
+    if all(suspects.values()) and len(likelihoods) == len(DISKS):
+        swap = _swap_between_disks(test, features, sum(likelihoods))
+    if swap is not None:
+        suspects = dict.fromkeys(DISKS, (swap,))
+    groups = {d: angle_groups(disk.setup) for d, disk in test.disks.items()}
     table = pd.concat(
         [pair_table(test, test.disks[d], features[d], groups[d]) for d in features],
         ignore_index=True,
     )
-    verdicts = {}
-    for d in features:
-        own = table[(table["disk"] == d) & (table["steady"] != LEFT_OUT)]
-        wrong = int((own["steady"] == "illogical").sum())
-        alike = ["-".join(pair) for pair in blind[d]]
-        sound_disk = info("sensors.sound", subject=d, illogical=wrong, pairs=len(own), blind=alike)
-        verdicts[d] = tuple(s.finding for s in found[d]) or (sound_disk,)
+    findings = {
+        d: tuple(s.finding for s in suspects[d]) or (_sound(d, table, indistinguishable[d]),)
+        for d in features
+    }
+    all_suspects = tuple(s for d in features for s in suspects[d]) if swap is None else (swap,)
     return SensorCheck(
         table=table,
-        findings=verdicts,
-        suspects=found[DISKS[0]]
-        if crossed is not None
-        else tuple(s for d in features for s in found[d]),
+        findings=findings,
+        suspects=all_suspects,
         bulk_degC={d: float(f.levels[f.event == "steady"][0].mean()) for d, f in features.items()},
-        indistinguishable=blind,
+        indistinguishable=indistinguishable,
         depths=depths,
         groups=groups,
     )
 
 
-Judged = tuple[DepthTest | None, float, tuple[Suspect, ...], tuple[tuple[str, ...], ...]]
-
-
-def _looked_at(
-    test: EhlTest, disk: DiskTraces
-) -> tuple[DiskFeatures, tuple[Suspect, ...], Judged | None]:
-    """A disk's features, the dead of its channels, and what is judged of it where there are none."""
-    f = disk_features(test, disk)
-    dead = _dead(test, disk, f)
-    return f, dead, None if dead else _judged(test, f, disk)
-
-
-def _judged(test: EhlTest, f: DiskFeatures, disk: DiskTraces) -> Judged:
-    """Where the test places the junctions of a sound disk, the log likelihood of what is believed, the suspect if there
-    is one, and the blind swaps."""
-    (sound, *found), *swapped = (
-        evaluate_faults(f, disk, faults) for faults in hypotheses(f.setup.channels, disk.left_out)
+def _sound(disk: str, table: pd.DataFrame, indistinguishable: Sequence[Candidate]) -> Finding:
+    """The finding of a disk without faults."""
+    rows = table[(table["disk"] == disk) & (table["steady"] != LEFT_OUT)]
+    return info(
+        "sensors.sound",
+        subject=disk,
+        illogical=int((rows["steady"] == "illogical").sum()),
+        pairs=len(rows),
+        blind=["-".join(pair) for pair in indistinguishable],
     )
-    found += [v for verdicts in swapped for v in verdicts]
-    ranked = sorted(found, key=lambda v: -v.log_likelihood)
-    odds = ranked[0].log_likelihood - sound.log_likelihood
-    if odds > FAULT_LOG_ODDS:
-        first, *others = sorted(
-            (refine_fault(test, f, disk, v) for v in found), key=lambda v: -v.log_likelihood
-        )
-        rivals = [
-            v.fault for v in others if v.log_likelihood > first.log_likelihood - RIVAL_LOG_ODDS
-        ]
-        also = {"rivals": [f"{r.kind} {'-'.join(r.channels)}" for r in rivals[:3]]}
-        odds = first.log_likelihood - sound.log_likelihood
-        if first.fault.kind == "swapped" and chdtrc(first.dof, first.chi2) < MISFIT_P:
-            told = {
-                **also,
-                "chi2": sound.chi2,
-                "dof": sound.dof,
-            }  # no swap stops a run that it does not explain
-            return (
-                None,
-                sound.log_likelihood,
-                (Suspect(disk.name, "unknown", (), None, odds, told),),
-                (),
-            )
-        named = Suspect(disk.name, first.fault.kind, first.fault.channels, first.size, odds, also)
-        return None, first.log_likelihood, (named,), ()
+
+
+def _check_disk(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> _DiskCheck:
+    """Dead channels, else the most likely fault, else depths and swaps that cannot be distinguished."""
+    dead = _dead_channels(test, disk, f)
+    if dead:
+        return _DiskCheck(dead)
+    sound, fits = _fault_fits(f, disk)
+    best = max(fits, key=lambda fit: fit.log_likelihood)
+    log_odds = best.log_likelihood - sound.log_likelihood
+    if log_odds > FAULT_LOG_ODDS:
+        return _most_likely_fault(test, f, disk, sound, fits)
     if chdtrc(sound.dof, sound.chi2) < MISFIT_P:
-        unknown = Suspect(
-            disk.name, "unknown", (), None, odds, {"chi2": sound.chi2, "dof": sound.dof}
-        )
-        return None, sound.log_likelihood, (unknown,), ()
+        numbers = {"chi2": sound.chi2, "dof": sound.dof}
+        unknown = Suspect(disk.name, "unknown", (), None, log_odds, numbers)
+        return _DiskCheck((unknown,), sound.log_likelihood)
     near = sound.log_likelihood - INDISTINGUISHABLE_LOG_ODDS
-    blind = tuple(
-        v.fault.channels for v in found if v.fault.kind == "swapped" and v.log_likelihood > near
+    swaps = tuple(
+        fit.fault.channels
+        for fit in fits
+        if fit.fault.kind == "swapped" and fit.log_likelihood > near
     )
-    return depth_test(f, disk, sound), sound.log_likelihood, (), blind
+    return _DiskCheck((), sound.log_likelihood, depth_test(f, disk, sound), swaps)
 
 
-def _crossed(test: EhlTest, features: Mapping[str, DiskFeatures], apart: float) -> Suspect | None:
-    """A channel of one disk exchanged with one of the other, where likelier than both disks' faults ``apart``."""
+def _fault_fits(f: DiskFeatures, disk: DiskTraces) -> tuple[FaultFit, list[FaultFit]]:
+    """The fit of a sound disk, and those of all faults."""
+    fits = []
+    for faults in hypotheses(f.setup.channels, disk.left_out):
+        fits += evaluate_faults(f, disk, faults)
+    return fits[0], fits[1:]
+
+
+def _most_likely_fault(
+    test: EhlTest, f: DiskFeatures, disk: DiskTraces, sound: FaultFit, fits: Sequence[FaultFit]
+) -> _DiskCheck:
+    """The most likely fault after refinement, with its rivals.
+
+    A swap that does not explain the data is reported as unknown: it must not stop a run.
+    """
+    refined = [refine_fault(test, f, disk, fit) for fit in fits]
+    best, *others = sorted(refined, key=lambda fit: -fit.log_likelihood)
+    near = best.log_likelihood - RIVAL_LOG_ODDS
+    rivals = [fit.fault for fit in others if fit.log_likelihood > near]
+    numbers: dict[str, Any] = {"rivals": [f"{r.kind} {'-'.join(r.channels)}" for r in rivals[:3]]}
+    log_odds = best.log_likelihood - sound.log_likelihood
+    if best.fault.kind == "swapped" and chdtrc(best.dof, best.chi2) < MISFIT_P:
+        numbers |= {"chi2": sound.chi2, "dof": sound.dof}
+        unknown = Suspect(disk.name, "unknown", (), None, log_odds, numbers)
+        return _DiskCheck((unknown,), sound.log_likelihood)
+    fault = best.fault
+    suspect = Suspect(disk.name, fault.kind, fault.channels, best.size, log_odds, numbers)
+    return _DiskCheck((suspect,), best.log_likelihood)
+
+
+def _swap_between_disks(
+    test: EhlTest, features: Mapping[str, DiskFeatures], log_likelihood: float
+) -> Suspect | None:
+    """A channel of one disk exchanged with one of the other.
+
+    None unless it is likelier than the best hypotheses of both disks, of ``log_likelihood`` together.
+    """
     fast, slow = (features[d] for d in DISKS)
-    found = []
-    for i, j in product(*(np.flatnonzero(~test.disks[d].out) for d in DISKS)):
-        total = 0.0
-        for f, other, place, column in ((fast, slow, i, j), (slow, fast, j, i)):
-            mixed = replace(
-                f, **{x: getattr(f, x).copy() for x in ("inputs", "banks", "slope", "bend")}
-            )
-            mixed.inputs[:, 1 + place], mixed.banks[1 + place] = (
-                other.inputs[:, 1 + column],
-                other.banks[1 + column],
-            )
-            mixed.slope[:, place], mixed.trend_u_K[:, place] = (
-                other.slope[:, column],
-                other.trend_u_K[:, column],
-            )
-            (foreign,) = evaluate_faults(
-                mixed, test.disks[f.disk], [Fault("foreign", (f.setup.channels[place],))]
-            )
-            total += foreign.log_likelihood
-        found.append((total, i, j))
-    best, i, j = max(found)
-    names = (f"fast_{fast.setup.channels[i]}", f"slow_{slow.setup.channels[j]}")
-    return (
-        Suspect("both", "swapped", names, None, best - apart)
-        if best - apart >= RIVAL_LOG_ODDS
-        else None
+    fast_used, slow_used = (np.flatnonzero(~test.disks[d].out) for d in DISKS)
+    candidates = []
+    for i, j in product(fast_used, slow_used):
+        total = _foreign_log_likelihood(test, fast, slow, i, j)
+        total += _foreign_log_likelihood(test, slow, fast, j, i)
+        candidates.append((total, i, j))
+    best, i, j = max(candidates)
+    if best - log_likelihood < RIVAL_LOG_ODDS:
+        return None
+    channels = (f"fast_{fast.setup.channels[i]}", f"slow_{slow.setup.channels[j]}")
+    return Suspect("both", "swapped", channels, None, best - log_likelihood)
+
+
+def _foreign_log_likelihood(
+    test: EhlTest, f: DiskFeatures, other: DiskFeatures, index: int, other_index: int
+) -> float:
+    """Log likelihood of a disk whose channel ``index`` is ``other_index`` of the other disk."""
+    mixed = replace(
+        f,
+        inputs=f.inputs.copy(),
+        banks=f.banks.copy(),
+        slope=f.slope.copy(),
+        trend_u_K=f.trend_u_K.copy(),
     )
+    mixed.inputs[:, 1 + index] = other.inputs[:, 1 + other_index]
+    mixed.banks[1 + index] = other.banks[1 + other_index]
+    mixed.slope[:, index] = other.slope[:, other_index]
+    mixed.trend_u_K[:, index] = other.trend_u_K[:, other_index]
+    foreign = Fault("foreign", (f.setup.channels[index],))
+    (fit,) = evaluate_faults(mixed, test.disks[f.disk], [foreign])
+    return fit.log_likelihood
 
 
-def _dead(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> tuple[Suspect, ...]:
-    """Channels that do not follow: neither the rise under load nor the fall after unloading is like the others'."""
+def _dead_channels(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> tuple[Suspect, ...]:
+    """Channels whose rise under load and whose fall after unloading are unlike the others'."""
     before = test.time_s < test.events.load_on_s - 0.5
     falls = -f.levels[f.event == "unloading"][-1]
-    steady = f.levels[f.event == "steady"][0]
-    rise = steady - disk.readings_degC[before].mean(axis=0) if before.sum() >= 10 else falls
-    usual = float(np.median(rise))
-    fall = float(np.median(falls))
-    dead = (rise < DEAD_REL * usual) & (falls < DEAD_REL * fall) & (usual > MIN_RISE_K) & ~disk.out
-    out = []
-    for i in np.flatnonzero(dead):
-        moved = {"rise_K": rise[i], "fall_K": falls[i], "usual_rise_K": usual, "usual_fall_K": fall}
-        out.append(
-            Suspect(
-                disk.name,
-                "dead",
-                (f.setup.channels[i],),
-                None,
-                np.inf,
-                {k: float(v) for k, v in moved.items()},
-            )
+    rises = falls
+    if before.sum() >= MIN_REST_SAMPLES:
+        steady = f.levels[f.event == "steady"][0]
+        rises = steady - disk.readings_degC[before].mean(axis=0)
+    usual_rise = float(np.median(rises))
+    usual_fall = float(np.median(falls))
+    if usual_rise <= MIN_RISE_K:
+        return ()
+    dead = (rises < DEAD_REL * usual_rise) & (falls < DEAD_REL * usual_fall) & ~disk.out
+    return tuple(
+        Suspect(
+            disk.name,
+            "dead",
+            (f.setup.channels[i],),
+            None,
+            np.inf,
+            {
+                "rise_K": float(rises[i]),
+                "fall_K": float(falls[i]),
+                "usual_rise_K": usual_rise,
+                "usual_fall_K": usual_fall,
+            },
         )
-    return tuple(out)
+        for i in np.flatnonzero(dead)
+    )
 
 
 def angle_groups(setup: DiskSetup) -> tuple[tuple[str, ...], ...]:
-    """Channels by where they sit round the disk: neighbours within 60 degrees belong together, largest angle gap first.
+    """Channels by angle: neighbours within 60 degrees belong to one group, largest gap first.
 
     >>> from tcdyn.rig.rigfile import load_rig
     >>> angle_groups(load_rig().disk_setup("slow"))
@@ -305,81 +373,90 @@ def angle_groups(setup: DiskSetup) -> tuple[tuple[str, ...], ...]:
     """
     angles = {c: setup.junctions[c].angle_deg % 360.0 for c in setup.channels}
     order = sorted(angles, key=lambda c: angles[c])
-    gaps = [(angles[order[(k + 1) % len(order)]] - angles[c]) % 360.0 for k, c in enumerate(order)]
+    n = len(order)
+    gaps = [(angles[order[(k + 1) % n]] - angles[c]) % 360.0 for k, c in enumerate(order)]
     cuts = [k for k, gap in enumerate(gaps) if gap > SAME_GROUP_DEG]
     if len(cuts) < 2:
         return (setup.channels,)
     groups = []
-    for one, other in zip(cuts, [*cuts[1:], cuts[0] + len(order)]):
-        groups.append(tuple(sorted(order[k % len(order)] for k in range(one + 1, other + 1))))
+    for start, end in zip(cuts, [*cuts[1:], cuts[0] + n]):
+        groups.append(tuple(sorted(order[k % n] for k in range(start + 1, end + 1))))
     return tuple(sorted(groups))
 
 
 def hotter_junction(setup: DiskSetup, one: str, other: str) -> int | None:
-    """1 when ``one`` must be the hotter, -1 when ``other`` must, 0 when neither by symmetry, None when it depends.
+    """1 when ``one`` must be hotter, -1 when ``other`` must, 0 by symmetry, None when it depends.
 
-    Under contact heat flows in at the centre of the track and away from it: nearer the surface and nearer the centre
-    is hotter (section 6.4.2).
+    Under contact heat flows in at the centre of the track and away from it: nearer the surface and
+    nearer the centre is hotter (section 6.4.2).
     """
     i = setup.junctions[one]
     j = setup.junctions[other]
     middle = 0.5 * setup.width_m
-    steps = (j.depth_m - i.depth_m, abs(j.z_m - middle) - abs(i.z_m - middle))
-    signs = {0 if abs(s) < SAME_POSITION_M else int(np.sign(s)) for s in steps}
-    if signs == {0}:
+    depth_difference = j.depth_m - i.depth_m
+    z_difference = abs(j.z_m - middle) - abs(i.z_m - middle)
+    signs = {
+        int(np.sign(difference))
+        for difference in (depth_difference, z_difference)
+        if abs(difference) >= SAME_POSITION_M
+    }
+    if not signs:
         return 0
-    signs.discard(0)
     return signs.pop() if len(signs) == 1 else None
 
 
 def classify_pair(wanted: int | None, difference_K: float, u_K: float) -> str:
-    """ "logical", "weak", "illogical" or "N.A." for a pair that reads ``difference_K`` apart.
+    """Class of a pair with the sign ``wanted`` of its difference: "logical", "weak", "illogical", "N.A.".
 
-    >>> classify_pair(1, 3.0, 0.3), classify_pair(1, 0.2, 0.3), classify_pair(1, -3.0, 0.3), classify_pair(None, 3.0, 0.3)
-    ('logical', 'weak', 'illogical', 'N.A.')
+    >>> classify_pair(1, 3.0, 0.3), classify_pair(1, 0.2, 0.3)
+    ('logical', 'weak')
+    >>> classify_pair(1, -3.0, 0.3), classify_pair(None, 3.0, 0.3)
+    ('illogical', 'N.A.')
     """
     if wanted is None:
         return "N.A."
     if wanted == 0:
         return "logical" if abs(difference_K) <= ASYMMETRY_Z * u_K else "weak"
     z = wanted * difference_K / u_K
-    return "logical" if z > SURE_Z else "illogical" if z < -SURE_Z else "weak"
+    if z > SURE_Z:
+        return "logical"
+    return "illogical" if z < -SURE_Z else "weak"
 
 
 def pair_table(
     test: EhlTest, disk: DiskTraces, f: DiskFeatures, groups: tuple[tuple[str, ...], ...]
 ) -> pd.DataFrame:
-    """A row for each pair: steady difference and that of the fall after unloading, what each says, and the groups.
+    """A row for each pair of junctions: differences when steady and of the fall, their classes, groups.
 
-    A steady level is known as its static line is, and its depth in the mean gradient; a fall as noise and lag are.
+    The uncertainty of a steady level is that of its static line and of its depth in the mean
+    gradient; that of a fall by noise and lag.
     """
-    s = disk.setup
-    last = between(test.time_s, test.events.unload_s - 20.0, test.events.unload_s - 1.0)
+    setup = disk.setup
+    unload_s = test.events.unload_s
+    last = between(test.time_s, unload_s - LAST_S[0], unload_s - LAST_S[1])
     power = float(test.power_W[last].mean())
-    gradient = (
-        0.5 * power / (2 * np.pi * s.outer_radius_m * s.width_m * s.conductivity_W_mK)
-    )  # of half the heat
+    area = 2 * np.pi * setup.outer_radius_m * setup.width_m
+    gradient = 0.5 * power / (area * setup.conductivity_W_mK)  # of half the heat
+    depth_u_K = gradient * disk.uncertainty.depth_mm * 1e-3
     after = np.flatnonzero(f.event == "unloading")
     k = int(after[min(1, len(after) - 1)])  # one to two seconds after it
     noise = f.noise[k] * np.maximum(disk.noise_K, 1e-3)
-    depth_u_K = gradient * disk.uncertainty.depth_mm * 1e-3
     levels = {
         "steady": (f.levels[f.event == "steady"][0], np.hypot(disk.static_u_K, depth_u_K)),
         "unloading": (-f.levels[k], np.hypot(noise, LAG_U_S * np.abs(f.slope[k]))),
     }
-    i, j = np.triu_indices(len(s.channels), 1)
-    pairs = [(s.channels[one], s.channels[other]) for one, other in zip(i, j)]
-    wanted = [hotter_junction(s, *pair) for pair in pairs]
-    out = np.array([not {*pair}.isdisjoint(disk.left_out) for pair in pairs])
+    i, j = np.triu_indices(len(setup.channels), 1)
+    pairs = [(setup.channels[first], setup.channels[second]) for first, second in zip(i, j)]
+    signs = [hotter_junction(setup, *pair) for pair in pairs]
+    excluded = np.array([not {*pair}.isdisjoint(disk.left_out) for pair in pairs])
     table = pd.DataFrame(pairs, columns=["one", "other"])
     table.insert(0, "disk", disk.name)
     table["same_group"] = [any({*pair} <= {*group} for group in groups) for pair in pairs]
     for name, (level, u) in levels.items():
-        gap = np.where(out, np.nan, level[i] - level[j])
-        spread = np.hypot(u[i], u[j])
-        table[f"{name}_difference_K"] = gap
-        table[f"{name}_u_K"] = spread
-        table[name] = np.where(
-            out, LEFT_OUT, [classify_pair(w, x, u_x) for w, x, u_x in zip(wanted, gap, spread)]
-        )
+        difference = np.where(excluded, np.nan, level[i] - level[j])
+        difference_u = np.hypot(u[i], u[j])
+        classes = [classify_pair(*row) for row in zip(signs, difference, difference_u)]
+        table[f"{name}_difference_K"] = difference
+        table[f"{name}_u_K"] = difference_u
+        table[name] = np.where(excluded, LEFT_OUT, classes)
     return table

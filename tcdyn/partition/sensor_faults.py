@@ -1,9 +1,9 @@
-"""Which fault, if any, explains a disk's readings, and where a sound test places the junctions.
+"""Likelihood of sensor faults of a disk, and the depths of the junctions of a sound one.
 
-Each hypothesis is a normal distribution of what is left of the outer row when the rim model, driven by the inner row,
-has said its part, and of the inner row's first seconds after an event when a rim down to the bore has. Its covariance
-holds what nobody measured, and what the fault makes free. Hypotheses are compared by their likelihood, in which more
-freedom costs what it should.
+Each hypothesis is a normal distribution of the residuals of the outer row, predicted by the rim
+model from the inner row, and of the inner row's first seconds after an event, predicted by a rim
+down to the bore. Its covariance holds the nuisance parameters and the free parameter of the fault.
+Hypotheses are compared by their likelihood, which penalises free parameters as it should.
 """
 
 from __future__ import annotations
@@ -25,42 +25,41 @@ from tcdyn.partition.nuisance import nominal_parameters, nominal_u
 from tcdyn.partition.window import NOMINAL
 from tcdyn.smoothing.traces import DiskTraces
 
-SHARE_SD = 0.12  # about each of the shares that are looked at
-SWAPPED_LINES_K = 0.7  # swapped channels carry each other's static lines
-SWAPPED_LAGS_S = 0.06
-LEAST_LAG_U_S = 0.05
-LOADING_U_S = 0.5  # how long the load takes to come on is not known
-MODEL_REL = 0.005  # of what the frictional heat does: rim against whole disk
-INNER_MODEL_REL = (
-    0.015  # the same for the inner row, predicted as if the bore did not feel the first seconds
-)
-MODEL_K = 0.03
-MIN_INFORMATION = 0.02
-LOG_H_STEP = 0.05
-H_GRID_W_M2K = np.geomspace(
-    30.0, 3000.0, 14
-)  # gains are worked out here, answers between by splines in ln h
-H_FINE_W_M2K = np.geomspace(30.0, 3000.0, 131)
-MAX_ITERATIONS = 4
+# Priors. Those of swapped channels: they have each other's static lines and lags.
+SHARE_SD = 0.12  # standard deviation of the share about each of ``SHARE_GRID``
 SHARE_GRID = (0.14, 0.32, 0.5, 0.68, 0.86)
-LOG_H_SD = 1.0  # h is as good as unknown
+LOG_H_SD = 1.0  # standard deviation of log h: practically unknown
+SWAPPED_LINES_K = 0.7
+SWAPPED_LAGS_S = 0.06
+LEAST_LAG_U_S = 0.05  # least standard uncertainty of the common lag [s]
+LOADING_U_S = 0.5  # standard uncertainty of the duration of loading, which is not known [s]
+# Standard uncertainty of the model relative to the effect of the frictional heat: rim against whole
+# disk, and the same for the inner row, predicted as if the bore did not feel the first seconds.
+MODEL_REL = 0.005
+INNER_MODEL_REL = 0.015
+MODEL_K = 0.03  # the same, constant, by comparison with whole-disk solutions [K]
 MISPLACED_M = 1.5e-3
-FREE_PARAMETER = {
-    "misplaced": ("depth", MISPLACED_M),
-    "offset": ("static", 5.0),
-    "late": ("lag", 0.5),
-}  # m, K, s: sd of each
-MIN_DEPTH_M = 0.3e-3
+# Free parameter of each kind of fault, and its prior standard deviation [m, K, s].
+FREE_PARAMETER = {"misplaced": ("depth", MISPLACED_M), "offset": ("static", 5.0), "late": ("lag", 0.5)}
+MIN_INFORMATION = 0.02  # least part of a depth's prior variance that the test is taken to remove
+LOG_H_STEP = 0.05  # of the difference quotient by log h
+# Gains are computed at these h; responses between them are splines in ln h.
+H_GRID_W_M2K = np.geomspace(30.0, 3000.0, 14)
+H_FINE_W_M2K = np.geomspace(30.0, 3000.0, 131)
+MAX_ITERATIONS = 4  # to the nearest node of the coarse grid
+MIN_DEPTH_M = 0.3e-3  # least depth of a misplaced junction [m]
+# A refined fault has converged when its size changes by less than this.
 CONVERGED_M = 0.03e-3
 CONVERGED_S = 0.01
+MAX_DEPTH_ITERATIONS = 4
 MAX_LATE_ITERATIONS = 6
 
 
 @dataclass(frozen=True)
 class Fault:
-    """A hypothesis: ``kind`` "none", "swapped", "misplaced", "offset", "late" or "foreign", with its channels.
+    """A hypothesis: ``kind`` "none", "swapped", "misplaced", "offset", "late" or "foreign", and channels.
 
-    "foreign": the features hold another disk's channel in the place of this one.
+    "foreign": the features hold another disk's channel in place of this one.
     """
 
     kind: str
@@ -78,10 +77,18 @@ class Fault:
 
 @dataclass(frozen=True)
 class FaultFit:
-    """A hypothesis with its log likelihood, chi-square and the number of data, at its best share and h.
+    """The fit of a hypothesis, at its best share and h.
 
-    ``size`` is how far the junction is misplaced [m, positive deeper], how much it reads too high [K], how much it is
-    late [s].
+    Parameters
+    ----------
+    fault
+        The hypothesis.
+    log_likelihood, chi2, dof
+        Its log likelihood, chi-squared and degrees of freedom.
+    share, h_W_m2K
+        The best share and heat transfer coefficient.
+    size
+        How much deeper the junction lies [m], how much it reads too high [K], how late it is [s].
     """
 
     fault: Fault
@@ -94,7 +101,7 @@ class FaultFit:
 
 
 def hypotheses(channels: Sequence[str], left_out: Sequence[str] = ()) -> Iterator[list[Fault]]:
-    """A sound disk, evenly held or not, and all faults that are looked for, by the order of their columns.
+    """A sound disk and all faults that are considered, in lists with one order of the columns each.
 
     Channels ``left_out`` have no faults.
     """
@@ -104,205 +111,257 @@ def hypotheses(channels: Sequence[str], left_out: Sequence[str] = ()) -> Iterato
         yield [Fault("swapped", pair)]
 
 
-def evaluate_faults(f: DiskFeatures, disk: DiskTraces, faults: Sequence[Fault]) -> list[FaultFit]:
-    """Likelihood of the features under each of ``faults``, all of one order of the columns.
+def evaluate_faults(
+    f: DiskFeatures, disk: DiskTraces, faults: Sequence[Fault]
+) -> list[FaultFit]:
+    """Likelihood of the features under each of ``faults``, all with one order of the columns.
 
-    The effect of every error grows with the share, so a hypothesis is a mixture of normal distributions about each
-    share of ``SHARE_GRID``; the verdict's numbers are those of the likeliest.
+    Notes
+    -----
+    The effect of every error grows with the share, so a hypothesis is a mixture of normal
+    distributions about each share of ``SHARE_GRID``; the numbers of a fit are those of the likeliest.
     """
-    s = f.setup
-    logs = np.log(H_GRID_W_M2K)
-    order = faults[0].order(s.channels)
-    answers = f.response(order, tuple((float(h), NOMINAL) for h in H_GRID_W_M2K))
-    rests, powers = (
-        np.asarray(CubicSpline(logs, x[:, f.observed])(np.log(H_FINE_W_M2K))) for x in answers
+    setup = f.setup
+    order = faults[0].order(setup.channels)
+    responses = f.response(order, tuple((float(h), NOMINAL) for h in H_GRID_W_M2K))
+    boundary, power = (
+        CubicSpline(np.log(H_GRID_W_M2K), x[:, f.observed])(np.log(H_FINE_W_M2K))
+        for x in responses
     )
-    found = []
+    readings = f.levels[:, order][:, setup.places(setup.rows)][f.observed]
+    independent_sd = independent_sd_K(f, disk, power[len(power) // 2], order)
+    fits_by_share = []
     for share in SHARE_GRID:
-        left = f.levels[:, order][:, s.places(s.rows)][f.observed] - rests - share * powers
-        own = independent_sd_K(f, disk, powers[len(powers) // 2], order)
-        start = int(np.argmin(((left / own) ** 2).sum(axis=1)))
-        known: dict[
-            tuple[int, tuple[str, ...]], _Seen
-        ] = {}  # about points of the coarse grid, which most faults share
-        found.append(
-            [_about(f, disk, fault, share, left, powers, start, known) for fault in faults]
-        )
+        residuals = readings - boundary - share * power
+        start = int(np.argmin(((residuals / independent_sd) ** 2).sum(axis=1)))
+        component = _ShareComponent(f, disk, share, residuals, power)
+        fits_by_share.append([component.fit(fault, start) for fault in faults])
     out = []
-    for parts in zip(*found):
-        best = max(parts, key=lambda v: v.log_likelihood)
-        together = special.logsumexp([v.log_likelihood for v in parts]) - np.log(len(parts))
-        out.append(replace(best, log_likelihood=float(together)))
+    for fits in zip(*fits_by_share):
+        best = max(fits, key=lambda fit: fit.log_likelihood)
+        total = special.logsumexp([fit.log_likelihood for fit in fits]) - np.log(len(fits))
+        out.append(replace(best, log_likelihood=float(total)))
     return out
 
 
 @dataclass(frozen=True)
-class _Seen:
-    """What is left about one point, of a disk without free faults: ``effects`` (D, Q) and ``left`` (D, H), both divided
-    by the ``root`` (D, D) of its covariance; ``chi2`` (H,), and the covariance's log determinant."""
+class _Whitened:
+    """Residuals about one point, of a disk without free faults, divided by a root of their covariance.
+
+    ``root`` (D, D) of the covariance; ``effects`` (D, Q) and ``residuals`` (D, H) divided by it;
+    ``chi2`` (H,), and the covariance's log determinant.
+    """
 
     root: Array
     effects: Array
-    left: Array
+    residuals: Array
     chi2: Array
     log_det: float
 
     @classmethod
-    def of(cls, covariance: Array, effects: Array, left: Array) -> _Seen:
-        """Of what is ``left`` (H, D) by its ``covariance`` (D, D) and the ``effects`` (Q, D) about it."""
+    def of(cls, covariance: Array, effects: Array, residuals: Array) -> _Whitened:
+        """Of ``residuals`` (H, D) with ``covariance`` (D, D), and the ``effects`` (Q, D) about them."""
         root: Array = np.asarray(np.linalg.cholesky(covariance), dtype=float)
-        white = solve_triangular(root, np.vstack([effects, left]).T, lower=True)
-        by_effect = white[:, : len(effects)]
-        by_h = white[:, len(effects) :]
-        return cls(
-            root, by_effect, by_h, (by_h**2).sum(axis=0), 2 * float(np.log(np.diag(root)).sum())
-        )
+        white = solve_triangular(root, np.vstack([effects, residuals]).T, lower=True)
+        white_effects = white[:, : len(effects)]
+        white_residuals = white[:, len(effects) :]
+        chi2 = (white_residuals**2).sum(axis=0)
+        log_det = 2 * float(np.log(np.diag(root)).sum())
+        return cls(root, white_effects, white_residuals, chi2, log_det)
 
 
-def _about(
-    f: DiskFeatures,
-    disk: DiskTraces,
-    fault: Fault,
-    share: float,
-    left: Array,
-    powers: Array,
-    best: int,
-    known: dict[tuple[int, tuple[str, ...]], _Seen],
-) -> FaultFit:
-    """The verdict if the share lies about ``share``, of what is ``left`` (H, D) over ``H_FINE_W_M2K``.
+class _ShareComponent:
+    """One normal component of the mixture: the share lies about ``share``.
 
-    What a fault leaves free, e by one standard deviation of it, adds e e' to the covariance C. With e and all else
-    divided by the root of C, that lowers chi-squared by (e'r)^2/(1 + e'e) and adds ln(1 + e'e) to the log determinant.
+    ``residuals`` (H, D) and the responses ``power`` (H, D) to a share of one are over ``H_FINE_W_M2K``.
     """
-    mixed = fault.channels if fault.kind in ("swapped", "foreign") else ()
-    order = fault.order(f.setup.channels)
-    stands = [what.name for what in nominal_parameters(f.setup)]
-    quantity, sd = FREE_PARAMETER.get(fault.kind, ("", 0.0))
-    rows = [stands.index(f"{quantity} {c}") for c in fault.channels] if sd else []
-    at = -1
-    for _ in range(
-        MAX_ITERATIONS
-    ):  # the covariance is worked out at the nearest point of the coarse grid
-        nearest = int(np.argmin(np.abs(np.log(H_GRID_W_M2K / H_FINE_W_M2K[best]))))
-        if nearest == at:
-            break
-        at = nearest
-        if (at, mixed) not in known:
-            effects = f.effects(order, float(H_GRID_W_M2K[at]), share)
-            known[at, mixed] = _Seen.of(covariance(f, disk, effects, order, mixed), effects, left)
-        seen = known[at, mixed]
-        free = sd * seen.effects[:, rows].sum(axis=1)
-        wider = 1 + float(free @ free)
-        toward = free @ seen.left
-        best = int(np.argmin(seen.chi2 - toward**2 / wider))
-    one_sd = float(toward[best]) / wider
-    chi2 = float(seen.chi2[best]) - one_sd * float(toward[best])
-    log_det = seen.log_det + float(np.log(wider))
-    size = Estimate.normal(sd * one_sd, sd / wider**0.5) if sd else None
-    power = solve_triangular(seen.root, powers[best], lower=True)
-    likely = float(
-        np.clip(share + SHARE_SD**2 * float(power @ (seen.left[:, best] - one_sd * free)), 0.0, 1.0)
-    )
-    return FaultFit(
-        fault,
-        -0.5 * (chi2 + log_det),
-        chi2,
-        left.shape[1] - 1,
-        likely,
-        float(H_FINE_W_M2K[best]),
-        size,
-    )
+
+    def __init__(
+        self, f: DiskFeatures, disk: DiskTraces, share: float, residuals: Array, power: Array
+    ) -> None:
+        self.f = f
+        self.disk = disk
+        self.share = share
+        self.residuals = residuals
+        self.power = power
+        # by node of the coarse grid and swapped channels: most faults have them in common
+        self._cache: dict[tuple[int, tuple[str, ...]], _Whitened] = {}
+
+    def _whitened(self, node: int, fault: Fault) -> _Whitened:
+        """The residuals whitened with the covariance at a node of the coarse grid."""
+        swapped = fault.channels if fault.kind in ("swapped", "foreign") else ()
+        if (node, swapped) not in self._cache:
+            order = fault.order(self.f.setup.channels)
+            effects = self.f.effects(order, float(H_GRID_W_M2K[node]), self.share)
+            cov = covariance(self.f, self.disk, effects, order, swapped)
+            self._cache[node, swapped] = _Whitened.of(cov, effects, self.residuals)
+        return self._cache[node, swapped]
+
+    def fit(self, fault: Fault, start: int) -> FaultFit:
+        """The fit of a fault, from index ``start`` of ``H_FINE_W_M2K``.
+
+        Notes
+        -----
+        The free parameter of a fault, e by one standard deviation of it, adds e e' to the covariance
+        C. With e and all else divided by the root of C, that lowers chi-squared by
+        (e'r)^2/(1 + e'e) and adds ln(1 + e'e) to the log determinant.
+        """
+        names = [parameter.name for parameter in nominal_parameters(self.f.setup)]
+        quantity, sd = FREE_PARAMETER.get(fault.kind, ("", 0.0))
+        rows = [names.index(f"{quantity} {c}") for c in fault.channels] if sd else []
+        best = start
+        node = -1
+        for _ in range(MAX_ITERATIONS):  # the covariance is that at the nearest node
+            nearest = int(np.argmin(np.abs(np.log(H_GRID_W_M2K / H_FINE_W_M2K[best]))))
+            if nearest == node:
+                break
+            node = nearest
+            white = self._whitened(node, fault)
+            effect = sd * white.effects[:, rows].sum(axis=1)
+            widening = 1 + float(effect @ effect)
+            projection = effect @ white.residuals
+            best = int(np.argmin(white.chi2 - projection**2 / widening))
+        size_in_sd = float(projection[best]) / widening
+        chi2 = float(white.chi2[best]) - size_in_sd * float(projection[best])
+        log_det = white.log_det + float(np.log(widening))
+        size = Estimate.normal(sd * size_in_sd, sd / widening**0.5) if sd else None
+        power = solve_triangular(white.root, self.power[best], lower=True)
+        residual = white.residuals[:, best] - size_in_sd * effect
+        share = self.share + SHARE_SD**2 * float(power @ residual)
+        return FaultFit(
+            fault=fault,
+            log_likelihood=-0.5 * (chi2 + log_det),
+            chi2=chi2,
+            dof=self.residuals.shape[1] - 1,
+            share=float(np.clip(share, 0.0, 1.0)),
+            h_W_m2K=float(H_FINE_W_M2K[best]),
+            size=size,
+        )
 
 
 def refine_fault(test: EhlTest, f: DiskFeatures, disk: DiskTraces, v: FaultFit) -> FaultFit:
-    """A misplaced junction of the outer row, or a late channel, linearised again where the last look put it, until it
-    stays."""
-    channel = v.fault.channels[0]
-    if v.fault.kind == "late" and v.size is not None:
-        return _settled_late(test, disk, v, v.size)
-    if v.fault.kind != "misplaced" or channel not in f.setup.outer or v.size is None:
+    """Linearise a misplaced junction of the outer row, or a late channel, about its estimate until it converges."""
+    if v.size is None:
         return v
+    channel = v.fault.channels[0]
+    if v.fault.kind == "late":
+        return _refine_late(test, disk, v, v.size)
+    if v.fault.kind == "misplaced" and channel in f.setup.outer:
+        return _refine_depth(f, disk, v, v.size)
+    return v
+
+
+def _refine_depth(f: DiskFeatures, disk: DiskTraces, v: FaultFit, start: Estimate) -> FaultFit:
+    """Evaluate a misplaced junction at its estimated depth until that converges."""
+    channel = v.fault.channels[0]
     setup = f.setup
-    at = setup.junctions[channel]
-    deepest = setup.edge_m - MIN_DEPTH_M
-    size = v.size
-    again = v
-    for _ in range(4):
-        depth = float(np.clip(at.depth_m + size.value, MIN_DEPTH_M, deepest))
-        there = {**setup.junctions, channel: replace(at, depth_m=depth)}
-        (again,) = evaluate_faults(
-            replace(f, setup=replace(setup, junctions=there)), disk, [v.fault]
-        )
-        if again.size is None:
+    junction = setup.junctions[channel]
+    deepest_m = setup.edge_m - MIN_DEPTH_M
+    size = start
+    fit = v
+    for _ in range(MAX_DEPTH_ITERATIONS):
+        depth_m = float(np.clip(junction.depth_m + size.value, MIN_DEPTH_M, deepest_m))
+        junctions = {**setup.junctions, channel: replace(junction, depth_m=depth_m)}
+        features = replace(f, setup=replace(setup, junctions=junctions))
+        (fit,) = evaluate_faults(features, disk, [v.fault])
+        if fit.size is None:
             break
-        size = Estimate.normal(depth - at.depth_m + again.size.value, again.size.u)
-        if abs(again.size.value) < CONVERGED_M:
+        shift_m = depth_m - junction.depth_m
+        size = Estimate.normal(shift_m + fit.size.value, fit.size.u)
+        if abs(fit.size.value) < CONVERGED_M:
             break
-    if size.value + at.depth_m > deepest:  # the outer row lies above the inner one
-        return replace(again, size=size, log_likelihood=-np.inf)
-    return replace(
-        again,
-        size=size,
-        log_likelihood=again.log_likelihood - 0.5 * (size.value / MISPLACED_M) ** 2,
-    )
+    if size.value + junction.depth_m > deepest_m:  # the outer row lies above the inner one
+        return replace(fit, size=size, log_likelihood=-np.inf)
+    return _with_prior(fit, size, MISPLACED_M)
 
 
-def _settled_late(test: EhlTest, disk: DiskTraces, v: FaultFit, size: Estimate) -> FaultFit:
-    """What is much late is not linear: the column is brought forward in time, and judged again."""
+def _refine_late(test: EhlTest, disk: DiskTraces, v: FaultFit, start: Estimate) -> FaultFit:
+    """Shift a late channel in time and evaluate it again until its delay converges: a long one is not linear."""
     k = disk.setup.channels.index(v.fault.channels[0])
-    again = v
+    size = start
+    fit = v
     for _ in range(MAX_LATE_ITERATIONS):
         readings = disk.readings_degC.copy()
         readings[:, k] = np.interp(test.time_s + size.value, test.time_s, readings[:, k])
-        moved = replace(disk, readings_degC=readings)
-        (again,) = evaluate_faults(disk_features(test, moved), moved, [v.fault])
-        if again.size is None:
+        shifted = replace(disk, readings_degC=readings)
+        (fit,) = evaluate_faults(disk_features(test, shifted), shifted, [v.fault])
+        if fit.size is None:
             break
-        size = Estimate.normal(size.value + again.size.value, again.size.u)
-        if abs(again.size.value) < CONVERGED_S:
+        size = Estimate.normal(size.value + fit.size.value, fit.size.u)
+        if abs(fit.size.value) < CONVERGED_S:
             break
-    return replace(
-        again,
-        size=size,
-        log_likelihood=again.log_likelihood - 0.5 * (size.value / FREE_PARAMETER["late"][1]) ** 2,
-    )
+    return _with_prior(fit, size, FREE_PARAMETER["late"][1])
+
+
+def _with_prior(fit: FaultFit, size: Estimate, sd: float) -> FaultFit:
+    """A refined fit with its total ``size``, whose prior has standard deviation ``sd``."""
+    penalty = 0.5 * (size.value / sd) ** 2
+    return replace(fit, size=size, log_likelihood=fit.log_likelihood - penalty)
 
 
 def covariance(
     f: DiskFeatures, disk: DiskTraces, effects: Array, order: Order, mixed: tuple[str, ...] = ()
 ) -> Array:
-    """Covariance (D, D) [K2] of what is left of the predicted data, by their ``effects`` (see ``DiskFeatures``).
+    """Covariance (D, D) [K2] of the residuals of the predicted data.
 
-    ``mixed``: channels whose static lines and lags are another's.
+    Parameters
+    ----------
+    f, disk
+        Features and traces of the disk.
+    effects
+        ``DiskFeatures.effects`` of the data, (Q, D).
+    order
+        Which column reads each position.
+    mixed
+        Channels whose static lines and lags are another channel's.
     """
-    foreign = np.isin(disk.setup.channels, mixed).astype(float)
-    static = np.hypot(disk.static_u_K, SWAPPED_LINES_K * foreign)
-    u = nominal_u(disk, static, SWAPPED_LAGS_S * foreign)
+    swapped = np.isin(disk.setup.channels, mixed).astype(float)
+    static_u_K = np.hypot(disk.static_u_K, SWAPPED_LINES_K * swapped)
+    nominal = nominal_u(disk, static_u_K, SWAPPED_LAGS_S * swapped)
     common = [1.0, 1.0, max(disk.common_lag_u_s, LEAST_LAG_U_S), LOADING_U_S, SHARE_SD]
-    a = np.concatenate([u, np.ones(len(effects) - len(u) - len(common)), common])[:, None] * effects
-    return np.asarray(a.T @ a + np.diag(independent_sd_K(f, disk, effects[-1], order) ** 2))
+    n_harmonic = len(effects) - len(nominal) - len(common)
+    u = np.concatenate([nominal, np.ones(n_harmonic), common])
+    scaled = u[:, None] * effects
+    independent = np.diag(independent_sd_K(f, disk, effects[-1], order) ** 2)
+    return np.asarray(scaled.T @ scaled + independent)
 
 
 def independent_sd_K(f: DiskFeatures, disk: DiskTraces, power: Array, order: Order) -> Array:
-    """Independent part of each datum's standard deviation (D,) [K]: white noise, what the models miss, trends.
+    """Independent part of each datum's standard deviation (D,) [K]: white noise, model errors, trends.
 
-    ``power`` (D,): what a share of one makes.
+    ``power`` (D,) is the response to a share of one.
     """
-    places = f.setup.places(f.setup.rows)
-    noise = f.noise[:, None] * np.maximum(disk.noise_K[list(order)][places], 1e-3)
-    rel = np.repeat([MODEL_REL, INNER_MODEL_REL], [len(f.setup.outer), len(f.setup.inner)])
-    bend = f.trend_u_K[:, order][:, places] * (rel == INNER_MODEL_REL)  # the outer row follows it
-    own = 2 * noise**2 + MODEL_K**2 + bend**2
-    return np.sqrt(own[f.observed] + (np.broadcast_to(rel, own.shape)[f.observed] * power) ** 2)
+    setup = f.setup
+    index = setup.places(setup.rows)
+    n_outer = len(setup.outer)
+    n_inner = len(setup.inner)
+    noise = f.noise[:, None] * np.maximum(disk.noise_K[list(order)][index], 1e-3)
+    model_rel = np.repeat([MODEL_REL, INNER_MODEL_REL], [n_outer, n_inner])
+    is_inner = np.repeat([False, True], [n_outer, n_inner])
+    trend = f.trend_u_K[:, order][:, index] * is_inner  # the outer row follows the inner row's trend
+    variance = 2 * noise**2 + MODEL_K**2 + trend**2
+    by_power = np.broadcast_to(model_rel, variance.shape)[f.observed] * power
+    return np.sqrt(variance[f.observed] + by_power**2)
 
 
 @dataclass(frozen=True)
 class DepthTest:
-    """The junctions of a disk, all or those used, against their stated depths.
+    """The depths of the junctions of a disk, all or those used, against their nominal depths.
 
-    ``pull`` (C,): departure in standard deviations, standard normal on a sound disk, with correlation ``correlation``
-    (C, C); ``deeper_m``: how much deeper each lies than stated by this test alone, its own stated depth, known to
-    ``stated_u_m`` [m], not counted.
+    Parameters
+    ----------
+    disk
+        Name of the disk.
+    pull
+        Departure of each depth in standard deviations, standard normal on a sound disk, (C,).
+    correlation
+        Correlation of the pulls, (C, C).
+    deeper_m
+        How much deeper each junction lies by this test alone, without its own nominal depth.
+    stated_u_m
+        Standard uncertainty of the nominal depths.
+    left_out
+        Channels that were excluded.
     """
 
     disk: str
@@ -314,36 +373,38 @@ class DepthTest:
 
 
 def depth_test(f: DiskFeatures, disk: DiskTraces, sound: FaultFit) -> DepthTest:
-    """Score test of each depth about the ``sound`` verdict, all other nuisances and depths at their priors.
+    """Score test of each depth about the fit of a sound disk.
 
-    With r the misfit, C its covariance and e the effect of one standard uncertainty of a depth, the pull is
-    e C^-1 r / sqrt(e C^-1 e), and of the depth's prior variance the test removes the part t = e C^-1 e; so the test
-    alone says (e C^-1 r) / t standard uncertainties, +- sqrt((1 - t) / t).
+    All other nuisance parameters and depths are at their priors.
+
+    Notes
+    -----
+    With r the residuals, C their covariance and e the effect of one standard uncertainty of a depth,
+    the pull is e C^-1 r / sqrt(e C^-1 e), and of the depth's prior variance the test removes the part
+    t = e C^-1 e; so the test alone gives (e C^-1 r) / t standard uncertainties,
+    +- sqrt((1 - t) / t).
     """
+    setup = f.setup
     h = float(H_GRID_W_M2K[np.argmin(np.abs(np.log(H_GRID_W_M2K / sound.h_W_m2K)))])
-    at, more = (
-        rest + sound.share * power
-        for rest, power in zip(
-            *f.response(f.as_wired, tuple((x, NOMINAL) for x in (h, h * float(np.exp(LOG_H_STEP)))))
-        )
-    )
-    off = LOG_H_SD / LOG_H_STEP * (more - at)[f.observed]
-    known = f.effects(f.as_wired, h, sound.share)
-    cov = covariance(f, disk, known, f.as_wired) + np.outer(off, off)
-    left = (f.levels[:, f.setup.places(f.setup.rows)] - at)[f.observed]
-    sd_m = disk.uncertainty.depth_mm * 1e-3
-    used = [c for c in f.setup.channels if c not in disk.left_out]
-    stands = [what.name for what in nominal_parameters(f.setup)]
-    effects = sd_m * known[[stands.index(f"depth {c}") for c in used]]
-    toward = np.linalg.solve(cov, effects.T).T
-    gram = toward @ effects.T
-    told = np.clip(np.diag(gram), MIN_INFORMATION, 1 - 1e-9)
-    score = toward @ left
+    higher_h = h * float(np.exp(LOG_H_STEP))
+    boundary, power = f.response(f.as_wired, ((h, NOMINAL), (higher_h, NOMINAL)))
+    predicted, predicted_at_step = boundary + sound.share * power
+    by_h = LOG_H_SD / LOG_H_STEP * (predicted_at_step - predicted)[f.observed]
+    all_effects = f.effects(f.as_wired, h, sound.share)
+    cov = covariance(f, disk, all_effects, f.as_wired) + np.outer(by_h, by_h)
+    residual = (f.levels[:, setup.places(setup.rows)] - predicted)[f.observed]
+    depth_u_m = disk.uncertainty.depth_mm * 1e-3
+    used = [c for c in setup.channels if c not in disk.left_out]
+    names = [parameter.name for parameter in nominal_parameters(setup)]
+    effects = depth_u_m * all_effects[[names.index(f"depth {c}") for c in used]]
+    weighted = np.linalg.solve(cov, effects.T).T
+    gram = weighted @ effects.T
+    score = weighted @ residual
+    information = np.clip(np.diag(gram), MIN_INFORMATION, 1 - 1e-9)
     root = np.sqrt(np.diag(gram))
-    deeper = {
-        c: Estimate.normal(sd_m * float(s / t), sd_m * float(np.sqrt((1 - t) / t)))
-        for c, s, t in zip(used, score, told)
+    deeper_m = {
+        c: Estimate.normal(depth_u_m * float(s / t), depth_u_m * float(np.sqrt((1 - t) / t)))
+        for c, s, t in zip(used, score, information)
     }
-    return DepthTest(
-        disk.name, score / root, gram / np.outer(root, root), deeper, sd_m, disk.left_out
-    )
+    correlation = gram / np.outer(root, root)
+    return DepthTest(disk.name, score / root, correlation, deeper_m, depth_u_m, disk.left_out)

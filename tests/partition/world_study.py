@@ -69,9 +69,9 @@ WORLDS: dict[str, tuple[World, str]] = {
     "oil +8 K": (World(oil_K=8.0), "film_air"),
     "oil -8 K": (World(oil_K=-8.0), "film_air"),
     "stem 3 %": (World(stem=0.03), "stem"),
-    "bubble x1.3": (World(lag_effects={"fast_e": 1.3}), "lag of fast_e"),
-    "bubble x2": (World(lag_effects={"fast_e": 2.0}), "lag of fast_e"),
-    "bubble x2 of b": (World(lag_effects={"slow_b": 2.0}), "lag of slow_b"),
+    "bubble x1.3": (World(later={"fast_e": 1.3}), "lag of fast_e"),
+    "bubble x2": (World(later={"fast_e": 2.0}), "lag of fast_e"),
+    "bubble x2 of b": (World(later={"slow_b": 2.0}), "lag of slow_b"),
     "k -10 %": (World(k_per_K=-0.001), "k_of_T"),
     "15 % elsewhere": (World(elsewhere=0.15), "elsewhere"),
     "film 1.5 | 0.5": (World(film=(1.5, 0.5)), "as assumed"),
@@ -240,7 +240,7 @@ def world_rig(seed: int, name: str, test: str = "B3") -> StudyRig:
                 told["unload_s"],
             )
             slower = {
-                c: replace(x, tau1_s=x.tau1_s * world.lag_effects.get(f"{d}_{c}", 1.0))
+                c: replace(x, tau1_s=x.tau1_s * world.later.get(f"{d}_{c}", 1.0))
                 for c, x in disk.channels.items()
             }
             lagging = replace(disk, channels=slower)
