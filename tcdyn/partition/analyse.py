@@ -1,4 +1,4 @@
-"""One EHL test from prepared traces to all ways to beta and their cross-check."""
+"""Analysis of one EHL test: from prepared traces to all estimators of beta and their cross-check."""
 
 from __future__ import annotations
 
@@ -60,23 +60,48 @@ from tcdyn.partition.window import DiskWindow, stretch_of
 from tcdyn.rig.disk import DISKS
 from tcdyn.smoothing.record import Compensated
 
-# of the cooling fit; a channel at rest that is off by more reads something else
-WINDOW_S = 5.0
+WINDOW_S = 5.0  # length of the cooling of the cooling fit [s]
+# A channel whose offset at rest is larger measures something else, and stops the run [K].
 MAX_OFFSET_K = 20.0
 NO_HARMONICS: Mapping[str, Unevenness] = {}
-# the exponent this far from the speed law's, and its opposite this near
+# The disks' cables look exchanged if the exponent is this far from the speed law's, and its opposite
+# this near, in standard uncertainties.
 EXCHANGED_Z = 5.0
 OPPOSITE_Z = 3.0
 
 
 @dataclass(frozen=True)
 class Partition:
-    """All ways to the heat partition of one test.
+    """All estimates of the heat partition of one test.
 
-    ``compensated``: each disk's traces over ``rows`` of the test, smoothed with ``chains`` (the record's, their common
-    lag refined by the joint fit); ``answers``: every quantity with the uncertainty of the budget's draws, which hold
-    their correlations; ``model_form_columns``: the fit of both disks if the test were built otherwise; ``noticed``: what was
-    found on the way, before the cross-check's verdict.
+    Parameters
+    ----------
+    test
+        The test without the circumferential harmonics.
+    rows
+        Rows of the test that the fits use.
+    lines, speed
+        Steady line of each disk, and the speed law's point on both.
+    cooling, joint, both
+        Cooling fit and joint fit of each disk, and the joint fit of both.
+    budget
+        Uncertainty budget with samples of every quantity.
+    crosscheck
+        Agreement of the estimators.
+    answers
+        Every quantity with the uncertainty of the budget's samples, which hold their correlations.
+    chains
+        Chains of each disk: the record's, their common lag refined by the joint fit.
+    compensated
+        Traces of each disk over ``rows``, smoothed with ``chains``.
+    windows
+        Window of each disk's compensated traces.
+    sensors
+        The sensor check; None if it was not made.
+    structures
+        The fit of both disks under all model-form alternatives.
+    noticed
+        Findings of the analysis, without the cross-check's conclusion.
     """
 
     test: EhlTest
@@ -98,61 +123,87 @@ class Partition:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """All that was noticed, the cross-check's verdict last."""
+        """All findings, the cross-check's conclusion last."""
         return (*self.noticed, self.crosscheck.finding)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What was noticed in words; the verdict's stand in ``crosscheck.sentence``."""
+        """The findings as text, without the conclusion, which is ``crosscheck.sentence``."""
         return messages(self.noticed)
 
     @property
     def ways(self) -> dict[str, Estimate]:
-        """beta of the fast disk by each way."""
+        """beta of the fast disk by each estimator."""
         return {way: self.answers[way] for way in ESTIMATORS}
 
     @property
     def withheld(self) -> frozenset[str]:
-        """Keys of ``answers`` that cannot be true, and of both disks' estimates as "both beta"; not to be shown."""
+        """Keys of impossible ``answers``, and of both disks' as "both beta"; these are not reported."""
         return impossible_keys(self.answers, self.both.estimates)
 
     @property
     def status(self) -> str:
-        """ "sound", "warning" with at least one warning, "withheld" for a physically impossible estimate."""
+        """ "sound", "warning" with at least one warning, "withheld" for an impossible estimate."""
         if "both beta" in self.withheld:
             return "withheld"
         return "warning" if warnings_and_errors(self.findings) else "sound"
 
     @property
     def headline(self) -> Finding:
-        """The recommended answer and why, in words: the joint fit of both disks."""
+        """The recommended estimate, the joint fit of both disks, and the reason."""
         if "both beta" in self.withheld:
             return warning("headline.withheld")
-        e = self.both.estimates
-        s = self.structures
-        numbers: dict[str, Any] = (
-            {}
-            if s.preferred is None
-            else {"named": s.preferred.name, "named_beta": s.preferred.beta.value}
-        )
+        beta = self.both.estimates["beta"]
+        exponent = self.both.estimates["exponent"]
+        forms = self.structures
+        numbers: dict[str, Any] = {}
+        if forms.preferred is not None:
+            numbers["named"] = forms.preferred.name
+            numbers["named_beta"] = forms.preferred.beta.value
         return info(
             "headline.both",
-            beta=e["beta"].value,
-            u=e["beta"].u,
-            exponent=e["exponent"].value,
-            exponent_u=e["exponent"].u,
+            beta=beta.value,
+            u=beta.u,
+            exponent=exponent.value,
+            exponent_u=exponent.u,
             assumed=self.test.speed_exponent,
-            z=s.assumed.speed_law_z,
-            count=len(s.tried) - 1,
-            low95=s.low95,
-            high95=s.high95,
+            z=forms.assumed.speed_law_z,
+            count=len(forms.tried) - 1,
+            low95=forms.low95,
+            high95=forms.high95,
             **numbers,
         )
 
     @cached_property
     def profiles(self) -> pd.DataFrame:
-        """How much worse the joint fits become away from their best numbers; see ``tcdyn.partition.profile``."""
+        """Profiles of the joint fits; see ``tcdyn.partition.profile``."""
         return joint_profiles(self.joint, self.both)
+
+
+@dataclass(frozen=True)
+class _MainFits:
+    """Results of steady lines and joint fits.
+
+    ``test`` is without the estimated harmonics, ``fitted`` is the test of the joint fits.
+    """
+
+    test: EhlTest
+    fitted: EhlTest
+    lines: Mapping[str, DiskLine]
+    speed: SpeedLawPoint
+    joint: Mapping[str, DiskFit]
+    both: BothFit
+    findings: list[Finding]
+
+
+@dataclass(frozen=True)
+class _CoolingFits:
+    """Compensated traces, their windows, and the cooling fit with its sensitivity, by disk."""
+
+    compensated: Mapping[str, Compensated]
+    windows: Mapping[str, DiskWindow]
+    fits: Mapping[str, CoolingFit]
+    sensitivities: Mapping[str, CoolingSensitivity]
 
 
 def analyse(
@@ -167,215 +218,321 @@ def analyse(
 ) -> Partition:
     """Steady lines, speed law, joint fits, compensation, cooling fits, budget and cross-check of one test.
 
-    ``window_s``: cooling used by the h-only fit; ``sensor_check``: look for dead, swapped and misplaced junctions
-    first. Raises InputError when the log ends too early, the window is shorter than the lag, a channel is dead or
-    swapped, or the data contradict the model.
+    Parameters
+    ----------
+    test
+        The test.
+    window_s
+        Length of the cooling of the cooling fit [s].
+    profile
+        Profile of the inner boundary along z.
+    weights
+        Weights of the outer row for the steady lines; equal unless given.
+    seed
+        Of the Monte Carlo simulation.
+    sensor_check
+        Whether to look for dead, swapped and misplaced junctions first.
+    progress
+        Called with the name of each stage.
+
+    Raises
+    ------
+    InputError
+        If the log ends too early, the window is shorter than the lag, a channel is dead or swapped, or
+        the data contradict the model.
     """
     require_window_longer_than_lag(test, window_s)
-    logged = test = with_slowing_by_speed_law(
-        at_one_radius(at_own_temperature(with_surfaces(test)))
-    )
-    joint_s = float(
-        min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s)
-    )  # of cooling, or what the log holds
-    rows = stretch_of(test, max(window_s, joint_s))
-    findings = list(test.findings)
+    prepared = prepare_test(test)
+    joint_s = joint_window_s(prepared)
+    rows = stretch_of(prepared, max(window_s, joint_s))
+    findings = list(prepared.findings)
     sensors = None
     if sensor_check:
         progress("sensor map")
-        sensors = _check_sensors(test, rows, joint_s, profile)
+        sensors = _check_sensors(prepared, rows, joint_s, profile)
         findings += check_suspects(sensors)
+    main = _main_fits(prepared, rows, joint_s, profile, weights, progress)
+    test = main.test
+    joint = main.joint
+    both = main.both
+    findings += main.findings
+    progress("other structures, compensation and cooling fits")
+    chains = {d: refined_chains(test.disks[d].chains, joint[d].chain) for d in DISKS}
+    cooling = _cooling_fits(main, rows, chains, window_s, profile)
+    forms = compare_model_forms(main.fitted, joint, both)
+    budget = monte_carlo(test, main.lines, cooling.fits, cooling.sensitivities, joint, seed)
+    surface, surface_samples = surface_temperatures(test, main.speed, cooling.windows, budget.draws)
+    samples = {**budget.draws, **surface_samples}
+    values = _values(main, cooling.fits) | surface
+    answers = {
+        key: Estimate.normal(value, float(np.std(samples[key]))) for key, value in values.items()
+    }
+    impossible = "both beta" in impossible_keys(answers, both.estimates)
+    possible_forms = None if impossible else forms
+    causes = impossibility_findings(answers, both.estimates, samples)
+    wrong_units = [f for f in causes if f.numbers.get("units")]  # they explain all other findings
+    findings = [
+        *_exchanged_cables(prepared, both),
+        *wrong_units,
+        *findings,
+        *(f for f in causes if f not in wrong_units),
+    ]
+    if possible_forms is not None:
+        findings += possible_forms.findings
+    checked = cross_check(
+        {way: answers[way] for way in ESTIMATORS},
+        samples,
+        tensions(test, joint, both, sensors),
+        possible_forms,
+    )
+    return Partition(
+        test=test,
+        rows=rows,
+        lines=main.lines,
+        speed=main.speed,
+        cooling=cooling.fits,
+        joint=joint,
+        both=both,
+        budget=replace(budget, draws=samples),
+        crosscheck=checked,
+        answers=answers,
+        chains=chains,
+        compensated=cooling.compensated,
+        windows=cooling.windows,
+        sensors=sensors,
+        structures=forms,
+        noticed=tuple(findings),
+    )
+
+
+def prepare_test(test: EhlTest) -> EhlTest:
+    """The test with surface air, linear steel, inner row at one radius, and the air of slowing disks."""
+    test = with_surfaces(test)
+    test = at_own_temperature(test)
+    test = at_one_radius(test)
+    return with_slowing_by_speed_law(test)
+
+
+def joint_window_s(test: EhlTest) -> float:
+    """Length of the cooling of the joint fits: the default, or what the log holds [s]."""
+    return float(min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s))
+
+
+def _main_fits(
+    test: EhlTest,
+    rows: slice,
+    joint_s: float,
+    profile: Profile,
+    weights: NDArray[np.float64] | None,
+    progress: Callable[[str], None],
+) -> _MainFits:
+    """Steady lines and joint fits, repeated with what the joint fits show.
+
+    These are the air of slowing disks at the fitted share and h, and the circumferential harmonics:
+    where one is significant, or a press fit is stated, the joint fits are repeated with its prior.
+    """
     progress("steady lines")
-    lines, speed = steady_lines(test, rows, profile, weights)
+    _, speed = steady_lines(test, rows, profile, weights)
     progress("joint fits")
     joint, both = joint_fits(test, speed.starts, joint_s, profile)
     if test.slowing:
-        test = with_slowing_air_offset(
-            test, {d: (fit.share, fit.h_W_m2K) for d, fit in joint.items()}
-        )
+        points = {d: (fit.share, fit.h_W_m2K) for d, fit in joint.items()}
+        test = with_slowing_air_offset(test, points)
         joint, both = joint_fits(test, speed.starts, joint_s, profile)
     fitted = test
-    (test, again) = remove_and_expect_harmonics(test, both.uneven)
-    lines, speed = steady_lines(test, rows, profile, weights)
-    stated, contradicted = press_fit_priors(test, both.estimates, both.uneven)
-    findings += contradicted
+    expected = expected_harmonics(both.uneven)
+    even = without_harmonics(fitted, both.uneven, expected)
+    lines, speed = steady_lines(even, rows, profile, weights)
+    stated, findings = press_fit_priors(even, both.estimates, both.uneven)
     if stated:
-        again = remove_and_expect_harmonics(fitted, both.uneven, stated)[1]
-    if again is not None:
-        fitted = remove_harmonics(again, again.uneven) if stated else again
+        expected = expected_harmonics(both.uneven, stated)
+    if stated or any_significant(expected):
+        again = replace(fitted, uneven=expected)
+        fitted = remove_harmonics(again, expected) if stated else again
         joint, both = joint_fits(fitted, speed.starts, joint_s, profile)
-        test, _ = remove_and_expect_harmonics(again, both.uneven, stated)
-        lines, speed = steady_lines(test, rows, profile, weights)
-    findings += [told for d in DISKS if (told := both.uneven[d].finding(d)) is not None]
-    progress("other structures, compensation and cooling fits")
-    chains = {d: refined_chains(test.disks[d].chains, joint[d].chain) for d in DISKS}
+        even = without_harmonics(again, both.uneven, expected_harmonics(both.uneven, stated))
+        lines, speed = steady_lines(even, rows, profile, weights)
+    for d in DISKS:
+        finding = both.uneven[d].finding(d)
+        if finding is not None:
+            findings.append(finding)
+    return _MainFits(even, fitted, lines, speed, joint, both, findings)
+
+
+def _cooling_fits(
+    main: _MainFits,
+    rows: slice,
+    chains: Mapping[str, tuple[Chain, ...]],
+    window_s: float,
+    profile: Profile,
+) -> _CoolingFits:
+    """Compensate the traces of each disk and fit its h to the cooling."""
+    test = main.test
+    traces: dict[str, Compensated] = {}
     windows: dict[str, DiskWindow] = {}
-    shown: dict[str, Compensated] = {}
-    cooling: dict[str, CoolingFit] = {}
-    shifts: dict[str, CoolingSensitivity] = {}
+    fits: dict[str, CoolingFit] = {}
+    sensitivities: dict[str, CoolingSensitivity] = {}
     for d in DISKS:
         disk = test.disks[d]
-        line = lines[d]
-        junctions = smoothed(test, disk, rows, chains[d], joint[d].estimates["lag_s"].u)
-        traces = compensated(test, disk, rows, junctions, profile)
-        prior = log_h_prior(disk.setup.surface)
+        line = main.lines[d]
+        lag_u_s = main.joint[d].estimates["lag_s"].u
+        smooth = smoothed(test, disk, rows, chains[d], lag_u_s)
+        cooled = compensated(test, disk, rows, smooth, profile)
         fit = cooling_fit(
-            traces.window, line.line, test.events.unload_s, window_s, traces.noise_K, prior
+            cooled.window,
+            line.line,
+            test.events.unload_s,
+            window_s,
+            cooled.noise_K,
+            log_h_prior(disk.setup.surface),
         )
-        errors = cooling_errors(traces, fit.share, fit.h_W_m2K)
-        windows[d] = traces.window
-        shown[d] = traces.shown
-        cooling[d] = fit
-        shifts[d] = cooling_shift(fit, *errors, line)
-    structures = compare_model_forms(fitted, joint, both)
-    budget = monte_carlo(test, lines, cooling, shifts, joint, seed)
+        effects, by_lag = cooling_errors(cooled, fit.share, fit.h_W_m2K)
+        traces[d] = cooled.shown
+        windows[d] = cooled.window
+        fits[d] = fit
+        sensitivities[d] = cooling_shift(fit, effects, by_lag, line)
+    return _CoolingFits(traces, windows, fits, sensitivities)
+
+
+def _values(main: _MainFits, cooling: Mapping[str, CoolingFit]) -> dict[str, float]:
+    """Values of all quantities but the surface temperatures, by key of ``Partition.answers``."""
     values = {
-        "speed law": speed.beta,
-        "h_fast": speed.h_fast,
-        "h_slow": speed.h_slow,
-        "exponent": test.speed_exponent,
+        "speed law": main.speed.beta,
+        "h_fast": main.speed.h_fast,
+        "h_slow": main.speed.h_slow,
+        "exponent": main.test.speed_exponent,
     }
     for d in DISKS:
-        values |= {f"{d} intercept": lines[d].line.intercept, f"{d} slope": lines[d].line.slope}
-        values |= {f"cooling {d}": cooling[d].beta, f"h cooling {d}": cooling[d].h_W_m2K}
-        values |= {f"joint {d}": joint[d].beta, f"h joint {d}": joint[d].h_W_m2K}
-    surface, drawn = surface_temperatures(test, speed, windows, budget.draws)
-    draws = {**budget.draws, **drawn}
-    answers = {
-        k: Estimate.normal(value, float(np.std(draws[k])))
-        for k, value in (values | surface).items()
-    }
-    held = structures if "both beta" not in impossible_keys(answers, both.estimates) else None
-    causes = impossibility_findings(answers, both.estimates, draws)
-    units = [f for f in causes if f.numbers.get("units")]  # they explain all the rest
-    findings = [
-        *_exchanged(logged, both),
-        *units,
-        *findings,
-        *(f for f in causes if f not in units),
-    ]
-    findings += held.findings if held else ()
-    checked = cross_check(
-        {way: answers[way] for way in ESTIMATORS}, draws, tensions(test, joint, both, sensors), held
-    )
-    return Partition(
-        test,
-        rows,
-        lines,
-        speed,
-        cooling,
-        joint,
-        both,
-        replace(budget, draws=draws),
-        checked,
-        answers,
-        chains,
-        shown,
-        windows,
-        sensors,
-        structures,
-        tuple(findings),
-    )
+        line = main.lines[d].line
+        values |= {
+            f"{d} intercept": line.intercept,
+            f"{d} slope": line.slope,
+            f"cooling {d}": cooling[d].beta,
+            f"h cooling {d}": cooling[d].h_W_m2K,
+            f"joint {d}": main.joint[d].beta,
+            f"h joint {d}": main.joint[d].h_W_m2K,
+        }
+    return values
 
 
-def check_suspects(found: SensorCheck) -> list[Finding]:
-    """What the sensor map suspects. Raises InputError where a channel is dead, swapped or off by ``MAX_OFFSET_K``."""
-    suspected = [suspect.finding for suspect in found.suspects]
-    for finding in suspected:
-        n = finding.numbers
-        lost = n["kind"] == "dead" or (
-            n["kind"] == "offset" and abs(n["size"] or 0.0) > MAX_OFFSET_K
-        )
-        if lost or finding.severity is Severity.ERROR:
+def check_suspects(sensors: SensorCheck) -> list[Finding]:
+    """The findings on suspected sensors.
+
+    Raises
+    ------
+    InputError
+        If a channel is dead, swapped, or has an offset above ``MAX_OFFSET_K``.
+    """
+    findings = [suspect.finding for suspect in sensors.suspects]
+    for finding in findings:
+        numbers = finding.numbers
+        is_dead = numbers["kind"] == "dead"
+        large_offset = numbers["kind"] == "offset" and abs(numbers["size"] or 0.0) > MAX_OFFSET_K
+        unusable = is_dead or large_offset
+        if unusable or finding.severity is Severity.ERROR:
             raise InputError(
                 finding.sentence,
                 expected="living junctions where rig.toml says",
                 remedy="map the columns in rig.toml [columns], or go on at your own risk with {sensor_check}",
                 parameters={"sensor_check": False},
-                column=n["columns"][0] if lost else "",
+                column=numbers["columns"][0] if unusable else "",
             )
-    return suspected
+    return findings
 
 
-def _exchanged(test: EhlTest, both: BothFit) -> list[Finding]:
-    """Whether the disks' cables look exchanged: the exponent its opposite, or readings at rest each other's."""
+def _exchanged_cables(test: EhlTest, both: BothFit) -> list[Finding]:
+    """A warning if the disks' cables look exchanged.
+
+    Then the exponent is the opposite of the speed law's, or the readings at rest are each other's.
+    """
     n = both.estimates["exponent"]
     assumed = test.speed_exponent
     law_u = test.exponent_half_range / 3**0.5
-    away, opposite = (
-        abs(assumed - sign * n.value) / float(np.hypot(n.u, law_u)) for sign in (1, -1)
-    )
-    at_rest = away >= EXCHANGED_Z and cables_exchanged(test)
-    if away < EXCHANGED_Z or (opposite > OPPOSITE_Z and not at_rest):
+    u = float(np.hypot(n.u, law_u))
+    distance_z = abs(assumed - n.value) / u
+    opposite_z = abs(assumed + n.value) / u
+    if distance_z < EXCHANGED_Z:
         return []
-    numbers: dict[str, Any] = {
-        "exponent": n.value,
-        "u": n.u,
-        "assumed": assumed,
-        "beta": both.estimates["beta"].value,
-    }
-    return [warning("cables.exchanged", **numbers, at_rest=at_rest)]
+    at_rest = cables_exchanged(test)
+    if opposite_z > OPPOSITE_Z and not at_rest:
+        return []
+    return [
+        warning(
+            "cables.exchanged",
+            exponent=n.value,
+            u=n.u,
+            assumed=assumed,
+            beta=both.estimates["beta"].value,
+            at_rest=at_rest,
+        )
+    ]
 
 
 def _check_sensors(test: EhlTest, rows: slice, joint_s: float, profile: Profile) -> SensorCheck:
-    """The sensor map; where it suspects anything, that with the power that the disks show, if this explains it all."""
-    found = check_sensors(test)
-    if found.sound:
-        return found
+    """The sensor check, with the power that the disks show if that explains all suspects."""
+    sensors = check_sensors(test)
+    if sensors.sound:
+        return sensors
     try:
         _, speed = steady_lines(test, rows, profile)
         joint = single_disk_fits(test, speed.starts, joint_s, profile)
     except InputError:
-        return found
+        return sensors
     scale = power_scale(*(joint[d].estimates["beta"].value for d in DISKS))
     if scale <= 0 or abs(scale - 1) < POWER_SCALE_TOLERANCE:
-        return found
-    return (
-        again
-        if (again := check_sensors(replace(test, power_W=test.power_W * scale))).sound
-        else found
-    )
+        return sensors
+    scaled = check_sensors(replace(test, power_W=test.power_W * scale))
+    return scaled if scaled.sound else sensors
 
 
 def with_slowing_by_speed_law(test: EhlTest) -> EhlTest:
-    """The test with the film of slowing disks, by the speed law."""
-    length = float(min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s))
-    return (
-        with_slowing_air_offset(test, steady_lines(test, stretch_of(test, length))[1].starts)
-        if test.slowing
-        else test
-    )
+    """The test with the air offset of slowing disks at the speed law's share and h."""
+    if not test.slowing:
+        return test
+    _, speed = steady_lines(test, stretch_of(test, joint_window_s(test)))
+    return with_slowing_air_offset(test, speed.starts)
 
 
-def remove_and_expect_harmonics(
-    test: EhlTest, found: Mapping[str, Unevenness], stated: Mapping[str, Unevenness] = NO_HARMONICS
-) -> tuple[EhlTest, EhlTest | None]:
-    """The test without the harmonics round the bore that were ``found``; and where one is beyond doubt, or ``stated``,
-    the test with them, to be fitted again with what is to be expected of such a disk."""
-    expected = {d: stated.get(d, one.expected) for d, one in found.items()}
-    known = {
+def expected_harmonics(
+    estimated: Mapping[str, Unevenness], stated: Mapping[str, Unevenness] = NO_HARMONICS
+) -> dict[str, Unevenness]:
+    """Priors of the harmonics for a second fit: by a ``stated`` press fit, else by the first fit."""
+    return {d: stated.get(d, harmonic.expected) for d, harmonic in estimated.items()}
+
+
+def any_significant(expected: Mapping[str, Unevenness]) -> bool:
+    """Whether a harmonic is significant, so that a second fit is needed."""
+    return any(harmonic.second_harmonic_u_K > 0 for harmonic in expected.values())
+
+
+def without_harmonics(
+    test: EhlTest, estimated: Mapping[str, Unevenness], expected: Mapping[str, Unevenness]
+) -> EhlTest:
+    """The test without the estimated harmonics, with the remaining uncertainty as ``expected``."""
+    remaining = {
         d: replace(
-            found[d], second_harmonic_u_K=e.second_harmonic_u_K, angle_level_K=e.angle_level_K
+            estimated[d],
+            second_harmonic_u_K=harmonic.second_harmonic_u_K,
+            angle_level_K=harmonic.angle_level_K,
         )
-        for d, e in expected.items()
+        for d, harmonic in expected.items()
     }
-    uneven = bool(stated) or any(one.second_harmonic_u_K > 0 for one in known.values())
-    return remove_harmonics(test, known), replace(test, uneven=expected) if uneven else None
+    return remove_harmonics(test, remaining)
 
 
-def remove_harmonics(test: EhlTest, known: Mapping[str, Unevenness]) -> EhlTest:
-    """The test without the harmonics round the bore that are ``known``."""
+def remove_harmonics(test: EhlTest, harmonics: Mapping[str, Unevenness]) -> EhlTest:
+    """The test with circumferential ``harmonics`` subtracted from the readings."""
     disks = {}
     for d, disk in test.disks.items():
         since_s = test.time_s - test.events.unload_s - disk.common_lag_s
-        disks[d] = replace(
-            disk, readings_degC=disk.readings_degC - harmonic_K(known[d], disk.setup, since_s)
-        )
-    return replace(test, disks=disks, uneven=known)
+        even = disk.readings_degC - harmonic_K(harmonics[d], disk.setup, since_s)
+        disks[d] = replace(disk, readings_degC=even)
+    return replace(test, disks=disks, uneven=harmonics)
 
 
 def refine_lags(test: EhlTest) -> Mapping[str, Alone]:
-    """Joint fits of the disks that were logged, for their chains."""
+    """Joint fits of the logged disks, for their chains."""
     test = with_slowing_by_speed_law(at_own_temperature(with_surfaces(test)))
-    length = float(min(JOINT_WINDOW_S, test.time_s[-1] - test.events.unload_s))
-    return single_disk_fits(test, steady_lines(test, stretch_of(test, length))[1].starts, length)
+    length_s = joint_window_s(test)
+    _, speed = steady_lines(test, stretch_of(test, length_s))
+    return single_disk_fits(test, speed.starts, length_s)

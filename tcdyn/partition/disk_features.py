@@ -239,9 +239,9 @@ class DiskFeatures:
         responses = self.target_responses(cases, place)
         columns = [1 + order[i] for i in self._inner_row]
         boundary = responses[:, columns, range(1, ambient)].sum(axis=1)
-        boundary += self.column_response(
-            "ambient", ambient, cases, place
-        ) + self.column_response("film", ambient + 1, cases, place)
+        boundary += self.column_response("ambient", ambient, cases, place) + self.column_response(
+            "film", ambient + 1, cases, place
+        )
         return boundary, responses[:, 0, 0]
 
     def gradient(self, order: Order, cases: tuple[Case, ...]) -> tuple[Array, Array]:
@@ -384,9 +384,7 @@ class DiskFeatures:
             edge_effect[:, : len(edge)] = STAND_IN_K * steady * edge
             harmonic = np.concatenate([harmonic, edge_effect[None]])
         late = (slower - power) / LAG_STEP_S
-        return _OrderFree(
-            steady_input_response(self.setup, static), harmonic, late, speed_exponent
-        )
+        return _OrderFree(steady_input_response(self.setup, static), harmonic, late, speed_exponent)
 
 
 def disk_features(test: EhlTest, disk: DiskTraces) -> DiskFeatures:

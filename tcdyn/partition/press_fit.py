@@ -328,9 +328,7 @@ def _bore_flux_of_test(
     air_K = 0.0
     if disk.name in test.surface_air_offset_K:
         air_K = float(test.surface_air_offset_K[disk.name][last, 0].mean())
-    return bore_flux_with_u(
-        disk, (share * power_W, power_u_W), (h.value, h.u), inner_K, air_K
-    )
+    return bore_flux_with_u(disk, (share * power_W, power_u_W), (h.value, h.u), inner_K, air_K)
 
 
 def _polar(level_K: Array) -> tuple[float, float]:

@@ -107,9 +107,7 @@ def rim_table(side: Side, points: Sequence[Array], h_u_W_m2K: float, lag_u_s: fl
         boundary=boundary @ basis,
         power=(power @ basis).reshape(H_NODES, -1),
     )
-    return replace(
-        side, y=side.y @ basis, effects=(side.effects.T @ basis).T, model=table
-    )
+    return replace(side, y=side.y @ basis, effects=(side.effects.T @ basis).T, model=table)
 
 
 @dataclass(frozen=True)
@@ -222,9 +220,7 @@ def joint_profiles(joint: Mapping[str, DiskFit], both: BothFit) -> pd.DataFrame:
         "exponent": ProfiledNumber((h_fast - h_slow) / float(np.log(both.speed_ratio))),
     }
     sides = [tables[d] for d in DISKS]
-    profiles.append(
-        _profiles("both", sides, both.theta, numbers, both.estimates, both.inflation)
-    )
+    profiles.append(_profiles("both", sides, both.theta, numbers, both.estimates, both.inflation))
     return pd.concat(profiles, ignore_index=True)
 
 

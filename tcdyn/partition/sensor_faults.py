@@ -40,7 +40,11 @@ INNER_MODEL_REL = 0.015
 MODEL_K = 0.03  # the same, constant, by comparison with whole-disk solutions [K]
 MISPLACED_M = 1.5e-3
 # Free parameter of each kind of fault, and its prior standard deviation [m, K, s].
-FREE_PARAMETER = {"misplaced": ("depth", MISPLACED_M), "offset": ("static", 5.0), "late": ("lag", 0.5)}
+FREE_PARAMETER = {
+    "misplaced": ("depth", MISPLACED_M),
+    "offset": ("static", 5.0),
+    "late": ("lag", 0.5),
+}
 MIN_INFORMATION = 0.02  # least part of a depth's prior variance that the test is taken to remove
 LOG_H_STEP = 0.05  # of the difference quotient by log h
 # Gains are computed at these h; responses between them are splines in ln h.
@@ -111,9 +115,7 @@ def hypotheses(channels: Sequence[str], left_out: Sequence[str] = ()) -> Iterato
         yield [Fault("swapped", pair)]
 
 
-def evaluate_faults(
-    f: DiskFeatures, disk: DiskTraces, faults: Sequence[Fault]
-) -> list[FaultFit]:
+def evaluate_faults(f: DiskFeatures, disk: DiskTraces, faults: Sequence[Fault]) -> list[FaultFit]:
     """Likelihood of the features under each of ``faults``, all with one order of the columns.
 
     Notes
@@ -125,8 +127,7 @@ def evaluate_faults(
     order = faults[0].order(setup.channels)
     responses = f.response(order, tuple((float(h), NOMINAL) for h in H_GRID_W_M2K))
     boundary, power = (
-        CubicSpline(np.log(H_GRID_W_M2K), x[:, f.observed])(np.log(H_FINE_W_M2K))
-        for x in responses
+        CubicSpline(np.log(H_GRID_W_M2K), x[:, f.observed])(np.log(H_FINE_W_M2K)) for x in responses
     )
     readings = f.levels[:, order][:, setup.places(setup.rows)][f.observed]
     independent_sd = independent_sd_K(f, disk, power[len(power) // 2], order)
@@ -338,7 +339,9 @@ def independent_sd_K(f: DiskFeatures, disk: DiskTraces, power: Array, order: Ord
     noise = f.noise[:, None] * np.maximum(disk.noise_K[list(order)][index], 1e-3)
     model_rel = np.repeat([MODEL_REL, INNER_MODEL_REL], [n_outer, n_inner])
     is_inner = np.repeat([False, True], [n_outer, n_inner])
-    trend = f.trend_u_K[:, order][:, index] * is_inner  # the outer row follows the inner row's trend
+    trend = (
+        f.trend_u_K[:, order][:, index] * is_inner
+    )  # the outer row follows the inner row's trend
     variance = 2 * noise**2 + MODEL_K**2 + trend**2
     by_power = np.broadcast_to(model_rel, variance.shape)[f.observed] * power
     return np.sqrt(variance[f.observed] + by_power**2)
