@@ -1,4 +1,4 @@
-"""Analysis of one EHL test: from prepared traces to all estimators of beta and their cross-check."""
+"""Analysis of one EHL test: all estimators of beta and their cross-check."""
 
 from __future__ import annotations
 
@@ -64,8 +64,8 @@ WINDOW_S = 5.0  # length of the cooling of the cooling fit [s]
 # A channel whose offset at rest is larger measures something else, and stops the run [K].
 MAX_OFFSET_K = 20.0
 NO_HARMONICS: Mapping[str, Unevenness] = {}
-# The disks' cables look exchanged if the exponent is this far from the speed law's, and its opposite
-# this near, in standard uncertainties.
+# The disks' cables look exchanged if the exponent is this far from the speed law's, and its
+# opposite this near, in standard uncertainties.
 EXCHANGED_Z = 5.0
 OPPOSITE_Z = 3.0
 
@@ -138,7 +138,7 @@ class Partition:
 
     @property
     def withheld(self) -> frozenset[str]:
-        """Keys of impossible ``answers``, and of both disks' as "both beta"; these are not reported."""
+        """Keys of impossible estimates, of both disks as "both beta"; these are not reported."""
         return impossible_keys(self.answers, self.both.estimates)
 
     @property
@@ -216,7 +216,7 @@ def analyse(
     sensor_check: bool = True,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Partition:
-    """Steady lines, speed law, joint fits, compensation, cooling fits, budget and cross-check of one test.
+    """Steady lines, joint fits, compensation, cooling fits, budget and cross-check of one test.
 
     Parameters
     ----------
@@ -238,8 +238,8 @@ def analyse(
     Raises
     ------
     InputError
-        If the log ends too early, the window is shorter than the lag, a channel is dead or swapped, or
-        the data contradict the model.
+        If the log ends too early, the window is shorter than the lag, a channel is dead or swapped,
+        or the data contradict the model.
     """
     require_window_longer_than_lag(test, window_s)
     prepared = prepare_test(test)
@@ -306,7 +306,7 @@ def analyse(
 
 
 def prepare_test(test: EhlTest) -> EhlTest:
-    """The test with surface air, linear steel, inner row at one radius, and the air of slowing disks."""
+    """The test with surface air, linear steel, inner row at one radius, air of slowing disks."""
     test = with_surfaces(test)
     test = at_own_temperature(test)
     test = at_one_radius(test)
@@ -433,7 +433,8 @@ def check_suspects(sensors: SensorCheck) -> list[Finding]:
             raise InputError(
                 finding.sentence,
                 expected="living junctions where rig.toml says",
-                remedy="map the columns in rig.toml [columns], or go on at your own risk with {sensor_check}",
+                remedy="map the columns in rig.toml [columns], or go on at your own risk "
+                "with {sensor_check}",
                 parameters={"sensor_check": False},
                 column=numbers["columns"][0] if unusable else "",
             )
@@ -496,7 +497,7 @@ def with_slowing_by_speed_law(test: EhlTest) -> EhlTest:
 def expected_harmonics(
     estimated: Mapping[str, Unevenness], stated: Mapping[str, Unevenness] = NO_HARMONICS
 ) -> dict[str, Unevenness]:
-    """Priors of the harmonics for a second fit: by a ``stated`` press fit, else by the first fit."""
+    """Priors of the harmonics for a second fit: by ``stated`` press fits, else by the first fit."""
     return {d: stated.get(d, harmonic.expected) for d, harmonic in estimated.items()}
 
 

@@ -1,4 +1,4 @@
-"""Angular harmonic: the first circumferential harmonic of a disk's temperature by uneven contact round the bore.
+"""Angular harmonic: first circumferential harmonic of a disk by uneven contact round its bore.
 
 Disk, shaft and junctions turn together, so a press fit that conducts better on one side makes a
 pattern that is constant in the disk's frame, cos and sin of the angle. In the rim T1(r) obeys
@@ -33,7 +33,8 @@ DRIFT_LASTS_S = 10.0
 HALF_FALL_S = 25.0
 # Second harmonic that the same contact makes, relative to the first. By whole-disk solutions.
 SECOND_HARMONIC_REL = 0.07
-# Standard uncertainty of each junction's angle [deg]: the rig file's is assumed (design, section 12).
+# Standard uncertainty of each junction's angle [deg]: that of the rig file is assumed
+# (design, section 12).
 ANGLE_U_DEG = 3.0
 SIGNIFICANT_Z = 3.0  # the harmonic is significant beyond this many standard uncertainties
 LEAST_KAPPA_R = 1e-2  # least kappa times the outer radius, for the Bessel functions
@@ -133,12 +134,12 @@ class Unevenness:
 
     @property
     def significance(self) -> float:
-        """Distance of the level from zero in standard uncertainties: below 3 in 99 of 100 even disks."""
+        """Level in standard uncertainties: below 3 in 99 of 100 even disks."""
         return self.level_z(self.level_K)
 
     @property
     def amplitude_K(self) -> Estimate:
-        """Half the difference of the hottest and coldest side at the depth of b, at the unloading [K]."""
+        """Half the difference of hottest and coldest side at the depth of b, at unloading [K]."""
         level = self.level_K
         size = float(np.hypot(*level))
         direction = level / size if size else np.array([1.0, 0.0])
@@ -278,8 +279,11 @@ def time_shapes(since_s: Array, span_s: float) -> Array:
 
     Examples
     --------
-    >>> time_shapes(np.array([-200.0, -50.0, 0.0, 25.0]), 100.0).tolist()
-    [[1.0, 1.0, 1.0, 1.0], [-1.0, -0.5, 0.0, 0.1], [1.0, 0.25, 0.0, 0.010000000000000002], [0.0, 0.0, 0.0, 0.5]]
+    >>> time_shapes(np.array([-200.0, -50.0, 0.0, 25.0]), 100.0).round(2)
+    array([[ 1.  ,  1.  ,  1.  ,  1.  ],
+           [-1.  , -0.5 ,  0.  ,  0.1 ],
+           [ 1.  ,  0.25,  0.  ,  0.01],
+           [ 0.  ,  0.  ,  0.  ,  0.5 ]])
     """
     x = np.clip(np.asarray(since_s, dtype=float), -span_s, DRIFT_LASTS_S) / span_s
     return np.stack([np.ones_like(x), x, x * x, fall_fraction(since_s)])
@@ -297,9 +301,8 @@ def fall_fraction(since_s: Array) -> Array:
 def outer_row_effect(setup: DiskSetup, h_W_m2K: float, static: Array, n: int = 1) -> Array:
     """Outer row less prediction by a kelvin of harmonic ``n`` at the edge, (2, P) for cos and sin.
 
-    ``static`` (k, P) is the response of the outer row to a constant kelvin at each of the inner row,
-    whose own part of the harmonic drives the rim.
-    """
+    ``static`` (k, P) is the response of the outer row to a constant kelvin at each of the inner
+    row, whose own part of the harmonic drives the rim."""
     outer = harmonic_at_junctions(setup, h_W_m2K, setup.outer, n)
     inner = harmonic_at_junctions(setup, h_W_m2K, setup.inner, n)
     return np.asarray(outer - inner @ static)

@@ -30,7 +30,7 @@ AT_REST_K = 5.0  # largest mean excess over ambient [K]
 REST_U_K = 0.07  # standard deviation of the junctions' temperatures at rest [K]
 WARM_REL = 0.1  # the same by the disk's excess over ambient, relative to that
 MEAN_NOISE = 0.2  # noise of the mean over the window, relative to that of a sample, maybe coloured
-# An offset is larger than these [K, standard uncertainties]; the drift of a disk at rest is smaller.
+# An offset is larger than these [K, standard uncertainties]; the drift at rest is smaller.
 MIN_OFFSET_K = 0.75
 MIN_OFFSET_Z = 5.0
 # The disk does not fit one temperature below this probability of chi-squared; with two channels
@@ -71,7 +71,7 @@ class DiskAtRest:
         return float(((self.deviation(reads) / self.u)[channels] ** 2).sum())
 
     def read_through(self, other: DiskAtRest, order: Sequence[int]) -> Array:
-        """Signals of channels ``order`` (C,) of ``other`` through this disk's static lines [degC]."""
+        """Channels ``order`` of ``other`` through this disk's static lines, (C,) [degC]."""
         lines = self.disk.lines
         other_lines = other.disk.lines
         raw = [(other.mean[k] - other_lines[k].offset) / other_lines[k].gain for k in order]

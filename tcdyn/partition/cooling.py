@@ -1,4 +1,4 @@
-"""Cooling fit: with the power gone, h is the one unknown of a disk on its steady line (sections 4.4 and 7.5)."""
+"""Cooling fit: without power, h is the one unknown of a disk on its steady line (4.4 and 7.5)."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def require_window_longer_than_lag(test: EhlTest, window_s: float) -> None:
 
 
 def with_slowing_air_offset(test: EhlTest, at: Mapping[str, tuple[float, float]]) -> EhlTest:
-    """The test with ``surface_air_offset_K`` for the disks that did not keep their speed after the unloading.
+    """The test with the surface air offset of disks that did not keep their speed.
 
     Parameters
     ----------
@@ -66,11 +66,10 @@ def with_slowing_air_offset(test: EhlTest, at: Mapping[str, tuple[float, float]]
 
     Notes
     -----
-    The surface loses h (u/u_0)^n (T_s - T_A). That is the loss under load with air at the running surface alone that is
-    ((u/u_0)^n - 1)(T_s - T_A) colder. T_s is the mean temperature of the running surface by the model itself, so air
-    and surface are computed in turn. The second column is the change by a standard uncertainty of n, which is
-    uniform over its range.
-    """
+    The surface loses h (u/u_0)^n (T_s - T_A). That is the loss under load with air at the running
+    surface alone that is ((u/u_0)^n - 1)(T_s - T_A) colder. T_s is the mean temperature of the
+    running surface by the model itself, so air and surface are computed in turn. The second column
+    is the change by a standard uncertainty of n, which is uniform over its range."""
     if not test.slowing:
         return test
     rows = stretch_of(test, min(MAX_COOLING_S, float(test.time_s[-1] - test.events.unload_s)))
@@ -172,13 +171,13 @@ class CoolingFit:
 
 @dataclass(frozen=True)
 class CoolingSensitivity(FitSensitivity):
-    """Sensitivity of (share, h); ``by_lag`` (2,): the same per second by which the compensated lag is too long."""
+    """Sensitivity of (share, h); ``by_lag`` (2,): per second of too long a compensated lag."""
 
     by_lag: Array
 
 
 def with_common_u(covariance_s2: Array, common_u_s: float) -> Array:
-    """Covariance (M, M) of lags: differences as in ``covariance_s2``, their mean known to ``common_u_s``.
+    """Covariance (M, M) of lags with differences of ``covariance_s2`` and mean of ``common_u_s``.
 
     >>> with_common_u(np.full((2, 2), 0.25), 0.1).round(4)
     array([[0.01, 0.01],
@@ -191,7 +190,7 @@ def with_common_u(covariance_s2: Array, common_u_s: float) -> Array:
 
 @dataclass(frozen=True)
 class Alone:
-    """Joint fit of one disk without the other: its ``chain``, and ``estimates`` of beta, h [W/m2K] and lag_s."""
+    """Joint fit of one disk without the other: chain, and estimates of beta, h [W/m2K], lag_s."""
 
     chain: Chain
     estimates: Mapping[str, Estimate]
@@ -209,7 +208,10 @@ def single_disk_fits(
 
 
 def refined_chains(chains: Sequence[Chain], common: Chain) -> tuple[Chain, ...]:
-    """``common`` for every channel, its largest lag shifted by the channel's difference from the mean of ``chains``."""
+    """``common`` for every channel, its largest lag shifted by the channel's own difference.
+
+    That is the difference of the channel's lag from the mean of ``chains``.
+    """
     mean_s = float(np.mean([chain.lag_s for chain in chains]))
     longest, *others = sorted(common.taus_s, reverse=True)
     return tuple(
@@ -226,7 +228,7 @@ def smoothed(
     lag_u_s: float,
     like: Compensated | None = None,
 ) -> Compensated:
-    """Compensated traces of one disk by the RTS smoother, with the unloading as a known change of slope.
+    """Compensate the traces of one disk by the RTS smoother, the unloading a known change of slope.
 
     Parameters
     ----------
@@ -239,8 +241,8 @@ def smoothed(
     lag_u_s
         Standard uncertainty of their common lag.
     like
-        Traces from the same first row on whose process-noise intensities are used; without it these are estimated
-        by their likelihood.
+        Traces from the same first row on whose process-noise intensities are used; without it these
+        are estimated by their likelihood.
 
     Notes
     -----
@@ -264,7 +266,7 @@ def smoothed(
 def compensated(
     test: EhlTest, disk: DiskTraces, rows: slice, done: Compensated, profile: Profile = "modal"
 ) -> CompensatedDisk:
-    """The traces of one disk over ``rows``, ``done`` by :func:`smoothed`, and the windows made of them."""
+    """Traces of one disk over ``rows``, ``done`` by :func:`smoothed`, and their windows."""
 
     def window_with(longer_s: float) -> DiskWindow:
         temperature = done.temperature + longer_s * done.lag_sensitivity
@@ -285,7 +287,8 @@ def cooling_errors(
     effects
         Effects of the nuisance parameters.
     by_lag
-        Predicted less compensated outer row per second by which the compensated lag is too long, (R, P).
+        Predicted less compensated outer row per second by which the compensated lag is too long,
+        (R, P).
     """
     window = cooled.window
     longer = cooled.longer_lag_window
@@ -347,9 +350,9 @@ def cooling_fit(
 
     Notes
     -----
-    Each outer junction is compared with the model after both are matched over the last ``MATCH_S`` seconds under
-    load, so that static errors, which the steady line already holds, do not enter twice.
-    """
+    Each outer junction is compared with the model after both are matched over the last ``MATCH_S``
+    seconds under load, so that static errors, which the steady line already holds, do not enter
+    twice."""
     since_s = window.at_s - unload_s
     inside = (since_s >= 0) & (since_s < window_s)
     before = (since_s >= -MATCH_S) & (since_s < -MATCH_GAP_S)
@@ -408,7 +411,7 @@ def surface_temperatures(
     windows: Mapping[str, DiskWindow],
     draws: Mapping[str, Array],
 ) -> tuple[dict[str, float], dict[str, Array]]:
-    """Maximum of each running track's mean temperature over the last seconds under load, with Monte Carlo samples.
+    """Maximum temperature of each running track before unloading, with Monte Carlo samples.
 
     Parameters
     ----------
@@ -424,12 +427,13 @@ def surface_temperatures(
     Returns
     -------
     values, samples
-        "surface fast" and "surface slow" [degC], and (T_fast - T_slow) u_s [K m/s] as "delta_T_us" (figure 7.18).
+        "surface fast" and "surface slow" [degC], and (T_fast - T_slow) u_s [K m/s] as "delta_T_us"
+        (figure 7.18).
 
     Notes
     -----
-    The maximum is taken over nine points across the track. The samples are linear in beta and h.
-    """
+    Temperatures are means over the last seconds under load; the maximum is that of nine points
+    across the track. The samples are linear in beta and h."""
     values = dict[str, float]()
     samples = dict[str, Array]()
     for d, h, share, sign in (

@@ -1,4 +1,4 @@
-"""Cross-check of the estimators of beta, its uncertainty budget, and nominal values that the data contradict.
+"""Cross-check of the estimators of beta, uncertainty budget, and contradicted nominal values.
 
 The budget is a Monte Carlo simulation by source over all estimators and both disks (GUM Supplement
 1). Its samples hold every quantity with its correlations, by which the estimators are compared.
@@ -47,7 +47,7 @@ N_QUANTITIES = 7  # intercept, slope; share, h of the cooling fit; share, h, lag
 
 @dataclass(frozen=True)
 class BudgetRow:
-    """One source of uncertainty, and its standard uncertainty of beta by speed law and cooling fit."""
+    """One source, and its standard uncertainty of beta by speed law and cooling fit."""
 
     source: str
     u_beta_steady: float
@@ -56,14 +56,14 @@ class BudgetRow:
 
 @dataclass(frozen=True)
 class Budget:
-    """Uncertainty budget: ``rows`` by source; ``draws``: samples of every quantity by all sources."""
+    """Uncertainty budget: ``rows`` by source; ``draws``: samples of every quantity."""
 
     rows: tuple[BudgetRow, ...]
     draws: dict[str, Array]
 
     @property
     def together(self) -> tuple[float, float]:
-        """Standard uncertainty of beta by the speed law, and by the cooling fit of the worse disk."""
+        """Standard uncertainty of beta by speed law, and by the cooling fit of the worse disk."""
         cooling = [float(np.std(self.draws[f"cooling {d}"])) for d in DISKS]
         return float(np.std(self.draws["speed law"])), max(cooling)
 
@@ -142,7 +142,7 @@ class _Sampler:
         self.model_form = {d: normal[d, "model form"] for d in DISKS}
 
     def samples(self, active: str | None) -> dict[str, Array]:
-        """Samples (N_SAMPLES,) of every quantity if only the source ``active`` is uncertain, or all."""
+        """Samples of every quantity if only the source ``active`` is uncertain; None for all."""
         exponent = np.full(N_SAMPLES, self.test.speed_exponent)
         if active in (None, "speed exponent"):
             exponent = self.exponent

@@ -206,7 +206,7 @@ def _washers(a: DiskAtFit) -> Array:
 
 
 def _stem_conduction(a: DiskAtFit) -> Array:
-    """Each junction loses a part of its excess over ambient; the inner row then drives the rim too cold."""
+    """Each junction reads less of its excess; the inner row then drives the rim too cold."""
     ambient = a.rim.ambient_index
     gains = a.rim.gains(a.h_W_m2K)
     air = a.rim.inputs[:, [ambient]]

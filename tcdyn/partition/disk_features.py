@@ -1,7 +1,7 @@
-"""Features of a disk for the sensor check: window means of its readings, steady and after each event, with their model.
+"""Features of a disk for the sensor check: window means of its readings, and their model.
 
-The model predicts them for any order of the columns, and the effects of the nuisance parameters.
-"""
+The windows are the steady level and some seconds after each event. The model predicts them for any
+order of the columns, and the effects of the nuisance parameters."""
 
 from __future__ import annotations
 
@@ -337,7 +337,7 @@ class DiskFeatures:
     def _nominal_effects(
         self, perturbed: Array, gradient: Array, constant: Array, rates: Array, steady: Array
     ) -> Array:
-        """``nominal_effects`` of the windows; the rim follows the errors of the inner row at once."""
+        """``nominal_effects`` of the windows; the rim follows the inner row at once."""
         n_inner = len(self.setup.inner)
         inner_rates = rates.T[len(self.setup.outer) :]
         errors = np.array([*[constant] * n_inner, *gradient.T, *inner_rates, constant])

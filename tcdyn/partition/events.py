@@ -1,4 +1,4 @@
-"""Loading and unloading of an EHL test, from contact switch, friction and load; and the test itself, ready for the fits."""
+"""Loading and unloading of an EHL test, from contact switch, friction and load; the test itself."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ class EhlTest:
         }
 
     def ambient_of(self, disk: str) -> Array:
-        """Air temperature at a disk's faces, and at its surface where it has no other, (N,) [degC]."""
+        """Air temperature at a disk's faces, at its surface if it has no other, (N,) [degC]."""
         return self.air[disk].faces if disk in self.air else self.ambient_degC
 
 
@@ -248,7 +248,7 @@ def _between_samples(t: Array, row: int) -> float:
 def _contact_interval(
     t: Array, contact: NDArray[np.bool_], force_votes: Array, has_switch: bool, where: str
 ) -> tuple[int, int]:
-    """First and last row of the longest contact by majority. Raises InputError without unloading."""
+    """First and last row of the longest contact; InputError without unloading."""
     intervals = _intervals(t, force_votes + (contact - 0.5) > 0)
     first, last = max(intervals, key=lambda rows: t[rows[1]] - t[rows[0]], default=(0, 0))
     if last == len(t) - 1 or contact.all():

@@ -1,7 +1,7 @@
-"""Joint fit of heat partition, heat transfer coefficient and common lag to the unloading, with no inverse filter.
+"""Joint fit of heat partition, heat transfer coefficient and common lag, with no inverse filter.
 
-The nuisance parameters of the test enter the fit with their priors, so that the covariance of the result holds them.
-"""
+The nuisance parameters of the test enter the fit with their priors, so that the covariance of the
+result holds them."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ from tcdyn.partition.window import DiskWindow, RimMeans, disk_window, lagged_pow
 from tcdyn.rig.disk import DISKS
 from tcdyn.smoothing.traces import NOISE_ORDER, DiskTraces
 
-# Largest change of share, log h, log lags and log tau2 in one step of the search. Chosen by judgement.
+# Largest change of share, log h, log lags and log tau2 in one step of the search. By judgement.
 MAX_STEP = (np.inf, 0.7, 0.7, 0.7)
 # Prior standard deviation of the logarithm of the second lag: known to a factor of about four.
 SHAPE_SD = 1.5
@@ -53,7 +53,7 @@ MIN_INDEPENDENT_PART = 1e-10
 # The search stops when a step would lower chi-squared by less than this. Chosen by judgement.
 TOLERANCE = 1e-7
 COARSE_TOLERANCE = 1e-3
-# A further pass is needed if a parameter changed by more than this in the last one [standard deviations].
+# A further pass is needed if a parameter changed by more than this [standard deviations].
 # Of 36 fits that passed this test, the next pass changed none by more than 0.008.
 CONVERGED_U = 0.1
 MIN_START_LAG_S = 0.02  # first guess of the longest lag is at least this [s]
@@ -77,7 +77,8 @@ class Side:
     effects
         Change of the readings by one standard uncertainty of each nuisance parameter, (m, Q).
     model
-        Prediction (m,) and its derivatives (m, 4) by ``PARAMETERS``; None outside the range of the model.
+        Prediction (m,) and its derivatives (m, 4) by ``PARAMETERS``; None outside the range of the
+        model.
     prior_lag_s, prior_lag_u_s
         Common lag of the disk by its record, and its standard uncertainty.
     prior_tau2_s
@@ -127,7 +128,8 @@ class DiskFit:
     sensitivity
         Sensitivity of (share, h, lag) to the nuisance parameters, and their noise.
     inflation
-        Variance ratio of slow waves in the residuals to white noise; the uncertainties allow for it.
+        Variance ratio of slow waves in the residuals to white noise; the uncertainties allow for
+        it.
     side
         The data and the model that were fitted.
     """
@@ -155,10 +157,12 @@ class BothFit:
     speed_ratio
         u_f/u_s under load.
     estimates
-        beta, h_fast and h_slow [W/m2K], and the exponent ln(h_fast/h_slow)/ln(u_f/u_s) that they imply.
+        beta, h_fast and h_slow [W/m2K], and the exponent ln(h_fast/h_slow)/ln(u_f/u_s) that they
+        imply.
     pulls
-        For each nuisance parameter: the parameter, its disk ("" if common to both), and how many standard
-        deviations the data would move it from its nominal value; about standard normal on a sound rig.
+        For each nuisance parameter: the parameter, its disk ("" if common to both), and how many
+        standard deviations the data would move it from its nominal value; about standard normal on
+        a sound rig.
     inflation
         Variance ratio of slow waves in the residuals of the worse disk to white noise.
     uneven
@@ -186,7 +190,8 @@ def disk_side(
     test, disk
         The test, and the disk of it.
     theta
-        ``PARAMETERS`` of the disk, (4,): the point to linearise at, whose lags the common chain gets.
+        ``PARAMETERS`` of the disk, (4,): the point to linearise at, whose lags the common chain
+        gets.
     window_s
         Length of the cooling [s].
     profile
@@ -196,10 +201,9 @@ def disk_side(
 
     Notes
     -----
-    If all channels of a disk share one chain G, filtering the rim model by G gives
-    y_outer = H_boundary y_(d,b,f) + share G (H_F F u_s) + H_A T_A. So the lagged boundary readings drive the model
-    as they are, and only the frictional power passes G (design, section 7).
-    """
+    If all channels of a disk share one chain G, filtering the rim model by G gives y_outer =
+    H_boundary y_(d,b,f) + share G (H_F F u_s) + H_A T_A. So the lagged boundary readings drive the
+    model as they are, and only the frictional power passes G (design, section 7)."""
     rows = stretch_of(test, window_s)
     record_chain = disk.mean_chain
     common_chain = with_lags(record_chain, lags(theta))
@@ -246,7 +250,7 @@ def _noise_K(disk: DiskTraces, readings: Array) -> Array:
 
 
 def unknowns(sides: Sequence[Side]) -> list[tuple[Unmeasured, str]]:
-    """All nuisance parameters, each with its disk, or "" if common to both; in the order of the fit."""
+    """All nuisance parameters in the order of the fit, each with its disk, "" if common."""
     labels = [
         (parameter, "" if parameter.shared else side.disk)
         for side in sides
@@ -258,10 +262,9 @@ def unknowns(sides: Sequence[Side]) -> list[tuple[Unmeasured, str]]:
 def joint_problem(sides: Sequence[Side]) -> Problem:
     """The posterior of one disk, or of both with shares that keep their sum.
 
-    The parameters are four for each disk, then the nuisance parameters in standard uncertainties. A nuisance
-    parameter that the disks have in common stands there once. The last rows of the residual are the lags of the
-    records.
-    """
+    The parameters are four for each disk, then the nuisance parameters in standard uncertainties. A
+    nuisance parameter that the disks have in common stands there once. The last rows of the
+    residual are the lags of the records."""
     n_main = 4 * len(sides)
     ends = np.cumsum([0, *(len(side.y) for side in sides)])
     n_data = ends[-1]
@@ -320,13 +323,14 @@ def told(optimum: Optimum, sides: Sequence[Side]) -> tuple[Array, Array]:
     covariance
         Covariance of the P = 4 parameters a disk, (P, P).
     sensitivity
-        Change of the main parameters by one standard uncertainty of each nuisance parameter, then of each disk's
-        lag, of its second lag, and of its h where that has a prior, (P, Q).
+        Change of the main parameters by one standard uncertainty of each nuisance parameter, then
+        of each disk's lag, of its second lag, and of its h where that has a prior, (P, Q).
 
     Raises
     ------
     InputError
-        If a column of the Jacobian adds nothing to the others: without priors, share and h then cannot be separated.
+        If a column of the Jacobian adds nothing to the others: without priors, share and h then
+        cannot be separated.
     """
     n_main = 4 * len(sides)
     n_data = len(optimum.residual) - len(sides)
@@ -336,7 +340,8 @@ def told(optimum: Optimum, sides: Sequence[Side]) -> tuple[Array, Array]:
     inner, independent_part = from_rows(np.vstack([optimum.jacobian, prior_rows]) @ directions)
     if independent_part < MIN_INDEPENDENT_PART:
         raise InputError(
-            "the data about the unloading do not separate heat partition from heat transfer coefficient",
+            "the data about the unloading do not separate heat partition from heat transfer "
+            "coefficient",
             expected="frictional heat before the unloading and some cooling after it",
             remedy="log more of the cooling, or check load and friction before the unloading",
         )
@@ -356,9 +361,8 @@ def _noise_and_sensitivity(
 ) -> tuple[float, Array, Array]:
     """Uncertainty of k numbers that change by ``scale`` (k,) with the parameters of ``index``.
 
-    Returns the inflation by slow waves in the residuals of the worse disk, the covariance by noise (k, k), and the
-    sensitivity to everything else (k, Q).
-    """
+    Returns the inflation by slow waves in the residuals of the worse disk, the covariance by noise
+    (k, k), and the sensitivity to everything else (k, Q)."""
     white, sensitivity = told(best, sides)
     ends = np.cumsum([len(side.y) for side in sides])[:-1]
     residuals = np.split(best.residual[: -len(sides)], ends)

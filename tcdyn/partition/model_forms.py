@@ -1,4 +1,4 @@
-"""Model-form alternatives: the joint fit under other assumptions on the test, their evidence, and impossible results.
+"""Model-form alternatives: joint fit under other assumptions, evidence, impossible results.
 
 With columns X of the whitened data by a standard deviation of an alternative and the fit's own
 Jacobian J and posterior covariance C, what J leaves of X, K = X'X - X'J C J'X, gives the
@@ -118,7 +118,7 @@ class Alternatives:
 
     @property
     def preferred(self) -> ModelForm | None:
-        """The alternative that is far likelier than the assumed model and agrees with the speed law."""
+        """The alternative that is far likelier than assumed and agrees with the speed law."""
         best = max(self.tried, key=lambda form: form.log_odds)
         if best.log_odds > NAMED_LOG_ODDS and abs(best.speed_law_z) < SPEED_LAW_Z:
             return best
@@ -134,7 +134,7 @@ class Alternatives:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """The preferred alternative: a warning, or an info where the estimate holds all the same."""
+        """The preferred alternative: a warning, or an info where the estimate holds."""
         best = self.preferred
         if best is None:
             return ()
@@ -168,10 +168,9 @@ def compare_model_forms(test: EhlTest, joint: Mapping[str, DiskFit], both: BothF
     Notes
     -----
     Slow waves of the residuals count as in the fits' own uncertainties: evidence is weighted with
-    the waves that remain when all alternatives are free at once, the uncertainty of an estimate with
-    those that its own alternative leaves. The best alternatives are fitted again with the model
-    itself, since a large departure is not linear.
-    """
+    the waves that remain when all alternatives are free at once, the uncertainty of an estimate
+    with those that its own alternative leaves. The best alternatives are fitted again with the
+    model itself, since a large departure is not linear."""
     ends = np.cumsum([len(joint[d].side.y) for d in DISKS])
     points = tuple(joint[d].side.window.y.shape[1] for d in DISKS)
     columns = model_form_columns(test, joint, both.theta)
@@ -297,7 +296,7 @@ def _nonlinear_refit(
 
 
 def is_impossible(beta: Estimate, *h: Estimate) -> bool:
-    """Whether no disk can have these estimates: beta outside 0 to 1, or an h that is not above zero."""
+    """Whether no disk can have these: beta outside 0 to 1, or an h that is not above zero."""
     return not 0 <= beta.value <= 1 or any(each.value <= 0 for each in h)
 
 
@@ -342,14 +341,14 @@ def impossible_keys(
 
 
 def power_scale(fast: float, slow: float) -> float:
-    """Heat that both disks show over the logged frictional power, by beta of each disk's joint fit."""
+    """Heat of both disks over the logged frictional power, by beta of each disk's joint fit."""
     return 1 + fast - slow
 
 
 def impossibility_findings(
     answers: Mapping[str, Estimate], both: Mapping[str, Estimate], draws: Mapping[str, Array]
 ) -> list[Finding]:
-    """Warnings of impossible estimates, and of a frictional power that is not the heat of both disks.
+    """Warnings of impossible estimates, and of a power that is not the heat of both disks.
 
     The shares that the joint fits of the two disks give by themselves add to true power over logged
     power; likely units are named.

@@ -1,7 +1,7 @@
-"""Nuisance parameters of a test, what one standard uncertainty of each does to the readings, and the model of the joint fits.
+"""Nuisance parameters of a test, their effects on the readings, and the model of the joint fits.
 
-The model gives the readings of a disk by its share, its heat transfer coefficient and the lags of its chain.
-"""
+The model gives the readings of a disk by its share, its heat transfer coefficient and the lags of
+its chain."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ LOG_H_STEP = 1e-5  # of the difference quotient by log h
 # The search rejects h above exp(14) = 1.2 million W/m2K. Chosen by judgement.
 MAX_LOG_H = 14.0
 AMBIENT_INDEX = -1  # row of the ambient in ``nominal_effects``
-# Relative steps of conductivity, heat capacity, washer conductance and half-width, and of depths [m].
+# Relative steps of conductivity, heat capacity, washer conductance, half-width; of depths [m].
 MATERIAL_STEP = 0.01
 MATERIALS = [Perturbation(*(MATERIAL_STEP * row)) for row in np.eye(4)]
 DEPTH_STEP_M = 0.05e-3
@@ -45,7 +45,7 @@ SMOOTH_RATE_S = (
 )
 # Standard uncertainty of how a channel's lag is split into two [s]: a plunge hardly determines it.
 SPLIT_SD_S = 0.03
-# Standard uncertainty of rim model and mesh at a junction [K], by comparison with whole-disk solutions.
+# Standard uncertainty of rim model and mesh at a junction [K], by whole-disk solutions.
 MODEL_K = 0.03
 MIN_TAU1_S = 5e-3  # least first lag when the split of a lag is varied [s]
 
@@ -53,7 +53,7 @@ DISK_AIR = Unmeasured("air", "ambient")  # of one disk, as far as its own channe
 
 
 def nominal_parameters(disk: DiskSetup) -> tuple[Unmeasured, ...]:
-    """Nuisance parameters that rig.toml and the record give: of each junction, outer row first, then of the steel."""
+    """Nuisance parameters of rig.toml and record: by junction, outer row first, then steel."""
     return (
         *(Unmeasured(f"static {c}", "static lines") for c in disk.rows),
         *(Unmeasured(f"depth {c}", "junction depth") for c in disk.rows),
@@ -106,8 +106,8 @@ def nominal_u(disk: DiskTraces, static_u_K: Array, other_lags_s: Array | float =
 
     Notes
     -----
-    The uncertainty of a lag is that of its difference from the mean of all, as the record determines it.
-    """
+    The uncertainty of a lag is that of its difference from the mean of all, as the record
+    determines it."""
     u = disk.uncertainty
     order = disk.setup.places(disk.setup.rows)
     n_channels = len(order)
@@ -119,7 +119,7 @@ def nominal_u(disk: DiskTraces, static_u_K: Array, other_lags_s: Array | float =
 
 
 def nominal_perturbations(disk: DiskSetup, depth_step_m: float) -> list[tuple[Perturbation, float]]:
-    """Perturbations that ``nominal_effects`` needs, with their sizes: each junction deeper, steel, washer, width."""
+    """Perturbations for ``nominal_effects`` with their sizes: depths, steel, washer, width."""
     n_junctions = len(disk.rows)
     deeper = [
         (Perturbation(depth_shift_m=tuple(row)), depth_step_m)
@@ -140,8 +140,9 @@ def nominal_effects(
     perturbed
         Change by a unit of each of ``nominal_perturbations``, (P + k + 4, R, ...).
     input_responses
-        Response of the outer row to an input that is higher by a constant kelvin, by its rise of temperature with
-        radius, and by its rate, each for the inner row, then to a kelvin of ambient, (3 k + 1, R, P).
+        Response of the outer row to an input that is higher by a constant kelvin, by its rise of
+        temperature with radius, and by its rate, each for the inner row, then to a kelvin of
+        ambient, (3 k + 1, R, P).
     constant
         How much of a constant error the means show, (R,).
     rates_K_s
@@ -151,9 +152,8 @@ def nominal_effects(
 
     Notes
     -----
-    A junction of the inner row that reads too high drives the prediction up. One that lies deeper reads too low for
-    its nominal radius.
-    """
+    A junction of the inner row that reads too high drives the prediction up. One that lies deeper
+    reads too low for its nominal radius."""
     k = len(drives)
     p = input_responses.shape[2]
     junctions = np.eye(p + k)[:, None, : perturbed.shape[2]]
@@ -169,7 +169,7 @@ def nominal_effects(
 
 
 def steady_input_response(setup: DiskSetup, static: Array) -> Array:
-    """Steady responses ``static`` (I, P) in the order of ``input_responses`` of ``nominal_effects``, (3 k + 1, P)."""
+    """Steady responses ``static`` (I, P) in the order of ``nominal_effects``, (3 k + 1, P)."""
     k = len(setup.inner)
     inner = static[1 : k + 1]
     ambient = static[k + 1 : k + 2]
@@ -177,13 +177,13 @@ def steady_input_response(setup: DiskSetup, static: Array) -> Array:
 
 
 def inner_gradient(window: DiskWindow, share: float, h_W_m2K: float) -> Array:
-    """Rise of temperature with radius at the inner row in every sample by the rim model, (N, k) [K/m]."""
+    """Radial gradient at the inner row in every sample by the rim model, (N, k) [K/m]."""
     boundary, power = window.rim.gradient(h_W_m2K)
     return interpolate_blocks(window, boundary + share * power)
 
 
 def harmonic_prior(test: EhlTest, disk: str) -> Unevenness:
-    """The circumferential harmonic of a disk as the test states it, else its prior over the steady window."""
+    """The circumferential harmonic of a disk as the test has it, else the default prior."""
     return test.uneven.get(
         disk, Unevenness(steady_window_s=test.events.unload_s - steady_start_s(test))
     )
@@ -192,16 +192,15 @@ def harmonic_prior(test: EhlTest, disk: str) -> Unevenness:
 def nuisance_effects(
     test: EhlTest, disk: DiskTraces, window: DiskWindow, share: float, h_W_m2K: float
 ) -> NuisanceEffects:
-    """Effect of all nuisance parameters on the readings of one disk, linearised at (share, h [W/m2K]).
+    """Effect of all nuisance parameters on the readings of a disk, linear about (share, h).
 
     Parameters without an uncertainty are left out.
 
     Notes
     -----
-    How a lag of the outer row is split into two is a nuisance parameter. Per second moved from its first lag to its
-    second, (1 + tau1 s)(1 + tau2 s) grows by (tau1 - tau2) s^2, so the reading loses
-    (tau1 - tau2) s^2 / ((1 + tau1 s)(1 + tau2 s)) of itself.
-    """
+    How a lag of the outer row is split into two is a nuisance parameter. Per second moved from its
+    first lag to its second, (1 + tau1 s)(1 + tau2 s) grows by (tau1 - tau2) s^2, so the reading
+    loses (tau1 - tau2) s^2 / ((1 + tau1 s)(1 + tau2 s)) of itself."""
     rim = window.rim
     setup = disk.setup
     outer = setup.places(setup.outer)
@@ -250,7 +249,7 @@ def nuisance_effects(
 def _perturbed(
     rim: RimMeans, setup: DiskSetup, predicted: Array, share: float, h_W_m2K: float
 ) -> Array:
-    """Change of the prediction by a unit of each of ``nominal_perturbations``, (P + k + 4, R, P)."""
+    """Change by a unit of each of ``nominal_perturbations``, (P + k + 4, R, P)."""
     changes = []
     for perturbation, size in nominal_perturbations(setup, DEPTH_STEP_M):
         boundary, power = rim.answer(h_W_m2K, perturbation)
@@ -261,7 +260,7 @@ def _perturbed(
 def _input_responses(
     test: EhlTest, disk: DiskTraces, window: DiskWindow, share: float, h_W_m2K: float
 ) -> Array:
-    """``input_responses`` of ``nominal_effects``: the gradients and rates of the inner row pass the rim."""
+    """``input_responses`` of ``nominal_effects``: gradients and rates pass the rim."""
     setup = disk.setup
     inner = setup.places(setup.inner)
     rates_1_s = window.rim.rates_1_s
@@ -280,7 +279,7 @@ def _input_responses(
 
 
 def _split_effects(test: EhlTest, disk: DiskTraces, window: DiskWindow, predicted: Array) -> Array:
-    """Effect of a second moved from the first lag to the second, for each outer junction, (P, R, P) [K]."""
+    """Effect of a second moved from the first lag to the second, (P, R, P) [K]."""
     dt = test.dt_s
     taus = sorted(disk.mean_chain.taus_s, reverse=True)
     tau1 = max(taus[0], MIN_TAU1_S)
@@ -319,9 +318,9 @@ def add_lag(u: Array, bank: Array, rates_1_s: Array, tau_s: float) -> tuple[Arra
 
     Notes
     -----
-    With the bank's lags L_k of rates r_k and a = 1/tau, L L_k = (a L_k - r_k L)/(a - r_k), and L is made up of the
-    L_k themselves by ``cardinal``: accurate to 1e-6 for a lag within the bank's; one beyond is taken for its last.
-    """
+    With the bank's lags L_k of rates r_k and a = 1/tau, L L_k = (a L_k - r_k L)/(a - r_k), and L is
+    made up of the L_k themselves by ``cardinal``: accurate to 1e-6 for a lag within the bank's; one
+    beyond is taken for its last."""
     rate = 1 / tau_s
     if np.any(np.abs(np.log(rate / rates_1_s)) < MIN_NODE_DISTANCE):
         rate *= 1 + 3 * MIN_NODE_DISTANCE
@@ -332,7 +331,7 @@ def add_lag(u: Array, bank: Array, rates_1_s: Array, tau_s: float) -> tuple[Arra
 
 @dataclass(frozen=True)
 class LaggedRim:
-    """Model of a joint fit: a rim whose power was seen through one lag, with the responses for both lags.
+    """Model of a joint fit: a rim whose power was seen through one lag, for any two lags.
 
     Parameters
     ----------
@@ -353,8 +352,8 @@ class LaggedRim:
 
         Notes
         -----
-        (1 + lag s)/(1 + tau s) = lag/tau + (1 - lag/tau) L with the longest of them, then the others.
-        """
+        (1 + lag s)/(1 + tau s) = lag/tau + (1 - lag/tau) L with the longest of them, then the
+        others."""
         rates = self.rim.rates_1_s
         u = self.rim.inputs[:, 0]
         bank = self.rim.banks[0]
@@ -368,7 +367,7 @@ class LaggedRim:
         return self.rim.with_power(u, bank)
 
     def __call__(self, p: Array) -> tuple[Array, Array] | None:
-        """Weighted prediction (m,) and its derivatives (m, 4) at ``PARAMETERS``; None for too large an h.
+        """Weighted prediction (m,) and derivatives (m, 4) by ``PARAMETERS``; None if h is too large.
 
         Notes
         -----

@@ -39,7 +39,8 @@ STEP_M = 1e-5  # of the difference quotient by radius at the bore [m]
 MODEL_REL = 0.3
 # Least flux through the bore in its standard uncertainties: below, only its direction is known.
 MIN_FLUX_U = 0.5
-# Standard uncertainty across the harmonic, relative to it, by the model; whole-disk runs: 5 degrees.
+# Standard uncertainty across the harmonic, relative to it, of the model; whole-disk runs differ by
+# up to 5 degrees.
 ANGLE_REL = 0.1
 FLUX_SCALES = np.linspace(0.0, 8.0, 161)  # trial scales of the heat through the bore
 WINDOW_S = 20.0  # length of the means before the unloading [s]
@@ -55,7 +56,8 @@ class PressFitHarmonics:
     first_K, second_K
         First and second harmonic, cos and sin, (2,).
     per_share_K
-        Size of the first per unit of a small first harmonic of the conductance, relative to its mean.
+        Size of the first per unit of a small first harmonic of the conductance, relative to its
+        mean.
     """
 
     first_K: Array
@@ -137,7 +139,7 @@ def disk_admittance(setup: DiskSetup, h_W_m2K: float, n: int) -> tuple[float, fl
 
 
 def shaft_admittance(setup: DiskSetup, n: int) -> float:
-    """Uniform flux over the disk's width w over the mean of T_n there, on a long solid shaft [W/m2K].
+    """Uniform flux over a disk's width w over the mean of T_n there, long solid shaft [W/m2K].
 
     1/Y = (w/pi) integral of sinc^2(l w/2) / (K l I_n'(l R)/I_n(l R)) dl.
     """
@@ -228,7 +230,7 @@ def bore_flux_with_u(
 
 
 def predict_harmonics(setup: DiskSetup, h_W_m2K: float) -> PressFitHarmonics:
-    """Harmonics of a disk with its stated press fit for a mean flux of 1 kW/m2 out through its bore."""
+    """Harmonics by the stated press fit for a mean flux of 1 kW/m2 out through the bore."""
     sectors = setup.fit.sectors(1e3 * setup.bore_radius_m)
     conductance = press_fit(setup)[1] * harmonics(sectors, 2 * N_HARMONICS)
     admittances = [disk_admittance(setup, h_W_m2K, n) for n in range(1, N_HARMONICS + 1)]

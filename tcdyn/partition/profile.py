@@ -1,4 +1,4 @@
-"""Profiles of the joint fits: how much worse the fit is with one number fixed and all others refitted.
+"""Profiles of the joint fits: deviance with one number fixed and all others refitted.
 
 What is profiled is the posterior: nuisance parameters and the chain's lag and shape have their
 priors, with linear effects of the nuisance parameters as at the fit. Where the posterior is normal,
@@ -48,10 +48,10 @@ SHAPE_NODES = 9
 SUM_NODES = ((0.4, 5), (1.4, 7), (np.inf, 11))
 RANK = 60  # directions of data space that a disk's table spans: the rest is below 1e-8 K
 MIN_LAG_RATIO = 1e-9  # least second lag relative to the sum
-# Starts of the second lag's logarithm, relative to the fit: the posterior may have two minima in it.
+# Starts of the second lag's logarithm, relative to the fit: there may be two minima in it.
 SHAPE_STARTS = (0.0, -0.7, 0.7)
-# A search stops when a step would lower the sum of squares by less than this. That step is taken, and
-# leaves far less.
+# A search stops when a step would lower the sum of squares by less than this. That step is
+# taken, and leaves far less.
 TOLERANCE = 1e-4
 STEP_U = 0.3  # step of a profile in standard uncertainties
 MAX_DISTANCE_U = 6.0  # farthest point of a profile in standard uncertainties
@@ -62,7 +62,7 @@ NOTICEABLE = 0.2
 
 
 def rim_table(side: Side, points: Sequence[Array], h_u_W_m2K: float, lag_u_s: float) -> Side:
-    """Replace the rim model of a disk by a table, in the few directions of data space that it spans.
+    """Replace the rim model of a disk by a table, in the directions of data space that it spans.
 
     Parameters
     ----------
@@ -192,9 +192,9 @@ def joint_profiles(joint: Mapping[str, DiskFit], both: BothFit) -> pd.DataFrame:
     Returns
     -------
     table
-        Columns fit, parameter, value, deviance, estimate, u. ``deviance`` is the sum of squares above
-        its least value, all else refitted [1]. The fits' own windows are used; no log is filtered
-        again.
+        Columns fit, parameter, value, deviance, estimate, u. ``deviance`` is the sum of squares
+        above its least value, all else refitted [1]. The fits' own windows are used; no log is
+        filtered again.
     """
     unit = np.eye(8)
     tables = {}

@@ -1,4 +1,4 @@
-"""Sensor check of a test before any beta (section 6.4): dead, swapped, misplaced, offset or late channels."""
+"""Sensor check of a test (section 6.4): dead, swapped, misplaced, offset or late channels."""
 
 from __future__ import annotations
 
@@ -61,8 +61,8 @@ class Suspect:
     channels
         The channels concerned.
     size
-        How much deeper the junction lies than its nominal depth [m], how much it reads too high [K],
-        or how late it is [s].
+        How much deeper the junction lies than its nominal depth [m], how much it reads too high
+        [K], or how late it is [s].
     log_odds
         Logarithm of the odds against a sound disk.
     numbers
@@ -164,8 +164,8 @@ class SensorCheck:
 class _DiskCheck:
     """Result of the check of one disk.
 
-    ``log_likelihood`` is None where a channel is dead, ``depths`` is None where a fault is suspected.
-    """
+    ``log_likelihood`` is None where a channel is dead, ``depths`` is None where a fault is
+    suspected."""
 
     suspects: tuple[Suspect, ...]
     log_likelihood: float | None = None
@@ -178,11 +178,10 @@ def check_sensors(test: EhlTest) -> SensorCheck:
 
     Notes
     -----
-    The outer row is predicted from the inner row by the rim model, steady, after unloading and after
-    loading, with share and h free. A fault is named when it explains all three far better than a
-    sound disk does. Two channels whose junctions read nearly alike (d and f) cannot be distinguished:
-    ``indistinguishable`` lists such pairs.
-    """
+    The outer row is predicted from the inner row by the rim model, steady, after unloading and
+    after loading, with share and h free. A fault is named when it explains all three far better
+    than a sound disk does. Two channels whose junctions read nearly alike (d and f) cannot be
+    distinguished: ``indistinguishable`` lists such pairs."""
     features = {d: disk_features(test, disk) for d, disk in test.disks.items()}
     checks = {d: _check_disk(test, disk, features[d]) for d, disk in test.disks.items()}
     at_rest = faults_at_rest(test)
@@ -240,7 +239,7 @@ def _sound(disk: str, table: pd.DataFrame, indistinguishable: Sequence[Candidate
 
 
 def _check_disk(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> _DiskCheck:
-    """Dead channels, else the most likely fault, else depths and swaps that cannot be distinguished."""
+    """Dead channels, else the likeliest fault, else depths and indistinguishable swaps."""
     dead = _dead_channels(test, disk, f)
     if dead:
         return _DiskCheck(dead)
@@ -297,8 +296,8 @@ def _swap_between_disks(
 ) -> Suspect | None:
     """A channel of one disk exchanged with one of the other.
 
-    None unless it is likelier than the best hypotheses of both disks, of ``log_likelihood`` together.
-    """
+    None unless it is likelier than the best hypotheses of both disks, of ``log_likelihood``
+    together."""
     fast, slow = (features[d] for d in DISKS)
     fast_used, slow_used = (np.flatnonzero(~test.disks[d].out) for d in DISKS)
     candidates = []
@@ -406,7 +405,7 @@ def hotter_junction(setup: DiskSetup, one: str, other: str) -> int | None:
 
 
 def classify_pair(wanted: int | None, difference_K: float, u_K: float) -> str:
-    """Class of a pair with the sign ``wanted`` of its difference: "logical", "weak", "illogical", "N.A.".
+    """ "logical", "weak", "illogical" or "N.A." for a pair with sign ``wanted`` of its difference.
 
     >>> classify_pair(1, 3.0, 0.3), classify_pair(1, 0.2, 0.3)
     ('logical', 'weak')
@@ -426,7 +425,7 @@ def classify_pair(wanted: int | None, difference_K: float, u_K: float) -> str:
 def pair_table(
     test: EhlTest, disk: DiskTraces, f: DiskFeatures, groups: tuple[tuple[str, ...], ...]
 ) -> pd.DataFrame:
-    """A row for each pair of junctions: differences when steady and of the fall, their classes, groups.
+    """A row for each pair of junctions: differences when steady and of the fall, classes, groups.
 
     The uncertainty of a steady level is that of its static line and of its depth in the mean
     gradient; that of a fall by noise and lag.

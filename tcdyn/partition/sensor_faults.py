@@ -61,7 +61,9 @@ MAX_LATE_ITERATIONS = 6
 
 @dataclass(frozen=True)
 class Fault:
-    """A hypothesis: ``kind`` "none", "swapped", "misplaced", "offset", "late" or "foreign", and channels.
+    """A hypothesis: a kind of fault and its channels.
+
+    ``kind`` is "none", "swapped", "misplaced", "offset", "late" or "foreign".
 
     "foreign": the features hold another disk's channel in place of this one.
     """
@@ -121,8 +123,8 @@ def evaluate_faults(f: DiskFeatures, disk: DiskTraces, faults: Sequence[Fault]) 
     Notes
     -----
     The effect of every error grows with the share, so a hypothesis is a mixture of normal
-    distributions about each share of ``SHARE_GRID``; the numbers of a fit are those of the likeliest.
-    """
+    distributions about each share of ``SHARE_GRID``; the numbers of a fit are those of the
+    likeliest."""
     setup = f.setup
     order = faults[0].order(setup.channels)
     responses = f.response(order, tuple((float(h), NOMINAL) for h in H_GRID_W_M2K))
@@ -147,7 +149,7 @@ def evaluate_faults(f: DiskFeatures, disk: DiskTraces, faults: Sequence[Fault]) 
 
 @dataclass(frozen=True)
 class _Whitened:
-    """Residuals about one point, of a disk without free faults, divided by a root of their covariance.
+    """Residuals about one point, without a free fault, divided by a root of their covariance.
 
     ``root`` (D, D) of the covariance; ``effects`` (D, Q) and ``residuals`` (D, H) divided by it;
     ``chi2`` (H,), and the covariance's log determinant.
@@ -161,7 +163,7 @@ class _Whitened:
 
     @classmethod
     def of(cls, covariance: Array, effects: Array, residuals: Array) -> _Whitened:
-        """Of ``residuals`` (H, D) with ``covariance`` (D, D), and the ``effects`` (Q, D) about them."""
+        """Of ``residuals`` (H, D), their ``covariance`` (D, D), and the ``effects`` (Q, D)."""
         root: Array = np.asarray(np.linalg.cholesky(covariance), dtype=float)
         white = solve_triangular(root, np.vstack([effects, residuals]).T, lower=True)
         white_effects = white[:, : len(effects)]
@@ -174,8 +176,8 @@ class _Whitened:
 class _ShareComponent:
     """One normal component of the mixture: the share lies about ``share``.
 
-    ``residuals`` (H, D) and the responses ``power`` (H, D) to a share of one are over ``H_FINE_W_M2K``.
-    """
+    ``residuals`` (H, D) and the responses ``power`` (H, D) to a share of one are over
+    ``H_FINE_W_M2K``."""
 
     def __init__(
         self, f: DiskFeatures, disk: DiskTraces, share: float, residuals: Array, power: Array
@@ -203,10 +205,9 @@ class _ShareComponent:
 
         Notes
         -----
-        The free parameter of a fault, e by one standard deviation of it, adds e e' to the covariance
-        C. With e and all else divided by the root of C, that lowers chi-squared by
-        (e'r)^2/(1 + e'e) and adds ln(1 + e'e) to the log determinant.
-        """
+        The free parameter of a fault, e by one standard deviation of it, adds e e' to the
+        covariance C. With e and all else divided by the root of C, that lowers chi-squared by
+        (e'r)^2/(1 + e'e) and adds ln(1 + e'e) to the log determinant."""
         names = [parameter.name for parameter in nominal_parameters(self.f.setup)]
         quantity, sd = FREE_PARAMETER.get(fault.kind, ("", 0.0))
         rows = [names.index(f"{quantity} {c}") for c in fault.channels] if sd else []
@@ -241,7 +242,7 @@ class _ShareComponent:
 
 
 def refine_fault(test: EhlTest, f: DiskFeatures, disk: DiskTraces, v: FaultFit) -> FaultFit:
-    """Linearise a misplaced junction of the outer row, or a late channel, about its estimate until it converges."""
+    """Linearise a misplaced outer junction, or a late channel, again until it converges."""
     if v.size is None:
         return v
     channel = v.fault.channels[0]
@@ -277,7 +278,7 @@ def _refine_depth(f: DiskFeatures, disk: DiskTraces, v: FaultFit, start: Estimat
 
 
 def _refine_late(test: EhlTest, disk: DiskTraces, v: FaultFit, start: Estimate) -> FaultFit:
-    """Shift a late channel in time and evaluate it again until its delay converges: a long one is not linear."""
+    """Shift a late channel in time until its delay converges: a long one is not linear."""
     k = disk.setup.channels.index(v.fault.channels[0])
     size = start
     fit = v
@@ -328,7 +329,7 @@ def covariance(
 
 
 def independent_sd_K(f: DiskFeatures, disk: DiskTraces, power: Array, order: Order) -> Array:
-    """Independent part of each datum's standard deviation (D,) [K]: white noise, model errors, trends.
+    """Independent standard deviation of each datum (D,) [K]: white noise, model errors, trends.
 
     ``power`` (D,) is the response to a share of one.
     """
@@ -382,11 +383,10 @@ def depth_test(f: DiskFeatures, disk: DiskTraces, sound: FaultFit) -> DepthTest:
 
     Notes
     -----
-    With r the residuals, C their covariance and e the effect of one standard uncertainty of a depth,
-    the pull is e C^-1 r / sqrt(e C^-1 e), and of the depth's prior variance the test removes the part
-    t = e C^-1 e; so the test alone gives (e C^-1 r) / t standard uncertainties,
-    +- sqrt((1 - t) / t).
-    """
+    With r the residuals, C their covariance and e the effect of one standard uncertainty of a
+    depth, the pull is e C^-1 r / sqrt(e C^-1 e), and of the depth's prior variance the test removes
+    the part t = e C^-1 e; so the test alone gives (e C^-1 r) / t standard uncertainties, +- sqrt((1
+    - t) / t)."""
     setup = f.setup
     h = float(H_GRID_W_M2K[np.argmin(np.abs(np.log(H_GRID_W_M2K / sound.h_W_m2K)))])
     higher_h = h * float(np.exp(LOG_H_STEP))

@@ -1,4 +1,4 @@
-"""Analysis of a test of which one disk was logged: its estimators of beta, and how far they agree."""
+"""Analysis of a test with one disk: its estimators of beta, and how far they agree."""
 
 from __future__ import annotations
 
@@ -73,8 +73,8 @@ class OneDisk:
     compensated
         Traces of ``rows``, by disk.
     answers
-        ``QUANTITIES`` with their uncertainties; "cooling" and "joint" are beta of the fast disk, h in
-        W/m2K.
+        ``QUANTITIES`` with their uncertainties; "cooling" and "joint" are beta of the fast disk, h
+        in W/m2K.
     z
         Difference of those two in standard uncertainties of it.
     budget
@@ -164,10 +164,9 @@ def analyse_one(
 ) -> OneDisk:
     """Steady line, joint fit and cooling fit of a test with one disk.
 
-    With no second disk there is no speed law and no sum of shares: beta is proportional to the scale
-    of the friction, and no cross-check shows errors of steel or depths. Parameters and errors as of
-    :func:`tcdyn.partition.analyse.analyse`.
-    """
+    With no second disk there is no speed law and no sum of shares: beta is proportional to the
+    scale of the friction, and no cross-check shows errors of steel or depths. Parameters and errors
+    as of :func:`tcdyn.partition.analyse.analyse`."""
     (name,) = test.disks
     require_window_longer_than_lag(test, window_s)
     test = prepare_test(test)

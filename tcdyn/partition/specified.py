@@ -1,8 +1,8 @@
 """Nuisance parameters of what ``rig.toml`` may specify beyond the thesis's own model (section 8.3).
 
-These are flux and heat transfer coefficient along the track, steel that depends on temperature, and a running surface
-whose loss was measured; further the rim edge that an inner row of few junctions does not determine.
-"""
+These are flux and heat transfer coefficient along the track, steel that depends on temperature, and
+a running surface whose loss was measured; further the rim edge that an inner row of few junctions
+does not determine."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from tcdyn.smoothing.traces import STAND_IN_K, DiskTraces
 def specified_effects(
     disk: DiskTraces, window: DiskWindow, share: float, h_W_m2K: float
 ) -> tuple[tuple[Unmeasured, ...], Array]:
-    """Nuisance parameters that have an uncertainty, and readings less prediction by one standard uncertainty of each.
+    """Nuisance parameters of what is specified with an uncertainty, and their effects.
 
     Returns the Q parameters and their effects on the outer row, (Q, R, P) [K].
     """

@@ -1,4 +1,4 @@
-"""Steady line of each disk in the plane of share and heat transfer coefficient, and the speed law on both lines."""
+"""Steady line of each disk in the plane of share and h, and the speed law on both lines."""
 
 from __future__ import annotations
 
@@ -33,13 +33,14 @@ MAX_COOLING_S = 20.0  # longest cooling that any fit uses [s]
 LAST_S = 10.0  # temperatures at the unloading are means over this long before it [s]
 SURFACE_DEPTH_M = 0.0
 N_SURFACE_POINTS = 12  # across the running surface
-# Iterations of corrections that need share and h. The second changes them by a hundredth of what the first does.
+# Iterations of corrections that need share and h. The second changes them by a hundredth of what
+# the first does.
 N_ITERATIONS = 2
 
 
 @dataclass(frozen=True)
 class SteadyLine:
-    """share = intercept + slope h: the line that the steady temperatures of one disk determine; (4.1), (4.2).
+    """share = intercept + slope h, by the steady temperatures of one disk; (4.1), (4.2).
 
     ``share`` is beta for the fast disk and 1 - beta for the slow one; ``slope`` in 1/(W/m2K).
     """
@@ -48,7 +49,7 @@ class SteadyLine:
     slope: float
 
     def at(self, h_W_m2K: float) -> float:
-        """The share that fits the steady temperatures if the heat transfer coefficient is ``h_W_m2K``."""
+        """The share that fits the steady temperatures at ``h_W_m2K``."""
         return self.intercept + self.slope * h_W_m2K
 
 
@@ -112,8 +113,8 @@ def speed_law_beta(A: Any, B: Any, C: Any, D: Any, chi: Any) -> Any:
 
     Notes
     -----
-    beta = (A D + chi B (1 - C)) / (D + chi B): eq. (4.7) as it must read with (4.1), (4.2) and (4.6). The thesis
-    prints (4.7) for a slow line written for beta.
+    beta = (A D + chi B (1 - C)) / (D + chi B): eq. (4.7) as it must read with (4.1), (4.2) and
+    (4.6). The thesis prints (4.7) for a slow line written for beta.
 
     Examples
     --------
@@ -139,7 +140,8 @@ def speed_law(
         raise InputError(
             f"a steady line falls with h (slopes {fast.slope:.3g} and {slow.slope:.3g})",
             expected="more loss to need more heat",
-            remedy="check that no channels are swapped and that depths in rig.toml are those of this disk",
+            remedy="check that no channels are swapped and that depths in rig.toml are those of "
+            "this disk",
         )
     beta = speed_law_beta(fast.intercept, fast.slope, slow.intercept, slow.slope, chi)
     h_fast = (beta - fast.intercept) / fast.slope
@@ -190,10 +192,9 @@ def steady_map(
 
     Notes
     -----
-    The model is linear in the share, so for each h the best share is one division, and the map needs no further run
-    of the model. (The thesis fits a parabola to the error along each h, figure 4.10, and then a straight line through
-    the minima.)
-    """
+    The model is linear in the share, so for each h the best share is one division, and the map
+    needs no further run of the model. (The thesis fits a parabola to the error along each h, figure
+    4.10, and then a straight line through the minima.)"""
     w = np.ones(y.shape[1]) if weights is None else np.asarray(weights, dtype=float)
     w = w / w.sum()
     excess = y[None] - boundary
@@ -210,15 +211,16 @@ def steady_map(
 class FitSensitivity:
     """Sensitivity of k fitted numbers to the nuisance parameters, and their noise.
 
-    The fitted numbers are (intercept, slope) of a steady line, (share, h [W/m2K]) of a cooling fit, or
-    (share, h, lag [s]) of a joint fit.
+    The fitted numbers are (intercept, slope) of a steady line, (share, h [W/m2K]) of a cooling fit,
+    or (share, h, lag [s]) of a joint fit.
 
     Parameters
     ----------
     parameters
         The Q nuisance parameters.
     per_sd
-        Error of the fit when the true disk departs by one standard uncertainty from the nominal one, (Q, k).
+        Error of the fit when the true disk departs by one standard uncertainty from the nominal
+        one, (Q, k).
     noise
         Covariance by noise, (k, k).
     """
@@ -230,7 +232,7 @@ class FitSensitivity:
 
 @dataclass(frozen=True)
 class DiskLine:
-    """Map and line of one disk; ``compute_sensitivity`` works out the ``sensitivity`` when it is needed."""
+    """Map and line of one disk; ``compute_sensitivity`` is called when it is needed."""
 
     map: SteadyMap
     line: SteadyLine
@@ -273,7 +275,7 @@ def _line_sensitivity(
     weights: Array,
     steady: Flags,
 ) -> FitSensitivity:
-    """Sensitivity of a line through the ``steady`` (R,) means of its window; ``power`` (n_h, r, P) is theirs."""
+    """Sensitivity of a line; ``power`` (n_h, r, P) belongs to the ``steady`` (R,) blocks."""
     w = weights / weights.sum()
     share_errors = []
     for k in (LOW_NODE, HIGH_NODE):
@@ -298,7 +300,7 @@ def _line_sensitivity(
 def steady_lines(
     test: EhlTest, rows: slice, profile: Profile = "modal", weights: Array | None = None
 ) -> tuple[dict[str, DiskLine], SpeedLawPoint]:
-    """Steady line of each disk from the uncompensated readings, and the speed law's point on both lines.
+    """Steady line of each disk from the uncompensated readings, and the speed law's point.
 
     For a test with one disk the point has only the start of its transient fit.
     """
@@ -323,12 +325,11 @@ def at_one_radius(test: EhlTest) -> EhlTest:
 
     Notes
     -----
-    The correction is the radial gradient times how much deeper than the rim's edge a junction lies. The rim begins at
-    its edge, the depth of b, and d and f are taken to read the temperature there (eq. 3.34). Where rig.toml states
-    another depth, the gradient of the model itself, at the speed law's share and h, gives what they would read there.
-    First order in the difference: good for some tenths of a millimetre. Disks whose inner row has one depth are not
-    changed.
-    """
+    The correction is the radial gradient times how much deeper than the rim's edge a junction lies.
+    The rim begins at its edge, the depth of b, and d and f are taken to read the temperature there
+    (eq. 3.34). Where rig.toml states another depth, the gradient of the model itself, at the speed
+    law's share and h, gives what they would read there. First order in the difference: good for
+    some tenths of a millimetre. Disks whose inner row has one depth are not changed."""
     depth_differences = {
         name: disk.setup.deeper_than_edge_m
         for name, disk in test.disks.items()
@@ -359,11 +360,11 @@ def _at_one_radius(
 
 
 def at_own_temperature(test: EhlTest) -> EhlTest:
-    """The test with each disk whose steel depends on temperature linearised about its air and running surface.
+    """The test with steel that depends on temperature linearised about air and running surface.
 
-    Both temperatures are means over the last seconds under load, the surface's by the model itself at the speed law's
-    share and h. The first iteration takes the steel at the temperature of the readings.
-    """
+    Both temperatures are means over the last seconds under load, the surface's by the model itself
+    at the speed law's share and h. The first iteration takes the steel at the temperature of the
+    readings."""
     names = [
         name
         for name, disk in test.disks.items()
@@ -388,7 +389,7 @@ def at_own_temperature(test: EhlTest) -> EhlTest:
 def _linear_steel(
     test: EhlTest, setup: DiskSetup, d: str, rows: slice, point: tuple[float, float] | None
 ) -> DiskSetup:
-    """The disk ``d`` linearised at (share, h) ``point``, or without one at the temperature of its rim."""
+    """The disk ``d`` linearised at (share, h), or without ``point`` at the rim's temperature."""
     window = lagged_window(test, test.disks[d], rows)
     rim = window.rim
     since_s = window.at_s - test.events.unload_s

@@ -1,8 +1,8 @@
-"""Steel whose conductivity and specific heat depend on temperature: the equivalent linear disk and its nuisance parameters.
+"""Steel that depends on temperature: the equivalent linear disk and its nuisance parameters.
 
-In Kirchhoff's temperature conduction is linear but for the diffusivity, which is taken at the rim's temperature at the
-unloading: the rim is steady until then, and during the fits it cools by a tenth of its excess over the air.
-"""
+In Kirchhoff's temperature conduction is linear but for the diffusivity, which is taken at the rim's
+temperature at the unloading: the rim is steady until then, and during the fits it cools by a tenth
+of its excess over the air."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ from tcdyn.rig.rigfile import UncertaintyTable
 
 CONDUCTIVITY_SLOPE = Unmeasured("conductivity slope", "conductivity slope", True)
 SPECIFIC_HEAT_SLOPE = Unmeasured("specific heat slope", "specific heat slope", True)
-# Readings of the inner row are averaged over this [s]: a column with their noise would explain that noise.
+# Readings of the inner row are averaged over this [s]: a column with their noise would explain
+# that noise.
 SMOOTH_S = 0.5
 
 
@@ -39,7 +40,7 @@ def depends_on_temperature(setup: DiskSetup, u: UncertaintyTable) -> bool:
 def linear_about(
     setup: DiskSetup, air_degC: float, surface_degC: float, rim_degC: float
 ) -> DiskSetup:
-    """The disk of constant conductivity and specific heat that is equivalent to ``setup`` at these temperatures.
+    """The equivalent disk of constant conductivity and specific heat at these temperatures.
 
     Notes
     -----
@@ -62,9 +63,8 @@ def conductivity_slope_effect(
 ) -> Array:
     """Readings less prediction if the conductivity's slope is steeper by ``u_per_K``, (R, P) [K].
 
-    The rim conducts differently, and Kirchhoff's transformation of the readings changes, also of those of the inner
-    row that drive the rim.
-    """
+    The rim conducts differently, and Kirchhoff's transformation of the readings changes, also of
+    those of the inner row that drive the rim."""
     rim = window.rim
     dt_s = float(window.time_s[1] - window.time_s[0])
     steel = rim.setup.steel
@@ -92,7 +92,7 @@ def conductivity_slope_effect(
 def specific_heat_slope_effect(
     rim: RimMeans, share: float, h_W_m2K: float, u_per_K: float
 ) -> Array:
-    """Change of the outer row if the specific heat rises more steeply by ``u_per_K``, (R, P) [K]."""
+    """Change of the outer row if the slope of specific heat is higher by ``u_per_K``, (R, P)."""
     steel = rim.setup.steel
     rim_degC = float(rim.inputs[:, rim.inner_inputs].mean())
     heat_capacity = u_per_K * (rim_degC - steel.reference_degC) / steel.specific_heat(rim_degC)

@@ -1,4 +1,4 @@
-"""Air temperature at the running surface: by a measured relation of surface flux and temperature, or by own channels."""
+"""Air temperature at the running surface: by a measured surface flux, or by own channels."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MIN_H_U_REL = 1e-4  # least relative standard uncertainty of a measured h; chose
 
 
 def with_surfaces(test: EhlTest) -> EhlTest:
-    """The test with the offset of the surface air for disks whose surface has another air than their faces.
+    """The test with the air offset of disks whose surface has another air than their faces.
 
     That is T_a where the surface loss was measured, else what the disk's own channels show.
     """
@@ -34,7 +34,7 @@ def with_surfaces(test: EhlTest) -> EhlTest:
 
 
 def constant_speed_air_offset(test: EhlTest, disk: DiskTraces) -> Array:
-    """Columns (N, 2) of ``EhlTest.surface_air_offset_K`` at constant speed: T_a less ambient, and zero [K]."""
+    """Columns (N, 2) of the air offset at constant speed: T_a less ambient, and zero [K]."""
     surface = disk.setup.surface
     ambient = test.ambient_of(disk.name)
     if surface.measured:
@@ -53,7 +53,7 @@ def surface_air_effect(rim: RimMeans, h_W_m2K: float, u_K: float) -> Array:
 
 
 def log_h_prior(surface: SurfaceFlux) -> tuple[float, float]:
-    """Prior mean and standard deviation of log h [W/m2K]: of the measured relation, else no prior (infinite)."""
+    """Prior mean and standard deviation of log h [W/m2K]; infinite unless measured."""
     if not surface.measured:
         return 0.0, np.inf
     h = surface.heat_transfer_W_m2K

@@ -1,4 +1,4 @@
-"""Nuisance parameters along the running track: position of the flux, profile of h, and an unresolved rim edge."""
+"""Nuisance parameters along the track: position of the flux, profile of h, unresolved rim edge."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ H_PROFILE_STEPS = {
 
 
 def flux_shift_effect(rim: RimMeans, share: float, h_W_m2K: float) -> Array:
-    """Change of the outer row by the position of the flux along z, a central difference, (R, P) [K/m].
+    """Change of the outer row by the position of the flux, a central difference, (R, P) [K/m].
 
     Because of the positions of d and f about b, the sign of a shift is each disk's own.
     """
@@ -38,7 +38,7 @@ def flux_shift_effect(rim: RimMeans, share: float, h_W_m2K: float) -> Array:
 
 
 def h_profile_effects(rim: RimMeans, share: float, h_W_m2K: float) -> dict[Unmeasured, Array]:
-    """Change of the outer row when h departs from its mean by all of itself, (R, P) [K] for each of two shapes.
+    """Change of the outer row when h departs from its mean by all of itself, (R, P) [K] each.
 
     The shapes are the tilt and the crown of ``film_along``.
     """
@@ -52,7 +52,7 @@ def h_profile_effects(rim: RimMeans, share: float, h_W_m2K: float) -> dict[Unmea
 
 
 def unresolved_edge_effect(rim: RimMeans, h_W_m2K: float) -> Array | None:
-    """Change of the outer row by a constant kelvin at the rim's edge where the inner row does not determine it.
+    """Change of the outer row by a constant kelvin at a rim edge that is not resolved.
 
     Returns (P,) [K], or None where the inner row determines the profile along z.
     """

@@ -1,4 +1,4 @@
-"""Unloading: the instant at which the frictional heat ended, from the fall of friction and load, to better than a sample."""
+"""Unloading: the instant at which the frictional heat ended, to better than a sample."""
 
 from __future__ import annotations
 
@@ -52,10 +52,10 @@ def unloading_instant(
 
     Notes
     -----
-    Contact switch, friction and load cell each miss the instant by up to 0.05 s (section 5.3); those
-    that agree are averaged. A switch that differs from the friction by more is not used, because the
-    friction is the heat. Where the friction is too noisy to show its fall, the load cell is used.
-    """
+    Contact switch, friction and load cell each miss the instant by up to 0.05 s (section 5.3);
+    those that agree are averaged. A switch that differs from the friction by more is not used,
+    because the friction is the heat. Where the friction is too noisy to show its fall, the load
+    cell is used."""
     dt = float(np.median(np.diff(t)))
     indicator_u_s = NO_SWITCH_U_S if switch_s is None else INDICATOR_U_S
     falls = {
@@ -100,7 +100,7 @@ def _fall_in_reach(
 
 
 def _step(t: Array, force: Array, start_s: float, stop_s: float) -> float | None:
-    """Instant in (start, stop) at which two levels explain most of the force; None if it never falls."""
+    """Instant in (start, stop) where two levels explain most of the force; None without a fall."""
     rows = np.flatnonzero((t > start_s) & (t < stop_s) & np.isfinite(force))
     if len(rows) < MIN_STEP_SAMPLES:
         return None

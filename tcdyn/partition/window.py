@@ -1,8 +1,8 @@
-"""Block means of a disk's readings over a window of a test, and the response of its rim model in the same blocks.
+"""Block means of a disk's readings over a window of a test, and its rim model in the same blocks.
 
-The rim forgets in some seconds (its slowest mode decays at about 1 1/s), so nothing before the last minutes under load
-matters, and one filter bank over the window serves every heat transfer coefficient, share and material.
-"""
+The rim forgets in some seconds (its slowest mode decays at about 1 1/s), so nothing before the last
+minutes under load matters, and one filter bank over the window serves every heat transfer
+coefficient, share and material."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ BEFORE_UNLOADING_S = 0.5  # single samples from this long before the unloading [
 SINGLE_SAMPLES_S = 3.0  # single samples this long after the unloading, then blocks [s]
 COARSE_BLOCK_S = 0.1  # length of those blocks [s]
 GRADIENT_STEP_M = 0.25e-3  # of the difference quotient by radius at the inner row [m]
-# Least fraction of a block's samples that counts as observed. Interpolated samples get next to no weight; this keeps
-# the weight above zero.
+# Least fraction of a block's samples that counts as observed. Interpolated samples get next to no
+# weight; this keeps the weight above zero.
 MIN_OBSERVED_FRACTION = 1e-4
 FIT_MESH = Mesh(33, 53)
 BORE_MESH = Mesh(49, 41)  # of a rim that reaches to the bore
@@ -49,10 +49,11 @@ class Perturbation:
     Parameters
     ----------
     conductivity, heat_capacity, washer, half_width
-        Relative changes of conductivity, specific heat, washer conductance and half-width of the flux.
+        Relative changes of conductivity, specific heat, washer conductance and half-width of the
+        flux.
     depth_shift_m
-        How much deeper each junction of the disk's ``rows`` lies [m]; empty for none. The rim begins at its nominal
-        edge whatever the depths of the inner row are.
+        How much deeper each junction of the disk's ``rows`` lies [m]; empty for none. The rim
+        begins at its nominal edge whatever the depths of the inner row are.
     shift_m
         Shift of the centre of the flux along z [m].
     h_profile
@@ -84,9 +85,10 @@ class RimMeans:
     rates_1_s
         Rates of the filter bank, (K,).
     inputs
-        Block means of the inputs, (R, I): power [W, for a share of one], inner row, ambient. Where the speeds change,
-        two more follow: the offset of the air at the running surface, and its change by a standard uncertainty of
-        the speed exponent (see :func:`tcdyn.partition.cooling.with_slowing_air_offset`).
+        Block means of the inputs, (R, I): power [W, for a share of one], inner row, ambient. Where
+        the speeds change, two more follow: the offset of the air at the running surface, and its
+        change by a standard uncertainty of the speed exponent (see
+        :func:`tcdyn.partition.cooling.with_slowing_air_offset`).
     banks
         The inputs through the lags of the filter bank, (I, R, K).
     profile
@@ -220,7 +222,7 @@ class RimMeans:
     def answer(
         self, h_W_m2K: ArrayLike, p: Perturbation = NOMINAL, extra: tuple[Point, ...] = ()
     ) -> tuple[Array, Array]:
-        """Response without frictional heat, and to a share of one; (..., R, P) each, P with the ``extra`` points."""
+        """Response without heat, and to a share of one; (..., R, P) each, P with ``extra``."""
         boundary = self.input_response(self.boundary_inputs, h_W_m2K, p, extra)
         return boundary, self.input_response(POWER, h_W_m2K, p, extra)
 
@@ -231,7 +233,7 @@ class RimMeans:
         return tuple((depth, self.setup.junctions[c].z_m) for c in self.setup.inner)
 
     def gradient(self, h_W_m2K: ArrayLike, p: Perturbation = NOMINAL) -> tuple[Array, Array]:
-        """Rise of temperature with radius at the inner row, without heat and for a share of one, (..., R, k) [K/m]."""
+        """Radial gradient at the inner row without heat, and per share, (..., R, k) [K/m]."""
         boundary, power = self.answer(h_W_m2K, p, self.points_inside)
         n_outer = len(self.setup.outer)
         rise = boundary[..., n_outer:] - self.inputs[:, self.inner_inputs]
@@ -259,7 +261,8 @@ class DiskWindow:
     y
         Block means of the P outer junctions, (R, P) [degC].
     weight
-        One over the standard deviation of the noise of a block mean, (R, P) [1/K]; zero for an excluded channel.
+        One over the standard deviation of the noise of a block mean, (R, P) [1/K]; zero for an
+        excluded channel.
     rim
         The rim model.
     """
@@ -313,7 +316,7 @@ def stretch_of(test: EhlTest, after_s: float) -> slice:
 
 
 def steady_start_s(test: EhlTest) -> float:
-    """Start of the steady window: the last 150 s under load, less when the load was on for a shorter time."""
+    """Start of the steady window: the last 150 s under load, or less of a short test."""
     loaded_s = test.events.unload_s - test.events.load_on_s
     return test.events.unload_s - min(STEADY_S, max(0.3 * loaded_s, 10.0))
 
@@ -346,8 +349,8 @@ def disk_window(
 
     Notes
     -----
-    Blocks are one second long under steady load, single samples about the unloading, and tenths of a second later.
-    """
+    Blocks are one second long under steady load, single samples about the unloading, and tenths of
+    a second later."""
     dt = test.dt_s
     time_s = test.time_s[rows]
     steel_K = disk.setup.steel.straight(temperatures)
@@ -415,7 +418,7 @@ def _averaging_matrix(test: EhlTest, time_s: Array) -> tuple[sparse.csr_array, N
 def lagged_window(
     test: EhlTest, disk: DiskTraces, rows: slice, profile: Profile = "modal"
 ) -> DiskWindow:
-    """Window of the uncompensated readings, all channels brought to the mean chain, the power seen through it."""
+    """Window of the uncompensated readings, all channels brought to the mean chain."""
     readings = equalised(disk.readings_degC[rows], test.dt_s, disk.chains, disk.mean_chain)
     return disk_window(test, disk, readings, rows, disk.noise_K, profile, disk.mean_chain)
 
@@ -430,7 +433,7 @@ def interpolate_blocks(window: DiskWindow, of_blocks: Array) -> Array:
 def lagged_surface_air(
     test: EhlTest, disk: DiskTraces, rows: slice, chain: Chain | None
 ) -> list[Array]:
-    """Offset of the surface air, if any, and its change by the speed exponent, (N,) [K] each, through ``chain``."""
+    """Offset of the surface air, if any, and its change by the exponent, (N,) [K] each."""
     if disk.name not in test.surface_air_offset_K:
         return []
     offsets = test.surface_air_offset_K[disk.name][rows].T
@@ -440,14 +443,13 @@ def lagged_surface_air(
 
 
 def lagged_power(test: EhlTest, rows: slice, chain: Chain | None) -> tuple[Array, dict[str, Any]]:
-    """Frictional power (N,) [W] through the ``chain``, if any, and the arguments of ``lag_bank`` that hold it.
+    """Frictional power (N,) [W] through ``chain``, if any, and arguments of ``lag_bank`` for it.
 
     Notes
     -----
-    The power is held between samples and ends at an instant inside a sample. Through a chain, for uncompensated
-    readings, the sample in which it ends carries its average, which keeps the energy and places the step to second
-    order in dt.
-    """
+    The power is held between samples and ends at an instant inside a sample. Through a chain, for
+    uncompensated readings, the sample in which it ends carries its average, which keeps the energy
+    and places the step to second order in dt."""
     power = test.power_W[rows]
     time_s = test.time_s[rows]
     unload_s = test.events.unload_s
