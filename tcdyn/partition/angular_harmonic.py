@@ -128,9 +128,9 @@ class Unevenness:
         """Covariance (2, 2) of the level at the depth of b, cos and sin [K2]."""
         return np.asarray(self.prior_K[0] ** 2 * self.covariance[:2, :2])
 
-    def level_z(self, off_K: Array) -> float:
+    def level_z(self, departure_K: Array) -> float:
         """Length of a departure (2,) of the level, cos and sin [K], in standard uncertainties."""
-        return float(np.sqrt(off_K @ np.linalg.solve(self.level_covariance_K2, off_K)))
+        return float(np.sqrt(departure_K @ np.linalg.solve(self.level_covariance_K2, departure_K)))
 
     @property
     def significance(self) -> float:
@@ -266,14 +266,14 @@ def harmonic_at_junctions(
     return shape * np.stack([np.cos(angle), np.sin(angle)])
 
 
-def time_shapes(since_s: Array, span_s: float) -> Array:
+def time_shapes(since_s: Array, steady_window_s: float) -> Array:
     """``SHAPES`` of a kelvin, (4, N) [K]: level at the unloading, drift, bend, and fall after it.
 
     Parameters
     ----------
     since_s
         Times since the unloading, (N,).
-    span_s
+    steady_window_s
         Length of the steady window. Before it the shapes are as at its start; drift and bend
         continue for ``DRIFT_LASTS_S`` after the unloading.
 
@@ -285,7 +285,7 @@ def time_shapes(since_s: Array, span_s: float) -> Array:
            [ 1.  ,  0.25,  0.  ,  0.01],
            [ 0.  ,  0.  ,  0.  ,  0.5 ]])
     """
-    x = np.clip(np.asarray(since_s, dtype=float), -span_s, DRIFT_LASTS_S) / span_s
+    x = np.clip(np.asarray(since_s, dtype=float), -steady_window_s, DRIFT_LASTS_S) / steady_window_s
     return np.stack([np.ones_like(x), x, x * x, fall_fraction(since_s)])
 
 
@@ -309,9 +309,9 @@ def outer_row_effect(setup: DiskSetup, h_W_m2K: float, static: Array, n: int = 1
 
 
 def add_harmonic_effects(
-    of: tuple[Unmeasured, ...],
+    parameters: tuple[Unmeasured, ...],
     change: Array,
-    known: Unevenness,
+    harmonic: Unevenness,
     setup: DiskSetup,
     h_W_m2K: float,
     static: Array,
@@ -321,9 +321,9 @@ def add_harmonic_effects(
 
     Parameters
     ----------
-    of, change
+    parameters, change
         All other nuisance parameters, (Q,), and their effects, (Q, R, P) [K].
-    known
+    harmonic
         The harmonic of the disk.
     setup, h_W_m2K
         The disk, and the heat transfer coefficient of its running surface.
@@ -338,34 +338,36 @@ def add_harmonic_effects(
     parameters, and the part of it that is independent of them has the remaining covariance.
     """
     blocks = change.shape[1:]
-    in_time = known.prior_K[:, None] * time_shapes(since_s, known.steady_window_s)
+    in_time = harmonic.prior_K[:, None] * time_shapes(since_s, harmonic.steady_window_s)
     at_outer_row = outer_row_effect(setup, h_W_m2K, static)
     first = in_time[:, None, :, None] * at_outer_row[None, :, None, :]
     first = first.reshape(len(FIRST_HARMONIC), *blocks)
-    second = known.second_harmonic_u_K * outer_row_effect(setup, h_W_m2K, static, 2)
-    angles = angle_error_effect(setup, h_W_m2K, static, known.angle_level_K)
+    second = harmonic.second_harmonic_u_K * outer_row_effect(setup, h_W_m2K, static, 2)
+    angles = angle_error_effect(setup, h_W_m2K, static, harmonic.angle_level_K)
     constant = np.concatenate([second, angles])[:, None] * np.ones((1, *blocks))
     change = np.concatenate([change, constant])
     angle_parameters = (Unmeasured(f"angle {c}", ANGLE_SOURCE) for c in setup.rows)
-    of = (*of, *SECOND_HARMONIC, *angle_parameters)
+    parameters = (*parameters, *SECOND_HARMONIC, *angle_parameters)
     zero = np.zeros(len(FIRST_HARMONIC))
-    by_others = np.array([known.sensitivities.get(parameter, zero) for parameter in of])
-    remaining = known.covariance - by_others.T @ by_others
+    by_others = np.array([harmonic.sensitivities.get(parameter, zero) for parameter in parameters])
+    remaining = harmonic.covariance - by_others.T @ by_others
     values, vectors = np.linalg.eigh(remaining)
     # the symmetric root: near the prior it has the prior's own directions
     root = (vectors * np.sqrt(np.clip(values, 0.0, None))) @ vectors.T
     change = change + np.tensordot(by_others, first, axes=1)
-    return (*of, *FIRST_HARMONIC), np.concatenate([change, np.tensordot(root, first, axes=1)])
+    return (*parameters, *FIRST_HARMONIC), np.concatenate(
+        [change, np.tensordot(root, first, axes=1)]
+    )
 
 
-def angle_error_effect(setup: DiskSetup, h_W_m2K: float, static: Array, about_K: Array) -> Array:
+def angle_error_effect(setup: DiskSetup, h_W_m2K: float, static: Array, level_K: Array) -> Array:
     """Outer row less prediction if one junction lies ``ANGLE_U_DEG`` further round, (P + k, P) [K].
 
-    ``about_K`` (2,) is the level of the harmonic, cos and sin.
+    ``level_K`` (2,) is the level of the harmonic, cos and sin.
     """
     cos, sin = harmonic_at_junctions(setup, h_W_m2K, setup.rows)
     p = len(setup.outer)
-    change = np.diag(np.deg2rad(ANGLE_U_DEG) * (about_K[1] * cos - about_K[0] * sin))
+    change = np.diag(np.deg2rad(ANGLE_U_DEG) * (level_K[1] * cos - level_K[0] * sin))
     return np.asarray(change[:, :p] - change[:, p:] @ static)
 
 
@@ -399,9 +401,9 @@ def window_harmonic_effects(
 
 
 def harmonic_from_fit(
-    theta: Array,
+    estimate: Array,
     covariance: Array,
-    unknown: Sequence[tuple[Unmeasured, str]],
+    parameters: Sequence[tuple[Unmeasured, str]],
     disk: str,
     h_W_m2K: float,
     prior: Unevenness,
@@ -410,9 +412,9 @@ def harmonic_from_fit(
 
     Parameters
     ----------
-    theta, covariance
+    estimate, covariance
         Estimate (Q,) and covariance (Q, Q) of the nuisance parameters.
-    unknown
+    parameters
         The Q nuisance parameters, each with its disk, or "" if common to both.
     disk, h_W_m2K
         The disk, and its fitted heat transfer coefficient.
@@ -424,26 +426,26 @@ def harmonic_from_fit(
     With priors of unit variance, the truth departs from the estimate by the covariance times the
     departure of the other nuisance parameters from their nominal values, and by the noise.
     """
-    rows = [unknown.index((parameter, disk)) for parameter in FIRST_HARMONIC]
+    rows = [parameters.index((parameter, disk)) for parameter in FIRST_HARMONIC]
     sensitivities = {
         parameter: covariance[rows, k]
-        for k, (parameter, of_disk) in enumerate(unknown)
+        for k, (parameter, of_disk) in enumerate(parameters)
         if of_disk in ("", disk) and parameter not in FIRST_HARMONIC
     }
     return replace(
         prior,
-        estimate=theta[rows],
+        estimate=estimate[rows],
         covariance=covariance[np.ix_(rows, rows)],
         sensitivities=sensitivities,
         h_W_m2K=h_W_m2K,
     )
 
 
-def harmonic_K(known: Unevenness, setup: DiskSetup, since_s: Array) -> Array:
+def harmonic_K(harmonic: Unevenness, setup: DiskSetup, since_s: Array) -> Array:
     """The part of the readings by the estimated harmonic, (N, C), at times since the unloading."""
-    size_K = known.prior_K[:, None] * known.estimate.reshape(len(SHAPES), len(COMPONENTS))
-    size_K[0] += known.nominal_K
-    first = harmonic_at_junctions(setup, known.h_W_m2K, setup.channels)
-    second = harmonic_at_junctions(setup, known.h_W_m2K, setup.channels, 2)
-    in_time = time_shapes(since_s, known.steady_window_s)
-    return np.asarray(in_time.T @ size_K @ first + known.nominal_second_K @ second)
+    size_K = harmonic.prior_K[:, None] * harmonic.estimate.reshape(len(SHAPES), len(COMPONENTS))
+    size_K[0] += harmonic.nominal_K
+    first = harmonic_at_junctions(setup, harmonic.h_W_m2K, setup.channels)
+    second = harmonic_at_junctions(setup, harmonic.h_W_m2K, setup.channels, 2)
+    in_time = time_shapes(since_s, harmonic.steady_window_s)
+    return np.asarray(in_time.T @ size_K @ first + harmonic.nominal_second_K @ second)

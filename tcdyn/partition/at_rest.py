@@ -65,9 +65,9 @@ class DiskAtRest:
         """Deviation of ``reads`` (C,) from the median of the channels used [K]."""
         return np.asarray(reads - np.median(reads[self.used]))
 
-    def misfit(self, reads: Array, but: int = -1) -> float:
-        """Chi-squared of ``reads`` (C,) against one temperature, without channel ``but``."""
-        channels = self.used[self.used != but]
+    def misfit(self, reads: Array, excluded: int = -1) -> float:
+        """Chi-squared of ``reads`` (C,) against one temperature, without channel ``excluded``."""
+        channels = self.used[self.used != excluded]
         return float(((self.deviation(reads) / self.u)[channels] ** 2).sum())
 
     def read_through(self, other: DiskAtRest, order: Sequence[int]) -> Array:

@@ -54,14 +54,14 @@ def require_window_longer_than_lag(test: EhlTest, window_s: float) -> None:
         )
 
 
-def with_slowing_air_offset(test: EhlTest, at: Mapping[str, tuple[float, float]]) -> EhlTest:
+def with_slowing_air_offset(test: EhlTest, points: Mapping[str, tuple[float, float]]) -> EhlTest:
     """The test with the surface air offset of disks that did not keep their speed.
 
     Parameters
     ----------
     test
         The test; one at constant speeds is returned as it is.
-    at
+    points
         Share and h [W/m2K] of each disk.
 
     Notes
@@ -75,7 +75,7 @@ def with_slowing_air_offset(test: EhlTest, at: Mapping[str, tuple[float, float]]
     rows = stretch_of(test, min(MAX_COOLING_S, float(test.time_s[-1] - test.events.unload_s)))
     for _ in range(N_ITERATIONS):
         offsets = {
-            d: _slowing_air_offset(test, test.disks[d], rows, *at[d])
+            d: _slowing_air_offset(test, test.disks[d], rows, *points[d])
             for d in test.slowing
             if d in test.disks
         }
@@ -264,17 +264,17 @@ def smoothed(
 
 
 def compensated(
-    test: EhlTest, disk: DiskTraces, rows: slice, done: Compensated, profile: Profile = "modal"
+    test: EhlTest, disk: DiskTraces, rows: slice, traces: Compensated, profile: Profile = "modal"
 ) -> CompensatedDisk:
-    """Traces of one disk over ``rows``, ``done`` by :func:`smoothed`, and their windows."""
+    """Traces of one disk over ``rows``, ``traces`` by :func:`smoothed`, and their windows."""
 
     def window_with(longer_s: float) -> DiskWindow:
-        temperature = done.temperature + longer_s * done.lag_sensitivity
+        temperature = traces.temperature + longer_s * traces.lag_sensitivity
         return disk_window(test, disk, temperature, rows, disk.noise_K, profile)
 
     outer = disk.setup.places(disk.setup.outer)
-    noise_K = float(np.median(done.sd_noise[:, outer]))
-    return CompensatedDisk(test, disk, done, window_with(0.0), window_with(LAG_STEP_S), noise_K)
+    noise_K = float(np.median(traces.sd_noise[:, outer]))
+    return CompensatedDisk(test, disk, traces, window_with(0.0), window_with(LAG_STEP_S), noise_K)
 
 
 def cooling_errors(
@@ -300,22 +300,22 @@ def cooling_errors(
 
 
 def cooling_shift(
-    fit: CoolingFit, known: NuisanceEffects, late: Array, line: DiskLine
+    fit: CoolingFit, effects: NuisanceEffects, lag_effect: Array, line: DiskLine
 ) -> CoolingSensitivity:
     """Sensitivity of (share, h), through the traces and through the line.
 
-    ``known`` and ``late`` are the effects and the effect of the lag by :func:`cooling_errors`.
-    """
+    ``effects`` and ``lag_effect`` are the effects and the effect of the lag by
+    :func:`cooling_errors`."""
     slope = line.line.slope
     share_errors = line.sensitivity.per_sd @ np.array([1.0, fit.h_W_m2K])
-    prediction_errors = share_errors[:, None, None] * fit.power - known.change
+    prediction_errors = share_errors[:, None, None] * fit.power - effects.change
     h_errors = np.einsum("rp,qrp->q", fit.h_per_effect, prediction_errors)
     along_line = np.array([slope, 1.0])
     noise = fit.h_noise**2 * np.outer(along_line, along_line)
     noise[0, 0] += line.sensitivity.noise[0, 0]
     per_sd = np.column_stack([share_errors + slope * h_errors, h_errors])
-    by_lag = along_line * float((fit.h_per_effect * late).sum())
-    return CoolingSensitivity(known.parameters, per_sd, noise, by_lag)
+    by_lag = along_line * float((fit.h_per_effect * lag_effect).sum())
+    return CoolingSensitivity(effects.parameters, per_sd, noise, by_lag)
 
 
 def cooling_fit(
@@ -324,7 +324,7 @@ def cooling_fit(
     unload_s: float,
     window_s: float,
     noise_K: float,
-    log_h: tuple[float, float] = (0.0, np.inf),
+    log_h_prior: tuple[float, float] = (0.0, np.inf),
 ) -> CoolingFit:
     """Fit h alone to compensated traces; the share follows the steady line.
 
@@ -340,7 +340,7 @@ def cooling_fit(
         Length of the cooling used.
     noise_K
         Standard deviation of the noise that compensation leaves in a trace.
-    log_h
+    log_h_prior
         Prior mean and standard deviation of log h.
 
     Raises
@@ -357,7 +357,7 @@ def cooling_fit(
     inside = (since_s >= 0) & (since_s < window_s)
     before = (since_s >= -MATCH_S) & (since_s < -MATCH_GAP_S)
     weight = window.counts[inside][:, None].astype(float) * window.used_channels
-    prior_mean, prior_sd = log_h
+    prior_mean, prior_sd = log_h_prior
 
     def model(h: float) -> tuple[Array, Array]:
         boundary, power = window.rim.answer(h)
@@ -409,7 +409,7 @@ def surface_temperatures(
     test: EhlTest,
     speed: SpeedLawPoint,
     windows: Mapping[str, DiskWindow],
-    draws: Mapping[str, Array],
+    estimate_samples: Mapping[str, Array],
 ) -> tuple[dict[str, float], dict[str, Array]]:
     """Maximum temperature of each running track before unloading, with Monte Carlo samples.
 
@@ -421,7 +421,7 @@ def surface_temperatures(
         beta and h by the speed law.
     windows
         Window of each disk.
-    draws
+    estimate_samples
         Monte Carlo samples of "speed law", "h_fast" and "h_slow".
 
     Returns
@@ -455,7 +455,9 @@ def surface_temperatures(
         temperature = track[0, hottest]
         by_h = (track[1, hottest] - temperature) / step
         by_beta = sign * power[0, hottest]
-        deviation = by_beta * (draws["speed law"] - speed.beta) + by_h * (draws[f"h_{d}"] - h)
+        deviation = by_beta * (estimate_samples["speed law"] - speed.beta) + by_h * (
+            estimate_samples[f"h_{d}"] - h
+        )
         values[f"surface {d}"] = float(temperature)
         samples[f"surface {d}"] = temperature + deviation
     difference = values["surface fast"] - values["surface slow"]

@@ -72,7 +72,7 @@ def monte_carlo(
     test: EhlTest,
     lines: Mapping[str, DiskLine],
     cooling: Mapping[str, CoolingFit],
-    cooling_shifts: Mapping[str, CoolingSensitivity],
+    cooling_sensitivities: Mapping[str, CoolingSensitivity],
     joint: Mapping[str, DiskFit],
     seed: int = 0,
 ) -> Budget:
@@ -82,7 +82,7 @@ def monte_carlo(
     ----------
     test
         The test.
-    lines, cooling, cooling_shifts, joint
+    lines, cooling, cooling_sensitivities, joint
         Steady line, cooling fit with its sensitivity, and joint fit of each disk.
     seed
         Of the random numbers.
@@ -92,7 +92,7 @@ def monte_carlo(
     Sources that both disks share affect both together. The exponent n is uniform over its range;
     everything else is normal.
     """
-    sampler = _Sampler(test, lines, cooling, cooling_shifts, joint, seed)
+    sampler = _Sampler(test, lines, cooling, cooling_sensitivities, joint, seed)
     sources = {parameter.source for d in DISKS for parameter in joint[d].sensitivity.parameters}
     rows = []
     for source in sorted(sources | {"speed exponent", "noise", "rim model form"}):
@@ -111,7 +111,7 @@ class _Sampler:
         test: EhlTest,
         lines: Mapping[str, DiskLine],
         cooling: Mapping[str, CoolingFit],
-        cooling_shifts: Mapping[str, CoolingSensitivity],
+        cooling_sensitivities: Mapping[str, CoolingSensitivity],
         joint: Mapping[str, DiskFit],
         seed: int,
     ) -> None:
@@ -120,7 +120,9 @@ class _Sampler:
         self.cooling = cooling
         self.joint = joint
         self.sensitivity = {
-            d: stacked_sensitivity(lines[d].sensitivity, cooling_shifts[d], joint[d].sensitivity)
+            d: stacked_sensitivity(
+                lines[d].sensitivity, cooling_sensitivities[d], joint[d].sensitivity
+            )
             for d in DISKS
         }
         keys = {
@@ -291,7 +293,7 @@ class CrossCheck:
 
 def cross_check(
     ways: Mapping[str, Estimate],
-    draws: Mapping[str, Array],
+    samples_by_way: Mapping[str, Array],
     tensions: Sequence[Tension] = (),
     both: Alternatives | None = None,
 ) -> CrossCheck:
@@ -301,7 +303,7 @@ def cross_check(
     ----------
     ways
         beta by each estimator, the speed law's first.
-    draws
+    samples_by_way
         Monte Carlo samples of each, which share their common errors.
     tensions
         Nominal values and how far the data pull them.
@@ -319,7 +321,7 @@ def cross_check(
     sampled_z = []
     for first, second in combinations(ways, 2):
         difference = ways[first].value - ways[second].value
-        samples = draws[first] - draws[second]
+        samples = samples_by_way[first] - samples_by_way[second]
         spread = max(float(np.std(samples)), 1e-12)
         pairs.append((first, second, difference, abs(difference) / spread))
         sampled_z.append(np.abs(samples - samples.mean()) / spread)

@@ -360,10 +360,10 @@ class LinearisedFit:
         best: Optimum,
         ends: NDArray[np.int64],
         points: tuple[int, ...],
-        which: NDArray[np.int64] | None = None,
+        parameters: NDArray[np.int64] | None = None,
     ) -> LinearisedFit:
-        """About the optimum ``best``; ``which`` are the indices of the parameters, all if None."""
-        k = np.arange(len(best.theta)) if which is None else which
+        """About the optimum ``best``, for the indices ``parameters``, all if None."""
+        k = np.arange(len(best.theta)) if parameters is None else parameters
         off_prior = best.theta - best.problem.prior_mean
         return cls(
             residual=best.residual,
@@ -396,24 +396,24 @@ class LinearisedFit:
         segments = np.split(residual[: self.ends[-1]], self.ends[:-1])
         return max(wave_factor(r.reshape(-1, p)) for r, p in zip(segments, self.points))
 
-    def __call__(self, columns: Array, waves: float) -> Refit:
+    def __call__(self, columns: Array, noise_scale: float) -> Refit:
         """The fit with ``columns`` (N, m), each with a standard normal prior.
 
-        ``waves`` scales the variance of the white noise.
+        ``noise_scale`` scales the variance of the white noise.
         """
         n_data = self.ends[-1]
         jacobian = self.jacobian[:n_data]
         d = self.directions
         data_information, data_gradient, prior_information, prior_gradient = self._normal_equations
-        information = data_information / waves + prior_information
+        information = data_information / noise_scale + prior_information
         cov = d @ inverse(d.T @ information @ d) @ d.T
-        start = -cov @ (data_gradient / waves + prior_gradient)
+        start = -cov @ (data_gradient / noise_scale + prior_gradient)
         residual = self.residual[:n_data] + jacobian @ start
-        cross = jacobian.T @ columns / waves
+        cross = jacobian.T @ columns / noise_scale
         follow = cov @ cross
         identity = np.eye(columns.shape[1])
-        column_information = identity + columns.T @ columns / waves - cross.T @ follow
-        gradient = columns.T @ residual / waves
+        column_information = identity + columns.T @ columns / noise_scale - cross.T @ follow
+        gradient = columns.T @ residual / noise_scale
         column_covariance = np.linalg.inv(column_information)
         size = -column_covariance @ gradient
         chi2 = float(gradient @ column_covariance @ gradient)
@@ -421,7 +421,7 @@ class LinearisedFit:
         remaining = residual + columns @ size - jacobian @ (follow @ size)
 
         def covariance(scale: float) -> Array:
-            if scale != waves:
+            if scale != noise_scale:
                 return self(columns, scale).covariance(scale)
             return np.asarray(cov + follow @ column_covariance @ follow.T)
 

@@ -198,20 +198,20 @@ class DiskFeatures:
         perturbations, sizes = zip(*nominal_perturbations(self.setup, FEATURE_DEPTH_M))
         return perturbations, np.array(sizes)
 
-    def target_responses(self, cases: tuple[Case, ...], place: Target = "outer row") -> Array:
-        """Response of the points of ``place`` to every column as every input of the rim.
+    def target_responses(self, cases: tuple[Case, ...], target: Target = "outer row") -> Array:
+        """Response of the points of ``target`` to every column as every input of the rim.
 
         Shape (cases, C + 3, I, W, points). Cached, since all hypotheses need it.
         """
-        if (cases, place) not in self._responses:
-            self._responses[cases, place] = self._target_responses(cases, place)
-        return self._responses[cases, place]
+        if (cases, target) not in self._responses:
+            self._responses[cases, target] = self._target_responses(cases, target)
+        return self._responses[cases, target]
 
-    def _target_responses(self, cases: tuple[Case, ...], place: Target) -> Array:
-        inside = place == "inside"
+    def _target_responses(self, cases: tuple[Case, ...], target: Target) -> Array:
+        inside = target == "inside"
         extra = self.rim.points_inside if inside else ()
         first_point = len(self.setup.outer) if inside else 0
-        gains_of_cases = [self.rim.gains(h, p, extra, place == "inner row") for h, p in cases]
+        gains_of_cases = [self.rim.gains(h, p, extra, target == "inner row") for h, p in cases]
         direct = np.stack([g.direct[:, first_point:] for g in gains_of_cases])
         gains = np.stack([g.gains[:, first_point:] for g in gains_of_cases])
         responses = np.tensordot(gains, self.banks, (3, 2))
@@ -219,28 +219,28 @@ class DiskFeatures:
         return np.ascontiguousarray(responses.transpose(0, 3, 1, 4, 2))
 
     def column_response(
-        self, column: str, which: int, cases: tuple[Case, ...], place: Target = "outer row"
+        self, column: str, input_index: int, cases: tuple[Case, ...], target: Target = "outer row"
     ) -> Array:
-        """Response of the points of ``place`` to a column as input ``which``, (cases, W, points).
+        """Response of the points of ``target`` to a column as one input, (cases, W, points).
 
         Zero for a column that does not exist.
         """
         k = self.columns.index(column)
-        responses = self.target_responses(cases, place)
+        responses = self.target_responses(cases, target)
         if k < responses.shape[1]:
-            return responses[:, k, which]
+            return responses[:, k, input_index]
         return np.zeros_like(responses[:, 0, 0])
 
     def _rim_response(
-        self, order: Order, cases: tuple[Case, ...], place: Target = "outer row"
+        self, order: Order, cases: tuple[Case, ...], target: Target = "outer row"
     ) -> tuple[Array, Array]:
-        """Response without heat and to a share of one at ``place``, (cases, W, points) each."""
+        """Response without heat and to a share of one at ``target``, (cases, W, points) each."""
         ambient = self.rim.ambient_index
-        responses = self.target_responses(cases, place)
+        responses = self.target_responses(cases, target)
         columns = [1 + order[i] for i in self._inner_row]
         boundary = responses[:, columns, range(1, ambient)].sum(axis=1)
-        boundary += self.column_response("ambient", ambient, cases, place) + self.column_response(
-            "film", ambient + 1, cases, place
+        boundary += self.column_response("ambient", ambient, cases, target) + self.column_response(
+            "film", ambient + 1, cases, target
         )
         return boundary, responses[:, 0, 0]
 

@@ -346,7 +346,7 @@ def power_scale(fast: float, slow: float) -> float:
 
 
 def impossibility_findings(
-    answers: Mapping[str, Estimate], both: Mapping[str, Estimate], draws: Mapping[str, Array]
+    answers: Mapping[str, Estimate], both: Mapping[str, Estimate], samples: Mapping[str, Array]
 ) -> list[Finding]:
     """Warnings of impossible estimates, and of a power that is not the heat of both disks.
 
@@ -356,7 +356,7 @@ def impossibility_findings(
     findings = list[Finding]()
     keys = impossible_keys(answers, both)
     scale = power_scale(answers["joint fast"].value, answers["joint slow"].value)
-    u = float(np.std(draws["joint fast"] - draws["joint slow"]))
+    u = float(np.std(samples["joint fast"] - samples["joint slow"]))
     if abs(scale - 1) > max(POWER_SCALE_TOLERANCE, POWER_SCALE_Z * u):
         findings.append(warning("power.scale", scale=scale, u=u, units=_likely_units(scale, u)))
     ways = [estimator for estimator in ESTIMATORS if estimator in keys]

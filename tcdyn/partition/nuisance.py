@@ -367,7 +367,7 @@ class LaggedRim:
         return self.rim.with_power(u, bank)
 
     def __call__(self, p: Array) -> tuple[Array, Array] | None:
-        """Weighted prediction (m,) and derivatives (m, 4) by ``PARAMETERS``; None if h is too large.
+        """Weighted prediction (m,) and derivatives (m, 4) by ``PARAMETERS``; None for too large h.
 
         Notes
         -----

@@ -70,7 +70,7 @@ class PressFitHarmonics:
             flux_kW_m2 * self.first_K, flux_kW_m2 * self.second_K, flux_kW_m2 * self.per_share_K
         )
 
-    def distance_z(self, uneven_rel: float, flux_rel: float, found: Unevenness) -> float:
+    def distance_z(self, uneven_rel: float, flux_rel: float, estimated: Unevenness) -> float:
         """Least distance of an estimated harmonic from the prediction, in standard uncertainties.
 
         The least over all scales of the heat through the bore, which goes outward.
@@ -81,7 +81,7 @@ class PressFitHarmonics:
             Standard uncertainty of the stated conductance's first harmonic, relative to its mean.
         flux_rel
             Relative standard uncertainty of the heat through the bore.
-        found
+        estimated
             The harmonic by a fit that did not use the press fit.
         """
         size = float(np.hypot(*self.first_K))
@@ -90,13 +90,13 @@ class PressFitHarmonics:
         for scale in FLUX_SCALES:
             conductance_u_K = uneven_rel * self.per_share_K * max(scale, 1.0)
             other_u_K = np.hypot(conductance_u_K, ANGLE_REL * scale * size)
-            deviation = found.level_K - scale * self.first_K
-            covariance = found.level_covariance_K2 + other_u_K**2 * np.eye(2)
+            deviation = estimated.level_K - scale * self.first_K
+            covariance = estimated.level_covariance_K2 + other_u_K**2 * np.eye(2)
             z2 = float(deviation @ np.linalg.solve(covariance, deviation))
             least = min(least, z2 + ((scale - 1) / scale_u) ** 2)
         return float(np.sqrt(least))
 
-    def prior(self, uneven_rel: float, flux_rel: float, found: Unevenness) -> Unevenness:
+    def prior(self, uneven_rel: float, flux_rel: float, estimated: Unevenness) -> Unevenness:
         """The prior of the harmonics of such a disk; parameters as of :meth:`distance_z`.
 
         Notes
@@ -108,8 +108,8 @@ class PressFitHarmonics:
         scale_u = float(np.hypot(flux_rel, MODEL_REL))
         direction = self.first_K / max(size, 1e-9)
         conductance_u_K = uneven_rel * self.per_share_K
-        level = float(found.level_K @ direction)
-        level_variance = direction @ found.level_covariance_K2 @ direction + conductance_u_K**2
+        level = float(estimated.level_K @ direction)
+        level_variance = direction @ estimated.level_covariance_K2 @ direction + conductance_u_K**2
         level_u = float(np.sqrt(level_variance))
         prior_variance = (scale_u * size) ** 2
         gain = prior_variance / (prior_variance + level_u**2)
@@ -121,9 +121,9 @@ class PressFitHarmonics:
         prior[0] = np.hypot(conductance_u_K, scale_u * size)
         return Unevenness(
             prior,
-            h_W_m2K=found.h_W_m2K,
-            steady_window_s=found.steady_window_s,
-            angle_level_K=found.level_K,
+            h_W_m2K=estimated.h_W_m2K,
+            steady_window_s=estimated.steady_window_s,
+            angle_level_K=estimated.level_K,
             nominal_K=self.first_K,
             second_harmonic_u_K=float(second_u_K),
             nominal_second_K=second_K,

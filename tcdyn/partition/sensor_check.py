@@ -404,19 +404,19 @@ def hotter_junction(setup: DiskSetup, one: str, other: str) -> int | None:
     return signs.pop() if len(signs) == 1 else None
 
 
-def classify_pair(wanted: int | None, difference_K: float, u_K: float) -> str:
-    """ "logical", "weak", "illogical" or "N.A." for a pair with sign ``wanted`` of its difference.
+def classify_pair(sign: int | None, difference_K: float, u_K: float) -> str:
+    """ "logical", "weak", "illogical" or "N.A." for a pair with sign ``sign`` of its difference.
 
     >>> classify_pair(1, 3.0, 0.3), classify_pair(1, 0.2, 0.3)
     ('logical', 'weak')
     >>> classify_pair(1, -3.0, 0.3), classify_pair(None, 3.0, 0.3)
     ('illogical', 'N.A.')
     """
-    if wanted is None:
+    if sign is None:
         return "N.A."
-    if wanted == 0:
+    if sign == 0:
         return "logical" if abs(difference_K) <= ASYMMETRY_Z * u_K else "weak"
-    z = wanted * difference_K / u_K
+    z = sign * difference_K / u_K
     if z > SURE_Z:
         return "logical"
     return "illogical" if z < -SURE_Z else "weak"

@@ -241,16 +241,16 @@ class _ShareComponent:
         )
 
 
-def refine_fault(test: EhlTest, f: DiskFeatures, disk: DiskTraces, v: FaultFit) -> FaultFit:
+def refine_fault(test: EhlTest, f: DiskFeatures, disk: DiskTraces, fit: FaultFit) -> FaultFit:
     """Linearise a misplaced outer junction, or a late channel, again until it converges."""
-    if v.size is None:
-        return v
-    channel = v.fault.channels[0]
-    if v.fault.kind == "late":
-        return _refine_late(test, disk, v, v.size)
-    if v.fault.kind == "misplaced" and channel in f.setup.outer:
-        return _refine_depth(f, disk, v, v.size)
-    return v
+    if fit.size is None:
+        return fit
+    channel = fit.fault.channels[0]
+    if fit.fault.kind == "late":
+        return _refine_late(test, disk, fit, fit.size)
+    if fit.fault.kind == "misplaced" and channel in f.setup.outer:
+        return _refine_depth(f, disk, fit, fit.size)
+    return fit
 
 
 def _refine_depth(f: DiskFeatures, disk: DiskTraces, v: FaultFit, start: Estimate) -> FaultFit:
@@ -302,7 +302,11 @@ def _with_prior(fit: FaultFit, size: Estimate, sd: float) -> FaultFit:
 
 
 def covariance(
-    f: DiskFeatures, disk: DiskTraces, effects: Array, order: Order, mixed: tuple[str, ...] = ()
+    f: DiskFeatures,
+    disk: DiskTraces,
+    effects: Array,
+    order: Order,
+    swapped_channels: tuple[str, ...] = (),
 ) -> Array:
     """Covariance (D, D) [K2] of the residuals of the predicted data.
 
@@ -314,10 +318,10 @@ def covariance(
         ``DiskFeatures.effects`` of the data, (Q, D).
     order
         Which column reads each position.
-    mixed
+    swapped_channels
         Channels whose static lines and lags are another channel's.
     """
-    swapped = np.isin(disk.setup.channels, mixed).astype(float)
+    swapped = np.isin(disk.setup.channels, swapped_channels).astype(float)
     static_u_K = np.hypot(disk.static_u_K, SWAPPED_LINES_K * swapped)
     nominal = nominal_u(disk, static_u_K, SWAPPED_LAGS_S * swapped)
     common = [1.0, 1.0, max(disk.common_lag_u_s, LEAST_LAG_U_S), LOADING_U_S, SHARE_SD]
