@@ -115,7 +115,7 @@ def cables_exchanged(test: EhlTest) -> bool:
 def faults_at_rest(test: EhlTest) -> Mapping[str, list[tuple[Fault, Estimate | None, float]]]:
     """Faults of each disk that show before the load, with size [K] and log-odds.
 
-    None where the disks' cables look exchanged as a whole; the fits show that.
+    No faults where the disks' cables look exchanged as a whole; the fits show that.
     """
     if cables_exchanged(test):
         return {d: [] for d in test.disks}

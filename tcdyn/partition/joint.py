@@ -128,8 +128,8 @@ class DiskFit:
     sensitivity
         Sensitivity of (share, h, lag) to the nuisance parameters, and their noise.
     inflation
-        Variance ratio of slow waves in the residuals to white noise; the uncertainties allow for
-        it.
+        Variance ratio of slow waves in the residuals to white noise: the discount for correlated
+        residuals that the uncertainties allow for.
     side
         The data and the model that were fitted.
     """
@@ -245,7 +245,7 @@ def _noise_K(disk: DiskTraces, readings: Array) -> Array:
     Differences of white noise show what no fit shows; coloured noise is taken from the traces.
     """
     if disk.noise.coloured:
-        return np.maximum(0.0, disk.noise_K)
+        return disk.noise_K
     return np.maximum(white_noise_sd(readings, NOISE_ORDER), 0.5 * disk.noise_K)
 
 
