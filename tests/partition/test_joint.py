@@ -212,7 +212,7 @@ def test_a_fit_that_a_pass_no_longer_moves_stays_where_more_passes_would_leave_i
     monkeypatch.setattr(of_one, "disk_side", counted)
     fits = {}
     for settled in (of_one.CONVERGED_U, 0.0):
-        monkeypatch.setattr(of_one, "SETTLED", settled)
+        monkeypatch.setattr(of_one, "CONVERGED_U", settled)
         for d, share, h in (
             ("fast", made.told["beta"] + 0.01, 750.0),
             ("slow", 0.99 - made.told["beta"], 300.0),
