@@ -1,1 +1,3 @@
-"""The immersion test: fluids, natural convection, radial conduction, and the fit of chains to plunges."""
+"""Immersion test: fluids, natural convection, radial conduction, and the fit of measurement chains
+to plunges.
+"""

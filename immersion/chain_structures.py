@@ -1,4 +1,6 @@
-"""Which chain structure the plunges speak for, and what the choice does to the lags."""
+"""Comparison of chain structures on the same plunges by their evidence, and what the choice adds to
+the lags' covariance.
+"""
 
 from __future__ import annotations
 
@@ -15,27 +17,47 @@ from immersion.plunge_posterior import LagScan, PlungeOptimum, settled_scan
 from tcdyn.chain import STRUCTURES, Structure
 from tcdyn.core import Array
 from tcdyn.core.estimate import Estimate, with_u
-from tcdyn.core.findings import Finding, info, warning
+from tcdyn.core.findings import Finding, Severity, info, warning
 from tcdyn.core.messages.plunge import percent
 from tcdyn.core.result import jsonable
 
-WORSE = 12.0  # of chi-square: a second lag that is not there gains less, with its split free in six channels
-POSSIBLE = (
-    0.05  # a structure less probable than this may be called contradicted, one above it is possible
+# Excess of chi-square from which the chosen structure can be contradicted: a second lag that does
+# not exist gains less, with its split free in six channels.
+CONTRADICTED_CHI_SQUARE = 12.0
+# Probability below which a structure can be contradicted, and above which it is possible; chosen by
+# judgement.
+POSSIBLE_PROBABILITY = 0.05
+# A mean lag [s] from which a second fit starts, at the short lag; chosen by judgement.
+LONG_LAG_S = 0.8
+SHORT_LAG_S = 0.5
+# Log evidence below the largest from which Laplace's approximation is accurate enough, without a
+# scan of the lag; chosen by judgement.
+UNLIKELY_LOG_EVIDENCE = 5.0
+MAX_EXCESS_COST = (
+    30.0  # cost above the first solution beyond which a second one is dropped; by judgement
 )
-# beyond the first a second start is made, at the other
-LONG_S = 0.8
-SHORT_S = 0.5
-UNLIKELY = 5.0  # log evidence below the likeliest: Laplace is good enough, and the scan of the lag is spared
+HELD_OUT_COLUMN = "held-out plunge, above the best"
 
 
 @dataclass(frozen=True)
 class StructureRow:
-    """One structure: the common lag it gives, and how well it accounts for the plunges.
+    """One chain structure: the common lag it gives, and how well it fits the plunges.
 
-    ``chi_square`` (with the priors' part) and ``held_out`` count from the best structure, smaller is better;
-    ``held_out`` is -2 log of the probability given to each plunge by the others, None for one plunge alone.
-    ``second_lag_s``: of a second solution under the same structure, where it is possible too.
+    Attributes
+    ----------
+    structure
+        Name of the structure.
+    common_lag_s
+        Common lag.
+    chi_square
+        With the contribution of the priors, above the best structure.
+    probability
+        Posterior probability.
+    held_out
+        -2 log of the probability that the other plunges give to each plunge, above the best
+        structure; None for one plunge only.
+    second_lag_s
+        Common lag of a second solution with the same structure, where it is possible too.
     """
 
     structure: str
@@ -48,11 +70,24 @@ class StructureRow:
 
 @dataclass(frozen=True)
 class StructureComparison:
-    """Every structure on the same plunges and noise; ``chosen`` is the one whose lags are reported.
+    """All chain structures on the same plunges and noise; the lags of ``chosen`` are reported.
 
-    ``probability`` of the rows is by the evidence (Laplace, integrated over the common lag), structures equally
-    likely beforehand; one lag, a special case of the others, counts by its likelihood and not for its simplicity.
-    ``covariance`` (C, C) [s2] is the mean square of what the lags would be off by, were another structure true.
+    Attributes
+    ----------
+    chosen
+        Name of the chosen structure.
+    rows
+        One row a structure.
+    covariance
+        Mean square error of the lags if another structure is true (C, C) [s2].
+    u_before_s
+        Standard uncertainty of the common lag without the choice of structure [s].
+
+    Notes
+    -----
+    Probabilities follow from the evidence (Laplace, integrated over the common lag) with equal
+    prior probabilities. One lag (P1), a special case of the others, counts by its likelihood and
+    has no advantage for its simplicity.
     """
 
     chosen: str
@@ -61,48 +96,57 @@ class StructureComparison:
     u_before_s: float
 
     @property
-    def own(self) -> StructureRow:
+    def chosen_row(self) -> StructureRow:
         """The row of the chosen structure."""
         return next(r for r in self.rows if r.structure == self.chosen)
 
     @property
     def best(self) -> StructureRow:
-        """The most probable structure's row."""
+        """The row of the most probable structure."""
         return max(self.rows, key=lambda r: r.probability)
 
     @property
     def u_structure_s(self) -> float:
-        """Standard uncertainty that the choice of structure adds to the common lag [s]."""
+        """Standard uncertainty of the common lag from the choice of structure [s]."""
         return lag_u_s(self.covariance)[0]
 
     @property
     def u_after_s(self) -> float:
-        """Standard uncertainty of the common lag, the choice of structure included [s]."""
+        """Standard uncertainty of the common lag, with the choice of structure [s]."""
         return float(np.hypot(self.u_before_s, self.u_structure_s))
 
     @property
     def contradicted(self) -> bool:
-        """Whether the plunges speak against the chosen structure: improbable, and a clearly worse fit."""
-        return (
-            self.own.probability < POSSIBLE and self.own.chi_square - self.best.chi_square > WORSE
-        )
+        """Whether the plunges contradict the chosen structure: it is improbable and fits clearly
+        worse.
+        """
+        excess = self.chosen_row.chi_square - self.best.chi_square
+        improbable = self.chosen_row.probability < POSSIBLE_PROBABILITY
+        return improbable and excess > CONTRADICTED_CHI_SQUARE
 
     @property
     def verdict(self) -> Finding:
-        """What the plunges say about the structure: of the chosen one first, then the best or all possible ones."""
-        others = [r for r in self.rows if r.structure != self.chosen and r.probability >= POSSIBLE]
-        told = [
-            self.own,
-            *([self.best] if self.contradicted else sorted(others, key=lambda r: -r.probability)),
-        ]
-        second = self.own.second_lag_s
+        """Conclusion about the structures: the chosen one first, then the best or all possible
+        ones.
+        """
+        if self.contradicted:
+            others = [self.best]
+        else:
+            possible = [
+                r
+                for r in self.rows
+                if r.structure != self.chosen and r.probability >= POSSIBLE_PROBABILITY
+            ]
+            others = sorted(possible, key=lambda r: -r.probability)
+        listed = [self.chosen_row, *others]
+        second = self.chosen_row.second_lag_s
         numbers: dict[str, Any] = {
-            "structures": [r.structure for r in told],
-            "meanings": [Structure.of(r.structure).meaning for r in told],
-            "probability": [r.probability for r in told],
-            "chi_square": [r.chi_square for r in told],
-            "lag_s": [r.common_lag_s.value for r in told],
-            "u_s": [r.common_lag_s.u for r in told],
+            "structures": [r.structure for r in listed],
+            "meanings": [Structure.of(r.structure).meaning for r in listed],
+            "probability": [r.probability for r in listed],
+            "chi_square": [r.chi_square for r in listed],
+            "lag_s": [r.common_lag_s.value for r in listed],
+            "u_s": [r.common_lag_s.u for r in listed],
             "second_s": None if second is None else (second.value, second.u),
             "candidates": len(self.rows),
             "contradicted": self.contradicted,
@@ -115,35 +159,36 @@ class StructureComparison:
 
     @property
     def sentence(self) -> str:
-        """What the plunges say about the structure, in one sentence with figures."""
+        """The conclusion about the structures in one sentence with numbers."""
         return self.verdict.sentence
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """The verdict, when the structure is contradicted, or adds more to the lag's u than all else together."""
+        """The conclusion, if it is a warning: the structure is contradicted, or adds more to u than
+        all other sources.
+        """
         verdict = self.verdict
-        return (verdict,) if verdict.severity == "warning" else ()
+        return (verdict,) if verdict.severity is Severity.WARNING else ()
 
     def table(self) -> pd.DataFrame:
-        """One row a structure, for people."""
-        rows = pd.DataFrame(
-            {
-                "chain": f"{r.structure} ({Structure.of(r.structure).meaning})"
-                + (", used here" if r.structure == self.chosen else ""),
-                "probability": percent(r.probability),
-                "chi-square above the best": f"{r.chi_square:.1f}",
-                "held-out plunge, above the best": ""
-                if r.held_out is None
-                else f"{r.held_out:.1f}",
-                "common lag [s]": with_u(r.common_lag_s.value, r.common_lag_s.u),
-            }
-            for r in self.rows
-        )
-        alone = all(r.held_out is None for r in self.rows)
-        return rows.drop(columns="held-out plunge, above the best") if alone else rows
+        """One row a structure, formatted for reports."""
+        table = pd.DataFrame([self._formatted(row) for row in self.rows])
+        if all(row.held_out is None for row in self.rows):
+            return table.drop(columns=HELD_OUT_COLUMN)
+        return table
+
+    def _formatted(self, row: StructureRow) -> dict[str, str]:
+        suffix = ", used here" if row.structure == self.chosen else ""
+        return {
+            "chain": f"{row.structure} ({Structure.of(row.structure).meaning}){suffix}",
+            "probability": percent(row.probability),
+            "chi-square above the best": f"{row.chi_square:.1f}",
+            HELD_OUT_COLUMN: "" if row.held_out is None else f"{row.held_out:.1f}",
+            "common lag [s]": with_u(row.common_lag_s.value, row.common_lag_s.u),
+        }
 
     def to_dict(self) -> dict[str, object]:
-        """As the record's ``fit.structures`` keeps it."""
+        """Content of ``fit.structures`` in the record."""
         return {
             "chosen": self.chosen,
             "sentence": self.sentence,
@@ -155,11 +200,11 @@ class StructureComparison:
 
 
 @dataclass(frozen=True)
-class _Mode:
-    """One solution under one structure; ``reported``: the one whose lags the fit reports."""
+class _Solution:
+    """One solution for one structure; the fit reports the lags of the ``reported`` one."""
 
     structure: str
-    at: PlungeOptimum
+    optimum: PlungeOptimum
     lag_s: Estimate
     cost: float
     log_evidence: float
@@ -170,117 +215,150 @@ def compare_structures(
     final: PlungeOptimum,
     scan: LagScan,
     priors: PlungePriors,
-    own_lag_s: float,
+    filter_lag_s: float,
     extra_u_s: float = 0.0,
     structures: Sequence[str] = STRUCTURES,
 ) -> StructureComparison:
-    """Each of ``structures`` on the plunges of ``final``, all with the noise that the best of them leaves.
+    """Fit each structure to the plunges of ``final``, all with the noise estimated from the
+    residuals of the best.
 
-    ``scan``: that of the chosen structure; ``own_lag_s``: the conditioning filter's lag; ``extra_u_s``: what else is
-    uncertain in the common lag (choice of correlation).
+    Parameters
+    ----------
+    final
+        Optimum of the chosen structure.
+    scan
+        Its profile scan.
+    priors
+        Priors of the nuisance parameters.
+    filter_lag_s
+        Lag of the conditioning filter [s].
+    extra_u_s
+        Further standard uncertainty of the common lag (choice of correlation) [s].
+    structures
+        Structures to compare.
     """
     chosen = final.problem.layout.structure
-    fits = {s: _optima(final, s, priors) for s in structures}
-    best = max(fits, key=lambda s: fits[s][0].laplace)
-    kept = best == chosen and fits[best][0].is_near(final)
-    if not kept:
-        noise = fits[best][0].judged()
-        fits = {s: [_refit(f, s, priors, noise) for f in fits[s]] for s in structures}
-    likeliest = max(f.laplace for s in structures for f in fits[s])
-    reported = scan.estimate(own_lag_s, extra_u_s)
-    modes: list[_Mode] = []
-    solutions = [(name, k, fit) for name in structures for k, fit in enumerate(fits[name])]
-    far = [s != chosen and fit.laplace < likeliest - UNLIKELY for s, _, fit in solutions]
-    near = [
-        i
-        for i, (s, k, _) in enumerate(solutions)
-        if not far[i] and not (kept and s == chosen and k == 0)
-    ]
-    paths = {i: settled_scan(solutions[i][2], step=1.8, drop=7.0) for i in near}
-    for i, (s, k, fit) in enumerate(solutions):
-        if kept and s == chosen and k == 0:
-            cost = min(float(scan.cost.min()), final.cost)
-            modes.append(_Mode(s, final, reported, cost, log_evidence(scan, final), True))
-        elif far[i]:
-            row = fit.problem.layout.common_lag
-            roughly = Estimate.normal(fit.found.value(row) + own_lag_s, fit.found.u(row))
-            modes.append(_Mode(s, fit, roughly, fit.cost, fit.laplace))
-        else:
-            path, at, start = paths[i]
-            if any(m.structure == s and m.at.is_near(at) for m in modes):
-                continue
-            own = s == chosen and at.is_near(final)
-            lag_s = reported if own else path.estimate(own_lag_s, extra_u_s)
-            cost = min(float(path.cost.min()), start.cost)
-            modes.append(_Mode(s, at, lag_s, cost, log_evidence(path, at), own))
-    shares = _shares(modes)
-    away = np.array([0 * final.lag_s if m.reported else m.at.lag_s - final.lag_s for m in modes])
-    covariance = np.asarray(np.einsum("s,si,sj->ij", shares, away, away))
-    return StructureComparison(chosen, _rows(modes, shares, structures), covariance, reported.u)
+    optima = {s: _optima(final, s, priors) for s in structures}
+    best = max(optima, key=lambda s: optima[s][0].laplace)
+    scan_is_valid = best == chosen and optima[best][0].is_near(final)
+    if not scan_is_valid:
+        noise = optima[best][0].residual_noise()
+        optima = {s: [_refit(o, s, priors, noise) for o in optima[s]] for s in structures}
+    largest = max(o.laplace for s in structures for o in optima[s])
+    reported_lag_s = scan.estimate(filter_lag_s, extra_u_s)
+    solutions: list[_Solution] = []
+    for structure in structures:
+        for k, optimum in enumerate(optima[structure]):
+            is_final = scan_is_valid and structure == chosen and k == 0
+            if is_final:
+                solution = _Solution(
+                    structure,
+                    final,
+                    reported_lag_s,
+                    min(float(scan.cost.min()), final.cost),
+                    log_evidence(scan, final),
+                    reported=True,
+                )
+            elif structure != chosen and optimum.laplace < largest - UNLIKELY_LOG_EVIDENCE:
+                weights = optimum.problem.layout.common_lag
+                lag_s = optimum.solution.value(weights) + filter_lag_s
+                approximate = Estimate.normal(lag_s, optimum.solution.u(weights))
+                solution = _Solution(structure, optimum, approximate, optimum.cost, optimum.laplace)
+            else:
+                path, at, start = settled_scan(optimum, step=1.8, drop=7.0)
+                same = [s for s in solutions if s.structure == structure and s.optimum.is_near(at)]
+                if same:
+                    continue
+                reported = structure == chosen and at.is_near(final)
+                solution = _Solution(
+                    structure,
+                    at,
+                    reported_lag_s if reported else path.estimate(filter_lag_s, extra_u_s),
+                    min(float(path.cost.min()), start.cost),
+                    log_evidence(path, at),
+                    reported,
+                )
+            solutions.append(solution)
+    probability = _probabilities(solutions)
+    shift = [0 * final.lag_s if s.reported else s.optimum.lag_s - final.lag_s for s in solutions]
+    covariance = np.asarray(np.einsum("s,si,sj->ij", probability, shift, shift))
+    rows = _rows(solutions, probability, structures)
+    return StructureComparison(chosen, rows, covariance, reported_lag_s.u)
 
 
-def _shares(modes: Sequence[_Mode]) -> Array:
-    """Probability of each solution: by evidence; P1, a special case of the others, by its likelihood against theirs.
+def _probabilities(solutions: Sequence[_Solution]) -> Array:
+    """Probability of each solution by evidence; P1, a special case of the others, by its likelihood
+    against theirs.
 
-    Occam's factor would reward one lag for having fewer parameters; that a second lag is not needed for a good fit
-    does not make the narrower interval of the first one true.
+    Occam's factor would favour one lag for having fewer parameters. That a second lag is not needed
+    for a good fit does not make the narrower interval of the first one true.
     """
-    evidence = np.array([m.log_evidence for m in modes])
-    cost = np.array([m.cost for m in modes])
-    rich = np.array([m.structure != "P1" for m in modes])
-    if rich.any():
-        for k in np.flatnonzero(~rich):
-            evidence[k] = np.max(evidence[rich] - 0.5 * np.maximum(cost[k] - cost[rich], 0.0))
+    evidence = np.array([s.log_evidence for s in solutions])
+    cost = np.array([s.cost for s in solutions])
+    richer = np.array([s.structure != "P1" for s in solutions])
+    if richer.any():
+        for k in np.flatnonzero(~richer):
+            worse = np.maximum(cost[k] - cost[richer], 0.0)
+            evidence[k] = np.max(evidence[richer] - 0.5 * worse)
     weights = np.exp(evidence - evidence.max())
     return np.asarray(weights / weights.sum())
 
 
 def _rows(
-    modes: Sequence[_Mode], shares: Array, structures: Sequence[str]
+    solutions: Sequence[_Solution], probability: Array, structures: Sequence[str]
 ) -> tuple[StructureRow, ...]:
-    """One row a structure: its reported or most probable solution, and the next one where that is possible too."""
-    ranked = sorted(zip(modes, shares), key=lambda pair: (not pair[0].reported, -pair[1]))
-    mine = [[(m, p) for m, p in ranked if m.structure == s] for s in structures]
-    cost = [min(m.cost for m, _ in own) for own in mine]
-    held = [held_out(own[0][0].at) for own in mine]
-    least = min((h for h in held if h is not None), default=0.0)
-    return tuple(
-        StructureRow(
-            s,
-            own[0][0].lag_s,
-            c - min(cost),
-            float(sum(p for _, p in own)),
-            None if h is None else h - least,
-            next((m.lag_s for m, p in own[1:] if p > POSSIBLE), None),
+    """One row a structure: its reported or most probable solution, and the next one where that is
+    possible too.
+    """
+    ranked = sorted(zip(solutions, probability), key=lambda pair: (not pair[0].reported, -pair[1]))
+    rows = []
+    for structure in structures:
+        candidates = [(s, p) for s, p in ranked if s.structure == structure]
+        first = candidates[0][0]
+        second = [s.lag_s for s, p in candidates[1:] if p > POSSIBLE_PROBABILITY]
+        row = StructureRow(
+            structure=structure,
+            common_lag_s=first.lag_s,
+            chi_square=min(s.cost for s, _ in candidates),
+            probability=float(sum(p for _, p in candidates)),
+            held_out=held_out(first.optimum),
+            second_lag_s=second[0] if second else None,
         )
-        for s, own, c, h in zip(structures, mine, cost, held)
-    )
+        rows.append(row)
+    least_cost = min(row.chi_square for row in rows)
+    least_held_out = min((r.held_out for r in rows if r.held_out is not None), default=0.0)
+    above_best = []
+    for row in rows:
+        excess = None if row.held_out is None else row.held_out - least_held_out
+        above_best.append(replace(row, chi_square=row.chi_square - least_cost, held_out=excess))
+    return tuple(above_best)
 
 
 def _optima(near: PlungeOptimum, structure: str, priors: PlungePriors) -> list[PlungeOptimum]:
-    """The solutions of a structure, the more probable first: from ``near``, and where that is long, from a short lag.
+    """The solutions of a structure, most probable first: started from ``near``, and if that is
+    long, from a short lag.
 
-    A long lag behind a fierce entry burst and a short one behind a mild burst can both be optima.
+    A long lag with a strong entry burst and a short lag with a mild burst can both be optima.
     """
     layout = near.problem.layout
-    found = [_refit(near, structure, priors, near.problem.noise)]
-    if float(near.lag_s.mean()) > LONG_S:
-        outset = layout.mask(*BURST_KINDS, "entry")
-        theta = np.where(outset, near.problem.mean, near.theta)
-        theta[layout.at("lag")] += SHORT_S - near.lag_s.mean()
-        other = _refit(
-            replace(near, found=replace(near.found, theta=theta)),
-            structure,
-            priors,
-            near.problem.noise,
-        )
-        if not other.is_near(found[0]) and other.cost < found[0].cost + 30.0:
-            found.append(other)
-    return sorted(found, key=lambda o: o.laplace, reverse=True)
+    noise = near.problem.noise
+    optima = [_refit(near, structure, priors, noise)]
+    mean_lag_s = near.lag_s.mean()
+    if float(mean_lag_s) > LONG_LAG_S:
+        reset = layout.mask(*BURST_KINDS, "entry")
+        theta = np.where(reset, near.problem.mean, near.theta)
+        theta[layout.at("lag")] += SHORT_LAG_S - mean_lag_s
+        start = replace(near, solution=replace(near.solution, theta=theta))
+        other = _refit(start, structure, priors, noise)
+        if not other.is_near(optima[0]) and other.cost < optima[0].cost + MAX_EXCESS_COST:
+            optima.append(other)
+    return sorted(optima, key=lambda o: o.laplace, reverse=True)
 
 
 def log_evidence(scan: LagScan, at: PlungeOptimum) -> float:
-    """Log evidence with the common lag integrated along its scan, but for a constant that all structures share."""
+    """Log evidence, integrated over the common lag along its scan, up to a constant common to all
+    structures.
+    """
     log_marginal = -0.5 * scan.cost - scan.log_volume
     k = int(np.argmax(log_marginal))
     density = float(np.interp(scan.lag_s[k], scan.grid_s, scan.density))
@@ -288,44 +366,50 @@ def log_evidence(scan: LagScan, at: PlungeOptimum) -> float:
 
 
 def held_out(at: PlungeOptimum, folds: int = 3) -> float | None:
-    """-2 log of the probability of each plunge (or third of them) given the others; None for one plunge alone."""
+    """-2 log of the probability of each plunge (or third of them) given the others; None for one
+    plunge only.
+    """
     runs = at.problem.layout.runs
     if runs < 2:
         return None
     folds = min(runs, folds)
-    rest = [_without(at, [r for r in range(runs) if r % folds != k]).laplace for k in range(folds)]
-    return -2 * float(np.sum(at.laplace - np.array(rest)))
+    training = [
+        _subset_optimum(at, [r for r in range(runs) if r % folds != k]).laplace
+        for k in range(folds)
+    ]
+    return -2 * float(np.sum(at.laplace - np.array(training)))
 
 
-def _without(at: PlungeOptimum, keep: Sequence[int]) -> PlungeOptimum:
-    """The optimum of some of the runs alone."""
+def _subset_optimum(at: PlungeOptimum, runs: Sequence[int]) -> PlungeOptimum:
+    """The optimum of a subset of the runs."""
     problem = at.problem
-    layout = at.problem.layout
-    index = np.arange(layout.size)
-    index = np.concatenate(
-        [*(index[layout.run(r)] for r in keep), index[layout.run(layout.runs - 1).stop :]]
-    )
-    part = replace(
+    layout = problem.layout
+    all_parameters = np.arange(layout.size)
+    of_runs = [all_parameters[layout.run(r)] for r in runs]
+    of_disk = all_parameters[layout.run(layout.runs - 1).stop :]
+    index = np.concatenate([*of_runs, of_disk])
+    subset = replace(
         problem,
-        models=tuple(problem.models[r] for r in keep),
-        noise=tuple(problem.noise[r] for r in keep),
-        layout=replace(layout, runs=len(keep)),
+        models=tuple(problem.models[r] for r in runs),
+        noise=tuple(problem.noise[r] for r in runs),
+        layout=replace(layout, runs=len(runs)),
         mean=problem.mean[index],
         sd=problem.sd[index],
     )
-    return part.minimised(at.theta[index], limit=12)
+    return subset.minimised(at.theta[index], limit=12)
 
 
 def _refit(
     near: PlungeOptimum, structure: str, priors: PlungePriors, noise: tuple[RunNoise, ...]
 ) -> PlungeOptimum:
-    """The optimum under another structure, started from ``near``, with another ``noise``."""
+    """The optimum with another structure and another ``noise``, started from ``near``."""
     layout = replace(near.problem.layout, structure=structure)
     mean = near.problem.mean.copy()
     sd = near.problem.sd.copy()
+    for kind, (prior_mean, prior_sd) in layout.split_prior(priors).items():
+        mean[layout.at(kind)] = prior_mean
+        sd[layout.at(kind)] = prior_sd
     theta = near.theta
-    for kind, known in layout.split_prior(priors).items():
-        mean[layout.at(kind)], sd[layout.at(kind)] = known
     if structure != near.problem.layout.structure:
         theta = np.where(layout.mask("split", "common_split"), mean, theta)
     return replace(near.problem, layout=layout, mean=mean, sd=sd, noise=noise).minimised(theta)

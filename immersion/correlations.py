@@ -1,9 +1,11 @@
-"""Natural-convection correlations for a plunged disk: Nusselt number, range of validity, heat transfer coefficient."""
+"""Natural-convection correlations of a plunged disk: Nusselt number, range of validity, heat
+transfer coefficient.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,15 +16,22 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, warning
 
 GRAVITY_M_S2 = 9.80665
+# Share of the largest temperature difference above which the validity of a correlation is tested;
+# chosen by judgement.
+MIN_DIFFERENCE_SHARE = 0.1
+PLATE_FACTOR = 35.0  # D/L >= 35/Gr^0.25: Holman (2010), section 5.7 of the thesis
 
 
 @dataclass(frozen=True)
 class Correlation:
-    """A mean Nusselt number of natural convection, its characteristic length, range and source.
+    """Mean Nusselt number of natural convection, with its characteristic length, range of Ra and
+    source.
 
+    Notes
+    -----
     Nu = {floor + factor Ra^exponent / [1 + (prandtl/Pr)^inner]^outer}^power
 
-    ``prandtl = 0``: no Prandtl number but that in Ra. Every correlation here is of this form.
+    With ``prandtl = 0``, Pr enters through Ra only. Every correlation here has this form.
     """
 
     name: str
@@ -39,7 +48,7 @@ class Correlation:
     power: float = 1.0
 
     def nusselt(self, ra: ArrayLike, pr: ArrayLike) -> Array:
-        """Nu of Rayleigh and Prandtl numbers, arrays of one shape.
+        """Nusselt number for Rayleigh and Prandtl numbers (arrays of one shape).
 
         >>> [round(float(c.nusselt(1e6, 60.0)), 1) for c in CORRELATIONS.values()]
         [18.7, 21.3, 21.3, 21.4, 19.3]
@@ -58,7 +67,8 @@ CORRELATIONS: dict[str, Correlation] = {
     for c in (
         # vertical plate or cylinder: 0.59 Ra^0.25
         Correlation("mcadams", "(5.2)", "width", (1e4, 1e9), _HOLMAN, 0.59, 1 / 4),
-        # vertical plate, integral solution (thesis 5.3 times 4/3): 0.508 Pr^0.5 (0.952 + Pr)^-0.25 Gr^0.25, Gr = Ra/Pr
+        # vertical plate, integral solution (thesis 5.3 times 4/3): 0.508 Pr^0.5 (0.952 + Pr)^-0.25
+        # Gr^0.25, Gr = Ra/Pr
         Correlation(
             "similarity",
             "(5.3)",
@@ -99,7 +109,8 @@ CORRELATIONS: dict[str, Correlation] = {
             outer=8 / 27,
             power=2,
         ),
-        # long horizontal cylinder, Ra on its diameter: {0.60 + 0.387 Ra^(1/6) / [1 + (0.559/Pr)^(9/16)]^(8/27)}^2
+        # long horizontal cylinder, Ra on its diameter: {0.60 + 0.387 Ra^(1/6) / [1 +
+        # (0.559/Pr)^(9/16)]^(8/27)}^2
         Correlation(
             "horizontal-cylinder",
             "horizontal",
@@ -132,7 +143,7 @@ def correlation(name: str | Correlation) -> Correlation:
 
 @dataclass(frozen=True)
 class Bath:
-    """A disk's running surface in a fluid: what is needed to turn two temperatures into a heat flux."""
+    """A disk's running surface in a fluid: everything that h needs besides the two temperatures."""
 
     fluid: Fluid
     correlation: Correlation
@@ -142,14 +153,17 @@ class Bath:
     def film(
         self, surface_degC: ArrayLike, fluid_degC: ArrayLike
     ) -> tuple[FluidProperties, float, Array]:
-        """Fluid properties at the film temperature (the mean of both), the correlation's length [m], and Gr.
+        """Fluid properties at the film temperature (mean of both), characteristic length [m], and
+        Grashof number.
 
+        Notes
+        -----
         Gr = g beta |dT| L^3 / nu^2; Ra = Gr Pr.
         """
         surface = np.asarray(surface_degC, dtype=float)
         fluid = np.asarray(fluid_degC, dtype=float)
         p = self.fluid.at((surface + fluid) / 2)
-        length = getattr(self, f"{self.correlation.length}_m")
+        length = self.width_m if self.correlation.length == "width" else self.diameter_m
         buoyancy = GRAVITY_M_S2 * np.abs(p.beta_1_K) * np.abs(fluid - surface)
         return p, length, np.asarray(buoyancy * length**3 / p.nu_m2_s**2)
 
@@ -159,69 +173,75 @@ class Bath:
         return np.asarray(self.correlation.nusselt(gr * p.prandtl, p.prandtl) * p.k_W_mK / length)
 
     def property_u_rel(self, surface_degC: float, fluid_degC: float) -> dict[str, float]:
-        """Relative standard uncertainty of h from each fluid property, and their root sum of squares ("total").
+        """Relative standard uncertainty of h from each fluid property, and their root sum of
+        squares ("total").
 
-        Each property is raised by its own standard uncertainty at the film temperature and h computed again; for the
-        expansion the density curve is tilted about that temperature.
+        Notes
+        -----
+        Each property is raised by its own standard uncertainty at the film temperature, and h is
+        computed again. For the expansion coefficient the density curve is tilted about that
+        temperature.
         """
         f = self.fluid
         film = np.asarray((surface_degC + fluid_degC) / 2)
-        raised: dict[str, Any] = {
-            n: _stretched(getattr(f, n), 0.0, getattr(f, f"u_{n}")) for n in ("rho", "c", "k", "nu")
+        perturbed = {
+            "rho": replace(f, rho=_scaled(f.rho, 0.0, f.u_rho)),
+            "c": replace(f, c=_scaled(f.c, 0.0, f.u_c)),
+            "k": replace(f, k=_scaled(f.k, 0.0, f.u_k)),
+            "nu": replace(f, nu=_scaled(f.nu, 0.0, f.u_nu)),
+            "beta": replace(f, rho=_scaled(f.rho, float(f.rho(film)), f.u_beta)),
         }
-        fluids = {n: replace(f, **{n: curve}) for n, curve in raised.items()}
-        fluids["beta"] = replace(f, rho=_stretched(f.rho, float(f.rho(film)), f.u_beta))
         base = float(self.h_W_m2K(surface_degC, fluid_degC))
-        h = {
-            n: float(replace(self, fluid=other).h_W_m2K(surface_degC, fluid_degC))
-            for n, other in fluids.items()
-        }
-        parts = {n: abs(value / base - 1) for n, value in h.items()}
-        return {**parts, "total": float(np.hypot.reduce([*parts.values()]))}
+        components = {}
+        for name, fluid in perturbed.items():
+            h = float(replace(self, fluid=fluid).h_W_m2K(surface_degC, fluid_degC))
+            components[name] = abs(h / base - 1)
+        return {**components, "total": float(np.hypot.reduce([*components.values()]))}
 
 
 def check_validity(
     bath: Bath, surface_degC: ArrayLike, fluid_degC: ArrayLike
 ) -> tuple[Finding, ...]:
-    """What leaves its range over the temperatures of one plunge: Ra, the fluid's data, the disk taken as a plate.
+    """Warnings where one plunge leaves the range of Ra, of the fluid data, or of the disk taken as
+    a plate.
 
-    A disk passes for a plate where D/L >= 35/Gr^0.25. The test is made while the difference is above a tenth of its
-    largest value: as the disk reaches the bath Gr falls to nothing and no disk passes. Source: Holman (2010),
-    section 5.7 of the thesis.
+    Notes
+    -----
+    A disk can be taken as a plate where D/L >= 35/Gr^0.25. The test uses the times with a
+    difference above a tenth of its largest value: as the disk approaches the bath temperature, Gr
+    goes to zero and no disk would pass. Source: Holman (2010), section 5.7 of the thesis.
     """
     surface, bulk = np.broadcast_arrays(
         np.asarray(surface_degC, float), np.asarray(fluid_degC, float)
     )
-    step = np.abs(bulk - surface)
-    matters = (
-        step >= 0.1 * float(np.max(step)) if np.max(step) > 0 else np.ones(step.shape, dtype=bool)
-    )
-    surface = surface[matters]
-    bulk = bulk[matters]
+    difference = np.abs(bulk - surface)
+    if np.max(difference) > 0:
+        tested = difference >= MIN_DIFFERENCE_SHARE * float(np.max(difference))
+        surface = surface[tested]
+        bulk = bulk[tested]
     c = bath.correlation
-    (p, _, gr) = bath.film(surface, bulk)
-    found = []
+    p, _, gr = bath.film(surface, bulk)
+    findings = []
     low = float(np.min(gr * p.prandtl))
     high = float(np.max(gr * p.prandtl))
     if low < c.ra_range[0] or high > c.ra_range[1]:
-        found.append(
-            warning(
-                "correlation.range",
-                subject=c.name,
-                title=c.title,
-                holds=c.ra_range,
-                ran=(low, high),
-            )
+        out_of_range = warning(
+            "correlation.range",
+            subject=c.name,
+            title=c.title,
+            holds=c.ra_range,
+            ran=(low, high),
         )
+        findings.append(out_of_range)
     film = (surface + bulk) / 2
-    found += bath.fluid.outside(float(np.min(film)), float(np.max(film)))
+    findings += bath.fluid.check_range(float(np.min(film)), float(np.max(film)))
     ratio = bath.diameter_m / bath.width_m
-    least = float(35 / np.min(gr) ** 0.25)
+    least = float(PLATE_FACTOR / np.min(gr) ** 0.25)
     if c.length == "width" and ratio < least:
-        found.append(warning("correlation.no_plate", subject=c.name, ratio=ratio, least=least))
-    return tuple(found)
+        findings.append(warning("correlation.no_plate", subject=c.name, ratio=ratio, least=least))
+    return tuple(findings)
 
 
-def _stretched(curve: Curve, centre: float, u: float) -> Curve:
-    """The curve with its distances from the value ``centre`` longer by the share ``u``."""
+def _scaled(curve: Curve, centre: float, u: float) -> Curve:
+    """The curve with its differences from the value ``centre`` multiplied by 1 + ``u``."""
     return lambda T: np.asarray(centre + (curve(T) - centre) * (1 + u))

@@ -1,4 +1,6 @@
-"""Radial conduction in a hollow disk heated at its running surface: modes, static profile, exact lag steps."""
+"""Radial conduction in a hollow disk heated at its running surface: modes, quasi-steady profile,
+exact first-order lags.
+"""
 
 from __future__ import annotations
 
@@ -15,16 +17,22 @@ from scipy.special import j0, j1, y0, y1
 from tcdyn.core import Array
 from tcdyn.rig.disk import Conditioning, DiskSetup
 
-ONE = 1e-5  # imaginary over absolute part of a pole below which two are taken as real: their halves would cancel
+# Ratio of imaginary part to modulus below which a pair of poles is taken as two equal real poles;
+# chosen by judgement: the partial fractions of nearly equal poles cancel.
+MIN_IMAGINARY_RATIO = 1e-5
 
 
 @dataclass(frozen=True)
 class Cylinder:
-    """Bore (no flux) to running surface, one steel, and a leak through the side faces.
+    """Hollow disk of one steel from bore (no flux) to running surface, with heat loss through the
+    side faces.
 
+    Notes
+    -----
     dT/dt = alpha (T_rr + T_r / r) - leak (T - T_fluid),  leak [1/s] = 2 U / (rho c w)
 
-    with U [W/m2K] the coefficient of each side face; zero for faces that are perfectly insulated (section 5.7).
+    with U [W/m2K] the heat transfer coefficient of each side face; zero for perfectly insulated
+    faces (section 5.7).
     """
 
     inner_radius_m: float
@@ -35,7 +43,9 @@ class Cylinder:
 
     @classmethod
     def from_setup(cls, setup: DiskSetup, face_W_m2K: float = 0.0) -> Cylinder:
-        """The cylinder of a disk; ``face_W_m2K`` is the heat transfer coefficient through each side face."""
+        """The cylinder of a disk; ``face_W_m2K`` is the heat transfer coefficient of each side
+        face.
+        """
         rho_c = setup.density_kg_m3 * setup.specific_heat_J_kgK
         leak = 2 * face_W_m2K / (rho_c * setup.width_m)
         return cls(setup.bore_radius_m, setup.outer_radius_m, setup.conductivity_W_mK, rho_c, leak)
@@ -47,35 +57,48 @@ class Cylinder:
 
     @property
     def mean_rate_K_m2_J(self) -> float:
-        """Rise of the mean temperature per heat through the surface, 2 R_o / (rho c (R_o^2 - R_i^2)) [K m2/J]."""
+        """Rise of the mean temperature per heat through the surface, 2 R_o / (rho c (R_o^2 -
+        R_i^2)) [K m2/J].
+        """
         ro = self.outer_radius_m
         ri = self.inner_radius_m
         return 2 * ro / (self.heat_capacity_J_m3K * (ro**2 - ri**2))
 
     def static_profile(self, r_m: Array) -> Array:
-        """Quasi-steady profile per unit surface flux, zero in the mean [K m2/W].
+        """Quasi-steady profile at radii ``r_m`` per unit surface flux, with mean zero [K m2/W].
 
+        Notes
+        -----
         S(r) = R_o / (K (R_o^2 - R_i^2)) (r^2/2 - R_i^2 ln r - C): slope 1/K at R_o and zero at R_i.
         """
-        ro, ri = self.outer_radius_m, self.inner_radius_m
+        ro = self.outer_radius_m
+        ri = self.inner_radius_m
         area = ro**2 - ri**2
-
-        def shape(r: Array | float) -> Array:
-            return np.asarray(
-                np.asarray(r) ** 2 / 2 - (ri**2 * np.log(np.asarray(r) / ro) if ri > 0 else 0.0)
-            )
-
-        log_mean = (-(ri**2) * np.log(ri / ro)) / area - 0.5 if ri > 0 else -0.5
+        shape = np.asarray(r_m) ** 2 / 2
+        log_mean = -0.5
+        if ri > 0:
+            shape = shape - ri**2 * np.log(np.asarray(r_m) / ro)
+            log_mean = (-(ri**2) * np.log(ri / ro)) / area - 0.5
         mean = (ro**2 + ri**2) / 4 - ri**2 * log_mean
-        return np.asarray(ro / (self.conductivity_W_mK * area) * (shape(r_m) - mean))
+        return np.asarray(ro / (self.conductivity_W_mK * area) * (shape - mean))
 
     def modes(self, r_m: Array, count: int) -> tuple[Array, Array]:
-        """Rates [1/s], shape (count,), and gains [K m2/W], shape (P, count), of the radial modes but the mean.
+        """Radial modes, without the mean temperature.
 
-        T(r, t) = T_0 + mean part + sum_k g_k(r) L_k q, with L_k the unit-gain lag of rate alpha lambda_k^2 + leak;
-        sum_k g_k(r) = S(r) when nothing leaks.
+        Returns
+        -------
+        rates
+            (count,) [1/s].
+        gains
+            At the radii ``r_m`` (P, count) [K m2/W].
+
+        Notes
+        -----
+        T(r, t) = T_0 + mean + sum_k g_k(r) L_k q, with L_k the unit-gain lag of rate alpha
+        lambda_k^2 + leak; sum_k g_k(r) = S(r) without heat loss.
         """
-        ro, ri = self.outer_radius_m, self.inner_radius_m
+        ro = self.outer_radius_m
+        ri = self.inner_radius_m
         lam = np.array(_eigenvalues(ri / ro, count)) / ro
         r = np.asarray(r_m, dtype=float)[:, None]
 
@@ -95,23 +118,35 @@ class Cylinder:
 def _eigenvalues(ratio: float, count: int) -> tuple[float, ...]:
     """Roots x = lambda R_o of J1(x ratio) Y1(x) - J1(x) Y1(x ratio) = 0 (solid disk: J1(x) = 0)."""
 
-    def f(x: float) -> float:
-        return float(j1(x)) if ratio == 0 else float(j1(x * ratio) * y1(x) - j1(x) * y1(x * ratio))
+    def characteristic(x: float) -> float:
+        if ratio == 0:
+            return float(j1(x))
+        return float(j1(x * ratio) * y1(x) - j1(x) * y1(x * ratio))
 
     step = np.pi / (1 - ratio) / 8
     roots: list[float] = []
     x = step / 2
     while len(roots) < count:
-        if f(x) * f(x + step) < 0:
-            roots.append(brentq(f, x, x + step, xtol=1e-12))
+        if characteristic(x) * characteristic(x + step) < 0:
+            roots.append(brentq(characteristic, x, x + step, xtol=1e-12))
         x += step
     return tuple(roots)
 
 
 def lag_step(dt_s: Array, rate: float | complex) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-    """Exact step of a unit-gain lag under a linear input: y+ = decay y + old u + new u+, each of the shape of ``dt_s``.
+    """Exact step of a unit-gain first-order lag under a linear input.
 
-    A complex ``rate`` (one pole of a Butterworth filter) gives complex weights.
+    Parameters
+    ----------
+    dt_s
+        Steps [s].
+    rate
+        1/tau [1/s]; complex for one pole of a Butterworth filter, which gives complex weights.
+
+    Returns
+    -------
+    decay, old, new
+        Each of the shape of ``dt_s``, with y+ = decay y + old u + new u+.
     """
     x = rate * np.asarray(dt_s, dtype=float)
     decay = np.exp(-x)
@@ -122,54 +157,64 @@ def lag_step(dt_s: Array, rate: float | complex) -> tuple[NDArray[Any], NDArray[
 
 
 def lag_on_grid(u: Array, dt_s: Array, rate: float | complex) -> NDArray[Any]:
-    """Unit-gain lag of ``rate`` [1/s] of deviations ``u`` (n, M) from equilibrium, linear between knots.
+    """Unit-gain lag of ``rate`` [1/s] applied to deviations ``u`` (n, M) from equilibrium.
 
-    Exact for that input; y[0] = 0, as before the first knot nothing had changed.
+    Exact for an input that is linear between knots; y[0] = 0, since nothing changes before the
+    first knot.
     """
-    return stepped(u.T, lag_step(dt_s, rate)).T
+    return apply_lag_step(u.T, lag_step(dt_s, rate)).T
 
 
-def stepped(u: Array, step: tuple[NDArray[Any], NDArray[Any], NDArray[Any]]) -> NDArray[Any]:
-    """Lags of ``u`` (Q, ..., n) by their steps (..., n - 1) between the knots."""
+def apply_lag_step(u: Array, step: tuple[NDArray[Any], NDArray[Any], NDArray[Any]]) -> NDArray[Any]:
+    """Lags of ``u`` (Q, ..., n), with the weights ``step`` (..., n - 1) of ``lag_step``."""
     decay, old, new = step
     drive = np.zeros(u.shape, dtype=np.result_type(u, decay))
     drive[..., 1:] = old * u[..., :-1] + new * u[..., 1:]
-    return driven(drive, decay)
+    return first_order_recursion(drive, decay)
 
 
-def driven(drive: NDArray[Any], decay: NDArray[Any]) -> NDArray[Any]:
-    """y[k] = ``decay``[k - 1] y[k - 1] + ``drive``[k] along the last axis of (Q, ..., n), overwriting ``drive``."""
+def first_order_recursion(drive: NDArray[Any], decay: NDArray[Any]) -> NDArray[Any]:
+    """y[k] = ``decay``[k - 1] y[k - 1] + ``drive``[k] along the last axis of (Q, ..., n);
+    overwrites ``drive``.
+    """
     bands = np.zeros((2, *drive.shape[1:]), dtype=decay.dtype)
     bands[1, ..., :-1] = -decay
-    solve = (
-        ztbtrs if np.iscomplexobj(bands) else dtbtrs
-    )  # unit diagonal; thrice as quick as solve_banded's checks
+    # Triangular band solver with unit diagonal: three times faster than solve_banded with its
+    # checks.
+    solve = ztbtrs if np.iscomplexobj(bands) else dtbtrs
     rows = drive.reshape(len(drive), -1).T
-    return np.asarray(
-        solve(bands.reshape(2, -1), rows, uplo="L", diag="U", overwrite_b=True)[0].T
-    ).reshape(drive.shape)
+    solution = solve(bands.reshape(2, -1), rows, uplo="L", diag="U", overwrite_b=True)[0]
+    return np.asarray(solution.T).reshape(drive.shape)
 
 
 def conditioned(u: Array, dt_s: Array, filter_: Conditioning) -> Array:
-    """The conditioning filter B applied to deviations ``u`` (n, M) on the grid: real poles one after the other, of a
-    complex pair twice the real part of the first partial fraction of p1 p2/((s - p1)(s - p2)). A zero it may have is
-    taken with the last pole, which then is real."""
+    """Apply the conditioning filter to deviations ``u`` (n, M) on the grid.
+
+    Notes
+    -----
+    Real poles act one after the other. A complex pair acts as twice the real part of the first
+    partial fraction of p1 p2/((s - p1)(s - p2)). A zero of the filter is combined with the last
+    pole, which is then real.
+    """
+    before = u
     for factor in filter_.factors:
         before = u
         for p in np.roots(factor[::-1]).astype(complex):
-            if abs(p.imag) < ONE * abs(p):
-                u = np.asarray(lag_on_grid(u, dt_s, -p.real))
+            if abs(p.imag) < MIN_IMAGINARY_RATIO * abs(p):
+                u = lag_on_grid(u, dt_s, -p.real)
             elif p.imag > 0:
-                u = np.asarray(np.real(p.conjugate() / (1j * p.imag) * -lag_on_grid(u, dt_s, -p)))
+                fraction = p.conjugate() / (1j * p.imag)
+                u = np.real(fraction * -lag_on_grid(u, dt_s, -p))
     if len(filter_.numerator) > 1:
         u = u + filter_.numerator[1] / filter_.factors[-1][1] * (before - u)
     return u
 
 
 def lag_matrix(t_s: Array, rate: float) -> Array:
-    """The unit-gain lag of ``rate`` [1/s] on a grid: lower triangular (n, n), y = L u with u linear between knots.
+    """Unit-gain lag of ``rate`` [1/s] on a grid as a lower triangular matrix L (n, n): y = L u.
 
-    u is zero before t_s[0] (a step of u[0] there) and y(t_s[0]) = 0. Exact for a piecewise linear u.
+    u is zero before t_s[0] (a step of u[0] there), and y(t_s[0]) = 0. Exact for a piecewise linear
+    u.
     """
     _, old, new = lag_step(np.diff(t_s), rate)
     decay = np.exp(-rate * np.clip(t_s[:, None] - t_s[None, 1:], 0.0, None))
@@ -181,7 +226,7 @@ def lag_matrix(t_s: Array, rate: float) -> Array:
 
 
 def integral_matrix(t_s: Array) -> Array:
-    """Running trapezoid integral on a grid, lower triangular (n, n) [s]."""
+    """Running trapezoidal integral on a grid, lower triangular (n, n) [s]."""
     dt = np.diff(t_s)
     lower = (t_s[:, None] >= t_s[None, 1:] - 1e-12).astype(float)
     out = np.zeros((len(t_s), len(t_s)))
@@ -191,27 +236,45 @@ def integral_matrix(t_s: Array) -> Array:
 
 
 def influence(cylinder: Cylinder, r_m: Array, t_s: Array, modes: int = 24) -> tuple[Array, Array]:
-    """What a surface flux q on the grid ``t_s`` (n,), t_s[0] the entry, does at radii ``r_m`` (P,) of ``cylinder``.
+    """Influence of a surface flux on the temperatures of a cylinder.
 
-    T[p] = T_0 + matrix[p] @ q + leak @ (bath's rise over T_0), with the matrices (P, n, n) [K m2/W] and the share that
-    leaks in (n, n), zero when nothing leaks.
+    Parameters
+    ----------
+    cylinder
+        The disk.
+    r_m
+        Radii (P,) [m].
+    t_s
+        Grid (n,) [s]; t_s[0] is the entry.
+    modes
+        Number of modes that are stepped exactly. The remaining modes follow the flux at once, with
+        the exact static gain.
 
-    The first ``modes`` modes are stepped exactly; the rest follow the flux at once with the exact static gain.
+    Returns
+    -------
+    matrix
+        (P, n, n) [K m2/W].
+    leak
+        (n, n), zero without heat loss.
+
+    Notes
+    -----
+    T[p] = T_0 + matrix[p] @ q + leak @ (T_bath - T_0), with q the flux on the grid.
     """
     rates, gains = cylinder.modes(r_m, modes)
     n = len(t_s)
-    sealed = gains * rates / (rates - cylinder.leak_1_s)  # static gains if nothing leaked
-    direct = cylinder.static_profile(r_m) - sealed.sum(axis=1)
+    gains_without_leak = gains * rates / (rates - cylinder.leak_1_s)
+    direct = cylinder.static_profile(r_m) - gains_without_leak.sum(axis=1)
     stack = np.empty((modes + 2, n * n))
     for k, rate in enumerate(rates):
         stack[k] = lag_matrix(t_s, rate).ravel()
-    leak = cylinder.leak_1_s
-    if leak > 0:
-        share = lag_matrix(t_s, leak)
-        stack[modes] = (share / leak).ravel()
+    leak_1_s = cylinder.leak_1_s
+    if leak_1_s > 0:
+        leak = lag_matrix(t_s, leak_1_s)
+        stack[modes] = (leak / leak_1_s).ravel()
     else:
-        share = np.zeros((n, n))
+        leak = np.zeros((n, n))
         stack[modes] = integral_matrix(t_s).ravel()
     stack[modes + 1] = np.eye(n).ravel()
     weights = np.column_stack([gains, np.full(len(r_m), cylinder.mean_rate_K_m2_J), direct])
-    return (weights @ stack).reshape(len(r_m), n, n), share
+    return (weights @ stack).reshape(len(r_m), n, n), leak

@@ -1,4 +1,6 @@
-"""When the disk entered the bath: the hand-pressed switch and the free thermocouple, reconciled."""
+"""Entry of the disk into the bath: instants from the switch, the free thermocouple and the
+junctions, and their mean.
+"""
 
 from __future__ import annotations
 
@@ -8,26 +10,46 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.ndimage import median_filter, uniform_filter1d
 
+from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
 
-SWITCH_U_S = 0.10  # a person pressing a switch as the disk goes in
-APART = 4.0  # standard uncertainties
-PROBE_U_S = 0.05  # the free thermocouple's own delay and the place it is fixed at
-RISEN = (
-    0.004  # of a junction's way to the bath: 0.3 K of 80, five noises of a mean of six over 0.2 s
+# Standard uncertainties [s], chosen by judgement.
+SWITCH_U_S = 0.10  # reaction of the person who presses the switch as the disk enters
+PROBE_U_S = 0.05  # delay and position of the free thermocouple
+# Differences between switch and probe, over their standard uncertainty; chosen by judgement.
+WIDENED_DIFFERENCE_U = 2.0  # beyond: the uncertainty of the entry is widened, with an info
+WARNING_DIFFERENCE_U = 4.0  # beyond: a warning
+ERROR_DIFFERENCE_U = 6.0  # beyond, and beyond ERROR_DIFFERENCE_S: an error
+ERROR_DIFFERENCE_S = 3.0
+# Factors on the standard uncertainty of a single source; chosen by judgement.
+PROBE_ONLY_FACTOR = 2.0
+SWITCH_ONLY_FACTOR = 1.5
+MIN_JUMP_K = 3.0  # least change of the free thermocouple at the entry [K]; chosen by judgement
+# Share of the way of the junctions to the bath: 0.3 K of 80 K, five standard deviations of a mean
+# of six channels over 0.2 s.
+RISE_SHARE = 0.004
+BASELINE_S = (
+    1.0  # start of the log [s] for the level before the entry; no entry by a rise within it
 )
-HEAD_S = 1.0  # of the log, for the level before the entry: junctions that rise within it tell none
-# how long after the entry that is, behind a lag of 0.3 to 1.5 s
-LATE_S = 0.7
+# Delay of the rise after the entry, and its standard uncertainty [s]: for a chain lag of 0.3 to 1.5
+# s.
+RISE_DELAY_S = 0.7
 LATE_U_S = 0.5
-EARLY = 0.0882  # of the time from 5 to 50 %: how early a line through a first-order answer meets the level before
-EARLY_U = 0.05  # the same for probes of another order: uncertainty
+# A line through a first-order response meets the level before too early by this share of the time
+# from 5 to 50 %.
+EARLY_SHARE = 0.0882
+EARLY_SHARE_U = 0.05  # its standard uncertainty, for probes of another order; chosen by judgement
+BATH_SHARE = (
+    0.02  # of the initial difference to the bath: end of the useful record; chosen by judgement
+)
 
 
 @dataclass(frozen=True)
 class EntryEvent:
-    """The instant of entry [s] on the record's clock, its standard uncertainty, and what it rests on."""
+    """Instant of the entry on the record's clock, its standard uncertainty, the two instants, and
+    their source.
+    """
 
     time_s: float
     u_s: float
@@ -40,14 +62,31 @@ class EntryEvent:
 def switch_time(
     time_s: ArrayLike, switch: ArrayLike, hold_off_s: float = 1.0
 ) -> tuple[float | None, bool]:
-    """First closing of a switch [s] and whether it bounced; None when it never moved.
+    """First closing of a switch.
 
-    Held or momentary alike: the event is the first rise through one half. Further rises within ``hold_off_s`` are
-    bounce. A rise seen in a sample happened, on the average, half a sample earlier: that is the time given back.
+    Parameters
+    ----------
+    time_s, switch
+        Times (N,) [s], and the switch (N,): 0 open, 1 closed.
+    hold_off_s
+        Further rises within this time are bounce [s].
+
+    Returns
+    -------
+    time_s
+        Instant [s]; None when the switch never closes.
+    bounced
+        Whether the switch bounced.
+
+    Notes
+    -----
+    The event is the first rise through one half, for a switch that stays closed and for a momentary
+    one. A rise in a sample happened, on average, half a sample earlier; the function returns that
+    time.
     """
     t = np.asarray(time_s, dtype=float)
-    on = np.nan_to_num(np.asarray(switch, dtype=float), nan=0.0) > 0.5
-    rises = np.flatnonzero(on[1:] & ~on[:-1]) + 1
+    closed = np.nan_to_num(np.asarray(switch, dtype=float), nan=0.0) > 0.5
+    rises = np.flatnonzero(closed[1:] & ~closed[:-1]) + 1
     if rises.size == 0:
         return None, False
     first = int(rises[0])
@@ -58,19 +97,25 @@ def switch_time(
 def probe_time(
     time_s: ArrayLike, probe_degC: ArrayLike, fluid_degC: ArrayLike | None = None
 ) -> tuple[float, float] | None:
-    """Instant at which the free thermocouple began its jump into the bath, and its standard uncertainty [s].
+    """Instant at which the free thermocouple begins its jump into the bath, and its standard
+    uncertainty [s].
 
-    None when it never jumps. The jump is found where the probe has covered half of its way; a straight line through
-    the samples from 5 to 50 % of the way is carried back to the level before. For a first-order probe the line meets
-    the level 0.0882 of that time too early, 0.056 of its time constant, which is put right.
+    None when it does not jump.
+
+    Notes
+    -----
+    The jump is where the probe passes half of its way. A straight line through the samples from 5
+    to 50 % of the way is extrapolated back to the level before. For a first-order probe the line
+    meets that level too early, by 0.0882 of the time from 5 to 50 % (0.056 of the time constant);
+    this is corrected.
     """
     t = np.asarray(time_s, dtype=float)
     y = np.asarray(probe_degC, dtype=float)
-    good = np.isfinite(y)
-    if good.sum() < 20:
+    finite = np.isfinite(y)
+    if finite.sum() < 20:
         return None
-    t = t[good]
-    y = y[good]
+    t = t[finite]
+    y = y[finite]
     smooth = median_filter(y, 3, mode="nearest")
     edge = max(len(y) // 50, 5)
     low = float(np.median(smooth[:edge]))
@@ -79,52 +124,59 @@ def probe_time(
     else:
         high = float(np.nanmedian(np.asarray(fluid_degC, dtype=float)))
     step = high - low
-    if abs(step) < 3.0:
+    if abs(step) < MIN_JUMP_K:
         return None
-    way = (smooth - low) / step
-    half = np.flatnonzero((way[:-1] >= 0.5) & (way[1:] >= 0.5))
-    if half.size == 0:
+    share = (smooth - low) / step
+    above_half = np.flatnonzero((share[:-1] >= 0.5) & (share[1:] >= 0.5))
+    if above_half.size == 0:
         return None
-    top = int(half[0])
-    below = np.flatnonzero(way[:top] < 0.05)
+    top = int(above_half[0])
+    below = np.flatnonzero(share[:top] < 0.05)
     if below.size == 0:
         return None
     start = int(below[-1])
-    before = t >= t[start] - 10.0
-    before &= t < t[start] - 2 * (t[1] - t[0])
+    before = (t >= t[start] - 10.0) & (t < t[start] - 2 * (t[1] - t[0]))
     level = float(np.median(y[before])) if before.sum() >= 5 else low
     if top - start < 2:
         return float((t[start] + t[min(start + 1, len(t) - 1)]) / 2), PROBE_U_S
     rows = slice(start, top + 1)
     slope, intercept = np.polyfit(t[rows] - t[start], smooth[rows], 1)
-    rise = float(t[top] - t[start])
-    u = float(np.hypot(PROBE_U_S, EARLY_U * rise))
+    duration = float(t[top] - t[start])
+    u = float(np.hypot(PROBE_U_S, EARLY_SHARE_U * duration))
     if slope * step <= 0:
         return float(t[start]), u
-    met = t[start] + (level - intercept) / slope + EARLY * rise
-    return float(np.clip(met, t[start] - max(1.0, rise), t[top])), u
+    crossing = t[start] + (level - intercept) / slope + EARLY_SHARE * duration
+    return float(np.clip(crossing, t[start] - max(1.0, duration), t[top])), u
 
 
 def rise_time(time_s: ArrayLike, readings_degC: ArrayLike, fluid_degC: ArrayLike) -> float | None:
-    """Instant at which the junctions (N, C) have come ``RISEN`` of their way to the bath [s]; None where they do not.
+    """Instant at which the junctions (N, C) have moved by ``RISE_SHARE`` of their way to the bath
+    [s].
 
-    The median of all, as means over a fifth of a second, was below that for the last time before a tenth of the way.
-    The level before is that of the first ``HEAD_S``; None, too, where the junctions come half of ``RISEN`` within it.
+    None when they do not, and when they move by half of it within the first ``BASELINE_S``.
+
+    Notes
+    -----
+    It is the last time before a tenth of the way at which the median over channels, averaged over a
+    fifth of a second, is below that share. The level before is that of the first ``BASELINE_S``.
     """
     t = np.asarray(time_s, dtype=float)
     y = np.asarray(readings_degC, dtype=float)
     dt = float(np.median(np.diff(t)))
-    head = slice(0, max(int(round(HEAD_S / dt)), 5))
-    level = np.nanmedian(y[head], axis=0)
+    baseline = slice(0, max(int(round(BASELINE_S / dt)), 5))
+    level = np.nanmedian(y[baseline], axis=0)
     rise = np.nanmedian(y - level, axis=1)
-    good = np.isfinite(rise)
-    whole = np.interp(t, t[good], rise[good])
+    finite = np.isfinite(rise)
+    filled = np.interp(t, t[finite], rise[finite])
     step = float(np.nanmedian(np.asarray(fluid_degC, dtype=float))) - float(np.nanmedian(level))
-    if abs(np.polyfit(t[head], whole[head], 1)[0]) * HEAD_S > 0.5 * RISEN * abs(step):
+    drift = abs(np.polyfit(t[baseline], filled[baseline], 1)[0]) * BASELINE_S
+    if drift > 0.5 * RISE_SHARE * abs(step):
         return None
-    way = uniform_filter1d(whole, max(int(round(0.2 / dt)), 1)) / step
-    above = np.flatnonzero(way > 0.1)
-    below = np.flatnonzero(way[: above[0]] < RISEN) if above.size else above
+    share = uniform_filter1d(filled, max(int(round(0.2 / dt)), 1)) / step
+    above = np.flatnonzero(share > 0.1)
+    if above.size == 0:
+        return None
+    below = np.flatnonzero(share[: above[0]] < RISE_SHARE)
     return float(t[below[-1]]) if below.size else None
 
 
@@ -138,15 +190,36 @@ def reconcile_entry(
     sample_s: float = 1 / 75,
     where: str = "",
 ) -> EntryEvent:
-    """One instant from two witnesses, weighted by their variances; the uncertainty is widened when they disagree.
+    """Mean of two instants, weighted by their variances; the uncertainty is widened when they
+    disagree.
 
-    With d the difference and u_d its standard uncertainty: beyond 2 u_d the result's u grows by |d|/(2 u_d), which is
-    noted, and beyond ``APART`` u_d to be looked at; beyond 3 s (and 6 u_d) they contradict each other and InputError is
-    raised. One witness alone serves, with a warning.
+    Parameters
+    ----------
+    switch_s, probe_s
+        Instants from the switch and from the free thermocouple [s]; None: none.
+    bounced
+        Whether the switch bounced.
+    switch_u_s, probe_u_s
+        Their standard uncertainties [s].
+    sample_s
+        Sampling interval [s].
+    where
+        File, for messages.
+
+    Raises
+    ------
+    InputError
+        Without any instant, or when the two contradict each other: beyond 3 s and 6 u_d.
+
+    Notes
+    -----
+    With d the difference and u_d its standard uncertainty: beyond 2 u_d the u of the result grows
+    by |d|/(2 u_d), with an info; beyond ``WARNING_DIFFERENCE_U`` u_d with a warning. One instant
+    only gives a warning.
     """
-    su = float(np.hypot(switch_u_s, sample_s / np.sqrt(12)))
-    pu = float(np.hypot(probe_u_s, sample_s / np.sqrt(12)))
-    found = [info("entry.bounced", subject="switch")] if bounced else []
+    switch_u = float(np.hypot(switch_u_s, sample_s / np.sqrt(12)))
+    probe_u = float(np.hypot(probe_u_s, sample_s / np.sqrt(12)))
+    findings = [info("entry.bounced", subject="switch")] if bounced else []
     if switch_s is None and probe_s is None:
         raise InputError(
             "no entry found: the switch never closes and the probe never jumps",
@@ -156,32 +229,30 @@ def reconcile_entry(
         )
     if switch_s is None:
         assert probe_s is not None
-        found.append(warning("entry.no_switch", subject="switch"))
-        return EntryEvent(probe_s, 2 * pu, None, probe_s, "probe", tuple(found))
+        findings.append(warning("entry.no_switch", subject="switch"))
+        u = PROBE_ONLY_FACTOR * probe_u
+        return EntryEvent(probe_s, u, None, probe_s, "probe", tuple(findings))
     if probe_s is None:
-        found.append(warning("entry.no_probe", subject="probe_degC"))
-        return EntryEvent(switch_s, 1.5 * su, switch_s, None, "switch", tuple(found))
+        findings.append(warning("entry.no_probe", subject="probe_degC"))
+        u = SWITCH_ONLY_FACTOR * switch_u
+        return EntryEvent(switch_s, u, switch_s, None, "switch", tuple(findings))
     difference = abs(switch_s - probe_s)
-    u_difference = float(np.hypot(su, pu))
-    if difference > max(3.0, 6 * u_difference):
+    difference_u = float(np.hypot(switch_u, probe_u))
+    if difference > max(ERROR_DIFFERENCE_S, ERROR_DIFFERENCE_U * difference_u):
         raise InputError(
             f"switch and free thermocouple put the entry at {switch_s:.2f} s and {probe_s:.2f} s",
             where=where,
             expected="agreement within 3 s",
             remedy="see which one is wrong: leave out the probe's column, or write the switch's (1 from the entry on)",
         )
-    weight = su**-2 / (su**-2 + pu**-2)
-    u = (su**-2 + pu**-2) ** -0.5
-    if difference > 2 * u_difference:
-        u *= difference / (2 * u_difference)
-        far = difference > APART * u_difference
-        found.append(
-            (warning if far else info)(
-                "entry.apart", subject="switch", difference_s=difference, u_s=u
-            )
-        )
+    weight = switch_u**-2 / (switch_u**-2 + probe_u**-2)
+    u = (switch_u**-2 + probe_u**-2) ** -0.5
+    if difference > WIDENED_DIFFERENCE_U * difference_u:
+        u *= difference / (WIDENED_DIFFERENCE_U * difference_u)
+        severity = warning if difference > WARNING_DIFFERENCE_U * difference_u else info
+        findings.append(severity("entry.apart", subject="switch", difference_s=difference, u_s=u))
     time = weight * switch_s + (1 - weight) * probe_s
-    return EntryEvent(float(time), float(u), switch_s, probe_s, "switch and probe", tuple(found))
+    return EntryEvent(float(time), float(u), switch_s, probe_s, "switch and probe", tuple(findings))
 
 
 def find_entry(
@@ -192,50 +263,73 @@ def find_entry(
     where: str = "",
     readings_degC: ArrayLike | None = None,
 ) -> EntryEvent:
-    """The entry event of a log; either witness may be missing (None or all NaN), or both where readings tell it."""
+    """Entry event of a log.
+
+    Switch or probe may be missing (None or all NaN). Without both, the rise of the junctions
+    ``readings_degC`` (N, C) gives the entry.
+    """
     t = np.asarray(time_s, dtype=float)
-    moved, bounced = (None, False) if switch is None else switch_time(t, switch)
-    jumped = None if probe_degC is None else probe_time(t, probe_degC, fluid_degC)
-    probe_s, probe_u_s = jumped or (None, PROBE_U_S)
-    sample_s = float(np.median(np.diff(t)))
-    if moved is None and jumped is None and readings_degC is not None and fluid_degC is not None:
-        begun = rise_time(t, readings_degC, fluid_degC)
-        if begun is not None:
-            said = warning("entry.by_junctions", subject="switch", u_s=LATE_U_S)
-            return EntryEvent(begun - LATE_S, LATE_U_S, None, None, "junctions", (said,))
+    switch_s = None
+    bounced = False
+    if switch is not None:
+        switch_s, bounced = switch_time(t, switch)
+    probe = None if probe_degC is None else probe_time(t, probe_degC, fluid_degC)
+    probe_s, probe_u_s = probe or (None, PROBE_U_S)
+    no_instant = switch_s is None and probe_s is None
+    if no_instant and readings_degC is not None and fluid_degC is not None:
+        rise_s = rise_time(t, readings_degC, fluid_degC)
+        if rise_s is not None:
+            by_junctions = warning("entry.by_junctions", subject="switch", u_s=LATE_U_S)
+            entry_s = rise_s - RISE_DELAY_S
+            return EntryEvent(entry_s, LATE_U_S, None, None, "junctions", (by_junctions,))
     return reconcile_entry(
-        moved, probe_s, bounced=bounced, probe_u_s=probe_u_s, sample_s=sample_s, where=where
+        switch_s,
+        probe_s,
+        bounced=bounced,
+        probe_u_s=probe_u_s,
+        sample_s=float(np.median(np.diff(t))),
+        where=where,
     )
 
 
 def useful_end(
     time_s: ArrayLike, readings_degC: ArrayLike, fluid_degC: ArrayLike, entry_s: float
 ) -> float:
-    """End of the useful record [s]: the disk within 2 % of the bath, or taken out of it, or the record's last sample.
+    """End of the useful record [s]: the disk is within 2 % of the bath, or removed from it, or the
+    last sample.
 
-    ``readings_degC`` (N, C). Taken out: the mean reading falls away from the bath by more than 2 % of the initial
-    difference after having come nearer; noise is put down by one-second means.
+    Parameters
+    ----------
+    time_s, readings_degC, fluid_degC
+        Times (N,) [s], readings (N, C) and bath temperature (N,) [degC].
+    entry_s
+        Instant of the entry [s].
+
+    Notes
+    -----
+    Removed: the mean reading moves away from the bath by more than 2 % of the initial difference,
+    after it was nearer. One-second means reduce the noise.
     """
     t = np.asarray(time_s, dtype=float)
     y = np.nanmean(np.atleast_2d(np.asarray(readings_degC, dtype=float).T), axis=0)
-    gap = np.asarray(fluid_degC, dtype=float) - y
+    difference = np.asarray(fluid_degC, dtype=float) - y
     after = t >= entry_s
+    last_s = float(t[-1])
     if after.sum() < 2:
-        return float(t[-1])
+        return last_s
     window = max(int(round(1.0 / float(np.median(np.diff(t))))), 1)
-    kernel = np.ones(window) / window
-    smooth = np.convolve(gap[after], kernel, mode="valid")
+    smooth: Array = np.convolve(difference[after], np.ones(window) / window, mode="valid")
     times = t[after][: len(smooth)] + 0.5
     if smooth.size < 2:
-        return float(t[-1])
-    start = float(smooth[0])
-    share = smooth / start if start else smooth
-    reached = np.flatnonzero(share < 0.02)
-    best = np.minimum.accumulate(share)
-    left = np.flatnonzero(share > best + 0.02)
-    ends = [float(t[-1])]
-    if reached.size:
-        ends.append(float(times[reached[0]]))
-    if left.size:
-        ends.append(float(times[int(np.argmin(share[: left[0]]))]))
+        return last_s
+    initial = float(smooth[0])
+    share = smooth / initial if initial else smooth
+    ends = [last_s]
+    within = np.flatnonzero(share < BATH_SHARE)
+    if within.size:
+        ends.append(float(times[within[0]]))
+    least = np.minimum.accumulate(share)
+    removed = np.flatnonzero(share > least + BATH_SHARE)
+    if removed.size:
+        ends.append(float(times[int(np.argmin(share[: removed[0]]))]))
     return min(ends)

@@ -1,6 +1,7 @@
-"""Fluids of a plunge bath: density, specific heat, conductivity and viscosity, each with its uncertainty.
+"""Properties of bath fluids with their uncertainties: density, specific heat, conductivity,
+viscosity, expansion.
 
-Two are built in; a CSV table of properties against temperature gives any other.
+Two fluids are built in. A CSV table of properties against temperature defines any other.
 """
 
 from __future__ import annotations
@@ -22,8 +23,13 @@ from tcdyn.core.findings import Finding, warning
 
 Curve = Callable[[Array], Array]
 ZERO_C = 273.15
+WALTHER_OFFSET_MM2_S = 0.7  # of log log(nu + 0.7): ASTM D341
+WALTHER_MIN_MM2_S = (
+    0.5  # least viscosity [mm2/s] for which the Walther equation is used; chosen by judgement
+)
 UNCERTAINTIES = {"u_rho_rel", "u_c_rel", "u_k_rel", "u_nu_rel", "u_beta_rel"}
 COLUMNS = ("T_degC", "rho_kg_m3", "c_J_kgK", "k_W_mK", "nu_m2_s")
+# Possible values in SI units; chosen by judgement, so that another unit is recognised.
 _BOUNDS = {
     "T_degC": (-100.0, 500.0),
     "rho_kg_m3": (0.1, 20000.0),
@@ -51,12 +57,17 @@ class FluidProperties:
 
 @dataclass(frozen=True)
 class Fluid:
-    """A fluid: four curves of temperature [degC], their relative standard uncertainties, and their range.
+    """A fluid: four curves of temperature [degC], their relative standard uncertainties, and their
+    range.
 
-    ``beta = -(d rho/dT)/rho`` is the derivative of the density curve; its uncertainty is stated separately because
-    published expansion coefficients of one oil differ far more than its densities. The uncertainties are those of a
-    lubricating oil unless stated.
+    Notes
+    -----
+    The expansion coefficient beta = -(d rho/dT)/rho is the derivative of the density curve. It has
+    an uncertainty of its own, since published expansion coefficients of one oil differ far more
+    than its densities. The default uncertainties are those of a lubricating oil.
 
+    Examples
+    --------
     >>> oil = fluid("mobil-jet-ii")
     >>> round(float(oil.at(100.0).prandtl))
     65
@@ -76,20 +87,26 @@ class Fluid:
     u_beta: float = 0.12
 
     def at(self, T_degC: ArrayLike) -> FluidProperties:
-        """The properties at ``T_degC`` (any shape); beta by a central difference of 0.5 K in density."""
+        """Properties at ``T_degC`` (any shape); beta is a central difference of the density over
+        +-0.5 K.
+        """
         T = np.asarray(T_degC, dtype=float)
         rho = self.rho(T)
         beta = (self.rho(T - 0.5) - self.rho(T + 0.5)) / rho
         return FluidProperties(rho, self.c(T), self.k(T), self.nu(T), beta)
 
-    def outside(self, low_degC: float, high_degC: float) -> tuple[Finding, ...]:
-        """What there is to say when the temperatures used leave the range the data were given for."""
+    def check_range(self, low_degC: float, high_degC: float) -> tuple[Finding, ...]:
+        """A warning where the temperatures leave the range of the data, else nothing."""
         low, high = self.range_degC
         if low_degC >= low and high_degC <= high:
             return ()
-        used = (low_degC, high_degC)
-        known = self.range_degC
-        return (warning("fluid.extrapolated", subject=self.name, used_degC=used, known_degC=known),)
+        extrapolated = warning(
+            "fluid.extrapolated",
+            subject=self.name,
+            used_degC=(low_degC, high_degC),
+            known_degC=self.range_degC,
+        )
+        return (extrapolated,)
 
 
 _WATER_C = np.array(
@@ -120,10 +137,15 @@ def _water_conductivity(T: Array) -> Array:
 
 
 def fluid(name: str) -> Fluid:
-    """A built-in fluid by name; a path ending in .csv is read as the user's own table.
+    """A built-in fluid by name, or the fluid of a table where the name ends in .csv or .txt.
 
-    Raises InputError for an unknown name.
+    Raises
+    ------
+    InputError
+        For an unknown name.
 
+    Examples
+    --------
     >>> fluid("water").name
     'water'
     """
@@ -146,12 +168,26 @@ def fluid(name: str) -> Fluid:
 
 
 def read_fluid(path: str | Path) -> Fluid:
-    """Read a fluid table (columns T_degC, rho_kg_m3, c_J_kgK, k_W_mK, nu_m2_s; two rows or more).
+    """Read a fluid table.
 
-    Optional columns u_rho_rel, u_c_rel, u_k_rel, u_nu_rel, u_beta_rel give relative standard uncertainties (their
-    mean over the rows is used); without them those of a lubricating oil are assumed. Between rows density, specific
-    heat and conductivity follow a cubic spline (a line through two rows), viscosity a spline of log log(nu + 0.7 mm2/s)
-    against log T, which is ASTM D341 when there are two rows. Raises InputError for a table that cannot be used.
+    Parameters
+    ----------
+    path
+        CSV table with the columns T_degC, rho_kg_m3, c_J_kgK, k_W_mK, nu_m2_s and two rows or more.
+        The optional columns u_rho_rel, u_c_rel, u_k_rel, u_nu_rel, u_beta_rel hold relative
+        standard uncertainties; their mean over the rows is used. Without them the uncertainties of
+        a lubricating oil are assumed.
+
+    Raises
+    ------
+    InputError
+        For a table that cannot be used.
+
+    Notes
+    -----
+    Between rows, density, specific heat and conductivity follow a cubic spline (a line with two
+    rows). Viscosity follows a spline of log log(nu + 0.7 mm2/s) against log T, which is ASTM D341
+    with two rows.
     """
     where = str(path)
     try:
@@ -176,13 +212,13 @@ def read_fluid(path: str | Path) -> Fluid:
 
 
 def fluid_from_table(table: pd.DataFrame, name: str, where: str = "fluid table") -> Fluid:
-    """The fluid of a table that is already in memory; see ``read_fluid``."""
+    """The fluid of a table in memory; see ``read_fluid``."""
     columns = {c: _numbers(table, c, where) for c in COLUMNS}
     order = np.argsort(columns["T_degC"])
     T = columns["T_degC"][order]
     if len(T) < 2 or np.any(np.diff(T) <= 0):
         raise InputError("two rows or more at different T_degC are needed", where=where)
-    rho, c, k, nu = (columns[name_][order] for name_ in COLUMNS[1:])
+    rho, c, k, nu = (columns[column][order] for column in COLUMNS[1:])
     if np.any(np.diff(rho) >= 0):
         raise InputError(
             "rho_kg_m3 must fall with T_degC",
@@ -197,11 +233,20 @@ def fluid_from_table(table: pd.DataFrame, name: str, where: str = "fluid table")
                 f"column {column} must hold relative uncertainties", where=where, expected="0 to 1"
             )
         u[column.removesuffix("_rel")] = float(np.mean(values))
-    curves = (_spline(T, rho), _spline(T, c), _spline(T, k), _viscosity_spline(T, nu))
-    return Fluid(name, *curves, range_degC=(float(T[0]), float(T[-1])), source=where, **u)
+    return Fluid(
+        name,
+        rho=_spline(T, rho),
+        c=_spline(T, c),
+        k=_spline(T, k),
+        nu=_viscosity_spline(T, nu),
+        range_degC=(float(T[0]), float(T[-1])),
+        source=where,
+        **u,
+    )
 
 
 def _numbers(table: pd.DataFrame, column: str, where: str) -> Array:
+    """A column as numbers. Raises InputError for a value that is not possible."""
     values = pd.to_numeric(table[column], errors="coerce").to_numpy(dtype=float)
     low, high = _BOUNDS[column]
     bad = np.flatnonzero(~((values >= low) & (values <= high)))
@@ -217,29 +262,35 @@ def _numbers(table: pd.DataFrame, column: str, where: str) -> Array:
 
 
 def _spline(x: Array, y: Array) -> Curve:
+    """Cubic spline through the points; a straight line through two."""
     if len(x) == 2:
         slope = (y[1] - y[0]) / (x[1] - x[0])
-        return partial(_straight, slope, y[0] - slope * x[0])
+        return partial(_line, slope, y[0] - slope * x[0])
     curve: Curve = CubicSpline(x, y, bc_type="natural" if len(x) == 3 else "not-a-knot")
     return curve
 
 
 def _viscosity_spline(T: Array, nu: Array) -> Curve:
-    if np.min(nu) * 1e6 <= 0.5:  # thinner than D341 covers (water, gases): a spline of ln nu
-        return partial(_thin, _spline(T, np.log(nu)))
-    return partial(_walther, _spline(np.log10(T + ZERO_C), np.log10(np.log10(nu * 1e6 + 0.7))))
+    """Spline of the Walther equation (ASTM D341), or of ln nu for thinner fluids (water, gases)."""
+    nu_mm2_s = nu * 1e6
+    if np.min(nu_mm2_s) <= WALTHER_MIN_MM2_S:
+        return partial(_exponential, _spline(T, np.log(nu)))
+    log_log_nu = np.log10(np.log10(nu_mm2_s + WALTHER_OFFSET_MM2_S))
+    return partial(_walther, _spline(np.log10(T + ZERO_C), log_log_nu))
 
 
-def _straight(slope: float, at_zero: float, t: Array) -> Array:
-    return np.asarray(at_zero + slope * t)
+# Functions of the module, not closures: a fluid can then be pickled for worker processes.
+def _line(slope: float, intercept: float, T: Array) -> Array:
+    return np.asarray(intercept + slope * T)
 
 
-def _thin(log_nu: Curve, t: Array) -> Array:
-    return np.asarray(np.exp(log_nu(t)))
+def _exponential(log_nu: Curve, T: Array) -> Array:
+    return np.asarray(np.exp(log_nu(T)))
 
 
-def _walther(curve: Curve, t: Array) -> Array:
-    return np.asarray((10 ** (10 ** curve(np.log10(t + ZERO_C))) - 0.7) * 1e-6)
+def _walther(log_log_nu: Curve, T: Array) -> Array:
+    nu_mm2_s = 10 ** (10 ** log_log_nu(np.log10(T + ZERO_C))) - WALTHER_OFFSET_MM2_S
+    return np.asarray(nu_mm2_s * 1e-6)
 
 
 _JET_DEGC = np.array([40.0, 100.0])

@@ -1,4 +1,6 @@
-"""Hole and cement comparison (section 5.4): how much later cemented thermocouples answer than clamped ones."""
+"""Hole and cement comparison (section 5.4): extra lag of cemented thermocouples relative to clamped
+(ideal) ones.
+"""
 
 from __future__ import annotations
 
@@ -24,12 +26,21 @@ from tcdyn.estimation import Problem, minimise
 from tcdyn.estimation.trace_noise import white_noise_sd
 from tcdyn.rig.rigfile import load_rig
 
+MIN_LAG_S = 0.02  # lower bound of a lag [s]; chosen by judgement
+MAX_STEP_S = 0.3  # largest step of an extra lag in one iteration [s]; chosen by judgement
+BEFORE_S = 5.0  # record before the entry that is used [s]; chosen by judgement
+IDEAL_DIFFERENCE_U = (
+    2.0  # difference of two ideal channels over its u, beyond which a warning is given
+)
+OTHER_COLUMNS = ("probe", "fluid", "prt", "ambient", "oil")  # temperatures that are no junctions
 Verdict = Literal["as good as ideal", "acceptable", "too slow", "undecided"]
 
 
 @dataclass(frozen=True)
 class Hole:
-    """One cemented thermocouple: extra lag against the clamped ones [s], its verdict, and a sentence."""
+    """One cemented thermocouple: extra lag relative to the clamped ones [s], verdict, and a
+    sentence.
+    """
 
     name: str
     diameter_mm: float | None
@@ -40,7 +51,28 @@ class Hole:
 
 @dataclass(frozen=True)
 class HoleComparison(Result):
-    """Every cemented thermocouple against the clamped ones, and the clamped ones against each other."""
+    """Every cemented thermocouple relative to the clamped ones, and the clamped ones relative to
+    each other.
+
+    Attributes
+    ----------
+    holes
+        One result for each cemented thermocouple.
+    ideal_spread_s
+        Difference of the lags of the first two clamped thermocouples; None for one.
+    limit_s
+        Largest acceptable extra lag [s].
+    u_depth_s
+        Standard uncertainty of an extra lag from the depths of the junctions [s].
+    entry
+        Entry into the bath.
+    names
+        Channels, the clamped ones first (C).
+    block_time_s, readings_degC, fitted_degC
+        Block means (B,), (B, C) and their fit (B, C).
+    findings
+        Warnings and infos.
+    """
 
     holes: tuple[Hole, ...]
     ideal_spread_s: Estimate | None
@@ -49,23 +81,25 @@ class HoleComparison(Result):
     entry: EntryEvent
     names: tuple[str, ...]
     block_time_s: Array
-    readings_degC: Array  # (B, C)
-    fitted_degC: Array  # (B, C)
+    readings_degC: Array
+    fitted_degC: Array
     findings: tuple[Finding, ...]
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """The findings in words."""
+        """The findings as text."""
         return messages(self.findings)
 
     def table(self) -> pd.DataFrame:
         """One row a hole."""
-        lag = {"value": "extra_lag_s", "u": "u_s", "low95": "low95_s", "high95": "high95_s"}
         return pd.DataFrame(
             {
                 "hole": h.name,
                 "diameter_mm": h.diameter_mm,
-                **{column: getattr(h.extra_lag_s, part) for part, column in lag.items()},
+                "extra_lag_s": h.extra_lag_s.value,
+                "u_s": h.extra_lag_s.u,
+                "low95_s": h.extra_lag_s.low95,
+                "high95_s": h.extra_lag_s.high95,
                 "verdict": h.verdict,
             }
             for h in self.holes
@@ -84,7 +118,7 @@ class HoleComparison(Result):
         }
 
     def card(self) -> pd.DataFrame:
-        """One row a hole, as people read it."""
+        """One row a hole, formatted for display."""
         return pd.DataFrame(
             {
                 "hole": h.name,
@@ -111,66 +145,89 @@ def compare_holes(
     entry: EntryEvent | None = None,
     where: str = "hole log",
 ) -> HoleComparison:
-    """Extra lags of all ``*_degC`` columns (but probe, fluid, PRT) against the ``ideal`` ones (names without unit).
+    """Extra lags of cemented thermocouples relative to clamped (ideal) ones in one plunge.
 
-    All junctions lie equally deep, so they see one temperature x(t), whatever the bath does. Model: channel k reads
-    L_k x + offset + gain error, L_k a lag of reference_lag_s + extra_k, with extra zero on the average of the ideal
-    ones; x is a chain of straight lines fitted with everything else, so noise in the ideal channels does no harm.
-    ``reference_lag_s`` only sets how rough x is. Junction depths uncertain by ``depth_u_m`` move the answer by
-    depth_u depth / alpha, which is added to u; alpha is ``diffusivity_m2_s``, where None that of the default rig.
-    A hole is too slow when its interval lies above ``limit_s``, acceptable
-    when it lies below, undecided when it straddles.
+    Parameters
+    ----------
+    frame
+        Log with ``time_s`` and the ``*_degC`` columns of the junctions; probe, fluid, PRT, ambient
+        and oil are not junctions.
+    ideal
+        Names of the ideal channels without unit; None: those that start with "ideal".
+    limit_s
+        Largest acceptable extra lag [s].
+    reference_lag_s
+        Lag of the ideal channels [s]. It only sets how rough x is.
+    depth_m, depth_u_m
+        Depth of the junctions and its standard uncertainty [m].
+    diffusivity_m2_s
+        Thermal diffusivity alpha; None: that of the default rig.
+    gain_u
+        Standard uncertainty of the gain of a channel.
+    entry
+        Entry into the bath; None: found from switch and probe.
+    where
+        Name of the log, for messages.
 
-    Raises InputError for fewer than one ideal and one other channel, or no entry in the record.
+    Raises
+    ------
+    InputError
+        For fewer than one ideal and one other channel, or no entry in the record.
+
+    Notes
+    -----
+    All junctions have the same depth, so they have the same temperature x(t), whatever the bath
+    does. Model: channel k reads L_k x + offset + gain error, with L_k a lag of reference_lag_s +
+    extra_k, where extra is zero on average over the ideal channels. x is piecewise linear and
+    fitted with all other parameters, so noise of the ideal channels gives no bias. An uncertainty
+    of the depths shifts the result by depth_u depth / alpha, which is added to u.
+
+    A hole is too slow when its interval is above ``limit_s``, acceptable when it is below,
+    undecided when it contains the limit.
     """
     names = [c.removesuffix("_degC") for c in frame.columns if c.endswith("_degC")]
-    names = [n for n in names if n not in ("probe", "fluid", "prt", "ambient", "oil")]
-    good = [n for n in names if n.startswith("ideal")] if ideal is None else list(ideal)
-    others = [n for n in names if n not in good]
-    if not good or not others or any(g not in names for g in good):
+    names = [n for n in names if n not in OTHER_COLUMNS]
+    ideals = [n for n in names if n.startswith("ideal")] if ideal is None else list(ideal)
+    cemented = [n for n in names if n not in ideals]
+    if not ideals or not cemented or any(n not in names for n in ideals):
         raise InputError(
-            f"{len(good)} ideal and {len(others)} other channels",
+            f"{len(ideals)} ideal and {len(cemented)} other channels",
             where=where,
             expected="columns such as ideal_1_degC, ideal_2_degC, d1p3_degC",
         )
-    order = [*good, *others]
+    order = [*ideals, *cemented]
     t = frame["time_s"].to_numpy(dtype=float)
     if entry is None:
-        columns = {
-            c: frame[c].to_numpy(dtype=float)
-            for c in ("switch", "probe_degC", "fluid_degC")
-            if c in frame
-        }
         entry = find_entry(
-            t, columns.get("switch"), columns.get("probe_degC"), columns.get("fluid_degC"), where
+            t,
+            _optional(frame, "switch"),
+            _optional(frame, "probe_degC"),
+            _optional(frame, "fluid_degC"),
+            where,
         )
-    readings = np.column_stack([frame[f"{n}_degC"].to_numpy(dtype=float) for n in order])
-    keep = t >= entry.time_s - 5.0
-    clean, spikes = without_spikes(readings[keep])
-    time, mean, count = make_averages(
-        t[keep] - entry.time_s, clean, float(np.median(np.diff(t))), 1.0
-    )
-    extra, covariance, fitted = _fit(
-        time, mean, count, white_noise_sd(clean), len(good), reference_lag_s, gain_u
-    )
+    readings = frame[[f"{n}_degC" for n in order]].to_numpy(dtype=float)
+    used = t >= entry.time_s - BEFORE_S
+    clean, spikes = without_spikes(readings[used])
+    dt_s = float(np.median(np.diff(t)))
+    time, mean, count = make_averages(t[used] - entry.time_s, clean, dt_s, 1.0)
+    noise = white_noise_sd(clean)
+    extra, covariance, fitted = _fit(time, mean, count, noise, len(ideals), reference_lag_s, gain_u)
     findings = [*entry.findings]
     if spikes:
         findings.append(info("plunge.spikes", count=spikes))
-    alpha = (
-        load_rig().disk_setup("").diffusivity_m2_s if diffusivity_m2_s is None else diffusivity_m2_s
-    )
-    shift = depth_u_m * depth_m / alpha
-    u_depth = shift * float(np.sqrt(1 + 1 / len(good)))
-    holes = tuple(
-        _hole(n, extra[k], covariance[k, k], u_depth, limit_s)
-        for k, n in enumerate(order)
-        if k >= len(good)
-    )
+    alpha = diffusivity_m2_s
+    if alpha is None:
+        alpha = load_rig().disk_setup("").diffusivity_m2_s
+    depth_shift_s = depth_u_m * depth_m / alpha
+    u_depth = depth_shift_s * float(np.sqrt(1 + 1 / len(ideals)))
+    variance = np.diag(covariance)
+    cemented_rows = zip(cemented, extra[len(ideals) :], variance[len(ideals) :])
+    holes = tuple(_hole(n, value, v, u_depth, limit_s) for n, value, v in cemented_rows)
     spread = None
-    if len(good) >= 2:
+    if len(ideals) >= 2:
         u = np.sqrt(covariance[0, 0] + covariance[1, 1] - 2 * covariance[0, 1])
         spread = Estimate.normal(float(extra[0] - extra[1]), float(u))
-        allowed = 2 * float(np.hypot(spread.u, np.sqrt(2) * shift))
+        allowed = IDEAL_DIFFERENCE_U * float(np.hypot(spread.u, np.sqrt(2) * depth_shift_s))
         if abs(spread.value) > allowed:
             findings.append(warning("hole.ideal", apart_s=abs(spread.value)))
     return HoleComparison(
@@ -178,7 +235,12 @@ def compare_holes(
     )
 
 
+def _optional(frame: pd.DataFrame, column: str) -> Array | None:
+    return frame[column].to_numpy(dtype=float) if column in frame else None
+
+
 def _knots(end: float) -> Array:
+    """Knots of x after the entry [s]: 0.06 s apart at first, then up to 3 s."""
     knots = [0.0]
     step = 0.06
     while knots[-1] < end:
@@ -193,82 +255,91 @@ def _fit(
 ) -> tuple[Array, Array, Array]:
     """Extra lags (C,), their covariance (C, C) and the fitted blocks (B, C).
 
-    Parameters are the knots of x, then each channel's offset, gain error and extra lag. Extra lags and gain errors of
-    the ideal ones are zero on the average.
+    Parameters are the knots of x, then offset, gain error and extra lag of each channel. Extra lags
+    and gain errors of the ideal channels are zero on average.
     """
     c = mean.shape[1]
     grid = plunge_grid(float(time[-1]) + 1.0, longest_s=1.0)
-    dt, reading = np.diff(grid), Reading.at(grid, time)
+    dt = np.diff(grid)
+    reading = Reading.at(grid, time)
     knots = _knots(float(time[-1]))
     hats = np.column_stack([np.interp(grid, knots, row) for row in np.eye(len(knots))[1:]])
     m = hats.shape[1]
-    offset, gain, extra = (slice(m + k * c, m + (k + 1) * c) for k in range(3))
-    names = tuple(
-        f"{kind}_{k}"
-        for kind, n in (("x", m), ("offset", c), ("gain", c), ("extra", c))
-        for k in range(n)
+    offset = slice(m, m + c)
+    gain = slice(m + c, m + 2 * c)
+    extra = slice(m + 2 * c, m + 3 * c)
+    names = (
+        *(f"x_{k}" for k in range(m)),
+        *(f"{kind}_{k}" for kind in ("offset", "gain", "extra") for k in range(c)),
     )
+    n = len(names)
 
     def model(theta: Array) -> tuple[Array, Array]:
         """Blocks (B, C) and their Jacobian (B, C, P)."""
         y = np.empty((len(time), c))
-        jacobian = np.zeros((len(time), c, len(names)))
+        jacobian = np.zeros((len(time), c, n))
         for k in range(c):
             tau = base_s + theta[extra][k]
-            lagged = np.asarray(lag_on_grid(hats, dt, 1 / tau), dtype=float)
-            again = np.asarray(lag_on_grid(lagged, dt, 1 / tau), dtype=float)
-            size = 1 + theta[gain][k]
+            lagged = lag_on_grid(hats, dt, 1 / tau)
+            lagged_twice = lag_on_grid(lagged, dt, 1 / tau)
+            factor = 1 + theta[gain][k]
             shape = reading.value(lagged.T).T
-            by_tau = reading.value((again - lagged).T / tau).T
-            seen = shape @ theta[:m]
-            y[:, k] = size * seen + theta[offset][k]
-            jacobian[:, k, :m] = size * shape
-            jacobian[:, k, m + k] = 1.0
-            jacobian[:, k, gain.start + k] = seen
-            jacobian[:, k, extra.start + k] = size * (by_tau @ theta[:m])
+            by_tau = reading.value((lagged_twice - lagged).T / tau).T
+            response = shape @ theta[:m]
+            y[:, k] = factor * response + theta[offset][k]
+            jacobian[:, k, :m] = factor * shape
+            jacobian[:, k, offset.start + k] = 1.0
+            jacobian[:, k, gain.start + k] = response
+            jacobian[:, k, extra.start + k] = factor * (by_tau @ theta[:m])
         return y, jacobian
 
-    gauge = np.zeros((2, len(names)))
-    gauge[0, gain.start : gain.start + ideals] = gauge[1, extra.start : extra.start + ideals] = 1.0
-    prior_sd, least, largest = (np.full(len(names), end) for end in (np.inf, -np.inf, np.inf))
+    gauge = np.zeros((2, n))
+    gauge[0, gain.start : gain.start + ideals] = 1.0
+    gauge[1, extra.start : extra.start + ideals] = 1.0
+    prior_sd = np.full(n, np.inf)
     prior_sd[gain] = gain_u
-    least[extra] = 0.02 - base_s
-    largest[extra] = 0.3
-    theta = np.zeros(len(names))
-    factor = 1.0
-    for kept in (np.eye(len(names))[gain.start :], None, None, None):  # the shape of x alone first
-        sd = block_sd(noise, count) * np.sqrt(factor)
+    lower = np.full(n, -np.inf)
+    lower[extra] = MIN_LAG_S - base_s
+    largest = np.full(n, np.inf)
+    largest[extra] = MAX_STEP_S
+    theta = np.zeros(n)
+    variance_factor = 1.0
+    only_x_and_offsets = np.eye(n)[gain.start :]
+    for fixed in (only_x_and_offsets, None, None, None):
+        sd = block_sd(noise, count) * np.sqrt(variance_factor)
 
         def evaluate(theta: Array, sd: Array = sd) -> tuple[Array, Array]:
             y, jacobian = model(theta)
-            return ((y - mean) / sd).ravel(), (jacobian / sd[:, :, None]).reshape(-1, len(names))
+            return ((y - mean) / sd).ravel(), (jacobian / sd[:, :, None]).reshape(-1, n)
 
-        zero = np.zeros(len(names))
         problem = Problem(
-            names, evaluate, zero, prior_sd, lower=least, largest=largest, fixed=gauge
+            names, evaluate, np.zeros(n), prior_sd, lower=lower, largest=largest, fixed=gauge
         )
-        best = minimise(problem, theta, fixed=kept)
+        best = minimise(problem, theta, fixed=fixed)
         theta = best.theta
-        if kept is None:
-            z = best.residual.reshape(-1, c) * np.sqrt(factor)
-            factor = max(inflation(z, m, 3 * c)[1], 1.0)
+        if fixed is None:
+            z = best.residual.reshape(-1, c) * np.sqrt(variance_factor)
+            variance_factor = max(inflation(z, m, 3 * c)[1], 1.0)
     return theta[extra], best.covariance[extra, extra], model(theta)[0]
 
 
 def _hole(name: str, extra: float, variance: float, u_depth: float, limit: float) -> Hole:
+    """Result for one cemented thermocouple; a name such as d1p3 contains the diameter 1.3 mm."""
     estimate = Estimate.normal(float(extra), float(np.hypot(np.sqrt(variance), u_depth)))
     match = re.search(r"(\d+)[p.](\d+)", name)
     diameter = float(f"{match[1]}.{match[2]}") if match else None
-    verdict: Verdict
-    if estimate.low95 > limit:
-        verdict = "too slow"
-    elif estimate.high95 < limit:
-        verdict = "as good as ideal" if estimate.low95 <= 0 else "acceptable"
-    else:
-        verdict = "undecided"
+    verdict = _verdict(estimate, limit)
     label = f"{diameter:g} mm hole" if diameter else name
     sentence = (
         f"{label}: {estimate.value:+.3f} s against the clamped thermocouples (95 %: {estimate.low95:.3f} to "
         f"{estimate.high95:.3f} s; limit {limit:g} s): {verdict}."
     )
     return Hole(name, diameter, estimate, verdict, sentence)
+
+
+def _verdict(extra_lag: Estimate, limit_s: float) -> Verdict:
+    if extra_lag.low95 > limit_s:
+        return "too slow"
+    if extra_lag.high95 >= limit_s:
+        return "undecided"
+    return "as good as ideal" if extra_lag.low95 <= 0 else "acceptable"

@@ -1,4 +1,6 @@
-"""One plunge as the fit takes it: despiked, cut to its useful part, averaged in blocks that widen; and its noise."""
+"""One plunge as data of the fit: despiked, cut to its useful part, averaged in blocks of growing
+length; and its noise.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +9,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
+from scipy.stats import trim_mean
 
 from immersion.entry import EntryEvent, find_entry, useful_end
 from immersion.fluids import Fluid, fluid
+from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.estimation import correlation_length
 from tcdyn.estimation.trace_noise import SPIKES, find_spikes, white_noise_sd
@@ -19,14 +22,40 @@ from tcdyn.rig.disk import CHANNELS
 from tcdyn.rig.log import Log
 from tcdyn.rig.static_line import StaticLine, best_known
 
-Array = NDArray[np.float64]
+# Least record before the entry and after it [s]; chosen by judgement.
+MIN_BEFORE_S = 0.5
+MIN_AFTER_S = 10.0
+BLOCK_GROWTH = 0.03  # growth of the block length over the time since the entry; chosen by judgement
+HUBER_LIMIT = 4.0  # standardised residual beyond which a block loses weight (Huber); by judgement
+MIN_FACTOR = 0.25  # least variance factor; chosen by judgement
+# Parameters of the fit that the residuals of one run determine: common ones, and differential ones
+# per channel.
+COMMON_PARAMETERS = 9
+PARAMETERS_PER_CHANNEL = 3
 
 
 @dataclass(frozen=True)
 class PlungeRun:
-    """One immersion log after the static lines: ``readings_degC`` (N, C) in the order of ``channels``.
+    """One immersion log after the static lines.
 
-    ``fluid_degC`` (N,) is the bath; ``lines`` are those that were applied, with what is known of them.
+    Attributes
+    ----------
+    time_s
+        Times (N,) [s].
+    readings_degC
+        Readings (N, C) in the order of ``channels``.
+    channels
+        Names of the channels.
+    fluid
+        Fluid of the bath.
+    fluid_degC
+        Bath temperature (N,).
+    entry
+        Entry of the disk.
+    name
+        Name of the log, for messages.
+    lines
+        Static lines that were applied, with their covariance.
     """
 
     time_s: Array
@@ -40,10 +69,13 @@ class PlungeRun:
 
     @property
     def pivot_degC(self) -> Array:
-        """Where the static line of each channel (C,) is best known, and its slope turns; 0 without a line."""
-        return np.array(
-            [best_known(self.lines[c])[0] if c in self.lines else 0.0 for c in self.channels]
-        )
+        """Temperature (C,) at which each static line has its least uncertainty, and about which its
+        slope errs.
+
+        0 for a channel without a line.
+        """
+        pivots = [best_known(self.lines[c])[0] if c in self.lines else 0.0 for c in self.channels]
+        return np.array(pivots)
 
     @property
     def dt_s(self) -> float:
@@ -53,7 +85,25 @@ class PlungeRun:
 
 @dataclass(frozen=True)
 class PlungeBlocks:
-    """A plunge in blocks: mean time after the nominal entry (B,), mean readings (B, C), samples in each (B, C)."""
+    """Block means of a plunge.
+
+    Attributes
+    ----------
+    time_s
+        Mean times after the nominal entry (B,) [s].
+    readings_degC
+        Mean readings (B, C).
+    count
+        Samples in each mean (B, C).
+    noise_sd_K
+        White noise of one sample (C,) [K].
+    bath_time_s, bath_degC
+        Bath temperature, to be interpolated linearly (W,).
+    duration_s
+        Last time after the entry [s].
+    spikes
+        Number of spikes that were removed.
+    """
 
     time_s: Array
     readings_degC: Array
@@ -66,9 +116,10 @@ class PlungeBlocks:
 
 
 def bath_filled(log: Log) -> pd.DataFrame:
-    """The log's frame, its bath and free probe bridged by straight lines; junctions keep their gaps as NaN.
+    """The frame of a log with gaps of the bath and the free probe interpolated linearly.
 
-    A line across the first seconds of a plunge is no reading: block means leave out what is missing.
+    Gaps of the junctions stay NaN: an interpolation across the first seconds of a plunge is no
+    reading, and block means leave missing samples out.
     """
     return log.filled().assign(**{name: log.frame[name] for name in log.channels})
 
@@ -82,73 +133,105 @@ def run_from_log(
     entry: EntryEvent | None = None,
     name: str = "plunge",
 ) -> PlungeRun:
-    """A run from an immersion log's canonical columns (time_s, switch, probe_degC, fluid_degC, a_degC .. f_degC).
+    """A run from an immersion log.
 
-    NaN is a missing sample, left out of the block means. Static ``lines`` are applied to the channels that have one.
-    The entry is found from switch and probe, or where both are missing from the readings, unless given.
-    Raises InputError for missing columns, no entry, or a bath and disk of one temperature.
+    Parameters
+    ----------
+    frame
+        Canonical columns time_s, switch, probe_degC, fluid_degC, a_degC .. f_degC. NaN is a missing
+        sample, which the block means leave out.
+    fluid_name
+        Fluid of the bath, or its name.
+    lines
+        Static lines by channel, applied to the channels that have one.
+    channels
+        Channels to use.
+    entry
+        Entry; None: found from switch and probe, or from the readings where both are missing.
+    name
+        Name of the log, for messages.
+
+    Raises
+    ------
+    InputError
+        For missing columns, no entry, or a bath and disk of one temperature.
     """
-    missing = [
-        c
-        for c in ("time_s", "fluid_degC", *(f"{k}_degC" for k in channels))
-        if c not in frame.columns
-    ]
+    required = ["time_s", "fluid_degC", *(f"{c}_degC" for c in channels)]
+    missing = [column for column in required if column not in frame.columns]
     if missing:
         raise InputError(f"column {missing[0]} is missing", where=name, expected="an immersion log")
-    t = frame["time_s"].to_numpy(dtype=float)
-    readings = np.column_stack([frame[f"{k}_degC"].to_numpy(dtype=float) for k in channels])
-    for j, k in enumerate(channels):
-        if lines is not None and k in lines:
-            readings[:, j] = lines[k].gain * readings[:, j] + lines[k].offset
-    bath = frame["fluid_degC"].to_numpy(dtype=float)
+    lines = lines or {}
+    numbers = {c: frame[c].to_numpy(dtype=float) for c in frame.columns if c in required}
+    t = numbers["time_s"]
+    bath = numbers["fluid_degC"]
+    readings = np.column_stack([numbers[f"{c}_degC"] for c in channels])
+    for j, channel in enumerate(channels):
+        if channel in lines:
+            readings[:, j] = lines[channel].gain * readings[:, j] + lines[channel].offset
     if entry is None:
         switch = frame["switch"].to_numpy(dtype=float) if "switch" in frame.columns else None
         probe = frame["probe_degC"].to_numpy(dtype=float) if "probe_degC" in frame.columns else None
         entry = find_entry(t, switch, probe, bath, name, readings)
     substance = fluid(fluid_name) if isinstance(fluid_name, str) else fluid_name
-    return PlungeRun(t, readings, channels, substance, bath, entry, name, lines or {})
+    return PlungeRun(t, readings, channels, substance, bath, entry, name, lines)
 
 
 def make_blocks(run: PlungeRun, before_s: float = 5.0, longest_s: float = 2.0) -> PlungeBlocks:
     """Despike, cut and average a run.
 
-    Blocks are two samples long near entry (0.02 s at least), then 3 % of the time since longer, at most
-    ``longest_s``. Raises InputError when there is too little before or after the entry.
+    Parameters
+    ----------
+    run
+        The run.
+    before_s
+        Time before the entry that is used [s].
+    longest_s
+        Longest block [s]. Blocks near the entry are two samples long (at least 0.02 s); their
+        length grows by 3 % of the time since.
+
+    Raises
+    ------
+    InputError
+        When there is too little before or after the entry.
     """
     t = run.time_s - run.entry.time_s
-    bridged = pd.DataFrame(run.readings_degC).interpolate(limit_direction="both").to_numpy()
-    end = useful_end(run.time_s, bridged, run.fluid_degC, run.entry.time_s) - run.entry.time_s
-    if t[0] > -0.5 or end < 10.0:
+    filled = pd.DataFrame(run.readings_degC).interpolate(limit_direction="both").to_numpy()
+    end = useful_end(run.time_s, filled, run.fluid_degC, run.entry.time_s) - run.entry.time_s
+    if t[0] > -MIN_BEFORE_S or end < MIN_AFTER_S:
         raise InputError(
             f"the record runs from {t[0]:.1f} s to {end:.1f} s around the entry",
             where=run.name,
             expected="half a second before it and 10 s after it, at least",
             remedy="log from before the disk goes in until it is warm, or leave this plunge out",
         )
-    keep = (t >= max(-before_s, t[0])) & (t <= end)
-    times = t[keep]
-    values = run.readings_degC[keep]
-    clean, spikes = without_spikes(values)
+    used = (t >= max(-before_s, t[0])) & (t <= end)
+    times = t[used]
+    clean, spikes = without_spikes(run.readings_degC[used])
     centre, mean, count = make_averages(times, clean, run.dt_s, longest_s)
-    bath_t, bath = smooth_bath(t, run.fluid_degC, end)
+    bath_time, bath = smooth_bath(t, run.fluid_degC, end)
     return PlungeBlocks(
-        centre, mean, count, white_noise_sd(clean), bath_t, bath, float(times[-1]), spikes
+        centre, mean, count, white_noise_sd(clean), bath_time, bath, float(times[-1]), spikes
     )
 
 
 def make_averages(
     times: Array, values: Array, dt_s: float, longest_s: float
 ) -> tuple[Array, Array, Array]:
-    """Block means of ``values`` (N, C), NaN left out: mean time (B,), mean (B, C), samples in each (B, C).
+    """Block means of ``values`` (N, C), NaN left out.
 
-    A block without a sample of a channel counts 0 there, and its mean is only a line between its neighbours.
+    Returns
+    -------
+    centre, mean, count
+        Mean time (B,), mean (B, C) and number of samples (B, C). Where a channel has no sample in a
+        block, the count is 0 and the mean is interpolated between the blocks next to it.
     """
-    short = max(2 * dt_s, 0.02)
+    shortest_s = max(2 * dt_s, 0.02)
     edges = [float(times[0]) - dt_s / 2]
     while edges[-1] < -1.0:
         edges.append(min(edges[-1] + 1.0, -1.0) if edges[-1] < -1.5 else -1.0)
     while edges[-1] < times[-1] + dt_s / 2:
-        edges.append(edges[-1] + min(short + 0.03 * max(edges[-1] - 1.0, 0.0), longest_s))
+        length_s = shortest_s + BLOCK_GROWTH * max(edges[-1] - 1.0, 0.0)
+        edges.append(edges[-1] + min(length_s, longest_s))
     index = np.searchsorted(edges, times, side="right")
     blocks = pd.DataFrame(values).groupby(index)
     centre = pd.Series(times).groupby(index).mean().to_numpy()
@@ -157,33 +240,56 @@ def make_averages(
 
 
 def without_spikes(values: Array) -> tuple[Array, int]:
-    """Readings (N, C) with NaN for spikes, and how many there were."""
+    """Readings (N, C) with NaN in place of spikes, and the number of spikes."""
     noise = np.maximum(white_noise_sd(values), 1e-9)
-    bad = np.stack([find_spikes(y, SPIKES["plunge"], sd) for y, sd in zip(values.T, noise)], axis=1)
-    return np.where(bad, np.nan, values), int(np.count_nonzero(bad))
+    spikes = [find_spikes(y, SPIKES["plunge"], sd) for y, sd in zip(values.T, noise)]
+    mask = np.stack(spikes, axis=1)
+    return np.where(mask, np.nan, values), int(np.count_nonzero(mask))
 
 
 def smooth_bath(t: Array, bath: Array, end_s: float, window_s: float = 10.0) -> tuple[Array, Array]:
-    """The bath's temperature [degC] after entry, to be joined by straight lines: times (W,) [s] and means (W,).
+    """Bath temperature after the entry, to be interpolated linearly.
 
-    ``t`` (N,) is the time after entry [s]; each mean is over ``window_s``, its lowest and highest fifth left out.
+    Parameters
+    ----------
+    t
+        Times after the entry (N,) [s].
+    bath
+        Bath temperature (N,) [degC].
+    end_s
+        End of the useful record [s].
+    window_s
+        Length of each mean [s]; its lowest and highest fifth are left out.
+
+    Returns
+    -------
+    times, means
+        (W,) each, [s] and [degC].
     """
     after = (t >= 0) & (t <= end_s) & np.isfinite(bath)
     if not np.any(after):
         raise InputError(
             "fluid_degC holds no value after the entry", remedy="log the bath's temperature"
         )
-    bins = pd.DataFrame({"t": t[after], "bath": bath[after]}).groupby(np.floor(t[after] / window_s))
-    middle = bins["bath"].agg(lambda x: np.sort(x)[(cut := len(x) // 5) : len(x) - cut].mean())
-    return bins["t"].mean().to_numpy(), middle.to_numpy()
+    frame = pd.DataFrame({"t": t[after], "bath": bath[after]})
+    windows = frame.groupby(np.floor(t[after] / window_s))
+    means = windows["bath"].agg(lambda x: trim_mean(x, 0.2))
+    return windows["t"].mean().to_numpy(), means.to_numpy()
 
 
 @dataclass(frozen=True)
 class RunNoise:
-    """Noise of one plunge: of a sample (C,) [K], weights (B, C), 1 or less for outlying blocks, and variance factors.
+    """Noise of one plunge.
 
-    ``common`` and ``differential`` widen the variance of the residuals' mean over channels and of their deviations
-    from it, for residuals that are coloured; 1 for white noise.
+    Attributes
+    ----------
+    sd_K
+        Standard deviation of one sample (C,) [K].
+    weight
+        Weight of each block (B, C): 1, or less for outliers.
+    common, differential
+        Factors on the variance of the mean over channels and of the deviations from it, for
+        coloured residuals; 1 for white noise.
     """
 
     sd_K: Array
@@ -193,48 +299,76 @@ class RunNoise:
 
     @classmethod
     def white(cls, blocks: PlungeBlocks) -> RunNoise:
-        """As the samples scatter about their neighbours."""
+        """White noise, from the scatter of neighbouring samples."""
         return cls(blocks.noise_sd_K, np.ones(blocks.readings_degC.shape))
 
     @classmethod
     def judged(cls, residual_K: Array, count: Array) -> RunNoise:
-        """From what a fit leaves of block means (B, C) of ``count`` samples.
+        """Noise estimated from the residuals of a fit.
 
-        The sd of a channel is robust, then scaled to a mean square. Blocks further off than 4 standard deviations lose
+        Parameters
+        ----------
+        residual_K
+            Residuals of the block means (B, C) [K].
+        count
+            Samples in each block (B, C).
+
+        Notes
+        -----
+        The standard deviation of a channel is a robust one (median absolute deviation), then the
+        root mean square of the residuals within 4 of it. Blocks beyond 4 standard deviations lose
         weight (Huber).
         """
         c = residual_K.shape[1]
         scaled = residual_K * np.sqrt(count)
-        sd = 1.4826 * np.median(np.abs(scaled), axis=0)
-        inside = np.abs(scaled) < 4 * np.maximum(sd, 1e-12)
-        square = np.sum(np.where(inside, scaled**2, 0.0), axis=0) / np.maximum(
-            inside.sum(axis=0), 1
-        )
-        sd = np.sqrt(np.maximum(square, 1e-12) / max(1 - (9 + 3 * c) / residual_K.size, 0.5))
+        robust_sd = 1.4826 * np.median(np.abs(scaled), axis=0)
+        inside = np.abs(scaled) < HUBER_LIMIT * np.maximum(robust_sd, 1e-12)
+        total = np.sum(np.where(inside, scaled**2, 0.0), axis=0)
+        mean_square = total / np.maximum(inside.sum(axis=0), 1)
+        n_parameters = COMMON_PARAMETERS + PARAMETERS_PER_CHANNEL * c
+        freedom_share = max(1 - n_parameters / residual_K.size, 0.5)
+        sd = np.sqrt(np.maximum(mean_square, 1e-12) / freedom_share)
         z = residual_K / block_sd(sd, count)
-        weight = np.minimum(1.0, 4.0 / np.maximum(np.abs(z), 1e-12))
-        return cls(sd, weight, *inflation(z * np.sqrt(weight), 9, 3 * c))
+        weight = np.minimum(1.0, HUBER_LIMIT / np.maximum(np.abs(z), 1e-12))
+        common, differential = inflation(
+            z * np.sqrt(weight), COMMON_PARAMETERS, PARAMETERS_PER_CHANNEL * c
+        )
+        return cls(sd, weight, common, differential)
 
 
 def block_sd(noise_sd_K: Array, count: Array) -> Array:
-    """Standard deviation of block means (B, C) for white noise; infinite where a block holds no sample."""
+    """Standard deviation of block means (B, C) for white noise; infinite for a block without
+    samples.
+    """
     return np.where(count > 0, noise_sd_K / np.sqrt(np.maximum(count, 1)), np.inf)
 
 
 def inflation(
     standardised: Array, parameters_common: int, parameters_differential: int
 ) -> tuple[float, float]:
-    """Variance factors, common and differential, of standardised residuals (B, C) of one run; at least one quarter.
+    """Variance factors of coloured residuals: of their mean over channels, and of the deviations
+    from it.
 
-    The mean over channels and the deviations from it are judged apart, because an error of the bath or of h moves
-    all channels together and noise does not. Each factor is a mean square times a correlation length.
+    Parameters
+    ----------
+    standardised
+        Standardised residuals (B, C) of one run.
+    parameters_common, parameters_differential
+        Numbers of parameters that each part determines.
+
+    Notes
+    -----
+    The two factors are separate because an error of the bath or of h moves all channels together,
+    and noise does not. Each factor is the mean square times the correlation length; at least one
+    quarter.
     """
     b, c = standardised.shape
     mean = np.mean(standardised, axis=1)
-    rest = standardised - mean[:, None]
+    deviation = standardised - mean[:, None]
     common = c * float(np.sum(mean**2)) / max(b - parameters_common, 1) * correlation_length(mean)
     if c == 1:
-        return max(common, 0.25), 1.0
+        return max(common, MIN_FACTOR), 1.0
     freedom = max((b * (c - 1)) - parameters_differential, 1)
-    lengths = float(np.mean([correlation_length(column) for column in rest.T]))
-    return max(common, 0.25), max(float(np.sum(rest**2)) / freedom * lengths, 0.25)
+    length = float(np.mean([correlation_length(column) for column in deviation.T]))
+    differential = float(np.sum(deviation**2)) / freedom * length
+    return max(common, MIN_FACTOR), max(differential, MIN_FACTOR)

@@ -1,4 +1,6 @@
-"""Grey-box identification of a disk's measurement chains from its plunges, all channels and runs at once."""
+"""Grey-box identification of a disk's measurement chains from its plunges: MAP fit of all channels
+and runs together.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,7 @@ from immersion.correlations import THESIS_THREE, Bath, Correlation
 from immersion.correlations import correlation as find_correlation
 from immersion.plunge_data import PlungeRun, RunNoise, make_blocks, without_spikes
 from immersion.plunge_model import RunModel, build_run_models, junction_degC
-from immersion.plunge_parameters import KNOWN, PlungeParameters, PlungePriors
+from immersion.plunge_parameters import FIXED_SD, PlungeParameters, PlungePriors
 from immersion.plunge_posterior import (
     SEARCH,
     LagScan,
@@ -35,7 +37,16 @@ from tcdyn.estimation.trace_noise import SPIKES, white_noise_sd
 from tcdyn.rig.disk import Conditioning, DiskSetup
 from tcdyn.rig.static_line import best_known
 
-Models = Callable[[Array], tuple[RunModel, ...]]
+# Linearised models of all runs about given parameters (P,).
+BuildModels = Callable[[Array], tuple[RunModel, ...]]
+# Search for a second solution (a long lag with a strong entry burst, a short lag with a mild one);
+# by judgement.
+LONG_LAG_S = 1.5  # mean lag [s] from which a second search starts with all parameters free
+CLEARLY_BETTER_CHI_SQUARE = 6.0  # difference of cost from which one solution replaces the other
+SAME_LAG_S = 0.3  # difference of mean lags [s] below which the solutions are the same
+# Changes from which conduction is linearised again; chosen by judgement.
+RELINEARISE_LN_K = 2e-3
+RELINEARISE_DEPTH_M = 2e-5
 
 
 def identify_plunges(
@@ -47,16 +58,38 @@ def identify_plunges(
     priors: PlungePriors | None = None,
     alternatives: Sequence[str] = THESIS_THREE,
 ) -> PlungeFit:
-    """Chains of the channels of one disk from one or more plunges.
+    """Identify the chains of all channels of one disk from one or more plunges.
 
-    Model: radial conduction from bore to running surface, h = s (|dT|/dT_0)^m h_correlation (1 + A exp(-(t/tau)^p)),
-    junction -> chain (structure, with the known conditioning filter) -> static line. Per run s, m, A, tau, p, entry
-    time, initial and bath temperature are free within ``priors``; per channel the lag, its split, depth and static
-    remainders; the conductivity is common. The answer is the most probable parameter set, its covariance the inverse
-    Hessian with the noise judged from the residuals. Each of ``alternatives`` is fitted too; the spread of the lags
-    between correlations is added to their covariance.
+    Parameters
+    ----------
+    runs
+        Plunges with the same channels.
+    setup
+        The disk: geometry, steel, junctions and conditioning filter.
+    correlation
+        Correlation of natural convection, or its name.
+    structure
+        Chain structure.
+    priors
+        Priors of the nuisance parameters; None: the defaults.
+    alternatives
+        Correlations that are fitted too. The spread of the lags between correlations is added to
+        their covariance.
 
-    Raises InputError when runs have different channels or too little data.
+    Raises
+    ------
+    InputError
+        When runs have different channels or too little data.
+
+    Notes
+    -----
+    Model: radial conduction from bore to running surface, h = s (|dT|/dT_0)^m h_correlation (1 + A
+    exp(-(t/tau)^p)), junction -> chain (``structure``, with the conditioning filter, which is not
+    estimated) -> static line. For each run s, m, A, tau, p, entry time, initial and bath
+    temperature are nuisance parameters with ``priors``; for each channel the lag, its split, the
+    depth and the errors of the static line; the conductivity is common. The result is the most
+    probable parameter set (MAP). Its covariance is the inverse Hessian, with the noise estimated
+    from the residuals.
     """
     if not runs:
         raise InputError("no plunge was given", expected="one immersion log or more")
@@ -66,48 +99,46 @@ def identify_plunges(
     if structure not in STRUCTURES:
         raise InputError(f"unknown chain structure {structure!r}", expected=", ".join(STRUCTURES))
     priors = priors or PlungePriors()
-    chosen = find_correlation(correlation)
-    noise, white = _made_white(runs, setup.conditioning)
-    behind = replace(
-        setup, conditioning=noise.behind(Chain((), conditioning=setup.conditioning)).conditioning
-    )
-    blocks = [make_blocks(r) for r in white]
+    base = find_correlation(correlation)
+    noise, white_runs = _whitened_runs(runs, setup.conditioning)
+    # the noise model filters the readings, so the model's readings pass the same filter
+    filtered = noise.behind(Chain((), conditioning=setup.conditioning)).conditioning
+    whitened_setup = replace(setup, conditioning=filtered)
+    blocks = [make_blocks(r) for r in white_runs]
     layout = PlungeParameters(len(runs), channels, structure)
-    initial = [float(np.nanmean(b.readings_degC[b.time_s < 0])) for b in blocks]
-    mean, sd = full_prior(
-        layout, priors, runs, initial, [float(b.bath_degC[0]) for b in blocks], chosen, setup
-    )
+    initial_degC = [float(np.nanmean(b.readings_degC[b.time_s < 0])) for b in blocks]
+    bath_degC = [float(b.bath_degC[0]) for b in blocks]
+    mean, sd = full_prior(layout, priors, runs, initial_degC, bath_degC, base, setup)
 
-    def built(about: Array) -> tuple[RunModel, ...]:
-        return build_run_models(runs, blocks, behind, layout, chosen, about)
+    def build(about: Array) -> tuple[RunModel, ...]:
+        return build_run_models(runs, blocks, whitened_setup, layout, base, about)
 
     problem = PlungeProblem((), layout, mean, sd, tuple(RunNoise.white(b) for b in blocks))
-    best, rival = _best_of_two(
-        replace(problem, models=built(problem.start)), built, behind.conditioning.lag_s
-    )
+    problem = replace(problem, models=build(problem.start))
+    best, rival = _best_of_two(problem, build, filtered.lag_s)
     scan, best, _ = settled_scan(best)
-    form = model_form(
-        best,
-        scan,
-        chosen,
-        [find_correlation(name) for name in alternatives],
-        setup.conditioning.lag_s,
-    )
-    return PlungeFit(setup, chosen.name, priors, form, rival, tuple(runs), best, scan, noise)
+    others = [find_correlation(name) for name in alternatives]
+    form = model_form(best, scan, base, others, setup.conditioning.lag_s)
+    return PlungeFit(setup, base.name, priors, form, rival, tuple(runs), best, scan, noise)
 
 
-def _made_white(
+def _whitened_runs(
     runs: Sequence[PlungeRun], filter_: Conditioning
 ) -> tuple[LoggerNoise, list[PlungeRun]]:
-    """The noise of all runs together, and the runs with it made white, without spikes and bursts."""
+    """Common noise model of all runs, and the runs with whitened noise, without spikes and bursts."""
     clean = [without_spikes(run.readings_degC)[0] for run in runs]
     white_K = np.mean([white_noise_sd(y) for y in clean], axis=0)
-    usual = Chain((TYPICAL_LAG_S,), conditioning=filter_)
-    dts = [run.dt_s for run in runs]
-    chains = [usual] * len(white_K)
-    noise, white = noise_and_white(clean, dts, filter_, white_K, chains, SPIKES["plunge"])
-    kept = [np.where(np.isfinite(y) & ~moved, z, np.nan) for y, (z, moved) in zip(clean, white)]
-    return noise, [replace(run, readings_degC=y) for run, y in zip(runs, kept)]
+    typical = Chain((TYPICAL_LAG_S,), conditioning=filter_)
+    intervals_s = [run.dt_s for run in runs]
+    chains = [typical] * len(white_K)
+    noise, whitened = noise_and_white(
+        clean, intervals_s, filter_, white_K, chains, SPIKES["plunge"]
+    )
+    white_runs = []
+    for run, y, (white, outlier_mask) in zip(runs, clean, whitened):
+        readings = np.where(np.isfinite(y) & ~outlier_mask, white, np.nan)
+        white_runs.append(replace(run, readings_degC=readings))
+    return noise, white_runs
 
 
 def full_prior(
@@ -119,42 +150,62 @@ def full_prior(
     correlation: Correlation,
     setup: DiskSetup,
 ) -> tuple[Array, Array]:
-    """Mean and standard deviation of all parameters before the data; each h scale widened by its fluid's properties.
+    """Prior mean and standard deviation of all parameters (P,), with fluid properties and static
+    lines.
 
-    A channel with a static line errs as that line's covariance says; what all lines share acts as a bath does.
-    ``initial_degC`` and ``bath_degC`` (runs,) are the temperatures between which those properties are taken.
+    Parameters
+    ----------
+    layout, priors, runs, correlation, setup
+        As in the fit.
+    initial_degC, bath_degC
+        For each run, the temperatures between which the uncertainty of the fluid properties is
+        evaluated.
+
+    Notes
+    -----
+    The uncertainty of the fluid's properties widens each scale of h. The errors of a channel with a
+    static line have the covariance of that line; the error that is common to all lines acts like
+    one of the bath thermometer.
     """
-    baths = [Bath(run.fluid, correlation, setup.width_m, 2 * setup.outer_radius_m) for run in runs]
-    h_u_rel = [b.property_u_rel(*span)["total"] for b, *span in zip(baths, initial_degC, bath_degC)]
+    h_u_rel = []
+    for run, initial, bath_temperature in zip(runs, initial_degC, bath_degC):
+        bath = Bath(run.fluid, correlation, setup.width_m, 2 * setup.outer_radius_m)
+        h_u_rel.append(bath.property_u_rel(initial, bath_temperature)["total"])
     mean, sd = layout.prior(priors, [run.entry.u_s for run in runs], initial_degC, h_u_rel)
-    for j, c in enumerate(layout.channels):
-        if (line := runs[0].lines.get(c)) is not None:
-            _, there, slope = best_known(line)
-            sd[layout.at("offset").start + j] = max(there, KNOWN)
-            sd[layout.at("gain").start + j] = slope or priors.static_gain
-            sd[layout.at("bath")] = np.hypot(priors.bath_K, line.shared_u_K)
+    for j, channel in enumerate(layout.channels):
+        line = runs[0].lines.get(channel)
+        if line is None:
+            continue
+        _, offset_u, slope_u = best_known(line)
+        sd[layout.at("offset").start + j] = max(offset_u, FIXED_SD)
+        sd[layout.at("gain").start + j] = slope_u or priors.static_gain
+        sd[layout.at("bath")] = np.hypot(priors.bath_K, line.shared_u_K)
     return mean, sd
 
 
 def moved_lines(fit: PlungeFit) -> pd.DataFrame:
-    """What the plunges say of the static lines, one row a channel, beside what was known before.
+    """Corrections of the static lines by the plunges, one row a channel, with uncertainties before
+    and after.
 
-    A reading after its line is taken as T + ``off_K`` + (T - ``at_degC``) ``slope_off``; ``u_..._before`` are those of
-    the oven's covariance, ``u_...`` with the plunges. Only what differs between the channels is told by a plunge.
+    Notes
+    -----
+    A reading after its line is taken as T + ``off_K`` + (T - ``at_degC``) ``slope_off``.
+    ``u_..._before`` come from the covariance of the oven calibration, ``u_...`` include the
+    plunges. A plunge determines only the differences between channels.
     """
-    lay = fit.layout
+    layout = fit.layout
     theta = fit.optimum.theta
     prior = fit.optimum.problem.sd
     u = np.sqrt(np.diag(fit.optimum.covariance))
-    off = lay.at("offset")
-    slope = lay.at("gain")
+    offset = layout.at("offset")
+    slope = layout.at("gain")
     return pd.DataFrame(
         {
-            "channel": lay.channels,
+            "channel": layout.channels,
             "at_degC": fit.runs[0].pivot_degC,
-            "off_K": theta[off],
-            "u_off_before_K": prior[off],
-            "u_off_K": u[off],
+            "off_K": theta[offset],
+            "u_off_before_K": prior[offset],
+            "u_off_K": u[offset],
             "slope_off": theta[slope],
             "u_slope_before": prior[slope],
             "u_slope": u[slope],
@@ -163,83 +214,100 @@ def moved_lines(fit: PlungeFit) -> pd.DataFrame:
 
 
 def with_structure_doubt(fit: PlungeFit) -> PlungeFit:
-    """The fit with every other chain structure tried on its plunges, and the lags' covariance widened by the spread.
+    """The fit with all other chain structures compared on its plunges, and the lags' covariance
+    widened by their spread.
 
-    The lags stay those of the fit's own structure; ``structures`` holds the comparison.
+    The lags stay those of the fit's structure; ``structures`` of the result holds the comparison.
     """
-    own = fit.setup.conditioning.lag_s
-    return replace(
-        fit,
-        structures=compare_structures(
-            fit.optimum, fit.scan, fit.priors, own, fit.model_form.u_common_s
-        ),
+    structures = compare_structures(
+        fit.optimum,
+        fit.scan,
+        fit.priors,
+        fit.setup.conditioning.lag_s,
+        fit.model_form.u_common_s,
     )
+    return replace(fit, structures=structures)
 
 
 def published_degC(
     run: PlungeRun, setup: DiskSetup, correlations: Sequence[str] = THESIS_THREE
 ) -> dict[str, pd.DataFrame]:
-    """Junctions by each correlation as published, h scale one, no burst (figures 5.26 and 5.27), by the names of both.
+    """Junction temperatures by each correlation as published: scale of h one, no burst (figures
+    5.26 and 5.27).
 
-    Tables as those of :meth:`PlungeFit.junction_degC`; ``tcdyn.plots.draw_entry(run, tables, ax)`` draws them.
+    The keys are name and title of the correlation; the tables are like those of
+    :meth:`PlungeFit.junction_degC`. ``tcdyn.plots.draw_entry(run, tables, ax)`` draws them.
     """
     blocks = make_blocks(run)
     layout = PlungeParameters(1, run.channels, "P1")
     theta = np.where(layout.mask("ln_burst"), -np.inf, 0.0)
     theta[layout.at("initial")] = np.mean(blocks.readings_degC[blocks.time_s < 0])
-    out = {}
-    for chosen in map(find_correlation, correlations):
-        (model,) = build_run_models([run], [blocks], setup, layout, chosen, theta)
-        out[f"{chosen.name} {chosen.title}"] = junction_degC(model, layout, theta, 0)
-    return out
+    tables = {}
+    for published in map(find_correlation, correlations):
+        (model,) = build_run_models([run], [blocks], setup, layout, published, theta)
+        tables[f"{published.name} {published.title}"] = junction_degC(model, layout, theta, 0)
+    return tables
 
 
 def _best_of_two(
-    problem: PlungeProblem, built: Models, own_lag_s: float
+    problem: PlungeProblem, build: BuildModels, filter_lag_s: float
 ) -> tuple[PlungeOptimum, tuple[Finding, ...]]:
-    """The optimum, and a finding when a long lag under a fierce burst fits as well as a short one under a mild burst.
+    """The optimum, and a warning when a long lag with a strong burst fits as well as a short lag
+    with a mild burst.
 
-    A second search, with everything free from the first step, is made when the first did not settle or ended beyond
-    1.5 s; of two solutions whose cost differs by less than 6 the shorter lag is taken, and the other is named.
+    A second search, with all parameters free from the first step, is made when the first did not
+    converge or ended beyond 1.5 s. Of two solutions whose cost differs by less than 6, the one with
+    the shorter lag is taken, and the warning gives the other.
     """
-    best = fit_map(problem, built)
-    long = float(np.mean(best.lag_s))
-    if best.found.converged and long < 1.5:
+    best = fit_map(problem, build)
+    best_lag_s = float(np.mean(best.lag_s))
+    if best.solution.converged and best_lag_s < LONG_LAG_S:
         return best, ()
-    other = fit_map(problem, built, staged=False)
-    short = float(np.mean(other.lag_s))
-    gap = other.cost - best.cost
-    if gap > 6.0 or (short > long and gap > 0):
+    other = fit_map(problem, build, staged=False)
+    other_lag_s = float(np.mean(other.lag_s))
+    excess = other.cost - best.cost
+    if excess > CLEARLY_BETTER_CHI_SQUARE or (other_lag_s > best_lag_s and excess > 0):
         return best, ()
-    if gap < -6.0 or abs(long - short) < 0.3:
+    if excess < -CLEARLY_BETTER_CHI_SQUARE or abs(best_lag_s - other_lag_s) < SAME_LAG_S:
         return other, ()
-    return other, (warning("plunge.rival", lag_s=long + own_lag_s, chi_square=abs(gap)),)
+    rival = warning("plunge.rival", lag_s=best_lag_s + filter_lag_s, chi_square=abs(excess))
+    return other, (rival,)
 
 
 def fit_map(
-    problem: PlungeProblem, built: Models, *, staged: bool = True, passes: int = 2
+    problem: PlungeProblem, build: BuildModels, *, staged: bool = True, passes: int = 2
 ) -> PlungeOptimum:
-    """Fit, judge the noise by the residuals, relinearise the conduction about the answer, and fit again.
+    """Fit, estimate the noise from the residuals, relinearise conduction about the result, and fit
+    again.
 
-    The models of ``problem`` are those ``built`` about its :attr:`PlungeProblem.start`; ``passes`` counts the refits.
-    ``staged``: h and the initial temperature are sought first, then lags and static offsets with them; near the
-    valley all the rest follows.
+    Parameters
+    ----------
+    problem
+        Its models are those that ``build`` gives at :attr:`PlungeProblem.start`.
+    build
+        Builds the linearised models about given parameters.
+    staged
+        Fit h and the initial temperature first, then lags and static offsets with them, then all
+        parameters.
+    passes
+        Number of refits.
     """
     layout = problem.layout
     about = problem.start
     theta = about
-    first = ("ln_h", "initial")
-    for kinds in (first, (*first, "lag", "offset")) if staged else ():
-        theta = problem.minimised(theta, np.eye(layout.size)[~layout.mask(*kinds)], limit=6).theta
+    if staged:
+        first = ("ln_h", "initial")
+        for kinds in (first, (*first, "lag", "offset")):
+            fixed = np.eye(layout.size)[~layout.mask(*kinds)]
+            theta = problem.minimised(theta, fixed, limit=6).theta
     best = problem.minimised(theta)
     for _ in range(passes):
-        moved = np.abs(best.theta - about)
-        if np.any(moved[layout.at("ln_conductivity")] > 2e-3) or np.any(
-            moved[layout.at("depth")] > 2e-5
-        ):
+        change = np.abs(best.theta - about)
+        ln_k_changed = np.any(change[layout.at("ln_conductivity")] > RELINEARISE_LN_K)
+        if ln_k_changed or np.any(change[layout.at("depth")] > RELINEARISE_DEPTH_M):
             about = best.theta
-            problem = replace(problem, models=built(best.theta))
-        best = replace(problem, noise=best.judged()).minimised(best.theta)
+            problem = replace(problem, models=build(about))
+        best = replace(problem, noise=best.residual_noise()).minimised(best.theta)
     return best
 
 
@@ -248,34 +316,52 @@ def model_form(
     scan: LagScan,
     chosen: Correlation,
     others: Sequence[Correlation],
-    own_lag_s: float,
+    filter_lag_s: float,
 ) -> ModelForm:
-    """Refit under each of ``others`` at three common lags about the answer; take the shift of the posterior's top.
+    """Model-form alternatives: refit with each of ``others`` and compare the lags.
 
-    The base correlation is judged at the same three lags, so that skewness cancels. The spread of the lag vectors
-    (sample covariance) is what the choice of correlation adds.
+    Parameters
+    ----------
+    final
+        Optimum with the correlation ``chosen``.
+    scan
+        Its profile scan.
+    chosen
+        Base correlation.
+    others
+        Alternatives; the base correlation among them is left out.
+    filter_lag_s
+        Lag of the conditioning filter [s], added to the common lags.
+
+    Notes
+    -----
+    Each refit is made at three common lags about the result; the shift of the maximum of the
+    posterior is taken. The base correlation is treated in the same way, so that skewness cancels.
+    The sample covariance of the lag vectors is what the choice of correlation adds.
     """
     width = scan.sd_s
-    others = [other for other in others if other.name != chosen.name]
-    base_top = _top(final, width)
+    base_shift = _maximum_shift(final, width)
     lags = [final.lag_s]
     cost = {chosen.name: final.cost}
     for other in others:
-        at = _under(final, other)
-        shift = float(np.clip(_top(at, width) - base_top, -2 * width, 2 * width))
+        if other.name == chosen.name:
+            continue
+        at = _refit_with(final, other)
+        shift = _maximum_shift(at, width) - base_shift
+        shift = float(np.clip(shift, -2 * width, 2 * width))
         lags.append(at.lag_s - at.lag_s.mean() + final.lag_s.mean() + shift)
         cost[other.name] = at.cost
-    spread = (
-        np.cov(np.transpose(lags))
-        if len(lags) > 1
-        else np.zeros((len(final.lag_s), len(final.lag_s)))
-    )
-    common = {name: float(row.mean() + own_lag_s) for name, row in zip(cost, lags)}
-    return ModelForm(common, cost, np.atleast_2d(spread))
+    covariance = np.zeros((len(final.lag_s), len(final.lag_s)))
+    if len(lags) > 1:
+        covariance = np.atleast_2d(np.cov(np.transpose(lags)))
+    common = {name: float(row.mean() + filter_lag_s) for name, row in zip(cost, lags)}
+    return ModelForm(common, cost, covariance)
 
 
-def _under(final: PlungeOptimum, other: Correlation) -> PlungeOptimum:
-    """The optimum with the same common lag under another correlation; h scales are moved first."""
+def _refit_with(final: PlungeOptimum, other: Correlation) -> PlungeOptimum:
+    """The optimum at the same common lag with another correlation; the scales of h start from the
+    ratio of h.
+    """
     problem = final.problem
     theta = final.theta.copy()
     models = tuple(replace(m, bath=replace(m.bath, correlation=other)) for m in problem.models)
@@ -285,18 +371,20 @@ def _under(final: PlungeOptimum, other: Correlation) -> PlungeOptimum:
         early = np.abs(bath - T) > 0.3 * old.step_K
         ratio = old.bath.h_W_m2K(T[early], bath[early]) / new.bath.h_W_m2K(T[early], bath[early])
         theta[problem.layout.at("ln_h")][r] += float(np.log(np.mean(ratio)))
-    return replace(problem, models=models).minimised(
-        theta, problem.layout.common_lag[None], limit=12
-    )
+    fixed = problem.layout.common_lag[None]
+    return replace(problem, models=models).minimised(theta, fixed, limit=12)
 
 
-def _top(at: PlungeOptimum, width: float) -> float:
-    """Shift [s] of the top of the parabola through the log marginal at -width, 0, +width about ``at``."""
-    row = at.problem.layout.common_lag
+def _maximum_shift(at: PlungeOptimum, width: float) -> float:
+    """Shift [s] of the maximum of the log marginal: parabola through its values at -width, 0,
+    +width about ``at``.
+    """
+    weights = at.problem.layout.common_lag
     lag = float(at.lag_s.mean())
-    low, middle, high = (
-        -0.5 * marginal(held(at.found, row, lag + shift, **SEARCH) if shift else at.found)
-        for shift in (-width, 0.0, width)
-    )
+    low = -0.5 * marginal(held(at.solution, weights, lag - width, **SEARCH))
+    middle = -0.5 * marginal(at.solution)
+    high = -0.5 * marginal(held(at.solution, weights, lag + width, **SEARCH))
     curvature = high - 2 * middle + low
-    return float(-width * (high - low) / (2 * curvature)) if curvature < 0 else 0.0
+    if curvature >= 0:
+        return 0.0
+    return float(-width * (high - low) / (2 * curvature))

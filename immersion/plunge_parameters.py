@@ -1,7 +1,4 @@
-"""The chain of every channel of a disk from its plunges, with everything that the plunge leaves open.
-
-Here: the parameters of the fit as a table: kind, plunge or channel, and what is assumed before the data.
-"""
+"""Parameters of the plunge fit: layout of the parameter vector, priors, and chain structures."""
 
 from __future__ import annotations
 
@@ -10,9 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tcdyn.core import Array
+from tcdyn.core import Array, Flags
 from tcdyn.rig.rigfile import UncertaintyTable
 
 H_KINDS = ("ln_h", "h_exponent", "h_viscosity")
@@ -20,98 +16,112 @@ BURST_KINDS = ("ln_burst", "ln_burst_time", "ln_burst_shape")
 RUN_KINDS = (*H_KINDS, *BURST_KINDS, "entry", "initial", "bath")
 CHANNEL_KINDS = ("lag", "split", "depth", "offset", "gain")
 COMMON_KINDS = ("ln_conductivity", "common_split")
-KNOWN = 1e-6  # prior sd of a parameter that a structure does without
+# Prior standard deviation of a parameter that has a fixed value, in its own unit; chosen by
+# judgement: small, not zero, so that the precision stays finite.
+FIXED_SD = 1e-6
 
 
 @dataclass(frozen=True)
 class PlungePriors:
-    """Medians and standard deviations of the nuisance parameters; a lag has a flat prior above zero.
+    """Priors of the nuisance parameters: medians and standard deviations. The prior of a lag is
+    flat above zero.
 
-    Logarithmic widths are of ln(parameter). ``burst``: h is multiplied by 1 + A exp(-(t/tau)^p) after entry.
-    ``h_...``: what h may differ by from its correlation, s (|dT|/dT_0)^m (nu_wall/nu_bath)^v. Against (5.4), in oil
-    and water, heated and cooled, McAdams (1954), Mikheev (1956), Churchill and Chu at any Ra, Morgan (1975) and the VDI
-    Heat Atlas for cylinders are of this form within 0.2 % rms (Morgan 0.9 %), with ln s of -1 to 0.3, m of 0 to 0.11
-    and v of -0.20 to 0.
+    A width whose name ends in ``_log`` is the standard deviation of ln(parameter).
+
+    Notes
+    -----
+    Entry burst: h is multiplied by 1 + A exp(-(t/tau)^p) after the entry.
+
+    Form of h: h may differ from its correlation by the factor s (|dT|/dT_0)^m (nu_wall/nu_bath)^v.
+    Relative to (5.4), in oil and water, heated and cooled, McAdams (1954), Mikheev (1956),
+    Churchill and Chu at any Ra, Morgan (1975) and the VDI Heat Atlas for cylinders have this form
+    within 0.2 % rms (Morgan 0.9 %), with ln s from -1 to 0.3, m from 0 to 0.11 and v from -0.20 to
+    0.
     """
 
-    h_scale_log: float = 0.30  # per run, about 1
-    h_exponent: float = 0.06  # per run: extra power of the temperature difference in h, about 0
-    h_viscosity: float = (
-        0.10  # per run: power of the viscosity at the wall over that of the bath in h, about 0
-    )
-    burst_median: float = 1.5
+    h_scale_log: float = 0.30  # per run, median 1
+    h_exponent: float = 0.06  # per run: extra power m of the temperature difference in h, mean 0
+    h_viscosity: float = 0.10  # per run: power v of viscosity at the wall over bath, mean 0
+    burst_median: float = 1.5  # of A
     burst_log: float = 0.7
     burst_time_median_s: float = 1.2
     burst_time_log: float = 0.5
-    burst_shape_log: float = 0.3  # p, about 1
-    entry_scale: float = 1.0  # times the entry event's own u
-    initial_K: float = 5.0  # of the disk's temperature before entry, about the readings' mean
+    burst_shape_log: float = 0.3  # of p, median 1
+    entry_scale: float = 1.0  # standard deviation of the entry time over u of the entry event
+    initial_K: float = 5.0  # of the temperature before the entry; mean: that of the readings
     bath_K: float = 0.5  # offset of the bath thermometer
     conductivity_log: float = 0.03
     depth_m: float = 1e-4
-    static_offset_K: float = (
-        0.05  # per channel, of a run without static lines; else their own covariance
-    )
+    static_offset_K: float = 0.05  # per channel without static line; else the line's covariance
     static_gain: float = 5e-4  # per channel, likewise
-    shape_logit: float = 0.0  # logit of 4 tau1 tau2 / lag^2: centre
+    shape_logit: float = 0.0  # mean of the logit of 4 tau1 tau2 / lag^2
     shape_logit_common: float = 1.5
     shape_logit_channel: float = 0.7
 
     @classmethod
     def for_rig(cls, table: UncertaintyTable) -> PlungePriors:
-        """The defaults, with steel, depths, bath and h as uncertain as the rig file's [uncertainty] says.
+        """The default priors, with the uncertainties of steel, depths, bath and h from
+        ``[uncertainty]`` of the rig file.
 
-        A plunge sees K and rho c only together: what the fit frees as the conductivity carries both.
+        A plunge depends on K / (rho c) only. The parameter "conductivity" of the fit therefore
+        carries the uncertainties of both.
         """
-        steel = float(np.hypot(table.conductivity_rel, table.heat_capacity_rel))
+        steel_rel = float(np.hypot(table.conductivity_rel, table.heat_capacity_rel))
         return cls(
-            h_scale_log=max(table.bath_h_rel, KNOWN),
-            h_exponent=max(table.bath_h_exponent, KNOWN),
-            h_viscosity=max(table.bath_h_viscosity, KNOWN),
-            bath_K=max(table.bath_K, KNOWN),
-            conductivity_log=max(steel, KNOWN),
+            h_scale_log=max(table.bath_h_rel, FIXED_SD),
+            h_exponent=max(table.bath_h_exponent, FIXED_SD),
+            h_viscosity=max(table.bath_h_viscosity, FIXED_SD),
+            bath_K=max(table.bath_K, FIXED_SD),
+            conductivity_log=max(steel_rel, FIXED_SD),
             depth_m=max(table.depth_mm * 1e-3, 1e-9),
         )
 
     def describe(self) -> list[tuple[str, str]]:
-        """Each prior as (parameter, sentence), for tables."""
+        """Each prior as (parameter, text), for tables."""
         return [
-            ("h scale, per run", f"lognormal about 1, sd {100 * self.h_scale_log:.0f} %"),
-            ("extra exponent of h, per run", f"normal about 0, sd {self.h_exponent:g}"),
+            ("h scale, per run", f"lognormal, median 1, sd {100 * self.h_scale_log:.0f} %"),
+            ("extra exponent of h, per run", f"normal, mean 0, sd {self.h_exponent:g}"),
             (
                 "power of viscosity, wall over bath, in h, per run",
-                f"normal about 0, sd {self.h_viscosity:g}",
+                f"normal, mean 0, sd {self.h_viscosity:g}",
             ),
             (
                 "burst size A, per run",
-                f"lognormal about {self.burst_median:g}, sd of ln {self.burst_log:g}",
+                f"lognormal, median {self.burst_median:g}, sd of ln {self.burst_log:g}",
             ),
             (
                 "burst time, per run",
-                f"lognormal about {self.burst_time_median_s:g} s, sd of ln {self.burst_time_log:g}",
+                f"lognormal, median {self.burst_time_median_s:g} s, sd of ln {self.burst_time_log:g}",
             ),
             (
                 "burst shape, per run",
-                f"lognormal about 1 (exponential), sd of ln {self.burst_shape_log:g}",
+                f"lognormal, median 1 (exponential), sd of ln {self.burst_shape_log:g}",
             ),
-            ("entry time, per run", f"normal about the event, sd {self.entry_scale:g} times its u"),
-            ("initial temperature, per run", f"normal about the readings, sd {self.initial_K:g} K"),
-            ("bath offset, per run", f"normal about 0, sd {self.bath_K:g} K"),
+            (
+                "entry time, per run",
+                f"normal, mean: the entry event, sd {self.entry_scale:g} times its u",
+            ),
+            (
+                "initial temperature, per run",
+                f"normal, mean: the readings, sd {self.initial_K:g} K",
+            ),
+            ("bath offset, per run", f"normal, mean 0, sd {self.bath_K:g} K"),
             (
                 "conductivity over heat capacity",
-                f"lognormal about the rig file's, sd {100 * self.conductivity_log:.1f} %",
+                f"lognormal, median: the rig file, sd {100 * self.conductivity_log:.1f} %",
             ),
             (
                 "junction depth, per channel",
-                f"normal about the rig file's, sd {1e3 * self.depth_m:.2f} mm",
+                f"normal, mean: the rig file, sd {1e3 * self.depth_m:.2f} mm",
             ),
             (
                 "static line, per channel",
-                f"as the oven told it; without it sd {self.static_offset_K:g} K and {self.static_gain:g} of slope",
+                "the covariance of the oven calibration; without it "
+                f"sd {self.static_offset_K:g} K and {self.static_gain:g} of slope",
             ),
             (
                 "split of the lag over two stages",
-                f"logit of 4 tau1 tau2 / (tau1 + tau2)^2: normal about {self.shape_logit:g}, sd "
+                f"logit of 4 tau1 tau2 / (tau1 + tau2)^2: normal, mean {self.shape_logit:g}, sd "
                 f"{self.shape_logit_common:g} in common and {self.shape_logit_channel:g} per channel",
             ),
             ("lag, per channel", "flat above zero"),
@@ -120,11 +130,16 @@ class PlungePriors:
 
 @dataclass(frozen=True)
 class PlungeParameters:
-    """The parameter vector: 9 kinds for each plunge, then five kinds of the channels, then two common ones.
+    """Layout of the parameter vector: nine kinds for each run, then five for each channel, then two
+    common ones.
 
-    ``lag`` is the sum of the chain's own lags and dead time [s], flat beforehand; ``split`` the channel's deviation of
-    the split's logit; ``depth`` that of the junction [m]; ``offset`` [K] and ``gain`` [1] are left over by the static
-    line; ``ln_conductivity`` is ln of the conductivity over its nominal value; ``common_split`` the common logit.
+    Notes
+    -----
+    ``lag`` is the sum of the lags and the dead time of the chain without the conditioning filter
+    [s]; its prior is flat. ``split`` is the deviation of the channel from the common logit of the
+    split. ``depth`` is the deviation of the junction's depth [m]. ``offset`` [K] and ``gain`` [1]
+    are the errors that remain after the static line. ``ln_conductivity`` is ln of the conductivity
+    over its nominal value. ``common_split`` is the common logit of the split.
     """
 
     runs: int
@@ -134,28 +149,28 @@ class PlungeParameters:
     @property
     def size(self) -> int:
         """Number of parameters."""
-        return (
-            len(RUN_KINDS) * self.runs + len(CHANNEL_KINDS) * len(self.channels) + len(COMMON_KINDS)
-        )
+        n_run = len(RUN_KINDS) * self.runs
+        n_channel = len(CHANNEL_KINDS) * len(self.channels)
+        return n_run + n_channel + len(COMMON_KINDS)
 
     def run(self, r: int) -> slice:
-        """The parameters of run ``r``, in the order of RUN_KINDS."""
+        """Indices of the parameters of run ``r``, in the order of RUN_KINDS."""
         return slice(len(RUN_KINDS) * r, len(RUN_KINDS) * (r + 1))
 
     def at(self, kind: str) -> slice:
-        """Where the parameters of a kind stand: one a run, one a channel, or one in all."""
-        own = len(RUN_KINDS) * self.runs
-        c = len(self.channels)
+        """Indices of the parameters of one kind: one for each run, one for each channel, or one."""
+        n_run = len(RUN_KINDS) * self.runs
+        n_channels = len(self.channels)
         if kind in RUN_KINDS:
-            return slice(RUN_KINDS.index(kind), own, len(RUN_KINDS))
+            return slice(RUN_KINDS.index(kind), n_run, len(RUN_KINDS))
         if kind in CHANNEL_KINDS:
-            start = own + c * CHANNEL_KINDS.index(kind)
-            return slice(start, start + c)
-        start = own + c * len(CHANNEL_KINDS) + COMMON_KINDS.index(kind)
+            start = n_run + n_channels * CHANNEL_KINDS.index(kind)
+            return slice(start, start + n_channels)
+        start = n_run + n_channels * len(CHANNEL_KINDS) + COMMON_KINDS.index(kind)
         return slice(start, start + 1)
 
-    def mask(self, *kinds: str) -> NDArray[np.bool_]:
-        """Whether each parameter is of one of ``kinds``, shape (P,)."""
+    def mask(self, *kinds: str) -> Flags:
+        """Whether each parameter (P,) is of one of ``kinds``."""
         out = np.zeros(self.size, dtype=bool)
         for kind in kinds:
             out[self.at(kind)] = True
@@ -163,11 +178,13 @@ class PlungeParameters:
 
     @property
     def common_lag(self) -> Array:
-        """The weights (P,) that make the common lag of the parameters: the mean of all channels'."""
+        """Weights (P,) of the parameters in the common lag, which is the mean lag of all channels."""
         return self.mask("lag") / len(self.channels)
 
     def table(self) -> list[tuple[str, str]]:
-        """Kind and subject of each parameter: the number of its run from 1, its channel, or nothing."""
+        """Kind and subject of each parameter; the subject is the run number from 1, the channel, or
+        empty.
+        """
         return [
             *((kind, str(r + 1)) for r in range(self.runs) for kind in RUN_KINDS),
             *((kind, c) for kind in CHANNEL_KINDS for c in self.channels),
@@ -179,13 +196,15 @@ class PlungeParameters:
         return [f"{kind}_{subject}" if subject else kind for kind, subject in self.table()]
 
     def split_prior(self, p: PlungePriors) -> dict[str, tuple[float, float]]:
-        """Prior mean and standard deviation of the two kinds that divide the lag; known where it is one."""
-        wide = (
-            (p.shape_logit_channel, p.shape_logit_common)
-            if self.structure != "P1"
-            else (KNOWN, KNOWN)
-        )
-        return {"split": (0.0, wide[0]), "common_split": (p.shape_logit, wide[1])}
+        """Prior mean and standard deviation of ``split`` and ``common_split``; fixed where there is
+        one lag only.
+        """
+        channel_sd = p.shape_logit_channel
+        common_sd = p.shape_logit_common
+        if self.structure == "P1":
+            channel_sd = FIXED_SD
+            common_sd = FIXED_SD
+        return {"split": (0.0, channel_sd), "common_split": (p.shape_logit, common_sd)}
 
     def prior(
         self,
@@ -194,11 +213,25 @@ class PlungeParameters:
         initial_degC: Sequence[float],
         h_u_rel: Sequence[float] = (0.0,),
     ) -> tuple[Array, Array]:
-        """Prior mean and standard deviation of every parameter (inf where flat).
+        """Prior mean and standard deviation of every parameter.
 
-        ``entry_u_s``, ``initial_degC`` and ``h_u_rel`` (of the fluid's properties, in h) hold one value a run.
+        Parameters
+        ----------
+        p
+            Widths of the priors.
+        entry_u_s
+            Standard uncertainty of the entry time of each run [s].
+        initial_degC
+            Temperature before the entry of each run [degC].
+        h_u_rel
+            Relative standard uncertainty of h from the properties of the fluid, of each run.
+
+        Returns
+        -------
+        mean, sd
+            (P,) each; the standard deviation is infinite where the prior is flat.
         """
-        known: dict[str, tuple[float | Sequence[float], float | Array]] = {
+        prior: dict[str, tuple[float | Sequence[float], float | Array]] = {
             "ln_h": (0.0, np.hypot(p.h_scale_log, h_u_rel)),
             "h_exponent": (0.0, p.h_exponent),
             "h_viscosity": (0.0, p.h_viscosity),
@@ -217,20 +250,38 @@ class PlungeParameters:
         }
         mean = np.empty(self.size)
         sd = np.empty(self.size)
-        for kind, (centre, width) in known.items():
+        for kind, (centre, width) in prior.items():
             mean[self.at(kind)] = centre
             sd[self.at(kind)] = width
         return mean, sd
 
 
 def stages(structure: str, lag_s: Any, logit: Any) -> tuple[tuple[Any, ...], Any, Any]:
-    """Lags (tau1, tau2 ..), dead time and zero [s] of a chain whose own lag is ``lag_s``, with s = sigmoid(``logit``).
+    """Time constants, dead time and zero of a chain structure with a given total lag and split.
 
-    Numbers, or arrays of one shape.
+    Parameters
+    ----------
+    structure
+        P1, P2, P1D, P2D, P2Z or P3.
+    lag_s
+        Lag of the chain without the conditioning filter [s]; a number or an array.
+    logit
+        Logit of the split s; a number or an array of the same shape.
 
-    P1: one lag. P2: tau1 + tau2 = lag, 4 tau1 tau2 / lag^2 = s. P1D: dead time = lag s/2. P2D: dead time = 0.4 lag s,
-    the rest in lags of four to one. P2Z: zero = lag s, lags (1 + 0.8 s) and 0.2 s times the lag: a part of the reading
-    answers quickly, the rest has a slow tail. P3: two equal lags of lag s/3, the rest in the first; equal at s = 1.
+    Returns
+    -------
+    taus_s, delay_s, zero_s
+        Time constants (tau1, tau2, ...), dead time and zero [s].
+
+    Notes
+    -----
+    With s = 1/(1 + exp(-logit)):
+
+    P1: one lag. P2: tau1 + tau2 = lag, 4 tau1 tau2 / lag^2 = s. P1D: dead time = lag s/2. P2D: dead
+    time = 0.4 lag s; two time constants of ratio four to one take the remaining lag. P2Z: zero =
+    lag s, time constants (1 + 0.8 s) lag and 0.2 s lag: one part of the reading responds quickly,
+    the other has a slow tail. P3: two equal time constants lag s/3, the first takes the remaining
+    lag; all three are equal at s = 1.
     """
     if structure == "P1":
         return (lag_s,), 0.0, 0.0
@@ -238,8 +289,8 @@ def stages(structure: str, lag_s: Any, logit: Any) -> tuple[tuple[Any, ...], Any
     if structure == "P1D":
         return (lag_s * (1 - share / 2),), lag_s * share / 2, 0.0
     if structure == "P2D":
-        rest = lag_s * (1 - 0.4 * share)
-        return (0.8 * rest, 0.2 * rest), 0.4 * share * lag_s, 0.0
+        lags_s = lag_s * (1 - 0.4 * share)
+        return (0.8 * lags_s, 0.2 * lags_s), 0.4 * share * lag_s, 0.0
     if structure == "P2Z":
         return (lag_s * (1 + 0.8 * share), 0.2 * share * lag_s), 0.0, share * lag_s
     if structure == "P3":
@@ -248,10 +299,10 @@ def stages(structure: str, lag_s: Any, logit: Any) -> tuple[tuple[Any, ...], Any
     return (lag_s * (1 + root) / 2, lag_s * (1 - root) / 2), 0.0, 0.0
 
 
-def apart(covariance: Array) -> Array:
-    """Covariance (C, C) of the differences of lags from the mean of all channels.
+def differential_covariance(covariance: Array) -> Array:
+    """Covariance (C, C) of the differences between the lags and their mean over all channels.
 
-    >>> apart(np.array([[0.02, 0.0199], [0.0199, 0.02]])).round(6).tolist()
+    >>> differential_covariance(np.array([[0.02, 0.0199], [0.0199, 0.02]])).round(6).tolist()
     [[5e-05, -5e-05], [-5e-05, 5e-05]]
     """
     project = np.eye(len(covariance)) - 1 / len(covariance)
@@ -259,11 +310,17 @@ def apart(covariance: Array) -> Array:
 
 
 def lag_u_s(covariance: Array) -> tuple[float, float]:
-    """Standard uncertainty [s] of the common lag and, rms over channels, of the differences from it.
+    """Standard uncertainty of the common lag, and rms over channels of that of the differential
+    lags [s].
 
-    ``covariance`` (C, C) [s2] is that of the lags; a difference of two covariances may give less than nothing, and is
-    taken as none.
+    Parameters
+    ----------
+    covariance
+        Covariance (C, C) of the lags [s2]. It may be the difference of two covariances; a negative
+        variance counts as zero.
     """
-    variances = covariance.mean(), np.trace(apart(covariance)) / len(covariance)
+    common_variance = covariance.mean()
+    differential_variance = np.trace(differential_covariance(covariance)) / len(covariance)
+    variances = np.array([common_variance, differential_variance])
     common, differential = np.sqrt(np.maximum(variances, 0.0)).tolist()
     return common, differential

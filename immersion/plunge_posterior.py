@@ -1,4 +1,6 @@
-"""Posterior of the plunge parameters, and the common lag walked along with all else refitted."""
+"""Posterior of the plunge parameters: optimum (MAP), Laplace approximation, and profile scan of the
+common lag.
+"""
 
 from __future__ import annotations
 
@@ -17,14 +19,25 @@ from tcdyn.core import Array
 from tcdyn.core.estimate import Z95, Estimate
 from tcdyn.estimation import Optimum, Problem, held, inverse, minimise, profile
 
-LEAST_LAG_S = 2e-3
-ENOUGH = 1e-3  # of chi-square: a search ends with the step that gains less; log evidence then holds to 0.05
-SEARCH: dict[str, Any] = {"limit": 12, "tolerance": ENOUGH, "damping": 1e-6, "secant": True}
+MIN_LAG_S = 2e-3  # lower bound of a lag [s]; chosen by judgement
+START_LAG_S = 0.5  # start of the search [s]; chosen by judgement
+# Gain of chi-square below which a search ends. The log evidence is then accurate to 0.05.
+CHI_SQUARE_TOLERANCE = 1e-3
+SEARCH: dict[str, Any] = {
+    "limit": 12,
+    "tolerance": CHI_SQUARE_TOLERANCE,
+    "damping": 1e-6,
+    "secant": True,
+}
+SAME_SOLUTION_S = 0.15  # difference of common lags below which optima are the same; by judgement
+# Reduction of chi-square for which a scan starts again from a better optimum; chosen by judgement.
+RESTART_CHI_SQUARE = 2.0
+GRID_POINTS = 801  # of the marginal density of the common lag
 
 
 @dataclass(frozen=True)
 class PlungeProblem:
-    """Models of all runs, prior, and noise: everything the posterior of the parameters depends on."""
+    """Models of all runs, prior (P,) each, and noise: everything on which the posterior depends."""
 
     models: tuple[RunModel, ...]
     layout: PlungeParameters
@@ -34,127 +47,155 @@ class PlungeProblem:
 
     @property
     def start(self) -> Array:
-        """Where a search may begin: the prior's mean, and lags of half a second."""
-        return np.where(self.layout.mask("lag"), 0.5, self.mean)
+        """Start of a search: the prior mean, and lags of half a second."""
+        return np.where(self.layout.mask("lag"), START_LAG_S, self.mean)
 
     @cached_property
     def core(self) -> Problem:
-        """The same as the fitting core takes it: no step changes h, a burst or a split e-fold, or a lag by 0.5 s."""
-        lay = self.layout
-        largest = np.full(lay.size, np.inf)
-        largest[lay.mask(*H_KINDS, *BURST_KINDS)] = 1.0
-        largest[lay.mask("split", "common_split")] = 1.5
-        largest[lay.mask("lag")] = 0.5
-        least = np.where(lay.mask("lag"), LEAST_LAG_S, -np.inf)
+        """The least-squares problem.
+
+        No step changes a parameter of h, of the burst or of the split by more than about a factor
+        e, or a lag by more than 0.5 s.
+        """
+        layout = self.layout
+        largest = np.full(layout.size, np.inf)
+        largest[layout.mask(*H_KINDS, *BURST_KINDS)] = 1.0
+        largest[layout.mask("split", "common_split")] = 1.5
+        largest[layout.mask("lag")] = 0.5
+        lower = np.where(layout.mask("lag"), MIN_LAG_S, -np.inf)
         return Problem(
-            tuple(lay.names()), self.evaluate, self.mean, self.sd, lower=least, largest=largest
+            tuple(layout.names()), self.evaluate, self.mean, self.sd, lower=lower, largest=largest
         )
 
     @property
     def log_prior(self) -> float:
-        """Log density of the prior at its mean, but for a constant that all structures share."""
-        return 0.5 * float(np.sum(np.log(self.core.precision[self.core.precision > 0])))
+        """Log density of the prior at its mean, up to a constant that is common to all structures."""
+        precision = self.core.precision
+        return 0.5 * float(np.sum(np.log(precision[precision > 0])))
 
     def evaluate(self, theta: Array) -> tuple[Array, Array]:
-        """Model less readings over their noise (N,), and the Jacobian (N, P).
+        """Standardised residuals (N,), model minus readings, and their Jacobian (N, P).
 
-        For each run the mean over channels, then the deviations from it, each with its variance factor.
+        For each run first the mean over channels, then the deviations from it, each with its
+        variance factor.
         """
         tables = []
-        for model, noise, y, jacobian in zip(
-            self.models, self.noise, *predict(self.models, self.layout, theta)[:2]
-        ):
-            weight = np.sqrt(noise.weight) / block_sd(noise.sd_K, model.blocks.count)
-            off = np.where(model.blocks.count > 0, y - model.blocks.readings_degC, 0.0)
-            scaled = np.concatenate([off.T[None], jacobian.T]) * weight.T
+        readings, jacobians, _ = predict(self.models, self.layout, theta)
+        for model, noise, y, jacobian in zip(self.models, self.noise, readings, jacobians):
+            blocks = model.blocks
+            weight = np.sqrt(noise.weight) / block_sd(noise.sd_K, blocks.count)
+            residual = np.where(blocks.count > 0, y - blocks.readings_degC, 0.0)
+            scaled = np.concatenate([residual.T[None], jacobian.T]) * weight.T
             mean = scaled.mean(axis=1, keepdims=True)
-            scaled -= mean
-            scaled /= np.sqrt(noise.differential)
-            tables += [
-                (mean * np.sqrt(y.shape[1] / noise.common))[:, 0],
-                scaled.reshape(len(scaled), -1),
-            ]
+            common = (mean * np.sqrt(y.shape[1] / noise.common))[:, 0]
+            differential = (scaled - mean) / np.sqrt(noise.differential)
+            tables += [common, differential.reshape(len(scaled), -1)]
         table = np.concatenate(tables, axis=1)
         return table[0], table[1:].T
 
     def minimised(self, theta: Array, fixed: Array | None = None, limit: int = 30) -> PlungeOptimum:
-        """The most probable parameters, searched for from ``theta``; combinations ``fixed`` (F, P) stay."""
-        return PlungeOptimum(
-            self, minimise(self.core, theta, fixed=fixed, **SEARCH | {"limit": limit})
-        )
+        """The most probable parameters, searched from ``theta``.
+
+        Parameters
+        ----------
+        theta
+            Start (P,).
+        fixed
+            Linear combinations (F, P) of parameters that keep their value.
+        limit
+            Largest number of iterations.
+        """
+        optimum = minimise(self.core, theta, fixed=fixed, **SEARCH | {"limit": limit})
+        return PlungeOptimum(self, optimum)
 
 
 @dataclass(frozen=True)
 class PlungeOptimum:
-    """The most probable parameters of a problem, or some with a combination held, and what the model makes of them."""
+    """The most probable parameters of a problem, possibly with a constraint, and the predictions
+    there.
+    """
 
     problem: PlungeProblem = field(repr=False)
-    found: Optimum
+    solution: Optimum
 
     @property
     def theta(self) -> Array:
         """The parameters (P,)."""
-        return self.found.theta
+        return self.solution.theta
 
     @property
     def cost(self) -> float:
-        """Chi-square with the priors' part."""
-        return self.found.cost
+        """Chi-square, with the contribution of the priors."""
+        return self.solution.cost
 
     @property
     def lag_s(self) -> Array:
-        """The chains' own lags (C,) [s], the conditioning filter's left out."""
+        """Lags of the chains without the conditioning filter (C,) [s]."""
         return self.theta[self.problem.layout.at("lag")]
 
     @cached_property
     def covariance(self) -> Array:
-        """Inverse of the information: the posterior's covariance in its normal approximation, nothing held."""
-        return inverse(self.found.information)
+        """Inverse of the information matrix: covariance of the posterior in its normal
+        approximation, unconstrained.
+        """
+        return inverse(self.solution.information)
 
     @property
     def laplace(self) -> float:
-        """Log evidence by Laplace's approximation, but for a constant that all structures share."""
-        return (
-            -0.5 * self.cost
-            - 0.5 * float(np.linalg.slogdet(self.found.information)[1])
-            + self.problem.log_prior
-        )
+        """Log evidence by Laplace's approximation, up to a constant that is common to all
+        structures.
+        """
+        log_determinant = float(np.linalg.slogdet(self.solution.information)[1])
+        return -0.5 * self.cost - 0.5 * log_determinant + self.problem.log_prior
 
     def is_near(self, other: PlungeOptimum) -> bool:
-        """Whether two optima are one solution: their common lags agree within 0.15 s."""
-        return abs(float(self.lag_s.mean() - other.lag_s.mean())) < 0.15
+        """Whether two optima are the same solution: their common lags agree within 0.15 s."""
+        return abs(float(self.lag_s.mean() - other.lag_s.mean())) < SAME_SOLUTION_S
 
     @cached_property
-    def _answers(self) -> tuple[list[Array], list[Array], list[RunSurface]]:
+    def _predictions(self) -> tuple[list[Array], list[Array], list[RunSurface]]:
         return predict(self.problem.models, self.problem.layout, self.theta)
 
     @property
     def predictions_degC(self) -> tuple[Array, ...]:
-        """Block readings (B, C) of each run by the model."""
-        return tuple(self._answers[0])
+        """Predicted block readings (B, C) of each run."""
+        return tuple(self._predictions[0])
 
     @property
     def surfaces(self) -> tuple[RunSurface, ...]:
         """The running surface in each run."""
-        return tuple(self._answers[2])
+        return tuple(self._predictions[2])
 
-    def judged(self) -> tuple[RunNoise, ...]:
-        """The noise of each run by what the model leaves of it."""
-        out = []
+    def residual_noise(self) -> tuple[RunNoise, ...]:
+        """Noise of each run, estimated from the residuals."""
+        noise = []
         for model, y in zip(self.problem.models, self.predictions_degC):
             count = model.blocks.count
-            out.append(
-                RunNoise.judged(np.where(count > 0, model.blocks.readings_degC - y, 0.0), count)
-            )
-        return tuple(out)
+            residual = np.where(count > 0, model.blocks.readings_degC - y, 0.0)
+            noise.append(RunNoise.judged(residual, count))
+        return tuple(noise)
 
 
 @dataclass(frozen=True)
 class LagScan:
-    """The cost along the common lag, all else refitted, and the marginal posterior made of it.
+    """Profile of the cost along the common lag, and the marginal posterior computed from it.
 
-    ``lag_s`` (K,) is the chains' own common lag (without the conditioning filter), ``cost`` (K,) the least chi-square
-    plus prior there, ``log_volume`` (K,) half the log determinant of the Hessian of everything else.
+    Attributes
+    ----------
+    lag_s
+        Common lag of the chains without the conditioning filter (K,) [s].
+    cost
+        Least chi-square plus prior there (K,).
+    log_volume
+        Half the log determinant of the Hessian of all other parameters (K,).
+    grid_s, density
+        Marginal posterior density of the common lag on a fine grid.
+    mean_s, sd_s, low95_s, high95_s
+        Posterior mean, standard deviation and 95 % interval [s].
+    lag_slope
+        Derivative of each channel's lag with respect to the common lag along the profile (C,).
+    differential_covariance
+        Covariance of the lags at fixed common lag (C, C) [s2].
     """
 
     lag_s: Array
@@ -166,110 +207,154 @@ class LagScan:
     sd_s: float
     low95_s: float
     high95_s: float
-    lag_slope: Array  # (C,): change of each channel's lag with the common one along the profile
-    differential_covariance: Array  # (C, C): of the lags with the common lag held
+    lag_slope: Array
+    differential_covariance: Array
 
     @property
     def covariance(self) -> Array:
-        """Of the lags (C, C): the common lag's marginal variance along the profile, and the rest across it."""
-        return np.asarray(
-            self.differential_covariance + self.sd_s**2 * np.outer(self.lag_slope, self.lag_slope)
-        )
+        """Covariance of the lags (C, C): marginal variance of the common lag along the profile,
+        plus that across it.
+        """
+        along = self.sd_s**2 * np.outer(self.lag_slope, self.lag_slope)
+        return np.asarray(self.differential_covariance + along)
 
     def estimate(self, shift_s: float = 0.0, extra_u_s: float = 0.0) -> Estimate:
-        """The common lag: posterior mean, sd and 95 % interval, moved by ``shift_s``, widened by ``extra_u_s``."""
+        """Common lag: posterior mean plus ``shift_s``, standard deviation and 95 % interval,
+        widened by ``extra_u_s``.
+        """
         return self.skewed(self.mean_s + shift_s, 1.0, extra_u_s**2)
 
     def skewed(self, value_s: float, slope: float, rest_variance_s2: float) -> Estimate:
-        """Of ``value_s`` = slope x common lag + an independent normal rest: u, and a 95 % interval as skew as it is.
+        """Estimate of a skew quantity: ``slope`` times the common lag, plus an independent normal
+        part.
 
-        Each side of the interval is the root of the squares of both parts' sides.
+        Parameters
+        ----------
+        value_s
+            Value of the estimate [s].
+        slope
+            Factor of the common lag.
+        rest_variance_s2
+            Variance of the normal part [s2]; a negative one counts as zero.
+
+        Notes
+        -----
+        Each half-width of the 95 % interval is the root sum of squares of those of both parts.
         """
-        rest = float(np.sqrt(max(rest_variance_s2, 0.0)))
+        normal_u = float(np.sqrt(max(rest_variance_s2, 0.0)))
         below = slope * (self.mean_s - self.low95_s)
         above = slope * (self.high95_s - self.mean_s)
         return Estimate(
             value=value_s,
-            u=float(np.hypot(slope * self.sd_s, rest)),
-            low95=value_s - float(np.hypot(below, Z95 * rest)),
-            high95=value_s + float(np.hypot(above, Z95 * rest)),
+            u=float(np.hypot(slope * self.sd_s, normal_u)),
+            low95=value_s - float(np.hypot(below, Z95 * normal_u)),
+            high95=value_s + float(np.hypot(above, Z95 * normal_u)),
         )
 
 
 def settled_scan(
     best: PlungeOptimum, *, step: float = 0.8, drop: float = 9.0
 ) -> tuple[LagScan, PlungeOptimum, PlungeOptimum]:
-    """Walk the common lag both ways from ``best`` in steps of ``step`` standard deviations; refit the rest at each.
+    """Profile scan of the common lag: fix it at values on both sides of ``best`` and refit all
+    other parameters.
 
-    The walk ends where the marginal posterior has fallen by exp(-drop/2), or where the common lag reaches zero. The
-    marginal is Laplace's: exp(-cost/2) / sqrt(det of the information on all else). In the curved valley of lag against
-    burst a fit can stop early: where the walk finds a clearly better optimum, it begins again there. Gives the scan,
-    the optimum with the common lag held at its posterior mean, and the optimum that the walk started from.
+    Parameters
+    ----------
+    best
+        Optimum from which the scan starts.
+    step
+        Step, in standard deviations of the common lag.
+    drop
+        The scan ends where the marginal posterior is lower by exp(-drop/2), or where the common lag
+        reaches zero.
+
+    Returns
+    -------
+    scan
+        The scan and the marginal posterior.
+    final
+        Optimum with the common lag fixed at its posterior mean.
+    start
+        Optimum from which the (last) scan started.
+
+    Notes
+    -----
+    The marginal posterior is Laplace's: exp(-cost/2) / sqrt(det of the information of all other
+    parameters). In the curved valley of lag against burst a fit can stop early. Where the scan
+    finds a clearly better optimum, it starts again from there.
     """
     layout = best.problem.layout
-    row = layout.common_lag
-    own = layout.at("lag")
-    for again in (False, True):
-        u = float(np.clip(np.sqrt(row @ best.covariance @ row), 1e-4, 0.3))
-        start = held(best.found, row, float(best.lag_s.mean()), **SEARCH)
-        ends = (2 * LEAST_LAG_S, np.inf)
-        walk = profile(
-            start, row, u=u, step=step, drop=drop, reach=20.0, within=ends, cost=marginal, **SEARCH
+    weights = layout.common_lag
+    for repeated in (False, True):
+        u = float(np.clip(np.sqrt(weights @ best.covariance @ weights), 1e-4, 0.3))
+        centre = held(best.solution, weights, float(best.lag_s.mean()), **SEARCH)
+        path = profile(
+            centre,
+            weights,
+            u=u,
+            step=step,
+            drop=drop,
+            reach=20.0,
+            within=(2 * MIN_LAG_S, np.inf),
+            cost=marginal,
+            **SEARCH,
         )
-        lowest = min(walk.optima, key=lambda o: o.cost)
-        if again or lowest.cost > best.cost - 2.0:
+        lowest = min(path.optima, key=lambda o: o.cost)
+        if repeated or lowest.cost > best.cost - RESTART_CHI_SQUARE:
             break
         better = best.problem.minimised(lowest.theta)
         if better.cost > best.cost:
             break
         best = better
-    lag = walk.value
-    logp = -0.5 * walk.deviance
-    grid = np.linspace(lag[0], lag[-1], 801)
-    density = (
-        np.exp(PchipInterpolator(lag, logp - logp.max())(grid))
-        if len(lag) > 2
-        else np.ones_like(grid)
-    )
+    lag = path.value
+    log_marginal = -0.5 * path.deviance
+    grid = np.linspace(lag[0], lag[-1], GRID_POINTS)
+    density = np.ones_like(grid)
+    if len(lag) > 2:
+        density = np.exp(PchipInterpolator(lag, log_marginal - log_marginal.max())(grid))
     cumulative = cumulative_trapezoid(density, grid, initial=0.0)
     density /= cumulative[-1]
     mean = float(np.trapezoid(grid * density, grid))
     sd = float(np.sqrt(max(np.trapezoid((grid - mean) ** 2 * density, grid), 1e-12)))
     low, high = np.interp([0.025, 0.975], cumulative / cumulative[-1], grid)
-    final = held(walk.optima[int(np.argmax(logp))], row, mean, **SEARCH)
-    aside = held(final, row, mean + 0.5 * sd, **SEARCH)
-    cost, volume = np.array([[o.cost, o.log_volume] for o in walk.optima]).T
-    slope = (aside.theta[own] - final.theta[own]) / (0.5 * sd)
+    top = path.optima[int(np.argmax(log_marginal))]
+    final = held(top, weights, mean, **SEARCH)
+    shifted = held(final, weights, mean + 0.5 * sd, **SEARCH)
+    lags = layout.at("lag")
     scan = LagScan(
-        lag,
-        cost,
-        volume,
-        grid,
-        density,
-        mean,
-        sd,
-        float(low),
-        float(high),
-        slope,
-        final.covariance[own, own],
+        lag_s=lag,
+        cost=np.array([o.cost for o in path.optima]),
+        log_volume=np.array([o.log_volume for o in path.optima]),
+        grid_s=grid,
+        density=density,
+        mean_s=mean,
+        sd_s=sd,
+        low95_s=float(low),
+        high95_s=float(high),
+        lag_slope=(shifted.theta[lags] - final.theta[lags]) / (0.5 * sd),
+        differential_covariance=final.covariance[lags, lags],
     )
     return scan, PlungeOptimum(best.problem, final), best
 
 
 def marginal(at: Optimum) -> float:
-    """-2 log of Laplace's marginal posterior of what ``at`` holds, but for a constant."""
+    """-2 log of Laplace's marginal posterior of the constrained quantity at ``at``, up to a
+    constant.
+    """
     return at.cost + 2 * at.log_volume
 
 
 @dataclass(frozen=True)
 class ModelForm:
-    """The same data under other correlations: common lag and cost of each, and the covariance their spread adds."""
+    """Refits with other correlations: common lag and cost of each, and the covariance (C, C) of the
+    lags [s2] from their spread.
+    """
 
     common_lag_s: dict[str, float]
     cost: dict[str, float]
-    covariance: Array  # (C, C) of the lags [s2]
+    covariance: Array
 
     @property
     def u_common_s(self) -> float:
-        """Standard uncertainty that the choice of correlation adds to the common lag."""
+        """Standard uncertainty of the common lag from the choice of correlation [s]."""
         return lag_u_s(self.covariance)[0]

@@ -1,4 +1,6 @@
-"""What a plunge fit says: lags with their covariance, split into common and differential, and what limits them."""
+"""Result of a plunge fit: lags with their covariance, common and differential lag, uncertainty
+budget, warnings.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,7 @@ from immersion.plunge_parameters import (
     RUN_KINDS,
     PlungeParameters,
     PlungePriors,
-    apart,
+    differential_covariance,
     lag_u_s,
     stages,
 )
@@ -31,9 +33,20 @@ from tcdyn.core.findings import Finding, info, labelled_messages, messages, uniq
 from tcdyn.estimation import inverse
 from tcdyn.rig.disk import DiskSetup
 
-COLOURED = 4.0  # variance of slow residual waves over that of white noise: beyond it something is not modelled
-DOUBTED = 3.0  # prior standard deviations beyond which what was expected, or the fluid, is doubted
-UNUSUAL = 2.0  # the same of a plunge's bath and form of h, beyond which it is mentioned
+# Variance of slow residuals over that of white noise, beyond which a warning is given; chosen by
+# judgement.
+COLOURED = 4.0
+# Deviations from the prior mean, in prior standard deviations; chosen by judgement.
+WARNING_DEVIATION = 3.0  # beyond: a warning about the parameter, or about the fluid
+INFO_DEVIATION = 2.0  # beyond: an info, for the bath's temperature and the form of h
+INFO_KINDS = ("bath", "h_exponent", "h_viscosity")
+# Lag of a chain without the conditioning filter [s] below which a warning is given; chosen by
+# judgement.
+MIN_LAG_S = 0.01
+# The burst is separated from the lag if u of the common lag is below both [s] and [1]; chosen by
+# judgement.
+SEPARATED_U_S = 0.05
+SEPARATED_U_REL = 0.10
 SOURCES = {
     "entry burst": BURST_KINDS,
     "entry time": ("entry",),
@@ -51,7 +64,9 @@ INTERVAL_NOTE = (
 
 @dataclass(frozen=True)
 class LagShare:
-    """Standard uncertainty that one source adds to the common lag and (rms over channels) to differential lags."""
+    """Standard uncertainty that one source adds to the common lag and (rms over channels) to the
+    differential lags.
+    """
 
     source: str
     u_common_s: float
@@ -60,17 +75,38 @@ class LagShare:
 
 @dataclass(frozen=True)
 class PlungeFit:
-    """Chains of one disk's channels identified from its plunges; lags include the conditioning filter's own.
+    """Chains of the channels of one disk, identified from its plunges. The lags include the
+    conditioning filter.
 
-    ``optimum`` is the most probable set of parameters, its common lag at the posterior mean of ``scan``;
-    ``model_form`` and ``structures`` (None: not tried) tell what other models would change, and widen the lags.
+    Attributes
+    ----------
+    setup
+        The disk.
+    correlation
+        Name of the correlation.
+    priors
+        Priors of the nuisance parameters.
+    model_form
+        Refits with other correlations; their spread widens the lags.
+    rival
+        A warning about a second solution, where there is one.
+    runs
+        The plunges.
+    optimum
+        The most probable parameters, with the common lag at the posterior mean of ``scan``.
+    scan
+        Profile scan of the common lag.
+    noise
+        Noise model of the logger.
+    structures
+        Comparison of chain structures, whose spread widens the lags; None: not made.
     """
 
     setup: DiskSetup
     correlation: str
     priors: PlungePriors
     model_form: ModelForm
-    rival: tuple[Finding, ...]  # a second solution, where there is one
+    rival: tuple[Finding, ...]
     runs: tuple[PlungeRun, ...] = field(repr=False)
     optimum: PlungeOptimum = field(repr=False)
     scan: LagScan = field(repr=False)
@@ -84,12 +120,12 @@ class PlungeFit:
 
     @property
     def layout(self) -> PlungeParameters:
-        """Where each parameter stands."""
+        """Layout of the parameter vector."""
         return self.optimum.problem.layout
 
     @property
     def structure(self) -> str:
-        """Name of the chains' structure."""
+        """Name of the chain structure."""
         return self.layout.structure
 
     @property
@@ -99,52 +135,52 @@ class PlungeFit:
 
     @property
     def converged(self) -> bool:
-        """Whether the search ended at an optimum."""
-        return self.optimum.found.converged
+        """Whether the search converged."""
+        return self.optimum.solution.converged
 
     @cached_property
     def chains(self) -> dict[str, Chain]:
         """The chain of each channel."""
-        lay = self.layout
         theta = self.optimum.theta
-        logits = theta[lay.at("common_split")] + theta[lay.at("split")]
-        out = {}
-        for c, lag, logit in zip(lay.channels, self.optimum.lag_s, logits):
-            taus, delay, zero = stages(lay.structure, lag, logit)
-            chain = Chain(
+        logits = theta[self.layout.at("common_split")] + theta[self.layout.at("split")]
+        chains = {}
+        for channel, lag, logit in zip(self.channels, self.optimum.lag_s, logits):
+            taus, delay, zero = stages(self.structure, lag, logit)
+            chains[channel] = Chain(
                 tuple(taus),
                 zero_s=float(zero),
                 delay_s=float(delay),
                 conditioning=self.setup.conditioning,
             )
-            out[c] = chain
-        return out
+        return chains
 
     @cached_property
     def split_u_s(self) -> dict[str, float]:
-        """Standard uncertainty of how much of each channel's lag, held where it was found, is its largest lag's [s].
+        """Standard uncertainty of the largest time constant of each channel at fixed lag [s].
 
-        The split's own, with the lag left free: what both have in common is counted twice rather than not at all.
+        The uncertainty of the split is that with the lag free. The part that is common to lag and
+        split is counted twice rather than not at all.
         """
-        lay = self.layout
         theta = self.optimum.theta
         cov = self.optimum.covariance
-        common = lay.at("common_split")
-        own = lay.at("split")
-        logits = theta[common] + theta[own]
-        u = np.sqrt(cov[common, common] + np.diag(cov[own, own]) + 2 * cov[common, own])[0]
-        ends = [
-            [stages(lay.structure, float(lag), float(at))[0][0] for at in (logit - sd, logit + sd)]
-            for lag, logit, sd in zip(self.optimum.lag_s, logits, u)
-        ]
-        return {c: 0.5 * abs(high - low) for c, (low, high) in zip(lay.channels, ends)}
+        common = self.layout.at("common_split")
+        split = self.layout.at("split")
+        logits = theta[common] + theta[split]
+        variance = cov[common, common] + np.diag(cov[split, split]) + 2 * cov[common, split]
+        u = np.sqrt(variance)[0]
+        split_u_s = {}
+        for channel, lag, logit, sd in zip(self.channels, self.optimum.lag_s, logits, u):
+            low = stages(self.structure, float(lag), float(logit - sd))[0][0]
+            high = stages(self.structure, float(lag), float(logit + sd))[0][0]
+            split_u_s[channel] = 0.5 * abs(low - high)
+        return split_u_s
 
     @property
     def extra_covariance(self) -> Array:
-        """What the choice of a correlation and of a structure adds to the lags' covariance (C, C) [s2]."""
-        return self.model_form.covariance + (
-            0.0 if self.structures is None else self.structures.covariance
-        )
+        """Covariance of the lags (C, C) from the choice of correlation and of structure [s2]."""
+        if self.structures is None:
+            return self.model_form.covariance
+        return self.model_form.covariance + self.structures.covariance
 
     @property
     def lag_covariance(self) -> Array:
@@ -153,13 +189,15 @@ class PlungeFit:
 
     @cached_property
     def lag_s(self) -> dict[str, Estimate]:
-        """Each channel's lag: the common lag's skew posterior along the profile, the rest normal."""
+        """Lag of each channel: the skew posterior of the common lag along the profile, plus a
+        normal part.
+        """
         lag = self.optimum.lag_s + self.setup.conditioning.lag_s
         slope = self.scan.lag_slope
-        rest = np.diag(self.scan.differential_covariance + self.extra_covariance)
+        normal = np.diag(self.scan.differential_covariance + self.extra_covariance)
         return {
-            c: self.scan.skewed(*map(float, each))
-            for c, *each in zip(self.channels, lag, slope, rest)
+            channel: self.scan.skewed(float(value), float(factor), float(variance))
+            for channel, value, factor, variance in zip(self.channels, lag, slope, normal)
         }
 
     @property
@@ -169,19 +207,20 @@ class PlungeFit:
 
     @cached_property
     def differential_lag_s(self) -> dict[str, Estimate]:
-        """Each channel's lag less the mean of all."""
+        """Each channel's lag minus the mean of all."""
         lag = self.optimum.lag_s
-        u = np.sqrt(np.maximum(np.diag(apart(self.lag_covariance)), 0.0))
+        variance = np.diag(differential_covariance(self.lag_covariance))
+        u = np.sqrt(np.maximum(variance, 0.0))
         return {
-            c: Estimate.normal(float(d), float(s))
-            for c, d, s in zip(self.channels, lag - lag.mean(), u)
+            channel: Estimate.normal(float(difference), float(sd))
+            for channel, difference, sd in zip(self.channels, lag - lag.mean(), u)
         }
 
     @cached_property
     def nuisances(self) -> pd.DataFrame:
-        """Every parameter: value, u, prior_mean, prior_sd (nan where flat)."""
+        """Every parameter: value, u, prior_mean, prior_sd (nan where the prior is flat)."""
         problem = self.optimum.problem
-        flat = ~np.isfinite(self.optimum.problem.sd)
+        flat = ~np.isfinite(problem.sd)
         return pd.DataFrame(
             {
                 "parameter": self.layout.names(),
@@ -194,143 +233,172 @@ class PlungeFit:
 
     @cached_property
     def budget(self) -> tuple[LagShare, ...]:
-        """Where the lags' uncertainty comes from: each group of parameters held known, the variance that goes away.
+        """Uncertainty budget of the lags: the variance that disappears if a group of parameters is
+        fixed.
 
-        The first rows are the marginal posterior's; the groups are by its normal approximation and do not add up,
-        because they stand in for each other.
+        The first rows are those of the marginal posterior. The groups use its normal approximation;
+        they do not add up, because their parameters are correlated.
         """
         lag = self.layout.at("lag")
         full = self.optimum.covariance[lag, lag]
-        every = [kind for kinds in SOURCES.values() for kind in kinds]
-        known = {
-            "all of the fit": self.scan.covariance,
-            **{source: full - self._knowing(*kinds) for source, kinds in SOURCES.items()},
-            "noise alone": self._knowing(*every),
-            "choice of correlation": self.model_form.covariance,
-        }
+        all_kinds = [kind for kinds in SOURCES.values() for kind in kinds]
+        shares: dict[str, Array] = {}
         if self.structures is not None:
-            known = {"everything": self.lag_covariance, **known}
-            known["choice of chain structure"] = self.structures.covariance
-        return tuple(LagShare(source, *lag_u_s(covariance)) for source, covariance in known.items())
+            shares["everything"] = self.lag_covariance
+        shares["all of the fit"] = self.scan.covariance
+        for source, kinds in SOURCES.items():
+            shares[source] = full - self._covariance_with_fixed(*kinds)
+        shares["noise alone"] = self._covariance_with_fixed(*all_kinds)
+        shares["choice of correlation"] = self.model_form.covariance
+        if self.structures is not None:
+            shares["choice of chain structure"] = self.structures.covariance
+        return tuple(LagShare(source, *lag_u_s(share)) for source, share in shares.items())
 
     @cached_property
     def limits(self) -> Finding:
-        """The common lag and what keeps it from being better known."""
+        """The common lag, and what limits its uncertainty."""
         common = self.common_lag_s
-        within = self._common(self.model_form.covariance).u
-        known = lag_u_s(self._knowing(*BURST_KINDS, "entry"))[0]
+        u_without_structure = self._common(self.model_form.covariance).u
+        known_burst_u_s = lag_u_s(self._covariance_with_fixed(*BURST_KINDS, "entry"))[0]
+        separated = u_without_structure <= max(SEPARATED_U_S, SEPARATED_U_REL * common.value)
         return info(
             "plunge.lag",
             plunges=len(self.runs),
             common_lag_s=common.value,
             u_s=common.u,
-            known_burst_u_s=known,
-            apart=within <= max(0.05, 0.10 * common.value),
+            known_burst_u_s=known_burst_u_s,
+            apart=separated,
         )
 
     @property
     def sentence(self) -> str:
-        """:attr:`limits` in words."""
+        """:attr:`limits` as text."""
         return self.limits.sentence
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
-        """Everything in the fit that a careful reader should know."""
+        """All warnings and infos about the fit."""
+        findings: list[Finding] = []
+        if self.structures is not None:
+            findings += self.structures.findings
+        findings += self.rival
+        findings += self.noise.findings(self.disk)
+        if not self.converged:
+            findings.append(warning("plunge.unconverged"))
+        findings += self._prior_findings()
+        for r in range(len(self.runs)):
+            findings += self._run_findings(r)
+        for channel, lag in zip(self.channels, self.optimum.lag_s):
+            if lag < MIN_LAG_S:
+                findings.append(warning("plunge.no_lag", subject=channel))
+        return unique(findings)
+
+    def _prior_findings(self) -> list[Finding]:
+        """Parameters that are far from their prior mean."""
         problem = self.optimum.problem
         theta = self.optimum.theta
-        names = [run.name for run in self.runs]
-        out = [*(self.structures.findings if self.structures is not None else ()), *self.rival]
-        out += self.noise.findings(self.disk)
-        if not self.converged:
-            out.append(warning("plunge.unconverged"))
-        pulls = np.where(np.isfinite(problem.sd), (theta - problem.mean) / problem.sd, 0.0)
-        for (kind, subject), pull, value in zip(self.layout.table(), np.abs(pulls), theta):
-            where = names[int(subject) - 1] if kind in RUN_KINDS else ""
-            if kind == "ln_h" and pull > DOUBTED:
-                fluid = self.runs[int(subject) - 1].fluid.name
-                out.append(
-                    warning("plunge.fluid", where=where, fluid=fluid, ratio=np.exp(value), sds=pull)
-                )
-            elif pull > (UNUSUAL if kind in ("bath", "h_exponent", "h_viscosity") else DOUBTED):
-                where, subject = (where, "") if where else ("", subject)
-                said = (warning if pull > DOUBTED else info)(
-                    "plunge.pull", where=where, subject=subject, kind=kind, sds=pull
-                )
-                out.append(said)
-        for run, model, surface, factor in zip(
-            self.runs, problem.models, self.optimum.surfaces, problem.noise
-        ):
-            beyond = check_validity(model.bath, surface.temperature_degC, model.bath_degC)
-            out += [f.at(run.name) for f in (*run.entry.findings, *beyond)]
-            if model.blocks.spikes:
-                out.append(info("plunge.spikes", where=run.name, count=model.blocks.spikes))
-            if max(factor.common, factor.differential) > COLOURED:
-                out.append(
-                    warning(
-                        "plunge.coloured",
-                        where=run.name,
-                        common=factor.common,
-                        differential=factor.differential,
-                        apart=factor.differential > COLOURED,
+        informative = np.isfinite(problem.sd)
+        deviations = np.abs(np.where(informative, (theta - problem.mean) / problem.sd, 0.0))
+        findings = []
+        for (kind, subject), deviation, value in zip(self.layout.table(), deviations, theta):
+            run_name = ""
+            if kind in RUN_KINDS:
+                run = self.runs[int(subject) - 1]
+                run_name = run.name
+                if kind == "ln_h" and deviation > WARNING_DEVIATION:
+                    unexpected_h = warning(
+                        "plunge.fluid",
+                        where=run_name,
+                        fluid=run.fluid.name,
+                        ratio=np.exp(value),
+                        sds=deviation,
                     )
+                    findings.append(unexpected_h)
+                    continue
+            limit = INFO_DEVIATION if kind in INFO_KINDS else WARNING_DEVIATION
+            if deviation > limit:
+                severity = warning if deviation > WARNING_DEVIATION else info
+                unexpected = severity(
+                    "plunge.pull",
+                    where=run_name,
+                    subject="" if run_name else subject,
+                    kind=kind,
+                    sds=deviation,
                 )
-        out += [
-            warning("plunge.no_lag", subject=c)
-            for c, lag in zip(self.channels, self.optimum.lag_s)
-            if lag < 0.01
-        ]
-        return unique(out)
+                findings.append(unexpected)
+        return findings
+
+    def _run_findings(self, r: int) -> list[Finding]:
+        """Findings about run ``r``: entry, validity of the correlation, spikes, coloured residuals."""
+        run = self.runs[r]
+        model = self.optimum.problem.models[r]
+        surface = self.optimum.surfaces[r]
+        noise = self.optimum.problem.noise[r]
+        validity = check_validity(model.bath, surface.temperature_degC, model.bath_degC)
+        findings = [f.at(run.name) for f in (*run.entry.findings, *validity)]
+        if model.blocks.spikes:
+            findings.append(info("plunge.spikes", where=run.name, count=model.blocks.spikes))
+        if max(noise.common, noise.differential) > COLOURED:
+            coloured = warning(
+                "plunge.coloured",
+                where=run.name,
+                common=noise.common,
+                differential=noise.differential,
+                apart=noise.differential > COLOURED,
+            )
+            findings.append(coloured)
+        return findings
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """The findings in words."""
+        """The findings as text."""
         return messages(self.findings)
 
     def junction_degC(self, run: int) -> pd.DataFrame:
-        """What the junctions of a plunge really saw, without the chain: [degC] by time after entry [s] and channel."""
+        """Temperatures of the junctions of a plunge without the chain [degC], by time after the
+        entry [s] and channel.
+        """
         return junction_degC(self.optimum.problem.models[run], self.layout, self.optimum.theta, run)
 
     def summary(self) -> str:
         """The lags, the structures and what limits them, in a few lines; warnings last."""
-        return "\n".join(
-            [*self.lines(), *(f"  {line}" for line in labelled_messages(self.findings))]
-        )
+        warning_lines = [f"  {line}" for line in labelled_messages(self.findings)]
+        return "\n".join([*self.lines(), *warning_lines])
 
     def lines(self) -> list[str]:
-        """The summary's lines without the warnings."""
+        """The lines of the summary without the warnings."""
         count = f"{len(self.runs)} plunge{'s' if len(self.runs) > 1 else ''}"
         common = self.common_lag_s
-        rows = [
-            (c, rounded(self.lag_s[c].value, self.lag_s[c].u), self.differential_lag_s[c])
-            for c in self.channels
-        ]
         lines = [
             f"{self.disk}: chain {self.structure}, correlation {self.correlation}, {count}",
             f"  common lag {with_u(common.value, common.u, 's')}, 95 % {interval(common)} s",
             f"    {INTERVAL_NOTE}",
-            *(
-                f"  {c}: lag {value} +- {u} s, from the common lag {with_u(d.value, d.u, 's')}"
-                for c, (value, u), d in rows
-            ),
-            "  where the uncertainty comes from [s], common lag / differences:",
-            *(
-                f"    {s.source}: {s.u_common_s:.3f} / {s.u_differential_s:.3f}"
-                for s in self.budget
-            ),
-            f"  {self.sentence}",
         ]
-        if self.structures is None or self.structures.findings:  # said as a warning, then
-            return lines
-        return [*lines, f"  structure: {self.structures.sentence}."]
+        for channel in self.channels:
+            value, u = rounded(self.lag_s[channel].value, self.lag_s[channel].u)
+            difference = self.differential_lag_s[channel]
+            from_common = with_u(difference.value, difference.u, "s")
+            lines.append(f"  {channel}: lag {value} +- {u} s, from the common lag {from_common}")
+        lines.append("  where the uncertainty comes from [s], common lag / differences:")
+        for share in self.budget:
+            u_s = f"{share.u_common_s:.3f} / {share.u_differential_s:.3f}"
+            lines.append(f"    {share.source}: {u_s}")
+        lines.append(f"  {self.sentence}")
+        # with findings, the text about the structures is among the warnings
+        if self.structures is not None and not self.structures.findings:
+            lines.append(f"  structure: {self.structures.sentence}.")
+        return lines
 
     def _common(self, extra: Array) -> Estimate:
+        """The common lag, widened by the covariance ``extra`` (C, C) of the lags."""
         return self.scan.estimate(self.setup.conditioning.lag_s, lag_u_s(extra)[0])
 
-    def _knowing(self, *kinds: str) -> Array:
-        """Covariance (C, C) of the lags, were all parameters of ``kinds`` known."""
-        keep: Flags = ~self.layout.mask(*kinds)
-        at = np.flatnonzero(self.layout.mask("lag")[keep])
-        return inverse(self.optimum.found.information[np.ix_(keep, keep)])[np.ix_(at, at)]
+    def _covariance_with_fixed(self, *kinds: str) -> Array:
+        """Covariance (C, C) of the lags if all parameters of ``kinds`` are fixed."""
+        free: Flags = ~self.layout.mask(*kinds)
+        lags = np.flatnonzero(self.layout.mask("lag")[free])
+        information = self.optimum.solution.information[np.ix_(free, free)]
+        return inverse(information)[np.ix_(lags, lags)]
 
 
 def interval(estimate: Estimate) -> str:
@@ -339,4 +407,6 @@ def interval(estimate: Estimate) -> str:
     >>> interval(Estimate(value=0.7, u=0.068, low95=0.5931, high95=0.857))
     '0.593 to 0.857'
     """
-    return f"{rounded(estimate.low95, estimate.u)[0]} to {rounded(estimate.high95, estimate.u)[0]}"
+    low = rounded(estimate.low95, estimate.u)[0]
+    high = rounded(estimate.high95, estimate.u)[0]
+    return f"{low} to {high}"

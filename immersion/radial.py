@@ -1,4 +1,6 @@
-"""The plunged disk: surface temperature and heat flux in time, and the temperature at each junction."""
+"""Temperatures of a plunged disk: time grid, solver of the surface heat balance (Newton), and
+forward model.
+"""
 
 from __future__ import annotations
 
@@ -10,18 +12,19 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import solve_triangular
 
 from immersion.cylinder import Cylinder, influence
-from tcdyn.core import Array
+from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
 
-FluxLaw = Callable[
-    [Array], Array
-]  # surface temperatures (..., n) on the grid [degC] -> flux into the disk [W/m2]
+# Surface temperatures (..., n) on the grid [degC] -> flux into the disk [W/m2].
+FluxLaw = Callable[[Array], Array]
+SURFACE_STEP_K = 0.01  # step of the derivative of the flux law [K]; chosen by judgement
 
 
 def plunge_grid(
     duration_s: float, first_s: float = 0.02, growth: float = 0.025, longest_s: float = 2.0
 ) -> Array:
-    """Times after entry [s]: ``first_s`` apart in the first second, then ever wider up to ``longest_s``.
+    """Times after the entry [s]: steps of ``first_s`` in the first second, then growing up to
+    ``longest_s``.
 
     >>> grid = plunge_grid(300.0)
     >>> bool(grid[0] == 0.0 and grid[-1] >= 300.0 and len(grid) < 400)
@@ -38,16 +41,18 @@ def plunge_grid(
 
 @dataclass(frozen=True)
 class Reading:
-    """Where block times fall on the grid: interval, share of the way through it, and whether after the entry."""
+    """Linear interpolation from the grid to block times: grid interval, share of it, its width, and
+    whether after the entry.
+    """
 
     interval: NDArray[np.intp]
     share: Array
     width_s: Array
-    after: NDArray[np.bool_]
+    after: Flags
 
     @classmethod
     def at(cls, grid_s: Array, times_s: Array) -> Reading:
-        """For times after entry ``times_s`` (..., B); earlier ones read the initial state."""
+        """For times after the entry ``times_s`` (..., B); earlier ones read the initial state."""
         interval = np.clip(np.searchsorted(grid_s, times_s, side="right") - 1, 0, len(grid_s) - 2)
         width = np.diff(grid_s)[interval]
         after = times_s > 0
@@ -55,33 +60,37 @@ class Reading:
         return cls(interval, share, width, after)
 
     def value(self, y: Array) -> Array:
-        """Deviations ``y`` (..., n) at the blocks (..., B): straight lines between knots, zero before entry."""
+        """Deviations ``y`` (..., n) at the block times (..., B): linear between knots, zero before
+        the entry.
+        """
         low, high = self._ends(y)
         return np.asarray(self.after * low + self.share * (high - low))
 
     def slope(self, y: Array) -> Array:
-        """Time derivative at the blocks [1/s]."""
+        """Time derivative of ``y`` at the block times [1/s]."""
         low, high = self._ends(y)
         return np.asarray(self.after / self.width_s * (high - low))
 
     def _ends(self, y: Array) -> tuple[Array, Array]:
-        """Of the intervals; times of several rows (C, B) are those of the rows (..., C, n) of y."""
+        """Values at both ends of the intervals; if times are (C, B), row c of y (..., C, n) is read
+        at row c of them.
+        """
         if self.interval.ndim == 1:
             return y[..., self.interval], y[..., self.interval + 1]
-        at = self.interval + y.shape[-1] * np.arange(len(self.interval))[:, None]
+        index = self.interval + y.shape[-1] * np.arange(len(self.interval))[:, None]
         flat = y.reshape(*y.shape[:-2], -1)
-        return np.take(flat, at, axis=-1), np.take(flat, at + 1, axis=-1)
+        return np.take(flat, index, axis=-1), np.take(flat, index + 1, axis=-1)
 
 
-def unit_less(slope: Array, own: Array) -> Array:
-    """The unit matrix less ``slope`` (n,) times the rows of ``own`` (n, n)."""
-    out = -slope[:, None] * own
-    out.flat[:: len(own) + 1] += 1.0
+def identity_minus_product(slope: Array, matrix: Array) -> Array:
+    """I - diag(``slope``) ``matrix``, for ``slope`` (n,) and ``matrix`` (n, n)."""
+    out = -slope[:, None] * matrix
+    out.flat[:: len(matrix) + 1] += 1.0
     return np.asarray(out)
 
 
 def solve_surface(
-    own: Array,
+    matrix: Array,
     offset: Array,
     law: FluxLaw,
     *,
@@ -89,28 +98,53 @@ def solve_surface(
     tolerance_K: float = 1e-5,
     limit: int = 40,
 ) -> tuple[Array, Array, Array]:
-    """Solve T_s = offset + own @ q, q = law(T_s) on the grid (a Volterra equation) by Newton.
+    """Solve T_s = offset + matrix @ q, q = law(T_s) on the grid (a Volterra equation) by Newton's
+    method.
 
-    ``own`` (n, n) is the surface's influence matrix, lower triangular. Returns T_s [degC], q [W/m2] and dq/dT_s, each
-    (n,). ``start`` is a first guess of T_s. The law's derivative is a central difference of 0.01 K; each Newton step
-    is a triangular solve, and the last one moved nothing by ``tolerance_K``: what is left is its square.
-    Raises InputError when it does not converge (a law that is not a cooling law).
+    Parameters
+    ----------
+    matrix
+        Influence of the flux on the surface (n, n), lower triangular.
+    offset
+        Surface temperature without flux (n,) [degC].
+    law
+        Flux as a function of the surface temperature.
+    start
+        First guess of T_s (n,); None: ``offset``.
+    tolerance_K
+        The iteration ends with a step smaller than this; the remaining error is of the order of its
+        square.
+    limit
+        Largest number of steps.
+
+    Returns
+    -------
+    temperature_degC, flux_W_m2, slope
+        T_s, q and dq/dT_s, each (n,).
+
+    Raises
+    ------
+    InputError
+        When it does not converge (a law that does not cool).
+
+    Notes
+    -----
+    The derivative of the law is a central difference of 0.01 K. Each Newton step is one triangular
+    solve.
     """
     surface = np.array(offset if start is None else start, dtype=float)
-    q = np.zeros_like(surface)
-    slope = q
     for _ in range(limit):
-        up, down = law(np.stack([surface + 0.01, surface - 0.01]))
-        slope = (up - down) / 0.02
-        # law is linearised about surface: q = middle + slope (offset + own q - surface)
+        up, down = law(np.stack([surface + SURFACE_STEP_K, surface - SURFACE_STEP_K]))
+        slope = (up - down) / (2 * SURFACE_STEP_K)
+        # the law, linearised about surface: q = middle + slope (offset + matrix q - surface)
         middle = (up + down) / 2
         q = solve_triangular(
-            unit_less(slope, own),
+            identity_minus_product(slope, matrix),
             middle + slope * (offset - surface),
             lower=True,
             check_finite=False,
         )
-        new = offset + own @ q
+        new = offset + matrix @ q
         change = float(np.max(np.abs(new - surface)))
         surface = new
         if not np.isfinite(change):
@@ -125,7 +159,9 @@ def solve_surface(
 
 @dataclass(frozen=True)
 class PlungeResponse:
-    """A simulated plunge: time after entry (n,), surface temperature, flux, h, and temperature at P depths (n, P)."""
+    """A simulated plunge: time after the entry (n,), surface temperature, flux, h, and temperature
+    at P depths (n, P).
+    """
 
     t_s: Array
     surface_degC: Array
@@ -135,7 +171,9 @@ class PlungeResponse:
     depth_m: Array
 
     def at(self, time_s: ArrayLike, entry_s: float) -> Array:
-        """Junction temperatures (N, P) at ``time_s`` of a record whose entry was at ``entry_s``; initial before."""
+        """Junction temperatures (N, P) at ``time_s`` of a record with entry at ``entry_s``; initial
+        ones before it.
+        """
         t = np.asarray(time_s, dtype=float) - entry_s
         return np.column_stack([np.interp(t, self.t_s, column) for column in self.junction_degC.T])
 
@@ -151,22 +189,44 @@ def simulate_plunge_model(
     grid_s: Array | None = None,
     modes: int = 24,
 ) -> PlungeResponse:
-    """Temperatures of a disk plunged at t = 0 into a bath, conduction exact, h following the surface temperature.
+    """Temperatures of a disk that is plunged into a bath at t = 0.
 
-    K dT/dr = h(T_s, T_f, t) (T_f - T_s) at R_o, dT/dr = 0 at the bore. ``h_W_m2K(T_s, T_f, t)`` works on arrays (n,);
-    ``fluid_degC`` is a number or a function of time after entry (bath drift). Junctions lie ``depth_m`` (P,) below the
-    surface. Time is graded: fine at entry, seconds later on (``plunge_grid``).
+    Parameters
+    ----------
+    cylinder
+        The disk.
+    depth_m
+        Depths of the junctions below the running surface (P,) [m].
+    h_W_m2K
+        Heat transfer coefficient as a function of (T_s, T_f, t), on arrays (n,).
+    initial_degC
+        Temperature of the disk before the entry.
+    fluid_degC
+        Bath temperature: a number, or a function of the time after the entry (drift of the bath).
+    duration_s
+        End of the simulation.
+    grid_s
+        Times after the entry; None: ``plunge_grid``, fine at the entry and coarse later.
+    modes
+        Number of modes that are stepped exactly.
+
+    Notes
+    -----
+    K dT/dr = h(T_s, T_f, t) (T_f - T_s) at R_o, dT/dr = 0 at the bore. Conduction is exact.
     """
     t = plunge_grid(duration_s) if grid_s is None else np.asarray(grid_s, dtype=float)
     depths = np.asarray(depth_m, dtype=float)
     radii = cylinder.outer_radius_m - np.concatenate([[0.0], depths])
     matrix, leak = influence(cylinder, radii, t, modes)
-    fluid = np.asarray(
-        fluid_degC(t) if callable(fluid_degC) else np.full(len(t), float(fluid_degC))
-    )
+    if callable(fluid_degC):
+        fluid = np.asarray(fluid_degC(t))
+    else:
+        fluid = np.full(len(t), float(fluid_degC))
     offset = initial_degC + leak @ (fluid - initial_degC)
-    surface, q, _ = solve_surface(
-        matrix[0], offset, lambda T: np.array([h_W_m2K(x, fluid, t) * (fluid - x) for x in T])
-    )
+
+    def law(surfaces: Array) -> Array:
+        return np.array([h_W_m2K(T, fluid, t) * (fluid - T) for T in surfaces])
+
+    surface, q, _ = solve_surface(matrix[0], offset, law)
     junctions = offset[:, None] + np.einsum("pij,j->ip", matrix[1:], q)
     return PlungeResponse(t, surface, q, h_W_m2K(surface, fluid, t), junctions, depths)

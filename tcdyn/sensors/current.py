@@ -1,8 +1,8 @@
-"""Loop current step response (LCSR): heat made in the sensor by a current, converted to the response to a plunge.
+"""Loop current step response (LCSR): lag from heating the sensor by a current, converted to the response to a plunge.
 
-Heating inside and a step outside share the poles of the sensor; inside, zeros stand beside them (Kerlin, Hashemian), so
-how much each pole counts for the plunge is told by a model of where heat is made and stored: a round core, heated about
-its axis and read there, a wall of metal round it, a film outside.
+Internal heating and an external step share the poles of the sensor; internal heating adds zeros (Kerlin, Hashemian). The
+weight of each pole in a plunge follows from a model of where heat is generated and stored: a round core, heated about
+its axis and read there, surrounded by a metal wall and a boundary layer.
 """
 
 from __future__ import annotations
@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import scipy  # scipy.signal and scipy.stats with their first use: they are slow to import
+from scipy.signal import lfilter
 from scipy.special import j0, j1, jn_zeros, logsumexp, softmax
+from scipy.stats import multivariate_t
 
 from tcdyn.chain import Chain
 from tcdyn.core import Array
@@ -21,34 +22,36 @@ from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.estimation import Noise
-from tcdyn.estimation.trace_noise import white_noise_sd
-from tcdyn.sensors.file import SHARES, SensorFile, passes, sensor_file, undetermined
-from tcdyn.sensors.step_fits import Fitted, colour_of, fit_curve
+from tcdyn.sensors.file import SHARES, SensorFile, sensor_file, step_passes, undetermined
+from tcdyn.sensors.step_fits import Fitted, colour_of, fit_curve, white_noise_K
 
 MODES = 14
-# what is known of sheathed sensors: Biot number of the film, heat stored in the wall over the core's, radius that is
-# heated over the core's; medians and standard deviations of the logarithm
-KNOWN = {
+# Priors for sheathed sensors: Biot number of the boundary layer, heat stored in the wall over that in the core, radius
+# of the heated part over that of the core; medians and standard deviations of the logarithm. Chosen by judgement.
+PRIORS = {
     "log_biot": (np.log(2.0), 1.5),
     "log_wall": (np.log(0.5), 0.8),
     "log_heated": (np.log(0.15), 0.7),
 }
+# Starts of the fits: Biot number, wall, heated radius; chosen by judgement.
 STARTS = [
     (biot, wall, heated) for biot in (0.6, 2.5, 9.0) for wall, heated in ((0.3, 0.1), (1.0, 0.25))
 ]
-CONVERSION_REL = (
-    0.05  # of the lag, 1 sd: of a sensor that is no such cylinder (plants report 10 % at 95 %)
-)
-WIDE = (
-    20.0  # percent, 95 %: beyond, the answer to the current does not tell the plunge, which is said
-)
-ROWS = 4000  # that are fitted: means of neighbours, where there are more
-# of the posterior; of them for t50 to t90; of the t they are proposed by
-DRAWS = 400
-TIMES_OF = 60
-DEGREES = 5.0
+# Relative standard uncertainty of the lag for a sensor that is no such cylinder (plants report 10 % at 95 %).
+CONVERSION_REL = 0.05
+# Half-width of the 95 % interval in percent, beyond which a warning says that the response to the current does not
+# determine the response to a plunge; chosen by judgement.
+WIDE_PERCENT = 20.0
+MAX_ROWS = 4000  # rows that are fitted; longer records are averaged; chosen by judgement
+MIN_READINGS = 40  # chosen by judgement
+MIN_RISE_NOISES = 10.0  # least response over the noise; chosen by judgement
+SAMPLES = 400  # of the posterior, for each proposal
+TIMES_SAMPLES = 60  # samples for t50 to t90
+PROPOSAL_DOF = 5.0  # degrees of freedom of the Student's t proposals
+MAX_EXCESS_COST = 20.0  # cost above the best beyond which a fit is no centre of a proposal
+MAX_LOG = 25.0  # largest modulus of a logarithm
 LINEAR = ("level", "drift", "direct", "size")
-EDGES = np.r_[0.0, jn_zeros(0, MODES)]
+ROOT_BOUNDS = np.r_[0.0, jn_zeros(0, MODES)]
 
 
 @one_blas_thread
@@ -62,131 +65,166 @@ def current_sensor(
     off_only: bool = False,
     **more: Any,
 ) -> SensorFile:
-    """The chain of a plunge from the sensor's answer to a current through it, switched on, off, or both.
+    """The chain for a plunge from the sensor's response to a current through it, switched on, off, or both.
 
-    y = level + drift t + direct P + size sum_n a_n (P behind a lag tau_n), P = current^2 over its largest, a_n and
-    tau_n those of ``cylinder``. Its lag, Biot number, wall and heated radius are sampled from their posterior, so that
-    an interval is as wide, and as skew, as what the answer to the current leaves open.
+    Parameters
+    ----------
+    time_s
+        Even times (N,) [s].
+    y_degC
+        Readings (N,) [degC], NaN where missing.
+    current
+        Current (N,), in any unit; the heating is proportional to its square.
+    column
+        The sensor's column.
+    sensor
+        Name of the sensor.
+    off_only
+        Use only rows without current (a thermocouple cannot be read while it is heated).
+    more
+        Other fields of the file.
 
-    Args:
-        time_s: (N,) even times [s].
-        y_degC: (N,) readings [degC], NaN where missing.
-        current: (N,) the current, any unit; heating goes as its square.
-        column: the sensor's column.
-        off_only: only rows without current are read (a thermocouple cannot be read while it is heated).
+    Raises
+    ------
+    InputError
+        A current that never changes, a response within the noise, a record too short after the step.
 
-    Raises:
-        InputError: a current that never changes, an answer within the noise, a record too short after the step.
+    Notes
+    -----
+    y = level + drift t + direct P + size sum_n a_n (P after a lag tau_n), with P = current^2 over its largest value,
+    and a_n, tau_n those of ``cylinder``. Lag, Biot number, wall and heated radius are sampled from their posterior, so
+    that the interval is as wide, and as skew, as the response to the current leaves them undetermined.
     """
     power = np.nan_to_num(current) ** 2
-    top = float(power.max())
-    if top <= 0 or np.ptp(power) < 0.3 * top:
+    largest = float(power.max())
+    if largest <= 0 or np.ptp(power) < 0.3 * largest:
         raise InputError(
             "the current does not switch",
             expected="one that is switched on or off within the record",
         )
-    power = power / top
+    power = power / largest
     y = np.where(power > 0.5, np.nan, y_degC) if off_only else y_degC
-    if (count := int(np.isfinite(y).sum())) < 40:
-        raise InputError(f"only {count} readings", expected="at least 40")
-    told = _Heated.of(float(time_s[1] - time_s[0]), y, power)
-    span = float(np.nanmax(told.y) - np.nanmin(told.y))
-    noise = told.noise_K
-    if span < 10 * noise:
+    count = int(np.isfinite(y).sum())
+    if count < MIN_READINGS:
+        raise InputError(f"only {count} readings", expected=f"at least {MIN_READINGS}")
+    dt_s = float(time_s[1] - time_s[0])
+    record = _Record.averaged(dt_s, y, power)
+    rise_K = float(np.nanmax(record.y) - np.nanmin(record.y))
+    if rise_K < MIN_RISE_NOISES * record.noise_K:
         raise InputError(
-            f"the answer of {span:.2g} K is within ten times the noise",
+            f"the answer of {rise_K:.2g} K is within ten times the noise",
             remedy="heat more, or average",
         )
-    best, theta, weights = _posterior(told)
-    model = np.exp(
-        CONVERSION_REL * np.random.default_rng(1).standard_normal(len(theta))
-    )  # moves all times alike
-    lag = _of(np.exp(theta[:, 0]) * model, weights)
-    some = np.random.default_rng(2).choice(len(theta), TIMES_OF, p=weights)
-    times = np.array([passes(_chain(theta[k])) * model[k] for k in some])
-    taus = _chain(weights @ theta).taus_s
+    best, theta, weights = _posterior(record)
+    # error of the conversion model; it moves lag and all times alike
+    factor = np.exp(CONVERSION_REL * np.random.default_rng(1).standard_normal(len(theta)))
+    lag = _weighted_estimate(np.exp(theta[:, 0]) * factor, weights)
+    chosen = np.random.default_rng(2).choice(len(theta), TIMES_SAMPLES, p=weights)
+    passes = np.array([step_passes(_chain(theta[k])) * factor[k] for k in chosen])
+    equal = np.full(TIMES_SAMPLES, 1 / TIMES_SAMPLES)
+    times = [_weighted_estimate(t, equal) for t in passes.T]
+    mean_theta = weights @ theta
+    taus = _chain(mean_theta).taus_s
     chain = Chain([tau * lag.value / sum(taus) for tau in taus])
     switches = np.flatnonzero(np.diff(power > 0.5))
-    longest = float(np.diff(np.r_[switches, len(power) - 1]).max() * (time_s[1] - time_s[0]))
-    found: list[Finding] = []
-    if longest < 4 * lag.value:
-        found.append(warning("sensor.cut_off", subject=column, after_s=longest, lag_s=lag.value))
-    found += best.doubts(column, noise, 0.01 * span)
-    percent = 50 * (lag.high95 - lag.low95) / lag.value
-    if percent > WIDE:
-        found.append(
-            warning("sensor.conversion_wide", subject=column, low_s=lag.low95, high_s=lag.high95)
+    rows_after = np.diff(np.r_[switches, len(power) - 1])
+    longest_s = float(rows_after.max() * (time_s[1] - time_s[0]))
+    findings: list[Finding] = []
+    if longest_s < 4 * lag.value:
+        findings.append(
+            warning("sensor.cut_off", subject=column, after_s=longest_s, lag_s=lag.value)
         )
-    else:
-        found.append(info("sensor.conversion", subject=column, percent=percent))
-    shape = {
-        k.removeprefix("log_"): _of(np.exp(v), weights).model_dump()
-        for k, v in zip(KNOWN, theta.T[1:])
-    }
+    findings += best.residual_findings(column, record.noise_K, 0.01 * rise_K)
+    findings.append(_conversion_finding(column, lag))
     fit = {
-        "modes_s": cylinder(weights @ theta)[0][:3].tolist(),
+        "modes_s": cylinder(mean_theta)[0][:3].tolist(),
         "noise_K": best.noise_K,
         "lag_s": lag.model_dump(),
-        "heating_K": span,
+        "heating_K": rise_K,
         "switches": len(switches),
         "model_u_s": CONVERSION_REL * lag.value,
-        **shape,
     }
+    for name, values in zip(PRIORS, theta.T[1:]):
+        estimate = _weighted_estimate(np.exp(values), weights)
+        fit[name.removeprefix("log_")] = estimate.model_dump()
     return sensor_file(
         sensor,
         {column: chain},
         "current",
         np.array([[lag.u**2]]),
         [lag.value - chain.taus_s[0]],
-        times={
-            column: dict(zip(SHARES, (_of(t, np.full(TIMES_OF, 1 / TIMES_OF)) for t in times.T)))
-        },
+        times={column: dict(zip(SHARES, times))},
         fit=fit,
-        findings=found,
+        findings=findings,
         **more,
     )
 
 
-def cylinder(theta: Array) -> tuple[Array, Array]:
-    """Time constants (MODES,) [s] and shares (MODES,) of the answer on the axis to heat made about it.
+def _conversion_finding(column: str, lag: Estimate) -> Finding:
+    """How well the response to the current determines the response to a plunge."""
+    percent = 50 * (lag.high95 - lag.low95) / lag.value
+    if percent > WIDE_PERCENT:
+        return warning(
+            "sensor.conversion_wide", subject=column, low_s=lag.low95, high_s=lag.high95
+        )
+    return info("sensor.conversion", subject=column, percent=percent)
 
-    theta = logarithms of lag [s], Bi = h R/k, wall g and heated radius e (of R). z J1(z) = (Bi - g z^2/2) J0(z),
-    tau = R^2/(a z^2), share ~ tau J1(z e)/(z e)/(J0(z)^2 + J1(z)^2 + g J0(z)^2). A plunge has the poles alone,
+
+def cylinder(theta: Array) -> tuple[Array, Array]:
+    """Modes of a cylinder that is heated about its axis and read there.
+
+    Parameters
+    ----------
+    theta
+        Logarithms of lag [s], Biot number Bi = h R/k, wall g and heated radius e (over R).
+
+    Returns
+    -------
+    taus_s, shares
+        Time constants [s], and shares of the response on the axis (MODES,).
+
+    Notes
+    -----
+    z J1(z) = (Bi - g z^2/2) J0(z), tau = R^2/(a z^2), share ~ tau J1(z e)/(z e)/(J0(z)^2 + J1(z)^2 + g J0(z)^2). There
+    is one root z between neighbouring zeros of J0. A plunge has the poles only,
     T/T_fluid = 1/(I0(q) + (q/Bi) I1(q) + (g q^2/(2 Bi)) I0(q)), q^2 = s R^2/a, so lag = R^2/a (1/4 + (1 + g)/(2 Bi)).
 
-    >>> tau, _ = cylinder(np.log([0.25, 1e6, 1e-6, 0.1]))  # a bare one whose surface is held: z are the zeros of J0
+    Examples
+    --------
+    A bare cylinder at constant surface temperature: z are the zeros of J0.
+
+    >>> tau, _ = cylinder(np.log([0.25, 1e6, 1e-6, 0.1]))
     >>> (tau * jn_zeros(0, MODES) ** 2).round(3).tolist() == [1.0] * MODES
     True
     """
     lag, biot, wall, heated = np.exp(theta)
-    low = EDGES[:-1] + 1e-12
-    high = EDGES[1:]
+    low = ROOT_BOUNDS[:-1] + 1e-12
+    high = ROOT_BOUNDS[1:]
 
-    def miss(z: Array) -> Array:
+    def characteristic(z: Array) -> Array:
         return z * j1(z) - (biot - 0.5 * wall * z**2) * j0(z)
 
-    begun = np.sign(miss(low))  # one root between neighbouring zeros of J0
-    for _ in range(48):
+    sign = np.sign(characteristic(low))
+    for _ in range(48):  # bisection of all roots
         middle = 0.5 * (low + high)
-        before = np.sign(miss(middle)) == begun
-        low = np.where(before, middle, low)
-        high = np.where(before, high, middle)
+        below_root = np.sign(characteristic(middle)) == sign
+        low = np.where(below_root, middle, low)
+        high = np.where(below_root, high, middle)
     z = 0.5 * (low + high)
     share = j1(z * heated) / (z * heated) / ((1 + wall) * j0(z) ** 2 + j1(z) ** 2) / z**2
     return lag / (0.25 + 0.5 * (1 + wall) / biot) / z**2, share / share.sum()
 
 
 def _chain(theta: Array) -> Chain:
-    """The plunge: the two largest lags, and what all others add as one."""
+    """The chain of a plunge: the two largest lags, and the sum of all others as one."""
     first, second = cylinder(theta)[0][:2]
-    return Chain(
-        sorted([first, second, max(float(np.exp(theta[0])) - first - second, 0.0)], reverse=True)
-    )
+    others = max(float(np.exp(theta[0])) - first - second, 0.0)
+    return Chain(sorted([first, second, others], reverse=True))
 
 
 @dataclass(frozen=True)
-class _Heated:
-    """What is fitted: interval [s], readings (N,), heating (N,), times (N,) from 0 to 1, a first guess of noise [K]."""
+class _Record:
+    """Data of the fit: interval [s], readings (N,), heating (N,), times (N,) from 0 to 1, first guess of the noise [K]."""
 
     dt_s: float
     y: Array
@@ -195,145 +233,159 @@ class _Heated:
     noise_K: float
 
     @classmethod
-    def of(cls, dt_s: float, y: Array, power: Array) -> _Heated:
-        """Means of as many neighbours as leave ``ROWS``."""
-        every = -(-len(y) // ROWS)
-        n = len(y) // every * every
-        blocks = y[:n].reshape(-1, every)
-        heat = power[:n].reshape(-1, every).mean(axis=1)
-        seen = np.isfinite(blocks).all(axis=1)
-        mean = np.where(seen, np.nan_to_num(blocks).mean(axis=1), np.nan)
-        noise = max(float(white_noise_sd(mean[seen], 3)), 1e-9)
-        return cls(dt_s * every, mean, heat, np.linspace(0, 1, len(mean)), noise)
+    def averaged(cls, dt_s: float, y: Array, power: Array) -> _Record:
+        """Means of neighbouring rows, at most ``MAX_ROWS``; NaN where one of them is missing."""
+        size = -(-len(y) // MAX_ROWS)
+        n = len(y) // size * size
+        mean = y[:n].reshape(-1, size).mean(axis=1)
+        heating = power[:n].reshape(-1, size).mean(axis=1)
+        noise_K = white_noise_K(mean)
+        return cls(dt_s * size, mean, heating, np.linspace(0, 1, len(mean)), noise_K)
 
-    def risen(self, shape: Array) -> Array:
-        """The answer (N,) to the heating, one where it stays on; before the first row heating was as then."""
+    def response(self, shape: Array) -> Array:
+        """Response (N,) to the heating, one in the steady state; constant heating is assumed before the first row."""
         total = np.zeros_like(self.power)
         for tau, share in zip(*cylinder(shape)):
-            keep = float(np.exp(-self.dt_s / tau))
-            first = self.power[0]
-            total += (
-                share
-                * scipy.signal.lfilter([0.0, 1 - keep], [1.0, -keep], self.power, zi=[first])[0]
-            )
+            decay = float(np.exp(-self.dt_s / tau))
+            initial = [self.power[0]]
+            lagged, _ = lfilter([0.0, 1 - decay], [1.0, -decay], self.power, zi=initial)
+            total += share * lagged
         return total
 
     def table(self, shape: Array) -> Array:
-        """What level, drift, direct and size multiply (N, 4)."""
-        return np.stack([np.ones_like(self.t), self.t, self.power, self.risen(shape)], axis=1)
+        """Regressors (N, 4) of level, drift, direct and size."""
+        ones = np.ones_like(self.t)
+        return np.stack([ones, self.t, self.power, self.response(shape)], axis=1)
 
 
-def _posterior(told: _Heated) -> tuple[Fitted, Array, Array]:
-    """The best fit, draws (K, 4) of logarithms of lag, Bi, wall and heated radius, and their weights (K,).
+def _posterior(record: _Record) -> tuple[Fitted, Array, Array]:
+    """The best fit, samples (K, 4) of the logarithms of lag, Bi, wall and heated radius, and their weights (K,).
 
-    Fits from several starts, since a thick film with a thin wall and the reverse may both be minima; then importance
-    sampling about all of them, level, drift, direct and size integrated out.
+    Several starts, since a thick boundary layer with a thin wall and the reverse may both be minima; then importance
+    sampling about all of them, with level, drift, direct and size integrated out.
     """
-    ok = np.isfinite(told.y)
-    y, big = told.y[ok], max(float(np.ptp(told.y[ok])), 1e-9)
-    names = [*LINEAR, "log_lag", *KNOWN]
-    scale = np.array([big] * 4 + [0.5] * 4)
-    span = len(told.y) * told.dt_s
+    fits = _fit_all(record)
+    best = min(fits, key=lambda f: f.optimum.cost)
+    density = _LogPosterior(record, best)
+    near = [f for f in fits if f.optimum.cost < best.optimum.cost + MAX_EXCESS_COST]
+    centres = np.array([f.optimum.theta[4:] for f in near])
+    covariances = np.array([f.optimum.covariance[4:, 4:] for f in near])
+    log_determinants = np.linalg.slogdet(covariances)[1]
+    costs = np.array([f.optimum.cost for f in near])
+    chances = softmax(-0.5 * costs + 0.5 * log_determinants)
+    proposal = _Mixture(centres, covariances, chances)
+    proposals = list[_Mixture]()
+    samples = np.empty((0, 4))
+    log_p = np.empty(0)
+    for seed in range(3):
+        proposals.append(proposal)
+        new = proposal.sample(np.random.default_rng(seed))
+        samples = np.concatenate([samples, new])
+        log_p = np.r_[log_p, [density(shape) for shape in new]]
+        log_q = logsumexp([p.log_density(samples) for p in proposals], axis=0)
+        weights = softmax(log_p - log_q)
+        effective_size = 1 / np.sum(weights**2)
+        if effective_size > SAMPLES / 4:
+            break
+        # too few effective samples: propose from the weighted mean and covariance
+        covariance = np.cov(samples.T, ddof=0, aweights=weights) + 1e-6 * np.eye(4)
+        mean = weights @ samples
+        proposal = _Mixture(mean[None], covariance[None], np.ones(1))
+    return best, samples, weights
+
+
+def _fit_all(record: _Record) -> list[Fitted]:
+    """Fits from all starts, with the noise estimated from the residuals of the best."""
+    finite = np.isfinite(record.y)
+    y = record.y[finite]
+    names = [*LINEAR, "log_lag", *PRIORS]
+    range_K = max(float(np.ptp(y)), 1e-9)
+    scale = np.array([range_K] * 4 + [0.5] * 4)
+    duration_s = len(record.y) * record.dt_s
 
     def model(theta: Array) -> Array | None:
-        return (
-            None
-            if np.any(np.abs(theta[4:]) > 25)
-            else np.asarray(told.table(theta[4:]) @ theta[:4])
-        )
+        if np.any(np.abs(theta[4:]) > MAX_LOG):
+            return None
+        return np.asarray(record.table(theta[4:]) @ theta[:4])
 
-    def begun(biot: float, wall: float, heated: float) -> Array:
-        tried = []
-        for lag in np.geomspace(3 * told.dt_s, span / 3, 10):
+    def start(biot: float, wall: float, heated: float) -> Array:
+        """Best of ten lags, with level, drift, direct and size by linear least squares."""
+        candidates = []
+        for lag in np.geomspace(3 * record.dt_s, duration_s / 3, 10):
             shape = np.log([lag, biot, wall, heated])
-            table = told.table(shape)[ok]
+            table = record.table(shape)[finite]
             linear = np.linalg.lstsq(table, y, rcond=None)[0]
-            tried.append((float(np.sum((table @ linear - y) ** 2)), np.r_[linear, shape]))
-        return min(tried, key=lambda pair: pair[0])[1]
+            square_sum = float(np.sum((table @ linear - y) ** 2))
+            candidates.append((square_sum, np.r_[linear, shape]))
+        return min(candidates, key=lambda pair: pair[0])[1]
 
-    starts = [begun(*start) for start in STARTS]
-    noise = (Noise(), told.noise_K)
-    for turn in range(2):  # noise is what the best of them leaves
-        fits = [
-            fit_curve("LCSR", model, told.y, names, s, scale, prior=KNOWN, noise=noise)
-            for s in starts
+    def fits(starts: list[Array], noise: tuple[Noise, float]) -> list[Fitted]:
+        return [
+            fit_curve("LCSR", model, record.y, names, theta, scale, prior=PRIORS, noise=noise)
+            for theta in starts
         ]
-        best = min(fits, key=lambda f: f.optimum.cost)
-        if turn == 0:
-            noise = colour_of(best.residual, len(names))
-            starts = [f.optimum.theta for f in fits]
-    whole = [slice(0, len(y))]
-    (colour, noise_K) = noise
-    white_y = colour.whiten(y, whole) / noise_K
 
-    def log_posterior(shape: Array) -> float:
-        if np.any(np.abs(shape) > 25):
+    first = fits([start(*values) for values in STARTS], (Noise(), record.noise_K))
+    best = min(first, key=lambda f: f.optimum.cost)
+    noise = colour_of(best.residual, len(names))
+    return fits([f.optimum.theta for f in first], noise)
+
+
+class _LogPosterior:
+    """Log posterior density of the shape (4,), profiled over level, drift, direct and size."""
+
+    def __init__(self, record: _Record, fit: Fitted) -> None:
+        self.record = record
+        self.finite = np.isfinite(record.y)
+        self.fit = fit
+        self.full = [slice(0, int(self.finite.sum()))]
+        self.white_y = self._whiten(record.y[self.finite])
+
+    def __call__(self, shape: Array) -> float:
+        if np.any(np.abs(shape) > MAX_LOG):
             return -np.inf
-        table = colour.whiten(told.table(shape)[ok], whole) / noise_K
-        linear = np.linalg.lstsq(table, white_y, rcond=None)[0]
-        pulls = [(v - mean) / sd for v, (mean, sd) in zip(shape[1:], KNOWN.values())]
-        return -0.5 * float(np.sum((white_y - table @ linear) ** 2) + np.sum(np.square(pulls)))
+        table = self._whiten(self.record.table(shape)[self.finite])
+        linear = np.linalg.lstsq(table, self.white_y, rcond=None)[0]
+        deviations = [(v - mean) / sd for v, (mean, sd) in zip(shape[1:], PRIORS.values())]
+        square_sum = np.sum((self.white_y - table @ linear) ** 2)
+        return -0.5 * float(square_sum + np.sum(np.square(deviations)))
 
-    kept = [f for f in fits if f.optimum.cost < best.optimum.cost + 20]
-    centres = np.array([f.optimum.theta[4:] for f in kept])
-    spreads = np.array([f.optimum.covariance[4:, 4:] for f in kept])
-    height = np.array(
-        [-0.5 * f.optimum.cost + 0.5 * np.linalg.slogdet(c)[1] for f, c in zip(kept, spreads)]
-    )
-    by = _Mixture(centres, spreads, softmax(height))
-    used = list[_Mixture]()
-    draws = np.empty((0, 4))
-    log_p = np.empty(0)
-    for turn in range(3):
-        used.append(by)
-        more = by.drawn(np.random.default_rng(turn))
-        draws = np.concatenate([draws, more])
-        log_p = np.r_[log_p, [log_posterior(shape) for shape in more]]
-        weights = softmax(log_p - logsumexp([one.log_density(draws) for one in used], axis=0))
-        if 1 / np.sum(weights**2) > DRAWS / 4:
-            break
-        spread = np.cov(draws.T, ddof=0, aweights=weights) + 1e-6 * np.eye(4)
-        by = _Mixture(
-            (weights @ draws)[None], spread[None], np.ones(1)
-        )  # too few count: anew by what they say
-    return best, draws, weights
+    def _whiten(self, values: Array) -> Array:
+        return self.fit.colour.whiten(values, self.full) / self.fit.noise_K
 
 
 @dataclass(frozen=True)
 class _Mixture:
-    """Of Student's t about ``centres`` (C, 4) with ``spreads`` (C, 4, 4), each by its ``chances`` (C,)."""
+    """Mixture of multivariate Student's t: ``centres`` (C, 4), ``covariances`` (C, 4, 4), ``chances`` (C,)."""
 
     centres: Array
-    spreads: Array
+    covariances: Array
     chances: Array
 
-    def drawn(self, rng: np.random.Generator) -> Array:
-        """Draws (DRAWS, 4)."""
-        which = rng.choice(len(self.centres), DRAWS, p=self.chances)
-        tails = np.sqrt(DEGREES / rng.chisquare(DEGREES, (DRAWS, 1)))
-        roots = np.linalg.cholesky(self.spreads)[which]
-        return (
-            self.centres[which]
-            + np.einsum("kij,kj->ki", roots, rng.standard_normal((DRAWS, 4))) * tails
-        )
+    def sample(self, rng: np.random.Generator) -> Array:
+        """Samples (SAMPLES, 4)."""
+        component = rng.choice(len(self.centres), SAMPLES, p=self.chances)
+        tails = np.sqrt(PROPOSAL_DOF / rng.chisquare(PROPOSAL_DOF, (SAMPLES, 1)))
+        roots = np.linalg.cholesky(self.covariances)[component]
+        normal = np.einsum("kij,kj->ki", roots, rng.standard_normal((SAMPLES, 4)))
+        return self.centres[component] + normal * tails
 
     def log_density(self, x: Array) -> Array:
-        """At ``x`` (K, 4), (K,)."""
-        each = [
-            scipy.stats.multivariate_t.logpdf(x, *one, DEGREES)
-            for one in zip(self.centres, self.spreads)
+        """Log density (K,) at ``x`` (K, 4)."""
+        components = [
+            multivariate_t.logpdf(x, centre, covariance, PROPOSAL_DOF)
+            for centre, covariance in zip(self.centres, self.covariances)
         ]
-        return logsumexp(each, axis=0, b=self.chances[:, None])
+        return logsumexp(components, axis=0, b=self.chances[:, None])
 
 
-def _of(values: Array, weights: Array) -> Estimate:
-    """Mean, standard deviation and 95 % range of weighted draws (K,)."""
+def _weighted_estimate(values: Array, weights: Array) -> Estimate:
+    """Mean, standard deviation and 95 % range of weighted samples (K,)."""
     mean = float(weights @ values)
     order = np.argsort(values)
-    low, high = np.interp(
-        [0.025, 0.975], np.cumsum(weights[order]) - 0.5 * weights[order], values[order]
-    )
+    cumulative = np.cumsum(weights[order]) - 0.5 * weights[order]
+    low, high = np.interp([0.025, 0.975], cumulative, values[order])
     sd = float(np.sqrt(weights @ (values - mean) ** 2))
-    if not 0 < sd < np.inf:  # all weight on one draw
+    if not 0 < sd < np.inf:  # all weight on one sample
         raise undetermined()
     return Estimate(value=mean, u=sd, low95=float(low), high95=float(high))

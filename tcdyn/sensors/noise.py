@@ -1,4 +1,4 @@
-"""The lag in place from process noise: the spectrum of an autoregression, white fluctuations behind one or two lags."""
+"""Lag in place from process noise: white fluctuations of the fluid after one or two lags, by Whittle's likelihood."""
 
 from __future__ import annotations
 
@@ -18,77 +18,101 @@ from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.sensors.file import SHARES, SensorFile, lag_and_times, sensor_file, undetermined
-from tcdyn.sensors.step_fits import averaged, weights_of
+from tcdyn.sensors.step_fits import bic_weights, model_average
 
-MODEL_REL = 0.03  # of the lag, 1 sd, beside the statistics: fluctuations that are white only as far as can be seen
-NO_LAG = 1e-6  # of the first lag: a second one below it is none
+# Relative standard uncertainty of the lag, besides the statistics, since that the fluctuations are white can only be
+# tested to a limit; chosen by judgement.
+MODEL_REL = 0.03
+MIN_LAG_SHARE = 1e-6  # second lag over the first, below which there is none; chosen by judgement
+MIN_ROWS = 512  # of the record; chosen by judgement
+MIN_FINITE_SHARE = 0.99  # share of rows with a reading; chosen by judgement
+# Length of a segment in lags, and least number of segments; chosen by judgement.
 SEGMENT_LAGS = 60.0
-LEAST_SEGMENTS = 6
-LEAST_LAGS = 300.0
-# of halves under Hann's window: their independence; bins that tell one thing
-OVERLAP = 36 / 38
-TAPER = 35 / 18
-BANDS = 12
-ALARM = 0.001
-UNSTEADY = 3.0
+MIN_SEGMENTS = 6
+MIN_SEGMENT_ROWS = 128
+MIN_RECORD_LAGS = 300.0  # length of the record in lags; chosen by judgement
+# Hann window, segments overlapping by a half: factor of the equivalent number of independent segments (Welch 1967), and
+# bins that carry one piece of information.
+OVERLAP_FACTOR = 36 / 38
+TAPER_FACTOR = 35 / 18
+BANDS = 12  # of the goodness-of-fit test of the spectrum; chosen by judgement
+MISFIT_P_VALUE = 0.001  # p-value of that test below which a warning is given; chosen by judgement
+# Ratio of the variances of two quarters beyond which the record is not stationary; by judgement.
+UNSTEADY_RATIO = 3.0
 
 
 @one_blas_thread
 def noise_sensor(
     time_s: Array, y_degC: Array, column: str, *, sensor: str = "sensor", **more: Any
 ) -> SensorFile:
-    """The chain from the trace's own fluctuations at constant conditions.
+    """The chain from the fluctuations of a trace at constant conditions.
 
-    The spectrum of a sampled sum of exponentials, A [tau1 s(tau1) - tau2 s(tau2)]/(tau1 - tau2) + B,
-    s(tau) = (1 - p^2)/(1 - 2 p cos w + p^2), p = exp(-dt/tau): white fluctuations of the fluid behind one or two lags
-    and white noise of the logger, which is what an autoregression (with that noise, an ARMA) fits. By Whittle's
-    likelihood on overlapping segments; one lag and two are weighed by BIC.
+    Parameters
+    ----------
+    time_s, y_degC
+        Even times (N,) [s] and readings [degC], NaN where missing.
+    column
+        The sensor's column.
+    sensor
+        Name of the sensor.
+    more
+        Other fields of the file.
 
-    It holds if the fluid's fluctuations are white over the sensor's band and nothing else is: a fluid that swings more
-    slowly adds its own time constant to the answer, and this trace cannot tell which is which. What the trace can tell
-    is tested: that it is stationary, long enough, louder than the logger, and of this spectrum.
+    Raises
+    ------
+    InputError
+        Gaps of more than 1 %, a record shorter than about 300 lags, no fluctuation above the logger's noise.
 
-    Args:
-        time_s, y_degC: (N,) even times [s] and readings [degC], NaN where missing.
-        column: the sensor's column.
+    Notes
+    -----
+    The spectrum is that of a sampled sum of exponentials, A [tau1 s(tau1) - tau2 s(tau2)]/(tau1 - tau2) + B,
+    s(tau) = (1 - p^2)/(1 - 2 p cos w + p^2), p = exp(-dt/tau): white fluctuations of the fluid after one or two lags,
+    and white noise of the logger. An autoregression (with that noise, an ARMA) fits the same spectrum. The fit is by
+    Whittle's likelihood on overlapping segments; one lag and two are weighted by BIC.
 
-    Raises:
-        InputError: gaps of more than 1 %, a trace shorter than some 300 lags, no fluctuation above the logger's noise.
+    The method holds if the fluctuations of the fluid are white over the band of the sensor. A fluid that fluctuates
+    more slowly adds its own time constant to the result, and the trace cannot separate the two. What the trace can show
+    is tested: that it is stationary, long enough, above the logger's noise, and of this spectrum.
     """
     dt = float(time_s[1] - time_s[0])
-    ok = np.isfinite(y_degC)
-    if ok.mean() < 0.99 or len(ok) < 512:
+    finite = np.isfinite(y_degC)
+    n = len(finite)
+    if finite.mean() < MIN_FINITE_SHARE or n < MIN_ROWS:
         raise InputError(
-            f"{len(ok)} rows, {100 * (1 - ok.mean()):.2g} % of them missing",
-            expected="at least 512, and 1 % at most",
+            f"{n} rows, {100 * (1 - finite.mean()):.2g} % of them missing",
+            expected=f"at least {MIN_ROWS}, and 1 % at most",
         )
-    y = signal.detrend(np.interp(np.arange(len(ok)), np.flatnonzero(ok), y_degC[ok]))
-    length = len(y) // LEAST_SEGMENTS
+    y = signal.detrend(np.interp(np.arange(n), np.flatnonzero(finite), y_degC[finite]))
+    longest = n // MIN_SEGMENTS
+    length = longest
     for _ in range(3):
-        one = _least(segments(y, length, dt), 1)
-        length = int(np.clip(SEGMENT_LAGS * np.exp(one[2]) / dt, 128, len(y) // LEAST_SEGMENTS))
-    seen = segments(y, length, dt)
-    fits = [_least(seen, 1), _least(seen, 2)]
-    costs = np.array([_cost(theta, seen) * seen.counts for theta in fits])
-    weights = weights_of(2 * costs + np.array([3, 4]) * np.log(seen.counts * len(seen.w)))
+        theta = _fit(segments(y, length, dt), 1)
+        length = int(np.clip(SEGMENT_LAGS * np.exp(theta[2]) / dt, MIN_SEGMENT_ROWS, longest))
+    periodogram = segments(y, length, dt)
+    fits = [_fit(periodogram, 1), _fit(periodogram, 2)]
+    costs = np.array([_cost(theta, periodogram) * periodogram.weight for theta in fits])
+    n_parameters = np.array([3, 4])
+    log_size = np.log(periodogram.weight * len(periodogram.w))
+    weights = bic_weights(2 * costs + n_parameters * log_size)
     values = []
     us = []
     for theta in fits:
-        cov = _covariance(theta, seen)
-        here = _quantities(theta[2:])
+        covariance = _covariance(theta, periodogram)
+        quantities = _quantities(theta[2:])
         slopes = approx_fprime(theta[2:], _quantities, 1e-4)
-        values.append(here)
-        variance = np.einsum("ik,kl,il->i", slopes, cov[2:, 2:], slopes)
+        variance = np.einsum("ik,kl,il->i", slopes, covariance[2:, 2:], slopes)
         if not variance[0] > 0:
             raise undetermined(column)
-        us.append(np.sqrt(np.maximum(variance, 0.0) + (MODEL_REL * here) ** 2))
-    if us[1][0] > values[1][0]:
+        values.append(quantities)
+        us.append(np.sqrt(np.maximum(variance, 0.0) + (MODEL_REL * quantities) ** 2))
+    if us[1][0] > values[1][0]:  # two lags are not determined
         weights = np.array([1.0, 0.0])
-    lag, *times = (averaged([v[i] for v in values], [u[i] for u in us], weights) for i in range(4))
+    estimates = [model_average(v, u, weights) for v, u in zip(np.transpose(values), np.transpose(us))]
+    lag, *times = estimates
     best = fits[np.argmax(weights)]
     taus = _lags(best[2:])
-    _enough(y, dt, lag, best)
-    found = _conditions(y, seen, best, column, len(taus))
+    _check_record(len(y), dt, lag, best)
+    findings = _conditions(y, periodogram, best, column, len(taus))
     fit = {
         "lag_s": lag.model_dump(),
         "lags_in_record": len(y) * dt / lag.value,
@@ -96,112 +120,127 @@ def noise_sensor(
         "logger_K": float(np.exp(0.5 * best[1])),
         "probability_P2": float(weights[1]),
     }
-    u_file = float(np.hypot(lag.u, lag.value - sum(taus)))
+    # the file holds the lags of the best structure, whose sum differs from the average
+    lag_u = float(np.hypot(lag.u, lag.value - sum(taus)))
     return sensor_file(
         sensor,
         {column: Chain(taus)},
         "noise",
-        np.array([[u_file**2]]),
+        np.array([[lag_u**2]]),
         [min(0.5 * lag.u, lag.value)],
         times={column: dict(zip(SHARES, times))},
         fit=fit,
-        findings=found,
+        findings=findings,
         **more,
     )
 
 
 @dataclass(frozen=True)
 class Periodogram:
-    """``power`` (K,) at the frequencies ``w`` (K,) [rad a sample] of rows every ``dt_s``; each bin counts so often."""
+    """Mean periodogram of a trace.
+
+    Attributes
+    ----------
+    power
+        Power (K,).
+    w
+        Angular frequencies (K,) [rad per sample].
+    dt_s
+        Interval [s].
+    weight
+        Number of independent values that one bin counts for.
+    """
 
     power: Array
     w: Array
     dt_s: float
-    counts: float
+    weight: float
 
 
 def segments(y: Array, length: int, dt_s: float) -> Periodogram:
-    """Mean periodogram of halves-overlapping Hann segments of ``y`` (N,)."""
+    """Mean periodogram of Hann segments of ``y`` (N,) that overlap by a half (Welch's method)."""
     window = np.hanning(length)
     window = window / np.sqrt(np.sum(window**2))
-    starts = range(0, len(y) - length + 1, max(length // 2, 1))
-    parts = [
-        np.abs(np.fft.rfft(window * (y[s : s + length] - y[s : s + length].mean()))) ** 2
-        for s in starts
-    ]
-    power = np.mean(parts, axis=0)
-    keep = slice(2, (length - 1) // 2)  # the lowest bins hold what the mean took away
+    powers = []
+    for start in range(0, len(y) - length + 1, max(length // 2, 1)):
+        segment = y[start : start + length]
+        powers.append(np.abs(np.fft.rfft(window * (segment - segment.mean()))) ** 2)
+    power = np.mean(powers, axis=0)
+    used = slice(2, (length - 1) // 2)  # the lowest bins lack what the mean removed
     return Periodogram(
-        power[keep],
-        2 * np.pi * np.arange(len(power))[keep] / length,
+        power[used],
+        2 * np.pi * np.arange(len(power))[used] / length,
         dt_s,
-        len(parts) * OVERLAP / TAPER,
+        len(powers) * OVERLAP_FACTOR / TAPER_FACTOR,
     )
 
 
-def spectrum(theta: Array, seen: Periodogram) -> Array:
-    """The model's periodogram (K,): theta = log A, log B, logs of one or two lags [s]."""
+def spectrum(theta: Array, periodogram: Periodogram) -> Array:
+    """Periodogram of the model (K,): theta = log A, log B, logs of one or two lags [s]."""
 
-    def one(tau: float) -> Array:
-        p = np.exp(-seen.dt_s / tau)
-        return (1 - p * p) / (1 - 2 * p * np.cos(seen.w) + p * p)
+    def exponential(tau: float) -> Array:
+        p = np.exp(-periodogram.dt_s / tau)
+        return (1 - p * p) / (1 - 2 * p * np.cos(periodogram.w) + p * p)
 
     taus = np.exp(np.clip(theta[2:], -30, 30))
-    if len(taus) == 1:
-        shape = one(float(taus[0]))
-    else:
-        a = float(max(taus))
-        b = float(min(taus))
-        b = min(b, a * (1 - 1e-4))
-        shape = (a * one(a) - b * one(b)) / (a - b)
+    longer = float(max(taus))
+    shape = exponential(longer)
+    if len(taus) == 2:
+        shorter = min(float(min(taus)), longer * (1 - 1e-4))
+        shape = (longer * shape - shorter * exponential(shorter)) / (longer - shorter)
     return np.exp(theta[0]) * np.maximum(shape, 0.0) + np.exp(theta[1])
 
 
-def _cost(theta: Array, seen: Periodogram) -> float:
-    s = spectrum(theta, seen)
-    return float(np.sum(np.log(s) + seen.power / s))
+def _cost(theta: Array, periodogram: Periodogram) -> float:
+    """Whittle's negative log likelihood, for one independent value in each bin."""
+    s = spectrum(theta, periodogram)
+    return float(np.sum(np.log(s) + periodogram.power / s))
 
 
-def _least(seen: Periodogram, count: int) -> Array:
-    power = seen.power
-    dt = seen.dt_s
-    total = float(power.mean())
+def _fit(periodogram: Periodogram, count: int) -> Array:
+    """Parameters of ``count`` lags of least cost, the larger lag first; Nelder-Mead from six starts."""
+    power = periodogram.power
+    dt = periodogram.dt_s
+    mean_power = float(power.mean())
     floor = float(np.median(power[-max(len(power) // 10, 3) :]))
     options = {"maxiter": 1500, "xatol": 1e-4, "fatol": 1e-4}
-    tried = []
+    results = []
     for tau in np.geomspace(2 * dt, 0.2 * dt * 2 * len(power), 6):
-        start = np.log([total, max(floor, 1e-12), *[tau, 0.2 * tau][:count]])
-        tried.append(minimize(_cost, start, (seen,), method="Nelder-Mead", options=options))
-    found = min(tried, key=lambda one: one.fun).x
-    return np.r_[found[:2], np.sort(found[2:])[::-1]]
+        start = np.log([mean_power, max(floor, 1e-12), *[tau, 0.2 * tau][:count]])
+        result = minimize(_cost, start, (periodogram,), method="Nelder-Mead", options=options)
+        results.append(result)
+    theta = min(results, key=lambda result: result.fun).x
+    return np.r_[theta[:2], np.sort(theta[2:])[::-1]]
 
 
-def _covariance(theta: Array, seen: Periodogram) -> Array:
-    """Inverse of Whittle's expected information: counts x sum of d log S d log S'."""
-    pairs = [(theta + e, theta - e) for e in 1e-4 * np.eye(len(theta))]
-    slopes = np.array(
-        [np.log(spectrum(up, seen) / spectrum(down, seen)) / 2e-4 for up, down in pairs]
-    )
-    return np.linalg.pinv(seen.counts * slopes @ slopes.T)
+def _covariance(theta: Array, periodogram: Periodogram) -> Array:
+    """Inverse of Whittle's expected information: weight x sum of d log S d log S'."""
+    slopes = []
+    for step in 1e-4 * np.eye(len(theta)):
+        ratio = spectrum(theta + step, periodogram) / spectrum(theta - step, periodogram)
+        slopes.append(np.log(ratio) / 2e-4)
+    jacobian = np.array(slopes)
+    return np.linalg.pinv(periodogram.weight * jacobian @ jacobian.T)
 
 
 def _quantities(logs: Array) -> Array:
+    """Lag and times of the step response (4,) [s], from the logarithms of the lags."""
     return lag_and_times(Chain(_lags(logs)))
 
 
 def _lags(logs: Array) -> list[float]:
-    """The lags, largest first [s], from their logarithms; a second one that went to nothing is none."""
+    """The lags, largest first [s], from their logarithms; a second lag that is practically zero is left out."""
     taus = np.exp(logs)
-    return sorted(taus[taus > NO_LAG * taus.max()].tolist(), reverse=True)
+    return sorted(taus[taus > MIN_LAG_SHARE * taus.max()].tolist(), reverse=True)
 
 
-def _enough(y: Array, dt: float, lag: Estimate, theta: Array) -> None:
-    """Refuse what cannot be told: a record too short, a sensor as quick as the rows, nothing above the noise."""
-    lags = len(y) * dt / lag.value
-    if lags < LEAST_LAGS:
+def _check_record(n: int, dt: float, lag: Estimate, theta: Array) -> None:
+    """Raise InputError for a record too short, a sensor as fast as the rows, or fluctuations below the noise."""
+    lags = n * dt / lag.value
+    if lags < MIN_RECORD_LAGS:
         raise InputError(
             f"the record is {lags:.3g} lags long",
-            expected=f"at least {LEAST_LAGS:g}",
+            expected=f"at least {MIN_RECORD_LAGS:g}",
             remedy="log for longer",
         )
     if lag.value < 2 * dt:
@@ -215,29 +254,27 @@ def _enough(y: Array, dt: float, lag: Estimate, theta: Array) -> None:
         )
 
 
-def _conditions(y: Array, seen: Periodogram, theta: Array, column: str, lags: int) -> list[Finding]:
-    """What the trace tells of the conditions: stationarity, and whether the spectrum is the model's."""
-    found: list[Finding] = [
-        (warning if lags == 2 else info)("sensor.noise_driving", subject=column, lags=lags)
-    ]
-    quarters = [float(np.var(part)) for part in np.array_split(y, 4)]
-    if max(quarters) > UNSTEADY * min(quarters):
-        found.append(
-            warning(
-                "sensor.noise_unsteady",
-                subject=column,
-                ratio=(max(quarters) / min(quarters)) ** 0.5,
-            )
-        )
-    ratio = seen.power / spectrum(theta, seen)
-    edges = np.unique(np.geomspace(1, len(ratio), BANDS + 1).astype(int) - 1)
-    total = 0.0
+def _conditions(
+    y: Array, periodogram: Periodogram, theta: Array, column: str, lags: int
+) -> list[Finding]:
+    """Findings about the conditions: number of lags, stationarity, and goodness of fit of the spectrum."""
+    severity = warning if lags == 2 else info
+    findings: list[Finding] = [severity("sensor.noise_driving", subject=column, lags=lags)]
+    variances = [float(np.var(quarter)) for quarter in np.array_split(y, 4)]
+    if max(variances) > UNSTEADY_RATIO * min(variances):
+        ratio = (max(variances) / min(variances)) ** 0.5
+        findings.append(warning("sensor.noise_unsteady", subject=column, ratio=ratio))
+    relative = periodogram.power / spectrum(theta, periodogram)
+    edges = np.unique(np.geomspace(1, len(relative), BANDS + 1).astype(int) - 1)
+    chi_square = 0.0
     bands = 0
-    for a, b in pairwise(edges):
-        if b - a >= 3:
-            total += float(seen.counts * (b - a) * (ratio[a:b].mean() - 1) ** 2)
+    for low, high in pairwise(edges):
+        width = high - low
+        if width >= 3:
+            excess = relative[low:high].mean() - 1
+            chi_square += float(periodogram.weight * width * excess**2)
             bands += 1
-    p = float(chdtrc(max(bands - len(theta), 1), total))
-    if p < ALARM:
-        found.append(warning("sensor.noise_misfit", subject=column, p_value=p))
-    return found
+    p_value = float(chdtrc(max(bands - len(theta), 1), chi_square))
+    if p_value < MISFIT_P_VALUE:
+        findings.append(warning("sensor.noise_misfit", subject=column, p_value=p_value))
+    return findings

@@ -1,9 +1,8 @@
-"""A bare sensor plunged or stepped: entry instant unknown, the medium's step not ideal; lag, t50, t63.2 and t90."""
+"""Lag of a bare sensor from one plunge or step: entry instant unknown, the medium's step not ideal; t50, t63.2 and t90."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,40 +13,61 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, warning
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.estimation import Noise
-from tcdyn.estimation.trace_noise import white_noise_sd
 from tcdyn.rig.disk import Conditioning
 from tcdyn.sensors.file import SHARES, SensorFile, lag_and_times, sensor_file
-from tcdyn.sensors.step_fits import Fitted, averaged, colour_of, fit_curve, weights_of
+from tcdyn.sensors.step_fits import (
+    Fitted,
+    bic_weights,
+    colour_of,
+    fit_curve,
+    model_average,
+    white_noise_K,
+)
 from tcdyn.sensors.surface_h import Film
 
-MEDIUM_S = (0.02, 0.02)  # 10 mm go through a surface at 0.5 m/s in this time
-LEAST_STEP_NOISES = 20.0
-# of the time to 63 %: how much of the record is fitted on either side of the entry
-BEFORE = 0.5
-AFTER = 12.0
-LEAST = (
-    0.01,
-    0.02,
-    0.04,
-    0.07,
-    0.11,
-    0.16,
-    0.23,
-    0.32,
-)  # the least lag, as shares of the time to 63 %
-CONFLICT_U = 3.0  # standard uncertainties between specified and observed entry: by chance in 0.3 % of records
-SHORTEST_ROW_S = (
-    1e-7  # a lag may be 1e-6 s (`tcdyn sensor new`); a shorter interval is time in another unit
-)
-MIN_SHIFT_U = (
-    0.05  # of the specified u: below it the fit's own convergence decides how far the entry moves
-)
-RESOLVED = 0.4  # a second lag is told from none where its standard uncertainty is less of it
+# Time constant of the medium's own step and its standard uncertainty [s]: 10 mm pass a surface at 0.5 m/s in this time.
+MEDIUM_S = (0.02, 0.02)
+MIN_STEP_NOISES = 20.0  # least step over the white noise; chosen by judgement
+MIN_SAMPLES = 30  # least number of samples; chosen by judgement
+MIN_RISES_AFTER = 2.5  # least record after the step, in times to 63.2 %; chosen by judgement
+# Part of the record that is fitted, in times to 63.2 % after the entry, and before it as a share of that; by judgement.
+RISES_AFTER = 12.0
+BEFORE_SHARE = 0.5
+# Grid of the shortest lag, as shares of the time to 63.2 %; chosen by judgement.
+SHORTEST_LAG_SHARES = (0.01, 0.02, 0.04, 0.07, 0.11, 0.16, 0.23, 0.32)
+# Shares of the lag with which the fits of one, two and three lags start; chosen by judgement.
+START_SHARES = ([1.0], [0.85, 0.15], [0.75, 0.17, 0.08])
+# Difference of specified and fitted entry, in standard uncertainties, beyond which a warning is given: by chance in
+# 0.3 % of records.
+CONFLICT_U = 3.0
+# Shortest interval [s]: a lag may be 1e-6 s (`tcdyn sensor new`); a shorter interval is time in another unit.
+SHORTEST_ROW_S = 1e-7
+# Least standard uncertainty of that difference over the specified u: below it the convergence of the fit decides how far
+# the entry moves.
+MIN_SHIFT_U = 0.05
+# Relative standard uncertainty below which a second lag is distinguished from zero; chosen by judgement.
+RESOLVED_REL = 0.4
+MISFIT_SHARE = 0.005  # of the step: rms of the residuals that is always acceptable; by judgement
+NOISE_ITERATIONS = 3
 
 
 @dataclass(frozen=True)
-class Stepped:
-    """The step in a record: samples to fit, guesses of entry [s from the first], size [K] and time to 63 %."""
+class Step:
+    """The step in a record.
+
+    Attributes
+    ----------
+    first, last
+        Rows to fit.
+    entry_s
+        First guess of the entry, from the first row of the record [s].
+    size_K
+        First guess of the step.
+    rise_s
+        First guess of the time to 63.2 %.
+    before_degC
+        Reading before the step.
+    """
 
     first: int
     last: int
@@ -72,90 +92,130 @@ def plunge_sensor(
 ) -> SensorFile:
     """The sensor's chain from one step of its surroundings.
 
-    y = level + drift t + size R(t - t_e), R the unit step response of one, two or three lags behind the medium's own
-    lag and before the known filter. t_e is free, or normal about ``entry_s``; so a dead time cannot be seen, and a
-    short lag hardly: to first order it is a later entry. The least lag therefore takes values on a grid, from none on,
-    each fitted and weighed by its likelihood, and intervals are over all of them. The medium's lag, a transition
-    through the surface or a mixing, is normal about ``medium_s``, not below zero, and is no part of the answer.
+    Parameters
+    ----------
+    time_s, y_degC
+        Even times (N,) [s] and readings [degC], NaN where missing.
+    column
+        The sensor's column.
+    sensor
+        Name of the sensor.
+    conditioning
+        Filter after the sensor, which is not estimated.
+    entry_s
+        Entry on the clock of ``time_s`` and its standard uncertainty [s]; None: unknown.
+    medium_s
+        Time constant of the medium's own step and its standard uncertainty [s].
+    film
+        The boundary layer; its h goes into the file.
+    more
+        Other fields of the file.
 
-    Args:
-        time_s, y_degC: (N,) even times [s] and readings [degC], NaN where missing.
-        column: the sensor's column.
-        conditioning: a known filter behind the sensor.
-        entry_s: the entry on the clock of ``time_s`` and its standard uncertainty [s]; None where nobody knows.
-        medium_s: time constant of the medium's own step and its standard uncertainty [s].
-        film: what is known of the boundary layer; its h goes into the file.
+    Raises
+    ------
+    InputError
+        No step above the noise, one that is cut off, or fewer than 30 samples of it.
 
-    Raises:
-        InputError: no step beyond the noise, one that is cut off, or fewer than 30 samples of it.
+    Notes
+    -----
+    y = level + drift t + size R(t - t_e), with R the unit step response of one, two or three lags after the medium's
+    own lag and before the filter. t_e is free, or has the normal prior ``entry_s``. A dead time is therefore not
+    observable, and a short lag hardly: to first order it is a later entry. The shortest lag takes values on a grid,
+    from zero on; each is fitted and weighted by its likelihood, and the intervals cover all of them. The medium's lag, a
+    transition through the surface or a mixing, has the normal prior ``medium_s``, is not negative, and is not part of
+    the result.
     """
     dt = float(time_s[1] - time_s[0])
-    last = float(time_s[-1] - time_s[0])
-    if not dt >= SHORTEST_ROW_S:
-        what = f"rows every {dt:.3g} s"
-        raise InputError(
-            what, expected=f"at least {SHORTEST_ROW_S:g} s", remedy="give the time in seconds"
-        )
-    if not (0 <= medium_s[0] <= last and 0 <= medium_s[1] <= last):
-        what = f"the medium's lag is {medium_s[0]:g} +- {medium_s[1]:g} s"
-        raise InputError(what, expected=f"0 to {last:g} s, the record's length")
-    if entry_s is not None and not float(time_s[0]) <= entry_s[0] <= float(time_s[-1]):
-        what = f"the entry is at {entry_s[0]:g} s"
-        raise InputError(
-            what, expected=f"{float(time_s[0]):g} to {float(time_s[-1]):g} s, as the record goes"
-        )
+    _check_times(time_s, entry_s, medium_s)
     step = find_step(y_degC, dt, None if entry_s is None else entry_s[0] - time_s[0])
-    t = np.arange(step.last - step.first) * dt
+    start_s = float(time_s[step.first])
     y = y_degC[step.first : step.last]
-    begun = float(time_s[step.first])
-    at = step.entry_s - step.first * dt
-    known = None if entry_s is None else (entry_s[0] - begun, max(entry_s[1], _exact_s(dt)))
-    fits, least, weights = _family(
-        _Record(np.asarray(t, dtype=np.float64), y, dt, step, at, known, medium_s, conditioning)
+    prior_s = None
+    if entry_s is not None:
+        prior_s = (entry_s[0] - start_s, max(entry_s[1], _exact_u_s(dt)))
+    record = _Record(
+        t=np.arange(len(y)) * dt,
+        y=y,
+        dt_s=dt,
+        step=step,
+        entry_s=step.entry_s - step.first * dt,
+        entry_prior_s=prior_s,
+        medium_s=medium_s,
+        conditioning=conditioning,
     )
+    fits, shortest, weights = _fit_structures(record)
     top = int(np.argmax(weights))
     best = fits[top]
+    estimates = []
+    for fit, shortest_s in zip(fits, shortest):
+        # bound as a default: the function is used in this iteration only
+        def quantities(theta: Array, shortest_s: float = shortest_s) -> Array:
+            taus = _lags(theta, shortest_s)
+            return np.array([sum(taus[1:]), *lag_and_times(Chain(taus))])
 
-    def told(theta: Array, extra: float) -> Array:
-        taus = _lags(theta, extra)
-        return np.array([sum(taus[1:]), *lag_and_times(Chain(taus))])
-
-    each = [f.of(partial(told, extra=d)) for f, d in zip(fits, least)]
-    values = [v for v, _ in each]
-    us = [np.sqrt(np.maximum(np.diag(c), 0.0)) for _, c in each]
-    lesser, lag, *times = (
-        averaged(v, u, weights) for v, u in zip(np.transpose(values), np.transpose(us))
-    )
-    chain = Chain(_lags(best.optimum.theta, least[top]), conditioning=conditioning)
-    found = best.doubts(column, _white_K(y), 0.005 * abs(step.size_K))
+        value, covariance = fit.propagate(quantities)
+        estimates.append((value, np.sqrt(np.maximum(np.diag(covariance), 0.0))))
+    values = np.transpose([value for value, _ in estimates])
+    us = np.transpose([u for _, u in estimates])
+    shorter_lags, lag, *times = (model_average(v, u, weights) for v, u in zip(values, us))
+    chain = Chain(_lags(best.optimum.theta, shortest[top]), conditioning=conditioning)
+    findings = best.residual_findings(column, white_noise_K(y), MISFIT_SHARE * abs(step.size_K))
+    fitted_s = best.theta["entry_s"] + start_s
+    fitted_u_s = float(np.sqrt(best.optimum.covariance[1, 1]))
     if entry_s is not None:
-        entry_u = float(np.sqrt(best.optimum.covariance[1, 1]))
-        specified_s = (entry_s[0], max(entry_s[1], _exact_s(dt)))
-        found += _entry_conflict(column, specified_s, best.theta["entry_s"] + begun, entry_u)
+        specified_s = (entry_s[0], max(entry_s[1], _exact_u_s(dt)))
+        findings += _entry_conflict(column, specified_s, fitted_s, fitted_u_s)
     if dt > lag.value:
-        found.append(warning("sensor.slow", subject=column, dt_s=dt, lag_s=lag.value))
-    if (after := len(y) * dt - at) < 4 * lag.value:
-        found.append(warning("sensor.cut_off", subject=column, after_s=after, lag_s=lag.value))
-    fit = {
-        "entry_s": best.theta["entry_s"] + begun,
-        "entry_u_s": float(np.sqrt(best.optimum.covariance[1, 1])),
+        findings.append(warning("sensor.slow", subject=column, dt_s=dt, lag_s=lag.value))
+    after_s = len(y) * dt - record.entry_s
+    if after_s < 4 * lag.value:
+        findings.append(
+            warning("sensor.cut_off", subject=column, after_s=after_s, lag_s=lag.value)
+        )
+    fit_values: dict[str, Any] = {
+        "entry_s": fitted_s,
+        "entry_u_s": fitted_u_s,
         "step_K": best.theta["size"],
         "noise_K": best.noise_K,
         "lag_s": lag.model_dump(),
-        **(film.to_fit(lag) if film else {}),
     }
+    if film is not None:
+        fit_values |= film.to_fit(lag)
+    # the file holds the chain of the best structure, whose lag differs from the average
     lag_u = float(np.hypot(lag.u, lag.value + conditioning.lag_s - chain.lag_s))
     return sensor_file(
         sensor,
         {column: chain},
         "plunge",
         np.array([[lag_u**2]]),
-        [min(lesser.u, lag.value)],
+        [min(shorter_lags.u, lag.value)],
         times={column: dict(zip(SHARES, times))},
-        fit=fit,
-        findings=found,
+        fit=fit_values,
+        findings=findings,
         **more,
     )
+
+
+def _check_times(
+    time_s: Array, entry_s: tuple[float, float] | None, medium_s: tuple[float, float]
+) -> None:
+    """Raise InputError for an interval, a medium's lag or an entry that is not possible."""
+    dt = float(time_s[1] - time_s[0])
+    first_s = float(time_s[0])
+    last_s = float(time_s[-1])
+    length_s = float(time_s[-1] - time_s[0])
+    if not dt >= SHORTEST_ROW_S:
+        raise InputError(
+            f"rows every {dt:.3g} s",
+            expected=f"at least {SHORTEST_ROW_S:g} s",
+            remedy="give the time in seconds",
+        )
+    if not (0 <= medium_s[0] <= length_s and 0 <= medium_s[1] <= length_s):
+        what = f"the medium's lag is {medium_s[0]:g} +- {medium_s[1]:g} s"
+        raise InputError(what, expected=f"0 to {length_s:g} s, the record's length")
+    if entry_s is not None and not first_s <= entry_s[0] <= last_s:
+        expected = f"{first_s:g} to {last_s:g} s, as the record goes"
+        raise InputError(f"the entry is at {entry_s[0]:g} s", expected=expected)
 
 
 def _entry_conflict(
@@ -165,11 +225,11 @@ def _entry_conflict(
 
     Parameters
     ----------
-    column : str
+    column
         The sensor's column.
-    specified_s : tuple of float
+    specified_s
         Entry instant and its standard uncertainty, before the fit [s].
-    fitted_s, fitted_u_s : float
+    fitted_s, fitted_u_s
         The same after the fit [s].
 
     Returns
@@ -199,169 +259,188 @@ def _entry_conflict(
     return [conflict]
 
 
-def find_step(y: Array, dt_s: float, entry_s: float | None = None) -> Stepped:
-    """Where the largest lasting change of ``y`` (N,) begins. Raises InputError where there is none."""
-    ok = np.isfinite(y)
-    if ok.sum() < 30:
-        raise InputError(f"only {int(ok.sum())} samples", expected="at least 30")
-    filled = np.interp(np.arange(len(y)), np.flatnonzero(ok), y[ok])
-    noise = _white_K(filled)
-    ends = max(len(y) // 50, 3)
+def find_step(y: Array, dt_s: float, entry_s: float | None = None) -> Step:
+    """Find where the largest lasting change of ``y`` (N,) begins.
+
+    Parameters
+    ----------
+    y
+        Readings [degC], NaN where missing.
+    dt_s
+        Interval [s].
+    entry_s
+        Entry from the first row [s]; None: found.
+
+    Raises
+    ------
+    InputError
+        Where there is no step, or where it is cut off.
+    """
+    finite = np.isfinite(y)
+    if finite.sum() < MIN_SAMPLES:
+        raise InputError(f"only {int(finite.sum())} samples", expected=f"at least {MIN_SAMPLES}")
+    filled = np.interp(np.arange(len(y)), np.flatnonzero(finite), y[finite])
+    noise = white_noise_K(filled)
+    edge = max(len(y) // 50, 3)
     if entry_s is None:
-        half = max(len(y) // 400, 1)
-        mean = np.convolve(filled, np.ones(2 * half + 1) / (2 * half + 1), mode="valid")
-        steep = int(np.argmax(np.abs(mean[2 * half :] - mean[: -2 * half]))) + 2 * half
-        sign = np.sign(filled[min(steep + half, len(y) - 1)] - filled[max(steep - half, 0)])
-        base = float(np.median(filled[: max(steep - 2 * half, ends)]))
-        quick = sign * (filled[: steep + 1] - base)
-        limit = max(5 * noise / np.sqrt(2 * half + 1), 0.02 * abs(filled[-ends:].mean() - base))
-        calm = np.flatnonzero(quick < limit)
-        start = int(calm[-1]) if len(calm) else 0
+        start = _step_start(filled, noise, edge)
     else:
         start = int(np.clip(round(entry_s / dt_s), 0, len(y) - 2))
-    before = float(np.median(filled[max(start - 5 * ends, 0) : max(start, 1)]))
-    after = float(np.mean(filled[-ends:]))
+    before = float(np.median(filled[max(start - 5 * edge, 0) : max(start, 1)]))
+    after = float(np.mean(filled[-edge:]))
     size = after - before
-    if abs(size) < LEAST_STEP_NOISES * noise:
+    if abs(size) < MIN_STEP_NOISES * noise:
         raise InputError(
             f"no step: the reading changes by {abs(size):.3g} K, its noise is {noise:.2g} K",
-            expected=f"at least {LEAST_STEP_NOISES:g} times the noise",
+            expected=f"at least {MIN_STEP_NOISES:g} times the noise",
         )
     share = (filled[start:] - before) / size
     rise = max(int(np.argmax(share >= 0.632)), 2)
-    if (len(y) - start) < 2.5 * rise:
+    rows_after = len(y) - start
+    if rows_after < MIN_RISES_AFTER * rise:
         raise InputError(
-            f"the record ends {(len(y) - start) * dt_s:.3g} s after the step, which is not over",
+            f"the record ends {rows_after * dt_s:.3g} s after the step, which is not over",
             expected="five time constants after the step",
         )
-    first = max(start - max(int(BEFORE * AFTER * rise), 20), 0)
-    last = min(start + max(int(AFTER * rise), 30), len(y))
-    return Stepped(first, last, start * dt_s, size, rise * dt_s, before)
+    first = max(start - max(int(BEFORE_SHARE * RISES_AFTER * rise), 20), 0)
+    last = min(start + max(int(RISES_AFTER * rise), 30), len(y))
+    return Step(first, last, start * dt_s, size, rise * dt_s, before)
 
 
-def _exact_s(dt_s: float) -> float:
-    """The standard uncertainty of a time that was specified as exact, and no more than that of a quick record [s]."""
+def _step_start(filled: Array, noise: float, edge: int) -> int:
+    """Last row before the steepest change at which the reading is still within the noise of the level before."""
+    half = max(len(filled) // 400, 1)
+    window = 2 * half + 1
+    mean = np.convolve(filled, np.ones(window) / window, mode="valid")
+    steep = int(np.argmax(np.abs(mean[2 * half :] - mean[: -2 * half]))) + 2 * half
+    sign = np.sign(filled[min(steep + half, len(filled) - 1)] - filled[max(steep - half, 0)])
+    level = float(np.median(filled[: max(steep - 2 * half, edge)]))
+    rise = sign * (filled[: steep + 1] - level)
+    limit = max(5 * noise / np.sqrt(window), 0.02 * abs(filled[-edge:].mean() - level))
+    below = np.flatnonzero(rise < limit)
+    return int(below[-1]) if len(below) else 0
+
+
+def _exact_u_s(dt_s: float) -> float:
+    """Standard uncertainty of a time that is specified as exact [s]; small for a fast record too."""
     return min(1e-6, 1e-3 * dt_s)
-
-
-def _white_K(y: Array) -> float:
-    """White noise of readings (N,), above zero."""
-    return max(float(white_noise_sd(y[np.isfinite(y)], 3)), 1e-9)
 
 
 @dataclass(frozen=True)
 class _Record:
-    """What is fitted: times from the first sample (N,) [s], readings, the step, the entry and what is known of it."""
+    """Data of the fit: times from the first row (N,) [s], readings, the step, a guess of the entry and its prior."""
 
     t: Array
     y: Array
     dt_s: float
-    step: Stepped
+    step: Step
     entry_s: float
-    known: tuple[float, float] | None
+    entry_prior_s: tuple[float, float] | None
     medium_s: tuple[float, float]
     conditioning: Conditioning
 
     @property
-    def own_s(self) -> float:
-        """About the lag of the sensor alone."""
+    def sensor_lag_s(self) -> float:
+        """First guess of the sensor's lag without the filter."""
         return max(self.step.rise_s - self.conditioning.lag_s, 2 * self.dt_s)
 
 
-def _family(record: _Record) -> tuple[list[Fitted], list[float], Array]:
-    """One free lag, and more where each is told from none, with a further one on a grid; their probabilities."""
-    noise = (Noise(), _white_K(record.y))
-    for turn in range(3):  # noise is what the best of them leaves: white as long as it is
-        fits, least, weights = _on_grid(record, noise)
-        top = int(np.argmax(weights))
-        told = colour_of(fits[top].residual, len(fits[top].optimum.theta))
-        if turn == 2 or (told[0].white and noise[0].white and 0.8 < told[1] / noise[1] < 1.25):
+def _fit_structures(record: _Record) -> tuple[list[Fitted], list[float], Array]:
+    """Fit one, two and three lags, with a further shortest lag on a grid.
+
+    Returns the fits, the shortest lag of each [s], and their probabilities. The noise is that of the best fit's
+    residuals: white as long as these are white.
+    """
+    noise = (Noise(), white_noise_K(record.y))
+    for iteration in range(NOISE_ITERATIONS):
+        fits, shortest, weights = _fit_grid(record, noise)
+        best = fits[int(np.argmax(weights))]
+        colour, level_K = colour_of(best.residual, len(best.optimum.theta))
+        both_white = colour.white and noise[0].white
+        if both_white and 0.8 < level_K / noise[1] < 1.25:
             break
-        noise = told
-    return fits, least, weights
+        if iteration < NOISE_ITERATIONS - 1:
+            noise = (colour, level_K)
+    return fits, shortest, weights
 
 
-def _on_grid(
+def _fit_grid(
     record: _Record, noise: tuple[Noise, float]
 ) -> tuple[list[Fitted], list[float], Array]:
-    """The same on noise of one colour and level [K]."""
+    """The same as ``_fit_structures`` with noise of one colour and level [K]."""
     fits = list[Fitted]()
-    least = list[float]()
+    shortest = list[float]()
     prior = list[float]()
     step = record.step
-    own = record.own_s
-    head = [
-        step.before_degC,
-        record.entry_s,
-        step.size_K,
-        0.0,
-        max(record.medium_s[0], min(1e-4, 0.1 * record.dt_s)),
-    ]
-    for shares in ([1.0], [0.85, 0.15], [0.75, 0.17, 0.08]):
-        start = _fitted(record, 0.0, np.array([*head, *(own * np.array(shares))]), noise).optimum
-        near = start.theta
-        if np.any(np.sqrt(np.diag(start.covariance)[6:]) > RESOLVED * near[6:]):
+    lag_s = record.sensor_lag_s
+    medium_s = max(record.medium_s[0], min(1e-4, 0.1 * record.dt_s))
+    head = [step.before_degC, record.entry_s, step.size_K, 0.0, medium_s]
+    for shares in START_SHARES:
+        start = np.array([*head, *(lag_s * np.array(shares))])
+        optimum = _fit_lags(record, 0.0, start, noise).optimum
+        theta = optimum.theta
+        if np.any(np.sqrt(np.diag(optimum.covariance)[6:]) > RESOLVED_REL * theta[6:]):
             continue
-        lags = _lags(near, 0.0)
+        lags = _lags(theta, 0.0)
         if not lags:
             continue
-        shortest = lags[-1]
-        grid = [0.0, *(share * own for share in LEAST if share * own <= shortest)]
-        for extra in grid:
-            fit = _fitted(record, extra, near, noise)
-            if extra > min(fit.optimum.theta[5:]) or not _lags(fit.optimum.theta, extra):
+        candidates = [share * lag_s for share in SHORTEST_LAG_SHARES]
+        grid = [0.0, *(candidate for candidate in candidates if candidate <= lags[-1])]
+        for shortest_s in grid:
+            fit = _fit_lags(record, shortest_s, theta, noise)
+            theta = fit.optimum.theta
+            if shortest_s > min(theta[5:]) or not _lags(theta, shortest_s):
                 break
-            near = fit.optimum.theta
             fits.append(fit)
-            least.append(extra)
-            prior.append(0.5 if extra == 0 else 0.5 / max(len(grid) - 1, 1))
+            shortest.append(shortest_s)
+            prior.append(0.5 if shortest_s == 0 else 0.5 / max(len(grid) - 1, 1))
     if not fits:
         raise InputError(
             f"the reading follows the step within one row of {record.dt_s:.3g} s: no lag can be told",
             expected="several rows in a lag",
             remedy="log faster; or the medium's lag, which was specified, explains all of the response",
         )
-    return fits, least, weights_of(np.array([f.bic for f in fits]), np.array(prior))
+    return fits, shortest, bic_weights(np.array([f.bic for f in fits]), np.array(prior))
 
 
-def _fitted(record: _Record, extra: float, start: Array, noise: tuple[Noise, float]) -> Fitted:
-    """Lags fitted beside one that is held, ``extra`` [s]: theta = level, entry, size, drift, medium's lag, the lags."""
-    step, t, dt, medium = record.step, record.t, record.dt_s, record.medium_s
-    count, span, ones = len(start) - 5, t[-1] - t[0], np.ones_like(t)
-    big = abs(step.size_K)
-    own = record.own_s
-    scale = np.array([big, own, big, big / span, max(own, medium[1]), *[own] * count])
+def _fit_lags(
+    record: _Record, shortest_s: float, start: Array, noise: tuple[Noise, float]
+) -> Fitted:
+    """Fit with one fixed lag ``shortest_s`` [s]: theta = level, entry, size, drift, medium's lag, the free lags."""
+    step = record.step
+    t = record.t
+    dt = record.dt_s
+    medium_s, medium_u_s = record.medium_s
+    count = len(start) - 5
+    duration_s = t[-1] - t[0]
+    ones = np.ones_like(t)
+    size_K = abs(step.size_K)
+    lag_s = record.sensor_lag_s
+    medium_scale = max(lag_s, medium_u_s)
+    scale = np.array([size_K, lag_s, size_K, size_K / duration_s, medium_scale, *[lag_s] * count])
 
     def model(theta: Array) -> Array | None:
-        taus = _lags(theta, extra)
-        if not 0 <= theta[1] < t[-1] or max(taus, default=0.0) > 50 * span:
+        level, entry, size, drift, medium = theta[:5]
+        taus = _lags(theta, shortest_s)
+        if not 0 <= entry < t[-1] or max(taus, default=0.0) > 50 * duration_s:
             return None
         chain = Chain(
-            [*taus, max(theta[4], 0.0)], delay_s=float(theta[1]), conditioning=record.conditioning
+            [*taus, max(medium, 0.0)], delay_s=float(entry), conditioning=record.conditioning
         )
-        return (
-            theta[0]
-            + theta[2] * chain.response(ones, dt, "zoh", "zero")
-            + theta[3] * (t - span / 2)
-        )
+        response = chain.response(ones, dt, "zoh", "zero")
+        return np.asarray(level + size * response + drift * (t - duration_s / 2))
 
-    prior = {"medium_s": (medium[0], max(medium[1], _exact_s(dt)))} | (
-        {} if record.known is None else {"entry_s": record.known}
-    )
-    names = [
-        "level",
-        "entry_s",
-        "size",
-        "drift",
-        "medium_s",
-        *(f"tau{k + 1}_s" for k in range(count)),
-    ]
-    lower = {"medium_s": 0.0, "entry_s": 0.0, **dict.fromkeys(names[5:], 0.0)}
+    prior = {"medium_s": (medium_s, max(medium_u_s, _exact_u_s(dt)))}
+    if record.entry_prior_s is not None:
+        prior["entry_s"] = record.entry_prior_s
+    taus = [f"tau{k + 1}_s" for k in range(count)]
+    names = ["level", "entry_s", "size", "drift", "medium_s", *taus]
+    lower = dict.fromkeys(["medium_s", "entry_s", *taus], 0.0)
     return fit_curve(
         f"P{count}", model, record.y, names, start, scale, prior=prior, lower=lower, noise=noise
     )
 
 
-def _lags(theta: Array, extra: float) -> list[float]:
-    """The lags of a theta and the one that is held, largest first, those of nothing left out."""
-    return sorted((float(tau) for tau in (*theta[5:], extra) if tau > 0), reverse=True)
+def _lags(theta: Array, shortest_s: float) -> list[float]:
+    """The free lags of theta and the fixed one, largest first, without zeros."""
+    return sorted((float(tau) for tau in (*theta[5:], shortest_s) if tau > 0), reverse=True)

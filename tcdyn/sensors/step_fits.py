@@ -1,4 +1,4 @@
-"""What the ways to a lag share: a fit by least squares with its noise made white, and structures weighed."""
+"""Least-squares fits of a sensor's response with whitened noise, and averages over model structures by BIC."""
 
 from __future__ import annotations
 
@@ -12,15 +12,38 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate, mixture_range
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.estimation import Noise, Optimum, Problem, Status, fit_ar, minimise
+from tcdyn.estimation.trace_noise import white_noise_sd
 from tcdyn.sensors.file import undetermined
 
 Model = Callable[[Array], Array | None]
-STEP = 1e-5  # of a parameter's scale, for differences
+PARAMETER_STEP = 1e-5  # step in differences, over a parameter's scale; chosen by judgement
+QUANTITY_STEP = 1e-3  # the same for quantities of the parameters
+NOISE_ORDER = 3  # order of differences that the white noise is estimated from
+MAX_AR_ORDER = 8  # of the autoregression of the residuals; chosen by judgement
+MIN_NOISE_K = 1e-9
+# Residual rms over the noise, beyond which a warning about a misfit is given; chosen by judgement.
+MISFIT_RATIO = 3.0
 
 
 @dataclass(frozen=True)
 class Fitted:
-    """One structure fitted: optimum, Bayesian information criterion, noise [K]."""
+    """One fitted structure.
+
+    Attributes
+    ----------
+    optimum
+        Optimum of the least-squares problem.
+    bic
+        Bayesian information criterion.
+    noise_K
+        Level of the white noise [K].
+    colour
+        Autoregression of the residuals.
+    residual
+        Residuals, model minus readings [K].
+    scale
+        Scale of each parameter (P,).
+    """
 
     optimum: Optimum
     bic: float
@@ -34,26 +57,27 @@ class Fitted:
         """Parameters by name."""
         return dict(zip(self.optimum.problem.names, self.optimum.theta.tolist()))
 
-    def of(self, quantity: Callable[[Array], Array]) -> tuple[Array, Array]:
-        """Quantities (K,) of theta, and their covariance (K, K) by first order."""
-        here = quantity(self.optimum.theta)
-        rows = []
-        for k, size in enumerate(1e-3 * self.scale):
-            ahead = self.optimum.theta.copy()
-            behind = self.optimum.theta.copy()
-            ahead[k] += size
-            behind[k] = max(behind[k] - size, float(self.optimum.problem.lower[k]))
-            rows.append((quantity(ahead) - quantity(behind)) / (ahead[k] - behind[k]))
-        slopes = np.array(rows)
-        return here, slopes.T @ self.optimum.covariance @ slopes
+    def propagate(self, quantity: Callable[[Array], Array]) -> tuple[Array, Array]:
+        """Quantities (K,) of theta, and their covariance (K, K) by first-order propagation."""
+        theta = self.optimum.theta
+        lower = self.optimum.problem.lower
+        slopes = []
+        for k, step in enumerate(QUANTITY_STEP * self.scale):
+            up = theta.copy()
+            up[k] += step
+            down = theta.copy()
+            down[k] = max(down[k] - step, float(lower[k]))
+            slopes.append((quantity(up) - quantity(down)) / (up[k] - down[k]))
+        jacobian = np.array(slopes)
+        return quantity(theta), jacobian.T @ self.optimum.covariance @ jacobian
 
-    def doubts(self, column: str, noise_K: float, least_K: float) -> list[Finding]:
-        """Whether the residuals are coloured, and whether they are clearly more than ``noise_K`` and ``least_K``."""
-        found = [] if self.colour.white else [info("sensor.coloured", subject=column)]
-        rest = float(np.sqrt(np.mean(self.residual**2)))
-        if rest > max(3 * noise_K, least_K):
-            found.append(warning("sensor.misfit", subject=column, rms_K=rest, noise_K=noise_K))
-        return found
+    def residual_findings(self, column: str, noise_K: float, least_K: float) -> list[Finding]:
+        """An info where the residuals are coloured; a warning where they clearly exceed ``noise_K`` and ``least_K``."""
+        findings = [] if self.colour.white else [info("sensor.coloured", subject=column)]
+        rms_K = float(np.sqrt(np.mean(self.residual**2)))
+        if rms_K > max(MISFIT_RATIO * noise_K, least_K):
+            findings.append(warning("sensor.misfit", subject=column, rms_K=rms_K, noise_K=noise_K))
+        return findings
 
 
 def fit_curve(
@@ -68,79 +92,125 @@ def fit_curve(
     lower: Mapping[str, float] | None = None,
     noise: tuple[Noise, float] | None = None,
 ) -> Fitted:
-    """Least squares of ``model(theta)`` (N,) to ``y`` (N,), NaN left out, the residuals' colour taken out of both.
+    """Least-squares fit of a curve, with the residuals whitened by an autoregression.
 
-    ``scale`` (P,): of each parameter, for differences and steps; ``prior``: (mean, sd) by name; ``lower``: the box's
-    lower ends; ``noise``: colour and level [K] of what is left, where another fit told them.
-    Raises InputError where the model cannot be computed at its start.
+    Parameters
+    ----------
+    name
+        Name of the structure, for messages.
+    model
+        The curve (N,) as a function of theta; None where it cannot be computed.
+    y
+        Data (N,); NaN is left out.
+    names
+        Names of the parameters (P,).
+    start
+        Start (P,).
+    scale
+        Scale of each parameter (P,), for differences and steps.
+    prior
+        Mean and standard deviation of normal priors, by name.
+    lower
+        Lower bounds, by name.
+    noise
+        Autoregression and level [K] of the residuals, if another fit has estimated them; None: estimated here, in
+        three fits.
+
+    Raises
+    ------
+    InputError
+        Where the model cannot be computed at its start.
     """
-    ok, p = np.isfinite(y), len(names)
-    mean, sd = np.array([(prior or {}).get(n, (0.0, np.inf)) for n in names]).T
-    low = np.array([(lower or {}).get(n, -np.inf) for n in names])
-    whole = [slice(0, int(ok.sum()))]
+    finite = np.isfinite(y)
+    n_parameters = len(names)
+    priors = prior or {}
+    bounds = lower or {}
+    prior_mean = np.array([priors.get(n, (0.0, np.inf))[0] for n in names])
+    prior_sd = np.array([priors.get(n, (0.0, np.inf))[1] for n in names])
+    low = np.array([bounds.get(n, -np.inf) for n in names])
+    full = [slice(0, int(finite.sum()))]
     colour, noise_K = noise or (Noise(), 1.0)
 
     def evaluate(theta: Array) -> tuple[Array, Array] | None:
-        here = model(theta)
-        if here is None:
+        curve = model(theta)
+        if curve is None:
             return None
         slopes = []
         for k, size in enumerate(scale):
-            moved = theta.copy()
-            moved[k] += STEP * size
-            other = model(moved)
+            shifted = theta.copy()
+            shifted[k] += PARAMETER_STEP * size
+            other = model(shifted)
             if other is None:
                 return None
-            slopes.append((other - here)[ok] / (STEP * size))
-        residual = (here - y)[ok]
+            slopes.append((other - curve)[finite] / (PARAMETER_STEP * size))
+        residual = (curve - y)[finite]
         jacobian = np.stack(slopes, axis=1)
-        return colour.whiten(residual, whole) / noise_K, colour.whiten(jacobian, whole) / noise_K
+        return colour.whiten(residual, full) / noise_K, colour.whiten(jacobian, full) / noise_K
 
     theta = start
     last = 0 if noise else 2
-    for turn in range(last + 1):
+    for iteration in range(last + 1):
         problem = Problem(
-            tuple(names), evaluate, prior_mean=mean, prior_sd=sd, lower=low, largest=3 * scale
+            tuple(names),
+            evaluate,
+            prior_mean=prior_mean,
+            prior_sd=prior_sd,
+            lower=low,
+            largest=3 * scale,
         )
-        found = minimise(problem, theta, limit=80)
-        if found.status is Status.NOWHERE:
+        optimum = minimise(problem, theta, limit=80)
+        if optimum.status is Status.NOWHERE:
             raise InputError(f"{name} cannot be fitted: the model cannot be computed")
-        theta = found.theta
-        if turn == last:
-            break
-        colour, noise_K = colour_of((np.asarray(model(theta)) - y)[ok], p)
-    bic = found.cost + p * np.log(len(found.residual))
-    return Fitted(found, bic, noise_K, colour, (np.asarray(model(theta)) - y)[ok], scale)
+        theta = optimum.theta
+        residual = (np.asarray(model(theta)) - y)[finite]
+        if iteration < last:
+            colour, noise_K = colour_of(residual, n_parameters)
+    bic = optimum.cost + n_parameters * np.log(len(optimum.residual))
+    return Fitted(optimum, bic, noise_K, colour, residual, scale)
 
 
 def colour_of(residual: Array, parameters: int) -> tuple[Noise, float]:
-    """The autoregression of residuals (N,), none where BIC does not ask for one, and the level of what is white [K]."""
+    """Autoregression of residuals (N,), white where BIC prefers none, and the level of its white noise [K]."""
     n = len(residual)
-    whole = [slice(0, len(residual))]
-    colour = fit_ar(residual, whole, max_order=8)
-    spread = float(residual @ residual), float(np.sum(colour.whiten(residual, whole) ** 2))
-    if n * np.log(max(spread[0], 1e-300) / max(spread[1], 1e-300)) < len(colour.ar) * np.log(n):
+    full = [slice(0, n)]
+    colour = fit_ar(residual, full, max_order=MAX_AR_ORDER)
+    square_sum = float(residual @ residual)
+    whitened_sum = float(np.sum(colour.whiten(residual, full) ** 2))
+    gain = n * np.log(max(square_sum, 1e-300) / max(whitened_sum, 1e-300))
+    if gain < len(colour.ar) * np.log(n):
         colour = Noise()
-    return colour, max(
-        float(np.sqrt(spread[0 if colour.white else 1] / max(n - parameters, 1))), 1e-9
-    )
+    white_sum = square_sum if colour.white else whitened_sum
+    level_K = float(np.sqrt(white_sum / max(n - parameters, 1)))
+    return colour, max(level_K, MIN_NOISE_K)
 
 
-def weights_of(bic: Array, prior: Array | float = 1.0) -> Array:
-    """Probability (K,) of each structure by its information criterion, all on one noise, and by its ``prior``."""
+def white_noise_K(y: Array) -> float:
+    """Standard deviation of the white noise of readings (N,) [K], above zero; NaN is left out."""
+    return max(float(white_noise_sd(y[np.isfinite(y)], NOISE_ORDER)), MIN_NOISE_K)
+
+
+def bic_weights(bic: Array, prior: Array | float = 1.0) -> Array:
+    """Probability (K,) of each structure from its BIC, all with the same noise, and its ``prior`` probability."""
     w = np.exp(-0.5 * (bic - bic.min())) * prior
     return w / w.sum()
 
 
-def averaged(values: Sequence[float], us: Sequence[float], weights: Array) -> Estimate:
-    """The estimate of a quantity over structures: mean, standard deviation and 95 % range of the mixture."""
+def model_average(values: Sequence[float], us: Sequence[float], weights: Array) -> Estimate:
+    """Average of a quantity over structures: mean, standard deviation and 95 % range of the mixture.
+
+    Parameters
+    ----------
+    values, us
+        Value and standard uncertainty for each structure (K,).
+    weights
+        Probability of each structure (K,).
+    """
     v = np.asarray(values, dtype=float)
     u = np.asarray(us, dtype=float)
     if not (np.all(np.isfinite(v)) and np.all(np.isfinite(u))):
         raise undetermined()
     mean = float(weights @ v)
     sd = float(np.sqrt(weights @ (u**2 + (v - mean) ** 2)))
-    low, high = mixture_range(
-        [Estimate.normal(a, max(b, 1e-12)) for a, b in zip(v, u)], weights.tolist()
-    )
+    components = [Estimate.normal(value, max(sd_, 1e-12)) for value, sd_ in zip(v, u)]
+    low, high = mixture_range(components, weights.tolist())
     return Estimate(value=mean, u=sd, low95=low, high95=high)

@@ -78,8 +78,8 @@ def test_a_table_in_mm2_is_refused_with_the_remedy() -> None:
 
 
 def test_temperatures_outside_a_fluids_range_are_said() -> None:
-    assert fluid("water").outside(20, 80) == ()
-    (found,) = fluid("water").outside(20, 120)
+    assert fluid("water").check_range(20, 80) == ()
+    (found,) = fluid("water").check_range(20, 120)
     assert (found.code, found.subject, found.numbers["known_degC"]) == (
         "fluid.extrapolated",
         "water",
