@@ -243,7 +243,8 @@ def reconcile_entry(
             f"switch and free thermocouple put the entry at {switch_s:.2f} s and {probe_s:.2f} s",
             where=where,
             expected="agreement within 3 s",
-            remedy="see which one is wrong: leave out the probe's column, or write the switch's (1 from the entry on)",
+            remedy="check which one is wrong: leave out the probe's column, or correct the "
+            "switch's (1 from the entry on)",
         )
     weight = switch_u**-2 / (switch_u**-2 + probe_u**-2)
     u = (switch_u**-2 + probe_u**-2) ** -0.5

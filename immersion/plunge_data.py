@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
-from scipy.stats import trim_mean
 
 from immersion.entry import EntryEvent, find_entry, useful_end
 from immersion.fluids import Fluid, fluid
@@ -273,8 +272,14 @@ def smooth_bath(t: Array, bath: Array, end_s: float, window_s: float = 10.0) -> 
         )
     frame = pd.DataFrame({"t": t[after], "bath": bath[after]})
     windows = frame.groupby(np.floor(t[after] / window_s))
-    means = windows["bath"].agg(lambda x: trim_mean(x, 0.2))
+    means = windows["bath"].agg(_trimmed_mean)
     return windows["t"].mean().to_numpy(), means.to_numpy()
+
+
+def _trimmed_mean(x: pd.Series) -> float:
+    """Mean without the lowest and the highest fifth."""
+    cut = len(x) // 5
+    return float(np.sort(x)[cut : len(x) - cut].mean())
 
 
 @dataclass(frozen=True)

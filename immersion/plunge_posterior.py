@@ -224,7 +224,7 @@ class LagScan:
         """
         return self.skewed(self.mean_s + shift_s, 1.0, extra_u_s**2)
 
-    def skewed(self, value_s: float, slope: float, rest_variance_s2: float) -> Estimate:
+    def skewed(self, value_s: float, slope: float, normal_variance_s2: float) -> Estimate:
         """Estimate of a skew quantity: ``slope`` times the common lag, plus an independent normal
         part.
 
@@ -234,14 +234,14 @@ class LagScan:
             Value of the estimate [s].
         slope
             Factor of the common lag.
-        rest_variance_s2
+        normal_variance_s2
             Variance of the normal part [s2]; a negative one counts as zero.
 
         Notes
         -----
         Each half-width of the 95 % interval is the root sum of squares of those of both parts.
         """
-        normal_u = float(np.sqrt(max(rest_variance_s2, 0.0)))
+        normal_u = float(np.sqrt(max(normal_variance_s2, 0.0)))
         below = slope * (self.mean_s - self.low95_s)
         above = slope * (self.high95_s - self.mean_s)
         return Estimate(

@@ -57,8 +57,9 @@ SOURCES = {
     "split of the lag": ("split", "common_split"),
 }
 INTERVAL_NOTE = (
-    "(a lag's interval may reach further up than down: a long lag behind a fierce entry burst fits nearly as well as a "
-    "short one; burst and lag are common to the channels, so their differences have even intervals)"
+    "(a lag's interval may reach further up than down: a long lag with a strong entry burst fits "
+    "nearly as well as a short one; burst and lag are common to the channels, so the intervals of "
+    "their differences are symmetric)"
 )
 
 

@@ -1,4 +1,5 @@
-"""Thermocouples outside the rig: their file, and the ways to their lag (stated, plunge, pair, loop current, noise).
+"""Thermocouples outside the rig: their file, and methods for the lag (specified, plunge, pair, loop
+current, noise).
 
 >>> import tempfile
 >>> from pathlib import Path

@@ -1,8 +1,10 @@
-"""Loop current step response (LCSR): lag from heating the sensor by a current, converted to the response to a plunge.
+"""Loop current step response (LCSR): lag from heating the sensor by a current, converted to the
+response to a plunge.
 
-Internal heating and an external step share the poles of the sensor; internal heating adds zeros (Kerlin, Hashemian). The
-weight of each pole in a plunge follows from a model of where heat is generated and stored: a round core, heated about
-its axis and read there, surrounded by a metal wall and a boundary layer.
+Internal heating and an external step share the poles of the sensor; internal heating adds zeros
+(Kerlin, Hashemian). The weight of each pole in a plunge follows from a model of where heat is
+generated and stored: a round core, heated about its axis and read there, surrounded by a metal wall
+and a boundary layer.
 """
 
 from __future__ import annotations
@@ -23,11 +25,12 @@ from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.estimation import Noise
 from tcdyn.sensors.file import SHARES, SensorFile, sensor_file, step_passes, undetermined
-from tcdyn.sensors.step_fits import Fitted, colour_of, fit_curve, white_noise_K
+from tcdyn.sensors.step_fits import CurveFit, colour_of, fit_curve, white_noise_K
 
 MODES = 14
-# Priors for sheathed sensors: Biot number of the boundary layer, heat stored in the wall over that in the core, radius
-# of the heated part over that of the core; medians and standard deviations of the logarithm. Chosen by judgement.
+# Priors for sheathed sensors: Biot number of the boundary layer, heat stored in the wall over that
+# in the core, radius of the heated part over that of the core; medians and standard deviations of
+# the logarithm. Chosen by judgement.
 PRIORS = {
     "log_biot": (np.log(2.0), 1.5),
     "log_wall": (np.log(0.5), 0.8),
@@ -37,10 +40,11 @@ PRIORS = {
 STARTS = [
     (biot, wall, heated) for biot in (0.6, 2.5, 9.0) for wall, heated in ((0.3, 0.1), (1.0, 0.25))
 ]
-# Relative standard uncertainty of the lag for a sensor that is no such cylinder (plants report 10 % at 95 %).
+# Relative standard uncertainty of the lag for a sensor that is no such cylinder (plants report 10 %
+# at 95 %).
 CONVERSION_REL = 0.05
-# Half-width of the 95 % interval in percent, beyond which a warning says that the response to the current does not
-# determine the response to a plunge; chosen by judgement.
+# Half-width of the 95 % interval in percent, beyond which a warning says that the response to the
+# current does not determine the response to a plunge; chosen by judgement.
 WIDE_PERCENT = 20.0
 MAX_ROWS = 4000  # rows that are fitted; longer records are averaged; chosen by judgement
 MIN_READINGS = 40  # chosen by judgement
@@ -65,7 +69,8 @@ def current_sensor(
     off_only: bool = False,
     **more: Any,
 ) -> SensorFile:
-    """The chain for a plunge from the sensor's response to a current through it, switched on, off, or both.
+    """The chain for a plunge from the sensor's response to a current through it, switched on, off,
+    or both.
 
     Parameters
     ----------
@@ -87,13 +92,15 @@ def current_sensor(
     Raises
     ------
     InputError
-        A current that never changes, a response within the noise, a record too short after the step.
+        A current that never changes, a response within the noise, a record too short after the
+        step.
 
     Notes
     -----
-    y = level + drift t + direct P + size sum_n a_n (P after a lag tau_n), with P = current^2 over its largest value,
-    and a_n, tau_n those of ``cylinder``. Lag, Biot number, wall and heated radius are sampled from their posterior, so
-    that the interval is as wide, and as skew, as the response to the current leaves them undetermined.
+    y = level + drift t + direct P + size sum_n a_n (P after a lag tau_n), with P = current^2 over
+    its largest value, and a_n, tau_n those of ``cylinder``. Lag, Biot number, wall and heated
+    radius are sampled from their posterior, so that the interval is as wide, and as skew, as the
+    response to the current leaves them undetermined.
     """
     power = np.nan_to_num(current) ** 2
     largest = float(power.max())
@@ -108,11 +115,11 @@ def current_sensor(
     if count < MIN_READINGS:
         raise InputError(f"only {count} readings", expected=f"at least {MIN_READINGS}")
     dt_s = float(time_s[1] - time_s[0])
-    record = _Record.averaged(dt_s, y, power)
+    record = _HeatedRecord.averaged(dt_s, y, power)
     rise_K = float(np.nanmax(record.y) - np.nanmin(record.y))
     if rise_K < MIN_RISE_NOISES * record.noise_K:
         raise InputError(
-            f"the answer of {rise_K:.2g} K is within ten times the noise",
+            f"the response of {rise_K:.2g} K is within ten times the noise",
             remedy="heat more, or average",
         )
     best, theta, weights = _posterior(record)
@@ -164,9 +171,7 @@ def _conversion_finding(column: str, lag: Estimate) -> Finding:
     """How well the response to the current determines the response to a plunge."""
     percent = 50 * (lag.high95 - lag.low95) / lag.value
     if percent > WIDE_PERCENT:
-        return warning(
-            "sensor.conversion_wide", subject=column, low_s=lag.low95, high_s=lag.high95
-        )
+        return warning("sensor.conversion_wide", subject=column, low_s=lag.low95, high_s=lag.high95)
     return info("sensor.conversion", subject=column, percent=percent)
 
 
@@ -185,9 +190,10 @@ def cylinder(theta: Array) -> tuple[Array, Array]:
 
     Notes
     -----
-    z J1(z) = (Bi - g z^2/2) J0(z), tau = R^2/(a z^2), share ~ tau J1(z e)/(z e)/(J0(z)^2 + J1(z)^2 + g J0(z)^2). There
-    is one root z between neighbouring zeros of J0. A plunge has the poles only,
-    T/T_fluid = 1/(I0(q) + (q/Bi) I1(q) + (g q^2/(2 Bi)) I0(q)), q^2 = s R^2/a, so lag = R^2/a (1/4 + (1 + g)/(2 Bi)).
+    z J1(z) = (Bi - g z^2/2) J0(z), tau = R^2/(a z^2), share ~ tau J1(z e)/(z e)/(J0(z)^2 + J1(z)^2
+    + g J0(z)^2). There is one root z between neighbouring zeros of J0. A plunge has the poles only,
+    T/T_fluid = 1/(I0(q) + (q/Bi) I1(q) + (g q^2/(2 Bi)) I0(q)), q^2 = s R^2/a, so lag = R^2/a (1/4
+    + (1 + g)/(2 Bi)).
 
     Examples
     --------
@@ -223,8 +229,10 @@ def _chain(theta: Array) -> Chain:
 
 
 @dataclass(frozen=True)
-class _Record:
-    """Data of the fit: interval [s], readings (N,), heating (N,), times (N,) from 0 to 1, first guess of the noise [K]."""
+class _HeatedRecord:
+    """Data of the fit: interval [s], readings (N,), heating (N,), times (N,) from 0 to 1, first
+    guess of the noise [K].
+    """
 
     dt_s: float
     y: Array
@@ -233,7 +241,7 @@ class _Record:
     noise_K: float
 
     @classmethod
-    def averaged(cls, dt_s: float, y: Array, power: Array) -> _Record:
+    def averaged(cls, dt_s: float, y: Array, power: Array) -> _HeatedRecord:
         """Means of neighbouring rows, at most ``MAX_ROWS``; NaN where one of them is missing."""
         size = -(-len(y) // MAX_ROWS)
         n = len(y) // size * size
@@ -243,7 +251,9 @@ class _Record:
         return cls(dt_s * size, mean, heating, np.linspace(0, 1, len(mean)), noise_K)
 
     def response(self, shape: Array) -> Array:
-        """Response (N,) to the heating, one in the steady state; constant heating is assumed before the first row."""
+        """Response (N,) to the heating, one in the steady state; constant heating is assumed before
+        the first row.
+        """
         total = np.zeros_like(self.power)
         for tau, share in zip(*cylinder(shape)):
             decay = float(np.exp(-self.dt_s / tau))
@@ -258,11 +268,13 @@ class _Record:
         return np.stack([ones, self.t, self.power, self.response(shape)], axis=1)
 
 
-def _posterior(record: _Record) -> tuple[Fitted, Array, Array]:
-    """The best fit, samples (K, 4) of the logarithms of lag, Bi, wall and heated radius, and their weights (K,).
+def _posterior(record: _HeatedRecord) -> tuple[CurveFit, Array, Array]:
+    """The best fit, samples (K, 4) of the logarithms of lag, Bi, wall and heated radius, and their
+    weights (K,).
 
-    Several starts, since a thick boundary layer with a thin wall and the reverse may both be minima; then importance
-    sampling about all of them, with level, drift, direct and size integrated out.
+    Several starts, since a thick boundary layer with a thin wall and the reverse may both be
+    minima; then importance sampling about all of them, with level, drift, direct and size
+    integrated out.
     """
     fits = _fit_all(record)
     best = min(fits, key=lambda f: f.optimum.cost)
@@ -294,7 +306,7 @@ def _posterior(record: _Record) -> tuple[Fitted, Array, Array]:
     return best, samples, weights
 
 
-def _fit_all(record: _Record) -> list[Fitted]:
+def _fit_all(record: _HeatedRecord) -> list[CurveFit]:
     """Fits from all starts, with the noise estimated from the residuals of the best."""
     finite = np.isfinite(record.y)
     y = record.y[finite]
@@ -319,7 +331,7 @@ def _fit_all(record: _Record) -> list[Fitted]:
             candidates.append((square_sum, np.r_[linear, shape]))
         return min(candidates, key=lambda pair: pair[0])[1]
 
-    def fits(starts: list[Array], noise: tuple[Noise, float]) -> list[Fitted]:
+    def fits(starts: list[Array], noise: tuple[Noise, float]) -> list[CurveFit]:
         return [
             fit_curve("LCSR", model, record.y, names, theta, scale, prior=PRIORS, noise=noise)
             for theta in starts
@@ -334,7 +346,7 @@ def _fit_all(record: _Record) -> list[Fitted]:
 class _LogPosterior:
     """Log posterior density of the shape (4,), profiled over level, drift, direct and size."""
 
-    def __init__(self, record: _Record, fit: Fitted) -> None:
+    def __init__(self, record: _HeatedRecord, fit: CurveFit) -> None:
         self.record = record
         self.finite = np.isfinite(record.y)
         self.fit = fit
@@ -356,7 +368,9 @@ class _LogPosterior:
 
 @dataclass(frozen=True)
 class _Mixture:
-    """Mixture of multivariate Student's t: ``centres`` (C, 4), ``covariances`` (C, 4, 4), ``chances`` (C,)."""
+    """Mixture of multivariate Student's t: ``centres`` (C, 4), ``covariances`` (C, 4, 4),
+    ``chances`` (C,).
+    """
 
     centres: Array
     covariances: Array

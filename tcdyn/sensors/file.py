@@ -1,4 +1,6 @@
-"""What is known of a thermocouple outside the rig, and its file: chain, uncertainty, columns, how it was found."""
+"""The sensor file of a thermocouple outside the rig: chain with uncertainty, columns, and method of
+determination.
+"""
 
 from __future__ import annotations
 
@@ -37,45 +39,69 @@ if TYPE_CHECKING:
     from tcdyn.identify import Identified
 
 SCHEMA: Final[Literal["tcdyn.sensor/1"]] = "tcdyn.sensor/1"
-OF_IDENTIFY = "tcdyn.identified/"
-SHARES = {
-    "t50_s": 0.5,
-    "t632_s": 1 - float(np.exp(-1)),
-    "t90_s": 0.9,
-}  # of the step, as VDI/VDE 3522 reports them
-MEASURED = (
-    "plunge",
-    "pair",
-    "current",
-    "noise",
-)  # methods whose lag always has an uncertainty above zero
+IDENTIFIED_SCHEMA = "tcdyn.identified/"
+# Shares of the step whose times are reported (VDI/VDE 3522).
+SHARES = {"t50_s": 0.5, "t632_s": 1 - float(np.exp(-1)), "t90_s": 0.9}
+# Methods whose lag always has an uncertainty above zero.
+MEASURED = ("plunge", "pair", "current", "noise")
+MIN_LAG_S = 1e-6  # least lag that can be specified [s], if it is not zero; chosen by judgement
+# Relative difference of two standard uncertainties that must agree in a file; chosen by judgement.
+MAX_U_DIFFERENCE_REL = 0.5
+# Deviation of the static gain from one, above which a warning is given: 3 u, and at least this;
+# chosen by judgement.
+MIN_GAIN_DEVIATION = 1e-3
 Method = Literal["stated", "plunge", "pair", "current", "noise", "identify"]
 
 
 class SensorChains(RecordPart):
-    """The chain of each column; ``covariance`` [s^2] is that of their ``lag_s``, in the order of ``columns``."""
+    """The chain of each column; ``covariance`` [s2] is that of their ``lag_s``, in the order of
+    ``columns``.
+    """
 
     structure: str = Field(min_length=1, max_length=40)
     channels: dict[str, ChannelChain] = Field(min_length=1)
     covariance: list[list[float]]
 
     @model_validator(mode="after")
-    def _sound(self) -> SensorChains:
-        u = np.sqrt(np.maximum(np.diag(square_matrix(self.covariance, len(self.channels))), 0.0))
-        for (name, channel), own in zip(self.channels.items(), u):
-            if abs(own - channel.lag_s.u) > 0.5 * max(own, channel.lag_s.u) + 1e-6:
+    def _check_covariance(self) -> SensorChains:
+        covariance = square_matrix(self.covariance, len(self.channels))
+        sds = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+        for (name, channel), sd in zip(self.channels.items(), sds):
+            u = channel.lag_s.u
+            if abs(sd - u) > MAX_U_DIFFERENCE_REL * max(sd, u) + 1e-6:
                 raise ValueError(
-                    f"covariance: its diagonal gives {own:.4g} s for {name}, lag_s.u is {channel.lag_s.u:.4g} s"
+                    f"covariance: its diagonal gives {sd:.4g} s for {name}, lag_s.u is {u:.4g} s"
                 )
         return self
 
 
 class SensorFile(Result, RecordPart):
-    """A thermocouple, or several that were found together, that any table's ``columns`` may hold.
+    """A thermocouple, or several that were determined together, for the ``columns`` of any table.
 
-    ``columns``: names in a table, ``*`` stands for any text; each has its ``chain``. ``times``: by column when the
-    response to a step passes 50, 63.2 and 90 %. ``static``: by column, where there is a line. ``fit``: what the method
-    says beside. ``conditioning``: the filter that was stated, none unless it was.
+    Attributes
+    ----------
+    sensor
+        Name of the sensor.
+    created
+        Time of creation.
+    method
+        Method that gave the lags.
+    inputs
+        Files that were used.
+    columns
+        Names in a table, ``*`` matches any text; each has its ``chain``.
+    chain
+        Chain of each column.
+    conditioning
+        Filter that was specified; none by default.
+    times
+        By column: when the response to a step passes 50, 63.2 and 90 %.
+    static
+        By column, where there is a static line.
+    fit
+        Further results of the method.
+    findings
+        Warnings and infos.
     """
 
     schema_: Literal["tcdyn.sensor/1"] = Field(default=SCHEMA, alias="schema")
@@ -93,21 +119,23 @@ class SensorFile(Result, RecordPart):
 
     @model_validator(mode="before")
     @classmethod
-    def _without_words(cls, data: Any) -> Any:
-        return (
-            {k: v for k, v in data.items() if k != "warnings"} if isinstance(data, dict) else data
-        )
+    def _drop_warnings(cls, data: Any) -> Any:
+        """``warnings`` in a file are the text of its findings."""
+        if not isinstance(data, dict):
+            return data
+        return {key: value for key, value in data.items() if key != "warnings"}
 
     @model_validator(mode="after")
-    def _sound(self) -> SensorFile:
+    def _check_lags(self) -> SensorFile:
         moment(self.created)
         if list(self.chain.channels) != self.columns:
             raise ValueError("columns: must be those of chain.channels, in their order")
         for name, chain in zip(self.columns, self.chains):
-            stated = self.chain.channels[name].lag_s
-            if abs(chain.lag_s - stated.value) > max(3 * stated.u, 0.01 * chain.lag_s + 1e-4):
+            lag_s = self.chain.channels[name].lag_s
+            if abs(chain.lag_s - lag_s.value) > max(3 * lag_s.u, 0.01 * chain.lag_s + 1e-4):
                 raise ValueError(
-                    f"chain.channels.{name}.lag_s: {stated.value:.4g} s, but its lags add to {chain.lag_s:.4g} s"
+                    f"chain.channels.{name}.lag_s: {lag_s.value:.4g} s, but its lags add to "
+                    f"{chain.lag_s:.4g} s"
                 )
         return self
 
@@ -119,54 +147,48 @@ class SensorFile(Result, RecordPart):
 
     @property
     def chains(self) -> tuple[Chain, ...]:
-        """One chain a column, filter included."""
-        kept = [c.model_dump(exclude={"lag_s", "split_u_s"}) for c in self.chain.channels.values()]
-        return tuple(Chain(**c, conditioning=self.conditioning) for c in kept)
+        """One chain for each column, with the filter."""
+        parameters = [
+            channel.model_dump(exclude={"lag_s", "split_u_s"})
+            for channel in self.chain.channels.values()
+        ]
+        return tuple(Chain(**p, conditioning=self.conditioning) for p in parameters)
 
     @property
     def lag_covariance_s2(self) -> Array:
-        """Covariance (M, M) of the columns' lags [s2]."""
+        """Covariance (M, M) of the lags of the columns [s2]."""
         return np.array(self.chain.covariance, dtype=float)
 
     @property
     def split_u_s(self) -> Array:
-        """Standard uncertainty (M,) of how much of each lag is its largest one's [s]."""
+        """Standard uncertainty (M,) of the largest time constant at fixed lag [s]."""
         return np.array([c.split_u_s for c in self.chain.channels.values()])
 
     def summary(self) -> str:
-        """Method, lag, times of the step response, and what was noticed."""
+        """Method, lag, times of the step response, and findings."""
         lines = [f"{self.sensor}: {self.method}, {self.chain.structure}"]
         for name, chain in zip(self.columns, self.chains):
-            lines.append(
-                f"  {name}: lag {self.chain.channels[name].lag_s.text('s')} ({chain.summary()})"
-            )
-            if times := self.times.get(name):
-                said = (
-                    f"{k.removesuffix('_s').replace('632', '63.2')} {e.text('s')}"
-                    for k, e in times.items()
-                )
-                lines.append("    " + ", ".join(said))
-        for k, v in self.fit.items():
-            estimate = isinstance(v, dict) and set(v) == set(Estimate.model_fields)
-            lines += (
-                [f"  {k}: {Estimate(**v)}"]
-                if estimate
-                else [f"  {k}: {v:.4g}"]
-                if isinstance(v, float)
-                else []
-            )
+            lag = self.chain.channels[name].lag_s.text("s")
+            lines.append(f"  {name}: lag {lag} ({chain.summary()})")
+            times = [
+                f"{key.removesuffix('_s').replace('632', '63.2')} {estimate.text('s')}"
+                for key, estimate in self.times.get(name, {}).items()
+            ]
+            if times:
+                lines.append("    " + ", ".join(times))
+        for key, value in self.fit.items():
+            if isinstance(value, dict) and set(value) == set(Estimate.model_fields):
+                lines.append(f"  {key}: {Estimate(**value)}")
+            elif isinstance(value, float):
+                lines.append(f"  {key}: {value:.4g}")
         return "\n".join([*lines, *labelled_messages(self.findings)])
 
     def card(self) -> pd.DataFrame:
-        """Lag and times of each column."""
-        rows = [
-            {
-                "column": n,
-                "lag [s]": str(c.lag_s),
-                **{k: str(e) for k, e in self.times.get(n, {}).items()},
-            }
-            for n, c in self.chain.channels.items()
-        ]
+        """Lag and times of each column, formatted for display."""
+        rows = []
+        for name, channel in self.chain.channels.items():
+            times = {key: str(estimate) for key, estimate in self.times.get(name, {}).items()}
+            rows.append({"column": name, "lag [s]": str(channel.lag_s), **times})
         return pd.DataFrame(rows)
 
     def to_dict(self) -> dict[str, Any]:
@@ -185,47 +207,66 @@ def sensor_file(
     times: Mapping[str, Mapping[str, Estimate]] | None = None,
     **more: Any,
 ) -> SensorFile:
-    """The file of the sensor in columns ``chains``: their lags' covariance (M, M) [s2] and how they divide (M,) [s].
+    """The file of a sensor.
 
-    ``times``: those that a method found itself; by first order from the chain otherwise. ``more``: other fields.
+    Parameters
+    ----------
+    sensor
+        Name of the sensor.
+    chains
+        Chain of each column (M).
+    method
+        Method that gave them.
+    lag_covariance
+        Covariance of the lags (M, M) [s2].
+    split_u_s
+        Standard uncertainty of the largest time constant at fixed lag (M,) [s].
+    structure
+        Name of the chain structure; empty: from the number of lags.
+    times
+        Times of the step response that the method determined; None: from the chain, by first order.
+    more
+        Other fields.
 
-    Raises InputError for a lag whose uncertainty is not finite, or is zero where it was measured, and for a lag that no
-    file can hold.
+    Raises
+    ------
+    InputError
+        For a lag whose uncertainty is not finite, or is zero although it was measured, and for a
+        lag that a file cannot hold.
     """
-    for (name, chain), variance in zip(chains.items(), np.diag(lag_covariance)):
+    variances = np.diag(lag_covariance)
+    for (name, chain), variance in zip(chains.items(), variances):
         if not np.isfinite(variance) or (variance <= 0 and method in MEASURED):
             raise undetermined(name)
         _check_longest(name, chain)
-    u = np.sqrt(np.maximum(np.diag(lag_covariance), 0.0))
-    rows = {
-        name: ChannelChain(
-            **chain.parameters, lag_s=Estimate.normal(chain.lag_s, own), split_u_s=float(split)
+    lag_u_s = np.sqrt(np.maximum(variances, 0.0))
+    channels = {}
+    step_response = {name: dict(values) for name, values in (times or {}).items()}
+    for (name, chain), u, split_u in zip(chains.items(), lag_u_s, split_u_s):
+        channels[name] = ChannelChain(
+            **chain.parameters, lag_s=Estimate.normal(chain.lag_s, u), split_u_s=float(split_u)
         )
-        for (name, chain), own, split in zip(chains.items(), u, split_u_s)
-    }
-    found = times or {
-        n: step_times(c, float(own), float(s))
-        for (n, c), own, s in zip(chains.items(), u, split_u_s)
-    }
+        if not times:
+            step_response[name] = step_times(chain, float(u), float(split_u))
     first = next(iter(chains.values()))
-    kept = SensorChains(
+    sensor_chains = SensorChains(
         structure=structure or f"P{len(first.taus_s)}",
-        channels=rows,
+        channels=channels,
         covariance=np.asarray(lag_covariance).tolist(),
     )
     return SensorFile(
         sensor=sensor,
         method=method,
         columns=list(chains),
-        chain=kept,
+        chain=sensor_chains,
         conditioning=first.conditioning,
-        times={n: dict(t) for n, t in found.items()},
+        times=step_response,
         **more,
     )
 
 
 def undetermined(column: str = "") -> InputError:
-    """The error of a record that leaves the uncertainty of a lag zero or undefined."""
+    """The error for a record that gives a lag whose uncertainty is zero or undefined."""
     lag = f"the lag of {column}" if column else "the lag"
     return InputError(
         f"the record does not determine {lag}: its standard uncertainty is zero or undefined",
@@ -244,33 +285,44 @@ def _check_longest(name: str, chain: Chain) -> None:
 
 
 def step_times(chain: Chain, lag_u_s: float = 0.0, split_u_s: float = 0.0) -> dict[str, Estimate]:
-    """When the unit step response first passes 50, 63.2 and 90 % [s]; uncertainty by first order from lag and split.
+    """When the unit step response first passes 50, 63.2 and 90 % [s], with first-order uncertainty.
 
+    Parameters
+    ----------
+    chain
+        The chain.
+    lag_u_s, split_u_s
+        Standard uncertainties of the lag, and of the largest time constant at fixed lag [s].
+
+    Examples
+    --------
     >>> round(step_times(Chain(2.0))["t90_s"].value, 3)
     4.605
     """
     if chain.lag_s <= 0:
         return {}
-    here = passes(chain)
-    longer_s = max(lag_u_s, 1e-3 * chain.lag_s)
-    by_lag = (passes(chain.with_lag_shift(longer_s)) - here) * lag_u_s / longer_s
-    by_split = passes(chain.with_split_shift(split_u_s)) - here
-    return {k: Estimate.normal(t, u) for k, t, u in zip(SHARES, here, np.hypot(by_lag, by_split))}
+    times = step_passes(chain)
+    step_s = max(lag_u_s, 1e-3 * chain.lag_s)
+    by_lag = (step_passes(chain.with_lag_shift(step_s)) - times) * lag_u_s / step_s
+    by_split = step_passes(chain.with_split_shift(split_u_s)) - times
+    us = np.hypot(by_lag, by_split)
+    return {key: Estimate.normal(t, u) for key, t, u in zip(SHARES, times, us)}
 
 
 def lag_and_times(chain: Chain) -> Array:
-    """The lag and when the step response passes each of the shares (4,) [s]."""
-    return np.array([chain.lag_s, *passes(chain)])
+    """The lag, and when the step response passes each of ``SHARES`` (4,) [s]."""
+    return np.array([chain.lag_s, *step_passes(chain)])
 
 
-def passes(chain: Chain) -> Array:
-    """When the step response passes each of the shares (3,) [s]."""
+def step_passes(chain: Chain) -> Array:
+    """When the step response passes each of ``SHARES`` (3,) [s]."""
     t = chain.lag_s * np.linspace(0, 12, 4801)
-    step = chain.response(np.ones_like(t), float(t[1]), "zoh", "zero")
-    at = [int(np.argmax(step >= share)) for share in SHARES.values()]
-    return np.array(
-        [np.interp(q, step[k - 1 : k + 1], t[k - 1 : k + 1]) for k, q in zip(at, SHARES.values())]
-    )
+    response = chain.response(np.ones_like(t), float(t[1]), "zoh", "zero")
+    times = []
+    for share in SHARES.values():
+        k = int(np.argmax(response >= share))
+        times.append(np.interp(share, response[k - 1 : k + 1], t[k - 1 : k + 1]))
+    return np.array(times)
 
 
 def stated(
@@ -281,8 +333,30 @@ def stated(
     delay_s: tuple[float, float] = (0.0, 0.0),
     **more: Any,
 ) -> SensorFile:
-    """A sensor whose lags (value, standard uncertainty) [s] somebody states: one chain for all ``columns``.
+    """A sensor whose lags the user specifies: one chain for all ``columns``.
 
+    Parameters
+    ----------
+    sensor
+        Name of the sensor.
+    columns
+        Its columns.
+    taus_s
+        Time constants and their standard uncertainties [s].
+    conditioning
+        Filter after the sensor.
+    delay_s
+        Dead time and its standard uncertainty [s].
+    more
+        Other fields of the file.
+
+    Raises
+    ------
+    InputError
+        Without a lag or a column, and for a lag that is not possible.
+
+    Examples
+    --------
     >>> stated("probe", ["T1"], [(1.5, 0.1), (0.2, 0.0)]).chain.channels["T1"].lag_s.u
     0.1
     """
@@ -294,41 +368,47 @@ def stated(
             parameters={"taus_s": "1.5", "column": "T1"},
         )
     for value, u in (*taus, delay_s):
-        if not (value == 0 or 1e-6 <= value < LONGEST_LAG_S) or not 0 <= u < LONGEST_LAG_S:
-            expected = f"0, or a microsecond to {LONGEST_LAG_S:g} s, its uncertainty not negative and less than that"
-            raise InputError(f"a lag of {value:g} +- {u:g} s", expected=expected)
+        possible = value == 0 or MIN_LAG_S <= value < LONGEST_LAG_S
+        if not possible or not 0 <= u < LONGEST_LAG_S:
+            raise InputError(
+                f"a lag of {value:g} +- {u:g} s",
+                expected=f"0, or a microsecond to {LONGEST_LAG_S:g} s, its uncertainty not negative "
+                "and less than that",
+            )
     chain = Chain([t for t, _ in taus], delay_s=delay_s[0], conditioning=conditioning)
-    u2 = sum(u * u for _, u in (*taus, delay_s))
-    lesser = sum(u * u for _, u in (*taus[1:], delay_s))
-    found = [] if u2 > 0 else [warning("sensor.exact", lag_s=chain.lag_s)]
+    lag_variance = sum(u * u for _, u in (*taus, delay_s))
+    split_variance = sum(u * u for _, u in (*taus[1:], delay_s))
+    findings = [] if lag_variance > 0 else [warning("sensor.exact", lag_s=chain.lag_s)]
     m = len(columns)
     return sensor_file(
         sensor,
         dict.fromkeys(columns, chain),
         "stated",
-        np.full((m, m), u2),
-        [lesser**0.5] * m,
-        findings=found,
+        np.full((m, m), lag_variance),
+        [split_variance**0.5] * m,
+        findings=findings,
         **more,
     )
 
 
 def read_sensor(path: str | Path) -> SensorFile:
-    """The sensor in a file of ``tcdyn sensor``, or the chain in one of ``tcdyn identify``.
+    """Read a file of ``tcdyn sensor``, or the chain in a file of ``tcdyn identify``.
 
-    Raises InputError that names the key for another file.
+    Raises
+    ------
+    InputError
+        For another file; it names the key.
     """
     where = str(path)
     expected = "a sensor as `tcdyn sensor` writes it, or a model of `tcdyn identify`"
     data = read_json(path, "a sensor file", "tcdyn sensor")
     schema = str(data.get("schema", "")) if isinstance(data, dict) else ""
-    if schema.startswith(OF_IDENTIFY):
-        from tcdyn.identify import Identified
+    if schema.startswith(IDENTIFIED_SCHEMA):
+        from tcdyn.identify import Identified  # only these files need the identification
 
         try:
-            return from_identified(
-                Identified.from_json(Path(path).read_text(encoding="utf-8-sig")), Path(path).name
-            )
+            model = Identified.from_json(Path(path).read_text(encoding="utf-8-sig"))
+            return from_identified(model, Path(path).name)
         except InputError as problem:
             raise problem.at(where) from None
         except (KeyError, TypeError, ValueError) as problem:
@@ -344,50 +424,67 @@ def read_sensor(path: str | Path) -> SensorFile:
 
 
 def write_sensor(sensor: SensorFile, path: str | Path) -> Path:
-    """Write the file, whole or not at all."""
+    """Write the file atomically: all of it or nothing."""
     return write_text(path, json.dumps(sensor.to_dict(), indent=2, ensure_ascii=False) + "\n")
 
 
 def from_identified(model: Identified, sensor: str = "") -> SensorFile:
-    """The sensor whose chain `tcdyn identify` found, in the column that was its output.
+    """The sensor whose chain ``tcdyn identify`` estimated, for the column that was its output.
 
-    Uncertainties are those of the model's covariance; a known filter is recognised by its polynomial.
-    Raises InputError for a model that is no chain (a zero and pole form, an integrator).
+    Parameters
+    ----------
+    model
+        The identified model. Uncertainties follow from its covariance; a fixed filter is recognised
+        by its polynomial.
+    sensor
+        Name of the sensor; empty: that of the model.
+
+    Raises
+    ------
+    InputError
+        For a model that is no chain (a zero and pole form, an integrator).
     """
-    chain = model.chain(_known_filter(model))
-    named = [n for n in ("Tp2", "Tp3", "Tz", "Td", "Tc") if n in model.model.free]
-    at = [list(model.model.free).index(n) for n in named]
-    signs = np.array([-1.0 if n == "Tz" else 0.5 if n == "Tc" else 1.0 for n in named])
-    split = (
-        float(np.sqrt(max(signs @ model.covariance[np.ix_(at, at)] @ signs, 0.0))) if named else 0.0
-    )
-    gain = model.estimates.get("Kp")
-    found = list(model.findings)
-    if gain is not None and abs(gain.value - 1) > max(3 * gain.u, 1e-3):
-        found.append(warning("sensor.gain", subject=model.output_name, gain=gain.value, u=gain.u))
     column = model.output_name
+    chain = model.chain(_fixed_filter(model))
+    gain = model.estimates.get("Kp")
+    findings = list(model.findings)
+    if gain is not None and abs(gain.value - 1) > max(3 * gain.u, MIN_GAIN_DEVIATION):
+        findings.append(warning("sensor.gain", subject=column, gain=gain.value, u=gain.u))
     return sensor_file(
         sensor or model.model.name,
         {column: chain},
         "identify",
         np.array([[model.lag_s.u**2]]),
-        [split],
+        [_identified_split_u_s(model)],
         structure=model.model.name,
-        findings=found,
+        findings=findings,
     )
 
 
-def _known_filter(model: Identified) -> Conditioning:
-    """The conditioning filter whose polynomial was the model's known part."""
-    from tcdyn.identify import Known  # a room that no other sensor's file needs
+def _identified_split_u_s(model: Identified) -> float:
+    """Standard uncertainty of the sum of all lags but the largest, from the covariance of the model
+    [s].
+    """
+    signs = {"Tp2": 1.0, "Tp3": 1.0, "Tz": -1.0, "Td": 1.0, "Tc": 0.5}
+    free = list(model.model.free)
+    names = [name for name in signs if name in free]
+    index = [free.index(name) for name in names]
+    weights = np.array([signs[name] for name in names])
+    variance = float(weights @ model.covariance[np.ix_(index, index)] @ weights) if names else 0.0
+    return float(np.sqrt(max(variance, 0.0)))
+
+
+def _fixed_filter(model: Identified) -> Conditioning:
+    """The conditioning filter whose polynomial is the fixed part of the model."""
+    from tcdyn.identify import Known  # only these files need the identification
 
     den = np.trim_zeros(np.asarray(model.model.known.den, dtype=float), "b")
-    n = len(den) - 1
-    if n == 0:
+    order = len(den) - 1
+    if order == 0:
         return NO_CONDITIONING
-    cutoff_Hz = float((den[0] / den[n]) ** (1 / n) / (2 * np.pi))
+    cutoff_Hz = float((den[0] / den[order]) ** (1 / order) / (2 * np.pi))
     for shape in ("cascade", "butterworth"):
-        tried = Conditioning(cutoff_Hz, n, shape)
-        if np.allclose(Known.of(tried).den, den / den[0], rtol=1e-9, atol=0.0):
-            return tried
-    raise InputError("its known part is no filter that a chain can have", where=model.model.name)
+        candidate = Conditioning(cutoff_Hz, order, shape)
+        if np.allclose(Known.of(candidate).den, den / den[0], rtol=1e-9, atol=0.0):
+            return candidate
+    raise InputError("its fixed part is not a filter that a chain can have", where=model.model.name)

@@ -1,4 +1,6 @@
-"""Lag in place from process noise: white fluctuations of the fluid after one or two lags, by Whittle's likelihood."""
+"""Lag in place from process noise: white fluctuations of the fluid after one or two lags, by
+Whittle's likelihood.
+"""
 
 from __future__ import annotations
 
@@ -20,8 +22,8 @@ from tcdyn.core.threads import one_blas_thread
 from tcdyn.sensors.file import SHARES, SensorFile, lag_and_times, sensor_file, undetermined
 from tcdyn.sensors.step_fits import bic_weights, model_average
 
-# Relative standard uncertainty of the lag, besides the statistics, since that the fluctuations are white can only be
-# tested to a limit; chosen by judgement.
+# Relative standard uncertainty of the lag, besides the statistics, since that the fluctuations are
+# white can only be tested to a limit; chosen by judgement.
 MODEL_REL = 0.03
 MIN_LAG_SHARE = 1e-6  # second lag over the first, below which there is none; chosen by judgement
 MIN_ROWS = 512  # of the record; chosen by judgement
@@ -31,8 +33,8 @@ SEGMENT_LAGS = 60.0
 MIN_SEGMENTS = 6
 MIN_SEGMENT_ROWS = 128
 MIN_RECORD_LAGS = 300.0  # length of the record in lags; chosen by judgement
-# Hann window, segments overlapping by a half: factor of the equivalent number of independent segments (Welch 1967), and
-# bins that carry one piece of information.
+# Hann window, segments overlapping by a half: factor of the equivalent number of independent
+# segments (Welch 1967), and bins that carry one piece of information.
 OVERLAP_FACTOR = 36 / 38
 TAPER_FACTOR = 35 / 18
 BANDS = 12  # of the goodness-of-fit test of the spectrum; chosen by judgement
@@ -61,18 +63,21 @@ def noise_sensor(
     Raises
     ------
     InputError
-        Gaps of more than 1 %, a record shorter than about 300 lags, no fluctuation above the logger's noise.
+        Gaps of more than 1 %, a record shorter than about 300 lags, no fluctuation above the
+        logger's noise.
 
     Notes
     -----
-    The spectrum is that of a sampled sum of exponentials, A [tau1 s(tau1) - tau2 s(tau2)]/(tau1 - tau2) + B,
-    s(tau) = (1 - p^2)/(1 - 2 p cos w + p^2), p = exp(-dt/tau): white fluctuations of the fluid after one or two lags,
-    and white noise of the logger. An autoregression (with that noise, an ARMA) fits the same spectrum. The fit is by
-    Whittle's likelihood on overlapping segments; one lag and two are weighted by BIC.
+    The spectrum is that of a sampled sum of exponentials, A [tau1 s(tau1) - tau2 s(tau2)]/(tau1 -
+    tau2) + B, s(tau) = (1 - p^2)/(1 - 2 p cos w + p^2), p = exp(-dt/tau): white fluctuations of the
+    fluid after one or two lags, and white noise of the logger. An autoregression (with that noise,
+    an ARMA) fits the same spectrum. The fit is by Whittle's likelihood on overlapping segments; one
+    lag and two are weighted by BIC.
 
-    The method holds if the fluctuations of the fluid are white over the band of the sensor. A fluid that fluctuates
-    more slowly adds its own time constant to the result, and the trace cannot separate the two. What the trace can show
-    is tested: that it is stationary, long enough, above the logger's noise, and of this spectrum.
+    The method holds if the fluctuations of the fluid are white over the band of the sensor. A fluid
+    that fluctuates more slowly adds its own time constant to the result, and the trace cannot
+    separate the two. What the trace can show is tested: that it is stationary, long enough, above
+    the logger's noise, and of this spectrum.
     """
     dt = float(time_s[1] - time_s[0])
     finite = np.isfinite(y_degC)
@@ -107,7 +112,9 @@ def noise_sensor(
         us.append(np.sqrt(np.maximum(variance, 0.0) + (MODEL_REL * quantities) ** 2))
     if us[1][0] > values[1][0]:  # two lags are not determined
         weights = np.array([1.0, 0.0])
-    estimates = [model_average(v, u, weights) for v, u in zip(np.transpose(values), np.transpose(us))]
+    estimates = [
+        model_average(v, u, weights) for v, u in zip(np.transpose(values), np.transpose(us))
+    ]
     lag, *times = estimates
     best = fits[np.argmax(weights)]
     taus = _lags(best[2:])
@@ -198,7 +205,9 @@ def _cost(theta: Array, periodogram: Periodogram) -> float:
 
 
 def _fit(periodogram: Periodogram, count: int) -> Array:
-    """Parameters of ``count`` lags of least cost, the larger lag first; Nelder-Mead from six starts."""
+    """Parameters of ``count`` lags of least cost, the larger lag first; Nelder-Mead from six
+    starts.
+    """
     power = periodogram.power
     dt = periodogram.dt_s
     mean_power = float(power.mean())
@@ -220,7 +229,8 @@ def _covariance(theta: Array, periodogram: Periodogram) -> Array:
         ratio = spectrum(theta + step, periodogram) / spectrum(theta - step, periodogram)
         slopes.append(np.log(ratio) / 2e-4)
     jacobian = np.array(slopes)
-    return np.linalg.pinv(periodogram.weight * jacobian @ jacobian.T)
+    information = periodogram.weight * jacobian @ jacobian.T
+    return np.asarray(np.linalg.pinv(information), dtype=np.float64)
 
 
 def _quantities(logs: Array) -> Array:
@@ -229,13 +239,17 @@ def _quantities(logs: Array) -> Array:
 
 
 def _lags(logs: Array) -> list[float]:
-    """The lags, largest first [s], from their logarithms; a second lag that is practically zero is left out."""
+    """The lags, largest first [s], from their logarithms; a second lag that is practically zero is
+    left out.
+    """
     taus = np.exp(logs)
     return sorted(taus[taus > MIN_LAG_SHARE * taus.max()].tolist(), reverse=True)
 
 
 def _check_record(n: int, dt: float, lag: Estimate, theta: Array) -> None:
-    """Raise InputError for a record too short, a sensor as fast as the rows, or fluctuations below the noise."""
+    """Raise InputError for a record too short, a sensor as fast as the rows, or fluctuations below
+    the noise.
+    """
     lags = n * dt / lag.value
     if lags < MIN_RECORD_LAGS:
         raise InputError(
@@ -250,14 +264,16 @@ def _check_record(n: int, dt: float, lag: Estimate, theta: Array) -> None:
     if np.exp(theta[0]) * lag.value / dt < np.exp(theta[1]):
         raise InputError(
             "the fluid's fluctuations are within the logger's noise",
-            remedy="log a livelier process",
+            remedy="log a process with larger fluctuations",
         )
 
 
 def _conditions(
     y: Array, periodogram: Periodogram, theta: Array, column: str, lags: int
 ) -> list[Finding]:
-    """Findings about the conditions: number of lags, stationarity, and goodness of fit of the spectrum."""
+    """Findings about the conditions: number of lags, stationarity, and goodness of fit of the
+    spectrum.
+    """
     severity = warning if lags == 2 else info
     findings: list[Finding] = [severity("sensor.noise_driving", subject=column, lags=lags)]
     variances = [float(np.var(quarter)) for quarter in np.array_split(y, 4)]

@@ -1,9 +1,10 @@
-"""Lags of two thermocouples of different size in one fluid, without a reference, with noise on both.
+"""Lags of two thermocouples of different size in one fluid, without a reference, with noise on
+both.
 
-For any fluid temperature x, y1 + tau1 y1' = x = y2 + tau2 y2' without noise. The difference of the two sides is a sum
-of noises whose covariance is known for each (tau1, tau2). Generalised least squares with that covariance is the maximum
-likelihood of both traces with x free at every sample. Ordinary least squares of one trace on the other would be biased
-by the noise of the regressor.
+For any fluid temperature x, y1 + tau1 y1' = x = y2 + tau2 y2' without noise. The difference of the
+two sides is a sum of noises whose covariance is known for each (tau1, tau2). Generalised least
+squares with that covariance is the maximum likelihood of both traces with x free at every sample.
+Ordinary least squares of one trace on the other would be biased by the noise of the regressor.
 """
 
 from __future__ import annotations
@@ -29,7 +30,8 @@ from tcdyn.sensors.sparse_rows import Intervals, find_intervals, interval_residu
 from tcdyn.sensors.step_fits import white_noise_K
 from tcdyn.sensors.updates import Updates, find_updates
 
-# Exponent n of the lag of a thin wire with the speed, tau ~ speed^-n: prior mean and standard deviation.
+# Exponent n of the lag of a thin wire with the speed, tau ~ speed^-n: prior mean and standard
+# deviation.
 EXPONENT = (0.5, 0.1)
 MAX_EXPONENT = 5.0  # largest mean and standard deviation of that prior; chosen by judgement
 MIN_EXPONENT_SD = 1e-3
@@ -38,13 +40,14 @@ ROWS_IN_SHORTER_LAG = 6.0
 SCORE_BLOCKS = 40  # blocks of the record for the covariance of the scores; chosen by judgement
 MIN_ROWS = 60  # usable rows in each segment of constant flow; chosen by judgement
 LOG_STEP = 2e-3  # step of the logarithm of a lag in differences; chosen by judgement
-# Relative standard uncertainty of a lag beyond which only the difference of the lags is reported as determined; chosen
-# by judgement.
+# Relative standard uncertainty of a lag beyond which only the difference of the lags is reported as
+# determined; chosen by judgement.
 UNDETERMINED_REL = 0.3
-# Share of the steps with values of both channels at either end: above it, the other steps are left out and missing
-# values are not eliminated; chosen by judgement.
+# Share of the steps with values of both channels at either end: above it, the other steps are left
+# out and missing values are not eliminated; chosen by judgement.
 MIN_USABLE_SHARE = 0.5
-# Share of rows with a new value: the missing values of a channel with fewer are eliminated; chosen by judgement.
+# Share of rows with a new value: the missing values of a channel with fewer are eliminated; chosen
+# by judgement.
 COMPLETE_SHARE = 0.98
 # Rows in the shorter lag: with fewer, the straight lines between rows bias it; chosen by judgement.
 ROWS_PER_LAG = 3.0
@@ -72,8 +75,8 @@ class PairData:
     exponent
         Prior of the exponent n, mean and standard deviation.
     intervals
-        Intervals between rows with a new value of both channels, where one channel has new values in some rows only;
-        None where each row has both.
+        Intervals between rows with a new value of both channels, where one channel has new values
+        in some rows only; None where each row has both.
     """
 
     first: Array
@@ -124,20 +127,22 @@ def pair_sensor(
     Returns
     -------
     SensorFile
-        The file of both columns. A warning says where the traces determine only the difference of the lags.
+        The file of both columns. A warning says where the traces determine only the difference of
+        the lags.
 
     Raises
     ------
     InputError
-        Shapes that differ, speeds that are not positive, a segment of fewer than 60 rows, the same trace twice, new
-        values of both in too few rows, or too seldom for the shorter lag.
+        Shapes that differ, speeds that are not positive, a segment of fewer than 60 rows, the same
+        trace twice, new values of both in too few rows, or too seldom for the shorter lag.
 
     Notes
     -----
-    The lags are constant; or tau = tau_0 (speed/its median)^-n with n free and ``exponent`` as its prior; or constant
-    between ``changes_s``. Then the file holds the lags of the last segment, and ``fit`` those of all. Both columns of a
-    row are taken as sampled at one instant: a scanner that reads the second one later biases both lags by more than
-    that time. A column that is repeated or blank between new values is used at the rows of its new values.
+    The lags are constant; or tau = tau_0 (speed/its median)^-n with n free and ``exponent`` as its
+    prior; or constant between ``changes_s``. Then the file holds the lags of the last segment, and
+    ``fit`` those of all. Both columns of a row are taken as sampled at one instant: a scanner that
+    reads the second one later biases both lags by more than that time. A column that is repeated or
+    blank between new values is used at the rows of its new values.
     """
     row_dt_s = float(time_s[1] - time_s[0])
     if speed is not None and changes_s:
@@ -176,7 +181,7 @@ def pair_sensor(
             averaged = data
         usable = usable_rows(averaged)
         if usable < MIN_ROWS:
-            what = f"a stretch of {usable} rows with new values of {columns[0]} and {columns[1]}"
+            what = f"a segment of {usable} rows with new values of {columns[0]} and {columns[1]}"
             raise InputError(what, expected=f"at least {MIN_ROWS} between changes of flow")
         theta = _minimise(averaged, theta)
         if averaged.intervals is not None:
@@ -217,7 +222,7 @@ def pair_sensor(
         lags = [Estimate.normal(tau, u).model_dump() for tau, u in zip(taus, lag_u)]
         fit["changes_s"] = list(map(float, changes_s))
         fit["stretches"] = [dict(zip(columns, lags[k : k + 2])) for k in range(0, n_lags, 2)]
-        what = f"the stretch after {max(changes_s):.6g} s"
+        what = f"the segment after {max(changes_s):.6g} s"
         findings.append(warning("sensor.pair_flow", subject=subject, what=what))
     chains = {column: Chain(tau) for column, tau in zip(columns, taus[last])}
     return sensor_file(
@@ -245,7 +250,8 @@ def _log_speed(time_s: Array, speed: Array) -> Array:
 
 
 def _with_new_values(data: PairData, columns: tuple[str, str]) -> tuple[PairData, list[Finding]]:
-    """Rows with new values of both channels, or intervals between them; and an info about each slower channel.
+    """Rows with new values of both channels, or intervals between them; and an info about each
+    slower channel.
 
     Raises InputError where too few rows have a new value of both.
     """
@@ -296,13 +302,15 @@ def _too_few(data: PairData, columns: tuple[str, str], updates: Sequence[Updates
         f"{' and '.join(shares)} (repeated or blank in the others); "
         f"{usable_rows(data) - 1} rows can be used",
         expected=f"at least {MIN_ROWS} rows with a new value of both "
-        "in each stretch of constant flow",
+        "in each segment of constant flow",
         remedy="log both columns at the same instants and at one rate, that of the slower one",
     )
 
 
 def usable_rows(data: PairData) -> int:
-    """Rows that the fit can use, with their first one, in the segment of constant flow that has the fewest."""
+    """Rows that the fit can use, with their first one, in the segment of constant flow that has the
+    fewest.
+    """
     if data.intervals is not None:
         segment = data.segment[data.intervals.start]
     else:
@@ -313,7 +321,8 @@ def usable_rows(data: PairData) -> int:
 
 
 def _with_fitted_noise(data: PairData, theta: Array) -> PairData:
-    """The data with the noise of the sparser channel reduced until the residuals have unit variance.
+    """The data with the noise of the sparser channel reduced until the residuals have unit
+    variance.
 
     Differences of values that are far apart contain the signal too and overstate the noise.
     """
@@ -337,7 +346,9 @@ def _with_fitted_noise(data: PairData, theta: Array) -> PairData:
 
 
 def averaged_rows(data: PairData, size: int) -> PairData:
-    """Means of ``size`` rows. The equations of both sensors hold for means as well, since they are linear."""
+    """Means of ``size`` rows. The equations of both sensors hold for means as well, since they are
+    linear.
+    """
     if size < 2 or data.intervals is not None:
         return data
     n = len(data.first) // size * size
@@ -369,8 +380,9 @@ def whitened(data: PairData, theta: Array) -> Array:
 
     Notes
     -----
-    Rows next to a missing value or a change of flow are left out (residual zero). The covariance V of the differences
-    is tridiagonal; V = L L', and forward substitution with L whitens the residuals.
+    Rows next to a missing value or a change of flow are left out (residual zero). The covariance V
+    of the differences is tridiagonal; V = L L', and forward substitution with L whitens the
+    residuals.
     """
     power = theta[2 * data.segments :].sum()
     lags = np.stack([_lag_in_rows(data, theta, k, power) for k in (0, 1)])
@@ -432,9 +444,10 @@ def _minimise(data: PairData, start: Array) -> Array:
 def _covariance(data: PairData, theta: Array) -> tuple[Array, float]:
     """Covariance of theta, H^-1 C H^-1 (sandwich estimator), and the mean square of the residuals.
 
-    H is half the Hessian of the cost, to which the noise contributes nothing on average. C is the covariance of the
-    scores from sums over blocks of the record; it accounts for the noise of a trace's derivative and for residuals that
-    are not white. Variances are not smaller than those for white residuals.
+    H is half the Hessian of the cost, to which the noise contributes nothing on average. C is the
+    covariance of the scores from sums over blocks of the record; it accounts for the noise of a
+    trace's derivative and for residuals that are not white. Variances are not smaller than those
+    for white residuals.
     """
     p = len(theta)
     w = whitened(data, theta)
@@ -491,9 +504,7 @@ def _lag_findings(
     shortest_s = min(taus)
     if data.dt_s > shortest_s / ROWS_PER_LAG:
         column = columns[np.argmin(taus[:2])]
-        findings.append(
-            warning("sensor.slow", subject=column, dt_s=data.dt_s, lag_s=shortest_s)
-        )
+        findings.append(warning("sensor.slow", subject=column, dt_s=data.dt_s, lag_s=shortest_s))
     if mean_square > MISFIT_RATIO:
         findings.append(warning("sensor.pair_misfit", subject=subject, ratio=mean_square))
     return findings

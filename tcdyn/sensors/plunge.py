@@ -1,4 +1,6 @@
-"""Lag of a bare sensor from one plunge or step: entry instant unknown, the medium's step not ideal; t50, t63.2 and t90."""
+"""Lag of a bare sensor from one plunge or step: entry instant unknown, the medium's step not ideal;
+t50, t63.2 and t90.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,7 @@ from tcdyn.estimation import Noise
 from tcdyn.rig.disk import Conditioning
 from tcdyn.sensors.file import SHARES, SensorFile, lag_and_times, sensor_file
 from tcdyn.sensors.step_fits import (
-    Fitted,
+    CurveFit,
     bic_weights,
     colour_of,
     fit_curve,
@@ -25,27 +27,31 @@ from tcdyn.sensors.step_fits import (
 )
 from tcdyn.sensors.surface_h import Film
 
-# Time constant of the medium's own step and its standard uncertainty [s]: 10 mm pass a surface at 0.5 m/s in this time.
+# Time constant of the medium's own step and its standard uncertainty [s]: 10 mm pass a surface at
+# 0.5 m/s in this time.
 MEDIUM_S = (0.02, 0.02)
 MIN_STEP_NOISES = 20.0  # least step over the white noise; chosen by judgement
 MIN_SAMPLES = 30  # least number of samples; chosen by judgement
 MIN_RISES_AFTER = 2.5  # least record after the step, in times to 63.2 %; chosen by judgement
-# Part of the record that is fitted, in times to 63.2 % after the entry, and before it as a share of that; by judgement.
+# Part of the record that is fitted, in times to 63.2 % after the entry, and before it as a share of
+# that; by judgement.
 RISES_AFTER = 12.0
 BEFORE_SHARE = 0.5
 # Grid of the shortest lag, as shares of the time to 63.2 %; chosen by judgement.
 SHORTEST_LAG_SHARES = (0.01, 0.02, 0.04, 0.07, 0.11, 0.16, 0.23, 0.32)
 # Shares of the lag with which the fits of one, two and three lags start; chosen by judgement.
 START_SHARES = ([1.0], [0.85, 0.15], [0.75, 0.17, 0.08])
-# Difference of specified and fitted entry, in standard uncertainties, beyond which a warning is given: by chance in
-# 0.3 % of records.
+# Difference of specified and fitted entry, in standard uncertainties, beyond which a warning is
+# given: by chance in 0.3 % of records.
 CONFLICT_U = 3.0
-# Shortest interval [s]: a lag may be 1e-6 s (`tcdyn sensor new`); a shorter interval is time in another unit.
+# Shortest interval [s]: a lag may be 1e-6 s (`tcdyn sensor new`); a shorter interval is time in
+# another unit.
 SHORTEST_ROW_S = 1e-7
-# Least standard uncertainty of that difference over the specified u: below it the convergence of the fit decides how far
-# the entry moves.
+# Least standard uncertainty of that difference over the specified u: below it the convergence of
+# the fit decides how far the entry moves.
 MIN_SHIFT_U = 0.05
-# Relative standard uncertainty below which a second lag is distinguished from zero; chosen by judgement.
+# Relative standard uncertainty below which a second lag is distinguished from zero; chosen by
+# judgement.
 RESOLVED_REL = 0.4
 MISFIT_SHARE = 0.005  # of the step: rms of the residuals that is always acceptable; by judgement
 NOISE_ITERATIONS = 3
@@ -118,12 +124,13 @@ def plunge_sensor(
 
     Notes
     -----
-    y = level + drift t + size R(t - t_e), with R the unit step response of one, two or three lags after the medium's
-    own lag and before the filter. t_e is free, or has the normal prior ``entry_s``. A dead time is therefore not
-    observable, and a short lag hardly: to first order it is a later entry. The shortest lag takes values on a grid,
-    from zero on; each is fitted and weighted by its likelihood, and the intervals cover all of them. The medium's lag, a
-    transition through the surface or a mixing, has the normal prior ``medium_s``, is not negative, and is not part of
-    the result.
+    y = level + drift t + size R(t - t_e), with R the unit step response of one, two or three lags
+    after the medium's own lag and before the filter. t_e is free, or has the normal prior
+    ``entry_s``. A dead time is therefore not observable, and a short lag hardly: to first order it
+    is a later entry. The shortest lag takes values on a grid, from zero on; each is fitted and
+    weighted by its likelihood, and the intervals cover all of them. The medium's lag, a transition
+    through the surface or a mixing, has the normal prior ``medium_s``, is not negative, and is not
+    part of the result.
     """
     dt = float(time_s[1] - time_s[0])
     _check_times(time_s, entry_s, medium_s)
@@ -134,7 +141,7 @@ def plunge_sensor(
     if entry_s is not None:
         prior_s = (entry_s[0] - start_s, max(entry_s[1], _exact_u_s(dt)))
     record = _Record(
-        t=np.arange(len(y)) * dt,
+        t=np.asarray(np.arange(len(y)) * dt, dtype=np.float64),
         y=y,
         dt_s=dt,
         step=step,
@@ -169,9 +176,7 @@ def plunge_sensor(
         findings.append(warning("sensor.slow", subject=column, dt_s=dt, lag_s=lag.value))
     after_s = len(y) * dt - record.entry_s
     if after_s < 4 * lag.value:
-        findings.append(
-            warning("sensor.cut_off", subject=column, after_s=after_s, lag_s=lag.value)
-        )
+        findings.append(warning("sensor.cut_off", subject=column, after_s=after_s, lag_s=lag.value))
     fit_values: dict[str, Any] = {
         "entry_s": fitted_s,
         "entry_u_s": fitted_u_s,
@@ -214,7 +219,7 @@ def _check_times(
         what = f"the medium's lag is {medium_s[0]:g} +- {medium_s[1]:g} s"
         raise InputError(what, expected=f"0 to {length_s:g} s, the record's length")
     if entry_s is not None and not first_s <= entry_s[0] <= last_s:
-        expected = f"{first_s:g} to {last_s:g} s, as the record goes"
+        expected = f"{first_s:g} to {last_s:g} s, the range of the record"
         raise InputError(f"the entry is at {entry_s[0]:g} s", expected=expected)
 
 
@@ -239,9 +244,9 @@ def _entry_conflict(
 
     Notes
     -----
-    For a normal prior and a normal likelihood (fitted - specified) / sqrt(u_specified^2 - u_fitted^2) equals the
-    difference of what the data alone give and the prior, over the standard uncertainty of that difference (Box 1980,
-    J. R. Stat. Soc. A 143, 383: prior predictive check).
+    For a normal prior and a normal likelihood (fitted - specified) / sqrt(u_specified^2 -
+    u_fitted^2) equals the difference of what the data alone give and the prior, over the standard
+    uncertainty of that difference (Box 1980, J. R. Stat. Soc. A 143, 383: prior predictive check).
     """
     shift_s = fitted_s - specified_s[0]
     least_u_s = MIN_SHIFT_U * specified_s[1]
@@ -308,7 +313,9 @@ def find_step(y: Array, dt_s: float, entry_s: float | None = None) -> Step:
 
 
 def _step_start(filled: Array, noise: float, edge: int) -> int:
-    """Last row before the steepest change at which the reading is still within the noise of the level before."""
+    """Last row before the steepest change at which the reading is still within the noise of the
+    level before.
+    """
     half = max(len(filled) // 400, 1)
     window = 2 * half + 1
     mean = np.convolve(filled, np.ones(window) / window, mode="valid")
@@ -328,7 +335,9 @@ def _exact_u_s(dt_s: float) -> float:
 
 @dataclass(frozen=True)
 class _Record:
-    """Data of the fit: times from the first row (N,) [s], readings, the step, a guess of the entry and its prior."""
+    """Data of the fit: times from the first row (N,) [s], readings, the step, a guess of the entry
+    and its prior.
+    """
 
     t: Array
     y: Array
@@ -345,11 +354,11 @@ class _Record:
         return max(self.step.rise_s - self.conditioning.lag_s, 2 * self.dt_s)
 
 
-def _fit_structures(record: _Record) -> tuple[list[Fitted], list[float], Array]:
+def _fit_structures(record: _Record) -> tuple[list[CurveFit], list[float], Array]:
     """Fit one, two and three lags, with a further shortest lag on a grid.
 
-    Returns the fits, the shortest lag of each [s], and their probabilities. The noise is that of the best fit's
-    residuals: white as long as these are white.
+    Returns the fits, the shortest lag of each [s], and their probabilities. The noise is that of
+    the best fit's residuals: white as long as these are white.
     """
     noise = (Noise(), white_noise_K(record.y))
     for iteration in range(NOISE_ITERATIONS):
@@ -366,9 +375,9 @@ def _fit_structures(record: _Record) -> tuple[list[Fitted], list[float], Array]:
 
 def _fit_grid(
     record: _Record, noise: tuple[Noise, float]
-) -> tuple[list[Fitted], list[float], Array]:
+) -> tuple[list[CurveFit], list[float], Array]:
     """The same as ``_fit_structures`` with noise of one colour and level [K]."""
-    fits = list[Fitted]()
+    fits = list[CurveFit]()
     shortest = list[float]()
     prior = list[float]()
     step = record.step
@@ -396,17 +405,21 @@ def _fit_grid(
             prior.append(0.5 if shortest_s == 0 else 0.5 / max(len(grid) - 1, 1))
     if not fits:
         raise InputError(
-            f"the reading follows the step within one row of {record.dt_s:.3g} s: no lag can be told",
+            f"the reading follows the step within one row of {record.dt_s:.3g} s"
+            ": no lag can be determined",
             expected="several rows in a lag",
-            remedy="log faster; or the medium's lag, which was specified, explains all of the response",
+            remedy="log faster; or the medium's lag, which was specified, explains all of the "
+            "response",
         )
     return fits, shortest, bic_weights(np.array([f.bic for f in fits]), np.array(prior))
 
 
 def _fit_lags(
     record: _Record, shortest_s: float, start: Array, noise: tuple[Noise, float]
-) -> Fitted:
-    """Fit with one fixed lag ``shortest_s`` [s]: theta = level, entry, size, drift, medium's lag, the free lags."""
+) -> CurveFit:
+    """Fit with one fixed lag ``shortest_s`` [s]: theta = level, entry, size, drift, medium's lag,
+    the free lags.
+    """
     step = record.step
     t = record.t
     dt = record.dt_s

@@ -1,4 +1,6 @@
-"""Two sensors of which one has a new value in a few rows only: its missing values are eliminated exactly."""
+"""Residuals of two sensors of which one has a new value in few rows: its missing values are
+eliminated exactly.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,9 @@ from scipy.linalg import cholesky_banded, solve_banded
 
 from tcdyn.core import Array, Flags
 
-NEGLIGIBLE = 1e-12  # weight of a row in an interval's residual, relative to that of its last row
+# Weight of a row in the residual of an interval, relative to that of its last row, below which it
+# is left out.
+NEGLIGIBLE = 1e-12
 
 
 @dataclass(frozen=True)
@@ -77,10 +81,11 @@ def interval_residuals(
 
     Notes
     -----
-    The equation of a step is r_j = before_1 y1_j + after_1 y1_j+1 - before_2 y2_j - after_2 y2_j+1 = noise. The sum
-    of c_j r_j over an interval, with c = 1 in its last step and c_j after_j = -c_j+1 before_j+1 of the missing channel,
-    holds that channel at the interval's ends only. Generalised least squares of these sums equals that of all
-    equations with the missing values as free parameters.
+    The equation of a step is r_j = before_1 y1_j + after_1 y1_j+1 - before_2 y2_j - after_2 y2_j+1
+    = noise. The sum of c_j r_j over an interval, with c = 1 in its last step and c_j after_j =
+    -c_j+1 before_j+1 of the missing channel, holds that channel at the interval's ends only.
+    Generalised least squares of these sums equals that of all equations with the missing values as
+    free parameters.
     """
     count = len(intervals.start)
     index = np.arange(count)

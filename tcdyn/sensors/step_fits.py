@@ -1,4 +1,6 @@
-"""Least-squares fits of a sensor's response with whitened noise, and averages over model structures by BIC."""
+"""Least-squares fits of a sensor's response with whitened noise, and averages over model structures
+by BIC.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,7 @@ MISFIT_RATIO = 3.0
 
 
 @dataclass(frozen=True)
-class Fitted:
+class CurveFit:
     """One fitted structure.
 
     Attributes
@@ -72,7 +74,9 @@ class Fitted:
         return quantity(theta), jacobian.T @ self.optimum.covariance @ jacobian
 
     def residual_findings(self, column: str, noise_K: float, least_K: float) -> list[Finding]:
-        """An info where the residuals are coloured; a warning where they clearly exceed ``noise_K`` and ``least_K``."""
+        """An info where the residuals are coloured; a warning where they clearly exceed ``noise_K``
+        and ``least_K``.
+        """
         findings = [] if self.colour.white else [info("sensor.coloured", subject=column)]
         rms_K = float(np.sqrt(np.mean(self.residual**2)))
         if rms_K > max(MISFIT_RATIO * noise_K, least_K):
@@ -91,7 +95,7 @@ def fit_curve(
     prior: Mapping[str, tuple[float, float]] | None = None,
     lower: Mapping[str, float] | None = None,
     noise: tuple[Noise, float] | None = None,
-) -> Fitted:
+) -> CurveFit:
     """Least-squares fit of a curve, with the residuals whitened by an autoregression.
 
     Parameters
@@ -113,8 +117,8 @@ def fit_curve(
     lower
         Lower bounds, by name.
     noise
-        Autoregression and level [K] of the residuals, if another fit has estimated them; None: estimated here, in
-        three fits.
+        Autoregression and level [K] of the residuals, if another fit has estimated them; None:
+        estimated here, in three fits.
 
     Raises
     ------
@@ -166,11 +170,13 @@ def fit_curve(
         if iteration < last:
             colour, noise_K = colour_of(residual, n_parameters)
     bic = optimum.cost + n_parameters * np.log(len(optimum.residual))
-    return Fitted(optimum, bic, noise_K, colour, residual, scale)
+    return CurveFit(optimum, bic, noise_K, colour, residual, scale)
 
 
 def colour_of(residual: Array, parameters: int) -> tuple[Noise, float]:
-    """Autoregression of residuals (N,), white where BIC prefers none, and the level of its white noise [K]."""
+    """Autoregression of residuals (N,), white where BIC prefers none, and the level of its white
+    noise [K].
+    """
     n = len(residual)
     full = [slice(0, n)]
     colour = fit_ar(residual, full, max_order=MAX_AR_ORDER)
@@ -190,13 +196,16 @@ def white_noise_K(y: Array) -> float:
 
 
 def bic_weights(bic: Array, prior: Array | float = 1.0) -> Array:
-    """Probability (K,) of each structure from its BIC, all with the same noise, and its ``prior`` probability."""
+    """Probability (K,) of each structure from its BIC, all with the same noise, and its ``prior``
+    probability.
+    """
     w = np.exp(-0.5 * (bic - bic.min())) * prior
     return w / w.sum()
 
 
 def model_average(values: Sequence[float], us: Sequence[float], weights: Array) -> Estimate:
-    """Average of a quantity over structures: mean, standard deviation and 95 % range of the mixture.
+    """Average of a quantity over structures: mean, standard deviation and 95 % range of the
+    mixture.
 
     Parameters
     ----------

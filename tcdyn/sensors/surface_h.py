@@ -9,10 +9,12 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 
 U_REL = 0.15  # relative standard uncertainty of the correlation: it fits measurements to 20 to 30 %
-# Volumetric heat capacity of sheath and powder [J/m3K], and its relative standard uncertainty; by judgement.
+# Volumetric heat capacity of sheath and powder [J/m3K], and its relative standard uncertainty; by
+# judgement.
 RHO_C_J_M3K = 3.6e6
 RHO_C_U_REL = 0.15
-# Possible diameters [m] and largest speed [m/s]; chosen by judgement, so that another unit is recognised.
+# Possible diameters [m] and largest speed [m/s]; chosen by judgement, so that another unit is
+# recognised.
 DIAMETER_RANGE_M = (1e-5, 0.2)
 MAX_SPEED_M_S = 200.0
 
@@ -51,7 +53,8 @@ STREAMS = {"water": Stream(0.607, 0.893e-6, 6.1, 0.4), "air": Stream(0.0261, 15.
 
 @dataclass(frozen=True)
 class Film:
-    """Boundary layer of a sensor of this diameter [m] in a stream of a medium; ``speed_m_s`` None: the reference speed.
+    """Boundary layer of a sensor of this diameter [m] in a stream of a medium; ``speed_m_s`` None:
+    the reference speed.
 
     Raises
     ------
@@ -87,7 +90,8 @@ class Film:
 
         Notes
         -----
-        The boundary layer adds rho c d/(4 h) to the lag of a long cylinder: lag' = lag + rho c d/4 (1/h' - 1/h).
+        The boundary layer adds rho c d/(4 h) to the lag of a long cylinder: lag' = lag + rho c d/4
+        (1/h' - 1/h).
         """
         h = self.stream.h_W_m2K(self.diameter_m)
         out: dict[str, object] = {

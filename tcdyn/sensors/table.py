@@ -1,4 +1,6 @@
-"""Any table with a time column, piece by piece: sensor columns in degrees Celsius, rows on an even grid."""
+"""Tables with a time column, read in chunks: sensor columns in degrees Celsius, rows on even times,
+segments.
+"""
 
 from __future__ import annotations
 
@@ -20,23 +22,38 @@ from tcdyn.rig.log import COMPENSATED
 from tcdyn.rig.plausible import dropout_codes, impossible
 from tcdyn.sensors.units import Unit, doubtful
 
-# on either side of a stretch, for its answer only; of it
+# Margin of a segment: rows on either side that are only used to settle the smoother. Chosen by
+# judgement; a caller asks for more where the smoother needs it.
 MARGIN_LAGS = 10.0
 MARGIN_ROWS = 400
-LEAST_ROWS = 20_000
-MOST_BESIDE = 1 << 16  # rows on either side that are held, however slowly the smoother forgets
-LONGEST_GAP_LAGS = 10.0  # beyond it, nothing before a gap says anything of what comes after
-LONGEST_GAP_ROWS = 60  # in a record that is fitted as one, whatever its length
-MOSTLY_REPEATED = (
-    0.3  # share of repeated stamps above which they are the clock's resolution and no double rows
-)
-UNSURE_RATE = 0.01  # relative standard uncertainty of a rate, from which a warning says so: lags are wrong by as much
-UNEVEN = 0.2  # of an interval, rms: stamps that stray more are told
+SEGMENT_ROWS = 20_000  # least rows of a segment; chosen by judgement
+MAX_MARGIN_ROWS = 1 << 16  # largest margin, even if the smoother settles more slowly
+# Gap beyond which the record is split, since values before it do not determine those after it; by
+# judgement.
+LONGEST_GAP_LAGS = 10.0
+MIN_GAP_INTERVALS = 60  # a shorter gap never splits; chosen by judgement
+# Longest gap in rows of a record that is fitted in one piece, whatever its length; chosen by
+# judgement.
+LONGEST_GAP_ROWS = 60
+MIN_ROWS = 10  # of a record with an interval
+# Share of repeated time stamps from which the clock may have few decimals; chosen by judgement.
+FEW_DECIMALS_SHARE = 0.02
+# Share of repeated time stamps above which they are the clock's resolution and not double rows;
+# chosen by judgement.
+MOSTLY_REPEATED = 0.3
+# Relative standard uncertainty of a rate from which a warning is given: lags are wrong by as much;
+# by judgement.
+UNSURE_RATE = 0.01
+# Rms deviation of the time stamps from even times, in intervals, from which a warning is given; by
+# judgement.
+UNEVEN = 0.2
 
 
 @dataclass(frozen=True)
 class EvenTimes:
-    """Where the rows of a stretch stand on even times: ``place`` (N,) in samples, every ``dt_s`` [s]."""
+    """Position of the rows of a segment on even times: ``place`` (N,) in samples, every ``dt_s``
+    [s].
+    """
 
     place: NDArray[np.intp]
     dt_s: float
@@ -44,7 +61,7 @@ class EvenTimes:
 
 @dataclass(frozen=True)
 class Source:
-    """An opened table and its time column; columns that are numbers pass through."""
+    """An opened table and its time column."""
 
     path: Path
     table: Table
@@ -58,30 +75,35 @@ class Source:
     def pieces(
         self, columns: Sequence[str], rows: int = PIECE_ROWS
     ) -> Iterator[tuple[Array, dict[str, Array], tuple[Finding, ...]]]:
-        """Time (N,) [s] and columns (N,) of each piece, as they stand, with what the reader noticed.
+        """Time (N,) [s] and unconverted columns (N,) of each chunk, with the findings of the
+        reader.
 
         A time column of clock stamps is among the columns as it is in the file.
-        Raises InputError where the unit of time is not clear.
+
+        Raises
+        ------
+        InputError
+            Where the unit of time is not clear.
         """
-        wanted = list(dict.fromkeys([self.time, *columns]))
+        names = list(dict.fromkeys([self.time, *columns]))
         checked = False
-        for part in self.table.pieces(wanted, rows):
-            values = part.data[self.time]
-            is_clock = self.time in part.stamps
+        for chunk in self.table.pieces(names, rows):
+            values = chunk.data[self.time]
+            is_clock = self.time in chunk.stamps
             times_s = self.clock.in_seconds(values, is_clock)
             if not checked and len(times_s) > 1:
                 self.clock.check_step(times_s, is_clock)
                 checked = True
-            yield times_s, {**part.data, **part.stamps}, part.findings
+            yield times_s, {**chunk.data, **chunk.stamps}, chunk.findings
 
 
 class Pieces(Protocol):
-    """What gives its columns piece by piece: an opened table, or a log."""
+    """Source of columns in chunks: an opened table, or a log."""
 
     def pieces(
         self, columns: Sequence[str]
     ) -> Iterator[tuple[Array, dict[str, Array], tuple[Finding, ...]]]:
-        """Time (N,) [s] and columns (N,) of each piece, and what was noticed."""
+        """Time (N,) [s] and columns (N,) of each chunk, and findings."""
 
 
 def open_source(
@@ -90,7 +112,25 @@ def open_source(
     known: Sequence[str] = (),
     time_unit: str | None = None,
 ) -> Source:
-    """The table at ``path``. Raises InputError without a time column, and for a table that is compensated already."""
+    """Open a table.
+
+    Parameters
+    ----------
+    path
+        The table.
+    time
+        Name of its time column; None: found.
+    known
+        Names of columns that the caller needs; they help to find the header.
+    time_unit
+        Unit of time; None: from the name or the row of units.
+
+    Raises
+    ------
+    InputError
+        Without a time column, for a column that stands twice, and for a table that is compensated
+        already.
+    """
     table = open_table(path, (*HEADER_NAMES, *known))
     if table.metadata.get("tcdyn") == COMPENSATED:
         raise InputError(
@@ -99,10 +139,10 @@ def open_source(
             expected="a table as the logger wrote it",
             remedy="give the raw table; a chain must not be removed twice",
         )
-    twice = [n for n in table.names if table.names.count(n) > 1]
-    if twice:
+    duplicates = [n for n in table.names if table.names.count(n) > 1]
+    if duplicates:
         raise InputError(
-            f"column {twice[0]!r} stands twice", where=table.where, remedy="rename one of them"
+            f"column {duplicates[0]!r} stands twice", where=table.where, remedy="rename one of them"
         )
     clock = find_time_column(
         table.names, table.where, requested=time, unit=time_unit, unit_row=table.units
@@ -117,51 +157,78 @@ def read_columns(
     time: str | None = None,
     time_unit: str | None = None,
 ) -> tuple[Array, dict[str, Array], list[Finding]]:
-    """Even times (N,) [s] and columns on them (N,), those with ``units`` in degrees Celsius, NaN where missing.
+    """Read columns of a table on even times.
 
-    Raises InputError for a missing column, time that does not rise, or fewer than ten rows.
+    Parameters
+    ----------
+    path
+        The table.
+    columns
+        Columns to read.
+    units
+        Units of the columns that are converted to degrees Celsius.
+    time, time_unit
+        Time column and its unit; None: found.
+
+    Returns
+    -------
+    time_s, columns, findings
+        Even times (N,) [s], columns on them (N,) with NaN where missing, and findings.
+
+    Raises
+    ------
+    InputError
+        For a missing column, time that does not rise, or fewer than ten rows.
     """
     source = open_source(path, time, columns, time_unit)
+    where = shown(Path(path))
     for name in columns:
         if name not in source.table.names:
             raise missing("column", name, source.table.names, source.table.where)
-    given = dict(units or {})
-    cold = [u.cold for u in given.values() if isinstance(u.cold, str)]
-    parts = list(source.pieces([*columns, *cold]))
-    t = np.concatenate([p[0] for p in parts])
-    raw = {n: np.concatenate([p[1][n] for p in parts]) for n in (*columns, *cold)}
-    found = [f for p in parts for f in p[2]]
-    grid, told = places(t, shown(Path(path)))
-    check_gaps(t, grid.dt_s, shown(Path(path)))
+    units = units or {}
+    references = [unit.cold for unit in units.values() if isinstance(unit.cold, str)]
+    names = [*columns, *references]
+    chunks = list(source.pieces(names))
+    t = np.concatenate([times_s for times_s, _, _ in chunks])
+    raw = {name: np.concatenate([data[name] for _, data, _ in chunks]) for name in names}
+    findings = [finding for _, _, noted in chunks for finding in noted]
+    grid, grid_findings = places(t, where)
+    check_gaps(t, grid.dt_s, where)
     size = int(grid.place[-1]) + 1
     out = {}
     for name in columns:
-        unit = given.get(name)
         values = raw[name]
-        if unit is not None:
-            found += doubtful(name, unit, values)
-            values = unit.in_degC(
-                values, raw[unit.cold] if isinstance(unit.cold, str) else unit.cold
-            )
-            wrong = impossible(values)
-            wrong |= dropout_codes(np.where(wrong, np.nan, values))
-            if wrong.any():
-                first = int(np.argmax(wrong))
-                found.append(
-                    warning(
-                        "sensor.codes",
-                        subject=name,
-                        count=int(wrong.sum()),
-                        value=float(values[first]),
-                    )
-                )
-                values = np.where(wrong, np.nan, values)
+        if name in units:
+            unit = units[name]
+            reference = raw[unit.cold] if isinstance(unit.cold, str) else unit.cold
+            findings += doubtful(name, unit, values)
+            values, codes = _without_codes(name, unit.in_degC(values, reference))
+            findings += codes
         out[name] = on_grid(values, grid, size)
-    return t[0] + grid.dt_s * np.arange(size), out, [*found, *told]
+    return t[0] + grid.dt_s * np.arange(size), out, [*findings, *grid_findings]
+
+
+def _without_codes(column: str, values: Array) -> tuple[Array, list[Finding]]:
+    """Values with NaN in place of impossible temperatures and dropout codes, and a warning where
+    there are any.
+    """
+    wrong = impossible(values)
+    wrong |= dropout_codes(np.where(wrong, np.nan, values))
+    if not wrong.any():
+        return values, []
+    codes = warning(
+        "sensor.codes",
+        subject=column,
+        count=int(wrong.sum()),
+        value=float(values[int(np.argmax(wrong))]),
+    )
+    return np.where(wrong, np.nan, values), [codes]
 
 
 def check_gaps(time_s: Array, dt_s: float, where: str) -> None:
-    """Raise InputError if a record that is fitted as one has a gap longer than all that it holds."""
+    """Raise InputError if a record that is fitted in one piece has a gap longer than everything it
+    holds.
+    """
     steps = np.diff(time_s)
     row = int(np.argmax(steps))
     gap_s = float(steps[row])
@@ -175,69 +242,116 @@ def check_gaps(time_s: Array, dt_s: float, where: str) -> None:
 
 
 def places(time_s: Array, where: str, dt_s: float | None = None) -> tuple[EvenTimes, list[Finding]]:
-    """The rows (N,) on an even grid; stamps of few decimals that repeat are taken as even where they are.
+    """Positions of the rows on even times.
 
-    ``dt_s``: the interval, where an earlier stretch told it.
-    Raises InputError for time that is missing, runs backward, or fewer than ten rows.
+    Parameters
+    ----------
+    time_s
+        Time stamps (N,) [s].
+    where
+        Name of the table, for messages.
+    dt_s
+        Interval, if an earlier segment has determined it [s].
+
+    Returns
+    -------
+    grid, findings
+        Positions and interval; findings about the stamps.
+
+    Raises
+    ------
+    InputError
+        For time that is missing, runs backward, or fewer than ten rows.
+
+    Notes
+    -----
+    Stamps of few decimals repeat. They are taken as even where the rows are.
     """
-    n = len(time_s)
-    if n < 10:
-        raise InputError(f"only {n} rows", where=where, expected="at least 10 samples in time")
-    if not np.isfinite(time_s).all():
-        row = int(np.argmin(np.isfinite(time_s)))
-        raise InputError(
-            f"no time in row {row + 1} below the header", where=where, expected="a time in each row"
-        )
+    _check_rising(time_s, where)
     step = np.diff(time_s)
-    if (step < 0).any():
-        row = int(np.argmax(step < 0))
-        raise InputError(
-            f"time runs backward at row {row + 2} below the header ({time_s[row]:.9g} s, then {time_s[row + 1]:.9g} s)",
-            where=where,
-            expected="time that rises",
-            remedy="sort the rows, or cut the table",
-        )
-    span = float(time_s[-1] - time_s[0])
-    if span <= 0:
-        raise InputError("all rows have one time", where=where, expected="time that rises")
-    repeated: list[Finding] = []
-    if (step == 0).mean() > 0.02:  # a clock of few decimals: rows are counted where they are even
+    findings: list[Finding] = []
+    repeated = step == 0
+    if repeated.mean() > FEW_DECIMALS_SHARE:
         even = rows_of_repeated_stamps(time_s)
         if even is not None:
             dt = dt_s or even.interval_s
-            percent = 100 * even.u_s / dt
-            finding = info("sensor.few_decimals", rate_Hz=1 / dt, percent=percent)
-            if even.u_s > UNSURE_RATE * dt:
-                finding = warning("sensor.few_decimals", rate_Hz=1 / dt, percent=percent)
+            severity = warning if even.u_s > UNSURE_RATE * dt else info
+            finding = severity("sensor.few_decimals", rate_Hz=1 / dt, percent=100 * even.u_s / dt)
             return EvenTimes(even.places, dt), [finding]
-        if (step == 0).mean() > MOSTLY_REPEATED:
+        if repeated.mean() > MOSTLY_REPEATED:
             raise InputError(
                 "most time stamps are repeated, and the rows between them are not even",
                 where=where,
                 expected="stamps as fine as the sampling interval",
                 remedy="log finer stamps, or cut the table where rows are missing",
             )
-        row = int(np.argmax(step == 0))
-        repeated = [info("sensor.repeated", count=int((step == 0).sum()), row=row + 2)]
-    usual = dt_s or float(np.median(step[step > 0]))
-    dt = dt_s or float(step.sum() / np.rint(step / usual).sum())  # a row that came twice is no step
+        row = int(np.argmax(repeated))
+        findings.append(info("sensor.repeated", count=int(repeated.sum()), row=row + 2))
+    dt = dt_s or _interval_s(step)
+    position = (time_s - time_s[0]) / dt
     place = np.concatenate([[0.0], np.cumsum(np.maximum(np.rint(step / dt), 1.0))])
-    away = (time_s - time_s[0]) / dt - place
-    away -= np.median(away)
-    stray = float(np.sqrt(np.mean(np.minimum(np.abs(away - np.rint(away)), 0.5) ** 2)))
-    if np.abs(away).max() > 0.6:  # steps do not add up: each row to its nearest place
-        place = np.rint((time_s - time_s[0]) / dt)
-        place = np.maximum.accumulate(place)
-        stray = float(np.sqrt(np.mean(((time_s - time_s[0]) / dt - place) ** 2)))
-    found = [warning("sensor.uneven", rate_Hz=1 / dt, stray_s=stray * dt)] if stray > UNEVEN else []
-    return EvenTimes(place.astype(np.intp), dt), [*repeated, *found]
+    deviation = position - place
+    deviation -= np.median(deviation)
+    rounded = np.minimum(np.abs(deviation - np.rint(deviation)), 0.5)
+    if np.abs(deviation).max() > 0.6:  # the steps do not add up: each row to its nearest position
+        place = np.maximum.accumulate(np.rint(position))
+        rounded = position - place
+    stray = float(np.sqrt(np.mean(rounded**2)))
+    if stray > UNEVEN:
+        findings.append(warning("sensor.uneven", rate_Hz=1 / dt, stray_s=stray * dt))
+    return EvenTimes(place.astype(np.intp), dt), findings
+
+
+def _interval_s(step: Array) -> float:
+    """Mean interval [s] of steps (N - 1,), of which some span missing rows; a row that occurs twice
+    is no step.
+    """
+    usual = float(np.median(step[step > 0]))
+    return float(step.sum() / np.rint(step / usual).sum())
+
+
+def _check_rising(time_s: Array, where: str) -> None:
+    """Raise InputError for fewer than ten rows, and for time that is missing, runs backward or
+    stands still.
+    """
+    n = len(time_s)
+    if n < MIN_ROWS:
+        expected = f"at least {MIN_ROWS} samples in time"
+        raise InputError(f"only {n} rows", where=where, expected=expected)
+    finite = np.isfinite(time_s)
+    if not finite.all():
+        row = int(np.argmin(finite))
+        raise InputError(
+            f"no time in row {row + 1} below the header", where=where, expected="a time in each row"
+        )
+    backward = np.diff(time_s) < 0
+    if backward.any():
+        row = int(np.argmax(backward))
+        raise InputError(
+            f"time runs backward at row {row + 2} below the header "
+            f"({time_s[row]:.9g} s, then {time_s[row + 1]:.9g} s)",
+            where=where,
+            expected="time that rises",
+            remedy="sort the rows, or cut the table",
+        )
+    if time_s[-1] <= time_s[0]:
+        raise InputError("all rows have one time", where=where, expected="time that rises")
 
 
 @dataclass(frozen=True)
 class Part:
-    """Rows of the table with those that are only there to be smoothed along: the answer is for ``keep``.
+    """A segment of the table with margins that are only used to settle the smoother.
 
-    ``beside``: how many rows stand beside ``keep`` at least, where the table goes on; more than any where it does not.
+    Attributes
+    ----------
+    time_s, data
+        Times (N,) [s] and columns (N,), margins included.
+    keep
+        Rows of the segment without its margins.
+    findings
+        Findings of the reader.
+    beside
+        Least margin on either side where the table continues [rows]; infinite where it does not.
     """
 
     time_s: Array
@@ -250,84 +364,112 @@ class Part:
 def parts(
     source: Pieces, columns: Sequence[str], lag_s: float, least: int | None = None
 ) -> Generator[Part, int, None]:
-    """Stretches of ``least`` rows that overlap by a margin for lags up to ``lag_s`` [s]; a long silence parts two.
+    """Read a table in overlapping segments; a long gap ends a segment.
 
-    Where they are parted hangs on the rows alone, not on how the file is read. Sent a number, the last stretch comes
-    again with that many rows beside it (rounded up, ``MOST_BESIDE`` at most), and so do those after it.
+    Parameters
+    ----------
+    source
+        The table.
+    columns
+        Columns to read.
+    lag_s
+        Largest lag, for the margin [s].
+    least
+        Least rows of a segment; None: ``SEGMENT_ROWS``.
+
+    Notes
+    -----
+    Where segments end depends on the rows only, not on how the file is read. When the caller sends
+    a number, the last segment comes again with that many rows as margin (rounded up, at most
+    ``MAX_MARGIN_ROWS``), and so do those after it.
     """
-    longest = LONGEST_GAP_LAGS * lag_s
-    pieces = source.pieces(columns)
-    over = False
+    longest_gap_s = LONGEST_GAP_LAGS * lag_s
+    chunks = source.pieces(columns)
+    at_end = False
     time = np.empty(0)
     data: dict[str, Array] = {}
-    found = list[Finding]()
-    # rows before ``done`` are answered
-    done = 0
-    usual = 0.0
-    side = 0
-    while done < len(time) or not over:
-        size = max(2 * side, least or LEAST_ROWS)
-        if (
-            not over and len(time) <= done + size + 2 * side
-        ):  # room for a silence within the margin, too
-            new = next(pieces, None)
-            over = new is None
-            if new is not None and len(new[0]):
-                time = np.concatenate([time, new[0]])
+    findings = list[Finding]()
+    done = 0  # rows before this one belong to earlier segments
+    interval_s = 0.0
+    margin = 0
+    while done < len(time) or not at_end:
+        size = max(2 * margin, least or SEGMENT_ROWS)
+        window = size + 2 * margin  # so that a gap within the margin is recognised
+        if not at_end and len(time) <= done + window:
+            chunk = next(chunks, None)
+            if chunk is None:
+                at_end = True
+                continue
+            new_time, new_data, new_findings = chunk
+            if len(new_time):
                 data = {
-                    n: np.concatenate([data[n], new[1][n]]) if n in data else new[1][n]
+                    n: np.concatenate([data[n], new_data[n]]) if n in data else new_data[n]
                     for n in columns
                 }
-            found += list(new[2]) if new is not None else []
+                time = np.concatenate([time, new_time])
+            findings += new_findings
             continue
-        if not side:
-            step = np.diff(time[: LEAST_ROWS + 1])
-            step = step[np.isfinite(step)]
-            usual = (float(np.median(step)) or float(step.mean()) or 1.0) if len(step) else 1.0
-            side = _rounded(MARGIN_LAGS * lag_s / usual + MARGIN_ROWS)
+        if not margin:
+            interval_s = _typical_interval_s(time)
+            margin = _rounded_margin(MARGIN_LAGS * lag_s / interval_s + MARGIN_ROWS)
             continue
-        ahead = time[done : done + size + 2 * side]
-        gaps = np.flatnonzero(np.diff(ahead) > max(longest, 60 * usual))
-        whole = len(gaps) > 0 or (over and len(time) <= done + size + 2 * side)
-        cut = done + (int(gaps[0]) + 1 if len(gaps) else len(ahead))
-        keep_to = cut if whole else done + size
-        start = max(done - side, 0)
-        stop = cut if whole else keep_to + side
-        beside = np.inf if side >= MOST_BESIDE or (start == 0 and whole) else side
-        wanted = yield Part(
-            time[start:stop],
-            {n: v[start:stop] for n, v in data.items()},
-            slice(done - start, keep_to - start),
-            tuple(found),
-            beside,
+        ahead = time[done : done + window]
+        gaps = np.flatnonzero(np.diff(ahead) > max(longest_gap_s, MIN_GAP_INTERVALS * interval_s))
+        has_gap = len(gaps) > 0
+        to_end = has_gap or (at_end and len(time) <= done + window)
+        end = done + (int(gaps[0]) + 1 if has_gap else len(ahead))
+        stop = end if to_end else done + size  # of the segment without its margin
+        first = max(done - margin, 0)
+        last = end if to_end else stop + margin
+        complete = margin >= MAX_MARGIN_ROWS or (first == 0 and to_end)
+        requested = yield Part(
+            time[first:last],
+            {n: values[first:last] for n, values in data.items()},
+            slice(done - first, stop - first),
+            tuple(findings),
+            np.inf if complete else margin,
         )
-        if wanted:
-            side = _rounded(max(wanted, side + 1))
+        if requested:
+            margin = _rounded_margin(max(requested, margin + 1))
             continue
-        found = []
-        forget = keep_to if len(gaps) else max(keep_to - MOST_BESIDE, 0)
-        time = time[forget:]
-        data = {n: v[forget:] for n, v in data.items()}
-        done = keep_to - forget
+        findings = []
+        drop = stop if has_gap else max(stop - MAX_MARGIN_ROWS, 0)
+        time = time[drop:]
+        data = {n: values[drop:] for n, values in data.items()}
+        done = stop - drop
 
 
-def _rounded(rows: float) -> int:
-    """Up to a power of two, from 1024 on a multiple of it: cells of the smoother then begin where the table's do."""
+def _typical_interval_s(time: Array) -> float:
+    """Typical interval of the first rows [s], above zero."""
+    step = np.diff(time[: SEGMENT_ROWS + 1])
+    step = step[np.isfinite(step)]
+    if not len(step):
+        return 1.0
+    return float(np.median(step)) or float(step.mean()) or 1.0
+
+
+def _rounded_margin(rows: float) -> int:
+    """Rows rounded up to a power of two, from 1024 on to a multiple of it.
+
+    The intervals of the smoother then begin at the same rows as those of the table.
+    """
     step = 1 << min(int(np.ceil(np.log2(max(rows, 1)))), 10)
-    return int(min(step * np.ceil(rows / step), MOST_BESIDE))
+    return int(min(step * np.ceil(rows / step), MAX_MARGIN_ROWS))
 
 
 def on_grid(values: Array, grid: EvenTimes, size: int) -> Array:
-    """Values (N,) at their places (size,), NaN where no row stands; rows of one place are averaged."""
-    ok = np.isfinite(values)
-    total = np.bincount(grid.place[ok], values[ok], minlength=size)
-    count = np.bincount(grid.place[ok], minlength=size)
+    """Values (N,) at their positions (size,), NaN where there is no row; rows of one position are
+    averaged.
+    """
+    finite = np.isfinite(values)
+    total = np.bincount(grid.place[finite], values[finite], minlength=size)
+    count = np.bincount(grid.place[finite], minlength=size)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
 def once_each(findings: Sequence[Finding]) -> tuple[Finding, ...]:
-    """The first finding of each code about each subject: stretches of one table repeat themselves."""
-    kept: dict[tuple[str, str], Finding] = {}
-    for f in findings:
-        kept.setdefault((f.code, f.subject), f)
-    return tuple(kept.values())
+    """The first finding of each code about each subject: segments of one table repeat them."""
+    first: dict[tuple[str, str], Finding] = {}
+    for finding in findings:
+        first.setdefault((finding.code, finding.subject), finding)
+    return tuple(first.values())

@@ -1,4 +1,6 @@
-"""What a column of any table holds: its unit by its name or as declared, and its numbers in degrees Celsius."""
+"""Units of the columns of any table: from the name, the row of units or a declaration; conversion
+to degrees Celsius.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,7 @@ from tcdyn.io.table import missing
 from tcdyn.rig.thermocouple_types import to_degC
 
 UNITS = ("degC", "K", "degF", "mV")
-_WRITTEN = {
+_UNIT_NAMES = {
     "degc": "degC",
     "°c": "degC",
     "c": "degC",
@@ -33,17 +35,31 @@ _WRITTEN = {
     "millivolt": "mV",
 }
 _SUFFIX = re.compile(r"(?:_(degC|K|degF|mV)|\s*[\[(]\s*([^\])]+?)\s*[\])])$")
-COLDEST_K = 100.0  # no usual thermocouple reads colder, however its unit is called
+# Median reading below which a column in kelvin gives a warning: no usual thermocouple is that cold;
+# by judgement.
+COLDEST_K = 100.0
 
 
 @dataclass(frozen=True)
 class Unit:
-    """How the numbers of a column become degrees Celsius: the unit's ``name``; of mV also ``couple`` and ``cold``.
+    """Unit of a column, and its conversion to degrees Celsius.
 
-    ``cold``: the reference junction's temperature [degC], or the name of the column that holds it.
+    Attributes
+    ----------
+    name
+        degC, K, degF or mV.
+    couple
+        Type of the thermocouple, for mV.
+    cold
+        For mV: temperature of the reference junction [degC], or the name of the column that holds
+        it.
 
-    >>> Unit("degF").in_degC(np.array([212.0])), Unit("mV", couple="K").in_degC(np.array([4.096])).round(1)
-    (array([100.]), array([100.]))
+    Examples
+    --------
+    >>> Unit("degF").in_degC(np.array([212.0]))
+    array([100.])
+    >>> Unit("mV", "K").in_degC(np.array([4.096])).round(1)
+    array([100.])
     """
 
     name: str = "degC"
@@ -63,21 +79,29 @@ class Unit:
 
     @property
     def per_K(self) -> float:
-        """How many of the output's units one kelvin is."""
+        """Units of the output per kelvin."""
         return 1.8 if self.name == "degF" else 1.0
 
     def in_degC(self, values: Array, cold_degC: Array | float = 0.0) -> Array:
-        """The numbers (N,) in degrees Celsius; infinite where a couple has no such emf."""
-        return values if self.name == "degC" else to_degC(self.name, self.couple, cold_degC)(values)
+        """Values (N,) in degrees Celsius; infinite where the thermocouple has no such emf."""
+        if self.name == "degC":
+            return values
+        return to_degC(self.name, self.couple, cold_degC)(values)
 
     def back(self, degC: Array) -> Array:
-        """Degrees Celsius (N,) in the unit of the output, which is the column's own, but degrees Celsius for mV."""
-        return {"K": degC + 273.15, "degF": 1.8 * degC + 32}.get(self.name, degC)
+        """Degrees Celsius (N,) in the unit of the output: that of the column, or degrees Celsius
+        for mV.
+        """
+        if self.name == "K":
+            return degC + 273.15
+        if self.name == "degF":
+            return 1.8 * degC + 32
+        return degC
 
     def names(self, column: str) -> tuple[str, str]:
-        """What the answer and its standard uncertainty are called in the output."""
-        out = f"{bare(column)}_degC" if self.name == "mV" else column
-        return out, u_name(column, self.name)
+        """Names of the result and of its standard uncertainty in the output."""
+        result = f"{bare(column)}_degC" if self.name == "mV" else column
+        return result, u_name(column, self.name)
 
 
 def bare(column: str) -> str:
@@ -86,29 +110,32 @@ def bare(column: str) -> str:
     >>> bare("T1 [K]"), bare("kiln_3_degC"), bare("gas")
     ('T1', 'kiln_3', 'gas')
     """
-    found = _SUFFIX.search(column)
-    known = found and (found[1] or found[2].lower() in _WRITTEN)
-    return column[: found.start()] if found and known else column
+    suffix = _SUFFIX.search(column)
+    if suffix and (suffix[1] or suffix[2].lower() in _UNIT_NAMES):
+        return column[: suffix.start()]
+    return column
 
 
 def written_unit(text: str) -> str:
-    """The unit that a cell such as "Deg. F" or "°C" means; empty where it means none.
+    """The unit of a cell such as "Deg. F" or "°C"; empty where it is none.
 
     >>> written_unit("Deg. F"), written_unit("mV"), written_unit("%")
     ('degF', 'mV', '')
     """
     plain = re.sub(r"[\s.°º]|deg(rees?)?", "", text.lower())
-    return _WRITTEN.get(plain, "mV" if plain == "millivolts" else "")
+    return _UNIT_NAMES.get(plain, "mV" if plain == "millivolts" else "")
 
 
 def unit_in(column: str) -> str:
-    """The unit that a column's name states; empty where it states none.
+    """The unit in a column's name; empty where there is none.
 
     >>> unit_in("T1 (°F)"), unit_in("T1_K"), unit_in("T1")
     ('degF', 'K', '')
     """
-    found = _SUFFIX.search(column)
-    return "" if not found else found[1] or _WRITTEN.get(found[2].lower(), "")
+    suffix = _SUFFIX.search(column)
+    if not suffix:
+        return ""
+    return suffix[1] or _UNIT_NAMES.get(suffix[2].lower(), "")
 
 
 def units_of(
@@ -118,24 +145,45 @@ def units_of(
     cold: float | str = 0.0,
     unit_row: Mapping[str, str] | None = None,
 ) -> tuple[dict[str, Unit], list[Finding]]:
-    """The unit of each column: as declared (for all, or by column), else by its name, else by the row of units below
-    the header, else degrees Celsius, told.
+    """The unit of each column.
 
-    >>> units_of(["Zone 1"], "F")[0]["Zone 1"].name, [f.code for f in units_of(["T1_degF"], "degC")[1]]
-    ('degF', ['sensor.unit_contradicted'])
+    The declared unit has precedence, then the one in the column's name, then that in the row of
+    units below the header, else degrees Celsius, with an info.
+
+    Parameters
+    ----------
+    columns
+        Names of the columns.
+    declared
+        Unit of all columns, or by column (its name with or without unit).
+    couple, cold
+        For mV: type of the thermocouple, and reference junction.
+    unit_row
+        Row of units below the header, by column.
+
+    Returns
+    -------
+    units, findings
+        Unit by column; a warning where the declaration contradicts the file.
+
+    Examples
+    --------
+    >>> units_of(["Zone 1"], "F")[0]["Zone 1"].name
+    'degF'
+    >>> [f.code for f in units_of(["T1_degF"], "degC")[1]]
+    ['sensor.unit_contradicted']
     """
-    out = {}
-    plain = []
-    told = list[Finding]()
+    units = {}
+    assumed = []
+    findings = list[Finding]()
     for name in columns:
-        own = (
-            declared
-            if isinstance(declared, str)
-            else declared.get(name, declared.get(bare(name), ""))
-        )
+        if isinstance(declared, str):
+            requested = declared
+        else:
+            requested = declared.get(name, declared.get(bare(name), ""))
         below_header = (unit_row or {}).get(name, "")
-        stated = unit_in(name) or written_unit(below_header)
-        unit = _WRITTEN.get(own.lower(), own) or stated
+        in_file = unit_in(name) or written_unit(below_header)
+        unit = _UNIT_NAMES.get(requested.lower(), requested) or in_file
         if below_header and not unit:
             raise InputError(
                 f"column {name!r}: its unit {below_header!r} in the row below the header is not known",
@@ -143,23 +191,20 @@ def units_of(
                 remedy="name the unit, {unit}",
                 parameters={"unit": "UNIT"},
             )
-        if stated and stated != unit:
-            told.append(warning("sensor.unit_contradicted", subject=name, said=unit))
+        if in_file and in_file != unit:
+            findings.append(warning("sensor.unit_contradicted", subject=name, said=unit))
         if not unit:
-            plain.append(name)
-        out[name] = Unit(unit or "degC", couple if (unit or "degC") == "mV" else "", cold)
-    return out, [
-        *told,
-        *(
-            [info("sensor.unit_assumed", subject=", ".join(plain), count=len(plain))]
-            if plain
-            else []
-        ),
-    ]
+            assumed.append(name)
+            unit = "degC"
+        units[name] = Unit(unit, couple if unit == "mV" else "", cold)
+    if assumed:
+        subject = ", ".join(assumed)
+        findings.append(info("sensor.unit_assumed", subject=subject, count=len(assumed)))
+    return units, findings
 
 
 def doubtful(column: str, unit: Unit, values: Array) -> list[Finding]:
-    """What speaks against a unit: kelvin that would be colder than 100 K, degrees Celsius that look like kelvin."""
+    """A warning where a unit is implausible: kelvin that would be colder than 100 K."""
     middle = float(np.nanmedian(values)) if np.isfinite(values).any() else np.nan
     if unit.name == "K" and middle < COLDEST_K:
         return [warning("sensor.unit_doubt", subject=column, unit="K", value=middle)]
@@ -167,37 +212,47 @@ def doubtful(column: str, unit: Unit, values: Array) -> list[Finding]:
 
 
 def matching(pattern: str, names: Collection[str], where: str) -> list[str]:
-    """The columns that a sensor's column means: by name, by name without unit, ``*`` for any text."""
-    hits = [n for n in names if n == pattern] or [
-        n
-        for n in names
-        if fnmatchcase(n, pattern) or fnmatchcase(bare(n), pattern) or bare(n) == bare(pattern)
+    """The columns that match the column of a sensor: by name, by name without unit; ``*`` matches
+    any text.
+
+    Raises InputError where there is none.
+    """
+    if pattern in names:
+        return [pattern]
+    matches = [
+        name
+        for name in names
+        if fnmatchcase(name, pattern)
+        or fnmatchcase(bare(name), pattern)
+        or bare(name) == bare(pattern)
     ]
-    if not hits:
+    if not matches:
         raise missing("column", pattern, names, where)
-    return list(dict.fromkeys(hits))
+    return list(dict.fromkeys(matches))
 
 
 def cold_column(cold: float | str, names: Collection[str], where: str) -> float | str:
-    """The reference junction's temperature [degC], or the one column that its name means.
+    """Temperature of the reference junction [degC], or the one column that matches its name.
 
     >>> cold_column("CJ", ["T1_mV", "CJ_degC"], "log.csv"), cold_column(0.0, [], "log.csv")
     ('CJ_degC', 0.0)
     """
     if not isinstance(cold, str):
         return cold
-    found = matching(cold, names, where)
-    if len(found) > 1:
+    matches = matching(cold, names, where)
+    if len(matches) > 1:
         raise InputError(
-            f"{cold!r} means {' and '.join(map(repr, found))}", where=where, expected="one column"
+            f"{cold!r} means {' and '.join(map(repr, matches))}", where=where, expected="one column"
         )
-    return found[0]
+    return matches[0]
 
 
 def u_name(column: str, unit: str = "") -> str:
-    """What the standard uncertainty of a column of temperature is called, in ``unit`` or that of its name.
+    """Name of the column with the standard uncertainty of a temperature, in ``unit`` or that of its
+    name.
 
     >>> u_name("fast_a_degC"), u_name("T1 [K]"), u_name("gas_degF"), u_name("T2")
     ('fast_a_u_K', 'T1_u_K', 'gas_u_degF', 'T2_u_K')
     """
-    return f"{bare(column)}_u_{'degF' if (unit or unit_in(column)) == 'degF' else 'K'}"
+    suffix = "degF" if (unit or unit_in(column)) == "degF" else "K"
+    return f"{bare(column)}_u_{suffix}"

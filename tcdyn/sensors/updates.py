@@ -1,4 +1,6 @@
-"""Rows at which a logged column holds a new value: a slower source is repeated, or left blank, between its values."""
+"""Rows at which a logged column holds a new value: a slower source is repeated, or left blank,
+between its values.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +11,10 @@ from numpy.typing import NDArray
 
 from tcdyn.core import Array, Flags
 
-# Decisions on repeats. Values by a study of 400 simulated pairs (steps of the logger of 0.3 to 50 times the noise, in
-# quick and slow fluids): no column that was not held was taken for a held one. All columns with a new value every 2, 5,
-# 10 or 50 rows were recognised, and 121 of 173 with one every 1.1 to 7.7 rows; the others change by few steps.
+# Decisions on repeats. Values by a study of 400 simulated pairs (steps of the logger of 0.3 to 50
+# times the noise, in quick and slow fluids): no column that was not held was taken for a held one.
+# All columns with a new value every 2, 5, 10 or 50 rows were recognised, and 121 of 173 with one
+# every 1.1 to 7.7 rows; the others change by few steps.
 LARGE_CHANGE_STEPS = (
     2.5  # a change of more than two steps of the logger: quantisation alone explains one or two
 )
@@ -39,8 +42,8 @@ class Updates:
     held : bool
         Whether the column repeats its last value between new ones.
     period : int
-        Rows from one new value to the next where they are evenly spaced; 1 for a column with a new value in each row;
-        0 where the spacing is not even.
+        Rows from one new value to the next where they are evenly spaced; 1 for a column with a new
+        value in each row; 0 where the spacing is not even.
     first : int
         Row of the first new value of the even spacing.
     """
@@ -85,10 +88,10 @@ def find_updates(y: Array) -> Updates:
 
     Notes
     -----
-    A quantised signal repeats itself, too. The chance of a change by zero steps of the logger is then about that of a
-    change by one step up or down, since the density of the changes is smooth. A column is held if, next to changes of
-    more than two steps, repeats are clearly more frequent than changes by one step, or if all its changes are at rows
-    of one even spacing of two or more.
+    A quantised signal repeats itself, too. The chance of a change by zero steps of the logger is
+    then about that of a change by one step up or down, since the density of the changes is smooth.
+    A column is held if, next to changes of more than two steps, repeats are clearly more frequent
+    than changes by one step, or if all its changes are at rows of one even spacing of two or more.
     """
     rows = np.flatnonzero(np.isfinite(y))
     change = np.abs(np.diff(y[rows]))
@@ -126,7 +129,8 @@ def _repeats_exceed_quantisation(change: Array, moved: Flags) -> bool:
 
 
 def _even_spacing(rows: NDArray[np.intp]) -> tuple[int, int]:
-    """Period and first row of the widest even spacing that holds nearly all ``rows``; period 0 if they are irregular.
+    """Period and first row of the widest even spacing that holds nearly all ``rows``; period 0 if
+    they are irregular.
 
     Period 1 means that there is a new value in nearly every row.
     """
