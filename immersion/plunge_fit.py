@@ -47,6 +47,9 @@ SAME_LAG_S = 0.3  # difference of mean lags [s] below which the solutions are th
 # Changes from which conduction is linearised again; chosen by judgement.
 RELINEARISE_LN_K = 2e-3
 RELINEARISE_DEPTH_M = 2e-5
+# Share of the initial difference above which the ratio of h of two correlations is averaged; by
+# judgement.
+REFIT_DIFFERENCE_SHARE = 0.3
 
 
 def identify_plunges(
@@ -368,8 +371,8 @@ def _refit_with(final: PlungeOptimum, other: Correlation) -> PlungeOptimum:
     for r, (old, new, surface) in enumerate(zip(problem.models, models, final.surfaces)):
         T = surface.temperature_degC
         bath = old.bath_degC
-        early = np.abs(bath - T) > 0.3 * old.step_K
-        ratio = old.bath.h_W_m2K(T[early], bath[early]) / new.bath.h_W_m2K(T[early], bath[early])
+        large = np.abs(bath - T) > REFIT_DIFFERENCE_SHARE * old.step_K
+        ratio = old.bath.h_W_m2K(T[large], bath[large]) / new.bath.h_W_m2K(T[large], bath[large])
         theta[problem.layout.at("ln_h")][r] += float(np.log(np.mean(ratio)))
     fixed = problem.layout.common_lag[None]
     return replace(problem, models=models).minimised(theta, fixed, limit=12)

@@ -277,11 +277,14 @@ def stages(structure: str, lag_s: Any, logit: Any) -> tuple[tuple[Any, ...], Any
     -----
     With s = 1/(1 + exp(-logit)):
 
-    P1: one lag. P2: tau1 + tau2 = lag, 4 tau1 tau2 / lag^2 = s. P1D: dead time = lag s/2. P2D: dead
-    time = 0.4 lag s; two time constants of ratio four to one take the remaining lag. P2Z: zero =
-    lag s, time constants (1 + 0.8 s) lag and 0.2 s lag: one part of the reading responds quickly,
-    the other has a slow tail. P3: two equal time constants lag s/3, the first takes the remaining
-    lag; all three are equal at s = 1.
+    - P1: one lag.
+    - P2: tau1 + tau2 = lag, 4 tau1 tau2 / lag^2 = s.
+    - P1D: dead time = lag s/2.
+    - P2D: dead time = 0.4 lag s; two time constants of ratio four to one take the remaining lag.
+    - P2Z: zero = lag s, time constants (1 + 0.8 s) lag and 0.2 s lag: one part of the reading
+      responds quickly, the other has a slow tail.
+    - P3: two equal time constants lag s/3, the first takes the remaining lag; all three are equal
+      at s = 1.
     """
     if structure == "P1":
         return (lag_s,), 0.0, 0.0

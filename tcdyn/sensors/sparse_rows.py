@@ -23,10 +23,10 @@ class Intervals:
 
     Attributes
     ----------
-    start, stop : ndarray of int, shape (K,)
-        First and last row of each.
-    missing : ndarray of int, shape (K,)
-        0 or 1: the channel whose values between ``start`` and ``stop`` are eliminated.
+    start, stop
+        First and last row of each (K,).
+    missing
+        0 or 1 (K,): the channel whose values between ``start`` and ``stop`` are eliminated.
     """
 
     start: NDArray[np.intp]
@@ -39,14 +39,10 @@ def find_intervals(new: tuple[Flags, Flags], segment: NDArray[np.intp]) -> Inter
 
     Parameters
     ----------
-    new : two ndarrays of bool, shape (N,)
-        Rows with a new value, of each channel.
-    segment : ndarray of int, shape (N,)
-        Number of the segment of constant flow; an interval lies within one.
-
-    Returns
-    -------
-    Intervals
+    new
+        Rows (N,) with a new value, of each channel.
+    segment
+        Number of the segment of constant flow (N,); an interval lies within one.
     """
     both = np.flatnonzero(new[0] & new[1])
     start = both[:-1]
@@ -67,17 +63,15 @@ def interval_residuals(
 
     Parameters
     ----------
-    before, after : ndarray, shape (2, N - 1)
-        Weights of rows j and j + 1 of each channel in its equation over the step from j to j + 1.
-    y : ndarray, shape (2, N)
-        Readings [degC]; those that are missing are not used.
-    noise_K : two floats
+    before, after
+        Weights (2, N - 1) of rows j and j + 1 of each channel in its equation over the step from j
+        to j + 1.
+    y
+        Readings (2, N) [degC]; those that are missing are not used.
+    noise_K
         Standard deviation of the white noise of each channel [K].
-    intervals : Intervals
-
-    Returns
-    -------
-    ndarray, shape (K,)
+    intervals
+        The intervals (K).
 
     Notes
     -----

@@ -1,10 +1,10 @@
-"""Rows at which a logged column holds a new value: a slower source is repeated, or left blank,
-between its values.
+"""Rows of a logged column with a new value: a slower source is repeated, or blank, between its
+values.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,23 +12,21 @@ from numpy.typing import NDArray
 from tcdyn.core import Array, Flags
 
 # Decisions on repeats. Values by a study of 400 simulated pairs (steps of the logger of 0.3 to 50
-# times the noise, in quick and slow fluids): no column that was not held was taken for a held one.
-# All columns with a new value every 2, 5, 10 or 50 rows were recognised, and 121 of 173 with one
-# every 1.1 to 7.7 rows; the others change by few steps.
-LARGE_CHANGE_STEPS = (
-    2.5  # a change of more than two steps of the logger: quantisation alone explains one or two
-)
-MIN_REPEATS = 10  # next to large changes: fewer occur by chance in a short record
-MIN_REPEAT_SHARE = (
-    0.05  # repeats next to a large change, of which a column that is not held has hardly any
-)
-REPEAT_EXCESS = (
-    3.0  # repeats over changes by one step in one direction; about 1 for a quantised signal
-)
-MIN_REGULAR_CHANGES = (
-    20  # by chance they would all be in one of two classes of rows once in 5e5 records
-)
-REGULAR_SHARE = 0.95  # of the new values, at rows of one even spacing
+# times the noise, in quick and slow fluids): no column without repeats was taken for one with. All
+# columns with a new value every 2, 5, 10 or 50 rows were recognised, and 121 of 173 with one every
+# 1.1 to 7.7 rows; the others change by few steps. A change of more steps of the logger is large:
+# quantisation alone explains one or two.
+LARGE_CHANGE_STEPS = 2.5
+# Repeats next to large changes: fewer occur by chance in a short record.
+MIN_REPEATS = 10
+# Share of large changes that a repeat follows; hardly any in a column without repeated values.
+MIN_REPEAT_SHARE = 0.05
+# Repeats over changes by one step in one direction; about 1 for a quantised signal.
+REPEAT_EXCESS = 3.0
+# Changes for an even spacing: by chance they would all be in one of two classes of rows once in 5e5
+# records.
+MIN_REGULAR_CHANGES = 20
+REGULAR_SHARE = 0.95  # share of the new values at rows of one even spacing
 
 
 @dataclass(frozen=True)
@@ -37,14 +35,14 @@ class Updates:
 
     Attributes
     ----------
-    new : ndarray of bool, shape (N,)
-        True at rows with a new value.
-    held : bool
+    new
+        True at rows with a new value (N,).
+    held
         Whether the column repeats its last value between new ones.
-    period : int
+    period
         Rows from one new value to the next where they are evenly spaced; 1 for a column with a new
         value in each row; 0 where the spacing is not even.
-    first : int
+    first
         Row of the first new value of the even spacing.
     """
 
@@ -58,73 +56,54 @@ class Updates:
         """Share of the rows that have a new value."""
         return float(np.mean(self.new))
 
-    def every(self, period: int, first: int) -> Updates:
-        """The same for the rows ``first``, ``first + period``, ... only.
-
-        Parameters
-        ----------
-        period, first : int
-            Rows that are selected.
-
-        Returns
-        -------
-        Updates
-        """
-        new = self.new[first::period]
-        return replace(self, new=new, period=0, first=0)
-
 
 def find_updates(y: Array) -> Updates:
     """Find the rows at which a column has a new value.
 
     Parameters
     ----------
-    y : ndarray, shape (N,)
-        Readings in any unit, NaN where there is none.
-
-    Returns
-    -------
-    Updates
+    y
+        Readings (N,) in any unit, NaN where there is none.
 
     Notes
     -----
     A quantised signal repeats itself, too. The chance of a change by zero steps of the logger is
     then about that of a change by one step up or down, since the density of the changes is smooth.
-    A column is held if, next to changes of more than two steps, repeats are clearly more frequent
+    A column repeats its values if, next to changes of more than two steps, repeats are clearly more frequent
     than changes by one step, or if all its changes are at rows of one even spacing of two or more.
     """
     rows = np.flatnonzero(np.isfinite(y))
     change = np.abs(np.diff(y[rows]))
     scale = max(float(np.max(change, initial=0.0)), 1e-300)
-    moved = change > 1e-9 * scale
-    changed_rows = rows[1:][moved]
-    held = _repeats_exceed_quantisation(change, moved)
+    changed = change > 1e-9 * scale
+    changed_rows = rows[1:][changed]
+    repeats_values = _repeats_exceed_quantisation(change, changed)
     period, first = _even_spacing(changed_rows)
-    if period > 1 and np.count_nonzero(moved) < len(moved):
+    if period > 1 and np.count_nonzero(changed) < len(changed):
         spacing, _ = _even_spacing(rows)
-        held = held or period > spacing
-    if not held:
+        repeats_values = repeats_values or period > spacing
+    if not repeats_values:
         period, first = _even_spacing(rows)
     new = np.zeros(len(y), dtype=bool)
-    new[changed_rows if held else rows] = True
+    new[changed_rows if repeats_values else rows] = True
     if period > 1:
         on_grid = np.zeros(len(y), dtype=bool)
         on_grid[first::period] = True
         new = on_grid & np.isfinite(y)
-    return Updates(new, held, period, first)
+    return Updates(new, repeats_values, period, first)
 
 
-def _repeats_exceed_quantisation(change: Array, moved: Flags) -> bool:
+def _repeats_exceed_quantisation(change: Array, changed: Flags) -> bool:
     """Whether repeats next to large changes are more than the logger's steps explain."""
-    if not np.any(moved) or np.all(moved):
+    if not np.any(changed) or np.all(changed):
         return False
-    step = float(np.min(change[moved]))
+    step = float(np.min(change[changed]))
     large = change[:-1] > LARGE_CHANGE_STEPS * step
     count = int(np.count_nonzero(large))
     following = change[1:][large]
-    following_moved = moved[1:][large]
-    repeats = float(count - np.count_nonzero(following_moved))
-    one_step = 0.5 * float(np.count_nonzero(following_moved & (following < 1.5 * step)))
+    following_changed = changed[1:][large]
+    repeats = float(count - np.count_nonzero(following_changed))
+    one_step = 0.5 * float(np.count_nonzero(following_changed & (following < 1.5 * step)))
     return repeats > max(MIN_REPEATS, MIN_REPEAT_SHARE * count, REPEAT_EXCESS * one_step)
 
 
