@@ -1,3 +1,1 @@
-"""Immersion test: fluids, natural convection, radial conduction, and the fit of measurement chains
-to plunges.
-"""
+"""Immersion test: fluids, natural convection, radial conduction, fit of chains to plunges."""

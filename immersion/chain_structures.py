@@ -1,6 +1,4 @@
-"""Comparison of chain structures on the same plunges by their evidence, and what the choice adds to
-the lags' covariance.
-"""
+"""Comparison of chain structures on the same plunges by evidence; covariance from the choice."""
 
 from __future__ import annotations
 
@@ -117,18 +115,14 @@ class StructureComparison:
 
     @property
     def contradicted(self) -> bool:
-        """Whether the plunges contradict the chosen structure: it is improbable and fits clearly
-        worse.
-        """
+        """Whether the chosen structure is improbable and fits clearly worse than the best."""
         excess = self.chosen_row.chi_square - self.best.chi_square
         improbable = self.chosen_row.probability < POSSIBLE_PROBABILITY
         return improbable and excess > CONTRADICTED_CHI_SQUARE
 
     @property
     def verdict(self) -> Finding:
-        """Conclusion about the structures: the chosen one first, then the best or all possible
-        ones.
-        """
+        """Conclusion about the structures: the chosen one, then the best or all possible ones."""
         if self.contradicted:
             others = [self.best]
         else:
@@ -164,9 +158,7 @@ class StructureComparison:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """The conclusion, if it is a warning: the structure is contradicted, or adds more to u than
-        all other sources.
-        """
+        """The conclusion, if it is a warning: contradicted, or u more than doubled in variance."""
         verdict = self.verdict
         return (verdict,) if verdict.severity is Severity.WARNING else ()
 
@@ -219,8 +211,7 @@ def compare_structures(
     extra_u_s: float = 0.0,
     structures: Sequence[str] = STRUCTURES,
 ) -> StructureComparison:
-    """Fit each structure to the plunges of ``final``, all with the noise estimated from the
-    residuals of the best.
+    """Fit each structure to the plunges of ``final``, with the noise of the best residuals.
 
     Parameters
     ----------
@@ -287,8 +278,7 @@ def compare_structures(
 
 
 def _probabilities(solutions: Sequence[_Solution]) -> Array:
-    """Probability of each solution by evidence; P1, a special case of the others, by its likelihood
-    against theirs.
+    """Probability of each solution by evidence; that of P1, a special case, by likelihood.
 
     Occam's factor would favour one lag for having fewer parameters. That a second lag is not needed
     for a good fit does not make the narrower interval of the first one true.
@@ -307,9 +297,7 @@ def _probabilities(solutions: Sequence[_Solution]) -> Array:
 def _rows(
     solutions: Sequence[_Solution], probability: Array, structures: Sequence[str]
 ) -> tuple[StructureRow, ...]:
-    """One row a structure: its reported or most probable solution, and the next one where that is
-    possible too.
-    """
+    """One row a structure: its reported or most probable solution, and a possible second one."""
     ranked = sorted(zip(solutions, probability), key=lambda pair: (not pair[0].reported, -pair[1]))
     rows = []
     for structure in structures:
@@ -335,8 +323,7 @@ def _rows(
 
 
 def _optima(near: PlungeOptimum, structure: str, priors: PlungePriors) -> list[PlungeOptimum]:
-    """The solutions of a structure, most probable first: started from ``near``, and if that is
-    long, from a short lag.
+    """The solutions of a structure, most probable first: from ``near``, and from a short lag.
 
     A long lag with a strong entry burst and a short lag with a mild burst can both be optima.
     """
@@ -356,9 +343,7 @@ def _optima(near: PlungeOptimum, structure: str, priors: PlungePriors) -> list[P
 
 
 def log_evidence(scan: LagScan, at: PlungeOptimum) -> float:
-    """Log evidence, integrated over the common lag along its scan, up to a constant common to all
-    structures.
-    """
+    """Log evidence, integrated over the common lag along its scan, up to a common constant."""
     log_marginal = -0.5 * scan.cost - scan.log_volume
     k = int(np.argmax(log_marginal))
     density = float(np.interp(scan.lag_s[k], scan.grid_s, scan.density))
@@ -366,9 +351,7 @@ def log_evidence(scan: LagScan, at: PlungeOptimum) -> float:
 
 
 def held_out(at: PlungeOptimum, folds: int = 3) -> float | None:
-    """-2 log of the probability of each plunge (or third of them) given the others; None for one
-    plunge only.
-    """
+    """-2 log of the probability of each plunge (or third of them) given the others; None for 1."""
     runs = at.problem.layout.runs
     if runs < 2:
         return None

@@ -1,6 +1,4 @@
-"""Natural-convection correlations of a plunged disk: Nusselt number, range of validity, heat
-transfer coefficient.
-"""
+"""Natural-convection correlations of a plunged disk: Nusselt number, range, h."""
 
 from __future__ import annotations
 
@@ -24,8 +22,7 @@ PLATE_FACTOR = 35.0  # D/L >= 35/Gr^0.25: Holman (2010), section 5.7 of the thes
 
 @dataclass(frozen=True)
 class Correlation:
-    """Mean Nusselt number of natural convection, with its characteristic length, range of Ra and
-    source.
+    """Mean Nusselt number of natural convection, with characteristic length, range and source.
 
     Notes
     -----
@@ -153,8 +150,7 @@ class Bath:
     def film(
         self, surface_degC: ArrayLike, fluid_degC: ArrayLike
     ) -> tuple[FluidProperties, float, Array]:
-        """Fluid properties at the film temperature (mean of both), characteristic length [m], and
-        Grashof number.
+        """Fluid properties at the film temperature, characteristic length [m], and Grashof number.
 
         Notes
         -----
@@ -173,8 +169,7 @@ class Bath:
         return np.asarray(self.correlation.nusselt(gr * p.prandtl, p.prandtl) * p.k_W_mK / length)
 
     def property_u_rel(self, surface_degC: float, fluid_degC: float) -> dict[str, float]:
-        """Relative standard uncertainty of h from each fluid property, and their root sum of
-        squares ("total").
+        """Relative standard uncertainty of h from each fluid property, and their "total".
 
         Notes
         -----
@@ -202,8 +197,7 @@ class Bath:
 def check_validity(
     bath: Bath, surface_degC: ArrayLike, fluid_degC: ArrayLike
 ) -> tuple[Finding, ...]:
-    """Warnings where one plunge leaves the range of Ra, of the fluid data, or of the disk taken as
-    a plate.
+    """Warnings where a plunge leaves the range of Ra, of the fluid data, or of a plate.
 
     Notes
     -----

@@ -1,6 +1,4 @@
-"""Radial conduction in a hollow disk heated at its running surface: modes, quasi-steady profile,
-exact first-order lags.
-"""
+"""Radial conduction in a disk heated at its running surface: modes, exact first-order lags."""
 
 from __future__ import annotations
 
@@ -24,8 +22,7 @@ MIN_IMAGINARY_RATIO = 1e-5
 
 @dataclass(frozen=True)
 class Cylinder:
-    """Hollow disk of one steel from bore (no flux) to running surface, with heat loss through the
-    side faces.
+    """Hollow disk of one steel, bore (no flux) to running surface, with loss through its faces.
 
     Notes
     -----
@@ -43,9 +40,7 @@ class Cylinder:
 
     @classmethod
     def from_setup(cls, setup: DiskSetup, face_W_m2K: float = 0.0) -> Cylinder:
-        """The cylinder of a disk; ``face_W_m2K`` is the heat transfer coefficient of each side
-        face.
-        """
+        """The cylinder of a disk; ``face_W_m2K``: heat transfer coefficient of each side face."""
         rho_c = setup.density_kg_m3 * setup.specific_heat_J_kgK
         leak = 2 * face_W_m2K / (rho_c * setup.width_m)
         return cls(setup.bore_radius_m, setup.outer_radius_m, setup.conductivity_W_mK, rho_c, leak)
@@ -57,9 +52,7 @@ class Cylinder:
 
     @property
     def mean_rate_K_m2_J(self) -> float:
-        """Rise of the mean temperature per heat through the surface, 2 R_o / (rho c (R_o^2 -
-        R_i^2)) [K m2/J].
-        """
+        """Rise of the mean temperature per heat, 2 R_o / (rho c (R_o^2 - R_i^2)) [K m2/J]."""
         ro = self.outer_radius_m
         ri = self.inner_radius_m
         return 2 * ro / (self.heat_capacity_J_m3K * (ro**2 - ri**2))
@@ -174,9 +167,7 @@ def apply_lag_step(u: Array, step: tuple[NDArray[Any], NDArray[Any], NDArray[Any
 
 
 def first_order_recursion(drive: NDArray[Any], decay: NDArray[Any]) -> NDArray[Any]:
-    """y[k] = ``decay``[k - 1] y[k - 1] + ``drive``[k] along the last axis of (Q, ..., n);
-    overwrites ``drive``.
-    """
+    """y[k] = decay[k - 1] y[k - 1] + drive[k] along the last axis (Q, ..., n); overwrites drive."""
     bands = np.zeros((2, *drive.shape[1:]), dtype=decay.dtype)
     bands[1, ..., :-1] = -decay
     # Triangular band solver with unit diagonal: three times faster than solve_banded with its

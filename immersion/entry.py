@@ -1,6 +1,4 @@
-"""Entry of the disk into the bath: instants from the switch, the free thermocouple and the
-junctions, and their mean.
-"""
+"""Entry of the disk into the bath: instants of switch, thermocouple, junctions; mean."""
 
 from __future__ import annotations
 
@@ -47,9 +45,7 @@ BATH_SHARE = (
 
 @dataclass(frozen=True)
 class EntryEvent:
-    """Instant of the entry on the record's clock, its standard uncertainty, the two instants, and
-    their source.
-    """
+    """Instant of the entry, its standard uncertainty [s], the two instants, and their source."""
 
     time_s: float
     u_s: float
@@ -97,8 +93,7 @@ def switch_time(
 def probe_time(
     time_s: ArrayLike, probe_degC: ArrayLike, fluid_degC: ArrayLike | None = None
 ) -> tuple[float, float] | None:
-    """Instant at which the free thermocouple begins its jump into the bath, and its standard
-    uncertainty [s].
+    """Instant and u [s] at which the free thermocouple begins its jump into the bath.
 
     None when it does not jump.
 
@@ -150,8 +145,7 @@ def probe_time(
 
 
 def rise_time(time_s: ArrayLike, readings_degC: ArrayLike, fluid_degC: ArrayLike) -> float | None:
-    """Instant at which the junctions (N, C) have moved by ``RISE_SHARE`` of their way to the bath
-    [s].
+    """Instant [s] at which the junctions (N, C) have moved by ``RISE_SHARE`` toward the bath.
 
     None when they do not, and when they move by half of it within the first ``BASELINE_S``.
 
@@ -190,8 +184,7 @@ def reconcile_entry(
     sample_s: float = 1 / 75,
     where: str = "",
 ) -> EntryEvent:
-    """Mean of two instants, weighted by their variances; the uncertainty is widened when they
-    disagree.
+    """Mean of two instants, weighted by variance; its u is widened when they disagree.
 
     Parameters
     ----------
@@ -296,8 +289,7 @@ def find_entry(
 def useful_end(
     time_s: ArrayLike, readings_degC: ArrayLike, fluid_degC: ArrayLike, entry_s: float
 ) -> float:
-    """End of the useful record [s]: the disk is within 2 % of the bath, or removed from it, or the
-    last sample.
+    """End of the useful record [s]: disk within 2 % of the bath, removed from it, or last sample.
 
     Parameters
     ----------

@@ -1,5 +1,4 @@
-"""Properties of bath fluids with their uncertainties: density, specific heat, conductivity,
-viscosity, expansion.
+"""Properties of bath fluids with uncertainties: density, specific heat, conductivity, viscosity.
 
 Two fluids are built in. A CSV table of properties against temperature defines any other.
 """
@@ -57,8 +56,7 @@ class FluidProperties:
 
 @dataclass(frozen=True)
 class Fluid:
-    """A fluid: four curves of temperature [degC], their relative standard uncertainties, and their
-    range.
+    """A fluid: four curves of temperature [degC], relative standard uncertainties, and range.
 
     Notes
     -----
@@ -87,9 +85,7 @@ class Fluid:
     u_beta: float = 0.12
 
     def at(self, T_degC: ArrayLike) -> FluidProperties:
-        """Properties at ``T_degC`` (any shape); beta is a central difference of the density over
-        +-0.5 K.
-        """
+        """Properties at ``T_degC``; beta by a central difference of the density over +-0.5 K."""
         T = np.asarray(T_degC, dtype=float)
         rho = self.rho(T)
         beta = (self.rho(T - 0.5) - self.rho(T + 0.5)) / rho

@@ -1,6 +1,4 @@
-"""Hole and cement comparison (section 5.4): extra lag of cemented thermocouples relative to clamped
-(ideal) ones.
-"""
+"""Hole and cement comparison (section 5.4): extra lag of cemented over clamped sensors."""
 
 from __future__ import annotations
 
@@ -38,9 +36,7 @@ Verdict = Literal["as good as ideal", "acceptable", "too slow", "undecided"]
 
 @dataclass(frozen=True)
 class Hole:
-    """One cemented thermocouple: extra lag relative to the clamped ones [s], verdict, and a
-    sentence.
-    """
+    """One cemented thermocouple: extra lag over the clamped ones [s], verdict, and a sentence."""
 
     name: str
     diameter_mm: float | None
@@ -51,8 +47,7 @@ class Hole:
 
 @dataclass(frozen=True)
 class HoleComparison(Result):
-    """Every cemented thermocouple relative to the clamped ones, and the clamped ones relative to
-    each other.
+    """Cemented thermocouples relative to the clamped ones, and those relative to each other.
 
     Attributes
     ----------

@@ -1,6 +1,4 @@
-"""One plunge as data of the fit: despiked, cut to its useful part, averaged in blocks of growing
-length; and its noise.
-"""
+"""One plunge as data of the fit: despiked, cut, averaged in blocks of growing length; its noise."""
 
 from __future__ import annotations
 
@@ -68,8 +66,7 @@ class PlungeRun:
 
     @property
     def pivot_degC(self) -> Array:
-        """Temperature (C,) at which each static line has its least uncertainty, and about which its
-        slope errs.
+        """Temperature (C,) of least uncertainty of each static line, about which its slope errs.
 
         0 for a channel without a line.
         """
@@ -342,17 +339,14 @@ class RunNoise:
 
 
 def block_sd(noise_sd_K: Array, count: Array) -> Array:
-    """Standard deviation of block means (B, C) for white noise; infinite for a block without
-    samples.
-    """
+    """Standard deviation of block means (B, C) for white noise; infinite without samples."""
     return np.where(count > 0, noise_sd_K / np.sqrt(np.maximum(count, 1)), np.inf)
 
 
 def inflation(
     standardised: Array, parameters_common: int, parameters_differential: int
 ) -> tuple[float, float]:
-    """Variance factors of coloured residuals: of their mean over channels, and of the deviations
-    from it.
+    """Variance factors of coloured residuals: of the mean over channels and of the deviations.
 
     Parameters
     ----------

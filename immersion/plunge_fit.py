@@ -1,6 +1,4 @@
-"""Grey-box identification of a disk's measurement chains from its plunges: MAP fit of all channels
-and runs together.
-"""
+"""Grey-box identification of the chains of a disk from its plunges: joint MAP fit."""
 
 from __future__ import annotations
 
@@ -153,8 +151,7 @@ def full_prior(
     correlation: Correlation,
     setup: DiskSetup,
 ) -> tuple[Array, Array]:
-    """Prior mean and standard deviation of all parameters (P,), with fluid properties and static
-    lines.
+    """Prior mean and standard deviation of all parameters, with fluid and static lines.
 
     Parameters
     ----------
@@ -187,8 +184,7 @@ def full_prior(
 
 
 def moved_lines(fit: PlungeFit) -> pd.DataFrame:
-    """Corrections of the static lines by the plunges, one row a channel, with uncertainties before
-    and after.
+    """Corrections of the static lines by the plunges, with uncertainties before and after.
 
     Notes
     -----
@@ -217,8 +213,7 @@ def moved_lines(fit: PlungeFit) -> pd.DataFrame:
 
 
 def with_structure_doubt(fit: PlungeFit) -> PlungeFit:
-    """The fit with all other chain structures compared on its plunges, and the lags' covariance
-    widened by their spread.
+    """The fit with a comparison of all chain structures, whose spread widens the lags.
 
     The lags stay those of the fit's structure; ``structures`` of the result holds the comparison.
     """
@@ -235,8 +230,7 @@ def with_structure_doubt(fit: PlungeFit) -> PlungeFit:
 def published_degC(
     run: PlungeRun, setup: DiskSetup, correlations: Sequence[str] = THESIS_THREE
 ) -> dict[str, pd.DataFrame]:
-    """Junction temperatures by each correlation as published: scale of h one, no burst (figures
-    5.26 and 5.27).
+    """Junctions by each published correlation: scale of h one, no burst (figures 5.26 and 5.27).
 
     The keys are name and title of the correlation; the tables are like those of
     :meth:`PlungeFit.junction_degC`. ``tcdyn.plots.draw_entry(run, tables, ax)`` draws them.
@@ -255,8 +249,7 @@ def published_degC(
 def _best_of_two(
     problem: PlungeProblem, build: BuildModels, filter_lag_s: float
 ) -> tuple[PlungeOptimum, tuple[Finding, ...]]:
-    """The optimum, and a warning when a long lag with a strong burst fits as well as a short lag
-    with a mild burst.
+    """The optimum, and a warning where a long and a short lag fit equally well.
 
     A second search, with all parameters free from the first step, is made when the first did not
     converge or ended beyond 1.5 s. Of two solutions whose cost differs by less than 6, the one with
@@ -280,8 +273,7 @@ def _best_of_two(
 def fit_map(
     problem: PlungeProblem, build: BuildModels, *, staged: bool = True, passes: int = 2
 ) -> PlungeOptimum:
-    """Fit, estimate the noise from the residuals, relinearise conduction about the result, and fit
-    again.
+    """Fit, estimate the noise from the residuals, relinearise conduction, and fit again.
 
     Parameters
     ----------
@@ -362,9 +354,7 @@ def model_form(
 
 
 def _refit_with(final: PlungeOptimum, other: Correlation) -> PlungeOptimum:
-    """The optimum at the same common lag with another correlation; the scales of h start from the
-    ratio of h.
-    """
+    """The optimum at the same common lag with another correlation."""
     problem = final.problem
     theta = final.theta.copy()
     models = tuple(replace(m, bath=replace(m.bath, correlation=other)) for m in problem.models)
@@ -379,9 +369,7 @@ def _refit_with(final: PlungeOptimum, other: Correlation) -> PlungeOptimum:
 
 
 def _maximum_shift(at: PlungeOptimum, width: float) -> float:
-    """Shift [s] of the maximum of the log marginal: parabola through its values at -width, 0,
-    +width about ``at``.
-    """
+    """Shift [s] of the maximum of the log marginal: parabola through three values about ``at``."""
     weights = at.problem.layout.common_lag
     lag = float(at.lag_s.mean())
     low = -0.5 * marginal(held(at.solution, weights, lag - width, **SEARCH))

@@ -1,6 +1,4 @@
-"""Forward model of a plunge with exact derivatives: surface heat flux, radial conduction,
-measurement chain, static line.
-"""
+"""Forward model of a plunge with exact derivatives: flux, conduction, chain, static line."""
 
 from __future__ import annotations
 
@@ -42,8 +40,7 @@ FLUX_PARAMETERS = tuple(k for k in range(len(RUN_KINDS)) if k != ENTRY)
 
 @dataclass(frozen=True)
 class DiskInfluence:
-    """Influence of the surface flux on the temperatures of a disk, on a grid, linearised in ln K
-    and in the depths.
+    """Influence of the surface flux on a disk, on a grid, linearised in ln K and in the depths.
 
     The linearisation is about ``ln_k`` and ``depth_shift_m``. The influence for a shorter grid is
     the leading block.
@@ -78,9 +75,7 @@ class DiskInfluence:
     def from_setup(
         cls, setup: DiskSetup, depth_m: Array, duration_s: float, ln_k: float, shift_m: Array
     ) -> DiskInfluence:
-        """Influence for junctions at ``depth_m`` + ``shift_m`` (C,) and the conductivity of
-        ``setup`` times exp(``ln_k``).
-        """
+        """Influence for junctions at ``depth_m`` + ``shift_m`` (C,) and nominal K exp(``ln_k``)."""
         grid = plunge_grid(duration_s)
         nominal = Cylinder.from_setup(setup)
         depth = depth_m + shift_m
@@ -159,9 +154,7 @@ class RunModel:
         return self.influence.grid_s[: len(self.bath_degC)]
 
     def start_degC(self, parameters: Array) -> Array | None:
-        """Start (n,) of the surface solver for run parameters and ln K (10,): the tangent, clipped
-        to bath and disk.
-        """
+        """Start (n,) of the surface solver: the tangent, clipped to bath and disk."""
         if self.guess is None:
             return None
         surface = self.guess.temperature_degC
@@ -181,8 +174,7 @@ def build_run_models(
     correlation: Correlation,
     about: Array,
 ) -> tuple[RunModel, ...]:
-    """Models of all runs of a disk, linearised about the conductivity and the junction depths in
-    ``about`` (P,).
+    """Models of all runs, linearised about conductivity and depths in ``about`` (P,).
 
     The surface solved at ``about`` and its tangent become the start of later solutions.
     """
@@ -208,8 +200,7 @@ def build_run_models(
 
 @dataclass(frozen=True)
 class RunSurface:
-    """Solved surface of a run: temperature, flux and h (n,), and derivatives of the first two (n, 9
-    + 1).
+    """Solved surface of a run: temperature, flux, h (n,), and derivatives of two (n, 9 + 1).
 
     The derivatives are with respect to the run's parameters, then ln K.
     """
@@ -390,8 +381,7 @@ def _at_blocks(
 def chain_on_grid(
     u: Array, dt_s: Array, lag_s: Array, logit: Array, structure: str, values: int = 1
 ) -> tuple[Array, Array]:
-    """Apply the chain of each channel to all rows of ``u``, with derivatives with respect to lag
-    and split.
+    """Apply each channel's chain to all rows of ``u``, with derivatives by lag and split.
 
     Parameters
     ----------
@@ -456,9 +446,7 @@ def chain_on_grid(
 
 
 def junction_degC(model: RunModel, layout: PlungeParameters, theta: Array, r: int) -> pd.DataFrame:
-    """Temperatures of the junctions without the chain [degC]: one column a channel, index
-    ``time_s`` after entry.
-    """
+    """Temperatures of the junctions without the chain [degC], by channel and ``time_s``."""
     run = theta[layout.run(r)]
     n = len(model.grid_s)
     flux = solve_run(model, layout, theta, r).flux_W_m2

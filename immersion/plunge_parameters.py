@@ -23,8 +23,7 @@ FIXED_SD = 1e-6
 
 @dataclass(frozen=True)
 class PlungePriors:
-    """Priors of the nuisance parameters: medians and standard deviations. The prior of a lag is
-    flat above zero.
+    """Priors of the nuisance parameters: medians and standard deviations; a lag is flat above zero.
 
     A width whose name ends in ``_log`` is the standard deviation of ln(parameter).
 
@@ -60,8 +59,7 @@ class PlungePriors:
 
     @classmethod
     def for_rig(cls, table: UncertaintyTable) -> PlungePriors:
-        """The default priors, with the uncertainties of steel, depths, bath and h from
-        ``[uncertainty]`` of the rig file.
+        """The default priors, with the uncertainties in ``[uncertainty]`` of the rig file.
 
         A plunge depends on K / (rho c) only. The parameter "conductivity" of the fit therefore
         carries the uncertainties of both.
@@ -130,8 +128,7 @@ class PlungePriors:
 
 @dataclass(frozen=True)
 class PlungeParameters:
-    """Layout of the parameter vector: nine kinds for each run, then five for each channel, then two
-    common ones.
+    """Layout of the parameter vector: nine kinds for each run, five for each channel, two common.
 
     Notes
     -----
@@ -182,9 +179,7 @@ class PlungeParameters:
         return self.mask("lag") / len(self.channels)
 
     def table(self) -> list[tuple[str, str]]:
-        """Kind and subject of each parameter; the subject is the run number from 1, the channel, or
-        empty.
-        """
+        """Kind and subject of each parameter: number of the run from 1, channel, or empty."""
         return [
             *((kind, str(r + 1)) for r in range(self.runs) for kind in RUN_KINDS),
             *((kind, c) for kind in CHANNEL_KINDS for c in self.channels),
@@ -196,9 +191,7 @@ class PlungeParameters:
         return [f"{kind}_{subject}" if subject else kind for kind, subject in self.table()]
 
     def split_prior(self, p: PlungePriors) -> dict[str, tuple[float, float]]:
-        """Prior mean and standard deviation of ``split`` and ``common_split``; fixed where there is
-        one lag only.
-        """
+        """Prior mean and standard deviation of the two split kinds; fixed for one lag."""
         channel_sd = p.shape_logit_channel
         common_sd = p.shape_logit_common
         if self.structure == "P1":
@@ -313,8 +306,7 @@ def differential_covariance(covariance: Array) -> Array:
 
 
 def lag_u_s(covariance: Array) -> tuple[float, float]:
-    """Standard uncertainty of the common lag, and rms over channels of that of the differential
-    lags [s].
+    """Standard uncertainties of the common lag and (rms over channels) of the differences [s].
 
     Parameters
     ----------

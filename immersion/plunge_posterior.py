@@ -1,6 +1,4 @@
-"""Posterior of the plunge parameters: optimum (MAP), Laplace approximation, and profile scan of the
-common lag.
-"""
+"""Posterior of the plunge parameters: MAP, Laplace approximation, scan of the common lag."""
 
 from __future__ import annotations
 
@@ -111,9 +109,7 @@ class PlungeProblem:
 
 @dataclass(frozen=True)
 class PlungeOptimum:
-    """The most probable parameters of a problem, possibly with a constraint, and the predictions
-    there.
-    """
+    """The most probable parameters, possibly with a constraint, and the predictions there."""
 
     problem: PlungeProblem = field(repr=False)
     solution: Optimum
@@ -135,16 +131,12 @@ class PlungeOptimum:
 
     @cached_property
     def covariance(self) -> Array:
-        """Inverse of the information matrix: covariance of the posterior in its normal
-        approximation, unconstrained.
-        """
+        """Covariance of the posterior in its normal approximation: inverse of the information."""
         return inverse(self.solution.information)
 
     @property
     def laplace(self) -> float:
-        """Log evidence by Laplace's approximation, up to a constant that is common to all
-        structures.
-        """
+        """Log evidence by Laplace's approximation, up to a constant common to all structures."""
         log_determinant = float(np.linalg.slogdet(self.solution.information)[1])
         return -0.5 * self.cost - 0.5 * log_determinant + self.problem.log_prior
 
@@ -212,21 +204,16 @@ class LagScan:
 
     @property
     def covariance(self) -> Array:
-        """Covariance of the lags (C, C): marginal variance of the common lag along the profile,
-        plus that across it.
-        """
+        """Covariance of the lags (C, C): along the profile and at fixed common lag [s2]."""
         along = self.sd_s**2 * np.outer(self.lag_slope, self.lag_slope)
         return np.asarray(self.differential_covariance + along)
 
     def estimate(self, shift_s: float = 0.0, extra_u_s: float = 0.0) -> Estimate:
-        """Common lag: posterior mean plus ``shift_s``, standard deviation and 95 % interval,
-        widened by ``extra_u_s``.
-        """
+        """Common lag plus ``shift_s``, with u and 95 % interval widened by ``extra_u_s``."""
         return self.skewed(self.mean_s + shift_s, 1.0, extra_u_s**2)
 
     def skewed(self, value_s: float, slope: float, normal_variance_s2: float) -> Estimate:
-        """Estimate of a skew quantity: ``slope`` times the common lag, plus an independent normal
-        part.
+        """Estimate of ``slope`` times the common lag plus an independent normal part.
 
         Parameters
         ----------
@@ -255,8 +242,7 @@ class LagScan:
 def settled_scan(
     best: PlungeOptimum, *, step: float = 0.8, drop: float = 9.0
 ) -> tuple[LagScan, PlungeOptimum, PlungeOptimum]:
-    """Profile scan of the common lag: fix it at values on both sides of ``best`` and refit all
-    other parameters.
+    """Profile scan of the common lag: fix it at values about ``best`` and refit the others.
 
     Parameters
     ----------
@@ -338,17 +324,13 @@ def settled_scan(
 
 
 def marginal(at: Optimum) -> float:
-    """-2 log of Laplace's marginal posterior of the constrained quantity at ``at``, up to a
-    constant.
-    """
+    """-2 log of Laplace's marginal posterior of the constrained quantity, up to a constant."""
     return at.cost + 2 * at.log_volume
 
 
 @dataclass(frozen=True)
 class ModelForm:
-    """Refits with other correlations: common lag and cost of each, and the covariance (C, C) of the
-    lags [s2] from their spread.
-    """
+    """Refits with other correlations: common lags, costs, covariance of the lags (C, C) [s2]."""
 
     common_lag_s: dict[str, float]
     cost: dict[str, float]

@@ -1,6 +1,4 @@
-"""Result of a plunge fit: lags with their covariance, common and differential lag, uncertainty
-budget, warnings.
-"""
+"""Result of a plunge fit: lags with covariance, common and differential lag, budget, warnings."""
 
 from __future__ import annotations
 
@@ -65,9 +63,7 @@ INTERVAL_NOTE = (
 
 @dataclass(frozen=True)
 class LagShare:
-    """Standard uncertainty that one source adds to the common lag and (rms over channels) to the
-    differential lags.
-    """
+    """Standard uncertainty from one source: common lag, and differential lags (rms)."""
 
     source: str
     u_common_s: float
@@ -76,8 +72,7 @@ class LagShare:
 
 @dataclass(frozen=True)
 class PlungeFit:
-    """Chains of the channels of one disk, identified from its plunges. The lags include the
-    conditioning filter.
+    """Chains of one disk, identified from its plunges; the lags include the conditioning filter.
 
     Attributes
     ----------
@@ -190,9 +185,7 @@ class PlungeFit:
 
     @cached_property
     def lag_s(self) -> dict[str, Estimate]:
-        """Lag of each channel: the skew posterior of the common lag along the profile, plus a
-        normal part.
-        """
+        """Lag of each channel: skew posterior of the common lag plus a normal part."""
         lag = self.optimum.lag_s + self.setup.conditioning.lag_s
         slope = self.scan.lag_slope
         normal = np.diag(self.scan.differential_covariance + self.extra_covariance)
@@ -234,8 +227,7 @@ class PlungeFit:
 
     @cached_property
     def budget(self) -> tuple[LagShare, ...]:
-        """Uncertainty budget of the lags: the variance that disappears if a group of parameters is
-        fixed.
+        """Uncertainty budget of the lags: the variance that disappears if a group is fixed.
 
         The first rows are those of the marginal posterior. The groups use its normal approximation;
         they do not add up, because their parameters are correlated.
@@ -356,9 +348,7 @@ class PlungeFit:
         return messages(self.findings)
 
     def junction_degC(self, run: int) -> pd.DataFrame:
-        """Temperatures of the junctions of a plunge without the chain [degC], by time after the
-        entry [s] and channel.
-        """
+        """Temperatures of the junctions of a plunge without chain [degC], by time and channel."""
         return junction_degC(self.optimum.problem.models[run], self.layout, self.optimum.theta, run)
 
     def summary(self) -> str:

@@ -1,6 +1,4 @@
-"""Temperatures of a plunged disk: time grid, solver of the surface heat balance (Newton), and
-forward model.
-"""
+"""Temperatures of a plunged disk: grid, Newton solver of the surface heat balance, model."""
 
 from __future__ import annotations
 
@@ -23,8 +21,7 @@ SURFACE_STEP_K = 0.01  # step of the derivative of the flux law [K]; chosen by j
 def plunge_grid(
     duration_s: float, first_s: float = 0.02, growth: float = 0.025, longest_s: float = 2.0
 ) -> Array:
-    """Times after the entry [s]: steps of ``first_s`` in the first second, then growing up to
-    ``longest_s``.
+    """Times after the entry [s]: steps of ``first_s`` in the first second, then growing.
 
     >>> grid = plunge_grid(300.0)
     >>> bool(grid[0] == 0.0 and grid[-1] >= 300.0 and len(grid) < 400)
@@ -41,9 +38,7 @@ def plunge_grid(
 
 @dataclass(frozen=True)
 class Reading:
-    """Linear interpolation from the grid to block times: grid interval, share of it, its width, and
-    whether after the entry.
-    """
+    """Linear interpolation from the grid to block times: interval, share, width, after."""
 
     interval: NDArray[np.intp]
     share: Array
@@ -60,9 +55,7 @@ class Reading:
         return cls(interval, share, width, after)
 
     def value(self, y: Array) -> Array:
-        """Deviations ``y`` (..., n) at the block times (..., B): linear between knots, zero before
-        the entry.
-        """
+        """Deviations ``y`` (..., n) at the block times: linear between knots, zero before entry."""
         low, high = self._ends(y)
         return np.asarray(self.after * low + self.share * (high - low))
 
@@ -72,9 +65,7 @@ class Reading:
         return np.asarray(self.after / self.width_s * (high - low))
 
     def _ends(self, y: Array) -> tuple[Array, Array]:
-        """Values at both ends of the intervals; if times are (C, B), row c of y (..., C, n) is read
-        at row c of them.
-        """
+        """Values at both ends of the intervals; times (C, B) read the rows of y (..., C, n)."""
         if self.interval.ndim == 1:
             return y[..., self.interval], y[..., self.interval + 1]
         index = self.interval + y.shape[-1] * np.arange(len(self.interval))[:, None]
@@ -98,8 +89,7 @@ def solve_surface(
     tolerance_K: float = 1e-5,
     limit: int = 40,
 ) -> tuple[Array, Array, Array]:
-    """Solve T_s = offset + matrix @ q, q = law(T_s) on the grid (a Volterra equation) by Newton's
-    method.
+    """Solve the Volterra equation T_s = offset + matrix @ law(T_s) on the grid by Newton's method.
 
     Parameters
     ----------
@@ -159,9 +149,7 @@ def solve_surface(
 
 @dataclass(frozen=True)
 class PlungeResponse:
-    """A simulated plunge: time after the entry (n,), surface temperature, flux, h, and temperature
-    at P depths (n, P).
-    """
+    """A simulated plunge: times (n,), surface, flux, h, and temperature at P depths (n, P)."""
 
     t_s: Array
     surface_degC: Array
@@ -171,9 +159,7 @@ class PlungeResponse:
     depth_m: Array
 
     def at(self, time_s: ArrayLike, entry_s: float) -> Array:
-        """Junction temperatures (N, P) at ``time_s`` of a record with entry at ``entry_s``; initial
-        ones before it.
-        """
+        """Junction temperatures (N, P) at ``time_s`` of a record with entry at ``entry_s``."""
         t = np.asarray(time_s, dtype=float) - entry_s
         return np.column_stack([np.interp(t, self.t_s, column) for column in self.junction_degC.T])
 

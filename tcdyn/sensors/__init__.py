@@ -1,5 +1,4 @@
-"""Thermocouples outside the rig: their file, and methods for the lag (specified, plunge, pair, loop
-current, noise).
+"""Thermocouples outside the rig: their file, and methods to determine their lag.
 
 >>> import tempfile
 >>> from pathlib import Path

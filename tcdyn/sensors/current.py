@@ -1,5 +1,4 @@
-"""Loop current step response (LCSR): lag from heating the sensor by a current, converted to the
-response to a plunge.
+"""Loop current step response (LCSR): lag from heating by a current, converted to a plunge.
 
 Internal heating and an external step share the poles of the sensor; internal heating adds zeros
 (Kerlin, Hashemian). The weight of each pole in a plunge follows from a model of where heat is
@@ -69,8 +68,7 @@ def current_sensor(
     off_only: bool = False,
     **more: Any,
 ) -> SensorFile:
-    """The chain for a plunge from the sensor's response to a current through it, switched on, off,
-    or both.
+    """The chain for a plunge from the response to a switched current through the sensor.
 
     Parameters
     ----------
@@ -230,9 +228,7 @@ def _chain(theta: Array) -> Chain:
 
 @dataclass(frozen=True)
 class _HeatedRecord:
-    """Data of the fit: interval [s], readings (N,), heating (N,), times (N,) from 0 to 1, first
-    guess of the noise [K].
-    """
+    """Data of the fit: interval [s], readings, heating, times from 0 to 1 (N,), noise [K]."""
 
     dt_s: float
     y: Array
@@ -251,9 +247,7 @@ class _HeatedRecord:
         return cls(dt_s * size, mean, heating, np.linspace(0, 1, len(mean)), noise_K)
 
     def response(self, shape: Array) -> Array:
-        """Response (N,) to the heating, one in the steady state; constant heating is assumed before
-        the first row.
-        """
+        """Response (N,) to the heating, one in the steady state; steady before the first row."""
         total = np.zeros_like(self.power)
         for tau, share in zip(*cylinder(shape)):
             decay = float(np.exp(-self.dt_s / tau))
@@ -269,8 +263,7 @@ class _HeatedRecord:
 
 
 def _posterior(record: _HeatedRecord) -> tuple[CurveFit, Array, Array]:
-    """The best fit, samples (K, 4) of the logarithms of lag, Bi, wall and heated radius, and their
-    weights (K,).
+    """The best fit, samples (K, 4) of log lag, Bi, wall and heated radius, and weights (K,).
 
     Several starts, since a thick boundary layer with a thin wall and the reverse may both be
     minima; then importance sampling about all of them, with level, drift, direct and size
@@ -368,9 +361,7 @@ class _LogPosterior:
 
 @dataclass(frozen=True)
 class _Mixture:
-    """Mixture of multivariate Student's t: ``centres`` (C, 4), ``covariances`` (C, 4, 4),
-    ``chances`` (C,).
-    """
+    """Mixture of multivariate Student's t with C components in four dimensions."""
 
     centres: Array
     covariances: Array

@@ -1,6 +1,4 @@
-"""The sensor file of a thermocouple outside the rig: chain with uncertainty, columns, and method of
-determination.
-"""
+"""The sensor file of a thermocouple outside the rig: chain with uncertainty, columns, method."""
 
 from __future__ import annotations
 
@@ -54,9 +52,7 @@ Method = Literal["stated", "plunge", "pair", "current", "noise", "identify"]
 
 
 class SensorChains(RecordPart):
-    """The chain of each column; ``covariance`` [s2] is that of their ``lag_s``, in the order of
-    ``columns``.
-    """
+    """The chain of each column; ``covariance`` [s2] of their lags, in the order of ``columns``."""
 
     structure: str = Field(min_length=1, max_length=40)
     channels: dict[str, ChannelChain] = Field(min_length=1)
@@ -462,9 +458,7 @@ def from_identified(model: Identified, sensor: str = "") -> SensorFile:
 
 
 def _identified_split_u_s(model: Identified) -> float:
-    """Standard uncertainty of the sum of all lags but the largest, from the covariance of the model
-    [s].
-    """
+    """Standard uncertainty of the sum of all lags but the largest [s]."""
     signs = {"Tp2": 1.0, "Tp3": 1.0, "Tz": -1.0, "Td": 1.0, "Tc": 0.5}
     free = list(model.model.free)
     names = [name for name in signs if name in free]

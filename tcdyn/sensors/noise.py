@@ -1,6 +1,4 @@
-"""Lag in place from process noise: white fluctuations of the fluid after one or two lags, by
-Whittle's likelihood.
-"""
+"""Lag in place from process noise: white noise after one or two lags, Whittle likelihood."""
 
 from __future__ import annotations
 
@@ -205,9 +203,7 @@ def _cost(theta: Array, periodogram: Periodogram) -> float:
 
 
 def _fit(periodogram: Periodogram, count: int) -> Array:
-    """Parameters of ``count`` lags of least cost, the larger lag first; Nelder-Mead from six
-    starts.
-    """
+    """Parameters of least cost for ``count`` lags, larger lag first (Nelder-Mead, six starts)."""
     power = periodogram.power
     dt = periodogram.dt_s
     mean_power = float(power.mean())
@@ -239,17 +235,13 @@ def _quantities(logs: Array) -> Array:
 
 
 def _lags(logs: Array) -> list[float]:
-    """The lags, largest first [s], from their logarithms; a second lag that is practically zero is
-    left out.
-    """
+    """The lags, largest first [s], from their logarithms; a negligible second one is left out."""
     taus = np.exp(logs)
     return sorted(taus[taus > MIN_LAG_SHARE * taus.max()].tolist(), reverse=True)
 
 
 def _check_record(n: int, dt: float, lag: Estimate, theta: Array) -> None:
-    """Raise InputError for a record too short, a sensor as fast as the rows, or fluctuations below
-    the noise.
-    """
+    """Raise InputError for a short record, a sensor as fast as the rows, or a quiet fluid."""
     lags = n * dt / lag.value
     if lags < MIN_RECORD_LAGS:
         raise InputError(
@@ -271,9 +263,7 @@ def _check_record(n: int, dt: float, lag: Estimate, theta: Array) -> None:
 def _conditions(
     y: Array, periodogram: Periodogram, theta: Array, column: str, lags: int
 ) -> list[Finding]:
-    """Findings about the conditions: number of lags, stationarity, and goodness of fit of the
-    spectrum.
-    """
+    """Findings on number of lags, stationarity, and goodness of fit of the spectrum."""
     severity = warning if lags == 2 else info
     findings: list[Finding] = [severity("sensor.noise_driving", subject=column, lags=lags)]
     variances = [float(np.var(quarter)) for quarter in np.array_split(y, 4)]

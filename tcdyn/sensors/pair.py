@@ -1,5 +1,4 @@
-"""Lags of two thermocouples of different size in one fluid, without a reference, with noise on
-both.
+"""Lags of two thermocouples of different size in one fluid, without a reference, noise on both.
 
 For any fluid temperature x, y1 + tau1 y1' = x = y2 + tau2 y2' without noise. The difference of the
 two sides is a sum of noises whose covariance is known for each (tau1, tau2). Generalised least
@@ -250,8 +249,7 @@ def _log_speed(time_s: Array, speed: Array) -> Array:
 
 
 def _with_new_values(data: PairData, columns: tuple[str, str]) -> tuple[PairData, list[Finding]]:
-    """Rows with new values of both channels, or intervals between them; and an info about each
-    slower channel.
+    """Rows with new values of both channels, or intervals between them; infos on slow channels.
 
     Raises InputError where too few rows have a new value of both.
     """
@@ -308,9 +306,7 @@ def _too_few(data: PairData, columns: tuple[str, str], updates: Sequence[Updates
 
 
 def usable_rows(data: PairData) -> int:
-    """Rows that the fit can use, with their first one, in the segment of constant flow that has the
-    fewest.
-    """
+    """Usable rows, with the first one, in the shortest segment of constant flow."""
     if data.intervals is not None:
         segment = data.segment[data.intervals.start]
     else:
@@ -321,8 +317,7 @@ def usable_rows(data: PairData) -> int:
 
 
 def _with_fitted_noise(data: PairData, theta: Array) -> PairData:
-    """The data with the noise of the sparser channel reduced until the residuals have unit
-    variance.
+    """The noise of the sparser channel reduced until the residuals have unit variance.
 
     Differences of values that are far apart contain the signal too and overstate the noise.
     """
@@ -346,9 +341,7 @@ def _with_fitted_noise(data: PairData, theta: Array) -> PairData:
 
 
 def averaged_rows(data: PairData, size: int) -> PairData:
-    """Means of ``size`` rows. The equations of both sensors hold for means as well, since they are
-    linear.
-    """
+    """Means of ``size`` rows; the equations of both sensors are linear and hold for means."""
     if size < 2 or data.intervals is not None:
         return data
     n = len(data.first) // size * size

@@ -1,6 +1,4 @@
-"""Lag of a bare sensor from one plunge or step: entry instant unknown, the medium's step not ideal;
-t50, t63.2 and t90.
-"""
+"""Lag of a bare sensor from one plunge or step, with unknown entry and a non-ideal medium."""
 
 from __future__ import annotations
 
@@ -313,9 +311,7 @@ def find_step(y: Array, dt_s: float, entry_s: float | None = None) -> Step:
 
 
 def _step_start(filled: Array, noise: float, edge: int) -> int:
-    """Last row before the steepest change at which the reading is still within the noise of the
-    level before.
-    """
+    """Last row before the steepest change that is within the noise of the level before."""
     half = max(len(filled) // 400, 1)
     window = 2 * half + 1
     mean = np.convolve(filled, np.ones(window) / window, mode="valid")
@@ -335,9 +331,7 @@ def _exact_u_s(dt_s: float) -> float:
 
 @dataclass(frozen=True)
 class _Record:
-    """Data of the fit: times from the first row (N,) [s], readings, the step, a guess of the entry
-    and its prior.
-    """
+    """Data of the fit: times (N,) [s], readings, step, guess and prior of the entry."""
 
     t: Array
     y: Array
@@ -417,9 +411,7 @@ def _fit_grid(
 def _fit_lags(
     record: _Record, shortest_s: float, start: Array, noise: tuple[Noise, float]
 ) -> CurveFit:
-    """Fit with one fixed lag ``shortest_s`` [s]: theta = level, entry, size, drift, medium's lag,
-    the free lags.
-    """
+    """Fit with one fixed lag; theta = level, entry, size, drift, medium's lag, free lags."""
     step = record.step
     t = record.t
     dt = record.dt_s

@@ -1,6 +1,4 @@
-"""Residuals of two sensors of which one has a new value in few rows: its missing values are
-eliminated exactly.
-"""
+"""Residuals of two sensors, one with few new values: its missing values are eliminated exactly."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""Least-squares fits of a sensor's response with whitened noise, and averages over model structures
-by BIC.
-"""
+"""Least-squares fits of a sensor's response with whitened noise; averages by BIC."""
 
 from __future__ import annotations
 
@@ -74,9 +72,7 @@ class CurveFit:
         return quantity(theta), jacobian.T @ self.optimum.covariance @ jacobian
 
     def residual_findings(self, column: str, noise_K: float, least_K: float) -> list[Finding]:
-        """An info where the residuals are coloured; a warning where they clearly exceed ``noise_K``
-        and ``least_K``.
-        """
+        """Findings about residuals: coloured, or clearly above ``noise_K`` and ``least_K``."""
         findings = [] if self.colour.white else [info("sensor.coloured", subject=column)]
         rms_K = float(np.sqrt(np.mean(self.residual**2)))
         if rms_K > max(MISFIT_RATIO * noise_K, least_K):
@@ -174,9 +170,7 @@ def fit_curve(
 
 
 def colour_of(residual: Array, parameters: int) -> tuple[Noise, float]:
-    """Autoregression of residuals (N,), white where BIC prefers none, and the level of its white
-    noise [K].
-    """
+    """Autoregression of residuals (N,), white where BIC prefers none, and its noise level [K]."""
     n = len(residual)
     full = [slice(0, n)]
     colour = fit_ar(residual, full, max_order=MAX_AR_ORDER)
@@ -196,16 +190,13 @@ def white_noise_K(y: Array) -> float:
 
 
 def bic_weights(bic: Array, prior: Array | float = 1.0) -> Array:
-    """Probability (K,) of each structure from its BIC, all with the same noise, and its ``prior``
-    probability.
-    """
+    """Probability (K,) of each structure from its BIC, for one noise, and its ``prior``."""
     w = np.exp(-0.5 * (bic - bic.min())) * prior
     return w / w.sum()
 
 
 def model_average(values: Sequence[float], us: Sequence[float], weights: Array) -> Estimate:
-    """Average of a quantity over structures: mean, standard deviation and 95 % range of the
-    mixture.
+    """Average of a quantity over structures: mean, u and 95 % range of the mixture.
 
     Parameters
     ----------

@@ -1,6 +1,4 @@
-"""Tables with a time column, read in chunks: sensor columns in degrees Celsius, rows on even times,
-segments.
-"""
+"""Tables with a time column, read in chunks: columns in degrees Celsius, even times, segments."""
 
 from __future__ import annotations
 
@@ -51,9 +49,7 @@ UNEVEN = 0.2
 
 @dataclass(frozen=True)
 class EvenTimes:
-    """Position of the rows of a segment on even times: ``place`` (N,) in samples, every ``dt_s``
-    [s].
-    """
+    """Position of rows on even times: ``place`` (N,) in samples, every ``dt_s`` [s]."""
 
     place: NDArray[np.intp]
     dt_s: float
@@ -75,8 +71,7 @@ class Source:
     def pieces(
         self, columns: Sequence[str], rows: int = PIECE_ROWS
     ) -> Iterator[tuple[Array, dict[str, Array], tuple[Finding, ...]]]:
-        """Time (N,) [s] and unconverted columns (N,) of each chunk, with the findings of the
-        reader.
+        """Time (N,) [s] and unconverted columns (N,) of each chunk, and findings.
 
         A time column of clock stamps is among the columns as it is in the file.
 
@@ -209,9 +204,7 @@ def read_columns(
 
 
 def _without_codes(column: str, values: Array) -> tuple[Array, list[Finding]]:
-    """Values with NaN in place of impossible temperatures and dropout codes, and a warning where
-    there are any.
-    """
+    """Values with NaN for impossible temperatures and dropout codes, and a warning."""
     wrong = impossible(values)
     wrong |= dropout_codes(np.where(wrong, np.nan, values))
     if not wrong.any():
@@ -226,9 +219,7 @@ def _without_codes(column: str, values: Array) -> tuple[Array, list[Finding]]:
 
 
 def check_gaps(time_s: Array, dt_s: float, where: str) -> None:
-    """Raise InputError if a record that is fitted in one piece has a gap longer than everything it
-    holds.
-    """
+    """Raise InputError if a record has a gap longer than everything it holds."""
     steps = np.diff(time_s)
     row = int(np.argmax(steps))
     gap_s = float(steps[row])
@@ -303,17 +294,13 @@ def places(time_s: Array, where: str, dt_s: float | None = None) -> tuple[EvenTi
 
 
 def _interval_s(step: Array) -> float:
-    """Mean interval [s] of steps (N - 1,), of which some span missing rows; a row that occurs twice
-    is no step.
-    """
+    """Mean interval [s] of steps (N - 1,), of which some span missing rows."""
     usual = float(np.median(step[step > 0]))
     return float(step.sum() / np.rint(step / usual).sum())
 
 
 def _check_rising(time_s: Array, where: str) -> None:
-    """Raise InputError for fewer than ten rows, and for time that is missing, runs backward or
-    stands still.
-    """
+    """Raise InputError for few rows, or time that is missing or does not rise."""
     n = len(time_s)
     if n < MIN_ROWS:
         expected = f"at least {MIN_ROWS} samples in time"
@@ -458,9 +445,7 @@ def _rounded_margin(rows: float) -> int:
 
 
 def on_grid(values: Array, grid: EvenTimes, size: int) -> Array:
-    """Values (N,) at their positions (size,), NaN where there is no row; rows of one position are
-    averaged.
-    """
+    """Values (N,) at their positions (size,), NaN where there is no row; equal ones averaged."""
     finite = np.isfinite(values)
     total = np.bincount(grid.place[finite], values[finite], minlength=size)
     count = np.bincount(grid.place[finite], minlength=size)

@@ -1,6 +1,4 @@
-"""Units of the columns of any table: from the name, the row of units or a declaration; conversion
-to degrees Celsius.
-"""
+"""Units of table columns: from name, row of units or declaration; conversion to degrees Celsius."""
 
 from __future__ import annotations
 
@@ -89,9 +87,7 @@ class Unit:
         return to_degC(self.name, self.couple, cold_degC)(values)
 
     def back(self, degC: Array) -> Array:
-        """Degrees Celsius (N,) in the unit of the output: that of the column, or degrees Celsius
-        for mV.
-        """
+        """Degrees Celsius (N,) in the unit of the output, which is degrees Celsius for mV."""
         if self.name == "K":
             return degC + 273.15
         if self.name == "degF":
@@ -212,8 +208,7 @@ def doubtful(column: str, unit: Unit, values: Array) -> list[Finding]:
 
 
 def matching(pattern: str, names: Collection[str], where: str) -> list[str]:
-    """The columns that match the column of a sensor: by name, by name without unit; ``*`` matches
-    any text.
+    """The columns that match a sensor's column by name, with or without unit; ``*`` is any text.
 
     Raises InputError where there is none.
     """
@@ -248,8 +243,7 @@ def cold_column(cold: float | str, names: Collection[str], where: str) -> float 
 
 
 def u_name(column: str, unit: str = "") -> str:
-    """Name of the column with the standard uncertainty of a temperature, in ``unit`` or that of its
-    name.
+    """Name of the column with the standard uncertainty of a temperature.
 
     >>> u_name("fast_a_degC"), u_name("T1 [K]"), u_name("gas_degF"), u_name("T2")
     ('fast_a_u_K', 'T1_u_K', 'gas_u_degF', 'T2_u_K')

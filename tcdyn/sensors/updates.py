@@ -1,6 +1,4 @@
-"""Rows of a logged column with a new value: a slower source is repeated, or blank, between its
-values.
-"""
+"""Rows with a new value: a slower source is repeated, or blank, between its values."""
 
 from __future__ import annotations
 
@@ -69,8 +67,9 @@ def find_updates(y: Array) -> Updates:
     -----
     A quantised signal repeats itself, too. The chance of a change by zero steps of the logger is
     then about that of a change by one step up or down, since the density of the changes is smooth.
-    A column repeats its values if, next to changes of more than two steps, repeats are clearly more frequent
-    than changes by one step, or if all its changes are at rows of one even spacing of two or more.
+    A column repeats its values if, next to changes of more than two steps, repeats are clearly more
+    frequent than changes by one step, or if all its changes are at rows of one even spacing of two
+    or more.
     """
     rows = np.flatnonzero(np.isfinite(y))
     change = np.abs(np.diff(y[rows]))
@@ -108,8 +107,7 @@ def _repeats_exceed_quantisation(change: Array, changed: Flags) -> bool:
 
 
 def _even_spacing(rows: NDArray[np.intp]) -> tuple[int, int]:
-    """Period and first row of the widest even spacing that holds nearly all ``rows``; period 0 if
-    they are irregular.
+    """Period and first row of the widest even spacing of nearly all ``rows``; 0 if irregular.
 
     Period 1 means that there is a new value in nearly every row.
     """

@@ -210,7 +210,7 @@ def test_a_table_in_stretches_is_the_table_at_once(
     log = write(tmp_path / "long.csv", time_s=np.round(t, 3), T1_degC=y, n=np.arange(len(t)))
     sensor = stated("s", ["T1"], [(0.5, 0.02)])
     whole = written(compensate_table(log, [sensor], tmp_path / "whole.csv").path)
-    monkeypatch.setattr(table, "LEAST_ROWS", 1000)
+    monkeypatch.setattr(table, "SEGMENT_ROWS", 1000)
     monkeypatch.setattr(table, "MARGIN_ROWS", 10)
     monkeypatch.setattr(pipeline, "MOST_VALUES", 1500)
     parts = written(compensate_table(log, [sensor], tmp_path / "parts.csv").path)
@@ -237,7 +237,7 @@ def test_stretches_with_their_neighbours_give_what_the_whole_table_gives(
 ) -> None:
     """Of one noise and one intensity, fast and slow: all rows within a millionth of a kelvin of the table in memory."""
     monkeypatch.setattr(pipeline, "DECIMALS", 12)
-    monkeypatch.setattr(table, "LEAST_ROWS", 1000)
+    monkeypatch.setattr(table, "SEGMENT_ROWS", 1000)
     monkeypatch.setattr(table, "MARGIN_ROWS", 10)
     monkeypatch.setattr(pipeline, "TOLD_ROWS", 1)
     t, _, y = logged((0.5,), 0.05, 9000, 0.1, 2)
