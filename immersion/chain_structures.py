@@ -272,7 +272,7 @@ def compare_structures(
             solutions.append(solution)
     probability = _probabilities(solutions)
     shift = [0 * final.lag_s if s.reported else s.optimum.lag_s - final.lag_s for s in solutions]
-    covariance = np.asarray(np.einsum("s,si,sj->ij", probability, shift, shift))
+    covariance = np.einsum("s,si,sj->ij", probability, shift, shift)
     rows = _rows(solutions, probability, structures)
     return StructureComparison(chosen, rows, covariance, reported_lag_s.u)
 
@@ -291,7 +291,7 @@ def _probabilities(solutions: Sequence[_Solution]) -> Array:
             worse = np.maximum(cost[k] - cost[richer], 0.0)
             evidence[k] = np.max(evidence[richer] - 0.5 * worse)
     weights = np.exp(evidence - evidence.max())
-    return np.asarray(weights / weights.sum())
+    return weights / weights.sum()
 
 
 def _rows(

@@ -53,7 +53,7 @@ class Correlation:
         ra = np.asarray(ra, dtype=float)
         pr = np.asarray(pr, dtype=float)
         shape = (1 + (self.prandtl / pr) ** self.inner) ** self.outer
-        return np.asarray((self.floor + self.factor * ra**self.exponent / shape) ** self.power)
+        return (self.floor + self.factor * ra**self.exponent / shape) ** self.power
 
 
 _HOLMAN = "Holman (2010), quoted by Al-Hamood (2015) section 5.7"
@@ -161,12 +161,12 @@ class Bath:
         p = self.fluid.at((surface + fluid) / 2)
         length = self.width_m if self.correlation.length == "width" else self.diameter_m
         buoyancy = GRAVITY_M_S2 * np.abs(p.beta_1_K) * np.abs(fluid - surface)
-        return p, length, np.asarray(buoyancy * length**3 / p.nu_m2_s**2)
+        return p, length, buoyancy * length**3 / p.nu_m2_s**2
 
     def h_W_m2K(self, surface_degC: ArrayLike, fluid_degC: ArrayLike) -> Array:
         """Mean heat transfer coefficient h = Nu k / L [W/m2K], properties at the film temperature."""
         p, length, gr = self.film(surface_degC, fluid_degC)
-        return np.asarray(self.correlation.nusselt(gr * p.prandtl, p.prandtl) * p.k_W_mK / length)
+        return self.correlation.nusselt(gr * p.prandtl, p.prandtl) * p.k_W_mK / length
 
     def property_u_rel(self, surface_degC: float, fluid_degC: float) -> dict[str, float]:
         """Relative standard uncertainty of h from each fluid property, and their "total".
@@ -238,4 +238,4 @@ def check_validity(
 
 def _scaled(curve: Curve, centre: float, u: float) -> Curve:
     """The curve with its differences from the value ``centre`` multiplied by 1 + ``u``."""
-    return lambda T: np.asarray(centre + (curve(T) - centre) * (1 + u))
+    return lambda T: centre + (curve(T) - centre) * (1 + u)

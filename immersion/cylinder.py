@@ -67,13 +67,13 @@ class Cylinder:
         ro = self.outer_radius_m
         ri = self.inner_radius_m
         area = ro**2 - ri**2
-        shape = np.asarray(r_m) ** 2 / 2
+        shape = r_m**2 / 2
         log_mean = -0.5
         if ri > 0:
-            shape = shape - ri**2 * np.log(np.asarray(r_m) / ro)
+            shape = shape - ri**2 * np.log(r_m / ro)
             log_mean = (-(ri**2) * np.log(ri / ro)) / area - 0.5
         mean = (ro**2 + ri**2) / 4 - ri**2 * log_mean
-        return np.asarray(ro / (self.conductivity_W_mK * area) * (shape - mean))
+        return ro / (self.conductivity_W_mK * area) * (shape - mean)
 
     def modes(self, r_m: Array, count: int) -> tuple[Array, Array]:
         """Radial modes, without the mean temperature.
@@ -97,14 +97,14 @@ class Cylinder:
 
         def phi(x: Array | float) -> Array:
             if ri == 0:
-                return np.asarray(j0(lam * x))
-            return np.asarray(j0(lam * x) * y1(lam * ro) - y0(lam * x) * j1(lam * ro))
+                return j0(lam * x)
+            return j0(lam * x) * y1(lam * ro) - y0(lam * x) * j1(lam * ro)
 
         inner = ri**2 * phi(ri) ** 2 if ri > 0 else 0.0
         norm = (ro**2 * phi(ro) ** 2 - inner) / 2
         rates = self.diffusivity_m2_s * lam**2 + self.leak_1_s
         gains = ro * phi(ro) * phi(r) / (self.heat_capacity_J_m3K * norm * rates)
-        return rates, np.asarray(gains)
+        return rates, gains
 
 
 @lru_cache(maxsize=64)
@@ -175,7 +175,7 @@ def first_order_recursion(drive: NDArray[Any], decay: NDArray[Any]) -> NDArray[A
     solve = ztbtrs if np.iscomplexobj(bands) else dtbtrs
     rows = drive.reshape(len(drive), -1).T
     solution = solve(bands.reshape(2, -1), rows, uplo="L", diag="U", overwrite_b=True)[0]
-    return np.asarray(solution.T).reshape(drive.shape)
+    return solution.T.reshape(drive.shape)
 
 
 def conditioned(u: Array, dt_s: Array, filter_: Conditioning) -> Array:

@@ -114,22 +114,22 @@ def _water_density(T: Array) -> Array:
     """Kell (1975), 0 to 150 degC at one atmosphere [kg/m3]."""
     top = np.polyval(
         [-280.54253e-12, 105.56302e-9, -46.170461e-6, -7.9870401e-3, 16.945176, 999.83952],
-        np.asarray(T),
+        T,
     )
-    return np.asarray(top / (1 + 16.879850e-3 * T))
+    return top / (1 + 16.879850e-3 * T)
 
 
 def _water_viscosity(T: Array) -> Array:
     """Patek et al. (2009) for liquid water at 0.1 MPa, divided by Kell's density [m2/s]."""
     x = (T + ZERO_C) / 300.0
     mu = 280.68 * x**-1.9 + 511.45 * x**-7.7 + 61.131 * x**-19.6 + 0.45903 * x**-40.0
-    return np.asarray(mu * 1e-6 / _water_density(T))
+    return mu * 1e-6 / _water_density(T)
 
 
 def _water_conductivity(T: Array) -> Array:
     """Patek et al. (2009) for liquid water at 0.1 MPa [W/mK]."""
     x = (T + ZERO_C) / 300.0
-    return np.asarray(1.6630 * x**-1.15 - 1.7781 * x**-3.4 + 1.1567 * x**-6.0 - 0.432115 * x**-7.6)
+    return 1.6630 * x**-1.15 - 1.7781 * x**-3.4 + 1.1567 * x**-6.0 - 0.432115 * x**-7.6
 
 
 def fluid(name: str) -> Fluid:
@@ -277,16 +277,16 @@ def _viscosity_spline(T: Array, nu: Array) -> Curve:
 
 # Functions of the module, not closures: a fluid can then be pickled for worker processes.
 def _line(slope: float, intercept: float, T: Array) -> Array:
-    return np.asarray(intercept + slope * T)
+    return intercept + slope * T
 
 
 def _exponential(log_nu: Curve, T: Array) -> Array:
-    return np.asarray(np.exp(log_nu(T)))
+    return np.exp(log_nu(T))
 
 
 def _walther(log_log_nu: Curve, T: Array) -> Array:
     nu_mm2_s = 10 ** (10 ** log_log_nu(np.log10(T + ZERO_C))) - WALTHER_OFFSET_MM2_S
-    return np.asarray(nu_mm2_s * 1e-6)
+    return nu_mm2_s * 1e-6
 
 
 _JET_DEGC = np.array([40.0, 100.0])

@@ -241,7 +241,7 @@ def solve_run(model: RunModel, layout: PlungeParameters, theta: Array, r: int) -
     def flux(T: Array, F: Array, nu_F: Array) -> Array:
         log_step, log_viscosity = log_ratios(T, F, nu_F)
         factor = np.exp(ln_h + exponent * log_step + power * log_viscosity)
-        return np.asarray(model.bath.h_W_m2K(T, F) * factor * (F - T) * (1 + burst))
+        return model.bath.h_W_m2K(T, F) * factor * (F - T) * (1 + burst)
 
     matrix_by_ln_k = model.influence.surface_by_ln_k[:n, :n]
     matrix = model.influence.surface[:n, :n] + (ln_k - model.influence.ln_k) * matrix_by_ln_k
@@ -270,8 +270,8 @@ def solve_run(model: RunModel, layout: PlungeParameters, theta: Array, r: int) -
         slope * rise_by_ln_k,
     ]
     system = identity_minus_product(slope, matrix)
-    flux_derivatives = np.asarray(
-        solve_triangular(system, np.column_stack(partial), lower=True, check_finite=False)
+    flux_derivatives = solve_triangular(
+        system, np.column_stack(partial), lower=True, check_finite=False
     )
     temperature_derivatives = matrix @ flux_derivatives
     temperature_derivatives[:, INITIAL] += 1.0

@@ -302,7 +302,7 @@ def differential_covariance(covariance: Array) -> Array:
     [[5e-05, -5e-05], [-5e-05, 5e-05]]
     """
     project = np.eye(len(covariance)) - 1 / len(covariance)
-    return np.asarray(project @ covariance @ project)
+    return project @ covariance @ project
 
 
 def lag_u_s(covariance: Array) -> tuple[float, float]:

@@ -206,7 +206,7 @@ class LagScan:
     def covariance(self) -> Array:
         """Covariance of the lags (C, C): along the profile and at fixed common lag [s2]."""
         along = self.sd_s**2 * np.outer(self.lag_slope, self.lag_slope)
-        return np.asarray(self.differential_covariance + along)
+        return self.differential_covariance + along
 
     def estimate(self, shift_s: float = 0.0, extra_u_s: float = 0.0) -> Estimate:
         """Common lag plus ``shift_s``, with u and 95 % interval widened by ``extra_u_s``."""

@@ -57,12 +57,12 @@ class Reading:
     def value(self, y: Array) -> Array:
         """Deviations ``y`` (..., n) at the block times: linear between knots, zero before entry."""
         low, high = self._ends(y)
-        return np.asarray(self.after * low + self.share * (high - low))
+        return self.after * low + self.share * (high - low)
 
     def slope(self, y: Array) -> Array:
         """Time derivative of ``y`` at the block times [1/s]."""
         low, high = self._ends(y)
-        return np.asarray(self.after / self.width_s * (high - low))
+        return self.after / self.width_s * (high - low)
 
     def _ends(self, y: Array) -> tuple[Array, Array]:
         """Values at both ends of the intervals; times (C, B) read the rows of y (..., C, n)."""
@@ -77,7 +77,7 @@ def identity_minus_product(slope: Array, matrix: Array) -> Array:
     """I - diag(``slope``) ``matrix``, for ``slope`` (n,) and ``matrix`` (n, n)."""
     out = -slope[:, None] * matrix
     out.flat[:: len(matrix) + 1] += 1.0
-    return np.asarray(out)
+    return out
 
 
 def solve_surface(
@@ -205,7 +205,7 @@ def simulate_plunge_model(
     radii = cylinder.outer_radius_m - np.concatenate([[0.0], depths])
     matrix, leak = influence(cylinder, radii, t, modes)
     if callable(fluid_degC):
-        fluid = np.asarray(fluid_degC(t))
+        fluid = fluid_degC(t)
     else:
         fluid = np.full(len(t), float(fluid_degC))
     offset = initial_degC + leak @ (fluid - initial_degC)

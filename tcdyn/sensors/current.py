@@ -311,7 +311,7 @@ def _fit_all(record: _HeatedRecord) -> list[CurveFit]:
     def model(theta: Array) -> Array | None:
         if np.any(np.abs(theta[4:]) > MAX_LOG):
             return None
-        return np.asarray(record.table(theta[4:]) @ theta[:4])
+        return record.table(theta[4:]) @ theta[:4]
 
     def start(biot: float, wall: float, heated: float) -> Array:
         """Best of ten lags, with level, drift, direct and size by linear least squares."""

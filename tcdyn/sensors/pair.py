@@ -402,7 +402,7 @@ def whitened(data: PairData, theta: Array) -> Array:
 def _lag_in_rows(data: PairData, theta: Array, channel: int, power: float) -> Array:
     """Lag (N - 1,) of a channel at the middle between rows, in rows."""
     log_tau = theta[channel : 2 * data.segments : 2][data.segment] - power * data.log_speed
-    return np.asarray(np.exp(0.5 * (log_tau[1:] + log_tau[:-1])) / data.dt_s)
+    return np.exp(0.5 * (log_tau[1:] + log_tau[:-1])) / data.dt_s
 
 
 def _cost(data: PairData, theta: Array) -> float:

@@ -433,7 +433,7 @@ def _fit_lags(
             [*taus, max(medium, 0.0)], delay_s=float(entry), conditioning=record.conditioning
         )
         response = chain.response(ones, dt, "zoh", "zero")
-        return np.asarray(level + size * response + drift * (t - duration_s / 2))
+        return level + size * response + drift * (t - duration_s / 2)
 
     prior = {"medium_s": (medium_s, max(medium_u_s, _exact_u_s(dt)))}
     if record.entry_prior_s is not None:

@@ -116,4 +116,4 @@ def interval_residuals(
     band[0] = squares @ variance
     band[1, :-1] = np.where(shared, squares @ (last[:, :-1] * first[:, 1:]), 0.0)
     factor = cholesky_banded(band, lower=True)
-    return np.asarray(solve_banded((1, 0), factor, residual[index]))
+    return solve_banded((1, 0), factor, residual[index])
