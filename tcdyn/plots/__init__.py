@@ -1,7 +1,7 @@
-"""Pictures of results: ``draw_x(result, ax) -> ax``, and figures made of them.
+"""Figures of results: functions ``draw_x(result, ax) -> ax``, and figures made of them.
 
-``draw`` picks the picture that tells most of a result; every other name below takes the result, or the part of it that
-its first argument names, and a matplotlib axes.
+``draw`` chooses the main figure of a result. Every other function takes the result, or the part of it
+that its first argument names, and matplotlib axes.
 
 >>> import tcdyn.plots
 >>> sorted(name for name in tcdyn.plots.__all__ if "plunge" in name)

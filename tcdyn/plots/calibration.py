@@ -1,8 +1,9 @@
-"""Pictures of what goes in: a log as read, errors and residuals of an oven, transducers, chains and lags."""
+"""Figures of the calibration input: logs, oven errors and residuals, transducers, chains, lags."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -22,74 +23,76 @@ from tcdyn.plots.style import (
     SERIES_MARKERS,
     SLOW,
     TRUTH,
-    dressed,
+    every_nth,
     figure,
-    thinned,
+    style_axes,
 )
 from tcdyn.rig.log import COMPENSATED, Log
 from tcdyn.rig.record import ChainRecord
 from tcdyn.rig.static_line import static_u
 
-LEAST_BINS = 12
+MIN_BINS = 12  # bins of a histogram over the range of the errors, at least; chosen by judgement
+CHANNEL_SHIFT = 0.006  # sideways shift between channels, as a share of the temperature range
 
 
 def bin_width(errors_K: ArrayLike) -> float:
-    """The widest of 0.5, 0.2, 0.1, 0.05 .. K that divides the errors' range into ``LEAST_BINS`` bins or more.
+    """Return the widest of 0.5, 0.2, 0.1, 0.05 .. K that gives at least ``MIN_BINS`` bins.
 
     >>> bin_width([-0.1, 0.0, 0.1]), bin_width([-1.0, 1.5])
     (0.01, 0.2)
     """
-    e = np.asarray(errors_K, dtype=float)
-    span = float(np.nanmax(e) - np.nanmin(e)) if e.size else 0.0
+    errors = np.asarray(errors_K, dtype=float)
+    span = float(np.nanmax(errors) - np.nanmin(errors)) if errors.size else 0.0
     if not span > 0.0:
         return 0.1
-    power = 10.0 ** np.floor(np.log10(span / LEAST_BINS))
-    return float(
-        round(power * max(k for k in (1, 2, 5) if k * power <= span / LEAST_BINS * (1 + 1e-9)), 12)
-    )
+    limit = span / MIN_BINS
+    power = 10.0 ** np.floor(np.log10(limit))
+    factor = max(k for k in (1, 2, 5) if k * power <= limit * (1 + 1e-9))
+    return float(round(power * factor, 12))
 
 
 def draw_error_histogram(
     errors_K: ArrayLike, ax: Axes, *, label: str = "", width_K: float | None = None
 ) -> Axes:
-    """Figure 2.16: how often each error (thermocouple minus PRT) came, bins of ``width_K``, or of a width that suits.
+    """Plot the histogram of the errors (thermocouple minus PRT), figure 2.16.
 
-    The dashed lines hold 95 % of the errors between them.
+    95 % of the errors lie between the dashed lines.
+
+    Parameters
+    ----------
+    errors_K
+        Errors of any shape [K].
+    width_K
+        Width of a bin [K]; by default that of :func:`bin_width`.
     """
-    e = np.asarray(errors_K, dtype=float)
-    width = bin_width(e) if width_K is None else width_K
-    counts, edges = error_histogram(e, width)
-    ax.bar(
-        edges[:-1],
-        counts,
-        width=np.diff(edges),
-        align="edge",
-        color=SLOW,
-        edgecolor="white",
-        label=label or None,
-    )
+    errors = np.asarray(errors_K, dtype=float)
+    width = bin_width(errors) if width_K is None else width_K
+    counts, edges = error_histogram(errors, width)
+    style: dict[str, Any] = {"color": SLOW, "edgecolor": "white"}
+    ax.bar(edges[:-1], counts, width=np.diff(edges), align="edge", label=label or None, **style)
     ax.axvline(0.0, color=TRUTH, linewidth=0.8)
-    for end in np.nanquantile(e, [0.025, 0.975]):
-        ax.axvline(end, color=TRUTH, linewidth=0.9, linestyle="--")
+    for limit in np.nanquantile(errors, [0.025, 0.975]):
+        ax.axvline(limit, color=TRUTH, linewidth=0.9, linestyle="--")
     ax.yaxis.set_major_locator(MaxNLocator(integer=True))
-    return dressed(ax, "thermocouple minus PRT [K]", f"errors per {width:g} K")
+    return style_axes(ax, "thermocouple minus PRT [K]", f"errors per {width:g} K")
 
 
 def draw_residuals(oven: OvenFit, ax: Axes) -> Axes:
-    """Residuals of every channel against the PRT, channels side by side, with the 95 % band of one line."""
+    """Plot the residuals of every channel against the PRT, with the 95 % band of one line.
+
+    The channels are shifted sideways so that their points do not cover each other.
+    """
     table = oven.residuals
     prt = table["prt_degC"].to_numpy(dtype=float)
-    apart = 0.006 * (prt.max() - prt.min())
+    shift = CHANNEL_SHIFT * (prt.max() - prt.min())
     middle = (len(oven.lines) - 1) / 2
     for k, channel in enumerate(oven.lines):
-        tone = str(0.6 * k / max(len(oven.lines) - 1, 1))
-        where = prt + apart * (k - middle)
         ax.plot(
-            where,
+            prt + shift * (k - middle),
             table[f"{channel}_degC"],
             SERIES_MARKERS[k % 6],
             markersize=4,
-            color=tone,
+            color=str(0.6 * k / max(len(oven.lines) - 1, 1)),
             mfc="none",
             label=channel,
         )
@@ -98,139 +101,134 @@ def draw_residuals(oven: OvenFit, ax: Axes) -> Axes:
     band = 1.96 * static_u(line, t)
     ax.fill_between(t, -band, band, color=PALE, zorder=0, label="95 % of a line")
     ax.axhline(0.0, color=TRUTH, linewidth=0.8)
-    return dressed(
-        ax,
-        "PRT [°C]",
-        "PRT minus line [K]",
-        ncols=7,
-        loc="lower left",
-        bbox_to_anchor=(0.0, 1.0),
-        columnspacing=1.0,
-    )
+    above: dict[str, Any] = {
+        "ncols": 7,
+        "loc": "lower left",
+        "bbox_to_anchor": (0.0, 1.0),
+        "columnspacing": 1.0,
+    }
+    return style_axes(ax, "PRT [°C]", "PRT minus line [K]", **above)
 
 
 def draw_transducer(
     line: TransducerLine, volts: ArrayLike, force_N: ArrayLike, session: ArrayLike, ax: Axes
 ) -> Axes:
-    """Figure 2.21: force against volts, one line a session, one slope for all."""
-    v = np.asarray(volts, dtype=float)
-    f = np.asarray(force_N, dtype=float)
-    s = np.asarray(session).astype(str)
+    """Plot force against volts, one line for each session with a common slope (figure 2.21)."""
+    voltage = np.asarray(volts, dtype=float)
+    force = np.asarray(force_N, dtype=float)
+    session_name = np.asarray(session).astype(str)
     for name, intercept in line.intercept_N.items():
-        here = s == name
-        dots = ax.plot(v[here], f[here], "o", markersize=4, label=name)[0]
-        ends = np.array([v[here].min(), v[here].max()])
-        ax.plot(
-            ends, line.slope_N_V.value * ends + intercept.value, color=dots.get_color(), linewidth=1
-        )
-    return dressed(ax, "transducer [V]", "force [N]", title="session")
+        in_session = session_name == name
+        x = voltage[in_session]
+        dots = ax.plot(x, force[in_session], "o", markersize=4, label=name)[0]
+        ends = np.array([x.min(), x.max()])
+        fitted = line.slope_N_V.value * ends + intercept.value
+        ax.plot(ends, fitted, color=dots.get_color(), linewidth=1)
+    return style_axes(ax, "transducer [V]", "force [N]", legend_title="session")
 
 
 def draw_bearing(bearing: BearingFriction, ax: Axes) -> Axes:
-    """Figure 2.25: measured bearing friction of both shafts against load, one line a speed."""
+    """Plot the bearing friction of both shafts against load, one line for each speed (figure 2.25)."""
     for speed, line in zip(bearing.speeds_rpm, bearing.lines):
         dots = ax.plot(line.x, line.y, "o", markersize=4, label=f"{speed:.0f} rpm")[0]
         ends = np.array([line.x.min(), line.x.max()])
         ax.plot(ends, line.slope * ends + line.intercept, color=dots.get_color(), linewidth=1)
-    return dressed(ax, "load [N]", "bearing friction, both shafts [N]", title="slow shaft")
+    y = "bearing friction, both shafts [N]"
+    return style_axes(ax, "load [N]", y, legend_title="slow shaft")
 
 
 def draw_lags(chain: ChainRecord, ax: Axes) -> Axes:
-    """Each channel's lag with its 95 % interval (thin) and with that of its difference from the common lag (thick)."""
+    """Plot the lag of each channel with two 95 % intervals.
+
+    The thin bar is the interval of the lag, the thick bar that of its difference from the common
+    lag.
+    """
     names = sorted(chain.channels)
     common = chain.common_lag_s
     ax.axhspan(common.low95, common.high95, color=PALE, zorder=0, label="common lag, 95 %")
     ax.axhline(common.value, color=TRUTH, linewidth=0.8)
     for i, name in enumerate(names):
         lag = chain.channels[name].lag_s
-        apart = chain.differential_lag_s[name]
-        ax.plot(
-            [i, i],
-            [lag.low95, lag.high95],
-            color=GREY,
-            linewidth=1.2,
-            label="lag, 95 %" if i == 0 else None,
-        )
-        told = "its difference from the common lag, 95 %" if i == 0 else None
-        ends = [common.value + apart.low95, common.value + apart.high95]
-        ax.plot([i, i], ends, color=SLOW, linewidth=5, solid_capstyle="butt", label=told)
+        difference = chain.differential_lag_s[name]
+        thin = [lag.low95, lag.high95]
+        thick = [common.value + difference.low95, common.value + difference.high95]
+        ax.plot([i, i], thin, color=GREY, linewidth=1.2, label="lag, 95 %" if i == 0 else None)
+        label = "its difference from the common lag, 95 %" if i == 0 else None
+        ax.plot([i, i], thick, color=SLOW, linewidth=5, solid_capstyle="butt", label=label)
         ax.plot(i, lag.value, "o", color="white", markeredgecolor=TRUTH, markersize=5)
     ax.set_xticks(range(len(names)), names)
     ax.set_xlim(-0.6, len(names) - 0.4)
-    return dressed(ax, "channel", "lag [s]", ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0))
+    return style_axes(
+        ax, "channel", "lag [s]", ncols=3, loc="lower left", bbox_to_anchor=(0.0, 1.0)
+    )
 
 
 def draw_lag_budget(shares: Sequence[LagShare], ax: Axes) -> Axes:
-    """What each source adds to the uncertainty of the common lag and of the differences, the largest on top [s]."""
+    """Plot what each source adds to the uncertainty of the common lag and of the differences [s].
+
+    The largest source is on top.
+    """
     ordered = sorted(shares, key=lambda s: s.u_common_s)
     y = np.arange(len(ordered))
     common = [s.u_common_s for s in ordered]
-    rest = [s.u_differential_s for s in ordered]
+    differential = [s.u_differential_s for s in ordered]
+    hatched: dict[str, Any] = {"color": "white", "edgecolor": TRUTH, "hatch": "////"}
     ax.barh(y + 0.19, common, 0.36, color=SLOW, label="common lag")
-    ax.barh(
-        y - 0.19,
-        rest,
-        0.36,
-        color="white",
-        edgecolor=TRUTH,
-        hatch="////",
-        label="differences of channels",
-    )
-    right = max([*common, *rest, 1e-6])
-    for k, pair in enumerate(zip(common, rest)):
-        for value, up in zip(pair, (0.19, -0.19)):
-            ax.text(value + 0.01 * right, k + up, f"{value:.3f}", va="center", fontsize=7)
+    ax.barh(y - 0.19, differential, 0.36, label="differences of channels", **hatched)
+    largest = max([*common, *differential, 1e-6])
+    for values, offset in ((common, 0.19), (differential, -0.19)):
+        for k, value in enumerate(values):
+            x = value + 0.01 * largest
+            ax.text(x, k + offset, f"{value:.3f}", va="center", fontsize=7)
     ax.set_yticks(y, [s.source for s in ordered])
-    ax.set_xlim(0, 1.1 * right)
-    dressed(ax, "standard uncertainty [s]", "", loc="lower right").grid(False, axis="y")
+    ax.set_xlim(0, 1.1 * largest)
+    style_axes(ax, "standard uncertainty [s]", "", loc="lower right").grid(False, axis="y")
     return ax
 
 
 def error_figure(oven: OvenFit) -> Figure:
-    """Errors of all channels, raw and with the static lines."""
-    picture, axes = figure(1, 2, height_in=3.0)
-    for ax, errors, when in zip(
-        axes, (oven.raw_errors_K, oven.calibrated_errors_K), ("as logged", "with the static lines")
-    ):
+    """Return the histograms of the errors of all channels, as logged and with the static lines."""
+    fig, axes = figure(1, 2, height_in=3.0)
+    errors_by_title = {
+        "as logged": oven.raw_errors_K,
+        "with the static lines": oven.calibrated_errors_K,
+    }
+    for ax, (title, errors) in zip(axes, errors_by_title.items()):
         largest = float(np.nanmax(np.abs(errors)))
-        draw_error_histogram(errors, ax).set_title(
-            f"{when}: at most {largest:.2g} K", fontsize="medium"
-        )
-    return picture
+        draw_error_histogram(errors, ax)
+        ax.set_title(f"{title}: at most {largest:.2g} K", fontsize="medium")
+    return fig
 
 
 def draw_log(log: Log, ax: Axes) -> Axes:
-    """Every thermocouple of a log against time, or against the PRT for an oven log."""
-    shown = log.frame.iloc[thinned(len(log.frame))]
-    oven = log.kind == "oven"
-    x = shown["prt_degC" if oven else "time_s"]
+    """Plot every thermocouple of a log against time, or its error against the PRT for an oven log."""
+    table = log.frame.iloc[every_nth(len(log.frame))]
+    is_oven = log.kind == "oven"
+    x = table["prt_degC" if is_oven else "time_s"]
     for k, name in enumerate(log.channels):
-        y, line = (
-            (shown[name] - x, "o")
-            if oven
-            else (shown[name], SERIES_LINES[(k // 6) % len(SERIES_LINES)])
-        )
-        words = name.removesuffix("_degC").replace("_", " ")
-        ax.plot(x, y, line, color=f"C{k % 6}", linewidth=0.9, markersize=3, label=words)
-    traced = "compensated" if log.metadata.get("tcdyn") == COMPENSATED else "logged"
-    labels = (
-        ("PRT [°C]", "logged minus PRT [K]") if oven else ("time [s]", f"{traced} temperature [°C]")
-    )
-    return dressed(ax, *labels, ncols=2)
+        y = table[name]
+        style = SERIES_LINES[(k // 6) % len(SERIES_LINES)]
+        if is_oven:
+            y = y - x
+            style = "o"
+        label = name.removesuffix("_degC").replace("_", " ")
+        ax.plot(x, y, style, color=f"C{k % 6}", linewidth=0.9, markersize=3, label=label)
+    if is_oven:
+        return style_axes(ax, "PRT [°C]", "logged minus PRT [K]", ncols=2)
+    source = "compensated" if log.metadata.get("tcdyn") == COMPENSATED else "logged"
+    return style_axes(ax, "time [s]", f"{source} temperature [°C]", ncols=2)
 
 
 def draw_chain(chain: Chain, ax: Axes) -> Axes:
-    """Unit step response of a chain, its first moment marked."""
-    end = 6 * max(chain.lag_s, 1e-3)
-    n = 600
-    dt = end / n
-    before = n // 20
-    step = np.ones(n + before)
-    step[:before] = 0.0
-    t = (np.arange(n + before) - before) * dt
+    """Plot the unit step response of a chain and mark its first moment (the lag)."""
+    n_after = 600
+    n_before = n_after // 20
+    dt = 6 * max(chain.lag_s, 1e-3) / n_after
+    step = np.ones(n_after + n_before)
+    step[:n_before] = 0.0
+    t = (np.arange(n_after + n_before) - n_before) * dt
     ax.plot(t, step, drawstyle="steps-post", color=GREY, linewidth=0.9, label="at the junction")
     ax.plot(t, chain.response(step, dt, hold="zoh"), label="in the log file")
-    ax.axvline(
-        chain.lag_s, linestyle="--", linewidth=0.8, color=DARK, label=f"lag {chain.lag_s:.3g} s"
-    )
-    return dressed(ax, "time after the step [s]", "share of the step [1]", loc="lower right")
+    label = f"lag {chain.lag_s:.3g} s"
+    ax.axvline(chain.lag_s, linestyle="--", linewidth=0.8, color=DARK, label=label)
+    return style_axes(ax, "time after the step [s]", "share of the step [1]", loc="lower right")

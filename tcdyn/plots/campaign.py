@@ -1,9 +1,9 @@
-"""Pictures of a campaign: temperatures and traction over load, friction over speed, beta over dT u_s; and of all its
-tests as one measurement: beta with both uncertainties, the exponent, the junctions."""
+"""Figures of a campaign: temperature, traction, friction and beta over the conditions; its joint posterior."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -21,14 +21,14 @@ from tcdyn.plots.style import (
     SERIES_LINES,
     SERIES_MARKERS,
     TRUTH,
-    dressed,
     figure,
+    style_axes,
 )
-from tcdyn.plots.transient import draw_deeper
+from tcdyn.plots.transient import draw_depth_errors
 from tcdyn.rig.disk import DISKS
 from tcdyn.workflows.campaign_table import done_rows, speed_groups, trend
 
-OVER = {
+X_LABELS = {
     "delta_T_us_K_m_s": "temperature difference of the surfaces times sliding speed, ΔT u_s [K m/s]",
     "load_N": "load [N]",
     "sliding_speed_m_s": "sliding speed [m/s]",
@@ -36,8 +36,15 @@ OVER = {
 }
 
 
+LETTER_WIDTH = 0.013  # of a seven-point letter, as a share of the axes' width; measured by eye
+NAME_GAP = 0.006  # between two names, as a share of the axes' width; chosen by judgement
+
+
 def temperature_figure(table: pd.DataFrame, quantity: str, label: str) -> Figure:
-    """``<disk>_<quantity>`` over load, a panel for each disk on one scale (figures 6.17 and 7.20)."""
+    """Return ``<disk>_<quantity>`` over load, a panel for each disk (figures 6.17 and 7.20).
+
+    Both panels have the same scale.
+    """
     fig, axes = figure(1, 2, height_in=3.8)
     axes[1].sharey(axes[0])
     for disk, ax in zip(DISKS, axes):
@@ -46,50 +53,44 @@ def temperature_figure(table: pd.DataFrame, quantity: str, label: str) -> Figure
 
 
 def draw_temperature(table: pd.DataFrame, disk: str, quantity: str, label: str, ax: Axes) -> Axes:
-    """``<disk>_<quantity>`` [degC] over load, a marker and a least-squares line for each sliding speed."""
-    return _by_speed(table, f"{disk}_{quantity}", ax, f"{label} [°C]", f"{disk} disk")
+    """Plot ``<disk>_<quantity>`` [degC] over load, with a line for each sliding speed."""
+    return _draw_by_speed(table, f"{disk}_{quantity}", ax, f"{label} [°C]", f"{disk} disk")
 
 
 def draw_traction(table: pd.DataFrame, ax: Axes) -> Axes:
-    """Traction force over load, a marker and a least-squares line for each sliding speed (figure 6.33)."""
-    return _by_speed(table, "friction_N", ax, "traction force [N]")
+    """Plot the traction force over load, with a line for each sliding speed (figure 6.33)."""
+    return _draw_by_speed(table, "friction_N", ax, "traction force [N]")
 
 
 def draw_friction_coefficient(table: pd.DataFrame, ax: Axes) -> Axes:
-    """Friction coefficient over sliding speed, a marker and a least-squares line for each load (figure 6.34)."""
+    """Plot the friction coefficient over sliding speed, with a line for each load (figure 6.34)."""
     good = done_rows(table)
     good["group"] = speed_groups(good["load_N"].to_numpy(dtype=float))
-    for k, (_, part) in enumerate(good.groupby("group")):
-        _series(
-            ax,
-            part,
-            "sliding_speed_m_s",
-            "friction_coefficient",
-            k,
-            f"{part['load_N'].mean():.0f} N",
-        )
-    return dressed(
-        ax, "sliding speed [m/s]", "coefficient of friction [1]", title="load", title_fontsize=8
-    )
+    for k, (_, group) in enumerate(good.groupby("group")):
+        label = f"{group['load_N'].mean():.0f} N"
+        _draw_series(ax, group, "sliding_speed_m_s", "friction_coefficient", k, label)
+    x = "sliding speed [m/s]"
+    y = "coefficient of friction [1]"
+    return style_axes(ax, x, y, legend_title="load", title_fontsize=8)
 
 
 def draw_beta(table: pd.DataFrame, ax: Axes) -> Axes:
-    """beta by the speed law, and by both disks' joint fit, over dT u_s with 95 % bars and a line (figure 7.18)."""
+    """Plot beta over dT u_s with 95 % bars and a least-squares line (figure 7.18).
+
+    Dots are the estimates by the speed law, triangles those by the joint fit of both disks, shifted
+    sideways so that the bars of one test stay apart.
+    """
     good = done_rows(table)
     x = good["delta_T_us_K_m_s"].to_numpy(dtype=float)
-    aside = 0.008 * max(
-        float(np.ptp(x)), 0.05 * float(np.abs(x).max())
-    )  # so that the bars of one test stand apart
-    for column, marker, colour, fill, shift, label in (
+    shift = 0.008 * max(float(np.ptp(x)), 0.05 * float(np.abs(x).max()))
+    for column, marker, colour, fill, offset, label in (
         ("beta", "o", TRUTH, TRUTH, 0.0, "speed law"),
-        ("beta_both", "^", GREY, "white", aside, "joint fit, both disks"),
+        ("beta_both", "^", GREY, "white", shift, "joint fit, both disks"),
     ):
-        y = good[column].to_numpy(dtype=float)
-        u = good[f"u_{column}"].to_numpy(dtype=float)
         ax.errorbar(
-            x + shift,
-            y,
-            yerr=Z95 * u,
+            x + offset,
+            good[column].to_numpy(dtype=float),
+            yerr=Z95 * good[f"u_{column}"].to_numpy(dtype=float),
             fmt=marker,
             color=colour,
             markerfacecolor=fill,
@@ -100,36 +101,37 @@ def draw_beta(table: pd.DataFrame, ax: Axes) -> Axes:
     line = trend(x, good["beta"].to_numpy(dtype=float))
     if line is not None:
         ends = np.array([x.min(), x.max()])
-        ax.plot(
-            ends,
-            line.intercept + line.slope * ends,
-            ":",
-            color=TRUTH,
-            linewidth=1,
-            label="line, least squares",
-        )
+        values = line.intercept + line.slope * ends
+        ax.plot(ends, values, ":", color=TRUTH, linewidth=1, label="line, least squares")
     name_points(ax, x, [str(name) for name in good["test"]])
-    return dressed(ax, OVER["delta_T_us_K_m_s"], "heat partition β [1]", legend=True)
+    return style_axes(ax, X_LABELS["delta_T_us_K_m_s"], "heat partition β [1]", legend=True)
 
 
 def name_points(ax: Axes, x: Sequence[float] | np.ndarray, names: Sequence[str]) -> None:
-    """Names above the axes over their ``x``, in as many rows as keep them apart, with a hair line down to each."""
+    """Write names above the axes at ``x``, with a thin line down to each.
+
+    They take as many rows as are needed to keep them apart.
+    """
     low = float(np.min(x))
     high = float(np.max(x))
     margin = 0.06 * (high - low) or 0.1 * abs(high) or 1.0
     ax.set_xlim(low - margin, high + margin)
-    share = (
-        0.013 * max(len(n) for n in names) + 0.006
-    )  # of the axes' width: seven-point letters and a gap
-    rows: list[float] = []  # where the last name of each row ends
-    for at, name in sorted(zip(x, names)):
-        place = (at - low + margin) / (high - low + 2 * margin)
-        row = next((k for k, end in enumerate(rows) if place - share / 2 > end), len(rows))
-        rows[row : row + 1] = [place + share / 2]
-        ax.axvline(at, color=PALE, linewidth=0.6, zorder=0)
+    width = LETTER_WIDTH * max(len(name) for name in names) + NAME_GAP
+    row_ends: list[float] = []  # end of the last name of each row, as a share of the axes' width
+    for position, name in sorted(zip(x, names)):
+        centre = (position - low + margin) / (high - low + 2 * margin)
+        start = centre - width / 2
+        free_rows = [row for row, end in enumerate(row_ends) if start > end]
+        if free_rows:
+            row = free_rows[0]
+            row_ends[row] = centre + width / 2
+        else:
+            row = len(row_ends)
+            row_ends.append(centre + width / 2)
+        ax.axvline(position, color=PALE, linewidth=0.6, zorder=0)
         ax.annotate(
             name,
-            (at, 1.0),
+            (position, 1.0),
             xycoords=("data", "axes fraction"),
             xytext=(0, 3 + 10 * row),
             textcoords="offset points",
@@ -140,45 +142,59 @@ def name_points(ax: Axes, x: Sequence[float] | np.ndarray, names: Sequence[str])
         )
 
 
-def _by_speed(table: pd.DataFrame, column: str, ax: Axes, label: str, head: str = "") -> Axes:
-    for k, (_, part) in enumerate(done_rows(table).groupby("group")):
-        _series(ax, part, "load_N", column, k, f"{part['sliding_speed_m_s'].mean():.1f} m/s")
-    return dressed(ax, "load [N]", label, head=head, title="sliding speed", title_fontsize=8)
+def _draw_by_speed(table: pd.DataFrame, column: str, ax: Axes, y: str, title: str = "") -> Axes:
+    """Plot a column over load, with a marker and a line for each sliding speed."""
+    for k, (_, group) in enumerate(done_rows(table).groupby("group")):
+        label = f"{group['sliding_speed_m_s'].mean():.1f} m/s"
+        _draw_series(ax, group, "load_N", column, k, label)
+    legend: dict[str, Any] = {"legend_title": "sliding speed", "title_fontsize": 8}
+    return style_axes(ax, "load [N]", y, title=title, **legend)
 
 
-def _series(ax: Axes, part: pd.DataFrame, over: str, column: str, k: int, label: str) -> None:
-    """One group of tests: points, with 95 % bars where the table has u, and their line where three or more make one."""
-    x, y = (part[name].to_numpy(dtype=float) for name in (over, column))
+def _draw_series(
+    ax: Axes, group: pd.DataFrame, x_column: str, y_column: str, k: int, label: str
+) -> None:
+    """Plot one group of tests with its least-squares line, if three or more tests give one.
+
+    Points have 95 % bars where the table has a column ``u_<y_column>``. ``k``: number of the group.
+    """
+    x = group[x_column].to_numpy(dtype=float)
+    y = group[y_column].to_numpy(dtype=float)
     colour = SERIES_COLOURS[k % len(SERIES_COLOURS)]
     marker = SERIES_MARKERS[k % len(SERIES_MARKERS)]
-    line = trend(x, y)
-    style = SERIES_LINES[k % len(SERIES_LINES)] if line is not None else "none"
-    if f"u_{column}" in part:
-        ax.errorbar(
-            x,
-            y,
-            yerr=Z95 * part[f"u_{column}"].to_numpy(dtype=float),
-            fmt="none",
-            ecolor=colour,
-            capsize=2,
-        )
+    style = "none"
+    u_column = f"u_{y_column}"
+    if u_column in group:
+        half_width = Z95 * group[u_column].to_numpy(dtype=float)
+        ax.errorbar(x, y, yerr=half_width, fmt="none", ecolor=colour, capsize=2)
     ax.plot(x, y, marker, color=colour, linestyle="none")
-    ax.plot([], [], marker=marker, color=colour, linestyle=style, label=label)
+    line = trend(x, y)
     if line is not None:
+        style = SERIES_LINES[k % len(SERIES_LINES)]
         ends = np.array([x.min(), x.max()])
         ax.plot(ends, line.intercept + line.slope * ends, style, color=colour, linewidth=1)
+    ax.plot([], [], marker=marker, color=colour, linestyle=style, label=label)
 
 
 def draw_joined_beta(joined: JoinedCampaign, ax: Axes, against: str = "delta_T_us_K_m_s") -> Axes:
-    """beta of every test, 95 % bars within the campaign (thick) and absolute (thin); trend with band; models."""
-    p = joined.posterior
-    x = np.array([t.conditions[against] for t in p.tests])
-    y = p.beta[0]
-    inside, whole = (np.array([e[k].u for e in p.estimates]) for k in ("beta_within", "beta"))
+    """Plot beta of every test of the joint posterior, with the trend and the compared models.
+
+    The thick bars are the 95 % intervals within the campaign, the thin bars the absolute ones.
+
+    Parameters
+    ----------
+    against
+        Condition on the x axis, a key of ``X_LABELS``.
+    """
+    posterior = joined.posterior
+    x = np.array([test.conditions[against] for test in posterior.tests])
+    beta = posterior.beta[0]
+    u_within = np.array([estimates["beta_within"].u for estimates in posterior.estimates])
+    u_absolute = np.array([estimates["beta"].u for estimates in posterior.estimates])
     ax.errorbar(
         x,
-        y,
-        yerr=Z95 * whole,
+        beta,
+        yerr=Z95 * u_absolute,
         fmt="none",
         ecolor=GREY,
         elinewidth=0.8,
@@ -187,41 +203,41 @@ def draw_joined_beta(joined: JoinedCampaign, ax: Axes, against: str = "delta_T_u
     )
     ax.errorbar(
         x,
-        y,
-        yerr=Z95 * inside,
+        beta,
+        yerr=Z95 * u_within,
         fmt="o",
         color=TRUTH,
         markersize=3,
         elinewidth=2.2,
         label="95 %, within the campaign",
     )
-    trend = next((t for t in joined.trends if t.against == (against,)), None)
-    if trend is not None:
-        at = np.linspace(x.min(), x.max(), 50)
-        line, u = trend.at(at)
-        ax.fill_between(at, line - Z95 * u, line + Z95 * u, color=PALE, zorder=0)
-        ax.plot(at, line, ":", color=TRUTH, linewidth=1, label="line, generalised least squares")
-    for k, test in enumerate(c for c in joined.curves if c.curve.against == against):
+    for trend_line in joined.trends:
+        if trend_line.against == (against,):
+            grid = np.linspace(x.min(), x.max(), 50)
+            line, u = trend_line.at(grid)
+            label = "line, generalised least squares"
+            ax.fill_between(grid, line - Z95 * u, line + Z95 * u, color=PALE, zorder=0)
+            ax.plot(grid, line, ":", color=TRUTH, linewidth=1, label=label)
+            break
+    curves = [test.curve for test in joined.curves if test.curve.against == against]
+    for k, curve in enumerate(curves):
         style = SERIES_LINES[k % len(SERIES_LINES)]
-        ax.plot(
-            test.curve.x,
-            test.curve.beta,
-            style,
-            color=DISK_COLOUR["fast"],
-            linewidth=1.2,
-            label=test.curve.file,
-        )
-    name_points(ax, x, [name.removeprefix("EHL_") for name in p.order])
-    return dressed(ax, OVER[against], "heat partition β [1]", legend=True)
+        colour = DISK_COLOUR["fast"]
+        ax.plot(curve.x, curve.beta, style, color=colour, linewidth=1.2, label=curve.file)
+    name_points(ax, x, [name.removeprefix("EHL_") for name in posterior.order])
+    return style_axes(ax, X_LABELS[against], "heat partition β [1]", legend=True)
 
 
 def draw_exponent(joined: JoinedCampaign, ax: Axes) -> Axes:
-    """n of every test over the entraining speed, 95 % bars against each other, and n of all with its 95 % band."""
+    """Plot the exponent n of h ~ u^n of every test over the entraining speed, and that of all tests.
+
+    Bars are the 95 % intervals within the campaign, the band that of the common exponent.
+    """
     law = joined.law
-    x = np.array([t.conditions["entraining_speed_m_s"] for t in joined.posterior.tests])
-    n = law.exponent
-    ax.axhspan(n.low95, n.high95, color=PALE, zorder=0, label="all tests, 95 %")
-    ax.axhline(n.value, color=TRUTH, linestyle="--", linewidth=1)
+    x = np.array([test.conditions["entraining_speed_m_s"] for test in joined.posterior.tests])
+    common = law.exponent
+    ax.axhspan(common.low95, common.high95, color=PALE, zorder=0, label="all tests, 95 %")
+    ax.axhline(common.value, color=TRUTH, linestyle="--", linewidth=1)
     ax.errorbar(
         x,
         law.each,
@@ -233,10 +249,10 @@ def draw_exponent(joined: JoinedCampaign, ax: Axes) -> Axes:
         linewidth=0.9,
         label="each test, against the others",
     )
-    return dressed(ax, "entraining speed [m/s]", "exponent n of h ~ u^n [1]", loc="lower left")
+    return style_axes(ax, "entraining speed [m/s]", "exponent n of h ~ u^n [1]", loc="lower left")
 
 
 def draw_junctions(joined: JoinedCampaign, ax: Axes) -> Axes:
-    """How much deeper than stated all tests together place each junction, 95 % bars."""
-    draw_deeper(joined.deeper_mm, ax, "{} disk")
-    return dressed(ax, "junction", "deeper than stated [mm]", legend=True)
+    """Plot the depth errors of the junctions that all tests together estimate, with 95 % bars."""
+    draw_depth_errors(joined.deeper_mm, ax, "{} disk")
+    return style_axes(ax, "junction", "deeper than nominal [mm]", legend=True)

@@ -1,135 +1,134 @@
-"""Pictures of the temperature round a disk: the middle plane unrolled, and the running surface against the angle."""
+"""Figures of the temperature around a disk: its middle plane, its surface, and its press fit."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from tcdyn.plots.style import DISK_COLOUR, TRUTH, dressed, figure, line_with_band
+from tcdyn.plots.style import DISK_COLOUR, TRUTH, figure, line_with_band, style_axes
 from tcdyn.rig.circumferential import Around
 from tcdyn.rig.contact import press_fit
 from tcdyn.rig.disk import DiskSetup
 from tcdyn.rig.press_fit import harmonics, mean_shares
 
-CENTRE_M = 1e-4  # junctions nearer than this to the middle plane are in it
-TONES = 12
-STEP_DEG = 0.25  # of a drawn conductance
-LEFT = "df"  # junctions whose letter stands on the left, clear of a neighbour's
+MIDDLE_PLANE_M = 1e-4  # junctions nearer than this to the middle plane count as in it; judgement
+N_LEVELS = 12  # colour levels of the middle plane
+STEP_DEG = 0.25  # resolution of the conductance curve [deg]
+LABEL_ON_LEFT = "df"  # junctions labelled on the left, so that labels of neighbours stay apart
+CLIPPED = 0.05  # contour labels this near to the top or bottom (share of the depth) would be cut
 
 
 def draw_round(around: Around, ax: Axes) -> Axes:
-    """Middle plane of a disk, angle along and depth down, with the junctions: filled those that lie in it.
+    """Plot the middle plane of a disk over angle and depth, with the junctions and their readings.
 
-    A junction's letter stands with what it reads; those beside the middle plane are colder than the colour there.
+    Junctions in the middle plane are filled. Junctions beside it read less than the colour at
+    their position.
     """
     depth = 1e3 * around.depth_m
-    tones = ax.contourf(around.angle_deg, depth, around.middle_degC, levels=TONES, cmap="cividis")
-    lines = ax.contour(
-        around.angle_deg,
-        depth,
-        around.middle_degC,
-        levels=np.array(tones.levels)[::2],
-        colors="k",
-        linewidths=0.4,
+    filled = ax.contourf(
+        around.angle_deg, depth, around.middle_degC, levels=N_LEVELS, cmap="cividis"
     )
-    for number in ax.clabel(lines, fmt="%.4g", fontsize=7):
-        if not 0.05 < number.get_position()[1] / depth.max() < 0.95:
-            number.remove()  # it would be cut by the frame
-    ax.figure.colorbar(tones, ax=ax, label="middle plane [°C]")
-    for c, seen in around.seen_degC.items():
-        j = around.setup.junctions[c]
-        at = j.angle_deg % 360.0
-        mm = 1e3 * j.depth_m
-        inside = abs(j.z_m - 0.5 * around.setup.width_m) < CENTRE_M
-        ax.plot(
-            at,
-            mm,
-            "o",
-            color="white",
-            markerfacecolor=TRUTH if inside else "white",
-            markeredgecolor=TRUTH,
-            markersize=6,
-            zorder=4,
-            clip_on=False,
-        )
-        side = -1 if c in LEFT else 1
-        ax.annotate(
-            f"{c} {seen:.1f}",
-            (at, mm),
-            xytext=(6 * side, 4),
-            textcoords="offset points",
-            fontsize=7.5,
-            zorder=5,
-            ha="left" if side > 0 else "right",
-            bbox={
-                "boxstyle": "round,pad=0.15",
-                "facecolor": "white",
-                "edgecolor": "none",
-                "alpha": 0.8,
-            },
-        )
+    every_second = np.array(filled.levels)[::2]
+    line_style: dict[str, Any] = {"colors": "k", "linewidths": 0.4}
+    lines = ax.contour(
+        around.angle_deg, depth, around.middle_degC, levels=every_second, **line_style
+    )
+    for text in ax.clabel(lines, fmt="%.4g", fontsize=7):
+        if not CLIPPED < text.get_position()[1] / depth.max() < 1 - CLIPPED:
+            text.remove()
+    ax.figure.colorbar(filled, ax=ax, label="middle plane [°C]")
+    for name, reading in around.seen_degC.items():
+        _draw_junction(around.setup, name, reading, ax)
     ax.set_ylim(1.02 * depth.max(), 0.0)
-    _all_round(ax, "depth below the running surface [mm]", f"{around.disk} disk").grid(False)
+    y = "depth below the running surface [mm]"
+    _style_angle_axes(ax, y, f"{around.disk} disk").grid(False)
     return ax
 
 
-def draw_round_surface(around: Around, ax: Axes) -> Axes:
-    """Mean temperature across the running surface against the angle, with its 95 % band where it has one."""
-    t = around.surface_degC
-    line_with_band(
-        ax, around.angle_deg, t, around.surface_u_K, DISK_COLOUR[around.disk], linewidth=1.6
+def _draw_junction(setup: DiskSetup, name: str, reading_degC: float, ax: Axes) -> None:
+    """Plot a junction over angle and depth, with its name and its reading."""
+    junction = setup.junctions[name]
+    position = junction.angle_deg % 360.0, 1e3 * junction.depth_m
+    in_middle_plane = abs(junction.z_m - 0.5 * setup.width_m) < MIDDLE_PLANE_M
+    ax.plot(
+        *position,
+        "o",
+        color="white",
+        markerfacecolor=TRUTH if in_middle_plane else "white",
+        markeredgecolor=TRUTH,
+        markersize=6,
+        zorder=4,
+        clip_on=False,
     )
-    head = f"{around.disk} disk: {float(np.ptp(t)):.2g} K between the hottest and the coldest side"
-    return _all_round(ax, "running surface [°C]", head)
+    on_left = name in LABEL_ON_LEFT
+    ax.annotate(
+        f"{name} {reading_degC:.1f}",
+        position,
+        xytext=(-6 if on_left else 6, 4),
+        textcoords="offset points",
+        fontsize=7.5,
+        zorder=5,
+        ha="right" if on_left else "left",
+        bbox={
+            "boxstyle": "round,pad=0.15",
+            "facecolor": "white",
+            "edgecolor": "none",
+            "alpha": 0.8,
+        },
+    )
+
+
+def draw_round_surface(around: Around, ax: Axes) -> Axes:
+    """Plot the mean temperature across the running surface against the angle, with its 95 % band."""
+    t = around.surface_degC
+    colour = DISK_COLOUR[around.disk]
+    line_with_band(ax, around.angle_deg, t, around.surface_u_K, colour, linewidth=1.6)
+    range_K = float(np.ptp(t))
+    title = f"{around.disk} disk: {range_K:.2g} K between the hottest and the coldest side"
+    return _style_angle_axes(ax, "running surface [°C]", title)
 
 
 def round_figure(disks: Sequence[Around]) -> Figure:
-    """The middle planes of both disks, and below them their running surfaces."""
-    picture, axes = figure(2, 2, width_in=10.0, height_in=6.4)
-    for around, whole, surface in zip(disks, axes[:2], axes[2:]):
-        draw_round(around, whole)
-        draw_round_surface(around, surface)
-    return picture
+    """Return the middle planes of both disks, and their running surfaces below."""
+    fig, axes = figure(2, 2, width_in=10.0, height_in=6.4)
+    for around, upper, lower in zip(disks, axes[:2], axes[2:]):
+        draw_round(around, upper)
+        draw_round_surface(around, lower)
+    return fig
 
 
 def draw_fit(setup: DiskSetup, ax: Axes) -> Axes:
-    """Conductance of a stated press fit against the angle, its harmonics 0 to 2, and where the junctions are."""
+    """Plot the conductance of the press fit of ``rig.toml`` against the angle.
+
+    The dashed line is the sum of its harmonics 0 to 2. The letters are the junctions.
+    """
     edges = np.arange(0.0, 360.0 + STEP_DEG, STEP_DEG, dtype=np.float64)
     angle = 0.5 * (edges[1:] + edges[:-1])
-    colour = DISK_COLOUR[setup.name]
     sectors = setup.fit.sectors(1e3 * setup.bore_radius_m)
     bearing = 1e-3 * press_fit(setup)[1]
+    conductance = bearing * mean_shares(sectors, edges)
     c = bearing * harmonics(sectors, 2)
     smooth = c[0].real + 2 * sum((c[n] * np.exp(1j * n * np.deg2rad(angle))).real for n in (1, 2))
-    ax.plot(
-        angle, bearing * mean_shares(sectors, edges), color=colour, linewidth=1.6, label="as stated"
-    )
-    ax.plot(
-        angle,
-        smooth,
-        color=TRUTH,
-        linewidth=1.0,
-        linestyle="--",
-        label="mean, first and second harmonic",
-    )
+    colour = DISK_COLOUR[setup.name]
+    ax.plot(angle, conductance, color=colour, linewidth=1.6, label="as in rig.toml")
+    label = "mean, first and second harmonic"
+    ax.plot(angle, smooth, color=TRUTH, linewidth=1.0, linestyle="--", label=label)
     ax.axhline(0.0, color="k", linewidth=0.4)
+    transform = ax.get_xaxis_transform()
     for name, j in setup.junctions.items():
-        ax.annotate(
-            name,
-            (j.angle_deg % 360.0, 0.01),
-            xycoords=ax.get_xaxis_transform(),
-            ha="center",
-            fontsize=8,
-        )
+        position = (j.angle_deg % 360.0, 0.01)
+        ax.annotate(name, position, xycoords=transform, ha="center", fontsize=8)
     ax.set_ylim(min(-0.1 * bearing, ax.get_ylim()[0]), None)
-    return _all_round(ax, "conductance of the fit [kW/m²K]", f"{setup.name} disk", legend=True)
+    y = "conductance of the fit [kW/m²K]"
+    return _style_angle_axes(ax, y, f"{setup.name} disk", legend=True)
 
 
-def _all_round(ax: Axes, y: str, head: str, legend: bool = False) -> Axes:
-    """``ax`` over a whole turn round the shaft."""
+def _style_angle_axes(ax: Axes, y: str, title: str, legend: bool = False) -> Axes:
+    """Set the x axis of ``ax`` to one turn around the shaft, and its labels and style."""
     ax.set_xlim(0.0, 360.0)
     ax.set_xticks(np.arange(0, 361, 60))
-    return dressed(ax, "angle round the shaft [deg]", y, head=head, legend=legend)
+    return style_axes(ax, "angle around the shaft [deg]", y, title=title, legend=legend)

@@ -1,8 +1,8 @@
-"""Pictures of the rim model: fields, boundary profiles, maps of beta and h, and the checks of section 3.6."""
+"""Figures of the rim model: fields, boundary profiles, maps of beta and h, checks of section 3.6."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
 import numpy as np
@@ -12,112 +12,130 @@ from numpy.typing import ArrayLike
 
 from tcdyn.heat.modal import spectrum
 from tcdyn.heat.rim import MESH_IV, Mesh, Point, Profile, Rim
-from tcdyn.plots.style import DARK, FAST, SLOW, TRUTH, dressed, pictured
+from tcdyn.plots.style import DARK, FAST, SLOW, TRUTH, pictured, style_axes
+from tcdyn.verify import studies
+from tcdyn.verify.rim_rows import TABLE_3_2
 from tcdyn.verify.studies import IDEAL_TIMES_S, ClosedForm, Convergence, MeshErrors
 
 
 def draw_field(
     field_degC: ArrayLike, rim: Rim, ax: Axes, *, points: Mapping[str, Point] | None = None
 ) -> Axes:
-    """Isotherms of a field (nr, nz) [degC] over z and depth, the running surface on top; junctions by name."""
+    """Plot the isotherms of a temperature field over z and depth, the running surface on top.
+
+    Parameters
+    ----------
+    field_degC
+        Temperatures (nr, nz) from the bore to the running surface [degC].
+    points
+        Junctions by name: (depth, z) [m].
+    """
     field = np.asarray(field_degC, dtype=float)
-    depth = np.linspace(rim.thickness_m, 0.0, field.shape[0]) * 1e3
-    z = np.linspace(0.0, rim.width_m, field.shape[1]) * 1e3
-    filled = ax.contourf(z, depth, field, levels=14, cmap="inferno")
+    depth_mm = np.linspace(rim.thickness_m, 0.0, field.shape[0]) * 1e3
+    z_mm = np.linspace(0.0, rim.width_m, field.shape[1]) * 1e3
+    filled = ax.contourf(z_mm, depth_mm, field, levels=14, cmap="inferno")
     ax.figure.colorbar(filled, ax=ax, label="temperature [°C]")
-    for name, (d, at) in (points or {}).items():
-        ax.plot(at * 1e3, d * 1e3, "o", color="white", markeredgecolor=TRUTH, markersize=5)
-        ax.annotate(
-            name, (at * 1e3, d * 1e3), xytext=(5, 3), textcoords="offset points", color="white"
-        )
+    for name, (depth_m, z_m) in (points or {}).items():
+        position = (z_m * 1e3, depth_m * 1e3)
+        ax.plot(*position, "o", color="white", markeredgecolor=TRUTH, markersize=5)
+        ax.annotate(name, position, xytext=(5, 3), textcoords="offset points", color="white")
     ax.invert_yaxis()
-    return dressed(ax, "z [mm]", "depth [mm]")
+    return style_axes(ax, "z [mm]", "depth [mm]")
 
 
 def draw_profiles(
     rim: Rim, readings_degC: Sequence[float], ambient_degC: float, ax: Axes, mesh: Mesh = MESH_IV
 ) -> Axes:
-    """Figure 3.8: the three boundary profiles through readings of the inner row along r = R_i."""
+    """Plot the three boundary profiles through readings of the inner row along r = R_i (figure 3.8)."""
     z = np.linspace(0.0, rim.width_m, mesh.nz)
-    k = len(readings_degC)
+    n_readings = len(readings_degC)
     kinds: tuple[Profile, ...] = ("quadratic", "quartic", "modal")
     for kind, style in zip(kinds, ("-", "--", ":")):
         basis = spectrum(rim, 0.0, rim.width_m / 4, kind, "uniform", mesh).profile
-        line = np.asarray(readings_degC) @ basis[:k] + ambient_degC * basis[k:].sum(axis=0)
-        ax.plot(z * 1e3, line, style, label=kind)
+        from_readings = np.asarray(readings_degC) @ basis[:n_readings]
+        from_ambient = ambient_degC * basis[n_readings:].sum(axis=0)
+        ax.plot(z * 1e3, from_readings + from_ambient, style, label=kind)
     ax.plot(np.array(rim.boundary_z_m) * 1e3, readings_degC, "ko", label="inner row")
-    return dressed(ax, "z [mm]", "temperature at R_i [°C]", legend=True)
+    return style_axes(ax, "z [mm]", "temperature at R_i [°C]", legend=True)
 
 
 def draw_comparison(check: ClosedForm, ax: Axes) -> Axes:
-    """A closed form (line) and the scheme (dots), with the error in percent on the right."""
+    """Plot a closed form (line), the scheme (dots) and the error in percent (right axis)."""
     ax.plot(check.x, check.exact, color=SLOW, label="closed form")
     step = max(len(check.x) // 25, 1)
     ax.plot(check.x[::step], check.scheme[::step], "o", color=FAST, markersize=4, label="scheme")
-    right = ax.twinx()
-    right.plot(check.x, check.error_percent, ":", color=DARK, linewidth=1.0)
-    right.set_ylabel("error [%] (dotted)", color=DARK)
-    return dressed(ax, check.x_label, "temperature [°C]", head=check.title, loc="center right")
+    error_axis = ax.twinx()
+    error_axis.plot(check.x, check.error_percent, ":", color=DARK, linewidth=1.0)
+    error_axis.set_ylabel("error [%] (dotted)", color=DARK)
+    return style_axes(ax, check.x_label, "temperature [°C]", title=check.title, loc="center right")
 
 
 def draw_convergence(checks: Sequence[Convergence], ax: Axes) -> Axes:
-    """Largest error against the number of nodes, log-log, with the fitted orders."""
+    """Plot the largest error against the number of nodes, log-log, with the fitted orders."""
     for check, style in zip(checks, ("o-", "s--", "^:")):
-        ax.loglog(
-            check.nodes, check.error_K, style, label=f"{check.title}: order {check.order:.2f}"
-        )
+        label = f"{check.title}: order {check.order:.2f}"
+        ax.loglog(check.nodes, check.error_K, style, label=label)
         ax.set_xticks(check.nodes, [f"{n}" for n in check.nodes])
     ax.minorticks_off()
-    return dressed(ax, "nodes in r", "largest error [K]", legend=True)
+    return style_axes(ax, "nodes in r", "largest error [K]", legend=True)
 
 
 def draw_mesh_errors(
-    ours: Mapping[str, MeshErrors],
+    computed: Mapping[str, MeshErrors],
     published: Mapping[str, Sequence[float]],
     ax: Axes,
-    part: str = "maximum",
+    statistic: str = "maximum",
 ) -> Axes:
-    """Tables 3.2 or 3.3: errors against mesh IV in time, ours (lines) and published (crosses)."""
-    for k, (name, errors) in enumerate(ours.items()):
-        colour = (TRUTH, FAST, SLOW)[k % 3]
-        marker = "os^"[k % 3]
-        line = ("-", "--", "-.")[k % 3]
-        ax.semilogy(
-            IDEAL_TIMES_S,
-            getattr(errors, part),
-            marker,
-            color=colour,
-            linestyle=line,
-            label=f"mesh {name}",
-        )
+    """Plot the errors against mesh IV in time: computed (lines) and of table 3.2 or 3.3 (crosses).
+
+    Parameters
+    ----------
+    computed, published
+        Errors by name of the mesh.
+    statistic
+        "maximum" or "mean".
+    """
+    styles = ((TRUTH, "o", "-"), (FAST, "s", "--"), (SLOW, "^", "-."))
+    for k, (name, errors) in enumerate(computed.items()):
+        colour, marker, line = styles[k % 3]
+        values = getattr(errors, statistic)
+        style = {"color": colour, "marker": marker, "linestyle": line}
+        ax.semilogy(IDEAL_TIMES_S, values, label=f"mesh {name}", **style)
         ax.semilogy(IDEAL_TIMES_S, published[name], "x", color=colour)
-    return dressed(ax, "time [s]", f"{part} error against mesh IV [%]", title="crosses: published")
+    y = f"{statistic} error against mesh IV [%]"
+    return style_axes(ax, "time [s]", y, legend_title="crosses: published")
 
 
 def draw_map(error_K: ArrayLike, h_W_m2K: ArrayLike, share: ArrayLike, ax: Axes) -> Axes:
-    """The steady map of chapter 4: misfit (H, B) [K] over film coefficient and share of the heat."""
-    filled = ax.contourf(
-        np.asarray(h_W_m2K), np.asarray(share), np.asarray(error_K).T, levels=20, cmap="viridis"
-    )
+    """Plot the steady map of chapter 4: misfit over heat transfer coefficient and share of the heat.
+
+    Parameters
+    ----------
+    error_K
+        Misfit (H, B) [K].
+    h_W_m2K
+        Heat transfer coefficients (H,).
+    share
+        Shares of the heat (B,).
+    """
+    misfit = np.asarray(error_K).T
+    filled = ax.contourf(np.asarray(h_W_m2K), np.asarray(share), misfit, levels=20, cmap="viridis")
     ax.figure.colorbar(filled, ax=ax, label="misfit [K]")
-    return dressed(ax, "h [W/m²K]", "share of the heat")
+    return style_axes(ax, "h [W/m²K]", "share of the heat")
 
 
 def verify_figures() -> dict[str, Figure]:
-    """The pictures of the verification report, by caption."""
-    from tcdyn.verify import studies
-    from tcdyn.verify.rim_rows import TABLE_3_2
-
-    draws = {
-        c.title: partial(draw_comparison, c)
-        for c in (studies.transient_check(), studies.steady_check())
-    }
+    """Return the figures of the verification report by caption."""
+    checks = (studies.transient_check(), studies.steady_check())
     orders = [studies.series_convergence(), studies.product_convergence()]
-    ours = studies.ideal_study(late_steps=1)
-    draws |= {
-        "order of convergence against two closed forms": partial(draw_convergence, orders),
-        "table 3.2: ours with the heat one step late (lines), published (crosses)": partial(
-            draw_mesh_errors, ours, TABLE_3_2
-        ),
+    mesh_errors = studies.ideal_study(late_steps=1)
+    panels: dict[str, Callable[[Axes], Axes]] = {
+        check.title: partial(draw_comparison, check) for check in checks
     }
-    return {caption: pictured(draw, width_in=6.4, height_in=3.6) for caption, draw in draws.items()}
+    panels["order of convergence against two closed forms"] = partial(draw_convergence, orders)
+    panels["table 3.2: ours with the heat one step late (lines), published (crosses)"] = partial(
+        draw_mesh_errors, mesh_errors, TABLE_3_2
+    )
+    return {
+        caption: pictured(draw, width_in=6.4, height_in=3.6) for caption, draw in panels.items()
+    }

@@ -1,4 +1,4 @@
-"""One door to the pictures: the one that tells most of a result."""
+"""The function :func:`draw`, which chooses the figure of a result by its class."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ PICTURES: dict[type, Callable[..., Axes]] = {
     HoleComparison: draw_holes,
     Design: draw_design,
 }
-# the part of a result that its picture takes, where it is not all of it
+# The attribute of a result that its figure takes, where that is not the result itself.
 PARTS: dict[type, Callable[[Any], Any]] = {
     DiskRecord: attrgetter("chain"),
     CalibrationRun: attrgetter("record.chain"),
@@ -77,17 +77,28 @@ PARTS: dict[type, Callable[[Any], Any]] = {
 
 
 def draw(result: Any, ax: Axes, *arguments: Any, **options: Any) -> Axes:
-    """Draw ``result`` into ``ax`` by the picture that tells most of it; further arguments go to that picture.
+    """Plot the main figure of ``result`` into ``ax``.
 
-    A ``Compensated`` needs the logged trace as well: ``draw(done, ax, logged=y)``. Raises InputError for a result
-    without a picture, or a record without a chain.
+    Parameters
+    ----------
+    result
+        A result of one of the classes in ``PICTURES``.
+    *arguments, **options
+        Further arguments of the function that plots it. A ``Compensated`` also needs the logged
+        trace: ``draw(compensated, ax, logged=y)``.
+
+    Raises
+    ------
+    InputError
+        If no figure exists for the result, or if a record has no chain.
     """
     for kind, picture in PICTURES.items():
-        if isinstance(result, kind):
-            shown = PARTS[kind](result) if kind in PARTS else result
-            if shown is None:
-                raise InputError(f"this {type(result).__name__} holds no chain to draw")
-            return picture(shown, *arguments, ax=ax, **options)
+        if not isinstance(result, kind):
+            continue
+        plotted = PARTS[kind](result) if kind in PARTS else result
+        if plotted is None:
+            raise InputError(f"this {type(result).__name__} holds no chain to draw")
+        return picture(plotted, *arguments, ax=ax, **options)
     raise InputError(
         f"a {type(result).__name__} has no picture",
         expected=", ".join(kind.__name__ for kind in PICTURES),

@@ -1,4 +1,4 @@
-"""One look for all pictures: tone, line and marker tell, colour only helps; units on every axis."""
+"""Style of all figures: colours, markers and line styles that also differ in black and white, and axes with units."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from tcdyn.core import Array
 from tcdyn.core.estimate import Z95
 
-# fast prints light grey, slow dark
+# The fast disk prints light grey, the slow disk dark.
 FAST = "#d1662a"
 SLOW = "#1f4e79"
 TRUTH = "#000000"
@@ -20,64 +20,105 @@ DISK_COLOUR = {"fast": FAST, "slow": SLOW}
 DISK_MARKER = {"fast": "o", "slow": "s"}
 DISK_LINE = {"fast": "-", "slow": "--"}
 CHANNEL_STYLE = {"e": "-", "a": "--", "b": ":", "c": "-.", "d": (0, (1, 1)), "f": (0, (5, 1))}
-# of what stands beside the data: marks, bands
+
+# Marks (dark) and bands (pale) that are not data.
 DARK = "#444444"
 PALE = "#e6e6e6"
-SERIES_COLOURS = (TRUTH, FAST, SLOW, GREY)  # groups of tests
+
+# Groups of tests.
+SERIES_COLOURS = (TRUTH, FAST, SLOW, GREY)
 SERIES_MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")
 SERIES_LINES = ("-", "--", "-.", ":")
-BAND = 0.25  # opacity of a 95 % band under its line
-MOST_POINTS = 4000  # more than a page can show
+
+BAND_ALPHA = 0.25  # opacity of a 95 % band; chosen by judgement
+MAX_POINTS = 4000  # points of one curve: more than a page can show; chosen by judgement
 
 
 def figure(
     rows: int = 1, columns: int = 1, width_in: float = 8.5, height_in: float = 4.2
 ) -> tuple[Figure, list[Axes]]:
-    """A figure that belongs to no window, and its axes in reading order."""
+    """Return a figure without a window, and its axes in reading order."""
     fig = Figure(figsize=(width_in, height_in), layout="constrained")
     axes = fig.subplots(rows, columns, squeeze=False)
-    return fig, [finish(ax) for ax in axes.ravel()]
+    return fig, [_style_frame(ax) for ax in axes.ravel()]
 
 
 def pictured(*draw: Callable[[Axes], Any], rows: int = 1, **size: float) -> Figure:
-    """A figure of one panel or several, each drawn by a function of its axes; ``size`` as of :func:`figure`."""
-    picture, axes = figure(rows, -(-len(draw) // rows), **size)
-    for one, ax in zip(draw, axes):
-        one(ax)
+    """Return a figure with one panel for each function of axes.
+
+    Parameters
+    ----------
+    *draw
+        Functions that plot into the axes that they get; their return values are ignored.
+    rows
+        Number of rows of panels.
+    **size
+        ``width_in`` and ``height_in`` as of :func:`figure`.
+    """
+    columns = -(-len(draw) // rows)
+    fig, axes = figure(rows, columns, **size)
+    for draw_panel, ax in zip(draw, axes):
+        draw_panel(ax)
     for ax in axes[len(draw) :]:
         ax.remove()
-    return picture
+    return fig
 
 
-def finish(ax: Axes) -> Axes:
-    """Quiet grid, no frame lines that carry nothing."""
+def _style_frame(ax: Axes) -> Axes:
+    """Give ``ax`` a pale grid behind the data and no frame at the top and on the right."""
     ax.grid(True, color="#dddddd", linewidth=0.6)
     ax.set_axisbelow(True)
-    for side in ("top", "right"):
-        ax.spines[side].set_visible(False)
+    ax.spines["top"].set_visible(False)
+    ax.spines["right"].set_visible(False)
     return ax
 
 
-def dressed(
-    ax: Axes, x: str, y: str, *, head: str = "", legend: bool = False, **options: Any
+def style_axes(
+    ax: Axes, x: str, y: str, *, title: str = "", legend: bool = False, **legend_options: Any
 ) -> Axes:
-    """``ax`` with its labels, units in them, a heading, and a legend where asked for or where ``options`` place one."""
+    """Set labels, title, legend and style of ``ax``, and return it.
+
+    Parameters
+    ----------
+    x, y
+        Axis labels with their units.
+    title
+        Title above the axes, on the left.
+    legend
+        Whether to add a legend; any ``legend_options`` add one, too.
+    **legend_options
+        Keyword arguments of ``Axes.legend``; ``legend_title`` is the title of the legend.
+    """
     ax.set(xlabel=x, ylabel=y)
-    if head:
-        ax.set_title(head, loc="left", fontsize="medium", y=1.0)  # no place to be looked for
-    if legend or options:
-        ax.legend(**{"frameon": False, "fontsize": "small", **options})
-    return finish(ax)
+    if title:
+        # A fixed y saves matplotlib the search for a position.
+        ax.set_title(title, loc="left", fontsize="medium", y=1.0)
+    if "legend_title" in legend_options:
+        legend_options["title"] = legend_options.pop("legend_title")
+    if legend or legend_options:
+        ax.legend(**{"frameon": False, "fontsize": "small", **legend_options})
+    return _style_frame(ax)
 
 
-def thinned(count: int, most: int = MOST_POINTS) -> slice:
-    """Every k-th of so many points, as many as a page can show."""
-    return slice(None, None, max(count // most, 1))
+def every_nth(count: int, limit: int = MAX_POINTS) -> slice:
+    """Return the slice that takes every n-th of ``count`` points, so that about ``limit`` remain."""
+    return slice(None, None, max(count // limit, 1))
 
 
 def line_with_band(
     ax: Axes, x: Array, y: Array, u: Array, colour: str, band: str | None = None, **line: Any
 ) -> None:
-    """A line and under it the 95 % band of its standard uncertainty; ``band``: what a legend calls the latter."""
-    ax.fill_between(x, y - Z95 * u, y + Z95 * u, color=colour, alpha=BAND, linewidth=0, label=band)
+    """Plot a line and the 95 % band of its standard uncertainty ``u``.
+
+    Parameters
+    ----------
+    band
+        Label of the band in the legend.
+    **line
+        Keyword arguments of ``Axes.plot`` for the line.
+    """
+    half_width = Z95 * u
+    ax.fill_between(
+        x, y - half_width, y + half_width, color=colour, alpha=BAND_ALPHA, linewidth=0, label=band
+    )
     ax.plot(x, y, color=colour, **line)

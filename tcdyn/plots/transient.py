@@ -1,8 +1,9 @@
-"""Pictures of the transient fits: answer over the window, both forms, profiles, other structures, junctions."""
+"""Figures of the transient fits: window study, comparison of estimators, profile likelihoods, model forms, depths."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -14,13 +15,13 @@ from tcdyn.core.messages.plunge import percent
 from tcdyn.partition.model_forms import Alternatives
 from tcdyn.partition.profile import LEVEL, intervals
 from tcdyn.partition.sensor_faults import DepthTest
-from tcdyn.plots.style import DISK_COLOUR, DISK_MARKER, GREY, PALE, TRUTH, dressed
+from tcdyn.plots.style import DISK_COLOUR, DISK_MARKER, GREY, PALE, TRUTH, style_axes
 from tcdyn.rig.disk import DISKS
 from tcdyn.workflows.beta_tables import HEADINGS
 
-TOP = 9.0
+MAX_DEVIANCE = 9.0  # top of the profiles: three standard uncertainties
 TITLES = {"fast": "fast disk alone", "slow": "slow disk alone", "both": "both disks"}
-ORDER = (
+PANELS = (
     ("fast", "beta"),
     ("fast", "h"),
     ("fast", "lag_s"),
@@ -36,35 +37,52 @@ ORDER = (
 )
 
 
-def draw_profile(own: pd.DataFrame, ax: Axes) -> Axes:
-    """One profile (rows of one fit and one parameter) against the parabola; its 95 % interval as a bar at 3.84."""
-    fit = str(own["fit"].iloc[0])
-    parameter = str(own["parameter"].iloc[0])
+def draw_profile(profile: pd.DataFrame, ax: Axes) -> Axes:
+    """Plot a profile likelihood and the parabola of the standard uncertainty.
+
+    The thick bar is the 95 % interval of the profile, at a deviance of 3.84. An end of it that the
+    profile does not reach has an arrow.
+
+    Parameters
+    ----------
+    profile
+        Rows of one fit and one parameter of the table of ``joint_profiles``.
+    """
+    fit = str(profile["fit"].iloc[0])
+    parameter = str(profile["parameter"].iloc[0])
     colour = DISK_COLOUR.get(fit, TRUTH)
-    estimate = Estimate.normal(own["estimate"].iloc[0], own["u"].iloc[0])
-    x = np.linspace(own["value"].min(), own["value"].max(), 200)
-    ax.plot(x, ((x - estimate.value) / estimate.u) ** 2, color=GREY, linestyle="--", linewidth=1.2)
-    ax.plot(own["value"], own["deviance"], ".-", color=colour, markersize=4, linewidth=1.4)
+    estimate = profile["estimate"].iloc[0]
+    u = profile["u"].iloc[0]
+    x = np.linspace(profile["value"].min(), profile["value"].max(), 200)
+    ax.plot(x, ((x - estimate) / u) ** 2, color=GREY, linestyle="--", linewidth=1.2)
+    style: dict[str, Any] = {"color": colour, "markersize": 4, "linewidth": 1.4}
+    ax.plot(profile["value"], profile["deviance"], ".-", **style)
     ax.axhline(LEVEL, color=TRUTH, linestyle=":", linewidth=0.9)
-    (found,) = intervals(own)
-    ends = [found.low_seen if found.low95 is None else found.low95]
-    ends += [found.high_seen if found.high95 is None else found.high95]
-    ax.plot(ends, [LEVEL, LEVEL], color=colour, linewidth=3, solid_capstyle="butt", alpha=0.6)
-    for end, mark, open_end in zip(ends, "<>", (found.low95 is None, found.high95 is None)):
-        if open_end:
-            ax.plot(end, LEVEL, mark, color=colour, markersize=8)
-    ax.set_ylim(0, TOP)
+    (interval,) = intervals(profile)
+    low = interval.low_seen if interval.low95 is None else interval.low95
+    high = interval.high_seen if interval.high95 is None else interval.high95
+    bar: dict[str, Any] = {"linewidth": 3, "solid_capstyle": "butt", "alpha": 0.6}
+    ax.plot([low, high], [LEVEL, LEVEL], color=colour, **bar)
+    if interval.low95 is None:
+        ax.plot(low, LEVEL, "<", color=colour, markersize=8)
+    if interval.high95 is None:
+        ax.plot(high, LEVEL, ">", color=colour, markersize=8)
+    ax.set_ylim(0, MAX_DEVIANCE)
     ax.locator_params(axis="x", nbins=4)
-    return dressed(ax, HEADINGS[parameter], "", head=TITLES[fit])
+    return style_axes(ax, HEADINGS[parameter], "", title=TITLES[fit])
 
 
 def draw_profiles(table: pd.DataFrame, axes: Sequence[Axes]) -> Sequence[Axes]:
-    """All profiles of ``tcdyn.partition.profile.joint_profiles`` on three rows of four axes, a legend in the corner."""
-    for k, (which, ax) in enumerate(zip(ORDER, axes, strict=True)):
-        if which is None:
+    """Plot all profiles of ``tcdyn.partition.profile.joint_profiles``, with a legend in the corner.
+
+    ``axes``: three rows of four axes.
+    """
+    for k, (panel, ax) in enumerate(zip(PANELS, axes, strict=True)):
+        if panel is None:
             ax.set_axis_off()
             continue
-        draw_profile(table[(table["fit"] == which[0]) & (table["parameter"] == which[1])], ax)
+        fit, parameter = panel
+        draw_profile(table[(table["fit"] == fit) & (table["parameter"] == parameter)], ax)
         if k % 4 == 0:
             ax.set_ylabel("deviance [1]")
     corner = axes[3]
@@ -72,7 +90,7 @@ def draw_profiles(table: pd.DataFrame, axes: Sequence[Axes]) -> Sequence[Axes]:
     corner.plot([], [], "--", color=GREY, label="standard uncertainty's parabola")
     corner.plot([], [], ":", color=TRUTH, label="3.84: 95 %")
     corner.plot([], [], color=TRUTH, linewidth=3, alpha=0.6, label="interval of the profile")
-    corner.plot([], [], ">", color=TRUTH, markersize=8, label="left open by the data")
+    corner.plot([], [], ">", color=TRUTH, markersize=8, label="not bounded by the data")
     corner.legend(frameon=False, fontsize=8, loc="center left")
     return axes
 
@@ -80,32 +98,40 @@ def draw_profiles(table: pd.DataFrame, axes: Sequence[Axes]) -> Sequence[Axes]:
 def draw_window_study(
     table: pd.DataFrame, ax: Axes, quantity: str = "beta", truth: float | None = None
 ) -> Axes:
-    """``quantity`` ("beta" or "h_W_m2K") of the cooling fit over window length with 95 % bars; open: within the lag.
+    """Plot the estimate of the cooling fit over the length of its window, with 95 % bars.
 
-    ``table`` is that of ``cooling_by_window``.
+    Markers are open where the window is shorter than the lag.
+
+    Parameters
+    ----------
+    table
+        Table of ``cooling_by_window``.
+    quantity
+        "beta" or "h_W_m2K".
+    truth
+        Value of a simulation.
     """
     for k, disk in enumerate(DISKS):
-        own = table[(table["disk"] == disk) & table[quantity].notna()]
-        x = own["window_s"] * (1.0 + 0.03 * k)  # side by side
-        ax.errorbar(
-            x,
-            own[quantity],
-            yerr=Z95 * own[f"u_{quantity}"],
-            fmt="none",
-            ecolor=DISK_COLOUR[disk],
-            capsize=2,
-            linewidth=0.8,
-        )
-        for early in (True, False):
-            part = (own["within_lag"] == early).to_numpy()
-            if part.any():
+        rows = table[(table["disk"] == disk) & table[quantity].notna()]
+        window_s = rows["window_s"] * (1.0 + 0.03 * k)  # the bars of the disks stay apart
+        values = rows[quantity]
+        half_width = Z95 * rows[f"u_{quantity}"]
+        colour = DISK_COLOUR[disk]
+        bars: dict[str, Any] = {"fmt": "none", "ecolor": colour, "capsize": 2, "linewidth": 0.8}
+        ax.errorbar(window_s, values, yerr=half_width, **bars)
+        within_lag = rows["within_lag"].to_numpy(dtype=bool)
+        for selected, fill, remark in (
+            (within_lag, "white", ", window shorter than the lag"),
+            (~within_lag, colour, ""),
+        ):
+            if selected.any():
                 ax.plot(
-                    x[part],
-                    own[quantity][part],
+                    window_s[selected],
+                    values[selected],
                     DISK_MARKER[disk],
-                    color=DISK_COLOUR[disk],
-                    markerfacecolor="white" if early else DISK_COLOUR[disk],
-                    label=f"{disk} disk" + (", window shorter than the lag" if early else ""),
+                    color=colour,
+                    markerfacecolor=fill,
+                    label=f"{disk} disk{remark}",
                 )
     if truth is not None:
         ax.axhline(truth, color=TRUTH, linestyle="--", linewidth=1, label="truth of the simulation")
@@ -114,76 +140,103 @@ def draw_window_study(
     ax.set_xticks(ticks, [f"{t:g}" for t in ticks])
     ax.minorticks_off()
     y = "heat partition β [1]" if quantity == "beta" else "heat transfer coefficient h [W/m²K]"
-    return dressed(ax, "window after the parting [s]", y, legend=True)
+    return style_axes(ax, "window after the unloading [s]", y, legend=True)
 
 
 def draw_referee(table: pd.DataFrame, ax: Axes) -> Axes:
-    """Compensated less commuted, in standard uncertainties of the difference, for beta and h of each disk."""
-    names = [
-        f"{disk} {'β' if what == 'beta' else 'h'}"
-        for disk, what in zip(table["disk"], table["quantity"])
-    ]
+    """Plot the cooling fit minus the joint fit for beta and h of each disk.
+
+    The difference between compensated and commuted form is in units of its standard uncertainty;
+    the band is two of them.
+
+    Parameters
+    ----------
+    table
+        Table of ``referee_table``: columns disk, quantity, z.
+    """
+    symbols = table["quantity"].map(lambda quantity: "β" if quantity == "beta" else "h")
+    names = table["disk"] + " " + symbols
     ax.axvspan(-2, 2, color=PALE, zorder=0)
     y = range(len(names) - 1, -1, -1)
-    for at, disk, z in zip(y, table["disk"], table["z"]):
-        ax.plot(z, at, DISK_MARKER[disk], color=DISK_COLOUR[disk])
+    for row, disk, z in zip(y, table["disk"], table["z"]):
+        ax.plot(z, row, DISK_MARKER[disk], color=DISK_COLOUR[disk])
     ax.axvline(0, color=TRUTH, linewidth=0.8)
     ax.set_yticks(y, names)
-    reach = max(3.0, 1.2 * float(table["z"].abs().max()))
-    ax.set_xlim(-reach, reach)
+    limit = max(3.0, 1.2 * float(table["z"].abs().max()))
+    ax.set_xlim(-limit, limit)
     ax.set_ylim(-0.6, len(names) - 0.4)
-    return dressed(
-        ax, "compensated less commuted,\nin standard uncertainties of the difference [1]", ""
-    )
+    x = "compensated minus commuted,\nin standard uncertainties of the difference [1]"
+    return style_axes(ax, x, "")
 
 
-def draw_structures(found: Alternatives, ax: Axes) -> Axes:
-    """beta of both disks under every structure, likeliest on top, with 95 % bars and the range over all of them."""
-    ax.axvspan(found.low95, found.high95, color=PALE, zorder=0, label="95 % over all of them")
-    y = range(len(found.tried) - 1, -1, -1)
-    for at, a, likely in zip(y, found.tried, found.probability):
-        tone = str(round(0.65 * (1 - likely**0.25), 3))  # a likely one is black, a lost one grey
-        ax.errorbar(
-            a.beta.value, at, xerr=Z95 * a.beta.u, fmt="D", color=tone, capsize=2, markersize=4
-        )
-    ax.axvline(found.assumed.beta.value, color=TRUTH, linewidth=0.8)
-    names = [f"{structure(a.name)} ({percent(p)})" for a, p in zip(found.tried, found.probability)]
+def draw_structures(alternatives: Alternatives, ax: Axes) -> Axes:
+    """Plot beta of both disks for every model-form alternative, the most probable on top.
+
+    Bars are 95 % intervals; a probable alternative is black, an improbable one grey. The band is
+    the 95 % range over all of them.
+    """
+    fits = alternatives.tried
+    low = alternatives.low95
+    high = alternatives.high95
+    ax.axvspan(low, high, color=PALE, zorder=0, label="95 % over all of them")
+    y = range(len(fits) - 1, -1, -1)
+    style: dict[str, Any] = {"fmt": "D", "capsize": 2, "markersize": 4}
+    names = []
+    for row, fit, probability in zip(y, fits, alternatives.probability):
+        tone = str(round(0.65 * (1 - probability**0.25), 3))
+        ax.errorbar(fit.beta.value, row, xerr=Z95 * fit.beta.u, color=tone, **style)
+        names.append(f"{structure(fit.name)} ({percent(probability)})")
+    ax.axvline(alternatives.assumed.beta.value, color=TRUTH, linewidth=0.8)
     ax.set_yticks(list(y), names, fontsize=8)
-    ax.set_ylim(-0.7, len(found.tried) - 0.3)
+    ax.set_ylim(-0.7, len(fits) - 0.3)
     x = "heat partition β by the joint fit of both disks [1]"
-    return dressed(ax, x, "", loc="lower left", bbox_to_anchor=(0, 1))
+    return style_axes(ax, x, "", loc="lower left", bbox_to_anchor=(0, 1))
 
 
 def draw_junctions(tests: Mapping[str, DepthTest], ax: Axes) -> Axes:
-    """How much deeper than stated the test alone places each junction, with 95 % bars; grey: the stated 95 %."""
-    stated_mm = max(t.stated_u_m for t in tests.values()) * 1e3
-    ax.axhspan(-Z95 * stated_mm, Z95 * stated_mm, color=PALE, zorder=0, label="as stated, 95 %")
-    deeper = {d: {c: e.times(1e3) for c, e in t.deeper_m.items()} for d, t in tests.items()}
-    left_out = [c for t in tests.values() for c in t.left_out]
-    draw_deeper(deeper, ax, "{} disk, by this test alone, 95 %", left_out)
-    return dressed(
-        ax,
-        "junction",
-        "deeper than stated [mm]",
-        ncols=3,
-        loc="lower left",
-        bbox_to_anchor=(0.0, 1.0),
-    )
+    """Plot the depth errors of the junctions that one test estimates, with 95 % bars.
+
+    The grey band is the 95 % interval of the nominal depths of rig.toml. ``tests``: by disk.
+    """
+    nominal_u_mm = max(test.stated_u_m for test in tests.values()) * 1e3
+    half_width = Z95 * nominal_u_mm
+    ax.axhspan(-half_width, half_width, color=PALE, zorder=0, label="nominal, 95 %")
+    deeper_mm = {
+        disk: {channel: deeper_m.times(1e3) for channel, deeper_m in test.deeper_m.items()}
+        for disk, test in tests.items()
+    }
+    excluded = [channel for test in tests.values() for channel in test.left_out]
+    draw_depth_errors(deeper_mm, ax, "{} disk, by this test alone, 95 %", excluded)
+    above: dict[str, Any] = {"ncols": 3, "loc": "lower left", "bbox_to_anchor": (0.0, 1.0)}
+    return style_axes(ax, "junction", "deeper than nominal [mm]", **above)
 
 
-def draw_deeper(
+def draw_depth_errors(
     deeper_mm: Mapping[str, Mapping[str, Estimate]],
     ax: Axes,
     label: str,
-    left_out: Iterable[str] = (),
+    excluded: Iterable[str] = (),
 ) -> None:
-    """How much deeper than stated the junctions of each disk lie [mm], 95 % bars, the disks side by side."""
-    names = sorted({*left_out, *(c for own in deeper_mm.values() for c in own)})
-    for k, (disk, own) in enumerate(deeper_mm.items()):
+    """Plot how much deeper than in rig.toml the junctions of each disk lie, with 95 % bars.
+
+    Parameters
+    ----------
+    deeper_mm
+        Estimates by disk and channel [mm].
+    label
+        Legend entry, with ``{}`` for the disk.
+    excluded
+        Channels without an estimate that still get a place on the axis.
+    """
+    channels = {*excluded}
+    for estimates in deeper_mm.values():
+        channels.update(estimates)
+    names = sorted(channels)
+    for k, (disk, estimates) in enumerate(deeper_mm.items()):
         ax.errorbar(
-            [names.index(c) + 0.24 * (k - 0.5) for c in own],
-            [e.value for e in own.values()],
-            yerr=[Z95 * e.u for e in own.values()],
+            [names.index(channel) + 0.24 * (k - 0.5) for channel in estimates],
+            [estimate.value for estimate in estimates.values()],
+            yerr=[Z95 * estimate.u for estimate in estimates.values()],
             fmt=DISK_MARKER[disk],
             color=DISK_COLOUR[disk],
             capsize=2,

@@ -40,7 +40,7 @@ def uneven_section(p: Partition) -> Section:
         "other ways to β see readings without it. The second harmonic, which two opposite groups see alike, is in the "
         "budget.",
         table=pd.DataFrame(rows),
-        figure=pictured(*(partial(draw.draw_uneven, p, d) for d in DISKS), height_in=4.0),
+        figure=pictured(*(partial(draw.draw_angular_harmonic, p, d) for d in DISKS), height_in=4.0),
         caption="The disks seen along the shaft, junctions at the angles of rig.toml; bright is hot.",
     )
 

@@ -11,7 +11,16 @@ import pandas as pd
 
 from tcdyn.core.findings import Finding
 from tcdyn.plots.compensate import draw_before_use, draw_compensated
-from tcdyn.plots.style import DARK, GREY, SLOW, dressed, figure, line_with_band, pictured, thinned
+from tcdyn.plots.style import (
+    DARK,
+    GREY,
+    SLOW,
+    every_nth,
+    figure,
+    line_with_band,
+    pictured,
+    style_axes,
+)
 from tcdyn.report.page import Section, write_page
 from tcdyn.report.sources import log_row, record_rows, table
 from tcdyn.rig.record import DiskRecord
@@ -196,7 +205,7 @@ def _followed(plan: Causal, log: Path, out: Path) -> tuple[Section, int]:
     time, x, u = (
         done[c].to_numpy(dtype=float) for c in ("time_s", name, name.replace("_degC", "_u_K"))
     )
-    shown = thinned(len(time))
+    shown = every_nth(len(time))
     picture, (ax,) = figure(height_in=4.0)
     raw = _logged(plan, log, name)
     if raw is not None:
@@ -208,7 +217,7 @@ def _followed(plan: Causal, log: Path, out: Path) -> tuple[Section, int]:
     if len(seen):
         margin = 0.1 * float(np.ptp(seen)) + 1.0  # a spike of the log must not flatten the picture
         ax.set_ylim(float(seen.min()) - margin, float(seen.max()) + margin)
-    dressed(ax, "time [s]", "temperature [°C]", loc="best")
+    style_axes(ax, "time [s]", "temperature [°C]", loc="best")
     told = (
         "Points: as logged, before the static line; spikes may lie outside. Line: at the junction, "
         "with its 95 % band."

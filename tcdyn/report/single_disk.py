@@ -80,7 +80,9 @@ def _round(p: OneDisk) -> Section:
     return Section(
         "is the disk even round its bore?",
         f"{found.sentence}." if found else "Yes, as far as two groups of junctions can tell.",
-        figure=pictured(partial(draw.draw_uneven, p, p.disk), width_in=5.0, height_in=4.0),
+        figure=pictured(
+            partial(draw.draw_angular_harmonic, p, p.disk), width_in=5.0, height_in=4.0
+        ),
         caption="The disk seen along the shaft, junctions at the angles of rig.toml; bright is hot.",
     )
 

@@ -189,9 +189,9 @@ def test_the_marks_of_a_planned_test_stand_side_by_side_under_the_ticks_about_th
         np.column_stack([table["u_differential_s"], rows - 0.12])
     )
     levels = {str(line.get_label()): np.unique(line.get_xdata()) for line in ax.lines}
-    told = {words: at for words, at in levels.items() if "told well" in words}
-    assert len(told) == 2
-    for words, at in told.items():
+    limits = {words: at for words, at in levels.items() if "determined well" in words}
+    assert len(limits) == 2
+    for words, at in limits.items():
         assert at == pytest.approx(float(words.split(" %")[0]) / 100 * planned().lag_s)
     low, high = table["u_differential_s"].min(), table["u_common_90_s"].max()
     ticks = ax.get_xticks()

@@ -60,7 +60,7 @@ def test_an_unloading_is_drawn_about_the_parting_with_bands_of_95_percent() -> N
     ax = partitions.draw_unloading(p, "slow", axes(), before_s=2.0, after_s=4.0)
     setup = p.test.disks["slow"].setup
     lines = [line for line in ax.lines if len(drawn(line)) == 61]  # of six seconds
-    channels = list(partitions.shown(setup, ""))
+    channels = list(partitions.plotted_channels(setup, ""))
     assert len(channels) == 3
     assert [line.get_label() for line in lines[1::2]] == [
         f"{c}, {1e3 * setup.junctions[c].depth_m:g} mm deep, compensated" for c in channels
