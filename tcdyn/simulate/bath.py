@@ -1,4 +1,4 @@
-"""A disk in a bath as the rig has it: fluids, natural convection times a scale nobody is told, radial heating."""
+"""Simulation of a disk in a bath: fluids, natural convection with a hidden scale, radial heating."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from tcdyn.rig.disk import DiskSetup
 from tcdyn.simulate.mesh import cubic_weights, graded_edges
 
 GRAVITY_m_s2 = 9.80665
-CELLS = 80  # from bore to running surface
+N_CELLS = 80  # from bore to running surface
 FluidName = Literal["mobil-jet-ii", "water"]
 FLUIDS: tuple[FluidName, ...] = ("mobil-jet-ii", "water")
 
@@ -31,27 +31,30 @@ class FluidState:
 
 
 def fluid_state(fluid: FluidName, temperature_degC: float) -> FluidState:
-    """Properties of the bath at a film temperature; oil 15 to 200 degC, water 5 to 95 degC.
+    """Return the properties of a bath at its film temperature; oil 15 to 200 degC, water 5 to 95 degC.
 
-    Oil: viscosity through 27.6 mm2/s at 40 and 5.1 mm2/s at 100 degC (Walther), 1003.5 kg/m3 at 15 degC, heat
-    capacity 2000 J/kgK.
+    Notes
+    -----
+    Oil: viscosity through 27.6 mm2/s at 40 and 5.1 mm2/s at 100 degC (Walther), 1003.5 kg/m3 at
+    15 degC, heat capacity 2000 J/kgK.
 
+    Examples
+    --------
     >>> round(fluid_state("mobil-jet-ii", 40.0).viscosity_m2_s * 1e6, 1)
     27.6
     """
     if fluid == "water":
-        viscosity, k, density, heat, expansion = map(
-            float, _WATER(np.clip(temperature_degC, 0.0, 100.0))
-        )
+        properties = _WATER(np.clip(temperature_degC, 0.0, 100.0)).tolist()
+        viscosity, k, density, heat_capacity, expansion = properties
     else:
         kelvin = temperature_degC + 273.15
-        larger = 1 + _OIL_EXPANSION * (temperature_degC - 15.0)
+        relative_volume = 1 + _OIL_EXPANSION * (temperature_degC - 15.0)
         viscosity = float(10**10 ** (9.31259 - 3.66650 * np.log10(kelvin)) - 0.7) * 1e-6
         k = 0.14868 - 2.2275e-4 * (kelvin - 366.67)
-        density = 1003.5 / larger
-        heat = 2000.0
-        expansion = _OIL_EXPANSION / larger
-    return FluidState(viscosity, k, k / (density * heat), expansion)
+        density = 1003.5 / relative_volume
+        heat_capacity = 2000.0
+        expansion = _OIL_EXPANSION / relative_volume
+    return FluidState(viscosity, k, k / (density * heat_capacity), expansion)
 
 
 _OIL_EXPANSION = 7.8e-4
@@ -71,10 +74,15 @@ _WATER = CubicSpline(
 
 
 def mean_nusselt(rayleigh: float, prandtl: float) -> float:
-    """Mean Nusselt number of a vertical plate (Churchill and Chu 1975, laminar; 5.4); valid for Ra < 1e9.
+    """Return the mean Nusselt number of a vertical plate; valid for Ra < 1e9.
 
-    ``Nu = 0.68 + 0.670 Ra^(1/4) / [1 + (0.492/Pr)^(9/16)]^(4/9)``
+    Notes
+    -----
+    ``Nu = 0.68 + 0.670 Ra^(1/4) / [1 + (0.492/Pr)^(9/16)]^(4/9)`` (Churchill and Chu 1975, laminar;
+    equation 5.4).
 
+    Examples
+    --------
     >>> round(mean_nusselt(1e6, 60.0), 2)
     21.26
     """
@@ -82,18 +90,18 @@ def mean_nusselt(rayleigh: float, prandtl: float) -> float:
 
 
 def natural_h_W_m2K(fluid: FluidName, wall_degC: float, bulk_degC: float, height_m: float) -> float:
-    """Mean coefficient of a short vertical wall, properties at the film temperature [W/m2K].
+    """Return the mean heat transfer coefficient of a short vertical wall [W/m2K].
 
-    ``h = Nu k / L`` with ``Ra = g beta |dT| L^3 / (nu alpha)`` and ``Pr = nu / alpha``.
+    Notes
+    -----
+    ``h = Nu k / L`` with ``Ra = g beta |dT| L^3 / (nu alpha)`` and ``Pr = nu / alpha``. Properties
+    are those at the film temperature, the mean of wall and bulk.
     """
     s = fluid_state(fluid, 0.5 * (wall_degC + bulk_degC))
     buoyancy = GRAVITY_m_s2 * abs(s.expansion_1_K * (bulk_degC - wall_degC))
     rayleigh = buoyancy * height_m**3 / (s.viscosity_m2_s * s.diffusivity_m2_s)
-    return (
-        mean_nusselt(rayleigh, s.viscosity_m2_s / s.diffusivity_m2_s)
-        * s.conductivity_W_mK
-        / height_m
-    )
+    prandtl = s.viscosity_m2_s / s.diffusivity_m2_s
+    return mean_nusselt(rayleigh, prandtl) * s.conductivity_W_mK / height_m
 
 
 Coefficient = Callable[[float, float], float]  # (time since entry [s], wall [degC]) -> h [W/m2K]
@@ -101,7 +109,15 @@ Coefficient = Callable[[float, float], float]  # (time since entry [s], wall [de
 
 @dataclass(frozen=True)
 class Heating:
-    """True temperatures after entry: ``at(time since entry (M,))`` -> (M, depths); before it the initial value."""
+    """True temperatures after the entry; before it they are the initial value.
+
+    Parameters
+    ----------
+    dense
+        Solution of the finite volumes (cells, M) over the time since the entry (M,).
+    weights
+        Interpolation weights (depths, cells).
+    """
 
     dense: Callable[[Array], Array]
     weights: Array
@@ -109,11 +125,12 @@ class Heating:
     end_s: float
 
     def at(self, since_entry_s: Array) -> Array:
-        """Temperatures at the depths that were asked for [degC]."""
+        """Return the temperatures (M, depths) [degC] at the times (M,) since the entry."""
         out = np.full((len(since_entry_s), len(self.weights)), self.initial_degC)
         after = since_entry_s > 0
         if after.any():
-            out[after] = (self.weights @ self.dense(np.minimum(since_entry_s[after], self.end_s))).T
+            field = self.dense(np.minimum(since_entry_s[after], self.end_s))
+            out[after] = (self.weights @ field).T
         return out
 
 
@@ -127,34 +144,49 @@ def heat_radially(
 ) -> Heating:
     """Solve rho c T_t = (K r T_r)_r / r from the bore (no flux) to R_o, where K T_r = h (T_bath - T_wall).
 
-    Finite volumes, finer towards the surface; backward differentiation of variable order with a banded Jacobian.
-    The wall temperature is found from half a surface cell of steel in series with h of the last wall guess.
+    Parameters
+    ----------
+    depths_m
+        Depths below the running surface at which temperatures are needed.
+    bath_degC
+        Bath temperature over the time since the entry.
+    h_W_m2K
+        Heat transfer coefficient over the time since the entry and the wall temperature.
+
+    Notes
+    -----
+    Finite volumes, finer towards the surface; backward differentiation of variable order with a
+    banded Jacobian. The wall temperature follows from half a surface cell of steel in series with h
+    at the previous wall temperature, in three iterations.
     """
-    r_edges = graded_edges(setup.outer_radius_m, setup.bore_radius_m, 0.05e-3, CELLS)[::-1]
+    inwards = graded_edges(setup.outer_radius_m, setup.bore_radius_m, 0.05e-3, N_CELLS)
+    r_edges = inwards[::-1]
     r = 0.5 * (r_edges[1:] + r_edges[:-1])
     k = setup.conductivity_W_mK
     capacity = setup.density_kg_m3 * setup.specific_heat_J_kgK * np.pi * np.diff(r_edges**2)
-    link = 2 * np.pi * k / np.log(r[1:] / r[:-1])
-    skin = 2 * np.pi * k / np.log(setup.outer_radius_m / r[-1])
-    rim = 2 * np.pi * setup.outer_radius_m
+    conductance = 2 * np.pi * k / np.log(r[1:] / r[:-1])
+    skin_conductance = 2 * np.pi * k / np.log(setup.outer_radius_m / r[-1])
+    circumference = 2 * np.pi * setup.outer_radius_m
 
     def rate(t: float, temperature: Array) -> Array:
         bath = bath_degC(t)
         wall = float(temperature[-1])
         for _ in range(3):
-            film = h_W_m2K(t, wall) * rim
-            wall = (skin * temperature[-1] + film * bath) / (skin + film)
-        flow = link * np.diff(temperature)
-        out = np.zeros_like(temperature)
-        out[:-1] += flow
-        out[1:] -= flow
-        out[-1] += skin * (wall - temperature[-1])
-        return out / capacity
+            surface_conductance = h_W_m2K(t, wall) * circumference
+            from_steel = skin_conductance * temperature[-1]
+            from_bath = surface_conductance * bath
+            wall = (from_steel + from_bath) / (skin_conductance + surface_conductance)
+        flow = conductance * np.diff(temperature)
+        heat = np.zeros_like(temperature)
+        heat[:-1] += flow
+        heat[1:] -= flow
+        heat[-1] += skin_conductance * (wall - temperature[-1])
+        return heat / capacity
 
     solution = solve_ivp(
         rate,
         (0.0, duration_s),
-        np.full(CELLS, initial_degC),
+        np.full(N_CELLS, initial_degC),
         method="LSODA",
         dense_output=True,
         rtol=1e-8,
@@ -162,7 +194,7 @@ def heat_radially(
         lband=1,
         uband=1,
     )
-    weights = np.zeros((len(depths_m), CELLS))
+    weights = np.zeros((len(depths_m), N_CELLS))
     for row, depth in enumerate(depths_m):
         index, weight = cubic_weights(r, setup.outer_radius_m - float(depth))
         weights[row, index] = weight

@@ -1,4 +1,4 @@
-"""A whole campaign of the synthetic rig in one folder: oven, plunges, EHL tests, rig file and truth; its files."""
+"""Simulation of a complete campaign in a folder: oven, plunges, EHL tests, rig file and true values."""
 
 from __future__ import annotations
 
@@ -27,33 +27,32 @@ from tcdyn.simulate.plunge import PlungeOptions, simulate_plunge
 from tcdyn.simulate.programme import PROGRAMME, ehl_test
 from tcdyn.simulate.truth import RigTruth, draw_truth, truth_as_dict
 
-_DECIMALS = {"time_s": 6, "friction_N": 4, "load_N": 3}
-_WHOLE = ("contact", "switch", "repeat")
+_DECIMALS = {"time_s": 6, "friction_N": 4, "load_N": 3}  # all other columns: 4
+_INTEGER_COLUMNS = ("contact", "switch", "repeat")
 
 
 def write_log(frame: pd.DataFrame, path: Path) -> None:
     """Write a log as CSV, temperatures to 0.1 mK, times to a microsecond."""
-    rounded = frame.astype(float).round(dict.fromkeys(frame, 4) | _DECIMALS)
-    write.write_log(rounded.astype({name: np.int64 for name in _WHOLE if name in frame}), path)
+    decimals = dict.fromkeys(frame, 4) | _DECIMALS
+    rounded = frame.astype(float).round(decimals)
+    integers = {name: np.int64 for name in _INTEGER_COLUMNS if name in frame}
+    write.write_log(rounded.astype(integers), path)
 
 
 def write_traces(frame: pd.DataFrame, path: Path) -> None:
     """Write truth traces as Parquet in single precision (0.01 mK), times in double."""
-    write.write_log(
-        frame.astype({name: float if name == "time_s" else np.float32 for name in frame}), path
-    )
+    types = dict.fromkeys(frame, np.float32) | {"time_s": float}
+    write.write_log(frame.astype({name: types[name] for name in frame}), path)
 
 
 def write_json(data: dict[str, Any], path: Path) -> None:
-    """Write plain or numpy numbers as JSON; a key called ``traces`` is left out."""
-    write.write_text(
-        path,
-        json.dumps(jsonable({k: v for k, v in data.items() if k != "traces"}), indent=1) + "\n",
-    )
+    """Write plain or numpy numbers as JSON, without the key ``traces``."""
+    values = {key: value for key, value in data.items() if key != "traces"}
+    write.write_text(path, json.dumps(jsonable(values), indent=1) + "\n")
 
 
-Job = Callable[[], tuple[pd.DataFrame, dict[str, Any]]]  # a log and its truth
-Progress = Callable[[str, int, int], None]  # (what is done, jobs done, jobs in all)
+Job = Callable[[], tuple[pd.DataFrame, dict[str, Any]]]  # returns a log and its true values
+Progress = Callable[[str, int, int], None]  # (finished job, number of finished jobs, of all jobs)
 
 
 @dataclass(frozen=True)
@@ -70,7 +69,7 @@ DEFAULT_PLUNGES = (PlannedPlunge(110.0), PlannedPlunge(138.0))
 
 @dataclass(frozen=True)
 class CampaignFiles(Result):
-    """Where a campaign's files are; plunges and ovens by disk, EHL logs and traces by test."""
+    """Paths of a campaign's files: ovens and plunges by disk, EHL logs and traces by test."""
 
     folder: Path
     rig: Path
@@ -81,12 +80,12 @@ class CampaignFiles(Result):
     traces: dict[str, Path]
 
     def summary(self) -> str:
-        """What was written where."""
+        """Return one line that lists the files."""
         plunges = ", ".join(f"{len(p)} plunges of the {d} disk" for d, p in self.plunges.items())
-        tests = (
-            f"{len(self.ehl)} EHL test{'s' if len(self.ehl) != 1 else ''} ({', '.join(self.ehl)})"
-        )
-        return f"{self.folder}: {self.rig.name}, {len(self.ovens)} oven logs, {plunges}, {tests}; truth in {self.truth}"
+        plural = "s" if len(self.ehl) != 1 else ""
+        tests = f"{len(self.ehl)} EHL test{plural} ({', '.join(self.ehl)})"
+        files = f"{self.rig.name}, {len(self.ovens)} oven logs, {plunges}, {tests}"
+        return f"{self.folder}: {files}; truth in {self.truth}"
 
 
 @one_blas_thread
@@ -104,78 +103,103 @@ def simulate_campaign(
     n_jobs: int = 1,
     progress: Progress | None = None,
 ) -> CampaignFiles:
-    """Write a campaign into ``out_dir``: rig.toml, ovens, plunges, EHL tests and, in truth/, what really happened.
+    """Write rig.toml, ovens, plunges, EHL tests and, in truth/, the true values into ``out_dir``.
 
-    The files are oven_<disk>.csv, plunge_<disk>_<k>.csv and EHL_<test>.csv; the answer names those of this
-    campaign, whatever else lies in the folder. ``rig`` is what people believe (rig.toml); the true rig is ``truth``
-    or drawn from ``seed``, steel and geometry as stated unless ``uncertain``. A file depends on the seed and its own
-    name only, whatever else is written. ``progress`` is called after each job with its name and the counts. Truth is
-    there for people and tests, never for fits. Raises InputError for an unknown test, and where a rig file or a log
-    that no simulation wrote would be overwritten.
+    The files are oven_<disk>.csv, plunge_<disk>_<k>.csv and EHL_<test>.csv. A file depends on the
+    seed and its name only, whatever else is written. True values are for people and tests, never
+    for fits.
+
+    Parameters
+    ----------
+    rig
+        Nominal rig (rig.toml).
+    truth
+        True rig; by default it is drawn from ``seed``.
+    uncertain
+        Whether steel and geometry of the drawn rig differ from the nominal ones.
+    n_jobs
+        Number of worker processes.
+    progress
+        Called after each job with its name, the number of finished jobs and that of all jobs.
+
+    Returns
+    -------
+    CampaignFiles
+        Files of this campaign, without others in the folder.
+
+    Raises
+    ------
+    InputError
+        For an unknown test, and where a rig file or a log that no simulation wrote would be
+        overwritten.
     """
     tests = tuple(dict.fromkeys(ehl_test(test).name for test in tests))
     folder = Path(out_dir)
-    believed = rig or load_rig()
-    true = truth or draw_truth(seed, believed, uncertain=uncertain)
+    nominal_rig = rig or load_rig()
+    true_rig = truth or draw_truth(seed, nominal_rig, uncertain=uncertain)
     jobs: dict[str, Job] = {}
     for disk in DISKS:
-        jobs[f"oven_{disk}"] = partial(simulate_oven, disk, seed, true)
-        for run, p in enumerate(plunges, 1):
-            job = partial(
-                simulate_plunge, disk, seed, p.fluid, p.bath_degC, run, true, plunge_options
-            )
+        jobs[f"oven_{disk}"] = partial(simulate_oven, disk, seed, true_rig)
+        for run, plan in enumerate(plunges, 1):
+            bath = (plan.fluid, plan.bath_degC)
+            job = partial(simulate_plunge, disk, seed, *bath, run, true_rig, plunge_options)
             jobs[f"plunge_{disk}_{run}"] = job
-    jobs |= {f"EHL_{t}": partial(simulate_ehl, t, seed, true, ehl_options) for t in tests}
+    for test in tests:
+        jobs[f"EHL_{test}"] = partial(simulate_ehl, test, seed, true_rig, ehl_options)
     for name in jobs:
         if (folder / f"{name}.csv").exists() and not _traces(folder, name).exists():
-            raise _not_ours(folder, f"{name}.csv")
-    written = _write_rig(folder, believed)
+            raise _foreign_file_error(folder, f"{name}.csv")
+    rig_sha256 = _write_rig(folder, nominal_rig)
 
-    scalars: dict[str, dict[str, Any]] = {name: {} for name in jobs}
+    true_values: dict[str, dict[str, Any]] = {name: {} for name in jobs}
     results = parallel_map(partial(_run, folder=folder), [*jobs.items()], n_jobs)
-    for number, (_, answer) in enumerate(results, 1):
-        if isinstance(answer, Exception):
-            raise answer
-        name, scalars[name] = answer
+    for number, (_, result) in enumerate(results, 1):
+        if isinstance(result, Exception):
+            raise result
+        name, true_values[name] = result
         if progress:
             progress(name, number, len(jobs))
+    n_plunges = len(plunges)
     files = CampaignFiles(
         folder=folder,
         rig=folder / "rig.toml",
         ovens={d: folder / f"oven_{d}.csv" for d in DISKS},
         plunges={
-            d: tuple(folder / f"plunge_{d}_{k + 1}.csv" for k in range(len(plunges))) for d in DISKS
+            d: tuple(folder / f"plunge_{d}_{k + 1}.csv" for k in range(n_plunges)) for d in DISKS
         },
-        ehl={t: folder / f"EHL_{t}.csv" for t in tests},
+        ehl={test: folder / f"EHL_{test}.csv" for test in tests},
         truth=folder / "truth" / "truth.json",
         traces={name: _traces(folder, name) for name in jobs},
     )
-    ehl = {t: scalars.pop(f"EHL_{t}") for t in tests}
-    write_json(
-        {"seed": seed, "rig_sha256": written, **truth_as_dict(true), "tests": ehl, **scalars},
-        files.truth,
-    )
+    ehl = {test: true_values.pop(f"EHL_{test}") for test in tests}
+    header = {"seed": seed, "rig_sha256": rig_sha256}
+    write_json(header | truth_as_dict(true_rig) | {"tests": ehl} | true_values, files.truth)
     return files
 
 
-def _write_rig(folder: Path, believed: Rig) -> str:
-    """Write rig.toml, or leave one that says the same; the checksum of what the last simulation wrote."""
+def _write_rig(folder: Path, rig: Rig) -> str:
+    """Write rig.toml unless an equal one exists; return its checksum as the last simulation wrote it."""
     path = folder / "rig.toml"
     if path.exists():
-        try:
-            before = json.loads((folder / "truth" / "truth.json").read_text(encoding="utf-8"))[
-                "rig_sha256"
-            ]
-        except (OSError, ValueError, KeyError, TypeError, RecursionError):
-            before = ""
-        if load_rig(path) == believed:
-            return str(before)
-        if sha256(path) != before:
-            raise _not_ours(folder, path.name)
-    return sha256(write.write_text(path, rig_toml(believed)))
+        last_sha256 = _last_rig_sha256(folder)
+        if load_rig(path) == rig:
+            return last_sha256
+        if sha256(path) != last_sha256:
+            raise _foreign_file_error(folder, path.name)
+    return sha256(write.write_text(path, rig_toml(rig)))
 
 
-def _not_ours(folder: Path, name: str) -> InputError:
+def _last_rig_sha256(folder: Path) -> str:
+    """Return the checksum of the rig file that the last simulation wrote, or ""."""
+    try:
+        truth = json.loads((folder / "truth" / "truth.json").read_text(encoding="utf-8"))
+        return str(truth["rig_sha256"])
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return ""
+
+
+def _foreign_file_error(folder: Path, name: str) -> InputError:
+    """Return the error for a file that no simulation wrote."""
     return InputError(
         f"holds a {name} that no simulation wrote, and it would be overwritten",
         where=str(folder),
@@ -186,12 +210,14 @@ def _not_ours(folder: Path, name: str) -> InputError:
 
 
 def _traces(folder: Path, name: str) -> Path:
+    """Return the path of the true traces of a log."""
     return folder / "truth" / f"{name}_traces.parquet"
 
 
-def _run(named: tuple[str, Job], folder: Path) -> tuple[str, dict[str, Any]]:
-    name, job = named
+def _run(named_job: tuple[str, Job], folder: Path) -> tuple[str, dict[str, Any]]:
+    """Run a job, write its log and traces, and return its name and true values."""
+    name, job = named_job
     frame, truth = job()
     write_traces(truth["traces"], _traces(folder, name))
     write_log(frame, folder / f"{name}.csv")
-    return name, {k: v for k, v in truth.items() if k != "traces"}
+    return name, {key: value for key, value in truth.items() if key != "traces"}

@@ -1,4 +1,4 @@
-"""An EHL test of the synthetic rig: its draw, then warm running, loading, unloading and cooling of both disks."""
+"""Simulation of an EHL test: warm running, loading, unloading and cooling of both disks."""
 
 from __future__ import annotations
 
@@ -19,22 +19,32 @@ from tcdyn.simulate.programme import EhlCondition, ehl_test
 from tcdyn.simulate.round import seen_round, uneven_system
 from tcdyn.simulate.truth import DiskTruth, RigTruth, draw_truth, rng_for
 
-AGAIN_RISE_S = 0.01  # a contact after the parting comes and goes in this time
-STUDY_MESH = DiskMesh(radial=32, axial=40)  # three times faster than the default, 0.02 K from it
+RECONTACT_RISE_S = 0.01  # a contact after the unloading comes and goes in this time; judgement
+STUDY_MESH = DiskMesh(radial=32, axial=40)  # 3 times faster than the default, 0.02 K from it
 
 
 @dataclass(frozen=True)
 class EhlOptions:
-    """Times of a test [s] and what to hold fixed; None leaves a value to the draw.
+    """Times of a test [s] and values to fix; None leaves a value to the random draw.
 
-    ``brake_s``: from the parting both speeds fall to 1/e in this time; ``again_s``: (length, time after the parting) of
-    contacts after it.
+    Parameters
+    ----------
+    load_on_s, unload_s, duration_s
+        Nominal loading, unloading and end of the log.
+    parting_s
+        Duration of the fall of the friction, centred at the unloading.
+    loading_s
+        Duration of the rise of the friction.
+    brake_s
+        From the unloading both speeds fall to 1/e in this time.
+    again_s
+        Contacts after the unloading: (duration, time after the unloading).
     """
 
     load_on_s: float = 50.0
     unload_s: float = 1050.0
     duration_s: float = 1400.0
-    parting_s: float = 0.02  # friction falls over this time, centred at the unloading
+    parting_s: float = 0.02
     loading_s: float = 0.3
     ambient_degC: float = 60.5
     brake_s: float | None = None
@@ -48,14 +58,14 @@ class EhlOptions:
 
 @dataclass(frozen=True)
 class EhlTruth:
-    """What one test really did; ``drift`` says whether friction, ambient and oil wander."""
+    """True values of one test; ``drift``: whether friction, ambient and oil temperature vary."""
 
     test: EhlCondition
     beta: float
     h_fast_W_m2K: float
     h_slow_W_m2K: float
     half_width_m: float
-    pressure_Pa: float  # greatest of the contact
+    pressure_Pa: float  # maximum of the contact
     friction_N: float  # nominal level, before drift
     load_on_s: float
     unload_s: float
@@ -70,92 +80,88 @@ class EhlTruth:
 
     @property
     def breaks_s(self) -> tuple[float, ...]:
-        """Instants at which friction or speed has a kink, those of loading and parting first."""
-        touched = [
-            b
-            for on, off in self.touches_s
-            for b in (on, on + AGAIN_RISE_S, off - AGAIN_RISE_S, off)
-        ]
-        return (
+        """Times at which friction or speed has a kink, those of loading and unloading first [s]."""
+        half_ramp = 0.5 * self.parting_s
+        breaks = [
             self.load_on_s,
             self.load_on_s + self.loading_s,
-            self.unload_s - 0.5 * self.parting_s,
-            self.unload_s + 0.5 * self.parting_s,
-            *([] if self.brake_s is None else [self.unload_s]),
-            *touched,
-        )
+            self.unload_s - half_ramp,
+            self.unload_s + half_ramp,
+        ]
+        if self.brake_s is not None:
+            breaks.append(self.unload_s)
+        for start, end in self.touches_s:
+            breaks += [start, start + RECONTACT_RISE_S, end - RECONTACT_RISE_S, end]
+        return tuple(breaks)
 
     @property
     def touches_s(self) -> tuple[tuple[float, float], ...]:
-        """Begin and end of the contacts after the parting [s]."""
-        return tuple(
-            (self.unload_s + after, self.unload_s + after + length)
-            for length, after in self.again_s
-        )
+        """Start and end of the contacts after the unloading [s]."""
+        intervals = []
+        for duration, delay in self.again_s:
+            start = self.unload_s + delay
+            intervals.append((start, start + duration))
+        return tuple(intervals)
 
     def contact_share(self, t: Array) -> Array:
-        """1 while loaded, 0 while apart, straight lines between; ``t`` (N,) in s."""
-        on, up, off, apart = self.breaks_s[:4]
-        rise = np.clip((t - on) / max(up - on, 1e-12), 0, 1)
-        share = rise * (1 - np.clip((t - off) / max(apart - off, 1e-12), 0, 1))
-        for on, off in self.touches_s:
-            share = np.maximum(share, np.clip(np.minimum(t - on, off - t) / AGAIN_RISE_S, 0, 1))
-        return np.asarray(share)
+        """Return 1 while loaded and 0 while separated, with linear ramps; ``t`` (N,) [s]."""
+        load_start, load_end, unload_start, unload_end = self.breaks_s[:4]
+        rise = np.clip((t - load_start) / max(load_end - load_start, 1e-12), 0, 1)
+        fall = np.clip((t - unload_start) / max(unload_end - unload_start, 1e-12), 0, 1)
+        share = rise * (1 - fall)
+        for start, end in self.touches_s:
+            recontact = np.clip(np.minimum(t - start, end - t) / RECONTACT_RISE_S, 0, 1)
+            share = np.maximum(share, recontact)
+        return share
 
     def speed_share(self, t: Array) -> Array:
-        """Both speeds as a share of what they were under load: one until the parting; ``t`` (N,) in s."""
+        """Return both speeds relative to those under load: 1 until the unloading; ``t`` (N,) [s]."""
         if self.brake_s is None:
             return np.ones_like(t)
         return np.exp(-np.clip(t - self.unload_s, 0, None) / self.brake_s)
 
     def film_share(self, t: Array) -> Array:
-        """h of either disk as a share of what it was under load, h ~ u^n; ``t`` (N,) in s."""
+        """Return h of either disk relative to that under load, h ~ u^n; ``t`` (N,) [s]."""
         return self.speed_share(t) ** self.speed_exponent
 
     def friction_at(self, t: Array) -> Array:
-        """True friction [N]: running-in over some minutes, then a slow wander of half a percent."""
+        """Return the true friction [N]: running-in over minutes, then a slow drift of half a percent."""
         level = np.full_like(t, self.friction_N)
         if self.drift:
-            p = self.phases
             run_in = 0.04 * np.exp(-np.clip(t - self.load_on_s, 0, None) / 150.0)
-            wander = 0.004 * np.sin(2 * np.pi * (t / 310.0 + p[0])) + 0.003 * np.sin(
-                2 * np.pi * (t / 97.0 + p[1])
-            )
-            level = level * (1 + run_in + wander)
+            slow = 0.004 * np.sin(2 * np.pi * (t / 310.0 + self.phases[0]))
+            fast = 0.003 * np.sin(2 * np.pi * (t / 97.0 + self.phases[1]))
+            level = level * (1 + run_in + (slow + fast))
         return level * self.contact_share(t)
 
     def ambient_at(self, t: Array) -> Array:
-        """True temperature of the enclosure [degC]: slow drift, and a little warming by the loaded disks."""
-        out = np.full_like(t, self.ambient_degC)
+        """Return the true ambient temperature [degC]: slow drift, and warming by the loaded disks."""
+        ambient = np.full_like(t, self.ambient_degC)
         if self.drift:
-            p = self.phases
-            out = (
-                out
-                + 0.3 * np.sin(2 * np.pi * (t / 900.0 + p[2]))
-                + 0.1 * np.sin(2 * np.pi * (t / 333.0 + p[3]))
-            )
-            out = out + 0.005 * self.friction_N * self.test.sliding_speed_m_s * _first_order(
-                t, self.load_on_s, self.unload_s, 260.0
-            )
-        return out
+            slow = 0.3 * np.sin(2 * np.pi * (t / 900.0 + self.phases[2]))
+            fast = 0.1 * np.sin(2 * np.pi * (t / 333.0 + self.phases[3]))
+            warming_K = 0.005 * self.friction_N * self.test.sliding_speed_m_s
+            share = _first_order(t, self.load_on_s, self.unload_s, 260.0)
+            ambient = ambient + slow + fast + warming_K * share
+        return ambient
 
 
 def draw_test(
     truth: RigTruth, test: EhlCondition, seed: int, options: EhlOptions | None = None
 ) -> EhlTruth:
-    """Draw one test of the programme: beta and h about table 7.1, instants off the sample grid."""
+    """Draw the true values of one test: beta and h around table 7.1, events off the sample grid."""
     o = options or EhlOptions()
     rng = rng_for(seed, "test", test.name)
     beta = float(np.clip(test.beta + 0.01 * rng.standard_normal(), 0.64, 0.78))
     h_fast = float(test.h_fast_W_m2K * (1 + 0.04 * np.clip(rng.standard_normal(), -2, 2)))
-    on, off = rng.uniform(-0.5, 0.5, 2)
+    load_shift, unload_shift = rng.uniform(-0.5, 0.5, 2)
     friction = float(test.friction_N * (1 + 0.01 * rng.standard_normal()))
     ambient = o.ambient_degC + float(rng.uniform(-0.7, 0.7))
     phases = tuple(float(p) for p in rng.uniform(0, 1, 6))
-    h_fast = o.h_fast_W_m2K if o.h_fast_W_m2K is not None else h_fast
-    contact = hertz_contact(
-        test.load_N, truth.fast.setup.outer_radius_m, truth.fast.setup.crown_radius_m
-    )
+    if o.h_fast_W_m2K is not None:
+        h_fast = o.h_fast_W_m2K
+    setup = truth.fast.setup
+    contact = hertz_contact(test.load_N, setup.outer_radius_m, setup.crown_radius_m)
     return EhlTruth(
         test=test,
         beta=o.beta if o.beta is not None else beta,
@@ -164,8 +170,8 @@ def draw_test(
         half_width_m=contact.major_m * truth.half_width_scale,
         pressure_Pa=contact.pressure_Pa,
         friction_N=o.friction_N if o.friction_N is not None else friction,
-        load_on_s=o.load_on_s + float(on),
-        unload_s=o.unload_s + float(off),
+        load_on_s=o.load_on_s + float(load_shift),
+        unload_s=o.unload_s + float(unload_shift),
         parting_s=o.parting_s,
         loading_s=o.loading_s,
         ambient_degC=ambient,
@@ -178,9 +184,10 @@ def draw_test(
 
 
 def _first_order(t: Array, on_s: float, off_s: float, tau_s: float) -> Array:
-    up = 1 - np.exp(-np.clip(t - on_s, 0, None) / tau_s)
-    down = 1 - np.exp(-np.clip(t - off_s, 0, None) / tau_s)
-    return up - down
+    """Return the response of a first-order lag to 1 from ``on_s`` to ``off_s``, else 0."""
+    rise = 1 - np.exp(-np.clip(t - on_s, 0, None) / tau_s)
+    fall = 1 - np.exp(-np.clip(t - off_s, 0, None) / tau_s)
+    return rise - fall
 
 
 def simulate_ehl(
@@ -189,12 +196,27 @@ def simulate_ehl(
     truth: RigTruth | None = None,
     options: EhlOptions | None = None,
 ) -> tuple[pd.DataFrame, dict[str, Any]]:
-    """Run one EHL test on the synthetic rig.
+    """Simulate one EHL test on the synthetic rig.
 
-    Returns the log (canonical EHL columns, 75 Hz) and its truth: scalars (beta, h_fast, h_slow, load_on_s,
-    unload_s, friction_N, steady temperatures, ...) and ``"traces"``, a DataFrame of the true junction
-    temperatures, ambient, oil, friction and contact in the log's columns. ``truth`` is the rig (default
-    ``draw_truth(seed)``).
+    Parameters
+    ----------
+    test
+        Name of a test of the programme (A1 to D4), or its conditions.
+    seed
+        Seed of the random draws.
+    truth
+        The true rig; by default ``draw_truth(seed)``.
+    options
+        Times and fixed values.
+
+    Returns
+    -------
+    frame
+        The log: canonical EHL columns, 75 Hz.
+    truth
+        True values (beta, h_fast, h_slow, load_on_s, unload_s, friction_N, steady temperatures, ...)
+        and ``"traces"``, a DataFrame of the true junction temperatures, ambient, oil, friction and
+        contact in the columns of the log.
     """
     condition = ehl_test(test) if isinstance(test, str) else test
     rig = truth or draw_truth(seed)
@@ -202,122 +224,136 @@ def simulate_ehl(
     drawn = draw_test(rig, condition, seed, o)
     t = sample_times(o.duration_s)
     columns, traces = _conditions(t, drawn, rig, rng_for(seed, "conditions", condition.name))
-    shares = {
-        "fast": (drawn.beta, drawn.h_fast_W_m2K),
-        "slow": (1 - drawn.beta, drawn.h_slow_W_m2K),
-    }
-
-    def logged(name: str) -> tuple[Array, Array, dict[str, Any]]:
-        disk, rng = rig.disk(name), rng_for(seed, "measure", condition.name, name)
-        at = disk_run(disk, drawn, *shares[name], o, o.duration_s)[1].at
-        log, true = log_disk(
-            lambda t: at(t)[:, : len(disk.channels)],
-            o.duration_s,
-            disk,
-            rng,
-            rig.imperfections,
-            spikes=True,
-        )
-        return log, true, seen_round(disk, at(np.array([drawn.breaks_s[2]]))[0])
-
-    uneven: dict[str, Any] = {}
-    for name in shares:
-        disk = rig.disk(name)
-        log, true, uneven[name] = logged(name)
-        for k, channel in enumerate(sorted(disk.channels)):
+    unevenness: dict[str, Any] = {}
+    for name in DISKS:
+        rng = rng_for(seed, "measure", condition.name, name)
+        log, true, unevenness[name] = _simulate_disk(rig, name, drawn, o, rng)
+        for k, channel in enumerate(sorted(rig.disk(name).channels)):
             columns[f"{name}_{channel}_degC"] = log[:, k]
             traces[f"{name}_{channel}_degC"] = true[:, k]
     last = ["ambient_degC", "oil_degC"]
     order = [c for c in columns if c not in last] + last
     frame = pd.DataFrame(columns)[order]
     trace_frame = pd.DataFrame(traces)[order]
-    return frame, {**_scalars(drawn, rig, trace_frame), "unevenness": uneven, "traces": trace_frame}
+    values = _scalars(drawn, rig, trace_frame)
+    return frame, {**values, "unevenness": unevenness, "traces": trace_frame}
+
+
+def heat_share_and_h(drawn: EhlTruth, name: str) -> tuple[float, float]:
+    """Return the share of the frictional heat and h [W/m2K] of a disk."""
+    if name == "fast":
+        return drawn.beta, drawn.h_fast_W_m2K
+    return 1 - drawn.beta, drawn.h_slow_W_m2K
+
+
+def _simulate_disk(
+    rig: RigTruth, name: str, drawn: EhlTruth, o: EhlOptions, rng: np.random.Generator
+) -> tuple[Array, Array, dict[str, Any]]:
+    """Return logged and true channels (N, channels) of a disk, and its unevenness at the unloading."""
+    disk = rig.disk(name)
+    share, h = heat_share_and_h(drawn, name)
+    _, solution = disk_run(disk, drawn, share, h, o, o.duration_s)
+    n_channels = len(disk.channels)
+
+    def junctions_at(t: Array) -> Array:
+        return solution.at(t)[:, :n_channels]
+
+    imperfections = rig.imperfections
+    log, true = log_disk(junctions_at, o.duration_s, disk, rng, imperfections, spikes=True)
+    unloading_start = np.array([drawn.breaks_s[2]])
+    return log, true, seen_round(disk, solution.at(unloading_start)[0])
 
 
 def disk_run(
     disk: DiskTruth, drawn: EhlTruth, share: float, h: float, o: EhlOptions, until_s: float
 ) -> tuple[DiskSystem, Solution]:
-    """One disk from the start of its test ``until_s``, at the film coefficient ``h`` [W/m2K]."""
-    under = replace(disk.setup, flux=disk.setup.flux.under(drawn.pressure_Pa))
-    system = uneven_system(replace(disk, setup=under), h, drawn.half_width_m, o.mesh)
+    """Simulate one disk from the start of its test to ``until_s``.
+
+    Parameters
+    ----------
+    share
+        Share of the frictional heat that enters the disk.
+    h
+        Heat transfer coefficient of the running surface under load [W/m2K].
+    """
+    flux = disk.setup.flux.under(drawn.pressure_Pa)
+    loaded_disk = replace(disk, setup=replace(disk.setup, flux=flux))
+    system = uneven_system(loaded_disk, h, drawn.half_width_m, o.mesh)
 
     def power(t: Array) -> Array:
         return share * drawn.test.sliding_speed_m_s * drawn.speed_share(t) * drawn.friction_at(t)
 
-    start = steady_state(system, 0.0, float(drawn.ambient_at(np.zeros(1))[0]))
-    edges = 0.0, *sorted({b for b in drawn.breaks_s if 0 < b < until_s}), until_s
-    return system, integrate(
+    ambient = float(drawn.ambient_at(np.zeros(1))[0])
+    start = steady_state(system, 0.0, ambient)
+    breaks = sorted({b for b in drawn.breaks_s if 0 < b < until_s})
+    edges = (0.0, *breaks, until_s)
+    solution = integrate(
         system, power, drawn.ambient_at, edges, start, o.stepping, drawn.film_share
     )
+    return system, solution
 
 
 def _conditions(
     t: Array, drawn: EhlTruth, rig: RigTruth, rng: np.random.Generator
 ) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Time, load, friction, contact, speeds, ambient and oil, as they are logged and as they were."""
-    how, n = rig.imperfections, len(t)
-    late = rng.uniform(-0.02, 0.02, 4) if how.timing else np.zeros(4)
-    noise = rng.standard_normal((6, n)) * (1.0 if how.noise else 0.0)
-    zero_load, zero_friction = rng.uniform(-1, 1, 2) * ([4.0, 0.08] if how.static else [0.0, 0.0])
-    oil = np.full(n, 60.0)
-    if how.drift:
-        oil = (
-            oil
-            + 0.4 * np.sin(2 * np.pi * (t / 700.0 + drawn.phases[4]))
-            + 0.2 * drawn.contact_share(t)
-        )
-
-    def rows(
-        load: Array, friction: Array, on_s: float, off_s: float, ambient: Array
-    ) -> dict[str, Array]:
-        """Columns in the log's order; speeds and oil as they were."""
-        return {
-            "time_s": t,
-            "load_N": load,
-            "friction_N": friction,
-            "contact": _within(t, [(on_s, off_s), *drawn.touches_s]),
-            "speed_fast_rpm": drawn.test.speed_fast_rpm * drawn.speed_share(t),
-            "speed_slow_rpm": drawn.test.speed_slow_rpm * drawn.speed_share(t),
-            "ambient_degC": ambient,
-            "oil_degC": oil,
-        }
+    """Return time, load, friction, contact, speeds, ambient and oil, as logged and as true."""
+    errors = rig.imperfections
+    delay_s = rng.uniform(-0.02, 0.02, 4) if errors.timing else np.zeros(4)
+    noise = rng.standard_normal((6, len(t))) * (1.0 if errors.noise else 0.0)
+    zero_errors = [4.0, 0.08] if errors.static else [0.0, 0.0]
+    zero_load, zero_friction = rng.uniform(-1, 1, 2) * zero_errors
 
     def digitised(values: Array, full_scale: float) -> Array:
-        return quantised(values, -full_scale, full_scale) if how.quantise else values
+        return quantised(values, -full_scale, full_scale) if errors.quantise else values
 
-    ambient, load_N = drawn.ambient_at(t), drawn.test.load_N
-    true = rows(
-        load_N * drawn.contact_share(t),
-        drawn.friction_at(t),
-        drawn.load_on_s,
-        drawn.unload_s,
-        ambient,
-    )
-    logged = rows(
-        digitised(load_N * drawn.contact_share(t - late[0]) + zero_load + 6.0 * noise[0], 5000.0),
-        digitised(
-            rig.friction_scale * drawn.friction_at(t - late[1]) + zero_friction + 0.15 * noise[1],
-            100.0,
-        ),
-        drawn.load_on_s + 0.5 * abs(late[2]),
-        drawn.unload_s + late[3],
-        ambient + rig.ambient_bias_K + 0.1 * noise[4],
-    )
-    for column, size, k in (("speed_fast_rpm", 1.5, 2), ("speed_slow_rpm", 0.5, 3)):
-        logged[column] = np.round(logged[column] + size * noise[k], 1)
-    logged["oil_degC"] = oil + 0.1 * noise[5]
+    load_N = drawn.test.load_N
+    true = {
+        "time_s": t,
+        "load_N": load_N * drawn.contact_share(t),
+        "friction_N": drawn.friction_at(t),
+        "contact": _within(t, [(drawn.load_on_s, drawn.unload_s), *drawn.touches_s]),
+        "speed_fast_rpm": drawn.test.speed_fast_rpm * drawn.speed_share(t),
+        "speed_slow_rpm": drawn.test.speed_slow_rpm * drawn.speed_share(t),
+        "ambient_degC": drawn.ambient_at(t),
+        "oil_degC": _oil_temperature(t, drawn, errors.drift),
+    }
+    load = load_N * drawn.contact_share(t - delay_s[0])
+    friction = rig.friction_scale * drawn.friction_at(t - delay_s[1])
+    switch_on_s = drawn.load_on_s + 0.5 * abs(delay_s[2])
+    switch_off_s = drawn.unload_s + delay_s[3]
+    logged = {
+        "time_s": t,
+        "load_N": digitised(load + zero_load + 6.0 * noise[0], 5000.0),
+        "friction_N": digitised(friction + zero_friction + 0.15 * noise[1], 100.0),
+        "contact": _within(t, [(switch_on_s, switch_off_s), *drawn.touches_s]),
+        "speed_fast_rpm": np.round(true["speed_fast_rpm"] + 1.5 * noise[2], 1),
+        "speed_slow_rpm": np.round(true["speed_slow_rpm"] + 0.5 * noise[3], 1),
+        "ambient_degC": true["ambient_degC"] + rig.ambient_bias_K + 0.1 * noise[4],
+        "oil_degC": true["oil_degC"] + 0.1 * noise[5],
+    }
     return logged, true
 
 
-def _within(t: Array, stretches: Sequence[tuple[float, float]]) -> Array:
-    """1 inside any of the stretches, else 0; (N,)."""
-    return np.any([(t >= start) & (t < stop) for start, stop in stretches], axis=0).astype(float)
+def _oil_temperature(t: Array, drawn: EhlTruth, drift: bool) -> Array:
+    """Return the true temperature of the oil [degC]."""
+    oil = np.full(len(t), 60.0)
+    if not drift:
+        return oil
+    slow = 0.4 * np.sin(2 * np.pi * (t / 700.0 + drawn.phases[4]))
+    return oil + slow + 0.2 * drawn.contact_share(t)
+
+
+def _within(t: Array, intervals: Sequence[tuple[float, float]]) -> Array:
+    """Return 1 inside any of the intervals, else 0; (N,)."""
+    return np.any([(t >= start) & (t < stop) for start, stop in intervals], axis=0).astype(float)
 
 
 def _scalars(drawn: EhlTruth, rig: RigTruth, traces: pd.DataFrame) -> dict[str, Any]:
+    """Return the true values of a test; means are those of the last 5 s before the unloading."""
     t = traces["time_s"].to_numpy()
-    last = (t < drawn.unload_s - drawn.parting_s) & (t >= drawn.unload_s - 5.0)
-    mean = {c.removesuffix("_degC"): float(traces.loc[last, c].mean()) for c in traces.columns}
+    is_steady = (t < drawn.unload_s - drawn.parting_s) & (t >= drawn.unload_s - 5.0)
+    mean = {c.removesuffix("_degC"): float(traces.loc[is_steady, c].mean()) for c in traces.columns}
+    unloading_start = np.array([drawn.breaks_s[2]])
     return {
         "test": drawn.test.name,
         "beta": drawn.beta,
@@ -327,7 +363,7 @@ def _scalars(drawn: EhlTruth, rig: RigTruth, traces: pd.DataFrame) -> dict[str, 
         "half_width_m": drawn.half_width_m,
         "load_N": drawn.test.load_N,
         "friction_N": mean["friction_N"],
-        "friction_at_unloading_N": float(drawn.friction_at(np.array([drawn.breaks_s[2]]))[0]),
+        "friction_at_unloading_N": float(drawn.friction_at(unloading_start)[0]),
         "sliding_speed_m_s": drawn.test.sliding_speed_m_s,
         "entraining_speed_m_s": drawn.test.entraining_speed_m_s,
         "load_on_s": drawn.load_on_s,

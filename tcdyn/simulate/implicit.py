@@ -1,4 +1,4 @@
-"""Integration in time for the synthetic disk: an L-stable method of order four with few step sizes."""
+"""Time integration of the synthetic disk: an L-stable implicit Runge-Kutta method of order four (SDIRK)."""
 
 from __future__ import annotations
 
@@ -15,8 +15,11 @@ from tcdyn.core import Array
 from tcdyn.simulate.mesh import DiskSystem
 
 Signal = Callable[[Array], Array]  # time [s] -> value, smooth between breaks
-FILM_TOLERANCE = 1e-9  # of a stage's rates: each round with another film than the factors' leaves a tenth or less
-FILM_ROUNDS = 30
+H_TOLERANCE = (
+    1e-9  # relative change of the rates at which the fixed-point iteration stops; judgement
+)
+MAX_ITERATIONS = 30  # each iteration leaves a tenth of the error or less
+NUDGE = 1e-9  # signals are read this far (share of a segment) inside its ends
 
 # Singly diagonally implicit Runge-Kutta, five stages, order four, stiffly accurate
 # (Hairer & Wanner, Solving ODEs II, table 6.5).
@@ -35,7 +38,10 @@ _C = np.array([1 / 4, 3 / 4, 11 / 20, 1 / 2, 1])
 
 @dataclass(frozen=True)
 class Stepping:
-    """Steps grow in octaves from ``first_s`` after each break, never above ``growth`` times the time since it."""
+    """Step sizes: they grow in octaves from ``first_s`` after each break.
+
+    A step is never above ``growth`` times the time since the break, nor above ``largest_s``.
+    """
 
     first_s: float = 1 / 300
     largest_s: float = 7.0
@@ -44,40 +50,62 @@ class Stepping:
 
 @dataclass(frozen=True)
 class Solution:
-    """Readings at the solver's own steps: times (N,), values and rates (N, channels); the last state (n,)."""
+    """Readings at the solver's steps.
+
+    Parameters
+    ----------
+    time_s
+        Times (N,) [s].
+    values, rates
+        Readings [degC] and their rates [K/s], (N, channels).
+    segments
+        The steps between two breaks.
+    state
+        The last state (n,).
+    """
 
     time_s: Array
     values: Array
     rates: Array
-    pieces: tuple[slice, ...]  # the steps between two breaks
+    segments: tuple[slice, ...]
     state: Array
 
     def at(self, time_s: Array) -> Array:
-        """Readings at any times (M,) -> (M, channels): cubic Hermite between steps, never across a break."""
+        """Return the readings at any times (M,) as (M, channels).
+
+        The interpolation is cubic Hermite between steps, never across a break.
+        """
         out = np.empty((len(time_s), self.values.shape[1]))
-        starts = [self.time_s[piece.start] for piece in self.pieces]
-        which = np.clip(np.searchsorted(starts, time_s, side="right") - 1, 0, len(starts) - 1)
-        for number, piece in enumerate(self.pieces):
-            here = which == number
-            if here.any():
+        starts = [self.time_s[segment.start] for segment in self.segments]
+        index = np.clip(np.searchsorted(starts, time_s, side="right") - 1, 0, len(starts) - 1)
+        for k, segment in enumerate(self.segments):
+            in_segment = index == k
+            if in_segment.any():
                 spline = CubicHermiteSpline(
-                    self.time_s[piece], self.values[piece], self.rates[piece]
+                    self.time_s[segment], self.values[segment], self.rates[segment]
                 )
-                out[here] = spline(time_s[here])
+                out[in_segment] = spline(time_s[in_segment])
         return out
 
 
 def steady_state(system: DiskSystem, power_W: float, ambient_degC: float) -> Array:
-    """The state that no longer changes under constant power and ambient temperature."""
+    """Return the steady state (n,) under constant power and ambient temperature."""
     load = _load(system, power_W, ambient_degC)
-    factor = _factorise(system.conductance)
-    state = factor.solve(load)
-    for _ in range(FILM_ROUNDS if system.steel.follows else 0):
-        before = state
-        state = np.asarray(factor.solve(load + system.steel.conducted_W(state)))
-        if np.abs(state - before).max() <= FILM_TOLERANCE * np.abs(state).max():
+    factors = _factorise(system.conductance)
+    state = factors.solve(load)
+    if not system.steel.follows:
+        return state
+    for _ in range(MAX_ITERATIONS):
+        previous = state
+        state = np.asarray(factors.solve(load + system.steel.conducted_W(state)))
+        if _has_converged(state, previous):
             break
     return state
+
+
+def _has_converged(values: Array, previous: Array) -> bool:
+    """Whether the fixed-point iteration has converged."""
+    return bool(np.abs(values - previous).max() <= H_TOLERANCE * np.abs(values).max())
 
 
 def integrate(
@@ -89,36 +117,52 @@ def integrate(
     stepping: Stepping | None = None,
     film_share: Signal = np.ones_like,
 ) -> Solution:
-    """March C dT/dt = -S T + sources from ``edges_s[0]`` to ``edges_s[-1]``; h is ``film_share`` of the system's.
+    """Integrate C dT/dt = -S T + sources from ``edges_s[0]`` to ``edges_s[-1]``.
 
-    ``edges_s`` (ascending) are the ends and the instants between at which power or ambient may jump or kink;
-    inside each piece the signals are read strictly within it. The stage equations
-    (C + h gamma S) k = load - S (y + h sum a k) share one factorisation per step size; what another film changes in
-    S and what steel that follows temperature conducts and holds otherwise, stands on their right side and is iterated.
+    Parameters
+    ----------
+    power_W, ambient_degC
+        Heat into the track [W] and ambient temperature [degC] over time.
+    edges_s
+        Ascending times: start, breaks at which power or ambient may jump or kink, and end. Signals
+        are read strictly inside each segment.
+    start
+        Initial state (n,).
+    film_share
+        h over that of the system.
+
+    Notes
+    -----
+    The stage equations (C + h gamma S) k = load - S (y + h sum a k) share one factorisation for
+    each step size. What another h changes in S, and what steel with temperature-dependent
+    properties conducts and stores differently, is on their right side and is iterated.
     """
     stepping = stepping or Stepping()
     factors: dict[float, SuperLU] = {}
     times: list[float] = []
     values = []
     rates = []
-    pieces = []
+    segments = []
     y = start
+
+    def signals_at(t: Array) -> Array:
+        """Return power, ambient and change of the surface conductance, (..., 3)."""
+        change = system.film_change(film_share(t))
+        return np.stack([power_W(t), ambient_degC(t), change], axis=-1)
+
     for begin, end in pairwise(edges_s):
         steps = step_sizes(end - begin, stepping)
         t_steps = begin + np.concatenate([[0.0], np.cumsum(steps)])
         t_steps[-1] = end
-        pieces.append(slice(len(times), len(times) + len(t_steps)))
+        segments.append(slice(len(times), len(times) + len(t_steps)))
+        nudge = NUDGE * (end - begin)
         stage_t = np.clip(t_steps[:-1, None] + _C * steps[:, None], begin, end)
-        nudge = 1e-9 * (end - begin)
         inside = np.clip(stage_t.ravel(), begin + nudge, end - nudge)
-        edge_t = np.clip(t_steps, begin + nudge, end - nudge)
-        signals = power_W, ambient_degC, lambda x: system.film_change(film_share(x))
-        stages = np.stack(
-            [s(inside).reshape(stage_t.shape) for s in signals], axis=-1
-        )  # (steps, 5, 3)
-        edges = np.stack([s(edge_t) for s in signals], axis=-1)
+        stage_signals = signals_at(inside).reshape(*stage_t.shape, 3)
+        edge_signals = signals_at(np.clip(t_steps, begin + nudge, end - nudge))
         for i in range(len(t_steps)):
-            rate = system.steel.rate(_heat(system, y, *edges[i]), y, system.capacity)
+            heat = _heat(system, y, *edge_signals[i])
+            rate = system.steel.rate(heat, y, system.capacity)
             times.append(t_steps[i])
             values.append(system.sample @ y)
             rates.append(system.sample @ rate)
@@ -127,63 +171,92 @@ def integrate(
             h = float(steps[i])
             if h not in factors:
                 factors[h] = _factorise(diags(system.capacity) + h * _GAMMA * system.conductance)
-            y = _step(system, factors[h], y, h, stages[i])
-    return Solution(np.array(times), np.array(values), np.array(rates), tuple(pieces), y)
+            y = _step(system, factors[h], y, h, stage_signals[i])
+    return Solution(np.array(times), np.array(values), np.array(rates), tuple(segments), y)
 
 
 def step_sizes(length_s: float, stepping: Stepping) -> Array:
-    """Octave steps that fill ``length_s`` exactly: growing, then falling to the remainder, which comes last."""
+    """Return octave steps that fill ``length_s`` exactly.
+
+    They grow, then fall to the remainder, which comes last.
+    """
     steps: list[float] = []
     elapsed = 0.0
-    while (left := length_s - elapsed) > 1e-9:
+    remaining = length_s
+    while remaining > 1e-9:
         allowed = min(max(stepping.first_s, stepping.growth * elapsed), stepping.largest_s)
         size = stepping.first_s * 2.0 ** np.floor(np.log2(allowed / stepping.first_s) + 1e-9)
-        while size > left * (1 + 1e-12) and size > stepping.first_s:
+        while size > remaining * (1 + 1e-12) and size > stepping.first_s:
             size *= 0.5
-        steps.append(min(size, left))
+        steps.append(min(size, remaining))
         elapsed += steps[-1]
+        remaining = length_s - elapsed
     return np.array(steps)
 
 
-def _step(system: DiskSystem, factor: SuperLU, y: Array, h: float, signals: Array) -> Array:
-    """One step of ``h`` [s]; ``signals`` (5, 3): power, ambient and change of the film at the stages."""
+def _step(system: DiskSystem, factors: SuperLU, y: Array, h: float, signals: Array) -> Array:
+    """Advance ``y`` by one step of ``h`` [s].
+
+    ``signals`` (5, 3): power, ambient and change of the surface conductance at the stages.
+    """
     stages = np.zeros((5, len(y)))
-    for i, (power, ambient, film) in enumerate(signals):
+    for i, (power, ambient, change) in enumerate(signals):
         guess = y + h * (_A[i, :i] @ stages[:i]) if i else y
-        heat = _heat(system, guess, power, ambient, film)
-        rate = factor.solve(heat)
-        for _ in range(FILM_ROUNDS if film or system.steel.follows else 0):
-            left = heat - h * _GAMMA * film * system.surface_m2 * rate
-            if system.steel.follows:
-                left += system.steel.more_W(guess, guess + h * _GAMMA * rate, rate, system.capacity)
-            before = rate
-            rate = factor.solve(left)
-            if np.abs(rate - before).max() <= FILM_TOLERANCE * np.abs(rate).max():
-                break
+        heat = _heat(system, guess, power, ambient, change)
+        rate = factors.solve(heat)
+        if change or system.steel.follows:
+            rate = _iterate_stage(system, factors, guess, h, heat, change, rate)
         stages[i] = rate
     return y + h * (_A[4] @ stages)
 
 
-def _heat(system: DiskSystem, y: Array, power: float, ambient: float, film: float) -> Array:
-    """Heat [W] that warms each cell at the state ``y``, of which the ``film`` [W/m2K] beyond the system's takes part.
+def _iterate_stage(
+    system: DiskSystem,
+    factors: SuperLU,
+    guess: Array,
+    h: float,
+    heat: Array,
+    change: float,
+    rate: Array,
+) -> Array:
+    """Return the rates of a stage at which the terms outside the factorisation agree with them."""
+    for _ in range(MAX_ITERATIONS):
+        right_side = heat - h * _GAMMA * change * system.surface_m2 * rate
+        if system.steel.follows:
+            state = guess + h * _GAMMA * rate
+            right_side += system.steel.more_W(guess, state, rate, system.capacity)
+        previous = rate
+        rate = factors.solve(right_side)
+        if _has_converged(rate, previous):
+            break
+    return rate
 
-    The half cell of steel under the surface lets the film have its share of the power, too.
+
+def _heat(system: DiskSystem, y: Array, power: float, ambient: float, change: float) -> Array:
+    """Return the heat [W] that warms each cell at the state ``y``.
+
+    ``change`` [W/m2K]: surface conductance beyond that of the system. The half cell of steel below
+    the surface lets it take its share of the power, too.
     """
     heat = _load(system, power, ambient) - system.conductance @ y
-    if film:
-        heat += film * (
+    if change:
+        heat += change * (
             system.surface_air_m2 * (ambient + system.film_air_K)
             - system.surface_m2 * y
             - system.skin_m2K_W * power * system.track
         )
-    return np.asarray(heat + system.steel.conducted_W(y) if system.steel.follows else heat)
+    if system.steel.follows:
+        heat = heat + system.steel.conducted_W(y)
+    return np.asarray(heat)
 
 
 def _load(system: DiskSystem, power: float, ambient: float) -> Array:
+    """Return the heat [W] that the sources bring to each cell."""
     return system.source_power * power + system.source_ambient * ambient + system.source_const
 
 
 def _factorise(matrix: csc_matrix) -> SuperLU:
+    """Return the LU factors of a symmetric matrix."""
     return splu(
         csc_matrix(matrix),
         permc_spec="MMD_AT_PLUS_A",

@@ -1,4 +1,4 @@
-"""From true junction temperatures to what the logger writes: chain, static errors, noise, spikes, 16 bits; the oven."""
+"""Simulation of the logger: chain, static errors, noise, spikes and 16 bits; and of the oven calibration."""
 
 from __future__ import annotations
 
@@ -23,14 +23,20 @@ SETPOINTS_degC = tuple(range(20, 161, 20))
 
 
 def chain_poles(tau1_s: float, tau2_s: float, conditioning: Conditioning) -> Array:
-    """Poles (n,) [1/s] of 1 / ((1 + tau1 s)(1 + tau2 s)) times the conditioning filter; complex where that is so."""
+    """Return the poles (n,) [1/s] of 1 / ((1 + tau1 s)(1 + tau2 s)) times the conditioning filter.
+
+    Raises
+    ------
+    InputError
+        If the synthetic rig has no filter of that shape.
+    """
     poles = [-1 / tau for tau in (tau1_s, tau2_s) if tau > 0]
-    cut = 2 * np.pi * conditioning.cutoff_Hz
+    cutoff_rad_s = 2 * np.pi * conditioning.cutoff_Hz
     match conditioning.shape:
         case "butterworth":
-            poles += list(cut * buttap(conditioning.poles)[1])
+            poles += list(cutoff_rad_s * buttap(conditioning.poles)[1])
         case "cascade":
-            poles += [-cut] * conditioning.poles
+            poles += [-cutoff_rad_s] * conditioning.poles
         case other:
             raise InputError(f"the synthetic rig has no filter of the shape {other!r}")
     return np.array(poles)
@@ -39,27 +45,37 @@ def chain_poles(tau1_s: float, tau2_s: float, conditioning: Conditioning) -> Arr
 def through_chains(
     fine: Array, dt_s: float, every: int, chains: Sequence[tuple[float, float, Conditioning]]
 ) -> Array:
-    """What the chains make of ``fine`` (M, channels), sampled every ``dt_s``; each ``every``-th sample comes back.
+    """Return the response of the chains to ``fine``, each ``every``-th sample of it.
 
-    The input is a straight line between fine samples and the answer is exact for that; each chain starts at rest
-    with its first sample. ``chains`` holds (tau1, tau2, conditioning) per channel.
+    The input is linear between fine samples, and the response is exact for that. Each chain starts
+    at rest with its first sample.
+
+    Parameters
+    ----------
+    fine
+        Inputs (M, channels), sampled every ``dt_s``.
+    chains
+        (tau1, tau2, conditioning) of each channel.
     """
     out = [
-        _through(u, dt_s, chain_poles(*chain))[::every]
+        _lag_response(u, dt_s, chain_poles(*chain))[::every]
         for u, chain in zip(fine.T, chains, strict=True)
     ]
     return np.stack(out, axis=1)
 
 
-def _through(u: Array, dt_s: float, poles: Array) -> Array:
-    """``u`` (M,) through lags of unit gain, one after the other: x_i' = p_i (x_i - x_{i-1}), x_0 = u. The last one."""
+def _lag_response(u: Array, dt_s: float, poles: Array) -> Array:
+    """Return the response of lags of unit gain in series to ``u`` (M,).
+
+    x_i' = p_i (x_i - x_{i-1}) with x_0 = u; the last x is returned. For x' = A x + B u, u' = du/dt,
+    one matrix exponential of [x, u, du] gives the exact step of a linear input.
+    """
     n = len(poles)
-    # [x, u, du] under x' = A x + B u, u' = du/dt: one exponential gives the exact straight-line step
-    big = np.zeros((n + 2, n + 2), dtype=poles.dtype)
-    big[:n, :n] = (np.diag(poles) - np.diag(poles[1:], -1)) * dt_s
-    big[:1, n] = -poles[:1] * dt_s
-    big[n, n + 1] = 1.0
-    step = expm(big)
+    generator = np.zeros((n + 2, n + 2), dtype=poles.dtype)
+    generator[:n, :n] = (np.diag(poles) - np.diag(poles[1:], -1)) * dt_s
+    generator[:1, n] = -poles[:1] * dt_s
+    generator[n, n + 1] = 1.0
+    step = expm(generator)
     states = [u]
     for i in range(n):
         drive = (step[i, n] - step[i, n + 1]) * u[:-1] + step[i, n + 1] * u[1:]
@@ -70,8 +86,13 @@ def _through(u: Array, dt_s: float, poles: Array) -> Array:
 
 
 def sample_times(duration_s: float) -> Array:
-    """Times of a 75 Hz record of ``duration_s`` [s], from 0."""
+    """Return the times of a 75 Hz record of ``duration_s`` [s], from 0."""
     return np.arange(int(np.floor(duration_s * RATE_Hz + 1e-6)) + 1) / RATE_Hz
+
+
+def fine_times(n_samples: int) -> Array:
+    """Return the times [s] of the oversampled record behind ``n_samples`` samples."""
+    return np.arange((n_samples - 1) * OVERSAMPLING + 1) / (RATE_Hz * OVERSAMPLING)
 
 
 def log_disk(
@@ -84,23 +105,30 @@ def log_disk(
 ) -> tuple[Array, Array]:
     """Log all channels of a disk for ``duration_s`` at 75 Hz.
 
-    ``truth_at`` maps times (M,) to the true temperatures (M, channels). Returns what is logged and
-    what was true, both (N, channels).
-    ``spikes``: whether the signals pass slip rings (EHL tests).
+    Parameters
+    ----------
+    truth_at
+        True temperatures (M, channels) over times (M,).
+    how
+        Errors to simulate.
+    spikes
+        Whether the signals pass slip rings (EHL tests).
+
+    Returns
+    -------
+    logged, true
+        Logged and true temperatures, both (N, channels).
     """
-    names = sorted(disk.channels)
-    times = sample_times(duration_s)
-    fine_t = np.arange((len(times) - 1) * OVERSAMPLING + 1) / (RATE_Hz * OVERSAMPLING)
-    fine = truth_at(fine_t)
+    fine = truth_at(fine_times(len(sample_times(duration_s))))
     true = fine[::OVERSAMPLING]
-    read = true
-    if how.chain:
-        chains = [
-            (disk.channels[c].tau1_s, disk.channels[c].tau2_s, disk.setup.conditioning)
-            for c in names
-        ]
-        read = through_chains(fine, 1 / (RATE_Hz * OVERSAMPLING), OVERSAMPLING, chains)
-    return logged(read, disk, rng, how, spikes), true
+    if not how.chain:
+        return logged(true, disk, rng, how, spikes), true
+    chains = []
+    for name in sorted(disk.channels):
+        channel = disk.channels[name]
+        chains.append((channel.tau1_s, channel.tau2_s, disk.setup.conditioning))
+    output = through_chains(fine, 1 / (RATE_Hz * OVERSAMPLING), OVERSAMPLING, chains)
+    return logged(output, disk, rng, how, spikes), true
 
 
 def logged(
@@ -111,9 +139,14 @@ def logged(
     spikes: bool,
     averaged: int = 1,
 ) -> Array:
-    """Static errors, noise, spikes and quantisation upon chain outputs (N, channels) of one disk.
+    """Add static errors, noise, spikes and quantisation to the chain outputs of one disk.
 
-    ``averaged``: how many readings went into one row (oven rows are means); noise falls with its root.
+    Parameters
+    ----------
+    read
+        Chain outputs (N, channels) [degC].
+    averaged
+        Number of readings in one row (oven rows are means); the noise falls with its square root.
     """
     out = read.copy()
     for k, name in enumerate(sorted(disk.channels)):
@@ -126,23 +159,29 @@ def logged(
             out[:, k] += noise
         if how.spikes:
             out[:, k] += bursts
-    return quantised(out) if how.quantise and averaged == 1 else out
+    if how.quantise and averaged == 1:
+        return quantised(out)
+    return out
 
 
 def spike_train(rng: np.random.Generator, count: int, per_s: float) -> Array:
-    """Slip-ring spikes [K]: Poisson in time, one to three samples long, 1.5 K and more, of either sign."""
+    """Return slip-ring spikes (count,) [K].
+
+    They are Poisson in time, one to three samples long, 1.5 K and more, of either sign.
+    """
     out = np.zeros(count)
-    number = rng.poisson(per_s * count / RATE_Hz)
-    starts = rng.integers(0, max(count, 1), number)
-    lengths = rng.integers(1, 4, number)
-    heights = rng.choice([-1.0, 1.0], number) * (1.5 + rng.exponential(4.0, number))
+    n_spikes = rng.poisson(per_s * count / RATE_Hz)
+    starts = rng.integers(0, max(count, 1), n_spikes)
+    lengths = rng.integers(1, 4, n_spikes)
+    signs = rng.choice([-1.0, 1.0], n_spikes)
+    heights = signs * (1.5 + rng.exponential(4.0, n_spikes))
     for start, length, height in zip(starts, lengths, heights):
         out[start : start + length] += height
     return out
 
 
 def quantised(values: Array, low: float = RANGE_degC[0], high: float = RANGE_degC[1]) -> Array:
-    """Round to the nearest of 2^16 levels between ``low`` and ``high`` and clip to them."""
+    """Round to the nearest of 2^16 levels between ``low`` and ``high``, and clip to them."""
     step = (high - low) / (2**BITS - 1)
     return np.asarray(low + step * np.round((np.clip(values, low, high) - low) / step))
 
@@ -156,51 +195,61 @@ def simulate_oven(
     minutes: int = 6,
     prt_limit_K: float = 0.1,
 ) -> tuple[pd.DataFrame, dict[str, Any]]:
-    """Hold one disk at each setpoint, in ``repeats`` runs, and write a row for each steady minute.
+    """Simulate the oven calibration of one disk.
 
-    The PRT is wrong by up to ``prt_limit_K`` at each hold (uniform, the same for the minutes of that hold); the
-    channels' rows are means of one second. Returns the log (canonical oven columns) and its truth: gain,
-    offset_degC per channel with T = gain * logged + offset, ``prt_error_K`` per hold and ``"traces"``, the true
-    temperature of each row.
+    The disk is held at each setpoint, in ``repeats`` runs, with one row for each steady minute. The
+    rows of the channels are means of one second.
+
+    Parameters
+    ----------
+    prt_limit_K
+        The PRT is wrong by up to this much at each hold (uniform, constant within the hold).
+
+    Returns
+    -------
+    frame
+        The log: canonical oven columns.
+    truth
+        Gain and offset_degC of each channel with T = gain * logged + offset, ``prt_error_K`` of
+        each hold, and ``"traces"``, the true temperature of each row.
     """
     rig = truth or draw_truth(seed)
-    how = rig.imperfections
-    own = rig.disk(disk)
+    errors = rig.imperfections
+    disk_truth = rig.disk(disk)
     rng = rng_for(seed, "oven", disk)
     rows = []
-    errors = []
+    prt_errors = []
     for repeat in range(1, repeats + 1):
         for setpoint in setpoints_degC:
             level = setpoint + rng.normal(0, 0.5)
-            error = float(rng.uniform(-prt_limit_K, prt_limit_K)) if how.static else 0.0
-            errors.append(error)
-            wander = (
-                0.03 * np.cumsum(rng.standard_normal(minutes)) if how.drift else np.zeros(minutes)
-            )
+            prt_error = float(rng.uniform(-prt_limit_K, prt_limit_K)) if errors.static else 0.0
+            prt_errors.append(prt_error)
+            drift = np.zeros(minutes)
+            if errors.drift:
+                drift = 0.03 * np.cumsum(rng.standard_normal(minutes))
             for minute in range(minutes):
-                true = level + wander[minute]
-                rows.append(
-                    (
-                        repeat,
-                        float(setpoint),
-                        true + error + 0.005 * rng.standard_normal() * how.noise,
-                        true,
-                    )
-                )
+                true = level + drift[minute]
+                prt = true + prt_error + 0.005 * rng.standard_normal() * errors.noise
+                rows.append((repeat, float(setpoint), prt, true))
     table = np.array(rows)
-    names = sorted(own.channels)
-    read = logged(
-        np.repeat(table[:, 3:], len(names), axis=1), own, rng, how, spikes=False, averaged=75
-    )
+    names = sorted(disk_truth.channels)
+    true_channels = np.repeat(table[:, 3:], len(names), axis=1)
+    readings = logged(true_channels, disk_truth, rng, errors, spikes=False, averaged=75)
     frame = pd.DataFrame(table[:, :3], columns=["repeat", "setpoint_degC", "prt_degC"])
     frame["repeat"] = frame["repeat"].astype(int)
-    for k, channel in enumerate(names):
-        frame[f"{channel}_degC"] = read[:, k]
+    gain = {}
+    offset_degC = {}
+    for k, name in enumerate(names):
+        channel = disk_truth.channels[name]
+        frame[f"{name}_degC"] = readings[:, k]
+        gain[name] = channel.gain if errors.static else 1.0
+        offset_degC[name] = channel.offset_degC if errors.static else 0.0
+    traces = pd.DataFrame({"repeat": frame["repeat"], "true_degC": table[:, 3]})
     truth_out = {
         "disk": disk,
-        "gain": {c: own.channels[c].gain if how.static else 1.0 for c in names},
-        "offset_degC": {c: own.channels[c].offset_degC if how.static else 0.0 for c in names},
-        "prt_error_K": errors,
-        "traces": pd.DataFrame({"repeat": frame["repeat"], "true_degC": table[:, 3]}),
+        "gain": gain,
+        "offset_degC": offset_degC,
+        "prt_error_K": prt_errors,
+        "traces": traces,
     }
     return frame, truth_out

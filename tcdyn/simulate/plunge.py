@@ -1,4 +1,4 @@
-"""Immersion tests of the synthetic rig: a disk plunged into a bath, and the hole comparison of section 5.4."""
+"""Simulation of plunge tests: a disk immersed in a bath, and the comparison of holes of section 5.4."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from tcdyn.simulate.bath import FluidName, Heating, heat_radially, natural_h_W_m
 from tcdyn.simulate.measure import (
     OVERSAMPLING,
     RATE_Hz,
+    fine_times,
     log_disk,
     quantised,
     sample_times,
@@ -24,7 +25,7 @@ from tcdyn.simulate.truth import Imperfections, RigTruth, draw_truth, rng_for
 
 @dataclass(frozen=True)
 class PlungeOptions:
-    """How the test is run; None leaves a value to the draw (``clean`` values stand behind each)."""
+    """Settings of a plunge; None leaves a value to the random draw."""
 
     entry_s: float = 20.0
     after_s: float = 140.0
@@ -36,7 +37,7 @@ class PlungeOptions:
 
 @dataclass(frozen=True)
 class PlungeTruth:
-    """What one plunge really did."""
+    """True values of one plunge; the field names are keys of the truth file."""
 
     fluid: FluidName
     bath_degC: float
@@ -56,16 +57,15 @@ class PlungeTruth:
     probe_lag_s: float
 
     def bath_at(self, since_entry_s: Array | float) -> Array:
-        """Bath temperature [degC]: steady drift, and a dip as the cold disk settles in."""
-        since = np.clip(since_entry_s, 0, None)
-        dip = self.bath_dip_K * (1 - np.exp(-since / 25.0))
+        """Return the bath temperature [degC]: steady drift, and a dip after the cold disk enters."""
+        after_entry_s = np.clip(since_entry_s, 0, None)
+        dip = self.bath_dip_K * (1 - np.exp(-after_entry_s / 25.0))
         return np.asarray(self.bath_degC + self.bath_drift_K_s * np.asarray(since_entry_s) - dip)
 
     def h_at(self, since_entry_s: float, wall_degC: float, height_m: float) -> float:
-        """Heat transfer coefficient [W/m2K]: natural convection, its scale, and the burst of the entry."""
-        natural = natural_h_W_m2K(
-            self.fluid, wall_degC, float(self.bath_at(since_entry_s)), height_m
-        )
+        """Return h [W/m2K]: natural convection times its scale and the burst of the entry."""
+        bath_degC = float(self.bath_at(since_entry_s))
+        natural = natural_h_W_m2K(self.fluid, wall_degC, bath_degC, height_m)
         burst = 1 + (self.burst - 1) * np.exp(-since_entry_s / self.burst_decay_s)
         return float(self.h_scale * burst * natural)
 
@@ -77,28 +77,29 @@ def draw_plunge(
     o: PlungeOptions,
     how: Imperfections,
 ) -> PlungeTruth:
-    """Draw one plunge: entry off the sample grid, switch pressed by hand, bath that drifts."""
+    """Draw one plunge: entry off the sample grid, switch pressed by hand, bath with drift."""
     z = np.clip(rng.standard_normal(4), -2.5, 2.5)
     u = rng.uniform(0, 1, 12)
     entry = o.entry_s + (u[0] - 0.5)
-    off = 1.0 if how.timing else 0.0
-    wander = 1.0 if how.drift else 0.0
+    timing = 1.0 if how.timing else 0.0
+    drift = 1.0 if how.drift else 0.0
+    has_bounces = how.timing and u[8] < 0.3
     return PlungeTruth(
         fluid=fluid,
         bath_degC=bath_degC,
-        initial_degC=o.initial_degC + 2.0 * wander * (u[1] - 0.5),
+        initial_degC=o.initial_degC + 2.0 * drift * (u[1] - 0.5),
         entry_s=float(entry),
         duration_s=o.entry_s + o.after_s,
         h_scale=o.h_scale if o.h_scale is not None else float(1 + 0.06 * z[0]),
         burst=o.burst if o.burst is not None else float(2.0 + 1.5 * u[2]),
         burst_decay_s=o.burst_decay_s if o.burst_decay_s is not None else float(0.8 + 0.8 * u[3]),
-        bath_drift_K_s=float(wander * (-0.5 + 0.7 * u[4]) / 60.0),
-        bath_dip_K=float(wander * 0.4 * u[5]),
+        bath_drift_K_s=float(drift * (-0.5 + 0.7 * u[4]) / 60.0),
+        bath_dip_K=float(drift * 0.4 * u[5]),
         fluid_bias_K=float((0.6 * (u[6] - 0.5)) if how.static else 0.0),
-        switch_s=float(entry + off * 0.15 * z[1]),
+        switch_s=float(entry + timing * 0.15 * z[1]),
         switch_held=bool(u[7] < 0.5),
-        bounces=int(1 + 3 * u[9]) if how.timing and u[8] < 0.3 else 0,
-        probe_entry_s=float(entry + off * 0.03 * z[2]),
+        bounces=int(1 + 3 * u[9]) if has_bounces else 0,
+        probe_entry_s=float(entry + timing * 0.03 * z[2]),
         probe_lag_s=float(0.3 * (1 + 0.1 * z[3])),
     )
 
@@ -112,44 +113,47 @@ def simulate_plunge(
     truth: RigTruth | None = None,
     options: PlungeOptions | None = None,
 ) -> tuple[pd.DataFrame, dict[str, Any]]:
-    """Plunge one disk, all but its running surface insulated, into a hot bath.
+    """Simulate a plunge of one disk, insulated but for its running surface, into a hot bath.
 
-    Returns the log (canonical immersion columns, 75 Hz) and its truth: entry_s, h_scale, burst, lags, ... and
-    ``"traces"``, the true junction temperatures and bath in the log's columns, with ``h_W_m2K``.
+    Returns
+    -------
+    frame
+        The log: canonical immersion columns, 75 Hz.
+    truth
+        True values (entry_s, h_scale, burst, lags, ...) and ``"traces"``, the true junction
+        temperatures and bath in the columns of the log.
     """
     rig = truth or draw_truth(seed)
-    o = options or PlungeOptions()
-    own = rig.disk(disk)
+    disk_truth = rig.disk(disk)
+    setup = disk_truth.setup
+    errors = rig.imperfections
     rng = rng_for(seed, "plunge", disk, str(run))
-    drawn = draw_plunge(rng, fluid, bath_degC, o, rig.imperfections)
-    names = sorted(own.setup.junctions)
-    depths = np.array([own.setup.junctions[c].depth_m for c in names])
-    heating = heat_disk(own.setup, depths, drawn)
-    log, true = log_disk(
-        lambda t: heating.at(t - drawn.entry_s),
-        drawn.duration_s,
-        own,
-        rng,
-        rig.imperfections,
-        spikes=False,
-    )
-    columns = bath_columns(drawn, rig.imperfections, rng)
+    drawn = draw_plunge(rng, fluid, bath_degC, options or PlungeOptions(), errors)
+    names = sorted(setup.junctions)
+    depths = np.array([setup.junctions[c].depth_m for c in names])
+    heating = heat_disk(setup, depths, drawn)
+
+    def truth_at(t: Array) -> Array:
+        return heating.at(t - drawn.entry_s)
+
+    log, true = log_disk(truth_at, drawn.duration_s, disk_truth, rng, errors, spikes=False)
+    columns = bath_columns(drawn, errors, rng)
     traces: dict[str, Array] = {"time_s": columns["time_s"], "switch": columns["switch"]}
     traces["fluid_degC"] = drawn.bath_at(columns["time_s"] - drawn.entry_s)
     for k, channel in enumerate(names):
         columns[f"{channel}_degC"] = log[:, k]
         traces[f"{channel}_degC"] = true[:, k]
-    scalars = vars(drawn) | {
+    values = vars(drawn) | {
         "disk": disk,
         "run": run,
-        "lag_s": own.lags_s,
-        "common_lag_s": own.common_lag_s,
+        "lag_s": disk_truth.lags_s,
+        "common_lag_s": disk_truth.common_lag_s,
     }
-    return pd.DataFrame(columns), {**scalars, "traces": pd.DataFrame(traces)}
+    return pd.DataFrame(columns), {**values, "traces": pd.DataFrame(traces)}
 
 
 def heat_disk(setup: DiskSetup, depths: Array, drawn: PlungeTruth) -> Heating:
-    """True temperatures of an immersed disk at ``depths`` [m], as functions of the time since entry."""
+    """Return the true temperatures of an immersed disk at ``depths`` [m] over the time since entry."""
     return heat_radially(
         setup,
         depths,
@@ -163,14 +167,14 @@ def heat_disk(setup: DiskSetup, depths: Array, drawn: PlungeTruth) -> Heating:
 def bath_columns(
     drawn: PlungeTruth, how: Imperfections, rng: np.random.Generator
 ) -> dict[str, Array]:
-    """Switch, free probe and bath thermometer as logged."""
+    """Return time, switch, free probe and bath thermometer as logged."""
     t = sample_times(drawn.duration_s)
     noise = rng.standard_normal((2, len(t))) * (1.0 if how.noise else 0.0)
-    since = np.clip(t - drawn.probe_entry_s, 0, None)
+    since_probe_entry = np.clip(t - drawn.probe_entry_s, 0, None)
+    response = 1 - np.exp(-since_probe_entry / drawn.probe_lag_s)
     air = drawn.initial_degC + 1.5
-    share = 1 - np.exp(-since / drawn.probe_lag_s)
     bath = drawn.bath_at(t - drawn.entry_s)
-    probe = air + (bath - air) * share + 0.1 * noise[0]
+    probe = air + (bath - air) * response + 0.1 * noise[0]
     fluid = bath + drawn.fluid_bias_K + 0.05 * noise[1]
     if how.quantise:
         probe = quantised(probe)
@@ -179,6 +183,7 @@ def bath_columns(
 
 
 def _switch(t: Array, drawn: PlungeTruth) -> Array:
+    """Return the switch signal (N,): 1 while pressed, with bounces of 20 ms."""
     pressed = t >= drawn.switch_s
     if not drawn.switch_held:
         pressed &= t < drawn.switch_s + 0.6
@@ -198,38 +203,44 @@ def simulate_hole(
     initial_degC: float = 16.0,
     after_s: float = 60.0,
 ) -> tuple[pd.DataFrame, dict[str, Any]]:
-    """Two-part disk of section 5.4 plunged into hot water: five junctions 3 mm deep, two clamped, three cemented.
+    """Simulate the plunge of the two-part disk of section 5.4 into hot water.
 
-    Columns time_s, switch, probe_degC, fluid_degC and ``HOLE_COLUMNS``. The truth holds each chain's lag_s and
-    ``"traces"``; a hole of 3 mm lags clearly, those of 1.3 and 2.2 mm hardly.
+    Five junctions are 3 mm deep, two clamped, three cemented. A hole of 3 mm lags clearly, those of
+    1.3 and 2.2 mm hardly.
+
+    Returns
+    -------
+    frame
+        Columns time_s, switch, probe_degC, fluid_degC and ``HOLE_COLUMNS``.
+    truth
+        True values with lag_s of each chain, and ``"traces"``.
     """
     rig = truth or draw_truth(seed)
-    how = rig.imperfections
+    errors = rig.imperfections
     rng = rng_for(seed, "hole")
-    o = PlungeOptions(entry_s=10.0, after_s=after_s, initial_degC=initial_degC)
-    drawn = draw_plunge(rng, "water", bath_degC, o, how)
+    options = PlungeOptions(entry_s=10.0, after_s=after_s, initial_degC=initial_degC)
+    drawn = draw_plunge(rng, "water", bath_degC, options, errors)
     setup = rig.fast.setup
     heating = heat_disk(setup, np.array([3e-3]), drawn)
-    cement = {"ideal_1": 0.0, "ideal_2": 0.0, "d1p3": 0.04, "d2p2": 0.10, "d3p0": 0.90}
-    base = 0.25 + 0.01 * rng.standard_normal(5)
-    chains: list[tuple[float, float, Conditioning]] = [
-        (float(b + c * (1 + 0.1 * rng.uniform(-1, 1))), 0.06, setup.conditioning)
-        for b, c in zip(base, cement.values())
-    ]
-    columns = bath_columns(drawn, how, rng)
-    fine_t = np.arange((len(columns["time_s"]) - 1) * OVERSAMPLING + 1) / (RATE_Hz * OVERSAMPLING)
+    cement_lag_s = {"ideal_1": 0.0, "ideal_2": 0.0, "d1p3": 0.04, "d2p2": 0.10, "d3p0": 0.90}
+    base_lag_s = 0.25 + 0.01 * rng.standard_normal(5)
+    chains: list[tuple[float, float, Conditioning]] = []
+    lags = {}
+    for base, (name, cement) in zip(base_lag_s, cement_lag_s.items()):
+        tau1 = float(base + cement * (1 + 0.1 * rng.uniform(-1, 1)))
+        tau2 = 0.06
+        chains.append((tau1, tau2, setup.conditioning))
+        lags[name] = tau1 + tau2 + setup.conditioning.lag_s
+    columns = bath_columns(drawn, errors, rng)
+    fine_t = fine_times(len(columns["time_s"]))
     fine = np.repeat(heating.at(fine_t - drawn.entry_s), 5, axis=1)
-    read = through_chains(fine, 1 / (RATE_Hz * OVERSAMPLING), OVERSAMPLING, chains)
-    if how.static:
-        read = read + rng.uniform(-0.1, 0.1, 5)
-    if how.noise:
-        read = read + 0.13 * rng.standard_normal(read.shape)
-    if how.quantise:
-        read = quantised(read)
-    columns |= dict(zip(HOLE_COLUMNS, read.T))
-    lags = {
-        name: tau1 + tau2 + setup.conditioning.lag_s
-        for name, (tau1, tau2, _) in zip(cement, chains)
-    }
+    readings = through_chains(fine, 1 / (RATE_Hz * OVERSAMPLING), OVERSAMPLING, chains)
+    if errors.static:
+        readings = readings + rng.uniform(-0.1, 0.1, 5)
+    if errors.noise:
+        readings = readings + 0.13 * rng.standard_normal(readings.shape)
+    if errors.quantise:
+        readings = quantised(readings)
+    columns |= dict(zip(HOLE_COLUMNS, readings.T))
     traces = pd.DataFrame({"time_s": columns["time_s"], "true_degC": fine[::OVERSAMPLING, 0]})
     return pd.DataFrame(columns), {**vars(drawn), "lag_s": lags, "depth_m": 3e-3, "traces": traces}

@@ -1,4 +1,4 @@
-"""The sixteen EHL tests: conditions (table 6.1) and what the thesis measured and found (tables 7.1 and 7.2)."""
+"""The sixteen EHL tests: conditions (table 6.1) and the results of the thesis (tables 7.1 and 7.2)."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tcdyn.rig.contact import entraining_speed_m_s, sliding_speed_m_s
 
 @dataclass(frozen=True)
 class EhlCondition:
-    """One EHL test: what was set, and the thesis's results for it."""
+    """Conditions of one EHL test, and the results of the thesis for it."""
 
     name: str
     load_N: float
@@ -26,12 +26,12 @@ class EhlCondition:
 
     @property
     def sliding_speed_m_s(self) -> float:
-        """u_s [m/s]."""
+        """Sliding speed u_s [m/s]."""
         return sliding_speed_m_s(self.speed_fast_rpm, self.speed_slow_rpm)
 
     @property
     def entraining_speed_m_s(self) -> float:
-        """u_m [m/s]."""
+        """Entraining speed u_m [m/s]."""
         return entraining_speed_m_s(self.speed_fast_rpm, self.speed_slow_rpm)
 
     @property
@@ -69,22 +69,25 @@ _RESULTS = {
 
 
 def _condition(name: str) -> EhlCondition:
-    load, pressure = _LOADS[int(name[1])]
-    fast, slow = _SPEEDS[name[0]]
-    friction, fast_a, slow_a, beta, h_fast, h_slow = _RESULTS[name]
-    return EhlCondition(
-        name, load, pressure, fast, slow, friction, fast_a, slow_a, beta, h_fast, h_slow
-    )
+    """Return the test of that name from the tables."""
+    load = _LOADS[int(name[1])]
+    speeds = _SPEEDS[name[0]]
+    return EhlCondition(name, *load, *speeds, *_RESULTS[name])
 
 
 PROGRAMME: dict[str, EhlCondition] = {name: _condition(name) for name in _RESULTS}
 
 
 def ehl_test(name: str) -> EhlCondition:
-    """The test of that name, A1 to D4.
+    """Return the test of that name, A1 to D4.
 
-    Raises InputError for any other name.
+    Raises
+    ------
+    InputError
+        For any other name.
 
+    Examples
+    --------
     >>> ehl_test("D4").load_N, round(ehl_test("D4").sliding_speed_m_s, 1)
     (2320.0, 20.0)
     """

@@ -1,4 +1,4 @@
-"""Steel of the synthetic disk that conducts and holds heat otherwise where it is hot."""
+"""Steel of the synthetic disk with temperature-dependent conductivity and specific heat."""
 
 from __future__ import annotations
 
@@ -12,17 +12,29 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.rig.steel import SteelSlopes
 
-LEAST = 0.2
+MIN_CONDUCTIVITY_SHARE = 0.2  # of the reference conductivity; chosen by judgement
 
 
 @dataclass(frozen=True)
 class Steel:
-    """``conduction`` (n, n) between the disk's own cells at the reference temperature [W/K]; ``cells`` (1 + H, m): the
-    disk's cells among the unknowns, those of its even part and then of each harmonic round it.
+    """Temperature dependence of the conduction and the capacity of a disk.
 
-    Between two cells the conductivity is the mean of theirs: k_ij (T_i - T_j) = k_0 (T_i - T_j) (1 + a (T_i + T_j - 2
-    T_0)/2), so what is conducted beyond k_0 is the conduction of a (T - T_0)^2/2. To a harmonic T_n cos(n psi) of it
-    belongs a (T - T_0) T_n.
+    Parameters
+    ----------
+    slopes
+        Relative slopes [1/K] and the reference temperature.
+    conduction
+        Conductances (n, n) between the disk's cells at the reference temperature [W/K].
+    cells
+        Indices (1 + H, m) of the disk's cells among the unknowns: the even part, then each
+        circumferential harmonic.
+
+    Notes
+    -----
+    Between two cells the conductivity is the mean of theirs:
+    k_ij (T_i - T_j) = k_0 (T_i - T_j) (1 + a (T_i + T_j - 2 T_0)/2). What is conducted beyond k_0 is
+    therefore the conduction of a (T - T_0)^2/2. For a harmonic T_n cos(n psi) it is that of
+    a (T - T_0) T_n.
     """
 
     slopes: SteelSlopes
@@ -35,40 +47,53 @@ class Steel:
         return bool(self.slopes.conductivity_per_K or self.slopes.specific_heat_per_K)
 
     def conducted_W(self, y: Array) -> Array:
-        """Heat that reaches each unknown beyond what the reference conductivity brings, (n,) [W]."""
+        """Return the heat that reaches each unknown beyond that of the reference conductivity [W].
+
+        Raises
+        ------
+        InputError
+            If the steel would hardly conduct at its highest temperature.
+        """
         even, *harmonics = (y[rows] for rows in self.cells)
-        hotter = even - self.slopes.reference_degC
-        more = np.zeros_like(y)
-        if 1 + min(self.slopes.conductivity_per_K, 0.0) * float(hotter.max()) < LEAST:
+        above_reference = even - self.slopes.reference_degC
+        lowest_slope = min(self.slopes.conductivity_per_K, 0.0)
+        if 1 + lowest_slope * float(above_reference.max()) < MIN_CONDUCTIVITY_SHARE:
             raise InputError(
                 f"at {float(even.max()):.3g} degC this steel would hardly conduct",
-                expected=f"a slope that leaves {LEAST:g} of the conductivity",
+                expected=f"a slope that leaves {MIN_CONDUCTIVITY_SHARE:g} of the conductivity",
                 remedy="look at conductivity_slope_per_K of [disk]",
             )
-        more[self.cells[0]] = 0.5 * hotter**2
-        for rows, own in zip(self.cells[1:], harmonics):
-            more[rows] = hotter * own
-        return -self.slopes.conductivity_per_K * (self.conduction @ more)
+        potential = np.zeros_like(y)
+        potential[self.cells[0]] = 0.5 * above_reference**2
+        for rows, harmonic in zip(self.cells[1:], harmonics):
+            potential[rows] = above_reference * harmonic
+        return -self.slopes.conductivity_per_K * (self.conduction @ potential)
 
     def more_W(self, guess: Array, y: Array, rate: Array, capacity: Array) -> Array:
-        """What a stage's right side has beyond that of the state ``guess``, if it stands at ``y`` and ``rate`` (n,)."""
-        return self.conducted_W(y) - self.conducted_W(guess) - self._held_W(y, rate, capacity)
+        """Return what the right side of a stage at ``y`` and ``rate`` adds to that at ``guess`` [W]."""
+        conducted_W = self.conducted_W(y) - self.conducted_W(guess)
+        return conducted_W - self._stored_W(y, rate, capacity)
 
-    def _held_W(self, y: Array, rate: Array, capacity: Array) -> Array:
-        """Heat beyond that of the reference's specific heat that warms each unknown at ``rate`` [K/s], (n,) [W]."""
+    def _stored_W(self, y: Array, rate: Array, capacity: Array) -> Array:
+        """Return the heat stored beyond that of the reference specific heat at ``rate`` [K/s] [W]."""
         out = np.zeros_like(y)
-        hotter = y[self.cells[0]] - self.slopes.reference_degC
-        for n, rows in enumerate(self.cells):
-            out[rows] = hotter * rate[rows] + (y[rows] * rate[self.cells[0]] if n else 0.0)
+        first = self.cells[0]
+        above_reference = y[first] - self.slopes.reference_degC
+        out[first] = above_reference * rate[first]
+        for rows in self.cells[1:]:
+            out[rows] = above_reference * rate[rows] + y[rows] * rate[first]
         return self.slopes.specific_heat_per_K * capacity * out
 
     def rate(self, heat_W: Array, y: Array, capacity: Array) -> Array:
-        """Rates (n,) [K/s] at which ``heat_W`` (n,) warms the unknowns at ``y``."""
+        """Return the rates (n,) [K/s] at which ``heat_W`` (n,) warms the unknowns at ``y``."""
         out = heat_W / capacity
         slope = self.slopes.specific_heat_per_K
-        if slope:
-            hotter = y[self.cells[0]] - self.slopes.reference_degC
-            for n, rows in enumerate(self.cells):  # the even part first, which the others ask for
-                out[rows] -= slope * y[rows] * out[self.cells[0]] if n else 0.0
-                out[rows] /= 1 + slope * hotter
-        return np.asarray(out)
+        if not slope:
+            return out
+        first = self.cells[0]
+        above_reference = y[first] - self.slopes.reference_degC
+        out[first] /= 1 + slope * above_reference
+        for rows in self.cells[1:]:
+            out[rows] -= slope * y[rows] * out[first]
+            out[rows] /= 1 + slope * above_reference
+        return out

@@ -1,4 +1,4 @@
-"""Everything the synthetic rig knows and the fits do not: drawn once per rig, frozen."""
+"""True values of the synthetic rig, which no fit may use: drawn once for each rig, frozen."""
 
 from __future__ import annotations
 
@@ -21,10 +21,11 @@ from tcdyn.rig.rigfile import Rig, UncertaintyTable, load_rig
 
 @dataclass(frozen=True)
 class Imperfections:
-    """What the rig does to the truth before it reaches the file; ``CLEAN`` switches all of it off but the chain.
+    """Errors between the true temperatures and the log; ``CLEAN`` switches off all but the chain.
 
-    ``static``: gain and offset errors; ``drift``: wander of friction, ambient, oil and bath; ``timing``: switches
-    and load cell that miss the instant of contact by up to 0.02 s, and the hand by more.
+    ``static``: gain and offset errors. ``drift``: drift of friction, ambient, oil and bath.
+    ``timing``: switches and load cell that miss the instant of contact by up to 0.02 s, and the
+    switch pressed by hand by more.
     """
 
     noise: bool = True
@@ -43,7 +44,7 @@ CLEAN = Imperfections(
 
 @dataclass(frozen=True)
 class ChannelTruth:
-    """One channel: two lags [s], the line T = gain * logged + offset, white noise [K], spikes per second."""
+    """One channel: two lags [s], the line T = gain * logged + offset, noise [K], spikes per second."""
 
     tau1_s: float
     tau2_s: float
@@ -53,16 +54,24 @@ class ChannelTruth:
     spikes_per_s: float
 
     def lag_s(self, conditioning: Conditioning) -> float:
-        """First moment of the chain's impulse response, the conditioning filter included [s]."""
+        """Return the first moment of the chain's impulse response, with the conditioning filter [s]."""
         return self.tau1_s + self.tau2_s + conditioning.lag_s
 
 
 @dataclass(frozen=True)
 class BoreContact:
-    """The press fit conducts 1 + ``amplitude`` cos(angle - ``angle_deg``) of its mean round the bore.
+    """Conductance of the press fit: 1 + ``amplitude`` cos(angle - ``angle_deg``) times its mean.
 
-    ``sectors``: what rig.toml states of keyways and patches; all of it conducts, and the other two are its first
-    harmonic.
+    Parameters
+    ----------
+    sectors
+        Keyways and patches of rig.toml. With them, they are the conductance, and ``amplitude`` and
+        ``angle_deg`` are its first harmonic.
+
+    Raises
+    ------
+    InputError
+        If amplitude or angle are out of range.
     """
 
     amplitude: float = 0.0
@@ -70,7 +79,9 @@ class BoreContact:
     sectors: Sectors = ()
 
     def __post_init__(self) -> None:
-        if not (0 <= self.amplitude <= (2 if self.sectors else 1) and abs(self.angle_deg) <= 360):
+        """Check amplitude and angle."""
+        max_amplitude = 2 if self.sectors else 1
+        if not (0 <= self.amplitude <= max_amplitude and abs(self.angle_deg) <= 360):
             raise InputError(
                 f"uneven contact {self.amplitude:g}@{self.angle_deg:g}",
                 expected="an amplitude of 0 (even) to 1 (no contact on one side) at -360 to 360 degrees",
@@ -78,31 +89,42 @@ class BoreContact:
 
     @property
     def even(self) -> bool:
-        """Whether it conducts alike all round."""
+        """Whether the conductance is the same at all angles."""
         return not (self.amplitude or self.sectors)
 
     def relative(self, psi_rad: Array) -> Array:
-        """Conductance over its mean at ``psi_rad`` (N,), evenly round from ``angle_deg``, (N,)."""
+        """Return the conductance over its mean (N,) at equidistant angles from ``angle_deg`` (N,)."""
         if not self.sectors:
             return 1 + self.amplitude * np.cos(psi_rad)
-        half = 180.0 / len(psi_rad)
-        edges = (
-            np.append(np.rad2deg(psi_rad) - half, np.rad2deg(psi_rad[-1]) + half) + self.angle_deg
-        )
+        half_step_deg = 180.0 / len(psi_rad)
+        psi_deg = np.rad2deg(psi_rad)
+        edges = np.append(psi_deg - half_step_deg, psi_deg[-1] + half_step_deg) + self.angle_deg
         return mean_shares(self.sectors, edges) / harmonics(self.sectors, 0)[0].real
 
 
 @dataclass(frozen=True)
 class DiskTruth:
-    """One disk as it really is (``setup`` may differ from ``rig.toml``), its shaft and its channels."""
+    """The true disk (``setup`` may differ from ``rig.toml``), its shaft and its channels.
+
+    Parameters
+    ----------
+    bore_conductance_W_m2K
+        Mean conductance of the press fit, section 6.4.3.
+    shaft_W_m2K
+        Heat transfer coefficient from the shaft to the enclosure.
+    bearing_offset_K
+        Temperatures of the shaft ends above ambient, at z < 0 and z > width.
+    film_air_K
+        Temperature above ambient of the fluid that the running surface loses heat to.
+    """
 
     setup: DiskSetup
     channels: Mapping[str, ChannelTruth]
-    bore_conductance_W_m2K: float  # press fit, section 6.4.3
-    shaft_W_m2K: float  # shaft surface to the enclosure
-    bearing_offset_K: tuple[float, float]  # shaft ends against ambient, at z < 0 and z > width
+    bore_conductance_W_m2K: float
+    shaft_W_m2K: float
+    bearing_offset_K: tuple[float, float]
     uneven: BoreContact = BoreContact()
-    film_air_K: float = 0.0  # of what the running surface loses heat to, above the ambient
+    film_air_K: float = 0.0
 
     @property
     def lags_s(self) -> dict[str, float]:
@@ -117,50 +139,70 @@ class DiskTruth:
 
 @dataclass(frozen=True)
 class RigTruth:
-    """Both disks and what belongs to the rig as a whole."""
+    """Both disks and the values of the complete rig.
+
+    Parameters
+    ----------
+    speed_exponent
+        n of h_fast / h_slow = gear_ratio ** n.
+    friction_scale
+        Logged over true friction.
+    ambient_bias_K
+        Logged minus true ambient temperature.
+    """
 
     fast: DiskTruth
     slow: DiskTruth
     gear_ratio: float
-    speed_exponent: float  # h_fast / h_slow = gear_ratio ** speed_exponent
+    speed_exponent: float
     half_width_scale: float = 1.0
-    friction_scale: float = 1.0  # logged friction over true friction
-    ambient_bias_K: float = 0.0  # logged ambient minus true ambient
+    friction_scale: float = 1.0
+    ambient_bias_K: float = 0.0
     imperfections: Imperfections = field(default_factory=Imperfections)
 
     def disk(self, name: str) -> DiskTruth:
-        """The disk called "fast" or "slow"."""
+        """Return the disk "fast" or "slow"."""
         return {"fast": self.fast, "slow": self.slow}[name]
 
     def with_uneven(self, contact: Mapping[str, BoreContact]) -> RigTruth:
-        """The same rig with the bore contact of the named disks uneven."""
-        return replace(self, **{d: replace(self.disk(d), uneven=own) for d, own in contact.items()})  # type: ignore[arg-type]
+        """Return the same rig with other bore contacts of the named disks."""
+        disks: Any = {name: replace(self.disk(name), uneven=c) for name, c in contact.items()}
+        return replace(self, **disks)
 
     def with_film_air(self, warmer_K: float) -> RigTruth:
-        """The same rig whose running surfaces lose heat to what is ``warmer_K`` warmer than the ambient."""
+        """Return the same rig whose surfaces lose heat to a fluid ``warmer_K`` above ambient."""
         disks: Any = {name: replace(self.disk(name), film_air_K=warmer_K) for name in DISKS}
         return replace(self, **disks)
 
     def with_imperfections(self, imperfections: Imperfections) -> RigTruth:
-        """The same rig, measured differently."""
+        """Return the same rig with other errors of measurement."""
         return replace(self, imperfections=imperfections)
 
 
 def rng_for(seed: int, *keys: str) -> np.random.Generator:
-    """A generator that depends on the seed and on what it is for, never on what else was drawn before."""
+    """Return a generator that depends on the seed and its purpose, never on earlier draws."""
     return np.random.default_rng([seed, *(crc32(key.encode()) for key in keys)])
 
 
 def draw_truth(
     seed: int, rig: Rig | None = None, *, uncertain: bool = False, exponent: float | None = None
 ) -> RigTruth:
-    """Draw a rig.
+    """Draw a rig. Chains, static lines and noise always differ from rig to rig.
 
-    Chains, static lines and noise always differ from rig to rig. ``uncertain=False`` leaves steel, washers,
-    depths, track width, friction transducer and ambient sensor as ``rig`` states them; True draws them from rig's
-    [uncertainty] table (normal; steel and washers common to both disks, depths one by one) and n uniformly from
-    its stated range. Otherwise n is normal, rig's own +- 0.02; ``exponent`` sets it exactly.
+    Parameters
+    ----------
+    rig
+        Nominal rig.
+    uncertain
+        False: steel, washers, depths, track width, friction transducer and ambient sensor are those
+        of ``rig``, and n is normal, that of ``rig`` +- 0.02. True: they are drawn from its
+        [uncertainty] table (normal; steel and washers common to both disks, depths one by one), and
+        n uniformly from its range.
+    exponent
+        The exact n.
 
+    Examples
+    --------
     >>> a, b = draw_truth(3), draw_truth(3)
     >>> a == b, 0.6 < a.fast.common_lag_s < 0.9
     (True, True)
@@ -171,25 +213,26 @@ def draw_truth(
     contact = rig.common.contact
     factors = _draw_factors(rng, table)
     n_uncertain = rng.uniform(table.speed_exponent_low, table.speed_exponent_high)
-    n_usual = contact.speed_exponent + float(np.clip(rng.normal(0, 0.02), -0.05, 0.05))
+    n_nominal = contact.speed_exponent + float(np.clip(rng.normal(0, 0.02), -0.05, 0.05))
+    if exponent is None:
+        exponent = n_uncertain if uncertain else n_nominal
     disks = {}
     for name in DISKS:
-        own = rng_for(seed, "disk", name)
-        setup = rig.disk_setup(name)
-        moved = _draw_setup(own, setup, factors, rig.tables(name).uncertainty)
+        nominal = rig.disk_setup(name)
+        disk_rng = rng_for(seed, "disk", name)
+        # Drawn in any case, so that the draws of the channels do not depend on ``uncertain``.
+        setup = _draw_setup(disk_rng, nominal, factors, rig.tables(name).uncertainty)
         if uncertain:
-            moved = replace(
-                moved,
-                flux=_draw_flux(rng_for(seed, "flux", name), setup, rig, factors["half_width"]),
-            )
-        disks[name] = _fitted(_draw_disk(own, name, moved if uncertain else setup), setup)
+            flux_rng = rng_for(seed, "flux", name)
+            setup = replace(setup, flux=_draw_flux(flux_rng, nominal, rig, factors["half_width"]))
+        else:
+            setup = nominal
+        disks[name] = _with_nominal_fit(_draw_disk(disk_rng, name, setup), nominal)
     return RigTruth(
         fast=disks["fast"],
         slow=disks["slow"],
         gear_ratio=contact.gear_ratio,
-        speed_exponent=float(
-            exponent if exponent is not None else n_uncertain if uncertain else n_usual
-        ),
+        speed_exponent=float(exponent),
         half_width_scale=factors["half_width"] if uncertain else 1.0,
         friction_scale=factors["friction"] if uncertain else 1.0,
         ambient_bias_K=factors["ambient"] if uncertain else 0.0,
@@ -197,6 +240,7 @@ def draw_truth(
 
 
 def _draw_factors(rng: np.random.Generator, table: UncertaintyTable) -> dict[str, float]:
+    """Draw the factors on nominal values, and the bias of the ambient sensor [K]."""
     z = np.clip(rng.standard_normal(6), -3, 3)
     return {
         "conductivity": float(1 + table.conductivity_rel * z[0]),
@@ -211,10 +255,11 @@ def _draw_factors(rng: np.random.Generator, table: UncertaintyTable) -> dict[str
 def _draw_setup(
     rng: np.random.Generator, setup: DiskSetup, factors: dict[str, float], table: UncertaintyTable
 ) -> DiskSetup:
+    """Draw the true setup of a disk from its nominal one."""
     shifts = np.clip(rng.standard_normal(len(setup.junctions)), -3, 3) * table.depth_mm * 1e-3
     junctions = {
-        name: Junction(max(j.depth_m + dz, 0.2e-3), j.z_m, j.angle_deg)
-        for (name, j), dz in zip(sorted(setup.junctions.items()), shifts)
+        name: Junction(max(j.depth_m + shift, 0.2e-3), j.z_m, j.angle_deg)
+        for (name, j), shift in zip(sorted(setup.junctions.items()), shifts)
     }
     return replace(
         setup,
@@ -225,62 +270,63 @@ def _draw_setup(
     )
 
 
-def _draw_flux(rng: np.random.Generator, setup: DiskSetup, rig: Rig, wider: float) -> FluxProfile:
-    off = (
-        float(np.clip(rng.standard_normal(), -3, 3))
-        * 1e-3
-        * rig.tables(setup.name).uncertainty.flux_shift_mm
-    )
-    return replace(
-        setup.flux, shift_m=setup.flux.shift_m + off, at_m=tuple(wider * x for x in setup.flux.at_m)
-    )
+def _draw_flux(
+    rng: np.random.Generator, setup: DiskSetup, rig: Rig, width_factor: float
+) -> FluxProfile:
+    """Draw the true flux profile of a disk: shifted, and a table of it wider."""
+    z = float(np.clip(rng.standard_normal(), -3, 3))
+    shift_m = z * 1e-3 * rig.tables(setup.name).uncertainty.flux_shift_mm
+    flux = setup.flux
+    at_m = tuple(width_factor * x for x in flux.at_m)
+    return replace(flux, shift_m=flux.shift_m + shift_m, at_m=at_m)
 
 
 def _draw_disk(rng: np.random.Generator, name: str, setup: DiskSetup) -> DiskTruth:
-    common = (0.75 if name == "fast" else 0.72) + 0.03 * rng.uniform(-1, 1)
+    """Draw the channels of a disk, its press fit and its shaft."""
+    is_fast = name == "fast"
+    common_lag = (0.75 if is_fast else 0.72) + 0.03 * rng.uniform(-1, 1)
     spread = 0.04 * np.clip(rng.standard_normal(len(setup.junctions)), -2, 2)
-    own = max(common - setup.conditioning.lag_s, 0.3)
+    sensor_lag = max(common_lag - setup.conditioning.lag_s, 0.3)
     channels = {}
     for shift, channel in zip(spread - spread.mean(), sorted(setup.junctions)):
         tau2 = rng.uniform(0.08, 0.16)
         channels[channel] = ChannelTruth(
-            tau1_s=float(own + shift - tau2),
+            tau1_s=float(sensor_lag + shift - tau2),
             tau2_s=float(tau2),
             gain=float(1 + rng.uniform(-0.005, 0.005)),
             offset_degC=float(rng.uniform(-0.5, 0.5)),
             noise_K=float(rng.uniform(0.12, 0.15)),
-            spikes_per_s=float((0.03 if name == "fast" else 0.008) * rng.uniform(0.5, 1.5)),
+            spikes_per_s=float((0.03 if is_fast else 0.008) * rng.uniform(0.5, 1.5)),
         )
+    conductance = (900.0 if is_fast else 1600.0) * rng.uniform(0.8, 1.25)
     return DiskTruth(
         setup=setup,
         channels=channels,
-        bore_conductance_W_m2K=float(
-            (900.0 if name == "fast" else 1600.0) * rng.uniform(0.8, 1.25)
-        ),
+        bore_conductance_W_m2K=float(conductance),
         shaft_W_m2K=float(60.0 * rng.uniform(0.85, 1.15)),
         bearing_offset_K=(float(rng.uniform(0, 6)), float(rng.uniform(-3, 3))),
     )
 
 
-def _fitted(disk: DiskTruth, stated: DiskSetup) -> DiskTruth:
-    """The disk with the mean conductance and the unevenness of the press fit that the rig states, if any."""
-    if not stated.fit.stated:
+def _with_nominal_fit(disk: DiskTruth, nominal: DiskSetup) -> DiskTruth:
+    """Return the disk with conductance and unevenness of the press fit of ``rig.toml``, if any."""
+    if not nominal.fit.stated:
         return disk
-    sectors = stated.fit.sectors(1e3 * stated.bore_radius_m)
-    (_, bearing) = press_fit(stated)
+    sectors = nominal.fit.sectors(1e3 * nominal.bore_radius_m)
+    _, bearing = press_fit(nominal)
     shares = harmonics(sectors, 1)
     contact = BoreContact(*amplitude_and_angle(shares, 1), sectors)
     return replace(disk, bore_conductance_W_m2K=bearing * float(shares[0].real), uneven=contact)
 
 
 def truth_as_dict(truth: RigTruth) -> dict[str, Any]:
-    """The rig as plain numbers, with the derived lags beside them: what ``truth/truth.json`` holds."""
+    """Return the rig as plain numbers with its lags, as ``truth/truth.json`` holds it."""
     out: dict[str, Any] = jsonable(truth)
     for name in DISKS:
         disk = truth.disk(name)
         out[name]["common_lag_s"] = disk.common_lag_s
-        for c, lag in disk.lags_s.items():
-            out[name]["channels"][c] |= {
+        for channel, lag in disk.lags_s.items():
+            out[name]["channels"][channel] |= {
                 "lag_s": lag,
                 "differential_lag_s": lag - disk.common_lag_s,
             }
