@@ -1,4 +1,4 @@
-"""Every published number that the thesis lets us check, computed and put beside it."""
+"""Verification: every published number of the thesis that can be checked, recomputed and compared."""
 
 from __future__ import annotations
 
@@ -16,17 +16,29 @@ Kind = Literal["physics", "trend", "rule", "arithmetic"]
 KINDS: dict[Kind, str] = {
     "physics": "physics against a published figure",
     "trend": "trend, where sizes cannot be compared",
-    "rule": "rule or constant found from the table it is compared with",
+    "rule": "rule or constant fitted to the table it is compared with",
     "arithmetic": "arithmetic of printed numbers",
 }
 
 
 @dataclass(frozen=True)
 class VerifyRow:
-    """A published number beside ours. ``why`` says what the verdict means here, or why nothing more can be said.
+    """A published number and the computed one.
 
-    ``kind`` says what the row is evidence of: only "physics" and, in sign, "trend" tell a right model from a wrong one.
-    "misprint": ours contradicts the published number, and so do the thesis's own other numbers.
+    Parameters
+    ----------
+    quantity, source
+        What is compared, and where it is published.
+    published, ours
+        Both numbers as text.
+    verdict
+        "misprint": the computed number contradicts the published one, and so do the thesis's own
+        other numbers.
+    why
+        What the verdict means here, or why no better statement is possible.
+    kind
+        What the row is evidence of. Only "physics" and, in sign, "trend" distinguish a right model
+        from a wrong one.
     """
 
     quantity: str
@@ -53,15 +65,22 @@ def row(
     why: str,
     good: Verdict | None = None,
 ) -> VerifyRow:
-    """A row whose verdict is a computed truth value; ``good`` is what to call it when true, if not what its kind is."""
-    right: Verdict = good or ("same trend" if kind == "trend" else "agrees")
-    return VerifyRow(quantity, source, published, ours, right if ok else "differs", why, kind)
+    """Return a row whose verdict follows from the truth value ``ok``.
+
+    ``good``: verdict if ``ok``; by default that of the kind.
+    """
+    verdict: Verdict = "differs"
+    if ok:
+        verdict = good or ("same trend" if kind == "trend" else "agrees")
+    return VerifyRow(quantity, source, published, ours, verdict, why, kind)
 
 
 def within(
     ours: Sequence[float], published: Sequence[float], relative: float = 0.0, absolute: float = 0.0
 ) -> bool:
-    """Whether every number of ours is as close to its published one as told, and there are as many of them.
+    """Return whether both have the same length, and every pair agrees within the tolerance.
+
+    The tolerance is ``relative`` times the published number plus ``absolute``.
 
     >>> within([1.0667], [1.067], absolute=5e-4), within([1.0667], [1.067, 1.067], absolute=5e-4)
     (True, False)
@@ -85,8 +104,19 @@ def close(
     relative: float = 0.0,
     absolute: float = 0.0,
 ) -> VerifyRow:
-    """A row of ``ours`` with so many digits, each of which must be as close as told to that in the text ``published``.
+    """Return a row of numbers that must agree within a tolerance.
 
+    Parameters
+    ----------
+    published
+        Numbers as text, separated by ", ".
+    digits
+        Decimals with which ``ours`` are written.
+    relative, absolute
+        Tolerance as of :func:`within`.
+
+    Examples
+    --------
     >>> close("physics", "order", "(3.22)", "2, 2", [2.0, 2.03], 2, "", absolute=0.05).verdict
     'agrees'
     """
@@ -96,11 +126,13 @@ def close(
 
 
 def numbers(values: Iterable[float], digits: int) -> str:
-    """Numbers with so many decimals, separated by commas."""
+    """Return numbers with so many decimals, separated by commas."""
     return ", ".join(f"{v:.{digits}f}" for v in values)
 
 
-CHAPTERS = (  # in the thesis's order; their files need this one, so they are imported when they are asked
+# Files and functions in the order of the thesis. These files import this one, so they are imported
+# when they are used.
+CHAPTERS = (
     ("contact_rows", "speed_law_rows"),
     ("contact_rows", "oven_rows"),
     ("sensor_rows", "sensor_rows"),
@@ -118,25 +150,18 @@ CHAPTERS = (  # in the thesis's order; their files need this one, so they are im
 
 @one_blas_thread
 def verify_rows() -> list[VerifyRow]:
-    """All rows, each computed on the spot, in the order of the thesis's chapters; some seconds.
+    """Compute all rows in the order of the thesis's chapters; some seconds.
 
-    Where numbers are so far off that a chapter cannot go on, a last row of it differs and says why.
+    Where numbers are so wrong that a chapter fails, its last row differs and states the error.
     """
     rows: list[VerifyRow] = []
-    for file, chapter in CHAPTERS:
+    for file, function in CHAPTERS:
+        module = import_module(f"tcdyn.verify.{file}")
+        chapter = function.replace("_", " ")
         try:
-            rows.extend(getattr(import_module(f"tcdyn.verify.{file}"), chapter)())
-        except (ArithmeticError, ValueError, InputError) as problem:
-            why = f"{chapter.replace('_', ' ')} cannot go on: {problem}"
-            rows.append(
-                VerifyRow(
-                    f"what {chapter.replace('_', ' ')} still had",
-                    file,
-                    "",
-                    "",
-                    "differs",
-                    why,
-                    "physics",
-                )
-            )
+            rows.extend(getattr(module, function)())
+        except (ArithmeticError, ValueError, InputError) as error:
+            quantity = f"remaining rows of {chapter}"
+            why = f"{chapter} stopped: {error}"
+            rows.append(VerifyRow(quantity, file, "", "", "differs", why, "physics"))
     return rows

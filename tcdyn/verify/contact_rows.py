@@ -1,4 +1,4 @@
-"""Rows that need no rim: contact, speeds, press fit and oil film (chapters 5, 6, appendix B), speed law, ovens."""
+"""Rows without the rim model: contact, speeds, press fit, oil film (chapters 5, 6, appendix B), speed law, ovens."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ RISE_K = 20.0  # mean rise of the oil in crossing the contact (assumed)
 
 
 def speed_law_rows() -> Iterator[VerifyRow]:
-    """The worked example of section 4.3."""
+    """Yield the rows of the worked example of section 4.3."""
     chi = speed_ratio_power(4.24, 0.667)
-    # figures 4.13 to 4.16
-    fast_slope = (0.83 - 0.37) / 1100
-    slow_slope = (0.48 - 0.20) / 1100
-    a = 0.37 - 100 * fast_slope
-    c = 0.20 - 100 * slow_slope
-    beta = speed_law_beta(a, fast_slope, c, slow_slope, chi)
+    # Lines read off figures 4.13 to 4.16: share = a + b h of the fast, c + d h of the slow disk.
+    b = (0.83 - 0.37) / 1100
+    d = (0.48 - 0.20) / 1100
+    a = 0.37 - 100 * b
+    c = 0.20 - 100 * d
+    beta = speed_law_beta(a, b, c, d, chi)
     yield row(
         "arithmetic",
         "chi = (u_f/u_s)^n",
@@ -61,33 +61,35 @@ def speed_law_rows() -> Iterator[VerifyRow]:
 
 
 def oven_rows() -> Iterator[VerifyRow]:
-    """Table 2.6: the static calibration."""
+    """Yield the row of table 2.6: the static calibration."""
     truth = draw_truth(1)
     raw = []
     calibrated = []
     for disk in DISKS:
-        oven = hold_means(simulate_oven(disk, 1, truth)[0])
-        lines = fit_static_lines(oven).lines
+        log, _ = simulate_oven(disk, 1, truth)
+        oven = hold_means(log)
         prt = oven["prt_degC"].to_numpy(dtype=float)
-        logged = {c: oven[f"{c}_degC"].to_numpy(dtype=float) for c in lines}
-        raw += [x - prt for x in logged.values()]
-        calibrated += [apply_static(x, lines[c]) - prt for c, x in logged.items()]
-    ours = [tuple(error_statistics(np.concatenate(e))) for e in (raw, calibrated)]
+        for channel, line in fit_static_lines(oven).lines.items():
+            logged = oven[f"{channel}_degC"].to_numpy(dtype=float)
+            raw.append(logged - prt)
+            calibrated.append(apply_static(logged, line) - prt)
+    before = tuple(error_statistics(np.concatenate(raw)))
+    after = tuple(error_statistics(np.concatenate(calibrated)))
     readings = int(np.isfinite(raw).sum())
     yield row(
         "trend",
         "errors of 12 channels, raw then calibrated: maximum, sum, mean size, standard deviation, K",
         "table 2.6",
         "; ".join(numbers(x, 2) for x in TABLE_2_6),
-        "; ".join(numbers(x, 2) for x in ours),
-        all(b < a for a, b in zip(*ours, strict=True)) and readings == 288,
+        "; ".join(numbers(x, 2) for x in (before, after)),
+        all(b < a for a, b in zip(before, after, strict=True)) and readings == 288,
         f"simulated ovens ({readings} readings, as in the thesis) with errors of their own; every "
-        f"statistic must fall: the mean size to {ours[1][2] / ours[0][2]:.0%} (thesis: {0.23 / 0.40:.0%})",
+        f"statistic must fall: the mean size to {after[2] / before[2]:.0%} (thesis: {0.23 / 0.40:.0%})",
     )
 
 
 def contact_rows() -> Iterator[VerifyRow]:
-    """What needs only geometry, load and speed: tables 6.1, 3.4 and 6.6, (5.1), (6.1), appendix B."""
+    """Yield the rows of geometry, load and speed: tables 6.1, 3.4 and 6.6, (5.1), (6.1), appendix B."""
     for family, published in SPEEDS.items():
         test = PROGRAMME[family + "1"]
         ours = (test.sliding_speed_m_s, test.entraining_speed_m_s)
@@ -161,14 +163,15 @@ def contact_rows() -> Iterator[VerifyRow]:
     )
     yield _conductance()
     setup = load_rig().disk_setup("slow")
-    stated = [press_fit(replace(setup, fit=PressFit(interference_um=um))) for um in (15.2, 25.4)]
-    both = [p * 1e-6 for p, _ in stated] + [h * 1e-3 for _, h in stated]
+    fitted = [press_fit(replace(setup, fit=PressFit(interference_um=um))) for um in (15.2, 25.4)]
+    pressures_MPa = [p * 1e-6 for p, _ in fitted]
+    conductances_kW_m2K = [h * 1e-3 for _, h in fitted]
     yield close(
         "rule",
         "the same by `tcdyn round fit` for 15.2 and 25.4 um with the default rig's surfaces: MPa, kW/m2K",
         "section 6.4.3",
         "27.3, 45.6, 7.7, 11.1",
-        both,
+        [*pressures_MPa, *conductances_kW_m2K],
         2,
         "bore, hardness, roughness and slope are assumed so that they give these: agrees within 1 %",
         relative=0.01,
@@ -190,13 +193,12 @@ def contact_rows() -> Iterator[VerifyRow]:
 
 def _conductance() -> VerifyRow:
     """Table 6.6: one constant must give all three printed numbers to their rounding."""
+    pressures_MPa = (1.0, 27.3, 45.6)
     published = np.array([0.78, 7.7, 11.1])
-    half = np.array([0.005, 0.05, 0.05])
-    unit = np.array(
-        [contact_conductance_W_m2K(p * 1e6, 1e6, 1.0, 1.0, 1.0) for p in (1.0, 27.3, 45.6)]
-    )
-    low = ((published - half) / unit).max()
-    high = ((published + half) / unit).min()
+    rounding = np.array([0.005, 0.05, 0.05])
+    unit = np.array([contact_conductance_W_m2K(p * 1e6, 1e6, 1.0, 1.0, 1.0) for p in pressures_MPa])
+    low = ((published - rounding) / unit).max()
+    high = ((published + rounding) / unit).min()
     return row(
         "rule",
         "conductance of the press fit at 1, 27.3, 45.6 MPa, kW/m2K",
@@ -210,27 +212,26 @@ def _conductance() -> VerifyRow:
 
 
 def film_heat_ratio(test: EhlCondition) -> float:
-    """Frictional heat over heat carried off by the film, F u_s / (b H_c (u_f + u_s) rho c dT) (appendix B).
+    """Return the frictional heat over the heat that the oil film carries off (appendix B).
 
-    H_c is the central film, H_c/R = 2.69 U^0.67 G^0.53 W^-0.067 (1 - 0.61 exp(-0.73 k)) (Hamrock and Dowson), with
-    Mobil Jet Oil II at the mean of both disks' surface junctions and a pressure coefficient of 1.1e-8 1/Pa (assumed).
+    Notes
+    -----
+    F u_s / (b H_c (u_f + u_s) rho c dT). H_c is the central film thickness,
+    H_c/R = 2.69 U^0.67 G^0.53 W^-0.067 (1 - 0.61 exp(-0.73 k)) (Hamrock and Dowson), with Mobil Jet
+    Oil II at the mean of both disks' surface junctions and a pressure coefficient of 1.1e-8 1/Pa
+    (assumed).
     """
     contact = hertz_contact(test.load_N)
     radius = 0.0381 / 2
     modulus = YOUNG_Pa / (1 - 0.3**2)
     oil = fluid("mobil-jet-ii").at(0.5 * (test.fast_a_degC + test.slow_a_degC))
     viscosity = float(oil.rho_kg_m3 * oil.nu_m2_s)
-    u = viscosity * test.entraining_speed_m_s / (modulus * radius)
+    speed = test.entraining_speed_m_s
+    u = viscosity * speed / (modulus * radius)
     g = 1.1e-8 * modulus
     w = test.load_N / (modulus * radius**2)
     k = contact.major_m / contact.minor_m
-    film = 2.69 * u**0.67 * g**0.53 * w**-0.067 * (1 - 0.61 * np.exp(-0.73 * k)) * radius
-    carried = (
-        contact.major_m
-        * film
-        * 2
-        * test.entraining_speed_m_s
-        * float(oil.rho_kg_m3 * oil.c_J_kgK)
-        * RISE_K
-    )
-    return float(test.power_W / carried)
+    thickness = 2.69 * u**0.67 * g**0.53 * w**-0.067 * (1 - 0.61 * np.exp(-0.73 * k)) * radius
+    heat_capacity = float(oil.rho_kg_m3 * oil.c_J_kgK)
+    carried_W = contact.major_m * thickness * 2 * speed * heat_capacity * RISE_K
+    return float(test.power_W / carried_W)

@@ -1,10 +1,11 @@
-"""Tables of the thesis that nothing but ``tcdyn verify`` needs, as printed."""
+"""Tables of the thesis, as printed, that only ``tcdyn verify`` needs."""
 
 from __future__ import annotations
 
 PAIRS_SAME = "same"
 PAIRS_OTHER = "other"
-# tables 6.2 to 6.4: the two groups of junctions, and each pair's word, l(ogical), w(eak), i(llogical), n(ot applicable)
+# Tables 6.2 to 6.4: the two groups of junctions, and the result of each pair: l(ogical), w(eak),
+# i(llogical), n(ot applicable).
 COMPARED = (
     ("aef|bcd", "ae l af l ab i ac i ad i ef l eb i ec i ed w fb l fc n fd w bc n bd l cd l"),
     ("acd|bef", "ac l ad l ab i ae i af i cd l cb w ce w cf i db w de n df w be n bf l ef l"),

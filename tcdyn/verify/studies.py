@@ -1,4 +1,4 @@
-"""The comparisons of section 3.6 as data, closed forms and meshes: what the rows judge and the pictures draw."""
+"""Comparisons of section 3.6 as data: closed forms, orders of convergence, meshing study of the rim model."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from tcdyn.heat.reference import (
 from tcdyn.heat.rim import Mesh, Rim, correction_factor
 from tcdyn.rig.rigfile import load_rig
 
-FILM_W_m2K = 700.0
+H_W_m2K = 700.0
 POWER_W = 250.0  # heat into one disk, about that of test B3
-# mesh I has 14 nodes in z here, so that its nodes are nodes of the others, as section 3.6.1 did
+# Mesh I has 14 nodes in z here, so that its nodes are nodes of the others, as in section 3.6.1.
 SETS = {"I": Mesh(9, 14), "II": Mesh(17, 27), "III": Mesh(33, 53), "IV": Mesh(65, 105)}
 STEP_S = {"I": 0.04, "II": 0.01, "III": 0.005, "IV": 0.001}  # table 3.1
 NODES = (9, 17, 33, 65)  # in r, of meshes whose cells halve
@@ -34,7 +34,10 @@ HALF_WIDTH_D4_m = 1.75e-3
 
 @dataclass(frozen=True)
 class ClosedForm:
-    """A closed form and the scheme at the same x (N,), with what x is and where the picture stands."""
+    """A closed form and the numerical scheme at the same x (N,).
+
+    ``title`` names the case with its figure, ``x_label`` is x with its unit.
+    """
 
     title: str
     x_label: str
@@ -44,13 +47,13 @@ class ClosedForm:
 
     @property
     def error_percent(self) -> Array:
-        """(exact - scheme)/exact in percent, as (3.33) of section 3.6.2."""
+        """(exact - scheme)/exact in percent, (3.33) of section 3.6.2."""
         return (self.exact - self.scheme) / self.exact * 100
 
 
 @dataclass(frozen=True)
 class Convergence:
-    """Largest error [K] on meshes whose cells halve, and the fitted order."""
+    """Largest error [K] on meshes with halved cells, and the fitted order of convergence."""
 
     title: str
     nodes: tuple[int, ...]
@@ -63,74 +66,82 @@ class Convergence:
 
 
 def default_rim(washer: bool = True) -> Rim:
-    """The rim of the default rig file, with its washers or with ideal ones."""
+    """Return the rim of the default rig file, with its washers or with ideal ones."""
     rim = Rim.from_setup(load_rig().disk_setup("fast"))
     return rim if washer else replace(rim, washer_W_m2K=0.0)
 
 
 def transient_check() -> ClosedForm:
-    """Figure 3.15: a 2 m disk whose surface jumps from 20 to 160 degC, 3 mm below it, up to 93 s."""
+    """Compare a 2 m disk whose surface jumps from 20 to 160 degC, at 3 mm depth, up to 93 s (figure 3.15)."""
     rim = replace(default_rim(False), outer_radius_m=2.0)
+    depth_m = 3e-3
     time = np.linspace(2.0, 93.0, 92)
     mesh = Mesh(1313, 7)
-    jump = [0.0, 20.0, 20.0, 20.0, 160.0]
-    fields = step_fields(
-        rim, 1e9, rim.width_m / 2, [0.0, 20, 20, 20, 20], jump, time, flux="uniform", mesh=mesh
-    )
-    ours = interp1d(np.linspace(rim.inner_radius_m, 2.0, mesh.nr), fields[:, :, 3])(2.0 - 3e-3)
-    exact = semi_infinite(3e-3, time, 20.0, 160.0, rim.diffusivity_m2_s)
-    return ClosedForm(
-        "3 mm below a surface that jumps (figure 3.15)", "time [s]", time, exact, ours
-    )
+    before = [0.0, 20.0, 20.0, 20.0, 20.0]
+    after = [0.0, 20.0, 20.0, 20.0, 160.0]
+    fields = step_fields(rim, 1e9, rim.width_m / 2, before, after, time, flux="uniform", mesh=mesh)
+    r = np.linspace(rim.inner_radius_m, 2.0, mesh.nr)
+    computed = interp1d(r, fields[:, :, 3])(2.0 - depth_m)
+    exact = semi_infinite(depth_m, time, 20.0, 160.0, rim.diffusivity_m2_s)
+    title = "3 mm below a surface that jumps (figure 3.15)"
+    return ClosedForm(title, "time [s]", time, exact, computed)
 
 
 def steady_check() -> ClosedForm:
-    """Figure 3.16: uniform flux on the whole track, ideal washers, against (3.36) as corrected and (3.37)."""
+    """Compare the steady ring with (3.36) as corrected and (3.37) (figure 3.16).
+
+    Uniform flux on the complete track, ideal washers.
+    """
     rim = default_rim(False)
     mesh = Mesh()
     inputs = [POWER_W, 85.0, 85.0, 85.0, 60.0]
-    field = step_fields(
-        rim, FILM_W_m2K, rim.width_m / 2, inputs, inputs, [0.0], flux="uniform", mesh=mesh
-    )[0]
+    half_width = rim.width_m / 2
+    field = step_fields(rim, H_W_m2K, half_width, inputs, inputs, [0.0], flux="uniform", mesh=mesh)[
+        0
+    ]
     r = np.linspace(rim.inner_radius_m, rim.outer_radius_m, mesh.nr)
     flux = POWER_W / (2 * np.pi * rim.outer_radius_m * rim.width_m)
-    exact = ring_steady_degC(rim, r, FILM_W_m2K, flux, 85.0, 60.0)
-    return ClosedForm(
-        "steady ring (figure 3.16)", "radius [mm]", r * 1e3, exact, field[:, mesh.nz // 2]
-    )
+    exact = ring_steady_degC(rim, r, H_W_m2K, flux, 85.0, 60.0)
+    computed = field[:, mesh.nz // 2]
+    return ClosedForm("steady ring (figure 3.16)", "radius [mm]", r * 1e3, exact, computed)
 
 
 def series_convergence() -> Convergence:
-    """Hollow cylinder, fixed inside, flux and film outside, against its Bessel series at 0.3 and 2 s."""
+    """Compare a hollow cylinder with its Bessel series at 0.3 and 2 s.
+
+    Fixed temperature inside; flux and heat transfer outside.
+    """
     rim = default_rim(False)
     times = [0.3, 2.0]
-    errors = []
-    ri = rim.inner_radius_m
-    ro = rim.outer_radius_m
-    w = rim.width_m
     before = [0.0, 20, 20, 20, 20]
     after = [POWER_W, 20.0, 20.0, 20.0, 10.0]
-    flux = POWER_W / (2 * np.pi * ro * w)
+    w = rim.width_m
+    flux = POWER_W / (2 * np.pi * rim.outer_radius_m * w)
+    errors = []
     for n in NODES:
         mesh = Mesh(n, 9)
-        ours = step_fields(rim, FILM_W_m2K, w / 2, before, after, times, flux="uniform", mesh=mesh)
-        exact = ring_transient_degC(
-            rim, np.linspace(ri, ro, n), times, FILM_W_m2K, flux, 20.0, 10.0, 20.0
-        )
-        errors.append(float(np.abs(ours[:, :, 4] - exact).max()))
+        r = np.linspace(rim.inner_radius_m, rim.outer_radius_m, n)
+        computed = step_fields(rim, H_W_m2K, w / 2, before, after, times, flux="uniform", mesh=mesh)
+        exact = ring_transient_degC(rim, r, times, H_W_m2K, flux, 20.0, 10.0, 20.0)
+        errors.append(float(np.abs(computed[:, :, 4] - exact).max()))
     return Convergence("hollow cylinder series", NODES, tuple(errors))
 
 
 def product_convergence() -> Convergence:
-    """A field that varies in z, after 1 s of decay from one kelvin; leaky washers make the variation large."""
+    """Compare a field that varies in z, after 1 s of decay from one kelvin.
+
+    Leaky washers make the variation large.
+    """
     rim = replace(default_rim(), washer_W_m2K=5000.0)
     errors = []
     for n in NODES:
         mesh = Mesh(n, int(1.625 * (n - 1)) + 1)
         r = np.linspace(rim.inner_radius_m, rim.outer_radius_m, mesh.nr)
         z = np.linspace(0, rim.width_m, mesh.nz)
-        start, later = (product_decay_K(rim, r, z, t, FILM_W_m2K) for t in (0.0, 1.0))
-        errors.append(float(np.abs(free_decay(rim, FILM_W_m2K, start, 1.0, mesh) - later).max()))
+        start = product_decay_K(rim, r, z, 0.0, H_W_m2K)
+        exact = product_decay_K(rim, r, z, 1.0, H_W_m2K)
+        computed = free_decay(rim, H_W_m2K, start, 1.0, mesh)
+        errors.append(float(np.abs(computed - exact).max()))
     return Convergence("product solution, varies in z", NODES, tuple(errors))
 
 
@@ -145,91 +156,114 @@ class MeshErrors:
 def crank_nicolson_field(
     rim: Rim, mesh: Mesh, dt_s: float, time_s: float, late_steps: int = 0
 ) -> Array:
-    """Field (nr, nz) that Crank-Nicolson gives at ``time_s`` after a uniform flux starts, from 20 degC throughout.
+    """Return the field (nr, nz) of Crank-Nicolson at ``time_s`` after a uniform flux starts.
 
-    Mode by mode a step multiplies by (1 - lambda dt/2)/(1 + lambda dt/2), so no stepping is needed; ``late_steps``
-    starts the heat so many steps late.
+    The field is 20 degC before. ``late_steps`` starts the heat so many steps late.
+
+    Notes
+    -----
+    A step multiplies each mode by (1 - lambda dt/2)/(1 + lambda dt/2), so no stepping is needed.
     """
     s = spectrum(rim, 0.0, rim.width_m / 2, "modal", "uniform", mesh)
     unit = forcing(s)
-    old, new = (np.tensordot([p, 20.0, 20.0, 20.0, 20.0], unit, axes=1) for p in (0.0, POWER_W))
+    before = np.tensordot([0.0, 20.0, 20.0, 20.0, 20.0], unit, axes=1)
+    after = np.tensordot([POWER_W, 20.0, 20.0, 20.0, 20.0], unit, axes=1)
     half = s.rates * dt_s / 2
     ratio = (1 - half) / (1 + half)
-    amplitude = new + (old - new) * ratio ** (round(time_s / dt_s) - late_steps)
+    n_steps = round(time_s / dt_s) - late_steps
+    amplitude = after + (before - after) * ratio**n_steps
     return np.vstack([np.full(mesh.nz, 20.0), s.shape_r @ amplitude @ s.shape_z.T])
 
 
 def ideal_study(late_steps: int = 0) -> dict[str, MeshErrors]:
-    """Tables 3.2 and 3.3: constant flux on the whole track, ideal washers, 20 degC inside, steps of table 3.1."""
+    """Compute tables 3.2 and 3.3 with the time steps of table 3.1.
+
+    Constant flux on the complete track, ideal washers, 20 degC inside. ``late_steps``: as of
+    :func:`crank_nicolson_field`.
+    """
     rim = default_rim(washer=False)
-    return _errors(
-        {
-            k: [crank_nicolson_field(rim, m, STEP_S[k], t, late_steps) for t in IDEAL_TIMES_S]
-            for k, m in SETS.items()
-        }
-    )
+    fields = {}
+    for name, mesh in SETS.items():
+        fields[name] = [
+            crank_nicolson_field(rim, mesh, STEP_S[name], t, late_steps) for t in IDEAL_TIMES_S
+        ]
+    return _errors(fields)
 
 
 def time_step_error_percent() -> dict[str, float]:
-    """Largest change [%] at 2 s when table 3.1's step is made ten times smaller; "I at 1 s": that of figure 3.10."""
+    """Return the largest change [%] at 2 s when the step of table 3.1 is ten times smaller.
+
+    "I at 1 s": the same for the step of figure 3.10.
+    """
     rim = default_rim(washer=False)
+    cases = [(name, name, step) for name, step in STEP_S.items()]
+    cases.append(("I at 1 s", "I", 1.0))
     out = {}
-    for key, name, dt in [*((k, k, STEP_S[k]) for k in SETS), ("I at 1 s", "I", 1.0)]:
-        coarse, fine = (
-            crank_nicolson_field(rim, SETS[name], d, 2.0) for d in (dt, STEP_S[name] / 10)
-        )
+    for key, name, dt in cases:
+        coarse = crank_nicolson_field(rim, SETS[name], dt, 2.0)
+        fine = crank_nicolson_field(rim, SETS[name], STEP_S[name] / 10, 2.0)
         out[key] = float((np.abs(coarse - fine) / fine).max() * 100)
     return out
 
 
 def real_study(inner_degC: float, ambient_degC: float) -> dict[str, MeshErrors]:
-    """Tables 3.5 and 3.6 by quasi-steady fields of test D4: nodal parabola times table 3.4's factor, as the thesis."""
+    """Compute tables 3.5 and 3.6 by quasi-steady fields of test D4.
+
+    As in the thesis the flux is a nodal parabola times the factor of table 3.4.
+    """
     rim = default_rim()
     power = 0.65 * 22.0 * 20.0  # beta F u_s of test D4 (tables 6.1, 7.1 and 7.2)
     fields = {}
-    for k, mesh in SETS.items():
+    for name, mesh in SETS.items():
         s = scheme(rim, 721.0, mesh)
-        across = np.linspace(-1, 1, mesh.nz) * rim.width_m / 2
-        inner = (
-            inner_degC - 3.0 * (across / 2.765e-3) ** 2
-        )  # d and f about 3 K below b, as figure 3.8
-        heat = power * nodal_parabola(rim, mesh, k)
+        z_from_middle = np.linspace(-1, 1, mesh.nz) * rim.width_m / 2
+        # d and f are about 3 K below b, as in figure 3.8.
+        inner = inner_degC - 3.0 * (z_from_middle / 2.765e-3) ** 2
+        heat = power * nodal_parabola(rim, mesh, name)
         air = (s.film + s.face_d + s.face_f) * ambient_degC
-        field = steady_field(s, s.outer @ heat + s.inner @ inner + air).reshape(
-            mesh.nr - 1, mesh.nz
-        )
-        fields[k] = [np.vstack([inner, field])]
+        field = steady_field(s, s.outer @ heat + s.inner @ inner + air)
+        fields[name] = [np.vstack([inner, field.reshape(mesh.nr - 1, mesh.nz)])]
     return _errors(fields)
 
 
 def nodal_parabola(rim: Rim, mesh: Mesh, name: str) -> Array:
-    """Point values of (3.32) for one watt [1/m2], raised by the factor of table 3.4 (mesh I: for 13 nodes)."""
+    """Return point values of (3.32) for one watt [1/m2], raised by the factor of table 3.4.
+
+    The factor of mesh I is that for 13 nodes.
+    """
     b = HALF_WIDTH_D4_m
     z = np.linspace(-1, 1, mesh.nz) * rim.width_m / 2
     density = np.where(np.abs(z) <= b, 0.75 / b * (1 - (z / b) ** 2), 0.0)
-    factor = correction_factor(b, 13 if name == "I" else mesh.nz, rim.width_m)
+    n_nodes = 13 if name == "I" else mesh.nz
+    factor = correction_factor(b, n_nodes, rim.width_m)
     return density * factor / (2 * np.pi * rim.outer_radius_m)
 
 
 def _errors(fields: dict[str, list[Array]]) -> dict[str, MeshErrors]:
-    """Of each mesh but the finest, against it, at the nodes (9, 14) that all four share; ``fields`` at each time."""
-    common = {
-        k: np.stack(f)[:, :: (SETS[k].nr - 1) // 8, :: (SETS[k].nz - 1) // 13]
-        for k, f in fields.items()
-    }
-    finest = common.pop("IV")
+    """Return the errors of each mesh against the finest, at the nodes (9, 14) that all four share.
+
+    ``fields``: of each mesh, at each time.
+    """
+    shared = {}
+    for name, values in fields.items():
+        step_r = (SETS[name].nr - 1) // 8
+        step_z = (SETS[name].nz - 1) // 13
+        shared[name] = np.stack(values)[:, ::step_r, ::step_z]
+    finest = shared.pop("IV")
     out = {}
-    for k, field in common.items():
-        gap = np.abs(field - finest)
-        mean = gap.sum(axis=(1, 2)) / finest.sum(axis=(1, 2))
-        out[k] = MeshErrors(
-            *(tuple((100 * e).tolist()) for e in ((gap / finest).max(axis=(1, 2)), mean))
-        )
+    for name, field in shared.items():
+        error = np.abs(field - finest)
+        maximum = 100 * (error / finest).max(axis=(1, 2))
+        mean = 100 * (error.sum(axis=(1, 2)) / finest.sum(axis=(1, 2)))
+        out[name] = MeshErrors(tuple(maximum.tolist()), tuple(mean.tolist()))
     return out
 
 
 def stepped_gap_K(h: float, share: float) -> float:
-    """Largest difference [K] of the engine's field from Crank-Nicolson stepped on mesh II, heat that comes at once."""
+    """Return the largest difference [K] between the modal engine and Crank-Nicolson on mesh II.
+
+    The heat starts at once; 150 steps of 20 ms.
+    """
     rim = default_rim()
     mesh = SETS["II"]
     b = HALF_WIDTH_D4_m
@@ -240,17 +274,15 @@ def stepped_gap_K(h: float, share: float) -> float:
     s = scheme(rim, h, mesh)
     inner = spectrum(rim, h, b, "modal", "hertz", mesh).boundary
     columns = s.inner @ inner.T
-    columns[:, 0] = (
-        s.outer
-        @ flux_density("hertz", b, rim.width_m, mesh.nz)
-        * share
-        / (2 * np.pi * rim.outer_radius_m)
-    )
+    flux = flux_density("hertz", b, rim.width_m, mesh.nz)
+    columns[:, 0] = s.outer @ flux * share / (2 * np.pi * rim.outer_radius_m)
     columns[:, 4] += s.film + s.face_d + s.face_f
     stepper = CrankNicolson.prepare(s, dt)
     field = steady_field(s, columns @ levels[0])
     for k, u in enumerate(levels[:-1]):
-        field = stepper.step(field, columns @ u, columns @ u, damped=k < 3)
-    last = np.vstack([levels[-1] @ inner, field.reshape(mesh.nr - 1, mesh.nz)])
-    ours = fields_at(rim, Drive(dt, *levels.T), h, b, [steps - 1], share=share, mesh=mesh)[0]
-    return float(np.abs(ours - last).max())
+        load = columns @ u
+        field = stepper.step(field, load, load, damped=k < 3)
+    stepped = np.vstack([levels[-1] @ inner, field.reshape(mesh.nr - 1, mesh.nz)])
+    drive = Drive(dt, *levels.T)
+    modal = fields_at(rim, drive, h, b, [steps - 1], share=share, mesh=mesh)[0]
+    return float(np.abs(modal - stepped).max())

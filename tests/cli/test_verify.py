@@ -120,7 +120,7 @@ def test_a_chapter_that_cannot_go_on_differs_and_the_others_are_still_told(monke
     monkeypatch.setattr(table_rows, "speed_ratio_power", lambda ratio, n: 1 / 0)
     rows = verify_rows()
     stopped = [r for r in rows if r.failed]
-    assert [r.why for r in stopped] == ["table rows cannot go on: division by zero"]
+    assert [r.why for r in stopped] == ["table rows stopped: division by zero"]
     assert rows[0].source == "section 2.2.1"
     assert rows[-1].source == "(4.7) as corrected"
 
