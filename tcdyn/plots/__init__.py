@@ -1,6 +1,7 @@
 """Figures of results: functions ``draw_x(result, ax) -> ax``, and figures made of them.
 
-``draw`` chooses the main figure of a result. Every other function takes the result, or the part of it
+``draw`` chooses the main figure of a result. Every other function takes the result, or the part of
+it
 that its first argument names, and matplotlib axes.
 
 >>> import tcdyn.plots

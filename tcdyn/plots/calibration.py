@@ -128,7 +128,7 @@ def draw_transducer(
 
 
 def draw_bearing(bearing: BearingFriction, ax: Axes) -> Axes:
-    """Plot the bearing friction of both shafts against load, one line for each speed (figure 2.25)."""
+    """Plot bearing friction of both shafts against load, one line for each speed (figure 2.25)."""
     for speed, line in zip(bearing.speeds_rpm, bearing.lines):
         dots = ax.plot(line.x, line.y, "o", markersize=4, label=f"{speed:.0f} rpm")[0]
         ends = np.array([line.x.min(), line.x.max()])
@@ -201,7 +201,7 @@ def error_figure(oven: OvenFit) -> Figure:
 
 
 def draw_log(log: Log, ax: Axes) -> Axes:
-    """Plot every thermocouple of a log against time, or its error against the PRT for an oven log."""
+    """Plot every thermocouple against time, or for an oven log its error against the PRT."""
     table = log.frame.iloc[every_nth(len(log.frame))]
     is_oven = log.kind == "oven"
     x = table["prt_degC" if is_oven else "time_s"]

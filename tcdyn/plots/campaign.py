@@ -1,4 +1,6 @@
-"""Figures of a campaign: temperature, traction, friction and beta over the conditions; its joint posterior."""
+"""Figures of a campaign: temperature, traction, friction and beta over the conditions; its joint
+posterior.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,9 @@ from tcdyn.rig.disk import DISKS
 from tcdyn.workflows.campaign_table import done_rows, speed_groups, trend
 
 X_LABELS = {
-    "delta_T_us_K_m_s": "temperature difference of the surfaces times sliding speed, ΔT u_s [K m/s]",
+    "delta_T_us_K_m_s": (
+        "temperature difference of the surfaces times sliding speed, ΔT u_s [K m/s]"
+    ),
     "load_N": "load [N]",
     "sliding_speed_m_s": "sliding speed [m/s]",
     "entraining_speed_m_s": "entraining speed [m/s]",
@@ -229,7 +233,7 @@ def draw_joined_beta(joined: JoinedCampaign, ax: Axes, against: str = "delta_T_u
 
 
 def draw_exponent(joined: JoinedCampaign, ax: Axes) -> Axes:
-    """Plot the exponent n of h ~ u^n of every test over the entraining speed, and that of all tests.
+    """Plot exponent n of h ~ u^n of every test over the entraining speed, and that of all tests.
 
     Bars are the 95 % intervals within the campaign, the band that of the common exponent.
     """

@@ -83,7 +83,7 @@ def _draw_junction(setup: DiskSetup, name: str, reading_degC: float, ax: Axes) -
 
 
 def draw_round_surface(around: Around, ax: Axes) -> Axes:
-    """Plot the mean temperature across the running surface against the angle, with its 95 % band."""
+    """Plot mean temperature across the running surface against the angle, with its 95 % band."""
     t = around.surface_degC
     colour = DISK_COLOUR[around.disk]
     line_with_band(ax, around.angle_deg, t, around.surface_u_K, colour, linewidth=1.6)

@@ -1,4 +1,4 @@
-"""Figures of compensation: traces with their bands, filter design report, regularisation trade-off."""
+"""Figures of compensation: traces with bands, filter design report, L-curve of deconvolution."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures of the rim model: fields, boundary profiles, maps of beta and h, checks of section 3.6."""
+"""Figures of the rim model: fields, profiles, maps of beta and h, checks of section 3.6."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def draw_field(
 def draw_profiles(
     rim: Rim, readings_degC: Sequence[float], ambient_degC: float, ax: Axes, mesh: Mesh = MESH_IV
 ) -> Axes:
-    """Plot the three boundary profiles through readings of the inner row along r = R_i (figure 3.8)."""
+    """Plot three boundary profiles through readings of the inner row along r = R_i (figure 3.8)."""
     z = np.linspace(0.0, rim.width_m, mesh.nz)
     n_readings = len(readings_degC)
     kinds: tuple[Profile, ...] = ("quadratic", "quartic", "modal")
@@ -107,7 +107,7 @@ def draw_mesh_errors(
 
 
 def draw_map(error_K: ArrayLike, h_W_m2K: ArrayLike, share: ArrayLike, ax: Axes) -> Axes:
-    """Plot the steady map of chapter 4: misfit over heat transfer coefficient and share of the heat.
+    """Plot steady map of chapter 4: misfit over heat transfer coefficient and share of the heat.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Figures of an identified model: fit, step response and Bode diagram with bands, residual tests."""
+"""Figures of an identified model: fit, step response, Bode diagram, residual tests."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def draw_fit(fit: Fit, ax: Axes, segment: int = 0) -> Axes:
 
 
 def _input_style(hold: str) -> dict[str, Any]:
-    """Return the line style of an input: dashed behind the output, with steps for a zero-order hold."""
+    """Return line style of an input: dashed behind the output, with steps for a zero-order hold."""
     drawstyle = "steps-post" if hold == "zoh" else "default"
     return {"linestyle": (0, (4, 1)), "drawstyle": drawstyle, "zorder": 0}
 
@@ -163,7 +163,9 @@ def draw_bode(model: Identified, magnitude: Axes, phase: Axes) -> tuple[Axes, Ax
 
 
 def draw_correlation(test: ResidualTest, ax: Axes, title: str) -> Axes:
-    """Plot the correlations of a residual test over lag, with the 95 % bound of each and the p-value."""
+    """Plot the correlations of a residual test over lag, with the 95 % bound of each and the
+    p-value.
+    """
     order = np.argsort(test.lags_s)
     bound = test.bound95[order]
     ax.fill_between(test.lags_s[order], -bound, bound, color=PALE, label="95 % of each lag")

@@ -1,4 +1,6 @@
-"""Figures of the heat partition of one test: unloading, joint fit, steady lines, estimates of beta, budget, maps."""
+"""Figures of the heat partition of one test: unloading, joint fit, steady lines, estimates of beta,
+budget, maps.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +46,8 @@ ESTIMATOR_MARKERS = (("o", 14), ("s", 9), ("^", 5))  # speed law, cooling fit, j
 
 
 def plotted_channels(setup: DiskSetup, excluded: Collection[str]) -> dict[str, str]:
-    """Return line styles of three channels: nearest the surface, and nearest the centre of each row.
+    """Return line styles of three channels: nearest the surface, and nearest the centre of each
+    row.
 
     >>> from tcdyn.rig.rigfile import load_rig
     >>> plotted_channels(load_rig().disk_setup("fast"), "a")
@@ -237,7 +240,7 @@ def _estimator_label(name: str) -> str:
 
 
 def draw_budget(p: Partition | OneDisk, ax: Axes) -> Axes:
-    """Plot the standard uncertainty of beta by source, the largest on top, the combined one below."""
+    """Plot standard uncertainty of beta by source, the largest on top, the combined one below."""
     if isinstance(p, OneDisk):
         u_by_source = {source: u_joint for source, (u_joint, _) in p.budget.items()}
         estimator = "the joint fit"
@@ -375,7 +378,7 @@ def _direction(angle_deg: float) -> Array:
 
 
 def _draw_field_of_harmonic(setup: DiskSetup, harmonic: Unevenness, ax: Axes) -> None:
-    """Plot the temperature of the first harmonic between bore and running surface, both outlined."""
+    """Plot temperature of the first harmonic between bore and running surface, both outlined."""
     inner_mm = setup.bore_radius_m * 1e3
     outer_mm = setup.outer_radius_m * 1e3
     r = np.linspace(inner_mm, outer_mm, 40)

@@ -1,4 +1,6 @@
-"""Figures of plunge tests (figures 5.14 and 5.24 to 5.27 of the thesis), of fitted lags and of planned tests."""
+"""Figures of plunge tests (figures 5.14 and 5.24 to 5.27 of the thesis), of fitted lags and of
+planned tests.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,7 @@ _LINE_STYLES = tuple(CHANNEL_STYLE.values())
 
 
 def draw_holes(result: HoleComparison, ax: Axes) -> Axes:
-    """Plot all thermocouples of the two-part disk (dots) with the fitted lags (lines), figure 5.14."""
+    """Plot the thermocouples of the two-part disk (dots) and fitted lags (lines), figure 5.14."""
     t = result.block_time_s
     for k, name in enumerate(result.names):
         colour = SLOW if name.startswith("ideal") else str(0.65 * k / len(result.names))
@@ -74,7 +76,8 @@ def draw_entry(
     channel: str = "a",
     until_s: float = 15.0,
 ) -> Axes:
-    """Plot the reading of one channel with modelled junctions, around the entry (figures 5.26 and 5.27).
+    """Plot the reading of one channel with modelled junctions, around the entry (figures 5.26 and
+    5.27).
 
     The vertical lines are the entry by the switch and by the free probe, the band is the standard
     uncertainty of the entry.
@@ -118,7 +121,7 @@ def draw_heat_transfer(fit: PlungeFit, run: int, ax: Axes) -> Axes:
 
 
 def draw_common_lag(fit: PlungeFit, ax: Axes) -> Axes:
-    """Plot the marginal posterior of the common lag, its profile likelihood and its 95 % interval."""
+    """Plot marginal posterior of the common lag, its profile likelihood and its 95 % interval."""
     scan = fit.scan
     lag = fit.common_lag_s
     shift = lag.value - scan.mean_s
@@ -205,7 +208,7 @@ def draw_plunge(fit: PlungeFit, run: int, ax: Axes, until_s: float = 15.0) -> Ax
 
 
 def standardised(fit: PlungeFit, run: int) -> NDArray[np.float64]:
-    """Return the residual of each block (B, C) over its expected standard deviation; nan if empty."""
+    """Return residual of each block (B, C) over its expected standard deviation; nan if empty."""
     problem = fit.optimum.problem
     blocks = problem.models[run].blocks
     residual = blocks.readings_degC - fit.optimum.predictions_degC[run]
@@ -214,7 +217,7 @@ def standardised(fit: PlungeFit, run: int) -> NDArray[np.float64]:
 
 
 def draw_plunge_residuals(fit: PlungeFit, run: int, ax: Axes) -> Axes:
-    """Plot the standardised residuals of all channels (dots) and their mean (line) over log time."""
+    """Plot standardised residuals of all channels (dots) and their mean (line) over log time."""
     blocks = fit.optimum.problem.models[run].blocks
     after_entry = blocks.time_s > FIRST_S
     z = standardised(fit, run)[after_entry]

@@ -1,4 +1,6 @@
-"""Style of all figures: colours, markers and line styles that also differ in black and white, and axes with units."""
+"""Style of all figures: colours, markers and line styles that also differ in black and white, and
+axes with units.
+"""
 
 from __future__ import annotations
 
@@ -101,7 +103,7 @@ def style_axes(
 
 
 def every_nth(count: int, limit: int = MAX_POINTS) -> slice:
-    """Return the slice that takes every n-th of ``count`` points, so that about ``limit`` remain."""
+    """Return slice that takes every n-th of ``count`` points, so that about ``limit`` remain."""
     return slice(None, None, max(count // limit, 1))
 
 

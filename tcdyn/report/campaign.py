@@ -1,4 +1,4 @@
-"""The page of a campaign: verdict, the answers, and the thesis's figures of many tests."""
+"""Report of a campaign: conclusion, beta of all tests, and the thesis's figures of many tests."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ import pandas as pd
 from tcdyn.core.estimate import rounded, with_u
 from tcdyn.plots import campaign as draw
 from tcdyn.plots.style import pictured
-from tcdyn.report.beta import ASSUMED
-from tcdyn.report.campaign_joint import joined_answer, joined_sections
+from tcdyn.report.beta import ASSUMPTIONS
+from tcdyn.report.campaign_joint import joined_result, joined_sections
 from tcdyn.report.page import Section, pm, write_page
 from tcdyn.report.sources import table as sources
-from tcdyn.rig.disk import LEFT_OUT
+from tcdyn.rig.disk import DISKS, LEFT_OUT
 from tcdyn.workflows.campaign import CampaignRun
 from tcdyn.workflows.campaign_table import trend_table
 
-WORDS = {
+QUANTITY_LABELS = {
     "fast_bulk_degC": "bulk temperature, fast disk [°C]",
     "slow_bulk_degC": "bulk temperature, slow disk [°C]",
     "fast_surface_max_degC": "hottest surface, fast disk [°C]",
@@ -29,131 +29,159 @@ WORDS = {
     "friction_N": "traction force [N]",
 }
 DELTA_T_US = (
-    "ΔT u_s is the difference between the hottest points of the two running surfaces (fast less slow, at the end of "
-    "loading) times the sliding speed. Clarke (2006) found the clearest trend of β over it, and figure 7.18 of "
-    "the thesis is drawn so."
+    "ΔT u_s is the difference between the hottest points of the two running surfaces (fast minus "
+    "slow, at the end of "
+    "loading) times the sliding speed. Clarke (2006) found the clearest trend of β over it, and "
+    "figure 7.18 of "
+    "the thesis uses it."
 )
-WAYS = (
-    "Speed law: where the steady lines of both disks meet h ~ u^n. Cooling fit: h of one disk from its compensated "
-    "traces after the parting. Joint fit: β, h and lag together from the traces as logged. They agree where the "
-    "largest difference between two ways, z in its standard uncertainties, is no more than chance allows."
+ESTIMATORS = (
+    "Speed law: where the steady lines of both disks meet h ~ u^n. Cooling fit: h of one disk from "
+    "its compensated "
+    "traces after the unloading. Joint fit: β, h and lag together from the traces as logged. They "
+    "agree where the "
+    "largest difference between two estimates, z in its standard uncertainties, is no more than "
+    "chance allows."
 )
 
 
 def write_campaign_report(
     path: str | Path, run: CampaignRun, records: Sequence[tuple[str, str, str, str]] = ()
 ) -> Path:
-    """Write the page of ``run``; a campaign in which every log failed has its table of errors only.
+    """Write the page of a campaign and return its path.
 
-    Where all tests make one measurement, what each tells alone is folded. ``records``: their rows among the sources.
+    If every log failed, it has the table of errors only. If all tests have a joint posterior, the
+    sections of the single tests are folded.
+
+    Parameters
+    ----------
+    records
+        Rows of the records in the table of source files.
     """
     table = run.table
-    good = table[table["error"] == ""]
+    joined = run.joined
+    if joined is not None and len(joined.posterior.tests) < 2:
+        joined = None
     sections = []
-    each = []
-    together = (
-        run.joined if run.joined is not None and len(run.joined.posterior.tests) > 1 else None
-    )
     if run.failed:
-        lost = pd.DataFrame([{"log": o.log.name, "why": o.error} for o in run.failed])
-        sections.append(Section("Logs that could not be analysed", table=lost))
-    if together is not None:
-        sections += joined_sections(together)
-    if len(good):
-        each += [
-            Section("β of each test, by every way", WAYS, partition_table(good)),
-            Section(
-                "Heat transfer, lags and exponent of each test", table=heat_transfer_table(good)
-            ),
-        ]
-    if len(good) > 1:
-        each += campaign_pictures(table)
-    if len(good):
-        each += [
-            Section("Conditions", DELTA_T_US if len(good) == 1 else "", condition_table(good)),
-            Section(
-                "Temperatures",
-                "a and bulk (mean of all junctions): steady stretch.",
-                temperature_table(good),
-            ),
-        ]
-    lines = trend_words(table) if len(good) else pd.DataFrame()
-    if len(lines):
-        told = "Least squares; the slope's uncertainty is that of the scatter about the line."
-        each.append(Section("Trend lines, where three set points or more make one", told, lines))
-    elif len(good) > 1:
-        each.append(
-            Section("Trend lines", "None: no sliding speed has tests at three loads or more.")
-        )
-    if made := [
-        ("log", o.log.name, "", o.data["source"]["sha256"]) for o in run.outcomes if o.data
-    ]:
-        each.append(Section("What it was made of", table=sources([*made, *records]), folded=True))
+        errors = pd.DataFrame([{"log": o.log.name, "why": o.error} for o in run.failed])
+        sections.append(Section("Logs that could not be analysed", table=errors))
+    if joined is not None:
+        sections += joined_sections(joined)
+    for section in [*_test_sections(table), *_source_sections(run, records)]:
+        folded = section.folded or joined is not None
+        sections.append(replace(section, folded=folded))
+    plural = "s" if len(table) > 1 else ""
     return write_page(
         path,
-        f"Campaign of {len(table)} test{'s' if len(table) > 1 else ''}",
-        [*sections, *(replace(s, folded=s.folded or together is not None) for s in each)],
+        f"Campaign of {len(table)} test{plural}",
+        sections,
         verdict=campaign_verdict(run),
         findings=run.findings,
-        assumptions=ASSUMED,
-        answers=() if together is None else (joined_answer(together),),
+        assumptions=ASSUMPTIONS,
+        main_results=() if joined is None else (joined_result(joined),),
     )
+
+
+def _test_sections(table: pd.DataFrame) -> list[Section]:
+    """Return the sections of the tests analysed one by one."""
+    good = table[table["error"] == ""]
+    if not len(good):
+        return []
+    heat_transfer = heat_transfer_table(good)
+    sections = [
+        Section("β of each test, all estimates", ESTIMATORS, partition_table(good)),
+        Section("Heat transfer, lags and exponent of each test", table=heat_transfer),
+    ]
+    if len(good) > 1:
+        sections += campaign_pictures(table)
+    about_conditions = DELTA_T_US if len(good) == 1 else ""
+    about_temperatures = "a and bulk (mean of all junctions): steady segment."
+    sections.append(Section("Conditions", about_conditions, condition_table(good)))
+    sections.append(Section("Temperatures", about_temperatures, temperature_table(good)))
+    lines = trend_lines(table)
+    if len(lines):
+        text = "Least squares; the slope's uncertainty is that of the scatter about the line."
+        title = "Trend lines of three set points or more"
+        sections.append(Section(title, text, lines))
+    elif len(good) > 1:
+        text = "None: no sliding speed has tests at three loads or more."
+        sections.append(Section("Trend lines", text))
+    return sections
+
+
+def _source_sections(
+    run: CampaignRun, records: Sequence[tuple[str, str, str, str]]
+) -> list[Section]:
+    """Return the section of the source files, if any log was analysed."""
+    logs = [("log", o.log.name, "", o.data["source"]["sha256"]) for o in run.outcomes if o.data]
+    if not logs:
+        return []
+    return [Section("Source files", table=sources([*logs, *records]), folded=True)]
 
 
 def campaign_pictures(table: pd.DataFrame) -> list[Section]:
-    """Figures 6.17, 6.33, 6.34, 7.18 and 7.20 of this campaign, of two tests or more."""
-    traction = partial(draw.draw_traction, table), partial(draw.draw_friction_coefficient, table)
+    """Return the figures 6.17, 6.33, 6.34, 7.18 and 7.20 of a campaign of two tests or more."""
+    beta = partial(draw.draw_beta, table)
+    traction = partial(draw.draw_traction, table)
+    coefficient = partial(draw.draw_friction_coefficient, table)
     lines = "Lines are least squares, drawn where three loads or more were run."
     return [
         Section(
             "β of each test alone over ΔT u_s",
             DELTA_T_US,
-            figure=pictured(partial(draw.draw_beta, table), height_in=4.4),
+            figure=pictured(beta, height_in=4.4),
             caption="Each test analysed alone; bars are 95 %.",
         ),
         Section(
             "Hottest running surface",
             figure=draw.temperature_figure(table, "surface_max_degC", "hottest surface"),
-            caption=f"Compare figure 7.20: at the centre of the track, end of loading; bars are 95 %. {lines}",
+            caption="Compare figure 7.20: at the centre of the track, end of loading; bars are "
+            f"95 %. {lines}",
         ),
         Section(
             "Bulk temperature",
             figure=draw.temperature_figure(table, "bulk_degC", "mean of all junctions"),
-            caption=f"Compare figure 6.17: over the steady stretch. {lines}",
+            caption=f"Compare figure 6.17: over the steady segment. {lines}",
         ),
         Section(
             "Traction and friction",
-            figure=pictured(*traction, height_in=3.8),
-            caption="Compare figures 6.33 (left) and 6.34 (right). Lines: three loads, or speeds, or more.",
+            figure=pictured(traction, coefficient, height_in=3.8),
+            caption="Compare figures 6.33 (left) and 6.34 (right). Lines: three loads, or speeds, "
+            "or more.",
         ),
     ]
 
 
 def campaign_verdict(run: CampaignRun) -> str:
-    """Range of beta, whether the ways to it agree and where not, and what was lost."""
+    """Return the range of beta, in which tests its estimates agree, and how many logs failed."""
     table = run.table
     good = table[table["error"] == ""]
     if not len(good):
         return f"None of {len(table)} logs could be analysed: the reasons are below."
     ranked = good.sort_values("beta").to_dict("records")
-    low = ranked[0]
-    high = ranked[-1]
-    said = [f"{row['test']}: β = {with_u(row['beta'], row['u_beta'])}" for row in (low, high)]
-    shown = said[0] if len(good) == 1 else f"least in {said[0]}; largest in {said[1]}"
-    apart = [str(t) for t in good["test"][good["agree"] != "yes"]]
-    agree = f"in {len(good) - len(apart)} of {len(good)} tests" + (
-        f", not in {', '.join(apart)}" if apart else ""
+    lowest, highest = (
+        f"{row['test']}: β = {with_u(row['beta'], row['u_beta'])}"
+        for row in (ranked[0], ranked[-1])
     )
-    lost = f" {len(run.failed)} of {len(table)} logs could not be analysed." if run.failed else ""
-    return (
-        f"β, the share of the frictional heat that enters the fast disk, by the speed law: {shown}. "
-        f"The ways to β agree {agree}.{lost}"
+    result = lowest if len(good) == 1 else f"least in {lowest}; largest in {highest}"
+    disagreeing = [str(test) for test in good["test"][good["agree"] != "yes"]]
+    agree = f"in {len(good) - len(disagreeing)} of {len(good)} tests"
+    if disagreeing:
+        agree += f", not in {', '.join(disagreeing)}"
+    text = (
+        "β, the share of the frictional heat that enters the fast disk, by the speed law: "
+        f"{result}. "
+        f"The estimates of β agree {agree}."
     )
+    if run.failed:
+        text += f" {len(run.failed)} of {len(table)} logs could not be analysed."
+    return text
 
 
 def partition_table(good: pd.DataFrame) -> pd.DataFrame:
-    """beta by every way with the verdict of the cross-check, as tables 7.1 and 7.3."""
-    ways = {
+    """Return all estimates of beta with the result of the cross-check, as tables 7.1 and 7.3."""
+    titles = {
         "beta": "speed law",
         "beta_cooling_fast": "cooling fit, fast disk",
         "beta_cooling_slow": "cooling fit, slow disk",
@@ -161,76 +189,79 @@ def partition_table(good: pd.DataFrame) -> pd.DataFrame:
         "beta_joint_slow": "joint fit, slow disk",
         "beta_both": "joint fit, both disks",
     }
-    columns = {title: _pm(good, name) for name, title in ways.items()}
+    columns = {title: _pm(good, name) for name, title in titles.items()}
     agree = [f"{a}, {z:.1f}" for a, z in zip(good["agree"], good["crosscheck_z"])]
     return pd.DataFrame({"test": good["test"].to_list(), **columns, "agree, largest z": agree})
 
 
 def heat_transfer_table(good: pd.DataFrame) -> pd.DataFrame:
-    """h by the speed law, lags by the unloading, and the exponent that the joint fit implies."""
-    shown = {
+    """Return h by the speed law, lags by the unloading, and the exponent that the joint fit
+    implies.
+    """
+    titles = {
         "h_fast_W_m2K": "h fast [W/m²K]",
         "h_slow_W_m2K": "h slow [W/m²K]",
         "lag_joint_fast_s": "common lag fast [s]",
         "lag_joint_slow_s": "common lag slow [s]",
         "exponent": "implied exponent n [1]",
     }
-    return pd.DataFrame(
-        {
-            "test": good["test"].to_list(),
-            **{title: _pm(good, name) for name, title in shown.items()},
-        }
-    )
+    columns = {title: _pm(good, name) for name, title in titles.items()}
+    return pd.DataFrame({"test": good["test"].to_list(), **columns})
 
 
 def condition_table(good: pd.DataFrame) -> pd.DataFrame:
-    """Load, speeds and friction, as table 7.2."""
-    shown = {
+    """Return load, speeds and friction, as table 7.2."""
+    formats = {
         "load_N": ("load [N]", 0),
         "sliding_speed_m_s": ("sliding speed [m/s]", 2),
         "entraining_speed_m_s": ("entraining speed [m/s]", 2),
         "friction_N": ("friction [N]", 2),
         "friction_coefficient": ("μ [1]", 4),
     }
-    columns = {
-        title: [f"{v:.{digits}f}" for v in good[name]] for name, (title, digits) in shown.items()
-    }
+    columns = {"test": good["test"].to_list()}
+    for name, (title, digits) in formats.items():
+        columns[title] = [f"{value:.{digits}f}" for value in good[name]]
     columns["ΔT u_s [K m/s]"] = _pm(good, "delta_T_us_K_m_s")
-    columns["warnings and notes"] = [f"{v:.0f}" for v in good["warnings"]]
-    return pd.DataFrame({"test": good["test"].to_list(), **columns})
+    columns["warnings and notes"] = [f"{count:.0f}" for count in good["warnings"]]
+    return pd.DataFrame(columns)
 
 
 def temperature_table(good: pd.DataFrame) -> pd.DataFrame:
-    """Steady temperatures of a and of the bulk, and the hottest running surface, of both disks."""
-    columns: dict[str, list[str]] = {}
-    for disk in ("fast", "slow"):
-        for name, title in ((f"{disk}_a_degC", "a"), (f"{disk}_bulk_degC", "bulk")):
-            columns[f"{disk} disk, {title} [°C]"] = [
-                LEFT_OUT if np.isnan(v) else f"{v:.1f}" for v in good[name]
-            ]
+    """Return steady temperatures of a, of the bulk and of the hottest surface, of both disks."""
+    columns = {"test": good["test"].to_list()}
+    for disk in DISKS:
+        columns[f"{disk} disk, a [°C]"] = _temperature_cells(good[f"{disk}_a_degC"])
+        columns[f"{disk} disk, bulk [°C]"] = _temperature_cells(good[f"{disk}_bulk_degC"])
         columns[f"{disk} disk, hottest surface [°C]"] = _pm(good, f"{disk}_surface_max_degC")
-    return pd.DataFrame({"test": good["test"].to_list(), **columns})
+    return pd.DataFrame(columns)
 
 
-def trend_words(table: pd.DataFrame) -> pd.DataFrame:
-    """The trend lines with names and units that people read; empty where no group has three different set points."""
-    lines = trend_table(table)
-    rows = [
-        {
-            "quantity": WORDS[r["quantity"]],
-            "over": "load [N]",
-            "tests": f"{r['number']} at {r['tests']}",
-            "slope": pm([r["slope"]], [r["u_slope"]])[0],
-            "95 % interval of the slope": " to ".join(
-                rounded(r[end], r["u_slope"])[0] for end in ("low95_slope", "high95_slope")
-            ),
-            "value at zero": f"{r['intercept']:.4g}",
-            "scatter (rms)": f"{r['rms']:.2g}",
-        }
-        for r in lines.to_dict("records")
-    ]
+def _temperature_cells(values: pd.Series) -> list[str]:
+    """Return temperatures with one decimal; "left out" for nan."""
+    return [LEFT_OUT if np.isnan(value) else f"{value:.1f}" for value in values]
+
+
+def trend_lines(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the trend lines with full names and units; empty if no group has three set points."""
+    rows = []
+    for line in trend_table(table).to_dict("records"):
+        u_slope = line["u_slope"]
+        low, _ = rounded(line["low95_slope"], u_slope)
+        high, _ = rounded(line["high95_slope"], u_slope)
+        rows.append(
+            {
+                "quantity": QUANTITY_LABELS[line["quantity"]],
+                "over": "load [N]",
+                "tests": f"{line['number']} at {line['tests']}",
+                "slope": pm([line["slope"]], [u_slope])[0],
+                "95 % interval of the slope": f"{low} to {high}",
+                "value at zero": f"{line['intercept']:.4g}",
+                "scatter (rms)": f"{line['rms']:.2g}",
+            }
+        )
     return pd.DataFrame(rows)
 
 
 def _pm(good: pd.DataFrame, name: str) -> list[str]:
+    """Return the cells of a column with its uncertainty."""
     return pm(good[name], good[f"u_{name}"])

@@ -1,4 +1,4 @@
-"""The sections of a campaign's page that tell of all tests as one measurement."""
+"""Sections of a campaign's report on the joint posterior of all its tests."""
 
 from __future__ import annotations
 
@@ -12,191 +12,212 @@ from tcdyn.campaign.trends import CurveTest
 from tcdyn.core.estimate import rounded
 from tcdyn.plots import campaign as draw
 from tcdyn.plots.style import pictured
-from tcdyn.report.page import Answer, Section, pm, typeset
+from tcdyn.report.page import MainResult, Section, pm, typeset
+from tcdyn.rig.disk import DISKS
 
-BOTH = (
-    "All tests of a rig share its errors of depth, steel, washer, friction gain and static lines. Two uncertainties "
-    "follow: within the campaign, for a difference between two tests (their u add in squares) and for trends; and "
-    "absolute, for a comparison with anything else. β is that of the joint fit of both disks, all tests in one "
-    "posterior, each of them in turn less sure alone."
+JOINT_TEXT = (
+    "All tests of a rig share its errors of depth, steel, washer, friction gain and static lines. "
+    "Two uncertainties "
+    "follow: within the campaign, for a difference between two tests (their u add in squares) and "
+    "for trends; and "
+    "absolute, for a comparison with anything else. β is that of the joint fit of both disks, all "
+    "tests in one "
+    "posterior; each test alone determines it less well."
 )
-WORDS = {
+CONDITIONS = {  # label, unit of a slope, that unit in the unit of the column
     "delta_T_us_K_m_s": ("ΔT u_s", "1000 K m/s", 1e3),
     "load_N": ("load", "1000 N", 1e3),
     "sliding_speed_m_s": ("sliding speed", "m/s", 1.0),
     "entraining_speed_m_s": ("entraining speed", "m/s", 1.0),
 }
-KNOWN = {
-    "film": "the film's shape along the track",
+NUISANCE_LABELS = {
+    "film": "the shape of h along the track",
     "washer": "the washers' conductance",
     "depth": "the junctions' depths",
-    "model": "what rim and mesh leave unexplained",
-    "uneven": "the pattern round the bore",
+    "model": "the model error of rim and mesh",
+    "uneven": "the circumferential harmonic",
     "line": "the static lines",
     "lag": "the lags",
     "heat": "the heat capacity",
     "half-width": "the contact's half-width",
     "split": "how each chain's lag is split",
 }
-LIMITS = 3
-SURE = 0.05
-COMMON = 1e-3
-LEAST = 1e-12
+N_LIMITS = 3  # nuisance parameters that the text on the exponent names
+SIGNIFICANCE = 0.05  # p-value below which a dependence is stated; the usual level
+SCATTER_P = 1e-3  # p-value below which a scatter about the line is stated; chosen by judgement
+MIN_P = 1e-12  # p-values below this are written as "below 1e-12"; chosen by judgement
 N_CAPTION = (
-    "Left: bars of the tests against each other, band of all together; it may lie beside the points, since errors that "
-    "all share move some tests more than others, and their differences tell them. Right: 95 % bars."
+    "Left: bars of the tests against each other, band of all together; it may lie outside the "
+    "points, since common "
+    "errors shift some tests more than others, and the differences determine them. Right: 95 % "
+    "bars."
 )
 
 
 def joined_sections(joined: JoinedCampaign) -> list[Section]:
-    """Table of beta with both uncertainties, trend, exponent, models and junctions, of two tests or more."""
-    shown = pictured(partial(draw.draw_joined_beta, joined), height_in=4.4)
-    caption = "Compare figure 7.18. Thick bars and band: within the campaign; thin bars: absolute; all 95 %."
+    """Return beta with both uncertainties, trend, models, exponent and junctions, of two tests or
+    more.
+    """
+    beta_figure = pictured(partial(draw.draw_joined_beta, joined), height_in=4.4)
     sections = [
-        Section("β of each test, all tests as one measurement", BOTH, beta_table(joined)),
+        Section("β of each test, all tests as one measurement", JOINT_TEXT, beta_table(joined)),
         Section(
             "Does β depend on ΔT u_s?",
             f"{trend_sentence(joined)}\n\n{_models(joined)}",
-            figure=shown,
-            caption=caption,
+            figure=beta_figure,
+            caption="Compare figure 7.18. Thick bars and band: within the campaign; thin bars: "
+            "absolute; all 95 %.",
         ),
     ]
     if joined.trends:
-        told = (
-            "Generalised least squares with the covariance of all tests. Scatter: of the tests about the line, beyond "
-            "their uncertainties; where it is not zero, the line alone does not tell β."
+        text = (
+            "Generalised least squares with the covariance of all tests. Scatter: of the tests "
+            "about the line, beyond "
+            "their uncertainties; where it is not zero, the line alone does not determine β."
         )
-        sections.append(Section("Trends of β", told, trend_words(joined)))
-    both = pictured(
-        partial(draw.draw_exponent, joined), partial(draw.draw_junctions, joined), height_in=3.6
+        sections.append(Section("Trends of β", text, trend_lines(joined)))
+    exponent = partial(draw.draw_exponent, joined)
+    junctions = partial(draw.draw_junctions, joined)
+    sections.append(
+        Section(
+            "Exponent of the speed law, and the junctions",
+            exponent_text(joined),
+            figure=pictured(exponent, junctions, height_in=3.6),
+            caption=N_CAPTION,
+        )
     )
-    last = Section(
-        "Exponent of the speed law, and the junctions",
-        exponent_words(joined),
-        figure=both,
-        caption=N_CAPTION,
-    )
-    return [*sections, last]
+    return sections
 
 
-def joined_answer(joined: JoinedCampaign) -> Answer:
-    """Range of beta over the tests with both uncertainties, and n."""
-    p = joined.posterior
-    order = sorted(zip(p.estimates, p.order), key=lambda one: one[0]["beta"].value)
-    (low, first) = order[0]
-    (high, last) = order[-1]
-    inside, whole = (max(e[k].u for e in p.estimates) for k in ("beta_within", "beta"))
-    ends = [rounded(e["beta"].value, e["beta_within"].u)[0] for e in (low, high)]
-    n = joined.law.exponent
-    return Answer(
-        f"β = {ends[0]} to {ends[1]}",
-        f"{first.removeprefix('EHL_')} and {last.removeprefix('EHL_')} of {len(p.tests)} tests; u {inside:.4f} at most "
-        f"within the campaign, {whole:.4f} absolute; exponent of the speed law n = {n.plain()}",
+def joined_result(joined: JoinedCampaign) -> MainResult:
+    """Return the range of beta over the tests with both uncertainties, and the exponent n."""
+    posterior = joined.posterior
+    ranked = sorted(
+        zip(posterior.estimates, posterior.order), key=lambda test: test[0]["beta"].value
+    )
+    lowest, lowest_name = ranked[0]
+    highest, highest_name = ranked[-1]
+    u_within = max(estimates["beta_within"].u for estimates in posterior.estimates)
+    u_absolute = max(estimates["beta"].u for estimates in posterior.estimates)
+    low, high = (
+        rounded(test["beta"].value, test["beta_within"].u)[0] for test in (lowest, highest)
+    )
+    names = f"{lowest_name.removeprefix('EHL_')} and {highest_name.removeprefix('EHL_')}"
+    return MainResult(
+        f"β = {low} to {high}",
+        f"{names} of {len(posterior.tests)} tests; u {u_within:.4f} at most within the campaign, "
+        f"{u_absolute:.4f} absolute; exponent of the speed law n = {joined.law.exponent.plain()}",
     )
 
 
 def beta_table(joined: JoinedCampaign) -> pd.DataFrame:
-    """beta, u within the campaign, u absolute, h, lags, and beta by the speed law with the campaign's n."""
+    """Return beta, both uncertainties, h, lags, and beta by the speed law with the campaign's n."""
     rows = []
     for r in paper_table(joined).to_dict("records"):
-        beta, inside = rounded(r["beta"], r["u_beta_within"])
-        rows.append(
-            {
-                "test": r["test"],
-                "β [1]": beta,
-                "u within [1]": inside,
-                "u absolute [1]": rounded(r["beta"], r["u_beta"])[1],
-                **{
-                    f"h {d} [W/m²K]": pm([r[f"h_{d}_W_m2K"]], [r[f"u_h_{d}_W_m2K"]])[0]
-                    for d in ("fast", "slow")
-                },
-                **{
-                    f"lag {d} [s]": pm([r[f"lag_{d}_s"]], [r[f"u_lag_{d}_s"]])[0]
-                    for d in ("fast", "slow")
-                },
-                "β by the speed law at this n [1]": f"{r['beta_by_speed_law']:.4f}",
-            }
-        )
+        beta, u_within = rounded(r["beta"], r["u_beta_within"])
+        _, u_absolute = rounded(r["beta"], r["u_beta"])
+        row = {
+            "test": r["test"],
+            "β [1]": beta,
+            "u within [1]": u_within,
+            "u absolute [1]": u_absolute,
+        }
+        for disk in DISKS:
+            row[f"h {disk} [W/m²K]"] = pm([r[f"h_{disk}_W_m2K"]], [r[f"u_h_{disk}_W_m2K"]])[0]
+        for disk in DISKS:
+            row[f"lag {disk} [s]"] = pm([r[f"lag_{disk}_s"]], [r[f"u_lag_{disk}_s"]])[0]
+        row["β by the speed law at this n [1]"] = f"{r['beta_by_speed_law']:.4f}"
+        rows.append(row)
     return pd.DataFrame(rows)
 
 
 def trend_sentence(joined: JoinedCampaign) -> str:
-    """Whether beta changes with delta T u_s, with the full covariance; what is missing where that is not told."""
-    t = joined.trend
-    if t is None or t.against != ("delta_T_us_K_m_s",):
-        return "A line over ΔT u_s asks for three set points."
-    word, unit, size = WORDS[t.against[0]]
-    slope = t.slopes[0].times(size)
-    verdict = (
-        f"β changes with {word}"
-        if t.p_value[0] < SURE
-        else f"these tests do not show that β depends on {word}"
-    )
-    about = (
-        f" About the line the tests scatter by {t.scatter:.4f} more than they are uncertain: {word} is not all."
-        if t.enough < COMMON
-        else ""
-    )
-    return (
+    """Return whether beta changes with delta T u_s (full covariance), or what is missing."""
+    trend = joined.trend
+    if trend is None or trend.against != ("delta_T_us_K_m_s",):
+        return "A line over ΔT u_s needs three set points."
+    label, unit, scale = CONDITIONS[trend.against[0]]
+    slope = trend.slopes[0].times(scale)
+    if trend.p_value[0] < SIGNIFICANCE:
+        conclusion = f"β changes with {label}"
+    else:
+        conclusion = f"these tests do not show that β depends on {label}"
+    text = (
         f"The line over {len(joined.posterior.tests)} tests has the slope {slope.plain()} per "
-        f"{unit} (95 % interval {slope.interval}): {verdict}.{about}"
+        f"{unit} (95 % interval {slope.interval}): {conclusion}."
     )
+    if trend.enough < SCATTER_P:
+        text += (
+            f" About the line the tests scatter by {trend.scatter:.4f} more than their "
+            "uncertainties: "
+            f"{label} is not the only cause."
+        )
+    return text
 
 
-def trend_words(joined: JoinedCampaign) -> pd.DataFrame:
-    """Slopes with names and units that people read."""
+def trend_lines(joined: JoinedCampaign) -> pd.DataFrame:
+    """Return the slopes of beta with full names and units."""
     rows = []
     for r in trend_rows(joined).to_dict("records"):
-        word, unit, size = WORDS[r["over"]]
-        slope = r["slope"].times(size)
-        beside = ", ".join(WORDS[x][0] for x in str(r["with"]).split(", ") if x)
+        label, unit, scale = CONDITIONS[r["over"]]
+        slope = r["slope"].times(scale)
+        conditions = [CONDITIONS[name][0] for name in str(r["with"]).split(", ") if name]
+        if conditions:
+            label += f" (with {', '.join(conditions)})"
+        p = f"{r['p_value']:.2g}" if r["p_value"] > MIN_P else f"below {MIN_P:g}"
         rows.append(
             {
-                "β over": word + (f" (beside {beside})" if beside else ""),
+                "β over": label,
                 "slope": f"{typeset(slope.plain())} per {unit}",
                 "95 % interval": slope.interval,
-                "chance if zero": f"{r['p_value']:.2g}"
-                if r["p_value"] > LEAST
-                else f"below {LEAST:g}",
+                "chance if zero": p,
                 "scatter [1]": f"{r['scatter']:.4f}",
             }
         )
     return pd.DataFrame(rows)
 
 
-def exponent_words(joined: JoinedCampaign) -> str:
-    """n of all tests, whether one power is enough, and what it was taken for."""
+def exponent_text(joined: JoinedCampaign) -> str:
+    """Return n of all tests, whether one power is enough, and what limits n."""
     law = joined.law
-    tests = len(joined.posterior.tests)
-    assumed = joined.posterior.tests[0].conditions["speed_exponent"]
-    said = f"n = {law.exponent.plain()} from {tests} tests; rig.toml assumes {assumed:g}."
+    tests = joined.posterior.tests
+    nominal = tests[0].conditions["speed_exponent"]
+    text = f"n = {law.exponent.plain()} from {len(tests)} tests; rig.toml assumes {nominal:g}."
     if law.by_speed is not None and law.p_value is not None:
-        enough = "one power is enough" if law.p_value > SURE else "one power may not be enough"
+        one_power = law.p_value > SIGNIFICANCE
+        conclusion = "one power is enough" if one_power else "one power may not be enough"
         change = law.by_speed.plain()
-        said += f" While the speed doubles n changes by {change} (chance {law.p_value:.2g} if it did not): {enough}."
-    known = [
-        f"{u:.3f} if {KNOWN.get(k, f'the {k}')}" for k, u in list(law.u_if_known.items())[:LIMITS]
-    ]
-    return (
-        f"{said} What limits it most: its u would be {', '.join(known)} were known exactly."
-        if known
-        else said
-    )
+        text += (
+            f" While the speed doubles n changes by {change} (chance {law.p_value:.2g} if it did "
+            f"not): {conclusion}."
+        )
+    limits = []
+    for name, u in list(law.u_if_known.items())[:N_LIMITS]:
+        limits.append(f"{u:.3f} if {NUISANCE_LABELS.get(name, f'the {name}')}")
+    if limits:
+        text += f" What limits it most: its u would be {', '.join(limits)} were known exactly."
+    return text
 
 
 def _models(joined: JoinedCampaign) -> str:
-    return "\n\n".join(_model(c) for c in joined.curves)
+    """Return a paragraph on each compared model."""
+    return "\n\n".join(_model(test) for test in joined.curves)
 
 
-def _model(c: CurveTest) -> str:
-    sentence = (
-        f"{c.curve.file}: chi-squared {c.chi2:.1f} on {len(c.inside)} tests (chance {c.p_value:.2g}); with its level "
-        f"free {c.shape_chi2:.1f} on {len(c.inside) - 1} (chance {c.shape_p_value:.2g}), the tests lying "
-        f"{c.offset.plain()} above it."
+def _model(test: CurveTest) -> str:
+    """Return how well a model's curve fits the tests."""
+    n_tests = len(test.inside)
+    text = (
+        f"{test.curve.file}: chi-squared {test.chi2:.1f} on {n_tests} tests (chance "
+        f"{test.p_value:.2g}); with its level "
+        f"free {test.shape_chi2:.1f} on {n_tests - 1} (chance {test.shape_p_value:.2g}), the tests "
+        "lying "
+        f"{test.offset.plain()} above it."
     )
-    if not c.shape_rejected:
-        return sentence
-    return (
-        f"{sentence} The shape of the curve does not fit the tests: for this offset an independent scatter of "
-        f"{c.scatter:.2g} was added to every test."
-    )
+    if test.shape_rejected:
+        text += (
+            " The shape of the curve does not fit the tests: for this offset an independent "
+            "scatter of "
+            f"{test.scatter:.2g} was added to every test."
+        )
+    return text

@@ -1,4 +1,4 @@
-"""The certificate of a calibrated disk: a verdict on each thermocouple first, then what it rests on."""
+"""Certificate of a calibrated disk: a verdict on each thermocouple, then the evidence for it."""
 
 from __future__ import annotations
 
@@ -20,30 +20,33 @@ from tcdyn.plots.calibration import draw_lag_budget, draw_lags, draw_residuals, 
 from tcdyn.plots.plunge import plunge_figure, residual_figure, standardised
 from tcdyn.plots.style import pictured
 from tcdyn.report.page import Section, write_page
-from tcdyn.report.signed import in_oven, signed_sections
-from tcdyn.rig.record import DiskRecord
+from tcdyn.report.signed import has_oven_lines, signed_sections
+from tcdyn.rig.record import ChainRecord, DiskRecord
 from tcdyn.rig.static_line import whole_u
 from tcdyn.workflows.calibrate import CalibrationRun
 
-OF_A_CHANNEL = ("line", "record", "plunge", "noise", "junctions", "said")  # kinds of finding
-BEYOND = "line.extrapolated"
+CHANNEL_FINDINGS = ("line", "record", "plunge", "noise", "junctions", "said")  # first part of codes
+EXTRAPOLATED = "line.extrapolated"  # a plunge beyond the range of the oven
 FIT = "fit to use"
 NO_BREAK = "\u00a0"
+SIMILAR_UNCERTAINTY = 1.5  # ratio of u(common lag) to u(difference) below which it is not stated
 
 
 def write_certificate(
     path: str | Path, run: CalibrationRun, earlier: Sequence[DiskRecord] = ()
 ) -> Path:
-    """One page: verdict, warnings and assumptions, what is signed, then, folded, what the lags and the lines rest on.
+    """Write the certificate and return its path.
 
-    ``earlier``: records of the same disk, for its drift.
+    The page has verdict, warnings and assumptions, the signed part, then, folded, the evidence for
+    lags and lines. ``earlier``: records of the same disk, for its drift.
     """
     record = run.record
-    behind = certificate_sections(record, run.oven, fit_sections(run.fit))
+    evidence = certificate_sections(record, run.oven, fit_sections(run.fit))
+    folded = [replace(section, folded=True) for section in evidence]
     return write_page(
         path,
         f"Calibration of the {record.disk} disk",
-        [*signed_sections(record, earlier), *(replace(section, folded=True) for section in behind)],
+        [*signed_sections(record, earlier), *folded],
         verdict=certificate_verdict(record),
         findings=record.findings,
         assumptions=certificate_assumptions(record),
@@ -52,60 +55,62 @@ def write_certificate(
 
 
 def channel_verdicts(record: DiskRecord) -> dict[str, str]:
-    """One sentence on each thermocouple: fit to use, or what is wrong with it.
+    """Return a sentence on each thermocouple: fit to use, or what is wrong with it.
 
-    A gap or an impossible value in a log, or a plunge beyond the oven's range, is no fault of a thermocouple.
+    A gap or an impossible value in a log, or a plunge beyond the oven's range, is no fault of a
+    thermocouple.
     """
-    doubts = [
-        f
-        for f in check_record(record)
-        if f.code.partition(".")[0] in OF_A_CHANNEL and f.code != BEYOND
+    findings = [
+        finding
+        for finding in check_record(record)
+        if finding.code.partition(".")[0] in CHANNEL_FINDINGS and finding.code != EXTRAPOLATED
     ]
     verdicts: dict[str, str] = {}
     for name in sorted(record.static):
-        verdicts[name] = "; ".join(messages(f for f in doubts if name in f.channels)) or FIT
+        faults = [finding for finding in findings if name in finding.channels]
+        verdicts[name] = "; ".join(messages(faults)) or FIT
     return verdicts
 
 
 def summary_table(record: DiskRecord) -> pd.DataFrame:
-    """One row a channel: line, uncertainty at rest, lag with interval, difference from the common lag, verdict."""
+    """Return a row for each channel: verdict, line, uncertainty at rest, lag, difference of lag."""
     verdicts = channel_verdicts(record)
     rows = []
     for name, line in sorted(record.static.items()):
         low, high = line.range_degC
         u = whole_u(line, np.linspace(low, high, 50))
+        verdict = verdicts[name]
+        if verdict == FIT:
+            verdict = verdict.replace(" ", NO_BREAK)
         rows.append(
             {
                 "channel": name,
-                "verdict": verdicts[name].replace(" ", NO_BREAK)
-                if verdicts[name] == FIT
-                else verdicts[name],
+                "verdict": verdict,
                 "gain": line.gain_estimate.plain(),
                 "offset [degC]": line.offset_estimate.plain(),
                 "u at rest [K]": f"{u.min():.2g} to {u.max():.2g}",
             }
         )
     table = pd.DataFrame(rows)
-    return (
-        table
-        if record.chain is None
-        else table.merge(record.chain.table(), "left", "channel").fillna("")
-    )
+    if record.chain is None:
+        return table
+    return table.merge(record.chain.table(), "left", "channel").fillna("")
 
 
 def certificate_verdict(record: DiskRecord) -> str:
-    """The whole disk in one sentence."""
-    doubtful = [name for name, said in channel_verdicts(record).items() if said != FIT]
+    """Return the verdict on the disk in one sentence."""
+    faulty = [name for name, verdict in channel_verdicts(record).items() if verdict != FIT]
     count = len(record.static)
-    text = f"Disk {record.disk}: {count - len(doubtful)} of {count} thermocouples fit to use"
-    text += f", not {', '.join(doubtful)}" if doubtful else ""
+    text = f"Disk {record.disk}: {count - len(faulty)} of {count} thermocouples fit to use"
+    if faulty:
+        text += f", not {', '.join(faulty)}"
     if record.chain is not None:
         common = record.chain.common_lag_s
-        apart = max(d.u for d in record.chain.differential_lag_s.values())
+        largest_u = max(difference.u for difference in record.chain.differential_lag_s.values())
         text += f"; common lag {common.plain('s')} (95 %: {common.interval} s)"
-        text += f", each channel's difference from it to {apart:.2g} s"
-        found = record.fit.get("structures") or {}
-        if found.get("contradicted"):
+        text += f", each channel's difference from it to {largest_u:.2g} s"
+        structures = record.fit.get("structures") or {}
+        if structures.get("contradicted"):
             text += f"; the plunges contradict its chain structure {record.chain.structure}"
     return text + "."
 
@@ -113,76 +118,91 @@ def certificate_verdict(record: DiskRecord) -> str:
 def certificate_sections(
     record: DiskRecord, oven: OvenFit | None = None, traces: Sequence[Section] = ()
 ) -> list[Section]:
-    """The sections of the certificate; ``traces`` (structures, plunges, their residuals) follow the lags."""
+    """Return the sections with the evidence of a certificate.
+
+    ``traces``: sections on the plunges, which follow the lags.
+    """
     low, high = next(iter(record.static.values())).range_degC
-    rest = f"At rest, from {low:.0f} to {high:.0f} degC: temperature = gain x logged + offset, uncertain by u."
-    sections = [Section("Thermocouples", text=rest, table=summary_table(record))]
+    about = (
+        f"At rest, from {low:.0f} to {high:.0f} degC: temperature = gain x logged + offset, "
+        "uncertain by u."
+    )
+    sections = [Section("Thermocouples", text=about, table=summary_table(record))]
     if record.chain is not None:
-        ratio = record.chain.common_lag_s.u / float(
-            np.median([d.u for d in record.chain.differential_lag_s.values()]) or 1.0
-        )
-        title = (
-            "Lags"
-            if ratio < 1.5
-            else f"Lags: their differences are known {ratio:.0f} times better than their mean"
-        )
-        caption = "Circles: lags. Thin bars hold each lag, thick ones its difference from the common lag (band)."
-        note = INTERVAL_NOTE.strip("()")
-        shown = pictured(partial(draw_lags, record.chain), height_in=3.4)
-        sections.append(
-            Section(title, f"{note[:1].upper()}{note[1:]}.", figure=shown, caption=caption)
-        )
+        sections.append(_lag_section(record.chain))
     sections += list(traces)
     if oven is not None:
         sections += oven_sections(oven)
     return sections
 
 
-def oven_sections(oven: OvenFit) -> list[Section]:
-    """Errors before and after the static lines, and what the lines leave."""
-    table = (
-        oven.statistics.map(lambda v: f"{v:.2g}")
-        .rename_axis("error against the PRT [K]")
-        .reset_index()
+def _lag_section(chain: ChainRecord) -> Section:
+    """Return the section of the lags and their differences."""
+    u_differences = [difference.u for difference in chain.differential_lag_s.values()]
+    ratio = chain.common_lag_s.u / float(np.median(u_differences) or 1.0)
+    title = "Lags"
+    if not ratio < SIMILAR_UNCERTAINTY:
+        title = f"Lags: their differences are known {ratio:.0f} times better than their mean"
+    note = INTERVAL_NOTE.strip("()")
+    return Section(
+        title,
+        f"{note[:1].upper()}{note[1:]}.",
+        figure=pictured(partial(draw_lags, chain), height_in=3.4),
+        caption="Circles: lags. Thin bars hold each lag, thick ones its difference from the "
+        "common lag (band).",
     )
-    left = float(np.nanstd(oven.calibrated_errors_K))
+
+
+def oven_sections(oven: OvenFit) -> list[Section]:
+    """Return the errors before and after the static lines, and the residuals of the lines."""
+    statistics = oven.statistics.map(lambda value: f"{value:.2g}")
+    table = statistics.rename_axis("error against the PRT [K]").reset_index()
+    residual_sd = float(np.nanstd(oven.calibrated_errors_K))
     return [
         Section(
-            f"Oven: the static lines leave {left:.2g} K",
+            f"Oven: residuals of the static lines of {residual_sd:.2g} K",
             table=table,
             figure=error_figure(oven),
-            caption="Errors of all channels, one for each hold; between the dashed lines lie 95 % of them.",
+            caption="Errors of all channels, one for each hold; between the dashed lines lie 95 % "
+            "of them.",
         ),
         Section(
-            "Oven: what the lines leave, against temperature",
+            "Oven: residuals of the lines against temperature",
             figure=pictured(partial(draw_residuals, oven), height_in=3.2),
-            caption="A column of markers that moves as one is an error of the PRT in that hold; a curve that repeats "
+            caption="A column of markers that moves as one is an error of the PRT in that hold; a "
+            "curve that repeats "
             "would be one of the lines.",
         ),
     ]
 
 
 def certificate_assumptions(record: DiskRecord) -> list[str]:
-    """What was assumed and not measured."""
+    """Return what was assumed and not measured."""
     disk = record.setup.disk
     b = record.conditioning
+    reference = "Readings at rest are as logged, uncertain as stated."
+    if has_oven_lines(record):
+        reference = (
+            f"The reference's error: {record.setup.traceability.reference_u_K:.2g} K (1 sd), "
+            "common to all readings; "
+            "one for each hold of the oven, uniform within 0.1 degC."
+        )
+    junctions = sorted(record.setup.thermocouples.items())
+    depths = ", ".join(f"{channel} {junction.depth_mm:g} mm" for channel, junction in junctions)
     return [
-        "Readings at rest are as logged, uncertain as stated."
-        if not in_oven(record)
-        else f"The reference's error: {record.setup.traceability.reference_u_K:.2g} K (1 sd), common to all readings; "
-        "one for each hold of the oven, uniform within 0.1 degC.",
-        f"Signal conditioning: {b.poles} pole(s) at {b.cutoff_Hz:g} Hz ({b.shape}), from its data sheet.",
+        reference,
+        f"Signal conditioning: {b.poles} pole(s) at {b.cutoff_Hz:g} Hz ({b.shape}), from its data "
+        "sheet.",
         f"Steel: K = {disk.conductivity_W_mK:g} W/mK, density {disk.density_kg_m3:g} kg/m3, "
-        f"specific heat {disk.specific_heat_J_kgK:g} J/kgK; bore radius {disk.bore_radius_mm:g} mm.",
-        "Junction depths: "
-        + ", ".join(f"{c} {j.depth_mm:g} mm" for c, j in sorted(record.setup.thermocouples.items()))
-        + f", each to {record.setup.uncertainty.depth_mm:g} mm.",
+        f"specific heat {disk.specific_heat_J_kgK:g} J/kgK; bore radius {disk.bore_radius_mm:g} "
+        "mm.",
+        f"Junction depths: {depths}, each to {record.setup.uncertainty.depth_mm:g} mm.",
         *plunge_assumptions(record),
     ]
 
 
 def plunge_assumptions(record: DiskRecord) -> list[str]:
-    """What the plunge fit took for granted; empty for a record without one."""
+    """Return the assumptions of the plunge fit; empty for a record without one."""
     correlation = record.fit.get("correlation")
     if not correlation:
         return []
@@ -193,81 +213,94 @@ def plunge_assumptions(record: DiskRecord) -> list[str]:
 
 
 def fit_sections(fit: PlungeFit) -> list[Section]:
-    """Structures, plunges, and what limits the lags."""
-    told = Section(
+    """Return sections on chain structures, limits of the lags, plunges, static lines and priors."""
+    limits = Section(
         "What limits the lags",
         fit.sentence,
         figure=pictured(partial(draw_lag_budget, fit.budget)),
-        caption="Variance that goes when a source is known, as a standard uncertainty. Sources stand in for each "
-        "other, so they do not add up to all of the fit.",
+        caption="Reduction of the variance if a source were known, as a standard uncertainty. "
+        "Sources are correlated, "
+        "so they do not add up to all of the fit.",
     )
     priors = Section(
-        "What the plunge fit takes as known beforehand",
+        "Priors of the plunge fit",
         "Each quantity is fitted within its prior (sd: standard deviation); a run is one plunge.",
         table=pd.DataFrame(fit.priors.describe(), columns=["quantity", "prior"]),
     )
-    moved = moved_lines(fit)
-    statics = Section(
-        "What the plunges say of the static lines",
-        "A disk in a bath has all its junctions near one temperature, so a plunge tells how the lines differ from each "
-        "other. The lines of the record stay the oven's; the lags are those with the lines as found here.",
-        table=pd.DataFrame(
-            {
-                "channel": moved["channel"],
-                "at [degC]": moved["at_degC"].round(0),
-                "oven [K]": [with_u(0.0, u) for u in moved["u_off_before_K"]],
-                "with plunges [K]": [
-                    with_u(x, u) for x, u in zip(moved["off_K"], moved["u_off_K"])
-                ],
-                "slope, oven": [with_u(0.0, u) for u in moved["u_slope_before"]],
-                "slope, with plunges": [
-                    with_u(x, u) for x, u in zip(moved["slope_off"], moved["u_slope"])
-                ],
-            }
-        ),
+    return [
+        *structure_sections(fit),
+        limits,
+        *plunge_sections(fit),
+        _static_line_section(fit),
+        priors,
+    ]
+
+
+def _static_line_section(fit: PlungeFit) -> Section:
+    """Return the section that compares the static lines before and after the plunges."""
+    lines = moved_lines(fit)
+    offset = [with_u(x, u) for x, u in zip(lines["off_K"], lines["u_off_K"])]
+    slope = [with_u(x, u) for x, u in zip(lines["slope_off"], lines["u_slope"])]
+    table = pd.DataFrame(
+        {
+            "channel": lines["channel"],
+            "at [degC]": lines["at_degC"].round(0),
+            "oven [K]": [with_u(0.0, u) for u in lines["u_off_before_K"]],
+            "with plunges [K]": offset,
+            "slope, oven": [with_u(0.0, u) for u in lines["u_slope_before"]],
+            "slope, with plunges": slope,
+        }
     )
-    return [*structure_sections(fit), told, *plunge_sections(fit), statics, priors]
+    return Section(
+        "The static lines with the plunges",
+        "A disk in a bath has all its junctions near one temperature, so a plunge determines how "
+        "the lines differ from "
+        "each other. The lines of the record stay the oven's; the lags are those with the lines "
+        "as estimated here.",
+        table=table,
+    )
 
 
 def structure_sections(fit: PlungeFit) -> list[Section]:
-    """Every chain structure on the same plunges; empty where others were not tried."""
+    """Return section of all chain structures on the same plunges; empty if only one was fitted."""
     if fit.structures is None:
         return []
-    words = fit.structures.sentence
-    how = (
-        "Probability: by the evidence of each structure, all equally likely beforehand; one lag, a special case of the "
-        "others, gets no credit for being simple. Chi-square: misfit and priors together. Held out: -2 log of the "
-        "probability of each plunge as the others foresee it. Of both, less is better."
+    text = (
+        "Probability: by the evidence of each structure, all equally likely beforehand; one lag, a "
+        "special case of the "
+        "others, gets no credit for being simple. Chi-square: misfit and priors together. Held "
+        "out: -2 log of the "
+        "probability of each plunge as the others predict it. Of both, less is better."
     )
-    text = how if fit.structures.findings else f"{words[:1].upper()}{words[1:]}.\n\n{how}"
+    if not fit.structures.findings:
+        sentence = fit.structures.sentence
+        text = f"{sentence[:1].upper()}{sentence[1:]}.\n\n{text}"
     return [Section("Which chain structure", text, table=fit.structures.table())]
 
 
 def plunge_sections(fit: PlungeFit) -> list[Section]:
-    """The certificate's sections on the plunges: the first seconds, and what is left in each channel."""
+    """Return sections of the first seconds of the plunges, and of the residuals of each channel."""
     rows = []
     for k, run in enumerate(fit.runs):
-        sizes = np.sqrt(np.nanmean(standardised(fit, k) ** 2, axis=0))
-        noise = fit.optimum.problem.noise[k].sd_K
-        rows.append(
-            {
-                "plunge": run.name,
-                **{f"{c} [K]": f"{n * s:.2f}" for c, n, s in zip(fit.channels, noise, sizes)},
-            }
-        )
+        rms = np.sqrt(np.nanmean(standardised(fit, k) ** 2, axis=0))
+        residual_K = fit.optimum.problem.noise[k].sd_K * rms
+        cells = {f"{c} [K]": f"{x:.2f}" for c, x in zip(fit.channels, residual_K)}
+        rows.append({"plunge": run.name, **cells})
     return [
         Section(
             "Plunges: the first seconds",
             figure=plunge_figure(fit),
-            caption="Dots: means of the readings over blocks; lines: immersion model and chain. The channel nearest "
+            caption="Dots: means of the readings over blocks; lines: immersion model and chain. "
+            "The channel nearest "
             "to the surface and the farthest one; the others lie between.",
         ),
         Section(
-            "Plunges: what the model leaves",
-            "Left over in a single sample of each channel (root mean square):",
+            "Plunges: residuals of the model",
+            "Residual of a single sample of each channel (root mean square):",
             table=pd.DataFrame(rows),
             figure=residual_figure(fit),
-            caption="Readings minus model over their expected noise. Were it all noise, 95 % would lie between the "
-            "dashed lines and the mean would wander about zero.",
+            caption="Readings minus model over their expected noise. Were it all noise, 95 % would "
+            "lie between the "
+            "dashed lines and the mean would vary about zero.",
         ),
     ]

@@ -1,4 +1,6 @@
-"""How hot each disk is round its bore: what the press fit makes of it, and the temperature at the end of the load."""
+"""Sections on the temperature around each disk: its first circumferential harmonic, and its field
+under load.
+"""
 
 from __future__ import annotations
 
@@ -18,40 +20,54 @@ from tcdyn.workflows.circumferential import around_disk
 
 
 def uneven_section(p: Partition) -> Section:
-    """What the bore contact makes of the temperature round each disk, and what was subtracted."""
-    found = [f.sentence for d in DISKS if (f := p.both.uneven[d].finding(d)) is not None]
-    rows = [
-        {
-            "disk": d,
-            "junction": c,
-            "angle [deg]": f"{j.angle_deg:g}",
-            "reads more by [K]": f"{more:+z.2f}",
-        }
-        for d in DISKS
-        for (c, j), more in zip(
-            sorted(p.test.disks[d].setup.junctions.items()),
-            harmonic_K(p.both.uneven[d], p.test.disks[d].setup, np.zeros(1))[0],
-        )
-    ]
+    """Return section of the first circumferential harmonic of each disk, which was subtracted."""
+    rows = []
+    sentences = []
+    for disk in DISKS:
+        harmonic = p.both.uneven[disk]
+        setup = p.test.disks[disk].setup
+        finding = harmonic.finding(disk)
+        if finding is not None:
+            sentences.append(finding.sentence)
+        contributions_K = harmonic_K(harmonic, setup, np.zeros(1))[0]
+        for (channel, junction), contribution_K in zip(
+            sorted(setup.junctions.items()), contributions_K
+        ):
+            rows.append(
+                {
+                    "disk": disk,
+                    "junction": channel,
+                    "angle [deg]": f"{junction.angle_deg:g}",
+                    "reads more by [K]": f"{contribution_K:+z.2f}",
+                }
+            )
+    conclusion = "Yes, as far as two groups of junctions can show."
+    if sentences:
+        conclusion = ". ".join(sentences) + "."
+    panels = [partial(draw.draw_angular_harmonic, p, disk) for disk in DISKS]
     return Section(
-        "are the disks even round their bores?",
-        (". ".join(found) + "." if found else "Yes, as far as two groups of junctions can tell.")
-        + " What the first harmonic makes of each reading at the parting is below: the joint fits find it, and the "
-        "other ways to β see readings without it. The second harmonic, which two opposite groups see alike, is in the "
-        "budget.",
+        "is the temperature even around the bores?",
+        f"{conclusion} The contribution of the first harmonic to each reading at the unloading is "
+        "below: the joint "
+        "fits estimate it, and the other estimators of β use readings without it. The second "
+        "harmonic, which two "
+        "opposite groups of junctions read alike, is in the budget.",
         table=pd.DataFrame(rows),
-        figure=pictured(*(partial(draw.draw_angular_harmonic, p, d) for d in DISKS), height_in=4.0),
-        caption="The disks seen along the shaft, junctions at the angles of rig.toml; bright is hot.",
+        figure=pictured(*panels, height_in=4.0),
+        caption="The disks seen along the shaft, junctions at the angles of rig.toml; bright is "
+        "hot.",
     )
 
 
 def around_section(p: Partition) -> Section:
-    """The temperature round each disk at the end of the load."""
+    """Return the section of the temperature around each disk at the end of the load."""
     return Section(
-        "the temperature round the disks",
-        "Mean of the last ten seconds under load: the rim model's temperature by the joint fit of both disks with the "
-        "first harmonic that was found. Nothing is measured deeper than the inner row.",
+        "the temperature around the disks",
+        "Mean of the last ten seconds under load: the rim model's temperature by the joint fit of "
+        "both disks with the "
+        "first harmonic that it estimates. Nothing is measured deeper than the inner row.",
         figure=round_figure([around_disk(p, disk) for disk in DISKS]),
-        caption="Above: the middle plane, unrolled, with the readings; open junctions lie beside it. Below: the mean "
+        caption="Above: the middle plane, unrolled, with the readings; open junctions lie beside "
+        "it. Below: the mean "
         "across the running surface with its 95 % band.",
     )

@@ -1,4 +1,4 @@
-"""The report of a compensation: what the compensator does, and pictures of raw against compensated traces."""
+"""Report of a compensation: filter design report, logged and compensated traces."""
 
 from __future__ import annotations
 
@@ -35,69 +35,86 @@ from tcdyn.smoothing.traces import record_chains
 from tcdyn.workflows.compensate import CompensatedLog
 from tcdyn.workflows.live import Causal
 
-GAIN = 10.0  # noise of the causal inverse over the trace's that its widest bandwidth is stated for
-BY = {"smoother": "the smoother", "deconvolve": "deconvolution", "inverse": "the causal inverse"}
-BOTH_WAYS = (
-    "{} looks both ways and leaves no shift. The causal inverse was not used; it is stated for comparison, at the "
-    f"widest bandwidth at which its noise is at most {GAIN:g} times the trace's."
+MAX_NOISE_GAIN = 10.0  # of the causal inverse at its widest bandwidth; chosen by judgement
+METHODS = {
+    "smoother": "the smoother",
+    "deconvolve": "deconvolution",
+    "inverse": "the causal inverse",
+}
+NOT_CAUSAL_TEXT = (
+    "{} uses past and future samples and leaves no shift. The causal inverse was not used; it is "
+    "stated for "
+    f"comparison, at the widest bandwidth at which its noise is at most {MAX_NOISE_GAIN:g} times "
+    "the trace's."
 )
-CAUSAL = (
-    "The causal inverse used here is late by its remaining shift; its band holds what that costs."
+CAUSAL_TEXT = (
+    "The causal inverse used here is late by its remaining shift; its band includes the resulting "
+    "error."
 )
-AROUND_S = (2.0, 6.0)  # seconds before and after the last event that the close picture shows
+BEFORE_EVENT_S = 2.0  # of the close figure, before and after the last event
+AFTER_EVENT_S = 6.0
 
 
 def write_compensation_report(
     path: str | Path,
-    done: CompensatedLog,
+    compensated: CompensatedLog,
     records: Mapping[str, DiskRecord],
     files: Sequence[Path] = (),
 ) -> Path:
-    """The page of a whole log: numbers before use, traces of each disk's junction nearest the surface, notes."""
+    """Write the page of a compensated log and return its path.
+
+    It has the filter properties, the traces of the junction nearest the surface of each disk, and
+    the metadata of the output. ``files``: those of the records, in their order.
+    """
     sections: list[Section] = []
-    for disk, result in done.disks.items():
-        sections += [_traces(done, disk, result), _numbers(done, disk, result, records[disk])]
-    notes = pd.DataFrame(done.metadata.items(), columns=["key", "value"])
-    sections.append(Section("The output's own notes", table=notes, folded=True))
+    verdicts = []
+    for disk, result in compensated.disks.items():
+        sections.append(_traces(compensated, disk, result))
+        sections.append(_filter_section(compensated, disk, result, records[disk]))
+        verdicts.append(_verdict(compensated, disk, result))
+    metadata = pd.DataFrame(compensated.metadata.items(), columns=["key", "value"])
+    sections.append(Section("Metadata of the output", table=metadata, folded=True))
     return write_page(
         path,
-        f"Compensated traces: {done.raw.path.name}",
+        f"Compensated traces: {compensated.raw.path.name}",
         sections,
-        verdict="\n\n".join(_verdict(done, disk, result) for disk, result in done.disks.items()),
-        findings=done.findings,
-        assumptions=assumed(records, done.way.method),
-        sources=table([log_row(done.raw), *record_rows(records, files)]),
+        verdict="\n\n".join(verdicts),
+        findings=compensated.findings,
+        assumptions=compensation_assumptions(records, compensated.way.method),
+        sources=table([log_row(compensated.raw), *record_rows(records, files)]),
     )
 
 
-def assumed(records: Mapping[str, DiskRecord], method: str) -> list[str]:
-    """What the compensation takes for granted."""
-    filters = {
-        f"signal conditioning: {b.poles} pole(s) at {b.cutoff_Hz:g} Hz ({b.shape}), from its data sheet"
-        for b in (r.conditioning for r in records.values())
-    }
-    return [
-        "the chain of each channel is that of the record: linear, and the same in this log as when it was calibrated",
+def compensation_assumptions(records: Mapping[str, DiskRecord], method: str) -> list[str]:
+    """Return the assumptions of the compensation by ``method``."""
+    filters = set()
+    for record in records.values():
+        b = record.conditioning
+        conditioning = f"{b.poles} pole(s) at {b.cutoff_Hz:g} Hz ({b.shape})"
+        filters.add(f"signal conditioning: {conditioning}, from its data sheet")
+    assumptions = [
+        "the chain of each channel is that of the record: linear, and the same in this log as "
+        "when it was calibrated",
         *sorted(filters),
-        *(
-            [
-                "between events the slope of each temperature wanders smoothly; at an event it may jump"
-            ]
-            if method == "smoother"
-            else []
-        ),
     ]
+    if method == "smoother":
+        assumptions.append(
+            "between events the slope of each temperature wanders smoothly; at an event it may jump"
+        )
+    return assumptions
 
 
-def _verdict(done: CompensatedLog, disk: str, result: Compensated) -> str:
-    """What was removed, and how well the result is known."""
-    name = done.traces[disk].setup.shallowest
-    channel = done.traces[disk].setup.channels.index(name)
-    lag = done.metadata[f"{disk}_common_lag_s"]
-    sd = result.sd[:, channel]
+def _verdict(compensated: CompensatedLog, disk: str, result: Compensated) -> str:
+    """Return the removed lag and the uncertainty of the junction nearest the surface."""
+    setup = compensated.traces[disk].setup
+    name = setup.shallowest
+    sd = result.sd[:, setup.channels.index(name)]
+    lag = compensated.metadata[f"{disk}_common_lag_s"]
+    typical = f"{float(np.median(sd)):.2g}"
     return (
-        f"{disk} disk: {BY[done.way.method]} removed a common lag of {lag}; channel {name} is then known to "
-        f"+- {float(np.median(sd)):.2g} K (typical sample), +- {float(sd.max()):.2g} K at worst."
+        f"{disk} disk: {METHODS[compensated.way.method]} removed a common lag of {lag}; channel {name} is "
+        "then known to "
+        f"+- {typical} K (typical sample), +- {float(sd.max()):.2g} K at worst."
     )
 
 
@@ -110,125 +127,151 @@ def write_follow_report(
     records: Mapping[str, DiskRecord],
     files: Sequence[Path] = (),
 ) -> Path:
-    """The page of a followed log: one channel of a disk before and after, and what could be told before use."""
+    """Write the page of a log that was compensated live, and return its path.
+
+    It has one channel before and after, and the filter design report. ``files``: those of the
+    records, in their order.
+    """
     report = plan.before_use()
-    behind = plan.settings.behind_s
-    picture = pictured(partial(draw_before_use, report), height_in=3.6)
-    followed, rows = _followed(plan, log, out)
-    step = "Noisiest channel: a step at the junction through the chain alone, and as it comes out of the live smoother."
+    delay_s = plan.settings.behind_s
+    step_figure = pictured(partial(draw_before_use, report), height_in=3.6)
+    trace, n_rows = _followed(plan, log, out)
+    caption = (
+        "Noisiest channel: a step at the junction through the chain alone, and as it comes out of "
+        "the live smoother."
+    )
     notes = pd.DataFrame(plan.notes().items(), columns=["key", "value"])
+    sections = [
+        trace,
+        Section("Response to a step", figure=step_figure, caption=caption),
+        Section("Settings", table=notes, folded=True),
+    ]
+    log_source = ("log", log.name, f"{n_rows} rows followed", "")
     return write_page(
         path,
         f"Followed: {log.name}",
-        [
-            followed,
-            Section("What a step becomes", figure=picture, caption=step),
-            Section("How it was followed", table=notes, folded=True),
-        ],
-        verdict=f"Compensated while it grew, {behind:g} s behind. Noisiest channel: {'; '.join(report.lines())}.",
+        sections,
+        verdict=f"Compensated while it grew, {delay_s:g} s behind. Noisiest channel: "
+        f"{'; '.join(report.lines())}.",
         findings=(*report.findings, *findings),
-        assumptions=assumed(records, "smoother")[:-1],
-        sources=table(
-            [("log", log.name, f"{rows} rows followed", ""), *record_rows(records, files)]
-        ),
+        assumptions=compensation_assumptions(records, "smoother")[:-1],
+        sources=table([log_source, *record_rows(records, files)]),
     )
 
 
-def _traces(done: CompensatedLog, disk: str, result: Compensated) -> Section:
-    traces = done.traces[disk]
-    channel = traces.setup.channels.index(traces.setup.shallowest)
+def _traces(compensated: CompensatedLog, disk: str, result: Compensated) -> Section:
+    """Return section with the trace of the junction nearest the surface, complete and in detail."""
+    traces = compensated.traces[disk]
+    name = traces.setup.shallowest
+    channel = traces.setup.channels.index(name)
     logged = np.zeros_like(result.temperature)
-    logged[:, channel] = done.raw.frame[traces.columns[channel]].to_numpy(dtype=float)
-    event = done.events_s[-1] if done.events_s else float(result.time_s[len(result.time_s) // 2])
-    picture, (whole, close) = figure(1, 2, width_in=10.0)
-    draw_compensated(result, logged, whole, channel)
-    draw_compensated(result, logged, close, channel, (event - AROUND_S[0], event + AROUND_S[1]))
-    where = "about the last event (dashed)" if done.events_s else "some seconds in the middle"
-    for ax in (whole, close) if done.events_s else ():
-        ax.axvline(event, linestyle="--", linewidth=0.8, color=DARK)
+    logged[:, channel] = compensated.raw.frame[traces.columns[channel]].to_numpy(dtype=float)
+    fig, (full, close) = figure(1, 2, width_in=10.0)
+    if compensated.events_s:
+        centre_s = compensated.events_s[-1]
+        detail = "around the last event (dashed)"
+    else:
+        centre_s = float(result.time_s[len(result.time_s) // 2])
+        detail = "some seconds in the middle"
+    window_s = (centre_s - BEFORE_EVENT_S, centre_s + AFTER_EVENT_S)
+    draw_compensated(result, logged, full, channel)
+    draw_compensated(result, logged, close, channel, window_s)
+    if compensated.events_s:
+        full.axvline(centre_s, linestyle="--", linewidth=0.8, color=DARK)
+        close.axvline(centre_s, linestyle="--", linewidth=0.8, color=DARK)
     return Section(
-        f"{disk} disk, channel {traces.setup.shallowest}",
-        figure=picture,
-        caption="Points: as logged, before the static line. Line: at the junction, with its 95 % band. Left: the whole "
-        f"log. Right: {where}.",
+        f"{disk} disk, channel {name}",
+        figure=fig,
+        caption="Points: as logged, before the static line. Line: at the junction, with its 95 % "
+        "band. Left: the whole "
+        f"log. Right: {detail}.",
     )
 
 
-def _numbers(done: CompensatedLog, disk: str, result: Compensated, record: DiskRecord) -> Section:
+def _filter_section(
+    compensated: CompensatedLog, disk: str, result: Compensated, record: DiskRecord
+) -> Section:
+    """Return the section with the properties of the compensation filter of each channel."""
     dt = float(np.median(np.diff(result.time_s)))
-    rows = []
-    worst = None
-    causal = done.way.method == "inverse"
+    is_causal = compensated.way.method == "inverse"
     setup = record.disk_setup()
-    for name, chain in zip(setup.channels, record_chains(record, setup)):
-        i = setup.channels.index(name)
+    rows = []
+    reports = {}
+    for i, (name, chain) in enumerate(zip(setup.channels, record_chains(record, setup))):
         noise = float(result.noise_sd[i])
-        band = (
-            done.way.bandwidth_Hz if causal else widest_bandwidth_Hz(chain, dt, noise, GAIN * noise)
-        )
-        report = before_use(proper_inverse(chain, dt, band), noise, GAIN * noise)
-        over = np.nan if causal else smoother_bandwidth_Hz(chain, dt, noise, result.intensity[i])
+        max_noise = MAX_NOISE_GAIN * noise
+        smoother_Hz = None
+        if is_causal:
+            bandwidth_Hz = compensated.way.bandwidth_Hz
+        else:
+            bandwidth_Hz = widest_bandwidth_Hz(chain, dt, noise, max_noise)
+            smoother_Hz = smoother_bandwidth_Hz(chain, dt, noise, result.intensity[i])
+        report = before_use(proper_inverse(chain, dt, bandwidth_Hz), noise, max_noise)
+        reports[name] = report
         rows.append(
             {
                 "channel": name,
                 "lag, record [s]": f"{chain.lag_s:.3f}",
                 "noise [K]": f"{noise:.3f}",
                 "typical sd [K]": f"{float(np.median(result.sd[:, i])):.3f}",
-                "follows up to [Hz]": None if causal else f"{over:.2f}",
+                "follows up to [Hz]": None if smoother_Hz is None else f"{smoother_Hz:.2f}",
                 "causal inverse: bandwidth [Hz]": f"{report.bandwidth_Hz:.2f}",
                 "its noise gain": f"{report.noise_gain:.2f}",
                 "its remaining shift [s]": f"{report.remaining_shift_s:.3f}",
                 "flagged samples": int(np.count_nonzero(result.flags[:, i])),
             }
         )
-        worst = report if name == setup.shallowest else worst
-    assert worst is not None
+    method = f"{result.method[:1].upper()}{result.method[1:]}"
+    typical = "Typical sd: standard deviation of a compensated sample."
+    step = "a step at the junction through the chain alone, and through chain and causal inverse"
+    if is_causal:
+        text = f"{CAUSAL_TEXT}\n\n{method}. {typical}"
+        remark = ""
+    else:
+        introduction = NOT_CAUSAL_TEXT.format(METHODS[compensated.way.method].capitalize())
+        limit = "Follows up to: above this frequency only changes at events are followed."
+        text = f"{introduction}\n\n{method}. {typical} {limit}"
+        remark = ", which was not used here"
     return Section(
-        f"{disk} disk: before use",
-        f"{CAUSAL if causal else BOTH_WAYS.format(BY[done.way.method].capitalize())}\n\n"
-        f"{result.method[:1].upper()}{result.method[1:]}. Typical sd: standard deviation of a compensated sample."
-        + (
-            ""
-            if causal
-            else " Follows up to: above this frequency only what an event may bring is followed."
-        ),
+        f"{disk} disk: filter design report",
+        text,
         table=pd.DataFrame(rows).dropna(axis="columns"),
-        figure=pictured(partial(draw_before_use, worst), height_in=3.4),
-        caption=f"Channel {setup.shallowest}: a step at the junction through the chain alone, and through chain and "
-        f"causal inverse{'' if causal else ', which was not used here'}.",
+        figure=pictured(partial(draw_before_use, reports[setup.shallowest]), height_in=3.4),
+        caption=f"Channel {setup.shallowest}: {step}{remark}.",
     )
 
 
 def _followed(plan: Causal, log: Path, out: Path) -> tuple[Section, int]:
+    """Return section of one channel before and after live compensation, and the number of rows."""
     name = next((n for n in plan.junctions if n.endswith("e_degC")), plan.junctions[0])
-    done = pd.read_csv(out, comment="#", usecols=["time_s", name, name.replace("_degC", "_u_K")])
-    time, x, u = (
-        done[c].to_numpy(dtype=float) for c in ("time_s", name, name.replace("_degC", "_u_K"))
-    )
-    shown = every_nth(len(time))
-    picture, (ax,) = figure(height_in=4.0)
-    raw = _logged(plan, log, name)
+    u_name = name.replace("_degC", "_u_K")
+    compensated = pd.read_csv(out, comment="#", usecols=["time_s", name, u_name])
+    plotted = every_nth(len(compensated))
+    table = compensated[plotted].astype(float)
+    fig, (ax,) = figure(height_in=4.0)
+    raw = _logged(log, name)
     if raw is not None:
-        ax.plot(raw[0][shown], raw[1][shown], ".", markersize=2, color=GREY, label="logged")
-    line_with_band(
-        ax, time[shown], x[shown], u[shown], SLOW, "95 %", linewidth=1.0, label="compensated"
-    )
-    seen = x[np.isfinite(x)]
-    if len(seen):
-        margin = 0.1 * float(np.ptp(seen)) + 1.0  # a spike of the log must not flatten the picture
-        ax.set_ylim(float(seen.min()) - margin, float(seen.max()) + margin)
+        rows = raw[plotted]
+        ax.plot(rows["time_s"], rows[name], ".", markersize=2, color=GREY, label="logged")
+    time, x, u = (table[column].to_numpy() for column in ("time_s", name, u_name))
+    line_with_band(ax, time, x, u, SLOW, "95 %", linewidth=1.0, label="compensated")
+    values = compensated[name].to_numpy(dtype=float)
+    values = values[np.isfinite(values)]
+    if len(values):
+        margin = 0.1 * float(np.ptp(values)) + 1.0  # spikes of the log must not set the scale
+        ax.set_ylim(float(values.min()) - margin, float(values.max()) + margin)
     style_axes(ax, "time [s]", "temperature [°C]", loc="best")
-    told = (
+    caption = (
         "Points: as logged, before the static line; spikes may lie outside. Line: at the junction, "
         "with its 95 % band."
     )
-    return Section(f"{name}, as it was followed", figure=picture, caption=told), len(time)
+    return Section(f"{name}, as it was followed", figure=fig, caption=caption), len(compensated)
 
 
-def _logged(plan: Causal, log: Path, name: str) -> tuple[np.ndarray, np.ndarray] | None:
-    """Time and readings as logged, read again; None where the columns have other names than the canonical ones."""
+def _logged(log: Path, name: str) -> pd.DataFrame | None:
+    """Return time and readings of a channel as logged; None if the columns have other names."""
     try:
         raw = pd.read_csv(log, comment="#", usecols=["time_s", name], on_bad_lines="skip")
     except ValueError:
         return None
-    return tuple(pd.to_numeric(raw[c], errors="coerce").to_numpy() for c in ("time_s", name))  # type: ignore[return-value]
+    return raw.apply(pd.to_numeric, errors="coerce")

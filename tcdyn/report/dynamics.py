@@ -1,4 +1,6 @@
-"""Pages on dynamics: what a planned test would tell of the lags, and what was identified between two columns."""
+"""Reports on dynamics: expected uncertainties of planned tests, and the model identified between
+two columns.
+"""
 
 from __future__ import annotations
 
@@ -18,26 +20,29 @@ from tcdyn.report.page import Section, write_page
 from tcdyn.report.sources import table as sources
 from tcdyn.rig.disk import Conditioning
 
-MEANS = (
-    "The common lag is the mean over the channels of a disk: an error in it shifts every compensated trace alike, and "
-    "with them h and β by the cooling fit. The differences are what is left of each channel: an error in them bends "
-    "the gradient between junctions."
+ABOUT_LAGS = (
+    "The common lag is the mean over the channels of a disk: an error in it shifts every "
+    "compensated trace alike, and "
+    "with them h and β by the cooling fit. The differences are the lags of the channels minus it: "
+    "an error in them "
+    "changes the gradient between junctions."
 )
 
 
 def write_design_report(path: str | Path, design: Design, assumptions: Sequence[str]) -> Path:
-    """Write the page of ``design``; ``assumptions`` are the plan's own numbers."""
+    """Write the page of planned tests and return its path; ``assumptions``: numbers of the plan."""
     return write_page(
         path,
         "Test design: what to do before the campaign",
         [
             Section(
-                "What each test would tell",
-                f"{MEANS}\n\n{compare.MEANING}",
+                "Expected uncertainties of each test",
+                f"{ABOUT_LAGS}\n\n{compare.MEANING}",
                 design.graded(),
                 pictured(partial(draw_design, design), height_in=3.8),
-                "Expected standard uncertainties. Bars of the common lag: from the 10 to the 90 % point over entry "
-                "bursts and scales of h, which nobody can plan.",
+                "Expected standard uncertainties. Bars of the common lag: from the 10 to the 90 % "
+                "point over entry "
+                "bursts and scales of h, which cannot be planned.",
             )
         ],
         verdict=compare.headline(design.predictions, design.lag_s),
@@ -45,19 +50,25 @@ def write_design_report(path: str | Path, design: Design, assumptions: Sequence[
     )
 
 
-def intervals_said(best: Fit) -> str:
-    """Where the intervals of the parameters come from (:func:`tcdyn.identify.fit`)."""
+def interval_text(best: Fit) -> str:
+    """Return how the intervals of the parameters were computed (:func:`tcdyn.identify.fit`)."""
     if best.loss != "linear":
         return f"Intervals are quadratic, from the covariance of the robust loss ({best.loss})."
     if best.noise.averaged:
-        return "Intervals are quadratic and hold what is not known of the noise: all first-order disturbances averaged."
+        return (
+            "Intervals are quadratic and include the uncertainty of the noise model: all "
+            "first-order disturbances "
+            "averaged."
+        )
     return "Where the quadratic intervals are poor these are of the profile likelihood."
 
 
-def noise_said(best: Fit, record: IOData) -> str:
-    """What the fit took for the noise of each input."""
-    each = zip(record.input_names, record.input_units, best.problem.input_sds)
-    noisy = [f"{name} of sd {sd:.2g} {unit}".rstrip() for name, unit, sd in each if sd]
+def input_noise_text(best: Fit, record: IOData) -> str:
+    """Return the assumption of the fit on the noise of each input."""
+    noisy = []
+    for name, unit, sd in zip(record.input_names, record.input_units, best.problem.input_sds):
+        if sd:
+            noisy.append(f"{name} of sd {sd:.2g} {unit}".rstrip())
     return f"is measured with noise ({', '.join(noisy)})" if noisy else "is known without error"
 
 
@@ -69,42 +80,51 @@ def write_identify_report(
     level: str = "",
     file: Path | None = None,
 ) -> None:
-    """The HTML page: order table, fit, parameters, step and Bode with bands, residual tests.
+    """Write the page of an identification.
 
-    ``level`` says whether the lag depends on the level, where that was asked; ``file``: the table it was read from.
+    It has the order table, the parameters, the fit, step and Bode with bands, and residual tests.
+
+    Parameters
+    ----------
+    filter_
+        Conditioning filter that was removed from the chain.
+    level
+        Text on the dependence of the lag on the level, if that was tested.
+    file
+        Table that the data were read from.
     """
     best = comparison.best
     model = best.identified
-    removal = comparison.removal(filter_)
+    name = model.model.name
+    plural = "s" if len(record.runs) > 1 else ""
     sections = [
         Section("Which model", COLUMNS, order_table(comparison.table, model.output_unit)),
         Section(
-            f"{model.model.name}: parameters",
-            f"{intervals_said(best)} {removal}",
+            f"{name}: parameters",
+            f"{interval_text(best)} {comparison.removal(filter_)}",
             model.card(),
         ),
         Section(
-            f"{model.model.name}: fit",
-            f"{len(record.runs)} run{'s' if len(record.runs) > 1 else ''}, {record.n_samples} samples at "
-            f"{record.dt_s:g} s.",
-            None,
-            fit_figure(best),
-            "Points: measured. Line: simulated from the input alone (dashed, right axis), never from past outputs.",
+            f"{name}: fit",
+            f"{len(record.runs)} run{plural}, {record.n_samples} samples at {record.dt_s:g} s.",
+            figure=fit_figure(best),
+            caption="Points: measured. Line: simulated from the input alone (dashed, right axis), "
+            "never from past outputs.",
         ),
         Section(
-            f"{model.model.name}: dynamics",
-            "",
-            None,
-            dynamics_figure(model),
-            "Step response, Bode diagram, poles (crosses) and zeros (rings) of the identified model with 95 % bands.",
+            f"{name}: dynamics",
+            figure=dynamics_figure(model),
+            caption="Step response, Bode diagram, poles (crosses) and zeros (rings) of the "
+            "identified model with 95 % bands.",
         ),
         Section(
-            f"{model.model.name}: residuals",
+            f"{name}: residuals",
             model.sentence,
-            None,
-            residual_figure(best, comparison.validation),
-            "Left: measured less simulated, disturbances in it. Middle and right: what is left when the noise model "
-            "has taken the disturbances out; by chance one lag in twenty lies outside the grey band.",
+            figure=residual_figure(best, comparison.validation),
+            caption="Left: measured minus simulated, with disturbances. Middle and right: "
+            "residuals after the noise "
+            "model has removed the disturbances; by chance one lag in twenty lies outside the "
+            "grey band.",
         ),
     ]
     if level:
@@ -112,24 +132,31 @@ def write_identify_report(
     remarks = comparison.table.loc[comparison.table["remark"] != "", ["model", "remark"]]
     if len(remarks):
         sections.append(Section("Remarks on the models", table=remarks))
-    missed = [f for f in comparison.validation.findings if f.code == "residuals.follow_input"]
+    validation_findings = [
+        finding
+        for finding in comparison.validation.findings
+        if finding.code == "residuals.follow_input"
+    ]
+    hold = "straight" if model.hold == "foh" else "unchanged"
+    assumptions = [
+        f"the input runs {hold} between its samples ({model.hold}), "
+        f"{input_noise_text(best, record)}, and the system "
+        "is linear and does not change in time"
+    ]
+    if filter_.poles:
+        assumptions.append(f"{filter_.poles} pole(s) at {filter_.cutoff_Hz:g} Hz are known")
+    for parameter, value in model.model.fixed.items():
+        assumptions.append(f"{parameter} = {value:g}, fixed")
+    source_table = None
+    if file is not None:
+        rows = [("table", file.name, f"{record.n_samples} samples", sha256(file))]
+        source_table = sources(rows)
     write_page(
         path,
-        f"{model.input_name} to {model.output_name}: {model.model.name}",
+        f"{model.input_name} to {model.output_name}: {name}",
         sections,
         verdict=comparison.advice,
-        findings=[*missed, *model.findings],
-        assumptions=[
-            f"the input runs {'straight' if model.hold == 'foh' else 'unchanged'} between its samples ({model.hold}), "
-            f"{noise_said(best, record)}, and the system is linear and does not change in time",
-            *(
-                [f"{filter_.poles} pole(s) at {filter_.cutoff_Hz:g} Hz are known"]
-                if filter_.poles
-                else []
-            ),
-            *(f"{name} = {value:g}, held" for name, value in model.model.fixed.items()),
-        ],
-        sources=None
-        if file is None
-        else sources([("table", file.name, f"{record.n_samples} samples", sha256(file))]),
+        findings=[*validation_findings, *model.findings],
+        assumptions=assumptions,
+        sources=source_table,
     )

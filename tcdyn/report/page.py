@@ -1,6 +1,8 @@
-"""One self-contained HTML page: verdict, warnings, notes and assumptions first, then words, tables and pictures.
+"""Self-contained HTML pages: main result, warnings and assumptions, then sections with tables and
+figures.
 
-In a table numbers stand right and unbroken, words left, a value and its uncertainty rounded alike.
+In a table numbers are aligned right and unbroken, text left, and a value and its uncertainty are
+rounded alike.
 """
 
 from __future__ import annotations
@@ -15,22 +17,27 @@ from datetime import UTC, datetime
 from importlib import resources
 from numbers import Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import jinja2
 import numpy as np
 import pandas as pd
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+from PIL import Image, ImageOps
 
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate, with_u
 from tcdyn.core.findings import Finding, infos, messages, warnings_and_errors
 from tcdyn.core.result import Result
 from tcdyn.io.write import write_text
+from tcdyn.plots.pick import draw
+from tcdyn.plots.style import figure as new_figure
 from tcdyn.smoothing.record import Compensated
 from tcdyn.version import __version__
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
+# Plain text of units and signs, and how a page writes it.
 SIGNS = (
     ("+-", "±"),
     (" degC", " °C"),
@@ -43,18 +50,26 @@ SIGNS = (
 CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 UNIT = re.compile(r"\[[^\]]*\]")
 UNBROKEN = re.compile(r" (?=[±%=] )|(?<=[±=]) | (?=%|°C|u_s)")  # spaces at which no line ends
-SHORT = 20  # rows; a table of so many stays on one printed page
-COMPRESSION = 3  # of pictures: a third quicker than the usual 6, and larger by a fortieth
-MARGIN_IN = 0.1  # round a picture
-LONG = 28  # characters; beyond it a cell is a sentence, or a word to be broken
+MAX_ROWS_UNBROKEN = 20  # rows of a table that stays on one printed page; chosen by judgement
+COMPRESSION = 3  # of PNG: a third faster than the usual 6, and larger by a fortieth; measured
+MARGIN_IN = 0.1  # white margin around a figure [inch]; chosen by judgement
+MAX_CHARACTERS = 28  # a longer cell is a sentence, or a word that may be broken; judgement
 
 
 @dataclass(frozen=True)
 class Section:
-    """A heading with any of: paragraphs of text (blank line between them), a table, a figure with its caption.
+    """A section of a page: a heading with any of text, a table, and a figure with its caption.
 
-    ``folded``: opened by a click, and left out in print unless it is open; ``image``: the figure once it is drawn, as a
-    ``data:`` address, ``width_in`` [inch] wide, by which a narrow screen knows how small it may be shown.
+    Parameters
+    ----------
+    text
+        Paragraphs, with a blank line between them.
+    folded
+        Whether a click opens the section. It is not printed unless it is open.
+    image
+        The figure as a ``data:`` address, once it is rendered.
+    width_in
+        Width of the figure [inch], which limits its size on a narrow screen.
     """
 
     title: str
@@ -68,8 +83,8 @@ class Section:
 
     @property
     def paragraphs(self) -> list[str]:
-        """The text's paragraphs, as the template takes them."""
-        return [part.strip() for part in self.text.split("\n\n") if part.strip()]
+        """Paragraphs of the text."""
+        return _paragraphs(self.text)
 
     @property
     def table_html(self) -> str:
@@ -80,11 +95,11 @@ class Section:
 
     @property
     def short(self) -> bool:
-        """Whether heading, words and table stay on one printed page."""
-        return self.table is None or len(self.table) <= SHORT
+        """Whether heading, text and table stay on one printed page."""
+        return self.table is None or len(self.table) <= MAX_ROWS_UNBROKEN
 
-    def drawn(self) -> Section:
-        """The section with an image in the place of its figure."""
+    def with_image(self) -> Section:
+        """Return the section with an image instead of its figure."""
         if self.figure is None:
             return self
         image = figure_data_uri(self.figure)
@@ -93,76 +108,82 @@ class Section:
 
 
 @dataclass(frozen=True)
-class Answer:
-    """What a page says first, in large type: a number, what it rests on, and whether it can be used as it stands."""
+class MainResult:
+    """The result at the top of a page: a value in large type, a detail, and its status."""
 
     value: str
     detail: str = ""
     status: str = ""
 
 
+def _paragraphs(text: str) -> list[str]:
+    """Return the paragraphs of a text, which blank lines separate."""
+    return [part.strip() for part in text.split("\n\n") if part.strip()]
+
+
 def figure_data_uri(figure: Figure, dpi: int = 130) -> str:
-    """The figure as a ``data:`` address, so that the page needs no other file; names stand in it sign by sign.
+    """Return the figure as a ``data:`` address, so that the page needs no other file.
 
-    It is drawn once and cut a tenth of an inch beyond what is drawn.
+    The image ends ``MARGIN_IN`` beyond the plotted content. Names in the figure are literal text,
+    without mathematical notation.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.text import Text
-    from PIL import Image, ImageOps
-
-    for words in figure.findobj(Text):
-        if (
-            "\\math" not in words.get_text()
-        ):  # no number of a logarithmic axis: a dollar is a dollar
-            words.set(text=CONTROL.sub(" ", words.get_text()), parse_math=False)
-    was = (figure.canvas, figure.dpi)
+    _disable_math(figure)
+    original_canvas = figure.canvas
+    original_dpi = figure.dpi
     canvas = FigureCanvasAgg(figure)
-    buffer = io.BytesIO()
     figure.set_dpi(dpi)
     canvas.draw()
     picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
     left, top, right, bottom = ImageOps.invert(picture).getbbox() or (0, 0, *picture.size)
-    placed = [
-        words
-        for part in (figure, *figure.axes)
-        for words in part.get_children()
-        if isinstance(words, Text)
-    ]
-    boxes = [
-        words.get_window_extent() for words in placed if words.get_text()
-    ]  # headings, whose width no layout heeds
-    left_in = min([left, *(b.x0 for b in boxes)])
-    right_in = max([right, *(b.x1 for b in boxes)])
-    inside = min(left_in, top, picture.width - right_in, picture.height - bottom) > 0
-    figure.set_canvas(was[0])
-    figure.set_dpi(was[1])
-    if inside and figure.get_facecolor() == (1.0, 1.0, 1.0, 1.0):
-        cut = picture.crop((left, top, right, bottom))
-        ImageOps.expand(cut, round(MARGIN_IN * dpi), "white").save(
-            buffer, "png", compress_level=COMPRESSION
-        )
-    else:  # something may reach beyond the figure
-        more: Any = {"metadata": {"Software": None}, "pil_kwargs": {"compress_level": COMPRESSION}}
-        figure.savefig(buffer, format="png", dpi=dpi, bbox_inches="tight", **more)
+    # Titles may be wider than the figure: the layout does not take them into account.
+    boxes = [text.get_window_extent() for text in _titles(figure)]
+    first_x = min([left, *(box.x0 for box in boxes)])
+    last_x = max([right, *(box.x1 for box in boxes)])
+    fits = min(first_x, top, picture.width - last_x, picture.height - bottom) > 0
+    figure.set_canvas(original_canvas)
+    figure.set_dpi(original_dpi)
+    buffer = io.BytesIO()
+    if fits and figure.get_facecolor() == (1.0, 1.0, 1.0, 1.0):
+        cropped = picture.crop((left, top, right, bottom))
+        framed = ImageOps.expand(cropped, round(MARGIN_IN * dpi), "white")
+        framed.save(buffer, "png", compress_level=COMPRESSION)
+    else:
+        options: dict[str, Any] = {
+            "metadata": {"Software": None},
+            "pil_kwargs": {"compress_level": COMPRESSION},
+        }
+        figure.savefig(buffer, format="png", dpi=dpi, bbox_inches="tight", **options)
     return "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
 
 
+def _disable_math(figure: Figure) -> None:
+    """Show the text of a figure as it is, except the numbers of logarithmic axes."""
+    for text in figure.findobj(Text):
+        if "\\math" not in text.get_text():
+            text.set(text=CONTROL.sub(" ", text.get_text()), parse_math=False)
+
+
+def _titles(figure: Figure) -> list[Text]:
+    """Return the texts of a figure and its axes that are not empty."""
+    children = [child for part in (figure, *figure.axes) for child in part.get_children()]
+    return [child for child in children if isinstance(child, Text) and child.get_text()]
+
+
 def card_html(result: Result) -> str:
-    """A result in a notebook: its own card with its picture, where it has one that needs nothing else.
+    """Return HTML of a result in a notebook: its card, and its figure if one needs no more data.
 
     >>> from tcdyn.chain import Chain
     >>> card_html(Chain([0.6, 0.1])).count("<img")
     1
     """
-    from tcdyn.plots.pick import draw  # knows every picture, which no page needs
-    from tcdyn.plots.style import figure
-
-    picture, (ax,) = figure(height_in=3.6)
+    fig, (ax,) = new_figure(height_in=3.6)
+    options = {"logged": None} if isinstance(result, Compensated) else {}
+    card = result._repr_html_()
     try:
-        draw(result, ax, **({"logged": None} if isinstance(result, Compensated) else {}))
-    except (InputError, TypeError):  # no picture of it, or one that needs more than the result
-        return result._repr_html_()
-    return f'{result._repr_html_()}<img src="{figure_data_uri(picture, 90)}" alt="{type(result).__name__}">'
+        draw(result, ax, **options)
+    except (InputError, TypeError):  # no figure, or one that needs more than the result
+        return card
+    return f'{card}<img src="{figure_data_uri(fig, 90)}" alt="{type(result).__name__}">'
 
 
 def render_page(
@@ -172,53 +193,67 @@ def render_page(
     verdict: str = "",
     findings: Sequence[Finding] = (),
     assumptions: Sequence[str] = (),
-    answers: Sequence[Answer] = (),
+    main_results: Sequence[MainResult] = (),
     lead: Section | None = None,
     sources: pd.DataFrame | None = None,
     simulated: bool = False,
     footer: str = "",
 ) -> str:
-    """The page as HTML text; of ``findings`` the notes stand apart.
+    """Return a page as HTML.
 
-    ``answers`` and the picture of ``lead`` stand before all else; ``sources``: the files that the numbers come from.
+    Parameters
+    ----------
+    verdict
+        Conclusion in sentences, after the main results.
+    findings
+        Warnings and errors are listed before the notes.
+    assumptions
+        What was assumed and not measured.
+    main_results
+        Values in large type at the top.
+    lead
+        Section whose figure follows the verdict.
+    sources
+        Table of the files that the numbers come from.
+    simulated
+        Whether the title is marked as "simulated".
+    footer
+        Last line; by default version and time.
     """
-    import jinja2
-
-    every = [*sections] if lead is None else [lead, *sections]
-    every = [section.drawn() for section in every]
-    lead, sections = (None, every) if lead is None else (every[0], every[1:])
-    source = (
-        resources.files("tcdyn.report")
-        .joinpath("templates/page.html.j2")
-        .read_text(encoding="utf-8")
-    )
+    sections = [section.with_image() for section in sections]
+    lead = None if lead is None else lead.with_image()
+    content = [f"{s.text}{s.table_html}{s.caption}" for s in sections]
+    has_uncertainty = "+-" in verdict or any("±" in typeset(text) for text in content)
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined)
     environment.filters["typeset"] = lambda text: UNBROKEN.sub("\u00a0", typeset(text))
-    page = environment.from_string(source).render(
+    template = resources.files("tcdyn.report").joinpath("templates/page.html.j2")
+    page = environment.from_string(template.read_text(encoding="utf-8")).render(
         title=title,
         sections=sections,
-        verdict=[part.strip() for part in verdict.split("\n\n") if part.strip()],
+        verdict=_paragraphs(verdict),
         warnings=messages(warnings_and_errors(findings)),
         notes=messages(infos(findings)),
         assumptions=list(assumptions),
-        answers=answers,
+        main_results=main_results,
         lead=lead,
         sources="" if sources is None else table_html(sources),
         simulated=simulated,
         footer=footer or f"tcdyn {__version__}, {datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
-        plus_minus=any("±" in typeset(f"{s.text}{s.table_html}{s.caption}") for s in sections)
-        or "+-" in verdict,
+        plus_minus=has_uncertainty,
     )
     return CONTROL.sub(" ", page)
 
 
-def write_page(path: str | Path, title: str, sections: Sequence[Section], **more: Any) -> Path:
-    """Write the page of ``render_page``, ``more`` as there, beside and rename it into place; returns its path."""
-    return write_text(path, render_page(title, sections, **more))
+def write_page(path: str | Path, title: str, sections: Sequence[Section], **options: Any) -> Path:
+    """Write the page of :func:`render_page` atomically and return its path.
+
+    ``options``: keyword arguments of :func:`render_page`.
+    """
+    return write_text(path, render_page(title, sections, **options))
 
 
 def typeset(text: str) -> str:
-    """Plain words as a page shows them.
+    """Return plain text with the signs of a page.
 
     >>> typeset("0.681 +- 0.009 at 110 degC in fast_a_degC")
     '0.681 ± 0.009 at 110 °C in fast_a_degC'
@@ -229,39 +264,40 @@ def typeset(text: str) -> str:
 
 
 def pm(values: Iterable[float], uncertainties: Iterable[float]) -> list[str]:
-    """Cells "value ± u": the standard uncertainty to two digits, the value rounded to match; empty for nan.
+    """Return cells "value ± u"; empty for nan.
+
+    The standard uncertainty has two digits, and the value is rounded to match.
 
     >>> pm([0.68149, float("nan")], [0.0093, 0.1])
     ['0.6815 ± 0.0093', '']
     """
-    return [
-        "" if v != v else typeset(with_u(float(v), float(u))) for v, u in zip(values, uncertainties)
-    ]
+    cells = []
+    for value, u in zip(values, uncertainties):
+        is_nan = value != value
+        cells.append("" if is_nan else typeset(with_u(float(value), float(u))))
+    return cells
 
 
 def table_html(table: pd.DataFrame) -> str:
-    """The table as HTML: numbers right and unbroken, words left, long sentences in a column wide enough to read."""
-    columns = [[cell(v) for v in table.iloc[:, k]] for k in range(table.shape[1])]
+    """Return a table as HTML: numbers right and unbroken, text left, sentences in a wide column."""
+    columns = [[cell(value) for value in table.iloc[:, k]] for k in range(table.shape[1])]
     kinds = [_kind(cells) for cells in columns]
-    head = "".join(
-        f'<th class="{k}">{_heading(str(name))}</th>' for name, k in zip(table.columns, kinds)
-    )
-    names = [html.escape(typeset(str(name))) for name in table.columns]
-    rows = (
-        "<tr>"
-        + "".join(
-            f'<td class="{k}" data-name="{n}">{html.escape(c)}</td>'
-            for c, k, n in zip(row, kinds, names)
-        )
-        + "</tr>"
-        for row in zip(*columns)
-    )
-    short = ' class="short"' if len(table) <= SHORT else ""
-    return f"<table{short}><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
+    titles = [str(name) for name in table.columns]
+    heads = [f'<th class="{kind}">{_heading(title)}</th>' for title, kind in zip(titles, kinds)]
+    names = [html.escape(typeset(title)) for title in titles]
+    rows = []
+    for cells in zip(*columns):
+        row = ""
+        for text, kind, name in zip(cells, kinds, names):
+            row += f'<td class="{kind}" data-name="{name}">{html.escape(text)}</td>'
+        rows.append(f"<tr>{row}</tr>")
+    short = ' class="short"' if len(table) <= MAX_ROWS_UNBROKEN else ""
+    head = f"<thead><tr>{''.join(heads)}</tr></thead>"
+    return f"<table{short}>{head}<tbody>{''.join(rows)}</tbody></table>"
 
 
 def cell(value: object) -> str:
-    """A cell's text; a bare number, whose uncertainty nobody stated, with four digits.
+    """Return the text of a cell; a number without uncertainty has four digits.
 
     >>> cell(Estimate.normal(0.6543, 0.0123)), cell(745.88532), cell(True), cell(None)
     ('0.654 ± 0.012', '745.9', 'yes', '')
@@ -278,15 +314,20 @@ def cell(value: object) -> str:
 
 
 def _heading(name: str) -> str:
-    """A column's name, its unit kept in one piece."""
+    """Return a column's title as HTML, its unit in one piece."""
     return UNIT.sub(lambda unit: f'<span class="unit">{unit[0]}</span>', html.escape(typeset(name)))
 
 
 def _kind(cells: list[str]) -> str:
-    """ "prose" for sentences, "long" for unbroken words, "words" for short text, "number" for all else."""
-    if any(len(c) > LONG and " " in c for c in cells):
+    """Return the CSS class of a column.
+
+    "prose" for sentences, "long" for unbroken words, "words" for short text, "number" for all else.
+    """
+    long_cells = [text for text in cells if len(text) > MAX_CHARACTERS]
+    if any(" " in text for text in long_cells):
         return "prose"
-    if any(len(c) > LONG for c in cells):
+    if long_cells:
         return "long"
-    filled = [c for c in cells if c]
-    return "words" if filled and not any(c[0] in "0123456789+-.<" for c in filled) else "number"
+    filled = [text for text in cells if text]
+    has_number = any(text[0] in "0123456789+-.<" for text in filled)
+    return "words" if filled and not has_number else "number"

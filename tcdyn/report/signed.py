@@ -1,4 +1,4 @@
-"""What makes a certificate one that can be signed: who and what, uncertainty by source, validity, what is left out.
+"""Signed part of a certificate: identification, results, uncertainty by source, validity, limits.
 
 Sources: JCGM 100:2008 (GUM), 7.2; ISO/IEC 17025:2017, 7.8.2 and 7.8.4.
 """
@@ -6,8 +6,9 @@ Sources: JCGM 100:2008 (GUM), 7.2; ISO/IEC 17025:2017, 7.8.2 and 7.8.4.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import date, timedelta
+from typing import Any
 
 import pandas as pd
 
@@ -22,188 +23,209 @@ from tcdyn.version import __version__
 NOT_STATED = "not stated"
 OVEN = "oven against a PRT, straight lines"
 NO_OVEN = "readings at rest taken as logged, their uncertainty stated"
-LEAST_YEARS = 0.05  # between two calibrations, for a rate of drift
+MIN_YEARS = 0.05  # between two calibrations for a rate of drift; chosen by judgement
+MAX_DAYS = 3653  # until the next calibration: ten years; chosen by judgement
 NOT_MEASURED = (
-    "Not measured: depth and place of the junctions (as drawn), the conditioning filter (its data sheet), immersion "
-    "errors of the reference in the oven, thermocouple inhomogeneity along the wire, slip rings in rotation, "
-    "temperatures outside the range of the holds. The results are those of this disk with this wiring and logger only."
+    "Not measured: depth and place of the junctions (as drawn), the conditioning filter (its data "
+    "sheet), immersion "
+    "errors of the reference in the oven, thermocouple inhomogeneity along the wire, slip rings in "
+    "rotation, "
+    "temperatures outside the range of the holds. The results are those of this disk with this "
+    "wiring and logger only."
 )
 ABOUT = (
-    "U = k u is the expanded uncertainty for 95 % (GUM, 6.2), k Student's factor at the effective degrees of freedom "
-    "(Welch and Satterthwaite). A correction is what was to be added to a logged value; lines have it in them."
+    "U = k u is the expanded uncertainty for 95 % (GUM, 6.2), k Student's factor at the effective "
+    "degrees of freedom "
+    "(Welch and Satterthwaite). A correction is what was to be added to a logged value; lines have "
+    "it in them."
 )
 
 
-def in_oven(record: DiskRecord) -> bool:
-    """Whether the static lines come from an oven, and were not stated."""
-    return not any(f.code == "static.stated" for f in record.findings)
+def has_oven_lines(record: DiskRecord) -> bool:
+    """Return whether the static lines come from an oven and not from the user."""
+    return not any(finding.code == "static.stated" for finding in record.findings)
 
 
 def calibrated_on(record: DiskRecord) -> date:
-    """The day of the calibration."""
+    """Return the day of the calibration."""
     return moment(record.created).date()
 
 
 def budget_of(record: DiskRecord, channel: str, temperature_degC: float) -> RestBudget:
-    """The budget of one channel at rest, as the record keeps what it needs."""
-    return rest_budget(
-        record.static[channel], record.setup.traceability, calibrated_on(record), temperature_degC
-    )
+    """Return the uncertainty budget of one channel at rest."""
+    line = record.static[channel]
+    return rest_budget(line, record.setup.traceability, calibrated_on(record), temperature_degC)
 
 
 def identification(record: DiskRecord) -> pd.DataFrame:
-    """Laboratory, customer, item, reference and instruments, days and software, one row each."""
+    """Return laboratory, customer, item, reference, instruments, days and software as rows."""
     t = record.setup.traceability
-    by = _instrument(t.reference, t.reference_certificate, t.reference_date)
-    rows = [
-        ("Certificate", t.certificate),
-        ("Laboratory", ", ".join(x for x in (t.laboratory, t.address) if x)),
-        ("Place of calibration", t.place),
-        ("Customer", t.customer),
-        (
-            "Item",
-            f"{len(record.static)} thermocouples of the {record.disk} disk, channels {', '.join(record.static)}",
-        ),
-        ("Received; calibrated", f"{t.received or NOT_STATED}; {calibrated_on(record)}"),
-        (
-            "Procedure",
-            t.procedure
-            or f"{OVEN if in_oven(record) else NO_OVEN}; plunges, grey-box fit of the chain",
-        ),
-        (
-            "Reference",
-            by if in_oven(record) else "none: no oven, the readings at rest are not traceable",
-        ),
-        ("Logger", _instrument(t.logger, t.logger_certificate, t.logger_date)),
-        ("Software", f"tcdyn {__version__}; checksums of all logs below"),
-    ]
-    return pd.DataFrame([(name, said or NOT_STATED) for name, said in rows], columns=["", "stated"])
+    sensors = f"{len(record.static)} thermocouples"
+    channels = ", ".join(record.static)
+    if has_oven_lines(record):
+        method = OVEN
+        reference = _instrument(t.reference, t.reference_certificate, t.reference_date)
+    else:
+        method = NO_OVEN
+        reference = "none: no oven, the readings at rest are not traceable"
+    received = t.received or NOT_STATED
+    rows = {
+        "Certificate": t.certificate,
+        "Laboratory": ", ".join(x for x in (t.laboratory, t.address) if x),
+        "Place of calibration": t.place,
+        "Customer": t.customer,
+        "Item": f"{sensors} of the {record.disk} disk, channels {channels}",
+        "Received; calibrated": f"{received}; {calibrated_on(record)}",
+        "Procedure": t.procedure or f"{method}; plunges, grey-box fit of the chain",
+        "Reference": reference,
+        "Logger": _instrument(t.logger, t.logger_certificate, t.logger_date),
+        "Software": f"tcdyn {__version__}; checksums of all logs below",
+    }
+    values = [value or NOT_STATED for value in rows.values()]
+    return pd.DataFrame({"": list(rows), "stated": values})
 
 
 def _instrument(name: str, certificate: str, day: str) -> str:
+    """Return an instrument with its certificate and the day of that."""
     if not name and not certificate:
         return NOT_STATED
-    return f"{name or NOT_STATED}; certificate {certificate or NOT_STATED} of {day or 'a day not stated'}"
+    certificate_day = day or "a day not stated"
+    return f"{name or NOT_STATED}; certificate {certificate or NOT_STATED} of {certificate_day}"
 
 
 def temperatures(record: DiskRecord) -> list[float]:
-    """Lowest, middle and highest temperature that all channels were calibrated at [degC]."""
+    """Return lowest, middle and highest temperature of the range common to all channels [degC]."""
     low = max(line.range_degC[0] for line in record.static.values())
     high = min(line.range_degC[1] for line in record.static.values())
     return [low, 0.5 * (low + high), high]
 
 
 def results(record: DiskRecord) -> pd.DataFrame:
-    """Of each channel at rest at three temperatures: correction and expanded uncertainty; and its lag with U."""
+    """Return correction and expanded uncertainty of each channel at three temperatures, and its
+    lag.
+    """
     rows = []
     for channel, line in sorted(record.static.items()):
         row = {"channel": channel}
         for t in temperatures(record):
-            found = budget_of(record, channel, t)
             logged = (t - line.offset) / line.gain
-            correction, expanded = rounded(t - logged, found.expanded)
-            row[f"correction at {t:.0f} degC [K]"] = correction
-            row[f"U at {t:.0f} degC [K]"] = expanded
+            expanded = budget_of(record, channel, t).expanded
+            correction_text, expanded_text = rounded(t - logged, expanded)
+            row[f"correction at {t:.0f} degC [K]"] = correction_text
+            row[f"U at {t:.0f} degC [K]"] = expanded_text
+        if record.chain is not None:
+            chain = record.chain.channels.get(channel)
+            row["lag [s]"] = ""
+            row["95 % interval [s]"] = ""
+            if chain is not None:
+                row["lag [s]"] = rounded(chain.lag_s.value, chain.lag_s.u)[0]
+                row["95 % interval [s]"] = chain.lag_s.interval
         rows.append(row)
-    table = pd.DataFrame(rows)
-    if record.chain is not None:
-        lags = {c: x.lag_s for c, x in record.chain.channels.items()}
-        table["lag [s]"] = [
-            rounded(lags[c].value, lags[c].u)[0] if c in lags else "" for c in table["channel"]
-        ]
-        table["95 % interval [s]"] = [
-            lags[c].interval if c in lags else "" for c in table["channel"]
-        ]
-    return table
-
-
-def budget_table(found: RestBudget) -> pd.DataFrame:
-    """The budget as the GUM writes it."""
-    rows = [
-        {
-            "source": s.name,
-            "estimate": f"{s.estimate:.4g}",
-            "u": f"{s.u:.2g}",
-            "distribution": s.distribution,
-            "sensitivity": f"{s.sensitivity:.3g}",
-            "contribution [K]": f"{s.contribution:.2g}",
-            "degrees of freedom": _freedom(s.freedom),
-        }
-        for s in found.sources
-    ]
-    rows.append(
-        {
-            "source": f"combined; U = {found.expanded:.2g} K with k = {found.coverage:.2f}",
-            "estimate": "",
-            "u": "",
-            "distribution": "",
-            "sensitivity": "",
-            "contribution [K]": f"{found.u:.2g}",
-            "degrees of freedom": _freedom(found.freedom),
-        }
-    )
     return pd.DataFrame(rows)
 
 
-def _freedom(count: float) -> str:
-    return "infinite" if math.isinf(count) or count > 1e6 else f"{count:.0f}"
+def budget_table(budget: RestBudget) -> pd.DataFrame:
+    """Return the budget as in the GUM."""
+    rows = []
+    for source in budget.sources:
+        rows.append(
+            {
+                "source": source.name,
+                "estimate": f"{source.estimate:.4g}",
+                "u": f"{source.u:.2g}",
+                "distribution": source.distribution,
+                "sensitivity": f"{source.sensitivity:.3g}",
+                "contribution [K]": f"{source.contribution:.2g}",
+                "degrees of freedom": _freedom(source.freedom),
+            }
+        )
+    combined = {
+        "source": f"combined; U = {budget.expanded:.2g} K with k = {budget.coverage:.2f}",
+        "contribution [K]": f"{budget.u:.2g}",
+        "degrees of freedom": _freedom(budget.freedom),
+    }
+    return pd.DataFrame([*rows, combined]).fillna("")
+
+
+def _freedom(dof: float) -> str:
+    """Return degrees of freedom as text."""
+    return "infinite" if math.isinf(dof) or dof > 1e6 else f"{dof:.0f}"
 
 
 def widest(record: DiskRecord) -> tuple[str, float]:
-    """Channel and temperature [degC] where a reading at rest is least certain."""
-    places = [(c, t) for c in sorted(record.static) for t in temperatures(record)]
-    return max(places, key=lambda place: budget_of(record, *place).expanded)
+    """Return channel and temperature [degC] of the largest expanded uncertainty at rest."""
+    cases = [(channel, t) for channel in sorted(record.static) for t in temperatures(record)]
+    return max(cases, key=lambda case: budget_of(record, *case).expanded)
 
 
 def next_calibration(record: DiskRecord, earlier: Sequence[DiskRecord] = ()) -> tuple[date, str]:
-    """The day of the next calibration, and why then: ``valid_days``, or sooner where a channel drifts.
+    """Return the day of the next calibration, and the reason.
 
-    The fastest drift of any channel between the last of ``earlier`` and this record, its standard uncertainty added,
-    must not exceed ``limit_K`` before that day.
+    It is ``valid_days`` after this one, or sooner where a channel drifts: the fastest drift of any
+    channel between the last of ``earlier`` and this record, plus its standard uncertainty, must not
+    exceed ``limit_K`` before that day.
     """
-    stated = record.setup.traceability
+    traceability = record.setup.traceability
     today = calibrated_on(record)
-    latest = today + timedelta(days=stated.valid_days)
-    plain = f"no later than {latest}, {stated.valid_days} days after this one ([traceability] valid_days)"
-    old = [r for r in earlier if (today - calibrated_on(r)).days > LEAST_YEARS * YEAR_DAYS]
-    before = [r for r in old if in_oven(r) and in_oven(record)]
-    if not before:
-        return latest, f"{plain}; no earlier record was given that tells how fast it drifts"
-    last = max(before, key=calibrated_on)
-    years = (today - calibrated_on(last)).days / YEAR_DAYS
+    latest = today + timedelta(days=traceability.valid_days)
+    default = (
+        f"no later than {latest}, {traceability.valid_days} days after this one ([traceability] "
+        "valid_days)"
+    )
+    comparable = []
+    for candidate in earlier:
+        age_days = (today - calibrated_on(candidate)).days
+        if (
+            age_days > MIN_YEARS * YEAR_DAYS
+            and has_oven_lines(candidate)
+            and has_oven_lines(record)
+        ):
+            comparable.append(candidate)
+    if not comparable:
+        return latest, f"{default}; no earlier record was given that determines its drift"
+    last = max(comparable, key=calibrated_on)
+    last_day = calibrated_on(last)
+    years = (today - last_day).days / YEAR_DAYS
     table = diff_records(last, record).table
-    rest = table[table["quantity"].str.endswith("degC")].to_dict("records")
-    if not any(abs(row["change"]) + row["u"] > 0 for row in rest):
-        return latest, f"{plain}; the earlier record shares no range of temperature with this one"
-    worst = max(rest, key=lambda row: abs(row["change"]) + row["u"])
-    told = with_u(worst["change"] / years, worst["u"] / years, "K a year")
-    rate = (abs(worst["change"]) + worst["u"]) / years
-    due = today + timedelta(days=int(min(stated.limit_K / rate * YEAR_DAYS, 3653)))
+    changes = table[table["quantity"].str.endswith("degC")].to_dict("records")
+    if not any(_largest_change(row) > 0 for row in changes):
+        return latest, f"{default}; the earlier record shares no range of temperature with this one"
+    fastest = max(changes, key=_largest_change)
+    drift = with_u(fastest["change"] / years, fastest["u"] / years, "K a year")
+    rate_K_year = _largest_change(fastest) / years
+    days = int(min(traceability.limit_K / rate_K_year * YEAR_DAYS, MAX_DAYS))
+    due = today + timedelta(days=days)
     if due >= latest:
-        return (
-            latest,
-            f"{plain}; the largest drift since {calibrated_on(last)}, {told}, allows longer",
-        )
+        return latest, f"{default}; the largest drift since {last_day}, {drift}, allows longer"
     return due, (
-        f"no later than {due}: {worst['quantity']} drifted by {told} since {calibrated_on(last)}, and may move "
-        f"by {stated.limit_K:g} K till then"
+        f"no later than {due}: {fastest['quantity']} drifted by {drift} since {last_day}, and may "
+        "drift "
+        f"by {traceability.limit_K:g} K until then"
     )
 
 
+def _largest_change(row: Mapping[Any, Any]) -> float:
+    """Return the size of a change plus its standard uncertainty [K]."""
+    return abs(row["change"]) + row["u"]
+
+
 def signed_sections(record: DiskRecord, earlier: Sequence[DiskRecord] = ()) -> list[Section]:
-    """The first pages of a certificate: identification, results, budget, validity, signatures, files."""
-    channel, at = widest(record)
-    found = budget_of(record, channel, at)
-    _, why = next_calibration(record, earlier)
-    changed = " Where the disk, a junction, a cable or the logger is changed, it ends that day."
+    """Return the first pages of a certificate.
+
+    Identification, results, budget, validity, signatures and files. ``earlier``: records of the
+    same disk, for its drift.
+    """
+    channel, temperature_degC = widest(record)
+    budget = budget_of(record, channel, temperature_degC)
+    _, reason = next_calibration(record, earlier)
+    changes = "Where the disk, a junction, a cable or the logger is changed, it ends that day."
     files = pd.DataFrame([file.model_dump() for file in record.inputs])
-    by = pd.DataFrame(
+    calibrated_by = record.created_by or NOT_STATED
+    authorised_by = record.setup.traceability.authorised_by or NOT_STATED
+    signatures = pd.DataFrame(
         {
             "": ["Calibrated by", "Authorised by"],
-            "name": [
-                record.created_by or NOT_STATED,
-                record.setup.traceability.authorised_by or NOT_STATED,
-            ],
+            "name": [calibrated_by, authorised_by],
             "date": ["\u2003" * 8, "\u2003" * 8],
             "signature": ["\u2003" * 14, "\u2003" * 14],
         }
@@ -212,10 +234,10 @@ def signed_sections(record: DiskRecord, earlier: Sequence[DiskRecord] = ()) -> l
         Section("Identification and traceability", table=identification(record)),
         Section("Results", ABOUT, table=results(record)),
         Section(
-            f"Budget: channel {channel} at {at:.0f} degC, the least certain",
-            table=budget_table(found),
+            f"Budget: channel {channel} at {temperature_degC:.0f} degC, the least certain",
+            table=budget_table(budget),
         ),
-        Section("Validity", f"Next calibration {why}.{changed}\n\n{NOT_MEASURED}"),
-        Section("Signatures", table=by),
+        Section("Validity", f"Next calibration {reason}. {changes}\n\n{NOT_MEASURED}"),
+        Section("Signatures", table=signatures),
         Section("Made from", table=files if len(files) else None),
     ]

@@ -1,4 +1,6 @@
-"""What the numbers of a page were made of: logs, records and rig, with their days and checksums."""
+"""Table of the files that a page was made from: logs, records and rig, with size or day and
+checksum.
+"""
 
 from __future__ import annotations
 
@@ -14,48 +16,57 @@ from tcdyn.rig.record import DiskRecord
 from tcdyn.workflows.beta import BetaRun
 from tcdyn.workflows.single_disk import OneDiskRun
 
-SHOWN = 16  # hexadecimal digits of a checksum
+N_DIGITS = 16  # hexadecimal digits of a checksum in the table
+
+Row = tuple[str, str, str, str]  # kind, file, size or day, SHA-256
 
 
 def sources_of(
     runs: Sequence[BetaRun | OneDiskRun], files: Sequence[Path] = (), rig: Path | None = None
 ) -> pd.DataFrame:
-    """Logs, records and rig of one test or several; ``files`` of the records in their order, ``rig`` where given."""
-    rows = [log_row(run.log) for run in runs] + record_rows(runs[0].records, files)
-    return table(
-        [*rows, ("rig", rig.name if rig else "as the records keep it", "", runs[0].rig_sha256)]
-    )
+    """Return logs, records and rig of one or more tests.
+
+    Parameters
+    ----------
+    files
+        Files of the records, in their order.
+    rig
+        Path of rig.toml, if it was given.
+    """
+    rig_name = rig.name if rig else "as the records keep it"
+    rows = [log_row(run.log) for run in runs]
+    rows += record_rows(runs[0].records, files)
+    rows.append(("rig", rig_name, "", runs[0].rig_sha256))
+    return table(rows)
 
 
-def log_row(log: Log) -> tuple[str, str, str, str]:
-    """Name, length and checksum of a log; of one of several tests in a log, that log's."""
-    t = log.frame["time_s"]
+def log_row(log: Log) -> Row:
+    """Return the row of a log. A test of a log with several has the name of that log."""
+    time_s = log.frame["time_s"]
     path = log.path
+    name = path.name
     stem, dot, number = path.stem.rpartition(".")
-    part = dot and number.isdigit() and not path.is_file()
-    return (
-        "log",
-        f"{stem}{path.suffix}, test {number}" if part else path.name,
-        f"{len(t)} rows, {t.iloc[-1] - t.iloc[0]:.0f} s",
-        log.sha256,
-    )
+    if dot and number.isdigit() and not path.is_file():
+        name = f"{stem}{path.suffix}, test {number}"
+    duration_s = time_s.iloc[-1] - time_s.iloc[0]
+    return "log", name, f"{len(time_s)} rows, {duration_s:.0f} s", log.sha256
 
 
-def record_rows(
-    records: Mapping[str, DiskRecord], files: Sequence[Path] = ()
-) -> list[tuple[str, str, str, str]]:
-    """The records: their ``files``, in their order, the logs that they were made from, when, and their checksums."""
+def record_rows(records: Mapping[str, DiskRecord], files: Sequence[Path] = ()) -> list[Row]:
+    """Return the rows of the records: file, logs that they were made from, day, checksum.
+
+    ``files``: those of the records, in their order.
+    """
     rows = []
     for (disk, record), file in zip_longest(records.items(), files[: len(records)]):
-        logs = ", ".join(f.file for f in record.inputs)
+        logs = ", ".join(source.file for source in record.inputs)
         name = f"{file.name}, of {logs}" if file else logs
-        rows.append(
-            (f"record, {disk} disk", name, f"made {record.created[:10]}", record.to_dict()[SEAL])
-        )
+        checksum = record.to_dict()[SEAL]
+        rows.append((f"record, {disk} disk", name, f"made {record.created[:10]}", checksum))
     return rows
 
 
-def table(rows: Sequence[tuple[str, str, str, str]]) -> pd.DataFrame:
-    """As a page shows them, of checksums the first digits."""
-    short = [(*row, checksum[:SHOWN]) for *row, checksum in rows]
+def table(rows: Sequence[Row]) -> pd.DataFrame:
+    """Return the rows as a table, with the first digits of the checksums."""
+    short = [(*row, checksum[:N_DIGITS]) for *row, checksum in rows]
     return pd.DataFrame(short, columns=["what", "file", "size or day", "SHA-256 begins"])

@@ -1,1 +1,1 @@
-"""The test programme, and a synthetic rig whose truth is known, with a solver of its own: none is shared with a fit."""
+"""The test programme and the simulator of the rig, which shares no solver with any fit."""

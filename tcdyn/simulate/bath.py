@@ -1,4 +1,4 @@
-"""Simulation of a disk in a bath: fluids, natural convection with a hidden scale, radial heating."""
+"""Simulation of a disk in a bath: fluids, natural convection, radial heating."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class FluidState:
 
 
 def fluid_state(fluid: FluidName, temperature_degC: float) -> FluidState:
-    """Return the properties of a bath at its film temperature; oil 15 to 200 degC, water 5 to 95 degC.
+    """Return properties of a bath at its film temperature; oil 15 to 200 degC, water 5 to 95 degC.
 
     Notes
     -----
@@ -142,7 +142,8 @@ def heat_radially(
     h_W_m2K: Coefficient,
     duration_s: float,
 ) -> Heating:
-    """Solve rho c T_t = (K r T_r)_r / r from the bore (no flux) to R_o, where K T_r = h (T_bath - T_wall).
+    """Solve rho c T_t = (K r T_r)_r / r from the bore (no flux) to R_o, where K T_r = h (T_bath -
+    T_wall).
 
     Parameters
     ----------

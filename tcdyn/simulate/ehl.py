@@ -33,7 +33,7 @@ class EhlOptions:
         Nominal loading, unloading and end of the log.
     parting_s
         Duration of the fall of the friction, centred at the unloading.
-    loading_s
+    loading_ramp_s
         Duration of the rise of the friction.
     brake_s
         From the unloading both speeds fall to 1/e in this time.
@@ -45,7 +45,7 @@ class EhlOptions:
     unload_s: float = 1050.0
     duration_s: float = 1400.0
     parting_s: float = 0.02
-    loading_s: float = 0.3
+    loading_ramp_s: float = 0.3
     ambient_degC: float = 60.5
     brake_s: float | None = None
     again_s: tuple[tuple[float, float], ...] = ()
@@ -70,7 +70,7 @@ class EhlTruth:
     load_on_s: float
     unload_s: float
     parting_s: float
-    loading_s: float
+    loading_ramp_s: float
     ambient_degC: float
     phases: tuple[float, ...]
     drift: bool
@@ -84,18 +84,18 @@ class EhlTruth:
         half_ramp = 0.5 * self.parting_s
         breaks = [
             self.load_on_s,
-            self.load_on_s + self.loading_s,
+            self.load_on_s + self.loading_ramp_s,
             self.unload_s - half_ramp,
             self.unload_s + half_ramp,
         ]
         if self.brake_s is not None:
             breaks.append(self.unload_s)
-        for start, end in self.touches_s:
+        for start, end in self.recontact_intervals_s:
             breaks += [start, start + RECONTACT_RISE_S, end - RECONTACT_RISE_S, end]
         return tuple(breaks)
 
     @property
-    def touches_s(self) -> tuple[tuple[float, float], ...]:
+    def recontact_intervals_s(self) -> tuple[tuple[float, float], ...]:
         """Start and end of the contacts after the unloading [s]."""
         intervals = []
         for duration, delay in self.again_s:
@@ -109,23 +109,25 @@ class EhlTruth:
         rise = np.clip((t - load_start) / max(load_end - load_start, 1e-12), 0, 1)
         fall = np.clip((t - unload_start) / max(unload_end - unload_start, 1e-12), 0, 1)
         share = rise * (1 - fall)
-        for start, end in self.touches_s:
+        for start, end in self.recontact_intervals_s:
             recontact = np.clip(np.minimum(t - start, end - t) / RECONTACT_RISE_S, 0, 1)
             share = np.maximum(share, recontact)
         return share
 
     def speed_share(self, t: Array) -> Array:
-        """Return both speeds relative to those under load: 1 until the unloading; ``t`` (N,) [s]."""
+        """Return speed relative to that under load: 1 until the unloading; ``t`` (N,) [s]."""
         if self.brake_s is None:
             return np.ones_like(t)
         return np.exp(-np.clip(t - self.unload_s, 0, None) / self.brake_s)
 
-    def film_share(self, t: Array) -> Array:
+    def h_share(self, t: Array) -> Array:
         """Return h of either disk relative to that under load, h ~ u^n; ``t`` (N,) [s]."""
         return self.speed_share(t) ** self.speed_exponent
 
     def friction_at(self, t: Array) -> Array:
-        """Return the true friction [N]: running-in over minutes, then a slow drift of half a percent."""
+        """Return the true friction [N]: running-in over minutes, then a slow drift of half a
+        percent.
+        """
         level = np.full_like(t, self.friction_N)
         if self.drift:
             run_in = 0.04 * np.exp(-np.clip(t - self.load_on_s, 0, None) / 150.0)
@@ -135,7 +137,7 @@ class EhlTruth:
         return level * self.contact_share(t)
 
     def ambient_at(self, t: Array) -> Array:
-        """Return the true ambient temperature [degC]: slow drift, and warming by the loaded disks."""
+        """Return true ambient temperature [degC]: slow drift, and warming by the loaded disks."""
         ambient = np.full_like(t, self.ambient_degC)
         if self.drift:
             slow = 0.3 * np.sin(2 * np.pi * (t / 900.0 + self.phases[2]))
@@ -173,7 +175,7 @@ def draw_test(
         load_on_s=o.load_on_s + float(load_shift),
         unload_s=o.unload_s + float(unload_shift),
         parting_s=o.parting_s,
-        loading_s=o.loading_s,
+        loading_ramp_s=o.loading_ramp_s,
         ambient_degC=ambient,
         phases=phases,
         drift=truth.imperfections.drift,
@@ -214,20 +216,20 @@ def simulate_ehl(
     frame
         The log: canonical EHL columns, 75 Hz.
     truth
-        True values (beta, h_fast, h_slow, load_on_s, unload_s, friction_N, steady temperatures, ...)
+        True values (beta, h_fast, h_slow, load_on_s, unload_s, friction_N, ...)
         and ``"traces"``, a DataFrame of the true junction temperatures, ambient, oil, friction and
         contact in the columns of the log.
     """
     condition = ehl_test(test) if isinstance(test, str) else test
     rig = truth or draw_truth(seed)
     o = options or EhlOptions()
-    drawn = draw_test(rig, condition, seed, o)
+    test_truth = draw_test(rig, condition, seed, o)
     t = sample_times(o.duration_s)
-    columns, traces = _conditions(t, drawn, rig, rng_for(seed, "conditions", condition.name))
+    columns, traces = _conditions(t, test_truth, rig, rng_for(seed, "conditions", condition.name))
     unevenness: dict[str, Any] = {}
     for name in DISKS:
         rng = rng_for(seed, "measure", condition.name, name)
-        log, true, unevenness[name] = _simulate_disk(rig, name, drawn, o, rng)
+        log, true, unevenness[name] = _simulate_disk(rig, name, test_truth, o, rng)
         for k, channel in enumerate(sorted(rig.disk(name).channels)):
             columns[f"{name}_{channel}_degC"] = log[:, k]
             traces[f"{name}_{channel}_degC"] = true[:, k]
@@ -235,24 +237,24 @@ def simulate_ehl(
     order = [c for c in columns if c not in last] + last
     frame = pd.DataFrame(columns)[order]
     trace_frame = pd.DataFrame(traces)[order]
-    values = _scalars(drawn, rig, trace_frame)
+    values = _scalars(test_truth, rig, trace_frame)
     return frame, {**values, "unevenness": unevenness, "traces": trace_frame}
 
 
-def heat_share_and_h(drawn: EhlTruth, name: str) -> tuple[float, float]:
+def heat_share_and_h(test_truth: EhlTruth, name: str) -> tuple[float, float]:
     """Return the share of the frictional heat and h [W/m2K] of a disk."""
     if name == "fast":
-        return drawn.beta, drawn.h_fast_W_m2K
-    return 1 - drawn.beta, drawn.h_slow_W_m2K
+        return test_truth.beta, test_truth.h_fast_W_m2K
+    return 1 - test_truth.beta, test_truth.h_slow_W_m2K
 
 
 def _simulate_disk(
-    rig: RigTruth, name: str, drawn: EhlTruth, o: EhlOptions, rng: np.random.Generator
+    rig: RigTruth, name: str, test_truth: EhlTruth, o: EhlOptions, rng: np.random.Generator
 ) -> tuple[Array, Array, dict[str, Any]]:
-    """Return logged and true channels (N, channels) of a disk, and its unevenness at the unloading."""
+    """Return logged and true channels (N, channels) of a disk, and its unevenness."""
     disk = rig.disk(name)
-    share, h = heat_share_and_h(drawn, name)
-    _, solution = disk_run(disk, drawn, share, h, o, o.duration_s)
+    share, h = heat_share_and_h(test_truth, name)
+    _, solution = disk_run(disk, test_truth, share, h, o, o.duration_s)
     n_channels = len(disk.channels)
 
     def junctions_at(t: Array) -> Array:
@@ -260,12 +262,12 @@ def _simulate_disk(
 
     imperfections = rig.imperfections
     log, true = log_disk(junctions_at, o.duration_s, disk, rng, imperfections, spikes=True)
-    unloading_start = np.array([drawn.breaks_s[2]])
+    unloading_start = np.array([test_truth.breaks_s[2]])
     return log, true, seen_round(disk, solution.at(unloading_start)[0])
 
 
 def disk_run(
-    disk: DiskTruth, drawn: EhlTruth, share: float, h: float, o: EhlOptions, until_s: float
+    disk: DiskTruth, test_truth: EhlTruth, share: float, h: float, o: EhlOptions, until_s: float
 ) -> tuple[DiskSystem, Solution]:
     """Simulate one disk from the start of its test to ``until_s``.
 
@@ -276,25 +278,30 @@ def disk_run(
     h
         Heat transfer coefficient of the running surface under load [W/m2K].
     """
-    flux = disk.setup.flux.under(drawn.pressure_Pa)
+    flux = disk.setup.flux.under(test_truth.pressure_Pa)
     loaded_disk = replace(disk, setup=replace(disk.setup, flux=flux))
-    system = uneven_system(loaded_disk, h, drawn.half_width_m, o.mesh)
+    system = uneven_system(loaded_disk, h, test_truth.half_width_m, o.mesh)
 
     def power(t: Array) -> Array:
-        return share * drawn.test.sliding_speed_m_s * drawn.speed_share(t) * drawn.friction_at(t)
+        return (
+            share
+            * test_truth.test.sliding_speed_m_s
+            * test_truth.speed_share(t)
+            * test_truth.friction_at(t)
+        )
 
-    ambient = float(drawn.ambient_at(np.zeros(1))[0])
+    ambient = float(test_truth.ambient_at(np.zeros(1))[0])
     start = steady_state(system, 0.0, ambient)
-    breaks = sorted({b for b in drawn.breaks_s if 0 < b < until_s})
+    breaks = sorted({b for b in test_truth.breaks_s if 0 < b < until_s})
     edges = (0.0, *breaks, until_s)
     solution = integrate(
-        system, power, drawn.ambient_at, edges, start, o.stepping, drawn.film_share
+        system, power, test_truth.ambient_at, edges, start, o.stepping, test_truth.h_share
     )
     return system, solution
 
 
 def _conditions(
-    t: Array, drawn: EhlTruth, rig: RigTruth, rng: np.random.Generator
+    t: Array, test_truth: EhlTruth, rig: RigTruth, rng: np.random.Generator
 ) -> tuple[dict[str, Array], dict[str, Array]]:
     """Return time, load, friction, contact, speeds, ambient and oil, as logged and as true."""
     errors = rig.imperfections
@@ -306,26 +313,28 @@ def _conditions(
     def digitised(values: Array, full_scale: float) -> Array:
         return quantised(values, -full_scale, full_scale) if errors.quantise else values
 
-    load_N = drawn.test.load_N
+    load_N = test_truth.test.load_N
     true = {
         "time_s": t,
-        "load_N": load_N * drawn.contact_share(t),
-        "friction_N": drawn.friction_at(t),
-        "contact": _within(t, [(drawn.load_on_s, drawn.unload_s), *drawn.touches_s]),
-        "speed_fast_rpm": drawn.test.speed_fast_rpm * drawn.speed_share(t),
-        "speed_slow_rpm": drawn.test.speed_slow_rpm * drawn.speed_share(t),
-        "ambient_degC": drawn.ambient_at(t),
-        "oil_degC": _oil_temperature(t, drawn, errors.drift),
+        "load_N": load_N * test_truth.contact_share(t),
+        "friction_N": test_truth.friction_at(t),
+        "contact": _within(
+            t, [(test_truth.load_on_s, test_truth.unload_s), *test_truth.recontact_intervals_s]
+        ),
+        "speed_fast_rpm": test_truth.test.speed_fast_rpm * test_truth.speed_share(t),
+        "speed_slow_rpm": test_truth.test.speed_slow_rpm * test_truth.speed_share(t),
+        "ambient_degC": test_truth.ambient_at(t),
+        "oil_degC": _oil_temperature(t, test_truth, errors.drift),
     }
-    load = load_N * drawn.contact_share(t - delay_s[0])
-    friction = rig.friction_scale * drawn.friction_at(t - delay_s[1])
-    switch_on_s = drawn.load_on_s + 0.5 * abs(delay_s[2])
-    switch_off_s = drawn.unload_s + delay_s[3]
+    load = load_N * test_truth.contact_share(t - delay_s[0])
+    friction = rig.friction_scale * test_truth.friction_at(t - delay_s[1])
+    switch_on_s = test_truth.load_on_s + 0.5 * abs(delay_s[2])
+    switch_off_s = test_truth.unload_s + delay_s[3]
     logged = {
         "time_s": t,
         "load_N": digitised(load + zero_load + 6.0 * noise[0], 5000.0),
         "friction_N": digitised(friction + zero_friction + 0.15 * noise[1], 100.0),
-        "contact": _within(t, [(switch_on_s, switch_off_s), *drawn.touches_s]),
+        "contact": _within(t, [(switch_on_s, switch_off_s), *test_truth.recontact_intervals_s]),
         "speed_fast_rpm": np.round(true["speed_fast_rpm"] + 1.5 * noise[2], 1),
         "speed_slow_rpm": np.round(true["speed_slow_rpm"] + 0.5 * noise[3], 1),
         "ambient_degC": true["ambient_degC"] + rig.ambient_bias_K + 0.1 * noise[4],
@@ -334,13 +343,13 @@ def _conditions(
     return logged, true
 
 
-def _oil_temperature(t: Array, drawn: EhlTruth, drift: bool) -> Array:
+def _oil_temperature(t: Array, test_truth: EhlTruth, drift: bool) -> Array:
     """Return the true temperature of the oil [degC]."""
     oil = np.full(len(t), 60.0)
     if not drift:
         return oil
-    slow = 0.4 * np.sin(2 * np.pi * (t / 700.0 + drawn.phases[4]))
-    return oil + slow + 0.2 * drawn.contact_share(t)
+    slow = 0.4 * np.sin(2 * np.pi * (t / 700.0 + test_truth.phases[4]))
+    return oil + slow + 0.2 * test_truth.contact_share(t)
 
 
 def _within(t: Array, intervals: Sequence[tuple[float, float]]) -> Array:
@@ -348,29 +357,29 @@ def _within(t: Array, intervals: Sequence[tuple[float, float]]) -> Array:
     return np.any([(t >= start) & (t < stop) for start, stop in intervals], axis=0).astype(float)
 
 
-def _scalars(drawn: EhlTruth, rig: RigTruth, traces: pd.DataFrame) -> dict[str, Any]:
+def _scalars(test_truth: EhlTruth, rig: RigTruth, traces: pd.DataFrame) -> dict[str, Any]:
     """Return the true values of a test; means are those of the last 5 s before the unloading."""
     t = traces["time_s"].to_numpy()
-    is_steady = (t < drawn.unload_s - drawn.parting_s) & (t >= drawn.unload_s - 5.0)
+    is_steady = (t < test_truth.unload_s - test_truth.parting_s) & (t >= test_truth.unload_s - 5.0)
     mean = {c.removesuffix("_degC"): float(traces.loc[is_steady, c].mean()) for c in traces.columns}
-    unloading_start = np.array([drawn.breaks_s[2]])
+    unloading_start = np.array([test_truth.breaks_s[2]])
     return {
-        "test": drawn.test.name,
-        "beta": drawn.beta,
-        "h_fast": drawn.h_fast_W_m2K,
-        "h_slow": drawn.h_slow_W_m2K,
+        "test": test_truth.test.name,
+        "beta": test_truth.beta,
+        "h_fast": test_truth.h_fast_W_m2K,
+        "h_slow": test_truth.h_slow_W_m2K,
         "exponent": rig.speed_exponent,
-        "half_width_m": drawn.half_width_m,
-        "load_N": drawn.test.load_N,
+        "half_width_m": test_truth.half_width_m,
+        "load_N": test_truth.test.load_N,
         "friction_N": mean["friction_N"],
-        "friction_at_unloading_N": float(drawn.friction_at(unloading_start)[0]),
-        "sliding_speed_m_s": drawn.test.sliding_speed_m_s,
-        "entraining_speed_m_s": drawn.test.entraining_speed_m_s,
-        "load_on_s": drawn.load_on_s,
-        "unload_s": drawn.unload_s,
-        "parting_s": drawn.parting_s,
-        "brake_s": drawn.brake_s,
-        "again_s": drawn.again_s,
+        "friction_at_unloading_N": float(test_truth.friction_at(unloading_start)[0]),
+        "sliding_speed_m_s": test_truth.test.sliding_speed_m_s,
+        "entraining_speed_m_s": test_truth.test.entraining_speed_m_s,
+        "load_on_s": test_truth.load_on_s,
+        "unload_s": test_truth.unload_s,
+        "parting_s": test_truth.parting_s,
+        "brake_s": test_truth.brake_s,
+        "again_s": test_truth.again_s,
         "ambient_degC": mean["ambient"],
         "steady_degC": {c: value for c, value in mean.items() if c.startswith(("fast_", "slow_"))},
         "common_lag_s": {d: rig.disk(d).common_lag_s for d in DISKS},

@@ -10,22 +10,22 @@ from tcdyn.rig.disk import DISKS
 from tcdyn.simulate.ehl import EhlOptions, disk_run, draw_test, heat_share_and_h
 from tcdyn.simulate.mesh import DiskSystem, grid_of
 from tcdyn.simulate.programme import ehl_test
-from tcdyn.simulate.round import waves_of
+from tcdyn.simulate.round import harmonic_shapes
 from tcdyn.simulate.truth import DiskTruth, RigTruth
 
 
 def around_disks(
     test: str, seed: int, truth: RigTruth, options: EhlOptions | None = None
 ) -> dict[str, Around]:
-    """Return the temperature around both disks of a test, from bore to surface, at the unloading."""
+    """Return temperature around both disks of a test, from bore to surface, at the unloading."""
     o = options or EhlOptions()
-    drawn = draw_test(truth, ehl_test(test), seed, o)
-    unloading_start_s = drawn.breaks_s[2]
+    test_truth = draw_test(truth, ehl_test(test), seed, o)
+    unloading_start_s = test_truth.breaks_s[2]
     out = {}
     for name in DISKS:
         disk = truth.disk(name)
-        share, h = heat_share_and_h(drawn, name)
-        system, solution = disk_run(disk, drawn, share, h, o, unloading_start_s)
+        share, h = heat_share_and_h(test_truth, name)
+        system, solution = disk_run(disk, test_truth, share, h, o, unloading_start_s)
         out[name] = _around(disk, system, solution.state, o)
     return out
 
@@ -34,7 +34,7 @@ def _around(disk: DiskTruth, system: DiskSystem, state: Array, o: EhlOptions) ->
     """Return the temperature around a disk from the state of its system."""
     grid = grid_of(disk, o.mesh)
     angle = np.deg2rad(ANGLES_DEG - disk.uneven.angle_deg)
-    shapes = [np.ones(len(angle)), *(wave(n * angle) for n, wave in waves_of(disk))]
+    shapes = [np.ones(len(angle)), *(wave(n * angle) for n, wave in harmonic_shapes(disk))]
     field = np.zeros((grid.cells.size, len(angle)))
     for rows, shape in zip(system.steel.cells, shapes):
         field += np.outer(state[rows], shape)

@@ -1,4 +1,6 @@
-"""Time integration of the synthetic disk: an L-stable implicit Runge-Kutta method of order four (SDIRK)."""
+"""Time integration of the synthetic disk: an L-stable implicit Runge-Kutta method of order four
+(SDIRK).
+"""
 
 from __future__ import annotations
 
@@ -93,11 +95,11 @@ def steady_state(system: DiskSystem, power_W: float, ambient_degC: float) -> Arr
     load = _load(system, power_W, ambient_degC)
     factors = _factorise(system.conductance)
     state = factors.solve(load)
-    if not system.steel.follows:
+    if not system.steel.depends_on_temperature:
         return state
     for _ in range(MAX_ITERATIONS):
         previous = state
-        state = np.asarray(factors.solve(load + system.steel.conducted_W(state)))
+        state = np.asarray(factors.solve(load + system.steel.extra_conduction_W(state)))
         if _has_converged(state, previous):
             break
     return state
@@ -115,7 +117,7 @@ def integrate(
     edges_s: tuple[float, ...],
     start: Array,
     stepping: Stepping | None = None,
-    film_share: Signal = np.ones_like,
+    h_share: Signal = np.ones_like,
 ) -> Solution:
     """Integrate C dT/dt = -S T + sources from ``edges_s[0]`` to ``edges_s[-1]``.
 
@@ -147,7 +149,7 @@ def integrate(
 
     def signals_at(t: Array) -> Array:
         """Return power, ambient and change of the surface conductance, (..., 3)."""
-        change = system.film_change(film_share(t))
+        change = system.surface_conductance_change(h_share(t))
         return np.stack([power_W(t), ambient_degC(t), change], axis=-1)
 
     for begin, end in pairwise(edges_s):
@@ -204,7 +206,7 @@ def _step(system: DiskSystem, factors: SuperLU, y: Array, h: float, signals: Arr
         guess = y + h * (_A[i, :i] @ stages[:i]) if i else y
         heat = _heat(system, guess, power, ambient, change)
         rate = factors.solve(heat)
-        if change or system.steel.follows:
+        if change or system.steel.depends_on_temperature:
             rate = _iterate_stage(system, factors, guess, h, heat, change, rate)
         stages[i] = rate
     return y + h * (_A[4] @ stages)
@@ -222,9 +224,9 @@ def _iterate_stage(
     """Return the rates of a stage at which the terms outside the factorisation agree with them."""
     for _ in range(MAX_ITERATIONS):
         right_side = heat - h * _GAMMA * change * system.surface_m2 * rate
-        if system.steel.follows:
+        if system.steel.depends_on_temperature:
             state = guess + h * _GAMMA * rate
-            right_side += system.steel.more_W(guess, state, rate, system.capacity)
+            right_side += system.steel.stage_correction_W(guess, state, rate, system.capacity)
         previous = rate
         rate = factors.solve(right_side)
         if _has_converged(rate, previous):
@@ -245,8 +247,8 @@ def _heat(system: DiskSystem, y: Array, power: float, ambient: float, change: fl
             - system.surface_m2 * y
             - system.skin_m2K_W * power * system.track
         )
-    if system.steel.follows:
-        heat = heat + system.steel.conducted_W(y)
+    if system.steel.depends_on_temperature:
+        heat = heat + system.steel.extra_conduction_W(y)
     return np.asarray(heat)
 
 

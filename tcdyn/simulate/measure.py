@@ -1,4 +1,6 @@
-"""Simulation of the logger: chain, static errors, noise, spikes and 16 bits; and of the oven calibration."""
+"""Simulation of the logger: chain, static errors, noise, spikes and 16 bits; and of the oven
+calibration.
+"""
 
 from __future__ import annotations
 
@@ -37,8 +39,8 @@ def chain_poles(tau1_s: float, tau2_s: float, conditioning: Conditioning) -> Arr
             poles += list(cutoff_rad_s * buttap(conditioning.poles)[1])
         case "cascade":
             poles += [-cutoff_rad_s] * conditioning.poles
-        case other:
-            raise InputError(f"the synthetic rig has no filter of the shape {other!r}")
+        case shape:
+            raise InputError(f"the synthetic rig has no filter of the shape {shape!r}")
     return np.array(poles)
 
 

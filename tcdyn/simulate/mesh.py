@@ -1,4 +1,4 @@
-"""Finite volumes for a disk with its shaft: mesh, conductances, junctions, heat across the track."""
+"""Finite volumes for a disk with its shaft: mesh, conductances, junctions, flux profile."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ SHAFT_SECTION = 0.85  # share of a solid section: the shaft is bored for its wir
 
 @dataclass(frozen=True)
 class DiskMesh:
-    """Numbers of cells in r (bore to surface), z (face d to face f) and along each side of the shaft.
+    """Numbers of cells in r (bore to surface), z (face d to face f) and along each side of the
+    shaft.
 
     The cells are finer towards the surface.
     """
@@ -78,8 +79,8 @@ class DiskSystem:
     steel: Steel
     film_air_K: float = 0.0
 
-    def film_change(self, share: Array) -> Array:
-        """Return the change of the surface conductance [W/m2K] when h is ``share`` of ``h_W_m2K``."""
+    def surface_conductance_change(self, share: Array) -> Array:
+        """Return change of the surface conductance [W/m2K] when h is ``share`` of ``h_W_m2K``."""
         nominal = self._surface_conductance(self.h_W_m2K)
         return np.asarray(self._surface_conductance(self.h_W_m2K * share) - nominal)
 

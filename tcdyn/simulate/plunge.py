@@ -1,4 +1,6 @@
-"""Simulation of plunge tests: a disk immersed in a bath, and the comparison of holes of section 5.4."""
+"""Simulation of plunge tests: a disk immersed in a bath, and the comparison of holes of section
+5.4.
+"""
 
 from __future__ import annotations
 
@@ -57,7 +59,7 @@ class PlungeTruth:
     probe_lag_s: float
 
     def bath_at(self, since_entry_s: Array | float) -> Array:
-        """Return the bath temperature [degC]: steady drift, and a dip after the cold disk enters."""
+        """Return bath temperature [degC]: steady drift, and a dip after the cold disk enters."""
         after_entry_s = np.clip(since_entry_s, 0, None)
         dip = self.bath_dip_K * (1 - np.exp(-after_entry_s / 25.0))
         return np.asarray(self.bath_degC + self.bath_drift_K_s * np.asarray(since_entry_s) - dip)
@@ -128,22 +130,22 @@ def simulate_plunge(
     setup = disk_truth.setup
     errors = rig.imperfections
     rng = rng_for(seed, "plunge", disk, str(run))
-    drawn = draw_plunge(rng, fluid, bath_degC, options or PlungeOptions(), errors)
+    plunge_truth = draw_plunge(rng, fluid, bath_degC, options or PlungeOptions(), errors)
     names = sorted(setup.junctions)
     depths = np.array([setup.junctions[c].depth_m for c in names])
-    heating = heat_disk(setup, depths, drawn)
+    heating = heat_disk(setup, depths, plunge_truth)
 
     def truth_at(t: Array) -> Array:
-        return heating.at(t - drawn.entry_s)
+        return heating.at(t - plunge_truth.entry_s)
 
-    log, true = log_disk(truth_at, drawn.duration_s, disk_truth, rng, errors, spikes=False)
-    columns = bath_columns(drawn, errors, rng)
+    log, true = log_disk(truth_at, plunge_truth.duration_s, disk_truth, rng, errors, spikes=False)
+    columns = bath_columns(plunge_truth, errors, rng)
     traces: dict[str, Array] = {"time_s": columns["time_s"], "switch": columns["switch"]}
-    traces["fluid_degC"] = drawn.bath_at(columns["time_s"] - drawn.entry_s)
+    traces["fluid_degC"] = plunge_truth.bath_at(columns["time_s"] - plunge_truth.entry_s)
     for k, channel in enumerate(names):
         columns[f"{channel}_degC"] = log[:, k]
         traces[f"{channel}_degC"] = true[:, k]
-    values = vars(drawn) | {
+    values = vars(plunge_truth) | {
         "disk": disk,
         "run": run,
         "lag_s": disk_truth.lags_s,
@@ -152,43 +154,48 @@ def simulate_plunge(
     return pd.DataFrame(columns), {**values, "traces": pd.DataFrame(traces)}
 
 
-def heat_disk(setup: DiskSetup, depths: Array, drawn: PlungeTruth) -> Heating:
-    """Return the true temperatures of an immersed disk at ``depths`` [m] over the time since entry."""
+def heat_disk(setup: DiskSetup, depths: Array, plunge_truth: PlungeTruth) -> Heating:
+    """Return true temperatures of an immersed disk at ``depths`` [m] over the time since entry."""
     return heat_radially(
         setup,
         depths,
-        drawn.initial_degC,
-        lambda t: float(drawn.bath_at(t)),
-        lambda t, wall: drawn.h_at(t, wall, setup.width_m),
-        drawn.duration_s - drawn.entry_s,
+        plunge_truth.initial_degC,
+        lambda t: float(plunge_truth.bath_at(t)),
+        lambda t, wall: plunge_truth.h_at(t, wall, setup.width_m),
+        plunge_truth.duration_s - plunge_truth.entry_s,
     )
 
 
 def bath_columns(
-    drawn: PlungeTruth, how: Imperfections, rng: np.random.Generator
+    plunge_truth: PlungeTruth, how: Imperfections, rng: np.random.Generator
 ) -> dict[str, Array]:
     """Return time, switch, free probe and bath thermometer as logged."""
-    t = sample_times(drawn.duration_s)
+    t = sample_times(plunge_truth.duration_s)
     noise = rng.standard_normal((2, len(t))) * (1.0 if how.noise else 0.0)
-    since_probe_entry = np.clip(t - drawn.probe_entry_s, 0, None)
-    response = 1 - np.exp(-since_probe_entry / drawn.probe_lag_s)
-    air = drawn.initial_degC + 1.5
-    bath = drawn.bath_at(t - drawn.entry_s)
+    since_probe_entry = np.clip(t - plunge_truth.probe_entry_s, 0, None)
+    response = 1 - np.exp(-since_probe_entry / plunge_truth.probe_lag_s)
+    air = plunge_truth.initial_degC + 1.5
+    bath = plunge_truth.bath_at(t - plunge_truth.entry_s)
     probe = air + (bath - air) * response + 0.1 * noise[0]
-    fluid = bath + drawn.fluid_bias_K + 0.05 * noise[1]
+    fluid = bath + plunge_truth.fluid_bias_K + 0.05 * noise[1]
     if how.quantise:
         probe = quantised(probe)
         fluid = quantised(fluid)
-    return {"time_s": t, "switch": _switch(t, drawn), "probe_degC": probe, "fluid_degC": fluid}
+    return {
+        "time_s": t,
+        "switch": _switch(t, plunge_truth),
+        "probe_degC": probe,
+        "fluid_degC": fluid,
+    }
 
 
-def _switch(t: Array, drawn: PlungeTruth) -> Array:
+def _switch(t: Array, plunge_truth: PlungeTruth) -> Array:
     """Return the switch signal (N,): 1 while pressed, with bounces of 20 ms."""
-    pressed = t >= drawn.switch_s
-    if not drawn.switch_held:
-        pressed &= t < drawn.switch_s + 0.6
-    for bounce in range(drawn.bounces):
-        start = drawn.switch_s + 0.04 * (bounce + 1)
+    pressed = t >= plunge_truth.switch_s
+    if not plunge_truth.switch_held:
+        pressed &= t < plunge_truth.switch_s + 0.6
+    for bounce in range(plunge_truth.bounces):
+        start = plunge_truth.switch_s + 0.04 * (bounce + 1)
         pressed &= ~((t >= start) & (t < start + 0.02))
     return pressed.astype(float)
 
@@ -219,9 +226,9 @@ def simulate_hole(
     errors = rig.imperfections
     rng = rng_for(seed, "hole")
     options = PlungeOptions(entry_s=10.0, after_s=after_s, initial_degC=initial_degC)
-    drawn = draw_plunge(rng, "water", bath_degC, options, errors)
+    plunge_truth = draw_plunge(rng, "water", bath_degC, options, errors)
     setup = rig.fast.setup
-    heating = heat_disk(setup, np.array([3e-3]), drawn)
+    heating = heat_disk(setup, np.array([3e-3]), plunge_truth)
     cement_lag_s = {"ideal_1": 0.0, "ideal_2": 0.0, "d1p3": 0.04, "d2p2": 0.10, "d3p0": 0.90}
     base_lag_s = 0.25 + 0.01 * rng.standard_normal(5)
     chains: list[tuple[float, float, Conditioning]] = []
@@ -231,9 +238,9 @@ def simulate_hole(
         tau2 = 0.06
         chains.append((tau1, tau2, setup.conditioning))
         lags[name] = tau1 + tau2 + setup.conditioning.lag_s
-    columns = bath_columns(drawn, errors, rng)
+    columns = bath_columns(plunge_truth, errors, rng)
     fine_t = fine_times(len(columns["time_s"]))
-    fine = np.repeat(heating.at(fine_t - drawn.entry_s), 5, axis=1)
+    fine = np.repeat(heating.at(fine_t - plunge_truth.entry_s), 5, axis=1)
     readings = through_chains(fine, 1 / (RATE_Hz * OVERSAMPLING), OVERSAMPLING, chains)
     if errors.static:
         readings = readings + rng.uniform(-0.1, 0.1, 5)
@@ -243,4 +250,9 @@ def simulate_hole(
         readings = quantised(readings)
     columns |= dict(zip(HOLE_COLUMNS, readings.T))
     traces = pd.DataFrame({"time_s": columns["time_s"], "true_degC": fine[::OVERSAMPLING, 0]})
-    return pd.DataFrame(columns), {**vars(drawn), "lag_s": lags, "depth_m": 3e-3, "traces": traces}
+    return pd.DataFrame(columns), {
+        **vars(plunge_truth),
+        "lag_s": lags,
+        "depth_m": 3e-3,
+        "traces": traces,
+    }

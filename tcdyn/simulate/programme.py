@@ -1,4 +1,4 @@
-"""The sixteen EHL tests: conditions (table 6.1) and the results of the thesis (tables 7.1 and 7.2)."""
+"""The sixteen EHL tests: conditions (table 6.1) and published results (tables 7.1 and 7.2)."""
 
 from __future__ import annotations
 

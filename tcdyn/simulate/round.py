@@ -65,8 +65,10 @@ def uneven_system(
 ) -> DiskSystem:
     """Return the disk of ``build_system``, with its harmonics if its bore contact is uneven.
 
-    Rows of ``sample``: the reading of each junction, in the order of ``channels``. For an uneven disk
-    these follow: the contribution of the first harmonic to each reading, that of the second, and the
+    Rows of ``sample``: the reading of each junction, in the order of ``channels``. For an uneven
+    disk
+    these follow: the contribution of the first harmonic to each reading, that of the second, and
+    the
     amplitude of the first at the depth and z of the rim's edge, of its cosine and, where there are
     keyways or patches, of its sine.
     """
@@ -74,7 +76,7 @@ def uneven_system(
     if disk.uneven.even:
         return even
     g = grid_of(disk, mesh)
-    waves = waves_of(disk)
+    waves = harmonic_shapes(disk)
     blocks = [_harmonic(disk, g, n, h_W_m2K) for n, _ in waves]
     sizes = [len(block.capacity) for block in blocks]
     starts = np.cumsum([0, g.size, *sizes])
@@ -101,7 +103,7 @@ def uneven_system(
     )
 
 
-def waves_of(disk: DiskTruth) -> tuple[Wave, ...]:
+def harmonic_shapes(disk: DiskTruth) -> tuple[Wave, ...]:
     """Return order and shape of the disk's harmonics, in the order of the unknowns.
 
     Their angle counts from where the press fit is best.
@@ -113,7 +115,7 @@ def waves_of(disk: DiskTruth) -> tuple[Wave, ...]:
 
 def _sample_rows(disk: DiskTruth, g: Grid, even: DiskSystem, starts: Array) -> sparse.csr_matrix:
     """Return the rows of ``sample`` of an uneven disk, see ``uneven_system``."""
-    waves = waves_of(disk)
+    waves = harmonic_shapes(disk)
     junctions = disk.setup.junctions
     angles_deg = [junctions[c].angle_deg - disk.uneven.angle_deg for c in even.channels]
     angles = np.deg2rad(angles_deg)
@@ -132,7 +134,7 @@ def _harmonic_steel(disk: DiskTruth, g: Grid, even: Steel, starts: Array) -> Ste
     size = g.cells.size
     k = disk.setup.conductivity_W_mK
     blocks = [even.conduction]
-    for (n, _), (first, end) in zip(waves_of(disk), pairwise(starts[1:])):
+    for (n, _), (first, end) in zip(harmonic_shapes(disk), pairwise(starts[1:])):
         to_ground = np.zeros(end - first)
         to_ground[:size] = _circumferential_W_K(k, n, g.r_edges, g.dz).ravel()
         blocks.append(0.5 * laplacian(disk_links(disk, g), to_ground, len(to_ground)))
@@ -246,7 +248,7 @@ def _coupling(disk: DiskTruth, g: Grid, walls: list[Wall], size: int) -> sparse.
     psi = 2 * np.pi * (np.arange(N_ANGLES) + 0.5) / N_ANGLES
     mean_W_m2K = disk.bore_conductance_W_m2K
     contact_W_m2K = mean_W_m2K * disk.uneven.relative(psi)
-    shapes = np.stack([np.ones(N_ANGLES), *(wave(n * psi) for n, wave in waves_of(disk))])
+    shapes = np.stack([np.ones(N_ANGLES), *(wave(n * psi) for n, wave in harmonic_shapes(disk))])
     pairs = shapes * (contact_W_m2K / (1 + contact_W_m2K * skin)) @ shapes.T / N_ANGLES
     pairs[0, 0] -= mean_W_m2K / (1 + mean_W_m2K * skin)
     area = 2 * np.pi * s.bore_radius_m * g.dz

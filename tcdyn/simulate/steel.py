@@ -32,8 +32,8 @@ class Steel:
     Notes
     -----
     Between two cells the conductivity is the mean of theirs:
-    k_ij (T_i - T_j) = k_0 (T_i - T_j) (1 + a (T_i + T_j - 2 T_0)/2). What is conducted beyond k_0 is
-    therefore the conduction of a (T - T_0)^2/2. For a harmonic T_n cos(n psi) it is that of
+    k_ij (T_i - T_j) = k_0 (T_i - T_j) (1 + a (T_i + T_j - 2 T_0)/2). What is conducted beyond k_0
+    is therefore the conduction of a (T - T_0)^2/2. For a harmonic T_n cos(n psi) it is that of
     a (T - T_0) T_n.
     """
 
@@ -42,11 +42,11 @@ class Steel:
     cells: NDArray[np.int64]
 
     @property
-    def follows(self) -> bool:
+    def depends_on_temperature(self) -> bool:
         """Whether anything depends on temperature."""
         return bool(self.slopes.conductivity_per_K or self.slopes.specific_heat_per_K)
 
-    def conducted_W(self, y: Array) -> Array:
+    def extra_conduction_W(self, y: Array) -> Array:
         """Return the heat that reaches each unknown beyond that of the reference conductivity [W].
 
         Raises
@@ -69,13 +69,15 @@ class Steel:
             potential[rows] = above_reference * harmonic
         return -self.slopes.conductivity_per_K * (self.conduction @ potential)
 
-    def more_W(self, guess: Array, y: Array, rate: Array, capacity: Array) -> Array:
-        """Return what the right side of a stage at ``y`` and ``rate`` adds to that at ``guess`` [W]."""
-        conducted_W = self.conducted_W(y) - self.conducted_W(guess)
-        return conducted_W - self._stored_W(y, rate, capacity)
+    def stage_correction_W(self, guess: Array, y: Array, rate: Array, capacity: Array) -> Array:
+        """Return what the right side of a stage at ``y`` and ``rate`` adds to that at ``guess``
+        [W].
+        """
+        extra_conduction_W = self.extra_conduction_W(y) - self.extra_conduction_W(guess)
+        return extra_conduction_W - self._stored_W(y, rate, capacity)
 
     def _stored_W(self, y: Array, rate: Array, capacity: Array) -> Array:
-        """Return the heat stored beyond that of the reference specific heat at ``rate`` [K/s] [W]."""
+        """Return heat stored beyond that of the reference specific heat at ``rate`` [K/s] [W]."""
         out = np.zeros_like(y)
         first = self.cells[0]
         above_reference = y[first] - self.slopes.reference_degC

@@ -44,7 +44,7 @@ CLEAN = Imperfections(
 
 @dataclass(frozen=True)
 class ChannelTruth:
-    """One channel: two lags [s], the line T = gain * logged + offset, noise [K], spikes per second."""
+    """One channel: two lags [s], line T = gain * logged + offset, noise [K], spikes per second."""
 
     tau1_s: float
     tau2_s: float
@@ -54,7 +54,7 @@ class ChannelTruth:
     spikes_per_s: float
 
     def lag_s(self, conditioning: Conditioning) -> float:
-        """Return the first moment of the chain's impulse response, with the conditioning filter [s]."""
+        """Return first moment of the chain's impulse response, with the conditioning filter [s]."""
         return self.tau1_s + self.tau2_s + conditioning.lag_s
 
 
@@ -84,7 +84,8 @@ class BoreContact:
         if not (0 <= self.amplitude <= max_amplitude and abs(self.angle_deg) <= 360):
             raise InputError(
                 f"uneven contact {self.amplitude:g}@{self.angle_deg:g}",
-                expected="an amplitude of 0 (even) to 1 (no contact on one side) at -360 to 360 degrees",
+                expected="an amplitude of 0 (even) to 1 (no contact on one side) at -360 to 360 "
+                "degrees",
             )
 
     @property
@@ -93,7 +94,7 @@ class BoreContact:
         return not (self.amplitude or self.sectors)
 
     def relative(self, psi_rad: Array) -> Array:
-        """Return the conductance over its mean (N,) at equidistant angles from ``angle_deg`` (N,)."""
+        """Return conductance over its mean (N,) at equidistant angles from ``angle_deg`` (N,)."""
         if not self.sectors:
             return 1 + self.amplitude * np.cos(psi_rad)
         half_step_deg = 180.0 / len(psi_rad)

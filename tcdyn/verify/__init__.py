@@ -1,4 +1,4 @@
-"""Verification: every published number of the thesis that can be checked, recomputed and compared."""
+"""Verification: the published numbers of the thesis that can be checked, recomputed."""
 
 from __future__ import annotations
 

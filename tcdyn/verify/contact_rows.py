@@ -1,4 +1,6 @@
-"""Rows without the rim model: contact, speeds, press fit, oil film (chapters 5, 6, appendix B), speed law, ovens."""
+"""Rows without the rim model: contact, speeds, press fit, oil film (chapters 5, 6, appendix B),
+speed law, ovens.
+"""
 
 from __future__ import annotations
 
@@ -56,7 +58,8 @@ def speed_law_rows() -> Iterator[VerifyRow]:
         "0.73",
         f"{beta:.3f}",
         round(beta, 2) == 0.73,
-        "lines read off figures 4.13 to 4.16; the thesis prints (4.7) for a slow line written for beta",
+        "lines read off figures 4.13 to 4.16; the thesis prints (4.7) for a slow line written for "
+        "beta",
     )
 
 
@@ -78,18 +81,22 @@ def oven_rows() -> Iterator[VerifyRow]:
     readings = int(np.isfinite(raw).sum())
     yield row(
         "trend",
-        "errors of 12 channels, raw then calibrated: maximum, sum, mean size, standard deviation, K",
+        "errors of 12 channels, raw then calibrated: maximum, sum, mean size, standard deviation, "
+        "K",
         "table 2.6",
         "; ".join(numbers(x, 2) for x in TABLE_2_6),
         "; ".join(numbers(x, 2) for x in (before, after)),
         all(b < a for a, b in zip(before, after, strict=True)) and readings == 288,
         f"simulated ovens ({readings} readings, as in the thesis) with errors of their own; every "
-        f"statistic must fall: the mean size to {after[2] / before[2]:.0%} (thesis: {0.23 / 0.40:.0%})",
+        f"statistic must fall: the mean size to {after[2] / before[2]:.0%} (thesis: "
+        f"{0.23 / 0.40:.0%})",
     )
 
 
 def contact_rows() -> Iterator[VerifyRow]:
-    """Yield the rows of geometry, load and speed: tables 6.1, 3.4 and 6.6, (5.1), (6.1), appendix B."""
+    """Yield the rows of geometry, load and speed: tables 6.1, 3.4 and 6.6, (5.1), (6.1), appendix
+    B.
+    """
     for family, published in SPEEDS.items():
         test = PROGRAMME[family + "1"]
         ours = (test.sliding_speed_m_s, test.entraining_speed_m_s)
@@ -159,7 +166,8 @@ def contact_rows() -> Iterator[VerifyRow]:
         fits,
         1,
         absolute=0.1,
-        why="the fit radius is not in the thesis: 20.5 mm was solved from the first number; only the second is a test",
+        why="the fit radius is not in the thesis: 20.5 mm was solved from the first number; only "
+        "the second is a test",
     )
     yield _conductance()
     setup = load_rig().disk_setup("slow")
@@ -168,12 +176,14 @@ def contact_rows() -> Iterator[VerifyRow]:
     conductances_kW_m2K = [h * 1e-3 for _, h in fitted]
     yield close(
         "rule",
-        "the same by `tcdyn round fit` for 15.2 and 25.4 um with the default rig's surfaces: MPa, kW/m2K",
+        "the same by `tcdyn round fit` for 15.2 and 25.4 um with the default rig's surfaces: MPa, "
+        "kW/m2K",
         "section 6.4.3",
         "27.3, 45.6, 7.7, 11.1",
         [*pressures_MPa, *conductances_kW_m2K],
         2,
-        "bore, hardness, roughness and slope are assumed so that they give these: agrees within 1 %",
+        "bore, hardness, roughness and slope are assumed so that they give these: agrees within 1 "
+        "%",
         relative=0.01,
     )
     ratios = [film_heat_ratio(t) for t in PROGRAMME.values()]
@@ -186,8 +196,10 @@ def contact_rows() -> Iterator[VerifyRow]:
         "500 to 1200",
         f"{low:.0f} to {high:.0f}",
         100 < low < high < 6000 and low < 1200 and high > 500,
-        f"the thesis takes film thickness and rise from elsewhere; ours: Hamrock and Dowson, a rise of {RISE_K:g} K "
-        "(assumed; the ratio goes as one over it). The ranges must overlap and the film take below 1 %",
+        "the thesis takes film thickness and rise from elsewhere; ours: Hamrock and Dowson, a "
+        f"rise of {RISE_K:g} K "
+        "(assumed; the ratio goes as one over it). The ranges must overlap and the film take "
+        "below 1 %",
     )
 
 
@@ -206,7 +218,8 @@ def _conductance() -> VerifyRow:
         numbers(published, 2),
         numbers(0.5 * (low + high) * unit, 3),
         bool(low <= high),
-        "hardness, roughness and slope of the SS303 specimen (Leung et al. 1998) are not in the thesis; agrees when "
+        "hardness, roughness and slope of the SS303 specimen (Leung et al. 1998) are not in the "
+        "thesis; agrees when "
         "one m k/(sigma H^0.693) gives all three printed numbers to their rounding",
     )
 

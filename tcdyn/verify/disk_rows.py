@@ -1,6 +1,7 @@
 """Rows of the complete synthetic disk, bore to surface with its shaft: figure 4.9 and table 7.2.
 
-The disk shares no solver with the rim model. Figure 4.9 are fictitious data; table 7.2 is recomputed
+The disk shares no solver with the rim model. Figure 4.9 are fictitious data; table 7.2 is
+recomputed
 at the thesis's own beta, h and friction.
 """
 
@@ -95,7 +96,8 @@ def fictitious_rows() -> Iterator[VerifyRow]:
         "0.7, 900",
         f"{SHARES[j]:.1f}, {H_W_m2K[i]:.0f}",
         bool(recovers_share and recovers_h),
-        "data of a whole disk in finite volumes, bore to surface with its shaft, not of the rim itself",
+        "data of a whole disk in finite volumes, bore to surface with its shaft, not of the rim "
+        "itself",
     )
     least = float(misfit[i, j])
     yield row(
@@ -105,7 +107,8 @@ def fictitious_rows() -> Iterator[VerifyRow]:
         "0",
         f"{least:.3f}",
         least < MAX_MISFIT_K,
-        "the rim has the inner row at three points only, and the whole disk's mesh is coarse: agrees below 0.06 K",
+        "the rim has the inner row at three points only, and the whole disk's mesh is coarse: "
+        "agrees below 0.06 K",
     )
     loaded = (time > LOADED_s - 3.0) & (time < LOADED_s - 0.1)
     unit_shares = [0.0, 1.0]
@@ -166,7 +169,7 @@ def misses_K(bore_W_m2K: dict[str, float], more_share: float = 0.0, h_rel: float
 
 
 def _bore_sensitivity_K(bore_W_m2K: dict[str, float], misses: Array) -> Array:
-    """Return the change of ``misses`` for a relative change of the bore conductances, (16, 2) [K]."""
+    """Return change of ``misses`` for a relative change of the bore conductances, (16, 2) [K]."""
     stepped = {name: value * (1 + STEP_REL) for name, value in bore_W_m2K.items()}
     return (misses_K(stepped) - misses) / STEP_REL
 
@@ -177,7 +180,9 @@ def rms(x: Array) -> float:
 
 
 def table_7_2_rows() -> Iterator[VerifyRow]:
-    """Yield the rows of table 7.2: 32 readings from tables 6.1 and 7.1, and the causes of their misses."""
+    """Yield the rows of table 7.2: 32 readings from tables 6.1 and 7.1, and the causes of their
+    misses.
+    """
     bore = dict(BORE_W_m2K)
     misses = misses_K(bore)
     by_bore = _bore_sensitivity_K(bore, misses)
@@ -187,13 +192,16 @@ def table_7_2_rows() -> Iterator[VerifyRow]:
     u_K = np.sqrt(u_beta_K**2 + u_h_K**2 + AIR_U_K**2 + u_bore_K**2)
     yield row(
         "physics",
-        "a of both disks in all 16 tests, steady, at the thesis's own beta, h and friction: miss, K rms",
+        "a of both disks in all 16 tests, steady, at the thesis's own beta, h and friction: miss, "
+        "K rms",
         "tables 7.1, 7.2",
         "0",
         f"{rms(misses):.1f}",
         rms(misses) < 1.5 * u_K,
-        f"the whole disk with an assumed press fit and air at 60 degC. beta to 0.015 makes {u_beta_K:.1f} K of it, "
-        f"h to 5 % {u_h_K:.1f}, the air to 3 K {AIR_U_K:.1f}, the press fit to 25 % {u_bore_K:.1f}: "
+        "the whole disk with an assumed press fit and air at 60 degC. beta to 0.015 makes "
+        f"{u_beta_K:.1f} K of it, "
+        f"h to 5 % {u_h_K:.1f}, the air to 3 K {AIR_U_K:.1f}, the press fit to 25 % "
+        f"{u_bore_K:.1f}: "
         f"{u_K:.1f} K in all; agrees below 1.5 times that",
     )
     air_K = 0.0
@@ -219,6 +227,8 @@ def table_7_2_rows() -> Iterator[VerifyRow]:
         "0",
         f"{remaining:.1f}",
         remaining < 1.5 * scatter,
-        f"{bore['fast']:.0f} and {bore['slow']:.0f} W/m2K, {AIR_degC + air_K:.0f} degC: nothing of the bore is in the "
-        f"thesis, which takes the inner row as measured. The remainder is the scatter of beta and h ({scatter:.1f} K)",
+        f"{bore['fast']:.0f} and {bore['slow']:.0f} W/m2K, {AIR_degC + air_K:.0f} degC: nothing of "
+        "the bore is in the "
+        "thesis, which takes the inner row as measured. The remainder is the scatter of beta and "
+        f"h ({scatter:.1f} K)",
     )

@@ -16,7 +16,8 @@ TABLE_6_5 = {
     PAIRS_SAME: {"l": 15, "w": 0, "i": 0, "n": 3},
 }
 
-# tests of Clarke (2009), A1 to D4 in the order of the programme: table 7.1, h of fast and slow disk [W/m2K]
+# tests of Clarke (2009), A1 to D4 in the order of the programme: table 7.1, h of fast and slow disk
+# [W/m2K]
 CLARKE_H = (
     (921, 352),
     (830, 317),
@@ -54,7 +55,8 @@ CLARKE_AT_REST = (
     (139.0, 101.6, 19.1),
     (157.7, 112.8, 23.4),
 )
-# table 7.3: difference of the surfaces' greatest temperatures times sliding speed [K m/s], beta of models F and C
+# table 7.3: difference of the surfaces' greatest temperatures times sliding speed [K m/s], beta of
+# models F and C
 TABLE_7_3 = (
     (156.6, 0.69, 0.48),
     (222.0, 0.68, 0.48),
@@ -73,7 +75,8 @@ TABLE_7_3 = (
     (574.4, 0.68, 0.46),
     (697.1, 0.67, 0.45),
 )
-# figures 4.13 to 4.16: share and h [W/m2K] at both ends of the lines of least error, and the rise of the temperature
+# figures 4.13 to 4.16: share and h [W/m2K] at both ends of the lines of least error, and the rise
+# of the temperature
 # near the contact from the first end to the second [K]
 LINE_ENDS = {
     "fast": ((0.37, 100.0), (0.83, 1200.0), 6.0),

@@ -1,4 +1,6 @@
-"""Rows of the rim model: figures 3.5, 3.15 and 3.16, convergence (section 3.6.3), and tables 3.1 to 3.6."""
+"""Rows of the rim model: figures 3.5, 3.15 and 3.16, convergence (section 3.6.3), and tables 3.1 to
+3.6.
+"""
 
 from __future__ import annotations
 
@@ -45,18 +47,23 @@ MAX_FACTOR = 4.0  # factor between both numbers up to which they have the same s
 MAX_FACTOR_NOT_COMPARABLE = 10.0  # the same where sizes cannot be compared; judgement
 NOT_COMPARABLE = (("maximum", "I"), ("maximum", "III"))
 WHY_SIZE = (
-    "quasi-steady fields of D4, point values of the parabola raised by table 3.4; agrees when it falls in time and "
+    "quasi-steady fields of D4, point values of the parabola raised by table 3.4; agrees when it "
+    "falls in time and "
     f"lies within a factor {MAX_FACTOR:g}: the logged inner row of D4 is not in the thesis"
 )
 WHY_NOT = (
-    "falls in time as published, but the size cannot be checked: the logged inner row of D4 and the worst node are not "
-    "in the thesis, and its set III is worse than its coarser set II, so more than the mesh is in its figure; "
+    "falls in time as published, but the size cannot be checked: the logged inner row of D4 and "
+    "the worst node are not "
+    "in the thesis, and its set III is worse than its coarser set II, so more than the mesh is in "
+    "its figure; "
     f"more than a factor {MAX_FACTOR_NOT_COMPARABLE:g} off differs"
 )
 
 
 def closed_form_rows() -> Iterator[VerifyRow]:
-    """Yield the rows of the rim model against closed forms, and of the limit of the explicit scheme."""
+    """Yield the rows of the rim model against closed forms, and of the limit of the explicit
+    scheme.
+    """
     rim = studies.default_rim()
     contact = hertz_contact(2320.0)
     passage = 2 * contact.minor_m / surface_speed_m_s(774.0)
@@ -68,8 +75,10 @@ def closed_form_rows() -> Iterator[VerifyRow]:
         "< 0.4",
         f"{flash:.3f}",
         flash < 0.4 * (1 + 2 * 0.018),
-        f"after {passage * 1e3:.3f} ms in the contact; the steel is assumed (K to 3 %, rho c to 2 %: 1.8 % of this "
-        "depth), so agrees up to two of those above 0.4; far above both junction e and the mesh in any case",
+        f"after {passage * 1e3:.3f} ms in the contact; the steel is assumed (K to 3 %, rho c to 2 "
+        "%: 1.8 % of this "
+        "depth), so agrees up to two of those above 0.4; far above both junction e and the mesh "
+        "in any case",
     )
     yield row(
         "rule",
@@ -78,7 +87,8 @@ def closed_form_rows() -> Iterator[VerifyRow]:
         "230",
         f"{jump:.0f}",
         abs(jump - 230) < 7,
-        "the figure's end is not printed; 93 s is where (3.27) gives 230 mm, so this ties the two together",
+        "the figure's end is not printed; 93 s is where (3.27) gives 230 mm, so this ties the two "
+        "together",
     )
     transient_error = float(np.abs(studies.transient_check().error_percent).max())
     steady_error = float(np.abs(studies.steady_check().error_percent).max())
@@ -124,13 +134,14 @@ def closed_form_rows() -> Iterator[VerifyRow]:
         "stable, unstable",
         f"{below:.2g}, {above:.2g}",
         below < 1 < above,
-        f"mesh II, limit {limit * 1e3:.2f} ms with both directions counted (the thesis quotes the 1-D form)",
+        f"mesh II, limit {limit * 1e3:.2f} ms with both directions counted (the thesis quotes the "
+        "1-D form)",
     )
 
 
 def field_rows() -> Iterator[VerifyRow]:
-    """Yield the rows of the engine's field against Crank-Nicolson, and of both boundary conditions."""
-    difference_K = studies.stepped_gap_K(700.0, 0.7)
+    """Yield the rows of the modal engine against Crank-Nicolson, and of both boundaries."""
+    difference_K = studies.stepped_difference_K(700.0, 0.7)
     yield row(
         "arithmetic",
         "modal engine against Crank-Nicolson on the same mesh, all nodes after 3 s of heating, K",
@@ -138,7 +149,8 @@ def field_rows() -> Iterator[VerifyRow]:
         "one scheme",
         f"{difference_K:.5f}",
         difference_K < 2e-3,
-        "two ways to solve one set of difference equations, each written from (3.30) anew: mesh II, steps of 20 ms, "
+        "two ways to solve one set of difference equations, each written from (3.30) anew: mesh "
+        "II, steps of 20 ms, "
         "250 W into the disk; agrees below 2 mK",
     )
     rim = studies.default_rim()
@@ -175,7 +187,8 @@ def field_rows() -> Iterator[VerifyRow]:
     ours = (quadratic[0], quadratic[-1], slope_start, slope_end, *at_junctions)
     yield row(
         "physics",
-        "inner row of 82, 85, 80 degC: faces by the parabola, degC; slopes there of the quartic, K/mm; its d, b, f",
+        "inner row of 82, 85, 80 degC: faces by the parabola, degC; slopes there of the quartic, "
+        "K/mm; its d, b, f",
         "(3.33), (3.34), figure 3.8",
         numbers(expected, 2),
         numbers(ours, 2),
@@ -195,7 +208,8 @@ def mesh_rows() -> Iterator[VerifyRow]:
         "none to be seen",
         numbers(by_mesh, 4),
         max(by_mesh) < 0.05,
-        "agrees when below 0.05 %; flux of 250 W over the whole track, which the thesis does not state",
+        "agrees when below 0.05 %; flux of 250 W over the whole track, which the thesis does not "
+        "state",
     )
     yield row(
         "trend",
@@ -217,7 +231,8 @@ def mesh_rows() -> Iterator[VerifyRow]:
             [round(x, 4) for x in ours],
             4,
             absolute=1e-9,
-            why="N = 2 round(b/dz), N^2/(N^2 - 1), to the last digit; the rule was found from this table",
+            why="N = 2 round(b/dz), N^2/(N^2 - 1), to the last digit; the rule was found from "
+            "this table",
         )
     yield from _real()
 
@@ -235,13 +250,16 @@ def _ideal() -> Iterator[VerifyRow]:
             same_size = 1 / MAX_FACTOR < with_delay[0] / printed[0] < MAX_FACTOR
             yield row(
                 "trend",
-                f"mesh {name} against IV, {statistic} error at {numbers(studies.IDEAL_TIMES_S, 0)} s, %",
+                f"mesh {name} against IV, {statistic} error at "
+                f"{numbers(studies.IDEAL_TIMES_S, 0)} s, %",
                 f"table {table}",
                 numbers(printed, 3),
                 f"{numbers(ours, 3)}; heat one step late: {numbers(with_delay, 3)}",
                 falls and below and same_size,
-                "ours falls with time and stays below; the published errors are proportional to the "
-                "time step less a floor of 0.015 %, as one step of delay and a loosely converged iteration "
+                "ours falls with time and stays below; the published errors are proportional to "
+                "the "
+                "time step less a floor of 0.015 %, as one step of delay and a loosely converged "
+                "iteration "
                 "give, so ours with that delay must come within a factor 4 at 2 s",
             )
     at_2_s = [errors[name].maximum[0] for name in TABLE_3_2]
@@ -286,5 +304,6 @@ def _real() -> Iterator[VerifyRow]:
         f"{5.015 / 0.709:.1f}",
         f"{coarse / fine:.1f}",
         coarse > 4 * fine,
-        "must be above 4: the parabola on four nodes carries 4.6 % too much heat even after its correction",
+        "must be above 4: the parabola on four nodes carries 4.6 % too much heat even after its "
+        "correction",
     )

@@ -1,4 +1,5 @@
-"""Rows of sensors and baths against standards and tables: type J, bearings, lags, cement, natural convection.
+"""Rows of sensors and baths against standards and tables: type J, bearings, lags, cement, natural
+convection.
 
 Chapters 2 and 5, with plunged cylinders.
 """
@@ -55,7 +56,7 @@ HALF_OF_A_PLATE = 0.3788
 
 
 def sensor_rows() -> Iterator[VerifyRow]:
-    """Yield the rows of chapter 2: thermocouples, their conditioning, the transducer of friction."""
+    """Yield the rows of chapter 2: thermocouples, conditioning, friction transducer."""
     yield close(
         "physics",
         f"emf of type J at {', '.join(map(str, TYPE_J_mV))} degC, mV",
@@ -69,7 +70,8 @@ def sensor_rows() -> Iterator[VerifyRow]:
     compensated = temperature_degC(TYPE_J_mV[100] - TYPE_J_mV[25], 25.0)
     yield close(
         "physics",
-        "temperature of a junction that gives 5.26892 - 1.27729 mV beside a terminal at 25 degC, degC",
+        "temperature of a junction that gives 5.26892 - 1.27729 mV beside a terminal at 25 degC, "
+        "degC",
         "ITS-90 (NIST)",
         "100",
         [float(compensated)],
@@ -106,7 +108,8 @@ def sensor_rows() -> Iterator[VerifyRow]:
     lags = (0.6 + 0.1 + 0.05 + 2 / (2 * np.pi * 4.0), 0.7)
     yield row(
         "physics",
-        "reading behind a ramp of 1 K/s, K: lags of 0.6 and 0.1 s, 0.05 s of dead time, two poles of 4 Hz; "
+        "reading behind a ramp of 1 K/s, K: lags of 0.6 and 0.1 s, 0.05 s of dead time, two poles "
+        "of 4 Hz; "
         "one lag of 0.7 s in the rim's bank",
         "VDI/VDE 3522",
         numbers(lags, 4),
@@ -152,7 +155,8 @@ def bath_rows() -> Iterator[VerifyRow]:
             numbers(exact, 1),
             ours,
             1,
-            f"exact laminar plate; agrees within {MAX_ERROR[name]:.1%}: the first is an average over fluids, the "
+            f"exact laminar plate; agrees within {MAX_ERROR[name]:.1%}: the first is an average "
+            "over fluids, the "
             "second an integral solution",
             relative=MAX_ERROR[name],
         )
@@ -168,13 +172,15 @@ def bath_rows() -> Iterator[VerifyRow]:
         f"below D/L = {ratio:.2f}",
         numbers(least, 2),
         6.0 < least[0] < ratio and 2.5 < least[1] < 4.0,
-        "35 Gr^-0.25 with the oil's own data; at 69 degC it fails once about four fifths of the difference are gone",
+        "35 Gr^-0.25 with the oil's own data; at 69 degC it fails once about four fifths of the "
+        "difference are gone",
     )
     water = fluid("water").at(80.0)
     ours = [float(getattr(water, name)) for name in WATER_80]
     yield row(
         "physics",
-        "water of the trial bath at 80 degC: density, specific heat, conductivity, viscosity, expansion, Pr",
+        "water of the trial bath at 80 degC: density, specific heat, conductivity, viscosity, "
+        "expansion, Pr",
         "section 5.4; IAPWS",
         ", ".join(f"{v:.4g}" for v in WATER_80.values()),
         ", ".join(f"{v:.4g}" for v in ours),
@@ -195,7 +201,8 @@ def bath_rows() -> Iterator[VerifyRow]:
         f"{exact_h:.0f}",
         f"{h:.0f}",
         abs(h / exact_h - 1) < 0.05,
-        "exact laminar plate with tabulated water at the film's 48 degC; the floor of 0.68 in (5.4) is 3 % of it: "
+        "exact laminar plate with tabulated water at the film's 48 degC; the floor of 0.68 in "
+        "(5.4) is 3 % of it: "
         "agrees within 5 %",
     )
     yield from _cylinders()
@@ -226,7 +233,8 @@ def _cylinders() -> Iterator[VerifyRow]:
         ours += [float(run.surface_degC[-1]), *run.junction_degC[-1].tolist()]
     yield row(
         "physics",
-        "share of the first difference left at surface, half radius and centre of a solid cylinder, Fourier "
+        "share of the first difference left at surface, half radius and centre of a solid "
+        "cylinder, Fourier "
         "number 0.6, Biot 0.1, then 1",
         "section 5.7; Heisler's charts",
         numbers(expected, 4),
@@ -245,7 +253,8 @@ def _cylinders() -> Iterator[VerifyRow]:
         "1",
         f"{heat / stored:.4f}",
         abs(heat / stored - 1) < 5e-3,
-        f"everything else is insulated; {run.junction_degC[-1, 0]:.2f} degC are reached. Agrees within 0.5 %",
+        f"everything else is insulated; {run.junction_degC[-1, 0]:.2f} degC are reached. Agrees "
+        "within 0.5 %",
     )
     # Equivalent to a constant flux of 1e5 W/m2.
     run = simulate_plunge_model(disk, [radius - hole], constant_h(1e-3), 0.0, 1e8, 120.0)

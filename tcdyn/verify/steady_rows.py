@@ -21,7 +21,10 @@ from tcdyn.simulate.programme import PROGRAMME, EhlCondition
 from tcdyn.verify import VerifyRow, close, numbers, published, row, studies
 
 AIR_degC = 60.0  # about what the ends of the lines of section 4.3 imply, see ``_line_ends``
-WHY_AIR = f"air at {AIR_degC:g} degC and a level inner row (not printed), which is set so that a reads as in table 7.2"
+WHY_AIR = (
+    f"air at {AIR_degC:g} degC and a level inner row (not printed), which is set so that a reads "
+    "as in table 7.2"
+)
 C2 = 9  # index of the test in the programme
 A_DEPTH_m = 3e-3
 SURFACE_m = 0.0
@@ -53,8 +56,8 @@ class Steady:
     a_degC: float
     air_degC: float = AIR_degC
 
-    def parts(self, points: tuple[Point, ...]) -> tuple[Array, Array, Array]:
-        """Return the responses of the points, (P,) each, to a watt, to the inner row and to the air."""
+    def responses(self, points: tuple[Point, ...]) -> tuple[Array, Array, Array]:
+        """Return responses of the points, (P,) each, to a watt, to the inner row and to the air."""
         half_width = half_width_m(self.load_N)
         mesh = MESHES["III"]
         static = rim_gains(RIM, self.h_W_m2K, points, half_width, RATES, mesh=mesh).static
@@ -62,7 +65,7 @@ class Steady:
 
     def inner_degC(self) -> float:
         """Return the level inner row with which the model of a equals its reading."""
-        to_power, to_inner, to_air = (x[0] for x in self.parts((POINT_A,)))
+        to_power, to_inner, to_air = (x[0] for x in self.responses((POINT_A,)))
         remaining = self.a_degC - to_power * self.power_W - to_air * self.air_degC
         return float(remaining / to_inner)
 
@@ -71,12 +74,12 @@ class Steady:
 
         ``inner_degC``: level of the inner row; by default that of :meth:`inner_degC`.
         """
-        to_power, to_inner, to_air = self.parts(points)
+        to_power, to_inner, to_air = self.responses(points)
         level = self.inner_degC() if inner_degC is None else inner_degC
         return to_power * self.power_W + to_inner * level + to_air * self.air_degC
 
     def along_its_line(self, power_W: float) -> Steady:
-        """Return the rim with other heat, and the h with which the same inner row gives the same a."""
+        """Return rim with other heat, and the h with which the same inner row gives the same a."""
         level = self.inner_degC()
 
         def error(h: float) -> float:
@@ -91,7 +94,7 @@ class Steady:
         return float(self.at(((SURFACE_m, MIDDLE_m),), inner_degC)[0])
 
 
-def of_test(test: EhlCondition) -> dict[str, Steady]:
+def steady_disks(test: EhlCondition) -> dict[str, Steady]:
     """Return both disks of a test as in tables 7.1 and 7.2."""
     heat_fast = test.beta * test.power_W
     heat_slow = (1 - test.beta) * test.power_W
@@ -110,7 +113,7 @@ def steady_rows() -> Iterator[VerifyRow]:
 
 
 def _line_ends() -> Iterator[VerifyRow]:
-    """Section 4.3: both ends of a line of least error fit the same readings; D4 of Clarke (2009)."""
+    """Section 4.3: both ends of a line of least error fit the readings; D4 of Clarke (2009)."""
     d4 = PROGRAMME["D4"]
     a_fast, a_slow, friction = published.CLARKE_AT_REST[-1]
     total_W = friction * d4.sliding_speed_m_s
@@ -118,7 +121,7 @@ def _line_ends() -> Iterator[VerifyRow]:
     rises = []
     for (start, end, _), a in zip(published.LINE_ENDS.values(), (a_fast, a_slow), strict=True):
         ends = [Steady(share * total_W, h, d4.load_N, a) for share, h in (start, end)]
-        responses = [[float(x[0]) for x in steady.parts((POINT_A,))] for steady in ends]
+        responses = [[float(x[0]) for x in steady.responses((POINT_A,))] for steady in ends]
         matrix = [response[1:] for response in responses]
         right_side = [
             a - response[0] * steady.power_W
@@ -130,12 +133,14 @@ def _line_ends() -> Iterator[VerifyRow]:
         rises.append(hottest[1] - hottest[0])
     yield close(
         "physics",
-        "rise of the track's surface from one end of the line of least error to the other, fast, slow, K",
+        "rise of the track's surface from one end of the line of least error to the other, fast, "
+        "slow, K",
         "figures 4.13 to 4.16",
         numbers((rise for *_, rise in published.LINE_ENDS.values()), 0),
         rises,
         1,
-        "inner row and air solved so that a reads as in table 7.2 (D4 of Clarke) at both ends; contours are labelled "
+        "inner row and air solved so that a reads as in table 7.2 (D4 of Clarke) at both ends; "
+        "contours are labelled "
         "to a kelvin or two: agrees within 1 K",
         absolute=1.0,
     )
@@ -146,7 +151,8 @@ def _line_ends() -> Iterator[VerifyRow]:
         "60 to 70",
         numbers(airs, 0),
         all(50 < air < 75 for air in airs),
-        "the trade of share for h along a line is the surface's excess over the air; oil and air are not printed for "
+        "the trade of share for h along a line is the surface's excess over the air; oil and air "
+        "are not printed for "
         "that test, 60 and 70 degC are what figure 6.28 assumes: agrees within 50 to 75",
     )
     (share, h), (end_share, end_h), _ = published.LINE_ENDS["fast"]
@@ -165,14 +171,15 @@ def _line_ends() -> Iterator[VerifyRow]:
         "35 to 36; rises to the surface",
         f"{radius:.1f}; {'rises' if centre_rises else 'falls'}",
         34.8 < radius < 36.2 and centre_rises,
-        "beta = 0.73 on the line of section 4.3, level inner row; each kelvin that d and f lie below b moves it out by "
+        "beta = 0.73 on the line of section 4.3, level inner row; each kelvin that d and f lie "
+        "below b moves it out by "
         "0.1 mm: agrees within 0.2 mm of the range",
     )
 
 
 def _asymmetries() -> Iterator[VerifyRow]:
     """Figures 6.26 to 6.28: the slow disk of D4 with uneven h or air."""
-    d4 = replace(of_test(PROGRAMME["D4"])["slow"], h_W_m2K=300.0)
+    d4 = replace(steady_disks(PROGRAMME["D4"])["slow"], h_W_m2K=300.0)
     inner = d4.inner_degC()
     half_width = half_width_m(d4.load_N)
     points = ((A_DEPTH_m, 2e-3), POINT_A, (A_DEPTH_m, RIM.width_m - 2e-3))
@@ -203,17 +210,20 @@ def _asymmetries() -> Iterator[VerifyRow]:
         "warmer on the left, c still below a",
         numbers(steps - even, 2),
         bool(steps[0] > even[0] and steps[2] < even[2] and steps[0] < steps[1]),
-        f"c stays {steps[1] - steps[0]:.1f} K below a, as the thesis concludes; numbers are not printed",
+        f"c stays {steps[1] - steps[0]:.1f} K below a, as the thesis concludes; numbers are not "
+        "printed",
     )
     change = sided - even
     yield row(
         "trend",
-        "the same with air at 70 beyond the left washer, 60 beyond the right: change at the three places, K",
+        "the same with air at 70 beyond the left washer, 60 beyond the right: change at the three "
+        "places, K",
         "figure 6.28",
         "warmer on the left, c still below a",
         numbers(change, 3),
         bool(change[0] > change[1] > change[2] > 0 and sided[0] < sided[1]),
-        "a tenth of a kelvin where the readings differ by several: as ruled out there; numbers are not printed",
+        "a tenth of a kelvin where the readings differ by several: as ruled out there; numbers "
+        "are not printed",
     )
 
 
@@ -222,7 +232,7 @@ def _surfaces() -> Iterator[VerifyRow]:
     computed = []
     speeds = []
     for test in PROGRAMME.values():
-        disks = of_test(test)
+        disks = steady_disks(test)
         difference_K = disks["fast"].hottest_degC() - disks["slow"].hottest_degC()
         speeds.append(test.sliding_speed_m_s)
         computed.append(difference_K * test.sliding_speed_m_s)
@@ -233,12 +243,14 @@ def _surfaces() -> Iterator[VerifyRow]:
         rms_K = float(np.sqrt(np.mean(errors_K[tests] ** 2)))
         yield row(
             "physics",
-            f"difference of the surfaces' greatest temperatures times sliding speed, tests {family}, K m/s",
+            "difference of the surfaces' greatest temperatures times sliding speed, tests "
+            f"{family}, K m/s",
             "table 7.3",
             numbers([printed[i] for i in tests], 0),
             numbers([computed[i] for i in tests], 0),
             rms_K < 0.6,
-            f"tables 7.1 and 7.2 through the rim; {WHY_AIR}. Agrees when the surfaces' difference is within 0.6 K rms",
+            f"tables 7.1 and 7.2 through the rim; {WHY_AIR}. Agrees when the surfaces' difference "
+            "is within 0.6 K rms",
         )
     c2 = tuple(PROGRAMME.values())[C2]
     junctions = (c2.fast_a_degC - c2.slow_a_degC) * c2.sliding_speed_m_s
@@ -250,7 +262,8 @@ def _surfaces() -> Iterator[VerifyRow]:
         f"{printed[C2]:.1f}",
         f"{computed[C2]:.1f}",
         is_misprint,
-        f"396.5 is meant: already 3 mm deep the disks differ by {junctions:.0f} K m/s (table 7.2), and the difference "
+        f"396.5 is meant: already 3 mm deep the disks differ by {junctions:.0f} K m/s (table 7.2), "
+        "and the difference "
         "of the surfaces is larger than that in all other tests",
         good="misprint",
     )
@@ -259,7 +272,7 @@ def _surfaces() -> Iterator[VerifyRow]:
 def _sensitivity() -> Iterator[VerifyRow]:
     """Figure 7.21: along both lines of least error of D4, beta 0.42 to 0.68."""
     test = PROGRAMME["D4"]
-    disks = of_test(test)
+    disks = steady_disks(test)
 
     def at_share(name: str, share: float) -> Steady:
         return disks[name].along_its_line(share * test.power_W)
@@ -277,7 +290,8 @@ def _sensitivity() -> Iterator[VerifyRow]:
         "4, -4",
         rises,
         1,
-        f"each disk along its own line of least error through table 7.1's point; {WHY_AIR}; 'approximately': agrees "
+        f"each disk along its own line of least error through table 7.1's point; {WHY_AIR}; "
+        "'approximately': agrees "
         "within 1 K",
         absolute=1.0,
     )

@@ -1,4 +1,6 @@
-"""Comparisons of section 3.6 as data: closed forms, orders of convergence, meshing study of the rim model."""
+"""Comparisons of section 3.6 as data: closed forms, orders of convergence, meshing study of the rim
+model.
+"""
 
 from __future__ import annotations
 
@@ -72,7 +74,9 @@ def default_rim(washer: bool = True) -> Rim:
 
 
 def transient_check() -> ClosedForm:
-    """Compare a 2 m disk whose surface jumps from 20 to 160 degC, at 3 mm depth, up to 93 s (figure 3.15)."""
+    """Compare a 2 m disk whose surface jumps from 20 to 160 degC, at 3 mm depth, up to 93 s (figure
+    3.15).
+    """
     rim = replace(default_rim(False), outer_radius_m=2.0)
     depth_m = 3e-3
     time = np.linspace(2.0, 93.0, 92)
@@ -259,7 +263,7 @@ def _errors(fields: dict[str, list[Array]]) -> dict[str, MeshErrors]:
     return out
 
 
-def stepped_gap_K(h: float, share: float) -> float:
+def stepped_difference_K(h: float, share: float) -> float:
     """Return the largest difference [K] between the modal engine and Crank-Nicolson on mesh II.
 
     The heat starts at once; 150 steps of 20 ms.

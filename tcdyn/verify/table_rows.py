@@ -1,4 +1,6 @@
-"""Rows of printed tables against each other: junction comparisons, forces, h, trend lines (chapters 2, 6, 7)."""
+"""Rows of printed tables against each other: junction comparisons, forces, h, trend lines (chapters
+2, 6, 7).
+"""
 
 from __future__ import annotations
 
@@ -72,7 +74,8 @@ def _groups() -> VerifyRow:
         printed,
         computed,
         printed == computed and _default_groups() == published.COMPARED[0][0],
-        "27 and 18 pairs, counted in tables 6.2 to 6.4; the default rig's angles group the junctions as table 6.2 does",
+        "27 and 18 pairs, counted in tables 6.2 to 6.4; the default rig's angles group the "
+        "junctions as table 6.2 does",
     )
 
 
@@ -139,7 +142,8 @@ def _ratios() -> VerifyRow:
         numbers((2.62, 2.62), 2),
         numbers((ratios.min(), ratios.max()), 3),
         bool(low <= chi <= high),
-        f"one ratio from {low:.4f} to {high:.4f} gives all 64 printed h to their rounding, and ours, 4.24^0.667 = "
+        f"one ratio from {low:.4f} to {high:.4f} gives all 64 printed h to their rounding, and "
+        "ours, 4.24^0.667 = "
         f"{chi:.4f}, is one; that is n from {n_low:.4f} to {n_high:.4f}",
     )
 
@@ -171,7 +175,8 @@ def _means() -> Iterator[VerifyRow]:
 
 
 def chebyshev_line(x: Array, y: Array) -> tuple[float, float, float]:
-    """Return intercept, slope and largest error of the line with the least largest error to ``y`` (N,).
+    """Return intercept, slope and largest error of the line with the least largest error to ``y``
+    (N,).
 
     >>> [round(v, 3) for v in chebyshev_line(np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.0, 1.0]))]
     [0.25, 0.5, 0.25]
@@ -197,7 +202,8 @@ def _trend_lines() -> Iterator[VerifyRow]:
             "a straight line",
             f"{intercept:.3f} - {-slope * 1e5:.1f}e-5 x",
             error <= 0.005 and slope < 0,
-            f"one falling line gives all 16 betas to their rounding (at most {error:.4f} off); nothing of ours in it",
+            f"one falling line gives all 16 betas to their rounding (at most {error:.4f} off); "
+            "nothing of ours in it",
         )
     measured = np.array([t.beta for t in TESTS])
     slope, level = np.polyfit(x, measured, 1)

@@ -101,7 +101,7 @@ def test_the_page_of_one_good_test_has_its_answers_and_no_picture_of_a_single_po
     html = (done[0] / "campaign.html").read_text(encoding="utf-8")
     assert html.count("data:image/png;base64,") == 0
     assert "EHL_bad.csv" in html
-    assert "β of each test, by every way" in html
+    assert "β of each test, all estimates" in html
 
 
 def test_finished_logs_are_not_analysed_again(

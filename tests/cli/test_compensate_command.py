@@ -142,7 +142,7 @@ def test_the_page_holds_numbers_and_pictures(
     assert (tmp_path / "plunge.compensated.csv").exists()
     html = page.read_text(encoding="utf-8")
     assert html.count("data:image/png;base64,") == 2
-    for words in ("remaining shift", "noise gain", "before use", "source_sha256"):
+    for words in ("remaining shift", "noise gain", "filter design report", "source_sha256"):
         assert words in html
 
 
@@ -219,7 +219,7 @@ def test_other_compensators_give_a_second_opinion(
         )
         html = page.read_text(encoding="utf-8")
         assert (
-            ("Deconvolution looks both ways" in html)
+            ("Deconvolution uses past and future samples" in html)
             == ("follows up to" in html)
             == ("inverse" not in words)
         )

@@ -27,7 +27,7 @@ from tcdyn.identify import (
 from tcdyn.identify import forward_selection as grow
 from tcdyn.identify.comparison import not_worse
 from tcdyn.identify.validate import validate
-from tcdyn.report.dynamics import intervals_said, noise_said
+from tcdyn.report.dynamics import input_noise_text, interval_text
 from tests.identify.test_identify_several import plant
 
 LOOK, NOTE = Severity.WARNING, Severity.INFO
@@ -109,11 +109,11 @@ def test_the_page_says_where_intervals_come_from_and_what_was_taken_for_the_inpu
             {"noise": "slow", "input_noise": 0.0},
         )
     )
-    assert "profile likelihood" in intervals_said(plain)
-    assert noise_said(plain, data) == "is known without error"
-    assert "robust loss (huber)" in intervals_said(spiked)
-    assert noise_said(spiked, data) == "is measured with noise (heat of sd 0.02 degC)"
-    assert "first-order disturbances averaged" in intervals_said(slow)
+    assert "profile likelihood" in interval_text(plain)
+    assert input_noise_text(plain, data) == "is known without error"
+    assert "robust loss (huber)" in interval_text(spiked)
+    assert input_noise_text(spiked, data) == "is measured with noise (heat of sd 0.02 degC)"
+    assert "first-order disturbances averaged" in interval_text(slow)
 
 
 def test_a_drift_that_was_asked_for_is_no_reproach_where_it_goes_on():

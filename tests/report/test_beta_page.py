@@ -12,7 +12,7 @@ from matplotlib.colors import to_rgb
 from tcdyn.partition.analyse import Partition
 from tcdyn.plots import partition as draw
 from tcdyn.plots.style import DISK_COLOUR, DISK_LINE, DISK_MARKER, figure
-from tcdyn.report.beta import assumed, verdict, write_beta_report
+from tcdyn.report.beta import beta_assumptions, verdict, write_beta_report
 from tcdyn.report.page import typeset
 from tcdyn.rig.disk import DISKS
 from tcdyn.workflows import beta_tables, joint_tables
@@ -53,7 +53,7 @@ def test_the_verdict_gives_the_answer_before_the_agreement(partition: Partition)
     said = verdict(partition)
     assert said.startswith("β = 0.")
     assert said.index("95 %") < said.index("ways to beta")
-    assert any(f"{partition.test.speed_exponent:g}" in line for line in assumed(partition))
+    assert any(f"{partition.test.speed_exponent:g}" in line for line in beta_assumptions(partition))
 
 
 @pytest.mark.e2e

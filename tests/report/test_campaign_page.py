@@ -23,11 +23,11 @@ from tcdyn.report.campaign import (
     campaign_pictures,
     campaign_verdict,
     partition_table,
-    trend_words,
+    trend_lines,
     write_campaign_report,
 )
-from tcdyn.report.campaign_joint import beta_table, exponent_words, joined_sections, trend_sentence
-from tcdyn.report.campaign_joint import trend_words as joined_trend_words
+from tcdyn.report.campaign_joint import beta_table, exponent_text, joined_sections, trend_sentence
+from tcdyn.report.campaign_joint import trend_lines as joined_trend_lines
 from tcdyn.report.page import table_html
 from tcdyn.workflows.campaign import CampaignRun
 from tcdyn.workflows.campaign_results import said_once
@@ -83,7 +83,7 @@ def test_two_tests_make_no_line_and_three_do() -> None:
             if len(line.get_xdata()) == 2 and line.get_linestyle() != "None"
         ]
         assert len(drawn) == lines
-        assert " ".join(trend_words(table).get("quantity", ())).count("traction force") == lines
+        assert " ".join(trend_lines(table).get("quantity", ())).count("traction force") == lines
 
 
 def test_pictures_tell_groups_apart_without_colour() -> None:
@@ -97,7 +97,7 @@ def test_pictures_tell_groups_apart_without_colour() -> None:
 def test_tables_speak_words_and_units_not_column_names() -> None:
     table = sixteen()
     everything = " ".join(
-        table_html(shown) for shown in (trend_words(table), partition_table(table))
+        table_html(shown) for shown in (trend_lines(table), partition_table(table))
     )
     assert "_" not in everything.replace("ΔT u_s", "")
     assert "bulk temperature, fast disk [°C]" in everything
@@ -115,7 +115,7 @@ def test_a_slope_is_claimed_only_where_its_interval_leaves_zero_out(whole: Joine
     assert "β changes with ΔT u_s" in trend_sentence(whole)
     flat = replace(whole.trends[0], p_value=(0.2,))
     assert "do not show" in trend_sentence(replace(whole, trends=(flat,)))
-    assert "asks for three set points" in trend_sentence(replace(whole, trends=()))
+    assert "needs three set points" in trend_sentence(replace(whole, trends=()))
 
 
 def test_a_slope_over_heat_is_told_for_a_thousand_of_its_units_and_a_scatter_where_it_is_real(
@@ -125,7 +125,7 @@ def test_a_slope_over_heat_is_told_for_a_thousand_of_its_units_and_a_scatter_whe
     slope = Estimate(value=2e-5, u=1e-6, low95=1.8e-5, high95=2.2e-5)
     line = replace(whole.trends[0], slopes=(slope,), p_value=(1e-13,), scatter=0.003, enough=1e-4)
     one = replace(whole, trends=(line,))
-    row = joined_trend_words(one).iloc[0]
+    row = joined_trend_lines(one).iloc[0]
     assert row["slope"] == "0.0200 ± 0.0010 per 1000 K m/s"
     assert row["95 % interval"] == "0.0180 to 0.0220"
     assert row["chance if zero"] == "below 1e-12"
@@ -133,7 +133,7 @@ def test_a_slope_over_heat_is_told_for_a_thousand_of_its_units_and_a_scatter_whe
     assert "the slope 0.0200 +- 0.0010 per 1000 K m/s (95 % interval 0.0180 to 0.0220)" in said
     assert "the tests scatter by 0.0030 more" in said
     likely = replace(one, trends=(replace(line, p_value=(0.03,), enough=0.3),))
-    assert joined_trend_words(likely).iloc[0]["chance if zero"] == "0.03"
+    assert joined_trend_lines(likely).iloc[0]["chance if zero"] == "0.03"
     assert "scatter" not in trend_sentence(likely)
 
 
@@ -141,7 +141,7 @@ def test_one_power_of_the_speed_is_doubted_where_chance_does_not_explain_the_cha
     whole: JoinedCampaign,
 ) -> None:
     for chance, said in ((0.2, "one power is enough"), (0.01, "one power may not be enough")):
-        assert said in exponent_words(replace(whole, law=replace(whole.law, p_value=chance)))
+        assert said in exponent_text(replace(whole, law=replace(whole.law, p_value=chance)))
 
 
 def test_a_model_s_curve_costs_a_degree_of_freedom_where_its_level_is_free(
@@ -177,7 +177,7 @@ def test_the_page_says_that_the_shape_of_a_curve_does_not_fit_and_what_scatter_w
 def test_the_verdict_of_a_campaign_counts_the_tests_whose_ways_agree(tmp_path: Path) -> None:
     table = sixteen().head(3)
     said = campaign_verdict(CampaignRun(tmp_path, (), table))
-    assert "The ways to β agree in 3 of 3 tests." in said
+    assert "The estimates of β agree in 3 of 3 tests." in said
     assert (
         said.index(str(table["test"].iloc[-1]))
         < said.index("largest in")
@@ -215,7 +215,7 @@ def test_the_page_shows_both_uncertainties_n_trends_and_junctions(whole: JoinedC
         f"{s.text} {table_html(s.table) if s.table is not None else ''}" for s in sections
     )
     assert "n = " in everything
-    assert "beside sliding speed" in everything
+    assert "with sliding speed" in everything
     assert "_" not in everything.replace("ΔT u_s", "").replace("speed_exponent", "")
     axes = [ax for s in sections if s.figure is not None for ax in s.figure.axes]
     assert all(ax.get_xlabel() and ax.get_ylabel() for ax in axes)

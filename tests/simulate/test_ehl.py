@@ -211,9 +211,7 @@ def test_another_film_in_the_same_system_is_the_system_of_that_film(film_air_K: 
     start = steady_state(one, 500.0, 60.0)
     level = lambda value: lambda t: np.full_like(t, value)  # noqa: E731
     ends = [
-        integrate(
-            system, level(500.0), level(60.0), (0.0, 20.0), start, film_share=level(share)
-        ).state
+        integrate(system, level(500.0), level(60.0), (0.0, 20.0), start, h_share=level(share)).state
         for system, share in ((one, 0.5), (half, 1.0))
     ]
     np.testing.assert_allclose(ends[0], ends[1], atol=1e-6)

@@ -106,7 +106,7 @@ def test_a_harmonic_conducts_as_a_small_change_of_the_even_part_does() -> None:
         state = y.copy()
         state[even] += more * change
         state[first] = harmonic * change
-        return steel.conducted_W(state)
+        return steel.extra_conduction_W(state)
 
     by_even = (brought(1e-3, 0.0) - brought(-1e-3, 0.0))[even] / 2e-3
     dr_over_r = np.array(
