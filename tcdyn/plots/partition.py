@@ -397,7 +397,7 @@ def _draw_field_of_harmonic(setup: DiskSetup, harmonic: Unevenness, ax: Axes) ->
         shading="gouraud",
         rasterized=True,
     )
-    ax.figure.colorbar(filled, ax=ax, shrink=0.75, label="above the mean round the disk [K]")
+    ax.figure.colorbar(filled, ax=ax, shrink=0.75, label="above the mean around the disk [K]")
     for radius in (inner_mm, outer_mm):
         ax.plot(radius * np.cos(angle), radius * np.sin(angle), color=TRUTH, linewidth=0.9)
 

@@ -41,11 +41,9 @@ from tcdyn.workflows.joint_tables import both_budget, residuals_table
 
 ASSUMPTIONS = (
     "conductivity, density and specific heat of the steel and washer thickness are assumptions of "
-    "rig.toml with the "
-    "uncertainties of its [uncertainty] table",
+    "rig.toml with the uncertainties of its [uncertainty] table",
     "flux in the contact follows the Hertzian pressure; no heat leaves with the oil; the "
-    "temperature around a disk "
-    "varies by its first harmonic, at the angles of rig.toml",
+    "temperature around a disk varies by its first harmonic, at the angles of rig.toml",
     "the speed law h ~ u^n with n of rig.toml, whose range is part of the uncertainty",
 )
 
@@ -110,9 +108,8 @@ def estimate_sections(p: Partition, truth: float | None) -> list[Section]:
         Section(
             "all estimates of β",
             "Speed law: where the steady lines of both disks meet h ~ u^n. Cooling fit: h of one "
-            "disk from its "
-            "compensated traces after the unloading. Joint fit: β, h and lag together from the "
-            "traces as logged.",
+            "disk from its compensated traces after the unloading. Joint fit: β, h and lag "
+            "together from the traces as logged.",
             table=ways_table(p),
         ),
         Section(
@@ -126,8 +123,8 @@ def estimate_sections(p: Partition, truth: float | None) -> list[Section]:
             "steady lines and the estimates on them",
             figure=pictured(partial(draw.draw_lines, p, truth=truth), height_in=4.8),
             caption="Steady running determines a line for each disk; each estimator gives a point "
-            "on it. Bars are 95 %. "
-            "Markers of different size, so that equal estimates stay visible.",
+            "on it. Bars are 95 %. Markers of different size, so that equal estimates stay "
+            "visible.",
             folded=True,
         ),
     ]
@@ -144,18 +141,14 @@ def fit_section(p: Partition | OneDisk, disks: Sequence[str] = DISKS) -> Section
     return Section(
         "does the model agree with the readings?",
         "The joint fit predicts the row near the surface from the readings of the inner row, the "
-        "logged "
-        "friction and the chain; nuisance parameters (depths, steel, static lines) vary within "
-        "their stated "
-        "uncertainty. A model that fits leaves residuals about as large as their noise, without a "
-        "trend in time.",
+        "logged friction and the chain; nuisance parameters (depths, steel, static lines) vary "
+        "within their stated uncertainty. A model that fits leaves residuals about as large as "
+        "their noise, without a trend in time.",
         table=residuals_table(p),
         figure=fig,
-        caption="Above: block means of the readings (points) and the model (lines). Below: reading "
-        "minus model; the "
-        "band is two standard deviations of a block mean, the lines are running means of half a "
-        "second, which would "
-        "show a trend in time.",
+        caption="Above: block means of the readings (points) and the model (lines). Below: "
+        "reading minus model; the band is two standard deviations of a block mean, the lines are "
+        "running means of half a second, which would show a trend in time.",
     )
 
 
@@ -164,9 +157,8 @@ def structure_section(p: Partition) -> Section:
     return Section(
         "model-form alternatives",
         "The joint fit of both disks again, each time with one departure that the fits do not "
-        "assume; the probability "
-        "weighs how well it explains both disks and whether the exponent that it implies is the "
-        "speed law's.",
+        "assume; the probability weighs how well it explains both disks and whether the exponent "
+        "that it implies is the speed law's.",
         table=structures_table(p),
         figure=pictured(partial(draw_structures, p.structures), height_in=5.2),
         caption="Bars are 95 % intervals, darker the likelier; the band is the 95 % range over "
@@ -183,10 +175,8 @@ def uncertainty_sections(p: Partition) -> list[Section]:
         Section(
             "uncertainty budget",
             f"Most of β's uncertainty by the fit of both disks comes from {largest}. Each row is "
-            "one source alone; the "
-            "last row is all together, the root of the sum of squares. That of speed law and "
-            "cooling fit is by Monte "
-            f"Carlo of {n_draws} draws.",
+            "one source alone; the last row is all together, the root of the sum of squares. "
+            f"That of speed law and cooling fit is by Monte Carlo of {n_draws} draws.",
             table=budget_table(p),
             figure=pictured(partial(draw.draw_budget, p), height_in=3.8),
             caption="The first column of the table; a longer bar is a source better worth "
@@ -229,8 +219,8 @@ def transient_sections(p: Partition) -> list[Section]:
             "does the cooling fit depend on its window, or on the inverse?",
             figure=pictured(window_study, comparison, height_in=3.8),
             caption="Left: beta by the cooling fit against the length of its window. Right: the "
-            "cooling fit on "
-            "compensated traces against the joint fit on lagged ones, which needs no inverse.",
+            "cooling fit on compensated traces against the joint fit on lagged ones, which needs "
+            "no inverse.",
         )
     ]
 
@@ -267,10 +257,9 @@ def sensor_sections(p: Partition | OneDisk) -> list[Section]:
             Section(
                 "are the junctions at their nominal depths?",
                 "The steady pattern and the first seconds after loading and unloading determine "
-                "the depth of each "
-                "junction. A bar outside the grey band is a junction to measure again; a "
-                "contradiction is judged over "
-                "all junctions together, in the verdict above.",
+                "the depth of each junction. A bar outside the grey band is a junction to measure "
+                "again; a contradiction is judged over all junctions together, in the verdict "
+                "above.",
                 table=junctions_table(p.sensors.depths),
                 figure=pictured(partial(draw_junctions, p.sensors.depths), height_in=3.4),
             )
@@ -285,11 +274,9 @@ def _sensor_map_section(sensors: SensorCheck, disk: str) -> Section:
     upper_half = matrix.iloc[:-1].drop(columns=matrix.columns[1])
     text = (
         f"{sensors.said[disk]} Bulk temperature {sensors.bulk_degC[disk]:.1f} degC.\n\nOf each "
-        "pair: "
-        "logical where the two differ as their positions require, weak within two standard "
-        "uncertainties, "
-        "illogical where they differ the other way, N.A. where their positions do not determine "
-        "which is hotter."
+        "pair: logical where the two differ as their positions require, weak within two standard "
+        "uncertainties, illogical where they differ the other way, N.A. where their positions do "
+        "not determine which is hotter."
     )
     return Section(f"sensor map of the {disk} disk, steady running", text, table=upper_half)
 
@@ -305,15 +292,13 @@ def beta_assumptions(p: Partition | OneDisk) -> list[str]:
     setup = next(p.test.disks[d].setup for d in DISKS if d in p.test.disks)
     steel = (
         f"steel: conductivity {setup.conductivity_W_mK:g} W/mK, density {setup.density_kg_m3:g} "
-        "kg/m3, specific heat "
-        f"{setup.specific_heat_J_kgK:g} J/kgK, with the uncertainties of rig.toml's table "
-        "[uncertainty], as is the washer"
+        f"kg/m3, specific heat {setup.specific_heat_J_kgK:g} J/kgK, with the uncertainties of "
+        "rig.toml's table [uncertainty], as is the washer"
     )
     heat = (
         "flux in the contact follows the Hertzian pressure; no heat leaves with the oil; the "
-        "temperature around a disk "
-        "varies by its first harmonic, at the angles of rig.toml: two groups of junctions, 15 "
-        "degrees between neighbours"
+        "temperature around a disk varies by its first harmonic, at the angles of rig.toml: two "
+        "groups of junctions, 15 degrees between neighbours"
     )
     if isinstance(p, OneDisk):
         return [steel, heat]

@@ -30,18 +30,14 @@ QUANTITY_LABELS = {
 }
 DELTA_T_US = (
     "ΔT u_s is the difference between the hottest points of the two running surfaces (fast minus "
-    "slow, at the end of "
-    "loading) times the sliding speed. Clarke (2006) found the clearest trend of β over it, and "
-    "figure 7.18 of "
-    "the thesis uses it."
+    "slow, at the end of loading) times the sliding speed. Clarke (2006) found the clearest trend "
+    "of β over it, and figure 7.18 of the thesis uses it."
 )
 ESTIMATORS = (
     "Speed law: where the steady lines of both disks meet h ~ u^n. Cooling fit: h of one disk from "
-    "its compensated "
-    "traces after the unloading. Joint fit: β, h and lag together from the traces as logged. They "
-    "agree where the "
-    "largest difference between two estimates, z in its standard uncertainties, is no more than "
-    "chance allows."
+    "its compensated traces after the unloading. Joint fit: β, h and lag together from the traces "
+    "as logged. They agree where the largest difference between two estimates, z in its standard "
+    "uncertainties, is no more than chance allows."
 )
 
 
@@ -171,8 +167,7 @@ def campaign_verdict(run: CampaignRun) -> str:
         agree += f", not in {', '.join(disagreeing)}"
     text = (
         "β, the share of the frictional heat that enters the fast disk, by the speed law: "
-        f"{result}. "
-        f"The estimates of β agree {agree}."
+        f"{result}. The estimates of β agree {agree}."
     )
     if run.failed:
         text += f" {len(run.failed)} of {len(table)} logs could not be analysed."

@@ -17,12 +17,10 @@ from tcdyn.rig.disk import DISKS
 
 JOINT_TEXT = (
     "All tests of a rig share its errors of depth, steel, washer, friction gain and static lines. "
-    "Two uncertainties "
-    "follow: within the campaign, for a difference between two tests (their u add in squares) and "
-    "for trends; and "
-    "absolute, for a comparison with anything else. β is that of the joint fit of both disks, all "
-    "tests in one "
-    "posterior; each test alone determines it less well."
+    "Two uncertainties follow: within the campaign, for a difference between two tests (their u "
+    "add in squares) and for trends; and absolute, for a comparison with anything else. β is that "
+    "of the joint fit of both disks, all tests in one posterior; each test alone determines it "
+    "less well."
 )
 CONDITIONS = {  # label, unit of a slope, that unit in the unit of the column
     "delta_T_us_K_m_s": ("ΔT u_s", "1000 K m/s", 1e3),
@@ -48,9 +46,8 @@ SCATTER_P = 1e-3  # p-value below which a scatter about the line is stated; chos
 MIN_P = 1e-12  # p-values below this are written as "below 1e-12"; chosen by judgement
 N_CAPTION = (
     "Left: bars of the tests against each other, band of all together; it may lie outside the "
-    "points, since common "
-    "errors shift some tests more than others, and the differences determine them. Right: 95 % "
-    "bars."
+    "points, since common errors shift some tests more than others, and the differences determine "
+    "them. Right: 95 % bars."
 )
 
 
@@ -72,8 +69,8 @@ def joined_sections(joined: JoinedCampaign) -> list[Section]:
     if joined.trends:
         text = (
             "Generalised least squares with the covariance of all tests. Scatter: of the tests "
-            "about the line, beyond "
-            "their uncertainties; where it is not zero, the line alone does not determine β."
+            "about the line, beyond their uncertainties; where it is not zero, the line alone does "
+            "not determine β."
         )
         sections.append(Section("Trends of β", text, trend_lines(joined)))
     exponent = partial(draw.draw_exponent, joined)
@@ -149,8 +146,7 @@ def trend_sentence(joined: JoinedCampaign) -> str:
     if trend.enough < SCATTER_P:
         text += (
             f" About the line the tests scatter by {trend.scatter:.4f} more than their "
-            "uncertainties: "
-            f"{label} is not the only cause."
+            f"uncertainties: {label} is not the only cause."
         )
     return text
 
@@ -209,15 +205,12 @@ def _model(test: CurveTest) -> str:
     n_tests = len(test.inside)
     text = (
         f"{test.curve.file}: chi-squared {test.chi2:.1f} on {n_tests} tests (chance "
-        f"{test.p_value:.2g}); with its level "
-        f"free {test.shape_chi2:.1f} on {n_tests - 1} (chance {test.shape_p_value:.2g}), the tests "
-        "lying "
-        f"{test.offset.plain()} above it."
+        f"{test.p_value:.2g}); with its level free {test.shape_chi2:.1f} on {n_tests - 1} (chance "
+        f"{test.shape_p_value:.2g}), the tests lying {test.offset.plain()} above it."
     )
     if test.shape_rejected:
         text += (
             " The shape of the curve does not fit the tests: for this offset an independent "
-            "scatter of "
-            f"{test.scatter:.2g} was added to every test."
+            f"scatter of {test.scatter:.2g} was added to every test."
         )
     return text

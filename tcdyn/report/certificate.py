@@ -170,8 +170,7 @@ def oven_sections(oven: OvenFit) -> list[Section]:
             "Oven: residuals of the lines against temperature",
             figure=pictured(partial(draw_residuals, oven), height_in=3.2),
             caption="A column of markers that moves as one is an error of the PRT in that hold; a "
-            "curve that repeats "
-            "would be one of the lines.",
+            "curve that repeats would be one of the lines.",
         ),
     ]
 
@@ -184,8 +183,7 @@ def certificate_assumptions(record: DiskRecord) -> list[str]:
     if has_oven_lines(record):
         reference = (
             f"The reference's error: {record.setup.traceability.reference_u_K:.2g} K (1 sd), "
-            "common to all readings; "
-            "one for each hold of the oven, uniform within 0.1 degC."
+            "common to all readings; one for each hold of the oven, uniform within 0.1 degC."
         )
     junctions = sorted(record.setup.thermocouples.items())
     depths = ", ".join(f"{channel} {junction.depth_mm:g} mm" for channel, junction in junctions)
@@ -219,8 +217,7 @@ def fit_sections(fit: PlungeFit) -> list[Section]:
         fit.sentence,
         figure=pictured(partial(draw_lag_budget, fit.budget)),
         caption="Reduction of the variance if a source were known, as a standard uncertainty. "
-        "Sources are correlated, "
-        "so they do not add up to all of the fit.",
+        "Sources are correlated, so they do not add up to all of the fit.",
     )
     priors = Section(
         "Priors of the plunge fit",
@@ -254,9 +251,8 @@ def _static_line_section(fit: PlungeFit) -> Section:
     return Section(
         "The static lines with the plunges",
         "A disk in a bath has all its junctions near one temperature, so a plunge determines how "
-        "the lines differ from "
-        "each other. The lines of the record stay the oven's; the lags are those with the lines "
-        "as estimated here.",
+        "the lines differ from each other. The lines of the record stay the oven's; the lags are "
+        "those with the lines as estimated here.",
         table=table,
     )
 
@@ -267,10 +263,9 @@ def structure_sections(fit: PlungeFit) -> list[Section]:
         return []
     text = (
         "Probability: by the evidence of each structure, all equally likely beforehand; one lag, a "
-        "special case of the "
-        "others, gets no credit for being simple. Chi-square: misfit and priors together. Held "
-        "out: -2 log of the "
-        "probability of each plunge as the others predict it. Of both, less is better."
+        "special case of the others, gets no credit for being simple. Chi-square: misfit and "
+        "priors together. Held out: -2 log of the probability of each plunge as the others predict "
+        "it. Of both, less is better."
     )
     if not fit.structures.findings:
         sentence = fit.structures.sentence
@@ -291,16 +286,14 @@ def plunge_sections(fit: PlungeFit) -> list[Section]:
             "Plunges: the first seconds",
             figure=plunge_figure(fit),
             caption="Dots: means of the readings over blocks; lines: immersion model and chain. "
-            "The channel nearest "
-            "to the surface and the farthest one; the others lie between.",
+            "The channel nearest to the surface and the farthest one; the others lie between.",
         ),
         Section(
             "Plunges: residuals of the model",
             "Residual of a single sample of each channel (root mean square):",
             table=pd.DataFrame(rows),
             figure=residual_figure(fit),
-            caption="Readings minus model over their expected noise. Were it all noise, 95 % would "
-            "lie between the "
-            "dashed lines and the mean would vary about zero.",
+            caption="Readings minus model over their expected noise. Were it all noise, 95 % "
+            "would lie between the dashed lines and the mean would vary about zero.",
         ),
     ]

@@ -48,10 +48,9 @@ def uneven_section(p: Partition) -> Section:
     return Section(
         "is the temperature even around the bores?",
         f"{conclusion} The contribution of the first harmonic to each reading at the unloading is "
-        "below: the joint "
-        "fits estimate it, and the other estimators of β use readings without it. The second "
-        "harmonic, which two "
-        "opposite groups of junctions read alike, is in the budget.",
+        "below: the joint fits estimate it, and the other estimators of β use readings without "
+        "it. The second harmonic, which two opposite groups of junctions read alike, is in the "
+        "budget.",
         table=pd.DataFrame(rows),
         figure=pictured(*panels, height_in=4.0),
         caption="The disks seen along the shaft, junctions at the angles of rig.toml; bright is "
@@ -64,10 +63,9 @@ def around_section(p: Partition) -> Section:
     return Section(
         "the temperature around the disks",
         "Mean of the last ten seconds under load: the rim model's temperature by the joint fit of "
-        "both disks with the "
-        "first harmonic that it estimates. Nothing is measured deeper than the inner row.",
+        "both disks with the first harmonic that it estimates. Nothing is measured deeper than "
+        "the inner row.",
         figure=round_figure([around_disk(p, disk) for disk in DISKS]),
         caption="Above: the middle plane, unrolled, with the readings; open junctions lie beside "
-        "it. Below: the mean "
-        "across the running surface with its 95 % band.",
+        "it. Below: the mean across the running surface with its 95 % band.",
     )

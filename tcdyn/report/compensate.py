@@ -42,10 +42,9 @@ METHODS = {
     "inverse": "the causal inverse",
 }
 NOT_CAUSAL_TEXT = (
-    "{} uses past and future samples and leaves no shift. The causal inverse was not used; it is "
-    "stated for "
-    f"comparison, at the widest bandwidth at which its noise is at most {MAX_NOISE_GAIN:g} times "
-    "the trace's."
+    "{} uses past and future samples and leaves no shift. The causal inverse was not used; it "
+    "is stated for comparison, at the widest bandwidth at which its noise is at most "
+    f"{MAX_NOISE_GAIN:g} times the trace's."
 )
 CAUSAL_TEXT = (
     "The causal inverse used here is late by its remaining shift; its band includes the resulting "
@@ -112,9 +111,9 @@ def _verdict(compensated: CompensatedLog, disk: str, result: Compensated) -> str
     lag = compensated.metadata[f"{disk}_common_lag_s"]
     typical = f"{float(np.median(sd)):.2g}"
     return (
-        f"{disk} disk: {METHODS[compensated.way.method]} removed a common lag of {lag}; channel {name} is "
-        "then known to "
-        f"+- {typical} K (typical sample), +- {float(sd.max()):.2g} K at worst."
+        f"{disk} disk: {METHODS[compensated.way.method]} removed a common lag of {lag}; channel "
+        f"{name} is then known to +- {typical} K (typical sample), +- {float(sd.max()):.2g} K at "
+        "worst."
     )
 
 
@@ -183,8 +182,7 @@ def _traces(compensated: CompensatedLog, disk: str, result: Compensated) -> Sect
         f"{disk} disk, channel {name}",
         figure=fig,
         caption="Points: as logged, before the static line. Line: at the junction, with its 95 % "
-        "band. Left: the whole "
-        f"log. Right: {detail}.",
+        f"band. Left: the whole log. Right: {detail}.",
     )
 
 

@@ -22,10 +22,8 @@ from tcdyn.rig.disk import Conditioning
 
 ABOUT_LAGS = (
     "The common lag is the mean over the channels of a disk: an error in it shifts every "
-    "compensated trace alike, and "
-    "with them h and β by the cooling fit. The differences are the lags of the channels minus it: "
-    "an error in them "
-    "changes the gradient between junctions."
+    "compensated trace alike, and with them h and β by the cooling fit. The differences are the "
+    "lags of the channels minus it: an error in them changes the gradient between junctions."
 )
 
 
@@ -41,8 +39,7 @@ def write_design_report(path: str | Path, design: Design, assumptions: Sequence[
                 design.graded(),
                 pictured(partial(draw_design, design), height_in=3.8),
                 "Expected standard uncertainties. Bars of the common lag: from the 10 to the 90 % "
-                "point over entry "
-                "bursts and scales of h, which cannot be planned.",
+                "point over entry bursts and scales of h, which cannot be planned.",
             )
         ],
         verdict=compare.headline(design.predictions, design.lag_s),
@@ -57,8 +54,7 @@ def interval_text(best: Fit) -> str:
     if best.noise.averaged:
         return (
             "Intervals are quadratic and include the uncertainty of the noise model: all "
-            "first-order disturbances "
-            "averaged."
+            "first-order disturbances averaged."
         )
     return "Where the quadratic intervals are poor these are of the profile likelihood."
 
@@ -122,9 +118,8 @@ def write_identify_report(
             model.sentence,
             figure=residual_figure(best, comparison.validation),
             caption="Left: measured minus simulated, with disturbances. Middle and right: "
-            "residuals after the noise "
-            "model has removed the disturbances; by chance one lag in twenty lies outside the "
-            "grey band.",
+            "residuals after the noise model has removed the disturbances; by chance one lag in "
+            "twenty lies outside the grey band.",
         ),
     ]
     if level:
@@ -140,8 +135,7 @@ def write_identify_report(
     hold = "straight" if model.hold == "foh" else "unchanged"
     assumptions = [
         f"the input runs {hold} between its samples ({model.hold}), "
-        f"{input_noise_text(best, record)}, and the system "
-        "is linear and does not change in time"
+        f"{input_noise_text(best, record)}, and the system is linear and does not change in time"
     ]
     if filter_.poles:
         assumptions.append(f"{filter_.poles} pole(s) at {filter_.cutoff_Hz:g} Hz are known")

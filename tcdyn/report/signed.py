@@ -27,17 +27,14 @@ MIN_YEARS = 0.05  # between two calibrations for a rate of drift; chosen by judg
 MAX_DAYS = 3653  # until the next calibration: ten years; chosen by judgement
 NOT_MEASURED = (
     "Not measured: depth and place of the junctions (as drawn), the conditioning filter (its data "
-    "sheet), immersion "
-    "errors of the reference in the oven, thermocouple inhomogeneity along the wire, slip rings in "
-    "rotation, "
-    "temperatures outside the range of the holds. The results are those of this disk with this "
-    "wiring and logger only."
+    "sheet), immersion errors of the reference in the oven, thermocouple inhomogeneity along the "
+    "wire, slip rings in rotation, temperatures outside the range of the holds. The results are "
+    "those of this disk with this wiring and logger only."
 )
 ABOUT = (
     "U = k u is the expanded uncertainty for 95 % (GUM, 6.2), k Student's factor at the effective "
-    "degrees of freedom "
-    "(Welch and Satterthwaite). A correction is what was to be added to a logged value; lines have "
-    "it in them."
+    "degrees of freedom (Welch and Satterthwaite). A correction is what was to be added to a "
+    "logged value; lines have it in them."
 )
 
 
@@ -199,8 +196,7 @@ def next_calibration(record: DiskRecord, earlier: Sequence[DiskRecord] = ()) -> 
         return latest, f"{default}; the largest drift since {last_day}, {drift}, allows longer"
     return due, (
         f"no later than {due}: {fastest['quantity']} drifted by {drift} since {last_day}, and may "
-        "drift "
-        f"by {traceability.limit_K:g} K until then"
+        f"drift by {traceability.limit_K:g} K until then"
     )
 
 

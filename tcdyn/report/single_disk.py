@@ -40,11 +40,9 @@ def _estimate_sections(p: OneDisk) -> list[Section]:
         Section(
             "the estimates of β",
             "Joint fit: β, h and lag together from the traces as logged. Cooling fit: h from the "
-            "compensated traces "
-            "after the unloading, and β from the steady line at that h. Speed law and the fit of "
-            "both disks need the "
-            "other disk, so nothing here checks friction, steel and depths by shares that add to "
-            "one.",
+            "compensated traces after the unloading, and β from the steady line at that h. Speed "
+            "law and the fit of both disks need the other disk, so nothing here checks friction, "
+            "steel and depths by shares that add to one.",
             table=ways_of(p),
         ),
         Section(
@@ -66,8 +64,8 @@ def _budget(p: OneDisk) -> Section:
     return Section(
         "uncertainty budget",
         f"Most of β's uncertainty by the joint fit comes from {', '.join(list(p.budget)[:3])}. "
-        "Each row is one source "
-        "alone; the last row is all together, the root of the sum of squares.",
+        "Each row is one source alone; the last row is all together, the root of the sum of "
+        "squares.",
         table=pd.DataFrame(rows, columns=columns),
         figure=pictured(partial(draw.draw_budget, p), height_in=3.8),
         caption="The first column of the table; a longer bar is a source better worth measuring.",

@@ -197,9 +197,8 @@ def contact_rows() -> Iterator[VerifyRow]:
         f"{low:.0f} to {high:.0f}",
         100 < low < high < 6000 and low < 1200 and high > 500,
         "the thesis takes film thickness and rise from elsewhere; ours: Hamrock and Dowson, a "
-        f"rise of {RISE_K:g} K "
-        "(assumed; the ratio goes as one over it). The ranges must overlap and the film take "
-        "below 1 %",
+        f"rise of {RISE_K:g} K (assumed; the ratio goes as one over it). The ranges must overlap "
+        "and the film take below 1 %",
     )
 
 
@@ -219,8 +218,8 @@ def _conductance() -> VerifyRow:
         numbers(0.5 * (low + high) * unit, 3),
         bool(low <= high),
         "hardness, roughness and slope of the SS303 specimen (Leung et al. 1998) are not in the "
-        "thesis; agrees when "
-        "one m k/(sigma H^0.693) gives all three printed numbers to their rounding",
+        "thesis; agrees when one m k/(sigma H^0.693) gives all three printed numbers to their "
+        "rounding",
     )
 
 

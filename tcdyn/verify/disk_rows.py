@@ -199,10 +199,8 @@ def table_7_2_rows() -> Iterator[VerifyRow]:
         f"{rms(misses):.1f}",
         rms(misses) < 1.5 * u_K,
         "the whole disk with an assumed press fit and air at 60 degC. beta to 0.015 makes "
-        f"{u_beta_K:.1f} K of it, "
-        f"h to 5 % {u_h_K:.1f}, the air to 3 K {AIR_U_K:.1f}, the press fit to 25 % "
-        f"{u_bore_K:.1f}: "
-        f"{u_K:.1f} K in all; agrees below 1.5 times that",
+        f"{u_beta_K:.1f} K of it, h to 5 % {u_h_K:.1f}, the air to 3 K {AIR_U_K:.1f}, the press "
+        f"fit to 25 % {u_bore_K:.1f}: {u_K:.1f} K in all; agrees below 1.5 times that",
     )
     air_K = 0.0
     log_bore = np.zeros(2)
@@ -227,8 +225,7 @@ def table_7_2_rows() -> Iterator[VerifyRow]:
         "0",
         f"{remaining:.1f}",
         remaining < 1.5 * scatter,
-        f"{bore['fast']:.0f} and {bore['slow']:.0f} W/m2K, {AIR_degC + air_K:.0f} degC: nothing of "
-        "the bore is in the "
-        "thesis, which takes the inner row as measured. The remainder is the scatter of beta and "
-        f"h ({scatter:.1f} K)",
+        f"{bore['fast']:.0f} and {bore['slow']:.0f} W/m2K, {AIR_degC + air_K:.0f} degC: nothing "
+        "of the bore is in the thesis, which takes the inner row as measured. The remainder is "
+        f"the scatter of beta and h ({scatter:.1f} K)",
     )

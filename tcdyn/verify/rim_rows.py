@@ -48,15 +48,14 @@ MAX_FACTOR_NOT_COMPARABLE = 10.0  # the same where sizes cannot be compared; jud
 NOT_COMPARABLE = (("maximum", "I"), ("maximum", "III"))
 WHY_SIZE = (
     "quasi-steady fields of D4, point values of the parabola raised by table 3.4; agrees when it "
-    "falls in time and "
-    f"lies within a factor {MAX_FACTOR:g}: the logged inner row of D4 is not in the thesis"
+    f"falls in time and lies within a factor {MAX_FACTOR:g}: the logged inner row of D4 is not in "
+    "the thesis"
 )
 WHY_NOT = (
     "falls in time as published, but the size cannot be checked: the logged inner row of D4 and "
-    "the worst node are not "
-    "in the thesis, and its set III is worse than its coarser set II, so more than the mesh is in "
-    "its figure; "
-    f"more than a factor {MAX_FACTOR_NOT_COMPARABLE:g} off differs"
+    "the worst node are not in the thesis, and its set III is worse than its coarser set II, so "
+    f"more than the mesh is in its figure; more than a factor {MAX_FACTOR_NOT_COMPARABLE:g} off "
+    "differs"
 )
 
 
@@ -76,9 +75,8 @@ def closed_form_rows() -> Iterator[VerifyRow]:
         f"{flash:.3f}",
         flash < 0.4 * (1 + 2 * 0.018),
         f"after {passage * 1e3:.3f} ms in the contact; the steel is assumed (K to 3 %, rho c to 2 "
-        "%: 1.8 % of this "
-        "depth), so agrees up to two of those above 0.4; far above both junction e and the mesh "
-        "in any case",
+        "%: 1.8 % of this depth), so agrees up to two of those above 0.4; far above both "
+        "junction e and the mesh in any case",
     )
     yield row(
         "rule",
@@ -150,8 +148,7 @@ def field_rows() -> Iterator[VerifyRow]:
         f"{difference_K:.5f}",
         difference_K < 2e-3,
         "two ways to solve one set of difference equations, each written from (3.30) anew: mesh "
-        "II, steps of 20 ms, "
-        "250 W into the disk; agrees below 2 mK",
+        "II, steps of 20 ms, 250 W into the disk; agrees below 2 mK",
     )
     rim = studies.default_rim()
     b = HALF_WIDTHS_mm[-1] * 1e-3
@@ -257,10 +254,9 @@ def _ideal() -> Iterator[VerifyRow]:
                 f"{numbers(ours, 3)}; heat one step late: {numbers(with_delay, 3)}",
                 falls and below and same_size,
                 "ours falls with time and stays below; the published errors are proportional to "
-                "the "
-                "time step less a floor of 0.015 %, as one step of delay and a loosely converged "
-                "iteration "
-                "give, so ours with that delay must come within a factor 4 at 2 s",
+                "the time step less a floor of 0.015 %, as one step of delay and a loosely "
+                "converged iteration give, so ours with that delay must come within a factor 4 at "
+                "2 s",
             )
     at_2_s = [errors[name].maximum[0] for name in TABLE_3_2]
     yield row(

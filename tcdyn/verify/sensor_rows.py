@@ -109,8 +109,7 @@ def sensor_rows() -> Iterator[VerifyRow]:
     yield row(
         "physics",
         "reading behind a ramp of 1 K/s, K: lags of 0.6 and 0.1 s, 0.05 s of dead time, two poles "
-        "of 4 Hz; "
-        "one lag of 0.7 s in the rim's bank",
+        "of 4 Hz; one lag of 0.7 s in the rim's bank",
         "VDI/VDE 3522",
         numbers(lags, 4),
         numbers(errors_K, 4),
@@ -156,8 +155,7 @@ def bath_rows() -> Iterator[VerifyRow]:
             ours,
             1,
             f"exact laminar plate; agrees within {MAX_ERROR[name]:.1%}: the first is an average "
-            "over fluids, the "
-            "second an integral solution",
+            "over fluids, the second an integral solution",
             relative=MAX_ERROR[name],
         )
     start, oils = FIGURE_5_27
@@ -202,8 +200,7 @@ def bath_rows() -> Iterator[VerifyRow]:
         f"{h:.0f}",
         abs(h / exact_h - 1) < 0.05,
         "exact laminar plate with tabulated water at the film's 48 degC; the floor of 0.68 in "
-        "(5.4) is 3 % of it: "
-        "agrees within 5 %",
+        "(5.4) is 3 % of it: agrees within 5 %",
     )
     yield from _cylinders()
 
@@ -234,8 +231,7 @@ def _cylinders() -> Iterator[VerifyRow]:
     yield row(
         "physics",
         "share of the first difference left at surface, half radius and centre of a solid "
-        "cylinder, Fourier "
-        "number 0.6, Biot 0.1, then 1",
+        "cylinder, Fourier number 0.6, Biot 0.1, then 1",
         "section 5.7; Heisler's charts",
         numbers(expected, 4),
         numbers(ours, 4),

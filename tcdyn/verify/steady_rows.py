@@ -140,8 +140,7 @@ def _line_ends() -> Iterator[VerifyRow]:
         rises,
         1,
         "inner row and air solved so that a reads as in table 7.2 (D4 of Clarke) at both ends; "
-        "contours are labelled "
-        "to a kelvin or two: agrees within 1 K",
+        "contours are labelled to a kelvin or two: agrees within 1 K",
         absolute=1.0,
     )
     yield row(
@@ -152,8 +151,8 @@ def _line_ends() -> Iterator[VerifyRow]:
         numbers(airs, 0),
         all(50 < air < 75 for air in airs),
         "the trade of share for h along a line is the surface's excess over the air; oil and air "
-        "are not printed for "
-        "that test, 60 and 70 degC are what figure 6.28 assumes: agrees within 50 to 75",
+        "are not printed for that test, 60 and 70 degC are what figure 6.28 assumes: agrees "
+        "within 50 to 75",
     )
     (share, h), (end_share, end_h), _ = published.LINE_ENDS["fast"]
     slope = (end_share - share) / (end_h - h)
@@ -172,8 +171,7 @@ def _line_ends() -> Iterator[VerifyRow]:
         f"{radius:.1f}; {'rises' if centre_rises else 'falls'}",
         34.8 < radius < 36.2 and centre_rises,
         "beta = 0.73 on the line of section 4.3, level inner row; each kelvin that d and f lie "
-        "below b moves it out by "
-        "0.1 mm: agrees within 0.2 mm of the range",
+        "below b moves it out by 0.1 mm: agrees within 0.2 mm of the range",
     )
 
 
@@ -262,9 +260,8 @@ def _surfaces() -> Iterator[VerifyRow]:
         f"{printed[C2]:.1f}",
         f"{computed[C2]:.1f}",
         is_misprint,
-        f"396.5 is meant: already 3 mm deep the disks differ by {junctions:.0f} K m/s (table 7.2), "
-        "and the difference "
-        "of the surfaces is larger than that in all other tests",
+        f"396.5 is meant: already 3 mm deep the disks differ by {junctions:.0f} K m/s (table "
+        "7.2), and the difference of the surfaces is larger than that in all other tests",
         good="misprint",
     )
 
@@ -291,8 +288,7 @@ def _sensitivity() -> Iterator[VerifyRow]:
         rises,
         1,
         f"each disk along its own line of least error through table 7.1's point; {WHY_AIR}; "
-        "'approximately': agrees "
-        "within 1 K",
+        "'approximately': agrees within 1 K",
         absolute=1.0,
     )
 

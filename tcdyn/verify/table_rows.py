@@ -143,8 +143,7 @@ def _ratios() -> VerifyRow:
         numbers((ratios.min(), ratios.max()), 3),
         bool(low <= chi <= high),
         f"one ratio from {low:.4f} to {high:.4f} gives all 64 printed h to their rounding, and "
-        "ours, 4.24^0.667 = "
-        f"{chi:.4f}, is one; that is n from {n_low:.4f} to {n_high:.4f}",
+        f"ours, 4.24^0.667 = {chi:.4f}, is one; that is n from {n_low:.4f} to {n_high:.4f}",
     )
 
 
