@@ -1,6 +1,4 @@
-"""Figures of a campaign: temperature, traction, friction and beta over the conditions; its joint
-posterior.
-"""
+"""Figures of a campaign: temperature, traction, friction, beta, and the joint posterior."""
 
 from __future__ import annotations
 

@@ -163,9 +163,7 @@ def draw_bode(model: Identified, magnitude: Axes, phase: Axes) -> tuple[Axes, Ax
 
 
 def draw_correlation(test: ResidualTest, ax: Axes, title: str) -> Axes:
-    """Plot the correlations of a residual test over lag, with the 95 % bound of each and the
-    p-value.
-    """
+    """Plot the correlations of a residual test over lag, with their 95 % bounds."""
     order = np.argsort(test.lags_s)
     bound = test.bound95[order]
     ax.fill_between(test.lags_s[order], -bound, bound, color=PALE, label="95 % of each lag")

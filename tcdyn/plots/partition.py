@@ -1,6 +1,4 @@
-"""Figures of the heat partition of one test: unloading, joint fit, steady lines, estimates of beta,
-budget, maps.
-"""
+"""Figures of the heat partition of one test: unloading, fits, estimates of beta, budget."""
 
 from __future__ import annotations
 
@@ -46,8 +44,7 @@ ESTIMATOR_MARKERS = (("o", 14), ("s", 9), ("^", 5))  # speed law, cooling fit, j
 
 
 def plotted_channels(setup: DiskSetup, excluded: Collection[str]) -> dict[str, str]:
-    """Return line styles of three channels: nearest the surface, and nearest the centre of each
-    row.
+    """Return line styles of three channels: nearest the surface, and most central of each row.
 
     >>> from tcdyn.rig.rigfile import load_rig
     >>> plotted_channels(load_rig().disk_setup("fast"), "a")

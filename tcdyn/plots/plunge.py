@@ -1,6 +1,4 @@
-"""Figures of plunge tests (figures 5.14 and 5.24 to 5.27 of the thesis), of fitted lags and of
-planned tests.
-"""
+"""Figures of plunge tests (5.14 and 5.24 to 5.27 of the thesis), lags and planned tests."""
 
 from __future__ import annotations
 
@@ -76,8 +74,7 @@ def draw_entry(
     channel: str = "a",
     until_s: float = 15.0,
 ) -> Axes:
-    """Plot the reading of one channel with modelled junctions, around the entry (figures 5.26 and
-    5.27).
+    """Plot the reading of one channel with modelled junctions (figures 5.26 and 5.27).
 
     The vertical lines are the entry by the switch and by the free probe, the band is the standard
     uncertainty of the entry.

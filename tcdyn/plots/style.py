@@ -1,6 +1,4 @@
-"""Style of all figures: colours, markers and line styles that also differ in black and white, and
-axes with units.
-"""
+"""Style of all figures: colours, markers, line styles, axes with units."""
 
 from __future__ import annotations
 

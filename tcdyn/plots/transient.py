@@ -1,6 +1,4 @@
-"""Figures of the transient fits: window study, comparison of estimators, profile likelihoods, model
-forms, depths.
-"""
+"""Figures of the transient fits: window study, profile likelihoods, model forms, depths."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""Report of EHL tests: recommended beta, unloading, steady lines, joint fit, uncertainty budget,
-checks.
-"""
+"""Report of EHL tests: beta, unloading, steady lines, joint fit, uncertainty budget, checks."""
 
 from __future__ import annotations
 
@@ -99,9 +97,7 @@ def main_result(p: Partition) -> MainResult:
 
 
 def estimate_sections(p: Partition, truth: float | None) -> list[Section]:
-    """Return all estimates of beta, the traces at the unloading, and the steady lines with
-    estimates.
-    """
+    """Return all estimates of beta, the unloading, and the steady lines with the estimates."""
     lags = ", ".join(f"{d} {p.joint[d].estimates['lag_s'].text('s')}" for d in DISKS)
     unloading = [partial(draw.draw_unloading, p, d) for d in DISKS]
     return [
@@ -131,9 +127,7 @@ def estimate_sections(p: Partition, truth: float | None) -> list[Section]:
 
 
 def fit_section(p: Partition | OneDisk, disks: Sequence[str] = DISKS) -> Section:
-    """Return the readings and the model of the joint fit at the junctions that the rim model
-    predicts.
-    """
+    """Return readings and model of the joint fit at the junctions that the rim model predicts."""
     n = len(disks)
     fig, axes = figure(2, n, width_in=10.0, height_in=6.4)
     for k, disk in enumerate(disks):
@@ -226,9 +220,7 @@ def transient_sections(p: Partition) -> list[Section]:
 
 
 def profile_section(p: Partition) -> Section:
-    """Return the profile likelihoods of the joint fits, and their intervals against the standard
-    ones.
-    """
+    """Return the profile likelihoods of the joint fits, and their 95 % intervals."""
     fig, axes = figure(3, 4, width_in=10.0, height_in=7.0)
     draw_profiles(p.profiles, axes)
     table = interval_table(p.profiles)

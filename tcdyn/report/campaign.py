@@ -190,9 +190,7 @@ def partition_table(good: pd.DataFrame) -> pd.DataFrame:
 
 
 def heat_transfer_table(good: pd.DataFrame) -> pd.DataFrame:
-    """Return h by the speed law, lags by the unloading, and the exponent that the joint fit
-    implies.
-    """
+    """Return h by the speed law, lags by the unloading, and the exponent of the joint fit."""
     titles = {
         "h_fast_W_m2K": "h fast [W/m²K]",
         "h_slow_W_m2K": "h slow [W/m²K]",

@@ -52,9 +52,7 @@ N_CAPTION = (
 
 
 def joined_sections(joined: JoinedCampaign) -> list[Section]:
-    """Return beta with both uncertainties, trend, models, exponent and junctions, of two tests or
-    more.
-    """
+    """Return beta with both uncertainties, trend, models, exponent and junctions."""
     beta_figure = pictured(partial(draw.draw_joined_beta, joined), height_in=4.4)
     sections = [
         Section("β of each test, all tests as one measurement", JOINT_TEXT, beta_table(joined)),

@@ -1,6 +1,4 @@
-"""Sections on the temperature around each disk: its first circumferential harmonic, and its field
-under load.
-"""
+"""Sections on the temperature around each disk: first circumferential harmonic, field."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""Reports on dynamics: expected uncertainties of planned tests, and the model identified between
-two columns.
-"""
+"""Reports on planned tests (expected uncertainties), and on an identified model."""
 
 from __future__ import annotations
 

@@ -1,5 +1,4 @@
-"""Self-contained HTML pages: main result, warnings and assumptions, then sections with tables and
-figures.
+"""Self-contained HTML pages: main result, warnings, assumptions, sections.
 
 In a table numbers are aligned right and unbroken, text left, and a value and its uncertainty are
 rounded alike.

@@ -98,9 +98,7 @@ def temperatures(record: DiskRecord) -> list[float]:
 
 
 def results(record: DiskRecord) -> pd.DataFrame:
-    """Return correction and expanded uncertainty of each channel at three temperatures, and its
-    lag.
-    """
+    """Return correction and expanded uncertainty at three temperatures, and lag, by channel."""
     rows = []
     for channel, line in sorted(record.static.items()):
         row = {"channel": channel}

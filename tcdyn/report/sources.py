@@ -1,6 +1,4 @@
-"""Table of the files that a page was made from: logs, records and rig, with size or day and
-checksum.
-"""
+"""Table of the source files of a page: logs, records and rig, with their checksums."""
 
 from __future__ import annotations
 

@@ -142,8 +142,7 @@ def heat_radially(
     h_W_m2K: Coefficient,
     duration_s: float,
 ) -> Heating:
-    """Solve rho c T_t = (K r T_r)_r / r from the bore (no flux) to R_o, where K T_r = h (T_bath -
-    T_wall).
+    """Solve the radial heating of a disk in a bath.
 
     Parameters
     ----------
@@ -156,6 +155,7 @@ def heat_radially(
 
     Notes
     -----
+    rho c T_t = (K r T_r)_r / r from the bore (no flux) to R_o, where K T_r = h (T_bath - T_wall).
     Finite volumes, finer towards the surface; backward differentiation of variable order with a
     banded Jacobian. The wall temperature follows from half a surface cell of steel in series with h
     at the previous wall temperature, in three iterations.

@@ -1,6 +1,4 @@
-"""Simulation of a complete campaign in a folder: oven, plunges, EHL tests, rig file and true
-values.
-"""
+"""Simulation of a complete campaign: oven, plunges, EHL tests, rig file, true values."""
 
 from __future__ import annotations
 
@@ -180,9 +178,7 @@ def simulate_campaign(
 
 
 def _write_rig(folder: Path, rig: Rig) -> str:
-    """Write rig.toml unless an equal one exists; return its checksum as the last simulation wrote
-    it.
-    """
+    """Write rig.toml unless an equal one exists; return the checksum of the simulated one."""
     path = folder / "rig.toml"
     if path.exists():
         last_sha256 = _last_rig_sha256(folder)

@@ -125,9 +125,7 @@ class EhlTruth:
         return self.speed_share(t) ** self.speed_exponent
 
     def friction_at(self, t: Array) -> Array:
-        """Return the true friction [N]: running-in over minutes, then a slow drift of half a
-        percent.
-        """
+        """Return the true friction [N]: running-in over minutes, then a drift of half a percent."""
         level = np.full_like(t, self.friction_N)
         if self.drift:
             run_in = 0.04 * np.exp(-np.clip(t - self.load_on_s, 0, None) / 150.0)

@@ -1,6 +1,4 @@
-"""Time integration of the synthetic disk: an L-stable implicit Runge-Kutta method of order four
-(SDIRK).
-"""
+"""Time integration of the synthetic disk: L-stable SDIRK (Runge-Kutta) of order four."""
 
 from __future__ import annotations
 

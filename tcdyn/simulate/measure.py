@@ -1,6 +1,4 @@
-"""Simulation of the logger: chain, static errors, noise, spikes and 16 bits; and of the oven
-calibration.
-"""
+"""Simulation of the logger (chain, static errors, noise, spikes, 16 bits) and of the oven."""
 
 from __future__ import annotations
 

@@ -23,8 +23,7 @@ SHAFT_SECTION = 0.85  # share of a solid section: the shaft is bored for its wir
 
 @dataclass(frozen=True)
 class DiskMesh:
-    """Numbers of cells in r (bore to surface), z (face d to face f) and along each side of the
-    shaft.
+    """Numbers of cells in r (bore to surface), z (face d to f) and along each shaft side.
 
     The cells are finer towards the surface.
     """

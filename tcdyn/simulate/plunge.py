@@ -1,6 +1,4 @@
-"""Simulation of plunge tests: a disk immersed in a bath, and the comparison of holes of section
-5.4.
-"""
+"""Simulation of plunge tests: a disk in a bath, and the comparison of holes (section 5.4)."""
 
 from __future__ import annotations
 

@@ -70,9 +70,7 @@ class Steel:
         return -self.slopes.conductivity_per_K * (self.conduction @ potential)
 
     def stage_correction_W(self, guess: Array, y: Array, rate: Array, capacity: Array) -> Array:
-        """Return what the right side of a stage at ``y`` and ``rate`` adds to that at ``guess``
-        [W].
-        """
+        """Return the heat [W] that a stage at ``y`` and ``rate`` adds to that at ``guess``."""
         extra_conduction_W = self.extra_conduction_W(y) - self.extra_conduction_W(guess)
         return extra_conduction_W - self._stored_W(y, rate, capacity)
 

@@ -1,6 +1,4 @@
-"""Rows without the rim model: contact, speeds, press fit, oil film (chapters 5, 6, appendix B),
-speed law, ovens.
-"""
+"""Rows without the rim model: contact, speeds, press fit, oil film, speed law, ovens."""
 
 from __future__ import annotations
 
@@ -94,9 +92,7 @@ def oven_rows() -> Iterator[VerifyRow]:
 
 
 def contact_rows() -> Iterator[VerifyRow]:
-    """Yield the rows of geometry, load and speed: tables 6.1, 3.4 and 6.6, (5.1), (6.1), appendix
-    B.
-    """
+    """Yield the rows of geometry, load and speed: tables 3.4, 6.1, 6.6, (5.1), (6.1), appendix B."""
     for family, published in SPEEDS.items():
         test = PROGRAMME[family + "1"]
         ours = (test.sliding_speed_m_s, test.entraining_speed_m_s)

@@ -180,9 +180,7 @@ def rms(x: Array) -> float:
 
 
 def table_7_2_rows() -> Iterator[VerifyRow]:
-    """Yield the rows of table 7.2: 32 readings from tables 6.1 and 7.1, and the causes of their
-    misses.
-    """
+    """Yield the rows of table 7.2 from tables 6.1 and 7.1, with the causes of their misses."""
     bore = dict(BORE_W_m2K)
     misses = misses_K(bore)
     by_bore = _bore_sensitivity_K(bore, misses)

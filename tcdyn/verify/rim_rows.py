@@ -1,6 +1,4 @@
-"""Rows of the rim model: figures 3.5, 3.15 and 3.16, convergence (section 3.6.3), and tables 3.1 to
-3.6.
-"""
+"""Rows of the rim model: figures 3.5, 3.15, 3.16, convergence, and tables 3.1 to 3.6."""
 
 from __future__ import annotations
 
@@ -60,9 +58,7 @@ WHY_NOT = (
 
 
 def closed_form_rows() -> Iterator[VerifyRow]:
-    """Yield the rows of the rim model against closed forms, and of the limit of the explicit
-    scheme.
-    """
+    """Yield the rows of the rim model against closed forms, and of the explicit scheme."""
     rim = studies.default_rim()
     contact = hertz_contact(2320.0)
     passage = 2 * contact.minor_m / surface_speed_m_s(774.0)

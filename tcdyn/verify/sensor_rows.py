@@ -1,5 +1,4 @@
-"""Rows of sensors and baths against standards and tables: type J, bearings, lags, cement, natural
-convection.
+"""Rows of sensors and baths: type J, bearings, lags, cement, natural convection.
 
 Chapters 2 and 5, with plunged cylinders.
 """

@@ -1,6 +1,4 @@
-"""Comparisons of section 3.6 as data: closed forms, orders of convergence, meshing study of the rim
-model.
-"""
+"""Comparisons of section 3.6: closed forms, orders of convergence, meshing study."""
 
 from __future__ import annotations
 
@@ -74,9 +72,7 @@ def default_rim(washer: bool = True) -> Rim:
 
 
 def transient_check() -> ClosedForm:
-    """Compare a 2 m disk whose surface jumps from 20 to 160 degC, at 3 mm depth, up to 93 s (figure
-    3.15).
-    """
+    """Compare a 2 m disk whose surface jumps from 20 to 160 degC, up to 93 s (figure 3.15)."""
     rim = replace(default_rim(False), outer_radius_m=2.0)
     depth_m = 3e-3
     time = np.linspace(2.0, 93.0, 92)

@@ -1,6 +1,4 @@
-"""Rows of printed tables against each other: junction comparisons, forces, h, trend lines (chapters
-2, 6, 7).
-"""
+"""Rows of printed tables against each other: junction pairs, forces, h, trend lines."""
 
 from __future__ import annotations
 
@@ -174,8 +172,7 @@ def _means() -> Iterator[VerifyRow]:
 
 
 def chebyshev_line(x: Array, y: Array) -> tuple[float, float, float]:
-    """Return intercept, slope and largest error of the line with the least largest error to ``y``
-    (N,).
+    """Return intercept, slope and largest error of the minimax line through ``y`` (N,).
 
     >>> [round(v, 3) for v in chebyshev_line(np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.0, 1.0]))]
     [0.25, 0.5, 0.25]
