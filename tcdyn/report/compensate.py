@@ -245,13 +245,13 @@ def _followed(plan: Causal, log: Path, out: Path) -> tuple[Section, int]:
     u_name = name.replace("_degC", "_u_K")
     compensated = pd.read_csv(out, comment="#", usecols=["time_s", name, u_name])
     plotted = every_nth(len(compensated))
-    table = compensated[plotted].astype(float)
+    rows = compensated[plotted].astype(float)
     fig, (ax,) = figure(height_in=4.0)
     raw = _logged(log, name)
     if raw is not None:
-        rows = raw[plotted]
-        ax.plot(rows["time_s"], rows[name], ".", markersize=2, color=GREY, label="logged")
-    time, x, u = (table[column].to_numpy() for column in ("time_s", name, u_name))
+        raw_rows = raw[plotted]
+        ax.plot(raw_rows["time_s"], raw_rows[name], ".", markersize=2, color=GREY, label="logged")
+    time, x, u = (rows[column].to_numpy() for column in ("time_s", name, u_name))
     line_with_band(ax, time, x, u, SLOW, "95 %", linewidth=1.0, label="compensated")
     values = compensated[name].to_numpy(dtype=float)
     values = values[np.isfinite(values)]
