@@ -240,7 +240,7 @@ def _filter_section(
 
 
 def _followed(plan: Causal, log: Path, out: Path) -> tuple[Section, int]:
-    """Return section of one channel before and after live compensation, and the number of rows."""
+    """Return the section of one channel before and after live compensation, and its row count."""
     name = next((n for n in plan.junctions if n.endswith("e_degC")), plan.junctions[0])
     u_name = name.replace("_degC", "_u_K")
     compensated = pd.read_csv(out, comment="#", usecols=["time_s", name, u_name])
