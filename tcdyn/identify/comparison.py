@@ -1,4 +1,4 @@
-"""Models compared on one record: AICc, BIC and held-out simulation error in one table, and all their fits."""
+"""Comparison of models on one record: AICc, BIC and held-out error in one table, and all fits."""
 
 from __future__ import annotations
 
@@ -16,47 +16,70 @@ from tcdyn.core.result import Result, jsonable
 from tcdyn.core.spelling import Spelling, as_argument
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.identify.closed_loop import check_closed_loop, closed_loop
-from tcdyn.identify.fit import fit, noted
-from tcdyn.identify.forward_selection import Entry, Way, listed, not_worse, off_equilibrium
-from tcdyn.identify.heldout import QUICK, Progress, Task
+from tcdyn.identify.fit import add_findings, fit
+from tcdyn.identify.forward_selection import (
+    Candidates,
+    Entry,
+    list_candidates,
+    off_equilibrium,
+    refit_from_simpler,
+)
+from tcdyn.identify.heldout import SCORING_OPTIONS, Progress, Task
 from tcdyn.identify.iodata import IOData
 from tcdyn.identify.models import Model, process
 from tcdyn.identify.recommendation import (
     COLUMNS,
-    answers_at_once,
-    as_chain,
+    chain_advice,
+    conclude,
     order_table,
     recommend,
-    verdict,
+    responds_at_once,
 )
 from tcdyn.identify.search import Fit
-from tcdyn.identify.shared_poles import rival
-from tcdyn.identify.validate import Validation, clean, coloured, validate
+from tcdyn.identify.shared_poles import best_common_pole_fit
+from tcdyn.identify.validate import (
+    Validation,
+    has_clean_residuals,
+    has_coloured_residuals,
+    validate,
+)
 from tcdyn.rig.disk import Conditioning
 
 CANDIDATES = ("P1", "P1D", "P2", "P2D", "P2Z", "P2DZ", "P2U", "P2DU", "P3", "P3D")
-OFFERED = (
-    *CANDIDATES,
-    "P1I",
-    "P1DI",
-)  # by the advice, where none of the models compared is good enough
-WORSE = 1.2  # times the held-out error, from which a disturbance in the fit has taken dynamics for noise
+# Models that the advice names where none of the models compared is good enough.
+ADVISED_MODELS = (*CANDIDATES, "P1I", "P1DI")
+# Held-out error over that without a noise model, above which the noise model has absorbed dynamics
+# (chosen by judgement).
+MAX_HELD_OUT_RATIO = 1.2
 
 
 @dataclass(frozen=True)
 class Comparison(Result):
-    """``table`` one row a model, best BIC first; ``fits`` on all data by name; ``recommended`` with its ``reason``;
-    ``grown``: its models are the way of a search that grew, and none is left to be tried."""
+    """The result of :func:`compare`.
+
+    Parameters
+    ----------
+    table
+        One row for each model, best BIC first.
+    fits
+        Fits to all data, by name.
+    recommended
+        Name of the recommended model.
+    reason
+        Why it is recommended.
+    is_forward_selection
+        Whether the models are those of a forward selection, which leaves none to be tried.
+    """
 
     table: pd.DataFrame
     fits: Mapping[str, Fit]
     recommended: str
     reason: Finding
-    grown: bool = False
+    is_forward_selection: bool = False
 
     @property
-    def why(self) -> str:
-        """The reason in words."""
+    def reason_text(self) -> str:
+        """The reason as text."""
         return self.reason.sentence
 
     @property
@@ -70,9 +93,9 @@ class Comparison(Result):
         return self.fits[self.recommended]
 
     def summary(self, spelling: Spelling = as_argument) -> str:
-        """Which model to use and why, or that none will do; the recommended model; the order table.
+        """The conclusion, the recommended model and the table, as text.
 
-        ``spelling``: of the parameters that the advice and the findings name.
+        ``spelling`` is that of the parameters that the advice and the findings name.
         """
         advice = self.verdict.message(spelling)
         best = replace(self.best.identified, sentence=self.validation.message(spelling))
@@ -81,47 +104,51 @@ class Comparison(Result):
 
     @cached_property
     def validation(self) -> Validation:
-        """What the residuals of the recommended model say."""
+        """Residual tests of the recommended model."""
         return validate(self.best)
 
     @property
     def verdict(self) -> Finding:
         """Which model to use and why, or that none of them is good enough and what to try."""
-        untried = [
-            name for name in OFFERED if name not in set(self.table["model"]) and not self.grown
-        ]
+        untried = []
+        if not self.is_forward_selection:
+            compared = set(self.table["model"])
+            untried = [name for name in ADVISED_MODELS if name not in compared]
         troubles = [f.code for f in self.best.findings if f.code == "record.closed_loop"]
-        if not troubles and answers_at_once(self.best):
+        if not troubles and responds_at_once(self.best):
             troubles = ["model.at_once"]
-        troubles += [
-            code
-            for code in self.validation.troubles
-            if not (troubles and code == "record.feedback")
-        ]
-        return verdict(self.table, self.recommended, self.reason, untried, troubles)
+        has_closed_loop = bool(troubles)
+        for code in self.validation.record_problems:
+            # feedback says the same as a closed loop
+            if not (has_closed_loop and code == "record.feedback"):
+                troubles.append(code)
+        return conclude(self.table, self.recommended, self.reason, untried, troubles)
 
     def removal(self, conditioning: Conditioning = NO_CONDITIONING) -> str:
-        """How to remove the lag from other traces (:func:`as_chain`); nothing where no model may be trusted."""
-        refused = self.verdict.severity is Severity.ERROR
-        return "" if refused else as_chain(self.best.identified, conditioning)
+        """How to remove the lag from other traces; empty where no model can be used.
+
+        See :func:`tcdyn.identify.recommendation.chain_advice`.
+        """
+        if self.verdict.severity is Severity.ERROR:
+            return ""
+        return chain_advice(self.best.identified, conditioning)
 
     @property
     def advice(self) -> str:
-        """The verdict in words."""
+        """The conclusion as text."""
         return self.verdict.sentence
 
     def to_dict(self) -> dict[str, Any]:
-        """The recommended model as its file holds it, why, and the order table."""
-        table = jsonable(self.table)
+        """The recommended model as in its JSON file, the reason, and the table."""
         return {
             **self.best.to_dict(),
             "recommended": self.recommended,
-            "why": self.why,
-            "comparison": table,
+            "why": self.reason_text,
+            "comparison": jsonable(self.table),
         }
 
     def card(self) -> pd.DataFrame:
-        """The order table, remarks left out."""
+        """The table without remarks."""
         return self.table.drop(columns=["remark", "determined", "refused"])
 
 
@@ -134,20 +161,40 @@ def compare(
     progress: Progress = lambda name, number, count: None,
     **options: Any,
 ) -> Comparison:
-    """Fit every model to all of ``data`` and score it on data it has not seen.
+    """Fit every model to all of the data, and score it on data that it has not used.
 
-    ``models``, or one list of them, are models to be fitted by name or value, or those that are (a :class:`Fit`, an
-    :class:`Identified`, also of :func:`tcdyn.identify.from_control`), which are compared as they stand but for their
-    offset; two of one name are numbered. Without any they are the way of a search that grows from one lag on
-    (:func:`tcdyn.identify.forward_selection.grown`), each with the known part, the offset and the fixed gain of
-    ``like``; of
-    several inputs it finds those that matter.
-    ``held_out`` is another IOData, or the last share of the record (of several runs: the last run). Held-out
-    scores come from a second fit to the rest. ``options``, no ``start``, go to :func:`fit`; without ``initial`` the
-    runs begin in equilibrium, unless the recommended fit tells that one does not and all models fit better, by BIC,
-    with their initial states estimated. Without ``noise`` and ``baseline`` the noise is white, unless the residuals of
-    the recommended fit are coloured and not by the input: then the data choose both, for all models alike. How the
-    recommendation is made: :func:`recommend`. ``progress`` is told each model before it is fitted.
+    Parameters
+    ----------
+    data
+        One output, one or several inputs.
+    models
+        Models, or one list of them: names or models to fit, or existing ones (a :class:`Fit` or an
+        :class:`Identified`, also from :func:`tcdyn.identify.from_control`), of which only the
+        offset is fitted. Two of one name are numbered. Without any, forward selection chooses them
+        (:func:`tcdyn.identify.forward_selection.forward_select`), and with several inputs the
+        inputs that matter.
+    like
+        Model whose known factor, offset and fixed gain all models of a forward selection have.
+    held_out
+        Another record, or the last share of this one (with several runs: the last run). Held-out
+        scores come from a second fit to the rest.
+    progress
+        Called with each model before it is fitted.
+    options
+        Options of :func:`fit`, without ``start``.
+
+    Raises
+    ------
+    InputError
+        For data from which no model can be identified.
+
+    Notes
+    -----
+    Without ``initial`` the runs start in equilibrium, unless the recommended fit shows that one
+    does not and all models fit better, by BIC, with estimated initial states. Without ``noise``
+    and ``baseline`` the noise is white, unless the residuals of the recommended fit are coloured
+    and do not follow the input: then both are selected from the data, for all models alike. For
+    the recommendation see :func:`tcdyn.identify.recommendation.recommend`.
     """
     if "start" in options:
         raise InputError(
@@ -165,167 +212,196 @@ def compare(
         data = replace(data, findings=(*data.findings, *closed_loop(data)))
     task = Task(data, held_out, progress, options)
     like = like or process("P1")
-    found = compared(task, listed(task, entries, like))
-    at_once = "record.off_equilibrium" in found.validation.troubles
-    if "initial" not in options and (at_once or off_equilibrium(data, found.best, options)):
-        with_state = task.but("initial state estimated", initial="estimated")
-        freed = compared(with_state, listed(with_state, entries, like))
-        if freed.table["BIC"].min() < found.table["BIC"].min():
-            why = replace(freed.reason, numbers={**freed.reason.numbers, "freed": True})
-            found = replace(freed, reason=why)
-            task = replace(task, options=with_state.options)
-    found = with_disturbance(task, found)
-    return with_rival(task, found, like) if found.grown else found
+    result = compare_candidates(task, list_candidates(task, entries, like))
+    if "initial" not in options and _needs_free_state(data, result, options):
+        free_task = task.with_options("initial state estimated", initial="estimated")
+        freed = compare_candidates(free_task, list_candidates(free_task, entries, like))
+        if freed.table["BIC"].min() < result.table["BIC"].min():
+            reason = replace(freed.reason, numbers={**freed.reason.numbers, "freed": True})
+            result = replace(freed, reason=reason)
+            task = replace(task, options=free_task.options)
+    result = refit_with_disturbance(task, result)
+    if result.is_forward_selection:
+        result = add_common_pole_model(task, result, like)
+    return result
 
 
-def with_rival(task: Task, found: Comparison, like: Model) -> Comparison:
-    """``found``, or where the residuals of its best model are coloured or follow the input, and a transfer function
-    whose inputs share their poles foresees better, that one beside the others (:func:`rival`)."""
-    best = found.best
-    row = found.best_row
-    options = task.options
-    if clean(best) or options.get("loss", "linear") != "linear":
-        return found
-    task.progress("common poles", len(found.table) + 1, len(found.table) + 1)
-    better = rival(task, best, row["held_out_rms"], like)
-    if better is None:
-        return found
-    other = better[0].problem.model
-    if other.name in found.fits:
-        other = replace(other, name=f"{other.name}, 2")
-    same = {**options, "initial": better[0].problem.initial}
-    alone = compared(replace(task, options=same), [(other, better[0].identified.theta, False)])
-    table = pd.concat([alone.table, found.table], ignore_index=True)
-    freed = found.reason.numbers.get("freed", False) or same["initial"] != options.get(
-        "initial", "equilibrium"
-    )
-    told: dict[str, Any] = {"other": found.recommended, "ratio": better[1], "freed": freed}
-    reason = info("models.foresees", subject=other.name, white=not coloured(alone.best), **told)
-    return Comparison(table, {**alone.fits, **found.fits}, other.name, reason, grown=True)
+def _needs_free_state(data: IOData, result: Comparison, options: Mapping[str, Any]) -> bool:
+    """Whether a run of the data does not start in equilibrium."""
+    if "record.off_equilibrium" in result.validation.record_problems:
+        return True
+    return off_equilibrium(data, result.best, options)
 
 
-def with_disturbance(task: Task, found: Comparison) -> Comparison:
-    """``found``, or the comparison anew with the noise and the baseline that the residuals of its best model ask for.
+def add_common_pole_model(task: Task, result: Comparison, like: Model) -> Comparison:
+    """The comparison with a transfer function whose inputs share their poles, if it is better.
 
-    Only where they are coloured and, but for a drift, do not follow the input. Where the disturbance is modelled all
-    models get the same, and where that costs held-out error none.
+    It is tried only where the residuals of the best model are coloured or follow the input. See
+    :func:`tcdyn.identify.shared_poles.best_common_pole_fit`.
     """
-    best = found.best
+    best = result.best
     options = task.options
-    if (
-        {"noise", "baseline"} & set(options)
-        or options.get("loss", "linear") != "linear"
-        or not coloured(best)
-    ):
-        return found
-    asked = {**options, **QUICK, "noise": "auto", "baseline": "auto"}
-    if found.grown:
-        asked["start"] = best.identified.theta
-    given = fit(task.data, best.problem.model, **asked).disturbance
-    if given == best.disturbance:
-        return found
+    if has_clean_residuals(best) or options.get("loss", "linear") != "linear":
+        return result
+    number = len(result.table) + 1
+    task.progress("common poles", number, number)
+    better = best_common_pole_fit(task, best, result.best_row["held_out_rms"], like)
+    if better is None:
+        return result
+    better_fit, ratio = better
+    model = better_fit.problem.model
+    if model.name in result.fits:
+        model = replace(model, name=f"{model.name}, 2")
+    initial = better_fit.problem.initial
+    single_task = replace(task, options={**options, "initial": initial})
+    single = compare_candidates(single_task, [(model, better_fit.identified.theta, False)])
+    table = pd.concat([single.table, result.table], ignore_index=True)
+    has_free_state = initial != options.get("initial", "equilibrium")
+    reason = info(
+        "models.foresees",
+        subject=model.name,
+        white=not has_coloured_residuals(single.best),
+        other=result.recommended,
+        ratio=ratio,
+        freed=result.reason.numbers.get("freed", False) or has_free_state,
+    )
+    fits = {**single.fits, **result.fits}
+    return Comparison(table, fits, model.name, reason, is_forward_selection=True)
 
-    way = [
-        (f.problem.model, f.identified.theta if found.grown else None, False)
-        for f in found.fits.values()
-    ]
-    anew = compared(task.but("disturbance modelled", **given), way)
-    worse = anew.best_row["held_out_rms"] > WORSE * found.best_row["held_out_rms"]
-    if worse or anew.table["BIC"].min() >= found.table["BIC"].min():
-        return found
-    anew = replace(anew, grown=found.grown)
-    noise = anew.best.noise
-    told: dict[str, Any] = {"order": list(noise.order), "baseline": given["baseline"]}
-    told["freed"] = found.reason.numbers.get("freed", False)
+
+def refit_with_disturbance(task: Task, result: Comparison) -> Comparison:
+    """The comparison with a noise model and baseline selected from the best model's residuals.
+
+    Only where the residuals are coloured and, apart from a drift, do not follow the input. All
+    models get the same noise, and only where the held-out error does not rise.
+    """
+    best = result.best
+    options = task.options
+    is_requested = bool({"noise", "baseline"} & set(options))
+    is_robust = options.get("loss", "linear") != "linear"
+    if is_requested or is_robust or not has_coloured_residuals(best):
+        return result
+    selection = {**options, **SCORING_OPTIONS, "noise": "auto", "baseline": "auto"}
+    if result.is_forward_selection:
+        selection["start"] = best.identified.theta
+    disturbance = fit(task.data, best.problem.model, **selection).disturbance
+    if disturbance == best.disturbance:
+        return result
+
+    candidates: list[tuple[Model, Mapping[str, float] | None, bool]] = []
+    for f in result.fits.values():
+        start = f.identified.theta if result.is_forward_selection else None
+        candidates.append((f.problem.model, start, False))
+    noise_task = task.with_options("disturbance modelled", **disturbance)
+    refit = compare_candidates(noise_task, candidates)
+    max_held_out = MAX_HELD_OUT_RATIO * result.best_row["held_out_rms"]
+    is_worse = refit.best_row["held_out_rms"] > max_held_out
+    if is_worse or refit.table["BIC"].min() >= result.table["BIC"].min():
+        return result
+    noise = refit.best.noise
+    numbers: dict[str, Any] = {
+        **refit.reason.numbers,
+        "order": list(noise.order),
+        "baseline": disturbance["baseline"],
+        "freed": result.reason.numbers.get("freed", False),
+    }
     if noise.averaged:
-        told["memory_s"] = (
-            noise.memory * task.data.dt_s if noise.memory < len(anew.best.residual) else None
-        )
-        told["p_walk"] = anew.best.identified.statistics["p_walk"]
-    return replace(anew, reason=replace(anew.reason, numbers={**anew.reason.numbers, **told}))
+        is_finite = noise.memory < len(refit.best.residual)
+        numbers["memory_s"] = noise.memory * task.data.dt_s if is_finite else None
+        numbers["p_walk"] = refit.best.identified.statistics["p_walk"]
+    reason = replace(refit.reason, numbers=numbers)
+    return replace(refit, reason=reason, is_forward_selection=result.is_forward_selection)
 
 
-def compared(task: Task, models: Way) -> Comparison:
-    """:func:`compare` with the fit's options as they are."""
+def compare_candidates(task: Task, models: Candidates) -> Comparison:
+    """Fit and score each model with the options of the task."""
     rows: list[dict[str, Any]] = []
     fits: dict[str, Fit] = {}
-    first: InputError | None = None
-    noticed = task.data.findings
+    first_error: InputError | None = None
     data = replace(task.data, findings=())
-    options = task.options
     for number, (model, start, refused) in enumerate(models, 1):
         task.progress(model.name, number, len(models))
+        options = {**task.options, "start": start}
+        if fits and start is not None:
+            options["check"] = False  # the first fit has checked the record
         try:
-            first_to_check = {} if not fits or start is None else {"check": False}
-            whole = fit(data, model, **{**options, "start": start, **first_to_check})
-            whole = whole if start is not None else not_worse(whole, fits, data, options)
-            rms, percent, p_held_out = task.unseen(whole, start=start)
+            full = fit(data, model, **options)
+            if start is None:
+                full = refit_from_simpler(full, fits, data, task.options)
+            held_out = task.held_out_error(full, start=start)
         except InputError as error:
-            first = first or error
+            first_error = first_error or error
             rows.append({"model": model.name, "remark": str(error), "determined": False})
             continue
-        fits[model.name] = whole
-        s = whole.identified.statistics
-        rows.append(
-            {
-                "model": model.name,
-                "parameters": int(s["parameters"]),
-                **{column: s[column.lower()] for column in ("fit_percent", "rms", "AICc", "BIC")},
-                "held_out_rms": rms,
-                "held_out_percent": percent,
-                "p_held_out": p_held_out,
-                "p_white": s["p_white"],
-                "p_input": s["p_input"],
-                "remark": "; ".join(whole.warnings),
-                "determined": not whole.findings,
-                "refused": refused,
-            }
-        )
+        fits[model.name] = full
+        rows.append(_table_row(full, held_out, refused))
     if not fits:
-        raise first or InputError(
+        raise first_error or InputError(
             "no model to compare", expected=f"names such as {', '.join(CANDIDATES)}"
         )
     table = pd.DataFrame(rows).sort_values(
         "BIC", key=lambda b: b.round(6), kind="stable", ignore_index=True
     )
-    chosen = recommend(table, overdamped(fits))
-    fits = {name: noted(found, noticed) for name, found in fits.items()}
-    return Comparison(table, fits, *chosen, grown=any(refused for *_, refused in models))
+    recommended, reason = recommend(table, overdamped(fits))
+    fits = {name: add_findings(f, task.data.findings) for name, f in fits.items()}
+    is_forward_selection = any(refused for *_, refused in models)
+    return Comparison(table, fits, recommended, reason, is_forward_selection)
+
+
+def _table_row(full: Fit, held_out: tuple[float, float, float], refused: bool) -> dict[str, Any]:
+    """The row of a model in the table: statistics of the fit and of the held-out simulation."""
+    statistics = full.identified.statistics
+    held_out_rms, held_out_percent, p_held_out = held_out
+    return {
+        "model": full.problem.model.name,
+        "parameters": int(statistics["parameters"]),
+        "fit_percent": statistics["fit_percent"],
+        "rms": statistics["rms"],
+        "AICc": statistics["aicc"],
+        "BIC": statistics["bic"],
+        "held_out_rms": held_out_rms,
+        "held_out_percent": held_out_percent,
+        "p_held_out": p_held_out,
+        "p_white": statistics["p_white"],
+        "p_input": statistics["p_input"],
+        "remark": "; ".join(full.warnings),
+        "determined": not full.findings,
+        "refused": refused,
+    }
 
 
 def overdamped(fits: Mapping[str, Fit]) -> list[str]:
-    """Models with a complex pair (U) whose poles are real, where the two lags that it is were fitted no worse: the data
-    determine them, or do not determine the pair either."""
-    return [
-        name
-        for name, found in fits.items()
-        if found.identified.theta.get("Zeta", 0.0) >= 1
-        and (plain := fits.get(name.replace("U", ""))) is not None
-        and (found.findings or not plain.findings)
-    ]
+    """Models with a pair of poles (U) that are real, where two lags fit no worse.
+
+    The data determine the two lags, or do not determine the pair either.
+    """
+    names = []
+    for name, result in fits.items():
+        two_lags = fits.get(name.replace("U", ""))
+        if result.identified.theta.get("Zeta", 0.0) < 1 or two_lags is None:
+            continue
+        if result.findings or not two_lags.findings:
+            names.append(name)
+    return names
 
 
 def joint_table(comparisons: Mapping[str, Comparison]) -> pd.DataFrame:
-    """The recommended model of each output, its lags and what is to be said of it: one row an output and input."""
+    """The recommended model of each output, its lags and its severity: a row for each input."""
     rows = []
-    for output, c in comparisons.items():
-        for name, part in c.best.identified.parts.items():
-            lag = (
-                "" if c.best.identified.model.integrators or not part.gain else part.lag_s.text("s")
-            )
-            fits = {
-                f"{what} [%]": f"{c.best_row[f'{key}_percent']:.2f}"
-                for what, key in (("fit", "fit"), ("held out", "held_out"))
-            }
+    for output, comparison in comparisons.items():
+        best = comparison.best.identified
+        for name, model in best.parts.items():
+            has_lag = model.gain and not best.model.integrators
             rows.append(
                 {
                     "output": output,
                     "input": name,
-                    "model": part.model.name,
-                    "gain": f"{part.gain:.4g}",
-                    "lag": lag,
-                    **fits,
-                    "grade": c.verdict.severity.name.lower(),
+                    "model": model.model.name,
+                    "gain": f"{model.gain:.4g}",
+                    "lag": model.lag_s.text("s") if has_lag else "",
+                    "fit [%]": f"{comparison.best_row['fit_percent']:.2f}",
+                    "held out [%]": f"{comparison.best_row['held_out_percent']:.2f}",
+                    "grade": comparison.verdict.severity.name.lower(),
                 }
             )
     return pd.DataFrame(rows)

@@ -1,4 +1,8 @@
-"""What disturbs the output beside white noise: its model by name or by what the residuals ask for."""
+"""Noise models of the disturbance: AR, ARMA, random walk, and averages over slow noise.
+
+The model is given by name, or selected by BIC from the residuals. Restricted maximum likelihood
+(REML) refines the coefficients.
+"""
 
 from __future__ import annotations
 
@@ -18,214 +22,294 @@ from tcdyn.estimation import Noise, Optimum, fit_ar, fit_arma
 from tcdyn.estimation.arma import coefficients, partials
 from tcdyn.estimation.noise_average import NoiseGrid, Slopes, moments, widest
 from tcdyn.estimation.trace_noise import MAD_TO_SD
-from tcdyn.identify.problem import Posed
-from tcdyn.identify.search import rms, root_of, search
+from tcdyn.identify.problem import IdentificationProblem
+from tcdyn.identify.search import residual_sd, search, sqrt_weights
 
 NoiseName = Literal["white", "slow", "ar", "arma", "auto"]
 Baseline = Literal["none", "trend", "walk", "auto"]
 NOISES = ("auto", "white", "slow", "ar", "arma")
 BASELINES = ("auto", "none", "trend", "walk")
-ORDERS = ((1, 1), (2, 1), (2, 2))  # of ARMA noise, that are tried
-MOST_AR = 8
-NEAREST = (
-    0.999  # a partial correlation, beyond which noise is a random walk and no offset can be told
-)
-MOST_REFINED = 4  # coefficients that are searched by the restricted likelihood
-DECISIVE = 4.0  # BIC by which a stationary noise must win over a random walk, which claims less
-ROUNDS = 6  # of dynamics given the noise and noise given the dynamics
-# of an averaged fit; standard uncertainties by which they may still move
-MOST_ROUNDS = 3
-AGREED = 0.05
-# move of a logarithm, and in standard uncertainties, that may still be linear
-LINEAR = 0.3
-FAR = 5.0
-# samples of a running median; its standard deviations, from which one beside it is a spike
-BESIDE = 15
-SPIKE = 4.0
-NEGLIGIBLE = 0.01  # probability, below which a drift is left out
-Estimate = Callable[[Posed, Array, Array], Noise]
+
+# The thresholds below are chosen by judgement.
+ARMA_ORDERS = ((1, 1), (2, 1), (2, 2))  # orders (p, q) of ARMA noise that are tried
+MAX_AR_ORDER = 8
+# Partial correlation of noise that is a random walk: no offset can be distinguished from it.
+MAX_PARTIAL_CORRELATION = 0.999
+MAX_REML_COEFFICIENTS = 4  # coefficients that the restricted likelihood refines at most
+# BIC by which stationary noise must be better than a random walk, which claims less.
+WALK_BIC_MARGIN = 4.0
+MAX_ALTERNATIONS = 6  # of dynamics given the noise and noise given the dynamics
+MAX_AVERAGE_ROUNDS = 3  # of the average over noise models and its linearisation
+AVERAGE_TOLERANCE = 0.05  # last step of the average, in standard uncertainties
+MAX_LINEAR_STEP = 0.3  # step of a logarithm up to which the problem is taken as linear
+MAX_LINEAR_SDS = 5.0  # the same as an increase of the cost, in standard uncertainties
+MEDIAN_WINDOW = 15  # samples of the running median of the residuals
+SPIKE_SDS = 4.0  # distance from the running median above which a residual is a spike
+MIN_PROBABILITY = 0.01  # of a drift, below which it is left out of the average
+MIN_OUTPUT_NOISE_SHARE = 0.01  # of the residual variance, the least that is output noise
+MIN_INPUT_NOISE_SHARE = 1e-6  # of the residual variance, below which input noise is ignored
+
+NoiseEstimator = Callable[[IdentificationProblem, Array, Array], Noise]
 
 
-def through_model(posed: Posed, x: Array, e: Array) -> Noise:
-    """The colour of residuals in which the input's noise stands behind the model, s_y^2 |D|^2 + s_u^2 |B|^2 over |D|^2;
-    white where it hardly counts.
+def input_noise_model(problem: IdentificationProblem, x: Array, e: Array) -> Noise:
+    """Noise model of residuals that hold the input's noise, filtered by the model.
 
-    D from the poles, B from the impulse response, C by the roots within the unit circle; s_y from the variance of
-    the residuals ``e`` (N,) less the input's share of it.
+    Parameters
+    ----------
+    problem
+        The identification problem.
+    x
+        Its vector.
+    e
+        Residuals (N,).
+
+    Returns
+    -------
+    Noise
+        White where the input's noise is negligible.
+
+    Notes
+    -----
+    The spectrum is (s_y^2 |D|^2 + s_u^2 |B|^2)/|D|^2, with D from the poles, B from the impulse
+    response and the numerator C from the roots within the unit circle. s_y follows from the
+    variance of the residuals less the input's share.
     """
-    if not posed.input_sd:
+    if not problem.input_sd:
         return Noise()
-    g = posed.model.rational(posed.theta(x))
-    poles = np.exp(
-        np.concatenate([f.poles for f in g.factors] or [np.zeros(0, dtype=complex)]) * posed.dt_s
-    )
-    below = np.real(polyfromroots(poles))[::-1]
-    length = max(len(s.u) for s in posed.segments)
-    pulse = np.zeros(length)
-    pulse[1] = posed.input_sd
-    ahead = replace(g, delay_s=0.0)  # a dead time changes no spectrum
-    h = simulate_rows(realise(ahead, False), pulse, posed.dt_s, 0.0, posed.hold, "zero")[0]
-    above = np.convolve(below, h)[: len(below) + 2]
-    above = above[np.abs(above) > 1e-9 * np.max(np.abs(above))] if len(below) > 1 else above
+    g = problem.model.rational(problem.theta(x))
+    poles = [f.poles for f in g.factors] or [np.zeros(0, dtype=complex)]
+    below = np.real(polyfromroots(np.exp(np.concatenate(poles) * problem.dt_s)))[::-1]
+    pulse = np.zeros(max(len(s.u) for s in problem.segments))
+    pulse[1] = problem.input_sd
+    # a dead time does not change the spectrum
+    system = realise(replace(g, delay_s=0.0), False)
+    response = simulate_rows(system, pulse, problem.dt_s, 0.0, problem.hold, "zero")[0]
+    above = np.convolve(below, response)[: len(below) + 2]
+    if len(below) > 1:
+        above = above[np.abs(above) > 1e-9 * np.max(np.abs(above))]
     above = np.pad(above, (0, max(len(below) - len(above), 0)))
-    share = float(h @ h)
-    left = float(e @ e) / max(len(e) - posed.size, 1)
-    own = max(left - share, 0.01 * left)
+    input_variance = float(response @ response)
+    variance = float(e @ e) / max(len(e) - problem.size, 1)
+    output_variance = max(variance - input_variance, MIN_OUTPUT_NOISE_SHARE * variance)
     spectrum = np.convolve(above, above[::-1])
-    mine = own * np.convolve(below, below[::-1])
     centre = len(above) - 1
-    spectrum[centre - len(below) + 1 : centre + len(below)] += mine
+    middle = slice(centre - len(below) + 1, centre + len(below))
+    spectrum[middle] += output_variance * np.convolve(below, below[::-1])
     roots = np.roots(spectrum)
     inside = roots[np.argsort(np.abs(roots))][: len(above) - 1]
-    if len(below) == 1 or np.any(np.abs(inside) >= 1) or share < 1e-6 * left:
+    is_negligible = input_variance < MIN_INPUT_NOISE_SHARE * variance
+    if len(below) == 1 or np.any(np.abs(inside) >= 1) or is_negligible:
         return Noise()
-    return Noise(
-        tuple(below[1:].tolist()), tuple(np.real(np.poly(inside))[1:].tolist()), rest=True, fitted=0
-    )
+    ar = tuple(below[1:].tolist())
+    ma = tuple(np.real(np.poly(inside))[1:].tolist())
+    return Noise(ar, ma, rest=True, fitted=0)
 
 
-def alternate(posed: Posed, optimum: Optimum, estimate: Estimate) -> tuple[Posed, Optimum, Noise]:
-    """Alternate the dynamics given the noise and the noise given the dynamics; both lower the same prediction error.
+def alternate(
+    problem: IdentificationProblem, optimum: Optimum, estimator: NoiseEstimator
+) -> tuple[IdentificationProblem, Optimum, Noise]:
+    """Alternate the dynamics given the noise, and the noise given the dynamics.
 
-    ``estimate`` finds the noise from the problem, its x and its residuals (N,). Robust weights stay as ``optimum`` has
-    them, and where the noise is white so does ``optimum``."""
-    begun = optimum
-    root = root_of(optimum.weights)
-    model = Noise()
+    Both decrease the same prediction error.
+
+    Parameters
+    ----------
+    problem
+        The identification problem.
+    optimum
+        Where to start; its robust weights stay. It is returned unchanged where it has robust
+        weights and the noise is white.
+    estimator
+        Noise from the problem, its x and its residuals (N,).
+    """
+    first = optimum
+    root = sqrt_weights(optimum.weights)
+    noise = Noise()
     cost = np.inf
-    for _ in range(ROUNDS):
-        answer = posed.evaluate(optimum.theta, root)
-        assert answer is not None
-        model = refined(posed.parts, *answer, estimate(posed, optimum.theta, answer[0]))
-        if model.white and begun.weights is not None:
-            return posed, begun, model
-        optimum = search(posed, posed.core(model, root), optimum.theta)
-        posed = replace(posed, noise_sd=rms(optimum, posed))
+    for _ in range(MAX_ALTERNATIONS):
+        rows = problem.evaluate(optimum.theta, root)
+        assert rows is not None
+        noise = estimator(problem, optimum.theta, rows[0])
+        noise = refine_by_reml(problem.residual_slices, *rows, noise)
+        if noise.white and first.weights is not None:
+            return problem, first, noise
+        core = problem.least_squares_problem(noise, root)
+        optimum = search(problem, core, optimum.theta)
+        problem = replace(problem, noise_sd=residual_sd(optimum, problem))
         if abs(cost - optimum.cost) < 1e-4 * optimum.cost:
             break
         cost = optimum.cost
-    return posed, optimum, model
+    return problem, optimum, noise
 
 
-def unspiked(posed: Posed, residual: Array) -> Posed:
-    """``posed`` with the samples whose ``residual`` (N,), measured less simulated, stands out from a running median put
-    upon it: weights by the size of residuals would take the crests of slow noise for spikes."""
-    apart = residual - np.concatenate(
-        [median_filter(residual[s], BESIDE, mode="nearest") for s in posed.parts]
-    )
-    spikes = np.where(np.abs(apart) > SPIKE * MAD_TO_SD * np.median(np.abs(apart)), apart, 0.0)
-    segments = []
-    at = 0
-    for s in posed.segments:
-        y = s.y.copy()
-        count = int(s.seen.sum())
-        y[s.seen] -= spikes[at : at + count]
-        segments.append(replace(s, y=y))
-        at += count
-    return replace(posed, segments=tuple(segments))
+def remove_spikes(problem: IdentificationProblem, residual: Array) -> IdentificationProblem:
+    """The problem with outliers of the output moved to the running median of the residuals.
 
-
-def walking(e: Array, parts: list[slice], order: tuple[int, int]) -> Noise:
-    """A random walk with ARMA(p, q) steps and white noise on it: MA(1) steps are a walk beneath white noise."""
-    steps = np.concatenate([np.diff(e[s], prepend=e[s][:1]) for s in parts])
-    found = fit_arma(steps, parts, *order)
-    return Noise(
-        tuple(np.convolve([1.0, -1.0], [1.0, *found.ar])[1:].tolist()), found.ma, True, sum(order)
-    )
-
-
-def refined(parts: list[slice], e: Array, j: Array, noise: Noise) -> Noise:
-    """``noise`` at the restricted likelihood's maximum, in which what the fit took from the residuals is given back.
-
-    Least (n - p) ln |w - WJ b|^2 + ln det (WJ)'(WJ) with w = W e, b its regression on the slopes WJ (Patterson and
-    Thompson 1971); residuals alone make slow noise quicker than it is. Coefficients are searched by the areatangent of
-    their partial correlations, within which every noise is stable and invertible.
+    Robust weights by the size of the residuals would treat the crests of slow noise as spikes.
+    ``residual`` (N,) is measured minus simulated.
     """
-    free = sum(noise.order)
-    walks = noise.walks
-    if not 0 < free <= MOST_REFINED:
+    medians = [
+        median_filter(residual[s], MEDIAN_WINDOW, mode="nearest") for s in problem.residual_slices
+    ]
+    difference = residual - np.concatenate(medians)
+    limit = SPIKE_SDS * MAD_TO_SD * np.median(np.abs(difference))
+    spikes = np.where(np.abs(difference) > limit, difference, 0.0)
+    segments = []
+    start = 0
+    for s in problem.segments:
+        y = s.y.copy()
+        count = int(s.measured.sum())
+        y[s.measured] -= spikes[start : start + count]
+        segments.append(replace(s, y=y))
+        start += count
+    return replace(problem, segments=tuple(segments))
+
+
+def fit_random_walk(e: Array, slices: list[slice], order: tuple[int, int]) -> Noise:
+    """A random walk with ARMA(p, q) steps; MA(1) steps are a random walk plus white noise."""
+    steps = np.concatenate([np.diff(e[s], prepend=e[s][:1]) for s in slices])
+    noise = fit_arma(steps, slices, *order)
+    return Noise(_integrated(noise.ar), noise.ma, True, sum(order))
+
+
+def _integrated(ar: Sequence[float]) -> tuple[float, ...]:
+    """Coefficients after the first of (1 - q^-1) A(q)."""
+    return tuple(np.convolve([1.0, -1.0], [1.0, *ar])[1:].tolist())
+
+
+def refine_by_reml(slices: list[slice], e: Array, j: Array, noise: Noise) -> Noise:
+    """Refine the coefficients of a noise model by restricted maximum likelihood (REML).
+
+    Parameters
+    ----------
+    slices
+        Consecutive samples in the residual vector.
+    e, j
+        Residuals (N,) and their Jacobian (N, P).
+    noise
+        Where to start; it is returned where the criterion does not decrease, or where it has no
+        coefficients or more than ``MAX_REML_COEFFICIENTS``.
+
+    Notes
+    -----
+    Minimises (n - p) ln |w - WJ b|^2 + ln det (WJ)'(WJ) with w = W e and b its regression on WJ
+    (Patterson and Thompson 1971). This corrects for the noise that the fit has absorbed; the
+    residuals alone make slow noise look faster. The search variables are the inverse hyperbolic
+    tangents of the partial correlations: every such noise is stable and invertible.
+    """
+    n_coefficients = sum(noise.order)
+    if not 0 < n_coefficients <= MAX_REML_COEFFICIENTS:
         return noise
     p = noise.order[0]
-    own = np.array([*_divided(noise), *noise.ma])
+    ar = _without_walk(noise)
 
-    def at(z: Array) -> Noise:
-        ar, ma = (coefficients(NEAREST * np.tanh(part)) for part in (z[:p], z[p:]))
-        below = np.convolve([1.0, -1.0], [1.0, *ar])[1:] if walks else ar
-        return Noise(
-            tuple(np.asarray(below).tolist()), tuple(ma.tolist()), noise.rest, noise.fitted
-        )
+    def noise_at(z: Array) -> Noise:
+        ar_at = coefficients(MAX_PARTIAL_CORRELATION * np.tanh(z[:p]))
+        ma_at = coefficients(MAX_PARTIAL_CORRELATION * np.tanh(z[p:]))
+        below = _integrated(ar_at.tolist()) if noise.walks else tuple(ar_at.tolist())
+        return Noise(below, tuple(ma_at.tolist()), noise.rest, noise.fitted)
 
-    told, size = j / np.maximum(np.linalg.norm(j, axis=0), 1e-300), len(e) - j.shape[1]
+    scaled = j / np.maximum(np.linalg.norm(j, axis=0), 1e-300)
+    table = np.column_stack([scaled, e])
+    dof = len(e) - j.shape[1]
 
     def criterion(z: Array) -> float:
-        table = at(z).whiten(np.column_stack([told, e]), parts)
-        factor = np.abs(np.diag(np.linalg.qr(table, mode="r")))
-        spread = at(z).log_spread(parts)
-        return float(
-            2 * size * np.log(factor[-1] + 1e-300)
-            + 2 * np.sum(np.log(factor[:-1] + 1e-12))
-            + spread
-        )
+        candidate = noise_at(z)
+        factor = np.abs(np.diag(np.linalg.qr(candidate.whiten(table, slices), mode="r")))
+        determinant = np.sum(np.log(factor[:-1] + 1e-12))
+        spread = candidate.log_spread(slices)
+        return float(2 * dof * np.log(factor[-1] + 1e-300) + 2 * determinant + spread)
 
-    start = np.arctanh(
-        np.clip(np.concatenate([partials(own[:p]), partials(own[p:])]), -0.998, 0.998)
-    )
-    found = minimize(
+    correlations = np.concatenate([partials(ar), partials(np.array(noise.ma))])
+    start = np.arctanh(np.clip(correlations, -0.998, 0.998))
+    optimum = minimize(
         criterion,
         start,
         method="Nelder-Mead",
-        options={"xatol": 1e-3, "fatol": 1e-3, "maxfev": 60 * free},
+        options={"xatol": 1e-3, "fatol": 1e-3, "maxfev": 60 * n_coefficients},
     )
-    return at(found.x) if found.fun < criterion(start) else noise
+    return noise_at(optimum.x) if optimum.fun < criterion(start) else noise
 
 
-def _divided(noise: Noise) -> Array:
-    """AR coefficients without the random walk's own."""
-    return np.cumsum([1.0, *noise.ar])[1:-1] if noise.walks else np.array(noise.ar)
+def _without_walk(noise: Noise) -> Array:
+    """AR coefficients without the factor of the random walk."""
+    if noise.walks:
+        return np.cumsum([1.0, *noise.ar])[1:-1]
+    return np.array(noise.ar)
 
 
-def score(e: Array, parts: list[slice], noise: Noise) -> float:
-    """BIC of ``noise`` for residuals ``e`` (N,)."""
-    w = noise.whiten(e, parts)
+def noise_bic(e: Array, slices: list[slice], noise: Noise) -> float:
+    """BIC of a noise model for residuals ``e`` (N,)."""
+    w = noise.whiten(e, slices)
+    n = len(e)
     variance = float(w @ w) / max(int(np.count_nonzero(w)), 1)
-    spread = noise.log_spread(parts)
-    return float(
-        len(e) * np.log(max(variance, 1e-300)) + spread + noise.parameters * np.log(len(e))
-    )
+    deviance = n * np.log(max(variance, 1e-300)) + noise.log_spread(slices)
+    return float(deviance + noise.parameters * np.log(n))
 
 
-def estimate(noise: NoiseName | tuple[int, int], baseline: Baseline) -> Estimate:
-    """How to find the noise from residuals: of what ``noise`` allows that with the least BIC.
+def noise_estimator(noise: NoiseName | tuple[int, int], baseline: Baseline) -> NoiseEstimator:
+    """Function that estimates the noise from residuals: the model of least BIC.
 
-    Of autoregressions those up to the order that Yule and Walker's have, 8 at most; of random walks a few.
+    ``noise`` and ``baseline`` say which models are allowed. Autoregressions go up to the order
+    from the Yule-Walker equations, at most ``MAX_AR_ORDER``; random walks have few orders.
     """
-    walk = {"white": [(0, 1)], "ar": [(1, 1)]}
 
-    def found(posed: Posed, x: Array, e: Array) -> Noise:
-        parts = posed.parts
-        if baseline == "walk":
-            orders = [noise] if isinstance(noise, tuple) else walk.get(noise, [(0, 1), (1, 1)])
-            options = [walking(e, parts, order) for order in orders]
-        elif isinstance(noise, tuple) and any(noise):
-            options = [fit_arma(e, parts, *noise)]
+    def random_walks(e: Array, slices: list[slice]) -> list[Noise]:
+        if isinstance(noise, tuple):
+            orders = [noise]
+        elif noise == "white":
+            orders = [(0, 1)]
+        elif noise == "ar":
+            orders = [(1, 1)]
         else:
-            most = max(1, min(MOST_AR, len(fit_ar(e, parts).ar)))
-            orders = [(p, 0) for p in range(1, most + 1)] if noise in ("ar", "auto") else []
-            orders += ORDERS if noise in ("arma", "auto") else []
-            options = [fit_arma(e, parts, *order) for order in orders]
-            options += [through_model(posed, x, e)] if noise not in ("ar", "arma") else []
-        return min(options, key=lambda m: score(e, parts, m))
+            orders = [(0, 1), (1, 1)]
+        return [fit_random_walk(e, slices, order) for order in orders]
 
-    return found
+    def estimator(problem: IdentificationProblem, x: Array, e: Array) -> Noise:
+        slices = problem.residual_slices
+        if baseline == "walk":
+            candidates = random_walks(e, slices)
+        elif isinstance(noise, tuple) and any(noise):
+            candidates = [fit_arma(e, slices, *noise)]
+        else:
+            orders: list[tuple[int, int]] = []
+            if noise in ("ar", "auto"):
+                max_order = max(1, min(MAX_AR_ORDER, len(fit_ar(e, slices).ar)))
+                orders += [(p, 0) for p in range(1, max_order + 1)]
+            if noise in ("arma", "auto"):
+                orders += ARMA_ORDERS
+            candidates = [fit_arma(e, slices, *order) for order in orders]
+            if noise not in ("ar", "arma"):
+                candidates.append(input_noise_model(problem, x, e))
+        return min(candidates, key=lambda candidate: noise_bic(e, slices, candidate))
+
+    return estimator
 
 
 @dataclass(frozen=True)
-class Averaged:
-    """``mean`` and ``covariance`` over the noises, of x with its logarithms taken back: there small lags and dead time
-    add up. ``noise`` is the likeliest, ``optimum`` given it, and ``evidence`` the logarithm of the likelihood averaged
-    over all noises; ``walks`` is the probability that the disturbance outlasts the record."""
+class NoiseAverage:
+    """Bayesian average over noise models, in x with its logarithms taken back.
 
-    posed: Posed
+    There small lags and the dead time add up.
+
+    Parameters
+    ----------
+    problem
+        The identification problem.
+    optimum
+        Its optimum given the likeliest noise.
+    noise
+        The likeliest noise.
+    mean, covariance
+        Mean (P,) and covariance (P, P) over the noise models.
+    evidence
+        Logarithm of the likelihood, averaged over all noise models.
+    walks
+        Probability that the disturbance is a random walk over the record: its memory is longer.
+    """
+
+    problem: IdentificationProblem
     optimum: Optimum
     noise: Noise
     mean: Array
@@ -233,91 +317,111 @@ class Averaged:
     evidence: float
     walks: float
 
-    def found(self, weights: Array | None) -> tuple[Posed, Optimum, Noise, Array]:
-        """Problem, optimum and noise as any other fit has them, residuals and slopes at the mean, and covariance of x.
+    def point_estimate(
+        self, weights: Array | None
+    ) -> tuple[IdentificationProblem, Optimum, Noise, Array]:
+        """Problem, optimum at the mean, noise, and covariance of x.
 
-        Where the mean lies further off than the problem is linear, as in a direction of which the data tell nothing,
-        x stays that given the likeliest noise, and what it is off the mean is uncertainty.
+        Notes
+        -----
+        Where the mean is too far from the optimum for a linear problem, as in a direction that
+        the data do not determine, x stays the optimum given the likeliest noise. Its distance
+        from the mean is then added to the covariance.
         """
-        posed = self.posed
-        core = self.posed.core(self.noise, root_of(weights))
+        problem = self.problem
+        core = problem.least_squares_problem(self.noise, sqrt_weights(weights))
         x = self.optimum.theta
-        scale = posed.natural_scale(self.optimum.theta)
-        logs = posed.logarithms
-        answer = core.evaluate(x)
+        scale = problem.natural_scale(x)
+        is_log = problem.is_logarithm
+        rows = core.evaluate(x)
+        assert rows is not None
         covariance = self.covariance
-        assert answer is not None
-        apart = self.mean - plain(posed, x)
-        moved = x + np.where(logs, np.log1p(np.clip(apart / scale, -LINEAR, LINEAR)), apart)
-        moved = np.clip(moved, core.lower, core.upper)
-        there = core.evaluate(moved) if np.all(np.abs(apart / scale)[logs] < LINEAR) else None
-        limit = (1 + FAR**2 / posed.n_seen) * float(answer[0] @ answer[0])
-        if there is not None and there[0] @ there[0] < limit:
-            x = moved
-            answer = there
-            scale = posed.natural_scale(moved)
+        difference = self.mean - natural_parameters(problem, x)
+        relative = difference / scale
+        log_step = np.log1p(np.clip(relative, -MAX_LINEAR_STEP, MAX_LINEAR_STEP))
+        x_mean = np.clip(x + np.where(is_log, log_step, difference), core.lower, core.upper)
+        rows_mean = None
+        if np.all(np.abs(relative)[is_log] < MAX_LINEAR_STEP):
+            rows_mean = core.evaluate(x_mean)
+        max_cost = (1 + MAX_LINEAR_SDS**2 / problem.n_measured) * float(rows[0] @ rows[0])
+        if rows_mean is not None and rows_mean[0] @ rows_mean[0] < max_cost:
+            x = x_mean
+            rows = rows_mean
+            scale = problem.natural_scale(x)
         else:
-            covariance = covariance + np.outer(apart, apart)
-        here = replace(self.optimum, problem=core, theta=x, residual=answer[0], jacobian=answer[1])
-        return posed, here, self.noise, covariance / np.outer(scale, scale)
+            covariance = covariance + np.outer(difference, difference)
+        optimum = replace(self.optimum, problem=core, theta=x, residual=rows[0], jacobian=rows[1])
+        return problem, optimum, self.noise, covariance / np.outer(scale, scale)
 
 
-def plain(posed: Posed, x: Array) -> Array:
+def natural_parameters(problem: IdentificationProblem, x: Array) -> Array:
     """x (P,) with its logarithms taken back."""
-    return np.where(posed.logarithms, posed.natural_scale(x), x)
+    return np.where(problem.is_logarithm, problem.natural_scale(x), x)
 
 
-def slopes(posed: Posed, x: Array, root: Array | float) -> Slopes:
-    """``posed`` made linear at x, all rows times ``root``, by x with logarithms taken back; what stands on a bound
-    stays there."""
-    answer = posed.evaluate(x, root)
-    assert answer is not None
-    lower, upper = posed.bounds()
-    j = answer[1] * ((lower < x) & (x < upper)) / posed.natural_scale(x)
-    size = np.linalg.norm(j, axis=0)
+def linearise(problem: IdentificationProblem, x: Array, root: Array | float) -> Slopes:
+    """The problem linearised at x, in x with its logarithms taken back.
+
+    All rows are multiplied by ``root``. Parameters at a bound stay there.
+    """
+    rows = problem.evaluate(x, root)
+    assert rows is not None
+    lower, upper = problem.bounds()
+    inside = (lower < x) & (x < upper)
+    jacobian = rows[1] * inside / problem.natural_scale(x)
+    size = np.linalg.norm(jacobian, axis=0)
     size[size == 0] = np.inf
-    told = np.sqrt(posed.precision)
-    prior = np.column_stack([np.diag(told / size), told * x])[told > 0]
-    return Slopes(answer[0], j / size, size, prior, posed.parts, posed.trend * len(posed.begun_s))
+    prior_root = np.sqrt(problem.prior_precision)
+    prior = np.column_stack([np.diag(prior_root / size), prior_root * x])[prior_root > 0]
+    n_drifts = len(problem.run_start_s) if problem.trend else 0
+    return Slopes(rows[0], jacobian / size, size, prior, problem.residual_slices, n_drifts)
 
 
-def averaged(posed: Posed, optimum: Optimum) -> Averaged:
-    """``posed`` averaged over first-order disturbances, white noise and what a measured input's leaves, begun at
-    ``optimum``, whose robust weights stay."""
-    root = root_of(optimum.weights)
-    box = widest(posed.n_seen)
-    others = [Noise(averaged=True)]
-    begun = posed.evaluate(optimum.theta, root)
-    assert begun is not None
-    if not (behind := through_model(posed, optimum.theta, begun[0])).white:
-        others.append(behind)
-    for _ in range(MOST_ROUNDS):
-        line = slopes(posed, optimum.theta, root)
-        grid = NoiseGrid.of(line, box)
-        evidence, walks, noise, step, covariance = grid.integrated(line, others)
-        mean = plain(posed, optimum.theta) + step
-        if box is grid.box or np.all(np.abs(step) <= AGREED * np.sqrt(np.diag(covariance))):
+def average_over_noise(problem: IdentificationProblem, optimum: Optimum) -> NoiseAverage:
+    """Average over first-order disturbances, white noise, and filtered noise of the input.
+
+    The search starts at ``optimum``, whose robust weights stay.
+    """
+    root = sqrt_weights(optimum.weights)
+    box = widest(problem.n_measured)
+    other_noises = [Noise(averaged=True)]
+    rows = problem.evaluate(optimum.theta, root)
+    assert rows is not None
+    input_noise = input_noise_model(problem, optimum.theta, rows[0])
+    if not input_noise.white:
+        other_noises.append(input_noise)
+    for _ in range(MAX_AVERAGE_ROUNDS):
+        linear = linearise(problem, optimum.theta, root)
+        grid = NoiseGrid.of(linear, box)
+        evidence, walks, noise, step, covariance = grid.integrated(linear, other_noises)
+        mean = natural_parameters(problem, optimum.theta) + step
+        tolerance = AVERAGE_TOLERANCE * np.sqrt(np.diag(covariance))
+        if box is grid.box or np.all(np.abs(step) <= tolerance):
             break
-        optimum = search(posed, posed.core(noise, root), optimum.theta)
-        posed = replace(posed, noise_sd=rms(optimum, posed))
+        core = problem.least_squares_problem(noise, root)
+        optimum = search(problem, core, optimum.theta)
+        problem = replace(problem, noise_sd=residual_sd(optimum, problem))
         box = grid.box
-    return Averaged(posed, optimum, noise, mean, covariance, evidence, walks)
+    return NoiseAverage(problem, optimum, noise, mean, covariance, evidence, walks)
 
 
-def mixed(found: Sequence[Averaged]) -> Averaged:
-    """One of all, each by its evidence: the problem of the last that is not negligible, of which those before are the
-    special case that its last unknowns are nought."""
-    height = np.array([f.evidence for f in found])
-    weight = softmax(height)
-    kept = [k for k in range(len(found)) if weight[k] > NEGLIGIBLE]
-    last = found[kept[-1]]
-    size = len(found[kept[-1]].mean)
-    means = np.array([np.pad(found[k].mean, (0, size - len(found[k].mean))) for k in kept])
-    covariances = np.array(
-        [np.pad(found[k].covariance, (0, size - len(found[k].mean))) for k in kept]
-    )
-    mean, covariance = moments(height[kept], means, covariances)
-    likeliest = found[int(np.argmax(height))].noise
-    walks = float(weight[kept] / weight[kept].sum() @ [found[k].walks for k in kept])
-    evidence = float(logsumexp(height))
-    return Averaged(last.posed, last.optimum, likeliest, mean, covariance, evidence, walks)
+def mix_averages(averages: Sequence[NoiseAverage]) -> NoiseAverage:
+    """The average of several averages, weighted by their evidence.
+
+    The problem is that of the last whose weight is not negligible. The earlier ones are its
+    special case in which the last unknowns are zero.
+    """
+    evidence = np.array([a.evidence for a in averages])
+    weight = softmax(evidence)
+    index = [k for k in range(len(averages)) if weight[k] > MIN_PROBABILITY]
+    used = [averages[k] for k in index]
+    last = used[-1]
+    size = len(last.mean)
+    means = np.array([np.pad(a.mean, (0, size - len(a.mean))) for a in used])
+    covariances = np.array([np.pad(a.covariance, (0, size - len(a.mean))) for a in used])
+    mean, covariance = moments(evidence[index], means, covariances)
+    likeliest = averages[int(np.argmax(evidence))].noise
+    probability = weight[index] / weight[index].sum()
+    walks = float(probability @ [a.walks for a in used])
+    total = float(logsumexp(evidence))
+    return NoiseAverage(last.problem, last.optimum, likeliest, mean, covariance, total, walks)

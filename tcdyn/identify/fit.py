@@ -1,5 +1,7 @@
-"""Fit a continuous-time model to sampled data: the output-error / prediction-error estimate with its
-uncertainty."""
+"""Fit a continuous-time model to sampled data: output-error or prediction-error estimate.
+
+The result has parameters with uncertainty, a noise model and validated residuals.
+"""
 
 from __future__ import annotations
 
@@ -11,45 +13,60 @@ import numpy as np
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
+from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, warning
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.estimation import Loss, Noise, Optimum, Status, determined, minimise
 from tcdyn.identify.causality import check_causality
 from tcdyn.identify.closed_loop import check_closed_loop
 from tcdyn.identify.disturbance import (
-    DECISIVE,
+    WALK_BIC_MARGIN,
     Baseline,
     NoiseName,
     alternate,
-    averaged,
-    estimate,
-    mixed,
-    through_model,
-    unspiked,
+    average_over_noise,
+    input_noise_model,
+    mix_averages,
+    noise_estimator,
+    remove_spikes,
 )
 from tcdyn.identify.identified import Identified
-from tcdyn.identify.intervals import Covariance, covariance_of, profiled
+from tcdyn.identify.intervals import Covariance, parameter_covariance, replace_poor_intervals
 from tcdyn.identify.iodata import IOData
-from tcdyn.identify.models import Model, as_model, bare, beside, suffix
-from tcdyn.identify.problem import Initial, Posed
+from tcdyn.identify.models import Model, as_model, base_name, input_suffix, same_input
+from tcdyn.identify.problem import IdentificationProblem, Initial
 from tcdyn.identify.search import (
     Fit,
-    beyond,
+    active_bound,
     criteria,
-    diverse,
+    distinct_starts,
     first_moment,
-    ordered,
-    pose,
-    rms,
+    make_problem,
+    residual_sd,
     search,
+    sort_lags,
 )
-from tcdyn.identify.segments import SHORTEST
-from tcdyn.identify.starting_values import alone, polished, starts
-from tcdyn.identify.validate import coloured, disturbed, undriven, validate
+from tcdyn.identify.segments import MIN_SEGMENT_SAMPLES
+from tcdyn.identify.starting_values import (
+    single_input_problems,
+    solve_linear_parameters,
+    starts,
+)
+from tcdyn.identify.validate import (
+    has_coloured_residuals,
+    is_disturbed,
+    is_undriven,
+    validate,
+)
 
 Intervals = Literal["auto", "quadratic", "profile"]
 
+# Limits of the findings about parameters, chosen by judgement.
+MAX_RELATIVE_U = 0.5  # standard uncertainty over value, above which a parameter is undetermined
+MIN_LAG_DIFFERENCE = 1e-2  # relative difference of two lags, below which they are equal
 
+
+@one_blas_thread
 def fit(
     data: IOData,
     model: Model | str = "P1D",
@@ -64,21 +81,56 @@ def fit(
     check: bool = True,
     input_noise: float | Literal["auto"] = "auto",
 ) -> Fit:
-    """The least-squares simulation fit of ``model`` to ``data``, start-free, with uncertainties.
+    """Least-squares simulation fit of a model to data, with uncertainties.
 
-    Minimises sum (y - offset - G u)^2 with G exact under the data's hold, dead time continuous. ``initial``: the
-    record starts in equilibrium with its first input, from zero, or from a state that is estimated. ``noise=(p, q)``
-    adds an ARMA model of the disturbance (then the prediction error is minimised), "ar" and "arma" one whose order
-    the data choose, ``baseline`` a straight drift ("trend") or a random walk ("walk") beneath the output; "auto" lets
-    the data choose where the residuals of white noise are coloured and do not follow the input. ``loss``: "huber" or
-    "bisquare" against spikes. ``covariance``: "auto" takes the robust (sandwich) one where residuals are coloured.
-    ``intervals``: "auto" takes profile likelihood where the quadratic one is poor. ``start`` gives parameters to begin
-    at, or several sets, of which the most promising is taken. ``check=False`` skips whether the output moves first and
-    whether the input is computed from the output (a closed loop).
-    ``input_noise`` is the sd of a measured input, 0 for one that is known; "auto" takes it from its own samples. With
-    noise the input's level before a run in equilibrium is estimated, of which the first sample is but one reading.
-    Raises InputError for data nothing can be learnt from.
+    Starting values are not needed.
 
+    Parameters
+    ----------
+    data
+        One output, and as many inputs as the model has.
+    model
+        Model or its name.
+    initial
+        The record starts in equilibrium with its first input, from zero, or from a state that is
+        estimated.
+    noise
+        "white"; (p, q), an ARMA model of the disturbance (then the prediction error is
+        minimised); "ar" or "arma", with the order from the data; "slow", an average over slow
+        first-order noise; "auto", selected from the data where the residuals of white noise are
+        coloured and do not follow the input.
+    baseline
+        "none", a linear drift ("trend"), a random walk ("walk") added to the output, or "auto" as
+        for ``noise``.
+    loss
+        "linear", or "huber" or "bisquare" against outliers.
+    covariance
+        "classical", "robust" (sandwich) or "auto": robust where residuals are coloured.
+    intervals
+        "quadratic", "profile" (profile likelihood) or "auto": profile where the quadratic
+        interval is poor.
+    start
+        Parameters to start from, or several sets, of which the most promising is used.
+    check
+        Whether to check that the output does not move before the input, and that the input is not
+        computed from the output (closed loop).
+    input_noise
+        Standard deviation of a measured input's noise, 0 for an exact input; "auto" estimates it
+        from the samples. With noise, the input's level before a run in equilibrium is estimated:
+        its first sample is one reading of it.
+
+    Raises
+    ------
+    InputError
+        For data from which the model cannot be identified.
+
+    Notes
+    -----
+    Minimises sum (y - offset - G u)^2, with G exact under the data's hold and a continuous dead
+    time.
+
+    Examples
+    --------
     >>> u = np.repeat([0.0, 1.0, 0.0, 1.0], 25)
     >>> from tcdyn.chain.rational import simulate
     >>> truth = as_model("P1D").rational({"Kp": 2.0, "Tp1": 0.8, "Td": 0.13})
@@ -86,188 +138,227 @@ def fit(
     >>> round(fit(data, "P1D").identified.theta["Td"], 6)
     0.13
     """
-    with one_blas_thread:
-        return _fitted(
-            data,
-            as_model(model),
-            initial,
-            noise,
-            baseline,
-            loss,
-            covariance,
-            intervals,
-            start,
-            check,
-            input_noise,
-        )
-
-
-def _fitted(
-    data: IOData,
-    structure: Model,
-    initial: Initial,
-    noise: tuple[int, int] | NoiseName,
-    baseline: Baseline,
-    loss: Loss,
-    covariance: Covariance,
-    intervals: Intervals,
-    start: Mapping[str, float] | Sequence[Mapping[str, float]] | None,
-    check: bool,
-    input_noise: float | Literal["auto"],
-) -> Fit:
-    """The fit, with the arguments of ``fit``."""
-    problem = pose(data, structure, initial, input_noise)
+    structure = as_model(model)
+    where = data.name or "identify"
+    problem = make_problem(data, structure, initial, input_noise)
     if structure.arx and (noise not in ("white", "auto") or baseline not in ("none", "auto")):
         raise InputError(
             f"{structure.name} has the noise of its own poles",
             remedy="leave noise and baseline out",
         )
     if check:
-        check_closed_loop(data, data.name or "identify")
-        for one in alone(problem):
-            check_causality(one, data.name or "identify")
-    asked = [] if start is None else [start] if isinstance(start, Mapping) else start
-    optimum = search(
-        problem,
-        start=[polished(problem, {**dict.fromkeys(structure.names, 0.0), **s})[1] for s in asked],
-    )
-    if any(
-        problem.loose
-    ):  # initial states are best searched in the time scale of the model, linear ones solved anew
-        problem = replace(problem, time_scale_s=first_moment(problem, optimum.theta))
-        optimum = search(problem, start=polished(problem, problem.theta(optimum.theta))[1])
-    if problem.precision.any():  # how much the first sample tells of them is known by now
-        problem = replace(problem, noise_sd=rms(optimum, problem))
-        optimum = search(problem, start=optimum.theta)
-    model_noise = (
-        Noise(tuple(problem.colour(optimum.theta).tolist()), fitted=0) if structure.arx else Noise()
-    )
+        check_closed_loop(data, where)
+        for single in single_input_problems(problem):
+            check_causality(single, where)
+    start_sets = [start] if isinstance(start, Mapping) else start or []
+    problem, optimum = _fit_white(problem, start_sets)
+    noise_model = Noise()
+    if structure.arx:
+        noise_model = Noise(tuple(problem.pole_polynomial(optimum.theta).tolist()), fitted=0)
     if loss != "linear":
-        optimum = ordered(
-            problem, minimise(optimum.problem, optimum.theta, loss=loss, tolerance=0.0)
-        )
+        optimum = _fit_robust(problem, optimum, loss)
     elif problem.input_sd and not structure.arx:
-        problem, optimum, model_noise = alternate(problem, optimum, through_model)
-    found = assemble(data, problem, optimum, model_noise, loss, covariance)
+        problem, optimum, noise_model = alternate(problem, optimum, input_noise_model)
+    result = make_fit(data, problem, optimum, noise_model, loss, covariance)
     if (noise, baseline) != ("white", "none") and not structure.arx:
-        found = with_noise(data, found, optimum, noise, baseline, covariance)
-    plain = intervals == "quadratic" or loss != "linear" or found.noise.averaged
-    return noted(found if plain else profiled(found, intervals == "profile"), data.findings)
+        result = fit_disturbance(data, result, optimum, noise, baseline, covariance)
+    if intervals != "quadratic" and loss == "linear" and not result.noise.averaged:
+        result = replace_poor_intervals(result, intervals == "profile")
+    return add_findings(result, data.findings)
 
 
-def noted(found: Fit, findings: tuple[Finding, ...]) -> Fit:
-    """``found`` with what was noticed in its data."""
-    told = replace(found.identified, findings=(*found.identified.findings, *findings))
-    return replace(found, identified=told) if findings else found
+def _fit_white(
+    problem: IdentificationProblem, start_sets: Sequence[Mapping[str, float]]
+) -> tuple[IdentificationProblem, Optimum]:
+    """The output-error fit with white noise, and the problem with its time scale and noise."""
+    zeros = dict.fromkeys(problem.model.names, 0.0)
+    given = [solve_linear_parameters(problem, {**zeros, **s})[1] for s in start_sets]
+    optimum = search(problem, start=given)
+    if any(problem.has_free_state):
+        # initial states are searched best in the time scale of the model; linear parameters anew
+        time_scale_s = first_moment(problem, optimum.theta)
+        problem = replace(problem, time_scale_s=time_scale_s)
+        x = solve_linear_parameters(problem, problem.theta(optimum.theta))[1]
+        optimum = search(problem, start=x)
+    if problem.prior_precision.any():
+        # the weight of an input's first sample needs the output's noise
+        problem = replace(problem, noise_sd=residual_sd(optimum, problem))
+        optimum = search(problem, start=optimum.theta)
+    return problem, optimum
 
 
-def with_noise(
+def _fit_robust(problem: IdentificationProblem, optimum: Optimum, loss: Loss) -> Optimum:
+    """The optimum of a robust loss, from that of least squares."""
+    robust = minimise(optimum.problem, optimum.theta, loss=loss, tolerance=0.0)
+    return sort_lags(problem, robust)
+
+
+def add_findings(result: Fit, findings: tuple[Finding, ...]) -> Fit:
+    """The fit with more findings."""
+    if not findings:
+        return result
+    identified = replace(result.identified, findings=(*result.identified.findings, *findings))
+    return replace(result, identified=identified)
+
+
+def fit_disturbance(
     data: IOData,
-    found: Fit,
+    white: Fit,
     optimum: Optimum,
     noise: tuple[int, int] | NoiseName,
     baseline: Baseline,
     covariance: Covariance,
 ) -> Fit:
-    """``found`` with the disturbance that is asked for, or where the data choose that the residuals ask for.
+    """The fit with the requested disturbance, or with one selected from the residuals.
 
-    First-order disturbances of any time constant are averaged over (:mod:`tcdyn.estimation.noise_average`); only
-    what leaves
-    coloured innovations is sought among those of higher order, by BIC. What is asked for by name is never left out.
-    Where noise may be slow a robust loss stands for the samples that :func:`unspiked` moves.
+    Parameters
+    ----------
+    data
+        The record.
+    white
+        The fit with white noise.
+    optimum
+        Its optimum.
+    noise, baseline, covariance
+        As in :func:`fit`.
+
+    Notes
+    -----
+    First-order disturbances of any time constant are averaged
+    (:mod:`tcdyn.estimation.noise_average`). Higher orders are tried, by BIC, only where that
+    leaves coloured innovations. A disturbance that is requested by name is never left out. Where
+    noise may be slow, :func:`remove_spikes` replaces a robust loss.
     """
-    slow = (
-        baseline == "walk" or noise == "slow" or ("auto" in (noise, baseline) and coloured(found))
+    may_be_slow = (
+        baseline == "walk"
+        or noise == "slow"
+        or ("auto" in (noise, baseline) and has_coloured_residuals(white))
     )
-    if found.loss != "linear" and slow:
-        problem = unspiked(found.problem, found.residual)
+    if white.loss != "linear" and may_be_slow:
+        problem = remove_spikes(white.problem, white.residual)
         optimum = search(problem, start=optimum.theta)
-        level = assemble(data, problem, optimum, Noise(), "linear", covariance)
-        return replace(
-            with_noise(data, level, optimum, noise, baseline, covariance), loss=found.loss
-        )
+        linear = make_fit(data, problem, optimum, Noise(), "linear", covariance)
+        result = fit_disturbance(data, linear, optimum, noise, baseline, covariance)
+        return replace(result, loss=white.loss)
     auto = "auto" in (noise, baseline) and noise != "slow"
-    named = noise not in ("auto", "slow")
-    least = baseline if baseline != "auto" else "none"
-    begun = [(found.problem, optimum)]
-    if baseline == "trend" or (baseline == "auto" and (coloured(found) or not auto)):
-        begun.append(drifting(found.problem, optimum, found.loss))
-    weights = begun[-1][1].weights  # to a fit without it a drift is what stands out
-    spared = [(begun[0][0], replace(optimum, weights=weights)), *begun[1:]]
+    noise_is_given = noise not in ("auto", "slow")
+    least_baseline: Baseline = "none" if baseline == "auto" else baseline
+    fits = [(white.problem, optimum)]
+    needs_drift = baseline == "auto" and (has_coloured_residuals(white) or not auto)
+    if baseline == "trend" or needs_drift:
+        fits.append(fit_drift(white.problem, optimum, white.loss))
+    # without a drift term, a robust loss would treat the drift as outliers
+    weights = fits[-1][1].weights
+    weighted = [(fits[0][0], replace(optimum, weights=weights)), *fits[1:]]
 
-    def given(kind: Baseline, name: tuple[int, int] | NoiseName) -> Fit:
-        own = spared[0] if kind == "walk" else begun[kind == "trend"]
-        answer = alternate(*own, estimate(name, kind))
-        return assemble(data, *answer, found.loss, covariance, weights=own[1].weights)
-
-    base = found if not named and least == "none" else given(least, noise if named else "white")
-    seen = found if named else base
-    if (named and baseline != "auto") or (auto and not coloured(seen)):
-        return base
-    if auto and not disturbed(
-        seen
-    ):  # of what the residuals have of the input only a drift may be the reason
-        line = [assemble(data, *each, Noise(), found.loss, covariance) for each in begun[1:]]
-        if not any(map(undriven, line)):
-            return base
-    tried = [base] if auto else []
-    if not named and baseline != "walk":
-        kinds = spared[1:] if baseline == "trend" else spared
-        mean = mixed([averaged(*each) for each in kinds])
-        problem, best, model_noise, cov_x = mean.found(weights)
-        spread = assemble(data, problem, best, model_noise, found.loss, covariance, cov_x, weights)
-        told = replace(
-            spread.identified, statistics={**spread.identified.statistics, "p_walk": mean.walks}
+    def fit_given(kind: Baseline, name: tuple[int, int] | NoiseName) -> Fit:
+        first = weighted[0] if kind == "walk" else fits[kind == "trend"]
+        problem, best, noise_model = alternate(*first, noise_estimator(name, kind))
+        return make_fit(
+            data, problem, best, noise_model, white.loss, covariance, weights=first[1].weights
         )
-        spread = replace(spread, identified=told)
-        if noise == "slow" or not coloured(spread):
-            return spread
-        tried.append(spread)
-    left: tuple[Baseline, ...] = ("none", "trend", "walk") if baseline == "auto" else (baseline,)
-    tried += [given(kind, "auto" if noise == "slow" else noise) for kind in left[named:]]
-    return chosen(tried)
+
+    if not noise_is_given and least_baseline == "none":
+        base = white
+    else:
+        base = fit_given(least_baseline, noise if noise_is_given else "white")
+    reference = white if noise_is_given else base
+    if noise_is_given and baseline != "auto":
+        return base
+    if auto and not has_coloured_residuals(reference):
+        return base
+    if auto and not is_disturbed(reference):
+        # residuals that follow the input are accepted only where a drift explains them
+        drifts = [make_fit(data, *each, Noise(), white.loss, covariance) for each in fits[1:]]
+        if not any(is_undriven(drift) for drift in drifts):
+            return base
+    candidates = [base] if auto else []
+    if not noise_is_given and baseline != "walk":
+        kinds = weighted[1:] if baseline == "trend" else weighted
+        average = _fit_average(data, kinds, white.loss, covariance, weights)
+        if noise == "slow" or not has_coloured_residuals(average):
+            return average
+        candidates.append(average)
+    kinds_left: list[Baseline] = ["none", "trend", "walk"] if baseline == "auto" else [baseline]
+    if noise_is_given:
+        kinds_left = kinds_left[1:]
+    for kind in kinds_left:
+        candidates.append(fit_given(kind, "auto" if noise == "slow" else noise))
+    return select_by_bic(candidates)
 
 
-def drifting(problem: Posed, optimum: Optimum, loss: Loss) -> tuple[Posed, Optimum]:
-    """``problem`` with a drift of each run and its optimum, sought from that without a drift and from its own starts,
-    with robust weights of its own."""
-    trended = replace(problem, trend=True)
-    longer = np.append(optimum.theta, np.zeros(trended.size - problem.size))
-    best = search(trended, start=[longer, *diverse(trended, starts(trended))])
+def _fit_average(
+    data: IOData,
+    fits: Sequence[tuple[IdentificationProblem, Optimum]],
+    loss: Loss,
+    covariance: Covariance,
+    weights: Array | None,
+) -> Fit:
+    """The fit averaged over slow first-order noise models, with the probability of a walk."""
+    average = mix_averages([average_over_noise(*each) for each in fits])
+    problem, best, noise_model, cov_x = average.point_estimate(weights)
+    result = make_fit(data, problem, best, noise_model, loss, covariance, cov_x, weights)
+    statistics = {**result.identified.statistics, "p_walk": average.walks}
+    return replace(result, identified=replace(result.identified, statistics=statistics))
+
+
+def fit_drift(
+    problem: IdentificationProblem, optimum: Optimum, loss: Loss
+) -> tuple[IdentificationProblem, Optimum]:
+    """The problem with a linear drift of each run, and its optimum.
+
+    The search starts at the optimum without a drift and at the problem's own starting values.
+    """
+    with_trend = replace(problem, trend=True)
+    no_drift = np.append(optimum.theta, np.zeros(with_trend.size - problem.size))
+    candidates = [no_drift, *distinct_starts(with_trend, starts(with_trend))]
+    best = search(with_trend, start=candidates)
     if loss != "linear":
-        best = ordered(trended, minimise(best.problem, best.theta, loss=loss, tolerance=0.0))
-    return trended, best
+        best = _fit_robust(with_trend, best, loss)
+    return with_trend, best
 
 
-def chosen(fits: Sequence[Fit]) -> Fit:
-    """The least BIC within stretches; a random walk unless another is decisively better, for it claims less."""
-    scores = [within(f) for f in fits]
+def select_by_bic(fits: Sequence[Fit]) -> Fit:
+    """The fit of least BIC within segments (:func:`segment_bic`).
+
+    A random walk is preferred unless another is better by ``WALK_BIC_MARGIN``, for it claims
+    less.
+    """
+    scores = [segment_bic(f) for f in fits]
     best = int(np.argmin(scores))
-    return next(
-        (f for f, score in zip(fits, scores) if f.noise.walks and score < scores[best] + DECISIVE),
-        fits[best],
-    )
+    for candidate, score in zip(fits, scores):
+        if candidate.noise.walks and score < scores[best] + WALK_BIC_MARGIN:
+            return candidate
+    return fits[best]
 
 
-def within(found: Fit) -> float:
-    """BIC of what the stretches without a gap tell beside the level of each after the first, which a random walk leaves
-    free: (n - L) ln |w|^2 + sum ln |l|^2 with l the whitened level of each of L stretches, w free of it."""
-    noise = found.noise
-    parts = found.problem.parts
-    e = found.innovation.copy()
+def segment_bic(result: Fit) -> float:
+    """BIC of the segments between gaps, free of the level of each segment after the first.
+
+    A random walk leaves these levels free.
+
+    Notes
+    -----
+    (n - L) ln |w|^2 + sum ln |l|^2, with l the whitened level of each of the L segments and w the
+    innovations orthogonal to it.
+    """
+    noise = result.noise
+    slices = result.problem.residual_slices
+    e = result.innovation.copy()
     volume = 0.0
-    for s in parts[1:]:
-        level = noise.whiten(found.root[s], [slice(0, s.stop - s.start)])
+    for s in slices[1:]:
+        level = noise.whiten(result.sqrt_weights[s], [slice(0, s.stop - s.start)])
         e[s] -= level * (level @ e[s]) / (level @ level)
         volume += float(np.log(level @ level))
-    left = len(e) - len(parts) + 1
-    deviance = left * np.log(max(float(e @ e), 1e-300) / left) + volume + noise.log_spread(parts)
-    return float(deviance + found.identified.statistics["parameters"] * np.log(left))
+    dof = len(e) - len(slices) + 1
+    deviance = dof * np.log(max(float(e @ e), 1e-300) / dof)
+    deviance += volume + noise.log_spread(slices)
+    return float(deviance + result.identified.statistics["parameters"] * np.log(dof))
 
 
-def assemble(
+def make_fit(
     data: IOData,
-    problem: Posed,
+    problem: IdentificationProblem,
     optimum: Optimum,
     noise: Noise,
     loss: Loss,
@@ -275,27 +366,43 @@ def assemble(
     cov_x: Array | None = None,
     weights: Array | None = None,
 ) -> Fit:
-    """Covariance, unless it is known, estimates, findings, validation and statistics around an optimum, whose rows hold
-    the roots of the robust ``weights`` (N,) already where it has none of its own."""
-    n = problem.n_seen
+    """The finished fit at an optimum: covariance, estimates, validation, statistics, findings.
+
+    Parameters
+    ----------
+    data, problem, optimum, noise, loss
+        The record, the identification problem, its optimum, noise model and loss.
+    covariance
+        As in :func:`fit`.
+    cov_x
+        Covariance of x (size, size) if it is known already.
+    weights
+        Robust weights (N,) whose roots the rows of ``optimum`` include already, if it has none
+        of its own.
+    """
+    n = problem.n_measured
     x = optimum.theta
-    answer = problem.evaluate(x)
-    assert answer is not None
+    rows = problem.evaluate(x)
+    assert rows is not None
+    residual = -rows[0]
     root = np.ones(n) if optimum.weights is None else np.sqrt(optimum.weights)
     e = -optimum.residual * root
     j = optimum.jacobian * root[:, None]
-    robust = cov_x is not None
+    is_robust = cov_x is not None
     if cov_x is None:
-        loss_of = loss if optimum.weights is not None else "linear"
-        cov_x, robust = covariance_of(problem, optimum, answer[0], e, j, covariance, loss_of)
+        effective_loss = loss if optimum.weights is not None else "linear"
+        cov_x, is_robust = parameter_covariance(
+            problem, optimum, residual, e, j, covariance, effective_loss
+        )
     scale = problem.natural_scale(x)
-    cov = (cov_x * np.outer(scale, scale))[: problem.n_model, : problem.n_model]
+    n_model = problem.n_model
+    cov_theta = (cov_x * np.outer(scale, scale))[:n_model, :n_model]
     sse = float(e @ e)
     identified = Identified.of(
         problem.model,
         problem.theta(x),
-        cov,
-        offset=last_level(problem, x, -answer[0], noise),
+        cov_theta,
+        offset=final_offset(problem, x, residual, noise),
         noise_sd=float(np.sqrt(sse / (n - problem.size))),
         hold=problem.hold,
         dt_s=problem.dt_s,
@@ -304,86 +411,111 @@ def assemble(
         input_unit=", ".join(filter(None, dict.fromkeys(data.input_units))),
         output_unit=data.output_units[0],
     )
-    used = weights if optimum.weights is None else optimum.weights
-    result = Fit(identified, problem, optimum, -answer[0], e, j, cov_x, noise, loss, used)
-    checked = validate(result)
+    effective_weights = weights if optimum.weights is None else optimum.weights
+    result = Fit(
+        identified, problem, optimum, residual, e, j, cov_x, noise, loss, effective_weights
+    )
+    validation = validate(result)
     count = problem.size + 1 + noise.parameters
-    left = max(
-        n - (len(problem.parts) - 1) * noise.walks, 1
-    )  # after each gap one sample goes into its level
-    likelihood = n * np.log(max(sse, 1e-300) / left) + noise.log_spread(problem.parts)
+    # with a random walk, one sample after each gap determines its level
+    n_levels = len(problem.residual_slices) - 1 if noise.walks else 0
+    dof = max(n - n_levels, 1)
+    deviance = n * np.log(max(sse, 1e-300) / dof) + noise.log_spread(problem.residual_slices)
     statistics = {
         "n": float(n),
         "parameters": float(count - 1),
-        "fit_percent": checked.fit_percent,
-        "rms": checked.rms,
-        **criteria(likelihood, count, n),
-        "p_white": checked.whiteness.p,
-        "p_input": checked.input.p,
-        "robust_covariance": float(robust),
+        "fit_percent": validation.fit_percent,
+        "rms": validation.rms,
+        **criteria(deviance, count, n),
+        "p_white": validation.whiteness.p,
+        "p_input": validation.input.p,
+        "robust_covariance": float(is_robust),
     }
-    told = (*noticed(optimum, identified), *unbounded_lags(identified, problem.longest_s))
-    return replace(
-        result,
-        identified=replace(
-            identified, statistics=statistics, sentence=checked.sentence, findings=told
-        ),
+    findings = (
+        *parameter_findings(optimum, identified),
+        *unbounded_lags(identified, problem.longest_segment_s),
     )
+    identified = replace(
+        identified, statistics=statistics, sentence=validation.sentence, findings=findings
+    )
+    return replace(result, identified=identified)
 
 
-def last_level(problem: Posed, x: Array, residual: Array, noise: Noise) -> float:
-    """The offset with which the model goes on where the data end: a drift is not believed beyond them, a random walk
-    (``residual`` (N,) are measured less model) stays where it is."""
-    offsets = x[problem.n_model : problem.places[0][1].start]
-    runs = len(problem.begun_s)
+def final_offset(problem: IdentificationProblem, x: Array, residual: Array, noise: Noise) -> float:
+    """The offset of the model at the end of the data.
+
+    A drift is not extrapolated. A random walk keeps its last level; ``residual`` (N,) is measured
+    minus model.
+    """
+    offsets = x[problem.n_model : problem.offset_and_state[0][1].start]
     level = float(np.mean(offsets)) if len(offsets) else 0.0
     if problem.trend:
         ends = {s.run: s.start_s + len(s.y) * problem.dt_s for s in problem.segments}
-        spans = [ends[run] - problem.begun_s[run] for run in sorted(ends)]
-        level += float(np.mean(x[-runs:] * spans)) / problem.longest_s
-    return level + (float(np.mean(residual[-SHORTEST:])) if noise.walks else 0.0)
+        spans = [ends[run] - problem.run_start_s[run] for run in sorted(ends)]
+        drifts = x[-len(problem.run_start_s) :]
+        level += float(np.mean(drifts * spans)) / problem.longest_segment_s
+    if noise.walks:
+        level += float(np.mean(residual[-MIN_SEGMENT_SAMPLES:]))
+    return level
 
 
 def unbounded_lags(identified: Identified, longest_s: float) -> list[Finding]:
-    """A warning for each input whose lag has a standard uncertainty larger than the record is long."""
+    """A warning for each lag whose standard uncertainty is larger than the record is long [s]."""
     if identified.model.integrators:
         return []
-    lags = {name: part.lag_s for name, part in identified.parts.items()}
-    one = len(lags) == 1
-    return [
-        warning(
-            "fit.lag_unbounded",
-            subject="the lag" if one else f"the lag behind {name}",
-            u=lag.u,
-            longest_s=longest_s,
+    findings = []
+    for name, model in identified.parts.items():
+        if model.lag_s.u <= longest_s:
+            continue
+        subject = "the lag" if len(identified.parts) == 1 else f"the lag behind {name}"
+        findings.append(
+            warning("fit.lag_unbounded", subject=subject, u=model.lag_s.u, longest_s=longest_s)
         )
-        for name, lag in lags.items()
-        if lag.u > longest_s
-    ]
+    return findings
 
 
-def noticed(optimum: Optimum, identified: Identified) -> tuple[Finding, ...]:
-    """What is wrong with the parameters: on a bound, twins, undetermined, not to be told apart."""
-    found = []
+def parameter_findings(optimum: Optimum, identified: Identified) -> tuple[Finding, ...]:
+    """Warnings about parameters: at a bound, equal lags, undetermined, indistinct."""
+    findings = []
     model = identified.model
-    theta = identified.theta
-    lags = [n for n in model.free if n[:2] == "Tp"]
-    for i, (name, e) in enumerate(identified.estimates.items()):
-        size = abs(e.value)
-        if bare(name) == "Tz":  # it may be nought, and is measured by the lags beside it
-            size = max(
-                size,
-                sum(v for n, v in theta.items() if n[:2] in ("Tp", "Tw", "Tc") and beside(n, name)),
+    for i, (name, estimate) in enumerate(identified.estimates.items()):
+        bound = active_bound(optimum, i)
+        if bound:
+            findings.append(warning("fit.bound", subject=name, end=bound, value=estimate.value))
+        elif _has_equal_lag(name, identified):
+            findings.append(warning("fit.twin", subject=name))
+        elif _is_undetermined(name, estimate, identified):
+            findings.append(
+                warning("fit.undetermined", subject=name, u=estimate.u, value=estimate.value)
             )
-        twins = [n for n in lags if n != name and suffix(n) == suffix(name)] if name in lags else []
-        if end := beyond(optimum, i):
-            found.append(warning("fit.bound", subject=name, end=end, value=e.value))
-        elif any(abs(theta[n] / e.value - 1) < 1e-2 for n in twins):
-            found.append(warning("fit.twin", subject=name))  # the cost is flat in their difference
-        elif (bare(name) in ("Kp", "Tz") or model.positive(name)) and e.u > 0.5 * size:
-            found.append(warning("fit.undetermined", subject=name, u=e.u, value=e.value))
     if not determined(optimum.information):
-        found.append(warning("fit.indistinct", subject=model.name))
+        findings.append(warning("fit.indistinct", subject=model.name))
     if optimum.status is Status.STALLED:
-        found.append(warning("fit.stalled"))
-    return tuple(found)
+        findings.append(warning("fit.stalled"))
+    return tuple(findings)
+
+
+def _has_equal_lag(name: str, identified: Identified) -> bool:
+    """Whether another lag of the same input is equal; the cost hardly depends on the difference."""
+    lags = [n for n in identified.model.free if n[:2] == "Tp"]
+    if name not in lags:
+        return False
+    value = identified.estimates[name].value
+    others = [n for n in lags if n != name and input_suffix(n) == input_suffix(name)]
+    return any(abs(identified.theta[n] / value - 1) < MIN_LAG_DIFFERENCE for n in others)
+
+
+def _is_undetermined(name: str, estimate: Estimate, identified: Identified) -> bool:
+    """Whether an uncertainty is large against the parameter; that of a zero against the lags."""
+    is_zero = base_name(name) == "Tz"
+    if not (is_zero or base_name(name) == "Kp" or identified.model.positive(name)):
+        return False
+    size = abs(estimate.value)
+    if is_zero:
+        lags = [
+            value
+            for n, value in identified.theta.items()
+            if n[:2] in ("Tp", "Tw", "Tc") and same_input(n, name)
+        ]
+        size = max(size, sum(lags))
+    return estimate.u > MAX_RELATIVE_U * size

@@ -1,4 +1,7 @@
-"""A search that grows: from one lag on, orders, zeros, dead times and inputs are added until the criterion stops."""
+"""Forward selection of the model: orders, zeros, dead times and inputs are added one at a time.
+
+The search starts with one lag and stops where BIC and held-out error no longer improve.
+"""
 
 from __future__ import annotations
 
@@ -15,176 +18,228 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.estimation import correlation_length
 from tcdyn.identify.fit import fit
-from tcdyn.identify.heldout import QUICK, Task
+from tcdyn.identify.heldout import SCORING_OPTIONS, Task
 from tcdyn.identify.identified import Identified
 from tcdyn.identify.iodata import IOData
 from tcdyn.identify.models import (
-    SILENT,
+    NO_MODEL,
     Model,
     as_model,
     as_template,
-    bare,
+    base_name,
     process,
     several,
     transfer,
 )
-from tcdyn.identify.recommendation import DECISIVE
+from tcdyn.identify.recommendation import DECISIVE_BIC
 from tcdyn.identify.search import Fit
-from tcdyn.identify.starting_values import rest, starts
-from tcdyn.identify.validate import clean
+from tcdyn.identify.starting_values import single_input_problem, starts
+from tcdyn.identify.validate import has_clean_residuals
 
-WORTH = 2.0  # BIC that a step must gain
-UNSEEN = (
-    1.05  # times the held-out error, beyond which a step has learnt the record and not the system
-)
-SEEN = 0.97  # times the held-out error, below which a step counts though the colour of the residuals could explain it
-MOST_POLES = 6
-MOST_STEPS = 24
-MOST_SHOWN = 3
-SIZES = (0.1, 1.0, 10.0)  # of what is new, in lags of what was there
+# Thresholds of a step, chosen by judgement.
+MIN_BIC_GAIN = 2.0  # of a step
+MAX_HELD_OUT_RATIO = 1.05  # held-out error after over before a step; above, the step is overfitting
+# The same, below which a step counts though its BIC gain may come from coloured residuals.
+HELD_OUT_GAIN_RATIO = 0.97
+MAX_POLES = 6
+MAX_STEPS = 24
+MAX_REJECTED_ROWS = 3  # best rejected models that the table lists
+NEW_LAG_RATIOS = (0.1, 1.0, 10.0)  # starting values of a new lag, over the lag of the model before
+
 Score = Callable[[Fit], float]
 Entry = Model | str | Fit | Identified
-Way = Sequence[
-    tuple[Model, Mapping[str, float] | None, bool]
-]  # models, where their searches begin, whether refused
+# models, starting parameters, and whether the search has rejected them
+Candidates = Sequence[tuple[Model, Mapping[str, float] | None, bool]]
 
 
-def grown(
+def forward_select(
     data: IOData, template: Model, score: Score, options: Mapping[str, Any]
 ) -> list[tuple[Model, Mapping[str, float], bool]]:
-    """The way from one lag (behind the input that explains most) to the model from which no step is worth its while.
+    """Models from one lag to the model that no step improves.
 
-    A step adds to one branch a dead time, a zero, a pole, a pole with a zero, or lets two poles be complex; beyond
-    three poles it goes on with general transfer functions. Where there are several inputs it also gives one that had
-    none its first lag. Of all steps that with the least BIC is taken, if it gains 2 (:func:`gain`) and the error that
-    ``score`` finds in data kept from the fit does not rise by more than 5 %, or if it would gain 10 were the residuals
-    white and that error falls by 3 % or more; else the next best that does. Each model comes with its parameters and
-    whether it was refused: last come the best steps that were not taken. ``template`` holds what all have: the known
-    part, the offset, a fixed gain. ``options`` go to :func:`tcdyn.identify.fit`.
+    Parameters
+    ----------
+    data
+        The record.
+    template
+        What all models have: the known factor, the offset, a fixed gain.
+    score
+        Held-out error of a fit.
+    options
+        Options of :func:`tcdyn.identify.fit`.
+
+    Returns
+    -------
+    list of tuple
+        Model, its parameters, and whether it was rejected: the best steps that were not taken come
+        last.
+
+    Notes
+    -----
+    The first lag is behind the input that explains most. A step adds to one branch a dead time, a
+    zero, a pole, a pole with a zero, or makes two poles complex; beyond three poles the models are
+    general transfer functions. With several inputs a step may also add the first lag of another
+    input. The candidates are tried in the order of BIC. A step is taken if its BIC gain
+    (:func:`bic_gain`) is above 2 and the held-out error does not rise by more than 5 %, or if it
+    would gain 10 for white residuals and the held-out error falls by 3 % or more.
     """
-    quick = {**options, **QUICK}
-    now = best_of([fitted(data, m, None, quick) for m in first_steps(data, template)])
-    error = score(now)
-    way = [now]
-    seen = {now.problem.model.name}
-    refused: list[Fit] = []
-    for _ in range(MOST_STEPS):
-        fresh = [m for m in steps(now.problem.model, data) if m.name not in seen]
-        seen |= {m.name for m in fresh}
-        tried = [f for f in (fitted(data, m, now, quick) for m in fresh) if f is not None]
-        tried.sort(key=bic)
-        for found in tried:
-            sure = gain(now, found) > WORTH
-            if not sure and bic(found) > bic(now) - DECISIVE:
-                continue
-            unseen = score(found)
-            if unseen <= (UNSEEN if sure else SEEN) * error:
-                break
-        else:
-            refused = tried[:MOST_SHOWN]
+    scoring_options = {**options, **SCORING_OPTIONS}
+    candidates = [
+        fit_candidate(data, m, None, scoring_options) for m in first_candidates(data, template)
+    ]
+    current = lowest_bic(candidates)
+    error = score(current)
+    path = [current]
+    names = {current.problem.model.name}
+    rejected: list[Fit] = []
+    for _ in range(MAX_STEPS):
+        models = [m for m in larger_models(current.problem.model, data) if m.name not in names]
+        names |= {m.name for m in models}
+        candidates = [fit_candidate(data, m, current, scoring_options) for m in models]
+        ranked = sorted((f for f in candidates if f is not None), key=bic)
+        step = _best_step(current, error, ranked, score)
+        if step is None:
+            rejected = ranked[:MAX_REJECTED_ROWS]
             break
-        now = found
-        error = unseen
-        way.append(found)
-    return [
-        (f.problem.model, f.identified.theta, any(f is r for r in refused))
-        for f in (*way, *refused)
+        current, error = step
+        path.append(current)
+    return [(f.problem.model, f.identified.theta, False) for f in path] + [
+        (f.problem.model, f.identified.theta, True) for f in rejected
     ]
 
 
-def bic(found: Fit) -> float:
-    """The criterion of white residuals."""
-    return float(found.identified.statistics["bic"])
+def _best_step(
+    current: Fit, error: float, ranked: Sequence[Fit], score: Score
+) -> tuple[Fit, float] | None:
+    """The first candidate that improves on ``current`` and its held-out error; None if none."""
+    for candidate in ranked:
+        gains = bic_gain(current, candidate) > MIN_BIC_GAIN
+        if not gains and bic(candidate) > bic(current) - DECISIVE_BIC:
+            continue
+        candidate_error = score(candidate)
+        max_ratio = MAX_HELD_OUT_RATIO if gains else HELD_OUT_GAIN_RATIO
+        if candidate_error <= max_ratio * error:
+            return candidate, candidate_error
+    return None
 
 
-def gain(smaller: Fit, larger: Fit) -> float:
-    """What the larger model gains in BIC where residuals that are coloured count for as many as are independent.
+def bic(result: Fit) -> float:
+    """BIC for white residuals."""
+    return float(result.identified.statistics["bic"])
 
-    m ln(S/S') - (k' - k) ln m, m = N/(1 + 2 sum of the autocorrelations of the larger model's residuals).
+
+def bic_gain(smaller: Fit, larger: Fit) -> float:
+    """BIC gain of the larger model, discounted for correlated residuals.
+
+    Notes
+    -----
+    m ln(S/S') - (k' - k) ln m, with m = N/(1 + 2 sum of the autocorrelations of the larger model's
+    residuals), the number of independent residuals.
     """
-    before, after = (float(f.innovation @ f.innovation) for f in (smaller, larger))
-    more = larger.identified.statistics["parameters"] - smaller.identified.statistics["parameters"]
-    independent = max(len(larger.innovation) / correlation_length(larger.innovation), 2.0)
-    return float(independent * np.log(before / max(after, 1e-300)) - more * np.log(independent))
+    cost_smaller = float(smaller.innovation @ smaller.innovation)
+    cost_larger = float(larger.innovation @ larger.innovation)
+    n_smaller = smaller.identified.statistics["parameters"]
+    n_added = larger.identified.statistics["parameters"] - n_smaller
+    n_independent = max(len(larger.innovation) / correlation_length(larger.innovation), 2.0)
+    decrease = np.log(cost_smaller / max(cost_larger, 1e-300))
+    return float(n_independent * decrease - n_added * np.log(n_independent))
 
 
-def off_equilibrium(data: IOData, found: Fit, options: Mapping[str, Any]) -> bool:
-    """Whether residuals that are coloured or follow the input decisively ask for an initial state other than the
-    equilibrium of ``found``; the first ones alone need not tell: what rings may pass through its level just then."""
-    if clean(found) or found.problem.initial != "equilibrium":
+def off_equilibrium(data: IOData, result: Fit, options: Mapping[str, Any]) -> bool:
+    """Whether free initial states improve a fit in equilibrium decisively.
+
+    Only for residuals that are coloured or follow the input. The first residuals need not show it:
+    an oscillating output may pass through its equilibrium at the start.
+    """
+    if has_clean_residuals(result) or result.problem.initial != "equilibrium":
         return False
-    free = {**options, **QUICK, "initial": "estimated", "start": found.identified.theta}
+    free_state = {
+        **options,
+        **SCORING_OPTIONS,
+        "initial": "estimated",
+        "start": result.identified.theta,
+    }
     try:
-        return gain(found, fit(data, found.problem.model, **free)) > DECISIVE
+        freed = fit(data, result.problem.model, **free_state)
     except InputError:  # too few samples for so many unknowns
         return False
+    return bic_gain(result, freed) > DECISIVE_BIC
 
 
-def best_of(tried: list[Fit | None]) -> Fit:
-    """The least BIC; InputError of the first model where none could be fitted."""
-    good = [f for f in tried if f is not None]
+def lowest_bic(fits: list[Fit | None]) -> Fit:
+    """The fit of least BIC; InputError where no model could be fitted."""
+    good = [f for f in fits if f is not None]
     if not good:
         raise InputError("no first lag could be fitted", expected="an output that follows an input")
     return min(good, key=bic)
 
 
-def fitted(
-    data: IOData, model: Model, before: Fit | None, options: Mapping[str, Any]
+def fit_candidate(
+    data: IOData, model: Model, smaller: Fit | None, options: Mapping[str, Any]
 ) -> Fit | None:
-    """The better of the fit begun at the simpler model's answer and, of one input, of that begun nowhere; None where
-    there is none."""
-    begun: list[Any] = [] if before is None else [onward(before, model)]
-    tried = []
-    for start in begun if model.parts and begun else [*begun, None]:
+    """The best fit of a model from the smaller one's parameters; None where all fail.
+
+    With one input also from the model's own starting values.
+    """
+    starting: list[Any] = [] if smaller is None else [warm_starts(smaller, model)]
+    if not (model.submodels and starting):
+        starting.append(None)
+    fits = []
+    for start in starting:
         try:
-            tried.append(fit(data, model, **options, start=start))
+            fits.append(fit(data, model, **options, start=start))
         except InputError:
             continue
-    return min(tried, key=bic, default=None)
+    return min(fits, key=bic, default=None)
 
 
-def not_worse(
-    found: Fit, others: Mapping[str, Fit], data: IOData, options: Mapping[str, Any]
+def refit_from_simpler(
+    result: Fit, others: Mapping[str, Fit], data: IOData, options: Mapping[str, Any]
 ) -> Fit:
-    """``found``, or the fit begun at a simpler model's answer where that one, a special case of it, fits
-    better."""
-    model = found.problem.model
+    """The fit, or a better one from the parameters of a simpler model that fits better.
+
+    The simpler model is a special case, so it can fit better only where the search has failed.
+    """
+    model = result.problem.model
     for other in others.values():
-        inside = (
-            set(other.problem.model.names) < set(model.names)
-            and other.problem.model.kind == model.kind
-        )
-        if inside and other.identified.statistics["rms"] < found.identified.statistics["rms"] * (
-            1 - 1e-6
-        ):
-            size = 0.02 * (abs(other.identified.longest_lag_s) or data.dt_s)
-            extra = {n: size for n in model.names if bare(n) not in ("Tz", "Td")}
-            start = {**extra, **other.identified.theta}
-            again = fit(data, model, **{**options, "start": start})
-            if again.identified.statistics["rms"] < found.identified.statistics["rms"]:
-                found = again
-    return found
+        other_model = other.problem.model
+        is_nested = set(other_model.names) < set(model.names) and other_model.kind == model.kind
+        rms = result.identified.statistics["rms"]
+        if not is_nested or other.identified.statistics["rms"] >= rms * (1 - 1e-6):
+            continue
+        size = 0.02 * (abs(other.identified.longest_lag_s) or data.dt_s)
+        extra = {n: size for n in model.names if base_name(n) not in ("Tz", "Td")}
+        start = {**extra, **other.identified.theta}
+        refit = fit(data, model, **{**options, "start": start})
+        if refit.identified.statistics["rms"] < rms:
+            result = refit
+    return result
 
 
-def first_steps(data: IOData, template: Model) -> list[Model]:
-    """One lag behind the input; of several inputs behind each alone."""
-    names = data.input_names
-    if len(names) == 1:
+def first_candidates(data: IOData, template: Model) -> list[Model]:
+    """One lag behind the input; with several inputs behind each of them in turn."""
+    inputs = data.input_names
+    if len(inputs) == 1:
         return [as_template(process("P1"), template), as_template(process("P1D"), template)]
-    kinds = [["P1D" if j == k else SILENT for j in range(len(names))] for k in range(len(names))]
-    return [as_template(several(kind, names, known=template.known), template) for kind in kinds]
+    candidates = []
+    for k in range(len(inputs)):
+        names = [NO_MODEL] * len(inputs)
+        names[k] = "P1D"
+        candidates.append(as_template(several(names, inputs, known=template.known), template))
+    return candidates
 
 
-def steps(model: Model, data: IOData) -> list[Model]:
+def larger_models(model: Model, data: IOData) -> list[Model]:
     """All models that are one step larger."""
-    if not model.parts:
+    if not model.submodels:
         return [as_template(m, model) for m in successors(model)]
-    found = []
-    for k in range(len(model.parts)):
-        for part in successors(model.parts[k]):
-            parts = [*model.parts[:k], part, *model.parts[k + 1 :]]
-            found.append(as_template(several(parts, model.inputs, known=model.known), model))
-    return found
+    models = []
+    for k in range(len(model.submodels)):
+        for larger in successors(model.submodels[k]):
+            submodels = [*model.submodels[:k], larger, *model.submodels[k + 1 :]]
+            joined = several(submodels, model.inputs, known=model.known)
+            models.append(as_template(joined, model))
+    return models
 
 
 def successors(model: Model) -> list[Model]:
@@ -195,119 +250,174 @@ def successors(model: Model) -> list[Model]:
     >>> [m.name for m in successors(transfer(1, 3))]
     ['TF(1,3)D', 'TF(2,3)', 'TF(1,4)', 'TF(2,4)', 'TF(3,5)']
     """
-    if model.name == SILENT:
+    if model.name == NO_MODEL:
         return [process("P1"), process("P1D")]
-    delay = "Td" in model.names
+    if model.kind == "tf":
+        return _transfer_successors(model)
+    return _process_successors(model)
+
+
+def _transfer_successors(model: Model) -> list[Model]:
+    """The transfer functions one step larger."""
+    has_delay = "Td" in model.names
     poles = model.order
     zeros = len([n for n in model.names if n[0] == "b"]) - 1
-    if model.kind == "tf":
-        larger = [
-            (zeros + 1, poles),
-            (zeros, poles + 1),
-            (zeros + 1, poles + 1),
-            (zeros + 2, poles + 2),
-        ]
-        found = [] if delay else [transfer(zeros, poles, delay=True)]
-        return found + [transfer(z, p, delay=delay) for z, p in larger if z <= p <= MOST_POLES]
+    models = [] if has_delay else [transfer(zeros, poles, delay=True)]
+    sizes = [(1, 0), (0, 1), (1, 1), (2, 2)]
+    for added_zeros, added_poles in sizes:
+        z = zeros + added_zeros
+        p = poles + added_poles
+        if z <= p <= MAX_POLES:
+            models.append(transfer(z, p, delay=has_delay))
+    return models
+
+
+def _process_successors(model: Model) -> list[Model]:
+    """The process models one step larger; after three poles, transfer functions."""
+    has_delay = "Td" in model.names
+    poles = model.order
     letters = set(re.sub(r"[P\d]", "", model.name))
-    named = [] if delay else [(poles, letters | {"D"})]
-    named += [(poles, letters | {"Z"})] if poles and "Z" not in letters else []
+    has_zero = "Z" in letters
+    larger = []
+    if not has_delay:
+        larger.append((poles, letters | {"D"}))
+    if poles and not has_zero:
+        larger.append((poles, letters | {"Z"}))
     if poles < 3:
-        named += [(poles + 1, letters)]
-        named += [(poles + 1, letters | {"Z"})] if "Z" not in letters else []
-    named += [(max(poles, 2), letters | {"U"})] if poles and "U" not in letters else []
-    found = [process(f"P{p}{''.join(c for c in 'DUZ' if c in kept)}") for p, kept in named]
-    zeros = int("Z" in letters)
+        larger.append((poles + 1, letters))
+        if not has_zero:
+            larger.append((poles + 1, letters | {"Z"}))
+    if poles and "U" not in letters:
+        larger.append((max(poles, 2), letters | {"U"}))
+    models = [process(f"P{p}{''.join(c for c in 'DUZ' if c in used)}") for p, used in larger]
+    zeros = int(has_zero)
     if poles >= 2 and zeros:
-        found.append(transfer(2, poles, delay=delay))
+        models.append(transfer(2, poles, delay=has_delay))
     if poles == 3:
-        found += [transfer(zeros, 4, delay=delay), transfer(zeros + 1, 4, delay=delay)]
-    return found
+        models.append(transfer(zeros, 4, delay=has_delay))
+        models.append(transfer(zeros + 1, 4, delay=has_delay))
+    return models
 
 
-def onward(found: Fit, model: Model) -> list[dict[str, float]]:
-    """Parameters of ``model`` to begin at: what the smaller one ``found`` did with what is new of three sizes, and the
-    starts that the larger branch has by itself."""
-    posed = found.problem
-    theta = found.identified.theta
-    old = found.problem.model
-    k = next(
-        k for k in range(len(posed.branches)) if model.branch(k)[0].name != old.branch(k)[0].name
-    )
-    (part, names) = model.branch(k)
-    (was, own) = old.branch(k)
-    have = {n: theta[w] for n, w in own.items()}
-    kept = {w: v for w, v in theta.items() if w not in own.values()}
-    lag = found.identified.longest_lag_s if was.name == SILENT else abs(was.rational(have).lag_s)
-    fresh = [begin(was, have, part, size * max(lag, posed.dt_s)) for size in SIZES]
-    if model.parts:
-        alone = rest(posed, theta, k)
-        sub = replace(alone, model=replace(part, offset=old.offset, delay_max_s=old.delay_max_s))
-        fresh = ([] if was.name == SILENT else fresh) + [sub.theta(x) for x in starts(sub)[:2]]
-    return [kept | {names[n]: v for n, v in one.items()} for one in fresh]
+def warm_starts(smaller: Fit, model: Model) -> list[dict[str, float]]:
+    """Starting parameters of a larger model from those of a smaller fit.
+
+    The new lag has three sizes. With several inputs the starting values of the larger branch are
+    added.
+    """
+    problem = smaller.problem
+    theta = smaller.identified.theta
+    old_model = problem.model
+    k = _changed_branch(old_model, model, len(problem.branches))
+    branch, names = model.branch(k)
+    old_branch, old_names = old_model.branch(k)
+    old_theta = {n: theta[full] for n, full in old_names.items()}
+    other_theta = {full: v for full, v in theta.items() if full not in old_names.values()}
+    is_new_input = old_branch.name == NO_MODEL
+    if is_new_input:
+        lag = smaller.identified.longest_lag_s
+    else:
+        lag = abs(old_branch.rational(old_theta).lag_s)
+    lag = max(lag, problem.dt_s)
+    candidates = [warm_start(old_branch, old_theta, branch, r * lag) for r in NEW_LAG_RATIOS]
+    if model.submodels:
+        single = single_input_problem(problem, theta, k)
+        branch = replace(branch, offset=old_model.offset, delay_max_s=old_model.delay_max_s)
+        single = replace(single, model=branch)
+        if is_new_input:
+            candidates = []
+        candidates += [single.theta(x) for x in starts(single)[:2]]
+    return [other_theta | {names[n]: v for n, v in c.items()} for c in candidates]
 
 
-def begin(was: Model, have: Mapping[str, float], part: Model, tau: float) -> dict[str, float]:
-    """The parameters of ``part`` from those of ``was``, what is new of the size ``tau`` [s]; a zero on its pole."""
-    delay = {"Td": have.get("Td", 0.1 * tau)} if "Td" in part.names else {}
-    if part.kind == "tf":
-        first, factors = was.coefficients(have)
-        above: Array = np.asarray(first, dtype=float)
+def _changed_branch(old_model: Model, model: Model, n_branches: int) -> int:
+    """Number of the input whose model differs."""
+    for k in range(n_branches):
+        if model.branch(k)[0].name != old_model.branch(k)[0].name:
+            return k
+    raise ValueError(f"{model.name} and {old_model.name} have the same branches")
+
+
+def warm_start(
+    old_model: Model, old_theta: Mapping[str, float], model: Model, tau: float
+) -> dict[str, float]:
+    """The parameters of ``model`` from those of a smaller one.
+
+    A new lag is ``tau`` [s], a new zero cancels its pole.
+    """
+    delay = {"Td": old_theta.get("Td", 0.1 * tau)} if "Td" in model.names else {}
+    if model.kind == "tf":
+        num, factors = old_model.coefficients(old_theta)
+        above: Array = np.asarray(num, dtype=float)
         below: Array = product(factors)
-        for _ in range(part.order + 1 - len(below)):
+        n_above = sum(n[0] == "b" for n in model.names)
+        while len(below) < model.order + 1:
             below = product([below, [1.0, tau]])
-            if len(above) < sum(n[0] == "b" for n in part.names):
+            if len(above) < n_above:
                 above = product([above, [1.0, tau]])
-        values = {f"b{i}": float(v) for i, v in enumerate(above)} | {
-            f"a{i}": float(v) for i, v in enumerate(below)
-        }
-        return {n: values.get(n, 0.0) for n in part.names} | delay
-    new = [n for n in part.names if n not in have]
-    begun = dict(have) | dict.fromkeys(new, tau) | delay
-    if "Tw" in new:
-        begun["Tw"] = float(np.sqrt(have["Tp1"] * have.get("Tp2", tau)))
-        begun["Zeta"] = min(tau / begun["Tw"], 1.0)
-        begun["Tp3"] = have.get("Tp3", tau)
-    if "Tz" in new and not any(n[:2] == "Tp" for n in new):
-        begun["Tz"] = 0.1 * tau
-    return {n: begun[n] for n in part.names}
+        values = {f"b{i}": float(v) for i, v in enumerate(above)}
+        values |= {f"a{i}": float(v) for i, v in enumerate(below)}
+        return {n: values.get(n, 0.0) for n in model.names} | delay
+    added = [n for n in model.names if n not in old_theta]
+    theta = dict(old_theta) | dict.fromkeys(added, tau) | delay
+    if "Tw" in added:
+        theta["Tw"] = float(np.sqrt(old_theta["Tp1"] * old_theta.get("Tp2", tau)))
+        theta["Zeta"] = min(tau / theta["Tw"], 1.0)
+        theta["Tp3"] = old_theta.get("Tp3", tau)
+    if "Tz" in added and not any(n[:2] == "Tp" for n in added):
+        theta["Tz"] = 0.1 * tau
+    return {n: theta[n] for n in model.names}
 
 
-def entry(given: Entry, data: IOData) -> Model:
-    """The model to be fitted: the one that was named, behind each input where there are several, or one that stands."""
-    found = given.identified if isinstance(given, Fit) else given
-    names = data.input_names
-    if isinstance(found, Identified):
-        model = found.model
-        theta = found.theta
-        if model.inputs == tuple(
-            f"u[{k}]" for k in range(len(names))
-        ):  # control's own labels: by their place
-            model = several(model.parts, names)
-            own = (found.model.branch(k)[1] for k in range(len(names)))
-            theta = {f"{n}.{u}": theta[w] for u, named in zip(names, own) for n, w in named.items()}
+def resolve_entry(given: Entry, data: IOData) -> Model:
+    """The model to compare: by name or value, or with all parameters fixed to an existing model.
+
+    With several inputs a model of one input is taken for each of them.
+    """
+    identified = given.identified if isinstance(given, Fit) else given
+    inputs = data.input_names
+    if isinstance(identified, Identified):
+        model = identified.model
+        theta = identified.theta
+        default_labels = tuple(f"u[{k}]" for k in range(len(inputs)))
+        if model.inputs == default_labels:  # of the control package: inputs by their position
+            model = several(model.submodels, inputs)
+            theta = {}
+            for k, name in enumerate(inputs):
+                for n, full in identified.model.branch(k)[1].items():
+                    theta[f"{n}.{name}"] = identified.theta[full]
         return replace(model, name=f"{model.name} as given", fixed=theta)
-    model = as_model(found)
-    return model if model.parts or len(names) == 1 else several([model] * len(names), names)
+    model = as_model(identified)
+    if model.submodels or len(inputs) == 1:
+        return model
+    return several([model] * len(inputs), inputs)
 
 
-def listed(task: Task, models: Sequence[Entry], like: Model) -> Way:
-    """The ``models`` under a name each, begun nowhere, or where there are none those of the way from one lag on."""
+def list_candidates(task: Task, models: Sequence[Entry], like: Model) -> Candidates:
+    """The given models under distinct names, or those of a forward selection if there are none."""
     if models:
-        named: dict[str, Model] = {}
-        for model in (entry(m, task.data) for m in models):
-            like_it = [n for n in named if re.fullmatch(re.escape(model.name) + r"(, \d+)?", n)]
-            if all(replace(named[n], name=model.name) != model for n in like_it):
-                name = f"{model.name}, {len(like_it) + 1}" if like_it else model.name
-                named[name] = replace(model, name=name)
-        return [(m, None if m.free else {}, False) for m in named.values()]
+        return _distinct_models([resolve_entry(m, task.data) for m in models])
     number = count(1)
 
-    def score(found: Fit) -> float:
-        task.progress(found.problem.model.name, k := next(number), k)
+    def score(result: Fit) -> float:
+        k = next(number)
+        task.progress(result.problem.model.name, k, k)
         try:
-            return task.unseen(found, start=found.identified.theta)[0]
-        except InputError:  # too little is left of the record
+            return task.held_out_error(result, start=result.identified.theta)[0]
+        except InputError:  # the training data are too short
             return np.inf
 
-    return grown(task.data, like, score, task.options)
+    return forward_select(task.data, like, score, task.options)
+
+
+def _distinct_models(models: Sequence[Model]) -> Candidates:
+    """The models without repeats; different ones of the same name are numbered."""
+    named: dict[str, Model] = {}
+    for model in models:
+        pattern = re.escape(model.name) + r"(, \d+)?"
+        same_name = [n for n in named if re.fullmatch(pattern, n)]
+        if any(replace(named[n], name=model.name) == model for n in same_name):
+            continue
+        name = f"{model.name}, {len(same_name) + 1}" if same_name else model.name
+        named[name] = replace(model, name=name)
+    return [(m, None if m.free else {}, False) for m in named.values()]

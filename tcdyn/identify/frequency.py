@@ -1,4 +1,4 @@
-"""Transfer functions fitted to measured frequency responses, with intervals."""
+"""Transfer functions fitted to measured frequency responses by weighted least squares."""
 
 from __future__ import annotations
 
@@ -19,34 +19,45 @@ from tcdyn.core.threads import one_blas_thread
 from tcdyn.estimation import Optimum, Problem, determined, least, minimise
 from tcdyn.identify.identified import Identified
 from tcdyn.identify.models import Model, as_model
-from tcdyn.identify.search import beyond, criteria
-from tcdyn.identify.starting_values import from_poles, spread, stabilised
-from tcdyn.identify.tables import numbers, table_of
-from tcdyn.identify.validate import ALARM
+from tcdyn.identify.search import active_bound, criteria
+from tcdyn.identify.starting_values import LAG_PATTERNS, from_poles, share_lag, stabilise
+from tcdyn.identify.tables import numbers, read_columns
+from tcdyn.identify.validate import ALARM_P
 from tcdyn.io.read import open_table
 
-DELAYS = 13
-TAUS = 9
-ROUNDS = 10
-TRIED = 4
-# rounds of uncertainties that go with the model's magnitude, and its least part of the data's
-WEIGHED = 4
-LEAST = 0.1
-FLOORS = (
-    0.0,
-    1e-3,
-    1e-2,
-    0.1,
-    1.0,
-)  # of noise that is not stated, in magnitudes of the greatest response
-FAR = 1e3  # times the band of the data, beyond which no lag is looked for
+# Grids and settings of the search, chosen by judgement.
+N_DELAYS = 13  # dead times of the starting values
+N_LAGS = 9  # lags of the starting values of process models
+LEVY_ROUNDS = 10  # of reweighting in the linear problem
+N_SEARCHES = 4  # starting values from which the search starts
+WEIGHT_ROUNDS = 4  # of weights that are relative to the model's magnitude
+MIN_MODEL_SHARE = 0.1  # model over data, the least magnitude for such a weight
+# Floors of a noise of unknown size, over the largest response.
+NOISE_FLOORS = (0.0, 1e-3, 1e-2, 0.1, 1.0)
+# Frequency of the fastest and slowest lag over the ends of the data's band.
+MAX_BAND_RATIO = 1e3
 
 
 @dataclass(frozen=True)
 class Response:
-    """``response`` (F,) complex, output over input, at ``frequency_Hz`` (F,), each of its parts with the standard
-    uncertainty ``u`` (F,), or a ``share`` (F,) of the true magnitude; with neither an equal share of it above a floor,
-    neither of them known."""
+    """A measured frequency response, output over input.
+
+    Parameters
+    ----------
+    frequency_Hz
+        Frequencies (F,).
+    response
+        Complex response (F,).
+    u
+        Standard uncertainty of the real and of the imaginary part (F,).
+    name
+        Name, for messages.
+    share
+        Standard uncertainty over the true magnitude (F,), in place of ``u``. With neither it is an
+        equal unknown share of the magnitude, above an unknown floor.
+    floor
+        The floor of the noise.
+    """
 
     frequency_Hz: Array
     response: Complex
@@ -56,17 +67,16 @@ class Response:
     floor: float = 0.0
 
     @property
-    def unstated(self) -> bool:
-        """Whether nothing is known of the uncertainty."""
+    def unknown_uncertainty(self) -> bool:
+        """Whether no uncertainty is given."""
         return self.u is None and self.share is None
 
     def __post_init__(self) -> None:
         f = self.frequency_Hz
         h = self.response
         u = self.u if self.share is None else self.share
-        if len(f) != len(h) or not (
-            np.isfinite(f).all() and np.isfinite(h).all() and np.all(f > 0) and np.all(h != 0)
-        ):
+        is_finite = len(f) == len(h) and np.isfinite(f).all() and np.isfinite(h).all()
+        if not (is_finite and np.all(f > 0) and np.all(h != 0)):
             raise InputError(
                 "not all is a number",
                 where=self.name,
@@ -95,12 +105,29 @@ class Response:
         averages: float | None = None,
         name: str = "frequency response",
     ) -> Response:
-        """From magnitude and phase [deg]; the uncertainty stated, or of H1 = S_uy/S_uu from its ``coherence`` g2 (F,)
-        over so many independent ``averages`` n: u = |H| sqrt((1 - g2)/(2 n g2)), H the true one.
+        """From magnitude and phase, with an uncertainty or a coherence.
 
-        Source: Bendat and Piersol, Random Data, 4th ed. (2010), 9.2.
+        Parameters
+        ----------
+        frequency_Hz, magnitude, phase_deg
+            Frequencies [Hz], magnitudes and phases [deg] (F,).
+        u
+            Standard uncertainty (F,).
+        coherence
+            Coherence g2 (F,) of the estimate H1 = S_uy/S_uu.
+        averages
+            Number n of independent averages of the coherence.
+        name
+            Name, for messages.
+
+        Notes
+        -----
+        u = |H| sqrt((1 - g2)/(2 n g2)), H the true response. Source: Bendat and Piersol, Random
+        Data, 4th ed. (2010), 9.2.
         """
-        f, size, phase = (np.asarray(x, dtype=float) for x in (frequency_Hz, magnitude, phase_deg))
+        f = np.asarray(frequency_Hz, dtype=float)
+        size = np.asarray(magnitude, dtype=float)
+        phase = np.asarray(phase_deg, dtype=float)
         if np.any(size < 0):
             raise InputError(
                 f"a magnitude of {size.min():g}",
@@ -111,14 +138,16 @@ class Response:
         share = None
         if coherence is not None:
             g2 = np.asarray(coherence, dtype=float)
-            if averages is None or not averages >= 1 or not np.all((g2 > 0) & (g2 < 1)):
+            has_averages = averages is not None and averages >= 1
+            if averages is None or not has_averages or not np.all((g2 > 0) & (g2 < 1)):
                 raise InputError(
                     "coherence", where=name, expected="between 0 and 1, with the number of averages"
                 )
             u = None
             share = np.sqrt((1 - g2) / (2 * averages * g2))
-        stated = None if u is None else np.asarray(u, dtype=float)
-        return cls(f, size * np.exp(1j * np.deg2rad(phase)), stated, name, share)
+        if u is not None:
+            u = np.asarray(u, dtype=float)
+        return cls(f, size * np.exp(1j * np.deg2rad(phase)), u, name, share)
 
     @classmethod
     def read(
@@ -132,230 +161,346 @@ class Response:
         coherence: str | None = None,
         averages: float | None = None,
     ) -> Response:
-        """From a table: ``columns`` are magnitude and phase [deg], with ``form`` "dB" the first in decibels, "complex"
-        real and imaginary part; ``u`` or ``coherence`` are columns too. Rows with a gap are left out."""
-        asked = [c for c in (frequency, *columns, u, coherence) if c is not None]
-        frame = table_of(open_table(path, asked), asked)
+        """From a table. Rows with a gap are left out.
+
+        Parameters
+        ----------
+        path
+            The file.
+        frequency
+            Column of the frequency [Hz].
+        columns
+            Columns of magnitude and phase [deg].
+        form
+            "magnitude"; "dB": the magnitude is in decibels; "complex": the columns are the real
+            and the imaginary part.
+        u, coherence
+            Columns of the uncertainty or of the coherence.
+        averages
+            Number of independent averages of the coherence.
+        """
+        names = [c for c in (frequency, *columns, u, coherence) if c is not None]
+        frame = read_columns(open_table(path, names), names)
         where = Path(path).name
-        for c in asked:
-            if c not in frame:
-                raise InputError(
-                    f"no column {c!r}", where=where, expected=", ".join(map(str, frame.columns))
-                )
-        table = {c: numbers(frame, c, where) for c in asked}
-        whole = np.isfinite(list(table.values())).all(axis=0)
-        f, a, b = (table[c][whole] for c in (frequency, *columns))
+        for name in names:
+            if name not in frame:
+                expected = ", ".join(map(str, frame.columns))
+                raise InputError(f"no column {name!r}", where=where, expected=expected)
+        table = {name: numbers(frame, name, where) for name in names}
+        complete = np.isfinite(list(table.values())).all(axis=0)
+        table = {name: values[complete] for name, values in table.items()}
+        magnitude = table[columns[0]]
+        phase_deg = table[columns[1]]
         if form == "complex":
-            a, b = np.abs(a + 1j * b), np.rad2deg(np.angle(a + 1j * b))
-        of_u, of_g = (None if c is None else table[c][whole] for c in (u, coherence))
-        size = 10 ** (a / 20) if form == "dB" else a
+            h = magnitude + 1j * phase_deg
+            magnitude = np.abs(h)
+            phase_deg = np.rad2deg(np.angle(h))
+        elif form == "dB":
+            magnitude = 10 ** (magnitude / 20)
         return cls.of(
-            f, magnitude=size, phase_deg=b, u=of_u, coherence=of_g, averages=averages, name=where
+            table[frequency],
+            magnitude=magnitude,
+            phase_deg=phase_deg,
+            u=None if u is None else table[u],
+            coherence=None if coherence is None else table[coherence],
+            averages=averages,
+            name=where,
         )
 
     def spread(self, model: Complex | None = None) -> Array:
-        """Uncertainty (F,) of each part, where it goes with the magnitude with that of the ``model`` (F,): of a
-        magnitude that was measured too small it would be too small."""
+        """Standard uncertainty (F,) of the real and of the imaginary part.
+
+        A relative uncertainty is a share of the magnitude of the ``model`` (F,), if given: a share
+        of a magnitude that was measured too small would be too small.
+        """
         if self.u is not None:
             return self.u
         size = np.abs(self.response)
-        size = size if model is None else np.maximum(np.abs(model), LEAST * size)
+        if model is not None:
+            size = np.maximum(np.abs(model), MIN_MODEL_SHARE * size)
         return np.hypot(size, self.floor) if self.share is None else size * self.share
 
 
+@one_blas_thread
 def fit_response(data: Response, model: Model | str = "P1D") -> Identified:
-    """The weighted least-squares fit of ``model`` to a frequency response, start-free, with uncertainties.
+    """Weighted least-squares fit of a model to a frequency response, with uncertainties.
 
-    Minimises sum |H - G(2 pi i f)|^2/u^2, begun at the linear problem of Levy, weighted as by Sanathanan and Koerner
-    (1963), over dead times; a u that goes with the magnitude is that of G, in rounds. Errors of different frequencies
-    are taken as independent. Where no uncertainty is stated its size, and by likelihood its floor, is that of the
-    residuals; where these are larger than was stated (chi-squared, 1 %), the intervals are widened by as much and a
-    finding says so. Raises InputError for too few frequencies.
+    Starting values are not needed.
 
+    Parameters
+    ----------
+    data
+        The frequency response.
+    model
+        Model of one input, or its name.
+
+    Raises
+    ------
+    InputError
+        For too few frequencies, or a model of several inputs or with a noise model.
+
+    Notes
+    -----
+    Minimises sum |H - G(2 pi i f)|^2/u^2. It starts at Levy's linear problem, weighted as by
+    Sanathanan and Koerner (1963), over dead times. A relative u is iterated with the magnitude of
+    G. Errors at different frequencies are taken as independent. Where no uncertainty is given, its
+    size follows from the residuals, and its floor by likelihood. Where the residuals are larger
+    than the given uncertainty (chi-squared, 1 %), the intervals are widened by that ratio and
+    there is a finding.
+
+    Examples
+    --------
     >>> f = np.geomspace(0.01, 1, 12)
     >>> h = 2 * np.exp(-2j * np.pi * f * 0.3) / (1 + 2j * np.pi * f * 1.5)
     >>> round(fit_response(Response(f, h), "P1D").theta["Tp1"], 6)
     1.5
     """
-    with one_blas_thread:
-        return _fitted_response(data, as_model(model))
-
-
-def _fitted_response(data: Response, structure: Model) -> Identified:
-    """The fit, with the arguments of ``fit_response``."""
-    if structure.parts or structure.arx:
+    structure = as_model(model)
+    if structure.submodels or structure.arx:
         raise InputError(
             f"{structure.name} with a frequency response", expected="one input, and no noise model"
         )
-    freedom = 2 * len(data.frequency_Hz) - len(structure.free)
-    if freedom < 1:
+    dof = 2 * len(data.frequency_Hz) - len(structure.free)
+    if dof < 1:
         raise InputError(
             f"{len(data.frequency_Hz)} frequencies for {len(structure.free)} parameters",
             where=data.name,
         )
-    greatest = float(np.abs(data.response).max())
-    shaped = [replace(data, floor=f * greatest) for f in FLOORS] if data.unstated else [data]
-    problem = posed(data, structure)
-    ranked = [
-        (float(a[0] @ a[0]), x)
-        for x in starts(data, structure)
-        if (a := problem.evaluate(x)) is not None
-    ]
-    if not ranked:
+    start_points = _ranked_starts(data, structure)
+    if not start_points:
         raise InputError(
             f"no stable {structure.name} was found", where=data.name, remedy="try another model"
         )
-    begun = [x for _, x in sorted(ranked, key=lambda item: item[0])[:TRIED]]
-    tried = []
-    for one in shaped:
-        best, u = weighed(one, structure, begun)
-        begun = [best.theta, begun[0]]
-        tried.append(identified(one, structure, best, freedom, u))
-    return min(tried, key=lambda found: round(found.statistics["bic"], 6))
+    floors = [data]
+    if data.unknown_uncertainty:
+        largest = float(np.abs(data.response).max())
+        floors = [replace(data, floor=share * largest) for share in NOISE_FLOORS]
+    candidates = []
+    for with_floor in floors:
+        optimum, u = fit_weighted(with_floor, structure, start_points)
+        start_points = [optimum.theta, start_points[0]]
+        candidates.append(make_identified(with_floor, structure, optimum, dof, u))
+    return min(candidates, key=lambda candidate: round(candidate.statistics["bic"], 6))
 
 
-def weighed(data: Response, model: Model, begun: list[Array]) -> tuple[Optimum, Array]:
-    """The optimum from the best of what was ``begun``, and the uncertainties (F,) that it was weighted with."""
-    best = least([minimise(posed(data, model), x, limit=100, tolerance=0.0) for x in begun])
+def _ranked_starts(data: Response, model: Model) -> list[Array]:
+    """The best starting values, least cost first."""
+    problem = weighted_problem(data, model)
+    candidates = []
+    for x in starts(data, model):
+        rows = problem.evaluate(x)
+        if rows is not None:
+            candidates.append((float(rows[0] @ rows[0]), x))
+    candidates.sort(key=lambda candidate: candidate[0])
+    return [x for _, x in candidates[:N_SEARCHES]]
+
+
+def fit_weighted(data: Response, model: Model, start_points: list[Array]) -> tuple[Optimum, Array]:
+    """The best optimum from several starts, and the uncertainties (F,) of its weights.
+
+    A relative uncertainty is iterated with the magnitude of the model.
+    """
+    problem = weighted_problem(data, model)
+    best = least([minimise(problem, x, limit=100, tolerance=0.0) for x in start_points])
     u = data.spread()
-    for _ in range(WEIGHED if data.u is None else 0):
-        u = data.spread(
-            model.rational(model.theta(best.theta)).frequency_response(data.frequency_Hz)
-        )
-        best = minimise(posed(data, model, u), best.theta, limit=100, tolerance=0.0)
+    for _ in range(WEIGHT_ROUNDS if data.u is None else 0):
+        rational = model.rational(model.theta(best.theta))
+        u = data.spread(rational.frequency_response(data.frequency_Hz))
+        problem = weighted_problem(data, model, u)
+        best = minimise(problem, best.theta, limit=100, tolerance=0.0)
     return best, u
 
 
-def posed(data: Response, model: Model, u: Array | None = None) -> Problem:
-    """Residuals (2F,), real parts and then imaginary ones, over their uncertainty ``u`` (F,)."""
+def weighted_problem(data: Response, model: Model, u: Array | None = None) -> Problem:
+    """Least-squares problem: residuals (2F,) over their uncertainty ``u`` (F,).
+
+    The real parts come first, then the imaginary parts.
+    """
     u = data.spread() if u is None else u
-    w = 2 * np.pi * np.array([data.frequency_Hz.min(), data.frequency_Hz.max()])
+    f = data.frequency_Hz
 
     def evaluate(x: Array) -> tuple[Array, Array] | None:
         theta = model.theta(x)
         rational = model.rational(theta)
         if not rational.stable:
             return None
-        natural = np.exp(np.where(model.logarithms, x, 0.0))
-        slopes = (
-            rational.frequency_sensitivity(data.frequency_Hz).T @ model.chain_rule(theta) * natural
+        natural_scale = np.exp(np.where(model.is_logarithm, x, 0.0))
+        chain_rule = model.chain_rule(theta) * natural_scale
+        residual = (rational.frequency_response(f) - data.response) / u
+        jacobian = (rational.frequency_sensitivity(f).T @ chain_rule) / u[:, None]
+        return (
+            np.concatenate([residual.real, residual.imag]),
+            np.vstack([jacobian.real, jacobian.imag]),
         )
-        r = (rational.frequency_response(data.frequency_Hz) - data.response) / u
-        j = slopes / u[:, None]
-        return np.concatenate([r.real, r.imag]), np.vstack([j.real, j.imag])
 
-    lower, upper = model.box((1 / (FAR * w[1]), FAR / w[0]), model.delay_max_s or longest_s(data))
+    lowest = 2 * np.pi * f.min()
+    highest = 2 * np.pi * f.max()
+    lags_s = (1 / (MAX_BAND_RATIO * highest), MAX_BAND_RATIO / lowest)
+    lower, upper = model.bounds(lags_s, model.delay_max_s or longest_delay_s(data))
     return Problem(model.free, evaluate, lower=lower, upper=upper)
 
 
-def longest_s(data: Response) -> float:
-    """The longest dead time that the spacing of the frequencies can tell from a shorter one [s]."""
+def longest_delay_s(data: Response) -> float:
+    """The longest dead time [s] that the spacing of the frequencies distinguishes from a shorter."""
     return float(0.5 / np.min(np.diff(np.sort(np.append(data.frequency_Hz, 0.0)))))
 
 
 def starts(data: Response, model: Model) -> Iterator[Array]:
-    """x to begin at: linear problems over dead times, and for process models one lag's total shared out."""
-    s = np.asarray(2j * np.pi * data.frequency_Hz, complex)
-    known = polyval(s, np.array(model.known.den)) / polyval(s, np.array(model.known.num))
-    rest: Complex = data.response * known * s**model.integrators
+    """Starting values x: linear problems over dead times; for process models also shared lags."""
+    f = data.frequency_Hz
     u = data.spread()
-    weight = np.abs(rest / data.response) / u
-    slope = -np.unwrap(np.angle(data.response))[np.argmax(data.frequency_Hz)] / (
-        2 * np.pi * data.frequency_Hz.max()
-    )
-    late = float(np.clip(2 * slope, 0.1 / data.frequency_Hz.max(), longest_s(data)))
-    zeros = (
-        sum(n.startswith("b") for n in model.names) - 1
-        if model.kind == "tf"
-        else int("Tz" in model.names)
-    )
-    begun: list[dict[str, float]] = []
-    for k, delay in enumerate(
-        np.linspace(0, late, DELAYS) if model.has_delay else [model.fixed.get("Td", 0.0)]
-    ):
-        if model.order and "Tc" not in model.names:
-            num, den = levy(s, rest * np.exp(s * float(delay)), weight, zeros, model.order)
-            begun.append(from_poles(model, num, den, float(delay)) if num[0] else {})
-        if model.kind == "process" and k % 4 == 0:
-            taus = np.geomspace(0.3 / np.abs(s).max(), 3 / np.abs(s).min(), TAUS)
-            begun += [
-                spread(model, tau, delay, pattern)
-                for tau, pattern in product(taus.tolist(), range(3))
-            ]
-    for theta in filter(None, begun):
+    for theta in _start_parameters(data, model):
         theta = {**dict.fromkeys(model.names, 0.0), **theta, **model.fixed}
         if "Kp" in model.free:
-            shape = model.rational({**theta, "Kp": 1.0}).frequency_response(data.frequency_Hz) / u
-            theta["Kp"] = float(
-                np.real(np.vdot(shape, data.response / u))
-                / max(np.real(np.vdot(shape, shape)), 1e-300)
-            )
+            shape = model.rational({**theta, "Kp": 1.0}).frequency_response(f) / u
+            product_ = np.real(np.vdot(shape, data.response / u))
+            theta["Kp"] = float(product_ / max(np.real(np.vdot(shape, shape)), 1e-300))
         yield model.vector(theta)
 
 
+def _start_parameters(data: Response, model: Model) -> list[dict[str, float]]:
+    """Starting parameters by name; the gain is fitted afterwards."""
+    f = data.frequency_Hz
+    s = np.asarray(2j * np.pi * f, complex)
+    inverse_known = polyval(s, np.array(model.known.den)) / polyval(s, np.array(model.known.num))
+    unknown: Complex = data.response * inverse_known * s**model.integrators
+    weight = np.abs(unknown / data.response) / data.spread()
+    if model.kind == "tf":
+        n_zeros = sum(n.startswith("b") for n in model.names) - 1
+    else:
+        n_zeros = int("Tz" in model.names)
+    delays = [model.fixed.get("Td", 0.0)]
+    if model.has_delay:
+        delays = _delay_grid(data)
+    taus = np.geomspace(0.3 / np.abs(s).max(), 3 / np.abs(s).min(), N_LAGS).tolist()
+    candidates = []
+    for k, delay in enumerate(delays):
+        if model.order and "Tc" not in model.names:
+            response = unknown * np.exp(s * float(delay))
+            num, den = levy(s, response, weight, n_zeros, model.order)
+            if num[0]:
+                candidates.append(from_poles(model, num, den, float(delay)))
+        if model.kind == "process" and k % 4 == 0:
+            for tau, pattern in product(taus, range(len(LAG_PATTERNS))):
+                candidates.append(share_lag(model, tau, delay, pattern))
+    return candidates
+
+
+def _delay_grid(data: Response) -> list[float]:
+    """Dead times [s] up to twice that of the phase at the highest frequency."""
+    f = data.frequency_Hz
+    phase = -np.unwrap(np.angle(data.response))[np.argmax(f)]
+    delay = phase / (2 * np.pi * f.max())
+    longest = np.clip(2 * delay, 0.1 / f.max(), longest_delay_s(data))
+    return np.linspace(0, float(longest), N_DELAYS).tolist()
+
+
 def levy(s: Complex, h: Complex, weight: Array, zeros: int, poles: int) -> tuple[Array, Array]:
-    """Numerator and denominator, ascending, of B(s) - h A(s) = 0 in least squares, the weight over |A| of the round
-    before; scaled by the middle frequency."""
-    middle = float(np.exp(np.mean(np.log(np.abs(s)))))
-    z = s / middle
-    below = np.ones(1)
-    for _ in range(ROUNDS):
-        w = weight / np.abs(polyval(z, below))
-        table = np.column_stack(
-            [z**k for k in range(zeros + 1)] + [-h * z**k for k in range(1, poles + 1)]
-        )
+    """Numerator and denominator, ascending, of B(s) - h A(s) = 0 in least squares.
+
+    Parameters
+    ----------
+    s
+        2 pi i f (F,).
+    h
+        Response (F,).
+    weight
+        Weight (F,); each round divides it by |A| of the round before.
+    zeros, poles
+        Degrees of numerator and denominator.
+    """
+    scale = float(np.exp(np.mean(np.log(np.abs(s)))))  # the middle frequency
+    z = s / scale
+    den = np.ones(1)
+    columns = [z**k for k in range(zeros + 1)]
+    columns += [-h * z**k for k in range(1, poles + 1)]
+    table = np.column_stack(columns)
+    for _ in range(LEVY_ROUNDS):
+        w = weight / np.abs(polyval(z, den))
         rows = table * w[:, None]
         target = h * w
         x = np.linalg.lstsq(
             np.vstack([rows.real, rows.imag]), np.append(target.real, target.imag), rcond=1e-12
         )[0]
-        above = x[: zeros + 1]
-        below = stabilised(np.append(1.0, x[zeros + 1 :]))
-    return above / middle ** np.arange(zeros + 1), below / middle ** np.arange(poles + 1)
+        num = x[: zeros + 1]
+        den = stabilise(np.append(1.0, x[zeros + 1 :]))
+    return num / scale ** np.arange(zeros + 1), den / scale ** np.arange(poles + 1)
 
 
-def identified(
-    data: Response, model: Model, best: Optimum, freedom: int, u_fit: Array
+def make_identified(
+    data: Response, model: Model, best: Optimum, dof: int, u_fit: Array
 ) -> Identified:
-    """The answer with its uncertainties and what was noticed; ``u_fit`` (F,) is what was fitted with."""
+    """The identified model with its uncertainties, statistics and findings.
+
+    Parameters
+    ----------
+    data, model, best
+        The response, the model and the optimum.
+    dof
+        Degrees of freedom.
+    u_fit
+        Uncertainties (F,) of the weights.
+    """
     theta = model.theta(best.theta)
     n = 2 * len(data.frequency_Hz)
     chi2 = float(best.residual @ best.residual)
-    found = list[Finding]()
+    findings: list[Finding] = []
     p = 1.0
-    scale = chi2 / freedom
-    if data.unstated:
-        found.append(
-            info("response.unstated", share=np.sqrt(scale), floor=data.floor * np.sqrt(scale))
-        )
+    variance = chi2 / dof
+    if data.unknown_uncertainty:
+        share = np.sqrt(variance)
+        findings.append(info("response.unstated", share=share, floor=data.floor * share))
     else:
-        p = float(chdtrc(freedom, chi2))
-        if p < ALARM:
-            found.append(warning("response.misfit", subject=model.name, ratio=np.sqrt(scale), p=p))
-        scale = max(scale, 1.0) if p < ALARM else 1.0
-    free = np.exp(np.where(model.logarithms, best.theta, 0.0))
-    covariance = scale * best.covariance * np.outer(free, free)
-    answer = Identified.of(model, theta, covariance, dt_s=0.0)
-    for i, (name, e) in enumerate(answer.estimates.items()):
-        if end := beyond(best, i):
-            found.append(warning("fit.bound", subject=name, end=end, value=e.value))
-        elif e.u > abs(e.value) and name not in ("Tz", "Td") and name[0] not in "ab":
-            found.append(warning("fit.undetermined", subject=name, value=e.value, u=e.u))
-    if not determined(best.information):
-        found.append(warning("fit.indistinct", subject=model.name))
-    error = np.abs(model.rational(theta).frequency_response(data.frequency_Hz) - data.response)
-    spread_ = np.linalg.norm(data.response - data.response.mean()) or 1.0
-    count = len(model.free) + data.unstated
-    deviance = n * np.log(max(chi2, 1e-300) / n) if data.unstated else chi2
-    measured = replace(data, floor=0.0).spread()
-    deviance += 4 * float(np.sum(np.log(u_fit / measured)))  # two parts, of the variance each
+        p = float(chdtrc(dof, chi2))
+        if p < ALARM_P:
+            findings.append(
+                warning("response.misfit", subject=model.name, ratio=np.sqrt(variance), p=p)
+            )
+        variance = max(variance, 1.0) if p < ALARM_P else 1.0
+    natural_scale = np.exp(np.where(model.is_logarithm, best.theta, 0.0))
+    covariance = variance * best.covariance * np.outer(natural_scale, natural_scale)
+    result = Identified.of(model, theta, covariance, dt_s=0.0)
+    findings += _parameter_findings(best, result)
+    model_response = model.rational(theta).frequency_response(data.frequency_Hz)
+    error = np.abs(model_response - data.response)
+    spread = np.linalg.norm(data.response - data.response.mean()) or 1.0
+    count = len(model.free)
+    deviance = chi2
+    if data.unknown_uncertainty:
+        count += 1
+        deviance = n * np.log(max(chi2, 1e-300) / n)
+    # the weights of the fit against those of the data: two parts, of the variance each
+    relative_u = u_fit / replace(data, floor=0.0).spread()
+    deviance += 4 * float(np.sum(np.log(relative_u)))
+    mean_square = np.mean(error**2)
     statistics = {
         "n": float(n),
         "parameters": float(len(model.free)),
-        "rms": float(np.sqrt(np.mean(error**2))),
-        "fit_percent": float(100 * (1 - np.linalg.norm(error) / spread_)),
+        "rms": float(np.sqrt(mean_square)),
+        "fit_percent": float(100 * (1 - np.linalg.norm(error) / spread)),
         "p_misfit": p,
         **criteria(deviance, count, n),
     }
-    sd = float(np.sqrt(np.mean(error**2) / 2))
-    return replace(answer, noise_sd=sd, statistics=statistics, findings=tuple(found))
+    return replace(
+        result,
+        noise_sd=float(np.sqrt(mean_square / 2)),
+        statistics=statistics,
+        findings=tuple(findings),
+    )
+
+
+def _parameter_findings(best: Optimum, result: Identified) -> list[Finding]:
+    """Warnings about parameters: at a bound, undetermined, indistinct."""
+    findings = []
+    for i, (name, estimate) in enumerate(result.estimates.items()):
+        bound = active_bound(best, i)
+        may_be_zero = name in ("Tz", "Td") or name[0] in "ab"
+        if bound:
+            findings.append(warning("fit.bound", subject=name, end=bound, value=estimate.value))
+        elif estimate.u > abs(estimate.value) and not may_be_zero:
+            findings.append(
+                warning("fit.undetermined", subject=name, value=estimate.value, u=estimate.u)
+            )
+    if not determined(best.information):
+        findings.append(warning("fit.indistinct", subject=result.model.name))
+    return findings

@@ -1,4 +1,4 @@
-"""How well a fit simulates what it has not seen."""
+"""Held-out error: how well a fit simulates data that it has not used."""
 
 from __future__ import annotations
 
@@ -14,19 +14,23 @@ from tcdyn.estimation import correlation_length
 from tcdyn.identify.fit import fit
 from tcdyn.identify.iodata import IOData
 from tcdyn.identify.search import Fit
-from tcdyn.identify.segments import SHORTEST, cut
-from tcdyn.identify.starting_values import polished
+from tcdyn.identify.segments import MIN_SEGMENT_SAMPLES, split_segments
+from tcdyn.identify.starting_values import solve_linear_parameters
 
-LASTING = 0.3  # of the held-out part: a disturbance that lasts so long is foreseen from the level it has reached
-QUICK: dict[str, Any] = {
-    "intervals": "quadratic",
-    "check": False,
-}  # options of fits that only a score is asked of
-Progress = Callable[[str, int, int], None]  # name of the model, its number, how many there are
+# Memory of a disturbance over the length of the held-out record, above which the simulation starts
+# from the level that the disturbance has reached (chosen by judgement).
+LONG_MEMORY_SHARE = 0.3
+# Options of fits of which only a score is used.
+SCORING_OPTIONS: dict[str, Any] = {"intervals": "quadratic", "check": False}
+
+Progress = Callable[[str, int, int], None]  # name of the model, its number, the count of models
 
 
-def divide(data: IOData, held_out: IOData | float) -> tuple[IOData | None, IOData, float]:
-    """Training data, data to simulate, and the time from which their error counts [s]."""
+def split_held_out(data: IOData, held_out: IOData | float) -> tuple[IOData | None, IOData, float]:
+    """Training data, test data, and the time from which the test error counts [s].
+
+    The training data are None where ``held_out`` is a record of its own.
+    """
     if isinstance(held_out, IOData):
         return None, held_out, -np.inf
     if not 0 < held_out < 1:
@@ -35,19 +39,32 @@ def divide(data: IOData, held_out: IOData | float) -> tuple[IOData | None, IODat
         return replace(data, runs=data.runs[:-1]), data.run(len(data.runs) - 1), -np.inf
     run = data.runs[0]
     edge = run.start_s + (run.n - 1) * data.dt_s * (1 - held_out)
-    train = data.between(None, edge)
-    return train, data, edge + 0.5 * data.dt_s
+    return data.between(None, edge), data, edge + 0.5 * data.dt_s
 
 
 def held_out_score(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[float, float]:
-    """Simulation rms and NRMSE fit percent of ``result`` on ``test`` from time ``from_s`` on (:func:`judged`)."""
-    return judged(result, test, from_s)[:2]
+    """Rms error and NRMSE fit percent of the simulation of ``test`` from time ``from_s``.
+
+    See :func:`held_out_statistics`.
+    """
+    return held_out_statistics(result, test, from_s)[:2]
 
 
 @dataclass(frozen=True)
 class Task:
-    """What is asked of every model of a comparison: to be fitted to ``data`` with the ``options``, and to foresee what
-    is ``held_out``; ``progress`` is told."""
+    """A comparison: the data, what is held out, and the options of every fit.
+
+    Parameters
+    ----------
+    data
+        The record.
+    held_out
+        Another record, or the last share of ``data``.
+    progress
+        Called before each fit.
+    options
+        Options of :func:`tcdyn.identify.fit`.
+    """
 
     data: IOData
     held_out: IOData | float
@@ -55,92 +72,128 @@ class Task:
     options: Mapping[str, Any]
 
     def __post_init__(self) -> None:
-        divide(self.data, self.held_out)  # refuses at once what cannot be held out
+        split_held_out(self.data, self.held_out)  # raises InputError for an unusable share
 
-    def but(self, what: str, **options: Any) -> Task:
-        """With other options; ``progress`` is told with each name ``what`` is done to it."""
+    def with_options(self, remark: str, **options: Any) -> Task:
+        """The task with other options; ``remark`` is added to the names in ``progress``."""
 
-        def told(name: str, number: int, count: int) -> None:
-            self.progress(f"{name}, {what}", number, count)
+        def progress(name: str, number: int, count: int) -> None:
+            self.progress(f"{name}, {remark}", number, count)
 
-        return replace(self, progress=told, options={**self.options, **options})
+        return replace(self, progress=progress, options={**self.options, **options})
 
-    def unseen(self, found: Fit, **options: Any) -> tuple[float, float, float]:
-        """:func:`judged` of the model of ``found``, fitted anew where a part of the data is held out.
+    def held_out_error(self, result: Fit, **options: Any) -> tuple[float, float, float]:
+        """:func:`held_out_statistics` of a model, fitted to the training data where there are any.
 
-        Raises InputError where too little is left of the record.
+        Raises
+        ------
+        InputError
+            Where the training data are too short.
         """
-        train, test, from_s = divide(self.data, self.held_out)
+        train, test, from_s = split_held_out(self.data, self.held_out)
         if train is not None:
-            found = fit(train, found.problem.model, **{**self.options, **options, **QUICK})
-        return judged(found, test, from_s)
+            all_options = {**self.options, **options, **SCORING_OPTIONS}
+            result = fit(train, result.problem.model, **all_options)
+        return held_out_statistics(result, test, from_s)
 
 
-def judged(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[float, float, float]:
-    """Simulation rms and NRMSE fit percent of ``result`` on ``test`` from time ``from_s`` on, and the chance of an
-    error no smaller from the noise of the fit alone.
+def held_out_statistics(
+    result: Fit, test: IOData, from_s: float = -np.inf
+) -> tuple[float, float, float]:
+    """Error of the simulation of other data.
 
-    Nothing is re-estimated but the states that are free (after a gap, or all with "estimated"); a drift goes on, from
-    what it was at the end of the fit's data, with a slope of its own. A record that is scored from some time on is
-    continued from the state that suits what came before, any other gets the state that suits it.
-    The chance is that of the innovations' variance over that of the fit's (F test; coloured ones count for fewer).
+    Parameters
+    ----------
+    result
+        The fit.
+    test
+        Data that the fit has not used.
+    from_s
+        Time from which the error counts [s].
+
+    Returns
+    -------
+    tuple
+        Rms error, NRMSE fit percent, and the probability of an error at least as large from the
+        noise of the fit alone.
+
+    Notes
+    -----
+    Only free states are estimated (after a gap, or all with "estimated"). A drift continues from
+    its value at the end of the fit's data, with a slope of its own. A record that is scored from
+    some time on continues from the state that fits the samples before; any other starts from the
+    state that fits it. The probability is that of an F test of the variance of the innovations
+    over that of the fit; coloured innovations count as fewer samples.
     """
     model = result.identified
-    cuts = [replace(s, y=s.y - model.offset) for s in cut(test)]
-    scored = [s.seen & (s.start_s + np.arange(len(s.y)) * test.dt_s >= from_s) for s in cuts]
-    before = [s.seen & ~late for s, late in zip(cuts, scored)]
-    begun = tuple(
-        replace(s, seen=seen) if seen.sum() >= SHORTEST else s for s, seen in zip(cuts, before)
+    segments = [replace(s, y=s.y - model.offset) for s in split_segments(test)]
+    scored = []
+    state_segments = []
+    for s in segments:
+        times_s = s.start_s + np.arange(len(s.y)) * test.dt_s
+        is_scored = s.measured & (times_s >= from_s)
+        before = s.measured & ~is_scored
+        scored.append(is_scored)
+        # the free states are fitted to the samples before the scored ones, where there are enough
+        has_before = before.sum() >= MIN_SEGMENT_SAMPLES
+        state_segments.append(replace(s, measured=before) if has_before else s)
+    problem = replace(
+        result.problem,
+        model=replace(model.model, fixed=model.theta, offset="none"),
+        segments=tuple(state_segments),
+        dt_s=test.dt_s,
+        hold=test.hold,
+        trend=False,
     )
-    known = replace(model.model, fixed=model.theta, offset="none")
-    posed = replace(
-        result.problem, model=known, segments=begun, dt_s=test.dt_s, hold=test.hold, trend=False
-    )
-    answers = posed.outputs(polished(posed, {})[1])
-    assert answers is not None
-    all_of_it = np.concatenate([(s.y - y)[s.seen] for s, (y, _) in zip(cuts, answers)])
-    late = np.concatenate([late[s.seen] for s, late in zip(cuts, scored)])
-    whole = replace(posed, segments=tuple(cuts)).parts
-    if result.problem.trend and not late.all():
-        since = np.cumsum(late)[late]
-        all_of_it[late] -= since * (since @ all_of_it[late]) / (since @ since)
-    error = all_of_it[late]
-    innovation = result.noise.whiten(all_of_it, whole)[late]
-    if (
-        result.noise.memory > LASTING * len(error) and not late.all()
-    ):  # from the level at which a walk is by then
-        error = error - np.mean(all_of_it[~late][-SHORTEST:])
-    spread = np.concatenate(
-        [s.y[late] - np.mean(s.y[late]) for s, late in zip(cuts, scored) if late.any()] or [error]
-    )
+    outputs = problem.outputs(solve_linear_parameters(problem, {})[1])
+    assert outputs is not None
+    residual = np.concatenate([(s.y - y)[s.measured] for s, (y, _) in zip(segments, outputs)])
+    is_test = np.concatenate([flags[s.measured] for s, flags in zip(segments, scored)])
+    slices = replace(problem, segments=tuple(segments)).residual_slices
+    if result.problem.trend and not is_test.all():
+        since = np.cumsum(is_test)[is_test]
+        residual[is_test] -= since * (since @ residual[is_test]) / (since @ since)
+    error = residual[is_test]
+    innovation = result.noise.whiten(residual, slices)[is_test]
+    if result.noise.memory > LONG_MEMORY_SHARE * len(error) and not is_test.all():
+        error = error - np.mean(residual[~is_test][-MIN_SEGMENT_SAMPLES:])
     if len(error) == 0:
         return np.nan, np.nan, np.nan
-    top = float(np.sqrt(np.mean(error**2)))
-    base = float(np.sqrt(np.mean(spread**2)))
+    departures = [
+        s.y[flags] - np.mean(s.y[flags]) for s, flags in zip(segments, scored) if flags.any()
+    ]
+    rms_error = float(np.sqrt(np.mean(error**2)))
+    rms_output = float(np.sqrt(np.mean(np.concatenate(departures) ** 2)))
+    percent = 100 * (1 - rms_error / rms_output) if rms_output > 0 else np.nan
     ratio = float(np.mean(innovation**2)) / max(model.noise_sd**2, 1e-300)
-    freedom = [max(len(e) / correlation_length(e), 1.0) for e in (innovation, result.innovation)]
-    return top, 100 * (1 - top / base) if base > 0 else np.nan, float(fdtrc(*freedom, ratio))
+    dof = [max(len(e) / correlation_length(e), 1.0) for e in (innovation, result.innovation)]
+    return rms_error, percent, float(fdtrc(*dof, ratio))
 
 
-def blocks_out(found: Fit, count: int = 6) -> float:
-    """Simulation rms over ``count`` - 1 blocks of the record, each left out of the fit in turn; the first never is,
-    for it tells the state at the start.
+def block_held_out_rms(result: Fit, count: int = 6) -> float:
+    """Rms simulation error of blocks of the record, each left out of the fit in turn.
 
-    Leaving block b out moves the parameters by (J'J - J_b'J_b)^-1 J_b' w_b, J the slopes of the innovations w, and what
-    is simulated there by its own slopes times that: exact where the problem is linear.
+    The first of the ``count`` blocks stays in the fit, for it determines the initial state.
+
+    Notes
+    -----
+    Without block b the parameters change by (J'J - J_b'J_b)^-1 J_b' w_b, with J the Jacobian of
+    the innovations w, and the simulation by its Jacobian times that. This is exact for a linear
+    problem.
     """
-    answer = found.problem.evaluate(found.x)
-    w = found.optimum.residual
-    j = found.optimum.jacobian
-    assert answer is not None
-    w = w * found.root
-    j = j * found.root[:, None]
+    rows = result.problem.evaluate(result.x)
+    assert rows is not None
+    residual, residual_jacobian = rows
+    w = result.optimum.residual * result.sqrt_weights
+    j = result.optimum.jacobian * result.sqrt_weights[:, None]
     size = np.linalg.norm(j, axis=0)
     size[size == 0] = np.inf
-    a = j / size
-    whole = a.T @ a + np.diag(found.problem.precision / size**2)
+    scaled = j / size
+    information = scaled.T @ scaled + np.diag(result.problem.prior_precision / size**2)
     errors = []
-    for b in np.array_split(np.arange(len(w)), count)[1:]:
-        step = np.linalg.lstsq(whole - a[b].T @ a[b], a[b].T @ w[b], rcond=1e-10)[0] / size
-        errors.append(answer[0][b] + answer[1][b] @ step)
+    for block in np.array_split(np.arange(len(w)), count)[1:]:
+        remaining = information - scaled[block].T @ scaled[block]
+        gradient = scaled[block].T @ w[block]
+        step = np.linalg.lstsq(remaining, gradient, rcond=1e-10)[0] / size
+        errors.append(residual[block] + residual_jacobian[block] @ step)
     return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))

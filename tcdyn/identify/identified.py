@@ -1,4 +1,4 @@
-"""An identified model: structure, parameters with their covariance, what it was made from; bands of its responses."""
+"""The identified model: structure, parameters with covariance, origin, and its JSON file."""
 
 from __future__ import annotations
 
@@ -30,15 +30,10 @@ if TYPE_CHECKING:
     import control
 
 SCHEMA = "tcdyn.identified/1"
-MODEL = (
-    "name",
-    "kind",
-    "integrators",
-    "fixed",
-    "offset",
-    "delay_max_s",
-)  # of the model, as they stand in the file
-PLAIN = (
+# Keys of the model that are its fields.
+MODEL_KEYS = ("name", "kind", "integrators", "fixed", "offset", "delay_max_s")
+# Keys of the file that are fields of Identified.
+PLAIN_KEYS = (
     "theta",
     "estimates",
     "covariance",
@@ -49,15 +44,38 @@ PLAIN = (
     "statistics",
     "sentence",
 )
-SHOWN = 6  # correlations of parameters in the summary, the strongest
+MAX_CORRELATIONS = 6  # correlations of parameters in the summary, the strongest
+MAX_ZERO_RATIO = 1e-12  # coefficient over the largest, below which it is zero
 
 
 @dataclass(frozen=True)
 class Identified(Dynamics, Result):
-    """``theta`` all parameters by name; ``covariance`` (P, P) of the free ones in the order of ``model.free``.
+    """An identified model.
 
-    ``offset`` is added to the output; ``statistics`` holds what the table prints; ``sentence`` what validation said.
-    Of a model that is of no record ``dt_s`` is 0.
+    Parameters
+    ----------
+    model
+        The model structure.
+    theta
+        All parameters by name.
+    covariance
+        Covariance (P, P) of the free parameters, in the order of ``model.free``.
+    estimates
+        The free parameters with their intervals.
+    offset
+        Added to the output, in its unit.
+    noise_sd
+        Standard deviation of the noise, in the output's unit.
+    hold, dt_s
+        Hold and sampling interval [s] of the record; ``dt_s`` is 0 for a model without a record.
+    input_name, output_name, input_unit, output_unit
+        Names and units of the record.
+    statistics
+        Statistics of the fit, by name.
+    sentence
+        The conclusion of the validation.
+    findings
+        Findings about the record and the model.
     """
 
     model: Model
@@ -80,44 +98,47 @@ class Identified(Dynamics, Result):
     def of(
         cls, model: Model, theta: Mapping[str, float], covariance: Array, **more: Any
     ) -> Identified:
-        """With the intervals of normal distributions of this ``covariance`` (P, P); ``more``: other fields."""
+        """With the intervals of normal distributions of this ``covariance`` (P, P).
+
+        ``more`` are other fields.
+        """
         u = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-        estimates = {n: Estimate.normal(theta[n], own) for n, own in zip(model.free, u)}
+        estimates = {n: Estimate.normal(theta[n], u_n) for n, u_n in zip(model.free, u)}
         return cls(model, theta, covariance, estimates, **more)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What the user should know."""
+        """The findings as text."""
         return tuple(f.sentence for f in self.findings)
 
     @cached_property
     def parts(self) -> Mapping[str, Identified]:
         """The model behind each input, by the input's name."""
-        found = {}
         free = self.model.free
-        for k, name in enumerate(self.model.inputs):
-            part, names = self.model.branch(k)
-            at = [free.index(names[n]) for n in part.free]
-            found[name] = replace(
+        models = {}
+        for k, input_name in enumerate(self.model.inputs):
+            model, names = self.model.branch(k)
+            index = [free.index(names[n]) for n in model.free]
+            models[input_name] = replace(
                 self,
-                model=part,
-                theta={n: self.theta[w] for n, w in names.items()},
-                covariance=self.covariance[np.ix_(at, at)],
-                estimates={n: self.estimates[names[n]] for n in part.free},
+                model=model,
+                theta={n: self.theta[full] for n, full in names.items()},
+                covariance=self.covariance[np.ix_(index, index)],
+                estimates={n: self.estimates[names[n]] for n in model.free},
                 offset=0.0,
-                input_name=name,
+                input_name=input_name,
                 statistics={},
                 sentence="",
                 findings=(),
             )
-        return found or {self.input_name: self}
+        return models or {self.input_name: self}
 
     @property
     def longest_lag_s(self) -> float:
-        """The largest lag behind any input [s]; 0 of an integrator, which has none."""
-        return (
-            0.0 if self.model.integrators else max(part.lag_s.value for part in self.parts.values())
-        )
+        """The largest lag behind any input [s]; 0 for an integrator, which has none."""
+        if self.model.integrators:
+            return 0.0
+        return max(model.lag_s.value for model in self.parts.values())
 
     @property
     def correlation(self) -> pd.DataFrame:
@@ -133,52 +154,81 @@ class Identified(Dynamics, Result):
         hold: Hold | None = None,
         start: Start = "equilibrium",
     ) -> Array:
-        """The model's output, offset included, for an input (N,), or inputs (N, K), sampled every ``dt_s`` [s] (as
-        identified)."""
+        """The model's output, offset included.
+
+        Parameters
+        ----------
+        u
+            Input (N,), or inputs (N, K).
+        dt_s
+            Sampling interval [s]; by default that of the record.
+        hold
+            Hold of the input; by default that of the record.
+        start
+            State in which the simulation starts.
+        """
         table = np.asarray(u, dtype=float).reshape(len(u), -1)
         if table.shape[1] != len(self.parts):
             raise InputError(
                 f"{table.shape[1]} inputs", expected=f"{len(self.parts)}: {self.input_name}"
             )
-        if not (dt := dt_s or self.dt_s):
+        dt = dt_s or self.dt_s
+        if not dt:
             raise InputError(
                 "the model is of no record", expected="the sampling interval", remedy="give dt_s=.."
             )
-        each = zip(self.parts.values(), table.T)
-        y = sum(simulate(m.rational, v, dt, hold or self.hold, start) for m, v in each)
-        return np.asarray(y + self.offset)
+        y = np.zeros(len(table))
+        for model, column in zip(self.parts.values(), table.T):
+            y = y + simulate(model.rational, column, dt, hold or self.hold, start)
+        return y + self.offset
 
     def transfer_function(self, pade_order: int = 3) -> control.TransferFunction:
-        """The model as a ``control.TransferFunction``, a row of one entry for each input; dead times by their Pade form
-        of ``pade_order``."""
+        """The model as a ``control.TransferFunction``, a row with one entry for each input.
+
+        Dead times become their Pade approximation of ``pade_order``.
+        """
         import control
 
-        named = self.parts.items()
         row = [
-            m.rational.transfer_function(pade_order, inputs=n, outputs=self.output_name)
-            for n, m in named
+            model.rational.transfer_function(pade_order, inputs=name, outputs=self.output_name)
+            for name, model in self.parts.items()
         ]
         return row[0] if len(row) == 1 else control.combine_tf([row])
 
     def state_space(self, pade_order: int = 3) -> control.StateSpace:
-        """The model as a ``control.StateSpace``, the offset left out; dead times by their Pade form of
-        ``pade_order``."""
+        """The model as a ``control.StateSpace``, without the offset.
+
+        Dead times become their Pade approximation of ``pade_order``.
+        """
         import control
 
-        each = [control.ss(m.rational.transfer_function(pade_order)) for m in self.parts.values()]
-        added = control.ss([], [], [], np.ones((1, len(each)))) * control.append(*each)
-        return control.ss(added, inputs=list(self.parts), outputs=[self.output_name])
+        systems = [
+            control.ss(model.rational.transfer_function(pade_order))
+            for model in self.parts.values()
+        ]
+        summation = control.ss([], [], [], np.ones((1, len(systems))))
+        system = summation * control.append(*systems)
+        return control.ss(system, inputs=list(self.parts), outputs=[self.output_name])
 
     def chain(self, conditioning: Conditioning = NO_CONDITIONING) -> Chain:
-        """The identified dynamics as a measurement chain of unit gain; ``conditioning`` was the known part."""
+        """The identified dynamics as a measurement chain of unit gain.
+
+        ``conditioning`` is the filter that was the known factor.
+
+        Raises
+        ------
+        InputError
+            Where the model is not a chain, or its known factor is another.
+        """
         p = self.theta
         if self.model.kind != "process" or self.model.integrators:
             raise InputError(
                 f"{self.model.name} is not a chain", expected="a process model without integrator"
             )
         given = Known.of(conditioning).den
-        own = self.model.known.den
-        if len(given) != len(own) or not np.allclose(given, own, rtol=1e-9, atol=0.0):
+        identified = self.model.known.den
+        same_order = len(given) == len(identified)
+        if not same_order or not np.allclose(given, identified, rtol=1e-9, atol=0.0):
             raise InputError(
                 f"{self.model.name} was identified with another known part",
                 remedy="pass the same conditioning",
@@ -193,121 +243,153 @@ class Identified(Dynamics, Result):
         )
 
     def summary(self, spelling: Spelling = as_argument) -> str:
-        """The table people read: parameters, the lag, how well it fits, what validation said and was noticed.
+        """The model as text: parameters, lag, quality of the fit, validation, findings.
 
-        ``spelling``: of the parameters that findings name.
+        ``spelling`` is that of the parameters that findings name.
         """
         m = self.model
-        s = self.statistics
-        wide = max(5, *map(len, m.names)) + 2 * bool(m.inputs)
-        how = f"{self.hold.upper()}, dt = {self.dt_s:g} s" if self.dt_s else "given"
-        lines = [f"{m.name}: {self.input_name} -> {self.output_name}, {how}"]
+        width = max(5, *map(len, m.names))
+        if m.inputs:
+            width += 2
+        origin = f"{self.hold.upper()}, dt = {self.dt_s:g} s" if self.dt_s else "given"
+        lines = [f"{m.name}: {self.input_name} -> {self.output_name}, {origin}"]
         for name, value, u, low, high, unit in self.card().itertuples(index=False):
-            lines.append(f"  {name:{wide}s} {value:>12s} +- {u:<9s} [{low}, {high}] {unit}")
-        lines += [
-            f"  {name:{wide}s} {value:12.5g} (fixed) {m.unit(name)}"
-            for name, value in m.fixed.items()
-        ]
-        table = self.correlation.to_numpy()[: len(m.free) * bool(self.covariance.any())]
-        pairs = sorted(combinations(range(len(table)), 2), key=lambda ij: -abs(table[ij]))[:SHOWN]
-        said = ", ".join(f"{m.free[i]}-{m.free[j]} {table[i, j]:.2f}" for i, j in pairs)
-        lines += [f"  correlations {said}"] if said else []
+            lines.append(f"  {name:{width}s} {value:>12s} +- {u:<9s} [{low}, {high}] {unit}")
+        for name, value in m.fixed.items():
+            lines.append(f"  {name:{width}s} {value:12.5g} (fixed) {m.unit(name)}")
+        correlations = self._correlation_text()
+        if correlations:
+            lines.append(f"  correlations {correlations}")
+        s = self.statistics
         if s:
-            lines += [
-                f"  fit {s['fit_percent']:.2f} %, rms {s['rms']:.4g}, AICc {s['aicc']:.1f}, BIC {s['bic']:.1f}"
-            ]
-        lines += [f"  {self.sentence}"] if self.sentence else []
-        return "\n".join(
-            [*lines, *(f"  {line}" for line in labelled_messages(self.findings, spelling))]
+            lines.append(
+                f"  fit {s['fit_percent']:.2f} %, rms {s['rms']:.4g}, AICc {s['aicc']:.1f}, "
+                f"BIC {s['bic']:.1f}"
+            )
+        if self.sentence:
+            lines.append(f"  {self.sentence}")
+        lines += [f"  {line}" for line in labelled_messages(self.findings, spelling)]
+        return "\n".join(lines)
+
+    def _correlation_text(self) -> str:
+        """The strongest correlations of the parameters; empty for a model without uncertainty."""
+        if not self.covariance.any():
+            return ""
+        free = self.model.free
+        table = self.correlation.to_numpy()
+        pairs = sorted(combinations(range(len(free)), 2), key=lambda pair: -abs(table[pair]))
+        return ", ".join(
+            f"{free[i]}-{free[j]} {table[i, j]:.2f}" for i, j in pairs[:MAX_CORRELATIONS]
         )
 
     def card(self) -> pd.DataFrame:
-        """Free parameters, lag (first moment) and percent times, one row each, with their 95 % intervals."""
-        rows = [(name, e, self.model.unit(name)) for name, e in self.estimates.items()]
-        for m in self.parts.values() if not self.model.integrators else ():
-            if not m.gain:  # an input that is left out
-                continue
-            end = f".{m.input_name}" if self.model.inputs else ""
-            rows += [
-                (name + end, e, "s") for name, e in {"lag": m.lag_s, **percent_times(m)}.items()
-            ]
-        digits = [
-            (name, *rounded(e.value, e.u), *(rounded(x, e.u)[0] for x in (e.low95, e.high95)), unit)
-            for name, e, unit in rows
-        ]
-        return pd.DataFrame(
-            digits, columns=["quantity", "value", "u", "low 95 %", "high 95 %", "unit"]
-        )
+        """Free parameters, lag (first moment) and percent times with their 95 % intervals."""
+        quantities = [(name, e, self.model.unit(name)) for name, e in self.estimates.items()]
+        if not self.model.integrators:
+            for model in self.parts.values():
+                if not model.gain:  # an input without effect
+                    continue
+                suffix = f".{model.input_name}" if self.model.inputs else ""
+                times = {"lag": model.lag_s, **percent_times(model)}
+                quantities += [(name + suffix, e, "s") for name, e in times.items()]
+        rows = []
+        for name, e, unit in quantities:
+            value, u = rounded(e.value, e.u)
+            low = rounded(e.low95, e.u)[0]
+            high = rounded(e.high95, e.u)[0]
+            rows.append((name, value, u, low, high, unit))
+        columns = ["quantity", "value", "u", "low 95 %", "high 95 %", "unit"]
+        return pd.DataFrame(rows, columns=columns)
 
     def to_json(self) -> str:
-        """The model as JSON text, complete: :meth:`from_json` gives it back."""
+        """The complete model as JSON text; :meth:`from_json` reads it."""
         return json.dumps(self.to_dict(), indent=2)
 
     def to_dict(self) -> dict[str, Any]:
-        """The model as its file holds it."""
+        """The model as in its JSON file."""
         m = self.model
-        model: dict[str, Any] = {k: getattr(m, k) for k in MODEL}
+        model: dict[str, Any] = {key: getattr(m, key) for key in MODEL_KEYS}
         if m.inputs:
-            model |= {
-                "inputs": m.inputs,
-                "parts": [{"name": p.name, "kind": p.kind, "names": p.names} for p in m.parts],
+            model["inputs"] = m.inputs
+            model["parts"] = [
+                {"name": part.name, "kind": part.kind, "names": part.names} for part in m.submodels
+            ]
+        model["parameters"] = m.names
+        model["known"] = {"num": m.known.num, "den": m.known.den}
+        lag: Any = None
+        if not m.integrators:
+            lags = {name: part.lag_s for name, part in self.parts.items()}
+            lag = lags if m.inputs else self.lag_s
+        return jsonable(
+            {
+                "schema": SCHEMA,
+                "model": model,
+                **{key: getattr(self, key) for key in PLAIN_KEYS},
+                "units": {n: m.unit(n) for n in m.names},
+                "lag_s": lag,
+                "input": {"name": self.input_name, "unit": self.input_unit},
+                "output": {"name": self.output_name, "unit": self.output_unit},
+                "warnings": self.warnings,
+                "findings": [f.to_dict() for f in self.findings],
             }
-        known = {"num": m.known.num, "den": m.known.den}
-        lags = {name: part.lag_s for name, part in self.parts.items() if not m.integrators}
-        kept: dict[str, Any] = {
-            "schema": SCHEMA,
-            "model": {**model, "parameters": m.names, "known": known},
-            **{k: getattr(self, k) for k in PLAIN},
-            "units": {n: m.unit(n) for n in m.names},
-            "lag_s": None if m.integrators else lags if m.inputs else self.lag_s,
-            "input": {"name": self.input_name, "unit": self.input_unit},
-            "output": {"name": self.output_name, "unit": self.output_unit},
-            "warnings": self.warnings,
-            "findings": [f.to_dict() for f in self.findings],
-        }
-        return jsonable(kept)
+        )
 
     @classmethod
     def from_json(cls, text: str) -> Identified:
-        """The model that :meth:`to_json` wrote; InputError when the text is something else."""
+        """The model that :meth:`to_json` wrote.
+
+        Raises
+        ------
+        InputError
+            Where the text is something else.
+        """
         try:
             d: dict[str, Any] = json.loads(text)
         except json.JSONDecodeError as error:
             raise InputError(f"is not JSON ({error})", where="identified model") from error
         if not isinstance(d, dict) or d.get("schema") != SCHEMA:
-            expected = f"schema {SCHEMA}"
-            remedy = "tcdyn identify writes it"
-            raise InputError("is not an identified model", expected=expected, remedy=remedy)
-        m = d["model"]
-        known = Known.ratio(m["known"]["num"], m["known"]["den"])
-        parts = tuple(
-            Model(p["name"], p["kind"], tuple(p["names"]), known=known) for p in m.get("parts", ())
-        )
-        own: dict[str, Any] = {
-            "names": tuple(m["parameters"]),
-            "inputs": tuple(m.get("inputs", ())),
-            "parts": parts,
-        }
-        model = Model(**{k: m[k] for k in MODEL}, **own, known=known)
+            raise InputError(
+                "is not an identified model",
+                expected=f"schema {SCHEMA}",
+                remedy="tcdyn identify writes it",
+            )
+        model = _model_from_dict(d["model"])
         size = len(model.free)
-        parsed = {
-            "covariance": np.array(d["covariance"], dtype=float).reshape(size, size),
-            "estimates": {n: Estimate(**e) for n, e in d["estimates"].items()},
-            "statistics": {k: (np.nan if v is None else v) for k, v in d["statistics"].items()},
+        fields = {key: d[key] for key in PLAIN_KEYS}
+        fields["covariance"] = np.array(d["covariance"], dtype=float).reshape(size, size)
+        fields["estimates"] = {n: Estimate(**e) for n, e in d["estimates"].items()}
+        fields["statistics"] = {
+            name: np.nan if value is None else value for name, value in d["statistics"].items()
         }
-        findings = [Finding.from_dict(f) for f in d.get("findings", [])]
-        if "findings" not in d:  # of version 0.1
-            findings = [warning("said", text=text) for text in d["warnings"]]
+        if "findings" in d:
+            findings = [Finding.from_dict(f) for f in d["findings"]]
+        else:  # a file of version 0.1
+            findings = [warning("said", text=message) for message in d["warnings"]]
         return cls(
             model=model,
-            **{**{k: d[k] for k in PLAIN}, **parsed},
-            **{
-                f"{side}_{what}": d[side][what]
-                for side in ("input", "output")
-                for what in ("name", "unit")
-            },
+            **fields,
+            input_name=d["input"]["name"],
+            input_unit=d["input"]["unit"],
+            output_name=d["output"]["name"],
+            output_unit=d["output"]["unit"],
             findings=tuple(findings),
         )
+
+
+def _model_from_dict(m: Mapping[str, Any]) -> Model:
+    """The model structure in the "model" key of a file."""
+    known = Known.ratio(m["known"]["num"], m["known"]["den"])
+    submodels = [
+        Model(part["name"], part["kind"], tuple(part["names"]), known=known)
+        for part in m.get("parts", ())
+    ]
+    return Model(
+        **{key: m[key] for key in MODEL_KEYS},
+        names=tuple(m["parameters"]),
+        inputs=tuple(m.get("inputs", ())),
+        submodels=tuple(submodels),
+        known=known,
+    )
 
 
 def read_identified(path: str | Path) -> Identified:
@@ -323,10 +405,21 @@ def from_control(
 ) -> Identified:
     """A continuous ``control`` system of one output as an :class:`Identified`, without uncertainty.
 
-    ``compare(data, from_control(g), "P2D")`` compares it as it stands; ``fit(data, g.model, start=g.theta)`` begins at
-    it. ``delay_s`` is the dead time behind each input, or behind all, which such a system does not hold; inputs without
-    labels (u[0], u[1]) are those of the data by their place. Raises InputError for a discrete or unstable system,
-    several outputs, no static gain, or more zeros than poles.
+    ``compare(data, from_control(g), "P2D")`` compares it unchanged;
+    ``fit(data, g.model, start=g.theta)`` starts from it.
+
+    Parameters
+    ----------
+    system
+        The system. Inputs without labels (u[0], u[1]) are those of the data by their position.
+    delay_s
+        Dead time [s] behind each input, or behind all, which such a system does not hold.
+
+    Raises
+    ------
+    InputError
+        For a discrete or unstable system, several outputs, no static gain, or more zeros than
+        poles.
     """
     import control
 
@@ -337,14 +430,10 @@ def from_control(
             where=where,
             expected="a TransferFunction or StateSpace",
         )
-    if system.isdtime(strict=True) or system.noutputs != 1:
-        what = (
-            "is discrete in time"
-            if system.isdtime(strict=True)
-            else f"has {system.noutputs} outputs"
-        )
+    is_discrete = system.isdtime(strict=True)
+    if is_discrete or system.noutputs != 1:
         raise InputError(
-            what,
+            "is discrete in time" if is_discrete else f"has {system.noutputs} outputs",
             where=where,
             expected="a continuous system of one output",
             remedy="take system[0, :]",
@@ -352,42 +441,54 @@ def from_control(
     delays = np.broadcast_to(np.asarray(delay_s, dtype=float), (system.ninputs,))
     if not (np.isfinite(delays) & (delays >= 0)).all():
         raise InputError(f"delay_s is {delay_s}", where=where, expected="seconds, zero or more")
-    parts = []
+    submodels = []
     values = []
-    for k, delay in enumerate(delays):
-        one = system[0, k] if system.ninputs > 1 else system
-        ratio = control.ss2tf(one).minreal(1e-9) if isinstance(one, control.StateSpace) else one
-        num, den = (
-            np.trim_zeros(np.asarray(c[0][0], dtype=float), "f")[::-1]
-            for c in (ratio.num, ratio.den)
-        )
-        if not len(num) or abs(num[0]) < 1e-12 * np.max(np.abs(num)):
-            raise InputError(
-                f"input {k + 1} has a static gain of zero",
-                where=where,
-                expected="a lag relative to it",
-            )
-        integrates = abs(den[0]) < 1e-12 * np.max(np.abs(den))
-        den = den[1:] if integrates else den
-        poles = np.polynomial.polynomial.polyroots(den)
-        if len(den) < 2 or len(num) > len(den) or np.any(poles.real >= 0):
-            raise InputError(
-                f"input {k + 1} has {len(num) - 1} zeros over the poles {np.round(poles, 6).tolist()} 1/s",
-                where=where,
-                expected="poles in the left half plane (one at zero may be beside them), no more zeros than poles",
-            )
-        part = transfer(
-            max(len(num) - 1, 0), len(den) - 1, delay=bool(delay), integrator=bool(integrates)
-        )
-        above = num / den[0]
-        below = den[1:] / den[0]
-        parts.append(part)
-        values.append(dict(zip(part.names, [*above, *below, *([float(delay)] if delay else [])])))
+    for k, delay in enumerate(delays.tolist()):
+        single = system[0, k] if system.ninputs > 1 else system
+        if isinstance(single, control.StateSpace):
+            single = control.ss2tf(single).minreal(1e-9)
+        num = _ascending(single.num)
+        den = _ascending(single.den)
+        submodel, theta = _from_ratio(num, den, delay, f"input {k + 1}", where)
+        submodels.append(submodel)
+        values.append(theta)
     names = tuple(map(str, system.input_labels))
-    model = parts[0] if len(parts) == 1 else several(parts, names)
-    theta = {
-        w: float(values[k][n]) for k in range(len(parts)) for n, w in model.branch(k)[1].items()
-    }
-    return Identified.of(
-        model, theta, np.zeros((len(theta),) * 2), dt_s=0.0, input_name=", ".join(names)
-    )
+    model = submodels[0] if len(submodels) == 1 else several(submodels, names)
+    theta = {}
+    for k, submodel_theta in enumerate(values):
+        theta |= {full: submodel_theta[n] for n, full in model.branch(k)[1].items()}
+    no_covariance = np.zeros((len(theta), len(theta)))
+    return Identified.of(model, theta, no_covariance, dt_s=0.0, input_name=", ".join(names))
+
+
+def _ascending(coefficients: Any) -> Array:
+    """The coefficients of a polynomial of a ``control`` system, ascending in s."""
+    return np.trim_zeros(np.asarray(coefficients[0][0], dtype=float), "f")[::-1]
+
+
+def _from_ratio(
+    num: Array, den: Array, delay_s: float, label: str, where: str
+) -> tuple[Model, dict[str, float]]:
+    """Model and parameters of num/den (ascending) with a dead time [s]."""
+    if not len(num) or abs(num[0]) < MAX_ZERO_RATIO * np.max(np.abs(num)):
+        raise InputError(
+            f"{label} has a static gain of zero",
+            where=where,
+            expected="a lag relative to it",
+        )
+    integrates = bool(abs(den[0]) < MAX_ZERO_RATIO * np.max(np.abs(den)))
+    if integrates:
+        den = den[1:]
+    poles = np.polynomial.polynomial.polyroots(den)
+    if len(den) < 2 or len(num) > len(den) or np.any(poles.real >= 0):
+        raise InputError(
+            f"{label} has {len(num) - 1} zeros over the poles {np.round(poles, 6).tolist()} 1/s",
+            where=where,
+            expected="poles in the left half plane (one at zero may be beside them), no more "
+            "zeros than poles",
+        )
+    model = transfer(len(num) - 1, len(den) - 1, delay=bool(delay_s), integrator=integrates)
+    values = [*(num / den[0]), *(den[1:] / den[0])]
+    if delay_s:
+        values.append(delay_s)
+    return model, dict(zip(model.names, values))

@@ -1,4 +1,7 @@
-"""Covariance of identified parameters, and intervals by profile likelihood where the quadratic ones are poor."""
+"""Covariance of identified parameters, and profile-likelihood intervals.
+
+Profile likelihood replaces the quadratic interval where the log-likelihood is not quadratic.
+"""
 
 from __future__ import annotations
 
@@ -12,55 +15,80 @@ from tcdyn.core import Array
 from tcdyn.core.estimate import Z95, Estimate
 from tcdyn.core.findings import warning
 from tcdyn.estimation import Loss, Optimum, inverse, robust_covariance, sandwich
-from tcdyn.estimation import profile as walk
-from tcdyn.identify.models import bare, suffix
-from tcdyn.identify.problem import Posed
+from tcdyn.estimation import profile as likelihood_profile
+from tcdyn.identify.models import base_name, input_suffix
+from tcdyn.identify.problem import IdentificationProblem
 from tcdyn.identify.search import Fit, first_moment
-from tcdyn.identify.validate import ALARM, whiteness
+from tcdyn.identify.validate import ALARM_P, whiteness
 
 Covariance = Literal["auto", "classical", "robust"]
 
+# Limits of the quadratic interval, chosen by judgement.
+MAX_RELATIVE_U = 0.2  # of a positive parameter
+MIN_ZERO_SHARE = 0.1  # zero over lag; below, zero and dead time have the same effect
+MAX_LOG_STEP = 1.5  # of the logarithm of a parameter in the profile
+N_WHITENESS_LAGS = 20
 
-def profiled(found: Fit, everything: bool) -> Fit:
-    """``found`` with profile intervals in place of the poor quadratic ones (or of all)."""
-    estimates = dict(found.estimates)
-    findings = list(found.findings)
-    for name in (n for n in found.problem.model.free if everything or poor(found, n)):
-        e, inside = profile(found, name)
-        estimates[name] = e
-        if not inside:
+
+def replace_poor_intervals(fit: Fit, all_parameters: bool) -> Fit:
+    """The fit with profile intervals in place of poor quadratic ones, or of all."""
+    estimates = dict(fit.estimates)
+    findings = list(fit.findings)
+    for name in fit.problem.model.free:
+        if not (all_parameters or has_poor_interval(fit, name)):
+            continue
+        estimate, is_closed = profile(fit, name)
+        estimates[name] = estimate
+        if not is_closed:
             findings.append(
-                warning("fit.open_interval", subject=name, low95=e.low95, high95=e.high95)
+                warning(
+                    "fit.open_interval",
+                    subject=name,
+                    low95=estimate.low95,
+                    high95=estimate.high95,
+                )
             )
-    return replace(
-        found, identified=replace(found.identified, estimates=estimates, findings=tuple(findings))
-    )
+    identified = replace(fit.identified, estimates=estimates, findings=tuple(findings))
+    return replace(fit, identified=identified)
 
 
-def profile(found: Fit, name: str) -> tuple[Estimate, bool]:
-    """The estimate of ``name`` with its 95 % profile-likelihood interval, and whether both ends were found.
+def profile(fit: Fit, name: str) -> tuple[Estimate, bool]:
+    """Estimate of a parameter with its 95 % profile-likelihood interval.
 
-    The deviance is in units of the reported variance, sandwich and rounding included, against Student's t.
+    Parameters
+    ----------
+    fit
+        The fit.
+    name
+        Name of a free parameter.
+
+    Returns
+    -------
+    tuple
+        The estimate, and whether both ends of the interval were reached.
+
+    Notes
+    -----
+    The deviance is in units of the reported variance, sandwich covariance and rounding included.
+    The limit is from Student's t.
     """
-    problem = found.problem
-    e = found.innovation
+    problem = fit.problem
+    e = fit.innovation
     index = problem.model.free.index(name)
-    freedom = problem.n_seen - problem.size
+    dof = problem.n_measured - problem.size
     positive = problem.model.positive(name)
-    variance = float(e @ e) / freedom
-    u = float(np.sqrt(max(found.covariance_x[index, index], 1e-30)))
-    white = variance * found.optimum.covariance[index, index]
-    wider = (
-        found.covariance_x[index, index] / white
-        if found.identified.statistics["robust_covariance"]
-        else 1.0
-    )
-    t = float(stdtrit(freedom, 0.975))
-    run = walk(
-        found.optimum,
+    variance = float(e @ e) / dof
+    u = float(np.sqrt(max(fit.covariance_x[index, index], 1e-30)))
+    inflation = 1.0
+    if fit.identified.statistics["robust_covariance"]:
+        classical = variance * fit.optimum.covariance[index, index]
+        inflation = fit.covariance_x[index, index] / classical
+    t = float(stdtrit(dof, 0.975))
+    curve = likelihood_profile(
+        fit.optimum,
         name,
-        u=min(u, 1.5) if positive else u,
-        scale=variance * wider,
+        u=min(u, MAX_LOG_STEP) if positive else u,
+        scale=variance * inflation,
         level=t**2,
         drop=t**2,
         step=t,
@@ -70,45 +98,70 @@ def profile(found: Fit, name: str) -> tuple[Estimate, bool]:
         tolerance=0.0,
         relative=1e-9,
     )
-    ends = [run.value[k] if end is None else end for k, end in ((0, run.low95), (-1, run.high95))]
-    low, high = np.exp(ends) if positive else ends
-    old = found.estimates[name]
+    low = curve.value[0] if curve.low95 is None else curve.low95
+    high = curve.value[-1] if curve.high95 is None else curve.high95
+    if positive:
+        low, high = np.exp([low, high])
+    quadratic = fit.estimates[name]
     interval = Estimate(
-        value=old.value,
-        u=min(old.u, float(high - low) / (2 * Z95)),
+        value=quadratic.value,
+        u=min(quadratic.u, float(high - low) / (2 * Z95)),
         low95=float(low),
         high95=float(high),
     )
-    return interval, run.low95 is not None and run.high95 is not None
+    return interval, curve.low95 is not None and curve.high95 is not None
 
 
-def poor(found: Fit, name: str) -> bool:
-    """Whether the quadratic interval of ``name`` cannot be trusted: wide for its size, or over the edge."""
-    e = found.estimates[name]
-    model = found.problem.model
+def has_poor_interval(fit: Fit, name: str) -> bool:
+    """Whether the quadratic interval of a parameter is unreliable: too wide, or below zero."""
+    estimate = fit.estimates[name]
+    model = fit.problem.model
     if model.positive(name):
-        return e.u > 0.2 * e.value
-    twins = [n + suffix(name) for n in ("Tz", "Td")]
-    if name in twins and set(twins) <= set(model.free):
-        lag = first_moment(found.problem, found.x)
-        return (
-            abs(found.estimates[twins[0]].value) < 0.1 * lag
-        )  # there zero and dead time act alike
-    return bare(name) == "Td" and e.low95 < 0
+        return estimate.u > MAX_RELATIVE_U * estimate.value
+    zero, delay = (n + input_suffix(name) for n in ("Tz", "Td"))
+    if name in (zero, delay) and {zero, delay} <= set(model.free):
+        lag = first_moment(fit.problem, fit.x)
+        return abs(fit.estimates[zero].value) < MIN_ZERO_SHARE * lag
+    return base_name(name) == "Td" and estimate.low95 < 0
 
 
-def by_colour(
-    e: Array, j: Array, parts: list[slice], dt_s: float, precision: Array, kind: Covariance = "auto"
+def innovation_covariance(
+    e: Array,
+    j: Array,
+    slices: list[slice],
+    dt_s: float,
+    precision: Array,
+    kind: Covariance = "auto",
 ) -> tuple[Array, bool]:
-    """Covariance (P, P) from innovations ``e`` (N,), their slopes ``j`` (N, P) and what was known (P,), and whether it
-    is the robust one, which "auto" takes where they are coloured."""
-    if kind == "robust" or (kind == "auto" and whiteness(e, j, parts, dt_s, 20).p < ALARM):
-        return sandwich(j, e, parts, precision), True
-    return float(e @ e) / (len(e) - len(precision)) * inverse(j.T @ j + np.diag(precision)), False
+    """Covariance (P, P) of the parameters from the innovations.
+
+    Parameters
+    ----------
+    e, j
+        Innovations (N,) and their Jacobian (N, P).
+    slices
+        Consecutive samples in ``e``.
+    dt_s
+        Sampling interval [s].
+    precision
+        Prior precision (P,), in units of the noise.
+    kind
+        "classical", "robust" (sandwich), or "auto": robust where the innovations are coloured.
+
+    Returns
+    -------
+    tuple
+        The covariance, and whether it is the robust one.
+    """
+    is_coloured = kind == "auto" and whiteness(e, j, slices, dt_s, N_WHITENESS_LAGS).p < ALARM_P
+    if kind == "robust" or is_coloured:
+        return sandwich(j, e, slices, precision), True
+    variance = float(e @ e) / (len(e) - len(precision))
+    return variance * inverse(j.T @ j + np.diag(precision)), False
 
 
-def covariance_of(
-    problem: Posed,
+def parameter_covariance(
+    problem: IdentificationProblem,
     optimum: Optimum,
     residual: Array,
     e: Array,
@@ -116,18 +169,43 @@ def covariance_of(
     kind: Covariance,
     loss: Loss,
 ) -> tuple[Array, bool]:
-    """Covariance of x from the innovation ``e`` (N,) and its slopes ``j`` (N, size), and whether it is wider than white
-    noise alone makes it."""
-    cov_x, wider = by_colour(e, j, problem.parts, problem.dt_s, problem.precision, kind)
+    """Covariance of x, with the contribution of a coarse logger.
+
+    Parameters
+    ----------
+    problem, optimum
+        The identification problem and its optimum.
+    residual
+        Residuals (N,).
+    e, j
+        Innovations (N,) and their Jacobian (N, size).
+    kind
+        As in :func:`innovation_covariance`.
+    loss
+        The loss function.
+
+    Returns
+    -------
+    tuple
+        The covariance (size, size), and whether it is wider than that of white noise.
+
+    Notes
+    -----
+    Where the noise is smaller than the logger's resolution, equal readings share one rounding
+    error.
+    """
+    slices = problem.residual_slices
+    precision = problem.prior_precision
+    covariance, is_wider = innovation_covariance(e, j, slices, problem.dt_s, precision, kind)
     if loss != "linear":
-        cov_x = robust_covariance(optimum.residual, optimum.jacobian, loss)
+        covariance = robust_covariance(optimum.residual, optimum.jacobian, loss)
     step = problem.rounding_step
-    if np.sqrt(np.mean(residual**2)) < step:  # no noise shakes it: equal readings share one error
-        edges = [part.start for part in problem.parts]
-        new = np.union1d(
-            edges, np.flatnonzero(np.abs(np.diff(problem.measured)) > 0.5 * step) + 1
-        ).astype(int)
-        half = np.add.reduceat(j, new, axis=0) @ inverse(j.T @ j + np.diag(problem.precision))
-        cov_x = cov_x + step**2 / 12 * half.T @ half
-        wider = True
-    return cov_x, wider
+    if np.sqrt(np.mean(residual**2)) < step:
+        starts = [s.start for s in slices]
+        changes = np.flatnonzero(np.abs(np.diff(problem.measured_output)) > 0.5 * step) + 1
+        first_readings = np.union1d(starts, changes).astype(int)
+        sums = np.add.reduceat(j, first_readings, axis=0)
+        sensitivity = sums @ inverse(j.T @ j + np.diag(precision))
+        covariance = covariance + step**2 / 12 * sensitivity.T @ sensitivity
+        is_wider = True
+    return covariance, is_wider

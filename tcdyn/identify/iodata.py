@@ -1,4 +1,4 @@
-"""Sampled input-output data: one value that carries its hold, its units and its runs, kept apart."""
+"""Sampled input-output data: inputs and outputs of one or several runs, with hold and units."""
 
 from __future__ import annotations
 
@@ -16,10 +16,23 @@ from tcdyn.core.result import Result
 
 Hold = Literal["zoh", "foh"]
 
+# Jump over the range of the integer type, above which it is an overflow (chosen by judgement).
+MIN_WRAP_SHARE = 0.8
+
 
 @dataclass(frozen=True)
 class Run:
-    """One uninterrupted recording: ``u`` (N, n_inputs), ``y`` (N, n_outputs), first sample at ``start_s``."""
+    """One recording without interruption.
+
+    Parameters
+    ----------
+    u, y
+        Inputs (N, n_inputs) and outputs (N, n_outputs).
+    start_s
+        Time of the first sample [s].
+    name
+        Name of the run.
+    """
 
     u: Array
     y: Array
@@ -40,10 +53,28 @@ class Run:
 class IOData(Result):
     """Inputs and outputs of one or several runs at one sampling interval.
 
-    ``hold`` says what the input did between samples: held (``zoh``, a computer's output) or a straight line
-    (``foh``, anything physical). A wrong hold shifts the dead time by half a sample. NaN means "not measured" and
-    is kept.
+    Parameters
+    ----------
+    runs
+        The recordings.
+    dt_s
+        Sampling interval [s].
+    hold
+        The input between samples: held (``zoh``, set by a computer) or a straight line (``foh``,
+        anything physical). A wrong hold shifts the dead time by half a sample.
+    input_names, output_names, input_units, output_units
+        Names and units of the columns.
+    name
+        Name of the record.
+    findings
+        Findings about the record.
 
+    Notes
+    -----
+    NaN means "not measured". It stays in the data.
+
+    Examples
+    --------
     >>> data = IOData.from_arrays([0.0, 1, 1, 1], [0.0, 0.1, 0.5, 0.8], dt_s=0.5, hold="zoh")
     >>> data[0.5:1.5].n_samples
     3
@@ -76,9 +107,28 @@ class IOData(Result):
         output_units: Sequence[str] = (),
         name: str = "",
     ) -> IOData:
-        """One run from ``u`` (N,) or (N, n_inputs) and ``y`` (N,) or (N, n_outputs), sampled every ``dt_s`` [s].
+        """One run from arrays.
 
-        Raises InputError for unequal lengths, an unusable ``dt_s`` or hold, infinite or wrapped-around values.
+        Parameters
+        ----------
+        u, y
+            Inputs (N,) or (N, n_inputs), and outputs (N,) or (N, n_outputs).
+        dt_s
+            Sampling interval [s].
+        hold
+            The input between samples: "zoh" or "foh".
+        start_s
+            Time of the first sample [s].
+        input_names, output_names, input_units, output_units
+            Names and units of the columns.
+        name
+            Name of the record.
+
+        Raises
+        ------
+        InputError
+            For unequal lengths, an unusable ``dt_s`` or hold, infinite values or an integer
+            overflow.
         """
         where = name or "IOData"
         if not (np.isfinite(dt_s) and dt_s > 0):
@@ -86,33 +136,38 @@ class IOData(Result):
                 f"dt_s is {dt_s}", where=where, expected="a sampling interval in seconds above zero"
             )
         check_hold(hold, where)
-        ua = columns(u, input_names, "input", where)
-        ya = columns(y, output_names, "output", where)
-        if len(ua) != len(ya):
+        inputs = checked_columns(u, input_names, "input", where)
+        outputs = checked_columns(y, output_names, "output", where)
+        if len(inputs) != len(outputs):
             raise InputError(
-                f"the input has {len(ua)} samples, the output {len(ya)}",
+                f"the input has {len(inputs)} samples, the output {len(outputs)}",
                 where=where,
                 expected="equal lengths",
             )
-        ni = ua.shape[1]
-        no = ya.shape[1]
+        n_inputs = inputs.shape[1]
+        n_outputs = outputs.shape[1]
         return cls(
-            runs=(Run(ua, ya, float(start_s), name),),
+            runs=(Run(inputs, outputs, float(start_s), name),),
             dt_s=float(dt_s),
             hold=hold,
-            input_names=tuple(input_names) or numbered("u", ni),
-            output_names=tuple(output_names) or numbered("y", no),
-            input_units=tuple(input_units) or ("",) * ni,
-            output_units=tuple(output_units) or ("",) * no,
+            input_names=tuple(input_names) or default_names("u", n_inputs),
+            output_names=tuple(output_names) or default_names("y", n_outputs),
+            input_units=tuple(input_units) or ("",) * n_inputs,
+            output_units=tuple(output_units) or ("",) * n_outputs,
             name=name,
         )
 
     def summary(self) -> str:
-        """Names, runs, samples and what is missing."""
-        said = f"{', '.join(self.input_names)} -> {', '.join(self.output_names)}: {len(self.runs)} run(s), "
-        said += f"{self.n_samples} samples every {self.dt_s:g} s, input {self.hold.upper()}"
-        said += f", {self.missing} output values missing" if self.missing else ""
-        return "\n".join([said, *(f"  {f.sentence}" for f in self.findings)])
+        """Names, runs, number of samples and of missing values, and findings, as text."""
+        inputs = ", ".join(self.input_names)
+        outputs = ", ".join(self.output_names)
+        line = (
+            f"{inputs} -> {outputs}: {len(self.runs)} run(s), {self.n_samples} samples every "
+            f"{self.dt_s:g} s, input {self.hold.upper()}"
+        )
+        if self.missing:
+            line += f", {self.missing} output values missing"
+        return "\n".join([line, *(f"  {f.sentence}" for f in self.findings)])
 
     def to_dict(self) -> dict[str, Any]:
         """Names, units, sampling and length of each run; the samples are in ``runs``."""
@@ -139,146 +194,172 @@ class IOData(Result):
 
     @property
     def missing(self) -> int:
-        """How many output values were not measured."""
+        """Number of output values that were not measured."""
         return int(sum(np.isnan(run.y).sum() for run in self.runs))
 
     def merge(self, *others: IOData) -> IOData:
-        """These runs and those of ``others``, each still with its own start; never one after the other in time."""
+        """These runs and those of ``others``, each with its own start; they are not concatenated.
+
+        Raises
+        ------
+        InputError
+            Where sampling interval, hold or names of the columns differ.
+        """
+        names = (self.input_names, self.output_names)
         for other in others:
-            same = (np.isclose(other.dt_s, self.dt_s, rtol=1e-6), other.hold == self.hold)
-            if not all(same) or (other.input_names, other.output_names) != (
-                self.input_names,
-                self.output_names,
-            ):
+            same_sampling = np.isclose(other.dt_s, self.dt_s, rtol=1e-6)
+            same_names = (other.input_names, other.output_names) == names
+            if not (same_sampling and other.hold == self.hold and same_names):
                 raise InputError(
-                    f"merge: {other.name or 'the second data set'} has dt_s {other.dt_s}, hold {other.hold}, columns "
-                    f"{other.input_names} -> {other.output_names}",
-                    expected=f"dt_s {self.dt_s}, hold {self.hold}, {self.input_names} -> {self.output_names}",
+                    f"merge: {other.name or 'the second data set'} has dt_s {other.dt_s}, hold "
+                    f"{other.hold}, columns {other.input_names} -> {other.output_names}",
+                    expected=f"dt_s {self.dt_s}, hold {self.hold}, "
+                    f"{self.input_names} -> {self.output_names}",
                     remedy="resample or rename one of them first",
                 )
-        findings = tuple(unique(f for each in (self, *others) for f in each.findings))
-        return replace(self, runs=sum((o.runs for o in others), self.runs), findings=findings)
+        runs = list(self.runs)
+        findings = list(self.findings)
+        for other in others:
+            runs += other.runs
+            findings += other.findings
+        return replace(self, runs=tuple(runs), findings=tuple(unique(findings)))
 
     def between(self, start_s: float | None = None, end_s: float | None = None) -> IOData:
-        """The samples with start_s <= time <= end_s of every run; runs left empty are dropped."""
-        kept = []
+        """The samples with start_s <= time <= end_s [s] of every run; empty runs are dropped.
+
+        Raises
+        ------
+        InputError
+            Where no sample is in the interval.
+        """
+        runs = []
         for run in self.runs:
-            first = (
-                0
-                if start_s is None
-                else max(0, int(np.ceil((start_s - run.start_s) / self.dt_s - 1e-9)))
-            )
-            last = (
-                run.n
-                if end_s is None
-                else int(np.floor((end_s - run.start_s) / self.dt_s + 1e-9)) + 1
-            )
-            if first < min(last, run.n):
-                kept.append(
-                    Run(
-                        run.u[first:last],
-                        run.y[first:last],
-                        run.start_s + first * self.dt_s,
-                        run.name,
-                    )
-                )
-        if not kept:
+            first = 0
+            end = run.n
+            if start_s is not None:
+                first = max(0, int(np.ceil((start_s - run.start_s) / self.dt_s - 1e-9)))
+            if end_s is not None:
+                end = int(np.floor((end_s - run.start_s) / self.dt_s + 1e-9)) + 1
+            if first < min(end, run.n):
+                first_s = run.start_s + first * self.dt_s
+                runs.append(Run(run.u[first:end], run.y[first:end], first_s, run.name))
+        if not runs:
             raise InputError(
                 f"no sample lies between {start_s} s and {end_s} s", where=self.name or "IOData"
             )
-        return replace(self, runs=tuple(kept))
+        return replace(self, runs=tuple(runs))
 
     def __getitem__(self, window: slice) -> IOData:
         """``data[2.0:10.0]``: slicing in seconds, both ends included."""
         return self.between(window.start, window.stop)
 
     def run(self, index: int) -> IOData:
-        """One run alone."""
+        """The data of one run only."""
         return replace(self, runs=(self.runs[index],))
 
     def select(
         self, input: str | Sequence[str] | None = None, output: str | Sequence[str] | None = None
     ) -> IOData:
         """Some of the inputs and outputs, by name; all of them where no name is given."""
-        i = indices_of(input, self.input_names, "input")
-        o = indices_of(output, self.output_names, "output")
-        names = {self.input_names[k] for k in i} | {self.output_names[k] for k in o}
+        inputs = indices_of(input, self.input_names, "input")
+        outputs = indices_of(output, self.output_names, "output")
+        input_names = tuple(self.input_names[k] for k in inputs)
+        output_names = tuple(self.output_names[k] for k in outputs)
+        runs = [
+            replace(run, u=run.u[:, inputs].copy(), y=run.y[:, outputs].copy()) for run in self.runs
+        ]
+        findings = [f for f in self.findings if f.subject in (*input_names, *output_names)]
         return replace(
             self,
-            runs=tuple(replace(r, u=r.u[:, i].copy(), y=r.y[:, o].copy()) for r in self.runs),
-            input_names=tuple(self.input_names[k] for k in i),
-            output_names=tuple(self.output_names[k] for k in o),
-            input_units=tuple(self.input_units[k] for k in i),
-            output_units=tuple(self.output_units[k] for k in o),
-            findings=tuple(f for f in self.findings if f.subject in names),
+            runs=tuple(runs),
+            input_names=input_names,
+            output_names=output_names,
+            input_units=tuple(self.input_units[k] for k in inputs),
+            output_units=tuple(self.output_units[k] for k in outputs),
+            findings=tuple(findings),
         )
 
     def times_s(self, index: int = 0) -> Array:
         """Time of every sample of one run [s]."""
-        return np.asarray(self.runs[index].start_s + np.arange(self.runs[index].n) * self.dt_s)
+        run = self.runs[index]
+        return np.asarray(run.start_s + np.arange(run.n) * self.dt_s)
 
 
-def numbered(letter: str, count: int) -> tuple[str, ...]:
-    """Names of columns that have none: u, or u1, u2, .."""
-    return (letter,) if count == 1 else tuple(f"{letter}{k}" for k in range(1, count + 1))
+def default_names(letter: str, count: int) -> tuple[str, ...]:
+    """Names of columns without names: u, or u1, u2, .."""
+    if count == 1:
+        return (letter,)
+    return tuple(f"{letter}{k}" for k in range(1, count + 1))
 
 
 def check_hold(hold: Hold, where: str) -> Hold:
-    """The hold as it is; InputError for one that there is not."""
+    """The hold; InputError where it is none of "zoh" and "foh"."""
     if hold not in ("zoh", "foh"):
         expected = "'zoh' (input held between samples) or 'foh' (straight line)"
         raise InputError(f"hold is {hold!r}", where=where, expected=expected)
     return hold
 
 
-def indices_of(asked: str | Sequence[str] | None, names: tuple[str, ...], role: str) -> list[int]:
-    """Positions of ``asked`` among ``names``; all of them when None."""
-    wanted = names if asked is None else (asked,) if isinstance(asked, str) else tuple(asked)
-    for name in wanted:
+def indices_of(
+    requested: str | Sequence[str] | None, names: tuple[str, ...], role: str
+) -> list[int]:
+    """Positions of the requested columns among ``names``; all of them when None."""
+    if requested is None:
+        return list(range(len(names)))
+    columns = [requested] if isinstance(requested, str) else list(requested)
+    for name in columns:
         if name not in names:
             raise InputError(
                 f"there is no {role} named {name!r}", expected=f"one of {', '.join(names)}"
             )
-    return [names.index(name) for name in wanted]
+    return [names.index(name) for name in columns]
 
 
-def columns(values: ArrayLike, names: Sequence[str], role: str, where: str) -> Array:
-    """Two-dimensional float copy of ``values`` after the checks that only the raw numbers allow."""
+def checked_columns(values: ArrayLike, names: Sequence[str], role: str, where: str) -> Array:
+    """A float copy (N, columns) of ``values``, after checks of type, shape, range and overflow."""
     raw = np.asarray(values)
     if raw.dtype.kind not in "iufb":
         raise InputError(f"the {role} holds {raw.dtype} values", where=where, expected="numbers")
-    raw = raw[:, None] if raw.ndim == 1 else raw
+    if raw.ndim == 1:
+        raw = raw[:, None]
     if raw.ndim != 2:
         raise InputError(
             f"the {role} has {raw.ndim} dimensions", where=where, expected="(N,) or (N, columns)"
         )
-    out = np.array(raw, dtype=float)
-    for k in range(out.shape[1]):
-        label = names[k] if k < len(names) else f"{role} {k + 1}" if out.shape[1] > 1 else role
-        if np.isinf(out[:, k]).any():
-            row = int(np.flatnonzero(np.isinf(out[:, k]))[0])
+    table = np.array(raw, dtype=float)
+    n_columns = table.shape[1]
+    for k in range(n_columns):
+        label = role if n_columns == 1 else f"{role} {k + 1}"
+        if k < len(names):
+            label = names[k]
+        infinite = np.flatnonzero(np.isinf(table[:, k]))
+        if len(infinite):
             raise InputError(
-                f"column {label} is infinite in row {row}",
+                f"column {label} is infinite in row {infinite[0]}",
                 where=where,
                 remedy="mark missing values as NaN",
             )
-        check_wrap(out[:, k], label, where)
-    return out
+        check_wrap(table[:, k], label, where)
+    return table
 
 
 def check_wrap(values: Array, label: str, where: str) -> None:
-    """Refuse whole-number columns that jump by a full 16- or 32-bit range: the logger's integer overflowed."""
+    """Raise InputError for integers that jump by the 16- or 32-bit range: an overflow."""
     finite = values[np.isfinite(values)]
     if len(finite) < 2 or np.any(finite != np.round(finite)):
         return
     jump = np.abs(np.diff(finite))
     for bits in (16, 32):
-        full = 2.0**bits
-        hit = np.flatnonzero((jump > 0.8 * full) & (jump < full))
-        low, high = (0.0, full - 1) if finite.min() >= 0 else (-full / 2, full / 2 - 1)
-        if len(hit) and finite.min() >= low and finite.max() <= high:
+        full_range = 2.0**bits
+        wraps = np.flatnonzero((jump > MIN_WRAP_SHARE * full_range) & (jump < full_range))
+        low = 0.0 if finite.min() >= 0 else -full_range / 2
+        high = low + full_range - 1
+        if len(wraps) and finite.min() >= low and finite.max() <= high:
+            first = wraps[0]
             raise InputError(
-                f"column {label} jumps by {jump[hit[0]]:.0f} at sample {hit[0] + 1}: a {bits}-bit integer overflowed",
+                f"column {label} jumps by {jump[first]:.0f} at sample {first + 1}: a {bits}-bit "
+                "integer overflowed",
                 where=where,
-                remedy=f"unwrap it (add {int(full)} after each wrap) or convert to float before scaling",
+                remedy=f"unwrap it (add {int(full_range)} after each wrap) or convert to float "
+                "before scaling",
             )

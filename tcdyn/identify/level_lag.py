@@ -1,4 +1,4 @@
-"""Is the lag constant? One lag that follows the level of the output, fitted by simulation, with its interval."""
+"""Test of a constant lag: one lag that depends on the output level, fitted by simulation."""
 
 from __future__ import annotations
 
@@ -14,19 +14,32 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.estimation import Optimum, Problem, minimise
 from tcdyn.identify.fit import fit
-from tcdyn.identify.intervals import by_colour
+from tcdyn.identify.intervals import innovation_covariance
 from tcdyn.identify.iodata import IOData
 from tcdyn.identify.search import Fit, criteria
 
-MODELS = ("P1", "P1D", "P2", "P2D")  # that are bent
-CERTAIN = 2.5758  # standard uncertainties (99 %) from which a dependence is claimed
-STEP = 1e-5
+MODELS = ("P1", "P1D", "P2", "P2D")  # models whose longest lag may depend on the level
+DEPENDENCE_SDS = 2.5758  # standard uncertainties of a dependence (99 % of a normal distribution)
+STEP = 1e-5  # of a parameter, for numerical derivatives
+MAX_BEND = 2.0  # bound of the logarithm of the lag's change over half the range
+MAX_LEVEL = 5.0  # bound of the same in the simulation
 
 
 @dataclass(frozen=True)
 class LevelLag:
-    """Total lag [s] at a low and a high ``levels`` of the output, and ``bend`` = ln(tau_high/tau_low)/2 of its longest
-    lag, each with its interval."""
+    """Lag at a low and a high level of the output.
+
+    Parameters
+    ----------
+    model
+        Name of the model.
+    levels
+        The two levels, in the output's unit.
+    low, high
+        Total lag at each level [s].
+    bend
+        ln(tau_high/tau_low)/2 of the longest lag.
+    """
 
     model: str
     levels: tuple[float, float]
@@ -36,115 +49,151 @@ class LevelLag:
 
     @property
     def depends(self) -> bool:
-        """Whether the lag changes with the level (99 %)."""
-        return abs(self.bend.value) > CERTAIN * self.bend.u
+        """Whether the lag depends on the level (99 %)."""
+        return abs(self.bend.value) > DEPENDENCE_SDS * self.bend.u
 
 
 def level_lag(data: IOData) -> LevelLag:
-    """How the longest lag changes with the level y of the output: tau(y) = Tp1 exp(a (y - middle)/half range).
+    """How the longest lag depends on the level y of the output.
 
-    The range is that from the 10 to the 90 % quantile of the output. All parameters of a linear model are fitted anew
-    beside a, by simulation; of the models so bent that with the least BIC is taken. The uncertainty is the robust one
-    where residuals are coloured. Valid where the lag hardly changes within one sample. Raises InputError where no
-    linear model can be fitted.
+    Raises
+    ------
+    InputError
+        Where no linear model can be fitted.
+
+    Notes
+    -----
+    tau(y) = Tp1 exp(a (y - middle)/half range), over the range from the 10 to the 90 % quantile of
+    the output. All parameters of a linear model are fitted together with a, by simulation. Of the
+    ``MODELS`` that of least BIC is used. The uncertainty is the robust one where residuals are
+    coloured. Valid where the lag hardly changes within one sample.
     """
-    tried: list[tuple[float, Bent, Optimum]] = []
-    first: InputError | None = None
+    candidates: list[tuple[float, LevelLagProblem, Optimum]] = []
+    first_error: InputError | None = None
     for name in MODELS:
         try:
-            base = fit(data, name, intervals="quadratic", check=False)
+            linear_fit = fit(data, name, intervals="quadratic", check=False)
         except InputError as error:
-            first = first or error
+            first_error = first_error or error
             continue
-        low, high = (float(q) for q in np.quantile(base.problem.measured, [0.1, 0.9]))
-        bent = Bent(base, 0.5 * (low + high), max(0.5 * (high - low), 1e-300))
-        best = minimise(bent.problem, np.append(base.x, 0.0), tolerance=0.0, relative=1e-9)
-        n = len(best.residual)
-        deviance = n * float(np.log(max(best.cost, 1e-300) / n))
-        tried.append((criteria(deviance, len(best.theta), n)["bic"], bent, best))
-    if not tried:
-        raise first or InputError("no model to bend", where=data.name)
-    _, bent, found = min(tried, key=lambda item: item[0])
-    posed = bent.base.problem
-    known = np.append(bent.base.problem.precision, 0.0)
-    covariance, _ = by_colour(-found.residual, found.jacobian, posed.parts, posed.dt_s, known)
+        low, high = np.quantile(linear_fit.problem.measured_output, [0.1, 0.9]).tolist()
+        half_range = max(0.5 * (high - low), 1e-300)
+        candidate = LevelLagProblem(linear_fit, 0.5 * (low + high), half_range)
+        start = np.append(linear_fit.x, 0.0)
+        optimum = minimise(candidate.problem, start, tolerance=0.0, relative=1e-9)
+        n = len(optimum.residual)
+        deviance = n * float(np.log(max(optimum.cost, 1e-300) / n))
+        bic = criteria(deviance, len(optimum.theta), n)["bic"]
+        candidates.append((bic, candidate, optimum))
+    if not candidates:
+        raise first_error or InputError("no model to bend", where=data.name)
+    _, best, optimum = min(candidates, key=lambda candidate: candidate[0])
+    problem = best.linear_fit.problem
+    covariance, _ = innovation_covariance(
+        -optimum.residual,
+        optimum.jacobian,
+        problem.residual_slices,
+        problem.dt_s,
+        np.append(problem.prior_precision, 0.0),
+    )
 
-    def estimate(side: float) -> Estimate:
-        slopes = approx_fprime(found.theta, bent.lag_s, STEP, side)
-        return Estimate.normal(
-            bent.lag_s(found.theta, side), np.sqrt(max(slopes @ covariance @ slopes, 0.0))
-        )
+    def lag_estimate(side: float) -> Estimate:
+        gradient = approx_fprime(optimum.theta, best.lag_s, STEP, side)
+        variance = max(gradient @ covariance @ gradient, 0.0)
+        return Estimate.normal(best.lag_s(optimum.theta, side), np.sqrt(variance))
 
-    bend = Estimate.normal(found.theta[-1], np.sqrt(max(covariance[-1, -1], 0.0)))
-    levels = (bent.middle - bent.half, bent.middle + bent.half)
-    return LevelLag(posed.model.name, levels, estimate(-1.0), estimate(1.0), bend)
+    return LevelLag(
+        model=problem.model.name,
+        levels=(best.middle - best.half_range, best.middle + best.half_range),
+        low=lag_estimate(-1.0),
+        high=lag_estimate(1.0),
+        bend=Estimate.normal(optimum.theta[-1], np.sqrt(max(covariance[-1, -1], 0.0))),
+    )
 
 
 @dataclass(frozen=True)
-class Bent:
-    """A linear fit with one parameter more, a: what its longest lag does about ``middle`` +- ``half`` of the output."""
+class LevelLagProblem:
+    """A linear fit with one more parameter a: the dependence of its longest lag on the level.
 
-    base: Fit
+    The level is relative to ``middle`` in units of ``half_range``.
+    """
+
+    linear_fit: Fit
     middle: float
-    half: float
+    half_range: float
 
     @property
     def problem(self) -> Problem:
-        """Its least-squares problem, begun at the linear fit with a = 0."""
-        core = self.base.problem.core(self.base.noise)
-        lower = np.append(core.lower, -2.0)
-        upper = np.append(core.upper, 2.0)
-        sd = np.append(core.prior_sd, np.inf)
-        return Problem((*core.names, "bend"), self.evaluate, lower=lower, upper=upper, prior_sd=sd)
+        """The least-squares problem; the linear fit is its case a = 0."""
+        core = self.linear_fit.problem.least_squares_problem(self.linear_fit.noise)
+        return Problem(
+            (*core.names, "bend"),
+            self.evaluate,
+            lower=np.append(core.lower, -MAX_BEND),
+            upper=np.append(core.upper, MAX_BEND),
+            prior_sd=np.append(core.prior_sd, np.inf),
+        )
 
     def lag_s(self, x: Array, side: float) -> float:
         """Total lag [s] at ``side`` half ranges above the middle."""
-        theta = self.base.problem.theta(x[:-1])
-        return self.base.problem.model.rational(theta).lag_s + theta["Tp1"] * float(
-            np.exp(side * x[-1]) - 1
-        )
+        problem = self.linear_fit.problem
+        theta = problem.theta(x[:-1])
+        change = theta["Tp1"] * float(np.exp(side * x[-1]) - 1)
+        return problem.model.rational(theta).lag_s + change
 
     def evaluate(self, x: Array) -> tuple[Array, Array] | None:
-        """Whitened residuals and Jacobian: the linear model's, exact, and what the bend adds to it by differences."""
-        posed = self.base.problem
-        answer = posed.evaluate(x[:-1])
-        if answer is None:
-            return None
-        added = self.added(x)
-        if not np.isfinite(added).all():
-            return None
-        slopes = np.array([self.added(x + d) - added for d in STEP * np.eye(len(x))]).T / STEP
-        whiten = self.base.noise.whiten
-        table = np.column_stack([answer[1], np.zeros(len(added))]) + slopes
-        return whiten(answer[0] + added, posed.parts), whiten(table, posed.parts)
+        """Whitened residuals and Jacobian.
 
-    def added(self, x: Array) -> Array:
-        """Output with the bend less that without, both by the same recursion over samples (N,)."""
-        posed = self.base.problem
-        theta = posed.theta(x[:-1])
-        rational = posed.model.rational(theta)
-        own = len(
-            posed.model.known.factors
-        )  # the longest lag's own factor comes first after the known ones
-        rest = replace(rational, factors=rational.factors[:own] + rational.factors[own + 1 :])
-        rows = []
-        for s, (offset, _) in zip(posed.segments, posed.places):
+        Those of the linear model are exact; the change by a is differentiated numerically.
+        """
+        problem = self.linear_fit.problem
+        rows = problem.evaluate(x[:-1])
+        if rows is None:
+            return None
+        change = self.output_change(x)
+        if not np.isfinite(change).all():
+            return None
+        steps = STEP * np.eye(len(x))
+        gradient = np.array([self.output_change(x + step) - change for step in steps]).T / STEP
+        jacobian = np.column_stack([rows[1], np.zeros(len(change))]) + gradient
+        whiten = self.linear_fit.noise.whiten
+        slices = problem.residual_slices
+        return whiten(rows[0] + change, slices), whiten(jacobian, slices)
+
+    def output_change(self, x: Array) -> Array:
+        """Output with the level-dependent lag less that with a constant lag (N,).
+
+        Both are computed by the same recursion over samples.
+        """
+        problem = self.linear_fit.problem
+        theta = problem.theta(x[:-1])
+        rational = problem.model.rational(theta)
+        # the factor of the longest lag is the first after the known ones
+        n_known = len(problem.model.known.factors)
+        other_factors = rational.factors[:n_known] + rational.factors[n_known + 1 :]
+        others = realise(replace(rational, factors=other_factors), False)
+        rate = problem.dt_s / theta["Tp1"]
+        changes = []
+        for s, (offset, _) in zip(problem.segments, problem.offset_and_state):
             v = simulate_rows(
-                realise(rest, False), s.u, posed.dt_s, rational.delay_s, posed.hold, posed.begun
+                others, s.u, problem.dt_s, rational.delay_s, problem.hold, problem.start
             )[0]
             v = v + x[:-1][offset].sum()
-            drive = v[:-1] if posed.hold == "zoh" else 0.5 * (v[1:] + v[:-1])
-            rate = posed.dt_s / theta["Tp1"]
-            bent, plain = (self.recursion(v[0], drive, rate, a) for a in (float(x[-1]), 0.0))
-            rows.append((bent - plain)[s.seen])
-        return np.concatenate(rows)
+            drive = v[:-1] if problem.hold == "zoh" else 0.5 * (v[1:] + v[:-1])
+            varying = self.simulate_lag(v[0], drive, rate, float(x[-1]))
+            constant = self.simulate_lag(v[0], drive, rate, 0.0)
+            changes.append((varying - constant)[s.measured])
+        return np.concatenate(changes)
 
-    def recursion(self, y: float, drive: Array, rate: float, bend: float) -> Array:
-        """y of dy/dt = (drive - y)/tau(y), tau frozen over each sample, ``rate`` = dt/tau at the middle (N,)."""
-        out = [float(y)]
-        scale = bend / self.half
+    def simulate_lag(self, y: float, drive: Array, rate: float, bend: float) -> Array:
+        """y (N,) of dy/dt = (drive - y)/tau(y), with tau constant over each sample.
+
+        ``rate`` is dt/tau at the middle level.
+        """
+        output = [float(y)]
+        scale = bend / self.half_range
         for v in drive.tolist():
-            level = min(max((y - self.middle) * scale, -5.0), 5.0)
+            level = min(max((y - self.middle) * scale, -MAX_LEVEL), MAX_LEVEL)
             y = y + (v - y) * -expm1(-rate * exp(-level))
-            out.append(float(y))
-        return np.array(out)
+            output.append(float(y))
+        return np.array(output)

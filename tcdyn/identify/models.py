@@ -1,4 +1,8 @@
-"""Continuous-time model structures by their usual names, and how their parameters enter the coefficients."""
+"""Continuous-time model structures with dead time: process models and transfer functions.
+
+Structures are named as usual (P1D, P2DZ, TF(1,2)D, ARX(1,2)). Each knows how its parameters enter
+the coefficients of the transfer function.
+"""
 
 from __future__ import annotations
 
@@ -26,14 +30,19 @@ UNITS = {
     "Tc": "s",
     "Td": "s",
 }
-SILENT = "-"  # the name of what lets nothing through: an input that is left out
+NO_MODEL = "-"  # name of the model of an input without effect
 POSITIVE = ("Tp1", "Tp2", "Tp3", "Tw", "Zeta", "Tc")
-STEP = 1e-30  # of a parameter along the imaginary axis: coefficients are polynomials, so their slopes are exact
+# Imaginary step of a parameter: coefficients are polynomials, so that their derivatives are exact.
+COMPLEX_STEP = 1e-30
+DAMPING_BOUNDS = (1e-3, 20.0)  # of Zeta, chosen by judgement
 
 
 @dataclass(frozen=True)
 class Known:
-    """A known part of the path, multiplied into the model: num(s) over a product of factors; constant terms one."""
+    """A known factor of the transfer function, num(s) over a product of factors.
+
+    Constant terms are one.
+    """
 
     num: tuple[float, ...] = (1.0,)
     factors: tuple[Factor, ...] = ()
@@ -50,11 +59,11 @@ class Known:
             raise InputError(
                 "the known part has a pole at zero", remedy="use the integrator of the model (P1I)"
             )
-        scaled = tuple(float(c / den[0]) for c in den)
-        return cls(
-            tuple(float(c / den[0]) for c in num),
-            (Factor(scaled, free=False),) if len(scaled) > 1 else (),
-        )
+        numerator = tuple(float(c / den[0]) for c in num)
+        denominator = tuple(float(c / den[0]) for c in den)
+        if len(denominator) == 1:
+            return cls(numerator)
+        return cls(numerator, (Factor(denominator, free=False),))
 
     @classmethod
     def of(cls, part: Known | Conditioning | object | None) -> Known:
@@ -71,11 +80,33 @@ class Known:
 
 @dataclass(frozen=True)
 class Model:
-    """A structure: names of its parameters, which are fixed at what value, and the known part.
+    """A model structure. Build it with :func:`process`, :func:`transfer` or :func:`chain_model`.
 
-    ``kind`` is "process" (Kp, Tp1, Tp2, Tp3, Tw, Zeta, Tz, Tc, Td) or "tf" (b0.., a1.., Td, with
-    G = (b0 + b1 s + ..)/(1 + a1 s + ..)). Build with :func:`process`, :func:`transfer` or :func:`chain_model`.
-    ``arx``: what disturbs the output comes in before the poles, and they colour it (equation error).
+    Parameters
+    ----------
+    name
+        Usual name of the structure.
+    kind
+        "process" (parameters Kp, Tp1, Tp2, Tp3, Tw, Zeta, Tz, Tc, Td), "tf" (b0.., a1.., Td, with
+        G = (b0 + b1 s + ..)/(1 + a1 s + ..)), or "sum" of one model for each input.
+    names
+        Names of the parameters.
+    integrators
+        Number of integrators.
+    known
+        Known factor of the transfer function.
+    fixed
+        Parameters that are not estimated, with their values.
+    delay_max_s
+        Upper bound of the dead time [s].
+    offset
+        "free" (shared by the runs), "per run" or "none".
+    submodels
+        Of a sum, the model of each input.
+    inputs
+        Of a sum, the names of the inputs.
+    arx
+        Whether the disturbance enters before the poles, so that they colour it (equation error).
     """
 
     name: str
@@ -86,7 +117,7 @@ class Model:
     fixed: Mapping[str, float] = field(default_factory=dict)
     delay_max_s: float | None = None
     offset: str = "free"
-    parts: tuple[Model, ...] = ()
+    submodels: tuple[Model, ...] = ()
     inputs: tuple[str, ...] = ()
     arx: bool = False
 
@@ -105,159 +136,197 @@ class Model:
     @property
     def has_delay(self) -> bool:
         """Whether the dead time is estimated."""
-        return "Td" in map(bare, self.free)
+        return "Td" in map(base_name, self.free)
 
     @property
     def order(self) -> int:
-        """Number of poles that are estimated (a cement layer counts as one)."""
-        if self.parts:
-            return max(part.order for part in self.parts)
-        return sum(1 if n[:2] in ("Tp", "Tc") else 2 if n == "Tw" else 0 for n in self.names) + sum(
-            n.startswith("a") for n in self.names
-        )
+        """Number of estimated poles (a cement layer counts as one); the largest of a sum."""
+        if self.submodels:
+            return max(model.order for model in self.submodels)
+        order = 0
+        for name in self.names:
+            if name[:2] in ("Tp", "Tc") or name.startswith("a"):
+                order += 1
+            elif name == "Tw":
+                order += 2
+        return order
 
     def positive(self, name: str) -> bool:
-        """Whether a parameter lives on the positive axis, where it is searched by its logarithm."""
-        return bare(name) in POSITIVE
+        """Whether a parameter is positive; the search then uses its logarithm."""
+        return base_name(name) in POSITIVE
 
     def unit(self, name: str) -> str:
         """Unit of a parameter, s or a power of it."""
-        name = bare(name)
+        name = base_name(name)
         if name in UNITS:
             return UNITS[name]
         power = int(name[1:])
-        return "" if power == 0 else "s" if power == 1 else f"s^{power}"
+        if power == 0:
+            return ""
+        return "s" if power == 1 else f"s^{power}"
 
-    def full(self, theta: Mapping[str, float]) -> dict[str, float]:
-        """All parameters by name, the fixed ones filled in."""
-        return {n: float(self.fixed[n]) if n in self.fixed else float(theta[n]) for n in self.names}
+    def all_parameters(self, theta: Mapping[str, float]) -> dict[str, float]:
+        """All parameters by name: the fixed ones, and the others from ``theta``."""
+        return {n: float(self.fixed[n] if n in self.fixed else theta[n]) for n in self.names}
 
     @property
-    def logarithms(self) -> Flags:
-        """Which of the free parameters (P,) are searched by their logarithm."""
+    def is_logarithm(self) -> Flags:
+        """Which of the free parameters (P,) the search represents by their logarithm."""
         return np.array([self.positive(n) for n in self.free], dtype=bool)
 
     def theta(self, x: Array) -> dict[str, float]:
-        """All parameters by name at x, which begins with the free ones, or their logarithms."""
-        return self.full(
-            {n: float(np.exp(v) if self.positive(n) else v) for n, v in zip(self.free, x)}
-        )
+        """All parameters by name at x, which starts with the free ones or their logarithms."""
+        free = {n: float(np.exp(v) if self.positive(n) else v) for n, v in zip(self.free, x)}
+        return self.all_parameters(free)
 
     def vector(self, theta: Mapping[str, float]) -> Array:
-        """The free parameters (P,) in x."""
-        return np.array(
-            [np.log(max(theta[n], 1e-12)) if self.positive(n) else theta[n] for n in self.free],
-            float,
-        )
+        """The free parameters (P,) as in x; the inverse of :meth:`theta`."""
+        x = [np.log(max(theta[n], 1e-12)) if self.positive(n) else theta[n] for n in self.free]
+        return np.array(x, dtype=float)
 
-    def box(self, lags_s: tuple[float, float], delay_s: float) -> tuple[Array, Array]:
-        """Least and largest of the free parameters (P,) in x, of ``lags_s`` and of a dead time up to ``delay_s``."""
-        ends: dict[str, Any] = {"Td": (0.0, delay_s), "Zeta": np.log((1e-3, 20.0))}
-        rows = [
-            ends.get(bare(n), np.log(lags_s) if self.positive(n) else (-np.inf, np.inf))
-            for n in self.free
-        ]
+    def bounds(self, lags_s: tuple[float, float], delay_s: float) -> tuple[Array, Array]:
+        """Lower and upper bounds of the free parameters (P,) as in x.
+
+        Parameters
+        ----------
+        lags_s
+            Shortest and longest lag [s].
+        delay_s
+            Longest dead time [s].
+        """
+        rows: list[tuple[float, ...]] = []
+        for name in self.free:
+            if base_name(name) == "Td":
+                rows.append((0.0, delay_s))
+            elif base_name(name) == "Zeta":
+                rows.append(tuple(np.log(DAMPING_BOUNDS)))
+            elif self.positive(name):
+                rows.append(tuple(np.log(lags_s)))
+            else:
+                rows.append((-np.inf, np.inf))
         table = np.array(rows, dtype=float).reshape(-1, 2)
         return table[:, 0], table[:, 1]
 
     def branch(self, k: int) -> tuple[Model, dict[str, str]]:
-        """What stands behind the ``k``-th input, and the names in this model of its parameters."""
-        if not self.parts:
+        """The model of the ``k``-th input, and the names of its parameters in this model."""
+        if not self.submodels:
             return self, {n: n for n in self.names}
-        part = self.parts[k]
-        names = {n: n if n in self.names else f"{n}.{self.inputs[k]}" for n in part.names}
-        return replace(
-            part, fixed={n: self.fixed[w] for n, w in names.items() if w in self.fixed}
-        ), names
+        model = self.submodels[k]
+        names = {n: n if n in self.names else f"{n}.{self.inputs[k]}" for n in model.names}
+        fixed = {n: self.fixed[full] for n, full in names.items() if full in self.fixed}
+        return replace(model, fixed=fixed), names
 
     def coefficients(self, p: Mapping[str, Any]) -> tuple[list[Any], list[tuple[Any, ...]]]:
-        """Own numerator and own factors below at the parameters ``p``, ascending in s."""
+        """Numerator and denominator factors without the known ones, ascending in s."""
         if self.kind == "tf":
-            below = (1.0, *(p[n] for n in self.names if n.startswith("a")))
-            return [p[n] for n in self.names if n.startswith("b")], [below]
+            denominator = (1.0, *(p[n] for n in self.names if n.startswith("a")))
+            return [p[n] for n in self.names if n.startswith("b")], [denominator]
         factors: list[tuple[Any, ...]] = [(1.0, p[n]) for n in ("Tp1", "Tp2", "Tp3") if n in p]
         if "Tw" in p:
             factors.append((1.0, 2 * p["Zeta"] * p["Tw"], p["Tw"] ** 2))
         if "Tc" in p:
             factors += [(1.0, p["Tc"] * share) for share in cement_lags()]
-        return [p["Kp"], p["Kp"] * p["Tz"]] if "Tz" in p else [p["Kp"]], factors
+        if "Tz" in p:
+            return [p["Kp"], p["Kp"] * p["Tz"]], factors
+        return [p["Kp"]], factors
 
     def rational(self, theta: Mapping[str, float]) -> Rational:
         """The transfer function at ``theta``."""
-        p = self.full(theta)
-        num, below = self.coefficients(p)
-        factors = self.known.factors + tuple(Factor(f) for f in below)
+        p = self.all_parameters(theta)
+        num, free_factors = self.coefficients(p)
+        factors = self.known.factors + tuple(Factor(f) for f in free_factors)
         return Rational(
             np.convolve(num, self.known.num), factors, p.get("Td", 0.0), self.integrators
         )
 
     def chain_rule(self, theta: Mapping[str, float]) -> Array:
-        """d(coefficients)/d(free parameters), shape (rows, P), rows as in ``Realisation`` without the first."""
-        at = self.full(theta)
+        """d(coefficients)/d(free parameters), shape (rows, P).
 
-        def column(p: Mapping[str, Any]) -> list[Any]:
-            num, below = self.coefficients(p)
-            return [
-                *np.convolve(num, self.known.num),
-                *(c for f in below for c in f[1:]),
-                p.get("Td", 0.0),
-            ]
+        The rows are those of ``Realisation`` without the first.
+        """
+        parameters = self.all_parameters(theta)
 
-        columns = np.array(
-            [column({**at, name: at[name] + 1j * STEP}) for name in self.free], dtype=complex
-        )
-        return columns.reshape(len(self.free), len(column(at))).T.imag / STEP
+        def coefficients(p: Mapping[str, Any]) -> list[Any]:
+            num, factors = self.coefficients(p)
+            below = [c for factor in factors for c in factor[1:]]
+            return [*np.convolve(num, self.known.num), *below, p.get("Td", 0.0)]
+
+        columns = []
+        for name in self.free:
+            complex_step = {**parameters, name: parameters[name] + 1j * COMPLEX_STEP}
+            columns.append(coefficients(complex_step))
+        table = np.array(columns, dtype=complex)
+        n_rows = len(coefficients(parameters))
+        return table.reshape(len(self.free), n_rows).T.imag / COMPLEX_STEP
 
 
-def bare(name: str) -> str:
+def base_name(name: str) -> str:
     """A parameter's name without that of its input.
 
-    >>> bare("Tp1.heater")
+    >>> base_name("Tp1.heater")
     'Tp1'
     """
     return name.partition(".")[0]
 
 
-def suffix(name: str) -> str:
-    """What :func:`bare` takes off: the dot and the input's name, or nothing."""
-    return name[len(bare(name)) :]
+def input_suffix(name: str) -> str:
+    """The dot and the input's name at the end of a parameter's name, or nothing."""
+    return name[len(base_name(name)) :]
 
 
-def beside(name: str, other: str) -> bool:
-    """Whether two parameters stand behind the same input; those that inputs share stand beside all."""
-    return suffix(name) in ("", suffix(other))
+def same_input(name: str, other: str) -> bool:
+    """Whether two parameters belong to the same input; shared parameters belong to every input."""
+    return input_suffix(name) in ("", input_suffix(other))
 
 
 def process(name: str, **options: Any) -> Model:
-    """A process model by its usual name: P0..P3, then any of U (complex poles), H (half-order cement), Z, D, I.
+    """A process model by its usual name: P0..P3, then any of U, H, Z, D, I.
 
-    ``P2DZ`` is Kp (1 + Tz s) exp(-Td s) / ((1 + Tp1 s)(1 + Tp2 s)); ``P2U`` has 1 + 2 Zeta Tw s + (Tw s)^2 below;
-    ``H`` divides by cosh(sqrt(Tc s)), a layer of cement of diffusion time Tc; ``I`` divides by s. Among ``options``
-    ``fixed`` holds parameters at a value ({"Kp": 1}), ``known`` is multiplied in (see :meth:`Known.of`),
-    ``delay_max_s`` bounds the dead time, ``offset`` is "free" (shared by the runs), "per run" or "none".
+    Parameters
+    ----------
+    name
+        P and the number of lags. U: complex pair of poles. H: half-order cement layer. Z: zero.
+        D: dead time. I: integrator.
+    options
+        ``fixed``: parameters that are not estimated, with their values ({"Kp": 1}).
+        ``known``: a known factor (see :meth:`Known.of`). ``delay_max_s``: upper bound of the dead
+        time [s]. ``offset``: "free" (shared by the runs), "per run" or "none".
 
+    Notes
+    -----
+    ``P2DZ`` is Kp (1 + Tz s) exp(-Td s) / ((1 + Tp1 s)(1 + Tp2 s)). ``P2U`` has the denominator
+    1 + 2 Zeta Tw s + (Tw s)^2. ``H`` divides by cosh(sqrt(Tc s)), a layer of cement of diffusion
+    time Tc. ``I`` divides by s.
+
+    Examples
+    --------
     >>> process("P2DZ").names
     ('Kp', 'Tp1', 'Tp2', 'Tz', 'Td')
     """
     structure = Structure.of(name)
     names = ("Kp", *structure.parameters)
-    return Model(
-        name,
-        "process",
-        names,
-        int(structure.integrator),
-        Known.of(options.pop("known", None)),
-        **options,
-    )
+    known = Known.of(options.pop("known", None))
+    return Model(name, "process", names, int(structure.integrator), known, **options)
 
 
 def transfer(
     zeros: int, poles: int, *, delay: bool = False, integrator: bool = False, **options: Any
 ) -> Model:
-    """A general transfer function (b0 + .. + b_zeros s^zeros) / (1 + a1 s + .. + a_poles s^poles).
+    """A transfer function (b0 + .. + b_zeros s^zeros) / (1 + a1 s + .. + a_poles s^poles).
 
-    ``options`` as for :func:`process`, and ``arx``: the poles colour the disturbance too.
+    Parameters
+    ----------
+    zeros, poles
+        Degrees of numerator and denominator.
+    delay
+        Whether it has a dead time Td.
+    integrator
+        Whether it is divided by s.
+    options
+        As for :func:`process`, and ``arx``: the poles colour the disturbance too.
 
+    Examples
+    --------
     >>> transfer(1, 2, delay=True).names
     ('b0', 'b1', 'a1', 'a2', 'Td')
     """
@@ -266,107 +335,133 @@ def transfer(
             f"transfer: {zeros} zeros over {poles} poles",
             expected="0 <= zeros <= poles, poles >= 1",
         )
-    name = f"{'ARX' if options.get('arx') else 'TF'}({zeros},{poles}){'D' if delay else ''}{'I' if integrator else ''}"
-    names = (
-        *(f"b{i}" for i in range(zeros + 1)),
-        *(f"a{j + 1}" for j in range(poles)),
-        *(("Td",) if delay else ()),
-    )
-    return Model(
-        name, "tf", names, int(integrator), Known.of(options.pop("known", None)), **options
-    )
+    kind = "ARX" if options.get("arx") else "TF"
+    name = f"{kind}({zeros},{poles}){'D' if delay else ''}{'I' if integrator else ''}"
+    names = [f"b{i}" for i in range(zeros + 1)]
+    names += [f"a{j + 1}" for j in range(poles)]
+    if delay:
+        names.append("Td")
+    known = Known.of(options.pop("known", None))
+    return Model(name, "tf", tuple(names), int(integrator), known, **options)
 
 
 def chain_model(name: str, conditioning: Conditioning = NO_CONDITIONING, **options: Any) -> Model:
-    """A measurement chain: process model ``name`` with unit static gain, no offset, times the conditioning
-    filter."""
-    return process(
-        name, **{"fixed": {"Kp": 1.0}, "offset": "none", "known": conditioning, **options}
-    )
+    """A measurement chain: process model ``name`` with unit gain and no offset.
+
+    The conditioning filter is its known factor. ``options`` as for :func:`process`.
+    """
+    defaults = {"fixed": {"Kp": 1.0}, "offset": "none", "known": conditioning}
+    return process(name, **{**defaults, **options})
 
 
 def several(
     models: Sequence[Model | str], inputs: Sequence[str], *, common: bool = False, **options: Any
 ) -> Model:
-    """One model for each of the ``inputs``, their outputs added; ``common``: with the same poles behind all of them.
+    """The sum of one model for each input.
 
-    ``options`` as for :func:`process`, ``fixed`` by names such as "Kp.heater"; ``known`` is behind every input.
+    Parameters
+    ----------
+    models
+        The model of each input.
+    inputs
+        The names of the inputs.
+    common
+        Whether all inputs share the same poles.
+    options
+        As for :func:`process`; ``fixed`` by names such as "Kp.heater"; ``known`` applies to every
+        input.
 
+    Examples
+    --------
     >>> several(["P2D", "P1"], ["heater", "fan"]).names
     ('Kp.heater', 'Tp1.heater', 'Tp2.heater', 'Td.heater', 'Kp.fan', 'Tp1.fan')
     >>> several(["P1D", "P1"], ["heater", "fan"], common=True).names
     ('Kp.heater', 'Tp1', 'Td.heater', 'Kp.fan')
     """
-    parts = [as_model(m) for m in models]
+    submodels = [as_model(m) for m in models]
     known = Known.of(options.pop("known", None))
-    name = f"{' + '.join(part.name for part in parts)}{', common poles' * common}"
-    if len(parts) != len(inputs) or not parts:
-        raise InputError(f"{len(parts)} models for {len(inputs)} inputs", expected="one for each")
-    if any(part.integrators or part.parts for part in parts):
+    name = " + ".join(model.name for model in submodels)
+    if common:
+        name += ", common poles"
+    if len(submodels) != len(inputs) or not submodels:
+        raise InputError(
+            f"{len(submodels)} models for {len(inputs)} inputs", expected="one for each"
+        )
+    if any(model.integrators or model.submodels for model in submodels):
         raise InputError(
             f"{name} integrates or holds sums",
             expected="models without integrator (I) behind each input",
         )
-    if len(parts) == 1:
-        return replace(parts[0], known=known, **options)
-    parts = [part if part.name == SILENT else replace(part, known=known) for part in parts]
-    shared = (
-        [n for n in parts[0].names if (n[0] in "Ta" and n not in ("Tz", "Td")) or n == "Zeta"]
-        if common
-        else []
-    )
-    if common and any({*shared} - {*part.names} or part.order != parts[0].order for part in parts):
+    if len(submodels) == 1:
+        return replace(submodels[0], known=known, **options)
+    submodels = [m if m.name == NO_MODEL else replace(m, known=known) for m in submodels]
+    shared = _pole_parameters(submodels[0]) if common else []
+    first = submodels[0]
+    if common and any(set(shared) - set(m.names) or m.order != first.order for m in submodels):
         raise InputError(
             f"{name}: the models differ in their poles",
             expected="the same lags in each, as P2D and P2Z",
         )
-    if any(part.arx for part in parts) and not (common and all(part.arx for part in parts)):
+    if any(m.arx for m in submodels) and not (common and all(m.arx for m in submodels)):
         raise InputError(
             f"{name}: the poles that colour the noise differ",
             remedy="several([..], names, common=True)",
         )
-    names = [n if n in shared else f"{n}.{u}" for part, u in zip(parts, inputs) for n in part.names]
-    fixed = {
-        n if n in shared else f"{n}.{u}": v
-        for part, u in zip(parts, inputs)
-        for n, v in part.fixed.items()
-    }
+    names: list[str] = []
+    fixed: dict[str, float] = {}
+    for model, input_name in zip(submodels, inputs):
+        full = {n: n if n in shared else f"{n}.{input_name}" for n in model.names}
+        names += full.values()
+        fixed |= {full[n]: value for n, value in model.fixed.items()}
     fixed |= options.pop("fixed", {})
-    joined = tuple(parts)
-    unique = tuple(dict.fromkeys(names))
-    arx = parts[0].arx
     return Model(
-        name, "sum", unique, 0, known, fixed, parts=joined, inputs=tuple(inputs), arx=arx, **options
+        name,
+        "sum",
+        tuple(dict.fromkeys(names)),
+        0,
+        known,
+        fixed,
+        submodels=tuple(submodels),
+        inputs=tuple(inputs),
+        arx=first.arx,
+        **options,
     )
 
 
+def _pole_parameters(model: Model) -> list[str]:
+    """Names of the parameters that determine the poles."""
+    names = [n for n in model.names if n[0] in "Ta" and n not in ("Tz", "Td")]
+    return [n for n in model.names if n in names or n == "Zeta"]
+
+
 def as_model(model: Model | str) -> Model:
-    """A Model as it is; a name such as "P2D", "TF(1,2)D" or "ARX(2,2)" by :func:`process` or :func:`transfer`."""
+    """A Model as it is; a name ("P2D", "TF(1,2)D", "ARX(2,2)") as the model of that name."""
     if isinstance(model, Model):
         return model
-    if model == SILENT:
-        return Model(SILENT, "process", ("Kp",), fixed={"Kp": 0.0})
-    if match := re.match(r"^(TF|ARX)\((\d),(\d)\)(D?)(I?)$", model.replace(" ", "")):
-        what = {"delay": bool(match[4]), "integrator": bool(match[5])} | (
-            {"arx": True} if match[1] == "ARX" else {}
-        )
-        return transfer(int(match[2]), int(match[3]), **what)
-    return process(model)
+    if model == NO_MODEL:
+        return Model(NO_MODEL, "process", ("Kp",), fixed={"Kp": 0.0})
+    match = re.match(r"^(TF|ARX)\((\d),(\d)\)(D?)(I?)$", model.replace(" ", ""))
+    if match is None:
+        return process(model)
+    options = {"arx": True} if match[1] == "ARX" else {}
+    return transfer(
+        int(match[2]), int(match[3]), delay=bool(match[4]), integrator=bool(match[5]), **options
+    )
 
 
 def as_template(model: Model, like: Model) -> Model:
-    """``model`` with the known part, the offset, the bound of the dead time and the fixed gains of ``like``."""
-    gains = {n: v for n, v in like.fixed.items() if bare(n) in ("Kp", "b0") and v != 0.0}
-    gains = {
-        new: v
-        for n, v in gains.items()
-        for new in ("Kp" + suffix(n), "b0" + suffix(n))
-        if new in model.names
-    }
-    known = model.known if model.parts else like.known
+    """``model`` with the known factor, offset, dead-time bound and fixed gains of ``like``."""
+    gains = {}
+    for name, value in like.fixed.items():
+        if base_name(name) not in ("Kp", "b0") or value == 0.0:
+            continue
+        for gain in ("Kp", "b0"):
+            full = gain + input_suffix(name)
+            if full in model.names:
+                gains[full] = value
     return replace(
         model,
-        known=known,
+        known=model.known if model.submodels else like.known,
         offset=like.offset,
         delay_max_s=like.delay_max_s,
         fixed={**model.fixed, **gains},

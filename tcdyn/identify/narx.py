@@ -1,5 +1,7 @@
-"""Is the chain linear? Its lag against the level by simulation; NARX by FROLS (sysidentpy), scored by free simulation,
-for the rest."""
+"""Linearity test: lag against level by simulation, and polynomial NARX models.
+
+NARX terms are selected by FROLS (sysidentpy); the models are scored by free simulation.
+"""
 
 from __future__ import annotations
 
@@ -21,18 +23,36 @@ from tcdyn.estimation import correlation_length
 from tcdyn.identify.iodata import IOData
 from tcdyn.identify.level_lag import LevelLag, level_lag
 
-# of a weight, for slopes; of the bootstrap
-STEP = 1e-5
-DRAWS = 200
+STEP = 1e-5  # of a weight, for numerical derivatives
+COMPLEX_STEP = 1e-30  # of a signal along the imaginary axis
+N_BOOTSTRAP = 200  # draws of the weights
+DIVERGED = 1e3  # scaled output above which a simulation has diverged (chosen by judgement)
+MIN_FINITE_SHARE = 0.9  # of samples or draws, below which a result is not used (by judgement)
+# Held-out error of the quadratic over that of the linear model, below which it is better (chosen
+# by judgement).
+MAX_QUADRATIC_RATIO = 0.9
 
 
 @dataclass(frozen=True)
 class Narx:
-    """y_t = sum_i theta_i prod(terms_i): each term a tuple of (signal, lag) with signal "y" or "u"; () is the
-    constant.
+    """A polynomial NARX model y_t = sum_i theta_i prod(terms_i).
 
-    Signals are scaled by ``u_scale``, ``y_scale`` = (centre, spread). ``held_out_percent`` is a free-simulation
-    score; ``draws`` are other ``theta`` that the noise could have given.
+    Parameters
+    ----------
+    terms
+        Each term is a tuple of (signal, lag) with the signal "y" or "u"; () is the constant.
+    theta
+        Weight of each term.
+    u_scale, y_scale
+        (centre, spread) by which the signals are scaled.
+    dt_s
+        Sampling interval [s].
+    one_step_percent
+        Fit percent of one-step predictions of the training data.
+    simulated_percent, held_out_percent
+        Fit percent of free simulation of the training data and of the held-out data.
+    draws
+        Bootstrap samples of ``theta``.
     """
 
     terms: tuple[tuple[tuple[str, int], ...], ...]
@@ -47,16 +67,17 @@ class Narx:
 
     @property
     def intervals(self) -> tuple[Estimate | None, ...]:
-        """Each of ``theta`` with its interval from the bootstrap ``draws``."""
+        """Each weight with its interval from the bootstrap."""
         return tuple(
-            spanned(value, [d[k] for d in self.draws]) for k, value in enumerate(self.theta)
+            bootstrap_estimate(value, [draw[k] for draw in self.draws])
+            for k, value in enumerate(self.theta)
         )
 
     def lag_s(self, level: float) -> Estimate | None:
         """:meth:`local_lag_s` with its interval from the bootstrap."""
-        return spanned(
-            self.local_lag_s(level),
-            [replace(self, theta=one, draws=()).local_lag_s(level) for one in self.draws],
+        draws = [replace(self, theta=theta, draws=()) for theta in self.draws]
+        return bootstrap_estimate(
+            self.local_lag_s(level), [draw.local_lag_s(level) for draw in draws]
         )
 
     @property
@@ -64,69 +85,83 @@ class Narx:
         """Largest lag of any term, in samples."""
         return max((lag for term in self.terms for _, lag in term), default=1)
 
-    def value(self, of: Callable[[str, int], Any], theta: Iterable[Any] | None = None) -> Any:
-        """sum_i theta_i prod(terms_i) where a signal at a lag is ``of(signal, lag)``; other weights may be given."""
-        products = (
-            math.prod((of(name, lag) for name, lag in term), start=1.0) for term in self.terms
-        )
-        return sum(
-            weight * product
-            for weight, product in zip(self.theta if theta is None else theta, products)
-        )
+    def predict(self, signal: Callable[[str, int], Any], theta: Iterable[Any] | None = None) -> Any:
+        """sum_i theta_i prod(terms_i).
+
+        Parameters
+        ----------
+        signal
+            Value of a signal at a lag, from its name and the lag.
+        theta
+            Other weights.
+        """
+        weights = self.theta if theta is None else theta
+        total: Any = 0
+        for weight, term in zip(weights, self.terms):
+            total = total + weight * math.prod((signal(*factor) for factor in term), start=1.0)
+        return total
 
     def simulate(self, u: Array, y0: Array) -> Array:
-        """Free simulation: only the first ``order`` outputs ``y0`` are measured. NaN once it diverges."""
-        return (
-            self.runs(u, y0, np.array(self.theta)[:, None])[:, 0] * self.y_scale[1]
-            + self.y_scale[0]
-        )
+        """Free simulation (N,) from the first ``order`` measured outputs ``y0``.
 
-    def runs(self, u: Array, y0: Array, theta: Array) -> Array:
-        """Free simulations, scaled, side by side (N, M) with the weights ``theta`` (terms, M)."""
-        us = (np.asarray(u) - self.u_scale[0]) / self.u_scale[1]
-        ys = np.full((len(u), theta.shape[1]), np.nan)
+        NaN after it diverges.
+        """
+        scaled = self.simulate_scaled(u, y0, np.array(self.theta)[:, None])[:, 0]
+        return scaled * self.y_scale[1] + self.y_scale[0]
+
+    def simulate_scaled(self, u: Array, y0: Array, theta: Array) -> Array:
+        """Scaled free simulations (N, M) with the weights ``theta`` (terms, M)."""
+        u_scaled = (u - self.u_scale[0]) / self.u_scale[1]
+        y_scaled = np.full((len(u), theta.shape[1]), np.nan)
         k = self.order
-        ys[:k] = ((np.asarray(y0)[:k] - self.y_scale[0]) / self.y_scale[1])[:, None]
-        signals = {"u": us, "y": ys}
+        y_scaled[:k] = ((y0[:k] - self.y_scale[0]) / self.y_scale[1])[:, None]
+        signals = {"u": u_scaled, "y": y_scaled}
 
-        def before(signal: str, lag: int) -> Any:
+        def lagged(signal: str, lag: int) -> Any:
             return signals[signal][t - lag]
 
         for t in range(k, len(u)):
-            value = self.value(before, theta)
-            ys[t] = np.where(np.abs(value) < 1e3, value, np.nan)
-            if np.isnan(ys[t]).all():
+            value = self.predict(lagged, theta)
+            y_scaled[t] = np.where(np.abs(value) < DIVERGED, value, np.nan)
+            if np.isnan(y_scaled[t]).all():
                 break
-        return ys
+        return y_scaled
 
     def one_step(self, u: Array, y: Array) -> Array:
-        """One-step predictions of scaled signals, NaN for the first samples."""
-        signals, k = {"u": u, "y": y}, self.order
-        predicted = self.value(lambda name, lag: signals[name][k - lag : len(y) - lag])
+        """One-step predictions (N,) of scaled signals, NaN for the first samples."""
+        signals = {"u": u, "y": y}
+        k = self.order
+        predicted = self.predict(lambda name, lag: signals[name][k - lag : len(y) - lag])
         return np.concatenate([np.full(k, np.nan), np.broadcast_to(predicted, len(y) - k)])
 
     def local_lag_s(self, level: float) -> float:
-        """First moment [s] of the model linearised about the steady state at output ``level``; NaN if not
-        stable."""
+        """First moment [s] of the model linearised at the steady state of output ``level``.
+
+        NaN where there is no steady state or it is not stable.
+        """
         y0 = (level - self.y_scale[0]) / self.y_scale[1]
 
         def excess(u: float) -> float:
-            return float(self.value(lambda name, lag: u if name == "u" else y0)) - y0
+            return float(self.predict(lambda name, lag: u if name == "u" else y0)) - y0
 
         with np.errstate(all="ignore"), warnings.catch_warnings(action="ignore"):
             u0, state = newton(
                 excess, y0 - 0.1, x1=y0 + 0.1, tol=1e-10, disp=False, full_output=True
             )
-        if not (state.converged and abs(u0) < 1e3):
+        if not (state.converged and abs(u0) < DIVERGED):
             return float("nan")
-        point, k, step = {"u": u0, "y": y0}, self.order, 1e-30
+        steady = {"u": u0, "y": y0}
+        k = self.order
 
-        def slope(signal: str, lag: int) -> float:
-            moved = self.value(lambda *at: point[at[0]] + 1j * step * (at == (signal, lag)))
-            return float(np.imag(moved)) / step
+        def derivative(signal: str, lag: int) -> float:
+            def shifted(name: str, at: int) -> complex:
+                step = COMPLEX_STEP if (name, at) == (signal, lag) else 0.0
+                return complex(steady[name], step)
 
-        b, past = (np.array([slope(signal, lag) for lag in range(k + 1)]) for signal in ("u", "y"))
-        a = np.eye(k + 1)[0] - past
+            return float(np.imag(self.predict(shifted))) / COMPLEX_STEP
+
+        b = np.array([derivative("u", lag) for lag in range(k + 1)])
+        a = np.eye(k + 1)[0] - np.array([derivative("y", lag) for lag in range(k + 1)])
         if np.max(np.abs(np.roots(a)), initial=0.0) >= 1 or b.sum() == 0:
             return float("nan")
         n = np.arange(k + 1)
@@ -135,10 +170,18 @@ class Narx:
 
 @dataclass(frozen=True)
 class TemperatureDependence:
-    """Linear and quadratic NARX side by side, their lags at a low and a high level, and the sentence.
+    """Whether the lag depends on the level, and whether the system is linear otherwise.
 
-    ``lag`` is the lag at both levels with its intervals, by simulation; ``run`` the name of the recording that was
-    asked, empty where there is but one.
+    Parameters
+    ----------
+    linear, nonlinear
+        Linear and quadratic NARX.
+    sentence
+        The conclusion.
+    lag
+        The lag at a low and a high level with its intervals, by simulation.
+    run
+        Name of the run that was used; empty where there is only one.
     """
 
     linear: Narx
@@ -149,22 +192,26 @@ class TemperatureDependence:
 
     @property
     def depends(self) -> bool:
-        """Whether the lag changes with the level (99 %)."""
+        """Whether the lag depends on the level (99 %)."""
         return self.lag.depends
 
     def to_dict(self) -> dict[str, Any]:
-        """The sentence and its numbers: levels in the output's unit, lags [s], held-out scores of simulation [%]."""
+        """The conclusion and its numbers.
+
+        Levels in the output's unit, lags [s], fit percent of the held-out simulation [%].
+        """
         lag = self.lag
-        ends = {"low": lag.low, "high": lag.high}
         return {
             "sentence": self.sentence,
             "run": self.run,
             "depends": lag.depends,
             "levels": list(lag.levels),
-            **{f"lag_{end}_s": e.value for end, e in ends.items()},
-            **{f"lag_{end}_95_s": [e.low95, e.high95] for end, e in ends.items()},
+            "lag_low_s": lag.low.value,
+            "lag_high_s": lag.high.value,
+            "lag_low_95_s": [lag.low.low95, lag.low.high95],
+            "lag_high_95_s": [lag.high.low95, lag.high.high95],
             "bend": {"value": lag.bend.value, "u": lag.bend.u},
-            "narx_lag_s": jsonable([*map(self.nonlinear.lag_s, lag.levels)]),
+            "narx_lag_s": jsonable([self.nonlinear.lag_s(level) for level in lag.levels]),
             "held_out_percent_linear": self.linear.held_out_percent,
             "held_out_percent_quadratic": self.nonlinear.held_out_percent,
         }
@@ -179,11 +226,35 @@ def narx(
     held_out: float = 0.3,
     max_terms: int = 10,
 ) -> Narx:
-    """A polynomial NARX whose terms FROLS chooses with BIC on the first part of the record, their weights by the error
-    of free simulation (:func:`refined`), scored on the rest by simulation.
+    """A polynomial NARX model of the first run.
 
-    ``dead_samples`` are taken off the input first. The one-step score is reported only to show how much it
-    flatters: predicting a slow output from its last value is easy. Raises InputError for short or gappy records.
+    FROLS selects the terms by BIC on the first part of the record. The weights minimise the error
+    of free simulation (:func:`refine_weights`). The model is scored by simulation of the rest.
+
+    Parameters
+    ----------
+    data
+        One input and one output, without gaps.
+    degree
+        Degree of the polynomial.
+    lags
+        Largest lag of input and output, in samples.
+    dead_samples
+        Dead time in samples, by which the input is delayed first.
+    held_out
+        Last share of the record that is not used for the fit.
+    max_terms
+        Largest number of terms.
+
+    Raises
+    ------
+    InputError
+        For short records or records with gaps.
+
+    Notes
+    -----
+    The one-step score shows only how optimistic it is: it is easy to predict a slow output from
+    its last value.
     """
     from sysidentpy.basis_function import Polynomial
     from sysidentpy.model_structure_selection import FROLS
@@ -198,15 +269,15 @@ def narx(
         )
     u = np.concatenate([np.full(dead_samples, run.u[0, 0]), run.u[: run.n - dead_samples, 0]])
     y = run.y[:, 0]
-    edge = int(len(y) * (1 - held_out))
-    if edge < 20 * lags:
+    n_train = int(len(y) * (1 - held_out))
+    if n_train < 20 * lags:
         raise InputError(
-            f"narx: {edge} training samples", where=data.name, expected=f"at least {20 * lags}"
+            f"narx: {n_train} training samples", where=data.name, expected=f"at least {20 * lags}"
         )
-    us = (float(u.mean()), float(u.std()) or 1.0)
-    ys = (float(y.mean()), float(y.std()) or 1.0)
-    x = ((u - us[0]) / us[1])[:, None]
-    z = ((y - ys[0]) / ys[1])[:, None]
+    u_scale = (float(u.mean()), float(u.std()) or 1.0)
+    y_scale = (float(y.mean()), float(y.std()) or 1.0)
+    x = ((u - u_scale[0]) / u_scale[1])[:, None]
+    z = ((y - y_scale[0]) / y_scale[1])[:, None]
     with warnings.catch_warnings(action="ignore"):
         model = FROLS(
             ylag=lags,
@@ -218,116 +289,150 @@ def narx(
             basis_function=Polynomial(degree=degree),
             model_type="NARMAX",
         )
-        model.fit(X=x[:edge], y=z[:edge])
-    codes = (
-        np.atleast_2d(model.final_model).astype(int).tolist()
-    )  # 1003 stands for y(k-3) and 2003 for the input's
-    terms = tuple(
-        tuple(("y" if code < 2000 else "u", code % 1000) for code in row if code) for row in codes
-    )
+        model.fit(X=x[:n_train], y=z[:n_train])
+    codes = np.atleast_2d(model.final_model).astype(int).tolist()
+    terms = tuple(tuple(_signal_and_lag(code) for code in row if code) for row in codes)
     theta = tuple(float(v) for v in np.asarray(model.theta).ravel())
-    found = refined(Narx(terms, theta, us, ys, data.dt_s), u[:edge], y[:edge])
-    simulated = found.simulate(u, y)
+    result = Narx(terms, theta, u_scale, y_scale, data.dt_s)
+    result = refine_weights(result, u[:n_train], y[:n_train])
+    simulated = result.simulate(u, y)
+    one_step = result.one_step(x[:n_train, 0], z[:n_train, 0]) * y_scale[1] + y_scale[0]
     return replace(
-        found,
-        one_step_percent=percent(
-            y[:edge], found.one_step(x[:edge, 0], z[:edge, 0]) * ys[1] + ys[0]
-        ),
-        simulated_percent=percent(y[:edge], simulated[:edge]),
-        held_out_percent=percent(y[edge:], simulated[edge:]),
+        result,
+        one_step_percent=nrmse_percent(y[:n_train], one_step),
+        simulated_percent=nrmse_percent(y[:n_train], simulated[:n_train]),
+        held_out_percent=nrmse_percent(y[n_train:], simulated[n_train:]),
     )
 
 
-def refined(found: Narx, u: Array, y: Array) -> Narx:
-    """``found`` with the weights of its terms that simulate ``y`` (N,) best, and ``draws`` of them by the bootstrap.
+def _signal_and_lag(code: int) -> tuple[str, int]:
+    """Signal and lag of sysidentpy's code: 1003 is y(k-3), 2003 is u(k-3)."""
+    return ("y" if code < 2000 else "u", code % 1000)
 
-    One-step least squares takes noise of the output for dynamics; least is here the sum of squares of free simulation,
-    begun at it. The residuals are drawn anew in blocks as long as they are correlated, twice over, and each draw moves
-    the weights by (J'J)^-1 J'e. ``found`` itself where it does not simulate at all.
+
+def refine_weights(model: Narx, u: Array, y: Array) -> Narx:
+    """The model with the weights of least free-simulation error, and bootstrap ``draws`` of them.
+
+    Parameters
+    ----------
+    model
+        Where to start; returned unchanged where it cannot be simulated.
+    u, y
+        Input and output (N,).
+
+    Notes
+    -----
+    One-step least squares mistakes noise of the output for dynamics. Here the sum of squares of the
+    free simulation is minimised. The bootstrap resamples the residuals in blocks twice as long as
+    their correlation; each draw changes the weights by (J'J)^-1 J'e.
     """
-    k, size, seen = found.order, len(found.theta), (y - found.y_scale[0]) / found.y_scale[1]
+    k = model.order
+    n_terms = len(model.theta)
+    measured = (y - model.y_scale[0]) / model.y_scale[1]
 
-    def simulated(table: Array) -> Array:
-        return np.nan_to_num(found.runs(u, y, table), nan=1e3)[k:]
+    def simulated(weights: Array) -> Array:
+        return np.nan_to_num(model.simulate_scaled(u, y, weights), nan=DIVERGED)[k:]
 
-    def slopes(theta: Array) -> Array:
-        table = simulated(np.column_stack([theta, theta[:, None] + STEP * np.eye(size)]))
-        return (table[:, 1:] - table[:, :1]) / STEP
+    def residuals(theta: Array) -> Array:
+        return simulated(theta[:, None])[:, 0] - measured[k:]
 
-    begun = np.array(found.theta)
-    if not np.isfinite(found.runs(u, y, begun[:, None])).all():
-        return found
-    best = least_squares(
-        lambda theta: simulated(theta[:, None])[:, 0] - seen[k:],
-        begun,
-        jac=slopes,
-        max_nfev=30,
-        x_scale="jac",
-    )
+    def jacobian(theta: Array) -> Array:
+        steps = theta[:, None] + STEP * np.eye(n_terms)
+        outputs = simulated(np.column_stack([theta, steps]))
+        return (outputs[:, 1:] - outputs[:, :1]) / STEP
+
+    start = np.array(model.theta)
+    if not np.isfinite(model.simulate_scaled(u, y, start[:, None])).all():
+        return model
+    best = least_squares(residuals, start, jac=jacobian, max_nfev=30, x_scale="jac")
     e = -best.fun - np.mean(-best.fun)
+    n = len(e)
+    e = e * np.sqrt(n / max(n - n_terms, 1))
+    block = int(np.clip(2 * correlation_length(e), 1, n // 4))
+    n_blocks = -(-n // block)
     rng = np.random.default_rng(0)
-    e = e * np.sqrt(len(e) / max(len(e) - size, 1))
-    block = int(np.clip(2 * correlation_length(e), 1, len(e) // 4))
-    starts = rng.integers(0, len(e) - block + 1, (DRAWS, -(-len(e) // block)))
-    drawn = e[(starts[:, :, None] + np.arange(block)).reshape(DRAWS, -1)[:, : len(e)]]
-    draws = best.x + np.linalg.lstsq(best.jac, drawn.T, rcond=1e-10)[0].T
-    return replace(found, theta=tuple(best.x.tolist()), draws=tuple(map(tuple, draws.tolist())))
+    starts = rng.integers(0, n - block + 1, (N_BOOTSTRAP, n_blocks))
+    index = (starts[:, :, None] + np.arange(block)).reshape(N_BOOTSTRAP, -1)[:, :n]
+    draws = best.x + np.linalg.lstsq(best.jac, e[index].T, rcond=1e-10)[0].T
+    return replace(model, theta=tuple(best.x.tolist()), draws=tuple(map(tuple, draws.tolist())))
 
 
-def spanned(value: float, draws: Sequence[float]) -> Estimate | None:
-    """``value`` with the spread and the 95 % interval of its bootstrap ``draws``; None where there are none."""
-    good = np.array([d for d in draws if np.isfinite(d)])
-    if not np.isfinite(value) or len(good) < 0.9 * len(draws) or not len(good):
+def bootstrap_estimate(value: float, draws: Sequence[float]) -> Estimate | None:
+    """``value`` with the standard deviation and the 95 % interval of its bootstrap draws.
+
+    None where there are no draws, or too few finite ones.
+    """
+    finite = np.array([d for d in draws if np.isfinite(d)])
+    too_few = len(finite) < MIN_FINITE_SHARE * len(draws) or not len(finite)
+    if not np.isfinite(value) or too_few:
         return None
-    low, high = np.quantile(good, [0.025, 0.975])
-    return Estimate(value=value, u=float(np.std(good)), low95=float(low), high95=float(high))
+    low, high = np.quantile(finite, [0.025, 0.975])
+    return Estimate(value=value, u=float(np.std(finite)), low95=float(low), high95=float(high))
 
 
-def percent(y: Array, model: Array) -> float:
-    """NRMSE fit in percent where the model has a value; minus infinity when it diverged."""
-    ok = np.isfinite(model)
-    if ok.mean() < 0.9:
+def nrmse_percent(y: Array, model: Array) -> float:
+    """NRMSE fit percent where the model has a value; minus infinity where it diverged."""
+    finite = np.isfinite(model)
+    if finite.mean() < MIN_FINITE_SHARE:
         return float("-inf")
-    return 100 * (1 - float(np.linalg.norm((y - model)[ok]) / np.linalg.norm(y[ok] - y[ok].mean())))
+    error = np.linalg.norm((y - model)[finite])
+    spread = np.linalg.norm(y[finite] - y[finite].mean())
+    return 100 * (1 - float(error / spread))
 
 
 @one_blas_thread
 def temperature_dependence(
     data: IOData, *, lags: int = 3, dead_samples: int = 0, held_out: float = 0.3
 ) -> TemperatureDependence:
-    """Does the lag depend on the level? By simulation with a lag that follows it (:func:`level_lag`).
+    """Whether the lag depends on the level, by simulation (:func:`level_lag`).
 
-    A dependence is claimed where the interval of the lag's bend (99 %) leaves nought out. Degree 1 and degree 2 of a
-    NARX, by held-out simulation, tell of what else is not linear. Of several recordings the first is asked, and the
-    sentence says so.
+    Parameters
+    ----------
+    data
+        One input and one output; of several runs the first is used, and the sentence says so.
+    lags, dead_samples, held_out
+        As for :func:`narx`.
+
+    Notes
+    -----
+    The lag depends on the level where the 99 % interval of the lag's bend does not include zero.
+    A linear and a quadratic NARX, by held-out simulation, show whether something else is not
+    linear.
     """
-    one, two = (
-        narx(data, degree=k, lags=lags, dead_samples=dead_samples, held_out=held_out)
-        for k in (1, 2)
-    )
-    found = level_lag(data.run(0))
-    unit = data.output_units[0] or "units"
-    better = 100 - two.held_out_percent < 0.9 * (100 - one.held_out_percent)
-    two_said = f"{two.held_out_percent:.1f} %"
-    one_said = f"{one.held_out_percent:.1f} %"
-    at = [
-        f"{e.value:.3g} s ({e.low95:.3g} to {e.high95:.3g} s) at {level:.4g}"
-        for e, level in zip((found.low, found.high), found.levels)
-    ]
-    if found.depends:
-        words = f"The lag depends on the level: {at[0]} and {at[1]} {unit} (95 %; simulated, {found.model} bent)."
-    elif better:
-        words = (
-            f"No sign that the lag depends on the level ({at[0]}, {at[1]} {unit}). A quadratic NARX simulates better "
-            f"({two_said} against {one_said}): look at the static line."
-        )
-    else:
-        words = (
-            f"No sign that the lag depends on the level: {at[0]}, {at[1]} {unit}. Held out, a quadratic NARX simulates "
-            f"to {two_said}, a linear one to {one_said} (one step ahead both look like {one.one_step_percent:.1f} %)."
-        )
+    options: dict[str, Any] = {"lags": lags, "dead_samples": dead_samples, "held_out": held_out}
+    linear = narx(data, degree=1, **options)
+    quadratic = narx(data, degree=2, **options)
+    lag = level_lag(data.run(0))
+    sentence = _conclusion(lag, linear, quadratic, data.output_units[0] or "units")
     run = ""
     if len(data.runs) > 1:
         run = data.runs[0].name or "1"
-        words = f"Run {run}, the first of {len(data.runs)}: {words}"
-    return TemperatureDependence(one, two, words, found, run)
+        sentence = f"Run {run}, the first of {len(data.runs)}: {sentence}"
+    return TemperatureDependence(linear, quadratic, sentence, lag, run)
+
+
+def _conclusion(lag: LevelLag, linear: Narx, quadratic: Narx, unit: str) -> str:
+    """The conclusion of :func:`temperature_dependence` as text."""
+    low, high = (
+        f"{e.value:.3g} s ({e.low95:.3g} to {e.high95:.3g} s) at {level:.4g}"
+        for e, level in zip((lag.low, lag.high), lag.levels)
+    )
+    if lag.depends:
+        return (
+            f"The lag depends on the level: {low} and {high} {unit} "
+            f"(95 %; simulated, {lag.model} bent)."
+        )
+    linear_percent = f"{linear.held_out_percent:.1f} %"
+    quadratic_percent = f"{quadratic.held_out_percent:.1f} %"
+    max_error = MAX_QUADRATIC_RATIO * (100 - linear.held_out_percent)
+    if 100 - quadratic.held_out_percent < max_error:
+        return (
+            f"No sign that the lag depends on the level ({low}, {high} {unit}). A quadratic NARX "
+            f"simulates better ({quadratic_percent} against {linear_percent}): look at the static "
+            "line."
+        )
+    return (
+        f"No sign that the lag depends on the level: {low}, {high} {unit}. Held out, a quadratic "
+        f"NARX simulates to {quadratic_percent}, a linear one to {linear_percent} (one step ahead "
+        f"both look like {linear.one_step_percent:.1f} %)."
+    )

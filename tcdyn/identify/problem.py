@@ -1,4 +1,8 @@
-"""The fitting problem: parameters in a vector, runs cut at missing inputs, residuals with their exact Jacobian."""
+"""The identification problem: parameter vector, residuals of the simulation and their Jacobian.
+
+The residuals are those of the output error; with a noise model they are whitened (prediction
+error). The Jacobian is exact.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import count
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -15,20 +19,81 @@ from tcdyn.core import Array, Flags
 from tcdyn.estimation import Noise, Problem
 from tcdyn.estimation.arma import equation_error
 from tcdyn.estimation.trace_noise import rounding_sd
-from tcdyn.identify.models import Model, bare
+from tcdyn.identify.models import Model, base_name
 from tcdyn.identify.segments import Segment
 
 Initial = Literal["equilibrium", "zero", "estimated"]
 
+# Bounds of a lag, chosen by judgement: a faster lag acts like none, a slower one like an integrator.
+MIN_LAG_SAMPLES = 1e-2
+MAX_LAG_RECORDS = 100  # lengths of the longest segment
+
+
+class Branch(NamedTuple):
+    """The model behind one input.
+
+    Attributes
+    ----------
+    model
+        The model of this input alone.
+    names
+        The name in the complete model of each of its parameters.
+    positions
+        Positions in x of its free parameters.
+    """
+
+    model: Model
+    names: dict[str, str]
+    positions: list[int]
+
+
+class _BranchSystem(NamedTuple):
+    """A branch at one x: transfer function, realisation, d(coefficients)/dx, positions in x."""
+
+    rational: Rational
+    realisation: Realisation
+    chain_rule: Array
+    positions: list[int]
+
 
 @dataclass(frozen=True)
-class Posed:
-    """Inputs, one output, one model. The vector x holds the free parameters (positive ones as logarithms), then
-    the offset(s), then the initial states of the segments whose state is free: those after a gap, or all when
-    ``initial`` is "estimated"; then what the input was before each segment begun in equilibrium, over its first
-    sample, where the input is measured with noise. Of that past the first sample tells with the weight
-    ``noise_sd``/``input_sds``, noise of the output over noise of each input; 0 for the latter is an input that is
-    known. With a ``trend`` x ends with the drift of each run, over the length of the longest segment."""
+class IdentificationProblem:
+    """Inputs, one output and one model, as a least-squares problem in a vector x.
+
+    Parameters
+    ----------
+    model
+        The model structure.
+    segments
+        The record, cut where an input is missing.
+    dt_s
+        Sampling interval [s].
+    hold
+        The input between samples: held ("zoh") or a straight line ("foh").
+    initial
+        State in which the runs start.
+    time_scale_s
+        Time scale of the initial states [s].
+    input_sds
+        Standard deviation of the measurement noise of each input; 0 for an exact input.
+    noise_sd
+        Standard deviation of the output's noise. ``noise_sd/input_sds`` weights the first sample
+        of an input against the fitted level before it.
+    trend
+        Whether each run has a linear drift.
+
+    Notes
+    -----
+    x holds, in this order:
+
+    1. the free parameters of the model, positive ones as logarithms;
+    2. the offset, or one for each run;
+    3. the initial states of the segments whose state is free: those after a gap, or all where
+       ``initial`` is "estimated";
+    4. for each segment that starts in equilibrium, the level of each noisy input before it, over
+       the input's first sample;
+    5. with ``trend`` the drift of each run, over the length of the longest segment.
+    """
 
     model: Model
     segments: tuple[Segment, ...]
@@ -42,302 +107,361 @@ class Posed:
 
     @property
     def input_sd(self) -> float:
-        """Noise of the input, where it is the only one."""
+        """Noise of the input where there is one input only, else 0."""
         return self.input_sds[0] if len(self.input_sds) == 1 else 0.0
 
     @cached_property
-    def branches(self) -> list[tuple[Model, dict[str, str], list[int]]]:
-        """The model behind each input, the names here of its parameters, and where in x its free ones stand."""
-        pairs = [self.model.branch(k) for k in range(len(self.input_sds))]
-        return [
-            (part, names, [self.model.free.index(names[n]) for n in part.free])
-            for part, names in pairs
-        ]
+    def branches(self) -> list[Branch]:
+        """The model behind each input."""
+        branches = []
+        for k in range(len(self.input_sds)):
+            model, names = self.model.branch(k)
+            positions = [self.model.free.index(names[n]) for n in model.free]
+            branches.append(Branch(model, names, positions))
+        return branches
 
     def rationals(self, x: Array) -> list[Rational]:
         """The transfer function behind each input at x."""
         theta = self.theta(x)
         return [
-            part.rational({n: theta[w] for n, w in names.items()})
-            for part, names, _ in self.branches
+            branch.model.rational({n: theta[full] for n, full in branch.names.items()})
+            for branch in self.branches
         ]
 
     @cached_property
     def state_sizes(self) -> list[int]:
-        """How many initial states each branch has of its own; poles that inputs share hold one set of them."""
-        sizes = [
-            part.order + part.integrators + len(part.known.den) - 1 for part, *_ in self.branches
-        ]
-        common = self.model.parts and any("." not in n for n in self.model.names)
-        return [sizes[0], *(0 if common else size for size in sizes[1:])]
+        """Number of initial states of each branch; poles that inputs share have one set of states."""
+        sizes = []
+        for branch in self.branches:
+            model = branch.model
+            sizes.append(model.order + model.integrators + len(model.known.den) - 1)
+        shares_poles = self.model.submodels and any("." not in n for n in self.model.names)
+        if shares_poles:
+            return [sizes[0], *[0] * (len(sizes) - 1)]
+        return sizes
 
     @property
     def n_model(self) -> int:
-        """Free model parameters."""
+        """Number of free model parameters."""
         return len(self.model.free)
 
     @cached_property
-    def loose(self) -> tuple[bool, ...]:
+    def has_free_state(self) -> tuple[bool, ...]:
         """Whether the initial state of each segment is free."""
-        return tuple(s.resumed or self.initial == "estimated" for s in self.segments)
+        return tuple(s.after_gap or self.initial == "estimated" for s in self.segments)
 
     @cached_property
-    def places(self) -> tuple[tuple[slice, slice], ...]:
-        """Where in x the offset and the initial state of each segment stand; empty where there is none.
+    def offset_and_state(self) -> tuple[tuple[slice, slice], ...]:
+        """Positions in x of the offset and of the initial state of each segment; may be empty.
 
-        There is no offset where an integrator's free state is one already.
+        There is no offset where the free state of an integrator is one already.
         """
-        m = self.model
         runs = sorted({s.run for s in self.segments})
-        offsets = {"free": 1, "per run": len(runs), "none": 0}[m.offset] * (
-            not (m.integrators and all(self.loose))
-        )
-        edges = self.n_model + offsets + sum(self.state_sizes) * np.cumsum([0, *self.loose])
-        own = [
-            self.n_model + (runs.index(s.run) if m.offset == "per run" else 0)
-            for s in self.segments
-        ]
-        return tuple(
-            (slice(o, o + (offsets > 0)), slice(a, b))
-            for o, a, b in zip(own, edges, edges[1:].tolist())
-        )
+        n_offsets = {"free": 1, "per run": len(runs), "none": 0}[self.model.offset]
+        if self.model.integrators and all(self.has_free_state):
+            n_offsets = 0
+        first_state = self.n_model + n_offsets
+        n_states = sum(self.state_sizes)
+        edges = first_state + n_states * np.cumsum([0, *self.has_free_state])
+        positions = []
+        for k, segment in enumerate(self.segments):
+            offset = self.n_model
+            if self.model.offset == "per run":
+                offset += runs.index(segment.run)
+            state = slice(int(edges[k]), int(edges[k + 1]))
+            positions.append((slice(offset, offset + (n_offsets > 0)), state))
+        return tuple(positions)
 
     @cached_property
-    def pasts(self) -> tuple[tuple[int | None, ...], ...]:
-        """Where in x the level of each input before each segment stands, over its first sample; None where there is
-        none. What an integrator has made of a past is its offset."""
-        asked = self.initial == "equilibrium" and not self.model.integrators
-        at = count(self.places[-1][1].stop)
+    def past_level_index(self) -> tuple[tuple[int | None, ...], ...]:
+        """Position in x of the level of each input before each segment, or None.
+
+        The level is relative to the first sample. For an integrator, the effect of the past is
+        the offset.
+        """
+        fits_levels = self.initial == "equilibrium" and not self.model.integrators
+        position = count(self.offset_and_state[-1][1].stop)
         return tuple(
-            tuple(next(at) if sd > 0 and asked and not loose else None for sd in self.input_sds)
-            for loose in self.loose
+            tuple(
+                next(position) if sd > 0 and fits_levels and not free_state else None
+                for sd in self.input_sds
+            )
+            for free_state in self.has_free_state
         )
 
     @property
     def size(self) -> int:
         """Length of x."""
-        levels = sum(k is not None for past in self.pasts for k in past)
-        return self.places[-1][1].stop + levels + self.trend * len(self.begun_s)
+        n_levels = sum(k is not None for levels in self.past_level_index for k in levels)
+        n_drifts = len(self.run_start_s) if self.trend else 0
+        return self.offset_and_state[-1][1].stop + n_levels + n_drifts
 
     @cached_property
-    def begun_s(self) -> dict[int, float]:
-        """When each run begins [s]."""
+    def run_start_s(self) -> dict[int, float]:
+        """Start of each run [s]."""
         return {s.run: s.start_s for s in reversed(self.segments)}
 
     @cached_property
-    def precision(self) -> Array:
-        """What is known beforehand of x (size,), in units of the output's noise: the past, by its first sample."""
-        known = np.zeros(self.size)
-        for past in self.pasts:
-            for k, sd in zip(past, self.input_sds):
+    def prior_precision(self) -> Array:
+        """Prior precision of x (size,), in units of the output's noise.
+
+        It is above zero for the input levels before a segment, by their first sample.
+        """
+        precision = np.zeros(self.size)
+        for levels in self.past_level_index:
+            for k, sd in zip(levels, self.input_sds):
                 if k is not None:
-                    known[k] = (self.noise_sd / sd) ** 2
-        return known
+                    precision[k] = (self.noise_sd / sd) ** 2
+        return precision
 
     @property
-    def n_seen(self) -> int:
-        """Measured output samples."""
-        return int(sum(s.seen.sum() for s in self.segments))
+    def n_measured(self) -> int:
+        """Number of measured output samples."""
+        return int(sum(s.measured.sum() for s in self.segments))
 
     def theta(self, x: Array) -> dict[str, float]:
         """All model parameters by name."""
         return self.model.theta(x)
 
     def vector(self, theta: Mapping[str, float]) -> Array:
-        """x for the model parameters; offsets and initial states zero."""
+        """x for the model parameters, with zero offsets and initial states."""
         return np.append(self.model.vector(theta), np.zeros(self.size - self.n_model))
 
     @cached_property
-    def reach(self) -> int:
-        """Samples by which a dead time can hold the input back."""
-        delays = [n for n in self.model.names if bare(n) == "Td"]
-        longest = max(
-            (self.model.fixed.get(n, self.longest_delay_s) for n in delays), default=-self.dt_s
-        )
-        return int(np.ceil(longest / self.dt_s)) + 1
+    def max_delay_samples(self) -> int:
+        """Largest number of samples by which a dead time can delay the input."""
+        longest_s = -self.dt_s
+        for name in self.model.names:
+            if base_name(name) == "Td":
+                longest_s = max(longest_s, self.model.fixed.get(name, self.delay_max_s))
+        return int(np.ceil(longest_s / self.dt_s)) + 1
 
     @cached_property
-    def longest_s(self) -> float:
+    def longest_segment_s(self) -> float:
         """Length of the longest segment [s]."""
         return max(len(s.u) for s in self.segments) * self.dt_s
 
     @property
-    def longest_delay_s(self) -> float:
-        """The largest dead time that is looked for [s]."""
-        return self.model.delay_max_s or 0.5 * self.longest_s
+    def delay_max_s(self) -> float:
+        """Upper bound of the dead time [s]: that of the model, or half the longest segment."""
+        return self.model.delay_max_s or 0.5 * self.longest_segment_s
 
     @property
-    def begun(self) -> Start:
-        """The state in which runs begin, unless it is estimated."""
+    def start(self) -> Start:
+        """The state in which runs start, unless it is estimated."""
         return "zero" if self.initial == "zero" else "equilibrium"
 
     def natural_scale(self, x: Array) -> Array:
         """d(natural parameter)/dx (size,)."""
-        return np.exp(np.where(self.logarithms, x, 0.0))
+        return np.exp(np.where(self.is_logarithm, x, 0.0))
 
     @cached_property
-    def logarithms(self) -> Flags:
+    def is_logarithm(self) -> Flags:
         """Which of x (size,) are logarithms."""
-        return np.append(self.model.logarithms, np.zeros(self.size - self.n_model, dtype=bool))
+        return np.append(self.model.is_logarithm, np.zeros(self.size - self.n_model, dtype=bool))
 
-    def colour(self, x: Array) -> Array:
-        """Coefficients, behind its first, of the A(q) whose 1/A(q) colours a white noise that comes in before the
-        model's own poles."""
-        poles = np.concatenate([f.poles for f in self.rationals(x)[0].factors if f.free])
+    def pole_polynomial(self, x: Array) -> Array:
+        """Coefficients after the first of A(q), the polynomial of the sampled free poles.
+
+        White noise that enters before the model's own poles is coloured by 1/A(q).
+        """
+        factors = self.rationals(x)[0].factors
+        poles = np.concatenate([f.poles for f in factors if f.free])
         return np.asarray(np.poly(np.exp(poles * self.dt_s)).real[1:])
 
     @cached_property
-    def parts(self) -> list[slice]:
-        """Slices of the residual vector within which samples follow each other without a gap."""
-        found = []
-        at = 0
+    def residual_slices(self) -> list[slice]:
+        """Slices of the residual vector in which the samples are consecutive, without a gap."""
+        slices = []
+        start = 0
         for segment in self.segments:
-            index = np.flatnonzero(segment.seen)
-            for part in np.split(index, np.flatnonzero(np.diff(index) > 1) + 1):
-                found.append(slice(at, at + len(part)))
-                at += len(part)
-        return found
+            index = np.flatnonzero(segment.measured)
+            for block in np.split(index, np.flatnonzero(np.diff(index) > 1) + 1):
+                slices.append(slice(start, start + len(block)))
+                start += len(block)
+        return slices
 
     @cached_property
-    def freed(self) -> list[bool]:
-        """Whether each of the parts begins with a segment whose initial state is free."""
-        begun = {
-            at
-            for at, free in zip(np.cumsum([0, *(s.seen.sum() for s in self.segments)]), self.loose)
-            if free
-        }
-        return [part.start in begun for part in self.parts]
+    def slice_has_free_state(self) -> list[bool]:
+        """Whether each residual slice starts with a segment whose initial state is free."""
+        first_rows = np.cumsum([0, *(s.measured.sum() for s in self.segments)])
+        free_starts = {row for row, free in zip(first_rows, self.has_free_state) if free}
+        return [s.start in free_starts for s in self.residual_slices]
 
     @cached_property
-    def measured(self) -> Array:
+    def measured_output(self) -> Array:
         """The measured output samples of all segments in a row (N,)."""
-        return np.concatenate([s.y[s.seen] for s in self.segments])
+        return np.concatenate([s.y[s.measured] for s in self.segments])
 
     @cached_property
     def rounding_step(self) -> float:
-        """The step in which the output's logger counts, where neighbours are often equal; else zero."""
-        if rounding_sd(self.measured) == 0:
+        """Resolution of the output's logger where neighbours are often equal, else zero."""
+        if rounding_sd(self.measured_output) == 0:
             return 0.0
-        moved = np.abs(np.diff(self.measured))
-        return float(moved[moved > 1e-9 * moved.max()].min())
+        change = np.abs(np.diff(self.measured_output))
+        return float(change[change > 1e-9 * change.max()].min())
 
     def bounds(self) -> tuple[Array, Array]:
-        """Box of x: lags between a hundredth of a sample and a hundred records, dead time up to its maximum."""
-        lower, upper = self.model.box(
-            (1e-2 * self.dt_s, 100 * self.longest_s), self.longest_delay_s
-        )
-        open_end = np.full(self.size - self.n_model, np.inf)
-        return np.append(lower, -open_end), np.append(upper, open_end)
+        """Lower and upper bounds of x (size,).
+
+        Lags lie between ``MIN_LAG_SAMPLES`` samples and ``MAX_LAG_RECORDS`` records, the dead
+        time between zero and :attr:`delay_max_s`.
+        """
+        lags_s = (MIN_LAG_SAMPLES * self.dt_s, MAX_LAG_RECORDS * self.longest_segment_s)
+        lower, upper = self.model.bounds(lags_s, self.delay_max_s)
+        unbounded = np.full(self.size - self.n_model, np.inf)
+        return np.append(lower, -unbounded), np.append(upper, unbounded)
 
     def outputs(self, x: Array) -> list[tuple[Array, Array]] | None:
-        """Per segment the model output (N,) and its Jacobian (N, size); None where the model is unstable."""
+        """Model output (N,) and its Jacobian (N, size) of each segment; None if unstable."""
+        systems = self._branch_systems(x)
+        if systems is None:
+            return None
+        outputs = []
+        for k, segment in enumerate(self.segments):
+            y, jacobian = self._offset_and_drift(segment, self.offset_and_state[k][0], x)
+            levels = self.past_level_index[k]
+            state = self.offset_and_state[k][1]
+            has_state = state.stop > state.start
+            first = state.start
+            for i, system in enumerate(systems):
+                size = self.state_sizes[i] if has_state else 0
+                single = segment.with_input(i) if len(levels) > 1 else segment
+                rows = slice(first, first + size)
+                self._add_branch(system, single, levels[i], rows, x, y, jacobian)
+                first += size
+            outputs.append((y, jacobian))
+        return outputs
+
+    def _branch_systems(self, x: Array) -> list[_BranchSystem] | None:
+        """The branches at x; None where one of them is unstable."""
         rationals = self.rationals(x)
         if not all(g.stable for g in rationals):
             return None
         theta = self.theta(x)
         scale = self.natural_scale(x)
-        behind = []
-        for g, (part, names, at) in zip(rationals, self.branches):
-            rule = part.chain_rule({n: theta[w] for n, w in names.items()}) * scale[at]
-            behind.append((g, realise(g), rule, at))
-        answers = []
-        for segment, (offset, state), levels in zip(self.segments, self.places, self.pasts):
-            y = np.full(len(segment.y), x[offset].sum())
-            j = np.zeros((len(segment.y), self.size))
-            j[:, offset] = 1.0
-            if self.trend:
-                run = self.size - len(self.begun_s) + sorted(self.begun_s).index(segment.run)
-                j[:, run] = (
-                    segment.start_s - self.begun_s[segment.run] + self.dt_s * np.arange(len(y))
-                ) / self.longest_s
-                y += x[run] * j[:, run]
-            first = state.start
-            for k, (one, level, own) in enumerate(zip(behind, levels, self.state_sizes)):
-                own = own if state.stop > state.start else 0
-                self.add(
-                    one,
-                    segment.of(k) if len(levels) > 1 else segment,
-                    level,
-                    slice(first, first + own),
-                    x,
-                    y,
-                    j,
-                )
-                first += own
-            answers.append((y, j))
-        return answers
+        systems = []
+        for g, branch in zip(rationals, self.branches):
+            parameters = {n: theta[full] for n, full in branch.names.items()}
+            rule = branch.model.chain_rule(parameters) * scale[branch.positions]
+            systems.append(_BranchSystem(g, realise(g), rule, branch.positions))
+        return systems
 
-    def add(
+    def _offset_and_drift(self, segment: Segment, offset: slice, x: Array) -> tuple[Array, Array]:
+        """Offset and drift of a segment (N,), and their Jacobian (N, size)."""
+        n = len(segment.y)
+        y = np.full(n, x[offset].sum())
+        jacobian = np.zeros((n, self.size))
+        jacobian[:, offset] = 1.0
+        if self.trend:
+            runs = sorted(self.run_start_s)
+            k = self.size - len(runs) + runs.index(segment.run)
+            since_s = segment.start_s - self.run_start_s[segment.run] + self.dt_s * np.arange(n)
+            jacobian[:, k] = since_s / self.longest_segment_s
+            y += x[k] * jacobian[:, k]
+        return y, jacobian
+
+    def _add_branch(
         self,
-        behind: tuple[Rational, Realisation, Array, list[int]],
+        system: _BranchSystem,
         segment: Segment,
         level: int | None,
         state: slice,
         x: Array,
         y: Array,
-        j: Array,
+        jacobian: Array,
     ) -> None:
-        """Add to ``y`` (N,) and ``j`` (N, size) what comes from one input of ``segment``: of the input, of its
-        ``level`` before, of the initial ``state`` (places in x)."""
-        rational, system, rule, at = behind
-        past = (
-            segment.history(self.reach) if segment.resumed else segment.past
-        )  # what a dead time brings in
+        """Add the response to one input to ``y`` (N,) and to ``jacobian`` (N, size).
+
+        ``level`` and ``state`` are the positions in x of the input's level before the segment and
+        of the initial state.
+        """
+        g = system.rational
+        rule = system.chain_rule
+        # earlier inputs, which a dead time delays into the segment
+        past = segment.past_input
+        if segment.after_gap:
+            past = segment.last_inputs(self.max_delay_samples)
         u = np.concatenate([past, segment.u])
         if level is None:
-            rows = simulate_rows(system, u, self.dt_s, rational.delay_s, self.hold, self.begun)[
-                :, len(past) :
-            ]
-        else:  # what it was for ever, and from the first sample on the departure from that
+            rows = simulate_rows(system.realisation, u, self.dt_s, g.delay_s, self.hold, self.start)
+            rows = rows[:, len(past) :]
+        else:
+            # steady state at the level before, plus the response to the departure from it
             before = u[0] + x[level]
-            rows = simulate_rows(system, u - before, self.dt_s, rational.delay_s, self.hold, "zero")
-            rows += before * simulate_rows(system, np.ones(1), self.dt_s, 0.0, "zoh", "equilibrium")
-            plain = realise(rational, False)
-            one = np.ones(len(u))
-            j[:, level] = (
-                rational.num[0]
-                - simulate_rows(plain, one, self.dt_s, rational.delay_s, "zoh", "zero")[0]
+            rows = simulate_rows(
+                system.realisation, u - before, self.dt_s, g.delay_s, self.hold, "zero"
             )
+            steady = simulate_rows(
+                system.realisation, np.ones(1), self.dt_s, 0.0, "zoh", "equilibrium"
+            )
+            rows += before * steady
+            step = simulate_rows(
+                realise(g, False), np.ones(len(u)), self.dt_s, g.delay_s, "zoh", "zero"
+            )
+            jacobian[:, level] = g.num[0] - step[0]
         y += rows[0]
-        j[:, at] += rows[1:].T @ rule
-        if states := state.stop - state.start:
-            scale = self.time_scale_s ** np.arange(1.0, states + 1)
-            begun = realise(replace(rational, num=x[state] * scale, delay_s=0.0))
-            free = free_rows(
-                begun, len(y), self.dt_s
-            )  # its value, d/dnumerator, d/dfactor coefficients
-            by_factor = free[1 + states : -1]
+        jacobian[:, system.positions] += rows[1:].T @ rule
+        n_states = state.stop - state.start
+        if n_states:
+            scale = self.time_scale_s ** np.arange(1.0, n_states + 1)
+            decay = realise(replace(g, num=x[state] * scale, delay_s=0.0))
+            # the response, d/d(numerator), d/d(factor coefficients)
+            free = free_rows(decay, len(y), self.dt_s)
+            by_factor = free[1 + n_states : -1]
             y += free[0]
-            j[:, at] += by_factor.T @ rule[len(rule) - 1 - len(by_factor) : -1]
-            j[:, state] = free[1 : 1 + states].T * scale
+            first_factor = len(rule) - 1 - len(by_factor)
+            jacobian[:, system.positions] += by_factor.T @ rule[first_factor:-1]
+            jacobian[:, state] = free[1 : 1 + n_states].T * scale
 
     def evaluate(self, x: Array, root: Array | float = 1.0) -> tuple[Array, Array] | None:
-        """Residuals model - measured at the measured samples, all segments in a row, and their Jacobian, all rows times
-        ``root`` (N,)."""
-        answers = self.outputs(x)
-        if answers is None:
-            return None
-        seen = [(y[s.seen] - s.y[s.seen], j[s.seen]) for s, (y, j) in zip(self.segments, answers)]
-        residual, jacobian = (np.concatenate(each) for each in zip(*seen))
-        return (residual * root, (jacobian.T * root).T) if np.isfinite(residual).all() else None
+        """Residuals (N,), model minus measured, and their Jacobian (N, size).
 
-    def core(self, noise: Noise | None = None, root: Array | float = 1.0) -> Problem:
-        """The problem as :mod:`tcdyn.estimation` solves it; residuals times ``root`` (N,), then whitened by
-        ``noise``, or
-        of a model whose poles colour its noise by them."""
+        The rows are the measured samples of all segments, times ``root`` (N,). None where the
+        model is unstable or a residual is not finite.
+        """
+        outputs = self.outputs(x)
+        if outputs is None:
+            return None
+        residuals = []
+        jacobians = []
+        for segment, (y, jacobian) in zip(self.segments, outputs):
+            residuals.append(y[segment.measured] - segment.y[segment.measured])
+            jacobians.append(jacobian[segment.measured])
+        residual = np.concatenate(residuals)
+        if not np.isfinite(residual).all():
+            return None
+        return residual * root, (np.concatenate(jacobians).T * root).T
+
+    def least_squares_problem(
+        self, noise: Noise | None = None, root: Array | float = 1.0
+    ) -> Problem:
+        """The problem in the form that :mod:`tcdyn.estimation` solves.
+
+        Parameters
+        ----------
+        noise
+            Noise model; the residuals are whitened by it. The residuals of an ARX model are the
+            equation error instead.
+        root
+            Factor of each residual (N,): the root of its robust weight.
+        """
+        noise = noise or Noise()
+        slices = self.residual_slices
 
         def evaluate(x: Array) -> tuple[Array, Array] | None:
-            answer = self.evaluate(x, root)
-            if answer is None:
+            rows = self.evaluate(x, root)
+            if rows is None:
                 return None
             if self.model.arx:
-                moved = [i for i, n in enumerate(self.model.free) if n[0] == "a"]
-                return equation_error(self.colour, x, moved, self.parts, *answer, self.freed)
-            whiten = (noise or Noise()).whiten
-            return whiten(answer[0], self.parts), whiten(answer[1], self.parts)
+                poles = [i for i, n in enumerate(self.model.free) if n[0] == "a"]
+                return equation_error(
+                    self.pole_polynomial, x, poles, slices, *rows, self.slice_has_free_state
+                )
+            return noise.whiten(rows[0], slices), noise.whiten(rows[1], slices)
 
         lower, upper = self.bounds()
         names = (*self.model.free, *(f"x{i}" for i in range(self.n_model, self.size)))
         with np.errstate(divide="ignore"):
-            sd = 1 / np.sqrt(self.precision)
-        return Problem(names, evaluate, lower=lower, upper=upper, prior_sd=sd)
+            prior_sd = 1 / np.sqrt(self.prior_precision)
+        return Problem(names, evaluate, lower=lower, upper=upper, prior_sd=prior_sd)

@@ -1,5 +1,8 @@
-"""The problem that data pose; the prediction-error search: a few short descents from the best starts, the winner taken
-to convergence; and the finished fit that comes of it."""
+"""Search for the prediction-error estimate: multi-start Levenberg-Marquardt, and the result `Fit`.
+
+A few short descents start from the best starting values; the best of them is continued until
+convergence.
+"""
 
 from __future__ import annotations
 
@@ -18,27 +21,52 @@ from tcdyn.core.result import Result
 from tcdyn.estimation import Loss, Noise, Optimum, Problem, least, minimise
 from tcdyn.identify.identified import Identified
 from tcdyn.identify.iodata import IOData
-from tcdyn.identify.models import Model, bare, beside, suffix
-from tcdyn.identify.problem import Initial, Posed
-from tcdyn.identify.segments import SHORTEST, cut, input_noise_sd
+from tcdyn.identify.models import Model, base_name, input_suffix, same_input
+from tcdyn.identify.problem import IdentificationProblem, Initial
+from tcdyn.identify.segments import MIN_SEGMENT_SAMPLES, input_noise_sd, split_segments
 from tcdyn.identify.starting_values import starts
+
+# Settings of the search, chosen by judgement.
+N_STARTS = 4  # short descents
+MIN_START_DISTANCE = 0.15  # largest difference of a time, over the sum of all times
+MAX_ZERO_SHARE = 0.02  # zero over lag, below which the other sign is searched too
+ZERO_STEP = 0.15  # of the lag: zero and dead time from which the other sign is searched
 
 
 @dataclass(frozen=True)
 class Fit(Result):
-    """A finished fit: the identified model and everything needed to judge it.
+    """A finished fit: the identified model and what is needed to judge it.
 
-    ``residual`` (N,) is measured minus simulated at the measured samples, ``innovation`` (N,) the same after the noise
-    model and the robust loss's weights, ``slopes`` (N, size) its negative Jacobian by x; ``optimum`` is that of the
-    innovation without those ``weights`` (N,); ``covariance_x`` is that of the whole vector x.
+    Parameters
+    ----------
+    identified
+        The identified model.
+    problem
+        The identification problem.
+    optimum
+        Optimum of the innovations, without the robust ``weights``.
+    residual
+        Measured minus simulated output at the measured samples (N,).
+    innovation
+        Residuals whitened by the noise model, times the roots of the robust weights (N,).
+    jacobian
+        d(minus innovation)/dx (N, size).
+    covariance_x
+        Covariance of the complete vector x (size, size).
+    noise
+        The noise model.
+    loss
+        The loss function.
+    weights
+        Robust weights (N,), or None.
     """
 
     identified: Identified
-    problem: Posed
+    problem: IdentificationProblem
     optimum: Optimum
     residual: Array
     innovation: Array
-    slopes: Array
+    jacobian: Array
     covariance_x: Array
     noise: Noise
     loss: Loss = "linear"
@@ -46,13 +74,13 @@ class Fit(Result):
 
     @property
     def x(self) -> Array:
-        """All that was fitted: model parameters (positive ones as logarithms), offsets, initial states."""
+        """The fitted vector: model parameters (positive ones as logarithms), offsets, states."""
         return self.optimum.theta
 
     @property
-    def root(self) -> Array:
-        """The roots (N,) of the robust weights, ones where there are none."""
-        return np.broadcast_to(root_of(self.weights), self.residual.shape)
+    def sqrt_weights(self) -> Array:
+        """Roots of the robust weights (N,); ones where there are none."""
+        return np.broadcast_to(sqrt_weights(self.weights), self.residual.shape)
 
     @property
     def estimates(self) -> Mapping[str, Estimate]:
@@ -61,36 +89,39 @@ class Fit(Result):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What was noticed."""
+        """Findings about the record and the model."""
         return self.identified.findings
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What the user should know."""
+        """The findings as text."""
         return self.identified.warnings
 
     @property
     def disturbance(self) -> dict[str, Any]:
-        """The options ``noise`` and ``baseline`` that ask :func:`tcdyn.identify.fit` for this noise again."""
+        """The options ``noise`` and ``baseline`` of :func:`tcdyn.identify.fit` for this noise."""
         if self.noise.averaged:
             return {"noise": "slow", "baseline": "auto"}
         walks = self.noise.walks
         order = self.noise.order
-        kind = "walk" if walks else "trend" if self.problem.trend else "none"
-        return {"noise": order if any(order) or walks else "white", "baseline": kind}
+        if walks:
+            baseline = "walk"
+        else:
+            baseline = "trend" if self.problem.trend else "none"
+        return {"noise": order if any(order) or walks else "white", "baseline": baseline}
 
     def simulated(self) -> list[Array]:
         """The model's output over every segment of the data (N,)."""
-        answers = self.problem.outputs(self.x)
-        assert answers is not None
-        return [y for y, _ in answers]
+        outputs = self.problem.outputs(self.x)
+        assert outputs is not None
+        return [y for y, _ in outputs]
 
     def summary(self) -> str:
-        """The table people read."""
+        """The result as text."""
         return self.identified.summary()
 
     def to_dict(self) -> dict[str, Any]:
-        """The identified model as its file holds it."""
+        """The identified model as in its JSON file."""
         return self.identified.to_dict()
 
     def card(self) -> pd.DataFrame:
@@ -98,78 +129,92 @@ class Fit(Result):
         return self.identified.card()
 
 
-def nothing_left(data: IOData) -> str:
-    """Which column is to blame where no stretch of the data can be used."""
-    every = [(n, [r.u[:, k] for r in data.runs]) for k, n in enumerate(data.input_names)]
-    for name, columns in (*every, (data.output_names[0], [r.y[:, 0] for r in data.runs])):
-        if not any(np.isfinite(c).any() for c in columns):
+def unusable_columns(data: IOData) -> str:
+    """Message: which column has the fault where no segment of the data can be used."""
+    columns = [(n, [r.u[:, k] for r in data.runs]) for k, n in enumerate(data.input_names)]
+    columns.append((data.output_names[0], [r.y[:, 0] for r in data.runs]))
+    for name, values in columns:
+        if not any(np.isfinite(v).any() for v in values):
             return f"column {name} holds no number at all (NaN everywhere)"
     names = ", ".join(data.input_names)
     have = "has" if len(data.input_names) == 1 else "have"
-    return f"column {names} {have} no {SHORTEST} samples in a row, with the output measured, without a gap"
+    return (
+        f"column {names} {have} no {MIN_SEGMENT_SAMPLES} samples in a row, with the output "
+        "measured, without a gap"
+    )
 
 
-def pose(
+def make_problem(
     data: IOData, model: Model, initial: Initial, input_noise: float | Literal["auto"] = 0.0
-) -> Posed:
-    """The problem of fitting ``model`` to the data of one output and as many inputs as the model has; refuses data
-    nothing can be learnt from. ``input_noise`` is its sd, in the input's unit."""
+) -> IdentificationProblem:
+    """The identification problem of ``model`` and ``data``.
+
+    Parameters
+    ----------
+    data
+        One output, and as many inputs as the model has.
+    model
+        The model structure.
+    initial
+        State in which the runs start.
+    input_noise
+        Standard deviation of the input's noise, in the input's unit; "auto" estimates it.
+
+    Raises
+    ------
+    InputError
+        For data from which the model cannot be identified.
+    """
     where = data.name or "identify"
-    inputs = max(len(model.parts), 1)
+    n_inputs = max(len(model.submodels), 1)
     if len(data.output_names) != 1:
         raise InputError(
             f"the data hold {len(data.output_names)} outputs ({', '.join(data.output_names)})",
             where=where,
             remedy="fit them one by one: data.select(output=..), or compare_outputs(data)",
         )
-    if len(data.input_names) != inputs or model.inputs not in ((), data.input_names):
+    if len(data.input_names) != n_inputs or model.inputs not in ((), data.input_names):
         raise InputError(
-            f"the data hold {len(data.input_names)} inputs ({', '.join(data.input_names)}), {model.name} has "
-            f"{', '.join(model.inputs) or 'one'}",
+            f"the data hold {len(data.input_names)} inputs ({', '.join(data.input_names)}), "
+            f"{model.name} has {', '.join(model.inputs) or 'one'}",
             where=where,
-            remedy='choose one: data.select(input=..), or give a model to each: several(["P1D", ..], data.input_names)',
+            remedy="choose one: data.select(input=..), or give a model to each: "
+            'several(["P1D", ..], data.input_names)',
         )
-    segments = cut(data)
+    segments = split_segments(data)
     if not segments:
         raise InputError(
-            nothing_left(data), where=where, remedy="see whether the right column was taken"
+            unusable_columns(data), where=where, remedy="check that the right column was taken"
         )
     for k, name in enumerate(data.input_names):
         if np.ptp(np.concatenate([s.inputs[:, k] for s in segments])) == 0:
             raise InputError(
                 f"input {name} is constant ({segments[0].inputs[0, k]:g})",
                 where=where,
-                expected="an input that moves: without a change there is no dynamics to see",
+                expected="an input that moves: a constant input does not show the dynamics",
             )
-    for part in model.parts or (model,):
-        if (
-            data.hold == "zoh"
-            and "Td" in part.names
-            and part.order + part.integrators + len(part.known.den) == 1
-        ):
-            raise InputError(
-                f"{part.name} cannot find a dead time under a held input: nothing moves until it passes a whole sample",
-                remedy="add a lag (P1D)",
-            )
+    for submodel in model.submodels or (model,):
+        _check_delay_has_lag(submodel, data.hold)
     if input_noise != "auto" and not 0 <= input_noise < np.inf:
         raise InputError(
             f"the input's noise is {input_noise}",
             where=where,
             expected="a standard deviation in the input's unit",
         )
-    alone = [[s.of(k) for s in segments] for k in range(inputs)]
-    sds = tuple(
-        input_noise_sd(each) if input_noise == "auto" else float(input_noise) for each in alone
-    )
-    problem = Posed(model, segments, data.dt_s, data.hold, initial, input_sds=sds)
-    problem = replace(
-        problem, noise_sd=float(np.std(np.diff(problem.measured))) / np.sqrt(2) or 1.0
-    )
-    if problem.n_seen < max(2 * problem.size, 8):
+    if input_noise == "auto":
+        single = [[s.with_input(k) for s in segments] for k in range(n_inputs)]
+        sds = tuple(input_noise_sd(each) for each in single)
+    else:
+        sds = (float(input_noise),) * n_inputs
+    problem = IdentificationProblem(model, segments, data.dt_s, data.hold, initial, input_sds=sds)
+    noise_sd = float(np.std(np.diff(problem.measured_output))) / np.sqrt(2)
+    problem = replace(problem, noise_sd=noise_sd or 1.0)
+    min_samples = max(2 * problem.size, 8)
+    if problem.n_measured < min_samples:
         raise InputError(
-            f"{problem.n_seen} measured samples for {problem.size} unknowns of {model.name}",
+            f"{problem.n_measured} measured samples for {problem.size} unknowns of {model.name}",
             where=where,
-            expected=f"at least {max(2 * problem.size, 8)}",
+            expected=f"at least {min_samples}",
             remedy="record longer or choose a smaller model",
         )
     if all(np.nanstd(s.y) == 0 for s in segments):
@@ -179,104 +224,155 @@ def pose(
     return problem
 
 
-def search(
-    posed: Posed, core: Problem | None = None, start: Array | Sequence[Array] = ()
-) -> Optimum:
-    """The least-squares optimum of ``posed``; ``core`` replaces its residuals by filtered or weighted ones."""
-    core = core or posed.core()
-    tried = list(np.atleast_2d(start)) if len(start) else diverse(posed, starts(posed))
-    if len(tried) > 1:
-        tried = [
-            least([minimise(core, x0, limit=6, tolerance=0.0, relative=1e-4) for x0 in tried]).theta
-        ]
-    # the noise is not known: only the cost itself says what is little of it
-    found = minimise(core, tried[0], limit=80, tolerance=0.0) if tried else None
-    if found is None or not np.isfinite(found.cost):
+def _check_delay_has_lag(model: Model, hold: str) -> None:
+    """Raise InputError for a dead time without a lag where the input is held between samples."""
+    n_states = model.order + model.integrators + len(model.known.den) - 1
+    if hold == "zoh" and "Td" in model.names and n_states == 0:
         raise InputError(
-            f"no stable {posed.model.name} was found from any start",
-            expected="data in which the output follows the input",
-            remedy="plot the record, check that input and output are not exchanged, or give start= from Python",
+            f"{model.name} cannot find a dead time under a held input: nothing moves until it "
+            "passes a whole sample",
+            remedy="add a lag (P1D)",
         )
-    return ordered(posed, kicked(posed, found))
 
 
-def diverse(posed: Posed, ranked: list[Array]) -> list[Array]:
-    """The four best starts that are not near copies of a better one: 30 % apart in some lag or dead time."""
-    chosen: list[Array] = []
+def search(
+    problem: IdentificationProblem,
+    core: Problem | None = None,
+    start: Array | Sequence[Array] = (),
+) -> Optimum:
+    """The least-squares optimum of an identification problem.
+
+    Parameters
+    ----------
+    problem
+        The identification problem.
+    core
+        Least-squares problem in place of that of ``problem``: filtered or weighted residuals.
+    start
+        One or several x to start from; by default those of
+        :func:`tcdyn.identify.starting_values.starts`.
+
+    Raises
+    ------
+    InputError
+        Where no start leads to a stable model.
+    """
+    core = core or problem.least_squares_problem()
+    if len(start):
+        candidates = list(np.atleast_2d(start))
+    else:
+        candidates = distinct_starts(problem, starts(problem))
+    if len(candidates) > 1:
+        short = [minimise(core, x, limit=6, tolerance=0.0, relative=1e-4) for x in candidates]
+        candidates = [least(short).theta]
+    # the noise is unknown: whether a decrease is small can be judged by the cost only
+    optimum = minimise(core, candidates[0], limit=80, tolerance=0.0) if candidates else None
+    if optimum is None or not np.isfinite(optimum.cost):
+        raise InputError(
+            f"no stable {problem.model.name} was found from any start",
+            expected="data in which the output follows the input",
+            remedy="plot the record, check that input and output are not exchanged, or give "
+            "start= from Python",
+        )
+    return sort_lags(problem, search_across_zero(problem, optimum))
+
+
+def distinct_starts(problem: IdentificationProblem, ranked: list[Array]) -> list[Array]:
+    """The four best starts that are not near copies of a better one.
+
+    They differ in some lag or dead time by 15 % of the sum of all times.
+    """
+    starts_: list[Array] = []
     for x in ranked:
-        times = spans(posed, x)
-        size = np.abs(times).sum() + posed.dt_s
-        if all(np.max(np.abs(times - spans(posed, c))) > 0.15 * size for c in chosen):
-            chosen.append(x)
-    return chosen[:4] or ranked[:1]
+        times = time_parameters(problem, x)
+        size = np.abs(times).sum() + problem.dt_s
+        distances = [np.max(np.abs(times - time_parameters(problem, c))) for c in starts_]
+        if all(distance > MIN_START_DISTANCE * size for distance in distances):
+            starts_.append(x)
+    return starts_[:N_STARTS] or ranked[:1]
 
 
-def spans(posed: Posed, x: Array) -> Array:
+def time_parameters(problem: IdentificationProblem, x: Array) -> Array:
     """The times among the parameters [s]."""
-    return np.array([v for n, v in posed.theta(x).items() if n.startswith("T")] or [0.0])
+    times = [v for n, v in problem.theta(x).items() if n.startswith("T")]
+    return np.array(times or [0.0])
 
 
-def kicked(posed: Posed, optimum: Optimum) -> Optimum:
-    """The better of ``optimum`` and descents from either side of Tz = 0, where zero and dead time act alike."""
-    free = list(posed.model.free)
-    for zero in (n for n in free if bare(n) == "Tz" and "Td" + n[2:] in free):
-        both = [free.index(zero), free.index("Td" + zero[2:])]
-        theta = posed.theta(optimum.theta)
-        lag = max(sum(v for n, v in theta.items() if n[:2] == "Tp" and beside(n, zero)), posed.dt_s)
-        if abs(optimum.theta[both[0]]) > 0.02 * lag:
+def search_across_zero(problem: IdentificationProblem, optimum: Optimum) -> Optimum:
+    """The better of ``optimum`` and descents from both sides of Tz = 0.
+
+    Near Tz = 0 the zero and the dead time have the same effect.
+    """
+    free = list(problem.model.free)
+    for zero in free:
+        delay = "Td" + input_suffix(zero)
+        if base_name(zero) != "Tz" or delay not in free:
             continue
-        found = [optimum]
-        for size in (0.15 * lag, -0.15 * lag):
-            x0 = optimum.theta.copy()
-            x0[both] += size
-            found.append(minimise(optimum.problem, x0, limit=40, tolerance=0.0))
-        optimum = least(found)
+        index = [free.index(zero), free.index(delay)]
+        theta = problem.theta(optimum.theta)
+        lags = [v for n, v in theta.items() if n[:2] == "Tp" and same_input(n, zero)]
+        lag = max(sum(lags), problem.dt_s)
+        if abs(optimum.theta[index[0]]) > MAX_ZERO_SHARE * lag:
+            continue
+        candidates = [optimum]
+        for step in (ZERO_STEP * lag, -ZERO_STEP * lag):
+            x = optimum.theta.copy()
+            x[index] += step
+            candidates.append(minimise(optimum.problem, x, limit=40, tolerance=0.0))
+        optimum = least(candidates)
     return optimum
 
 
-def ordered(posed: Posed, optimum: Optimum) -> Optimum:
-    """The same optimum with Tp1 >= Tp2 >= Tp3."""
-    free = list(posed.model.free)
-    index = np.arange(len(optimum.theta))
-    for end in {suffix(n) for n in free}:
-        lags = [free.index(n + end) for n in ("Tp1", "Tp2", "Tp3") if n + end in free]
-        if "Tw" + end not in free:
-            index[lags] = [lags[i] for i in np.argsort(-optimum.theta[lags], kind="stable")]
+def sort_lags(problem: IdentificationProblem, optimum: Optimum) -> Optimum:
+    """The same optimum with Tp1 >= Tp2 >= Tp3 behind each input."""
+    free = list(problem.model.free)
+    order = np.arange(len(optimum.theta))
+    for suffix in {input_suffix(n) for n in free}:
+        if "Tw" + suffix in free:
+            continue
+        names = [n + suffix for n in ("Tp1", "Tp2", "Tp3")]
+        lags = [free.index(n) for n in names if n in free]
+        descending = np.argsort(-optimum.theta[lags], kind="stable")
+        order[lags] = [lags[i] for i in descending]
     return replace(
         optimum,
-        theta=optimum.theta[index],
-        jacobian=optimum.jacobian[:, index],
-        information=optimum.information[np.ix_(index, index)],
+        theta=optimum.theta[order],
+        jacobian=optimum.jacobian[:, order],
+        information=optimum.information[np.ix_(order, order)],
     )
 
 
-def root_of(weights: Array | None) -> Array | float:
-    """What robust ``weights`` (N,) multiply the rows of a problem by: their roots, or one where there are none."""
+def sqrt_weights(weights: Array | None) -> Array | float:
+    """Factor of the rows of a problem: the roots of the robust ``weights`` (N,), or one."""
     return 1.0 if weights is None else np.sqrt(weights)
 
 
-def beyond(optimum: Optimum, k: int) -> str:
-    """On which end of its box the ``k``-th parameter stands, "lower" or "upper"; empty where it is free."""
+def active_bound(optimum: Optimum, k: int) -> str:
+    """The bound at which the ``k``-th parameter is, "lower" or "upper"; empty if at none."""
     x = optimum.theta[k]
-    box = optimum.problem
-    return "lower" if x <= box.lower[k] else "upper" if x >= box.upper[k] else ""
+    if x <= optimum.problem.lower[k]:
+        return "lower"
+    if x >= optimum.problem.upper[k]:
+        return "upper"
+    return ""
 
 
 def criteria(deviance: float, count: int, n: int) -> dict[str, float]:
-    """AICc and BIC of ``n`` samples and ``count`` unknowns, from -2 ln of the likelihood."""
-    more = 2 * count + 2 * count * (count + 1) / max(n - count - 1, 1)
-    return {"aicc": deviance + more, "bic": deviance + count * float(np.log(n))}
+    """AICc and BIC of ``n`` samples and ``count`` unknowns; ``deviance`` is -2 ln likelihood."""
+    penalty = 2 * count + 2 * count * (count + 1) / max(n - count - 1, 1)
+    return {"aicc": deviance + penalty, "bic": deviance + count * float(np.log(n))}
 
 
-def rms(optimum: Optimum, posed: Posed) -> float:
-    """Standard deviation of the noise that ``optimum`` leaves, above zero."""
-    r = optimum.residual * root_of(optimum.weights)
-    return float(np.sqrt(r @ r / max(posed.n_seen - posed.size, 1))) or 1e-300
+def residual_sd(optimum: Optimum, problem: IdentificationProblem) -> float:
+    """Standard deviation of the noise after a fit, above zero."""
+    r = optimum.residual * sqrt_weights(optimum.weights)
+    dof = max(problem.n_measured - problem.size, 1)
+    return float(np.sqrt(r @ r / dof)) or 1e-300
 
 
-def first_moment(problem: Posed, x: Array) -> float:
-    """Total lag of the model at x [s], a time scale for its initial state; at least a sample."""
-    return max(
-        problem.dt_s,
-        *(float(sum(abs(f.coefs[1]) for f in g.factors)) for g in problem.rationals(x)),
-    )
+def first_moment(problem: IdentificationProblem, x: Array) -> float:
+    """Total lag of the model at x [s], a time scale of its initial state; at least a sample."""
+    lags = [
+        float(sum(abs(f.coefs[1]) for f in rational.factors)) for rational in problem.rationals(x)
+    ]
+    return max(problem.dt_s, *lags)

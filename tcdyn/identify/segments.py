@@ -1,4 +1,4 @@
-"""A record in stretches with every input known throughout, as the fits take it; the noise of a measured input."""
+"""Segments of a record in which every input is measured, and the noise of a measured input."""
 
 from __future__ import annotations
 
@@ -12,83 +12,122 @@ from tcdyn.core import Array
 from tcdyn.estimation.trace_noise import MAD_TO_SD
 from tcdyn.identify.iodata import IOData
 
-REPEATED = (
-    0.4  # share of samples that equal the one before, from which an input was set and not measured
-)
-MOST_NOISE = 0.1  # of the standard deviation of the input, beyond which it is no noise
-SHORTEST = 8  # samples with the input known throughout, below which a stretch is passed over
+# Share of samples that equal the one before, above which the input was set by a computer and not
+# measured (chosen by judgement).
+MIN_REPEATED_SHARE = 0.4
+# Noise of the input over its standard deviation, above which the fast part is signal and not noise
+# (chosen by judgement).
+MAX_INPUT_NOISE_SHARE = 0.1
+# Shortest segment in samples that is used (chosen by judgement).
+MIN_SEGMENT_SAMPLES = 8
+# Noise of the input over its range, below which it is negligible (chosen by judgement).
+MIN_INPUT_NOISE_SHARE = 1e-4
 
 
 @dataclass(frozen=True)
 class Segment:
-    """A stretch with its ``inputs`` (N, K) known throughout, and ``y`` (N,) with NaN where not measured.
+    """A segment of a run without missing inputs.
 
-    ``before`` (M, K) are the inputs of its run before it, gaps bridged by straight lines. A segment that has a past
-    follows a gap: nothing is known of the state it begins from, but what a dead time holds back is.
+    A segment that has past inputs follows a gap. Its initial state is unknown; the inputs that a
+    dead time delays are known.
+
+    Parameters
+    ----------
+    inputs
+        Inputs (N, K), all finite.
+    y
+        Output (N,), NaN where it was not measured.
+    measured
+        Whether the output was measured (N,).
+    run
+        Number of its run.
+    start_s
+        Time of the first sample [s].
+    past_inputs
+        Inputs of the run before the segment (M, K), gaps interpolated linearly.
     """
 
     inputs: Array
     y: Array
-    seen: np.ndarray
+    measured: np.ndarray
     run: int
     start_s: float
-    before: Array
+    past_inputs: Array
 
     @property
     def u(self) -> Array:
-        """The (first) input (N,)."""
+        """The first input (N,)."""
         return self.inputs[:, 0]
 
     @property
-    def past(self) -> Array:
-        """The (first) input before it (M,)."""
-        return self.before[:, 0]
+    def past_input(self) -> Array:
+        """The first input before the segment (M,)."""
+        return self.past_inputs[:, 0]
 
-    def of(self, k: int) -> Segment:
-        """With the ``k``-th input alone."""
-        return replace(self, inputs=self.inputs[:, [k]], before=self.before[:, [k]])
+    def with_input(self, k: int) -> Segment:
+        """The segment with the ``k``-th input only."""
+        return replace(self, inputs=self.inputs[:, [k]], past_inputs=self.past_inputs[:, [k]])
 
     @property
-    def resumed(self) -> bool:
-        """Whether it follows a gap of its run."""
-        return len(self.past) > 0
+    def after_gap(self) -> bool:
+        """Whether the segment follows a gap of its run."""
+        return len(self.past_input) > 0
 
-    def history(self, count: int) -> Array:
-        """The last ``count`` inputs before it (count,); what lies before the run is as its first input."""
-        first = np.concatenate([self.past, self.u])[0]
-        padded = np.concatenate([np.full(max(count - len(self.past), 0), first), self.past])
+    def last_inputs(self, count: int) -> Array:
+        """The last ``count`` inputs before the segment; before the run, its first input."""
+        first = np.concatenate([self.past_input, self.u])[0]
+        n_missing = max(count - len(self.past_input), 0)
+        padded = np.concatenate([np.full(n_missing, first), self.past_input])
         return padded[len(padded) - count :]
 
 
-def cut(data: IOData) -> tuple[Segment, ...]:
-    """The runs in stretches without missing input; a stretch shorter than 8 samples is dropped."""
-    pieces = []
-    for index, run in enumerate(data.runs):
-        known = np.asarray(np.isfinite(run.u).all(axis=1))
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], known.view(np.int8), [0]])))
-        for a, b in edges.reshape(-1, 2):
-            y = run.y[a:b, 0]
-            if b - a >= min(SHORTEST, run.n) and np.isfinite(y).any():
-                t = np.flatnonzero(known[:b])
-                past = np.array([np.interp(np.arange(t[0], a), t, u[t]) for u in run.u.T]).T
-                pieces.append(
-                    Segment(run.u[a:b], y, np.isfinite(y), index, run.start_s + a * data.dt_s, past)
-                )
-    return tuple(pieces)
+def split_segments(data: IOData) -> tuple[Segment, ...]:
+    """The runs, cut where an input is missing.
+
+    Segments shorter than ``MIN_SEGMENT_SAMPLES`` are dropped, unless the run itself is shorter.
+    """
+    segments = []
+    for run_number, run in enumerate(data.runs):
+        has_input = np.asarray(np.isfinite(run.u).all(axis=1))
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], has_input.view(np.int8), [0]])))
+        for start, end in edges.reshape(-1, 2):
+            y = run.y[start:end, 0]
+            measured = np.isfinite(y)
+            if end - start < min(MIN_SEGMENT_SAMPLES, run.n) or not measured.any():
+                continue
+            index = np.flatnonzero(has_input[:end])
+            earlier = np.arange(index[0], start)
+            past = np.array([np.interp(earlier, index, u[index]) for u in run.u.T]).T
+            start_s = run.start_s + start * data.dt_s
+            segments.append(Segment(run.u[start:end], y, measured, run_number, start_s, past))
+    return tuple(segments)
 
 
 def input_noise_sd(segments: Sequence[Segment]) -> float:
-    """Standard deviation of the input's measurement noise, from its fourth differences; 0 where it counts for nothing.
+    """Standard deviation of the input's measurement noise, from its fourth differences.
 
-    A signal slower than a tenth of the sampling rate leaves less than 2 % of its amplitude in them. An input whose
-    samples mostly repeat the one before was set, not measured; noise of less than 1e-4 of what the input moves is none.
-    Where it would be more than a tenth of the input's standard deviation, the input itself moves that fast.
+    Returns
+    -------
+    float
+        In the input's unit. 0 where the input was set and not measured (most samples repeat the
+        one before), where the noise is less than 1e-4 of the input's range, and where it would be
+        more than a tenth of the input's standard deviation: then the input itself is that fast.
+
+    Notes
+    -----
+    Less than 2 % of the amplitude of a signal slower than a tenth of the sampling rate is left in
+    the fourth differences.
     """
-    u = [s.u for s in segments if len(s.u) > 4]
-    if not u or np.mean(np.concatenate([np.diff(x) for x in u]) == 0) > REPEATED:
+    inputs = [s.u for s in segments if len(s.u) > 4]
+    if not inputs:
         return 0.0
-    away = np.abs(np.concatenate([np.diff(x, 4) for x in u]))
-    away = away[away <= 4 * MAD_TO_SD * np.median(away)]  # a step leaves five of them, each far out
-    sd = float(np.sqrt(np.mean(away**2) / comb(8, 4)))
-    moving = np.concatenate(u)
-    return sd if 1e-4 * np.ptp(moving) < sd < MOST_NOISE * np.std(moving) else 0.0
+    changes = np.concatenate([np.diff(u) for u in inputs])
+    if np.mean(changes == 0) > MIN_REPEATED_SHARE:
+        return 0.0
+    differences = np.abs(np.concatenate([np.diff(u, 4) for u in inputs]))
+    # a step of the input gives five outliers
+    differences = differences[differences <= 4 * MAD_TO_SD * np.median(differences)]
+    sd = float(np.sqrt(np.mean(differences**2) / comb(8, 4)))
+    values = np.concatenate(inputs)
+    is_noise = sd < MAX_INPUT_NOISE_SHARE * np.std(values)
+    return sd if is_noise and sd > MIN_INPUT_NOISE_SHARE * np.ptp(values) else 0.0

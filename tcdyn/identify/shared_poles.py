@@ -1,4 +1,7 @@
-"""Transfer functions whose inputs share their poles, begun at ARX regressions, by output and by equation error."""
+"""Transfer functions whose inputs share their poles, started from ARX regressions.
+
+They are fitted by output error and by equation error.
+"""
 
 from __future__ import annotations
 
@@ -11,118 +14,169 @@ import numpy as np
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.identify.fit import fit
-from tcdyn.identify.heldout import QUICK, Task, blocks_out
+from tcdyn.identify.heldout import SCORING_OPTIONS, Task, block_held_out_rms
 from tcdyn.identify.iodata import IOData
-from tcdyn.identify.models import Model, as_template, bare, several, transfer
-from tcdyn.identify.problem import Posed
-from tcdyn.identify.search import Fit, pose
-from tcdyn.identify.validate import coloured
+from tcdyn.identify.models import Model, as_template, base_name, several, transfer
+from tcdyn.identify.problem import IdentificationProblem
+from tcdyn.identify.search import Fit, make_problem
+from tcdyn.identify.validate import has_coloured_residuals
 
-MOST_POLES = 5
-UNSEEN = 1.05  # times either of them, above which it is not
-STRIDES = (1, 3, 10)  # samples, of the regressions that starts come from
-# of a start's discrete poles
-LONGEST = 0.9999
-SHORTEST = 1e-3
-LATEST = 4  # samples of dead time that regressions ask for
-SEEN = 0.97  # times the errors in data kept from the fit, below which a model of coloured residuals is worth while
+# Thresholds and grids, chosen by judgement.
+MAX_POLES = 5
+MAX_ERROR_RATIO = 1.05  # each held-out error over that of the current model, at most
+ERROR_GAIN_RATIO = 0.97  # mean of both that a model with coloured residuals must reach
+STRIDES = (1, 3, 10)  # samples between the rows of the ARX regressions for starting values
+# radius of a discrete pole of a starting value
+MAX_POLE_RADIUS = 0.9999
+MIN_POLE_RADIUS = 1e-3
+MAX_DELAY_SAMPLES = 4  # dead times of the regressions are shorter
 
 
-def rival(task: Task, now: Fit, held_out_rms: float, like: Model) -> tuple[Fit, float] | None:
-    """The transfer function, of one to five poles that all inputs share, that foresees best, and its error over that of
-    ``now``; None where none foresees 3 % better or, with white residuals where those of ``now`` are coloured, at most
-    5 % worse.
+def best_common_pole_fit(
+    task: Task, current: Fit, held_out_rms: float, like: Model
+) -> tuple[Fit, float] | None:
+    """The best transfer function with one to five poles that all inputs share.
 
-    Each is fitted by output error, unless the options state how the runs begin also with their initial states
-    estimated, and, unless they state a noise, by equation error, which holds where the disturbances come in before the
-    poles. What counts is simulation of data kept from the fit: the geometric mean of
-    what is held out, which ``now`` does to ``held_out_rms``, and of :func:`blocks_out`, neither more than 5 %
-    worse. ``like`` holds what all have.
+    Parameters
+    ----------
+    task
+        The comparison.
+    current
+        The recommended fit.
+    held_out_rms
+        Its held-out error.
+    like
+        What all models have: known factor, offset, fixed gain.
+
+    Returns
+    -------
+    tuple or None
+        The fit, and its error over that of ``current``. None where no fit is 3 % better, or at
+        most 5 % worse with white residuals where those of ``current`` are coloured.
+
+    Notes
+    -----
+    Each model is fitted by output error (also with estimated initial states, unless the options
+    give ``initial``), and by equation error, unless the options give a noise. Equation error is
+    right where the disturbances enter before the poles. The error is the geometric mean of the
+    held-out error and of :func:`block_held_out_rms`, neither more than 5 % worse.
     """
     best = None
-    least = 1.0
-    before = blocks_out(now)
-    quick = {**task.options, **QUICK}
-    kinds = [False] if {"noise", "baseline"} & set(quick) else [False, True]
-    for order, arx in product(range(1, MOST_POLES + 1), kinds):
-        for found in candidates(task.data, order, arx, quick, like):
-            if (blocks := blocks_out(found) / before) > UNSEEN:
+    limit = 1.0
+    current_blocks = block_held_out_rms(current)
+    options = {**task.options, **SCORING_OPTIONS}
+    equation_error = [False] if {"noise", "baseline"} & set(options) else [False, True]
+    for order, arx in product(range(1, MAX_POLES + 1), equation_error):
+        for candidate in common_pole_fits(task.data, order, arx, options, like):
+            block_ratio = block_held_out_rms(candidate) / current_blocks
+            if block_ratio > MAX_ERROR_RATIO:
                 continue
             try:
-                last = task.unseen(
-                    found, initial=found.problem.initial, start=found.identified.theta
+                error = task.held_out_error(
+                    candidate,
+                    initial=candidate.problem.initial,
+                    start=candidate.identified.theta,
                 )
-                rest = last[0] / held_out_rms
-            except InputError:  # too little is left of the record
+            except InputError:  # the training data are too short
                 continue
-            asked = UNSEEN if coloured(now) and not coloured(found) else SEEN
-            if rest <= UNSEEN and (both := float(np.sqrt(blocks * rest))) < asked * least:
-                best = (found, both)
-                least = both / asked
+            ratio = error[0] / held_out_rms
+            if ratio > MAX_ERROR_RATIO:
+                continue
+            whitens = has_coloured_residuals(current) and not has_coloured_residuals(candidate)
+            allowed = MAX_ERROR_RATIO if whitens else ERROR_GAIN_RATIO
+            mean_ratio = float(np.sqrt(block_ratio * ratio))
+            if mean_ratio < allowed * limit:
+                best = (candidate, mean_ratio)
+                limit = mean_ratio / allowed
     return best
 
 
-def candidates(
+def common_pole_fits(
     data: IOData, order: int, arx: bool, options: Mapping[str, Any], template: Model
 ) -> Iterator[Fit]:
-    """Fits with ``order`` poles begun at those of ARX regressions, without a dead time and, where regressions ask for
-    one, with; by output error with initial states estimated too, where ``options`` leave that open."""
-    plain = [transfer(order, order, arx=arx)] * len(data.input_names)
-    posed = pose(
-        data, several(plain, data.input_names, common=True), options.get("initial", "equilibrium")
+    """Fits with ``order`` common poles, started from those of ARX regressions.
+
+    They have no dead time, and one where the regressions show one. By output error they are also
+    fitted with estimated initial states, unless ``options`` give ``initial``.
+    """
+    inputs = data.input_names
+    no_delay = transfer(order, order, arx=arx)
+    problem = make_problem(
+        data,
+        several([no_delay] * len(inputs), inputs, common=True),
+        options.get("initial", "equilibrium"),
     )
-    late = min(range(LATEST), key=lambda k: regressed(posed, order, k)[1])
-    for delay in (0, late) if late else (0,):
-        part = transfer(order - 1, order, delay=True, arx=arx) if delay else plain[0]
-        model = several(
-            [part] * len(data.input_names), data.input_names, common=True, known=template.known
-        )
+    delays = range(MAX_DELAY_SAMPLES)
+    best_delay = min(delays, key=lambda k: arx_regression(problem, order, k)[1])
+    option_sets: list[Mapping[str, Any]] = [options]
+    if not arx and "initial" not in options:
+        option_sets.append({**options, "initial": "estimated"})
+    for delay in (0, best_delay) if best_delay else (0,):
+        submodel = transfer(order - 1, order, delay=True, arx=arx) if delay else no_delay
+        model = several([submodel] * len(inputs), inputs, common=True, known=template.known)
         model = as_template(model, template)
-        poles = [regressed(posed, order, delay // stride, stride)[0] for stride in STRIDES]
-        dead = {n: max(delay - 1.0, 0.2) * data.dt_s for n in model.names if bare(n) == "Td"}
-        starts = [
-            dead | {f"a{i}": float(a) for i, a in enumerate(one) if i}
-            for one in poles
-            if len(one) > 1
-        ]
-        asked = (
-            [options]
-            if arx or "initial" in options
-            else [options, {**options, "initial": "estimated"}]
-        )
-        for each in asked:
+        delay_s = max(delay - 1.0, 0.2) * data.dt_s
+        dead_times = {n: delay_s for n in model.names if base_name(n) == "Td"}
+        starts = []
+        for stride in STRIDES:
+            den = arx_regression(problem, order, delay // stride, stride)[0]
+            if len(den) > 1:
+                poles = {f"a{i}": float(a) for i, a in enumerate(den) if i}
+                starts.append(dead_times | poles)
+        for option_set in option_sets:
             try:
-                found = fit(data, model, **each, start=starts)
+                result = fit(data, model, **option_set, start=starts)
             except InputError:
                 continue
-            starts = [*starts, dict(found.identified.theta)]
-            yield found
+            starts = [*starts, dict(result.identified.theta)]
+            yield result
 
 
-def regressed(posed: Posed, order: int, late: int = 0, stride: int = 1) -> tuple[Array, float]:
-    """Denominator 1 + a1 s + .. (order + 1,) of an ARX regression of every ``stride``-th sample, all inputs behind the
-    same poles and ``late`` samples, and its criterion N ln S + 2 parameters.
+def arx_regression(
+    problem: IdentificationProblem, order: int, delay: int = 0, stride: int = 1
+) -> tuple[Array, float]:
+    """Denominator of an ARX regression with common poles, in continuous time.
 
-    Poles are put into the stable half plane; one that alternates from sample to sample has no likeness in continuous
-    time, and gets its size.
+    Parameters
+    ----------
+    problem
+        The identification problem.
+    order
+        Number of poles.
+    delay
+        Dead time in rows of the regression.
+    stride
+        Samples between the rows.
+
+    Returns
+    -------
+    tuple
+        Denominator 1 + a1 s + .. (order + 1,), or (1,) for too few samples; and the criterion
+        N ln S + 2 parameters (AIC).
+
+    Notes
+    -----
+    Unstable poles are mirrored into the stable half plane. A real pole that alternates from sample
+    to sample has no counterpart in continuous time; its radius is used.
     """
     rows = []
     outputs = []
-    m = order + late
-    for s in posed.segments:
+    first = order + delay
+    for s in problem.segments:
         n = len(s.y) // stride
-        if n <= m:
+        if n <= first:
             continue
-        y = np.where(s.seen, s.y, np.nan)[: n * stride : stride]
-        u = (
-            s.inputs[: n * stride].reshape(n, stride, -1).mean(axis=1)
-            if posed.hold == "zoh"
-            else s.inputs[::stride][:n]
-        )
-        columns = [y[m - i : n - i] for i in range(1, order + 1)]
-        columns += [v[m - late - i : n - late - i] for v in u.T for i in range(order + 1)]
-        rows.append(np.column_stack([*columns, np.ones(n - m)]))
-        outputs.append(y[m:])
+        y = np.where(s.measured, s.y, np.nan)[: n * stride : stride]
+        if problem.hold == "zoh":
+            u = s.inputs[: n * stride].reshape(n, stride, -1).mean(axis=1)
+        else:
+            u = s.inputs[::stride][:n]
+        columns = [y[first - i : n - i] for i in range(1, order + 1)]
+        for v in u.T:
+            columns += [v[order - i : n - delay - i] for i in range(order + 1)]
+        columns.append(np.ones(n - first))
+        rows.append(np.column_stack(columns))
+        outputs.append(y[first:])
     if not rows:
         return np.ones(1), np.inf
     table = np.vstack(rows)
@@ -136,10 +190,11 @@ def regressed(posed: Posed, order: int, late: int = 0, stride: int = 1) -> tuple
     theta = np.linalg.lstsq(table / size, y, rcond=1e-10)[0] / size
     error = y - table @ theta
     z = np.roots(np.append(1.0, -theta[:order])) + 0j
-    far = np.abs(z)
+    radius = np.abs(z)
+    radius = np.where(radius > 1, 1 / np.maximum(radius, 1.0), radius)
+    radius = np.clip(radius, MIN_POLE_RADIUS, MAX_POLE_RADIUS)
     angle = np.where(z.imag == 0, 0.0, np.angle(z))
-    far = np.clip(np.where(far > 1, 1 / np.maximum(far, 1.0), far), SHORTEST, LONGEST)
-    below = np.poly((np.log(far) + 1j * angle) / (stride * posed.dt_s)).real[::-1]
-    return below / below[0], float(
-        len(y) * np.log(error @ error / len(y) + 1e-300) + 2 * len(theta)
-    )
+    poles = (np.log(radius) + 1j * angle) / (stride * problem.dt_s)
+    den = np.poly(poles).real[::-1]
+    criterion = len(y) * np.log(error @ error / len(y) + 1e-300) + 2 * len(theta)
+    return den / den[0], float(criterion)

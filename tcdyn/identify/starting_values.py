@@ -1,10 +1,12 @@
-"""Where the search begins: lags and dead times by which the input explains most of the output, then SRIVC; no start is
-asked for.
+"""Starting values of the search: one-lag correlation scan, then SRIVC.
 
-SRIVC (simplified refined instrumental variables for continuous time) is Young and Jakeman's idea in this package's own
-terms: with the current denominator A, both records are filtered by s^j/A; the regression A y_f = B u_f is solved with
-instruments that are free of noise. Those instruments are exactly the output-error Jacobian of the current model, so the
-same realisation serves both.
+The user need not give any. The scan finds the lags and dead times by which the input explains most
+of the output.
+
+SRIVC (simplified refined instrumental variables for continuous time; Young and Jakeman) in the
+terms of this package: with the current denominator A, both records are filtered by s^j/A. The
+regression A y_f = B u_f is solved with instruments that are free of noise. The instruments are
+the output-error Jacobian of the current model, so the same realisation serves both.
 """
 
 from __future__ import annotations
@@ -18,164 +20,218 @@ from scipy import signal
 
 from tcdyn.chain.rational import Factor, Rational, realise, simulate_rows
 from tcdyn.core import Array
-from tcdyn.identify.models import Model, bare, several
-from tcdyn.identify.problem import Posed
+from tcdyn.identify.models import Model, base_name, several
+from tcdyn.identify.problem import IdentificationProblem
 from tcdyn.identify.segments import Segment
 
-# ways to share out one lag: ratio of a lag to the one before, zero and Tw in lags, Zeta
-PATTERNS = ((0.25, 0.3, 1.0, 0.7), (0.5, -0.2, 0.5, 0.9), (0.1, 1.5, 0.3, 0.3))
+# How one lag is shared among the parameters of a process model: ratio of a lag to the one before,
+# zero and Tw over the lag, Zeta (chosen by judgement).
+LAG_PATTERNS = ((0.25, 0.3, 1.0, 0.7), (0.5, -0.2, 0.5, 0.9), (0.1, 1.5, 0.3, 0.3))
+N_LAGS = 12  # lags of the correlation scan, from one sample to half the longest segment
+PROCESS_ITERATIONS = 4  # of SRIVC for a process model
+TRANSFER_ITERATIONS = 8  # of SRIVC for a transfer function
 
 
-def filled(segment: Segment) -> Array:
-    """The output with its gaps bridged by straight lines; only starts use it."""
-    t = np.arange(len(segment.y))
-    return np.interp(t, t[segment.seen], segment.y[segment.seen])
+def interpolate_gaps(segment: Segment) -> Array:
+    """The output with its gaps interpolated linearly; used for starting values only."""
+    index = np.arange(len(segment.y))
+    return np.interp(index, index[segment.measured], segment.y[segment.measured])
 
 
-def level_runs(problem: Posed) -> Posed:
-    """The problem with the straight line that fits each run's output best taken out, its level left."""
-    segments = []
-    for run in sorted(problem.begun_s):
-        own = [s for s in problem.segments if s.run == run]
-        times = [s.start_s + problem.dt_s * np.arange(len(s.y)) for s in own]
-        t, y = (
-            np.concatenate([v[s.seen] for v, s in zip(each, own)])
-            for each in (times, [s.y for s in own])
-        )
-        slope = float((t - t.mean()) @ y) / max(float(np.sum((t - t.mean()) ** 2)), 1e-300)
-        segments += [replace(s, y=s.y - slope * (v - t.mean())) for v, s in zip(times, own)]
+def remove_run_slopes(problem: IdentificationProblem) -> IdentificationProblem:
+    """The problem without the least-squares slope of each run's output; its level stays."""
+    segments: list[Segment] = []
+    for run in sorted(problem.run_start_s):
+        run_segments = [s for s in problem.segments if s.run == run]
+        times = [s.start_s + problem.dt_s * np.arange(len(s.y)) for s in run_segments]
+        t = np.concatenate([v[s.measured] for v, s in zip(times, run_segments)])
+        y = np.concatenate([s.y[s.measured] for s in run_segments])
+        centred = t - t.mean()
+        slope = float(centred @ y) / max(float(np.sum(centred**2)), 1e-300)
+        for v, s in zip(times, run_segments):
+            segments.append(replace(s, y=s.y - slope * (v - t.mean())))
     return replace(problem, segments=tuple(segments))
 
 
-def stabilised(den: Array) -> Array:
+def stabilise(den: Array) -> Array:
     """Ascending denominator 1 + a1 s + .. with right-half-plane roots mirrored into the left."""
     roots = np.roots(den[::-1])
     roots = np.where(roots.real > 0, -roots.conj(), roots)
     floor = 1e-6 * np.max(np.abs(roots))
     roots = np.where(np.abs(roots.real) < floor, roots - floor, roots)
-    poly = np.poly(roots).real[::-1]
-    return poly / poly[0]
+    polynomial = np.poly(roots).real[::-1]
+    return polynomial / polynomial[0]
 
 
 def regression(
-    problem: Posed, den: Array, num: Array, delay_s: float
+    problem: IdentificationProblem, den: Array, num: Array, delay_s: float
 ) -> tuple[Array, Array, Array]:
-    """Target, regressors and instruments of one SRIVC step over all segments; the last column is the offset.
+    """Target, regressors and instruments of one SRIVC step over all segments.
 
-    The target is y/A, the regressors s^j/A of the input and -s^j/A of the output; the output's instruments are
-    the same of the model's own output. Filters begin in equilibrium at the output's first level.
+    Parameters
+    ----------
+    problem
+        The identification problem of one input.
+    den, num
+        Current denominator A and numerator B, ascending in s.
+    delay_s
+        Dead time [s].
+
+    Returns
+    -------
+    tuple of array
+        Target (N,), regressors and instruments (N, M); the last column is the offset.
+
+    Notes
+    -----
+    The target is y/A, the regressors s^j/A of the input and -s^j/A of the output. The instruments
+    of the output are the same of the model's own output. Filters start in equilibrium at the
+    output's first level.
     """
     n = len(den) - 1
     q = len(num)
-    own = Factor(tuple(den))
-    prefilter = realise(Rational(np.eye(n + 1)[0], (Factor(own.coefs, free=False),)))
-    model = Rational(num, (*problem.model.known.factors, own), delay_s, problem.model.integrators)
+    factor = Factor(tuple(den))
+    prefilter = realise(Rational(np.eye(n + 1)[0], (Factor(factor.coefs, free=False),)))
+    factors = (*problem.model.known.factors, factor)
+    model = realise(Rational(num, factors, delay_s, problem.model.integrators))
     tables = []
     for segment in problem.segments:
-        y = filled(segment)
-        level = float(np.mean(y[: max(1, min(5, len(y) // 20))]))
-        measured = simulate_rows(prefilter, y - level, problem.dt_s, 0.0, "foh", "zero")[1 : n + 2]
+        y = interpolate_gaps(segment)
+        n_first = max(1, min(5, len(y) // 20))
+        level = float(np.mean(y[:n_first]))
+        filtered = simulate_rows(prefilter, y - level, problem.dt_s, 0.0, "foh", "zero")
+        measured = filtered[1 : n + 2]
         measured[0] += level
-        rows = simulate_rows(
-            realise(model), segment.u, problem.dt_s, delay_s, problem.hold, problem.begun
-        )[1:-1]
-        tables.append(
-            np.vstack([measured[:1], rows[:q], -measured[1:], rows, np.ones(len(y))])[
-                :, segment.seen
-            ]
-        )
+        rows = simulate_rows(model, segment.u, problem.dt_s, delay_s, problem.hold, problem.start)[
+            1:-1
+        ]
+        table = np.vstack([measured[:1], rows[:q], -measured[1:], rows, np.ones(len(y))])
+        tables.append(table[:, segment.measured])
     table = np.hstack(tables).T
-    target, inputs, outputs, instruments, one = np.split(
-        table, [1, 1 + q, 1 + q + n, 1 + 2 * q + 2 * n], axis=1
-    )
-    return target[:, 0], np.hstack([inputs, outputs, one]), np.hstack([instruments, one])
+    edges = [1, 1 + q, 1 + q + n, 1 + 2 * q + 2 * n]
+    target, inputs, outputs, instruments, offset = np.split(table, edges, axis=1)
+    regressors = np.hstack([inputs, outputs, offset])
+    return target[:, 0], regressors, np.hstack([instruments, offset])
 
 
 def srivc(
-    problem: Posed, zeros: int, poles: int, delay_s: float, rate: float, iterations: int
+    problem: IdentificationProblem,
+    zeros: int,
+    poles: int,
+    delay_s: float,
+    rate: float,
+    iterations: int,
 ) -> tuple[Array, Array] | None:
-    """Numerator and denominator, ascending, iterated from the prefilter (1 + s/rate)^poles; None where it fails."""
-    a = np.asarray(np.poly1d([1.0 / rate, 1.0]) ** poles, dtype=float)[::-1]
+    """Numerator and denominator by SRIVC, ascending; None where it fails.
+
+    The first prefilter is (1 + s/rate)^poles, ``rate`` in 1/s.
+    """
+    den = np.asarray(np.poly1d([1.0 / rate, 1.0]) ** poles, dtype=float)[::-1]
     num = np.eye(zeros + 1)[0]
     for k in range(iterations):
-        target, phi, z = regression(problem, a, num, delay_s)
-        z = (phi if k == 0 else z) / (np.linalg.norm(phi if k == 0 else z, axis=0) + 1e-300)
-        scale = np.linalg.norm(phi, axis=0) + 1e-300
-        x = np.linalg.lstsq(z.T @ (phi / scale), z.T @ target, rcond=1e-12)[0] / scale
+        target, regressors, instruments = regression(problem, den, num, delay_s)
+        if k == 0:
+            instruments = regressors
+        instruments = instruments / (np.linalg.norm(instruments, axis=0) + 1e-300)
+        scale = np.linalg.norm(regressors, axis=0) + 1e-300
+        normal = instruments.T @ (regressors / scale)
+        x = np.linalg.lstsq(normal, instruments.T @ target, rcond=1e-12)[0] / scale
         if not np.all(np.isfinite(x)) or x[-2] == 0:
             return None
-        before = a
+        previous = den
         num = x[: zeros + 1]
-        a = stabilised(np.concatenate([[1.0], x[zeros + 1 : -1]]))
-        if np.allclose(a, before, rtol=1e-3, atol=0):
+        den = stabilise(np.concatenate([[1.0], x[zeros + 1 : -1]]))
+        if np.allclose(den, previous, rtol=1e-3, atol=0):
             break
-    return num, a
+    return num, den
 
 
-def explained(problem: Posed, taus_s: Array, behind: int, ahead: int = 0) -> Array:
-    """r^2 of the output with the input behind each lag ``taus_s`` (T,) and shifted by -ahead..behind samples.
+def lag_correlation(
+    problem: IdentificationProblem, taus_s: Array, delay: int, lead: int = 0
+) -> Array:
+    """r^2 of the output with the input behind each lag, for each shift by whole samples.
 
-    (T, ahead + 1 + behind), over all segments, negative where the gain would be. The integrators and the known part are
-    in it; before its first sample a segment's lagged input is as there, after its last it is not known.
+    Parameters
+    ----------
+    problem
+        The identification problem of one input.
+    taus_s
+        Lags (T,) [s].
+    delay, lead
+        Largest shift behind and ahead of the input, in samples.
+
+    Returns
+    -------
+    array
+        r^2 (T, lead + 1 + delay) over all segments, shifts from -lead to delay; negative where
+        the gain would be.
+
+    Notes
+    -----
+    Integrators and the known factor are included. Before its first sample a segment's lagged input
+    is constant; samples after its last are left out.
     """
     known = problem.model.known
-    integrators = problem.model.integrators
-    total = np.zeros((len(taus_s), ahead + 1 + behind))
-    whole = np.full(ahead + 1 + behind, 1e-300)
+    n_shifts = lead + 1 + delay
+    explained = np.zeros((len(taus_s), n_shifts))
+    total = np.full(n_shifts, 1e-300)
     for s in problem.segments:
-        y = filled(s) - filled(s).mean()
-        count = np.clip(
-            len(y) - np.arange(ahead, -behind - 1, -1), 1, len(y)
-        )  # samples that have both
-        of_y = np.cumsum([np.append(0.0, y), np.append(0.0, y**2)], axis=1)[:, count]
-        whole += of_y[1] - of_y[0] ** 2 / count
-        for row, tau in zip(total, taus_s):
-            lag = realise(
-                Rational(
-                    np.array(known.num), (Factor((1.0, tau)), *known.factors), 0.0, integrators
-                ),
-                False,
-            )
-            x = simulate_rows(lag, s.u, problem.dt_s, 0.0, problem.hold, problem.begun)[0]
-            x = np.concatenate([np.zeros(behind + 1), x - x[0], np.zeros(ahead)])
+        y = interpolate_gaps(s)
+        y = y - y.mean()
+        # number of samples that both shifted records have
+        count = np.clip(len(y) - np.arange(lead, -delay - 1, -1), 1, len(y))
+        cumulative = np.cumsum([np.append(0.0, y), np.append(0.0, y**2)], axis=1)
+        sum_y, sum_yy = cumulative[:, count]
+        total += sum_yy - sum_y**2 / count
+        for row, tau in zip(explained, taus_s):
+            factors = (Factor((1.0, tau)), *known.factors)
+            lag = Rational(np.array(known.num), factors, 0.0, problem.model.integrators)
+            x = simulate_rows(
+                realise(lag, False), s.u, problem.dt_s, 0.0, problem.hold, problem.start
+            )[0]
+            x = np.concatenate([np.zeros(delay + 1), x - x[0], np.zeros(lead)])
             sums = np.cumsum([x, x**2], axis=1)
-            first, second = (sums[:, len(y) :] - sums[:, : -len(y)])[:, ::-1]
-            along = signal.correlate(x[1:], y, "valid", "fft")[::-1] - first * of_y[0] / count
-            row += (
-                np.sign(along)
-                * along**2
-                / np.maximum(second - first**2 / count, 1e-12 * sums[1, -1] + 1e-300)
-            )
-    return total / whole
+            sum_x, sum_xx = (sums[:, len(y) :] - sums[:, : -len(y)])[:, ::-1]
+            products = signal.correlate(x[1:], y, "valid", "fft")[::-1]
+            covariance = products - sum_x * sum_y / count
+            variance = np.maximum(sum_xx - sum_x**2 / count, 1e-12 * sums[1, -1] + 1e-300)
+            row += np.sign(covariance) * covariance**2 / variance
+    return explained / total
 
 
-def one_lag_starts(problem: Posed) -> list[tuple[float, float]]:
-    """(time constant, dead time) [s] of one-lag approximations, best first: every whole-sample shift is tried."""
+def one_lag_starts(problem: IdentificationProblem) -> list[tuple[float, float]]:
+    """(time constant, dead time) [s] of one-lag models, best first, over whole-sample shifts."""
     model = problem.model
-    taus = np.geomspace(problem.dt_s, 0.5 * problem.longest_s, 12)
-    longest = model.fixed.get("Td", problem.longest_delay_s)
-    score = explained(problem, taus, int(longest / problem.dt_s) if model.has_delay else 0)
-    score = (
-        score if model.fixed.get("Kp", -1.0) > 0 else np.abs(score)
-    )  # a gain of either sign unless it is known
+    taus = np.geomspace(problem.dt_s, 0.5 * problem.longest_segment_s, N_LAGS)
+    max_delay_s = model.fixed.get("Td", problem.delay_max_s)
+    n_delays = int(max_delay_s / problem.dt_s) if model.has_delay else 0
+    score = lag_correlation(problem, taus, n_delays)
+    if not model.fixed.get("Kp", -1.0) > 0:
+        score = np.abs(score)  # the gain may have either sign
     best = np.argsort(-score.max(axis=1), kind="stable")
     return [(float(taus[k]), float(np.argmax(score[k])) * problem.dt_s) for k in best]
 
 
-def spread(model: Model, tau: float, delay: float, pattern: int) -> dict[str, float]:
-    """Process parameters whose total lag is that of one lag ``tau`` behind ``delay``, shared out by
-    ``pattern``."""
+def share_lag(model: Model, tau: float, delay: float, pattern: int) -> dict[str, float]:
+    """Parameters of a process model whose total lag is that of one lag ``tau`` and a dead time.
+
+    ``pattern`` is the index in ``LAG_PATTERNS``; times in s.
+    """
     lags = [n for n in model.names if n in ("Tp1", "Tp2", "Tp3", "Tc")]
-    ratio, zero, wave, damping = PATTERNS[pattern]
-    theta: dict[str, float] = {"Kp": 1.0, "Tz": zero * tau}
-    borrowed = 0.5 * delay if pattern == 1 and len(lags) + 2 * ("Tw" in model.names) > 1 else 0.0
-    theta["Td"] = delay - borrowed
-    total = tau + borrowed
+    has_pair = "Tw" in model.names
+    ratio, zero, wave, damping = LAG_PATTERNS[pattern]
+    from_delay = 0.0
+    if pattern == 1 and len(lags) + 2 * has_pair > 1:
+        from_delay = 0.5 * delay
+    total = tau + from_delay
+    theta: dict[str, float] = {"Kp": 1.0, "Tz": zero * tau, "Td": delay - from_delay}
     shares = ratio ** np.arange(max(len(lags), 1))
     if pattern:
         shares = shares / shares.sum()
-    theta |= {n: float(total * s) * (2.0 if n == "Tc" else 1.0) for n, s in zip(lags, shares)}
-    if "Tw" in model.names:
+    for name, share in zip(lags, shares):
+        lag = float(total * share)
+        theta[name] = 2.0 * lag if name == "Tc" else lag
+    if has_pair:
         theta["Tw"] = total * wave
         theta["Zeta"] = damping
         if "Tp3" in model.names:
@@ -183,136 +239,201 @@ def spread(model: Model, tau: float, delay: float, pattern: int) -> dict[str, fl
     return theta
 
 
-def polished(problem: Posed, theta: Mapping[str, float]) -> tuple[float, Array]:
-    """x with gain, zero, offset and initial states from linear least squares at ``theta``, and the cost there."""
+def solve_linear_parameters(
+    problem: IdentificationProblem, theta: Mapping[str, float]
+) -> tuple[float, Array]:
+    """The cost and x at ``theta`` with the linear parameters by linear least squares.
+
+    Linear are gain, zero, offset, initial states and input levels.
+    """
     model = problem.model
     x = problem.vector({**dict.fromkeys(model.names, 0.0), **theta, **model.fixed})
-    linear = [i for i, n in enumerate(model.free) if bare(n) == "Kp" or n.startswith("b")]
+    linear = [i for i, n in enumerate(model.free) if base_name(n) == "Kp" or n.startswith("b")]
     linear += list(range(problem.n_model, problem.size))
-    answer = problem.evaluate(x)
-    if answer is None:
+    rows = problem.evaluate(x)
+    if rows is None:
         return np.inf, x
     if not linear:
-        return float(answer[0] @ answer[0]), x
-    told = np.flatnonzero(problem.precision)  # what is known beforehand: samples of its own
-    r = np.append(answer[0], np.zeros(len(told)))
-    j = np.vstack([answer[1], np.diag(np.sqrt(problem.precision))[told]])
-    step = np.linalg.lstsq(j[:, linear], -r, rcond=1e-10)[0]
+        return float(rows[0] @ rows[0]), x
+    has_prior = np.flatnonzero(problem.prior_precision)  # each prior is one more row
+    prior_rows = np.diag(np.sqrt(problem.prior_precision))[has_prior]
+    residual = np.append(rows[0], np.zeros(len(has_prior)))
+    jacobian = np.vstack([rows[1], prior_rows])[:, linear]
+    step = np.linalg.lstsq(jacobian, -residual, rcond=1e-10)[0]
     x[linear] += step
-    rest = r + j[:, linear] @ step
-    return float(rest @ rest), x
+    residual = residual + jacobian @ step
+    return float(residual @ residual), x
 
 
 def from_poles(model: Model, num: Array, den: Array, delay_s: float) -> dict[str, float]:
-    """Parameters nearest to a general transfer function; complex poles are two equal lags in a process without U."""
+    """Parameters of ``model`` nearest to the transfer function num/den, ascending in s.
+
+    In a process model without U, complex poles become two equal lags.
+    """
     if model.kind != "process":
-        return {"Td": delay_s} | {
-            f"{c}{i}": float(v) for c, part in (("b", num), ("a", den)) for i, v in enumerate(part)
-        }
+        theta = {"Td": delay_s}
+        theta |= {f"b{i}": float(v) for i, v in enumerate(num)}
+        theta |= {f"a{i}": float(v) for i, v in enumerate(den)}
+        return theta
     poles = np.roots(den[::-1])
+    has_zero = len(num) > 1 and num[0]
     theta = {
         "Kp": float(num[0]),
         "Td": delay_s,
-        "Tz": float(num[1] / num[0]) if len(num) > 1 and num[0] else 0.0,
+        "Tz": float(num[1] / num[0]) if has_zero else 0.0,
     }
     if "Tw" in model.names:
-        pair = poles[np.argsort(-np.abs(poles.imag))][:2]
+        by_oscillation = poles[np.argsort(-np.abs(poles.imag))]
+        pair = by_oscillation[:2]
         w = float(np.sqrt(abs(pair[0] * pair[1])))
-        theta |= {"Tw": 1 / w, "Zeta": float(np.clip(-pair.sum().real / (2 * w), 0.02, 5.0))}
-        rest = poles[np.argsort(-np.abs(poles.imag))][2:]
-        return theta | ({"Tp3": float(1 / abs(rest[0]))} if len(rest) else {})
+        theta["Tw"] = 1 / w
+        theta["Zeta"] = float(np.clip(-pair.sum().real / (2 * w), 0.02, 5.0))
+        if len(poles) > 2:
+            theta["Tp3"] = float(1 / abs(by_oscillation[2]))
+        return theta
     taus = sorted((1 / np.abs(poles)).tolist(), reverse=True)
-    return theta | {f"Tp{i + 1}": float(t) * (1.0 + 1e-3 * i) for i, t in enumerate(taus)}
+    for i, tau in enumerate(taus):
+        theta[f"Tp{i + 1}"] = float(tau) * (1.0 + 1e-3 * i)
+    return theta
 
 
-def rest(problem: Posed, theta: Mapping[str, float], k: int) -> Posed:
-    """The problem of the ``k``-th input alone, with what the other inputs do at ``theta`` taken out of the output."""
-    part, names, _ = problem.branches[k]
-    silent = {w: 0.0 for n, w in names.items() if n == "Kp" or n.startswith("b")}
-    fixed = replace(problem, model=replace(problem.model, fixed={**theta, **silent}))
-    answers = fixed.outputs(polished(problem, theta)[1][problem.n_model :])
-    assert answers is not None
-    segments = tuple(replace(s.of(k), y=s.y - y) for s, (y, _) in zip(problem.segments, answers))
-    model = replace(part, offset=problem.model.offset, delay_max_s=problem.model.delay_max_s)
+def single_input_problem(
+    problem: IdentificationProblem, theta: Mapping[str, float], k: int
+) -> IdentificationProblem:
+    """The problem of the ``k``-th input.
+
+    The response to the other inputs at ``theta`` is subtracted from the output.
+    """
+    model, names, _ = problem.branches[k]
+    no_gain = {full: 0.0 for n, full in names.items() if n == "Kp" or n.startswith("b")}
+    others = replace(problem, model=replace(problem.model, fixed={**theta, **no_gain}))
+    x = solve_linear_parameters(problem, theta)[1]
+    outputs = others.outputs(x[problem.n_model :])
+    assert outputs is not None
+    segments = tuple(
+        replace(s.with_input(k), y=s.y - y) for s, (y, _) in zip(problem.segments, outputs)
+    )
+    model = replace(model, offset=problem.model.offset, delay_max_s=problem.model.delay_max_s)
     return replace(problem, model=model, segments=segments, input_sds=(problem.input_sds[k],))
 
 
-def one_lag_each(problem: Posed) -> tuple[Posed, dict[str, float]]:
-    """The problem with one lag behind each input, and where it explains most with the same lag behind all of them."""
+def one_lag_problem(
+    problem: IdentificationProblem,
+) -> tuple[IdentificationProblem, dict[str, float]]:
+    """The problem with one lag behind each input, and its best parameters with equal lags."""
     m = problem.model
-    plain = several(["P1"] * len(m.inputs), m.inputs, known=m.known, offset=m.offset)
-    posed = replace(problem, model=plain)
-    pool = [
-        polished(
-            posed,
-            {
-                **dict.fromkeys(plain.names, 0.0),
-                **{n: float(tau) for n in plain.names if n[:2] == "Tp"},
-            },
-        )
-        for tau in np.geomspace(problem.dt_s, 0.5 * problem.longest_s, 12)
-    ]
-    return posed, posed.theta(min(pool, key=lambda item: item[0])[1])
+    model = several(["P1"] * len(m.inputs), m.inputs, known=m.known, offset=m.offset)
+    one_lag = replace(problem, model=model)
+    candidates = []
+    for tau in np.geomspace(problem.dt_s, 0.5 * problem.longest_segment_s, N_LAGS):
+        theta = dict.fromkeys(model.names, 0.0)
+        theta |= {n: float(tau) for n in model.names if n[:2] == "Tp"}
+        candidates.append(solve_linear_parameters(one_lag, theta))
+    best = min(candidates, key=lambda candidate: candidate[0])
+    return one_lag, one_lag.theta(best[1])
 
 
-def alone(problem: Posed) -> list[Posed]:
-    """The problem of each input by itself, with what one lag behind each of the others explains taken out."""
-    if not problem.model.parts:
+def single_input_problems(problem: IdentificationProblem) -> list[IdentificationProblem]:
+    """The problem of each input, with the response to the others by one lag each subtracted."""
+    if not problem.model.submodels:
         return [problem]
-    posed, theta = one_lag_each(problem)
-    return [rest(posed, theta, k) for k in range(len(posed.branches))]
+    one_lag, theta = one_lag_problem(problem)
+    return [single_input_problem(one_lag, theta, k) for k in range(len(one_lag.branches))]
 
 
-def starts_of_several(problem: Posed) -> list[Array]:
-    """Starts for several inputs: each input's own best start with what the others do taken out, in turns, twice."""
-    posed, known = one_lag_each(problem)
-    found: list[tuple[float, Array]] = []
+def multi_input_starts(problem: IdentificationProblem) -> list[Array]:
+    """Starts for several inputs by two rounds of backfitting.
+
+    Each input gets its best start, with the response to the others subtracted.
+    """
+    current, current_theta = one_lag_problem(problem)
+    candidates: list[tuple[float, Array]] = []
     theta: dict[str, float] = {}
     for _ in range(2):
-        for k, (part, names, _) in enumerate(problem.branches):
-            sub = replace(rest(posed, known, k), model=replace(part, offset=problem.model.offset))
-            begun = sub.theta(starts(sub)[0])
-            theta |= {names[n]: v for n, v in begun.items()}
-        found.append(polished(problem, theta))
-        posed = problem
-        known = problem.theta(found[-1][1])
-    return [x for cost, x in sorted(found, key=lambda item: item[0]) if np.isfinite(cost)]
+        for k, (model, names, _) in enumerate(problem.branches):
+            single = single_input_problem(current, current_theta, k)
+            single = replace(single, model=replace(model, offset=problem.model.offset))
+            start = single.theta(starts(single)[0])
+            theta |= {names[n]: v for n, v in start.items()}
+        candidates.append(solve_linear_parameters(problem, theta))
+        current = problem
+        current_theta = problem.theta(candidates[-1][1])
+    return _best_first(candidates)
 
 
-def starts(problem: Posed) -> list[Array]:
-    """Starts for any model, best first.
+def starts(problem: IdentificationProblem) -> list[Array]:
+    """Starting values x for any model, best first.
 
-    One lag's total shared out over those of a process model; SRIVC where its poles may be complex, and for a general
-    transfer function over prefilters from the record's length to its sampling and candidate dead times.
+    Notes
+    -----
+    For a process model one lag's total is shared among its lags. SRIVC is used where the poles of
+    a process model may be complex, and for transfer functions: over candidate dead times and
+    prefilters from the record's length to its sampling interval.
     """
-    if problem.model.parts:
-        return starts_of_several(problem)
-    whole = problem
-    problem = level_runs(problem) if problem.trend else problem
+    if problem.model.submodels:
+        return multi_input_starts(problem)
+    level = remove_run_slopes(problem) if problem.trend else problem
+    scan = one_lag_starts(level)[:4]
+    if problem.model.kind == "process":
+        candidates = _process_starts(level, scan)
+    else:
+        candidates = _transfer_starts(level, scan)
+    return _best_first([solve_linear_parameters(problem, theta) for theta in candidates])
+
+
+def _process_starts(
+    problem: IdentificationProblem, scan: list[tuple[float, float]]
+) -> list[dict[str, float]]:
+    """Starting parameters of a process model from the one-lag scan."""
     model = problem.model
-    seen = one_lag_starts(problem)[:4]
-    (tau, delay) = seen[0]
-    process = model.kind == "process"
-    begun: list[dict[str, float]] = []
-    if process and model.order == 0:
-        begun = [{"Kp": 1.0, "Td": d} for _, d in seen[:3]]
-    elif process:
-        begun = [spread(model, *one, pattern) for one, pattern in product(seen, range(3))]
-    zeros = int("Tz" in model.names)
-    delays = [delay, 0.5 * delay]
-    rates = [1.0 / tau, 4.0 / tau]
-    iterations = 4
-    if not process:
-        zeros = sum(n.startswith("b") for n in model.names) - 1
-        iterations = 8
-        delays = sorted({f * d for _, d in seen[:2] for f in (0.0, 0.5, 1.0)})
-        delays = delays if model.has_delay else [model.fixed.get("Td", 0.0)]
-        rates = np.geomspace(6.0 / problem.longest_s, 0.6 / problem.dt_s, 6).tolist()
-    if not process or (
-        model.order in (2, 3) and {"Tw", "Tz"} & set(model.names) and "Tc" not in model.names
-    ):
-        for d, rate in product(delays, rates):
-            if (answer := srivc(problem, zeros, model.order, d, rate, iterations)) is not None:
-                begun.append(from_poles(model, *answer, d))
-    pool = [polished(whole, theta) for theta in begun]
-    return [x for cost, x in sorted(pool, key=lambda item: item[0]) if np.isfinite(cost)]
+    if model.order == 0:
+        return [{"Kp": 1.0, "Td": delay} for _, delay in scan[:3]]
+    candidates = [
+        share_lag(model, tau, delay, pattern)
+        for (tau, delay), pattern in product(scan, range(len(LAG_PATTERNS)))
+    ]
+    may_oscillate = bool({"Tw", "Tz"} & set(model.names))
+    if model.order in (2, 3) and may_oscillate and "Tc" not in model.names:
+        tau, delay = scan[0]
+        n_zeros = int("Tz" in model.names)
+        candidates += _srivc_starts(
+            problem, n_zeros, [delay, 0.5 * delay], [1.0 / tau, 4.0 / tau], PROCESS_ITERATIONS
+        )
+    return candidates
+
+
+def _transfer_starts(
+    problem: IdentificationProblem, scan: list[tuple[float, float]]
+) -> list[dict[str, float]]:
+    """Starting parameters of a transfer function by SRIVC, from the one-lag scan."""
+    model = problem.model
+    n_zeros = sum(n.startswith("b") for n in model.names) - 1
+    if model.has_delay:
+        delays = sorted({share * delay for _, delay in scan[:2] for share in (0.0, 0.5, 1.0)})
+    else:
+        delays = [model.fixed.get("Td", 0.0)]
+    rates = np.geomspace(6.0 / problem.longest_segment_s, 0.6 / problem.dt_s, 6).tolist()
+    return _srivc_starts(problem, n_zeros, delays, rates, TRANSFER_ITERATIONS)
+
+
+def _srivc_starts(
+    problem: IdentificationProblem,
+    zeros: int,
+    delays: list[float],
+    rates: list[float],
+    iterations: int,
+) -> list[dict[str, float]]:
+    """Starting parameters by SRIVC over dead times [s] and prefilter rates [1/s]."""
+    model = problem.model
+    candidates = []
+    for delay, rate in product(delays, rates):
+        ratio = srivc(problem, zeros, model.order, delay, rate, iterations)
+        if ratio is not None:
+            candidates.append(from_poles(model, *ratio, delay))
+    return candidates
+
+
+def _best_first(candidates: list[tuple[float, Array]]) -> list[Array]:
+    """The x of (cost, x) pairs of finite cost, least cost first."""
+    ranked = sorted(candidates, key=lambda candidate: candidate[0])
+    return [x for cost, x in ranked if np.isfinite(cost)]

@@ -1,4 +1,4 @@
-"""Input-output data from pandas frames and CSV files, with the questions a careless table raises."""
+"""Input-output data from pandas tables and files, with checks of time, values and hold."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import pandas as pd
 
 from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import SampleLocation, info, warning
+from tcdyn.core.findings import Finding, SampleLocation, info, warning
 from tcdyn.identify.iodata import Hold, IOData, check_hold
-from tcdyn.identify.segments import REPEATED
+from tcdyn.identify.segments import MIN_REPEATED_SHARE
 from tcdyn.io.csv_dialect import CLOCK, TextColumn
 from tcdyn.io.read import CsvTable, Table, open_table, read_whole, text_of
 from tcdyn.io.table import missing
@@ -28,13 +28,16 @@ from tcdyn.io.times import (
 )
 from tcdyn.rig.plausible import dropout_codes, overload_codes
 
-FEW_DECIMALS = (
-    0.02  # share of repeated stamps, from which the clock is taken as one of few decimals
-)
-MOST_SAMPLES = 5e7  # of one run on an even grid
-JUMP = 0.05  # of its range, by which an input that was set moves; rounding makes smaller steps
-ALONE = 0.95  # share of the moves of a staircase before and after which it stays
-JITTER = 0.05  # largest departure from an even time grid that is still called even, in sampling intervals
+# Thresholds, chosen by judgement.
+# Share of repeated time stamps, above which the clock has too few decimals.
+MAX_REPEATED_STAMPS = 0.02
+MAX_GRID_SAMPLES = 5e7  # samples of one run on an even grid
+# Change of an input that a computer has set, over its range; rounding makes smaller steps.
+MIN_JUMP_SHARE = 0.05
+# Share of the changes of a staircase before and after which it stays constant.
+MIN_ISOLATED_SHARE = 0.95
+# Largest departure from an even time grid, in sampling intervals.
+MAX_JITTER = 0.05
 
 
 def from_frame(
@@ -50,40 +53,50 @@ def from_frame(
     resample_s: float | None = None,
     name: str = "",
 ) -> IOData:
-    """IOData from a table: one row a sample, one or several columns of inputs and of outputs, and an optional ``run``
-    column whose values name separate recordings.
+    """Input-output data from a table, one row for each sample.
 
-    ``time`` is a column of numbers or of clock times (found by itself when called time_s, Time [ms], t and the like);
-    without one give ``dt_s``. ``time_unit`` (s, ms, us, ns, min, h or days) is needed where its name does not state the
-    unit and seconds are not plausible. ``hold`` "auto" is "zoh" where every input stays and jumps as a computer sets
-    it, else "foh"; where the input alone cannot tell (:func:`was_set`) the data's ``findings`` ask for it. Rows missing
-    from an even time grid become NaN outputs (a gap). Overload and drop-out codes become NaN. ``resample_s`` puts
-    uneven times on an even grid by straight lines. Raises InputError naming column, row and remedy.
+    Rows that are missing from an even time grid become NaN outputs (a gap). Overload and drop-out
+    codes become NaN.
 
+    Parameters
+    ----------
+    frame
+        The table.
+    input, output
+        Columns of the inputs and of the outputs.
+    time
+        Column of numbers or of clock times; found by itself where it is called time_s, Time [ms],
+        t and the like. Without one give ``dt_s``.
+    time_unit
+        s, ms, us, ns, min, h or days; needed where the column's name does not give the unit and
+        seconds are not plausible.
+    run
+        Column whose values name separate runs.
+    dt_s
+        Sampling interval [s].
+    hold
+        "zoh", "foh" or "auto": "zoh" where every input stays constant and jumps as if set by a
+        computer. Where the input alone cannot tell (:func:`is_setpoint`), there is a finding.
+    resample_s
+        Sampling interval [s] of an even grid to which uneven times are interpolated linearly.
+    name
+        Name of the record.
+
+    Raises
+    ------
+    InputError
+        With column, row and remedy.
+
+    Examples
+    --------
     >>> table = pd.DataFrame({"time_s": [0, 1, 2], "u": [0, 1, 1], "y": [0.0, 0.2, 0.6]})
     >>> from_frame(table, input="u", output="y").dt_s
     1.0
     """
     where = name or "table"
-    inputs, outputs = ([c] if isinstance(c, str) else list(c) for c in (input, output))
-    roles: list[tuple[str, str | None]] = [
-        *(("input", c) for c in inputs),
-        *(("output", c) for c in outputs),
-    ]
-    for _, column in roles:
-        if [c for _, c in roles].count(column) > 1:
-            raise InputError(
-                f"column {column!r} is named twice",
-                where=where,
-                expected="other columns as inputs and outputs",
-            )
-    if not inputs or not outputs:
-        raise InputError(
-            "no input or no output is named", where=where, expected="at least one of each"
-        )
-    for role, column in (*roles, ("time", time), ("run", run)):
-        if column is not None and column not in frame.columns:
-            raise missing(f"{role} column", column, [*map(str, frame)], where)
+    inputs = [input] if isinstance(input, str) else list(input)
+    outputs = [output] if isinstance(output, str) else list(output)
+    _check_columns(frame, inputs, outputs, time, run, where)
     clock = None
     if time is not None or dt_s is None:
         clock = _time_column(frame, time, time_unit, where)
@@ -93,10 +106,12 @@ def from_frame(
             raise InputError(
                 f"column {column!r} stands twice", where=where, remedy="rename one of them"
             )
-    groups = (
-        [("", frame)] if run is None else [(str(k), g) for k, g in frame.groupby(run, sort=False)]
-    )
-    times = [np.empty(0) if clock is None else _times(g, clock, where) for _, g in groups]
+    groups = [("", frame)]
+    if run is not None:
+        groups = [(str(label), group) for label, group in frame.groupby(run, sort=False)]
+    times = [np.empty(0)] * len(groups)
+    if clock is not None:
+        times = [_times(group, clock, where) for _, group in groups]
     if dt_s is not None:
         interval = dt_s
     elif resample_s is not None:
@@ -107,50 +122,91 @@ def from_frame(
         raise InputError(
             f"the sampling interval is {interval:g} s", where=where, expected="a number above zero"
         )
-    parts = []
-    wrong: dict[str, int] = {}
-    for (label, part), t in zip(groups, times):
-        place = f"{where}, run {label}" if label else where
-        u = np.column_stack([_readings(part, c, place, overload_codes, wrong) for c in inputs])
-        y = np.column_stack([_readings(part, c, place, _output_codes, wrong) for c in outputs])
-        start = 0.0
+    runs = []
+    code_counts: dict[str, int] = {}
+    for (label, group), t in zip(groups, times):
+        location = f"{where}, run {label}" if label else where
+        u = _readings(group, inputs, location, overload_codes, code_counts)
+        y = _readings(group, outputs, location, _output_codes, code_counts)
+        start_s = 0.0
         if time is not None:
-            check_times(t, time, place)
-            start = float(t[0])
-            u, y = even(t, u, y, interval, resample_s is not None, time, place)
-        parts.append(
+            check_times(t, time, location)
+            start_s = float(t[0])
+            u, y = to_even_grid(t, u, y, interval, resample_s is not None, time, location)
+        runs.append(
             IOData.from_arrays(
                 u,
                 y,
                 interval,
-                start_s=start,
+                start_s=start_s,
                 input_names=inputs,
                 output_names=outputs,
                 name=label or name,
             )
         )
-    data = parts[0].merge(*parts[1:])
-    codes = tuple(
-        warning("record.codes", subject=column, count=count) for column, count in wrong.items()
-    )
-    if hold != "auto":
-        return replace(data, hold=check_hold(hold, where), findings=codes)
-    asked = [was_set(np.concatenate([r.u[:, k] for r in data.runs])) for k in range(len(inputs))]
-    kind: Hold = "zoh" if all(held for held, _ in asked) else "foh"
-    told = [
-        (info if held else warning)(
-            "record.hold", subject=name, step=step, hold=kind, half_s=data.dt_s / 2
-        )
-        for name, (held, step) in zip(inputs, asked)
-        if step
+    data = runs[0].merge(*runs[1:])
+    codes = [
+        warning("record.codes", subject=column, count=count)
+        for column, count in code_counts.items()
     ]
-    return replace(data, hold=kind, findings=(*codes, *told))
+    if hold != "auto":
+        return replace(data, hold=check_hold(hold, where), findings=tuple(codes))
+    kind, findings = _select_hold(data)
+    return replace(data, hold=kind, findings=(*codes, *findings))
+
+
+def _select_hold(data: IOData) -> tuple[Hold, list[Finding]]:
+    """The hold of the inputs, and a finding for each input that does not determine it."""
+    setpoints = []
+    for k in range(len(data.input_names)):
+        setpoints.append(is_setpoint(np.concatenate([run.u[:, k] for run in data.runs])))
+    hold: Hold = "zoh" if all(is_set for is_set, _ in setpoints) else "foh"
+    findings = []
+    for name, (is_set, step) in zip(data.input_names, setpoints):
+        if step:
+            finding = info if is_set else warning
+            findings.append(
+                finding("record.hold", subject=name, step=step, hold=hold, half_s=data.dt_s / 2)
+            )
+    return hold, findings
+
+
+def _check_columns(
+    frame: pd.DataFrame,
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    time: str | None,
+    run: str | None,
+    where: str,
+) -> None:
+    """Raise InputError for columns that are missing, or named twice as input or output."""
+    signals = [*inputs, *outputs]
+    for column in signals:
+        if signals.count(column) > 1:
+            raise InputError(
+                f"column {column!r} is named twice",
+                where=where,
+                expected="other columns as inputs and outputs",
+            )
+    if not inputs or not outputs:
+        raise InputError(
+            "no input or no output is named", where=where, expected="at least one of each"
+        )
+    roles: list[tuple[str, str | None]] = [
+        *(("input", column) for column in inputs),
+        *(("output", column) for column in outputs),
+        ("time", time),
+        ("run", run),
+    ]
+    for role, name in roles:
+        if name is not None and name not in frame.columns:
+            raise missing(f"{role} column", name, [*map(str, frame)], where)
 
 
 def _time_column(
     frame: pd.DataFrame, time: str | None, time_unit: str | None, where: str
 ) -> TimeColumn:
-    """The time column of a table. Raises InputError that names both ways to give the time."""
+    """The time column of a table; the InputError names both ways to give the time."""
     names = list(map(str, frame.columns))
     if time is None and not any(TIME_NAMES.fullmatch(split_unit(n)[0]) for n in names):
         raise InputError(
@@ -163,20 +219,19 @@ def _time_column(
 
 
 def _times(frame: pd.DataFrame, clock: TimeColumn, where: str) -> Array:
-    """Times (N,) [s] of the rows; those of a clock that repeats its stamps are made even where the rows are."""
+    """Times (N,) [s] of the rows; repeated stamps of a clock are replaced by an even grid."""
     is_clock = frame[clock.name].dtype.kind not in "iufb"
     times_s = clock.in_seconds(numbers(frame, clock.name, where, clock=True), is_clock)
     clock.check_step(times_s, is_clock)
-    if (
-        len(times_s) > 2
-        and np.isfinite(times_s).all()
-        and np.mean(np.diff(times_s) == 0) > FEW_DECIMALS
-    ):
-        rising = bool((np.diff(times_s) >= 0).all())
-        even_rows = rows_of_repeated_stamps(times_s) if rising else None
-        if even_rows is not None:
-            return np.asarray(times_s[0] + even_rows.interval_s * even_rows.places, dtype=float)
-    return times_s
+    if len(times_s) <= 2 or not np.isfinite(times_s).all():
+        return times_s
+    steps = np.diff(times_s)
+    if np.mean(steps == 0) <= MAX_REPEATED_STAMPS or not (steps >= 0).all():
+        return times_s
+    even_rows = rows_of_repeated_stamps(times_s)
+    if even_rows is None:
+        return times_s
+    return np.asarray(times_s[0] + even_rows.interval_s * even_rows.places, dtype=float)
 
 
 def _output_codes(values: Array) -> Flags:
@@ -187,96 +242,115 @@ def _output_codes(values: Array) -> Flags:
 
 def _readings(
     frame: pd.DataFrame,
-    column: str,
+    columns: Sequence[str],
     where: str,
-    codes: Callable[[Array], Flags],
-    wrong: dict[str, int],
+    find_codes: Callable[[Array], Flags],
+    code_counts: dict[str, int],
 ) -> Array:
-    """One column (N,) with its ``codes`` as NaN; ``wrong`` counts them by column."""
-    values = numbers(frame, column, where)
-    bad = codes(values)
-    if bad.any():
-        wrong[column] = wrong.get(column, 0) + int(bad.sum())
-    return np.where(bad, np.nan, values)
+    """Columns (N, K) with their error codes as NaN; ``code_counts`` counts them by column."""
+    readings = []
+    for column in columns:
+        values = numbers(frame, column, where)
+        is_code = find_codes(values)
+        if is_code.any():
+            code_counts[column] = code_counts.get(column, 0) + int(is_code.sum())
+        readings.append(np.where(is_code, np.nan, values))
+    return np.column_stack(readings)
 
 
-def was_set(u: Array) -> tuple[bool, float]:
-    """Whether a computer set the input ``u`` (N,), and its least step where that cannot be told from a measured input
-    that is rounded to it.
+def is_setpoint(u: Array) -> tuple[bool, float]:
+    """Whether a computer has set the input ``u`` (N,).
 
-    One that was set mostly stays, and moves by a twentieth of its range or more, or between two samples that stay. One
-    that is measured in steps moves, when slow, by one step at a time: so does a staircase of equal steps, which is
-    taken as set where a step is a twentieth of the range or more.
+    Returns
+    -------
+    tuple
+        Whether it was set, and its least step where this cannot be distinguished from a measured
+        input that is rounded to that step, else 0.
+
+    Notes
+    -----
+    An input that was set mostly stays constant, and changes by a twentieth of its range or more,
+    or between two samples that stay. An input that is measured in steps changes, when it is slow,
+    by one step at a time. So does a staircase of equal steps, which counts as set where a step is a
+    twentieth of the range or more.
     """
     u = u[np.isfinite(u)]
-    moved = np.abs(np.diff(u))
-    at = np.flatnonzero(moved)
-    if not 0 < len(at) < (1 - REPEATED) * len(moved):
+    change = np.abs(np.diff(u))
+    index = np.flatnonzero(change)
+    if not 0 < len(index) < (1 - MIN_REPEATED_SHARE) * len(change):
         return False, 0.0
-    stays = np.concatenate([[True], moved == 0, [True]])
-    step = float(moved[at].min())
-    alone = float(np.mean(stays[at] & stays[at + 2]))
-    large = bool(np.median(moved[at]) > JUMP * np.ptp(u))
-    if np.ptp(u) < 2.5 * step or np.mean(moved[at] < 1.5 * step) <= 0.5:
-        return large or alone > 0.5, 0.0
-    return large and alone > ALONE, step if large or alone > ALONE else 0.0
+    changes = change[index]
+    stays = np.concatenate([[True], change == 0, [True]])
+    step = float(changes.min())
+    isolated = float(np.mean(stays[index] & stays[index + 2]))
+    is_large = bool(np.median(changes) > MIN_JUMP_SHARE * np.ptp(u))
+    mostly_one_step = np.mean(changes < 1.5 * step) > 0.5
+    if np.ptp(u) < 2.5 * step or not mostly_one_step:
+        return is_large or isolated > 0.5, 0.0
+    is_isolated = isolated > MIN_ISOLATED_SHARE
+    return is_large and is_isolated, step if is_large or is_isolated else 0.0
 
 
 def from_csv(path: str | Path, **options: Any) -> IOData:
-    """:func:`from_frame` on a file: text of any dialect, spaces between columns too, TDMS, LVM or Parquet."""
+    """:func:`from_frame` for a file: text of any dialect, TDMS, LVM or Parquet."""
     path = Path(path)
-    given = [
-        options[role]
-        for role in ("input", "output", "time", "run")
-        if options.get(role) is not None
-    ]
-    asked = {c for names in given for c in ([names] if isinstance(names, str) else names)}
-    table = open_table(path, (*HEADER_NAMES, *asked))
+    requested: set[str] = set()
+    for role in ("input", "output", "time", "run"):
+        names = options.get(role)
+        if isinstance(names, str):
+            requested.add(names)
+        elif names is not None:
+            requested |= set(names)
+    table = open_table(path, (*HEADER_NAMES, *requested))
     time = options.get("time")
     if time is None and options.get("dt_s") is None:
-        time = next((n for n in table.names if TIME_NAMES.fullmatch(split_unit(n)[0])), None)
-    columns = asked if time is None else {*asked, time}
-    frame = table_of(table, columns)
+        time_names = (n for n in table.names if TIME_NAMES.fullmatch(split_unit(n)[0]))
+        time = next(time_names, None)
+    if time is not None:
+        requested.add(time)
+    frame = read_columns(table, requested)
     if time is None or list(table.names).count(time) != 1:
         return from_frame(frame, **{"name": path.name, **options})
     clock = find_time_column(
         table.names, path.name, requested=time, unit=options.get("time_unit"), unit_row=table.units
     )
-    unit = options.get("time_unit") or (
-        clock.written if clock.stated and clock.seconds is not None else None
-    )
-    # a table of text is read here for its clock stamps only; of other files all columns share one time
-    raw = read_whole(
-        table, [time] if isinstance(table, CsvTable) else [n for n in table.names if n in columns]
-    )
+    unit = options.get("time_unit")
+    if not unit and clock.stated and clock.seconds is not None:
+        unit = clock.written
+    # of a text table only the clock stamps are read here; other files have one time for all columns
+    if isinstance(table, CsvTable):
+        names = [time]
+    else:
+        names = [n for n in table.names if n in requested]
+    raw = read_whole(table, names)
     if time in raw.stamps and len(raw.data[time]) == len(frame):
         frame[time] = raw.data[time]
         unit = "s"
     return from_frame(frame, **{"name": path.name, **options, "time": time, "time_unit": unit})
 
 
-def table_of(table: Table, asked: Collection[str]) -> pd.DataFrame:
-    """A table's columns, of which those ``asked`` for are read where it is not text."""
+def read_columns(table: Table, requested: Collection[str]) -> pd.DataFrame:
+    """A table's columns; where it is not text only those requested are read, the others are empty."""
     if isinstance(table, CsvTable):
         return _text_frame(table)
-    raw = read_whole(table, [n for n in table.names if n in asked])
-    return pd.DataFrame(
-        raw.data, columns=list(table.names)
-    )  # those not read are empty, so that errors name them
+    raw = read_whole(table, [n for n in table.names if n in requested])
+    return pd.DataFrame(raw.data, columns=list(table.names))
 
 
 def _text_frame(table: CsvTable) -> pd.DataFrame:
-    """All columns as they stand: the names of runs may be words."""
-    d = table.dialect
-    encoding = "utf-8" if d.encoding.startswith("utf-16") else d.encoding  # such text was rewritten
+    """All columns of a text table without conversion: the names of runs may be words."""
+    dialect = table.dialect
+    encoding = dialect.encoding
+    if encoding.startswith("utf-16"):  # such text is converted when it is opened
+        encoding = "utf-8"
     try:
-        with text_of(d) as stream:
+        with text_of(dialect) as stream:
             frame = pd.read_csv(
                 stream,
-                sep=d.separator,
-                decimal=d.decimal,
+                sep=dialect.separator,
+                decimal=dialect.decimal,
                 header=None,
-                skiprows=d.skip,
+                skiprows=dialect.skip,
                 encoding=encoding,
             )
     except (pd.errors.ParserError, UnicodeDecodeError) as error:
@@ -288,14 +362,30 @@ def _text_frame(table: CsvTable) -> pd.DataFrame:
 
 
 def numbers(frame: pd.DataFrame, column: str, where: str, clock: bool = False) -> Array:
-    """One column as floats; text that is no number is refused with its row. A ``clock`` may hold times of the day, with
-    or without the date, which are seconds from the first one on."""
+    """One column as floats.
+
+    Parameters
+    ----------
+    frame, column
+        The table and its column.
+    where
+        File or table that errors name.
+    clock
+        Whether the column may hold clock times, with or without the date; they become seconds
+        since the first.
+
+    Raises
+    ------
+    InputError
+        For text that is not a number, with its row.
+    """
     values = frame[column]
     if clock and values.dtype.kind not in "iufb":
         if values.dtype.kind == "M":
             return np.asarray((values - values.iloc[0]).dt.total_seconds(), dtype=float)
         texts = [str(v).strip() for v in values]
-        if sum(CLOCK.fullmatch(t) is not None for t in texts) > 0.5 * len(texts):
+        n_clock = sum(CLOCK.fullmatch(text) is not None for text in texts)
+        if n_clock > 0.5 * len(texts):
             return TextColumn(column, ".", SampleLocation(where)).numbers(texts, 0)
     converted = pd.to_numeric(values, errors="coerce")
     bad = np.flatnonzero(converted.isna().to_numpy() & values.notna().to_numpy())
@@ -309,58 +399,75 @@ def numbers(frame: pd.DataFrame, column: str, where: str, clock: bool = False) -
 
 
 def sampling(times: Sequence[Array], where: str) -> float:
-    """The sampling interval [s]: total time by total steps, so that rounded time stamps do not drift."""
-    steps = [np.diff(t) for t in times]
-    joined = np.concatenate([s[np.isfinite(s) & (s > 0)] for s in steps])
-    if len(joined) == 0:
+    """The sampling interval [s]: total time over total steps, against rounded time stamps."""
+    steps = np.concatenate([np.diff(t) for t in times])
+    steps = steps[np.isfinite(steps) & (steps > 0)]
+    if len(steps) == 0:
         raise InputError("has fewer than two samples", where=where, expected="a record")
-    median = float(np.median(joined))
-    whole = np.round(joined / median)
-    return float(joined.sum() / whole.sum()) if whole.sum() > 0 else median
+    median = float(np.median(steps))
+    n_intervals = np.round(steps / median).sum()
+    return float(steps.sum() / n_intervals) if n_intervals > 0 else median
 
 
 def check_times(t: Array, column: str, where: str) -> None:
-    """Refuse missing, repeated and backward times ``t`` (N,) [s]."""
+    """Raise InputError for missing, repeated and backward times ``t`` (N,) [s]."""
     if np.isnan(t).any():
+        row = np.flatnonzero(np.isnan(t))[0] + 1
+        raise InputError(f"column {column} is empty in row {row}", where=where)
+    backward = np.flatnonzero(np.diff(t) <= 0)
+    if len(backward):
+        k = int(backward[0])
+        problem = "repeats" if t[k + 1] == t[k] else "runs backwards"
         raise InputError(
-            f"column {column} is empty in row {np.flatnonzero(np.isnan(t))[0] + 1}", where=where
-        )
-    back = np.flatnonzero(np.diff(t) <= 0)
-    if len(back):
-        k = int(back[0])
-        word = "repeats" if t[k + 1] == t[k] else "runs backwards"
-        raise InputError(
-            f"column {column} {word} at row {k + 2} ({t[k]:g} s then {t[k + 1]:g} s)",
+            f"column {column} {problem} at row {k + 2} ({t[k]:g} s then {t[k + 1]:g} s)",
             where=where,
             expected="increasing time",
             remedy="name the column that separates the runs, or remove the row",
         )
 
 
-def even(
+def to_even_grid(
     t: Array, u: Array, y: Array, dt_s: float, resample: bool, column: str, where: str
 ) -> tuple[Array, Array]:
-    """``u`` and ``y`` on an even grid of times [s]: gaps filled with NaN, or all resampled by straight lines."""
+    """Inputs and outputs on an even grid of times.
+
+    Parameters
+    ----------
+    t
+        Times (N,) [s].
+    u, y
+        Inputs (N, K) and outputs (N, L).
+    dt_s
+        Sampling interval [s].
+    resample
+        Whether all is interpolated linearly; else the times must be on the grid, and gaps become
+        NaN.
+    column, where
+        Column and file that errors name.
+    """
     position = (t - t[0]) / dt_s
-    if position[-1] > MOST_SAMPLES:
+    if position[-1] > MAX_GRID_SAMPLES:
         raise InputError(
             f"a grid of {dt_s:g} s over {t[-1] - t[0]:g} s has {position[-1]:.2g} samples",
             where=where,
-            expected=f"at most {MOST_SAMPLES:.0e}",
+            expected=f"at most {MAX_GRID_SAMPLES:.0e}",
             remedy="give a longer sampling interval in seconds",
         )
     if resample:
         grid = t[0] + dt_s * np.arange(int(np.floor(position[-1] + 1e-9)) + 1)
-        known = [np.isfinite(column) for column in u.T]
-        ue = np.column_stack([np.interp(grid, t[ok], column[ok]) for ok, column in zip(known, u.T)])
-        return ue, np.column_stack([np.interp(grid, t, column) for column in y.T])
+        inputs = []
+        for values in u.T:
+            finite = np.isfinite(values)
+            inputs.append(np.interp(grid, t[finite], values[finite]))
+        outputs = [np.interp(grid, t, values) for values in y.T]
+        return np.column_stack(inputs), np.column_stack(outputs)
     index = np.round(position).astype(int)
-    off = np.abs(position - index)
-    if off.max() > JITTER or np.any(np.diff(index) == 0):
-        k = int(np.argmax(off))
+    departure = np.abs(position - index)
+    if departure.max() > MAX_JITTER or np.any(np.diff(index) == 0):
+        k = int(np.argmax(departure))
         raise InputError(
-            f"column {column} is not evenly spaced: row {k + 1} at {t[k]:g} s is {off[k] * dt_s:.3g} s off a "
-            f"{dt_s:g} s grid",
+            f"column {column} is not evenly spaced: row {k + 1} at {t[k]:g} s is "
+            f"{departure[k] * dt_s:.3g} s off a {dt_s:g} s grid",
             where=where,
             expected="one sampling interval",
             remedy="resample it ({resample_s})",
@@ -369,7 +476,8 @@ def even(
     n = index[-1] + 1
     if n == len(t):
         return u, y
-    ue, ye = (np.full((n, v.shape[1]), np.nan) for v in (u, y))
-    ue[index] = u
-    ye[index] = y
-    return ue, ye
+    u_even = np.full((n, u.shape[1]), np.nan)
+    y_even = np.full((n, y.shape[1]), np.nan)
+    u_even[index] = u
+    y_even[index] = y
+    return u_even, y_even

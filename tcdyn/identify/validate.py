@@ -1,10 +1,10 @@
-"""Residual tests whose bounds are right: whiteness and residual-input correlation, corrected for what the fit
-took.
+"""Residual tests of a fit: whiteness (Ljung-Box) and residual-input correlation (F test).
 
-The residuals of a fit are (I - H) times the noise, H = J (J'J)^-1 J'. Whiteness: the expectation -s^2 tr(H S_k)
-that the fit itself puts into the k-th autocovariance is subtracted before Ljung and Box's sum. Input correlation:
-the vector of correlations with lagged inputs U has covariance s^2 U'(I - H)U exactly, so the test is an F test in
-the directions of U that the fit has not used up already.
+The bounds are corrected for the part of the noise that the fit absorbs. The residuals of a fit are
+(I - H) times the noise, H = J (J'J)^-1 J'. Whiteness: the fit itself adds -s^2 tr(H S_k) to the
+expectation of the k-th autocovariance; this is subtracted before Ljung and Box's sum. Input
+correlation: the vector of correlations with lagged inputs U has exactly the covariance
+s^2 U'(I - H)U, so the test is an F test in the directions of U that the fit has not absorbed.
 """
 
 from __future__ import annotations
@@ -20,20 +20,42 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.spelling import Spelling, as_argument
 from tcdyn.estimation import Noise, autocovariance, fit_ar, inverse, orthonormal, sandwich
+from tcdyn.estimation.trace_noise import MAD_TO_SD
 from tcdyn.identify.iodata import IOData
-from tcdyn.identify.problem import Posed
-from tcdyn.identify.search import Fit, pose
+from tcdyn.identify.problem import IdentificationProblem
+from tcdyn.identify.search import Fit, make_problem
 from tcdyn.identify.segments import Segment
 
-DRIFT = 0.5  # correlation of residuals with time from which a drift is told: a quarter of their variance
-DRIVEN = 1e-3  # p of the input's test below which dynamics are missed, and no disturbance is sought
-FEEDBACK = 1e-3  # p of the test with inputs still to come, below which no model is recommended
-ALARM = 0.01  # p below which the findings speak up; the bounds themselves are at 5 %
+# Thresholds, chosen by judgement.
+# Correlation of residuals with time that is a drift: a quarter of their variance is a line.
+MIN_DRIFT_CORRELATION = 0.5
+# p of the input test below which dynamics are missing, and no disturbance model is fitted.
+DRIVEN_P = 1e-3
+# p of the test with future inputs below which no model is recommended.
+FEEDBACK_P = 1e-3
+# p below which there is a finding; the pointwise bounds are at 5 %.
+ALARM_P = 0.01
+# Probability of one outlier in a record of normal noise at which a residual is a spike.
+SPIKE_P = 0.005
+# First residuals of a run over the rms residual, above which it does not start in equilibrium.
+MAX_START_RMS = 4.0
 
 
 @dataclass(frozen=True)
 class ResidualTest:
-    """Normalised correlations at ``lags_s``, the pointwise 95 % bound of each, and p of the joint test."""
+    """Normalised correlations and their joint test.
+
+    Parameters
+    ----------
+    lags_s
+        Lags (L,) [s].
+    value
+        Correlation at each lag (L,).
+    bound95
+        Pointwise 95 % bound of each (L,).
+    p
+        p value of the joint test.
+    """
 
     lags_s: Array
     value: Array
@@ -43,7 +65,7 @@ class ResidualTest:
 
 @dataclass(frozen=True)
 class Validation:
-    """What the residuals say about a model: a verdict first, then what else was noticed."""
+    """Residual tests of a model; the first finding is the conclusion."""
 
     whiteness: ResidualTest
     input: ResidualTest
@@ -53,166 +75,213 @@ class Validation:
 
     @property
     def sentence(self) -> str:
-        """The findings in words."""
+        """The findings as text."""
         return self.message()
 
     def message(self, spelling: Spelling = as_argument) -> str:
-        """The findings in words, parameters in the given spelling."""
+        """The findings as text, parameters in the given spelling."""
         return " ".join(f.message(spelling) for f in self.findings)
 
     @property
     def dynamics_missing(self) -> bool:
         """Whether the residuals still follow the input (1 % level)."""
-        return self.input.p < ALARM
+        return self.input.p < ALARM_P
 
     @property
-    def troubles(self) -> tuple[str, ...]:
-        """Codes of what is wrong with the record; of what only excuses the residuals, where they need an excuse."""
-        counted = ["record.off_equilibrium", "record.drift"]
-        counted += ["record.coarse"] if self.dynamics_missing else []
-        clear = [f.numbers["p"] < FEEDBACK for f in self.findings if f.code == "record.feedback"]
-        counted += ["record.feedback"] if self.dynamics_missing or any(clear) else []
-        return tuple(f.code for f in self.findings if f.code in counted)
+    def record_problems(self) -> tuple[str, ...]:
+        """Codes of the findings about the record that count against it.
+
+        Coarse readings and weak feedback count only where the residuals follow the input.
+        """
+        codes = ["record.off_equilibrium", "record.drift"]
+        if self.dynamics_missing:
+            codes.append("record.coarse")
+        feedback_p = [f.numbers["p"] for f in self.findings if f.code == "record.feedback"]
+        if self.dynamics_missing or any(p < FEEDBACK_P for p in feedback_p):
+            codes.append("record.feedback")
+        return tuple(f.code for f in self.findings if f.code in codes)
 
 
 def validate(fit: Fit, lags: int = 20) -> Validation:
-    """Test the residuals of ``fit`` (its innovations where it has a noise model) at ``lags`` lags.
+    """Test the residuals of a fit, or its innovations where it has a noise model.
 
-    Of a robust loss the scores psi = w r are tested, which at its optimum are free of the slopes themselves (a test by
-    them holds its level whatever the spikes).
+    Parameters
+    ----------
+    fit
+        The fit.
+    lags
+        Number of lags of each test.
+
+    Notes
+    -----
+    Of a robust loss the scores psi = w r are tested. At its optimum they are orthogonal to the
+    Jacobian, so that the test keeps its level whatever the outliers.
     """
     problem = fit.problem
-    parts = fit.problem.parts
+    slices = problem.residual_slices
+    is_robust = fit.optimum.weights is not None
     e = fit.innovation
-    j = fit.slopes
-    r = fit.residual
+    j = fit.jacobian
     if fit.optimum.weights is not None:
         e = -fit.optimum.weights * fit.optimum.residual
         j = fit.optimum.jacobian
-    white = whiteness(e, j, parts, problem.dt_s, lags)
-    coloured = white.p < ALARM
-    extra = fit_ar(e, parts) if coloured else Noise()
-    behind = shifts(problem, fit.identified.longest_lag_s, lags)
-    root = fit.root[:, None] if fit.optimum.weights is None else 1.0  # scores are free of it
-    u, ahead = (
-        extra.whiten(fit.noise.whiten(shifted_inputs(problem, k) * root, parts), parts)
-        for k in (behind, -np.arange(lags // 2))
-    )
-    ew = extra.whiten(e, parts)
-    jw = extra.whiten(j, parts)
-    cross = input_correlation(
-        ew, jw, u, np.tile(problem.dt_s * behind, len(problem.branches)).astype(float)
-    )
-    rounding = bool(
-        np.max(np.abs(r)) <= 0.5 * problem.rounding_step
-    )  # which alone could leave these residuals
-    if rounding:
+    white = whiteness(e, j, slices, problem.dt_s, lags)
+    is_coloured = white.p < ALARM_P
+    prewhitening = fit_ar(e, slices) if is_coloured else Noise()
+    root = 1.0 if is_robust else fit.sqrt_weights[:, None]
+
+    def whitened_inputs(sample_shifts: NDArray[np.int_]) -> Array:
+        inputs = fit.noise.whiten(shifted_inputs(problem, sample_shifts) * root, slices)
+        return prewhitening.whiten(inputs, slices)
+
+    delays = shifts(problem, fit.identified.longest_lag_s, lags)
+    u = whitened_inputs(delays)
+    future = whitened_inputs(-np.arange(lags // 2))
+    e_white = prewhitening.whiten(e, slices)
+    j_white = prewhitening.whiten(j, slices)
+    n_inputs = len(problem.branches)
+    lags_s = np.tile(problem.dt_s * delays, n_inputs).astype(float)
+    cross = input_correlation(e_white, j_white, u, lags_s)
+    # residuals within half a step may be rounding errors only
+    is_rounding = bool(np.max(np.abs(fit.residual)) <= 0.5 * problem.rounding_step)
+    if is_rounding:
         white = replace(white, p=1.0)
         cross = replace(cross, p=1.0)
-        coloured = False
-    raw = r if fit.noise.white else e
-    scale = 1.4826 * float(np.median(np.abs(raw - np.median(raw)))) or 1.0
-    spikes = int(np.sum(np.abs(raw) > scale * float(-ndtri(0.005 / len(raw)))))
-    percent = fit_percent(problem, r)
+        is_coloured = False
+    percent = fit_percent(problem, fit.residual)
     unsettled = off_equilibrium(fit)
-    found = [_verdict(fit, white, cross, coloured, rounding, percent)]
-    if spikes and cross.p >= ALARM and not rounding and not unsettled:
-        found.append(warning("residuals.spikes", count=spikes, robust=fit.loss != "linear"))
-    if resumed := sum(s.resumed for s in problem.segments):
-        found.append(info("record.gaps", count=resumed))
-    found += unsettled
-    found += drift(problem, r) if coloured else ()
-    if (rms := float(np.sqrt(np.mean(r**2)))) < problem.rounding_step:
-        found.append(warning("record.coarse", step=problem.rounding_step, rms=rms))
-    found += feedback(
-        ew, jw, ahead, np.delete(u, np.arange(len(problem.branches)) * len(behind), axis=1)
-    )
+    findings = [_conclusion(fit, white, cross, is_coloured, is_rounding, percent)]
+    n_spikes = _count_spikes(fit.residual if fit.noise.white else e)
+    if n_spikes and cross.p >= ALARM_P and not is_rounding and not unsettled:
+        findings.append(warning("residuals.spikes", count=n_spikes, robust=fit.loss != "linear"))
+    n_gaps = sum(s.after_gap for s in problem.segments)
+    if n_gaps:
+        findings.append(info("record.gaps", count=n_gaps))
+    findings += unsettled
+    if is_coloured:
+        findings += drift(problem, fit.residual)
+    rms = float(np.sqrt(np.mean(fit.residual**2)))
+    if rms < problem.rounding_step:
+        findings.append(warning("record.coarse", step=problem.rounding_step, rms=rms))
+    past = np.delete(u, np.arange(n_inputs) * len(delays), axis=1)
+    findings += feedback(e_white, j_white, future, past)
     return Validation(
         whiteness=white,
         input=cross,
         fit_percent=percent,
         rms=rms,
-        findings=tuple(found),
+        findings=tuple(findings),
     )
 
 
-def confirm(fit: Fit, data: IOData, lags: int = 20) -> Validation:
-    """The residual tests of ``fit`` on ``data`` that it has not seen, and whether those ask for other parameters.
+def _count_spikes(e: Array) -> int:
+    """Number of outliers among the residuals ``e`` (N,)."""
+    scale = MAD_TO_SD * float(np.median(np.abs(e - np.median(e)))) or 1.0
+    limit = float(-ndtri(SPIKE_P / len(e)))
+    return int(np.sum(np.abs(e) > scale * limit))
 
-    Offsets and initial states are the record's own; the parameters stay. Beside the tests, whose input correlation is
-    beyond what errors of the parameters explain, the step d that the new data would take them, of covariance C, is
-    held against that of the fit, C_0: d'(C + C_0)^-1 d, chi-squared with as many degrees as there are parameters.
-    C is robust where residuals are coloured. Raises InputError for data that cannot be used, or whose sampling is not
-    that of a noise model.
+
+def confirm(fit: Fit, data: IOData, lags: int = 20) -> Validation:
+    """Validate a fit on other data: residual tests, and whether the parameters agree.
+
+    Parameters
+    ----------
+    fit
+        The fit.
+    data
+        Data that the fit has not used.
+    lags
+        Number of lags of each test.
+
+    Raises
+    ------
+    InputError
+        For data that cannot be used, or whose sampling differs from that of a noise model.
+
+    Notes
+    -----
+    Offsets and initial states are fitted to the new data; the parameters stay. The input test is
+    beyond what errors of the parameters explain. In addition, the step d by which the new data
+    would change the parameters, of covariance C, is compared with the covariance C_0 of the fit:
+    d'(C + C_0)^-1 d is chi-squared with one degree of freedom for each parameter. C is robust
+    where residuals are coloured.
     """
     old = fit.problem
-    model_noise = fit.noise
-    if not model_noise.white and abs(data.dt_s / old.dt_s - 1) > 1e-6:
+    if not fit.noise.white and abs(data.dt_s / old.dt_s - 1) > 1e-6:
         raise InputError(
             f"sampled every {data.dt_s:g} s, and the noise model every {old.dt_s:g} s",
             where=data.name or "confirm",
         )
-    same = {name: getattr(old, name) for name in ("input_sds", "time_scale_s", "noise_sd", "trend")}
-    problem = replace(pose(data, old.model, old.initial), **same)
+    problem = replace(
+        make_problem(data, old.model, old.initial),
+        input_sds=old.input_sds,
+        time_scale_s=old.time_scale_s,
+        noise_sd=old.noise_sd,
+        trend=old.trend,
+    )
     k = problem.n_model
     x = np.concatenate([fit.x[: old.n_model], np.zeros(problem.size - old.n_model)])
-    core = problem.core(model_noise)
-    answer = core.evaluate(x)
-    assert answer is not None  # the model is stable, it was fitted
-    x[k:] -= np.linalg.lstsq(answer[1][:, k:], answer[0], rcond=None)[0]
-    (e, j) = core.evaluate(x) or answer
-    raw = problem.evaluate(x)
-    assert raw is not None
-    seen = replace(fit.optimum, theta=x, residual=e, jacobian=j, weights=None)
-    there = replace(
+    core = problem.least_squares_problem(fit.noise)
+    rows = core.evaluate(x)
+    assert rows is not None  # the model is stable, it was fitted
+    x[k:] -= np.linalg.lstsq(rows[1][:, k:], rows[0], rcond=None)[0]
+    e, j = core.evaluate(x) or rows
+    unweighted = problem.evaluate(x)
+    assert unweighted is not None
+    applied = replace(
         fit,
         problem=problem,
-        optimum=seen,
-        residual=-raw[0],
+        optimum=replace(fit.optimum, theta=x, residual=e, jacobian=j, weights=None),
+        residual=-unweighted[0],
         innovation=-e,
-        slopes=j,
+        jacobian=j,
         loss="linear",
         weights=None,
     )
-    tested = validate(there, lags)
+    validation = validate(applied, lags)
     if k == 0:
-        return tested
-    unit = inverse(j.T @ j)
-    white = tested.whiteness.p >= ALARM
-    own = float(e @ e) / (len(e) - problem.size) * unit if white else sandwich(j, e, problem.parts)
-    step = (unit @ (j.T @ e))[:k]
-    covariance = own[:k, :k] + fit.covariance_x[:k, :k]
-    p = float(chdtrc(k, step @ inverse(covariance) @ step))
-    moved = (warning("validation.moved", subject=old.model.name, p=p),) if p < ALARM else ()
-    return replace(tested, findings=tested.findings + moved)
+        return validation
+    inverse_information = inverse(j.T @ j)
+    if validation.whiteness.p >= ALARM_P:
+        covariance = float(e @ e) / (len(e) - problem.size) * inverse_information
+    else:
+        covariance = sandwich(j, e, problem.residual_slices)
+    step = (inverse_information @ (j.T @ e))[:k]
+    total = covariance[:k, :k] + fit.covariance_x[:k, :k]
+    p = float(chdtrc(k, step @ inverse(total) @ step))
+    if p >= ALARM_P:
+        return validation
+    differs = warning("validation.moved", subject=old.model.name, p=p)
+    return replace(validation, findings=(*validation.findings, differs))
 
 
-def _verdict(
+def _conclusion(
     fit: Fit,
     white: ResidualTest,
     cross: ResidualTest,
-    coloured: bool,
-    rounding: bool,
+    is_coloured: bool,
+    is_rounding: bool,
     percent: float,
 ) -> Finding:
-    """What is wrong with the model, or that the record holds nothing against it."""
+    """The first finding: what is wrong with the model, or that the tests pass."""
     name = fit.problem.model.name
-    if rounding:
+    if is_rounding:
         return info("residuals.rounding", subject=name)
-    if cross.p < ALARM:
+    if cross.p < ALARM_P:
         worst = int(np.argmax(np.abs(cross.value) / np.maximum(cross.bound95, 1e-300)))
         inputs = fit.problem.model.inputs
-        which = inputs[worst * len(inputs) // len(cross.value)] if inputs else ""
-        lag = float(cross.lags_s[worst])
+        input_name = ""
+        if inputs:
+            input_name = inputs[worst * len(inputs) // len(cross.value)]
         return warning(
             "residuals.follow_input",
             subject=name,
             fit_percent=percent,
             p_input=cross.p,
-            lag_s=lag,
-            input=which,
+            lag_s=float(cross.lags_s[worst]),
+            input=input_name,
         )
-    if coloured:
+    if is_coloured:
         return warning(
             "residuals.coloured",
             subject=name,
@@ -224,145 +293,184 @@ def _verdict(
 
 
 def whiteness(
-    e: Array, jacobian: Array, parts: list[slice], dt_s: float, lags: int
+    e: Array, jacobian: Array, slices: list[slice], dt_s: float, lags: int
 ) -> ResidualTest:
-    """Ljung and Box's test on ``e`` (N,), the fit's own contribution to each autocovariance taken out."""
+    """Ljung-Box test of ``e`` (N,), corrected for the fit's contribution to the autocovariance.
+
+    Parameters
+    ----------
+    e, jacobian
+        Innovations (N,) and their Jacobian (N, P).
+    slices
+        Consecutive samples in ``e``.
+    dt_s
+        Sampling interval [s].
+    lags
+        Number of lags; less for short records.
+    """
     n = len(e)
-    lags = max(1, min(lags, n // 4, max(s.stop - s.start for s in parts) - 1))
+    longest = max(s.stop - s.start for s in slices)
+    lags = max(1, min(lags, n // 4, longest - 1))
     q = orthonormal(jacobian)
     variance = max(float(e @ e), 1e-300) / (n - q.shape[1])
-    total, pairs = autocovariance(e, parts, lags)
-    taken = np.zeros(lags + 1)
-    for s in parts:
+    total, pairs = autocovariance(e, slices, lags)
+    absorbed = np.zeros(lags + 1)
+    for s in slices:
         for k in range(1, min(lags, s.stop - s.start - 1) + 1):
-            taken[k] += float(np.sum(q[s][k:] * q[s][:-k]))
-    z = (total[1:] / variance + taken[1:]) / np.sqrt(np.maximum(pairs[1:], 1.0))
+            absorbed[k] += float(np.sum(q[s][k:] * q[s][:-k]))
+    z = (total[1:] / variance + absorbed[1:]) / np.sqrt(np.maximum(pairs[1:], 1.0))
     value = total[1:] / max(total[0], 1e-300)
     bound = 1.96 * np.sqrt(pairs[1:]) / n
-    return ResidualTest(
-        np.asarray(dt_s * np.arange(1.0, lags + 1)), value, bound, float(chdtrc(lags, np.sum(z**2)))
-    )
+    lags_s = np.asarray(dt_s * np.arange(1.0, lags + 1))
+    return ResidualTest(lags_s, value, bound, float(chdtrc(lags, np.sum(z**2))))
 
 
-def shifts(problem: Posed, lag_s: float, lags: int) -> NDArray[np.int_]:
-    """Shifts of 0, 1, 2 .. samples, then ever further apart up to three times the model's lag, (lags,)."""
+def shifts(problem: IdentificationProblem, lag_s: float, lags: int) -> NDArray[np.int_]:
+    """Shifts of the input in samples (lags,).
+
+    0, 1, 2 .., then with increasing spacing up to three times the model's lag ``lag_s``.
+    """
     longest = max(len(s.u) for s in problem.segments)
     lags = max(2, min(lags, longest // 8))
-    reach = max(int(min(max(3 * lag_s / problem.dt_s, lags), longest // 3)), lags)
+    max_shift = min(max(3 * lag_s / problem.dt_s, lags), longest // 3)
+    max_shift = max(int(max_shift), lags)
     near = np.arange(lags // 2)
-    far = np.geomspace(lags // 2, reach, lags - lags // 2)
+    far = np.geomspace(lags // 2, max_shift, lags - lags // 2)
     return np.unique(np.round(np.unique(np.concatenate([near, far]))).astype(int))
 
 
-def shifted_inputs(problem: Posed, behind: NDArray[np.int_]) -> Array:
-    """The input so many samples before each measured one, (N, lags), over its level at the start of its segment; a
-    negative shift looks ahead, and after its end a segment's input stays. Several inputs stand side by side."""
-    most, ahead = max(int(behind.max()), 0), max(-int(behind.min()), 0)
+def shifted_inputs(problem: IdentificationProblem, delays: NDArray[np.int_]) -> Array:
+    """Delayed inputs at each measured sample (N, inputs * lags), over their level at the start.
 
-    def shifted(s: Segment) -> Array:
-        past = s.history(most + 1)
-        level = 0.0 if problem.initial == "zero" and not s.resumed else past[0]
-        padded = (
-            np.concatenate(
-                [past[1:] if s.resumed else np.full(most, level), s.u, np.full(ahead, s.u[-1])]
-            )
-            - level
-        )
-        return np.array([padded[most - k : most - k + len(s.u)] for k in behind]).T[s.seen]
+    The level is that at the start of the segment. A negative delay gives future inputs; after the
+    end of a segment its input stays constant. The columns of one input are adjacent.
+    """
+    n_past = max(int(delays.max()), 0)
+    n_future = max(-int(delays.min()), 0)
 
-    each = [[shifted(s.of(k)) for k in range(len(problem.branches))] for s in problem.segments]
-    return np.block(each)
+    def delayed(s: Segment) -> Array:
+        past = s.last_inputs(n_past + 1)
+        level = past[0]
+        if problem.initial == "zero" and not s.after_gap:
+            level = 0.0
+        before = past[1:] if s.after_gap else np.full(n_past, level)
+        after = np.full(n_future, s.u[-1])
+        padded = np.concatenate([before, s.u, after]) - level
+        columns = [padded[n_past - k : n_past - k + len(s.u)] for k in delays]
+        return np.array(columns).T[s.measured]
+
+    n_inputs = len(problem.branches)
+    return np.block([[delayed(s.with_input(k)) for k in range(n_inputs)] for s in problem.segments])
 
 
 def input_correlation(e: Array, jacobian: Array, u: Array, lags_s: Array) -> ResidualTest:
-    """F test of ``e`` against the columns of ``u`` (N, M) beyond what ``jacobian`` explains, and each
-    correlation."""
+    """F test of residuals against inputs, beyond what the Jacobian explains.
+
+    Parameters
+    ----------
+    e, jacobian
+        Innovations (N,) and their Jacobian (N, P).
+    u
+        Shifted inputs (N, M).
+    lags_s
+        Their lags (M,) [s].
+    """
     q = orthonormal(jacobian)
     size = np.linalg.norm(u, axis=0)
     size = np.where(size > 0, size, 1.0)
-    left = u / size
-    left = left - q @ (q.T @ left)
-    left = left - q @ (q.T @ left)
-    n = len(e)
-    p = q.shape[1]
+    remaining = u / size
+    # projected out twice, against rounding errors
+    remaining = remaining - q @ (q.T @ remaining)
+    remaining = remaining - q @ (q.T @ remaining)
+    norms = np.linalg.norm(remaining, axis=0)
+    dof = len(e) - q.shape[1]
     total = max(float(e @ e), 1e-300)
-    variance = total / (n - p)
-    alive = np.linalg.norm(left, axis=0) > 1e-6
-    basis = orthonormal(left[:, alive])
+    basis = orthonormal(remaining[:, norms > 1e-6])
     rank = basis.shape[1]
     explained = float(np.sum((basis.T @ e) ** 2))
-    left_over = n - p - rank
-    tail = 1.0
-    if rank and left_over > 0:
-        ratio = (explained / rank) / max((total - explained) / left_over, 1e-300)
-        tail = float(fdtrc(rank, left_over, ratio))
-    value = (left.T @ e) / np.sqrt(total)
-    bound = 1.96 * np.linalg.norm(left, axis=0) * np.sqrt(variance / total)
-    return ResidualTest(lags_s, value, bound, tail)
+    dof_residual = dof - rank
+    p = 1.0
+    if rank and dof_residual > 0:
+        unexplained = max((total - explained) / dof_residual, 1e-300)
+        p = float(fdtrc(rank, dof_residual, (explained / rank) / unexplained))
+    value = (remaining.T @ e) / np.sqrt(total)
+    bound = 1.96 * norms / np.sqrt(dof)
+    return ResidualTest(lags_s, value, bound, p)
 
 
-def fit_percent(problem: Posed, residual: Array) -> float:
-    """100 (1 - |residual| / |y - mean|) per run as in MATLAB's compare, runs pooled."""
-    top = float(residual @ residual)
-    spread = sum(float(np.sum((s.y[s.seen] - s.y[s.seen].mean()) ** 2)) for s in problem.segments)
-    return 100.0 * (1.0 - float(np.sqrt(top / spread))) if spread > 0 else 0.0
+def fit_percent(problem: IdentificationProblem, residual: Array) -> float:
+    """100 (1 - |residual| / |y - mean|) for each run as in MATLAB's compare, runs pooled."""
+    spread = 0.0
+    for s in problem.segments:
+        y = s.y[s.measured]
+        spread += float(np.sum((y - y.mean()) ** 2))
+    if spread <= 0:
+        return 0.0
+    return 100.0 * (1.0 - float(np.sqrt(float(residual @ residual) / spread)))
 
 
 def off_equilibrium(fit: Fit) -> tuple[Finding, ...]:
-    """Whether a run begins 4 rms or more off the equilibrium that was assumed (median of 3 samples)."""
+    """A warning where a run starts 4 rms or more off the assumed equilibrium.
+
+    The start is the median of the first 3 samples.
+    """
     problem = fit.problem
     if problem.initial != "equilibrium":
         return ()
     rms = float(np.sqrt(np.mean(fit.residual**2)))
-    at = np.cumsum([0, *(s.seen.sum() for s in problem.segments)])
-    starts = [
-        fit.residual[at[k] :][:3] for k in range(len(problem.segments)) if not problem.loose[k]
-    ]
-    first = abs(max((float(np.median(r)) for r in starts), key=abs, default=0.0))
-    return (
-        (warning("record.off_equilibrium", off=first, times_rms=first / rms),)
-        if first > 4 * rms
-        else ()
-    )
+    rows = np.cumsum([0, *(s.measured.sum() for s in problem.segments)])
+    largest = 0.0
+    for row, free_state in zip(rows, problem.has_free_state):
+        if not free_state:
+            largest = max(largest, abs(float(np.median(fit.residual[row:][:3]))))
+    if not largest > MAX_START_RMS * rms:
+        return ()
+    return (warning("record.off_equilibrium", off=largest, times_rms=largest / rms),)
 
 
-def drift(problem: Posed, residual: Array) -> tuple[Finding, ...]:
-    """Whether more than a quarter of the residual's variance is a straight line in time."""
+def drift(problem: IdentificationProblem, residual: Array) -> tuple[Finding, ...]:
+    """A warning where more than a quarter of the residual variance is a straight line in time."""
     pairs = []
-    at = 0
+    start = 0
     for s in problem.segments:
-        t = np.flatnonzero(s.seen).astype(float)
-        r = residual[at : at + len(t)]
-        at += len(t)
+        t = np.flatnonzero(s.measured).astype(float)
+        r = residual[start : start + len(t)]
+        start += len(t)
         pairs.append(np.stack([t - t.mean(), r - r.mean()]))
     t, r = np.hstack(pairs)
     correlation = float(r @ t) / float(np.sqrt(max((r @ r) * (t @ t), 1e-300)))
-    return (warning("record.drift", correlation=correlation),) if abs(correlation) > DRIFT else ()
+    if abs(correlation) <= MIN_DRIFT_CORRELATION:
+        return ()
+    return (warning("record.drift", correlation=correlation),)
 
 
-def feedback(e: Array, jacobian: Array, ahead: Array, behind: Array) -> tuple[Finding, ...]:
-    """Whether the residuals tell of the input still to come and not of the past one (1 % level)."""
-    future, past = (
-        input_correlation(e, jacobian, u, np.zeros(u.shape[1])).p for u in (ahead, behind)
-    )
-    return (warning("record.feedback", p=future),) if past >= ALARM > future else ()
+def feedback(e: Array, jacobian: Array, future: Array, past: Array) -> tuple[Finding, ...]:
+    """A warning where residuals correlate with future inputs and not with past ones (1 %)."""
+    p_future = input_correlation(e, jacobian, future, np.zeros(future.shape[1])).p
+    p_past = input_correlation(e, jacobian, past, np.zeros(past.shape[1])).p
+    if p_past >= ALARM_P > p_future:
+        return (warning("record.feedback", p=p_future),)
+    return ()
 
 
-def coloured(found: Fit) -> bool:
-    """Whether the residuals are."""
-    return found.identified.statistics["p_white"] < ALARM
+def has_coloured_residuals(fit: Fit) -> bool:
+    """Whether the residuals are coloured."""
+    return fit.identified.statistics["p_white"] < ALARM_P
 
 
-def clean(found: Fit) -> bool:
+def has_clean_residuals(fit: Fit) -> bool:
     """Whether the residuals are white and do not follow the input."""
-    return not coloured(found) and found.identified.statistics["p_input"] >= ALARM
+    return not has_coloured_residuals(fit) and fit.identified.statistics["p_input"] >= ALARM_P
 
 
-def undriven(found: Fit) -> bool:
-    """Whether the residuals do not clearly follow the input: slow disturbances do a little, by chance."""
-    return found.identified.statistics["p_input"] >= DRIVEN
+def is_undriven(fit: Fit) -> bool:
+    """Whether the residuals do not clearly follow the input.
+
+    Slow disturbances correlate a little with it by chance.
+    """
+    return fit.identified.statistics["p_input"] >= DRIVEN_P
 
 
-def disturbed(found: Fit) -> bool:
-    """Whether the residuals are coloured, and not by dynamics that the model misses."""
-    return coloured(found) and undriven(found)
+def is_disturbed(fit: Fit) -> bool:
+    """Whether the residuals are coloured, and not by missing dynamics."""
+    return has_coloured_residuals(fit) and is_undriven(fit)

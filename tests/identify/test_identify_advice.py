@@ -15,7 +15,7 @@ from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.core.findings import info
 from tcdyn.identify import CANDIDATES, IOData, compare, simulate
 from tcdyn.identify.models import process
-from tcdyn.identify.recommendation import as_chain, order_table, recommend, verdict
+from tcdyn.identify.recommendation import chain_advice, conclude, order_table, recommend
 from tcdyn.rig.disk import Conditioning
 
 
@@ -33,7 +33,7 @@ def row(model: str, bic: float, **other: Any) -> dict[str, Any]:
 
 def told(*rows: dict[str, Any], untried: tuple[str, ...] = ()) -> str:
     table = pd.DataFrame(rows)
-    return verdict(table, *recommend(table), untried).sentence
+    return conclude(table, *recommend(table), untried).sentence
 
 
 def test_a_model_that_misses_dynamics_gives_way_to_one_that_does_not() -> None:
@@ -100,7 +100,7 @@ def test_models_as_good_as_the_recommended_one_are_named() -> None:
 
 def test_a_start_off_equilibrium_is_the_first_thing_to_try() -> None:
     table = pd.DataFrame([row("P1", 0.0, p_input=1e-6)])
-    found = verdict(table, *recommend(table), troubles=("record.off_equilibrium",))
+    found = conclude(table, *recommend(table), troubles=("record.off_equilibrium",))
     assert found.code == "models.none"
     assert found.numbers["against"] == "dynamics"
     assert "Next, let the runs start off equilibrium" in found.sentence
@@ -117,15 +117,15 @@ def test_the_model_is_handed_on_as_the_chain_to_remove_and_a_known_filter_is_no_
         u, np.ravel(y) + np.random.default_rng(1).normal(0, 1e-3, len(u)), 0.05, hold="zoh"
     )
     best = compare(data, [process("P2", known=b)]).best.identified
-    words = re.search(r"tcdyn\.smooth\(y, dt, (tcdyn\.Chain\(.*\))\);", as_chain(best, b))
+    words = re.search(r"tcdyn\.smooth\(y, dt, (tcdyn\.Chain\(.*\))\);", chain_advice(best, b))
     chain = eval(words[1], {"tcdyn": tcdyn}) if words else None
     assert chain.conditioning == b
     assert np.allclose(chain.taus_s, (0.8, 0.3), rtol=0.01)  # noise of 0.1 % over four steps
     assert (
-        as_chain(best, NO_CONDITIONING) == ""
+        chain_advice(best, NO_CONDITIONING) == ""
     )  # identified with a filter: without it, it is another chain
     plain = compare(data, [process("P2")]).best.identified
-    assert "conditioning=tcdyn.Conditioning(poles=0)" in as_chain(
+    assert "conditioning=tcdyn.Conditioning(poles=0)" in chain_advice(
         plain
     )  # and no cut-off of a filter that is not there
 
@@ -166,7 +166,7 @@ def test_a_model_worse_than_the_mean_is_not_recommended_unless_nothing_moves_the
 def test_troubles_of_the_record_come_before_any_recommendation() -> None:
     for other in ({}, {"p_white": 1e-5}, {"remark": "Td is hardly determined"}):
         table = pd.DataFrame([row("P1", 0.0, **other)])
-        found = verdict(table, *recommend(table), troubles=("record.drift",))
+        found = conclude(table, *recommend(table), troubles=("record.drift",))
         assert "But first fit with baseline=trend." in found.sentence
         assert found.code in ("models.provisional", "models.undetermined")
 
@@ -184,7 +184,7 @@ def off_equilibrium() -> IOData:
 def test_runs_that_start_off_equilibrium_are_refitted_with_their_state_estimated() -> None:
     found = compare(off_equilibrium(), ["P1", "P2", "P2Z"])
     assert found.advice.startswith("Recommended: P1.")
-    assert "the state at each start was estimated" in found.why
+    assert "the state at each start was estimated" in found.reason_text
     assert found.best.estimates["Tp1"].value == pytest.approx(
         3.0, abs=4 * found.best.estimates["Tp1"].u
     )
@@ -201,7 +201,7 @@ def test_two_real_lags_are_not_stated_as_an_oscillating_pair() -> None:
     data = IOData.from_arrays(u, np.ravel(y) + 0.05 * rng.normal(size=len(u)), 1.0, hold="zoh")
     found = compare(data, ["P2U", "P2"])
     assert found.recommended == "P2"
-    assert "P2U is left out" in found.why
+    assert "P2U is left out" in found.reason_text
 
 
 @pytest.mark.study

@@ -15,7 +15,7 @@ from tcdyn.core.findings import Severity
 from tcdyn.identify import IOData, compare, fit
 from tcdyn.identify.causality import check_causality
 from tcdyn.identify.models import process
-from tcdyn.identify.search import pose
+from tcdyn.identify.search import make_problem
 
 FINER, DT_S = 10, 0.05
 
@@ -44,7 +44,7 @@ def lead(kind: str, tau_s: float, ratio: float, tau2_s: float, noise: float) -> 
 
 def refused(data: IOData) -> bool:
     try:
-        check_causality(pose(data, process("P2DZ"), "equilibrium"), "record")
+        check_causality(make_problem(data, process("P2DZ"), "equilibrium"), "record")
     except InputError:
         return True
     return False

@@ -25,7 +25,7 @@ from tcdyn.identify import (
     simulate,
 )
 from tcdyn.identify import forward_selection as grow
-from tcdyn.identify.comparison import not_worse
+from tcdyn.identify.forward_selection import refit_from_simpler
 from tcdyn.identify.validate import validate
 from tcdyn.report.dynamics import input_noise_text, interval_text
 from tests.identify.test_identify_several import plant
@@ -93,7 +93,7 @@ def test_a_larger_sum_that_ended_worse_is_begun_at_the_smaller_one():
             large.identified, statistics={**large.identified.statistics, "rms": 9.0}
         ),
     )
-    again = not_worse(worse, others, data, options)
+    again = refit_from_simpler(worse, others, data, options)
     assert again.identified.statistics["rms"] <= others["small"].identified.statistics["rms"] * (
         1 + 1e-6
     )
@@ -169,7 +169,7 @@ def test_a_larger_sum_that_is_as_good_to_a_millionth_is_not_begun_anew(
     for rms, often in ((1 - 5e-7, 0), (1 - 5e-6, 1)):
         told = {**large.identified.statistics, "rms": rms * large.identified.statistics["rms"]}
         other = replace(small, identified=replace(small.identified, statistics=told))
-        assert not_worse(large, {"small": other}, data, quick) is large
+        assert refit_from_simpler(large, {"small": other}, data, quick) is large
         assert len(begun) == often
 
 
@@ -193,5 +193,5 @@ def test_what_a_larger_model_gains_is_counted_by_independent_samples():
         assert count == pytest.approx(
             100, rel=0.25
         )  # correlations of 100 samples are known to a tenth
-        found = grow.gain(before, replace(made, innovation=larger, identified=more))
+        found = grow.bic_gain(before, replace(made, innovation=larger, identified=more))
         assert found == pytest.approx(2 * count * np.log(1.2) - 2 * np.log(count))

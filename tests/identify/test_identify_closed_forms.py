@@ -19,13 +19,13 @@ from tcdyn.identify import (
     several,
     transfer,
 )
-from tcdyn.identify.frequency import levy, longest_s, posed, starts
-from tcdyn.identify.heldout import divide
+from tcdyn.identify.frequency import levy, longest_delay_s, starts, weighted_problem
+from tcdyn.identify.heldout import split_held_out
 from tcdyn.identify.iodata import check_wrap
 from tcdyn.identify.models import Model, as_model
-from tcdyn.identify.responses import slowest_s, step_band, step_times
-from tcdyn.identify.search import pose
-from tcdyn.identify.segments import cut, input_noise_sd
+from tcdyn.identify.responses import slowest_time_constant_s, step_band, step_times
+from tcdyn.identify.search import make_problem
+from tcdyn.identify.segments import input_noise_sd, split_segments
 
 F = np.geomspace(0.01, 1.0, 15)
 S = 2j * np.pi * F
@@ -54,14 +54,14 @@ def test_starts_from_a_response_are_the_same_in_seconds_and_minutes(name: str) -
             power = int(n[1:]) if n[0] in "ab" else 1 if n[0] == "T" else 0
             gain = 7 * (60 if model.integrators else 1) if n[0] in "Kb" else 1.0
             assert v == pytest.approx(gain * model.theta(x)[n] / 60**power, rel=1e-4, abs=1e-9), n
-    ends, moved = posed(plain, model), posed(other, model)
+    ends, moved = weighted_problem(plain, model), weighted_problem(other, model)
     for i, n in enumerate(model.free):
         for low, scaled in ((ends.lower[i], moved.lower[i]), (ends.upper[i], moved.upper[i])):
             if n == "Td":
                 assert scaled == pytest.approx(low / 60)
             elif n[0] == "T" and n != "Tz":
                 assert scaled == pytest.approx(low - np.log(60))
-    assert longest_s(plain) == pytest.approx(0.5 / min(F[0], F[1] - F[0]))
+    assert longest_delay_s(plain) == pytest.approx(0.5 / min(F[0], F[1] - F[0]))
 
 
 def test_the_uncertainty_of_a_transfer_estimate_is_bendat_and_piersol_s() -> None:
@@ -146,7 +146,7 @@ def test_responses_are_drawn_over_eight_of_the_slowest_lags_and_two_decades_abou
     None
 ):
     g = known(process("P2D"), {"Kp": 2.0, "Tp1": 0.5, "Tp2": 4.0, "Td": 0.3})
-    assert slowest_s(g.rational) == pytest.approx(4.0)
+    assert slowest_time_constant_s(g.rational) == pytest.approx(4.0)
     assert step_times(g, 10) == pytest.approx(np.linspace(0, 0.3 + 32.0, 11))
     corner = 1 / (2 * np.pi * 4.0)
     assert bode_band(g).magnitude_dB.x[[0, -1]] == pytest.approx([corner / 100, 100 * corner])
@@ -179,7 +179,7 @@ def test_a_record_is_cut_by_time_and_what_is_held_out_is_its_last_part() -> None
     assert part.runs[0].u[0, 0] == 10.0
     assert data.between(5.95, 7.05).n_samples == 11
     assert data.between(None, 5.0).n_samples == 1
-    train, test, from_s = divide(data, 0.25)
+    train, test, from_s = split_held_out(data, 0.25)
     assert train is not None
     assert test is data
     assert train.times_s()[-1] < from_s < train.times_s()[-1] + 0.1
@@ -189,24 +189,27 @@ def test_a_record_is_cut_by_time_and_what_is_held_out_is_its_last_part() -> None
         IOData.from_arrays(np.arange(50.0), np.r_[np.full(5, np.nan), np.arange(45.0)], 0.1)
     )
     assert (two.n_samples, two.missing, two.duration_s) == (150, 5, pytest.approx(10.0))
-    left, last, _ = divide(two, 0.3)
+    left, last, _ = split_held_out(two, 0.3)
     assert left is not None
     assert (left.n_samples, last.n_samples) == (100, 50)
     for share in (0.0, 1.0):
         with pytest.raises(InputError, match="held_out"):
-            divide(data, share)
+            split_held_out(data, share)
 
 
 def test_stretches_know_their_past_and_short_ones_are_passed_over() -> None:
     u, y = np.arange(60.0), np.arange(60.0)
     u[[20, 21, 22, 30, 38]] = np.nan  # 0..19, 23..29 (seven samples), 31..37 (seven), 39..59
-    found = cut(IOData.from_arrays(u, y, 0.5, start_s=2.0))
-    assert [(s.start_s, len(s.y), s.resumed) for s in found] == [(2.0, 20, False), (21.5, 21, True)]
-    assert found[1].history(3).tolist() == [36.0, 37.0, 38.0]  # gaps by straight lines
-    assert found[1].history(41)[:3].tolist() == [0.0, 0.0, 0.0]
-    assert found[0].history(2).tolist() == [0.0, 0.0]
+    found = split_segments(IOData.from_arrays(u, y, 0.5, start_s=2.0))
+    assert [(s.start_s, len(s.y), s.after_gap) for s in found] == [
+        (2.0, 20, False),
+        (21.5, 21, True),
+    ]
+    assert found[1].last_inputs(3).tolist() == [36.0, 37.0, 38.0]  # gaps by straight lines
+    assert found[1].last_inputs(41)[:3].tolist() == [0.0, 0.0, 0.0]
+    assert found[0].last_inputs(2).tolist() == [0.0, 0.0]
     u[[30, 38]] = (30.0, 38.0)
-    whole = cut(IOData.from_arrays(u, y, 0.5))
+    whole = split_segments(IOData.from_arrays(u, y, 0.5))
     assert [len(s.y) for s in whole] == [20, 37]
 
 
@@ -217,7 +220,7 @@ def test_noise_of_an_input_is_told_by_its_fourth_differences_within_limits(
     """White noise has 70 times its variance in them; a swing of 2 leaves none; above a tenth of it, it is the input."""
     t = np.arange(2000) * 0.01
     u = np.sin(t) + sd * np.random.default_rng(1).normal(size=2000) + (t > 10)
-    segments = cut(IOData.from_arrays(u, u, 0.01))
+    segments = split_segments(IOData.from_arrays(u, u, 0.01))
     found = input_noise_sd(segments)
     assert found == (pytest.approx(sd, rel=0.08) if told else 0.0)
 
@@ -248,7 +251,7 @@ def test_a_sum_of_models_is_bounded_and_scaled_by_input() -> None:
     u, y = rng.normal(size=(50, 2)), rng.normal(size=50)
     model = several(["P2D", "P1"], ["u1", "u2"])
     assert model.order == 2
-    problem = pose(IOData.from_arrays(u, y, 0.2), model, "equilibrium")
+    problem = make_problem(IOData.from_arrays(u, y, 0.2), model, "equilibrium")
     lower, upper = problem.bounds()
     ends = {n: (lower[i], upper[i]) for i, n in enumerate(model.free)}
     assert ends["Tp1.u2"] == pytest.approx((np.log(0.002), np.log(1000.0)))

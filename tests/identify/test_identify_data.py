@@ -268,7 +268,7 @@ def gappy(n: int = 600) -> IOData:
 def test_a_piece_after_lost_rows_begins_from_a_state_of_its_own():
     """Begun in equilibrium, the pieces made the gain 0.8 and the lag 16 s, with one percent claimed."""
     found = fit(gappy(), "P1")
-    assert sum(found.problem.loose) == len(found.problem.segments) - 1
+    assert sum(found.problem.has_free_state) == len(found.problem.segments) - 1
     for name, truth in (("Kp", 1.0), ("Tp1", 20.0)):
         assert found.estimates[name].value == pytest.approx(truth, abs=4 * found.estimates[name].u)
     assert found.estimates["Tp1"].u < 0.2
@@ -290,7 +290,7 @@ def test_what_a_dead_time_holds_back_reaches_across_a_gap():
 
 def test_an_offset_per_run_is_one_for_all_pieces_of_the_run():
     found = fit(gappy().merge(gappy()), process("P1", offset="per run"))
-    assert len({offset.start for offset, _ in found.problem.places}) == 2
+    assert len({offset.start for offset, _ in found.problem.offset_and_state}) == 2
     assert found.estimates["Kp"].value == pytest.approx(1.0, abs=4 * found.estimates["Kp"].u)
 
 

@@ -20,9 +20,9 @@ from tcdyn.estimation import Noise
 from tcdyn.estimation.arma import coefficients, partials
 from tcdyn.estimation.noise_average import moments, noise_of
 from tcdyn.identify import IOData, compare, fit
-from tcdyn.identify.disturbance import slopes
+from tcdyn.identify.disturbance import linearise
 from tcdyn.identify.models import process
-from tcdyn.identify.search import pose
+from tcdyn.identify.search import make_problem
 from tcdyn.identify.segments import input_noise_sd
 
 
@@ -45,23 +45,25 @@ def test_a_measured_input_whose_first_sample_is_noisy_still_covers_gain_and_lag(
 
 def test_the_past_is_a_reading_among_others_and_a_known_input_has_none():
     data = record("plunge", 3, input_sd=0.5)
-    assert pose(data, process("P2D"), "equilibrium", "auto").input_sd == pytest.approx(0.5, rel=0.1)
-    assert not any(pose(data, process("P2D"), "equilibrium", 0.0).precision)
+    assert make_problem(data, process("P2D"), "equilibrium", "auto").input_sd == pytest.approx(
+        0.5, rel=0.1
+    )
+    assert not any(make_problem(data, process("P2D"), "equilibrium", 0.0).prior_precision)
     held_input = record("PRBS", 3)  # levels held for 20 samples: set by a computer
-    assert input_noise_sd(pose(held_input, process("P1"), "equilibrium").segments) == 0.0
+    assert input_noise_sd(make_problem(held_input, process("P1"), "equilibrium").segments) == 0.0
 
 
 def test_slopes_by_past_and_drift_equal_differences():
     from dataclasses import replace
 
     data = record("plunge", 1, input_sd=0.5)
-    posed = replace(pose(data, process("P2DZ"), "equilibrium", 0.5), trend=True)
+    posed = replace(make_problem(data, process("P2DZ"), "equilibrium", 0.5), trend=True)
     x = posed.vector({"Kp": 1.1, "Tp1": 2.0, "Tp2": 0.5, "Tz": 0.3, "Td": 0.37})
     x[-2:] = 0.7, -0.4
-    slopes = posed.evaluate(x)[1]
+    jacobian = posed.evaluate(x)[1]
     for i, step in enumerate(1e-6 * np.eye(len(x))):
         difference = (posed.evaluate(x + step)[0] - posed.evaluate(x - step)[0]) / 2e-6
-        assert np.allclose(slopes[:, i], difference, atol=1e-5 * np.abs(difference).max()), (
+        assert np.allclose(jacobian[:, i], difference, atol=1e-5 * np.abs(difference).max()), (
             i
         )  # rounding 1e-16/1e-6
 
@@ -95,7 +97,7 @@ def test_whitening_leaves_unit_noise_from_the_first_sample_on(noise):
 
 def test_what_a_noise_makes_likely_is_generalised_least_squares():
     """Step, covariance and restricted likelihood against the textbook's with the dense covariance of the noise."""
-    posed = pose(record("plunge", 2, "ar0.9"), process("P2D"), "equilibrium", 0.0)
+    posed = make_problem(record("plunge", 2, "ar0.9"), process("P2D"), "equilibrium", 0.0)
     x = posed.vector(CASE_A)
     x[-1] = 0.2
     r, j = posed.evaluate(x)
@@ -104,7 +106,7 @@ def test_what_a_noise_makes_likely_is_generalised_least_squares():
     )  # by the lags, not by their logarithms
     told = []
     for noise in (noise_of(np.log(9.0), 2.0), noise_of(np.log(300.0), -1.0)):
-        likelihood, step, covariance = slopes(posed, x, 1.0).given(noise)
+        likelihood, step, covariance = linearise(posed, x, 1.0).given(noise)
         white = np.linalg.inv(dense(noise, len(r)))
         information = j.T @ white @ j
         best = -np.linalg.solve(information, j.T @ white @ r)

@@ -10,10 +10,10 @@ from scipy.signal import lfilter
 
 from tcdyn.core.errors import InputError
 from tcdyn.identify import IOData, compare, fit, several, transfer
-from tcdyn.identify.heldout import blocks_out
+from tcdyn.identify.heldout import block_held_out_rms
 from tcdyn.identify.models import as_model
-from tcdyn.identify.search import pose
-from tcdyn.identify.shared_poles import candidates, regressed
+from tcdyn.identify.search import make_problem
+from tcdyn.identify.shared_poles import arx_regression, common_pole_fits
 
 DT, POLES = 0.5, np.array([0.9, 0.6])  # of the recursion y_t = sum b u_(t-k) - sum a y_(t-k) + e_t
 A = np.poly(POLES)
@@ -45,11 +45,11 @@ def test_slopes_of_the_equation_error_are_its_own():
     gap = data.runs[0].y.copy()
     gap[30:34] = np.nan
     posed = replace(
-        pose(replace(data, runs=(replace(data.runs[0], y=gap),)), pair(), "estimated"),
+        make_problem(replace(data, runs=(replace(data.runs[0], y=gap),)), pair(), "estimated"),
         time_scale_s=2.0,
     )
     x = np.linspace(0.4, 1.3, posed.size)
-    core = posed.core()
+    core = posed.least_squares_problem()
     value, slopes = core.evaluate(x)
     for k in range(posed.size):
         step = np.eye(posed.size)[k] * 1e-5
@@ -97,9 +97,9 @@ def test_poles_and_gains_are_covered_where_noise_comes_in_before_the_poles():
 
 
 def test_a_regression_finds_the_poles_and_a_stride_does_not_move_them():
-    posed = pose(stirred(0, 4000, 0.0), pair(), "equilibrium")
+    posed = make_problem(stirred(0, 4000, 0.0), pair(), "equilibrium")
     for stride in (1, 3):
-        below, _ = regressed(posed, 2, 0, stride)
+        below, _ = arx_regression(posed, 2, 0, stride)
         assert below[1] == pytest.approx(
             -np.sum(DT / np.log(POLES)), rel=1e-3 if stride == 1 else 0.1
         )
@@ -108,7 +108,7 @@ def test_a_regression_finds_the_poles_and_a_stride_does_not_move_them():
 def test_the_criterion_of_a_record_given_twice_is_twice_that_of_one_but_for_the_parameters():
     once = stirred(4)
     one, two = (
-        regressed(pose(replace(once, runs=once.runs * k), pair(), "equilibrium"), 2)[1]
+        arx_regression(make_problem(replace(once, runs=once.runs * k), pair(), "equilibrium"), 2)[1]
         for k in (1, 2)
     )
     assert 2 * one - two == pytest.approx(
@@ -131,7 +131,7 @@ def test_a_block_that_is_left_out_is_foreseen_as_a_fit_without_it_foresees_it():
         )
         simulated = less.identified.simulate(data.runs[0].u)
         errors.append((simulated - data.runs[0].y[:, 0])[block])
-    assert blocks_out(found) == pytest.approx(
+    assert block_held_out_rms(found) == pytest.approx(
         float(np.sqrt(np.mean(np.concatenate(errors) ** 2))), rel=0.03
     )
 
@@ -162,7 +162,7 @@ def test_a_candidate_with_dead_time_has_one_zero_less_and_finds_it() -> None:
     keep = np.exp(-dt_s / 0.8)
     y = lfilter([0, 2 * (1 - keep)], [1, -keep], late) + 0.02 * rng.standard_normal(len(u))
     data = IOData.from_arrays(u, y, dt_s, hold="zoh")
-    found = list(candidates(data, 1, False, {}, fit(data, "P1").problem.model))
+    found = list(common_pole_fits(data, 1, False, {}, fit(data, "P1").problem.model))
     late_ones = [f for f in found if "Td" in f.estimates]
     assert 0 < len(late_ones) < len(found)
     for f in late_ones:

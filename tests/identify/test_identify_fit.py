@@ -21,9 +21,9 @@ from tcdyn.identify import (
     transfer,
     validate,
 )
-from tcdyn.identify.fit import last_level, noticed
+from tcdyn.identify.fit import final_offset, parameter_findings
 from tcdyn.identify.models import as_model
-from tcdyn.identify.search import pose
+from tcdyn.identify.search import make_problem
 from tcdyn.rig.disk import Conditioning
 
 TRUTHS = {
@@ -205,15 +205,23 @@ def test_an_integrator_begun_at_rest_has_one_level_and_not_two():
 
 def told_of(**moved: float) -> tuple[dict[str, str], list[str]]:
     """What is said of two lags and a zero, well determined but for what is ``moved``, with u of 1 % of each."""
-    posed = pose(case_a("PRBS", 1), process("P2DZ"), "equilibrium")
+    posed = make_problem(case_a("PRBS", 1), process("P2DZ"), "equilibrium")
     theta = {"Kp": 1.0, "Tp1": 2.0, "Tp2": 0.5, "Tz": 0.3, "Td": 0.37, **moved}
     x, size = posed.vector(theta), posed.size
     nothing = np.zeros((0, size))
     ended = Optimum(
-        posed.core(), x, np.zeros(0), nothing, 0.0, np.eye(size), np.eye(size), Status.CONVERGED, 1
+        posed.least_squares_problem(),
+        x,
+        np.zeros(0),
+        nothing,
+        0.0,
+        np.eye(size),
+        np.eye(size),
+        Status.CONVERGED,
+        1,
     )
     u = np.array([moved.get(f"u_{n}", 0.01 * abs(theta[n])) for n in posed.model.free])
-    said = noticed(ended, Identified.of(posed.model, theta, np.diag(u**2)))
+    said = parameter_findings(ended, Identified.of(posed.model, theta, np.diag(u**2)))
     return {f.subject: f.code for f in said}, [str(f.numbers.get("end", "")) for f in said]
 
 
@@ -241,14 +249,14 @@ def test_a_model_goes_on_at_the_level_its_disturbance_has_reached():
     data = case_a("PRBS", 1)
     run = data.runs[0]
     two = replace(data, runs=(run, replace(run, u=run.u[:400], y=run.y[:400])))
-    posed = replace(pose(two, process("P1", offset="per run"), "equilibrium"), trend=True)
+    posed = replace(make_problem(two, process("P1", offset="per run"), "equilibrium"), trend=True)
     x = np.zeros(posed.size)
     x[2:4], x[-2:] = (3.0, 5.0), (0.8, 0.4)  # the drift per length of the longest run
     residual = np.r_[np.zeros(1180), np.full(20, 0.5)]
-    assert last_level(posed, x, residual, Noise()) == pytest.approx(
+    assert final_offset(posed, x, residual, Noise()) == pytest.approx(
         4.0 + (0.8 * 1.0 + 0.4 * 0.5) / 2
     )
-    walk = last_level(replace(posed, trend=False), x[:-2], residual, Noise((-1.0,), rest=True))
+    walk = final_offset(replace(posed, trend=False), x[:-2], residual, Noise((-1.0,), rest=True))
     assert walk == pytest.approx(4.0 + 0.5)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tcdyn.identify import IOData
-from tcdyn.identify.level_lag import Bent, level_lag
+from tcdyn.identify.level_lag import LevelLagProblem, level_lag
 
 LOW, HIGH, DT_S, FINER = 25.0, 180.0, 0.05, 20
 
@@ -62,10 +62,10 @@ def test_without_a_bend_nothing_is_added_to_the_linear_model_and_slopes_are_the_
     from tcdyn.identify import fit
 
     base = fit(record("square", 0), "P2D", intervals="quadratic")
-    bent = Bent(base, 100.0, 80.0)
+    bent = LevelLagProblem(base, 100.0, 80.0)
     residual, slopes = bent.problem.evaluate(np.append(base.x, 0.0))
     assert np.allclose(residual, -base.residual)
-    assert np.allclose(slopes[:, :-1], base.slopes, atol=1e-9 * np.abs(base.slopes).max())
+    assert np.allclose(slopes[:, :-1], base.jacobian, atol=1e-9 * np.abs(base.jacobian).max())
     assert np.abs(slopes[:, -1]).max() > 1.0
     bend, h = np.append(base.x, 0.3), 1e-3
     free = [

@@ -11,7 +11,7 @@ from tcdyn.core.estimate import Estimate
 from tcdyn.identify import IOData
 from tcdyn.identify import narx as module
 from tcdyn.identify.level_lag import LevelLag
-from tcdyn.identify.narx import Narx, narx, refined, spanned
+from tcdyn.identify.narx import Narx, bootstrap_estimate, narx, refine_weights
 
 TERMS = ((("y", 1),), (("u", 1),), (("u", 1), ("y", 1)))
 TRUTH = (0.8, 0.25, -0.05)  # y_t = 0.8 y + 0.25 u - 0.05 u y: slow where the input is low
@@ -36,7 +36,9 @@ def test_weights_are_unbiased_and_bootstrap_intervals_hold_them(colour):
         u, y = record(seed, colour)
         table = np.column_stack([y[:-1], u[:-1], u[:-1] * y[:-1]])
         begun = np.linalg.lstsq(table, y[1:], rcond=None)[0]  # one step: shrunk by the noise
-        found = refined(Narx(TERMS, tuple(begun.tolist()), (0.0, 1.0), (0.0, 1.0), 0.1), u, y)
+        found = refine_weights(
+            Narx(TERMS, tuple(begun.tolist()), (0.0, 1.0), (0.0, 1.0), 0.1), u, y
+        )
         held.append([e.covers(v) for e, v in zip(found.intervals, TRUTH)])
         ends.append((begun[0], found.theta[0]))
     one_step, simulated = np.mean(ends, axis=0)
@@ -112,19 +114,19 @@ def test_free_simulation_and_one_step_are_the_recursion_in_their_units() -> None
 
 def test_a_score_is_of_what_has_a_value_unless_too_little_has_one() -> None:
     y = np.arange(20.0)
-    assert module.percent(y, y + np.tile([1.0, -1.0], 10)) == pytest.approx(
+    assert module.nrmse_percent(y, y + np.tile([1.0, -1.0], 10)) == pytest.approx(
         100 * (1 - np.sqrt(20 / 665))
     )
-    assert module.percent(y, np.r_[np.nan, y[1:]]) == 100.0
-    assert module.percent(y, np.r_[np.full(3, np.nan), y[3:]]) == -np.inf
+    assert module.nrmse_percent(y, np.r_[np.nan, y[1:]]) == 100.0
+    assert module.nrmse_percent(y, np.r_[np.full(3, np.nan), y[3:]]) == -np.inf
     draws = [1.0, 2.0, 3.0, 4.0] * 25
-    held = spanned(2.5, draws)
+    held = bootstrap_estimate(2.5, draws)
     assert held is not None
     assert held.u == pytest.approx(np.sqrt(1.25))
     assert (held.low95, held.high95) == (1.0, 4.0)
-    assert spanned(2.5, [*draws[:89], *[np.nan] * 11]) is None
-    assert spanned(2.5, [*draws[:91], *[np.nan] * 9]) is not None
-    assert spanned(2.5, []) is None
+    assert bootstrap_estimate(2.5, [*draws[:89], *[np.nan] * 11]) is None
+    assert bootstrap_estimate(2.5, [*draws[:91], *[np.nan] * 9]) is not None
+    assert bootstrap_estimate(2.5, []) is None
 
 
 def test_a_dead_time_is_taken_off_the_input_and_too_short_a_record_is_refused() -> None:

@@ -12,12 +12,12 @@ from scipy import stats
 
 from tcdyn.estimation import Noise, Optimum, Status
 from tcdyn.identify import IOData, process
-from tcdyn.identify.causality import held_output
-from tcdyn.identify.disturbance import score, through_model, unspiked, walking
-from tcdyn.identify.level_lag import Bent
+from tcdyn.identify.causality import output_is_setpoint
+from tcdyn.identify.disturbance import fit_random_walk, input_noise_model, noise_bic, remove_spikes
+from tcdyn.identify.level_lag import LevelLagProblem
 from tcdyn.identify.models import as_model
-from tcdyn.identify.problem import Posed
-from tcdyn.identify.search import ordered, pose, rms
+from tcdyn.identify.problem import IdentificationProblem
+from tcdyn.identify.search import make_problem, residual_sd, sort_lags
 from tcdyn.identify.validate import (
     drift,
     fit_percent,
@@ -31,13 +31,15 @@ from tcdyn.identify.validate import (
 DT, N = 0.05, 240
 
 
-def posed(name: str = "P1D", gap: slice | None = None, **how: Any) -> Posed:
+def posed(name: str = "P1D", gap: slice | None = None, **how: Any) -> IdentificationProblem:
     """The problem of a random walk's record, the output missing in ``gap``."""
     rng = np.random.default_rng(4)
     u, y = rng.normal(size=N).cumsum(), rng.normal(size=N).cumsum()
     if gap:
         y[gap] = np.nan
-    return pose(IOData.from_arrays(u, y, DT, hold="foh"), process(name, **how), "equilibrium")
+    return make_problem(
+        IOData.from_arrays(u, y, DT, hold="foh"), process(name, **how), "equilibrium"
+    )
 
 
 def test_whiteness_is_ljung_and_box_s_sum_without_what_the_fit_took() -> None:
@@ -107,7 +109,7 @@ def test_inputs_are_looked_up_before_and_after_each_sample_up_to_three_lags() ->
 )  # a/sqrt(1 + a^2) = 0.51 and 0.48
 def test_a_drift_is_told_from_a_quarter_of_the_variance_on(slope: float, told: bool) -> None:
     problem = posed(gap=slice(50, 60))
-    t = np.flatnonzero(problem.segments[0].seen).astype(float)
+    t = np.flatnonzero(problem.segments[0].measured).astype(float)
     t -= t.mean()
     w = np.random.default_rng(2).normal(size=len(t))
     w -= w.mean()
@@ -141,9 +143,11 @@ def test_a_fit_s_percent_is_of_the_spread_about_the_mean_and_its_noise_of_the_de
     residual = 0.25 * (y - y.mean())
     assert fit_percent(problem, residual) == pytest.approx(75.0)
     ended = cast(Any, SimpleNamespace(residual=residual, weights=None))
-    assert rms(ended, problem) == pytest.approx(np.sqrt(residual @ residual / (N - problem.size)))
+    assert residual_sd(ended, problem) == pytest.approx(
+        np.sqrt(residual @ residual / (N - problem.size))
+    )
     weighted = cast(Any, SimpleNamespace(residual=residual, weights=np.full(N, 0.25)))
-    assert rms(weighted, problem) == pytest.approx(0.5 * rms(ended, problem))
+    assert residual_sd(weighted, problem) == pytest.approx(0.5 * residual_sd(ended, problem))
 
 
 def test_noise_of_a_measured_input_has_the_spectrum_of_both_noises() -> None:
@@ -155,7 +159,7 @@ def test_noise_of_a_measured_input_has_the_spectrum_of_both_noises() -> None:
     b0, b1 = 1 - (1 - a) * tau / DT, (1 - a) * tau / DT - a  # first-order hold
     share = sd**2 * gain**2 * (b0**2 + (b1 + a * b0) ** 2 / (1 - a**2))
     e = np.full(N, np.sqrt((own**2 + share) * (N - problem.size) / N))
-    found = through_model(problem, x, e)
+    found = input_noise_model(problem, x, e)
     w = np.linspace(0.05, 3.1, 40)
     z = np.exp(-1j * w)
     exact = own**2 + sd**2 * gain**2 * np.abs((b0 + b1 * z) / (1 - a * z)) ** 2
@@ -164,16 +168,16 @@ def test_noise_of_a_measured_input_has_the_spectrum_of_both_noises() -> None:
     )
     assert told / told.mean() == pytest.approx(exact / exact.mean(), rel=1e-6)
     assert (found.rest, found.parameters) == (True, 0)
-    assert through_model(replace(problem, input_sds=(1e-6,)), x, np.full(N, own)).white
+    assert input_noise_model(replace(problem, input_sds=(1e-6,)), x, np.full(N, own)).white
 
 
 def test_spikes_beside_a_running_median_are_put_upon_it_and_slow_noise_stays() -> None:
     problem = posed(gap=slice(100, 104))
     slow = np.sin(np.arange(N) / 60)  # a sixth of the noise from sample to sample
-    residual = (slow + 0.1 * np.random.default_rng(3).normal(size=N))[problem.segments[0].seen]
+    residual = (slow + 0.1 * np.random.default_rng(3).normal(size=N))[problem.segments[0].measured]
     residual[[40, 150]] += [3.0, -3.0]
-    seen = problem.segments[0].seen
-    moved = (problem.segments[0].y - unspiked(problem, residual).segments[0].y)[seen]
+    seen = problem.segments[0].measured
+    moved = (problem.segments[0].y - remove_spikes(problem, residual).segments[0].y)[seen]
     assert np.flatnonzero(np.abs(moved) > 1.0).tolist() == [40, 150]
     assert moved[[40, 150]] == pytest.approx(
         [3.0, -3.0], abs=0.4
@@ -186,19 +190,19 @@ def test_a_walk_beneath_white_noise_has_steps_that_are_a_moving_average() -> Non
     """Steps of variance q and white noise r: 1 + c^2 - ... : the MA(1) whose correlation is -r/(q + 2 r)."""
     rng, q, r = np.random.default_rng(5), 0.25, 1.0
     e = np.sqrt(q) * rng.normal(size=6000).cumsum() + np.sqrt(r) * rng.normal(size=6000)
-    found = walking(e, [slice(0, 6000)], (0, 1))
+    found = fit_random_walk(e, [slice(0, 6000)], (0, 1))
     rho = -r / (q + 2 * r)
     c = (1 - np.sqrt(1 - 4 * rho**2)) / (2 * rho)
     assert found.ar == (-1.0,)
     assert found.ma[0] == pytest.approx(c, abs=4 * np.sqrt((1 - c**2) / 6000))
     assert (found.rest, found.parameters, found.walks) == (True, 1, True)
     white = rng.normal(size=200)
-    assert score(white, [slice(0, 200)], Noise()) == pytest.approx(
+    assert noise_bic(white, [slice(0, 200)], Noise()) == pytest.approx(
         200 * np.log(white @ white / 200)
     )
     one = Noise(ar=(-0.5,))
     w = one.whiten(white, [slice(0, 200)])
-    assert score(white, [slice(0, 200)], one) == pytest.approx(
+    assert noise_bic(white, [slice(0, 200)], one) == pytest.approx(
         200 * np.log(w @ w / 200) - np.log(1 - 0.25) + np.log(200)
     )
 
@@ -213,20 +217,20 @@ def test_columns_that_a_computer_sets_repeat_themselves() -> None:
         (held, held + 1, False),
     ):
         data = IOData.from_arrays(u, y, DT, hold="foh")
-        assert held_output(pose(data, process("P1D"), "equilibrium")) is told
+        assert output_is_setpoint(make_problem(data, process("P1D"), "equilibrium")) is told
 
 
 def test_a_bent_lag_follows_the_level_and_an_unbent_one_the_exponential() -> None:
     """tau(y) = tau exp(a (y - middle)/half): above the middle by half a range it is e^a as long."""
     problem = posed("P2")
-    bent = Bent(cast(Any, SimpleNamespace(problem=problem)), 10.0, 4.0)
+    bent = LevelLagProblem(cast(Any, SimpleNamespace(problem=problem)), 10.0, 4.0)
     drive = np.full(50, 12.0)
-    assert bent.recursion(2.0, drive, 0.1, 0.0) == pytest.approx(
+    assert bent.simulate_lag(2.0, drive, 0.1, 0.0) == pytest.approx(
         12.0 - 10.0 * np.exp(-0.1 * np.arange(51))
     )
-    y = bent.recursion(14.0, np.full(1, 0.0), 0.1, 0.3)
+    y = bent.simulate_lag(14.0, np.full(1, 0.0), 0.1, 0.3)
     assert y[1] == pytest.approx(14.0 * np.exp(-0.1 * np.exp(-0.3)))
-    far = bent.recursion(1e6, np.full(1, 0.0), 0.1, 0.3)
+    far = bent.simulate_lag(1e6, np.full(1, 0.0), 0.1, 0.3)
     assert far[1] == pytest.approx(1e6 * np.exp(-0.1 * np.exp(-5.0)))
     x = np.append(problem.vector({"Kp": 1.0, "Tp1": 2.0, "Tp2": 0.5}), 0.3)
     assert [bent.lag_s(x, side) for side in (-1.0, 0.0, 1.0)] == pytest.approx(
@@ -236,27 +240,29 @@ def test_a_bent_lag_follows_the_level_and_an_unbent_one_the_exponential() -> Non
 
 def test_a_problem_knows_how_far_a_dead_time_reaches_and_what_colours_an_equation_error() -> None:
     problem = posed("P1D")
-    assert problem.longest_s == pytest.approx(N * DT)
-    assert problem.longest_delay_s == pytest.approx(0.5 * N * DT)
-    assert problem.reach == N // 2 + 1
-    assert posed("P1").reach == 0
-    assert replace(problem, model=process("P1D", fixed={"Td": 0.22})).reach == 6  # 4.4 samples
-    assert replace(problem, model=process("P1D", delay_max_s=1.0)).longest_delay_s == 1.0
+    assert problem.longest_segment_s == pytest.approx(N * DT)
+    assert problem.delay_max_s == pytest.approx(0.5 * N * DT)
+    assert problem.max_delay_samples == N // 2 + 1
+    assert posed("P1").max_delay_samples == 0
+    assert (
+        replace(problem, model=process("P1D", fixed={"Td": 0.22})).max_delay_samples == 6
+    )  # 4.4 samples
+    assert replace(problem, model=process("P1D", delay_max_s=1.0)).delay_max_s == 1.0
     arx = replace(problem, model=as_model("ARX(1,2)"))
     a1, a2 = 0.8 + 0.3, 0.8 * 0.3
     x = arx.vector({"b0": 1.0, "b1": 0.0, "a1": a1, "a2": a2})
     p, q = np.exp(-DT / 0.8), np.exp(-DT / 0.3)
-    assert arx.colour(x) == pytest.approx([-(p + q), p * q])
+    assert arx.pole_polynomial(x) == pytest.approx([-(p + q), p * q])
     measured = replace(problem, input_sds=(0.5,), noise_sd=2.0)
-    assert measured.precision[measured.precision > 0] == pytest.approx([16.0])
+    assert measured.prior_precision[measured.prior_precision > 0] == pytest.approx([16.0])
 
 
 def test_lags_are_told_from_the_longest_on_with_their_slopes() -> None:
     problem = posed("P3")
     x = problem.vector({"Kp": 1.0, "Tp1": 0.1, "Tp2": 0.9, "Tp3": 0.4})
-    core, size = problem.core(), problem.size
+    core, size = problem.least_squares_problem(), problem.size
     j = np.arange(2.0 * size).reshape(2, size)
-    found = ordered(
+    found = sort_lags(
         problem, Optimum(core, x, np.zeros(2), j, 0.0, j.T @ j, np.eye(size), Status.CONVERGED, 1)
     )
     theta = problem.theta(found.theta)

@@ -68,7 +68,7 @@ def test_the_table_recommends_the_true_structure_and_says_why():
     c = compare(case_a("PRBS", 3), ["P1", "P1D", "P2", "P2D", "P2Z"])
     assert c.recommended == "P2D"
     assert list(c.table["BIC"]) == sorted(c.table["BIC"])
-    assert "BIC" in c.why
+    assert "BIC" in c.reason_text
     assert c.best.problem.model.name == "P2D"
     assert c.table["held_out_rms"].iloc[0] == pytest.approx(
         0.5, abs=0.06
@@ -107,7 +107,9 @@ def test_percent_times_of_one_lag_are_its_logarithms():
             theta + k * tau, rel=2e-4
         )  # grid of 1/500 of the lag, linear
         gradient = np.array([0.0, k, 1.0])
-        assert times[name].u == pytest.approx(found.u_of(gradient[:, None])[0], rel=1e-2)
+        assert times[name].u == pytest.approx(
+            found.standard_uncertainty(gradient[:, None])[0], rel=1e-2
+        )
 
 
 @pytest.mark.study
@@ -181,7 +183,7 @@ def test_a_drift_of_the_output_is_told():
         data = IOData.from_arrays(u, y + slope * np.arange(1500), 1.0, hold="zoh")
         v = validate(fit(data, "P1D", intervals="quadratic"))
         assert ("fit with baseline=trend" in v.sentence) == (slope > 0)
-        assert v.troubles == (("record.drift",) if slope else ())
+        assert v.record_problems == (("record.drift",) if slope else ())
 
 
 def test_feedback_is_told_from_missing_dynamics():

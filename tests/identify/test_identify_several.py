@@ -26,9 +26,9 @@ from tcdyn.identify import (
     roots_of,
     several,
 )
-from tcdyn.identify.forward_selection import begin, successors
+from tcdyn.identify.forward_selection import successors, warm_start
 from tcdyn.identify.models import as_model
-from tcdyn.identify.search import pose
+from tcdyn.identify.search import make_problem
 from tcdyn.plots import draw, draw_poles
 from tests.cli.test_main_job import tcdyn
 
@@ -87,7 +87,7 @@ def test_two_inputs_each_with_its_dead_time_are_recovered_within_their_intervals
 @pytest.mark.parametrize("initial", ["equilibrium", "estimated"])
 def test_slopes_are_those_of_the_residuals(common, initial):
     model = several(["P2D", "P2Z"], ["heat", "fan"], common=common)
-    posed = replace(pose(plant(1, 120), model, initial, 0.03), time_scale_s=5.0)
+    posed = replace(make_problem(plant(1, 120), model, initial, 0.03), time_scale_s=5.0)
     theta = {"Kp": 1.3, "Tp1": 6.0, "Tp2": 1.7, "Td": 0.8, "Tz": 0.9}
     x = posed.vector({n: theta[n.partition(".")[0]] for n in model.names})
     x[posed.n_model :] = 0.1 * np.arange(1, posed.size - posed.n_model + 1)
@@ -141,7 +141,7 @@ def test_a_step_begins_where_the_smaller_model_ended():
     ):
         was, part = as_model(name), as_model(larger)
         assert larger in [m.name for m in successors(was)]
-        now = part.rational(begin(was, have, part, 0.7)).frequency_response(f)
+        now = part.rational(warm_start(was, have, part, 0.7)).frequency_response(f)
         assert np.allclose(now, was.rational(have).frequency_response(f), rtol=1e-9)
 
 
