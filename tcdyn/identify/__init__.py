@@ -1,36 +1,55 @@
 """Identification of continuous-time models with dead time from sampled input-output data.
 
+Fit and simulate:
+
 >>> import numpy as np
->>> from tcdyn.identify import IOData, fit, process
->>> from tcdyn.identify import simulate
+>>> from tcdyn.identify import IOData, fit, process, simulate
 >>> u = np.repeat([20.0, 80.0, 20.0], 60)
->>> y = simulate(process("P1D").rational({"Kp": 1.0, "Tp1": 0.75, "Td": 0.12}), u, 0.05, "zoh")
+>>> truth = process("P1D").rational({"Kp": 1.0, "Tp1": 0.75, "Td": 0.12})
+>>> y = simulate(truth, u, 0.05, "zoh")
 >>> round(fit(IOData.from_arrays(u, y, 0.05, hold="zoh"), "P1D").identified.theta["Tp1"], 4)
 0.75
 
->>> data = IOData.from_arrays(u, y + np.random.default_rng(0).normal(0, 0.2, len(y)), 0.05, hold="zoh")
->>> found = fit(data, "P1D")
->>> profile(found, "Tp1")[0].covers(0.75), validate(found).dynamics_missing
-(True, False)
->>> fresh = IOData.from_arrays(u, y + np.random.default_rng(1).normal(0, 0.2, len(y)), 0.05, hold="zoh")
->>> confirm(found, fresh).dynamics_missing, round(held_out_score(found, fresh)[1], 1)
-(False, 99.2)
->>> {name: round(t.value, 2) for name, t in percent_times(found.identified).items()}
+Intervals, validation and confirmation by new data:
+
+>>> noise = np.random.default_rng(0).normal(0, 0.2, len(y))
+>>> data = IOData.from_arrays(u, y + noise, 0.05, hold="zoh")
+>>> result = fit(data, "P1D")
+>>> estimate, is_closed = profile(result, "Tp1")
+>>> estimate.covers(0.75)
+True
+>>> validate(result).dynamics_missing
+False
+>>> noise = np.random.default_rng(1).normal(0, 0.2, len(y))
+>>> new_data = IOData.from_arrays(u, y + noise, 0.05, hold="zoh")
+>>> confirm(result, new_data).dynamics_missing
+False
+>>> round(held_out_score(result, new_data)[1], 1)
+99.2
+
+Responses:
+
+>>> {name: round(t.value, 2) for name, t in percent_times(result.identified).items()}
 {'t50': 0.64, 't63.2': 0.87, 't90': 1.85}
->>> [round(-1 / root.value.real, 2) for root in roots_of(found.identified)]
+>>> [round(-1 / root.value.real, 2) for root in roots_of(result.identified)]
 [0.75]
->>> step_band(found.identified, np.array([0.0, 10.0])).value.round(2)
+>>> step_band(result.identified, np.array([0.0, 10.0])).value.round(2)
 array([0., 1.])
->>> bode_band(found.identified, np.array([0.01])).magnitude_dB.value.round(2)
+>>> bode_band(result.identified, np.array([0.01])).magnitude_dB.value.round(2)
 array([-0.01])
+
+Comparison of models:
+
 >>> joint_table({"y": compare(data, "P1", "P1D")})["model"].tolist()
 ['P1D']
 >>> import control
->>> known = from_control(control.tf([1.0], [0.75, 1.0]), delay_s=0.12)
->>> compare(data, known, "P1").recommended
+>>> existing = from_control(control.tf([1.0], [0.75, 1.0]), delay_s=0.12)
+>>> compare(data, existing, "P1").recommended
 'TF(0,1)D as given'
->>> chain_model("P2").names, chain_model("P2").known == Known()
-(('Kp', 'Tp1', 'Tp2'), True)
+>>> chain_model("P2").names
+('Kp', 'Tp1', 'Tp2')
+>>> chain_model("P2").known == Known()
+True
 """
 
 from tcdyn.chain.rational import simulate

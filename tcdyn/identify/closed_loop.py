@@ -178,7 +178,7 @@ def rows_of(segment: Segment, k: int, count: int) -> Rows:
 
 
 def integral_law(segments: Sequence[Rows]) -> bool:
-    """Whether the input is an integral and proportional law of the output, with a small residual."""
+    """Whether the input is an integral and proportional law of the output."""
     innovations = input_innovations(segments)
     if innovations is None:
         return False

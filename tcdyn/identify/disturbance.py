@@ -305,8 +305,8 @@ class NoiseAverage:
         Mean (P,) and covariance (P, P) over the noise models.
     evidence
         Logarithm of the likelihood, averaged over all noise models.
-    walks
-        Probability that the disturbance is a random walk over the record: its memory is longer.
+    p_walk
+        Probability that the memory of the disturbance is longer than the record.
     """
 
     problem: IdentificationProblem
@@ -315,7 +315,7 @@ class NoiseAverage:
     mean: Array
     covariance: Array
     evidence: float
-    walks: float
+    p_walk: float
 
     def point_estimate(
         self, weights: Array | None
@@ -393,7 +393,7 @@ def average_over_noise(problem: IdentificationProblem, optimum: Optimum) -> Nois
     for _ in range(MAX_AVERAGE_ROUNDS):
         linear = linearise(problem, optimum.theta, root)
         grid = NoiseGrid.of(linear, box)
-        evidence, walks, noise, step, covariance = grid.integrated(linear, other_noises)
+        evidence, p_walk, noise, step, covariance = grid.integrated(linear, other_noises)
         mean = natural_parameters(problem, optimum.theta) + step
         tolerance = AVERAGE_TOLERANCE * np.sqrt(np.diag(covariance))
         if box is grid.box or np.all(np.abs(step) <= tolerance):
@@ -402,7 +402,7 @@ def average_over_noise(problem: IdentificationProblem, optimum: Optimum) -> Nois
         optimum = search(problem, core, optimum.theta)
         problem = replace(problem, noise_sd=residual_sd(optimum, problem))
         box = grid.box
-    return NoiseAverage(problem, optimum, noise, mean, covariance, evidence, walks)
+    return NoiseAverage(problem, optimum, noise, mean, covariance, evidence, p_walk)
 
 
 def mix_averages(averages: Sequence[NoiseAverage]) -> NoiseAverage:
@@ -422,6 +422,6 @@ def mix_averages(averages: Sequence[NoiseAverage]) -> NoiseAverage:
     mean, covariance = moments(evidence[index], means, covariances)
     likeliest = averages[int(np.argmax(evidence))].noise
     probability = weight[index] / weight[index].sum()
-    walks = float(probability @ [a.walks for a in used])
+    p_walk = float(probability @ [a.p_walk for a in used])
     total = float(logsumexp(evidence))
-    return NoiseAverage(last.problem, last.optimum, likeliest, mean, covariance, total, walks)
+    return NoiseAverage(last.problem, last.optimum, likeliest, mean, covariance, total, p_walk)

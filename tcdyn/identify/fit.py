@@ -298,7 +298,7 @@ def _fit_average(
     average = mix_averages([average_over_noise(*each) for each in fits])
     problem, best, noise_model, cov_x = average.point_estimate(weights)
     result = make_fit(data, problem, best, noise_model, loss, covariance, cov_x, weights)
-    statistics = {**result.identified.statistics, "p_walk": average.walks}
+    statistics = {**result.identified.statistics, "p_walk": average.p_walk}
     return replace(result, identified=replace(result.identified, statistics=statistics))
 
 

@@ -52,7 +52,7 @@ class Response:
         Standard uncertainty of the real and of the imaginary part (F,).
     name
         Name, for messages.
-    share
+    relative_u
         Standard uncertainty over the true magnitude (F,), in place of ``u``. With neither it is an
         equal unknown share of the magnitude, above an unknown floor.
     floor
@@ -63,18 +63,18 @@ class Response:
     response: Complex
     u: Array | None = None
     name: str = "frequency response"
-    share: Array | None = None
+    relative_u: Array | None = None
     floor: float = 0.0
 
     @property
     def unknown_uncertainty(self) -> bool:
         """Whether no uncertainty is given."""
-        return self.u is None and self.share is None
+        return self.u is None and self.relative_u is None
 
     def __post_init__(self) -> None:
         f = self.frequency_Hz
         h = self.response
-        u = self.u if self.share is None else self.share
+        u = self.u if self.relative_u is None else self.relative_u
         is_finite = len(f) == len(h) and np.isfinite(f).all() and np.isfinite(h).all()
         if not (is_finite and np.all(f > 0) and np.all(h != 0)):
             raise InputError(
@@ -135,7 +135,7 @@ class Response:
                 expected="0 or more",
                 remedy="say the form: dB or complex",
             )
-        share = None
+        relative_u = None
         if coherence is not None:
             g2 = np.asarray(coherence, dtype=float)
             has_averages = averages is not None and averages >= 1
@@ -144,10 +144,10 @@ class Response:
                     "coherence", where=name, expected="between 0 and 1, with the number of averages"
                 )
             u = None
-            share = np.sqrt((1 - g2) / (2 * averages * g2))
+            relative_u = np.sqrt((1 - g2) / (2 * averages * g2))
         if u is not None:
             u = np.asarray(u, dtype=float)
-        return cls(f, size * np.exp(1j * np.deg2rad(phase)), u, name, share)
+        return cls(f, size * np.exp(1j * np.deg2rad(phase)), u, name, relative_u)
 
     @classmethod
     def read(
@@ -207,7 +207,7 @@ class Response:
             name=where,
         )
 
-    def spread(self, model: Complex | None = None) -> Array:
+    def part_uncertainty(self, model: Complex | None = None) -> Array:
         """Standard uncertainty (F,) of the real and of the imaginary part.
 
         A relative uncertainty is a share of the magnitude of the ``model`` (F,), if given: a share
@@ -218,7 +218,7 @@ class Response:
         size = np.abs(self.response)
         if model is not None:
             size = np.maximum(np.abs(model), MIN_MODEL_SHARE * size)
-        return np.hypot(size, self.floor) if self.share is None else size * self.share
+        return np.hypot(size, self.floor) if self.relative_u is None else size * self.relative_u
 
 
 @one_blas_thread
@@ -302,10 +302,10 @@ def fit_weighted(data: Response, model: Model, start_points: list[Array]) -> tup
     """
     problem = weighted_problem(data, model)
     best = least([minimise(problem, x, limit=100, tolerance=0.0) for x in start_points])
-    u = data.spread()
+    u = data.part_uncertainty()
     for _ in range(WEIGHT_ROUNDS if data.u is None else 0):
         rational = model.rational(model.theta(best.theta))
-        u = data.spread(rational.frequency_response(data.frequency_Hz))
+        u = data.part_uncertainty(rational.frequency_response(data.frequency_Hz))
         problem = weighted_problem(data, model, u)
         best = minimise(problem, best.theta, limit=100, tolerance=0.0)
     return best, u
@@ -316,7 +316,7 @@ def weighted_problem(data: Response, model: Model, u: Array | None = None) -> Pr
 
     The real parts come first, then the imaginary parts.
     """
-    u = data.spread() if u is None else u
+    u = data.part_uncertainty() if u is None else u
     f = data.frequency_Hz
 
     def evaluate(x: Array) -> tuple[Array, Array] | None:
@@ -341,14 +341,14 @@ def weighted_problem(data: Response, model: Model, u: Array | None = None) -> Pr
 
 
 def longest_delay_s(data: Response) -> float:
-    """The longest dead time [s] that the spacing of the frequencies distinguishes from a shorter."""
+    """The longest dead time [s] that the spacing of the frequencies can determine."""
     return float(0.5 / np.min(np.diff(np.sort(np.append(data.frequency_Hz, 0.0)))))
 
 
 def starts(data: Response, model: Model) -> Iterator[Array]:
     """Starting values x: linear problems over dead times; for process models also shared lags."""
     f = data.frequency_Hz
-    u = data.spread()
+    u = data.part_uncertainty()
     for theta in _start_parameters(data, model):
         theta = {**dict.fromkeys(model.names, 0.0), **theta, **model.fixed}
         if "Kp" in model.free:
@@ -364,7 +364,7 @@ def _start_parameters(data: Response, model: Model) -> list[dict[str, float]]:
     s = np.asarray(2j * np.pi * f, complex)
     inverse_known = polyval(s, np.array(model.known.den)) / polyval(s, np.array(model.known.num))
     unknown: Complex = data.response * inverse_known * s**model.integrators
-    weight = np.abs(unknown / data.response) / data.spread()
+    weight = np.abs(unknown / data.response) / data.part_uncertainty()
     if model.kind == "tf":
         n_zeros = sum(n.startswith("b") for n in model.names) - 1
     else:
@@ -470,8 +470,8 @@ def make_identified(
         count += 1
         deviance = n * np.log(max(chi2, 1e-300) / n)
     # the weights of the fit against those of the data: two parts, of the variance each
-    relative_u = u_fit / replace(data, floor=0.0).spread()
-    deviance += 4 * float(np.sum(np.log(relative_u)))
+    weight_ratio = u_fit / replace(data, floor=0.0).part_uncertainty()
+    deviance += 4 * float(np.sum(np.log(weight_ratio)))
     mean_square = np.mean(error**2)
     statistics = {
         "n": float(n),

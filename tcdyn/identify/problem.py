@@ -24,7 +24,7 @@ from tcdyn.identify.segments import Segment
 
 Initial = Literal["equilibrium", "zero", "estimated"]
 
-# Bounds of a lag, chosen by judgement: a faster lag acts like none, a slower one like an integrator.
+# Bounds of a lag, chosen by judgement: a faster lag has no effect, a slower one integrates.
 MIN_LAG_SAMPLES = 1e-2
 MAX_LAG_RECORDS = 100  # lengths of the longest segment
 
@@ -130,7 +130,7 @@ class IdentificationProblem:
 
     @cached_property
     def state_sizes(self) -> list[int]:
-        """Number of initial states of each branch; poles that inputs share have one set of states."""
+        """Number of initial states of each branch; shared poles have one set of states."""
         sizes = []
         for branch in self.branches:
             model = branch.model

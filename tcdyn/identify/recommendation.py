@@ -239,7 +239,7 @@ COLUMNS = (
     "ARX the same where disturbances come in before the poles. Fit and held out: 100 % is perfect, "
     "0 % as bad as the mean; held out is simulation of data kept from the fit. BIC above best: "
     "below 2 is a tie, above 10 is decisive. White p, input p: chance of such residuals from a "
-    f"true model, below {ALARM_P:g} is an alarm; input p tells of missing dynamics."
+    f"true model, below {ALARM_P:g} is an alarm; input p shows missing dynamics."
 )
 
 

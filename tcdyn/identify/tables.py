@@ -330,7 +330,7 @@ def from_csv(path: str | Path, **options: Any) -> IOData:
 
 
 def read_columns(table: Table, requested: Collection[str]) -> pd.DataFrame:
-    """A table's columns; where it is not text only those requested are read, the others are empty."""
+    """A table's columns. Where it is not text, those that are not requested stay empty."""
     if isinstance(table, CsvTable):
         return _text_frame(table)
     raw = read_whole(table, [n for n in table.names if n in requested])

@@ -71,10 +71,12 @@ def test_the_uncertainty_of_a_transfer_estimate_is_bendat_and_piersol_s() -> Non
         F, magnitude=2 * np.ones(15), phase_deg=np.full(15, 90.0), coherence=g2, averages=8
     )
     assert data.response == pytest.approx(np.full(15, 2j))
-    assert data.spread() == pytest.approx(2 * np.sqrt((1 - g2) / (16 * g2)))
-    assert data.spread(np.full(15, 3.0 + 4.0j)) == pytest.approx(2.5 * data.spread())
+    assert data.part_uncertainty() == pytest.approx(2 * np.sqrt((1 - g2) / (16 * g2)))
+    assert data.part_uncertainty(np.full(15, 3.0 + 4.0j)) == pytest.approx(
+        2.5 * data.part_uncertainty()
+    )
     bare = Response(F, np.full(15, 3.0 + 4.0j), floor=12.0)
-    assert bare.spread() == pytest.approx(np.full(15, 13.0))
+    assert bare.part_uncertainty() == pytest.approx(np.full(15, 13.0))
     for averages, words in ((0.5, "coherence"), (None, "coherence")):
         with pytest.raises(InputError, match=words):
             Response.of(
