@@ -353,8 +353,8 @@ def starts(data: Response, model: Model) -> Iterator[Array]:
         theta = {**dict.fromkeys(model.names, 0.0), **theta, **model.fixed}
         if "Kp" in model.free:
             shape = model.rational({**theta, "Kp": 1.0}).frequency_response(f) / u
-            product_ = np.real(np.vdot(shape, data.response / u))
-            theta["Kp"] = float(product_ / max(np.real(np.vdot(shape, shape)), 1e-300))
+            inner_product = np.real(np.vdot(shape, data.response / u))
+            theta["Kp"] = float(inner_product / max(np.real(np.vdot(shape, shape)), 1e-300))
         yield model.vector(theta)
 
 

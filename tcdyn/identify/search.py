@@ -282,14 +282,14 @@ def distinct_starts(problem: IdentificationProblem, ranked: list[Array]) -> list
 
     They differ in some lag or dead time by 15 % of the sum of all times.
     """
-    starts_: list[Array] = []
+    accepted: list[Array] = []
     for x in ranked:
         times = time_parameters(problem, x)
         size = np.abs(times).sum() + problem.dt_s
-        distances = [np.max(np.abs(times - time_parameters(problem, c))) for c in starts_]
+        distances = [np.max(np.abs(times - time_parameters(problem, c))) for c in accepted]
         if all(distance > MIN_START_DISTANCE * size for distance in distances):
-            starts_.append(x)
-    return starts_[:N_STARTS] or ranked[:1]
+            accepted.append(x)
+    return accepted[:N_STARTS] or ranked[:1]
 
 
 def time_parameters(problem: IdentificationProblem, x: Array) -> Array:
