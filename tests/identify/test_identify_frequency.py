@@ -165,7 +165,7 @@ def test_the_command_takes_three_forms_of_one_table_and_says_what_is_wrong(tmp_p
         ({"frequency_Hz": np.array([0.0, 1.0]), "response": np.ones(2)}, "above 0"),
         ({"frequency_Hz": np.array([1.0, 1.0]), "response": np.ones(2)}, "twice"),
         (
-            {"frequency_Hz": F, "response": closed_form(F), "share": np.zeros(25)},
+            {"frequency_Hz": F, "response": closed_form(F), "relative_u": np.zeros(25)},
             "not all u are above 0",
         ),
         (
