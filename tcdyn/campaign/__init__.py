@@ -1,19 +1,20 @@
-"""All tests of one rig as one measurement: what they share is solved for once, so that differences and trends are known
-far better than levels (design, section 13)."""
+"""All tests of one rig as one measurement: what they share is solved for once, so that differences
+and trends are known far better than levels (design, section 13).
+"""
 
-from tcdyn.campaign.compress import compressed, kept_of
+from tcdyn.campaign.compress import compress_likelihood, sufficient_statistics_of
 from tcdyn.campaign.posterior import Posterior, solve
 from tcdyn.campaign.result import JoinedCampaign, joined
-from tcdyn.campaign.sufficient_statistics import KeptTest, checked, rig_fingerprint
+from tcdyn.campaign.sufficient_statistics import SufficientStatistics, checked, rig_fingerprint
 
 __all__ = [
     "JoinedCampaign",
-    "KeptTest",
     "Posterior",
+    "SufficientStatistics",
     "checked",
-    "compressed",
+    "compress_likelihood",
     "joined",
-    "kept_of",
     "rig_fingerprint",
     "solve",
+    "sufficient_statistics_of",
 ]

@@ -1,8 +1,10 @@
-"""The fit of both disks of one test, linear about its optimum, in few rows: its data alone, priors left out.
+"""The fit of both disks of one test, linear about its optimum, in few rows: its data alone, priors
+left out.
 
-Parameters become the answers (beta, ln h, lags) and what nobody measured; each of the latter says how much of it is the
-rig's, the same in every test, and how much the test's own. A static line errs by its level and its gain; what a mesh
-leaves unexplained and a pattern round the bore grow with the heat; the parting is each test's own.
+Parameters become the answers (beta, ln h, lags) and what nobody measured; each of the latter says
+how much of it is the rig's, the same in every test, and how much the test's own. A static line errs
+by its level and its gain; what a mesh leaves unexplained and a pattern round the bore grow with the
+heat; the parting is each test's own.
 """
 
 from __future__ import annotations
@@ -12,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from tcdyn.campaign.input_noise import whole_noise, zero_u
-from tcdyn.campaign.sufficient_statistics import ANSWERS, KeptTest, Loading
+from tcdyn.campaign.input_noise import friction_zero_u_N, noise_covariance
+from tcdyn.campaign.sufficient_statistics import QUANTITIES, Loading, SufficientStatistics
 from tcdyn.core import Array
 from tcdyn.estimation import Optimum
 from tcdyn.partition.analyse import Partition
@@ -28,84 +30,94 @@ from tcdyn.rig.disk import DISKS
 BETA_UNIT = 0.01
 LOG_H_UNIT = 0.02
 LAG_UNIT_S = 0.02
-LEAST_ROW = 0.03  # rows that tell less than this of a standard uncertainty of anything are left out
-REFERENCE_W = 300.0  # frictional power at which what grows with heat is as large as stated
-LAG_OWN_S = 0.01  # of a disk's lag from test to test
-FRICTION_OWN_REL = 0.0005  # of the friction's scale from test to test, beside its zero
-MODEL_OWN = 0.1  # of what rim and mesh leave unexplained, that does not grow with heat
-ROUND_OWN = 0.3  # of a pattern round the bore, that does not grow with heat
-FILM_OWN = (
+MIN_SINGULAR_VALUE = (
+    0.03  # rows that tell less than this of a standard uncertainty of anything are left out
+)
+REFERENCE_POWER_W = 300.0  # frictional power at which what grows with heat is as large as stated
+LAG_TEST_SD_S = 0.01  # of a disk's lag from test to test
+FRICTION_TEST_SD_REL = 0.0005  # of the friction's scale from test to test, beside its zero
+MODEL_TEST_SHARE = 0.1  # of what rim and mesh leave unexplained, that does not grow with heat
+HARMONIC_TEST_SHARE = 0.3  # of a pattern round the bore, that does not grow with heat
+SURFACE_H_TEST_SHARE = (
     0.3  # of the film's shape along the track, which is the jets' and hangs on the speed a little
 )
-OF_LOG = {
+CONSTANT_KEYS = {
     "friction": "friction_rel",
     "half-width": "half_width_rel",
     "ambient": "ambient_K",
 }  # [constants] widen them
-OWN = ("parting", "uneven drift", "uneven bend", "air")  # of the test alone, wholly
+TEST_SPECIFIC = ("parting", "uneven drift", "uneven bend", "air")  # of the test alone, wholly
 
 
-def compressed(
+def compress_likelihood(
     name: str,
     rig: str,
     test: EhlTest,
-    sides: Sequence[Side],
-    best: Optimum,
-    uneven: Mapping[str, Unevenness],
+    disks: Sequence[Side],
+    optimum: Optimum,
+    harmonics: Mapping[str, Unevenness],
     **conditions: float,
-) -> KeptTest:
-    """Rows of ``test``, whose ``sides`` were fitted together as ``best``, on the rig with the fingerprint ``rig``.
+) -> SufficientStatistics:
+    """Rows of ``test``, whose ``disks`` were fitted together as ``optimum``, on the rig with the
+    fingerprint ``rig``.
 
-    The noise of what drives the model widens the rows that it moves; slow waves of the residuals beyond it all alike.
+    The noise of what drives the model widens the rows that it moves; slow waves of the residuals
+    beyond it all alike.
     """
-    k = 4 * len(sides)
-    data = len(best.residual) - len(sides)
-    j = best.jacobian[:data]
-    theta = best.theta
-    totals = [float(sum(lags(theta[4 * i : 4 * i + 4]))) for i in range(len(sides))]
-    answers = np.column_stack(
+    n_main = 4 * len(disks)
+    n_data = len(optimum.residual) - len(disks)
+    j = optimum.jacobian[:n_data]
+    theta = optimum.theta
+    totals = [float(sum(lags(theta[4 * i : 4 * i + 4]))) for i in range(len(disks))]
+    quantities = np.column_stack(
         [
             j[:, SHARE] - j[:, 4 + SHARE],
             *(j[:, 4 * i + LOG_H] for i in range(2)),
             *(j[:, 4 * i + LOG_LAGS] / totals[i] for i in range(2)),
         ]
     )
-    shapes = SHAPE_SD * j[:, LOG_TAU2:k:4]
+    shapes = SHAPE_SD * j[:, LOG_TAU2:n_main:4]
     shape_at = [
-        (theta[4 * i + LOG_TAU2] - np.log(s.prior_tau2_s)) / SHAPE_SD for i, s in enumerate(sides)
+        (theta[4 * i + LOG_TAU2] - np.log(s.prior_tau2_s)) / SHAPE_SD for i, s in enumerate(disks)
     ]
-    unknown = unknowns(sides)
-    labels = [f"{what.name} {d}".strip() for what, d in unknown]
-    names = (*ANSWERS, *(f"lag shape {d}" for d in DISKS), *labels)
+    nuisance = unknowns(disks)
+    nuisance_names = [f"{what.name} {d}".strip() for what, d in nuisance]
+    names = (*QUANTITIES, *(f"lag shape {d}" for d in DISKS), *nuisance_names)
     centre = np.concatenate(
         [
             theta[[SHARE, LOG_H, 4 + LOG_H]],
-            [total + s.rest_of_lag_s for total, s in zip(totals, sides)],
+            [total + s.rest_of_lag_s for total, s in zip(totals, disks)],
             shape_at,
-            theta[k:],
+            theta[n_main:],
         ]
     )
-    u, rows = fewer_rows(np.hstack([answers, shapes, j[:, k:]]))
-    lower = np.linalg.cholesky(whole_noise(test, sides, theta[:k], u, best.residual[:data]))
+    u, rows = compress_rows(np.hstack([quantities, shapes, j[:, n_main:]]))
+    lower = np.linalg.cholesky(
+        noise_covariance(test, disks, theta[:n_main], u, optimum.residual[:n_data])
+    )
     rows = np.linalg.solve(lower, rows)
-    right = np.linalg.solve(lower, -u.T @ best.residual[:data])
-    seen = (np.abs(rows) > 0).any(axis=0) | (np.arange(len(names)) < len(ANSWERS))
+    right = np.linalg.solve(lower, -u.T @ optimum.residual[:n_data])
+    informative = (np.abs(rows) > 0).any(axis=0) | (np.arange(len(names)) < len(QUANTITIES))
     power_W = test.friction_N * test.sliding_speed_m_s
-    used = [
-        (label, *one) for label, one, use in zip(labels, unknown, seen[len(ANSWERS) + 2 :]) if use
+    used_nuisance = [
+        (label, *one)
+        for label, one, use in zip(nuisance_names, nuisance, informative[len(QUANTITIES) + 2 :])
+        if use
     ]
-    loadings = {label: loading_of(what, d, test, uneven, power_W) for label, what, d in used}
-    units = {label: unit_of(what, d or DISKS[0], test) for label, what, d in used}
-    return KeptTest(
+    loadings = {
+        label: loading_of(what, d, test, harmonics, power_W) for label, what, d in used_nuisance
+    }
+    units = {label: unit_of(what, d or DISKS[0], test) for label, what, d in used_nuisance}
+    return SufficientStatistics(
         name=name,
         rig=rig,
-        names=tuple(n for n, use in zip(names, seen) if use),
-        centre=centre[seen],
-        rows=rows[:, seen],
+        names=tuple(n for n, use in zip(names, informative) if use),
+        centre=centre[informative],
+        rows=rows[:, informative],
         right=right,
         loading={label: one for label, one in loadings.items() if one is not None},
-        lag_prior_s={s.disk: s.prior_lag_s for s in sides},
-        lag_u_s={s.disk: s.prior_lag_u_s for s in sides},
+        lag_prior_s={s.disk: s.prior_lag_s for s in disks},
+        lag_u_s={s.disk: s.prior_lag_u_s for s in disks},
         units={label: size for label, size in units.items() if size is not None},
         conditions={
             "load_N": test.load_N,
@@ -120,79 +132,102 @@ def compressed(
     )
 
 
-def kept_of(name: str, rig: str, p: Partition) -> dict[str, Any] | None:
-    """What ``beta.json`` keeps of an analysed test for its campaign; None where its answer is withheld."""
-    if p.status == "withheld":
+def sufficient_statistics_of(name: str, rig: str, partition: Partition) -> dict[str, Any] | None:
+    """What ``beta.json`` keeps of an analysed test for its campaign; None where its answer is
+    withheld.
+    """
+    if partition.status == "withheld":
         return None
-    sides = [p.joint[d].side for d in DISKS]
-    heat = p.answers["delta_T_us"].value
-    return compressed(
-        name, rig, p.test, sides, p.both.optimum, p.both.uneven, delta_T_us_K_m_s=heat
+    disks = [partition.joint[d].side for d in DISKS]
+    delta_T_us = partition.answers["delta_T_us"].value
+    return compress_likelihood(
+        name,
+        rig,
+        partition.test,
+        disks,
+        partition.both.optimum,
+        partition.both.uneven,
+        delta_T_us_K_m_s=delta_T_us,
     ).to_dict()
 
 
-def fewer_rows(rows: Array) -> tuple[Array, Array]:
-    """Orthonormal directions (N, M) of data, and as few rows (M, P) of P parameters as tell what ``rows`` (N, P) do.
+def compress_rows(rows: Array) -> tuple[Array, Array]:
+    """Orthonormal directions (N, M) of data, and as few rows (M, P) of P parameters as tell what
+    ``rows`` (N, P) do.
 
-    By singular values, the answers in their units; directions of which the data tell nearly nothing are left out.
+    By singular values, the answers in their units; directions of which the data tell nearly nothing
+    are left out.
     """
     unit = np.ones(rows.shape[1])
-    unit[: len(ANSWERS)] = BETA_UNIT, LOG_H_UNIT, LOG_H_UNIT, LAG_UNIT_S, LAG_UNIT_S
-    told = rows.any(axis=0)
-    u, s, vt = np.linalg.svd(rows[:, told] * unit[told], full_matrices=False)
-    keep = s > LEAST_ROW
-    few = np.zeros((int(keep.sum()), rows.shape[1]))
-    few[:, told] = s[keep, None] * vt[keep] / unit[told]
-    return u[:, keep], few
+    unit[: len(QUANTITIES)] = BETA_UNIT, LOG_H_UNIT, LOG_H_UNIT, LAG_UNIT_S, LAG_UNIT_S
+    nonzero = rows.any(axis=0)
+    u, s, vt = np.linalg.svd(rows[:, nonzero] * unit[nonzero], full_matrices=False)
+    keep = s > MIN_SINGULAR_VALUE
+    compressed = np.zeros((int(keep.sum()), rows.shape[1]))
+    compressed[:, nonzero] = s[keep, None] * vt[keep] / unit[nonzero]
+    return u[:, keep], compressed
 
 
 def loading_of(
-    what: Unmeasured, disk: str, test: EhlTest, uneven: Mapping[str, Unevenness], power_W: float
+    nuisance: Unmeasured,
+    disk: str,
+    test: EhlTest,
+    harmonics: Mapping[str, Unevenness],
+    power_W: float,
 ) -> Loading | None:
-    """How an unmeasured quantity of a test hangs on what all tests share; None where it is wholly the rig's."""
-    kind, _, place = what.name.partition(" ")
-    if what.name.startswith(OWN):
+    """How an unmeasured quantity of a test hangs on what all tests share; None where it is wholly
+    the rig's.
+    """
+    kind, _, detail = nuisance.name.partition(" ")
+    if nuisance.name.startswith(TEST_SPECIFIC):
         return Loading({}, 1.0)
     if (
-        disk and place in test.disks[disk].left_out
+        disk and detail in test.disks[disk].left_out
     ):  # what stands in errs otherwise, alike in tests without it
-        return Loading({f"{what.name} {disk}, left out": 1.0})
+        return Loading({f"{nuisance.name} {disk}, left out": 1.0})
     if kind == "static":
-        return _static(place, disk, test, power_W)
-    if key := OF_LOG.get(what.name):
-        parts = [test.stated_u.get(key, 0.0)]
+        return _line_loading(detail, disk, test, power_W)
+    if key := CONSTANT_KEYS.get(nuisance.name):
+        components = [test.stated_u.get(key, 0.0)]
         if kind == "friction":
-            parts += [
-                FRICTION_OWN_REL,
-                zero_u(test) / test.friction_N,
+            components += [
+                FRICTION_TEST_SD_REL,
+                friction_zero_u_N(test) / test.friction_N,
                 test.added.u_N / test.friction_N,
             ]
         total = getattr(test.disks[disk or DISKS[0]].uncertainty, key)
-        own = float(np.hypot.reduce(parts)) / max(total, 1e-12)
+        specific = float(np.hypot.reduce(components)) / max(total, 1e-12)
         return Loading(
-            {f"{what.name} {disk}".strip(): float(np.sqrt(max(1 - own**2, 0.0)))}, min(own, 1.0)
+            {f"{nuisance.name} {disk}".strip(): float(np.sqrt(max(1 - specific**2, 0.0)))},
+            min(specific, 1.0),
         )
-    if what.source == "film along the track":
-        return Loading({f"{what.name} {disk}": float(np.sqrt(1 - FILM_OWN**2))}, FILM_OWN)
-    if kind == "uneven":
-        shape, side = place.split(", ")
-        size = SHAPES[shape] / float(uneven[disk].prior_K[[*SHAPES].index(shape)])
+    if nuisance.source == "film along the track":
         return Loading(
-            {f"uneven {shape}, {side} {disk}": size * power_W / REFERENCE_W}, ROUND_OWN * size
+            {f"{nuisance.name} {disk}": float(np.sqrt(1 - SURFACE_H_TEST_SHARE**2))},
+            SURFACE_H_TEST_SHARE,
+        )
+    if kind == "uneven":
+        shape, side = detail.split(", ")
+        size = SHAPES[shape] / float(harmonics[disk].prior_K[[*SHAPES].index(shape)])
+        return Loading(
+            {f"uneven {shape}, {side} {disk}": size * power_W / REFERENCE_POWER_W},
+            HARMONIC_TEST_SHARE * size,
         )
     return None
 
 
-def unit_of(what: Unmeasured, disk: str, test: EhlTest) -> float | None:
-    """A standard uncertainty of an unmeasured quantity [K, m, s, or of itself]; None where it is no one number."""
+def unit_of(nuisance: Unmeasured, disk: str, test: EhlTest) -> float | None:
+    """A standard uncertainty of an unmeasured quantity [K, m, s, or of itself]; None where it is no
+    one number.
+    """
     traces = test.disks[disk]
-    (kind, _, place) = what.name.partition(" ")
+    (kind, _, detail) = nuisance.name.partition(" ")
     u = traces.uncertainty
     if kind == "static":
-        model = MODEL_K if place in traces.setup.outer else 0.0
-        return float(np.hypot(traces.static_u_K[traces.setup.channels.index(place)], model))
+        model = MODEL_K if detail in traces.setup.outer else 0.0
+        return float(np.hypot(traces.static_u_K[traces.setup.channels.index(detail)], model))
     if kind == "depth":
-        return float(traces.depth_u_m[traces.setup.channels.index(place)])
+        return float(traces.depth_u_m[traces.setup.channels.index(detail)])
     return {
         "conductivity": u.conductivity_rel,
         "heat capacity": u.heat_capacity_rel,
@@ -201,28 +236,29 @@ def unit_of(what: Unmeasured, disk: str, test: EhlTest) -> float | None:
         "ambient": u.ambient_K,
         "parting": test.events.unload_u_s,
         "friction": u.friction_rel,
-    }.get(what.name)
+    }.get(nuisance.name)
 
 
-def _static(channel: str, disk: str, test: EhlTest, power_W: float) -> Loading:
-    """A line errs by gain and offset, the same in every test: y dg + do = (do + y0 dg) + (y - y0) dg, the two parts
-    independent about y0 = -cov(g, o)/var(g)."""
+def _line_loading(channel: str, disk: str, test: EhlTest, power_W: float) -> Loading:
+    """A line errs by gain and offset, the same in every test: y dg + do = (do + y0 dg) + (y - y0)
+    dg, the two parts independent about y0 = -cov(g, o)/var(g).
+    """
     traces = test.disks[disk]
-    at = traces.setup.channels.index(channel)
+    index = traces.setup.channels.index(channel)
     model = MODEL_K if channel in traces.setup.outer else 0.0
-    total = float(np.hypot(traces.static_u_K[at], model))
-    line = traces.lines[at]
+    total = float(np.hypot(traces.static_u_K[index], model))
+    line = traces.lines[index]
     steady = between(test.time_s, steady_start_s(test), test.events.unload_s - 0.5)
-    y = (float(traces.readings_degC[steady, at].mean()) - line.offset) / line.gain
+    y = (float(traces.readings_degC[steady, index].mean()) - line.offset) / line.gain
     (gg, go), (_, oo) = line.covariance
     pivot = -go / gg if gg > 0 else 0.0
     level = float(np.sqrt(max(oo - (go * go / gg if gg > 0 else 0.0), 0.0)))
     gain = float((y - pivot) * np.sqrt(gg))
-    parts = {f"line level {channel} {disk}": level, f"line gain {channel} {disk}": gain}
-    rest = float(
-        np.sqrt(max(traces.static_u_K[at] ** 2 - level**2 - gain**2, 0.0))
+    loadings = {f"line level {channel} {disk}": level, f"line gain {channel} {disk}": gain}
+    specific = float(
+        np.sqrt(max(traces.static_u_K[index] ** 2 - level**2 - gain**2, 0.0))
     )  # rounding, what stands in
     if model:
-        parts[f"model {channel} {disk}"] = model * power_W / REFERENCE_W
-        rest = float(np.hypot(rest, MODEL_OWN * model))
-    return Loading({name: x / total for name, x in parts.items()}, rest / total)
+        loadings[f"model {channel} {disk}"] = model * power_W / REFERENCE_POWER_W
+        specific = float(np.hypot(specific, MODEL_TEST_SHARE * model))
+    return Loading({name: x / total for name, x in loadings.items()}, specific / total)

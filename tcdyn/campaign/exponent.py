@@ -1,4 +1,6 @@
-"""The exponent of the speed law h ~ u^n from all tests at once, and whether a power law is enough."""
+"""The exponent of the speed law h ~ u^n from all tests at once, and whether a power law is
+enough.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +11,15 @@ from typing import Any
 import numpy as np
 
 from tcdyn.campaign.line_fit import fit_line
-from tcdyn.campaign.posterior import LN_H_FAST, LN_H_SLOW, A, Posterior, u_if_known, within
-from tcdyn.campaign.trends import LEAST_TESTS, set_points
+from tcdyn.campaign.posterior import (
+    LN_H_FAST,
+    LN_H_SLOW,
+    N_QUANTITIES,
+    Posterior,
+    u_if_known,
+    within,
+)
+from tcdyn.campaign.trends import MIN_TESTS, set_points
 from tcdyn.core import Array
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.result import jsonable
@@ -20,10 +29,11 @@ from tcdyn.core.result import jsonable
 class SpeedLaw:
     """h_fast / h_slow = (u_fast / u_slow)^n over all tests.
 
-    ``exponent`` n, ``scatter`` of the tests' own beyond their uncertainties; ``each`` (N,) and ``u_within`` (N,): n of
-    every test and its standard uncertainty against the others; ``by_speed``: how much n rises while the entraining
-    speed doubles, zero for a power law, with the chance ``p_value`` of that if it were; None where speeds are alike.
-    ``u_if_known``: u of n if one kind of the rig's shared quantities were known, what limits n most first.
+    ``exponent`` n, ``scatter`` of the tests' own beyond their uncertainties; ``each`` (N,) and
+    ``u_within`` (N,): n of every test and its standard uncertainty against the others;
+    ``by_speed``: how much n rises while the entraining speed doubles, zero for a power law, with
+    the chance ``p_value`` of that if it were; None where speeds are alike. ``u_if_known``: u of n
+    if one kind of the rig's shared quantities were known, what limits n most first.
     """
 
     exponent: Estimate
@@ -36,10 +46,10 @@ class SpeedLaw:
 
     def to_dict(self) -> dict[str, Any]:
         """As ``campaign.json`` keeps it beside the exponent."""
-        kept = dict(jsonable(self))
+        data = dict(jsonable(self))
         return {
-            "per_doubled_speed": kept.pop("by_speed"),
-            **{k: v for k, v in kept.items() if k != "exponent"},
+            "per_doubled_speed": data.pop("by_speed"),
+            **{k: v for k, v in data.items() if k != "exponent"},
         }
 
 
@@ -47,20 +57,20 @@ def speed_law(posterior: Posterior) -> SpeedLaw:
     """n by generalised least squares from ln(h_fast/h_slow)/ln(u_fast/u_slow) of every test."""
     log_ratio = np.log([t.conditions["speed_ratio"] for t in posterior.tests])
     n = len(log_ratio)
-    toward = np.zeros((n, A * n))
+    gradient = np.zeros((n, N_QUANTITIES * n))
     for i, size in enumerate(log_ratio):
-        toward[i, A * i + LN_H_FAST] = 1 / size
-        toward[i, A * i + LN_H_SLOW] = -1 / size
-    each = toward @ posterior.answers.ravel()
-    covariance = toward @ posterior.covariance @ toward.T
+        gradient[i, N_QUANTITIES * i + LN_H_FAST] = 1 / size
+        gradient[i, N_QUANTITIES * i + LN_H_SLOW] = -1 / size
+    each = gradient @ posterior.answers.ravel()
+    covariance = gradient @ posterior.covariance @ gradient.T
     line = fit_line(np.ones((n, 1)), each, covariance)
-    apart = within(covariance)
+    u_within = within(covariance)
     speed = np.array([t.conditions["entraining_speed_m_s"] for t in posterior.tests])
     by_speed = p_value = None
-    if n > LEAST_TESTS and set_points(speed) >= LEAST_TESTS:
+    if n > MIN_TESTS and set_points(speed) >= MIN_TESTS:
         doubled = np.log2(speed)
         sloped = fit_line(np.column_stack([np.ones(n), doubled - doubled.mean()]), each, covariance)
         by_speed = sloped.estimate(1)
         p_value = sloped.no_slope(1)
-    known = u_if_known(posterior, line.operator[0] @ toward)
-    return SpeedLaw(line.estimate(0), line.scatter, each, apart, by_speed, p_value, known)
+    u_known = u_if_known(posterior, line.operator[0] @ gradient)
+    return SpeedLaw(line.estimate(0), line.scatter, each, u_within, by_speed, p_value, u_known)

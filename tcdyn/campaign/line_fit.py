@@ -1,4 +1,6 @@
-"""Generalised least squares with a covariance that is known but for a scatter of the tests about their line."""
+"""Generalised least squares with a covariance that is known but for a scatter of the tests about
+their line.
+"""
 
 from __future__ import annotations
 
@@ -17,9 +19,10 @@ from tcdyn.core.estimate import Estimate
 class Line:
     """y = columns @ ``coefficients`` (P,) + error of the covariance given + independent scatter.
 
-    ``covariance`` (P, P); ``scatter``: standard deviation, beyond what is stated, of the points about the line, the
-    least that makes chi-squared what it should be; ``chi2`` without it, on ``freedom`` degrees; ``operator`` (P, N):
-    coefficients = operator @ y; ``used`` (N, N): the covariance with the scatter in it.
+    ``covariance`` (P, P); ``scatter``: standard deviation, beyond what is stated, of the points
+    about the line, the least that makes chi-squared what it should be; ``chi2`` without it, on
+    ``freedom`` degrees; ``operator`` (P, N): coefficients = operator @ y; ``used`` (N, N): the
+    covariance with the scatter in it.
     """
 
     coefficients: Array
@@ -53,8 +56,8 @@ class Line:
 def fit_line(columns: Array, y: Array, covariance: Array) -> Line:
     """The line through ``y`` (N,) with errors of ``covariance`` (N, N), by ``columns`` (N, P).
 
-    c = (X' V^-1 X)^-1 X' V^-1 y, V the covariance and, where the residuals ask for more than it, the scatter that
-    brings r' V^-1 r to N - P (Mandel and Paule 1970).
+    c = (X' V^-1 X)^-1 X' V^-1 y, V the covariance and, where the residuals ask for more than it,
+    the scatter that brings r' V^-1 r to N - P (Mandel and Paule 1970).
 
     >>> x = np.column_stack([np.ones(4), np.arange(4.0)])
     >>> line = fit_line(x, np.array([1.0, 3.0, 5.0, 7.0]), 0.01 * (np.ones((4, 4)) + 0.01 * np.eye(4)))
@@ -63,30 +66,33 @@ def fit_line(columns: Array, y: Array, covariance: Array) -> Line:
     """
     freedom = len(y) - columns.shape[1]
 
-    def solved(scatter: float) -> Line:
+    def solve(scatter: float) -> Line:
         used = covariance + scatter**2 * np.eye(len(y))
         size = np.sqrt(np.diag(used))
         weight = np.linalg.inv(used / np.outer(size, size)) / np.outer(size, size)
         spread = np.abs(columns).max(axis=0)
         scaled = columns / spread
-        own = np.linalg.inv(scaled.T @ weight @ scaled)
-        operator = own @ scaled.T @ weight / spread[:, None]
-        left = y - columns @ (operator @ y)
-        own = own / np.outer(spread, spread)
-        chi2 = float(left @ weight @ left)
-        return Line(operator @ y, own, scatter, chi2, freedom, operator, used)
+        inverse_information = np.linalg.inv(scaled.T @ weight @ scaled)
+        operator = inverse_information @ scaled.T @ weight / spread[:, None]
+        residual = y - columns @ (operator @ y)
+        inverse_information = inverse_information / np.outer(spread, spread)
+        chi2 = float(residual @ weight @ residual)
+        return Line(operator @ y, inverse_information, scatter, chi2, freedom, operator, used)
 
-    line = solved(0.0)
+    line = solve(0.0)
     if freedom > 0 and line.chi2 > freedom:
-        off = np.abs(y - columns @ line.coefficients)
-        most = 10.0 * float(off.max() + np.sqrt(np.diag(covariance)).max())
-        scatter = float(optimize.brentq(lambda s: solved(s).chi2 - freedom, 0.0, most, rtol=1e-6))
-        line = replace(solved(scatter), chi2=line.chi2)
+        distances = np.abs(y - columns @ line.coefficients)
+        largest_scatter = 10.0 * float(distances.max() + np.sqrt(np.diag(covariance)).max())
+        scatter = float(
+            optimize.brentq(lambda s: solve(s).chi2 - freedom, 0.0, largest_scatter, rtol=1e-6)
+        )
+        line = replace(solve(scatter), chi2=line.chi2)
     return line
 
 
 def level_inside_points(y: Array, covariance: Array) -> Line:
-    """The common level of points whose covariance cannot be trusted in full, always inside the range of the points.
+    """The common level of points whose covariance cannot be trusted in full, always inside the
+    range of the points.
 
     Parameters
     ----------
@@ -95,22 +101,21 @@ def level_inside_points(y: Array, covariance: Array) -> Line:
     covariance
         Their covariance, shape (N, N), in the unit of ``y`` squared.
 
-    Returns
-    -------
-    Line
-        One coefficient, the level. ``scatter`` is that of :func:`fit_line`: an independent scatter is added until
-        chi-squared equals N - 1 (none where it is smaller already). ``chi2`` is the value without the scatter.
+    Returns ------- Line One coefficient, the level. ``scatter`` is that of :func:`fit_line`: an
+    independent scatter is added until chi-squared equals N - 1 (none where it is smaller already).
+    ``chi2`` is the value without the scatter.
 
-    Notes
-    -----
-    With V the covariance and the scatter in it, the level is w' y, where w minimises w' V w subject to sum(w) = 1 and
-    w >= 0; its variance is w' V w. Where the weights of generalised least squares are positive, w is equal to them.
+    Notes ----- With V the covariance and the scatter in it, the level is w' y, where w minimises w'
+    V w subject to sum(w) = 1 and w >= 0; its variance is w' V w. Where the weights of generalised
+    least squares are positive, w is equal to them.
 
-    Strongly correlated errors of different size give negative weights (Peelle's pertinent puzzle; Burr et al. 2011,
-    Algorithms 4, 28-39). Such weights are correct as long as the covariance explains the differences of the points.
-    Where it does not, they extrapolate a systematic error from a misfit, and the level leaves the range of the points.
+    Strongly correlated errors of different size give negative weights (Peelle's pertinent puzzle;
+    Burr et al. 2011, Algorithms 4, 28-39). Such weights are correct as long as the covariance
+    explains the differences of the points. Where it does not, they extrapolate a systematic error
+    from a misfit, and the level leaves the range of the points.
 
-    Up to a factor, w solves min |L' w - L^-1 1|^2, w >= 0, with V = L L' (Lawson and Hanson 1974, chapter 23).
+    Up to a factor, w solves min |L' w - L^-1 1|^2, w >= 0, with V = L L' (Lawson and Hanson 1974,
+    chapter 23).
     """
     ones = np.ones(len(y))
     line = fit_line(ones[:, None], y, covariance)

@@ -1,8 +1,9 @@
-"""What a planned campaign will tell of beta, n and trends, before a hole is drilled: by the fit that tests will get.
+"""What a planned campaign will tell of beta, n and trends, before a hole is drilled: by the fit
+that tests will get.
 
-Each planned test is the rim model's own answer to the planned conditions, without noise; its fit is linear there, and
-what it would keep is solved as a campaign. Nothing is simulated by a whole disk: where the disk's body is, how fast it
-cools, and the noise are stated.
+Each planned test is the rim model's own answer to the planned conditions, without noise; its fit is
+linear there, and what it would keep is solved as a campaign. Nothing is simulated by a whole disk:
+where the disk's body is, how fast it cools, and the noise are stated.
 """
 
 from __future__ import annotations
@@ -16,10 +17,10 @@ import numpy as np
 import pandas as pd
 from scipy.special import chdtr, chdtrc
 
-from tcdyn.campaign.compress import compressed
+from tcdyn.campaign.compress import compress_likelihood
 from tcdyn.campaign.exponent import speed_law
-from tcdyn.campaign.posterior import Posterior, by_shared, solve
-from tcdyn.campaign.sufficient_statistics import KeptTest
+from tcdyn.campaign.posterior import Posterior, shared_sensitivity, solve
+from tcdyn.campaign.sufficient_statistics import SufficientStatistics
 from tcdyn.campaign.trends import trends
 from tcdyn.chain import Chain
 from tcdyn.chain.logger_noise import LoggerNoise
@@ -41,12 +42,14 @@ from tcdyn.rig.static_line import StaticLine, static_u
 from tcdyn.smoothing.traces import DiskTraces
 
 COLUMNS = ("load_N", "friction_N", "speed_fast_rpm", "speed_slow_rpm")
-OPTIONAL = ("beta", "h_fast_W_m2K")
-BODY_W_K = 1.8  # from the row d, b, f through bore and faces to the surroundings, at steady running
-EDGES = 0.995  # excess at d and f over that at b
-FOLLOWS_S = 0.3  # the inner row feels the parting this much later
-MASS = 0.86  # of the disk's heat capacity that cools with the row d, b, f
-LINE = StaticLine(
+OPTIONAL_COLUMNS = ("beta", "h_fast_W_m2K")
+BODY_LOSS_W_K = (
+    1.8  # from the row d, b, f through bore and faces to the surroundings, at steady running
+)
+EDGE_EXCESS_RATIO = 0.995  # excess at d and f over that at b
+INNER_ROW_DELAY_S = 0.3  # the inner row feels the parting this much later
+COOLING_MASS_SHARE = 0.86  # of the disk's heat capacity that cools with the row d, b, f
+STATIC_LINE = StaticLine(
     gain=1.0,
     offset=0.0,
     covariance=((1.4e-7, -1.1e-5), (-1.1e-5, 1.2e-3)),
@@ -54,8 +57,8 @@ LINE = StaticLine(
 )
 # of a plunge-tested chain: two lags, u of the mean, u of each
 LAGS_S = (0.54, 0.12)
-LAG_U_S = 0.05
-APART_U_S = 0.008
+COMMON_LAG_U_S = 0.05
+CHANNEL_LAG_U_S = 0.008
 
 
 @dataclass(frozen=True)
@@ -73,7 +76,9 @@ class PlannedTest:
 
 @dataclass(frozen=True)
 class Logging:
-    """How planned tests are logged; noise of one sample [K, N], duration of the load, of the cooling and before [s]."""
+    """How planned tests are logged; noise of one sample [K, N], duration of the load, of the
+    cooling and before [s].
+    """
 
     rate_Hz: float = 75.0
     noise_K: float = 0.13
@@ -86,7 +91,9 @@ class Logging:
 
 @dataclass(frozen=True)
 class PlannedCampaign:
-    """What planned tests will tell together; ``posterior`` holds every covariance, ``alone`` u of beta of each test."""
+    """What planned tests will tell together; ``posterior`` holds every covariance, ``alone`` u of
+    beta of each test.
+    """
 
     posterior: Posterior = field(repr=False)
     alone: tuple[float, ...]
@@ -94,14 +101,16 @@ class PlannedCampaign:
     def table(self) -> pd.DataFrame:
         """One row a test: u of beta alone, in the campaign, and within it; u of h relative."""
         rows = []
-        for name, one, alone in zip(self.posterior.order, self.posterior.estimates, self.alone):
-            h = {f"u_h_{d}_rel": one[f"h_{d}"].u / one[f"h_{d}"].value for d in DISKS}
+        for name, estimate, u_single in zip(
+            self.posterior.order, self.posterior.estimates, self.alone
+        ):
+            h = {f"u_h_{d}_rel": estimate[f"h_{d}"].u / estimate[f"h_{d}"].value for d in DISKS}
             rows.append(
                 {
                     "test": name,
-                    "u_beta_alone": alone,
-                    "u_beta": one["beta"].u,
-                    "u_beta_within": one["beta_within"].u,
+                    "u_beta_alone": u_single,
+                    "u_beta": estimate["beta"].u,
+                    "u_beta_within": estimate["beta_within"].u,
                     **h,
                 }
             )
@@ -117,7 +126,7 @@ class PlannedCampaign:
         """Of every line of beta: over what, beside what, u of its slope."""
         return [
             (name, tuple(a for a in t.against if a != name), slope.u)
-            for t in trends(_straight(self.posterior))
+            for t in trends(_with_equal_beta(self.posterior))
             for name, slope in zip(t.against, t.slopes)
         ]
 
@@ -130,9 +139,9 @@ class PlannedCampaign:
             f"{worst['u_beta']:.4f} absolute in the campaign, {worst['u_beta_within']:.5f} within it",
             f"u of the exponent n: {self.u_exponent:.3f}",
         ]
-        for name, beside, u in self.slopes:
+        for name, alongside, u in self.slopes:
             lines.append(
-                f"u of the slope of beta over {name}{f' beside {beside[0]}' if beside else ''}: {u:.2g}"
+                f"u of the slope of beta over {name}{f' beside {alongside[0]}' if alongside else ''}: {u:.2g}"
             )
         return "\n".join(lines)
 
@@ -145,17 +154,21 @@ class PlannedCampaign:
         }
 
 
-def _straight(posterior: Posterior) -> Posterior:
-    """The same with every beta equal: the u of a line's slope is asked for, not whether the plan lies on one."""
+def _with_equal_beta(posterior: Posterior) -> Posterior:
+    """The same with every beta equal: the u of a line's slope is asked for, not whether the plan
+    lies on one.
+    """
     answers = posterior.answers.copy()
     answers[:, 0] = answers[:, 0].mean()
     return replace(posterior, answers=answers)
 
 
 def read_plan(path: str | Path) -> tuple[PlannedTest, ...]:
-    """Planned tests from a table, a row each: load_N, friction_N, speed_fast_rpm, speed_slow_rpm, and beta and
-    h_fast_W_m2K if they are expected to be other than 0.7 and 700. Raises InputError for a table without them."""
-    values = read_numbers(path, COLUMNS, OPTIONAL)
+    """Planned tests from a table, a row each: load_N, friction_N, speed_fast_rpm, speed_slow_rpm,
+    and beta and h_fast_W_m2K if they are expected to be other than 0.7 and 700. Raises InputError
+    for a table without them.
+    """
+    values = read_numbers(path, COLUMNS, OPTIONAL_COLUMNS)
     rows = [{k: float(v[i]) for k, v in values.items()} for i in range(len(values["load_N"]))]
     for i, row in enumerate(rows, 2):
         sound = (
@@ -177,26 +190,30 @@ def read_plan(path: str | Path) -> tuple[PlannedTest, ...]:
 def predict_campaign(
     plan: Sequence[PlannedTest], rig: Rig, logging: Logging | None = None
 ) -> PlannedCampaign:
-    """Expected uncertainties of all planned tests together on the rig with the junctions of rig.toml."""
-    kept = [planned_test(one, rig, logging or Logging()) for one in plan]
-    alone = tuple(as_expected(solve([k])).estimates[0]["beta"].u for k in kept)
-    return PlannedCampaign(as_expected(solve(kept)), alone)
+    """Expected uncertainties of all planned tests together on the rig with the junctions of
+    rig.toml.
+    """
+    tests = [planned_test(planned, rig, logging or Logging()) for planned in plan]
+    u_single = tuple(expected_widening(solve([k])).estimates[0]["beta"].u for k in tests)
+    return PlannedCampaign(expected_widening(solve(tests)), u_single)
 
 
-def as_expected(posterior: Posterior) -> Posterior:
+def expected_widening(posterior: Posterior) -> Posterior:
     """``posterior`` with what Birge's ratio, never below one, will widen it by on average.
 
-    E max(1, X/v) = P(X < v) + P(Y > v), X chi-squared on v degrees of freedom, as many as the data tell of the shared
-    quantities, and Y on v + 2.
+    E max(1, X/v) = P(X < v) + P(Y > v), X chi-squared on v degrees of freedom, as many as the data
+    tell of the shared quantities, and Y on v + 2.
     """
-    told = max(len(posterior.found) - float(np.trace(posterior.shared_covariance)), 1.0)
-    widened = float(chdtr(told, told) + chdtrc(told + 2, told))
-    by = by_shared(posterior.reduced, posterior.shared)
-    more = (widened - posterior.widened) * by @ posterior.shared_covariance @ by.T
-    return replace(posterior, covariance=posterior.covariance + more, widened=widened)
+    dof = max(len(posterior.found) - float(np.trace(posterior.shared_covariance)), 1.0)
+    widened = float(chdtr(dof, dof) + chdtrc(dof + 2, dof))
+    sensitivity = shared_sensitivity(posterior.reduced, posterior.shared)
+    added = (
+        (widened - posterior.widened) * sensitivity @ posterior.shared_covariance @ sensitivity.T
+    )
+    return replace(posterior, covariance=posterior.covariance + added, widened=widened)
 
 
-def planned_test(plan: PlannedTest, rig: Rig, logging: Logging) -> KeptTest:
+def planned_test(plan: PlannedTest, rig: Rig, logging: Logging) -> SufficientStatistics:
     """What one planned test would keep, its fit standing on the truth."""
     radius, crown = zip(*((s.outer_radius_m, s.crown_radius_m) for s in map(rig.disk_setup, DISKS)))
     u_fast, u_slow = (
@@ -206,15 +223,15 @@ def planned_test(plan: PlannedTest, rig: Rig, logging: Logging) -> KeptTest:
     contact = rig.common.contact
     u = rig.common.uncertainty
     dt = 1 / logging.rate_Hz
-    off = logging.before_s + logging.loaded_s
-    t: Array = np.arange(0.0, off + logging.cooling_s, dt, dtype=np.float64)
+    unload_s = logging.before_s + logging.loaded_s
+    t: Array = np.arange(0.0, unload_s + logging.cooling_s, dt, dtype=np.float64)
     power = plan.friction_N * (u_fast - u_slow)
     h = {
         "fast": plan.h_fast_W_m2K,
         "slow": plan.h_fast_W_m2K / (u_fast / u_slow) ** contact.speed_exponent,
     }
     share = {"fast": plan.beta, "slow": 1 - plan.beta}
-    events = Events(logging.before_s, off + 0.4 * dt, 0.01, 0.02, (off + 0.4 * dt,))
+    events = Events(logging.before_s, unload_s + 0.4 * dt, 0.01, 0.02, (unload_s + 0.4 * dt,))
     test = EhlTest(
         time_s=t,
         dt_s=dt,
@@ -241,20 +258,20 @@ def planned_test(plan: PlannedTest, rig: Rig, logging: Logging) -> KeptTest:
         np.array([share[d], np.log(h[d]), np.log(sum(LAGS_S)), np.log(LAGS_S[1])]) for d in DISKS
     ]
     window_s = min(JOINT_WINDOW_S, float(t[-1] - events.unload_s))
-    sides = []
-    for d, own in zip(DISKS, theta):
-        side = disk_side(test, test.disks[d], own, window_s, "modal", LAGS_S[1])
-        answer = side.model(own)
-        assert answer is not None
-        sides.append(replace(side, y=answer[0], prior_lag_s=sum(LAGS_S) + side.rest_of_lag_s))
-    problem = joint_problem(sides)
+    blocks = []
+    for d, start in zip(DISKS, theta):
+        block = disk_side(test, test.disks[d], start, window_s, "modal", LAGS_S[1])
+        response = block.model(start)
+        assert response is not None
+        blocks.append(replace(block, y=response[0], prior_lag_s=sum(LAGS_S) + block.rest_of_lag_s))
+    problem = joint_problem(blocks)
     best = minimise(problem, np.pad(np.concatenate(theta), (0, problem.size - 8)), limit=0)
     hotter_K = (
         0.35 * (2 * plan.beta - 1) * power
     )  # roughly, the fast disk's surface: by its greater share, 0.35 K/W
-    heat = {"delta_T_us_K_m_s": hotter_K * test.sliding_speed_m_s}
-    return compressed(
-        plan.name, "planned", test, sides, best, dict.fromkeys(DISKS, UNKNOWN), **heat
+    conditions = {"delta_T_us_K_m_s": hotter_K * test.sliding_speed_m_s}
+    return compress_likelihood(
+        plan.name, "planned", test, blocks, best, dict.fromkeys(DISKS, UNKNOWN), **conditions
     )
 
 
@@ -268,32 +285,36 @@ def _traces(
     rig: Rig,
     load_N: float,
     t: Array,
-    off_s: float,
+    unload_s: float,
     power_W: float,
     h_W_m2K: float,
     logging: Logging,
 ) -> DiskTraces:
-    """Readings of a planned disk: the inner row at its steady excess until the parting, then cooling with the disk."""
+    """Readings of a planned disk: the inner row at its steady excess until the parting, then
+    cooling with the disk.
+    """
     setup = rig.disk_setup(disk)
     u = rig.tables(disk).uncertainty
-    pressed = hertz_contact(load_N, setup.outer_radius_m, setup.crown_radius_m)
-    setup = replace(setup, flux=setup.flux.under(pressed.pressure_Pa))
+    contact = hertz_contact(load_N, setup.outer_radius_m, setup.crown_radius_m)
+    setup = replace(setup, flux=setup.flux.under(contact.pressure_Pa))
     surface = 2 * np.pi * setup.outer_radius_m * setup.width_m
     volume = np.pi * (setup.outer_radius_m**2 - setup.bore_radius_m**2) * setup.width_m
-    out_W_K = h_W_m2K * surface + BODY_W_K
-    tau = MASS * volume * setup.density_kg_m3 * setup.specific_heat_J_kgK / out_W_K
-    since = np.clip(t - off_s, 0.0, None)
-    fall = (tau * np.exp(-since / tau) - FOLLOWS_S * np.exp(-since / FOLLOWS_S)) / (tau - FOLLOWS_S)
+    out_W_K = h_W_m2K * surface + BODY_LOSS_W_K
+    tau = COOLING_MASS_SHARE * volume * setup.density_kg_m3 * setup.specific_heat_J_kgK / out_W_K
+    since = np.clip(t - unload_s, 0.0, None)
+    fall = (tau * np.exp(-since / tau) - INNER_ROW_DELAY_S * np.exp(-since / INNER_ROW_DELAY_S)) / (
+        tau - INNER_ROW_DELAY_S
+    )
     excess = power_W / out_W_K * fall
     chain = Chain(LAGS_S, conditioning=setup.conditioning)
-    seen = chain.response(excess, 1 / logging.rate_Hz)
+    lagged = chain.response(excess, 1 / logging.rate_Hz)
     count = len(setup.channels)
     y = np.empty((len(t), count))
     for k, c in enumerate(setup.channels):
-        part = EDGES if c in setup.inner and c != setup.edge else 1.0
+        ratio = EDGE_EXCESS_RATIO if c in setup.inner and c != setup.edge else 1.0
         y[:, k] = (
             logging.ambient_degC
-            + part * seen
+            + ratio * lagged
             + logging.noise_K * _noise(len(t), k + 10 * len(disk))
         )
     level = np.full(count, logging.noise_K)
@@ -302,9 +323,9 @@ def _traces(
     )
     return DiskTraces(
         columns=couples(setup.channels, disk),
-        lines=(LINE,) * count,
+        lines=(STATIC_LINE,) * count,
         chains=(chain,) * count,
-        lag_covariance_s2=LAG_U_S**2 + APART_U_S**2 * np.eye(count),
+        lag_covariance_s2=COMMON_LAG_U_S**2 + CHANNEL_LAG_U_S**2 * np.eye(count),
         split_u_s=np.zeros(count),
         name=disk,
         setup=setup,
@@ -312,7 +333,7 @@ def _traces(
         missing=np.zeros(y.shape, dtype=bool),
         noise=noise,
         rounding_K=np.zeros(count),
-        static_u_K=np.asarray(static_u(LINE, y[t < off_s][-1])),
+        static_u_K=np.asarray(static_u(STATIC_LINE, y[t < unload_s][-1])),
         uncertainty=u,
         inner_K=np.zeros((len(t), len(setup.inner))),
     )

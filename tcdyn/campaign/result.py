@@ -1,4 +1,6 @@
-"""The answer of a whole campaign: every test by one posterior, n, trends, junctions, and who does not belong."""
+"""The answer of a whole campaign: every test by one posterior, n, trends, junctions, and who does
+not belong.
+"""
 
 from __future__ import annotations
 
@@ -9,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from tcdyn.campaign.exponent import SpeedLaw, speed_law
-from tcdyn.campaign.outliers import Stranger, strangers
+from tcdyn.campaign.outliers import OutlyingTest, outlying_tests
 from tcdyn.campaign.posterior import Posterior, solve
-from tcdyn.campaign.sufficient_statistics import AGAIN, KeptTest
+from tcdyn.campaign.sufficient_statistics import ANALYSE_AGAIN, SufficientStatistics
 from tcdyn.campaign.trends import BetaTrend, Curve, CurveTest, curve_test, trends
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
@@ -21,27 +23,31 @@ from tcdyn.partition.steady import speed_law_beta, speed_ratio_power
 from tcdyn.rig.disk import DISKS
 
 SCHEMA = "tcdyn.campaign/1"
-FAR_Z = 2.0  # n of the campaign this far from rig.toml's is told
-BENT_P = 0.01  # chance below which a power law is not enough
-MOVED_Z = 4.0  # a junction's pull that is told: the largest in 17 sound drawn campaigns was 3.7
-LEAST_TOLD = 0.02  # of a depth's variance: below it a pull means nothing
+EXPONENT_DEVIATION_Z = 2.0  # n of the campaign this far from rig.toml's is told
+POWER_LAW_REJECTED_P = 0.01  # chance below which a power law is not enough
+DEPTH_PULL_Z = (
+    4.0  # a junction's pull that is told: the largest in 17 sound drawn campaigns was 3.7
+)
+MIN_VARIANCE_REDUCTION = 0.02  # of a depth's variance: below it a pull means nothing
 
 
 @dataclass(frozen=True)
 class JoinedCampaign:
     """All tests of a rig together.
 
-    ``posterior``: answers and covariance; ``law``: the exponent n; ``trends`` of beta; ``strangers``: tests that do not
-    belong, and are not in the posterior; ``curves``: models laid over the tests; ``deeper_mm``: by disk and
-    channel, how much deeper than stated the campaign places a junction; ``pulls``: that in what the data alone would
-    move it by; ``single``: beta of each test alone; ``by_law``: beta by each test's steady lines and the campaign's n;
-    ``status`` and ``delta_T_us`` [K m/s] of each test; ``apart``: tests that could not be joined, and why.
+    ``posterior``: answers and covariance; ``law``: the exponent n; ``trends`` of beta;
+    ``outlying_tests``: tests that do not belong, and are not in the posterior; ``curves``: models
+    laid over the tests; ``deeper_mm``: by disk and channel, how much deeper than stated the
+    campaign places a junction; ``pulls``: that in what the data alone would move it by; ``single``:
+    beta of each test alone; ``by_law``: beta by each test's steady lines and the campaign's n;
+    ``status`` and ``delta_T_us`` [K m/s] of each test; ``apart``: tests that could not be joined,
+    and why.
     """
 
     posterior: Posterior
     law: SpeedLaw
     trends: tuple[BetaTrend, ...]
-    strangers: tuple[Stranger, ...]
+    outlying_tests: tuple[OutlyingTest, ...]
     curves: tuple[CurveTest, ...]
     deeper_mm: Mapping[str, Mapping[str, Estimate]]
     pulls: Mapping[str, Mapping[str, float]]
@@ -59,7 +65,7 @@ class JoinedCampaign:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """What the campaign shows that no test alone does."""
-        found = [
+        findings = [
             warning(
                 "campaign.stranger",
                 subject=s.name,
@@ -72,27 +78,29 @@ class JoinedCampaign:
                 freedom=s.freedom,
                 explained=s.explained,
             )
-            for s in self.strangers
+            for s in self.outlying_tests
         ]
         n = self.law.exponent
         assumed = self.posterior.tests[0].conditions["speed_exponent"]
         tests = len(self.posterior.tests)
-        if tests > 1 and abs(n.value - assumed) > FAR_Z * n.u:
-            found.append(info("campaign.exponent", n=n.value, u=n.u, assumed=assumed, tests=tests))
+        if tests > 1 and abs(n.value - assumed) > EXPONENT_DEVIATION_Z * n.u:
+            findings.append(
+                info("campaign.exponent", n=n.value, u=n.u, assumed=assumed, tests=tests)
+            )
         if (
             self.law.by_speed is not None
             and self.law.p_value is not None
-            and self.law.p_value < BENT_P
+            and self.law.p_value < POWER_LAW_REJECTED_P
         ):
             by = self.law.by_speed
-            found.append(
+            findings.append(
                 warning("campaign.power_law", per_doubled=by.value, u=by.u, p=self.law.p_value)
             )
         for d, pulls in self.pulls.items():
             for c, z in pulls.items():
-                if abs(z) > MOVED_Z:
+                if abs(z) > DEPTH_PULL_Z:
                     e = self.deeper_mm[d][c]
-                    found.append(
+                    findings.append(
                         warning(
                             "campaign.junction",
                             subject=f"{d}_{c}",
@@ -113,26 +121,28 @@ class JoinedCampaign:
                     offset=test.offset.value,
                     u=test.offset.u,
                 )
-                found.append(shape)
-        found += [info("campaign.apart", subject=name, why=why) for name, why in self.apart.items()]
-        return tuple(found)
+                findings.append(shape)
+        findings += [
+            info("campaign.apart", subject=name, why=why) for name, why in self.apart.items()
+        ]
+        return tuple(findings)
 
     def to_dict(self) -> dict[str, Any]:
         """The content of ``campaign.json`` (design, section 8)."""
         posterior = self.posterior
         trends = [t.to_dict() for t in self.trends]
-        kept = {
+        data = {
             "schema": SCHEMA,
             "rig_sha256": posterior.tests[0].rig,
             "tests": {
                 name: {
-                    **one,
+                    **estimate,
                     "beta_alone": self.single[name],
                     "beta_by_speed_law": self.by_law[name],
                     "delta_T_us": self.delta_T_us[name],
                     "status": self.status[name],
                 }
-                for name, one in zip(posterior.order, posterior.estimates)
+                for name, estimate in zip(posterior.order, posterior.estimates)
             },
             "exponent": self.law.exponent,
             "speed_law": self.law.to_dict(),
@@ -141,24 +151,26 @@ class JoinedCampaign:
             "trend": trends[0] if trends else None,
             "trends": trends,
             "models": [c.to_dict() for c in self.curves],
-            "do_not_belong": [s.to_dict() for s in self.strangers],
+            "do_not_belong": [s.to_dict() for s in self.outlying_tests],
             "junctions": {
-                d: {c: {"deeper_mm": e, "z": self.pulls[d][c]} for c, e in own.items()}
-                for d, own in self.deeper_mm.items()
+                d: {c: {"deeper_mm": e, "z": self.pulls[d][c]} for c, e in depths.items()}
+                for d, depths in self.deeper_mm.items()
             },
             "apart": self.apart,
             "findings": self.findings,
         }
-        return jsonable(kept)
+        return jsonable(data)
 
 
-def kept_test(name: str, data: Mapping[str, Any]) -> KeptTest:
-    """What the content of a beta.json keeps for its campaign. Raises InputError where that is nothing."""
+def read_statistics(name: str, data: Mapping[str, Any]) -> SufficientStatistics:
+    """What the content of a beta.json keeps for its campaign. Raises InputError where that is
+    nothing.
+    """
     if not data.get("kept"):
         raise InputError(
             "keeps nothing for a campaign: its joint fit of both disks was withheld", where=name
         )
-    return KeptTest.from_dict(name, data["kept"])
+    return SufficientStatistics.from_dict(name, data["kept"])
 
 
 def joined(
@@ -166,47 +178,53 @@ def joined(
 ) -> JoinedCampaign | None:
     """One posterior of the contents of beta.json by test; None where none can be joined.
 
-    A test whose answer is withheld stands apart, and so does one that does not belong. Raises InputError for tests of
-    different rigs, by name, for a kept block of another schema, and for a curve that the tests do not reach.
+    A test whose answer is withheld stands apart, and so does one that does not belong. Raises
+    InputError for tests of different rigs, by name, for a kept block of another schema, and for a
+    curve that the tests do not reach.
     """
-    apart = {
+    excluded = {
         name: "its answer is withheld"
         for name, data in answers.items()
         if data.get("status") == "withheld"
     }
-    used = {name: data for name, data in answers.items() if name not in apart}
-    if not used:
+    included = {name: data for name, data in answers.items() if name not in excluded}
+    if not included:
         return None
-    if missing := [name for name, data in used.items() if "kept" not in data]:
-        raise InputError("keeps nothing for a campaign", where=missing[0], remedy=AGAIN)
-    posterior = solve([kept_test(name, data) for name, data in used.items()])
-    odd = strangers(posterior)
-    if odd:
-        names = {s.name for s in odd}
-        own = [(t, r) for t, r in zip(posterior.tests, posterior.reduced) if t.name not in names]
-        posterior = solve([t for t, _ in own], [r for _, r in own])
-        used = {name: data for name, data in used.items() if name not in names}
+    if missing := [name for name, data in included.items() if "kept" not in data]:
+        raise InputError("keeps nothing for a campaign", where=missing[0], remedy=ANALYSE_AGAIN)
+    posterior = solve([read_statistics(name, data) for name, data in included.items()])
+    outliers = outlying_tests(posterior)
+    if outliers:
+        names = {s.name for s in outliers}
+        remaining = [
+            (t, r) for t, r in zip(posterior.tests, posterior.reduced) if t.name not in names
+        ]
+        posterior = solve([t for t, _ in remaining], [r for _, r in remaining])
+        included = {name: data for name, data in included.items() if name not in names}
     law = speed_law(posterior)
     deeper, pulls = junctions(posterior)
     return JoinedCampaign(
         posterior=posterior,
         law=law,
         trends=trends(posterior),
-        strangers=odd,
+        outlying_tests=outliers,
         curves=tuple(curve_test(posterior, c) for c in curves),
         deeper_mm=deeper,
         pulls=pulls,
-        single={name: Estimate(**data["joint"]["both"]["beta"]) for name, data in used.items()},
-        by_law={t.name: _by_law(used[t.name], t, law.exponent.value) for t in posterior.tests},
+        single={name: Estimate(**data["joint"]["both"]["beta"]) for name, data in included.items()},
+        by_law={t.name: _by_law(included[t.name], t, law.exponent.value) for t in posterior.tests},
         status={
-            name: GRADES_OF_0_2.get(data["status"], data["status"]) for name, data in used.items()
+            name: GRADES_OF_0_2.get(data["status"], data["status"])
+            for name, data in included.items()
         },
-        delta_T_us={name: Estimate(**data["surface"]["delta_T_us"]) for name, data in used.items()},
-        apart=apart,
+        delta_T_us={
+            name: Estimate(**data["surface"]["delta_T_us"]) for name, data in included.items()
+        },
+        apart=excluded,
     )
 
 
-def _by_law(data: Mapping[str, Any], test: KeptTest, exponent: float) -> float | None:
+def _by_law(data: Mapping[str, Any], test: SufficientStatistics, exponent: float) -> float | None:
     lines = [
         data["steady"][f"{d}_line"][key]["value"] for d in DISKS for key in ("intercept", "slope")
     ]
@@ -220,16 +238,20 @@ def _by_law(data: Mapping[str, Any], test: KeptTest, exponent: float) -> float |
 def junctions(
     posterior: Posterior,
 ) -> tuple[dict[str, dict[str, Estimate]], dict[str, dict[str, float]]]:
-    """How much deeper than stated each junction lies [mm], by disk and channel, and its pull on the statement."""
+    """How much deeper than stated each junction lies [mm], by disk and channel, and its pull on the
+    statement.
+    """
     deeper: dict[str, dict[str, Estimate]] = {d: {} for d in DISKS}
     pulls: dict[str, dict[str, float]] = {d: {} for d in DISKS}
     units = {n: size for t in posterior.tests for n, size in t.units.items()}
-    wider = float(np.sqrt(posterior.widened))
-    told = zip(posterior.shared, posterior.found, np.diag(posterior.shared_covariance))
-    for name, x, variance in sorted(told, key=lambda one: one[0]):
+    u_factor = float(np.sqrt(posterior.widened))
+    shared_estimates = zip(posterior.shared, posterior.found, np.diag(posterior.shared_covariance))
+    for name, x, variance in sorted(shared_estimates, key=lambda one: one[0]):
         match name.split(" "):
             case "depth", c, d if name in units:
                 mm = 1e3 * units[name]
-                deeper[d][c] = Estimate.normal(x * mm, np.sqrt(variance) * mm * wider)
-                pulls[d][c] = float(x / np.sqrt(max(1 - variance, LEAST_TOLD)) / wider)
+                deeper[d][c] = Estimate.normal(x * mm, np.sqrt(variance) * mm * u_factor)
+                pulls[d][c] = float(
+                    x / np.sqrt(max(1 - variance, MIN_VARIANCE_REDUCTION)) / u_factor
+                )
     return deeper, pulls

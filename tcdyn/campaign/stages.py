@@ -17,35 +17,37 @@ from tcdyn.partition.events import find_events
 from tcdyn.rig.contact import Events
 from tcdyn.rig.log import Log, LogPieces
 
-AFTER_S = 2.0  # from one parting to where the next test may begin: the switch has settled
-BEFORE_S = 0.5  # from where a test ends to the next loading
-LONG_ROWS = 120_000  # beyond, what is kept: seconds before the loading, the last under load, and after the parting,
-KEPT_S = np.array([100.0, 1250.0, 250.0])
-BESIDE_S = 60.0  # of loading and parting: what their instants are found in
-LEAST_S = np.array(
+SWITCH_SETTLE_S = 2.0  # from one parting to where the next test may begin: the switch has settled
+NEXT_LOADING_MARGIN_S = 0.5  # from where a test ends to the next loading
+MAX_ROWS = 120_000  # beyond, what is kept: seconds before the loading, the last under load, and after the parting,
+WINDOW_S = np.array([100.0, 1250.0, 250.0])
+EVENT_MARGIN_S = 60.0  # of loading and parting: what their instants are found in
+MIN_WINDOW_S = np.array(
     [30.0, 200.0, 60.0]
 )  # and, of a log sampled so fast that these are too many rows, no less than
-COURSE = ("contact", "load_N", "friction_N")
+EVENT_COLUMNS = ("contact", "load_N", "friction_N")
 
 
-def loadings(frame: pd.DataFrame) -> list[Events]:
+def loading_events(frame: pd.DataFrame) -> list[Events]:
     """Every loading in an EHL log that an unloading follows, in order; empty where there is none.
 
-    The longest is found first, then what lies before it and behind it is looked through in the same way.
+    The longest is found first, then what lies before it and behind it is looked through in the same
+    way.
     """
     t = frame["time_s"].to_numpy(dtype=float)
     if len(t) < 2:
         return []
     try:
-        found = find_events(frame)
+        longest = find_events(frame)
     except InputError:
         return []
-    on = found.load_on_s
-    off = found.unload_s
+    load_on_s = longest.load_on_s
+    unload_s = longest.unload_s
     before, after = (
-        frame[rows].reset_index(drop=True) for rows in (t < on - BEFORE_S, t > off + AFTER_S)
+        frame[rows].reset_index(drop=True)
+        for rows in (t < load_on_s - NEXT_LOADING_MARGIN_S, t > unload_s + SWITCH_SETTLE_S)
     )
-    return [*loadings(before), found, *loadings(after)]
+    return [*loading_events(before), longest, *loading_events(after)]
 
 
 def stages(log: Log) -> tuple[Log, ...]:
@@ -53,15 +55,15 @@ def stages(log: Log) -> tuple[Log, ...]:
 
     A log with one test is that test, under its own name.
     """
-    return _parts(log, loadings(log.frame))
+    return _split(log, loading_events(log.frame))
 
 
-def _parts(log: Log, found: Sequence[Events]) -> tuple[Log, ...]:
-    if len(found) < 2:
+def _split(log: Log, events: Sequence[Events]) -> tuple[Log, ...]:
+    if len(events) < 2:
         return (log,)
     t = log.frame["time_s"].to_numpy(dtype=float)
-    starts = [-np.inf, *(e.unload_s + AFTER_S for e in found[:-1])]
-    stops = [*(e.load_on_s - BEFORE_S for e in found[1:]), np.inf]
+    starts = [-np.inf, *(e.unload_s + SWITCH_SETTLE_S for e in events[:-1])]
+    stops = [*(e.load_on_s - NEXT_LOADING_MARGIN_S for e in events[1:]), np.inf]
     return tuple(
         replace(
             log,
@@ -77,66 +79,72 @@ def stage_of(log: Log, number: int | None) -> tuple[Log, int]:
 
     Raises InputError for one that it does not hold.
     """
-    found = stages(log)
+    tests = stages(log)
     if number is None:
-        return log, len(found)
-    if not 1 <= number <= len(found):
+        return log, len(tests)
+    if not 1 <= number <= len(tests):
         raise InputError(
             f"no loading number {number}",
             where=log.path.name,
-            expected=f"1 to {len(found)}: the disks part {len(found)} time{'s' if len(found) > 1 else ''} after a load",
+            expected=f"1 to {len(tests)}: the disks part {len(tests)} time{'s' if len(tests) > 1 else ''} after a load",
         )
-    return found[number - 1], len(found)
+    return tests[number - 1], len(tests)
 
 
 def read_stage(log: LogPieces, number: int | None) -> tuple[Log, int]:
-    """``stage_of`` a log that is read in pieces: a long one with the rows about that test only, which a note says.
+    """``stage_of`` a log that is read in pieces: a long one with the rows about that test only,
+    which a note says.
 
-    Memory for about ``LONG_ROWS`` rows, more where ``LEAST_S`` holds more. Raises InputError as ``stage_of``, and for a
-    long log without an unloading.
+    Memory for about ``MAX_ROWS`` rows, more where ``MIN_WINDOW_S`` holds more. Raises InputError as
+    ``stage_of``, and for a long log without an unloading.
     """
-    if log.rows <= LONG_ROWS:
+    if log.rows <= MAX_ROWS:
         return stage_of(log.whole(), number)
-    every = -(-log.rows // LONG_ROWS)
-    course, count = stage_of(_course(log, every), number)
-    events = find_events(course.frame, log.path.name)
-    begin, *_, end = (float(x) for x in course.frame["time_s"])
+    step = -(-log.rows // MAX_ROWS)
+    decimated, count = stage_of(_decimate(log, step), number)
+    events = find_events(decimated.frame, log.path.name)
+    begin, *_, end = (float(x) for x in decimated.frame["time_s"])
     before, loaded, after = np.maximum(
-        KEPT_S * min(1.0, LONG_ROWS * log.dt_s / KEPT_S.sum()), LEAST_S
+        WINDOW_S * min(1.0, MAX_ROWS * log.dt_s / WINDOW_S.sum()), MIN_WINDOW_S
     )
-    on = events.load_on_s
-    off = events.unload_s
-    begin = max(begin, on - before if off - on <= loaded else off - loaded)
-    end = min(end, off + after)
+    load_on_s = events.load_on_s
+    unload_s = events.unload_s
+    begin = max(begin, load_on_s - before if unload_s - load_on_s <= loaded else unload_s - loaded)
+    end = min(end, unload_s + after)
     first, last = _rows(log, [begin, end])
-    kept = log.whole(np.arange(first, log.rows if last + every >= log.rows else last + 1))
-    told = info("log.long", count=log.rows, begin_s=begin, end_s=end)
-    return replace(kept, path=course.path, findings=(*kept.findings, told)), count
+    selected = log.whole(np.arange(first, log.rows if last + step >= log.rows else last + 1))
+    finding = info("log.long", count=log.rows, begin_s=begin, end_s=end)
+    return replace(selected, path=decimated.path, findings=(*selected.findings, finding)), count
 
 
-def all_events(log: LogPieces, kept: Log) -> list[Events]:
-    """Loading and parting of every test in a log of which ``kept`` was read; of a long one by its forces beside them.
+def all_events(log: LogPieces, log_in_memory: Log) -> list[Events]:
+    """Loading and parting of every test in a log of which ``log_in_memory`` was read; of a long one
+    by its forces beside them.
 
     Raises InputError for a log without any, as ``find_events`` does.
     """
-    if len(kept.frame) == log.rows:
-        whole = loadings(kept.frame)
+    if len(log_in_memory.frame) == log.rows:
+        events = loading_events(log_in_memory.frame)
         return (
-            whole
-            if len(whole) == 1
-            else [find_events(x.frame, log.path.name) for x in _parts(kept, whole)]
+            events
+            if len(events) == 1
+            else [find_events(x.frame, log.path.name) for x in _split(log_in_memory, events)]
         )
-    found = []
-    for rough in loadings(_course(log, -(-log.rows // LONG_ROWS)).frame):
-        times = [t + s for t in (rough.load_on_s, rough.unload_s) for s in (-BESIDE_S, BESIDE_S)]
+    all_found = []
+    for approximate in loading_events(_decimate(log, -(-log.rows // MAX_ROWS)).frame):
+        times = [
+            t + s
+            for t in (approximate.load_on_s, approximate.unload_s)
+            for s in (-EVENT_MARGIN_S, EVENT_MARGIN_S)
+        ]
         edges = np.clip(_rows(log, times), 0, log.rows)
-        near = np.union1d(np.arange(*edges[:2]), np.arange(*edges[2:]))
-        found.append(find_events(log.whole(near, COURSE).frame, log.path.name))
-    return found or [find_events(kept.frame, log.path.name)]
+        near_rows = np.union1d(np.arange(*edges[:2]), np.arange(*edges[2:]))
+        all_found.append(find_events(log.whole(near_rows, EVENT_COLUMNS).frame, log.path.name))
+    return all_found or [find_events(log_in_memory.frame, log.path.name)]
 
 
-def _course(log: LogPieces, every: int) -> Log:
-    return log.whole(np.arange(0, log.rows, every), COURSE)
+def _decimate(log: LogPieces, step: int) -> Log:
+    return log.whole(np.arange(0, log.rows, step), EVENT_COLUMNS)
 
 
 def _rows(log: LogPieces, times_s: Sequence[float]) -> list[int]:

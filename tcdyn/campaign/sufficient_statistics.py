@@ -1,4 +1,6 @@
-"""What an analysed test hands over to its campaign: rows of numbers, sealed with the answer that they came with."""
+"""What an analysed test hands over to its campaign: rows of numbers, sealed with the answer that
+they came with.
+"""
 
 from __future__ import annotations
 
@@ -17,15 +19,17 @@ from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig
 
 SCHEMA = "tcdyn.kept/1"
-AGAIN = "analyse its log again: tcdyn beta LOG --out FILE"
-ANSWERS = ("beta", "ln h fast", "ln h slow", "lag fast", "lag slow")
+ANALYSE_AGAIN = "analyse its log again: tcdyn beta LOG --out FILE"
+QUANTITIES = ("beta", "ln h fast", "ln h slow", "lag fast", "lag slow")
 
 
 @dataclass(frozen=True)
 class Loading:
-    """An unmeasured quantity of one test, in standard uncertainties, by what all tests of the rig share.
+    """An unmeasured quantity of one test, in standard uncertainties, by what all tests of the rig
+    share.
 
-    It is ``shared`` @ (shared quantities, each standard normal) + ``own`` x a standard normal of this test alone.
+    It is ``shared`` @ (shared quantities, each standard normal) + ``own`` x a standard normal of
+    this test alone.
     """
 
     shared: Mapping[str, float]
@@ -33,13 +37,15 @@ class Loading:
 
 
 @dataclass(frozen=True)
-class KeptTest:
-    """One test's data about its optimum, without any prior: rows @ (x - centre) = right, errors of unit variance.
+class SufficientStatistics:
+    """One test's data about its optimum, without any prior: rows @ (x - centre) = right, errors of
+    unit variance.
 
-    x (P,) of ``names``: first ``ANSWERS`` (lags in s), then what nobody measured, in standard uncertainties; what
-    ``loading`` does not mention is wholly shared by the rig under its own name. ``lag_prior_s``, ``lag_u_s``: of each
-    disk's mean lag by its record; ``rig``: fingerprint of rig and records; ``units``: what a standard uncertainty is
-    in SI or of itself, where that is one number; ``conditions``: numbers that trends are sought over.
+    x (P,) of ``names``: first ``QUANTITIES`` (lags in s), then what nobody measured, in standard
+    uncertainties; what ``loading`` does not mention is wholly shared by the rig under its own name.
+    ``lag_prior_s``, ``lag_u_s``: of each disk's mean lag by its record; ``rig``: fingerprint of rig
+    and records; ``units``: what a standard uncertainty is in SI or of itself, where that is one
+    number; ``conditions``: numbers that trends are sought over.
     """
 
     name: str
@@ -60,38 +66,43 @@ class KeptTest:
             "schema": SCHEMA,
             "rig_sha256": self.rig,
             "names": list(self.names),
-            "centre": _all(self.centre),
-            "rows": [_all(row) for row in self.rows],
-            "right": _all(self.right),
+            "centre": _eight_digits_each(self.centre),
+            "rows": [_eight_digits_each(row) for row in self.rows],
+            "right": _eight_digits_each(self.right),
             "loading": [
                 {
                     "name": name,
                     "shared": [*each.shared],
-                    "by": _all(each.shared.values()),
-                    "own": _short(each.own),
+                    "by": _eight_digits_each(each.shared.values()),
+                    "own": _eight_digits(each.own),
                 }
                 for name, each in self.loading.items()
             ],
             "lag": {
-                d: {"prior_s": _short(self.lag_prior_s[d]), "u_s": _short(self.lag_u_s[d])}
+                d: {
+                    "prior_s": _eight_digits(self.lag_prior_s[d]),
+                    "u_s": _eight_digits(self.lag_u_s[d]),
+                }
                 for d in DISKS
             },
-            "units": {"names": [*self.units], "sizes": _all(self.units.values())},
-            "conditions": {k: _short(v) for k, v in self.conditions.items()},
+            "units": {"names": [*self.units], "sizes": _eight_digits_each(self.units.values())},
+            "conditions": {k: _eight_digits(v) for k, v in self.conditions.items()},
         }
 
     @classmethod
-    def from_dict(cls, name: str, data: Mapping[str, Any]) -> KeptTest:
-        """Read back; raises InputError for another schema or numbers that do not belong together."""
+    def from_dict(cls, name: str, data: Mapping[str, Any]) -> SufficientStatistics:
+        """Read back; raises InputError for another schema or numbers that do not belong
+        together.
+        """
         if data.get("schema") != SCHEMA:
             raise InputError(
                 f"what it keeps for a campaign has the schema {data.get('schema')!r}",
                 where=name,
                 expected=SCHEMA,
-                remedy=AGAIN,
+                remedy=ANALYSE_AGAIN,
             )
         try:
-            kept = cls(
+            statistics = cls(
                 name=name,
                 rig=str(data["rig_sha256"]),
                 names=tuple(data["names"]),
@@ -111,42 +122,53 @@ class KeptTest:
                 ),
                 conditions={k: float(v) for k, v in data["conditions"].items()},
             )
-            size = len(kept.names)
-            whole = kept.rows.shape == (len(kept.right), size) and kept.centre.shape == (size,)
-            whole &= kept.names[: len(ANSWERS)] == ANSWERS
-            whole &= bool(np.isfinite(kept.rows).all() and np.isfinite(kept.right).all())
+            size = len(statistics.names)
+            consistent = statistics.rows.shape == (
+                len(statistics.right),
+                size,
+            ) and statistics.centre.shape == (size,)
+            consistent &= statistics.names[: len(QUANTITIES)] == QUANTITIES
+            consistent &= bool(
+                np.isfinite(statistics.rows).all() and np.isfinite(statistics.right).all()
+            )
         except (KeyError, TypeError, ValueError, AttributeError):
-            whole = False
-        if not whole:
-            raise InputError("what it keeps for a campaign is not whole", where=name, remedy=AGAIN)
-        return kept
+            consistent = False
+        if not consistent:
+            raise InputError(
+                "what it keeps for a campaign is not whole", where=name, remedy=ANALYSE_AGAIN
+            )
+        return statistics
 
 
-def _short(x: float) -> float:
+def _eight_digits(x: float) -> float:
     return float(f"{float(x):.8g}")
 
 
-def _all(numbers: Iterable[float]) -> list[float]:
-    return [_short(x) for x in numbers]
+def _eight_digits_each(numbers: Iterable[float]) -> list[float]:
+    return [_eight_digits(x) for x in numbers]
 
 
 def checked(data: Any, where: str) -> dict[str, Any]:
-    """The same content, if it is what was written; raises InputError, naming the file, if a digit of it is another.
+    """The same content, if it is what was written; raises InputError, naming the file, if a digit
+    of it is another.
 
     >>> from tcdyn.io.checksum import sealed
     >>> checked({**sealed({"beta": 0.7}), "beta": 0.8}, "D4.beta.json")
-    Traceback (most recent call last):
-    tcdyn.core.errors.InputError: D4.beta.json: its content is not what was written: the checksum does not fit...
+    Traceback (most recent call last): tcdyn.core.errors.InputError: D4.beta.json: its content is
+    not what was written: the checksum does not fit...
     """
     if not isinstance(data, dict) or SEAL not in data:
         raise InputError(
-            "holds no checksum", where=where, expected="a beta.json of this version", remedy=AGAIN
+            "holds no checksum",
+            where=where,
+            expected="a beta.json of this version",
+            remedy=ANALYSE_AGAIN,
         )
     if not intact(data):
         raise InputError(
             "its content is not what was written: the checksum does not fit",
             where=where,
-            remedy=AGAIN,
+            remedy=ANALYSE_AGAIN,
         )
     return data
 
@@ -154,7 +176,9 @@ def checked(data: Any, where: str) -> dict[str, Any]:
 def rig_fingerprint(
     rig: Rig, records: Mapping[str, DiskRecord], disks: Sequence[str] = DISKS
 ) -> str:
-    """Checksum of all that tests of one rig have in common: rig.toml but for what is a log's, lines and chains."""
+    """Checksum of all that tests of one rig have in common: rig.toml but for what is a log's, lines
+    and chains.
+    """
     tables = {d: rig.tables(d).model_dump(mode="json", exclude=OF_A_LOG) for d in ("", *DISKS)}
     if missing := [d for d in disks if d not in records]:
         raise InputError(
@@ -162,8 +186,8 @@ def rig_fingerprint(
             remedy="add {records}",
             parameters={"records": f"{missing[0]}.disk.json"},
         )
-    known = {
+    record_data = {
         d: records[d].model_dump(mode="json", include={"static", "chain", "conditioning"})
         for d in disks
     }
-    return checksum({"tables": tables, "records": known})
+    return checksum({"tables": tables, "records": record_data})

@@ -1,4 +1,6 @@
-"""The table of a campaign for a paper: beta with both uncertainties, h, lags; as data, CSV and LaTeX."""
+"""The table of a campaign for a paper: beta with both uncertainties, h, lags; as data, CSV and
+LaTeX.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,7 @@ from tcdyn.core.errors import printable
 from tcdyn.core.estimate import rounded
 from tcdyn.rig.disk import DISKS
 
-LATEX = {
+LATEX_HEADINGS = {
     "test": "test",
     "load_N": r"load [N]",
     "sliding_speed_m_s": r"$u_s$ [m/s]",
@@ -23,39 +25,53 @@ LATEX = {
     "exponent": r"$n$",
 }
 
-SIGNS = {"\\": "backslash", "^": "asciicircum", "~": "asciitilde", "<": "less", ">": "greater"}
+LATEX_SYMBOLS = {
+    "\\": "backslash",
+    "^": "asciicircum",
+    "~": "asciitilde",
+    "<": "less",
+    ">": "greater",
+}
 TEX = {ord(c): rf"\{c}" for c in "&%$#_{}"} | {
-    ord(c): rf"\text{name}{{}}" for c, name in SIGNS.items()
+    ord(c): rf"\text{name}{{}}" for c, name in LATEX_SYMBOLS.items()
 }
 
 
 def paper_table(joined: JoinedCampaign) -> pd.DataFrame:
-    """One row a test: conditions, beta with its standard uncertainty within the campaign and absolute, h, lags, n."""
+    """One row a test: conditions, beta with its standard uncertainty within the campaign and
+    absolute, h, lags, n.
+    """
     rows = []
     p = joined.posterior
     law = joined.law
-    for i, (kept, one) in enumerate(zip(p.tests, p.estimates)):
-        row: dict[str, object] = {"test": kept.name.removeprefix("EHL_")}
+    for i, (statistics, estimates) in enumerate(zip(p.tests, p.estimates)):
+        row: dict[str, object] = {"test": statistics.name.removeprefix("EHL_")}
         row |= {
-            k: kept.conditions[k]
+            k: statistics.conditions[k]
             for k in ("load_N", "friction_N", "sliding_speed_m_s", "entraining_speed_m_s")
         }
-        heat = joined.delta_T_us[kept.name]
+        heat = joined.delta_T_us[statistics.name]
         row |= {"delta_T_us_K_m_s": heat.value, "u_delta_T_us_K_m_s": heat.u}
         row |= {
-            "beta": one["beta"].value,
-            "u_beta_within": one["beta_within"].u,
-            "u_beta": one["beta"].u,
+            "beta": estimates["beta"].value,
+            "u_beta_within": estimates["beta_within"].u,
+            "u_beta": estimates["beta"].u,
         }
-        law_beta = joined.by_law[kept.name]
+        law_beta = joined.by_law[statistics.name]
         row["beta_by_speed_law"] = np.nan if law_beta is None else law_beta
         for d in DISKS:
-            row |= {f"h_{d}_W_m2K": one[f"h_{d}"].value, f"u_h_{d}_W_m2K": one[f"h_{d}"].u}
-            row |= {f"lag_{d}_s": one[f"lag_{d}_s"].value, f"u_lag_{d}_s": one[f"lag_{d}_s"].u}
+            row |= {
+                f"h_{d}_W_m2K": estimates[f"h_{d}"].value,
+                f"u_h_{d}_W_m2K": estimates[f"h_{d}"].u,
+            }
+            row |= {
+                f"lag_{d}_s": estimates[f"lag_{d}_s"].value,
+                f"u_lag_{d}_s": estimates[f"lag_{d}_s"].u,
+            }
         row |= {
             "exponent": law.each[i],
             "u_exponent_within": law.u_within[i],
-            "status": joined.status[kept.name],
+            "status": joined.status[statistics.name],
         }
         rows.append(row)
     return pd.DataFrame(rows)
@@ -67,7 +83,9 @@ def paper_csv(joined: JoinedCampaign) -> str:
 
 
 def paper_latex(joined: JoinedCampaign) -> str:
-    """The table as LaTeX (booktabs), each number rounded by its uncertainty, n of all tests in the last row."""
+    """The table as LaTeX (booktabs), each number rounded by its uncertainty, n of all tests in the
+    last row.
+    """
     rows = []
     for r in paper_table(joined).to_dict("records"):
         beta, inside = rounded(r["beta"], r["u_beta_within"])
@@ -86,13 +104,13 @@ def paper_latex(joined: JoinedCampaign) -> str:
     n = joined.law.exponent
     return "\n".join(
         [
-            r"\begin{tabular}{l" + "r" * (len(LATEX) - 1) + "}",
+            r"\begin{tabular}{l" + "r" * (len(LATEX_HEADINGS) - 1) + "}",
             r"\toprule",
-            " & ".join(LATEX.values()) + r" \\",
+            " & ".join(LATEX_HEADINGS.values()) + r" \\",
             r"\midrule",
             *rows,
             r"\midrule",
-            rf"\multicolumn{{{len(LATEX) - 1}}}{{l}}{{all tests}} & {_pm(n.value, n.u)} \\",
+            rf"\multicolumn{{{len(LATEX_HEADINGS) - 1}}}{{l}}{{all tests}} & {_pm(n.value, n.u)} \\",
             r"\bottomrule",
             r"\end{tabular}",
             "",
@@ -106,7 +124,9 @@ def _pm(value: float, u: float) -> str:
 
 
 def trend_rows(joined: JoinedCampaign) -> pd.DataFrame:
-    """One row a slope: over what, the slope with its interval, its chance if it were zero, the tests' scatter."""
+    """One row a slope: over what, the slope with its interval, its chance if it were zero, the
+    tests' scatter.
+    """
     rows = []
     for t in joined.trends:
         for name, slope, p in zip(t.against, t.slopes, t.p_value):

@@ -1,4 +1,6 @@
-"""Does beta change with what was set? Lines with the covariance of all tests, and a curve of a model laid over them."""
+"""Does beta change with what was set? Lines with the covariance of all tests, and a curve of a
+model laid over them.
+"""
 
 from __future__ import annotations
 
@@ -17,13 +19,13 @@ from tcdyn.core.estimate import Estimate
 from tcdyn.core.result import jsonable
 from tcdyn.io.read import read_numbers
 
-AGAINST = ("delta_T_us_K_m_s", "load_N", "sliding_speed_m_s", "entraining_speed_m_s")
-TOGETHER = (
+TREND_VARIABLES = ("delta_T_us_K_m_s", "load_N", "sliding_speed_m_s", "entraining_speed_m_s")
+JOINT_TREND_VARIABLES = (
     "load_N",
     "sliding_speed_m_s",
 )  # entraining speed goes with sliding speed at one gear ratio
-LEAST_APART = 0.01  # of the largest value: set points closer than this are one
-LEAST_TESTS = 3
+SET_POINT_SEPARATION_REL = 0.01  # of the largest value: set points closer than this are one
+MIN_TESTS = 3
 # Chance of the tests' departures below which a curve's shape is rejected. The usual level of 5 %: of 2000 drawn
 # campaigns with a curve of the correct shape, 4.7 % were rejected (tests/campaign/curve_study.py).
 SHAPE_REJECTED_P = 0.05
@@ -33,8 +35,9 @@ SHAPE_REJECTED_P = 0.05
 class BetaTrend:
     """beta = level + sum slope_k (x_k - mean of x_k); slopes per unit of x.
 
-    ``against``: names of the x; ``slopes`` in that order; ``p_value`` of each being zero; ``scatter`` of the tests
-    about the line beyond their uncertainties; ``enough``: chance of their departures if there were none.
+    ``against``: names of the x; ``slopes`` in that order; ``p_value`` of each being zero;
+    ``scatter`` of the tests about the line beyond their uncertainties; ``enough``: chance of their
+    departures if there were none.
     """
 
     against: tuple[str, ...]
@@ -46,25 +49,26 @@ class BetaTrend:
     line: Line = field(repr=False)
 
     def at(self, x: Array) -> tuple[Array, Array]:
-        """beta on a trend over one x (M,), and its standard uncertainty within the campaign (M,): against the mean of
-        its tests."""
+        """beta on a trend over one x (M,), and its standard uncertainty within the campaign (M,):
+        against the mean of its tests.
+        """
         n = self.line.operator.shape[1]
         columns = np.column_stack([np.ones(len(x)), x - self.mean[0]])
-        off = columns @ self.line.operator - 1.0 / n
+        difference = columns @ self.line.operator - 1.0 / n
         return columns @ self.line.coefficients, np.sqrt(
-            np.clip(np.diag(off @ self.line.used @ off.T), 0.0, None)
+            np.clip(np.diag(difference @ self.line.used @ difference.T), 0.0, None)
         )
 
     def to_dict(self) -> dict[str, Any]:
         """As ``campaign.json`` keeps it; of a trend over several x a list of each."""
-        own: dict[str, Any] = {
+        data: dict[str, Any] = {
             "against": self.against,
             "slope": self.slopes,
             "p_value": self.p_value,
         }
         if len(self.against) == 1:
-            own = {k: v[0] for k, v in own.items()}
-        return jsonable({**own, "scatter": self.scatter, "p_value_of_line": self.enough})
+            data = {k: v[0] for k, v in data.items()}
+        return jsonable({**data, "scatter": self.scatter, "p_value_of_line": self.enough})
 
 
 def set_points(x: Array) -> int:
@@ -74,18 +78,20 @@ def set_points(x: Array) -> int:
     2
     """
     ordered = np.sort(x)
-    return 1 + int(np.sum(np.diff(ordered) > LEAST_APART * np.abs(x).max()))
+    return 1 + int(np.sum(np.diff(ordered) > SET_POINT_SEPARATION_REL * np.abs(x).max()))
 
 
 def trend(posterior: Posterior, *against: str) -> BetaTrend | None:
-    """The line of beta over one or more of ``AGAINST``; None where a test does not tell it, or set points are few."""
+    """The line of beta over one or more of ``TREND_VARIABLES``; None where a test does not tell it,
+    or set points are few.
+    """
     conditions = [t.conditions for t in posterior.tests]
-    if len(conditions) < LEAST_TESTS + len(against) - 1 or any(
+    if len(conditions) < MIN_TESTS + len(against) - 1 or any(
         a not in c for a in against for c in conditions
     ):
         return None
     x = np.array([[c[a] for a in against] for c in conditions])
-    if not np.isfinite(x).all() or min(set_points(column) for column in x.T) < LEAST_TESTS:
+    if not np.isfinite(x).all() or min(set_points(column) for column in x.T) < MIN_TESTS:
         return None
     mean = x.mean(axis=0)
     line = fit_line(np.column_stack([np.ones(len(x)), x - mean]), *posterior.beta)
@@ -102,14 +108,18 @@ def trend(posterior: Posterior, *against: str) -> BetaTrend | None:
 
 
 def trends(posterior: Posterior) -> tuple[BetaTrend, ...]:
-    """Lines over each of ``AGAINST`` alone, then over load and sliding speed together; those that can be told."""
-    asked = [*((a,) for a in AGAINST), TOGETHER]
-    return tuple(t for names in asked if (t := trend(posterior, *names)) is not None)
+    """Lines over each of ``TREND_VARIABLES`` alone, then over load and sliding speed together;
+    those that can be told.
+    """
+    variable_sets = [*((a,) for a in TREND_VARIABLES), JOINT_TREND_VARIABLES]
+    return tuple(t for names in variable_sets if (t := trend(posterior, *names)) is not None)
 
 
 @dataclass(frozen=True)
 class Curve:
-    """beta (M,) of a user's model over one x (M,) of ``AGAINST``, rising; ``u`` (M,) of it."""
+    """beta (M,) of a user's model over one x (M,) of ``TREND_VARIABLES``, rising; ``u`` (M,) of
+    it.
+    """
 
     file: str
     against: str
@@ -122,9 +132,10 @@ class Curve:
 class CurveTest:
     """A model's curve against the tests that lie in its range.
 
-    ``chi2`` with the full covariance on ``freedom`` degrees, and ``p_value``; ``shape_chi2`` and ``shape_p_value``
-    with the curve's level free; ``offset``: tests less curve. ``inside``: names of those tests. ``scatter``: standard
-    deviation of the independent scatter added to every test for ``offset`` where the shape is rejected, else zero.
+    ``chi2`` with the full covariance on ``freedom`` degrees, and ``p_value``; ``shape_chi2`` and
+    ``shape_p_value`` with the curve's level free; ``offset``: tests less curve. ``inside``: names
+    of those tests. ``scatter``: standard deviation of the independent scatter added to every test
+    for ``offset`` where the shape is rejected, else zero.
     """
 
     curve: Curve
@@ -138,7 +149,9 @@ class CurveTest:
 
     @property
     def shape_rejected(self) -> bool:
-        """Whether the tests depart from the curve by more than a level and their uncertainties explain."""
+        """Whether the tests depart from the curve by more than a level and their uncertainties
+        explain.
+        """
         return self.shape_p_value < SHAPE_REJECTED_P
 
     def to_dict(self) -> dict[str, Any]:
@@ -158,24 +171,28 @@ class CurveTest:
 
 
 def read_curve(path: str | Path) -> Curve:
-    """Read a model's curve: one column of ``AGAINST``, the column beta, and u_beta if it is known.
+    """Read a model's curve: one column of ``TREND_VARIABLES``, the column beta, and u_beta if it is
+    known.
 
-    Raises InputError for a file without them, fewer than two points, or values of x that do not rise.
+    Raises InputError for a file without them, fewer than two points, or values of x that do not
+    rise.
     """
-    values = read_numbers(path, ("beta",), (*AGAINST, "u_beta"))
-    over = [a for a in AGAINST if a in values]
-    if len(over) != 1:
+    values = read_numbers(path, ("beta",), (*TREND_VARIABLES, "u_beta"))
+    x_names = [a for a in TREND_VARIABLES if a in values]
+    if len(x_names) != 1:
         raise InputError(
-            f"it holds {' and '.join(over) or 'nothing'} to lay beta over",
+            f"it holds {' and '.join(x_names) or 'nothing'} to lay beta over",
             where=str(path),
-            expected=f"one of {', '.join(AGAINST)}",
+            expected=f"one of {', '.join(TREND_VARIABLES)}",
         )
-    x = values[over[0]]
+    x = values[x_names[0]]
     beta = values["beta"]
     u = values.get("u_beta", np.zeros(len(x)))
     if len(x) < 2 or not (np.diff(x) > 0).all():
         raise InputError(
-            f"{over[0]} does not rise from row to row", where=str(path), expected="two rows or more"
+            f"{x_names[0]} does not rise from row to row",
+            where=str(path),
+            expected="two rows or more",
         )
     if not ((beta > 0) & (beta < 1)).all() or (u < 0).any():
         raise InputError(
@@ -183,16 +200,15 @@ def read_curve(path: str | Path) -> Curve:
             where=str(path),
             expected="beta between 0 and 1, u_beta not below 0",
         )
-    return Curve(Path(path).name, over[0], x, beta, u)
+    return Curve(Path(path).name, x_names[0], x, beta, u)
 
 
 def curve_test(posterior: Posterior, curve: Curve) -> CurveTest:
     """Chi-squared of the tests about the curve, straight lines between its points.
 
-    What the curve itself is uncertain by is taken as common to all of it. Where the shape is rejected, the offset is
-    that of :func:`~tcdyn.campaign.line_fit.level_inside_points`. Raises InputError where fewer than two tests lie
-    within
-    its range, or they do not tell its x.
+    What the curve itself is uncertain by is taken as common to all of it. Where the shape is
+    rejected, the offset is that of :func:`~tcdyn.campaign.line_fit.level_inside_points`. Raises
+    InputError where fewer than two tests lie within its range, or they do not tell its x.
     """
     x = np.array([t.conditions.get(curve.against, np.nan) for t in posterior.tests])
     inside = np.flatnonzero((x >= curve.x[0]) & (x <= curve.x[-1]))
@@ -205,24 +221,24 @@ def curve_test(posterior: Posterior, curve: Curve) -> CurveTest:
         )
     u = np.interp(x[inside], curve.x, curve.u)
     beta, covariance = posterior.beta
-    off = beta[inside] - np.interp(x[inside], curve.x, curve.beta)
+    residual = beta[inside] - np.interp(x[inside], curve.x, curve.beta)
     combined = covariance[np.ix_(inside, inside)] + np.outer(u, u)
     weight = np.linalg.inv(combined)
-    ones = np.ones(len(off))
+    ones = np.ones(len(residual))
     u2 = 1 / float(ones @ weight @ ones)
-    level = u2 * float(ones @ weight @ off)
-    chi2 = float(off @ weight @ off)
-    shape_chi2 = float((off - level) @ weight @ (off - level))
-    found = CurveTest(
+    level = u2 * float(ones @ weight @ residual)
+    chi2 = float(residual @ weight @ residual)
+    shape_chi2 = float((residual - level) @ weight @ (residual - level))
+    result = CurveTest(
         curve=curve,
         inside=tuple(posterior.order[i] for i in inside),
         chi2=chi2,
-        p_value=float(chdtrc(len(off), chi2)),
+        p_value=float(chdtrc(len(residual), chi2)),
         shape_chi2=shape_chi2,
-        shape_p_value=float(chdtrc(len(off) - 1, shape_chi2)),
+        shape_p_value=float(chdtrc(len(residual) - 1, shape_chi2)),
         offset=Estimate.normal(level, float(np.sqrt(u2))),
     )
-    if not found.shape_rejected:
-        return found
-    line = level_inside_points(off, combined)
-    return replace(found, offset=line.estimate(0), scatter=line.scatter)
+    if not result.shape_rejected:
+        return result
+    line = level_inside_points(residual, combined)
+    return replace(result, offset=line.estimate(0), scatter=line.scatter)

@@ -1,4 +1,6 @@
-"""The comparison people want before a campaign, and what to do: plunges, touches, loading, unloading, and together."""
+"""The comparison people want before a campaign, and what to do: plunges, touches, loading,
+unloading, and together.
+"""
 
 from __future__ import annotations
 
@@ -20,11 +22,11 @@ from tcdyn.design.plans import (
     predict_step,
     predict_touches,
 )
-from tcdyn.design.prediction import PredictedTest, combined
+from tcdyn.design.prediction import PredictedTest, combine_tests
 from tcdyn.rig.disk import DiskSetup
 from tcdyn.rig.rigfile import UncertaintyTable
 
-LEAST_OWN_LAG_S = 0.01
+MIN_CHAIN_LAG_S = 0.01
 COMMON = (
     0.05,
     0.15,
@@ -67,54 +69,58 @@ def differences(p: PredictedTest, lag_s: float) -> str:
 def sentence(p: PredictedTest, lag_s: float) -> str:
     """One sentence: how well the test tells the common lag, and how well the differences."""
     return (
-        f"{p.name}: tells the common lag {common(p, lag_s)}, to {_size(p.u_common_s, lag_s)}, and the differences "
-        f"between channels {differences(p, lag_s)}, to {_size(p.u_differential_s, lag_s)}."
+        f"{p.name}: tells the common lag {common(p, lag_s)}, to {_u_text(p.u_common_s, lag_s)}, and the differences "
+        f"between channels {differences(p, lag_s)}, to {_u_text(p.u_differential_s, lag_s)}."
     )
 
 
 def headline(predictions: Sequence[PredictedTest], lag_s: float) -> str:
-    """What to do: the least laborious test that tells both well; without one, the best there is and what it lacks."""
-    enough = [p for p in predictions if common(p, lag_s) == differences(p, lag_s) == "well"]
-    if not enough:
+    """What to do: the least laborious test that tells both well; without one, the best there is and
+    what it lacks.
+    """
+    sufficient = [p for p in predictions if common(p, lag_s) == differences(p, lag_s) == "well"]
+    if not sufficient:
         best = min(predictions, key=lambda p: p.u_common_s + p.u_differential_s)
         return (
             f"No test of this plan tells the lags well. The best, {best.name}, leaves the common lag at "
-            f"{_size(best.u_common_s, lag_s)} and the differences at {_size(best.u_differential_s, lag_s)}: plan more "
+            f"{_u_text(best.u_common_s, lag_s)} and the differences at {_u_text(best.u_differential_s, lag_s)}: plan more "
             "plunges, less noise or more power before the unloading."
         )
-    do = min(enough, key=lambda p: (EFFORT.get(p.kind, 2), p.name.count(","), p.u_common_s))
-    told = (
-        f"the common lag to {_size(do.u_common_s, lag_s)} and the differences between channels to "
-        f"{_size(do.u_differential_s, lag_s)}."
+    recommended = min(
+        sufficient, key=lambda p: (EFFORT.get(p.kind, 2), p.name.count(","), p.u_common_s)
     )
-    if do.kind != "together":
-        return f"Do this: {do.name}. It tells {told}"
+    uncertainties = (
+        f"the common lag to {_u_text(recommended.u_common_s, lag_s)} and the differences between channels to "
+        f"{_u_text(recommended.u_differential_s, lag_s)}."
+    )
+    if recommended.kind != "together":
+        return f"Do this: {recommended.name}. It tells {uncertainties}"
     plunges = [p.name for p in predictions if p.kind == "plunge"][-1:]
     return (
-        f"Do this: {plunges[0] if plunges else 'the plunges'}, and log an unloading. Together they tell {told}"
-        + _alone(predictions, lag_s)
+        f"Do this: {plunges[0] if plunges else 'the plunges'}, and log an unloading. Together they tell {uncertainties}"
+        + _why_both(predictions, lag_s)
     )
 
 
-def _alone(predictions: Sequence[PredictedTest], lag_s: float) -> str:
+def _why_both(predictions: Sequence[PredictedTest], lag_s: float) -> str:
     """Why both are needed: what the best of each kind leaves open by itself."""
-    parts = []
+    reasons = []
     for kind, word in (("plunge", "plunges"), ("unloading", "an unloading")):
-        own = [p for p in predictions if p.kind == kind]
-        if own:
-            p = min(own, key=lambda q: q.u_common_s)
+        candidates = [p for p in predictions if p.kind == kind]
+        if candidates:
+            p = min(candidates, key=lambda q: q.u_common_s)
             weak = common(p, lag_s) != "well"
             u, what = (p.u_common_s, "common lag") if weak else (p.u_differential_s, "differences")
-            parts.append(
-                f"{word} alone leave{'s' if kind == 'unloading' else ''} the {what} at {_size(u, lag_s)}"
+            reasons.append(
+                f"{word} alone leave{'s' if kind == 'unloading' else ''} the {what} at {_u_text(u, lag_s)}"
             )
-    return f" Less is not enough: {', '.join(parts)}." if parts else ""
+    return f" Less is not enough: {', '.join(reasons)}." if reasons else ""
 
 
-def _size(u_s: float, lag_s: float) -> str:
+def _u_text(u_s: float, lag_s: float) -> str:
     """A standard uncertainty in seconds and in percent of the lag.
 
-    >>> _size(0.0181, 0.73)
+    >>> _u_text(0.0181, 0.73)
     '+- 0.018 s (2.5 % of the lag)'
     """
     return f"+- {u_s:.3f} s ({100 * u_s / lag_s:.2g} % of the lag)"
@@ -139,16 +145,20 @@ class Design(Result):
         )
 
     def summary(self) -> str:
-        """What to do, every test with the standard uncertainties to expect, and what the grades mean."""
-        shown = (
+        """What to do, every test with the standard uncertainties to expect, and what the grades
+        mean.
+        """
+        table = (
             self.graded()
             .drop(columns=["10 to 90 % of bursts [s]", "of the lag", "of the lag "])
             .to_string(index=False)
         )
-        return "\n".join([headline(self.predictions, self.lag_s), "", shown, "", MEANING])
+        return "\n".join([headline(self.predictions, self.lag_s), "", table, "", MEANING])
 
     def graded(self) -> pd.DataFrame:
-        """One row a test: standard uncertainties to expect, in seconds and percent of the lag, and how good that is."""
+        """One row a test: standard uncertainties to expect, in seconds and percent of the lag, and
+        how good that is.
+        """
         lag = self.lag_s
         return pd.DataFrame(
             {
@@ -187,38 +197,44 @@ def compare_tests(
     lag_s: float = 0.73,
     draws: int = 24,
 ) -> Design:
-    """Predict the planned plunges singly and together, a touch, a loading, an unloading, and plunges with unloading.
+    """Predict the planned plunges singly and together, a touch, a loading, an unloading, and
+    plunges with unloading.
 
-    ``lag_s`` is the whole lag expected, conditioning included. Noise and rate of touch and steps are the plunges'
-    where none are given; depths and conductivity of all tests are as uncertain as the rig's ``uncertainty`` table
-    says, or its defaults. Raises InputError for a lag that the conditioning alone exceeds.
+    ``lag_s`` is the whole lag expected, conditioning included. Noise and rate of touch and steps
+    are the plunges' where none are given; depths and conductivity of all tests are as uncertain as
+    the rig's ``uncertainty`` table says, or its defaults. Raises InputError for a lag that the
+    conditioning alone exceeds.
     """
-    known = setup.conditioning.lag_s
-    own = lag_s - known
-    if own < LEAST_OWN_LAG_S:
+    conditioning_lag_s = setup.conditioning.lag_s
+    chain_lag_s = lag_s - conditioning_lag_s
+    if chain_lag_s < MIN_CHAIN_LAG_S:
         raise InputError(
             f"an expected lag of {lag_s:g} s, conditioning included",
             where="design",
-            expected=f"at least {known + LEAST_OWN_LAG_S:.3g} s, since the conditioning alone lags by {known:.3g} s",
+            expected=f"at least {conditioning_lag_s + MIN_CHAIN_LAG_S:.3g} s, since the conditioning alone lags by {conditioning_lag_s:.3g} s",
         )
     first = plunges[0]
     priors = PlungePriors.for_rig(uncertainty or UncertaintyTable.model_validate({}))
-    logged: dict[str, Any] = {"rate_Hz": first.rate_Hz, "noise_K": first.noise_K}
-    known_to: dict[str, Any] = {
+    logging: dict[str, Any] = {"rate_Hz": first.rate_Hz, "noise_K": first.noise_K}
+    prior_u: dict[str, Any] = {
         "depth_u_m": priors.depth_m,
         "conductivity_log_u": priors.conductivity_log,
     }
-    step = replace(step or StepPlan(**logged), **known_to)
-    touch = replace(touch or TouchPlan(**logged), **known_to)
-    out = [predict_plunges([p], setup, lag_s=own, priors=priors, draws=draws) for p in plunges]
-    if len(plunges) > 1:
-        out.append(predict_plunges(plunges, setup, lag_s=own, priors=priors, draws=draws))
-    together = out[-1]
-    unloading = predict_step(replace(step, kind="unloading"), setup, lag_s=own)
-    out += [
-        predict_touches(touch, setup, lag_s=own),
-        predict_step(replace(step, kind="loading"), setup, lag_s=own),
-        unloading,
-        combined("plunges and unloading", [together, unloading]),
+    step = replace(step or StepPlan(**logging), **prior_u)
+    touch = replace(touch or TouchPlan(**logging), **prior_u)
+    predictions = [
+        predict_plunges([p], setup, lag_s=chain_lag_s, priors=priors, draws=draws) for p in plunges
     ]
-    return Design(tuple(out), lag_s)
+    if len(plunges) > 1:
+        predictions.append(
+            predict_plunges(plunges, setup, lag_s=chain_lag_s, priors=priors, draws=draws)
+        )
+    all_plunges = predictions[-1]
+    unloading = predict_step(replace(step, kind="unloading"), setup, lag_s=chain_lag_s)
+    predictions += [
+        predict_touches(touch, setup, lag_s=chain_lag_s),
+        predict_step(replace(step, kind="loading"), setup, lag_s=chain_lag_s),
+        unloading,
+        combine_tests("plunges and unloading", [all_plunges, unloading]),
+    ]
+    return Design(tuple(predictions), lag_s)

@@ -1,5 +1,7 @@
-"""Planned tests and what they will tell: plunges, by the Fisher information of the very model that the fit uses, and
-what ends within seconds, a step of load in an EHL test and touches with a soldering iron."""
+"""Planned tests and what they will tell: plunges, by the Fisher information of the very model that
+the fit uses, and what ends within seconds, a step of load in an EHL test and touches with a
+soldering iron.
+"""
 
 from __future__ import annotations
 
@@ -24,20 +26,22 @@ from immersion.plunge_posterior import PlungeProblem
 from immersion.radial import simulate_plunge_model
 from tcdyn.chain import Chain
 from tcdyn.core import Array
-from tcdyn.design.prediction import PredictedTest, covariance, from_covariances, slopes
+from tcdyn.design.prediction import PredictedTest, from_covariances, jacobian, posterior_covariance
 from tcdyn.heat.modal import rim_gains
 from tcdyn.heat.rim import Mesh, Rim, Switch, lag_bank, node_rates, points_of
 from tcdyn.rig.disk import DiskSetup
 
-SPLIT_SD = 1.5  # prior standard deviation of the logit by which a lag is split into two
-EXPECTED_REL = 0.2  # by how much the lag that is expected may be off
-MOST_SDS = 2.5  # of the prior: draws, and where the fits of them end
-LEAST_OF_LAG = 0.2  # of the true one: where such a fit ends at least
+LAG_SPLIT_PRIOR_SD = 1.5  # prior standard deviation of the logit by which a lag is split into two
+EXPECTED_LAG_SD_REL = 0.2  # by how much the lag that is expected may be off
+MAX_PRIOR_SDS = 2.5  # of the prior: draws, and where the fits of them end
+MIN_LAG_SHARE = 0.2  # of the true one: where such a fit ends at least
 
 
 @dataclass(frozen=True)
 class PlungePlan:
-    """One planned plunge: bath, duration after entry, logging rate, noise of one sample, u of the entry time."""
+    """One planned plunge: bath, duration after entry, logging rate, noise of one sample, u of the
+    entry time.
+    """
 
     fluid: str | Fluid = "mobil-jet-ii"
     bath_degC: float = 110.0
@@ -59,12 +63,14 @@ def predict_plunges(
     priors: PlungePriors | None = None,
     draws: int = 24,
 ) -> PredictedTest:
-    """Expected uncertainty of the lags from ``plans`` fitted together; ``lag_s`` is the chains' own expected lag.
+    """Expected uncertainty of the lags from ``plans`` fitted together; ``lag_s`` is the chains' own
+    expected lag.
 
-    Of each of ``draws`` values of what nobody can plan (h and its form, burst, split of the lag and the rest, drawn
-    from the priors; the lag within 20 %) the covariance is the inverse of Fisher information plus prior, where the fit
-    would end: one linear step away, theta + C (J' noise - (theta - mean)/sd^2). A fit states what it sees there, and in
-    the valley of lag against burst that is more than at the truth on the average. Nothing is simulated or fitted.
+    Of each of ``draws`` values of what nobody can plan (h and its form, burst, split of the lag and
+    the rest, drawn from the priors; the lag within 20 %) the covariance is the inverse of Fisher
+    information plus prior, where the fit would end: one linear step away, theta + C (J' noise -
+    (theta - mean)/sd^2). A fit states what it sees there, and in the valley of lag against burst
+    that is more than at the truth on the average. Nothing is simulated or fitted.
     """
     layout = PlungeParameters(len(plans), setup.channels, structure)
     chosen = find_correlation(correlation)
@@ -80,27 +86,27 @@ def predict_plunges(
     noise = tuple(map(RunNoise.white, blocks))
     problem = PlungeProblem(models, layout, mean, sd, noise)
     rng = np.random.default_rng(0)
-    covariances = [] if draws > 1 else [covariance(problem.evaluate(nominal)[1], sd)]
+    covariances = [] if draws > 1 else [posterior_covariance(problem.evaluate(nominal)[1], sd)]
     # the readings tell where it began
     lag = layout.mask("lag")
-    known = ~np.isfinite(sd) | layout.mask("initial")
+    fixed = ~np.isfinite(sd) | layout.mask("initial")
     for _ in range(draws if draws > 1 else 0):
-        drawn = np.clip(rng.standard_normal(layout.size), -MOST_SDS, MOST_SDS)
-        theta = nominal + np.where(known, 0.0, sd) * drawn
-        theta[lag] *= np.exp(EXPECTED_REL * rng.standard_normal())
+        sample = np.clip(rng.standard_normal(layout.size), -MAX_PRIOR_SDS, MAX_PRIOR_SDS)
+        theta = nominal + np.where(fixed, 0.0, sd) * sample
+        theta[lag] *= np.exp(EXPECTED_LAG_SD_REL * rng.standard_normal())
         rows = problem.evaluate(theta)[1]
-        pull = rows.T @ rng.standard_normal(len(rows)) - (theta - nominal) / sd**2
-        end = theta + covariance(rows, sd) @ pull
-        within = np.clip(end, nominal - MOST_SDS * sd, nominal + MOST_SDS * sd)
-        end = np.where(lag, np.maximum(end, LEAST_OF_LAG * theta), within)
-        covariances.append(covariance(problem.evaluate(end)[1], sd))
+        score = rows.T @ rng.standard_normal(len(rows)) - (theta - nominal) / sd**2
+        estimate = theta + posterior_covariance(rows, sd) @ score
+        clipped = np.clip(estimate, nominal - MAX_PRIOR_SDS * sd, nominal + MAX_PRIOR_SDS * sd)
+        estimate = np.where(lag, np.maximum(estimate, MIN_LAG_SHARE * theta), clipped)
+        covariances.append(posterior_covariance(problem.evaluate(estimate)[1], sd))
     u_h, *_, u_burst = np.sqrt(
         np.mean([np.diag(c)[: len(H_KINDS) + 1] for c in covariances], axis=0)
     )
     lags = [c[layout.at("lag"), layout.at("lag")] for c in covariances]
     substance = plans[0].fluid if isinstance(plans[0].fluid, str) else plans[0].fluid.name
-    baths_said = ", ".join(f"{bath:g}" for bath in baths)
-    label = f"{len(plans)} plunge{'s' if len(plans) > 1 else ''}, {substance}, {baths_said} degC"
+    bath_text = ", ".join(f"{bath:g}" for bath in baths)
+    label = f"{len(plans)} plunge{'s' if len(plans) > 1 else ''}, {substance}, {bath_text} degC"
     return from_covariances(
         label, "plunge", lags, {"u_h_rel": float(u_h), "u_ln_burst": float(u_burst)}
     )
@@ -123,7 +129,9 @@ def _planned(plan: PlungePlan, channels: tuple[str, ...]) -> tuple[PlungeRun, Pl
 
 @dataclass(frozen=True)
 class StepPlan:
-    """One planned step of load: heat into this disk [W], window after the step, u of its instant, and so on."""
+    """One planned step of load: heat into this disk [W], window after the step, u of its instant,
+    and so on.
+    """
 
     kind: Literal["unloading", "loading"] = "unloading"
     power_W: float = 100.0
@@ -142,12 +150,14 @@ class StepPlan:
 
 
 def predict_step(plan: StepPlan, setup: DiskSetup, *, lag_s: float = 0.65) -> PredictedTest:
-    """Expected uncertainty of the lags from one step of load, by Fisher information of the rim model.
+    """Expected uncertainty of the lags from one step of load, by Fisher information of the rim
+    model.
 
-    In the commuted form the inner row's lagged readings drive the rim, so a lag common to all channels acts on the
-    friction's share alone, whose instant the contact switch tells. Free: lags, their split, power into the disk, h,
-    conductivity, outer depths, offsets, and the step's instant. Before the step the disk is steady at ``power_W`` (or
-    cold); its inner row follows by radial conduction.
+    In the commuted form the inner row's lagged readings drive the rim, so a lag common to all
+    channels acts on the friction's share alone, whose instant the contact switch tells. Free: lags,
+    their split, power into the disk, h, conductivity, outer depths, offsets, and the step's
+    instant. Before the step the disk is steady at ``power_W`` (or cold); its inner row follows by
+    radial conduction.
     """
     dt, before = 1 / plan.rate_Hz, int(round(2.0 * plan.rate_Hz))
     t: Array = dt * np.arange(-before, int(plan.window_s * plan.rate_Hz), dtype=float)
@@ -163,7 +173,9 @@ def predict_step(plan: StepPlan, setup: DiskSetup, *, lag_s: float = 0.65) -> Pr
 
     @cache
     def parts(ln_h: float, ln_k: float, *deeper_m: float) -> tuple[Array, Array]:
-        """True outer traces (N, P): the share of the power, and that of every boundary reading (k, N, P)."""
+        """True outer traces (N, P): the share of the power, and that of every boundary reading (k,
+        N, P).
+        """
         rim = Rim.from_setup(setup, conductivity_W_mK=setup.conductivity_W_mK * float(np.exp(ln_k)))
         points = [(depth + more, z) for (depth, z), more in zip(nominal, deeper_m)]
         g = rim_gains(
@@ -207,7 +219,7 @@ def predict_step(plan: StepPlan, setup: DiskSetup, *, lag_s: float = 0.65) -> Pr
     # nominal value, step of the difference, prior standard deviation, in the order of the readings' parameters
     table = [
         (lag_s, 1e-3, np.inf),
-        (0.0, 1e-3, SPLIT_SD),
+        (0.0, 1e-3, LAG_SPLIT_PRIOR_SD),
         (0.0, 1e-3, plan.power_log_u),
         (0.0, 0.02, plan.h_log_u),
         (0.0, 0.02, plan.conductivity_log_u),
@@ -218,8 +230,8 @@ def predict_step(plan: StepPlan, setup: DiskSetup, *, lag_s: float = 0.65) -> Pr
     start, steps, prior = np.repeat(table, [n, 1, 1, 1, 1, 1, p, p], axis=0).T
     alike = np.eye(n, len(start))  # rows added to the data: channels of one disk are much alike
     alike[:, :n] -= 1 / n
-    c = covariance(
-        np.vstack([slopes(readings, start, steps) / plan.noise_K, alike / plan.alike_s]), prior
+    c = posterior_covariance(
+        np.vstack([jacobian(readings, start, steps) / plan.noise_K, alike / plan.alike_s]), prior
     )
     others = {
         "u_power_rel": float(np.sqrt(c[n + 1, n + 1])),
@@ -246,7 +258,9 @@ def _inner_row(plan: StepPlan, setup: DiskSetup, t: Array) -> Array:
 
 @dataclass(frozen=True)
 class TouchPlan:
-    """A touch of about two seconds on a small patch; nothing tells its instant but the reading itself."""
+    """A touch of about two seconds on a small patch; nothing tells its instant but the reading
+    itself.
+    """
 
     flux_W_m2: float = 1e6  # 7 W through 3 mm
     radius_m: float = 1.5e-3
@@ -267,11 +281,14 @@ class TouchPlan:
 def patch_response(
     t_s: Array, depth_m: float, radius_m: float, k_W_mK: float, alpha_m2_s: float
 ) -> Array:
-    """Rise under the middle of a patch of radius a heated by a unit flux from t = 0 on a half space [K m2/W].
+    """Rise under the middle of a patch of radius a heated by a unit flux from t = 0 on a half space
+    [K m2/W].
 
-    T(z, t) = (2 sqrt(alpha t)/K) [ierfc(z / (2 sqrt(alpha t))) - ierfc(sqrt(z^2 + a^2) / (2 sqrt(alpha t)))]
+    T(z, t) = (2 sqrt(alpha t)/K) [ierfc(z / (2 sqrt(alpha t))) - ierfc(sqrt(z^2 + a^2) / (2
+    sqrt(alpha t)))]
 
-    Source: Carslaw and Jaeger (1959), section 10.5 (III). Good while the heat has not met the disk's faces.
+    Source: Carslaw and Jaeger (1959), section 10.5 (III). Good while the heat has not met the
+    disk's faces.
     """
     root = 2 * np.sqrt(alpha_m2_s * np.maximum(t_s, 1e-12))
 
@@ -283,10 +300,11 @@ def patch_response(
 
 
 def predict_touches(plan: TouchPlan, setup: DiskSetup, *, lag_s: float = 0.65) -> PredictedTest:
-    """Expected uncertainty of the lags from one touch above each thermocouple, by Fisher information.
+    """Expected uncertainty of the lags from one touch above each thermocouple, by Fisher
+    information.
 
-    Each touch has its own flux, patch, start, duration and onset (section 6.4.2.1); conductivity and the lag's split
-    are shared.
+    Each touch has its own flux, patch, start, duration and onset (section 6.4.2.1); conductivity
+    and the lag's split are shared.
     """
     dt = 1 / plan.rate_Hz
     t = np.arange(-1.0, plan.window_s, dt)
@@ -301,9 +319,9 @@ def predict_touches(plan: TouchPlan, setup: DiskSetup, *, lag_s: float = 0.65) -
         "depth": (0.0, 1e-6, plan.depth_u_m),
         "offset": (0.0, 1e-3, np.inf),
         "ln_k": (0.0, 1e-3, plan.conductivity_log_u),
-        "split": (0.0, 1e-3, SPLIT_SD),
+        "split": (0.0, 1e-3, LAG_SPLIT_PRIOR_SD),
     }
-    at, steps, prior = np.array(list(table.values())).T
+    nominal, steps, prior = np.array(list(table.values())).T
 
     def reading(depth_m: float, theta: Array) -> Array:
         lag, ln_flux, ln_radius, start, ln_duration, ln_onset, depth, offset, ln_k, split = map(
@@ -311,7 +329,7 @@ def predict_touches(plan: TouchPlan, setup: DiskSetup, *, lag_s: float = 0.65) -
         )
         k = setup.conductivity_W_mK * np.exp(ln_k)
         alpha = k / (setup.density_kg_m3 * setup.specific_heat_J_kgK)
-        begun, ended = (
+        after_onset, after_end = (
             patch_response(t - start - after, depth_m + depth, np.exp(ln_radius), k, alpha)
             for after in (0.0, np.exp(ln_duration))
         )
@@ -319,16 +337,18 @@ def predict_touches(plan: TouchPlan, setup: DiskSetup, *, lag_s: float = 0.65) -
         chain = Chain(
             (*taus, float(np.exp(ln_onset))), delay_s=delay, conditioning=setup.conditioning
         )
-        return chain.response(np.exp(ln_flux) * (begun - ended), dt) + offset
+        return chain.response(np.exp(ln_flux) * (after_onset - after_end), dt) + offset
 
     depths = [junction.depth_m for junction in setup.junctions.values()]
-    each = [slopes(partial(reading, depth), at, steps) / plan.noise_K for depth in depths]
-    own = len(table) - 2
+    each = [jacobian(partial(reading, depth), nominal, steps) / plan.noise_K for depth in depths]
+    n_own = len(table) - 2
     rows = np.hstack(
-        [block_diag(*(j[:, :own] for j in each)), np.vstack([j[:, own:] for j in each])]
+        [block_diag(*(j[:, :n_own] for j in each)), np.vstack([j[:, n_own:] for j in each])]
     )
-    lags = slice(0, own * len(each), own)
-    c = covariance(rows, np.concatenate([np.tile(prior[:own], len(each)), prior[own:]]))
+    lags = slice(0, n_own * len(each), n_own)
+    c = posterior_covariance(
+        rows, np.concatenate([np.tile(prior[:n_own], len(each)), prior[n_own:]])
+    )
     return from_covariances(
         f"touch of {plan.duration_s:g} s above each thermocouple", "touch", [c[lags, lags]]
     )

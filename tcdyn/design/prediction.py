@@ -1,7 +1,8 @@
 """Test design: what a planned test will be able to tell, by Fisher information, before it is run.
 
-A test is predicted from the slopes of its readings by every parameter (``slopes``) and what is known of them
-beforehand: their covariance is the inverse of information plus prior (``covariance``); nothing is simulated or fitted.
+A test is predicted from the slopes of its readings by every parameter (``slopes``) and what is
+known of them beforehand: their covariance is the inverse of information plus prior
+(``posterior_covariance``); nothing is simulated or fitted.
 """
 
 from __future__ import annotations
@@ -18,10 +19,11 @@ from tcdyn.estimation import inverse
 
 @dataclass(frozen=True)
 class PredictedTest:
-    """Expected standard uncertainties of one planned test; ``covariance`` (C, C) is of the channels' lags [s2].
+    """Expected standard uncertainties of one planned test; ``covariance`` (C, C) is of the
+    channels' lags [s2].
 
-    ``low_s`` and ``high_s`` are the 10 and 90 % points of u of the common lag over what cannot be planned (the
-    burst of the entry, the scale of h), equal to ``u_common_s`` where nothing varies.
+    ``low_s`` and ``high_s`` are the 10 and 90 % points of u of the common lag over what cannot be
+    planned (the burst of the entry, the scale of h), equal to ``u_common_s`` where nothing varies.
     """
 
     name: str
@@ -49,25 +51,33 @@ class PredictedTest:
 def from_covariances(
     name: str, kind: str, covariances: Sequence[Array], others: dict[str, float] | None = None
 ) -> PredictedTest:
-    """A prediction from lag covariances under several draws of what cannot be planned: their mean is what counts."""
+    """A prediction from lag covariances under several draws of what cannot be planned: their mean
+    is what counts.
+    """
     mean = np.mean(np.array(covariances), axis=0)
     low, high = np.quantile([lag_u_s(c)[0] for c in covariances], [0.1, 0.9])
     return PredictedTest(name, kind, *lag_u_s(mean), mean, float(low), float(high), others or {})
 
 
-def combined(name: str, parts: Sequence[PredictedTest]) -> PredictedTest:
-    """Several tests of the same channels taken together: their lag information (inverse covariances) adds up."""
+def combine_tests(name: str, parts: Sequence[PredictedTest]) -> PredictedTest:
+    """Several tests of the same channels taken together: their lag information (inverse
+    covariances) adds up.
+    """
     total = np.sum([np.linalg.inv(p.covariance) for p in parts], axis=0)
     return from_covariances(name, "together", [np.linalg.inv(total)])
 
 
-def slopes(readings: Callable[[Array], Array], at: Array, steps: Array) -> Array:
-    """Jacobian (N, P) of ``readings(parameters (P,)) -> (N,)`` by central differences of ``steps`` (P,)."""
+def jacobian(readings: Callable[[Array], Array], at: Array, steps: Array) -> Array:
+    """Jacobian (N, P) of ``readings(parameters (P,)) -> (N,)`` by central differences of ``steps``
+    (P,).
+    """
     return np.column_stack(
         [(readings(at + e) - readings(at - e)) / (2 * e.sum()) for e in np.diag(steps)]
     )
 
 
-def covariance(rows: Array, prior_sd: Array) -> Array:
-    """Posterior covariance (P, P): ``rows`` (N, P) are slopes over noise, prior standard deviations may be inf."""
+def posterior_covariance(rows: Array, prior_sd: Array) -> Array:
+    """Posterior covariance (P, P): ``rows`` (N, P) are slopes over noise, prior standard deviations
+    may be inf.
+    """
     return inverse(rows.T @ rows + np.diag(1 / np.asarray(prior_sd) ** 2))

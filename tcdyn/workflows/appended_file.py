@@ -48,14 +48,15 @@ class AppendedFile:
     def append(self, text: str, rows: int) -> None:
         """Write ``text``, which holds ``rows`` rows, whole or not at all.
 
-        Raises InputError where it cannot be written, and where the file is no longer what was written.
+        Raises InputError where it cannot be written, and where the file is no longer what was
+        written.
         """
         self.check(rows)
         data = text.encode("utf-8")
         try:
-            left = memoryview(data)
-            while left:
-                left = left[self.stream.write(left) :]
+            remaining = memoryview(data)
+            while remaining:
+                remaining = remaining[self.stream.write(remaining) :]
         except OSError as problem:
             self.stream.truncate(self.size)
             raise InputError(
@@ -67,7 +68,8 @@ class AppendedFile:
         self.check(0)
 
     def check(self, next_rows: int) -> None:
-        """Raise InputError where the file at the path is not the one that is open, or has another size than it should.
+        """Raise InputError where the file at the path is not the one that is open, or has another
+        size than it should.
 
         ``next_rows``: how many rows are to be written next.
         """
@@ -77,9 +79,9 @@ class AppendedFile:
             if next_rows
             else ""
         )
-        own = os.fstat(self.stream.fileno())
+        open_file = os.fstat(self.stream.fileno())
         try:
-            there = os.stat(self.path)
+            file_at_path = os.stat(self.path)
         except OSError:
             raise InputError(
                 f"the output was renamed or deleted while it was written: {before} are in the file that was "
@@ -88,7 +90,7 @@ class AppendedFile:
                 remedy="follow the log with another {out}",
                 parameters={"out": "FILE"},
             ) from None
-        if not os.path.samestat(own, there):
+        if not os.path.samestat(open_file, file_at_path):
             raise InputError(
                 f"the output was replaced by another file while it was written: {before} are in the file that was "
                 f"there{after}",
@@ -96,9 +98,9 @@ class AppendedFile:
                 remedy="follow the log with another {out}",
                 parameters={"out": "FILE"},
             )
-        if there.st_size != self.size:
+        if file_at_path.st_size != self.size:
             raise InputError(
-                f"the output was changed by another program: it has {there.st_size} bytes after {before}{after}",
+                f"the output was changed by another program: it has {file_at_path.st_size} bytes after {before}{after}",
                 where=str(self.path),
                 expected=f"{self.size} bytes",
                 remedy="follow the log with another {out}",
@@ -111,16 +113,16 @@ def digest(path: Path, size: int) -> Any:
 
     Raises InputError where it cannot be read.
     """
-    found = hashlib.sha256()
-    left = size
+    hasher = hashlib.sha256()
+    remaining = size
     try:
         with open(path, "rb") as stream:
-            while left > 0:
-                part = stream.read(min(left, 1 << 20))
-                if not part:
+            while remaining > 0:
+                chunk = stream.read(min(remaining, 1 << 20))
+                if not chunk:
                     break
-                found.update(part)
-                left -= len(part)
+                hasher.update(chunk)
+                remaining -= len(chunk)
     except OSError as problem:
         raise InputError(f"cannot be read ({problem.strerror})", where=str(path)) from None
-    return found
+    return hasher

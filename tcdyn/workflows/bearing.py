@@ -1,4 +1,6 @@
-"""The pure-rolling test of the bearings (section 2.10): half of its friction is added to what the transducer sees."""
+"""The pure-rolling test of the bearings (section 2.10): half of its friction is added to what the
+transducer sees.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,8 @@ class BearingFile:
     sha256: str
 
     def added(self, load_N: float, speed_rpm: float) -> FrictionAdded:
-        """Half of both shafts' bearing friction at a load [N] and a speed of the slow shaft [rpm], for ``prepare``.
+        """Half of both shafts' bearing friction at a load [N] and a speed of the slow shaft [rpm],
+        for ``prepare``.
 
         Says so when load or speed lies outside what was measured.
         """
@@ -31,7 +34,7 @@ class BearingFile:
         if not bool(self.friction.outside(load_N, speed_rpm)):
             return FrictionAdded(value, u)
         speeds = self.friction.speeds_rpm
-        said = warning(
+        finding = warning(
             "bearing.extrapolated",
             file=self.file,
             load_N=load_N,
@@ -39,13 +42,15 @@ class BearingFile:
             loads_N=self.friction.load_range_N,
             speeds_rpm=(min(speeds), max(speeds)),
         )
-        return FrictionAdded(value, u, (said,))
+        return FrictionAdded(value, u, (finding,))
 
 
 def read_bearing(path: str | Path) -> BearingFile:
-    """Read a table with the columns load_N, friction_N (both shafts, pure rolling) and speed_slow_rpm.
+    """Read a table with the columns load_N, friction_N (both shafts, pure rolling) and
+    speed_slow_rpm.
 
-    Raises InputError for an unreadable file, a missing column, a value that is no number, or too few loads a speed.
+    Raises InputError for an unreadable file, a missing column, a value that is no number, or too
+    few loads a speed.
     """
     values = read_numbers(path, BEARING_COLUMNS)
     try:

@@ -42,27 +42,29 @@ from tcdyn.smoothing.traces import DiskTraces, disk_traces, gathered
 from tcdyn.workflows.bearing import BearingFile
 from tcdyn.workflows.beta_tables import beta_file, ways_table
 from tcdyn.workflows.operating_conditions import (
+    check_no_copies,
     constants_of,
+    constants_rel_u,
     disk_air,
     forces_N,
-    no_copies,
     speeds_rpm,
-    stated_rel,
 )
 
-MADE_OF = {"disk", "washer", "thermocouples"}  # tables of rig.toml that tell what a disk is
-NO_LAG_ASKS = (
+DISK_TABLES = {"disk", "washer", "thermocouples"}  # tables of rig.toml that tell what a disk is
+LAG_INDEPENDENT_KEYS = (
     "angle_deg",
     "slope_per_K",
     "reference_degC",
 )  # keys of these that the lags do not hang on
 Run = TypeVar("Run")
-SLOWER_S = 3.0  # after the parting a changed speed is told
+SPEED_CHANGE_AT_S = 3.0  # after the parting a changed speed is told
 
 
 @dataclass(frozen=True)
 class BetaRun(Result):
-    """One analysed test: the numbers, the log they came from, and how many tests that log holds in all."""
+    """One analysed test: the numbers, the log they came from, and how many tests that log holds in
+    all.
+    """
 
     log: Log
     partition: Partition
@@ -77,7 +79,9 @@ class BetaRun(Result):
     def to_dict(self) -> dict[str, Any]:
         """The content of ``beta.json`` (design, section 8), sealed with its checksum."""
         data = beta_file(self.partition, {"file": self.log.path.name, "sha256": self.log.sha256})
-        data["kept"] = campaign.kept_of(self.log.path.stem, self.rig_sha256, self.partition)
+        data["kept"] = campaign.sufficient_statistics_of(
+            self.log.path.stem, self.rig_sha256, self.partition
+        )
         return sealed(data)
 
     def summary(self) -> str:
@@ -89,7 +93,7 @@ class BetaRun(Result):
         return ways_table(self.partition)
 
 
-def prepare(
+def prepare_test(
     log: Log,
     rig: Rig,
     records: Mapping[str, DiskRecord],
@@ -97,19 +101,21 @@ def prepare(
     left_out: Mapping[str, str] | None = None,
     events: Events | None = None,
 ) -> EhlTest:
-    """Apply static lines, take out spikes, find the events, and turn friction and speeds into power.
+    """Apply static lines, take out spikes, find the events, and turn friction and speeds into
+    power.
 
-    ``friction_added`` (load [N], slow shaft [rpm]) is added to the friction of the contact: half of the bearings'
-    friction (section 2.10), which the transducer on the slow shaft does not see. ``left_out``: channels that the
-    analysis goes on without, such as "fast_c", and why; empty where that was asked for. ``events``: its own, if known.
-    Raises InputError for a log without unloading, a compensated log, a missing record or a load that is not one.
+    ``friction_added`` (load [N], slow shaft [rpm]) is added to the friction of the contact: half of
+    the bearings' friction (section 2.10), which the transducer on the slow shaft does not see.
+    ``left_out``: channels that the analysis goes on without, such as "fast_c", and why; empty where
+    that was asked for. ``events``: its own, if known. Raises InputError for a log without
+    unloading, a compensated log, a missing record or a load that is not one.
     """
     where = log.path.name
     if log.metadata.get("tcdyn") == COMPENSATED:
         remedy = "give the log as it was recorded: the fits compensate it"
         raise InputError("this log is already compensated", where=where, remedy=remedy)
-    here = [d for d in DISKS if any(n.startswith(f"{d}_") for n in log.channels)]
-    if missing := [d for d in here or DISKS if d not in records]:
+    measured_disks = [d for d in DISKS if any(n.startswith(f"{d}_") for n in log.channels)]
+    if missing := [d for d in measured_disks or DISKS if d not in records]:
         raise InputError(
             f"no record of the {missing[0]} disk",
             remedy="add {records}",
@@ -119,19 +125,19 @@ def prepare(
     t = log.frame["time_s"].to_numpy(dtype=float)
     dt = interval_s(t)
     events = events or find_events(frame, where)
-    stated, told = constants_of(frame, rig)
+    constants, constant_findings = constants_of(frame, rig)
     under_load = (t > events.load_on_s + 5) & (t < events.unload_s - 0.5)
     steady = (t > events.unload_s - 150) & (t < events.unload_s - 1) & under_load
-    load, friction = forces_N(frame, events, steady, stated)
-    out = left_out_of(left_out := left_out or {}, rig.setups)
-    no_copies(frame, left_out, where)
-    found = [
+    load, friction = forces_N(frame, events, steady, constants)
+    left_out_by_disk = left_out_of(left_out := left_out or {}, rig.setups)
+    check_no_copies(frame, left_out, where)
+    findings = [
         *gathered(log.findings),
-        *(_left_out(rig, name, why, out) for name, why in left_out.items()),
+        *(_left_out_finding(rig, name, why, left_out_by_disk) for name, why in left_out.items()),
     ]
-    found += [*events.findings, *told]
+    findings += [*events.findings, *constant_findings]
     radius, crown = zip(*((s.outer_radius_m, s.crown_radius_m) for s in map(rig.disk_setup, DISKS)))
-    rpm, rpm_u = speeds_rpm(frame, under_load, stated)
+    rpm, rpm_u = speeds_rpm(frame, under_load, constants)
     speeds = (surface_speed_m_s(rpm[0], radius[0]), surface_speed_m_s(rpm[1], radius[1]))
     if not speeds[0] > speeds[1] > 0:
         raise InputError(
@@ -143,9 +149,9 @@ def prepare(
     ratio = speeds[0] / speeds[1]
     nominal = rig.common.contact.gear_ratio
     if abs(ratio / nominal - 1) > 0.05:
-        found.append(warning("speeds.ratio", ratio=ratio, stated=nominal))
+        findings.append(warning("speeds.ratio", ratio=ratio, stated=nominal))
     if np.sum(t < events.load_on_s - SETTLE_S) < LEAST_ZERO:
-        found.append(warning("forces.one_zero"))
+        findings.append(warning("forces.one_zero"))
     load_N = float(np.mean(load[steady]))
     friction_N = float(np.mean(friction[steady]))
     if not 0 < friction_N < load_N:
@@ -158,61 +164,68 @@ def prepare(
     added = NOTHING_ADDED if friction_added is None else friction_added(load_N, rpm[1])
     friction = friction + added.value_N * load / load_N
     friction_N = friction_N + added.value_N
-    found += added.findings
-    slowing = {}
+    findings += added.findings
+    speed_profiles = {}
     for d, level in zip(DISKS, rpm):
-        if f"speed_{d}_rpm" in stated:
+        if f"speed_{d}_rpm" in constants:
             continue
-        course = speed_course(
+        profile = speed_course(
             t, frame[f"speed_{d}_rpm"].to_numpy(dtype=float), events.unload_s, level
         )
-        if course is None:
-            found.append(warning("speeds.missing", subject=d))
-        elif np.any(course != 1):
-            slowing[d] = course
-            at = float(min(SLOWER_S, t[-1] - events.unload_s))
-            percent = 100 * float(np.interp(events.unload_s + at, t, course))
+        if profile is None:
+            findings.append(warning("speeds.missing", subject=d))
+        elif np.any(profile != 1):
+            speed_profiles[d] = profile
+            at = float(min(SPEED_CHANGE_AT_S, t[-1] - events.unload_s))
+            percent = 100 * float(np.interp(events.unload_s + at, t, profile))
             n = rig.common.contact.speed_exponent
-            found.append(info("speeds.change", subject=d, percent=percent, after_s=at, exponent=n))
+            findings.append(
+                info("speeds.change", subject=d, percent=percent, after_s=at, exponent=n)
+            )
     if not 0.002 < friction_N / load_N < 0.2:
-        found.append(warning("friction.coefficient", coefficient=friction_N / load_N))
+        findings.append(warning("friction.coefficient", coefficient=friction_N / load_N))
     contact = hertz_contact(load_N, equal_radius_m(*radius), equal_radius_m(*crown))
     u = rig.common.uncertainty
-    (load_rel, sliding_rel, ratio_rel) = stated_rel(rpm, rpm_u, stated)
-    about = {d: disk_air(frame, d, rig, steady, stated) for d in here}
+    (load_rel, sliding_rel, ratio_rel) = constants_rel_u(rpm, rpm_u, constants)
+    air_and_findings = {d: disk_air(frame, d, rig, steady, constants) for d in measured_disks}
     disks = dict[str, DiskTraces]()
-    air = {d: a for d, (a, _) in about.items()}
+    air = {d: a for d, (a, _) in air_and_findings.items()}
     stated_u = {"friction_rel": sliding_rel, "half_width_rel": load_rel / 3}  # b ~ W^(1/3)
-    stated_u["ambient_K"] = stated["ambient_degC"].u if "ambient_degC" in stated else 0.0
+    stated_u["ambient_K"] = constants["ambient_degC"].u if "ambient_degC" in constants else 0.0
 
-    traces_of = {
-        d: disk_traces(frame, d, rig, records[d], rows=steady, where=where, left_out=out[d])
-        for d in here
+    traces_by_disk = {
+        d: disk_traces(
+            frame, d, rig, records[d], rows=steady, where=where, left_out=left_out_by_disk[d]
+        )
+        for d in measured_disks
     }
-    for d, traces in traces_of.items():
+    for d, traces in traces_by_disk.items():
         rig.disk_setup(d).check_rows()
-        found += [
-            *_other_disk(rig, d, records[d]),
+        findings += [
+            *_changed_disk_findings(rig, d, records[d]),
             *traces.findings,
             *traces.outside_lines(f"{d} disk", steady),
         ]
-        found += about[d][1]
-        wider = {
-            key: math.hypot(getattr(traces.uncertainty, key), part)
-            for key, part in stated_u.items()
+        findings += air_and_findings[d][1]
+        widened_u = {
+            key: math.hypot(getattr(traces.uncertainty, key), extra_u)
+            for key, extra_u in stated_u.items()
         }
-        wider["friction_rel"] = math.hypot(wider["friction_rel"], added.u_N / friction_N)
+        widened_u["friction_rel"] = math.hypot(widened_u["friction_rel"], added.u_N / friction_N)
         setup = replace(traces.setup, flux=traces.setup.flux.under(contact.pressure_Pa))
         disks[d] = replace(
-            traces, uncertainty=traces.uncertainty.model_copy(update=wider), setup=setup
+            traces, uncertainty=traces.uncertainty.model_copy(update=widened_u), setup=setup
         )
     return EhlTest(
         time_s=t,
         dt_s=dt,
         events=events,
         power_W=friction
-        * (speeds[0] * slowing.get("fast", 1.0) - speeds[1] * slowing.get("slow", 1.0)),
-        ambient_degC=air[here[0]].faces,
+        * (
+            speeds[0] * speed_profiles.get("fast", 1.0)
+            - speeds[1] * speed_profiles.get("slow", 1.0)
+        ),
+        ambient_degC=air[measured_disks[0]].faces,
         air=air if rig.air_columns() else {},
         stated_u=stated_u,
         load_N=load_N,
@@ -230,37 +243,54 @@ def prepare(
             / math.log(ratio),  # chi = ratio^n
         ),
         disks=disks,
-        findings=tuple(found),
+        findings=tuple(findings),
         added=added,
-        slowing=slowing,
+        slowing=speed_profiles,
         friction_noise_N=float(white_noise_sd(frame["friction_N"].to_numpy(dtype=float)[steady])),
     )
 
 
-def _other_disk(rig: Rig, disk: str, record: DiskRecord) -> list[Finding]:
-    """What rig.toml says of the disk that the record was not made with: its lags were found with other numbers."""
+def _changed_disk_findings(rig: Rig, disk: str, record: DiskRecord) -> list[Finding]:
+    """What rig.toml says of the disk that the record was not made with: its lags were found with
+    other numbers.
+    """
     if "setup" not in record.model_fields_set:
         return []
-    own, stated = (
-        tables.model_dump(include=MADE_OF) for tables in (record.setup, rig.tables(disk))
+    recorded, current = (
+        tables.model_dump(include=DISK_TABLES) for tables in (record.setup, rig.tables(disk))
     )
-    if own == stated or not (
-        changed := [key for key in changed_keys(own, stated) if not key[0].endswith(NO_LAG_ASKS)]
+    if recorded == current or not (
+        changed := [
+            key
+            for key in changed_keys(recorded, current)
+            if not key[0].endswith(LAG_INDEPENDENT_KEYS)
+        ]
     ):
         return []
-    keys, was, now = ([str(x) for x in column] for column in zip(*changed))
-    return [warning("record.other_disk", subject=disk, keys=keys, record=was, rig=now)]
+    keys, recorded_values, current_values = ([str(x) for x in column] for column in zip(*changed))
+    return [
+        warning(
+            "record.other_disk", subject=disk, keys=keys, record=recorded_values, rig=current_values
+        )
+    ]
 
 
-def _left_out(rig: Rig, name: str, why: str, out: Mapping[str, Sequence[str]]) -> Finding:
-    """That a channel such as "fast_c" is left out, and what goes on without it; a note where it was asked for."""
+def _left_out_finding(
+    rig: Rig, name: str, why: str, left_out_by_disk: Mapping[str, Sequence[str]]
+) -> Finding:
+    """That a channel such as "fast_c" is left out, and what goes on without it; a note where it was
+    asked for.
+    """
     disk, _, channel = name.rpartition("_")
     setup = rig.disk_setup(disk)
-    names = setup.stand_ins(out[disk]).get(channel, ())
-    kept = [c for c in setup.outer if c not in out[disk]]
-    cost: dict[str, Any] = {"stand_ins": [*names] if channel in setup.inner else [], "kept": kept}
+    names = setup.stand_ins(left_out_by_disk[disk]).get(channel, ())
+    outer_channels = [c for c in setup.outer if c not in left_out_by_disk[disk]]
+    details: dict[str, Any] = {
+        "stand_ins": [*names] if channel in setup.inner else [],
+        "kept": outer_channels,
+    }
     return (warning if why else info)(
-        "channel.left_out", subject=name, why=why or "as asked for", **cost
+        "channel.left_out", subject=name, why=why or "as asked for", **details
     )
 
 
@@ -280,54 +310,61 @@ def estimate_beta(
 ) -> BetaRun:
     """Read one EHL log and find beta by the speed law, the cooling fits and the joint fits.
 
-    ``rig`` None is the one that the records were made with; ``without``: channels to leave out, such as "fast_c";
-    ``window_s``: cooling used by the h-only fit [s]; ``bearing``: the pure-rolling test whose friction is added
-    (section 2.10); ``stage``: which of several loadings in the log, from 1, None for the longest. A channel that is
-    dead, missing, or lost for long is left out too, with a finding, as long as the rest still tells beta.
-    Raises InputError for a log, rig or record that does not fit, naming the log.
+    ``rig`` None is the one that the records were made with; ``without``: channels to leave out,
+    such as "fast_c"; ``window_s``: cooling used by the h-only fit [s]; ``bearing``: the
+    pure-rolling test whose friction is added (section 2.10); ``stage``: which of several loadings
+    in the log, from 1, None for the longest. A channel that is dead, missing, or lost for long is
+    left out too, with a finding, as long as the rest still tells beta. Raises InputError for a log,
+    rig or record that does not fit, naming the log.
     """
     rig = rig or rig_of(records)
 
     def attempt(left_out: Mapping[str, str]) -> BetaRun:
         progress("reading the log")
-        pieces = iter_log(log, "ehl", rig, without=[f"{name}_degC" for name in left_out])
-        table, count = read_stage(pieces, stage)
-        test = prepare(table, rig, records, bearing.added if bearing else None, left_out)
+        chunks = iter_log(log, "ehl", rig, without=[f"{name}_degC" for name in left_out])
+        table, count = read_stage(chunks, stage)
+        test = prepare_test(table, rig, records, bearing.added if bearing else None, left_out)
         try:
-            found = analyse(
+            partition = analyse(
                 test, window_s=window_s, seed=seed, sensor_check=sensor_check, progress=progress
             )
         except InputError as problem:
             raise problem.at(table.path.name) from None
-        return BetaRun(table, found, campaign.rig_fingerprint(rig, records), count, records)
+        return BetaRun(table, partition, campaign.rig_fingerprint(rig, records), count, records)
 
-    return without_lost(attempt, without, rig, progress)
+    return retry_without_lost_channels(attempt, without, rig, progress)
 
 
-def without_lost(
+def retry_without_lost_channels(
     attempt: Callable[[Mapping[str, str]], Run],
     without: Sequence[str],
     rig: Rig,
     progress: Callable[[str], None],
 ) -> Run:
-    """``attempt`` without the channels asked for, and again without each that it finds lost, while enough is left."""
+    """``attempt`` without the channels asked for, and again without each that it finds lost, while
+    enough is left.
+    """
     left_out_of(without, rig.setups)
     left_out = dict.fromkeys((name.removesuffix("_degC") for name in without), "")
-    first: InputError | None = (
+    first_error: InputError | None = (
         None  # of the channels lost: where too many are, it names the cause best
     )
     while True:
         try:
             return attempt(left_out)
         except InputError as problem:
-            lost = problem.column.removesuffix("_degC")
-            disk, _, channel = lost.rpartition("_")
-            gone = (*left_out_of(left_out, rig.setups).get(disk, ()), channel)
-            if lost in left_out or disk not in DISKS or not rig.disk_setup(disk).tells_beta(gone):
-                raise (first or problem if problem.column else problem) from None
-            first = first or problem
-            left_out[lost] = problem.what
-            progress(f"going on without {lost}")
+            lost_channel = problem.column.removesuffix("_degC")
+            disk, _, channel = lost_channel.rpartition("_")
+            missing = (*left_out_of(left_out, rig.setups).get(disk, ()), channel)
+            if (
+                lost_channel in left_out
+                or disk not in DISKS
+                or not rig.disk_setup(disk).tells_beta(missing)
+            ):
+                raise (first_error or problem if problem.column else problem) from None
+            first_error = first_error or problem
+            left_out[lost_channel] = problem.what
+            progress(f"going on without {lost_channel}")
 
 
 def estimate_stages(
@@ -337,41 +374,49 @@ def estimate_stages(
     estimate: Any = estimate_beta,
     **options: Any,
 ) -> tuple[Any, ...]:
-    """``estimate`` of every loading in one log that an unloading follows, in order; ``options`` as there."""
-    first, said = (
+    """``estimate`` of every loading in one log that an unloading follows, in order; ``options`` as
+    there.
+    """
+    first, report = (
         estimate(log, rig, records, stage=1, **options),
         options.pop("progress", lambda _: None),
     )
-    told = {
-        k: lambda what, k=k: said(f"test {k} of {first.stages}: {what}")
+    reporters = {
+        k: lambda what, k=k: report(f"test {k} of {first.stages}: {what}")
         for k in range(2, first.stages + 1)
     }
     return (
         first,
-        *(estimate(log, rig, records, stage=k, progress=told[k], **options) for k in told),
+        *(
+            estimate(log, rig, records, stage=k, progress=reporters[k], **options)
+            for k in reporters
+        ),
     )
 
 
-def summary_of(p: Partition) -> str:
+def summary_of(partition: Partition) -> str:
     """The headline, beta, h and lag by every way, and the verdict."""
-    a = p.answers
-    both = p.both.estimates
-    gone = p.withheld
+    answers = partition.answers
+    both = partition.both.estimates
+    withheld = partition.withheld
     pair = "beta {}   h_fast {}   h_slow {} W/m2K"
     lines = {"both beta": ("both disks", pair.format(both["beta"], both["h_fast"], both["h_slow"]))}
-    lines["speed law"] = "speed law", pair.format(a["speed law"], a["h_fast"], a["h_slow"])
+    lines["speed law"] = (
+        "speed law",
+        pair.format(answers["speed law"], answers["h_fast"], answers["h_slow"]),
+    )
     for d in DISKS:
         lines[f"cooling {d}"] = (
             f"cooling {d}",
-            f"beta {a[f'cooling {d}']}   h {a[f'h cooling {d}']} W/m2K",
+            f"beta {answers[f'cooling {d}']}   h {answers[f'h cooling {d}']} W/m2K",
         )
-    for d, fit in p.joint.items():
+    for d, fit in partition.joint.items():
         lag = fit.estimates["lag_s"]
         lines[f"joint {d}"] = (
             f"joint {d}",
-            f"beta {a[f'joint {d}']}   h {a[f'h joint {d}']} W/m2K   lag {lag} s",
+            f"beta {answers[f'joint {d}']}   h {answers[f'h joint {d}']} W/m2K   lag {lag} s",
         )
-    said = [
-        f"{word:14}{'withheld' if key in gone else text}" for key, (word, text) in lines.items()
+    rows = [
+        f"{word:14}{'withheld' if key in withheld else text}" for key, (word, text) in lines.items()
     ]
-    return "\n".join([p.headline.sentence, *said, p.crosscheck.sentence])
+    return "\n".join([partition.headline.sentence, *rows, partition.crosscheck.sentence])

@@ -1,4 +1,6 @@
-"""The answers of one test: beta.json, and tables of ways to beta, budget, conditions and the cooling fit's window."""
+"""The answers of one test: beta.json, and tables of ways to beta, budget, conditions and the
+cooling fit's window.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,7 @@ from tcdyn.rig.disk import DISKS, LEFT_OUT
 from tcdyn.workflows.joint_tables import both_budget
 
 SCHEMA = "tcdyn.beta/1"
-NOTHING: dict[str, Any] = dict.fromkeys(
+WITHHELD: dict[str, Any] = dict.fromkeys(
     ("value", "u", "low95", "high95")
 )  # an estimate that is withheld
 HEADINGS = {
@@ -43,8 +45,8 @@ HEADINGS = {
     "h_slow": "h, slow [W/m²K]",
     "exponent": "exponent n [1]",
 }
-LENGTHS_S = (0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 7.5, 10.0, 15.0, 20.0)
-BY_WAY = ("u_beta_steady", "u_beta_transient")
+WINDOW_LENGTHS_S = (0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 7.5, 10.0, 15.0, 20.0)
+BUDGET_FIELDS = ("u_beta_steady", "u_beta_transient")
 TWO_SIGMA = 2.0
 
 
@@ -54,35 +56,46 @@ def way_row(
     h: Estimate,
     lag: Estimate | None = None,
     n: Estimate | None = None,
-    shown: bool = True,
+    reported: bool = True,
 ) -> dict[str, str]:
     """One way to beta in a table, empty where it is withheld."""
     row = {"way": word, "β [1]": beta.plain(), "95 % of β": beta.interval}
     more = {"h [W/m²K]": h, "lag [s]": lag, "exponent n [1]": n}
     row |= {key: e.plain() if e else "" for key, e in more.items()}
-    return row if shown else {**dict.fromkeys(row, ""), "way": word, "β [1]": "withheld"}
+    return row if reported else {**dict.fromkeys(row, ""), "way": word, "β [1]": "withheld"}
 
 
-def ways_table(p: Partition) -> pd.DataFrame:
-    """beta, h, lag and exponent by every way, the headline's first: standard uncertainties, 95 % interval of beta."""
-    a = p.answers
-    gone = p.withheld
-    both = p.both.estimates
-    n = None if "both exponent" in gone else both["exponent"]
-    shown = "both beta" not in gone
+def ways_table(partition: Partition) -> pd.DataFrame:
+    """beta, h, lag and exponent by every way, the headline's first: standard uncertainties, 95 %
+    interval of beta.
+    """
+    answers = partition.answers
+    withheld = partition.withheld
+    both = partition.both.estimates
+    n = None if "both exponent" in withheld else both["exponent"]
+    reported = "both beta" not in withheld
     rows = [
-        way_row(f"joint fit of both, {d} disk", both["beta"], both[f"h_{d}"], n=n, shown=shown)
+        way_row(
+            f"joint fit of both, {d} disk", both["beta"], both[f"h_{d}"], n=n, reported=reported
+        )
         for d in DISKS
     ]
-    shown = "speed law" not in gone
+    reported = "speed law" not in withheld
     rows += [
-        way_row(f"speed law, {d} disk", a["speed law"], a[f"h_{d}"], shown=shown) for d in DISKS
+        way_row(f"speed law, {d} disk", answers["speed law"], answers[f"h_{d}"], reported=reported)
+        for d in DISKS
     ]
     for way in [f"{kind} {d}" for kind in ("cooling", "joint") for d in DISKS]:
         kind, disk = way.split()
-        lag = p.joint[disk].estimates["lag_s"] if kind == "joint" else None
+        lag = partition.joint[disk].estimates["lag_s"] if kind == "joint" else None
         rows.append(
-            way_row(f"{kind} fit, {disk} disk", a[way], a[f"h {way}"], lag, shown=way not in gone)
+            way_row(
+                f"{kind} fit, {disk} disk",
+                answers[way],
+                answers[f"h {way}"],
+                lag,
+                reported=way not in withheld,
+            )
         )
     return pd.DataFrame(rows)
 
@@ -100,13 +113,16 @@ def structures_table(p: Partition) -> pd.DataFrame:
 
 
 def budget_table(p: Partition) -> pd.DataFrame:
-    """Source, and its standard uncertainty of beta by the fit of both disks (the headline), by the speed law and by the
-    cooling fit; the headline's largest first, last all together."""
+    """Source, and its standard uncertainty of beta by the fit of both disks (the headline), by the
+    speed law and by the cooling fit; the headline's largest first, last all together.
+    """
     speed, cooling = p.budget.together
     both, by_way = both_budget(p), {r.source: r for r in p.budget.rows}
     rows = sorted(both | by_way, key=lambda source: -both.get(source, 0.0))
     total = sum(u**2 for u in both.values()) ** 0.5
-    table = [[both.get(x, 0.0), *(getattr(by_way.get(x), k, 0.0) for k in BY_WAY)] for x in rows]
+    table = [
+        [both.get(x, 0.0), *(getattr(by_way.get(x), k, 0.0) for k in BUDGET_FIELDS)] for x in rows
+    ]
     heads = ("fit of both disks", "speed law", "cooling fit of the worse disk")
     columns = ["source", *(f"u(β) [1], {head}" for head in heads)]
     rows = [*rows, "all together"]
@@ -144,7 +160,9 @@ def test_table(p: Partition | OneDisk) -> pd.DataFrame:
 
 
 def junctions_table(tests: Mapping[str, DepthTest]) -> pd.DataFrame:
-    """How much deeper than stated each junction lies by the test alone, and its pull on what is stated."""
+    """How much deeper than stated each junction lies by the test alone, and its pull on what is
+    stated.
+    """
     rows = []
     for disk, test in tests.items():
         for (channel, deeper), pull in zip(test.deeper_m.items(), test.pull):
@@ -169,26 +187,30 @@ def junctions_table(tests: Mapping[str, DepthTest]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def cooling_by_window(partition: Partition, lengths: Sequence[float] = LENGTHS_S) -> pd.DataFrame:
-    """The h-only fit of both disks for each window length [s]: disk, window_s, beta, u_beta, h, u_h, misfit, lag.
+def cooling_by_window(
+    partition: Partition, lengths: Sequence[float] = WINDOW_LENGTHS_S
+) -> pd.DataFrame:
+    """The h-only fit of both disks for each window length [s]: disk, window_s, beta, u_beta, h,
+    u_h, misfit, lag.
 
-    Traces are smoothed as freely as for the cooling fit. ``u_beta`` and ``u_h_W_m2K`` hold noise, nuisances, the steady
-    line and the lag, as the budget does; ``within_lag`` marks windows shorter than the disk's common lag, which hold
-    more of the chain than of the cooling. Lengths beyond the log's end are left out; a window whose fit runs away has
-    NaN. Raises InputError when no length is left, or one is not above zero.
+    Traces are smoothed as freely as for the cooling fit. ``u_beta`` and ``u_h_W_m2K`` hold noise,
+    nuisances, the steady line and the lag, as the budget does; ``within_lag`` marks windows shorter
+    than the disk's common lag, which hold more of the chain than of the cooling. Lengths beyond the
+    log's end are left out; a window whose fit runs away has NaN. Raises InputError when no length
+    is left, or one is not above zero.
     """
     test = partition.test
-    held = float(test.time_s[-1] - test.events.unload_s)
+    cooling_s = float(test.time_s[-1] - test.events.unload_s)
     if min(lengths, default=1.0) <= 0:
         raise InputError(f"a window of {min(lengths):g} s", expected="lengths above zero")
-    wanted = sorted(float(x) for x in lengths if x <= held)
-    if not wanted:
+    lengths_s = sorted(float(x) for x in lengths if x <= cooling_s)
+    if not lengths_s:
         raise InputError(
-            f"the log holds {held:.2f} s of cooling",
+            f"the log holds {cooling_s:.2f} s of cooling",
             expected=f"at least {min(lengths, default=0):g} s",
         )
-    rows = stretch_of(test, wanted[-1])
-    of_disks = [_disk_rows(partition, disk, rows, wanted) for disk in DISKS]
+    rows = stretch_of(test, lengths_s[-1])
+    of_disks = [_disk_rows(partition, disk, rows, lengths_s) for disk in DISKS]
     return pd.DataFrame([row for of_one in of_disks for row in of_one])
 
 
@@ -198,17 +220,26 @@ def _disk_rows(
     test = p.test
     line = p.lines[name]
     lag = p.joint[name].estimates["lag_s"]
-    at = p.cooling[name]
-    done = smoothed(test, test.disks[name], rows, p.chains[name], lag.u, p.compensated[name])
-    cooled = compensated(test, test.disks[name], rows, done, p.windows[name].rim.profile)
-    errors = cooling_errors(cooled, at.share, at.h_W_m2K)
+    nominal = p.cooling[name]
+    smoothed_traces = smoothed(
+        test, test.disks[name], rows, p.chains[name], lag.u, p.compensated[name]
+    )
+    cooling_data = compensated(
+        test, test.disks[name], rows, smoothed_traces, p.windows[name].rim.profile
+    )
+    errors = cooling_errors(cooling_data, nominal.share, nominal.h_W_m2K)
     out: list[dict[str, object]] = []
     for length in lengths:
-        found = dict.fromkeys(("beta", "u_beta", "h_W_m2K", "u_h_W_m2K", "misfit_K"), np.nan)
+        fit_values = dict.fromkeys(("beta", "u_beta", "h_W_m2K", "u_h_W_m2K", "misfit_K"), np.nan)
         try:
-            prior = log_h_prior(cooled.disk.setup.surface)
+            prior = log_h_prior(cooling_data.disk.setup.surface)
             fit = cooling_fit(
-                cooled.window, line.line, test.events.unload_s, length, cooled.noise_K, prior
+                cooling_data.window,
+                line.line,
+                test.events.unload_s,
+                length,
+                cooling_data.noise_K,
+                prior,
             )
         except InputError:
             pass
@@ -218,41 +249,44 @@ def _disk_rows(
                 (shift.per_sd**2).sum(axis=0) + np.diag(shift.noise) + (lag.u * shift.by_lag) ** 2
             )
             u_share, u_h = (float(u) for u in np.sqrt(variance))
-            found = {
+            fit_values = {
                 "beta": fit.beta,
                 "u_beta": u_share,
                 "h_W_m2K": fit.h_W_m2K,
                 "u_h_W_m2K": u_h,
                 "misfit_K": fit.misfit_K,
             }
-        out.append({"disk": name, "window_s": length, "within_lag": length < lag.value, **found})
+        out.append(
+            {"disk": name, "window_s": length, "within_lag": length < lag.value, **fit_values}
+        )
     return out
 
 
 def referee_table(partition: Partition) -> pd.DataFrame:
-    """Compensated (cooling fit) against commuted (joint fit, no inverse) for beta and h of each disk.
+    """Compensated (cooling fit) against commuted (joint fit, no inverse) for beta and h of each
+    disk.
 
-    ``u_difference`` is the spread of the difference of the budget's draws, so that what moves both alike does not
-    count; ``z`` = difference / u_difference; ``agree`` below two.
+    ``u_difference`` is the spread of the difference of the budget's draws, so that what moves both
+    alike does not count; ``z`` = difference / u_difference; ``agree`` below two.
     """
     rows = []
     for d in DISKS:
         for quantity, key in (("beta", ""), ("h_W_m2K", "h ")):
             ways = [f"{key}{kind} {d}" for kind in ("cooling", "joint")]
-            one, other = (partition.answers[way] for way in ways)
+            compensated_value, commuted_value = (partition.answers[way] for way in ways)
             a, b = (partition.budget.draws[way] for way in ways)
-            gap = one.value - other.value
+            difference = compensated_value.value - commuted_value.value
             u = float(np.std(a - b))
-            z = gap / max(u, 1e-12)
+            z = difference / max(u, 1e-12)
             rows.append(
                 {
                     "disk": d,
                     "quantity": quantity,
-                    "compensated": one.value,
-                    "u_compensated": one.u,
-                    "commuted": other.value,
-                    "u_commuted": other.u,
-                    "difference": gap,
+                    "compensated": compensated_value.value,
+                    "u_compensated": compensated_value.u,
+                    "commuted": commuted_value.value,
+                    "u_commuted": commuted_value.u,
+                    "difference": difference,
                     "u_difference": u,
                     "correlation": float(np.corrcoef(a, b)[0, 1]),
                     "z": z,
@@ -281,18 +315,20 @@ def interval_table(profiles: pd.DataFrame) -> pd.DataFrame:
 
 
 def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
-    """The content of ``beta.json``; every estimate is {value, u, low95, high95}, h in W/m2K, lags in s.
+    """The content of ``beta.json``; every estimate is {value, u, low95, high95}, h in W/m2K, lags
+    in s.
 
-    A junction tells how much deeper this test alone places it than rig.toml [mm], and its pull on the stated depth.
+    A junction tells how much deeper this test alone places it than rig.toml [mm], and its pull on
+    the stated depth.
     """
     test = p.test
-    gone = p.withheld
-    a = {
-        key: NOTHING if key in gone else estimate.model_dump()
+    withheld = p.withheld
+    answers = {
+        key: WITHHELD if key in withheld else estimate.model_dump()
         for key, estimate in p.answers.items()
     }
     both = {
-        key: NOTHING if f"both {key}" in gone else e.model_dump()
+        key: WITHHELD if f"both {key}" in withheld else e.model_dump()
         for key, e in p.both.estimates.items()
     }
     return {
@@ -300,19 +336,22 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
         "source": source,
         "test": test.conditions,
         "steady": {
-            "beta": a["speed law"],
-            "h_fast": a["h_fast"],
-            "h_slow": a["h_slow"],
+            "beta": answers["speed law"],
+            "h_fast": answers["h_fast"],
+            "h_slow": answers["h_slow"],
             **{
-                f"{d}_line": {"intercept": a[f"{d} intercept"], "slope": a[f"{d} slope"]}
+                f"{d}_line": {
+                    "intercept": answers[f"{d} intercept"],
+                    "slope": answers[f"{d} slope"],
+                }
                 for d in DISKS
             },
-            "exponent": a["exponent"],
+            "exponent": answers["exponent"],
         },
         "transient": {
             d: {
-                "beta": a[f"cooling {d}"],
-                "h": a[f"h cooling {d}"],
+                "beta": answers[f"cooling {d}"],
+                "h": answers[f"h cooling {d}"],
                 "window_s": p.cooling[d].window_s,
             }
             for d in DISKS
@@ -320,8 +359,8 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
         "joint": {
             **{
                 d: {
-                    "beta": a[f"joint {d}"],
-                    "h": a[f"h joint {d}"],
+                    "beta": answers[f"joint {d}"],
+                    "h": answers[f"h joint {d}"],
                     "lag_s": p.joint[d].estimates["lag_s"].model_dump(),
                 }
                 for d in DISKS
@@ -343,25 +382,27 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
         "budget": [asdict(row) for row in p.budget.rows],
         "budget_both": [{"source": name, "u_beta": u} for name, u in both_budget(p).items()],
         "surface": {
-            "fast_max_degC": a["surface fast"],
-            "slow_max_degC": a["surface slow"],
-            "delta_T_us": a["delta_T_us"],
+            "fast_max_degC": answers["surface fast"],
+            "slow_max_degC": answers["surface slow"],
+            "delta_T_us": answers["delta_T_us"],
         },
         "noise": {d: test.disks[d].noise.to_dict() for d in DISKS},
         "unevenness": {d: p.both.uneven[d].to_dict() for d in DISKS},
         "sensors": {} if p.sensors is None else p.sensors.said,
         "junctions": junctions(p.sensors),
-        "findings": [found.to_dict() for found in p.findings],
+        "findings": [finding.to_dict() for finding in p.findings],
         "warnings": list(p.warnings),
     }
 
 
-def junctions(found: SensorCheck | None) -> dict[str, Any]:
-    """How much deeper [mm] than stated a test alone places each junction, and its pull, as ``beta.json`` keeps it."""
+def junctions(sensor_check: SensorCheck | None) -> dict[str, Any]:
+    """How much deeper [mm] than stated a test alone places each junction, and its pull, as
+    ``beta.json`` keeps it.
+    """
     return {
         d: {
             c: {"deeper_mm": e.times(1e3).model_dump(), "z": float(z)}
             for (c, e), z in zip(t.deeper_m.items(), t.pull)
         }
-        for d, t in ({} if found is None else found.depths).items()
+        for d, t in ({} if sensor_check is None else sensor_check.depths).items()
     }

@@ -36,16 +36,18 @@ from tcdyn.rig.record import (
 from tcdyn.rig.rigfile import Rig
 from tcdyn.rig.static_line import StaticLine, extrapolated, static_u, unit_lines
 
-SAME_K = 0.02  # a file saved again may have lost decimals; no two plunges are alike to this in every sample
+SAME_SAMPLES_K = 0.02  # a file saved again may have lost decimals; no two plunges are alike to this in every sample
 # before an entry: kept clear of it, fewest, how alike a disk is
-REST_CLEAR_S = 0.5
-REST_SAMPLES = 20
+ENTRY_MARGIN_S = 0.5
+MIN_REST_SAMPLES = 20
 REST_U_K = 0.07
 
 
 @dataclass(frozen=True)
 class CalibrationRun(Result):
-    """Everything that a calibration found: the record to keep, and the fits behind it for the report."""
+    """Everything that a calibration found: the record to keep, and the fits behind it for the
+    report.
+    """
 
     record: DiskRecord
     oven: OvenFit | None
@@ -89,10 +91,11 @@ def calibrate_disk(
 ) -> CalibrationRun:
     """Calibrate one disk from its oven log and its plunges.
 
-    ``disk``: "fast" or "slow"; ``fluids``: one name or table for all plunges, or one for each; ``prt_u_degC``: of each
-    reading of the oven's PRT against itself, where that was stated apart from its certificate (in the rig's
-    [traceability], common to all; their scatter tells the rest); ``line_u_K``: without an oven log, standard
-    uncertainty of a reading as it was logged. Raises InputError with file and place for anything that cannot be used.
+    ``disk``: "fast" or "slow"; ``fluids``: one name or table for all plunges, or one for each;
+    ``prt_u_degC``: of each reading of the oven's PRT against itself, where that was stated apart
+    from its certificate (in the rig's [traceability], common to all; their scatter tells the rest);
+    ``line_u_K``: without an oven log, standard uncertainty of a reading as it was logged. Raises
+    InputError with file and place for anything that cannot be used.
     """
     if disk not in DISKS:
         raise InputError(f"disk is {disk!r}", where="calibrate", expected=" or ".join(DISKS))
@@ -104,13 +107,13 @@ def calibrate_disk(
         )
     tables = rig.tables(disk)
     setup = rig.disk_setup(disk)
-    static, lines, findings, inputs = _static(oven, line_u_K, rig, disk, prt_u_degC, progress)
+    static, lines, findings, inputs = _static_lines(oven, line_u_K, rig, disk, prt_u_degC, progress)
     runs: list[PlungeRun] = []
     logs: list[Log] = []
     for k, path in enumerate(immersion):
         progress(f"plunge {k + 1} of {len(immersion)}: {Path(path).name}")
         log = read_log(path, "immersion", rig, disk)
-        _once(log, logs)
+        _check_not_repeated(log, logs)
         logs.append(log)
         substance = fluid(fluids[k if len(fluids) > 1 else 0])
         run = run_from_log(
@@ -123,18 +126,22 @@ def calibrate_disk(
     progress("grey-box fit of the chain to all plunges")
     priors = PlungePriors.for_rig(tables.uncertainty)
     fit = identify_plunges(runs, setup, correlation=correlation, structure=structure, priors=priors)
-    _swapped(logs, fit)
+    _check_not_swapped(logs, fit)
     progress("other chain structures on the same plunges")
     fit = with_structure_doubt(fit)
-    pulled = [
+    line_findings = [
         f
         for f in fit.findings
         if f.code == "plunge.pull" and f.numbers["kind"] in ("offset", "gain")
     ]
-    strained = {f.subject for f in pulled}
-    apart = set.intersection(*(apart_at_rest(run) for run in runs))
-    if static is not None and (len(strained) > len(setup.channels) // 2 or len(apart) > 1):
-        findings.append(warning("calibrate.other_disk", subject=disk, count=len(strained | apart)))
+    pulled_channels = {f.subject for f in line_findings}
+    deviating = set.intersection(*(deviating_at_rest(run) for run in runs))
+    if static is not None and (
+        len(pulled_channels) > len(setup.channels) // 2 or len(deviating) > 1
+    ):
+        findings.append(
+            warning("calibrate.other_disk", subject=disk, count=len(pulled_channels | deviating))
+        )
     findings += fit.findings
     record = DiskRecord(
         disk=disk,
@@ -151,12 +158,15 @@ def calibrate_disk(
     return CalibrationRun(record, static, tuple(runs), fit)
 
 
-def apart_at_rest(run: PlungeRun) -> set[str]:
-    """Channels that read more than three standard uncertainties off the disk's middle before the entry, when a disk has
-    one temperature: their static lines are another disk's, or their columns are. None of a disk that still warms or
-    cools, whose junctions differ."""
-    before = run.readings_degC[run.time_s < run.entry.time_s - max(4 * run.entry.u_s, REST_CLEAR_S)]
-    if len(before) < REST_SAMPLES or not run.lines:
+def deviating_at_rest(run: PlungeRun) -> set[str]:
+    """Channels that read more than three standard uncertainties off the disk's middle before the
+    entry, when a disk has one temperature: their static lines are another disk's, or their columns
+    are. None of a disk that still warms or cools, whose junctions differ.
+    """
+    before = run.readings_degC[
+        run.time_s < run.entry.time_s - max(4 * run.entry.u_s, ENTRY_MARGIN_S)
+    ]
+    if len(before) < MIN_REST_SAMPLES or not run.lines:
         return set()
     third = len(before) // 3
     mean = np.nanmean(before, axis=0)
@@ -173,7 +183,7 @@ def apart_at_rest(run: PlungeRun) -> set[str]:
     }
 
 
-def _static(
+def _static_lines(
     oven: str | Path | None,
     line_u_K: float | None,
     rig: Rig,
@@ -206,19 +216,23 @@ def _static(
 
 
 def untold(log: Log, entry: EntryEvent) -> list[Finding]:
-    """What the reader of a plunge noticed, but for a bouncing switch where the entry says what was done about it."""
-    told = any(f.code == "entry.bounced" for f in entry.findings)
-    return [f for f in log.findings if not (told and f.code == "switch.bounces")]
+    """What the reader of a plunge noticed, but for a bouncing switch where the entry says what was
+    done about it.
+    """
+    entry_reports_bounce = any(f.code == "entry.bounced" for f in entry.findings)
+    return [f for f in log.findings if not (entry_reports_bounce and f.code == "switch.bounces")]
 
 
-def _once(log: Log, earlier: Sequence[Log]) -> None:
-    """Refuse a plunge that was given before, in whatever file: counted twice, the lags would look better known."""
+def _check_not_repeated(log: Log, earlier: Sequence[Log]) -> None:
+    """Refuse a plunge that was given before, in whatever file: counted twice, the lags would look
+    better known.
+    """
     columns = [*log.channels]
     for other in earlier:
         if len(other.frame) != len(log.frame):
             continue
-        apart = np.abs(other.frame[columns].to_numpy() - log.frame[columns].to_numpy())
-        if not np.nanmax(apart, initial=0.0) > SAME_K:
+        difference = np.abs(other.frame[columns].to_numpy() - log.frame[columns].to_numpy())
+        if not np.nanmax(difference, initial=0.0) > SAME_SAMPLES_K:
             raise InputError(
                 f"holds the same samples as {other.path.name}",
                 where=log.path.name,
@@ -227,13 +241,15 @@ def _once(log: Log, earlier: Sequence[Log]) -> None:
             )
 
 
-def _swapped(logs: Sequence[Log], fit: PlungeFit) -> None:
-    """Refuse channels that stand the wrong way round in a log and do not move together in the fit either."""
+def _check_not_swapped(logs: Sequence[Log], fit: PlungeFit) -> None:
+    """Refuse channels that stand the wrong way round in a log and do not move together in the fit
+    either.
+    """
     for log, factor in zip(logs, fit.optimum.problem.noise):
-        found = [f for f in log.findings if f.code == "junctions.swapped"]
-        if found and factor.differential > COLOURED:
+        swapped = [f for f in log.findings if f.code == "junctions.swapped"]
+        if swapped and factor.differential > COLOURED:
             raise InputError(
-                found[0].sentence,
+                swapped[0].sentence,
                 expected="each column from the junction that rig.toml says",
                 remedy="map the columns in rig.toml [columns], or correct the depths in [thermocouples]",
             )

@@ -1,4 +1,6 @@
-"""Many EHL logs to one table: spread over workers, resumable, and one failing log does not stop the others."""
+"""Many EHL logs to one table: spread over workers, resumable, and one failing log does not stop the
+others.
+"""
 
 from __future__ import annotations
 
@@ -22,13 +24,13 @@ from tcdyn.io.read import sha256
 from tcdyn.io.write import write_text
 from tcdyn.workflows.campaign_log import CampaignSettings, analyse_log
 from tcdyn.workflows.campaign_results import (
-    ANSWER,
-    given_answer,
+    RESULT_SUFFIX,
     is_altered,
-    read_answer,
-    said_once,
+    merge_findings,
+    read_given_result,
+    read_result,
 )
-from tcdyn.workflows.campaign_table import AGREE, campaign_table, table_csv, table_row
+from tcdyn.workflows.campaign_table import AGREE_CODE, campaign_table, table_csv, table_row
 
 TABLE_FILE = "campaign.csv"
 PAGE_FILE = "campaign.html"
@@ -52,18 +54,21 @@ class LogOutcome:
 
     @property
     def name(self) -> str:
-        """The log's name without its ending, also of an answer that was given in its place; with its stage, if any."""
-        if self.log.name.endswith(ANSWER):
-            return self.log.name.removesuffix(ANSWER)
+        """The log's name without its ending, also of an answer that was given in its place; with
+        its stage, if any.
+        """
+        if self.log.name.endswith(RESULT_SUFFIX):
+            return self.log.name.removesuffix(RESULT_SUFFIX)
         return stage_name(self.log, self.stage)
 
 
 @dataclass(frozen=True)
 class CampaignRun(Result):
-    """All logs in the order in which they were given, and their table; ``kept`` counts answers of an earlier run.
+    """All logs in the order in which they were given, and their table; ``kept`` counts answers of
+    an earlier run.
 
-    ``joined``: all that were analysed as one measurement, None where none was; ``altered``: logs whose stored answer
-    was not as it had been written.
+    ``joined``: all that were analysed as one measurement, None where none was; ``altered``: logs
+    whose stored answer was not as it had been written.
     """
 
     folder: Path
@@ -84,35 +89,40 @@ class CampaignRun(Result):
 
     @property
     def findings(self) -> list[Finding]:
-        """What all tests together show, then what was noticed in each, with its log's name; what repeats is said once.
+        """What all tests together show, then what was noticed in each, with its log's name; what
+        repeats is said once.
 
         That the ways agree is in the table.
         """
         each = [
-            (o.name, Finding.from_dict(found))
+            (o.name, Finding.from_dict(finding))
             for o in self.outcomes
-            for found in (o.data["findings"] if o.data else [])
-            if found["code"] != AGREE
+            for finding in (o.data["findings"] if o.data else [])
+            if finding["code"] != AGREE_CODE
         ]
-        own = [info("campaign.altered", subject=name) for name in self.altered]
-        return [*own, *(self.joined.findings if self.joined else ()), *said_once(each)]
+        altered = [info("campaign.altered", subject=name) for name in self.altered]
+        return [*altered, *(self.joined.findings if self.joined else ()), *merge_findings(each)]
 
     def summary(self) -> str:
         """How many logs did what, and the range of beta."""
-        good = self.table[self.table["error"] == ""]
-        said = f"{len(self.outcomes)} logs: {len(good)} analysed ({self.kept} kept from before), "
-        said += f"{len(self.failed)} failed"
-        if len(good):
-            said += f"; beta by the speed law {good['beta'].min():.3f} to {good['beta'].max():.3f}"
-            said += f"; the ways agree in {int((good['agree'] == 'yes').sum())} of {len(good)}"
+        analysed = self.table[self.table["error"] == ""]
+        text = (
+            f"{len(self.outcomes)} logs: {len(analysed)} analysed ({self.kept} kept from before), "
+        )
+        text += f"{len(self.failed)} failed"
+        if len(analysed):
+            text += f"; beta by the speed law {analysed['beta'].min():.3f} to {analysed['beta'].max():.3f}"
+            text += (
+                f"; the ways agree in {int((analysed['agree'] == 'yes').sum())} of {len(analysed)}"
+            )
         if self.joined is not None and len(self.joined.posterior.tests) > 1:
-            inside, whole = (
+            u_within, u_total = (
                 max(e[k].u for e in self.joined.posterior.estimates)
                 for k in ("beta_within", "beta")
             )
-            said += f"\nall tests as one: u of beta {inside:.4f} at most within the campaign, {whole:.4f} absolute"
-            said += f"; exponent n {self.joined.law.exponent}"
-        return said
+            text += f"\nall tests as one: u of beta {u_within:.4f} at most within the campaign, {u_total:.4f} absolute"
+            text += f"; exponent n {self.joined.law.exponent}"
+        return text
 
     def to_dict(self) -> dict[str, Any]:
         """The table, one row a log."""
@@ -137,23 +147,25 @@ def run_campaign(
     models: Sequence[str | Path] = (),
     progress: Progress = lambda *_: None,
 ) -> CampaignRun:
-    """Analyse every log into ``out``/<stem>.beta.json; gather ``out``/campaign.csv and, as one, ``out``/campaign.json.
+    """Analyse every log into ``out``/<stem>.beta.json; gather ``out``/campaign.csv and, as one,
+    ``out``/campaign.json.
 
-    A log whose stored answer has the same log, records, rig and settings is not analysed again. Each answer is
-    written when it is ready, so a stopped campaign goes on where it was. A <stem>.beta.json among ``logs`` is a test
-    whose log is not at hand: it stands as it is. ``models``: files of curves to lay over the tests. With ``dask`` (a
-    scheduler's address) the workers must see the logs under the same paths. Raises InputError for no log, two of the
-    same name, a given answer that is not as it was written or of another rig, and a curve that the tests do not reach.
-    Where no log could be analysed, the table of an earlier run stays as it is.
+    A log whose stored answer has the same log, records, rig and settings is not analysed again.
+    Each answer is written when it is ready, so a stopped campaign goes on where it was. A
+    <stem>.beta.json among ``logs`` is a test whose log is not at hand: it stands as it is.
+    ``models``: files of curves to lay over the tests. With ``dask`` (a scheduler's address) the
+    workers must see the logs under the same paths. Raises InputError for no log, two of the same
+    name, a given answer that is not as it was written or of another rig, and a curve that the tests
+    do not reach. Where no log could be analysed, the table of an earlier run stays as it is.
     """
     paths = [Path(p) for p in logs]
     _check_names(paths)
     folder = Path(out)
     curves = [read_curve(path) for path in models]
-    given = [(i, path) for i, path in enumerate(paths) if path.name.endswith(ANSWER)]
-    rig = rig_fingerprint(settings.rig, settings.records) if given else ""
+    given_results = [(i, path) for i, path in enumerate(paths) if path.name.endswith(RESULT_SUFFIX)]
+    rig = rig_fingerprint(settings.rig, settings.records) if given_results else ""
     outcomes: dict[int, list[LogOutcome]] = {
-        i: [LogOutcome(path, given_answer(path, rig), kept=True)] for i, path in given
+        i: [LogOutcome(path, read_given_result(path, rig), kept=True)] for i, path in given_results
     }
     jobs: list[tuple[int, Path]] = []
     altered = tuple(
@@ -164,15 +176,15 @@ def run_campaign(
     for i, path in enumerate(paths):
         if i in outcomes:
             continue
-        kept = _stored(path, folder, settings)
-        if kept:
-            outcomes[i] = kept
+        stored = _stored(path, folder, settings)
+        if stored:
+            outcomes[i] = stored
             progress(path.stem, len(outcomes), len(paths))
         else:
             jobs.append((i, path))
     work = partial(analyse_log, settings=settings)
-    for at, answer in parallel_map(work, [path.resolve() for _, path in jobs], workers, dask):
-        i, path = jobs[at]
+    for job, answer in parallel_map(work, [path.resolve() for _, path in jobs], workers, dask):
+        i, path = jobs[job]
         if isinstance(answer, Exception):
             answer = [f"{path.name}: the worker failed, {type(answer).__name__}: {answer}"]
         outcomes[i] = []
@@ -188,19 +200,21 @@ def run_campaign(
     table = campaign_table([table_row(o.name, o.data, o.error) for o in ordered])
     if any(o.data is not None for o in ordered) or not (folder / TABLE_FILE).exists():
         write_text(folder / TABLE_FILE, table_csv(table))
-    whole = joined({o.name: o.data for o in ordered if o.data is not None}, curves)
-    if whole is not None:
-        write_text(folder / JOINED_FILE, json_text(whole.to_dict()))
-        for name, text in zip(PAPER_FILES, (paper_csv(whole), paper_latex(whole))):
+    campaign = joined({o.name: o.data for o in ordered if o.data is not None}, curves)
+    if campaign is not None:
+        write_text(folder / JOINED_FILE, json_text(campaign.to_dict()))
+        for name, text in zip(PAPER_FILES, (paper_csv(campaign), paper_latex(campaign))):
             write_text(folder / name, text)
-    return CampaignRun(folder, ordered, table, whole, altered)
+    return CampaignRun(folder, ordered, table, campaign, altered)
 
 
 def _stored(path: Path, folder: Path, settings: CampaignSettings) -> list[LogOutcome]:
-    """The stored answers of an earlier run, when all of them stand for the same log and settings; else none."""
+    """The stored answers of an earlier run, when all of them stand for the same log and settings;
+    else none.
+    """
     try:
         first = 0 if _answer_file(path, folder, 0).exists() else 1
-        count = read_answer(_answer_file(path, folder, first))["campaign"]["stages"]
+        count = read_result(_answer_file(path, folder, first))["campaign"]["stages"]
         return [
             _stored_one(path, folder, settings, k)
             for k in ([0] if count == 1 else range(1, count + 1))
@@ -210,10 +224,12 @@ def _stored(path: Path, folder: Path, settings: CampaignSettings) -> list[LogOut
 
 
 def _stored_one(path: Path, folder: Path, settings: CampaignSettings, stage: int) -> LogOutcome:
-    data = read_answer(_answer_file(path, folder, stage))
-    own = data["campaign"]
-    wanted = settings.fingerprint()
-    if data["source"]["sha256"] != sha256(path) or any(own.get(k) != v for k, v in wanted.items()):
+    data = read_result(_answer_file(path, folder, stage))
+    stored = data["campaign"]
+    requested = settings.fingerprint()
+    if data["source"]["sha256"] != sha256(path) or any(
+        stored.get(k) != v for k, v in requested.items()
+    ):
         raise ValueError("of another log or other settings")
     table_row(path.stem, data)
     return LogOutcome(path, data, kept=True, stage=stage)
@@ -229,17 +245,17 @@ def stage_name(path: Path, stage: int) -> str:
 
 
 def _answer_file(path: Path, folder: Path, stage: int) -> Path:
-    return folder / f"{stage_name(path, stage)}{ANSWER}"
+    return folder / f"{stage_name(path, stage)}{RESULT_SUFFIX}"
 
 
 def _check_names(paths: Sequence[Path]) -> None:
     if not paths:
         raise InputError("no logs", expected="at least one EHL log")
-    seen: dict[str, Path] = {}
+    path_of_name: dict[str, Path] = {}
     for path in paths:
-        if path.stem in seen:
+        if path.stem in path_of_name:
             raise InputError(
-                f"two logs are called {path.stem}: {seen[path.stem]} and {path}",
+                f"two logs are called {path.stem}: {path_of_name[path.stem]} and {path}",
                 remedy="rename one: the answers are named after the logs",
             )
-        seen[path.stem] = path
+        path_of_name[path.stem] = path

@@ -28,7 +28,9 @@ from tcdyn.workflows.beta import estimate_beta
 
 @dataclass(frozen=True)
 class CampaignSettings:
-    """What all logs of a campaign are analysed with; ``without``: channels left out of each, such as "fast_c"."""
+    """What all logs of a campaign are analysed with; ``without``: channels left out of each, such
+    as "fast_c".
+    """
 
     rig: Rig
     records: Mapping[str, DiskRecord]
@@ -38,7 +40,9 @@ class CampaignSettings:
     without: tuple[str, ...] = ()
 
     def fingerprint(self) -> dict[str, Any]:
-        """What must be the same for a stored answer to stand: version, rig, records, bearing file and options."""
+        """What must be the same for a stored answer to stand: version, rig, records, bearing file
+        and options.
+        """
         return {
             "version": __version__,
             "rig_sha256": _hash(self.rig.model_dump_json()),
@@ -51,23 +55,27 @@ class CampaignSettings:
 
 
 def analyse_log(path: Path, settings: CampaignSettings) -> list[dict[str, Any] | str]:
-    """The contents of beta.json of a log's tests with what a campaign adds, or the sentence of a test's failure."""
-    first, count = _tried(path, settings, 1)
-    return [first, *(_tried(path, settings, k)[0] for k in range(2, count + 1))]
+    """The contents of beta.json of a log's tests with what a campaign adds, or the sentence of a
+    test's failure.
+    """
+    first, count = _try_stage(path, settings, 1)
+    return [first, *(_try_stage(path, settings, k)[0] for k in range(2, count + 1))]
 
 
-def _tried(path: Path, settings: CampaignSettings, stage: int) -> tuple[dict[str, Any] | str, int]:
+def _try_stage(
+    path: Path, settings: CampaignSettings, stage: int
+) -> tuple[dict[str, Any] | str, int]:
     """One test of a log, and how many it holds as far as that is known."""
     try:
-        return _analysed(path, settings, stage)
+        return _analyse_stage(path, settings, stage)
     except InputError as problem:
-        said = str(problem).replace(str(path), path.name)
+        message = str(problem).replace(str(path), path.name)
     except Exception as problem:  # one log must not end a campaign of many
-        said = f"{path.name}: not analysed, {type(problem).__name__}: {problem}"
-    return said, _count(path, settings) if stage == 1 else 1
+        message = f"{path.name}: not analysed, {type(problem).__name__}: {problem}"
+    return message, _count_stages(path, settings) if stage == 1 else 1
 
 
-def _count(path: Path, settings: CampaignSettings) -> int:
+def _count_stages(path: Path, settings: CampaignSettings) -> int:
     """How many tests a log holds whose first cannot be analysed; one where it cannot be read."""
     try:
         pieces = iter_log(
@@ -78,7 +86,9 @@ def _count(path: Path, settings: CampaignSettings) -> int:
         return 1
 
 
-def _analysed(path: Path, settings: CampaignSettings, stage: int) -> tuple[dict[str, Any], int]:
+def _analyse_stage(
+    path: Path, settings: CampaignSettings, stage: int
+) -> tuple[dict[str, Any], int]:
     s = settings
     run = estimate_beta(
         path,
@@ -92,10 +102,13 @@ def _analysed(path: Path, settings: CampaignSettings, stage: int) -> tuple[dict[
     )
     test = run.partition.test
     data = run.to_dict()
-    found = [
+    findings = [
         replace(f, where=f.where.replace(str(path), path.name)) for f in run.partition.findings
     ]
-    data["findings"], data["warnings"] = [f.to_dict() for f in found], list(messages(found[:-1]))
+    data["findings"], data["warnings"] = (
+        [f.to_dict() for f in findings],
+        list(messages(findings[:-1])),
+    )
     steady = steady_degC(test)
     data["campaign"] = {
         **settings.fingerprint(),
@@ -111,7 +124,9 @@ def _analysed(path: Path, settings: CampaignSettings, stage: int) -> tuple[dict[
 
 
 def steady_degC(test: EhlTest) -> dict[str, dict[str, float | None]]:
-    """Mean reading of each junction when steady [degC], None of one left out; their mean is the bulk one (6.4.1)."""
+    """Mean reading of each junction when steady [degC], None of one left out; their mean is the
+    bulk one (6.4.1).
+    """
     rows = between(test.time_s, steady_start_s(test), test.events.unload_s - 0.5)
     means = {d: test.disks[d].readings_degC[rows].mean(axis=0) for d in DISKS}
     return {

@@ -1,4 +1,6 @@
-"""Answers of earlier runs in their files: read only if they are what was written; and what many of them say alike."""
+"""Answers of earlier runs in their files: read only if they are what was written; and what many of
+them say alike.
+"""
 
 from __future__ import annotations
 
@@ -7,16 +9,18 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from tcdyn.campaign.sufficient_statistics import AGAIN, SEAL, checked
+from tcdyn.campaign.sufficient_statistics import ANALYSE_AGAIN, SEAL, checked
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding
 
-ANSWER = ".beta.json"
-SHORT_NAME = "EHL_"  # in front of a log's name, left out where many are counted
+RESULT_SUFFIX = ".beta.json"
+LOG_PREFIX = "EHL_"  # in front of a log's name, left out where many are counted
 
 
-def read_answer(path: Path) -> dict[str, Any]:
-    """The content of a beta.json, checked; raises OSError, ValueError or RecursionError where it cannot be read."""
+def read_result(path: Path) -> dict[str, Any]:
+    """The content of a beta.json, checked; raises OSError, ValueError or RecursionError where it
+    cannot be read.
+    """
     return checked(json.loads(path.read_text(encoding="utf-8")), path.name)
 
 
@@ -34,61 +38,64 @@ def is_altered(path: Path) -> bool:
     return False
 
 
-def given_answer(path: Path, rig: str) -> dict[str, Any]:
+def read_given_result(path: Path, rig: str) -> dict[str, Any]:
     """A beta.json that was given in the place of its log.
 
-    Raises InputError, naming it, where it cannot be read, is not as it was written, or is of a rig with another
-    fingerprint than ``rig``.
+    Raises InputError, naming it, where it cannot be read, is not as it was written, or is of a rig
+    with another fingerprint than ``rig``.
     """
     try:
-        data = read_answer(path)
+        data = read_result(path)
     except InputError:
         raise
     except (OSError, ValueError, RecursionError) as problem:
         raise InputError(
-            f"cannot be read ({type(problem).__name__})", where=path.name, remedy=AGAIN
+            f"cannot be read ({type(problem).__name__})", where=path.name, remedy=ANALYSE_AGAIN
         ) from None
     if data.get("kept") and data["kept"].get("rig_sha256") != rig:
         raise InputError(
             "was analysed with another rig.toml or other records than were given",
             where=path.name,
             expected="tests of one rig",
-            remedy=AGAIN,
+            remedy=ANALYSE_AGAIN,
         )
     return data
 
 
-def said_once(found: Sequence[tuple[str, Finding]]) -> list[Finding]:
-    """Findings (test, finding), each at its test; those that differ in their numbers alone said once for all.
+def merge_findings(findings: Sequence[tuple[str, Finding]]) -> list[Finding]:
+    """Findings (test, finding), each at its test; those that differ in their numbers alone said
+    once for all.
 
-    >>> from tcdyn.core.findings import note
+    >>> from tcdyn.core.findings import info
     >>> some = [(t, info("said", subject="fast_a", text="x")) for t in ("EHL_A1", "EHL_A2")]
-    >>> [f.sentence for f in said_once(some)]
+    >>> [f.sentence for f in merge_findings(some)]
     ['x (in A1; so or nearly so in A2)']
     """
     groups: dict[tuple[str, str, str], list[tuple[str, Finding]]] = {}
-    for test, one in found:
-        groups.setdefault((one.code, one.severity, one.subject), []).append((test, one))
+    for test, finding in findings:
+        groups.setdefault((finding.code, finding.severity, finding.subject), []).append(
+            (test, finding)
+        )
     out = []
     for group in groups.values():
         tests = list(dict.fromkeys(test for test, _ in group))
         first = group[0][1]
         if len(tests) < 2:
-            out += [one.at(test) for test, one in group]
+            out += [finding.at(test) for test, finding in group]
             continue
         numbers = {
             "text": first.sentence,
-            "first": tests[0].removeprefix(SHORT_NAME),
+            "first": tests[0].removeprefix(LOG_PREFIX),
             "code": first.code,
         }
-        others = ", ".join(t.removeprefix(SHORT_NAME) for t in tests[1:])
+        other_tests = ", ".join(t.removeprefix(LOG_PREFIX) for t in tests[1:])
         out.append(
             Finding(
                 "campaign.repeated",
                 first.severity,
                 "",
                 first.subject,
-                {**numbers, "others": others},
+                {**numbers, "others": other_tests},
             )
         )
     return out

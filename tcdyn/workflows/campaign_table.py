@@ -1,4 +1,6 @@
-"""The one table of a campaign (tables 7.1 to 7.3), its groups of equal sliding speed and its trend lines."""
+"""The one table of a campaign (tables 7.1 to 7.3), its groups of equal sliding speed and its trend
+lines.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,7 @@ from tcdyn.core.findings import GRADES_OF_0_2
 from tcdyn.estimation.line_fit import fit_line
 from tcdyn.rig.disk import DISKS
 
-AGREE = "ways.agree"  # a finding that stands in its own column
+AGREE_CODE = "ways.agree"  # a finding that stands in its own column
 SAME_SPEED = 0.05  # sliding speeds within 5 % belong to one group
 # column: (keys into beta.json, is an estimate with u)
 COLUMNS: dict[str, tuple[tuple[str, ...], bool]] = {
@@ -51,7 +53,9 @@ COLUMNS: dict[str, tuple[tuple[str, ...], bool]] = {
 
 
 def table_columns() -> list[str]:
-    """All columns of campaign.csv in their order; each estimate is followed by its standard uncertainty u_..."""
+    """All columns of campaign.csv in their order; each estimate is followed by its standard
+    uncertainty u_...
+    """
     out = ["test", "log"]
     for name, (_, estimate) in COLUMNS.items():
         out += [name, f"u_{name}"] if estimate else [name]
@@ -59,7 +63,9 @@ def table_columns() -> list[str]:
 
 
 def table_row(log: str, data: Mapping[str, Any] | None, error: str = "") -> dict[str, Any]:
-    """One row from the content of a beta.json; without it (a log that failed) the numbers stay empty."""
+    """One row from the content of a beta.json; without it (a log that failed) the numbers stay
+    empty.
+    """
     row: dict[str, Any] = dict.fromkeys(table_columns(), np.nan)
     row |= {
         "test": log.removeprefix("EHL_"),
@@ -72,17 +78,17 @@ def table_row(log: str, data: Mapping[str, Any] | None, error: str = "") -> dict
     if data is None:
         return row
     for name, (keys, estimate) in COLUMNS.items():
-        found: Any = (
+        value: Any = (
             data if keys[0] in data or keys[0] != "campaign" else None
         )  # a beta.json of its own has none
-        for key in keys if found is not None else ():
-            found = found.get(key)  # a disk may have no junction a
-        row[name] = found["value"] if estimate else np.nan if found is None else found
+        for key in keys if value is not None else ():
+            value = value.get(key)  # a disk may have no junction a
+        row[name] = value["value"] if estimate else np.nan if value is None else value
         if estimate:
-            row[f"u_{name}"] = found["u"]
+            row[f"u_{name}"] = value["u"]
     row["status"] = GRADES_OF_0_2.get(data["status"], data["status"])
     row["agree"] = "yes" if data["crosscheck"]["agree"] else "no"
-    row["warnings"] = sum(found["code"] != AGREE for found in data["findings"])
+    row["warnings"] = sum(value["code"] != AGREE_CODE for value in data["findings"])
     return row
 
 
@@ -97,7 +103,8 @@ def table_csv(table: pd.DataFrame) -> str:
 
 
 def speed_groups(sliding_speed_m_s: Array) -> NDArray[np.int64]:
-    """Number of the group of nearly equal sliding speed that each test belongs to, slowest first; (N,) -> (N,).
+    """Number of the group of nearly equal sliding speed that each test belongs to, slowest first;
+    (N,) -> (N,).
 
     >>> speed_groups(np.array([10.0, 20.1, 10.2, 13.0])).tolist()
     [0, 2, 0, 1]
@@ -117,21 +124,23 @@ def done_rows(table: pd.DataFrame) -> pd.DataFrame:
     return good
 
 
-def different(x: Array) -> int:
+def count_set_points(x: Array) -> int:
     """How many values stand apart by more than 1 % of the largest: set points, not their wandering.
 
-    >>> different(np.array([850.2, 1459.0, 849.7, 1461.0]))
+    >>> count_set_points(np.array([850.2, 1459.0, 849.7, 1461.0]))
     2
     """
-    kept: list[float] = []
+    set_points: list[float] = []
     for value in np.sort(x):
-        if not kept or value - kept[-1] > 0.01 * np.abs(x).max():
-            kept.append(float(value))
-    return len(kept)
+        if not set_points or value - set_points[-1] > 0.01 * np.abs(x).max():
+            set_points.append(float(value))
+    return len(set_points)
 
 
 class Trend(NamedTuple):
-    """A least-squares line: intercept, slope with its standard uncertainty and 95 % interval, rms of the rest."""
+    """A least-squares line: intercept, slope with its standard uncertainty and 95 % interval, rms
+    of the rest.
+    """
 
     intercept: float
     slope: float
@@ -142,9 +151,11 @@ class Trend(NamedTuple):
 
 
 def trend(x: Array, y: Array) -> Trend | None:
-    """Least-squares line through points; None with fewer than three different x: two points always make a line.
+    """Least-squares line through points; None with fewer than three different x: two points always
+    make a line.
 
-    The slope's uncertainty is that of the scatter about the line, its interval Student's with N - 2 degrees.
+    The slope's uncertainty is that of the scatter about the line, its interval Student's with N - 2
+    degrees.
 
     >>> line = trend(np.array([0.0, 1.0, 2.0, 3.0]), np.array([1.0, 3.0, 5.0, 7.4]))
     >>> round(line.intercept, 2), round(line.slope, 2), round(line.u_slope, 3), round(line.high95_slope, 2)
@@ -152,13 +163,13 @@ def trend(x: Array, y: Array) -> Trend | None:
     >>> trend(np.array([1.0, 2.0]), np.array([1.0, 3.0])) is None
     True
     """
-    if different(x) < 3:
+    if count_set_points(x) < 3:
         return None
     line = fit_line(x, y)
     u = np.sqrt(line.covariance[0, 0])
-    reach = Z95 * np.sqrt(line.covariance_95[0, 0])
+    half_width = Z95 * np.sqrt(line.covariance_95[0, 0])
     numbers = (line.intercept, line.slope, np.sqrt(np.mean(line.residuals**2)), u)
-    return Trend(*map(float, (*numbers, line.slope - reach, line.slope + reach)))
+    return Trend(*map(float, (*numbers, line.slope - half_width, line.slope + half_width)))
 
 
 def trend_table(table: pd.DataFrame) -> pd.DataFrame:

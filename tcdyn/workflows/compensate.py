@@ -1,4 +1,6 @@
-"""A whole log through static lines and chains: the temperatures at the junctions, with a standard deviation each."""
+"""A whole log through static lines and chains: the temperatures at the junctions, with a standard
+deviation each.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from tcdyn.campaign.stages import LONG_ROWS, all_events, read_stage
+from tcdyn.campaign.stages import MAX_ROWS, all_events, read_stage
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, labelled_messages, messages, warning
 from tcdyn.core.result import Result
@@ -31,22 +33,31 @@ from tcdyn.smoothing.inverse import BeforeUse, before_use, proper_inverse
 from tcdyn.smoothing.record import Compensated
 from tcdyn.smoothing.traces import DiskTraces, disk_traces, gathered
 from tcdyn.smoothing.windows import over_window
-from tcdyn.workflows.beta import prepare
-from tcdyn.workflows.segments import Stretches, Way, columns_of, one_disk, with_lag
+from tcdyn.workflows.beta import prepare_test
+from tcdyn.workflows.segments import (
+    LogSegments,
+    Way,
+    compensate_disk,
+    output_columns,
+    with_common_lag,
+)
 
 NOISE_ONLY = "noise removed (smoother), static lines applied, lag left in"
 
 
 @dataclass(frozen=True)
 class CompensatedLog(Result):
-    """The log with junction temperatures in place of readings, a column ``<channel>_u_K`` for each, and its notes.
+    """The log with junction temperatures in place of readings, a column ``<channel>_u_K`` for each,
+    and its notes.
 
-    Where the parts were asked for, ``<channel>_noise_u_K`` is what differs from sample to sample, and
-    ``<channel>_common_u_K`` what moves all channels of a disk together: the common lag and the oven's reference.
+    Where the parts were asked for, ``<channel>_noise_u_K`` is what differs from sample to sample,
+    and ``<channel>_common_u_K`` what moves all channels of a disk together: the common lag and the
+    oven's reference.
 
-    ``traces``: what went into the compensator, chains as they were used; ``events_s``: when slopes may jump [s after
-    the first sample], the last the unloading. Where only noise was removed there is no column ``_u_K``. Of a log of
-    more than 120,000 rows ``frame`` holds those about the unloading; ``write`` compensates all, stretch by stretch.
+    ``traces``: what went into the compensator, chains as they were used; ``events_s``: when slopes
+    may jump [s after the first sample], the last the unloading. Where only noise was removed there
+    is no column ``_u_K``. Of a log of more than 120,000 rows ``frame`` holds those about the
+    unloading; ``write`` compensates all, stretch by stretch.
     """
 
     frame: pd.DataFrame
@@ -57,7 +68,7 @@ class CompensatedLog(Result):
     events_s: tuple[float, ...]
     raw: Log
     way: Way
-    rest: Stretches | None = field(default=None, repr=False)
+    rest: LogSegments | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
         return f"<CompensatedLog of {self.raw.path.name}, {len(self.frame)} rows; summary() says it in words>"
@@ -87,14 +98,18 @@ class CompensatedLog(Result):
     def write(
         self, path: str | Path, progress: Callable[[str], None] = lambda _: None
     ) -> tuple[Path, tuple[Finding, ...]]:
-        """Write every row of the log to ``path``, whole or not at all; the path, and all that was noticed."""
+        """Write every row of the log to ``path``, whole or not at all; the path, and all that was
+        noticed.
+        """
         progress("writing")
         if self.rest is not None:
             return Path(path), once_each([*self.findings, *self.rest.write(path, progress)])
         return write_log(self.frame, path, self.metadata), self.findings
 
     def as_log(self) -> Log:
-        """The compensated log as :func:`tcdyn.rig.log.read_log` would give it, standard deviations left out."""
+        """The compensated log as :func:`tcdyn.rig.log.read_log` would give it, standard deviations
+        left out.
+        """
         frame = self.frame[[c for c in self.frame.columns if not c.endswith("_u_K")]]
         return replace(self.raw, frame=frame, metadata=dict(self.metadata), findings=self.findings)
 
@@ -109,17 +124,21 @@ class CompensatedLog(Result):
         return [name.removesuffix("_degC") for name in self.traces[disk].columns]
 
     def before_use(self, disk: str) -> BeforeUse:
-        """The report on the proper inverse of this log's bandwidth, for the noisiest channel of ``disk``."""
+        """The report on the proper inverse of this log's bandwidth, for the noisiest channel of
+        ``disk``.
+        """
         noise = self.disks[disk].noise_sd
         dt = self._dt_s
         inverses = [
             proper_inverse(chain, dt, self.way.bandwidth_Hz) for chain in self.traces[disk].chains
         ]
-        worst = int(np.argmax([f.noise_gain * sd for f, sd in zip(inverses, noise)]))
-        return before_use(inverses[worst], float(noise[worst]))
+        noisiest = int(np.argmax([f.noise_gain * sd for f, sd in zip(inverses, noise)]))
+        return before_use(inverses[noisiest], float(noise[noisiest]))
 
     def covariance(self, length_s: float, start_s: float | None = None) -> dict[str, Any]:
-        """Covariance between samples, and between the channels' means: see ``tcdyn.smoothing.windows.over_window``."""
+        """Covariance between samples, and between the channels' means: see
+        ``tcdyn.smoothing.windows.over_window``.
+        """
         time_s = self.frame["time_s"].to_numpy(dtype=float)
         return over_window(
             self.raw.path.name, time_s, self.events_s, self.traces, self.disks, length_s, start_s
@@ -141,13 +160,14 @@ def compensate_log(
     parts: bool = False,
     progress: Callable[[str], None] = lambda _: None,
 ) -> CompensatedLog:
-    """Compensate every channel of an EHL log that a record covers, or of an immersion log, which takes one record.
+    """Compensate every channel of an EHL log that a record covers, or of an immersion log, which
+    takes one record.
 
-    The log's own metadata is carried over.
-    ``refine``: where the log holds an unloading and the records of all its disks are given, the lag common to a disk's
-    channels, which a plunge knows loosely, is taken from the unloading with the record as prior; else the record's own.
-    ``way``: the compensator, the smoother unless told; ``parts``: columns of what each uncertainty is made of, too.
-    Raises InputError for a log that is compensated already, or one that no record covers.
+    The log's own metadata is carried over. ``refine``: where the log holds an unloading and the
+    records of all its disks are given, the lag common to a disk's channels, which a plunge knows
+    loosely, is taken from the unloading with the record as prior; else the record's own. ``way``:
+    the compensator, the smoother unless told; ``parts``: columns of what each uncertainty is made
+    of, too. Raises InputError for a log that is compensated already, or one that no record covers.
     """
     if not records:
         raise InputError(
@@ -158,8 +178,8 @@ def compensate_log(
     progress("reading the log")
     pieces, unused = log_for(log, rig, records)
     kind = pieces.kind
-    table = about_unloading(pieces)
-    here = {d for d in DISKS if any(n.startswith(f"{d}_") for n in table.channels)}
+    table = log_around_unloading(pieces)
+    disks_in_log = {d for d in DISKS if any(n.startswith(f"{d}_") for n in table.channels)}
     notes = {
         **table.metadata,
         "tcdyn": COMPENSATED,
@@ -168,7 +188,7 @@ def compensate_log(
     }
     notes |= {} if way.removes_lag else {"method": NOISE_ONLY}
     findings = [*gathered(table.findings)]
-    known = dict[float, float]()
+    events_at_s = dict[float, float]()
     if refine and unused and way.removes_lag:
         refine = False
         findings.append(
@@ -178,7 +198,9 @@ def compensate_log(
         try:
             each_test = all_events(pieces, table)
             for events in each_test:
-                known |= {events.load_on_s: 0.0} | dict.fromkeys(events.kinks_s, events.unload_u_s)
+                events_at_s |= {events.load_on_s: 0.0} | dict.fromkeys(
+                    events.kinks_s, events.unload_u_s
+                )
         except InputError as problem:  # slopes that jump are found by the smoother
             findings += (
                 [warning("compensate.unrefined", problem=str(problem))]
@@ -190,18 +212,18 @@ def compensate_log(
         findings += [
             info("compensate.one_disk", subject=d, other=other)
             for d in DISKS
-            if d in here and d not in records
+            if d in disks_in_log and d not in records
         ]
     traces: dict[str, DiskTraces] = {}
     fits: Mapping[str, Alone] = {}
-    if refine and way.removes_lag and kind == "ehl" and here <= set(records):
+    if refine and way.removes_lag and kind == "ehl" and disks_in_log <= set(records):
         progress("common lags from the unloading")
         one_test = each_test[0] if len(each_test) == 1 and len(table.frame) == pieces.rows else None
-        traces, fits, said = _refined(table, rig, records, one_test)
-        findings += said
+        traces, fits, refine_findings = _refine(table, rig, records, one_test)
+        findings += refine_findings
     frame = table.frame
     for disk, record in records.items():
-        one = traces.get(disk) or disk_traces(
+        disk_traces_used = traces.get(disk) or disk_traces(
             frame,
             disk,
             rig,
@@ -211,29 +233,34 @@ def compensate_log(
             lag=way.removes_lag,
         )
         if way.removes_lag:
-            one, notes[f"{disk}_common_lag_s"] = with_lag(one, record, fits.get(disk))
-        for name, sd in one.noise.to_dict().items():
+            disk_traces_used, notes[f"{disk}_common_lag_s"] = with_common_lag(
+                disk_traces_used, record, fits.get(disk)
+            )
+        for name, sd in disk_traces_used.noise.to_dict().items():
             notes[f"{disk}_noise_{name}"] = f"{sd:.3g}"
-        traces[disk] = one
+        traces[disk] = disk_traces_used
     progress(f"junctions, {' and '.join(records)}")
-    done = {d: one_disk(traces[d], table.frame, known, way) for d in records}
-    for disk, one in ((d, traces[d]) for d in records):
-        frame = frame.assign(**columns_of(one, done[disk], way, parts))
-        findings += [f.at(disk) for f in (*done[disk].findings, *one.outside_lines("the log"))]
-        findings += one.findings
-    begun, ended = (float(frame["time_s"].iloc[k]) for k in (0, -1))
-    events_s = sorted(t - begun for t in known if begun < t <= ended) or [
-        t for t, _ in next(iter(done.values())).events_s
+    results = {d: compensate_disk(traces[d], table.frame, events_at_s, way) for d in records}
+    for disk, disk_traces_used in ((d, traces[d]) for d in records):
+        frame = frame.assign(**output_columns(disk_traces_used, results[disk], way, parts))
+        findings += [
+            f.at(disk)
+            for f in (*results[disk].findings, *disk_traces_used.outside_lines("the log"))
+        ]
+        findings += disk_traces_used.findings
+    t_start_s, t_end_s = (float(frame["time_s"].iloc[k]) for k in (0, -1))
+    events_s = sorted(t - t_start_s for t in events_at_s if t_start_s < t <= t_end_s) or [
+        t for t, _ in next(iter(results.values())).events_s
     ]
-    rest = None
+    segments = None
     if len(table.frame) < pieces.rows:
-        rest = Stretches(
+        segments = LogSegments(
             pieces,
             rig,
             records,
             way,
             fits,
-            known,
+            events_at_s,
             parts,
             kind == "ehl",
             table.frame.columns,
@@ -241,27 +268,31 @@ def compensate_log(
             notes,
         )
     return CompensatedLog(
-        frame, notes, tuple(findings), done, traces, tuple(events_s), table, way, rest
+        frame, notes, tuple(findings), results, traces, tuple(events_s), table, way, segments
     )
 
 
-def about_unloading(pieces: LogPieces) -> Log:
-    """The log; of a long one what surrounds the unloading, or its first rows where there is none."""
-    if pieces.rows <= LONG_ROWS:
+def log_around_unloading(pieces: LogPieces) -> Log:
+    """The log; of a long one what surrounds the unloading, or its first rows where there is
+    none.
+    """
+    if pieces.rows <= MAX_ROWS:
         return pieces.whole()
     try:
         return read_stage(pieces, None)[0]
     except InputError:
-        return pieces.whole(np.arange(LONG_ROWS))
+        return pieces.whole(np.arange(MAX_ROWS))
 
 
-def _refined(
+def _refine(
     table: Log, rig: Rig, records: Mapping[str, DiskRecord], events: Events | None
 ) -> tuple[dict[str, DiskTraces], Mapping[str, Alone], list[Finding]]:
-    """Traces of both disks and joint fits for their lags; what could not be had is empty, and why is said."""
+    """Traces of both disks and joint fits for their lags; what could not be had is empty, and why
+    is said.
+    """
     traces: dict[str, DiskTraces] = {}
     try:
-        test = prepare(table, rig, records, events=events)
+        test = prepare_test(table, rig, records, events=events)
         traces = dict(test.disks)
         return traces, refine_lags(at_one_radius(test)), []
     except InputError as problem:

@@ -1,4 +1,6 @@
-"""The whole main job on a simulated campaign: simulate, calibrate, compensate, analyse, compare with the truth."""
+"""The whole main job on a simulated campaign: simulate, calibrate, compensate, analyse, compare
+with the truth.
+"""
 
 from __future__ import annotations
 
@@ -26,13 +28,15 @@ from tcdyn.workflows.compensate import CompensatedLog, compensate_log
 if TYPE_CHECKING:
     from tcdyn.simulate.campaign import CampaignFiles
 
-AFTER_S = 5.0
+ERROR_WINDOW_S = 5.0
 FLUID = "mobil-jet-ii"
 
 
 @dataclass(frozen=True)
 class DemoRun(Result):
-    """What the demo made: files, fits by disk and test, and the truth of the simulation beside the answers."""
+    """What the demo made: files, fits by disk and test, and the truth of the simulation beside the
+    answers.
+    """
 
     files: CampaignFiles
     calibrations: Mapping[str, CalibrationRun]
@@ -41,9 +45,13 @@ class DemoRun(Result):
     comparison: pd.DataFrame
 
     def summary(self) -> str:
-        """The answers with the truth of the simulation beside them, and the verdict of every test."""
-        said = [f"{name}: {run.partition.crosscheck.sentence}" for name, run in self.tests.items()]
-        return "\n".join([self.card().to_string(index=False), *said])
+        """The answers with the truth of the simulation beside them, and the verdict of every
+        test.
+        """
+        sentences = [
+            f"{name}: {run.partition.crosscheck.sentence}" for name, run in self.tests.items()
+        ]
+        return "\n".join([self.card().to_string(index=False), *sentences])
 
     def to_dict(self) -> dict[str, Any]:
         """The comparison with the truth, and the content of every test's beta.json."""
@@ -54,17 +62,17 @@ class DemoRun(Result):
         """Estimate, standard uncertainty and truth of every quantity."""
         rows = []
         for row in self.comparison.to_dict("records"):
-            known = row["u"] is not None and np.isfinite(row["u"])
+            has_u = row["u"] is not None and np.isfinite(row["u"])
             estimate, u = (
-                rounded(row["estimate"], row["u"]) if known else (f"{row['estimate']:.3g}", "")
+                rounded(row["estimate"], row["u"]) if has_u else (f"{row['estimate']:.3g}", "")
             )
-            told = {
+            cells = {
                 "quantity": row["quantity"],
                 "estimate": estimate,
                 "u": u,
                 "truth": f"{row['truth']:.4g}",
             }
-            rows.append({**told, "unit": row["unit"]})
+            rows.append({**cells, "unit": row["unit"]})
         return pd.DataFrame(rows)
 
 
@@ -75,7 +83,8 @@ def run_demo(
     tests: Sequence[str] = ("B3",),
     progress: Callable[[str], None] = lambda _: None,
 ) -> DemoRun:
-    """Simulate a campaign into ``out`` and run every stage on its files, as a user would from the command line.
+    """Simulate a campaign into ``out`` and run every stage on its files, as a user would from the
+    command line.
 
     No stage reads the truth; it is read last, for the ``comparison``.
     """
@@ -90,7 +99,7 @@ def run_demo(
     )
     rig = load_rig(files.rig)
     progress("calibrating both disks")
-    calibrations = {disk: _calibrated(files, rig, disk) for disk in DISKS}
+    calibrations = {disk: _calibrate(files, rig, disk) for disk in DISKS}
     records = {disk: read_record(folder / f"{disk}.disk.json") for disk in DISKS}
     progress("compensating every test, and its heat partition")
     betas = {}
@@ -98,18 +107,18 @@ def run_demo(
     for name, log in files.ehl.items():
         out = folder / f"EHL_{name}"
         betas[name] = _partition(log, rig, records, out)
-        compensated[name] = _compensated(log, rig, records, out)
+        compensated[name] = _compensate(log, rig, records, out)
     comparison = compare_with_truth(files, calibrations, betas, compensated)
     return DemoRun(files, calibrations, betas, compensated, comparison)
 
 
-def _calibrated(files: CampaignFiles, rig: Rig, disk: str) -> CalibrationRun:
+def _calibrate(files: CampaignFiles, rig: Rig, disk: str) -> CalibrationRun:
     run = calibrate_disk(rig, disk, files.ovens[disk], files.plunges[disk], [FLUID])
     write_record(run.record, files.folder / f"{disk}.disk.json")
     return run
 
 
-def _compensated(
+def _compensate(
     log: Path, rig: Rig, records: Mapping[str, DiskRecord], out: Path
 ) -> CompensatedLog:
     done = compensate_log(log, records, rig)
@@ -129,7 +138,9 @@ def compare_with_truth(
     tests: Mapping[str, BetaRun],
     compensated: Mapping[str, CompensatedLog],
 ) -> pd.DataFrame:
-    """Each answer with its uncertainty beside the simulation's truth; columns quantity, unit, estimate, u, truth."""
+    """Each answer with its uncertainty beside the simulation's truth; columns quantity, unit,
+    estimate, u, truth.
+    """
     truth = json.loads(files.truth.read_text(encoding="utf-8"))
     rows: list[dict[str, Any]] = []
 
@@ -166,12 +177,18 @@ def compare_with_truth(
 
 
 def errors_after_unloading(
-    files: CampaignFiles, test: str, done: CompensatedLog, column: str, unload_s: float
+    files: CampaignFiles, test: str, compensated_log: CompensatedLog, column: str, unload_s: float
 ) -> tuple[float, float]:
-    """Rms error of the logged and of the compensated trace against the simulated one, over ``AFTER_S`` [K]."""
+    """Rms error of the logged and of the compensated trace against the simulated one, over
+    ``SWITCH_SETTLE_S`` [K].
+    """
     traces = pd.read_parquet(files.folder / "truth" / f"EHL_{test}_traces.parquet")
-    after = ((traces["time_s"] >= unload_s) & (traces["time_s"] < unload_s + AFTER_S)).to_numpy()
+    after = (
+        (traces["time_s"] >= unload_s) & (traces["time_s"] < unload_s + ERROR_WINDOW_S)
+    ).to_numpy()
     true = traces[column].to_numpy()[after]
-    raw = done.raw.frame[column].to_numpy()[after]
-    new = done.frame[column].to_numpy()[after]
-    return float(np.sqrt(np.nanmean((raw - true) ** 2))), float(np.sqrt(np.mean((new - true) ** 2)))
+    raw = compensated_log.raw.frame[column].to_numpy()[after]
+    compensated = compensated_log.frame[column].to_numpy()[after]
+    return float(np.sqrt(np.nanmean((raw - true) ** 2))), float(
+        np.sqrt(np.mean((compensated - true) ** 2))
+    )

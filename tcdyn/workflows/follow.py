@@ -1,4 +1,6 @@
-"""A log that is still growing, compensated row by row as it grows; stopped and begun again without losing a row."""
+"""A log that is still growing, compensated row by row as it grows; stopped and begun again without
+losing a row.
+"""
 
 from __future__ import annotations
 
@@ -25,18 +27,20 @@ from tcdyn.rig.opened_log import rig_of
 from tcdyn.rig.rigfile import Rig
 from tcdyn.workflows.appended_file import AppendedFile, digest
 from tcdyn.workflows.live import LONGEST_GAP_S, Causal, CausalState, Settings
-from tcdyn.workflows.log_source import GrowingLog, Known, TableOptions, growing_log
+from tcdyn.workflows.log_source import Calibrations, GrowingLog, TableOptions, growing_log
 from tcdyn.workflows.segments import DECIMALS
-from tcdyn.workflows.warm_up import begin
+from tcdyn.workflows.warm_up import warm_up
 
-STATE = "tcdyn.follow/6"
-STOPPED = "stopped"
+STATE_SCHEMA = "tcdyn.follow/6"
+STOPPED_BY_USER = "stopped"
 SAVE_EVERY_S = 10.0
 
 
 @dataclass(frozen=True)
 class FollowRun(Result):
-    """What was done: rows read and written, lines left out, why it ended, and the plan it was done with."""
+    """What was done: rows read and written, lines left out, why it ended, and the plan it was done
+    with.
+    """
 
     rows_read: int
     rows_written: int
@@ -61,7 +65,7 @@ class FollowRun(Result):
 
 def follow(
     log: str | Path,
-    records: Known,
+    records: Calibrations,
     out: str | Path,
     rig: Rig | None = None,
     settings: Settings | None = None,
@@ -75,19 +79,22 @@ def follow(
     announce: Callable[[Causal], None] = lambda _: None,
     sleep: Callable[[float], None] = time.sleep,
 ) -> FollowRun:
-    """Append the compensated rows of ``log`` to ``out`` while the log grows; ends after ``idle_s`` without growth.
+    """Append the compensated rows of ``log`` to ``out`` while the log grows; ends after ``idle_s``
+    without growth.
 
-    The first seconds (``settings.learn_s``) give sample interval and noise; then rows are written as they come, whole
-    lines only. ``state``: a file from which a run that was stopped goes on, and to which this one writes where it
-    stands, at the end and every ten seconds; ``out`` is cut back to what that file knows, so that no row is lost or
-    doubled. Without such a file an ``out`` that exists is refused, unless ``overwrite`` says to replace it.
-    ``announce`` is called with the plan before the first row is written. ``options``: what tells the time and
-    the units of any table where its names do not.
+    The first seconds (``settings.learn_s``) give sample interval and noise; then rows are written
+    as they come, whole lines only. ``state``: a file from which a run that was stopped goes on, and
+    to which this one writes where it stands, at the end and every ten seconds; ``out`` is cut back
+    to what that file knows, so that no row is lost or doubled. Without such a file an ``out`` that
+    exists is refused, unless ``overwrite`` says to replace it. ``announce`` is called with the plan
+    before the first row is written. ``options``: what tells the time and the units of any table
+    where its names do not.
 
-    Raises InputError for a log that is no growing text table, is compensated already, or is not the one of the state
-    file; for an end before anything could be learnt. While it follows: for a log that was replaced, rotated, truncated
-    or rewritten, after all rows read before are written and the state is saved (a copy of the log with the same rows
-    may take its place); for an output that was renamed, deleted or changed by another program.
+    Raises InputError for a log that is no growing text table, is compensated already, or is not the
+    one of the state file; for an end before anything could be learnt. While it follows: for a log
+    that was replaced, rotated, truncated or rewritten, after all rows read before are written and
+    the state is saved (a copy of the log with the same rows may take its place); for an output that
+    was renamed, deleted or changed by another program.
     """
     if not records:
         raise InputError(
@@ -114,7 +121,7 @@ def follow(
     state = Path(state) if state else None
     continues = state is not None and state.exists()
     if not continues:
-        _spare(out, overwrite)
+        _check_output_free(out, overwrite)
     source = _header(log, rig, records, options, patience)
     if source is None:
         return FollowRun(0, 0, 0, "stopped before the header was there", None, ())
@@ -122,32 +129,36 @@ def follow(
     key = _key(source, records, settings)
     rows: list[list[float]] = []
     if state is not None and continues:
-        left = _restored(state, key, table, out)
-        plan, now = _plan_of(state, left, source, settings, out)
-        written = left["where"]["written"]
-        size = left["where"]["out_bytes"]
+        stored = _read_state(state, key, table, out)
+        plan, compensator_state = _restore_plan(state, stored, source, settings, out)
+        written = stored["where"]["written"]
+        size = stored["where"]["out_bytes"]
     else:
-        begun = _learnt(source, settings, patience)
-        if begun is None:
+        start = _warm_up_rows(source, settings, patience)
+        if start is None:
             ended = "stopped before anything was learnt; nothing was written"
             return FollowRun(table.rows, 0, table.bad, ended, None, ())
-        (plan, now, rows) = begun
+        (plan, compensator_state, rows) = start
         written = 0
         head = _head(source, plan)
-        _spare(out, overwrite)  # it may have come while the first seconds were waited for
+        _check_output_free(
+            out, overwrite
+        )  # it may have come while the first seconds were waited for
         write_text(out, head)  # what stood there stays until this is whole
         size = len(head.encode("utf-8"))
     announce(plan)
     saved_at = -np.inf  # at once, so that a run that is killed can be continued
-    lost: InputError | None = None
+    log_error: InputError | None = None
     with AppendedFile(out, size, written) as output:
         while True:
             if rows:
-                now, done = plan.advance(now, np.array(rows))
-                output.append(_lines(source.given_back(done, plan.output_names)), len(done))
+                compensator_state, output_rows = plan.advance(compensator_state, np.array(rows))
+                output.append(
+                    _lines(source.given_back(output_rows, plan.output_names)), len(output_rows)
+                )
             else:
                 output.check(0)
-            ended = "the log was lost" if lost else patience.ended()
+            ended = "the log was lost" if log_error else patience.ended()
             if state and (ended or time.monotonic() - saved_at > SAVE_EVERY_S):
                 _save(
                     state,
@@ -155,7 +166,7 @@ def follow(
                         **key,
                         "where": _where(table, output),
                         "plan": plan.learnt(),
-                        "state": now.to_json(),
+                        "state": compensator_state.to_json(),
                     },
                 )
                 saved_at = time.monotonic()
@@ -166,34 +177,40 @@ def follow(
             except (
                 InputError
             ) as error:  # the log is not the same any more: what was read of it is kept
-                lost = error
+                log_error = error
                 rows = []
-        rest = plan.rest(
-            now
+        flushed = plan.rest(
+            compensator_state
         )  # a run that goes on from the state file writes these rows again, then better known
-        output.append(_lines(source.given_back(rest, plan.output_names)), len(rest))
+        output.append(_lines(source.given_back(flushed, plan.output_names)), len(flushed))
         written = output.rows
-    if lost:
+    if log_error:
         raise InputError(
-            f"{lost.what}; the {written} rows before that are in {out}",
-            where=lost.where,
-            expected=lost.expected,
-            remedy=lost.remedy,
-            parameters=lost.parameters,
+            f"{log_error.what}; the {written} rows before that are in {out}",
+            where=log_error.where,
+            expected=log_error.expected,
+            remedy=log_error.remedy,
+            parameters=log_error.parameters,
         )
-    torn = (warning("follow.torn", count=table.bad),) if table.bad else ()
-    screened = now.screening.findings(plan.junctions)
+    torn_lines = (warning("follow.torn", count=table.bad),) if table.bad else ()
+    screening_findings = compensator_state.screening.findings(plan.junctions)
     return FollowRun(
         table.rows,
         written,
         table.bad,
         ended,
         plan,
-        (*source.findings, *plan.findings, *torn, *screened, *now.findings),
+        (
+            *source.findings,
+            *plan.findings,
+            *torn_lines,
+            *screening_findings,
+            *compensator_state.findings,
+        ),
     )
 
 
-def _spare(out: Path, overwrite: bool) -> None:
+def _check_output_free(out: Path, overwrite: bool) -> None:
     """Refuse an output that exists. Raises InputError."""
     if out.exists() and not overwrite:
         raise InputError(
@@ -227,28 +244,34 @@ class _Patience:
     def ended(self) -> str:
         """Why the run ends now; empty when it does not."""
         if self.asked_to_stop():
-            return STOPPED
+            return STOPPED_BY_USER
         still = self.since is not None and time.monotonic() - self.since > self.idle_s
         return f"no growth for {self.idle_s:g} s" if still else ""
 
 
 def _header(
-    log: Path, rig: Rig | None, records: Known, options: TableOptions | None, patience: _Patience
+    log: Path,
+    rig: Rig | None,
+    records: Calibrations,
+    options: TableOptions | None,
+    patience: _Patience,
 ) -> GrowingLog | None:
-    """The log once it can be read; None when the run was stopped before. Raises what is wrong with its header."""
+    """The log once it can be read; None when the run was stopped before. Raises what is wrong with
+    its header.
+    """
     while True:
         problem = InputError("no two rows came below the header", where=shown(log))
         try:
-            if found := growing_log(log, rig, records, options):
+            if source := growing_log(log, rig, records, options):
                 patience.saw(True)
-                return found
+                return source
         except InputError as error:
             problem = error
             if log.exists() and log.stat().st_size > HEAD_BYTES:
                 raise
         patience.saw(False)
         if ended := patience.ended():
-            if ended == STOPPED:
+            if ended == STOPPED_BY_USER:
                 return None
             raise problem
 
@@ -260,19 +283,21 @@ def _rows(source: GrowingLog, patience: _Patience) -> list[list[float]]:
     return rows or []
 
 
-def _learnt(
+def _warm_up_rows(
     source: GrowingLog, settings: Settings, patience: _Patience
 ) -> tuple[Causal, CausalState, list[list[float]]] | None:
-    """Plan and state from the first seconds; all rows read so far are still to be advanced. None when stopped."""
+    """Plan and state from the first seconds; all rows read so far are still to be advanced. None
+    when stopped.
+    """
     source.table.seek(source.table.first_byte)
     rows: list[list[float]] = []
     names = list(source.places)
-    at = names.index("time_s")
-    while not (inside := _stretch(rows, at, settings.learn_s)):
+    time_index = names.index("time_s")
+    while not (first_rows := _first_segment(rows, time_index, settings.learn_s)):
         new = _rows(source, patience)
         rows += new
         if not new and (ended := patience.ended()):
-            if ended == STOPPED:
+            if ended == STOPPED_BY_USER:
                 return None
             raise InputError(
                 f"ended after {len(rows)} rows, before {settings.learn_s:g} s to learn from were there",
@@ -280,28 +305,32 @@ def _learnt(
                 remedy="follow a longer log, or lower {learn_s}",
                 parameters={"learn_s": None},
             )
-    return (*begin(names, np.array(inside), source.channels, source.level_K2_s3, settings), rows)
+    return (
+        *warm_up(names, np.array(first_rows), source.channels, source.level_K2_s3, settings),
+        rows,
+    )
 
 
-def _stretch(rows: list[list[float]], at: int, learn_s: float) -> list[list[float]]:
-    """The first rows that last ``learn_s`` [s] while the clock, column ``at``, does not jump; none while there are not
-    so many."""
-    begun = 0
+def _first_segment(rows: list[list[float]], time_index: int, learn_s: float) -> list[list[float]]:
+    """The first rows that last ``learn_s`` [s] while the clock, column ``time_index``, does not
+    jump; none while there are not so many.
+    """
+    first = 0
     last = np.nan
     longest_gap_s = max(
         LONGEST_GAP_S, 0.1 * learn_s
     )  # at least 17 rows are learnt from: more than a regular step
     for i, row in enumerate(rows):
-        now = row[at]
-        if not 0 <= now - last <= longest_gap_s and np.isfinite(now):
-            begun = i
-        if now - rows[begun][at] >= learn_s:
-            return rows[begun : i + (now - rows[begun][at] == learn_s)]
-        last = now if np.isfinite(now) else last
+        t = row[time_index]
+        if not 0 <= t - last <= longest_gap_s and np.isfinite(t):
+            first = i
+        if t - rows[first][time_index] >= learn_s:
+            return rows[first : i + (t - rows[first][time_index] == learn_s)]
+        last = t if np.isfinite(t) else last
     return []
 
 
-def _key(source: GrowingLog, records: Known, settings: Settings) -> dict[str, Any]:
+def _key(source: GrowingLog, records: Calibrations, settings: Settings) -> dict[str, Any]:
     """What a state file must agree with."""
     texts = (
         {d: r.to_json() for d, r in records.items()}
@@ -310,12 +339,17 @@ def _key(source: GrowingLog, records: Known, settings: Settings) -> dict[str, An
     )
     digests = {d: hashlib.sha256(text.encode()).hexdigest() for d, text in texts.items()}
     order = [c for channels in source.channels for c in channels.columns]  # of what is remembered
-    told = {
+    fingerprint = {
         "units": {n: vars(u) for n, u in source.units.items()},
         "channels": order,
         "settings": vars(settings),
     }
-    return {"schema": STATE, "log": source.table.path.name, "records": digests, **told}
+    return {
+        "schema": STATE_SCHEMA,
+        "log": source.table.path.name,
+        "records": digests,
+        **fingerprint,
+    }
 
 
 def _where(table: GrowingTable, output: AppendedFile) -> dict[str, Any]:
@@ -334,19 +368,21 @@ def _where(table: GrowingTable, output: AppendedFile) -> dict[str, Any]:
     }
 
 
-def _save(file: Path, kept: dict[str, Any]) -> None:
+def _save(file: Path, content: dict[str, Any]) -> None:
     """Write the state file, with a checksum of its content."""
-    plain = json.loads(json.dumps(kept))
+    plain = json.loads(json.dumps(content))
     write_text(file, json.dumps({**plain, SEAL: checksum(plain)}) + "\n")
 
 
-def _anew(file: Path, out: Path) -> str:
+def _restart_remedy(file: Path, out: Path) -> str:
     return f"to begin anew, keep {out}, delete {file} and give another {{out}}"
 
 
-def _restored(file: Path, key: dict[str, Any], table: GrowingTable, out: Path) -> dict[str, Any]:
-    """What the state file holds, ``table`` set to where the run was left; InputError where anything is not its own."""
-    anew: dict[str, Any] = {"remedy": _anew(file, out), "parameters": {"out": "FILE"}}
+def _read_state(file: Path, key: dict[str, Any], table: GrowingTable, out: Path) -> dict[str, Any]:
+    """What the state file holds, ``table`` set to where the run was left; InputError where anything
+    is not its own.
+    """
+    anew: dict[str, Any] = {"remedy": _restart_remedy(file, out), "parameters": {"out": "FILE"}}
     try:
         data: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
         where, _, _ = data["where"], data["plan"], data["state"]
@@ -359,8 +395,8 @@ def _restored(file: Path, key: dict[str, Any], table: GrowingTable, out: Path) -
         raise InputError(
             f"is no state of a followed log ({problem!r})", where=str(file), **anew
         ) from None
-    for name, own in json.loads(json.dumps(key)).items():
-        if data.get(name) != own:
+    for name, expected in json.loads(json.dumps(key)).items():
+        if data.get(name) != expected:
             raise InputError(f"was written with another {name}", where=str(file), **anew)
     if checksum({k: v for k, v in data.items() if k != SEAL}) != data.get(SEAL):
         raise InputError(
@@ -378,22 +414,24 @@ def _restored(file: Path, key: dict[str, Any], table: GrowingTable, out: Path) -
     return data
 
 
-def _plan_of(
-    file: Path, left: dict[str, Any], source: GrowingLog, settings: Settings, out: Path
+def _restore_plan(
+    file: Path, stored: dict[str, Any], source: GrowingLog, settings: Settings, out: Path
 ) -> tuple[Causal, CausalState]:
-    """Plan and state that the content of a state file describes; InputError for one that describes none."""
+    """Plan and state that the content of a state file describes; InputError for one that describes
+    none.
+    """
     try:
         plan = Causal.of(
-            list(source.places), source.channels, source.level_K2_s3, settings, left["plan"]
+            list(source.places), source.channels, source.level_K2_s3, settings, stored["plan"]
         )
-        now = CausalState.from_json(left["state"])
-        plan.check_fits(now)
-        return plan, now
+        compensator_state = CausalState.from_json(stored["state"])
+        plan.check_fits(compensator_state)
+        return plan, compensator_state
     except (KeyError, TypeError, ValueError, AttributeError, IndexError) as problem:
         raise InputError(
             f"is damaged ({problem!r})",
             where=str(file),
-            remedy=_anew(file, out),
+            remedy=_restart_remedy(file, out),
             parameters={"out": "FILE"},
         ) from None
 

@@ -1,4 +1,6 @@
-"""The joint fit on the page of a test: readings against the model, and beta's uncertainty by source."""
+"""The joint fit on the page of a test: readings against the model, and beta's uncertainty by
+source.
+"""
 
 from __future__ import annotations
 
@@ -15,9 +17,11 @@ from tcdyn.rig.disk import DISKS, LEFT_OUT
 
 
 @dataclass(frozen=True)
-class Met:
-    """Readings (R, M) of one disk's outer row [degC] about ``at_s`` (R,) from the parting, the joint fit's
-    model of them, and standard deviations of a reading; NaN for a channel that is left out."""
+class FitComparison:
+    """Readings (R, M) of one disk's outer row [degC] about ``at_s`` (R,) from the parting, the
+    joint fit's model of them, and standard deviations of a reading; NaN for a channel that is left
+    out.
+    """
 
     channels: tuple[str, ...]
     at_s: Array
@@ -26,7 +30,7 @@ class Met:
     sd: Array
 
 
-def met(p: Partition | OneDisk, disk: str) -> Met:
+def met(p: Partition | OneDisk, disk: str) -> FitComparison:
     """Measured against modelled, as the joint fit of all disks there are ended."""
     names = [d for d in DISKS if d in p.test.disks]
     sides = [p.joint.side] if isinstance(p, OneDisk) else [p.joint[d].side for d in names]
@@ -37,7 +41,7 @@ def met(p: Partition | OneDisk, disk: str) -> Met:
         window.y.shape
     )
     sd = 1 / np.where(window.weight > 0, window.weight, np.nan)
-    return Met(
+    return FitComparison(
         p.test.disks[disk].setup.outer,
         window.at_s - p.test.events.unload_s,
         window.y,
@@ -47,20 +51,23 @@ def met(p: Partition | OneDisk, disk: str) -> Met:
 
 
 def residuals_table(p: Partition | OneDisk) -> pd.DataFrame:
-    """Reading less model at each junction [K], mean under load and after the parting, and rms over its noise."""
+    """Reading less model at each junction [K], mean under load and after the parting, and rms over
+    its noise.
+    """
     rows = []
     for disk in [d for d in DISKS if d in p.test.disks]:
         m = met(p, disk)
-        off = m.measured - m.model
+        difference = m.measured - m.model
         after = m.at_s > 0
         for k, c in enumerate(m.channels):
-            if np.isnan(off[:, k]).any():
+            if np.isnan(difference[:, k]).any():
                 rows.append((disk, c, LEFT_OUT, "", ""))
                 continue
             before, cooling = (
-                f"{1e3 * float(np.mean(off[part, k])):+z.0f}" for part in (~after, after)
+                f"{1e3 * float(np.mean(difference[rows_of_part, k])):+z.0f}"
+                for rows_of_part in (~after, after)
             )
-            rms = float(np.sqrt(np.mean((off[:, k] / m.sd[:, k]) ** 2)))
+            rms = float(np.sqrt(np.mean((difference[:, k] / m.sd[:, k]) ** 2)))
             rows.append((disk, c, before, cooling, f"{rms:.2f}"))
     columns = [
         "disk",
@@ -73,10 +80,12 @@ def residuals_table(p: Partition | OneDisk) -> pd.DataFrame:
 
 
 def both_budget(p: Partition) -> dict[str, float]:
-    """Standard uncertainty of the headline's beta by source, largest first; their squares add to that of all."""
+    """Standard uncertainty of the headline's beta by source, largest first; their squares add to
+    that of all.
+    """
     sides = [p.joint[d].side for d in DISKS]
     noise, per_sd = told(p.both.optimum, sides)
-    sources = [what.source for what, _ in unknowns(sides)] + ["chain"] * (2 * len(sides))
+    sources = [nuisance.source for nuisance, _ in unknowns(sides)] + ["chain"] * (2 * len(sides))
     sources += ["measured surface flux"] * (per_sd.shape[1] - len(sources))
     square = {"noise": p.both.inflation * float(noise[SHARE, SHARE])}
     for source, by in zip(sources, per_sd[SHARE]):

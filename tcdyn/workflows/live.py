@@ -1,4 +1,6 @@
-"""Rows of a log, static lines, live smoother, rows of temperatures: in pieces of any length, state kept apart."""
+"""Rows of a log, static lines, live smoother, rows of temperatures: in pieces of any length, state
+kept apart.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,7 @@ from tcdyn.workflows.reachable import Reach, ReadingTrack, Screening
 Array = NDArray[np.float64]
 CORNER_LAGS = 6.0  # in any other table: slopes may change so that the answer follows to so many radians in a lag
 # told; beyond which nothing is known any more
-TOLD_GAP_S = 1.0
+REPORTED_GAP_S = 1.0
 LONGEST_GAP_S = 60.0
 LONGEST_BEHIND_S = 60.0  # at any rate
 GAP_ROWS = 1.5  # a shorter step is no gap, at any rate: half a row above the regular one
@@ -37,15 +39,16 @@ RESTART_ROWS = 10.0  # a shorter gap does not restart the smoother, at any rate
 MAX_HELD_ROWS = (
     4500  # behind the present, or bridged in a gap: a minute at the rig's 75 Hz; bounds the memory
 )
-COUNTS = ("spikes", "backward", "gaps", "longest_gap_s")
+COUNTERS = ("spikes", "backward", "gaps", "longest_gap_s")
 
 
 @dataclass(frozen=True)
 class Settings:
     """How to follow: the live smoother works ``behind_s`` [s] behind the present.
 
-    ``noise_K`` and ``intensity_K2_s3`` for all channels; left out, the noise is measured in the first ``learn_s``
-    seconds, and the intensity is 30 K2/s3 for a test on the rig, 3000 for a plunge.
+    ``noise_K`` and ``intensity_K2_s3`` for all channels; left out, the noise is measured in the
+    first ``learn_s`` seconds, and the intensity is 30 K2/s3 for a test on the rig, 3000 for a
+    plunge.
     """
 
     behind_s: float = 0.0
@@ -66,11 +69,12 @@ class Settings:
 
 @dataclass(frozen=True)
 class CausalState:
-    """All that is needed to go on: the smoother's state, recent samples, rows that wait for their temperatures.
+    """All that is needed to go on: the smoother's state, recent samples, rows that wait for their
+    temperatures.
 
-    ``memory`` (M, 3): of the filters for what lags, and how they divide, are worth; ``waiting`` (k, columns): rows, NaN
-    in every column where the logger left one out; ``found`` and ``found_u`` (k, M): answers not yet written;
-    ``screening``: which readings were treated as missing.
+    ``memory`` (M, 3): of the filters for what lags, and how they divide, are worth; ``waiting`` (k,
+    columns): rows, NaN in every column where the logger left one out; ``found`` and ``found_u`` (k,
+    M): answers not yet written; ``screening``: which readings were treated as missing.
     """
 
     kernel: LiveState
@@ -119,12 +123,13 @@ class CausalState:
 
 @dataclass(frozen=True)
 class Causal:
-    """What is done to each row: which columns are junctions, how they are measured, and the smoother for them.
+    """What is done to each row: which columns are junctions, how they are measured, and the
+    smoother for them.
 
-    ``names``: all columns of a row; ``junctions`` (M,): those to compensate, with their ``lines``, ``chains``,
-    uncertainty of the lag and of how it divides, white noise and noise from before the filter; ``dead``: those that
-    show nothing and are left empty. A row is written once the answer for its own time is there, so all columns of a row
-    belong to its ``time_s``.
+    ``names``: all columns of a row; ``junctions`` (M,): those to compensate, with their ``lines``,
+    ``chains``, uncertainty of the lag and of how it divides, white noise and noise from before the
+    filter; ``dead``: those that show nothing and are left empty. A row is written once the answer
+    for its own time is there, so all columns of a row belong to its ``time_s``.
     """
 
     names: tuple[str, ...]
@@ -147,30 +152,32 @@ class Causal:
         channels: Sequence[DiskChannels],
         level_K2_s3: float | None,
         settings: Settings,
-        learnt: Mapping[str, Any],
+        warm_up: Mapping[str, Any],
     ) -> Causal:
-        """The plan for columns ``names``; ``learnt``: dt_s, dead (columns that show nothing), noise_K and before_K.
+        """The plan for columns ``names``; ``warm_up``: dt_s, dead (columns that show nothing),
+        noise_K and before_K.
 
-        ``level_K2_s3``: how suddenly slopes may change where the settings do not say; None: by lag and noise.
-        The last two by channel: noise that is white, and as it comes out of the filter before which it was white.
+        ``level_K2_s3``: how suddenly slopes may change where the settings do not say; None: by lag
+        and noise. The last two by channel: noise that is white, and as it comes out of the filter
+        before which it was white.
         """
         alive = [
-            one
+            channel
             for disk in channels
-            for one in zip(
+            for channel in zip(
                 disk.columns,
                 disk.lines,
                 disk.chains,
                 np.diag(disk.lag_covariance_s2),
                 disk.split_u_s,
             )
-            if one[0] not in learnt["dead"]
+            if channel[0] not in warm_up["dead"]
         ]
         junctions, lines, chains, variances, split_u = zip(*alive)
-        dt = float(learnt["dt_s"])
+        dt = float(warm_up["dt_s"])
         level = settings.intensity_K2_s3 or level_K2_s3
         after, before = (
-            np.array([learnt[k][n] for n in junctions], dtype=float)
+            np.array([warm_up[k][n] for n in junctions], dtype=float)
             for k in ("noise_K", "before_K")
         )
         if level is None:
@@ -192,7 +199,7 @@ class Causal:
         return cls(
             tuple(names),
             junctions,
-            tuple(learnt["dead"]),
+            tuple(warm_up["dead"]),
             lines,
             chains,
             np.sqrt(np.maximum(variances, 0.0)),
@@ -222,7 +229,9 @@ class Causal:
 
     @property
     def shifts_s(self) -> Array:
-        """By how much a channel's answer comes late (M,) [s]: dead time, and how far behind the smoother works."""
+        """By how much a channel's answer comes late (M,) [s]: dead time, and how far behind the
+        smoother works.
+        """
         return np.array([c.delay_s + self.engine.lag_samples * self.dt_s for c in self.chains])
 
     @property
@@ -231,7 +240,8 @@ class Causal:
         return int(np.ceil(np.max(self.shifts_s) / self.dt_s - 1e-6))
 
     def start(self, first: Array, count: float = 0.0) -> CausalState:
-        """State before the first row, in equilibrium with ``first (M,)`` [degC, after the static lines].
+        """State before the first row, in equilibrium with ``first (M,)`` [degC, after the static
+        lines].
 
         ``count``: how many readings are known to agree with ``first``.
         """
@@ -248,11 +258,14 @@ class Causal:
 
     def check_fits(self, state: CausalState) -> None:
         """Raise ValueError where the arrays of ``state`` have not the shapes of this plan's."""
-        own = self.start(np.zeros(len(self.junctions)))
+        expected_state = self.start(np.zeros(len(self.junctions)))
         screening = state.screening
-        own_screening = own.screening
-        pairs: list[tuple[Any, Any]] = [(state.kernel, own.kernel), (screening, own_screening)]
-        pairs += [(screening.track, own_screening.track), (state, own)]
+        expected_screening = expected_state.screening
+        pairs: list[tuple[Any, Any]] = [
+            (state.kernel, expected_state.kernel),
+            (screening, expected_screening),
+        ]
+        pairs += [(screening.track, expected_screening.track), (state, expected_state)]
         for given, expected in pairs:
             for name, value in vars(expected).items():
                 if not isinstance(value, np.ndarray):
@@ -269,7 +282,9 @@ class Causal:
 
     @cached_property
     def _filters(self) -> list[tuple[tuple[Array, Array], tuple[Array, Array]]]:
-        """What makes of a channel's answers their change per second of lag, and by how the lag divides."""
+        """What makes of a channel's answers their change per second of lag, and by how the lag
+        divides.
+        """
         dt = self.dt_s
         return [
             (lag_rate(c, dt), split_change(c, u, dt))
@@ -285,32 +300,32 @@ class Causal:
     def advance(self, state: CausalState, rows: Array) -> tuple[CausalState, Array]:
         """Take ``rows (n, columns)`` as logged; the rows (k, output columns) that are ready now.
 
-        Beyond a gap of a minute, of a lag or of ten rows nothing is known any more: what still waits is handed out, the
-        smoother starts anew.
+        Beyond a gap of a minute, of a lag or of ten rows nothing is known any more: what still
+        waits is handed out, the smoother starts anew.
         """
         rows = np.asarray(rows, dtype=float)
         time = np.where(np.isinf(rows[:, (at := self.names.index("time_s"))]), np.nan, rows[:, at])
         before = np.fmax.accumulate(np.concatenate([[state.last_time_s], time]))
         rising = time > before[:-1]
         step = np.where(rising & np.isfinite(before[:-1]), time - before[:-1], 0.0)
-        gap = step > max(TOLD_GAP_S, GAP_ROWS * self.dt_s)
-        if far := np.flatnonzero(step > self._longest_gap_s).tolist():
-            state, first = self.advance(state, rows[: far[0]])
+        gap = step > max(REPORTED_GAP_S, GAP_ROWS * self.dt_s)
+        if long_gaps := np.flatnonzero(step > self._longest_gap_s).tolist():
+            state, first = self.advance(state, rows[: long_gaps[0]])
             fresh = replace(
-                self.start(self._first(rows[far[0] :], state)),
-                **{k: getattr(state, k) for k in COUNTS},
+                self.start(self._first_levels(rows[long_gaps[0] :], state)),
+                **{k: getattr(state, k) for k in COUNTERS},
             )
             fresh = replace(fresh, screening=replace(state.screening, track=fresh.screening.track))
             fresh = replace(
                 fresh,
                 gaps=fresh.gaps + 1,
-                longest_gap_s=max(fresh.longest_gap_s, float(step[far[0]])),
+                longest_gap_s=max(fresh.longest_gap_s, float(step[long_gaps[0]])),
             )
-            fresh, rest = self.advance(fresh, rows[far[0] :])
-            return fresh, np.concatenate([first, self.rest(state), rest])
-        place = np.cumsum(np.round(np.maximum(step[rising] / self.dt_s, 1.0))).astype(int)
-        even = np.full((int(place[-1]) if len(place) else 0, rows.shape[1]), np.nan)
-        even[place - 1] = rows[rising]
+            fresh, later = self.advance(fresh, rows[long_gaps[0] :])
+            return fresh, np.concatenate([first, self.rest(state), later])
+        positions = np.cumsum(np.round(np.maximum(step[rising] / self.dt_s, 1.0))).astype(int)
+        regular_rows = np.full((int(positions[-1]) if len(positions) else 0, rows.shape[1]), np.nan)
+        regular_rows[positions - 1] = rows[rising]
         state = replace(
             state,
             last_time_s=float(before[-1]),
@@ -318,7 +333,7 @@ class Causal:
             gaps=state.gaps + int(np.count_nonzero(gap)),
             longest_gap_s=max([state.longest_gap_s, *step[gap].tolist()]),
         )
-        return self._taken(state, even)
+        return self._advance_regular(state, regular_rows)
 
     @property
     def _longest_gap_s(self) -> float:
@@ -327,16 +342,20 @@ class Causal:
         return max(LONGEST_GAP_S, lag_s, RESTART_ROWS * self.dt_s)
 
     def rest(self, state: CausalState) -> Array:
-        """The rows (k, output columns) that still wait when no more come, by what is known of them."""
-        return self._taken(state, np.full((self.rows_late, len(self.names)), np.nan))[1]
+        """The rows (k, output columns) that still wait when no more come, by what is known of
+        them.
+        """
+        return self._advance_regular(state, np.full((self.rows_late, len(self.names)), np.nan))[1]
 
-    def _first(self, rows: Array, state: CausalState) -> Array:
-        """What each channel shows first in ``rows``; as it was known last where it shows nothing."""
-        y = self._corrected(rows)
-        seen = np.isfinite(y)
+    def _first_levels(self, rows: Array, state: CausalState) -> Array:
+        """What each channel shows first in ``rows``; as it was known last where it shows
+        nothing.
+        """
+        y = self._apply_lines(rows)
+        finite = np.isfinite(y)
         return np.where(
-            seen.any(axis=0),
-            y[np.argmax(seen, axis=0), np.arange(y.shape[1])],
+            finite.any(axis=0),
+            y[np.argmax(finite, axis=0), np.arange(y.shape[1])],
             state.kernel.recent[-1],
         )
 
@@ -344,22 +363,24 @@ class Causal:
         """Readings of the junctions (n, M) [degC] before the static lines."""
         return rows[:, [self.names.index(n) for n in self.junctions]]
 
-    def _corrected(self, rows: Array) -> Array:
-        """Temperatures of the junctions (n, M) [degC] after the static lines, NaN outside the physical range."""
+    def _apply_lines(self, rows: Array) -> Array:
+        """Temperatures of the junctions (n, M) [degC] after the static lines, NaN outside the
+        physical range.
+        """
         logged = self._logged(rows)
         logged = np.where(impossible(logged), np.nan, logged)
         return np.column_stack(
             [apply_static(logged[:, i], line) for i, line in enumerate(self.lines)]
         )
 
-    def _taken(self, state: CausalState, rows: Array) -> tuple[CausalState, Array]:
+    def _advance_regular(self, state: CausalState, rows: Array) -> tuple[CausalState, Array]:
         """The same as ``advance`` for one row a sample, NaN where the logger left one out."""
         if len(rows) == 0:
             return state, np.empty((0, len(self.output_names)))
         time_s = rows[:, self.names.index("time_s")]
         outside = impossible(self._logged(rows))
         screening, y, anew = state.screening.examined(
-            self.reach, time_s, self._corrected(rows), outside
+            self.reach, time_s, self._apply_lines(rows), outside
         )
         starts = np.flatnonzero(anew.any(axis=1)).tolist()
         borders = sorted({0, *starts, len(rows)})
@@ -367,8 +388,8 @@ class Causal:
         uncertainties: list[Array] = []
         for first, last in pairwise(borders):
             if first in starts:
-                state = self._restarted(state, y[first], anew[first])
-            state, x, u = self._answered(state, y[first:last])
+                state = self._restart(state, y[first], anew[first])
+            state, x, u = self._smooth(state, y[first:last])
             answers.append(x)
             uncertainties.append(u)
         x = np.concatenate(answers)
@@ -377,14 +398,16 @@ class Causal:
         state = replace(
             state,
             screening=screening.blanked(bad),
-            waiting=_joined(state.waiting, rows),
-            found=_joined(state.found, np.where(bad, np.nan, x)),
-            found_u=_joined(state.found_u, np.where(bad, np.nan, u)),
+            waiting=_append(state.waiting, rows),
+            found=_append(state.found, np.where(bad, np.nan, x)),
+            found_u=_append(state.found_u, np.where(bad, np.nan, u)),
         )
-        return self._ready(state)
+        return self._pop_ready(state)
 
-    def _answered(self, state: CausalState, y: Array) -> tuple[CausalState, Array, Array]:
-        """The state after the readings ``y (n, M)`` [degC], temperatures [degC] and their uncertainty [K] (n, M)."""
+    def _smooth(self, state: CausalState, y: Array) -> tuple[CausalState, Array, Array]:
+        """The state after the readings ``y (n, M)`` [degC], temperatures [degC] and their
+        uncertainty [K] (n, M).
+        """
         kernel, x, sd, flags = self.engine.run(state.kernel, y)
         rate = np.empty_like(x)
         split_K = np.empty_like(x)
@@ -397,7 +420,7 @@ class Causal:
         spikes = state.spikes + int(np.sum(flags == SPIKE))
         return replace(state, kernel=kernel, memory=memory, spikes=spikes), x, u
 
-    def _restarted(self, state: CausalState, y: Array, anew: NDArray[np.bool_]) -> CausalState:
+    def _restart(self, state: CausalState, y: Array, anew: NDArray[np.bool_]) -> CausalState:
         """The state with the channels ``anew`` (M,) begun from their readings ``y`` (M,) [degC]."""
         fresh = self.start(np.where(anew, y, state.kernel.recent[-1]))
         kernel = {}
@@ -410,23 +433,27 @@ class Causal:
         memory = np.where(anew[:, None], fresh.memory, state.memory)
         return replace(state, kernel=replace(state.kernel, **kernel), memory=memory)
 
-    def _ready(self, state: CausalState) -> tuple[CausalState, Array]:
-        """The rows whose answers are all there, those between samples by straight lines; the rest goes on waiting."""
+    def _pop_ready(self, state: CausalState) -> tuple[CausalState, Array]:
+        """The rows whose answers are all there, those between samples by straight lines; the rest
+        goes on waiting.
+        """
         ready = max(len(state.waiting) - self.rows_late, 0)
         out = np.full((ready, len(self.output_names)), np.nan)
         out[:, : len(self.names)] = state.waiting[:ready]
         out[:, [self.names.index(n) for n in self.dead]] = np.nan
         for i, (name, shift) in enumerate(zip(self.junctions, self.shifts_s / self.dt_s)):
-            whole = int(np.floor(shift + 1e-6))
-            part = shift - whole if shift - whole > 1e-6 else 0.0
+            whole_rows = int(np.floor(shift + 1e-6))
+            fraction = shift - whole_rows if shift - whole_rows > 1e-6 else 0.0
             for source, column in ((state.found, name), (state.found_u, u_name(name))):
-                values = source[whole : whole + ready, i]
-                if part:
-                    values = (1 - part) * values + part * source[whole + 1 : whole + 1 + ready, i]
+                values = source[whole_rows : whole_rows + ready, i]
+                if fraction:
+                    values = (1 - fraction) * values + fraction * source[
+                        whole_rows + 1 : whole_rows + 1 + ready, i
+                    ]
                 out[:, self.output_names.index(column)] = values
         real = np.isfinite(state.waiting[:ready, self.names.index("time_s")])
-        left = {k: getattr(state, k)[ready:] for k in ("waiting", "found", "found_u")}
-        return replace(state, **left), out[real]
+        remaining = {k: getattr(state, k)[ready:] for k in ("waiting", "found", "found_u")}
+        return replace(state, **remaining), out[real]
 
     def before_use(self) -> BeforeUse:
         """The report on the channel whose answer is noisiest."""
@@ -444,6 +471,8 @@ class Causal:
         }
 
 
-def _joined(waiting: Array, new: Array) -> Array:
-    """New rows behind those that wait; an empty list that came back from JSON has lost its columns."""
+def _append(waiting: Array, new: Array) -> Array:
+    """New rows behind those that wait; an empty list that came back from JSON has lost its
+    columns.
+    """
     return np.concatenate([waiting.reshape(-1, new.shape[1]), new])

@@ -1,4 +1,6 @@
-"""A log that grows, of the rig or any table: which columns are junctions, and how each is measured."""
+"""A log that grows, of the rig or any table: which columns are junctions, and how each is
+measured.
+"""
 
 from __future__ import annotations
 
@@ -25,24 +27,26 @@ from tcdyn.rig.static_line import StaticLine
 from tcdyn.sensors.file import SensorFile
 from tcdyn.sensors.units import Unit, cold_column, u_name
 from tcdyn.smoothing.traces import DiskChannels, disk_channels
-from tcdyn.workflows.compensate_table import worn_in
+from tcdyn.workflows.compensate_table import sensor_columns
 
 INTENSITY_K2_S3 = {
     "ehl": 30.0,
     "immersion": 3000.0,
 }  # an unloading bends by 10 K/s in a second, a plunge by 100 K/s
-AS_READ = StaticLine(
+IDENTITY_LINE = StaticLine(
     gain=1.0, offset=0.0, covariance=((0.0, 0.0), (0.0, 0.0)), range_degC=(-273.15, 5000.0)
 )
-Known = Mapping[str, DiskRecord] | Sequence[SensorFile]
+Calibrations = Mapping[str, DiskRecord] | Sequence[SensorFile]
 
 
 @dataclass(frozen=True)
 class GrowingLog:
-    """The growing log, which field of a row is which canonical column, and how junctions are measured.
+    """The growing log, which field of a row is which canonical column, and how junctions are
+    measured.
 
-    ``level_K2_s3``: how suddenly slopes may change in a log of this kind, None where nobody knows. ``how``: what makes
-    seconds and degrees Celsius of columns in another unit; ``units``: of the columns that are given back in their own.
+    ``level_K2_s3``: how suddenly slopes may change in a log of this kind, None where nobody knows.
+    ``how``: what makes seconds and degrees Celsius of columns in another unit; ``units``: of the
+    columns that are given back in their own.
     """
 
     table: GrowingTable
@@ -54,24 +58,26 @@ class GrowingLog:
     findings: tuple[Finding, ...] = ()
 
     def new_rows(self) -> list[list[float]] | None:
-        """New rows of canonical columns [s, degC], None without a whole line; NaN where a couple has no such emf."""
+        """New rows of canonical columns [s, degC], None without a whole line; NaN where a couple
+        has no such emf.
+        """
         names = list(self.places)
-        new = self.table.new_rows(list(self.places.values()))
-        if not new or not (self.how or self.units):
-            return new
-        rows = np.array(new)
-        done = rows.copy()
+        read_rows = self.table.new_rows(list(self.places.values()))
+        if not read_rows or not (self.how or self.units):
+            return read_rows
+        rows = np.array(read_rows)
+        converted = rows.copy()
         for name, convert in self.how.items():
-            done[:, names.index(name)] = convert(rows[:, names.index(name)])
+            converted[:, names.index(name)] = convert(rows[:, names.index(name)])
         for name, unit in self.units.items():
             cold = rows[:, names.index(unit.cold)] if isinstance(unit.cold, str) else unit.cold
-            done[:, names.index(name)] = unit.in_degC(rows[:, names.index(name)], cold)
+            converted[:, names.index(name)] = unit.in_degC(rows[:, names.index(name)], cold)
         # An infinite temperature of a channel (no such emf of the couple) stays: it is counted as impossible later.
-        infinite = np.isinf(done)
+        infinite = np.isinf(converted)
         infinite[
             :, [names.index(name) for channels in self.channels for name in channels.columns]
         ] = False
-        return [list(map(float, row)) for row in np.where(infinite, np.nan, done)]
+        return [list(map(float, row)) for row in np.where(infinite, np.nan, converted)]
 
     def given_back(self, rows: Array, names: Sequence[str]) -> Array:
         """Answers (k, columns ``names``) in the units of the table's own columns."""
@@ -83,10 +89,12 @@ class GrowingLog:
         return out
 
     def called(self, names: Sequence[str]) -> list[str]:
-        """What the output calls the columns ``names``: by their units, and degrees Celsius where it was millivolts."""
-        own = {u_name(n): unit.names(n)[1] for n, unit in self.units.items()}
-        own |= {n: unit.names(n)[0] for n, unit in self.units.items()}
-        return [own.get(n, n) for n in names]
+        """What the output calls the columns ``names``: by their units, and degrees Celsius where it
+        was millivolts.
+        """
+        own_names = {u_name(n): unit.names(n)[1] for n, unit in self.units.items()}
+        own_names |= {n: unit.names(n)[0] for n, unit in self.units.items()}
+        return [own_names.get(n, n) for n in names]
 
 
 class TableOptions(TypedDict, total=False):
@@ -100,9 +108,11 @@ class TableOptions(TypedDict, total=False):
 
 
 def growing_log(
-    log: Path, rig: Rig | None, records: Known, options: TableOptions | None = None
+    log: Path, rig: Rig | None, records: Calibrations, options: TableOptions | None = None
 ) -> GrowingLog | None:
-    """The log once two whole rows stand in it; InputError for one that is compensated, and for missing columns."""
+    """The log once two whole rows stand in it; InputError for one that is compensated, and for
+    missing columns.
+    """
     wanted = (*KNOWN, *HEADER_NAMES)
     if rig and isinstance(records, Mapping):
         disk = next(iter(records))
@@ -122,16 +132,16 @@ def growing_log(
     if rig is None or not isinstance(records, Mapping):
         return _table_source(growing, records, where, options or {})  # type: ignore[arg-type]
     altered = tuple(f for record in records.values() for f in record.findings if f.code == ALTERED)
-    kind, own = kind_of_columns(table.names, rig, records, where)
-    mapping = rig.columns(own)
+    kind, own_disk = kind_of_columns(table.names, rig, records, where)
+    mapping = rig.columns(own_disk)
     chosen = match_columns(
-        table.names, kind, where, mapping, stated=rig.stated(), layouts=layouts_of(rig, own)
+        table.names, kind, where, mapping, stated=rig.stated(), layouts=layouts_of(rig, own_disk)
     )
-    how = as_logged(chosen, table.names, rig, own or "", mapping)
+    conversions = as_logged(chosen, table.names, rig, own_disk or "", mapping)
     converted = {
-        name: how[column]
+        name: conversions[column]
         for name, column in chosen.items()
-        if column in how and name not in TORQUES
+        if column in conversions and name not in TORQUES
     }
     places = {canonical: table.names.index(name) for canonical, name in chosen.items()}
     if not is_number(table.dialect.first_row[places["time_s"]], table.dialect.decimal):
@@ -147,7 +157,9 @@ def growing_log(
 def _table_source(
     growing: GrowingTable, sensors: Sequence[SensorFile], where: str, options: TableOptions
 ) -> GrowingLog:
-    """Any table that grows: all its columns, the time in seconds called time_s, those sensors cover in their units."""
+    """Any table that grows: all its columns, the time in seconds called time_s, those sensors cover
+    in their units.
+    """
     names = growing.table.names
     dialect = growing.table.dialect
     units = growing.table.units
@@ -161,24 +173,26 @@ def _table_source(
         raise InputError(
             f"column 'time_s' stands beside the clock {time!r}", where=where, remedy="rename it"
         )
-    own = {"time_s" if n == time else n: i for i, n in enumerate(names)}
+    indices = {"time_s" if n == time else n: i for i, n in enumerate(names)}
     cold = cold_column(options.get("cold", 0.0), names, where)
     unit = options.get("unit", "")
     couple = options.get("couple", "")
-    worn, told = worn_in(
+    sensor_cols, findings = sensor_columns(
         [n for n in names if n != time], where, sensors, (), unit, couple, cold, units
     )
     channels = DiskChannels(
-        tuple(w.column for w in worn),
-        tuple(w.line or AS_READ for w in worn),
-        tuple(w.chain for w in worn),
-        np.diag([w.file.lag_covariance_s2[w.at, w.at] for w in worn]),
-        np.array([w.file.split_u_s[w.at] for w in worn]),
+        tuple(w.column for w in sensor_cols),
+        tuple(w.line or IDENTITY_LINE for w in sensor_cols),
+        tuple(w.chain for w in sensor_cols),
+        np.diag([w.file.lag_covariance_s2[w.at, w.at] for w in sensor_cols]),
+        np.array([w.file.split_u_s[w.at] for w in sensor_cols]),
     )
     clock.check_step(clock.in_seconds(growing.first_numbers(names.index(time)), False), False)
     scale = float(clock.seconds or 1.0)
-    how: dict[str, Callable[[Array], Array]] = (
+    conversions: dict[str, Callable[[Array], Array]] = (
         {} if scale == 1.0 else {"time_s": lambda t: t * scale}
     )
-    other = {w.column: w.unit for w in worn if w.unit.name != "degC"}
-    return GrowingLog(growing, own, [channels], None, how, other, tuple(told))
+    units_in_table = {w.column: w.unit for w in sensor_cols if w.unit.name != "degC"}
+    return GrowingLog(
+        growing, indices, [channels], None, conversions, units_in_table, tuple(findings)
+    )

@@ -1,4 +1,6 @@
-"""What ran in a test and in what air: columns of the log where it has them, else what rig.toml states."""
+"""What ran in a test and in what air: columns of the log where it has them, else what rig.toml
+states.
+"""
 
 from __future__ import annotations
 
@@ -26,12 +28,16 @@ Rows = NDArray[np.bool_]
 
 
 def constants_of(frame: pd.DataFrame, rig: Rig) -> tuple[dict[str, Constant], list[Finding]]:
-    """What ``[constants]`` states of columns that the log does not hold; what it holds is taken from there."""
+    """What ``[constants]`` states of columns that the log does not hold; what it holds is taken
+    from there.
+    """
     used: dict[str, Constant] = {
         name: c for name, c in rig.common.constants.items() if name not in frame
     }
-    found = [info("constant.used", subject=name, value=c.value, u=c.u) for name, c in used.items()]
-    return used, found + [
+    findings = [
+        info("constant.used", subject=name, value=c.value, u=c.u) for name, c in used.items()
+    ]
+    return used, findings + [
         info("constant.logged", subject=n) for n in rig.common.constants if n not in used
     ]
 
@@ -53,7 +59,9 @@ def forces_N(
 def speeds_rpm(
     frame: pd.DataFrame, under_load: Rows, stated: Mapping[str, Constant]
 ) -> tuple[list[float], list[float]]:
-    """Speed of the fast and the slow shaft under load and, where stated, its standard uncertainty, else zero [rpm]."""
+    """Speed of the fast and the slow shaft under load and, where stated, its standard uncertainty,
+    else zero [rpm].
+    """
     names = [f"speed_{d}_rpm" for d in DISKS]
     logged = {
         n: float(np.nanmedian(frame[n].to_numpy(dtype=float)[under_load]))
@@ -64,10 +72,11 @@ def speeds_rpm(
     return rpm, [stated[n].u if n in stated else 0.0 for n in names]
 
 
-def stated_rel(
+def constants_rel_u(
     rpm: Sequence[float], rpm_u: Sequence[float], stated: Mapping[str, Constant]
 ) -> tuple[float, float, float]:
-    """Relative standard uncertainty, by what is stated, of the load, of the sliding and of the ratio of both speeds.
+    """Relative standard uncertainty, by what is stated, of the load, of the sliding and of the
+    ratio of both speeds.
 
     The disks' radii are taken as alike.
     """
@@ -81,39 +90,45 @@ def disk_air(
 ) -> tuple[DiskAir, list[Finding]]:
     """The air about a disk, and what to say of its channels.
 
-    It is the means of those that ``[ambient]`` names, else the ambient that was logged or is stated.
+    It is the means of those that ``[ambient]`` names, else the ambient that was logged or is
+    stated.
 
-    A place without channels has that ambient, or without one the other place's air. A channel that never changes is
-    left out. The mean of n channels whose means under load have the standard deviation s is known to s / sqrt(n).
+    A place without channels has that ambient, or without one the other place's air. A channel that
+    never changes is left out. The mean of n channels whose means under load have the standard
+    deviation s is known to s / sqrt(n).
     """
     channels = rig.tables(disk).ambient
-    room: Array | None = None
+    ambient: Array | None = None
     if "ambient_degC" in frame:
         logged = frame["ambient_degC"].to_numpy(dtype=float)
-        room = bridged(logged, np.isfinite(logged))
+        ambient = bridged(logged, np.isfinite(logged))
     elif "ambient_degC" in stated:
-        room = np.full(len(frame), stated["ambient_degC"].value)
+        ambient = np.full(len(frame), stated["ambient_degC"].value)
     means = dict[str, Array]()
-    own = 0.0
-    found = list[Finding]()
-    for place, columns in (("surface", channels.surface), ("faces", channels.faces)):
-        alive = [x for c in columns if np.nanstd(x := frame[air_name(c)].to_numpy(dtype=float)) > 0]
-        if not alive:
+    air_u_K = 0.0
+    findings = list[Finding]()
+    for location, columns in (("surface", channels.surface), ("faces", channels.faces)):
+        changing = [
+            x for c in columns if np.nanstd(x := frame[air_name(c)].to_numpy(dtype=float)) > 0
+        ]
+        if not changing:
             continue
-        traces = np.stack([bridged(x, np.isfinite(x)) for x in alive])
-        means[place], levels = traces.mean(axis=0), traces[:, steady].mean(axis=1)
+        traces = np.stack([bridged(x, np.isfinite(x)) for x in changing])
+        means[location], levels = traces.mean(axis=0), traces[:, steady].mean(axis=1)
         spread = float(np.std(levels, ddof=1)) if len(levels) > 1 else 0.0
-        own = max(own, spread / len(levels) ** 0.5)
+        air_u_K = max(air_u_K, spread / len(levels) ** 0.5)
         rows = np.flatnonzero(steady)
-        drift = float(np.polyfit(rows, means[place][rows], 1)[0] * len(rows))
-        told: dict[str, Any] = {
+        drift = float(np.polyfit(rows, means[location][rows], 1)[0] * len(rows))
+        details: dict[str, Any] = {
             "mean_degC": float(levels.mean()),
             "drift_K": drift,
             "spread_K": spread,
         }
-        found.append(info("ambient.channels", subject=disk, at=place, count=len(levels), **told))
-    faces = means.get("faces", room)
-    surface = means.get("surface", room)
+        findings.append(
+            info("ambient.channels", subject=disk, at=location, count=len(levels), **details)
+        )
+    faces = means.get("faces", ambient)
+    surface = means.get("surface", ambient)
     faces = surface if faces is None else faces
     surface = faces if surface is None else surface
     if faces is None or surface is None:
@@ -122,17 +137,17 @@ def disk_air(
             expected="one that changes, or ambient_degC",
             remedy="state ambient_degC in rig.toml [constants], or log it",
         )
-    return DiskAir(faces, surface, own), found
+    return DiskAir(faces, surface, air_u_K), findings
 
 
-def no_copies(frame: pd.DataFrame, left_out: Mapping[str, str], where: str) -> None:
+def check_no_copies(frame: pd.DataFrame, left_out: Mapping[str, str], where: str) -> None:
     """Refuse a log in which two junctions hold the same numbers: one of them is not measured."""
     names = [n for n in couples_in(frame) if n.removesuffix("_degC") not in left_out]
-    for one, other in combinations(names, 2):
-        if frame[one].equals(frame[other]) and frame[one].nunique() > 1:
+    for first, second in combinations(names, 2):
+        if frame[first].equals(frame[second]) and frame[first].nunique() > 1:
             raise InputError(
-                f"columns {one} and {other} hold the same numbers in every row: one is a copy",
+                f"columns {first} and {second} hold the same numbers in every row: one is a copy",
                 where=where,
                 remedy="map it in rig.toml [columns], or {without}",
-                parameters={"without": other.removesuffix("_degC")},
+                parameters={"without": second.removesuffix("_degC")},
             )

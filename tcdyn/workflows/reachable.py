@@ -1,7 +1,8 @@
-"""Which readings a chain of lags can have produced from any physical temperature, and which it cannot.
+"""Which readings a chain of lags can have produced from any physical temperature, and which it
+cannot.
 
-A reading that jumps further than the largest lag of its chain allows is no temperature: an open or unplugged
-thermocouple, or the value that a logger writes for an overload. It is treated as missing.
+A reading that jumps further than the largest lag of its chain allows is no temperature: an open or
+unplugged thermocouple, or the value that a logger writes for an overload. It is treated as missing.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from tcdyn.smoothing.live import BURST_NOISES
 # Offsets that the live smoother itself takes for a burst of the slip rings are left to it: four standard deviations.
 MARGIN_NOISES = 4.0 * BURST_NOISES
 # Two steps of the coarsest usual logger (1 K): the first seconds may not show the step.
-LEAST_MARGIN_K = 2.0
+MIN_MARGIN_K = 2.0
 LAG_SIGMAS = 3.0  # the shortest lag that the stated uncertainty leaves room for
 # A Butterworth filter overshoots. The impulse response of order 6 has the L1 norm 1.35, so its output can leave the
 # range of its input by 0.18 of that range on each side.
@@ -41,8 +42,9 @@ QUARTILE_OF_DIFFERENCES = 0.3186 * np.sqrt(
 class ReadingTrack:
     """The levels of M channels.
 
-    ``value`` (M,): last accepted reading [degC], ``age`` (M,): samples since then, ``count`` (M,): accepted readings.
-    ``rival``, ``rival_age``, ``rival_count``: the same of the last rejected readings that agree with each other.
+    ``value`` (M,): last accepted reading [degC], ``age`` (M,): samples since then, ``count`` (M,):
+    accepted readings. ``rival``, ``rival_age``, ``rival_count``: the same of the last rejected
+    readings that agree with each other.
     """
 
     value: Array
@@ -54,7 +56,9 @@ class ReadingTrack:
 
     @classmethod
     def begin(cls, value: Array, count: float = 0.0) -> ReadingTrack:
-        """The track of channels whose first readings are about ``value (M,)``, backed by ``count`` readings."""
+        """The track of channels whose first readings are about ``value (M,)``, backed by ``count``
+        readings.
+        """
         nothing = np.zeros(len(value))
         no_value = np.full(len(value), np.nan)
         return cls(
@@ -87,9 +91,10 @@ class _Channel:
 class Reach:
     """How far the readings of M channels can move.
 
-    ``keep`` (M,): share of a deviation that is left after one sample; 0 where the chain sets no bound. ``margin_K``
-    (M,): for the noise. ``low_degC``, ``high_degC`` (M,): range of what enters the largest lag. ``patience`` (M,):
-    samples without an acceptable reading after which a channel starts anew.
+    ``keep`` (M,): share of a deviation that is left after one sample; 0 where the chain sets no
+    bound. ``margin_K`` (M,): for the noise. ``low_degC``, ``high_degC`` (M,): range of what enters
+    the largest lag. ``patience`` (M,): samples without an acceptable reading after which a channel
+    starts anew.
 
     Notes
     -----
@@ -97,7 +102,8 @@ class Reach:
 
         low + (y0 - low) k <= y <= high + (y0 - high) k,    k = exp(-n dt / tau).
 
-    The other lags of the chain have positive impulse responses, so w stays in the physical range of the temperature.
+    The other lags of the chain have positive impulse responses, so w stays in the physical range of
+    the temperature.
     """
 
     keep: Array
@@ -110,7 +116,8 @@ class Reach:
     def of(
         cls, chains: Sequence[Chain], lag_u_s: Array, split_u_s: Array, noise_K: Array, dt_s: float
     ) -> Reach:
-        """For ``chains``, their standard uncertainties [s], the noise [K] and the sample interval [s].
+        """For ``chains``, their standard uncertainties [s], the noise [K] and the sample interval
+        [s].
 
         A zero or a complex pair makes a chain quicker than its largest lag: no bound is set for it.
         """
@@ -127,11 +134,13 @@ class Reach:
                 keep[i] = np.exp(-dt_s / shortest_s)
             if any(len(factor) > 2 for factor in chain.conditioning.factors):
                 overshoot[i] = OVERSHOOT_SHARE * (HIGHEST_DEGC - LOWEST_DEGC)
-        margin_K = np.maximum(MARGIN_NOISES * np.asarray(noise_K), LEAST_MARGIN_K)
+        margin_K = np.maximum(MARGIN_NOISES * np.asarray(noise_K), MIN_MARGIN_K)
         return cls(keep, margin_K, LOWEST_DEGC - overshoot, HIGHEST_DEGC + overshoot, patience)
 
     def possible(self, i: int, before: Any, after: Any, samples: Any) -> Any:
-        """Whether channel ``i`` can read ``after`` [degC] so many ``samples`` later than ``before`` [degC]."""
+        """Whether channel ``i`` can read ``after`` [degC] so many ``samples`` later than ``before``
+        [degC].
+        """
         if self.keep[i] == 0:
             return np.isfinite(after)
         kept = self.keep[i] ** samples
@@ -144,8 +153,9 @@ class Reach:
     ) -> tuple[ReadingTrack, NDArray[np.bool_], NDArray[np.bool_]]:
         """Continue ``track`` with the readings ``y (N, M)`` [degC], NaN where missing.
 
-        Returns the track after them, which of them are rejected (N, M), and where a channel starts anew (N, M):
-        rejected readings that agree with each other outnumber the accepted ones, or none was accepted for too long.
+        Returns the track after them, which of them are rejected (N, M), and where a channel starts
+        anew (N, M): rejected readings that agree with each other outnumber the accepted ones, or
+        none was accepted for too long.
         """
         rejected = np.zeros(y.shape, dtype=bool)
         anew = np.zeros(y.shape, dtype=bool)
@@ -160,7 +170,9 @@ class Reach:
         return replace(track, **after), rejected, anew
 
     def _all_follow(self, i: int, channel: _Channel, y: Array) -> bool:
-        """Whether each reading can follow from the one before; the channel is moved on then. The usual case."""
+        """Whether each reading can follow from the one before; the channel is moved on then. The
+        usual case.
+        """
         at = np.flatnonzero(np.isfinite(y))
         rival_is_newer = np.isfinite(channel.rival) and channel.rival_age < channel.age
         if len(at) and rival_is_newer:
@@ -241,9 +253,10 @@ class Reach:
 class Screening:
     """What was treated as missing so far, in M channels, and the track that tells it.
 
-    ``impossible``, ``unreachable`` (M,): readings outside the physical range, and beyond what the chain allows;
-    ``restarts`` (M,): times that a channel started anew; ``blank`` (M,): answers left empty because they lie outside
-    the physical range. ``first_s``: time of the first such reading [s], NaN without one.
+    ``impossible``, ``unreachable`` (M,): readings outside the physical range, and beyond what the
+    chain allows; ``restarts`` (M,): times that a channel started anew; ``blank`` (M,): answers left
+    empty because they lie outside the physical range. ``first_s``: time of the first such reading
+    [s], NaN without one.
     """
 
     track: ReadingTrack
@@ -279,10 +292,11 @@ class Screening:
     def examined(
         self, reach: Reach, time_s: Array, y: Array, outside: NDArray[np.bool_]
     ) -> tuple[Screening, Array, NDArray[np.bool_]]:
-        """Continue with the readings ``y (N, M)`` [degC] at ``time_s (N,)``, of which some lie ``outside`` (N, M).
+        """Continue with the readings ``y (N, M)`` [degC] at ``time_s (N,)``, of which some lie
+        ``outside`` (N, M).
 
-        Returns the screening after them, the readings with NaN for what is treated as missing, and where a channel
-        starts anew (N, M).
+        Returns the screening after them, the readings with NaN for what is treated as missing, and
+        where a channel starts anew (N, M).
         """
         valid = np.where(outside, np.nan, y)
         track, rejected, anew = reach.examine(self.track, valid)
@@ -306,7 +320,7 @@ class Screening:
 
     def findings(self, names: Sequence[str]) -> tuple[Finding, ...]:
         """The warnings; ``names`` of the channels."""
-        told: list[Finding] = []
+        findings: list[Finding] = []
         count = int(self.impossible.sum())
         if count:
             subject = _listed(names, self.impossible)
@@ -315,23 +329,23 @@ class Screening:
                 "high_degC": HIGHEST_DEGC,
                 "first_s": self.first_s,
             }
-            told.append(warning("follow.impossible", subject=subject, count=count, **limits))
+            findings.append(warning("follow.impossible", subject=subject, count=count, **limits))
         count = int(self.unreachable.sum())
         if count:
             subject = _listed(names, self.unreachable)
-            told.append(
+            findings.append(
                 warning("follow.unreachable", subject=subject, count=count, first_s=self.first_s)
             )
         count = int(self.restarts.sum())
         if count:
             subject = _listed(names, self.restarts)
-            told.append(warning("follow.restarted", subject=subject, count=count))
+            findings.append(warning("follow.restarted", subject=subject, count=count))
         count = int(self.blank.sum())
         if count:
             subject = _listed(names, self.blank)
             limits = {"low_degC": LOWEST_DEGC, "high_degC": HIGHEST_DEGC}
-            told.append(warning("follow.blank", subject=subject, count=count, **limits))
-        return tuple(told)
+            findings.append(warning("follow.blank", subject=subject, count=count, **limits))
+        return tuple(findings)
 
 
 def _listed(names: Sequence[str], counts: Array) -> str:
@@ -340,17 +354,18 @@ def _listed(names: Sequence[str], counts: Array) -> str:
 
 
 def noise_bound_K(y: Array) -> float:
-    """A noise [K] of the trace ``y (N,)`` that up to half of the readings being invalid does not change much.
+    """A noise [K] of the trace ``y (N,)`` that up to half of the readings being invalid does not
+    change much.
 
-    The lower quartile of the differences between readings one, two and three samples apart, whichever is smallest;
-    at least the rounding error of the logger.
+    The lower quartile of the differences between readings one, two and three samples apart,
+    whichever is smallest; at least the rounding error of the logger.
     """
     readings = y[np.isfinite(y)]
-    found: list[float] = []
-    for apart in (1, 2, 3):
-        differences = np.abs(readings[apart:] - readings[:-apart])
+    estimates_K: list[float] = []
+    for separation in (1, 2, 3):
+        differences = np.abs(readings[separation:] - readings[:-separation])
         if len(differences):
-            found.append(float(np.quantile(differences, 0.25)) / QUARTILE_OF_DIFFERENCES)
+            estimates_K.append(float(np.quantile(differences, 0.25)) / QUARTILE_OF_DIFFERENCES)
     smallest_step = float(np.min(np.diff(np.unique(readings)), initial=np.inf))
     rounding = smallest_step / np.sqrt(12.0) if np.isfinite(smallest_step) else 0.0
-    return max(min(found, default=0.0), rounding)
+    return max(min(estimates_K, default=0.0), rounding)

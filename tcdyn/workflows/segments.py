@@ -1,4 +1,6 @@
-"""What one disk's traces come to; and logs too long for the memory, stretch by stretch, with enough beside each."""
+"""What one disk's traces come to; and logs too long for the memory, stretch by stretch, with enough
+beside each.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,7 @@ from tcdyn.smoothing.smoother import deconvolve, smooth
 from tcdyn.smoothing.traces import DiskTraces, disk_traces, gathered
 
 DECIMALS = 5  # 0.01 mK: far below what any sample is known to
-STRETCH_ROWS = 50_000
+SEGMENT_ROWS = 50_000
 Method = Literal["smoother", "deconvolve", "inverse", "noise-only"]
 METHODS: tuple[Method, ...] = get_args(Method)
 
@@ -41,8 +43,8 @@ METHODS: tuple[Method, ...] = get_args(Method)
 class Way:
     """How a log is compensated.
 
-    ``method``: "smoother"; "deconvolve" with its ``criterion``; "inverse" of ``bandwidth_Hz``; or "noise-only", the
-    smoother with an empty chain, which leaves the lag in.
+    ``method``: "smoother"; "deconvolve" with its ``criterion``; "inverse" of ``bandwidth_Hz``; or
+    "noise-only", the smoother with an empty chain, which leaves the lag in.
     """
 
     method: Method = "smoother"
@@ -59,7 +61,9 @@ class Way:
         return self.method != "noise-only"
 
 
-def with_lag(traces: DiskTraces, record: DiskRecord, fit: Alone | None) -> tuple[DiskTraces, str]:
+def with_common_lag(
+    traces: DiskTraces, record: DiskRecord, fit: Alone | None
+) -> tuple[DiskTraces, str]:
     """The traces with the common lag of the fit, if there is one, and what to note of it."""
     if fit is not None:
         lag = fit.estimates["lag_s"]
@@ -73,63 +77,64 @@ def with_lag(traces: DiskTraces, record: DiskRecord, fit: Alone | None) -> tuple
     return traces, f"{with_u(common.value, common.u)} s, from the record"
 
 
-def one_disk(
+def compensate_disk(
     traces: DiskTraces, frame: pd.DataFrame, events: Mapping[float, float], way: Way
 ) -> Compensated:
     """One disk's traces; ``events``: time [s] of each, of all the log, and its uncertainty [s]."""
     time = frame["time_s"].to_numpy(dtype=float)
     y = traces.measured_degC
     dt = interval_s(time)
-    given: dict[str, Any] = {
+    options: dict[str, Any] = {
         "noise_sd": traces.noise_K,
         "lag_covariance": traces.lag_covariance_s2,
         "static_u": np.hypot(traces.static_u(traces.readings_degC), shared_u_K(traces.lines)),
         "names": [c.removesuffix("_degC") for c in traces.columns],
     }
     if way.method != "inverse":
-        given["split_u_s"] = traces.split_u_s
+        options["split_u_s"] = traces.split_u_s
     if way.method == "deconvolve":
-        return deconvolve(y, dt, traces.chains, criterion=way.criterion, **given)[0]
+        return deconvolve(y, dt, traces.chains, criterion=way.criterion, **options)[0]
     if way.method == "inverse":
-        return invert(y, dt, traces.chains, way.bandwidth_Hz, **given)
-    known = {float(t - time[0]): u for t, u in events.items() if time[0] <= t <= time[-1]}
+        return invert(y, dt, traces.chains, way.bandwidth_Hz, **options)
+    event_times = {float(t - time[0]): u for t, u in events.items() if time[0] <= t <= time[-1]}
     return smooth(
         y,
         dt,
         traces.chains,
-        events_s=[*known],
-        event_u_s=[*known.values()],
+        events_s=[*event_times],
+        event_u_s=[*event_times.values()],
         find_events=not events,
-        **given,
+        **options,
     )
 
 
-def columns_of(
-    traces: DiskTraces, done: Compensated, way: Way, parts: bool
+def output_columns(
+    traces: DiskTraces, result: Compensated, way: Way, parts: bool
 ) -> dict[str, NDArray[np.float64]]:
     """The columns (N,) that one disk's answer puts into the log, by name."""
-    out: dict[str, NDArray[np.float64]] = {}
-    common = (
-        np.hypot(done.common_sd(), shared_u_K(traces.lines))
+    columns: dict[str, NDArray[np.float64]] = {}
+    common_u = (
+        np.hypot(result.common_sd(), shared_u_K(traces.lines))
         if parts and way.removes_lag
-        else done.sd
+        else result.sd
     )
-    temperature, sd = done.answers()
+    temperature, sd = result.answers()
     for i, column in enumerate(traces.columns):
-        out[column] = temperature[:, i]
+        columns[column] = temperature[:, i]
         if way.removes_lag:
-            out[column.replace("_degC", "_u_K")] = sd[:, i]
+            columns[column.replace("_degC", "_u_K")] = sd[:, i]
         if way.removes_lag and parts:
-            out[column.replace("_degC", "_noise_u_K")] = done.sd_noise[:, i]
-            out[column.replace("_degC", "_common_u_K")] = common[:, i]
-    return {name: np.round(values, DECIMALS) for name, values in out.items()}
+            columns[column.replace("_degC", "_noise_u_K")] = result.sd_noise[:, i]
+            columns[column.replace("_degC", "_common_u_K")] = common_u[:, i]
+    return {name: np.round(values, DECIMALS) for name, values in columns.items()}
 
 
 @dataclass(frozen=True)
-class Stretches:
+class LogSegments:
     """What the rest of a long log is compensated with, once the rows about its unloading have been.
 
-    Noise and intensity are those of each stretch; lags are the unloading's, ``fits``, or the records'.
+    Noise and intensity are those of each stretch; lags are the unloading's, ``fits``, or the
+    records'.
     """
 
     log: LogPieces
@@ -158,8 +163,8 @@ class Stretches:
     def write(self, out: str | Path, progress: Callable[[str], None]) -> list[Finding]:
         """Write the ``header`` and all rows to ``out``, whole or not at all; what was noticed."""
         rows = 0
-        told = 0
-        found = list[Finding]()
+        reported_percent = 0
+        findings = list[Finding]()
         lags = [
             c.lag_s.value
             for r in self.records.values()
@@ -167,42 +172,50 @@ class Stretches:
             for c in r.chain.channels.values()
         ]
         with log_writer(out, [*self.header], self.notes) as write:
-            stretches = parts(self, [*self.columns], max(lags, default=0.0), STRETCH_ROWS)
-            stretch = next(stretches, None)
-            while stretch is not None:
-                frame, said, beside = self._answered(stretch)
-                if beside > stretch.beside:
-                    stretch = stretches.send(beside)
+            segments = parts(self, [*self.columns], max(lags, default=0.0), SEGMENT_ROWS)
+            segment = next(segments, None)
+            while segment is not None:
+                frame, segment_findings, margin_rows = self._compensate_segment(segment)
+                if margin_rows > segment.beside:
+                    segment = segments.send(margin_rows)
                     continue
                 write(frame)
                 rows = rows + len(frame)
-                found = [*found, *said]
-                if (percent := 10 * (10 * rows // self.log.rows)) > told:
-                    told = percent
+                findings = [*findings, *segment_findings]
+                if (percent := 10 * (10 * rows // self.log.rows)) > reported_percent:
+                    reported_percent = percent
                     progress(f"writing, {percent} % of the rows")
-                stretch = next(stretches, None)
-        return found
+                segment = next(segments, None)
+        return findings
 
-    def _answered(self, stretch: Part) -> tuple[pd.DataFrame, list[Finding], int]:
-        """Rows to write, what was noticed, and how many rows beside them both sweeps need to settle."""
-        frame = pd.DataFrame(stretch.data)
+    def _compensate_segment(self, segment: Part) -> tuple[pd.DataFrame, list[Finding], int]:
+        """Rows to write, what was noticed, and how many rows beside them both sweeps need to
+        settle.
+        """
+        frame = pd.DataFrame(segment.data)
         where = self.log.path.name
-        found = list(stretch.findings)
-        beside = 0.0
-        answer = frame
+        findings = list(segment.findings)
+        margin_rows = 0.0
+        output = frame
         dt = self.log.dt_s
         for disk, record in self.records.items():
             lag = self.way.removes_lag
-            one = disk_traces(frame, disk, self.rig, record, named=self.named, where=where, lag=lag)
-            one = with_lag(one, record, self.fits.get(disk))[0] if lag else one
-            smooth = one_disk(one, frame, self.events, self.way)
-            answer = answer.assign(**columns_of(one, smooth, self.way, self.parts))
-            if smooth.intensities:
-                beside = max(
-                    beside,
-                    settled_s(sensors(one.chains), smooth.noise_sd, dt, smooth.intensities) / dt,
-                )
-            found += [f.at(disk) for f in (*smooth.findings, *one.outside_lines("the log"))] + list(
-                one.findings
+            traces = disk_traces(
+                frame, disk, self.rig, record, named=self.named, where=where, lag=lag
             )
-        return answer[[*self.header]].iloc[stretch.keep], gathered(found), int(np.ceil(beside))
+            traces = with_common_lag(traces, record, self.fits.get(disk))[0] if lag else traces
+            result = compensate_disk(traces, frame, self.events, self.way)
+            output = output.assign(**output_columns(traces, result, self.way, self.parts))
+            if result.intensities:
+                margin_rows = max(
+                    margin_rows,
+                    settled_s(sensors(traces.chains), result.noise_sd, dt, result.intensities) / dt,
+                )
+            findings += [
+                f.at(disk) for f in (*result.findings, *traces.outside_lines("the log"))
+            ] + list(traces.findings)
+        return (
+            output[[*self.header]].iloc[segment.keep],
+            gathered(findings),
+            int(np.ceil(margin_rows)),
+        )

@@ -1,4 +1,6 @@
-"""An EHL log of one disk and its record to beta by the ways that one disk allows, and the file that keeps it."""
+"""An EHL log of one disk and its record to beta by the ways that one disk allows, and the file that
+keeps it.
+"""
 
 from __future__ import annotations
 
@@ -24,13 +26,15 @@ from tcdyn.rig.opened_log import columns_not_there, rig_of
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig
 from tcdyn.workflows.bearing import BearingFile
-from tcdyn.workflows.beta import prepare, without_lost
-from tcdyn.workflows.beta_tables import NOTHING, SCHEMA, junctions, way_row
+from tcdyn.workflows.beta import prepare_test, retry_without_lost_channels
+from tcdyn.workflows.beta_tables import SCHEMA, WITHHELD, junctions, way_row
 
 
 @dataclass(frozen=True)
 class OneDiskRun(Result):
-    """One analysed test of one disk: the numbers, the log they came from, and how many tests that log holds in all."""
+    """One analysed test of one disk: the numbers, the log they came from, and how many tests that
+    log holds in all.
+    """
 
     log: Log
     partition: OneDisk
@@ -42,86 +46,106 @@ class OneDiskRun(Result):
         return f"<OneDiskRun of {self.log.path.name}; summary() says it in words>"
 
     def to_dict(self) -> dict[str, Any]:
-        """The content of ``beta.json``, null where a number needs both disks, sealed with its checksum."""
-        p = self.partition
-        d = self.partition.disk
-        gone = p.withheld
-        check = p.crosscheck
-        hidden = {key for way in gone for key in (way, f"h {way}")} | (
-            {"lag_s"} if "joint" in gone else set()
+        """The content of ``beta.json``, null where a number needs both disks, sealed with its
+        checksum.
+        """
+        partition = self.partition
+        disk = self.partition.disk
+        withheld = partition.withheld
+        check = partition.crosscheck
+        withheld_keys = {key for way in withheld for key in (way, f"h {way}")} | (
+            {"lag_s"} if "joint" in withheld else set()
         )
-        a = {key: NOTHING if key in hidden else e.model_dump() for key, e in p.answers.items()}
-        apart = p.answers["joint"].value - p.answers["cooling"].value
-        pair = {"one": f"joint {d}", "other": f"cooling {d}", "difference": apart, "z": p.z}
+        answers = {
+            key: WITHHELD if key in withheld_keys else e.model_dump()
+            for key, e in partition.answers.items()
+        }
+        difference = partition.answers["joint"].value - partition.answers["cooling"].value
+        pair = {
+            "one": f"joint {disk}",
+            "other": f"cooling {disk}",
+            "difference": difference,
+            "z": partition.z,
+        }
         return sealed(
             {
                 "schema": SCHEMA,
                 "source": {"file": self.log.path.name, "sha256": self.log.sha256},
-                "test": p.test.conditions,
+                "test": partition.test.conditions,
                 "steady": {
-                    **dict.fromkeys(("beta", "h_fast", "h_slow", "exponent"), NOTHING),
-                    f"{d}_line": {"intercept": a["intercept"], "slope": a["slope"]},
+                    **dict.fromkeys(("beta", "h_fast", "h_slow", "exponent"), WITHHELD),
+                    f"{disk}_line": {"intercept": answers["intercept"], "slope": answers["slope"]},
                 },
                 "transient": {
-                    d: {"beta": a["cooling"], "h": a["h cooling"], "window_s": p.cooling.window_s}
+                    disk: {
+                        "beta": answers["cooling"],
+                        "h": answers["h cooling"],
+                        "window_s": partition.cooling.window_s,
+                    }
                 },
                 "joint": {
-                    d: {"beta": a["joint"], "h": a["h joint"], "lag_s": a["lag_s"]},
-                    "both": dict.fromkeys(("beta", "h_fast", "h_slow", "exponent"), NOTHING),
+                    disk: {
+                        "beta": answers["joint"],
+                        "h": answers["h joint"],
+                        "lag_s": answers["lag_s"],
+                    },
+                    "both": dict.fromkeys(("beta", "h_fast", "h_slow", "exponent"), WITHHELD),
                     "profiles": {},
                 },
                 "headline": {
-                    "beta": a["joint"],
-                    "way": f"joint {d}",
-                    "sentence": p.headline.sentence,
+                    "beta": answers["joint"],
+                    "way": f"joint {disk}",
+                    "sentence": partition.headline.sentence,
                     "range95": None,
                 },
-                "status": p.status,
+                "status": partition.status,
                 "alternatives": [],
                 "crosscheck": {
-                    "z": None if gone else p.z,
+                    "z": None if withheld else partition.z,
                     "agree": check.severity == "info",
                     "sentence": check.sentence,
                     "p_value": None,
                     "suspects": [],
                     "strained": None,
-                    "pairs": [] if gone else [pair],
+                    "pairs": [] if withheld else [pair],
                 },
                 "budget": [
                     {
                         "source": source,
                         "u_beta_steady": None,
-                        "u_beta_transient": None if "cooling" in gone else cooling,
-                        "u_beta_joint": None if "joint" in gone else joint,
+                        "u_beta_transient": None if "cooling" in withheld else cooling,
+                        "u_beta_joint": None if "joint" in withheld else joint,
                     }
-                    for source, (joint, cooling) in p.budget.items()
+                    for source, (joint, cooling) in partition.budget.items()
                 ],
-                "surface": dict.fromkeys(("fast_max_degC", "slow_max_degC", "delta_T_us"), NOTHING),
-                "noise": {d: p.test.disks[d].noise.to_dict()},
-                "unevenness": {d: p.uneven.to_dict()},
-                "sensors": {} if p.sensors is None else p.sensors.said,
-                "junctions": junctions(p.sensors),
+                "surface": dict.fromkeys(
+                    ("fast_max_degC", "slow_max_degC", "delta_T_us"), WITHHELD
+                ),
+                "noise": {disk: partition.test.disks[disk].noise.to_dict()},
+                "unevenness": {disk: partition.uneven.to_dict()},
+                "sensors": {} if partition.sensors is None else partition.sensors.said,
+                "junctions": junctions(partition.sensors),
                 "kept": None,
-                "findings": [found.to_dict() for found in p.findings],
-                "warnings": [f.sentence for f in p.noticed],
+                "findings": [finding.to_dict() for finding in partition.findings],
+                "warnings": [f.sentence for f in partition.noticed],
             }
         )
 
     def summary(self) -> str:
         """The answer in a few lines."""
-        p = self.partition
-        a = self.partition.answers
-        lag = {"joint": f"   lag {a['lag_s']} s", "cooling": ""}
-        said = [
-            f"{f'{way} {p.disk}':14}"
+        partition = self.partition
+        answers = self.partition.answers
+        lag = {"joint": f"   lag {answers['lag_s']} s", "cooling": ""}
+        rows = [
+            f"{f'{way} {partition.disk}':14}"
             + (
                 "withheld"
-                if way in p.withheld
-                else f"beta {a[way]}   h {a[f'h {way}']} W/m2K{lag[way]}"
+                if way in partition.withheld
+                else f"beta {answers[way]}   h {answers[f'h {way}']} W/m2K{lag[way]}"
             )
             for way in WAYS
         ]
-        return "\n".join([p.headline.sentence, *said, p.crosscheck.sentence])
+        return "\n".join([partition.headline.sentence, *rows, partition.crosscheck.sentence])
 
     def card(self) -> pd.DataFrame:
         """The ways to beta."""
@@ -129,14 +153,20 @@ class OneDiskRun(Result):
 
 
 def ways_of(p: OneDisk) -> pd.DataFrame:
-    """beta, h and lag by the ways that one disk allows, the headline's first; what cannot be true is withheld."""
+    """beta, h and lag by the ways that one disk allows, the headline's first; what cannot be true
+    is withheld.
+    """
     rows = []
     a = p.answers
     for way in WAYS:
         lag = a["lag_s"] if way == "joint" else None
         rows.append(
             way_row(
-                f"{way} fit, {p.disk} disk", a[way], a[f"h {way}"], lag, shown=way not in p.withheld
+                f"{way} fit, {p.disk} disk",
+                a[way],
+                a[f"h {way}"],
+                lag,
+                reported=way not in p.withheld,
             )
         )
     return pd.DataFrame(rows).drop(columns="exponent n [1]")
@@ -156,16 +186,18 @@ def estimate_one_disk(
     stage: int | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> OneDiskRun:
-    """Read an EHL log of one disk and find beta by its joint and its cooling fit; arguments as of ``estimate_beta``.
+    """Read an EHL log of one disk and find beta by its joint and its cooling fit; arguments as of
+    ``estimate_beta``.
 
-    Both speeds are needed all the same: the heat is friction times sliding speed. Nothing is drawn, so ``seed`` changes
-    nothing. Raises InputError as ``estimate_beta`` does, and where the log holds the other disk's columns, too.
+    Both speeds are needed all the same: the heat is friction times sliding speed. Nothing is drawn,
+    so ``seed`` changes nothing. Raises InputError as ``estimate_beta`` does, and where the log
+    holds the other disk's columns, too.
     """
     rig = rig or rig_of(records)
     (name,) = records
     other = next(d for d in DISKS if d != name)
-    unread = [*couples(rig.disk_setup(other).channels, other)]
-    if columns_not_there(log, rig, unread) != unread:
+    other_columns = [*couples(rig.disk_setup(other).channels, other)]
+    if columns_not_there(log, rig, other_columns) != other_columns:
         raise InputError(
             f"no record of the {other} disk, whose columns the log holds",
             where=Path(log).name,
@@ -175,17 +207,17 @@ def estimate_one_disk(
 
     def attempt(left_out: Mapping[str, str]) -> OneDiskRun:
         progress("reading the log")
-        pieces = iter_log(
-            log, "ehl", rig, without=[*unread, *(f"{name}_degC" for name in left_out)]
+        chunks = iter_log(
+            log, "ehl", rig, without=[*other_columns, *(f"{name}_degC" for name in left_out)]
         )
-        table, count = read_stage(pieces, stage)
-        test = prepare(table, rig, records, bearing.added if bearing else None, left_out)
+        table, count = read_stage(chunks, stage)
+        test = prepare_test(table, rig, records, bearing.added if bearing else None, left_out)
         try:
-            found = analyse_one(
+            partition = analyse_one(
                 test, window_s=window_s, sensor_check=sensor_check, progress=progress
             )
         except InputError as problem:
             raise problem.at(table.path.name) from None
-        return OneDiskRun(table, found, rig_fingerprint(rig, records, (name,)), count, records)
+        return OneDiskRun(table, partition, rig_fingerprint(rig, records, (name,)), count, records)
 
-    return without_lost(attempt, without, rig, progress)
+    return retry_without_lost_channels(attempt, without, rig, progress)

@@ -1,4 +1,6 @@
-"""What the first seconds of a growing log tell: its sampling, its noise, where its channels begin."""
+"""What the first seconds of a growing log tell: its sampling, its noise, where its channels
+begin.
+"""
 
 from __future__ import annotations
 
@@ -18,43 +20,45 @@ from tcdyn.smoothing.traces import DiskChannels
 from tcdyn.workflows.live import Causal, CausalState, Settings
 from tcdyn.workflows.reachable import Reach, noise_bound_K
 
-LEAST_SAMPLES = 16
-LEAST_NOISE_K = 1e-3
-FIRST = 5
-LEAST_AFTER = (
+MIN_SAMPLES = 16
+MIN_NOISE_K = 1e-3
+N_LEVEL_SAMPLES = 5
+MIN_NOISE_RATIO = (
     0.03  # of the noise from before the filter: less of it after the filter no samples show
 )
 
 
-def begin(
+def warm_up(
     names: Sequence[str],
     rows: Array,
     channels: Sequence[DiskChannels],
     level_K2_s3: float | None,
     settings: Settings,
 ) -> tuple[Causal, CausalState]:
-    """Plan and first state from the first seconds ``rows (n, columns)``: sample interval, noise, starting level."""
+    """Plan and first state from the first seconds ``rows (n, columns)``: sample interval, noise,
+    starting level.
+    """
     time = rows[:, list(names).index("time_s")]
     steps = np.diff(time[np.isfinite(time)])
     steps = steps[steps > 0]
-    if len(steps) < LEAST_SAMPLES:
+    if len(steps) < MIN_SAMPLES:
         raise InputError(
             f"{len(steps) + 1} samples in the first {settings.learn_s:g} s",
-            expected=f"at least {LEAST_SAMPLES + 1}",
+            expected=f"at least {MIN_SAMPLES + 1}",
             remedy="raise {learn_s}",
             parameters={"learn_s": None},
         )
     dt = float(np.median(steps))
-    place = np.round((time - np.nanmin(time)) / dt)
-    even = np.full((int(np.nanmax(place)) + 1, rows.shape[1]), np.nan)
-    even[place[np.isfinite(place)].astype(int)] = rows[np.isfinite(place)]
+    positions = np.round((time - np.nanmin(time)) / dt)
+    regular_rows = np.full((int(np.nanmax(positions)) + 1, rows.shape[1]), np.nan)
+    regular_rows[positions[np.isfinite(positions)].astype(int)] = rows[np.isfinite(positions)]
     alive = {}
     dead = []
     screened: set[str] = set()
     for disk in channels:
         lag_u_s = np.sqrt(np.maximum(np.diag(disk.lag_covariance_s2), 0.0))
         for i, (name, line, chain) in enumerate(zip(disk.columns, disk.lines, disk.chains)):
-            logged = even[:, list(names).index(name)]
+            logged = regular_rows[:, list(names).index(name)]
             y = apply_static(np.where(impossible(logged), np.nan, logged), line)
             noise_K = np.array([settings.noise_K or noise_bound_K(y)])
             reach = Reach.of([chain], lag_u_s[i : i + 1], disk.split_u_s[i : i + 1], noise_K, dt)
@@ -62,15 +66,15 @@ def begin(
             y = np.where(rejected, np.nan, y)
             if rejected.any():
                 screened.add(name)
-            if np.count_nonzero(np.isfinite(y)) < LEAST_SAMPLES:
+            if np.count_nonzero(np.isfinite(y)) < MIN_SAMPLES:
                 dead.append(name)
             else:
                 alive[name] = y, chain.conditioning
     if not alive:
         raise InputError("no channel shows a temperature", remedy="check the log's columns")
-    learnt = {"dt_s": dt, "dead": dead} | _noise(alive, screened, dt, settings.noise_K)
-    plan = Causal.of(names, channels, level_K2_s3, settings, learnt)
-    first = np.array([np.median(y[np.isfinite(y)][:FIRST]) for y, _ in alive.values()])
+    statistics = {"dt_s": dt, "dead": dead} | _noise(alive, screened, dt, settings.noise_K)
+    plan = Causal.of(names, channels, level_K2_s3, settings, statistics)
+    first = np.array([np.median(y[np.isfinite(y)][:N_LEVEL_SAMPLES]) for y, _ in alive.values()])
     count = min(int(np.count_nonzero(np.isfinite(y))) for y, _ in alive.values())
     return plan, plan.start(first, count)
 
@@ -81,27 +85,29 @@ def _noise(
     dt_s: float,
     given_K: float | None,
 ) -> dict[str, Any]:
-    """Noise [K] of each trace (N,) behind its filter: noise_K, white, and before_K, white before it.
+    """Noise [K] of each trace (N,) behind its filter: noise_K, white, and before_K, white before
+    it.
 
-    Of the traces ``screened`` so many readings may be missing that only those left, one after the other, tell it.
+    Of the traces ``screened`` so many readings may be missing that only those left, one after the
+    other, tell it.
     """
-    left = {name: y[np.isfinite(y)] if name in screened else y for name, (y, _) in traces.items()}
-    after = {name: given_K or max(trace_noise_sd(y), LEAST_NOISE_K) for name, y in left.items()}
+    valid = {name: y[np.isfinite(y)] if name in screened else y for name, (y, _) in traces.items()}
+    after = {name: given_K or max(trace_noise_sd(y), MIN_NOISE_K) for name, y in valid.items()}
     before = dict.fromkeys(traces, 0.0)
     for filter_ in {f for _, f in traces.values()} if given_K is None else set():
-        own = [name for name, (_, f) in traces.items() if f == filter_]
-        white = np.array([after[n] for n in own])
-        spiky = [find_spikes(traces[n][0], SPIKES["compensator"], after[n]) for n in own]
+        names = [name for name, (_, f) in traces.items() if f == filter_]
+        white = np.array([after[n] for n in names])
+        spiky = [find_spikes(traces[n][0], SPIKES["compensator"], after[n]) for n in names]
         clean = np.stack(
-            [np.where(bad, np.nan, traces[n][0]) for n, bad in zip(own, spiky)], axis=1
+            [np.where(bad, np.nan, traces[n][0]) for n, bad in zip(names, spiky)], axis=1
         )
-        found = noise_of([clean], dt_s, filter_, white)
+        logger_noise = noise_of([clean], dt_s, filter_, white)
         if (
-            found.coloured and found.shaping != filter_
+            logger_noise.coloured and logger_noise.shaping != filter_
         ):  # the smoother's states are the filter's: as strong at low frequency
-            after |= dict(zip(own, found.level_K.tolist()))
-        elif found.coloured:
-            before |= dict(zip(own, found.before_K.tolist()))
-            least = np.maximum(LEAST_NOISE_K, LEAST_AFTER * found.before_K)
-            after |= dict(zip(own, np.maximum(found.after_K, least).tolist()))
+            after |= dict(zip(names, logger_noise.level_K.tolist()))
+        elif logger_noise.coloured:
+            before |= dict(zip(names, logger_noise.before_K.tolist()))
+            least = np.maximum(MIN_NOISE_K, MIN_NOISE_RATIO * logger_noise.before_K)
+            after |= dict(zip(names, np.maximum(logger_noise.after_K, least).tolist()))
     return {"noise_K": after, "before_K": before}

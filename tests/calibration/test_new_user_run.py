@@ -198,7 +198,7 @@ def test_channels_that_differ_before_a_plunge_are_named_unless_the_disk_is_not_a
     from immersion.fluids import fluid
     from immersion.plunge_data import PlungeRun
     from tcdyn.rig.static_line import StaticLine
-    from tcdyn.workflows.calibrate import apart_at_rest
+    from tcdyn.workflows.calibrate import deviating_at_rest
 
     t, rng = np.arange(0.0, 12.0, 1 / 75), np.random.default_rng(0)
     line = StaticLine(
@@ -213,7 +213,7 @@ def test_channels_that_differ_before_a_plunge_are_named_unless_the_disk_is_not_a
         entry = EntryEvent(10.0, 0.01, 10.0, 10.0, "both")
         channels = tuple("abcdef")
         bath = np.full(len(t), 110.0)
-        return apart_at_rest(
+        return deviating_at_rest(
             PlungeRun(
                 t,
                 readings,

@@ -15,8 +15,8 @@ import pandas as pd
 
 from tcdyn.campaign import solve
 from tcdyn.campaign.exponent import speed_law
-from tcdyn.campaign.outliers import strangers
-from tcdyn.campaign.result import BENT_P, junctions
+from tcdyn.campaign.outliers import outlying_tests
+from tcdyn.campaign.result import POWER_LAW_REJECTED_P, junctions
 from tcdyn.campaign.trends import trend
 from tcdyn.core.estimate import Z95
 from tests.campaign.rigs import EXPONENT, PER_M_S, PER_N, DrawnCampaign, drawn
@@ -44,8 +44,8 @@ def told(made: DrawnCampaign) -> dict[str, float]:
     law, both = speed_law(p), trend(p, "load_N", "sliding_speed_m_s")
     assert both is not None
     sound, low = (
-        strangers(p),
-        strangers(solve([made.low if k.name == made.low.name else k for k in made.kept])),
+        outlying_tests(p),
+        outlying_tests(solve([made.low if k.name == made.low.name else k for k in made.kept])),
     )
     within = np.array([e["beta_within"].u for e in p.estimates])
     u = np.sqrt(np.diag(p.beta[1]))
@@ -69,7 +69,7 @@ def told(made: DrawnCampaign) -> dict[str, float]:
         "largest pull of a junction": max(
             abs(z) for own in junctions(p)[1].values() for z in own.values()
         ),
-        "power law doubted": float((law.p_value or 1.0) < BENT_P),
+        "power law doubted": float((law.p_value or 1.0) < POWER_LAW_REJECTED_P),
         "sound campaigns that name a test": float(bool(sound)),
         "low friction named": float(
             [(s.name, s.cause) for s in low] == [(made.low.name, "friction")]

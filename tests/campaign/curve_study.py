@@ -17,7 +17,7 @@ import numpy as np
 from scipy import stats
 
 from tcdyn.campaign import solve
-from tcdyn.campaign.posterior import BETA, A, Posterior
+from tcdyn.campaign.posterior import BETA, N_QUANTITIES, Posterior
 from tcdyn.campaign.trends import Curve, curve_test
 from tcdyn.core import Array
 from tests.campaign.toy import toy
@@ -89,8 +89,8 @@ def drawn_curve(seed: int, *, wrong: bool) -> DrawnCurve:
         offset = float("nan")
     answers = posterior.answers.copy()
     answers[:, BETA] = LEVEL - 3e-5 * (x - 575.0) + difference
-    whole = np.eye(A * len(x))
-    whole[BETA::A, BETA::A] = covariance
+    whole = np.eye(N_QUANTITIES * len(x))
+    whole[BETA::N_QUANTITIES, BETA::N_QUANTITIES] = covariance
     return DrawnCurve(
         replace(posterior, answers=answers, covariance=whole), curve, difference, offset
     )

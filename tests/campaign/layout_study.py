@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from tcdyn.campaign import KeptTest, solve
+from tcdyn.campaign import SufficientStatistics, solve
 from tcdyn.campaign.exponent import speed_law
 from tcdyn.campaign.planned import Logging, planned_test
 from tcdyn.campaign.sufficient_statistics import Loading
@@ -52,13 +52,13 @@ LAYOUTS: dict[str, dict[str, Any]] = {
 }
 
 
-def in_one_piece(kept: KeptTest) -> KeptTest:
+def in_one_piece(kept: SufficientStatistics) -> SufficientStatistics:
     """The same test on a disk that is one with its shaft: nothing stands round the bore."""
     loading = {n: Loading({}, 0.0) for n in kept.names if n.startswith("uneven")}
     return replace(kept, loading={**kept.loading, **loading})
 
 
-def row_of(name: str, kept: list[KeptTest]) -> dict[str, Any]:
+def row_of(name: str, kept: list[SufficientStatistics]) -> dict[str, Any]:
     """Mean u over the tests."""
     found = solve(kept)
     alone = [solve([k]).estimates[0] for k in kept]

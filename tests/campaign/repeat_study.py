@@ -12,19 +12,19 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from tcdyn.campaign import KeptTest, solve
-from tcdyn.campaign.planned import APART_U_S, LAG_U_S, Logging, planned_test
+from tcdyn.campaign import SufficientStatistics, solve
+from tcdyn.campaign.planned import CHANNEL_LAG_U_S, COMMON_LAG_U_S, Logging, planned_test
 from tcdyn.rig.rigfile import load_rig
 from tests.campaign.test_planned import plan_of
 
 BUBBLE_S = 0.3
 
 
-def unknown_lag(kept: KeptTest, name: str, common_u_s: float) -> KeptTest:
+def unknown_lag(kept: SufficientStatistics, name: str, common_u_s: float) -> SufficientStatistics:
     """The same test, the lag of one junction all but unknown, and the disks' common lags known to ``common_u_s``."""
     at = kept.names.index(name)
     factor = BUBBLE_S / (
-        APART_U_S * float(np.sqrt(5 / 6))
+        CHANNEL_LAG_U_S * float(np.sqrt(5 / 6))
     )  # a record tells each lag from the mean of six
     rows, centre = kept.rows.copy(), kept.centre.copy()
     rows[:, at] *= factor
@@ -43,7 +43,7 @@ def table() -> pd.DataFrame:
         kept = [planned_test(p, rig, Logging()) for p in (plan if how != "repeated" else plan[:1])]
         kept = kept * 4 if how == "repeated" else kept
         for name in ("lag e fast", "lag c fast", "lag b fast"):
-            for u_s in (LAG_U_S, 0.5):
+            for u_s in (COMMON_LAG_U_S, 0.5):
                 for count in (1, 2, 4):
                     tests = [
                         replace(unknown_lag(k, name, u_s), name=f"D4.{i}")

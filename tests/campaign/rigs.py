@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from tcdyn.campaign import KeptTest, compressed
+from tcdyn.campaign import SufficientStatistics, compress_likelihood
 from tcdyn.core.errors import InputError
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import joint_fits
@@ -40,10 +40,10 @@ class DrawnCampaign:
     """What was kept of each test of one drawn rig, what was true, and one test again with its friction read low."""
 
     seed: int
-    kept: tuple[KeptTest, ...]
+    kept: tuple[SufficientStatistics, ...]
     single: Mapping[str, tuple[float, float]]  # beta of both disks and its u, each test alone
     truth: Mapping[str, Mapping[str, float]]
-    low: KeptTest
+    low: SufficientStatistics
 
     def to_dict(self) -> dict[str, Any]:
         return {
@@ -57,18 +57,29 @@ class DrawnCampaign:
     @classmethod
     def read(cls, path: Path) -> DrawnCampaign:
         data = json.loads(path.read_text(encoding="utf-8"))
-        kept = tuple(KeptTest.from_dict(k, v) for k, v in data["kept"].items())
+        kept = tuple(SufficientStatistics.from_dict(k, v) for k, v in data["kept"].items())
         [(name, low)] = data["low"].items()
-        return cls(data["seed"], kept, data["single"], data["truth"], KeptTest.from_dict(name, low))
+        return cls(
+            data["seed"],
+            kept,
+            data["single"],
+            data["truth"],
+            SufficientStatistics.from_dict(name, low),
+        )
 
 
-def kept_of(name: str, test: EhlTest, rig: str = "drawn") -> tuple[KeptTest, tuple[float, float]]:
+def kept_of(
+    name: str, test: EhlTest, rig: str = "drawn"
+) -> tuple[SufficientStatistics, tuple[float, float]]:
     """The joint fit of both disks alone, compressed; its beta with u."""
     at = at_one_radius(test)
     joint, both = joint_fits(at, steady_lines(at, stretch_of(at, 10.0))[1].starts)
     beta = both.estimates["beta"]
     sides = [joint[d].side for d in DISKS]
-    return compressed(name, rig, at, sides, both.optimum, both.uneven), (beta.value, beta.u)
+    return compress_likelihood(name, rig, at, sides, both.optimum, both.uneven), (
+        beta.value,
+        beta.u,
+    )
 
 
 def drawn(

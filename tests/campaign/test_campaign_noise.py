@@ -10,7 +10,12 @@ import pytest
 from scipy.signal import lfilter, savgol_filter
 
 from tcdyn.campaign import input_noise as noise
-from tcdyn.campaign.input_noise import driven_noise, unsmoothed, whole_noise, zero_u
+from tcdyn.campaign.input_noise import (
+    friction_zero_u_N,
+    input_noise_covariance,
+    noise_covariance,
+    smoothing_adjoint,
+)
 from tcdyn.partition.joint import LOG_H, SHARE
 from tcdyn.rig.contact import SETTLE_S, line_length
 
@@ -37,18 +42,18 @@ def test_turning_the_smoothing_round_is_its_transpose(noise_N: float) -> None:
     smoothing[LAST:, :LAST] = straight[-1]  # held from the last sample before the load falls
     toward = np.random.default_rng(0).standard_normal((N, 2))
     toward[:n] = 0.0  # at the very beginning it is a running mean only
-    found = unsmoothed(cast(Any, stand_in(noise_N)), toward, BEGUN_S + DT * np.arange(N))
+    found = smoothing_adjoint(cast(Any, stand_in(noise_N)), toward, BEGUN_S + DT * np.arange(N))
     assert found == pytest.approx(smoothing.T @ toward, abs=1e-12)
 
 
 def test_the_zero_is_known_by_the_longer_of_its_two_stretches() -> None:
     """A median scatters 1.25 times as far as a mean; 2.5 s before loading, nothing after the unloading."""
-    assert zero_u(stand_in(0.6)) == pytest.approx(1.25 * 0.6 / np.sqrt(2.5 / DT))
+    assert friction_zero_u_N(stand_in(0.6)) == pytest.approx(1.25 * 0.6 / np.sqrt(2.5 / DT))
     made = stand_in(0.6)
     made.time_s = BEGUN_S + DT * np.arange(N + 400)
     after_s = made.time_s[-1] - made.events.unload_s - SETTLE_S
     assert after_s > 5
-    assert zero_u(made) == pytest.approx(1.25 * 0.6 / np.sqrt(after_s / DT))
+    assert friction_zero_u_N(made) == pytest.approx(1.25 * 0.6 / np.sqrt(after_s / DT))
 
 
 def test_noise_of_the_inputs_is_that_of_each_sample_through_lags_and_blocks(
@@ -95,12 +100,12 @@ def test_noise_of_the_inputs_is_that_of_each_sample_through_lags_and_blocks(
             "rpd,rp,prn->dn", toward.reshape(*weight.shape, -1), weight, np.array(seen)
         )
         expected += sigma**2 * rows @ rows.T
-    found = driven_noise(test, side, theta, toward)
+    found = input_noise_covariance(test, side, theta, toward)
     assert asked == pytest.approx([700.0])
     assert (
         np.abs(found - expected).max() < 0.02 * np.diag(expected).max()
     )  # a lag of a sample is not quite one of none
-    both = whole_noise(
+    both = noise_covariance(
         test,
         [side, side],
         np.tile(theta, 2),

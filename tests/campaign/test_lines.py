@@ -11,7 +11,7 @@ from scipy import stats
 
 from tcdyn.campaign import JoinedCampaign, joined, solve
 from tcdyn.campaign.exponent import speed_law
-from tcdyn.campaign.posterior import A, Posterior
+from tcdyn.campaign.posterior import N_QUANTITIES, Posterior
 from tcdyn.campaign.trends import Curve, curve_test, read_curve, trend
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
@@ -27,7 +27,7 @@ def known(beta: Array, sd: float = SD, exponents: Array | float = 0.7) -> Poster
     answers = found.answers.copy()
     answers[:, 0], answers[:, 1] = beta, np.log(700.0)
     answers[:, 2] = answers[:, 1] - exponents * np.log(RATIO)
-    return replace(found, answers=answers, covariance=sd**2 * np.eye(A * len(beta)))
+    return replace(found, answers=answers, covariance=sd**2 * np.eye(N_QUANTITIES * len(beta)))
 
 
 def of_tests(posterior: Posterior, name: str) -> Array:

@@ -12,11 +12,11 @@ import pytest
 from scipy import stats
 
 from calibration.static_lines import fit_static_lines
-from tcdyn.campaign import KeptTest, checked, joined, rig_fingerprint, solve
+from tcdyn.campaign import SufficientStatistics, checked, joined, rig_fingerprint, solve
 from tcdyn.campaign.exponent import speed_law
 from tcdyn.campaign.line_fit import fit_line
-from tcdyn.campaign.outliers import strangers
-from tcdyn.campaign.posterior import LAG_OWN_S, A, Posterior, u_if_known
+from tcdyn.campaign.outliers import outlying_tests
+from tcdyn.campaign.posterior import LAG_OWN_S, N_QUANTITIES, Posterior, u_if_known
 from tcdyn.campaign.result import junctions
 from tcdyn.campaign.sufficient_statistics import Loading
 from tcdyn.campaign.tables import paper_csv, paper_latex, paper_table
@@ -33,7 +33,7 @@ from tests.campaign.toy import EXPONENT, PER_M_S, PER_N, Toy, answer_of, toy
 CHANCE = 1e-4  # of a false failure of a count below
 
 
-def dense(tests: tuple[KeptTest, ...]) -> tuple[Array, Array]:
+def dense(tests: tuple[SufficientStatistics, ...]) -> tuple[Array, Array]:
     """Answers (5 N,) and covariance by one least-squares problem in all unknowns, nothing eliminated."""
     shared = list(
         dict.fromkeys(
@@ -41,41 +41,43 @@ def dense(tests: tuple[KeptTest, ...]) -> tuple[Array, Array]:
                 *(
                     s
                     for t in tests
-                    for n in t.names[A:]
+                    for n in t.names[N_QUANTITIES:]
                     for s in t.loading.get(n, Loading({n: 1.0})).shared
                 ),
                 *(f"common lag {d}" for d in DISKS),
             ]
         )
     )
-    own = sum(len(t.names) - A for t in tests)
-    size, at = A * len(tests) + own + len(shared), A * len(tests)
+    own = sum(len(t.names) - N_QUANTITIES for t in tests)
+    size, at = N_QUANTITIES * len(tests) + own + len(shared), N_QUANTITIES * len(tests)
     rows, right = [], []
     for i, t in enumerate(tests):
-        q = t.names[A:]
+        q = t.names[N_QUANTITIES:]
         block = np.zeros((len(t.rows), size))
-        block[:, A * i : A * (i + 1)] = t.rows[:, :A]
+        block[:, N_QUANTITIES * i : N_QUANTITIES * (i + 1)] = t.rows[:, :N_QUANTITIES]
         for k, name in enumerate(q):
             each = t.loading.get(name, Loading({name: 1.0}))
-            block[:, at + k] = each.own * t.rows[:, A + k]
+            block[:, at + k] = each.own * t.rows[:, N_QUANTITIES + k]
             for s, x in each.shared.items():
-                block[:, A * len(tests) + own + shared.index(s)] += x * t.rows[:, A + k]
+                block[:, N_QUANTITIES * len(tests) + own + shared.index(s)] += (
+                    x * t.rows[:, N_QUANTITIES + k]
+                )
         at += len(q)
         rows.append(block)
         right.append(t.right + t.rows @ t.centre)
         for k, d in enumerate(DISKS):  # lag - prior = sqrt(u^2 - own^2) s + own e
             line = np.zeros(size)
-            line[A * i + 3 + k] = 1 / LAG_OWN_S
-            line[A * len(tests) + own + shared.index(f"common lag {d}")] = (
+            line[N_QUANTITIES * i + 3 + k] = 1 / LAG_OWN_S
+            line[N_QUANTITIES * len(tests) + own + shared.index(f"common lag {d}")] = (
                 -np.sqrt(t.lag_u_s[d] ** 2 - LAG_OWN_S**2) / LAG_OWN_S
             )
             rows.append(line[None])
             right.append(np.array([t.lag_prior_s[d] / LAG_OWN_S]))
-    priors = np.eye(size)[A * len(tests) :]
+    priors = np.eye(size)[N_QUANTITIES * len(tests) :]
     table, values = np.vstack([*rows, priors]), np.concatenate([*right, np.zeros(len(priors))])
     scale = np.abs(table).max(axis=0)
     covariance = np.linalg.inv((table / scale).T @ (table / scale)) / np.outer(scale, scale)
-    n = A * len(tests)
+    n = N_QUANTITIES * len(tests)
     return (covariance @ (table.T @ values))[:n], covariance[:n, :n]
 
 
@@ -141,13 +143,13 @@ def test_a_hundred_tests_take_less_than_two_seconds_and_one_more_a_tenth() -> No
 
 def test_what_was_kept_reads_back() -> None:
     kept = toy(4, 2).kept[0]
-    again = KeptTest.from_dict(kept.name, json.loads(json.dumps(kept.to_dict())))
+    again = SufficientStatistics.from_dict(kept.name, json.loads(json.dumps(kept.to_dict())))
     assert again.names == kept.names
     assert again.rows == pytest.approx(kept.rows, rel=1e-7)
     assert again.loading.keys() == kept.loading.keys()
     for spoilt in ({"schema": "tcdyn.kept/9"}, {"rows": [[1.0]]}, {"centre": None}, {"names": []}):
         with pytest.raises(InputError, match=r"EHL_A1: .*tcdyn beta"):
-            KeptTest.from_dict(kept.name, {**kept.to_dict(), **spoilt})
+            SufficientStatistics.from_dict(kept.name, {**kept.to_dict(), **spoilt})
 
 
 def test_an_answer_altered_by_one_digit_is_refused_by_name() -> None:
@@ -214,7 +216,7 @@ def test_what_would_be_left_if_a_kind_were_known_is_what_is_left_when_it_is_know
     before, after = solve(made.kept), solve(known)
     assert before.widened == after.widened == 1.0
     toward = np.zeros(before.answers.size)
-    toward[::A] = 1 / len(made.kept)
+    toward[::N_QUANTITIES] = 1 / len(made.kept)
     left = float(np.sqrt(toward @ after.covariance @ toward))
     assert u_if_known(before, toward)["depth"] == pytest.approx(left, rel=1e-9)
     assert left < 0.9 * np.sqrt(toward @ before.covariance @ toward)
@@ -275,7 +277,7 @@ def test_a_test_with_friction_off_is_named_with_its_size(low: float) -> None:
     off = (1 / low - 1) / at.units["friction"]
     odd = replace(at, right=at.right + at.rows[:, k] * off)
     tests = [odd if t is at else t for t in made.kept]
-    found = strangers(solve(tests))
+    found = outlying_tests(solve(tests))
     assert [(s.name, s.cause) for s in found] == [(at.name, "friction")]
     assert abs(found[0].size.value - (1 / low - 1)) < 4 * found[0].size.u
     assert found[0].explained
@@ -289,7 +291,7 @@ def test_a_test_with_friction_off_is_named_with_its_size(low: float) -> None:
 
 
 def test_sound_campaigns_name_no_test() -> None:
-    named = sum(bool(strangers(solve(toy(seed).kept))) for seed in range(60))
+    named = sum(bool(outlying_tests(solve(toy(seed).kept))) for seed in range(60))
     assert named <= stats.binom.ppf(1 - CHANCE, 60, 0.05)
 
 

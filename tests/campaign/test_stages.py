@@ -9,13 +9,13 @@ import pandas as pd
 import pytest
 
 from tcdyn.campaign import solve
-from tcdyn.campaign.stages import loadings, stage_of, stages
+from tcdyn.campaign.stages import loading_events, stage_of, stages
 from tcdyn.core.errors import InputError
 from tcdyn.partition.joint import joint_fits
 from tcdyn.partition.steady import at_one_radius, steady_lines
 from tcdyn.partition.window import stretch_of
 from tcdyn.rig.log import Log
-from tcdyn.workflows.beta import prepare
+from tcdyn.workflows.beta import prepare_test
 from tests.campaign.rigs import kept_of
 from tests.partition.study_rigs import StudyRig, study_rig
 
@@ -44,7 +44,7 @@ def test_each_loading_is_found_in_order(made: tuple[StudyRig, StudyRig], joined_
         for k, m in enumerate(made)
     ]
     assert np.array(
-        [(e.load_on_s, e.unload_s) for e in loadings(joined_log.frame)]
+        [(e.load_on_s, e.unload_s) for e in loading_events(joined_log.frame)]
     ) == pytest.approx(np.array(wanted), abs=0.3)  # loading takes 0.3 s
     first, second = stages(joined_log)
     assert (first.path.stem, second.path.stem) == ("EHL_D4.1", "EHL_D4.2")
@@ -71,7 +71,7 @@ def test_a_stage_gives_the_answer_of_its_own_log(
     for m, stage in zip(made, stages(joined_log)):
         found = []
         for log in (m.log, stage):
-            at = at_one_radius(prepare(log, m.rig, m.records))
+            at = at_one_radius(prepare_test(log, m.rig, m.records))
             _, both = joint_fits(at, steady_lines(at, stretch_of(at, 10.0))[1].starts)
             found.append(both.estimates["beta"])
         assert abs(found[1].value - found[0].value) < 0.2 * found[0].u
@@ -82,7 +82,7 @@ def test_a_second_unloading_tightens_lag_and_h(
     made: tuple[StudyRig, StudyRig], joined_log: Log
 ) -> None:
     kept = [
-        kept_of(stage.path.stem, prepare(stage, m.rig, m.records))[0]
+        kept_of(stage.path.stem, prepare_test(stage, m.rig, m.records))[0]
         for m, stage in zip(made, stages(joined_log))
     ]
     alone, both = solve(kept[:1]).estimates[0], solve(kept).estimates[0]

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tcdyn.campaign import KeptTest
+from tcdyn.campaign import SufficientStatistics
 from tcdyn.campaign.posterior import LAG_OWN_S
-from tcdyn.campaign.sufficient_statistics import ANSWERS, Loading
+from tcdyn.campaign.sufficient_statistics import QUANTITIES, Loading
 from tcdyn.core import Array
 from tcdyn.rig.disk import DISKS
 
@@ -47,7 +47,7 @@ PER_N, PER_M_S, EXPONENT, RATIO = -3e-5, -3e-3, 0.70, 4.24
 class Toy:
     """Kept tests, their true answers (N, 5), and the true shared quantities by name."""
 
-    kept: tuple[KeptTest, ...]
+    kept: tuple[SufficientStatistics, ...]
     answers: Array
     shared: dict[str, float]
 
@@ -55,7 +55,7 @@ class Toy:
 def toy(seed: int, count: int = 16, rig: str = "toy", noise: float = 1.0) -> Toy:
     """``count`` tests of one rig; the same seed is the same rig."""
     rng = np.random.default_rng(seed)
-    names = (*ANSWERS, *SHARED, *OWN)
+    names = (*QUANTITIES, *SHARED, *OWN)
     rig_wide = dict.fromkeys(
         [*(n for q in SHARED for n in LOADING.get(q, Loading({q: 1.0})).shared)]
     )
@@ -64,8 +64,8 @@ def toy(seed: int, count: int = 16, rig: str = "toy", noise: float = 1.0) -> Toy
     base = rng.standard_normal((40, len(names))) * np.array(
         [300, 30, 15, 60, 60, *[1.0] * (len(names) - 5)]
     )
-    base[:, len(ANSWERS)] = (
-        0.004 * base[:, 0] + 0.02 * base[:, len(ANSWERS)]
+    base[:, len(QUANTITIES)] = (
+        0.004 * base[:, 0] + 0.02 * base[:, len(QUANTITIES)]
     )  # a depth that looks like beta
     kept, answers = [], []
     for k in range(count):
@@ -103,7 +103,7 @@ def toy(seed: int, count: int = 16, rig: str = "toy", noise: float = 1.0) -> Toy
             "delta_T_us_K_m_s": 0.02 * load * speed,
         }
         kept.append(
-            KeptTest(
+            SufficientStatistics(
                 f"EHL_{'ABCD'[k // 4 % 4]}{k % 4 + 1}" + ("" if count <= 16 else f"_{k}"),
                 rig,
                 names,
@@ -121,7 +121,7 @@ def toy(seed: int, count: int = 16, rig: str = "toy", noise: float = 1.0) -> Toy
     return Toy(tuple(kept), np.array(answers), shared)
 
 
-def answer_of(kept: KeptTest) -> dict[str, object]:
+def answer_of(kept: SufficientStatistics) -> dict[str, object]:
     """A beta.json that holds no more than a campaign reads."""
     nothing = {"value": 0.7, "u": 0.004, "low95": 0.692, "high95": 0.708}
     lines = {

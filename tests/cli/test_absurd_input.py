@@ -102,12 +102,12 @@ def test_stored_files_beyond_reason(
 @pytest.mark.parametrize("kind", ["lists", "digits", "no object"])
 def test_an_answer_or_a_truth_beyond_reason(kind: str, tmp_path: Path) -> None:
     from tcdyn.simulate.campaign import simulate_campaign
-    from tcdyn.workflows.campaign_results import given_answer, is_altered
+    from tcdyn.workflows.campaign_results import is_altered, read_given_result
 
     path = tmp_path / "EHL_B3.beta.json"
     path.write_text(JSON[kind], encoding="utf-8")
     with pytest.raises(InputError, match="EHL_B3"):
-        given_answer(path, "")
+        read_given_result(path, "")
     assert is_altered(path) == ('"sha256"' in JSON[kind])
     (tmp_path / "truth").mkdir()
     (tmp_path / "truth" / "truth.json").write_text(JSON[kind], encoding="utf-8")

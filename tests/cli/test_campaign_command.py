@@ -16,7 +16,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.rig.log import read_log
 from tcdyn.workflows import campaign_log as stage
 from tcdyn.workflows.bearing import read_bearing
-from tcdyn.workflows.beta import prepare
+from tcdyn.workflows.beta import prepare_test
 from tcdyn.workflows.campaign import run_campaign
 from tcdyn.workflows.campaign_log import CampaignSettings
 from tcdyn.workflows.campaign_table import COLUMNS, table_columns, trend_table
@@ -256,8 +256,8 @@ def test_half_of_the_bearings_friction_is_added(campaign: Campaign, tmp_path: Pa
     """Figure 2.25: the pure-rolling test measured the bearings of both shafts (section 2.10)."""
     bearing = read_bearing(bearing_csv(tmp_path / "bearing.csv"))
     log = read_log(campaign.files.ehl["B3"], "ehl", campaign.rig)
-    bare = prepare(log, campaign.rig, campaign.records)
-    more = prepare(log, campaign.rig, campaign.records, bearing.added)
+    bare = prepare_test(log, campaign.rig, campaign.records)
+    more = prepare_test(log, campaign.rig, campaign.records, bearing.added)
     added = 0.5 * (2.0 + 1e-3 * bare.load_N + 1e-3 * 1005)
     # the log's speed differs from the nominal 1005 rpm by less than 1 %: 0.005 N
     assert more.friction_N - bare.friction_N == pytest.approx(added, abs=0.006)

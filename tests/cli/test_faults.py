@@ -19,7 +19,7 @@ from tcdyn.io.checksum import ALTERED, sealed
 from tcdyn.io.write import log_writer, write_log, write_text
 from tcdyn.rig.record import read_record
 from tcdyn.sensors import read_sensor, stated, write_sensor
-from tcdyn.workflows.campaign_results import read_answer
+from tcdyn.workflows.campaign_results import read_result
 
 
 @pytest.mark.parametrize("ending", [".csv", ".parquet", ".tdms", ".txt"])
@@ -67,7 +67,7 @@ def test_a_flipped_bit_of_a_stored_file_is_told_or_changes_nothing(
         read = read_record
         path.write_bytes(campaign.record_paths["fast"].read_bytes())
     else:
-        read = read_answer
+        read = read_result
         path.write_text(json.dumps(sealed({"beta": rng.normal(size=50)})), encoding="utf-8")
     whole, sound, said = path.read_bytes(), read(path), []
     for _ in range(500):

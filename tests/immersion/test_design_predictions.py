@@ -15,7 +15,13 @@ from tcdyn.design.plans import (
     predict_step,
     predict_touches,
 )
-from tcdyn.design.prediction import PredictedTest, combined, covariance, from_covariances, slopes
+from tcdyn.design.prediction import (
+    PredictedTest,
+    combine_tests,
+    from_covariances,
+    jacobian,
+    posterior_covariance,
+)
 from tcdyn.rig.rigfile import UncertaintyTable, load_rig
 
 SETUP = load_rig().disk_setup("fast")
@@ -42,7 +48,7 @@ def test_a_plunge_tells_differences_far_better_than_the_common_lag() -> None:
 def test_an_unloading_tells_the_common_lag_better_than_a_plunge() -> None:
     plunge, unloading = predict_plunges([PLAN], SETUP, draws=8), predict_step(StepPlan(), SETUP)
     assert unloading.u_common_s < plunge.u_common_s
-    both = combined("both", [plunge, unloading])
+    both = combine_tests("both", [plunge, unloading])
     assert both.u_common_s < unloading.u_common_s
     assert both.u_differential_s < plunge.u_differential_s * 1.001
 
@@ -89,7 +95,7 @@ def test_a_touch_cannot_beat_its_unknown_onset() -> None:
 
 def test_shared_and_own_parameters_are_eliminated_as_by_hand() -> None:
     # y_r = x_r + s: own x_r flat, shared s with prior sd 2; one reading of noise 1 each: var x = 1 + 4
-    c = covariance(
+    c = posterior_covariance(
         np.column_stack([np.eye(3), np.ones(3)]), np.array([np.inf, np.inf, np.inf, 2.0])
     )
     np.testing.assert_allclose(np.diag(c)[:3], 5.0, rtol=1e-9)
@@ -98,7 +104,7 @@ def test_shared_and_own_parameters_are_eliminated_as_by_hand() -> None:
 
 def test_slopes_are_the_derivatives() -> None:
     at, steps = np.array([2.0, 3.0]), np.array([1e-3, 1e-4])
-    found = slopes(lambda x: np.array([x[0] ** 2, x[0] * x[1]]), at, steps)
+    found = jacobian(lambda x: np.array([x[0] ** 2, x[0] * x[1]]), at, steps)
     np.testing.assert_allclose(found, [[4.0, 0.0], [3.0, 2.0]], rtol=1e-9)  # exact for a quadratic
 
 

@@ -23,7 +23,7 @@ from tcdyn.rig.columns import is_couple
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.log import read_log
 from tcdyn.rig.rigfile import parse_rig
-from tcdyn.workflows.beta import prepare
+from tcdyn.workflows.beta import prepare_test
 from tests.partition.study_rigs import StudyRig, study_rig
 
 LOAD_REL, SPEED_REL, AMBIENT_U_K = 0.03, 0.005, 2.0
@@ -122,7 +122,7 @@ def analysed(made: StudyRig, form: str, seed: int, **options: Any) -> Partition:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "EHL.csv"
         frame.to_csv(path, index=False)
-        return analyse(prepare(read_log(path, "ehl", rig), rig, made.records), **options)
+        return analyse(prepare_test(read_log(path, "ehl", rig), rig, made.records), **options)
 
 
 def one(seed: int, forms: list[str]) -> list[dict[str, Any]]:

@@ -25,7 +25,7 @@ from tcdyn.rig.rigfile import Rig, load_rig
 from tcdyn.simulate.ehl import STUDY_MESH, EhlOptions, simulate_ehl
 from tcdyn.simulate.measure import simulate_oven
 from tcdyn.simulate.truth import RigTruth, draw_truth
-from tcdyn.workflows.beta import prepare
+from tcdyn.workflows.beta import prepare_test
 
 COMMON_U_S, DIFFERENTIAL_U_S = 0.05, 0.008  # what a pair of plunges gives
 QUICK = EhlOptions(load_on_s=20.0, unload_s=320.0, duration_s=336.0, mesh=STUDY_MESH)
@@ -48,7 +48,7 @@ class StudyRig:
 
     def without(self, *channels: str) -> EhlTest:
         """The test with channels such as "fast_c" left out."""
-        return prepare(self.log, self.rig, self.records, left_out=dict.fromkeys(channels, ""))
+        return prepare_test(self.log, self.rig, self.records, left_out=dict.fromkeys(channels, ""))
 
 
 def study_rig(
@@ -73,7 +73,7 @@ def study_rig(
     seen(told)
     records = {disk: _record(seed, disk, true, rig, lag_error_s) for disk in DISKS}
     log = Log(disturbed(frame), "ehl", Path(f"EHL_{name}.csv"), "0" * 64, 1 / 75)
-    return StudyRig(rig, true, prepare(log, rig, records), told, records, log)
+    return StudyRig(rig, true, prepare_test(log, rig, records), told, records, log)
 
 
 def _record(

@@ -27,7 +27,7 @@ from tcdyn.rig.log import read_log
 from tcdyn.rig.logger import air_name
 from tcdyn.rig.rigfile import load_rig, parse_rig
 from tcdyn.simulate.truth import draw_truth
-from tcdyn.workflows.beta import prepare
+from tcdyn.workflows.beta import prepare_test
 from tests.partition import as_logged_study as forms
 from tests.partition.study_rigs import StudyRig, study_rig
 from tests.partition.test_events import DT, log
@@ -67,7 +67,7 @@ def prepared(made: StudyRig, form: forms.Form, tmp_path) -> EhlTest:
     frame, tables = form
     rig = parse_rig(tables, "rig.toml")
     frame.to_csv(tmp_path / "log.csv", index=False)
-    return prepare(read_log(tmp_path / "log.csv", "ehl", rig), rig, made.records)
+    return prepare_test(read_log(tmp_path / "log.csv", "ehl", rig), rig, made.records)
 
 
 @pytest.mark.study
@@ -219,7 +219,7 @@ def test_channels_at_the_running_surface_take_out_that_its_air_is_colder() -> No
             air_name(n): room - 8.0 * (place == "surface") + rng.standard_normal() for n in names
         }
     frame = cold.log.frame.assign(**more).drop(columns="ambient_degC")
-    test = prepare(
+    test = prepare_test(
         replace(cold.log, frame=frame), parse_rig({"ambient": channels}, "rig.toml"), cold.records
     )
     found, without = (refine_lags(t)["fast"].estimates["h"] for t in (test, cold.test))

@@ -30,7 +30,7 @@ from tcdyn.partition.window import NOMINAL
 from tcdyn.rig.contact import FrictionAdded
 from tcdyn.rig.disk import CHANNELS
 from tcdyn.rig.log import read_log
-from tcdyn.workflows.beta import prepare
+from tcdyn.workflows.beta import prepare_test
 from tests.conftest import Campaign
 from tests.partition.study_rigs import QUICK, study_rig
 from tests.partition.test_sensors import stated_elsewhere
@@ -45,7 +45,7 @@ def of_depth(t: Tension) -> bool:
 
 @pytest.fixture(scope="module")
 def b3(campaign: Campaign) -> EhlTest:
-    return prepare(
+    return prepare_test(
         read_log(campaign.files.ehl["B3"], "ehl", campaign.rig), campaign.rig, campaign.records
     )
 
@@ -179,7 +179,7 @@ def test_every_stated_value_is_judged_once(b3: EhlTest, campaign: Campaign) -> N
     # the added friction's own uncertainty widens the budget's row of friction as the two combine
     less = {r.source: r.u_beta_steady for r in with_map.budget.rows}["friction"]
     log = read_log(campaign.files.ehl["B3"], "ehl", campaign.rig)
-    unsure = prepare(
+    unsure = prepare_test(
         log, campaign.rig, campaign.records, lambda *_: FrictionAdded(0.0, 0.03 * b3.friction_N)
     )
     more = {r.source: r.u_beta_steady for r in analyse(unsure, sensor_check=False).budget.rows}[

@@ -23,7 +23,7 @@ from tcdyn.partition.window import stretch_of
 from tcdyn.rig.disk import CHANNELS, DISKS, LEFT_OUT, left_out_of
 from tcdyn.rig.rigfile import load_rig
 from tcdyn.workflows import beta as stage
-from tcdyn.workflows.beta import estimate_beta, prepare
+from tcdyn.workflows.beta import estimate_beta, prepare_test
 from tcdyn.workflows.beta_tables import junctions_table
 from tcdyn.workflows.campaign_log import CampaignSettings, analyse_log
 from tcdyn.workflows.campaign_table import table_row
@@ -132,7 +132,7 @@ def test_nothing_that_a_channel_left_out_reads_is_looked_at(channel: str, made: 
     tests = []
     for changed in (frame.assign(**{f"{name}_degC": noise}), frame.drop(columns=f"{name}_degC")):
         log = type(made.log)(changed, "ehl", made.log.path, made.log.sha256, made.log.dt_s)
-        tests.append(prepare(log, made.rig, made.records, left_out={name: ""}).disks["slow"])
+        tests.append(prepare_test(log, made.rig, made.records, left_out={name: ""}).disks["slow"])
     np.testing.assert_array_equal(tests[0].readings_degC, tests[1].readings_degC)
     np.testing.assert_array_equal(tests[0].static_u_K, tests[1].static_u_K)
 
@@ -145,7 +145,7 @@ def test_an_error_of_a_stand_in_counts_in_both_its_places(made: StudyRig) -> Non
     rows = stretch_of(test, 10.0)
     raised = made.log.frame.assign(fast_f_degC=made.log.frame["fast_f_degC"] + high_K)
     log = type(made.log)(raised, "ehl", made.log.path, made.log.sha256, made.log.dt_s)
-    moved = prepare(log, made.rig, made.records, left_out={"fast_d": ""})
+    moved = prepare_test(log, made.rig, made.records, left_out={"fast_d": ""})
     before, after = (disk_line(t, t.disks["fast"], rows) for t in (test, moved))
     h = made.told["h_fast"]
     k = [what.name for what in before.sensitivity.parameters].index("static f")

@@ -13,11 +13,11 @@ from tcdyn.core.errors import InputError
 from tcdyn.rig.contact import Events
 from tcdyn.rig.logger import Constant, air_name
 from tcdyn.workflows.operating_conditions import (
+    check_no_copies,
+    constants_rel_u,
     disk_air,
     forces_N,
-    no_copies,
     speeds_rpm,
-    stated_rel,
 )
 
 
@@ -27,11 +27,13 @@ def stated(**values: tuple[float, float]) -> dict[str, Constant]:
 
 def test_relative_uncertainties_of_what_is_stated_are_those_of_the_quotients() -> None:
     """Load 5 of 200 N; 20 rpm from 3 and 4 of a difference of 500; of the ratio 3/1500 and 4/1000."""
-    load, sliding, ratio = stated_rel([1500.0, 1000.0], [3.0, 4.0], stated(load_N=(200.0, 5.0)))
+    load, sliding, ratio = constants_rel_u(
+        [1500.0, 1000.0], [3.0, 4.0], stated(load_N=(200.0, 5.0))
+    )
     assert load == pytest.approx(0.025)
     assert sliding == pytest.approx(5.0 / 500.0)
     assert ratio == pytest.approx(np.hypot(0.002, 0.004))
-    assert stated_rel([1000.0, 1500.0], [0.0, 0.0], {}) == (0.0, 0.0, 0.0)
+    assert constants_rel_u([1000.0, 1500.0], [0.0, 0.0], {}) == (0.0, 0.0, 0.0)
 
 
 def test_a_stated_load_goes_with_the_friction_and_is_its_mean_over_the_steady_rows() -> None:
@@ -93,5 +95,5 @@ def test_two_junctions_with_the_same_numbers_are_refused_and_two_that_rest_are_n
         {"fast_a_degC": x, "fast_b_degC": x, "fast_c_degC": 7.0, "fast_d_degC": 7.0}
     )
     with pytest.raises(InputError, match="one is a copy"):
-        no_copies(frame, {}, "here")
-    no_copies(frame, {"fast_b": "as told"}, "here")
+        check_no_copies(frame, {}, "here")
+    check_no_copies(frame, {"fast_b": "as told"}, "here")

@@ -23,7 +23,7 @@ from tcdyn.rig.record import read_record, write_record
 from tcdyn.rig.rigfile import load_rig
 from tcdyn.simulate.truth import draw_truth
 from tcdyn.smoothing.traces import DiskTraces
-from tcdyn.workflows.beta import prepare
+from tcdyn.workflows.beta import prepare_test
 from tests.conftest import Campaign
 from tests.partition.fault_study import CASES
 from tests.partition.study_rigs import study_rig
@@ -32,7 +32,7 @@ from tests.partition.world_study import world_rig
 
 @pytest.fixture(scope="module")
 def b3(campaign: Campaign) -> EhlTest:
-    return prepare(
+    return prepare_test(
         read_log(campaign.files.ehl["B3"], "ehl", campaign.rig), campaign.rig, campaign.records
     )
 
@@ -352,7 +352,7 @@ def test_rigs_drawn_from_their_uncertainties_raise_no_alarm(seed: int, tmp_path:
         made = calibrate_disk(rig, d, files.ovens[d], files.plunges[d], ["mobil-jet-ii"]).record
         records[d] = read_record(write_record(made, tmp_path / f"{d}.disk.json"))
     for log in files.ehl.values():
-        check = check_sensors(prepare(read_log(log, "ehl", rig), rig, records))
+        check = check_sensors(prepare_test(read_log(log, "ehl", rig), rig, records))
         assert check.sound, check.said
 
 
@@ -378,7 +378,7 @@ def test_a_misplaced_junction_of_the_inner_row_is_named(
     true = replace(true, fast=replace(true.fast, setup=replace(setup, junctions=junctions)))
     options = EhlOptions(load_on_s=30.0, unload_s=330.0, duration_s=345.0, mesh=STUDY_MESH)
     write_log(simulate_ehl("B3", 3, true, options)[0], tmp_path / "x.csv")
-    test = prepare(
+    test = prepare_test(
         read_log(tmp_path / "x.csv", "ehl", campaign.rig), campaign.rig, campaign.records
     )
     (suspect,) = check_sensors(test).suspects

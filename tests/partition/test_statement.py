@@ -23,7 +23,7 @@ from tcdyn.partition.window import DiskWindow, lagged_window, stretch_of
 from tcdyn.rig.rigfile import Rig, load_rig, parse_rig
 from tcdyn.rig.surface_flux import SurfaceFlux, fit_surface_flux
 from tcdyn.simulate.truth import draw_truth
-from tcdyn.workflows.beta import prepare
+from tcdyn.workflows.beta import prepare_test
 from tests.partition.study_rigs import StudyRig, study_rig
 
 SEED = 7000
@@ -43,7 +43,7 @@ def seen_by(made: StudyRig, rig: Rig) -> Partition:
 def seen_test(made: StudyRig, rig: Rig) -> EhlTest:
     """The log of ``made`` prepared by somebody who states ``rig``."""
     records = {d: r.model_copy(update={"setup": rig.tables(d)}) for d, r in made.records.items()}
-    return prepare(made.log, rig, records)
+    return prepare_test(made.log, rig, records)
 
 
 @lru_cache

@@ -30,7 +30,7 @@ from tcdyn.report.campaign_joint import beta_table, exponent_text, joined_sectio
 from tcdyn.report.campaign_joint import trend_lines as joined_trend_lines
 from tcdyn.report.page import table_html
 from tcdyn.workflows.campaign import CampaignRun
-from tcdyn.workflows.campaign_results import said_once
+from tcdyn.workflows.campaign_results import merge_findings
 from tcdyn.workflows.campaign_table import table_columns
 from tests.campaign.toy import answer_of, toy
 
@@ -235,7 +235,7 @@ def test_bars_within_the_campaign_lie_inside_the_absolute_ones(whole: JoinedCamp
 def test_a_note_that_repeats_is_said_once() -> None:
     found = [(f"EHL_A{k}", info("said", subject="fast_a", text=f"{k} spikes")) for k in (1, 2, 3)]
     alone = ("EHL_A2", warning("said", subject="slow_b", text="odd"))
-    said = [f.sentence for f in said_once([*found, alone])]
+    said = [f.sentence for f in merge_findings([*found, alone])]
     assert said == ["1 spikes (in A1; so or nearly so in A2, A3)", "EHL_A2: odd"]
 
 

@@ -38,7 +38,9 @@ def test_of_a_long_log_the_rows_about_the_unloading_are_kept_as_they_are(
     log, count = stages.read_stage(pieces, None)
     assert count == 1
     time = log.frame["time_s"]
-    assert [time.iloc[0], time.iloc[-1]] == pytest.approx([330 - stages.LEAST_S[1], 350], abs=0.5)
+    assert [time.iloc[0], time.iloc[-1]] == pytest.approx(
+        [330 - stages.MIN_WINDOW_S[1], 350], abs=0.5
+    )
     full = read_log(campaign.files.ehl["B3"], "ehl", campaign.rig).frame
     same = full[full["time_s"] >= time.iloc[0]].reset_index(drop=True)
     pd.testing.assert_frame_equal(log.frame, same)
@@ -107,10 +109,10 @@ def test_of_every_tenth_that_is_written_one_line_is_told_and_a_stretch_that_need
         return pd.DataFrame({"time_s": np.zeros(part.rows)}), [], 12 if part.rows == 6 else 10
 
     monkeypatch.setattr(stretches, "parts", in_four)
-    monkeypatch.setattr(stretches.Stretches, "_answered", answered)
+    monkeypatch.setattr(stretches.LogSegments, "_answered", answered)
     log, none = cast(Any, SimpleNamespace(rows=40)), pd.Index(["time_s"])
     way, rig = stretches.Way(), cast(Any, None)
-    rest = stretches.Stretches(log, rig, {}, way, {}, {}, False, False, none, none, {})
+    rest = stretches.LogSegments(log, rig, {}, way, {}, {}, False, False, none, none, {})
     told: list[str] = []
     assert rest.write(tmp_path / "out.csv", told.append) == []
     assert told == [f"writing, {percent} % of the rows" for percent in (10, 30, 100)]
