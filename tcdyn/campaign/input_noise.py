@@ -1,9 +1,8 @@
-"""Noise that reaches the fit through what drives the model: inner row, friction and ambient of one
-test.
+"""Covariance of a test's data due to noise of the model's inputs: inner row, friction, ambient.
 
-The fits weigh readings of the outer row by their own noise. What inner row, friction and ambient
-scatter moves the prediction of all of them, slowly and together; it hardly counts against depths
-and steel, but between the tests of a campaign nothing else is left.
+The fits weigh the readings of the outer row by their own noise. Noise of inner row, friction and
+ambient shifts the prediction of all of them, slowly and together. It is small against the
+uncertainty of depths and conductivity, but between the tests of one campaign it dominates.
 """
 
 from __future__ import annotations
@@ -22,30 +21,52 @@ from tcdyn.partition.window import between, steady_start_s
 from tcdyn.rig.contact import SETTLE_S, line_length
 from tcdyn.smoothing.traces import NOISE_ORDER
 
-MAX_FREQUENCY_Hz = 12.0  # the rim lets nothing faster through
+# Inputs above this frequency do not reach the junctions: the rim is a low-pass filter.
+MAX_FREQUENCY_Hz = 12.0
+# Zeros behind the window, so that the circular convolution does not wrap around. By judgement.
 PADDING_S = 20.0
-N_CHUNKS = 25  # parts of a residual whose sums tell of slow waves
+# The residual is summed in so many chunks to measure its slow components. By judgement.
+N_CHUNKS = 25
+# Longest time after unloading from which the zero of the friction is taken.
+MAX_ZERO_S = 60.0
+# Standard deviation of a median over that of a mean, for normal noise: sqrt(pi / 2).
+MEDIAN_FACTOR = 1.25
 
 
-def input_noise(test: EhlTest, block: Side) -> Array:
-    """Standard deviation of a sample's white noise of power as logged [W], inner row [K] and
-    ambient [K], (k + 2,).
-    """
+def input_noise(test: EhlTest, side: Side) -> Array:
+    """Return the white-noise sd of power [W], inner row [K] and ambient [K], shape (k + 2,)."""
     loaded = between(test.time_s, steady_start_s(test), test.events.unload_s - 0.5)
-    ambient = float(white_noise_sd(test.ambient_of(block.disk)[loaded], NOISE_ORDER))
+    ambient = float(white_noise_sd(test.ambient_of(side.disk)[loaded], NOISE_ORDER))
     power = test.friction_noise_N * test.sliding_speed_m_s
-    disk = test.disks[block.disk]
-    return np.array([power, *disk.noise_K[disk.setup.places(disk.setup.inner)], ambient])
+    disk = test.disks[side.disk]
+    inner = disk.noise_K[disk.setup.places(disk.setup.inner)]
+    return np.array([power, *inner, ambient])
 
 
 def smoothing_adjoint(test: EhlTest, combinations: Array, time_s: Array) -> Array:
-    """Adjoint of the running straight line that smoothed the friction: combinations (N, D) of what
-    came of it at ``time_s``, as combinations of what was logged.
+    """Apply the adjoint of the filter that smoothed the friction.
 
-    Well before the parting the line is a running mean; its last half is one straight line through
-    the last samples.
+    Parameters
+    ----------
+    test
+        The test.
+    combinations
+        Linear combinations of the smoothed friction at ``time_s``, shape (N, D).
+    time_s
+        Times of the rows, shape (N,).
+
+    Returns
+    -------
+    Array
+        The same combinations as combinations of the logged friction, shape (N, D).
+
+    Notes
+    -----
+    The filter is a running straight line. Well before unloading it is a running mean; its last
+    half is one straight line through the last samples.
     """
-    last = int(np.searchsorted(time_s, test.events.unload_s - test.events.parting_s - SETTLE_S))
+    settled_s = test.events.unload_s - test.events.parting_s - SETTLE_S
+    last = int(np.searchsorted(time_s, settled_s))
     n = min(line_length(test.friction_noise_N, test.friction_N, test.dt_s, last), last)
     half = n // 2
     if half < 2:
@@ -54,9 +75,8 @@ def smoothing_adjoint(test: EhlTest, combinations: Array, time_s: Array) -> Arra
     inner[: last - half] = combinations[: last - half]
     out = ndimage.uniform_filter1d(inner, 2 * half + 1, axis=0, mode="constant")
     x = np.arange(2 * half + 1) - float(half)
-    position = np.arange(half + 1, 2 * half + 1 + len(combinations) - last) - float(
-        half
-    )  # and on to the very end
+    # The last line is extended to the end of the rows.
+    position = np.arange(half + 1, 2 * half + 1 + len(combinations) - last) - float(half)
     ends = combinations[last - half :].copy()
     fit = np.column_stack([np.ones_like(x) / len(x), x / (x @ x)])
     clipped = np.minimum(position, half)[: len(ends)]
@@ -66,97 +86,124 @@ def smoothing_adjoint(test: EhlTest, combinations: Array, time_s: Array) -> Arra
 
 
 def friction_zero_u_N(test: EhlTest) -> float:
-    """Standard uncertainty [N] of the friction's zero, by its noise: medians before loading and
-    after unloading.
+    """Return the standard uncertainty [N] of the friction's zero due to noise.
+
+    The zero is the median before loading and after unloading.
     """
     before = max(test.events.load_on_s - test.time_s[0] - SETTLE_S, test.dt_s)
-    after = max(min(test.time_s[-1] - test.events.unload_s - SETTLE_S, 60.0), test.dt_s)
-    return 1.25 * test.friction_noise_N / float(np.sqrt(max(before, after) / test.dt_s))
+    after = max(min(test.time_s[-1] - test.events.unload_s - SETTLE_S, MAX_ZERO_S), test.dt_s)
+    n_samples = max(before, after) / test.dt_s
+    return MEDIAN_FACTOR * test.friction_noise_N / float(np.sqrt(n_samples))
 
 
-def input_noise_covariance(test: EhlTest, block: Side, theta: Array, combinations: Array) -> Array:
-    """Covariance (D, D) of D combinations ``combinations`` (m, D) of a side's whitened data by the
-    noise of its inputs.
+def input_noise_covariance(test: EhlTest, side: Side, theta: Array, combinations: Array) -> Array:
+    """Return the covariance of combinations of one disk's data due to noise of its inputs.
 
-    A combination is w @ prediction, the prediction H u for inputs u of white noise sigma: the
-    variance is sigma^2 |H' w|^2, by frequencies. ``theta`` (4,): where the side's fit stands.
+    Parameters
+    ----------
+    test, side
+        The test, and the disk's block of the joint fit.
+    theta
+        Optimum of the block, shape (4,).
+    combinations
+        D combinations of the m whitened data, shape (m, D).
+
+    Returns
+    -------
+    Array
+        Covariance, shape (D, D).
+
+    Notes
+    -----
+    A combination is w @ prediction. The prediction is H u for inputs u with white noise of
+    standard deviation sigma, so the variance is sigma^2 |H' w|^2. It is summed over frequencies.
     """
-    window = block.window
+    window = side.window
     dt = test.dt_s
     share = float(theta[SHARE])
     h = float(np.exp(theta[LOG_H]))
     gains = window.rim.gains(h)
-    sd = input_noise(test, block)
+    sd = input_noise(test, side)
     sd[0] *= share
+    n_rows = len(window.time_s)
+    n_combinations = combinations.shape[1]
     weighted = combinations.reshape(*window.y.shape, -1) * window.weight[:, :, None]
-    length = fft.next_fast_len(len(window.time_s) + int(PADDING_S / dt), real=True)
+    n_channels = weighted.shape[1]
+    length = fft.next_fast_len(n_rows + int(PADDING_S / dt), real=True)
     f = fft.rfftfreq(length, dt)
     below_cutoff = f < MAX_FREQUENCY_Hz
     rates = gains.rates / (gains.rates + 2j * np.pi * f[below_cutoff, None])
     weights = np.where(f[below_cutoff] == 0, 1.0, 2.0) / length
-    spectra = np.zeros((weighted.shape[1], len(rates), weighted.shape[2]), dtype=complex)
+    spectra = np.zeros((n_channels, len(rates), weighted.shape[2]), dtype=complex)
     for p, used in enumerate(np.atleast_2d(weighted.any(axis=0))):
-        spectra[p][:, used] = fft.rfft(window.blocks.T @ weighted[:, p, used], n=length, axis=0)[
-            below_cutoff
-        ]
-    out = np.zeros((combinations.shape[1],) * 2)
+        blocks = window.blocks.T @ weighted[:, p, used]
+        spectra[p][:, used] = fft.rfft(blocks, n=length, axis=0)[below_cutoff]
+    out = np.zeros((n_combinations, n_combinations))
     for i, sigma in enumerate(sd):
-        through = sum(
-            np.conj(gains.direct[i, p] + rates @ gains.gains[i, p])[:, None] * spectra[p]
-            for p in range(weighted.shape[1])
-        )
+        through = np.zeros_like(spectra[0])
+        for p in range(n_channels):
+            response = gains.direct[i, p] + rates @ gains.gains[i, p]
+            through = through + np.conj(response)[:, None] * spectra[p]
         if i == 0:
-            spectrum = np.zeros((len(f), combinations.shape[1]), dtype=complex)
+            # Power: the friction was smoothed, so the noise is that of the logged friction.
+            spectrum = np.zeros((len(f), n_combinations), dtype=complex)
             spectrum[below_cutoff] = through
-            power_combinations = sigma * smoothing_adjoint(
-                test, fft.irfft(spectrum, n=length, axis=0)[: len(window.time_s)], window.time_s
-            )
-            out += power_combinations.T @ power_combinations
+            of_power = fft.irfft(spectrum, n=length, axis=0)[:n_rows]
+            logged = sigma * smoothing_adjoint(test, of_power, window.time_s)
+            out += logged.T @ logged
             continue
-        rows = np.sqrt(weights)[:, None] * np.asarray(through)
+        rows = np.sqrt(weights)[:, None] * through
         out += sigma**2 * (rows.real.T @ rows.real + rows.imag.T @ rows.imag)
     return out
 
 
 def noise_covariance(
-    test: EhlTest, blocks: Sequence[Side], theta: Array, combinations: Array, residual: Array
+    test: EhlTest, sides: Sequence[Side], theta: Array, combinations: Array, residual: Array
 ) -> Array:
-    """Covariance (D, D) of combinations ``combinations`` (m, D), orthonormal, of both sides' data:
-    own noise and inputs', all widened by the slow waves of the ``residual`` (m,) beyond it.
+    """Return the covariance (D, D) of combinations of both disks' data: own noise and inputs'.
 
-    Power and ambient are taken as each side's own.
+    Parameters
+    ----------
+    test, sides
+        The test, and the block of each disk.
+    theta
+        Optimum of all blocks, 4 parameters each.
+    combinations
+        D orthonormal combinations of the data, shape (m, D).
+    residual
+        Residuals of the data, shape (m,).
+
+    Notes
+    -----
+    The covariance is multiplied by the larger of both disks' :func:`residual_inflation`. Noise of
+    power and ambient is taken as independent between the disks.
     """
-    ends = np.cumsum([len(s.y) for s in blocks])[:-1]
-    parts = [
-        *zip(blocks, theta.reshape(-1, 4), np.split(combinations, ends), np.split(residual, ends))
-    ]
-    inflations = [
-        residual_inflation(test, side, own_theta, own_residual)
-        for side, own_theta, _, own_residual in parts
-    ]
+    ends = np.cumsum([len(s.y) for s in sides])[:-1]
+    thetas = theta.reshape(-1, 4)
+    residuals = np.split(residual, ends)
+    by_disk = np.split(combinations, ends)
+    inflation = max(residual_inflation(test, *block) for block in zip(sides, thetas, residuals))
     input_covariances = [
-        input_noise_covariance(test, side, own_theta, own_toward)
-        for side, own_theta, own_toward, _ in parts
+        input_noise_covariance(test, *block) for block in zip(sides, thetas, by_disk)
     ]
-    return max(inflations) * (np.eye(combinations.shape[1]) + sum(input_covariances))
+    return inflation * (np.eye(combinations.shape[1]) + sum(input_covariances))
 
 
-def residual_inflation(test: EhlTest, block: Side, theta: Array, residual: Array) -> float:
-    """Slow waves in a side's residual (m,) over what its own noise and its inputs' make of it;
-    never below one.
+def residual_inflation(test: EhlTest, side: Side, theta: Array, residual: Array) -> float:
+    """Return the variance of slow components of a disk's residual (m,) over the expected one.
+
+    The expected variance is that of the readings' noise and the input noise. At least one.
     """
-    rows = residual.reshape(block.window.y.shape)
+    rows = residual.reshape(side.window.y.shape)
     m = max(len(rows) // N_CHUNKS, 1)
     used = np.flatnonzero(rows.any(axis=0))
     starts = np.arange(0, len(rows) - m + 1, m)[:-1]
     if not len(used):
         return 1.0
-    combinations = np.zeros((*rows.shape, len(starts) * len(used)))
-    for k, (start, column) in enumerate((s, c) for s in starts for c in used):
-        combinations[start : start + m, column, k] = 1 / np.sqrt(m)
-    expected = 1 + float(
-        np.mean(
-            np.diag(input_noise_covariance(test, block, theta, combinations.reshape(rows.size, -1)))
-        )
-    )
+    sums = np.zeros((*rows.shape, len(starts) * len(used)))
+    chunks = [(start, column) for start in starts for column in used]
+    for k, (start, column) in enumerate(chunks):
+        sums[start : start + m, column, k] = 1 / np.sqrt(m)
+    of_inputs = input_noise_covariance(test, side, theta, sums.reshape(rows.size, -1))
+    expected = 1 + float(np.mean(np.diag(of_inputs)))
     return max(1.0, wave_factor(rows, N_CHUNKS) / expected)

@@ -1,10 +1,7 @@
-"""Which test does not belong: each held against what all others say of the rig, and what in it
-would explain that.
-"""
+"""Outlying tests of a campaign: leave-one-out comparison of each test with all others."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,25 +14,35 @@ from tcdyn.core.estimate import Estimate
 from tcdyn.core.result import jsonable
 from tcdyn.rig.disk import DISKS
 
-FALSE_ALARM_PROBABILITY = 0.02  # chance that a sound campaign names a test at all
+# Probability that a campaign without errors reports an outlying test at all. Chosen by judgement.
+FALSE_ALARM_PROBABILITY = 0.02
+# Fewer tests do not show which of them is the outlier.
 MIN_TESTS = 4
-CAUSES = (
-    "friction",
-    "half-width",
-    "ambient",
-    "parting",
-    *(f"lag {d}" for d in DISKS),
-)  # and every static line
+# Possible causes of a departure, in addition to the static line of every channel.
+CAUSES = ("friction", "half-width", "ambient", "parting", *(f"lag {d}" for d in DISKS))
+# The cause explains the departure if the remaining chi-squared has at least this p-value.
+# Chosen by judgement.
+EXPLAINED_P = 1e-3
 
 
 @dataclass(frozen=True)
 class OutlyingTest:
-    """A test that does not belong to its campaign.
+    """A test that does not agree with the other tests of its campaign.
 
-    ``cause``: one of ``CAUSES`` or a static line, what in this test alone would explain most of it,
-    ``size`` of that (a share of friction or half-width, K, s), ``z`` in its standard uncertainties;
-    ``chi2`` on ``freedom`` degrees of the whole test against all others, ``left`` of it when the
-    cause is taken away.
+    Attributes
+    ----------
+    name
+        Name of the test.
+    cause
+        One of ``CAUSES`` or a static line: the change in this test that explains most.
+    size
+        Size of that change (relative for friction and half-width, else K or s).
+    z
+        The change in its standard uncertainties.
+    chi2, freedom
+        Chi-squared of the test against all others, and its degrees of freedom.
+    left
+        Chi-squared that remains when the cause is removed.
     """
 
     name: str
@@ -49,82 +56,92 @@ class OutlyingTest:
     @property
     def explained(self) -> bool:
         """Whether the cause alone explains the departure."""
-        return float(chdtrc(max(self.freedom - 1, 1), max(self.left, 0.0))) > 1e-3
+        dof = max(self.freedom - 1, 1)
+        return float(chdtrc(dof, max(self.left, 0.0))) > EXPLAINED_P
 
     def to_dict(self) -> dict[str, Any]:
-        """As ``campaign.json`` keeps it."""
+        """Return the entry of ``campaign.json``."""
         data = dict(jsonable(self))
         return {"test": data.pop("name"), **data, "explained": self.explained}
 
 
 def outlying_tests(posterior: Posterior) -> tuple[OutlyingTest, ...]:
-    """Tests that do not belong, worst first: each is taken out before the next is looked for.
+    """Return the outlying tests, the worst first.
 
-    At most a quarter of the tests. Fewer than four tests do not tell which one is odd.
+    Each outlier is removed before the next is searched. At most a quarter of the tests can be
+    outliers, and none with fewer than ``MIN_TESTS`` tests.
     """
     outliers: list[OutlyingTest] = []
     remaining = list(posterior.tests)
     reduced_tests = list(posterior.reduced)
-    while len(remaining) >= MIN_TESTS and len(outliers) < len(posterior.tests) // 4:
-        worst = _worst(solve(remaining, reduced_tests), outliers)
+    most = len(posterior.tests) // 4
+    while len(remaining) >= MIN_TESTS and len(outliers) < most:
+        worst = _worst(solve(remaining, reduced_tests))
         if worst is None:
             break
         outliers.append(worst)
-        at = next(i for i, t in enumerate(remaining) if t.name == worst.name)
-        del remaining[at], reduced_tests[at]
+        index = next(i for i, t in enumerate(remaining) if t.name == worst.name)
+        del remaining[index]
+        del reduced_tests[index]
     return tuple(outliers)
 
 
-def _worst(posterior: Posterior, outliers: Sequence[OutlyingTest]) -> OutlyingTest | None:
+def _worst(posterior: Posterior) -> OutlyingTest | None:
+    """Return the test with the largest departure if it is significant (Bonferroni)."""
     tests = [leave_one_out(posterior, i) for i in range(len(posterior.tests))]
     worst = max(tests, key=lambda s: abs(s.z))
     lines = {name for t in posterior.tests for name in t.names if name.startswith("static ")}
     trials = len(tests) * (len(CAUSES) + len(lines))
-    return worst if abs(worst.z) > float(-ndtri(0.5 * FALSE_ALARM_PROBABILITY / trials)) else None
+    limit = float(-ndtri(0.5 * FALSE_ALARM_PROBABILITY / trials))
+    return worst if abs(worst.z) > limit else None
 
 
 def leave_one_out(posterior: Posterior, i: int) -> OutlyingTest:
-    """Test ``i`` against what all others say, by the cause that explains most of what is between
-    them.
+    """Compare test ``i`` with the prediction of all others, by the cause that explains most.
 
-    Its rows for the shared quantities, less the others' answer, have the covariance 1 + G C G'; a
-    cause x in this test alone has the size x'V^-1 d / x'V^-1 x.
+    Notes
+    -----
+    The rows G of the test for the shared quantities, minus the prediction of the others, are the
+    residual d with covariance V = 1 + G C G'. A cause with the column x, present in this test
+    only, has the size x'V^-1 d / x'V^-1 x.
     """
     test = posterior.tests[i]
-    lines = sorted(
-        (n for n in test.names if n.startswith("static ")), key=lambda n: n.split()[::-1]
-    )
-    causes = [*(c for c in CAUSES if c in test.names or c.startswith("lag ")), *lines]
+    lines = [n for n in test.names if n.startswith("static ")]
+    lines.sort(key=lambda n: n.split()[::-1])
+    causes = [c for c in CAUSES if c in test.names or c.startswith("lag ")]
+    causes += lines
     departing = reduced(test, causes)
-    count = len(departing.shared) - len(causes)
+    n_shared = len(departing.shared) - len(causes)
     mean, covariance = posterior_without(posterior, posterior.reduced[i])
-    shared_indices = places(departing.shared[:count], posterior.shared)
-    rows = departing.rows[:, :count]
-    residual = departing.right - rows @ mean[shared_indices]
-    v = np.eye(len(residual)) + rows @ covariance[np.ix_(shared_indices, shared_indices)] @ rows.T
-    half = np.linalg.cholesky(v)
-    d = np.linalg.solve(half, residual)
-    x = np.linalg.solve(half, departing.rows[:, count:])
+    shared = places(departing.shared[:n_shared], posterior.shared)
+    rows = departing.rows[:, :n_shared]
+    residual = departing.right - rows @ mean[shared]
+    v = np.eye(len(residual)) + rows @ covariance[np.ix_(shared, shared)] @ rows.T
+    lower = np.linalg.cholesky(v)
+    d = np.linalg.solve(lower, residual)
+    x = np.linalg.solve(lower, departing.rows[:, n_shared:])
     information = np.maximum((x**2).sum(axis=0), 1e-12)
     z = (x.T @ d) / np.sqrt(information)
     best = int(np.argmax(np.abs(z)))
     unit = test.units.get(causes[best], 1.0)
-    size = Estimate.normal(
-        z[best] / np.sqrt(information[best]) * unit, unit / np.sqrt(information[best])
-    )
+    u = unit / np.sqrt(information[best])
     chi2 = float(d @ d)
-    freedom = int(min(len(d), count))
     return OutlyingTest(
-        test.name, causes[best], size, float(z[best]), chi2, chi2 - float(z[best]) ** 2, freedom
+        name=test.name,
+        cause=causes[best],
+        size=Estimate.normal(z[best] / np.sqrt(information[best]) * unit, u),
+        z=float(z[best]),
+        chi2=chi2,
+        left=chi2 - float(z[best]) ** 2,
+        freedom=int(min(len(d), n_shared)),
     )
 
 
 def posterior_without(posterior: Posterior, left_out: ReducedTest) -> tuple[Array, Array]:
-    """What all tests but ``left_out`` say of the shared quantities (S,), and its covariance (S,
-    S).
-    """
+    """Return mean (S,) and covariance (S, S) of the shared quantities without one test."""
     rows = np.zeros((len(left_out.rows), len(posterior.shared)))
     rows[:, places(left_out.shared, posterior.shared)] = left_out.rows
     information = np.linalg.inv(posterior.shared_covariance)
-    covariance = np.asarray(np.linalg.inv(information - rows.T @ rows))
-    return covariance @ (information @ posterior.found - rows.T @ left_out.right), covariance
+    covariance: Array = np.linalg.inv(information - rows.T @ rows)
+    rhs = information @ posterior.found - rows.T @ left_out.right
+    return covariance @ rhs, covariance

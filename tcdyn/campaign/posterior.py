@@ -1,11 +1,10 @@
-"""One posterior for all tests of a rig: shared quantities once, answers of every test, and all
-their correlations.
+"""Campaign posterior: shared quantities of the rig and the quantities of every test, jointly.
 
-A test's rows are R_a (a - a0) + R_q (q - q0) = z + noise, q = M s + D e with s the rig's and e its
-own, both standard normal. With e integrated out, rows have the covariance 1 + R_q D^2 R_q'; a
-triangular factor of what is left gives a as a line in s, and rows for s alone. The sum of G'G over
-the tests, and the prior of s, which counts once, is all that has to be inverted: its size does not
-grow with the number of tests.
+A test has the rows R_a (a - a0) + R_q (q - q0) = z + noise with its nuisance parameters
+q = M s + D e. s is common to the rig, e is specific to the test, both are standard normal.
+With e integrated out, the rows have the covariance 1 + R_q D^2 R_q'. A QR factorisation then gives
+a as a linear function of s, and rows for s alone. Only the sum of their G'G over the tests plus
+the prior of s, which counts once, is inverted. Its size does not grow with the number of tests.
 """
 
 from __future__ import annotations
@@ -31,11 +30,10 @@ BETA, LN_H_FAST, LN_H_SLOW, LAG_FAST, LAG_SLOW = range(N_QUANTITIES)
 
 @dataclass(frozen=True)
 class ReducedTest:
-    """A test with its own unmeasured quantities integrated out: its answers by a line in the shared
-    ones, and rows.
+    """A test after its specific nuisance parameters have been integrated out.
 
-    a = ``at`` (5,) - ``by`` (5, S) s + ``root`` (5, 5) @ standard normal; ``rows`` (M, S) @ s =
-    ``right`` (M,).
+    a = ``at`` (5,) - ``by`` (5, S) s + ``root`` (5, 5) @ standard normal, with the shared
+    quantities s; and ``rows`` (M, S) @ s = ``right`` (M,) with errors of unit variance.
     """
 
     name: str
@@ -48,23 +46,34 @@ class ReducedTest:
 
 
 def reduced(test: SufficientStatistics, departures: Sequence[str] = ()) -> ReducedTest:
-    """Integrate out of a test what is its own.
+    """Integrate out the quantities that are specific to one test.
 
-    ``departures``: what may be otherwise in this test than in all others, each with a column of its
-    own behind the shared ones: one of ``names``, by its standard uncertainty, or "lag fast" and
-    "lag slow", by seconds.
+    Parameters
+    ----------
+    test
+        Sufficient statistics of the test.
+    departures
+        Quantities that may differ in this test from all others. Each gets a column behind the
+        shared ones: a name of ``test.names`` (in standard uncertainties), "lag fast" or
+        "lag slow" (in s).
+
+    Raises
+    ------
+    InputError
+        If the rows do not separate beta from the heat transfer coefficients.
     """
     q = test.names[N_QUANTITIES:]
     loading = [test.loading.get(name, Loading({name: 1.0})) for name in q]
-    lag = [f"common lag {d}" for d in DISKS]
-    shared = tuple(dict.fromkeys([*(name for each in loading for name in each.shared), *lag]))
+    lag_names = [f"common lag {d}" for d in DISKS]
+    shared_names = [name for each in loading for name in each.shared]
+    shared = tuple(dict.fromkeys([*shared_names, *lag_names]))
     shared_loading = np.zeros((len(q), len(shared)))
-    specific = np.array([each.own for each in loading])
     for row, each in zip(shared_loading, loading):
         row[places([*each.shared], shared)] = [*each.shared.values()]
+    specific = np.array([each.own for each in loading])
     nuisance_rows = test.rows[:, N_QUANTITIES:]
     scaled = nuisance_rows * specific
-    lower = cholesky(np.eye(len(nuisance_rows)) + scaled @ scaled.T, lower=True)
+    lower = cholesky(np.eye(len(scaled)) + scaled @ scaled.T, lower=True)
     departure_columns = np.zeros((len(nuisance_rows), len(departures)))
     for k, name in enumerate(departures):
         if name in q:
@@ -78,19 +87,18 @@ def reduced(test: SufficientStatistics, departures: Sequence[str] = ()) -> Reduc
         ]
     )
     augmented = solve_triangular(lower, augmented, lower=True)
+    # The error of the record's lag is common to the rig; a single test departs from it by little.
     priors = np.zeros((len(DISKS), augmented.shape[1]))
-    for k, d in enumerate(
-        DISKS
-    ):  # the record's lag errs for the rig; the test's own departs from it by little
+    for k, d in enumerate(DISKS):
         u = test.lag_u_s[d]
         column = LAG_FAST + k
         specific_s = min(LAG_TEST_SD_S, u)
-        priors[k, column], priors[k, N_QUANTITIES + shared.index(lag[k])] = (
-            1 / specific_s,
-            -np.sqrt(max(u * u - specific_s**2, 0.0)) / specific_s,
-        )
+        common_s = np.sqrt(max(u * u - specific_s**2, 0.0))
+        priors[k, column] = 1 / specific_s
+        priors[k, N_QUANTITIES + shared.index(lag_names[k])] = -common_s / specific_s
         if f"lag {d}" in departures:
-            priors[k, N_QUANTITIES + len(shared) + departures.index(f"lag {d}")] = -1 / specific_s
+            departure = N_QUANTITIES + len(shared) + departures.index(f"lag {d}")
+            priors[k, departure] = -1 / specific_s
         priors[k, -1] = (test.lag_prior_s[d] - test.centre[column]) / specific_s
     factor: Array = np.asarray(np.linalg.qr(np.vstack([augmented, priors]), mode="r"))
     leading = factor[:N_QUANTITIES, :N_QUANTITIES]
@@ -98,30 +106,39 @@ def reduced(test: SufficientStatistics, departures: Sequence[str] = ()) -> Reduc
         raise InputError(
             "its rows do not tell beta from the heat transfer coefficients", where=test.name
         )
-    solution = solve_triangular(
-        leading, np.column_stack([factor[:N_QUANTITIES, N_QUANTITIES:], np.eye(N_QUANTITIES)])
-    )
-    column = N_QUANTITIES + len(shared) + len(departures)
-    names = (*shared, *departures)
+    upper = np.column_stack([factor[:N_QUANTITIES, N_QUANTITIES:], np.eye(N_QUANTITIES)])
+    solution = solve_triangular(leading, upper)
+    n_columns = len(shared) + len(departures)
+    end = N_QUANTITIES + n_columns
     return ReducedTest(
-        test.name,
-        names,
-        test.centre[:N_QUANTITIES] + solution[:, column - N_QUANTITIES],
-        solution[:, : column - N_QUANTITIES],
-        solution[:, -N_QUANTITIES:],
-        factor[N_QUANTITIES:, N_QUANTITIES:column],
-        factor[N_QUANTITIES:, column],
+        name=test.name,
+        shared=(*shared, *departures),
+        at=test.centre[:N_QUANTITIES] + solution[:, n_columns],
+        by=solution[:, :n_columns],
+        root=solution[:, -N_QUANTITIES:],
+        rows=factor[N_QUANTITIES:, N_QUANTITIES:end],
+        right=factor[N_QUANTITIES:, end],
     )
 
 
 @dataclass(frozen=True)
 class Posterior:
-    """What all tests together say.
+    """Joint posterior of all tests of one rig.
 
-    ``order``: names of the tests; ``answers`` (N, 5) of ``QUANTITIES``; ``covariance`` (5 N, 5 N)
-    of them, test by test; ``shared``: names of what the rig has in common; ``found`` (S,) of it and
-    ``shared_covariance`` (S, S), in stated standard uncertainties. ``widened``: factor of that
-    covariance within ``covariance``, see :func:`birge_ratio_squared`.
+    Attributes
+    ----------
+    tests, reduced
+        Sufficient statistics of the tests, and the same reduced to the shared quantities.
+    answers
+        ``QUANTITIES`` of the N tests, shape (N, 5).
+    covariance
+        Their covariance, test by test, shape (5 N, 5 N).
+    shared
+        Names of the S shared quantities.
+    found, shared_covariance
+        Mean (S,) and covariance (S, S) of the shared quantities, in prior standard uncertainties.
+    widened
+        Factor of ``shared_covariance`` within ``covariance``: :func:`birge_ratio_squared`.
     """
 
     tests: tuple[SufficientStatistics, ...] = field(repr=False)
@@ -139,8 +156,9 @@ class Posterior:
         return tuple(t.name for t in self.tests)
 
     def of(self, which: int) -> tuple[Array, Array]:
-        """One of ``QUANTITIES`` of every test (N,), and its covariance (N, N)."""
-        return self.answers[:, which], self.covariance[which::N_QUANTITIES, which::N_QUANTITIES]
+        """Return one of ``QUANTITIES`` of every test (N,) and its covariance (N, N)."""
+        covariance = self.covariance[which::N_QUANTITIES, which::N_QUANTITIES]
+        return self.answers[:, which], covariance
 
     @property
     def beta(self) -> tuple[Array, Array]:
@@ -165,47 +183,58 @@ class Posterior:
 
 
 def u_if_known(posterior: Posterior, gradient: Array) -> dict[str, float]:
-    """Standard uncertainty that ``gradient`` (5 N,) @ answers would have if one kind of what is
-    shared were known.
+    """Return the standard uncertainty of a combination if one kind of shared quantity were known.
 
-    Kinds by the first word of their names, of both disks and all channels, what matters most first:
-    with C the covariance of the shared, g the gradient and K a kind, var - (C g)_K' C_KK^-1 (C
-    g)_K.
+    Parameters
+    ----------
+    posterior
+        Posterior of the campaign.
+    gradient
+        The combination: ``gradient`` (5 N,) @ quantities of all tests.
+
+    Returns
+    -------
+    dict
+        Standard uncertainty by kind, smallest first. A kind is the first word of the names, of
+        both disks and all channels.
+
+    Notes
+    -----
+    With C the covariance of the shared quantities, g the gradient and K a kind:
+    var - (C g)_K' C_KK^-1 (C g)_K.
     """
     covariance = posterior.widened * posterior.shared_covariance
-    shared_gradient = covariance @ (
-        gradient @ shared_sensitivity(posterior.reduced, posterior.shared)
-    )
+    sensitivity = shared_sensitivity(posterior.reduced, posterior.shared)
+    shared_gradient = covariance @ (gradient @ sensitivity)
     kinds: dict[str, list[int]] = {}
     for k, name in enumerate(posterior.shared):
-        kinds.setdefault("lag" if "lag" in name else name.split()[0], []).append(k)
+        kind = "lag" if "lag" in name else name.split()[0]
+        kinds.setdefault(kind, []).append(k)
     variance = float(gradient @ posterior.covariance @ gradient)
-    u_by_kind = {
-        kind: float(
-            np.sqrt(
-                max(
-                    variance
-                    - float(
-                        shared_gradient[k]
-                        @ np.linalg.solve(covariance[np.ix_(k, k)], shared_gradient[k])
-                    ),
-                    0.0,
-                )
-            )
-        )
-        for kind, k in kinds.items()
-    }
+    u_by_kind = {}
+    for kind, indices in kinds.items():
+        part = shared_gradient[indices]
+        explained = float(part @ np.linalg.solve(covariance[np.ix_(indices, indices)], part))
+        u_by_kind[kind] = float(np.sqrt(max(variance - explained, 0.0)))
     return dict(sorted(u_by_kind.items(), key=lambda item: item[1]))
 
 
 def within(covariance: Array) -> Array:
-    """Standard uncertainty (N,) of each of N numbers within their campaign, from their covariance
-    (N, N).
+    """Return the standard uncertainty (N,) of each of N numbers within their campaign.
 
-    What all have in common does not count: by deviations from the mean, u_i^2 = N/(N-1) (H C H)_ii
-    with H = 1 - 1/N, so that the difference of two independent ones has u_i and u_j added in
-    squares. One number alone has no difference from anything: its own u.
+    Parameters
+    ----------
+    covariance
+        Covariance of the numbers, shape (N, N).
 
+    Notes
+    -----
+    Errors common to all numbers cancel: by deviations from the mean,
+    u_i^2 = N/(N-1) (H C H)_ii with H = 1 - 1/N. The difference of two independent numbers then
+    has u_i and u_j added in squares. A single number has its own u.
+
+    Examples
+    --------
     >>> within(np.array([[1.01, 1.0], [1.0, 1.01]])).round(3)
     array([0.1, 0.1])
     """
@@ -213,94 +242,102 @@ def within(covariance: Array) -> Array:
     if n < 2:
         return np.sqrt(np.diag(covariance))
     centre = np.eye(n) - 1.0 / n
-    return np.sqrt(np.clip(np.diag(centre @ covariance @ centre), 0.0, None) * n / (n - 1))
+    variance = np.clip(np.diag(centre @ covariance @ centre), 0.0, None)
+    return np.sqrt(variance * n / (n - 1))
 
 
 def solve(
     tests: Sequence[SufficientStatistics], reduced_tests: Sequence[ReducedTest] | None = None
 ) -> Posterior:
-    """The posterior of ``tests``, which must be of one rig; ``reduced_tests``: what an earlier call
-    has reduced already.
+    """Return the joint posterior of tests of one rig.
 
-    Raises InputError for no test, or naming the first test of another rig.
+    Parameters
+    ----------
+    tests
+        Sufficient statistics of the tests.
+    reduced_tests
+        The same tests as an earlier call has reduced them, to save time.
+
+    Raises
+    ------
+    InputError
+        For no test, or for a test of another rig than the first; it is named.
     """
     if not tests:
         raise InputError("no tests", expected="at least one kept answer")
     check_same_rig(tests)
-    known_reductions = {
-        id(t): test_reduction for t, test_reduction in zip(tests, reduced_tests or ())
-    }
+    known_reductions = {id(t): r for t, r in zip(tests, reduced_tests or ())}
     reductions = [known_reductions.get(id(t)) or reduced(t) for t in tests]
-    shared = tuple(
-        dict.fromkeys(name for test_reduction in reductions for name in test_reduction.shared)
-    )
+    shared = tuple(dict.fromkeys(name for r in reductions for name in r.shared))
     information = np.eye(len(shared))
     rhs = np.zeros(len(shared))
-    for test_reduction in reductions:
-        k = places(test_reduction.shared, shared)
-        information[np.ix_(k, k)] += test_reduction.rows.T @ test_reduction.rows
-        rhs[k] += test_reduction.rows.T @ test_reduction.right
-    covariance = np.asarray(np.linalg.inv(information))
-    shared_mean = covariance @ rhs
+    for r in reductions:
+        k = places(r.shared, shared)
+        information[np.ix_(k, k)] += r.rows.T @ r.rows
+        rhs[k] += r.rows.T @ r.right
+    shared_covariance: Array = np.linalg.inv(information)
+    shared_mean = shared_covariance @ rhs
     sensitivity = shared_sensitivity(reductions, shared)
-    inflation = birge_ratio_squared(shared_mean, covariance)
-    full_covariance = inflation * sensitivity @ covariance @ sensitivity.T
-    for i, test_reduction in enumerate(reductions):
-        full_covariance[
-            N_QUANTITIES * i : N_QUANTITIES * (i + 1), N_QUANTITIES * i : N_QUANTITIES * (i + 1)
-        ] += test_reduction.root @ test_reduction.root.T
-    answers = np.stack([test_reduction.at for test_reduction in reductions]) - (
-        sensitivity @ shared_mean
-    ).reshape(-1, N_QUANTITIES)
+    inflation = birge_ratio_squared(shared_mean, shared_covariance)
+    covariance = inflation * sensitivity @ shared_covariance @ sensitivity.T
+    for i, r in enumerate(reductions):
+        block = slice(N_QUANTITIES * i, N_QUANTITIES * (i + 1))
+        covariance[block, block] += r.root @ r.root.T
+    shift = (sensitivity @ shared_mean).reshape(-1, N_QUANTITIES)
     return Posterior(
-        tuple(tests),
-        tuple(reductions),
-        answers,
-        full_covariance,
-        shared,
-        shared_mean,
-        covariance,
-        inflation,
+        tests=tuple(tests),
+        reduced=tuple(reductions),
+        answers=np.stack([r.at for r in reductions]) - shift,
+        covariance=covariance,
+        shared=shared,
+        found=shared_mean,
+        shared_covariance=shared_covariance,
+        widened=inflation,
     )
 
 
 def shared_sensitivity(reductions: Sequence[ReducedTest], shared: Sequence[str]) -> Array:
-    """By how much the answers (5 N, S) fall with each of the ``shared`` quantities."""
+    """Return minus the derivative (5 N, S) of the quantities by the ``shared`` quantities."""
     sensitivity = np.zeros((N_QUANTITIES * len(reductions), len(shared)))
-    for i, reduction in enumerate(reductions):
-        sensitivity[N_QUANTITIES * i : N_QUANTITIES * (i + 1), places(reduction.shared, shared)] = (
-            reduction.by
-        )
+    for i, r in enumerate(reductions):
+        block = slice(N_QUANTITIES * i, N_QUANTITIES * (i + 1))
+        sensitivity[block, places(r.shared, shared)] = r.by
     return sensitivity
 
 
 def places(names: Sequence[str], shared: Sequence[str]) -> NDArray[np.int64]:
-    """Where each of ``names`` (N,) stands among the ``shared`` ones."""
-    place = {name: k for k, name in enumerate(shared)}
-    return np.array([place[name] for name in names], dtype=np.int64)
+    """Return the index of each of ``names`` in ``shared``, shape (N,)."""
+    index = {name: k for k, name in enumerate(shared)}
+    return np.array([index[name] for name in names], dtype=np.int64)
 
 
 def birge_ratio_squared(shared_mean: Array, covariance: Array) -> float:
-    """Square of Birge's ratio (1932) of the shared quantities: how far they were moved over how far
-    they should be.
+    """Return the square of Birge's ratio of the shared quantities, at least one.
 
-    Sum of found^2 over what the data told of them, S - trace(covariance), is one on average if the
-    statements of rig.toml and the model hold; a campaign is sure enough to feel where they do not.
-    Never below one.
+    Parameters
+    ----------
+    shared_mean, covariance
+        Posterior mean (S,) and covariance (S, S), in prior standard uncertainties.
+
+    Notes
+    -----
+    The sum of squares of the mean over S - trace(covariance), the degrees of freedom that the
+    data determine, is one on average if the statements of rig.toml and the model hold
+    (Birge 1932). A campaign determines enough of them to show where they do not hold.
     """
     dof = len(shared_mean) - float(np.trace(covariance))
     return max(1.0, float(shared_mean @ shared_mean) / max(dof, 1.0))
 
 
 def check_same_rig(tests: Sequence[SufficientStatistics]) -> None:
-    """Raises InputError where a test is of another rig, or other records, than the first; it is
-    named.
-    """
+    """Raise InputError, with its name, for a test of another rig or other records than the first."""
     first = tests[0]
     for other in tests[1:]:
         if other.rig != first.rig:
             raise InputError(
-                f"{other.name} was analysed with another rig.toml or other records than {first.name}",
+                f"{other.name} was analysed with another rig.toml or other records than "
+                f"{first.name}",
                 expected="tests of one rig",
-                remedy="give the tests of each rig a campaign of their own, or analyse the log again",
+                remedy="give the tests of each rig a campaign of their own, or analyse the log "
+                "again",
             )

@@ -1,6 +1,4 @@
-"""What an analysed test hands over to its campaign: rows of numbers, sealed with the answer that
-they came with.
-"""
+"""Sufficient statistics of one test for the campaign posterior, and the checksum that seals them."""
 
 from __future__ import annotations
 
@@ -25,11 +23,10 @@ QUANTITIES = ("beta", "ln h fast", "ln h slow", "lag fast", "lag slow")
 
 @dataclass(frozen=True)
 class Loading:
-    """An unmeasured quantity of one test, in standard uncertainties, by what all tests of the rig
-    share.
+    """Factor loading of one nuisance parameter of a test, in standard uncertainties.
 
-    It is ``shared`` @ (shared quantities, each standard normal) + ``own`` x a standard normal of
-    this test alone.
+    The parameter is ``shared`` @ (quantities common to all tests of the rig, each standard
+    normal) + ``own`` x a standard normal of this test.
     """
 
     shared: Mapping[str, float]
@@ -38,14 +35,29 @@ class Loading:
 
 @dataclass(frozen=True)
 class SufficientStatistics:
-    """One test's data about its optimum, without any prior: rows @ (x - centre) = right, errors of
-    unit variance.
+    """Likelihood of one test, linear about its optimum, without any prior.
 
-    x (P,) of ``names``: first ``QUANTITIES`` (lags in s), then what nobody measured, in standard
-    uncertainties; what ``loading`` does not mention is wholly shared by the rig under its own name.
-    ``lag_prior_s``, ``lag_u_s``: of each disk's mean lag by its record; ``rig``: fingerprint of rig
-    and records; ``units``: what a standard uncertainty is in SI or of itself, where that is one
-    number; ``conditions``: numbers that trends are sought over.
+    Attributes
+    ----------
+    name, rig
+        Name of the test; fingerprint of rig.toml and records.
+    names
+        The P parameters: first ``QUANTITIES`` (lags in s), then the nuisance parameters in
+        standard uncertainties. A nuisance parameter without an entry in ``loading`` is common to
+        all tests of the rig, under its own name.
+    centre
+        Parameters at the optimum, shape (P,).
+    rows, right
+        rows @ (x - centre) = right, with errors of unit variance. Shapes (M, P) and (M,).
+    loading
+        Factor loading of nuisance parameters that are not fully common.
+    lag_prior_s, lag_u_s
+        Mean lag of each disk by its record, and its standard uncertainty.
+    units
+        One standard uncertainty of a nuisance parameter (SI unit or relative), where that is a
+        single number.
+    conditions
+        Test conditions; trends of beta are fitted over them.
     """
 
     name: str
@@ -61,7 +73,7 @@ class SufficientStatistics:
     conditions: Mapping[str, float] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
-        """As ``beta.json`` keeps it under "kept"; eight digits."""
+        """Return the block "kept" of ``beta.json``, numbers with eight digits."""
         return {
             "schema": SCHEMA,
             "rig_sha256": self.rig,
@@ -149,13 +161,19 @@ def _eight_digits_each(numbers: Iterable[float]) -> list[float]:
 
 
 def checked(data: Any, where: str) -> dict[str, Any]:
-    """The same content, if it is what was written; raises InputError, naming the file, if a digit
-    of it is another.
+    """Return the content of a ``beta.json`` after its checksum has been verified.
 
+    Raises
+    ------
+    InputError
+        If the file holds no checksum or was changed. The message names the file ``where``.
+
+    Examples
+    --------
     >>> from tcdyn.io.checksum import sealed
     >>> checked({**sealed({"beta": 0.7}), "beta": 0.8}, "D4.beta.json")
-    Traceback (most recent call last): tcdyn.core.errors.InputError: D4.beta.json: its content is
-    not what was written: the checksum does not fit...
+    Traceback (most recent call last):
+    tcdyn.core.errors.InputError: D4.beta.json: its content is not what was written: the checksum...
     """
     if not isinstance(data, dict) or SEAL not in data:
         raise InputError(
@@ -176,8 +194,10 @@ def checked(data: Any, where: str) -> dict[str, Any]:
 def rig_fingerprint(
     rig: Rig, records: Mapping[str, DiskRecord], disks: Sequence[str] = DISKS
 ) -> str:
-    """Checksum of all that tests of one rig have in common: rig.toml but for what is a log's, lines
-    and chains.
+    """Return a checksum of everything that all tests of one rig have in common.
+
+    It covers rig.toml without the keys that belong to a log, the static lines and the chains.
+    Raises InputError for a missing record.
     """
     tables = {d: rig.tables(d).model_dump(mode="json", exclude=OF_A_LOG) for d in ("", *DISKS)}
     if missing := [d for d in disks if d not in records]:
