@@ -1,10 +1,10 @@
-"""The fit of both disks of one test, linear about its optimum, in few rows: its data alone, priors
-left out.
+"""Sufficient statistics of one test: its likelihood, linear about the optimum, compressed by SVD.
 
-Parameters become the answers (beta, ln h, lags) and what nobody measured; each of the latter says
-how much of it is the rig's, the same in every test, and how much the test's own. A static line errs
-by its level and its gain; what a mesh leaves unexplained and a pattern round the bore grow with the
-heat; the parting is each test's own.
+Priors are left out. The parameters are the quantities (beta, ln h, lags) and the nuisance
+parameters. Each nuisance parameter has a factor loading: how much of it is common to all tests
+of the rig, and how much is specific to the test. A static line has an error of level and of gain.
+The model error of the mesh and the angular harmonic grow with the heat. The unloading instant is
+specific to each test.
 """
 
 from __future__ import annotations
@@ -26,49 +26,67 @@ from tcdyn.partition.nuisance import MODEL_K
 from tcdyn.partition.window import between, steady_start_s
 from tcdyn.rig.disk import DISKS
 
-# of the answers, where rows are weighed against each other
+# Scale of the quantities in the SVD: of beta, ln h and the lags [s]. Chosen by judgement.
 BETA_UNIT = 0.01
 LOG_H_UNIT = 0.02
 LAG_UNIT_S = 0.02
-MIN_SINGULAR_VALUE = (
-    0.03  # rows that tell less than this of a standard uncertainty of anything are left out
-)
-REFERENCE_POWER_W = 300.0  # frictional power at which what grows with heat is as large as stated
-LAG_TEST_SD_S = 0.01  # of a disk's lag from test to test
-FRICTION_TEST_SD_REL = 0.0005  # of the friction's scale from test to test, beside its zero
-MODEL_TEST_SHARE = 0.1  # of what rim and mesh leave unexplained, that does not grow with heat
-HARMONIC_TEST_SHARE = 0.3  # of a pattern round the bore, that does not grow with heat
-SURFACE_H_TEST_SHARE = (
-    0.3  # of the film's shape along the track, which is the jets' and hangs on the speed a little
-)
+# Directions with less information than this (in standard uncertainties) are dropped.
+MIN_SINGULAR_VALUE = 0.03
+# Frictional power [W] at which errors that grow with heat have their stated size.
+REFERENCE_POWER_W = 300.0
+# Parts that are specific to a test, chosen by judgement:
+LAG_TEST_SD_S = 0.01  # lag of a disk [s]
+FRICTION_TEST_SD_REL = 0.0005  # scale of the friction, in addition to its zero (relative)
+MODEL_TEST_SHARE = 0.1  # share of the model error of rim and mesh that does not grow with heat
+HARMONIC_TEST_SHARE = 0.3  # share of the angular harmonic that does not grow with heat
+# Share of the shape of the surface heat transfer along the track. The jets set the shape; it
+# depends on the speed a little.
+SURFACE_H_TEST_SHARE = 0.3
+# Nuisance parameters that [constants] of rig.toml makes wider, with the key of ``stated_u``.
 CONSTANT_KEYS = {
     "friction": "friction_rel",
     "half-width": "half_width_rel",
     "ambient": "ambient_K",
-}  # [constants] widen them
-TEST_SPECIFIC = ("parting", "uneven drift", "uneven bend", "air")  # of the test alone, wholly
+}
+# Nuisance parameters that are fully specific to the test.
+TEST_SPECIFIC = ("parting", "uneven drift", "uneven bend", "air")
 
 
 def compress_likelihood(
     name: str,
     rig: str,
     test: EhlTest,
-    disks: Sequence[Side],
-    optimum: Optimum,
-    harmonics: Mapping[str, Unevenness],
+    sides: Sequence[Side],
+    best: Optimum,
+    uneven: Mapping[str, Unevenness],
     **conditions: float,
 ) -> SufficientStatistics:
-    """Rows of ``test``, whose ``disks`` were fitted together as ``optimum``, on the rig with the
-    fingerprint ``rig``.
+    """Return the sufficient statistics of a test.
 
-    The noise of what drives the model widens the rows that it moves; slow waves of the residuals
-    beyond it all alike.
+    Parameters
+    ----------
+    name, rig
+        Name of the test; fingerprint of the rig.
+    test
+        The test.
+    sides, best
+        Blocks of both disks, and the optimum of their joint fit.
+    uneven
+        Angular harmonic of each disk.
+    conditions
+        Further numbers to store with the conditions of the test.
+
+    Notes
+    -----
+    Noise of the model's inputs widens the rows that it affects. Slow components of the residuals
+    beyond that noise widen all rows alike: see :func:`noise_covariance`.
     """
-    n_main = 4 * len(disks)
-    n_data = len(optimum.residual) - len(disks)
-    j = optimum.jacobian[:n_data]
-    theta = optimum.theta
-    totals = [float(sum(lags(theta[4 * i : 4 * i + 4]))) for i in range(len(disks))]
+    n_main = 4 * len(sides)
+    n_data = len(best.residual) - len(sides)
+    j = best.jacobian[:n_data]
+    residual = best.residual[:n_data]
+    theta = best.theta
+    totals = [float(sum(lags(theta[4 * i : 4 * i + 4]))) for i in range(len(sides))]
     quantities = np.column_stack(
         [
             j[:, SHARE] - j[:, 4 + SHARE],
@@ -77,37 +95,38 @@ def compress_likelihood(
         ]
     )
     shapes = SHAPE_SD * j[:, LOG_TAU2:n_main:4]
-    shape_at = [
-        (theta[4 * i + LOG_TAU2] - np.log(s.prior_tau2_s)) / SHAPE_SD for i, s in enumerate(disks)
+    shape_values = [
+        (theta[4 * i + LOG_TAU2] - np.log(s.prior_tau2_s)) / SHAPE_SD for i, s in enumerate(sides)
     ]
-    nuisance = unknowns(disks)
+    nuisance = unknowns(sides)
     nuisance_names = [f"{what.name} {d}".strip() for what, d in nuisance]
     names = (*QUANTITIES, *(f"lag shape {d}" for d in DISKS), *nuisance_names)
     centre = np.concatenate(
         [
             theta[[SHARE, LOG_H, 4 + LOG_H]],
-            [total + s.rest_of_lag_s for total, s in zip(totals, disks)],
-            shape_at,
+            [total + s.rest_of_lag_s for total, s in zip(totals, sides)],
+            shape_values,
             theta[n_main:],
         ]
     )
     u, rows = compress_rows(np.hstack([quantities, shapes, j[:, n_main:]]))
-    lower = np.linalg.cholesky(
-        noise_covariance(test, disks, theta[:n_main], u, optimum.residual[:n_data])
-    )
+    lower = np.linalg.cholesky(noise_covariance(test, sides, theta[:n_main], u, residual))
     rows = np.linalg.solve(lower, rows)
-    right = np.linalg.solve(lower, -u.T @ optimum.residual[:n_data])
-    informative = (np.abs(rows) > 0).any(axis=0) | (np.arange(len(names)) < len(QUANTITIES))
+    right = np.linalg.solve(lower, -u.T @ residual)
+    is_quantity = np.arange(len(names)) < len(QUANTITIES)
+    informative = (np.abs(rows) > 0).any(axis=0) | is_quantity
     power_W = test.friction_N * test.sliding_speed_m_s
-    used_nuisance = [
-        (label, *one)
-        for label, one, use in zip(nuisance_names, nuisance, informative[len(QUANTITIES) + 2 :])
-        if use
-    ]
-    loadings = {
-        label: loading_of(what, d, test, harmonics, power_W) for label, what, d in used_nuisance
-    }
-    units = {label: unit_of(what, d or DISKS[0], test) for label, what, d in used_nuisance}
+    loadings = {}
+    units = {}
+    for label, (what, d), use in zip(nuisance_names, nuisance, informative[len(QUANTITIES) + 2 :]):
+        if not use:
+            continue
+        loading = loading_of(what, d, test, uneven, power_W)
+        if loading is not None:
+            loadings[label] = loading
+        unit = unit_of(what, d or DISKS[0], test)
+        if unit is not None:
+            units[label] = unit
     return SufficientStatistics(
         name=name,
         rig=rig,
@@ -115,10 +134,10 @@ def compress_likelihood(
         centre=centre[informative],
         rows=rows[:, informative],
         right=right,
-        loading={label: one for label, one in loadings.items() if one is not None},
-        lag_prior_s={s.disk: s.prior_lag_s for s in disks},
-        lag_u_s={s.disk: s.prior_lag_u_s for s in disks},
-        units={label: size for label, size in units.items() if size is not None},
+        loading=loadings,
+        lag_prior_s={s.disk: s.prior_lag_s for s in sides},
+        lag_u_s={s.disk: s.prior_lag_u_s for s in sides},
+        units=units,
         conditions={
             "load_N": test.load_N,
             "friction_N": test.friction_N,
@@ -133,30 +152,34 @@ def compress_likelihood(
 
 
 def sufficient_statistics_of(name: str, rig: str, partition: Partition) -> dict[str, Any] | None:
-    """What ``beta.json`` keeps of an analysed test for its campaign; None where its answer is
-    withheld.
-    """
+    """Return the block "kept" of ``beta.json``; None for a test whose result is withheld."""
     if partition.status == "withheld":
         return None
-    disks = [partition.joint[d].side for d in DISKS]
-    delta_T_us = partition.answers["delta_T_us"].value
-    return compress_likelihood(
+    statistics = compress_likelihood(
         name,
         rig,
         partition.test,
-        disks,
+        [partition.joint[d].side for d in DISKS],
         partition.both.optimum,
         partition.both.uneven,
-        delta_T_us_K_m_s=delta_T_us,
-    ).to_dict()
+        delta_T_us_K_m_s=partition.answers["delta_T_us"].value,
+    )
+    return statistics.to_dict()
 
 
 def compress_rows(rows: Array) -> tuple[Array, Array]:
-    """Orthonormal directions (N, M) of data, and as few rows (M, P) of P parameters as tell what
-    ``rows`` (N, P) do.
+    """Compress rows by a singular value decomposition.
 
-    By singular values, the answers in their units; directions of which the data tell nearly nothing
-    are left out.
+    Parameters
+    ----------
+    rows
+        Jacobian of N data by P parameters, shape (N, P).
+
+    Returns
+    -------
+    tuple
+        Orthonormal directions of the data (N, M), and the compressed rows (M, P). Directions
+        with a singular value below ``MIN_SINGULAR_VALUE`` are dropped.
     """
     unit = np.ones(rows.shape[1])
     unit[: len(QUANTITIES)] = BETA_UNIT, LOG_H_UNIT, LOG_H_UNIT, LAG_UNIT_S, LAG_UNIT_S
@@ -169,63 +192,51 @@ def compress_rows(rows: Array) -> tuple[Array, Array]:
 
 
 def loading_of(
-    nuisance: Unmeasured,
-    disk: str,
-    test: EhlTest,
-    harmonics: Mapping[str, Unevenness],
-    power_W: float,
+    what: Unmeasured, disk: str, test: EhlTest, uneven: Mapping[str, Unevenness], power_W: float
 ) -> Loading | None:
-    """How an unmeasured quantity of a test hangs on what all tests share; None where it is wholly
-    the rig's.
-    """
-    kind, _, detail = nuisance.name.partition(" ")
-    if nuisance.name.startswith(TEST_SPECIFIC):
+    """Return the factor loading of a nuisance parameter; None if it is fully common to the rig."""
+    kind, _, detail = what.name.partition(" ")
+    label = f"{what.name} {disk}".strip()
+    if what.name.startswith(TEST_SPECIFIC):
         return Loading({}, 1.0)
-    if (
-        disk and detail in test.disks[disk].left_out
-    ):  # what stands in errs otherwise, alike in tests without it
-        return Loading({f"{nuisance.name} {disk}, left out": 1.0})
+    if disk and detail in test.disks[disk].left_out:
+        # The surrogate has another error; it is common to the tests without this channel.
+        return Loading({f"{what.name} {disk}, left out": 1.0})
     if kind == "static":
         return _line_loading(detail, disk, test, power_W)
-    if key := CONSTANT_KEYS.get(nuisance.name):
+    key = CONSTANT_KEYS.get(what.name)
+    if key:
         components = [test.stated_u.get(key, 0.0)]
         if kind == "friction":
-            components += [
-                FRICTION_TEST_SD_REL,
-                friction_zero_u_N(test) / test.friction_N,
-                test.added.u_N / test.friction_N,
-            ]
+            components.append(FRICTION_TEST_SD_REL)
+            components.append(friction_zero_u_N(test) / test.friction_N)
+            components.append(test.added.u_N / test.friction_N)
         total = getattr(test.disks[disk or DISKS[0]].uncertainty, key)
         specific = float(np.hypot.reduce(components)) / max(total, 1e-12)
-        return Loading(
-            {f"{nuisance.name} {disk}".strip(): float(np.sqrt(max(1 - specific**2, 0.0)))},
-            min(specific, 1.0),
-        )
-    if nuisance.source == "film along the track":
-        return Loading(
-            {f"{nuisance.name} {disk}": float(np.sqrt(1 - SURFACE_H_TEST_SHARE**2))},
-            SURFACE_H_TEST_SHARE,
-        )
+        common = float(np.sqrt(max(1 - specific**2, 0.0)))
+        return Loading({label: common}, min(specific, 1.0))
+    if what.source == "film along the track":
+        common = float(np.sqrt(1 - SURFACE_H_TEST_SHARE**2))
+        return Loading({f"{what.name} {disk}": common}, SURFACE_H_TEST_SHARE)
     if kind == "uneven":
         shape, side = detail.split(", ")
-        size = SHAPES[shape] / float(harmonics[disk].prior_K[[*SHAPES].index(shape)])
-        return Loading(
-            {f"uneven {shape}, {side} {disk}": size * power_W / REFERENCE_POWER_W},
-            HARMONIC_TEST_SHARE * size,
-        )
+        index = [*SHAPES].index(shape)
+        size = SHAPES[shape] / float(uneven[disk].prior_K[index])
+        by_heat = size * power_W / REFERENCE_POWER_W
+        return Loading({f"uneven {shape}, {side} {disk}": by_heat}, HARMONIC_TEST_SHARE * size)
     return None
 
 
-def unit_of(nuisance: Unmeasured, disk: str, test: EhlTest) -> float | None:
-    """A standard uncertainty of an unmeasured quantity [K, m, s, or of itself]; None where it is no
-    one number.
+def unit_of(what: Unmeasured, disk: str, test: EhlTest) -> float | None:
+    """Return a nuisance parameter's standard uncertainty [K, m, s or relative].
+
+    None where it is not a single number.
     """
     traces = test.disks[disk]
-    (kind, _, detail) = nuisance.name.partition(" ")
+    kind, _, detail = what.name.partition(" ")
     u = traces.uncertainty
     if kind == "static":
-        model = MODEL_K if detail in traces.setup.outer else 0.0
-        return float(np.hypot(traces.static_u_K[traces.setup.channels.index(detail)], model))
+        return _line_u_K(detail, disk, test)
     if kind == "depth":
         return float(traces.depth_u_m[traces.setup.channels.index(detail)])
     return {
@@ -236,29 +247,45 @@ def unit_of(nuisance: Unmeasured, disk: str, test: EhlTest) -> float | None:
         "ambient": u.ambient_K,
         "parting": test.events.unload_u_s,
         "friction": u.friction_rel,
-    }.get(nuisance.name)
+    }.get(what.name)
+
+
+def _line_u_K(channel: str, disk: str, test: EhlTest) -> float:
+    """Return u [K] of a channel's static error, with the model error for the outer row."""
+    traces = test.disks[disk]
+    model = MODEL_K if channel in traces.setup.outer else 0.0
+    return float(np.hypot(traces.static_u_K[traces.setup.channels.index(channel)], model))
 
 
 def _line_loading(channel: str, disk: str, test: EhlTest, power_W: float) -> Loading:
-    """A line errs by gain and offset, the same in every test: y dg + do = (do + y0 dg) + (y - y0)
-    dg, the two parts independent about y0 = -cov(g, o)/var(g).
+    """Return the factor loading of a static line.
+
+    Notes
+    -----
+    The errors of gain g and offset o are common to all tests:
+    y dg + do = (do + y0 dg) + (y - y0) dg. The two terms are independent for
+    y0 = -cov(g, o) / var(g).
     """
     traces = test.disks[disk]
     index = traces.setup.channels.index(channel)
-    model = MODEL_K if channel in traces.setup.outer else 0.0
-    total = float(np.hypot(traces.static_u_K[index], model))
+    total = _line_u_K(channel, disk, test)
     line = traces.lines[index]
     steady = between(test.time_s, steady_start_s(test), test.events.unload_s - 0.5)
     y = (float(traces.readings_degC[steady, index].mean()) - line.offset) / line.gain
     (gg, go), (_, oo) = line.covariance
-    pivot = -go / gg if gg > 0 else 0.0
-    level = float(np.sqrt(max(oo - (go * go / gg if gg > 0 else 0.0), 0.0)))
-    gain = float((y - pivot) * np.sqrt(gg))
+    y0 = 0.0
+    level_variance = oo
+    if gg > 0:
+        y0 = -go / gg
+        level_variance = oo - go * go / gg
+    level = float(np.sqrt(max(level_variance, 0.0)))
+    gain = float((y - y0) * np.sqrt(gg))
     loadings = {f"line level {channel} {disk}": level, f"line gain {channel} {disk}": gain}
-    specific = float(
-        np.sqrt(max(traces.static_u_K[index] ** 2 - level**2 - gain**2, 0.0))
-    )  # rounding, what stands in
-    if model:
-        loadings[f"model {channel} {disk}"] = model * power_W / REFERENCE_POWER_W
-        specific = float(np.hypot(specific, MODEL_TEST_SHARE * model))
-    return Loading({name: x / total for name, x in loadings.items()}, specific / total)
+    # Rounding, and the error of a surrogate channel.
+    specific_variance = traces.static_u_K[index] ** 2 - level**2 - gain**2
+    specific = float(np.sqrt(max(specific_variance, 0.0)))
+    if channel in traces.setup.outer:
+        loadings[f"model {channel} {disk}"] = MODEL_K * power_W / REFERENCE_POWER_W
+        specific = float(np.hypot(specific, MODEL_TEST_SHARE * MODEL_K))
+    shared = {name: x / total for name, x in loadings.items()}
+    return Loading(shared, specific / total)

@@ -16,7 +16,7 @@ from tcdyn.campaign import SufficientStatistics, checked, joined, rig_fingerprin
 from tcdyn.campaign.exponent import speed_law
 from tcdyn.campaign.line_fit import fit_line
 from tcdyn.campaign.outliers import outlying_tests
-from tcdyn.campaign.posterior import LAG_OWN_S, N_QUANTITIES, Posterior, u_if_known
+from tcdyn.campaign.posterior import LAG_TEST_SD_S, N_QUANTITIES, Posterior, u_if_known
 from tcdyn.campaign.result import junctions
 from tcdyn.campaign.sufficient_statistics import Loading
 from tcdyn.campaign.tables import paper_csv, paper_latex, paper_table
@@ -67,12 +67,12 @@ def dense(tests: tuple[SufficientStatistics, ...]) -> tuple[Array, Array]:
         right.append(t.right + t.rows @ t.centre)
         for k, d in enumerate(DISKS):  # lag - prior = sqrt(u^2 - own^2) s + own e
             line = np.zeros(size)
-            line[N_QUANTITIES * i + 3 + k] = 1 / LAG_OWN_S
+            line[N_QUANTITIES * i + 3 + k] = 1 / LAG_TEST_SD_S
             line[N_QUANTITIES * len(tests) + own + shared.index(f"common lag {d}")] = (
-                -np.sqrt(t.lag_u_s[d] ** 2 - LAG_OWN_S**2) / LAG_OWN_S
+                -np.sqrt(t.lag_u_s[d] ** 2 - LAG_TEST_SD_S**2) / LAG_TEST_SD_S
             )
             rows.append(line[None])
-            right.append(np.array([t.lag_prior_s[d] / LAG_OWN_S]))
+            right.append(np.array([t.lag_prior_s[d] / LAG_TEST_SD_S]))
     priors = np.eye(size)[N_QUANTITIES * len(tests) :]
     table, values = np.vstack([*rows, priors]), np.concatenate([*right, np.zeros(len(priors))])
     scale = np.abs(table).max(axis=0)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tcdyn.campaign import SufficientStatistics
-from tcdyn.campaign.posterior import LAG_OWN_S
+from tcdyn.campaign.posterior import LAG_TEST_SD_S
 from tcdyn.campaign.sufficient_statistics import QUANTITIES, Loading
 from tcdyn.core import Array
 from tcdyn.rig.disk import DISKS
@@ -60,7 +60,7 @@ def toy(seed: int, count: int = 16, rig: str = "toy", noise: float = 1.0) -> Toy
         [*(n for q in SHARED for n in LOADING.get(q, Loading({q: 1.0})).shared)]
     )
     shared = {name: float(rng.standard_normal()) for name in rig_wide}
-    lag = {d: LAG_S + np.sqrt(LAG_U_S**2 - LAG_OWN_S**2) * rng.standard_normal() for d in DISKS}
+    lag = {d: LAG_S + np.sqrt(LAG_U_S**2 - LAG_TEST_SD_S**2) * rng.standard_normal() for d in DISKS}
     base = rng.standard_normal((40, len(names))) * np.array(
         [300, 30, 15, 60, 60, *[1.0] * (len(names) - 5)]
     )
@@ -76,7 +76,7 @@ def toy(seed: int, count: int = 16, rig: str = "toy", noise: float = 1.0) -> Toy
                 0.70 + PER_N * (load - 1620.0) + PER_M_S * (speed - 15.0),
                 ln_h,
                 ln_h - EXPONENT * np.log(RATIO),
-                *(lag[d] + LAG_OWN_S * rng.standard_normal() for d in DISKS),
+                *(lag[d] + LAG_TEST_SD_S * rng.standard_normal() for d in DISKS),
             ]
         )
         q = []
