@@ -1,5 +1,5 @@
-"""All tests of one rig as one measurement: what they share is solved for once, so that differences
-and trends are known far better than levels (design, section 13).
+"""Joint posterior of all tests of one rig. Shared quantities of the rig are estimated once, so
+differences between tests and trends are much better known than levels (design, section 13).
 """
 
 from tcdyn.campaign.compress import compress_likelihood, sufficient_statistics_of

@@ -1,6 +1,4 @@
-"""The exponent of the speed law h ~ u^n from all tests at once, and whether a power law is
-enough.
-"""
+"""Exponent n of the speed law h ~ u^n from all tests of a campaign, and a test of the power law."""
 
 from __future__ import annotations
 

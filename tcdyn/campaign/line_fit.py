@@ -1,6 +1,4 @@
-"""Generalised least squares with a covariance that is known but for a scatter of the tests about
-their line.
-"""
+"""Generalised least squares with a known covariance and an additional independent scatter."""
 
 from __future__ import annotations
 

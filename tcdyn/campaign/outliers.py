@@ -142,6 +142,6 @@ def posterior_without(posterior: Posterior, left_out: ReducedTest) -> tuple[Arra
     rows = np.zeros((len(left_out.rows), len(posterior.shared)))
     rows[:, places(left_out.shared, posterior.shared)] = left_out.rows
     information = np.linalg.inv(posterior.shared_covariance)
-    covariance: Array = np.linalg.inv(information - rows.T @ rows)
+    covariance = np.asarray(np.linalg.inv(information - rows.T @ rows))
     rhs = information @ posterior.found - rows.T @ left_out.right
     return covariance @ rhs, covariance

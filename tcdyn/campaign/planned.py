@@ -1,9 +1,8 @@
-"""What a planned campaign will tell of beta, n and trends, before a hole is drilled: by the fit
-that tests will get.
+"""Expected uncertainty of beta, n and trends of a planned campaign, before any test is run.
 
-Each planned test is the rim model's own answer to the planned conditions, without noise; its fit is
-linear there, and what it would keep is solved as a campaign. Nothing is simulated by a whole disk:
-where the disk's body is, how fast it cools, and the noise are stated.
+Each planned test is the response of the rim model to the planned conditions, without noise. Its
+fit is linear there, and its sufficient statistics are solved as a campaign. The whole disk is not
+simulated: the temperature of the disk, its cooling and the noise are specified.
 """
 
 from __future__ import annotations
@@ -43,12 +42,17 @@ from tcdyn.smoothing.traces import DiskTraces
 
 COLUMNS = ("load_N", "friction_N", "speed_fast_rpm", "speed_slow_rpm")
 OPTIONAL_COLUMNS = ("beta", "h_fast_W_m2K")
+# Heat loss [W/K] from the row d, b, f through bore and faces to the surroundings, in steady state.
+# Chosen by judgement.
 BODY_LOSS_W_K = (
     1.8  # from the row d, b, f through bore and faces to the surroundings, at steady running
 )
-EDGE_EXCESS_RATIO = 0.995  # excess at d and f over that at b
-INNER_ROW_DELAY_S = 0.3  # the inner row feels the parting this much later
-COOLING_MASS_SHARE = 0.86  # of the disk's heat capacity that cools with the row d, b, f
+# Excess temperature at d and f over that at b.
+EDGE_EXCESS_RATIO = 0.995
+# Delay [s] with which the inner row responds to the unloading.
+INNER_ROW_DELAY_S = 0.3
+# Share of the disk's heat capacity that cools with the row d, b, f.
+COOLING_MASS_SHARE = 0.86
 STATIC_LINE = StaticLine(
     gain=1.0,
     offset=0.0,

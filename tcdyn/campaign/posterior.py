@@ -275,7 +275,7 @@ def solve(
         k = places(r.shared, shared)
         information[np.ix_(k, k)] += r.rows.T @ r.rows
         rhs[k] += r.rows.T @ r.right
-    shared_covariance: Array = np.linalg.inv(information)
+    shared_covariance = np.asarray(np.linalg.inv(information))
     shared_mean = shared_covariance @ rhs
     sensitivity = shared_sensitivity(reductions, shared)
     inflation = birge_ratio_squared(shared_mean, shared_covariance)

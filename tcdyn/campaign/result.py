@@ -1,6 +1,4 @@
-"""The answer of a whole campaign: every test by one posterior, n, trends, junctions, and who does
-not belong.
-"""
+"""Result of a campaign: posterior, exponent n, trends, junction depths, outlying tests, findings."""
 
 from __future__ import annotations
 
@@ -23,12 +21,18 @@ from tcdyn.partition.steady import speed_law_beta, speed_ratio_power
 from tcdyn.rig.disk import DISKS
 
 SCHEMA = "tcdyn.campaign/1"
-EXPONENT_DEVIATION_Z = 2.0  # n of the campaign this far from rig.toml's is told
-POWER_LAW_REJECTED_P = 0.01  # chance below which a power law is not enough
+# A finding reports n if it differs from rig.toml's by more standard uncertainties. By judgement.
+EXPONENT_DEVIATION_Z = 2.0
+# p-value below which the power law is rejected. Chosen by judgement.
+POWER_LAW_REJECTED_P = 0.01
+# Pull of a junction depth above which it is reported: the largest in 17 simulated campaigns
+# without errors was 3.7.
 DEPTH_PULL_Z = (
     4.0  # a junction's pull that is told: the largest in 17 sound drawn campaigns was 3.7
 )
-MIN_VARIANCE_REDUCTION = 0.02  # of a depth's variance: below it a pull means nothing
+# Least reduction of the variance of a depth by the data: below it a pull has no meaning.
+# Chosen by judgement.
+MIN_VARIANCE_REDUCTION = 0.02
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
-"""Several loadings and unloadings in one log are several tests: where each begins and ends.
+"""Split a log with several loadings into tests; find the start and the end of each test.
 
-Of a log too long for the memory only what surrounds one of them is kept.
+Of a log with more than ``MAX_ROWS`` rows only the rows around one test are loaded.
 """
 
 from __future__ import annotations
@@ -17,14 +17,19 @@ from tcdyn.partition.events import find_events
 from tcdyn.rig.contact import Events
 from tcdyn.rig.log import Log, LogPieces
 
-SWITCH_SETTLE_S = 2.0  # from one parting to where the next test may begin: the switch has settled
-NEXT_LOADING_MARGIN_S = 0.5  # from where a test ends to the next loading
-MAX_ROWS = 120_000  # beyond, what is kept: seconds before the loading, the last under load, and after the parting,
+# Time [s] after unloading at which the next test may begin: the contact switch has settled.
+# Chosen by judgement.
+SWITCH_SETTLE_S = 2.0
+# Time [s] between the end of a test and the next loading. Chosen by judgement.
+NEXT_LOADING_MARGIN_S = 0.5
+# A log with more rows is loaded in part: ``WINDOW_S`` before loading, under load (the last),
+# and after unloading [s]. Bounds the memory.
+MAX_ROWS = 120_000
 WINDOW_S = np.array([100.0, 1250.0, 250.0])
-EVENT_MARGIN_S = 60.0  # of loading and parting: what their instants are found in
-MIN_WINDOW_S = np.array(
-    [30.0, 200.0, 60.0]
-)  # and, of a log sampled so fast that these are too many rows, no less than
+# Half width [s] of the rows in which the instants of loading and unloading are searched.
+EVENT_MARGIN_S = 60.0
+# At high sampling rates ``WINDOW_S`` is reduced to ``MAX_ROWS`` rows, but not below this [s].
+MIN_WINDOW_S = np.array([30.0, 200.0, 60.0])
 EVENT_COLUMNS = ("contact", "load_N", "friction_N")
 
 

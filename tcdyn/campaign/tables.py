@@ -1,6 +1,4 @@
-"""The table of a campaign for a paper: beta with both uncertainties, h, lags; as data, CSV and
-LaTeX.
-"""
+"""Tables of a campaign for a paper, as data, CSV and LaTeX: beta with both uncertainties, h, lags."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""Does beta change with what was set? Lines with the covariance of all tests, and a curve of a
-model laid over them.
-"""
+"""Trends of beta over the test conditions by generalised least squares; comparison with a curve."""
 
 from __future__ import annotations
 
@@ -24,7 +22,9 @@ JOINT_TREND_VARIABLES = (
     "load_N",
     "sliding_speed_m_s",
 )  # entraining speed goes with sliding speed at one gear ratio
-SET_POINT_SEPARATION_REL = 0.01  # of the largest value: set points closer than this are one
+# Set points closer than this share of the largest value are one. Chosen by judgement.
+SET_POINT_SEPARATION_REL = 0.01
+# Fewest tests, and fewest set points, for a trend.
 MIN_TESTS = 3
 # Chance of the tests' departures below which a curve's shape is rejected. The usual level of 5 %: of 2000 drawn
 # campaigns with a curve of the correct shape, 4.7 % were rejected (tests/campaign/curve_study.py).

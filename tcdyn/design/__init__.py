@@ -1,1 +1,1 @@
-"""Design of tests: what a planned test determines, by Fisher information, before it is run."""
+"""Test design: what a planned test determines, by Fisher information, before it is run."""

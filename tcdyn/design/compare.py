@@ -1,6 +1,4 @@
-"""The comparison people want before a campaign, and what to do: plunges, touches, loading,
-unloading, and together.
-"""
+"""Comparison of planned tests (plunges, touches, loading, unloading), with a recommendation."""
 
 from __future__ import annotations
 

@@ -1,6 +1,7 @@
-"""Planned tests and what they will tell: plunges, by the Fisher information of the very model that
-the fit uses, and what ends within seconds, a step of load in an EHL test and touches with a
-soldering iron.
+"""Planned plunges, load steps and touches, and their expected lag uncertainty.
+
+Plunges use the Fisher information of the model that the fit uses. Load steps of an EHL test and
+touches with a soldering iron end within seconds and have models of their own.
 """
 
 from __future__ import annotations
@@ -31,10 +32,14 @@ from tcdyn.heat.modal import rim_gains
 from tcdyn.heat.rim import Mesh, Rim, Switch, lag_bank, node_rates, points_of
 from tcdyn.rig.disk import DiskSetup
 
-LAG_SPLIT_PRIOR_SD = 1.5  # prior standard deviation of the logit by which a lag is split into two
-EXPECTED_LAG_SD_REL = 0.2  # by how much the lag that is expected may be off
-MAX_PRIOR_SDS = 2.5  # of the prior: draws, and where the fits of them end
-MIN_LAG_SHARE = 0.2  # of the true one: where such a fit ends at least
+# Prior standard deviation of the logit by which a lag is split into two.
+LAG_SPLIT_PRIOR_SD = 1.5
+# Relative standard deviation of the expected lag. Chosen by judgement.
+EXPECTED_LAG_SD_REL = 0.2
+# Samples and the end points of their fits are clipped to so many prior standard deviations.
+MAX_PRIOR_SDS = 2.5
+# The lag at which such a fit ends is at least this share of the true lag.
+MIN_LAG_SHARE = 0.2
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,7 @@
-"""Test design: what a planned test will be able to tell, by Fisher information, before it is run.
+"""Predicted covariance of the lags from a planned test: inverse of Fisher information plus prior.
 
-A test is predicted from the slopes of its readings by every parameter (``slopes``) and what is
-known of them beforehand: their covariance is the inverse of information plus prior
-(``posterior_covariance``); nothing is simulated or fitted.
+The information comes from the Jacobian of the readings by all parameters (``jacobian``). Nothing
+is simulated or fitted.
 """
 
 from __future__ import annotations

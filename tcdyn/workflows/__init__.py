@@ -1,4 +1,4 @@
-"""The order of the stages: what each command does, as functions with result objects."""
+"""Workflows: the order of the stages of each command, as functions that return result objects."""
 
 from tcdyn.workflows.beta import BetaRun, estimate_beta
 from tcdyn.workflows.calibrate import CalibrationRun, calibrate_disk

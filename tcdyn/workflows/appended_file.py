@@ -1,4 +1,4 @@
-"""A text file that rows are appended to while others may read, rename or delete it."""
+"""Output file of a followed log: rows are appended while others may read, rename or delete it."""
 
 from __future__ import annotations
 

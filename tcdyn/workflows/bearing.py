@@ -1,5 +1,5 @@
-"""The pure-rolling test of the bearings (section 2.10): half of its friction is added to what the
-transducer sees.
+"""Pure-rolling test of the bearings (section 2.10). Half of its friction is added to the
+friction that the transducer measures.
 """
 
 from __future__ import annotations

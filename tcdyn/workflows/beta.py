@@ -1,4 +1,4 @@
-"""An EHL log and two records to beta by every way, and the file that keeps it."""
+"""Heat partition: from an EHL log and two records to beta by all methods, and beta.json."""
 
 from __future__ import annotations
 
@@ -50,21 +50,22 @@ from tcdyn.workflows.operating_conditions import (
     speeds_rpm,
 )
 
-DISK_TABLES = {"disk", "washer", "thermocouples"}  # tables of rig.toml that tell what a disk is
+# Tables of rig.toml that describe a disk.
+DISK_TABLES = {"disk", "washer", "thermocouples"}
+# Keys of these tables that do not affect the lags.
 LAG_INDEPENDENT_KEYS = (
     "angle_deg",
     "slope_per_K",
     "reference_degC",
-)  # keys of these that the lags do not hang on
+)
 Run = TypeVar("Run")
-SPEED_CHANGE_AT_S = 3.0  # after the parting a changed speed is told
+# A change of speed after unloading is reported at this time [s]. Chosen by judgement.
+SPEED_CHANGE_AT_S = 3.0
 
 
 @dataclass(frozen=True)
 class BetaRun(Result):
-    """One analysed test: the numbers, the log they came from, and how many tests that log holds in
-    all.
-    """
+    """Result of one analysed test, the log it came from, and how many tests that log has."""
 
     log: Log
     partition: Partition
@@ -101,14 +102,24 @@ def prepare_test(
     left_out: Mapping[str, str] | None = None,
     events: Events | None = None,
 ) -> EhlTest:
-    """Apply static lines, take out spikes, find the events, and turn friction and speeds into
-    power.
+    """Turn a log into a test: static lines, spikes removed, events, friction and speeds to power.
 
-    ``friction_added`` (load [N], slow shaft [rpm]) is added to the friction of the contact: half of
-    the bearings' friction (section 2.10), which the transducer on the slow shaft does not see.
-    ``left_out``: channels that the analysis goes on without, such as "fast_c", and why; empty where
-    that was asked for. ``events``: its own, if known. Raises InputError for a log without
-    unloading, a compensated log, a missing record or a load that is not one.
+    Parameters
+    ----------
+    log, rig, records
+        The EHL log, the rig and the record of each disk in the log.
+    friction_added
+        Function of load [N] and slow shaft speed [rpm] that returns half of the bearings' friction
+        (section 2.10). The transducer on the slow shaft does not see it; it is added here.
+    left_out
+        Channels to leave out, such as "fast_c", with the reason; empty where the user requested it.
+    events
+        Loading and unloading, if they are known already.
+
+    Raises
+    ------
+    InputError
+        For a log without unloading, a compensated log, a missing record, or impossible forces.
     """
     where = log.path.name
     if log.metadata.get("tcdyn") == COMPENSATED:
@@ -251,9 +262,7 @@ def prepare_test(
 
 
 def _changed_disk_findings(rig: Rig, disk: str, record: DiskRecord) -> list[Finding]:
-    """What rig.toml says of the disk that the record was not made with: its lags were found with
-    other numbers.
-    """
+    """Warn if rig.toml describes another disk than the record: its lags hold for other numbers."""
     if "setup" not in record.model_fields_set:
         return []
     recorded, current = (
@@ -278,9 +287,7 @@ def _changed_disk_findings(rig: Rig, disk: str, record: DiskRecord) -> list[Find
 def _left_out_finding(
     rig: Rig, name: str, why: str, left_out_by_disk: Mapping[str, Sequence[str]]
 ) -> Finding:
-    """That a channel such as "fast_c" is left out, and what goes on without it; a note where it was
-    asked for.
-    """
+    """Report a channel that is left out, and what replaces it; info where the user requested it."""
     disk, _, channel = name.rpartition("_")
     setup = rig.disk_setup(disk)
     names = setup.stand_ins(left_out_by_disk[disk]).get(channel, ())
@@ -308,14 +315,36 @@ def estimate_beta(
     stage: int | None = None,
     progress: Callable[[str], None] = lambda _: None,
 ) -> BetaRun:
-    """Read one EHL log and find beta by the speed law, the cooling fits and the joint fits.
+    """Read one EHL log and estimate beta by the speed law, the cooling fits and the joint fits.
 
-    ``rig`` None is the one that the records were made with; ``without``: channels to leave out,
-    such as "fast_c"; ``window_s``: cooling used by the h-only fit [s]; ``bearing``: the
-    pure-rolling test whose friction is added (section 2.10); ``stage``: which of several loadings
-    in the log, from 1, None for the longest. A channel that is dead, missing, or lost for long is
-    left out too, with a finding, as long as the rest still tells beta. Raises InputError for a log,
-    rig or record that does not fit, naming the log.
+    Parameters
+    ----------
+    log, rig, records
+        The log, the rig (None: the one that the records were made with) and a record of each disk.
+    without
+        Channels to leave out, such as "fast_c".
+    window_s
+        Length of cooling that the h-only fit uses [s].
+    seed
+        Seed of the Monte Carlo samples.
+    sensor_check
+        Whether to run the sensor check.
+    bearing
+        Pure-rolling test whose friction is added (section 2.10).
+    stage
+        Which of several loadings in the log, from 1; None for the longest.
+    progress
+        Called with the name of each stage.
+
+    Raises
+    ------
+    InputError
+        For a log, rig or record that does not fit. The message names the log.
+
+    Notes
+    -----
+    A channel that is dead, missing or lost for long is left out too, with a finding, as long as the
+    remaining channels determine beta.
     """
     rig = rig or rig_of(records)
 
@@ -341,8 +370,21 @@ def retry_without_lost_channels(
     rig: Rig,
     progress: Callable[[str], None],
 ) -> Run:
-    """``attempt`` without the channels asked for, and again without each that it finds lost, while
-    enough is left.
+    """Run ``attempt`` without the given channels, and again without each channel that it reports lost.
+
+    Parameters
+    ----------
+    attempt
+        Analysis as a function of the channels left out and the reasons.
+    without
+        Channels that the user leaves out.
+    rig, progress
+        The rig; called with a message for each lost channel.
+
+    Raises
+    ------
+    InputError
+        If the remaining channels do not determine beta: the first error, which names the cause best.
     """
     left_out_of(without, rig.setups)
     left_out = dict.fromkeys((name.removesuffix("_degC") for name in without), "")
@@ -374,28 +416,25 @@ def estimate_stages(
     estimate: Any = estimate_beta,
     **options: Any,
 ) -> tuple[Any, ...]:
-    """``estimate`` of every loading in one log that an unloading follows, in order; ``options`` as
-    there.
+    """Run ``estimate`` for every loading of one log that an unloading follows, in order.
+
+    ``options`` are passed on to ``estimate``.
     """
-    first, report = (
-        estimate(log, rig, records, stage=1, **options),
-        options.pop("progress", lambda _: None),
-    )
-    reporters = {
-        k: lambda what, k=k: report(f"test {k} of {first.stages}: {what}")
-        for k in range(2, first.stages + 1)
-    }
-    return (
-        first,
-        *(
-            estimate(log, rig, records, stage=k, progress=reporters[k], **options)
-            for k in reporters
-        ),
-    )
+    first = estimate(log, rig, records, stage=1, **options)
+    report = options.pop("progress", lambda _: None)
+    runs = [first]
+    for k in range(2, first.stages + 1):
+        prefix = f"test {k} of {first.stages}"
+
+        def progress(what: str, prefix: str = prefix) -> None:
+            report(f"{prefix}: {what}")
+
+        runs.append(estimate(log, rig, records, stage=k, progress=progress, **options))
+    return tuple(runs)
 
 
 def summary_of(partition: Partition) -> str:
-    """The headline, beta, h and lag by every way, and the verdict."""
+    """Return the recommended estimate, beta, h and lag by every method, and the cross-check."""
     answers = partition.answers
     both = partition.both.estimates
     withheld = partition.withheld

@@ -1,6 +1,4 @@
-"""The answers of one test: beta.json, and tables of ways to beta, budget, conditions and the
-cooling fit's window.
-"""
+"""Results of one test: beta.json, and tables of estimates, budget, conditions, cooling window."""
 
 from __future__ import annotations
 

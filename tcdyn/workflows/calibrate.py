@@ -1,4 +1,4 @@
-"""A new disk: oven log to static lines, plunge logs to the chain, both to a record."""
+"""Calibration of a disk: oven log to static lines, plunge logs to the chain, both to a record."""
 
 from __future__ import annotations
 
@@ -36,7 +36,9 @@ from tcdyn.rig.record import (
 from tcdyn.rig.rigfile import Rig
 from tcdyn.rig.static_line import StaticLine, extrapolated, static_u, unit_lines
 
-SAME_SAMPLES_K = 0.02  # a file saved again may have lost decimals; no two plunges are alike to this in every sample
+# Two plunges whose samples all agree within this [K] are the same plunge: a file that was saved
+# again may have lost decimals.
+SAME_SAMPLES_K = 0.02
 # before an entry: kept clear of it, fewest, how alike a disk is
 ENTRY_MARGIN_S = 0.5
 MIN_REST_SAMPLES = 20
@@ -45,9 +47,7 @@ REST_U_K = 0.07
 
 @dataclass(frozen=True)
 class CalibrationRun(Result):
-    """Everything that a calibration found: the record to keep, and the fits behind it for the
-    report.
-    """
+    """Result of a calibration: the record, and the fits behind it for the report."""
 
     record: DiskRecord
     oven: OvenFit | None
@@ -91,11 +91,29 @@ def calibrate_disk(
 ) -> CalibrationRun:
     """Calibrate one disk from its oven log and its plunges.
 
-    ``disk``: "fast" or "slow"; ``fluids``: one name or table for all plunges, or one for each;
-    ``prt_u_degC``: of each reading of the oven's PRT against itself, where that was stated apart
-    from its certificate (in the rig's [traceability], common to all; their scatter tells the rest);
-    ``line_u_K``: without an oven log, standard uncertainty of a reading as it was logged. Raises
-    InputError with file and place for anything that cannot be used.
+    Parameters
+    ----------
+    rig, disk
+        The rig; "fast" or "slow".
+    oven
+        Oven log; None with ``line_u_K``.
+    immersion, fluids
+        Plunge logs; one fluid (name or table) for all plunges, or one for each.
+    structure, correlation
+        Chain structure and heat transfer correlation.
+    prt_u_degC
+        Standard uncertainty of each reading of the oven's PRT relative to itself, if it was stated
+        apart from its certificate. The certificate's part is in the rig's [traceability] and common
+        to all readings; the scatter gives the remainder.
+    line_u_K
+        Without an oven log: standard uncertainty of a reading as it was logged [K].
+    progress
+        Called with the name of each stage.
+
+    Raises
+    ------
+    InputError
+        With file and location, for anything that cannot be used.
     """
     if disk not in DISKS:
         raise InputError(f"disk is {disk!r}", where="calibrate", expected=" or ".join(DISKS))
@@ -159,9 +177,10 @@ def calibrate_disk(
 
 
 def deviating_at_rest(run: PlungeRun) -> set[str]:
-    """Channels that read more than three standard uncertainties off the disk's middle before the
-    entry, when a disk has one temperature: their static lines are another disk's, or their columns
-    are. None of a disk that still warms or cools, whose junctions differ.
+    """Return channels that deviate from the disk's median by more than three u before the entry.
+
+    A disk at rest has one temperature, so their static lines or columns belong to another disk. The
+    set is empty for a disk that still warms or cools, whose junctions differ.
     """
     before = run.readings_degC[
         run.time_s < run.entry.time_s - max(4 * run.entry.u_s, ENTRY_MARGIN_S)
@@ -216,16 +235,15 @@ def _static_lines(
 
 
 def untold(log: Log, entry: EntryEvent) -> list[Finding]:
-    """What the reader of a plunge noticed, but for a bouncing switch where the entry says what was
-    done about it.
-    """
+    """Return the log's findings without a bouncing switch that the entry's findings report already."""
     entry_reports_bounce = any(f.code == "entry.bounced" for f in entry.findings)
     return [f for f in log.findings if not (entry_reports_bounce and f.code == "switch.bounces")]
 
 
 def _check_not_repeated(log: Log, earlier: Sequence[Log]) -> None:
-    """Refuse a plunge that was given before, in whatever file: counted twice, the lags would look
-    better known.
+    """Raise InputError for a plunge that was given before, in any file.
+
+    Counted twice, it would make the lags look better known.
     """
     columns = [*log.channels]
     for other in earlier:
@@ -242,9 +260,7 @@ def _check_not_repeated(log: Log, earlier: Sequence[Log]) -> None:
 
 
 def _check_not_swapped(logs: Sequence[Log], fit: PlungeFit) -> None:
-    """Refuse channels that stand the wrong way round in a log and do not move together in the fit
-    either.
-    """
+    """Raise InputError for channels in the wrong order that do not move together in the fit either."""
     for log, factor in zip(logs, fit.optimum.problem.noise):
         swapped = [f for f in log.findings if f.code == "junctions.swapped"]
         if swapped and factor.differential > COLOURED:

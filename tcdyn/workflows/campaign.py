@@ -1,6 +1,4 @@
-"""Many EHL logs to one table: spread over workers, resumable, and one failing log does not stop the
-others.
-"""
+"""Analysis of many EHL logs into one table: parallel, resumable, tolerant of a log that fails."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One log of a campaign: what it is analysed with, and the answers of the tests in it."""
+"""Analysis of one log of a campaign: settings, and the results of the tests in it."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""Answers of earlier runs in their files: read only if they are what was written; and what many of
-them say alike.
-"""
+"""Stored results of earlier runs with their checksum; findings that several tests share."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""The one table of a campaign (tables 7.1 to 7.3), its groups of equal sliding speed and its trend
-lines.
-"""
+"""Table of a campaign (tables 7.1 to 7.3), groups of equal sliding speed, and trend lines."""
 
 from __future__ import annotations
 
@@ -18,8 +16,10 @@ from tcdyn.core.findings import GRADES_OF_0_2
 from tcdyn.estimation.line_fit import fit_line
 from tcdyn.rig.disk import DISKS
 
-AGREE_CODE = "ways.agree"  # a finding that stands in its own column
-SAME_SPEED = 0.05  # sliding speeds within 5 % belong to one group
+# This finding has its own column in the table.
+AGREE_CODE = "ways.agree"
+# Sliding speeds within 5 % belong to one group. Chosen by judgement.
+SAME_SPEED = 0.05
 # column: (keys into beta.json, is an estimate with u)
 COLUMNS: dict[str, tuple[tuple[str, ...], bool]] = {
     "load_N": (("test", "load_N"), False),

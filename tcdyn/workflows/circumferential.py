@@ -1,6 +1,4 @@
-"""The temperature round a disk of an analysed test: the rim model's even part and the first
-harmonic that was found.
-"""
+"""Circumferential temperature of a disk: mean by the rim model plus first angular harmonic."""
 
 from __future__ import annotations
 

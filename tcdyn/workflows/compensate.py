@@ -1,6 +1,4 @@
-"""A whole log through static lines and chains: the temperatures at the junctions, with a standard
-deviation each.
-"""
+"""Compensation of a full log: static lines and chains removed, junction temperatures with u."""
 
 from __future__ import annotations
 
@@ -47,17 +45,25 @@ NOISE_ONLY = "noise removed (smoother), static lines applied, lag left in"
 
 @dataclass(frozen=True)
 class CompensatedLog(Result):
-    """The log with junction temperatures in place of readings, a column ``<channel>_u_K`` for each,
-    and its notes.
+    """The log with junction temperatures instead of readings, and ``<channel>_u_K`` for each.
 
-    Where the parts were asked for, ``<channel>_noise_u_K`` is what differs from sample to sample,
-    and ``<channel>_common_u_K`` what moves all channels of a disk together: the common lag and the
-    oven's reference.
+    With ``parts``, ``<channel>_noise_u_K`` is the uncertainty that differs from sample to sample, and
+    ``<channel>_common_u_K`` the one common to all channels of a disk: common lag and oven reference.
+    Where only noise was removed there is no column ``_u_K``.
 
-    ``traces``: what went into the compensator, chains as they were used; ``events_s``: when slopes
-    may jump [s after the first sample], the last the unloading. Where only noise was removed there
-    is no column ``_u_K``. Of a log of more than 120,000 rows ``frame`` holds those about the
-    unloading; ``write`` compensates all, stretch by stretch.
+    Attributes
+    ----------
+    frame, metadata, findings
+        Table, notes and findings. Of a log of more than 120,000 rows ``frame`` holds the rows around
+        the unloading; ``write`` compensates all rows, segment by segment.
+    disks, traces
+        Compensated channels, and what the compensator used, by disk.
+    events_s
+        Times at which slopes may jump [s after the first sample]; the last is the unloading.
+    raw, way
+        The log as it was recorded, and the method.
+    rest
+        How to compensate the remaining rows of a long log; None for a short one.
     """
 
     frame: pd.DataFrame
@@ -160,14 +166,30 @@ def compensate_log(
     parts: bool = False,
     progress: Callable[[str], None] = lambda _: None,
 ) -> CompensatedLog:
-    """Compensate every channel of an EHL log that a record covers, or of an immersion log, which
-    takes one record.
+    """Compensate all channels of an EHL log that a record covers, or of an immersion log (one record).
 
-    The log's own metadata is carried over. ``refine``: where the log holds an unloading and the
-    records of all its disks are given, the lag common to a disk's channels, which a plunge knows
-    loosely, is taken from the unloading with the record as prior; else the record's own. ``way``:
-    the compensator, the smoother unless told; ``parts``: columns of what each uncertainty is made
-    of, too. Raises InputError for a log that is compensated already, or one that no record covers.
+    Parameters
+    ----------
+    log, records, rig
+        The log; records by disk; the rig (None: the one that the records were made with).
+    refine
+        Where the log has an unloading and records of all its disks are given: estimate the common
+        lag of a disk from the unloading, with the record as prior. A plunge determines it loosely.
+    way
+        The method; the smoother by default.
+    parts
+        Whether to add columns with the components of the uncertainty.
+    progress
+        Called with the name of each stage.
+
+    Raises
+    ------
+    InputError
+        For a log that is compensated already, or one that no record covers.
+
+    Notes
+    -----
+    The metadata of the log is carried over.
     """
     if not records:
         raise InputError(
@@ -273,9 +295,7 @@ def compensate_log(
 
 
 def log_around_unloading(pieces: LogPieces) -> Log:
-    """The log; of a long one what surrounds the unloading, or its first rows where there is
-    none.
-    """
+    """Return the log; of a long one the rows around the unloading, or the first rows without one."""
     if pieces.rows <= MAX_ROWS:
         return pieces.whole()
     try:
@@ -287,9 +307,7 @@ def log_around_unloading(pieces: LogPieces) -> Log:
 def _refine(
     table: Log, rig: Rig, records: Mapping[str, DiskRecord], events: Events | None
 ) -> tuple[dict[str, DiskTraces], Mapping[str, Alone], list[Finding]]:
-    """Traces of both disks and joint fits for their lags; what could not be had is empty, and why
-    is said.
-    """
+    """Return traces of both disks, joint fits for their lags, and a warning where they failed."""
     traces: dict[str, DiskTraces] = {}
     try:
         test = prepare_test(table, rig, records, events=events)

@@ -1,6 +1,4 @@
-"""Any table through sensor files: compensated stretch by stretch, in memory that does not grow with
-the table.
-"""
+"""Compensation of any table with sensor files, segment by segment, in bounded memory."""
 
 from __future__ import annotations
 
@@ -35,13 +33,14 @@ from tcdyn.smoothing.smoother import smooth
 # smoothed at once: an event of one column is weighed in all of them
 MAX_VALUES = 400_000
 MAX_COLUMNS = 8
-PROGRESS_ROWS = 200_000  # after so many progress is told again, then after twice as many
+# Progress is reported after so many rows, then each time the count has doubled.
+PROGRESS_ROWS = 200_000
 DECIMALS = 5
 
 
 @dataclass(frozen=True)
 class SensorColumn:
-    """A column of a table with the sensor that stands behind it."""
+    """A column of a table with its sensor; ``at`` is the index of the sensor file's column."""
 
     column: str
     file: SensorFile
@@ -66,9 +65,7 @@ class SensorColumn:
 
 @dataclass(frozen=True)
 class CompensatedTable(Result):
-    """What was written: rows, columns with their sensors, typical and largest standard deviation,
-    what was noticed.
-    """
+    """What was written: rows, columns with sensors, typical and largest standard deviation, findings."""
 
     path: Path
     rows: int
@@ -245,8 +242,7 @@ def sensor_columns(
     cold: float | str,
     unit_row: Mapping[str, str] | None = None,
 ) -> tuple[list[SensorColumn], list[Finding]]:
-    """Those of a table's columns ``names`` that sensors cover, in their order. Raises InputError as
-    ``compensate_table``."""
+    """Return the columns that sensors cover, in their order; raises InputError as compensate_table."""
     if not sensors:
         raise InputError(
             "no sensor was given",
@@ -277,10 +273,9 @@ def sensor_columns(
 def _compensate_segment(
     segment: Part, sensor_cols: Sequence[SensorColumn], where: str
 ) -> tuple[dict[str, Array], dict[str, Array], list[Finding], int]:
-    """Columns of the output for the rows to keep; noise, typical and largest deviation of each
-    sensor column [K].
+    """Return output columns, (noise, typical sd, largest sd) [K] of each column, findings, margin.
 
-    Last, how many rows beside the stretch the smoother needs to settle.
+    The margin is the number of rows on each side that the smoother needs to settle.
     """
     keep = segment.keep
     findings = list(segment.findings)
@@ -343,9 +338,7 @@ def _smooth_columns(
     size: int,
     findings: list[Finding],
 ) -> Iterator[tuple[Sequence[SensorColumn], Compensated]]:
-    """The smoother for columns together; one by one where one of them cannot be smoothed, which is
-    told.
-    """
+    """Smooth columns together; one by one, with a warning, where one of them cannot be smoothed."""
     y = np.stack([on_grid(readings[w.column], grid, size) for w in sensor_cols], axis=1)
     covariance = np.zeros((len(sensor_cols), len(sensor_cols)))
     for i, a in enumerate(sensor_cols):
@@ -379,7 +372,7 @@ def _smooth_columns(
 
 
 def _readings_degC(column: SensorColumn, segment: Part) -> Array:
-    """What a column reads (N,) [degC], after its static line."""
+    """Return the readings of a column (N,) [degC] after its static line."""
     cold = segment.data[column.unit.cold] if isinstance(column.unit.cold, str) else column.unit.cold
     degC = column.unit.in_degC(segment.data[column.column], cold)
     return np.asarray(apply_static(degC, column.line) if column.line else degC)

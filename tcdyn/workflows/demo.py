@@ -1,6 +1,4 @@
-"""The whole main job on a simulated campaign: simulate, calibrate, compensate, analyse, compare
-with the truth.
-"""
+"""Demonstration on a simulated campaign: simulate, calibrate, compensate, analyse, compare."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""A log that is still growing, compensated row by row as it grows; stopped and begun again without
-losing a row.
-"""
+"""Live compensation of a growing log, row by row, with a state file to continue without loss."""
 
 from __future__ import annotations
 

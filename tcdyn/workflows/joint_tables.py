@@ -1,6 +1,4 @@
-"""The joint fit on the page of a test: readings against the model, and beta's uncertainty by
-source.
-"""
+"""Joint fit on the page of a test: readings against the model, and the budget of beta."""
 
 from __future__ import annotations
 
@@ -18,9 +16,17 @@ from tcdyn.rig.disk import DISKS, LEFT_OUT
 
 @dataclass(frozen=True)
 class FitComparison:
-    """Readings (R, M) of one disk's outer row [degC] about ``at_s`` (R,) from the parting, the
-    joint fit's model of them, and standard deviations of a reading; NaN for a channel that is left
-    out.
+    """Readings of one disk's outer row against the joint fit.
+
+    Attributes
+    ----------
+    channels
+        The M channels of the outer row.
+    at_s
+        Time since the unloading, shape (R,).
+    measured, model, sd
+        Readings [degC], model [degC] and standard deviation of a reading [K], shape (R, M); NaN for a
+        channel that is left out.
     """
 
     channels: tuple[str, ...]
@@ -31,7 +37,7 @@ class FitComparison:
 
 
 def met(p: Partition | OneDisk, disk: str) -> FitComparison:
-    """Measured against modelled, as the joint fit of all disks there are ended."""
+    """Compare readings and model of a disk at the optimum of the joint fit of all its disks."""
     names = [d for d in DISKS if d in p.test.disks]
     sides = [p.joint.side] if isinstance(p, OneDisk) else [p.joint[d].side for d in names]
     optimum = p.optimum if isinstance(p, OneDisk) else p.both.optimum
@@ -51,9 +57,7 @@ def met(p: Partition | OneDisk, disk: str) -> FitComparison:
 
 
 def residuals_table(p: Partition | OneDisk) -> pd.DataFrame:
-    """Reading less model at each junction [K], mean under load and after the parting, and rms over
-    its noise.
-    """
+    """Table of reading minus model [K]: mean under load, mean after unloading, rms over noise."""
     rows = []
     for disk in [d for d in DISKS if d in p.test.disks]:
         m = met(p, disk)
@@ -80,9 +84,7 @@ def residuals_table(p: Partition | OneDisk) -> pd.DataFrame:
 
 
 def both_budget(p: Partition) -> dict[str, float]:
-    """Standard uncertainty of the headline's beta by source, largest first; their squares add to
-    that of all.
-    """
+    """Standard uncertainty of the recommended beta by source, largest first; squares add up."""
     sides = [p.joint[d].side for d in DISKS]
     noise, per_sd = told(p.both.optimum, sides)
     sources = [nuisance.source for nuisance, _ in unknowns(sides)] + ["chain"] * (2 * len(sides))

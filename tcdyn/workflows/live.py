@@ -1,5 +1,6 @@
-"""Rows of a log, static lines, live smoother, rows of temperatures: in pieces of any length, state
-kept apart.
+"""Live smoother of a log: static lines, fixed-lag Kalman smoother, temperatures row by row.
+
+Rows come in chunks of any length. The state is a separate value.
 """
 
 from __future__ import annotations
@@ -29,16 +30,21 @@ from tcdyn.smoothing.traces import DiskChannels
 from tcdyn.workflows.reachable import Reach, ReadingTrack, Screening
 
 Array = NDArray[np.float64]
-CORNER_LAGS = 6.0  # in any other table: slopes may change so that the answer follows to so many radians in a lag
-# told; beyond which nothing is known any more
+# Process-noise intensity of tables that are not rig logs: the corner of the smoother is so many
+# radians in one lag.
+CORNER_LAGS = 6.0
+# A longer gap [s] is reported; after a gap of ``LONGEST_GAP_S`` the smoother restarts.
 REPORTED_GAP_S = 1.0
 LONGEST_GAP_S = 60.0
-LONGEST_BEHIND_S = 60.0  # at any rate
-GAP_ROWS = 1.5  # a shorter step is no gap, at any rate: half a row above the regular one
-RESTART_ROWS = 10.0  # a shorter gap does not restart the smoother, at any rate
-MAX_HELD_ROWS = (
-    4500  # behind the present, or bridged in a gap: a minute at the rig's 75 Hz; bounds the memory
-)
+# Longest delay of the output [s] that is accepted at any rate.
+LONGEST_BEHIND_S = 60.0
+# A step of fewer rows is not a gap at any rate: half a row above the regular step.
+GAP_ROWS = 1.5
+# A gap of fewer rows does not restart the smoother at any rate.
+RESTART_ROWS = 10.0
+# Most rows that wait for their answer, or are interpolated in a gap: a minute at the rig's 75 Hz.
+# Bounds the memory.
+MAX_HELD_ROWS = 4500
 COUNTERS = ("spikes", "backward", "gaps", "longest_gap_s")
 
 

@@ -1,6 +1,4 @@
-"""A log that grows, of the rig or any table: which columns are junctions, and how each is
-measured.
-"""
+"""A growing log of the rig or any growing table: its junction columns and their calibration."""
 
 from __future__ import annotations
 

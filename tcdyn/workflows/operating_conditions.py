@@ -1,6 +1,4 @@
-"""What ran in a test and in what air: columns of the log where it has them, else what rig.toml
-states.
-"""
+"""Operating conditions of a test: forces, speeds and air from the log, else from rig.toml."""
 
 from __future__ import annotations
 

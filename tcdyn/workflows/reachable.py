@@ -24,7 +24,8 @@ from tcdyn.smoothing.live import BURST_NOISES
 MARGIN_NOISES = 4.0 * BURST_NOISES
 # Two steps of the coarsest usual logger (1 K): the first seconds may not show the step.
 MIN_MARGIN_K = 2.0
-LAG_SIGMAS = 3.0  # the shortest lag that the stated uncertainty leaves room for
+# The shortest possible lag is so many standard uncertainties below the stated lag.
+LAG_SIGMAS = 3.0
 # A Butterworth filter overshoots. The impulse response of order 6 has the L1 norm 1.35, so its output can leave the
 # range of its input by 0.18 of that range on each side.
 OVERSHOOT_SHARE = 0.2
@@ -32,7 +33,8 @@ OVERSHOOT_SHARE = 0.2
 # but not before the lag has forgotten where it began (exp(-10) = 5e-5).
 START_ANEW_S = 60.0
 START_ANEW_LAGS = 10.0
-START_CANDIDATES = 16  # readings at the beginning that are tried as the first valid one
+# So many readings at the start are tried as the first valid one.
+START_CANDIDATES = 16
 QUARTILE_OF_DIFFERENCES = 0.3186 * np.sqrt(
     2.0
 )  # 25 % of the |differences| of white noise with sd 1 are smaller

@@ -1,6 +1,4 @@
-"""What one disk's traces come to; and logs too long for the memory, stretch by stretch, with enough
-beside each.
-"""
+"""Compensation of one disk, and of logs that do not fit into memory, by overlapping segments."""
 
 from __future__ import annotations
 
@@ -33,7 +31,8 @@ from tcdyn.smoothing.record import Compensated
 from tcdyn.smoothing.smoother import deconvolve, smooth
 from tcdyn.smoothing.traces import DiskTraces, disk_traces, gathered
 
-DECIMALS = 5  # 0.01 mK: far below what any sample is known to
+# Decimals of the output: 0.01 mK, far below the uncertainty of any sample.
+DECIMALS = 5
 SEGMENT_ROWS = 50_000
 Method = Literal["smoother", "deconvolve", "inverse", "noise-only"]
 METHODS: tuple[Method, ...] = get_args(Method)
@@ -43,8 +42,13 @@ METHODS: tuple[Method, ...] = get_args(Method)
 class Way:
     """How a log is compensated.
 
-    ``method``: "smoother"; "deconvolve" with its ``criterion``; "inverse" of ``bandwidth_Hz``; or
-    "noise-only", the smoother with an empty chain, which leaves the lag in.
+    Attributes
+    ----------
+    method
+        "smoother" (RTS smoother); "deconvolve" with its ``criterion``; "inverse" of ``bandwidth_Hz``;
+        or "noise-only": the smoother without the chain, which does not remove the lag.
+    criterion, bandwidth_Hz
+        Options of "deconvolve" and "inverse".
     """
 
     method: Method = "smoother"
@@ -64,7 +68,7 @@ class Way:
 def with_common_lag(
     traces: DiskTraces, record: DiskRecord, fit: Alone | None
 ) -> tuple[DiskTraces, str]:
-    """The traces with the common lag of the fit, if there is one, and what to note of it."""
+    """Return the traces with the common lag of the fit, if there is one, and a note about it."""
     if fit is not None:
         lag = fit.estimates["lag_s"]
         chains = refined_chains(traces.chains, fit.chain)
@@ -80,7 +84,10 @@ def with_common_lag(
 def compensate_disk(
     traces: DiskTraces, frame: pd.DataFrame, events: Mapping[float, float], way: Way
 ) -> Compensated:
-    """One disk's traces; ``events``: time [s] of each, of all the log, and its uncertainty [s]."""
+    """Compensate one disk's traces.
+
+    ``events``: time [s] of each event of the log, and its standard uncertainty [s].
+    """
     time = frame["time_s"].to_numpy(dtype=float)
     y = traces.measured_degC
     dt = interval_s(time)
@@ -111,7 +118,7 @@ def compensate_disk(
 def output_columns(
     traces: DiskTraces, result: Compensated, way: Way, parts: bool
 ) -> dict[str, NDArray[np.float64]]:
-    """The columns (N,) that one disk's answer puts into the log, by name."""
+    """Return the output columns (N,) of one disk by name."""
     columns: dict[str, NDArray[np.float64]] = {}
     common_u = (
         np.hypot(result.common_sd(), shared_u_K(traces.lines))
@@ -131,10 +138,10 @@ def output_columns(
 
 @dataclass(frozen=True)
 class LogSegments:
-    """What the rest of a long log is compensated with, once the rows about its unloading have been.
+    """Settings to compensate the remaining rows of a long log, segment by segment.
 
-    Noise and intensity are those of each stretch; lags are the unloading's, ``fits``, or the
-    records'.
+    Noise and process-noise intensity are estimated in each segment. Lags are those of the unloading
+    (``fits``) or of the records.
     """
 
     log: LogPieces
@@ -152,7 +159,7 @@ class LogSegments:
     def pieces(
         self, columns: Sequence[str]
     ) -> Iterator[tuple[Array, dict[str, Array], tuple[Finding, ...]]]:
-        """Time and columns of the log, piece by piece."""
+        """Iterate over chunks of the log: time, columns and findings."""
         for piece in self.log:
             yield (
                 piece.frame["time_s"].to_numpy(),
@@ -161,7 +168,7 @@ class LogSegments:
             )
 
     def write(self, out: str | Path, progress: Callable[[str], None]) -> list[Finding]:
-        """Write the ``header`` and all rows to ``out``, whole or not at all; what was noticed."""
+        """Write the ``header`` and all rows to ``out``, atomically; return the findings."""
         rows = 0
         reported_percent = 0
         findings = list[Finding]()
@@ -189,9 +196,7 @@ class LogSegments:
         return findings
 
     def _compensate_segment(self, segment: Part) -> tuple[pd.DataFrame, list[Finding], int]:
-        """Rows to write, what was noticed, and how many rows beside them both sweeps need to
-        settle.
-        """
+        """Return the rows to write, findings, and how many margin rows the RTS smoother needs to settle."""
         frame = pd.DataFrame(segment.data)
         where = self.log.path.name
         findings = list(segment.findings)

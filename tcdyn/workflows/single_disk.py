@@ -1,6 +1,4 @@
-"""An EHL log of one disk and its record to beta by the ways that one disk allows, and the file that
-keeps it.
-"""
+"""Heat partition with one disk: from an EHL log and one record to beta, and beta.json."""
 
 from __future__ import annotations
 

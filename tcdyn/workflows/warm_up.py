@@ -1,6 +1,4 @@
-"""What the first seconds of a growing log tell: its sampling, its noise, where its channels
-begin.
-"""
+"""Warm-up of the live compensation: sample interval, noise and initial level of each channel."""
 
 from __future__ import annotations
 
