@@ -46,7 +46,7 @@ EFFORT = {
 
 
 def grade(u_s: float, lag_s: float, limits: tuple[float, float]) -> str:
-    """How well a lag is told.
+    """Grade a standard uncertainty relative to the lag.
 
     >>> grade(0.03, 0.73, COMMON), grade(0.03, 0.73, DIFFERENCES), grade(0.2, 0.73, COMMON)
     ('well', 'roughly', 'poorly')
@@ -55,17 +55,17 @@ def grade(u_s: float, lag_s: float, limits: tuple[float, float]) -> str:
 
 
 def common(p: PredictedTest, lag_s: float) -> str:
-    """How well the test tells the lag that all channels share."""
+    """Grade of the lag that all channels share."""
     return grade(p.u_common_s, lag_s, COMMON)
 
 
 def differences(p: PredictedTest, lag_s: float) -> str:
-    """How well the test tells the channels' lags apart."""
+    """Grade of the differences between the channels' lags."""
     return grade(p.u_differential_s, lag_s, DIFFERENCES)
 
 
 def sentence(p: PredictedTest, lag_s: float) -> str:
-    """One sentence: how well the test tells the common lag, and how well the differences."""
+    """One sentence: how well the test determines the common lag and the differences."""
     return (
         f"{p.name}: tells the common lag {common(p, lag_s)}, to {_u_text(p.u_common_s, lag_s)}, and the differences "
         f"between channels {differences(p, lag_s)}, to {_u_text(p.u_differential_s, lag_s)}."
@@ -73,16 +73,15 @@ def sentence(p: PredictedTest, lag_s: float) -> str:
 
 
 def headline(predictions: Sequence[PredictedTest], lag_s: float) -> str:
-    """What to do: the least laborious test that tells both well; without one, the best there is and
-    what it lacks.
-    """
+    """Recommend the least laborious test that determines both well; else the best and what it lacks."""
     sufficient = [p for p in predictions if common(p, lag_s) == differences(p, lag_s) == "well"]
     if not sufficient:
         best = min(predictions, key=lambda p: p.u_common_s + p.u_differential_s)
         return (
-            f"No test of this plan tells the lags well. The best, {best.name}, leaves the common lag at "
-            f"{_u_text(best.u_common_s, lag_s)} and the differences at {_u_text(best.u_differential_s, lag_s)}: plan more "
-            "plunges, less noise or more power before the unloading."
+            f"No test of this plan tells the lags well. The best, {best.name}, leaves the common "
+            f"lag at {_u_text(best.u_common_s, lag_s)} and the differences at "
+            f"{_u_text(best.u_differential_s, lag_s)}: plan more plunges, less noise or more power "
+            "before the unloading."
         )
     recommended = min(
         sufficient, key=lambda p: (EFFORT.get(p.kind, 2), p.name.count(","), p.u_common_s)
@@ -101,7 +100,7 @@ def headline(predictions: Sequence[PredictedTest], lag_s: float) -> str:
 
 
 def _why_both(predictions: Sequence[PredictedTest], lag_s: float) -> str:
-    """Why both are needed: what the best of each kind leaves open by itself."""
+    """Why both tests are needed: what the best test of each kind leaves uncertain."""
     reasons = []
     for kind, word in (("plunge", "plunges"), ("unloading", "an unloading")):
         candidates = [p for p in predictions if p.kind == kind]
@@ -126,7 +125,7 @@ def _u_text(u_s: float, lag_s: float) -> str:
 
 @dataclass(frozen=True)
 class Design(Result):
-    """Predictions of several planned tests side by side, and one sentence each."""
+    """Predictions of several planned tests, and one sentence each."""
 
     predictions: tuple[PredictedTest, ...]
     lag_s: float
@@ -195,13 +194,27 @@ def compare_tests(
     lag_s: float = 0.73,
     draws: int = 24,
 ) -> Design:
-    """Predict the planned plunges singly and together, a touch, a loading, an unloading, and
-    plunges with unloading.
+    """Predict plunges singly and together, a touch, a loading, an unloading, plunges with unloading.
 
-    ``lag_s`` is the whole lag expected, conditioning included. Noise and rate of touch and steps
-    are the plunges' where none are given; depths and conductivity of all tests are as uncertain as
-    the rig's ``uncertainty`` table says, or its defaults. Raises InputError for a lag that the
-    conditioning alone exceeds.
+    Parameters
+    ----------
+    setup
+        The disk.
+    plunges
+        The planned plunges.
+    step, touch
+        Planned load step and touch. By default with the rate and noise of the first plunge.
+    uncertainty
+        The rig's ``uncertainty`` table, for depths and conductivity; its defaults if None.
+    lag_s
+        Expected total lag, conditioning included [s].
+    draws
+        Number of Monte Carlo samples of the unknown conditions.
+
+    Raises
+    ------
+    InputError
+        For a lag below that of the conditioning.
     """
     conditioning_lag_s = setup.conditioning.lag_s
     chain_lag_s = lag_s - conditioning_lag_s
@@ -209,7 +222,8 @@ def compare_tests(
         raise InputError(
             f"an expected lag of {lag_s:g} s, conditioning included",
             where="design",
-            expected=f"at least {conditioning_lag_s + MIN_CHAIN_LAG_S:.3g} s, since the conditioning alone lags by {conditioning_lag_s:.3g} s",
+            expected=f"at least {conditioning_lag_s + MIN_CHAIN_LAG_S:.3g} s, since the "
+            f"conditioning alone lags by {conditioning_lag_s:.3g} s",
         )
     first = plunges[0]
     priors = PlungePriors.for_rig(uncertainty or UncertaintyTable.model_validate({}))

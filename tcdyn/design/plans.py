@@ -68,14 +68,26 @@ def predict_plunges(
     priors: PlungePriors | None = None,
     draws: int = 24,
 ) -> PredictedTest:
-    """Expected uncertainty of the lags from ``plans`` fitted together; ``lag_s`` is the chains' own
-    expected lag.
+    """Predict the lag uncertainty of ``plans`` fitted together.
 
-    Of each of ``draws`` values of what nobody can plan (h and its form, burst, split of the lag and
-    the rest, drawn from the priors; the lag within 20 %) the covariance is the inverse of Fisher
-    information plus prior, where the fit would end: one linear step away, theta + C (J' noise -
-    (theta - mean)/sd^2). A fit states what it sees there, and in the valley of lag against burst
-    that is more than at the truth on the average. Nothing is simulated or fitted.
+    Parameters
+    ----------
+    plans, setup
+        The planned plunges and the disk.
+    lag_s
+        Expected lag of the chain, without conditioning [s].
+    structure, correlation, priors
+        Chain structure, heat transfer correlation and priors of the fit.
+    draws
+        Number of Monte Carlo samples of the conditions that cannot be planned.
+
+    Notes
+    -----
+    For each sample of h and its form, the burst, the split of the lag and the other parameters (from
+    the priors; the lag within 20 %) the covariance is the inverse of Fisher information plus prior,
+    evaluated where the fit would end: one linear step, theta + C (J' noise - (theta - mean)/sd^2).
+    The fit reports the covariance at that point. In the valley of lag against burst it is on average
+    larger than at the truth. Nothing is simulated or fitted.
     """
     layout = PlungeParameters(len(plans), setup.channels, structure)
     chosen = find_correlation(correlation)
@@ -263,9 +275,7 @@ def _inner_row(plan: StepPlan, setup: DiskSetup, t: Array) -> Array:
 
 @dataclass(frozen=True)
 class TouchPlan:
-    """A touch of about two seconds on a small patch; nothing tells its instant but the reading
-    itself.
-    """
+    """A touch of about two seconds on a small patch; its instant is known from the reading only."""
 
     flux_W_m2: float = 1e6  # 7 W through 3 mm
     radius_m: float = 1.5e-3

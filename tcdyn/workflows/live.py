@@ -50,11 +50,19 @@ COUNTERS = ("spikes", "backward", "gaps", "longest_gap_s")
 
 @dataclass(frozen=True)
 class Settings:
-    """How to follow: the live smoother works ``behind_s`` [s] behind the present.
+    """Settings of the live compensation.
 
-    ``noise_K`` and ``intensity_K2_s3`` for all channels; left out, the noise is measured in the
-    first ``learn_s`` seconds, and the intensity is 30 K2/s3 for a test on the rig, 3000 for a
-    plunge.
+    Attributes
+    ----------
+    behind_s
+        Fixed lag of the smoother: how far it works behind the present [s].
+    noise_K
+        Noise of all channels; None: measured in the first ``learn_s`` seconds.
+    intensity_K2_s3
+        Process-noise intensity of all channels; None: 30 K2/s3 for a test on the rig, 3000 K2/s3 for a
+        plunge.
+    learn_s
+        Length of the warm-up [s].
     """
 
     behind_s: float = 0.0
@@ -75,12 +83,20 @@ class Settings:
 
 @dataclass(frozen=True)
 class CausalState:
-    """All that is needed to go on: the smoother's state, recent samples, rows that wait for their
-    temperatures.
+    """State between two calls: smoother, recent samples, rows that wait for their temperatures.
 
-    ``memory`` (M, 3): of the filters for what lags, and how they divide, are worth; ``waiting`` (k,
-    columns): rows, NaN in every column where the logger left one out; ``found`` and ``found_u`` (k,
-    M): answers not yet written; ``screening``: which readings were treated as missing.
+    Attributes
+    ----------
+    kernel
+        State of the live smoother.
+    memory
+        States of the filters for the sensitivity to lag and split, shape (M, 3).
+    waiting
+        Rows (k, columns); NaN in every column where the logger left one out.
+    found, found_u
+        Temperatures and uncertainties that are not written yet, shape (k, M).
+    screening
+        Which readings were treated as missing.
     """
 
     kernel: LiveState
@@ -116,7 +132,7 @@ class CausalState:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What was noticed on the way."""
+        """Findings during the run."""
         spikes = [info("follow.spikes", count=self.spikes)] if self.spikes else []
         backward = [warning("follow.backward", count=self.backward)] if self.backward else []
         gaps = (
@@ -129,13 +145,22 @@ class CausalState:
 
 @dataclass(frozen=True)
 class Causal:
-    """What is done to each row: which columns are junctions, how they are measured, and the
-    smoother for them.
+    """Live compensator: columns, their calibration, and the smoother.
 
-    ``names``: all columns of a row; ``junctions`` (M,): those to compensate, with their ``lines``,
-    ``chains``, uncertainty of the lag and of how it divides, white noise and noise from before the
-    filter; ``dead``: those that show nothing and are left empty. A row is written once the answer
-    for its own time is there, so all columns of a row belong to its ``time_s``.
+    Attributes
+    ----------
+    names
+        All columns of a row.
+    junctions
+        The M columns to compensate, with ``lines``, ``chains``, uncertainties of the lag and its split
+        (``lag_u_s``, ``split_u_s``), white noise ``noise_K`` and noise before the filter ``before_K``.
+    dead
+        Junctions without valid readings; their columns stay empty.
+
+    Notes
+    -----
+    A row is written when the temperatures for its own time are available, so all columns of a row
+    belong to its ``time_s``.
     """
 
     names: tuple[str, ...]
@@ -160,12 +185,19 @@ class Causal:
         settings: Settings,
         warm_up: Mapping[str, Any],
     ) -> Causal:
-        """The plan for columns ``names``; ``warm_up``: dt_s, dead (columns that show nothing),
-        noise_K and before_K.
+        """Create the compensator for columns ``names``.
 
-        ``level_K2_s3``: how suddenly slopes may change where the settings do not say; None: by lag
-        and noise. The last two by channel: noise that is white, and as it comes out of the filter
-        before which it was white.
+        Parameters
+        ----------
+        names, channels
+            Columns of a row; junctions with their calibration.
+        level_K2_s3
+            Process-noise intensity where the settings have none; None: by lag and noise.
+        settings
+            Settings of the live compensation.
+        warm_up
+            Result of the warm-up: dt_s, dead, noise_K (white noise by channel) and before_K (noise by
+            channel that was white before the filter).
         """
         alive = [
             channel
@@ -218,7 +250,7 @@ class Causal:
         )
 
     def learnt(self) -> dict[str, Any]:
-        """What ``of`` needs besides the files."""
+        """Return the result of the warm-up, for the state file."""
         levels = {"noise_K": self.noise_K, "before_K": self.before_K}
         named = {k: dict(zip(self.junctions, v.tolist())) for k, v in levels.items()}
         return {"dt_s": self.dt_s, "dead": list(self.dead), **named}
@@ -288,9 +320,7 @@ class Causal:
 
     @cached_property
     def _filters(self) -> list[tuple[tuple[Array, Array], tuple[Array, Array]]]:
-        """What makes of a channel's answers their change per second of lag, and by how the lag
-        divides.
-        """
+        """Filters from temperatures to their change per second of lag, and per split of the lag."""
         dt = self.dt_s
         return [
             (lag_rate(c, dt), split_change(c, u, dt))
@@ -304,10 +334,10 @@ class Causal:
         return Reach.of(self.chains, self.lag_u_s, self.split_u_s, noise_K, self.dt_s)
 
     def advance(self, state: CausalState, rows: Array) -> tuple[CausalState, Array]:
-        """Take ``rows (n, columns)`` as logged; the rows (k, output columns) that are ready now.
+        """Process ``rows`` (n, columns) as logged; return the state and the rows that are ready now.
 
-        Beyond a gap of a minute, of a lag or of ten rows nothing is known any more: what still
-        waits is handed out, the smoother starts anew.
+        After a gap of more than a minute, a lag and ten rows the smoother restarts. The rows that still
+        wait are returned first.
         """
         rows = np.asarray(rows, dtype=float)
         time = np.where(np.isinf(rows[:, (at := self.names.index("time_s"))]), np.nan, rows[:, at])
@@ -348,15 +378,11 @@ class Causal:
         return max(LONGEST_GAP_S, lag_s, RESTART_ROWS * self.dt_s)
 
     def rest(self, state: CausalState) -> Array:
-        """The rows (k, output columns) that still wait when no more come, by what is known of
-        them.
-        """
+        """Return the rows that still wait when no more rows come, by the current estimate."""
         return self._advance_regular(state, np.full((self.rows_late, len(self.names)), np.nan))[1]
 
     def _first_levels(self, rows: Array, state: CausalState) -> Array:
-        """What each channel shows first in ``rows``; as it was known last where it shows
-        nothing.
-        """
+        """First valid reading of each channel in ``rows``; its last known level where it has none."""
         y = self._apply_lines(rows)
         finite = np.isfinite(y)
         return np.where(
@@ -380,7 +406,7 @@ class Causal:
         )
 
     def _advance_regular(self, state: CausalState, rows: Array) -> tuple[CausalState, Array]:
-        """The same as ``advance`` for one row a sample, NaN where the logger left one out."""
+        """Like ``advance`` for one row a sample, NaN where the logger left one out."""
         if len(rows) == 0:
             return state, np.empty((0, len(self.output_names)))
         time_s = rows[:, self.names.index("time_s")]
@@ -440,9 +466,7 @@ class Causal:
         return replace(state, kernel=replace(state.kernel, **kernel), memory=memory)
 
     def _pop_ready(self, state: CausalState) -> tuple[CausalState, Array]:
-        """The rows whose answers are all there, those between samples by straight lines; the rest
-        goes on waiting.
-        """
+        """Return the complete rows, interpolated linearly between samples; the others wait on."""
         ready = max(len(state.waiting) - self.rows_late, 0)
         out = np.full((ready, len(self.output_names)), np.nan)
         out[:, : len(self.names)] = state.waiting[:ready]
@@ -462,11 +486,11 @@ class Causal:
         return replace(state, **remaining), out[real]
 
     def before_use(self) -> BeforeUse:
-        """The report on the channel whose answer is noisiest."""
+        """Filter report of the channel with the largest noise."""
         return live_before_use(self.engine, self.chains)
 
     def notes(self) -> dict[str, str]:
-        """What the output says about itself."""
+        """Notes at the head of the output."""
         return {
             "method": "live smoother",
             "behind_s": f"{self.settings.behind_s:g}",

@@ -39,12 +39,20 @@ Calibrations = Mapping[str, DiskRecord] | Sequence[SensorFile]
 
 @dataclass(frozen=True)
 class GrowingLog:
-    """The growing log, which field of a row is which canonical column, and how junctions are
-    measured.
+    """A growing log: canonical column to field, and how its junctions are measured.
 
-    ``level_K2_s3``: how suddenly slopes may change in a log of this kind, None where nobody knows.
-    ``how``: what makes seconds and degrees Celsius of columns in another unit; ``units``: of the
-    columns that are given back in their own.
+    Attributes
+    ----------
+    table, places
+        The growing table, and the field index of each canonical column.
+    channels
+        Junctions with static lines, chains and uncertainties, by disk.
+    level_K2_s3
+        Process-noise intensity for a log of this kind; None where it is unknown.
+    how
+        Conversions of columns in another unit to seconds and degrees Celsius.
+    units
+        Units of the columns that the output has in their own unit.
     """
 
     table: GrowingTable
@@ -56,8 +64,9 @@ class GrowingLog:
     findings: tuple[Finding, ...] = ()
 
     def new_rows(self) -> list[list[float]] | None:
-        """New rows of canonical columns [s, degC], None without a whole line; NaN where a couple
-        has no such emf.
+        """Return new rows of canonical columns [s, degC]; None without a complete line.
+
+        NaN stands for an emf outside the range of the thermocouple type.
         """
         names = list(self.places)
         read_rows = self.table.new_rows(list(self.places.values()))
@@ -78,7 +87,7 @@ class GrowingLog:
         return [list(map(float, row)) for row in np.where(infinite, np.nan, converted)]
 
     def given_back(self, rows: Array, names: Sequence[str]) -> Array:
-        """Answers (k, columns ``names``) in the units of the table's own columns."""
+        """Return the output (k, columns ``names``) in the units of the table."""
         out = np.array(rows)
         for name, unit in self.units.items():
             at = names.index(name)
@@ -87,9 +96,7 @@ class GrowingLog:
         return out
 
     def called(self, names: Sequence[str]) -> list[str]:
-        """What the output calls the columns ``names``: by their units, and degrees Celsius where it
-        was millivolts.
-        """
+        """Return the output's column names with the table's units; degrees Celsius for millivolts."""
         own_names = {u_name(n): unit.names(n)[1] for n, unit in self.units.items()}
         own_names |= {n: unit.names(n)[0] for n, unit in self.units.items()}
         return [own_names.get(n, n) for n in names]
@@ -108,8 +115,9 @@ class TableOptions(TypedDict, total=False):
 def growing_log(
     log: Path, rig: Rig | None, records: Calibrations, options: TableOptions | None = None
 ) -> GrowingLog | None:
-    """The log once two whole rows stand in it; InputError for one that is compensated, and for
-    missing columns.
+    """Open the log once it has two complete rows.
+
+    Raises InputError for a log that is compensated already, and for missing columns.
     """
     wanted = (*KNOWN, *HEADER_NAMES)
     if rig and isinstance(records, Mapping):
@@ -155,9 +163,7 @@ def growing_log(
 def _table_source(
     growing: GrowingTable, sensors: Sequence[SensorFile], where: str, options: TableOptions
 ) -> GrowingLog:
-    """Any table that grows: all its columns, the time in seconds called time_s, those sensors cover
-    in their units.
-    """
+    """Open any growing table: all its columns, time in seconds, sensor columns in their units."""
     names = growing.table.names
     dialect = growing.table.dialect
     units = growing.table.units
