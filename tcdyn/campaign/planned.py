@@ -95,9 +95,7 @@ class Logging:
 
 @dataclass(frozen=True)
 class PlannedCampaign:
-    """What planned tests will tell together; ``posterior`` holds every covariance, ``alone`` u of
-    beta of each test.
-    """
+    """Expected result of planned tests: the posterior, and u of beta of each test alone."""
 
     posterior: Posterior = field(repr=False)
     alone: tuple[float, ...]
@@ -159,9 +157,7 @@ class PlannedCampaign:
 
 
 def _with_equal_beta(posterior: Posterior) -> Posterior:
-    """The same with every beta equal: the u of a line's slope is asked for, not whether the plan
-    lies on one.
-    """
+    """Return the posterior with every beta equal: only u of the slopes is of interest."""
     answers = posterior.answers.copy()
     answers[:, 0] = answers[:, 0].mean()
     return replace(posterior, answers=answers)
@@ -203,10 +199,10 @@ def predict_campaign(
 
 
 def expected_widening(posterior: Posterior) -> Posterior:
-    """``posterior`` with what Birge's ratio, never below one, will widen it by on average.
+    """Widen a posterior by the expected square of Birge's ratio, which is at least one.
 
-    E max(1, X/v) = P(X < v) + P(Y > v), X chi-squared on v degrees of freedom, as many as the data
-    tell of the shared quantities, and Y on v + 2.
+    E max(1, X/v) = P(X < v) + P(Y > v). X is chi-squared with v degrees of freedom, as many as the
+    data determine of the shared quantities; Y has v + 2.
     """
     dof = max(len(posterior.found) - float(np.trace(posterior.shared_covariance)), 1.0)
     widened = float(chdtr(dof, dof) + chdtrc(dof + 2, dof))
@@ -218,7 +214,7 @@ def expected_widening(posterior: Posterior) -> Posterior:
 
 
 def planned_test(plan: PlannedTest, rig: Rig, logging: Logging) -> SufficientStatistics:
-    """What one planned test would keep, its fit standing on the truth."""
+    """Return the sufficient statistics of a planned test whose fit is at the truth."""
     radius, crown = zip(*((s.outer_radius_m, s.crown_radius_m) for s in map(rig.disk_setup, DISKS)))
     u_fast, u_slow = (
         surface_speed_m_s(rpm, r)

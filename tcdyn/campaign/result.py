@@ -37,15 +37,27 @@ MIN_VARIANCE_REDUCTION = 0.02
 
 @dataclass(frozen=True)
 class JoinedCampaign:
-    """All tests of a rig together.
+    """Joint result of all tests of a rig.
 
-    ``posterior``: answers and covariance; ``law``: the exponent n; ``trends`` of beta;
-    ``outlying_tests``: tests that do not belong, and are not in the posterior; ``curves``: models
-    laid over the tests; ``deeper_mm``: by disk and channel, how much deeper than stated the
-    campaign places a junction; ``pulls``: that in what the data alone would move it by; ``single``:
-    beta of each test alone; ``by_law``: beta by each test's steady lines and the campaign's n;
-    ``status`` and ``delta_T_us`` [K m/s] of each test; ``apart``: tests that could not be joined,
-    and why.
+    Attributes
+    ----------
+    posterior, law, trends
+        Quantities with covariance, exponent n, trends of beta.
+    outlying_tests
+        Tests that do not agree with the others; they are not in the posterior.
+    curves
+        Curves of a model compared with the tests.
+    deeper_mm, pulls
+        By disk and channel: estimated depth minus stated depth of a junction, and this difference in
+        the standard deviations that the data alone would cause.
+    single
+        beta of each test by its own joint fit.
+    by_law
+        beta by each test's steady lines and the campaign's n.
+    status, delta_T_us
+        Of each test; delta_T_us in K m/s.
+    apart
+        Tests that could not be used, and why.
     """
 
     posterior: Posterior

@@ -34,10 +34,9 @@ EVENT_COLUMNS = ("contact", "load_N", "friction_N")
 
 
 def loading_events(frame: pd.DataFrame) -> list[Events]:
-    """Every loading in an EHL log that an unloading follows, in order; empty where there is none.
+    """Find every loading in an EHL log that an unloading follows, in order.
 
-    The longest is found first, then what lies before it and behind it is looked through in the same
-    way.
+    The longest is found first; the rows before and after it are searched in the same way.
     """
     t = frame["time_s"].to_numpy(dtype=float)
     if len(t) < 2:
@@ -56,9 +55,9 @@ def loading_events(frame: pd.DataFrame) -> list[Events]:
 
 
 def stages(log: Log) -> tuple[Log, ...]:
-    """The tests in a log, each with its cooling up to the next loading, named after it: D4.1, D4.2.
+    """Split a log into its tests, each with its cooling up to the next loading: D4.1, D4.2.
 
-    A log with one test is that test, under its own name.
+    A log with one test is returned under its own name.
     """
     return _split(log, loading_events(log.frame))
 
@@ -80,9 +79,9 @@ def _split(log: Log, events: Sequence[Events]) -> tuple[Log, ...]:
 
 
 def stage_of(log: Log, number: int | None) -> tuple[Log, int]:
-    """Test ``number`` of a log, from 1, or the whole log for None; and how many it holds.
+    """Return test ``number`` of a log, from 1 (None: the full log), and how many tests it has.
 
-    Raises InputError for one that it does not hold.
+    Raises InputError for a number that the log does not have.
     """
     tests = stages(log)
     if number is None:
@@ -97,11 +96,10 @@ def stage_of(log: Log, number: int | None) -> tuple[Log, int]:
 
 
 def read_stage(log: LogPieces, number: int | None) -> tuple[Log, int]:
-    """``stage_of`` a log that is read in pieces: a long one with the rows about that test only,
-    which a note says.
+    """Like ``stage_of`` for a log in chunks; of a long log only the rows around one test are loaded.
 
-    Memory for about ``MAX_ROWS`` rows, more where ``MIN_WINDOW_S`` holds more. Raises InputError as
-    ``stage_of``, and for a long log without an unloading.
+    An info finding reports that. Memory for about ``MAX_ROWS`` rows, more where ``MIN_WINDOW_S`` has
+    more. Raises InputError as ``stage_of``, and for a long log without an unloading.
     """
     if log.rows <= MAX_ROWS:
         return stage_of(log.whole(), number)
@@ -123,10 +121,9 @@ def read_stage(log: LogPieces, number: int | None) -> tuple[Log, int]:
 
 
 def all_events(log: LogPieces, log_in_memory: Log) -> list[Events]:
-    """Loading and parting of every test in a log of which ``log_in_memory`` was read; of a long one
-    by its forces beside them.
+    """Find loading and unloading of every test in a log of which one part is in memory.
 
-    Raises InputError for a log without any, as ``find_events`` does.
+    Of a long log the forces around each event are read. Raises InputError for a log without events.
     """
     if len(log_in_memory.frame) == log.rows:
         events = loading_events(log_in_memory.frame)

@@ -59,7 +59,7 @@ class CalibrationRun(Result):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What was noticed in logs and fits."""
+        """Findings of logs and fits."""
         return tuple(self.record.findings)
 
     def summary(self) -> str:
@@ -210,7 +210,7 @@ def _static_lines(
     prt_u_degC: float,
     progress: Callable[[str], None],
 ) -> tuple[OvenFit | None, dict[str, StaticLine], list[Finding], list[InputFile]]:
-    """Static lines by the oven log, or T = logged as stated; what was noticed, and the file."""
+    """Static lines by the oven log, or T = logged as stated, findings and the input file."""
     if (oven is None) == (line_u_K is None):
         raise InputError(
             "no oven log" if oven is None else "an oven log and a stated line",

@@ -87,7 +87,7 @@ class CampaignRun(Result):
 
     @property
     def findings(self) -> list[Finding]:
-        """What all tests together show, then what was noticed in each, with its log's name; what
+        """What all tests together show, then the findings of each test, with its log's name; what
         repeats is said once.
 
         That the ways agree is in the table.

@@ -81,7 +81,7 @@ class CompensatedLog(Result):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What was noticed, in words."""
+        """Findings as text."""
         return messages(self.findings)
 
     def summary(self) -> str:

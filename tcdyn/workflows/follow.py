@@ -52,7 +52,7 @@ class FollowRun(Result):
         return f"{self.ended}: {self.rows_read} rows read, {self.rows_written} written"
 
     def to_dict(self) -> dict[str, Any]:
-        """Counts, why it ended and what was noticed."""
+        """Counts, why it ended and findings."""
         counts = {
             "rows_read": self.rows_read,
             "rows_written": self.rows_written,

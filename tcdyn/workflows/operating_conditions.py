@@ -26,9 +26,7 @@ Rows = NDArray[np.bool_]
 
 
 def constants_of(frame: pd.DataFrame, rig: Rig) -> tuple[dict[str, Constant], list[Finding]]:
-    """What ``[constants]`` states of columns that the log does not hold; what it holds is taken
-    from there.
-    """
+    """Return the ``[constants]`` of columns that the log does not have; a logged column has priority."""
     used: dict[str, Constant] = {
         name: c for name, c in rig.common.constants.items() if name not in frame
     }
@@ -43,9 +41,9 @@ def constants_of(frame: pd.DataFrame, rig: Rig) -> tuple[dict[str, Constant], li
 def forces_N(
     frame: pd.DataFrame, events: Events, steady: Rows, stated: Mapping[str, Constant]
 ) -> tuple[Array, Array]:
-    """Load and friction while the disks touch, zero elsewhere, (N,) each.
+    """Return load and friction during contact, zero elsewhere, shape (N,) each.
 
-    A load that was stated goes with the friction, and is its mean over the rows of ``steady``.
+    A constant load is scaled with the friction; it is its mean over the rows of ``steady``.
     """
     t = frame["time_s"].to_numpy(dtype=float)
     friction = contact_force(t, frame["friction_N"].to_numpy(dtype=float), events)
@@ -73,10 +71,9 @@ def speeds_rpm(
 def constants_rel_u(
     rpm: Sequence[float], rpm_u: Sequence[float], stated: Mapping[str, Constant]
 ) -> tuple[float, float, float]:
-    """Relative standard uncertainty, by what is stated, of the load, of the sliding and of the
-    ratio of both speeds.
+    """Return the relative u of load, sliding speed and speed ratio due to constants of rig.toml.
 
-    The disks' radii are taken as alike.
+    The radii of the disks are taken as equal.
     """
     load = stated["load_N"].u / stated["load_N"].value if "load_N" in stated else 0.0
     sliding = math.hypot(*rpm_u) / abs(rpm[0] - rpm[1])
@@ -139,7 +136,7 @@ def disk_air(
 
 
 def check_no_copies(frame: pd.DataFrame, left_out: Mapping[str, str], where: str) -> None:
-    """Refuse a log in which two junctions hold the same numbers: one of them is not measured."""
+    """Raise InputError if two junctions have the same numbers: one of them is not measured."""
     names = [n for n in couples_in(frame) if n.removesuffix("_degC") not in left_out]
     for first, second in combinations(names, 2):
         if frame[first].equals(frame[second]) and frame[first].nunique() > 1:
