@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -19,12 +19,10 @@ from tcdyn.rig.disk import DISKS
 from tcdyn.rig.log import write_log
 from tcdyn.rig.record import DiskRecord, read_record, write_record
 from tcdyn.rig.rigfile import Rig, load_rig
+from tcdyn.simulate.campaign import CampaignFiles, simulate_campaign
 from tcdyn.workflows.beta import BetaRun, estimate_beta
 from tcdyn.workflows.calibrate import CalibrationRun, calibrate_disk
 from tcdyn.workflows.compensate import CompensatedLog, compensate_log
-
-if TYPE_CHECKING:
-    from tcdyn.simulate.campaign import CampaignFiles
 
 ERROR_WINDOW_S = 5.0
 FLUID = "mobil-jet-ii"
@@ -86,10 +84,6 @@ def run_demo(
 
     No stage reads the truth; it is read last, for the ``comparison``.
     """
-    from tcdyn.simulate.campaign import (
-        simulate_campaign,
-    )  # a quarter of a second, which no other stage needs
-
     folder = Path(out)
     progress("simulating the campaign")
     files = simulate_campaign(
