@@ -212,7 +212,7 @@ def test_a_table_in_stretches_is_the_table_at_once(
     whole = written(compensate_table(log, [sensor], tmp_path / "whole.csv").path)
     monkeypatch.setattr(table, "SEGMENT_ROWS", 1000)
     monkeypatch.setattr(table, "MARGIN_ROWS", 10)
-    monkeypatch.setattr(pipeline, "MOST_VALUES", 1500)
+    monkeypatch.setattr(pipeline, "MAX_VALUES", 1500)
     parts = written(compensate_table(log, [sensor], tmp_path / "parts.csv").path)
     assert np.array_equal(parts["n"], np.arange(len(t)))  # each row once
     away = np.abs(parts["T1_degC"] - whole["T1_degC"]) / whole["T1_u_K"]
@@ -239,7 +239,7 @@ def test_stretches_with_their_neighbours_give_what_the_whole_table_gives(
     monkeypatch.setattr(pipeline, "DECIMALS", 12)
     monkeypatch.setattr(table, "SEGMENT_ROWS", 1000)
     monkeypatch.setattr(table, "MARGIN_ROWS", 10)
-    monkeypatch.setattr(pipeline, "TOLD_ROWS", 1)
+    monkeypatch.setattr(pipeline, "PROGRESS_ROWS", 1)
     t, _, y = logged((0.5,), 0.05, 9000, 0.1, 2)
     log = write(tmp_path / "long.csv", time_s=np.round(t, 3), T1_degC=y)
     for intensity in (10.0, 0.01):

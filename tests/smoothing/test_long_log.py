@@ -26,8 +26,8 @@ __all__ = ["whole"]
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
     """So little memory that the campaign's log of 26,000 rows is long."""
     for room in (stages, compensate):
-        monkeypatch.setattr(room, "LONG_ROWS", 12_000)
-    monkeypatch.setattr(stretches, "STRETCH_ROWS", 9_000)
+        monkeypatch.setattr(room, "MAX_ROWS", 12_000)
+    monkeypatch.setattr(stretches, "SEGMENT_ROWS", 9_000)
 
 
 @pytest.mark.usefixtures("small")
@@ -81,8 +81,8 @@ def test_a_long_log_without_unloading_and_a_place_that_cannot_be_written(
 ) -> None:
     frame = pd.read_csv(campaign.files.ehl["B3"], comment="#")
     loaded = write_log(frame[frame["time_s"].between(100, 200)], tmp_path / "loaded.csv")
-    monkeypatch.setattr(compensate, "LONG_ROWS", 4_000)
-    monkeypatch.setattr(stages, "LONG_ROWS", 4_000)
+    monkeypatch.setattr(compensate, "MAX_ROWS", 4_000)
+    monkeypatch.setattr(stages, "MAX_ROWS", 4_000)
     done = compensate_log(loaded, campaign.records, campaign.rig)
     assert len(done.frame) == 4_000
     path, noticed = done.write(tmp_path / "out.csv")
@@ -109,7 +109,7 @@ def test_of_every_tenth_that_is_written_one_line_is_told_and_a_stretch_that_need
         return pd.DataFrame({"time_s": np.zeros(part.rows)}), [], 12 if part.rows == 6 else 10
 
     monkeypatch.setattr(stretches, "parts", in_four)
-    monkeypatch.setattr(stretches.LogSegments, "_answered", answered)
+    monkeypatch.setattr(stretches.LogSegments, "_compensate_segment", answered)
     log, none = cast(Any, SimpleNamespace(rows=40)), pd.Index(["time_s"])
     way, rig = stretches.Way(), cast(Any, None)
     rest = stretches.LogSegments(log, rig, {}, way, {}, {}, False, False, none, none, {})
