@@ -87,7 +87,7 @@ def _merged(q: Intensity, at_s: float, level: float) -> Intensity:
 def candidates(fit: Smoothed, events: Sequence[float]) -> list[float]:
     """Times [s], none near ``events``, at which a jump would help more than chance does: the best of each place."""
     knots = fit.knots_s[:-1]
-    lag = smeared_s(fit.stretch)
+    lag = smeared_s(fit.record)
     score = np.max(fit.jump_chi2, axis=1)
     score[:3] = score[-3:] = 0.0
     least = 2 * np.log(fit.jump_chi2.size / (AGAIN if events else CHANCE))
@@ -108,11 +108,11 @@ def with_hidden(
     All candidates are put in at once and weighed in turn, so that none hides another in a level that is too high;
     then again until no more come up; what the data do not ask for once all others are in place is a doubt.
     """
-    stretch = fit.stretch
+    record = fit.record
     plain = fit.chosen
     noise_var = fit.noise_var
-    lag = smeared_s(stretch)
-    told = set(stretch.events_s)
+    lag = smeared_s(record)
+    told = set(record.events_s)
     sure: list[Hidden] = []
     doubts: list[Hidden] = []
     original = fit
@@ -126,10 +126,10 @@ def with_hidden(
         settled = not new
         final = not new
         early = [
-            max(c - 0.5 * lag, 2 * stretch.dt_s) for c in new
+            max(c - 0.5 * lag, 2 * record.dt_s) for c in new
         ]  # rough at first: from before it, anything goes
         bursts = [[b for b in q.bursts if b.start_s in told] for q in fit.chosen]
-        for c, span in enumerate(spans(stretch, noise_var)):
+        for c, span in enumerate(spans(record, noise_var)):
             bursts[c] += [
                 Burst(at, 100 * span**2 / lag**3, lag, slope_sd=span / lag) for at in early
             ]
@@ -140,8 +140,8 @@ def with_hidden(
         ] = {}  # what begins may have begun a little earlier, though not before what went before
         for at in times:
             last = max([0.0, *cuts, *(e for e in told if e < at)])
-            cuts[min(max(at - lag, last + stretch.dt_s), at)] = at
-        apart = replace(stretch, events_s=tuple(sorted((*told, *cuts))))
+            cuts[min(max(at - lag, last + record.dt_s), at)] = at
+        apart = replace(record, events_s=tuple(sorted((*told, *cuts))))
         levels, noise_var = levels_of(apart, start_var, noise_known)
         starts = tuple(cuts.get(s, s) for s in levels[0].starts_s)
         chosen = [replace(q, starts_s=starts, bursts=tuple(b)) for q, b in zip(levels, bursts)]
@@ -152,7 +152,7 @@ def with_hidden(
                 sure.append(before[at])
                 continue
             h = weigh(
-                stretch, noise_var, chosen, at, [float(q.at(at)) for q in plain], before.get(at)
+                record, noise_var, chosen, at, [float(q.at(at)) for q in plain], before.get(at)
             )
             chosen = [q.moved(at, h.at_s) for q in chosen]
             if h.log_odds > (0 if final else NEVER):
@@ -163,21 +163,21 @@ def with_hidden(
                 chosen = h.without(chosen)
                 settled = False
         hopeful = final or len(sure) > len(before)
-        fit = smoothed(stretch, noise_var, chosen) if sure else original
+        fit = smoothed(record, noise_var, chosen) if sure else original
     return fit, [h for h in (*sure, *doubts) if h.may_be]
 
 
-def about(stretch: Stretch, at_s: float, others_s: Iterable[float] = ()) -> tuple[int, int]:
+def about(record: Stretch, at_s: float, others_s: Iterable[float] = ()) -> tuple[int, int]:
     """First sample that an event at ``at_s`` touches, and the one after the last; not far beyond the next event."""
-    dt = stretch.dt_s
-    lag = smeared_s(stretch)
+    dt = record.dt_s
+    lag = smeared_s(record)
     first = max(int(np.ceil((at_s - 5.0 - 5 * lag) / dt)), 0)
     after = min([at_s + AFTER_S, *(e for e in others_s if e > at_s + BEYOND * lag)])
-    return first, min(int((after + 5 * lag) / dt) + 1, len(stretch.y))
+    return first, min(int((after + 5 * lag) / dt) + 1, len(record.y))
 
 
 def weigh(
-    stretch: Stretch,
+    record: Stretch,
     noise_var: Array,
     chosen: Sequence[Intensity],
     at_s: float,
@@ -191,10 +191,10 @@ def weigh(
     the likeliest burst; what time it was has the same chance anywhere in the record. ``known``: what was said of it
     before; all is sought near it.
     """
-    first, last = about(stretch, at_s, chosen[0].starts_s)
-    shift = first * stretch.dt_s
-    lag = smeared_s(stretch)
-    window = cut_out(stretch, first, last, stretch.events_s)
+    first, last = about(record, at_s, chosen[0].starts_s)
+    shift = first * record.dt_s
+    lag = smeared_s(record)
+    window = cut_out(record, first, last, record.events_s)
     base = [q.moved(shift_s=shift) for q in _bare(chosen, at_s)]
     begins = at_s - shift
     ranges = spans(window, noise_var)
@@ -213,10 +213,10 @@ def weigh(
             len(base), len(times), -1
         )
 
-    dt = stretch.dt_s
+    dt = record.dt_s
     lowest = max([e for e in chosen[0].starts_s if e < at_s], default=0.0) - shift + dt
     highest = (
-        min([e for e in chosen[0].starts_s if e > at_s], default=dt * len(stretch.y)) - shift - dt
+        min([e for e in chosen[0].starts_s if e > at_s], default=dt * len(record.y)) - shift - dt
     )
 
     def between(nodes: ArrayLike) -> Array:
@@ -272,7 +272,7 @@ def weigh(
             share = np.exp(total - total.max()) * width
             best[k] = float(share @ nodes / share.sum())
             spread = float(np.sqrt(share @ (nodes - best[k]) ** 2 / share.sum()))
-            u[k] = float(np.clip(spread, 0.01 * stretch.dt_s, lag))
+            u[k] = float(np.clip(spread, 0.01 * record.dt_s, lag))
 
     some = np.stack([[*_levels_about(q, begins), p] for q, p in zip(base, plain)])
     levels = np.geomspace(some.min(axis=1), some.max(axis=1), NODES, axis=1)
@@ -282,7 +282,7 @@ def weigh(
     gain = value - COST - without.max(axis=1)[:, None, None]
     each = np.concatenate([np.zeros_like(gain[..., :1]), gain], axis=2) + np.log(PRIOR)
     density = logsumexp(each, axis=2)
-    log_p = density.sum(axis=0) + np.log(width / (len(stretch.y) * stretch.dt_s))
+    log_p = density.sum(axis=0) + np.log(width / (len(record.y) * record.dt_s))
     log_odds = float(logsumexp(log_p))
     p = np.exp(log_p - log_odds)
     weight = (
@@ -319,10 +319,10 @@ def _levels_about(q: Intensity, at_s: float) -> tuple[float, ...]:
 
 def averaged(fit: Smoothed, hidden: Hidden) -> Smoothed:
     """``fit`` with its temperature, slope and sd averaged over all that ``hidden`` may be, by total variance."""
-    first, last = about(fit.stretch, hidden.at_s)
+    first, last = about(fit.record, hidden.at_s)
     window, shift = (
-        cut_out(fit.stretch, first, last, fit.stretch.events_s),
-        first * fit.stretch.dt_s,
+        cut_out(fit.record, first, last, fit.record.events_s),
+        first * fit.record.dt_s,
     )
 
     def run(chosen: Sequence[Intensity]) -> Array:

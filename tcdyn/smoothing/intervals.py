@@ -1,4 +1,9 @@
-"""Where cells of time begin, and where a long stretch may be cut: with so much beside it that sweeps settle."""
+"""Time intervals of the smoother: how long they may be, and how a long record is divided into
+overlapping chunks.
+
+Each chunk is smoothed with a margin on both sides that is long enough for the RTS smoother to
+settle.
+"""
 
 from __future__ import annotations
 
@@ -12,69 +17,103 @@ from tcdyn.core import Array
 from tcdyn.smoothing.noise_levels import Intensity, levels_at
 from tcdyn.smoothing.record import Stretch
 
-STEPS = np.array([1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128])  # samples per cell
-FINE = 0.5  # cell length times the local corner of the smoother [rad]: halving it moves nothing by 1 % of the sd
-PIECE = 4000  # cells that are swept at once
-SETTLING = 18.0  # memories of the smoother beside a piece: exp(-18) of what is known worse at its ends is left
+# allowed lengths of an interval [samples]
+STEPS = np.array([1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128])
+# interval length times the local corner frequency of the smoother [rad]: half of it changes no
+# result by 1 % of its standard deviation
+FINE = 0.5
+# intervals that are smoothed at once; chosen by judgement (memory)
+CHUNK_INTERVALS = 4000
+# margin of a chunk, in memories of the smoother: exp(-18) of the error at its ends remains
+SETTLING = 18.0
 
 
 def corner_rad_s(chain: Chain, ratio: Array) -> Array:
-    """Where the signal sinks into the noise: |G(w)|^2 q / w^4 = R, for ``ratio`` = q / R [1/s4]; same shape."""
+    """Corner frequency [rad/s] of the smoother: where the signal falls below the noise.
+
+    It solves |G(w)|^2 q / w^4 = R. ``ratio`` is q / R [1/s4]; the result has the same shape.
+    """
     w = np.geomspace(1e-4, 1e4, 400)
-    needed = np.maximum.accumulate(
-        4 * np.log(w) - 2 * np.log(np.abs(chain.frequency_response(w / 2 / np.pi)) + 1e-30)
-    )
+    gain = np.abs(chain.frequency_response(w / 2 / np.pi))
+    needed = np.maximum.accumulate(4 * np.log(w) - 2 * np.log(gain + 1e-30))
     return np.asarray(np.exp(np.interp(np.log(ratio), needed, np.log(w))))
 
 
 def knots_for(
-    stretch: Stretch, noise_var: Array, proposals: Sequence[Sequence[Intensity]], fine: float = FINE
+    record: Stretch, noise_var: Array, proposals: Sequence[Sequence[Intensity]], fine: float = FINE
 ) -> Array:
-    """Knots (J+1,) of cells fine enough for every intensity proposed for every channel, as many for each.
+    """Knots (J+1,) of intervals that are short enough for all proposed intensities.
 
-    The first lies before the first sample by the longest dead time, a multiple of dt.
+    Parameters
+    ----------
+    record
+        The record.
+    noise_var
+        Noise variance of each channel (M,) [K2].
+    proposals
+        Proposed intensities, the same number for each channel.
+    fine
+        Largest interval length times the corner frequency [rad].
+
+    Returns
+    -------
+    Array
+        Knots [s]. The first lies before the first sample by the longest dead time, rounded up to a
+        multiple of dt.
     """
-    dt = stretch.dt_s
-    total = len(stretch.y)
-    end = (total - 1) * dt
-    start = -float(np.ceil(max(s.delay_s for s in stretch.sensors) / dt - 1e-9)) * dt
+    dt = record.dt_s
+    n_samples = len(record.y)
+    end = (n_samples - 1) * dt
+    start = -float(np.ceil(max(s.delay_s for s in record.sensors) / dt - 1e-9)) * dt
     times = [np.linspace(start, end, max(int((end - start) / 1.0), 8))]
     starts = {b.start_s for proposed in proposals for q in proposed for b in q.bursts}
-    inside = sorted(e for e in {*stretch.events_s, *starts} if start < e < end)
-    for e in inside:
-        after = e + np.geomspace(0.1 * dt, max(end - e, dt), 60)
-        times += [np.array([e - 1e-6 * dt, e]), after[after < end]]
+    stops = sorted(event for event in {*record.events_s, *starts} if start < event < end)
+    for event in stops:
+        after = event + np.geomspace(0.1 * dt, max(end - event, dt), 60)
+        times += [np.array([event - 1e-6 * dt, event]), after[after < end]]
     t = np.unique(np.concatenate(times))
-    longest = np.full(len(t), np.inf)
-    for chain, proposed, var in zip(stretch.chains, proposals, noise_var):
-        most = levels_at(proposed, t).max(axis=0)
-        longest = np.minimum(longest, fine / corner_rad_s(chain, most / (var * dt)))
-    begin = round(start / dt)
-    cells = np.maximum(np.interp(np.arange(begin, total) * dt, t, longest) / dt, 1.0)
-    return _knots(
-        begin, dt, [*inside, end + 0.5 * dt], np.searchsorted(STEPS, cells + 1e-9, side="right") - 1
-    )
+    longest_s = np.full(len(t), np.inf)
+    for chain, proposed, var in zip(record.chains, proposals, noise_var):
+        highest = levels_at(proposed, t).max(axis=0)
+        longest_s = np.minimum(longest_s, fine / corner_rad_s(chain, highest / (var * dt)))
+    first = round(start / dt)
+    sample_s = np.arange(first, n_samples) * dt
+    longest_samples = np.maximum(np.interp(sample_s, t, longest_s) / dt, 1.0)
+    longest_index = np.searchsorted(STEPS, longest_samples + 1e-9, side="right") - 1
+    return _knots(first, dt, [*stops, end + 0.5 * dt], longest_index)
 
 
-def _knots(begin: int, dt_s: float, stops_s: Sequence[float], most: NDArray[np.intp]) -> Array:
-    """Knots from sample ``begin`` (none, before the first) past the last of ``stops_s``: every other stop, an event, is
-    a knot, further knots are on the sample times.
+def _knots(
+    first: int, dt_s: float, stops_s: Sequence[float], longest_index: NDArray[np.intp]
+) -> Array:
+    """Knots from sample ``first`` (negative: before the first sample) past the last of ``stops_s``.
 
-    ``most`` (from ``begin`` on): place in ``STEPS`` of the longest cell wanted from a sample on; cells grow by at most
-    a half from one to the next.
+    Every other stop is an event and a knot; all further knots are on sample times.
+
+    Parameters
+    ----------
+    first
+        Index of the sample at the first knot.
+    dt_s
+        Sampling interval [s].
+    stops_s
+        Times of the events and the end [s].
+    longest_index
+        For each sample from ``first`` on, the index in ``STEPS`` of the longest interval allowed
+        there. An interval is longer than the one before by at most one step of ``STEPS``.
     """
-    knots = [begin * dt_s]
-    index = begin
-    size = len(STEPS) - 1
-    longest = most.tolist()
+    knots = [first * dt_s]
+    index = first
+    step = len(STEPS) - 1
+    allowed = longest_index.tolist()
     for number, stop in enumerate(stops_s, start=1):
         if number > 1:
             index = int(np.floor(knots[-1] / dt_s + 1 + 1e-6))
-            size = 0
+            step = 0
             knots.append(index * dt_s)
         while index * dt_s < stop - 1e-6 * dt_s:
-            size = min(size + 1, longest[index - begin])
-            index += int(STEPS[size])
+            step = min(step + 1, allowed[index - first])
+            index += int(STEPS[step])
             knots.append(index * dt_s)
         if number < len(stops_s):
             while knots[-1] > stop - 1e-6 * dt_s:
@@ -84,53 +123,70 @@ def _knots(begin: int, dt_s: float, stops_s: Sequence[float], most: NDArray[np.i
 
 
 def pieces(
-    stretch: Stretch, noise_var: Array, chosen: Sequence[Intensity], knots: Array
+    record: Stretch, noise_var: Array, chosen: Sequence[Intensity], knots: Array
 ) -> Iterator[tuple[int, int, int, int]]:
-    """First knot to sweep from, first and last of the cells to keep, last knot to sweep to, piece by piece.
+    """Divide the intervals into chunks with margins.
 
-    What lies between is ``SETTLING`` times the memory of the slowest channel, in time with samples of all channels.
+    Yields, for each chunk, the knot where the sweep starts, the first and the last knot of the
+    intervals to store, and the knot where the sweep ends. A margin lasts ``SETTLING`` times the
+    memory of the slowest channel, counted in samples that all channels have.
     """
-    count = len(knots) - 1
-    size = PIECE
-    dt = stretch.dt_s
-    if count <= 2 * size:
-        yield 0, 0, count, count
+    n_intervals = len(knots) - 1
+    length = CHUNK_INTERVALS
+    dt = record.dt_s
+    if n_intervals <= 2 * length:
+        yield 0, 0, n_intervals, n_intervals
         return
-    rows = settled_s(stretch.sensors, np.sqrt(noise_var), dt, chosen) / dt
-    told = np.concatenate([[0], np.cumsum((stretch.weight > 0).all(axis=1))])
-    at = np.clip(np.ceil(knots / dt).astype(int), 0, len(stretch.y))
+    margin_samples = settled_s(record.sensors, np.sqrt(noise_var), dt, chosen) / dt
+    complete_count = np.concatenate([[0], np.cumsum((record.weight > 0).all(axis=1))])
+    first_sample = np.clip(np.ceil(knots / dt).astype(int), 0, len(record.y))
     while True:
-        edges = np.append(np.arange(0, count - size // 2, size), count)
-        before = np.searchsorted(told, told[at[edges[:-1]]] - rows, side="right") - 1
-        after = np.searchsorted(told, told[at[edges[1:]]] + rows)
-        low = np.searchsorted(at, np.maximum(before, 0), side="right") - 1
-        high = np.searchsorted(at, np.minimum(after, len(stretch.y)))
+        edges = np.append(np.arange(0, n_intervals - length // 2, length), n_intervals)
+        before = (
+            np.searchsorted(
+                complete_count,
+                complete_count[first_sample[edges[:-1]]] - margin_samples,
+                side="right",
+            )
+            - 1
+        )
+        after = np.searchsorted(
+            complete_count, complete_count[first_sample[edges[1:]]] + margin_samples
+        )
+        low = np.searchsorted(first_sample, np.maximum(before, 0), side="right") - 1
+        high = np.searchsorted(first_sample, np.minimum(after, len(record.y)))
         low[0] = 0
-        high[-1] = count
+        high[-1] = n_intervals
         low = np.clip(low, 0, edges[:-1])
-        high = np.clip(high, edges[1:], count)
-        if len(edges) == 2 or max(np.max(edges[:-1] - low), np.max(high - edges[1:])) <= size:
-            yield from zip(*(column.tolist() for column in (low, edges[:-1], edges[1:], high)))
+        high = np.clip(high, edges[1:], n_intervals)
+        longest_margin = max(np.max(edges[:-1] - low), np.max(high - edges[1:]))
+        if len(edges) == 2 or longest_margin <= length:
+            columns = (low, edges[:-1], edges[1:], high)
+            yield from zip(*(column.tolist() for column in columns))
             return
-        size *= 2
+        length *= 2
 
 
 def settled_s(
     sensors: Sequence[Sensor], noise_sd: Array, dt_s: float, chosen: Sequence[Intensity]
 ) -> float:
-    """Time [s] with samples beside a piece in which both sweeps of every channel settle."""
-    least = [min(q.levels) / (sd**2 * dt_s) for q, sd in zip(chosen, noise_sd)]
-    return max(s.delay_s + SETTLING * memory_s(s, ratio) for s, ratio in zip(sensors, least))
+    """Length [s] of margin, in samples of all channels, within which both passes of the RTS
+    smoother
+    settle.
+    """
+    ratios = [min(q.levels) / (sd**2 * dt_s) for q, sd in zip(chosen, noise_sd)]
+    return max(s.delay_s + SETTLING * memory_s(s, ratio) for s, ratio in zip(sensors, ratios))
 
 
 def memory_s(sensor: Sensor, ratio: float) -> float:
-    """Time [s] in which the smoother forgets a state to 1/e, for ``ratio`` = q / (R dt) [1/s4]; both ways alike.
+    """Time [s] in which the smoother forgets a state to 1/e, forward and backward alike.
 
-    One over the slowest of the eigenvalues of its Hamiltonian ((A, Q), (C'C/R, -A')).
+    ``ratio`` is q / (R dt) [1/s4]. The result is one over the slowest eigenvalue of the Hamiltonian
+    matrix ((A, Q), (C'C/R, -A')) of the smoother.
     """
-    noise = np.zeros_like(sensor.drift)
-    noise[1, 1] = ratio
-    both = np.block(
-        [[sensor.drift, noise], [np.outer(sensor.output, sensor.output), -sensor.drift.T]]
+    driving = np.zeros_like(sensor.drift)
+    driving[1, 1] = ratio
+    hamiltonian = np.block(
+        [[sensor.drift, driving], [np.outer(sensor.output, sensor.output), -sensor.drift.T]]
     )
-    return 1.0 / float(np.abs(np.linalg.eigvals(both).real).min())
+    return 1.0 / float(np.abs(np.linalg.eigvals(hamiltonian).real).min())

@@ -101,13 +101,13 @@ def invert(
     ``sd_noise`` is hypot(noise gain times noise, remaining shift times |slope|): the answer is late by the remaining
     shift and says so in its band instead of being moved. Bad samples are bridged by straight lines before filtering.
     """
-    stretch = stretch_of(y, dt_s, chains, (), noise_sd, names)
-    sd = stretch.noise_sd
-    x, lag, slope, own = np.empty((4, *stretch.y.shape))
-    for c, chain in enumerate(stretch.chains):
+    record = stretch_of(y, dt_s, chains, (), noise_sd, names)
+    sd = record.noise_sd
+    x, lag, slope, own = np.empty((4, *record.y.shape))
+    for c, chain in enumerate(record.chains):
         f = proper_inverse(chain, dt_s, bandwidth_Hz)
-        x[:, c] = f(stretch.y[:, c])
-        lag[:, c] = lag_sensitivity(f, stretch.y[:, c])
+        x[:, c] = f(record.y[:, c])
+        lag[:, c] = lag_sensitivity(f, record.y[:, c])
         slope[:, c] = np.gradient(x[:, c], dt_s)
         width = max(int(f.remaining_shift_s / dt_s), 1)
         calm = uniform_filter1d(slope[:, c], 2 * width + 1, mode="nearest")
@@ -122,12 +122,12 @@ def invert(
         dt_s,
         noise_sd=sd,
         intensity=np.full(len(sd), np.nan),
-        flags=stretch.flags,
+        flags=record.flags,
         method=f"proper inverse, {bandwidth_Hz:g} Hz",
-        findings=stretch.findings,
+        findings=record.findings,
     )
     return done.checked(
-        stretch.y, [f"channel {c + 1}" for c in range(len(sd))] if names is None else list(names)
+        record.y, [f"channel {c + 1}" for c in range(len(sd))] if names is None else list(names)
     )
 
 

@@ -1,4 +1,10 @@
-"""Intensity of the slope noise, per segment and in bursts at events, by likelihood or a criterion; hidden events."""
+"""Process-noise intensity by maximum likelihood, for each segment and in bursts after events, or by
+a criterion.
+
+Long segments use Whittle's spectral likelihood, short ones the exact likelihood of the Kalman
+filter. The criteria of regularised deconvolution (GCV, discrepancy, L-curve) choose a constant
+intensity.
+"""
 
 from __future__ import annotations
 
@@ -18,65 +24,85 @@ from tcdyn.smoothing.record import Stretch
 from tcdyn.smoothing.state_space import likelihood, smoothed
 
 Criterion = Literal["gcv", "discrepancy", "l-curve"]
-LEFT_OUT = 3  # slowest waves of a spectrum: what a straight line is taken from says little of them
-CLEAR = 100.0  # floors: bends three times as quick
-FEW = 20  # waves in a stretch: no more stand out of the noise where its spectrum shows none
-LONG = 4096  # samples from which on the spectral likelihood replaces the exact one
+# lowest bins of a spectrum that are left out: removing a straight line disturbs them
+DETREND_BINS = 3
+# an exact level counts beyond so many floors (bends three times as fast); chosen by judgement
+CLEAR_FLOORS = 100.0
+# bins: a spectrum whose corner is below so many bins does not show the signal above the noise
+FEW_BINS = 20
+# samples from which on the spectral likelihood replaces the exact one; chosen by judgement
+LONG_SAMPLES = 4096
+# decay times of the bursts tried [s]
 DECAYS_S = (0.1, 0.6, 3.6)
-EXPONENTIAL = 50.0  # a power as good as an exponential
-NEARBY = tuple(product((3.0, EXPONENTIAL), (0.55, 1.0, 1.8), (0.1, 0.32, 1.0, 3.2, 10.0)))
-AFTER_S = 30.0  # length of the window in which a burst is sought
-NEAR = 0.4  # spectra count from this part of the corner on: the error is made there, not at the slow end
-PAST = 20.0  # nats: a likelihood that has fallen by so much does not rise again
-ALIKE = 1e-4  # nats within which the first of several bursts is as likely as any
-BANDS = 1500  # of a spectrum, evenly in the logarithm of the frequency: of nearly one shape each
-JUMPS_EACH = 3  # of so many bursts tried, one is tried with a jump, too
-MOST_BENT = 3.0  # ranges of a trace within one decay of a burst: no intensity bends it more
-FLOOR = 1e-6  # least intensity, in noise variances per second cubed: a trace may always bend over some ten seconds
+# power at which the decay is nearly exponential
+EXPONENTIAL = 50.0
+# refinement of a burst: powers, factors of the decay time, factors of the height
+REFINEMENTS = tuple(product((3.0, EXPONENTIAL), (0.55, 1.0, 1.8), (0.1, 0.32, 1.0, 3.2, 10.0)))
+# length [s] of the window after an event in which a burst is fitted; chosen by judgement
+AFTER_S = 30.0
+# share of the corner frequency from which on a spectrum is used: the error arises near the corner,
+# not at low frequency
+CORNER_SHARE = 0.4
+# nats: a likelihood that has fallen by so much below its maximum does not rise again
+PAST_PEAK_NATS = 20.0
+# nats within which the first of several bursts counts as the most likely one
+TIE_NATS = 1e-4
+# bands of a spectrum, evenly in the logarithm of the frequency, each of nearly one shape
+SPECTRAL_BANDS = 1500
+# every so many-th candidate burst is also tried with a jump
+JUMP_STRIDE = 3
+# ranges of the trace that a burst may bend it within one decay time; chosen by judgement
+MAX_BEND_RANGES = 3.0
+# smallest intensity, in noise variances per second cubed: a trace may always bend over about 10 s
+FLOOR = 1e-6
 
 
 def spectral_level(y: Array, dt_s: float, chain: Chain, noise_var: float) -> float:
-    """Level q [K2/s3] of a long quiet stretch ``y (N,)`` by Whittle's likelihood at a given noise variance.
+    """Process-noise intensity q [K2/s3] of a long segment ``y`` (N,) by Whittle's likelihood.
 
-    Expected periodogram: noise_var + q |G|^2 / (w^4 dt), Hann taper, straight line removed.
+    The noise variance is given. The expected periodogram is noise_var + q |G|^2 / (w^4 dt), with a
+    Hann taper and the straight line removed.
     """
     n = len(y)
     t = np.linspace(-1, 1, n)
-    power = np.abs(np.fft.rfft((y - y.mean() - t @ y / (t @ t) * t) * _taper(n))) ** 2
-    keep = slice(LEFT_OUT, int(0.45 * n))
-    power = power[keep]
-    w = 2 * np.pi * np.asarray(np.fft.rfftfreq(n, dt_s), dtype=float)[keep]
+    detrended = y - y.mean() - t @ y / (t @ t) * t
+    power = np.abs(np.fft.rfft(detrended * _taper(n))) ** 2
+    bins = slice(DETREND_BINS, int(0.45 * n))
+    power = power[bins]
+    w = 2 * np.pi * np.asarray(np.fft.rfftfreq(n, dt_s), dtype=float)[bins]
     level = _whittle(power, w, dt_s, chain, noise_var)
     for _ in range(3):
-        band = NEAR * float(corner_rad_s(chain, np.array(level / (noise_var * dt_s))))
-        near = int(np.searchsorted(w, band, side="right"))
-        if len(w) - near < 100:
+        band_rad_s = CORNER_SHARE * float(corner_rad_s(chain, np.array(level / (noise_var * dt_s))))
+        first = int(np.searchsorted(w, band_rad_s, side="right"))
+        if len(w) - first < 100:
             break
-        refined = _whittle(power[near:], w[near:], dt_s, chain, noise_var)
-        if float(corner_rad_s(chain, np.array(refined / (noise_var * dt_s)))) < band:
-            break  # noise only is left there: what the trace does stands below, in a line, say
+        refined = _whittle(power[first:], w[first:], dt_s, chain, noise_var)
+        if float(corner_rad_s(chain, np.array(refined / (noise_var * dt_s)))) < band_rad_s:
+            break  # only noise remains there; the signal lies at lower frequency, such as a line
         level = refined
     return level
 
 
 @lru_cache(maxsize=2)
 def _taper(n: int) -> Array:
-    """Hann's taper (n,) of unit energy, remembered for the other channels."""
+    """Hann taper (n,) of unit energy; cached for the other channels."""
     taper = np.hanning(n + 1)[:-1]
     return np.asarray(taper / np.linalg.norm(taper))
 
 
 def _whittle(power: Array, w: Array, dt_s: float, chain: Chain, noise_var: float) -> float:
-    """The q that maximises -sum(log e + power / e), e = noise_var + q shape, over bands of nearly one shape.
+    """Intensity q that maximises -sum(log e + power / e), e = noise_var + q shape.
 
-    ``power`` (F,) at ``w`` (F,) [rad/s].
+    ``power`` (F,) is given at the angular frequencies ``w`` (F,) [rad/s]; frequencies of nearly one
+    shape are averaged in bands.
     """
     logs = np.linspace(np.log(FLOOR * noise_var), np.log(1e9 * noise_var), 60)
-    edges = np.unique(np.geomspace(1, len(w) + 1, BANDS).astype(int) - 1)[:-1]
+    edges = np.unique(np.geomspace(1, len(w) + 1, SPECTRAL_BANDS).astype(int) - 1)[:-1]
     ends = np.append(edges[1:], len(w))
     count = ends - edges
     middle_w = np.sqrt(w[edges] * w[ends - 1])
-    middle = np.abs(chain.frequency_response(middle_w / (2 * np.pi))) ** 2 / (middle_w**4 * dt_s)
+    gain = np.abs(chain.frequency_response(middle_w / (2 * np.pi)))
+    middle = gain**2 / (middle_w**4 * dt_s)
     mean = np.add.reduceat(power, edges) / count
     for _ in range(3):
         expected = noise_var + np.exp(logs)[:, None] * middle
@@ -86,124 +112,136 @@ def _whittle(power: Array, w: Array, dt_s: float, chain: Chain, noise_var: float
 
 
 def exact_levels(
-    stretch: Stretch, noise_var: Array, noise_known: bool, most: float = 1e8, trials: int = 14
+    record: Stretch, noise_var: Array, noise_known: bool, most: float = 1e8, trials: int = 14
 ) -> tuple[Array, Array]:
-    """Level q (M,) [K2/s3] and noise variance (M,) of a short stretch by the exact likelihood, noise profiled out.
+    """Intensity (M,) [K2/s3] and noise variance (M,) [K2] of a short record by the exact
+    likelihood.
 
-    ``trials`` levels up to ``most``, in noise variances per second cubed, are tried first.
+    Parameters
+    ----------
+    record
+        The record.
+    noise_var
+        Noise variance (M,) [K2]; a first estimate, or the known value.
+    noise_known
+        Whether the noise variance is known; otherwise it is profiled out.
+    most
+        Largest intensity tried, in noise variances per second cubed.
+    trials
+        Number of intensities tried at first, evenly in their logarithm.
     """
     logs = np.tile(np.linspace(np.log(FLOOR), np.log(most), trials), (len(noise_var), 1))
 
-    def tried(logs: Array, fine: float) -> tuple[Array, Array]:
+    def evaluate(logs: Array, fine: float) -> tuple[Array, Array]:
         proposed = [
             [Intensity((0.0,), (v * r,)) for v in np.exp(row)] for row, r in zip(logs, noise_var)
         ]
-        value, ratio = likelihood(stretch, noise_var, proposed, fine)
+        value, ratio = likelihood(record, noise_var, proposed, fine)
         if not noise_known:
-            used = (stretch.weight > 0).sum(axis=0)[:, None]
-            free = used - 2 - len(stretch.events_s)
-            value = value + 0.5 * ratio * free - 0.5 * free * (1 + np.log(np.maximum(ratio, 1e-12)))
+            used = (record.weight > 0).sum(axis=0)[:, None]
+            free = used - 2 - len(record.events_s)
+            log_ratio = np.log(np.maximum(ratio, 1e-12))
+            value = value + 0.5 * ratio * free - 0.5 * free * (1 + log_ratio)
         return value, ratio
 
-    for turn in range(3):
-        parts: list[
-            tuple[Array, Array]
-        ] = []  # the highest levels need the shortest cells: not where all is past
-        for some in np.array_split(logs, 3 if turn == 0 else 1, axis=1):
-            parts.append(tried(some, FINE if turn else 4 * FINE))
-            value, ratio = (np.concatenate(of, axis=1) for of in zip(*parts))
-            if np.all(value[:, -1] < value.max(axis=1) - PAST):
+    for iteration in range(3):
+        # the highest levels need the shortest intervals: skip them once the likelihood has fallen
+        batches: list[tuple[Array, Array]] = []
+        fine = FINE if iteration else 4 * FINE
+        for batch in np.array_split(logs, 3 if iteration == 0 else 1, axis=1):
+            batches.append(evaluate(batch, fine))
+            value, ratio = (np.concatenate(arrays, axis=1) for arrays in zip(*batches))
+            if np.all(value[:, -1] < value.max(axis=1) - PAST_PEAK_NATS):
                 break
         best = np.argmax(value, axis=1)
         rows = np.arange(len(best))
         scale = np.ones(len(best)) if noise_known else ratio[rows, best]
         step = logs[:, 1] - logs[:, 0]
         top = logs[rows, best]
-        logs = np.clip(
-            top[:, None] + step[:, None] * np.linspace(-0.8, 0.8, 7), np.log(FLOOR), None
-        )
+        refined = top[:, None] + step[:, None] * np.linspace(-0.8, 0.8, 7)
+        logs = np.clip(refined, np.log(FLOOR), None)
     return np.exp(top) * noise_var * scale, noise_var * scale
 
 
 def choose(
-    stretch: Stretch, noise_var: Array, noise_known: bool = False
+    record: Stretch, noise_var: Array, noise_known: bool = False
 ) -> tuple[list[Intensity], Array]:
-    """The intensity of each channel and its noise variance (M,), both by likelihood.
+    """Intensity of each channel, and its noise variance (M,), both by maximum likelihood.
 
-    ``levels_of`` its segments; then each event gets the burst that the samples around it make likely, and a jump of the
-    temperature itself where that is likelier still.
+    The segments come from :func:`levels_of`. Then each event gets the burst that is most likely
+    given the samples around it, and a jump of the temperature itself where that is more likely
+    still.
     """
-    chosen, noise_var = levels_of(stretch, noise_var, noise_known)
-    for event in stretch.events_s:
-        window, shift = _around(stretch, event)
-        base = [replace(q, bursts=()).moved(shift_s=shift) for q in chosen]
-        found = likeliest_burst(
-            window, noise_var, base, [Burst(event - shift, 0.0, 1.0)] * len(base), jumps=True
-        )
-        chosen = [
-            replace(q, bursts=(*q.bursts, replace(b, start_s=event))) for q, b in zip(chosen, found)
+    intensities, noise_var = levels_of(record, noise_var, noise_known)
+    for event in record.events_s:
+        window, shift = _around(record, event)
+        base = [replace(q, bursts=()).moved(shift_s=shift) for q in intensities]
+        nothing = [Burst(event - shift, 0.0, 1.0)] * len(base)
+        bursts = likeliest_burst(window, noise_var, base, nothing, jumps=True)
+        intensities = [
+            replace(q, bursts=(*q.bursts, replace(b, start_s=event)))
+            for q, b in zip(intensities, bursts)
         ]
-    return chosen, noise_var
+    return intensities, noise_var
 
 
 def levels_of(
-    stretch: Stretch, noise_var: Array, noise_known: bool
+    record: Stretch, noise_var: Array, noise_known: bool
 ) -> tuple[list[Intensity], Array]:
     """Intensity of each channel without bursts, and its noise variance (M,).
 
-    Segments lie between events. Long ones get their level from the spectrum, beyond the burst that follows an event,
-    short ones from the exact likelihood.
+    Segments lie between events. Long ones get their level from the spectrum, without the part in
+    which the burst after an event decays; short ones from the exact likelihood. A segment that is
+    too short gets the largest level of the others.
     """
-    n = len(stretch.y)
-    dt = stretch.dt_s
-    starts = [0.0, *stretch.events_s]
+    n = len(record.y)
+    dt = record.dt_s
+    starts = [0.0, *record.events_s]
     cuts = [int(np.ceil(t / dt)) for t in starts] + [n]
     levels = np.full((len(starts), len(noise_var)), np.nan)
-    if n < LONG and len(starts) == 1:
-        levels[0], noise_var = exact_levels(stretch, noise_var, noise_known)
+    if n < LONG_SAMPLES and len(starts) == 1:
+        levels[0], noise_var = exact_levels(record, noise_var, noise_known)
     else:
         for k, (a, b) in enumerate(pairwise(cuts)):
             skip = 0 if k == 0 else int(min(AFTER_S / dt, (b - a) / 2))
             if b - a - skip < 64:
                 continue
-            if b - a - skip >= LONG:
-                window = cut_out(stretch, a + skip, b, ())
-                found = [
+            if b - a - skip >= LONG_SAMPLES:
+                window = cut_out(record, a + skip, b, ())
+                spectral = [
                     spectral_level(window.y[:, c], dt, s, noise_var[c])
-                    for c, s in enumerate(stretch.chains)
+                    for c, s in enumerate(record.chains)
                 ]
-                levels[k] = found
-                whole = 2 * np.pi / (len(window.y) * dt)
-                least = levels[k] < dt * (FEW * whole) ** 4 * noise_var
-                if (
-                    least.any() and (LEFT_OUT * whole) ** 4 > FLOOR / dt
-                ):  # what it does may stand in waves left out
-                    exactly, _ = exact_levels(
-                        window, noise_var, True, 16 * (FEW * whole) ** 4 * dt, 8
-                    )
-                    levels[k] = np.where(
-                        least & (exactly > CLEAR * FLOOR * noise_var), exactly, levels[k]
-                    )
+                levels[k] = spectral
+                first_bin_rad_s = 2 * np.pi / (len(window.y) * dt)
+                flat = levels[k] < dt * (FEW_BINS * first_bin_rad_s) ** 4 * noise_var
+                # the signal may lie in the lowest bins, which the spectrum leaves out
+                if flat.any() and (DETREND_BINS * first_bin_rad_s) ** 4 > FLOOR / dt:
+                    most = 16 * (FEW_BINS * first_bin_rad_s) ** 4 * dt
+                    exact, _ = exact_levels(window, noise_var, True, most, 8)
+                    clear = exact > CLEAR_FLOORS * FLOOR * noise_var
+                    levels[k] = np.where(flat & clear, exact, levels[k])
             else:
-                levels[k], _ = exact_levels(cut_out(stretch, a + skip, b, ()), noise_var, True)
-        most = np.where(np.isfinite(levels), levels, -np.inf).max(axis=0)
-        most = np.where(np.isfinite(most), most, noise_var)
-        levels = np.where(
-            np.isfinite(levels), levels, most
-        )  # too short a segment takes the largest of the others
-    return [
-        Intensity(tuple(starts), tuple(levels[:, c])) for c in range(levels.shape[1])
-    ], noise_var
+                levels[k], _ = exact_levels(cut_out(record, a + skip, b, ()), noise_var, True)
+        # a segment that is too short gets the largest level of the others
+        largest = np.where(np.isfinite(levels), levels, -np.inf).max(axis=0)
+        largest = np.where(np.isfinite(largest), largest, noise_var)
+        levels = np.where(np.isfinite(levels), levels, largest)
+    intensities = [Intensity(tuple(starts), tuple(level)) for level in levels.T]
+    return intensities, noise_var
 
 
-def cut_out(stretch: Stretch, first: int, last: int, events: Sequence[float]) -> Stretch:
-    """Samples first..last-1 as a stretch of its own, its clock starting at zero, with those of ``events`` in it."""
-    shift = first * stretch.dt_s
-    length = (last - first) * stretch.dt_s
+def cut_out(record: Stretch, first: int, last: int, events: Sequence[float]) -> Stretch:
+    """Samples ``first`` to ``last`` - 1 as a record whose clock starts at zero.
+
+    It has those of ``events`` [s] that lie in it.
+    """
+    shift = first * record.dt_s
+    length = (last - first) * record.dt_s
     rows = slice(first, last)
-    inside = tuple(e - shift for e in events if 0 <= e - shift < length)
-    cut = {name: getattr(stretch, name)[rows] for name in ("y", "weight", "flags")}
-    return replace(stretch, **cut, events_s=inside)
+    events_inside = tuple(e - shift for e in events if 0 <= e - shift < length)
+    samples = {name: getattr(record, name)[rows] for name in ("y", "weight", "flags")}
+    return replace(record, **samples, events_s=events_inside)
 
 
 def likeliest_burst(
@@ -214,70 +252,100 @@ def likeliest_burst(
     near: bool = False,
     jumps: bool = False,
 ) -> list[Burst]:
-    """For each channel the likeliest burst on top of ``base``, like ``nothing`` but in height, decay and power.
+    """The most likely burst of each channel, added to the intensities ``base``.
 
-    ``nothing`` itself if none makes the data likelier; ``near``: ``nothing`` is a burst, and those near it are tried
-    only; ``jumps``: one that jumps by the range of the trace is tried, too.
+    Parameters
+    ----------
+    window
+        Samples around the event.
+    noise_var
+        Noise variance (M,) [K2].
+    base
+        Intensity of each channel without the burst.
+    nothing
+        For each channel a burst of height zero; the candidates differ from it in height, decay and
+        power. It is returned where no candidate makes the data more likely.
+    near
+        ``nothing`` is a burst with a height, and only bursts similar to it are tried.
+    jumps
+        Also try bursts with a jump of the temperature by the range of the trace.
     """
-    tried = []
-    for none, var, span in zip(nothing, noise_var, spans(window, noise_var)):
+    candidates = []
+    for zero, var, span in zip(nothing, noise_var, spans(window, noise_var)):
         heights = np.geomspace(1e-3, 1e8, 12) * var
         sizes = [
-            (h, d) for d in DECAYS_S for h in np.minimum(heights, (MOST_BENT * span) ** 2 / d**3)
+            (h, d)
+            for d in DECAYS_S
+            for h in np.minimum(heights, (MAX_BEND_RANGES * span) ** 2 / d**3)
         ]
-        bursts = [none, *(replace(none, height=h, decay_s=d) for h, d in sizes)]
-        tried.append([*bursts, *(replace(b, level_sd=span) for b in bursts[::JUMPS_EACH] if jumps)])
+        bursts = [zero, *(replace(zero, height=h, decay_s=d) for h, d in sizes)]
+        if jumps:
+            bursts += [replace(b, level_sd=span) for b in bursts[::JUMP_STRIDE]]
+        candidates.append(bursts)
     best = list(nothing)
-    for nearby in (
-        (True,) if near else (False, True)
-    ):  # where about it is, longer cells tell as well
-        if nearby:
-            tried = [
+    for refine in (True,) if near else (False, True):
+        fine = 8 * FINE  # a coarse search can use longer intervals
+        if refine:
+            fine = (4 if jumps else 2) * FINE
+            candidates = [
                 [
                     replace(b, height=b.height * h, decay_s=b.decay_s * d, power=p)
-                    for p, d, h in NEARBY
+                    for p, d, h in REFINEMENTS
                 ]
                 for b in best
             ]
         proposed = [
-            [replace(q, bursts=(*q.bursts, b)) for b in bursts] for q, bursts in zip(base, tried)
+            [replace(q, bursts=(*q.bursts, b)) for b in bursts]
+            for q, bursts in zip(base, candidates)
         ]
-        value, _ = likelihood(
-            window, noise_var, proposed, fine=(8 if not nearby else 4 if jumps else 2) * FINE
-        )
-        first = np.argmax(value > value.max(axis=1, keepdims=True) - ALIKE, axis=1)
-        best = [bursts[k] for bursts, k in zip(tried, first)]
+        value, _ = likelihood(window, noise_var, proposed, fine=fine)
+        first = np.argmax(value > value.max(axis=1, keepdims=True) - TIE_NATS, axis=1)
+        best = [bursts[k] for bursts, k in zip(candidates, first)]
     return best
 
 
-def smeared_s(stretch: Stretch) -> float:
-    """Time over which the slowest chain, and the sampling, smear what happens at one instant [s]."""
-    return max(0.0, *(s.lag_s for s in stretch.sensors)) + 4 * stretch.dt_s
+def smeared_s(record: Stretch) -> float:
+    """Time [s] over which the slowest chain and the sampling smear an instantaneous change."""
+    return max(0.0, *(s.lag_s for s in record.sensors)) + 4 * record.dt_s
 
 
-def spans(stretch: Stretch, noise_var: Array) -> Array:
-    """Range of each channel (M,), ten noises at least [K]."""
-    return np.asarray(np.maximum(np.ptp(stretch.y, axis=0), 10 * np.sqrt(noise_var)))
+def spans(record: Stretch, noise_var: Array) -> Array:
+    """Range of each channel (M,) [K], at least ten standard deviations of the noise."""
+    return np.asarray(np.maximum(np.ptp(record.y, axis=0), 10 * np.sqrt(noise_var)))
 
 
-def _around(stretch: Stretch, event: float) -> tuple[Stretch, float]:
-    """The samples that an event can touch, no other event among them, and the time at which they start [s]."""
-    dt = stretch.dt_s
-    n = len(stretch.y)
-    lag = max(s.lag_s for s in stretch.sensors)
-    before = max([e for e in stretch.events_s if e < event], default=0.0)
-    after = min([e for e in stretch.events_s if e > event], default=(n - 1) * dt)
+def _around(record: Stretch, event: float) -> tuple[Stretch, float]:
+    """Samples that an event can influence, without any other event, and the time [s] at which they
+    start.
+    """
+    dt = record.dt_s
+    n = len(record.y)
+    lag = max(s.lag_s for s in record.sensors)
+    before = max([e for e in record.events_s if e < event], default=0.0)
+    after = min([e for e in record.events_s if e > event], default=(n - 1) * dt)
     first = int(np.ceil(max(before, event - 10.0 - 5 * lag) / dt))
     last = min(int(min(after, event + AFTER_S + 5 * lag) / dt) + 1, n)
-    return cut_out(stretch, first, last, (event,)), first * dt
+    return cut_out(record, first, last, (event,)), first * dt
 
 
 @dataclass(frozen=True)
 class Tradeoff:
-    """The choice of weight as data, one row a trial: ``intensity (L, M)`` = noise variance / weight [K2/s3],
+    """Misfit and roughness for each trial intensity (L trials, M channels), and the chosen one.
 
-    ``misfit (L, M)`` mean square residual [K2], ``roughness (L, M)`` integral of x''2 [K2/s3], ``freedom (L, M)``
-    trace of the influence matrix, ``chosen (M,)`` [K2/s3].
+    Parameters
+    ----------
+    intensity
+        Noise variance / weight (L, M) [K2/s3].
+    misfit
+        Mean square residual (L, M) [K2].
+    roughness
+        Integral of x''^2 (L, M) [K2/s3].
+    freedom
+        Effective number of parameters (L, M): trace of the influence matrix.
+    chosen
+        Chosen intensity (M,) [K2/s3].
+    criterion
+        Criterion of the choice.
     """
 
     intensity: Array
@@ -288,32 +356,34 @@ class Tradeoff:
     criterion: str
 
 
-def by_criterion(stretch: Stretch, criterion: Criterion, trials: int) -> Tradeoff:
-    """Misfit against roughness over ``trials`` intensities, evenly in their logarithm, and the one that is chosen."""
-    noise_var = stretch.noise_sd**2
+def by_criterion(record: Stretch, criterion: Criterion, trials: int) -> Tradeoff:
+    """Misfit and roughness for ``trials`` intensities, evenly in their logarithm, and the chosen
+    one.
+    """
+    noise_var = record.noise_sd**2
     levels = np.geomspace(1e-4, 1e7, trials)
     rows = []
-    w = stretch.weight
-    used = (stretch.weight > 0).sum(axis=0)
+    w = record.weight
+    n_samples = (record.weight > 0).sum(axis=0)
     for level in levels:
-        states = smoothed(
-            stretch, noise_var, [Intensity.constant(level * var) for var in noise_var]
-        )
-        misfit = np.sum(w * (stretch.y - states.read) ** 2, axis=0) / np.sum(w, axis=0)
-        bends = np.diff(states.knot_slope, axis=0) ** 2 / np.diff(states.knots_s)[1:, None]
-        rows.append(
-            (misfit, np.sum(bends, axis=0), np.sum(w * states.read_var, axis=0) / noise_var)
-        )
-    misfits, roughness, freedom = (np.array(column) for column in zip(*rows))
+        constant = [Intensity.constant(level * var) for var in noise_var]
+        fit = smoothed(record, noise_var, constant)
+        misfit = np.sum(w * (record.y - fit.read) ** 2, axis=0) / np.sum(w, axis=0)
+        bends = np.diff(fit.knot_slope, axis=0) ** 2 / np.diff(fit.knots_s)[1:, None]
+        freedom = np.sum(w * fit.read_var, axis=0) / noise_var
+        rows.append((misfit, np.sum(bends, axis=0), freedom))
+    misfits, roughness, effective = (np.array(column) for column in zip(*rows))
     chosen = [
         _pick(criterion, levels, *columns)
-        for columns in zip(misfits.T, roughness.T, freedom.T, used.tolist(), noise_var.tolist())
+        for columns in zip(
+            misfits.T, roughness.T, effective.T, n_samples.tolist(), noise_var.tolist()
+        )
     ]
     return Tradeoff(
         levels[:, None] * noise_var,
         misfits,
         roughness,
-        freedom,
+        effective,
         np.array(chosen) * noise_var,
         criterion,
     )
@@ -328,7 +398,10 @@ def _pick(
     used: int,
     noise_var: float,
 ) -> float:
-    """Intensity over noise variance that meets the criterion, between the trials by a parabola or a straight line."""
+    """Ratio of intensity and noise variance that meets the criterion.
+
+    It is interpolated between the trials by a parabola, for the discrepancy by a straight line.
+    """
     logs = np.log(levels)
     if criterion == "discrepancy":  # the misfit falls as the intensity rises
         return float(np.exp(np.interp(-np.log(noise_var), -np.log(misfit), logs)))

@@ -1,4 +1,4 @@
-"""What a compensator is given, a stretch of traces whose bad samples are known; and what it returns, with its doubt."""
+"""What a compensator is given, a record of traces whose bad samples are known; and what it returns, with its doubt."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def stretch_of(
     noise_sd: ArrayLike | None = None,
     names: Sequence[str] | None = None,
 ) -> Stretch:
-    """The record ``y``, (N,) or (N, M), as a stretch whose bad samples carry no weight; arguments as of ``smooth``.
+    """The record ``y``, (N,) or (N, M), as a record whose bad samples carry no weight; arguments as of ``smooth``.
 
     Raises InputError for shapes that do not agree, for a channel that mostly repeats one value, or hardly measures.
     """

@@ -78,14 +78,12 @@ def smooth(
     Raises:
         InputError: shapes that do not agree, a channel without samples.
     """
-    stretch = (
-        y if isinstance(y, Stretch) else stretch_of(y, dt_s, chains, events_s, noise_sd, names)
-    )
-    start_var = stretch.noise_sd**2
-    known = stretch.noise_known
+    record = y if isinstance(y, Stretch) else stretch_of(y, dt_s, chains, events_s, noise_sd, names)
+    start_var = record.noise_sd**2
+    known = record.noise_known
     u_s = np.broadcast_to(np.asarray(event_u_s, dtype=float), len(events_s)).tolist()
     if intensity is None:
-        chosen, noise_var = choose(stretch, start_var, known)
+        chosen, noise_var = choose(record, start_var, known)
     else:
         listed = (
             intensity
@@ -95,26 +93,26 @@ def smooth(
         chosen = [q if isinstance(q, Intensity) else Intensity.constant(q) for q in listed]
         noise_var = start_var
     if not (np.isfinite(noise_var) & (noise_var > 0)).all():
-        lag_s = max(c.lag_s for c in stretch.chains)
+        lag_s = max(c.lag_s for c in record.chains)
         raise InputError(
-            f"the noise cannot be estimated: rows every {stretch.dt_s:.4g} s are too slow for a lag of {lag_s:.4g} s",
+            f"the noise cannot be estimated: rows every {record.dt_s:.4g} s are too slow for a lag of {lag_s:.4g} s",
             expected="several rows in one lag",
         )
     told = dict(zip(map(float, events_s), u_s))
-    fit = smoothed(stretch, noise_var, chosen)
-    events = {at: told[at] for at in stretch.events_s}
+    fit = smoothed(record, noise_var, chosen)
+    events = {at: told[at] for at in record.events_s}
     # Beside a bend or in quick motion the rule of medians is blind to spikes: now they are judged against the answer
     rule = SPIKES["answer"]
-    w = stretch.weight
-    far = (np.abs(stretch.y - fit.read) > rule.sigmas * np.sqrt(noise_var)) & (w > 0)
+    w = record.weight
+    far = (np.abs(record.y - fit.read) > rule.sigmas * np.sqrt(noise_var)) & (w > 0)
     crowd = np.stack(
         [np.convolve(column, np.ones(rule.width), mode="same") for column in far.T], axis=1
     )
     if (spikes := far & (crowd <= rule.longest)).any():
-        flags = stretch.flags | np.where(spikes, SPIKE, 0).astype(np.uint8)
+        flags = record.flags | np.where(spikes, SPIKE, 0).astype(np.uint8)
         w = np.where(spikes, 0.0, w)
-        straight = np.stack([bridged(x, kept > 0) for x, kept in zip(stretch.y.T, w.T)], axis=1)
-        fit = smoothed(replace(stretch, y=straight, weight=w, flags=flags), noise_var, chosen)
+        straight = np.stack([bridged(x, kept > 0) for x, kept in zip(record.y.T, w.T)], axis=1)
+        fit = smoothed(replace(record, y=straight, weight=w, flags=flags), noise_var, chosen)
     hidden: list[Hidden] = []
     if intensity is None and (not events_s if find_events is None else find_events):
         fit, hidden = with_hidden(fit, start_var, known)
@@ -122,19 +120,19 @@ def smooth(
         noise_var = fit.noise_var
     for _ in range(REWEIGHTINGS if heavy_tails else 0):
         student = (FREEDOM + 1) / (
-            FREEDOM + (stretch.y - fit.read) ** 2 / noise_var
+            FREEDOM + (record.y - fit.read) ** 2 / noise_var
         )  # turns least squares into it
-        weight = np.where(fit.stretch.weight > 0, student, 0.0)
-        fit = smoothed(replace(fit.stretch, weight=weight), noise_var, chosen)
+        weight = np.where(fit.record.weight > 0, student, 0.0)
+        fit = smoothed(replace(fit.record, weight=weight), noise_var, chosen)
     for found in hidden:
         fit = averaged(fit, found)
     sd = fit.sd
-    static_u = np.hypot(0.0 if static_u is None else static_u, stretch.folded_u_K)
+    static_u = np.hypot(0.0 if static_u is None else static_u, record.folded_u_K)
     doubts = tuple(_by_event(fit, event, u) for event, u in events.items() if u > 0)
     for moved in doubts:
         sd = np.hypot(sd, moved)
     split = np.broadcast_to(np.asarray(split_u_s, dtype=float), len(noise_var)).tolist()
-    split_K = fit.bend * [c.split_s2(u) for c, u in zip(stretch.chains, split)]
+    split_K = fit.bend * [c.split_s2(u) for c, u in zip(record.chains, split)]
     time = np.arange(len(sd)) * dt_s
     done = Compensated.of(
         fit.temperature,
@@ -149,9 +147,9 @@ def smooth(
         intensity=np.array(
             [float(np.median(q.at(time[:: max(len(time) // 2000, 1)]))) for q in chosen]
         ),
-        flags=fit.stretch.flags,
+        flags=fit.record.flags,
         method="fixed-interval smoother",
-        findings=stretch.findings,
+        findings=record.findings,
         by_event_K=doubts,
         events_s=tuple(
             sorted([*events.items(), *((h.at_s, h.u_s) for h in hidden if h.log_odds > 0)])
@@ -159,23 +157,23 @@ def smooth(
         intensities=tuple(chosen),
     )
     called = [f"channel {c + 1}" for c in range(sd.shape[1])] if names is None else list(names)
-    return done.checked(stretch.y, called)
+    return done.checked(record.y, called)
 
 
 def _by_event(fit: Smoothed, event_s: float, u_s: float) -> Array:
     """Half the change of the answer (N, M) when the event moves from one standard uncertainty early to one late."""
-    stretch = fit.stretch
-    dt = fit.stretch.dt_s
-    time = np.arange(len(stretch.y)) * dt
+    record = fit.record
+    dt = fit.record.dt_s
+    time = np.arange(len(record.y)) * dt
     ratios = [
         np.array(np.min(q.at(time)) / (var * dt)) for q, var in zip(fit.chosen, fit.noise_var)
     ]
-    corner = min(float(corner_rad_s(chain, ratio)) for chain, ratio in zip(stretch.chains, ratios))
-    first, last = about(stretch, event_s)
+    corner = min(float(corner_rad_s(chain, ratio)) for chain, ratio in zip(record.chains, ratios))
+    first, last = about(record, event_s)
     extra = int(MARGIN / corner / dt)
     first = max(first - extra, 0)
     last = min(last + extra, len(time))
-    window = cut_out(stretch, first, last, stretch.events_s)
+    window = cut_out(record, first, last, record.events_s)
     shift = first * dt
     answers = []
     for to in (event_s - u_s, event_s + u_s):
@@ -219,12 +217,12 @@ def deconvolve(
         lag_covariance, split_u_s, static_u, names: as in ``smooth``.
         trials: number of weights tried, evenly in their logarithm.
     """
-    stretch = stretch_of(y, dt_s, chains, (), noise_sd, names)
-    tradeoff = by_criterion(stretch, criterion, trials)
+    record = stretch_of(y, dt_s, chains, (), noise_sd, names)
+    tradeoff = by_criterion(record, criterion, trials)
     result = smooth(
-        stretch,
+        record,
         dt_s,
-        stretch.chains,
+        record.chains,
         intensity=list(tradeoff.chosen),
         lag_covariance=lag_covariance,
         split_u_s=split_u_s,
@@ -274,10 +272,10 @@ def window_covariance(
     own = {
         b.start_s for b in q.bursts if b.slope_sd > 0
     }  # found, not given: their jumps are the intensity's
-    stretch = stretch_of(
+    record = stretch_of(
         part, dt_s, chain, [e - a * dt_s for e, _ in result.events_s if e not in own], noise_sd
     )
-    cells = all_cells(stretch, noise_sd**2, [[q.moved(shift_s=a * dt_s)]])
+    cells = all_cells(record, noise_sd**2, [[q.moved(shift_s=a * dt_s)]])
     states = swept(cells)
     t = np.arange(first - a, last - a) * dt_s
     cell = np.searchsorted(cells.knots_s[:-1], t + 1e-6 * dt_s, side="right") - 1

@@ -1,4 +1,4 @@
-"""A stretch as a linear model on cells of time, and its states: filtered, smoothed, with their likelihood."""
+"""A record as a linear model on cells of time, and its states: filtered, smoothed, with their likelihood."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from tcdyn.smoothing.rts import Cells, swept
 DIFFUSE = 10.0  # prior sd of level, slope and slope jumps, in ranges of the record (per lag): wide, yet well scaled
 
 
-def ranges(stretch: Stretch) -> Array:
+def ranges(record: Stretch) -> Array:
     """Range of the good samples of each channel (M,) [K], 1 where there are none."""
-    seen = [y[w > 0] for y, w in zip(stretch.y.T, stretch.weight.T)]
+    seen = [y[w > 0] for y, w in zip(record.y.T, record.weight.T)]
     return np.array([np.ptp(y) if len(y) else 1.0 for y in seen])
 
 
 def cells_for(
-    stretch: Stretch,
+    record: Stretch,
     noise_var: Array,
     proposals: Sequence[Sequence[Intensity]],
     knots: Array,
@@ -35,22 +35,22 @@ def cells_for(
 ) -> Cells:
     """The cells between ``knots``, some of or all that ``knots_for`` gives; samples in no cell are left out.
 
-    ``span`` (M,): the ``ranges`` of the whole stretch.
+    ``span`` (M,): the ``ranges`` of the whole record.
     """
-    dt = stretch.dt_s
-    total = len(stretch.y)
+    dt = record.dt_s
+    total = len(record.y)
     keys = np.round(np.column_stack([np.diff(knots) / dt, (knots[:-1] / dt) % 1.0]), 6)
     keys[:, 1] %= 1.0
     _, example, kind = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     kind = kind.reshape(-1)
-    event: Flags = np.isin(knots[:-1], stretch.events_s)
+    event: Flags = np.isin(knots[:-1], record.events_s)
     channels: list[tuple[Array, ...]] = []
     rows = []
-    for c, s in enumerate(stretch.sensors):
+    for c, s in enumerate(record.sensors):
         first = np.ceil((knots + s.delay_s) / dt - 1e-6).astype(int)
         low, high = np.clip(first[[0, -1]], 0, total)
-        weight = stretch.weight[low:high, c]
-        trace = stretch.y[low:high, c]
+        weight = record.weight[low:high, c]
+        trace = record.y[low:high, c]
         n = len(s.output)
         w = np.append(weight / noise_var[c], 0.0)
         y = np.append(trace, 0.0)
@@ -85,7 +85,7 @@ def cells_for(
         rows.append(tuple(rows_c))
     lengths = np.diff(knots)[example]
     across = np.stack(
-        [np.stack([flow(s.drift, float(h)) for s in stretch.sensors]) for h in lengths]
+        [np.stack([flow(s.drift, float(h)) for s in record.sensors]) for h in lengths]
     )[:, :, None]
     mean0, cov0, information, score, jumps_var = zip(*channels)
     return Cells(
@@ -107,15 +107,15 @@ def _squares(rows: Array) -> Array:
 
 
 def all_cells(
-    stretch: Stretch, noise_var: Array, proposals: Sequence[Sequence[Intensity]], fine: float = FINE
+    record: Stretch, noise_var: Array, proposals: Sequence[Sequence[Intensity]], fine: float = FINE
 ) -> Cells:
-    """Cells of the whole stretch."""
+    """Cells of the whole record."""
     return cells_for(
-        stretch,
+        record,
         noise_var,
         proposals,
-        knots_for(stretch, noise_var, proposals, fine),
-        ranges(stretch),
+        knots_for(record, noise_var, proposals, fine),
+        ranges(record),
     )
 
 
@@ -185,10 +185,10 @@ def filtered(cells: Cells) -> Iterator[tuple[Array, ...]]:
 
 
 def likelihood(
-    stretch: Stretch, noise_var: Array, proposals: Sequence[Sequence[Intensity]], fine: float = FINE
+    record: Stretch, noise_var: Array, proposals: Sequence[Sequence[Intensity]], fine: float = FINE
 ) -> tuple[Array, Array]:
     """Log likelihood (M, Q) at the given noise, and the ratio (M, Q) by which each would scale the noise variance."""
-    cells = all_cells(stretch, noise_var, proposals, fine)
+    cells = all_cells(record, noise_var, proposals, fine)
     log_det = np.zeros(cells.mean0.shape[:2])
     quad = np.zeros(cells.mean0.shape[:2])
     for (mean, step, gain, surprise), score in zip(filtered(cells), cells.score):
@@ -197,15 +197,15 @@ def likelihood(
             sign > 0, size, np.inf
         )  # lost to rounding: an intensity that no data ask for
         quad -= ((score + surprise) * mean + surprise * step).sum(axis=-1)
-    used = (stretch.weight > 0).sum(axis=0)
-    total = quad + ((stretch.weight * stretch.y**2).sum(axis=0) / noise_var)[:, None]
+    used = (record.weight > 0).sum(axis=0)
+    total = quad + ((record.weight * record.y**2).sum(axis=0) / noise_var)[:, None]
     value = -0.5 * (log_det + total + (used * np.log(noise_var))[:, None])
-    return value, total / np.maximum(used - 2 - len(stretch.events_s), 1)[:, None]
+    return value, total / np.maximum(used - 2 - len(record.events_s), 1)[:, None]
 
 
 @dataclass(frozen=True)
 class Smoothed:
-    """A stretch, its noise variance (M,), intensities, and what it says at ``knots_s`` and samples given all of it.
+    """A record, its noise variance (M,), intensities, and what it says at ``knots_s`` and samples given all of it.
 
     At the knots but the last, (J, M): ``knot_slope`` [K/s]; ``jump_chi2``: score test for a jump of level, slope or
     both, chi-square of two degrees of freedom when there is none. At the samples, (N, M): ``temperature`` [degC], its
@@ -213,7 +213,7 @@ class Smoothed:
     what the logger would have written without noise [degC], and its variance [K2].
     """
 
-    stretch: Stretch
+    record: Stretch
     noise_var: Array
     chosen: tuple[Intensity, ...]
     knots_s: Array
@@ -242,27 +242,27 @@ def _rises(at_knot: Array, knots_s: Array) -> Array:
 
 
 def smoothed(
-    stretch: Stretch, noise_var: Array, chosen: Sequence[Intensity], fine: float = FINE
+    record: Stretch, noise_var: Array, chosen: Sequence[Intensity], fine: float = FINE
 ) -> Smoothed:
-    """States given the whole stretch, its noise variance (M,) and one intensity a channel.
+    """States given the whole record, its noise variance (M,) and one intensity a channel.
 
     Long stretches go in pieces of cells, each with neighbours on both sides that settle both sweeps: the answer is that
     of the whole to a millionth of a kelvin, the memory that of a piece. The score test for jumps comes with
     ``swept``'s way back.
     """
     proposals = [[q] for q in chosen]
-    knots = knots_for(stretch, noise_var, proposals, fine)
-    span = ranges(stretch)
-    (total, batch) = stretch.y.shape
+    knots = knots_for(record, noise_var, proposals, fine)
+    span = ranges(record)
+    (total, batch) = record.y.shape
     count = len(knots) - 1
     knot_slope, chi2 = np.empty((2, count, batch))
     at_samples = np.empty((5, total, batch))
     read, read_var = np.zeros((2, total + 1, batch))
     lag_rows, bend_rows = (
-        np.stack(rows) for rows in zip(*((s.lag_row, s.bend_row) for s in stretch.sensors))
+        np.stack(rows) for rows in zip(*((s.lag_row, s.bend_row) for s in record.sensors))
     )
-    for low, first, last, high in pieces(stretch, noise_var, chosen, knots):
-        cells = cells_for(stretch, noise_var, proposals, knots[low : high + 1], span)
+    for low, first, last, high in pieces(record, noise_var, chosen, knots):
+        cells = cells_for(record, noise_var, proposals, knots[low : high + 1], span)
         found = swept(cells)
         keep = slice(first - low, last - low)
         mean = found.mean
@@ -286,10 +286,10 @@ def smoothed(
                 read_var[sample, c] = (
                     cov[where, c].reshape(len(where), rows.shape[1] ** 2) @ _squares(rows).T
                 )
-        begin = 0 if first == 0 else int(np.ceil(knots[first] / stretch.dt_s - 1e-6))
-        end = total if last == count else int(np.ceil(knots[last] / stretch.dt_s - 1e-6))
-        t = np.arange(begin, end) * stretch.dt_s
-        cell = np.searchsorted(knots[low : high + 1], t + 1e-6 * stretch.dt_s, side="right") - 1
+        begin = 0 if first == 0 else int(np.ceil(knots[first] / record.dt_s - 1e-6))
+        end = total if last == count else int(np.ceil(knots[last] / record.dt_s - 1e-6))
+        t = np.arange(begin, end) * record.dt_s
+        cell = np.searchsorted(knots[low : high + 1], t + 1e-6 * record.dt_s, side="right") - 1
         cell = np.clip(cell, 0, len(mean) - 1)
         along = (t - knots[low + cell])[:, None]
         lagging, bent = (np.einsum("jmn,mn->jm", mean, rows) for rows in (lag_rows, bend_rows))
@@ -307,7 +307,7 @@ def smoothed(
         np.sqrt(np.maximum(sd, 0.0, out=sd), out=sd)
     temperature, slope, sd, sensitivity, bend = at_samples
     return Smoothed(
-        stretch,
+        record,
         noise_var,
         tuple(chosen),
         knots,

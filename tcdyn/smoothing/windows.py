@@ -1,4 +1,4 @@
-"""Means of a compensated log over a stretch of time, with the covariance between all channels of both disks."""
+"""Means of a compensated log over a record of time, with the covariance between all channels of both disks."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def over_window(
     ``channels`` (M,), ``mean_covariance_K2`` (M, M): noise of each channel, lags (of a disk move together), static
     lines, the reference that lines have in common, and the instants of events, common to both disks. u of the
     difference of two means is sqrt(C_ii + C_jj - 2 C_ij), in ``difference_u_K`` (M, M).
-    Raises InputError where nothing was smoothed, there is no event to begin at, or the stretch is too long.
+    Raises InputError where nothing was smoothed, there is no event to begin at, or the record is too long.
     """
     if start_s is None and not events:
         raise InputError(
