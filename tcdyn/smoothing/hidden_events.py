@@ -1,4 +1,9 @@
-"""Events that nobody announced: where a jump would help, what it may have been, and the mean over all it may be."""
+"""Detection of events that the caller did not list, and average of the smoother over what they may be.
+
+A score test on the RTS smoother gives candidate times. Each candidate is weighed by its likelihood as
+no event, a kink (jump of the slope) or a jump of the temperature, at several times. The smoothed
+temperature is the mean over these possibilities (Bayesian model averaging).
+"""
 
 from __future__ import annotations
 
@@ -24,31 +29,49 @@ from tcdyn.smoothing.process_noise import (
 from tcdyn.smoothing.record import Stretch
 from tcdyn.smoothing.state_space import DIFFUSE, Smoothed, likelihood, smoothed
 
-# false candidates in a record: without events, and where there are some
-CHANCE = 0.05
-AGAIN = 1.0
-ALONE = 6.0  # lags about an event within which the score test sees that event only
-BEYOND = 1.0  # lags: a window ends soon after the next event, unless that is as near as this
-NEVER = -5.0  # log odds below which what came up is a doubt before all others are in place
-# of search; events sought in one record
+# Values without a source below were chosen by judgement.
+# expected false candidates in a record without events, and in one that has some
+FALSE_CANDIDATES = 0.05
+MORE_FALSE_CANDIDATES = 1.0
+# lags around an event within which the score test sees that event only
+SCORE_REACH_LAGS = 6.0
+# lags: a window ends soon after the next event, unless that event is as near as this
+NEXT_EVENT_LAGS = 1.0
+# log odds below which a candidate becomes doubtful before all others are in place
+MIN_LOG_ODDS = -5.0
+# rounds of the search, and events in one record at most
 ROUNDS = 8
-MOST = 24
-COST = 3.0  # nats that fitting the height, decay and power of a burst to noise gains
-PRIOR = (0.5, 0.4, 0.1)  # in a channel at an event: nothing, a kink, a jump of the temperature
-# times tried at first; later, over so many standard deviations either side
-WIDE = 13
-NODES = 7
-REACH = 2.5
-FEWEST = 0.01  # weights below this part are left out
+MAX_EVENTS = 24
+# nats by which a fit of height, decay and power of a burst to pure noise raises the likelihood
+BURST_FIT_NATS = 3.0
+# prior probability in a channel at an event: nothing, a kink, a jump of the temperature
+PRIOR = (0.5, 0.4, 0.1)
+# times tried at first; and later, over so many standard deviations on either side
+COARSE_TIMES = 13
+FINE_TIMES = 7
+FINE_REACH_SD = 2.5
+# weights below this share are left out of the average
+MIN_WEIGHT = 0.01
 
 
 @dataclass(frozen=True)
-class Hidden:
-    """An event that nobody announced: likeliest time and its standard uncertainty [s], log odds that there is one.
+class HiddenEvent:
+    """An event that the caller did not list.
 
-    ``kinds``: each channel's burst (M,) if it was a kink, and if a jump; ``likeliest`` (M,) of these; ``may_be``:
-    times, bursts (M,) and weights (M,) of all that may have been; ``level (M,)`` [K2/s3] of the intensity before and
-    after if nothing was.
+    Parameters
+    ----------
+    at_s, u_s
+        Most likely time and its standard uncertainty [s].
+    log_odds
+        Log odds that there is an event.
+    kinds
+        Bursts of the channels (M,) if the event is a kink, and if it is a jump.
+    likeliest
+        The more likely of these for each channel (M,).
+    possibilities
+        All that the event may be: time [s], bursts (M,) and weights (M,).
+    level
+        Intensity (M,) [K2/s3] before and after the time if there is no event.
     """
 
     at_s: float
@@ -56,297 +79,376 @@ class Hidden:
     log_odds: float
     kinds: tuple[tuple[Burst, ...], ...]
     likeliest: tuple[Burst, ...]
-    may_be: tuple[tuple[float, tuple[Burst, ...], Array], ...]
+    possibilities: tuple[tuple[float, tuple[Burst, ...], Array], ...]
     level: Array
 
-    def put(
-        self, chosen: Sequence[Intensity], at_s: float, bursts: Sequence[Burst]
+    def insert(
+        self, intensities: Sequence[Intensity], at_s: float, bursts: Sequence[Burst]
     ) -> list[Intensity]:
-        """Intensities with these ``bursts`` at ``at_s`` instead of what they have at the event."""
-        rest = [q.moved(self.at_s, at_s) for q in _bare(chosen, self.at_s)]
-        return [replace(q, bursts=(*q.bursts, b)) for q, b in zip(rest, bursts)]
+        """Intensities with these ``bursts`` at ``at_s`` in place of those that they have at the event."""
+        bare = _without_bursts(intensities, self.at_s)
+        moved = [q.moved(self.at_s, at_s) for q in bare]
+        return [replace(q, bursts=(*q.bursts, b)) for q, b in zip(moved, bursts)]
 
-    def without(self, chosen: Sequence[Intensity]) -> list[Intensity]:
-        """Intensities as if nothing had been."""
-        return [_merged(q, self.at_s, v) for q, v in zip(_bare(chosen, self.at_s), self.level)]
-
-
-def _bare(chosen: Sequence[Intensity], at_s: float) -> list[Intensity]:
-    """Without the bursts that start at ``at_s``."""
-    return [replace(q, bursts=tuple(b for b in q.bursts if b.start_s != at_s)) for q in chosen]
+    def remove(self, intensities: Sequence[Intensity]) -> list[Intensity]:
+        """Intensities as if there were no event."""
+        bare = _without_bursts(intensities, self.at_s)
+        return [_one_level(q, self.at_s, level) for q, level in zip(bare, self.level)]
 
 
-def _merged(q: Intensity, at_s: float, level: float) -> Intensity:
-    """With one ``level`` before and after the segment boundary at ``at_s``, if there is one."""
-    where = q.starts_s.index(at_s) if at_s in q.starts_s else -9
-    return replace(
-        q, levels=tuple(level if i in (where - 1, where) else v for i, v in enumerate(q.levels))
-    )
+def _without_bursts(intensities: Sequence[Intensity], at_s: float) -> list[Intensity]:
+    """Intensities without the bursts that start at ``at_s``."""
+    return [replace(q, bursts=tuple(b for b in q.bursts if b.start_s != at_s)) for q in intensities]
+
+
+def _one_level(q: Intensity, at_s: float, level: float) -> Intensity:
+    """The same ``level`` in the segments before and after the boundary at ``at_s``, if there is one."""
+    if at_s not in q.starts_s:
+        return q
+    index = q.starts_s.index(at_s)
+    levels = list(q.levels)
+    for i in range(max(index - 1, 0), index + 1):
+        levels[i] = level
+    return replace(q, levels=tuple(levels))
 
 
 def candidates(fit: Smoothed, events: Sequence[float]) -> list[float]:
-    """Times [s], none near ``events``, at which a jump would help more than chance does: the best of each place."""
+    """Times [s], not near ``events``, where a jump helps more than chance: the best of each region.
+
+    The score test for a jump of level or slope has a chi-square distribution with two degrees of
+    freedom; its threshold allows ``FALSE_CANDIDATES`` in a record.
+    """
     knots = fit.knots_s[:-1]
-    lag = smeared_s(fit.record)
+    reach_s = SCORE_REACH_LAGS * smeared_s(fit.record)
     score = np.max(fit.jump_chi2, axis=1)
-    score[:3] = score[-3:] = 0.0
-    least = 2 * np.log(fit.jump_chi2.size / (AGAIN if events else CHANCE))
-    found: list[float] = []
+    score[:3] = 0.0
+    score[-3:] = 0.0
+    expected_false = MORE_FALSE_CANDIDATES if events else FALSE_CANDIDATES
+    threshold = 2 * np.log(fit.jump_chi2.size / expected_false)
+    times: list[float] = []
     for event in events:
-        score[np.abs(knots - event) < ALONE * lag] = 0.0
-    while score.max() > least:
-        found.append(float(knots[int(np.argmax(score))]))
-        score[np.abs(knots - found[-1]) < ALONE * lag] = 0.0
-    return found
+        score[np.abs(knots - event) < reach_s] = 0.0
+    while score.max() > threshold:
+        times.append(float(knots[int(np.argmax(score))]))
+        score[np.abs(knots - times[-1]) < reach_s] = 0.0
+    return times
 
 
 def with_hidden(
     fit: Smoothed, start_var: Array, noise_known: bool
-) -> tuple[Smoothed, list[Hidden]]:
-    """``fit`` with the events that its data ask for, each as it most likely was, and all that they may have been.
+) -> tuple[Smoothed, list[HiddenEvent]]:
+    """``fit`` with the events that its data show, each in its most likely form, and these events.
 
-    All candidates are put in at once and weighed in turn, so that none hides another in a level that is too high;
-    then again until no more come up; what the data do not ask for once all others are in place is a doubt.
+    All candidates are inserted at once and weighed in turn, so that none hides another behind an
+    intensity that is too high. This is repeated until no candidate is new. An event that the data do
+    not support once all others are in place is doubtful.
+
+    Parameters
+    ----------
+    fit
+        Smoothed record without hidden events.
+    start_var
+        First estimate of the noise variance (M,) [K2].
+    noise_known
+        Whether the noise variance is known.
     """
     record = fit.record
     plain = fit.chosen
     noise_var = fit.noise_var
     lag = smeared_s(record)
-    told = set(record.events_s)
-    sure: list[Hidden] = []
-    doubts: list[Hidden] = []
+    listed_s = set(record.events_s)
+    accepted: list[HiddenEvent] = []
+    doubtful: list[HiddenEvent] = []
     original = fit
     settled = False
-    hopeful = True
+    search = True
     for _ in range(ROUNDS):
-        known = [*told, *(h.at_s for h in (*sure, *doubts))]
-        new = candidates(fit, known)[: MOST - len(sure)] if hopeful else []
-        if not new and (settled or not sure):
+        new: list[float] = []
+        if search:
+            excluded = [*listed_s, *(h.at_s for h in (*accepted, *doubtful))]
+            new = candidates(fit, excluded)[: MAX_EVENTS - len(accepted)]
+        if not new and (settled or not accepted):
             break
-        settled = not new
         final = not new
-        early = [
-            max(c - 0.5 * lag, 2 * record.dt_s) for c in new
-        ]  # rough at first: from before it, anything goes
-        bursts = [[b for b in q.bursts if b.start_s in told] for q in fit.chosen]
+        settled = final
+        # a candidate is rough at first: from somewhat before it on, any change is possible
+        new_s = [max(c - 0.5 * lag, 2 * record.dt_s) for c in new]
+        bursts = [[b for b in q.bursts if b.start_s in listed_s] for q in fit.chosen]
         for c, span in enumerate(spans(record, noise_var)):
-            bursts[c] += [
-                Burst(at, 100 * span**2 / lag**3, lag, slope_sd=span / lag) for at in early
-            ]
-            bursts[c] += [h.likeliest[c] for h in sure]
-        times = sorted([*(h.at_s for h in sure), *early])
-        cuts: dict[
-            float, float
-        ] = {}  # what begins may have begun a little earlier, though not before what went before
+            height = 100 * span**2 / lag**3
+            bursts[c] += [Burst(at, height, lag, slope_sd=span / lag) for at in new_s]
+            bursts[c] += [h.likeliest[c] for h in accepted]
+        times = sorted([*(h.at_s for h in accepted), *new_s])
+        # an event may have started a little earlier, but not before the event that precedes it
+        boundaries: dict[float, float] = {}
         for at in times:
-            last = max([0.0, *cuts, *(e for e in told if e < at)])
-            cuts[min(max(at - lag, last + record.dt_s), at)] = at
-        apart = replace(record, events_s=tuple(sorted((*told, *cuts))))
-        levels, noise_var = levels_of(apart, start_var, noise_known)
-        starts = tuple(cuts.get(s, s) for s in levels[0].starts_s)
-        chosen = [replace(q, starts_s=starts, bursts=tuple(b)) for q, b in zip(levels, bursts)]
-        before = {h.at_s: h for h in sure}
-        sure = []
+            last = max([0.0, *boundaries, *(e for e in listed_s if e < at)])
+            boundaries[min(max(at - lag, last + record.dt_s), at)] = at
+        divided = replace(record, events_s=tuple(sorted((*listed_s, *boundaries))))
+        levels, noise_var = levels_of(divided, start_var, noise_known)
+        starts = tuple(boundaries.get(s, s) for s in levels[0].starts_s)
+        intensities = [replace(q, starts_s=starts, bursts=tuple(b)) for q, b in zip(levels, bursts)]
+        previous = {h.at_s: h for h in accepted}
+        accepted = []
         for at in times:
-            if not final and at in before and min(abs(at - e) for e in early) > ALONE * lag:
-                sure.append(before[at])
+            far_from_new = all(abs(at - e) > SCORE_REACH_LAGS * lag for e in new_s)
+            if not final and at in previous and far_from_new:
+                accepted.append(previous[at])
                 continue
-            h = weigh(
-                record, noise_var, chosen, at, [float(q.at(at)) for q in plain], before.get(at)
-            )
-            chosen = [q.moved(at, h.at_s) for q in chosen]
-            if h.log_odds > (0 if final else NEVER):
-                sure.append(h)
-                chosen = h.put(chosen, h.at_s, h.likeliest)
+            plain_levels = [float(q.at(at)) for q in plain]
+            event = weigh_event(record, noise_var, intensities, at, plain_levels, previous.get(at))
+            intensities = [q.moved(at, event.at_s) for q in intensities]
+            if event.log_odds > (0 if final else MIN_LOG_ODDS):
+                accepted.append(event)
+                intensities = event.insert(intensities, event.at_s, event.likeliest)
             else:
-                doubts.append(h)
-                chosen = h.without(chosen)
+                doubtful.append(event)
+                intensities = event.remove(intensities)
                 settled = False
-        hopeful = final or len(sure) > len(before)
-        fit = smoothed(record, noise_var, chosen) if sure else original
-    return fit, [h for h in (*sure, *doubts) if h.may_be]
+        search = final or len(accepted) > len(previous)
+        fit = smoothed(record, noise_var, intensities) if accepted else original
+    return fit, [h for h in (*accepted, *doubtful) if h.possibilities]
 
 
-def about(record: Stretch, at_s: float, others_s: Iterable[float] = ()) -> tuple[int, int]:
-    """First sample that an event at ``at_s`` touches, and the one after the last; not far beyond the next event."""
+def influenced_samples(
+    record: Stretch, at_s: float, others_s: Iterable[float] = ()
+) -> tuple[int, int]:
+    """First sample that an event at ``at_s`` influences, and one past the last.
+
+    The range ends soon after the next of the events ``others_s``.
+    """
     dt = record.dt_s
     lag = smeared_s(record)
     first = max(int(np.ceil((at_s - 5.0 - 5 * lag) / dt)), 0)
-    after = min([at_s + AFTER_S, *(e for e in others_s if e > at_s + BEYOND * lag)])
+    after = min([at_s + AFTER_S, *(e for e in others_s if e > at_s + NEXT_EVENT_LAGS * lag)])
     return first, min(int((after + 5 * lag) / dt) + 1, len(record.y))
 
 
-def weigh(
+@dataclass(frozen=True)
+class _Window:
+    """Samples around one event, and the intensities (M,) there without the event.
+
+    ``start_s``: time of the event on the clock of the window; ``lowest_s`` and ``highest_s``: bounds
+    of its time, from the events before and after it.
+    """
+
+    record: Stretch
+    noise_var: Array
+    base: list[Intensity]
+    start_s: float
+    lowest_s: float
+    highest_s: float
+
+    def values(self, times: Array, options: Sequence[Sequence[Burst]]) -> Array:
+        """Log likelihood (M, times, options) with the event at each time and with each option."""
+        proposals = []
+        for q, bursts in zip(self.base, zip(*options)):
+            with_burst = [replace(q, bursts=(*q.bursts, b)) for b in bursts]
+            proposals.append([p.moved(self.start_s, t) for t in times for p in with_burst])
+        value = likelihood(self.record, self.noise_var, proposals, 2 * FINE)[0]
+        return value.reshape(len(self.base), len(times), -1)
+
+    def admissible(self, times: ArrayLike) -> Array:
+        """``times`` [s] put between the events before and after; nearly equal times become one."""
+        grid_s = 1e-4 * self.record.dt_s
+        clipped = np.clip(times, self.lowest_s, max(self.lowest_s, self.highest_s))
+        return np.asarray(np.unique(np.round(clipped / grid_s)) * grid_s)
+
+
+def weigh_event(
     record: Stretch,
     noise_var: Array,
-    chosen: Sequence[Intensity],
+    intensities: Sequence[Intensity],
     at_s: float,
     plain: Sequence[float],
-    known: Hidden | None = None,
-) -> Hidden:
-    """What happened at about ``at_s``: nothing, a kink, or a jump of the temperature, and at which time.
+    previous: HiddenEvent | None = None,
+) -> HiddenEvent:
+    """Weigh what happened at about ``at_s``: nothing, a kink, or a jump of the temperature, and when.
 
-    ``chosen`` has a segment that begins there; its level, had nothing happened, lies between those of the two segments
-    and ``plain`` (M,). Jumps are normal, by the range of the trace, those of the slope by ten ranges per lag, each with
-    the likeliest burst; what time it was has the same chance anywhere in the record. ``known``: what was said of it
-    before; all is sought near it.
+    Jumps of the temperature have a normal prior whose standard deviation is the range of the trace;
+    that of the slope is ten ranges per lag. Each comes with its most likely burst. The event time is
+    equally probable anywhere in the record.
+
+    Parameters
+    ----------
+    record
+        The record.
+    noise_var
+        Noise variance (M,) [K2].
+    intensities
+        Intensity of each channel, with a segment that starts at ``at_s``.
+    at_s
+        Time of the candidate [s].
+    plain
+        Intensity (M,) [K2/s3] without any hidden event. The level without this event lies between
+        this value and those of the two segments.
+    previous
+        Result of an earlier round; the search then stays near it.
     """
-    first, last = about(record, at_s, chosen[0].starts_s)
+    first, last = influenced_samples(record, at_s, intensities[0].starts_s)
     shift = first * record.dt_s
-    lag = smeared_s(record)
-    window = cut_out(record, first, last, record.events_s)
-    base = [q.moved(shift_s=shift) for q in _bare(chosen, at_s)]
-    begins = at_s - shift
-    ranges = spans(window, noise_var)
-    kinds = [
-        [Burst(begins, 0.0, 1.0, level_sd=jump * s, slope_sd=DIFFUSE * s / lag) for s in ranges]
-        for jump in (0.0, 1.0)
-    ]
-
-    def values(times: Array, options: Sequence[Sequence[Burst]]) -> Array:
-        """Log likelihood (M, times, options), the event moved to each time."""
-        proposed = [
-            [replace(q, bursts=(*q.bursts, b)).moved(begins, t) for t in times for b in bursts]
-            for q, bursts in zip(base, zip(*options))
-        ]
-        return likelihood(window, noise_var, proposed, 2 * FINE)[0].reshape(
-            len(base), len(times), -1
-        )
-
     dt = record.dt_s
-    lowest = max([e for e in chosen[0].starts_s if e < at_s], default=0.0) - shift + dt
-    highest = (
-        min([e for e in chosen[0].starts_s if e > at_s], default=dt * len(record.y)) - shift - dt
+    lag = smeared_s(record)
+    starts_s = intensities[0].starts_s
+    before_s = max([e for e in starts_s if e < at_s], default=0.0)
+    after_s = min([e for e in starts_s if e > at_s], default=dt * len(record.y))
+    window = _Window(
+        cut_out(record, first, last, record.events_s),
+        noise_var,
+        [q.moved(shift_s=shift) for q in _without_bursts(intensities, at_s)],
+        at_s - shift,
+        before_s - shift + dt,
+        after_s - shift - dt,
     )
-
-    def between(nodes: ArrayLike) -> Array:
-        """Such of ``nodes`` [s] as lie between what happened before and after, none too near another."""
-        return np.asarray(
-            np.unique(np.round(np.clip(nodes, lowest, max(lowest, highest)) / (1e-4 * dt)))
-            * (1e-4 * dt)
-        )
-
-    if known is None:
-        sizes = [(0.0, 1.0), *((0.1 / d**3, d) for d in DECAYS_S)]
-        rough = [
-            [replace(b, height=h * s**2, decay_s=d) for b, s in zip(kind, ranges)]
-            for kind in kinds
-            for h, d in sizes
-        ]
-        step = 2 * lag / (WIDE - 1)
-        nodes = between(begins + step * (np.arange(WIDE) - WIDE // 2))
-        value = values(nodes, rough).reshape(len(base), len(nodes), 2, -1)
-        top = np.argmax(logsumexp(value, axis=3).sum(axis=0), axis=0)
-        kinds = [
-            [
-                rough[k * len(sizes) + int(np.argmax(value[c, top[k], k]))][c]
-                for c in range(len(base))
-            ]
-            for k in (0, 1)
-        ]
-        best = [float(t) for t in nodes[top]]
-        u = [0.5 * step] * 2
+    start_s = window.start_s
+    base = window.base
+    if previous is None:
+        kinds, best_s, u_s = _coarse_search(window, lag)
     else:
-        kinds = [[replace(b, start_s=begins) for b in kind] for kind in known.kinds]
-        best = [begins] * 2
-        u = [2 * known.u_s + 0.02 * lag] * 2
+        kinds = [[replace(b, start_s=start_s) for b in kind] for kind in previous.kinds]
+        best_s = [start_s] * 2
+        u_s = [2 * previous.u_s + 0.02 * lag] * 2
     bursts = []
-    for kind, t in zip(kinds, best):
-        there = [q.moved(begins, t) for q in base]
-        nothing = [replace(b, start_s=t) for b in kind]
-        near = known is not None and min(b.height for b in kind) > 0
-        found = likeliest_burst(window, noise_var, there, nothing, near)
-        bursts.append([replace(b, start_s=begins) for b in found])
+    for kind, time in zip(kinds, best_s):
+        moved = [q.moved(start_s, time) for q in base]
+        zero = [replace(b, start_s=time) for b in kind]
+        near = previous is not None and min(b.height for b in kind) > 0
+        refined = likeliest_burst(window.record, noise_var, moved, zero, near)
+        bursts.append([replace(b, start_s=start_s) for b in refined])
     for _ in range(3):
-        nodes = between(
-            np.ravel([np.linspace(t - REACH * h, t + REACH * h, NODES) for t, h in zip(best, u)])
-        )
-        # a kink and a jump may lie apart
-        value = values(nodes, bursts)
-        widest = 2 * REACH * max(u) / (NODES - 1)
-        gaps = np.minimum(
-            np.diff(nodes, prepend=nodes[0] - widest, append=nodes[-1] + widest), widest
-        )
+        # a kink and a jump may have different times
+        ranges = [
+            np.linspace(t - FINE_REACH_SD * u, t + FINE_REACH_SD * u, FINE_TIMES)
+            for t, u in zip(best_s, u_s)
+        ]
+        times = window.admissible(np.ravel(ranges))
+        value = window.values(times, bursts)
+        widest = 2 * FINE_REACH_SD * max(u_s) / (FINE_TIMES - 1)
+        gaps = np.diff(times, prepend=times[0] - widest, append=times[-1] + widest)
+        gaps = np.minimum(gaps, widest)
         width = 0.5 * (gaps[:-1] + gaps[1:])
         for k, total in enumerate(value.sum(axis=0).T):
-            share = np.exp(total - total.max()) * width
-            best[k] = float(share @ nodes / share.sum())
-            spread = float(np.sqrt(share @ (nodes - best[k]) ** 2 / share.sum()))
-            u[k] = float(np.clip(spread, 0.01 * record.dt_s, lag))
+            weight = np.exp(total - total.max()) * width
+            best_s[k] = float(weight @ times / weight.sum())
+            spread = float(np.sqrt(weight @ (times - best_s[k]) ** 2 / weight.sum()))
+            u_s[k] = float(np.clip(spread, 0.01 * dt, lag))
 
-    some = np.stack([[*_levels_about(q, begins), p] for q, p in zip(base, plain)])
-    levels = np.geomspace(some.min(axis=1), some.max(axis=1), NODES, axis=1)
-    merged = [[_merged(q, begins, v) for v in row] for q, row in zip(base, levels)]
-    without = likelihood(window, noise_var, merged, 2 * FINE)[0]
-    level = np.take_along_axis(levels, np.argmax(without, axis=1)[:, None], axis=1)[:, 0]
-    gain = value - COST - without.max(axis=1)[:, None, None]
-    each = np.concatenate([np.zeros_like(gain[..., :1]), gain], axis=2) + np.log(PRIOR)
-    density = logsumexp(each, axis=2)
-    log_p = density.sum(axis=0) + np.log(width / (len(record.y) * record.dt_s))
+    level, without = _level_without_event(window, plain)
+    gain = value - BURST_FIT_NATS - without[:, None, None]
+    # log of prior times likelihood, relative to no event: (M, times, kinds with "nothing" first)
+    log_joint = np.concatenate([np.zeros_like(gain[..., :1]), gain], axis=2) + np.log(PRIOR)
+    log_density = logsumexp(log_joint, axis=2)
+    log_p = log_density.sum(axis=0) + np.log(width / (len(record.y) * dt))
     log_odds = float(logsumexp(log_p))
     p = np.exp(log_p - log_odds)
-    weight = (
-        np.exp(each - density[..., None]) * (p / (1 + np.exp(-log_odds)))[:, None]
-    )  # (M, times, kinds)
-    likely = int(np.argmax(log_p))
+    p_event = p / (1 + np.exp(-log_odds))
+    weights = np.exp(log_joint - log_density[..., None]) * p_event[:, None]
+    best = int(np.argmax(log_p))
     placed = [
         [tuple(replace(b, start_s=float(t) + shift) for b in kind) for kind in bursts]
-        for t in nodes
+        for t in times
     ]
-    return Hidden(
-        at_s=float(nodes[likely]) + shift,
-        u_s=float(np.sqrt(p @ (nodes - p @ nodes) ** 2)),
+    best_kind = np.argmax(weights[:, best, 1:], axis=1)
+    return HiddenEvent(
+        at_s=float(times[best]) + shift,
+        u_s=float(np.sqrt(p @ (times - p @ times) ** 2)),
         log_odds=log_odds,
-        kinds=tuple(placed[likely]),
-        likeliest=tuple(
-            placed[likely][k][c] for c, k in enumerate(np.argmax(weight[:, likely, 1:], axis=1))
-        ),
-        may_be=tuple(
-            (float(t) + shift, placed[i][k], weight[:, i, k + 1])
-            for i, t in enumerate(nodes)
+        kinds=tuple(placed[best]),
+        likeliest=tuple(placed[best][k][c] for c, k in enumerate(best_kind)),
+        possibilities=tuple(
+            (float(t) + shift, placed[i][k], weights[:, i, k + 1])
+            for i, t in enumerate(times)
             for k in range(2)
-            if weight[:, i, k + 1].max() > FEWEST
+            if weights[:, i, k + 1].max() > MIN_WEIGHT
         ),
         level=level,
     )
 
 
-def _levels_about(q: Intensity, at_s: float) -> tuple[float, ...]:
-    """Levels before and after the segment boundary at ``at_s``."""
-    where = q.starts_s.index(at_s)
-    return q.levels[where - 1 : where + 1]
+def _coarse_search(
+    window: _Window, lag: float
+) -> tuple[list[list[Burst]], list[float], list[float]]:
+    """Bursts (M,) of the best kink and the best jump, their times [s] and uncertainties [s]."""
+    n_channels = len(window.base)
+    channel_spans = spans(window.record, window.noise_var)
+    sizes = [(0.0, 1.0), *((0.1 / d**3, d) for d in DECAYS_S)]
+    options = []
+    for jump in (0.0, 1.0):
+        for height, decay_s in sizes:
+            options.append(
+                [
+                    Burst(
+                        window.start_s,
+                        height * s**2,
+                        decay_s,
+                        level_sd=jump * s,
+                        slope_sd=DIFFUSE * s / lag,
+                    )
+                    for s in channel_spans
+                ]
+            )
+    step = 2 * lag / (COARSE_TIMES - 1)
+    offsets = step * (np.arange(COARSE_TIMES) - COARSE_TIMES // 2)
+    times = window.admissible(window.start_s + offsets)
+    value = window.values(times, options).reshape(n_channels, len(times), 2, -1)
+    best = np.argmax(logsumexp(value, axis=3).sum(axis=0), axis=0)
+    kinds = []
+    for k in range(2):
+        option = [k * len(sizes) + int(np.argmax(value[c, best[k], k])) for c in range(n_channels)]
+        kinds.append([options[i][c] for c, i in enumerate(option)])
+    return kinds, [float(t) for t in times[best]], [0.5 * step] * 2
 
 
-def averaged(fit: Smoothed, hidden: Hidden) -> Smoothed:
-    """``fit`` with its temperature, slope and sd averaged over all that ``hidden`` may be, by total variance."""
-    first, last = about(fit.record, hidden.at_s)
-    window, shift = (
-        cut_out(fit.record, first, last, fit.record.events_s),
-        first * fit.record.dt_s,
-    )
+def _level_without_event(window: _Window, plain: Sequence[float]) -> tuple[Array, Array]:
+    """Most likely level (M,) [K2/s3] if there is no event, and its log likelihood (M,)."""
+    bounds = []
+    for q, level in zip(window.base, plain):
+        index = q.starts_s.index(window.start_s)
+        bounds.append([*q.levels[index - 1 : index + 1], level])
+    some = np.array(bounds)
+    levels = np.geomspace(some.min(axis=1), some.max(axis=1), FINE_TIMES, axis=1)
+    proposals = [
+        [_one_level(q, window.start_s, v) for v in row] for q, row in zip(window.base, levels)
+    ]
+    value = likelihood(window.record, window.noise_var, proposals, 2 * FINE)[0]
+    best = np.argmax(value, axis=1)[:, None]
+    return np.take_along_axis(levels, best, axis=1)[:, 0], value.max(axis=1)
 
-    def run(chosen: Sequence[Intensity]) -> Array:
-        part = smoothed(window, fit.noise_var, [q.moved(shift_s=shift) for q in chosen])
+
+def averaged(fit: Smoothed, event: HiddenEvent) -> Smoothed:
+    """``fit`` with temperature, slope and sd averaged over all that ``event`` may be.
+
+    The variance is the mean of the variances plus the variance of the means (law of total variance).
+    """
+    record = fit.record
+    first, last = influenced_samples(record, event.at_s)
+    window = cut_out(record, first, last, record.events_s)
+    shift = first * record.dt_s
+
+    def run(intensities: Sequence[Intensity]) -> Array:
+        moved = [q.moved(shift_s=shift) for q in intensities]
+        part = smoothed(window, fit.noise_var, moved)
         return np.stack([part.temperature, part.slope, part.lag_sensitivity, part.sd**2])
 
     start = run(fit.chosen)
-    weights = [w for _, _, w in hidden.may_be]
-    runs = [run(hidden.put(fit.chosen, at, bursts)) for at, bursts, _ in hidden.may_be]
-    if np.max(nothing := 1 - np.sum(weights, axis=0)) > 2 * FEWEST:
-        runs = [*runs, run(hidden.without(fit.chosen))]
-        weights = [*weights, nothing]
+    weights = [w for _, _, w in event.possibilities]
+    runs = [run(event.insert(fit.chosen, at, bursts)) for at, bursts, _ in event.possibilities]
+    no_event = 1 - np.sum(weights, axis=0)
+    if np.max(no_event) > 2 * MIN_WEIGHT:
+        runs.append(run(event.remove(fit.chosen)))
+        weights.append(no_event)
     weight = np.array(weights) / np.sum(weights, axis=0)
     mean = np.einsum("hm,hknm->knm", weight, np.array(runs))
-    answers = [fit.temperature.copy(), fit.slope.copy(), fit.lag_sensitivity.copy(), fit.sd**2]
-    for whole, change in zip(answers, mean - start):
-        whole[first:last] += change
+    totals = [fit.temperature.copy(), fit.slope.copy(), fit.lag_sensitivity.copy(), fit.sd**2]
+    for total, change in zip(totals, mean - start):
+        total[first:last] += change
+    temperature, slope, lag_sensitivity, var = totals
     spread = np.einsum("hm,hnm->nm", weight, (np.array(runs)[:, 0] - mean[0]) ** 2)
-    var = answers[3]
     var[first:last] = np.maximum(var[first:last] + spread, 0.25 * fit.sd[first:last] ** 2)
     return replace(
         fit,
-        temperature=answers[0],
-        slope=answers[1],
-        lag_sensitivity=answers[2],
-        sd=np.asarray(np.sqrt(var)),
+        temperature=temperature,
+        slope=slope,
+        lag_sensitivity=lag_sensitivity,
+        sd=np.sqrt(var),
     )

@@ -1,4 +1,6 @@
-"""What a compensator is given, a record of traces whose bad samples are known; and what it returns, with its doubt."""
+"""The record that a compensator gets, with its bad samples marked, and the compensated result with
+its uncertainty.
+"""
 
 from __future__ import annotations
 
@@ -29,18 +31,43 @@ SPIKE = 2
 STUCK = 4
 SATURATED = 8
 IMPLAUSIBLE = 16
-LEAST_GOOD = 8  # samples
-STEADY_NOISES = 10.0  # standard deviations of the noise that a steady record ranges over at least
-FEW_IMPLAUSIBLE = 0.01  # share of a trace that the rule for spikes finds by itself
+# fewest good samples of a channel; chosen by judgement
+MIN_GOOD_SAMPLES = 8
+# a record counts as ranging over at least so many standard deviations of its noise
+MIN_RANGE_SD = 10.0
+# share of a trace up to which implausible samples are left to the spike rule
+FEW_IMPLAUSIBLE = 0.01
+# share of bad samples from which on the user is informed
+REPORTED_BAD_SHARE = 0.01
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """Samples ``y (N, M)`` (finite; weight 0 where bad) every ``dt_s``, their chains and the times of events [s].
+    """A record: samples of M channels at a constant interval, with their chains and events.
 
-    ``noise_sd (M,)`` [K]; ``flags (N, M)``: bits MISSING, SPIKE, STUCK, SATURATED, IMPLAUSIBLE; ``noise_known``:
-    whether the level of the noise was given, or is that of noise made white; ``folded_u_K`` (M,): see ``LoggerNoise``,
-    with the rounding of a logger whose steps are coarser than its noise; ``findings``: channels that suffer.
+    Parameters
+    ----------
+    y
+        Readings (N, M) [degC], finite; interpolated where bad.
+    weight
+        Weights (N, M), 0 where bad.
+    dt_s
+        Sampling interval [s].
+    chains, sensors
+        The chain of each channel, and its state space.
+    events_s
+        Times of the events [s].
+    noise_sd
+        Standard deviation of the white noise (M,) [K].
+    flags
+        Bits MISSING, SPIKE, STUCK, SATURATED, IMPLAUSIBLE (N, M).
+    noise_known
+        Whether the noise level was given, or is that of whitened noise.
+    folded_u_K
+        Standard uncertainty (M,) [K] from aliased hum, see ``LoggerNoise``, and from the rounding
+        of a logger whose steps are coarser than its noise.
+    findings
+        Findings about the channels.
     """
 
     y: Array
@@ -56,6 +83,13 @@ class Stretch:
     findings: tuple[Finding, ...] = ()
 
 
+def channel_names(names: Sequence[str] | None, count: int) -> list[str]:
+    """The names of the channels in messages; "channel 1" and so on without ``names``."""
+    if names is None:
+        return [f"channel {c + 1}" for c in range(count)]
+    return list(names)
+
+
 def stretch_of(
     y: ArrayLike,
     dt_s: float,
@@ -64,76 +98,71 @@ def stretch_of(
     noise_sd: ArrayLike | None = None,
     names: Sequence[str] | None = None,
 ) -> Stretch:
-    """The record ``y``, (N,) or (N, M), as a record whose bad samples carry no weight; arguments as of ``smooth``.
+    """The record of ``y``, (N,) or (N, M), with weight zero for bad samples and white noise.
 
-    Raises InputError for shapes that do not agree, for a channel that mostly repeats one value, or hardly measures.
+    The parameters are those of ``smooth``. Noise that the conditioning filter coloured is whitened,
+    and the chains are adapted to this whitening.
+
+    Raises
+    ------
+    InputError
+        For shapes that do not agree, and for a channel that mostly repeats one value or has hardly
+        any good sample.
     """
-    data = (data := np.array(y, dtype=float)).reshape(len(data), -1)
+    data = np.array(y, dtype=float)
+    data = data.reshape(len(data), -1)
     n, m = data.shape
     listed = chains_for(chains, m)
-    if n < LEAST_GOOD or not dt_s > 0:
+    if n < MIN_GOOD_SAMPLES or not dt_s > 0:
         raise InputError(
             f"smooth: {n} samples every {dt_s:g} s",
-            expected=f"at least {LEAST_GOOD} samples and a positive interval",
+            expected=f"at least {MIN_GOOD_SAMPLES} samples and a positive interval",
         )
-    called = [f"channel {c + 1}" for c in range(m)] if names is None else list(names)
-    if len(called) != m:
+    channels = channel_names(names, m)
+    if len(channels) != m:
         raise InputError(
-            f"smooth: {m} channels but {len(called)} names", expected="one name per channel"
+            f"smooth: {m} channels but {len(channels)} names", expected="one name per channel"
         )
-    implausible, found = _implausible(data, dt_s, listed, called)
+    implausible, findings = _implausible(data, dt_s, listed, channels)
     data[implausible] = np.nan
-    each = np.ascontiguousarray(data.T)
-    noise: Array = np.full(
-        m, [trace_noise_sd(x) for x in each] if noise_sd is None else noise_sd, dtype=float
-    )
-    flags = np.stack([_flags(x) for x in each], axis=1)
-    folded_u = np.zeros(m)
-    coloured = False
+    traces = np.ascontiguousarray(data.T)
+    if noise_sd is None:
+        noise = np.array([trace_noise_sd(x) for x in traces], dtype=float)
+    else:
+        noise = np.full(m, noise_sd, dtype=float)
+    flags = np.stack([_flags(x) for x in traces], axis=1)
     flags[implausible] = IMPLAUSIBLE
-    step = np.array([rounding_sd(x) for x in each])
-    rounded = np.where((step >= noise) & (noise_sd is None), step, 0.0)
-    for flag, name in zip(flags.T, called):
-        if np.mean(flag & (STUCK | SATURATED) != 0) > 0.5:
-            raise InputError(
-                f"{name}: more than half of the samples repeat one value",
-                expected="a trace with noise on it",
-                remedy="check the wiring and the range of this channel, or leave it out",
-            )
-        if np.count_nonzero(flag == GOOD) < LEAST_GOOD:
-            raise InputError(
-                f"smooth: {name} has fewer than {LEAST_GOOD} good samples",
-                remedy="leave this channel out",
-            )
+    rounding = np.array([rounding_sd(x) for x in traces])
+    hides_noise = (rounding >= noise) & (noise_sd is None)
+    rounding_u = np.where(hides_noise, rounding, 0.0)
+    for flag, name in zip(flags.T, channels):
+        _check_channel(flag, name)
+    aliasing_u = np.zeros(m)
+    coloured = False
     for filter_ in dict.fromkeys(c.conditioning for c in listed):
-        own = [c for c in range(m) if listed[c].conditioning == filter_]
-        good = flags[:, own] == GOOD
-        group = [listed[c] for c in own]
+        index = [c for c in range(m) if listed[c].conditioning == filter_]
+        group = [listed[c] for c in index]
+        good = flags[:, index] == GOOD
         rule = SPIKES["compensator"].behind(min(c.lag_s for c in group) / dt_s)
-        x = np.where(good, data[:, own], np.nan)
+        x = np.where(good, data[:, index], np.nan)
         if noise_sd is None:
-            told, [(data[:, own], moved)] = noise_and_white(
-                [x], [dt_s], filter_, noise[own], group, rule
+            logger_noise, [(white, outliers)] = noise_and_white(
+                [x], [dt_s], filter_, noise[index], group, rule
             )
         else:
-            told = LoggerNoise(np.zeros(len(own)), noise[own], noise[own], filter_)
-            data[:, own], moved = made_white(told, x, good, dt_s, group, rule, pulses=False)
-        flags[:, own] |= np.where(moved, SPIKE, 0).astype(np.uint8)
-        noise[own], folded_u[own], coloured = (
-            told.level_K,
-            told.folded_u_K,
-            coloured or told.coloured,
-        )
-        found += told.findings(called[own[0]] if len(own) == 1 else f"{len(own)} channels")
-        for c in own:
-            listed[c] = told.behind(listed[c])
-    for flag, name in zip(flags.T, called):
-        if (still := flag & (STUCK | SATURATED) != 0).any():
-            percent = 100 * float(np.mean(still))
-            first = int(np.argmax(still))
-            found.append(warning("trace.stuck", subject=name, percent=percent, first_sample=first))
-        elif (bad := float(np.mean(flag != GOOD))) > 0.01:
-            found.append(info_or_warning(bad, "trace.bad", subject=name, percent=100 * bad))
+            logger_noise = LoggerNoise(np.zeros(len(index)), noise[index], noise[index], filter_)
+            white, outliers = made_white(logger_noise, x, good, dt_s, group, rule, pulses=False)
+        data[:, index] = white
+        flags[:, index] |= np.where(outliers, SPIKE, 0).astype(np.uint8)
+        noise[index] = logger_noise.level_K
+        aliasing_u[index] = logger_noise.folded_u_K
+        coloured = coloured or logger_noise.coloured
+        subject = channels[index[0]] if len(index) == 1 else f"{len(index)} channels"
+        findings += logger_noise.findings(subject)
+        for c in index:
+            listed[c] = logger_noise.behind(listed[c])
+    for flag, name in zip(flags.T, channels):
+        findings += _flag_findings(flag, name)
     good = flags == GOOD
     filled = np.stack([bridged(x, g) for x, g in zip(data.T, good.T)], axis=1)
     events = tuple(sorted({float(e) for e in events_s if 0 < e < (n - 1) * dt_s}))
@@ -147,16 +176,47 @@ def stretch_of(
         noise,
         flags,
         noise_sd is not None or coloured,
-        np.hypot(folded_u, rounded),
-        tuple(found),
+        np.hypot(aliasing_u, rounding_u),
+        tuple(findings),
     )
+
+
+def _check_channel(flag: NDArray[np.uint8], name: str) -> None:
+    """Raise InputError for a channel that mostly repeats one value or has too few good samples."""
+    if np.mean(flag & (STUCK | SATURATED) != 0) > 0.5:
+        raise InputError(
+            f"{name}: more than half of the samples repeat one value",
+            expected="a trace with noise on it",
+            remedy="check the wiring and the range of this channel, or leave it out",
+        )
+    if np.count_nonzero(flag == GOOD) < MIN_GOOD_SAMPLES:
+        raise InputError(
+            f"smooth: {name} has fewer than {MIN_GOOD_SAMPLES} good samples",
+            remedy="leave this channel out",
+        )
+
+
+def _flag_findings(flag: NDArray[np.uint8], name: str) -> list[Finding]:
+    """A finding for repeated values, or else for many bad samples, of one channel."""
+    stuck = flag & (STUCK | SATURATED) != 0
+    if stuck.any():
+        percent = 100 * float(np.mean(stuck))
+        first = int(np.argmax(stuck))
+        return [warning("trace.stuck", subject=name, percent=percent, first_sample=first)]
+    bad = float(np.mean(flag != GOOD))
+    if bad > REPORTED_BAD_SHARE:
+        return [info_or_warning(bad, "trace.bad", subject=name, percent=100 * bad)]
+    return []
 
 
 def _implausible(
     data: Array, dt_s: float, chains: Sequence[Chain], names: Sequence[str]
 ) -> tuple[Flags, list[Finding]]:
-    """Which readings (N, M) no temperature can have produced through the chains, and what to report about them."""
-    out = np.zeros(data.shape, dtype=bool)
+    """Readings (N, M) that no temperature can produce through the chains, and the findings about them.
+
+    These are values out of range, error codes of the logger, and changes faster than the chain.
+    """
+    mask = np.zeros(data.shape, dtype=bool)
     findings = []
     for c, (chain, name) in enumerate(zip(chains, names)):
         y = data[:, c]
@@ -164,47 +224,48 @@ def _implausible(
         inside = np.where(outside, np.nan, y)
         lag_s = max(chain.taus_s, default=0.0)
         codes = dropout_codes(inside)
-        rest = np.where(codes, np.nan, inside)
-        directly = min(max(chain.zero_s, 0.0) / lag_s, 1.0) if lag_s > 0 else 1.0
-        unreached = unreachable(rest, dt_s, lag_s, directly)
-        wrong = codes | unreached
+        remaining = np.where(codes, np.nan, inside)
+        # share of a step that passes the chain at once
+        feedthrough = min(max(chain.zero_s, 0.0) / lag_s, 1.0) if lag_s > 0 else 1.0
+        too_fast = unreachable(remaining, dt_s, lag_s, feedthrough)
+        wrong = codes | too_fast
         edges = np.flatnonzero(np.diff(np.concatenate([[False], wrong, [False]])))
         longest = int(np.max(np.diff(edges)[::2], initial=0))
         if wrong.mean() <= FEW_IMPLAUSIBLE and longest <= SPIKES["compensator"].longest:
             wrong[:] = False
             codes[:] = False
-            unreached[:] = False
-        out[:, c] = outside | wrong
+            too_fast[:] = False
+        mask[:, c] = outside | wrong
         if outside.any():
+            share = float(outside.mean())
             numbers = _first_of(outside, y)
-            findings.append(
-                info_or_warning(float(outside.mean()), "trace.outside", subject=name, **numbers)
-            )
+            findings.append(info_or_warning(share, "trace.outside", subject=name, **numbers))
         if codes.any():
             findings.append(warning("trace.codes", subject=name, **_first_of(codes, y)))
-        if unreached.any():
-            findings.append(warning("trace.unreachable", subject=name, **_first_of(unreached, y)))
-    return out, findings
+        if too_fast.any():
+            findings.append(warning("trace.unreachable", subject=name, **_first_of(too_fast, y)))
+    return mask, findings
 
 
 def _first_of(bad: Flags, y: Array) -> dict[str, Any]:
-    """How many of the readings ``y`` (N,) are ``bad`` (N,), and the first of them."""
+    """Number of ``bad`` readings (N,) of ``y`` (N,), and the index and value of the first of them."""
     first = int(np.argmax(bad))
     return {"count": int(bad.sum()), "first_sample": first, "value": float(y[first])}
 
 
 def _flags(y: Array) -> NDArray[np.uint8]:
-    """Bits MISSING, STUCK, SATURATED for each sample of ``y (N,)``.
+    """Bits MISSING, STUCK, SATURATED for each sample of ``y`` (N,).
 
-    Stuck and saturated are runs of one value longer than chance repeats of this record's resolution.
+    A sample is stuck, or saturated at the extremes, in a run of one value that is longer than
+    chance repeats at the resolution of this record.
     """
     flags = np.where(np.isfinite(y), GOOD, MISSING).astype(np.uint8)
     index = np.flatnonzero(flags == GOOD)
     if len(index) >= SPIKES["compensator"].width:
         trace = y[index]
-        runs = long_runs(trace)
-        stop = (trace == trace.max()) | (trace == trace.min())
-        flags[index] = np.where(runs, np.where(stop, SATURATED, STUCK), GOOD)
+        at_extreme = (trace == trace.max()) | (trace == trace.min())
+        flag = np.where(at_extreme, SATURATED, STUCK)
+        flags[index] = np.where(long_runs(trace), flag, GOOD)
     return flags
 
 
@@ -212,14 +273,45 @@ def _flags(y: Array) -> NDArray[np.uint8]:
 class Compensated(Result):
     """A compensated record; all arrays (N, M), one column a channel.
 
-    ``temperature`` [degC] at the junction at ``time_s``; ``sd`` [K] its standard deviation, from ``sd_noise`` (noise
-    and regularisation), ``lag_sensitivity`` [K/s] times the uncertainty of each lag, ``split_K`` (what one standard
-    uncertainty of how a lag divides into its parts moves) and ``static_u`` [K].
-    ``slope`` [K/s]; ``noise_sd (M,)`` [K]; ``intensity (M,)`` [K2/s3], the median over the record; ``flags``: bits
-    MISSING, SPIKE, STUCK, SATURATED, IMPLAUSIBLE; ``method`` in words; ``events_s``: pairs of time and its standard
-    uncertainty [s]; ``intensities``: as functions of time, one a channel (smoother only); ``by_event_K``: what one
-    standard uncertainty of each event's instant moves (N, M) [K], its square being in that of ``sd_noise``;
-    ``undetermined`` (N, M): where the record does not determine the temperature, see ``checked``.
+    Parameters
+    ----------
+    temperature
+        Temperature at the junction at ``time_s`` [degC].
+    sd
+        Its standard deviation [K], from the next four contributions.
+    sd_noise
+        Standard deviation from noise and regularisation [K].
+    lag_sensitivity
+        Change of the temperature per second of lag [K/s]; times the uncertainty of each lag.
+    split_K
+        Change for one standard uncertainty of how a lag divides into its parts [K].
+    static_u
+        Standard uncertainty of the static line [K].
+    slope
+        Slope of the temperature [K/s].
+    lag_covariance
+        Covariance of the lags (M, M) [s2].
+    noise_sd
+        Standard deviation of the noise (M,) [K].
+    intensity
+        Median over the record of the process-noise intensity (M,) [K2/s3].
+    flags
+        Bits MISSING, SPIKE, STUCK, SATURATED, IMPLAUSIBLE.
+    time_s
+        Time (N,) [s].
+    method
+        Method in words.
+    findings
+        Findings about the channels.
+    events_s
+        Pairs of event time and its standard uncertainty [s].
+    intensities
+        Process-noise intensities as functions of time, one a channel (smoother only).
+    by_event_K
+        Change (N, M) [K] for one standard uncertainty of the time of each event; its square is
+        included in that of ``sd_noise``.
+    undetermined
+        Samples (N, M) where the record does not determine the temperature, see ``checked``.
     """
 
     temperature: Array
@@ -252,50 +344,47 @@ class Compensated(Result):
         static_u: ArrayLike | None,
         dt_s: float,
         split_K: ArrayLike = 0.0,
-        **rest: Any,
+        **fields: Any,
     ) -> Compensated:
-        """With the whole standard deviation, sd^2 = sd_noise^2 + (lag_sensitivity u(lag))^2 + split_K^2 + static_u^2.
+        """Combine the contributions: sd^2 = sd_noise^2 + (lag_sensitivity u(lag))^2 + split_K^2 +
+        static_u^2.
 
-        ``lag_covariance`` (M, M), ``static_u`` and ``split_K`` (a number, (M,) or (N, M)) are zero when left out;
-        ``rest``: the fields that are left.
+        ``lag_covariance`` (M, M), ``static_u`` and ``split_K`` (a number, (M,) or (N, M)) are zero
+        when left out; ``fields`` are the other fields.
         """
         n, m = temperature.shape
-        lags: Array = (
-            np.zeros((m, m))
-            if lag_covariance is None
-            else np.asarray(lag_covariance, dtype=np.float64)
-        )
-        line = np.broadcast_to(
-            np.asarray(0.0 if static_u is None else static_u, dtype=np.float64), (n, m)
-        )
+        lags: Array = np.zeros((m, m))
+        if lag_covariance is not None:
+            lags = np.asarray(lag_covariance, dtype=np.float64)
+        line_u = 0.0 if static_u is None else static_u
+        line = np.broadcast_to(np.asarray(line_u, dtype=np.float64), (n, m))
         split = np.broadcast_to(np.asarray(split_K, dtype=np.float64), (n, m))
         variance = sd_noise**2 + lag_sensitivity**2 * np.diag(lags) + split**2 + line**2
-        total, time = (
-            np.asarray(a, dtype=np.float64) for a in (np.sqrt(variance), np.arange(n) * dt_s)
-        )
         return cls(
             temperature,
-            total,
+            np.sqrt(variance),
             sd_noise,
             slope,
             lag_sensitivity,
             line,
             lags,
             split,
-            time_s=time,
-            **rest,
+            time_s=np.arange(n, dtype=np.float64) * dt_s,
+            **fields,
         )
 
     def checked(self, y: Array, names: Sequence[str]) -> Compensated:
-        """The same with ``undetermined`` and a warning for each channel that has such samples.
+        """The same result with ``undetermined``, and a warning for each channel that has such
+        samples.
 
-        A sample is undetermined where its standard uncertainty, without that of the static line, exceeds the range of
-        the channel's readings ``y`` (N, M) [degC, NaN or flagged where bad], or its temperature is no possible one.
+        A sample is undetermined where its standard uncertainty, without that of the static line,
+        exceeds the range of the channel's readings ``y`` (N, M) [degC, NaN or flagged where bad],
+        or where its temperature is physically impossible.
         """
         readings = np.where(self.flags == GOOD, y, np.nan)
         range_K = np.nanmax(readings, axis=0) - np.nanmin(readings, axis=0)
         variance = np.maximum(self.sd**2 - self.static_u**2, 0.0)
-        wide = np.sqrt(variance) > np.maximum(range_K, STEADY_NOISES * self.noise_sd)
+        wide = np.sqrt(variance) > np.maximum(range_K, MIN_RANGE_SD * self.noise_sd)
         unphysical = (self.temperature < LOWEST_DEGC) | (self.temperature > HIGHEST_DEGC)
         undetermined = wide | unphysical
         findings = list(self.findings)
@@ -305,33 +394,29 @@ class Compensated(Result):
                 "percent": 100 * float(column.mean()),
                 "first_sample": int(np.argmax(column)),
             }
-            findings.append(
-                warning(
-                    "trace.undetermined", subject=names[c], range_K=float(range_K[c]), **numbers
-                )
-            )
+            numbers["range_K"] = float(range_K[c])
+            findings.append(warning("trace.undetermined", subject=names[c], **numbers))
         return replace(self, undetermined=undetermined, findings=tuple(findings))
 
     def answers(self) -> tuple[Array, Array]:
-        """Temperature [degC] and standard uncertainty [K] (N, M), NaN where the record does not determine them."""
+        """Temperature [degC] and standard uncertainty [K] (N, M), NaN where undetermined."""
         if self.undetermined is None or not self.undetermined.any():
             return self.temperature, self.sd
-        return np.where(self.undetermined, np.nan, self.temperature), np.where(
-            self.undetermined, np.nan, self.sd
-        )
+        temperature = np.where(self.undetermined, np.nan, self.temperature)
+        return temperature, np.where(self.undetermined, np.nan, self.sd)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What was noticed, in words."""
+        """Messages of the findings."""
         return messages(self.findings)
 
     def common_sd(self) -> Array:
-        """Part of ``sd`` (N, M) that comes from the lag common to all channels, hence moves them together [K]."""
+        """Contribution (N, M) [K] to ``sd`` of the lag error that all channels have in common."""
         mean_u = float(np.sqrt(max(np.sum(self.lag_covariance), 0.0))) / len(self.lag_covariance)
         return np.abs(self.lag_sensitivity) * mean_u
 
     def summary(self, names: Sequence[str] = ()) -> str:
-        """A few lines for people; ``names`` of the channels, their numbers from 1 without."""
+        """A few lines of text; ``names`` of the channels, numbers from 1 without."""
         return "\n".join([*self.lines(names), *self.warnings])
 
     def lines(self, names: Sequence[str] = ()) -> list[str]:
@@ -340,19 +425,21 @@ class Compensated(Result):
             f"{self.method}: {self.temperature.shape[0]} samples, {self.temperature.shape[1]} channels"
         ]
         for c in range(self.temperature.shape[1]):
+            name = names[c] if names else c + 1
             lines.append(
-                f"  channel {names[c] if names else c + 1}: noise {self.noise_sd[c]:.3g} K, "
+                f"  channel {name}: noise {self.noise_sd[c]:.3g} K, "
                 f"standard deviation {np.median(self.sd[:, c]):.3g} K typical, {np.max(self.sd[:, c]):.3g} K at most, "
                 f"{np.count_nonzero(self.flags[:, c])} samples flagged"
             )
-        if (common := float(np.max(self.common_sd()))) > 0:
+        common = float(np.max(self.common_sd()))
+        if common > 0:
             lines.append(
                 f"  the lag common to all channels moves them together by up to {common:.2g} K (1 sd)"
             )
         return [*lines, *(f"  event at {with_u(t, u, 's')}" for t, u in self.events_s)]
 
     def to_dict(self) -> dict[str, Any]:
-        """What the answer is worth, channel by channel; the samples are in the arrays."""
+        """Figures of the result, channel by channel; the samples are in the arrays."""
         return {
             "method": self.method,
             "samples": len(self.time_s),

@@ -1,7 +1,10 @@
-"""The two sweeps of the smoother over cells: exact where anything changes, of constant gain where nothing does.
+"""The RTS smoother (Rauch, Tung and Striebel) over time intervals, in the form of Bryson and
+Frazier.
 
-Between events and gaps the covariance settles within some correlation times; from there on the filter and its way
-back are linear recursions of one matrix, for all channels and cells at once.
+A Kalman filter runs forward in the information form, a recursion of the adjoint runs backward. The
+recursions are exact where anything changes. Between events and gaps the covariance becomes
+stationary after some correlation times; from there on both passes are linear recursions with one
+constant gain, evaluated for all channels and intervals at once.
 """
 
 from __future__ import annotations
@@ -14,21 +17,38 @@ from numpy.typing import NDArray
 
 from tcdyn.core import Array
 
-SETTLED = 1e-10  # change of a covariance from one cell to the next, of its own, below which it is taken as constant
-ALIKE = 1e-6  # relative difference of information or intensity that changes no temperature by a millionth of its sd
-LEAST = 16  # cells alike: fewer are not worth a recursion
+# relative change of a covariance from one interval to the next below which it counts as stationary
+SETTLED_CHANGE = 1e-10
+# relative difference of information or intensity below which intervals count as equal: it changes
+# no temperature by a millionth of its standard deviation
+EQUAL_TOLERANCE = 1e-6
+# equal intervals from which on the recursion of constant gain is used (a matter of speed only)
+MIN_RUN = 16
 
 
 @dataclass(frozen=True)
-class Cells:
-    """A linear Gaussian model on J cells of time for M channels times Q proposed intensities, with n states.
+class IntervalModel:
+    """A linear Gaussian model on J time intervals, M channels, Q proposed intensities, n states.
 
-    Cell j lies between ``knots_s[j]`` and the next; ``kind (J,)``: which of K kinds it is, by its length and by where
-    samples lie in it. ``mean0 (M, Q, n)``, ``cov0 (M, Q, n, n)``: prior at the first knot. ``transition (K, M, 1, n,
-    n)``: how the state crosses a cell. ``information (J, M, 1, n, n)``, ``score (J, M, 1, n)``: sum over the samples
-    of cell j of w o o' and w o y, o the row that reads the sample from the state at the knot. ``jump_var (J, M, Q,
-    2)``: variance added to level [K2] and slope [K2/s2] at knot j. ``rows``: for each channel and kind that reads
-    samples, its cells (c,), those rows (count, n), and which samples they are (c, count), N where the record has none.
+    Parameters
+    ----------
+    knots_s
+        Knots (J+1,) [s]; interval j lies between knots j and j + 1.
+    kind
+        Which of K kinds an interval is (J,), by its length and by where samples lie in it.
+    mean0, cov0
+        Prior mean (M, Q, n) and covariance (M, Q, n, n) at the first knot.
+    transition
+        Transition matrix of each kind of interval (K, M, 1, n, n).
+    information, score
+        Sums over the samples of interval j of w o o' (J, M, 1, n, n) and w o y (J, M, 1, n); w is
+        the weight of a sample over its noise variance and o the row that predicts it from the state
+        at the knot.
+    jump_var
+        Variance (J, M, Q, 2) added to level [K2] and slope [K2/s2] at knot j.
+    rows
+        For each channel and each kind that has samples: its intervals (c,), the rows o (count, n),
+        and the indices of the samples (c, count), equal to N where the record has none.
     """
 
     knots_s: Array
@@ -43,165 +63,198 @@ class Cells:
 
 
 @dataclass(frozen=True)
-class Swept:
-    """At the J cells, for M channels of n states: ``mean (J, M, n)`` and ``cov (J, M, n, n)`` given all samples,
+class RtsResult:
+    """Smoothed states at the J intervals, for M channels of n states.
 
-    ``past (J, M, n, n)`` given those up to the end of the cell; ``pull (J, M, 2)``, ``weight (J, M, 2, 2)``: score of
-    level and slope at the knot, and its variance.
+    Parameters
+    ----------
+    mean, cov
+        Mean (J, M, n) and covariance (J, M, n, n) given all samples.
+    filtered_cov
+        Covariance (J, M, n, n) given the samples up to the end of the interval.
+    adjoint, adjoint_var
+        Adjoint (J, M, 2) of level and slope at the knot, which is the score for a jump there, and
+        its variance (J, M, 2, 2).
     """
 
     mean: Array
     cov: Array
-    past: Array
-    pull: Array
-    weight: Array
+    filtered_cov: Array
+    adjoint: Array
+    adjoint_var: Array
 
 
-def swept(cells: Cells) -> Swept:
-    """Filter forward, then back by Bryson and Frazier; the first proposal of each channel.
+def rts_smooth(model: IntervalModel) -> RtsResult:
+    """Smooth the first proposal of each channel: filter forward, then backward after Bryson and
+    Frazier.
 
-    S = (I + P L)^-1, P+ = S P, e = s - L m, m+ = m + P+ e, next m = A m+ = F m + A P+ s with F = A S; back,
-    q = S' e + F' q of the next cell and W = L S + F' W F of the next, its variance: m + P+ (e + A' q) and
-    P+ - P+ A' W A P+, of the next, are those given all samples.
+    Notes
+    -----
+    With prior covariance P, information L, score s and transition A of an interval: the gain matrix
+    is S = (I + P L)^-1, the filtered covariance P+ = S P, the innovation e = s - L m, the filtered
+    mean m+ = m + P+ e, and the next mean A m+ = F m + A P+ s with F = A S. Backward, the adjoint is
+    q = S' e + F' q of the next interval, and its variance W = L S + F' W F of the next. Given all
+    samples, the mean is m + P+ (e + A' q) and the covariance P+ - P+ A' W A P+, with q and W of the
+    next interval.
     """
-    past, shrink, base = _filtered(cells)
-    info = cells.information[:, :, 0]
-    score = cells.score[:, :, 0]
-    across = cells.transition[:, :, 0]
-    own, of = np.unique(base, return_inverse=True)  # what has one gain has one of each of these
-    step, gain = (across[cells.kind[own]] @ x[own] for x in (shrink, past))
-    mean = _means(cells.mean0[:, 0], across[cells.kind], step, gain, info, score, of)
-    surprise = score - _times(info, mean)
-    pull, weight, held = _back(
-        step, _times(shrink.swapaxes(-1, -2), surprise), info[own] @ shrink[own], of
+    filtered_cov, gain_matrix, base = _filtered(model)
+    info = model.information[:, :, 0]
+    score = model.score[:, :, 0]
+    transition = model.transition[:, :, 0]
+    # intervals of one gain also share step and added variance
+    distinct, gain_index = np.unique(base, return_inverse=True)
+    step = transition[model.kind[distinct]] @ gain_matrix[distinct]
+    gain = transition[model.kind[distinct]] @ filtered_cov[distinct]
+    mean = _means(model.mean0[:, 0], transition[model.kind], step, gain, info, score, gain_index)
+    innovation = score - _times(info, mean)
+    adjoint, adjoint_var, shared = _back(
+        step,
+        _times(gain_matrix.swapaxes(-1, -2), innovation),
+        info[distinct] @ gain_matrix[distinct],
+        gain_index,
     )
-    mean += _times(past, surprise + _times(across[cells.kind].swapaxes(-1, -2), pull[1:]))
-    alike = np.flatnonzero(
-        np.diff(of, prepend=-1) | np.diff(held[1:], prepend=-1)
-    )  # the first of some of one cov
-    left = gain[of[alike]].swapaxes(-1, -2)
-    cov = past[alike] - left @ weight[1:][alike] @ left.swapaxes(-1, -2)
-    cov = np.repeat(cov, np.diff(alike, append=len(of)), axis=0)
-    return Swept(mean, cov, past, pull[:-1, :, :2], weight[:-1, :, :2, :2])
+    mean += _times(
+        filtered_cov, innovation + _times(transition[model.kind].swapaxes(-1, -2), adjoint[1:])
+    )
+    # first interval of each run with one covariance
+    first = np.flatnonzero(np.diff(gain_index, prepend=-1) | np.diff(shared[1:], prepend=-1))
+    left_factor = gain[gain_index[first]].swapaxes(-1, -2)
+    cov = filtered_cov[first] - left_factor @ adjoint_var[1:][first] @ left_factor.swapaxes(-1, -2)
+    cov = np.repeat(cov, np.diff(first, append=len(gain_index)), axis=0)
+    return RtsResult(mean, cov, filtered_cov, adjoint[:-1, :, :2], adjoint_var[:-1, :, :2, :2])
 
 
-def _filtered(cells: Cells) -> tuple[Array, Array, NDArray[np.intp]]:
-    """P+ and S (J, M, n, n) after each cell's samples, and the first cell (J,) that has its gain."""
-    count = len(cells.kind)
-    (batch, _, n) = cells.mean0.shape
-    past, shrink = np.empty((2, count, batch, n, n))
+def _filtered(model: IntervalModel) -> tuple[Array, Array, NDArray[np.intp]]:
+    """Filtered covariances P+ and gain matrices S (J, M, n, n), and the first interval (J,) with
+    the same gain.
+    """
+    count = len(model.kind)
+    (batch, _, n) = model.mean0.shape
+    filtered_cov, gain_matrix = np.empty((2, count, batch, n, n))
     base = np.arange(count)
-    ends = _ends(cells)
-    cov = cells.cov0[:, 0].copy()
+    ends = _ends(model)
+    cov = model.cov0[:, 0].copy()
     eye = np.eye(n)
-    back = cells.transition[:, :, 0].swapaxes(-1, -2)
+    back = model.transition[:, :, 0].swapaxes(-1, -2)
     j = 0
     while j < count:
-        kind = cells.kind[j]
-        cov[:, 0, 0] += cells.jump_var[j, :, 0, 0]
-        cov[:, 1, 1] += cells.jump_var[j, :, 0, 1]
-        shrink[j] = np.linalg.inv(cov @ cells.information[j, :, 0] + eye)
-        past[j] = shrink[j] @ cov
+        kind = model.kind[j]
+        cov[:, 0, 0] += model.jump_var[j, :, 0, 0]
+        cov[:, 1, 1] += model.jump_var[j, :, 0, 1]
+        gain_matrix[j] = np.linalg.inv(cov @ model.information[j, :, 0] + eye)
+        filtered_cov[j] = gain_matrix[j] @ cov
         last = int(ends[j])
-        if j and last - j >= LEAST and ends[j - 1] == last and _close(past[j], past[j - 1]):
+        if (
+            j
+            and last - j >= MIN_RUN
+            and ends[j - 1] == last
+            and _close(filtered_cov[j], filtered_cov[j - 1])
+        ):
             rows = slice(j, last + 1)
-            past[rows], shrink[rows], base[rows] = past[j], shrink[j], j
+            filtered_cov[rows] = filtered_cov[j]
+            gain_matrix[rows] = gain_matrix[j]
+            base[rows] = j
             j = last
-        cov = cells.transition[kind, :, 0] @ past[j] @ back[kind]
+        cov = model.transition[kind, :, 0] @ filtered_cov[j] @ back[kind]
         j += 1
-    return past, shrink, base
+    return filtered_cov, gain_matrix, base
 
 
 def _means(
     start: Array,
-    across: Array,
+    transition: Array,
     step: Array,
     gain: Array,
     info: Array,
     score: Array,
-    of: NDArray[np.intp],
+    gain_index: NDArray[np.intp],
 ) -> Array:
-    """m (J, M, n) before each cell's samples: the next is A m + gain (s - L m), or step m + gain s within one gain.
+    """Predicted means m (J, M, n) before the samples of each interval.
 
-    Not so elsewhere: where little is known yet, that is a difference of large numbers. ``of`` (J,): which of the gains
-    and steps a cell has.
+    The next is A m + gain (s - L m), or step m + gain s where several intervals have one gain.
+    Elsewhere the second form is not used: where the state is still uncertain it is a difference of
+    large numbers. ``gain_index`` (J,) is the index of the gain and step of an interval.
     """
     mean = np.empty_like(score)
     j = 0
     mean[0] = start
-    for last in [
-        *np.flatnonzero(np.diff(of)).tolist(),
-        len(of) - 1,
-    ]:  # of the cells from j on that have one gain
-        k = of[last]
+    last_of_run = [*np.flatnonzero(np.diff(gain_index)).tolist(), len(gain_index) - 1]
+    for last in last_of_run:
+        k = gain_index[last]
         if last > j:
-            mean[j : last + 1] = recursion(
-                step[k], np.concatenate([mean[j][None], _times(gain[k], score[j:last])])
-            )
-        if (j := last + 1) < len(mean):
-            surprise = score[last] - _times(info[last], mean[last])
-            mean[j] = _times(across[last], mean[last]) + _times(gain[k], surprise)
+            driven = np.concatenate([mean[j][None], _times(gain[k], score[j:last])])
+            mean[j : last + 1] = recursion(step[k], driven)
+        j = last + 1
+        if j < len(mean):
+            innovation = score[last] - _times(info[last], mean[last])
+            mean[j] = _times(transition[last], mean[last]) + _times(gain[k], innovation)
     return mean
 
 
 def _back(
-    step: Array, driven: Array, added: Array, of: NDArray[np.intp]
+    step: Array, driven: Array, added: Array, gain_index: NDArray[np.intp]
 ) -> tuple[Array, Array, NDArray[np.intp]]:
-    """q (J + 1, M, n) and W (J + 1, M, n, n), zero behind the last cell: step' q + driven, step' W step + added.
+    """Backward pass: adjoints q (J + 1, M, n) and their variances W (J + 1, M, n, n), zero after
+    the last interval.
 
-    Last, the cell (J + 1,) whose W each has. ``of`` (J,): which of the steps and of what is added a cell has.
+    q = step' q + driven and W = step' W step + added, of the next interval. The third result (J +
+    1,) is the interval whose W an interval shares. ``gain_index`` (J,) is the index of the step and
+    of the added variance.
     """
-    count = len(of)
+    count = len(gain_index)
     (batch, n) = driven.shape[1:]
-    pull = np.zeros((count + 1, batch, n))
-    weight = np.zeros((count + 1, batch, n, n))
+    adjoint = np.zeros((count + 1, batch, n))
+    adjoint_var = np.zeros((count + 1, batch, n, n))
     back = step.swapaxes(-1, -2)
-    held = np.arange(count + 1)
+    shared = np.arange(count + 1)
     j = count - 1
-    begins = np.searchsorted(of, np.arange(len(step)))
+    run_starts = np.searchsorted(gain_index, np.arange(len(step)))
     while j >= 0:
-        k = of[j]
-        weight[j], a = back[k] @ weight[j + 1] @ step[k] + added[k], int(begins[k])
-        if (
-            j - a >= LEAST and j < count - 1 and _close(weight[j], weight[j + 1])
-        ):  # one gain down to cell a
-            weight[a:j] = weight[j]
-            held[a:j] = j
-            pull[a : j + 1] = recursion(
-                back[k], np.concatenate([pull[j + 1][None], driven[a : j + 1][::-1]])
-            )[:0:-1]
-            j = a
+        k = gain_index[j]
+        adjoint_var[j] = back[k] @ adjoint_var[j + 1] @ step[k] + added[k]
+        start = int(run_starts[k])
+        stationary = j < count - 1 and _close(adjoint_var[j], adjoint_var[j + 1])
+        if j - start >= MIN_RUN and stationary:
+            adjoint_var[start:j] = adjoint_var[j]
+            shared[start:j] = j
+            reversed_driven = np.concatenate([adjoint[j + 1][None], driven[start : j + 1][::-1]])
+            adjoint[start : j + 1] = recursion(back[k], reversed_driven)[:0:-1]
+            j = start
         else:
-            pull[j] = _times(back[k], pull[j + 1]) + driven[j]
+            adjoint[j] = _times(back[k], adjoint[j + 1]) + driven[j]
         j -= 1
-    return pull, weight, held
+    return adjoint, adjoint_var, shared
 
 
-def _ends(cells: Cells) -> NDArray[np.intp]:
-    """The last cell (J,) of the run of cells alike that each one is in."""
-    count = len(cells.kind)
-    told = np.concatenate(
-        [cells.information[:, :, 0].reshape(count, -1), cells.jump_var[:, :, 0].reshape(count, -1)],
+def _ends(model: IntervalModel) -> NDArray[np.intp]:
+    """Last interval (J,) of the run of equal intervals that each interval belongs to."""
+    count = len(model.kind)
+    features = np.concatenate(
+        [model.information[:, :, 0].reshape(count, -1), model.jump_var[:, :, 0].reshape(count, -1)],
         axis=1,
     )
-    size = np.maximum(np.abs(told), 1e-300)
+    size = np.maximum(np.abs(features), 1e-300)
     changes = np.ones(count, dtype=bool)
-    changes[1:] = (cells.kind[1:] != cells.kind[:-1]) | (
-        np.abs(np.diff(told, axis=0)) > ALIKE * size[1:]
-    ).any(axis=1)
+    other_kind = model.kind[1:] != model.kind[:-1]
+    other_values = (np.abs(np.diff(features, axis=0)) > EQUAL_TOLERANCE * size[1:]).any(axis=1)
+    changes[1:] = other_kind | other_values
     ends = np.arange(count)
     for a, b in pairwise([*np.flatnonzero(changes).tolist(), count]):
-        while b - a > 1:  # what drifts slowly: no further than from the first of the run
-            away = (np.abs(told[a:b] - told[a]) > ALIKE * size[a]).any(axis=1)
-            stop = a + int(np.argmax(away)) if away.any() else b
+        while b - a > 1:  # a slow drift ends the run where it is too far from its first interval
+            differs = (np.abs(features[a:b] - features[a]) > EQUAL_TOLERANCE * size[a]).any(axis=1)
+            stop = a + int(np.argmax(differs)) if differs.any() else b
             ends[a:stop] = stop - 1
             a = stop
     return ends
 
 
 def recursion(phi: Array, driven: Array) -> Array:
-    """x_j = phi x_{j-1} + driven_j (L, M, n) for phi (M, n, n), x_{-1} = 0: by doubling, as long as phi^k is there.
+    """Solve x_j = phi x_{j-1} + driven_j, x_{-1} = 0, by doubling, while phi^k is not negligible.
 
+    ``phi`` has shape (M, n, n), ``driven`` and the result (L, M, n).
+
+    Examples
+    --------
     >>> recursion(np.array([[[0.5]]]), np.ones((4, 1, 1))).ravel().tolist()
     [1.0, 1.5, 1.75, 1.875]
     """
@@ -215,11 +268,13 @@ def recursion(phi: Array, driven: Array) -> Array:
 
 
 def _times(matrix: Array, vectors: Array) -> Array:
-    """Matrices (..., M, n, n) times vectors (..., M, n)."""
+    """Products of matrices (..., M, n, n) and vectors (..., M, n)."""
     return np.asarray((matrix @ vectors[..., None])[..., 0])
 
 
 def _close(a: Array, b: Array) -> bool:
-    """Whether two covariances (M, n, n) differ by a small part of their own deviations only."""
+    """Whether two covariances (M, n, n) differ by less than ``SETTLED_CHANGE`` of their own
+    standard deviations.
+    """
     size = np.sqrt(np.abs(np.diagonal(a, axis1=-2, axis2=-1)))
-    return bool(np.all(np.abs(a - b) <= SETTLED * size[..., :, None] * size[..., None, :]))
+    return bool(np.all(np.abs(a - b) <= SETTLED_CHANGE * size[..., :, None] * size[..., None, :]))

@@ -1,6 +1,7 @@
-"""The fixed-interval smoother: the temperature at the junction with a standard deviation for every sample.
+"""The fixed-interval smoother (RTS smoother) of a record, and regularised deconvolution.
 
-Regularised deconvolution is the same smoother with a weight by another criterion.
+The temperature at the junction comes with a standard deviation for every sample. Regularised
+deconvolution is the same smoother with a weight by another criterion.
 """
 
 from __future__ import annotations
@@ -12,23 +13,26 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tcdyn.chain import Chain
-from tcdyn.core import Array
+from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.estimation.trace_noise import SPIKES, bridged
-from tcdyn.smoothing.hidden_events import Hidden, about, averaged, with_hidden
+from tcdyn.smoothing.hidden_events import HiddenEvent, averaged, influenced_samples, with_hidden
 from tcdyn.smoothing.intervals import FINE, corner_rad_s
 from tcdyn.smoothing.noise_levels import Intensity
 from tcdyn.smoothing.process_noise import Criterion, Tradeoff, by_criterion, choose, cut_out
-from tcdyn.smoothing.record import SPIKE, Compensated, Stretch, stretch_of
-from tcdyn.smoothing.rts import swept
-from tcdyn.smoothing.state_space import Smoothed, all_cells, smoothed
+from tcdyn.smoothing.record import SPIKE, Compensated, Stretch, channel_names, stretch_of
+from tcdyn.smoothing.rts import rts_smooth
+from tcdyn.smoothing.state_space import Smoothed, full_model, smoothed
 
-# of Student's t; the fourth reweighting moves nothing by a tenth of the sd
+# degrees of freedom of Student's t of heavy-tailed noise
 FREEDOM = 4.0
+# a further reweighting changes no result by a tenth of its standard deviation
 REWEIGHTINGS = 4
-DIFFERENCE = 4.0  # longer cells than an answer's tell what two answers differ by
-MARGIN = 12.0  # corner periods (1/rad) beyond a window that are smoothed along with it: exp(-12) of an end is left
+# the difference of two results needs intervals that are shorter only by this factor than a result
+DIFFERENCE = 4.0
+# margin beyond a window, in corner periods (1/rad): exp(-12) of the error at its ends remains
+MARGIN = 12.0
 
 
 @one_blas_thread
@@ -48,49 +52,68 @@ def smooth(
     static_u: ArrayLike | None = None,
     names: Sequence[str] | None = None,
 ) -> Compensated:
-    """What the junctions did, given what their chains wrote: posterior mean and standard deviation, sample by sample.
+    """Estimate the temperature of the junctions from the readings, with a standard deviation for each sample.
 
-    y = G x + noise; dx'/dt = white noise of intensity q(t) [K2/s3], x' free to jump at ``events_s``.
+    Fixed-interval smoother (Kalman filter and RTS smoother) for the model y = G x + noise, where the
+    slope x' is a random walk: dx'/dt is white noise of the process-noise intensity q(t) [K2/s3]. The
+    slope may jump at ``events_s``.
 
-    Args:
-        y: (N,) or (N, M) logged temperatures after the static line [degC], NaN where missing; or what ``stretch_of``
-            made of them, with these ``chains``, noise and events.
-        dt_s: sampling interval [s].
-        chains: one for all channels, or one per channel; a number is one lag [s].
-        noise_sd: per channel [K]; estimated when left out.
-        intensity: q, a number or an ``Intensity`` per channel; by likelihood when left out.
-        events_s: times from the first sample [s] at which the slope of x may jump (unloading), between samples too.
-        event_u_s: standard uncertainty of those times [s], one or one per event.
-        find_events: look for events that nobody announced, by default only when none is given; without ``intensity``
-            only. At each place where one would help, nothing, a kink and a jump of the temperature itself, at several
-            times, are weighed by their likelihood; the answer is their mean, and the standard deviation holds what
-            they differ by.
-        heavy_tails: noise of Student's t with four degrees of freedom instead of a normal one, for slip rings that
-            spit without spiking; by reweighting.
-        lag_covariance: (M, M) covariance of the channels' lags [s2].
-        split_u_s: standard uncertainty of how much of each lag is its largest lag's [s], one or (M,).
-        static_u: standard uncertainty of the static line [K], scalar, (M,) or (N, M).
-        names: what errors and warnings call the channels (M,); "channel 1" and so on when left out.
+    Parameters
+    ----------
+    y
+        Readings (N,) or (N, M) after the static line [degC], NaN where missing; or what
+        ``stretch_of`` made of them with the same ``chains``, noise and events.
+    dt_s
+        Sampling interval [s].
+    chains
+        One chain for all channels, or one per channel; a number is one lag [s].
+    noise_sd
+        Standard deviation of the noise per channel [K]; estimated when left out.
+    intensity
+        Process-noise intensity q, a number or an ``Intensity`` per channel; estimated by maximum
+        likelihood when left out.
+    events_s
+        Times [s] from the first sample at which the slope of x may jump (such as an unloading); they
+        may lie between samples.
+    event_u_s
+        Standard uncertainty of those times [s], one or one per event.
+    find_events
+        Also detect events that are not listed; by default only when none is listed, and only without
+        ``intensity``. At each candidate, no event, a kink and a jump of the temperature, at several
+        times, are weighed by their likelihood. The result is their mean, and the standard deviation
+        includes their spread.
+    heavy_tails
+        Noise with Student's t distribution of four degrees of freedom instead of a normal one
+        (robust loss, by reweighting), for slip rings with outliers that are no clear spikes.
+    lag_covariance
+        Covariance of the lags of the channels (M, M) [s2].
+    split_u_s
+        Standard uncertainty of how much of each lag is its largest lag [s], one or (M,).
+    static_u
+        Standard uncertainty of the static line [K], scalar, (M,) or (N, M).
+    names
+        Names of the channels (M,) in messages; "channel 1" and so on when left out.
 
-    Returns:
-        ``Compensated`` with arrays (N, M).
+    Returns
+    -------
+    Compensated
+        With arrays (N, M).
 
-    Raises:
-        InputError: shapes that do not agree, a channel without samples.
+    Raises
+    ------
+    InputError
+        For shapes that do not agree, or a channel without samples.
     """
-    record = y if isinstance(y, Stretch) else stretch_of(y, dt_s, chains, events_s, noise_sd, names)
-    start_var = record.noise_sd**2
-    known = record.noise_known
-    u_s = np.broadcast_to(np.asarray(event_u_s, dtype=float), len(events_s)).tolist()
-    if intensity is None:
-        chosen, noise_var = choose(record, start_var, known)
+    if isinstance(y, Stretch):
+        record = y
     else:
-        listed = (
-            intensity
-            if isinstance(intensity, Sequence | np.ndarray)
-            else [intensity] * len(start_var)
-        )
-        chosen = [q if isinstance(q, Intensity) else Intensity.constant(q) for q in listed]
+        record = stretch_of(y, dt_s, chains, events_s, noise_sd, names)
+    n_channels = record.y.shape[1]
+    start_var = record.noise_sd**2
+    if intensity is None:
+        intensities, noise_var = choose(record, start_var, record.noise_known)
+    else:
+        intensities = _as_intensities(intensity, n_channels)
         noise_var = start_var
     if not (np.isfinite(noise_var) & (noise_var > 0)).all():
         lag_s = max(c.lag_s for c in record.chains)
@@ -98,94 +121,125 @@ def smooth(
             f"the noise cannot be estimated: rows every {record.dt_s:.4g} s are too slow for a lag of {lag_s:.4g} s",
             expected="several rows in one lag",
         )
-    told = dict(zip(map(float, events_s), u_s))
-    fit = smoothed(record, noise_var, chosen)
-    events = {at: told[at] for at in record.events_s}
-    # Beside a bend or in quick motion the rule of medians is blind to spikes: now they are judged against the answer
-    rule = SPIKES["answer"]
-    w = record.weight
-    far = (np.abs(record.y - fit.read) > rule.sigmas * np.sqrt(noise_var)) & (w > 0)
-    crowd = np.stack(
-        [np.convolve(column, np.ones(rule.width), mode="same") for column in far.T], axis=1
-    )
-    if (spikes := far & (crowd <= rule.longest)).any():
-        flags = record.flags | np.where(spikes, SPIKE, 0).astype(np.uint8)
-        w = np.where(spikes, 0.0, w)
-        straight = np.stack([bridged(x, kept > 0) for x, kept in zip(record.y.T, w.T)], axis=1)
-        fit = smoothed(replace(record, y=straight, weight=w, flags=flags), noise_var, chosen)
-    hidden: list[Hidden] = []
-    if intensity is None and (not events_s if find_events is None else find_events):
-        fit, hidden = with_hidden(fit, start_var, known)
-        chosen = list(fit.chosen)
+    listed_u_s = np.broadcast_to(np.asarray(event_u_s, dtype=float), len(events_s)).tolist()
+    u_by_time = dict(zip(map(float, events_s), listed_u_s))
+    events = {at: u_by_time[at] for at in record.events_s}
+    fit = smoothed(record, noise_var, intensities)
+    spikes = _spikes(fit)
+    if spikes.any():
+        fit = smoothed(_without_samples(record, spikes), noise_var, intensities)
+    hidden: list[HiddenEvent] = []
+    detect = not events_s if find_events is None else find_events
+    if intensity is None and detect:
+        fit, hidden = with_hidden(fit, start_var, record.noise_known)
+        intensities = list(fit.chosen)
         noise_var = fit.noise_var
-    for _ in range(REWEIGHTINGS if heavy_tails else 0):
-        student = (FREEDOM + 1) / (
-            FREEDOM + (record.y - fit.read) ** 2 / noise_var
-        )  # turns least squares into it
-        weight = np.where(fit.record.weight > 0, student, 0.0)
-        fit = smoothed(replace(fit.record, weight=weight), noise_var, chosen)
-    for found in hidden:
-        fit = averaged(fit, found)
+    if heavy_tails:
+        for _ in range(REWEIGHTINGS):
+            fit = _reweighted(fit, record.y)
+    for event in hidden:
+        fit = averaged(fit, event)
     sd = fit.sd
-    static_u = np.hypot(0.0 if static_u is None else static_u, record.folded_u_K)
-    doubts = tuple(_by_event(fit, event, u) for event, u in events.items() if u > 0)
-    for moved in doubts:
-        sd = np.hypot(sd, moved)
-    split = np.broadcast_to(np.asarray(split_u_s, dtype=float), len(noise_var)).tolist()
-    split_K = fit.bend * [c.split_s2(u) for c, u in zip(record.chains, split)]
+    line_u_K = np.hypot(0.0 if static_u is None else static_u, record.folded_u_K)
+    event_shifts = tuple(_event_shift(fit, at, u) for at, u in events.items() if u > 0)
+    for shift_K in event_shifts:
+        sd = np.hypot(sd, shift_K)
+    split_u = np.broadcast_to(np.asarray(split_u_s, dtype=float), n_channels).tolist()
+    split_K = fit.bend * [c.split_s2(u) for c, u in zip(record.chains, split_u)]
     time = np.arange(len(sd)) * dt_s
-    done = Compensated.of(
+    some_times = time[:: max(len(time) // 2000, 1)]
+    detected = [(h.at_s, h.u_s) for h in hidden if h.log_odds > 0]
+    result = Compensated.of(
         fit.temperature,
         sd,
         fit.slope,
         fit.lag_sensitivity,
         lag_covariance,
-        static_u,
+        line_u_K,
         dt_s,
         split_K,
         noise_sd=np.sqrt(noise_var),
-        intensity=np.array(
-            [float(np.median(q.at(time[:: max(len(time) // 2000, 1)]))) for q in chosen]
-        ),
+        intensity=np.array([float(np.median(q.at(some_times))) for q in intensities]),
         flags=fit.record.flags,
         method="fixed-interval smoother",
         findings=record.findings,
-        by_event_K=doubts,
-        events_s=tuple(
-            sorted([*events.items(), *((h.at_s, h.u_s) for h in hidden if h.log_odds > 0)])
-        ),
-        intensities=tuple(chosen),
+        by_event_K=event_shifts,
+        events_s=tuple(sorted([*events.items(), *detected])),
+        intensities=tuple(intensities),
     )
-    called = [f"channel {c + 1}" for c in range(sd.shape[1])] if names is None else list(names)
-    return done.checked(record.y, called)
+    return result.checked(record.y, channel_names(names, n_channels))
 
 
-def _by_event(fit: Smoothed, event_s: float, u_s: float) -> Array:
-    """Half the change of the answer (N, M) when the event moves from one standard uncertainty early to one late."""
+def _as_intensities(
+    intensity: float | Intensity | Sequence[float | Intensity], n_channels: int
+) -> list[Intensity]:
+    """One ``Intensity`` for each channel."""
+    if isinstance(intensity, Sequence | np.ndarray):
+        listed = list(intensity)
+    else:
+        listed = [intensity] * n_channels
+    return [q if isinstance(q, Intensity) else Intensity.constant(q) for q in listed]
+
+
+def _spikes(fit: Smoothed) -> Flags:
+    """Samples (N, M) that are spikes, judged by the prediction of the smoother.
+
+    Next to a bend or in fast motion the rule with medians, applied before, misses spikes. Many
+    outlying samples in a row are no spikes.
+    """
+    rule = SPIKES["answer"]
     record = fit.record
-    dt = fit.record.dt_s
-    time = np.arange(len(record.y)) * dt
-    ratios = [
-        np.array(np.min(q.at(time)) / (var * dt)) for q, var in zip(fit.chosen, fit.noise_var)
-    ]
-    corner = min(float(corner_rad_s(chain, ratio)) for chain, ratio in zip(record.chains, ratios))
-    first, last = about(record, event_s)
-    extra = int(MARGIN / corner / dt)
-    first = max(first - extra, 0)
-    last = min(last + extra, len(time))
+    limit = rule.sigmas * np.sqrt(fit.noise_var)
+    outlying = (np.abs(record.y - fit.read) > limit) & (record.weight > 0)
+    window = np.ones(rule.width)
+    crowd = np.stack([np.convolve(column, window, mode="same") for column in outlying.T], axis=1)
+    return np.asarray(outlying & (crowd <= rule.longest))
+
+
+def _without_samples(record: Stretch, spikes: Flags) -> Stretch:
+    """The record with weight zero, a flag and interpolated readings at ``spikes`` (N, M)."""
+    flags = record.flags | np.where(spikes, SPIKE, 0).astype(np.uint8)
+    weight = np.where(spikes, 0.0, record.weight)
+    columns = [bridged(x, w > 0) for x, w in zip(record.y.T, weight.T)]
+    return replace(record, y=np.stack(columns, axis=1), weight=weight, flags=flags)
+
+
+def _reweighted(fit: Smoothed, y: Array) -> Smoothed:
+    """Smooth again with the weights of Student's t likelihood at the residuals of ``y`` (N, M)."""
+    residual = y - fit.read
+    student = (FREEDOM + 1) / (FREEDOM + residual**2 / fit.noise_var)
+    weight = np.where(fit.record.weight > 0, student, 0.0)
+    return smoothed(replace(fit.record, weight=weight), fit.noise_var, fit.chosen)
+
+
+def _event_shift(fit: Smoothed, event_s: float, u_s: float) -> Array:
+    """Change of the temperature (N, M) [K] for one standard uncertainty of the time of an event.
+
+    It is half the difference between an event one standard uncertainty late and one early.
+    """
+    record = fit.record
+    dt = record.dt_s
+    n_samples = len(record.y)
+    time = np.arange(n_samples) * dt
+    corners = []
+    for chain, q, var in zip(record.chains, fit.chosen, fit.noise_var):
+        ratio = np.array(np.min(q.at(time)) / (var * dt))
+        corners.append(float(corner_rad_s(chain, ratio)))
+    margin = int(MARGIN / min(corners) / dt)
+    first, last = influenced_samples(record, event_s)
+    first = max(first - margin, 0)
+    last = min(last + margin, n_samples)
     window = cut_out(record, first, last, record.events_s)
     shift = first * dt
-    answers = []
-    for to in (event_s - u_s, event_s + u_s):
-        events = tuple(sorted(to - shift if e == event_s - shift else e for e in window.events_s))
-        moved = [q.moved(event_s, to).moved(shift_s=shift) for q in fit.chosen]
-        answers.append(
-            smoothed(
-                replace(window, events_s=events), fit.noise_var, moved, DIFFERENCE * FINE
-            ).temperature
-        )
+    temperatures = []
+    for time_s in (event_s - u_s, event_s + u_s):
+        events = sorted(time_s - shift if e == event_s - shift else e for e in window.events_s)
+        moved = [q.moved(event_s, time_s).moved(shift_s=shift) for q in fit.chosen]
+        moved_window = replace(window, events_s=tuple(events))
+        result = smoothed(moved_window, fit.noise_var, moved, DIFFERENCE * FINE)
+        temperatures.append(result.temperature)
     half = np.zeros_like(fit.sd)
-    half[first:last] = 0.5 * (answers[1] - answers[0])
+    half[first:last] = 0.5 * (temperatures[1] - temperatures[0])
     return half
 
 
@@ -203,19 +257,33 @@ def deconvolve(
     names: Sequence[str] | None = None,
     trials: int = 25,
 ) -> tuple[Compensated, Tradeoff]:
-    """Minimise sum (y - G x)^2 + weight integral x''^2 dt, a filter without phase, edges exact.
+    """Regularised deconvolution: minimise sum (y - G x)^2 + weight integral x''^2 dt.
 
-    ``discrepancy``: mean square residual equal to the noise variance; ``gcv``: least generalised cross-validation
-    score, which need not know the noise; ``l-curve``: largest curvature of log misfit against log roughness. The
-    standard deviation is the Bayesian one of the same penalty (Wahba 1983), which holds noise and average bias.
+    The filter has no phase shift and is exact at the ends of the record.
 
-    Args:
-        y: (N,) or (N, M) logged temperatures after the static line [degC], NaN where missing.
-        dt_s: sampling interval [s].
-        chains: one for all channels or one per channel; a number is one lag [s].
-        noise_sd: per channel [K]; estimated when left out.
-        lag_covariance, split_u_s, static_u, names: as in ``smooth``.
-        trials: number of weights tried, evenly in their logarithm.
+    Parameters
+    ----------
+    y
+        Readings (N,) or (N, M) after the static line [degC], NaN where missing.
+    dt_s
+        Sampling interval [s].
+    chains
+        One chain for all channels or one per channel; a number is one lag [s].
+    criterion
+        ``discrepancy``: the mean square residual equals the noise variance. ``gcv``: least
+        generalised cross-validation score, which needs no noise level. ``l-curve``: largest
+        curvature of log misfit against log roughness.
+    noise_sd
+        Standard deviation of the noise per channel [K]; estimated when left out.
+    lag_covariance, split_u_s, static_u, names
+        As in ``smooth``.
+    trials
+        Number of weights tried, evenly in their logarithm.
+
+    Notes
+    -----
+    The standard deviation is the Bayesian one of the same penalty (Wahba 1983), which includes
+    noise and average bias.
     """
     record = stretch_of(y, dt_s, chains, (), noise_sd, names)
     tradeoff = by_criterion(record, criterion, trials)
@@ -241,19 +309,29 @@ def window_covariance(
     first: int,
     last: int,
 ) -> Array:
-    """Covariance (n, n) [K2] of the temperatures at samples ``first`` .. ``last`` - 1 of one channel.
+    """Covariance (n, n) [K2] of the temperatures of one channel at samples ``first`` to ``last`` -
+    1.
 
-    Noise and regularisation by C(j, k) = J_j C(j+1, k), J_j = P_j F' (P-_{j+1})^-1 of the same smoother on the window
-    and a margin, so that no N x N matrix is needed; the lag adds lag_sensitivity_i lag_sensitivity_k u(lag)^2, how it
-    divides likewise. The static line's part, the same error at all times, is left to the user, who knows whether it
-    cancels.
+    Parameters
+    ----------
+    y
+        The trace (N,) that ``result`` was computed from [degC].
+    dt_s, chain
+        As given to ``smooth``.
+    result
+        Result of ``smooth``.
+    channel
+        Column of ``result``.
+    first, last
+        Window, in samples.
 
-    Args:
-        y: (N,) the logged trace that ``result`` was made from [degC].
-        dt_s, chain: as given to ``smooth``.
-        result: what ``smooth`` returned.
-        channel: column of ``result``.
-        first, last: window, in samples.
+    Notes
+    -----
+    Noise and regularisation: C(j, k) = J_j C(j+1, k), J_j = P_j F' (P-_{j+1})^-1, of the same
+    smoother on the window and a margin, so that no N x N matrix is needed. The lag adds
+    lag_sensitivity_i lag_sensitivity_k u(lag)^2; its division into parts adds a similar term. The
+    uncertainty of the static line, one error at all times, is not included: the user knows whether
+    it cancels.
     """
     data = np.asarray(y, dtype=float)
     if not 0 <= first < last <= len(data) or not result.intensities:
@@ -263,43 +341,43 @@ def window_covariance(
         )
     noise_sd = result.noise_sd[channel : channel + 1]
     q = result.intensities[channel]
-    least = np.min(q.at(result.time_s[first:last]))
-    corner = float(corner_rad_s(chain, np.array(least / (noise_sd[0] ** 2 * dt_s))))
-    extra = int(np.ceil((MARGIN / corner + 5 * chain.lag_s) / dt_s))
-    a = max(first - extra, 0)
-    b = min(last + extra, len(data))
-    part = np.where(result.flags[a:b, channel] == 0, data[a:b], np.nan)[:, None]
-    own = {
-        b.start_s for b in q.bursts if b.slope_sd > 0
-    }  # found, not given: their jumps are the intensity's
-    record = stretch_of(
-        part, dt_s, chain, [e - a * dt_s for e, _ in result.events_s if e not in own], noise_sd
-    )
-    cells = all_cells(record, noise_sd**2, [[q.moved(shift_s=a * dt_s)]])
-    states = swept(cells)
-    t = np.arange(first - a, last - a) * dt_s
-    cell = np.searchsorted(cells.knots_s[:-1], t + 1e-6 * dt_s, side="right") - 1
-    low = int(cell[0])
-    count = int(cell[-1] - cell[0]) + 1
-    n = states.mean.shape[2]
-    between = np.zeros((count, count, n, n))
+    lowest = np.min(q.at(result.time_s[first:last]))
+    corner = float(corner_rad_s(chain, np.array(lowest / (noise_sd[0] ** 2 * dt_s))))
+    margin = int(np.ceil((MARGIN / corner + 5 * chain.lag_s) / dt_s))
+    start = max(first - margin, 0)
+    stop = min(last + margin, len(data))
+    good = result.flags[start:stop, channel] == 0
+    window = np.where(good, data[start:stop], np.nan)[:, None]
+    # jumps at detected (not listed) events belong to the intensity
+    detected = {burst.start_s for burst in q.bursts if burst.slope_sd > 0}
+    listed = [e - start * dt_s for e, _ in result.events_s if e not in detected]
+    record = stretch_of(window, dt_s, chain, listed, noise_sd)
+    model = full_model(record, noise_sd**2, [[q.moved(shift_s=start * dt_s)]])
+    fit = rts_smooth(model)
+    t = np.arange(first - start, last - start) * dt_s
+    interval = np.searchsorted(model.knots_s[:-1], t + 1e-6 * dt_s, side="right") - 1
+    first_interval = int(interval[0])
+    count = int(interval[-1] - interval[0]) + 1
+    n = fit.mean.shape[2]
+    covariance = np.zeros((count, count, n, n))
     for j in range(count - 1, -1, -1):
-        between[j, j] = states.cov[low + j, 0]
+        covariance[j, j] = fit.cov[first_interval + j, 0]
         if j == count - 1:
             continue
-        across = cells.transition[cells.kind[low + j], 0, 0]
-        kept = states.past[low + j, 0]
-        ahead = across @ kept @ across.T
-        ahead[[0, 1], [0, 1]] += cells.jump_var[low + j + 1, 0, 0]
-        gain = np.linalg.lstsq(ahead, across @ kept)[0].T  # quick stages hang on the slow ones
-        between[j, j + 1 :] = gain @ between[j + 1, j + 1 :]
-        between[j + 1 :, j] = between[j, j + 1 :].transpose(0, 2, 1)
+        transition = model.transition[model.kind[first_interval + j], 0, 0]
+        filtered_cov = fit.filtered_cov[first_interval + j, 0]
+        predicted_cov = transition @ filtered_cov @ transition.T
+        predicted_cov[[0, 1], [0, 1]] += model.jump_var[first_interval + j + 1, 0, 0]
+        # least squares: fast stages depend almost linearly on the slow ones
+        gain = np.linalg.lstsq(predicted_cov, transition @ filtered_cov)[0].T
+        covariance[j, j + 1 :] = gain @ covariance[j + 1, j + 1 :]
+        covariance[j + 1 :, j] = covariance[j, j + 1 :].transpose(0, 2, 1)
     row = np.zeros((len(t), n))
-    row[:, 0], row[:, 1] = 1.0, t - cells.knots_s[cell]
-    pairs = between[(cell - low)[:, None], (cell - low)[None, :]]
+    row[:, 0] = 1.0
+    row[:, 1] = t - model.knots_s[interval]
+    pairs = covariance[(interval - first_interval)[:, None], (interval - first_interval)[None, :]]
     out = np.einsum("ia,ijab,jb->ij", row, pairs, row, optimize=True)
-    s = result.lag_sensitivity[first:last, channel]
-    d = result.split_K[first:last, channel]
-    return np.asarray(
-        out + np.outer(s, s) * result.lag_covariance[channel, channel] + np.outer(d, d)
-    )
+    lag = result.lag_sensitivity[first:last, channel]
+    split = result.split_K[first:last, channel]
+    lag_part = np.outer(lag, lag) * result.lag_covariance[channel, channel]
+    return np.asarray(out + lag_part + np.outer(split, split))

@@ -1,4 +1,6 @@
-"""A record as a linear model on cells of time, and its states: filtered, smoothed, with their likelihood."""
+"""A record as a linear Gaussian state-space model on time intervals: Kalman filter, likelihood and
+smoother.
+"""
 
 from __future__ import annotations
 
@@ -15,85 +17,88 @@ from tcdyn.core import Array, Flags
 from tcdyn.smoothing.intervals import FINE, STEPS, knots_for, pieces
 from tcdyn.smoothing.noise_levels import Intensity, jumps_at, levels_at, levels_between
 from tcdyn.smoothing.record import Stretch
-from tcdyn.smoothing.rts import Cells, swept
+from tcdyn.smoothing.rts import IntervalModel, rts_smooth
 
-DIFFUSE = 10.0  # prior sd of level, slope and slope jumps, in ranges of the record (per lag): wide, yet well scaled
+# prior sd of level, slope and slope jumps, in ranges of the record (per lag): diffuse, but well
+# scaled; chosen by judgement
+DIFFUSE = 10.0
 
 
 def ranges(record: Stretch) -> Array:
     """Range of the good samples of each channel (M,) [K], 1 where there are none."""
-    seen = [y[w > 0] for y, w in zip(record.y.T, record.weight.T)]
-    return np.array([np.ptp(y) if len(y) else 1.0 for y in seen])
+    good = [y[w > 0] for y, w in zip(record.y.T, record.weight.T)]
+    return np.array([np.ptp(y) if len(y) else 1.0 for y in good])
 
 
-def cells_for(
+def interval_model(
     record: Stretch,
     noise_var: Array,
     proposals: Sequence[Sequence[Intensity]],
     knots: Array,
     span: Array,
-) -> Cells:
-    """The cells between ``knots``, some of or all that ``knots_for`` gives; samples in no cell are left out.
+) -> IntervalModel:
+    """The model on the intervals between ``knots``, which are some or all of those from
+    ``knots_for``.
 
-    ``span`` (M,): the ``ranges`` of the whole record.
+    Samples in no interval are left out. ``span`` (M,): the ``ranges`` of the full record.
     """
     dt = record.dt_s
-    total = len(record.y)
-    keys = np.round(np.column_stack([np.diff(knots) / dt, (knots[:-1] / dt) % 1.0]), 6)
-    keys[:, 1] %= 1.0
-    _, example, kind = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    n_samples = len(record.y)
+    features = np.round(np.column_stack([np.diff(knots) / dt, (knots[:-1] / dt) % 1.0]), 6)
+    features[:, 1] %= 1.0
+    _, example, kind = np.unique(features, axis=0, return_index=True, return_inverse=True)
     kind = kind.reshape(-1)
     event: Flags = np.isin(knots[:-1], record.events_s)
     channels: list[tuple[Array, ...]] = []
     rows = []
     for c, s in enumerate(record.sensors):
         first = np.ceil((knots + s.delay_s) / dt - 1e-6).astype(int)
-        low, high = np.clip(first[[0, -1]], 0, total)
+        low, high = np.clip(first[[0, -1]], 0, n_samples)
         weight = record.weight[low:high, c]
         trace = record.y[low:high, c]
         n = len(s.output)
         w = np.append(weight / noise_var[c], 0.0)
         y = np.append(trace, 0.0)
-        info_c = np.zeros((len(kind), n, n))
+        information_c = np.zeros((len(kind), n, n))
         score_c = np.zeros((len(kind), n))
         rows_c = []
         for k, j in enumerate(example):
             if first[j + 1] <= first[j]:
                 continue
-            ahead = first[j] * dt - s.delay_s - knots[j]
-            read = s.output @ flow(s.drift, ahead) @ flows(s.drift, dt)[: first[j + 1] - first[j]]
-            where = np.flatnonzero(kind == k)
-            sample = first[where][:, None] + np.arange(len(read))
+            first_sample_s = first[j] * dt - s.delay_s - knots[j]
+            powers = flows(s.drift, dt)[: first[j + 1] - first[j]]
+            output_rows = s.output @ flow(s.drift, first_sample_s) @ powers
+            intervals = np.flatnonzero(kind == k)
+            sample = first[intervals][:, None] + np.arange(len(output_rows))
             inside = (sample >= low) & (sample < high)
-            at = np.where(inside, sample - low, high - low)
-            info_c[where] = (w[at] @ _squares(read)).reshape(-1, n, n)
-            score_c[where] = (w[at] * y[at]) @ read
-            rows_c.append((where, read, np.where(inside, sample, total)))
-        seen = trace[weight > 0]
-        level = float(seen[0]) if len(seen) else 0.0
-        added = levels_between(proposals[c], knots).T
-        least = 10 * float(np.sqrt(noise_var[c]))
-        begun = levels_at(proposals[c], np.maximum(knots[:1], 0.0))[:, 0]
-        mean, cov, jump_var = prior(s, level, max(float(span[c]), least), dt, begun)
-        at_knot = 0.5 * (added + np.concatenate([np.zeros_like(added[:1]), added[:-1]]))
+            index = np.where(inside, sample - low, high - low)
+            information_c[intervals] = (w[index] @ _squares(output_rows)).reshape(-1, n, n)
+            score_c[intervals] = (w[index] * y[index]) @ output_rows
+            rows_c.append((intervals, output_rows, np.where(inside, sample, n_samples)))
+        good = trace[weight > 0]
+        level = float(good[0]) if len(good) else 0.0
+        integral = levels_between(proposals[c], knots).T
+        min_span = 10 * float(np.sqrt(noise_var[c]))
+        start_intensity = levels_at(proposals[c], np.maximum(knots[:1], 0.0))[:, 0]
+        mean, cov, jump_var = prior(s, level, max(float(span[c]), min_span), dt, start_intensity)
+        at_knot = 0.5 * (integral + np.concatenate([np.zeros_like(integral[:1]), integral[:-1]]))
         at_knot[event] += jump_var
         jumps = jumps_at(proposals[c], knots[:-1])
         jumps[..., 1] += at_knot
         channels.append(
-            (np.tile(mean, (len(cov), 1)), cov, info_c[:, None], score_c[:, None], jumps)
+            (np.tile(mean, (len(cov), 1)), cov, information_c[:, None], score_c[:, None], jumps)
         )
         rows.append(tuple(rows_c))
     lengths = np.diff(knots)[example]
-    across = np.stack(
-        [np.stack([flow(s.drift, float(h)) for s in record.sensors]) for h in lengths]
-    )[:, :, None]
+    flows_by_length = [[flow(s.drift, float(h)) for s in record.sensors] for h in lengths]
+    transition = np.array(flows_by_length)[:, :, None]
     mean0, cov0, information, score, jumps_var = zip(*channels)
-    return Cells(
+    return IntervalModel(
         knots,
         kind,
         np.stack(mean0),
         np.stack(cov0),
-        across,
+        transition,
         np.stack(information, axis=1),
         np.stack(score, axis=1),
         np.stack(jumps_var, axis=1),
@@ -102,15 +107,15 @@ def cells_for(
 
 
 def _squares(rows: Array) -> Array:
-    """o o' of each row o of ``rows`` (R, n), flat (R, n n)."""
+    """Outer products o o' of the rows o of ``rows`` (R, n), flattened to (R, n n)."""
     return (rows[:, :, None] * rows[:, None, :]).reshape(len(rows), -1)
 
 
-def all_cells(
+def full_model(
     record: Stretch, noise_var: Array, proposals: Sequence[Sequence[Intensity]], fine: float = FINE
-) -> Cells:
-    """Cells of the whole record."""
-    return cells_for(
+) -> IntervalModel:
+    """The model on all intervals of the record."""
+    return interval_model(
         record,
         noise_var,
         proposals,
@@ -122,10 +127,12 @@ def all_cells(
 def prior(
     s: Sensor, level: float, span: float, dt_s: float, intensity: Array
 ) -> tuple[Array, Array, float]:
-    """Mean (n,) and covariances (Q, n, n) of the state of a chain that has followed a ramp for ever.
+    """Prior mean (n,) and covariances (Q, n, n) of the state of a chain that has always followed a
+    ramp.
 
-    Its level [degC] is about ``level``, its slope about zero, as loosely as a record asks that covers ``span`` [K]; the
-    stages scatter about the ramp as slope noise of ``intensity`` (Q,) [K2/s3] lets them. Last, the slope's variance.
+    The level [degC] is about ``level`` and the slope about zero. Both are as uncertain as a record
+    whose range is ``span`` [K] requires. The stages scatter about the ramp as slope noise of
+    ``intensity`` (Q,) [K2/s3] makes them. The third result is the prior variance of the slope.
     """
     wide = DIFFUSE * span * np.array([1.0, 1.0 / (s.lag_s + 4 * dt_s)])
     cov = s.ramp * wide**2 @ s.ramp.T + intensity[:, None, None] * s.scatter
@@ -133,12 +140,12 @@ def prior(
 
 
 def flow(drift: Array, time_s: float) -> Array:
-    """expm(drift time_s), remembered: channels and windows share their chains and their cells."""
+    """expm(drift time_s), cached: channels and windows share their chains and intervals."""
     return _flow(drift.tobytes(), len(drift), round(time_s, 12))
 
 
 def flows(drift: Array, dt_s: float) -> Array:
-    """expm(drift k dt_s) for every k (K, n, n) that a cell has samples, remembered."""
+    """expm(drift k dt_s) for every number k of samples in an interval (K, n, n), cached."""
     return _flows(drift.tobytes(), len(drift), dt_s)
 
 
@@ -158,27 +165,28 @@ def _flow(drift: bytes, n: int, time_s: float) -> Array:
     return result
 
 
-def filtered(cells: Cells) -> Iterator[tuple[Array, ...]]:
-    """The information-form Kalman filter, cell by cell: P+ = (I + P L)^-1 P, m+ = m + P+ (s - L m).
+def filtered(model: IntervalModel) -> Iterator[tuple[Array, ...]]:
+    """Information-form Kalman filter, one interval at a time: P+ = (I + P L)^-1 P, m+ = m + P+ (s -
+    L m).
 
-    Yields, for all channels and proposals (M, Q): mean before the cell's samples, its step, I + P L, and the surprise
-    s - L m.
+    Yields, for all channels and proposals (M, Q): the predicted mean, its update, I + P L, and the
+    innovation s - L m.
     """
-    mean = cells.mean0
-    cov = cells.cov0.copy()
-    # what all proposals share is one product
+    mean = model.mean0
+    cov = model.cov0.copy()
+    # what all proposals share is computed by one product
     eye = np.eye(cov.shape[-1])
     rows = (len(cov), -1, cov.shape[-1])
-    for j, kind in enumerate(cells.kind):
-        cov[..., 0, 0] += cells.jump_var[j, ..., 0]
-        cov[..., 1, 1] += cells.jump_var[j, ..., 1]
-        info = cells.information[j, :, 0]
-        back = cells.transition[kind, :, 0].swapaxes(-1, -2)
+    for j, kind in enumerate(model.kind):
+        cov[..., 0, 0] += model.jump_var[j, ..., 0]
+        cov[..., 1, 1] += model.jump_var[j, ..., 1]
+        info = model.information[j, :, 0]
+        back = model.transition[kind, :, 0].swapaxes(-1, -2)
         gain = (cov.reshape(rows) @ info).reshape(cov.shape) + eye
-        surprise = cells.score[j] - mean @ info
+        innovation = model.score[j] - mean @ info
         cov = np.linalg.inv(gain) @ cov
-        step = (cov @ surprise[..., None])[..., 0]
-        yield mean, step, gain, surprise
+        step = (cov @ innovation[..., None])[..., 0]
+        yield mean, step, gain, innovation
         mean = (mean + step) @ back
         for _ in range(2):  # A P A' = ((P A')' A')', which is symmetric
             cov = (cov.swapaxes(-1, -2).reshape(rows) @ back).reshape(cov.shape)
@@ -187,30 +195,45 @@ def filtered(cells: Cells) -> Iterator[tuple[Array, ...]]:
 def likelihood(
     record: Stretch, noise_var: Array, proposals: Sequence[Sequence[Intensity]], fine: float = FINE
 ) -> tuple[Array, Array]:
-    """Log likelihood (M, Q) at the given noise, and the ratio (M, Q) by which each would scale the noise variance."""
-    cells = all_cells(record, noise_var, proposals, fine)
-    log_det = np.zeros(cells.mean0.shape[:2])
-    quad = np.zeros(cells.mean0.shape[:2])
-    for (mean, step, gain, surprise), score in zip(filtered(cells), cells.score):
-        sign, size = np.linalg.slogdet(gain)
-        log_det += np.where(
-            sign > 0, size, np.inf
-        )  # lost to rounding: an intensity that no data ask for
-        quad -= ((score + surprise) * mean + surprise * step).sum(axis=-1)
-    used = (record.weight > 0).sum(axis=0)
-    total = quad + ((record.weight * record.y**2).sum(axis=0) / noise_var)[:, None]
-    value = -0.5 * (log_det + total + (used * np.log(noise_var))[:, None])
-    return value, total / np.maximum(used - 2 - len(record.events_s), 1)[:, None]
+    """Log likelihood (M, Q) of the proposals at the given noise variance.
+
+    The second result (M, Q) is the factor by which the noise variance of each would have to change.
+    """
+    model = full_model(record, noise_var, proposals, fine)
+    log_det = np.zeros(model.mean0.shape[:2])
+    quadratic = np.zeros(model.mean0.shape[:2])
+    for (mean, step, gain, innovation), score in zip(filtered(model), model.score):
+        sign, log_size = np.linalg.slogdet(gain)
+        # a sign lost to rounding occurs only at intensities far from the data
+        log_det += np.where(sign > 0, log_size, np.inf)
+        quadratic -= ((score + innovation) * mean + innovation * step).sum(axis=-1)
+    n_samples = (record.weight > 0).sum(axis=0)
+    chi2 = quadratic + ((record.weight * record.y**2).sum(axis=0) / noise_var)[:, None]
+    value = -0.5 * (log_det + chi2 + (n_samples * np.log(noise_var))[:, None])
+    return value, chi2 / np.maximum(n_samples - 2 - len(record.events_s), 1)[:, None]
 
 
 @dataclass(frozen=True)
 class Smoothed:
-    """A record, its noise variance (M,), intensities, and what it says at ``knots_s`` and samples given all of it.
+    """A smoothed record: states at the knots and samples given all samples.
 
-    At the knots but the last, (J, M): ``knot_slope`` [K/s]; ``jump_chi2``: score test for a jump of level, slope or
-    both, chi-square of two degrees of freedom when there is none. At the samples, (N, M): ``temperature`` [degC], its
-    ``slope`` [K/s], ``sd`` [K], ``lag_sensitivity`` [K/s] and ``bend`` [K/s2], see ``Sensor``; ``read``, ``read_var``:
-    what the logger would have written without noise [degC], and its variance [K2].
+    Parameters
+    ----------
+    record, noise_var, chosen
+        The record, its noise variance (M,) [K2] and the intensity of each channel.
+    knots_s
+        Knots (J+1,) [s].
+    knot_slope
+        Slope (J, M) [K/s] at the knots but the last.
+    jump_chi2
+        Score test (J, M) for a jump of level, slope or both: chi-square with two degrees of freedom
+        if there is none.
+    temperature, slope, sd
+        Temperature (N, M) [degC], its slope [K/s] and its standard deviation [K].
+    lag_sensitivity, bend
+        Sensitivity to the lag [K/s] and to its division into parts [K/s2] (N, M), see ``Sensor``.
+    read, read_var
+        Predicted reading without noise (N, M) [degC], and its variance [K2].
     """
 
     record: Stretch
@@ -228,82 +251,96 @@ class Smoothed:
     read_var: Array
 
 
-def _along(out: Array, powers: Sequence[Array], cell: NDArray[np.intp], along: Array) -> None:
-    """Put polynomials of the time ``along`` cells, ``powers`` (J, M) from the highest on, at samples into ``out``."""
-    np.take(np.ascontiguousarray(powers[0]), cell, axis=0, out=out, mode="clip")
+def _evaluate_polynomials(
+    out: Array, powers: Sequence[Array], interval: NDArray[np.intp], since_knot_s: Array
+) -> None:
+    """Evaluate polynomials in the time since the knot, and write them to ``out`` (N, M).
+
+    ``powers`` (J, M) are the coefficients of the intervals from the highest power on, ``cell`` (N,)
+    the interval of a sample, ``along`` (N, 1) the time since its knot [s].
+    """
+    np.take(np.ascontiguousarray(powers[0]), interval, axis=0, out=out, mode="clip")
     for coefficients in powers[1:]:
-        out *= along
-        out += np.ascontiguousarray(coefficients)[cell]
+        out *= since_knot_s
+        out += np.ascontiguousarray(coefficients)[interval]
 
 
-def _rises(at_knot: Array, knots_s: Array) -> Array:
-    """Slopes (J, M) to the next of values (J, M) at the knots but the last."""
+def _slopes_to_next(at_knot: Array, knots_s: Array) -> Array:
+    """Slopes (J, M) from each knot but the last to the next, of values (J, M) at the knots."""
     return np.asarray(np.diff(at_knot, axis=0, append=at_knot[-1:]) / np.diff(knots_s)[:, None])
 
 
 def smoothed(
     record: Stretch, noise_var: Array, chosen: Sequence[Intensity], fine: float = FINE
 ) -> Smoothed:
-    """States given the whole record, its noise variance (M,) and one intensity a channel.
+    """Smooth the full record with the RTS smoother, given its noise variance (M,) and one intensity
+    a channel.
 
-    Long stretches go in pieces of cells, each with neighbours on both sides that settle both sweeps: the answer is that
-    of the whole to a millionth of a kelvin, the memory that of a piece. The score test for jumps comes with
-    ``swept``'s way back.
+    A long record is divided into chunks of intervals with margins in which both passes settle. The
+    result equals that of the full record to a millionth of a kelvin, with the memory of a chunk.
+    The score test for jumps comes from the adjoint of the backward pass.
     """
     proposals = [[q] for q in chosen]
     knots = knots_for(record, noise_var, proposals, fine)
     span = ranges(record)
-    (total, batch) = record.y.shape
-    count = len(knots) - 1
-    knot_slope, chi2 = np.empty((2, count, batch))
-    at_samples = np.empty((5, total, batch))
-    read, read_var = np.zeros((2, total + 1, batch))
-    lag_rows, bend_rows = (
-        np.stack(rows) for rows in zip(*((s.lag_row, s.bend_row) for s in record.sensors))
-    )
+    (n_samples, n_channels) = record.y.shape
+    n_intervals = len(knots) - 1
+    knot_slope, jump_chi2 = np.empty((2, n_intervals, n_channels))
+    at_samples = np.empty((5, n_samples, n_channels))
+    read, read_var = np.zeros((2, n_samples + 1, n_channels))
+    lag_rows = np.stack([s.lag_row for s in record.sensors])
+    bend_rows = np.stack([s.bend_row for s in record.sensors])
     for low, first, last, high in pieces(record, noise_var, chosen, knots):
-        cells = cells_for(record, noise_var, proposals, knots[low : high + 1], span)
-        found = swept(cells)
-        keep = slice(first - low, last - low)
-        mean = found.mean
-        cov = found.cov
-        weights = found.weight[keep]
-        (a, b) = np.moveaxis(found.pull[keep], -1, 0)
-        own = weights[..., [0, 1], [0, 1]]
-        det = np.maximum(
-            np.prod(own, axis=-1) - weights[..., 0, 1] ** 2, 1e-9 * np.prod(own, axis=-1) + 1e-300
+        model = interval_model(record, noise_var, proposals, knots[low : high + 1], span)
+        chunk = rts_smooth(model)
+        stored = slice(first - low, last - low)
+        mean = chunk.mean
+        cov = chunk.cov
+        adjoint_var = chunk.adjoint_var[stored]
+        (level_score, slope_score) = np.moveaxis(chunk.adjoint[stored], -1, 0)
+        diagonal = adjoint_var[..., [0, 1], [0, 1]]
+        cross = adjoint_var[..., 0, 1]
+        product = np.prod(diagonal, axis=-1)
+        determinant = np.maximum(product - cross**2, 1e-9 * product + 1e-300)
+        quadratic = (
+            level_score**2 * diagonal[..., 1]
+            - 2 * level_score * slope_score * cross
+            + slope_score**2 * diagonal[..., 0]
         )
-        chi2[first:last] = (
-            a**2 * own[..., 1] - 2 * a * b * weights[..., 0, 1] + b**2 * own[..., 0]
-        ) / det
-        knot_slope[first:last] = mean[keep, :, 1]
-        for c, kinds in enumerate(cells.rows):
-            for where, rows, sample in kinds:
-                kept = (where >= keep.start) & (where < keep.stop)
-                where = where[kept]
-                sample = sample[kept]
-                read[sample, c] = mean[where, c] @ rows.T
-                read_var[sample, c] = (
-                    cov[where, c].reshape(len(where), rows.shape[1] ** 2) @ _squares(rows).T
-                )
-        begin = 0 if first == 0 else int(np.ceil(knots[first] / record.dt_s - 1e-6))
-        end = total if last == count else int(np.ceil(knots[last] / record.dt_s - 1e-6))
-        t = np.arange(begin, end) * record.dt_s
-        cell = np.searchsorted(knots[low : high + 1], t + 1e-6 * record.dt_s, side="right") - 1
-        cell = np.clip(cell, 0, len(mean) - 1)
-        along = (t - knots[low + cell])[:, None]
-        lagging, bent = (np.einsum("jmn,mn->jm", mean, rows) for rows in (lag_rows, bend_rows))
-        temperature, slope, sd, sensitivity, bend = at_samples[:, begin:end]
-        for out, powers in (
-            (slope, [mean[..., 1]]),
-            (temperature, [mean[..., 1], mean[..., 0]]),
-            (sd, [cov[..., 1, 1], 2 * cov[..., 0, 1], cov[..., 0, 0]]),
-            *(
-                (to, [_rises(at, knots[low : high + 1]), at])
-                for to, at in ((sensitivity, lagging), (bend, bent))
-            ),
-        ):
-            _along(out, powers, cell, along)
+        jump_chi2[first:last] = quadratic / determinant
+        knot_slope[first:last] = mean[stored, :, 1]
+        for c, kinds in enumerate(model.rows):
+            for intervals, rows, sample in kinds:
+                inside = (intervals >= stored.start) & (intervals < stored.stop)
+                intervals = intervals[inside]
+                sample = sample[inside]
+                read[sample, c] = mean[intervals, c] @ rows.T
+                flat_cov = cov[intervals, c].reshape(len(intervals), rows.shape[1] ** 2)
+                read_var[sample, c] = flat_cov @ _squares(rows).T
+        start = 0 if first == 0 else int(np.ceil(knots[first] / record.dt_s - 1e-6))
+        end = n_samples if last == n_intervals else int(np.ceil(knots[last] / record.dt_s - 1e-6))
+        t = np.arange(start, end) * record.dt_s
+        interval = np.searchsorted(knots[low : high + 1], t + 1e-6 * record.dt_s, side="right") - 1
+        interval = np.clip(interval, 0, len(mean) - 1)
+        since_knot_s = (t - knots[low + interval])[:, None]
+        lag_change = np.einsum("jmn,mn->jm", mean, lag_rows)
+        split_change = np.einsum("jmn,mn->jm", mean, bend_rows)
+        temperature, slope, sd, sensitivity, bend = at_samples[:, start:end]
+        chunk_knots = knots[low : high + 1]
+        _evaluate_polynomials(slope, [mean[..., 1]], interval, since_knot_s)
+        _evaluate_polynomials(temperature, [mean[..., 1], mean[..., 0]], interval, since_knot_s)
+        _evaluate_polynomials(
+            sd, [cov[..., 1, 1], 2 * cov[..., 0, 1], cov[..., 0, 0]], interval, since_knot_s
+        )
+        _evaluate_polynomials(
+            sensitivity,
+            [_slopes_to_next(lag_change, chunk_knots), lag_change],
+            interval,
+            since_knot_s,
+        )
+        _evaluate_polynomials(
+            bend, [_slopes_to_next(split_change, chunk_knots), split_change], interval, since_knot_s
+        )
         np.sqrt(np.maximum(sd, 0.0, out=sd), out=sd)
     temperature, slope, sd, sensitivity, bend = at_samples
     return Smoothed(
@@ -312,7 +349,7 @@ def smoothed(
         tuple(chosen),
         knots,
         knot_slope,
-        chi2,
+        jump_chi2,
         temperature,
         slope,
         sd,

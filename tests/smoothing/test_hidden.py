@@ -66,16 +66,16 @@ def test_an_event_that_the_others_make_doubtful_is_given_up(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """In the last round the first of two loses its odds: the second is weighed all the same."""
-    weigh, rounds = hidden.weigh, []
+    weigh, rounds = hidden.weigh_event, []
 
-    def doubtful(*given: Any) -> hidden.Hidden:
+    def doubtful(*given: Any) -> hidden.HiddenEvent:
         found = weigh(*given)
         rounds.append(found.at_s)
         return (
             replace(found, log_odds=-1.0) if given[-1] is not None and found.at_s < 15.0 else found
         )
 
-    monkeypatch.setattr(hidden, "weigh", doubtful)
+    monkeypatch.setattr(hidden, "weigh_event", doubtful)
     _, _, y, at = logged(kinks((12.0, -12.0), 0.5), np.random.default_rng(4), seconds=30.0)
     done = smooth(y, 1 / RATE_HZ, CHAIN)
     assert [round(t) for t, _ in done.events_s] == [round(at[1])]

@@ -457,7 +457,7 @@ def test_constant_gain_between_events_is_the_exact_sweep(monkeypatch: pytest.Mon
     monkeypatch.setattr(sweep, "recursion", lambda phi, u: steps.append(len(u)) or real(phi, u))
     smoothed(stretch, stretch.noise_sd**2, chosen)
     assert sum(steps) > 0.3 * 2 * len(quick.knots_s)
-    monkeypatch.setattr(sweep, "LEAST", len(t))
+    monkeypatch.setattr(sweep, "MIN_RUN", len(t))
     exact = smoothed(stretch, stretch.noise_sd**2, chosen)
     for name in ("temperature", "sd", "slope", "lag_sensitivity", "read", "read_var"):
         assert np.abs(getattr(quick, name) - getattr(exact, name)).max() < 1e-7, name
@@ -483,7 +483,7 @@ def test_a_stretch_in_pieces_is_the_whole_within_a_millionth_of_a_kelvin(
     ]
     whole = smoothed(stretch, stretch.noise_sd**2, chosen)
     count = len(whole.knots_s)
-    monkeypatch.setattr(pieces, "PIECE", 250)
+    monkeypatch.setattr(pieces, "CHUNK_INTERVALS", 250)
     cuts = list(pieces.pieces(stretch, stretch.noise_sd**2, chosen, whole.knots_s))
     assert len(cuts) > 4
     assert [first for _, first, _, _ in cuts[1:]] == [last for _, _, last, _ in cuts[:-1]]

@@ -144,11 +144,11 @@ def test_a_piece_has_so_many_samples_beside_it_and_no_cell_more(
     knots = knots_for(of, of.noise_sd**2, [chosen])
     count = len(knots) - 1
     rows = pieces.settled_s(of.sensors, of.noise_sd, dt, chosen) / dt
-    monkeypatch.setattr(pieces, "PIECE", count // 2 + 1)
+    monkeypatch.setattr(pieces, "CHUNK_INTERVALS", count // 2 + 1)
     assert list(pieces.pieces(of, of.noise_sd**2, chosen, knots)) == [
         (0, 0, count, count)
     ]  # not worth a cut
-    monkeypatch.setattr(pieces, "PIECE", count // 6)
+    monkeypatch.setattr(pieces, "CHUNK_INTERVALS", count // 6)
     at = np.clip(np.ceil(knots / dt - 1e-9).astype(int), 0, n)
     seen = np.concatenate([[0], np.cumsum(of.weight[:, 0] > 0)])[
         at
