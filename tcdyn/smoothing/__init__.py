@@ -1,4 +1,6 @@
-"""From what the logger wrote back to what the junction felt, with an uncertainty for every sample.
+"""Compensation: estimate the junction temperature from the readings, with an uncertainty for each sample.
+
+Kalman smoother (RTS), regularised deconvolution, proper inverse, and a live smoother.
 
 >>> import numpy as np
 >>> from tcdyn.chain import Chain
@@ -6,21 +8,24 @@
 >>> t = np.arange(0.0, 20.0, dt)
 >>> true = 80 - 10 * (1 - np.exp(-np.clip(t - 10, 0, None)))
 >>> y = chain.response(true, dt) + np.random.default_rng(0).normal(0, 0.1, len(t))
->>> def worst(done): return round(float(np.abs(done.temperature[:, 0] - true)[600:-50].max()), 1)
->>> worst(smooth(y, dt, chain, events_s=(10.0,))), worst(deconvolve(y, dt, chain)[0]), worst(invert(y, dt, chain, 1.0))
-(0.0, 0.1, 1.1)
->>> done = smooth(y, dt, chain, events_s=(10.0,))
->>> window_covariance(y, dt, chain, done, channel=0, first=500, last=503).shape
+>>> def worst(result): return round(float(np.abs(result.temperature[:, 0] - true)[600:-50].max()), 1)
+>>> worst(smooth(y, dt, chain, events_s=(10.0,)))
+0.0
+>>> worst(deconvolve(y, dt, chain)[0])
+0.1
+>>> worst(invert(y, dt, chain, 1.0))
+1.1
+>>> result = smooth(y, dt, chain, events_s=(10.0,))
+>>> window_covariance(y, dt, chain, result, channel=0, first=500, last=503).shape
 (3, 3)
->>> round(widest_bandwidth_Hz(chain, dt, noise_sd=0.1, wanted_K=0.3), 2)  # of the inverse that adds no more noise
+>>> round(widest_bandwidth_Hz(chain, dt, noise_sd=0.1, wanted_K=0.3), 2)  # of the proper inverse
 0.98
 >>> round(before_use(proper_inverse(chain, dt, 1.0), noise_sd=0.1).noise_out_K, 2)
 0.31
->>> live = LiveSmoother.of([chain], dt, noise_sd=0.1, intensity=1.0, lag_samples=25)  # half a second behind
+>>> live = LiveSmoother.of([chain], dt, noise_sd=0.1, intensity=1.0, lag_samples=25)  # 0.5 s
 >>> bool(live_before_use(live, [chain]).noise_out_K < 0.1)
 True
-
->>> state, x, sd, flags = live.run(live.start(y[:1]), y[:, None])  # or as rows come, from state to state
+>>> state, x, sd, flags = live.run(live.start(y[:1]), y[:, None])
 >>> isinstance(state, LiveState), state.done, x.shape
 (True, 1000, (1000, 1))
 """

@@ -1,4 +1,6 @@
-"""What a live smoother is made of: its state, sensor and noise as one linear model, samples in a row taken at once."""
+"""The model of the live smoother: state, sensor and noise as one linear model, and several samples
+at once.
+"""
 
 from __future__ import annotations
 
@@ -17,12 +19,27 @@ from tcdyn.smoothing.state_space import flow
 
 @dataclass(frozen=True)
 class LiveState:
-    """All that is needed to go on, for M channels and the four hypotheses.
+    """State of a live smoother, for M channels and the four hypotheses, n states and a lag of L
+    samples.
 
-    ``mean`` (M, 4, n + L), ``cov`` (M, 4, n + L, n): states, then the temperatures of the last L samples, and their
-    covariance with the states; ``var`` (M, 4, L): of those temperatures; ``weight`` (M, 4) of the hypotheses;
-    ``recent`` (W, M): the last readings that were no spikes [degC]; ``held`` (M,):
-    readings in a row that were spikes; ``past`` (2 bend, M): the last answers.
+    Parameters
+    ----------
+    mean
+        States, then the temperatures of the last L samples (M, 4, n + L).
+    cov
+        Covariance (M, 4, n + L, n) of these with the states.
+    var
+        Variances (M, 4, L) of the temperatures.
+    weight
+        Probabilities (M, 4) of the hypotheses.
+    recent
+        Last readings without outliers (W, M) [degC].
+    held
+        Number of consecutive outliers (M,).
+    past
+        Last results (2 bend, M).
+    done
+        Number of samples processed.
     """
 
     mean: Array
@@ -47,15 +64,31 @@ class LiveState:
 
 @dataclass(frozen=True)
 class Block:
-    """How q samples of M channels follow from n states before them.
+    """How q samples of M channels follow from the n states before them.
 
-    Rows: q readings without their own noise, n states after them, and the temperatures before each of the q, newest
-    first. Columns: the same, but mean and variance stand behind the states. ``effects`` (q + 1, M, 1, n + 2 q, n): on
-    the rows, of the states before, and of what moves the states at each sample; ``back`` (M, 1, n + 2, n + 2 q + 2):
-    of the states before, their mean and variance on the columns; ``noise`` (M, H, n + 2 q, n + 2 q + 2): covariance
-    that what moves the states makes; ``row``, ``column`` (n + 2 q,): of the diagonal; ``asked`` (K q,): rows of
-    the temperatures that lie K ``lags`` samples before each reading, where the last temperatures follow below, and
-    ``sofar`` (K q, q): which readings are there by then; ``eye`` (q, q): unit matrix.
+    The rows are q readings without their white noise, the n states after them, and the temperatures
+    before each of the q samples, newest first. The columns are the same, with mean and variance
+    after the states. H is the number of hypotheses.
+
+    Parameters
+    ----------
+    effects
+        Effect (q + 1, M, 1, n + 2 q, n) on the rows of the states before, and of the process noise
+        at each sample.
+    back
+        Effect (M, 1, n + 2, n + 2 q + 2) on the columns of the states before, their mean and
+        variance.
+    noise
+        Covariance (M, H, n + 2 q, n + 2 q + 2) from the process noise.
+    row, column
+        Indices (n + 2 q,) of the diagonal.
+    requested
+        Rows (K q,) of the temperatures that lie K ``lags`` samples before each reading; the last
+        temperatures follow below the rows.
+    eye
+        Unit matrix (q, q).
+    available
+        Which readings are available for each requested temperature (K q, q).
     """
 
     effects: Array
@@ -63,13 +96,17 @@ class Block:
     noise: Array
     row: NDArray[np.intp]
     column: NDArray[np.intp]
-    asked: NDArray[np.intp]
+    requested: NDArray[np.intp]
     eye: Array
-    sofar: Array
+    available: Array
 
     @classmethod
     def of(cls, q: int, lags: NDArray[np.intp], step: Array, row: Array, scatter: Array) -> Block:
-        """States move by ``step`` (M, 1, n, n) and ``scatter`` (M, H, n, n) each sample, read by ``row`` (M, 1, n)."""
+        """Block of q samples.
+
+        The states change by ``step`` (M, 1, n, n) with process noise ``scatter`` (M, H, n, n) at
+        each sample, and are observed through ``row`` (M, 1, n).
+        """
         m, n = row.shape[::2]
         powers = [np.broadcast_to(np.eye(n), step.shape)]
         for _ in range(q):
@@ -86,44 +123,50 @@ class Block:
         back[..., :n, column] = effects[0].swapaxes(-1, -2)
         back[..., [n, n + 1], [q + n, q + n + 1]] = 1.0
         newest = (lags[:, None] + np.arange(q)[::-1]).ravel()
-        asked = np.where(newest > 0, q + n - 1 + newest, q)
+        requested = np.where(newest > 0, q + n - 1 + newest, q)
         return cls(
             effects,
             back,
-            scattered(effects, scatter, column),
+            process_noise_covariance(effects, scatter, column),
             np.arange(n + 2 * q),
             column,
-            asked,
+            requested,
             np.eye(q),
             np.tile(np.tri(q), (len(lags), 1)),
         )
 
 
-def scattered(effects: Array, scatter: Array, column: NDArray[np.intp]) -> Array:
-    """``Block.noise`` where each sample adds ``scatter`` (M, H, n, n) to the covariance of the states."""
-    added = np.sum(effects[1:] @ scatter @ effects[1:].swapaxes(-1, -2), axis=0)
-    noise = np.zeros((*added.shape[:-1], len(column) + 2))
-    noise[..., column] = added
+def process_noise_covariance(effects: Array, scatter: Array, column: NDArray[np.intp]) -> Array:
+    """``Block.noise`` where each sample adds ``scatter`` (M, H, n, n) to the covariance of the
+    states.
+    """
+    covariance = np.sum(effects[1:] @ scatter @ effects[1:].swapaxes(-1, -2), axis=0)
+    noise = np.zeros((*covariance.shape[:-1], len(column) + 2))
+    noise[..., column] = covariance
     return noise
 
 
-def noise_paths(chains: Sequence[Chain]) -> list[Sensor]:
-    """The filter of each chain alone, its input standing where a sensor has the temperature of the junction."""
+def noise_filters(chains: Sequence[Chain]) -> list[Sensor]:
+    """The conditioning filter of each chain; its input takes the place of the junction temperature."""
     return sensors([Chain((), conditioning=c.conditioning) for c in chains])
 
 
-def with_noise(s: Sensor, path: Sensor, leak_s: float, dt_s: float) -> tuple[Array, Array, Array]:
-    """Step (n, n) and row (n,) of sensor and noise, and what white noise that comes out with sd 1 leaves in the states.
+def sensor_with_noise(
+    s: Sensor, path: Sensor, leak_s: float, dt_s: float
+) -> tuple[Array, Array, Array]:
+    """Transition matrix (n, n) and observation row (n,) of sensor and noise, and the noise
+    covariance in the states.
 
-    States: those of the sensor, the offset of a burst, which leaks away in ``leak_s``, those of the filter that noise
-    passes.
+    The states are those of the sensor, the offset of a burst, which decays with ``leak_s``, and
+    those of the filter that the noise passes. The third result is the stationary covariance of
+    these for white noise that has standard deviation 1 after the filter.
     """
-    keep = np.r_[0, 2 : len(path.output)]
-    drift = path.drift[np.ix_(keep, keep)]
-    row = path.output[keep]
-    held: Array = np.zeros((len(s.output) + len(keep),) * 2)
+    kept_states = np.r_[0, 2 : len(path.output)]
+    drift = path.drift[np.ix_(kept_states, kept_states)]
+    row = path.output[kept_states]
+    covariance: Array = np.zeros((len(s.output) + len(kept_states),) * 2)
     if np.any(row[1:]):
         stages = solve_continuous_lyapunov(drift[1:, 1:], -np.outer(drift[1:, 0], drift[1:, 0]))
-        held[len(s.output) + 1 :, len(s.output) + 1 :] = stages / (row[1:] @ stages @ row[1:])
+        covariance[len(s.output) + 1 :, len(s.output) + 1 :] = stages / (row[1:] @ stages @ row[1:])
     drift[0, 0] = -1.0 / leak_s
-    return flow(block_diag(s.drift, drift), dt_s), np.append(s.output, row), held
+    return flow(block_diag(s.drift, drift), dt_s), np.append(s.output, row), covariance

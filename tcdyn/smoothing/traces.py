@@ -1,4 +1,6 @@
-"""Log and record to the traces of one disk: static lines, spikes, noise and chains, made once and for everybody."""
+"""From a log and a record to the traces of one disk: static lines, spike rejection, noise and
+chains.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +15,7 @@ from numpy.typing import NDArray
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.chain.bursts import noise_and_white
 from tcdyn.chain.logger_noise import TYPICAL_LAG_S, UNEXPLAINED, LoggerNoise
+from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.estimation.trace_noise import SPIKES, bridged, rounding_sd, white_noise_sd
@@ -24,23 +27,36 @@ from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig, UncertaintyTable
 from tcdyn.rig.static_line import StaticLine, apply_static, extrapolated, static_u
 
-Array = NDArray[np.float64]
 Rows = slice | NDArray[np.bool_]
 NO_CHAIN = Chain((), conditioning=NO_CONDITIONING)
-NOISE_ORDER = 3  # of the differences that tell the noise of a trace
-MANY_MISSING = 0.05  # share of a channel beyond which its gaps are told
-# d, b or f left out: what reads in its place may be off, steadily and by heat
+# order of the differences from which the noise of a trace is estimated
+NOISE_ORDER = 3
+# share of missing samples of a channel beyond which a warning comes; chosen by judgement
+MANY_MISSING = 0.05
+# standard uncertainty of a surrogate channel (for d, b or f left out): a constant error [K], and one
+# in proportion to the radial heat flux, as a depth [m]; chosen by judgement
 STAND_IN_K = 1.0
-STAND_IN_M = 0.3e-3
-FINE_ROUNDING_K = 0.02  # rounding below a sixth of a usual channel's noise is left unsaid
+SURROGATE_DEPTH_U_M = 0.3e-3
+# rounding error [K] below which it is neglected: a sixth of the noise of a usual channel
+FINE_ROUNDING_K = 0.02
 
 
 @dataclass(frozen=True)
 class DiskChannels:
-    """How the C thermocouples of a disk are read, as its record knows it.
+    """The C thermocouples of a disk as its record describes them.
 
-    ``columns`` of the log; static ``lines``; ``chains``; ``lag_covariance_s2`` (C, C), of the lags; ``split_u_s`` (C,):
-    standard uncertainty of how much of each is its largest lag's.
+    Parameters
+    ----------
+    columns
+        Columns of the log.
+    lines
+        Static lines.
+    chains
+        Chains.
+    lag_covariance_s2
+        Covariance of the lags (C, C) [s2].
+    split_u_s
+        Standard uncertainty (C,) [s] of how much of each lag is its largest lag.
     """
 
     columns: tuple[str, ...]
@@ -57,17 +73,37 @@ class DiskChannels:
 
 @dataclass(frozen=True)
 class DiskTraces(DiskChannels):
-    """One disk in one log: static-corrected readings (N, C) of its channels [degC], and how they were measured.
+    """The traces of one disk in one log: readings (N, C) after the static lines, and how they were
+    measured.
 
-    Noise that the conditioning filter coloured was made white, see
-    :mod:`tcdyn.chain.logger_noise`: readings and ``chains``
-    went through the same A/N. ``missing`` (N, C): where a spike or a gap was bridged by a straight line; ``noise``:
-    what it was; ``rounding_K`` (C,): error of a logger whose step hides the noise, else zero; ``static_u_K`` (C,):
-    standard uncertainty of line and rounding at the mean of the rows asked for; ``uncertainty``: of what nobody
-    measured, rig.toml's for this disk; ``inner_K`` (N, k): what the inner row would read more at the rim's edge;
-    ``findings``: what was noticed; ``common_lag_s``: mean of the channels' lags, with its standard uncertainty
-    ``common_lag_u_s`` [s]; ``left_out``: channels in whose columns, here and in ``setup``, others stand in, known to
-    ``STAND_IN_K`` and ``STAND_IN_M`` times the radial gradient.
+    Noise that the conditioning filter coloured is whitened, see :mod:`tcdyn.chain.logger_noise`:
+    readings and ``chains`` went through the same filter A/N.
+
+    Parameters
+    ----------
+    name, setup
+        Name and setup of the disk.
+    readings_degC
+        Readings (N, C) [degC], interpolated where ``missing``.
+    missing
+        Where a spike or a gap was interpolated linearly (N, C).
+    noise
+        The noise.
+    rounding_K
+        Rounding error (C,) [K] of a logger whose step hides the noise, else zero.
+    static_u_K
+        Standard uncertainty (C,) [K] of line and rounding at the mean of the rows of the call.
+    uncertainty
+        Type B standard uncertainties (nuisance parameters) of rig.toml for this disk.
+    inner_K
+        What the inner row would read more at the edge of the rim (N, k) [K].
+    findings
+        Findings about the traces.
+    left_out
+        Channels that are not used. Surrogates replace them here and in ``setup``, known to
+        ``STAND_IN_K`` and to ``SURROGATE_DEPTH_U_M`` times the radial gradient.
+    common_lag_s, common_lag_u_s
+        Mean of the lags of the channels and its standard uncertainty [s].
     """
 
     name: str
@@ -92,26 +128,29 @@ class DiskTraces(DiskChannels):
 
     @property
     def out(self) -> NDArray[np.bool_]:
-        """Which channels are left out (C,)."""
+        """Mask of the channels that are left out (C,)."""
         return np.isin(self.setup.channels, self.left_out)
 
     @property
     def depth_u_m(self) -> Array:
-        """Standard uncertainty (C,) of the depths [m], for an inner channel left out of its stand-in."""
+        """Standard uncertainty (C,) [m] of the depths; of its surrogate for an inner channel left
+        out.
+        """
         inner = np.isin(self.setup.channels, self.setup.inner) & self.out
-        return np.where(inner, STAND_IN_M, self.uncertainty.depth_mm * 1e-3)
+        return np.where(inner, SURROGATE_DEPTH_U_M, self.uncertainty.depth_mm * 1e-3)
 
     @property
     def drives(self) -> Array:
-        """By how much each of the inner row errs with its readings, (k, k): with its own, and where it stands in."""
+        """Error of each of the inner row per error of its readings, (k, k): its own, and through
+        surrogates.
+        """
         inner = self.setup.places(self.setup.inner)
-        return np.asarray(
-            self.setup.made_of(self.left_out)[np.ix_(inner, inner)].T + np.diag(self.out[inner])
-        )
+        weights = self.setup.made_of(self.left_out)[np.ix_(inner, inner)]
+        return np.asarray(weights.T + np.diag(self.out[inner]))
 
     @property
     def noise_K(self) -> Array:
-        """Standard deviation (C,) of a sample's noise, which is white [K]."""
+        """Standard deviation (C,) [K] of the white noise of a sample."""
         return self.noise.level_K
 
     @property
@@ -125,36 +164,38 @@ class DiskTraces(DiskChannels):
         return mean_of(self.chains, self.name)
 
     def static_u(self, temperature_degC: Array) -> Array:
-        """As of the lines alone, with the logger's rounding and what its sampling folds upon the temperature."""
+        """As for the lines, plus the rounding of the logger and aliased hum."""
         return np.hypot(
             super().static_u(temperature_degC), np.hypot(self.rounding_K, self.noise.folded_u_K)
         )
 
     def outside_lines(self, where: str, rows: Rows = slice(None)) -> tuple[Finding, ...]:
-        """Channels that left the range of their static lines by far, in ``rows``; ``where`` is put in front."""
-        named = {
-            c: y
-            for c, y in zip(self.setup.channels, self.measured_degC[rows].T)
-            if c not in self.left_out
-        }
-        return tuple(extrapolated(where, named, dict(zip(self.setup.channels, self.lines))))
+        """Findings for channels that are far outside the range of their static lines in ``rows``;
+        ``where`` is prefixed.
+        """
+        channels = self.setup.channels
+        readings = dict(zip(channels, self.measured_degC[rows].T))
+        for channel in self.left_out:
+            readings.pop(channel, None)
+        return tuple(extrapolated(where, readings, dict(zip(channels, self.lines))))
 
 
 def mean_of(chains: Sequence[Chain], disk: str) -> Chain:
-    """The chain with the mean of the parameters of ``chains``, which are those of one ``disk``."""
-    most = max(1, *(len(c.taus_s) for c in chains))
-    taus = np.mean(
-        [sorted((*c.taus_s, *[0.0] * most)[:most], reverse=True) for c in chains], axis=0
-    )
+    """The chain with the mean parameters of ``chains``, all of one ``disk``."""
+    n_lags = max(1, *(len(c.taus_s) for c in chains))
+    padded = [(*c.taus_s, *[0.0] * n_lags)[:n_lags] for c in chains]
+    taus = np.mean([sorted(lags, reverse=True) for lags in padded], axis=0)
     pairs = [c.pair for c in chains if c.pair is not None]
     if pairs and len(pairs) < len(chains):
         raise InputError(f"channels of the {disk} disk differ: some have a complex pair, some none")
+    mean_pair = None
+    if pairs:
+        tw, zeta = np.mean(pairs, axis=0).tolist()
+        mean_pair = (tw, zeta)
     return replace(
         chains[0],
         taus_s=tuple(float(x) for x in taus),
-        pair=(float(np.mean([w for w, _ in pairs])), float(np.mean([z for _, z in pairs])))
-        if pairs
-        else None,
+        pair=mean_pair,
         cement_s=float(np.mean([c.cement_s for c in chains])),
         zero_s=float(np.mean([c.zero_s for c in chains])),
         delay_s=float(np.mean([c.delay_s for c in chains])),
@@ -164,10 +205,16 @@ def mean_of(chains: Sequence[Chain], disk: str) -> Chain:
 def disk_channels(
     record: DiskRecord, setup: DiskSetup, disk: str = "", lag: bool = True
 ) -> DiskChannels:
-    """Lines and chains of the record for the columns of a log in which ``disk`` is named; empty chains if no ``lag``.
+    """Lines and chains of the record, for the columns of a log in which ``disk`` is named.
 
-    Raises InputError for a record without one of the disk's channels; where the lag is asked for, also for one without
-    a chain, and when ``setup`` (rig.toml) states another filter than the record, whose lags were found with its own.
+    Without ``lag`` the chains are empty.
+
+    Raises
+    ------
+    InputError
+        For a record without one of the channels of the disk. With ``lag`` also for a record without
+        a chain, and where ``setup`` (rig.toml) has another filter than the record, whose lags were
+        determined with its filter.
     """
     if lag and record.chain is None:
         raise InputError(
@@ -176,46 +223,55 @@ def disk_channels(
         )
     names = setup.channels
     chain = record.chain if lag else None
-    if absent := [
-        c for c in names if c not in record.static or not (chain is None or c in chain.channels)
-    ]:
-        remedy = f"calibrate all {len(names)}, or take it out of rig.toml [thermocouples]"
-        raise InputError(
-            f"the record of the {record.disk} disk lacks channel {absent[0]}", remedy=remedy
-        )
-    kept = [sorted(chain.channels).index(c) for c in names] if chain else []
+    for c in names:
+        if c not in record.static or (chain is not None and c not in chain.channels):
+            raise InputError(
+                f"the record of the {record.disk} disk lacks channel {c}",
+                remedy=f"calibrate all {len(names)}, or take it out of rig.toml [thermocouples]",
+            )
+    columns = couples(names, disk)
+    lines = tuple(record.static[c] for c in names)
+    if chain is None:
+        count = len(names)
+        no_chains = (NO_CHAIN,) * count
+        return DiskChannels(columns, lines, no_chains, np.zeros((count, count)), np.zeros(count))
+    index = [sorted(chain.channels).index(c) for c in names]
     return DiskChannels(
-        couples(names, disk),
-        tuple(record.static[c] for c in names),
-        record_chains(record, setup) if lag else (NO_CHAIN,) * len(names),
-        np.array(chain.covariance)[np.ix_(kept, kept)]
-        if chain
-        else np.zeros((len(names), len(names))),
-        np.array([chain.channels[c].split_u_s if chain else 0.0 for c in names]),
+        columns,
+        lines,
+        record_chains(record, setup),
+        np.array(chain.covariance)[np.ix_(index, index)],
+        np.array([chain.channels[c].split_u_s for c in names]),
     )
 
 
 def record_chains(record: DiskRecord, setup: DiskSetup) -> tuple[Chain, ...]:
-    """The chains of a disk's channels as the record states them, conditioning filter included.
+    """The chains of the channels of a disk, conditioning filter included, from the record.
 
-    Raises InputError when ``setup`` (rig.toml) states another filter: the record's lags were found with its own.
+    Raises
+    ------
+    InputError
+        Where ``setup`` (rig.toml) has another filter than the record, whose lags were determined
+        with its filter.
     """
     assert record.chain is not None
-    own = record.conditioning
-    stated = setup.conditioning
-    if stated.poles != own.poles or (own.poles > 0 and stated != own):
-        said = [f"of {b.poles} pole(s) at {b.cutoff_Hz:g} Hz ({b.shape})" for b in (own, stated)]
+    recorded = record.conditioning
+    nominal = setup.conditioning
+    if nominal.poles != recorded.poles or (recorded.poles > 0 and nominal != recorded):
+        texts = [
+            f"of {b.poles} pole(s) at {b.cutoff_Hz:g} Hz ({b.shape})" for b in (recorded, nominal)
+        ]
         raise InputError(
-            f"the record of disk {record.disk!r} was made with conditioning {said[0]}, rig.toml states {said[1]}",
+            f"the record of disk {record.disk!r} was made with conditioning {texts[0]}, rig.toml states {texts[1]}",
             expected="the filter that the disk was calibrated with",
             remedy="give the rig file of the calibration, {rig}, or calibrate again",
             parameters={"rig": "rig.toml"},
         )
-    kept = record.chain.channels
-    return tuple(
-        Chain(**kept[c].model_dump(exclude={"lag_s", "split_u_s"}), conditioning=own)
-        for c in setup.channels
-    )
+    chains = []
+    for c in setup.channels:
+        parameters = record.chain.channels[c].model_dump(exclude={"lag_s", "split_u_s"})
+        chains.append(Chain(**parameters, conditioning=recorded))
+    return tuple(chains)
 
 
 def disk_traces(
@@ -230,56 +286,71 @@ def disk_traces(
     lag: bool = True,
     left_out: Sequence[str] = (),
 ) -> DiskTraces:
-    """Readings of one disk in ``frame`` (a log's) through static lines, spikes bridged, with their noise.
+    """Traces of one disk in the table ``frame`` of a log: static lines, spikes interpolated, noise.
 
-    ``named``: whether the disk's name stands in its columns; ``rows``: where the static lines' uncertainty is stated;
-    ``lag``: False for readings whose lag does not matter, the record's chain and filter with it; ``left_out``: channels
-    whose columns are not looked at and need not be there.
-    Raises InputError for the record of another disk, and as :func:`disk_channels` does.
+    Parameters
+    ----------
+    frame
+        Table of the log.
+    disk
+        Name of the disk.
+    rig
+        The rig file.
+    record
+        Calibration record of the disk.
+    named
+        Whether the columns contain the name of the disk.
+    rows
+        Rows where the uncertainty of the static lines is evaluated.
+    where
+        Location in messages.
+    lag
+        False for readings whose lag does not matter; chain and filter of the record are then not
+        needed.
+    left_out
+        Channels whose columns are not used and need not exist.
+
+    Raises
+    ------
+    InputError
+        For the record of another disk, and as :func:`disk_channels`.
     """
-    setup = rig.disk_setup(disk)
-    setup = setup.with_stand_ins(
-        left_out := left_out_of((f"{disk}_{c}" for c in left_out), {disk: setup})[disk]
-    )
+    disk_setup = rig.disk_setup(disk)
+    left_out = left_out_of((f"{disk}_{c}" for c in left_out), {disk: disk_setup})[disk]
+    setup = disk_setup.with_stand_ins(left_out)
     if record.disk not in (disk, setup.name):
         raise InputError(
             f"the record is of disk {record.disk!r}", where=where, expected=f"a record of {disk!r}"
         )
     channels = disk_channels(record, setup, disk if named else "", lag)
-    found = [f for f in record.findings if f.code == ALTERED]
-    columns = []
-    marks = []
-    rounding = []
+    findings = [f for f in record.findings if f.code == ALTERED]
     used = ~np.isin(setup.channels, left_out)
     names = [*compress(channels.columns, used)]
+    columns = []
+    bad = []
+    rounding = []
     for name, line in zip(names, compress(channels.lines, used)):
         raw = frame[name].to_numpy(dtype=float)
-        step = rounding_sd(
-            raw
-        )  # of a logger that hides the noise of a trace; zero where the noise is seen
-        rounding.append(
-            step * (step > FINE_ROUNDING_K and step >= float(white_noise_sd(raw, NOISE_ORDER)))
-        )
+        step_u = rounding_sd(raw)
+        # the rounding counts only where it hides the noise of the trace
+        hides_noise = step_u >= float(white_noise_sd(raw, NOISE_ORDER))
+        rounding.append(step_u if step_u > FINE_ROUNDING_K and hides_noise else 0.0)
         values = apply_static(raw, line)
-        marked = ~np.isfinite(values)
-        columns.append(bridged(values, ~marked))
-        marks.append(marked)
+        missing_column = ~np.isfinite(values)
+        columns.append(bridged(values, ~missing_column))
+        bad.append(missing_column)
     coarse = [ch for ch, error in zip(compress(setup.channels, used), rounding) if error > 0]
-    found += (
-        [warning("traces.coarse", subject=disk, step_K=max(rounding) * 12**0.5, channels=coarse)]
-        if coarse
-        else []
-    )
+    if coarse:
+        step_K = max(rounding) * 12**0.5
+        findings.append(warning("traces.coarse", subject=disk, step_K=step_K, channels=coarse))
     y = np.column_stack(columns)
-    missing = np.column_stack(marks)
+    missing = np.column_stack(bad)
     dt_s = interval_s(frame["time_s"].to_numpy(float))
     white_K = np.maximum(white_noise_sd(y, NOISE_ORDER), 1e-6)
-    chains = (
-        channels.chains
-        if lag
-        else (Chain((TYPICAL_LAG_S,), conditioning=setup.conditioning),) * len(used)
-    )
-    noise, [(y, moved)] = noise_and_white(
+    chains = channels.chains
+    if not lag:
+        chains = (Chain((TYPICAL_LAG_S,), conditioning=setup.conditioning),) * len(used)
+    noise, [(y, outliers)] = noise_and_white(
         [np.where(missing, np.nan, y)],
         [dt_s],
         setup.conditioning,
@@ -287,21 +358,17 @@ def disk_traces(
         [*compress(chains, used)],
         SPIKES["traces"],
     )
-    missing |= moved
+    missing |= outliers
     if not (noise.coloured or noise.lines or noise.unexplained > UNEXPLAINED):
         noise = noise.white(white_noise_sd(y, NOISE_ORDER))
-    lost = {
-        name.removesuffix("_degC"): 100 * float(share)
-        for name, share in zip(names, missing.mean(axis=0))
-    }
-    found += [
-        warning("traces.gaps", subject=name, percent=x)
-        for name, x in lost.items()
-        if x > 100 * MANY_MISSING
-    ]
-    found += noise.findings(disk)
+    for name, share in zip(names, missing.mean(axis=0)):
+        percent = 100 * float(share)
+        if percent > 100 * MANY_MISSING:
+            subject = name.removesuffix("_degC")
+            findings.append(warning("traces.gaps", subject=subject, percent=percent))
+    findings += noise.findings(disk)
     weights = setup.made_of(left_out)
-    if left_out:  # others stand in
+    if left_out:  # surrogates: weighted means of other channels
         shares = weights[:, used]
         y = y @ shares.T
         missing = missing @ (shares.T > 0)
@@ -310,11 +377,14 @@ def disk_traces(
         covariance = weights @ channels.lag_covariance_s2 @ weights.T
         chains = tuple(mean_of([*compress(channels.chains, row > 0)], disk) for row in weights)
         channels = replace(channels, chains=chains, lag_covariance_s2=covariance)
-    static_u_K = np.hypot(
-        channels.static_u(y[rows].mean(axis=0)), np.hypot(rounding, noise.folded_u_K)
-    )
+    line_u_K = channels.static_u(y[rows].mean(axis=0))
+    static_u_K = np.hypot(line_u_K, np.hypot(rounding, noise.folded_u_K))
     return DiskTraces(
-        **vars(channels) | {"chains": tuple(noise.behind(c) for c in channels.chains)},
+        columns=channels.columns,
+        lines=channels.lines,
+        chains=tuple(noise.behind(c) for c in channels.chains),
+        lag_covariance_s2=channels.lag_covariance_s2,
+        split_u_s=channels.split_u_s,
         name=disk,
         setup=setup,
         readings_degC=y,
@@ -324,14 +394,17 @@ def disk_traces(
         static_u_K=np.where(used, static_u_K, STAND_IN_K),
         uncertainty=rig.tables(disk).uncertainty,
         inner_K=np.zeros((len(y), len(setup.inner))),
-        findings=tuple(found),
+        findings=tuple(findings),
         left_out=left_out,
     )
 
 
 def gathered(findings: Sequence[Finding]) -> list[Finding]:
-    """What the reader noticed, the spikes of all columns as one note: every slip ring has some.
+    """Findings of the reader, with the spikes of all columns in one finding: every slip ring has
+    some.
 
+    Examples
+    --------
     >>> spiky = [info("spikes.removed", subject=f"fast_{c}_degC", count=n) for c, n in (("a", 3), ("c", 5))]
     >>> [f.sentence for f in gathered(spiky)]
     ['8 spikes in 2 channels were taken as missing, most in fast_c_degC (5)']
@@ -341,11 +414,11 @@ def gathered(findings: Sequence[Finding]) -> list[Finding]:
         return list(findings)
     most = max(spiky, key=lambda f: f.numbers["count"])
     counts = [f.numbers["count"] for f in spiky]
-    told = info(
+    summary = info(
         "spikes.gathered",
         subject=most.subject,
         count=sum(counts),
         columns=len(spiky),
         of_most=max(counts),
     )
-    return [told, *(f for f in findings if f.code != "spikes.removed")]
+    return [summary, *(f for f in findings if f.code != "spikes.removed")]

@@ -1,4 +1,6 @@
-"""Means of a compensated log over a record of time, with the covariance between all channels of both disks."""
+"""Means of a compensated log over a window of time, with the covariance between all channels of
+both disks.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,8 @@ from tcdyn.smoothing.record import Compensated
 from tcdyn.smoothing.smoother import window_covariance
 from tcdyn.smoothing.traces import DiskTraces
 
-LONGEST_COVARIANCE = 600  # samples: a matrix of 360 000 numbers for each channel
+# samples of a window at most: a matrix of 360 000 numbers for each channel
+MAX_SAMPLES = 600
 
 
 def over_window(
@@ -28,15 +31,38 @@ def over_window(
     length_s: float,
     start_s: float | None = None,
 ) -> dict[str, Any]:
-    """Covariance between samples, and means with that between channels, over ``length_s`` [s], as plain lists.
+    """Covariance between samples, and means with the covariance between channels, over a window.
 
-    ``start_s``: on the clock of ``time_s``; the last event, an unloading say, when left out. ``covariance_K2``: by
-    channel, (n, n) for the samples at ``time_s`` (n,); noise, regularisation, lag and the instants of events are in it;
-    the static line's uncertainty, one error for all samples, is not. ``mean_degC`` (M,) of
-    ``channels`` (M,), ``mean_covariance_K2`` (M, M): noise of each channel, lags (of a disk move together), static
-    lines, the reference that lines have in common, and the instants of events, common to both disks. u of the
-    difference of two means is sqrt(C_ii + C_jj - 2 C_ij), in ``difference_u_K`` (M, M).
-    Raises InputError where nothing was smoothed, there is no event to begin at, or the record is too long.
+    Parameters
+    ----------
+    log
+        Name of the log.
+    time
+        Times of the samples (N,) [s].
+    events
+        Event times [s].
+    disks, compensated
+        Traces and compensated record of each disk.
+    length_s
+        Length of the window [s].
+    start_s
+        Start on the clock of ``time``; the last event, such as an unloading, when left out.
+
+    Returns
+    -------
+    dict
+        As plain lists. ``covariance_K2``: for each channel, (n, n) for the samples at ``time_s``
+        (n,); it includes noise, regularisation, lag and event times, but not the uncertainty of the
+        static line, which is one error for all samples. ``mean_degC`` (M,) of ``channels`` (M,),
+        and ``mean_covariance_K2`` (M, M): noise of each channel, lags (those of a disk are
+        correlated), static lines, the reference that lines have in common, and the event times,
+        common to both disks. ``difference_u_K`` (M, M): u of the difference of two means, sqrt(C_ii
+        + C_jj - 2 C_ij).
+
+    Raises
+    ------
+    InputError
+        If nothing was smoothed, if there is no event to start at, or if the window is too long.
     """
     if start_s is None and not events:
         raise InputError(
@@ -46,55 +72,57 @@ def over_window(
             parameters={"start_s": None},
         )
     dt_s = interval_s(time)
-    begin = events[-1] if start_s is None else start_s - time[0]
-    first = max(int(np.ceil(begin / dt_s - 1e-6)), 0)
+    start = events[-1] if start_s is None else start_s - time[0]
+    first = max(int(np.ceil(start / dt_s - 1e-6)), 0)
     last = min(first + round(length_s / dt_s), len(time))
-    if not 1 < last - first <= LONGEST_COVARIANCE:
+    if not 1 < last - first <= MAX_SAMPLES:
         raise InputError(
             f"a covariance over {last - first} samples",
-            expected=f"2 to {LONGEST_COVARIANCE}, {LONGEST_COVARIANCE * dt_s:.3g} s",
+            expected=f"2 to {MAX_SAMPLES}, {MAX_SAMPLES * dt_s:.3g} s",
             remedy="ask for another length",
         )
-    between: dict[str, list[list[float]]] = {}
-    names = list[str]()
-    means = list[float]()
+    sample_covariance: dict[str, list[list[float]]] = {}
+    names: list[str] = []
+    means: list[float] = []
     blocks = []
     shared = []
-    by_event = []
+    event_means = []
     rows = slice(first, last)
     for disk, traces in disks.items():
-        found = compensated[disk]
+        result = compensated[disk]
         shared.append(shared_u_K(traces.lines))
-        rate = found.lag_sensitivity[rows].mean(axis=0)
-        divided = found.split_K[rows].mean(axis=0)
-        block = np.outer(rate, rate) * found.lag_covariance
+        lag_rate = result.lag_sensitivity[rows].mean(axis=0)
+        split = result.split_K[rows].mean(axis=0)
+        block = np.outer(lag_rate, lag_rate) * result.lag_covariance
         for i, name in enumerate(traces.columns):
-            own = window_covariance(
-                traces.measured_degC[:, i], dt_s, traces.chains[i], found, i, first, last
+            channel_covariance = window_covariance(
+                traces.measured_degC[:, i], dt_s, traces.chains[i], result, i, first, last
             )
-            instants = np.array([moved[rows, i] for moved in found.by_event_K]).reshape(
+            event_shifts = np.array([shift[rows, i] for shift in result.by_event_K]).reshape(
                 -1, last - first
             )
-            between[name.removesuffix("_degC")] = (own + instants.T @ instants).tolist()
-            by_event.append(instants.mean(axis=1))
-            noise = max(float(own.mean()) - block[i, i] - divided[i] ** 2, 0.0)
-            line = max(float(np.mean(found.static_u[rows, i] ** 2)) - shared[-1][i] ** 2, 0.0)
-            block[i, i] += noise + divided[i] ** 2 + line
+            sample_covariance[name.removesuffix("_degC")] = (
+                channel_covariance + event_shifts.T @ event_shifts
+            ).tolist()
+            event_means.append(event_shifts.mean(axis=1))
+            noise_var = max(float(channel_covariance.mean()) - block[i, i] - split[i] ** 2, 0.0)
+            line_var = max(float(np.mean(result.static_u[rows, i] ** 2)) - shared[-1][i] ** 2, 0.0)
+            block[i, i] += noise_var + split[i] ** 2 + line_var
         names += [name.removesuffix("_degC") for name in traces.columns]
-        means += found.temperature[rows].mean(axis=0).tolist()
+        means += result.temperature[rows].mean(axis=0).tolist()
         blocks.append(block)
     common = np.concatenate(shared)
-    moved_K = np.array(by_event)  # channels, events
-    whole = block_diag(*blocks) + np.outer(common, common) + moved_K @ moved_K.T
-    variance = np.diag(whole)
+    event_shift_K = np.array(event_means)  # channels, events
+    covariance = block_diag(*blocks) + np.outer(common, common) + event_shift_K @ event_shift_K.T
+    variance = np.diag(covariance)
     return {
         "log": log,
         "time_s": time[rows].tolist(),
-        "covariance_K2": between,
+        "covariance_K2": sample_covariance,
         "channels": names,
         "mean_degC": means,
-        "mean_covariance_K2": whole.tolist(),
+        "mean_covariance_K2": covariance.tolist(),
         "difference_u_K": np.sqrt(
-            np.maximum(variance[:, None] + variance - 2 * whole, 0.0)
+            np.maximum(variance[:, None] + variance - 2 * covariance, 0.0)
         ).tolist(),
     }
