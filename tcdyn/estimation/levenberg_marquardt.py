@@ -1,4 +1,9 @@
-"""Levenberg-Marquardt on the normal equations: priors, a box, held combinations, robust losses, models that end."""
+"""Nonlinear least squares by damped Gauss-Newton steps (Levenberg-Marquardt) on the normal
+equations.
+
+With priors, box bounds, fixed combinations of parameters, robust losses (outlier rejection), and
+models that cannot be computed everywhere.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +19,13 @@ from tcdyn.core import Array
 from tcdyn.estimation.problem import Optimum, Problem, Status, inverse
 
 Loss = Literal["linear", "huber", "bisquare"]
-TUNING = {"huber": 1.345, "bisquare": 4.685}  # 95 % efficiency for normal noise
-TRIALS = 12  # dampings tried before a step is given up
+# tuning constants of the robust losses: 95 % efficiency for normal noise
+TUNING = {"huber": 1.345, "bisquare": 4.685}
+# dampings tried before a step fails
+DAMPING_TRIALS = 12
+# reweightings at most, and the relative change of a parameter at which they end
 REWEIGHTINGS = 25
-SETTLED = 1e-6
+WEIGHTS_SETTLED = 1e-6
 
 
 @dataclass(frozen=True)
@@ -42,48 +50,78 @@ def minimise(
     damping: float = 1e-3,
     secant: bool = False,
 ) -> Optimum:
-    """The least sum of squares from ``start`` (P,).
+    """Minimise the sum of squares of ``problem`` from ``start`` (P,) by Levenberg-Marquardt steps.
 
-    Stops once a full Gauss-Newton step would lower the cost by less than ``tolerance`` + ``relative`` x cost (that
-    step is still taken), once two steps in a row have, or after ``limit`` steps. Steps are damped in the scale of the
-    information's diagonal (Marquardt), the first by ``damping``, no larger than the problem's ``largest``, and put into
-    the box, held combinations and all; a parameter on its bound that the gradient pushes outwards stays. ``fixed``
-    (C, P): combinations that stay as they are at the start, besides the problem's own. ``secant`` learns from step to
-    step what the residuals' own curvature adds to the information (Dennis, Gay and Welsch 1981): of use in curved
-    valleys along which the data tell little, where steps by the information alone fall short or go too far. ``loss``
-    "huber" or "bisquare" weighs samples anew by their residuals, scaled by the median absolute deviation, until nothing
-    moves (bisquare begins at Huber's answer). A start where the model cannot be computed, or that the box does not
-    allow, gives Status.NOWHERE and an infinite cost.
+    The search stops once a full Gauss-Newton step would lower the cost by less than ``tolerance`` +
+    ``relative`` x cost (that step is still taken), once two steps in a row have, or after ``limit``
+    steps. Steps are damped in the scale of the diagonal of the information (Marquardt), limited by
+    the problem's ``largest``, and clipped to the box such that fixed combinations stay. A parameter
+    on its bound that the gradient pushes outwards stays there.
 
+    Parameters
+    ----------
+    problem
+        What is fitted.
+    start
+        Start values (P,).
+    fixed
+        Combinations (C, P) that keep their value of the start, besides the problem's own.
+    loss
+        ``linear``, or a robust loss ``huber`` or ``bisquare``: samples are reweighted by their
+        residuals, scaled by the median absolute deviation, until the parameters do not change
+        (bisquare starts from Huber's estimate).
+    limit
+        Largest number of steps.
+    tolerance, relative
+        Absolute and relative decrease of the cost at which the search stops.
+    damping
+        Damping of the first step.
+    secant
+        Estimate from step to step what the second derivatives of the residuals add to the
+        information (Dennis, Gay and Welsch 1981). This helps in curved valleys along which the data
+        determine little, where steps by the information are too short or too long.
+
+    Returns
+    -------
+    Optimum
+        With Status.NOWHERE and an infinite cost if the model cannot be computed at the start or the
+        box does not allow it.
+
+    Examples
+    --------
     >>> t = np.linspace(0, 1, 50)
     >>> def decay(theta):
     ...     y = theta[0] * np.exp(-t / theta[1])
     ...     return y - 2 * np.exp(-t / 0.3), np.column_stack([y / theta[0], y * t / theta[1] ** 2])
-    >>> found = minimise(Problem(("size", "tau"), decay), np.array([1.0, 1.0]))
-    >>> found.theta.round(6), found.status.name
+    >>> fit = minimise(Problem(("size", "tau"), decay), np.array([1.0, 1.0]))
+    >>> fit.theta.round(6), fit.status.name
     (array([2. , 0.3]), 'CONVERGED')
     """
-    search = limit, tolerance, relative, damping, secant
-    found = _descend(problem, start, fixed, None, *search)
-    if loss == "linear" or not np.isfinite(found.cost):
-        return found
-    for kind in ("huber", "bisquare") if loss == "bisquare" else ("huber",):
+    options = limit, tolerance, relative, damping, secant
+    optimum = _descend(problem, start, fixed, None, *options)
+    if loss == "linear" or not np.isfinite(optimum.cost):
+        return optimum
+    kinds: tuple[Loss, ...] = ("huber", "bisquare") if loss == "bisquare" else ("huber",)
+    for robust_loss in kinds:
         for _ in range(REWEIGHTINGS):
-            weights = weights_of(found.residual, kind)
-            before = found.theta
-            found = _descend(problem, before, fixed, weights, *search)
-            if np.max(np.abs(found.theta - before) / (np.abs(before) + SETTLED)) < SETTLED:
+            weights = weights_of(optimum.residual, robust_loss)
+            before = optimum.theta
+            optimum = _descend(problem, before, fixed, weights, *options)
+            change = np.abs(optimum.theta - before) / (np.abs(before) + WEIGHTS_SETTLED)
+            if np.max(change) < WEIGHTS_SETTLED:
                 break
-    return found
+    return optimum
 
 
 def held(near: Optimum, toward: str | Array, value: float, **search: float) -> Optimum:
-    """The optimum with a parameter, or a combination ``toward`` @ theta, held at ``value``, begun at ``near``.
+    """The optimum with a parameter, or a combination ``toward`` @ theta, fixed at ``value``.
 
-    What ``near`` held besides its problem's ``fixed`` is free again; keywords as those of :func:`minimise`. The search
-    begins where all else has followed as the information at ``near`` says, or, where the model cannot be computed
-    there, has stayed.
+    The search starts where all other parameters follow as the information at ``near`` says, or,
+    where the model cannot be computed there, from their values. Combinations that ``near`` fixed
+    besides its problem's ``fixed`` are free again. The keywords are those of :func:`minimise`.
 
+    Examples
+    --------
     >>> from tcdyn.estimation.problem import Problem
     >>> both = Problem(("a", "b"), lambda x: (x - np.array([1.0, 2.0]), np.eye(2)))
     >>> held(minimise(both, np.zeros(2)), "a", 5.0).theta
@@ -91,21 +129,25 @@ def held(near: Optimum, toward: str | Array, value: float, **search: float) -> O
     """
     row = near.problem.toward(toward)
     directions = free_directions(near.problem.fixed)
-    follow = directions @ inverse(directions.T @ near.information @ directions) @ directions.T @ row
-    found = None
-    for along in (follow, directions @ (directions.T @ row)):
-        if float(row @ along) > 0:
-            start = near.theta + along * (value - float(row @ near.theta)) / float(row @ along)
-            found = minimise(near.problem, start, fixed=row[None], **search)  # type: ignore[arg-type]
-            if found.status is not Status.NOWHERE:
+    following = (
+        directions @ inverse(directions.T @ near.information @ directions) @ directions.T @ row
+    )
+    optimum = None
+    for step in (following, directions @ (directions.T @ row)):
+        if float(row @ step) > 0:
+            start = near.theta + step * (value - float(row @ near.theta)) / float(row @ step)
+            optimum = minimise(near.problem, start, fixed=row[None], **search)  # type: ignore[arg-type]
+            if optimum.status is not Status.NOWHERE:
                 break
-    assert found is not None, "the combination is one that the problem holds fixed"
-    return found
+    assert optimum is not None, "the combination is one that the problem holds fixed"
+    return optimum
 
 
 def least(optima: Sequence[Optimum]) -> Optimum:
-    """The one with the least cost, for instance of several starts.
+    """The optimum with the lowest cost, for instance of several starts.
 
+    Examples
+    --------
     >>> from tcdyn.estimation.problem import Problem
     >>> def gap(x): return np.array([x[0] ** 2 - 1, 0.1 * (x[0] - 1)]), np.array([[2 * x[0]], [0.1]])
     >>> two_valleys = Problem(("x",), gap)
@@ -128,17 +170,17 @@ def _descend(
 ) -> Optimum:
     rows = problem.fixed if fixed is None else np.vstack([problem.fixed, fixed])
     directions = free_directions(rows)
-    now = _state(problem, _inside(np.asarray(start, dtype=float), problem, rows), weights)
-    if now is None:
-        nothing = np.zeros((0, problem.size))
-        full = np.diag(problem.precision)
+    current = _state(problem, _inside(np.asarray(start, dtype=float), problem, rows), weights)
+    if current is None:
+        no_jacobian = np.zeros((0, problem.size))
+        information = np.diag(problem.precision)
         return Optimum(
             problem,
             start,
             np.zeros(0),
-            nothing,
+            no_jacobian,
             np.inf,
-            full,
+            information,
             directions,
             Status.NOWHERE,
             0,
@@ -146,68 +188,71 @@ def _descend(
         )
     status = Status.STALLED
     steps = 0
-    idle = 0
-    left = False
-    second = np.zeros((problem.size, problem.size))
+    small_steps = 0
+    model_failed = False
+    second_order = np.zeros((problem.size, problem.size))
     while steps < limit:
-        low = now.theta <= problem.lower
-        at_end = np.flatnonzero(low | (now.theta >= problem.upper))
-        if len(
-            at_end
-        ):  # what must stay: bounds whose multipliers the gradient along the free directions asks for
-            normals = directions[at_end].T * np.where(low[at_end], 1.0, -1.0)
-            push = directions.T @ now.gradient
-            at_end = at_end[nnls(normals, push / (np.abs(normals.T @ push).max() or 1.0))[0] > 0]
-        free = (
-            free_directions(np.vstack([rows, np.eye(problem.size)[at_end]]))
-            if len(at_end)
-            else directions
-        )
-        done = Status.AT_BOUND if len(at_end) else Status.CONVERGED
-        slope = free.T @ now.gradient
-        curvature = free.T @ now.information @ free
+        at_lower = current.theta <= problem.lower
+        on_bound = np.flatnonzero(at_lower | (current.theta >= problem.upper))
+        if len(on_bound):
+            # bounds stay active where their multipliers along the free directions are positive
+            normals = directions[on_bound].T * np.where(at_lower[on_bound], 1.0, -1.0)
+            push = directions.T @ current.gradient
+            scale = np.abs(normals.T @ push).max() or 1.0
+            on_bound = on_bound[nnls(normals, push / scale)[0] > 0]
+        free = directions
+        if len(on_bound):
+            free = free_directions(np.vstack([rows, np.eye(problem.size)[on_bound]]))
+        converged_status = Status.AT_BOUND if len(on_bound) else Status.CONVERGED
+        slope = free.T @ current.gradient
+        curvature = free.T @ current.information @ free
         scale = 1 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
         slope = slope * scale
         curvature = curvature * scale[:, None] * scale
-        if second.any():
-            curvature = _curved(curvature, free.T @ second @ free * scale[:, None] * scale)
+        if second_order.any():
+            curvature = _with_second_order(
+                curvature, free.T @ second_order @ free * scale[:, None] * scale
+            )
         unit = np.eye(len(slope))
-        enough = tolerance + relative * now.cost
+        small_decrease = tolerance + relative * current.cost
         steps += 1
-        if idle == 2 and left:
+        if small_steps == 2 and model_failed:
             status = Status.EDGE
             break
-        if idle == 2 or float(slope @ np.linalg.solve(curvature + 1e-13 * unit, slope)) <= enough:
+        newton_decrease = float(slope @ np.linalg.solve(curvature + 1e-13 * unit, slope))
+        if small_steps == 2 or newton_decrease <= small_decrease:
             step = -free @ (scale * np.linalg.solve(curvature + min(damping, 1e-9) * unit, slope))
-            last = _state(problem, _inside(now.theta + step, problem, rows), weights)
-            now = last if last is not None and last.cost <= now.cost else now
-            status = done
+            final = _state(problem, _inside(current.theta + step, problem, rows), weights)
+            if final is not None and final.cost <= current.cost:
+                current = final
+            status = converged_status
             break
         trial = None
-        left = False
-        for _ in range(TRIALS):
+        model_failed = False
+        for _ in range(DAMPING_TRIALS):
             step = -free @ (scale * np.linalg.solve(curvature + damping * unit, slope))
             step = step / max(1.0, float(np.max(np.abs(step) / problem.largest)))
-            trial = _state(problem, _inside(now.theta + step, problem, rows), weights)
-            left |= trial is None
-            if trial is not None and trial.cost <= now.cost:
+            trial = _state(problem, _inside(current.theta + step, problem, rows), weights)
+            model_failed |= trial is None
+            if trial is not None and trial.cost <= current.cost:
                 break
             trial = None
             damping = max(damping * 10.0, 1e-3)
         if trial is None:
-            status = Status.EDGE if left else done
+            status = Status.EDGE if model_failed else converged_status
             break
-        idle = idle + 1 if now.cost - trial.cost <= enough else 0
-        second = _learnt(second, now, trial, weights) if secant else second
-        now = trial
+        small_steps = small_steps + 1 if current.cost - trial.cost <= small_decrease else 0
+        if secant:
+            second_order = _updated_second_order(second_order, current, trial, weights)
+        current = trial
         damping = max(damping / 8.0, 1e-12)
     return Optimum(
         problem,
-        now.theta,
-        now.residual,
-        now.jacobian,
-        now.cost,
-        now.information,
+        current.theta,
+        current.residual,
+        current.jacobian,
+        current.cost,
+        current.information,
         directions,
         status,
         steps,
@@ -215,95 +260,105 @@ def _descend(
     )
 
 
-def _curved(information: Array, second: Array) -> Array:
-    """The curvature with its ``second`` part, unless that leaves less than a tenth of the information anywhere."""
-    whole = information + second
+def _with_second_order(information: Array, second_order: Array) -> Array:
+    """The curvature with its second-order part, unless less than a tenth of the information remains
+    anywhere.
+    """
+    curvature = information + second_order
     try:
-        np.linalg.cholesky(whole - 0.1 * information)
+        np.linalg.cholesky(curvature - 0.1 * information)
     except np.linalg.LinAlgError:
         return information
-    return whole
+    return curvature
 
 
-def _learnt(second: Array, before: _State, after: _State, weights: Array | None) -> Array:
-    """What a step tells of sum_i residual_i (its second derivatives), (P, P): sized secant update of least change.
+def _updated_second_order(
+    second_order: Array, before: _State, after: _State, weights: Array | None
+) -> Array:
+    """Update sum_i residual_i (its second derivatives), (P, P), after a step: sized secant update
+    of least change.
 
-    Dennis, Gay and Welsch (1981), An adaptive nonlinear least-squares algorithm, ACM Trans. Math. Softw. 7, 348-368.
+    Dennis, Gay and Welsch (1981), An adaptive nonlinear least-squares algorithm, ACM Trans. Math.
+    Softw. 7, 348-368.
     """
     step = after.theta - before.theta
-    turned = after.gradient - before.gradient
-    along = float(turned @ step)
+    gradient_change = after.gradient - before.gradient
+    along = float(gradient_change @ step)
     if along <= 0:
-        return second
-    wanted = (after.jacobian - before.jacobian).T @ (
-        after.residual * (1.0 if weights is None else weights)
-    )
-    known = abs(float(step @ second @ step))
-    second = second * (min(1.0, abs(float(step @ wanted)) / known) if known else 1.0)
-    gap = wanted - second @ step
-    both = np.outer(gap, turned)
-    return second + (both + both.T - float(gap @ step) / along * np.outer(turned, turned)) / along
+        return second_order
+    weighted = after.residual if weights is None else after.residual * weights
+    target = (after.jacobian - before.jacobian).T @ weighted
+    predicted = abs(float(step @ second_order @ step))
+    if predicted:
+        second_order = second_order * min(1.0, abs(float(step @ target)) / predicted)
+    missing = target - second_order @ step
+    product = np.outer(missing, gradient_change)
+    correction = float(missing @ step) / along * np.outer(gradient_change, gradient_change)
+    return second_order + (product + product.T - correction) / along
 
 
 def free_directions(fixed: Array) -> Array:
-    """Orthonormal directions (P, F) that leave every combination ``fixed`` (C, P) as it is.
+    """Orthonormal directions (P, F) that leave every combination ``fixed`` (C, P) unchanged.
 
-    Parameters that no combination holds keep axes of their own, so that their scales stay apart.
+    Parameters in no combination keep axes of their own, so that their scales stay separate.
 
-    >>> free_directions(np.array([[1.0, 1.0, 0.0]])).shape  # of three parameters, the sum of two is held
+    Examples
+    --------
+    >>> free_directions(np.array([[1.0, 1.0, 0.0]])).shape  # of three parameters, one sum is fixed
     (3, 2)
     """
-    moving = np.any(fixed != 0, axis=0)
-    own = np.eye(fixed.shape[1])[:, ~moving]
-    within = np.zeros((len(moving), 0))
-    if moving.any():
-        basis = null_space(fixed[:, moving])
-        within = np.zeros((len(moving), basis.shape[1]))
-        within[moving] = basis
-    return np.hstack([own, within])
+    constrained = np.any(fixed != 0, axis=0)
+    axes = np.eye(fixed.shape[1])[:, ~constrained]
+    within = np.zeros((len(constrained), 0))
+    if constrained.any():
+        basis = null_space(fixed[:, constrained])
+        within = np.zeros((len(constrained), basis.shape[1]))
+        within[constrained] = basis
+    return np.hstack([axes, within])
 
 
 def _inside(theta: Array, problem: Problem, rows: Array) -> Array | None:
-    """``theta`` (P,) put into the box with the combinations ``rows`` @ theta (C,) as they are; None if that cannot be.
+    """``theta`` (P,) clipped to the box with the combinations ``rows`` @ theta (C,) unchanged; None
+    if impossible.
 
-    Whatever a bound takes from a combination its other parameters give back, in equal parts for equal weights.
+    What a bound takes from a combination, its other parameters give back, in equal parts for equal
+    weights.
     """
     value = rows @ theta
     size = np.abs(rows) @ np.abs(theta)
     free = np.any(rows != 0, axis=0)
     for _ in range(problem.size + 1):
-        put = np.clip(theta, problem.lower, problem.upper)
-        gap = value - rows @ put
-        if np.all(np.abs(gap) <= 1e-12 * size):
-            return np.asarray(put)
-        free &= put == theta
-        theta = put.copy()
-        theta[free] += np.linalg.lstsq(rows[:, free], gap, rcond=None)[0]
+        clipped = np.clip(theta, problem.lower, problem.upper)
+        missing = value - rows @ clipped
+        if np.all(np.abs(missing) <= 1e-12 * size):
+            return np.asarray(clipped)
+        free &= clipped == theta
+        theta = clipped.copy()
+        theta[free] += np.linalg.lstsq(rows[:, free], missing, rcond=None)[0]
     return None
 
 
 def _state(problem: Problem, theta: Array | None, weights: Array | None) -> _State | None:
-    """Cost, half-gradient and information at ``theta``; None where there is none."""
-    answer = None if theta is None else problem.evaluate(theta)
-    if theta is None or answer is None:
+    """Cost, half gradient and information at ``theta``; None where the model cannot be computed."""
+    evaluated = None if theta is None else problem.evaluate(theta)
+    if theta is None or evaluated is None:
         return None
-    residual, jacobian = answer
-    gap = theta - problem.prior_mean
-    heavy = jacobian if weights is None else weights[:, None] * jacobian
-    cost = float(
-        residual @ (residual if weights is None else weights * residual)
-        + problem.precision @ gap**2
-    )
-    information = jacobian.T @ heavy + np.diag(problem.precision)
+    residual, jacobian = evaluated
+    offset = theta - problem.prior_mean
+    weighted = jacobian if weights is None else weights[:, None] * jacobian
+    weighted_residual = residual if weights is None else weights * residual
+    cost = float(residual @ weighted_residual + problem.precision @ offset**2)
+    information = jacobian.T @ weighted + np.diag(problem.precision)
     if not np.isfinite(cost) or not np.isfinite(information).all():
         return None
-    return _State(
-        theta, residual, jacobian, cost, heavy.T @ residual + problem.precision * gap, information
-    )
+    gradient = weighted.T @ residual + problem.precision * offset
+    return _State(theta, residual, jacobian, cost, gradient, information)
 
 
 def weights_of(residual: Array, loss: str) -> Array:
-    """psi(r)/r (N,) of "huber" or "bisquare", with the scale from the median absolute deviation."""
+    """Robust weights psi(r)/r (N,) of ``huber`` or ``bisquare``, scaled by the median absolute
+    deviation.
+    """
     z = _standardised(residual, loss)
     if loss == "huber":
         return np.asarray(np.minimum(1.0, 1.0 / np.maximum(z, 1e-300)))
@@ -311,9 +366,12 @@ def weights_of(residual: Array, loss: str) -> Array:
 
 
 def robust_covariance(residual: Array, jacobian: Array, loss: str) -> Array:
-    """Huber's covariance of an M-estimate: [sum psi^2/(n - p)] / mean(psi')^2 (J'J)^-1 (Huber 1981, eq. 7.6.5).
+    """Huber's covariance of an M-estimate: [sum psi^2/(n - p)] / mean(psi')^2 (J'J)^-1 (Huber 1981,
+    eq. 7.6.5).
 
-    >>> r = np.array([0.5, -0.4, 0.1, -0.2, 9.0])  # the last one spoils the plain covariance only
+    Examples
+    --------
+    >>> r = np.array([0.5, -0.4, 0.1, -0.2, 9.0])  # the outlier affects the plain covariance only
     >>> bool(robust_covariance(r, np.ones((5, 1)), "huber")[0, 0] < r.var() / 5)
     True
     """

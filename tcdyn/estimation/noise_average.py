@@ -1,5 +1,6 @@
-"""A linear estimate averaged over what the noise may be: a first-order disturbance of any time constant beneath white
-noise."""
+"""A linear estimate averaged over the possible noise models: white noise plus a first-order
+disturbance of any time constant.
+"""
 
 from __future__ import annotations
 
@@ -13,23 +14,29 @@ from tcdyn.core import Array
 from tcdyn.estimation.arma import Noise
 from tcdyn.estimation.problem import inverse
 
-# nodes of time constant and gain, times the box may be drawn closer
+# Values without a source below were chosen by judgement.
+# grid points of time constant and gain, and the number of reductions of the box
 GRID = (12, 8)
 ZOOMS = 4
-# drop of ln likelihood that the box holds; its least gain, of its area, for another time
-DEEP = 6.0
-CLOSER = 0.7
-# time constants: in samples, in records
-SHORTEST = 0.7
-LONGEST = 10.0
-OUTLASTS = 0.8  # probability of those beyond the record, random walks to it: that noise comes back must be in the data
-GAIN = (-9.0, 5.0)  # logit of the Kalman gain: from hardly any disturbance to nothing but it
+# drop of the log likelihood that the box contains; ratio of areas that is worth a further reduction
+MAX_LOG_DROP = 6.0
+MIN_REDUCTION = 0.7
+# time constants: shortest in samples, longest in records
+MIN_TAU_SAMPLES = 0.7
+MAX_TAU_RECORDS = 10.0
+# prior probability of time constants beyond the record, which are random walks in it: the data must
+# show that the noise returns to its mean
+OUTLASTS = 0.8
+# logit of the Kalman gain: from hardly any disturbance to disturbance only
+GAIN = (-9.0, 5.0)
 
 
 def noise_of(log_tau: float, logit_gain: float) -> Noise:
-    """n = v + w, v_t = a v_(t-1) + white, w white: ARMA(1, 1) with C = 1 - a (1 - K) q^-1, K the Kalman gain of v.
+    """The sum n = v + w of a first-order disturbance v_t = a v_(t-1) + white and white noise w, as
+    an ARMA(1, 1) model.
 
-    a = exp(-1/tau), tau in samples. Such noise has never less power at low frequencies than at high ones.
+    a = exp(-1/tau), tau in samples, and C = 1 - a (1 - K) q^-1 with the Kalman gain K of v. Such
+    noise never has less power at low frequencies than at high ones.
     """
     a = float(np.exp(-np.exp(-log_tau)))
     k = float(expit(logit_gain))
@@ -38,8 +45,24 @@ def noise_of(log_tau: float, logit_gain: float) -> Noise:
 
 @dataclass(frozen=True)
 class Slopes:
-    """A problem made linear at some x: residuals (N,), their Jacobian (N, P) in the scale ``size`` (P,) of its columns
-    (infinite of what is held), and the prior's rows; the last ``drifts`` columns are those of drifts."""
+    """A problem linearised at some x.
+
+    Parameters
+    ----------
+    residual
+        Residuals (N,).
+    jacobian
+        Jacobian (N, P) in the scale ``size`` of its columns; the last ``drifts`` columns are those
+        of drifts.
+    size
+        Scale of the columns (P,); infinite for a fixed parameter.
+    prior
+        Rows of the prior.
+    parts
+        Segments of the record without gaps.
+    drifts
+        Number of drift columns.
+    """
 
     residual: Array
     jacobian: Array
@@ -49,10 +72,12 @@ class Slopes:
     drifts: int
 
     def given(self, noise: Noise) -> tuple[float, Array, Array]:
-        """ln likelihood of ``noise``, x and its noise's level integrated, the step of x (P,) and its covariance (P, P).
+        """Log likelihood of ``noise`` with x and the noise level integrated out, the step of x (P,)
+        and its covariance (P, P).
 
-        -2 ln L = (N - P) ln |w|^2 + ln det J'WJ + ln det of the noise (Patterson and Thompson 1971); a drift has the
-        prior that one independent sample would give, so that it costs the logarithm of how many there are, as in BIC.
+        -2 ln L = (N - P) ln |w|^2 + ln det J'WJ + ln det of the noise (Patterson and Thompson
+        1971). A drift has the prior that one independent sample would give, so that it costs the
+        logarithm of their number, as in BIC.
         """
         table = noise.whiten(np.column_stack([self.jacobian, self.residual]), self.parts)
         factor = np.asarray(np.linalg.qr(np.vstack([table, self.prior]), mode="r"))
@@ -60,24 +85,35 @@ class Slopes:
         n = len(self.residual)
         upper = factor[:p, :p]
         free = p - self.drifts
-        rest = float(factor[-1, -1] ** 2) + 1e-300
-        seen = np.isfinite(self.size[:free])
-        volume = 2 * float(np.sum(np.log(np.abs(np.diag(upper))[:free][seen] + 1e-12)))
-        deviance = (n - free) * np.log(rest) + volume + noise.log_spread(self.parts)
-        deviance += self.drifts * np.log(noise.independent(n)) if self.drifts else 0.0
+        residual_square = float(factor[-1, -1] ** 2) + 1e-300
+        free_columns = np.isfinite(self.size[:free])
+        volume = 2 * float(np.sum(np.log(np.abs(np.diag(upper))[:free][free_columns] + 1e-12)))
+        deviance = (n - free) * np.log(residual_square) + volume + noise.log_spread(self.parts)
+        if self.drifts:
+            deviance += self.drifts * np.log(noise.independent(n))
         unit = inverse(upper.T @ upper)
         step = -unit @ (upper.T @ factor[:p, p])
         return (
             -0.5 * deviance,
             step / self.size,
-            rest / (n - p) * unit / np.outer(self.size, self.size),
+            residual_square / (n - p) * unit / np.outer(self.size, self.size),
         )
 
 
 @dataclass(frozen=True)
 class NoiseGrid:
-    """Noises by logarithm of their time constant and logit of their gain, ``places`` (K, 2) within a ``box`` (2, 2)
-    that holds what is likely, and what :meth:`Slopes.given` says of each."""
+    """Noise models on a grid, and the result of :meth:`Slopes.given` for each.
+
+    Parameters
+    ----------
+    box
+        Bounds (2, 2) of the logarithm of the time constant and the logit of the gain; they enclose
+        the likely models.
+    places
+        Grid points (K, 2).
+    noises, nodes
+        Noise model and result at each point.
+    """
 
     box: Array
     places: Array
@@ -86,20 +122,23 @@ class NoiseGrid:
 
     @classmethod
     def of(cls, slopes: Slopes, box: Array) -> NoiseGrid:
-        """The grid within ``box``, drawn closer about what is likely; where the likelihood is flat it stays wide."""
-        whole = widest(len(slopes.residual))
+        """The grid in ``box``, reduced to the likely region; where the likelihood is flat it stays
+        wide.
+        """
+        full_box = widest(len(slopes.residual))
         for zoom in range(ZOOMS):
             step = np.ptp(box, axis=1) / GRID
             places = box[:, 0] + (np.indices(GRID).reshape(2, -1).T + 0.5) * step
             noises = tuple(noise_of(*place) for place in places.tolist())
             nodes = tuple(slopes.given(noise) for noise in noises)
-            height = np.array([node[0] for node in nodes])
-            kept = places[height > height.max() - DEEP]
-            closer = np.column_stack([kept.min(axis=0) - step, kept.max(axis=0) + step])
-            closer = np.clip(closer, whole[:, :1], whole[:, 1:])
-            if zoom == ZOOMS - 1 or np.prod(np.ptp(closer, axis=1)) > CLOSER * np.prod(
-                np.ptp(box, axis=1)
-            ):
+            log_likelihood = np.array([node[0] for node in nodes])
+            likely_points = places[log_likelihood > log_likelihood.max() - MAX_LOG_DROP]
+            closer = np.column_stack(
+                [likely_points.min(axis=0) - step, likely_points.max(axis=0) + step]
+            )
+            closer = np.clip(closer, full_box[:, :1], full_box[:, 1:])
+            area = np.prod(np.ptp(box, axis=1))
+            if zoom == ZOOMS - 1 or np.prod(np.ptp(closer, axis=1)) > MIN_REDUCTION * area:
                 break
             box = closer
         return cls(box, places, noises, nodes)
@@ -107,41 +146,47 @@ class NoiseGrid:
     def integrated(
         self, slopes: Slopes, others: Sequence[Noise]
     ) -> tuple[float, float, Noise, Array, Array]:
-        """Evidence, share of random walks, likeliest noise, mean step of x (P,) and covariance (P, P) over ``others``
-        and the grid.
+        """Average over the grid and the noise models ``others``.
 
-        All gains from 0 to 1 are alike probable, and so are logarithms of the time constant within the record, and
-        beyond it; the others are each as probable as all first-order noises together.
+        All gains from 0 to 1 are equally probable, and so are logarithms of the time constant
+        within the record, and beyond it. Each of the others is as probable as all first-order
+        models together.
+
+        Returns
+        -------
+        evidence, random_walk_share, likeliest, mean, covariance
+            Log evidence, probability of random walks, most likely noise model, mean step of x (P,)
+            and its covariance (P, P).
         """
         n = len(slopes.residual)
         gain = expit(self.places[:, 1])
         walks = self.places[:, 0] > np.log(n)
-        density = np.where(walks, OUTLASTS / np.log(LONGEST), (1 - OUTLASTS) / np.log(n / SHORTEST))
+        density = np.where(
+            walks, OUTLASTS / np.log(MAX_TAU_RECORDS), (1 - OUTLASTS) / np.log(n / MIN_TAU_SAMPLES)
+        )
         prior = np.prod(np.ptp(self.box, axis=1)) / len(self.nodes) * density * gain * (1 - gain)
         nodes = [*self.nodes, *(slopes.given(noise) for noise in others)]
         log_likelihood = np.array([node[0] for node in nodes])
-        height = log_likelihood + np.log([*prior, *np.ones(len(others))])
-        mean, covariance = moments(height, *(np.array([node[k] for node in nodes]) for k in (1, 2)))
+        log_weight = log_likelihood + np.log([*prior, *np.ones(len(others))])
+        means = np.array([node[1] for node in nodes])
+        covariances = np.array([node[2] for node in nodes])
+        mean, covariance = moments(log_weight, means, covariances)
         likeliest = [*self.noises, *others][int(np.argmax(log_likelihood))]
-        evidence = float(logsumexp(height))
-        return (
-            evidence,
-            float(np.sum(np.exp(height[: len(walks)] - evidence)[walks])),
-            likeliest,
-            mean,
-            covariance,
-        )
+        evidence = float(logsumexp(log_weight))
+        walk_share = float(np.sum(np.exp(log_weight[: len(walks)] - evidence)[walks]))
+        return evidence, walk_share, likeliest, mean, covariance
 
 
 def widest(n: int) -> Array:
-    """The box (2, 2) of all first-order noises in a record of n samples."""
-    return np.array([[np.log(SHORTEST), np.log(LONGEST * n)], GAIN])
+    """The box (2, 2) of all first-order noise models in a record of n samples."""
+    return np.array([[np.log(MIN_TAU_SAMPLES), np.log(MAX_TAU_RECORDS * n)], GAIN])
 
 
-def moments(height: Array, means: Array, covariances: Array) -> tuple[Array, Array]:
-    """Mean (P,) and covariance (P, P) of a mixture with log weights ``height`` (K,) of ``means`` (K, P) and their
-    ``covariances`` (K, P, P)."""
-    weight = np.exp(height - logsumexp(height))
+def moments(log_weight: Array, means: Array, covariances: Array) -> tuple[Array, Array]:
+    """Mean (P,) and covariance (P, P) of a mixture with log weights ``height`` (K,), ``means`` (K,
+    P) and ``covariances`` (K, P, P).
+    """
+    weight = np.exp(log_weight - logsumexp(log_weight))
     mean = weight @ means
-    apart = means - mean
-    return mean, np.einsum("k,kpq->pq", weight, covariances) + (apart.T * weight) @ apart
+    difference = means - mean
+    return mean, np.einsum("k,kpq->pq", weight, covariances) + (difference.T * weight) @ difference

@@ -1,4 +1,6 @@
-"""What is fitted: named parameters, whitened residuals with Jacobian, normal priors, a box; and where that ended."""
+"""The least-squares problem (parameters, residuals, Jacobian, normal priors, box) and its optimum
+with covariance.
+"""
 
 from __future__ import annotations
 
@@ -12,13 +14,17 @@ import numpy as np
 from tcdyn.core import Array
 
 Evaluate = Callable[[Array], tuple[Array, Array] | None]
-LEAST_TOLD = 0.02  # below this the data say nothing of a parameter, and its pull means nothing
-CUT = 1e-14  # of the largest eigenvalue, in a scale of unit diagonal: below it a direction was not seen
+# share of the prior variance that the data remove, at least, in a pull; below it the pull means nothing
+MIN_INFORMATION_SHARE = 0.02
+# share of the largest eigenvalue, with unit diagonal, below which a direction is undetermined
+EIGENVALUE_CUT = 1e-14
 
 
 class Status(StrEnum):
     """How a search ended.
 
+    Examples
+    --------
     >>> Status.AT_BOUND.value
     'converged with a parameter on its bound: the data do not ask for it'
     """
@@ -34,12 +40,31 @@ class Status(StrEnum):
 class Problem:
     """Sum of squares over theta (P,): |residual|^2 + sum ((theta - prior_mean)/prior_sd)^2.
 
-    ``evaluate(theta)`` gives the residual model - measured (N,), in standard deviations of its noise where that is
-    known, and its Jacobian (N, P); None where the model cannot be computed (unstable, outside a table).
-    ``prior_mean``, ``prior_sd`` (P,): inf where nothing was known. ``lower``, ``upper`` (P,): the box. ``largest``
-    (P,): the most that one step of a search may change a parameter by. ``fixed`` (C, P): combinations
-    ``fixed @ theta`` that every search leaves as they are at its start. What is None is not asked for, and then holds
-    what says so. ``size`` is P, ``precision`` (P,) is 1/prior_sd^2.
+    Parameters
+    ----------
+    names
+        Names of the parameters (P).
+    evaluate
+        ``evaluate(theta)`` gives the residual model - measured (N,), whitened or in standard
+        deviations of its noise where that is known, and its Jacobian (N, P); None where the model
+        cannot be computed (unstable, outside a table).
+    prior_mean, prior_sd
+        Normal priors (P,); infinite sd where there is none.
+    lower, upper
+        The box (P,).
+    largest
+        Largest change of a parameter in one step of a search (P,).
+    fixed
+        Combinations ``fixed @ theta`` (C, P) that every search leaves at their start values.
+    size
+        P.
+    precision
+        1/prior_sd^2 (P,).
+
+    Notes
+    -----
+    None for a field means no prior, no bound, no limit or no fixed combination; the field then
+    holds the corresponding array.
     """
 
     names: tuple[str, ...]
@@ -56,39 +81,52 @@ class Problem:
     def __post_init__(self) -> None:
         p = len(self.names)
         object.__setattr__(self, "size", p)
-        plain = {
+        defaults = {
             "prior_mean": 0.0,
             "prior_sd": np.inf,
             "lower": -np.inf,
             "upper": np.inf,
             "largest": np.inf,
         }
-        for name, nothing in plain.items():
+        for name, default in defaults.items():
             given = getattr(self, name)
-            object.__setattr__(
-                self, name, np.full(p, nothing) if given is None else np.asarray(given, dtype=float)
-            )
-        object.__setattr__(
-            self, "fixed", np.zeros((0, p)) if self.fixed is None else np.atleast_2d(self.fixed)
-        )
+            value = np.full(p, default) if given is None else np.asarray(given, dtype=float)
+            object.__setattr__(self, name, value)
+        fixed = np.zeros((0, p)) if self.fixed is None else np.atleast_2d(self.fixed)
+        object.__setattr__(self, "fixed", fixed)
         object.__setattr__(self, "precision", self.prior_sd**-2.0)
 
     def toward(self, name: str | Array) -> Array:
-        """The unit vector (P,) of a parameter; a vector of weights is itself."""
-        return (
-            np.eye(self.size)[self.names.index(name)]
-            if isinstance(name, str)
-            else np.asarray(name, dtype=float)
-        )
+        """The unit vector (P,) of a parameter; a vector of weights is returned as it is."""
+        if isinstance(name, str):
+            return np.asarray(np.eye(self.size)[self.names.index(name)])
+        return np.asarray(name, dtype=float)
 
 
 @dataclass(frozen=True)
 class Optimum:
-    """Where a search ended.
+    """Result of a search.
 
-    ``cost`` is the sum of squares with priors; ``residual`` (N,) and ``jacobian`` (N, P) are the problem's own there,
-    without robust ``weights`` (N,), None where the loss was linear; ``information`` (P, P) is half the Hessian of the
-    cost, J'WJ + prior precision; ``directions`` (P, F) are those that theta was free to move along.
+    Parameters
+    ----------
+    problem
+        The problem.
+    theta
+        Parameters (P,).
+    residual, jacobian
+        Residual (N,) and Jacobian (N, P) there, without the robust ``weights``.
+    cost
+        Sum of squares with priors.
+    information
+        Half the Hessian of the cost (P, P), J'WJ + prior precision.
+    directions
+        Directions (P, F) in which theta was free.
+    status
+        How the search ended.
+    steps
+        Number of steps.
+    weights
+        Robust weights (N,); None for the linear loss.
     """
 
     problem: Problem = field(repr=False)
@@ -115,10 +153,11 @@ class Optimum:
 
     @property
     def log_volume(self) -> float:
-        """Half the log determinant of the information along the directions: what Laplace's marginal asks for."""
-        return 0.5 * float(
-            np.linalg.slogdet(self.directions.T @ self.information @ self.directions)[1]
-        )
+        """Half the log determinant of the information along the directions, for Laplace's
+        approximation of the marginal likelihood.
+        """
+        information = self.directions.T @ self.information @ self.directions
+        return 0.5 * float(np.linalg.slogdet(information)[1])
 
     def value(self, name: str | Array) -> float:
         """A parameter, or a combination of parameters, at the optimum."""
@@ -131,24 +170,29 @@ class Optimum:
 
     @property
     def pulls(self) -> dict[str, float]:
-        """By parameter with a prior: how far the data moved it, in units of what noise alone would have moved it by.
+        """Pull of each parameter with a prior: (theta - prior_mean)/sqrt(prior variance - posterior
+        variance).
 
-        (theta - prior_mean)/sqrt(prior variance - posterior variance): normal with unit variance if all is well. The
-        data alone would ask for prior_mean + (theta - prior_mean)/told, told being the share of the prior variance
-        that they removed.
+        It is normal with unit variance if the prior is right: how far the data moved the parameter,
+        in units of what noise would have moved it by. The data without the prior would give
+        prior_mean + (theta - prior_mean)/s, with s the share of the prior variance that they
+        removed.
         """
         precision = self.problem.precision
         shift = self.theta - self.problem.prior_mean
-        told = 1 - np.diag(self.covariance) * precision
-        pull = shift * np.sqrt(precision / np.maximum(told, LEAST_TOLD))
+        variance_share = 1 - np.diag(self.covariance) * precision
+        pull = shift * np.sqrt(precision / np.maximum(variance_share, MIN_INFORMATION_SHARE))
         return {n: float(z) for n, z, w in zip(self.problem.names, pull, precision) if w > 0}
 
 
 def inverse(information: Array) -> Array:
-    """Inverse (P, P) of a positive semidefinite matrix of very unequal scales; unseen directions are left out.
+    """Inverse (P, P) of a positive semidefinite matrix of very unequal scales, without undetermined
+    directions.
 
-    In the scale that makes the diagonal one, by eigenvalues, those below 1e-14 of the largest cut off.
+    The diagonal is scaled to one; eigenvalues below 1e-14 of the largest are cut off.
 
+    Examples
+    --------
     >>> inverse(np.diag([1e-20, 4.0])).diagonal()
     array([1.0e+20, 2.5e-01])
     """
@@ -156,8 +200,10 @@ def inverse(information: Array) -> Array:
 
 
 def determined(information: Array) -> bool:
-    """Whether every direction of parameter space was seen.
+    """Whether the information determines every direction of the parameter space.
 
+    Examples
+    --------
     >>> determined(np.array([[1.0, 1.0], [1.0, 1.0]]))
     False
     """
@@ -165,40 +211,49 @@ def determined(information: Array) -> bool:
 
 
 def _inverse(information: Array) -> tuple[Array, bool]:
-    size = np.sqrt(np.diag(information))
-    seen = size > 0
-    scale = np.where(seen, size, 1.0)
+    """The inverse, and whether every direction is determined."""
+    diagonal_root = np.sqrt(np.diag(information))
+    present = diagonal_root > 0
+    scale = np.where(present, diagonal_root, 1.0)
     values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
-    keep = values > CUT * values[-1]
+    keep = values > EIGENVALUE_CUT * values[-1]
     half = vectors[:, keep] / np.sqrt(values[keep]) / scale[:, None]
-    return np.asarray(half @ half.T), bool(values[0] > 10 * CUT * values[-1] and seen.all())
+    full_rank = values[0] > 10 * EIGENVALUE_CUT * values[-1] and present.all()
+    return np.asarray(half @ half.T), bool(full_rank)
 
 
 def from_rows(rows: Array) -> tuple[Array, float]:
-    """(rows' rows)^-1 by the triangular factor of ``rows`` (N, P), so that the condition number is never squared.
+    """(rows' rows)^-1 by the triangular factor of ``rows`` (N, P), so that the condition number is
+    not squared.
 
-    Also gives the least part of a column, of its length, that the others leave: near zero where two columns are one,
-    and then the covariance means nothing.
+    The second result is the smallest part of a column, relative to its length, that the others do
+    not explain. It is near zero where two columns are equal; the covariance then means nothing.
 
+    Examples
+    --------
     >>> from_rows(np.array([[2.0, 0.0], [0.0, 1.0]]))[0].tolist()
     [[0.25, 0.0], [0.0, 1.0]]
     """
-    size = np.linalg.norm(rows, axis=0)
-    scale = np.where(size > 0, size, 1.0)
+    length = np.linalg.norm(rows, axis=0)
+    scale = np.where(length > 0, length, 1.0)
     factor = np.linalg.qr(rows / scale, mode="r")
-    left = float(np.abs(np.diag(factor)).min())
-    if left == 0:
+    smallest = float(np.abs(np.diag(factor)).min())
+    if smallest == 0:
         return np.full((rows.shape[1], rows.shape[1]), np.inf), 0.0
     half = np.linalg.solve(factor, np.eye(len(factor))) / scale[:, None]
-    return np.asarray(half @ half.T), left
+    return np.asarray(half @ half.T), smallest
 
 
 def orthonormal(table: Array, tolerance: float = 1e-10) -> Array:
-    """Orthonormal basis (N, rank) of the columns of ``table`` (N, P); ``tolerance`` on squared singular values.
+    """Orthonormal basis (N, rank) of the columns of ``table`` (N, P); ``tolerance`` on squared
+    singular values.
 
-    By the eigenvectors of the Gram matrix, twice, which for tall tables is far quicker than a full factorisation.
+    By the eigenvectors of the Gram matrix, twice, which for tall tables is much faster than a full
+    factorisation.
 
-    >>> orthonormal(np.array([[1.0, 2.0], [1.0, 2.0], [0.0, 0.0]])).shape  # two columns that are one
+    Examples
+    --------
+    >>> orthonormal(np.array([[1.0, 2.0], [1.0, 2.0], [0.0, 0.0]])).shape  # two parallel columns
     (3, 1)
     """
     scale = np.linalg.norm(table, axis=0)
@@ -213,11 +268,15 @@ def orthonormal(table: Array, tolerance: float = 1e-10) -> Array:
 
 
 def wave_factor(z: Array, sums: int = 25) -> float:
-    """Variance of slow waves in standardised residuals ``z`` (N, C) over that of white noise: never below one.
+    """Discount (covariance factor) for correlated residuals: variance of slow waves in ``z`` over
+    that of white noise.
 
-    The mean square of sums over an N/``sums``-th of the record each, which any slow misfit fills and white noise
-    of unit variance does not. Columns that hold nothing, of a channel left out, do not count.
+    ``z`` (N, C) are standardised residuals. The factor is the mean square of normalised sums over
+    an N/``sums``-th of the record, at least one. A slow misfit raises it; white noise of unit
+    variance does not. Columns of zeros (a channel left out) do not count.
 
+    Examples
+    --------
     >>> slow = np.sin(np.arange(1000) / 100)[:, None]
     >>> round(wave_factor(slow)), round(wave_factor(np.random.default_rng(0).standard_normal((1000, 1))), 1)
     (19, 1.0)

@@ -1,4 +1,4 @@
-"""Profile likelihood: one number held here and there, everything else fitted again."""
+"""Profile likelihood: one number fixed at several values, all other parameters fitted again."""
 
 from __future__ import annotations
 
@@ -12,18 +12,25 @@ from tcdyn.core.estimate import Z95
 from tcdyn.estimation.levenberg_marquardt import held
 from tcdyn.estimation.problem import Optimum, Status
 
-LEAST_STEP = 1 / 6  # of the first one: shorter steps toward an end are not tried
-SLOW = (
-    2 / 9
-)  # of the normal deviance: below it, beyond three standard uncertainties, strides grow by half
+# shortest step, as a share of the first; chosen by judgement
+MIN_STEP = 1 / 6
+# share of the normal deviance below which, beyond three standard uncertainties, steps grow by half
+SLOW_DEVIANCE = 2 / 9
 
 
 @dataclass(frozen=True)
 class Profile:
-    """``deviance`` (K,) of ``value`` (K,), in rising order: the cost above that of the optimum, all else refitted.
+    """Deviance (K,) as a function of ``value`` (K,), in rising order: the cost above that of the
+    optimum.
 
-    ``low95`` and ``high95`` are where the deviance passes ``level``; None where it never does, as far as it was
-    followed. ``optima`` are the fits, one a value.
+    Parameters
+    ----------
+    value, deviance
+        Values, and the deviance with all other parameters fitted again.
+    level
+        Deviance at the ends of the 95 % interval.
+    optima
+        The fits, one a value.
     """
 
     value: Array
@@ -33,12 +40,12 @@ class Profile:
 
     @property
     def low95(self) -> float | None:
-        """Lower end of the interval."""
+        """Lower end of the 95 % interval; None where the deviance does not reach ``level``."""
         return crossing(self.value[::-1], self.deviance[::-1], self.level)
 
     @property
     def high95(self) -> float | None:
-        """Upper end of the interval."""
+        """Upper end of the 95 % interval; None where the deviance does not reach ``level``."""
         return crossing(self.value, self.deviance, self.level)
 
 
@@ -59,18 +66,44 @@ def profile(
     cost: Callable[[Optimum], float] = lambda o: o.cost,
     **search: float,
 ) -> Profile:
-    """Walk a parameter, or the combination ``toward`` @ theta, both ways from ``optimum``.
+    """Profile a parameter, or the combination ``toward`` @ theta, in both directions from
+    ``optimum``.
 
-    Steps of ``step`` standard uncertainties ``u`` (that of the optimum by default), each fit begun at its neighbour's,
-    until the deviance (cost - least)/``scale`` passes ``drop``, or ``reach`` uncertainties, or the box, or an end of
-    the open interval ``within``; steps that the model does not allow are halved. ``scale`` is the variance of
-    residuals that were not whitened, times any inflation. ``refine`` > 0 puts more fits where the deviance passes
-    ``level``, until its root is within this share of the level's. To profile a number that is a function of the
-    coordinate, such as tau = exp(theta), give ``value`` (coordinate to number) and ``at`` (back); u, steps and
-    ``within`` are then the number's. ``cost`` may add to the cost: o.cost + 2 o.log_volume makes it a marginal one.
-    Other keywords are those of ``minimise``.
+    The walk goes in steps, each fit started at its neighbour's, until the deviance (cost -
+    least)/``scale`` exceeds ``drop``, or to ``reach``, the box, or an end of the open interval
+    ``within``. Steps for which the model cannot be computed are halved. The square root of the
+    deviance is nearly straight; the ends of the interval are found by linear interpolation in it.
 
-    The root of the deviance is nearly straight; ends are found by straight lines in it.
+    Parameters
+    ----------
+    optimum
+        The optimum.
+    toward
+        Name of a parameter, or a combination (P,).
+    u
+        Standard uncertainty, the unit of ``step`` and ``reach``; that of the optimum by default.
+    scale
+        Variance of residuals that were not whitened, times any inflation.
+    level
+        Deviance at the ends of the interval.
+    step
+        First step.
+    drop
+        Deviance at which the walk ends.
+    reach
+        Largest distance.
+    refine
+        If positive, more fits are made where the deviance passes ``level``, until its root is
+        within this share of the root of the level.
+    value, at
+        To profile a function of the coordinate, such as tau = exp(theta): coordinate to number, and
+        number to coordinate. ``u``, steps and ``within`` are then in the number's unit.
+    within
+        Open interval of the number.
+    cost
+        Cost of a fit; o.cost + 2 o.log_volume makes it a marginal likelihood.
+    search
+        Keywords of ``minimise``.
     """
     problem = optimum.problem
     row = problem.toward(toward)
@@ -78,19 +111,19 @@ def profile(
     centre = value(float(row @ optimum.theta))
     low, high = _box(optimum, row)
 
-    def walked(side: float) -> list[_Point]:
+    def walk(side: float) -> list[_Point]:
         points = [_Point(centre, cost(optimum), optimum)]
 
         def add(number: float, near: Optimum) -> bool:
-            done = held(near, row, at(number), **search)
-            if done.status in (Status.EDGE, Status.NOWHERE):
+            fit = held(near, row, at(number), **search)
+            if fit.status in (Status.EDGE, Status.NOWHERE):
                 return False
-            points.append(_Point(number, cost(done), done))
+            points.append(_Point(number, cost(fit), fit))
             return True
 
         offset = 0.0
         stride = step
-        while stride >= LEAST_STEP * step and offset < reach - 1e-9:
+        while stride >= MIN_STEP * step and offset < reach - 1e-9:
             number = centre + side * (offset + stride) * width
             inside = within[0] < number < within[1]
             at_end = inside and not low < at(number) < high
@@ -103,29 +136,31 @@ def profile(
             deviance = (points[-1].cost - min(p.cost for p in points)) / scale
             if deviance > drop or at_end:
                 break
-            if offset > 3.0 and deviance < SLOW * offset**2:
+            if offset > 3.0 and deviance < SLOW_DEVIANCE * offset**2:
                 stride *= 1.5
         for _ in range(8 if refine else 0):
             outward = sorted(points, key=lambda p: side * p.number)
             numbers = np.array([p.number for p in outward])
-            end = crossing(
-                numbers, np.array([(p.cost - points[0].cost) / scale for p in outward]), level
-            )
-            if end is None or not add(end, outward[int(np.argmin(np.abs(numbers - end)))].fit):
+            deviances = np.array([(p.cost - points[0].cost) / scale for p in outward])
+            end = crossing(numbers, deviances, level)
+            if end is None:
                 break
-            if (
-                abs(np.sqrt(max(points[-1].cost - points[0].cost, 0.0) / scale / level) - 1)
-                < refine
-            ):
+            nearest = outward[int(np.argmin(np.abs(numbers - end)))]
+            if not add(end, nearest.fit):
+                break
+            end_deviance = max(points[-1].cost - points[0].cost, 0.0) / scale
+            if abs(np.sqrt(end_deviance / level) - 1) < refine:
                 break
         return points[1:]
 
-    below = walked(-1.0)
-    above = walked(1.0)
-    every = sorted([_Point(centre, cost(optimum), optimum), *below, *above], key=lambda p: p.number)
-    deviances = np.array([(p.cost - cost(optimum)) / scale for p in every])
-    fits = tuple(p.fit for p in every)
-    return Profile(np.array([p.number for p in every]), deviances, level, fits)
+    below = walk(-1.0)
+    above = walk(1.0)
+    points_sorted = sorted(
+        [_Point(centre, cost(optimum), optimum), *below, *above], key=lambda p: p.number
+    )
+    deviances = np.array([(p.cost - cost(optimum)) / scale for p in points_sorted])
+    fits = tuple(p.fit for p in points_sorted)
+    return Profile(np.array([p.number for p in points_sorted]), deviances, level, fits)
 
 
 @dataclass(frozen=True)
@@ -136,30 +171,32 @@ class _Point:
 
 
 def crossing(value: Array, deviance: Array, level: float = Z95**2) -> float | None:
-    """Where the deviance first reaches ``level`` beyond its least, going along ``value``; None when it never does.
+    """Where the deviance first reaches ``level`` beyond its minimum, along ``value``; None if it
+    never does.
 
     Linear in the root of the deviance, exact for a parabola.
 
+    Examples
+    --------
     >>> crossing(np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.0, 4.0]), 2.25)
     1.5
     """
     k = int(np.argmin(deviance))
     root = np.sqrt(np.maximum(deviance[k:], 0.0))
-    wanted = np.sqrt(level)
-    beyond = np.flatnonzero(root >= wanted)
+    root_level = np.sqrt(level)
+    beyond = np.flatnonzero(root >= root_level)
     if not len(beyond):
         return None
     j = int(beyond[0])
-    part = (wanted - root[j - 1]) / (root[j] - root[j - 1])
-    return float(value[k + j - 1] + part * (value[k + j] - value[k + j - 1]))
+    share = (root_level - root[j - 1]) / (root[j] - root[j - 1])
+    return float(value[k + j - 1] + share * (value[k + j] - value[k + j - 1]))
 
 
 def _box(optimum: Optimum, row: Array) -> tuple[float, float]:
-    """Ends of what the box allows a single parameter; a combination has none of its own."""
-    at = np.flatnonzero(row)
-    if len(at) != 1:
+    """Ends of the box for a single parameter; infinite for a combination."""
+    index = np.flatnonzero(row)
+    if len(index) != 1:
         return -np.inf, np.inf
-    ends = sorted(
-        float(b[at[0]] * row[at[0]]) for b in (optimum.problem.lower, optimum.problem.upper)
-    )
-    return ends[0], ends[1]
+    k = int(index[0])
+    ends = [float(b[k] * row[k]) for b in (optimum.problem.lower, optimum.problem.upper)]
+    return min(ends), max(ends)
