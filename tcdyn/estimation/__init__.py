@@ -1,8 +1,8 @@
-"""Least squares: residual, Jacobian and priors to optimum, covariance, pulls and intervals. One core for every fit.
+"""Least squares for all fits: from residuals, Jacobian and priors to the optimum, its covariance and intervals.
 
-It knows nothing of thermocouples. A caller says what the parameters are called and how residuals (in standard
-deviations of their noise, if that is known) and their Jacobian follow from them; priors are normal, and inf where there
-is none.
+It contains nothing specific to thermocouples. The caller gives the names of the parameters, and a
+function for the residuals (whitened, or in standard deviations of their noise where that is known)
+and their Jacobian. Priors are normal, with infinite standard deviation where there is none.
 
 >>> import numpy as np
 >>> from tcdyn.estimation import Problem, minimise, profile
@@ -14,22 +14,23 @@ is none.
 ...     return (size * decay - measured) / 0.1, np.column_stack([decay, size * decay * t / tau**2]) / 0.1
 >>> problem = Problem(
 ...     ("size_K", "tau_s"), residual_and_jacobian,
-...     prior_mean=np.array([0.0, 0.8]), prior_sd=np.array([np.inf, 0.2]),  # something was known of tau
+...     prior_mean=np.array([0.0, 0.8]), prior_sd=np.array([np.inf, 0.2]),  # a prior for tau
 ...     lower=np.array([0.0, 1e-3]), largest=np.array([np.inf, 0.5]),  # no step changes tau by more than 0.5 s
 ... )
 >>> best = minimise(problem, np.array([1.0, 1.5]))
 >>> best.converged, best.theta.round(2), round(best.u("tau_s"), 4)
 (True, array([5.01, 0.69]), 0.0047)
->>> round(best.pulls["tau_s"], 1)  # the data moved the stated 0.8 s by half its uncertainty
+>>> round(best.pulls["tau_s"], 1)  # the data moved the prior mean of 0.8 s by half its uncertainty
 -0.5
->>> walk = profile(best, "tau_s", step=0.5)
->>> abs(walk.high95 - (best.value("tau_s") + 1.96 * best.u("tau_s"))) < 0.001
+>>> likelihood_profile = profile(best, "tau_s", step=0.5)
+>>> abs(likelihood_profile.high95 - (best.value("tau_s") + 1.96 * best.u("tau_s"))) < 0.001
 True
 
-``minimise(problem, start, fixed=rows)`` leaves the combinations rows @ theta as they are; ``held(best, "tau_s", 0.8)``
-fits the rest again; ``loss="huber"`` forgives spikes. Coloured residuals are the business of ``noise``: ``sandwich``
-(an autoregression fitted to them), ``correlation_length`` and ``wave_factor`` (variance factors). Where the model
-cannot be computed, ``residual_and_jacobian`` returns None.
+``minimise(problem, start, fixed=rows)`` leaves the combinations rows @ theta unchanged;
+``held(best, "tau_s", 0.8)`` fits the other parameters again with one fixed; ``loss="huber"`` is a
+robust loss for outliers. For correlated residuals there are ``sandwich`` (an autoregressive model of
+the residuals), and the discounts ``correlation_length`` and ``wave_factor`` (covariance factors).
+Where the model cannot be computed, ``residual_and_jacobian`` returns None.
 """
 
 from tcdyn.estimation.arma import (

@@ -1,4 +1,6 @@
-"""Coloured residuals: AR and ARMA models, whitening, and covariances that do not believe in white noise."""
+"""Noise models for correlated (coloured) residuals: AR and ARMA models, whitening, and the
+covariance of estimates.
+"""
 
 from __future__ import annotations
 
@@ -17,11 +19,20 @@ from tcdyn.estimation.problem import Problem, Status, inverse
 
 @dataclass(frozen=True)
 class Noise:
-    """n_t = C(q)/D(q) e_t with D = 1 + d_1 q^-1 + .. (AR) and C = 1 + c_1 q^-1 + .. (MA).
+    """ARMA noise model n_t = C(q)/D(q) e_t with D = 1 + d_1 q^-1 + .. (AR) and C = 1 + c_1 q^-1 +
+    .. (MA).
 
-    ``rest``: it begins from nothing with the record, as a random walk (D(1) = 0) does whose first level is the offset;
-    else it has gone on for ever. ``fitted`` of its coefficients were found from the residuals (all where None).
-    ``averaged``: these are the likeliest of those over which an estimate was averaged.
+    Parameters
+    ----------
+    ar, ma
+        Coefficients d and c.
+    rest
+        The noise starts at zero with the record, as a random walk (D(1) = 0) does whose first level
+        is the offset; otherwise it is stationary.
+    fitted
+        Number of coefficients that were estimated from the residuals (all where None).
+    averaged
+        The model is the most likely one of those over which an estimate was averaged.
     """
 
     ar: tuple[float, ...] = ()
@@ -32,49 +43,51 @@ class Noise:
 
     @property
     def parameters(self) -> int:
-        """How many of its coefficients were found from the residuals."""
+        """Number of coefficients that were estimated from the residuals."""
         return len(self.ar) + len(self.ma) if self.fitted is None else self.fitted
 
     @property
     def white(self) -> bool:
-        """Whether this is no colour at all."""
+        """Whether the noise is white."""
         return not self.ar and not self.ma
 
     @property
     def order(self) -> tuple[int, int]:
-        """How many of its AR coefficients, a random walk's own left out, and of its MA coefficients were fitted."""
+        """Numbers of fitted AR coefficients (without that of a random walk) and MA coefficients."""
         return (len(self.ar) - self.walks, len(self.ma)) if self.parameters else (0, 0)
 
     @property
     def walks(self) -> bool:
-        """Whether it has no level to come back to."""
+        """Whether it is a random walk, without a level to return to."""
         return abs(1.0 + sum(self.ar)) < 1e-9
 
     @property
     def memory(self) -> float:
-        """Time constant of its slowest part [samples]; infinite for a random walk."""
+        """Time constant of its slowest component [samples]; infinite for a random walk."""
         slowest = max(np.abs(np.roots([1.0, *self.ar])), default=0.0)
-        return (
-            0.0
-            if slowest == 0
-            else float("inf")
-            if slowest >= 1 - 1e-9
-            else float(-1 / np.log(slowest))
-        )
+        if slowest == 0:
+            return 0.0
+        if slowest >= 1 - 1e-9:
+            return float("inf")
+        return float(-1 / np.log(slowest))
 
     def independent(self, n: int) -> float:
-        """How many of ``n`` samples are independent: their variance over that of n times their mean; 2 at least."""
+        """Effective number of independent samples among ``n``: their variance over the variance of
+        their mean; at least 2.
+        """
         if self.white:
             return float(n)
         pulse = signal.lfilter([1.0, *self.ma], [1.0, *self.ar], np.eye(1, n)[0])
-        return max(n * float(pulse @ pulse) * ((1 + sum(self.ar)) / (1 + sum(self.ma))) ** 2, 2.0)
+        inverse_gain = (1 + sum(self.ar)) / (1 + sum(self.ma))
+        return max(n * float(pulse @ pulse) * inverse_gain**2, 2.0)
 
     def whiten(self, table: Array, parts: Sequence[slice]) -> Array:
-        """D/C applied down the rows of ``table`` (N,) or (N, P), afresh in every part (a stretch without a gap).
+        """Whitening: apply D/C down the rows of ``table`` (N,) or (N, P), separately in every
+        segment without a gap.
 
-        What the noise was before a part is as uncertain as noise that has gone on for ever makes it (exact likelihood).
-        Not where it begins from rest; after a gap it has a level that nobody knows, whose whitened form, C's own
-        response, is taken out of the rows.
+        The noise before a segment has the uncertainty of stationary noise (exact likelihood). This
+        does not hold for noise that starts at rest; after a gap such noise has an unknown level,
+        whose whitened form, the response of C, is projected out of the rows.
         """
         if self.white:
             return table
@@ -84,33 +97,39 @@ class Noise:
             if self.rest and k:
                 level = signal.lfilter([1.0, *self.ar], [1.0, *self.ma], np.ones(len(filtered)))
                 shape = level[:, None] / (np.linalg.norm(level) or 1.0)
-                shrink = np.ones(1)
+                factor = np.ones(1)
             else:
-                shape, spread = self._begun(len(filtered))
-                shrink = 1 - 1 / np.sqrt(1 + spread)
-            out[s] = filtered - (shape * shrink) @ (shape.T @ filtered)
+                shape, spread = self._presample(len(filtered))
+                factor = 1 - 1 / np.sqrt(1 + spread)
+            out[s] = filtered - (shape * factor) @ (shape.T @ filtered)
         return out
 
     def log_spread(self, parts: Sequence[slice]) -> float:
-        """ln of the determinant of the noise's covariance over that of its innovations: what ``whiten`` leaves out."""
-        return float(sum(np.sum(np.log1p(self._begun(s.stop - s.start)[1])) for s in parts))
+        """Log of the determinant of the noise covariance over that of its innovations, which
+        ``whiten`` leaves out.
+        """
+        return float(sum(np.sum(np.log1p(self._presample(s.stop - s.start)[1])) for s in parts))
 
-    def _begun(self, n: int) -> tuple[Array, Array]:
-        """What the state before a part of n samples does to their innovations (:func:`begun`); nothing from rest."""
-        return (
-            (np.zeros((n, 0)), np.zeros(0))
-            if self.rest or self.white
-            else begun(self.ar, self.ma, n)
-        )
+    def _presample(self, n: int) -> tuple[Array, Array]:
+        """Effect of the state before a segment of n samples (:func:`presample_effect`); none at
+        rest.
+        """
+        if self.rest or self.white:
+            return np.zeros((n, 0)), np.zeros(0)
+        return presample_effect(self.ar, self.ma, n)
 
 
 @lru_cache(maxsize=4)
-def begun(ar: tuple[float, ...], ma: tuple[float, ...], n: int) -> tuple[Array, Array]:
-    """What the unknown state before n samples of an ARMA noise does to their innovations: its shapes (n, F),
-    orthonormal, and their variances (F,) over that of the innovation.
+def presample_effect(ar: tuple[float, ...], ma: tuple[float, ...], n: int) -> tuple[Array, Array]:
+    """Effect of the unknown state before n samples of ARMA noise on their innovations.
 
-    The state z of the filter C/D, z' = A z + B e, has the covariance P = A P A' + B B', summed by doubling for 10^9
-    samples (a random walk's would never end); that of D/C is its negative.
+    Returns orthonormal shapes (n, F) and their variances (F,) over that of the innovation.
+
+    Notes
+    -----
+    The state z of the filter C/D, z' = A z + B e, has the covariance P = A P A' + B B', summed by
+    doubling for 10^9 samples (that of a random walk would never converge). The state of D/C is its
+    negative.
     """
     m = max(len(ar), len(ma))
     d = np.zeros(m)
@@ -124,16 +143,17 @@ def begun(ar: tuple[float, ...], ma: tuple[float, ...], n: int) -> tuple[Array, 
         p = p + a @ p @ a.T
         a = a @ a
     shape = signal.lfilter([1.0, *d], [1.0, *c], np.zeros((n, m)), axis=0, zi=np.eye(m))[0]
-    value, vector = np.linalg.eigh(p)
-    left, size, _ = np.linalg.svd(
-        shape @ (vector * np.sqrt(np.maximum(value, 0.0))), full_matrices=False
-    )
-    return left, size**2
+    eigenvalues, eigenvectors = np.linalg.eigh(p)
+    scaled = shape @ (eigenvectors * np.sqrt(np.maximum(eigenvalues, 0.0)))
+    basis, singular_values, _ = np.linalg.svd(scaled, full_matrices=False)
+    return basis, singular_values**2
 
 
 def autocovariance(e: Array, parts: Sequence[slice], lags: int) -> tuple[Array, Array]:
-    """Sums of e_t e_{t-k} over pairs within a part, k = 0..lags, and the number of pairs.
+    """Sums of e_t e_{t-k} over pairs within a segment, k = 0..lags, and the number of pairs.
 
+    Examples
+    --------
     >>> sums, pairs = autocovariance(np.array([1.0, -1.0, 1.0, -1.0]), [slice(0, 4)], lags=1)
     >>> sums.tolist(), pairs.tolist()
     ([4.0, -3.0], [4.0, 3.0])
@@ -149,8 +169,10 @@ def autocovariance(e: Array, parts: Sequence[slice], lags: int) -> tuple[Array, 
 
 
 def fit_ar(e: Array, parts: Sequence[slice], max_order: int = 20) -> Noise:
-    """The autoregression of ``e`` with the lowest AICc up to ``max_order`` (Yule-Walker).
+    """The autoregressive model of ``e`` with the lowest AICc up to ``max_order`` (Yule-Walker).
 
+    Examples
+    --------
     >>> e = signal.lfilter([1.0], [1.0, -0.8], np.random.default_rng(0).standard_normal(2000))
     >>> fit_ar(e, [slice(0, 2000)], max_order=1).ar[0].__round__(1)
     -0.8
@@ -173,11 +195,14 @@ def fit_ar(e: Array, parts: Sequence[slice], max_order: int = 20) -> Noise:
 
 
 def fit_arma(e: Array, parts: Sequence[slice], p: int, q: int) -> Noise:
-    """ARMA(p, q) of ``e`` by conditional least squares, started by Hannan and Rissanen's two regressions.
+    """The ARMA(p, q) model of ``e`` by conditional least squares, started by the regressions of
+    Hannan and Rissanen.
 
+    Examples
+    --------
     >>> e = signal.lfilter([1.0, 0.5], [1.0, -0.8], np.random.default_rng(0).standard_normal(4000))
-    >>> found = fit_arma(e, [slice(0, 4000)], 1, 1)
-    >>> round(found.ar[0], 1), round(found.ma[0], 1)
+    >>> noise = fit_arma(e, [slice(0, 4000)], 1, 1)
+    >>> round(noise.ar[0], 1), round(noise.ma[0], 1)
     (-0.8, 0.5)
     """
     if p == 0 and q == 0:
@@ -187,7 +212,8 @@ def fit_arma(e: Array, parts: Sequence[slice], p: int, q: int) -> Noise:
     targets = []
     m = max(p, q)
     for s in parts:
-        x, w = e[s], innovation[s]
+        x = e[s]
+        w = innovation[s]
         for t in range(m, len(x)):
             rows.append([*(-x[t - i - 1] for i in range(p)), *(w[t - i - 1] for i in range(q))])
             targets.append(x[t])
@@ -196,7 +222,9 @@ def fit_arma(e: Array, parts: Sequence[slice], p: int, q: int) -> Noise:
     def evaluate(x: Array) -> tuple[Array, Array] | None:
         d = np.concatenate([[1.0], x[:p]])
         c = np.concatenate([[1.0], x[p:]])
-        if (p and np.max(np.abs(np.roots(d))) >= 1) or (q and np.max(np.abs(np.roots(c))) >= 1):
+        unstable = p and np.max(np.abs(np.roots(d))) >= 1
+        not_invertible = q and np.max(np.abs(np.roots(c))) >= 1
+        if unstable or not_invertible:
             return None
         r = np.zeros(len(e))
         j = np.zeros((len(e), p + q))
@@ -213,19 +241,20 @@ def fit_arma(e: Array, parts: Sequence[slice], p: int, q: int) -> Noise:
             r[s.start : s.start + m] = 0.0
         return r, j
 
-    problem = Problem(
-        (*(f"d_{i + 1}" for i in range(p)), *(f"c_{i + 1}" for i in range(q))), evaluate
-    )
-    for shrink in (1.0, 0.7, 0.3, 0.0):
-        powers = shrink ** np.concatenate([np.arange(1, p + 1), np.arange(1, q + 1)])
-        found = minimise(problem, start * powers, tolerance=0.0)
-        if found.status is not Status.NOWHERE:
-            return Noise(tuple(found.theta[:p].tolist()), tuple(found.theta[p:].tolist()))
+    names = [*(f"d_{i + 1}" for i in range(p)), *(f"c_{i + 1}" for i in range(q))]
+    problem = Problem(tuple(names), evaluate)
+    for factor in (1.0, 0.7, 0.3, 0.0):
+        powers = factor ** np.concatenate([np.arange(1, p + 1), np.arange(1, q + 1)])
+        fit = minimise(problem, start * powers, tolerance=0.0)
+        if fit.status is not Status.NOWHERE:
+            return Noise(tuple(fit.theta[:p].tolist()), tuple(fit.theta[p:].tolist()))
     return Noise()
 
 
 def coefficients(partial: Array) -> Array:
-    """Of the polynomial 1 + d_1 q^-1 + .. whose partial correlations are ``partial``: Levinson's recursion."""
+    """Coefficients of the polynomial 1 + d_1 q^-1 + .. with the partial correlations ``partial``:
+    Levinson's recursion.
+    """
     d = np.zeros(0)
     for k in partial:
         d = np.append(d - k * d[::-1], -k)
@@ -233,13 +262,15 @@ def coefficients(partial: Array) -> Array:
 
 
 def partials(d: Array) -> Array:
-    """Partial correlations of 1 + d_1 q^-1 + .., the recursion backwards."""
-    found = []
+    """Partial correlations of 1 + d_1 q^-1 + ..: Levinson's recursion backwards."""
+    values = []
     while len(d):
         k = -d[-1]
-        found.append(k)
-        d = (d[:-1] + k * d[-2::-1]) / max(1 - k**2, 1e-9) if len(d) > 1 else d[:0]
-    return np.array(found[::-1])
+        values.append(k)
+        if len(d) == 1:
+            break
+        d = (d[:-1] + k * d[-2::-1]) / max(1 - k**2, 1e-9)
+    return np.array(values[::-1])
 
 
 def equation_error(
@@ -253,63 +284,94 @@ def equation_error(
 ) -> tuple[Array, Array]:
     """The equation error A(q) r of residuals ``r`` (N,), and its Jacobian from theirs, ``j``.
 
-    ``colour`` gives the coefficients of A behind its first at ``x``, of which ``moved`` are the places that A depends
-    on, so that the noise tells of the poles as in an ARX regression. Nought where a part (a stretch without a gap)
-    lacks the samples before; where its initial state is ``free`` the residuals themselves, which determine that state.
+    Parameters
+    ----------
+    colour
+        Gives the coefficients of A after the first at ``x``, so that the noise carries information
+        on the poles, as in an ARX regression.
+    x
+        Parameters (P,).
+    moved
+        Indices of the parameters that A depends on.
+    parts
+        Segments without gaps. The equation error is zero where a segment lacks the samples before.
+    r, j
+        Residuals (N,) and their Jacobian (N, P).
+    free
+        Whether the initial state of each segment is free. Then the first samples are the residuals,
+        which determine that state.
     """
-    own = colour(x)
+    coefs = colour(x)
     step = 1e-6 * np.maximum(np.abs(x), 1e-9)
-    slopes = [(colour(x + step * (np.arange(len(x)) == i)) - own) / step[i] for i in moved]
-    w = np.zeros_like(r)
+    slopes = [(colour(x + step * (np.arange(len(x)) == i)) - coefs) / step[i] for i in moved]
+    error = np.zeros_like(r)
     table = np.zeros_like(j)
-    p = len(own)
+    p = len(coefs)
     for k, s in enumerate(parts):
         if k < len(free) and free[k]:
             first = slice(s.start, min(s.start + p, s.stop))
-            w[first], table[first] = r[first], j[first]
-        late = np.array(
+            error[first] = r[first]
+            table[first] = j[first]
+        lagged = np.array(
             [r[s.start + p - k : s.stop - k] for k in range(1, p + 1) if s.stop - s.start > p]
         )
-        if len(late):
-            w[s.start + p : s.stop] = r[s.start + p : s.stop] + own @ late
-            table[s.start + p : s.stop] = signal.lfilter([1.0, *own], [1.0], j[s], axis=0)[p:]
-            table[s.start + p : s.stop, moved] += (np.array(slopes) @ late).T
-    return w, table
+        if len(lagged):
+            error[s.start + p : s.stop] = r[s.start + p : s.stop] + coefs @ lagged
+            table[s.start + p : s.stop] = signal.lfilter([1.0, *coefs], [1.0], j[s], axis=0)[p:]
+            table[s.start + p : s.stop, moved] += (np.array(slopes) @ lagged).T
+    return error, table
 
 
 def sandwich(
     jacobian: Array, residual: Array, parts: Sequence[slice], precision: Array | None = None
 ) -> Array:
-    """Covariance (P, P) of a least-squares estimate whose residuals are coloured.
+    """Covariance (P, P) of a least-squares estimate with correlated residuals (sandwich estimator).
 
-    (J'J)^-1 J' V J (J'J)^-1 with V the covariance of the autoregression fitted to the residuals: J'VJ is s^2 times
-    the product of J filtered backwards in time by the noise filter. ``precision`` (P,) of normal priors, in units of
-    the residuals' variance, is added to J'J, and times that variance to J'VJ.
+    Parameters
+    ----------
+    jacobian, residual
+        Jacobian (N, P) and residuals (N,).
+    parts
+        Segments without gaps.
+    precision
+        Precision (P,) of normal priors, in units of the variance of the residuals; it is added to
+        J'J, and times that variance to J'VJ.
 
+    Notes
+    -----
+    (J'J)^-1 J' V J (J'J)^-1 with V the covariance of the autoregressive model fitted to the
+    residuals. J'VJ is s^2 times the product of J filtered backwards in time by the noise filter.
+
+    Examples
+    --------
     >>> e = signal.lfilter([1.0], [1.0, -0.8], np.random.default_rng(0).standard_normal(2000))
-    >>> u = float(sandwich(np.ones((2000, 1)), e, [slice(0, 2000)])[0, 0]) ** 0.5  # of the mean of coloured noise
-    >>> round(u / (np.std(e) / 2000**0.5))  # times as large as if it were white
+    >>> u = float(sandwich(np.ones((2000, 1)), e, [slice(0, 2000)])[0, 0]) ** 0.5  # of the mean
+    >>> round(u / (np.std(e) / 2000**0.5))  # in units of that for white noise
     3
     """
     n, p = jacobian.shape
     noise = fit_ar(residual, parts)
     innovation = noise.whiten(residual, parts)
     variance = float(innovation @ innovation) / (n - p)
-    shaped = np.zeros_like(jacobian)
+    filtered = np.zeros_like(jacobian)
     for s in parts:
-        shaped[s] = signal.lfilter([1.0], [1.0, *noise.ar], jacobian[s][::-1], axis=0)[::-1]
-    known = np.zeros(p) if precision is None else precision
-    bread = inverse(jacobian.T @ jacobian + np.diag(known))
-    half = shaped @ bread  # squared as a whole: a product of three loses all digits
-    spread = float(residual @ residual) / (n - p)
-    return np.asarray(variance * half.T @ half + spread * (bread * known) @ bread)
+        filtered[s] = signal.lfilter([1.0], [1.0, *noise.ar], jacobian[s][::-1], axis=0)[::-1]
+    prior_precision = np.zeros(p) if precision is None else precision
+    bread = inverse(jacobian.T @ jacobian + np.diag(prior_precision))
+    root = filtered @ bread  # formed before squaring: a product of three matrices loses all digits
+    residual_var = float(residual @ residual) / (n - p)
+    return np.asarray(variance * root.T @ root + residual_var * (bread * prior_precision) @ bread)
 
 
 def correlation_length(z: Array, longest: int = 40) -> float:
-    """1 + 2 sum of the autocorrelations of ``z`` (N,) up to the first that is not significant; 1 for white noise.
+    """Discount for correlated residuals: 1 + 2 sum of the autocorrelations of ``z`` (N,); 1 for
+    white noise.
 
-    The factor by which the variance of a mean of ``z`` exceeds that of as many independent samples.
+    The sum ends at the first autocorrelation that is not significant. It is the factor by which the
+    variance of a mean of ``z`` exceeds that of as many independent samples.
 
+    Examples
+    --------
     >>> correlation_length(np.random.default_rng(0).standard_normal(1000)).__round__(1)
     1.0
     """

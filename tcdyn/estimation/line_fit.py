@@ -1,12 +1,12 @@
-"""A straight line through calibration points: fit, covariance and the tests that question it."""
+"""Straight-line fit of calibration points: estimate, covariance, and tests of the straight line."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-import scipy  # scipy.special with its first use: who reads a log need not wait for it
 from numpy.typing import ArrayLike
+from scipy.special import fdtrc, stdtr, stdtrit
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
@@ -15,11 +15,28 @@ from tcdyn.core.estimate import Z95
 
 @dataclass(frozen=True)
 class LineFit:
-    """y = slope * x + intercept through N points, or one slope and an intercept for each of k groups of them.
+    """y = slope * x + intercept through N points, or one slope and an intercept for each of k
+    groups.
 
-    ``covariance`` (1 + k, 1 + k) of (slope, intercepts) uses the residual variance with N - 1 - k degrees of freedom
-    (or the known error of y, whichever is larger); ``covariance_95`` is it times (t / 1.96)^2, so that 1.96 u is the
-    95 % interval.
+    Parameters
+    ----------
+    x, y
+        Points (N,).
+    slope, intercepts
+        Estimates; one intercept for each group (k,).
+    covariance
+        Covariance (1 + k, 1 + k) of (slope, intercepts), from the residual variance with N - 1 - k
+        degrees of freedom, or from the known error of y where that is larger.
+    covariance_95
+        ``covariance`` times (t / 1.96)^2, so that 1.96 u is the 95 % interval.
+    residuals
+        Residuals (N,).
+    sd
+        Residual standard deviation.
+    dof
+        Degrees of freedom.
+    r_squared
+        Coefficient of determination.
     """
 
     x: Array
@@ -35,22 +52,37 @@ class LineFit:
 
     @property
     def intercept(self) -> float:
-        """The intercept, of the first group where there are several."""
+        """The intercept; of the first group where there are several."""
         return float(self.intercepts[0])
 
 
 def fit_line(
     x: ArrayLike, y: ArrayLike, *, u_y: float = 0.0, groups: ArrayLike | None = None
 ) -> LineFit:
-    """Least squares line of y on x, both of shape (N,), N >= 3; ``groups`` (N,) are numbers 0 .. k - 1.
+    """Least-squares line of y on x, both of shape (N,), N >= 3.
 
-    With ``u_y``, the known standard error of y, what the residuals hold beyond it is taken as noise of x, and the
-    slope is freed of the pull towards zero that such noise makes: slope / (1 - u_x^2 / var(x)) (errors in
-    variables by moments; without ``u_y`` this is ordinary least squares). Computed about the means: NIST's Norris
-    to 13 digits.
+    Parameters
+    ----------
+    x, y
+        Points (N,).
+    u_y
+        Known standard error of y. If given, the residual variance beyond it is taken as noise of x,
+        and the slope is corrected for the attenuation by such noise: slope / (1 - u_x^2 / var(x))
+        (errors in variables by moments).
+    groups
+        Group of each point (N,), numbers 0 .. k - 1.
 
-    Raises InputError for fewer than 3 points or x without spread.
+    Raises
+    ------
+    InputError
+        For fewer than 3 points or x without spread.
 
+    Notes
+    -----
+    Computed about the means: NIST's Norris data to 13 digits.
+
+    Examples
+    --------
     >>> fit = fit_line([0, 1, 2, 3], [1, 3, 5, 7])
     >>> round(fit.slope, 12), round(fit.intercept, 12)
     (2.0, 1.0)
@@ -60,11 +92,12 @@ def fit_line(
     n = len(x)
     if n < 3:
         raise InputError(f"{n} points", expected="at least 3 for a line with its uncertainty")
-    at = np.zeros(n, dtype=int) if groups is None else np.asarray(groups)
-    count = np.bincount(at)
-    mx, my = (np.array([values[at == j].mean() for j in range(len(count))]) for values in (x, y))
-    dx = x - mx[at]
-    dy = y - my[at]
+    group = np.zeros(n, dtype=int) if groups is None else np.asarray(groups)
+    count = np.bincount(group)
+    mean_x = np.array([x[group == j].mean() for j in range(len(count))])
+    mean_y = np.array([y[group == j].mean() for j in range(len(count))])
+    dx = x - mean_x[group]
+    dy = y - mean_y[group]
     sxx = float(dx @ dx)
     syy = float(dy @ dy)
     dof = n - 1 - len(count)
@@ -74,26 +107,31 @@ def fit_line(
         )
     slope = float(dx @ dy) / sxx
     if u_y > 0.0:
-        rest = dy - slope * dx
-        u_x2 = max(float(rest @ rest) / dof - u_y**2, 0.0) / slope**2 if slope else 0.0
+        residual = dy - slope * dx
+        u_x2 = max(float(residual @ residual) / dof - u_y**2, 0.0) / slope**2 if slope else 0.0
         slope /= 1.0 - min(u_x2 * n / sxx, 0.5)
     residuals = dy - slope * dx
     rss = float(residuals @ residuals)
     sd = float(np.sqrt(rss / dof))
-    centre = np.array([1.0, *-mx])
-    shape = np.outer(centre, centre) / sxx + np.diag([0.0, *1 / count])
-    wide = (float(scipy.special.stdtrit(dof, 0.975)) / Z95) ** 2
+    centre = np.array([1.0, *-mean_x])
+    unit_covariance = np.outer(centre, centre) / sxx + np.diag([0.0, *1 / count])
+    t_factor = (float(stdtrit(dof, 0.975)) / Z95) ** 2
     r_squared = min(max(1.0 - rss / syy, 0.0), 1.0) if syy > 0 else 1.0
-    within, within_95 = (shape * max(factor * sd**2, u_y**2) for factor in (1.0, wide))
-    return LineFit(x, y, slope, my - slope * mx, within, within_95, residuals, sd, dof, r_squared)
+    within = unit_covariance * max(sd**2, u_y**2)
+    within_95 = unit_covariance * max(t_factor * sd**2, u_y**2)
+    return LineFit(
+        x, y, slope, mean_y - slope * mean_x, within, within_95, residuals, sd, dof, r_squared
+    )
 
 
 def lack_of_fit_p(fit: LineFit, groups: ArrayLike) -> float | None:
-    """p of the F test of group means of the residuals against the scatter within groups; None without repeats."""
+    """p of the F test of the group means of the residuals against the scatter within groups; None
+    without repeats.
+    """
     k, n, between, within = _sums_of_squares(fit, groups)
     if k < 3 or n - k < 2 or within <= 0:
         return None
-    return float(scipy.special.fdtrc(k - 2, n - k, between / (k - 2) / (within / (n - k))))
+    return float(fdtrc(k - 2, n - k, between / (k - 2) / (within / (n - k))))
 
 
 def quadratic_p(fit: LineFit) -> float | None:
@@ -104,18 +142,17 @@ def quadratic_p(fit: LineFit) -> float | None:
     z = (fit.x - fit.x.mean()) / np.std(fit.x)
     coefficients, covariance = np.polyfit(z, fit.y, 2, cov=True)
     variance = float(covariance[0, 0])
-    return (
-        float(2 * scipy.special.stdtr(n - 3, -abs(coefficients[0]) / np.sqrt(variance)))
-        if variance > 0
-        else None
-    )
+    if variance <= 0:
+        return None
+    t = abs(coefficients[0]) / np.sqrt(variance)
+    return float(2 * stdtr(n - 3, -t))
 
 
 def repeat_shift(fit: LineFit, repeats: ArrayLike) -> tuple[float | None, float, float | None]:
-    """Scatter within repeats [y], standard error of the mean of the shifts between them [y], and p that they
-    shift.
+    """Shifts between repeats of a calibration.
 
-    (None, 0, None) where there is only one repeat.
+    Returns the scatter within repeats [y], the standard error of the mean due to the shifts between
+    them [y], and the p value of these shifts; (None, 0, None) where there is only one repeat.
     """
     r, n, between, within = _sums_of_squares(fit, repeats)
     if r < 2 or n - r - 1 < 2:
@@ -125,28 +162,24 @@ def repeat_shift(fit: LineFit, repeats: ArrayLike) -> tuple[float | None, float,
     between2 = between / (r - 1)
     within2 = within / (n - r - 1)
     shift2 = max(between2 - within2, 0.0) / (n / r)
-    return (
-        float(np.sqrt(within2)),
-        float(np.sqrt(shift2 / r)),
-        float(scipy.special.fdtrc(r - 1, n - r - 1, between2 / within2)),
-    )
+    p = float(fdtrc(r - 1, n - r - 1, between2 / within2))
+    return float(np.sqrt(within2)), float(np.sqrt(shift2 / r)), p
 
 
 def _sums_of_squares(fit: LineFit, groups: ArrayLike) -> tuple[int, int, float, float]:
-    """Groups, points, and the sums of squares of the residuals between and within groups."""
-    at = np.unique(np.asarray(groups), return_inverse=True)[1]
-    count = np.bincount(at)
-    mean = np.bincount(at, weights=fit.residuals) / count
-    return (
-        len(count),
-        len(at),
-        float(count @ mean**2),
-        float(np.sum((fit.residuals - mean[at]) ** 2)),
-    )
+    """Number of groups, number of points, and the sums of squares of the residuals between and
+    within groups.
+    """
+    group = np.unique(np.asarray(groups), return_inverse=True)[1]
+    count = np.bincount(group)
+    mean = np.bincount(group, weights=fit.residuals) / count
+    between = float(count @ mean**2)
+    within = float(np.sum((fit.residuals - mean[group]) ** 2))
+    return len(count), len(group), between, within
 
 
 def outlying(fit: LineFit, level: float = 0.01) -> list[int]:
-    """Points whose deleted Student residual is beyond the Bonferroni bound at ``level``."""
+    """Outliers: points whose deleted Student residual is beyond the Bonferroni bound at ``level``."""
     n = len(fit.x)
     dof = fit.dof - 1
     if dof < 2 or fit.sd == 0.0:
@@ -154,6 +187,6 @@ def outlying(fit: LineFit, level: float = 0.01) -> list[int]:
     dx = fit.x - fit.x.mean()
     leverage = 1.0 / n + dx**2 / float(dx @ dx)
     rss = fit.sd**2 * fit.dof
-    left = np.maximum(rss - fit.residuals**2 / (1 - leverage), 1e-300) / dof
-    t = np.abs(fit.residuals) / np.sqrt(left * (1 - leverage))
-    return [int(i) for i in np.flatnonzero(2 * scipy.special.stdtr(dof, -t) < level / n)]
+    deleted_var = np.maximum(rss - fit.residuals**2 / (1 - leverage), 1e-300) / dof
+    t = np.abs(fit.residuals) / np.sqrt(deleted_var * (1 - leverage))
+    return [int(i) for i in np.flatnonzero(2 * stdtr(dof, -t) < level / n)]

@@ -125,7 +125,7 @@ class NoiseGrid:
         """The grid in ``box``, reduced to the likely region; where the likelihood is flat it stays
         wide.
         """
-        full_box = widest(len(slopes.residual))
+        limits = widest(len(slopes.residual))
         for zoom in range(ZOOMS):
             step = np.ptp(box, axis=1) / GRID
             places = box[:, 0] + (np.indices(GRID).reshape(2, -1).T + 0.5) * step
@@ -136,7 +136,7 @@ class NoiseGrid:
             closer = np.column_stack(
                 [likely_points.min(axis=0) - step, likely_points.max(axis=0) + step]
             )
-            closer = np.clip(closer, full_box[:, :1], full_box[:, 1:])
+            closer = np.clip(closer, limits[:, :1], limits[:, 1:])
             area = np.prod(np.ptp(box, axis=1))
             if zoom == ZOOMS - 1 or np.prod(np.ptp(closer, axis=1)) > MIN_REDUCTION * area:
                 break

@@ -1,4 +1,6 @@
-"""How noisy a trace is, whatever it does slowly and however many spikes stand in it, and which samples cannot be."""
+"""Noise of a trace in the presence of slow signals and outliers; spike detection (outlier
+rejection); plausible values.
+"""
 
 from __future__ import annotations
 
@@ -8,31 +10,49 @@ from math import comb, prod
 from typing import Literal
 
 import numpy as np
-import scipy  # scipy.ndimage with its first use: who reads a log need not wait for it
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import median_filter
+from scipy.signal import savgol_filter
 
 from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import SampleLocation
 
-MAD_TO_SD = 1.482602218505602  # standard deviation of a normal distribution over its median absolute deviation
-# type J's range at the hot end
+# standard deviation of a normal distribution over its median absolute deviation
+MAD_TO_SD = 1.482602218505602
+# plausible temperatures [degC]; the upper limit is that of type J
 COLDEST_DEGC = -60.0
 HOTTEST_DEGC = 760.0
-MOST_MISSING = 0.05  # fraction of a channel
-COARSE = 0.5  # share of repeats in short runs: beyond it the logger's step hides the noise
-NOT_TOLD = 1e-6  # noise of a trace that does not tell its own
-LEAST_TOLD = 15  # samples that tell the noise
-MOSTLY_MOVING = 0.7  # share of samples that differ from the one before, where the noise is about one step of the logger
+# share of a channel that may be missing; chosen by judgement
+MOST_MISSING = 0.05
+# share of repeats in short runs beyond which the step of the logger hides the noise
+COARSE_REPEATS = 0.5
+# noise of a trace from which it cannot be estimated
+UNKNOWN_NOISE = 1e-6
+# fewest samples from which the noise is estimated; chosen by judgement
+MIN_NOISE_SAMPLES = 15
+# share of samples that differ from the one before, where the noise is about one step of the logger
+MAX_CHANGING_SHARE = 0.7
 
 
 @dataclass(frozen=True)
 class SpikeRule:
-    """A spike lies more than ``sigmas`` standard deviations of the noise, and more than ``floor``, off its neighbours.
+    """Rule for a spike: it lies more than ``sigmas`` standard deviations of the noise, and more
+    than ``floor``, off its neighbours.
 
-    Off the median of the ``width`` samples around it, of which less than half may be spikes. ``floor`` in the trace's
-    unit. ``local``: the usual distance from that median over so many samples stands for the noise where it is larger.
+    Parameters
+    ----------
+    sigmas
+        Limit in standard deviations of the noise.
+    width
+        The distance is from the median of so many samples around it, of which less than half may be
+        spikes.
+    floor
+        Smallest limit, in the unit of the trace.
+    local
+        If positive, the typical distance from that median over so many samples replaces the noise
+        where it is larger.
     """
 
     sigmas: float
@@ -42,12 +62,15 @@ class SpikeRule:
 
     @property
     def longest(self) -> int:
-        """How many samples in a row may be a spike."""
+        """Number of consecutive samples that may be a spike."""
         return self.width // 2
 
     def behind(self, lag_samples: float) -> SpikeRule:
-        """The rule for readings of a chain whose lag is so many samples: what passes it lasts for half the lag.
+        """The rule for readings of a chain with a lag of so many samples: what passes the chain
+        lasts for half the lag.
 
+        Examples
+        --------
         >>> [SPIKES["compensator"].behind(lag).width for lag in (0.0, 5.0, 50.0)]
         [3, 3, 9]
         """
@@ -56,62 +79,75 @@ class SpikeRule:
 
 SpikeUse = Literal["reading", "traces", "plunge", "force", "compensator", "answer"]
 
-# every limit there is for spikes, by its use, at the usual 75 Hz
+# all limits for spikes (outlier rejection), by their use; widths for the usual 75 Hz
 SPIKES: Mapping[SpikeUse, SpikeRule] = {
-    "reading": SpikeRule(
-        8.0, 7, floor=0.5
-    ),  # any temperature column of a log: one clean sample in 1e15 lies so far
-    "traces": SpikeRule(
-        6.0, 11
-    ),  # of a disk, after the static lines: 0.15 s, more than a slip ring's spike
-    "plunge": SpikeRule(7.8, 5),  # a plunge's readings before they are averaged
-    "force": SpikeRule(
-        6.0, 151
-    ),  # load and friction: 2 s about the sample (at other rates, too), of their scatter
-    "compensator": SpikeRule(6.0, 9, local=73),  # traces of any origin, given to a compensator
-    "answer": SpikeRule(
-        6.0, 7
-    ),  # those samples again, against what the smoother's answer would have been read as
+    # any temperature column of a log: one clean sample in 1e15 lies so far
+    "reading": SpikeRule(8.0, 7, floor=0.5),
+    # traces of a disk after the static lines: 0.15 s, longer than a spike of a slip ring
+    "traces": SpikeRule(6.0, 11),
+    # readings of a plunge before they are averaged
+    "plunge": SpikeRule(7.8, 5),
+    # load and friction: 2 s around the sample (at other rates, too), relative to their scatter
+    "force": SpikeRule(6.0, 151),
+    # traces of any origin, in a compensator
+    "compensator": SpikeRule(6.0, 9, local=73),
+    # the same samples again, relative to the prediction of the smoother
+    "answer": SpikeRule(6.0, 7),
 }
 
 
 def white_noise_sd(values: ArrayLike, order: int = 2, *, centred: bool = True) -> Array:
     """Standard deviation of the white noise of a trace, from its differences and their median.
 
-    sd = 1.4826 median |d - median d| / sqrt(C(2k, k)), d the differences of order k, whose variance is C(2k, k) times
-    that of white noise; not less than the rounding of a logger whose step is coarser than the noise. A higher order
-    forgives a quicker signal and a logger's drift; a lower one wastes fewer neighbours of a missing sample.
+    Parameters
+    ----------
+    values
+        (N,) or (N, M), any unit, NaN where missing.
+    order
+        Order k >= 1 of the differences. A higher order suppresses a faster signal and the drift of
+        a logger; a lower one loses fewer neighbours of a missing sample.
+    centred
+        False where the mean of the differences is zero; ``median d`` is then left out.
 
-    Args:
-        values: (N,) or (N, M), any unit, NaN where missing.
-        order: of the differences, k >= 1.
-        centred: False where the differences are known to be zero on the average, and ``median d`` is left out.
+    Returns
+    -------
+    Array
+        One number, or one for each of M columns, in the unit of ``values``.
 
-    Returns one number, or one for each of M columns, in the unit of ``values``.
+    Notes
+    -----
+    sd = 1.4826 median |d - median d| / sqrt(C(2k, k)), d the differences of order k, whose variance
+    is C(2k, k) times that of white noise; not less than the rounding of a logger whose step is
+    coarser than the noise.
 
+    Examples
+    --------
     >>> noise = np.random.default_rng(0).normal(0.0, 0.2, 4000)
     >>> ramp = 0.01 * np.arange(4000)
     >>> [round(float(white_noise_sd(ramp + noise, k)), 2) for k in (1, 2, 3, 4)]
     [0.2, 0.2, 0.2, 0.2]
     """
     x = np.asarray(values, dtype=float)
-    told = []
-    for column in np.ascontiguousarray(
-        x.reshape(len(x), -1).T
-    ):  # one by one: what is looked at stays near the core
+    result = []
+    for column in np.ascontiguousarray(x.reshape(len(x), -1).T):
         d = np.diff(column, n=order)
-        away = middle(np.abs(d - middle(d) if centred else d))
-        told.append(
-            np.maximum(MAD_TO_SD * away / np.sqrt(comb(2 * order, order)), rounding_sd(column))
-        )
-    return np.array(told).reshape(x.shape[1:])
+        if centred:
+            d = d - middle(d)
+        deviation = middle(np.abs(d))
+        sd = MAD_TO_SD * deviation / np.sqrt(comb(2 * order, order))
+        result.append(np.maximum(sd, rounding_sd(column)))
+    return np.array(result).reshape(x.shape[1:])
 
 
 def middle(values: NDArray[np.floating]) -> Array:
-    """``np.nanmedian(values, axis=-1)``, NaN where there is nothing, of long traces in a tenth of its time.
+    """``np.nanmedian(values, axis=-1)`` for long traces in a tenth of its time; NaN where there are
+    no values.
 
-    By itself, because numpy partitions by one place far quicker than by the two that its own median asks for.
+    It is faster because numpy partitions by one index much faster than by the two that its own
+    median uses.
 
+    Examples
+    --------
     >>> middle(np.array([[3.0, 1.0, np.nan, 2.0], [4.0, 1.0, 2.0, 3.0]]))
     array([2. , 2.5])
     """
@@ -119,54 +155,70 @@ def middle(values: NDArray[np.floating]) -> Array:
     counts = np.count_nonzero(~np.isnan(rows), axis=-1)
     out = np.full(len(rows), np.nan)
     for count in np.unique(counts[counts > 0]).tolist():
-        alike = counts == count
+        same_count = counts == count
         k = count // 2
-        parted = np.partition(rows[alike], k, axis=-1)  # what is missing comes last
-        out[alike] = (
-            parted[:, k] if count % 2 else 0.5 * (parted[:, :k].max(axis=-1) + parted[:, k])
-        )
+        partitioned = np.partition(rows[same_count], k, axis=-1)  # what is missing comes last
+        upper = partitioned[:, k]
+        out[same_count] = upper if count % 2 else 0.5 * (partitioned[:, :k].max(axis=-1) + upper)
     return out.reshape(values.shape[:-1])
 
 
 def trace_noise_sd(y: Array) -> float:
-    """Standard deviation [same unit] of white noise on a smooth trace ``y (N,)``, NaN for missing.
+    """Standard deviation [same unit] of white noise on a smooth trace ``y`` (N,), NaN for missing.
 
-    sd = 1.4826 median |fourth difference| / sqrt(70); a signal slower than a tenth of the sampling rate leaves less
-    than 2 % of its amplitude. A trace that rests on one step of its logger gets a quarter of that step.
+    sd = 1.4826 median |fourth difference| / sqrt(70); a signal slower than a tenth of the sampling
+    rate leaves less than 2 % of its amplitude. A trace that rests on one step of its logger gets a
+    quarter of that step.
     """
     if np.count_nonzero(np.isfinite(np.diff(y, n=4))) < 8:
-        return NOT_TOLD
+        return UNKNOWN_NOISE
     sd = float(white_noise_sd(y, 4, centred=False))
     if sd > 0:
         return sd
     steps = np.abs(np.diff(y[np.isfinite(y)]))
     steps = steps[steps > 0]
-    return float(np.min(steps)) / 4 if len(steps) else NOT_TOLD
+    return float(np.min(steps)) / 4 if len(steps) else UNKNOWN_NOISE
 
 
 def rounding_sd(x: Array) -> float:
-    """Rounding error of a trace (N,) whose neighbours are often equal: its logger's step over sqrt(12); else zero.
+    """Rounding error of a trace (N,) whose neighbours are often equal: the step of its logger over
+    sqrt(12); else zero.
 
-    Differences that take few values have a median that says nothing, and is zero where most of them are zero.
+    Differences that take few values have a median that carries no information; it is zero where
+    most of them are zero.
 
-    >>> round(float(rounding_sd(np.array([20.0, 20.0, 20.5, 20.5, 20.5, 20.0, 20.0]))), 3)  # steps of 0.5
+    Examples
+    --------
+    >>> round(float(rounding_sd(np.array([20.0, 20.0, 20.5, 20.5, 20.5, 20.0, 20.0]))), 3)  # step 0.5
     0.144
     """
-    step = np.abs(np.diff(x))
-    step = step[np.isfinite(step)]
-    moved = step[step > 1e-9 * max(float(np.max(step, initial=0.0)), 1e-300)]
-    if not len(moved) or len(moved) > MOSTLY_MOVING * len(step):
+    differences = np.abs(np.diff(x))
+    differences = differences[np.isfinite(differences)]
+    changes = differences[differences > 1e-9 * max(float(np.max(differences, initial=0.0)), 1e-300)]
+    if not len(changes) or len(changes) > MAX_CHANGING_SHARE * len(differences):
         return 0.0
-    return float(np.median(moved) / np.sqrt(12))
+    return float(np.median(changes) / np.sqrt(12))
 
 
 def find_spikes(values: Array, rule: SpikeRule, noise_sd: float | None = None) -> Flags:
-    """Samples of ``values (N,)`` that are spikes by ``rule``, given the standard deviation of their noise.
+    """Samples of ``values`` (N,) that are spikes (outliers) by ``rule``.
 
-    A ramp or a clean step is no spike: the median follows both. NaN is never one. Without ``noise_sd`` the usual
-    distance from the median, over the whole trace, stands for it.
+    A ramp or a clean step is no spike: the median follows both. NaN is never a spike.
 
-    >>> find_spikes(np.array([20.0, 20.1, 20.2, 25.0, 20.4, 20.5, 20.6]), SPIKES["reading"], 0.1).nonzero()[0]
+    Parameters
+    ----------
+    values
+        Trace (N,).
+    rule
+        The rule.
+    noise_sd
+        Standard deviation of the noise. Without it, the typical distance from the median over the
+        full trace is used.
+
+    Examples
+    --------
+    >>> trace = np.array([20.0, 20.1, 20.2, 25.0, 20.4, 20.5, 20.6])
+    >>> find_spikes(trace, SPIKES["reading"], 0.1).nonzero()[0]
     array([3])
     """
     index = np.flatnonzero(np.isfinite(values))
@@ -175,72 +227,72 @@ def find_spikes(values: Array, rule: SpikeRule, noise_sd: float | None = None) -
     if len(x) < 2:
         return out
     limit = max(rule.sigmas * (noise_sd or 0.0), rule.floor)
-    apart = np.zeros(
-        len(x), dtype=bool
-    )  # of the majority that stands far away, one is at most so many samples off
-    for k in range(1, min((rule.longest + 1) // 2, len(x) - 1) + 1 if noise_sd is not None else 1):
+    # samples near a jump: the majority of a window that is far off is at most so many samples away
+    near_jump = np.zeros(len(x), dtype=bool)
+    reach = min((rule.longest + 1) // 2, len(x) - 1) if noise_sd is not None else 0
+    for k in range(1, reach + 1):
         jumps = np.abs(x[k:] - x[:-k]) > limit
-        apart[k:] |= jumps
-        apart[:-k] |= jumps
-    few = noise_sd is not None and np.count_nonzero(apart) * rule.width < len(x)
-    away = (
-        np.zeros(len(x))
-        if few
-        else np.abs(x - scipy.ndimage.median_filter(x, rule.width, mode="nearest"))
-    )
+        near_jump[k:] |= jumps
+        near_jump[:-k] |= jumps
+    sparse = noise_sd is not None and np.count_nonzero(near_jump) * rule.width < len(x)
+    distance = np.zeros(len(x))
+    if not sparse:
+        distance = np.abs(x - median_filter(x, rule.width, mode="nearest"))
     windows = sliding_window_view(np.pad(x, rule.longest, mode="edge"), rule.width)
 
-    def far_of(at: NDArray[np.intp]) -> NDArray[np.intp]:
-        if few:
-            away[at] = np.abs(x[at] - middle(windows[at]))
-        return at[away[at] > limit]
+    def beyond_limit(samples: NDArray[np.intp]) -> NDArray[np.intp]:
+        if sparse:
+            distance[samples] = np.abs(x[samples] - middle(windows[samples]))
+        return samples[distance[samples] > limit]
 
-    far = far_of(np.flatnonzero(apart) if few else np.arange(len(x)))
-    usual = np.zeros(1)
+    far = beyond_limit(np.flatnonzero(near_jump) if sparse else np.arange(len(x)))
+    typical = np.zeros(1)
     if rule.local:
-        beside = rule.local // 2
-        if few:
-            far_of(np.unique(np.clip(far[:, None] + np.arange(-beside, beside + 1), 0, len(x) - 1)))
-        usual = middle(sliding_window_view(np.pad(away, beside, mode="edge"), rule.local)[far])
+        half_window = rule.local // 2
+        if sparse:
+            nearby = far[:, None] + np.arange(-half_window, half_window + 1)
+            beyond_limit(np.unique(np.clip(nearby, 0, len(x) - 1)))
+        local_windows = sliding_window_view(np.pad(distance, half_window, mode="edge"), rule.local)
+        typical = middle(local_windows[far])
     elif noise_sd is None:
-        usual = middle(away[None])
-    out[index[far[away[far] > rule.sigmas * MAD_TO_SD * usual]]] = True
+        typical = middle(distance[None])
+    spikes = far[distance[far] > rule.sigmas * MAD_TO_SD * typical]
+    out[index[spikes]] = True
     return out
 
 
 def bridged(y: Array, good: Flags) -> Array:
-    """Straight lines across the samples of ``y`` (N,) that are not ``good``."""
-    gone = np.flatnonzero(~good)
-    kept = np.flatnonzero(good)
-    if not len(gone):
+    """Linear interpolation of ``y`` (N,) across the samples that are not ``good``."""
+    bad_index = np.flatnonzero(~good)
+    good_index = np.flatnonzero(good)
+    if not len(bad_index):
         return y
     out = np.array(y, dtype=float)
-    out[gone] = np.interp(gone, kept, out[kept])
+    out[bad_index] = np.interp(bad_index, good_index, out[good_index])
     return out
 
 
 def local_polynomial(y: NDArray[np.floating], window: int, order: int) -> Array:
-    """``scipy.signal.savgol_filter(y, window, order)``: at each sample of ``y`` (N,) the polynomial of ``order`` below
-    ``window``, an odd number up to N, through the ``window`` samples about it; near an end, through those at that end.
+    """Savitzky-Golay filter: at each sample of ``y`` (N,) the polynomial through the ``window``
+    samples around it.
 
-    By itself, because scipy.signal takes as long to import as some commands compute.
+    ``order`` is below ``window``, an odd number up to N. Near an end the polynomial goes through
+    the ``window`` samples at that end. Equal to ``scipy.signal.savgol_filter(y, window, order)``.
 
+    Examples
+    --------
     >>> local_polynomial(np.array([1.0, 2.0, 5.0, 10.0, 17.0]), 3, 2).round(9)
     array([ 1.,  2.,  5., 10., 17.])
     """
-    half = window // 2
-    basis = np.linalg.qr(np.vander(np.linspace(-1, 1, window), order + 1))[0]
-    out = np.asarray(scipy.ndimage.correlate1d(y, basis @ basis[half], mode="nearest"))
-    out[:half] = (basis @ (basis.T @ y[:window]))[:half]
-    out[len(y) - half :] = (basis @ (basis.T @ y[-window:]))[window - half :]
-    return out
+    return np.asarray(savgol_filter(y, window, order))
 
 
 def long_runs(trace: Array) -> Flags:
-    """Where one value repeats for longer than chance allows: p^length N < 0.001, p the share of repeats elsewhere.
+    """Samples in runs of one value longer than chance allows: p^length N < 0.001, p the share of
+    repeats elsewhere.
 
-    Where most neighbours are equal anyway, the logger's step is coarser than the noise, and a long rest on one step
-    says nothing: no run is called long.
+    Where most neighbours are equal, the step of the logger is coarser than the noise, and a long
+    run means nothing: no run is called long.
     """
     n = len(trace)
     change = np.flatnonzero(np.diff(trace)) + 1
@@ -249,16 +301,17 @@ def long_runs(trace: Array) -> Flags:
     lengths = np.diff(np.concatenate([[0], change, [n]]))
     usual = lengths <= np.quantile(lengths, 0.99)
     repeats = float(np.sum(lengths[usual] - 1)) / max(float(np.sum(lengths[usual])), 1.0)
-    if repeats > COARSE:
+    if repeats > COARSE_REPEATS:
         return np.zeros(n, dtype=bool)
     longest = 8 + np.log(1000.0 * n) / -np.log(np.clip(repeats, 0.05, 0.98))
     return np.repeat(lengths > longest, lengths)
 
 
 def clean(name: str, values: Array, noise_K: float = np.inf) -> Array:
-    """The samples (N,) with what cannot be as NaN: beyond a million or, in a temperature, beyond type J, and spikes.
+    """The samples (N,) with impossible values as NaN: beyond a million or, in a temperature, out of
+    range, and spikes.
 
-    ``noise_K`` tells a spike, see ``course_noise_K``.
+    ``noise_K``: noise for the spike rule, see ``course_noise_K``.
     """
     if not name.endswith("_degC"):
         with np.errstate(invalid="ignore"):
@@ -271,10 +324,26 @@ def clean(name: str, values: Array, noise_K: float = np.inf) -> Array:
 def course_noise_K(
     name: str, sample: Array, rows: NDArray[np.int64], place: SampleLocation
 ) -> float:
-    """Noise [K] that a spike of this column must stand out of, from its course ``sample`` (M,), found in ``rows`` (M,).
+    """Noise [K] of a column for its spike rule, from a decimated sample of it.
 
-    Infinite where no spikes are sought, or too few samples tell it. Raises InputError for a temperature without
-    numbers, for kelvin and for values that no thermocouple gives.
+    Parameters
+    ----------
+    name
+        Name of the column.
+    sample, rows
+        Decimated values (M,) and their rows (M,).
+    place
+        Location in messages, with the sampling interval.
+
+    Returns
+    -------
+    float
+        Infinite where no spikes are searched, or there are too few samples.
+
+    Raises
+    ------
+    InputError
+        For a temperature without numbers, for kelvin, and for values that no thermocouple gives.
     """
     if not name.endswith("_degC"):
         return np.inf
@@ -294,10 +363,10 @@ def course_noise_K(
             expected="degrees Celsius",
             remedy=f"call it {name.removesuffix('degC')}K, in the file or in rig.toml [columns]",
         )
-    wild = impossible(sample)
-    if wild.mean() > MOST_MISSING:
-        i = int(np.argmax(wild))
-        more = int(wild.sum()) - 1
+    out_of_range = impossible(sample)
+    if out_of_range.mean() > MOST_MISSING:
+        i = int(np.argmax(out_of_range))
+        more = int(out_of_range.sum()) - 1
         raise InputError(
             f"{place.at(name, int(rows[i]))}: {sample[i]:.4g} and {more} more values that no junction has",
             where=place.where,
@@ -305,15 +374,13 @@ def course_noise_K(
             remedy="check the unit and the wiring of this channel",
             column=name,
         )
-    told = sample[np.isfinite(sample) & ~wild]
-    return (
-        float(white_noise_sd(told, 1))
-        if place.dt_s is not None and len(told) >= LEAST_TOLD
-        else np.inf
-    )
+    good = sample[np.isfinite(sample) & ~out_of_range]
+    if place.dt_s is None or len(good) < MIN_NOISE_SAMPLES:
+        return np.inf
+    return float(white_noise_sd(good, 1))
 
 
 def impossible(x: Array) -> Flags:
-    """Temperatures (N,) [degC] that no junction has."""
+    """Temperatures (N,) [degC] outside the range of a thermocouple."""
     with np.errstate(invalid="ignore"):
         return np.asarray((x < COLDEST_DEGC) | (x > HOTTEST_DEGC))

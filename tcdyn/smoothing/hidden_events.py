@@ -370,7 +370,7 @@ def _coarse_search(
 ) -> tuple[list[list[Burst]], list[float], list[float]]:
     """Bursts (M,) of the best kink and the best jump, their times [s] and uncertainties [s]."""
     n_channels = len(window.base)
-    channel_spans = spans(window.record, window.noise_var)
+    span_K = spans(window.record, window.noise_var)
     sizes = [(0.0, 1.0), *((0.1 / d**3, d) for d in DECAYS_S)]
     options = []
     for jump in (0.0, 1.0):
@@ -384,7 +384,7 @@ def _coarse_search(
                         level_sd=jump * s,
                         slope_sd=DIFFUSE * s / lag,
                     )
-                    for s in channel_spans
+                    for s in span_K
                 ]
             )
     step = 2 * lag / (COARSE_TIMES - 1)
