@@ -1,4 +1,4 @@
-"""The measurement chain: transfer function, exact simulation, state space, structures by their names.
+"""The measurement chain: transfer function, exact simulation, state space, and structures by name.
 
 >>> import numpy as np
 >>> slow, quick = Chain([0.6, 0.1]), Chain(0.3)
@@ -8,8 +8,8 @@
 [[0.0, 0.181], [1.0, -0.819]]
 >>> t = np.arange(0.0, 20.0, 0.02)
 >>> read = np.column_stack([c.response(20 + 5 * t, 0.02) for c in (slow, quick)])
->>> alike = equalised(read, 0.02, [slow, quick], common=slow)  # no inverse: the quick one is made as slow
->>> np.round(20 + 5 * t[-1] - alike[-1], 3)  # both lag by 0.7 s now
+>>> alike = equalised(read, 0.02, [slow, quick], common=slow)  # no inverse: both become slow
+>>> np.round(20 + 5 * t[-1] - alike[-1], 3)  # both lag by 0.7 s
 array([3.5, 3.5])
 >>> round(sum(cement_lags()), 6)  # of the diffusion time: the first moment
 0.5

@@ -1,4 +1,4 @@
-"""The measurement chain, junction to log file: a transfer function in seconds, and its state space."""
+"""The measurement chain from the junction to the log file: transfer function and state space."""
 
 from __future__ import annotations
 
@@ -27,16 +27,34 @@ NO_CONDITIONING = Conditioning(poles=0)
 
 @dataclass(frozen=True)
 class Chain(Result):
-    """G(s) = exp(-delay s) (1 + zero s) / prod_i (1 + taus_i s) * B(s), with G(0) = 1.
+    """Transfer function of the measurement chain, with G(0) = 1.
 
-    ``taus_s``, ``zero_s`` and ``delay_s`` are in seconds; ``conditioning`` is the known filter B. Two more factors
-    are there when asked for: ``pair`` = (Tw [s], zeta) divides by 1 + 2 zeta Tw s + (Tw s)^2 (complex poles), and
-    ``cement_s`` divides by cosh(sqrt(cement s)): heat diffusing through a layer of cement of diffusion time
-    ``cement_s`` = thickness^2/diffusivity onto an insulated junction, a half-order lag with first moment cement/2.
-    ``lag_s`` is the first moment of the impulse response: delay + sum of lags - zero + the filter's own lag.
+    G(s) = exp(-delay s) (1 + zero s) / prod_i (1 + taus_i s) * B(s).
 
-    One lag may be given as a number, several in any sequence. There is no filter unless one is given.
+    Parameters
+    ----------
+    taus_s
+        Time constants [s]: a number, or several in any sequence.
+    zero_s
+        Time constant of the zero [s].
+    delay_s
+        Dead time [s].
+    conditioning
+        The conditioning filter B; none by default.
+    pair
+        (Tw [s], zeta) of a complex pair of poles, which divides by 1 + 2 zeta Tw s + (Tw s)^2.
+    cement_s
+        Diffusion time [s] of a layer of cement, thickness^2/diffusivity, which divides by
+        cosh(sqrt(cement s)): heat diffusing through the layer onto an insulated junction, a
+        half-order lag with first moment cement/2.
 
+    Notes
+    -----
+    ``lag_s`` is the first moment of the impulse response: delay + sum of lags - zero + the lag of
+    the filter.
+
+    Examples
+    --------
     >>> Chain(1.5).lag_s, Chain([0.5, 0.1]).taus_s
     (1.5, (0.5, 0.1))
     >>> Chain((0.6, 0.1), conditioning=Conditioning(4.0, 2)).lag_s.__round__(4)
@@ -89,18 +107,20 @@ class Chain(Result):
         object.__setattr__(self, "lag_s", float(lag))
 
     def own_factors(self) -> tuple[tuple[float, ...], ...]:
-        """The factors below but the filter's, ascending coefficients in s: lags from the largest on, pair, cement."""
-        found: list[tuple[float, ...]] = [
+        """Denominator factors without the filter, ascending coefficients in s: lags from the
+        largest on, pair, cement.
+        """
+        factors: list[tuple[float, ...]] = [
             (1.0, tau) for tau in sorted(self.taus_s, reverse=True) if tau > 0
         ]
         if self.pair is not None:
-            found.append((1.0, 2 * self.pair[1] * self.pair[0], self.pair[0] ** 2))
+            factors.append((1.0, 2 * self.pair[1] * self.pair[0], self.pair[0] ** 2))
         if self.cement_s:
-            found += [(1.0, self.cement_s * share) for share in cement_lags()]
-        return tuple(found)
+            factors += [(1.0, self.cement_s * share) for share in cement_lags()]
+        return tuple(factors)
 
     def factors(self) -> tuple[tuple[float, ...], ...]:
-        """All factors below, the filter's last."""
+        """All denominator factors, those of the filter last."""
         return (*self.own_factors(), *self.conditioning.factors)
 
     @cached_property
@@ -111,7 +131,7 @@ class Chain(Result):
 
     @property
     def parameters(self) -> dict[str, Any]:
-        """All that it is made of but the filter, by name, as a disk record keeps it."""
+        """All parameters except the filter, by name, as a disk record stores them."""
         return {
             f.name: getattr(self, f.name)
             for f in fields(self)
@@ -119,23 +139,27 @@ class Chain(Result):
         }
 
     def summary(self) -> str:
-        """Lags, zero, dead time and filter, and the first moment of it all."""
-        said = (
-            ["lags " + ", ".join(f"{tau:.4g}" for tau in self.taus_s) + " s"] if self.taus_s else []
-        )
-        said += [f"zero {self.zero_s:.4g} s"] if self.zero_s else []
-        said += (
-            [f"complex pair Tw {self.pair[0]:.4g} s, zeta {self.pair[1]:.4g}"] if self.pair else []
-        )
-        said += [f"cement {self.cement_s:.4g} s"] if self.cement_s else []
-        said += [f"dead time {self.delay_s:.4g} s"] if self.delay_s else []
+        """Lags, zero, dead time and filter, and the first moment of the chain, as text."""
+        texts = []
+        if self.taus_s:
+            texts.append("lags " + ", ".join(f"{tau:.4g}" for tau in self.taus_s) + " s")
+        if self.zero_s:
+            texts.append(f"zero {self.zero_s:.4g} s")
+        if self.pair:
+            texts.append(f"complex pair Tw {self.pair[0]:.4g} s, zeta {self.pair[1]:.4g}")
+        if self.cement_s:
+            texts.append(f"cement {self.cement_s:.4g} s")
+        if self.delay_s:
+            texts.append(f"dead time {self.delay_s:.4g} s")
         if self.conditioning.poles:
             c = self.conditioning
-            said.append(f"conditioning {c.cutoff_Hz:g} Hz x {c.poles} ({c.shape})")
-        return f"{'; '.join(said) or 'no dynamics'}; lag in all (first moment) {self.lag_s:.4g} s"
+            texts.append(f"conditioning {c.cutoff_Hz:g} Hz x {c.poles} ({c.shape})")
+        return f"{'; '.join(texts) or 'no dynamics'}; lag in all (first moment) {self.lag_s:.4g} s"
 
     def transfer_function(self, pade_order: int = 3) -> control.TransferFunction:
-        """The chain as a ``control.TransferFunction``; a dead time enters by its Pade form of ``pade_order``."""
+        """As a ``control.TransferFunction``; a dead time enters by its Pade approximation of
+        ``pade_order``.
+        """
         return self.rational.transfer_function(pade_order)
 
     def frequency_response(self, frequency_Hz: ArrayLike) -> NDArray[np.complex128]:
@@ -150,22 +174,30 @@ class Chain(Result):
     def response(
         self, u: ArrayLike, dt_s: float, hold: Hold = "foh", initial: Start = "equilibrium"
     ) -> NDArray[np.float64]:
-        """What the chain writes for an input sampled every ``dt_s`` seconds.
+        """Response of the chain to an input sampled every ``dt_s`` seconds.
 
-        ``u`` has shape (N,) or (N, M), one column a channel; the answer has the same shape. Between samples the
-        input is a straight line (``foh``) or held (``zoh``); lags and dead time, whole samples or not, are exact
-        under that hold. The record starts in equilibrium with its first sample, or from zero.
+        Parameters
+        ----------
+        u
+            Input (N,) or (N, M), one column a channel; the response has the same shape.
+        dt_s
+            Sampling interval [s].
+        hold
+            Input between samples: a straight line (``foh``) or constant (``zoh``). Lags and dead
+            time, an integer number of samples or not, are exact under that hold.
+        initial
+            Start in equilibrium with the first sample, or from zero.
         """
         u = np.asarray(u, dtype=float)
         system = realise(self.rational, sensitivities=False)
         table = u.reshape(len(u), -1)
-        answers = [simulate_rows(system, x, dt_s, self.delay_s, hold, initial)[0] for x in table.T]
-        return np.stack(answers, axis=1).reshape(u.shape)
+        columns = [simulate_rows(system, x, dt_s, self.delay_s, hold, initial)[0] for x in table.T]
+        return np.stack(columns, axis=1).reshape(u.shape)
 
     def discrete(
         self, dt_s: float, hold: Hold = "foh"
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Numerator and denominator in powers of z^-1, exact under ``hold``, dead time left out."""
+        """Numerator and denominator in powers of z^-1, exact under ``hold``, without the dead time."""
         num, den = self.rational.polynomials()
         if len(den) == 1:
             return np.array([1.0]), np.array([1.0])
@@ -177,36 +209,48 @@ class Chain(Result):
         return replace(self, taus_s=(max(taus[0] + shift_s, 0.0), *taus[1:]))
 
     def with_split_shift(self, shift_s: float) -> Chain:
-        """The same lag in all, ``shift_s`` of the largest moved to the next, or to the dead time where there is none.
+        """The same total lag, with ``shift_s`` of the largest lag moved to the next, or to the dead
+        time if there is none.
 
+        Examples
+        --------
         >>> Chain((0.5, 0.25)).with_split_shift(0.125).taus_s
         (0.375, 0.375)
         """
         taus = sorted(self.taus_s, reverse=True) or [0.0]
-        moved = min(shift_s, taus[0])
+        shift = min(shift_s, taus[0])
         if len(taus) == 1:
-            return replace(self, taus_s=(taus[0] - moved,), delay_s=self.delay_s + moved)
-        return replace(self, taus_s=(taus[0] - moved, taus[1] + moved, *taus[2:]))
+            return replace(self, taus_s=(taus[0] - shift,), delay_s=self.delay_s + shift)
+        return replace(self, taus_s=(taus[0] - shift, taus[1] + shift, *taus[2:]))
 
     def split_s2(self, shift_s: float) -> float:
-        """What ``with_split_shift`` adds to the coefficient of s^2 in 1/G [s2]; that of s stays.
+        """Change [s2] of the coefficient of s^2 in 1/G by ``with_split_shift``; that of s does not
+        change.
 
+        Examples
+        --------
         >>> Chain((0.5, 0.25)).split_s2(0.125)
         0.015625
         """
-        both = (self, self.with_split_shift(shift_s))
-        parts = (
-            [*((1.0, tau) for tau in c.taus_s), (1.0, c.delay_s, 0.5 * c.delay_s**2)] for c in both
-        )
-        was, now = (float(product(factors)[2]) for factors in parts)
-        return now - was
+        chains = (self, self.with_split_shift(shift_s))
+        coefficients = []
+        for c in chains:
+            delay = (1.0, c.delay_s, 0.5 * c.delay_s**2)
+            lags = [(1.0, tau) for tau in c.taus_s]
+            coefficients.append(float(product([*lags, delay])[2]))
+        return coefficients[1] - coefficients[0]
 
 
 def chains_for(chains: float | Chain | Sequence[Chain], count: int) -> list[Chain]:
-    """One chain for each of ``count`` channels: a single one is that of all, a number is one lag [s].
+    """One chain for each of ``count`` channels: one chain is used for all, a number is one lag [s].
 
-    Raises InputError for another count of chains, and for several numbers: lags or channels?
+    Raises
+    ------
+    InputError
+        For another number of chains, and for several numbers, which could be lags or channels.
 
+    Examples
+    --------
     >>> [c.taus_s for c in chains_for(1.5, 2)]
     [(1.5,), (1.5,)]
     """
@@ -229,10 +273,11 @@ def chains_for(chains: float | Chain | Sequence[Chain], count: int) -> list[Chai
 
 
 def cement_lags() -> tuple[float, ...]:
-    """Lags of 1/cosh(sqrt(s)) as shares of its diffusion time: 1/((k - 1/2)^2 pi^2), the rest in three equal lags.
+    """Lags of 1/cosh(sqrt(s)) as shares of its diffusion time: 1/((k - 1/2)^2 pi^2), the remainder
+    in three equal lags.
 
-    cosh(sqrt(s)) = prod_k (1 + s/((k - 1/2)^2 pi^2)) exactly; the shares sum to 1/2, the first moment. Four poles
-    and the rest keep the step response within 2e-3 of the exact one.
+    cosh(sqrt(s)) = prod_k (1 + s/((k - 1/2)^2 pi^2)) exactly; the shares sum to 1/2, the first
+    moment. Four poles and the remainder keep the step response within 2e-3 of the exact one.
     """
     shares = [1 / ((k - 0.5) ** 2 * np.pi**2) for k in range(1, 5)]
     return (*shares, *[(0.5 - sum(shares)) / 3] * 3)
@@ -241,7 +286,9 @@ def cement_lags() -> tuple[float, ...]:
 def discretised(
     num: ArrayLike, den: ArrayLike, dt_s: float, hold: Hold = "foh"
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Digital form (b, a) in powers of z^-1 of num/den in descending powers of s, exact under ``hold``."""
+    """Digital form (b, a) in powers of z^-1 of num/den in descending powers of s, exact under
+    ``hold``.
+    """
     system = signal.cont2discrete(signal.tf2ss(num, den), dt_s, method=hold)[:4]
     b, a = signal.ss2tf(*system)
     return np.asarray(b[0]), np.asarray(a)
@@ -249,13 +296,28 @@ def discretised(
 
 @dataclass(frozen=True)
 class Sensor:
-    """State (x, x', stages of the chain): d state/dt = drift @ state, logged value = output @ state.
+    """State space of a chain: state (x, x', stages), d state/dt = drift @ state, reading = output @
+    state.
 
-    x is the junction temperature [degC], x' its slope [K/s]; every stage has unit static gain, so all stages are in
-    degC. ``lag_row @ state`` is the change of the compensated temperature per second of extra lag [K/s], ``bend_row @
-    state`` that per ``Chain.split_s2`` [K/s2]. ``ramp`` (n, 2): the state of a chain that has followed a level 1, and a
-    slope 1 through zero, for ever; ``scatter`` (n, n): stationary covariance of the stages about the ramp, for slope
-    noise of intensity 1 K2/s3.
+    x is the junction temperature [degC], x' its slope [K/s]. Every stage has unit static gain, so
+    all stages are in degC.
+
+    Parameters
+    ----------
+    drift, output
+        System matrix (n, n) and output row (n,).
+    lag_row
+        ``lag_row @ state`` is the change of the compensated temperature per second of lag [K/s].
+    bend_row
+        ``bend_row @ state`` is that per ``Chain.split_s2`` [K/s2].
+    ramp
+        State (n, 2) of a chain that has always followed a level of 1, and a slope of 1 through
+        zero.
+    scatter
+        Stationary covariance (n, n) of the stages about the ramp, for slope noise of intensity 1
+        K2/s3.
+    delay_s, lag_s
+        Dead time and total lag [s].
     """
 
     drift: Array
@@ -269,9 +331,11 @@ class Sensor:
 
 
 def sensors(chains: Sequence[Chain]) -> list[Sensor]:
-    """The state space of each chain, padded with idle states to one common size, so that channels can be stacked.
+    """The state space of each chain, padded with idle states to one size, so that channels can be
+    stacked.
 
-    Largest lag first, one stage a factor of the chain; the zero is in the output, the delay is kept apart, exactly.
+    Largest lag first, one stage a factor of the chain; the zero is in the output, the dead time is
+    separate and exact.
     """
     size = 2 + max(sum(len(f) - 1 for f in chain.factors()) for chain in chains)
     return [_sensor(chain, size) for chain in chains]
@@ -281,7 +345,7 @@ def _sensor(chain: Chain, size: int) -> Sensor:
     drift = np.zeros((size, size))
     drift[0, 1] = 1.0
     source = 0
-    at = 2
+    index = 2
     for f in chain.factors():
         if len(f) == 2:
             block = np.array([[-1.0 / f[1]]])
@@ -289,10 +353,10 @@ def _sensor(chain: Chain, size: int) -> Sensor:
             w = 1.0 / np.sqrt(f[2])
             block = np.array([[0.0, w], [-w, -f[1] * w * w]])
         k = len(block)
-        drift[at : at + k, at : at + k] = block
-        drift[at : at + k, source] = -block[:, 0]
-        source = at
-        at = at + k
+        drift[index : index + k, index : index + k] = block
+        drift[index : index + k, source] = -block[:, 0]
+        source = index
+        index = index + k
     output = np.zeros(size)
     output[source] = 1.0
     if chain.zero_s:
@@ -307,18 +371,23 @@ def _sensor(chain: Chain, size: int) -> Sensor:
     )
     slope_row = np.eye(size)[1]
     lags_s = [tau for tau in sorted(chain.taus_s, reverse=True) if tau > 0]
-    rates = np.array([slope_row, *drift[2 : 2 + len(lags_s)]])  # of x and of what leaves each lag
+    # rates of change of x and of the output of each lag
+    rates = np.array([slope_row, *drift[2 : 2 + len(lags_s)]])
     lag_row = rates[min(len(lags_s), 1)]
     last = min(len(lags_s), 2)
-    bend_row = (rates[last - 1] - rates[last]) / lags_s[last - 1] if last else np.zeros(size)
-    idle = range(at, size)
+    bend_row = np.zeros(size)
+    if last:
+        bend_row = (rates[last - 1] - rates[last]) / lags_s[last - 1]
+    idle = range(index, size)
     drift[idle, idle] = -1.0
     ramp = np.zeros((size, 2))
     scatter = np.zeros((size, size))
-    ramp[0, 0] = ramp[1, 1] = 1.0
+    ramp[0, 0] = 1.0
+    ramp[1, 1] = 1.0
     if size > 2:
         stages = drift[2:, 2:]
         ramp[2:, 0] = -np.linalg.solve(stages, drift[2:, 0])
-        ramp[2:, 1] = v = np.linalg.solve(stages, ramp[2:, 0])
+        v = np.linalg.solve(stages, ramp[2:, 0])
+        ramp[2:, 1] = v
         scatter[2:, 2:] = solve_continuous_lyapunov(stages, -np.outer(v, v))
     return Sensor(drift, output, lag_row, bend_row, ramp, scatter, chain.delay_s, chain.lag_s)
