@@ -191,17 +191,17 @@ class LoggerNoise:
         """White noise of ``sd_K`` (M,) on the same channels."""
         return LoggerNoise(np.zeros(len(sd_K)), sd_K, sd_K, self.shaping, rate_Hz=self.rate_Hz)
 
-    def for_more(self, known: Flags, white_K: Array) -> LoggerNoise:
-        """The same for more channels (M,): ``known`` marks those of this noise, the others have
+    def for_more(self, present: Flags, white_K: Array) -> LoggerNoise:
+        """The same for more channels (M,): ``present`` marks those of this noise, the others have
         white noise ``white_K`` (M,).
         """
 
         def spread(values: Array, others: Array) -> Array:
             out = np.array(others, dtype=float)
-            out[known] = values
+            out[present] = values
             return out
 
-        none = np.zeros(len(known))
+        none = np.zeros(len(present))
         return replace(
             self,
             before_K=spread(self.before_K, none),

@@ -13,7 +13,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from tcdyn.chain import Chain, Sensor, chains_for, sensors
-from tcdyn.chain.bursts import made_white, noise_and_white
+from tcdyn.chain.bursts import whiten_traces, noise_and_white
 from tcdyn.chain.logger_noise import LoggerNoise
 from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
@@ -151,7 +151,7 @@ def stretch_of(
             )
         else:
             logger_noise = LoggerNoise(np.zeros(len(index)), noise[index], noise[index], filter_)
-            white, outliers = made_white(logger_noise, x, good, dt_s, group, rule, pulses=False)
+            white, outliers = whiten_traces(logger_noise, x, good, dt_s, group, rule, pulses=False)
         data[:, index] = white
         flags[:, index] |= np.where(outliers, SPIKE, 0).astype(np.uint8)
         noise[index] = logger_noise.level_K

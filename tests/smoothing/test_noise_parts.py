@@ -10,7 +10,15 @@ import pytest
 from numpy.polynomial.polynomial import polyval
 
 from tcdyn.chain import Chain
-from tcdyn.chain.bursts import LENGTHS, LONGEST_S, _Parts, _parts, _pulses, _sought, find_bursts
+from tcdyn.chain.bursts import (
+    LENGTHS,
+    LONGEST_S,
+    _WindowModel,
+    _window_model,
+    _pulses,
+    _pulse_shapes,
+    find_bursts,
+)
 from tcdyn.chain.logger_noise import (
     LoggerNoise,
     _folded,
@@ -137,7 +145,7 @@ def test_two_parts_explain_what_a_regression_on_both_does() -> None:
     units = rng.normal(size=(40, 7))
     units /= np.linalg.norm(units, axis=0)
     alike = units.T @ units - np.eye(7)
-    parts = _Parts(
+    parts = _WindowModel(
         units, units, np.clip(units.T @ units, -0.999, 0.999), np.ones(7), np.zeros((40, 0)), 4
     )
     assert np.abs(alike).max() < 0.999
@@ -172,7 +180,7 @@ def test_pulses_are_those_of_the_filter_and_parts_hold_no_cubic() -> None:
     assert pulses[3][-1] < 1e-3  # eight of the lag
     boxes = list(_pulses(DT, Conditioning(4.0, 0)))
     assert boxes[0].tolist() == [1.0, 1.0, 0.0][: len(boxes[0])]
-    sought, shapes, beside = _sought(DT, ONE)
+    sought, shapes, beside = _pulse_shapes(DT, ONE)
     assert [p.tolist() for p in sought] == [p.tolist() for p in pulses]
     size = len(pulses[3]) + 2 * beside
     first, x = shapes.shape[1] // 2 - size // 2, np.linspace(-1, 1, size)
@@ -180,7 +188,7 @@ def test_pulses_are_those_of_the_filter_and_parts_hold_no_cubic() -> None:
     assert np.linalg.norm(shapes, axis=1) == pytest.approx(1.0)
     assert np.linalg.norm(rest) == pytest.approx(1.0)  # zero elsewhere
     assert [float(rest @ x**k) for k in range(4)] == pytest.approx([0.0] * 4, abs=1e-12)
-    parts = _parts([pulses[3], pulses[5]], 90, 12, DT, 0.5)
+    parts = _window_model([pulses[3], pulses[5]], 90, 12, DT, 0.5)
     x = np.linspace(-1, 1, 90)
     assert np.abs(np.stack([x**k for k in range(4)]) @ parts.units).max() < 1e-9
     assert np.linalg.norm(parts.units, axis=0) == pytest.approx(1.0)
