@@ -112,8 +112,10 @@ def noise_and_white(
 
     noise = noise_of([*compress(traces, same_rate)], dts_s[0], filter_, white_K)
     results = white(noise)
-    if noise.coloured and np.mean([moved.mean() for _, moved in results]) > DENSE_SHARE:
-        without_bursts = [np.where(moved, np.nan, y) for y, (_, moved) in zip(traces, results)]
+    if noise.coloured and np.mean([outliers.mean() for _, outliers in results]) > DENSE_SHARE:
+        without_bursts = [
+            np.where(outliers, np.nan, y) for y, (_, outliers) in zip(traces, results)
+        ]
         short = noise_of(
             [*compress(without_bursts, same_rate)], dts_s[0], filter_, white_K, SHORT_SEGMENT_S
         )
@@ -238,7 +240,7 @@ def find_bursts(
     noise_sd: float,
     filter_: Conditioning,
     lag_s: float,
-    alone: Flags | None = None,
+    isolated: Flags | None = None,
 ) -> Flags:
     """Samples (N,) of ``y`` [K] that a burst before the conditioning filter has changed.
 
@@ -254,11 +256,11 @@ def find_bursts(
         The conditioning filter.
     lag_s
         Lag of the chain, which rounds the changes of the temperature [s].
-    alone
+    isolated
         Where other channels show no change (N,).
     """
-    isolated = np.zeros(len(y), dtype=bool) if alone is None else alone
-    return _outliers(_PulseSearch.of(y, dt_s, noise_sd, filter_), dt_s, lag_s, isolated)
+    isolated_mask = np.zeros(len(y), dtype=bool) if isolated is None else isolated
+    return _outliers(_PulseSearch.of(y, dt_s, noise_sd, filter_), dt_s, lag_s, isolated_mask)
 
 
 def _outliers(
@@ -293,7 +295,7 @@ def _outliers(
 
 @lru_cache(maxsize=8)
 def _pulse_shapes(dt_s: float, filter_: Conditioning) -> tuple[tuple[Array, ...], Array, int]:
-    """Pulses, their shapes, and the margin in samples beside each; cached for the other channels."""
+    """Pulses, their shapes, and the margin in samples beside each; cached."""
     beside = max(round(MARGIN_S / dt_s), MIN_MARGIN)
     pulses = tuple(_pulses(dt_s, filter_))
     length = max(map(len, pulses)) // 2 * 2 + 2 * beside + 1
@@ -308,7 +310,7 @@ def _pulse_shapes(dt_s: float, filter_: Conditioning) -> tuple[tuple[Array, ...]
 
 
 def _pulses(dt_s: float, filter_: Conditioning) -> Iterator[Array]:
-    """Pulses of every length through the filter, until they have decayed; of height one before it."""
+    """Pulses of every length through the filter until they have decayed; height one before it."""
     filtered = Rational(np.array(filter_.numerator), tuple(Factor(f) for f in filter_.factors))
     tail = int(np.ceil(8 * max((f[1] for f in filter_.factors), default=0.0) / dt_s))
     for length in LENGTHS:
@@ -326,8 +328,8 @@ class _WindowModel:
     position.
 
     ``shapes`` (n, K): the pulses, zeros for the others. ``units`` (n, K): all components without
-    their cubic, of norm one. ``correlation`` (K, K): correlations of the components. ``norms`` (K,);
-    ``cubic`` (n, 4).
+    their cubic, of norm one. ``correlation`` (K, K): correlations of the components. ``norms``
+    (K,); ``cubic`` (n, 4).
     """
 
     shapes: Array
@@ -367,7 +369,8 @@ class _WindowModel:
             return nothing
         single = float(square[: self.pulses].max())
         if explained < single + MIN_GAIN and single >= threshold:
-            i = k = int(np.argmax(square[: self.pulses]))  # one of them does as well alone
+            # one pulse explains the window as well as two
+            i = k = int(np.argmax(square[: self.pulses]))
         chosen = list({i, k})
         heights = np.linalg.lstsq(self.units[:, chosen], window)[0] / self.norms[chosen]
         return np.asarray((np.abs(self.shapes[:, chosen] * heights) > MAX_TAIL_SD).any(axis=1))

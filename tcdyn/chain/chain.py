@@ -197,7 +197,7 @@ class Chain(Result):
     def discrete(
         self, dt_s: float, hold: Hold = "foh"
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Numerator and denominator in powers of z^-1, exact under ``hold``, without the dead time."""
+        """Numerator and denominator in powers of z^-1, exact under ``hold``; no dead time."""
         num, den = self.rational.polynomials()
         if len(den) == 1:
             return np.array([1.0]), np.array([1.0])
@@ -362,7 +362,8 @@ def _sensor(chain: Chain, size: int) -> Sensor:
     if chain.zero_s:
         if source == 0:
             raise InputError(
-                f"Chain: a zero of {chain.zero_s:g} s needs at least one lag or the conditioning filter"
+                f"Chain: a zero of {chain.zero_s:g} s needs at least one lag "
+                "or the conditioning filter"
             )
         output = output + chain.zero_s * drift[source]
     output = sum(

@@ -211,7 +211,7 @@ class LoggerNoise:
         )
 
     def whitened(self, y: Array, dt_s: float) -> Array:
-        """Whitening: ``y`` (N, M) through A/N, NaN where it was; constant before the first sample."""
+        """Whitening: ``y`` (N, M) through A/N, NaN where it was."""
         if not self.coloured:
             return y
         missing_mask = ~np.isfinite(y)

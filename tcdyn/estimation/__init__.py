@@ -1,4 +1,5 @@
-"""Least squares for all fits: from residuals, Jacobian and priors to the optimum, its covariance and intervals.
+"""Least squares for all fits: from residuals, Jacobian and priors to the optimum, its covariance
+and intervals.
 
 It contains nothing specific to thermocouples. The caller gives the names of the parameters, and a
 function for the residuals (whitened, or in standard deviations of their noise where that is known)
@@ -11,11 +12,12 @@ and their Jacobian. Priors are normal, with infinite standard deviation where th
 >>> def residual_and_jacobian(theta):
 ...     size, tau = theta
 ...     decay = np.exp(-t / tau)
-...     return (size * decay - measured) / 0.1, np.column_stack([decay, size * decay * t / tau**2]) / 0.1
+...     jacobian = np.column_stack([decay, size * decay * t / tau**2])
+...     return (size * decay - measured) / 0.1, jacobian / 0.1
 >>> problem = Problem(
 ...     ("size_K", "tau_s"), residual_and_jacobian,
 ...     prior_mean=np.array([0.0, 0.8]), prior_sd=np.array([np.inf, 0.2]),  # a prior for tau
-...     lower=np.array([0.0, 1e-3]), largest=np.array([np.inf, 0.5]),  # no step changes tau by more than 0.5 s
+...     lower=np.array([0.0, 1e-3]), largest=np.array([np.inf, 0.5]),  # steps of tau <= 0.5 s
 ... )
 >>> best = minimise(problem, np.array([1.0, 1.5]))
 >>> best.converged, best.theta.round(2), round(best.u("tau_s"), 4)
@@ -28,9 +30,9 @@ True
 
 ``minimise(problem, start, fixed=rows)`` leaves the combinations rows @ theta unchanged;
 ``held(best, "tau_s", 0.8)`` fits the other parameters again with one fixed; ``loss="huber"`` is a
-robust loss for outliers. For correlated residuals there are ``sandwich`` (an autoregressive model of
-the residuals), and the discounts ``correlation_length`` and ``wave_factor`` (covariance factors).
-Where the model cannot be computed, ``residual_and_jacobian`` returns None.
+robust loss for outliers. For correlated residuals there are ``sandwich`` (an autoregressive model
+of the residuals), and the discounts ``correlation_length`` and ``wave_factor`` (covariance
+factors). Where the model cannot be computed, ``residual_and_jacobian`` returns None.
 """
 
 from tcdyn.estimation.arma import (

@@ -276,7 +276,7 @@ def partials(d: Array) -> Array:
 def equation_error(
     colour: Callable[[Array], Array],
     x: Array,
-    moved: Sequence[int],
+    colour_index: Sequence[int],
     parts: Sequence[slice],
     r: Array,
     j: Array,
@@ -291,7 +291,7 @@ def equation_error(
         on the poles, as in an ARX regression.
     x
         Parameters (P,).
-    moved
+    colour_index
         Indices of the parameters that A depends on.
     parts
         Segments without gaps. The equation error is zero where a segment lacks the samples before.
@@ -303,7 +303,7 @@ def equation_error(
     """
     coefs = colour(x)
     step = 1e-6 * np.maximum(np.abs(x), 1e-9)
-    slopes = [(colour(x + step * (np.arange(len(x)) == i)) - coefs) / step[i] for i in moved]
+    slopes = [(colour(x + step * (np.arange(len(x)) == i)) - coefs) / step[i] for i in colour_index]
     error = np.zeros_like(r)
     table = np.zeros_like(j)
     p = len(coefs)
@@ -318,7 +318,7 @@ def equation_error(
         if len(lagged):
             error[s.start + p : s.stop] = r[s.start + p : s.stop] + coefs @ lagged
             table[s.start + p : s.stop] = signal.lfilter([1.0, *coefs], [1.0], j[s], axis=0)[p:]
-            table[s.start + p : s.stop, moved] += (np.array(slopes) @ lagged).T
+            table[s.start + p : s.stop, colour_index] += (np.array(slopes) @ lagged).T
     return error, table
 
 

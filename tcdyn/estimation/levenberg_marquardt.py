@@ -136,7 +136,12 @@ def held(near: Optimum, toward: str | Array, value: float, **search: float) -> O
     for step in (following, directions @ (directions.T @ row)):
         if float(row @ step) > 0:
             start = near.theta + step * (value - float(row @ near.theta)) / float(row @ step)
-            optimum = minimise(near.problem, start, fixed=row[None], **search)  # type: ignore[arg-type]
+            optimum = minimise(
+                near.problem,
+                start,
+                fixed=row[None],
+                **search,  # type: ignore[arg-type]
+            )
             if optimum.status is not Status.NOWHERE:
                 break
     assert optimum is not None, "the combination is one that the problem holds fixed"
@@ -149,7 +154,8 @@ def least(optima: Sequence[Optimum]) -> Optimum:
     Examples
     --------
     >>> from tcdyn.estimation.problem import Problem
-    >>> def gap(x): return np.array([x[0] ** 2 - 1, 0.1 * (x[0] - 1)]), np.array([[2 * x[0]], [0.1]])
+    >>> def gap(x):
+    ...     return np.array([x[0] ** 2 - 1, 0.1 * (x[0] - 1)]), np.array([[2 * x[0]], [0.1]])
     >>> two_valleys = Problem(("x",), gap)
     >>> least([minimise(two_valleys, np.array([start])) for start in (-2.0, 2.0)]).theta.round(3)
     array([1.])

@@ -179,7 +179,7 @@ def _sums_of_squares(fit: LineFit, groups: ArrayLike) -> tuple[int, int, float, 
 
 
 def outlying(fit: LineFit, level: float = 0.01) -> list[int]:
-    """Outliers: points whose deleted Student residual is beyond the Bonferroni bound at ``level``."""
+    """Outliers: points whose deleted Student residual exceeds the Bonferroni bound at ``level``."""
     n = len(fit.x)
     dof = fit.dof - 1
     if dof < 2 or fit.sd == 0.0:

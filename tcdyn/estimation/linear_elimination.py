@@ -36,10 +36,13 @@ def eliminated(problem: Problem, keep: int, at: Array) -> Problem:
     --------
     >>> import numpy as np
     >>> from tcdyn.estimation import Problem, minimise
-    >>> def off(x): return np.array([x[0] ** 2 + x[1] - 3.0, x[1]]), np.array([[2 * x[0], 1.0], [0.0, 1.0]])
-    >>> full = Problem(("x", "shift"), off, prior_mean=np.array([0.0, 1.0]), prior_sd=np.array([np.inf, 0.5]))
+    >>> def off(x):
+    ...     residual = np.array([x[0] ** 2 + x[1] - 3.0, x[1]])
+    ...     return residual, np.array([[2 * x[0], 1.0], [0.0, 1.0]])
+    >>> priors = {"prior_mean": np.array([0.0, 1.0]), "prior_sd": np.array([np.inf, 0.5])}
+    >>> full = Problem(("x", "shift"), off, **priors)
     >>> few = eliminated(full, 1, np.array([1.0, 1.0]))
-    >>> [round(float(minimise(p, s).theta[0]), 4) for p, s in ((full, np.ones(2)), (few, np.ones(1)))]
+    >>> [round(float(minimise(p, np.ones(p.size)).theta[0]), 4) for p in (full, few)]
     [1.4832, 1.4832]
     """
     mean = problem.prior_mean[keep:]

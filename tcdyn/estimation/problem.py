@@ -14,7 +14,8 @@ import numpy as np
 from tcdyn.core import Array
 
 Evaluate = Callable[[Array], tuple[Array, Array] | None]
-# share of the prior variance that the data remove, at least, in a pull; below it the pull means nothing
+# share of the prior variance that the data remove, at least, in a pull; below it the pull means
+# nothing
 MIN_INFORMATION_SHARE = 0.02
 # share of the largest eigenvalue, with unit diagonal, below which a direction is undetermined
 EIGENVALUE_CUT = 1e-14
@@ -147,7 +148,9 @@ class Optimum:
 
     @cached_property
     def covariance(self) -> Array:
-        """Covariance (P, P) for residuals of unit variance: the inverse of the information along the directions."""
+        """Covariance (P, P) for residuals of unit variance: the inverse of the information along
+        the directions.
+        """
         d = self.directions
         return np.asarray(d @ inverse(d.T @ self.information @ d) @ d.T)
 
@@ -164,7 +167,7 @@ class Optimum:
         return float(self.problem.toward(name) @ self.theta)
 
     def u(self, name: str | Array) -> float:
-        """Standard uncertainty of a parameter, or of a combination, for residuals of unit variance."""
+        """Standard uncertainty of a parameter or combination for residuals of unit variance."""
         toward = self.problem.toward(name)
         return float(np.sqrt(max(float(toward @ self.covariance @ toward), 0.0)))
 
@@ -278,7 +281,8 @@ def wave_factor(z: Array, sums: int = 25) -> float:
     Examples
     --------
     >>> slow = np.sin(np.arange(1000) / 100)[:, None]
-    >>> round(wave_factor(slow)), round(wave_factor(np.random.default_rng(0).standard_normal((1000, 1))), 1)
+    >>> white = np.random.default_rng(0).standard_normal((1000, 1))
+    >>> round(wave_factor(slow)), round(wave_factor(white), 1)
     (19, 1.0)
     """
     m = max(len(z) // sums, 1)

@@ -189,7 +189,7 @@ def rounding_sd(x: Array) -> float:
 
     Examples
     --------
-    >>> round(float(rounding_sd(np.array([20.0, 20.0, 20.5, 20.5, 20.5, 20.0, 20.0]))), 3)  # step 0.5
+    >>> round(float(rounding_sd(np.array([20.0, 20.0, 20.5, 20.5, 20.5, 20.0, 20.0]))), 3)
     0.144
     """
     differences = np.abs(np.diff(x))
@@ -368,7 +368,8 @@ def course_noise_K(
         i = int(np.argmax(out_of_range))
         more = int(out_of_range.sum()) - 1
         raise InputError(
-            f"{place.at(name, int(rows[i]))}: {sample[i]:.4g} and {more} more values that no junction has",
+            f"{place.at(name, int(rows[i]))}: {sample[i]:.4g} and {more} more values "
+            "that no junction has",
             where=place.where,
             expected=f"{COLDEST_DEGC:g} to {HOTTEST_DEGC:g} degC",
             remedy="check the unit and the wiring of this channel",

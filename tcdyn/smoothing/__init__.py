@@ -1,4 +1,5 @@
-"""Compensation: estimate the junction temperature from the readings, with an uncertainty for each sample.
+"""Compensation: estimate the junction temperature from the readings, with an uncertainty for each
+sample.
 
 Kalman smoother (RTS), regularised deconvolution, proper inverse, and a live smoother.
 
@@ -8,7 +9,8 @@ Kalman smoother (RTS), regularised deconvolution, proper inverse, and a live smo
 >>> t = np.arange(0.0, 20.0, dt)
 >>> true = 80 - 10 * (1 - np.exp(-np.clip(t - 10, 0, None)))
 >>> y = chain.response(true, dt) + np.random.default_rng(0).normal(0, 0.1, len(t))
->>> def worst(result): return round(float(np.abs(result.temperature[:, 0] - true)[600:-50].max()), 1)
+>>> def worst(result):
+...     return round(float(np.abs(result.temperature[:, 0] - true)[600:-50].max()), 1)
 >>> worst(smooth(y, dt, chain, events_s=(10.0,)))
 0.0
 >>> worst(deconvolve(y, dt, chain)[0])

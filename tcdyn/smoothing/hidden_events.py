@@ -1,7 +1,8 @@
-"""Detection of events that the caller did not list, and average of the smoother over what they may be.
+"""Detection of events that the caller did not list, and average of the smoother over what they may
+be.
 
-A score test on the RTS smoother gives candidate times. Each candidate is weighed by its likelihood as
-no event, a kink (jump of the slope) or a jump of the temperature, at several times. The smoothed
+A score test on the RTS smoother gives candidate times. Each candidate is weighed by its likelihood
+as no event, a kink (jump of the slope) or a jump of the temperature, at several times. The smoothed
 temperature is the mean over these possibilities (Bayesian model averaging).
 """
 
@@ -85,10 +86,12 @@ class HiddenEvent:
     def insert(
         self, intensities: Sequence[Intensity], at_s: float, bursts: Sequence[Burst]
     ) -> list[Intensity]:
-        """Intensities with these ``bursts`` at ``at_s`` in place of those that they have at the event."""
+        """Intensities with these ``bursts`` at ``at_s`` in place of those that they have at the
+        event.
+        """
         bare = _without_bursts(intensities, self.at_s)
-        moved = [q.moved(self.at_s, at_s) for q in bare]
-        return [replace(q, bursts=(*q.bursts, b)) for q, b in zip(moved, bursts)]
+        shifted = [q.moved(self.at_s, at_s) for q in bare]
+        return [replace(q, bursts=(*q.bursts, b)) for q, b in zip(shifted, bursts)]
 
     def remove(self, intensities: Sequence[Intensity]) -> list[Intensity]:
         """Intensities as if there were no event."""
@@ -102,7 +105,9 @@ def _without_bursts(intensities: Sequence[Intensity], at_s: float) -> list[Inten
 
 
 def _one_level(q: Intensity, at_s: float, level: float) -> Intensity:
-    """The same ``level`` in the segments before and after the boundary at ``at_s``, if there is one."""
+    """The same ``level`` in the segments before and after the boundary at ``at_s``, if there is
+    one.
+    """
     if at_s not in q.starts_s:
         return q
     index = q.starts_s.index(at_s)
@@ -140,8 +145,8 @@ def with_hidden(
     """``fit`` with the events that its data show, each in its most likely form, and these events.
 
     All candidates are inserted at once and weighed in turn, so that none hides another behind an
-    intensity that is too high. This is repeated until no candidate is new. An event that the data do
-    not support once all others are in place is doubtful.
+    intensity that is too high. This is repeated until no candidate is new. An event that the data
+    do not support once all others are in place is doubtful.
 
     Parameters
     ----------
@@ -228,8 +233,8 @@ def influenced_samples(
 class _Window:
     """Samples around one event, and the intensities (M,) there without the event.
 
-    ``start_s``: time of the event on the clock of the window; ``lowest_s`` and ``highest_s``: bounds
-    of its time, from the events before and after it.
+    ``start_s``: time of the event on the clock of the window; ``lowest_s`` and ``highest_s``:
+    bounds of its time, from the events before and after it.
     """
 
     record: Stretch
@@ -263,11 +268,12 @@ def weigh_event(
     plain: Sequence[float],
     previous: HiddenEvent | None = None,
 ) -> HiddenEvent:
-    """Weigh what happened at about ``at_s``: nothing, a kink, or a jump of the temperature, and when.
+    """Weigh what happened at about ``at_s``: nothing, a kink, or a jump of the temperature, and
+    when.
 
     Jumps of the temperature have a normal prior whose standard deviation is the range of the trace;
-    that of the slope is ten ranges per lag. Each comes with its most likely burst. The event time is
-    equally probable anywhere in the record.
+    that of the slope is ten ranges per lag. Each comes with its most likely burst. The event time
+    is equally probable anywhere in the record.
 
     Parameters
     ----------
@@ -310,10 +316,10 @@ def weigh_event(
         u_s = [2 * previous.u_s + 0.02 * lag] * 2
     bursts = []
     for kind, time in zip(kinds, best_s):
-        moved = [q.moved(start_s, time) for q in base]
+        shifted = [q.moved(start_s, time) for q in base]
         zero = [replace(b, start_s=time) for b in kind]
         near = previous is not None and min(b.height for b in kind) > 0
-        refined = likeliest_burst(window.record, noise_var, moved, zero, near)
+        refined = likeliest_burst(window.record, noise_var, shifted, zero, near)
         bursts.append([replace(b, start_s=start_s) for b in refined])
     for _ in range(3):
         # a kink and a jump may have different times
@@ -418,7 +424,8 @@ def _level_without_event(window: _Window, plain: Sequence[float]) -> tuple[Array
 def averaged(fit: Smoothed, event: HiddenEvent) -> Smoothed:
     """``fit`` with temperature, slope and sd averaged over all that ``event`` may be.
 
-    The variance is the mean of the variances plus the variance of the means (law of total variance).
+    The variance is the mean of the variances plus the variance of the means (law of total
+    variance).
     """
     record = fit.record
     first, last = influenced_samples(record, event.at_s)
@@ -426,8 +433,8 @@ def averaged(fit: Smoothed, event: HiddenEvent) -> Smoothed:
     shift = first * record.dt_s
 
     def run(intensities: Sequence[Intensity]) -> Array:
-        moved = [q.moved(shift_s=shift) for q in intensities]
-        part = smoothed(window, fit.noise_var, moved)
+        shifted = [q.moved(shift_s=shift) for q in intensities]
+        part = smoothed(window, fit.noise_var, shifted)
         return np.stack([part.temperature, part.slope, part.lag_sensitivity, part.sd**2])
 
     start = run(fit.chosen)

@@ -66,7 +66,7 @@ class InverseFilter:
         return float(np.sqrt(np.sum(response**2)))
 
     def __call__(self, y: ArrayLike) -> Array:
-        """Filter ``y`` (N,) or (N, M) [degC], from equilibrium with the first sample; same shape."""
+        """Filter ``y`` (N,) or (N, M) [degC] from equilibrium with the first sample."""
         y = np.asarray(y, dtype=float)
         zi = signal.lfilter_zi(self.b, self.a)
         zi = zi.reshape(-1, *[1] * (y.ndim - 1)) * y[:1]
@@ -96,7 +96,8 @@ def proper_inverse(chain: Chain, dt_s: float, bandwidth_Hz: float) -> InverseFil
     nyquist = 0.5 / dt_s
     if not 0 < bandwidth_Hz < nyquist:
         raise InputError(
-            f"compensate: bandwidth_Hz must be between 0 and {nyquist:g} (half of the {1 / dt_s:g} Hz sampling); "
+            f"compensate: bandwidth_Hz must be between 0 and {nyquist:g} "
+            f"(half of the {1 / dt_s:g} Hz sampling); "
             f"got {bandwidth_Hz:g}",
             remedy="lower it",
         )
@@ -183,11 +184,11 @@ def split_change(chain: Chain, shift_s: float, dt_s: float) -> tuple[Array, Arra
     second one, which acts on slow changes as a dead time does.
     """
     first, second = [*sorted(chain.taus_s, reverse=True), 0.0, 0.0][:2]
-    left = max(first - shift_s, 0.0)
-    right = second + min(shift_s, first)
-    lags = np.maximum([left, right], dt_s)
+    first_new = max(first - shift_s, 0.0)
+    second_new = second + min(shift_s, first)
+    lags = np.maximum([first_new, second_new], dt_s)
     b, a = discretised([1.0, 0.0, 0.0], [lags[0] * lags[1], lags.sum(), 1.0], dt_s)
-    return (first * second - left * right) * b, a
+    return (first * second - first_new * second_new) * b, a
 
 
 @dataclass(frozen=True)
@@ -245,7 +246,8 @@ class BeforeUse(Result):
         return [
             f"noise gain {self.noise_gain:.3g}: the answer has a noise of {self.noise_out_K:.3g} K",
             f"bandwidth {self.bandwidth_Hz:.3g} Hz (uncompensated {self.raw_bandwidth_Hz:.3g} Hz)",
-            f"step response, 10 to 90 %: {self.rise_s:.3g} s (uncompensated {self.raw_rise_s:.3g} s), "
+            f"step response, 10 to 90 %: {self.rise_s:.3g} s "
+            f"(uncompensated {self.raw_rise_s:.3g} s), "
             f"overshoot {100 * self.overshoot:.2g} %",
             f"remaining shift {self.remaining_shift_s:.3g} s: on a ramp of 1 K/s the answer is "
             f"{bias:.3g} K behind",

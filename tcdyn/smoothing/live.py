@@ -65,7 +65,8 @@ BEND_SHARE = 0.5
 # where a burst has at least this weight, the other hypotheses have at least this weight in the sd
 BURST_LIKELY = 0.05
 MIN_OTHER_WEIGHT = 0.04
-# share of a step at the junction that the readings show after the time over which their range counts
+# share of a step at the junction that the readings show after the time over which their range
+# counts
 VISIBLE_STEP_SHARE = 0.2
 # size of the test impulse, in standard deviations of the noise
 TEST_IMPULSE_NOISES = 1e-3
@@ -194,7 +195,8 @@ class LiveSmoother:
             or np.any(coloured_sd < 0)
         ):
             raise InputError(
-                "live smoother: lag_samples must not be negative, noise and intensity must be positive"
+                "live smoother: lag_samples must not be negative, "
+                "noise and intensity must be positive"
             )
         sensor_models = tuple(sensors(chains))
         noise = np.hypot(white_sd, coloured_sd)
@@ -278,7 +280,8 @@ class LiveSmoother:
         first = np.asarray(first, dtype=float)
         if first.shape != (len(self.sensors),) or not np.all(np.isfinite(first)):
             raise InputError(
-                f"live smoother: the first sample must have {len(self.sensors)} finite temperatures; got {first}",
+                f"live smoother: the first sample must have {len(self.sensors)} finite values; "
+                f"got {first}",
                 remedy="start at the first complete row",
             )
         m = len(first)

@@ -147,7 +147,7 @@ def process_noise_covariance(effects: Array, scatter: Array, column: NDArray[np.
 
 
 def noise_filters(chains: Sequence[Chain]) -> list[Sensor]:
-    """The conditioning filter of each chain; its input takes the place of the junction temperature."""
+    """The conditioning filter of each chain; its input replaces the junction temperature."""
     return sensors([Chain((), conditioning=c.conditioning) for c in chains])
 
 

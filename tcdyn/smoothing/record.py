@@ -13,7 +13,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from tcdyn.chain import Chain, Sensor, chains_for, sensors
-from tcdyn.chain.bursts import whiten_traces, noise_and_white
+from tcdyn.chain.bursts import noise_and_white, whiten_traces
 from tcdyn.chain.logger_noise import LoggerNoise
 from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
@@ -212,7 +212,8 @@ def _flag_findings(flag: NDArray[np.uint8], name: str) -> list[Finding]:
 def _implausible(
     data: Array, dt_s: float, chains: Sequence[Chain], names: Sequence[str]
 ) -> tuple[Flags, list[Finding]]:
-    """Readings (N, M) that no temperature can produce through the chains, and the findings about them.
+    """Readings (N, M) that no temperature can produce through the chains, and the findings about
+    them.
 
     These are values out of range, error codes of the logger, and changes faster than the chain.
     """
@@ -248,7 +249,7 @@ def _implausible(
 
 
 def _first_of(bad: Flags, y: Array) -> dict[str, Any]:
-    """Number of ``bad`` readings (N,) of ``y`` (N,), and the index and value of the first of them."""
+    """Number of ``bad`` readings (N,) of ``y`` (N,), index and value of the first."""
     first = int(np.argmax(bad))
     return {"count": int(bad.sum()), "first_sample": first, "value": float(y[first])}
 
@@ -422,19 +423,22 @@ class Compensated(Result):
     def lines(self, names: Sequence[str] = ()) -> list[str]:
         """The summary without its warnings."""
         lines = [
-            f"{self.method}: {self.temperature.shape[0]} samples, {self.temperature.shape[1]} channels"
+            f"{self.method}: {self.temperature.shape[0]} samples, "
+            f"{self.temperature.shape[1]} channels"
         ]
         for c in range(self.temperature.shape[1]):
             name = names[c] if names else c + 1
             lines.append(
                 f"  channel {name}: noise {self.noise_sd[c]:.3g} K, "
-                f"standard deviation {np.median(self.sd[:, c]):.3g} K typical, {np.max(self.sd[:, c]):.3g} K at most, "
+                f"standard deviation {np.median(self.sd[:, c]):.3g} K typical, "
+                f"{np.max(self.sd[:, c]):.3g} K at most, "
                 f"{np.count_nonzero(self.flags[:, c])} samples flagged"
             )
         common = float(np.max(self.common_sd()))
         if common > 0:
             lines.append(
-                f"  the lag common to all channels moves them together by up to {common:.2g} K (1 sd)"
+                "  the lag common to all channels moves them together "
+                f"by up to {common:.2g} K (1 sd)"
             )
         return [*lines, *(f"  event at {with_u(t, u, 's')}" for t, u in self.events_s)]
 

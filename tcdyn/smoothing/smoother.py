@@ -52,11 +52,12 @@ def smooth(
     static_u: ArrayLike | None = None,
     names: Sequence[str] | None = None,
 ) -> Compensated:
-    """Estimate the temperature of the junctions from the readings, with a standard deviation for each sample.
+    """Estimate the temperature of the junctions from the readings, with a standard deviation for
+    each sample.
 
-    Fixed-interval smoother (Kalman filter and RTS smoother) for the model y = G x + noise, where the
-    slope x' is a random walk: dx'/dt is white noise of the process-noise intensity q(t) [K2/s3]. The
-    slope may jump at ``events_s``.
+    Fixed-interval smoother (Kalman filter and RTS smoother) for the model y = G x + noise, where
+    the slope x' is a random walk: dx'/dt is white noise of the process-noise intensity q(t)
+    [K2/s3]. The slope may jump at ``events_s``.
 
     Parameters
     ----------
@@ -73,15 +74,15 @@ def smooth(
         Process-noise intensity q, a number or an ``Intensity`` per channel; estimated by maximum
         likelihood when left out.
     events_s
-        Times [s] from the first sample at which the slope of x may jump (such as an unloading); they
-        may lie between samples.
+        Times [s] from the first sample at which the slope of x may jump (such as an unloading);
+        they may lie between samples.
     event_u_s
         Standard uncertainty of those times [s], one or one per event.
     find_events
-        Also detect events that are not listed; by default only when none is listed, and only without
-        ``intensity``. At each candidate, no event, a kink and a jump of the temperature, at several
-        times, are weighed by their likelihood. The result is their mean, and the standard deviation
-        includes their spread.
+        Also detect events that are not listed; by default only when none is listed, and only
+        without ``intensity``. At each candidate, no event, a kink and a jump of the temperature, at
+        several times, are weighed by their likelihood. The result is their mean, and the standard
+        deviation includes their spread.
     heavy_tails
         Noise with Student's t distribution of four degrees of freedom instead of a normal one
         (robust loss, by reweighting), for slip rings with outliers that are no clear spikes.
@@ -118,7 +119,8 @@ def smooth(
     if not (np.isfinite(noise_var) & (noise_var > 0)).all():
         lag_s = max(c.lag_s for c in record.chains)
         raise InputError(
-            f"the noise cannot be estimated: rows every {record.dt_s:.4g} s are too slow for a lag of {lag_s:.4g} s",
+            f"the noise cannot be estimated: rows every {record.dt_s:.4g} s are too slow "
+            f"for a lag of {lag_s:.4g} s",
             expected="several rows in one lag",
         )
     listed_u_s = np.broadcast_to(np.asarray(event_u_s, dtype=float), len(events_s)).tolist()
@@ -128,16 +130,16 @@ def smooth(
     spikes = _spikes(fit)
     if spikes.any():
         fit = smoothed(_without_samples(record, spikes), noise_var, intensities)
-    hidden: list[HiddenEvent] = []
+    detected_events: list[HiddenEvent] = []
     detect = not events_s if find_events is None else find_events
     if intensity is None and detect:
-        fit, hidden = with_hidden(fit, start_var, record.noise_known)
+        fit, detected_events = with_hidden(fit, start_var, record.noise_known)
         intensities = list(fit.chosen)
         noise_var = fit.noise_var
     if heavy_tails:
         for _ in range(REWEIGHTINGS):
             fit = _reweighted(fit, record.y)
-    for event in hidden:
+    for event in detected_events:
         fit = averaged(fit, event)
     sd = fit.sd
     line_u_K = np.hypot(0.0 if static_u is None else static_u, record.folded_u_K)
@@ -148,7 +150,7 @@ def smooth(
     split_K = fit.bend * [c.split_s2(u) for c, u in zip(record.chains, split_u)]
     time = np.arange(len(sd)) * dt_s
     some_times = time[:: max(len(time) // 2000, 1)]
-    detected = [(h.at_s, h.u_s) for h in hidden if h.log_odds > 0]
+    detected = [(h.at_s, h.u_s) for h in detected_events if h.log_odds > 0]
     result = Compensated.of(
         fit.temperature,
         sd,
@@ -234,9 +236,9 @@ def _event_shift(fit: Smoothed, event_s: float, u_s: float) -> Array:
     temperatures = []
     for time_s in (event_s - u_s, event_s + u_s):
         events = sorted(time_s - shift if e == event_s - shift else e for e in window.events_s)
-        moved = [q.moved(event_s, time_s).moved(shift_s=shift) for q in fit.chosen]
+        shifted = [q.moved(event_s, time_s).moved(shift_s=shift) for q in fit.chosen]
         moved_window = replace(window, events_s=tuple(events))
-        result = smoothed(moved_window, fit.noise_var, moved, DIFFERENCE * FINE)
+        result = smoothed(moved_window, fit.noise_var, shifted, DIFFERENCE * FINE)
         temperatures.append(result.temperature)
     half = np.zeros_like(fit.sd)
     half[first:last] = 0.5 * (temperatures[1] - temperatures[0])

@@ -33,8 +33,8 @@ NO_CHAIN = Chain((), conditioning=NO_CONDITIONING)
 NOISE_ORDER = 3
 # share of missing samples of a channel beyond which a warning comes; chosen by judgement
 MANY_MISSING = 0.05
-# standard uncertainty of a surrogate channel (for d, b or f left out): a constant error [K], and one
-# in proportion to the radial heat flux, as a depth [m]; chosen by judgement
+# standard uncertainty of a surrogate channel (for d, b or f left out): a constant error [K], and
+# one in proportion to the radial heat flux, as a depth [m]; chosen by judgement
 STAND_IN_K = 1.0
 SURROGATE_DEPTH_U_M = 0.3e-3
 # rounding error [K] below which it is neglected: a sixth of the noise of a usual channel
@@ -66,7 +66,7 @@ class DiskChannels:
     split_u_s: Array
 
     def static_u(self, temperature_degC: Array) -> Array:
-        """Standard uncertainty [K] of each line at temperatures (N, C) or (C,) [degC], same shape."""
+        """Standard uncertainty [K] of each line at temperatures (N, C) or (C,) [degC]."""
         t = np.asarray(temperature_degC, dtype=float)
         return np.stack([static_u(line, t[..., i]) for i, line in enumerate(self.lines)], axis=-1)
 
@@ -262,7 +262,8 @@ def record_chains(record: DiskRecord, setup: DiskSetup) -> tuple[Chain, ...]:
             f"of {b.poles} pole(s) at {b.cutoff_Hz:g} Hz ({b.shape})" for b in (recorded, nominal)
         ]
         raise InputError(
-            f"the record of disk {record.disk!r} was made with conditioning {texts[0]}, rig.toml states {texts[1]}",
+            f"the record of disk {record.disk!r} was made with conditioning {texts[0]}, "
+            f"rig.toml states {texts[1]}",
             expected="the filter that the disk was calibrated with",
             remedy="give the rig file of the calibration, {rig}, or calibrate again",
             parameters={"rig": "rig.toml"},
@@ -405,7 +406,8 @@ def gathered(findings: Sequence[Finding]) -> list[Finding]:
 
     Examples
     --------
-    >>> spiky = [info("spikes.removed", subject=f"fast_{c}_degC", count=n) for c, n in (("a", 3), ("c", 5))]
+    >>> counts = (("fast_a_degC", 3), ("fast_c_degC", 5))
+    >>> spiky = [info("spikes.removed", subject=name, count=n) for name, n in counts]
     >>> [f.sentence for f in gathered(spiky)]
     ['8 spikes in 2 channels were taken as missing, most in fast_c_degC (5)']
     """

@@ -13,10 +13,10 @@ from tcdyn.chain import Chain
 from tcdyn.chain.bursts import (
     LENGTHS,
     LONGEST_S,
-    _WindowModel,
-    _window_model,
-    _pulses,
     _pulse_shapes,
+    _pulses,
+    _window_model,
+    _WindowModel,
     find_bursts,
 )
 from tcdyn.chain.logger_noise import (
