@@ -284,7 +284,7 @@ def test_a_test_with_friction_off_is_named_with_its_size(low: float) -> None:
     whole = joined({t.name: answer_of(t) for t in tests})
     assert whole is not None
     said = next(f.sentence for f in whole.findings if f.code == "campaign.stranger")
-    assert f"{at.name} does not belong" in said
+    assert f"{at.name} does not agree with the other tests" in said
     assert ("% low" in said) == (low < 1)
     assert at.name not in whole.to_dict()["order"]
     assert whole.to_dict()["do_not_belong"][0]["test"] == at.name

@@ -101,7 +101,7 @@ def test_report_is_one_file_with_verdict_and_pictures(beta_json: Path) -> None:
     assert html.count("data:image/png;base64,") >= 6
     words = re.sub(r"base64,[^\"']+", "", html)  # a picture's letters may spell anything
     assert "http" not in words.replace("http-equiv", "")
-    assert "The ways to beta agree" in html
+    assert "The estimates of beta agree" in html
 
 
 @pytest.mark.e2e

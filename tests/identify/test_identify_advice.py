@@ -64,10 +64,10 @@ def test_none_is_recommended_where_all_miss_dynamics() -> None:
 
 
 def test_colour_and_doubt_are_said_with_the_recommendation() -> None:
-    assert "hold nothing against it" in told(row("P1", 0.0))
+    assert "do not contradict it" in told(row("P1", 0.0))
     said = told(row("P1", 0.0, p_white=1e-5))
     assert "coloured" in said
-    assert "cannot see what is left of the input" in said
+    assert "cannot detect a response to the input" in said
     assert told(row("P1", 0.0, remark="Td is hardly determined")).startswith("Use P1 with care.")
 
 

@@ -118,7 +118,7 @@ def test_new_data_with_slow_noise_confirm_the_true_model():
 
 def test_a_model_without_free_parameters_and_a_robust_one_are_confirmed():
     found = fit(record(1), replace(as_model("P1D"), fixed=TRUTH))
-    assert "nothing against" in confirm(found, record(2)).sentence
+    assert "does not contradict" in confirm(found, record(2)).sentence
     robust = fit(record(1, spikes=15), "P1D", loss="huber")
     assert "robust loss" not in confirm(robust, record(2, spikes=5)).sentence
 

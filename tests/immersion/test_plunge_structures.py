@@ -164,9 +164,9 @@ def test_structures_that_cannot_be_told_apart_are_said_and_warned_of_only_when_t
     assert same.findings == ()
     apart = comparison("P2", row("P1", 0.80, 0.4), row("P2", 0.70, 0.6), u_structure=0.063)
     assert [f.sentence for f in apart.findings] == [apart.sentence]
-    assert "widened from 0.050 s to 0.080 s" in apart.sentence
+    assert "increased from 0.050 s to 0.080 s" in apart.sentence
     sure = comparison("P2", row("P1", 0.9, 1e-4, 20.0), row("P2", 0.7, 0.9999))
-    assert "speak for P2" in sure.sentence
+    assert "support P2" in sure.sentence
     assert "held" not in "".join(sure.table().columns)
 
 

@@ -74,21 +74,21 @@ CASES: dict[str, Case] = {
     ),
     "dead": Case(("channel c is dead",), lambda log: log.assign(fast_c_degC=log["ambient_degC"])),
     "late": Case(
-        ("channel e answers", "junction e of the fast disk lags"), shifted("fast_e_degC", 0.5)
+        ("channel e responds", "lag of junction e of the fast disk"), shifted("fast_e_degC", 0.5)
     ),
     "offset": Case(
         ("channel b reads", "static b"),
         lambda log: log.assign(fast_b_degC=log["fast_b_degC"] + 5.0),
     ),
-    "contact late": Case(("disagree on the parting", "disagree"), shifted("contact", 2.0)),
+    "contact late": Case(("disagree on the unloading", "disagree"), shifted("contact", 2.0)),
     "contact early": Case(
-        ("disagree on the parting", "disagree"),
+        ("disagree on the unloading", "disagree"),
         lambda log: log.assign(
             contact=np.minimum(log["contact"], log["contact"].shift(-150).ffill())
         ),
     ),
     "contact inverted": Case(
-        ("other way round", "inverted"), lambda log: log.assign(contact=1 - log["contact"])
+        ("readings are inverted", "inverted"), lambda log: log.assign(contact=1 - log["contact"])
     ),
     "friction in pounds": Case(("friction in pounds",), times(1 / 4.448, "friction_N")),
     "friction in kgf": Case(("friction in kilograms",), times(1 / 9.807, "friction_N")),

@@ -52,7 +52,7 @@ def test_value_and_uncertainty_have_the_same_last_digit(partition: Partition) ->
 def test_the_verdict_gives_the_answer_before_the_agreement(partition: Partition) -> None:
     said = verdict(partition)
     assert said.startswith("β = 0.")
-    assert said.index("95 %") < said.index("ways to beta")
+    assert said.index("95 %") < said.index("estimates of beta")
     assert any(f"{partition.test.speed_exponent:g}" in line for line in beta_assumptions(partition))
 
 

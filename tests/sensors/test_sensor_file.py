@@ -175,7 +175,7 @@ def test_a_clock_or_a_unit_that_contradicts_the_rest_is_told(tmp_path: Path) -> 
         in said["sensor.brief"]
     )
     assert (
-        "taken in degC, as was asked for, though its name says otherwise"
+        "taken in degC, as requested, although its name states another unit"
         in said["sensor.unit_contradicted"]
     )
     log = write(tmp_path / "log.csv", time_s=t, T=1.8 * y + 32)

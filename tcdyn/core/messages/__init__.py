@@ -1,9 +1,11 @@
-"""Messages of findings, by code. Each file holds those of one part of the library.
+"""The messages of all findings, by code. Each file holds those of one area of the library.
 
-A template takes its fields from the finding: ``{subject}``, any of its numbers by name, ``{where}`` (otherwise put in
-front, with a colon), and ``{place}``, which is "column X, row N (T s)" as far as the subject and the numbers ``row``
-and ``time_s`` are given. Where a message has branches or names a parameter, the entry is a function with these names
-as arguments and ``option``, which spells a parameter (``tcdyn/core/spelling.py``).
+A template is formatted with the fields of the finding: ``{subject}``, each of its numbers by name,
+``{where}`` (a template without it gets the location in front, with a colon), and ``{place}``, which
+is "column X, row N (T s)" as far as the subject and the numbers ``row`` and ``time_s`` are given.
+A message that depends on its numbers, or that names a parameter of a function or command, is a
+function with the same fields as keyword arguments, and ``option``, which spells a parameter
+(``tcdyn/core/spelling.py``).
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ from tcdyn.core.messages.sensors import SENSOR
 from tcdyn.core.messages.traces import COMPENSATE, PIPELINE, TRACES
 from tcdyn.core.spelling import Spelling, as_argument
 
-# a message that was read from a file without codes
+# a message read from a file that has no codes
 FROM_FILES: dict[str, Message] = {"said": "{text}"}
 
 MESSAGES: dict[str, Message] = {
@@ -42,8 +44,28 @@ MESSAGES: dict[str, Message] = {
 def message_text(
     code: str, where: str, subject: str, numbers: dict[str, Any], spelling: Spelling = as_argument
 ) -> str:
-    """Message of a finding. Raises KeyError for an unknown code or a missing number.
+    """Text of a finding.
 
+    Parameters
+    ----------
+    code : str
+        Key of ``MESSAGES``.
+    where : str
+        Location, for example the name of a file; empty where there is none.
+    subject : str
+        What the finding is about: a column, a channel, a disk or a model.
+    numbers : dict
+        Fields of the message.
+    spelling : callable
+        How a parameter is written.
+
+    Raises
+    ------
+    KeyError
+        For an unknown code or a missing number.
+
+    Examples
+    --------
     >>> message_text("said", "D4.csv", "", {"text": "the clock stood still"})
     'D4.csv: the clock stood still'
     """
@@ -58,5 +80,6 @@ def message_text(
         text = template(**fields, option=spelling)
     else:
         text = template.format_map(fields)
-        where = "" if "{where}" in template else where
+        if "{where}" in template:
+            return text
     return f"{where}: {text}" if where else text

@@ -1,42 +1,42 @@
-"""What is said of campaigns."""
+"""Messages about campaigns: outlying tests, the speed law, junction depths, model curves."""
 
 from __future__ import annotations
 
 from tcdyn.core.estimate import rounded, with_u
 from tcdyn.core.messages.phrases import Message, count_with_noun
 
-# tcdyn/campaign
-
-LEAST_P = 1e-12  # a p-value below it is not printed: the normal distribution is not known to hold that far out
+# p-values below it are not printed: the normal distribution of the errors is not known to hold
+# that far out (chosen by judgement)
+LEAST_P = 1e-12
 
 
 def _cause(cause: str, size: float, u: float) -> str:
-    """What in one test alone would explain that it departs from all others.
+    """Condition under which a test would agree with all others: one departure with its size.
 
     >>> _cause("friction", 0.05, 0.002), _cause("static e slow", -0.6, 0.1)
-    ('its friction reads (5.00 +- 0.20) % low', 'slow_e reads (-0.60 +- 0.10) K otherwise')
+    ('its friction reads (5.00 +- 0.20) % low', 'slow_e is offset by (-0.60 +- 0.10) K')
     """
-    kind, _, of = cause.partition(" ")
-    if cause == "friction":
+    kind, _, target = cause.partition(" ")
+    if kind == "friction":
         value, spread = rounded(100 * abs(size), 100 * u)
-        return f"its friction reads ({value} +- {spread}) % {'low' if size > 0 else 'high'}"
+        direction = "low" if size > 0 else "high"
+        return f"its friction reads ({value} +- {spread}) % {direction}"
+    if kind == "half-width":
+        value, spread = rounded(100 * size, 100 * u)
+        return f"the half-width of the contact differs by ({value} +- {spread}) % from Hertz's"
     value, spread = rounded(size, u)
-    match kind:
-        case "half-width":
-            value, spread = rounded(100 * size, 100 * u)
-            return f"the contact's half-width is ({value} +- {spread}) % off what the load says"
-        case "ambient":
-            return f"its ambient reads ({value} +- {spread}) K otherwise"
-        case "parting":
-            return f"its parting is ({value} +- {spread}) s off"
-        case "lag":
-            return f"the lag of the {of} disk is ({value} +- {spread}) s longer"
-    channel, _, disk = of.partition(" ")
-    return f"{disk}_{channel} reads ({value} +- {spread}) K otherwise"
+    if kind == "ambient":
+        return f"its ambient temperature is offset by ({value} +- {spread}) K"
+    if kind == "parting":
+        return f"its instant of unloading is ({value} +- {spread}) s off"
+    if kind == "lag":
+        return f"the lag of the {target} disk is ({value} +- {spread}) s longer"
+    channel, _, disk = target.partition(" ")
+    return f"{disk}_{channel} is offset by ({value} +- {spread}) K"
 
 
 def _p_value(p: float) -> str:
-    """A p-value in words; one that is tiny or rounds to zero by its bound.
+    """Text of a p-value; a tiny one by its bound.
 
     >>> _p_value(0.0234), _p_value(0.0)
     ('p = 0.023', 'p below 1e-12')
@@ -44,27 +44,58 @@ def _p_value(p: float) -> str:
     return f"p = {p:.2g}" if p > LEAST_P else f"p below {LEAST_P:g}"
 
 
+def _outlying_test(
+    subject: str,
+    cause: str,
+    size: float,
+    u: float,
+    z: float,
+    chi2: float,
+    left: float,
+    freedom: int,
+    explained: bool,
+    **_: object,
+) -> str:
+    effect = "agree" if explained else f"agree better (chi-squared {left:.0f})"
+    return (
+        f"{subject} does not agree with the other tests of its campaign: chi-squared is "
+        f"{chi2:.0f} on {freedom} degrees of freedom; it would {effect} if "
+        f"{_cause(cause, size, u)} ({abs(z):.0f} standard deviations). The results of the campaign "
+        "do not include it"
+    )
+
+
+def _curve_shape(
+    subject: str,
+    chi2: float,
+    freedom: int,
+    p: float,
+    scatter: float,
+    offset: float,
+    u: float,
+    **_: object,
+) -> str:
+    return (
+        f"the shape of the curve in {subject} does not fit the tests: with its level free "
+        f"chi-squared is {chi2:.1f} on {count_with_noun(freedom, 'degree')} of freedom "
+        f"({_p_value(p)}). For the offset of the tests from it, {with_u(offset, u)}, an "
+        f"independent scatter of {scatter:.2g} was added to every test: check the curve, and do "
+        "not use one offset for all tests"
+    )
+
+
 CAMPAIGN: dict[str, Message] = {
-    "campaign.stranger": lambda subject, cause, size, u, z, chi2, left, freedom, explained, **_: (
-        f"{subject} does not belong to its campaign: against all other tests chi-squared is {chi2:.0f} on {freedom} "
-        f"degrees of freedom; it would "
-        + ("belong" if explained else f"belong better (chi-squared {left:.0f})")
-        + f" if {_cause(cause, size, u)} ({abs(z):.0f} standard deviations); the others were solved "
-        "without it"
-    ),
-    "campaign.exponent": "{tests} tests together give the exponent of the speed law n = {n:.3f} +- {u:.3f}; rig.toml "
-    "assumes {assumed:.3f}: speed_exponent in its [contact] may be set to it",
-    "campaign.power_law": "one power of the speed is not enough for h: n changes by {per_doubled:.3f} +- {u:.3f} while "
-    "the speed doubles (chance {p:.2g})",
-    "campaign.junction": "all tests together place {subject} {deeper_mm:.2f} +- {u_mm:.2f} mm deeper than stated "
-    "({z:.1f} standard deviations): look at its depth_mm in rig.toml",
-    "campaign.curve_shape": lambda subject, chi2, freedom, p, scatter, offset, u, **_: (
-        f"the shape of the curve in {subject} does not fit the tests: with its level free chi-squared is {chi2:.1f} "
-        f"on {count_with_noun(freedom, 'degree')} of freedom ({_p_value(p)}); for their offset from it, "
-        f"{with_u(offset, u)}, an independent scatter of {scatter:.2g} was added to every test: check the curve, and do not use one offset "
-        "for all tests"
-    ),
-    "campaign.apart": "{subject} is not joined with the other tests: {why}",
-    "campaign.altered": "{subject} in the results folder is not as it was written: its log was analysed again",
+    "campaign.stranger": _outlying_test,
+    "campaign.exponent": "{tests} tests together give the exponent of the speed law n = {n:.3f} +- "
+    "{u:.3f}; rig.toml assumes {assumed:.3f}: you may set speed_exponent in its [contact] to the "
+    "new value",
+    "campaign.power_law": "one power of the speed does not describe h: n changes by "
+    "{per_doubled:.3f} +- {u:.3f} when the speed doubles (p = {p:.2g})",
+    "campaign.junction": "by all tests together {subject} is {deeper_mm:.2f} +- {u_mm:.2f} mm "
+    "deeper than stated ({z:.1f} standard deviations): check its depth_mm in rig.toml",
+    "campaign.curve_shape": _curve_shape,
+    "campaign.apart": "{subject} is not solved together with the other tests: {why}",
+    "campaign.altered": "{subject} in the results folder was changed after tcdyn wrote it: its log "
+    "was analysed again",
     "campaign.repeated": "{text} (in {first}; so or nearly so in {others})",
 }

@@ -1,4 +1,4 @@
-"""What is said of identified models."""
+"""Messages about system identification: model choice, residual tests, records, responses."""
 
 from __future__ import annotations
 
@@ -8,42 +8,51 @@ from typing import Any
 from tcdyn.core.messages.phrases import Message, count_with_noun
 from tcdyn.core.spelling import Spelling
 
-# tcdyn/identify
+INITIAL_STATE_ESTIMATED = (
+    " As a run starts off the equilibrium, the state at each start was estimated."
+)
 
 
-def chance(p: float) -> str:
-    """A p value as people read it.
+def _p_value(p: float) -> str:
+    """Text of a p-value.
 
-    >>> chance(0.25), chance(3e-5), chance(0.0)
+    >>> _p_value(0.25), _p_value(3e-5), _p_value(0.0)
     ('p = 0.25', 'p = 3e-05', 'p < 1e-99')
     """
-    return f"p = {p:.2f}" if p >= 0.01 else f"p = {p:.0e}" if p > 1e-99 else "p < 1e-99"
+    if p >= 0.01:
+        return f"p = {p:.2f}"
+    if p > 1e-99:
+        return f"p = {p:.0e}"
+    return "p < 1e-99"
 
 
-def _coloured_residuals(
-    subject: str, p_white: float, p_input: float, noise_model: bool, option: Spelling, **_: Any
-) -> str:
-    remedy = (
-        "Intervals are the robust ones; try one lag more, and if the colour stays, "
-        f"{option('noise', 'arma')} or {option('baseline', 'walk')}."
-    )
-    if noise_model:
-        remedy = "Try a noise model of higher order, or one lag more."
-    return (
-        f"Residuals of {subject} are coloured (Ljung-Box {chance(p_white)}), by disturbances or by dynamics; whatever "
-        f"of the input lies beneath that colour, the test cannot see ({chance(p_input)}). {remedy}"
-    )
+# ---- choice of the model
 
 
-def _spikes(count: int, robust: bool, option: Spelling, **_: Any) -> str:
-    remedy = ", held down by the robust loss" if robust else f"; fit with {option('loss', 'huber')}"
-    return f"{count} sample{'s stand' if count > 1 else ' stands'} out as spikes{remedy}."
+# why models were rejected: the number of the finding that lists them, text for one and for several
+_UNDETERMINED = "not determined by these data"
+_NOT_SUPPORTED = (
+    "a lower BIC, but the improvement is within the correlation of the residuals, or is not "
+    "confirmed by the held-out part"
+)
+_NO_PAIR = "left out, because the pair of poles does not oscillate and is two lags"
+REJECTED = (
+    (
+        "undetermined",
+        f"would score better but is {_UNDETERMINED}",
+        f"would score better but are {_UNDETERMINED}",
+    ),
+    (
+        "missing",
+        "would score better but misses dynamics",
+        "would score better but miss dynamics",
+    ),
+    ("refused", f"has {_NOT_SUPPORTED}", f"have {_NOT_SUPPORTED}"),
+    ("pairs", f"is {_NO_PAIR}", f"are {_NO_PAIR}"),
+)
 
 
-FREED = " As a run starts off the equilibrium, the state at each start was estimated."
-
-
-def _why(
+def _reason(
     subject: str,
     other: str,
     by: str,
@@ -53,47 +62,44 @@ def _why(
     least: bool,
     **more: Any,
 ) -> str:
-    said = f"{subject} has the lowest {by}"
     if by == "parameters":
-        said = f"{subject} has fewer parameters than {other} and a BIC within 2 of it"
-    if by == "held out":
-        said = (
-            f"{subject} simulates the held-out part better ({rms:.4g} against {other_rms:.4g} rms) than {other}, which "
-            "has the lower BIC"
+        text = f"{subject} has fewer parameters than {other} and a BIC within 2 of it"
+    elif by == "held out":
+        text = (
+            f"{subject} simulates the held-out part better ({rms:.4g} against {other_rms:.4g} rms) "
+            f"than {other}, which has the lower BIC"
         )
-    elif not only:
-        said += f" and simulates the held-out part to {rms:.4g} rms" + (
-            ", the least of all" if least else ""
-        )
+    else:
+        text = f"{subject} has the lowest {by}"
+    if by != "held out" and not only:
+        text += f" and simulates the held-out part to {rms:.4g} rms"
+        if least:
+            text += ", the least of all"
     if more["ties"]:
-        said += f"; {' and '.join(more['ties'])} within 2 of its BIC would do as well"
-    for group, one, several, rest in (
-        (
-            "undetermined",
-            "would score better but is",
-            "would score better but are",
-            "not determined by these data",
-        ),
-        ("missing", "would score better but misses", "would score better but miss", "dynamics"),
-        (
-            "refused",
-            "has",
-            "have",
-            "a lower one that is of the residuals' colour, or not seen in the held-out part",
-        ),
-        ("pairs", "is", "are", "left out, for the pair does not oscillate and is two lags"),
-    ):
-        if names := more.get(group):
-            said += f"; {', '.join(names)} {several if len(names) > 1 else one} {rest}"
-    return f"{said}." + (FREED if more.get("freed") else "") + _disturbance(**more)
+        text += f"; {' and '.join(more['ties'])} within 2 of its BIC would do as well"
+    for group, singular, plural in REJECTED:
+        names = more.get(group)
+        if names:
+            predicate = plural if len(names) > 1 else singular
+            text += f"; {', '.join(names)} {predicate}"
+    text += "."
+    if more.get("freed"):
+        text += INITIAL_STATE_ESTIMATED
+    return text + _disturbance(**more)
 
 
-def _foresees(subject: str, other: str, ratio: float, white: bool, freed: bool, **_: Any) -> str:
-    said = (
+def _better_prediction(
+    subject: str, other: str, ratio: float, white: bool, freed: bool, **_: Any
+) -> str:
+    text = (
         f"{subject} simulates data kept from the fit to {100 * ratio:.0f} % of the error of {other}"
     )
-    said += ", and leaves white residuals" if white else ""
-    return f"{said}." + (FREED if freed else "")
+    if white:
+        text += ", and leaves white residuals"
+    text += "."
+    if freed:
+        text += INITIAL_STATE_ESTIMATED
+    return text
 
 
 def _disturbance(
@@ -103,51 +109,69 @@ def _disturbance(
     p_walk: float | None = None,
     **_: Any,
 ) -> str:
+    """Sentence on the model of the disturbance, with a space in front; empty for white noise."""
     if p_walk is not None:
-        likeliest = (
-            "a random walk"
-            if memory_s is None
-            else f"one of {memory_s:.2g} s"
-            if memory_s
-            else "none"
-        )
+        if memory_s is None:
+            most_probable = "a random walk"
+        elif memory_s:
+            most_probable = f"one of {memory_s:.2g} s"
+        else:
+            most_probable = "none"
         return (
-            " The answer is averaged over what may disturb the output beside white noise: a first-order disturbance "
-            f"of any time constant up to a random walk, with a straight drift or without (likeliest {likeliest}; that "
-            f"it outlasts the record has the probability {p_walk:.2g}, and makes the intervals as wide)."
+            " The result is averaged over what may disturb the output besides white noise: a "
+            "first-order disturbance of any time constant up to a random walk, with a linear drift "
+            f"or without (most probable: {most_probable}; with probability {p_walk:.2g} its time "
+            "constant exceeds the length of the record, and the intervals include this)."
         )
-    drift = {"trend": "a straight drift", "walk": "a random walk"}.get(baseline)
-    noise = f"ARMA({order[0]}, {order[1]}) noise" if any(order) else ""
-    if baseline == "walk":
-        noise = {(0, 1): "white noise", (0, 0): ""}.get(
-            (order[0], order[1]), f"ARMA({order[0]}, {order[1]}) steps"
-        )
-    said = " with ".join(part for part in (drift, noise) if part)
-    return f" What disturbs the output is modelled as {said}." if said else ""
+    is_white = not any(order)
+    noise = f"ARMA({order[0]}, {order[1]}) noise"
+    parts: list[str] = []
+    if baseline == "trend":
+        parts = ["a linear drift"] if is_white else ["a linear drift", noise]
+    elif baseline == "walk":
+        parts = ["a random walk"]
+        if tuple(order) == (0, 1):
+            parts.append("white noise")
+        elif not is_white:
+            parts.append(f"ARMA({order[0]}, {order[1]}) steps")
+    elif not is_white:
+        parts = [noise]
+    if not parts:
+        return ""
+    return f" The disturbance of the output is modelled as {' with '.join(parts)}."
 
 
 def _remedies(troubles: Sequence[str], option: Spelling) -> list[str]:
-    """What to do about the record from which a model was to be identified, for each code in ``troubles``."""
+    """What to do about each problem of the record, by the codes in ``troubles``."""
     remedies = {
-        "record.off_equilibrium": f"let the runs start off equilibrium ({option('initial', 'estimated')})",
+        "record.off_equilibrium": "let the runs start off equilibrium "
+        f"({option('initial', 'estimated')})",
         "record.drift": f"fit with {option('baseline', 'trend')}",
         "record.coarse": "log the output in finer steps",
-        "record.closed_loop": "record with the loop open, for the input is computed from the output",
-        "model.at_once": "see whether the input is computed from the output (a closed loop): this model answers its "
-        "input at once, and with the opposite sign or without a static gain, as minus the inverse of a controller does",
-        "record.feedback": "see whether the input answers the output (a closed loop)",
+        "record.closed_loop": "record with the loop open, because the input is computed from the "
+        "output",
+        "model.at_once": "check whether the input is computed from the output (a closed loop): "
+        "this model responds to its input without delay, and with the opposite sign or without a "
+        "static gain, like minus the inverse of a controller",
+        "record.feedback": "check whether the input depends on the output (a closed loop)",
     }
     return [remedies[code] for code in troubles]
 
 
+def _but_first(troubles: list[str], option: Spelling) -> str:
+    return f" But first {', and '.join(_remedies(troubles, option))}." if troubles else ""
+
+
 OBJECTIONS = {
-    "dynamics": "the residuals of every one that the data determine still follow the input",
-    "held out": "on data that it has not seen the best of them does worse than their mean",
-    "colour": "the best of them repeats only {fit_percent:.0f} % of the output, and the rest is no white noise",
+    "dynamics": "the residuals of every model that the data determine are still correlated with "
+    "the input",
+    "held out": "on the held-out data the best of them is worse than their mean",
+    "colour": "the best of them explains only {fit_percent:.0f} % of the output, and the residuals "
+    "are not white noise",
 }
 
 
-def _none(
+def _no_model(
     subject: str,
     why: str,
     against: str,
@@ -157,36 +181,31 @@ def _none(
     option: Spelling,
     **more: Any,
 ) -> str:
-    first = _remedies(troubles, option)
+    objection = OBJECTIONS[against].format(fit_percent=fit_percent)
+    steps = _remedies(troubles, option)
     if untried:
-        first.append(f"compare others ({option('models', ','.join(untried))})")
+        steps.append(f"compare others ({option('models', ','.join(untried))})")
     else:
-        first.append(f"ask {option('narx', True)} whether it is linear")
-    repeats = (
-        f" It repeats the held-out part to {more['held_out_percent']:.1f} %."
-        if "held_out_percent" in more
-        else ""
+        steps.append(f"test with {option('narx', True)} whether it is linear")
+    text = (
+        f"None of these models is good enough: {objection}. Do not trust the intervals below. The "
+        f"least bad is {subject}. {why}"
     )
-    return (
-        f"None of these models is good enough: {OBJECTIONS[against].format(fit_percent=fit_percent)}. Do not trust the "
-        f"intervals below. The least bad is {subject}. {why}{repeats} Next, {', and '.join(first)}."
-    )
-
-
-def _but_first(troubles: list[str], option: Spelling) -> str:
-    return f" But first {', and '.join(_remedies(troubles, option))}." if troubles else ""
+    if "held_out_percent" in more:
+        text += f" It explains {more['held_out_percent']:.1f} % of the held-out part."
+    return f"{text} Next, {', and '.join(steps)}."
 
 
 def _undetermined(
     subject: str, why: str, remark: str, troubles: list[str], option: Spelling, **_: Any
 ) -> str:
     return (
-        f"Use {subject} with care. {why} But {remark}: excite the input more, or hold what is known "
-        f"({option('gain', 'K')}).{_but_first(troubles, option)}"
+        f"Use {subject} with care. {why} But {remark}: use an input that excites the system more, "
+        f"or fix what is known ({option('gain', 'K')}).{_but_first(troubles, option)}"
     )
 
 
-def _use(
+def _recommendation(
     subject: str,
     why: str,
     coloured: bool,
@@ -198,81 +217,162 @@ def _use(
     **more: Any,
 ) -> str:
     if coloured:
-        said = (
-            "Its residuals are coloured, by disturbances or dynamics; beneath that colour the test cannot see what is "
-            "left of the input. The intervals are the robust, wider ones."
+        text = (
+            "Its residuals are coloured, by disturbances or by dynamics; below their level the "
+            "test cannot detect a response to the input. The intervals are the robust, wider ones."
         )
     elif small:
-        said = f"It explains {fit_percent:.0f} % of the output, the rest is white noise."
+        text = f"It explains {fit_percent:.0f} % of the output, the rest is white noise."
     else:
-        said = "Its residuals hold nothing against it."
+        text = "The residual tests do not contradict it."
     if worse_than_mean:
-        said += f" The held-out part does not confirm it: worse than the mean there ({more['held_out_percent']:.1f} %)."
-    name = f"Provisionally {subject}" if troubles or worse_than_mean else f"Recommended: {subject}"
-    return f"{name}. {why} {said}{_but_first(troubles, option)}"
+        text += (
+            " The held-out part does not confirm it: worse than the mean there "
+            f"({more['held_out_percent']:.1f} %)."
+        )
+    name = f"Recommended: {subject}"
+    if troubles or worse_than_mean:
+        name = f"Provisionally {subject}"
+    return f"{name}. {why} {text}{_but_first(troubles, option)}"
+
+
+# ---- residuals and validation
+
+
+def _coloured_residuals(
+    subject: str, p_white: float, p_input: float, noise_model: bool, option: Spelling, **_: Any
+) -> str:
+    if noise_model:
+        remedy = "Try a noise model of higher order, or one more lag."
+    else:
+        remedy = (
+            "Intervals are the robust ones; try one more lag, and if the residuals stay coloured, "
+            f"{option('noise', 'arma')} or {option('baseline', 'walk')}."
+        )
+    return (
+        f"Residuals of {subject} are coloured (Ljung-Box {_p_value(p_white)}), by disturbances or "
+        "by dynamics; below their level the test cannot detect a response to the input "
+        f"({_p_value(p_input)}). {remedy}"
+    )
+
+
+def _residuals_follow_input(
+    subject: str, fit_percent: float, p_input: float, lag_s: float, input: str = "", **_: Any
+) -> str:
+    which = f"input {input}" if input else "input"
+    return (
+        f"{subject} misses dynamics although it explains {fit_percent:.1f} % of the output: its "
+        f"residuals still follow the {which} ({_p_value(p_input)}, most at a lag of {lag_s:.3g} "
+        "s); try another lag, a zero or a dead time."
+    )
+
+
+def _white_residuals(subject: str, p_white: float, p_input: float, **_: Any) -> str:
+    return (
+        f"Residuals of {subject} are white (Ljung-Box {_p_value(p_white)}) and not correlated with "
+        f"the input ({_p_value(p_input)}): this record does not contradict the model."
+    )
+
+
+def _spikes(count: int, robust: bool, option: Spelling, **_: Any) -> str:
+    text = "1 sample is an outlier" if count == 1 else f"{count} samples are outliers"
+    if robust:
+        return f"{text}, down-weighted by the robust loss."
+    return f"{text} (spikes); fit with {option('loss', 'huber')}."
+
+
+def _uncertainty_not_given(share: float, floor: float, **_: Any) -> str:
+    text = (
+        "No uncertainty was given: the residuals correspond to "
+        f"{100 * share:.2g} % of the magnitude"
+    )
+    if floor:
+        text += f" above a floor of {floor:.2g}"
+    return f"{text}."
+
+
+# ---- records
+
+
+def _hold(subject: str, step: float, hold: str, half_s: float, option: Spelling, **_: Any) -> str:
+    return (
+        f"Input {subject} moves by its least step of {step:.3g} only: either it was set in equal "
+        "steps, or it was measured and rounded to them; the data look the same in both cases. It "
+        f"is taken as {hold}; if that is wrong, the dead time is wrong by half a sample, "
+        f"{half_s:.3g} s: give {option('hold', 'zoh')} if it was set, {option('hold', 'foh')} if "
+        "it was measured."
+    )
+
+
+def _gaps(count: int, **_: Any) -> str:
+    gaps = count_with_noun(count, "gap")
+    return f"After {gaps} of the input the state was estimated again."
+
+
+def _off_equilibrium(off: float, times_rms: float, option: Spelling, **_: Any) -> str:
+    return (
+        f"A run starts {off:.3g} off the equilibrium that was assumed, {times_rms:.0f} times the "
+        f"rms: fit with {option('initial', 'estimated')}."
+    )
+
+
+def _drift(correlation: float, option: Spelling, **_: Any) -> str:
+    return (
+        f"The residuals drift (correlation with time {correlation:.2f}): fit with "
+        f"{option('baseline', 'trend')}."
+    )
+
+
+def _feedback(p: float, **_: Any) -> str:
+    return (
+        f"The residuals are correlated with the future input ({_p_value(p)}) and not with the past "
+        "input: the input depends on the output (feedback, a closed loop, which biases the fit), "
+        "or the two are not sampled at the same instants."
+    )
 
 
 IDENTIFY: dict[str, Message] = {
-    "models.why": _why,
-    "models.foresees": _foresees,
-    "models.none": _none,
+    "models.why": _reason,
+    "models.foresees": _better_prediction,
+    "models.none": _no_model,
     "models.undetermined": _undetermined,
-    "models.provisional": _use,
-    "models.recommended": _use,
-    "fit.bound": "{subject} ended on its {end} bound ({value:.3g}): the data do not ask for it",
-    "fit.twin": "{subject} equals another lag: only their sum is determined; complex poles (U) may fit better",
-    "fit.undetermined": "{subject} is hardly determined by these data (u = {u:.2g} for {value:.2g})",
-    "fit.lag_unbounded": "{subject} has a standard uncertainty of {u:.2g} s, more than the record lasts "
-    "({longest_s:.3g} s): the record does not determine it",
-    "fit.indistinct": "the data cannot tell all parameters of {subject} apart: some intervals are meaningless",
-    "fit.stalled": "stopped after the allowed iterations; look at the intervals before using it",
-    "fit.open_interval": "the interval of {subject} is open: it reaches the search bound ({low95:.3g}..{high95:.3g})",
-    "residuals.rounding": "{subject} repeats every reading to within half a step of the output's rounding: no test can "
-    "say more.",
-    "residuals.follow_input": lambda subject, fit_percent, p_input, lag_s, input="", **_: (
-        f"{subject} misses dynamics although it fits {fit_percent:.1f} %: its residuals still follow the input "
-        f"{input and input + ' '}({chance(p_input)}, most at a lag of {lag_s:.3g} s); try another lag, a zero or a "
-        "dead time."
-    ),
+    "models.provisional": _recommendation,
+    "models.recommended": _recommendation,
+    "fit.bound": "{subject} ended on its {end} bound ({value:.3g}): the data do not determine it",
+    "fit.twin": "{subject} equals another lag: only their sum is determined; complex poles (U) may "
+    "fit better",
+    "fit.undetermined": "{subject} is hardly determined by these data (u = {u:.2g} for "
+    "{value:.2g})",
+    "fit.lag_unbounded": "{subject} has a standard uncertainty of {u:.2g} s, more than the length "
+    "of the record ({longest_s:.3g} s): the record does not determine it",
+    "fit.indistinct": "the data cannot separate all parameters of {subject}: some intervals are "
+    "meaningless",
+    "fit.stalled": "the fit stopped after the allowed number of iterations; check the intervals "
+    "before using it",
+    "fit.open_interval": "the interval of {subject} is open: it reaches the search bound "
+    "({low95:.3g}..{high95:.3g})",
+    "residuals.rounding": "{subject} reproduces every reading to within half a step of the "
+    "output's rounding: no residual test is possible.",
+    "residuals.follow_input": _residuals_follow_input,
     "residuals.coloured": _coloured_residuals,
-    "residuals.white": lambda subject, p_white, p_input, **_: (
-        f"Residuals of {subject} are white (Ljung-Box {chance(p_white)}) and unrelated to the input "
-        f"({chance(p_input)}): this record holds nothing against the model."
-    ),
+    "residuals.white": _white_residuals,
     "residuals.spikes": _spikes,
-    "validation.moved": "These data ask for other parameters of {subject} than those it was fitted to, by more than "
-    "both uncertainties (p = {p:.2g}): the system, or its disturbance, is not the same.",
-    "response.unstated": lambda share, floor, **_: (
-        f"No uncertainty was stated: as the residuals are, {100 * share:.2g} % of the magnitude"
-        f"{f' above a floor of {floor:.2g}' if floor else ''}."
-    ),
-    "response.misfit": "{subject} leaves {ratio:.2g} times the stated uncertainty (p = {p:.1g}): dynamics are missing, "
-    "or it was stated too small; the intervals are as much wider.",
-    "record.codes": "Column {subject}: {count} reading(s) are overload or drop-out codes; taken as missing: check the "
-    "wiring.",
-    "record.hold": lambda subject, step, hold, half_s, option, **_: (
-        f"Input {subject} moves by its least step of {step:.3g} only: set in equal steps, or measured and rounded to "
-        f"them, which look alike. It is taken as {hold}, and the other way round the dead time is wrong by half a "
-        f"sample, {half_s:.3g} s: give {option('hold', 'zoh')} if it was set, {option('hold', 'foh')} if it was "
-        "measured."
-    ),
-    "record.gaps": lambda count, **_: (
-        f"After {count_with_noun(count, 'gap')} of the input the state was estimated anew."
-    ),
-    "record.off_equilibrium": lambda off, times_rms, option, **_: (
-        f"A run starts {off:.3g} off the equilibrium that was assumed, {times_rms:.0f} times the rms: fit with "
-        f"{option('initial', 'estimated')}."
-    ),
-    "record.drift": lambda correlation, option, **_: (
-        f"The residuals drift (correlation with time {correlation:.2f}): fit with {option('baseline', 'trend')}."
-    ),
-    "record.coarse": "The output moves in steps of {step:.3g}, the residuals' rms is {rms:.2g}: the intervals include "
-    "the rounding, which the tests cannot tell from dynamics.",
-    "record.closed_loop": "The input {subject} follows the output {output}: it is computed from it (closed loop). The "
-    "model may be minus the inverse of the controller: record with the loop open, or add a larger test signal to the "
-    "input.",
-    "record.feedback": lambda p, **_: (
-        f"They tell of the input still to come ({chance(p)}) and not of the past one: the input answers the output "
-        "(feedback, a closed loop, which biases the fit), or the two are not sampled at the same instants."
-    ),
+    "validation.moved": "These data give other parameters of {subject} than those of the fit, by "
+    "more than both uncertainties (p = {p:.2g}): the system, or its disturbance, is not the same.",
+    "response.unstated": _uncertainty_not_given,
+    "response.misfit": "{subject} leaves {ratio:.2g} times the stated uncertainty (p = {p:.1g}): "
+    "dynamics are missing, or the uncertainty was stated too small; the intervals were widened by "
+    "this factor.",
+    "record.codes": "Column {subject}: {count} reading(s) are overload or drop-out codes; taken as "
+    "missing: check the wiring.",
+    "record.hold": _hold,
+    "record.gaps": _gaps,
+    "record.off_equilibrium": _off_equilibrium,
+    "record.drift": _drift,
+    "record.coarse": "The output changes in steps of {step:.3g}, the residuals' rms is {rms:.2g}: "
+    "the intervals include the rounding, which the tests cannot separate from dynamics.",
+    "record.closed_loop": "The input {subject} follows the output {output}: it is computed from it "
+    "(closed loop). The model may be minus the inverse of the controller: record with the loop "
+    "open, or add a larger test signal to the input.",
+    "record.feedback": _feedback,
 }

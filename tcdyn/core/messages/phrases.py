@@ -1,4 +1,4 @@
-"""Parts of messages: a location in a log, a count with its noun, a number rounded to its uncertainty."""
+"""Parts of messages: a location in a log, a count with its noun, a rounded number."""
 
 from __future__ import annotations
 
@@ -17,11 +17,13 @@ def location_text(
     >>> location_text("a_degC", 9, 0.04), location_text("a_degC", 9), location_text(row=9)
     ('column a_degC, row 9 (0.04 s)', 'column a_degC, row 9', 'row 9')
     """
-    parts = [
-        *([f"column {subject}"] if subject else []),
-        *([f"row {row}"] if row is not None else []),
-    ]
-    return ", ".join(parts) + (f" ({time_s:.6g} s)" if time_s is not None else "")
+    parts = []
+    if subject:
+        parts.append(f"column {subject}")
+    if row is not None:
+        parts.append(f"row {row}")
+    text = ", ".join(parts)
+    return text if time_s is None else f"{text} ({time_s:.6g} s)"
 
 
 def count_with_noun(count: int, noun: str) -> str:
@@ -34,9 +36,14 @@ def count_with_noun(count: int, noun: str) -> str:
 
 
 def rounded_to_u(x: float | None, u: float) -> str:
-    """``x`` with the decimals that two digits of the standard uncertainty ``u`` have; None is "open".
+    """Text of ``x`` with as many decimals as two digits of its standard uncertainty ``u`` have.
+
+    None, an open end of an interval, is "open".
 
     >>> rounded_to_u(0.70151, 0.0042), rounded_to_u(None, 1.0)
     ('0.7015', 'open')
     """
-    return "open" if x is None else f"{x:.{max(0, 1 - math.floor(math.log10(u)))}f}"
+    if x is None:
+        return "open"
+    decimals = max(0, 1 - math.floor(math.log10(u)))
+    return f"{x:.{decimals}f}"
