@@ -1,16 +1,17 @@
-"""The command ``tcdyn``: every stage from the command line, one clear sentence and exit code 2 for bad input."""
+"""The command ``tcdyn``: its subcommands, exit codes, and the handling of errors."""
 
 from __future__ import annotations
 
 import os
 import sys
+import traceback
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import typer
 
 from tcdyn.cli import record, sensor, simulate
-from tcdyn.cli import round as around
+from tcdyn.cli import round as circumferential
 from tcdyn.cli.beta import beta, campaign
 from tcdyn.cli.calibrate import calibrate, hole
 from tcdyn.cli.common import as_option
@@ -22,29 +23,36 @@ from tcdyn.cli.verify import verify
 from tcdyn.core.errors import InputError, printable
 from tcdyn.version import __version__
 
+DESCRIPTION = (
+    "Thermocouple dynamics and heat partition: calibrate disks, compensate logged traces, estimate "
+    "beta."
+)
 EPILOG = (
     "A first run: tcdyn demo\n\n"
-    "Exit codes: 0 done; 1 done, and something asks to be looked at (a log that failed, a record with doubts, a "
-    "published number that differs); 2 bad input, said in one sentence; 70 an internal error, to be reported; 130 "
-    "stopped with Ctrl-C.\n\n"
-    "Words go to standard output, progress and what was noticed (note, look, refuse) to standard error; --json prints "
-    "the result for scripts. Colour only on terminals; NO_COLOR=1 takes it away."
+    "Exit codes: 0 done; 1 done, with a warning (for example a log that failed, or a published "
+    "number that differs); 2 bad input, with a message that says what to do; 70 an internal error, "
+    "please report it; 130 stopped with Ctrl-C.\n\n"
+    "Results go to standard output, progress and findings (info, warning, error) to standard "
+    "error; "
+    "--json prints the result for scripts. Terminals get colour; NO_COLOR=1 switches it off."
 )
 
 
-BAD_INPUT = 2
+BAD_INPUT = 2  # as click for wrong options
 INTERNAL_ERROR = 70  # EX_SOFTWARE of sysexits.h
 STOPPED = 130  # 128 + SIGINT, as shells report it
+# exceptions that the operating system or the size of the input causes
+SYSTEM_ERRORS = (OSError, MemoryError, RecursionError, OverflowError, ImportError)
 
 app = typer.Typer(
     no_args_is_help=True,
-    help="Thermocouple dynamics and heat partition: calibrate disks, compensate logged traces, estimate beta.",
+    help=DESCRIPTION,
     epilog=EPILOG,
-    pretty_exceptions_enable=False,  # run() reports them
+    pretty_exceptions_enable=False,  # run() reports exceptions
 )
 app.command("demo")(simulate.demo)
 app.add_typer(simulate.app, name="simulate")
-app.add_typer(around.app, name="round")
+app.add_typer(circumferential.app, name="round")
 app.command("rig")(record.rig)
 app.command("transducer")(record.transducer)
 app.command("spot")(record.spot)
@@ -68,25 +76,27 @@ def _version(show: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
+@app.callback(help=DESCRIPTION)
 def _root(
     version: bool = typer.Option(
         False, "--version", callback=_version, is_eager=True, help="Print the version."
     ),
 ) -> None:
-    """Thermocouple dynamics and heat partition: calibrate disks, compensate logged traces, estimate beta."""
+    """Options of ``tcdyn`` itself."""
 
 
 def run(command: Callable[[], Any]) -> int:
     """Call ``command`` and return the exit code of the process.
 
-    Bad input, and what the system refuses, become one sentence on standard error and exit code 2. Ctrl-C gives 130, a
-    reader that closed its end of a pipe 0. Any other exception is an internal error: its traceback and one sentence on
-    standard error, and exit code 70.
+    Notes
+    -----
+    Bad input and errors of the operating system print one line on standard error and give exit code
+    2. Ctrl-C gives 130, a closed pipe at the output 0. Any other exception is an internal error: it
+    prints its traceback and one line on standard error, and gives exit code 70.
     """
     try:
-        code = _called(command)
-        sys.stdout.flush()  # here an output that cannot be written can still be reported
+        code = _exit_code(command)
+        sys.stdout.flush()  # an output that cannot be written is reported here
     except InputError as problem:
         print(f"tcdyn: {printable(problem.message(as_option))}", file=sys.stderr)
         return BAD_INPUT
@@ -95,10 +105,10 @@ def run(command: Callable[[], Any]) -> int:
     except (Exception, KeyboardInterrupt) as problem:
         if any(isinstance(cause, KeyboardInterrupt) for cause in _causes(problem)):
             code = STOPPED
-        elif isinstance(
-            problem, (OSError, MemoryError, RecursionError, OverflowError, ImportError)
-        ):
-            print(f"tcdyn: {_refusal(problem)}; nothing half-written was kept", file=sys.stderr)
+        elif isinstance(problem, SYSTEM_ERRORS):
+            print(
+                f"tcdyn: {_system_error(problem)}; nothing half-written was kept", file=sys.stderr
+            )
             return BAD_INPUT
         else:
             return _internal_error(problem)
@@ -107,7 +117,7 @@ def run(command: Callable[[], Any]) -> int:
     return code
 
 
-def _called(command: Callable[[], Any]) -> int:
+def _exit_code(command: Callable[[], Any]) -> int:
     """The exit code that ``command`` returns or exits with."""
     try:
         result = command()
@@ -115,23 +125,24 @@ def _called(command: Callable[[], Any]) -> int:
         causes = list(_causes(exit_))
         if any(isinstance(cause, KeyboardInterrupt) for cause in causes):
             return STOPPED
-        if any(
-            isinstance(cause, BrokenPipeError) for cause in causes
-        ):  # typer makes exit code 1 of it
-            return 0
+        if any(isinstance(cause, BrokenPipeError) for cause in causes):
+            return 0  # typer would exit with 1
         result = exit_.code
     return result if isinstance(result, int) else 0
 
 
 def _causes(problem: BaseException | None) -> Iterator[BaseException]:
-    """``problem``, what caused it, and so on: a library may turn Ctrl-C, or a closed pipe, into another exception."""
+    """``problem``, its cause, and so on.
+
+    A library may turn Ctrl-C, or a closed pipe, into another exception.
+    """
     while problem is not None:
         yield problem
         problem = problem.__cause__ or problem.__context__
 
 
-def _refusal(problem: Exception) -> str:
-    """What the machine refused, in words."""
+def _system_error(problem: Exception) -> str:
+    """Message for an error that the operating system or the size of the input causes."""
     if isinstance(problem, MemoryError):
         return "not enough memory; give a shorter log"
     if isinstance(problem, RecursionError):
@@ -139,32 +150,33 @@ def _refusal(problem: Exception) -> str:
     if isinstance(problem, OverflowError):
         return f"a number beyond all bounds ({problem})"
     reason = problem.strerror if isinstance(problem, OSError) else None
-    words = f"the system refused ({' '.join(str(reason or problem).split())})"
+    text = f"the system refused ({' '.join(str(reason or problem).split())})"
     if isinstance(problem, OSError) and problem.filename:
-        return f"{printable(str(problem.filename))}: {words}"
-    return words
+        return f"{printable(str(problem.filename))}: {text}"
+    return text
 
 
 def _internal_error(problem: BaseException) -> int:
-    """Print the traceback and one sentence on standard error; return the exit code."""
-    import traceback
-
+    """Print the traceback and one line on standard error; return the exit code."""
     traceback.print_exception(problem)
     print(
-        f"tcdyn: internal error ({type(problem).__name__}): this is a fault in tcdyn {__version__}, not in your input; "
-        "please report it in the project's issue tracker with the lines above, the command and, if you can, its input",
+        f"tcdyn: internal error ({type(problem).__name__}): this is a fault in tcdyn "
+        f"{__version__}, "
+        "not in your input; please report it in the project's issue tracker with the lines above, "
+        "the command and, if you can, its input",
         file=sys.stderr,
     )
     return INTERNAL_ERROR
 
 
 def main() -> None:
-    """The command of ``sys.argv``; ends with SystemExit."""
+    """Run the command of ``sys.argv``; ends with SystemExit."""
     code = run(app)
     try:
         sys.stdout.flush()
     except OSError:
-        # run() has reported it; Python would report it again at its end (its manual, module signal, "Note on SIGPIPE")
+        # run() has reported it; Python would report it again at exit (Python manual, module signal,
+        # "Note on SIGPIPE")
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     sys.exit(code)
 

@@ -1,4 +1,4 @@
-"""``tcdyn beta`` and ``tcdyn campaign``: EHL logs and two records to the heat partition, by every way."""
+"""Commands ``tcdyn beta`` and ``tcdyn campaign``: heat partition from EHL logs and records."""
 
 from __future__ import annotations
 
@@ -11,40 +11,42 @@ from typing import Annotated, Any
 import typer
 
 from tcdyn.cli.common import (
-    OwnRigFile,
     RecordFiles,
-    Told,
+    Reporter,
+    RigFileOrRecords,
     Verbose,
-    bounded,
-    counted,
+    check_outputs,
+    count_progress,
     dump,
-    grouped,
-    in_one_line,
-    spare_inputs,
-    stages,
+    number_option,
+    option_groups,
+    print_first_warning,
+    stage_progress,
 )
+from tcdyn.core.findings import warnings_and_errors
 
 Bearing = Annotated[
     Path | None,
     typer.Option(
-        help="CSV of a pure-rolling test: load_N, friction_N, speed_slow_rpm; half is added to friction"
+        help="CSV of a pure-rolling test with the columns load_N, friction_N, speed_slow_rpm; half "
+        "of its friction is added to that of the test"
     ),
 ]
 Without = Annotated[
     list[str] | None,
-    typer.Option(help="channel to leave out, such as fast_c; may be given more than once"),
+    typer.Option(help="channel not to use, such as fast_c; repeat for several"),
 ]
 WindowS = Annotated[
-    float, bounded("--window-s", "cooling used by the h-only fit", 0, 1e6, ends=False)
+    float, number_option("--window-s", "length of the cooling fit in seconds", 0, 1e6, ends=False)
 ]
-Seed = Annotated[int, typer.Option(min=0, help="seed of the budget's Monte Carlo")]
+Seed = Annotated[int, typer.Option(min=0, help="seed of the Monte Carlo of the uncertainty budget")]
 
 
-@grouped
+@option_groups
 def beta(
-    log: Annotated[Path, typer.Argument(help="EHL log as it was recorded (not compensated)")],
+    log: Annotated[Path, typer.Argument(help="EHL log as recorded (not compensated)")],
     record: RecordFiles,
-    rig: OwnRigFile = None,
+    rig: RigFileOrRecords = None,
     out: Annotated[Path | None, typer.Option(help="beta.json to write")] = None,
     report: Annotated[Path | None, typer.Option(help="HTML report to write")] = None,
     bearing: Bearing = None,
@@ -53,45 +55,49 @@ def beta(
     sensor_check: Annotated[
         bool,
         typer.Option(
-            help="leave out dead channels, stop at swapped ones, warn of misplaced junctions"
+            help="exclude dead channels, stop if channels are swapped, warn of misplaced junctions"
         ),
     ] = True,
     seed: Seed = 0,
     stage: Annotated[
         int | None,
         typer.Option(
-            min=1, help="one of several loadings in the log, from 1 (default: all of them)"
+            min=1, help="analyse one of several loadings in the log, from 1 (default: all)"
         ),
     ] = None,
     verbose: Verbose = False,
     *,
-    tell: Told,
+    reporter: Reporter,
 ) -> None:
-    """Heat partition by the speed law, the cooling fits and the joint fits, cross-checked, with an uncertainty budget.
+    """Estimate the heat partition beta from an EHL log, with an uncertainty budget.
 
-    A log with several loadings and unloadings holds several tests, D4.1, D4.2: each is analysed, numbers go to
-    beta.1.json, beta.2.json, and all into one report.
+    Beta is estimated by the speed law, the cooling fits and the joint fits, and the estimates are
+    compared.
 
-    A log of one disk, with its record alone, gives beta by that disk's joint and cooling fit; both speeds are needed.
+    A log with several loadings contains several tests, D4.1, D4.2 and so on. Each is analysed. The
+    numbers are written to beta.1.json, beta.2.json and so on, and all tests to one report.
 
-    Example: tcdyn beta D4.csv --rig rig.toml --record fast.disk.json --record slow.disk.json --out beta.json
-    --report beta.html
+    A log of one disk needs the record of that disk only. Beta is then estimated by the joint fit
+    and the cooling fit of this disk. The log must contain both speeds.
+
+    Example: tcdyn beta D4.csv --rig rig.toml --record fast.disk.json --record slow.disk.json --out
+    beta.json --report beta.html
     """
     from tcdyn.io.write import write_text
     from tcdyn.rig.opened_log import records_by_disk, refuse_spare_records, rig_of
     from tcdyn.rig.rigfile import load_rig
     from tcdyn.workflows.bearing import read_bearing
     from tcdyn.workflows.beta import estimate_beta, estimate_stages
+    from tcdyn.workflows.single_disk import estimate_one_disk
 
-    spare_inputs([log, rig, bearing, *record], out=out, report=report)
+    check_outputs([log, rig, bearing, *record], out=out, report=report)
     records = records_by_disk(record)
-    own_rig = load_rig(rig) if rig else rig_of(records)
-    refuse_spare_records(log, own_rig, records)
+    rig_settings = load_rig(rig) if rig else rig_of(records)
+    refuse_spare_records(log, rig_settings, records)
     rolling = read_bearing(bearing) if bearing else None
-    estimate: Any = estimate_beta
-    if len(records) == 1:
-        from tcdyn.workflows.single_disk import estimate_one_disk as estimate
-    with stages(tell.silent, verbose) as progress:
+    is_one_disk = len(records) == 1
+    estimate: Any = estimate_one_disk if is_one_disk else estimate_beta
+    with stage_progress(reporter.is_silent, verbose) as progress:
         options: dict[str, Any] = {
             "window_s": window_s,
             "seed": seed,
@@ -101,21 +107,16 @@ def beta(
             "progress": progress,
         }
         if stage is None:
-            runs = estimate_stages(log, own_rig, records, estimate, **options)
+            runs = estimate_stages(log, rig_settings, records, estimate, **options)
         else:
-            runs = (estimate(log, own_rig, records, stage=stage, **options),)
-        data = cache(
-            lambda: [run.to_dict() for run in runs]
-        )  # with profiles, which a report alone makes beside others
-        files = (
-            []
-            if out is None
-            else [out]
-            if len(runs) == 1
-            else [numbered(out, k) for k in range(1, len(runs) + 1)]
-        )
+            runs = (estimate(log, rig_settings, records, stage=stage, **options),)
+        files = []
+        if out is not None:
+            files = _output_files(out, len(runs))
+        # computed once, and only where it is written: it includes the likelihood profiles
+        contents = cache(lambda: [run.to_dict() for run in runs])
         for k, file in enumerate(files):
-            write_text(file, dump(data()[k]))
+            write_text(file, dump(contents()[k]))
         if report is not None:
             progress("writing the report")
             from tcdyn.report.beta import write_beta_report
@@ -123,46 +124,46 @@ def beta(
             from tcdyn.report.sources import sources_of
 
             tests: Any = {run.log.path.stem: run.partition for run in runs}
-            write: Any = write_one_disk_report if len(records) == 1 else write_beta_report
-            write(report, tests, sources=sources_of(runs, record, rig))
-    tell.json(lambda: data()[0] if len(runs) == 1 else data())
+            write_report: Any = write_one_disk_report if is_one_disk else write_beta_report
+            write_report(report, tests, sources=sources_of(runs, record, rig))
+    reporter.json(lambda: contents()[0] if len(runs) == 1 else contents())
     for run in runs:
         if len(runs) > 1:
-            tell.say(f"{run.log.path.stem}:")
-        tell.warn(run.partition.noticed)  # the summary ends with the verdict
-        tell.say(run.summary())
+            reporter.text(f"{run.log.path.stem}:")
+        reporter.findings(run.partition.noticed)
+        reporter.text(run.summary())
     for file in files:
-        tell.files(numbers=file)
-    tell.files(report=report)
-    doubtful = [run for run in runs if run.partition.status != "sound"]
-    for run in doubtful:
-        in_one_line(run.log.path.name, run.partition.findings)
-    if doubtful:
+        reporter.files(numbers=file)
+    reporter.files(report=report)
+    with_warnings = [run for run in runs if run.partition.status != "sound"]
+    for run in with_warnings:
+        print_first_warning(run.log.path.name, run.partition.findings)
+    if with_warnings:
         raise typer.Exit(1)
 
 
-def numbered(path: Path, number: int) -> Path:
-    """The file of one of several tests in a log.
+def _output_files(out: Path, count: int) -> list[Path]:
+    """Files for the numbers of the tests of a log: ``out``, or numbered ones for several tests.
 
-    >>> numbered(Path("out/beta.json"), 2).name
-    'beta.2.json'
+    >>> [path.name for path in _output_files(Path("out/beta.json"), 2)]
+    ['beta.1.json', 'beta.2.json']
     """
-    return path.with_name(f"{path.stem}.{number}{path.suffix}")
+    if count == 1:
+        return [out]
+    return [out.with_name(f"{out.stem}.{k}{out.suffix}") for k in range(1, count + 1)]
 
 
-@grouped
+@option_groups
 def campaign(
-    logs: Annotated[list[Path], typer.Argument(help="EHL logs as they were recorded")],
+    logs: Annotated[list[Path], typer.Argument(help="EHL logs as recorded")],
     record: RecordFiles,
     out: Annotated[
         Path, typer.Option(help="folder for <log>.beta.json, campaign.csv and campaign.html")
     ],
-    rig: OwnRigFile = None,
+    rig: RigFileOrRecords = None,
     workers: Annotated[
         int | None,
-        typer.Option(
-            min=1, max=256, help="processes on this machine (default: 2 where there are two cores)"
-        ),
+        typer.Option(min=1, max=256, help="worker processes (default: 2 if there are two cores)"),
     ] = None,
     dask: Annotated[
         str | None, typer.Option(help="address of a Dask scheduler, e.g. tcp://host:8786")
@@ -172,26 +173,34 @@ def campaign(
     model: Annotated[
         list[Path] | None,
         typer.Option(
-            help="CSV of a model's curve to lay over beta: one of delta_T_us_K_m_s, load_N, "
-            "sliding_speed_m_s, entraining_speed_m_s; beta; u_beta if known; may be given more than once"
+            help="CSV of a model curve to compare with beta: one of delta_T_us_K_m_s, load_N, "
+            "sliding_speed_m_s, entraining_speed_m_s; beta; u_beta if known; repeat for several"
         ),
     ] = None,
     window_s: WindowS = 5.0,
     seed: Seed = 0,
     *,
-    tell: Told,
+    reporter: Reporter,
 ) -> None:
-    """Heat partition of every log of a campaign, in one table with the thesis's figures, and as one measurement.
+    """Estimate the heat partition of every log of a campaign, separately and together.
 
-    What all tests of a rig share is solved for once: campaign.json holds beta with its uncertainty within the campaign
-    and absolute, the exponent of the speed law, trends, and which test does not belong; table.csv and table.tex are for
-    a paper. What is finished is kept: run the same command again to go on after a stop, or to add logs; a .beta.json
-    may stand in the place of its log. A log that cannot be analysed has its reason in the table and does not stop the
-    others; the exit code is then 1, and 2 when none could: then table and page of an earlier run stay as they are.
+    Errors that all tests of a rig share are estimated once. campaign.json contains beta with its
+    uncertainty within the campaign and absolute, the exponent of the speed law, trends, and
+    outlying tests. campaign.csv and campaign.html contain all tests, with the figures of the
+    thesis; table.csv and table.tex are for a paper.
 
-    Example: tcdyn campaign EHL_*.csv --rig rig.toml --record fast.disk.json --record slow.disk.json --out results
+    Finished results are stored. Run the same command again to continue after an interruption, or to
+    add logs. Instead of a log you may give its .beta.json.
+
+    If a log cannot be analysed, the table contains the reason, the other logs are analysed, and the
+    exit code is 1. If none can be analysed, the exit code is 2, and table and page of an earlier
+    run are not changed.
+
+    Example: tcdyn campaign EHL_*.csv --rig rig.toml --record fast.disk.json --record slow.disk.json
+    --out results
     """
-    from tcdyn.core.findings import warnings_and_errors
+    from tcdyn.report.campaign import write_campaign_report
+    from tcdyn.report.sources import record_rows
     from tcdyn.rig.disk import left_out_of
     from tcdyn.rig.opened_log import records_by_disk, rig_of
     from tcdyn.rig.rigfile import load_rig
@@ -207,32 +216,32 @@ def campaign(
     if dask is not None and workers is not None:
         raise typer.BadParameter("give --workers or --dask, not both")
     for name in OUTPUTS:
-        spare_inputs([*logs, rig, bearing, *record, *(model or ())], out=out / name)
+        check_outputs([*logs, rig, bearing, *record, *(model or ())], out=out / name)
     records = records_by_disk(record)
-    own_rig = load_rig(rig) if rig else rig_of(records)
+    rig_settings = load_rig(rig) if rig else rig_of(records)
     rolling = read_bearing(bearing) if bearing else None
-    left_out_of(without or (), own_rig.setups)
-    settings = CampaignSettings(own_rig, records, window_s, seed, rolling, tuple(without or ()))
+    left_out_of(without or (), rig_settings.setups)
+    settings = CampaignSettings(
+        rig_settings, records, window_s, seed, rolling, tuple(without or ())
+    )
     files = {"table": out / TABLE_FILE, "report": out / PAGE_FILE}
-    earlier = {what for what, path in files.items() if path.exists()}
-    count = workers or min(2, os.cpu_count() or 1)
-    with counted(len(logs), tell.silent) as progress:
+    existing = {content for content, path in files.items() if path.exists()}
+    n_workers = workers or min(2, os.cpu_count() or 1)
+    with count_progress(len(logs), reporter.is_silent) as progress:
         run = run_campaign(
-            logs, settings, out, workers=count, dask=dask, models=model or (), progress=progress
+            logs, settings, out, workers=n_workers, dask=dask, models=model or (), progress=progress
         )
-    from tcdyn.report.campaign import write_campaign_report
-    from tcdyn.report.sources import record_rows
-
-    if nothing := len(run.failed) == len(run.outcomes):
-        files = {what: path for what, path in files.items() if what not in earlier}
+    all_failed = len(run.failed) == len(run.outcomes)
+    if all_failed:
+        files = {content: path for content, path in files.items() if content not in existing}
     if "report" in files:
         write_campaign_report(files["report"], run, record_rows(records, record))
-    for lost in run.failed:
-        print(f"tcdyn: {lost.error}", file=sys.stderr)
-    tell.json(run.card)
-    tell.warn(run.findings)
-    tell.say(run.summary())
-    tell.files(**files)
-    in_one_line("campaign", run.findings)
+    for outcome in run.failed:
+        print(f"tcdyn: {outcome.error}", file=sys.stderr)
+    reporter.json(run.card)
+    reporter.findings(run.findings)
+    reporter.text(run.summary())
+    reporter.files(**files)
+    print_first_warning("campaign", run.findings)
     if run.failed or warnings_and_errors(run.findings):
-        raise typer.Exit(2 if nothing else 1)
+        raise typer.Exit(2 if all_failed else 1)

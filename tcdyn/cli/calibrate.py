@@ -1,4 +1,4 @@
-"""Plunge logs: ``tcdyn calibrate`` to a disk record, ``tcdyn hole`` to how much later cemented junctions answer."""
+"""Commands ``tcdyn calibrate`` (disk record) and ``tcdyn hole`` (lag of cemented junctions)."""
 
 from __future__ import annotations
 
@@ -9,30 +9,30 @@ import typer
 
 from tcdyn.cli.common import (
     Disk,
+    Reporter,
     RigFile,
-    Told,
     Verbose,
-    bounded,
+    check_outputs,
     dump,
-    end,
-    grouped,
-    spare_inputs,
-    stages,
+    exit_status,
+    number_option,
+    option_groups,
+    stage_progress,
 )
 from tcdyn.core.errors import InputError
 
 
-@grouped
+@option_groups
 def calibrate(
     disk: Disk,
-    immersion: Annotated[list[Path], typer.Option(help="plunge log; give it once for each plunge")],
+    immersion: Annotated[list[Path], typer.Option(help="plunge log; repeat for each plunge")],
     oven: Annotated[Path | None, typer.Option(help="oven log: one row per steady minute")] = None,
     line_u_k: Annotated[
         float | None,
-        bounded(
+        number_option(
             "--line-u-K",
-            "without an oven log: standard uncertainty of a reading as it was logged, such as 0.9 for a tolerance "
-            "of 1.5 K",
+            "without an oven log: standard uncertainty of a logged reading [K], such as 0.9 for a "
+            "tolerance of 1.5 K",
             0,
             50,
         ),
@@ -44,14 +44,15 @@ def calibrate(
     fluid: Annotated[
         list[str] | None,
         typer.Option(
-            help="mobil-jet-ii, water or a table.csv; once for all plunges or once for each"
+            help="mobil-jet-ii, water or a table.csv; once for all plunges, or once for each"
         ),
     ] = None,
     structure: Annotated[
         str,
         typer.Option(
-            help="P1 (one lag), P2 (two), P3 (three), P1D or P2D (and a dead time) or P2Z (and a zero: a slow tail); "
-            "the others are tried, too"
+            help="chain structure: P1 (one lag), P2 (two), P3 (three), P1D or P2D (with a dead "
+            "time), "
+            "P2Z (with a zero: a slow tail); the others are fitted for comparison"
         ),
     ] = "P2",
     correlation: Annotated[
@@ -60,16 +61,16 @@ def calibrate(
     report: Annotated[Path | None, typer.Option(help="HTML certificate to write")] = None,
     earlier: Annotated[
         list[Path] | None,
-        typer.Option(help="earlier record of this disk, for its drift on the certificate"),
+        typer.Option(help="earlier record of this disk; the certificate then states the drift"),
     ] = None,
     verbose: Verbose = False,
     *,
-    tell: Told,
+    reporter: Reporter,
 ) -> None:
-    """Calibrate a disk: static lines from its oven log, measurement chain from its plunges.
+    """Calibrate a disk: static lines from its oven log, dynamics from its plunge logs.
 
-    Example: tcdyn calibrate --rig rig.toml --disk fast --oven oven_fast.csv --immersion P1.csv --immersion P2.csv
-    --fluid mobil-jet-ii --out fast.disk.json --report fast.html
+    Example: tcdyn calibrate --rig rig.toml --disk fast --oven oven_fast.csv --immersion P1.csv
+    --immersion P2.csv --fluid mobil-jet-ii --out fast.disk.json --report fast.html
     """
     from tcdyn.rig.record import read_record, write_record
     from tcdyn.rig.rigfile import load_rig
@@ -77,14 +78,15 @@ def calibrate(
 
     target = out or Path(f"{disk}.disk.json")
     fluids = fluid or ["mobil-jet-ii"]
-    spare_inputs([rig, oven, *immersion, *fluids, *(earlier or [])], out=target, report=report)
-    before = [read_record(path) for path in earlier or []]
-    if other := [f"{path}: {r.disk}" for path, r in zip(earlier or [], before) if r.disk != disk]:
-        raise InputError(
-            f"--earlier is a record of another disk ({other[0]})",
-            expected=f"records of the {disk} disk",
-        )
-    with stages(tell.silent, verbose) as progress:
+    check_outputs([rig, oven, *immersion, *fluids, *(earlier or [])], out=target, report=report)
+    earlier_records = [read_record(path) for path in earlier or []]
+    for path, record in zip(earlier or [], earlier_records):
+        if record.disk != disk:
+            raise InputError(
+                f"--earlier is a record of another disk ({path}: {record.disk})",
+                expected=f"records of the {disk} disk",
+            )
+    with stage_progress(reporter.is_silent, verbose) as progress:
         run = calibrate_disk(
             load_rig(rig),
             disk,
@@ -100,40 +102,42 @@ def calibrate(
     if report is not None:
         from tcdyn.report.certificate import write_certificate
 
-        write_certificate(report, run, before)
-    tell.json(run.record.to_dict)
-    tell.warn(run.findings)
-    tell.say(run.summary())
-    tell.files(record=target, certificate=report)
-    end(f"the {disk} disk", run.findings)
+        write_certificate(report, run, earlier_records)
+    reporter.json(run.record.to_dict)
+    reporter.findings(run.findings)
+    reporter.text(run.summary())
+    reporter.files(record=target, certificate=report)
+    exit_status(f"the {disk} disk", run.findings)
 
 
-@grouped
+@option_groups
 def hole(
     log: Annotated[
         Path,
-        typer.Argument(help="log of several thermocouples at one depth, some clamped as ideal"),
+        typer.Argument(
+            help="log of several thermocouples at one depth, some clamped as a reference"
+        ),
     ],
     rig: RigFile = None,
     ideal: Annotated[
         list[str] | None,
-        typer.Option(help="a clamped channel, name without _degC; default all called ideal_*"),
+        typer.Option(help="name of a clamped channel, without _degC (default: all named ideal_*)"),
     ] = None,
     limit_s: Annotated[
-        float, bounded("--limit-s", "extra lag from which a hole is too slow", 0, 100)
+        float, number_option("--limit-s", "extra lag above which a hole is too slow [s]", 0, 100)
     ] = 0.20,
     depth_mm: Annotated[
-        float, bounded("--depth-mm", "depth of all junctions", 0, 100, ends=False)
+        float, number_option("--depth-mm", "depth of all junctions [mm]", 0, 100, ends=False)
     ] = 3.0,
     depth_u_mm: Annotated[
-        float, bounded("--depth-u-mm", "its standard uncertainty", 0, 100)
+        float, number_option("--depth-u-mm", "standard uncertainty of the depth [mm]", 0, 100)
     ] = 0.05,
     out: Annotated[Path | None, typer.Option(help="JSON to write")] = None,
     report: Annotated[Path | None, typer.Option(help="HTML report to write")] = None,
     *,
-    tell: Told,
+    reporter: Reporter,
 ) -> None:
-    """Compare hole sizes and cements: extra lag of each thermocouple against the clamped ones, with a verdict.
+    """Compare hole sizes and cements: extra lag of each thermocouple against the clamped ones.
 
     Example: tcdyn simulate hole --out hole.csv && tcdyn hole hole.csv --report hole.html
     """
@@ -145,10 +149,10 @@ def hole(
     from tcdyn.rig.rigfile import load_rig
     from tcdyn.workflows.calibrate import untold
 
-    spare_inputs([log, rig], out=out, report=report)
+    check_outputs([log, rig], out=out, report=report)
     setup = load_rig(rig)
     table = read_log(log, "hole", setup)
-    found = compare_holes(
+    comparison = compare_holes(
         bath_filled(table),
         ideal=ideal,
         limit_s=limit_s,
@@ -157,8 +161,8 @@ def hole(
         diffusivity_m2_s=setup.disk_setup("").diffusivity_m2_s,
         where=log.name,
     )
-    noticed = unique((*untold(table, found.entry), *found.findings))
-    content = {**found.to_dict(), "warnings": list(messages(noticed))}
+    findings = unique((*untold(table, comparison.entry), *comparison.findings))
+    content = {**comparison.to_dict(), "warnings": list(messages(findings))}
     if out is not None:
         write_text(out, dump(content))
     if report is not None:
@@ -170,28 +174,29 @@ def hole(
         from tcdyn.report.sources import log_row
         from tcdyn.report.sources import table as made_of
 
-        picture = pictured(partial(draw_holes, found), height_in=4.5)
-        told = (
-            "Dots: readings; lines: the fit. Every junction sees one temperature, so a curve that runs behind the "
-            "clamped ones (ideal) is late by its hole and cement."
+        picture = pictured(partial(draw_holes, comparison), height_in=4.5)
+        caption = (
+            "Dots: readings; lines: the fit. All junctions have the same temperature around them, "
+            "so "
+            "a curve that lags the clamped ones (ideal) is delayed by its hole and cement."
         )
         sections = [
-            Section("Extra lag of each hole", table=found.card()),
-            Section("The plunge: whose curve is late?", figure=picture, caption=told),
+            Section("Extra lag of each hole", table=comparison.card()),
+            Section("The plunge", figure=picture, caption=caption),
         ]
         write_page(
             report,
             f"Holes and cement: {log.name}",
             sections,
-            verdict=found.summary().replace("\n", "\n\n"),
-            findings=noticed,
+            verdict=comparison.summary().replace("\n", "\n\n"),
+            findings=findings,
             sources=made_of([log_row(table)]),
             assumptions=[
-                f"all junctions lie {depth_mm:g} +- {depth_u_mm:g} mm deep and see one temperature"
+                f"all junctions lie {depth_mm:g} +- {depth_u_mm:g} mm deep, at one temperature"
             ],
         )
-    tell.json(lambda: content)
-    tell.warn(noticed)
-    tell.say(found.summary())
-    tell.files(numbers=out, report=report)
-    end(log.name, noticed)
+    reporter.json(lambda: content)
+    reporter.findings(findings)
+    reporter.text(comparison.summary())
+    reporter.files(numbers=out, report=report)
+    exit_status(log.name, findings)

@@ -1,4 +1,4 @@
-"""What the commands share: options, answers, and progress."""
+"""Options, output on the terminal, progress and exit codes that the commands share."""
 
 from __future__ import annotations
 
@@ -10,16 +10,14 @@ from dataclasses import dataclass, is_dataclass
 from functools import wraps
 from pathlib import Path
 from time import monotonic
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from tcdyn.core.errors import InputError, printable
+from tcdyn.core.findings import Finding, unique, warnings_and_errors
 
-if TYPE_CHECKING:
-    from tcdyn.core.findings import Finding
-
-OPTIONS = {  # of parameters, where it is not the name with dashes
+OPTIONS = {  # option of a parameter, where it is not --NAME with dashes
     "records": "--record",
     "sensors": "--sensor",
     "taus_s": "--tau-s",
@@ -28,15 +26,17 @@ OPTIONS = {  # of parameters, where it is not the name with dashes
     "start_s": "--covariance-from-s",
 }
 RigFile = Annotated[
-    Path | None, typer.Option("--rig", help="rig.toml; without it the design's defaults")
+    Path | None, typer.Option("--rig", help="rig.toml; without it the defaults are used")
 ]
-OWN_RIG = typer.Option("--rig", help="rig.toml; without it the one that the records were made with")
-OwnRigFile = Annotated[Path | None, OWN_RIG]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="print nothing but errors")]
+RigFileOrRecords = Annotated[
+    Path | None,
+    typer.Option("--rig", help="rig.toml; without it the rig stored in the records is used"),
+]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="print errors only")]
 Verbose = Annotated[
-    bool, typer.Option("--verbose", "-v", help="a line for each stage, with the time gone by")
+    bool, typer.Option("--verbose", "-v", help="print a line for each stage, with the elapsed time")
 ]
-Json = Annotated[bool, typer.Option("--json", help="print the result as JSON instead of words")]
+Json = Annotated[bool, typer.Option("--json", help="print the result as JSON")]
 RECORD = typer.Option("--record", help="*.disk.json of a disk; give it once for each disk")
 RecordFiles = Annotated[list[Path], RECORD]
 OptionalRecordFiles = Annotated[list[Path] | None, RECORD]
@@ -60,14 +60,16 @@ def as_option(name: str, value: str | bool | None = None) -> str:
     return f"{option} {value}"
 
 
-def grouped(command: Callable[..., None]) -> Callable[..., None]:
-    """A command whose parameters that are dataclasses become options, one for each of their fields.
+def option_groups(command: Callable[..., None]) -> Callable[..., None]:
+    """Decorator: parameters of a command that are dataclasses become one option for each field.
 
-    Typer makes options of the parameters in a command's signature. The signature given here has the fields of each
-    dataclass in the place of the dataclass; a call makes the dataclasses of them again.
+    Notes
+    -----
+    Typer makes options from the signature of a command. The signature given here has the fields of
+    each dataclass in place of the dataclass; a call builds the dataclasses from them.
     """
     parameters = inspect.signature(command, eval_str=True).parameters.values()
-    plain = [p for p in parameters if not is_dataclass(p.annotation)]
+    signature = [p for p in parameters if not is_dataclass(p.annotation)]
     groups: dict[str, Any] = {
         p.name: p.annotation for p in parameters if is_dataclass(p.annotation)
     }
@@ -76,62 +78,76 @@ def grouped(command: Callable[..., None]) -> Callable[..., None]:
     }
 
     @wraps(command)
-    def with_groups(*arguments: Any, **options: Any) -> None:
+    def call_with_groups(*arguments: Any, **options: Any) -> None:
         for name, group in groups.items():
-            own = {field: options.pop(field) for field in fields[name] if field in options}
-            options[name] = group(**own)
+            values = {field: options.pop(field) for field in fields[name] if field in options}
+            options[name] = group(**values)
         command(*arguments, **options)
 
     for members in fields.values():
-        plain += [field.replace(kind=inspect.Parameter.KEYWORD_ONLY) for field in members.values()]
-    with_groups.__signature__ = inspect.Signature(plain)  # type: ignore[attr-defined]
-    return with_groups
+        for field in members.values():
+            signature.append(field.replace(kind=inspect.Parameter.KEYWORD_ONLY))
+    call_with_groups.__signature__ = inspect.Signature(signature)  # type: ignore[attr-defined]
+    return call_with_groups
 
 
 @dataclass(frozen=True)
-class Told:
-    """How a command answers: in words, as JSON, or not at all."""
+class Reporter:
+    """Output of a command: text, JSON, or nothing but errors."""
 
     json_: Json = False
     quiet: Quiet = False
 
     @property
-    def silent(self) -> bool:
-        """Whether no words are printed."""
+    def is_silent(self) -> bool:
+        """Whether no text is printed."""
         return self.json_ or self.quiet
 
-    def say(self, text: str) -> None:
-        """Print plain words."""
-        if not self.silent:
+    def text(self, text: str) -> None:
+        """Print text, unless silent."""
+        if not self.is_silent:
             print("\n".join(map(printable, text.split("\n"))))
 
     def json(self, data: Callable[[], Any]) -> None:
-        """Print what ``data`` gives, where JSON was asked for."""
+        """Print the value of ``data()`` as JSON, with ``--json``."""
         if self.json_:
             print(dump(data()), end="")
 
-    def warn(self, findings: Iterable[Finding]) -> None:
-        """Print each finding on standard error, its severity in front: info, warning or error."""
-        from tcdyn.core.findings import unique
-
-        for found in () if self.silent else unique(findings):
-            print(f"{found.severity.value}: {printable(found.message(as_option))}", file=sys.stderr)
+    def findings(self, findings: Iterable[Finding]) -> None:
+        """Print each finding on standard error, its severity in front, unless silent."""
+        if self.is_silent:
+            return
+        for finding in unique(findings):
+            message = printable(finding.message(as_option))
+            print(f"{finding.severity.value}: {message}", file=sys.stderr)
 
     def files(self, **written: Path | None) -> None:
-        """Name the files that were written, by what they hold."""
-        for what, path in written.items():
+        """Print the paths of the files that were written, each after what it contains."""
+        for content, path in written.items():
             if path is not None:
-                self.say(f"{what}: {path}")
+                self.text(f"{content}: {path}")
 
 
-def within(
+def in_range(
     low: float, high: float, *, ends: bool = True
 ) -> Callable[[typer.CallbackParam, Any], Any]:
-    """Callback of an option whose numbers lie from ``low`` to ``high`` (between them without ``ends``), not NaN."""
+    """Callback of an option: its numbers must lie from ``low`` to ``high``, and not be NaN.
+
+    Parameters
+    ----------
+    low, high
+        Limits.
+    ends
+        Whether the limits themselves are allowed.
+    """
+
+    def is_allowed(number: float) -> bool:
+        return low <= number <= high if ends else low < number < high
 
     def check(param: typer.CallbackParam, value: Any) -> Any:
-        for number in value if isinstance(value, list | tuple) else [value]:
-            if number is not None and not (low <= number <= high if ends else low < number < high):
+        numbers = value if isinstance(value, list | tuple) else [value]
+        for number in numbers:
+            if number is not None and not is_allowed(number):
                 expected = f"{low:g} to {high:g}" if ends else f"above {low:g} and below {high:g}"
                 raise InputError(f"{param.opts[0]} is {number:g}", expected=expected)
         return value
@@ -139,18 +155,20 @@ def within(
     return check
 
 
-def bounded(option: str, help_: str, low: float, high: float, *, ends: bool = True) -> Any:
-    """An option whose numbers lie from ``low`` to ``high``."""
-    return typer.Option(option, help=help_, callback=within(low, high, ends=ends))
+def number_option(
+    option: str, help_text: str, low: float, high: float, *, ends: bool = True
+) -> Any:
+    """An option whose numbers must lie from ``low`` to ``high``; see ``in_range``."""
+    return typer.Option(option, help=help_text, callback=in_range(low, high, ends=ends))
 
 
 def check_choice(option: str, value: str, allowed: tuple[str, ...]) -> None:
-    """Refuse a value that is none of ``allowed``."""
+    """Raise InputError for a value that is none of ``allowed``."""
     if value not in allowed:
         raise InputError(f"{option} is {value!r}", expected=" or ".join(allowed))
 
 
-def one_disk(value: str) -> str:
+def _check_disk(value: str) -> str:
     """Callback of an option that names a disk of the rig."""
     from tcdyn.rig.disk import DISKS
 
@@ -158,7 +176,7 @@ def one_disk(value: str) -> str:
     return value
 
 
-Disk = Annotated[str, typer.Option(help="fast or slow", callback=one_disk)]
+Disk = Annotated[str, typer.Option(help="fast or slow", callback=_check_disk)]
 
 
 def _terminal() -> Any:
@@ -166,24 +184,32 @@ def _terminal() -> Any:
     from rich.console import Console
 
     console = Console(stderr=True)
-    return console if console.is_terminal else None
+    if console.is_terminal:
+        return console
+    return None
 
 
 @contextmanager
-def stages(quiet: bool, verbose: bool = False) -> Iterator[Callable[[str], None]]:
-    """A function to call with the name of each stage as it begins.
+def stage_progress(quiet: bool, verbose: bool = False) -> Iterator[Callable[[str], None]]:
+    """Yield a function to call with the name of each stage when it begins.
 
-    On a terminal the stage shows beside the elapsed time. With ``verbose``, every stage stays on a line of its own with
-    the time at which it began, and a last line says how long all took. Elsewhere each stage is a line.
+    Parameters
+    ----------
+    quiet
+        Print nothing.
+    verbose
+        Print each stage on a line of its own with the time at which it began, and at the end the
+        total time. Otherwise a terminal shows the current stage and the elapsed time, and anything
+        else gets a line for each stage.
     """
     if quiet:
         yield lambda stage: None
         return
     if verbose:
-        begin = monotonic()
+        start_s = monotonic()
 
         def print_line(stage: str) -> None:
-            print(f"... {monotonic() - begin:6.1f} s  {printable(stage)}", file=sys.stderr)
+            print(f"... {monotonic() - start_s:6.1f} s  {printable(stage)}", file=sys.stderr)
 
         yield print_line
         print_line("done")
@@ -201,73 +227,104 @@ def stages(quiet: bool, verbose: bool = False) -> Iterator[Callable[[str], None]
 
 
 @contextmanager
-def counted(total: int | None, quiet: bool = False) -> Iterator[Callable[[str, int, int], None]]:
-    """A function of (name, done, in all): on a terminal a bar with the time left, a line for each elsewhere."""
+def count_progress(
+    total: int | None, quiet: bool = False
+) -> Iterator[Callable[[str, int, int], None]]:
+    """Yield a function of (name, number done, total number).
+
+    A terminal shows a bar with the remaining time, anything else gets a line for each call.
+    """
     if quiet:
-        yield lambda name, n, m: None
+        yield lambda name, done, count: None
         return
     console = _terminal()
     if console is None:
-        yield lambda name, n, m: print(f"... {n} of {m}: {printable(name)}", file=sys.stderr)
+        yield lambda name, done, count: print(
+            f"... {done} of {count}: {printable(name)}", file=sys.stderr
+        )
         return
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-    from rich.progress import TimeRemainingColumn as Remaining
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
 
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
     )
-    with Progress(
-        *columns, TextColumn("left"), Remaining(), console=console, transient=True
-    ) as bar:
+    with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("starting", total=total)
-        yield lambda name, n, m: bar.update(task, completed=n, total=m, description=name)
+        yield lambda name, done, count: bar.update(
+            task, completed=done, total=count, description=name
+        )
 
 
-def spare_inputs(inputs: Iterable[Path | str | None], **outputs: Path | None) -> None:
-    """Refuse, before anything is done, an output that is an input under any name, or another output.
+def check_outputs(inputs: Iterable[Path | str | None], **outputs: Path | None) -> None:
+    """Check, before any work, that no output is an input under any name, or another output.
 
-    ``outputs``: by their options without the dashes; None where nothing was given. Raises InputError.
+    Parameters
+    ----------
+    inputs
+        Files that are read; None where an option was not given.
+    **outputs
+        Files to write, by their options without the dashes; None where an option was not given.
 
-    >>> spare_inputs([None, "log.csv"], out=Path("done.csv"), report=None)
+    Raises
+    ------
+    InputError
+        If an output is one of the other files.
+
+    Examples
+    --------
+    >>> check_outputs([None, "log.csv"], out=Path("done.csv"), report=None)
     """
-    taken = {Path(path).resolve(): "which is read" for path in inputs if path is not None}
+    uses = {Path(path).resolve(): "which is read" for path in inputs if path is not None}
     for option, path in outputs.items():
         if path is None:
             continue
-        if path.resolve() in taken:
+        file = path.resolve()
+        if file in uses:
             raise InputError(
-                f"--{option} would write over {path}, {taken[path.resolve()]}",
-                expected="a file of its own",
-                remedy=f"give another --{option}",
+                f"--{option} would write over {path}, {uses[file]}",
+                expected="another file",
+                remedy=f"change --{option}",
             )
-        taken[path.resolve()] = f"which is --{option}"
+        uses[file] = f"which is --{option}"
 
 
-def in_one_line(what: str, findings: Iterable[Finding]) -> bool:
-    """Whether a finding is above a note; one line on standard error tells the first, also under --quiet and --json."""
-    from tcdyn.core.findings import unique, warnings_and_errors
+def print_first_warning(name: str, findings: Iterable[Finding]) -> bool:
+    """Print the first warning or error on standard error, also under --quiet and --json.
 
-    asking = warnings_and_errors(unique(findings))
-    if asking:
-        more = f" (and {len(asking) - 1} more)" if len(asking) > 1 else ""
-        print(
-            f"tcdyn: {what}: warning: {printable(asking[0].message(as_option))}{more}",
-            file=sys.stderr,
-        )
-    return bool(asking)
+    Returns
+    -------
+    bool
+        Whether there is a finding more serious than an info.
+    """
+    serious = warnings_and_errors(unique(findings))
+    if not serious:
+        return False
+    message = printable(serious[0].message(as_option))
+    others = f" (and {len(serious) - 1} more)" if len(serious) > 1 else ""
+    print(f"tcdyn: {name}: warning: {message}{others}", file=sys.stderr)
+    return True
 
 
-def end(what: str, findings: Iterable[Finding]) -> None:
-    """End with 1 where something asks for a look, told in one line on standard error; with 0 otherwise."""
-    if in_one_line(what, findings):
+def exit_status(name: str, findings: Iterable[Finding]) -> None:
+    """Exit with code 1 if there is a warning or error, whose first is printed; see above."""
+    if print_first_warning(name, findings):
         raise typer.Exit(1)
 
 
 def dump(data: Any) -> str:
-    """JSON as all files and ``--json`` write it: what is not a number is null."""
+    """Text of a JSON file, as for all files and ``--json``; NaN is null."""
     from tcdyn.core.result import json_text
 
     return json_text(data)

@@ -1,4 +1,4 @@
-"""``tcdyn compensate``: a logged trace in, the temperature at the junctions out."""
+"""Command ``tcdyn compensate``: remove static errors and lag from logged temperatures."""
 
 from __future__ import annotations
 
@@ -9,18 +9,24 @@ import typer
 
 from tcdyn.cli.common import (
     OptionalRecordFiles,
-    OwnRigFile,
-    Told,
+    Reporter,
+    RigFileOrRecords,
     Verbose,
-    bounded,
     check_choice,
+    check_outputs,
     dump,
-    end,
-    grouped,
-    spare_inputs,
-    stages,
+    exit_status,
+    number_option,
+    option_groups,
+    stage_progress,
 )
-from tcdyn.cli.tables import SensorFiles, TableColumns, TableReading, of_table, only_with_records
+from tcdyn.cli.tables import (
+    SensorFiles,
+    TableColumns,
+    TableReading,
+    compensate_any_table,
+    only_with_records,
+)
 from tcdyn.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -28,10 +34,13 @@ if TYPE_CHECKING:
     from tcdyn.workflows.segments import Way
 
 
-@grouped
+@option_groups
 def compensate(
     log: Annotated[
-        Path, typer.Argument(help="EHL log, or immersion log (CSV, TDMS, LVM or Parquet)")
+        Path,
+        typer.Argument(
+            help="EHL log or immersion log (CSV, TDMS, LVM or Parquet), or with --sensor any table"
+        ),
     ],
     record: OptionalRecordFiles = None,
     sensor: SensorFiles = None,
@@ -39,69 +48,77 @@ def compensate(
         Path | None,
         typer.Option(help="output: .csv, .parquet or .tdms (default LOG.compensated.csv)"),
     ] = None,
-    rig: OwnRigFile = None,
+    rig: RigFileOrRecords = None,
     refine: Annotated[
         bool,
         typer.Option(
-            help="take the lag common to a disk from the log's unloading, the record's as prior"
+            help="estimate the common lag of a disk from the unloading in the log, with the "
+            "record as "
+            "prior"
         ),
     ] = True,
     method: Annotated[
         str,
         typer.Option(
-            help="smoother; deconvolve (a second opinion that assumes no model of the input); inverse (a causal filter)"
+            help="smoother (RTS smoother); deconvolve (regularised deconvolution, without a model "
+            "of "
+            "the input, as a check); inverse (a causal filter)"
         ),
     ] = "smoother",
     criterion: Annotated[
         str | None,
         typer.Option(
-            help="of deconvolve: gcv (default), discrepancy or l-curve chooses its weight"
+            help="with deconvolve: gcv (default), discrepancy or l-curve, which chooses its weight"
         ),
     ] = None,
     bandwidth_hz: Annotated[
-        float | None, bounded("--bandwidth-Hz", "of inverse [Hz], default 0.5", 0, 1e4)
+        float | None,
+        number_option("--bandwidth-Hz", "with inverse: bandwidth [Hz], default 0.5", 0, 1e4),
     ] = None,
     report: Annotated[
-        Path | None, typer.Option(help="HTML page: numbers before use, raw against compensated")
+        Path | None,
+        typer.Option(help="HTML report: properties of the filter, raw and compensated traces"),
     ] = None,
     covariance: Annotated[
         Path | None,
         typer.Option(
-            help="JSON: over a stretch, covariance between samples, and means with that between channels"
+            help="JSON to write: for a segment, the covariance between samples, and means with the "
+            "covariance between channels"
         ),
     ] = None,
     covariance_from_s: Annotated[
         float | None,
         typer.Option(
             "--covariance-from-s",
-            help="where it begins, as time_s; default the last event, the unloading",
+            help="start of that segment as time_s (default: the last event, the unloading)",
         ),
     ] = None,
     covariance_s: Annotated[
-        float, bounded("--covariance-s", "how long it is, in seconds", 0, 60)
+        float, number_option("--covariance-s", "length of that segment in seconds", 0, 60)
     ] = 1.0,
     parts: Annotated[
         bool,
         typer.Option(
-            "--parts", help="columns _noise_u_K and _common_u_K, what each _u_K is made of"
+            "--parts", help="also write the components of each _u_K: _noise_u_K and _common_u_K"
         ),
     ] = False,
     noise_only: Annotated[
         bool,
-        typer.Option(
-            "--noise-only", help="only take out noise and static errors; the lag stays in"
-        ),
+        typer.Option("--noise-only", help="remove only noise and static errors, not the lag"),
     ] = False,
-    follow: Annotated[bool, typer.Option("--follow", hidden=True, help="now tcdyn follow")] = False,
+    follow: Annotated[
+        bool, typer.Option("--follow", hidden=True, help="replaced by tcdyn follow")
+    ] = False,
     column: TableColumns = None,
     verbose: Verbose = False,
     *,
     reading: TableReading,
-    tell: Told,
+    reporter: Reporter,
 ) -> None:
-    """Undo static errors and lag of every logged thermocouple; a standard deviation stands beside each sample.
+    """Remove static errors and lag of every thermocouple; every sample gets a standard uncertainty.
 
-    Example: tcdyn compensate D4.csv --record fast.disk.json --record slow.disk.json --out D4.compensated.csv
+    Example: tcdyn compensate D4.csv --record fast.disk.json --record slow.disk.json --out
+    D4.compensated.csv
 
     Any other table: tcdyn compensate kiln.csv --sensor probe.sensor.json --out kiln.compensated.csv
     """
@@ -111,7 +128,7 @@ def compensate(
     from tcdyn.workflows import compensate_log
 
     if sensor:
-        asked = {
+        rig_options = {
             "--record": record,
             "--rig": rig,
             "--criterion": criterion,
@@ -122,10 +139,10 @@ def compensate(
             "--parts": parts or None,
             "--method": None if method == "smoother" else method,
         }
-        only_with_records([option for option, value in asked.items() if value])
+        only_with_records([option for option, value in rig_options.items() if value])
         target = out or log.with_name(f"{log.stem}.compensated.csv")
-        return of_table(
-            log, sensor, target, {"columns": column or (), **reading.options()}, tell, verbose
+        return compensate_any_table(
+            log, sensor, target, {"columns": column or (), **reading.options()}, reporter, verbose
         )
     if not record:
         raise InputError(
@@ -135,63 +152,65 @@ def compensate(
     if follow:
         raise InputError(
             "--follow is a command of its own now",
-            remedy=f"tcdyn follow {log} --record ... --out ...",
+            remedy=f"use tcdyn follow {log} --record ... --out ...",
         )
     if noise_only and (report is not None or covariance is not None):
         raise InputError("--noise-only with --report or --covariance", remedy="give one of them")
     if covariance is not None and method == "inverse":
         raise InputError(
-            "--covariance with --method inverse, which states none", remedy="take the smoother"
+            "--covariance with --method inverse, which has none", remedy="take the smoother"
         )
     records = records_by_disk(record)
-    own_rig = load_rig(rig) if rig else rig_of(records)
+    rig_settings = load_rig(rig) if rig else rig_of(records)
     target = out or log.with_name(f"{log.stem}.compensated.csv")
-    spare_inputs([log, rig, *record], out=target, report=report, covariance=covariance)
-    way = _way(method, criterion, bandwidth_hz, noise_only)
-    with stages(tell.silent, verbose) as progress:
+    check_outputs([log, rig, *record], out=target, report=report, covariance=covariance)
+    way = _method(method, criterion, bandwidth_hz, noise_only)
+    with stage_progress(reporter.is_silent, verbose) as progress:
         done = compensate_log(
-            log, records, own_rig, refine=refine, way=way, parts=parts, progress=progress
+            log, records, rig_settings, refine=refine, way=way, parts=parts, progress=progress
         )
-        between = (
-            done.covariance(covariance_s, covariance_from_s) if covariance is not None else None
-        )
+        covariances = None
+        if covariance is not None:
+            covariances = done.covariance(covariance_s, covariance_from_s)
         written, noticed = done.write(target, progress)
         if covariance is not None:
-            write_text(covariance, dump(between))
+            write_text(covariance, dump(covariances))
         if report is not None:
             from tcdyn.report.compensate import write_compensation_report
 
             progress("report")
             write_compensation_report(report, done, records, record)
-    before = [done.before_use(disk) for disk in done.disks] if way.method == "inverse" else []
-    found = [*noticed, *(f for one in before for f in one.findings)]
-    tell.json(lambda: {**_numbers(done), "out": written, "report": report})
-    tell.warn(found)
-    tell.say(_words(done))
-    what = "compensated" if way.removes_lag else "without noise, lag left in"
-    tell.files(**{what: written}, report=report, covariance=covariance)
-    end(log.name, found)
+    findings = list(noticed)
+    if way.method == "inverse":
+        for disk in done.disks:
+            findings += done.before_use(disk).findings
+    reporter.json(lambda: {**_numbers(done), "out": written, "report": report})
+    reporter.findings(findings)
+    reporter.text(_summary(done))
+    content = "compensated" if way.removes_lag else "without noise, lag left in"
+    reporter.files(**{content: written}, report=report, covariance=covariance)
+    exit_status(log.name, findings)
 
 
-def _words(done: CompensatedLog) -> str:
-    """What was done to each disk."""
-    said: list[str] = []
-    for disk, one in done.disks.items():
+def _summary(done: CompensatedLog) -> str:
+    """What was done to each disk, as text."""
+    lines: list[str] = []
+    for disk, compensated in done.disks.items():
         if done.way.method == "inverse":
-            before = done.before_use(disk)
-            said += [
-                f"{disk}, noisiest channel, {one.method}:",
-                *(f"  {x}" for x in before.lines()),
-            ]
+            filter_report = done.before_use(disk)
+            lines.append(f"{disk}, noisiest channel, {compensated.method}:")
+            lines += [f"  {line}" for line in filter_report.lines()]
         if done.way.removes_lag:
-            said.append(f"{disk}: common lag {done.metadata[f'{disk}_common_lag_s']}")
+            lines.append(f"{disk}: common lag {done.metadata[f'{disk}_common_lag_s']}")
         else:
-            said += one.lines(done.channels(disk))
-    return "\n".join(said)
+            lines += compensated.lines(done.channels(disk))
+    return "\n".join(lines)
 
 
-def _way(method: str, criterion: str | None, bandwidth_Hz: float | None, noise_only: bool) -> Way:
-    """The compensator that the options ask for; InputError for options that do not belong together."""
+def _method(
+    method: str, criterion: str | None, bandwidth_Hz: float | None, noise_only: bool
+) -> Way:
+    """The method that the options specify; InputError for options that contradict each other."""
     from tcdyn.smoothing.process_noise import Criterion
     from tcdyn.workflows.segments import METHODS, Way
 
@@ -208,17 +227,22 @@ def _way(method: str, criterion: str | None, bandwidth_Hz: float | None, noise_o
             )
     if criterion is not None:
         check_choice("--criterion", criterion, get_args(Criterion))
-    chosen: dict[str, Any] = {"criterion": criterion, "bandwidth_Hz": bandwidth_Hz}
-    given = {k: v for k, v in chosen.items() if v is not None}
-    return Way("noise-only" if noise_only else method, **given)  # type: ignore[arg-type]
+    settings: dict[str, Any] = {}
+    if criterion is not None:
+        settings["criterion"] = criterion
+    if bandwidth_Hz is not None:
+        settings["bandwidth_Hz"] = bandwidth_Hz
+    name = "noise-only" if noise_only else method
+    return Way(name, **settings)  # type: ignore[arg-type]
 
 
 def _numbers(done: CompensatedLog) -> dict[str, Any]:
-    """What ``--json`` prints: of a log without noise its channels, one by one."""
+    """Content of ``--json``; with --noise-only one entry for each channel."""
     from tcdyn.core.result import jsonable
 
     if done.way.removes_lag:
         return done.to_dict()
-    rows = {disk: jsonable(one.card()) for disk, one in done.disks.items()}
-    channels = {name: row for disk in rows for name, row in zip(done.channels(disk), rows[disk])}
+    channels = {}
+    for disk, compensated in done.disks.items():
+        channels |= zip(done.channels(disk), jsonable(compensated.card()))
     return {"metadata": done.metadata, "channels": channels, "warnings": list(done.warnings)}

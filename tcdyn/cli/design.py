@@ -1,4 +1,4 @@
-"""``tcdyn design``: what a planned test can tell, before it is run."""
+"""Command ``tcdyn design``: predicted uncertainties of a planned test."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from tcdyn.cli.common import Disk, RigFile, Told, bounded, grouped, spare_inputs
+from tcdyn.cli.common import Disk, Reporter, RigFile, check_outputs, number_option, option_groups
 from tcdyn.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -17,61 +17,75 @@ if TYPE_CHECKING:
     from tcdyn.design.compare import Design
 
 
-@grouped
+@option_groups
 def design(
     rig: RigFile = None,
     disk: Disk = "fast",
-    fluid: Annotated[str, typer.Option(help="mobil-jet-ii, water or a table.csv")] = "mobil-jet-ii",
+    fluid: Annotated[
+        str, typer.Option(help="bath fluid: mobil-jet-ii, water or a table.csv")
+    ] = "mobil-jet-ii",
     bath_degC: Annotated[
         list[float] | None,
-        bounded("--bath-degC", "bath temperature; once for each plunge (110 and 138)", -60, 400),
+        number_option(
+            "--bath-degC",
+            "bath temperature; repeat for each plunge (default 110 and 138)",
+            -60,
+            400,
+        ),
     ] = None,
     initial_degC: Annotated[
-        float, bounded("--initial-degC", "disk before the plunge", -60, 400)
+        float,
+        number_option("--initial-degC", "temperature of the disk before the plunge", -60, 400),
     ] = 25.0,
     duration_s: Annotated[
-        float, bounded("--duration-s", "length of each plunge", 10, 3600)
+        float, number_option("--duration-s", "length of each plunge in seconds", 10, 3600)
     ] = 140.0,
-    noise_K: Annotated[float, bounded("--noise-K", "noise of one sample", 1e-6, 100)] = 0.12,
+    noise_K: Annotated[
+        float, number_option("--noise-K", "noise of one sample (1 sd)", 1e-6, 100)
+    ] = 0.12,
     noise_before_K: Annotated[
         float,
-        bounded(
+        number_option(
             "--noise-before-K",
-            "more noise of one sample, from before the conditioning filter",
+            "additional noise of one sample, from before the conditioning filter (1 sd)",
             0,
             100,
         ),
     ] = 0.0,
-    rate_Hz: Annotated[float, bounded("--rate-Hz", "logging rate", 1, 1000)] = 75.0,
+    rate_Hz: Annotated[float, number_option("--rate-Hz", "logging rate", 1, 1000)] = 75.0,
     entry_u_s: Annotated[
         float,
-        bounded("--entry-u-s", "standard uncertainty of the entry's instant", 1e-6, 10),
+        number_option("--entry-u-s", "standard uncertainty of the instant of entry", 1e-6, 10),
     ] = 0.05,
     lag_s: Annotated[
         float,
-        bounded("--lag-s", "expected lag, conditioning included", 0, 100, ends=False),
+        number_option("--lag-s", "expected lag, with the conditioning filter", 0, 100, ends=False),
     ] = 0.73,
     power_W: Annotated[
         float,
-        bounded("--power-W", "heat into this disk before unloading", 1e-3, 1e6),
+        number_option("--power-W", "heat flow into this disk before the unloading", 1e-3, 1e6),
     ] = 100.0,
     campaign: Annotated[
         Path | None,
         typer.Option(
-            help="CSV of planned EHL tests (load_N, friction_N, speed_fast_rpm, speed_slow_rpm; beta, "
-            "h_fast_W_m2K if expected): u of beta, n and slopes, with the junctions of --rig"
+            help="CSV of planned EHL tests (load_N, friction_N, speed_fast_rpm, speed_slow_rpm; "
+            "beta, "
+            "h_fast_W_m2K if expected): predicts u of beta, n and slopes, with the junctions of "
+            "--rig"
         ),
     ] = None,
     out: Annotated[
         Path | None, typer.Option(help="table (.csv) or HTML report (.html) to write")
     ] = None,
     *,
-    tell: Told,
+    reporter: Reporter,
 ) -> None:
-    """What planned plunges, a soldering-iron touch, a loading and an unloading will tell of the lags.
+    """Predict how well planned tests determine the lags.
 
-    With --campaign: what planned EHL tests will tell of beta together, so that junctions are drilled once. Places and
-    angles are those of rig.toml, of both disks; noise and rate as given; --out is then a .csv.
+    The tests are plunges, a touch with a soldering iron, a loading and an unloading.
+
+    With --campaign: predict how well planned EHL tests together determine beta, before junctions
+    are drilled. Positions and angles are those of rig.toml for both disks; --out is then a .csv.
 
     Example: tcdyn design --fluid water --bath-degC 80 --bath-degC 95 --noise-K 0.05 --out plan.html
     """
@@ -80,12 +94,12 @@ def design(
     from tcdyn.design.plans import PlungePlan, StepPlan
     from tcdyn.rig.rigfile import load_rig
 
-    spare_inputs([rig, fluid, campaign], out=out)
+    check_outputs([rig, fluid, campaign], out=out)
     if campaign is not None:
-        _campaign(campaign, rig, rate_Hz, math.hypot(noise_K, noise_before_K), out, tell)
+        _campaign(campaign, rig, rate_Hz, math.hypot(noise_K, noise_before_K), out, reporter)
         return
-    baths = bath_degC or [110.0, 138.0]
-    if any(abs(b - initial_degC) < 5 for b in baths):
+    baths_degC = bath_degC or [110.0, 138.0]
+    if any(abs(b - initial_degC) < 5 for b in baths_degC):
         raise InputError(
             "bath and disk are within 5 K of each other",
             where="design",
@@ -94,41 +108,43 @@ def design(
     rig_table = load_rig(rig)
     setup = rig_table.disk_setup(disk)
     uncertainty = rig_table.tables(disk).uncertainty
-    # fits make the noise white: what counts is its strength at low frequency
-    level_K = math.hypot(
-        noise_K, noise_before_K / passed_share(setup.conditioning, 1 / rate_Hz) ** 0.5
-    )
+    # the fits whiten the noise, so its level at low frequency decides
+    passed = passed_share(setup.conditioning, 1 / rate_Hz)
+    level_K = math.hypot(noise_K, noise_before_K / passed**0.5)
     plans = [
-        PlungePlan(fluid, b, initial_degC, duration_s, rate_Hz, level_K, entry_u_s) for b in baths
+        PlungePlan(fluid, b, initial_degC, duration_s, rate_Hz, level_K, entry_u_s)
+        for b in baths_degC
     ]
     step = StepPlan(power_W=power_W, rate_Hz=rate_Hz, noise_K=level_K)
     result = compare_tests(setup, plans, step=step, uncertainty=uncertainty, lag_s=lag_s)
     if out is not None:
-        k = setup.conductivity_W_mK
-        _write(
-            result,
-            out,
-            [
-                f"{disk} disk: conductivity {k:g} W/mK +- {100 * uncertainty.conductivity_rel:g} %, depths +- "
-                f"{uncertainty.depth_mm:g} mm, lag {lag_s:g} s with the conditioning, as given",
-                f"each plunge: {fluid}, disk at {initial_degC:g} degC before, {duration_s:g} s at {rate_Hz:g} Hz with "
-                f"noise of {noise_K:g} K a sample and {noise_before_K:g} K from before the filter, "
-                f"entry known to +- {entry_u_s:g} s",
-                f"before the unloading {power_W:g} W enter this disk",
-            ],
-        )
-    _answer(result, out, tell)
+        assumptions = [
+            f"{disk} disk: conductivity {setup.conductivity_W_mK:g} W/mK +- "
+            f"{100 * uncertainty.conductivity_rel:g} %, depths +- {uncertainty.depth_mm:g} mm, lag "
+            f"{lag_s:g} s with the conditioning filter, as specified",
+            f"each plunge: {fluid}, disk at {initial_degC:g} degC before, {duration_s:g} s at "
+            f"{rate_Hz:g} Hz with noise of {noise_K:g} K per sample and {noise_before_K:g} K from "
+            f"before the filter, u of the entry time {entry_u_s:g} s",
+            f"before the unloading {power_W:g} W enter this disk",
+        ]
+        _write(result, out, assumptions)
+    _report(result, out, reporter)
 
 
-def _answer(result: Design | PlannedCampaign, out: Path | None, tell: Told) -> None:
-    tell.json(result.to_dict)
-    tell.say(result.summary())
+def _report(result: Design | PlannedCampaign, out: Path | None, reporter: Reporter) -> None:
+    reporter.json(result.to_dict)
+    reporter.text(result.summary())
     if out is not None:
-        tell.say(f"\nwrote {out}")
+        reporter.text(f"\nwrote {out}")
 
 
 def _campaign(
-    plan: Path, rig: Path | None, rate_Hz: float, noise_K: float, out: Path | None, tell: Told
+    plan: Path,
+    rig: Path | None,
+    rate_Hz: float,
+    noise_K: float,
+    out: Path | None,
+    reporter: Reporter,
 ) -> None:
     from tcdyn.campaign.planned import Logging, predict_campaign, read_plan
     from tcdyn.io.write import write_text
@@ -140,12 +156,11 @@ def _campaign(
             where="design",
             expected=".csv for a planned campaign",
         )
-    found = predict_campaign(
-        read_plan(plan), load_rig(rig), Logging(rate_Hz=rate_Hz, noise_K=noise_K)
-    )
+    logging = Logging(rate_Hz=rate_Hz, noise_K=noise_K)
+    prediction = predict_campaign(read_plan(plan), load_rig(rig), logging)
     if out is not None:
-        write_text(out, found.table().to_csv(index=False))
-    _answer(found, out, tell)
+        write_text(out, prediction.table().to_csv(index=False))
+    _report(prediction, out, reporter)
 
 
 def _write(result: Design, out: Path, assumptions: Sequence[str]) -> None:

@@ -1,4 +1,4 @@
-"""``tcdyn follow``: a log compensated row by row while it grows."""
+"""Command ``tcdyn follow``: live compensation of a log while it grows."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ import typer
 
 from tcdyn.cli.common import (
     OptionalRecordFiles,
-    OwnRigFile,
-    Told,
-    bounded,
-    end,
-    grouped,
-    spare_inputs,
-    within,
+    Reporter,
+    RigFileOrRecords,
+    check_outputs,
+    exit_status,
+    in_range,
+    number_option,
+    option_groups,
 )
 from tcdyn.cli.tables import SensorFiles, TableReading, only_with_records
 from tcdyn.core.errors import InputError
@@ -28,69 +28,83 @@ if TYPE_CHECKING:
     from tcdyn.workflows.live import Causal
 
 
-@grouped
+@option_groups
 def follow(
     log: Annotated[
-        Path, typer.Argument(help="EHL log, or immersion log, that grows line by line (CSV)")
+        Path,
+        typer.Argument(
+            help="EHL log or immersion log that grows line by line, or with --sensor any table "
+            "(CSV)"
+        ),
     ],
     out: Annotated[
         Path,
-        typer.Option(help="output: .csv, a new file unless --state continues it or --overwrite"),
+        typer.Option(
+            help="output .csv; must be a new file, unless --state or --overwrite is given"
+        ),
     ],
     record: OptionalRecordFiles = None,
     sensor: SensorFiles = None,
-    rig: OwnRigFile = None,
+    rig: RigFileOrRecords = None,
     behind_s: Annotated[
         float,
         typer.Option(
             "--behind-s",
-            help="how far behind the smoother works, in seconds; 0.5 is far quieter than 0",
+            help="delay of the fixed-lag smoother in seconds; 0.5 gives much less noise than 0",
         ),
     ] = 0.0,
     noise_k: Annotated[
         float | None,
-        bounded(
-            "--noise-K", "noise of a sample [K]; default: measured in the first seconds", 1e-6, 1e3
+        number_option(
+            "--noise-K", "noise of a sample [K] (default: measured in the first seconds)", 1e-6, 1e3
         ),
     ] = None,
     intensity: Annotated[
         float | None,
         typer.Option(
-            help="how suddenly slopes may change [K²/s³]; default 30 on the rig, 3000 for a plunge; lower is quieter, "
-            "higher is quicker",
-            callback=within(1e-9, 1e12),
+            help="process-noise intensity of the slope [K²/s³] (default 30 on the rig, 3000 for a "
+            "plunge); lower gives less noise, higher responds faster",
+            callback=in_range(1e-9, 1e12),
         ),
     ] = None,
     learn_s: Annotated[
-        float, typer.Option("--learn-s", help="seconds to learn noise and sampling from")
+        float,
+        typer.Option(
+            "--learn-s",
+            help="length of the first part, from which noise and sampling interval are estimated, "
+            "in seconds",
+        ),
     ] = 5.0,
     idle_s: Annotated[
-        float, bounded("--idle-s", "end after so many seconds without growth", 0, 1e6)
+        float, number_option("--idle-s", "end after this time without new rows, in seconds", 0, 1e6)
     ] = 30.0,
     state: Annotated[
         Path | None,
-        typer.Option(help="JSON file to go on from if it exists, and to leave the state in"),
+        typer.Option(help="JSON file with the state: read if it exists, written at the end"),
     ] = None,
     overwrite: Annotated[
         bool,
-        typer.Option(
-            "--overwrite", help="replace an --out that exists; without it such a file is refused"
-        ),
+        typer.Option("--overwrite", help="replace --out if it exists; otherwise this is an error"),
     ] = False,
     report: Annotated[
-        Path | None, typer.Option(help="HTML page: numbers before use, raw against compensated")
+        Path | None,
+        typer.Option(help="HTML report: properties of the filter, raw and compensated traces"),
     ] = None,
     *,
     reading: TableReading,
-    tell: Told,
+    reporter: Reporter,
 ) -> None:
-    """Compensate a log while it grows, row by row, in bounded memory; Ctrl-C ends it, --state goes on later.
+    """Compensate a log while it grows, row by row, in bounded memory.
 
-    Example: tcdyn follow D4.csv --record fast.disk.json --record slow.disk.json --out live.csv --behind-s 0.5
+    Ctrl-C ends it; with --state a later run continues.
 
-    It ends with an error, and keeps all rows so far, when the log is replaced, rotated, truncated or rewritten (a copy
-    with the same rows may take its place), and when the output is renamed, deleted or changed by another program.
-    Readings outside -273.15 to 3000 degC, and those that no temperature can cause through the lag, count as missing.
+    Example: tcdyn follow D4.csv --record fast.disk.json --record slow.disk.json --out live.csv
+    --behind-s 0.5
+
+    It ends with an error, and keeps all rows written, if the log is replaced, rotated, truncated or
+    rewritten (a copy with the same rows is accepted), or if another program renames, deletes or
+    changes the output. Readings outside -273.15 to 3000 degC, and readings that no temperature can
+    cause through the lag, are treated as missing.
 
     Any other table: tcdyn follow kiln.csv --sensor probe.sensor.json --out live.csv
     """
@@ -102,32 +116,34 @@ def follow(
 
     if bool(record) == bool(sensor):
         raise InputError(
-            "needs --record or --sensor, one of them",
+            "needs either --record or --sensor",
             remedy="--sensor is for any table, without a rig",
         )
-    records: Any = (
-        [read_sensor(path) for path in sensor] if sensor else records_by_disk(record or [])
-    )
+    records: Any
     if sensor:
-        only_with_records(
-            [option for option, value in (("--rig", rig), ("--report", report)) if value]
-        )
+        rig_options = {"--rig": rig, "--report": report}
+        only_with_records([option for option, value in rig_options.items() if value])
+        records = [read_sensor(path) for path in sensor]
+    else:
+        records = records_by_disk(record or [])
     settings = Settings(behind_s, noise_k, intensity, learn_s)
     rig_table = load_rig(rig) if rig else None
-    spare_inputs([log, rig, *(record or []), *(sensor or [])], out=out, report=report, state=state)
+    check_outputs([log, rig, *(record or []), *(sensor or [])], out=out, report=report, state=state)
 
     def announce(plan: Causal) -> None:
-        before = plan.before_use()
-        tell.say(f"before use, noisiest channel, {plan.notes()['method']}:")
-        tell.say("\n".join(f"  {line}" for line in before.lines()))
+        filter_report = plan.before_use()
+        reporter.text(f"before use, noisiest channel, {plan.notes()['method']}:")
+        reporter.text("\n".join(f"  {line}" for line in filter_report.lines()))
         if plan.rows_late:
-            late = f"{plan.rows_late * plan.dt_s:.3g} s late"
-            tell.say(f"  rows appear {late}, each with the temperatures of its own time_s")
-        tell.warn(before.findings)
-        tell.say(f"following {log}; Ctrl-C ends it")
+            delay_s = plan.rows_late * plan.dt_s
+            reporter.text(
+                f"  rows are written {delay_s:.3g} s late, each with the temperatures at its time_s"
+            )
+        reporter.findings(filter_report.findings)
+        reporter.text(f"following {log}; Ctrl-C ends it")
 
     options: Any = reading.options()
-    with asked_to_stop() as stop:
+    with _stop_request() as stop:
         done = run(
             log,
             records,
@@ -141,29 +157,33 @@ def follow(
             asked_to_stop=stop,
             announce=announce,
         )
-    tell.warn(done.findings)
-    tell.say(f"{done.summary()} to {out}")
-    tell.json(lambda: {**done.to_dict(), "out": out})
+    reporter.findings(done.findings)
+    reporter.text(f"{done.summary()} to {out}")
+    reporter.json(lambda: {**done.to_dict(), "out": out})
     if report is not None and done.plan is not None:
         from tcdyn.report.compensate import write_follow_report
 
         page = write_follow_report(
             report, done.plan, log, out, done.findings, records, record or ()
         )
-        tell.files(report=page)
-    end(log.name, done.findings)
+        reporter.files(report=page)
+    exit_status(log.name, done.findings)
 
 
 @contextmanager
-def asked_to_stop() -> Iterator[Callable[[], bool]]:
-    """Whether Ctrl-C (or SIGTERM) has come: it is noted, not obeyed at once, so that no line is cut in two."""
-    asked = threading.Event()
+def _stop_request() -> Iterator[Callable[[], bool]]:
+    """Yield a function that returns whether Ctrl-C or SIGTERM was received.
+
+    The signal does not interrupt at once, so that no line is written in part.
+    """
+    requested = threading.Event()
     if threading.current_thread() is not threading.main_thread():
-        yield asked.is_set
+        yield requested.is_set
         return
-    before = {s: signal.signal(s, lambda *_: asked.set()) for s in (signal.SIGINT, signal.SIGTERM)}
+    signals = (signal.SIGINT, signal.SIGTERM)
+    previous = {s: signal.signal(s, lambda *_: requested.set()) for s in signals}
     try:
-        yield asked.is_set
+        yield requested.is_set
     finally:
-        for number, handler in before.items():
+        for number, handler in previous.items():
             signal.signal(number, handler)

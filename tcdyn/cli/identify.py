@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from tcdyn.cli.common import (
-    Told,
+    Reporter,
     as_option,
-    bounded,
     check_choice,
-    counted,
+    check_outputs,
+    count_progress,
     dump,
-    end,
-    grouped,
-    spare_inputs,
-    within,
+    exit_status,
+    in_range,
+    number_option,
+    option_groups,
 )
 from tcdyn.core.errors import InputError
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from tcdyn.identify import Model
 
 
-@grouped
+@option_groups
 def identify(
     data: Annotated[
         Path, typer.Argument(help="Table, one row a sample: CSV, LVM, TDMS or Parquet.")
@@ -55,11 +55,11 @@ def identify(
     ] = None,
     dt_s: Annotated[
         float | None,
-        bounded("--dt", "Sampling interval in seconds where there is no time.", 1e-9, 1e9),
+        number_option("--dt", "Sampling interval in seconds where there is no time.", 1e-9, 1e9),
     ] = None,
     resample_s: Annotated[
         float | None,
-        bounded("--resample", "Put uneven times on a grid of so many seconds.", 1e-9, 1e9),
+        number_option("--resample", "Put uneven times on a grid of so many seconds.", 1e-9, 1e9),
     ] = None,
     hold: Annotated[
         str,
@@ -78,12 +78,12 @@ def identify(
         float | None,
         typer.Option(
             help="Hold the static gain Kp at this value (process models).",
-            callback=within(-1e12, 1e12),
+            callback=in_range(-1e12, 1e12),
         ),
     ] = None,
     cutoff_hz: Annotated[
         float | None,
-        bounded(
+        number_option(
             "--cutoff-Hz",
             "A known low-pass filter behind the sensor [Hz]: it is no part of the lags.",
             1e-6,
@@ -133,7 +133,7 @@ def identify(
         float,
         typer.Option(
             help="Share of the record kept for the held-out score.",
-            callback=within(0, 1, ends=False),
+            callback=in_range(0, 1, ends=False),
         ),
     ] = 0.3,
     narx: Annotated[
@@ -150,7 +150,7 @@ def identify(
         Path | None, typer.Option("--report", help="HTML to write (default: beside it).")
     ] = None,
     *,
-    tell: Told,
+    reporter: Reporter,
 ) -> None:
     """Identify the dynamics between two columns: compare models, recommend one, say what its residuals say.
 
@@ -198,7 +198,7 @@ def identify(
             for y in outputs
         }
     for y in outputs:
-        spare_inputs([data], out=jsons[y], report=pages[y])
+        check_outputs([data], out=jsons[y], report=pages[y])
     record = from_csv(
         data,
         input=inputs,
@@ -227,11 +227,11 @@ def identify(
     contents = {}
     for y in outputs:
         one = record.select(output=y)
-        with counted(len(structures) or None, tell.silent) as progress:
+        with count_progress(len(structures) or None, reporter.is_silent) as progress:
             found[y] = comparison = compare(
                 one, structures, held_out=held_out, progress=progress, **begun
             )
-        tell.say(f"{comparison.summary(as_option)}\n{comparison.removal(filter_)}")
+        reporter.text(f"{comparison.summary(as_option)}\n{comparison.removal(filter_)}")
         content = comparison.best.identified.to_dict()
         level = ""
         if narx:
@@ -239,21 +239,21 @@ def identify(
 
             dependence = temperature_dependence(one, held_out=held_out)
             content["narx"], level = dependence.to_dict(), dependence.sentence
-            tell.say(level)
+            reporter.text(level)
         from tcdyn.report.dynamics import write_identify_report
 
         write_text(jsons[y], dump(content))
         read_identified(jsons[y])
         write_identify_report(pages[y], one, comparison, filter_, level, data)
         contents[y] = content
-        tell.say(f"wrote {jsons[y]} and {pages[y]}")
-    tell.json(lambda: contents[outputs[0]] if len(outputs) == 1 else contents)
+        reporter.text(f"wrote {jsons[y]} and {pages[y]}")
+    reporter.json(lambda: contents[outputs[0]] if len(outputs) == 1 else contents)
     if len(outputs) > 1:
-        tell.say(joint_table(found).to_string(index=False))
-    end(data.name, [f for c in found.values() for f in (c.verdict, *c.best.findings)])
+        reporter.text(joint_table(found).to_string(index=False))
+    exit_status(data.name, [f for c in found.values() for f in (c.verdict, *c.best.findings)])
 
 
-@grouped
+@option_groups
 def response(
     data: Annotated[
         Path, typer.Argument(help="Table, one row a frequency: CSV, LVM, TDMS or Parquet.")
@@ -276,7 +276,7 @@ def response(
         str | None, typer.Option(help="Column of the coherence, in place of --u.")
     ] = None,
     averages: Annotated[
-        float | None, typer.Option(help="Averages of that coherence.", callback=within(1, 1e12))
+        float | None, typer.Option(help="Averages of that coherence.", callback=in_range(1, 1e12))
     ] = None,
     models: Annotated[
         str | None,
@@ -288,7 +288,7 @@ def response(
         Path | None, typer.Option("--out", help="JSON to write (default: DATA.identified.json).")
     ] = None,
     *,
-    tell: Told,
+    reporter: Reporter,
 ) -> None:
     """Fit transfer functions to a measured frequency response; of those without a warning, the least BIC is written.
 
@@ -305,7 +305,7 @@ def response(
     if len(both) != 2:
         raise InputError(f"--columns is {columns_!r}", expected="two columns with a comma between")
     path = out or data.with_suffix(".identified.json")
-    spare_inputs([data], out=path)
+    check_outputs([data], out=path)
     measured = Response.read(
         data, frequency, (both[0], both[1]), form=form, u=u, coherence=coherence, averages=averages
     )
@@ -328,9 +328,9 @@ def response(
     table = pd.DataFrame(rows, columns=["model", "fit [%]", "misfit p", "BIC above best"]).round(3)
     write_text(path, dump(best.to_dict()))
     read_identified(path)
-    tell.json(best.to_dict)
-    tell.say(f"{best.summary(as_option)}\n\n{table.to_string(index=False)}\nwrote {path}")
-    end(data.name, best.findings)
+    reporter.json(best.to_dict)
+    reporter.text(f"{best.summary(as_option)}\n\n{table.to_string(index=False)}\nwrote {path}")
+    exit_status(data.name, best.findings)
 
 
 def columns(option: str, text: str) -> list[str]:

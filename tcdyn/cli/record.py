@@ -12,13 +12,13 @@ from rich.console import Console
 from tcdyn.cli.common import (
     Disk,
     Json,
-    Told,
-    bounded,
+    Reporter,
     check_choice,
+    check_outputs,
     dump,
-    end,
-    grouped,
-    spare_inputs,
+    exit_status,
+    number_option,
+    option_groups,
 )
 from tcdyn.core.errors import InputError
 
@@ -52,7 +52,7 @@ def show(record: RecordPath, json_: Json = False) -> None:
         print(found.to_json(), end="")
     else:
         _show(found)
-    end(str(record), found.findings)
+    exit_status(str(record), found.findings)
 
 
 def _show(found: DiskRecord) -> None:
@@ -106,8 +106,8 @@ def diff(
 
 
 @app.command()
-@grouped
-def check(record: RecordPath, *, tell: Told) -> None:
+@option_groups
+def check(record: RecordPath, *, reporter: Reporter) -> None:
     """Refuse a damaged record (exit 2); otherwise list what a careful reader would ask (exit 1 if anything).
 
     Example: tcdyn record check fast.disk.json
@@ -117,18 +117,18 @@ def check(record: RecordPath, *, tell: Told) -> None:
     from tcdyn.rig.record import read_record
 
     doubts = messages(check_record(read_record(record)))
-    tell.json(lambda: {"sound": not doubts, "doubts": doubts})
+    reporter.json(lambda: {"sound": not doubts, "doubts": doubts})
     verdict = (
         f"The record is readable; {len(doubts)} point(s) to look at."
         if doubts
         else "The record is sound."
     )
-    tell.say("\n".join([*(f"- {doubt}" for doubt in doubts), verdict]))
+    reporter.text("\n".join([*(f"- {doubt}" for doubt in doubts), verdict]))
     if doubts:
         raise typer.Exit(1)
 
 
-@grouped
+@option_groups
 def rig(
     show: Annotated[
         bool, typer.Option("--show", help="print the rig file, every key with its value")
@@ -137,7 +137,7 @@ def rig(
         Path | None, typer.Option("--rig", help="rig.toml to check; without it the defaults")
     ] = None,
     *,
-    tell: Told,
+    reporter: Reporter,
 ) -> None:
     """Check a rig file and print every key with the value in force.
 
@@ -146,12 +146,12 @@ def rig(
     from tcdyn.rig.rigfile import load_rig, rig_toml
 
     found = load_rig(file)
-    if show and not tell.quiet:
-        tell.json(found.to_dict)
-        tell.say(rig_toml(found).rstrip())
+    if show and not reporter.quiet:
+        reporter.json(found.to_dict)
+        reporter.text(rig_toml(found).rstrip())
 
 
-@grouped
+@option_groups
 def transducer(
     table: Annotated[
         Path,
@@ -163,7 +163,7 @@ def transducer(
     ] = None,
     weights_rel: Annotated[
         float,
-        bounded(
+        number_option(
             "--weights-rel",
             "relative standard uncertainty of all weights and the lever in common",
             0,
@@ -171,7 +171,7 @@ def transducer(
         ),
     ] = 0.001,
     *,
-    tell: Told,
+    reporter: Reporter,
 ) -> None:
     """Gain and zero of a load cell or friction transducer from dead weights, with their 95 % intervals.
 
@@ -187,15 +187,15 @@ def transducer(
 
     if of is not None:
         check_choice("--of", of, ("load", "friction"))
-    spare_inputs([table], out=out)
+    check_outputs([table], out=out)
     points = read_numbers(table, ("volts", "force_N"), optional=("session",))
     sessions = [f"{number:g}" for number in points.get("session", [1.0] * len(points["volts"]))]
     line = fit_transducer(points["volts"], points["force_N"], sessions)
     if out is not None:
         write_text(out, dump(line.to_dict()))
     if of is None:
-        tell.json(line.to_dict)
-        tell.say(line.summary())
+        reporter.json(line.to_dict)
+        reporter.text(line.summary())
     else:
         u = line.gain_u_rel(weights_rel)
         said = line.summary().splitlines()
@@ -210,9 +210,9 @@ def transducer(
                 f"half width of the track by the load alone: u {u / 3:.2g} of it (half_width_rel)"
             ]
             lines = [f"# {each}" for each in said]
-        tell.json(lambda: keys)
-        tell.say("\n".join(lines))
-    end(table.name, line.findings)
+        reporter.json(lambda: keys)
+        reporter.text("\n".join(lines))
+    exit_status(table.name, line.findings)
 
 
 def spot(
@@ -223,7 +223,7 @@ def spot(
     disk: Disk = "fast",
     power_rel: Annotated[
         float,
-        bounded(
+        number_option(
             "--power-rel", "relative uncertainty of all fluxes: heater's power, spot's area", 0, 1
         ),
     ] = 0.02,

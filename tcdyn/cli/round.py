@@ -1,4 +1,4 @@
-"""``tcdyn round``: the temperature round the disks."""
+"""Command ``tcdyn round``: circumferential temperature of the disks, and the press fit."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from tcdyn.cli.common import Told, check_choice, grouped, spare_inputs
+from tcdyn.cli.common import Reporter, check_choice, check_outputs, option_groups
 from tcdyn.cli.simulate import Beta, RigPath, Seed, Test, Uneven, contacts
 from tcdyn.core.errors import InputError
 
@@ -21,14 +21,14 @@ PICTURES = (".png", ".svg", ".pdf")
 
 app = typer.Typer(
     name="round",
-    help="The temperature round the disks.",
+    help="Circumferential temperature of the disks, and their press fit.",
     no_args_is_help=True,
     add_completion=False,
 )
 
 
 @app.command("simulate")
-@grouped
+@option_groups
 def simulate_round(
     out: Annotated[Path, typer.Option(help="picture to write: .png, .svg or .pdf")],
     test: Test = "B3",
@@ -37,11 +37,13 @@ def simulate_round(
     uneven: Uneven = None,
     rig: RigPath = None,
     *,
-    tell: Told,
+    reporter: Reporter,
 ) -> None:
-    """The synthetic disks in (r, z, angle) at the end of the load, drawn from bore to running surface.
+    """Draw the temperature of the synthetic disks at the end of the load.
 
-    `tcdyn beta --report` draws the same of a measured test.
+    The picture shows it over radius, width and angle.
+
+    `tcdyn beta --report` draws the same for a measured test.
 
     Example: tcdyn round simulate --out disks.png --test D4 --uneven slow:0.5@30
     """
@@ -56,34 +58,36 @@ def simulate_round(
     truth = draw_truth(seed, load_rig(rig)).with_uneven(contacts(uneven))
     disks = around_disks(test, seed, truth, EhlOptions(beta=beta))
     _save(round_figure([disks[d] for d in DISKS]), out)
-    told = {
-        d: {"surface_degC": _ends(disks[d].surface_degC), "seen_degC": disks[d].seen_degC}
+    numbers = {
+        d: {"surface_degC": _range(disks[d].surface_degC), "seen_degC": disks[d].seen_degC}
         for d in DISKS
     }
-    tell.json(lambda: {"picture": out, **told})
+    reporter.json(lambda: {"picture": out, **numbers})
     for d in DISKS:
-        low, high = told[d]["surface_degC"]
-        tell.say(f"{d} disk: running surface {low:.1f} to {high:.1f} degC round the shaft")
-    tell.files(picture=out)
+        low, high = numbers[d]["surface_degC"]
+        reporter.text(f"{d} disk: running surface {low:.1f} to {high:.1f} degC round the shaft")
+    reporter.files(picture=out)
 
 
 @app.command("fit")
-@grouped
+@option_groups
 def fit_round(
     rig: RigPath = None,
     disk: Annotated[
-        str | None, typer.Option(help="fast or slow; each that has a stated fit, without it")
+        str | None, typer.Option(help="fast or slow (default: each with a stated fit)")
     ] = None,
     out: Annotated[Path | None, typer.Option(help="picture to write: .png, .svg or .pdf")] = None,
     *,
-    tell: Told,
+    reporter: Reporter,
 ) -> None:
-    """The press fit that table fit of rig.toml states: pressure (6.1), conductance (6.2), and both round the bore.
+    """Compute the press fit that rig.toml states: pressure (6.1) and conductance (6.2).
 
-    Table fit, or slow.fit for one disk, states interference_um (diametral), hardness_GPa, roughness_um, slope and
-    conductivity_W_mK of the joint, keyways = [{ angle_deg = 40, width_mm = 6, share = 0.1 }] and
-    patches = [{ from_deg = 100, to_deg = 160, share = 0.2 }]. Where there is one, `tcdyn simulate ehl`, `tcdyn round
-    simulate` and `tcdyn beta` use it.
+    The picture shows both around the bore.
+
+    Table fit, or slow.fit for one disk, states interference_um (diametral), hardness_GPa,
+    roughness_um, slope and conductivity_W_mK of the joint, keyways = [{ angle_deg = 40, width_mm =
+    6, share = 0.1 }] and patches = [{ from_deg = 100, to_deg = 160, share = 0.2 }]. If it is
+    stated, `tcdyn simulate ehl`, `tcdyn round simulate` and `tcdyn beta` use it.
 
     Example: tcdyn round fit --rig rig.toml --disk slow --out fit.png
     """
@@ -98,55 +102,59 @@ def fit_round(
         check_choice("--disk", disk, DISKS)
     if out is not None:
         _check_picture(out, rig)
-    all_of = load_rig(rig)
-    setups = [all_of.disk_setup(d) for d in DISKS if disk in (None, d)]
+    rig_settings = load_rig(rig)
+    setups = [rig_settings.disk_setup(d) for d in DISKS if disk in (None, d)]
     stated = [s for s in setups if s.fit.stated] or setups[:1]
-    told = {s.name: _told(s) for s in stated}
+    numbers = {s.name: _fit_numbers(s) for s in stated}
     if out is not None:
         draws = [partial(draw_fit, s) for s in stated]
         rows = len(stated)
         _save(pictured(*draws, rows=rows, width_in=7.0, height_in=3.2 * rows), out)
-    tell.json(lambda: {"picture": out, **told})
-    for name, x in told.items():
-        tell.say(
-            f"{name} disk: pressure {x['pressure_MPa']:.1f} MPa; conductance {1e-3 * x['bearing_W_m2K']:.2f} kW/m2K "
-            f"where the fit bears, {1e-3 * x['mean_W_m2K']:.2f} in the mean; of that mean the first harmonic is "
+    reporter.json(lambda: {"picture": out, **numbers})
+    for name, x in numbers.items():
+        reporter.text(
+            f"{name} disk: pressure {x['pressure_MPa']:.1f} MPa; conductance "
+            f"{1e-3 * x['bearing_W_m2K']:.2f} kW/m2K where the fit bears, "
+            f"{1e-3 * x['mean_W_m2K']:.2f} in the mean; of that mean the first harmonic is "
             f"{x['first']['share']:.3f} at {x['first']['angle_deg']:.0f} degrees, the second "
             f"{x['second']['share']:.3f} at {x['second']['angle_deg']:.0f}"
         )
-    tell.files(picture=out)
+    reporter.files(picture=out)
 
 
-def _told(setup: DiskSetup) -> dict[str, Any]:
-    """What a stated fit comes to; angles are those of the greatest conductance."""
+def _fit_numbers(setup: DiskSetup) -> dict[str, Any]:
+    """Numbers of a stated press fit; angles are those of the greatest conductance."""
     from tcdyn.rig.contact import press_fit
     from tcdyn.rig.press_fit import amplitude_and_angle, harmonics
 
     pressure, bearing = press_fit(setup)
     shares = harmonics(setup.fit.sectors(1e3 * setup.bore_radius_m), 2)
-    waves = {n: dict(zip(("share", "angle_deg"), amplitude_and_angle(shares, n))) for n in (1, 2)}
+    harmonic_numbers = {}
+    for n in (1, 2):
+        amplitude, angle_deg = amplitude_and_angle(shares, n)
+        harmonic_numbers[n] = {"share": amplitude, "angle_deg": angle_deg}
     mean = bearing * float(shares[0].real)
     return {
         "pressure_MPa": 1e-6 * pressure,
         "bearing_W_m2K": bearing,
         "mean_W_m2K": mean,
-        "first": waves[1],
-        "second": waves[2],
+        "first": harmonic_numbers[1],
+        "second": harmonic_numbers[2],
     }
 
 
 def _check_picture(out: Path, rig: Path | None) -> None:
     if out.suffix.lower() not in PICTURES:
         raise InputError(f"--out is {out}", expected=f"a name ending in {', '.join(PICTURES)}")
-    spare_inputs([rig], out=out)
+    check_outputs([rig], out=out)
 
 
 def _save(picture: Figure, out: Path) -> None:
     from tcdyn.io.write import atomic_path
 
-    with atomic_path(out) as beside:
-        picture.savefig(beside, dpi=150)
+    with atomic_path(out) as temporary:
+        picture.savefig(temporary, dpi=150)
 
 
-def _ends(x: np.ndarray) -> tuple[float, float]:
+def _range(x: np.ndarray) -> tuple[float, float]:
     return float(x.min()), float(x.max())

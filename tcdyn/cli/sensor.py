@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from tcdyn.cli.common import Told, bounded, check_choice, end, grouped, spare_inputs
+from tcdyn.cli.common import (
+    Reporter,
+    check_choice,
+    check_outputs,
+    exit_status,
+    number_option,
+    option_groups,
+)
 from tcdyn.cli.tables import TableReading, value_and_u
 from tcdyn.core.errors import InputError
 
@@ -44,18 +51,18 @@ class Made:
         """The sensor's name, by its file's where none was given."""
         return self.name or self.out.name.removesuffix(".json").removesuffix(".sensor") or "sensor"
 
-    def finish(self, sensor: SensorFile, tell: Told, log: Path | None = None) -> None:
+    def finish(self, sensor: SensorFile, reporter: Reporter, log: Path | None = None) -> None:
         """Write the file, say what it holds; exit 1 where something asks to be looked at."""
         from tcdyn.sensors import read_sensor, write_sensor
 
-        spare_inputs([log], out=self.out)
+        check_outputs([log], out=self.out)
         write_sensor(sensor, self.out)
         read_sensor(self.out)
-        tell.json(sensor.to_dict)
-        tell.say(sensor.summary().split("\nwarning:")[0].split("\ninfo:")[0])
-        tell.warn(sensor.findings)
-        tell.say(f"wrote {self.out}")
-        end(str(self.out), sensor.findings)
+        reporter.json(sensor.to_dict)
+        reporter.text(sensor.summary().split("\nwarning:")[0].split("\ninfo:")[0])
+        reporter.findings(sensor.findings)
+        reporter.text(f"wrote {self.out}")
+        exit_status(str(self.out), sensor.findings)
 
 
 @dataclass(frozen=True)
@@ -64,7 +71,7 @@ class Filter:
 
     cutoff_hz: Annotated[
         float | None,
-        bounded(
+        number_option(
             "--cutoff-Hz",
             "a known low-pass filter behind the sensor [Hz]; none unless stated",
             1e-6,
@@ -88,7 +95,7 @@ class Filter:
 
 
 @app.command()
-@grouped
+@option_groups
 def new(
     tau_s: Annotated[
         list[str],
@@ -103,7 +110,7 @@ def new(
     *,
     to: Made,
     behind: Filter,
-    tell: Told,
+    reporter: Reporter,
 ) -> None:
     """Write the file of a sensor whose lag is known from elsewhere.
 
@@ -118,15 +125,15 @@ def new(
         behind.conditioning(),
         value_and_u(delay_s, "--delay-s"),
     )
-    to.finish(made, tell)
+    to.finish(made, reporter)
 
 
 @app.command()
-@grouped
+@option_groups
 def show(
     file: Annotated[Path, typer.Argument(help="*.sensor.json, or the JSON of tcdyn identify")],
     *,
-    tell: Told,
+    reporter: Reporter,
 ) -> None:
     """What a sensor file says: lag, times of its step response, how it was found.
 
@@ -135,12 +142,12 @@ def show(
     from tcdyn.sensors import read_sensor
 
     sensor = read_sensor(file)
-    tell.json(sensor.to_dict)
-    tell.say(sensor.summary())
+    reporter.json(sensor.to_dict)
+    reporter.text(sensor.summary())
 
 
 @app.command()
-@grouped
+@option_groups
 def plunge(
     log: Log,
     column: OneColumn,
@@ -171,7 +178,7 @@ def plunge(
     to: Made,
     behind: Filter,
     reading: TableReading,
-    tell: Told,
+    reporter: Reporter,
 ) -> None:
     """The lag from one step of the surroundings: t50, t63.2, t90 and the chain, entry instant unknown.
 
@@ -195,11 +202,11 @@ def plunge(
         film=film,
         inputs=[source(log)],
     )
-    to.finish(with_findings(made, found, float(t[-1] - t[0])), tell, log)
+    to.finish(with_findings(made, found, float(t[-1] - t[0])), reporter, log)
 
 
 @app.command()
-@grouped
+@option_groups
 def pair(
     log: Log,
     columns: Annotated[str, typer.Option("--columns", help="the two columns: T1,T2")],
@@ -221,7 +228,7 @@ def pair(
     *,
     to: Made,
     reading: TableReading,
-    tell: Told,
+    reporter: Reporter,
 ) -> None:
     """The lags of two thermocouples of different size in one fluid, without a reference, noise on both.
 
@@ -247,11 +254,11 @@ def pair(
         exponent=value_and_u(exponent, "--exponent"),
         inputs=[source(log)],
     )
-    to.finish(with_findings(made, found, float(t[-1] - t[0])), tell, log)
+    to.finish(with_findings(made, found, float(t[-1] - t[0])), reporter, log)
 
 
 @app.command()
-@grouped
+@option_groups
 def current(
     log: Log,
     column: OneColumn,
@@ -269,7 +276,7 @@ def current(
     *,
     to: Made,
     reading: TableReading,
-    tell: Told,
+    reporter: Reporter,
 ) -> None:
     """The lag in place from a loop current step (LCSR), heating, cooling or both, converted to that of a plunge.
 
@@ -281,18 +288,18 @@ def current(
     made = current_sensor(
         t, values[0], values[1], names[0], sensor=to.called, off_only=off_only, inputs=[source(log)]
     )
-    to.finish(with_findings(made, found, float(t[-1] - t[0])), tell, log)
+    to.finish(with_findings(made, found, float(t[-1] - t[0])), reporter, log)
 
 
 @app.command()
-@grouped
+@option_groups
 def noise(
     log: Log,
     column: OneColumn,
     *,
     to: Made,
     reading: TableReading,
-    tell: Told,
+    reporter: Reporter,
 ) -> None:
     """The lag in place from the process's own noise at constant conditions, and whether the conditions hold.
 
@@ -302,7 +309,7 @@ def noise(
 
     t, values, found, names = read(log, [column], reading)
     made = noise_sensor(t, values[0], names[0], sensor=to.called, inputs=[source(log)])
-    to.finish(with_findings(made, found, float(t[-1] - t[0])), tell, log)
+    to.finish(with_findings(made, found, float(t[-1] - t[0])), reporter, log)
 
 
 def read(

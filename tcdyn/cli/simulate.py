@@ -11,15 +11,15 @@ from rich.console import Console
 
 from tcdyn.cli.common import (
     Disk,
-    Told,
+    Reporter,
     Verbose,
-    bounded,
     check_choice,
-    counted,
-    grouped,
-    spare_inputs,
-    stages,
-    within,
+    check_outputs,
+    count_progress,
+    in_range,
+    number_option,
+    option_groups,
+    stage_progress,
 )
 from tcdyn.cli.record import rich_table
 from tcdyn.core.errors import InputError
@@ -42,7 +42,7 @@ Seed = Annotated[
 ]
 Test = Annotated[str, typer.Option(help="A1 to D4 (table 6.1)")]
 Beta = Annotated[
-    float | None, typer.Option(help="heat partition; drawn without it", callback=within(0, 1))
+    float | None, typer.Option(help="heat partition; drawn without it", callback=in_range(0, 1))
 ]
 RigPath = Annotated[Path | None, typer.Option("--rig", help="rig.toml; the defaults without one")]
 Uneven = Annotated[
@@ -86,13 +86,13 @@ class Drawn:
                 where=str(out),
                 remedy="give --out a name ending in .csv",
             )
-        spare_inputs([self.rig], out=out)
+        check_outputs([self.rig], out=out)
         return self.truth()
 
 
 @app.command()
-@grouped
-def oven(out: Out, disk: Disk = "fast", *, drawn: Drawn, tell: Told) -> None:
+@option_groups
+def oven(out: Out, disk: Disk = "fast", *, drawn: Drawn, reporter: Reporter) -> None:
     """Oven calibration of one disk, 20 to 160 degC, three repeats.
 
     Example: tcdyn simulate oven --out oven_fast.csv --disk fast --seed 7
@@ -100,23 +100,25 @@ def oven(out: Out, disk: Disk = "fast", *, drawn: Drawn, tell: Told) -> None:
     from tcdyn.simulate.measure import simulate_oven
 
     truth = drawn.for_log(out)
-    _write(out, tell, *simulate_oven(disk, drawn.seed, truth))
+    _write(out, reporter, *simulate_oven(disk, drawn.seed, truth))
 
 
 @app.command()
-@grouped
+@option_groups
 def immersion(
     out: Out,
     disk: Disk = "fast",
-    bath_degC: Annotated[float, bounded("--bath-degC", "bath temperature", -60, 400)] = 110.0,
+    bath_degC: Annotated[float, number_option("--bath-degC", "bath temperature", -60, 400)] = 110.0,
     fluid: Annotated[str, typer.Option(help="mobil-jet-ii or water")] = "mobil-jet-ii",
-    duration_s: Annotated[float, bounded("--duration-s", "time after entry", 10, 3600)] = 140.0,
+    duration_s: Annotated[
+        float, number_option("--duration-s", "time after entry", 10, 3600)
+    ] = 140.0,
     run: Annotated[
         int, typer.Option(min=1, help="another run is another plunge of the same rig")
     ] = 1,
     *,
     drawn: Drawn,
-    tell: Told,
+    reporter: Reporter,
 ) -> None:
     """A plunge of one disk into a hot bath.
 
@@ -128,30 +130,32 @@ def immersion(
     check_choice("--fluid", fluid, FLUIDS)
     truth = drawn.for_log(out)
     options = PlungeOptions(after_s=duration_s)
-    _write(out, tell, *simulate_plunge(disk, drawn.seed, fluid, bath_degC, run, truth, options))  # type: ignore[arg-type]
+    _write(out, reporter, *simulate_plunge(disk, drawn.seed, fluid, bath_degC, run, truth, options))  # type: ignore[arg-type]
 
 
 @app.command()
-@grouped
-def hole(out: Out, seed: Seed = 0, clean: Clean = False, *, tell: Told) -> None:
+@option_groups
+def hole(out: Out, seed: Seed = 0, clean: Clean = False, *, reporter: Reporter) -> None:
     """The hole comparison of section 5.4: clamped and cemented junctions plunged into hot water.
 
     Example: tcdyn simulate hole --out hole.csv
     """
     from tcdyn.simulate.plunge import simulate_hole
 
-    _write(out, tell, *simulate_hole(seed, Drawn(seed, clean=clean).for_log(out)))
+    _write(out, reporter, *simulate_hole(seed, Drawn(seed, clean=clean).for_log(out)))
 
 
 @app.command()
-@grouped
+@option_groups
 def ehl(
     out: Out,
     test: Test = "B3",
     beta: Beta = None,
     brake: Annotated[
         float | None,
-        bounded("--brake", "both speeds fall to 1/e in so many seconds from the parting", 0.1, 1e6),
+        number_option(
+            "--brake", "both speeds fall to 1/e in so many seconds from the parting", 0.1, 1e6
+        ),
     ] = None,
     again: Annotated[
         list[str] | None,
@@ -160,13 +164,13 @@ def ehl(
     uneven: Uneven = None,
     film_air_K: Annotated[
         float,
-        bounded(
+        number_option(
             "--film-air-K", "what the running surfaces lose heat to, above the ambient", -50, 50
         ),
     ] = 0.0,
     *,
     drawn: Drawn,
-    tell: Told,
+    reporter: Reporter,
 ) -> None:
     """One EHL test of both disks: warm running, loading, unloading, cooling.
 
@@ -178,11 +182,11 @@ def ehl(
     options = EhlOptions(
         beta=beta, brake_s=brake, again_s=tuple(_again(said) for said in again or ())
     )
-    _write(out, tell, *simulate_ehl(test, drawn.seed, truth, options))
+    _write(out, reporter, *simulate_ehl(test, drawn.seed, truth, options))
 
 
 @app.command()
-@grouped
+@option_groups
 def campaign(
     out: Annotated[Path, typer.Option("--out", help="folder to write")],
     test: Annotated[
@@ -190,12 +194,12 @@ def campaign(
     ] = None,
     bath_degC: Annotated[
         list[float] | None,
-        bounded("--bath-degC", "one plunge each, repeatable", -60, 400),
+        number_option("--bath-degC", "one plunge each, repeatable", -60, 400),
     ] = None,
     workers: Annotated[int, typer.Option(min=1, max=256, help="processes on this machine")] = 1,
     *,
     drawn: Drawn,
-    tell: Told,
+    reporter: Reporter,
 ) -> None:
     """A whole campaign: rig.toml, ovens, plunges, EHL tests and truth/.
 
@@ -208,7 +212,7 @@ def campaign(
     if "all" in tests:
         tests = ALL_TESTS
     plunges = tuple(PlannedPlunge(b) for b in bath_degC) if bath_degC else DEFAULT_PLUNGES
-    with counted(None, tell.silent) as progress:
+    with count_progress(None, reporter.is_silent) as progress:
         files = simulate_campaign(
             out,
             drawn.seed,
@@ -219,11 +223,11 @@ def campaign(
             n_jobs=workers,
             progress=progress,
         )
-    tell.json(lambda: files)
-    tell.say(files.summary())
+    reporter.json(lambda: files)
+    reporter.text(files.summary())
 
 
-@grouped
+@option_groups
 def demo(
     out: Annotated[Path, typer.Option(help="folder to write into")] = Path("demo"),
     seed: Annotated[int, typer.Option(min=0, help="another seed is another rig")] = 1,
@@ -232,7 +236,7 @@ def demo(
     ] = None,
     verbose: Verbose = False,
     *,
-    tell: Told,
+    reporter: Reporter,
 ) -> None:
     """Simulate a campaign, run every stage on its logs and write the report.
 
@@ -245,7 +249,7 @@ def demo(
     from tcdyn.report.sources import sources_of
     from tcdyn.workflows import run_demo
 
-    with stages(tell.silent, verbose) as progress:
+    with stage_progress(reporter.is_silent, verbose) as progress:
         run = run_demo(out, seed, tuple(test or ("B3",)), progress=progress)
         progress("writing the report")
         truths = {
@@ -258,8 +262,8 @@ def demo(
         files = [out / f"{disk}.disk.json" for disk in next(iter(run.tests.values())).records]
         made_of = sources_of([*run.tests.values()], files, out / "rig.toml")
         report = write_beta_report(out / "report.html", tests, truths, made_of)
-    tell.json(lambda: {**run.to_dict(), "report": report})
-    if tell.silent:
+    reporter.json(lambda: {**run.to_dict(), "report": report})
+    if reporter.is_silent:
         return
     console = Console()
     console.print(rich_table(run.card(), f"simulated campaign, seed {seed}"))
@@ -268,15 +272,15 @@ def demo(
     console.print(f"report: {report}", highlight=False, soft_wrap=True)
 
 
-def _write(out: Path, tell: Told, frame: pd.DataFrame, truth: dict[str, Any]) -> None:
+def _write(out: Path, reporter: Reporter, frame: pd.DataFrame, truth: dict[str, Any]) -> None:
     from tcdyn.simulate.campaign import write_json, write_log, write_traces
 
     truth_json, traces = out.with_suffix(".truth.json"), out.with_suffix(".truth.parquet")
     write_json(truth, truth_json)
     write_traces(truth["traces"], traces)
     write_log(frame, out)
-    tell.json(lambda: {"log": out, "rows": len(frame), "truth": truth_json, "traces": traces})
-    tell.say(f"wrote {out} ({len(frame)} rows); truth in {truth_json.name} and {traces.name}")
+    reporter.json(lambda: {"log": out, "rows": len(frame), "truth": truth_json, "traces": traces})
+    reporter.text(f"wrote {out} ({len(frame)} rows); truth in {truth_json.name} and {traces.name}")
 
 
 def _again(said: str) -> tuple[float, float]:

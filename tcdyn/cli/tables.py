@@ -1,4 +1,4 @@
-"""Options and output of ``compensate --sensor``: any table, without a rig."""
+"""Options for tables without a rig, and the compensation of a table by ``compensate --sensor``."""
 
 from __future__ import annotations
 
@@ -8,52 +8,54 @@ from typing import Annotated, Any
 
 import typer
 
-from tcdyn.cli.common import Told, end, spare_inputs, stages
+from tcdyn.cli.common import Reporter, check_outputs, exit_status, stage_progress
 from tcdyn.core.errors import InputError
 
 SensorFiles = Annotated[
     list[Path] | None,
     typer.Option(
         "--sensor",
-        help="*.sensor.json, or the JSON of identify: for any table; once for each sensor",
+        help="*.sensor.json, or the JSON of identify, for any table; repeat for each sensor",
     ),
 ]
 TableColumns = Annotated[
     list[str] | None,
     typer.Option(
-        "--column", help="with --sensor: column that it covers, instead of its file's own"
+        "--column", help="with --sensor: column of the sensor, instead of the one in its file"
     ),
 ]
 
 
 @dataclass(frozen=True)
 class TableReading:
-    """What tells the time and the units of any table where its names do not."""
+    """Options for time and units of a table whose column names do not state them."""
 
     time: Annotated[
-        str | None, typer.Option(help="of a table: the time column, if not found by itself")
+        str | None, typer.Option(help="of a table: the time column, if it is not detected")
     ] = None
     time_unit: Annotated[
         str | None,
         typer.Option(
-            "--time-unit", help="of a table: unit of its time, where its header does not say it"
+            "--time-unit", help="of a table: unit of its time, if the header does not state it"
         ),
     ] = None
     unit: Annotated[
         list[str] | None,
         typer.Option(
-            help="of a table: degC, K, degF or mV, where names do not say it; T1=K for one column"
+            help="of a table: degC, K, degF or mV, if the names do not state it; T1=K for one "
+            "column"
         ),
     ] = None
     couple: Annotated[
-        str | None, typer.Option(help="of millivolts: type E, J, K, N or T (ITS-90)")
+        str | None, typer.Option(help="with mV: thermocouple type E, J, K, N or T (ITS-90)")
     ] = None
     cold_junction: Annotated[
-        str, typer.Option(help="of millivolts: reference junction in degC, or its column")
+        str,
+        typer.Option(help="with mV: temperature of the reference junction in degC, or its column"),
     ] = "0"
 
     def options(self) -> dict[str, Any]:
-        """As ``compensate_table`` takes them.
+        """Keyword arguments of ``compensate_table``.
 
         >>> TableReading("t", "ms", ["K"]).options()
         {'time': 't', 'time_unit': 'ms', 'unit': 'K', 'couple': '', 'cold': 0.0}
@@ -61,16 +63,20 @@ class TableReading:
         'cj'
         """
         parts = [text.rpartition("=") for text in self.unit or []]
-        plain = [unit for name, _, unit in parts if not name]
-        if len(plain) > 1 or (plain and len(parts) > 1):
-            raise InputError(
-                "--unit is given more than once", expected="one for all columns, or T1=K for each"
-            )
+        unit_of_column = {name: unit for name, _, unit in parts if name}
+        units_of_all = [unit for name, _, unit in parts if not name]
+        unit: str | dict[str, str] = unit_of_column
+        if units_of_all:
+            if len(parts) > 1:
+                raise InputError(
+                    "--unit is given more than once",
+                    expected="one for all columns, or T1=K for each",
+                )
+            unit = units_of_all[0]
         try:
             cold: float | str = float(self.cold_junction)
         except ValueError:
             cold = self.cold_junction
-        unit = plain[0] if plain else {n: u for n, _, u in parts}
         return {
             "time": self.time,
             "time_unit": self.time_unit,
@@ -81,50 +87,58 @@ class TableReading:
 
 
 def value_and_u(text: str, option: str) -> tuple[float, float]:
-    """A number and its standard uncertainty as people write them: "1.5+-0.1", "1.5 ± 0.1", "1.5".
+    """A number and its standard uncertainty from text: "1.5+-0.1", "1.5 ± 0.1", "1.5".
 
     >>> value_and_u("1.5+-0.1", "--tau-s"), value_and_u("2", "--tau-s")
     ((1.5, 0.1), (2.0, 0.0))
     """
-    value, _, u = text.replace("±", "+-").replace("+/-", "+-").partition("+-")
+    value_text, _, u_text = text.replace("±", "+-").replace("+/-", "+-").partition("+-")
     try:
-        found = float(value), float(u) if u.strip() else 0.0
+        value = float(value_text)
+        u = float(u_text) if u_text.strip() else 0.0
     except ValueError:
         raise InputError(
             f"{option} is {text!r:.60}",
             expected="a number, or a number with its uncertainty: 1.5+-0.1",
         ) from None
-    if not (abs(found[0]) <= 1e9 and 0 <= found[1] <= 1e9):
+    if not (abs(value) <= 1e9 and 0 <= u <= 1e9):
         raise InputError(
             f"{option} is {text!r:.60}",
             expected="a number within 1e9, its uncertainty not negative",
         )
-    return found
+    return value, u
 
 
 def only_with_records(options: list[str]) -> None:
-    """Refuse what belongs to the rig's logs."""
+    """Raise InputError if ``options``, which need disk records, are not empty."""
     if options:
-        remedy = (
-            "leave one of them out: the first needs records of disks, --sensor is for any table"
+        raise InputError(
+            f"{options[0]} with --sensor",
+            remedy="leave one of them out: the first needs records of disks, --sensor is for any "
+            "table",
         )
-        raise InputError(f"{options[0]} with --sensor", remedy=remedy)
 
 
-def of_table(
-    log: Path, files: list[Path], out: Path, options: dict[str, Any], tell: Told, verbose: bool
+def compensate_any_table(
+    log: Path,
+    files: list[Path],
+    out: Path,
+    options: dict[str, Any],
+    reporter: Reporter,
+    verbose: bool,
 ) -> None:
-    """Compensate a table, say what came of it; exit 1 where something asks to be looked at."""
+    """Compensate a table and report the result; exit code 1 if there is a warning."""
     from tcdyn.sensors import read_sensor
     from tcdyn.sensors.table import once_each
     from tcdyn.workflows.compensate_table import compensate_table
 
-    spare_inputs([log, *files], out=out)
+    check_outputs([log, *files], out=out)
     sensors = [read_sensor(path) for path in files]
-    with stages(tell.silent, verbose) as progress:
+    with stage_progress(reporter.is_silent, verbose) as progress:
         done = compensate_table(log, sensors, out, progress=progress, **options)
-    found = once_each([*(f for s in sensors for f in s.findings), *done.findings])
-    tell.json(done.to_dict)
-    tell.warn(found)
-    tell.say(done.summary())
-    end(log.name, found)
+    from_files = [finding for sensor in sensors for finding in sensor.findings]
+    findings = once_each([*from_files, *done.findings])
+    reporter.json(done.to_dict)
+    reporter.findings(findings)
+    reporter.text(done.summary())
+    exit_status(log.name, findings)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
-from tcdyn.cli.common import Told, grouped, spare_inputs
+from tcdyn.cli.common import Reporter, check_outputs, option_groups
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -26,7 +26,7 @@ COLOURS = {
 }
 
 
-@grouped
+@option_groups
 def verify(
     report: Annotated[
         Path | None, typer.Option("--report", help="HTML page with the table and its pictures")
@@ -34,7 +34,7 @@ def verify(
     csv: Annotated[Path | None, typer.Option("--csv", help="the table as CSV")] = None,
     why: Annotated[bool, typer.Option("--why", help="print the reason of every row")] = False,
     *,
-    tell: Told,
+    reporter: Reporter,
 ) -> None:
     """Compute every published number that can be checked; exit code 1 when one differs.
 
@@ -45,10 +45,10 @@ def verify(
     """
     from tcdyn.verify import verify_rows
 
-    spare_inputs([], report=report, csv=csv)
+    check_outputs([], report=report, csv=csv)
     rows = verify_rows()
-    tell.json(lambda: {"sentence": sentence(rows), "classes": by_kind(rows), "rows": rows})
-    if not tell.silent:
+    reporter.json(lambda: {"sentence": sentence(rows), "classes": by_kind(rows), "rows": rows})
+    if not reporter.is_silent:
         _print(rows, why)
     if csv is not None:
         from tcdyn.io.write import write_text

@@ -14,7 +14,7 @@ import pytest
 import typer
 
 from tcdyn.cli.app import app
-from tcdyn.cli.common import Told, as_option
+from tcdyn.cli.common import Reporter, as_option
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import warning
 from tcdyn.rig.log import read_log
@@ -385,7 +385,7 @@ def test_a_finding_names_the_command_s_options_and_keeps_its_other_words(
         found.sentence
         == "The residuals drift (correlation with time 0.80): fit with baseline=trend."
     )
-    Told().warn([found, warning("said", text="the baseline=trend of a file")])
+    Reporter().findings([found, warning("said", text="the baseline=trend of a file")])
     assert capsys.readouterr().err == (
         "warning: The residuals drift (correlation with time 0.80): fit with --baseline trend.\n"
         "warning: the baseline=trend of a file\n"

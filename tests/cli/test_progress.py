@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from tcdyn.cli import common
-from tcdyn.cli.common import in_one_line, stages
+from tcdyn.cli.common import print_first_warning, stage_progress
 from tcdyn.core.findings import warning
 
 
@@ -22,7 +22,7 @@ def test_an_end_that_asks_for_a_look_tells_the_first_and_counts_the_others(
         warning("said", text="oddest"),
     ]
     for count, said in ((1, "odd\n"), (3, "odd (and 2 more)\n")):
-        in_one_line("B3", found[:count])
+        print_first_warning("B3", found[:count])
         assert capsys.readouterr().err == f"tcdyn: B3: warning: {said}"
 
 
@@ -30,7 +30,7 @@ def test_without_a_terminal_each_stage_is_a_line_unless_quiet(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     for quiet, lines in ((False, "... reading\n... fit\n"), (True, "")):
-        with stages(quiet) as progress:
+        with stage_progress(quiet) as progress:
             progress("reading")
             progress("fit")
         assert capsys.readouterr().err == lines
@@ -41,14 +41,14 @@ def test_a_terminal_shows_the_stage_and_the_elapsed_time(monkeypatch: pytest.Mon
     monkeypatch.setattr(
         common, "_terminal", lambda: Console(file=written, force_terminal=True, width=80)
     )
-    with stages(quiet=False) as progress:
+    with stage_progress(quiet=False) as progress:
         progress("reading the log")
     assert "reading the log" in written.getvalue()
     assert "0:00:00" in written.getvalue()
 
 
 def test_with_verbose_every_line_tells_the_elapsed_time(capsys: pytest.CaptureFixture[str]) -> None:
-    with stages(quiet=False, verbose=True) as begin:
+    with stage_progress(quiet=False, verbose=True) as begin:
         begin("reading the log")
         sleep(0.2)
         begin("fit")

@@ -102,8 +102,8 @@ LINES: dict[str, Message] = {
     "line is used",
     "line.repeats_shift": "channel {subject}: the repeats shift by {u_degC:.2g} degC (standard "
     "uncertainty of their mean, p = {p:.2g})",
-    "line.outlying": "channel {subject}: repeat {repeat:g} at {setpoint_degC:g} degC is an "
-    "outlier, {off_K:+.2f} degC off the line; it is used in the fit",
+    "line.outlying": "channel {subject}: repeat {repeat:g} at {setpoint_degC:g} degC lies "
+    "{off_K:+.2f} degC off the line (an outlier); it is used in the fit",
     "line.extrapolated": "{subject} read {read_degC[0]:.0f} to {read_degC[1]:.0f} degC, calibrated "
     "from {range_degC[0]:.0f} to {range_degC[1]:.0f} degC: static lines extrapolate there",
     "transducer.slopes_differ": "the sessions have different slopes (p = {p:.2g}); the sensitivity "
