@@ -1,1 +1,1 @@
-"""The commands, one file each; words and numbers on a terminal, nothing computed here."""
+"""The command line: one file for each command; it calls the workflows and prints their results."""

@@ -242,7 +242,7 @@ def _numbers(done: CompensatedLog) -> dict[str, Any]:
 
     if done.way.removes_lag:
         return done.to_dict()
-    channels = {}
+    channels: dict[str, Any] = {}
     for disk, compensated in done.disks.items():
         channels |= zip(done.channels(disk), jsonable(compensated.card()))
     return {"metadata": done.metadata, "channels": channels, "warnings": list(done.warnings)}

@@ -1,4 +1,4 @@
-"""``tcdyn identify DATA.csv --input u --output y``: any input-output table to a model, with validation."""
+"""Commands ``tcdyn identify`` (input-output data) and ``tcdyn response`` (frequency response)."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ from tcdyn.cli.common import (
     option_groups,
 )
 from tcdyn.core.errors import InputError
+from tcdyn.core.findings import warnings_and_errors
 
 if TYPE_CHECKING:
     from tcdyn.identify import Model
@@ -30,54 +31,64 @@ if TYPE_CHECKING:
 @option_groups
 def identify(
     data: Annotated[
-        Path, typer.Argument(help="Table, one row a sample: CSV, LVM, TDMS or Parquet.")
+        Path, typer.Argument(help="Table with one row for each sample: CSV, LVM, TDMS or Parquet.")
     ],
     input: Annotated[
-        str, typer.Option("--input", "-u", help="Column of the input; several with commas: a,b.")
+        str,
+        typer.Option(
+            "--input", "-u", help="Column of the input; several separated by commas: a,b."
+        ),
     ],
     output: Annotated[
-        str, typer.Option("--output", "-y", help="Column of the output; several with commas.")
+        str,
+        typer.Option("--output", "-y", help="Column of the output; several separated by commas."),
     ],
     run: Annotated[
-        str | None, typer.Option(help="Column whose values separate the recordings.")
+        str | None, typer.Option(help="Column whose values distinguish the runs.")
     ] = None,
     time: Annotated[
         str | None,
-        typer.Option(
-            help="Time column; time_s, Time (ms), t and the like are found by themselves."
-        ),
+        typer.Option(help="Time column; names such as time_s, Time (ms) and t are detected."),
     ] = None,
     time_unit: Annotated[
         str | None,
         typer.Option(
-            "--time-unit", help="Unit of the time, where its header does not say it: s, ms, min."
+            "--time-unit", help="Unit of the time, if its header does not state it: s, ms, min."
         ),
     ] = None,
     dt_s: Annotated[
         float | None,
-        number_option("--dt", "Sampling interval in seconds where there is no time.", 1e-9, 1e9),
+        number_option(
+            "--dt", "Sampling interval in seconds, if there is no time column.", 1e-9, 1e9
+        ),
     ] = None,
     resample_s: Annotated[
         float | None,
-        number_option("--resample", "Put uneven times on a grid of so many seconds.", 1e-9, 1e9),
+        number_option(
+            "--resample", "Resample uneven times to this interval in seconds.", 1e-9, 1e9
+        ),
     ] = None,
     hold: Annotated[
         str,
         typer.Option(
-            help="Input between samples: foh (straight line), zoh (held); auto: held where it was set."
+            help="Input between samples: foh (straight line), zoh (constant); auto: zoh if it was "
+            "set in steps."
         ),
     ] = "auto",
     models: Annotated[
         str,
         typer.Option(
-            help="Models to compare, such as P1D,P2D,TF(1,2); of several inputs P1D+P2, one for each, or P1D for all. "
-            "grow: from one lag on, orders, dead times, zeros and inputs are added until the criterion stops."
+            help="Models to compare, such as P1D,P2D,TF(1,2); for several inputs P1D+P2 (one for "
+            "each) "
+            "or P1D (for all). grow: start with one lag and add orders, dead times, zeros and "
+            "inputs "
+            "until the criterion stops."
         ),
     ] = "grow",
     gain: Annotated[
         float | None,
         typer.Option(
-            help="Hold the static gain Kp at this value (process models).",
+            help="Fix the static gain Kp at this value (process models).",
             callback=in_range(-1e12, 1e12),
         ),
     ] = None,
@@ -85,14 +96,15 @@ def identify(
         float | None,
         number_option(
             "--cutoff-Hz",
-            "A known low-pass filter behind the sensor [Hz]: it is no part of the lags.",
+            "Cutoff of a known low-pass filter after the sensor [Hz]; it is not part of the lags.",
             1e-6,
             1e9,
         ),
     ] = None,
     poles: Annotated[int, typer.Option(min=1, help="Poles of that filter.")] = 2,
     shape: Annotated[
-        str, typer.Option(help="Shape of that filter: cascade (of single lags) or butterworth.")
+        str,
+        typer.Option(help="Shape of that filter: cascade (of first-order lags) or butterworth."),
     ] = "cascade",
     no_offset: Annotated[
         bool, typer.Option("--no-offset", help="The output has no offset.")
@@ -100,39 +112,47 @@ def identify(
     initial: Annotated[
         str | None,
         typer.Option(
-            help="Start of each run: equilibrium, zero or estimated. Without it equilibrium, and estimated where a run "
-            "starts off it."
+            help="Initial state of each run: equilibrium, zero or estimated (default: "
+            "equilibrium, or "
+            "estimated if a run starts off it)."
         ),
     ] = None,
     noise: Annotated[
         str,
         typer.Option(
-            help="Noise of the output: white, slow (first-order, averaged over), ar, arma; auto: as the data ask."
+            help="Noise of the output: white, slow (first-order, averaged over), ar, arma; auto: "
+            "chosen from "
+            "the data."
         ),
     ] = "auto",
     baseline: Annotated[
         str,
         typer.Option(
-            help="What lies beneath the output: none, trend (a straight drift), walk (random) or auto."
+            help="Baseline of the output: none, trend (a linear drift), walk (a random walk) or "
+            "auto."
         ),
     ] = "auto",
     input_noise: Annotated[
         str,
         typer.Option(
-            help="Noise of a measured input, its sd in the input's unit; 0: none; auto: from its own samples."
+            help="Standard deviation of the noise of a measured input, in its unit; 0: none; auto: "
+            "estimated from its samples."
         ),
     ] = "auto",
     check: Annotated[
         bool,
         typer.Option(
-            help="Refuse an output that moves before its input, and an input computed from the output."
+            help="Stop if the output moves before its input, or if the input is computed from the "
+            "output."
         ),
     ] = True,
-    robust: Annotated[bool, typer.Option("--robust", help="Huber's loss, against spikes.")] = False,
+    robust: Annotated[
+        bool, typer.Option("--robust", help="Use the Huber loss, against outliers.")
+    ] = False,
     held_out: Annotated[
         float,
         typer.Option(
-            help="Share of the record kept for the held-out score.",
+            help="Fraction of the record for validation (held-out part).",
             callback=in_range(0, 1, ends=False),
         ),
     ] = 0.3,
@@ -140,47 +160,53 @@ def identify(
         bool,
         typer.Option(
             "--narx",
-            help="Also ask, by simulation and by NARX, whether the lag depends on the level.",
+            help="Also test, by simulation and by NARX, whether the lag depends on the level.",
         ),
     ] = False,
     out: Annotated[
         Path | None, typer.Option("--out", help="JSON to write (default: DATA.identified.json).")
     ] = None,
     report: Annotated[
-        Path | None, typer.Option("--report", help="HTML to write (default: beside it).")
+        Path | None,
+        typer.Option("--report", help="HTML report to write (default: next to the JSON)."),
     ] = None,
     *,
     reporter: Reporter,
 ) -> None:
-    """Identify the dynamics between two columns: compare models, recommend one, say what its residuals say.
+    """Identify the dynamics between two columns: compare models, validate them, recommend one.
 
-    Several inputs share one model, each with its own dead time; several outputs get a model each, and a joint table.
+    Several inputs share one model, each with its own dead time. Several outputs get one model each,
+    and a joint table.
 
-    Example: tcdyn identify step.csv --input probe_degC --output a_degC --models P1D,P2D --report step.html
+    Example: tcdyn identify step.csv --input probe_degC --output a_degC --models P1D,P2D --report
+    step.html
     """
     from tcdyn.chain import NO_CONDITIONING
     from tcdyn.identify import compare, from_csv, joint_table, read_identified
     from tcdyn.identify.disturbance import BASELINES, NOISES
     from tcdyn.io.write import write_text
+    from tcdyn.report.dynamics import write_identify_report
     from tcdyn.rig.disk import FILTER_SHAPES, Conditioning
 
     if gain is not None and abs(gain) < 1e-12:
         raise InputError(
             f"--gain is {gain:g}",
-            expected="a static gain other than 0: nothing else shows the input",
+            expected="a static gain other than 0",
         )
     check_choice("--hold", hold, ("auto", "foh", "zoh"))
     check_choice("--shape", shape, FILTER_SHAPES)
     check_choice("--noise", noise, NOISES)
     check_choice("--baseline", baseline, BASELINES)
-    begun: dict[str, Any] = {} if initial is None else {"initial": initial}
-    begun["input_noise"] = "auto" if input_noise == "auto" else standard_deviation(input_noise)
+    fit_settings: dict[str, Any] = {} if initial is None else {"initial": initial}
+    fit_settings["input_noise"] = (
+        "auto" if input_noise == "auto" else _standard_deviation(input_noise)
+    )
     if (noise, baseline) != ("auto", "auto"):
-        begun |= {"noise": noise, "baseline": baseline}
+        fit_settings |= {"noise": noise, "baseline": baseline}
     if initial is not None:
         check_choice("--initial", initial, ("equilibrium", "zero", "estimated"))
-    inputs = columns("--input", input)
-    outputs = columns("--output", output)
+    inputs = _columns("--input", input)
+    outputs = _columns("--output", output)
     if len(inputs) > 1 and (narx or gain is not None):
         raise InputError(
             f"{'--narx' if narx else '--gain'} with {len(inputs)} inputs",
@@ -188,17 +214,13 @@ def identify(
             remedy="leave it out",
         )
     base = out or data.with_suffix(".identified.json")
-    jsons = {
-        y: base if len(outputs) == 1 else base.with_name(of_output(base.name, y)) for y in outputs
-    }
-    pages = {y: path.with_suffix(".html") for y, path in jsons.items()}
+    json_files = _files_of_outputs(base, outputs)
     if report:
-        pages = {
-            y: report if len(outputs) == 1 else report.with_name(of_output(report.name, y))
-            for y in outputs
-        }
+        pages = _files_of_outputs(report, outputs)
+    else:
+        pages = {y: path.with_suffix(".html") for y, path in json_files.items()}
     for y in outputs:
-        check_outputs([data], out=jsons[y], report=pages[y])
+        check_outputs([data], out=json_files[y], report=pages[y])
     record = from_csv(
         data,
         input=inputs,
@@ -210,53 +232,57 @@ def identify(
         resample_s=resample_s,
         hold=hold,
     )
-    filter_ = NO_CONDITIONING if cutoff_hz is None else Conditioning(cutoff_hz, poles, shape)  # type: ignore[arg-type]
-    asked = {"offset": "none" if no_offset else "free", "known": filter_}
+    filter_ = NO_CONDITIONING
+    if cutoff_hz is not None:
+        filter_ = Conditioning(cutoff_hz, poles, shape)  # type: ignore[arg-type]
+    model_settings = {"offset": "none" if no_offset else "free", "known": filter_}
     fixed = {} if gain is None else {"Kp": gain}
-    structures = (
-        []
-        if models.strip() == "grow"
-        else [structure(n, inputs, fixed, asked) for n in names_of(models)]
-    )
-    begun |= {
-        "like": structure("P1", inputs[:1], fixed, asked),
+    model_list = []
+    if models.strip() != "grow":
+        model_list = [_model(name, inputs, fixed, model_settings) for name in _model_names(models)]
+    fit_settings |= {
+        "like": _model("P1", inputs[:1], fixed, model_settings),
         "loss": "huber" if robust else "linear",
         "check": check,
     }
-    found = {}
+    comparisons = {}
     contents = {}
     for y in outputs:
-        one = record.select(output=y)
-        with count_progress(len(structures) or None, reporter.is_silent) as progress:
-            found[y] = comparison = compare(
-                one, structures, held_out=held_out, progress=progress, **begun
+        one_output = record.select(output=y)
+        with count_progress(len(model_list) or None, reporter.is_silent) as progress:
+            comparison = compare(
+                one_output, model_list, held_out=held_out, progress=progress, **fit_settings
             )
+        comparisons[y] = comparison
         reporter.text(f"{comparison.summary(as_option)}\n{comparison.removal(filter_)}")
         content = comparison.best.identified.to_dict()
-        level = ""
+        level_dependence = ""
         if narx:
             from tcdyn.identify.narx import temperature_dependence
 
-            dependence = temperature_dependence(one, held_out=held_out)
-            content["narx"], level = dependence.to_dict(), dependence.sentence
-            reporter.text(level)
-        from tcdyn.report.dynamics import write_identify_report
-
-        write_text(jsons[y], dump(content))
-        read_identified(jsons[y])
-        write_identify_report(pages[y], one, comparison, filter_, level, data)
+            dependence = temperature_dependence(one_output, held_out=held_out)
+            content["narx"] = dependence.to_dict()
+            level_dependence = dependence.sentence
+            reporter.text(level_dependence)
+        write_text(json_files[y], dump(content))
+        read_identified(json_files[y])
+        write_identify_report(pages[y], one_output, comparison, filter_, level_dependence, data)
         contents[y] = content
-        reporter.text(f"wrote {jsons[y]} and {pages[y]}")
+        reporter.text(f"wrote {json_files[y]} and {pages[y]}")
     reporter.json(lambda: contents[outputs[0]] if len(outputs) == 1 else contents)
     if len(outputs) > 1:
-        reporter.text(joint_table(found).to_string(index=False))
-    exit_status(data.name, [f for c in found.values() for f in (c.verdict, *c.best.findings)])
+        reporter.text(joint_table(comparisons).to_string(index=False))
+    findings = []
+    for comparison in comparisons.values():
+        findings += [comparison.verdict, *comparison.best.findings]
+    exit_status(data.name, findings)
 
 
 @option_groups
 def response(
     data: Annotated[
-        Path, typer.Argument(help="Table, one row a frequency: CSV, LVM, TDMS or Parquet.")
+        Path,
+        typer.Argument(help="Table with one row for each frequency: CSV, LVM, TDMS or Parquet."),
     ],
     columns_: Annotated[
         str, typer.Option("--columns", help="Magnitude and phase in degrees: two columns, a,b.")
@@ -265,18 +291,20 @@ def response(
     form: Annotated[
         str,
         typer.Option(
-            help="What --columns hold: magnitude or dB, each with the phase, or complex (real, imaginary)."
+            help="Content of --columns: magnitude or dB, each with the phase, or complex (real, "
+            "imaginary)."
         ),
     ] = "magnitude",
     u: Annotated[
         str | None,
-        typer.Option("--u", help="Column of the uncertainty (1 sd) of real and imaginary part."),
+        typer.Option("--u", help="Column of the standard uncertainty of real and imaginary part."),
     ] = None,
     coherence: Annotated[
-        str | None, typer.Option(help="Column of the coherence, in place of --u.")
+        str | None, typer.Option(help="Column of the coherence, instead of --u.")
     ] = None,
     averages: Annotated[
-        float | None, typer.Option(help="Averages of that coherence.", callback=in_range(1, 1e12))
+        float | None,
+        typer.Option(help="Number of averages of that coherence.", callback=in_range(1, 1e12)),
     ] = None,
     models: Annotated[
         str | None,
@@ -290,40 +318,44 @@ def response(
     *,
     reporter: Reporter,
 ) -> None:
-    """Fit transfer functions to a measured frequency response; of those without a warning, the least BIC is written.
+    """Fit transfer functions to a measured frequency response.
 
-    Example: tcdyn response bode.csv --frequency f_Hz --columns gain_dB,phase_deg --form dB --coherence g2 --averages 20
+    Of the fits without a warning, the one with the lowest BIC is written.
+
+    Example: tcdyn response bode.csv --frequency f_Hz --columns gain_dB,phase_deg --form dB
+    --coherence g2 --averages 20
     """
     import pandas as pd
 
-    from tcdyn.core.findings import warnings_and_errors
     from tcdyn.identify import CANDIDATES, Response, fit_response, read_identified
     from tcdyn.io.write import write_text
 
     check_choice("--form", form, ("magnitude", "dB", "complex"))
-    both = columns("--columns", columns_)
-    if len(both) != 2:
+    pair = _columns("--columns", columns_)
+    if len(pair) != 2:
         raise InputError(f"--columns is {columns_!r}", expected="two columns with a comma between")
     path = out or data.with_suffix(".identified.json")
     check_outputs([data], out=path)
     measured = Response.read(
-        data, frequency, (both[0], both[1]), form=form, u=u, coherence=coherence, averages=averages
+        data, frequency, (pair[0], pair[1]), form=form, u=u, coherence=coherence, averages=averages
     )
-    names = names_of(models) if models else CANDIDATES
+    names = _model_names(models) if models else CANDIDATES
     fits = sorted(
         (fit_response(measured, name) for name in names),
-        key=lambda f: round(f.statistics["bic"], 6),
-    )  # of equals the first named
-    best = next((f for f in fits if not warnings_and_errors(f.findings)), fits[0])
-    best = replace(best, input_name=frequency, output_name=" and ".join(both))
-    least = fits[0].statistics["bic"]
+        key=lambda fit: round(fit.statistics["bic"], 6),
+    )  # among equals the first one named
+    without_warning = [fit for fit in fits if not warnings_and_errors(fit.findings)]
+    best = (without_warning or fits)[0]
+    best = replace(best, input_name=frequency, output_name=" and ".join(pair))
+    lowest_bic = fits[0].statistics["bic"]
     rows = [
         (
-            f.model.name,
-            *(f.statistics[k] for k in ("fit_percent", "p_misfit")),
-            abs(f.statistics["bic"] - least),
+            fit.model.name,
+            fit.statistics["fit_percent"],
+            fit.statistics["p_misfit"],
+            abs(fit.statistics["bic"] - lowest_bic),
         )
-        for f in fits
+        for fit in fits
     ]
     table = pd.DataFrame(rows, columns=["model", "fit [%]", "misfit p", "BIC above best"]).round(3)
     write_text(path, dump(best.to_dict()))
@@ -333,8 +365,8 @@ def response(
     exit_status(data.name, best.findings)
 
 
-def columns(option: str, text: str) -> list[str]:
-    """The names between the commas; InputError for an empty or a repeated one."""
+def _columns(option: str, text: str) -> list[str]:
+    """Names separated by commas; InputError for an empty or a repeated one."""
     names = [name.strip() for name in text.split(",")]
     if not all(names) or len(set(names)) < len(names):
         raise InputError(
@@ -343,19 +375,25 @@ def columns(option: str, text: str) -> list[str]:
     return names
 
 
-def of_output(name: str, output: str) -> str:
-    """The file's name with that of the output before its endings."""
-    stem, _, ending = name.partition(".")
-    return f"{stem}.{re.sub(r'[^A-Za-z0-9_-]+', '_', output)}{'.' + ending if ending else ''}"
+def _files_of_outputs(path: Path, outputs: list[str]) -> dict[str, Path]:
+    """File of each output: ``path``, or with several outputs its name with that of the output."""
+    if len(outputs) == 1:
+        return {outputs[0]: path}
+    stem, dot, ending = path.name.partition(".")
+    files = {}
+    for output in outputs:
+        safe_name = re.sub(r"[^A-Za-z0-9_-]+", "_", output)
+        files[output] = path.with_name(f"{stem}.{safe_name}{dot if ending else ''}{ending}")
+    return files
 
 
-def names_of(models: str) -> list[str]:
-    """The models between the commas that stand in no bracket."""
+def _model_names(models: str) -> list[str]:
+    """Names of models separated by commas; commas in brackets do not separate."""
     return [name.strip() for name in re.split(r",(?![^(]*\))", models) if name.strip()]
 
 
-def standard_deviation(text: str) -> float:
-    """The number behind --input-noise."""
+def _standard_deviation(text: str) -> float:
+    """The number of --input-noise."""
     try:
         sd = float(text)
     except ValueError:
@@ -368,21 +406,28 @@ def standard_deviation(text: str) -> float:
     return sd
 
 
-def structure(
-    name: str, inputs: list[str], fixed: dict[str, float], asked: dict[str, Any]
+def _model(
+    name: str, inputs: list[str], fixed: dict[str, float], model_settings: dict[str, Any]
 ) -> Model:
-    """The named model with the command's constraints: behind each input, or of several between plus signs one behind
-    each."""
+    """The named model with the constraints of the command.
+
+    With several inputs, one model for all, or models separated by plus signs, one for each input.
+    """
     from tcdyn.identify import Known, several
     from tcdyn.identify.models import as_model
 
     parts = [part.strip() for part in name.split("+")]
     if len(inputs) > 1:
-        return several(parts if len(parts) > 1 else parts * len(inputs), inputs, **asked)
+        return several(parts if len(parts) > 1 else parts * len(inputs), inputs, **model_settings)
     if len(parts) > 1:
-        raise InputError(f"--models {name} names {len(parts)} parts", expected="one, for one input")
+        raise InputError(
+            f"--models {name} names {len(parts)} parts", expected="one model for one input"
+        )
     model = as_model(name)
-    kept = {k: v for k, v in fixed.items() if k in model.names}
+    used = {name: value for name, value in fixed.items() if name in model.names}
     return replace(
-        model, fixed={**model.fixed, **kept}, offset=asked["offset"], known=Known.of(asked["known"])
+        model,
+        fixed={**model.fixed, **used},
+        offset=model_settings["offset"],
+        known=Known.of(model_settings["known"]),
     )

@@ -1,4 +1,4 @@
-"""What is kept of the rig: ``tcdyn record`` for disks, ``tcdyn rig`` for its file, ``tcdyn transducer`` for cells."""
+"""Commands ``tcdyn record``, ``tcdyn rig``, ``tcdyn transducer`` and ``tcdyn spot``."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
 
 from tcdyn.cli.common import (
     Disk,
@@ -21,6 +23,7 @@ from tcdyn.cli.common import (
     option_groups,
 )
 from tcdyn.core.errors import InputError
+from tcdyn.core.findings import messages, unique
 
 app = typer.Typer(
     name="record",
@@ -31,9 +34,7 @@ app = typer.Typer(
 
 if TYPE_CHECKING:
     import pandas as pd
-    from rich.table import Table
 
-    from calibration.compare import RecordDiff
     from tcdyn.rig.record import ChainRecord, DiskRecord
 
 RecordPath = Annotated[Path, typer.Argument(help="*.disk.json")]
@@ -41,40 +42,39 @@ RecordPath = Annotated[Path, typer.Argument(help="*.disk.json")]
 
 @app.command()
 def show(record: RecordPath, json_: Json = False) -> None:
-    """The record in one page: static lines, lags, what it was made from.
+    """Print a record: static lines, lags, and the files it was made from.
 
     Example: tcdyn record show fast.disk.json
     """
     from tcdyn.rig.record import read_record
 
-    found = read_record(record)
+    content = read_record(record)
     if json_:
-        print(found.to_json(), end="")
+        print(content.to_json(), end="")
     else:
-        _show(found)
-    exit_status(str(record), found.findings)
+        _show(content)
+    exit_status(str(record), content.findings)
 
 
-def _show(found: DiskRecord) -> None:
-    """The record in words."""
-    from tcdyn.core.findings import unique
+def _show(record: DiskRecord) -> None:
+    """Print a record as text."""
     from tcdyn.rig.static_line import lines_table
 
     console = Console()
-    console.print(f"disk {found.disk}, made {found.made}")
-    lines = lines_table(found.static).set_axis(
+    console.print(f"disk {record.disk}, made {record.made}")
+    lines = lines_table(record.static).set_axis(
         ["ch", "gain", "offset degC", "range degC", "u mid K", "sd K"], axis=1
     )
-    console.print(rich_table(lines, "Static lines (u at mid-range, sd of rest)"))
-    if found.chain is not None:
-        console.print(rich_table(chain_rows(found.chain), f"Chain ({found.chain.structure})"))
-    for item in found.inputs:
+    console.print(rich_table(lines, "Static lines (u at mid-range, sd of residuals)"))
+    if record.chain is not None:
+        console.print(rich_table(_chain_rows(record.chain), f"Chain ({record.chain.structure})"))
+    for item in record.inputs:
         console.print(
             f"from {item.file}  sha256 {item.sha256[:16]}...", markup=False, highlight=False
         )
-    for noticed in unique(found.findings):
+    for finding in unique(record.findings):
         console.print(
-            f"{noticed.severity.value}: {noticed.sentence}", markup=False, highlight=False
+            f"{finding.severity.value}: {finding.sentence}", markup=False, highlight=False
         )
 
 
@@ -82,10 +82,10 @@ def _show(found: DiskRecord) -> None:
 def diff(
     old: RecordPath,
     new: RecordPath,
-    every: Annotated[bool, typer.Option("--all", help="list what did not drift, too")] = False,
+    every: Annotated[bool, typer.Option("--all", help="also list what did not drift")] = False,
     json_: Json = False,
 ) -> None:
-    """What drifted between two calibrations of one disk, and whether it is significant (5 %, Holm).
+    """List what drifted significantly between two calibrations of one disk (5 %, Holm).
 
     Example: tcdyn record diff fast.2026.disk.json fast.disk.json
     """
@@ -93,79 +93,80 @@ def diff(
     from tcdyn.rig.record import read_record
 
     console = Console()
-    found = diff_records(read_record(old), read_record(new))
+    difference = diff_records(read_record(old), read_record(new))
     if json_:
-        print(dump(found.to_dict()), end="")
+        print(dump(difference.to_dict()), end="")
         return
-    rows = found.table if every else found.significant
+    rows = difference.table if every else difference.significant
     if len(rows):
-        console.print(rich_table(diff_rows(found, every)))
-    console.print(found.sentence())
-    for note in found.notes:
+        console.print(rich_table(_diff_rows(rows)))
+    console.print(difference.sentence())
+    for note in difference.notes:
         console.print(f"info: {note}", markup=False, highlight=False)
 
 
 @app.command()
 @option_groups
 def check(record: RecordPath, *, reporter: Reporter) -> None:
-    """Refuse a damaged record (exit 2); otherwise list what a careful reader would ask (exit 1 if anything).
+    """Check a record: exit code 2 if it is damaged, 1 if there are warnings, which are listed.
 
     Example: tcdyn record check fast.disk.json
     """
     from calibration.compare import check_record
-    from tcdyn.core.findings import messages
     from tcdyn.rig.record import read_record
 
-    doubts = messages(check_record(read_record(record)))
-    reporter.json(lambda: {"sound": not doubts, "doubts": doubts})
-    verdict = (
-        f"The record is readable; {len(doubts)} point(s) to look at."
-        if doubts
-        else "The record is sound."
-    )
-    reporter.text("\n".join([*(f"- {doubt}" for doubt in doubts), verdict]))
-    if doubts:
-        raise typer.Exit(1)
+    warnings = messages(check_record(read_record(record)))
+    reporter.json(lambda: {"sound": not warnings, "doubts": warnings})
+    if not warnings:
+        reporter.text("The record is sound.")
+        return
+    lines = [f"- {warning}" for warning in warnings]
+    reporter.text("\n".join([*lines, f"The record is readable; {len(warnings)} warning(s)."]))
+    raise typer.Exit(1)
 
 
 @option_groups
 def rig(
     show: Annotated[
-        bool, typer.Option("--show", help="print the rig file, every key with its value")
+        bool, typer.Option("--show", help="print every key of the rig file with its value")
     ] = True,
     file: Annotated[
-        Path | None, typer.Option("--rig", help="rig.toml to check; without it the defaults")
+        Path | None, typer.Option("--rig", help="rig.toml to check (default: the default values)")
     ] = None,
     *,
     reporter: Reporter,
 ) -> None:
-    """Check a rig file and print every key with the value in force.
+    """Check a rig file and print every key with its value.
 
-    Example: tcdyn rig --show > rig.toml writes a file to start from; tcdyn rig --rig rig.toml checks it.
+    Example: tcdyn rig --show > rig.toml writes a file to start with; tcdyn rig --rig rig.toml
+    checks it.
     """
     from tcdyn.rig.rigfile import load_rig, rig_toml
 
-    found = load_rig(file)
+    settings = load_rig(file)
     if show and not reporter.quiet:
-        reporter.json(found.to_dict)
-        reporter.text(rig_toml(found).rstrip())
+        reporter.json(settings.to_dict)
+        reporter.text(rig_toml(settings).rstrip())
 
 
 @option_groups
 def transducer(
     table: Annotated[
         Path,
-        typer.Argument(help="columns volts, force_N and, of several occasions, session (a number)"),
+        typer.Argument(
+            help="table with the columns volts, force_N and, for several sessions, session (a "
+            "number)"
+        ),
     ],
     out: Annotated[Path | None, typer.Option(help="JSON to write")] = None,
     of: Annotated[
-        str | None, typer.Option(help="load or friction: print only what the rig file takes")
+        str | None, typer.Option(help="load or friction: print only the lines for the rig file")
     ] = None,
     weights_rel: Annotated[
         float,
         number_option(
             "--weights-rel",
-            "relative standard uncertainty of all weights and the lever in common",
+            "relative standard uncertainty common to all weights, and of the lever",
             0,
             0.5,
         ),
@@ -173,11 +174,15 @@ def transducer(
     *,
     reporter: Reporter,
 ) -> None:
-    """Gain and zero of a load cell or friction transducer from dead weights, with their 95 % intervals.
+    """Determine gain and zero of a load cell or friction transducer from dead weights.
 
-    With --of friction its uncertainty as friction_rel, a key of table uncertainty of the rig file, to which beta of a
-    single disk is proportional; with --of load what the load makes of the track's half width, its cube root. The zero
-    is taken anew in each test. Exit code 1 where the sessions' gains differ.
+    Both are printed with their 95 % intervals.
+
+    --of friction prints the uncertainty as friction_rel, a key of table uncertainty of the rig
+    file; beta of a single disk is proportional to the friction. --of load prints the relative
+    uncertainty of the half width of the track, one third of that of the load (half width ~
+    load^(1/3)). The zero is determined again in each test. The exit code is 1 if the gains of the
+    sessions differ.
 
     Example: tcdyn transducer weights.csv --out cell.json; tcdyn transducer torque.csv --of friction
     """
@@ -198,18 +203,18 @@ def transducer(
         reporter.text(line.summary())
     else:
         u = line.gain_u_rel(weights_rel)
-        said = line.summary().splitlines()
-        keys = {"friction_rel": u} if of == "friction" else {"half_width_rel_by_load": u / 3}
+        comments = line.summary().splitlines()
         if of == "friction":
-            said += [
-                "under [uncertainty] of the rig file, in place of the friction_rel that stands there:"
-            ]
-            lines = [*(f"# {each}" for each in said), f"friction_rel = {u:.3g}"]
+            keys = {"friction_rel": u}
+            comments.append("under [uncertainty] of the rig file, instead of its friction_rel:")
         else:
-            said += [
+            keys = {"half_width_rel_by_load": u / 3}
+            comments.append(
                 f"half width of the track by the load alone: u {u / 3:.2g} of it (half_width_rel)"
-            ]
-            lines = [f"# {each}" for each in said]
+            )
+        lines = [f"# {comment}" for comment in comments]
+        if of == "friction":
+            lines.append(f"friction_rel = {u:.3g}")
         reporter.json(lambda: keys)
         reporter.text("\n".join(lines))
     exit_status(table.name, line.findings)
@@ -218,20 +223,27 @@ def transducer(
 def spot(
     table: Annotated[
         Path,
-        typer.Argument(help="columns temperature_degC and flux_W_m2 of a heated spot (figure 8.1)"),
+        typer.Argument(
+            help="table with the columns temperature_degC and flux_W_m2 of a heated spot (figure "
+            "8.1)"
+        ),
     ],
     disk: Disk = "fast",
     power_rel: Annotated[
         float,
         number_option(
-            "--power-rel", "relative uncertainty of all fluxes: heater's power, spot's area", 0, 1
+            "--power-rel",
+            "relative uncertainty common to all fluxes: power of the heater, area of the spot",
+            0,
+            1,
         ),
     ] = 0.02,
     json_: Json = False,
 ) -> None:
-    """The straight line of flux against temperature, as lines for the rig file.
+    """Fit a straight line of flux against temperature, printed as lines for the rig file.
 
-    With them every way to beta takes the running surface's loss as measured, in place of h and the ambient there.
+    With these lines all estimates of beta use the measured heat loss of the running surface instead
+    of h and the ambient temperature there.
 
     Example: tcdyn spot spot_fast.csv --disk fast >> rig.toml
     """
@@ -240,39 +252,36 @@ def spot(
 
     points = read_numbers(table, ("temperature_degC", "flux_W_m2"))
     try:
-        found = fit_surface_flux(points["temperature_degC"], points["flux_W_m2"], power_rel)
+        line = fit_surface_flux(points["temperature_degC"], points["flux_W_m2"], power_rel)
     except InputError as problem:
         raise problem.at(str(table)) from None
-    keys = {name: float(f"{value:.6g}") for name, value in asdict(found).items()}
+    keys = {name: float(f"{value:.6g}") for name, value in asdict(line).items()}
     if json_:
         print(dump(keys), end="")
         return
-    print("\n".join([f"[{disk}.surface]", *(f"{name} = {value}" for name, value in keys.items())]))
+    lines = [f"{name} = {value}" for name, value in keys.items()]
+    print("\n".join([f"[{disk}.surface]", *lines]))
 
 
-def chain_rows(chain: ChainRecord) -> pd.DataFrame:
-    """Lags, one row a channel, the common lag last."""
+def _chain_rows(chain: ChainRecord) -> pd.DataFrame:
+    """Lags, one row for each channel, the common lag last."""
     table = chain.table()
     table.loc[len(table)] = ["common", chain.common_lag_s.plain(), chain.common_lag_s.interval, ""]
     return table
 
 
-def diff_rows(found: RecordDiff, every: bool) -> pd.DataFrame:
-    """Changes, one row a quantity."""
-    table = found.table if every else found.significant
+def _diff_rows(rows: pd.DataFrame) -> pd.DataFrame:
+    """Changes as text, one row for each quantity."""
     formats = {"old": ".4g", "new": ".4g", "change": "+.3g", "u": ".2g", "z": "+.1f", "p": ".2g"}
-    shown = table.assign(
-        **{name: [format(v, how) for v in table[name]] for name, how in formats.items()}
+    texts = rows.assign(
+        **{name: [format(value, style) for value in rows[name]] for name, style in formats.items()}
     )
-    shown["significant"] = ["drifted" if yes else "" for yes in table["significant"]]
-    return shown.rename(columns={"significant": ""})
+    texts["significant"] = ["drifted" if yes else "" for yes in rows["significant"]]
+    return texts.rename(columns={"significant": ""})
 
 
 def rich_table(rows: pd.DataFrame, title: str = "") -> Table:
-    """A table for the terminal: words left, numbers right."""
-    from rich.markup import escape
-    from rich.table import Table
-
+    """Table for the terminal, the first column aligned left, the others right."""
     table = Table(title=title, title_justify="left")
     for k, name in enumerate(rows.columns):
         table.add_column(escape(str(name)), justify="left" if k == 0 else "right")

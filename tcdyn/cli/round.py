@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from tcdyn.cli.common import Reporter, check_choice, check_outputs, option_groups
-from tcdyn.cli.simulate import Beta, RigPath, Seed, Test, Uneven, contacts
+from tcdyn.cli.simulate import Beta, RigPath, Seed, Test, Uneven, bore_contacts
 from tcdyn.core.errors import InputError
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def simulate_round(
     from tcdyn.simulate.truth import draw_truth
 
     _check_picture(out, rig)
-    truth = draw_truth(seed, load_rig(rig)).with_uneven(contacts(uneven))
+    truth = draw_truth(seed, load_rig(rig)).with_uneven(bore_contacts(uneven))
     disks = around_disks(test, seed, truth, EhlOptions(beta=beta))
     _save(round_figure([disks[d] for d in DISKS]), out)
     numbers = {

@@ -1,4 +1,4 @@
-"""``tcdyn sensor``: the lag of any thermocouple, stated or found, as a file that ``compensate`` and ``follow`` take."""
+"""Command ``tcdyn sensor``: state or measure the lag of any thermocouple; writes a sensor file."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from tcdyn.cli.common import (
 )
 from tcdyn.cli.tables import TableReading, value_and_u
 from tcdyn.core.errors import InputError
+from tcdyn.core.findings import Finding, warning
 
 if TYPE_CHECKING:
-    from tcdyn.core.findings import Finding
     from tcdyn.rig.disk import Conditioning
     from tcdyn.rig.record import InputFile
     from tcdyn.sensors import SensorFile
@@ -28,31 +28,32 @@ if TYPE_CHECKING:
 app = typer.Typer(
     no_args_is_help=True,
     add_completion=False,
-    help="The lag of any thermocouple, as a file that compensate and follow take.",
+    help="State or measure the lag of a thermocouple; the file is for compensate and follow.",
 )
 Log = Annotated[Path, typer.Argument(help="table with a time column: CSV, LVM, TDMS or Parquet")]
-OneColumn = Annotated[str, typer.Option("--column", help="the sensor's column")]
+OneColumn = Annotated[str, typer.Option("--column", help="column of the sensor")]
 Columns = Annotated[
-    list[str], typer.Option("--column", help="column of a table; * stands for any text")
+    list[str], typer.Option("--column", help="column of the table; * matches any text")
 ]
 
 
 @dataclass(frozen=True)
-class Made:
-    """The file of the sensor that was found."""
+class SensorOutput:
+    """Options for the sensor file to write."""
 
     out: Annotated[Path, typer.Option(help="*.sensor.json to write")]
     name: Annotated[
-        str | None, typer.Option(help="what the sensor is called; default: the file's name")
+        str | None, typer.Option(help="name of the sensor (default: name of the file)")
     ] = None
 
     @property
-    def called(self) -> str:
-        """The sensor's name, by its file's where none was given."""
-        return self.name or self.out.name.removesuffix(".json").removesuffix(".sensor") or "sensor"
+    def sensor_name(self) -> str:
+        """Name of the sensor, by default that of its file."""
+        file_name = self.out.name.removesuffix(".json").removesuffix(".sensor")
+        return self.name or file_name or "sensor"
 
-    def finish(self, sensor: SensorFile, reporter: Reporter, log: Path | None = None) -> None:
-        """Write the file, say what it holds; exit 1 where something asks to be looked at."""
+    def write(self, sensor: SensorFile, reporter: Reporter, log: Path | None = None) -> None:
+        """Write the file and report its content; exit code 1 if there is a warning."""
         from tcdyn.sensors import read_sensor, write_sensor
 
         check_outputs([log], out=self.out)
@@ -66,25 +67,25 @@ class Made:
 
 
 @dataclass(frozen=True)
-class Filter:
-    """A known filter behind the sensor."""
+class FilterOptions:
+    """Options for a known filter after the sensor."""
 
     cutoff_hz: Annotated[
         float | None,
         number_option(
             "--cutoff-Hz",
-            "a known low-pass filter behind the sensor [Hz]; none unless stated",
+            "cutoff of a known low-pass filter after the sensor [Hz] (default: no filter)",
             1e-6,
             1e9,
         ),
     ] = None
     poles: Annotated[int, typer.Option(min=1, max=6, help="poles of that filter")] = 2
     shape: Annotated[
-        str, typer.Option(help="its shape: cascade (of single lags) or butterworth")
+        str, typer.Option(help="shape of that filter: cascade (of first-order lags) or butterworth")
     ] = "cascade"
 
     def conditioning(self) -> Conditioning:
-        """The filter that was stated, none if it was not."""
+        """The filter; ``NO_CONDITIONING`` if none is specified."""
         from tcdyn.chain import NO_CONDITIONING
         from tcdyn.rig.disk import FILTER_SHAPES, Conditioning
 
@@ -100,32 +101,37 @@ def new(
     tau_s: Annotated[
         list[str],
         typer.Option(
-            "--tau-s", help="a lag in seconds and its uncertainty: 1.5+-0.1; once for each"
+            "--tau-s",
+            help="a lag in seconds with its standard uncertainty: 1.5+-0.1; repeat for several "
+            "lags",
         ),
     ],
     column: Columns,
     delay_s: Annotated[
-        str, typer.Option("--delay-s", help="dead time in seconds: 0.2+-0.05")
+        str,
+        typer.Option(
+            "--delay-s", help="dead time in seconds with its standard uncertainty: 0.2+-0.05"
+        ),
     ] = "0",
     *,
-    to: Made,
-    behind: Filter,
+    output: SensorOutput,
+    known_filter: FilterOptions,
     reporter: Reporter,
 ) -> None:
-    """Write the file of a sensor whose lag is known from elsewhere.
+    """Write a sensor file from a known lag, for example from a data sheet.
 
     Example: tcdyn sensor new --tau-s 1.5+-0.1 --column T1 --out probe.sensor.json
     """
     from tcdyn.sensors import stated
 
-    made = stated(
-        to.called,
+    sensor = stated(
+        output.sensor_name,
         column,
         [value_and_u(text, "--tau-s") for text in tau_s],
-        behind.conditioning(),
+        known_filter.conditioning(),
         value_and_u(delay_s, "--delay-s"),
     )
-    to.finish(made, reporter)
+    output.write(sensor, reporter)
 
 
 @app.command()
@@ -135,7 +141,7 @@ def show(
     *,
     reporter: Reporter,
 ) -> None:
-    """What a sensor file says: lag, times of its step response, how it was found.
+    """Print a sensor file: lag, times of the step response, how the lag was determined.
 
     Example: tcdyn sensor show probe.sensor.json
     """
@@ -154,14 +160,17 @@ def plunge(
     entry_s: Annotated[
         str | None,
         typer.Option(
-            "--entry-s", help="when it entered, on the table's clock in seconds: 12.3+-0.02"
+            "--entry-s",
+            help="instant of entry on the clock of the table in seconds, with its standard "
+            "uncertainty: 12.3+-0.02",
         ),
     ] = None,
     medium_s: Annotated[
         str,
         typer.Option(
             "--medium-s",
-            help="time constant of the surroundings' own step in seconds, no part of the lag",
+            help="time constant of the temperature step itself in seconds; it is not part of the "
+            "lag",
         ),
     ] = "0.02+-0.02",
     medium: Annotated[
@@ -169,20 +178,23 @@ def plunge(
         typer.Option(help="water (0.4 m/s) or air (3 m/s), the reference streams of VDI/VDE 3522"),
     ] = None,
     diameter_mm: Annotated[
-        float | None, typer.Option("--diameter-mm", help="with --medium: of the sheath")
+        float | None, typer.Option("--diameter-mm", help="with --medium: diameter of the sheath")
     ] = None,
     speed_m_s: Annotated[
-        float | None, typer.Option("--speed-m-s", help="with --medium: another speed")
+        float | None, typer.Option("--speed-m-s", help="with --medium: another speed of the stream")
     ] = None,
     *,
-    to: Made,
-    behind: Filter,
+    output: SensorOutput,
+    known_filter: FilterOptions,
     reading: TableReading,
     reporter: Reporter,
 ) -> None:
-    """The lag from one step of the surroundings: t50, t63.2, t90 and the chain, entry instant unknown.
+    """Measure the lag from one temperature step (a plunge): t50, t63.2, t90 and the chain.
 
-    Example: tcdyn sensor plunge dip.csv --column T1 --out probe.sensor.json --medium water --diameter-mm 3
+    The instant of entry is estimated too.
+
+    Example: tcdyn sensor plunge dip.csv --column T1 --out probe.sensor.json --medium water
+    --diameter-mm 3
     """
     from tcdyn.sensors.plunge import plunge_sensor
     from tcdyn.sensors.surface_h import Film
@@ -190,71 +202,76 @@ def plunge(
     if (medium is None) != (diameter_mm is None):
         raise InputError("--medium and --diameter-mm go together", remedy="give both, or none")
     film = Film(medium, 1e-3 * diameter_mm, speed_m_s) if medium and diameter_mm else None
-    t, values, found, names = read(log, [column], reading)
-    made = plunge_sensor(
+    t, values, findings, names = _read(log, [column], reading)
+    sensor = plunge_sensor(
         t,
         values[0],
         names[0],
-        sensor=to.called,
-        conditioning=behind.conditioning(),
+        sensor=output.sensor_name,
+        conditioning=known_filter.conditioning(),
         entry_s=None if entry_s is None else value_and_u(entry_s, "--entry-s"),
         medium_s=value_and_u(medium_s, "--medium-s"),
         film=film,
-        inputs=[source(log)],
+        inputs=[_input_file(log)],
     )
-    to.finish(with_findings(made, found, float(t[-1] - t[0])), reporter, log)
+    output.write(_with_findings(sensor, findings, float(t[-1] - t[0])), reporter, log)
 
 
 @app.command()
 @option_groups
 def pair(
     log: Log,
-    columns: Annotated[str, typer.Option("--columns", help="the two columns: T1,T2")],
+    columns: Annotated[
+        str, typer.Option("--columns", help="the two columns, separated by a comma: T1,T2")
+    ],
     speed: Annotated[
         str | None,
         typer.Option(
-            "--speed", help="column of the flow's speed: lags go as its -n-th power, n about 0.5"
+            "--speed", help="column of the flow speed v: lags are proportional to v^-n, n about 0.5"
         ),
     ] = None,
     exponent: Annotated[
-        str, typer.Option("--exponent", help="with --speed: n and its standard deviation")
+        str, typer.Option("--exponent", help="with --speed: n and its standard uncertainty")
     ] = "0.5+-0.1",
     change_s: Annotated[
         list[float] | None,
         typer.Option(
-            "--change-s", help="when the flow stepped, in seconds; lags constant between; repeat"
+            "--change-s",
+            help="instant of a step of the flow in seconds; lags are constant between steps; "
+            "repeat for "
+            "several",
         ),
     ] = None,
     *,
-    to: Made,
+    output: SensorOutput,
     reading: TableReading,
     reporter: Reporter,
 ) -> None:
-    """The lags of two thermocouples of different size in one fluid, without a reference, noise on both.
+    """Measure the lags of two thermocouples of different size in one fluid, without a reference.
 
-    Both columns of a row are taken as sampled at one instant. A column that is repeated or blank between new values is
-    used at its new values.
+    Noise on both is modelled. Both columns of a row are taken as sampled at one instant. If a
+    column is repeated or blank between new values, only its new values are used.
 
     Example: tcdyn sensor pair exhaust.csv --columns T1,T2 --speed flow_m_s --out pair.sensor.json
     """
     from tcdyn.sensors.pair import pair_sensor
 
-    wanted = [c.strip() for c in columns.split(",")]
-    if len(wanted) != 2 or wanted[0] == wanted[1]:
+    pair_names = [name.strip() for name in columns.split(",")]
+    if len(pair_names) != 2 or pair_names[0] == pair_names[1]:
         raise InputError(f"--columns is {columns!r}", expected="two columns with a comma: T1,T2")
-    t, values, found, names = read(log, wanted, reading, (speed,) if speed else ())
-    made = pair_sensor(
+    t, values, findings, names = _read(log, pair_names, reading, (speed,) if speed else ())
+    sensor = pair_sensor(
         t,
         values[0],
         values[1],
         (names[0], names[1]),
-        sensor=to.called,
+        sensor=output.sensor_name,
         speed=values[2] if speed else None,
         changes_s=change_s or (),
         exponent=value_and_u(exponent, "--exponent"),
-        inputs=[source(log)],
+        inputs=[_input_file(log)],
     )
-    to.finish(with_findings(made, found, float(t[-1] - t[0])), reporter, log)
+    output.write(_with_findings(sensor, findings, float(t[-1] - t[0])), reporter, log)
 
 
 @app.command()
@@ -264,31 +281,39 @@ def current(
     column: OneColumn,
     current: Annotated[
         str,
-        typer.Option("--current", help="column of the heating current; its unit does not matter"),
+        typer.Option("--current", help="column of the heating current, in any unit"),
     ],
     off_only: Annotated[
         bool,
         typer.Option(
             "--off-only",
-            help="use rows without current only: a thermocouple is not read while heated",
+            help="use only rows without current, as a thermocouple cannot be read while heated",
         ),
     ] = False,
     *,
-    to: Made,
+    output: SensorOutput,
     reading: TableReading,
     reporter: Reporter,
 ) -> None:
-    """The lag in place from a loop current step (LCSR), heating, cooling or both, converted to that of a plunge.
+    """Measure the lag in place from a loop current step (LCSR): heating, cooling or both.
+
+    The lag is converted to that of a plunge.
 
     Example: tcdyn sensor current lcsr.csv --column R1 --current I_mA --out pipe.sensor.json
     """
     from tcdyn.sensors.current import current_sensor
 
-    t, values, found, names = read(log, [column], reading, (current,))
-    made = current_sensor(
-        t, values[0], values[1], names[0], sensor=to.called, off_only=off_only, inputs=[source(log)]
+    t, values, findings, names = _read(log, [column], reading, (current,))
+    sensor = current_sensor(
+        t,
+        values[0],
+        values[1],
+        names[0],
+        sensor=output.sensor_name,
+        off_only=off_only,
+        inputs=[_input_file(log)],
     )
-    to.finish(with_findings(made, found, float(t[-1] - t[0])), reporter, log)
+    output.write(_with_findings(sensor, findings, float(t[-1] - t[0])), reporter, log)
 
 
 @app.command()
@@ -297,73 +322,82 @@ def noise(
     log: Log,
     column: OneColumn,
     *,
-    to: Made,
+    output: SensorOutput,
     reading: TableReading,
     reporter: Reporter,
 ) -> None:
-    """The lag in place from the process's own noise at constant conditions, and whether the conditions hold.
+    """Measure the lag in place from the noise of the process at constant conditions.
+
+    Warnings report conditions that are not constant.
 
     Example: tcdyn sensor noise steady.csv --column T1 --out pipe.sensor.json
     """
     from tcdyn.sensors.noise import noise_sensor
 
-    t, values, found, names = read(log, [column], reading)
-    made = noise_sensor(t, values[0], names[0], sensor=to.called, inputs=[source(log)])
-    to.finish(with_findings(made, found, float(t[-1] - t[0])), reporter, log)
+    t, values, findings, names = _read(log, [column], reading)
+    sensor = noise_sensor(
+        t, values[0], names[0], sensor=output.sensor_name, inputs=[_input_file(log)]
+    )
+    output.write(_with_findings(sensor, findings, float(t[-1] - t[0])), reporter, log)
 
 
-def read(
+def _read(
     log: Path, columns: list[str], reading: TableReading, plain: tuple[str, ...] = ()
 ) -> tuple[Any, list[Any], list[Finding], list[str]]:
-    """Even times [s], columns (temperatures [degC] first, then the ``plain`` ones as logged), findings, their names."""
+    """Read columns of a table.
+
+    Returns
+    -------
+    tuple
+        Even times [s]; the ``columns`` as temperatures [degC], followed by the columns ``plain`` as
+        logged; findings; names of the columns.
+    """
     from tcdyn.sensors.table import open_source, read_columns
     from tcdyn.sensors.units import cold_column, matching, units_of
 
     options = reading.options()
     opened = open_source(log, reading.time, [*columns, *plain], reading.time_unit)
+    candidates = [name for name in opened.table.names if name != opened.time]
     names = []
-    for wanted in (*columns, *plain):
-        hits = matching(
-            wanted, [n for n in opened.table.names if n != opened.time], opened.table.where
-        )
-        if len(hits) > 1:
+    for pattern in (*columns, *plain):
+        matches = matching(pattern, candidates, opened.table.where)
+        if len(matches) > 1:
             raise InputError(
-                f"{wanted!r} means {len(hits)} columns",
+                f"{pattern!r} matches {len(matches)} columns",
                 where=str(log),
                 expected="one",
-                remedy=f"name {hits[0]!r}",
+                remedy=f"for example name {matches[0]!r}",
             )
-        names += hits
+        names += matches
     cold = cold_column(options["cold"], opened.table.names, opened.table.where)
-    found_units, told = units_of(
+    units, unit_findings = units_of(
         names[: len(columns)], options["unit"], options["couple"], cold, opened.table.units
     )
-    t, values, found = read_columns(log, names, found_units, opened.time, reading.time_unit)
-    return t, [values[n] for n in names], [*told, *found], names
+    t, values, findings = read_columns(log, names, units, opened.time, reading.time_unit)
+    return t, [values[name] for name in names], [*unit_findings, *findings], names
 
 
-def source(log: Path) -> InputFile:
-    """What the file says of the table it was made from."""
+def _input_file(log: Path) -> InputFile:
+    """Name and checksum of the table, for the sensor file."""
     from tcdyn.io.read import sha256
     from tcdyn.rig.record import InputFile
 
     return InputFile(file=log.name, sha256=sha256(log))
 
 
-def with_findings(sensor: SensorFile, found: list[Finding], duration_s: float) -> SensorFile:
-    """The sensor with the findings of the reader before those of the fit, and a warning for each lag whose standard
-    uncertainty exceeds ``duration_s`` of the record [s]."""
-    from tcdyn.core.findings import warning
+def _with_findings(sensor: SensorFile, findings: list[Finding], duration_s: float) -> SensorFile:
+    """The sensor with the findings of the reader in front of those of the fit.
+
+    A warning is added for each lag whose standard uncertainty exceeds the length of the record,
+    ``duration_s``.
+    """
     from tcdyn.sensors.table import once_each
 
+    all_findings = list(findings)
     for column, channel in sensor.chain.channels.items():
-        if channel.lag_s.u > duration_s:
-            found.append(
-                warning(
-                    "sensor.undetermined",
-                    subject=column,
-                    u_s=channel.lag_s.u,
-                    duration_s=duration_s,
-                )
+        u_s = channel.lag_s.u
+        if u_s > duration_s:
+            all_findings.append(
+                warning("sensor.undetermined", subject=column, u_s=u_s, duration_s=duration_s)
             )
-    return sensor.model_copy(update={"findings": [*once_each(found), *sensor.findings]})
+    return sensor.model_copy(update={"findings": [*once_each(all_findings), *sensor.findings]})

@@ -1,7 +1,8 @@
-"""``tcdyn simulate``: logs of the synthetic rig, their truth beside them; ``tcdyn demo``: every stage on such logs."""
+"""Commands ``tcdyn simulate`` (logs of the synthetic rig) and ``tcdyn demo`` (all stages)."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -31,47 +32,52 @@ if TYPE_CHECKING:
 
 app = typer.Typer(
     name="simulate",
-    help="Write logs of the synthetic rig, their truth beside them.",
+    help="Write logs of the synthetic rig, with the true values in files next to them.",
     no_args_is_help=True,
     add_completion=False,
 )
 
 Out = Annotated[Path, typer.Option("--out", help="CSV file to write")]
 Seed = Annotated[
-    int, typer.Option(min=0, help="the same seed gives the same rig and the same file")
+    int, typer.Option(min=0, help="random seed; the same seed gives the same rig and the same file")
 ]
-Test = Annotated[str, typer.Option(help="A1 to D4 (table 6.1)")]
+Test = Annotated[str, typer.Option(help="test A1 to D4 (table 6.1)")]
 Beta = Annotated[
-    float | None, typer.Option(help="heat partition; drawn without it", callback=in_range(0, 1))
+    float | None,
+    typer.Option(help="true heat partition (default: random)", callback=in_range(0, 1)),
 ]
-RigPath = Annotated[Path | None, typer.Option("--rig", help="rig.toml; the defaults without one")]
+RigPath = Annotated[
+    Path | None, typer.Option("--rig", help="rig.toml (default: the default values)")
+]
 Uneven = Annotated[
     list[str] | None,
     typer.Option(
-        help="bore contact round the disk: 0.5@30 conducts 1 + 0.5 cos(angle - 30 deg) of its mean, fast:0.5@30 for "
-        "one disk; repeatable"
+        help="bore contact around the disk: 0.5@30 conducts 1 + 0.5 cos(angle - 30 deg) times its "
+        "mean, fast:0.5@30 for one disk; repeat for several"
     ),
 ]
 Clean = Annotated[
     bool,
-    typer.Option(help="no noise, spikes, static errors, drift or quantisation: the chain only"),
+    typer.Option(help="no noise, spikes, static errors, drift or quantisation; only the dynamics"),
 ]
 
 
 @dataclass(frozen=True)
-class Drawn:
-    """The rig that a log is simulated of."""
+class SimulatedRig:
+    """Options for the rig whose logs are simulated."""
 
     seed: Seed = 0
     rig: RigPath = None
     uncertain: Annotated[
         bool,
-        typer.Option(help="draw steel, depths, washers ... within the uncertainties of rig.toml"),
+        typer.Option(
+            help="random steel, depths, washers and so on, within the uncertainties of rig.toml"
+        ),
     ] = False
     clean: Clean = False
 
     def truth(self) -> RigTruth:
-        """What is true of it."""
+        """The true values of the rig."""
         from tcdyn.rig.rigfile import load_rig
         from tcdyn.simulate.truth import CLEAN, draw_truth
 
@@ -79,12 +85,12 @@ class Drawn:
         return truth.with_imperfections(CLEAN) if self.clean else truth
 
     def for_log(self, out: Path) -> RigTruth:
-        """The truth behind one log that is to be written to ``out``."""
+        """The true values for a log that is written to ``out``."""
         if out.suffix.lower() != ".csv":
             raise InputError(
                 "the synthetic rig writes CSV",
                 where=str(out),
-                remedy="give --out a name ending in .csv",
+                remedy="give a name ending in .csv to --out",
             )
         check_outputs([self.rig], out=out)
         return self.truth()
@@ -92,15 +98,15 @@ class Drawn:
 
 @app.command()
 @option_groups
-def oven(out: Out, disk: Disk = "fast", *, drawn: Drawn, reporter: Reporter) -> None:
-    """Oven calibration of one disk, 20 to 160 degC, three repeats.
+def oven(out: Out, disk: Disk = "fast", *, simulated: SimulatedRig, reporter: Reporter) -> None:
+    """Simulate the oven calibration of one disk, 20 to 160 degC, three repeats.
 
     Example: tcdyn simulate oven --out oven_fast.csv --disk fast --seed 7
     """
     from tcdyn.simulate.measure import simulate_oven
 
-    truth = drawn.for_log(out)
-    _write(out, reporter, *simulate_oven(disk, drawn.seed, truth))
+    truth = simulated.for_log(out)
+    _write(out, reporter, *simulate_oven(disk, simulated.seed, truth))
 
 
 @app.command()
@@ -108,19 +114,23 @@ def oven(out: Out, disk: Disk = "fast", *, drawn: Drawn, reporter: Reporter) -> 
 def immersion(
     out: Out,
     disk: Disk = "fast",
-    bath_degC: Annotated[float, number_option("--bath-degC", "bath temperature", -60, 400)] = 110.0,
+    bath_degC: Annotated[
+        float, number_option("--bath-degC", "temperature of the bath", -60, 400)
+    ] = 110.0,
     fluid: Annotated[str, typer.Option(help="mobil-jet-ii or water")] = "mobil-jet-ii",
     duration_s: Annotated[
-        float, number_option("--duration-s", "time after entry", 10, 3600)
+        float,
+        number_option("--duration-s", "length of the log after the entry in seconds", 10, 3600),
     ] = 140.0,
     run: Annotated[
-        int, typer.Option(min=1, help="another run is another plunge of the same rig")
+        int,
+        typer.Option(min=1, help="number of the plunge; each is another plunge of the same rig"),
     ] = 1,
     *,
-    drawn: Drawn,
+    simulated: SimulatedRig,
     reporter: Reporter,
 ) -> None:
-    """A plunge of one disk into a hot bath.
+    """Simulate a plunge of one disk into a hot bath.
 
     Example: tcdyn simulate immersion --out P1.csv --bath-degC 110 --fluid mobil-jet-ii
     """
@@ -128,21 +138,32 @@ def immersion(
     from tcdyn.simulate.plunge import PlungeOptions, simulate_plunge
 
     check_choice("--fluid", fluid, FLUIDS)
-    truth = drawn.for_log(out)
+    truth = simulated.for_log(out)
     options = PlungeOptions(after_s=duration_s)
-    _write(out, reporter, *simulate_plunge(disk, drawn.seed, fluid, bath_degC, run, truth, options))  # type: ignore[arg-type]
+    frame, truth_values = simulate_plunge(
+        disk,
+        simulated.seed,
+        fluid,  # type: ignore[arg-type]
+        bath_degC,
+        run,
+        truth,
+        options,
+    )
+    _write(out, reporter, frame, truth_values)
 
 
 @app.command()
 @option_groups
 def hole(out: Out, seed: Seed = 0, clean: Clean = False, *, reporter: Reporter) -> None:
-    """The hole comparison of section 5.4: clamped and cemented junctions plunged into hot water.
+    """Simulate the comparison of holes of section 5.4.
+
+    Clamped and cemented junctions are plunged into hot water.
 
     Example: tcdyn simulate hole --out hole.csv
     """
     from tcdyn.simulate.plunge import simulate_hole
 
-    _write(out, reporter, *simulate_hole(seed, Drawn(seed, clean=clean).for_log(out)))
+    _write(out, reporter, *simulate_hole(seed, SimulatedRig(seed, clean=clean).for_log(out)))
 
 
 @app.command()
@@ -154,35 +175,46 @@ def ehl(
     brake: Annotated[
         float | None,
         number_option(
-            "--brake", "both speeds fall to 1/e in so many seconds from the parting", 0.1, 1e6
+            "--brake",
+            "time in seconds after the unloading in which both speeds fall to 1/e",
+            0.1,
+            1e6,
         ),
     ] = None,
     again: Annotated[
         list[str] | None,
-        typer.Option(help="contact after the parting, seconds@seconds after it; repeatable"),
+        typer.Option(
+            help="another contact after the unloading: length@time after it, in seconds; repeat "
+            "for "
+            "several"
+        ),
     ] = None,
     uneven: Uneven = None,
     film_air_K: Annotated[
         float,
         number_option(
-            "--film-air-K", "what the running surfaces lose heat to, above the ambient", -50, 50
+            "--film-air-K",
+            "temperature of the air at the running surfaces, above the ambient [K]",
+            -50,
+            50,
         ),
     ] = 0.0,
     *,
-    drawn: Drawn,
+    simulated: SimulatedRig,
     reporter: Reporter,
 ) -> None:
-    """One EHL test of both disks: warm running, loading, unloading, cooling.
+    """Simulate an EHL test of both disks: warm running, loading, unloading, cooling.
 
-    Example: tcdyn simulate ehl --out D4.csv --test D4 --beta 0.65 --brake 3 --again 0.2@1 --uneven slow:0.5@30
+    Example: tcdyn simulate ehl --out D4.csv --test D4 --beta 0.65 --brake 3 --again 0.2@1 --uneven
+    slow:0.5@30
     """
     from tcdyn.simulate.ehl import EhlOptions, simulate_ehl
 
-    truth = drawn.for_log(out).with_uneven(contacts(uneven)).with_film_air(film_air_K)
+    truth = simulated.for_log(out).with_uneven(bore_contacts(uneven)).with_film_air(film_air_K)
     options = EhlOptions(
-        beta=beta, brake_s=brake, again_s=tuple(_again(said) for said in again or ())
+        beta=beta, brake_s=brake, again_s=tuple(_contact_again(text) for text in again or ())
     )
-    _write(out, reporter, *simulate_ehl(test, drawn.seed, truth, options))
+    _write(out, reporter, *simulate_ehl(test, simulated.seed, truth, options))
 
 
 @app.command()
@@ -190,18 +222,21 @@ def ehl(
 def campaign(
     out: Annotated[Path, typer.Option("--out", help="folder to write")],
     test: Annotated[
-        list[str] | None, typer.Option(help="A1 to D4, repeatable, or all; B3 without it")
+        list[str] | None,
+        typer.Option(help="test A1 to D4, or all (default B3); repeat for several"),
     ] = None,
     bath_degC: Annotated[
         list[float] | None,
-        number_option("--bath-degC", "one plunge each, repeatable", -60, 400),
+        number_option("--bath-degC", "bath temperature of a plunge; repeat for several", -60, 400),
     ] = None,
-    workers: Annotated[int, typer.Option(min=1, max=256, help="processes on this machine")] = 1,
+    workers: Annotated[
+        int, typer.Option(min=1, max=256, help="worker processes on this machine")
+    ] = 1,
     *,
-    drawn: Drawn,
+    simulated: SimulatedRig,
     reporter: Reporter,
 ) -> None:
-    """A whole campaign: rig.toml, ovens, plunges, EHL tests and truth/.
+    """Simulate a complete campaign: rig.toml, oven logs, plunge logs, EHL tests and truth/.
 
     Example: tcdyn simulate campaign --out lab --test B3 --test D4 --seed 7
     """
@@ -215,11 +250,11 @@ def campaign(
     with count_progress(None, reporter.is_silent) as progress:
         files = simulate_campaign(
             out,
-            drawn.seed,
+            simulated.seed,
             tests,
             plunges,
-            rig=load_rig(drawn.rig),
-            truth=drawn.truth(),
+            rig=load_rig(simulated.rig),
+            truth=simulated.truth(),
             n_jobs=workers,
             progress=progress,
         )
@@ -229,19 +264,19 @@ def campaign(
 
 @option_groups
 def demo(
-    out: Annotated[Path, typer.Option(help="folder to write into")] = Path("demo"),
-    seed: Annotated[int, typer.Option(min=0, help="another seed is another rig")] = 1,
+    out: Annotated[Path, typer.Option(help="folder to write")] = Path("demo"),
+    seed: Annotated[int, typer.Option(min=0, help="random seed; each seed is another rig")] = 1,
     test: Annotated[
-        list[str] | None, typer.Option(help="tests of table 6.1 to run (default B3)")
+        list[str] | None, typer.Option(help="test of table 6.1 (default B3); repeat for several")
     ] = None,
     verbose: Verbose = False,
     *,
     reporter: Reporter,
 ) -> None:
-    """Simulate a campaign, run every stage on its logs and write the report.
+    """Simulate a campaign, run all stages on its logs and write the report.
 
-    Writes logs, records, compensated traces, beta.json and report.html into a folder; because the campaign is
-    simulated, the truth is printed beside every answer. No stage reads it.
+    The folder gets logs, records, compensated traces, beta.json and report.html. As the campaign is
+    simulated, the true value is printed next to every result. No stage reads it.
 
     Example: tcdyn demo --out demo --seed 4 --test A1 --test D4
     """
@@ -260,8 +295,8 @@ def demo(
         }
         tests = {n: b.partition for n, b in run.tests.items()}
         files = [out / f"{disk}.disk.json" for disk in next(iter(run.tests.values())).records]
-        made_of = sources_of([*run.tests.values()], files, out / "rig.toml")
-        report = write_beta_report(out / "report.html", tests, truths, made_of)
+        sources = sources_of([*run.tests.values()], files, out / "rig.toml")
+        report = write_beta_report(out / "report.html", tests, truths, sources)
     reporter.json(lambda: {**run.to_dict(), "report": report})
     if reporter.is_silent:
         return
@@ -275,49 +310,51 @@ def demo(
 def _write(out: Path, reporter: Reporter, frame: pd.DataFrame, truth: dict[str, Any]) -> None:
     from tcdyn.simulate.campaign import write_json, write_log, write_traces
 
-    truth_json, traces = out.with_suffix(".truth.json"), out.with_suffix(".truth.parquet")
+    truth_json = out.with_suffix(".truth.json")
+    traces = out.with_suffix(".truth.parquet")
     write_json(truth, truth_json)
     write_traces(truth["traces"], traces)
     write_log(frame, out)
     reporter.json(lambda: {"log": out, "rows": len(frame), "truth": truth_json, "traces": traces})
-    reporter.text(f"wrote {out} ({len(frame)} rows); truth in {truth_json.name} and {traces.name}")
+    reporter.text(
+        f"wrote {out} ({len(frame)} rows); true values in {truth_json.name} and {traces.name}"
+    )
 
 
-def _again(said: str) -> tuple[float, float]:
-    """Length and time after the parting [s] of a contact given as 0.2@1."""
-    import numpy as np
-
-    length, _, after = said.partition("@")
+def _contact_again(text: str) -> tuple[float, float]:
+    """Length and time after the unloading [s] of a contact given as 0.2@1."""
+    length, _, after = text.partition("@")
     try:
-        out = float(length), float(after)
+        length_s = float(length)
+        after_s = float(after)
     except ValueError:
-        out = np.nan, np.nan
-    if not (0.02 <= out[0] <= 1e5 and 0.05 <= out[1] <= 1e5):
+        length_s = after_s = math.nan
+    if not (0.02 <= length_s <= 1e5 and 0.05 <= after_s <= 1e5):
         raise InputError(
-            f"--again is {said!r:.60}",
-            expected="length@time after the parting, both in seconds and not shorter than 0.02@0.05",
+            f"--again is {text!r:.60}",
+            expected="length@time after the unloading in seconds, at least 0.02@0.05",
             remedy="for example --again 0.2@1",
         )
-    return out
+    return length_s, after_s
 
 
-def contacts(said: list[str] | None) -> dict[str, BoreContact]:
-    """What ``--uneven`` says of each disk's bore."""
+def bore_contacts(values: list[str] | None) -> dict[str, BoreContact]:
+    """Bore contact of each disk, from the values of ``--uneven``."""
     from tcdyn.rig.disk import DISKS
     from tcdyn.simulate.truth import BoreContact
 
     contacts: dict[str, BoreContact] = {}
-    for text in said or ():
-        name, _, numbers = text.rpartition(":")
+    for value in values or ():
+        disk, _, numbers = value.rpartition(":")
         amplitude, _, angle = numbers.partition("@")
         try:
-            size = float(amplitude)
-            at = float(angle)
+            contact = BoreContact(float(amplitude), float(angle))
         except ValueError:
             raise InputError(
-                f"--uneven {text!r}", expected="amplitude@degrees, such as 0.5@30 or fast:0.5@30"
+                f"--uneven {value!r}", expected="amplitude@degrees, such as 0.5@30 or fast:0.5@30"
             ) from None
-        if name:
-            check_choice("the disk of --uneven", name, DISKS)
-        contacts |= dict.fromkeys((name,) if name else DISKS, BoreContact(size, at))
+        if disk:
+            check_choice("the disk of --uneven", disk, DISKS)
+        for name in [disk] if disk else DISKS:
+            contacts[name] = contact
     return contacts

@@ -1,4 +1,4 @@
-"""``tcdyn verify``: every published number the thesis lets us check, side by side with ours."""
+"""Command ``tcdyn verify``: compare computed numbers with the published ones of the thesis."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import typer
 from rich.console import Console
 
 from tcdyn.cli.common import Reporter, check_outputs, option_groups
+from tcdyn.core.findings import warning
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -29,17 +30,18 @@ COLOURS = {
 @option_groups
 def verify(
     report: Annotated[
-        Path | None, typer.Option("--report", help="HTML page with the table and its pictures")
+        Path | None, typer.Option("--report", help="HTML report with the table and figures")
     ] = None,
-    csv: Annotated[Path | None, typer.Option("--csv", help="the table as CSV")] = None,
-    why: Annotated[bool, typer.Option("--why", help="print the reason of every row")] = False,
+    csv: Annotated[Path | None, typer.Option("--csv", help="CSV file for the table")] = None,
+    why: Annotated[bool, typer.Option("--why", help="print the reason for every row")] = False,
     *,
     reporter: Reporter,
 ) -> None:
-    """Compute every published number that can be checked; exit code 1 when one differs.
+    """Compute every published number that can be checked; exit code 1 if one differs.
 
-    Each row says of what class it is: physics against a published figure; trend; rule, found from the table that it is
-    compared with; arithmetic of printed numbers. Only the first two tell a right model from a wrong one.
+    Each row has a class: physics, compared with a published number; trend; rule, derived from the
+    table that it is compared with; arithmetic of printed numbers. Only the first two can detect a
+    wrong model.
 
     Example: tcdyn verify --why --report verify.html
     """
@@ -47,7 +49,7 @@ def verify(
 
     check_outputs([], report=report, csv=csv)
     rows = verify_rows()
-    reporter.json(lambda: {"sentence": sentence(rows), "classes": by_kind(rows), "rows": rows})
+    reporter.json(lambda: {"sentence": summary_text(rows), "classes": by_kind(rows), "rows": rows})
     if not reporter.is_silent:
         _print(rows, why)
     if csv is not None:
@@ -61,56 +63,57 @@ def verify(
 
 
 def by_kind(rows: Sequence[VerifyRow]) -> dict[str, int]:
-    """How many rows there are of each class."""
+    """Number of rows of each class."""
     from tcdyn.verify import KINDS
 
     return {kind: sum(row.kind == kind for row in rows) for kind in KINDS}
 
 
-def sentence(rows: Sequence[VerifyRow]) -> str:
-    """The verdict in two sentences: what was found, and what it is evidence of."""
+def summary_text(rows: Sequence[VerifyRow]) -> str:
+    """Summary in two sentences: number of rows by result, and by class."""
     from tcdyn.verify import KINDS
 
     count = {v: sum(row.verdict == v for row in rows) for v in COLOURS}
-    classes = "; ".join(f"{n} {KINDS[kind]}" for kind, n in by_kind(rows).items())  # type: ignore[index]
+    counts = by_kind(rows)
+    classes = "; ".join(f"{counts[kind]} {text}" for kind, text in KINDS.items())
     return (
-        f"{len(rows)} published numbers checked: {count['agrees']} agree, {count['same trend']} show the same "
-        f"trend, {count['misprint']} are misprints there, {count['differs']} differ, {count['not checkable']} cannot "
-        f"be checked in size. By class: {classes}."
+        f"{len(rows)} published numbers checked: {count['agrees']} agree, {count['same trend']} "
+        f"show the same trend, {count['misprint']} are misprints there, {count['differs']} differ, "
+        f"{count['not checkable']} cannot be checked in size. By class: {classes}."
     )
 
 
 def _print(rows: Sequence[VerifyRow], why: bool) -> None:
-    """The verdict, then the rows under their verdicts, what needs reading first; legible on 80 columns."""
+    """Print the summary, then the rows by result, the most important first."""
     console = Console()
-    console.print(sentence(rows), markup=False, highlight=False)
+    console.print(summary_text(rows), markup=False, highlight=False)
     for verdict in COLOURS:
-        own = [row for row in rows if row.verdict == verdict]
-        if own:
+        selected = [row for row in rows if row.verdict == verdict]
+        if selected:
             console.print(f"\n[{COLOURS[verdict]}]{verdict}[/] (class, source: ours | published)")
-        told: list[str] = []
-        for row in own:
-            reason = row.why if (why or verdict != "agrees") and row.why not in told else ""
-            told.append(row.why)
-            for line in listed(row, reason, console.width):
+        printed_reasons: set[str] = set()
+        for row in selected:
+            reason = ""
+            if (why or verdict != "agrees") and row.why not in printed_reasons:
+                reason = row.why
+            printed_reasons.add(row.why)
+            for line in row_lines(row, reason, console.width):
                 console.print(line, markup=False, highlight=False, soft_wrap=True)
 
 
-def listed(row: VerifyRow, reason: str, width: int) -> list[str]:
-    """A row as lines of at most ``width`` columns: class, source, quantity, both numbers, the reason if there is one.
+def row_lines(row: VerifyRow, reason: str, width: int) -> list[str]:
+    """A row as lines of at most ``width`` columns: class, source, quantity, both numbers, reason.
 
     >>> from tcdyn.verify import VerifyRow
-    >>> listed(VerifyRow("its worked example", "(4.7)", "0.73", "0.732", "agrees", "", "arithmetic"), "because", 60)
+    >>> row = VerifyRow("its worked example", "(4.7)", "0.73", "0.732", "agrees", "", "arithmetic")
+    >>> row_lines(row, "because", 60)
     ['  arithmetic, (4.7): its worked example: 0.732 | 0.73', '      because']
     """
     text = f"{row.kind}, {row.source}: {row.quantity}: {row.ours} | {row.published}"
-    lines = wrap(
-        text, max(width, 40), initial_indent="  ", subsequent_indent="    ", break_on_hyphens=False
-    )
-    return [
-        *lines,
-        *wrap(reason, max(width, 40), initial_indent="      ", subsequent_indent="      "),
-    ]
+    width = max(width, 40)
+    lines = wrap(text, width, initial_indent="  ", subsequent_indent="    ", break_on_hyphens=False)
+    indent = "      "
+    return [*lines, *wrap(reason, width, initial_indent=indent, subsequent_indent=indent)]
 
 
 def _frame(rows: Sequence[VerifyRow]) -> pd.DataFrame:
@@ -119,32 +122,23 @@ def _frame(rows: Sequence[VerifyRow]) -> pd.DataFrame:
     return pd.DataFrame([vars(row) for row in rows])
 
 
-SHOWN = (
-    "quantity",
-    "source",
-    "published",
-    "ours",
-    "verdict",
-    "kind",
-    "why",
-)  # the sentences last, where there is room
+# columns of the report, long texts last
+REPORT_COLUMNS = ["quantity", "source", "published", "ours", "verdict", "kind", "why"]
 
 
 def _report(rows: Sequence[VerifyRow], path: Path) -> None:
-    from tcdyn.core.findings import warning
     from tcdyn.plots.conduction import verify_figures
     from tcdyn.report.page import Section, write_page
 
     head = (
-        "A row that differs would stop a release. Same trend: the size cannot be compared, the behaviour can. "
-        "Misprint: the thesis's own other numbers contradict the printed one as well."
+        "Same trend: only the behaviour can be compared, not the size. Misprint: other numbers of "
+        "the "
+        "thesis also contradict the printed one."
     )
-    sections = [Section("Published and ours", text=head, table=_frame(rows)[[*SHOWN]])]
-    sections += [
-        Section(caption[0].upper() + caption[1:], figure=f)
-        for caption, f in verify_figures().items()
-    ]
-    differing = [
+    sections = [Section("Published and ours", text=head, table=_frame(rows)[REPORT_COLUMNS])]
+    for caption, figure in verify_figures().items():
+        sections.append(Section(caption[0].upper() + caption[1:], figure=figure))
+    differences = [
         warning(
             "verify.differs",
             subject=row.quantity,
@@ -156,5 +150,9 @@ def _report(rows: Sequence[VerifyRow], path: Path) -> None:
         if row.failed
     ]
     write_page(
-        path, "Published numbers and ours", sections, verdict=sentence(rows), findings=differing
+        path,
+        "Published numbers and ours",
+        sections,
+        verdict=summary_text(rows),
+        findings=differences,
     )
