@@ -124,13 +124,13 @@ def hole(
         typer.Option(help="name of a clamped channel, without _degC (default: all named ideal_*)"),
     ] = None,
     limit_s: Annotated[
-        float, number_option("--limit-s", "extra lag above which a hole is too slow [s]", 0, 100)
+        float, number_option("--limit-s", "extra lag in seconds above which a hole is too slow", 0, 100)
     ] = 0.20,
     depth_mm: Annotated[
-        float, number_option("--depth-mm", "depth of all junctions [mm]", 0, 100, ends=False)
+        float, number_option("--depth-mm", "depth of all junctions in mm", 0, 100, ends=False)
     ] = 3.0,
     depth_u_mm: Annotated[
-        float, number_option("--depth-u-mm", "standard uncertainty of the depth [mm]", 0, 100)
+        float, number_option("--depth-u-mm", "standard uncertainty of the depth in mm", 0, 100)
     ] = 0.05,
     out: Annotated[Path | None, typer.Option(help="JSON to write")] = None,
     report: Annotated[Path | None, typer.Option(help="HTML report to write")] = None,

@@ -348,13 +348,15 @@ def bore_contacts(values: list[str] | None) -> dict[str, BoreContact]:
         disk, _, numbers = value.rpartition(":")
         amplitude, _, angle = numbers.partition("@")
         try:
-            contact = BoreContact(float(amplitude), float(angle))
+            share = float(amplitude)
+            angle_deg = float(angle)
         except ValueError:
             raise InputError(
                 f"--uneven {value!r}", expected="amplitude@degrees, such as 0.5@30 or fast:0.5@30"
             ) from None
         if disk:
             check_choice("the disk of --uneven", disk, DISKS)
+        contact = BoreContact(share, angle_deg)
         for name in [disk] if disk else DISKS:
             contacts[name] = contact
     return contacts

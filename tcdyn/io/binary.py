@@ -1,4 +1,4 @@
-"""TDMS and Parquet logs: columns of numbers, channels that may differ in start and rate, metadata from the file."""
+"""TDMS and Parquet logs as tables; TDMS channels may differ in start and rate."""
 
 from __future__ import annotations
 
@@ -20,93 +20,111 @@ from pyarrow import parquet as pq
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.findings import SampleLocation
+from tcdyn.core.findings import Finding, SampleLocation
 from tcdyn.io.csv_dialect import TextColumn
 from tcdyn.io.table import PIECE_ROWS, Columns, Table, Track, align, in_pieces
 
 log_manager.set_level(logging.ERROR)
 
-# of a Parquet file unpacked: times its size, beyond 1 GB
-MOST_TIMES = 200
+# a Parquet file may unpack to this many times its size, beyond the free bytes (against damaged or
+# malicious files; chosen by judgement)
+UNPACKED_RATIO = 200
 FREE_BYTES = 1 << 30
-LONGEST_CELL = 1000
+LONGEST_CELL = 1000  # bytes of a text cell; chosen by judgement
+TIME_NAMES = ("time_s", "time")
 
 _EPOCH = np.datetime64("2000-01-01", "us")
 
 
 def tdms_table(path: Path, where: str) -> Table:
-    """The table of a TDMS file; where it has no channel ``time_s``, one made from the channels' own tracks is there."""
+    """The table of a TDMS file.
+
+    If it has no channel ``time_s`` but the channels have time tracks, ``time_s`` is made from them.
+    """
     metadata: dict[str, str] = {}
-    with _opened(path, where) as file:
+    with _open_tdms(path, where) as file:
         _check_size(file, path, where)
-        channels = [c for group in file.groups() for c in group.channels()]
-        names = [str(c.name).strip() for c in channels]
-        made = not {"time_s", "time"} & set(names) and any(
-            "wf_increment" in c.properties for c in channels
-        )
+        channels = _channels(file)
+        names = [str(channel.name).strip() for channel in channels]
+        has_tracks = any("wf_increment" in channel.properties for channel in channels)
         for owner in (file, *file.groups()):
             for key, value in owner.properties.items():
                 metadata.setdefault(str(key)[:200], str(value)[:2000])
     if not names:
         raise InputError("holds no channels", where=where, expected="a TDMS log")
-    return Table(
-        where,
-        tuple(["time_s", *names] if made else names),
-        metadata,
-        partial(_tdms_pieces, path, where, made),
-    )
+    make_time = has_tracks and not any(name in names for name in TIME_NAMES)
+    all_names = ["time_s", *names] if make_time else names
+    chunks = partial(_tdms_chunks, path, where, make_time)
+    return Table(where, tuple(all_names), metadata, chunks)
 
 
-def _tdms_pieces(
-    path: Path, where: str, made_time: bool, wanted: Sequence[str], rows: int = PIECE_ROWS
+def _channels(file: Any) -> list[Any]:
+    return [channel for group in file.groups() for channel in group.channels()]
+
+
+def _tdms_chunks(
+    path: Path, where: str, make_time: bool, wanted: Sequence[str], rows: int = PIECE_ROWS
 ) -> Iterator[Columns]:
-    """The wanted channels piece by piece, in bounded memory where they share one start, rate and length.
+    """Yield the wanted channels in chunks.
 
-    Channels that differ are read at once and put on one time grid; see ``align``.
+    Memory is bounded if they share one start, rate and length. Channels that differ are read at once
+    and put on one time grid; see ``align``.
     """
-    made = made_time and "time_s" in wanted
-    with _opened(path, where) as file:
-        channels = {str(c.name).strip(): c for group in file.groups() for c in group.channels()}
-        channels = {n: channels[n] for n in wanted if n in channels}
-        lengths = {len(c) for c in channels.values()}
-        clock = next((n for n in channels if n in ("time_s", "time")), None)
+    add_time = make_time and "time_s" in wanted
+    with _open_tdms(path, where) as file:
+        by_name = {str(channel.name).strip(): channel for channel in _channels(file)}
+        channels = {name: by_name[name] for name in wanted if name in by_name}
+        lengths = {len(channel) for channel in channels.values()}
+        clock = next((name for name in channels if name in TIME_NAMES), None)
         if clock and len(lengths) > 1:
             raise InputError(
                 f"channels have {min(lengths)} to {max(lengths)} samples beside one column {clock}",
                 where=where,
                 expected="channels as long as the time, or a wf_increment on each",
             )
-        tracks = {n: _track(c, where, 0, 1) for n, c in channels.items()}
-        dt_s = next((t.dt_s for t in tracks.values()), None) or 1.0
-        if made and not any(t.dt_s for t in tracks.values()):
+        first_samples = {name: _track(c, where, 0, 1) for name, c in channels.items()}
+        intervals_s = [track.dt_s for track in first_samples.values()]
+        if add_time and not any(intervals_s):
             raise InputError(
                 "no channel has a time track (wf_increment)",
                 where=where,
                 expected="a channel time_s or wf_increment",
             )
-        if not clock and len(lengths) + len({t.same_as for t in tracks.values()}) > 2:
-            time, data, found = align({n: _track(c, where) for n, c in channels.items()}, where)
-            if made and time is not None:
-                data = {"time_s": time, **data}
-            yield from in_pieces(
-                Columns(data, SampleLocation(where), tuple(found)), list(data), rows
-            )
+        timings = {track.timing for track in first_samples.values()}
+        if not clock and (len(lengths) > 1 or len(timings) > 1):
+            aligned = _aligned_channels(channels, add_time, where)
+            yield from in_pieces(aligned, list(aligned.data), rows)
             return
+        dt_s = (intervals_s[0] if intervals_s else None) or 1.0
         for start in range(0, lengths.pop(), rows):
-            part = {n: _track(c, where, start, start + rows).values for n, c in channels.items()}
-            if made:
-                count = len(next(iter(part.values())))
-                part["time_s"] = np.asarray((start + np.arange(count)) * dt_s, dtype=np.float64)
-            clocks = {n: c for n, c in channels.items() if np.issubdtype(c.dtype, np.datetime64)}
-            stamps = {
-                n: np.asarray(c[start : start + rows]).astype(str).astype(object)
-                for n, c in clocks.items()
-            }
-            yield Columns(part, SampleLocation(where), (), stamps)
+            yield _chunk(channels, where, slice(start, start + rows), dt_s if add_time else None)
+
+
+def _aligned_channels(channels: dict[str, Any], add_time: bool, where: str) -> Columns:
+    """Complete channels on one time grid."""
+    tracks = {name: _track(channel, where) for name, channel in channels.items()}
+    time_s, data, findings = align(tracks, where)
+    if add_time and time_s is not None:
+        data = {"time_s": time_s, **data}
+    return Columns(data, SampleLocation(where), tuple(findings))
+
+
+def _chunk(channels: dict[str, Any], where: str, rows: slice, dt_s: float | None) -> Columns:
+    """The rows of one chunk, with a column ``time_s`` if an interval ``dt_s`` is given."""
+    data = {}
+    stamps = {}
+    for name, channel in channels.items():
+        data[name] = _track(channel, where, rows.start, rows.stop).values
+        if np.issubdtype(channel.dtype, np.datetime64):
+            stamps[name] = np.asarray(channel[rows]).astype(str).astype(object)
+    if dt_s is not None:
+        count = len(next(iter(data.values())))
+        data["time_s"] = (rows.start + np.arange(count)) * dt_s
+    return Columns(data, SampleLocation(where), (), stamps)
 
 
 @contextmanager
-def _opened(path: Path, where: str) -> Iterator[Any]:
+def _open_tdms(path: Path, where: str) -> Iterator[Any]:
     with open(path, "rb") as stream:
         try:
             file = TdmsFile.open(stream)
@@ -117,7 +135,9 @@ def _opened(path: Path, where: str) -> Iterator[Any]:
 
 def _damaged(problem: BaseException, where: str) -> InputError:
     text = str(problem).splitlines()[0][:120] if str(problem) else type(problem).__name__
-    return InputError(f"not readable as TDMS ({text})", where=where, expected="a whole TDMS file")
+    return InputError(
+        f"not readable as TDMS ({text})", where=where, expected="a complete TDMS file"
+    )
 
 
 def _check_size(file: Any, path: Path, where: str) -> None:
@@ -128,8 +148,9 @@ def _check_size(file: Any, path: Path, where: str) -> None:
             where=where,
             remedy="copy the file again",
         )
-    channels = [c for group in file.groups() for c in group.channels()]
-    promised = sum(len(c) * int(getattr(c.data_type, "size", None) or 1) for c in channels)
+    promised = 0
+    for channel in _channels(file):
+        promised += len(channel) * int(getattr(channel.data_type, "size", None) or 1)
     if promised > 16 * path.stat().st_size + 4096:
         raise InputError(
             f"promises {promised} bytes of samples but has {path.stat().st_size}: it is damaged",
@@ -138,42 +159,44 @@ def _check_size(file: Any, path: Path, where: str) -> None:
 
 
 def _track(channel: Any, where: str, start: int = 0, stop: int | None = None) -> Track:
+    """Samples of a channel with its start and interval; InputError for a damaged channel."""
     try:
         values = channel[start:stop]
         first = channel[:1]
-        props = channel.properties
+        properties = channel.properties
     except Exception as problem:  # npTDMS raises many kinds on damaged files
         raise _damaged(problem, where) from None
     numbers = _floats(values, first, str(channel.name), where)
     try:
-        offset = float(props.get("wf_start_offset", 0.0) or 0.0)
-        begun = props.get("wf_start_time")
-        if begun is not None:
-            offset += (np.datetime64(begun, "us") - _EPOCH) / np.timedelta64(1, "us") * 1e-6
-        step = float(props.get("wf_increment", 0.0))
+        offset = float(properties.get("wf_start_offset", 0.0) or 0.0)
+        start_time = properties.get("wf_start_time")
+        if start_time is not None:
+            offset += (np.datetime64(start_time, "us") - _EPOCH) / np.timedelta64(1, "us") * 1e-6
+        interval = float(properties.get("wf_increment", 0.0))
     except (TypeError, ValueError) as problem:
         raise InputError(
             f"channel {channel.name}: its time track is damaged ({problem})", where=where
         ) from None
-    good = np.isfinite(step) and step > 0
-    return Track(numbers, offset if np.isfinite(offset) else 0.0, step if good else None)
+    start_s = offset if np.isfinite(offset) else 0.0
+    has_interval = np.isfinite(interval) and interval > 0
+    return Track(numbers, start_s, interval if has_interval else None)
 
 
 def _floats(values: Any, first: Any, name: str, where: str) -> Array:
-    array = np.asarray(values)
-    if np.issubdtype(array.dtype, np.datetime64):
-        return np.asarray(
-            (array - np.asarray(first)[0]) / np.timedelta64(1, "us") * 1e-6, dtype=np.float64
-        )
-    if array.dtype.kind not in "fiub":
-        raise InputError(f"channel {name} holds {array.dtype}, not numbers", where=where)
-    if len(array) == 0:
+    """Samples as float64, time stamps as seconds since the ``first``."""
+    samples = np.asarray(values)
+    if np.issubdtype(samples.dtype, np.datetime64):
+        since_first = samples - np.asarray(first)[0]
+        return np.asarray(since_first / np.timedelta64(1, "us") * 1e-6, dtype=np.float64)
+    if samples.dtype.kind not in "fiub":
+        raise InputError(f"channel {name} holds {samples.dtype}, not numbers", where=where)
+    if len(samples) == 0:
         raise InputError(f"channel {name} is empty", where=where)
-    return np.asarray(array, dtype=np.float64)
+    return np.asarray(samples, dtype=np.float64)
 
 
 def parquet_table(path: Path, where: str) -> Table:
-    """The table of a Parquet file; samples are numbered from 1 in errors."""
+    """The table of a Parquet file; messages count its rows from 1."""
     try:
         with pq.ParquetFile(path) as file:
             schema = file.schema_arrow
@@ -184,81 +207,101 @@ def parquet_table(path: Path, where: str) -> Table:
         ) from None
     unpacked = 8 * rows * len(schema.names)
     size = path.stat().st_size
-    if unpacked > FREE_BYTES + MOST_TIMES * size:
+    if unpacked > FREE_BYTES + UNPACKED_RATIO * size:
         raise InputError(
-            f"promises {rows} rows of {len(schema.names)} columns, {unpacked / 1e9:.3g} GB, in {size} bytes",
+            f"promises {rows} rows of {len(schema.names)} columns, {unpacked / 1e9:.3g} GB, in "
+            f"{size} bytes",
             where=where,
-            expected=f"at most {MOST_TIMES} times the file's size where it is more than {FREE_BYTES / 1e9:.2g} GB",
+            expected=f"at most {UNPACKED_RATIO} times the file's size where it is more than "
+            f"{FREE_BYTES / 1e9:.2g} GB",
         )
-    said = {
-        k.decode("utf-8", "replace"): v.decode("utf-8", "replace")
-        for k, v in (schema.metadata or {}).items()
-    }
-    metadata = {k: v for k, v in said.items() if k not in ("pandas", "ARROW:schema")}
-    return Table(where, tuple(schema.names), metadata, partial(_parquet_pieces, path, where))
+    metadata = {}
+    for key, value in (schema.metadata or {}).items():
+        name = key.decode("utf-8", "replace")
+        if name not in ("pandas", "ARROW:schema"):
+            metadata[name] = value.decode("utf-8", "replace")
+    chunks = partial(_parquet_chunks, path, where)
+    return Table(where, tuple(schema.names), metadata, chunks)
 
 
-def _parquet_pieces(
+def _parquet_chunks(
     path: Path, where: str, wanted: Sequence[str], rows: int = PIECE_ROWS
 ) -> Iterator[Columns]:
-    """The wanted columns piece by piece, in bounded memory."""
-    done = 0
-    texts = dict[str, TextColumn]()
-    begun = dict[str, Any]()
+    """Yield the wanted columns in chunks, in bounded memory."""
     names = list(dict.fromkeys(wanted))
-    place = SampleLocation(where)
+    reader = _ParquetReader(where)
     try:
-        with pq.ParquetFile(
-            path, read_dictionary=names
-        ) as file:  # text by its different cells: repeats take no room
+        # dictionaries: repeated texts take no memory
+        with pq.ParquetFile(path, read_dictionary=names) as file:
             for batch in file.iter_batches(rows, columns=names):
-                data: dict[str, Array] = {}
-                stamps: dict[str, NDArray[Any]] = {}
-                for n in names:
-                    column = batch.column(n)
-                    if pa.types.is_dictionary(column.type):
-                        longest = pc.max(pc.binary_length(column.dictionary)).as_py() or 0
-                        if longest > LONGEST_CELL and pa.types.is_string(column.type.value_type):
-                            expected = f"at most {LONGEST_CELL}"
-                            raise InputError(
-                                f"column {n} has a cell of {longest} bytes",
-                                where=where,
-                                expected=expected,
-                            )
-                        column = column.dictionary_decode()
-                    kind = column.type
-                    if pa.types.is_boolean(kind):
-                        column = column.cast(pa.int8())
-                    if (
-                        pa.types.is_floating(kind)
-                        or pa.types.is_integer(kind)
-                        or pa.types.is_boolean(kind)
-                    ):
-                        numbers = column.cast(pa.float64(), safe=False).to_numpy(
-                            zero_copy_only=False
-                        )
-                        data[n] = np.array(numbers, dtype=np.float64)
-                    elif pa.types.is_timestamp(kind) or pa.types.is_duration(kind):
-                        stamp = pd.Series(column.to_pandas())
-                        stamps[n] = stamp.astype(str).to_numpy(dtype=object)
-                        since = pd.to_timedelta(stamp - begun.setdefault(n, stamp.iloc[0]))
-                        data[n] = np.asarray(since.dt.total_seconds(), dtype=np.float64)
-                    elif pa.types.is_string(kind) or pa.types.is_large_string(kind):
-                        cells = ["" if v is None else str(v).strip() for v in column.to_pylist()]
-                        data[n] = texts.setdefault(n, TextColumn(n, ".", place)).numbers(
-                            cells, done
-                        )
-                        if texts[n].clock:
-                            stamps[n] = np.array(cells, dtype=object)
-                    else:
-                        raise InputError(f"column {n} holds {kind}, not numbers", where=where)
-                yield Columns(data, place, (), stamps)
-                done += batch.num_rows
+                yield reader.columns(batch, names)
     except InputError:
         raise
     except (pa.ArrowException, OSError, ValueError, MemoryError) as problem:
         raise InputError(
             f"damaged Parquet ({str(problem).splitlines()[0][:120]})", where=where
         ) from None
-    if found := [f for column in texts.values() for f in column.judge(done)]:
-        yield Columns({n: np.empty(0) for n in names}, place, tuple(found))
+    findings = reader.findings()
+    if findings:
+        yield Columns({name: np.empty(0) for name in names}, reader.location, tuple(findings))
+
+
+class _ParquetReader:
+    """Converts batches of a Parquet file; text and time columns keep a state between batches."""
+
+    def __init__(self, where: str) -> None:
+        self.where = where
+        self.location = SampleLocation(where)
+        self.rows_done = 0
+        self.text_columns: dict[str, TextColumn] = {}
+        self.first_times: dict[str, Any] = {}
+
+    def columns(self, batch: pa.RecordBatch, names: Sequence[str]) -> Columns:
+        """The columns of one batch."""
+        data: dict[str, Array] = {}
+        stamps: dict[str, NDArray[Any]] = {}
+        for name in names:
+            column = self._without_dictionary(batch.column(name), name)
+            kind = column.type
+            if pa.types.is_boolean(kind):
+                column = column.cast(pa.int8())
+                kind = column.type
+            if pa.types.is_floating(kind) or pa.types.is_integer(kind):
+                numbers = column.cast(pa.float64(), safe=False)
+                data[name] = np.array(numbers.to_numpy(zero_copy_only=False), dtype=np.float64)
+            elif pa.types.is_timestamp(kind) or pa.types.is_duration(kind):
+                times = pd.Series(column.to_pandas())
+                stamps[name] = times.astype(str).to_numpy(dtype=object)
+                first = self.first_times.setdefault(name, times.iloc[0])
+                since_first = pd.to_timedelta(times - first)
+                data[name] = np.asarray(since_first.dt.total_seconds(), dtype=np.float64)
+            elif pa.types.is_string(kind) or pa.types.is_large_string(kind):
+                cells = ["" if v is None else str(v).strip() for v in column.to_pylist()]
+                if name not in self.text_columns:
+                    self.text_columns[name] = TextColumn(name, ".", self.location)
+                text_column = self.text_columns[name]
+                data[name] = text_column.numbers(cells, self.rows_done)
+                if text_column.clock:
+                    stamps[name] = np.array(cells, dtype=object)
+            else:
+                raise InputError(f"column {name} holds {kind}, not numbers", where=self.where)
+        self.rows_done += batch.num_rows
+        return Columns(data, self.location, (), stamps)
+
+    def findings(self) -> list[Finding]:
+        """Findings about the text columns; InputError for a column with too few numbers."""
+        columns = self.text_columns.values()
+        return [finding for column in columns for finding in column.judge(self.rows_done)]
+
+    def _without_dictionary(self, column: pa.Array, name: str) -> pa.Array:
+        """The column with plain cells; InputError for a text cell that is too long."""
+        if not pa.types.is_dictionary(column.type):
+            return column
+        longest = pc.max(pc.binary_length(column.dictionary)).as_py() or 0
+        if longest > LONGEST_CELL and pa.types.is_string(column.type.value_type):
+            raise InputError(
+                f"column {name} has a cell of {longest} bytes",
+                where=self.where,
+                expected=f"at most {LONGEST_CELL}",
+            )
+        return column.dictionary_decode()

@@ -1,4 +1,4 @@
-"""What dialect a text log is written in: encoding, separator, decimal mark, header; and what a cell of text means."""
+"""Dialect of a text log (encoding, separator, decimal mark, header), and the meaning of its cells."""
 
 from __future__ import annotations
 
@@ -17,37 +17,29 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, SampleLocation, info, warning
 from tcdyn.io.times import SECONDS_PER_UNIT, Stamps
 
-NUMBER = {
+NUMBER = {  # by decimal mark
     ".": re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*"),
     ",": re.compile(r"\s*[-+]?(\d+,?\d*|,\d+)([eE][-+]?\d+)?\s*"),
 }
 CLOCK = re.compile(
-    r"\s*(\d{4}-\d\d-\d\d[T ]|\d{1,2}[./]\d{1,2}[./]\d{2,4} )?\d{1,2}:\d\d:\d\d([.,]\d+)?\s*(AM|PM|Z)?\s*"
+    r"\s*(\d{4}-\d\d-\d\d[T ]|\d{1,2}[./]\d{1,2}[./]\d{2,4} )?"
+    r"\d{1,2}:\d\d:\d\d([.,]\d+)?\s*(AM|PM|Z)?\s*"
 )
-ABSENT = frozenset(
-    {
-        "",
-        "nan",
-        "+nan",
-        "-nan",
-        "null",
-        "na",
-        "n/a",
-        "#n/a",
-        "none",
-        "inf",
-        "-inf",
-        "+inf",
-        "1.#qnan",
-        "-1.#ind",
-    }
-)
-LINE_END = re.compile(r"\r\n|\n|\r")  # not str.splitlines: form feeds and the like end no row
-HEAD_BYTES = 1 << 17
-ENOUGH = 150  # rows of data that tell a dialect
-# separator, decimal mark, header, skip, first row, number of fields, unit row
-_Found = tuple[str, str, tuple[str, ...], int, tuple[str, ...], int, tuple[str, ...]]
-FLAGS = {
+# lower-case cells without a value
+NOT_A_NUMBER = ("nan", "+nan", "-nan", "1.#qnan", "-1.#ind")
+INFINITE = ("inf", "-inf", "+inf")
+ABSENT = frozenset(("", "null", "na", "n/a", "#n/a", "none", *NOT_A_NUMBER, *INFINITE))
+LINE_END = re.compile(r"\r\n|\n|\r")  # str.splitlines would also split at form feeds and the like
+HEAD_BYTES = 1 << 17  # read to detect the dialect
+DATA_ROWS = 150  # rows of data that suffice to detect the dialect; chosen by judgement
+# a row is data if at least this share of its cells has a value that can be read
+DATA_SHARE = 0.6
+# a row below the header with more than this share of numbers is data, damaged or not
+NUMERIC_SHARE = 0.25
+# a text column may have this share of cells that are no numbers, and this number of them
+BAD_SHARE = 0.01
+BAD_CELLS = 3
+FLAGS = {  # lower-case words for a switch
     "true": 1.0,
     "on": 1.0,
     "yes": 1.0,
@@ -57,14 +49,35 @@ FLAGS = {
     "no": 0.0,
     "low": 0.0,
 }
+TEMPERATURE_UNITS = frozenset(
+    ("c", "celsius", "k", "kelvin", "f", "fahrenheit", "mv", "millivolt", "millivolts")
+)
 
 
 @dataclass(frozen=True)
 class Dialect:
-    """How to read a text log, a name for each of its columns; ``skip`` lines stand before the first row of data.
+    """How to read a text log.
 
-    ``body`` stands for the file where its text had to be rewritten (UTF-16, columns parted by spaces). ``units``: by
-    column, from a row of units below the header.
+    Attributes
+    ----------
+    where
+        The file, for messages.
+    encoding, separator, decimal
+        Encoding of the text, separator of the columns, decimal mark.
+    names
+        A name for each column.
+    skip
+        Number of lines above the first row of data.
+    first_row
+        Cells of the first row of data.
+    metadata
+        Values of the lines "# key: value" above the header.
+    path
+        The file.
+    body
+        The text as UTF-8, where it had to be rewritten (UTF-16, columns separated by spaces).
+    units
+        Units by column, from a row below the header.
     """
 
     where: str
@@ -80,14 +93,37 @@ class Dialect:
     units: dict[str, str] = field(default_factory=dict)
 
 
-def sniff(path: Path, where: str, known: Collection[str] = ()) -> Dialect:
-    """The dialect of a text log from its first bytes.
+@dataclass(frozen=True)
+class _Layout:
+    """Header and data of a text with one separator and decimal mark, and how well the text fits."""
 
-    ``known`` are the names that a header may hold: among several lines of text above the first numbers (titles,
-    header blocks, units) the one that holds most of them is the header. Lines that start with ``#`` and hold a
-    colon are metadata.
+    score: float
+    separator: str
+    decimal: str
+    header: tuple[str, ...]
+    skip: int
+    first_row: tuple[str, ...]
+    fields: int
+    units: tuple[str, ...]
 
-    Raises InputError when the bytes are no text, or no header with rows of numbers below can be found.
+
+def detect_dialect(path: Path, where: str, known: Collection[str] = ()) -> Dialect:
+    """Detect the dialect of a text log from its first bytes.
+
+    Parameters
+    ----------
+    path
+        The file.
+    where
+        The file, for messages.
+    known
+        Names that a header may contain. Among several lines of text above the first numbers
+        (titles, header blocks, units) the one with most of them is the header.
+
+    Raises
+    ------
+    InputError
+        If the bytes are no text, or there is no header with rows of numbers below it.
     """
     with open(path, "rb") as stream:
         head = stream.read(HEAD_BYTES)
@@ -99,74 +135,97 @@ def sniff(path: Path, where: str, known: Collection[str] = ()) -> Dialect:
     text = head.decode(encoding, errors="replace")
     lines = LINE_END.split(text)
     if len(head) >= HEAD_BYTES and len(lines) > 1:
-        lines = lines[:-1]  # the last one may be cut
-    found = _likeliest(tuple(lines), frozenset(k.lower() for k in known))
-    if found is None:
-        shown = next((line for line in lines if line.strip() and not line.startswith("#")), "")[:80]
+        lines = lines[:-1]  # the last one may be incomplete
+    layout = _best_layout(tuple(lines), frozenset(name.lower() for name in known))
+    if layout is None:
+        text_lines = (line for line in lines if line.strip() and not line.startswith("#"))
         raise InputError(
-            f"no table found (the text begins {shown!r})",
+            f"no table found (the text begins {next(text_lines, '')[:80]!r})",
             where=where,
-            expected="a header row, then rows of numbers separated by comma, semicolon, tab or spaces",
+            expected="a header row, then rows of numbers separated by comma, semicolon, tab or "
+            "spaces",
         )
-    separator, decimal, header, skip, first_row, fields, unit_row = found
-    if not header:
-        raise InputError(
-            f"row {skip + 1} is numbers and no header row stands above it",
-            where=where,
-            expected="a header row with the column names",
-            remedy="write the names into the first row",
-        )
-    names = list(header)
-    while len(names) > fields and not names[-1]:
-        names.pop()
-    if len(names) > fields or fields > len(names) + 1:
-        raise InputError(
-            f"the header has {len(names)} names but row {skip + 1} has {fields} fields",
-            where=where,
-            expected="one name for each column",
-            remedy="decimal commas need semicolons or tabs between columns"
-            if separator == ","
-            else "",
-        )
-    names += [""] * (fields - len(names))
-    first_row = (*first_row, *[""] * fields)[:fields]
+    names = _column_names(layout, where)
+    first_row = (*layout.first_row, *[""] * layout.fields)[: layout.fields]
     body = None
     if encoding.startswith("utf-16"):
-        try:
-            body = path.read_bytes().decode(encoding).encode("utf-8")
-        except UnicodeDecodeError as problem:
-            raise InputError(f"broken UTF-16 text ({problem.reason})", where=where) from None
+        body = _utf16_as_utf8(path, encoding, where)
+    separator = layout.separator
     if separator == " ":
         separator = "\t"
-        body = re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", body or path.read_bytes())
-        body = re.sub(rb"[ \t]+", b"\t", body)
-    metadata = _metadata(lines)
-    units = {name: unit for name, unit in zip(names, unit_row) if unit}
+        body = _tabs_for_spaces(body or path.read_bytes())
+    units = {name: unit for name, unit in zip(names, layout.units) if unit}
     return Dialect(
         where,
         encoding,
         separator,
-        decimal,
-        tuple(names),
-        skip,
+        layout.decimal,
+        names,
+        layout.skip,
         first_row,
-        metadata,
+        _metadata(lines),
         path,
         body,
         units,
     )
 
 
+def _column_names(layout: _Layout, where: str) -> tuple[str, ...]:
+    """A name for each column; InputError if the header does not fit the rows of data."""
+    row = layout.skip + 1
+    fields = layout.fields
+    if not layout.header:
+        raise InputError(
+            f"row {row} is numbers and no header row stands above it",
+            where=where,
+            expected="a header row with the column names",
+            remedy="write the names into the first row",
+        )
+    names = list(layout.header)
+    while len(names) > fields and not names[-1]:
+        names.pop()
+    if len(names) > fields or fields > len(names) + 1:
+        remedy = ""
+        if layout.separator == ",":
+            remedy = "decimal commas need semicolons or tabs between columns"
+        raise InputError(
+            f"the header has {len(names)} names but row {row} has {fields} fields",
+            where=where,
+            expected="one name for each column",
+            remedy=remedy,
+        )
+    return (*names, *[""] * (fields - len(names)))
+
+
+def _utf16_as_utf8(path: Path, encoding: str, where: str) -> bytes:
+    try:
+        return path.read_bytes().decode(encoding).encode("utf-8")
+    except UnicodeDecodeError as problem:
+        raise InputError(f"broken UTF-16 text ({problem.reason})", where=where) from None
+
+
+def _tabs_for_spaces(text: bytes) -> bytes:
+    """The text with one tab for each run of spaces, none at the ends of lines."""
+    text = re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", text)
+    return re.sub(rb"[ \t]+", b"\t", text)
+
+
 @lru_cache(maxsize=4)
-def _likeliest(lines: tuple[str, ...], known: frozenset[str]) -> _Found | None:
-    """The layout that makes most of the ``lines``, remembered: who opens a log asks for its names several times."""
-    tried: list[tuple[float, _Found]] = []
-    for separator, decimals in (("\t", ".,"), (";", ".,"), (",", "."), (" ", ".,")):
-        if separator == " " and tried:
-            break  # spaces part columns only where nothing else does
-        found = (_try(lines, separator, decimal, known) for decimal in decimals)
-        tried += [layout for layout in found if layout is not None]
-    return max(tried, key=lambda t: t[0])[1] if tried else None
+def _best_layout(lines: tuple[str, ...], known: frozenset[str]) -> _Layout | None:
+    """The layout with the best score; cached, because a log may be opened several times."""
+    layouts: list[_Layout] = []
+    for separator, decimals in (("\t", ".,"), (";", ".,"), (",", ".")):
+        layouts += _layouts(lines, separator, decimals, known)
+    if not layouts:  # spaces separate columns only if nothing else does
+        layouts = _layouts(lines, " ", ".,", known)
+    return max(layouts, key=lambda layout: layout.score, default=None)
+
+
+def _layouts(
+    lines: Sequence[str], separator: str, decimals: str, known: Collection[str]
+) -> list[_Layout]:
+    candidates = [_layout(lines, separator, decimal, known) for decimal in decimals]
+    return [layout for layout in candidates if layout is not None]
 
 
 def is_number(text: str, decimal: str = ".") -> bool:
@@ -197,142 +256,157 @@ def _encoding(head: bytes, where: str) -> str:
 
 
 def _metadata(lines: list[str]) -> dict[str, str]:
-    found: dict[str, str] = {}
+    """Values of the lines "# key: value" above the table."""
+    metadata: dict[str, str] = {}
     for line in lines:
         text = line.lstrip("\ufeff").strip()
         if text.startswith("#"):
             key, colon, value = text.lstrip("#").partition(":")
             if colon and key.strip():
-                found[key.strip()] = value.strip()
+                metadata[key.strip()] = value.strip()
         elif text:
             break
-    return found
+    return metadata
 
 
 def is_temperature_unit(text: str) -> bool:
-    """Whether a cell is a unit of a temperature or of a thermocouple's voltage.
+    """Whether a cell is a unit of a temperature or of the voltage of a thermocouple.
 
     >>> is_temperature_unit("Deg. F"), is_temperature_unit("%")
     (True, False)
     """
-    plain = re.sub(r"[\s.°º]|deg(rees?)?", "", text.lower())
-    return plain in (
-        "c",
-        "celsius",
-        "k",
-        "kelvin",
-        "f",
-        "fahrenheit",
-        "mv",
-        "millivolt",
-        "millivolts",
-    )
+    return re.sub(r"[\s.°º]|deg(rees?)?", "", text.lower()) in TEMPERATURE_UNITS
 
 
 def split(line: str, separator: str) -> list[str]:
-    """The fields of one line, outer quotes and spaces taken away; spaces part them in any number."""
-    parts = line.split() if separator == " " else line.split(separator)
-    return [part.strip().strip('"').strip() for part in parts]
+    """Fields of a line without quotes and spaces around them; spaces separate in any number."""
+    fields = line.split() if separator == " " else line.split(separator)
+    return [text.strip().strip('"').strip() for text in fields]
 
 
 def _is_cell(text: str, decimal: str) -> bool:
-    low = text.lower()
-    return (
-        is_number(text, decimal)
-        or low in ABSENT
-        or low in FLAGS
-        or CLOCK.fullmatch(text) is not None
-    )
+    """Whether a cell is a number, a clock time, a word for a switch, or has no value."""
+    if is_number(text, decimal):
+        return True
+    lower = text.lower()
+    return lower in ABSENT or lower in FLAGS or CLOCK.fullmatch(text) is not None
 
 
-def _is_data(parts: list[str], decimal: str) -> bool:
-    full = [p for p in parts if p.lower() not in ABSENT]
-    good = sum(_is_cell(p, decimal) for p in full)
-    return good >= max(1.0, 0.6 * len(full)) and any(is_number(p, decimal) for p in full)
+def _is_data(cells: list[str], decimal: str) -> bool:
+    """Whether a row is data: most cells can be read, and one of them is a number."""
+    filled = [cell for cell in cells if cell.lower() not in ABSENT]
+    readable = sum(_is_cell(cell, decimal) for cell in filled)
+    if readable < max(1.0, DATA_SHARE * len(filled)):
+        return False
+    return any(is_number(cell, decimal) for cell in filled)
 
 
-def _try(
+def _layout(
     lines: Sequence[str], separator: str, decimal: str, known: Collection[str]
-) -> tuple[float, _Found] | None:
-    """How well the lines fit this separator and decimal mark, and where header and data then are; None: not at all."""
-    top = next(
-        (i for i, line in enumerate(lines) if line.strip() and not line.startswith("#")), len(lines)
-    )
-    rows = list[tuple[int, list[str]]]()
-    data = list[int]()
-    for i, line in enumerate(lines[top:], top):
-        if line.strip():
-            rows.append((i, parts := split(line, separator)))
-            if len(parts) > 1 and _is_data(parts, decimal):
-                data.append(len(rows) - 1)
-        if len(data) == ENOUGH:
-            break
+) -> _Layout | None:
+    """Where header and data are with this separator and decimal mark; None without data."""
+    rows, data = _rows_and_data(lines, separator, decimal)
     if not data:
         return None
-    counts = [len(rows[k][1]) for k in data]
-    fields = max(set(counts), key=counts.count)
+    widths = [len(rows[k][1]) for k in data]
+    fields = max(set(widths), key=widths.count)
     first = next(k for k in data if len(rows[k][1]) == fields)
-    exact = sum(
-        len(rows[k][1]) == fields and all(_is_cell(p, decimal) for p in rows[k][1]) for k in data
-    )
-    marks = sum(decimal in p for k in data[:50] for p in rows[k][1])
-    score = exact / len(data) + 0.01 * fields + (0.001 if marks else 0.0)
     header = _header(rows[:first], fields, decimal, known)
+    names: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
     if header is not None:
-        # below the header only units may stand: a row that holds numbers is data, damaged or not
-        first = next(
-            (k for k in range(header + 1, first) if _numeric_share(rows[k][1], decimal) > 0.25),
-            first,
-        )
-    names = () if header is None else tuple(rows[header][1])
-    units = (
-        ()
-        if header is None
-        else _unit_row([parts for _, parts in rows[header + 1 : first]], fields)
-    )
-    return score, (separator, decimal, names, rows[first][0], tuple(rows[first][1]), fields, units)
+        names = tuple(rows[header][1])
+        # only units may stand between the header and the data
+        for k in range(header + 1, first):
+            if _numeric_share(rows[k][1], decimal) > NUMERIC_SHARE:
+                first = k
+                break
+        units = _unit_row([cells for _, cells in rows[header + 1 : first]], fields)
+    line, cells = rows[first]
+    score = _score([rows[k][1] for k in data], fields, decimal)
+    return _Layout(score, separator, decimal, names, line, tuple(cells), fields, units)
+
+
+def _rows_and_data(
+    lines: Sequence[str], separator: str, decimal: str
+) -> tuple[list[tuple[int, list[str]]], list[int]]:
+    """Rows (line number, cells) below the comments, and the indices of those that are data."""
+    top = 0
+    while top < len(lines) and (not lines[top].strip() or lines[top].startswith("#")):
+        top += 1
+    rows: list[tuple[int, list[str]]] = []
+    data: list[int] = []
+    for number, line in enumerate(lines[top:], top):
+        if not line.strip():
+            continue
+        cells = split(line, separator)
+        rows.append((number, cells))
+        if len(cells) > 1 and _is_data(cells, decimal):
+            data.append(len(rows) - 1)
+        if len(data) == DATA_ROWS:
+            break
+    return rows, data
+
+
+def _score(data: list[list[str]], fields: int, decimal: str) -> float:
+    """Share of rows without an unreadable cell; more columns and a decimal mark in use add a little."""
+    exact = 0
+    for cells in data:
+        exact += len(cells) == fields and all(_is_cell(cell, decimal) for cell in cells)
+    has_decimal_mark = any(decimal in cell for cells in data[:50] for cell in cells)
+    return exact / len(data) + 0.01 * fields + (0.001 if has_decimal_mark else 0.0)
 
 
 def _unit_row(rows: Sequence[Sequence[str]], fields: int) -> tuple[str, ...]:
-    """The cells of the row of units below the header, brackets taken away; empty where there is none."""
-    for parts in rows:
-        cells = tuple(re.sub(r"^[\[(]\s*(.*?)\s*[\])]$", r"\1", part.strip()) for part in parts)
-        known = any(
-            cell.rstrip(".").lower() in SECONDS_PER_UNIT or is_temperature_unit(cell)
-            for cell in cells
-        )
-        if len(cells) == fields and known:
+    """Cells of the row of units below the header, without brackets; empty if there is none."""
+    for row in rows:
+        cells = [re.sub(r"^[\[(]\s*(.*?)\s*[\])]$", r"\1", cell.strip()) for cell in row]
+        if len(cells) == fields and any(_is_unit(cell) for cell in cells):
             return tuple(cell if re.search(r"[^\W\d_]|°", cell) else "" for cell in cells)
     return ()
+
+
+def _is_unit(cell: str) -> bool:
+    return cell.rstrip(".").lower() in SECONDS_PER_UNIT or is_temperature_unit(cell)
 
 
 def _header(
     rows: list[tuple[int, list[str]]], fields: int, decimal: str, known: Collection[str]
 ) -> int | None:
-    fits = [
-        k for k, (_, parts) in enumerate(rows) if len(parts) > 1 and abs(len(parts) - fields) <= 1
+    """Index of the header: of the rows of about the right width, the one with most known names."""
+    texts = [
+        k for k, (_, cells) in enumerate(rows) if len(cells) > 1 and not _is_data(cells, decimal)
     ]
-    fits = [k for k in fits if not _is_data(rows[k][1], decimal)]
-    if fits:
-        return max(fits, key=lambda k: sum(n.lower() in known for n in rows[k][1]))
-    return (
-        len(rows) - 1
-        if rows and len(rows[-1][1]) > 1 and not _is_data(rows[-1][1], decimal)
-        else None
-    )
+    candidates = [k for k in texts if abs(len(rows[k][1]) - fields) <= 1]
+    if candidates:
+        return max(candidates, key=lambda k: sum(cell.lower() in known for cell in rows[k][1]))
+    last = len(rows) - 1
+    return last if last in texts else None
 
 
-def _numeric_share(parts: list[str], decimal: str) -> float:
-    full = [p for p in parts if p]
-    return sum(is_number(p, decimal) for p in full) / max(len(full), 1)
+def _numeric_share(cells: list[str], decimal: str) -> float:
+    filled = [cell for cell in cells if cell]
+    return sum(is_number(cell, decimal) for cell in filled) / max(len(filled), 1)
 
 
 class TextColumn:
-    """A column of cells of text that comes in one piece or in many; what many give together is what one gives.
+    """A column of cells of text, in one chunk or in many, with the same result.
 
-    Whether it holds clock times is seen from the first piece with anything in it; ``clock`` says so beforehand.
+    Parameters
+    ----------
+    name, decimal
+        Name of the column and decimal mark.
+    place
+        Location of the samples, for messages.
+    clock
+        Whether the column holds clock times; None: decided by the first chunk that is not empty.
+
+    Notes
+    -----
     Clock times are seconds since the first one; see ``Stamps`` for dates and midnight.
 
+    Examples
+    --------
     >>> TextColumn("time", ".", SampleLocation("x.csv")).numbers(["23:59:59.5", "00:00:00,25"], 0)
     array([0.  , 0.75])
     """
@@ -344,47 +418,57 @@ class TextColumn:
         self.decimal = decimal
         self.place = place
         self.clock = clock
-        self.bad, self.first_bad = 0, dict[str, Any]()
+        self.bad_cells = 0
+        self.first_bad_cell: dict[str, Any] = {}
         self.stamps = Stamps(name, place.where)
 
     def numbers(self, texts: list[str], at: int) -> Array:
-        """Numbers (N,) from the cells of one piece, whose first is number ``at`` of the file's."""
-        full = [t for t in texts if t.lower() not in ABSENT]
-        if self.clock is None and full:
-            self.clock = sum(CLOCK.fullmatch(t) is not None for t in full) > 0.5 * len(full)
+        """Numbers (N,) from the cells of one chunk, whose first has the index ``at`` in the file."""
+        if self.clock is None:
+            filled = [text for text in texts if text.lower() not in ABSENT]
+            if filled:
+                clock_cells = sum(CLOCK.fullmatch(text) is not None for text in filled)
+                self.clock = clock_cells > 0.5 * len(filled)
         if self.clock:
             return self.stamps.seconds(texts)
-        out = np.full(len(texts), np.nan)
+        values = np.full(len(texts), np.nan)
         for i, text in enumerate(texts):
-            low = text.lower()
-            if is_number(text, self.decimal):
-                out[i] = float(text.replace(",", "."))
-            elif low in FLAGS:
-                out[i] = FLAGS[low]
-            elif low not in ABSENT:
-                self.first_bad = self.first_bad or {
-                    "row": self.place.row(at + i),
-                    "text": text[:40],
-                }
-                self.bad += 1
-            elif "inf" in low:
-                out[i] = np.inf
-        return out
+            values[i] = self._number(text, at + i)
+        return values
+
+    def _number(self, text: str, index: int) -> float:
+        """Number in a cell; NaN, and counted as bad, if it holds something else."""
+        lower = text.lower()
+        if is_number(text, self.decimal):
+            return float(text.replace(",", "."))
+        if lower in FLAGS:
+            return FLAGS[lower]
+        if lower in ABSENT:
+            return np.inf if "inf" in lower else np.nan
+        if not self.bad_cells:
+            self.first_bad_cell = {"row": self.place.row(index), "text": text[:40]}
+        self.bad_cells += 1
+        return np.nan
 
     def judge(self, cells: int) -> list[Finding]:
-        """What was noticed in all ``cells`` of the column.
+        """Findings about the column, which has ``cells`` cells.
 
-        Raises InputError when more than one in a hundred (and more than three) is no number.
+        Raises
+        ------
+        InputError
+            If more than one cell in a hundred (and more than three) is no number.
         """
         if self.clock:
             return [info("text.midnight", subject=self.name)] if self.stamps.midnights else []
-        if not self.bad:
+        if not self.bad_cells:
             return []
-        if self.bad > max(3, 0.01 * cells):
+        first = self.first_bad_cell
+        if self.bad_cells > max(BAD_CELLS, BAD_SHARE * cells):
+            mark = "comma" if self.decimal == "," else "point"
             raise InputError(
-                f"column {self.name}, row {self.first_bad['row']}: {self.first_bad['text']!r} is no number "
-                f"({self.bad} of {cells} cells)",
+                f"column {self.name}, row {first['row']}: {first['text']!r} is no number "
+                f"({self.bad_cells} of {cells} cells)",
                 where=self.place.where,
-                expected=f"numbers with decimal {'comma' if self.decimal == ',' else 'point'}",
+                expected=f"numbers with decimal {mark}",
             )
-        return [warning("text.no_number", subject=self.name, count=self.bad, **self.first_bad)]
+        return [warning("text.no_number", subject=self.name, count=self.bad_cells, **first)]

@@ -1,4 +1,4 @@
-"""LabVIEW measurement files (.lvm): header blocks, comments, decimal commas, one, no or many X columns."""
+"""LabVIEW measurement files (.lvm): header blocks, comments, decimal commas, no, one or many X columns."""
 
 from __future__ import annotations
 
@@ -9,30 +9,69 @@ from pathlib import Path
 
 import numpy as np
 
+from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.io.csv_dialect import LINE_END, Dialect
 from tcdyn.io.table import Columns, Table, Track, align, in_pieces, read_whole
 
-MARK = b"LabVIEW Measurement"
-_END = "***End_of_Header***"
-_MARKS = {"tab": "\t", "comma": ",", "semicolon": ";"}
+FIRST_BYTES = b"LabVIEW Measurement"
+_HEADER_END = "***End_of_Header***"
+_SEPARATORS = {"tab": "\t", "comma": ",", "semicolon": ";"}
+_HEADER_LINES = 60  # a header of a segment ends within them; chosen by judgement
 
 
-Pieces = Callable[[Dialect, Sequence[str]], Iterator[Columns]]
+ChunkReader = Callable[[Dialect, Sequence[str]], Iterator[Columns]]
 
 
 @dataclass(frozen=True)
 class _Segment:
-    head: dict[str, list[str]]
+    header: dict[str, list[str]]
     names: list[str]
     columns: Columns
 
 
-def lvm_table(path: Path, where: str, pieces: Pieces) -> Table:
-    """Read a .lvm file, which begins with LabVIEW's mark, at once; ``pieces`` reads the rows of text below a header.
+@dataclass(frozen=True)
+class _LvmText:
+    """Lines of a file with its separator and decimal mark."""
 
-    ``X_Value`` becomes ``time_s`` unless the file has a ``time_s`` of its own; where LabVIEW wrote no X column the
-    time is X0 + i Delta_X. Comments and notes are left out. Several segments follow one another.
+    lines: list[str]
+    separator: str
+    decimal: str
+    where: str
+
+    def is_blank(self, number: int) -> bool:
+        """Whether a line has no text besides separators."""
+        return not self.lines[number].replace(self.separator, "").strip()
+
+    def find_header_end(self, first: int, last: int) -> int | None:
+        """Number of the line that ends a header, from ``first`` to before ``last``."""
+        for number in range(first, min(last, len(self.lines))):
+            if self.lines[number].startswith(_HEADER_END):
+                return number
+        return None
+
+
+def lvm_table(path: Path, where: str, read_chunks: ChunkReader) -> Table:
+    """Read a .lvm file at once.
+
+    Parameters
+    ----------
+    path
+        A file that begins with ``FIRST_BYTES``.
+    where
+        The file, for messages.
+    read_chunks
+        Reader of the rows of text below a header.
+
+    Raises
+    ------
+    InputError
+        If the file has no end of the header, no data, no time, or segments with different channels.
+
+    Notes
+    -----
+    ``X_Value`` becomes ``time_s`` unless the file has a column ``time_s``. Where LabVIEW wrote no X
+    column the time is X0 + i Delta_X. Comments and notes are ignored. Segments are joined.
     """
     raw = path.read_bytes()
     try:
@@ -40,123 +79,151 @@ def lvm_table(path: Path, where: str, pieces: Pieces) -> Table:
     except UnicodeDecodeError:
         text = raw.decode("cp1252", errors="replace")
     lines = LINE_END.split(text)
-    end = next((i for i, line in enumerate(lines) if line.startswith(_END)), None)
+    end = _LvmText(lines, "", "", where).find_header_end(0, len(lines))
     if end is None:
-        raise InputError("the header never ends", where=where, expected=f"a line {_END}")
-    head = _file_head(lines[1:end])
-    mark = head.pop("Separator", "Tab")
-    separator = _MARKS.get(mark.lower(), mark[:1] or "\t")
-    decimal = "," if head.pop("Decimal_Separator", ".") == "," else "."
-    segments = []
-    at = end + 1
-    while (found := _segment(lines, at, separator, decimal, where, pieces)) is not None:
-        segment, at = found
-        segments.append(segment)
+        raise InputError("the header never ends", where=where, expected=f"a line {_HEADER_END}")
+    metadata = _file_header(lines[1:end])
+    separator_name = metadata.pop("Separator", "Tab")
+    separator = _SEPARATORS.get(separator_name.lower(), separator_name[:1] or "\t")
+    decimal = "," if metadata.pop("Decimal_Separator", ".") == "," else "."
+    lvm_text = _LvmText(lines, separator, decimal, where)
+    segments = _segments(lvm_text, end + 1, read_chunks)
     if not segments:
         raise InputError("holds no rows of data", where=where, expected="numbers below the header")
-    if any(s.names != segments[0].names for s in segments):
+    if any(segment.names != segments[0].names for segment in segments):
         raise InputError(
-            "its segments hold different channels", where=where, remedy="save one segment a file"
+            "its segments hold different channels",
+            where=where,
+            remedy="save each segment in its own file",
         )
-    whole = _timed(segments)
-    return Table(where, tuple(whole.data), head, partial(in_pieces, whole))
+    columns = _with_time(segments)
+    return Table(where, tuple(columns.data), metadata, partial(in_pieces, columns))
 
 
-def _file_head(lines: list[str]) -> dict[str, str]:
-    head: dict[str, str] = {}
+def _file_header(lines: list[str]) -> dict[str, str]:
+    """Keys and values of the header of the file."""
+    header: dict[str, str] = {}
     for line in lines:
-        for mark in ("\t", ";", ","):
-            key, found, value = line.partition(mark)
-            if found:
-                head[key.strip()] = (
-                    value.strip("\t;").strip() if mark != "," else value.strip().rstrip(",") or ","
-                )
-                break
-    return head
-
-
-def _segment(
-    lines: list[str], at: int, separator: str, decimal: str, where: str, pieces: Pieces
-) -> tuple[_Segment, int] | None:
-    while at < len(lines) and not lines[at].replace(separator, "").strip():
-        at += 1
-    if at >= len(lines):
-        return None
-    head: dict[str, list[str]] = {}
-    end = next((i for i in range(at, min(at + 60, len(lines))) if lines[i].startswith(_END)), None)
-    if end is not None:
-        for line in lines[at:end]:
-            key, *values = line.split(separator)
-            head[key.strip()] = [v.strip() for v in values]
-        at = end + 1
-    if at >= len(lines):
-        return None
-    names = [n.strip() for n in lines[at].split(separator)]
-    width = len(names) - 1 if names[-1].lower() == "comment" else len(names)
-    names = names[:width]
-    first = at + 2
-    body: list[str] = []
-    for at in range(first - 1, len(lines) + 1):
-        if (
-            at == len(lines)
-            or not lines[at].replace(separator, "").strip()
-            or lines[at].startswith("Channels")
-        ):
+        for separator in ("\t", ";", ","):
+            key, found, value = line.partition(separator)
+            if not found:
+                continue
+            if separator == ",":
+                header[key.strip()] = value.strip().rstrip(",") or ","
+            else:
+                header[key.strip()] = value.strip("\t;").strip()
             break
-        body.append(separator.join(lines[at].split(separator)[:width]))
-    if not body:
+    return header
+
+
+def _segments(text: _LvmText, start: int, read_chunks: ChunkReader) -> list[_Segment]:
+    """All segments from line ``start`` on; blank lines and lines "Channels ..." separate them."""
+    segments: list[_Segment] = []
+    while True:
+        result = _segment(text, start, read_chunks)
+        if result is None:
+            return segments
+        segment, start = result
+        segments.append(segment)
+
+
+def _segment(text: _LvmText, start: int, read_chunks: ChunkReader) -> tuple[_Segment, int] | None:
+    """The segment from line ``start`` on, and the line after it; None if there is none."""
+    lines = text.lines
+    separator = text.separator
+    while start < len(lines) and text.is_blank(start):
+        start += 1
+    if start >= len(lines):
         return None
-    # the rows as a text whose first line is number first; a name that comes again gets its place added
-    keys = tuple(n if names.index(n) == i else f"{n} {i + 1}" for i, n in enumerate(names))
-    lined = "\n" * (first - 1) + "\n".join(body) + "\n"
-    row = tuple(body[0].split(separator))
-    dialect = Dialect(where, "utf-8", separator, decimal, keys, first - 1, row, body=lined.encode())
-    return _Segment(
-        head, names, read_whole(Table(where, keys, {}, partial(pieces, dialect)), keys)
-    ), at
+    header: dict[str, list[str]] = {}
+    header_end = text.find_header_end(start, start + _HEADER_LINES)
+    if header_end is not None:
+        for line in lines[start:header_end]:
+            key, *values = line.split(separator)
+            header[key.strip()] = [value.strip() for value in values]
+        start = header_end + 1
+    if start >= len(lines):
+        return None
+    names = [name.strip() for name in lines[start].split(separator)]
+    if names[-1].lower() == "comment":
+        names.pop()
+    first = start + 1
+    end = first
+    while end < len(lines) and not text.is_blank(end) and not lines[end].startswith("Channels"):
+        end += 1
+    if end == first:
+        return None
+    rows = [separator.join(line.split(separator)[: len(names)]) for line in lines[first:end]]
+    # blank lines in front, so that messages state the line of the file
+    body = "\n" * first + "\n".join(rows) + "\n"
+    unique_names = tuple(
+        name if names.index(name) == i else f"{name} {i + 1}" for i, name in enumerate(names)
+    )
+    dialect = Dialect(
+        text.where,
+        "utf-8",
+        separator,
+        text.decimal,
+        unique_names,
+        first,
+        tuple(rows[0].split(separator)),
+        body=body.encode(),
+    )
+    table = Table(text.where, unique_names, {}, partial(read_chunks, dialect))
+    return _Segment(header, names, read_whole(table, unique_names)), end
 
 
-def _timed(segments: list[_Segment]) -> Columns:
+def _with_time(segments: list[_Segment]) -> Columns:
     """The channels of all segments, one after another, with their time [s]."""
     first = segments[0]
-    names = segments[0].names
-    place = segments[0].columns.place
-    where = place.where
-    values = np.concatenate([np.column_stack([*s.columns.data.values()]) for s in segments])
-    found = tuple(f for s in segments for f in s.columns.findings)
-    x_at = [i for i, n in enumerate(names) if n == "X_Value"]
-    own = {
-        n: np.ascontiguousarray(values[:, i])
-        for i, n in enumerate(names)
-        if n not in ("", "X_Value")
+    names = first.names
+    location = first.columns.place
+    where = location.where
+    values = np.concatenate(
+        [np.column_stack([*segment.columns.data.values()]) for segment in segments]
+    )
+    findings = tuple(f for segment in segments for f in segment.columns.findings)
+    x_columns = [i for i, name in enumerate(names) if name == "X_Value"]
+    channels = {
+        name: np.ascontiguousarray(values[:, i])
+        for i, name in enumerate(names)
+        if name not in ("", "X_Value")
     }
-    if "time_s" in own or "time" in own:
-        return Columns(own, place, found)
-    if len(x_at) == 1 and np.isfinite(values[:, x_at[0]]).any():
-        return Columns({"time_s": values[:, x_at[0]].copy(), **own}, place, found)
-    if len(x_at) <= 1 and len(segments) > 1:
+    if "time_s" in channels or "time" in channels:
+        return Columns(channels, location, findings)
+    if len(x_columns) == 1:
+        x = values[:, x_columns[0]]
+        if np.isfinite(x).any():
+            return Columns({"time_s": x.copy(), **channels}, location, findings)
+    if len(x_columns) <= 1 and len(segments) > 1:
         raise InputError(
             "has several segments and no X column", where=where, remedy="write X values in LabVIEW"
         )
     tracks = {}
-    for k, (name, y) in enumerate(own.items()):
-        if len(x_at) <= 1:
-            start, step = (_float(first.head.get(key, []), k) for key in ("X0", "Delta_X"))
-            tracks[name] = Track(y, start or 0.0, step)
-            continue
-        x = values[:, max(i for i in x_at if i < names.index(name))]
-        good = np.isfinite(x) & np.isfinite(y)
-        if good.sum() < 2:
-            raise InputError(f"channel {name} has no X values", where=where)
-        tracks[name] = Track(
-            y[good], float(x[good][0]), float((x[good][-1] - x[good][0]) / (good.sum() - 1))
-        )
-    time, data, said = align(tracks, where)
-    if time is None:
+    for k, (name, y) in enumerate(channels.items()):
+        if len(x_columns) <= 1:
+            start_s = _float(first.header.get("X0", []), k)
+            step_s = _float(first.header.get("Delta_X", []), k)
+            tracks[name] = Track(y, start_s or 0.0, step_s)
+        else:
+            x_column = max(i for i in x_columns if i < names.index(name))
+            tracks[name] = _track(name, values[:, x_column], y, where)
+    time_s, data, align_findings = align(tracks, where)
+    if time_s is None:
         raise InputError(
             "no time: neither X values nor Delta_X", where=where, expected="Delta_X in the header"
         )
-    return Columns({"time_s": time, **data}, place, (*found, *said))
+    return Columns({"time_s": time_s, **data}, location, (*findings, *align_findings))
+
+
+def _track(name: str, x: Array, y: Array, where: str) -> Track:
+    """One channel ``y`` with the start and the mean interval of its X column ``x``."""
+    good = np.isfinite(x) & np.isfinite(y)
+    count = int(good.sum())
+    if count < 2:
+        raise InputError(f"channel {name} has no X values", where=where)
+    x = x[good]
+    return Track(y[good], float(x[0]), float((x[-1] - x[0]) / (count - 1)))
 
 
 def _float(cells: list[str], index: int) -> float | None:

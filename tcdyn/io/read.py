@@ -1,6 +1,7 @@
-"""Any file of a logger to named columns: ``open_table`` chooses the reader by ending and first bytes.
+"""Open any file of a logger as named columns; the reader is chosen by file ending and first bytes.
 
-Text is read here: every row's fields counted, numbers parsed exactly, clock times and on/off words understood.
+Text files are read here with pyarrow: the fields of every row are counted, numbers are parsed
+exactly, clock times and words such as "on" are understood.
 """
 
 from __future__ import annotations
@@ -21,8 +22,8 @@ from pyarrow import csv as pacsv
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError, printable
 from tcdyn.core.findings import Finding, SampleLocation, warning
-from tcdyn.io.csv_dialect import ABSENT, Dialect, TextColumn, is_number, sniff
-from tcdyn.io.lvm import MARK, lvm_table
+from tcdyn.io.csv_dialect import ABSENT, Dialect, TextColumn, detect_dialect, is_number
+from tcdyn.io.lvm import FIRST_BYTES, lvm_table
 from tcdyn.io.table import PIECE_ROWS, Columns, Table, read_whole
 from tcdyn.io.times import is_date, is_time_of_day
 
@@ -37,30 +38,48 @@ __all__ = [
     "text_of",
 ]
 
-PARQUET = (".parquet", ".pq")
-NO_LOGS = {".json": "a record or result", ".toml": "a rig file", ".html": "a report"}
-MOST_COLUMNS = 5000
-BLOCK_BYTES = 1 << 21  # of text in one piece, at most
-COUNTED_BYTES = 1 << 17  # of text whose rows are counted at once
-_NULLS = sorted(
-    {w for a in ABSENT if "inf" not in a for w in (a, a.upper(), a.title(), "NaN", "-NaN")}
+PARQUET_ENDINGS = (".parquet", ".pq")
+OTHER_ENDINGS = {".json": "a record or result", ".toml": "a rig file", ".html": "a report"}
+SPREADSHEET_FIRST_BYTES = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")  # zip archive, old Excel
+MOST_COLUMNS = 5000  # of a log; chosen by judgement
+# bytes of text in one chunk: pyarrow's allocators keep about twenty times this size
+LEAST_BLOCK_BYTES = 1 << 16
+BLOCK_BYTES = 1 << 21
+COUNT_BYTES = 1 << 17  # text whose rows are counted at once
+NULL_VALUES = sorted(
+    {
+        text
+        for absent in ABSENT
+        if "inf" not in absent
+        for text in (absent, absent.upper(), absent.title(), "NaN", "-NaN")
+    }
 )
 
 
 @dataclass(frozen=True)
 class CsvTable(Table):
-    """A table of text, and the dialect it is written in."""
+    """A table in a text file, and its dialect."""
 
     dialect: Dialect
 
 
 def open_table(path: str | Path, known: Collection[str] = ()) -> Table:
-    """Open a log by its ending: .tdms, .lvm, .parquet; every other ending is text.
+    """Open a log: TDMS, LVM or Parquet by its ending or first bytes, otherwise text.
 
-    ``known`` are names that the header may hold (they tell the header from titles and units).
-    Raises InputError for a file that cannot be read, is empty, is not what its ending says, or has too many columns.
+    Parameters
+    ----------
+    path
+        The file.
+    known
+        Column names that the header may contain; they distinguish it from titles and units.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is empty, does not have the format of its ending, or has too
+        many columns.
     """
-    table = _opened(Path(path), known)
+    table = _open_by_format(Path(path), known)
     if len(table.names) > MOST_COLUMNS:
         raise InputError(
             f"has {len(table.names)} columns", where=table.where, expected=f"at most {MOST_COLUMNS}"
@@ -68,8 +87,36 @@ def open_table(path: str | Path, known: Collection[str] = ()) -> Table:
     return table
 
 
-def _opened(file: Path, known: Collection[str]) -> Table:
+def _open_by_format(file: Path, known: Collection[str]) -> Table:
     where = shown(file)
+    head = _first_bytes(file, where)
+    ending = file.suffix.lower()
+    is_tdms = head.startswith(b"TDSm") or ending == ".tdms"
+    is_parquet = head.startswith(b"PAR1") or ending in PARQUET_ENDINGS
+    if is_tdms or is_parquet:
+        # imported here: most logs need none of the libraries for these formats
+        from tcdyn.io.binary import parquet_table, tdms_table
+
+        return tdms_table(file, where) if is_tdms else parquet_table(file, where)
+    if head.removeprefix(b"\xef\xbb\xbf").startswith(FIRST_BYTES):
+        return lvm_table(file, where, text_chunks)
+    if head.startswith(SPREADSHEET_FIRST_BYTES):
+        raise InputError(
+            "this is a spreadsheet or archive", where=where, expected="CSV", remedy="save it as CSV"
+        )
+    if ending in OTHER_ENDINGS:
+        raise InputError(
+            f"is {OTHER_ENDINGS[ending]} by its ending",
+            where=where,
+            expected="a log (CSV, LVM, TDMS or Parquet)",
+        )
+    dialect = detect_dialect(file, where, known)
+    chunks = partial(text_chunks, dialect)
+    return CsvTable(where, dialect.names, dialect.metadata, chunks, dialect, units=dialect.units)
+
+
+def _first_bytes(file: Path, where: str) -> bytes:
+    """The first bytes of a file; InputError for what cannot be read or is empty."""
     try:
         with open(file, "rb") as stream:
             head = stream.read(64)
@@ -86,51 +133,45 @@ def _opened(file: Path, known: Collection[str]) -> Table:
         raise InputError(f"not readable ({problem})", where=where) from None
     if not head:
         raise InputError("the file is empty", where=where, expected="a log")
-    ending = file.suffix.lower()
-    if (
-        (tdms := head.startswith(b"TDSm") or ending == ".tdms")
-        or head.startswith(b"PAR1")
-        or ending in PARQUET
-    ):
-        from tcdyn.io.binary import parquet_table, tdms_table  # whose libraries few logs need
-
-        return tdms_table(file, where) if tdms else parquet_table(file, where)
-    if head.removeprefix(b"\xef\xbb\xbf").startswith(MARK):
-        return lvm_table(file, where, text_pieces)
-    if head.startswith((b"PK\x03\x04", b"\xd0\xcf\x11\xe0")):
-        raise InputError(
-            "this is a spreadsheet or archive", where=where, expected="CSV", remedy="save it as CSV"
-        )
-    if ending in NO_LOGS:
-        expected = "a log (CSV, LVM, TDMS or Parquet)"
-        raise InputError(f"is {NO_LOGS[ending]} by its ending", where=where, expected=expected)
-    dialect = sniff(file, where, known)
-    pieces = partial(text_pieces, dialect)
-    return CsvTable(where, dialect.names, dialect.metadata, pieces, dialect, units=dialect.units)
+    return head
 
 
 def read_numbers(
     path: str | Path, names: Sequence[str], optional: Collection[str] = ()
 ) -> dict[str, Array]:
-    """The named columns (N,) of a table in which every cell of them is a number; of the ``optional``, those there are.
+    """Columns (N,) of a table in which every cell is a number.
 
-    Raises InputError for a file that cannot be read, a missing column, or a cell without a number.
+    Parameters
+    ----------
+    path
+        The file.
+    names
+        Columns that the table must have.
+    optional
+        Columns that are read if the table has them.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, a column is missing, or a cell holds no number.
     """
     table = open_table(path, (*names, *optional))
     where = shown(Path(path))
     for name in names:
         if name not in table.names:
             raise InputError(f"column {name} is missing", where=where, expected=", ".join(names))
-    columns = read_whole(table, [*names, *(n for n in optional if n in table.names)])
+    available = [name for name in optional if name in table.names]
+    columns = read_whole(table, [*names, *available])
     for name, values in columns.data.items():
-        if not np.isfinite(values).all():
-            row = columns.place.row(int(np.argmin(np.isfinite(values))))
+        is_finite = np.isfinite(values)
+        if not is_finite.all():
+            row = columns.place.row(int(np.argmin(is_finite)))
             raise InputError(f"column {name}, row {row}: no number", where=where)
     return columns.data
 
 
 def shown(path: Path) -> str:
-    """The path as errors show it: printable, on one line.
+    """The path for messages: printable, on one line.
 
     >>> shown(Path("a\\nb.csv"))
     'a\\\\nb.csv'
@@ -139,7 +180,7 @@ def shown(path: Path) -> str:
 
 
 def sha256(path: str | Path) -> str:
-    """SHA-256 of the file's bytes as 64 hexadecimal digits, read in bounded memory."""
+    """SHA-256 of the bytes of a file as 64 hexadecimal digits, read in bounded memory."""
     try:
         with open(path, "rb") as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest()
@@ -148,181 +189,244 @@ def sha256(path: str | Path) -> str:
 
 
 def text_of(dialect: Dialect) -> IO[bytes]:
-    """The text from its first byte."""
-    return open(dialect.path, "rb") if dialect.body is None else io.BytesIO(dialect.body)
+    """Stream of the text of a log from its first byte."""
+    if dialect.body is None:
+        return open(dialect.path, "rb")
+    return io.BytesIO(dialect.body)
 
 
-def text_pieces(
+def text_chunks(
     dialect: Dialect, wanted: Sequence[str], rows: int = PIECE_ROWS
 ) -> Iterator[Columns]:
-    """The wanted columns piece by piece, about ``rows`` rows each (2 MB of text at most), in bounded memory.
+    """Yield columns of a text log in chunks, in bounded memory.
 
-    From the first cell on that is no number where numbers were, every column is read as text.
-    Raises InputError for a damaged row before the first piece.
+    Parameters
+    ----------
+    dialect
+        Dialect of the file.
+    wanted
+        Names of the columns.
+    rows
+        Approximate number of rows in a chunk, which has at most 2 MB of text.
+
+    Raises
+    ------
+    InputError
+        For a damaged row, before the first chunk.
+
+    Notes
+    -----
+    Columns of numbers are parsed by pyarrow. From the first cell on that is no number where numbers
+    are expected, every column is read as text.
     """
-    d = dialect
-    with text_of(d) as stream:
-        count, place, found = check_rows(stream, d)
+    with text_of(dialect) as stream:
+        count, location, findings = check_rows(stream, dialect)
     if count == 0:
-        raise InputError("no rows below the header", where=d.where)
-    first_cells = dict(zip(reversed(d.names), reversed(d.first_row)))
-    dates = [name for name in d.names if is_date(first_cells[name], name)]
-    # a time of day beside one column of dates: the date belongs to it
-    dated = {name for name in wanted if len(dates) == 1 and is_time_of_day(first_cells[name])}
-    read_names = list(dict.fromkeys([*wanted, *(dates if dated else ())]))
-    keys = {
-        name: f"c{d.names.index(name)}" for name in read_names
-    }  # names in files may repeat; these do not
-    cells = {name: first_cells[name] for name in read_names}
-    words = {
-        n
-        for n, cell in cells.items()
-        if not is_number(cell, d.decimal) and cell.lower() not in ABSENT
-    }
-    words.update(dates)
-    texts: dict[str, TextColumn] = {}
-    line = max(len(d.first_row) * 4, sum(len(cell) + 1 for cell in d.first_row))
-    # small blocks, none read ahead: the allocators keep some twenty times a block for themselves
-    read = pacsv.ReadOptions(
-        skip_rows=d.skip,
-        column_names=[f"c{i}" for i in range(len(d.names))],
-        block_size=min(max(rows * line, 1 << 16), BLOCK_BYTES),
-        use_threads=False,
-    )
-    parse = pacsv.ParseOptions(delimiter=d.separator)
-    done = 0
-    for as_text in (False, True):
-        convert = pacsv.ConvertOptions(
-            include_columns=list(keys.values()),
-            column_types={
-                k: pa.string() if as_text or n in words else pa.float64() for n, k in keys.items()
-            },
-            decimal_point=d.decimal,
-            null_values=_NULLS,
+        raise InputError("no rows below the header", where=dialect.where)
+    reader = _TextReader(dialect, wanted, location)
+    try:
+        yield from reader.chunks(rows, as_text=False)
+    except pa.ArrowInvalid:
+        reader.expect_text()
+        try:
+            yield from reader.chunks(rows, as_text=True)
+        except pa.ArrowInvalid as problem:
+            reason = str(problem).splitlines()[0][:160]
+            raise InputError(f"the table cannot be read ({reason})", where=dialect.where) from None
+    findings += reader.findings()
+    if findings:
+        yield Columns({name: np.empty(0) for name in wanted}, location, tuple(findings))
+
+
+class _TextReader:
+    """Columns of one text log, with the state that its text columns keep from chunk to chunk."""
+
+    def __init__(self, dialect: Dialect, wanted: Sequence[str], location: SampleLocation) -> None:
+        self.dialect = dialect
+        self.wanted = wanted
+        self.location = location
+        self.rows_done = 0
+        self.text_columns: dict[str, TextColumn] = {}
+        first_cells = dict(zip(reversed(dialect.names), reversed(dialect.first_row)))
+        self.date_columns = [name for name in dialect.names if is_date(first_cells[name], name)]
+        # a time of day belongs to the date in the same row if there is one column of dates
+        self.dated_columns: set[str] = set()
+        if len(self.date_columns) == 1:
+            self.dated_columns = {name for name in wanted if is_time_of_day(first_cells[name])}
+        names = list(wanted)
+        if self.dated_columns:
+            names += self.date_columns
+        # names may repeat in a file, so pyarrow gets numbered ones
+        self.keys = {name: f"c{dialect.names.index(name)}" for name in dict.fromkeys(names)}
+        self.word_columns = set(self.date_columns)
+        for name in self.keys:
+            cell = first_cells[name]
+            if not is_number(cell, dialect.decimal) and cell.lower() not in ABSENT:
+                self.word_columns.add(name)
+
+    def chunks(self, rows: int, as_text: bool) -> Iterator[Columns]:
+        """Yield the chunks after the rows that are done; with ``as_text`` no column as numbers."""
+        skip = self.rows_done
+        with text_of(self.dialect) as stream:
+            batches = pacsv.open_csv(
+                stream,
+                self._read_options(rows),
+                pacsv.ParseOptions(delimiter=self.dialect.separator),
+                self._convert_options(as_text),
+            )
+            for batch in batches:
+                new_rows = batch.slice(min(skip, batch.num_rows))
+                skip -= batch.num_rows - new_rows.num_rows
+                if new_rows.num_rows:
+                    yield self._columns(new_rows)
+                    self.rows_done += new_rows.num_rows
+
+    def expect_text(self) -> None:
+        """Read columns of numbers as text from here on; they hold no clock times."""
+        if not self.rows_done:
+            return
+        for name in self.keys:
+            if name not in self.word_columns:
+                column = TextColumn(name, self.dialect.decimal, self.location, clock=False)
+                self.text_columns[name] = column
+
+    def findings(self) -> list[Finding]:
+        """Findings about the text columns; InputError for a column with too few numbers."""
+        columns = self.text_columns.values()
+        return [finding for column in columns for finding in column.judge(self.rows_done)]
+
+    def _read_options(self, rows: int) -> pacsv.ReadOptions:
+        """Options for small blocks, none of them read ahead, to limit the memory."""
+        first_row = self.dialect.first_row
+        line_bytes = max(len(first_row) * 4, sum(len(cell) + 1 for cell in first_row))
+        return pacsv.ReadOptions(
+            skip_rows=self.dialect.skip,
+            column_names=[f"c{i}" for i in range(len(self.dialect.names))],
+            block_size=min(max(rows * line_bytes, LEAST_BLOCK_BYTES), BLOCK_BYTES),
+            use_threads=False,
+        )
+
+    def _convert_options(self, as_text: bool) -> pacsv.ConvertOptions:
+        types = {}
+        for name, key in self.keys.items():
+            is_text = as_text or name in self.word_columns
+            types[key] = pa.string() if is_text else pa.float64()
+        return pacsv.ConvertOptions(
+            include_columns=list(self.keys.values()),
+            column_types=types,
+            decimal_point=self.dialect.decimal,
+            null_values=NULL_VALUES,
             check_utf8=False,
         )
-        skip = done
-        try:
-            with text_of(d) as stream:
-                for batch in pacsv.open_csv(stream, read, parse, convert):
-                    part = batch.slice(min(skip, batch.num_rows))
-                    skip -= batch.num_rows - part.num_rows
-                    if part.num_rows:
-                        numbers: dict[str, Array] = {}
-                        stamps: dict[str, NDArray[Any]] = {}
-                        for name in wanted:
-                            column = part.column(keys[name])
-                            if name in dates:
-                                numbers[name] = np.full(part.num_rows, np.nan)
-                                stamps[name] = np.array(_cells(column), dtype=object)
-                                continue
-                            day = _cells(part.column(keys[dates[0]])) if name in dated else None
-                            numbers[name] = _numbers(column, name, d, done, place, texts, day)
-                            if name in texts and texts[name].clock:
-                                stamps[name] = np.array(_cells(column), dtype=object)
-                        yield Columns(numbers, place, (), stamps)
-                        done += part.num_rows
-            break
-        except pa.ArrowInvalid as problem:
-            if as_text:
-                text = str(problem).splitlines()[0][:160]
-                raise InputError(f"the table cannot be read ({text})", where=d.where) from None
-            if done:  # numbers so far: no clock
-                texts |= {
-                    name: TextColumn(name, d.decimal, place, clock=False)
-                    for name in keys
-                    if name not in words
-                }
-    found += [f for column in texts.values() for f in column.judge(done)]
-    if found:
-        yield Columns({name: np.empty(0) for name in wanted}, place, tuple(found))
 
-
-def _numbers(
-    column: pa.Array,
-    name: str,
-    dialect: Dialect,
-    at: int,
-    place: SampleLocation,
-    texts: dict[str, TextColumn],
-    days: list[str] | None = None,
-) -> Array:
-    """Numbers of one piece, whose first is number ``at`` of the file's; ``texts`` keeps the columns of text. ``days``:
-    dates of the rows, for a column of times of the day."""
-    if pa.types.is_floating(column.type):
-        return np.array(column.to_numpy(zero_copy_only=False), dtype=np.float64)
-    if name not in texts:
-        texts[name] = TextColumn(name, dialect.decimal, place)
-    cells = _cells(column)
-    if days is not None:
-        cells = [f"{day} {cell}" if cell else "" for day, cell in zip(days, cells)]
-    return texts[name].numbers(cells, at)
+    def _columns(self, batch: pa.RecordBatch) -> Columns:
+        """The wanted columns of one batch."""
+        data: dict[str, Array] = {}
+        stamps: dict[str, NDArray[Any]] = {}
+        for name in self.wanted:
+            column = batch.column(self.keys[name])
+            if name in self.date_columns:
+                data[name] = np.full(batch.num_rows, np.nan)
+                stamps[name] = np.array(_cells(column), dtype=object)
+                continue
+            if pa.types.is_floating(column.type):
+                data[name] = np.array(column.to_numpy(zero_copy_only=False), dtype=np.float64)
+                continue
+            cells = texts = _cells(column)
+            if name in self.dated_columns:
+                days = _cells(batch.column(self.keys[self.date_columns[0]]))
+                texts = [f"{day} {cell}" if cell else "" for day, cell in zip(days, cells)]
+            if name not in self.text_columns:
+                self.text_columns[name] = TextColumn(name, self.dialect.decimal, self.location)
+            text_column = self.text_columns[name]
+            data[name] = text_column.numbers(texts, self.rows_done)
+            if text_column.clock:
+                stamps[name] = np.array(cells, dtype=object)
+        return Columns(data, self.location, (), stamps)
 
 
 def _cells(column: pa.Array) -> list[str]:
-    """The cells of a column of text, quotes and spaces around them taken away."""
-    cells = (b"" if cell is None else cell for cell in column.cast(pa.binary()).to_pylist())
-    return [c.decode("utf-8", errors="replace").strip().strip('"').strip() for c in cells]
+    """Cells of a text column, without quotes and spaces around them."""
+    cells = []
+    for cell in column.cast(pa.binary()).to_pylist():
+        text = "" if cell is None else cell.decode("utf-8", errors="replace")
+        cells.append(text.strip().strip('"').strip())
+    return cells
 
 
 def check_rows(stream: IO[bytes], dialect: Dialect) -> tuple[int, SampleLocation, list[Finding]]:
-    """How many rows of data there are, where they stand, and what was noticed: the fields of every row are counted.
+    """Count the rows of data and the fields of every row.
 
-    A short or long row is refused by its number, a last short one as truncated; a last row without line end may have
-    lost digits: that is noted.
+    Returns
+    -------
+    tuple
+        Number of rows, their location in the file, findings. A last row without a line end, which
+        may have lost digits, gives a warning.
+
+    Raises
+    ------
+    InputError
+        For a row with too few or too many fields; a last short one means a truncated file.
     """
     separator = dialect.separator.encode()
     where = dialect.where
     fields = len(dialect.names)
-    blank: list[int] = []
+    blank_lines: list[int] = []
     rows = 0
-    seen = dialect.skip
+    lines_done = dialect.skip
     line = b"\n"
-    short: tuple[int, int] | None = None
+    short_row: tuple[int, int] | None = None
     for _ in range(dialect.skip):
         line = stream.readline() or line
-    while block := stream.read(COUNTED_BYTES) + stream.readline():
-        if (
-            short is None
-            and len(block) < 2 * COUNTED_BYTES
-            and block.endswith(b"\n")
-            and b"\x00" not in block
-        ):
-            cells = np.frombuffer(block, np.uint8)
-            ends = np.flatnonzero(cells == ord("\n"))
-            before = np.searchsorted(np.flatnonzero(cells == ord(separator)), ends)
-            if np.array_equal(
-                before, np.arange(1, len(ends) + 1) * (fields - 1)
-            ):  # as nearly always
-                rows = rows + len(ends)
-                seen = seen + len(ends)
+    while block := stream.read(COUNT_BYTES) + stream.readline():
+        if short_row is None:
+            complete_rows = _complete_rows(block, separator, fields)
+            if complete_rows:
+                rows += complete_rows
+                lines_done += complete_rows
                 line = block[-1:]
                 continue
-        for number, line in enumerate(io.BytesIO(block), seen + 1):
-            if short is not None and line.strip():
-                raise _row_error(short, fields, where)
+        for number, line in enumerate(io.BytesIO(block), lines_done + 1):
+            if short_row is not None and line.strip():
+                raise _row_error(short_row, fields, where)
             count = line.count(separator)
             if count == fields - 1:
                 rows += 1
             elif not line.strip():
-                blank.append(number)
+                blank_lines.append(number)
             elif count < fields - 1:
-                short = (number, count + 1)
+                short_row = (number, count + 1)
             elif b'"' not in line:
                 raise _row_error((number, count + 1), fields, where)
             if b"\x00" in line:
                 raise InputError(f"row {number} holds zero bytes: the file is damaged", where=where)
-        seen = number
-    if short is not None:
+        lines_done = number
+    if short_row is not None:
         raise InputError(
-            f"row {short[0]}, the last, has {short[1]} of {fields} fields: the file is truncated",
+            f"row {short_row[0]}, the last, has {short_row[1]} of {fields} fields: the file is "
+            "truncated",
             where=where,
-            expected="a whole last row",
+            expected="a complete last row",
             remedy="copy the file again, or delete the last row",
         )
-    whole = line.endswith((b"\n", b"\r"))
-    found = [] if whole else [warning("text.no_line_end", row=dialect.skip + rows + len(blank))]
-    return rows, SampleLocation(where, dialect.skip + 1, tuple(blank)), found
+    findings = []
+    if not line.endswith((b"\n", b"\r")):
+        last_row = dialect.skip + rows + len(blank_lines)
+        findings.append(warning("text.no_line_end", row=last_row))
+    return rows, SampleLocation(where, dialect.skip + 1, tuple(blank_lines)), findings
+
+
+def _complete_rows(block: bytes, separator: bytes, fields: int) -> int:
+    """Number of rows of a block in which every row has all fields, as nearly always; else 0."""
+    is_regular = len(block) < 2 * COUNT_BYTES and block.endswith(b"\n") and b"\x00" not in block
+    if not is_regular:
+        return 0
+    characters = np.frombuffer(block, np.uint8)
+    line_ends = np.flatnonzero(characters == ord("\n"))
+    separators = np.flatnonzero(characters == ord(separator))
+    separators_before = np.searchsorted(separators, line_ends)
+    expected = np.arange(1, len(line_ends) + 1) * (fields - 1)
+    return len(line_ends) if np.array_equal(separators_before, expected) else 0
 
 
 def _row_error(row: tuple[int, int], fields: int, where: str) -> InputError:

@@ -1,4 +1,4 @@
-"""What every reader of a form of file gives: named columns of numbers, piece by piece, on one time grid."""
+"""Result of every reader: named columns of numbers in chunks, on one time grid."""
 
 from __future__ import annotations
 
@@ -14,16 +14,27 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, SampleLocation, warning
 
-PIECE_ROWS = 50_000
-SAME = 1e-3  # of a sample: starts closer than this are one start (time stamps are good to a microsecond)
+PIECE_ROWS = 50_000  # rows of a chunk
+# samples: starts of channels closer than this are equal (time stamps have microseconds)
+SAME_START = 1e-3
+LEVEL_SAMPLES = 100_000  # samples that decide whether a channel has two levels only
 
 
 @dataclass(frozen=True)
 class Columns:
-    """The wanted columns, float64 of shape (N,), NaN where the file has no number; findings say what was done.
+    """Columns of a log, or of a chunk of it.
 
-    ``place`` tells where the samples of the whole file stand in it. ``stamps`` holds the cells (N,) of columns of clock
-    stamps as they are in the file; their ``data`` are seconds since the first stamp.
+    Attributes
+    ----------
+    data
+        Columns (N,) by name, NaN where the file has no number.
+    place
+        Location of the samples of the complete file.
+    findings
+        What was corrected while reading.
+    stamps
+        Cells (N,) of columns with clock stamps as in the file; their ``data`` are seconds since the
+        first stamp.
     """
 
     data: dict[str, Array]
@@ -34,10 +45,21 @@ class Columns:
 
 @dataclass(frozen=True)
 class Table:
-    """What every reader gives: the columns' names as the file has them, what it says about itself, its pieces.
+    """An open log.
 
-    ``pieces(wanted, rows)`` gives the wanted columns by their names in the file, about ``rows`` rows at a time, and may
-    be asked for again. ``units``: by column, from a row of units below the header.
+    Attributes
+    ----------
+    where
+        The file, for messages.
+    names
+        Names of the columns as in the file.
+    metadata
+        Keys and values that the file states about itself.
+    pieces
+        Function of names of columns and a number of rows; yields these columns in chunks of about
+        so many rows. It can be called several times.
+    units
+        Units by column, from a row below the header.
     """
 
     where: str
@@ -47,35 +69,39 @@ class Table:
     units: Mapping[str, str] = field(default_factory=dict, kw_only=True)
 
 
-def in_pieces(whole: Columns, wanted: Sequence[str], rows: int = PIECE_ROWS) -> Iterator[Columns]:
-    """The wanted of columns that are read already, ``rows`` rows at a time; the findings come with the first."""
-    for start in range(0, len(next(iter(whole.data.values()))), rows):
-        part = {name: whole.data[name][start : start + rows] for name in wanted}
-        stamps = {name: cells[start : start + rows] for name, cells in whole.stamps.items()}
-        yield Columns(part, whole.place, () if start else whole.findings, stamps)
+def in_pieces(columns: Columns, wanted: Sequence[str], rows: int = PIECE_ROWS) -> Iterator[Columns]:
+    """Yield columns that are read already in chunks of ``rows`` rows; findings with the first."""
+    count = len(next(iter(columns.data.values())))
+    for start in range(0, count, rows):
+        chunk = slice(start, start + rows)
+        data = {name: columns.data[name][chunk] for name in wanted}
+        stamps = {name: cells[chunk] for name, cells in columns.stamps.items()}
+        findings = columns.findings if start == 0 else ()
+        yield Columns(data, columns.place, findings, stamps)
 
 
 def read_whole(table: Table, wanted: Sequence[str]) -> Columns:
-    """The wanted columns of the whole file: its pieces joined."""
-    parts = list(table.pieces(wanted, PIECE_ROWS))
-    return joined(parts, wanted, parts[0].place if parts else SampleLocation(table.where))
+    """Columns of the complete file."""
+    chunks = list(table.pieces(wanted, PIECE_ROWS))
+    location = chunks[0].place if chunks else SampleLocation(table.where)
+    return joined(chunks, wanted, location)
 
 
 def joined(parts: Sequence[Columns], wanted: Sequence[str], place: SampleLocation) -> Columns:
-    """The wanted columns of all ``parts``, one below the other, with their findings."""
-    data = {
-        name: np.concatenate([np.empty(0), *(part.data[name] for part in parts)]) for name in wanted
-    }
-    clocks = {name for part in parts for name in part.stamps}
-    stamps = {
-        name: np.concatenate([part.stamps[name] for part in parts if name in part.stamps])
-        for name in clocks
-    }
-    return Columns(data, place, tuple(f for part in parts for f in part.findings), stamps)
+    """Columns of all ``parts``, one after another, with their findings."""
+    data = {}
+    for name in wanted:
+        data[name] = np.concatenate([np.empty(0), *(part.data[name] for part in parts)])
+    clock_names = {name for part in parts for name in part.stamps}
+    stamps = {}
+    for name in clock_names:
+        stamps[name] = np.concatenate([part.stamps[name] for part in parts if name in part.stamps])
+    findings = tuple(finding for part in parts for finding in part.findings)
+    return Columns(data, place, findings, stamps)
 
 
 def missing(what: str, name: str, names: Collection[str], where: str) -> InputError:
-    """The error of a column that is not among ``names``."""
+    """Error for a column that is not among ``names``, with the most similar name."""
     near = get_close_matches(name, names, n=1, cutoff=0.6)
     return InputError(
         f"{what} {name!r} is missing",
@@ -87,15 +113,15 @@ def missing(what: str, name: str, names: Collection[str], where: str) -> InputEr
 
 @dataclass(frozen=True)
 class Track:
-    """One channel: values (N,), its start [s] and sample interval [s]; ``dt_s`` None where nobody wrote it."""
+    """One channel: values (N,), start [s] and sampling interval [s], None if it is not known."""
 
     values: Array
     start_s: float = 0.0
     dt_s: float | None = None
 
     @property
-    def same_as(self) -> tuple[int, float, float | None]:
-        """What two tracks must share to be stacked without interpolation (starts to the microsecond)."""
+    def timing(self) -> tuple[int, float, float | None]:
+        """Length, start and interval; channels that share them need no interpolation."""
         return len(self.values), round(self.start_s, 6), self.dt_s
 
     @property
@@ -107,67 +133,93 @@ class Track:
 def align(
     tracks: Mapping[str, Track], where: str
 ) -> tuple[Array | None, dict[str, Array], list[Finding]]:
-    """Time [s] from the common start (None if no track has one), the channels on it, and what was done.
+    """Put channels on one time grid.
 
-    Tracks that agree are stacked as they are. Others are cut to the span that all share and put on the grid of the
-    fastest: straight lines between samples, two-level channels held. A channel without interval takes the track of
-    the others if it has as many samples as they.
+    Returns
+    -------
+    tuple
+        Time [s] from the common start (None if no channel has a time), channels, findings.
 
-    Raises InputError for a channel whose time nobody can know, or when no time is shared.
+    Raises
+    ------
+    InputError
+        For a channel without a known time, or channels whose times do not overlap.
+
+    Notes
+    -----
+    Channels with equal times are returned as they are. Others are cut to their common span and put
+    on the grid of the fastest: linear interpolation, but zero-order hold for two-level channels. A
+    channel without interval gets the times of a channel with the same number of samples.
     """
-    found: list[Finding] = []
-    timed = {name: t for name, t in tracks.items() if t.dt_s}
+    timed = {name: track for name, track in tracks.items() if track.dt_s}
     if not timed:
-        lengths = {len(t.values) for t in tracks.values()}
+        lengths = {len(track.values) for track in tracks.values()}
         if len(lengths) > 1:
             raise InputError(
                 f"channels have {min(lengths)} to {max(lengths)} samples and no time track",
                 where=where,
                 expected="one length, or wf_increment on each channel",
             )
-        return None, {name: t.values for name, t in tracks.items()}, found
-    full = dict(tracks)
-    for name, track in tracks.items():
-        if not track.dt_s:
-            twin = next((n for n, t in timed.items() if len(t.values) == len(track.values)), None)
-            if twin is None:
-                raise InputError(
-                    f"channel {name} has no time track (no wf_increment)",
-                    where=where,
-                    expected=f"as many samples as another channel; it has {len(track.values)}",
-                )
-            full[name] = Track(track.values, timed[twin].start_s, timed[twin].dt_s)
-            found.append(warning("tracks.assumed", subject=name, of=twin))
-    if len({t.same_as for t in full.values()}) == 1:
+        return None, {name: track.values for name, track in tracks.items()}, []
+    full, findings = _with_assumed_times(tracks, timed, where)
+    if len({track.timing for track in full.values()}) == 1:
         track = next(iter(full.values()))
-        time = np.asarray(np.arange(len(track.values)) * float(track.dt_s or 1.0), dtype=np.float64)
-        return time, {name: t.values for name, t in full.items()}, found
-    time, data = _onto_grid(full, where)
-    late = max(full, key=lambda n: full[n].start_s)
-    spread = full[late].start_s - min(t.start_s for t in full.values())
-    rates = sorted({round(1 / t.dt_s, 6) for t in full.values() if t.dt_s})
-    found.append(warning("tracks.aligned", subject=late, spread_s=spread, rates_Hz=rates))
-    return time, data, found
+        time_s = np.asarray(np.arange(len(track.values)) * float(track.dt_s or 1.0))
+        return time_s, {name: track.values for name, track in full.items()}, findings
+    time_s, data = _interpolate(full, where)
+    last = max(full, key=lambda name: full[name].start_s)
+    spread_s = full[last].start_s - min(track.start_s for track in full.values())
+    rates_Hz = sorted({round(1 / track.dt_s, 6) for track in full.values() if track.dt_s})
+    findings.append(warning("tracks.aligned", subject=last, spread_s=spread_s, rates_Hz=rates_Hz))
+    return time_s, data, findings
 
 
-def _onto_grid(tracks: Mapping[str, Track], where: str) -> tuple[Array, dict[str, Array]]:
-    begin = max(t.start_s for t in tracks.values())
-    end = min(t.end_s for t in tracks.values())
-    grid = min(tracks.values(), key=lambda t: t.dt_s or np.inf)
-    step = float(grid.dt_s or 1.0)
-    first = int(np.ceil((begin - grid.start_s) / step - SAME))
-    last = int(np.floor((end - grid.start_s) / step + SAME))
+def _with_assumed_times(
+    tracks: Mapping[str, Track], timed: Mapping[str, Track], where: str
+) -> tuple[dict[str, Track], list[Finding]]:
+    """The channels, those without interval with the times of one of equal length; findings."""
+    full = dict(tracks)
+    findings = []
+    for name, track in tracks.items():
+        if track.dt_s:
+            continue
+        count = len(track.values)
+        equal = [other for other, timed_track in timed.items() if len(timed_track.values) == count]
+        if not equal:
+            raise InputError(
+                f"channel {name} has no time track (no wf_increment)",
+                where=where,
+                expected=f"as many samples as another channel; it has {count}",
+            )
+        other = equal[0]
+        full[name] = Track(track.values, timed[other].start_s, timed[other].dt_s)
+        findings.append(warning("tracks.assumed", subject=name, of=other))
+    return full, findings
+
+
+def _interpolate(tracks: Mapping[str, Track], where: str) -> tuple[Array, dict[str, Array]]:
+    """Time [s] and channels on the grid of the fastest channel, within the common span."""
+    begin_s = max(track.start_s for track in tracks.values())
+    end_s = min(track.end_s for track in tracks.values())
+    fastest = min(tracks.values(), key=lambda track: track.dt_s or np.inf)
+    step_s = float(fastest.dt_s or 1.0)
+    first = int(np.ceil((begin_s - fastest.start_s) / step_s - SAME_START))
+    last = int(np.floor((end_s - fastest.start_s) / step_s + SAME_START))
     if last <= first:
         raise InputError(
             "the channels share no time", where=where, expected="overlapping time tracks"
         )
-    at = grid.start_s + np.arange(first, last + 1) * step
+    time_s = fastest.start_s + np.arange(first, last + 1) * step_s
     data: dict[str, Array] = {}
     for name, track in tracks.items():
-        place = np.clip((at - track.start_s) / float(track.dt_s or 1.0), 0, len(track.values) - 1)
-        nearest = np.rint(place)
-        v = track.values
-        place = np.where(np.abs(place - nearest) < SAME, nearest, place)
-        held = len(np.unique(v[np.isfinite(v)][:100_000])) <= 2
-        data[name] = v[place.astype(int)] if held else np.interp(place, np.arange(len(v)), v)
-    return at - at[0], data
+        values = track.values
+        position = (time_s - track.start_s) / float(track.dt_s or 1.0)
+        position = np.clip(position, 0, len(values) - 1)
+        nearest = np.rint(position)
+        position = np.where(np.abs(position - nearest) < SAME_START, nearest, position)
+        levels = np.unique(values[np.isfinite(values)][:LEVEL_SAMPLES])
+        if len(levels) <= 2:
+            data[name] = values[position.astype(int)]
+        else:
+            data[name] = np.interp(position, np.arange(len(values)), values)
+    return time_s - time_s[0], data

@@ -313,7 +313,7 @@ def test_a_log_of_a_gigabyte_is_read_in_bounded_memory(tmp_path):
 @pytest.mark.parametrize("size", [16, 4096, 1 << 20])
 def test_rows_are_counted_alike_in_blocks_of_any_size(size, tmp_path, monkeypatch):
     """A bad row is named by its line wherever a block ends; blank lines count as lines, not as rows."""
-    monkeypatch.setattr(files, "COUNTED_BYTES", size)
+    monkeypatch.setattr(files, "COUNT_BYTES", size)
     lines = csv_text(ehl_frame(3000)).splitlines()
     sound = read_log(
         write(tmp_path, "x.csv", "\n".join([*lines[:900], "", *lines[900:]]) + "\n"), "ehl"

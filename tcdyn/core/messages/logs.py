@@ -17,7 +17,7 @@ def _no_number(place: str, text: str, count: int, **_: Any) -> str:
 def _aligned(subject: str, spread_s: float, rates_Hz: tuple[float, ...], **_: Any) -> str:
     rates = ", ".join(f"{rate:g}" for rate in rates_Hz)
     return (
-        f"channels start up to {spread_s:.6g} s apart ({subject} last), with rates of {rates} Hz; "
+        f"channels start up to {spread_s:.6g} s apart ({subject} last), rates {rates} Hz; "
         "all are interpolated linearly at the samples of the fastest channel"
     )
 
