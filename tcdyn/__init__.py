@@ -1,6 +1,9 @@
-"""Thermocouple dynamics and heat partition: calibrate disks, compensate logged traces, estimate beta.
+"""Thermocouple dynamics and heat partition.
 
-The names below read as the workflow; each is imported when it is first used, so that ``import tcdyn`` is quick.
+Calibrate disks, compensate logged traces, estimate the heat partition beta.
+
+The public names are imported at their first use (module ``__getattr__``, PEP 562), so that the
+command line does not load libraries that it does not need.
 
 >>> import tcdyn
 >>> round(tcdyn.Chain([0.6, 0.1], conditioning=tcdyn.Conditioning(cutoff_Hz=4.0, poles=2)).lag_s, 3)
@@ -81,23 +84,26 @@ _MODULES = {  # public name: where it is defined
 _SUBPACKAGES = (
     "campaign",
     "chain",
-    "compensate",
-    "conduction",
-    "contact",
+    "core",
     "design",
+    "estimation",
+    "heat",
     "identify",
+    "io",
     "partition",
-    "pipeline",
     "plots",
-    "plunge",
-    "sensor",
+    "report",
+    "rig",
+    "sensors",
     "simulate",
+    "smoothing",
     "verify",
+    "workflows",
 )
 
 
 def __getattr__(name: str) -> Any:
-    """Import a public name, or a subpackage, when it is first used."""
+    """Import a public name, or a subpackage, at its first use."""
     if name in _SUBPACKAGES:
         return import_module(f"tcdyn.{name}")
     if name in _MODULES:
@@ -106,18 +112,19 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """Public names and subpackages, imported already or not."""
+    """Public names and subpackages, whether imported or not."""
     return sorted([*__all__, *_SUBPACKAGES])
 
 
-def _card(result: Any) -> Any:
-    """A result as a notebook shows it, with its picture."""
+def _result_html(result: Any) -> Any:
+    """A result as HTML for a notebook, with its figure."""
     return import_module("tcdyn.report.page").card_html(result)
 
 
+# register the HTML of results where IPython runs
 _get_shell = getattr(sys.modules.get("IPython"), "get_ipython", None)
 _shell = None if _get_shell is None else _get_shell()
 if _shell is not None:
     _shell.display_formatter.formatters["text/html"].for_type_by_name(
-        "tcdyn.core.result", "Result", _card
+        "tcdyn.core.result", "Result", _result_html
     )

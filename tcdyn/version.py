@@ -1,3 +1,3 @@
-"""The version, at the bottom of the house, so that nothing has to look up to it."""
+"""Version of the package."""
 
 __version__ = "0.2.0"

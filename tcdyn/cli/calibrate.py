@@ -124,7 +124,8 @@ def hole(
         typer.Option(help="name of a clamped channel, without _degC (default: all named ideal_*)"),
     ] = None,
     limit_s: Annotated[
-        float, number_option("--limit-s", "extra lag in seconds above which a hole is too slow", 0, 100)
+        float,
+        number_option("--limit-s", "extra lag in seconds above which a hole is too slow", 0, 100),
     ] = 0.20,
     depth_mm: Annotated[
         float, number_option("--depth-mm", "depth of all junctions in mm", 0, 100, ends=False)

@@ -1,4 +1,4 @@
-"""Errors, findings, messages, estimates with their uncertainty, parallel work; and the array types of all packages."""
+"""Errors, findings, messages, estimates, parallel map; and the array types of all packages."""
 
 import numpy as np
 from numpy.typing import NDArray

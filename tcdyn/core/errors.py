@@ -1,4 +1,4 @@
-"""The one error that people see: what is wrong, where, what was expected, what to do."""
+"""Error for unusable input: what is wrong, where, what was expected, what to do."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def printable(text: str) -> str:
-    """The text on one line, signs that steer a terminal spelt out.
+    """The text on one line, with control characters escaped.
 
     >>> printable("a\\nb.csv")
     'a\\\\nb.csv'
@@ -21,21 +21,33 @@ def printable(text: str) -> str:
 
 
 class InputError(ValueError):
-    """Input that cannot be used. The message names what is wrong, the place and the remedy in one sentence.
+    """Input that cannot be used.
 
     Parameters
     ----------
-    what, where, expected, remedy : str
-        The parts of the message. ``{name}`` in ``what``, ``expected`` and ``remedy`` stands for a parameter.
+    what : str
+        What is wrong.
+    where : str
+        Location, for example the name of a file.
+    expected : str
+        What was expected.
+    remedy : str
+        What to do.
     parameters : mapping of str to str, bool or None
-        The parameters that the message names, each with the value to give, or None for the name alone.
+        Parameters that the message names as ``{name}``, each with the value to give, or None for
+        the name alone.
     column : str
-        The one column that the error is about, where the rest could go on without it.
+        The column that the error is about, if the others can be used without it.
 
     Examples
     --------
-    >>> problem = InputError("no time column found", where="D4.csv", expected="one of 't', 'u'",
-    ...                      remedy="name it, {time}", parameters={"time": "COLUMN"})
+    >>> problem = InputError(
+    ...     "no time column found",
+    ...     where="D4.csv",
+    ...     expected="one of 't', 'u'",
+    ...     remedy="name it, {time}",
+    ...     parameters={"time": "COLUMN"},
+    ... )
     >>> str(problem)
     "D4.csv: no time column found; expected one of 't', 'u'; name it, time=COLUMN"
     >>> problem.message(lambda name, value: f"--{name} {value}")
@@ -61,7 +73,7 @@ class InputError(ValueError):
         super().__init__(self.message())
 
     def message(self, spelling: Spelling = as_argument) -> str:
-        """The whole sentence, its parameters in the given spelling."""
+        """The message, with its parameters in the given spelling."""
         parts = [self.what]
         if self.expected:
             parts.append(f"expected {self.expected}")
@@ -73,7 +85,7 @@ class InputError(ValueError):
         return f"{self.where}: {text}" if self.where else text
 
     def at(self, where: str) -> InputError:
-        """The same, at a place that was not known where it was raised."""
+        """A copy with a location, unless the error has one."""
         return InputError(
             self.what,
             where=self.where or where,
@@ -85,15 +97,26 @@ class InputError(ValueError):
 
 
 def first_wrong(problem: ValidationError, table: str = "common") -> str:
-    """The first thing that is wrong in a file of known keys, its key in front, behind that of its ``table``."""
+    """Message for the first error of a validation, with the key in front.
+
+    Parameters
+    ----------
+    problem
+        Error of pydantic.
+    table
+        Table of the file that the key belongs to.
+    """
     first = problem.errors()[0]
-    place = ".".join([*([] if table == "common" else [table]), *map(str, first["loc"])])
+    keys = [str(key) for key in first["loc"]]
+    if table != "common":
+        keys.insert(0, table)
     if first["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
-        said = "there is no such key"
-    elif first["type"] == "value_error":  # a sentence of the tables themselves, value and all
-        said = str(first["ctx"]["error"])
+        text = "there is no such key"
+    elif first["type"] == "value_error":  # a message of the model itself, with the value
+        text = str(first["ctx"]["error"])
+    elif first["type"] == "missing":
+        text = first["msg"]
     else:
-        said = first["msg"] + (
-            "" if first["type"] == "missing" else f" (got {first['input']!r:.60})"
-        )
-    return f"{place}: {said}" if place else said
+        text = f"{first['msg']} (got {first['input']!r:.60})"
+    location = ".".join(keys)
+    return f"{location}: {text}" if location else text

@@ -1,4 +1,4 @@
-"""A function over many independent jobs, in worker processes of this machine or on a Dask scheduler."""
+"""Parallel map over independent jobs, in worker processes or on a Dask scheduler."""
 
 from __future__ import annotations
 
@@ -10,20 +10,21 @@ from tcdyn.core.threads import one_blas_thread
 
 Job = TypeVar("Job")
 Value = TypeVar("Value")
-CONNECT_S = 10.0  # wait for the Dask scheduler: a reachable one answers in well under a second
+# time limit for the connection to the Dask scheduler, which takes well below a second
+CONNECT_S = 10.0
 
 
 def parallel_map(
     function: Callable[[Job], Value], jobs: Sequence[Job], workers: int = 1, dask: str | None = None
 ) -> Iterator[tuple[int, Value | Exception]]:
-    """Yield the position and the result of each job, in the order in which the results are ready.
+    """Yield the index and the result of each job, in the order in which the results are ready.
 
     Parameters
     ----------
     function : callable
-        Function of one job. With worker processes or Dask, it must be picklable (by cloudpickle), as must jobs and
-        results. It should return its failures: an exception in a Dask worker is yielded as the result of its job, any
-        other is raised here and ends the iteration.
+        Function of one job. With worker processes or Dask, cloudpickle must be able to pickle it,
+        the jobs and the results. It should return its failures: an exception in a Dask worker is
+        yielded as the result of its job, any other is raised here and ends the iteration.
     jobs : sequence
         Arguments of ``function``, one for each call.
     workers : int
@@ -39,15 +40,15 @@ def parallel_map(
     Raises
     ------
     InputError
-        If ``workers`` is below 1, a worker process was killed, dask.distributed is not installed, or no Dask scheduler
-        answers at the address.
+        If ``workers`` is below 1, a worker process was killed, dask.distributed is not installed,
+        or no Dask scheduler answers at the address.
 
     Notes
     -----
     BLAS libraries use one thread in each worker.
 
-    Dask is used through its own client. joblib's Dask backend does not report a killed worker: the iteration over its
-    results does not end (joblib 1.6 with dask 2026.8).
+    Dask is used through its client. joblib's Dask backend does not report a killed worker: the
+    iteration over its results does not end (joblib 1.6 with dask 2026.8).
 
     Examples
     --------
@@ -59,34 +60,34 @@ def parallel_map(
     if workers < 1:
         raise InputError(f"{workers} workers", expected="at least 1")
     if workers == 1 or len(jobs) < 2:
-        return ((position, function(job)) for position, job in enumerate(jobs))
+        return ((index, function(job)) for index, job in enumerate(jobs))
     return _in_processes(function, jobs, min(workers, len(jobs)))
 
 
 def _in_processes(
     function: Callable[[Job], Value], jobs: Sequence[Job], workers: int
 ) -> Iterator[tuple[int, Value | Exception]]:
-    """Yield position and result of each job from joblib's worker processes."""
+    """Yield index and result of each job from joblib's worker processes."""
     from joblib import Parallel, delayed
     from joblib.externals.loky.process_executor import TerminatedWorkerError
 
-    def run(position: int, job: Job) -> tuple[int, Value]:
-        return position, _on_one_blas_thread(function, job)
+    def run(index: int, job: Job) -> tuple[int, Value]:
+        return index, _on_one_blas_thread(function, job)
 
     pool = Parallel(n_jobs=workers, batch_size=1, return_as="generator_unordered")
     try:
-        yield from pool(delayed(run)(position, job) for position, job in enumerate(jobs))
+        yield from pool(delayed(run)(index, job) for index, job in enumerate(jobs))
     except TerminatedWorkerError:
         raise InputError(
-            "a worker process was killed, perhaps for want of memory",
-            remedy="run the same command with fewer workers; what is finished is kept",
+            "a worker process was killed, perhaps because memory was full",
+            remedy="run the same command with fewer workers; finished results are stored",
         ) from None
 
 
 def _on_dask(
     function: Callable[[Job], Value], jobs: Sequence[Job], address: str
 ) -> Iterator[tuple[int, Value | Exception]]:
-    """Yield position and result of each job from the workers of the Dask scheduler at ``address``."""
+    """Yield index and result of each job from the workers of the Dask scheduler at ``address``."""
     try:
         from dask.distributed import Client, as_completed
     except ImportError:
@@ -105,16 +106,16 @@ def _on_dask(
             parameters={"workers": "2"},
         ) from None
     with client:
-        positions = {}
-        for position, job in enumerate(jobs):
+        indices = {}
+        for index, job in enumerate(jobs):
             future = client.submit(_on_one_blas_thread, function, job, pure=False)
-            positions[future] = position
-        for future in as_completed(positions, loop=client.loop):
+            indices[future] = index
+        for future in as_completed(indices, loop=client.loop):
             try:
                 result = future.result()
             except Exception as problem:
                 result = problem
-            yield positions[future], result
+            yield indices[future], result
 
 
 def _on_one_blas_thread(function: Callable[[Job], Value], job: Job) -> Value:

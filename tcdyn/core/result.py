@@ -1,4 +1,4 @@
-"""What every result can do besides holding its numbers: say them, give them to other programs, show in a notebook."""
+"""Base class of results: summary, dictionary, table for notebooks; and conversion to JSON."""
 
 from __future__ import annotations
 
@@ -18,11 +18,14 @@ from pydantic import BaseModel
 
 from tcdyn.core.findings import Finding, messages
 
-MOST_ROWS = 30  # of a table in a notebook; the rest stays in the result
+MOST_ROWS = 30  # of a table in a notebook; chosen by judgement
 
 
 class Result(ABC):
-    """Base of results: a class gives :meth:`summary`, and :meth:`to_dict` and :meth:`card` where it has more to say.
+    """Base class of results.
+
+    A subclass implements :meth:`summary`, and :meth:`to_dict` and :meth:`card` if the defaults do
+    not suffice.
 
     >>> @dataclasses.dataclass(frozen=True)
     ... class Lag(Result):
@@ -37,43 +40,55 @@ class Result(ABC):
 
     @abstractmethod
     def summary(self) -> str:
-        """The result in a few lines of words, units included."""
+        """The result as a few lines of text, with units."""
 
     @property
     def warnings(self) -> Sequence[str]:
-        """What was noticed (``findings``) in words, each once; nothing where a result keeps none."""
+        """Messages of the findings, each once; empty if the result has no findings."""
         return messages(getattr(self, "findings", ()))
 
     def to_dict(self) -> dict[str, Any]:
-        """The result as plain numbers, texts, lists and dicts, ready for ``json.dumps``; keys carry units."""
+        """The result as numbers, texts, lists and dicts for ``json.dumps``; keys state units."""
         plain = jsonable(self)
         assert isinstance(plain, dict)
         return plain
 
     def card(self) -> pd.DataFrame | None:
-        """The table that a notebook shows under the words; None where the words are enough."""
+        """Table that a notebook shows below the summary; None if the summary suffices."""
         return None
 
     def _repr_html_(self) -> str:
-        """The words and the table, for notebooks."""
+        """Summary and table as HTML, for notebooks."""
         table = self.card()
-        shown = "" if table is None else table.to_html(index=False, max_rows=MOST_ROWS, border=0)
+        table_html = ""
+        if table is not None:
+            table_html = table.to_html(index=False, max_rows=MOST_ROWS, border=0)
         name = html.escape(type(self).__name__)
-        return f'<div class="tcdyn-result"><b>{name}</b><pre>{html.escape(self.summary())}</pre>{shown}</div>'
+        summary = html.escape(self.summary())
+        return f'<div class="tcdyn-result"><b>{name}</b><pre>{summary}</pre>{table_html}</div>'
 
 
 def json_text(value: Any) -> str:
-    """``value`` as the text of a JSON file: what is not a number is null."""
+    """``value`` as the text of a JSON file; NaN and infinity are null."""
     return json.dumps(jsonable(value), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def jsonable(value: Any) -> Any:
-    """``value`` as JSON can hold it: arrays as lists, tables as rows, paths as text; NaN and infinity become None.
+    """Convert to what JSON can hold.
 
-    Raises TypeError for what has no such form.
+    Arrays become lists, tables lists of rows, paths text; NaN and infinity become None.
 
-    >>> jsonable({"u": np.array([0.1, np.nan]), "table": pd.DataFrame({"a": [1]}), "n": np.int64(2)})
-    {'u': [0.1, None], 'table': [{'a': 1}], 'n': 2}
+    Raises
+    ------
+    TypeError
+        For a type that has no form in JSON.
+
+    Examples
+    --------
+    >>> jsonable({"u": np.array([0.1, np.nan]), "n": np.int64(2)})
+    {'u': [0.1, None], 'n': 2}
+    >>> jsonable(pd.DataFrame({"a": [1]}))
+    [{'a': 1}]
     """
     if value is None or isinstance(value, bool | int | str):
         return value

@@ -1,4 +1,4 @@
-"""Linear algebra on one thread for the length of a call."""
+"""Limit the BLAS libraries to one thread during a call."""
 
 from __future__ import annotations
 
@@ -14,26 +14,29 @@ from threadpoolctl import ThreadpoolController
 
 
 class _OneBlasThread(ContextDecorator):
-    """Context manager and decorator: BLAS libraries use one thread within, and their own setting again afterwards.
+    """Context manager and decorator: BLAS libraries use one thread inside.
 
     Notes
     -----
-    The matrices of this package are small: handing them out to threads costs 5 to 20 times what it saves.
+    The matrices of this package are small: distributing them over threads costs 5 to 20 times what
+    it saves.
 
-    The limit is that of the BLAS libraries, so it holds for the whole process: linear algebra of the caller's other
-    threads also runs on one thread meanwhile. Calls may be nested and may overlap in several threads; the first one
-    sets the limit, the last one restores what was before, also on an exception. Where another thread of the caller
-    holds a limit of its own by ``threadpoolctl``, that one stays.
+    The limit is that of the BLAS libraries, so it applies to the whole process: linear algebra in
+    other threads of the caller also runs on one thread meanwhile. Calls may be nested and may
+    overlap in several threads; the first one sets the limit, the last one restores the previous
+    setting, also on an exception. A limit that another thread of the caller set by
+    ``threadpoolctl`` remains.
 
-    Measured: 40 us for a call, 1.5 us for a nested one, 1 ms for a call after modules were imported.
+    Measured: 40 us for a call, 1.5 us for a nested one, 1 ms for a call after modules were
+    imported.
     """
 
     def __init__(self) -> None:
-        self._lock = threading.RLock()  # a signal handler may call the package, too
+        self._lock = threading.RLock()  # a signal handler may also call the package
         self._calls = 0
         self._limit: Any = None
         self._controller: ThreadpoolController | None = None
-        self._modules = 0
+        self._module_count = 0
         if hasattr(os, "register_at_fork"):
             os.register_at_fork(after_in_child=self._unlock)
 
@@ -41,7 +44,7 @@ class _OneBlasThread(ContextDecorator):
         with self._lock:
             if self._calls == 0:
                 self._limit = self._libraries().limit(limits=1, user_api="blas")
-                self._release()
+                self._allow_all_threads()
             self._calls += 1
 
     def __exit__(
@@ -55,28 +58,31 @@ class _OneBlasThread(ContextDecorator):
             if self._calls == 0:
                 self._limit.restore_original_limits()
                 self._limit = None
-                self._release()
+                self._allow_all_threads()
 
     def _libraries(self) -> ThreadpoolController:
-        """The BLAS libraries that are loaded; searched again only where a module was imported since the last search."""
-        import_module(
-            "scipy.linalg"
-        )  # SciPy has a BLAS of its own, which is loaded with this module
-        if self._controller is None or len(sys.modules) != self._modules:
+        """The BLAS libraries in memory; searched again only if modules were imported meanwhile."""
+        import_module("scipy.linalg")  # loads SciPy's own BLAS
+        if self._controller is None or len(sys.modules) != self._module_count:
             self._controller = ThreadpoolController()
-            self._modules = len(sys.modules)
+            self._module_count = len(sys.modules)
         return self._controller
 
-    def _release(self) -> None:
-        """Let any thread change the limit: newer threadpoolctl reserves this to the thread that set it, where the last
-        call to end may be another thread's."""
-        for library in self._controller.lib_controllers if self._controller else ():
+    def _allow_all_threads(self) -> None:
+        """Let any thread change the limit.
+
+        Newer versions of threadpoolctl allow this only to the thread that set it, but the last call
+        to end may be in another thread.
+        """
+        if self._controller is None:
+            return
+        for library in self._controller.lib_controllers:
             release = getattr(library, "clear_controlling_thread", None)
             if release is not None:
                 release()
 
     def _unlock(self) -> None:
-        """In a forked child: another thread of the parent may have held the lock, and does not exist here."""
+        """In a forked child: a thread of the parent that held the lock does not exist here."""
         self._lock = threading.RLock()
 
 

@@ -1,1 +1,1 @@
-"""Files of loggers: readers of text, LVM, TDMS and Parquet, columns of time, and files written atomically."""
+"""Reading logs (text, LVM, TDMS, Parquet), time columns, and writing files atomically."""

@@ -67,8 +67,8 @@ def _tdms_chunks(
 ) -> Iterator[Columns]:
     """Yield the wanted channels in chunks.
 
-    Memory is bounded if they share one start, rate and length. Channels that differ are read at once
-    and put on one time grid; see ``align``.
+    Memory is bounded if they share one start, rate and length. Channels that differ are read at
+    once and put on one time grid; see ``align``.
     """
     add_time = make_time and "time_s" in wanted
     with _open_tdms(path, where) as file:

@@ -1,4 +1,4 @@
-"""Dialect of a text log (encoding, separator, decimal mark, header), and the meaning of its cells."""
+"""Dialect of a text log (encoding, separator, decimal mark, header); meaning of its cells."""
 
 from __future__ import annotations
 
@@ -349,7 +349,7 @@ def _rows_and_data(
 
 
 def _score(data: list[list[str]], fields: int, decimal: str) -> float:
-    """Share of rows without an unreadable cell; more columns and a decimal mark in use add a little."""
+    """Share of rows without an unreadable cell; columns and a decimal mark in use add a little."""
     exact = 0
     for cells in data:
         exact += len(cells) == fields and all(_is_cell(cell, decimal) for cell in cells)
@@ -423,7 +423,7 @@ class TextColumn:
         self.stamps = Stamps(name, place.where)
 
     def numbers(self, texts: list[str], at: int) -> Array:
-        """Numbers (N,) from the cells of one chunk, whose first has the index ``at`` in the file."""
+        """Numbers (N,) from the cells of a chunk, whose first has the index ``at`` in the file."""
         if self.clock is None:
             filled = [text for text in texts if text.lower() not in ABSENT]
             if filled:

@@ -1,4 +1,4 @@
-"""A text table that is still growing: its whole new lines as rows of numbers, from wherever reading was stopped."""
+"""A text table that is still growing: its new complete lines as rows of numbers."""
 
 from __future__ import annotations
 
@@ -14,19 +14,36 @@ import numpy as np
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.io.csv_dialect import ABSENT, FLAGS, split
+from tcdyn.io.csv_dialect import FLAGS, split
 from tcdyn.io.read import CsvTable, open_table, shown
 
-MOST_BYTES = 1 << 19  # read at once: half a megabyte, a few thousand rows
-TAIL_BYTES = 256  # before the place of reading: compared at each reading, a few rows
+READ_BYTES = 1 << 19  # read at once: half a megabyte, a few thousand rows
+HASH_BYTES = 1 << 20  # hashed at once
+TAIL_BYTES = 256  # last bytes read, compared again at each reading: a few rows
 
 
 @dataclass
 class GrowingTable:
-    """A table whose header is known, and how far it has been read: whole lines up to ``offset`` bytes.
+    """A growing table and how far it has been read, in complete lines.
 
-    ``first_byte``: where the rows begin; ``hash`` of what was read; ``rows`` and ``bad`` lines counted. ``header``: the
-    bytes before the rows; ``tail``: the last bytes that were read; ``file``: device and inode of the file.
+    Attributes
+    ----------
+    path, table
+        The file, and the table with its header.
+    first_byte
+        Position of the first row.
+    offset
+        Number of bytes read.
+    rows, bad
+        Number of rows read, and of lines with another number of fields.
+    hash
+        SHA-256 of the bytes read.
+    header
+        The bytes above the first row.
+    tail
+        The last bytes read.
+    file
+        Device and inode of the file.
     """
 
     path: Path
@@ -41,54 +58,69 @@ class GrowingTable:
     file: tuple[int, int] = (0, 0)
 
     def seek(self, offset: int) -> None:
-        """Go to ``offset`` bytes, taking what lies before it into the hash. InputError for a file that is shorter."""
+        """Continue at ``offset`` bytes, hashing those before; InputError if the file is shorter."""
         with open(self.path, "rb") as stream:
             self.file = _identity(stream)
-            whole, self.hash, self.tail = _read_to(stream, offset)
-        if not whole:
+            is_long_enough, self.hash, self.tail = _read_to(stream, offset)
+        if not is_long_enough:
             raise InputError(
                 "the log is shorter than the state file remembers", where=shown(self.path)
             )
         self.offset = offset
 
     def first_numbers(self, place: int, most: int = 100) -> Array:
-        """The field at ``place`` of the first rows, at most ``most`` of them, NaN for what is no number."""
+        """Numbers of the column with index ``place`` in the first rows, NaN where there is none.
+
+        At most ``most`` rows are read.
+        """
         dialect = self.table.dialect
         with open(self.path, "rb") as stream:
             stream.seek(self.first_byte)
-            lines = [
-                line.decode("latin-1") for line in islice(stream, most) if line.endswith(b"\n")
-            ]
-        rows = [split(line, dialect.separator) for line in lines]
-        return np.array(
-            [_number(row[place], dialect.decimal) for row in rows if len(row) == len(dialect.names)]
-        )
+            lines = [line for line in islice(stream, most) if line.endswith(b"\n")]
+        rows = [split(line.decode("latin-1"), dialect.separator) for line in lines]
+        complete = [row for row in rows if len(row) == len(dialect.names)]
+        return np.array([_number(row[place], dialect.decimal) for row in complete])
 
     def new_rows(self, places: Sequence[int]) -> list[list[float]] | None:
-        """The fields at ``places`` of the lines that are new, NaN for what is no number; None without a whole line.
+        """Read the new lines.
 
-        Lines of another number of fields are counted as bad. Raises InputError for a file that became shorter, was
-        replaced by another one, or was written anew.
+        Parameters
+        ----------
+        places
+            Indices of the columns.
+
+        Returns
+        -------
+        list of rows or None
+            Numbers of these columns, NaN where there is none; None if there is no complete line.
+            Lines with another number of fields are counted in ``bad``.
+
+        Raises
+        ------
+        InputError
+            If the file became shorter, was replaced by another one, or was rewritten.
         """
         new = self._new_bytes()
-        whole = new[: new.rfind(b"\n") + 1]
-        if not whole:
+        complete = new[: new.rfind(b"\n") + 1]
+        if not complete:
             return None
-        self.offset += len(whole)
-        self.hash.update(whole)
-        self.tail = (self.tail + whole)[-TAIL_BYTES:]
+        self.offset += len(complete)
+        self.hash.update(complete)
+        self.tail = (self.tail + complete)[-TAIL_BYTES:]
         dialect = self.table.dialect
-        texts = [line.removesuffix(b"\r").decode("latin-1") for line in whole.split(b"\n")]
-        lines = [split(line, dialect.separator) for line in texts if line.strip()]
-        good = [parts for parts in lines if len(parts) == len(dialect.names)]
-        self.rows, self.bad = self.rows + len(good), self.bad + len(lines) - len(good)
-        return [[_number(parts[at], dialect.decimal) for at in places] for parts in good]
+        lines = [line.removesuffix(b"\r").decode("latin-1") for line in complete.split(b"\n")]
+        rows = [split(line, dialect.separator) for line in lines if line.strip()]
+        good = [row for row in rows if len(row) == len(dialect.names)]
+        self.rows += len(good)
+        self.bad += len(rows) - len(good)
+        return [[_number(row[k], dialect.decimal) for k in places] for row in good]
 
     def _new_bytes(self) -> bytes:
-        """What stands behind ``offset``, once it is certain that what stands before it is what was read.
+        """Bytes after ``offset``, after a check that the bytes before it are those that were read.
 
-        A cheap check each time: size, header, the last bytes. Where the path leads to another file, the whole of it: a
-        copy of the log that replaced it, as programs that synchronise folders make it, is accepted.
+        The check reads the size, the header and the last bytes. If the path leads to another file,
+        all of it is compared: a copy that replaced the log, as programs that synchronise folders
+        make it, is accepted.
         """
         try:
             with open(self.path, "rb") as stream:
@@ -99,7 +131,8 @@ class GrowingTable:
                         f"it became shorter ({size} bytes, {self.offset} were read)"
                     )
                 if file != self.file:
-                    if _read_to(stream, self.offset)[1].digest() != self.hash.digest():
+                    _, content_hash, _ = _read_to(stream, self.offset)
+                    if content_hash.digest() != self.hash.digest():
                         raise self._not_the_log("another file with other rows is in its place")
                     self.file = file
                 stream.seek(0)
@@ -108,7 +141,7 @@ class GrowingTable:
                 stream.seek(self.offset - len(self.tail))
                 if stream.read(len(self.tail)) != self.tail:
                     raise self._not_the_log("rows that were read already were changed")
-                return stream.read(MOST_BYTES)
+                return stream.read(READ_BYTES)
         except FileNotFoundError:
             raise self._not_the_log("there is no such file any more") from None
 
@@ -122,9 +155,25 @@ class GrowingTable:
 
 
 def open_growing(path: Path, known: Sequence[str]) -> GrowingTable | None:
-    """The table once its header and two whole rows stand in it (a half-written one would mislead); None before.
+    """Open a log that may still be empty.
 
-    ``known``: column names that tell a header. Raises InputError for another format than text.
+    Parameters
+    ----------
+    path
+        The log.
+    known
+        Column names that the header may contain.
+
+    Returns
+    -------
+    GrowingTable or None
+        None until the file has its header and two complete rows; an incomplete row could be
+        misread.
+
+    Raises
+    ------
+    InputError
+        If the format is not text.
     """
     if not path.exists() or path.stat().st_size == 0:
         return None
@@ -135,9 +184,9 @@ def open_growing(path: Path, known: Sequence[str]) -> GrowingTable | None:
         )
     with open(path, "rb") as stream:
         head = [stream.readline() for _ in range(table.dialect.skip)]
-        below = [stream.readline(), stream.readline()]
+        first_rows = [stream.readline(), stream.readline()]
         file = _identity(stream)
-    if not all(line.endswith(b"\n") for line in below):
+    if not all(line.endswith(b"\n") for line in first_rows):
         return None
     header = b"".join(head)
     return GrowingTable(path, table, len(header), header=header, file=file)
@@ -150,24 +199,23 @@ def _identity(stream: BinaryIO) -> tuple[int, int]:
 
 
 def _read_to(stream: BinaryIO, offset: int) -> tuple[bool, Any, bytes]:
-    """Whether the file has ``offset`` bytes, SHA-256 of them, and the last of them."""
-    found = hashlib.sha256()
+    """Whether the file has ``offset`` bytes; their SHA-256; the last of them."""
+    content_hash = hashlib.sha256()
     tail = b""
-    left = offset
+    remaining = offset
     stream.seek(0)
-    while left > 0:
-        part = stream.read(min(left, 1 << 20))
-        if not part:
+    while remaining > 0:
+        block = stream.read(min(remaining, HASH_BYTES))
+        if not block:
             break
-        found.update(part)
-        tail = (tail + part)[-TAIL_BYTES:]
-        left -= len(part)
-    return left <= 0, found, tail
+        content_hash.update(block)
+        tail = (tail + block)[-TAIL_BYTES:]
+        remaining -= len(block)
+    return remaining <= 0, content_hash, tail
 
 
 def _number(text: str, decimal: str) -> float:
     try:
         return float(text if decimal == "." else text.replace(",", "."))
     except ValueError:
-        low = text.lower()
-        return FLAGS.get(low, np.nan) if low not in ABSENT else np.nan
+        return FLAGS.get(text.lower(), np.nan)

@@ -1,4 +1,4 @@
-"""LabVIEW measurement files (.lvm): header blocks, comments, decimal commas, no, one or many X columns."""
+"""LabVIEW measurement files (.lvm), with no, one or many X columns."""
 
 from __future__ import annotations
 

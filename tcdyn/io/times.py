@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 
-# seconds per unit; the first spelling of each unit is the one that messages use
+# by seconds per unit; messages use the first spelling of each unit
 _SPELLINGS: dict[float, tuple[str, ...]] = {
     1.0: ("s", "sec", "secs", "second", "seconds", "sek", "sekunde", "sekunden"),
     1e-3: (
@@ -44,25 +44,28 @@ TIME_NAMES = re.compile(
 )
 HEADER_NAMES = ("time_s", "time", "t", "Time", "time_ms", "Time [s]", "Time (s)", "timestamp")
 _NAME_AND_UNIT = re.compile(
-    r"(?P<stem>.*?)\s*(?:[\[(]\s*(?P<bracket>[^\])]*?)\s*[\])]|(?:/|,|\s+in\s+)\s*(?P<after>[^\W\d]+)\.?)\s*"
+    r"(?P<stem>.*?)\s*"
+    r"(?:[\[(]\s*(?P<bracket>[^\])]*?)\s*[\])]|(?:/|,|\s+in\s+)\s*(?P<after>[^\W\d]+)\.?)\s*"
 )
 _SUFFIX = re.compile(r"(?P<stem>.+?)[_ ](?P<suffix>[^\W\d_]+)")
-# Without a unit in the header, times are read as seconds only where the time step lies between these two. Below, the
-# rate would be above 20 kHz: Excel days at 1 Hz and hours at 75 Hz lie there. Above, milliseconds at 500 Hz and less.
+# Without a unit in the header, times are read as seconds only if the time step lies between these
+# two. Below, the rate would be above 20 kHz: Excel days at 1 Hz and hours at 75 Hz lie there. Above
+# lie milliseconds at 500 Hz and less.
 SHORTEST_PLAUSIBLE_STEP_S = 5e-5
 LONGEST_PLAUSIBLE_STEP_S = 1.5
-# Numbers of days as Excel (from 1900), MATLAB (from year 0) and astronomers (Julian) count them, for the years 1968 to
-# 2064. With such a start, a step below 0.1 may be minutes.
+# Numbers of days as Excel (from 1900), MATLAB (from year 0) and astronomers (Julian) count them,
+# for the years 1968 to 2064. With such a start, a step below 0.1 may be minutes.
 DAY_NUMBERS = ((25_000.0, 60_000.0), (718_700.0, 754_000.0), (2_439_800.0, 2_475_000.0))
 DAY_STEP = 0.1
 LATEST_EPOCH_S = 4e9  # seconds since 1970: the year 2096; larger numbers are milliseconds
-# Steps that are a round number of seconds in minutes, hours or days, and seldom a round number in seconds
+# Steps that are a round number of seconds in minutes, hours or days, and seldom a round number in
+# seconds
 ROUND_SECONDS = {
     60.0: (1, 2, 5, 10),
     3600.0: (1, 2, 5, 10, 15, 30),
     86400.0: (1, 2, 5, 10, 15, 30, 60, 300, 600, 900),
 }
-SAME_STEP = 2e-3  # relative difference of two steps that are one: files round their times
+SAME_STEP = 2e-3  # relative difference of two steps that count as equal: files round their times
 
 
 @dataclass(frozen=True)
@@ -76,8 +79,8 @@ class TimeColumn:
     seconds : float or None
         Seconds per unit; None where the header states a unit that is not known.
     stated : bool
-        Whether the caller, the header or the unit row states the unit. Otherwise seconds are assumed, and
-        ``check_step`` tests the assumption.
+        Whether the caller, the header or the unit row states the unit. Otherwise seconds are
+        assumed, and ``check_step`` tests the assumption.
     written : str
         The unit as the file writes it.
     where : str
@@ -91,7 +94,7 @@ class TimeColumn:
     where: str
 
     def in_seconds(self, values: Array, is_clock: bool) -> Array:
-        """Times (N,) in seconds; clock stamps, which the reader has converted already, stay as they are.
+        """Times (N,) in seconds; clock stamps, already converted, are returned unchanged.
 
         Raises
         ------
@@ -114,23 +117,15 @@ class TimeColumn:
         is_clock : bool
             Whether the column holds clock stamps, whose unit is known.
         """
-        steps = np.diff(times_s[np.isfinite(times_s)])
-        steps = steps[steps > 0]
-        if is_clock or self.stated or len(steps) == 0:
+        if is_clock or self.stated:
             return
         finite = times_s[np.isfinite(times_s)]
-        start = float(finite[0])
+        steps = np.diff(finite)
+        steps = steps[steps > 0]
+        if len(steps) == 0:
+            return
         step = float(np.median(steps))
-        may_be_days = step < DAY_STEP and any(low <= start <= high for low, high in DAY_NUMBERS)
-        round_in_another_unit = any(
-            abs(step * seconds_per_unit / seconds - 1) < SAME_STEP
-            for seconds_per_unit, choices in ROUND_SECONDS.items()
-            for seconds in choices
-        )
-        is_plausible = (
-            SHORTEST_PLAUSIBLE_STEP_S <= step <= LONGEST_PLAUSIBLE_STEP_S and start < LATEST_EPOCH_S
-        )
-        if may_be_days or round_in_another_unit or not is_plausible:
+        if not _may_be_seconds(float(finite[0]), step):
             raise self._unit_request(
                 f"no unit is stated, and a time step of {step:.4g} may be in any unit"
             )
@@ -143,6 +138,18 @@ class TimeColumn:
             remedy="name the unit, {time_unit}",
             parameters={"time_unit": "UNIT"},
         )
+
+
+def _may_be_seconds(start: float, step: float) -> bool:
+    """Whether a start and a step without a unit are plausible in seconds, and in no other unit."""
+    if step < DAY_STEP and any(low <= start <= high for low, high in DAY_NUMBERS):
+        return False
+    for seconds_per_unit, choices in ROUND_SECONDS.items():
+        for seconds in choices:
+            if abs(step * seconds_per_unit / seconds - 1) < SAME_STEP:
+                return False
+    is_plausible_step = SHORTEST_PLAUSIBLE_STEP_S <= step <= LONGEST_PLAUSIBLE_STEP_S
+    return is_plausible_step and start < LATEST_EPOCH_S
 
 
 def find_time_column(
@@ -162,7 +169,7 @@ def find_time_column(
     where : str
         The file, for messages.
     requested : str, optional
-        The time column, where its name does not say so.
+        The time column, if its name is not one of a time column.
     unit : str, optional
         The unit as the caller states it; it overrides the header.
     unit_row : mapping, optional
@@ -208,19 +215,22 @@ def find_time_column(
 
 
 def split_unit(name: str) -> tuple[str, str]:
-    """The name of a time column without its unit, and the unit as written (empty where there is none).
+    """Name of a time column without its unit, and the unit as written (empty if there is none).
 
     A suffix such as ``_ms`` is a unit only if it is a known one; text in brackets always is.
 
-    >>> split_unit("Time (minutes)"), split_unit("t/ms"), split_unit("elapsed_time"), split_unit("Time_h")
-    (('Time', 'minutes'), ('t', 'ms'), ('elapsed_time', ''), ('Time', 'h'))
+    >>> split_unit("Time (minutes)"), split_unit("t/ms")
+    (('Time', 'minutes'), ('t', 'ms'))
+    >>> split_unit("elapsed_time"), split_unit("Time_h")
+    (('elapsed_time', ''), ('Time', 'h'))
     """
     match = _NAME_AND_UNIT.fullmatch(name)
-    if match is not None and (
-        match["bracket"] is not None or match["after"].lower() in SECONDS_PER_UNIT
-    ):
-        unit = match["bracket"] if match["bracket"] is not None else match["after"]
-        return match["stem"].strip(), unit.rstrip(".")
+    if match is not None:
+        unit = match["bracket"]
+        if unit is None and match["after"].lower() in SECONDS_PER_UNIT:
+            unit = match["after"]
+        if unit is not None:
+            return match["stem"].strip(), unit.rstrip(".")
     match = _SUFFIX.fullmatch(name.strip())
     if match is not None and match["suffix"].lower() in SECONDS_PER_UNIT:
         return match["stem"], match["suffix"]
@@ -238,10 +248,12 @@ SECONDS_PER_DAY = 86400.0
 
 @dataclass
 class Stamps:
-    """Clock stamps to seconds since the first one, in one chunk or in many.
+    """Converts clock stamps to seconds since the first one, in one chunk or in many.
 
-    A stamp with a date counts days by the calendar. In a column without dates the clock passes midnight where it goes
-    back by more than half a day.
+    Notes
+    -----
+    Stamps with a date count days by the calendar. In a column without dates the clock passes
+    midnight where it goes back by more than half a day.
     """
 
     column: str
@@ -285,10 +297,11 @@ class Stamps:
         return np.asarray(np.round(of_day + SECONDS_PER_DAY * days - self.first_s, 9))
 
     def _days_by_midnights(self, of_day: Array) -> Array:
-        known = pd.Series(of_day).ffill().fillna(self.last_s).to_numpy()
-        steps = np.diff(known, prepend=self.last_s)
+        """Days (N,) since the first stamp, from the times of day [s]."""
+        filled = pd.Series(of_day).ffill().fillna(self.last_s).to_numpy()
+        steps = np.diff(filled, prepend=self.last_s)
         days = self.midnights + np.cumsum(np.where(steps < -SECONDS_PER_DAY / 2, 1.0, 0.0))
-        self.last_s = float(known[-1])
+        self.last_s = float(filled[-1])
         self.midnights = float(days[-1])
         return days
 
@@ -298,14 +311,14 @@ class Stamps:
         fields = [_date_fields(text, self.column, self.where) for text in texts]
         slashed = any("/" in text for text in texts)
         self._dates += [f for f in fields if f not in self._dates]
-        day_first = self._order() if slashed else True
+        day_first = self._is_day_first() if slashed else True
         numbers = [_day_number(f, day_first, self.column, self.where) for f in fields]
         first = _day_number(self._dates[0], day_first, self.column, self.where)
         days = np.array([*numbers, np.nan], dtype=float)  # code -1, no date, takes the last
         return days[codes] - first
 
-    def _order(self) -> bool:
-        """Whether dates with slashes have the day first, as far as the dates of the column tell."""
+    def _is_day_first(self) -> bool:
+        """Whether dates with slashes have the day first; True while the dates do not decide."""
         if self._day_first is None:
             self._day_first = _day_first(self._dates, self.column, self.where)
         return True if self._day_first is None else self._day_first
@@ -324,13 +337,15 @@ def _date_fields(text: str, column: str, where: str) -> tuple[int, int, int]:
         raise InputError(
             f"column {column}: {text!r} is no date", where=where, expected="day.month.year"
         )
-    return first, second, year + 2000 if year < 100 else year
+    if year < 100:
+        year += 2000
+    return first, second, year
 
 
 def _day_first(dates: Iterable[tuple[int, int, int]], column: str, where: str) -> bool | None:
-    """True for day/month/year, False for month/day/year, None while only one date is there.
+    """True for day/month/year, False for month/day/year, None while there is one date only.
 
-    A field above 12 decides. Otherwise the order in which the dates rise from day to day does.
+    A field above 12 decides. Otherwise the order in which the dates are consecutive days decides.
     """
     listed = list(dates)
     if any(first > 12 for first, _, _ in listed):
@@ -348,10 +363,11 @@ def _day_first(dates: Iterable[tuple[int, int, int]], column: str, where: str) -
         return consecutive[0]
     first, second, year = listed[1]
     raise InputError(
-        f"column {column}: a date such as {first:02}/{second:02}/{year} may be day/month or month/day",
+        f"column {column}: a date such as {first:02}/{second:02}/{year} may be day/month or "
+        "month/day",
         where=where,
         expected="dates as year-month-day",
-        remedy="write the dates so in the file",
+        remedy="write the dates in this form in the file",
     )
 
 
@@ -362,10 +378,11 @@ def _day_number(fields: tuple[int, int, int], day_first: bool, column: str, wher
     try:
         return date(year, month, day).toordinal()
     except ValueError:
-        what = (
-            f"column {column}: {first:02}/{second:02}/{year} is no date in the order of the others"
-        )
-        raise InputError(what, where=where, expected="one form of date in the column") from None
+        raise InputError(
+            f"column {column}: {first:02}/{second:02}/{year} is no date in the order of the others",
+            where=where,
+            expected="one form of date in the column",
+        ) from None
 
 
 @dataclass(frozen=True)
@@ -379,7 +396,7 @@ class EvenRows:
     u_s : float
         Its standard uncertainty [s].
     places : array of shape (N,)
-        Place of each row on the grid, from 0 on.
+        Index of each row on the grid, from 0.
     """
 
     interval_s: float
@@ -388,12 +405,14 @@ class EvenRows:
 
 
 def rows_of_repeated_stamps(times_s: Array) -> EvenRows | None:
-    """Sampling interval and places of rows whose clock repeats its stamps.
+    """Sampling interval and grid indices of rows whose clock repeats its stamps.
 
-    A logger faster than its clock writes each stamp several times. The first row of each stamp was taken less than
-    one interval after the stamp, so a straight line through stamps and row numbers of those rows has the interval as
-    its slope, without bias. Where rows are lost, a new line of the same slope begins. Rows are even where every stamp
-    lies within one clock unit of its line.
+    Notes
+    -----
+    A logger faster than its clock writes each stamp several times. The first row of each stamp was
+    taken less than one interval after the stamp, so a straight line through stamps and row numbers
+    of those rows has the interval as its slope, without bias. Where rows are lost, a new line of
+    the same slope begins. Rows are even if every stamp lies within one clock unit of its line.
 
     Parameters
     ----------
@@ -403,7 +422,7 @@ def rows_of_repeated_stamps(times_s: Array) -> EvenRows | None:
     Returns
     -------
     EvenRows or None
-        None where the rows are not even, or too few stamps tell.
+        None if the rows are not even, or there are too few stamps.
 
     Examples
     --------
@@ -414,28 +433,30 @@ def rows_of_repeated_stamps(times_s: Array) -> EvenRows | None:
     first_rows = np.flatnonzero(np.diff(times_s) > 0) + 1
     if len(first_rows) < 2:
         return None
-    segment_of_row, ticks = _segments_without_lost_rows(times_s, first_rows)
-    segment = segment_of_row[ticks]
+    segment_of_row, tick_rows = _segments_without_lost_rows(times_s, first_rows)
+    segment = segment_of_row[tick_rows]
     count = int(segment_of_row[-1]) + 1
     sizes = np.bincount(segment, minlength=count)
     if sizes.min() == 0:
         return None
-    row_means = np.bincount(segment, rows[ticks], minlength=count) / sizes
-    time_means = np.bincount(segment, times_s[ticks], minlength=count) / sizes
-    rows_centred = rows[ticks] - row_means[segment]
+    row_means = np.bincount(segment, rows[tick_rows], minlength=count) / sizes
+    time_means = np.bincount(segment, times_s[tick_rows], minlength=count) / sizes
+    rows_centred = rows[tick_rows] - row_means[segment]
     lever = float(np.sum(rows_centred**2))
     if lever <= 0:
         return None
-    slope = float(np.sum(rows_centred * (times_s[ticks] - time_means[segment])) / lever)
+    slope = float(np.sum(rows_centred * (times_s[tick_rows] - time_means[segment])) / lever)
     if slope <= 0:
         return None
     line = time_means[segment_of_row] + slope * (rows - row_means[segment_of_row])
     departure = times_s - line
-    # a stamp lies up to one unit before its row, and the line half an interval before it; half an interval is spare
+    # a stamp lies up to one unit before its row, and the line half an interval before it; half an
+    # interval is margin
     unit_s = float(np.diff(times_s)[first_rows - 1].min())
     if departure.min() <= -unit_s or departure.max() >= slope:
         return None
-    # each of the first rows is up to one interval late: a uniform error, whose standard deviation is slope / sqrt(12)
+    # each of the first rows is up to one interval after its stamp: a uniform error with the
+    # standard deviation slope / sqrt(12)
     u_s = slope / np.sqrt(12 * lever)
     places = np.rint((line - line[0]) / slope).astype(np.intp)
     return EvenRows(float(np.round(slope, 12)), float(u_s), places)
@@ -444,23 +465,23 @@ def rows_of_repeated_stamps(times_s: Array) -> EvenRows | None:
 def _segments_without_lost_rows(
     times_s: Array, first_rows: NDArray[np.intp]
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Number of the segment of each row (N,), and the rows at which the clock goes on by one unit.
+    """Number of the segment of each row (N,), and the rows at which the clock advances by one unit.
 
-    A segment ends where the clock leaves out a stamp: the first row behind the gap may be anywhere in its unit. It also
-    ends after a stamp within it that is written less often than the others.
+    A segment ends where the clock skips a stamp: the first row after the gap may be anywhere in its
+    unit. It also ends after a stamp that is written less often than the others.
     """
     step_s = np.diff(times_s)[first_rows - 1]
-    behind_gap = step_s > 1.5 * float(step_s.min())
+    after_gap = step_s > 1.5 * float(step_s.min())
     repeats = np.diff(np.append(first_rows, len(times_s)))
-    is_short = (repeats < float(np.median(repeats)) - 1.5) & ~behind_gap
-    after_short = np.append(False, is_short[:-1]) & ~behind_gap
+    is_short = (repeats < float(np.median(repeats)) - 1.5) & ~after_gap
+    after_short = np.append(False, is_short[:-1]) & ~after_gap
     marks = np.zeros(len(times_s), dtype=np.intp)
-    marks[first_rows[behind_gap | after_short]] = 1
-    return np.cumsum(marks), first_rows[~behind_gap]
+    marks[first_rows[after_gap | after_short]] = 1
+    return np.cumsum(marks), first_rows[~after_gap]
 
 
 def is_date(text: str, column: str = "") -> bool:
-    """Whether a cell is a date without a time; eight digits are one in a ``column`` that is named so.
+    """Whether a cell is a date without a time; eight digits are one in a column named "date".
 
     >>> is_date("26.11.2021"), is_date("2021-11-26 10:00:00"), is_date("20211126", "Date")
     (True, False, True)

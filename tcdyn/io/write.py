@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all: written beside, then renamed into place; logs in the form of their ending."""
+"""Atomic writing of files, and writing of logs as CSV, Parquet or TDMS."""
 
 from __future__ import annotations
 
@@ -16,21 +16,35 @@ from pyarrow import csv as pacsv
 
 from tcdyn.core.errors import InputError
 
+# errors that a full or read-only file system causes
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS}
 
 
 @contextmanager
 def atomic_path(path: str | Path) -> Iterator[Path]:
-    """A path beside ``path`` to write to; renamed onto it when the block ends well, removed when it does not.
+    """Yield a temporary path in the same folder; it replaces ``path`` if the block succeeds.
 
-    Killed at any moment, the block leaves the previous ``path`` or none. A link is written through. The temporary name
-    starts with a dot and keeps the ending, so that writers which look at endings work. Raises InputError for what
-    cannot be written, a full disk among it, and for what is no file (/dev/null).
+    Parameters
+    ----------
+    path
+        File to write. A link is followed.
 
+    Raises
+    ------
+    InputError
+        If the file cannot be written, for example on a full disk, or is not a file (/dev/null).
+
+    Notes
+    -----
+    Stopped at any moment, the block leaves the previous file or none. The temporary name starts
+    with a dot and keeps the ending, for writers that depend on endings.
+
+    Examples
+    --------
     >>> import tempfile, pathlib
     >>> target = pathlib.Path(tempfile.mkdtemp()) / "out.txt"
-    >>> with atomic_path(target) as beside:
-    ...     _ = beside.write_text("done", encoding="utf-8")
+    >>> with atomic_path(target) as temporary:
+    ...     _ = temporary.write_text("done", encoding="utf-8")
     >>> target.read_text(encoding="utf-8")
     'done'
     """
@@ -48,28 +62,28 @@ def atomic_path(path: str | Path) -> Iterator[Path]:
     except (OSError, ValueError, RuntimeError) as problem:
         raise _unwritable(problem, path, "give a folder that you may write into") from None
     os.close(handle)
-    beside = Path(name)
+    temporary = Path(name)
     try:
-        yield beside
-        with open(beside, "rb") as written:
+        yield temporary
+        with open(temporary, "rb") as written:
             os.fsync(written.fileno())
-        os.chmod(beside, 0o666 & ~_umask())
-        os.replace(beside, target)
+        os.chmod(temporary, 0o666 & ~_umask())
+        os.replace(temporary, target)
     except OSError as problem:
-        if problem.errno not in FULL:  # what was read, perhaps
+        if problem.errno not in FULL:  # it may come from reading in the block
             raise
         raise _unwritable(
             problem, path, "make room, or write elsewhere; nothing half-written was kept"
         ) from None
     finally:
         with suppress(FileNotFoundError):
-            beside.unlink()
+            temporary.unlink()
 
 
 def write_text(path: str | Path, text: str) -> Path:
-    """Write ``text`` as UTF-8 to ``path``, whole or not at all; returns the path."""
-    with atomic_path(path) as beside:
-        beside.write_text(text, encoding="utf-8", newline="\n")
+    """Write ``text`` as UTF-8 to ``path`` atomically; return the path."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", newline="\n")
     return Path(path)
 
 
@@ -87,15 +101,30 @@ def _umask() -> int:
 def write_log(
     frame: pd.DataFrame, path: str | Path, metadata: Mapping[str, str] | None = None
 ) -> Path:
-    """Write the columns of ``frame`` to ``path``: .csv, .parquet or .tdms; numbers keep all their digits.
+    """Write a table to a file; numbers keep all their digits.
 
-    ``metadata`` goes to ``# key: value`` lines above the header (CSV), the file's key-value pairs (Parquet) or the
-    root properties (TDMS); ``read_log`` gives it back. Raises InputError for another ending or an unwritable
-    place.
+    Parameters
+    ----------
+    frame
+        The table.
+    path
+        File to write: .csv, .parquet or .tdms.
+    metadata
+        Keys and values, which ``read_log`` returns: lines "# key: value" above the header (CSV),
+        key-value pairs of the file (Parquet), properties of the root (TDMS).
+
+    Returns
+    -------
+    Path
+        The path.
+
+    Raises
+    ------
+    InputError
+        For another ending, or a file that cannot be written.
     """
     target = Path(path)
-    notes = {_one_line(k).replace(":", " "): _one_line(v) for k, v in (metadata or {}).items()}
-    writers = {".csv": _csv, ".parquet": _parquet, ".tdms": _tdms}
+    writers = {".csv": _write_csv, ".parquet": _write_parquet, ".tdms": _write_tdms}
     writer = writers.get(target.suffix.lower())
     if writer is None:
         raise InputError(
@@ -103,8 +132,8 @@ def write_log(
             where=str(target),
             expected="an output ending in .csv, .parquet or .tdms",
         )
-    with atomic_path(target) as beside:
-        writer(frame, beside, notes)
+    with atomic_path(target) as temporary:
+        writer(frame, temporary, _plain_metadata(metadata or {}))
     return target
 
 
@@ -112,60 +141,104 @@ def write_log(
 def log_writer(
     path: str | Path, names: Sequence[str], metadata: Mapping[str, str], text: Collection[str] = ()
 ) -> Iterator[Callable[[pd.DataFrame], None]]:
-    """A function that appends frames of the columns ``names`` to ``path``, .csv or .parquet: whole at the end, or not.
+    """Yield a function that appends tables to a file, which appears when the block succeeds.
 
-    As ``write_log``, in memory that does not grow. The columns ``text`` hold text, the others numbers.
-    Raises InputError for another ending or an unwritable place.
+    Memory does not grow with the file.
+
+    Parameters
+    ----------
+    path
+        File to write: .csv or .parquet.
+    names
+        Names of the columns.
+    metadata
+        As for ``write_log``.
+    text
+        Columns that hold text; the others hold numbers.
+
+    Raises
+    ------
+    InputError
+        For another ending, or a file that cannot be written.
     """
     target = Path(path)
-    notes = {_one_line(k).replace(":", " "): _one_line(v) for k, v in metadata.items()}
     ending = target.suffix.lower()
     if ending not in (".csv", ".parquet"):
-        expected = "an output ending in .csv or .parquet"
-        raise InputError(f"ending {target.suffix!r}", where=str(target), expected=expected)
-    with atomic_path(target) as beside:
+        raise InputError(
+            f"ending {target.suffix!r}",
+            where=str(target),
+            expected="an output ending in .csv or .parquet",
+        )
+    plain = _plain_metadata(metadata)
+    with atomic_path(target) as temporary:
         if ending == ".parquet":
-            from pyarrow import parquet as pq
+            with _parquet_appender(temporary, names, plain, text) as append:
+                yield append
+        else:
+            with _csv_appender(temporary, names, plain, text) as append:
+                yield append
 
-            kinds = {n: pa.string() if n in text else pa.float64() for n in names}
-            fields = pa.schema(list(kinds.items()), metadata=dict(notes))
-            with pq.ParquetWriter(beside, fields) as parquet:
-                yield lambda frame: parquet.write_table(
-                    _arrow(frame).replace_schema_metadata(dict(notes))
-                )
-            return
-        with open(beside, "wb") as stream:
-            stream.write(
-                "".join(f"# {key}: {value}\n" for key, value in notes.items()).encode("utf-8")
+
+@contextmanager
+def _parquet_appender(
+    path: Path, names: Sequence[str], metadata: Mapping[str, str], text: Collection[str]
+) -> Iterator[Callable[[pd.DataFrame], None]]:
+    from pyarrow import parquet as pq
+
+    types = [(name, pa.string() if name in text else pa.float64()) for name in names]
+    schema = pa.schema(types, metadata=dict(metadata))
+    with pq.ParquetWriter(path, schema) as writer:
+
+        def append(frame: pd.DataFrame) -> None:
+            writer.write_table(_arrow(frame).replace_schema_metadata(dict(metadata)))
+
+        yield append
+
+
+@contextmanager
+def _csv_appender(
+    path: Path, names: Sequence[str], metadata: Mapping[str, str], text: Collection[str]
+) -> Iterator[Callable[[pd.DataFrame], None]]:
+    with open(path, "wb") as stream:
+        stream.write(_csv_head(names, metadata))
+
+        def append(frame: pd.DataFrame) -> None:
+            # pyarrow puts quotes around all text or none
+            needs_quotes = any(
+                frame[name].astype(str).str.contains('[",\r\n]').any() for name in text
             )
-            stream.write(header_line(names).encode("utf-8"))
+            options = pacsv.WriteOptions(
+                include_header=False, quoting_style="needed" if needs_quotes else "none"
+            )
+            pacsv.write_csv(_arrow(frame), stream, options)
 
-            def append(frame: pd.DataFrame) -> None:
-                # pyarrow puts quotes around all text or none; not in threads: each keeps memory of its own
-                quotes = any(frame[n].astype(str).str.contains('[",\r\n]').any() for n in text)
-                style = "needed" if quotes else "none"
-                options = pacsv.WriteOptions(include_header=False, quoting_style=style)
-                pacsv.write_csv(_arrow(frame), stream, options)
-
-            yield append
+        yield append
 
 
 def header_line(names: Sequence[str]) -> str:
-    """The line of column names of a CSV file; a name with a comma or a quotation mark is quoted (RFC 4180).
+    """Header line of a CSV file; names with a comma or a quotation mark are quoted (RFC 4180).
 
     >>> header_line(["time_s", "oven, left"])
     'time_s,"oven, left"\\n'
     """
-    return ",".join(_cell(str(name)) for name in names) + "\n"
+    return ",".join(_quoted(_one_line(name)) for name in names) + "\n"
 
 
-def _cell(name: str) -> str:
-    name = _one_line(name)
-    return '"' + name.replace('"', '""') + '"' if "," in name or '"' in name else name
+def _quoted(name: str) -> str:
+    if "," not in name and '"' not in name:
+        return name
+    doubled = name.replace('"', '""')
+    return f'"{doubled}"'
 
 
 def _one_line(text: object) -> str:
-    return " ".join("".join(c if c.isprintable() else " " for c in str(text)).split())
+    printable = "".join(c if c.isprintable() else " " for c in str(text))
+    return " ".join(printable.split())
+
+
+def _plain_metadata(metadata: Mapping[str, str]) -> dict[str, str]:
+    """Keys and values on one line each, keys without colons."""
+    return {_one_line(k).replace(":", " "): _one_line(v) for k, v in metadata.items()}
 
 
 def _arrow(frame: pd.DataFrame) -> pa.Table:
@@ -174,26 +247,31 @@ def _arrow(frame: pd.DataFrame) -> pa.Table:
     )
 
 
-def _csv(frame: pd.DataFrame, path: Path, notes: Mapping[str, str]) -> None:
-    head = "".join(f"# {key}: {value}\n" for key, value in notes.items())
-    head += header_line(list(frame.columns))
+def _csv_head(names: Sequence[str], metadata: Mapping[str, str]) -> bytes:
+    """The lines above the first row: metadata and header."""
+    lines = [f"# {key}: {value}\n" for key, value in metadata.items()]
+    return "".join([*lines, header_line(names)]).encode("utf-8")
+
+
+def _write_csv(frame: pd.DataFrame, path: Path, metadata: Mapping[str, str]) -> None:
     with open(path, "wb") as stream:
-        stream.write(head.encode("utf-8"))
+        stream.write(_csv_head(list(frame.columns), metadata))
         pacsv.write_csv(_arrow(frame), stream, pacsv.WriteOptions(include_header=False))
 
 
-def _parquet(frame: pd.DataFrame, path: Path, notes: Mapping[str, str]) -> None:
+def _write_parquet(frame: pd.DataFrame, path: Path, metadata: Mapping[str, str]) -> None:
     from pyarrow import parquet as pq
 
-    pq.write_table(_arrow(frame).replace_schema_metadata(dict(notes)), path)
+    pq.write_table(_arrow(frame).replace_schema_metadata(dict(metadata)), path)
 
 
-def _tdms(frame: pd.DataFrame, path: Path, notes: Mapping[str, str]) -> None:
+def _write_tdms(frame: pd.DataFrame, path: Path, metadata: Mapping[str, str]) -> None:
     from nptdms import ChannelObject, RootObject, TdmsWriter
 
+    root = RootObject(properties=dict(metadata))
     channels = [
-        ChannelObject("log", str(n), np.ascontiguousarray(frame[n].to_numpy(dtype=float)))
-        for n in frame.columns
+        ChannelObject("log", str(name), np.ascontiguousarray(frame[name].to_numpy(dtype=float)))
+        for name in frame.columns
     ]
     with TdmsWriter(path) as writer:
-        writer.write_segment([RootObject(properties=dict(notes)), *channels])
+        writer.write_segment([root, *channels])
