@@ -172,7 +172,7 @@ def compensate(
         covariances = None
         if covariance is not None:
             covariances = done.covariance(covariance_s, covariance_from_s)
-        written, noticed = done.write(target, progress)
+        written, write_findings = done.write(target, progress)
         if covariance is not None:
             write_text(covariance, dump(covariances))
         if report is not None:
@@ -180,7 +180,7 @@ def compensate(
 
             progress("report")
             write_compensation_report(report, done, records, record)
-    findings = list(noticed)
+    findings = list(write_findings)
     if way.method == "inverse":
         for disk in done.disks:
             findings += done.before_use(disk).findings

@@ -105,8 +105,8 @@ def _file_header(lines: list[str]) -> dict[str, str]:
     header: dict[str, str] = {}
     for line in lines:
         for separator in ("\t", ";", ","):
-            key, found, value = line.partition(separator)
-            if not found:
+            key, separator_found, value = line.partition(separator)
+            if not separator_found:
                 continue
             if separator == ",":
                 header[key.strip()] = value.strip().rstrip(",") or ","
