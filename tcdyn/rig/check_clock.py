@@ -1,9 +1,12 @@
-"""A trace's clock: stamps and lost samples on an even grid, and readings moved to it where the stamps stray."""
+"""Check the time stamps of a log, and resample temperatures where the stamps jitter.
+
+The checks cover repeated, missing and rounded stamps, gaps, lost samples, and stamps that scatter
+about an even grid (timing jitter).
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,253 +18,362 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, SampleLocation, info, info_or_warning, warning
 from tcdyn.estimation.trace_noise import MAD_TO_SD
 
-LONGEST_GAP_S = 0.5  # longer silence is refused: nobody knows what happened in it
-SLOWEST_DT_S = 1.0  # a trace sampled more slowly says nothing about lags
-STRAYING = (
-    0.15  # of an interval, standard deviation of the steps: less is rounding, and moves no reading
-)
-# of the steps are not one place long: another rate is sought; there is none
-MOST_LOST = 0.2
-MOST_STRAYED = 0.35
-SURE = 4.0  # chance makes the sum of n stamps' phases so many times sqrt(n) once in some thousand trials
-ABOUT = 3  # neighbours on each side that tell the slope by which a sample is moved to its place
-TRUST = 4.0  # in the stamps: readings that tell more than 0.5 (1 sd) of them outweigh it
+# Longest gap [s] that is bridged; the content of a longer one is unknown. Chosen by judgement.
+MAX_GAP_S = 0.5
+# Longest sample interval [s]: slower traces hold no information about lags. Chosen by judgement.
+MAX_INTERVAL_S = 1.0
+# Slowest sampling [s] that gives no warning (20 Hz). Chosen by judgement.
+SLOW_INTERVAL_S = 0.05
+# Standard deviation of the steps, in sample intervals, above which stamps count as jittered; less
+# is rounding, and leaves the readings as they are. Chosen by judgement.
+MIN_JITTER = 0.15
+# Share of steps that are not one grid interval long: above the first another rate is tried, above
+# the second there is no common rate. Chosen by judgement.
+MAX_LOST_SHARE = 0.2
+MAX_UNEVEN_SHARE = 0.35
+# Significance limit of the phase sum of n stamps, in sqrt(n): chance exceeds it once in some
+# thousand trials.
+MIN_PHASE_SUM = 4.0
+# Neighbours on each side whose slope shifts a jittered sample to its grid time. Chosen by judgement.
+SLOPE_NEIGHBOURS = 3
+# Information of the prior that the stamps are right: readings outweigh it when they determine the
+# real share of the jitter to better than 0.5 (1 sd).
+STAMP_PRIOR = 4.0
+# Rows on each side of a window for the slope in the estimate of the real share of the jitter.
+SHARE_HALF_WINDOW = 8
 
 
 @dataclass(frozen=True)
 class Sampling:
-    """Each row's time (N,) [s] and its place on the even grid (N,), the sample interval [s], and what was noticed.
+    """Times of a log and their even grid.
 
-    ``late_s`` (N,): how much later than its place each sample was taken [s], where stamps stray; rows may then share a
-    place.
+    Parameters
+    ----------
+    time_s
+        Time of each row, (N,) [s].
+    dt_s
+        Sample interval [s].
+    grid
+        Index of each row on the even grid, (N,). Rows may share an index where stamps jitter.
+    findings
+        Findings about the time column.
+    jitter_s
+        Jitter: how much later than its grid time each sample was taken, (N,) [s]; None where the
+        stamps do not jitter.
     """
 
     time_s: Array
     dt_s: float
     grid: NDArray[np.int32]
     findings: tuple[Finding, ...]
-    late_s: Array | None = None
+    jitter_s: Array | None = None
 
 
-def check_time(time: Array, place: SampleLocation) -> Sampling:
-    """The time (N,) [s] as logged, with single missing values filled, and its sampling.
+def check_time(time: Array, location: SampleLocation) -> Sampling:
+    """Check the time column of a log and find its sampling.
 
-    Rounded stamps (0.013, 0.027, 0.040 at 75 Hz) are recognised as even and come back so; stamps that stray come back
-    even, too, and with how late each sample is. Raises InputError for time that repeats or runs backward (row, time),
-    gaps above 0.5 s, uneven sampling, milliseconds, or too few rows.
+    Single missing values are interpolated. Rounded stamps (0.013, 0.027, 0.040 at 75 Hz) are
+    recognised as even and replaced by even times. Jittered stamps are replaced by even times, too,
+    and the jitter of each sample is returned.
+
+    Parameters
+    ----------
+    time
+        Time as logged, (N,) [s].
+    location
+        Position of the rows in the file, for messages.
+
+    Raises
+    ------
+    InputError
+        Time repeats or runs backward (row, time), a gap above 0.5 s, uneven sampling, milliseconds,
+        or too few rows.
     """
-    where = place.where
+    where = location.where
     if len(time) < 10:
         raise InputError(
             f"only {len(time)} rows", where=where, expected="at least 10 samples in time"
         )
-    time, found = _filled(time, place)
+    time, findings = _fill_missing(time, location)
     step = np.diff(time)
-    if not (step > 0).all():
-        i = int(np.argmax(step <= 0))
-        verb = "repeats" if step[i] == 0 else "runs backward"
-        many = int((step <= 0).sum())
+    _check_rising(time, step, location)
+    median_step = float(np.median(step))
+    dt = _interval_s(time, _grid_indices(step, median_step))
+    _check_rate_and_gaps(time, step, dt, location)
+    grid = _grid_indices(step, dt)
+    intervals = np.diff(grid)
+    is_jittered = _is_jittered(step, intervals, dt)
+    if is_jittered:
+        dt, grid = _fit_grid(time, len(step) / float(time[-1] - time[0]))
+        intervals = np.diff(grid)
+    is_uneven = (step > 1.45 * dt) | (step < 0.55 * dt)
+    if (intervals != 1).mean() > MAX_UNEVEN_SHARE:
         raise InputError(
-            f"column time_s, row {place.row(i + 1)}: time {verb} ({time[i]:.6g} s, then {time[i + 1]:.6g} s)"
-            + (f", and in {many - 1} more rows" if many > 1 else ""),
-            where=where,
-            expected="time that rises from row to row",
-            remedy="sort the rows, or give the clock more decimals"
-            if verb == "repeats"
-            else "repair the rows",
-        )
-    usual = float(np.median(step))
-    dt = _interval_s(time, _places(step, usual))
-    if dt > SLOWEST_DT_S:
-        ms = dt * 1e-3 < 0.2
-        raise InputError(
-            f"column time_s: samples stand {dt:.4g} s apart"
-            + ("; this looks like milliseconds" if ms else ""),
-            where=where,
-            expected="seconds, sampled faster than 1 Hz (75 Hz on the rig)",
-        )
-    gap = int(np.argmax(step))
-    if step[gap] > max(LONGEST_GAP_S, 3 * dt):
-        raise InputError(
-            f"column time_s, row {place.row(gap + 1)}: {step[gap]:.4g} s are missing at {time[gap]:.6g} s",
-            where=where,
-            expected=f"gaps of at most {LONGEST_GAP_S} s",
-            remedy="cut the log there and use one part",
-        )
-    grid = _places(step, dt)
-    late = None
-    places = np.diff(grid)
-    away = (
-        dt * places
-    )  # long logs: worked on in place here and below, one array of their length less each time
-    away -= step
-    straying = (
-        float(away @ away) > len(away) * (STRAYING * dt) ** 2 or (places != 1).mean() > MOST_LOST
-    )
-    del away
-    if straying:
-        dt, grid = _repeating(time, len(step) / float(time[-1] - time[0]))
-        places = np.diff(grid)
-    odd = (step > 1.45 * dt) | (step < 0.55 * dt)
-    if (places != 1).mean() > MOST_STRAYED:
-        raise InputError(
-            f"column time_s, row {place.row(int(np.argmax(odd)) + 1)}: sampling is uneven "
+            f"column time_s, row {location.row(int(np.argmax(is_uneven)) + 1)}: sampling is uneven "
             f"({step.min():.4g} to {step.max():.4g} s)",
             where=where,
             expected="one sampling rate",
             remedy="log at one rate, or resample first",
         )
-    jitter = odd & (places == 1)
-    if jitter.any() and not straying:
-        i = int(np.argmax(jitter))
-        found.append(
-            info("time.jitter", subject="time_s", row=place.row(i + 1), count=int(jitter.sum()))
-        )
-    even, away_s = _even(time, grid, dt)
-    if straying:
-        decimal_s = float(step.min())
-        if (
-            np.allclose(step / decimal_s, np.rint(step / decimal_s), atol=0.01)
-            and away_s < 0.6 * decimal_s
-        ):
-            found.append(info("time.few_decimals", subject="time_s", rate_Hz=1 / dt))
+    jitter = is_uneven & (intervals == 1)
+    if jitter.any() and not is_jittered:
+        row = location.row(int(np.argmax(jitter)) + 1)
+        findings.append(info("time.jitter", subject="time_s", row=row, count=int(jitter.sum())))
+    even, max_offset_s = _even_times(time, grid, dt)
+    jitter_s = None
+    if is_jittered:
+        if _has_few_decimals(step, max_offset_s):
+            findings.append(info("time.few_decimals", subject="time_s", rate_Hz=1 / dt))
         else:
-            late = time - even
-    if lost := int((places[places > 1] - 1).sum()):
-        i = int(np.argmax(places > 1))
-        gaps = int((places > 1).sum())
-        line = place.row(i + 1)
-        first_s = float(time[i])
-        numbers: dict[str, Any] = {"row": line, "count": lost, "places": gaps, "first_s": first_s}
-        found.append(info_or_warning(lost / len(time), "time.lost", subject="time_s", **numbers))
-    if dt > 0.05:
-        found.append(warning("time.slow", subject="time_s", rate_Hz=1 / dt, lost_s=2 * dt))
+            jitter_s = time - even
+    findings += _lost_samples(time, intervals, location)
+    if dt > SLOW_INTERVAL_S:
+        findings.append(warning("time.slow", subject="time_s", rate_Hz=1 / dt, lost_s=2 * dt))
     # steps of 13 and 14 ms, neither of which is the interval of 75 Hz: the clock has too few decimals
-    rounded = straying or (abs(usual - dt) >= 1e-3 * dt and away_s < dt)
-    return Sampling(even if rounded else time, dt, grid, tuple(found), late)
+    is_rounded = abs(median_step - dt) >= 1e-3 * dt and max_offset_s < dt
+    if is_jittered or is_rounded:
+        time = even
+    return Sampling(time, dt, grid, tuple(findings), jitter_s)
 
 
-def _repeating(time: Array, rate_Hz: float) -> tuple[float, NDArray[np.int32]]:
-    """Interval [s] and places of stamps that stray from even sampling.
+def _check_rising(time: Array, step: Array, location: SampleLocation) -> None:
+    """Raise InputError where time repeats or runs backward."""
+    is_wrong = ~(step > 0)
+    if not is_wrong.any():
+        return
+    i = int(np.argmax(step <= 0))
+    repeats = step[i] == 0
+    count = int((step <= 0).sum())
+    verb = "repeats" if repeats else "runs backward"
+    what = (
+        f"column time_s, row {location.row(i + 1)}: time {verb} "
+        f"({time[i]:.6g} s, then {time[i + 1]:.6g} s)"
+    )
+    if count > 1:
+        what += f", and in {count - 1} more rows"
+    remedy = "sort the rows, or give the clock more decimals" if repeats else "repair the rows"
+    raise InputError(
+        what, where=location.where, expected="time that rises from row to row", remedy=remedy
+    )
 
-    They repeat best at the rate f of the largest |sum exp(2 pi i f t)|, sought in their beginning, then in ever more of
-    them. Where none is sure, ``rate_Hz`` at which they come on the average, a little less than f where samples are
-    lost, is as good.
+
+def _check_rate_and_gaps(time: Array, step: Array, dt: float, location: SampleLocation) -> None:
+    """Raise InputError for sampling slower than 1 Hz and for gaps."""
+    if dt > MAX_INTERVAL_S:
+        is_milliseconds = dt * 1e-3 < 0.2
+        hint = "; this looks like milliseconds" if is_milliseconds else ""
+        raise InputError(
+            f"column time_s: samples stand {dt:.4g} s apart{hint}",
+            where=location.where,
+            expected="seconds, sampled faster than 1 Hz (75 Hz on the rig)",
+        )
+    gap = int(np.argmax(step))
+    if step[gap] > max(MAX_GAP_S, 3 * dt):
+        raise InputError(
+            f"column time_s, row {location.row(gap + 1)}: {step[gap]:.4g} s are missing at "
+            f"{time[gap]:.6g} s",
+            where=location.where,
+            expected=f"gaps of at most {MAX_GAP_S} s",
+            remedy="cut the log there and use one part",
+        )
+
+
+def _is_jittered(step: Array, intervals: NDArray[np.int32], dt: float) -> bool:
+    """Whether the steps scatter about multiples of ``dt`` by more than rounding explains."""
+    deviation = dt * intervals
+    deviation -= step  # in place: one array of the length of a long log less
+    scatters = float(deviation @ deviation) > len(deviation) * (MIN_JITTER * dt) ** 2
+    return bool(scatters or (intervals != 1).mean() > MAX_LOST_SHARE)
+
+
+def _has_few_decimals(step: Array, max_offset_s: float) -> bool:
+    """Whether all steps are multiples of the smallest one: the clock has too few decimals."""
+    resolution_s = float(step.min())
+    multiples = step / resolution_s
+    is_multiple = np.allclose(multiples, np.rint(multiples), atol=0.01)
+    return is_multiple and max_offset_s < 0.6 * resolution_s
+
+
+def _lost_samples(
+    time: Array, intervals: NDArray[np.int32], location: SampleLocation
+) -> list[Finding]:
+    """A finding about samples missing from the grid, or none."""
+    is_gap = intervals > 1
+    lost = int((intervals[is_gap] - 1).sum())
+    if not lost:
+        return []
+    first = int(np.argmax(is_gap))
+    finding = info_or_warning(
+        lost / len(time),
+        "time.lost",
+        subject="time_s",
+        row=location.row(first + 1),
+        count=lost,
+        places=int(is_gap.sum()),
+        first_s=float(time[first]),
+    )
+    return [finding]
+
+
+def _fit_grid(time: Array, mean_rate_Hz: float) -> tuple[float, NDArray[np.int32]]:
+    """Interval [s] and grid indices of stamps that jitter.
+
+    The rate f maximises |sum exp(2 pi i f t)|, first over the start of the log, then over more and
+    more of it. Where no maximum is significant, ``mean_rate_Hz`` (the mean rate of the stamps, a
+    little less than f where samples are lost) is as good.
     """
     t = time - time[0]
     size = min(4096, len(time))
-    tried = rate_Hz * np.arange(0.99, 1.06, 0.25 / size)
+    candidates = mean_rate_Hz * np.arange(0.99, 1.06, 0.25 / size)
     while True:
-        some = t[:size][:: size // 20_000 + 1]
-        best = float(tried[np.argmax([abs(np.exp(2j * np.pi * f * some).sum()) for f in tried])])
+        subset = t[:size][:: size // 20_000 + 1]
+        sums = [abs(_phase_sum(f, subset)) for f in candidates]
+        best = float(candidates[np.argmax(sums)])
         if size == len(t):
             break
-        tried = best + np.linspace(-0.5, 0.5, 17) / t[size - 1]
+        candidates = best + np.linspace(-0.5, 0.5, 17) / t[size - 1]
         size = min(4 * size, len(t))
-    together = [np.exp(2j * np.pi * f * some).sum() for f in (best, rate_Hz)]
-    f, phase = (
-        (best, together[0])
-        if abs(together[0]) > SURE * len(some) ** 0.5
-        else (rate_Hz, together[1])
-    )
-    grid = np.rint(t * f - np.angle(phase) / (2 * np.pi)).astype(np.int32)
-    # of two in one place the second goes to the next, or the first to the one before, if that is free
+    rate_Hz = best
+    phase_sum = _phase_sum(best, subset)
+    if not abs(phase_sum) > MIN_PHASE_SUM * len(subset) ** 0.5:
+        rate_Hz = mean_rate_Hz
+        phase_sum = _phase_sum(mean_rate_Hz, subset)
+    grid = np.rint(t * rate_Hz - np.angle(phase_sum) / (2 * np.pi)).astype(np.int32)
+    # of two rows with one index the second takes the next index, or the first the previous one, if free
     grid[1:-1] += (np.diff(grid[:-1]) == 0) & (np.diff(grid[1:]) > 1)
     grid[1:-1] -= (np.diff(grid[:-1]) > 1) & (np.diff(grid[1:]) == 0)
     return _interval_s(time, grid), grid - grid[0]
 
 
-def moved(name: str, values: Array, sampling: Sampling, rows: slice) -> Array:
-    """The samples ``values (N,)`` of these rows of the file as they were at the even times; only temperatures move.
+def _phase_sum(rate_Hz: float, t: Array) -> complex:
+    return complex(np.exp(2j * np.pi * rate_Hz * t).sum())
 
-    By the slope of a straight line through the neighbours, NaN left out, which colours no noise and adds 1 % to it.
+
+def resample_to_grid(name: str, values: Array, sampling: Sampling, rows: slice) -> Array:
+    """Temperatures at the even times; other columns, and logs without jitter, come back unchanged.
+
+    Each sample is shifted along the slope of a straight line through its neighbours, missing ones
+    left out. This keeps white noise white and increases it by 1 %.
+
+    Parameters
+    ----------
+    name
+        Name of the column.
+    values
+        Samples of the column at ``rows``, (N,).
+    rows
+        Rows of the file that ``values`` hold.
     """
-    if sampling.late_s is None or not name.endswith("_degC"):
+    if sampling.jitter_s is None or not name.endswith("_degC"):
         return values
-    late_s = sampling.late_s[rows]
-    width = 2 * ABOUT + 1
-    t = sliding_window_view(np.pad(sampling.time_s[rows] + late_s, ABOUT, mode="edge"), width)
-    y = sliding_window_view(np.pad(values, ABOUT, constant_values=np.nan), width)
+    jitter_s = sampling.jitter_s[rows]
+    time_s = sampling.time_s[rows]
+    width = 2 * SLOPE_NEIGHBOURS + 1
+    t = sliding_window_view(np.pad(time_s + jitter_s, SLOPE_NEIGHBOURS, mode="edge"), width)
+    y = sliding_window_view(np.pad(values, SLOPE_NEIGHBOURS, constant_values=np.nan), width)
     used = np.isfinite(y)
     count = np.maximum(used.sum(axis=1), 1)
-    t = np.where(used, t - sampling.time_s[rows, None], 0.0)
-    y = np.where(used, y, 0.0)
-    t, y = (np.where(used, x - (x.sum(axis=1) / count)[:, None], 0.0) for x in (t, y))
-    return np.asarray(
-        values - late_s * (t * y).sum(axis=1) / np.maximum((t * t).sum(axis=1), 1e-300)
-    )
+    t = _centred(np.where(used, t - time_s[:, None], 0.0), used, count)
+    y = _centred(np.where(used, y, 0.0), used, count)
+    slope_numerator = (t * y).sum(axis=1)
+    slope_denominator = np.maximum((t * t).sum(axis=1), 1e-300)
+    return np.asarray(values - jitter_s * slope_numerator / slope_denominator)
 
 
-def weighed(sampling: Sampling, course: pd.DataFrame) -> Sampling:
-    """With that part of ``late_s`` only which is the samples', as temperatures tell, and what to say of it.
+def _centred(windows: Array, used: NDArray[np.bool_], count: NDArray[np.int_]) -> Array:
+    """Windows minus the mean of their used values; zero where a value is not used."""
+    return np.where(used, windows - (windows.sum(axis=1) / count)[:, None], 0.0)
 
-    ``course``: cleaned columns, at the rows of the file that its index names.
+
+def scale_jitter(sampling: Sampling, sample: pd.DataFrame) -> Sampling:
+    """Keep that share of the jitter that the temperatures confirm, and report it.
+
+    The remaining share belongs to the stamps only, not to the samples.
+
+    Parameters
+    ----------
+    sample
+        Cleaned columns; the index holds the rows of the file.
     """
-    if sampling.late_s is None:
+    if sampling.jitter_s is None:
         return sampling
-    couples = course[[n for n in course if str(n).endswith("_degC")]].to_numpy()
-    share = _real_share(couples, course.index.to_numpy(), sampling, sampling.late_s)
-    stray_s = float(np.std(sampling.late_s))
-    rate_Hz = 1 / sampling.dt_s
-    said = info(
-        "time.strays", subject="time_s", stray_s=stray_s, percent=100 * share, rate_Hz=rate_Hz
+    names = [name for name in sample if str(name).endswith("_degC")]
+    rows = sample.index.to_numpy()
+    share = _real_jitter_share(sample[names].to_numpy(), rows, sampling, sampling.jitter_s)
+    finding = info(
+        "time.strays",
+        subject="time_s",
+        stray_s=float(np.std(sampling.jitter_s)),
+        percent=100 * share,
+        rate_Hz=1 / sampling.dt_s,
     )
-    return replace(sampling, late_s=share * sampling.late_s, findings=(*sampling.findings, said))
+    return replace(
+        sampling,
+        jitter_s=share * sampling.jitter_s,
+        findings=(*sampling.findings, finding),
+    )
 
 
-def _real_share(
-    columns: Array, rows: NDArray[np.int64], sampling: Sampling, late_s: Array
+def _real_jitter_share(
+    columns: Array, rows: NDArray[np.int64], sampling: Sampling, jitter_s: Array
 ) -> float:
-    """Which part of ``late_s`` is real, the rest being the stamps' own: 1 where the readings cannot tell.
+    """Share of the jitter that is real; 1 where the readings hold no information about it.
 
-    Fourth differences of readings are those of (slope late) and noise; both are known where the slope is clear.
+    Least squares with the prior 1: fourth differences of readings are those of slope times jitter,
+    plus noise. Both are known where the slope is significant.
 
-    Args:
-        columns: (N, M) temperatures at ``rows`` (N,) of the file, NaN where missing.
+    Parameters
+    ----------
+    columns
+        Temperatures at ``rows`` of the file, (N, M) [degC], NaN where missing.
     """
-    wide = 8
+    half = SHARE_HALF_WINDOW
     n = len(rows)
-    if n < 4 * wide:
+    if n < 4 * half:
         return 1.0
     grid = sampling.grid[rows]
-    late = late_s[rows]
-    inside = slice(wide - 2, n - wide - 2)
-    whole = (grid[2 * wide :] - grid[: -2 * wide] == 2 * wide) & (
-        rows[2 * wide :] - rows[: -2 * wide] == 2 * wide
+    is_contiguous = (grid[2 * half :] - grid[: -2 * half] == 2 * half) & (
+        rows[2 * half :] - rows[: -2 * half] == 2 * half
     )
-    jerk = np.diff(late, 4)[inside]
-    weights = np.arange(wide, -wide - 1, -1.0)
-    told = TRUST
-    total = TRUST
+    inside = slice(half - 2, n - half - 2)
+    jitter_difference = np.diff(jitter_s[rows], 4)[inside]
+    weights = np.arange(half, -half - 1, -1.0)
+    weight_square = np.sum(weights**2)
+    numerator = STAMP_PRIOR
+    denominator = STAMP_PRIOR
     for y in columns.T:
-        slope = np.convolve(y, weights, "valid") / np.sum(weights**2)
-        bend = np.diff(y, 4)[inside]
-        sd = MAD_TO_SD * float(np.nanmedian(np.abs(bend)))
+        slope = np.convolve(y, weights, "valid") / weight_square
+        difference = np.diff(y, 4)[inside]
+        sd = MAD_TO_SD * float(np.nanmedian(np.abs(difference)))
         with np.errstate(invalid="ignore"):
-            clear = whole & (np.abs(slope) > 4 * sd / np.sqrt(70 * np.sum(weights**2)))
-        ahead = slope[clear] / sampling.dt_s * jerk[clear]
-        told += float(np.sum(ahead * bend[clear])) / max(sd, 1e-9) ** 2
-        total += float(np.sum(ahead**2)) / max(sd, 1e-9) ** 2
-    return min(max(told / total, 0.0), 1.0)
+            is_significant = np.abs(slope) > 4 * sd / np.sqrt(70 * weight_square)
+        used = is_contiguous & is_significant
+        predicted = slope[used] / sampling.dt_s * jitter_difference[used]
+        variance = max(sd, 1e-9) ** 2
+        numerator += float(np.sum(predicted * difference[used])) / variance
+        denominator += float(np.sum(predicted**2)) / variance
+    return min(max(numerator / denominator, 0.0), 1.0)
 
 
-def _places(step: Array, dt_s: float) -> NDArray[np.int32]:
-    """Where each sample stands on the grid of ``dt_s``, from the steps between them."""
-    many = step / dt_s
-    np.maximum(np.rint(many, out=many), 1.0, out=many)
-    place = np.zeros(len(step) + 1, dtype=np.int32)
-    place[1:] = np.cumsum(many, out=many)
-    return place
+def _grid_indices(step: Array, dt_s: float) -> NDArray[np.int32]:
+    """Index of each sample on the grid of ``dt_s``, from the steps between samples."""
+    intervals = step / dt_s
+    np.maximum(np.rint(intervals, out=intervals), 1.0, out=intervals)
+    grid = np.zeros(len(step) + 1, dtype=np.int32)
+    grid[1:] = np.cumsum(intervals, out=intervals)
+    return grid
 
 
-def _interval_s(time: Array, place: NDArray[np.int32]) -> float:
+def _interval_s(time: Array, grid: NDArray[np.int32]) -> float:
     """Slope of the straight line through the stamps, by least squares."""
-    grid = place - place.mean()
-    return float(grid @ (time - time.mean()) / (grid @ grid))
+    centred = grid - grid.mean()
+    return float(centred @ (time - time.mean()) / (centred @ centred))
 
 
 def interval_s(time_s: Array) -> float:
-    """Sampling interval [s] of even times (N,), whose stamps may be rounded: the middle of their steps is, too.
+    """Sampling interval [s] of even times (N,).
+
+    The mean step is used: stamps may be rounded, and then the median of the steps is rounded, too.
 
     >>> round(75 * interval_s(np.round(np.arange(10.0) / 75, 3)), 9)
     1.0
@@ -269,26 +381,29 @@ def interval_s(time_s: Array) -> float:
     return float(time_s[-1] - time_s[0]) / (len(time_s) - 1)
 
 
-def _even(time: Array, place: NDArray[np.int32], dt_s: float) -> tuple[Array, float]:
-    """Stamps on the even grid, and how far [s] the farthest of those logged lies from its own."""
-    even = np.asarray(place - place.mean())
+def _even_times(time: Array, grid: NDArray[np.int32], dt_s: float) -> tuple[Array, float]:
+    """Even times of the stamps [s], and the largest distance of a logged stamp from its own [s]."""
+    even = np.asarray(grid - grid.mean())
     even *= dt_s
     even += time.mean()
-    late = time - even
-    return even, float(max(late.max(), -late.min()))
+    offset = time - even
+    return even, float(max(offset.max(), -offset.min()))
 
 
-def _filled(time: Array, place: SampleLocation) -> tuple[Array, list[Finding]]:
-    bad = ~np.isfinite(time)
-    if not bad.any():
+def _fill_missing(time: Array, location: SampleLocation) -> tuple[Array, list[Finding]]:
+    """Interpolate up to three single missing stamps; InputError for more, or for two in a row."""
+    missing = ~np.isfinite(time)
+    if not missing.any():
         return time, []
-    i = int(np.argmax(bad))
-    if bad.sum() > 3 or bad[0] or bad[-1] or (bad[1:] & bad[:-1]).any():
+    first = int(np.argmax(missing))
+    count = int(missing.sum())
+    at_an_end = missing[0] or missing[-1]
+    if count > 3 or at_an_end or (missing[1:] & missing[:-1]).any():
         raise InputError(
-            f"{place.at('time_s', i)}: {int(bad.sum())} times are missing",
-            where=place.where,
+            f"{location.at('time_s', first)}: {count} times are missing",
+            where=location.where,
             expected="a time in each row",
         )
     index = np.arange(len(time))
-    time = np.interp(index, index[~bad], time[~bad])
-    return time, [info("time.filled", subject="time_s", row=place.row(i), count=int(bad.sum()))]
+    time = np.interp(index, index[~missing], time[~missing])
+    return time, [info("time.filled", subject="time_s", row=location.row(first), count=count)]

@@ -1,4 +1,7 @@
-"""A trace's columns, counted in pieces, then judged."""
+"""Check the columns of a log: missing, impossible and frozen values, spikes, and gaps.
+
+A column is read in chunks: statistics are collected chunk by chunk and judged at the end.
+"""
 
 from __future__ import annotations
 
@@ -17,19 +20,30 @@ from tcdyn.core.findings import Finding, SampleLocation, info, info_or_warning, 
 from tcdyn.estimation.trace_noise import MOST_MISSING, impossible
 from tcdyn.rig.columns import SWITCHES, is_air
 
-LONGEST_NAN_S = 0.5
-FROZEN_S = 10.0
-# rows in a run: neighbours stay neighbours; rows that tell what a whole column is like
-RUN = 64
-SAMPLE = 1 << 15
+# Longest run of missing values [s] that is bridged. Chosen by judgement.
+MAX_MISSING_RUN_S = 0.5
+# Longest time [s] that a temperature may stay exactly the same. Chosen by judgement.
+MAX_CONSTANT_S = 10.0
+# Rows in one run of the decimated log (neighbours stay neighbours), and its largest size in rows,
+# enough for statistics of a column. Chosen by judgement.
+RUN_ROWS = 64
+MAX_SAMPLE_ROWS = 1 << 15
 
 
 @dataclass
-class Tally:
-    """Marked samples of a column that comes in pieces: how many, the first one, the longest run of them.
+class RunStatistics:
+    """Marked samples of a column that comes in chunks: count, first one, longest run.
 
-    ``value`` is that of the first one, ``held`` that at the start of the longest run, ``open`` the last run (start,
-    length, value), which may go on in the next piece.
+    Parameters
+    ----------
+    count
+        Number of marked samples.
+    first, value
+        Index and value of the first marked sample.
+    start, length, start_value
+        Index of the first sample, length and first value of the longest run.
+    last_run
+        Start, length and first value of the last run, which may continue in the next chunk.
     """
 
     count: int = 0
@@ -37,191 +51,241 @@ class Tally:
     value: float = np.nan
     start: int = -1
     length: int = 0
-    held: float = np.nan
-    open: tuple[int, int, float] = (-1, 0, np.nan)
+    start_value: float = np.nan
+    last_run: tuple[int, int, float] = (-1, 0, np.nan)
 
-    def see(self, mask: Flags, values: Array, at: int) -> None:
-        """Count the True of ``mask (N,)``, whose first sample is number ``at``; ``values (N,)`` as in the file."""
+    def add(self, mask: Flags, values: Array, offset: int) -> None:
+        """Count the next chunk.
+
+        Parameters
+        ----------
+        mask
+            Which samples are marked, (N,).
+        values
+            The samples as in the file, (N,).
+        offset
+            Index of the first sample of the chunk in the column.
+        """
         edges = np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))
-        starts = np.flatnonzero(edges == 1)
-        if not len(starts):
+        local_starts = np.flatnonzero(edges == 1)
+        if not len(local_starts):
             return
-        long = np.flatnonzero(edges == -1) - starts
+        lengths = np.flatnonzero(edges == -1) - local_starts
+        starts = local_starts + offset
+        start_values = values[local_starts]
         if self.count == 0:
-            self.first, self.value = at + int(starts[0]), float(values[starts[0]])
-        self.count += int(long.sum())
-        begin = starts + at
-        held = values[starts]
-        if begin[0] == self.open[0] + self.open[1]:
-            begin[0], held[0] = self.open[0], self.open[2]
-            long[0] += self.open[1]
-        k = int(np.argmax(long))
-        if long[k] > self.length:
-            self.start, self.length, self.held = int(begin[k]), int(long[k]), float(held[k])
-        self.open = int(begin[-1]), int(long[-1]), float(held[-1])
+            self.first = int(starts[0])
+            self.value = float(start_values[0])
+        self.count += int(lengths.sum())
+        last_start, last_length, last_value = self.last_run
+        if starts[0] == last_start + last_length:
+            starts[0] = last_start
+            lengths[0] += last_length
+            start_values[0] = last_value
+        longest = int(np.argmax(lengths))
+        if lengths[longest] > self.length:
+            self.start = int(starts[longest])
+            self.length = int(lengths[longest])
+            self.start_value = float(start_values[longest])
+        self.last_run = int(starts[-1]), int(lengths[-1]), float(start_values[-1])
 
 
 @dataclass
-class Course:
-    """Columns that come in pieces, of which ``SAMPLE`` rows at most are kept: all, or every k-th run of ``RUN``.
+class DecimatedLog:
+    """At most ``MAX_SAMPLE_ROWS`` rows of columns that come in chunks: all, or every k-th run of rows.
 
-    Of switches, which have few values, all rows are.
+    Switches have few different values and are stored completely.
     """
 
     rows: int = 0
     every: int = 1
-    parts: list[pd.DataFrame] = field(default_factory=list)
+    chunks: list[pd.DataFrame] = field(default_factory=list)
     switches: dict[str, list[Any]] = field(default_factory=lambda: defaultdict(list))
 
-    def see(self, columns: Mapping[str, Array]) -> None:
-        """Keep what belongs to it of the next rows, (N,) of each column."""
-        for name in filter(SWITCHES.__contains__, columns):
-            self.switches[name].append(pd.Categorical(columns[name]))
-        new = pd.DataFrame({name: x for name, x in columns.items() if name not in SWITCHES})
-        new.index += self.rows
-        self.rows += len(new)
-        self.parts.append(new[new.index // RUN % self.every == 0])
-        while sum(map(len, self.parts)) > SAMPLE:
+    def add(self, columns: Mapping[str, Array]) -> None:
+        """Store the selected rows of the next chunk, (N,) of each column."""
+        for name, values in columns.items():
+            if name in SWITCHES:
+                self.switches[name].append(pd.Categorical(values))
+        chunk = pd.DataFrame({name: x for name, x in columns.items() if name not in SWITCHES})
+        chunk.index += self.rows
+        self.rows += len(chunk)
+        self.chunks.append(self._selected(chunk))
+        while sum(map(len, self.chunks)) > MAX_SAMPLE_ROWS:
             self.every *= 2
-            self.parts = [part[part.index // RUN % self.every == 0] for part in self.parts]
+            self.chunks = [self._selected(chunk) for chunk in self.chunks]
+
+    def _selected(self, chunk: pd.DataFrame) -> pd.DataFrame:
+        """Every k-th run of rows."""
+        return chunk[chunk.index // RUN_ROWS % self.every == 0]
 
     def frame(self) -> pd.DataFrame:
-        """What was kept, by its place in the whole."""
-        return pd.concat(self.parts)
+        """The stored rows; the index is the row in the log."""
+        return pd.concat(self.chunks)
 
-    def whole(self) -> dict[str, Array]:
+    def full_switches(self) -> dict[str, Array]:
         """All rows of the switches."""
         return {
-            name: np.array(union_categoricals(parts), float)
-            for name, parts in self.switches.items()
+            name: np.array(union_categoricals(chunks), float)
+            for name, chunks in self.switches.items()
         }
 
 
 @dataclass
 class ColumnCheck:
-    """A column of a trace (or of an oven log) that comes in pieces: counted on the way, judged at the end.
+    """Check one column of a log that comes in chunks: collect statistics, then judge.
 
-    In a temperature, impossible values and spikes are counted, a dead channel and long gaps are refused; room and bath
-    may stand still, with a finding. Other columns have no limits of their own.
+    In a temperature, impossible values and spikes are counted; a dead channel and long gaps are
+    errors. Room and bath temperatures may be constant, with a warning. Other columns have no limits
+    of their own.
     """
 
     name: str
-    place: SampleLocation
-    tallies: dict[str, Tally] = field(default_factory=lambda: defaultdict(Tally))
-    seen: int = 0
+    location: SampleLocation
+    statistics: dict[str, RunStatistics] = field(default_factory=lambda: defaultdict(RunStatistics))
+    n_samples: int = 0
     last: float = np.nan
     low: float = np.inf
     high: float = -np.inf
 
-    def see(self, values: Array, cleaned: Array) -> None:
-        """Count what happened to the next samples (N,), as in the file and as ``clean`` left them."""
-        at = self.seen
+    @property
+    def _is_temperature(self) -> bool:
+        return self.name.endswith("_degC")
+
+    def add(self, values: Array, cleaned: Array) -> None:
+        """Count the next chunk, (N,): values as in the file, and after ``clean``."""
+        offset = self.n_samples
         missing = np.isnan(cleaned)
-        self.seen += len(values)
-        self.tallies["missing"].see(missing, values, at)
-        if not self.name.endswith("_degC"):
+        self.n_samples += len(values)
+        self.statistics["missing"].add(missing, values, offset)
+        if not self._is_temperature:
             return
-        wild = impossible(values)
+        out_of_range = impossible(values)
         absent = np.isnan(values)
-        self.tallies["wild"].see(wild, values, at)
-        self.tallies["absent"].see(absent, values, at)
-        self.tallies["spikes"].see(missing & ~absent & ~wild, values, at)
-        real = np.concatenate([[self.last], np.where(wild, np.nan, values)])
-        self.tallies["same"].see(np.diff(real) == 0.0, real[:-1], at - 1)
-        self.last = float(real[-1])
-        self.low = float(np.fmin.reduce(real, initial=self.low))
-        self.high = float(np.fmax.reduce(real, initial=self.high))
+        self.statistics["impossible"].add(out_of_range, values, offset)
+        self.statistics["absent"].add(absent, values, offset)
+        self.statistics["spikes"].add(missing & ~absent & ~out_of_range, values, offset)
+        possible = np.concatenate([[self.last], np.where(out_of_range, np.nan, values)])
+        self.statistics["constant"].add(np.diff(possible) == 0.0, possible[:-1], offset - 1)
+        self.last = float(possible[-1])
+        self.low = float(np.fmin.reduce(possible, initial=self.low))
+        self.high = float(np.fmax.reduce(possible, initial=self.high))
 
     def judge(self) -> list[Finding]:
-        """What was noticed. Raises InputError for a dead or frozen channel, many spikes, and gaps long or many."""
-        name = self.name
-        place = self.place
-        seen = self.seen
-        found = list[Finding]()
-        wild, spikes, absent, gap = (
-            self.tallies[key] for key in ("wild", "spikes", "absent", "missing")
-        )
-        if not name.endswith("_degC"):
-            if gap.count > MOST_MISSING * seen:
-                raise InputError(
-                    f"{place.at(name, gap.first)}: {gap.value:.4g}; {100 * gap.count / seen:.0f} % of the column is "
-                    "missing or impossible",
-                    where=place.where,
-                )
-            numbers = {"count": gap.count, **place.of(gap.first)} if gap.count else {}
-            return (
-                [info_or_warning(gap.count / seen, "values.missing", subject=name, **numbers)]
-                if gap.count
-                else []
-            )
-        if wild.count:
-            numbers = {"count": wild.count, "value": wild.value, **place.of(wild.first)}
-            found.append(
-                info_or_warning(wild.count / seen, "values.impossible", subject=name, **numbers)
-            )
-        if place.dt_s is None:
-            return found
-        found += self._frozen(place.dt_s)
-        if spikes.count > MOST_MISSING * seen:
-            raise InputError(
-                f"{place.at(name, spikes.first)}: {100 * spikes.count / seen:.0f} % of the samples are spikes",
-                where=place.where,
-                remedy="check the slip ring and the wiring of this channel",
-                column=name,
-            )
-        if spikes.count:
-            found.append(
-                info("spikes.removed", subject=name, count=spikes.count, **place.of(spikes.first))
-            )
-        span_s = gap.length * place.dt_s
-        if span_s > max(LONGEST_NAN_S, 3 * place.dt_s) or gap.count > MOST_MISSING * seen:
-            raise InputError(
-                f"{place.at(name, gap.start)}: {gap.length} values in a row are missing "
-                f"({span_s:.3g} s), {100 * gap.count / seen:.2g} % of the channel",
-                where=place.where,
-                expected=f"runs of at most {LONGEST_NAN_S} s and {100 * MOST_MISSING:.0f} % in all",
-                remedy="cut the log there, or repair the channel",
-                column=name,
-            )
-        if absent.count:
-            longest = {
-                "longest": absent.length,
-                "longest_s": absent.length * place.dt_s,
-                **place.of(absent.start),
-            }
-            found.append(
-                info_or_warning(
-                    absent.count / seen,
-                    "values.absent",
-                    subject=name,
-                    count=absent.count,
-                    **longest,
-                )
-            )
-        return found
+        """Findings about the column.
 
-    def _frozen(self, dt_s: float) -> list[Finding]:
-        same = self.tallies["same"]
-        name = self.name
-        place = self.place
-        others = self.seen - 1 - same.length
-        span_s = same.length * dt_s
+        Raises
+        ------
+        InputError
+            A dead or frozen channel, too many spikes, and gaps that are too long or too many.
+        """
+        if not self._is_temperature:
+            return self._check_missing()
+        findings = self._check_impossible()
+        dt_s = self.location.dt_s
+        if dt_s is None:
+            return findings
+        findings += self._check_constant(dt_s)
+        findings += self._check_spikes()
+        findings += self._check_gaps(dt_s)
+        return findings
+
+    def _check_missing(self) -> list[Finding]:
+        """Missing values of a column that is no temperature."""
+        missing = self.statistics["missing"]
+        share = missing.count / self.n_samples if self.n_samples else 0.0
+        if missing.count > MOST_MISSING * self.n_samples:
+            raise InputError(
+                f"{self.location.at(self.name, missing.first)}: {missing.value:.4g}; "
+                f"{100 * share:.0f} % of the column is missing or impossible",
+                where=self.location.where,
+            )
+        if not missing.count:
+            return []
+        numbers = {"count": missing.count, **self.location.of(missing.first)}
+        return [info_or_warning(share, "values.missing", subject=self.name, **numbers)]
+
+    def _check_impossible(self) -> list[Finding]:
+        """Temperatures outside the range of a thermocouple."""
+        out_of_range = self.statistics["impossible"]
+        if not out_of_range.count:
+            return []
+        share = out_of_range.count / self.n_samples
+        numbers = {
+            "count": out_of_range.count,
+            "value": out_of_range.value,
+            **self.location.of(out_of_range.first),
+        }
+        return [info_or_warning(share, "values.impossible", subject=self.name, **numbers)]
+
+    def _check_spikes(self) -> list[Finding]:
+        spikes = self.statistics["spikes"]
+        if spikes.count > MOST_MISSING * self.n_samples:
+            percent = 100 * spikes.count / self.n_samples
+            raise InputError(
+                f"{self.location.at(self.name, spikes.first)}: {percent:.0f} % of the samples are "
+                "spikes",
+                where=self.location.where,
+                remedy="check the slip ring and the wiring of this channel",
+                column=self.name,
+            )
+        if not spikes.count:
+            return []
+        numbers = {"count": spikes.count, **self.location.of(spikes.first)}
+        return [info("spikes.removed", subject=self.name, **numbers)]
+
+    def _check_gaps(self, dt_s: float) -> list[Finding]:
+        missing = self.statistics["missing"]
+        gap_s = missing.length * dt_s
+        is_too_long = gap_s > max(MAX_MISSING_RUN_S, 3 * dt_s)
+        if is_too_long or missing.count > MOST_MISSING * self.n_samples:
+            percent = 100 * missing.count / self.n_samples
+            raise InputError(
+                f"{self.location.at(self.name, missing.start)}: {missing.length} values in a row "
+                f"are missing ({gap_s:.3g} s), {percent:.2g} % of the channel",
+                where=self.location.where,
+                expected=f"runs of at most {MAX_MISSING_RUN_S} s and "
+                f"{100 * MOST_MISSING:.0f} % in all",
+                remedy="cut the log there, or repair the channel",
+                column=self.name,
+            )
+        absent = self.statistics["absent"]
+        if not absent.count:
+            return []
+        numbers = {
+            "count": absent.count,
+            "longest": absent.length,
+            "longest_s": absent.length * dt_s,
+            **self.location.of(absent.start),
+        }
+        share = absent.count / self.n_samples
+        return [info_or_warning(share, "values.absent", subject=self.name, **numbers)]
+
+    def _check_constant(self, dt_s: float) -> list[Finding]:
+        """A channel that is constant, or frozen for a while: an error unless it measures the air."""
+        constant = self.statistics["constant"]
+        other_steps = self.n_samples - 1 - constant.length
+        span_s = constant.length * dt_s
+        few_other_repeats = constant.count - constant.length < 0.5 * max(other_steps, 1)
         if self.low == self.high:
-            found = warning("column.constant", subject=name, value=self.low)
+            finding = warning("column.constant", subject=self.name, value=self.low)
             remedy = "check its wiring"
-        elif span_s > FROZEN_S and same.count - same.length < 0.5 * max(others, 1):
-            found = warning(
+        elif span_s > MAX_CONSTANT_S and few_other_repeats:
+            finding = warning(
                 "column.frozen",
-                subject=name,
-                value=same.held,
+                subject=self.name,
+                value=constant.start_value,
                 span_s=span_s,
-                **place.of(same.start),
+                **self.location.of(constant.start),
             )
             remedy = "check its wiring, or cut the log"
         else:
             return []
-        if not is_air(name):
+        if not is_air(self.name):
             raise InputError(
-                f"{found.sentence}: a dead channel", where=place.where, remedy=remedy, column=name
+                f"{finding.sentence}: a dead channel",
+                where=self.location.where,
+                remedy=remedy,
+                column=self.name,
             )
-        return [found]
+        return [finding]

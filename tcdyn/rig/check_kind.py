@@ -1,4 +1,7 @@
-"""What must hold for each kind of log: switches that move, loads in newtons, channels of a disk that agree."""
+"""Checks that depend on the kind of log.
+
+Switches must change, loads must be in newtons, speeds in rpm, and the channels of a disk must agree.
+"""
 
 from __future__ import annotations
 
@@ -15,266 +18,350 @@ from tcdyn.rig.columns import ROOM_AND_BATH, couples_in
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.rigfile import Rig, RigTables
 
-BOUNCE_S = 0.2
+# Two edges of a switch that are closer than this are a bounce [s]. Chosen by judgement.
+MAX_BOUNCE_S = 0.2
+# Shorter cooling after the unloading gives a warning [s]. Chosen by judgement.
+MIN_COOLING_S = 5.0
+# A plunge heats the disk by more than this [K] before swapped junctions are looked for.
+MIN_PLUNGE_RISE_K = 10.0
+# No enclosure is warmer [degC]: the column is in degrees Fahrenheit. Chosen by judgement.
+MAX_ROOM_DEGC = 120.0
+# The load rises by at least this much in contact [N]; less is another unit or a dead cell.
+MIN_LOAD_STEP_N = 10.0
+# Coefficient of friction above which the unit or the zero is doubtful. Chosen by judgement.
+MAX_FRICTION_COEFFICIENT = 0.3
+# Slower slow shafts give a warning [rpm]. Chosen by judgement.
+MIN_SPEED_RPM = 60.0
+# Junctions are compared if their depths differ by at least this [mm]. Chosen by judgement.
+MIN_DEPTH_DIFFERENCE_MM = 2.5
 
 
 def check_kind(
     kind: str,
-    course: pd.DataFrame,
+    sample: pd.DataFrame,
     switches: Mapping[str, Array],
-    place: SampleLocation,
+    location: SampleLocation,
     rig: Rig,
     disk: str | None,
     *,
     parted: bool = True,
 ) -> tuple[dict[str, Flags], list[Finding]]:
-    """The ``switches`` (N,) of a log as off and on, and what all columns show together over the whole test.
+    """Check what the columns of a log show together over the complete test.
 
-    ``course``: cleaned columns, at the rows of the file that its index names (all of them, or some picked from all the
-    test); ``parted``: whether the disks must part. Raises InputError where a log of this ``kind`` cannot be.
+    Parameters
+    ----------
+    kind
+        Kind of log.
+    sample
+        Cleaned columns, all rows or some from the complete test; the index is the row of the file.
+    switches
+        All rows of the switches, (N,) each.
+    location
+        Position of the rows in the file, for messages.
+    parted
+        Whether the log must contain the unloading.
+
+    Returns
+    -------
+    The switches as off and on, (N,) each, and the findings.
+
+    Raises
+    ------
+    InputError
+        A log of this kind cannot look like this.
     """
-    found: list[Finding] = []
-    states: dict[str, Flags] = {}
-    for name, values in switches.items():
-        levels, said = _two_level(values, name, place)
-        if name == "contact" and _inverted(course, levels[course.index] > 0.5):
-            levels = 1.0 - levels
-            said = [*said, warning("contact.inverted", subject="contact")]
-        found += said + _edges(levels, name, place, parted)
-        states[name] = levels > 0.5
-    bath = [float(course[n].median()) for n in ROOM_AND_BATH if n in course]
-    couples = couples_in(course)
-    if kind != "ehl":
-        found += _group(course[couples], place, max(bath) if bath else None)
+    states, findings = _check_switches(sample, switches, location, parted)
+    baths = [float(sample[name].median()) for name in ROOM_AND_BATH if name in sample]
+    junctions = couples_in(sample)
+    if kind == "ehl":
+        findings += _check_ehl(sample, junctions, states, location, rig)
+        return states, findings
+    findings += _check_channels(sample[junctions], location, max(baths) if baths else None)
     if kind == "immersion":
-        mean = course[couples].mean(axis=1).to_numpy()
+        mean = sample[junctions].mean(axis=1).to_numpy()
         start = float(np.nanmean(mean[:30]))
         end = float(np.nanmean(mean[-30:]))
-        if end - start > 10.0:
+        if end - start > MIN_PLUNGE_RISE_K:
             rise = (mean - start) / (end - start)
-            found += _swapped(course, "", rig.tables(disk or ""), (rise > 0.05) & (rise < 0.35))
-    if kind != "ehl":
-        return states, found
-    known = rig.common.constants.get("ambient_degC")
-    rooms = [float(course[n].median()) for n in course if str(n).startswith("ambient_")]
-    room = max(rooms, default=known.value if known else 20.0)
-    if rooms and room > 120.0:
+            is_heating = (rise > 0.05) & (rise < 0.35)
+            findings += _swapped_junctions(sample, "", rig.tables(disk or ""), is_heating)
+    return states, findings
+
+
+def _check_switches(
+    sample: pd.DataFrame, switches: Mapping[str, Array], location: SampleLocation, parted: bool
+) -> tuple[dict[str, Flags], list[Finding]]:
+    """Each switch as off and on; an inverted contact switch is corrected, with a warning."""
+    findings: list[Finding] = []
+    states: dict[str, Flags] = {}
+    for name, values in switches.items():
+        levels, level_findings = _two_levels(values, name, location)
+        findings += level_findings
+        if name == "contact" and _is_inverted(sample, levels[sample.index] > 0.5):
+            levels = 1.0 - levels
+            findings.append(warning("contact.inverted", subject="contact"))
+        findings += _check_edges(levels, name, location, parted)
+        states[name] = levels > 0.5
+    return states, findings
+
+
+def _check_ehl(
+    sample: pd.DataFrame,
+    junctions: list[str],
+    states: Mapping[str, Flags],
+    location: SampleLocation,
+    rig: Rig,
+) -> list[Finding]:
+    """Room temperature, channels, loads and speeds of an EHL log."""
+    constant = rig.common.constants.get("ambient_degC")
+    air = sample[[name for name in sample if str(name).startswith("ambient_")]].median()
+    if len(air):
+        room_degC = float(air.max())
+    else:
+        room_degC = constant.value if constant else 20.0
+    if len(air) and room_degC > MAX_ROOM_DEGC:
         raise InputError(
-            f"column {_hottest(course)} is about {room:.3g}: no enclosure is that warm; degrees Fahrenheit?",
-            where=place.where,
+            f"column {air.idxmax()} is about {room_degC:.3g}: no enclosure is that warm; "
+            "degrees Fahrenheit?",
+            where=location.where,
             expected="degrees Celsius",
         )
-    for own in DISKS:
-        if logged := [n for n in couples if n.startswith(f"{own}_")]:
-            found += _group(course[logged], place, room)
-    contact = states["contact"][course.index] if "contact" in states else _touching(course)
-    found += _loads(course, contact, place.where) if contact.any() else []
-    late = (
-        contact
-        & ~contact[0]
-        & (np.arange(len(contact)) > int(np.argmax(contact)) + 0.2 * contact.sum())
-    )
-    for own in DISKS:
-        found += _swapped(course, f"{own}_", rig.tables(own), late)
-    return states, found
+    findings: list[Finding] = []
+    for disk in DISKS:
+        disk_junctions = [name for name in junctions if name.startswith(f"{disk}_")]
+        if disk_junctions:
+            findings += _check_channels(sample[disk_junctions], location, room_degC)
+    contact = states["contact"][sample.index] if "contact" in states else _loaded(sample)
+    if contact.any():
+        findings += _check_loads(sample, contact, location.where)
+    # the first fifth of the contact is left out: the heat has not reached all junctions yet
+    heat_starts = int(np.argmax(contact)) + 0.2 * contact.sum()
+    is_heating = contact & ~contact[0] & (np.arange(len(contact)) > heat_starts)
+    for disk in DISKS:
+        findings += _swapped_junctions(sample, f"{disk}_", rig.tables(disk), is_heating)
+    return findings
 
 
-def _hottest(course: pd.DataFrame) -> str:
-    """The column of the air that is warmest."""
-    return str(course[[n for n in course if str(n).startswith("ambient_")]].median().idxmax())
-
-
-def _touching(course: pd.DataFrame) -> Flags:
-    """Whether load, or friction where none was logged, stands at its upper level (N,), where no switch says so."""
-    name = next((n for n in ("load_N", "friction_N") if n in course), None)
+def _loaded(sample: pd.DataFrame) -> Flags:
+    """Contact by the load, or the friction if no load was logged: at its upper level, (N,)."""
+    name = next((n for n in ("load_N", "friction_N") if n in sample), None)
     if name is None:
-        return np.zeros(len(course), dtype=bool)
-    calm = course[name].rolling(51, center=True, min_periods=1).median()
-    return np.asarray(calm > 0.5 * (calm.min() + calm.max()))
+        return np.zeros(len(sample), dtype=bool)
+    smooth = sample[name].rolling(51, center=True, min_periods=1).median()
+    return np.asarray(smooth > 0.5 * (smooth.min() + smooth.max()))
 
 
-def _two_level(values: Array, name: str, place: SampleLocation) -> tuple[Array, list[Finding]]:
-    """A switch (N,) as 0 and 1; missing samples keep the state before them.
+def _two_levels(values: Array, name: str, location: SampleLocation) -> tuple[Array, list[Finding]]:
+    """A switch (N,) as 0 and 1; missing samples take the state before them.
 
-    Other pairs of levels (0 and 5 V) are read as off and on, with a note. Raises InputError for more levels.
+    Other pairs of levels (0 and 5 V) are read as off and on, with an information. Raises InputError
+    for more than two levels.
     """
     missing = ~np.isfinite(values)
     if missing.all():
-        raise InputError(f"column {name} holds no numbers", where=place.where, expected="0 and 1")
-    found: list[Finding] = []
+        raise InputError(
+            f"column {name} holds no numbers", where=location.where, expected="0 and 1"
+        )
+    findings: list[Finding] = []
     if missing.any():
         first = int(np.argmax(missing))
-        if missing.mean() > 0.05:
-            raise InputError(
-                f"{place.at(name, first)}: {100 * missing.mean():.0f} % of it is missing",
-                where=place.where,
-            )
         count = int(missing.sum())
-        found.append(
-            info_or_warning(
-                count / len(values), "switch.filled", subject=name, count=count, **place.of(first)
+        share = count / len(values)
+        if share > 0.05:
+            raise InputError(
+                f"{location.at(name, first)}: {100 * share:.0f} % of it is missing",
+                where=location.where,
             )
-        )
+        numbers = {"count": count, **location.of(first)}
+        findings.append(info_or_warning(share, "switch.filled", subject=name, **numbers))
         values = np.array(pd.Series(values).where(~missing).ffill().bfill(), dtype=np.float64)
     levels = np.sort(pd.unique(values))
     if len(levels) > 2:
         i = int(np.argmax((values != levels[0]) & (values != levels[-1])))
         raise InputError(
-            f"{place.at(name, i)}: {values[i]:.4g}; the column takes {len(levels)} different values",
-            where=place.where,
+            f"{location.at(name, i)}: {values[i]:.4g}; the column takes {len(levels)} different "
+            "values",
+            where=location.where,
             expected="0 and 1",
         )
     if set(levels) <= {0.0, 1.0}:
-        return values, found
+        return values, findings
     if len(levels) == 1:
         raise InputError(
-            f"column {name} is {levels[0]:g} in every row", where=place.where, expected="0 and 1"
+            f"column {name} is {levels[0]:g} in every row",
+            where=location.where,
+            expected="0 and 1",
         )
-    found.append(info("switch.levels", subject=name, low=float(levels[0]), high=float(levels[1])))
-    return (values == levels[1]).astype(float), found
+    low, high = levels.tolist()
+    findings.append(info("switch.levels", subject=name, low=low, high=high))
+    return (values == high).astype(float), findings
 
 
-def _inverted(course: pd.DataFrame, contact: Flags) -> bool:
-    """Whether load and friction both stand at their upper level where ``contact`` (N,) is off, and only there."""
+def _is_inverted(sample: pd.DataFrame, contact: Flags) -> bool:
+    """Whether load and friction are at their upper level where ``contact`` (N,) is off, and only there."""
     if contact.all() or not contact.any():
         return False
-    against = []
     for name in ("load_N", "friction_N"):
-        if name not in course:
+        if name not in sample:
             return False
-        force = course[name].to_numpy(dtype=float)
-        low, high = (float(np.nanmedian(force[contact == state])) for state in (True, False))
-        upper = force > 0.5 * (low + high)
-        apart = float(np.mean(upper[~contact])) - float(np.mean(upper[contact]))
-        against.append(
-            high > abs(low) and apart > 0.8
-        )  # of a force with its sign turned the larger level is negative
-    return all(against)
+        force = sample[name].to_numpy(dtype=float)
+        in_contact = float(np.nanmedian(force[contact]))
+        without = float(np.nanmedian(force[~contact]))
+        is_upper = force > 0.5 * (in_contact + without)
+        difference = float(np.mean(is_upper[~contact])) - float(np.mean(is_upper[contact]))
+        # of a force with the wrong sign the larger level is negative
+        if not (without > abs(in_contact) and difference > 0.8):
+            return False
+    return True
 
 
-def _edges(values: Array, name: str, place: SampleLocation, parted: bool) -> list[Finding]:
-    """Whether a switch (N,) of 0 and 1 moves as it must: up at an entry, down where the disks part.
+def _check_edges(values: Array, name: str, location: SampleLocation, parted: bool) -> list[Finding]:
+    """Whether a switch (N,) of 0 and 1 changes as it must: up at an entry, down at the unloading.
 
-    Held or momentary both are fine for an entry; bounces and a missing loading or cooling are noted.
+    At an entry it may stay on or be momentary. Bounces and a missing loading or cooling are
+    reported.
     """
     steps = np.diff(values)
     falls = np.flatnonzero(steps < 0)
+    constant = f"is {values[0]:g} in every row"
     if name == "switch" and not (steps > 0).any():
-        held = "goes from 1 to 0 only" if steps.any() else f"is {values[0]:g} in every row"
+        state = "goes from 1 to 0 only" if steps.any() else constant
         raise InputError(
-            f"column {name} {held}: the switch never moves to 1",
-            where=place.where,
+            f"column {name} {state}: the switch never moves to 1",
+            where=location.where,
             expected="0 before the entry, 1 at the entry",
             remedy="give the log of the whole plunge",
         )
     if name == "contact" and parted and not len(falls):
-        state = "rises but never falls" if steps.any() else f"is {values[0]:g} in every row"
+        state = "rises but never falls" if steps.any() else constant
         raise InputError(
             f"column contact {state}: no unloading",
-            where=place.where,
+            where=location.where,
             expected="1 while the disks touch, then 0",
             remedy="give the log of the whole test, through the cooling",
         )
-    assert place.dt_s is not None
-    found = list[Finding]()
+    assert location.dt_s is not None
+    findings: list[Finding] = []
     edges = np.flatnonzero(steps) + 1
-    close = np.flatnonzero(np.diff(edges) * place.dt_s < BOUNCE_S)
-    if len(edges) > 2 and len(close):
-        found.append(
-            info("switch.bounces", subject=name, count=len(edges), **place.of(int(edges[close[0]])))
-        )
-    if name == "contact" and values[0] > 0.5:
-        found.append(warning("contact.from_start", subject="contact"))
-    cooling_s = float(len(values) - 1 - falls[-1]) * place.dt_s if len(falls) else np.inf
-    if name == "contact" and cooling_s < 5.0:
-        found.append(warning("contact.short_cooling", subject="contact", cooling_s=cooling_s))
-    return found
+    bounces = np.flatnonzero(np.diff(edges) * location.dt_s < MAX_BOUNCE_S)
+    if len(edges) > 2 and len(bounces):
+        numbers = {"count": len(edges), **location.of(int(edges[bounces[0]]))}
+        findings.append(info("switch.bounces", subject=name, **numbers))
+    if name != "contact":
+        return findings
+    if values[0] > 0.5:
+        findings.append(warning("contact.from_start", subject="contact"))
+    cooling_s = float(len(values) - 1 - falls[-1]) * location.dt_s if len(falls) else np.inf
+    if cooling_s < MIN_COOLING_S:
+        findings.append(warning("contact.short_cooling", subject="contact", cooling_s=cooling_s))
+    return findings
 
 
-def _group(
-    columns: pd.DataFrame, place: SampleLocation, reference_degC: float | None
+def _check_channels(
+    columns: pd.DataFrame, location: SampleLocation, reference_degC: float | None
 ) -> list[Finding]:
-    """Channels of one disk against one another: millivolts, and one that does not follow the rest.
+    """Compare the channels of one disk: millivolts, a dead channel, excessive noise.
 
-    ``reference_degC`` is the median of a bath or room temperature known to be in degC. Raises InputError.
+    ``reference_degC`` is the median of a bath or room temperature known to be in degC. Raises
+    InputError for millivolts and for a dead channel.
     """
     low = columns.quantile(0.01)
     high = columns.quantile(0.99)
-    warm = _upper_median(high)
-    for name, least, value in zip(columns, low, high):
-        others = max(warm, reference_degC if reference_degC is not None else 0.0)
-        if value < 16.0 and least > -5.0 and (others > value + 8.0 or warm < 16.0):
+    usual_high = _upper_median(high)
+    warmest = max(usual_high, reference_degC if reference_degC is not None else 0.0)
+    # all emfs of type J up to about 290 degC lie below 16 mV
+    for name, lower, upper in zip(columns, low, high):
+        is_small = upper < 16.0 and lower > -5.0
+        if is_small and (warmest > upper + 8.0 or usual_high < 16.0):
             raise InputError(
-                f"column {name} stays between {least:.3g} and {value:.3g}: this looks like millivolts",
-                where=place.where,
+                f"column {name} stays between {lower:.3g} and {upper:.3g}: this looks like "
+                "millivolts",
+                where=location.where,
                 expected="degrees Celsius",
                 remedy="for type J write millivolts = true into rig.toml [logger]",
-                column=str(name) if warm >= 16.0 else "",
+                column=str(name) if usual_high >= 16.0 else "",
             )
     rise = high - low
-    usual = _upper_median(rise)
+    usual_rise = _upper_median(rise)
     for name, value in rise.items():
-        if usual > 10.0 and value < 0.1 * usual:
+        if usual_rise > 10.0 and value < 0.1 * usual_rise:
             raise InputError(
-                f"column {name} changes by {value:.3g} degC, the others by {usual:.3g}: a dead channel",
-                where=place.where,
+                f"column {name} changes by {value:.3g} degC, the others by {usual_rise:.3g}: "
+                "a dead channel",
+                where=location.where,
                 remedy="check its wiring, or leave the channel out by repairing the disk",
                 column=str(name),
             )
-    # white noise from second differences and their median, so that events do not count
-    noise = columns.apply(
-        lambda x: float(white_noise_sd(x.dropna(), 2, centred=False)) if x.count() >= 10 else 0.0
-    )
-    calm = _upper_median(noise)
-    loud = noise[noise > 4.0 * calm + 0.1]
+    noise_K = columns.apply(_noise_K)
+    usual_noise_K = _upper_median(noise_K)
+    noisy = noise_K[noise_K > 4.0 * usual_noise_K + 0.1]
     return [
-        warning("noise.high", subject=str(name), noise_K=value, others_K=calm)
-        for name, value in loud.items()
+        warning("noise.high", subject=str(name), noise_K=value, others_K=usual_noise_K)
+        for name, value in noisy.items()
     ]
 
 
+def _noise_K(column: pd.Series[float]) -> float:
+    """White noise by the median of the second differences, which events do not affect."""
+    if column.count() < 10:
+        return 0.0
+    return float(white_noise_sd(column.dropna(), 2, centred=False))
+
+
 def _upper_median(values: pd.Series[float]) -> float:
-    """The middle one, or the upper one of two."""
+    """The median, or the upper one of the two middle values."""
     return float(values.quantile(0.5, interpolation="higher"))
 
 
-def _loads(course: pd.DataFrame, contact: Flags, where: str) -> list[Finding]:
-    """Load, friction and speeds of an EHL log while ``contact`` is on. Raises InputError where they cannot be used."""
-    touching = course[contact].median()
-    apart = course[~contact].median()
-    on, off = (float(x.get("load_N", np.nan)) for x in (touching, apart))
-    if abs(on - off) < 10.0:
+def _check_loads(sample: pd.DataFrame, contact: Flags, where: str) -> list[Finding]:
+    """Load, friction and speeds of an EHL log in contact. Raises InputError for unusable ones."""
+    in_contact = sample[contact].median()
+    without = sample[~contact].median()
+    load_on = float(in_contact.get("load_N", np.nan))
+    load_off = float(without.get("load_N", np.nan))
+    if abs(load_on - load_off) < MIN_LOAD_STEP_N:
         raise InputError(
-            f"column load_N is {on:.4g} in contact and {off:.4g} without: a dead cell, kilonewtons or volts",
+            f"column load_N is {load_on:.4g} in contact and {load_off:.4g} without: a dead cell, "
+            "kilonewtons or volts",
             where=where,
             expected="newtons that rise by 10 or more in contact",
         )
-    if on < off:
-        load = course["load_N"]
-        lower = load < 0.5 * (load.min() + load.max())
-        inverted = not lower.any() or contact[lower].mean() > 0.5
+    if load_on < load_off:
+        load = sample["load_N"]
+        is_lower = load < 0.5 * (load.min() + load.max())
+        remedy = "the switch looks momentary: hold it at 1 from touching to parting, as the load shows it"
+        if not is_lower.any() or contact[is_lower].mean() > 0.5:
+            remedy = "the switch looks inverted: log 1 - contact"
         raise InputError(
-            f"column contact: the load is {on:.4g} N where contact is 1 and {off:.4g} N where it is 0",
+            f"column contact: the load is {load_on:.4g} N where contact is 1 and {load_off:.4g} N "
+            "where it is 0",
             where=where,
             expected="contact 1 while the disks touch",
-            remedy="the switch looks inverted: log 1 - contact"
-            if inverted
-            else "the switch looks momentary: hold it at 1 from touching to parting, as the load shows it",
+            remedy=remedy,
         )
-    found: list[Finding] = []
-    friction = float(touching.get("friction_N", np.nan))
+    findings: list[Finding] = []
+    friction = float(in_contact.get("friction_N", np.nan))
     if friction < 0:
-        found.append(warning("friction.negative", subject="friction_N", friction_N=friction))
-    elif friction > 0.3 * on:
-        found.append(warning("friction.high", subject="friction_N", friction_N=friction, load_N=on))
-    fast, slow = (float(touching.get(f"speed_{disk}_rpm", np.nan)) for disk in DISKS)
-    for disk, value in zip(DISKS, (fast, slow)):
-        if not value > 0 and f"speed_{disk}_rpm" in course:
+        findings.append(warning("friction.negative", subject="friction_N", friction_N=friction))
+    elif friction > MAX_FRICTION_COEFFICIENT * load_on:
+        findings.append(
+            warning("friction.high", subject="friction_N", friction_N=friction, load_N=load_on)
+        )
+    return findings + _check_speeds(sample, in_contact, where)
+
+
+def _check_speeds(sample: pd.DataFrame, in_contact: pd.Series[float], where: str) -> list[Finding]:
+    """Speeds in contact. Raises InputError where a shaft stands, or the slow one is faster."""
+    speeds = {disk: float(in_contact.get(f"speed_{disk}_rpm", np.nan)) for disk in DISKS}
+    for disk, speed in speeds.items():
+        if not speed > 0 and f"speed_{disk}_rpm" in sample:
             raise InputError(
-                f"column speed_{disk}_rpm is {value:.3g} in contact",
+                f"column speed_{disk}_rpm is {speed:.3g} in contact",
                 where=where,
                 expected="rotation in rpm",
             )
+    fast = speeds["fast"]
+    slow = speeds["slow"]
     if fast < 0.98 * slow:
         raise InputError(
             f"column speed_fast_rpm ({fast:.4g}) is below speed_slow_rpm ({slow:.4g})",
@@ -282,36 +369,51 @@ def _loads(course: pd.DataFrame, contact: Flags, where: str) -> list[Finding]:
             expected="the fast disk to turn faster",
             remedy="the columns look swapped",
         )
-    if slow < 60.0:
-        found.append(warning("speed.slow", subject="speed_slow_rpm", speed_rpm=slow))
-    return found
+    if slow < MIN_SPEED_RPM:
+        return [warning("speed.slow", subject="speed_slow_rpm", speed_rpm=slow)]
+    return []
 
 
-def _swapped(course: pd.DataFrame, prefix: str, tables: RigTables, hot: Flags) -> list[Finding]:
+def _swapped_junctions(
+    sample: pd.DataFrame, prefix: str, tables: RigTables, is_heating: Flags
+) -> list[Finding]:
     """Channels that look swapped: junctions nearer a heated surface must be warmer.
 
-    The pair that most stands the other way round is named. ``tables`` of the disk tell the depths; ``hot`` marks the
-    samples where heat flows in; the start of the record takes out static offsets.
+    The pair with the largest contradiction is reported. The start of the record is subtracted, so
+    that static offsets cancel.
+
+    Parameters
+    ----------
+    prefix
+        Of the columns of the disk, such as "fast_".
+    tables
+        Of the disk; they give the depths.
+    is_heating
+        Samples in which heat flows in, (N,).
     """
-    if hot.sum() < 20:
+    if is_heating.sum() < 20:
         return []
-    there = [c for c in sorted(tables.thermocouples) if f"{prefix}{c}_degC" in course]
-    depth_mm = {c: tables.thermocouples[c].depth_mm for c in there}
-    readings = course[[f"{prefix}{c}_degC" for c in there]].set_axis(there, axis=1)
-    lead = (
-        readings[hot].mean() - readings.iloc[: max(10, min(len(course) // 20, 400))].mean()
-    ).to_dict()
-    pairs = [(s, d) for s in there for d in there if depth_mm[d] - depth_mm[s] >= 2.5]
-    wrong = [(s, d) for s, d in pairs if lead[s] < lead[d] - max(0.5, 0.02 * abs(lead[d]))]
+    names = [c for c in sorted(tables.thermocouples) if f"{prefix}{c}_degC" in sample]
+    depth_mm = {c: tables.thermocouples[c].depth_mm for c in names}
+    readings = sample[[f"{prefix}{c}_degC" for c in names]].set_axis(names, axis=1)
+    start_rows = max(10, min(len(sample) // 20, 400))
+    rise = (readings[is_heating].mean() - readings.iloc[:start_rows].mean()).to_dict()
+    pairs = [
+        (shallow, deep)
+        for shallow in names
+        for deep in names
+        if depth_mm[deep] - depth_mm[shallow] >= MIN_DEPTH_DIFFERENCE_MM
+    ]
+    wrong = [(s, d) for s, d in pairs if rise[s] < rise[d] - max(0.5, 0.02 * abs(rise[d]))]
     if not wrong:
         return []
-    shallow, deep = min(wrong, key=lambda p: lead[p[0]] - lead[p[1]])
-    found = warning(
+    shallow, deep = min(wrong, key=lambda pair: rise[pair[0]] - rise[pair[1]])
+    finding = warning(
         "junctions.swapped",
         subject=f"{prefix}{shallow}_degC",
         other=f"{prefix}{deep}_degC",
-        behind_K=lead[deep] - lead[shallow],
+        behind_K=rise[deep] - rise[shallow],
         depth_mm=depth_mm[shallow],
         other_depth_mm=depth_mm[deep],
     )
-    return [found]
+    return [finding]

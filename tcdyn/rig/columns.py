@@ -1,4 +1,4 @@
-"""The canonical columns of each kind of log, and how the names in a file are matched to them."""
+"""Canonical columns of each kind of log, and the matching of the names in a file to them."""
 
 from __future__ import annotations
 
@@ -16,25 +16,31 @@ Kind = Literal["oven", "immersion", "ehl", "hole"]
 
 @dataclass(frozen=True)
 class Layout:
-    """What one kind of log is called in sentences, its columns in canonical order, and those that may be missing."""
+    """Columns of one kind of log.
+
+    Parameters
+    ----------
+    name
+        The kind in sentences, with its article.
+    columns
+        Canonical columns in order.
+    optional
+        Columns that may be missing.
+    """
 
     name: str
     columns: tuple[str, ...]
     optional: tuple[str, ...] = ()
 
-    def holding(self, couples: Collection[str]) -> Layout:
-        """The same log of a rig whose junctions' columns are ``couples``."""
-        known = {*DISK_CHANNELS, *EHL_CHANNELS}
-        at = next((k for k, c in enumerate(self.columns) if c in known), len(self.columns))
-        kept = [
-            tuple(c for c in part if c not in known)
-            for part in (self.columns[:at], self.columns[at:])
-        ]
-        return (
-            replace(self, columns=(*kept[0], *couples, *kept[1]))
-            if len(self.columns) > at
-            else self
-        )
+    def with_junctions(self, junctions: Collection[str]) -> Layout:
+        """The layout for a rig whose junctions have the columns ``junctions``."""
+        default = {*DISK_CHANNELS, *EHL_CHANNELS}
+        first = next((i for i, c in enumerate(self.columns) if c in default), None)
+        if first is None:
+            return self
+        before = self.columns[:first]
+        after = tuple(c for c in self.columns[first:] if c not in default)
+        return replace(self, columns=(*before, *junctions, *after))
 
     @property
     def required(self) -> tuple[str, ...]:
@@ -43,12 +49,13 @@ class Layout:
 
 
 def couples(channels: Iterable[str], disk: str = "") -> tuple[str, ...]:
-    """The columns of a disk's junctions: in EHL logs after the disk's name.
+    """Columns of the junctions of a disk; in EHL logs they start with the name of the disk.
 
     >>> couples("ab"), couples(["t1"], "fast")
     (('a_degC', 'b_degC'), ('fast_t1_degC',))
     """
-    return tuple(f"{disk}_{c}_degC" if disk else f"{c}_degC" for c in channels)
+    prefix = f"{disk}_" if disk else ""
+    return tuple(f"{prefix}{channel}_degC" for channel in channels)
 
 
 DISK_CHANNELS = couples(CHANNELS)  # of the thesis's disks
@@ -56,10 +63,10 @@ EHL_CHANNELS = tuple(name for disk in DISKS for name in couples(CHANNELS, disk))
 SWITCHES = ("switch", "contact")
 ROOM_AND_BATH = ("ambient_degC", "oil_degC", "probe_degC", "fluid_degC")
 EHL_RUNNING = ("load_N", "friction_N", "contact", "speed_fast_rpm", "speed_slow_rpm")
-TORQUES = tuple(
-    f"torque_{disk}_Nm" for disk in DISKS
-)  # of a shaft: friction times the disk's radius
-UNITS = ("K", "degF", "mV")  # that a temperature's name may end in, in place of degC
+# torque of a shaft: friction times the radius of the disk
+TORQUES = tuple(f"torque_{disk}_Nm" for disk in DISKS)
+# units that the name of a temperature may end in, instead of degC
+UNITS = ("K", "degF", "mV")
 
 LAYOUTS: dict[str, Layout] = {
     "oven": Layout(
@@ -83,27 +90,28 @@ LAYOUTS: dict[str, Layout] = {
         ("switch", "probe_degC", "fluid_degC"),
     ),
 }
-FEW = 3  # names that a question may hold; more stand in the lines to write only
+# Most names that a question in a message holds; more are listed only. Chosen by judgement.
+MAX_NAMES_IN_QUESTION = 3
 NOT_JUNCTIONS = (*ROOM_AND_BATH, "prt_degC", "setpoint_degC")
 KNOWN = tuple(dict.fromkeys(name for layout in LAYOUTS.values() for name in layout.columns))
 
 
-def is_couple(name: str) -> bool:
-    """Whether a column is a junction's: a temperature that is neither the room's nor a bath's, a probe's or the PRT's.
+def is_junction_column(name: str) -> bool:
+    """Whether a column is the temperature of a junction: not of a room, a bath, a probe or the PRT.
 
-    >>> is_couple("fast_a_degC"), is_couple("oil_degC")
+    >>> is_junction_column("fast_a_degC"), is_junction_column("oil_degC")
     (True, False)
     """
     return name.endswith("_degC") and not is_air(name) and name not in NOT_JUNCTIONS
 
 
 def couples_in(columns: Iterable[Hashable]) -> list[str]:
-    """The junctions' columns among those of a log."""
-    return [name for name in map(str, columns) if is_couple(name)]
+    """The columns of junctions among those of a log."""
+    return [name for name in map(str, columns) if is_junction_column(name)]
 
 
 def is_air(name: str) -> bool:
-    """Whether a column is the temperature of a room, a bath, a free probe, or one of the channels about a disk.
+    """Whether a column is the temperature of a room, a bath, a free probe or the air near a disk.
 
     >>> is_air("oil_degC"), is_air("ambient_north_degC"), is_air("a_degC")
     (True, True, False)
@@ -111,51 +119,58 @@ def is_air(name: str) -> bool:
     return name in ROOM_AND_BATH or (name.startswith("ambient_") and name.endswith("_degC"))
 
 
-def named(
+def find_column(
     canonical: str, mapping: Mapping[str, str], names: Collection[str]
 ) -> tuple[str, str] | None:
-    """The column of a file that is ``canonical``, and its unit: as mapped, by its own name, or by that in another unit.
+    """The column of a file that is ``canonical``, and its unit; None if there is none.
 
-    >>> named("fast_a_degC", {"fast_a_mV": "TC1"}, ["TC1"]), named("fast_a_degC", {}, ["fast_a_K"])
-    (('TC1', 'mV'), ('fast_a_K', 'K'))
+    The mapped name comes first, then the canonical name, then both for the other units of a
+    temperature.
+
+    >>> find_column("fast_a_degC", {"fast_a_mV": "TC1"}, ["TC1"])
+    ('TC1', 'mV')
+    >>> find_column("fast_a_degC", {}, ["fast_a_K"])
+    ('fast_a_K', 'K')
     """
-    stem, _, unit = canonical.rpartition("_")
-    for own in (unit, *(UNITS if unit == "degC" else ())):
-        for candidate in (
-            mapping.get(f"{stem}_{own}" if stem else canonical),
-            f"{stem}_{own}" if stem else canonical,
-        ):
+    stem, _, canonical_unit = canonical.rpartition("_")
+    units = (canonical_unit, *UNITS) if canonical_unit == "degC" else (canonical_unit,)
+    for unit in units:
+        name = f"{stem}_{unit}" if stem else canonical
+        for candidate in (mapping.get(name), name):
             if candidate is not None and candidate in names:
-                return candidate, own
+                return candidate, unit
     return None
 
 
-def in_other_units(names: Iterable[str]) -> tuple[str, ...]:
-    """The names with those of temperatures in every unit that one may be logged in."""
-    return tuple(
-        n.removesuffix("degC") + u
-        for n in names
-        for u in (("degC", *UNITS) if n.endswith("_degC") else ("",))
-    )
+def in_all_units(names: Iterable[str]) -> tuple[str, ...]:
+    """The names, those of temperatures in every unit in which one may be logged."""
+    result: list[str] = []
+    for name in names:
+        if not name.endswith("_degC"):
+            result.append(name)
+            continue
+        stem = name.removesuffix("degC")
+        result += [stem + unit for unit in ("degC", *UNITS)]
+    return tuple(result)
 
 
 def recognise(names: Iterable[str], layouts: Mapping[str, Layout] = LAYOUTS) -> str | None:
-    """The kind of log that these column names make, or None; the hole kind is never guessed.
+    """The kind of log with these column names, or None; the kind "hole" is never guessed.
 
     >>> recognise(["repeat", "prt_degC", "a_degC", "b_degC", "c_degC", "d_degC", "e_degC", "f_degC"])
     'oven'
     """
-    have = set(names)
+    available = set(names)
     for kind in ("ehl", "oven", "immersion"):
-        if set(layouts[kind].required) <= have:
+        if set(layouts[kind].required) <= available:
             return kind
     first = next((c for c in layouts["ehl"].columns if c.startswith("fast_")), "")
-    signs = {
+    typical = {
         "ehl": {"load_N", "friction_N", "contact", first},
         "oven": {"prt_degC", "setpoint_degC"},
+        "immersion": {"switch", "fluid_degC", "probe_degC"},
     }
-    signs["immersion"] = {"switch", "fluid_degC", "probe_degC"}
-    score = {kind: len(sign & have) for kind, sign in signs.items()}
+    score = {kind: len(columns & available) for kind, columns in typical.items()}
     best = max(score, key=lambda kind: score[kind])
     return best if score[best] >= 2 else None
 
@@ -170,65 +185,72 @@ def match_columns(
     air: Mapping[str, str] | None = None,
     layouts: Mapping[str, Layout] = LAYOUTS,
 ) -> dict[str, str]:
-    """Canonical name -> name in the file, in canonical order.
+    """Match the canonical columns of a kind of log to the names in a file.
 
-    ``mapping`` is rig.toml's ``[columns]``. A mapped name that the file lacks is no error while the canonical name
-    itself is there; a temperature may be there in another unit. ``without``: columns that are left unread. ``stated``:
-    columns that need not be there; ``air``: name -> name in the file of channels that must be there, too. Where an EHL
-    log has no friction a shaft's torque stands for it, under its own name. For the hole kind every further column
-    ending in ``_degC`` is a channel. ``layouts``: of the rig's logs, see ``Layout.holding``.
+    A temperature may be there in another unit. An EHL log without friction may hold the torque of a
+    shaft instead, under its own name. In a hole-comparison log every further column that ends in
+    ``_degC`` is a channel.
 
-    Raises InputError for a duplicate or missing column, an unknown mapping key, or a file of another kind.
+    Parameters
+    ----------
+    names
+        Column names of the file.
+    kind
+        Kind of log.
+    where
+        Name of the file, for messages.
+    mapping
+        ``[columns]`` of rig.toml: canonical name to name in the file. The file may use the canonical
+        name instead.
+    without
+        Columns that are not read.
+    stated
+        Columns that may be missing, because the rig file gives their values.
+    air
+        Name to name in the file of further required columns, the channels of ``[ambient]``.
+    layouts
+        Layouts of the logs of the rig, see ``Layout.with_junctions``.
+
+    Returns
+    -------
+    Canonical name to name in the file, in canonical order.
+
+    Raises
+    ------
+    InputError
+        A duplicate or missing column, an unknown key in the mapping, or a file of another kind.
     """
     layout = layouts[kind]
     mapping = mapping or {}
-    for key in mapping:
-        if key not in KNOWN and not key.endswith(tuple(f"_{unit}" for unit in ("degC", *UNITS))):
-            close = get_close_matches(key, KNOWN, n=1, cutoff=0.6)
-            raise InputError(
-                f"{key!r} is not a canonical column",
-                where="rig.toml [columns]",
-                expected='canonical name = "name in the log file"',
-                remedy=f"did you mean {close[0]!r}?"
-                if close
-                else f"the names are {', '.join(KNOWN)}",
-            )
-    chosen: dict[str, str] = {}
+    _check_mapping(mapping)
     wanted = tuple(c for c in layout.columns if c not in without)
     if kind == "hole":
-        taken = set(mapping.values()) | set(wanted)
-        wanted += tuple(n for n in dict.fromkeys(names) if n.endswith("_degC") and n not in taken)
+        used = set(mapping.values()) | set(wanted)
+        wanted += tuple(n for n in dict.fromkeys(names) if n.endswith("_degC") and n not in used)
+    matched: dict[str, str] = {}
     for canonical in wanted:
-        if (found := named(canonical, mapping, names)) is not None:
-            _check_once(names, found[0], where)
-            chosen[canonical] = found[0]
-    if "time_s" not in chosen and "time" in names:
+        match = find_column(canonical, mapping, names)
+        if match is not None:
+            _check_once(names, match[0], where)
+            matched[canonical] = match[0]
+    if "time_s" not in matched and "time" in names:
         _check_once(names, "time", where)
-        chosen = {"time_s": "time", **chosen}
-    torques = [c for c in TORQUES if c in chosen]
-    needless = {*without, *stated, *(["friction_N"] if torques else ())}
-    missing = [c for c in layout.required if c not in chosen and c not in needless]
-    free = [n for n in names if n not in chosen.values()]
-    maybe = [
-        c
-        for c in SWITCHES
-        if c in layout.columns and c not in (*layout.required, *chosen, *without)
-    ]
-    missing += [c for c in maybe if kind != "hole" and (c in mapping or suggestion(c, free))]
+        matched = {"time_s": "time", **matched}
+    torques = [c for c in TORQUES if c in matched]
+    needless = {*without, *stated}
+    if torques:
+        needless.add("friction_N")
+    missing = [c for c in layout.required if c not in matched and c not in needless]
+    if kind != "hole":
+        missing += _misnamed_switches(layout, names, matched, mapping, without)
     if kind == "ehl":
-        for name, column in (air or {}).items():
-            if column not in names:
-                raise InputError(
-                    f"has no column {column!r}, which rig.toml [ambient] names",
-                    where=where,
-                    expected=f"one of {', '.join(map(repr, names))}",
-                )
-            chosen[name] = column
-        for torque in torques["friction_N" not in chosen :]:
-            del chosen[torque]
+        matched |= _air_columns(air or {}, names, where)
+        for torque in torques["friction_N" not in matched :]:
+            del matched[torque]
     if missing:
-        raise _missing(missing, names, set(chosen) | set(names), kind, where, mapping, layouts)
-    channels = [c for c in chosen if c.endswith("_degC") and c not in layout.columns]
+        available = set(matched) | set(names)
+        raise _missing_columns(missing, names, available, kind, where, mapping, layouts)
+    channels = [c for c in matched if c.endswith("_degC") and c not in layout.columns]
     if kind == "hole" and len(channels) < 2:
         raise InputError(
             f"has {len(channels)} thermocouple column(s)",
@@ -236,11 +258,56 @@ def match_columns(
             expected="at least two columns whose names end in _degC",
             remedy="rename the columns or map them in rig.toml [columns]",
         )
-    return chosen
+    return matched
+
+
+def _check_mapping(mapping: Mapping[str, str]) -> None:
+    """Raise InputError for a key that is no canonical column, and no temperature."""
+    temperature_endings = tuple(f"_{unit}" for unit in ("degC", *UNITS))
+    for key in mapping:
+        if key in KNOWN or key.endswith(temperature_endings):
+            continue
+        close = get_close_matches(key, KNOWN, n=1, cutoff=0.6)
+        remedy = f"did you mean {close[0]!r}?" if close else f"the names are {', '.join(KNOWN)}"
+        raise InputError(
+            f"{key!r} is not a canonical column",
+            where="rig.toml [columns]",
+            expected='canonical name = "name in the log file"',
+            remedy=remedy,
+        )
+
+
+def _misnamed_switches(
+    layout: Layout,
+    names: Collection[str],
+    matched: Mapping[str, str],
+    mapping: Mapping[str, str],
+    without: Collection[str],
+) -> list[str]:
+    """Optional switches without a column that are mapped, or for which a name in the file is similar."""
+    unused = [n for n in names if n not in matched.values()]
+    switches = [
+        c
+        for c in SWITCHES
+        if c in layout.columns and c not in (*layout.required, *matched, *without)
+    ]
+    return [c for c in switches if c in mapping or suggestion(c, unused)]
+
+
+def _air_columns(air: Mapping[str, str], names: Collection[str], where: str) -> Mapping[str, str]:
+    """``air``; InputError for a column that the file does not hold."""
+    for column in air.values():
+        if column not in names:
+            raise InputError(
+                f"has no column {column!r}, which rig.toml [ambient] names",
+                where=where,
+                expected=f"one of {', '.join(map(repr, names))}",
+            )
+    return air
 
 
 def normalised(name: str) -> str:
-    """A name with case, unit brackets, degree signs and separators taken away, to find near misses.
+    """A name in lower case without brackets, units, degree signs and separators.
 
     >>> normalised("Fast A [°C]"), normalised("fast_a_degC")
     ('fasta', 'fasta')
@@ -250,18 +317,18 @@ def normalised(name: str) -> str:
 
 
 def _words(name: str) -> str:
+    """The words of a name in lower case, separated by underscores; brackets are left out."""
     text = re.sub(r"[\[(].*?[\])]", "", name.lower()).replace("°", "deg")
     return re.sub(r"[^a-z0-9]+", "_", text).strip("_")
 
 
 def suggestion(missing: str, names: Iterable[str]) -> str | None:
-    """The name in the file that most looks like ``missing``, if any looks like it at all."""
+    """The name in the file that is most similar to ``missing``, or None if none is similar."""
     by_key: dict[str, str] = {}
     for name in names:
         by_key.setdefault(normalised(name), name)
-        by_key.setdefault(
-            _words(name).replace("_", ""), name
-        )  # a last "c" may be degrees or junction c
+        # a final "c" may be degrees Celsius, or junction c
+        by_key.setdefault(_words(name).replace("_", ""), name)
     key = normalised(missing)
     if key in by_key:
         return by_key[key]
@@ -270,71 +337,99 @@ def suggestion(missing: str, names: Iterable[str]) -> str | None:
 
 
 def _check_once(names: tuple[str, ...], name: str, where: str) -> None:
+    """Raise InputError for a column that occurs more than once."""
     if names.count(name) > 1:
-        at = [i + 1 for i, n in enumerate(names) if n == name]
+        columns = [str(i + 1) for i, n in enumerate(names) if n == name]
         raise InputError(
-            f"column {name!r} stands {len(at)} times (columns {', '.join(map(str, at))})",
+            f"column {name!r} stands {len(columns)} times (columns {', '.join(columns)})",
             where=where,
             expected="each column once",
             remedy="delete or rename the copies",
         )
 
 
-def _missing(
+def _missing_columns(
     missing: list[str],
     names: tuple[str, ...],
-    have: set[str],
+    available: set[str],
     kind: str,
     where: str,
     mapping: Mapping[str, str],
     layouts: Mapping[str, Layout],
 ) -> InputError:
+    """The error for missing columns, with the most likely cause and what to write."""
     layout = layouts[kind]
-    looks = recognise(have, layouts)
-    if (
-        looks is not None
-        and looks != kind
-        and (len(missing) >= 2 or set(layouts[looks].required) <= have)
-    ):
-        lacks = ", ".join(missing[:FEW]) + (
-            f" and {len(missing) - FEW} more" if len(missing) > FEW else ""
-        )
-        return InputError(
-            f"this looks like {LAYOUTS[looks].name} (it lacks {lacks})",
-            where=where,
-            expected=layout.name,
-            remedy=f"give {layout.name} here",
-        )
-    free = [n for n in names if n not in layout.columns]
-    near: dict[str, str] = {}
-    for m in missing:
-        like = suggestion(m, (n for n in free if n not in near.values()))
-        near |= {m: like} if like else {}
-    mapped = [
-        f"{m} = {mapping[m]!r} is mapped, but the file has no such column"
-        for m in missing
-        if m in mapping
-    ]
-    mapped = [*mapped[:1], "so it is with the others"] if len(mapped) > FEW else mapped
-    if near:
-        pairs = ", ".join(f'{m} = "{s}"' for m, s in near.items())
-        asked = ", ".join(map(repr, near.values())) if len(near) <= FEW else "the names below"
-        remedy = f"did you mean {asked}? write {pairs} in rig.toml [columns]"
-        if len(near) < len(missing):
-            unused = [n for n in free if n not in near.values()]
-            remedy += (
-                f"; nothing in the file looks like {', '.join(m for m in missing if m not in near)}"
+    other = recognise(available, layouts)
+    if other is not None and other != kind:
+        is_complete = set(layouts[other].required) <= available
+        if len(missing) >= 2 or is_complete:
+            return InputError(
+                f"this looks like {LAYOUTS[other].name} (it lacks {_shortened(missing)})",
+                where=where,
+                expected=layout.name,
+                remedy=f"give {layout.name} here",
             )
-            remedy += f" (not used so far: {', '.join(map(repr, unused))})" if unused else ""
+    candidates = [n for n in names if n not in layout.columns]
+    similar: dict[str, str] = {}
+    for column in missing:
+        name = suggestion(column, (n for n in candidates if n not in similar.values()))
+        if name:
+            similar[column] = name
+    if similar:
+        remedy = _remedy_with_suggestions(missing, similar, candidates)
     else:
-        them = "it" if len(missing) == 1 else "them"
-        remedy = f"map {them} in rig.toml [columns], such as {missing[0]} = 'its name in the file'"
-        remedy += f"; the file has {', '.join(map(repr, names))}"
-    is_are = "column is" if len(missing) == 1 else "columns are"
-    what = f"{', '.join(missing)}: {is_are} missing" + (f" ({'; '.join(mapped)})" if mapped else "")
-    alone = not near and kind == "ehl" and all(m.startswith(DISKS) for m in missing)
-    if alone and (strange := [repr(n) for n in free if n not in KNOWN]):
-        what += f" (is it {' or '.join(strange[:FEW])}? then map it in rig.toml [columns])"
+        pronoun = "it" if len(missing) == 1 else "them"
+        remedy = (
+            f"map {pronoun} in rig.toml [columns], such as {missing[0]} = 'its name in the file'; "
+            f"the file has {', '.join(map(repr, names))}"
+        )
+    verb = "column is" if len(missing) == 1 else "columns are"
+    what = f"{', '.join(missing)}: {verb} missing"
+    mapped = [
+        f"{column} = {mapping[column]!r} is mapped, but the file has no such column"
+        for column in missing
+        if column in mapping
+    ]
+    if len(mapped) > MAX_NAMES_IN_QUESTION:
+        mapped = [mapped[0], "so it is with the others"]
+    if mapped:
+        what += f" ({'; '.join(mapped)})"
+    only_channels = not similar and kind == "ehl" and all(m.startswith(DISKS) for m in missing)
+    unknown = [repr(n) for n in candidates if n not in KNOWN]
+    if only_channels and unknown:
+        question = " or ".join(unknown[:MAX_NAMES_IN_QUESTION])
+        what += f" (is it {question}? then map it in rig.toml [columns])"
     return InputError(
-        what, where=where, expected=layout.name, remedy=remedy, column=missing[0] if alone else ""
+        what,
+        where=where,
+        expected=layout.name,
+        remedy=remedy,
+        column=missing[0] if only_channels else "",
     )
+
+
+def _shortened(names: list[str]) -> str:
+    """The first names, and how many more there are."""
+    text = ", ".join(names[:MAX_NAMES_IN_QUESTION])
+    if len(names) > MAX_NAMES_IN_QUESTION:
+        text += f" and {len(names) - MAX_NAMES_IN_QUESTION} more"
+    return text
+
+
+def _remedy_with_suggestions(
+    missing: list[str], similar: Mapping[str, str], candidates: list[str]
+) -> str:
+    """What to write for the missing columns that have a similar name in the file."""
+    pairs = ", ".join(f'{column} = "{name}"' for column, name in similar.items())
+    question = "the names below"
+    if len(similar) <= MAX_NAMES_IN_QUESTION:
+        question = ", ".join(map(repr, similar.values()))
+    remedy = f"did you mean {question}? write {pairs} in rig.toml [columns]"
+    if len(similar) == len(missing):
+        return remedy
+    without_match = [column for column in missing if column not in similar]
+    remedy += f"; nothing in the file looks like {', '.join(without_match)}"
+    unused = [name for name in candidates if name not in similar.values()]
+    if unused:
+        remedy += f" (not used so far: {', '.join(map(repr, unused))})"
+    return remedy

@@ -1,4 +1,7 @@
-"""Log files read, checked and made canonical; a doubt is an error or a finding with file, column, row and time."""
+"""Read and check logs: a full log (``read_log``), or a log in chunks (``iter_log``).
+
+Bad data is an error, or a finding, with file, column, row and time.
+"""
 
 from __future__ import annotations
 
@@ -21,15 +24,15 @@ from tcdyn.estimation.trace_noise import SPIKES, clean, course_noise_K
 from tcdyn.io.read import Table, read_whole, sha256
 from tcdyn.io.table import PIECE_ROWS, Columns, in_pieces, joined
 from tcdyn.io.write import write_log
-from tcdyn.rig.check_clock import Sampling, check_time, moved, weighed
-from tcdyn.rig.check_columns import LONGEST_NAN_S, ColumnCheck, Course
+from tcdyn.rig.check_clock import Sampling, check_time, resample_to_grid, scale_jitter
+from tcdyn.rig.check_columns import MAX_MISSING_RUN_S, ColumnCheck, DecimatedLog
 from tcdyn.rig.check_kind import check_kind
 from tcdyn.rig.columns import LAYOUTS, SWITCHES, Kind, couples_in
 from tcdyn.rig.opened_log import (
     COMPENSATED,
+    columns_to_skip,
     log_kind,
     missing_and_unused,
-    not_there,
     open_log,
     refuse_spare_records,
 )
@@ -37,16 +40,30 @@ from tcdyn.rig.oven_log import oven_frame
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig, load_rig
 
-MOST = 1 << 17  # rows of a file that are kept in memory at most: 29 min at 75 Hz
+# Largest file, in rows, that is kept in memory: 29 min at 75 Hz. Chosen by judgement.
+MAX_ROWS_IN_MEMORY = 1 << 17
 __all__ = ["COMPENSATED", "Log", "LogPiece", "LogPieces", "iter_log", "read_log", "write_log"]
 
 
 @dataclass(frozen=True)
 class Log(Result):
-    """One log: canonical columns (temperatures as logged, before the static lines), and where they come from.
+    """A checked log in canonical columns, and where it comes from.
 
-    ``dt_s`` is the sample interval (None for an oven log). Samples that were missing, impossible or spikes are NaN
-    in ``frame`` and named in ``findings``; the time is even. ``frame`` holds 8 bytes a sample and column.
+    Parameters
+    ----------
+    frame
+        Canonical columns at even times; temperatures as logged, before the static lines. Samples
+        that were missing, impossible or spikes are NaN. Needs 8 bytes a sample and column.
+    kind
+        Kind of log.
+    path, sha256
+        The file and its checksum.
+    dt_s
+        Sample interval [s]; None for an oven log.
+    metadata
+        Entries of the header of the file.
+    findings
+        Findings about the data.
     """
 
     frame: pd.DataFrame
@@ -59,20 +76,19 @@ class Log(Result):
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """The junctions' columns."""
+        """Columns of the junctions."""
         return tuple(couples_in(self.frame))
 
     def summary(self) -> str:
-        """File, kind, length, sampling and warnings."""
-        said = f"{self.path.name}: {LAYOUTS[self.kind].name}, {len(self.frame)} rows"
+        """File, kind, length, sampling and findings."""
+        text = f"{self.path.name}: {LAYOUTS[self.kind].name}, {len(self.frame)} rows"
         if self.dt_s is not None:
-            said += f" at {1 / self.dt_s:.4g} Hz, {len(self.frame) * self.dt_s:.4g} s"
-        return "\n".join(
-            [f"{said}, {len(self.channels)} thermocouples", *labelled_messages(self.findings)]
-        )
+            text += f" at {1 / self.dt_s:.4g} Hz, {len(self.frame) * self.dt_s:.4g} s"
+        text += f", {len(self.channels)} thermocouples"
+        return "\n".join([text, *labelled_messages(self.findings)])
 
     def to_dict(self) -> dict[str, Any]:
-        """Where the log comes from and the range of every column; the samples are in ``frame``."""
+        """Origin of the log and range of every column; the samples are in ``frame``."""
         return {
             "file": self.path.name,
             "sha256": self.sha256,
@@ -85,15 +101,20 @@ class Log(Result):
         }
 
     def card(self) -> pd.DataFrame:
-        """Least, middle and greatest value of every column, and how many are missing."""
-        f = self.frame
-        table = {"column": f.columns, "min": f.min().to_numpy(), "median": f.median().to_numpy()}
+        """Minimum, median, maximum and number of missing values of every column."""
+        frame = self.frame
         return pd.DataFrame(
-            {**table, "max": f.max().to_numpy(), "missing": f.isna().sum().to_numpy()}
+            {
+                "column": frame.columns,
+                "min": frame.min().to_numpy(),
+                "median": frame.median().to_numpy(),
+                "max": frame.max().to_numpy(),
+                "missing": frame.isna().sum().to_numpy(),
+            }
         )
 
     def filled(self) -> pd.DataFrame:
-        """The frame with its few missing samples replaced by straight lines between their neighbours."""
+        """The frame with missing samples linearly interpolated."""
         if not self.frame.isna().to_numpy().any():
             return self.frame
         return self.frame.interpolate(method="linear", limit_direction="both")
@@ -101,9 +122,16 @@ class Log(Result):
 
 @dataclass(frozen=True)
 class LogPiece:
-    """A stretch of a log: its canonical frame, whose first row is row ``first`` of the whole log.
+    """A chunk of a log.
 
-    What was counted while reading is told with the last piece; see ``LogPieces.findings`` for the rest.
+    Parameters
+    ----------
+    frame
+        Canonical columns of the chunk.
+    first
+        Row of the full log at which the chunk starts.
+    findings
+        Of the complete walk, with the last chunk only; ``LogPieces.findings`` holds the others.
     """
 
     frame: pd.DataFrame
@@ -113,16 +141,15 @@ class LogPiece:
 
 @dataclass(frozen=True)
 class LogPieces:
-    """A log that was looked through once, to be gone through piece by piece, as often as needed.
+    """A log that is read in chunks, as often as needed, in memory that does not grow with the log.
 
-    ``switches`` (N,) are of the whole log, row by row of the file; ``findings`` is what the first look
-    showed. Each walk checks what passes by, and refuses before the last piece what only then is known: frozen
-    channels, too many missing samples or spikes. So what the other pieces were used for must wait for the last.
-
-    Use it where a result is made piece by piece too, in memory that does not grow with the log::
+    ``iter_log`` has read the file once: ``switches`` (N,) hold all rows of the file, ``findings`` what
+    that first walk showed. Each further walk checks the chunks. Errors that depend on the complete
+    column (a frozen channel, too many missing samples or spikes) are raised before the last chunk,
+    so results made from the other chunks are valid only after the last one. ::
 
         log = iter_log("B3.csv", "ehl", rig)
-        for piece in log:                     # piece.frame is what read_log's frame holds in these rows
+        for piece in log:                     # piece.frame holds these rows of read_log's frame
             compensated.append(state.advance(piece.frame))
     """
 
@@ -135,9 +162,9 @@ class LogPieces:
     _table: Table = field(repr=False)
     _names: Mapping[str, str] = field(repr=False)
     _noise_K: Mapping[str, float] = field(repr=False)
-    _place: SampleLocation = field(repr=False)
-    _piece_rows: int = field(repr=False)
-    _whole: Log | None = field(repr=False, default=None)  # of a file whose rows are kept
+    _location: SampleLocation = field(repr=False)
+    _chunk_rows: int = field(repr=False)
+    _log: Log | None = field(repr=False, default=None)  # of a file that is kept in memory
 
     @property
     def dt_s(self) -> float:
@@ -146,100 +173,123 @@ class LogPieces:
 
     @property
     def rows(self) -> int:
-        """Rows of all pieces together."""
+        """Number of rows of all chunks together."""
         return int(self.sampling.grid[-1]) + 1
 
     def __iter__(self) -> Iterator[LogPiece]:
-        where = self._place.where
+        where = self._location.where
         grid = self.sampling.grid
-        total = len(self.sampling.grid)
-        end_row = self.rows
-        checks = {name: ColumnCheck(name, self._place) for name in self._noise_K}
-        side = SPIKES["reading"].longest
-        margin = side * (
-            int(max(LONGEST_NAN_S / self.dt_s, side) + 1) + 1
-        )  # neighbours, each behind a gap
-        kept: dict[str, Array] = {}
-        at = done = 0
-        for raw in self._table.pieces(list(dict.fromkeys(self._names.values())), self._piece_rows):
+        total = len(grid)
+        checks = {name: ColumnCheck(name, self._location) for name in self._noise_K}
+        # spikes are judged by their neighbours, each of which may lie behind a gap
+        max_spike = SPIKES["reading"].longest
+        max_gap = int(max(MAX_MISSING_RUN_S / self.dt_s, max_spike) + 1)
+        margin = max_spike * (max_gap + 1)
+        stored: dict[str, Array] = {}
+        start = 0  # row of the file of the first stored sample
+        done = 0  # rows of the file that were returned
+        file_columns = list(dict.fromkeys(self._names.values()))
+        for raw in self._table.pieces(file_columns, self._chunk_rows):
             new = {name: raw.data[self._names[name]] for name in checks}
-            kept = {name: np.concatenate([kept[name], new[name]]) for name in new} if kept else new
-            end = at + len(next(iter(kept.values())))
-            stop = int(np.searchsorted(grid, grid[max(end - margin, 0)])) if end < total else end
+            if stored:
+                new = {name: np.concatenate([stored[name], x]) for name, x in new.items()}
+            stored = new
+            end = start + len(next(iter(stored.values())))
             if end > total:
                 break
+            stop = end
+            if end < total:
+                stop = int(np.searchsorted(grid, grid[max(end - margin, 0)]))
             if stop == done or (stop - done < margin and end < total):
                 continue
-            inside = slice(done - at, stop - at)
-            cleaned = {name: clean(name, kept[name], self._noise_K[name]) for name in checks}
+            inside = slice(done - start, stop - start)
+            columns: dict[str, Array] = {}
             for name, check in checks.items():
-                check.see(kept[name][inside], cleaned[name][inside])
-            columns = {
-                name: moved(name, x, self.sampling, slice(at, end))[inside]
-                for name, x in cleaned.items()
-            }
-            # on the even grid, up to the next row: samples put in are NaN, a switch keeps its state in them
-            columns |= {
-                name: on[done:stop].astype(np.float64) for name, on in self.switches.items()
-            }
-            rows = grid[done : stop + 1]
-            even = np.arange(rows[0], grid[stop] if stop < total else end_row)
-            frame = pd.DataFrame(
-                columns, rows[: stop - done], [n for n in self._names if n != "time_s"]
-            )
-            frame = frame[~frame.index.duplicated()].reindex(even)
-            frame = frame.assign(**frame[[*self.switches]].ffill()).reset_index(drop=True)
-            frame.insert(0, "time_s", np.interp(even, rows, self.sampling.time_s[done : stop + 1]))
-            found = (
-                [finding for check in checks.values() for finding in check.judge()]
-                if stop == total
-                else []
-            )
-            yield LogPiece(frame, int(grid[done]), tuple(f.at(where) for f in found))
+                cleaned = clean(name, stored[name], self._noise_K[name])
+                check.add(stored[name][inside], cleaned[inside])
+                resampled = resample_to_grid(name, cleaned, self.sampling, slice(start, end))
+                columns[name] = resampled[inside]
+            findings: list[Finding] = []
+            if stop == total:
+                for check in checks.values():
+                    findings += check.judge()
+            frame = self._on_even_grid(columns, done, stop)
+            yield LogPiece(frame, int(grid[done]), tuple(f.at(where) for f in findings))
             done = stop
-            kept = {
-                name: values[max(stop - margin - at, 0) :].copy() for name, values in kept.items()
-            }
-            at = max(stop - margin, at)
+            first_needed = max(stop - margin - start, 0)
+            stored = {name: values[first_needed:].copy() for name, values in stored.items()}
+            start += first_needed
         if done != total:
             raise InputError("the file changed while it was read", where=where)
+
+    def _on_even_grid(self, columns: dict[str, Array], start: int, stop: int) -> pd.DataFrame:
+        """Rows ``start`` to ``stop`` of the file on the even grid, up to the next row of the file.
+
+        Inserted samples are NaN; a switch keeps its state in them.
+        """
+        grid = self.sampling.grid
+        switches = {name: on[start:stop].astype(np.float64) for name, on in self.switches.items()}
+        indices = grid[start : stop + 1]
+        end_index = grid[stop] if stop < len(grid) else self.rows
+        even = np.arange(indices[0], end_index)
+        names = [name for name in self._names if name != "time_s"]
+        frame = pd.DataFrame(columns | switches, indices[: stop - start], names)
+        frame = frame[~frame.index.duplicated()].reindex(even)
+        frame = frame.assign(**frame[[*switches]].ffill()).reset_index(drop=True)
+        time_s = np.interp(even, indices, self.sampling.time_s[start : stop + 1])
+        frame.insert(0, "time_s", time_s)
+        return frame
 
     def whole(
         self, rows: NDArray[np.intp] | None = None, columns: Collection[str] | None = None
     ) -> Log:
-        """The pieces joined, or some ``rows`` of them, which rise; all ``columns`` or some. All rows are checked.
+        """Join the chunks to one log. All rows are checked; needs 8 bytes a value that is kept.
 
-        Needs 8 bytes a value that is kept; all of a short log is kept. Raises InputError as going through them does.
+        Parameters
+        ----------
+        rows
+            Rows to keep, ascending; all by default.
+        columns
+            Columns to keep; all by default.
+
+        Raises
+        ------
+        InputError
+            As iteration does.
         """
-        source = self
-        joined = self._whole
-        if joined is not None and rows is None and columns is None:
-            return replace(joined, frame=joined.frame.copy(deep=False))
-        if columns is not None:  # what a piece is cut by is never left out
-            kept = {"time_s", next(iter(self._noise_K)), *columns}
-            some: Any = [
-                {k: x[k] for k in x if k in kept}
-                for x in (self._names, self._noise_K, self.switches)
-            ]
-            source = replace(self, _names=some[0], _noise_K=some[1], switches=some[2])
-        wanted = np.arange(self.rows) if rows is None else rows
-        frame = dict[str, Array]()
-        told = self.findings
-        for piece in source:
-            first, stop = np.searchsorted(wanted, [piece.first, piece.first + len(piece.frame)])
-            for name in map(str, piece.frame):
-                column = frame.setdefault(name, np.empty(len(wanted)))
-                column[first:stop] = piece.frame[name].to_numpy()[wanted[first:stop] - piece.first]
-            told += piece.findings
-        made_of = sha256(self.path) if joined is None else joined.sha256
+        if self._log is not None and rows is None and columns is None:
+            return replace(self._log, frame=self._log.frame.copy(deep=False))
+        source = self if columns is None else self._with_columns(columns)
+        selected = np.arange(self.rows) if rows is None else rows
+        frame: dict[str, Array] = {}
+        findings = self.findings
+        for chunk in source:
+            end = chunk.first + len(chunk.frame)
+            first, stop = np.searchsorted(selected, [chunk.first, end])
+            for name in map(str, chunk.frame):
+                column = frame.setdefault(name, np.empty(len(selected)))
+                values = chunk.frame[name].to_numpy()
+                column[first:stop] = values[selected[first:stop] - chunk.first]
+            findings += chunk.findings
+        checksum = sha256(self.path) if self._log is None else self._log.sha256
         return Log(
             pd.DataFrame(frame, copy=False),
             self.kind,
             self.path,
-            made_of,
+            checksum,
             self.dt_s,
             self.metadata,
-            told,
+            findings,
+        )
+
+    def _with_columns(self, columns: Collection[str]) -> LogPieces:
+        """The log with some columns, and the two that are needed to divide it into chunks."""
+        names = {"time_s", next(iter(self._noise_K)), *columns}
+        return replace(
+            self,
+            _names={k: x for k, x in self._names.items() if k in names},
+            _noise_K={k: x for k, x in self._noise_K.items() if k in names},
+            switches={k: x for k, x in self.switches.items() if k in names},
         )
 
 
@@ -254,91 +304,134 @@ def iter_log(
     parted: bool = True,
     without: Collection[str] = (),
 ) -> LogPieces:
-    """A log of ``kind`` ("immersion", "ehl" or "hole") to be read in pieces of roughly ``rows`` rows, in time order.
+    """Open a log that is read in chunks, in time order; joined, they are the frame of ``read_log``.
 
-    Put together they are ``read_log``'s frame. A file of more than 131072 rows is read again with each walk. The first
-    time, here, keeps its time and switches, and of the other columns a sample of at most 32768 rows, every k-th run of
-    64: sampling, two-level columns, entry or unloading, units, loads, swapped and dead channels are judged there.
+    The file is read once here. This first walk stores its time and switches, and of the other columns
+    a sample of at most 32768 rows, every k-th run of 64 rows. Sampling, switches, entry or unloading,
+    units, loads, swapped and dead channels are checked with them. A file of more than 131072 rows is
+    read again with each walk over the chunks.
 
-    CSV (2 MB of text at most in a piece), Parquet and TDMS need memory for some pieces and 45 bytes for each row of
-    the file, 280 MB for a gigabyte; LVM, UTF-16 text and TDMS channels that differ in start or rate are read at once.
+    Parameters
+    ----------
+    path
+        The file.
+    kind
+        "immersion", "ehl" or "hole".
+    rig
+        The rig, by default the one of the thesis.
+    disk
+        Disk whose ``[columns]`` are used.
+    rows
+        Approximate rows of a chunk.
+    allow_compensated
+        Accept a log that was compensated already.
+    parted
+        Whether an EHL log must contain the unloading.
+    without
+        Columns that are not read.
 
-    Raises InputError as ``read_log`` does; for an oven log, which is always short.
+    Raises
+    ------
+    InputError
+        As ``read_log`` does; for an oven log, which is always short.
+
+    Notes
+    -----
+    CSV (chunks of at most 2 MB of text), Parquet and TDMS need memory for some chunks and 45 bytes for
+    each row of the file, 280 MB for a gigabyte. LVM, UTF-16 text and TDMS channels that differ in
+    start or rate are read at once.
     """
     if kind == "oven":
         raise InputError(
             "oven logs are read whole", expected="immersion, ehl or hole", remedy="use read_log"
         )
+    rig_or_default = rig or load_rig()
     file = Path(path)
     table, names = open_log(
         file, kind, rig, disk, allow_compensated=allow_compensated, without=without
     )
-    raws: list[Columns] = []  # of a short file all, which is then read once
-    clock = bytearray()  # grows in place, where a list of arrays would need all of it twice
-    others = [name for name in names if name != "time_s" and name not in SWITCHES]
-    found = list[Finding]()
-    course = Course()
-    place = SampleLocation(table.where)
-    for raw in table.pieces(list(dict.fromkeys(names.values())), rows):
-        place = raw.place
-        time = raw.data[names["time_s"]]
-        found += raw.findings
-        clock += time.tobytes()
-        course.see({n: raw.data[names[n]] for n in names if n != "time_s"})
-        raws.append(raw)
-        if course.rows > MOST:
-            raws.clear()
-    if not course.rows:
+    chunks: list[Columns] = []  # of a short file, which is then read only once
+    clock = bytearray()  # grows in place; a list of arrays would need all of it twice
+    findings: list[Finding] = []
+    decimated = DecimatedLog()
+    location = SampleLocation(table.where)
+    for chunk in table.pieces(list(dict.fromkeys(names.values())), rows):
+        location = chunk.place
+        findings += chunk.findings
+        clock += chunk.data[names["time_s"]].tobytes()
+        decimated.add({n: chunk.data[names[n]] for n in names if n != "time_s"})
+        chunks.append(chunk)
+        if decimated.rows > MAX_ROWS_IN_MEMORY:
+            chunks.clear()
+    if not decimated.rows:
         raise InputError("no rows", where=table.where)
-    sampling = check_time(np.frombuffer(clock), place)
+    sampling = check_time(np.frombuffer(clock), location)
     del clock
-    place = replace(place, time_s=sampling.time_s, dt_s=sampling.dt_s)
-    sample = course.frame()
-    noise_K = dict[str, float]()
-    for name in others:
+    location = replace(location, time_s=sampling.time_s, dt_s=sampling.dt_s)
+    sample = decimated.frame()
+    sample_rows = sample.index.to_numpy()
+    noise_K: dict[str, float] = {}
+    for name in names:
+        if name == "time_s" or name in SWITCHES:
+            continue
         values = sample[name].to_numpy()
-        noise_K[name] = course_noise_K(name, values, sample.index.to_numpy(), place)
+        noise_K[name] = course_noise_K(name, values, sample_rows, location)
         sample[name] = clean(name, values, noise_K[name])
-    sampling = weighed(sampling, sample)
-    switches, said = check_kind(
-        kind, sample, course.whole(), place, rig or load_rig(), disk, parted=parted
+    sampling = scale_jitter(sampling, sample)
+    switches, kind_findings = check_kind(
+        kind,
+        sample,
+        decimated.full_switches(),
+        location,
+        rig_or_default,
+        disk,
+        parted=parted,
     )
-    found += [*said, *missing_and_unused(kind, table, names, without)]
-    told = tuple(f.at(table.where) for f in (*sampling.findings, *found))
-    if raws:
-        table = replace(table, pieces=partial(in_pieces, joined(raws, [*raws[0].data], place)))
+    findings = [*sampling.findings, *findings, *kind_findings]
+    findings += missing_and_unused(kind, table, names, without)
+    if chunks:
+        stored = joined(chunks, [*chunks[0].data], location)
+        table = replace(table, pieces=partial(in_pieces, stored))
     log = LogPieces(
         file,
         kind,
         dict(table.metadata),
         sampling,
         switches,
-        told,
+        tuple(finding.at(table.where) for finding in findings),
         table,
         names,
         noise_K,
-        place,
+        location,
         rows,
     )
-    with suppress(InputError):  # who goes through it is told
-        log = replace(log, _whole=log.whole() if raws else None)
+    if chunks:
+        with suppress(InputError):  # raised again when the caller iterates
+            log = replace(log, _log=log.whole())
     return log
 
 
 def log_for(
     log: str | Path, rig: Rig, records: Mapping[str, DiskRecord]
 ) -> tuple[LogPieces, list[str]]:
-    """The EHL or immersion log that ``records`` are for, and columns it lacks that its unloading would be fitted with.
+    """Open the EHL or immersion log that ``records`` are for.
 
-    Raises InputError as ``iter_log`` does, and for records that are not of what the log holds.
+    Returns
+    -------
+    The log, and the missing columns that only the fit of the unloading would use.
+
+    Raises
+    ------
+    InputError
+        As ``iter_log`` does, and for records of a disk that the log does not hold.
     """
     kind, disk = log_kind(log, rig, records)
-    gone = list[str]()
-    unused = list[str]()
+    skipped: list[str] = []
+    unused: list[str] = []
     if kind == "ehl":
         refuse_spare_records(log, rig, records)
-        gone, unused = not_there(log, rig, records)
-    return iter_log(log, kind, rig, disk, parted=False, without=gone), unused
+        skipped, unused = columns_to_skip(log, rig, records)
+    return iter_log(log, kind, rig, disk, parted=False, without=skipped), unused
 
 
 def read_log(
@@ -351,14 +444,35 @@ def read_log(
     parted: bool = True,
     without: Collection[str] = (),
 ) -> Log:
-    """Read a log of ``kind`` ("oven", "immersion", "ehl" or "hole") and check it; ``iter_log``'s pieces joined.
+    """Read a log and check it.
 
-    CSV in its dialects, LVM, TDMS and Parquet by ending; column names mapped by ``rig``'s ``[columns]`` (those of
-    ``disk`` where given). Row numbers in messages are lines of the file. ``parted``: EHL disks must part;
-    ``without``: columns that are left unread.
+    The format follows from the ending: CSV in its dialects, LVM, TDMS and Parquet. Row numbers in
+    messages are lines of the file.
 
-    Raises InputError for whatever section 8 of the design calls bad input and cannot be kept with a finding.
+    Parameters
+    ----------
+    path
+        The file.
+    kind
+        "oven", "immersion", "ehl" or "hole".
+    rig
+        The rig; its ``[columns]`` map the names of columns, those of ``disk`` where it is given.
+    disk
+        Disk whose ``[columns]`` are used.
+    allow_compensated
+        Accept a log that was compensated already.
+    parted
+        Whether an EHL log must contain the unloading.
+    without
+        Columns that are not read.
 
+    Raises
+    ------
+    InputError
+        Bad input (section 8 of the design) that cannot be reported as a finding.
+
+    Examples
+    --------
     >>> import tempfile
     >>> from tcdyn.io.write import write_log
     >>> rows = pd.DataFrame({"repeat": 1, "setpoint_degC": [40.0] * 3 + [80.0] * 3})
@@ -372,17 +486,20 @@ def read_log(
     """
     file = Path(path)
     if kind != "oven":
-        options: Any = {
-            "allow_compensated": allow_compensated,
-            "parted": parted,
-            "without": without,
-        }
-        return iter_log(file, kind, rig, disk, **options).whole()
+        log = iter_log(
+            file,
+            kind,
+            rig,
+            disk,
+            allow_compensated=allow_compensated,
+            parted=parted,
+            without=without,
+        )
+        return log.whole()
     table, names = open_log(file, kind, rig, disk, allow_compensated=allow_compensated)
     raw = read_whole(table, list(dict.fromkeys(names.values())))
-    frame, found = oven_frame(
-        {canonical: raw.data[name] for canonical, name in names.items()}, raw.place
-    )
-    found += missing_and_unused(kind, table, names)
-    told = tuple(f.at(table.where) for f in (*raw.findings, *found))
-    return Log(frame, kind, file, sha256(file), None, dict(table.metadata), told)
+    columns = {canonical: raw.data[name] for canonical, name in names.items()}
+    frame, findings = oven_frame(columns, raw.place)
+    findings = [*raw.findings, *findings, *missing_and_unused(kind, table, names)]
+    located = tuple(finding.at(table.where) for finding in findings)
+    return Log(frame, kind, file, sha256(file), None, dict(table.metadata), located)

@@ -1,5 +1,7 @@
-"""A log's file and its disks' records: which of its columns is which, in canonical units, what is not there or not
-used."""
+"""Open the file of a log: match its columns to canonical names, convert units, find missing columns.
+
+Also the kind of a log by its columns, and the records that belong to its disks.
+"""
 
 from __future__ import annotations
 
@@ -22,24 +24,30 @@ from tcdyn.rig.columns import (
     UNITS,
     Layout,
     couples,
-    in_other_units,
-    is_couple,
+    find_column,
+    in_all_units,
+    is_junction_column,
     match_columns,
-    named,
     recognise,
     suggestion,
 )
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.record import DiskRecord, read_record
 from tcdyn.rig.rigfile import Rig, load_rig
-from tcdyn.rig.thermocouple_types import converted, to_degC
+from tcdyn.rig.thermocouple_types import convert_columns, to_degC
 
-COMPENSATED = "compensated"
+COMPENSATED = "compensated"  # value of the header entry "tcdyn" of a compensated log
 
 
 def records_by_disk(paths: Sequence[str | Path]) -> dict[str, DiskRecord]:
-    """Read records and key them by disk; two of one disk, or one of neither, is an error."""
-    out: dict[str, DiskRecord] = {}
+    """Read records, keyed by disk.
+
+    Raises
+    ------
+    InputError
+        Two records of one disk, or a record of neither disk.
+    """
+    records: dict[str, DiskRecord] = {}
     for path in paths:
         record = read_record(path)
         if record.disk not in DISKS:
@@ -48,51 +56,61 @@ def records_by_disk(paths: Sequence[str | Path]) -> dict[str, DiskRecord]:
                 where=str(path),
                 expected="a record of the fast or the slow disk",
             )
-        if record.disk in out:
+        if record.disk in records:
             raise InputError(
                 f"a second record of the {record.disk} disk",
                 where=str(path),
                 remedy="give one of each",
             )
-        out[record.disk] = record
-    return out
+        records[record.disk] = record
+    return records
 
 
 def rig_of(records: Mapping[str, DiskRecord]) -> Rig:
-    """The rig as the records remember it: each disk its own tables, what is common from the first record given."""
+    """The rig stored in the records: each disk by its own record, the common tables by the first."""
     common = next(iter(records.values())).setup
-    own = {d: records[d].setup if d in records else common for d in DISKS}
-    return Rig(common=common, fast=own["fast"], slow=own["slow"])
+    setups = {disk: records[disk].setup if disk in records else common for disk in DISKS}
+    return Rig(common=common, fast=setups["fast"], slow=setups["slow"])
 
 
 def layouts_of(rig: Rig, disk: str | None) -> dict[str, Layout]:
-    """The logs of a rig, those of an oven or a bath of its ``disk``."""
-    return {kind: layout.holding(rig.couples(kind, disk)) for kind, layout in LAYOUTS.items()}
+    """The layouts of the logs of a rig; oven and immersion logs are of its ``disk``."""
+    return {
+        kind: layout.with_junctions(rig.couples(kind, disk)) for kind, layout in LAYOUTS.items()
+    }
 
 
 def known_names(layouts: Mapping[str, Layout]) -> tuple[str, ...]:
     """Every canonical column of these logs, temperatures in every unit."""
-    return in_other_units(
-        dict.fromkeys(name for layout in layouts.values() for name in layout.columns)
-    )
+    names = dict.fromkeys(name for layout in layouts.values() for name in layout.columns)
+    return in_all_units(names)
 
 
 def missing_and_unused(
     kind: str, table: Table, names: Mapping[str, str], without: Collection[str] = ()
 ) -> list[Finding]:
-    """Columns that might be there and are not, and those of the file that nobody asked for or left out."""
-    asked = [
-        n
-        for n in LAYOUTS[kind].optional
-        if n not in (*names, *TORQUES) and kind in ("ehl", "immersion")
-    ]
-    found = [
-        info("contact.not_logged") if n == "contact" else warning("column.not_there", subject=n)
-        for n in asked
-    ]
-    if unused := [n for n in table.names if n not in (*names.values(), *without)]:
-        found.append(info("columns.unused", names=unused))
-    return found
+    """Findings about optional columns that are missing, and about columns of the file not used.
+
+    Parameters
+    ----------
+    names
+        Canonical name to name in the file, of the columns used.
+    without
+        Names in the file that the caller left out.
+    """
+    findings: list[Finding] = []
+    if kind in ("ehl", "immersion"):
+        for name in LAYOUTS[kind].optional:
+            if name in names or name in TORQUES:
+                continue
+            if name == "contact":
+                findings.append(info("contact.not_logged"))
+            else:
+                findings.append(warning("column.not_there", subject=name))
+    unused = [name for name in table.names if name not in (*names.values(), *without)]
+    if unused:
+        findings.append(info("columns.unused", names=unused))
+    return findings
 
 
 def open_log(
@@ -104,14 +122,25 @@ def open_log(
     allow_compensated: bool = False,
     without: Collection[str] = (),
 ) -> tuple[Table, dict[str, str]]:
-    """The opened file and canonical name -> name in the file; refuses compensated logs and other kinds."""
+    """Open the file of a log.
+
+    Returns
+    -------
+    The table in canonical units, and canonical name to name in the file.
+
+    Raises
+    ------
+    InputError
+        A compensated log, unless allowed, a log of another kind, or missing columns.
+    """
     if kind not in LAYOUTS:
         raise InputError(f"{kind!r} is no kind of log", expected=", ".join(LAYOUTS))
-    used = rig or load_rig()
-    mapping = used.columns(disk)
-    air = used.air_columns() if kind == "ehl" else {}
-    air = {name: column for name, column in air.items() if name not in without}
-    layouts = layouts_of(used, disk)
+    rig = rig or load_rig()
+    mapping = rig.columns(disk)
+    air: dict[str, str] = {}
+    if kind == "ehl":
+        air = {name: column for name, column in rig.air_columns().items() if name not in without}
+    layouts = layouts_of(rig, disk)
     table = open_table(file, (*known_names(layouts), *mapping.values(), *air.values()))
     if table.metadata.get("tcdyn") == COMPENSATED and not allow_compensated:
         raise InputError(
@@ -121,55 +150,70 @@ def open_log(
             remedy="give the raw log; static lines and chain must not be applied twice",
         )
     names = match_columns(
-        table.names, kind, table.where, mapping, without, used.stated(), air, layouts
+        table.names, kind, table.where, mapping, without, rig.stated(), air, layouts
     )
-    how = as_logged(names, table.names, used, disk or "", mapping)
-    names = {"friction_N" if name in TORQUES else name: own for name, own in names.items()}
-    return converted(table, how), names
+    conversions = as_logged(names, table.names, rig, disk or "", mapping)
+    canonical = {"friction_N" if n in TORQUES else n: column for n, column in names.items()}
+    return convert_columns(table, conversions), canonical
 
 
 def columns_not_there(
     file: str | Path, rig: Rig, wanted: Iterable[str], alike: bool = False
 ) -> list[str]:
-    """Those of the ``wanted`` columns that the file of an EHL log does not hold, nor, if ``alike``, one that looks like
-    it."""
+    """The ``wanted`` columns that the file of an EHL log does not hold.
+
+    With ``alike``, columns with a similar name in the file are not listed.
+    """
     mapping = {**rig.columns(), **rig.air_columns()}
     names = open_table(Path(file), (*known_names(layouts_of(rig, None)), *mapping.values())).names
-    gone = [c for c in wanted if named(c, mapping, names) is None]
-    return [
-        c for c in gone if not alike or suggestion(c, (n for n in names if n not in KNOWN)) is None
-    ]
+    missing = [c for c in wanted if find_column(c, mapping, names) is None]
+    if not alike:
+        return missing
+    unknown = [name for name in names if name not in KNOWN]
+    return [c for c in missing if suggestion(c, unknown) is None]
 
 
-def not_there(
+def columns_to_skip(
     log: str | Path, rig: Rig, records: Mapping[str, DiskRecord]
 ) -> tuple[list[str], list[str]]:
-    """Columns of an EHL log that are neither there nor needed: of a disk without a record, and of what the unloading
-    alone would be fitted with; these once more."""
-    lone = [couples(rig.disk_setup(d).channels, d) for d in DISKS if d not in records]
-    junctions = [
-        c
-        for columns in lone
-        if len(columns_not_there(log, rig, columns)) == len(columns)
-        for c in columns
-    ]
+    """Missing columns of an EHL log that are not needed.
+
+    Returns
+    -------
+    All of them: of a disk without a record, and those that only the fit of the unloading would use;
+    and the latter alone.
+    """
+    junctions: list[str] = []
+    for disk in DISKS:
+        if disk in records:
+            continue
+        columns = couples(rig.disk_setup(disk).channels, disk)
+        if len(columns_not_there(log, rig, columns)) == len(columns):
+            junctions += columns
     running = columns_not_there(
         log, rig, [*EHL_RUNNING, *TORQUES, "ambient_degC", *rig.air_columns()]
     )
-    torque = not set(TORQUES) <= set(running)
-    needless = {"contact", *TORQUES, *rig.stated(), *(["friction_N"] if torque else [])}
-    unused = columns_not_there(log, rig, [c for c in running if c not in needless], alike=True)
+    has_torque = not set(TORQUES) <= set(running)
+    needless = {"contact", *TORQUES, *rig.stated()}
+    if has_torque:
+        needless.add("friction_N")
+    candidates = [c for c in running if c not in needless]
+    unused = columns_not_there(log, rig, candidates, alike=True)
     return [*junctions, *unused], unused
 
 
 def refuse_spare_records(file: str | Path, rig: Rig, records: Mapping[str, DiskRecord]) -> None:
-    """Refuse the record of a disk of which an EHL log of the other one holds no column."""
-    own = {d: [*couples(rig.disk_setup(d).channels, d)] for d in records}
-    gone = [d for d in records if columns_not_there(file, rig, own[d]) == own[d]]
-    for disk in gone if len(gone) < len(records) else ():
-        said = f"holds no column of the {disk} disk, whose record was given"
+    """Raise InputError for the record of a disk of which an EHL log holds no column."""
+    without_columns: list[str] = []
+    for disk in records:
+        columns = [*couples(rig.disk_setup(disk).channels, disk)]
+        if columns_not_there(file, rig, columns) == columns:
+            without_columns.append(disk)
+    if len(without_columns) == len(records):
+        return
+    for disk in without_columns:
         raise InputError(
-            said,
+            f"holds no column of the {disk} disk, whose record was given",
             where=shown(Path(file)),
             remedy=f"leave out the {disk} disk's record, or map columns",
         )
@@ -178,44 +222,50 @@ def refuse_spare_records(file: str | Path, rig: Rig, records: Mapping[str, DiskR
 def as_logged(
     names: Mapping[str, str], file: Collection[str], rig: Rig, disk: str, mapping: Mapping[str, str]
 ) -> dict[str, Callable[[Array], Array]]:
-    """What makes the canonical unit of the columns that are in another, by their names in the ``file``.
+    """Conversions to canonical units, by the names of the columns in the ``file``.
 
-    Temperatures in K, degF or mV; a torque, over the radius of its shaft's disk.
+    A temperature is converted from K, degF or mV; a torque is divided by the radius of the disk on
+    its shaft.
     """
-    how = dict[str, Callable[[Array], Array]]()
-    for name, own in names.items():
-        logger = rig.tables(next((d for d in DISKS if name.startswith(f"{d}_")), disk)).logger
-        unit = (named(name, mapping, file) or (own, own.rpartition("_")[2]))[1]
-        if logger.millivolts and is_couple(name):
+    conversions: dict[str, Callable[[Array], Array]] = {}
+    for name, column in names.items():
+        of_disk = next((d for d in DISKS if name.startswith(f"{d}_")), disk)
+        logger = rig.tables(of_disk).logger
+        match = find_column(name, mapping, file)
+        unit = match[1] if match else column.rpartition("_")[2]
+        if logger.millivolts and is_junction_column(name):
             unit = "mV"
         if name.endswith("_degC") and unit in UNITS:
-            how[own] = to_degC(unit, logger.couple, logger.cold_junction_degC)
+            conversions[column] = to_degC(unit, logger.couple, logger.cold_junction_degC)
         if name in TORQUES:
             radius_m = 1e-3 * rig.tables(name.split("_")[1]).disk.outer_radius_mm
-            how[own] = partial(np.multiply, 1 / radius_m)
-    return how
+            conversions[column] = partial(np.multiply, 1 / radius_m)
+    return conversions
 
 
 def log_kind(
     log: str | Path, rig: Rig, records: Mapping[str, DiskRecord]
 ) -> tuple[Literal["ehl", "immersion"], str | None]:
-    """Whether the columns make an EHL log or an immersion log, and for the latter the disk that was plunged.
+    """Whether a file is an EHL or an immersion log, and for the latter the disk that was plunged.
 
-    Raises InputError when several records are given for an immersion log; other kinds are refused by the reader.
+    Raises
+    ------
+    InputError
+        Several records are given for an immersion log. The reader refuses other kinds of log.
     """
     disk = next(iter(records))
-    known = (*known_names(layouts_of(rig, disk)), *rig.columns(disk).values())
-    return kind_of_columns(open_table(log, known).names, rig, records, shown(Path(log)))
+    names = (*known_names(layouts_of(rig, disk)), *rig.columns(disk).values())
+    return kind_of_columns(open_table(log, names).names, rig, records, shown(Path(log)))
 
 
 def kind_of_columns(
     names: Collection[str], rig: Rig, records: Mapping[str, DiskRecord], where: str
 ) -> tuple[Literal["ehl", "immersion"], str | None]:
-    """``log_kind`` for names that are read already."""
+    """``log_kind`` for the names of the columns."""
     disk = next(iter(records))
     layouts = layouts_of(rig, disk)
-    every = {c for layout in layouts.values() for c in layout.columns}
-    mapped = {canonical for canonical in every if named(canonical, rig.columns(disk), names)}
+    canonical = {c for layout in layouts.values() for c in layout.columns}
+    mapped = {c for c in canonical if find_column(c, rig.columns(disk), names)}
     if recognise({*names, *mapped}, layouts) != "immersion":
         return "ehl", None
     if len(records) > 1:

@@ -1,9 +1,10 @@
-"""The record of a calibrated disk: what each channel reads at rest, how late it is, and where that came from."""
+"""The record of a calibrated disk: static line and chain of each channel, and their origin."""
 
 from __future__ import annotations
 
 import getpass
 import json
+from collections.abc import Iterable
 from contextlib import suppress
 from copy import deepcopy
 from datetime import UTC, datetime
@@ -26,24 +27,22 @@ from tcdyn.rig.static_line import StaticLine, lines_table
 from tcdyn.rig.strict import STRICT
 
 SCHEMA: Final[Literal["tcdyn.disk/2"]] = "tcdyn.disk/2"
-OF_0_1 = "tcdyn.disk/1"  # two lags a channel, tau1_s and tau2_s
+SCHEMA_0_1 = "tcdyn.disk/1"  # of version 0.1: two lags a channel, tau1_s and tau2_s
 _Model = TypeVar("_Model", bound=BaseModel)
-LONGEST_LAG_S = (
-    1e7  # about four months, slower than any building; beyond it a time is in another unit
-)
-LAG_TOLERANCE_S = (
-    0.02  # a lag and its own parameters may differ by this or 3 u before they contradict
-)
+# Longest lag [s]: about four months, slower than any building; a longer time is in another unit.
+LONGEST_LAG_S = 1e7
+# A lag may differ from the sum of its parameters by this [s] or by 3 u. Chosen by judgement.
+LAG_TOLERANCE_S = 0.02
 
 
 class RecordPart(BaseModel):
-    """What stands in a file of known keys: no other key is taken."""
+    """A part of a JSON file with fixed keys; unknown keys are errors."""
 
     model_config = ConfigDict(**STRICT, populate_by_name=True)
 
 
 class InputFile(RecordPart):
-    """One file that the record was made from."""
+    """A file that the record was made from."""
 
     file: str
     sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
@@ -54,10 +53,16 @@ Positive = Annotated[float, Field(gt=0, lt=LONGEST_LAG_S)]
 
 
 class ChannelChain(RecordPart):
-    """What stands in the file of one channel's ``tcdyn.Chain``: its parameters [s] by their names there, B left out.
+    """The chain of one channel in a record: the parameters [s] of ``tcdyn.Chain``, without the filter B.
 
-    ``lag_s`` is the chain's first moment, the filter B included; ``split_u_s``: standard uncertainty of how much of
-    it is the largest lag's.
+    Parameters
+    ----------
+    taus_s, zero_s, delay_s, pair, cement_s
+        Parameters of the chain, by their names in ``tcdyn.Chain``.
+    lag_s
+        First moment of the chain, including the filter B.
+    split_u_s
+        Standard uncertainty of the share of ``lag_s`` that belongs to the largest lag.
     """
 
     taus_s: tuple[Lag, ...]
@@ -70,7 +75,21 @@ class ChannelChain(RecordPart):
 
 
 class ChainRecord(RecordPart):
-    """The dynamic part; ``covariance`` [s^2] is that of the channels' ``lag_s`` in the order of their names."""
+    """The dynamic part of a record.
+
+    Parameters
+    ----------
+    structure
+        Name of the chain's structure.
+    channels
+        Chain of each channel.
+    covariance
+        Covariance [s^2] of the ``lag_s`` of the channels, in the order of their names.
+    common_lag_s
+        Mean of the lags.
+    differential_lag_s
+        Lag minus common lag, for each channel.
+    """
 
     structure: str = Field(min_length=1, max_length=40)
     channels: dict[str, ChannelChain]
@@ -79,42 +98,44 @@ class ChainRecord(RecordPart):
     differential_lag_s: dict[str, Estimate]
 
     def table(self) -> pd.DataFrame:
-        """One row a channel: lag with uncertainty and 95 % interval, and how far it is off the common lag."""
-        apart = self.differential_lag_s
+        """One row a channel: lag with uncertainty and 95 % interval, and lag minus common lag."""
         rows = [
-            (c, x.lag_s.plain(), x.lag_s.interval, apart[c].plain())
-            for c, x in sorted(self.channels.items())
+            {
+                "channel": name,
+                "lag [s]": channel.lag_s.plain(),
+                "95 % [s]": channel.lag_s.interval,
+                "minus common lag [s]": self.differential_lag_s[name].plain(),
+            }
+            for name, channel in sorted(self.channels.items())
         ]
-        return pd.DataFrame(
-            rows, columns=["channel", "lag [s]", "95 % [s]", "minus common lag [s]"]
-        )
+        return pd.DataFrame(rows)
 
     @model_validator(mode="after")
-    def _sound(self) -> ChainRecord:
+    def _check_consistency(self) -> ChainRecord:
         if not self.channels:
             raise ValueError("channels: holds no channel")
         if set(self.differential_lag_s) != set(self.channels):
             raise ValueError("differential_lag_s: must name the channels of the chain")
         matrix = square_matrix(self.covariance, len(self.channels))
-        common = float(np.mean([channel.lag_s.value for channel in self.channels.values()]))
-        _agrees(self.common_lag_s, common, "common_lag_s: {} s, but the lags' mean is {} s")
+        mean_s = float(np.mean([channel.lag_s.value for channel in self.channels.values()]))
+        _check_lag(self.common_lag_s, mean_s, "common_lag_s: {} s, but the lags' mean is {} s")
         for name, u in zip(sorted(self.channels), np.sqrt(np.maximum(np.diag(matrix), 0.0))):
             lag = self.channels[name].lag_s
-            rest = self.differential_lag_s[name]
             if abs(u - lag.u) > 0.5 * max(u, lag.u) + 1e-6:
                 raise ValueError(
-                    f"covariance: its diagonal gives {u:.4g} s for {name}, but lag_s.u is {lag.u:.4g} s"
+                    f"covariance: its diagonal gives {u:.4g} s for {name}, but lag_s.u is "
+                    f"{lag.u:.4g} s"
                 )
-            _agrees(
-                rest,
-                lag.value - common,
+            _check_lag(
+                self.differential_lag_s[name],
+                lag.value - mean_s,
                 f"differential_lag_s.{name}: {{}} s, but lag - mean is {{}} s",
             )
         return self
 
 
 class DiskRecord(Result, RecordPart):
-    """Everything known of one calibrated disk; ``setup`` holds the rig tables it was calibrated with."""
+    """The calibration of one disk; ``setup`` holds the rig tables it was calibrated with."""
 
     schema_: Literal["tcdyn.disk/2"] = Field(default=SCHEMA, alias="schema")
     disk: str = Field(min_length=1, max_length=80)
@@ -130,63 +151,68 @@ class DiskRecord(Result, RecordPart):
 
     @model_validator(mode="before")
     @classmethod
-    def _findings(cls, data: Any) -> Any:
-        """Findings of a file that has sentences only, each kept as it stands."""
+    def _findings_from_warnings(cls, data: Any) -> Any:
+        """Findings of an old file that holds sentences only; the sentences are kept unchanged."""
         if not isinstance(data, dict) or "warnings" not in data:
             return data
         data = dict(data)
-        old = data.pop("warnings")
-        if not isinstance(old, list) or not all(isinstance(sentence, str) for sentence in old):
+        sentences = data.pop("warnings")
+        if not isinstance(sentences, list) or not all(isinstance(x, str) for x in sentences):
             raise ValueError("warnings: must be a list of sentences")
-        data.setdefault("findings", [warning("said", text=sentence) for sentence in old])
+        data.setdefault("findings", [warning("said", text=sentence) for sentence in sentences])
         return data
 
     @model_validator(mode="after")
-    def _sound(self) -> DiskRecord:
-        for key, names in (
-            ("static", self.static),
-            ("chain.channels", self.chain.channels if self.chain else {}),
-        ):
-            if not names and key == "static":
-                raise ValueError(f"{key}: holds no channel")
-            if strange := sorted(set(names) - set(self.setup.thermocouples)):
-                known = sorted(self.setup.thermocouples)
-                raise ValueError(
-                    f"{key}.{strange[0]}: no such channel; they are {known[0]} to {known[-1]}"
-                )
+    def _check_consistency(self) -> DiskRecord:
+        if not self.static:
+            raise ValueError("static: holds no channel")
+        self._check_names("static", self.static)
+        if self.chain:
+            self._check_names("chain.channels", self.chain.channels)
         try:
             moment(self.created)
         except ValueError:
             raise ValueError(f"created: {self.created!r} is no date (ISO 8601)") from None
-        if self.chain is not None:
-            for name, c in self.chain.channels.items():
-                pair_s = 2 * c.pair[0] * c.pair[1] if c.pair else 0.0
-                own_s = c.delay_s + sum(c.taus_s) - c.zero_s + pair_s + c.cement_s / 2
-                lag_s = own_s + self.conditioning.lag_s
-                _agrees(
-                    c.lag_s,
-                    lag_s,
-                    f"chain.channels.{name}.lag_s: {{}} s, but its lags add to {{}} s",
-                )
+        channels = self.chain.channels if self.chain else {}
+        for name, channel in channels.items():
+            pair_s = 2 * channel.pair[0] * channel.pair[1] if channel.pair else 0.0
+            sensor_s = channel.delay_s + sum(channel.taus_s) - channel.zero_s
+            sensor_s += pair_s + channel.cement_s / 2
+            _check_lag(
+                channel.lag_s,
+                sensor_s + self.conditioning.lag_s,
+                f"chain.channels.{name}.lag_s: {{}} s, but its lags add to {{}} s",
+            )
         return self
+
+    def _check_names(self, key: str, names: Iterable[str]) -> None:
+        """Raise ValueError for a channel that the disk does not have."""
+        unknown = sorted(set(names) - set(self.setup.thermocouples))
+        if unknown:
+            known = sorted(self.setup.thermocouples)
+            raise ValueError(
+                f"{key}.{unknown[0]}: no such channel; they are {known[0]} to {known[-1]}"
+            )
 
     @computed_field  # type: ignore[prop-decorator]
     @property
     def warnings(self) -> list[str]:
-        """The findings as sentences, notes among them."""
+        """All findings as sentences."""
         return list(messages(self.findings))
 
     @property
     def made(self) -> str:
-        """When it was made and, where that is known, by whom."""
-        return f"{self.created} by {self.created_by}" if self.created_by else self.created
+        """Date, and the author if known."""
+        if not self.created_by:
+            return self.created
+        return f"{self.created} by {self.created_by}"
 
     def disk_setup(self) -> DiskSetup:
         """The disk in SI units, as it was calibrated."""
         return self.setup.setup(self.disk)
 
     def summary(self) -> str:
-        """Disk, day, files, common lag and warnings, in a few lines."""
+        """Disk, date, files, lags and findings."""
         files = ", ".join(item.file for item in self.inputs) or "no files named"
         lines = [f"disk {self.disk}, calibrated {self.made}, from {files}"]
         if self.chain is None:
@@ -196,18 +222,16 @@ class DiskRecord(Result, RecordPart):
             lines.append(
                 f"chain {self.chain.structure}: common lag {common}; differences between channels:"
             )
-            rest = self.chain.differential_lag_s
-            lines.append("  " + ", ".join(f"{c} {rest[c].text('s')}" for c in sorted(rest)))
+            differences = sorted(self.chain.differential_lag_s.items())
+            lines.append("  " + ", ".join(f"{c} {lag.text('s')}" for c, lag in differences))
         return "\n".join([*lines, *labelled_messages(self.findings)])
 
     def card(self) -> pd.DataFrame:
         """Static line and lag of each channel."""
         table = lines_table(self.static)
-        return (
-            table
-            if self.chain is None
-            else table.merge(self.chain.table(), "left", "channel").fillna("")
-        )
+        if self.chain is None:
+            return table
+        return table.merge(self.chain.table(), "left", "channel").fillna("")
 
     def to_dict(self) -> dict[str, Any]:
         """The content of the record's file, with its checksum."""
@@ -219,12 +243,12 @@ class DiskRecord(Result, RecordPart):
 
 
 def now_utc() -> str:
-    """The moment as the record writes it."""
+    """The present time (UTC, ISO 8601) as records write it."""
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
 def user_name() -> str:
-    """Who runs this, for ``created_by``; empty where the system does not say."""
+    """Name of the user, for ``created_by``; empty if the system does not give it."""
     try:
         return getpass.getuser()
     except (OSError, KeyError, ImportError):
@@ -232,42 +256,74 @@ def user_name() -> str:
 
 
 def moment(text: str) -> datetime:
-    """The moment that ``created`` names; without a zone it is taken as UTC."""
-    found = datetime.fromisoformat(text)
-    return found if found.tzinfo else found.replace(tzinfo=UTC)
+    """The time that ``created`` gives; without a time zone it is UTC."""
+    time = datetime.fromisoformat(text)
+    return time if time.tzinfo else time.replace(tzinfo=UTC)
 
 
 def write_record(record: DiskRecord, path: str | Path) -> Path:
-    """Write the record as JSON, whole or not at all."""
+    """Write the record as JSON; an interrupted write leaves the old file."""
     return write_text(path, record.to_json())
 
 
 def read_record(path: str | Path) -> DiskRecord:
-    """Read a record, one of version 0.1, too.
+    """Read a record, also one of version 0.1.
 
-    Raises InputError that names the key for an unknown schema, a missing or unknown key, or a value that cannot be.
+    Raises
+    ------
+    InputError
+        An unknown schema, a missing or unknown key, or an impossible value; the message names the key.
     """
-    return parse_record(
-        read_json(path, "a disk record", "tcdyn calibrate", "*.disk.json"), str(path)
-    )
+    data = read_json(path, "a disk record", "tcdyn calibrate", "*.disk.json")
+    return parse_record(data, str(path))
 
 
 def read_json(path: str | Path, expected: str, writer: str, called: str = "file") -> Any:
-    """What a JSON file holds, no key twice; InputError that says what was ``expected`` and which command writes it."""
+    """Read a JSON file; a repeated key is an error.
+
+    Parameters
+    ----------
+    path
+        The file.
+    expected, writer, called
+        For messages: what the file should be, the command that writes it, and the name of the file.
+
+    Raises
+    ------
+    InputError
+        No such file, or no JSON.
+    """
     try:
-        return json.loads(Path(path).read_text(encoding="utf-8-sig"), object_pairs_hook=_no_twins)
+        text = Path(path).read_text(encoding="utf-8-sig")
+        return json.loads(text, object_pairs_hook=_without_repeated_keys)
     except FileNotFoundError:
         raise InputError("no such file", where=str(path), remedy=f"`{writer}` writes one") from None
     except (OSError, ValueError, RecursionError) as problem:
-        remedy = f"give the {called} that `{writer}` wrote"
         raise InputError(
-            f"not readable as JSON ({problem})", where=str(path), expected=expected, remedy=remedy
+            f"not readable as JSON ({problem})",
+            where=str(path),
+            expected=expected,
+            remedy=f"give the {called} that `{writer}` wrote",
         ) from None
 
 
 def parse_record(data: Any, where: str) -> DiskRecord:
-    """Check a record that is already parsed JSON; ``where`` names it in errors, and in a finding if its content is not
-    what its checksum says."""
+    """Check a record that is already parsed JSON.
+
+    A checksum that does not fit the content is a finding.
+
+    Parameters
+    ----------
+    data
+        The parsed JSON.
+    where
+        Name of the file, for messages.
+
+    Raises
+    ------
+    InputError
+        As ``read_record``.
+    """
     if not isinstance(data, dict):
         raise InputError(
             "is no disk record", where=where, expected="a JSON object with the key schema"
@@ -275,27 +331,31 @@ def parse_record(data: Any, where: str) -> DiskRecord:
     if "schema" not in data:
         raise InputError("schema: the key is missing", where=where, expected=repr(SCHEMA))
     schema = str(data["schema"])
-    if schema not in (SCHEMA, OF_0_1):
-        remedy = "update tcdyn" if schema.startswith("tcdyn.disk/") else "give a disk record"
-        expected = f"{SCHEMA!r} or {OF_0_1!r}"
+    if schema not in (SCHEMA, SCHEMA_0_1):
+        is_newer = schema.startswith("tcdyn.disk/")
         raise InputError(
             f"schema: {schema[:60]!r} is not known to this version",
             where=where,
-            expected=expected,
-            remedy=remedy,
+            expected=f"{SCHEMA!r} or {SCHEMA_0_1!r}",
+            remedy="update tcdyn" if is_newer else "give a disk record",
         )
-    made = _from_0_1(data) if schema == OF_0_1 else data
-    remedy = "do not edit records by hand; calibrate again"
-    record = validated(DiskRecord, made, where, "a record as `tcdyn calibrate` writes it", remedy)
+    record = validated(
+        DiskRecord,
+        _from_0_1(data) if schema == SCHEMA_0_1 else data,
+        where,
+        "a record as `tcdyn calibrate` writes it",
+        "do not edit records by hand; calibrate again",
+    )
     record.findings.extend(altered(data, where))
     return record
 
 
 def validated(model: type[_Model], data: Any, where: str, expected: str, remedy: str) -> _Model:
-    """``data``, its checksum left out, as a ``model``; InputError that names the first key that is wrong."""
-    plain = {k: v for k, v in data.items() if k != SEAL} if isinstance(data, dict) else data
+    """``data`` without its checksum as a ``model``; InputError names the first wrong key."""
+    if isinstance(data, dict):
+        data = {key: value for key, value in data.items() if key != SEAL}
     try:
-        return model.model_validate(plain)
+        return model.model_validate(data)
     except ValidationError as problem:
         raise InputError(
             first_wrong(problem), where=where, expected=expected, remedy=remedy
@@ -303,17 +363,17 @@ def validated(model: type[_Model], data: Any, where: str, expected: str, remedy:
 
 
 def _from_0_1(data: dict[str, Any]) -> dict[str, Any]:
-    """A record of version 0.1 in today's schema: its two lags are a list."""
+    """A record of version 0.1 in the present schema: its two lags become a list."""
     data = {**deepcopy(data), "schema": SCHEMA}
-    with suppress(
-        TypeError, KeyError, AttributeError
-    ):  # what is not as it should be is found by key
+    # wrong content is reported later, by key
+    with suppress(TypeError, KeyError, AttributeError):
         for channel in data["chain"]["channels"].values():
             channel["taus_s"] = [channel.pop("tau1_s"), channel.pop("tau2_s", 0.0)]
     return data
 
 
-def _no_twins(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def _without_repeated_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """A JSON object; ValueError for a repeated key."""
     names = [key for key, _ in pairs]
     for key in names:
         if names.count(key) > 1:
@@ -321,13 +381,14 @@ def _no_twins(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return dict(pairs)
 
 
-def _agrees(stated: Estimate, found_s: float, words: str) -> None:
-    if abs(found_s - stated.value) > max(LAG_TOLERANCE_S, 3 * stated.u):
-        raise ValueError(words.format(f"{stated.value:.4g}", f"{found_s:.4g}"))
+def _check_lag(lag: Estimate, computed_s: float, message: str) -> None:
+    """Raise ValueError where a lag contradicts the value computed from other keys."""
+    if abs(computed_s - lag.value) > max(LAG_TOLERANCE_S, 3 * lag.u):
+        raise ValueError(message.format(f"{lag.value:.4g}", f"{computed_s:.4g}"))
 
 
 def square_matrix(rows: list[list[float]], size: int) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Rows of a covariance as an array (size, size); ValueError for one that is none."""
+    """A covariance matrix (size, size) from its rows; ValueError for an impossible one."""
     if len(rows) != size or any(len(row) != size for row in rows):
         raise ValueError(f"covariance: must be {size} x {size}, one row a channel")
     matrix = np.array(rows, dtype=float)

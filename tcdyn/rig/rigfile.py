@@ -1,11 +1,11 @@
-"""``rig.toml``: what people write about their rig, checked key by key, with a default for every key."""
+"""The rig file ``rig.toml``: its tables, checked key by key, with a default for every key."""
 
 from __future__ import annotations
 
 import json
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -39,11 +39,14 @@ from tcdyn.rig.tables import (
 )
 from tcdyn.rig.traceability import TraceabilityTable
 
+# A key of more than 32 parts: tomllib needs time with the square of the depth.
 DEEP_KEY = re.compile(r"""(?:\.[ \t]*["'\w-]+[ \t]*){32}""")
+SHOW_REMEDY = "`tcdyn rig --show` lists every key with its default"
+WRITE_REMEDY = "`tcdyn rig --show > rig.toml` writes one"
 
 
 class RigTables(RigTable):
-    """Everything that describes one disk and its test."""
+    """All tables that describe one disk and its test."""
 
     disk: DiskTable = DiskTable()
     washer: WasherTable = WasherTable()
@@ -65,30 +68,33 @@ class RigTables(RigTable):
 
     @model_validator(mode="before")
     @classmethod
-    def _fill_junctions(cls, data: Any) -> Any:
-        if isinstance(data, dict) and isinstance(data.get("thermocouples"), dict):
-            said = dict(data["thermocouples"])
-            others = set(said) - {"layout", *CHANNELS}
-            places = layout_junctions(said.pop("layout", OWN_LAYOUT if others else DEFAULT_LAYOUT))
-            data = {**data, "thermocouples": _merge(places, said)}
-        return data
+    def _add_layout_junctions(cls, data: Any) -> Any:
+        """Replace ``thermocouples.layout`` by the junctions of that layout."""
+        if not isinstance(data, dict) or not isinstance(data.get("thermocouples"), dict):
+            return data
+        listed = dict(data["thermocouples"])
+        has_other_names = bool(set(listed) - {"layout", *CHANNELS})
+        default = OWN_LAYOUT if has_other_names else DEFAULT_LAYOUT
+        junctions = layout_junctions(listed.pop("layout", default))
+        return {**data, "thermocouples": _merge(junctions, listed)}
 
     @model_validator(mode="after")
-    def _junctions_inside(self) -> RigTables:
+    def _check_junctions(self) -> RigTables:
         if not self.thermocouples:
             raise ValueError(
-                "thermocouples: none is listed; expected one or more, such as t1 = { depth_mm, z_mm }"
+                "thermocouples: none is listed; expected one or more, such as "
+                "t1 = { depth_mm, z_mm }"
             )
         for name in self.thermocouples:
             if not CHANNEL_NAME.fullmatch(name):
-                wanted = "a letter, or letters and a number, such as t1; what logs call it goes to [columns]"
                 raise ValueError(
-                    f"thermocouples: {name!r} is no name of a junction; expected {wanted}"
+                    f"thermocouples: {name!r} is no name of a junction; expected a letter, or "
+                    "letters and a number, such as t1; what logs call it goes to [columns]"
                 )
         self.fit.sectors(self.disk.bore_radius_mm)
-        wall = self.disk.outer_radius_mm - self.disk.bore_radius_mm
+        wall_mm = self.disk.outer_radius_mm - self.disk.bore_radius_mm
         for name, junction in self.thermocouples.items():
-            if junction.depth_mm >= wall:
+            if junction.depth_mm >= wall_mm:
                 raise ValueError(
                     f"thermocouples.{name}: depth_mm {junction.depth_mm} lies inside the bore"
                 )
@@ -99,29 +105,35 @@ class RigTables(RigTable):
         return self
 
     @model_validator(mode="after")
-    def _a_column_for_each(self) -> RigTables:
+    def _check_columns(self) -> RigTables:
+        """Each junction has its own column, in EHL logs (both disks) and in other logs."""
         for prefixes in (DISKS, ("",)):
-            taken: dict[str, str] = {}
-            for name in (n for prefix in prefixes for n in couples(self.thermocouples, prefix)):
+            junction_of: dict[str, str] = {}
+            names = [n for prefix in prefixes for n in couples(self.thermocouples, prefix)]
+            for name in names:
                 column = self.columns.get(name, name)
-                if (other := taken.setdefault(column, name)) != name:
-                    both = f"{column!r} is named for two junctions, {other} and {name}"
-                    raise ValueError(f"columns: {both}; give each its own column")
+                other = junction_of.setdefault(column, name)
+                if other != name:
+                    raise ValueError(
+                        f"columns: {column!r} is named for two junctions, {other} and {name}; "
+                        "give each its own column"
+                    )
         return self
 
     @field_serializer("thermocouples")
-    def _all_there_are(self, junctions: dict[str, JunctionTable]) -> dict[str, Any]:
-        """A table of others than a to f says that it lists all."""
-        told = {c: j.model_dump() for c, j in junctions.items()}
-        return told if set(told) == set(CHANNELS) else {"layout": OWN_LAYOUT, **told}
+    def _write_junctions(self, junctions: dict[str, JunctionTable]) -> dict[str, Any]:
+        """Junctions other than a to f are written with the layout "own": the table lists all."""
+        tables = {name: junction.model_dump() for name, junction in junctions.items()}
+        if set(tables) == set(CHANNELS):
+            return tables
+        return {"layout": OWN_LAYOUT, **tables}
 
     def setup(self, name: str) -> DiskSetup:
         """The disk in SI units."""
         d = self.disk
-        w = self.washer
-        j = self.thermocouples
         junctions = {
-            k: Junction(j[k].depth_mm * 1e-3, j[k].z_mm * 1e-3, j[k].angle_deg) for k in sorted(j)
+            name: Junction(t.depth_mm * 1e-3, t.z_mm * 1e-3, t.angle_deg)
+            for name, t in sorted(self.thermocouples.items())
         }
         return DiskSetup(
             name=name,
@@ -132,8 +144,8 @@ class RigTables(RigTable):
             conductivity_W_mK=d.conductivity_W_mK,
             density_kg_m3=d.density_kg_m3,
             specific_heat_J_kgK=d.specific_heat_J_kgK,
-            washer_conductivity_W_mK=w.conductivity_W_mK,
-            washer_thickness_m=w.thickness_mm * 1e-3,
+            washer_conductivity_W_mK=self.washer.conductivity_W_mK,
+            washer_thickness_m=self.washer.thickness_mm * 1e-3,
             junctions=junctions,
             inner=inner_row(
                 {c: x.depth_m for c, x in junctions.items()},
@@ -150,7 +162,7 @@ class RigTables(RigTable):
 
 
 class Rig(Result, BaseModel):
-    """A rig: the tables of each disk, and the two disks' common contact."""
+    """A rig: the common tables, and those of the fast and the slow disk."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -159,59 +171,67 @@ class Rig(Result, BaseModel):
     slow: RigTables
 
     def summary(self) -> str:
-        """The disks in a line each: size, steel, bandwidth of the conditioning."""
-        lines = [
-            f"gear ratio {self.common.contact.gear_ratio:g}, h ~ u^{self.common.contact.speed_exponent:g}"
-        ]
-        for disk in ("fast", "slow"):
-            t = self.tables(disk)
-            d = t.disk
-            filter_ = t.conditioning
+        """Size, steel and conditioning of each disk, one line each."""
+        contact = self.common.contact
+        lines = [f"gear ratio {contact.gear_ratio:g}, h ~ u^{contact.speed_exponent:g}"]
+        for name in DISKS:
+            disk = self.tables(name).disk
+            conditioning = self.tables(name).conditioning
             lines.append(
-                f"{disk}: {2 * d.outer_radius_mm:g} mm diameter, {d.width_mm:g} mm wide, bore {2 * d.bore_radius_mm:g} "
-                f"mm, {d.conductivity_W_mK:g} W/mK, {d.density_kg_m3:g} kg/m3, {d.specific_heat_J_kgK:g} J/kgK, "
-                f"conditioning {filter_.cutoff_Hz:g} Hz x {filter_.poles}"
+                f"{name}: {2 * disk.outer_radius_mm:g} mm diameter, {disk.width_mm:g} mm wide, "
+                f"bore {2 * disk.bore_radius_mm:g} mm, {disk.conductivity_W_mK:g} W/mK, "
+                f"{disk.density_kg_m3:g} kg/m3, {disk.specific_heat_J_kgK:g} J/kgK, "
+                f"conditioning {conditioning.cutoff_Hz:g} Hz x {conditioning.poles}"
             )
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
-        """Every table of the rig file as it is in force: common, fast, slow."""
+        """All tables with their values: common, fast, slow."""
         return self.model_dump(mode="json")
 
     def tables(self, disk: str) -> RigTables:
-        """The tables of ``disk``, "fast" or "slow"; the common ones for "". InputError for any other name."""
+        """The tables of ``disk``, "fast" or "slow"; the common ones for "". InputError otherwise."""
         tables = {"fast": self.fast, "slow": self.slow, "": self.common}
         if disk not in tables:
             raise InputError(f"the rig has no disk {disk!r}", expected=" or ".join(DISKS))
         return tables[disk]
 
     def columns(self, disk: str | None = None) -> dict[str, str]:
-        """``[columns]`` as a log of ``disk`` needs it: ``fast_a_degC``, mapped for EHL logs, names the fast disk's
-        ``a_degC`` in oven and plunge logs too, unless ``a_degC`` is mapped itself.
+        """``[columns]`` for a log of ``disk``: canonical name to name in the file.
 
-        >>> parse_rig({"columns": {"fast_a_degC": "TC1 fast"}}, "rig.toml").columns("fast")["a_degC"]
+        ``fast_a_degC``, mapped for EHL logs, is also the ``a_degC`` of oven and plunge logs of the fast
+        disk, unless ``a_degC`` is mapped itself.
+
+        >>> rig = parse_rig({"columns": {"fast_a_degC": "TC1 fast"}}, "rig.toml")
+        >>> rig.columns("fast")["a_degC"]
         'TC1 fast'
         """
         mapped = dict(self.tables(disk or "").columns)
-        start = f"{disk}_"
-        return {
-            k.removeprefix(start): v for k, v in mapped.items() if disk and k.startswith(start)
-        } | mapped
+        if not disk:
+            return mapped
+        prefix = f"{disk}_"
+        of_disk = {k.removeprefix(prefix): v for k, v in mapped.items() if k.startswith(prefix)}
+        return of_disk | mapped
 
     def stated(self) -> tuple[str, ...]:
-        """Columns that an EHL log need not hold, their values being stated in ``[constants]`` or ``[ambient]``."""
-        told = all(self.tables(d).ambient.columns for d in ("fast", "slow"))
-        return (*self.common.constants, *(("ambient_degC",) if told else ()))
+        """Columns that an EHL log may lack: ``[constants]`` or ``[ambient]`` replaces them."""
+        columns = tuple(self.common.constants)
+        if all(self.tables(disk).ambient.columns for disk in DISKS):
+            columns += ("ambient_degC",)
+        return columns
 
     def air_columns(self) -> dict[str, str]:
-        """Name in a log that was read -> name in the file, of the columns that tell the air about either disk."""
+        """Columns of the air near either disk: name after reading to name in the file."""
         return air_columns([self.fast.ambient, self.slow.ambient])
 
     def couples(self, kind: str, disk: str | None = None) -> tuple[str, ...]:
-        """The junctions' columns of a log of ``kind``: those of both disks in an EHL log, else those of ``disk``."""
-        if kind == "ehl":
-            return tuple(n for d in DISKS for n in couples(sorted(self.tables(d).thermocouples), d))
-        return couples(sorted(self.tables(disk or "").thermocouples))
+        """Columns of the junctions in a log of ``kind``: of both disks in an EHL log, else of ``disk``."""
+        if kind != "ehl":
+            return couples(sorted(self.tables(disk or "").thermocouples))
+        columns: list[str] = []
+        for name in DISKS:
+            columns += couples(sorted(self.tables(name).thermocouples), name)
+        return tuple(columns)
 
     def disk_setup(self, disk: str) -> DiskSetup:
         """The disk in SI units."""
@@ -226,39 +246,39 @@ class Rig(Result, BaseModel):
 def load_rig(path: str | Path | None = None) -> Rig:
     """Read ``rig.toml``; without a path, the defaults of the design.
 
-    Raises InputError for an unreadable file, an unknown key or a value out of its range.
+    Raises
+    ------
+    InputError
+        An unreadable file, an unknown key, or a value out of its range.
 
+    Examples
+    --------
     >>> round(load_rig().disk_setup("fast").diffusivity_m2_s * 1e5, 2)
     1.11
     """
     if path is None:
         return parse_rig({}, "rig.toml")
     try:
-        if DEEP_KEY.search(
-            text := Path(path).read_text(encoding="utf-8-sig")
-        ):  # parsed in the square of its depth
+        text = Path(path).read_text(encoding="utf-8-sig")
+        if DEEP_KEY.search(text):
             raise ValueError("a key of more than 32 parts")
         data = tomllib.loads(text)
     except FileNotFoundError:
-        raise InputError(
-            "no such file", where=str(path), remedy="`tcdyn rig --show > rig.toml` writes one"
-        ) from None
+        raise InputError("no such file", where=str(path), remedy=WRITE_REMEDY) from None
     except (OSError, ValueError, RecursionError) as problem:
         what = f"not readable as TOML ({str(problem)[:200]})"
-        remedy = "`tcdyn rig --show > rig.toml` writes one"
-        raise InputError(what, where=str(path), expected="a rig file", remedy=remedy) from None
+        raise InputError(
+            what, where=str(path), expected="a rig file", remedy=WRITE_REMEDY
+        ) from None
     return parse_rig(data, str(path))
 
 
 def parse_rig(data: dict[str, Any], where: str) -> Rig:
     """Check the tables of a rig file that is already a dict; ``where`` names it in errors."""
-    common = {k: v for k, v in data.items() if k not in ("fast", "slow")}
-    built: dict[str, RigTables] = {}
-    for name, override in (
-        ("common", {}),
-        ("fast", data.get("fast", {})),
-        ("slow", data.get("slow", {})),
-    ):
+    common = {key: value for key, value in data.items() if key not in DISKS}
+    overrides = {"common": {}, "fast": data.get("fast", {}), "slow": data.get("slow", {})}
+    tables: dict[str, RigTables] = {}
+    for name, override in overrides.items():
         if not isinstance(override, dict):
             raise InputError(f"[{name}] must be a table", where=where)
         if "constants" in override:
@@ -268,25 +288,26 @@ def parse_rig(data: dict[str, Any], where: str) -> Rig:
                 remedy="write [constants]",
             )
         try:
-            built[name] = RigTables.model_validate(_merge(common, override))
+            tables[name] = RigTables.model_validate(_merge(common, override))
         except ValidationError as problem:
-            said = first_wrong(problem, name)
-            remedy = "`tcdyn rig --show` lists every key with its default"
-            raise InputError(said, where=where, remedy=remedy) from None
-    return Rig(**built)
+            what = first_wrong(problem, name)
+            raise InputError(what, where=where, remedy=SHOW_REMEDY) from None
+    return Rig(**tables)
 
 
-def _merge(base: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
-    """``base`` with the values of ``over``, table within table; one of its own layout stands in place of the other."""
-    pairs = {k: (base.get(k), v) for k, v in over.items()}
-    whole = {
-        k: (a, b) for k, (a, b) in pairs.items() if isinstance(a, dict) and isinstance(b, dict)
-    }
-    return {
-        **base,
-        **over,
-        **{k: _merge(a, b) for k, (a, b) in whole.items() if b.get("layout") != OWN_LAYOUT},
-    }
+def _merge(base: Mapping[str, Any], override: Mapping[str, Any]) -> dict[str, Any]:
+    """``base`` with the values of ``override``, table by table.
+
+    A table with the layout "own" replaces the other one completely.
+    """
+    merged = {**base, **override}
+    for key, value in override.items():
+        old = base.get(key)
+        if not isinstance(old, dict) or not isinstance(value, dict):
+            continue
+        if value.get("layout") != OWN_LAYOUT:
+            merged[key] = _merge(old, value)
+    return merged
 
 
 def changed_keys(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[tuple[str, Any, Any]]:
@@ -295,13 +316,22 @@ def changed_keys(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[tu
     >>> changed_keys({"disk": {"width_mm": 9.53, "bore": 1}}, {"disk": {"width_mm": 10.0, "bore": 1}})
     [('[disk] width_mm', 9.53, 10.0)]
     """
-    one, other = (pd.json_normalize(dict(d)).to_dict("records")[0] for d in (before, after))
-    names = {key: "[{}] {}".format(*str(key).split(".", 1)) for key in one}
-    return [
-        (names[key], value, other.get(key)) for key, value in one.items() if value != other.get(key)
-    ]
+    old = _flat(before)
+    new = _flat(after)
+    changes: list[tuple[str, Any, Any]] = []
+    for key, value in old.items():
+        if value != new.get(key):
+            table, _, name = str(key).partition(".")
+            changes.append((f"[{table}] {name}", value, new.get(key)))
+    return changes
 
 
+def _flat(tables: Mapping[str, Any]) -> dict[Hashable, Any]:
+    """All values by "table.key"."""
+    return pd.json_normalize(dict(tables)).to_dict("records")[0]
+
+
+# Comments at the end of the common tables of a rig file that is printed.
 HINTS = [
     "# names in your logs, where they differ from tcdyn's, such as",
     '# fast_a_degC = "TC1 fast"',
@@ -316,18 +346,19 @@ HINTS = [
 
 
 def rig_toml(rig: Rig) -> str:
-    """The rig as TOML text, every key with its value: what ``tcdyn rig --show`` prints."""
+    """The rig as TOML text, every key with its value: the output of ``tcdyn rig --show``."""
     lines: list[str] = ["# tcdyn rig file: every key, with the value in force"]
-    body = rig.common.model_dump()
-    for table, values in body.items():
+    common = rig.common.model_dump()
+    for table, values in common.items():
         lines += _toml_table(table, values)
-    lines += HINTS if not body["columns"] else []
-    for disk in ("fast", "slow"):
-        own = rig.tables(disk).model_dump()
-        for table, values in own.items():
-            changed = {k: v for k, v in values.items() if body[table].get(k) != v}
+    if not common["columns"]:
+        lines += HINTS
+    for disk in DISKS:
+        for table, values in rig.tables(disk).model_dump().items():
+            changed = {k: v for k, v in values.items() if common[table].get(k) != v}
+            if changed and "layout" in values:
+                changed = values
             if changed:
-                changed = values if "layout" in values else changed
                 lines += _toml_table(f"{disk}.{table}", changed)
     return "\n".join(lines) + "\n"
 
@@ -338,7 +369,8 @@ def _toml_table(name: str, values: dict[str, Any]) -> list[str]:
 
 def _toml_value(value: Any) -> str:
     if isinstance(value, dict):
-        return f"{{ {', '.join(f'{k} = {_toml_value(v)}' for k, v in value.items())} }}"
+        pairs = ", ".join(f"{key} = {_toml_value(item)}" for key, item in value.items())
+        return f"{{ {pairs} }}"
     if isinstance(value, (list, tuple)):
         return f"[{', '.join(map(_toml_value, value))}]"
-    return json.dumps(value, ensure_ascii=False)  # text, numbers, truths: as in TOML
+    return json.dumps(value, ensure_ascii=False)  # text, numbers and booleans are as in TOML

@@ -1,4 +1,4 @@
-"""The tables of ``rig.toml`` that describe one disk, in the units people write."""
+"""The tables of ``rig.toml`` that describe one disk, in the units of the file."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from tcdyn.rig.strict import STRICT
 
 
 class RigTable(BaseModel):
-    """A table of ``rig.toml``: unknown keys and numbers out of range are refused."""
+    """A table of ``rig.toml``; unknown keys and numbers out of range are errors."""
 
     model_config = STRICT
 
 
 class DiskTable(RigTable):
-    """[disk]; bore radius and steel are assumptions, not the thesis's (design, section 3)."""
+    """[disk]; bore radius and steel are assumed, not from the thesis (section 3 of the design)."""
 
     outer_radius_mm: float = Field(default=38.1, gt=5, lt=500)
     bore_radius_mm: float = Field(default=20.5, ge=0, lt=500)
@@ -57,13 +57,16 @@ class WasherTable(RigTable):
 class JunctionTable(RigTable):
     """[thermocouples] a = { depth_mm, z_mm, angle_deg }."""
 
-    depth_mm: float = Field(gt=0.05, lt=100)  # a depth below 50 um is one given in metres
+    depth_mm: float = Field(gt=0.05, lt=100)  # below 50 um it is in metres
     z_mm: float = Field(gt=0.05, lt=200)
     angle_deg: float = Field(default=0.0, ge=-360, le=360)
 
 
 class ContactTable(RigTable):
-    """[contact]; ``flux_...``: how the heat falls across the track (section 8.3), see :class:`FluxProfile`."""
+    """[contact]; ``flux_...``: profile of the heat flux across the track (section 8.3).
+
+    See :class:`FluxProfile`.
+    """
 
     gear_ratio: float = Field(default=4.24, ge=1, lt=100)
     speed_exponent: float = Field(default=0.667, ge=0, le=2)
@@ -74,24 +77,27 @@ class ContactTable(RigTable):
     flux_table_weight: tuple[Annotated[float, Field(ge=0)], ...] = ()
 
     @model_validator(mode="after")
-    def _table_told(self) -> ContactTable:
-        at = self.flux_table_mm
-        weight = self.flux_table_weight
-        if (self.flux_profile == "table") != (len(at) > 1):
+    def _check_flux_table(self) -> ContactTable:
+        positions = self.flux_table_mm
+        weights = self.flux_table_weight
+        if (self.flux_profile == "table") != (len(positions) > 1):
             raise ValueError(
-                f'flux_table_mm has {len(at)} places; expected two or more, and flux_profile = "table"'
+                f"flux_table_mm has {len(positions)} places; expected two or more, "
+                'and flux_profile = "table"'
             )
-        if len(at) != len(weight):
+        if len(positions) != len(weights):
             raise ValueError(
-                f"flux_table_mm has {len(at)} places, flux_table_weight {len(weight)}; expected as many"
+                f"flux_table_mm has {len(positions)} places, flux_table_weight {len(weights)}; "
+                "expected as many"
             )
-        if any(b <= a for a, b in pairwise(at)) or (at and not sum(weight) > 0):
+        is_rising = all(a < b for a, b in pairwise(positions))
+        if not is_rising or (positions and not sum(weights) > 0):
             raise ValueError("flux_table_mm must rise, and some flux_table_weight be above zero")
         return self
 
     @property
     def flux(self) -> FluxProfile:
-        """How the heat falls across the track, in SI units."""
+        """Profile of the heat flux across the track, in SI units."""
         kind = self.flux_profile
         shift_m = 1e-3 * self.flux_shift_mm
         if kind == "barus":
@@ -103,9 +109,9 @@ class ContactTable(RigTable):
 
 
 class UncertaintyTable(RigTable):
-    """[uncertainty]: standard uncertainties of what nobody measured here; they feed the budget.
+    """[uncertainty]: standard uncertainties of nuisance parameters (type B) for the budget.
 
-    ``bath_...``: of a plunge: its thermometer, and h's scale and form, see
+    ``bath_...`` belong to a plunge: its thermometer, and scale and form of h, see
     :class:`immersion.plunge_parameters.PlungePriors`.
     """
 
@@ -128,8 +134,10 @@ class UncertaintyTable(RigTable):
     speed_exponent_high: float = Field(default=0.8, ge=0, le=2)
 
     @model_validator(mode="after")
-    def _exponents_in_order(self) -> UncertaintyTable:
-        if (low := self.speed_exponent_low) > (high := self.speed_exponent_high):
+    def _check_exponents(self) -> UncertaintyTable:
+        low = self.speed_exponent_low
+        high = self.speed_exponent_high
+        if low > high:
             raise ValueError(
                 f"speed_exponent_low {low:g} lies above speed_exponent_high {high:g}; exchange them"
             )

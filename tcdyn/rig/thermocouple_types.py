@@ -1,4 +1,4 @@
-"""Thermocouples of types E, J, K, N and T on ITS-90, both ways: temperature to emf, and emf to temperature."""
+"""Thermocouples of types E, J, K, N and T on ITS-90: emf from temperature, temperature from emf."""
 
 from __future__ import annotations
 
@@ -15,15 +15,25 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.io.table import PIECE_ROWS, Columns, Table
 
-SLACK_mV = 1e-7  # of rounding, at either end
+# Rounding error [mV] that is allowed at both ends of the range.
+ROUNDING_mV = 1e-7
 Couple = Literal["E", "J", "K", "N", "T"]
 
 
 @dataclass(frozen=True)
 class _Reference:
-    """E [mV] in ascending powers of T [degC] below and above ``join_degC``; type K adds a0 exp(a1 (T - a2)^2) above.
+    """Reference function of one type: E [mV] in ascending powers of T [degC].
 
-    ``low_degC``: where tables of inverses begin; below it a hundredth of a millivolt is several kelvin.
+    Parameters
+    ----------
+    low_degC, high_degC
+        Range. It begins where tables of the inverse begin; below, 0.01 mV are several kelvin.
+    join_degC
+        Temperature that separates the two polynomials.
+    below, above
+        Coefficients below and above ``join_degC``.
+    bump
+        (a0, a1, a2) of the term a0 exp(a1 (T - a2)^2) that type K adds above ``join_degC``.
     """
 
     low_degC: float
@@ -191,17 +201,32 @@ REFERENCES: dict[str, _Reference] = {
 
 
 def emf_mV(temperature_degC: ArrayLike, couple: str = "J") -> Array:
-    """E(T) [mV] of a couple of type E, J, K, N or T with its reference junction at 0 degC; E = sum c_i T^i (ITS-90).
+    """Emf E(T) [mV] of a thermocouple with its reference junction at 0 degC.
 
-    ``temperature_degC`` of any shape [degC]: -200 (J: -210) to 1000 (E), 1200 (J), 1372 (K), 1300 (N), 400 (T); NaN
-    stays NaN. Raises InputError that names the first value outside, or a type that there is not.
+    Parameters
+    ----------
+    temperature_degC
+        Any shape: -200 (J: -210) to 1000 (E), 1200 (J), 1372 (K), 1300 (N), 400 (T) degC. NaN stays NaN.
+    couple
+        Type: E, J, K, N or T.
 
+    Raises
+    ------
+    InputError
+        The first value out of range, or an unknown type.
+
+    Notes
+    -----
+    E = sum c_i T^i (ITS-90).
+
+    Examples
+    --------
     >>> emf_mV([25.0, 100.0]).round(5).tolist(), float(emf_mV(100.0, "K").round(3))
     ([1.27729, 5.26892], 4.096)
     """
     ref = _reference(couple)
     t = np.asarray(temperature_degC, dtype=float)
-    _refuse_outside(couple, t, ref.low_degC, ref.high_degC, "degC")
+    _check_range(couple, t, ref.low_degC, ref.high_degC, "degC")
     return _emf(ref, t)
 
 
@@ -212,43 +237,69 @@ def temperature_degC(
     *,
     outside: Literal["refuse", "inf"] = "refuse",
 ) -> Array:
-    """T [degC] of the hot junction from the measured emf [mV], any shape: E(T) = measured + E(cold junction).
+    """Temperature T [degC] of the hot junction from the measured emf.
 
-    Straight lines through ``emf_mV`` at every degree, then Newton steps on it, so that both ways agree to 1e-9 degC.
-    ``cold_junction_degC``: a number, or of the shape of ``measured_mV``.
-    Raises InputError that names the first value outside the type's range, or gives it as infinite.
+    Parameters
+    ----------
+    measured_mV
+        Measured emf [mV], any shape.
+    cold_junction_degC
+        One number, or an array of the shape of ``measured_mV``.
+    couple
+        Type: E, J, K, N or T.
+    outside
+        What to do with values out of range: "refuse" raises an error, "inf" returns infinity.
 
+    Raises
+    ------
+    InputError
+        The first value out of the range of the type.
+
+    Notes
+    -----
+    Solves E(T) = measured + E(cold junction): linear interpolation of ``emf_mV`` at every degree,
+    then Newton steps, so that both directions agree to 1e-9 degC.
+
+    Examples
+    --------
     >>> round(float(temperature_degC(5.26892 - 1.27729, cold_junction_degC=25.0)), 3)
     100.0
     """
     ref = _reference(couple)
     e = np.asarray(measured_mV, dtype=float) + emf_mV(cold_junction_degC, couple)
     degrees, grid = _grid(couple)
+    low_mV = float(grid[0])
+    high_mV = float(grid[-1])
     if outside == "refuse":
-        _refuse_outside(couple, e, float(grid[0]), float(grid[-1]), "mV")
+        _check_range(couple, e, low_mV, high_mV, "mV")
     t = np.interp(e, grid, degrees)
     for _ in range(3):
         t = np.clip(t - (_emf(ref, t) - e) / _slope(ref, t), ref.low_degC, ref.high_degC)
-    beyond = (e < grid[0] - SLACK_mV) | (e > grid[-1] + SLACK_mV)
-    return np.asarray(np.where(beyond, np.copysign(np.inf, e), t))
+    is_outside = (e < low_mV - ROUNDING_mV) | (e > high_mV + ROUNDING_mV)
+    return np.asarray(np.where(is_outside, np.copysign(np.inf, e), t))
 
 
-def converted(table: Table, how: Mapping[str, Callable[[Array], Array]]) -> Table:
-    """A table whose columns named in ``how`` (names in the file) are given through those functions."""
+def convert_columns(table: Table, conversions: Mapping[str, Callable[[Array], Array]]) -> Table:
+    """A table with some columns converted; ``conversions`` are keyed by the names in the file."""
+    if not conversions:
+        return table
 
     def pieces(wanted: Sequence[str], rows: int = PIECE_ROWS) -> Iterator[Columns]:
-        for part in table.pieces(wanted, rows):
-            yield replace(
-                part, data=part.data | {n: how[n](v) for n, v in part.data.items() if n in how}
-            )
+        for chunk in table.pieces(wanted, rows):
+            converted = {
+                name: conversions[name](values)
+                for name, values in chunk.data.items()
+                if name in conversions
+            }
+            yield replace(chunk, data=chunk.data | converted)
 
-    return replace(table, pieces=pieces) if how else table
+    return replace(table, pieces=pieces)
 
 
 def to_degC(
     unit: str, couple: str = "J", cold_junction_degC: Array | float = 0.0
 ) -> Callable[[Array], Array]:
-    """What makes degrees Celsius of a column (N,) in K, degF, or mV of a ``couple``, infinite where it has no such emf.
+    """The conversion to degC of a column in K, degF or mV; infinite for an emf out of range.
 
     >>> float(to_degC("K")(np.array(300.0))), float(to_degC("degF")(np.array(212.0)))
     (26.850000000000023, 100.0)
@@ -270,7 +321,7 @@ def _reference(couple: str) -> _Reference:
 
 @lru_cache
 def _grid(couple: str) -> tuple[Array, Array]:
-    """Every degree of the type's range, where Newton's steps start, and the emf there."""
+    """Every degree of the range, the start values of Newton's method, and the emf there."""
     ref = REFERENCES[couple]
     degrees: Array = np.arange(ref.low_degC, ref.high_degC + 1.0, dtype=np.float64)
     return degrees, _emf(ref, degrees)
@@ -283,18 +334,24 @@ def _emf(ref: _Reference, t: Array) -> Array:
 
 
 def _slope(ref: _Reference, t: Array) -> Array:
+    """dE/dT [mV/K]."""
     a0, a1, a2 = ref.bump
-    above = polyval(t, polyder(ref.above)) + 2 * a0 * a1 * (t - a2) * np.exp(a1 * (t - a2) ** 2)
+    bump_slope = 2 * a0 * a1 * (t - a2) * np.exp(a1 * (t - a2) ** 2)
+    above = polyval(t, polyder(ref.above)) + bump_slope
     return np.asarray(np.where(t > ref.join_degC, above, polyval(t, polyder(ref.below))))
 
 
-def _refuse_outside(couple: str, x: Array, low: float, high: float, unit: str) -> None:
-    bad = (x < low - SLACK_mV) | (x > high + SLACK_mV)
-    if bad.any():
-        first = tuple(int(i) for i in np.argwhere(bad)[0])
-        at = f" at index {first[0] if len(first) == 1 else first}" if first else ""
-        raise InputError(
-            f"type {couple}: {x[first]:.6g} {unit}{at}",
-            expected=f"{low:.6g} to {high:.6g} {unit}",
-            remedy="check the unit and the wiring",
-        )
+def _check_range(couple: str, values: Array, low: float, high: float, unit: str) -> None:
+    """Raise InputError for the first value that is out of range."""
+    is_outside = (values < low - ROUNDING_mV) | (values > high + ROUNDING_mV)
+    if not is_outside.any():
+        return
+    index = tuple(int(i) for i in np.argwhere(is_outside)[0])
+    location = ""
+    if index:
+        location = f" at index {index[0] if len(index) == 1 else index}"
+    raise InputError(
+        f"type {couple}: {values[index]:.6g} {unit}{location}",
+        expected=f"{low:.6g} to {high:.6g} {unit}",
+        remedy="check the unit and the wiring",
+    )

@@ -6,7 +6,12 @@ from reference_run import boundary_shapes, heating_and_cooling, hertz_cells, res
 
 from tcdyn.core.errors import InputError
 from tcdyn.heat.modal import rim_gains
-from tcdyn.heat.nonuniform import FILM_BASIS, film_along, film_in_steps, rim_gains_nonuniform
+from tcdyn.heat.nonuniform import (
+    SMALL_VARIATION_MODES,
+    film_along,
+    film_in_steps,
+    rim_gains_nonuniform,
+)
 from tcdyn.heat.reference import scheme
 from tcdyn.heat.rim import Mesh, node_rates
 
@@ -77,7 +82,7 @@ def test_what_a_film_of_smooth_shape_changes_needs_few_modes(rim, points, along)
         one, other = (respond(g, banks, drive.inputs) for g in gains)
         return one - other
 
-    few, many = changed(FILM_BASIS), changed(600)
+    few, many = changed(SMALL_VARIATION_MODES), changed(600)
     assert np.abs(many).max() > 0.01
     assert (
         np.abs(few - many).max() < 0.05 * np.abs(many).max()

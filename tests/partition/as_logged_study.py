@@ -19,7 +19,7 @@ import pandas as pd
 
 from tcdyn.core.errors import InputError
 from tcdyn.partition.analyse import Partition, analyse
-from tcdyn.rig.columns import is_couple
+from tcdyn.rig.columns import is_junction_column
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.log import read_log
 from tcdyn.rig.rigfile import parse_rig
@@ -83,7 +83,7 @@ def ambient_channels(frame: pd.DataFrame, rng: np.random.Generator) -> Form:
 
 def torque_and_kelvin(frame: pd.DataFrame, rng: np.random.Generator) -> Form:
     """Friction as torque of the slow shaft, temperatures in kelvin."""
-    kelvin = {n: f"{n.removesuffix('degC')}K" for n in frame if is_couple(str(n))}
+    kelvin = {n: f"{n.removesuffix('degC')}K" for n in frame if is_junction_column(str(n))}
     moved = frame.assign(
         **{n: frame[n] + 273.15 for n in kelvin}, friction_N=frame["friction_N"] * ARM_m
     )

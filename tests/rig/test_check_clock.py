@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 from tcdyn.chain import Chain
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import SampleLocation
-from tcdyn.rig.check_clock import Sampling, check_time, weighed
+from tcdyn.rig.check_clock import Sampling, check_time, scale_jitter
 from tcdyn.rig.disk import Conditioning
 from tcdyn.rig.log import Log, read_log
 from tcdyn.smoothing import smooth
@@ -115,7 +115,7 @@ def test_which_share_is_real_does_not_depend_on_the_unit_of_the_readings():
     y += 0.5 * late * 4 * np.pi * np.cos(2 * np.pi * t / 5)
     sampling = Sampling(t, DT, np.arange(n, dtype=np.int32), (), late)
     found = [
-        weighed(sampling, pd.DataFrame({"a_degC": k * y})).late_s[7] / late[7]
+        scale_jitter(sampling, pd.DataFrame({"a_degC": k * y})).jitter_s[7] / late[7]
         for k in (1.0, 1e-3, 1e3)
     ]
     assert found == pytest.approx([found[0]] * 3, rel=1e-9)
@@ -160,7 +160,7 @@ def test_stamps_that_stray_tell_one_rate_whenever_the_clock_was_begun():
     soon, late = (
         check_time(start_s + stamps, SampleLocation("log.csv")) for start_s in (0.0, 86_400.0)
     )
-    assert soon.late_s is not None
+    assert soon.jitter_s is not None
     assert late.dt_s == pytest.approx(soon.dt_s, rel=1e-9)
     assert soon.dt_s == pytest.approx(DT, rel=1e-4)  # ends stray by a fifth of an interval of 2900
     assert np.array_equal(late.grid, soon.grid)

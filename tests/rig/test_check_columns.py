@@ -8,7 +8,7 @@ import pytest
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, SampleLocation
 from tcdyn.estimation.trace_noise import MOST_MISSING
-from tcdyn.rig.check_columns import ColumnCheck, Tally
+from tcdyn.rig.check_columns import ColumnCheck, RunStatistics
 
 LIVELY = 60 + np.random.default_rng(0).normal(0, 0.1, 400)  # no two are the same
 
@@ -22,7 +22,7 @@ def judged(
     """What is said of a column whose first row is line 2 of its file, and begins at 10 s."""
     time_s = None if dt_s is None else 10.0 + dt_s * np.arange(len(values))
     check = ColumnCheck(name, SampleLocation("log.csv", 2, time_s=time_s, dt_s=dt_s))
-    check.see(values, values if cleaned is None else cleaned)
+    check.add(values, values if cleaned is None else cleaned)
     return check.judge()
 
 
@@ -36,22 +36,22 @@ def missing(*rows: int, of: np.ndarray = LIVELY) -> np.ndarray:
 @pytest.mark.parametrize("again", range(1, 9))
 def test_the_longest_run_is_found_however_the_column_is_cut(cut: int, again: int) -> None:
     mask = np.array([0, 1, 1, 0, 1, 1, 1, 0, 1], dtype=bool)
-    values, tally = 10.0 * np.arange(9), Tally()
+    values, runs = 10.0 * np.arange(9), RunStatistics()
     for begin, end in (
         (0, min(cut, again)),
         (min(cut, again), max(cut, again)),
         (max(cut, again), 9),
     ):
-        tally.see(mask[begin:end], values[begin:end], begin)
-    assert (tally.count, tally.first, tally.value) == (6, 1, 10.0)
-    assert (tally.start, tally.length, tally.held) == (4, 3, 40.0)
+        runs.add(mask[begin:end], values[begin:end], begin)
+    assert (runs.count, runs.first, runs.value) == (6, 1, 10.0)
+    assert (runs.start, runs.length, runs.start_value) == (4, 3, 40.0)
 
 
 def test_of_two_runs_of_one_length_the_first_is_told() -> None:
-    tally = Tally()
+    runs = RunStatistics()
     for at in (0, 3):
-        tally.see(np.array([True, True, False]), np.array([1.0, 2.0, 3.0]) + at, at)
-    assert (tally.count, tally.start, tally.length, tally.held) == (4, 0, 2, 1.0)
+        runs.add(np.array([True, True, False]), np.array([1.0, 2.0, 3.0]) + at, at)
+    assert (runs.count, runs.start, runs.length, runs.start_value) == (4, 0, 2, 1.0)
 
 
 def test_a_gap_of_half_a_second_is_told_and_a_longer_one_is_refused() -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from tcdyn.core.errors import InputError
 from tcdyn.io.write import write_log
-from tcdyn.rig.columns import is_couple
+from tcdyn.rig.columns import is_junction_column
 from tcdyn.rig.log import Log, read_log
 from tcdyn.rig.rigfile import load_rig, parse_rig, rig_toml
 from tcdyn.rig.thermocouple_types import emf_mV
@@ -35,7 +35,7 @@ def test_temperatures_in_another_unit_are_read_as_in_degrees(
     tmp_path: Path, kind: str, unit: str, mapped: bool
 ) -> None:
     frame = FRAMES[kind]()
-    new = {n: f"{n.removesuffix('degC')}{unit}" for n in frame if is_couple(n)}
+    new = {n: f"{n.removesuffix('degC')}{unit}" for n in frame if is_junction_column(n)}
     mine = {k: f"TC {i}" for i, k in enumerate(new.values())} if mapped else {}
     tables = {"logger": {"couple": "K"}, "columns": mine}
     moved = (

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tcdyn.core.errors import InputError
-from tcdyn.rig.columns import is_couple
+from tcdyn.rig.columns import is_junction_column
 from tcdyn.rig.log import read_log, write_log
 from tcdyn.rig.rigfile import parse_rig, rig_toml
 from tcdyn.rig.thermocouple_types import emf_mV, temperature_degC
@@ -94,7 +94,7 @@ def test_any_shape_and_a_trace_at_a_time():
 
 
 def millivolts(frame, cold_degC):
-    couples = {n: emf_mV(frame[n]) - emf_mV(cold_degC) for n in frame if is_couple(n)}
+    couples = {n: emf_mV(frame[n]) - emf_mV(cold_degC) for n in frame if is_junction_column(n)}
     return frame.assign(**couples)
 
 
