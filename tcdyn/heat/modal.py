@@ -1,9 +1,10 @@
-"""The rim as a small linear filter: weights of the lag bank for every input and point.
+"""Modal solution of the rim: the weights of the lag basis for every input and every point.
 
-The thesis's difference scheme, (3.30) in r with the outer node (3.31) and in z with the washers (section 3.4.4.3), is
-``dT/dt = -(A_r x I + I x A_z) T + forcing``: its field is a sum of products of r-modes and z-modes, each a
-first-order lag of rate ``lambda_r + lambda_z`` driven by every input. The lags are written on the bank's fixed
-rates (``rim.cardinal``), so a record is filtered once and any (h, K, rho c, depth) is a handful of weights.
+The thesis's difference scheme, (3.30) in r with the outer node (3.31) and in z with the washers
+(section 3.4.4.3), is ``dT/dt = -(A_r x I + I x A_z) T + forcing``. Its field is a sum of products of
+r-modes and z-modes. Each product is a first-order lag of rate ``lambda_r + lambda_z`` driven by every
+input. The lags are interpolated from the fixed rates of the basis (``rim.cardinal``). So a record is
+filtered once, and any (h, K, rho c, depth) needs only weights of the filtered record.
 """
 
 from __future__ import annotations
@@ -21,11 +22,22 @@ from scipy.linalg import eigh_tridiagonal
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.heat.flux import TrackFlux
-from tcdyn.heat.rim import MESH_IV, Flux, Mesh, Point, Profile, Rim, told_by, unscaled_cardinal
+from tcdyn.heat.rim import (
+    MESH_IV,
+    Flux,
+    Mesh,
+    Point,
+    Profile,
+    Rim,
+    determined_shapes,
+    unscaled_cardinal,
+)
 
 
 def inputs_of(k: int, split: bool = False) -> tuple[str, ...]:
-    """Names of what drives a rim with ``k`` junctions in its inner row: power, these, and the air.
+    """Names of the inputs of a rim: power, the ``k`` junctions of the inner row, and the air.
+
+    With ``split`` the air has three temperatures: at the running surface and at each face.
 
     >>> inputs_of(3)
     ('power_W', 'inner 1', 'inner 2', 'inner 3', 'ambient')
@@ -35,21 +47,39 @@ def inputs_of(k: int, split: bool = False) -> tuple[str, ...]:
 
 
 def sources_of(k: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Every separable source of heat is a forcing in r times one in z: rows of ``Spectrum.force_r``, and whose input of
-    ``inputs_of(k, True)`` each is. Sources 1 to k + 2 are the profile's: each shape along R_i leans on a junction of
-    the inner row or on a face's air."""
-    own = np.arange(1, k + 1)
-    return np.concatenate([[0], 0 * own + 1, [1, 1, 3, 2, 2]]), np.concatenate(
-        [[0], own, k + np.array([2, 3, 1, 2, 3])]
-    )
+    """The separable sources of heat, each a forcing in r times one in z.
+
+    Source 0 is the flux. Sources 1 to k + 2 belong to the profile along R_i, whose shapes depend on a
+    junction of the inner row or on the air at a face. Then follow the air at the running surface and
+    at the two faces.
+
+    Returns
+    -------
+    For each source the row of ``Spectrum.force_r``, and the index of its input in
+    ``inputs_of(k, True)``.
+    """
+    junctions = np.arange(1, k + 1)
+    row = np.concatenate([[0], np.ones(k, dtype=np.int64), [1, 1, 3, 2, 2]])
+    input_index = np.concatenate([[0], junctions, k + np.array([2, 3, 1, 2, 3])])
+    return row, input_index
 
 
 @dataclass(frozen=True)
 class RimGains:
-    """How the points answer the inputs: ``T_p = sum_i direct[i,p] u_i + sum_ik gains[i,p,k] bank_i[k]``.
+    """Response of the points: ``T_p = sum_i direct[i,p] u_i + sum_ik gains[i,p,k] bank_i[k]``.
 
-    gains (I, P, K), direct (I, P); static (I, P) their sum, the steady answer, exact for the scheme whatever the bank;
-    power_W in W into this disk, temperatures in degC; rates (K,) [1/s].
+    Parameters
+    ----------
+    inputs
+        Names of the I inputs: power_W [W] into this disk, and temperatures [degC].
+    points
+        The P points.
+    rates
+        Rates of the basis of lags, (K,) [1/s].
+    gains, direct
+        Weights of the lags, (I, P, K), and of the inputs, (I, P).
+    static
+        Their sum, (I, P): the steady response, exact for the scheme whatever the basis.
     """
 
     inputs: tuple[str, ...]
@@ -62,13 +92,31 @@ class RimGains:
 
 @dataclass(frozen=True)
 class Spectrum:
-    """The rim's modes: rates lam_r (m,), lam_z (n,) [1/s], their nodal values, and what drives them.
+    """Modes of the rim, and their forcing.
 
-    shape_r (nr-1, m) and shape_z (nz, n) are nodal values of modes of unit norm in the scheme's inner product. rates
-    (m, n) of every mode, lam_r + lam_z. force_r (4, m): power at R_o, temperature at R_i, everywhere, ambient at R_o.
-    force_z (S, n), by source: flux, the shapes of ``profile``, one, both faces. profile (k + 2, nz): temperature along
-    R_i for a unit of each of the inner row and of the air behind either washer; boundary (I, nz): the same for a unit
-    of every input. collect (I, S): which sources belong to which input; source_r (S,): rows of force_r."""
+    Parameters
+    ----------
+    lam_r, lam_z
+        Rates in r, (m,), and in z, (n,) [1/s].
+    rates
+        Rate of every mode, lam_r + lam_z, (m, n).
+    shape_r, shape_z
+        Nodal values of the modes, (nr-1, m) and (nz, n), of unit norm in the inner product of the
+        scheme.
+    force_r
+        Forcing in r, (4, m): power at R_o, temperature at R_i, everywhere, ambient at R_o.
+    force_z
+        Forcing in z by source, (S, n): flux, the shapes of ``profile``, one, both faces.
+    profile
+        Temperature along R_i for a unit of each junction of the inner row and of the air behind
+        either washer, (k + 2, nz).
+    boundary
+        The same for a unit of every input, (I, nz).
+    collect
+        Which sources belong to which input, (I, S).
+    source_r
+        Row of ``force_r`` of each source, (S,).
+    """
 
     lam_r: Array
     lam_z: Array
@@ -84,22 +132,28 @@ class Spectrum:
 
 
 def outer_source(rim: Rim, n: int) -> float:
-    """Heating rate of the outermost of ``n`` nodes by a unit flux, alpha (R_o + dr/2) 2/(K R_o dr) [K/s per W/m2]."""
+    """Heating rate of the outermost of ``n`` nodes by a unit flux [K/s per W/m2].
+
+    alpha (R_o + dr/2) 2/(K R_o dr)
+    """
     ro = rim.outer_radius_m
     dr = rim.thickness_m / (n - 1)
     return rim.diffusivity_m2_s * (ro + dr / 2) * 2 / (rim.conductivity_W_mK * ro * dr)
 
 
 def surface_weight(rim: Rim, n: int) -> float:
-    """Weight of the outermost of ``n`` nodes in the scheme's inner product, (R_o - dr/2)/2 [m]."""
+    """Weight of the outermost of ``n`` nodes in the inner product of the scheme, (R_o - dr/2)/2 [m]."""
     return (rim.outer_radius_m - rim.thickness_m / (n - 1) / 2) / 2
 
 
 def _modes(diagonal: Array, coupling: Array, weight: Array) -> tuple[Array, Array, Array]:
-    """Rates ascending, unit vectors (columns) and root weights of A, made symmetric: D^1/2 A D^-1/2, D = weight."""
+    """Rates ascending, unit eigenvectors (columns) and root weights of D^1/2 A D^-1/2, D = weight.
+
+    This makes the tridiagonal A symmetric.
+    """
     off = -coupling / np.sqrt(weight[1:] * weight[:-1])
-    lam, v = eigh_tridiagonal(diagonal, off, lapack_driver="stemr")
-    return lam, v, np.sqrt(weight)
+    lam, vectors = eigh_tridiagonal(diagonal, off, lapack_driver="stemr")
+    return lam, vectors, np.sqrt(weight)
 
 
 def spectrum(
@@ -111,92 +165,112 @@ def spectrum(
     mesh: Mesh,
     split: bool = False,
 ) -> Spectrum:
-    """Modes and projections of the scheme at the surface's ``h`` [W/m2K], with the contact's ``half_width`` [m].
+    """Modes and forcing of the scheme.
 
-    Two inputs more where the air has three temperatures (``split``).
+    Parameters
+    ----------
+    h
+        Heat-transfer coefficient of the running surface [W/m2K].
+    half_width
+        Half-width of the contact [m].
+    split
+        Whether the air has three temperatures, which are two more inputs.
     """
     n = mesh.nr
     ri = rim.inner_radius_m
     ro = rim.outer_radius_m
     alpha = rim.diffusivity_m2_s
     dr = rim.thickness_m / (n - 1)
-    r = ri + dr * np.arange(1, n)  # node 0 carries the imposed profile
+    r = ri + dr * np.arange(1, n)  # node 0 has the imposed profile
     half = r - dr / 2
     weight = np.append(r[:-1], surface_weight(rim, n))
     diagonal = np.full(n - 1, 2 * alpha / dr**2)
     outer = outer_source(rim, n)
     diagonal[-1] += outer * h
-    lam_r, v, scale = _modes(diagonal, np.asarray(alpha / dr**2 * half[1:]), weight)
-    first = v[0] * scale[0]
-    last = v[-1] * scale[-1]
-    inner = (
-        alpha * half[0] / (r[0] * dr**2)
-    )  # heating rate of node 1 by a unit temperature of node 0
+    lam_r, vectors, scale = _modes(diagonal, np.asarray(alpha / dr**2 * half[1:]), weight)
+    first = vectors[0] * scale[0]
+    last = vectors[-1] * scale[-1]
+    # heating rate of node 1 by a unit temperature of node 0
+    inner = alpha * half[0] / (r[0] * dr**2)
     force_r = np.stack(
-        [last * outer / (2 * np.pi * ro), first * inner, scale @ v, last * outer * h]
+        [last * outer / (2 * np.pi * ro), first * inner, scale @ vectors, last * outer * h]
     )
-    lam_z, shape_z, force_z, basis = _axial(rim, half_width, profile, flux, mesh)
+    lam_z, shape_z, force_z, profile_shapes = _axial_modes(rim, half_width, profile, flux, mesh)
     k = len(rim.boundary_z_m)
-    source_r, whose = sources_of(k)
-    whose = whose if split else np.minimum(whose, k + 1)
-    collect: Array = np.asarray(np.arange(len(inputs_of(k, split)))[:, None] == whose, dtype=float)
+    source_r, input_index = sources_of(k)
+    if not split:
+        input_index = np.minimum(input_index, k + 1)
+    n_inputs = len(inputs_of(k, split))
+    collect: Array = np.asarray(np.arange(n_inputs)[:, None] == input_index, dtype=float)
     return Spectrum(
-        lam_r,
-        lam_z,
-        lam_r[:, None] + lam_z,
-        v / scale[:, None],
-        shape_z,
-        force_r,
-        force_z,
-        basis,
-        collect[:, 1 : k + 3] @ basis,
-        collect,
-        source_r,
+        lam_r=lam_r,
+        lam_z=lam_z,
+        rates=lam_r[:, None] + lam_z,
+        shape_r=vectors / scale[:, None],
+        shape_z=shape_z,
+        force_r=force_r,
+        force_z=force_z,
+        profile=profile_shapes,
+        boundary=collect[:, 1 : k + 3] @ profile_shapes,
+        collect=collect,
+        source_r=source_r,
     )
 
 
 @lru_cache(maxsize=256)
-def _axial(
+def _axial_modes(
     rim: Rim, half_width: float, profile: Profile, flux: Flux, mesh: Mesh
 ) -> tuple[Array, Array, Array, Array]:
-    """z-modes, nodal shapes (nz, n), forcings (S, n) and the boundary's shapes (k + 2, nz): nothing here knows h."""
+    """Rates of the z-modes, their nodal values (nz, n), forcing (S, n) and profile shapes (k + 2, nz).
+
+    These do not depend on h.
+    """
     n = mesh.nz
     w = rim.width_m
     alpha = rim.diffusivity_m2_s
     k = rim.conductivity_W_mK
     dz = w / (n - 1)
-    ends = np.zeros(n)
-    ends[[0, -1]] = 1.0
-    face = (
-        2 * alpha * rim.washer_W_m2K / (k * dz)
-    )  # heating rate of a face node by the air behind its washer
-    lam, v, scale = _modes(
-        2 * alpha / dz**2 + face * ends, np.full(n - 1, alpha / dz**2), 1 - ends / 2
-    )
-    shape = v / scale[:, None]
+    is_face = np.zeros(n)
+    is_face[[0, -1]] = 1.0
+    # heating rate of a face node by the air behind its washer
+    face = 2 * alpha * rim.washer_W_m2K / (k * dz)
+    diagonal = 2 * alpha / dz**2 + face * is_face
+    lam, vectors, scale = _modes(diagonal, np.full(n - 1, alpha / dz**2), 1 - is_face / 2)
+    shape = vectors / scale[:, None]
     z = np.linspace(0.0, w, n)
     reading = reading_weights(np.array(rim.boundary_z_m) / dz, n)
-    basis = profile_basis(profile, z, rim.boundary_z_m, w, shape[:, :3], reading)
+    junction_shapes = profile_basis(profile, z, rim.boundary_z_m, w, shape[:, :3], reading)
     biot = rim.washer_W_m2K * w / k
-    # the steady slab between air at one behind one washer and at zero behind the other
-    d_side = (1 + biot) / (2 + biot) - biot / (2 + biot) * (z / w)
-    air = np.stack([d_side, 1 - d_side])
-    basis = np.concatenate(
-        [basis, air - air @ reading.T @ basis]
-    )  # less the profile through its own readings
+    # steady slab between air at one behind the first washer and at zero behind the second
+    slab = (1 + biot) / (2 + biot) - biot / (2 + biot) * (z / w)
+    air = np.stack([slab, 1 - slab])
+    # minus the profile through the readings of the slab, which the junctions contain already
+    air_shapes = air - air @ reading.T @ junction_shapes
+    shapes = np.concatenate([junction_shapes, air_shapes])
     eye = np.eye(n)
     sources = np.vstack(
-        [flux_density(flux, half_width, w, n), basis, np.ones(n), face * eye[0], face * eye[-1]]
+        [flux_density(flux, half_width, w, n), shapes, np.ones(n), face * eye[0], face * eye[-1]]
     )
-    return lam, shape, (sources * scale) @ v, basis
+    return lam, shape, (sources * scale) @ vectors, shapes
 
 
 def flux_density(flux: Flux, half_width: float, width: float, n: int) -> Array:
-    """Mean over each node's cell of the unit-power flux density across the track (n,) [1/m]; it sums to 1/dz.
+    """Mean of the flux density of unit power over the cell of each node, (n,) [1/m]; it sums to 1/dz.
 
-    Hertz (3.32): 3/(4b) (1 - (z'/b)^2) for |z'| <= b, z' from the centre plane; uniform: 1/(2b); a stated profile; or
-    the user's own shape of z', scaled to unit power. Each cell gets its exact integral, so no heat is lost to
-    the mesh. The half cells at the faces count half.
+    Each cell gets its exact integral, so that no heat is lost to the mesh. The half cells at the faces
+    count half.
+
+    Parameters
+    ----------
+    flux
+        Hertz (3.32): 3/(4b) (1 - (z'/b)^2) for |z'| <= b, z' from the centre plane; uniform: 1/(2b); a
+        profile of the rig file; or any function of z', which is scaled to unit power.
+    half_width
+        Half-width b of the contact [m].
+    width
+        Width of the running surface [m].
+    n
+        Number of nodes.
     """
     edges = np.clip((np.arange(n + 1) - 0.5) * (width / (n - 1)), 0.0, width) - width / 2
     cells = np.diff(edges)
@@ -204,75 +278,93 @@ def flux_density(flux: Flux, half_width: float, width: float, n: int) -> Array:
         return flux.shares(edges) / cells
     if callable(flux):
         x, w = np.polynomial.legendre.leggauss(12)
-        at = edges[:-1, None] + cells[:, None] * (x + 1) / 2
-        heat = np.asarray(flux(at), dtype=float) @ w / 2 * cells
+        z = edges[:-1, None] + cells[:, None] * (x + 1) / 2
+        heat = np.asarray(flux(z), dtype=float) @ w / 2 * cells
         return np.asarray(heat / heat.sum() / cells)
     if not 0 < half_width <= width / 2 + 1e-12:
         raise InputError(
-            f"the contact's half-width {half_width} m must lie between 0 and half the width {width / 2} m"
+            f"the contact's half-width {half_width} m must lie between 0 and half the width "
+            f"{width / 2} m"
         )
     s = np.clip(edges / half_width, -1.0, 1.0)
-    total = (s - s**3 / 3) * 0.75 if flux == "hertz" else s * 0.5
-    return np.asarray(np.diff(total) / cells)
+    integral = (s - s**3 / 3) * 0.75 if flux == "hertz" else s * 0.5
+    return np.asarray(np.diff(integral) / cells)
 
 
 def profile_basis(
     kind: Profile, z: Array, at: Sequence[float], width: float, lowest: Array, reading: Array
 ) -> Array:
-    """Shapes (k, nz) along r = R_i of a unit at each junction ``at`` z of the inner row, none at the others [m].
+    """Shapes (k, nz) along r = R_i: one at a junction of the inner row, zero at the others.
 
-    Three places tell three shapes, of more they are fitted by least squares; fewer tell as many of the modal ones.
-    "quadratic" (3.34); "quartic" (3.33) with zero slope at both faces; "modal": the three lowest eigenfunctions
-    of the slab with its washers, ``lowest`` (nz, 3), read at the junctions through ``reading`` (k, nz).
+    Three positions determine three shapes; with more junctions the shapes are fitted by least
+    squares; with fewer positions some of the modal shapes are used.
+
+    Parameters
+    ----------
+    kind
+        "quadratic" (3.34); "quartic" (3.33) with zero slope at both faces; "modal": the three lowest
+        eigenfunctions of the slab with its washers.
+    z
+        Axial positions of the nodes, (nz,) [m].
+    at
+        Axial positions of the junctions, (k,) [m].
+    width
+        Width of the rim [m].
+    lowest
+        The three lowest eigenfunctions, (nz, 3).
+    reading
+        Weights that read a nodal field at the junctions, (k, nz).
     """
 
-    def shapes(t: Array) -> Array:
+    def polynomials(t: Array) -> Array:
         if kind == "quadratic":
             return np.asarray(np.vander(t, 3, increasing=True), dtype=float)
-        # zero slope at 0 and 1 leaves three of the quartic's five
+        # zero slope at 0 and 1 leaves three of the five coefficients of the quartic
         return np.stack([np.ones_like(t), t**2 * (3 - 2 * t), t**2 * (1 - t) ** 2], axis=1)
 
     if kind not in ("modal", "quadratic", "quartic"):
         raise InputError(f"profile {kind!r} is unknown", expected="quadratic, quartic or modal")
-    free = lowest
-    seen = reading @ lowest
-    told = list(told_by(tuple(at), width))
-    if kind != "modal" and len(told) == 3:
-        free = shapes(z / width)
-        seen = shapes(np.asarray(at) / width)
-    free = free[:, told]
-    seen = seen[:, told]
-    square = seen.shape[0] == seen.shape[1]
-    return np.asarray((free @ (np.linalg.inv(seen) if square else np.linalg.pinv(seen))).T)
+    determined = list(determined_shapes(tuple(at), width))
+    nodal = lowest
+    at_junctions = reading @ lowest
+    if kind != "modal" and len(determined) == 3:
+        nodal = polynomials(z / width)
+        at_junctions = polynomials(np.asarray(at) / width)
+    nodal = nodal[:, determined]
+    at_junctions = at_junctions[:, determined]
+    is_square = at_junctions.shape[0] == at_junctions.shape[1]
+    inverse = np.linalg.inv(at_junctions) if is_square else np.linalg.pinv(at_junctions)
+    return np.asarray((nodal @ inverse).T)
 
 
 @lru_cache(maxsize=16)
 def _cardinal_splines(n: int) -> Any:
-    """Quintic splines (n,) through ``n`` nodes, one at their own node and zero at the others."""
+    """Quintic splines through ``n`` nodes, each one at its node and zero at the others."""
     return make_interp_spline(np.arange(n), np.eye(n), k=5)
 
 
 def reading_weights(position: ArrayLike, n: int) -> Array:
-    """Weights (P, n) that read a nodal field at ``position`` (P,), counted in mesh steps from node 0.
+    """Weights (P, n) that interpolate a nodal field at ``position`` (P,) [mesh steps from node 0].
 
-    A quintic spline through all nodes: exact there, and smooth in the position, so depths have clean derivatives.
+    A quintic spline through all nodes: exact there, and smooth in the position, so that derivatives
+    with respect to depth are smooth.
     """
-    at = np.asarray(position, dtype=float)
-    outside = (at < -1e-9) | (at > n - 1 + 1e-9)
-    if outside.any():
+    steps = np.asarray(position, dtype=float)
+    is_outside = (steps < -1e-9) | (steps > n - 1 + 1e-9)
+    if is_outside.any():
         raise InputError(
-            f"a point lies outside the rim (at {at[outside][0]:.2f} of {n - 1} mesh steps)"
+            f"a point lies outside the rim (at {steps[is_outside][0]:.2f} of {n - 1} mesh steps)"
         )
-    return np.asarray(_cardinal_splines(n)(at))
+    return np.asarray(_cardinal_splines(n)(steps))
 
 
 @lru_cache(maxsize=256)
 def readings(rim: Rim, points: tuple[Point, ...], mesh: Mesh) -> tuple[Array, Array]:
-    """Weights of the points on the r nodes (P, nr) and z nodes (P, nz)."""
+    """Interpolation weights of the points on the r nodes, (P, nr), and on the z nodes, (P, nz)."""
     depth, z = np.array(points, dtype=float).T
-    in_r = (rim.thickness_m - depth) / (rim.thickness_m / (mesh.nr - 1))
-    in_z = z / rim.width_m * (mesh.nz - 1)
-    return reading_weights(in_r, mesh.nr), reading_weights(in_z, mesh.nz)
+    steps_r = (rim.thickness_m - depth) / (rim.thickness_m / (mesh.nr - 1))
+    steps_z = z / rim.width_m * (mesh.nz - 1)
+    return reading_weights(steps_r, mesh.nr), reading_weights(steps_z, mesh.nz)
 
 
 def forcing(s: Spectrum) -> Array:
@@ -292,13 +384,37 @@ def rim_gains(
     mesh: Mesh = MESH_IV,
     split_ambient: bool = False,
 ) -> RimGains:
-    """The rim's answer at ``points`` (depth, z) [m] to power, inner row and ambient, on the lags of ``rates``.
+    """Response of the rim at ``points`` to power, inner row and ambient, on the lags of ``rates``.
 
-    Equation: (3.28) with (3.31)-(3.34) and washers, in the scheme (3.30) on ``mesh``. h_W_m2K >= 0 is the film
-    coefficient of the running surface, half_width_m the contact's half-width b, profile the shape along r = R_i.
-    ``split_ambient`` gives two inputs more, with the air at the running surface and behind each washer apart.
-    Raises InputError for points outside the rim or a rim slower than the bank.
+    Parameters
+    ----------
+    h_W_m2K
+        Heat-transfer coefficient of the running surface, not negative.
+    points
+        (depth, z) of each point [m].
+    half_width_m
+        Half-width b of the contact.
+    rates
+        Rates of the basis of lags, (K,) [1/s].
+    profile
+        Shape of the temperature along r = R_i.
+    flux
+        Profile of the heat flux across the track.
+    split_ambient
+        Whether the air at the running surface and behind each washer has its own temperature, which
+        are two more inputs.
 
+    Raises
+    ------
+    InputError
+        A point outside the rim, or a rim slower than the basis.
+
+    Notes
+    -----
+    Equation (3.28) with (3.31)-(3.34) and washers, in the scheme (3.30) on ``mesh``.
+
+    Examples
+    --------
     >>> from tcdyn.rig.rigfile import load_rig
     >>> from tcdyn.heat.rim import node_rates
     >>> from tcdyn.heat.rim import points_of
@@ -309,26 +425,26 @@ def rim_gains(
     """
     if not h_W_m2K >= 0:
         raise InputError(f"rim_gains: h_W_m2K must not be negative; got {h_W_m2K}")
-    s, within, driven, weights = _driven(
+    s, in_basis, amplitudes, weights = _modal_amplitudes(
         rim, h_W_m2K, half_width_m, rates.tobytes(), profile, flux, mesh, split_ambient
     )
     read_r, read_z = readings(rim, tuple(points), mesh)
-    at_r = read_r[:, 1:] @ s.shape_r
-    at_z = read_z @ s.shape_z
-    seen = (at_r[:, :, None] * at_z[:, None, :]).reshape(len(at_r), -1)[:, within]
-    gains = np.asarray(np.tensordot(driven[:, None] * seen, weights, 1), dtype=float)
-    # what the modes beyond the bank add to the steady answer belongs to its fastest lag
-    whole = (at_r * s.force_r[:, None, :]) @ (1 / s.rates) * at_z
-    gains[:, :, -1] += s.collect @ (whole[s.source_r] * s.force_z[:, None, :]).sum(
-        axis=2
-    ) - gains.sum(axis=2)
+    values_r = read_r[:, 1:] @ s.shape_r
+    values_z = read_z @ s.shape_z
+    mode_values = (values_r[:, :, None] * values_z[:, None, :]).reshape(len(values_r), -1)
+    gains = np.tensordot(amplitudes[:, None] * mode_values[:, in_basis], weights, 1)
+    gains = np.asarray(gains, dtype=float)
+    # the steady response of modes faster than the basis belongs to its fastest lag
+    by_source = (values_r * s.force_r[:, None, :]) @ (1 / s.rates) * values_z
+    steady = s.collect @ (by_source[s.source_r] * s.force_z[:, None, :]).sum(axis=2)
+    gains[:, :, -1] += steady - gains.sum(axis=2)
     direct = read_r[:, 0] * (s.boundary @ read_z.T)
     inputs = inputs_of(len(rim.boundary_z_m), split_ambient)
     return RimGains(inputs, tuple(points), rates, gains, direct, gains.sum(axis=2) + direct)
 
 
 @lru_cache(maxsize=16)
-def _driven(
+def _modal_amplitudes(
     rim: Rim,
     h: float,
     half_width: float,
@@ -338,15 +454,24 @@ def _driven(
     mesh: Mesh,
     split: bool,
 ) -> tuple[Spectrum, Any, Array, Array]:
-    """What all points have in common: the modes, which M of them the bank holds, their steady amplitudes (I, M) for a
-    unit of every input, and their ``cardinal`` weights (M, K), the amplitudes divided by these weights' sums."""
+    """What all points have in common.
+
+    Returns
+    -------
+    The modes; which M of them the basis represents; their steady amplitudes (I, M) for a unit of every
+    input, divided by the sums of their weights; and their unscaled ``cardinal`` weights (M, K).
+    """
     s = spectrum(rim, h, half_width, profile, flux, mesh, split)
     nodes = np.frombuffer(rates)
     if s.rates.min() < nodes[0]:
         raise InputError(
-            f"the rim's slowest mode {s.rates.min():.3g} 1/s is below the bank's lowest {nodes[0]:.3g}",
+            f"the rim's slowest mode {s.rates.min():.3g} 1/s is below the bank's lowest "
+            f"{nodes[0]:.3g}",
             remedy="give node_rates a smaller slowest_per_s",
         )
-    within = slice(None) if s.rates.max() < nodes[-1] else (s.rates < nodes[-1]).ravel()
-    weights, total = unscaled_cardinal(nodes, np.log(s.rates.ravel()[within]))
-    return s, within, forcing(s).reshape(len(s.collect), -1)[:, within] / total, weights
+    in_basis: Any = slice(None)
+    if not s.rates.max() < nodes[-1]:
+        in_basis = (s.rates < nodes[-1]).ravel()
+    weights, total = unscaled_cardinal(nodes, np.log(s.rates.ravel()[in_basis]))
+    amplitudes = forcing(s).reshape(len(s.collect), -1)[:, in_basis] / total
+    return s, in_basis, amplitudes, weights

@@ -1,8 +1,9 @@
-"""A film coefficient that varies across the running surface, as in the thesis's trial of figure 6.26."""
+"""Heat-transfer coefficient that varies across the running surface (the trial of figure 6.26)."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -21,14 +22,16 @@ from tcdyn.heat.modal import (
 )
 from tcdyn.heat.rim import MESH_IV, Flux, Mesh, Point, Profile, Rim, cardinal
 
-FILM_BASIS = 150  # enough for effects of a film that varies little
-BASIS = 600  # uniform-film modes kept: for a 6 mm rim all those slower than about 1 ms
+# Number of modes of the uniform coefficient that are coupled: enough for small variations ...
+SMALL_VARIATION_MODES = 150
+# ... and in general: for a 6 mm rim all modes slower than about 1 ms.
+COUPLED_MODES = 600
 
 
 def film_in_steps(
     width_m: float, edges_m: Sequence[float], values_W_m2K: Sequence[float], nz: int
 ) -> Array:
-    """Film coefficient of each z node (nz,): steps of ``values`` between ``edges``, averaged over its cell.
+    """Heat-transfer coefficient of each z node, (nz,): steps at ``edges_m``, averaged over each cell.
 
     >>> film_in_steps(8.0, [4.0], [200.0, 400.0], 9)
     array([200., 200., 200., 200., 300., 400., 400., 400., 400.])
@@ -42,18 +45,25 @@ def film_in_steps(
     dz = width_m / (nz - 1)
     cells = np.clip((np.arange(nz + 1) - 0.5) * dz, 0.0, width_m)
     knots = np.concatenate([[0.0], np.asarray(edges_m, dtype=float), [width_m]])
-    total = np.concatenate(
-        [[0.0], np.cumsum(np.diff(knots) * np.asarray(values_W_m2K, dtype=float))]
-    )
-    return np.asarray(np.diff(np.interp(cells, knots, total)) / np.diff(cells))
+    steps = np.diff(knots) * np.asarray(values_W_m2K, dtype=float)
+    integral = np.concatenate([[0.0], np.cumsum(steps)])
+    return np.asarray(np.diff(np.interp(cells, knots, integral)) / np.diff(cells))
 
 
 def film_along(mean_W_m2K: float, along: tuple[float, float], nz: int) -> Array:
-    """Film coefficient of each z node (nz,) that departs from its mean by two shapes: h (1 + a x + c (1 - 3 x^2)).
+    """Heat-transfer coefficient of each z node, (nz,): h (1 + a x + c (1 - 3 x^2)), x from -1 to 1.
 
-    ``along``: a, relative rise from the middle to the last face, and c, that at the track; x from -1 to 1
-    across the width. The mean of both shapes is zero.
+    Parameters
+    ----------
+    mean_W_m2K
+        Mean h; both shapes have a mean of zero.
+    along
+        (a, c): relative rise from the middle to the last face, and relative rise at the track.
+    nz
+        Number of nodes.
 
+    Examples
+    --------
     >>> film_along(300.0, (0.5, 0.0), 5)
     array([150., 225., 300., 375., 450.])
     """
@@ -70,13 +80,23 @@ def rim_gains_nonuniform(
     profile: Profile = "modal",
     flux: Flux = "hertz",
     mesh: Mesh = MESH_IV,
-    basis: int = BASIS,
+    basis: int = COUPLED_MODES,
 ) -> RimGains:
-    """``rim_gains`` for a film that varies along z, one value per z node (``film_in_steps``).
+    """``rim_gains`` for a heat-transfer coefficient that varies along z.
 
-    Modes of the mean film are the basis. The steady answer is exact: the film's variation couples z-modes only
-    through the surface, a system of nz unknowns. The slowest ``basis`` modes are coupled and diagonalised anew for
-    the dynamics; what remains of the steady answer follows within a millisecond and goes to the fastest lag.
+    Parameters
+    ----------
+    film_W_m2K
+        Coefficient of each z node, (nz,), see ``film_in_steps``.
+    basis
+        Number of the slowest modes that are coupled for the dynamics.
+
+    Notes
+    -----
+    The expansion uses the modes of the mean coefficient. The steady response is exact: the variation
+    couples z-modes only through the surface, a system of nz unknowns. For the dynamics the slowest
+    ``basis`` modes are coupled and diagonalised again; the remaining steady response follows within a
+    millisecond and belongs to the fastest lag.
     """
     film = np.asarray(film_W_m2K, dtype=float)
     if film.shape != (mesh.nz,) or film.min() < 0:
@@ -90,35 +110,32 @@ def rim_gains_nonuniform(
     weight = np.ones(mesh.nz)
     weight[[0, -1]] = 0.5
     unit = s.shape_z * np.sqrt(weight)[:, None]
-    varying = outer_source(rim, mesh.nr) * (film - mean)
-    coupling = unit.T @ (varying[:, None] * unit)  # between z-modes (n, n) [1/s]
-    rows = forcing(s) * lam  # (I, m, n) [1/s]
-    rows[-1] += np.outer(s.shape_r[-1] * last, (varying * np.sqrt(weight)) @ unit)
+    variation = outer_source(rim, mesh.nr) * (film - mean)
+    coupling = unit.T @ (variation[:, None] * unit)  # between z-modes (n, n) [1/s]
+    forces = forcing(s) * lam  # (I, m, n) [1/s]
+    forces[-1] += np.outer(s.shape_r[-1] * last, (variation * np.sqrt(weight)) @ unit)
     surface = s.shape_r[-1] * np.sqrt(last)  # last entry v of each unit-norm r-mode
-    # steady: (lam + v v' x C) x = rows, so c = (I + S C)^-1 c0 at the surface, S = sum v^2/lam
-    free = rows / lam
+    # steady: (lam + v v' x C) x = forces, so c = (I + S C)^-1 c0 at the surface, S = sum v^2/lam
+    uncoupled = forces / lam
     compliance = (surface[:, None] ** 2 / lam).sum(axis=0)
-    at_surface = np.einsum("m,imn->in", surface, free)
-    solved = np.linalg.solve(np.eye(len(coupling)) + compliance[:, None] * coupling, at_surface.T).T
-    exact = free - (surface[:, None] / lam)[None] * (solved @ coupling)[:, None, :]
+    at_surface = np.einsum("m,imn->in", surface, uncoupled)
+    system = np.eye(len(coupling)) + compliance[:, None] * coupling
+    solved = np.linalg.solve(system, at_surface.T).T
+    steady = uncoupled - (surface[:, None] / lam)[None] * (solved @ coupling)[:, None, :]
     read_r, read_z = readings(rim, tuple(points), mesh)
-    seen = (read_r[:, 1:] @ s.shape_r)[:, :, None] * (read_z @ s.shape_z)[:, None, :]
-    keep = lam <= np.sort(lam, axis=None)[min(basis, lam.size) - 1]
-    m, n = np.nonzero(keep)
-    reduced = np.diag(lam[keep]) + np.outer(surface[m], surface[m]) * coupling[np.ix_(n, n)]
-    rate, turn = np.linalg.eigh(reduced)
-    answer = ((rows[:, keep] @ turn) / rate)[:, None, :] * (seen[:, keep] @ turn)[None]
-    gains = answer @ cardinal(rates, np.log(np.minimum(rate, rates[-1])))
-    gains[:, :, -1] += np.einsum("imn,pmn->ip", exact, seen) - answer.sum(axis=2)
+    mode_values = (read_r[:, 1:] @ s.shape_r)[:, :, None] * (read_z @ s.shape_z)[:, None, :]
+    is_coupled = lam <= np.sort(lam, axis=None)[min(basis, lam.size) - 1]
+    m, n = np.nonzero(is_coupled)
+    matrix = np.diag(lam[is_coupled])
+    matrix += np.outer(surface[m], surface[m]) * coupling[np.ix_(n, n)]
+    rate, vectors = np.linalg.eigh(matrix)
+    amplitudes = (forces[:, is_coupled] @ vectors) / rate
+    responses = amplitudes[:, None, :] * (mode_values[:, is_coupled] @ vectors)[None]
+    gains = responses @ cardinal(rates, np.log(np.minimum(rate, rates[-1])))
+    gains[:, :, -1] += np.einsum("imn,pmn->ip", steady, mode_values) - responses.sum(axis=2)
     direct = read_r[:, 0] * (s.boundary @ read_z.T)
-    return RimGains(
-        inputs_of(len(rim.boundary_z_m)),
-        tuple(points),
-        rates,
-        gains,
-        direct,
-        gains.sum(axis=2) + direct,
-    )
+    inputs = inputs_of(len(rim.boundary_z_m))
+    return RimGains(inputs, tuple(points), rates, gains, direct, gains.sum(axis=2) + direct)
 
 
 @lru_cache(maxsize=2048)
@@ -134,36 +151,56 @@ def cached_gains(
     film: bool = False,
     along: tuple[float, float] = (0.0, 0.0),
 ) -> RimGains:
-    """``rim_gains``, worked out once: fits come back to the same h, and faults share all but one junction. By ``film``
-    two more inputs, both air at the running surface alone; these know nothing of an h that varies ``along`` it."""
+    """``rim_gains`` with a cache: fits return to the same h, and faults share all but one junction.
+
+    Parameters
+    ----------
+    film
+        Whether to add two inputs, "film" and "film by n", both the air at the running surface only.
+        They do not depend on ``along``.
+    along
+        Variation of h along z, see ``film_along``.
+    """
     if any(along):
         h_z = film_along(h_W_m2K, along, mesh.nz)
-        same = (points, half_width_m, np.array(rates), profile, flux, mesh)
-        varied = rim_gains_nonuniform(rim, h_z, *same, basis=FILM_BASIS)
+        varied = rim_gains_nonuniform(
+            rim,
+            h_z,
+            points,
+            half_width_m,
+            np.array(rates),
+            profile,
+            flux,
+            mesh,
+            basis=SMALL_VARIATION_MODES,
+        )
         if not film:
             return varied
-        whole = cached_gains(rim, h_W_m2K, points, half_width_m, rates, profile, flux, mesh, film)
-        parts = ("gains", "direct", "static")
-        rows = (
-            np.concatenate([getattr(varied, x), getattr(whole, x)[len(varied.inputs) :]])
-            for x in parts
+        uniform = cached_gains(rim, h_W_m2K, points, half_width_m, rates, profile, flux, mesh, film)
+        n_varied = len(varied.inputs)
+        return replace(
+            uniform,
+            gains=np.concatenate([varied.gains, uniform.gains[n_varied:]]),
+            direct=np.concatenate([varied.direct, uniform.direct[n_varied:]]),
+            static=np.concatenate([varied.static, uniform.static[n_varied:]]),
         )
-        return RimGains(whole.inputs, tuple(points), whole.rates, *rows)
-    split = rim_gains(
+    gains = rim_gains(
         rim, h_W_m2K, points, half_width_m, np.array(rates), profile, flux, mesh, film
     )
     if not film:
-        return split
-    air = len(rim.boundary_z_m) + 1
-    gains, direct, static = (
-        np.concatenate([x[:air], x[air:].sum(axis=0, keepdims=True), x[[air, air]]])
-        for x in (split.gains, split.direct, split.static)
-    )
+        return gains
+    first_air = len(rim.boundary_z_m) + 1
     return RimGains(
-        (*split.inputs[:air], "ambient", "film", "film by n"),
-        tuple(points),
-        split.rates,
-        gains,
-        direct,
-        static,
+        (*gains.inputs[:first_air], "ambient", "film", "film by n"),
+        points,
+        gains.rates,
+        _with_film_inputs(gains.gains, first_air),
+        _with_film_inputs(gains.direct, first_air),
+        _with_film_inputs(gains.static, first_air),
     )
+
+
+def _with_film_inputs(x: Array, first_air: int) -> Array:
+    """Rows of split air as one row of all air, and twice the row of the air at the running surface."""
+    all_air = x[first_air:].sum(axis=0, keepdims=True)
+    return np.concatenate([x[:first_air], all_air, x[[first_air, first_air]]])
