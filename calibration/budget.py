@@ -1,4 +1,4 @@
-"""What a calibrated channel's reading at rest is uncertain by, source by source, and its expanded uncertainty.
+"""Uncertainty budget (GUM) of a reading at rest of a calibrated channel, and its expanded uncertainty.
 
 Source: Guide to the Expression of Uncertainty in Measurement (JCGM 100:2008), 5.1.2, G.4 and annex H.
 """
@@ -15,12 +15,28 @@ from tcdyn.core.estimate import Z95
 from tcdyn.rig.static_line import StaticLine, static_u
 from tcdyn.rig.traceability import TraceabilityTable
 
+# From these degrees of freedom on the coverage factor is that of the normal distribution.
+MANY_DEGREES_OF_FREEDOM = 1e6
+
 
 @dataclass(frozen=True)
 class Contribution:
-    """One line of a budget: standard uncertainty ``u`` of an estimate, its distribution, sensitivity, and freedom.
+    """One component of an uncertainty budget.
 
-    ``freedom``: degrees of freedom, infinite where u was stated and not found from scatter.
+    Parameters
+    ----------
+    name
+        The source of uncertainty.
+    estimate
+        Estimate of the input quantity.
+    u
+        Its standard uncertainty.
+    distribution
+        Its probability distribution.
+    sensitivity
+        Sensitivity coefficient of the result.
+    freedom
+        Degrees of freedom; infinite where u is not from scatter (type B).
     """
 
     name: str
@@ -38,13 +54,13 @@ class Contribution:
 
 @dataclass(frozen=True)
 class RestBudget:
-    """Sources of a result and what they add up to."""
+    """Uncertainty budget of a reading at rest."""
 
     sources: tuple[Contribution, ...]
 
     @property
     def u(self) -> float:
-        """Combined standard uncertainty: contributions in squares."""
+        """Combined standard uncertainty: root sum of squares of the contributions."""
         return math.hypot(*(s.contribution for s in self.sources))
 
     @property
@@ -55,43 +71,58 @@ class RestBudget:
 
     @property
     def coverage(self) -> float:
-        """Coverage factor k for 95 %: Student's at the effective degrees of freedom, rounded down."""
-        return (
-            float(stdtrit(math.floor(max(self.freedom, 1.0)), 0.975)) if self.freedom < 1e6 else Z95
-        )
+        """Coverage factor k for 95 %: Student's t at the effective degrees of freedom, rounded down."""
+        if self.freedom >= MANY_DEGREES_OF_FREEDOM:
+            return Z95
+        return float(stdtrit(math.floor(max(self.freedom, 1.0)), 0.975))
 
     @property
     def expanded(self) -> float:
-        """U = k u, for 95 %."""
+        """Expanded uncertainty U = k u for 95 %."""
         return self.coverage * self.u
 
 
 def rest_budget(
     line: StaticLine, stated: TraceabilityTable, on: date, temperature_degC: float
 ) -> RestBudget:
-    """The reading of a channel at rest at ``temperature_degC``, calibrated ``on`` that day.
+    """Budget of the reading of a channel at rest.
 
-    A line's covariance was widened by t/1.96 for its few holds; here its own standard uncertainty stands beside its
-    degrees of freedom. What the line's ``shared_u_K`` holds is divided into certificate and drift as ``stated``.
+    The covariance of a line is widened by t/1.96 for its few holds. The budget uses the line's
+    unwidened standard uncertainty with its degrees of freedom. ``shared_u_K`` of the line is divided
+    into the certificate and the drift of the reference.
 
+    Parameters
+    ----------
+    line
+        Static line of the channel.
+    stated
+        [traceability] of the rig file.
+    on
+        Date of the calibration.
+    temperature_degC
+        Temperature of the reading.
+
+    Examples
+    --------
     >>> line = StaticLine(gain=1.0, offset=0.1, covariance=((0, 0), (0, 0.0016)), range_degC=(20, 160), n=6,
     ...                   shared_u_K=0.06)
-    >>> found = rest_budget(line, TraceabilityTable(), date(2026, 1, 1), 90.0)
-    >>> round(found.u, 3), round(found.freedom), round(found.coverage, 2), round(found.expanded, 3)
+    >>> budget = rest_budget(line, TraceabilityTable(), date(2026, 1, 1), 90.0)
+    >>> round(budget.u, 3), round(budget.freedom), round(budget.coverage, 2), round(budget.expanded, 3)
     (0.066, 122, 1.98, 0.131)
     """
-    freedom = line.n - 2
-    narrow = Z95 / float(stdtrit(freedom, 0.975)) if freedom > 0 else 1.0
     drift = min(stated.drift_u_K(on), line.shared_u_K)
     certificate = math.sqrt(line.shared_u_K**2 - drift**2)
-    own = narrow * float(static_u(line, temperature_degC))
-    sources = [
-        Contribution("line through the holds", temperature_degC, own, "Student", 1.0, freedom)
-        if freedom > 0
-        else Contribution(
-            "readings as logged, as stated", temperature_degC, own, "normal", 1.0, math.inf
-        ),
+    u = float(static_u(line, temperature_degC))
+    dof = line.n - 2
+    if dof > 0:
+        u *= Z95 / float(stdtrit(dof, 0.975))
+        channel = Contribution("line through the holds", temperature_degC, u, "Student", 1.0, dof)
+    else:
+        name = "readings as logged, as stated"
+        channel = Contribution(name, temperature_degC, u, "normal", 1.0, math.inf)
+    sources = (
+        channel,
         Contribution("reference's certificate", 0.0, certificate, "normal", 1.0, math.inf),
         Contribution("reference's drift since", 0.0, drift, "uniform", 1.0, math.inf),
-    ]
-    return RestBudget(tuple(s for s in sources if s.u > 0) or tuple(sources[:1]))
+    )
+    return RestBudget(tuple(s for s in sources if s.u > 0) or (channel,))

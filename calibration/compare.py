@@ -1,9 +1,9 @@
-"""Two records of one disk side by side: what drifted, and whether that is more than their uncertainties."""
+"""Compare two records of one disk: which quantities drifted significantly (Holm's correction)."""
 
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -14,23 +14,49 @@ from tcdyn.core.findings import Finding, info, messages, unique, warning, warnin
 from tcdyn.core.result import Result, jsonable
 from tcdyn.rig.record import DiskRecord, moment, now_utc
 from tcdyn.rig.rigfile import changed_keys
-from tcdyn.rig.static_line import apply_static, line_doubts, outside_range, static_u
+from tcdyn.rig.static_line import (
+    StaticLine,
+    apply_static,
+    findings_of_tests,
+    outside_range,
+    static_u,
+)
 
-SIGNIFICANT = 0.05
-OF_A_LOG = {
-    "columns",
-    "logger",
-    "traceability",
-    "constants",
-    "ambient",
-}  # of rig.toml, and no part of a disk
+# Level of the family of tests.
+SIGNIFICANCE = 0.05
+# Tables of rig.toml that describe logs and people, not the disk.
+OF_A_LOG = {"columns", "logger", "traceability", "constants", "ambient"}
+# A gain further from one gives a warning. Chosen by judgement.
+MAX_GAIN_DEVIATION = 0.05
+# The range of a rolling-contact test [degC], which the static lines should cover.
+TEST_RANGE_DEGC = [20.0, 160.0]
+# A larger standard uncertainty of a static line in its range gives a warning [K].
+MAX_LINE_U_K = 0.5
+# Larger relative uncertainties, and larger relative differences from the common lag, give a warning.
+MAX_RELATIVE_LAG_U = 0.5
+MAX_RELATIVE_LAG_DIFFERENCE = 0.5
+
+
+class Change(NamedTuple):
+    """A quantity in both records, and the standard uncertainty of the change."""
+
+    quantity: str
+    old: float
+    new: float
+    u: float
 
 
 @dataclass(frozen=True)
 class RecordDiff(Result):
-    """One row a quantity: old, new, change, its standard uncertainty, z and two-sided p.
+    """Comparison of two records.
 
-    ``significant`` is at the 5 % level after Holm's correction over all rows.
+    Parameters
+    ----------
+    table
+        One row a quantity: old, new, change, its standard uncertainty, z, two-sided p, and whether the
+        change is significant at the 5 % level after Holm's correction over all rows.
+    findings
+        Findings about the comparison.
     """
 
     table: pd.DataFrame
@@ -38,7 +64,7 @@ class RecordDiff(Result):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """The findings in words."""
+        """The findings as sentences."""
         return messages(self.findings)
 
     @property
@@ -47,18 +73,21 @@ class RecordDiff(Result):
         return self.table[self.table["significant"]]
 
     def sentence(self) -> str:
-        """The verdict in words."""
+        """The conclusion in one sentence."""
         drifted = list(self.significant["quantity"])
         if not drifted:
             return f"No significant drift in {len(self.table)} quantities."
-        return f"{len(drifted)} of {len(self.table)} quantities drifted significantly: {', '.join(drifted)}."
+        return (
+            f"{len(drifted)} of {len(self.table)} quantities drifted significantly: "
+            f"{', '.join(drifted)}."
+        )
 
     def summary(self) -> str:
-        """The verdict and the notes."""
-        return "\n".join([self.sentence(), *(f"info: {info}" for info in self.notes)])
+        """The conclusion and the findings."""
+        return "\n".join([self.sentence(), *(f"info: {note}" for note in self.notes)])
 
     def to_dict(self) -> dict[str, Any]:
-        """Sentence, notes and every row of the table."""
+        """Conclusion, findings and every row of the table."""
         return {
             "sentence": self.sentence(),
             "notes": list(self.notes),
@@ -66,107 +95,164 @@ class RecordDiff(Result):
         }
 
     def card(self) -> pd.DataFrame:
-        """What drifted."""
+        """The quantities that drifted."""
         return self.significant
 
 
 def diff_records(old: DiskRecord, new: DiskRecord) -> RecordDiff:
-    """Changes from ``old`` to ``new``: each channel's reading at both ends of the common range [degC], and its lag
-    [s].
+    """Changes from ``old`` to ``new``; the two calibrations are taken as independent.
 
-    The two calibrations are taken as independent. Raises InputError for records of different disks.
+    Compared are each channel's reading at both ends of the common range [degC], and its lags [s].
+
+    Raises
+    ------
+    InputError
+        Records of different disks.
     """
     if old.disk != new.disk:
         raise InputError(
             f"records of disk {old.disk!r} and of disk {new.disk!r}",
             expected="two calibrations of one disk",
         )
-    rows: list[tuple[str, float, float, float]] = []
-    found: list[Finding] = []
-    by = [
-        (r.setup.traceability.reference, r.setup.traceability.reference_certificate)
-        for r in (old, new)
-    ]
-    other_reference = by[0] != by[1]  # one and the same moves no line against another
-    for c in sorted(set(old.static) & set(new.static)):
-        a = old.static[c]
-        b = new.static[c]
-        low = max(a.range_degC[0], b.range_degC[0])
-        high = min(a.range_degC[1], b.range_degC[1])
-        if low >= high:
-            found.append(warning("record.ranges_apart", subject=c))
-            continue
-        for t in (low, high):
-            logged = (t - a.offset) / a.gain
-            u = float(np.hypot(static_u(a, t), static_u(b, t)))
-            u = float(np.hypot(u, np.hypot(a.shared_u_K, b.shared_u_K))) if other_reference else u
-            rows.append((f"{c} at {t:.0f} degC", t, float(apply_static(logged, b)), u))
-    if old.chain is not None and new.chain is not None:
-        for c in sorted(set(old.chain.channels) & set(new.chain.channels)):
-            lags = [
-                (r.chain.channels[c].lag_s, r.chain.differential_lag_s[c])
-                for r in (old, new)
-                if r.chain
-            ]
-            for name, before, after in zip((f"{c} lag_s", f"{c} differential lag_s"), *lags):
-                rows.append((name, before.value, after.value, float(np.hypot(before.u, after.u))))
-    # what of rig.toml the records were made with differs; names of columns and people have no part in a lag
-    made = [
-        r.setup.model_dump(exclude=OF_A_LOG) | {"conditioning": asdict(r.conditioning)}
-        for r in (old, new)
-    ]
-    found += [
-        info("record.changed", subject=key, was=was, now=now)
-        for key, was, now in changed_keys(*made)
-    ]
-    if gone := sorted(set(old.static) ^ set(new.static)):
-        found.append(warning("record.in_one_only", channels=gone))
-    return RecordDiff(_holm(rows), tuple(found))
+    changes: list[Change] = []
+    findings: list[Finding] = []
+    # an error of one common reference cancels in the change
+    is_same_reference = _reference(old) == _reference(new)
+    for channel in sorted(set(old.static) & set(new.static)):
+        line_changes = _line_changes(
+            channel, old.static[channel], new.static[channel], is_same_reference
+        )
+        if not line_changes:
+            findings.append(warning("record.ranges_apart", subject=channel))
+        changes += line_changes
+    changes += _lag_changes(old, new)
+    for key, before, after in changed_keys(_disk_tables(old), _disk_tables(new)):
+        findings.append(info("record.changed", subject=key, was=before, now=after))
+    in_one_only = sorted(set(old.static) ^ set(new.static))
+    if in_one_only:
+        findings.append(warning("record.in_one_only", channels=in_one_only))
+    return RecordDiff(_holm(changes), tuple(findings))
 
 
-def _holm(rows: list[tuple[str, float, float, float]]) -> pd.DataFrame:
-    table = pd.DataFrame(rows, columns=["quantity", "old", "new", "u"])
+def _reference(record: DiskRecord) -> tuple[str, str]:
+    """The reference thermometer of a record and its certificate."""
+    table = record.setup.traceability
+    return table.reference, table.reference_certificate
+
+
+def _disk_tables(record: DiskRecord) -> dict[str, Any]:
+    """The tables of rig.toml that a lag may depend on."""
+    tables = record.setup.model_dump(exclude=OF_A_LOG)
+    return tables | {"conditioning": asdict(record.conditioning)}
+
+
+def _line_changes(
+    channel: str, old: StaticLine, new: StaticLine, is_same_reference: bool
+) -> list[Change]:
+    """Change of a reading at both ends of the common range; empty if there is no common range."""
+    low = max(old.range_degC[0], new.range_degC[0])
+    high = min(old.range_degC[1], new.range_degC[1])
+    if low >= high:
+        return []
+    changes: list[Change] = []
+    for t in (low, high):
+        logged = (t - old.offset) / old.gain
+        u = float(np.hypot(static_u(old, t), static_u(new, t)))
+        if not is_same_reference:
+            u = float(np.hypot(u, np.hypot(old.shared_u_K, new.shared_u_K)))
+        after = float(apply_static(logged, new))
+        changes.append(Change(f"{channel} at {t:.0f} degC", t, after, u))
+    return changes
+
+
+def _lag_changes(old: DiskRecord, new: DiskRecord) -> list[Change]:
+    """Change of lag and differential lag of each channel that has a chain in both records."""
+    if old.chain is None or new.chain is None:
+        return []
+    changes: list[Change] = []
+    for channel in sorted(set(old.chain.channels) & set(new.chain.channels)):
+        pairs = {
+            "lag_s": (old.chain.channels[channel].lag_s, new.chain.channels[channel].lag_s),
+            "differential lag_s": (
+                old.chain.differential_lag_s[channel],
+                new.chain.differential_lag_s[channel],
+            ),
+        }
+        for name, (before, after) in pairs.items():
+            u = float(np.hypot(before.u, after.u))
+            changes.append(Change(f"{channel} {name}", before.value, after.value, u))
+    return changes
+
+
+def _holm(changes: list[Change]) -> pd.DataFrame:
+    """The table of changes with z, p and their significance by Holm's step-down procedure."""
+    table = pd.DataFrame(changes, columns=["quantity", "old", "new", "u"])
     table.insert(3, "change", table["new"] - table["old"])
-    size = table["u"].to_numpy()
+    u = table["u"].to_numpy()
     change = table["change"].to_numpy()
-    certain = np.where(change == 0.0, 0.0, np.copysign(np.inf, change))
-    table["z"] = np.divide(change, size, out=certain, where=size > 0)
+    z_if_exact = np.where(change == 0.0, 0.0, np.copysign(np.inf, change))
+    table["z"] = np.divide(change, u, out=z_if_exact, where=u > 0)
     table["p"] = 2 * ndtr(-np.abs(table["z"]))
     ranked = table["p"].sort_values(kind="stable")
     adjusted = (ranked * np.arange(len(ranked), 0, -1)).cummax()
-    table["significant"] = adjusted < SIGNIFICANT  # by index, so back in the table's order
+    table["significant"] = adjusted < SIGNIFICANCE  # aligned by index
     return table
 
 
 def check_record(record: DiskRecord) -> tuple[Finding, ...]:
-    """What a careful reader would ask about a sound record; empty when nothing.
+    """Warnings about a valid record; empty if there are none.
 
-    What was noticed while it was made is among it; notes, which tell of what was mended in full, are not. A record of
-    version 0.1 kept sentences only, so what the tests of its lines say is found anew from their numbers.
+    They include the warnings of the calibration, but not its information. A record of version 0.1
+    holds sentences only, so the tests of its lines are evaluated again from their p-values.
     """
-    found = list(warnings_and_errors(record.findings))
-    for c, line in record.static.items():
-        found += warnings_and_errors(line_doubts(c, line))
-    if missing := [c for c in sorted(record.setup.thermocouples) if c not in record.static]:
-        found.append(warning("record.missing_channels", channels=missing))
+    findings = list(warnings_and_errors(record.findings))
+    for channel, line in record.static.items():
+        findings += warnings_and_errors(findings_of_tests(channel, line))
+    missing = [c for c in sorted(record.setup.thermocouples) if c not in record.static]
+    if missing:
+        findings.append(warning("record.missing_channels", channels=missing))
     if moment(record.created) > moment(now_utc()):
-        found.append(warning("record.future", created=record.created))
-    for c, line in record.static.items():
-        if abs(line.gain - 1) > 0.05:
-            found.append(warning("record.gain", subject=c, gain=line.gain))
-        if outside_range(line, [20.0, 160.0], margin_K=10.0).any():
-            found.append(warning("record.range", subject=c, range_degC=line.range_degC))
-        u = float(np.max(static_u(line, np.array(line.range_degC))))
-        if u > 0.5:
-            found.append(warning("record.line_unsure", subject=c, u_K=u))
+        findings.append(warning("record.future", created=record.created))
+    for channel, line in record.static.items():
+        findings += _check_line(channel, line)
+    findings += _check_lags(record)
+    return unique(findings)
+
+
+def _check_line(channel: str, line: StaticLine) -> list[Finding]:
+    """Warnings about gain, range and uncertainty of a static line."""
+    findings: list[Finding] = []
+    if abs(line.gain - 1) > MAX_GAIN_DEVIATION:
+        findings.append(warning("record.gain", subject=channel, gain=line.gain))
+    if outside_range(line, TEST_RANGE_DEGC, margin_K=10.0).any():
+        findings.append(warning("record.range", subject=channel, range_degC=line.range_degC))
+    u = float(np.max(static_u(line, np.array(line.range_degC))))
+    if u > MAX_LINE_U_K:
+        findings.append(warning("record.line_unsure", subject=channel, u_K=u))
+    return findings
+
+
+def _check_lags(record: DiskRecord) -> list[Finding]:
+    """Warnings about uncertain lags, and lags far from the common lag."""
     if record.chain is None:
-        return unique([*found, warning("record.no_chain")])
+        return [warning("record.no_chain")]
+    findings: list[Finding] = []
     common = record.chain.common_lag_s
-    for c, chain in record.chain.channels.items():
+    for channel, chain in record.chain.channels.items():
         lag = chain.lag_s
-        apart = record.chain.differential_lag_s[c]
-        if lag.u > 0.5 * lag.value:
-            found.append(warning("record.lag_unsure", subject=c, lag_s=lag.value, u_s=lag.u))
-        if abs(apart.value) > 0.5 * common.value and abs(apart.value) > 2 * apart.u:
-            found.append(warning("record.lag_apart", subject=c, apart_s=apart.value, u_s=apart.u))
-    return unique(found)
+        difference = record.chain.differential_lag_s[channel]
+        if lag.u > MAX_RELATIVE_LAG_U * lag.value:
+            findings.append(
+                warning("record.lag_unsure", subject=channel, lag_s=lag.value, u_s=lag.u)
+            )
+        is_large = abs(difference.value) > MAX_RELATIVE_LAG_DIFFERENCE * common.value
+        if is_large and abs(difference.value) > 2 * difference.u:
+            findings.append(
+                warning(
+                    "record.lag_apart",
+                    subject=channel,
+                    apart_s=difference.value,
+                    u_s=difference.u,
+                )
+            )
+    return findings

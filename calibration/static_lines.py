@@ -1,4 +1,4 @@
-"""Static lines of the thermocouples fitted to the oven's PRT, and statistics of the errors before and after."""
+"""Fit static lines to the PRT of an oven log (errors in variables), and statistics of the errors."""
 
 from __future__ import annotations
 
@@ -21,48 +21,51 @@ from tcdyn.estimation.line_fit import (
     repeat_shift,
 )
 from tcdyn.rig.columns import couples_in
-from tcdyn.rig.static_line import StaticLine, line_doubts, lines_table, significant_test
+from tcdyn.rig.static_line import StaticLine, finding_of_test, findings_of_tests, lines_table
 from tcdyn.rig.traceability import PRT_U_DEGC
 
 
 def error_statistics(errors_K: ArrayLike) -> pd.Series[float]:
-    """Table 2.6's statistics of thermocouple minus PRT [K], of any shape, under the table's names; NaN is left out.
+    """The statistics of table 2.6 of thermocouple minus PRT [K], by the names of the table.
 
-    The standard deviation is about the mean error.
+    ``errors_K`` may have any shape; NaN is left out. The standard deviation is about the mean error.
 
     >>> float(error_statistics([1.0, -1.0, 0.5, -0.5])["Average of the absolute error"])
     0.75
     """
-    e = np.asarray(errors_K, dtype=float).ravel()
-    e = e[np.isfinite(e)]
-    if len(e) < 2:
+    errors = _finite(errors_K)
+    if len(errors) < 2:
         raise InputError("fewer than 2 errors to describe")
-    size = np.abs(e)
+    size = np.abs(errors)
     return pd.Series(
         {
             "Maximum error": float(size.max()),
             "Summation of the absolute error": float(size.sum()),
             "Average of the absolute error": float(size.mean()),
-            "Standard deviation": float(e.std(ddof=1)),
+            "Standard deviation": float(errors.std(ddof=1)),
         }
     )
 
 
 def error_histogram(errors_K: ArrayLike, width_K: float = 0.1) -> tuple[NDArray[np.int64], Array]:
     """Counts and edges [K] of a histogram with bins of ``width_K`` centred on zero (figure 2.16)."""
-    e = np.asarray(errors_K, dtype=float).ravel()
-    e = e[np.isfinite(e)]
-    half = int(np.ceil(np.abs(e).max() / width_K)) if len(e) else 1
-    edges = width_K * (np.arange(-half, half + 2) - 0.5)
-    counts, edges = np.histogram(e, edges)
-    return counts.astype(np.int64), np.asarray(edges, dtype=np.float64)
+    errors = _finite(errors_K)
+    half = int(np.ceil(np.abs(errors).max() / width_K)) if len(errors) else 1
+    counts, edges = np.histogram(errors, width_K * (np.arange(-half, half + 2) - 0.5))
+    return counts.astype(np.int64), edges.astype(np.float64)
+
+
+def _finite(errors_K: ArrayLike) -> Array:
+    """The finite values in one row."""
+    errors = np.asarray(errors_K, dtype=float).ravel()
+    return errors[np.isfinite(errors)]
 
 
 def hold_means(frame: pd.DataFrame) -> pd.DataFrame:
-    """One row for each hold, the mean of its minutes: repeat, setpoint_degC, prt_degC, a_degC .. f_degC.
+    """Means over each hold of an oven log: repeat, setpoint_degC, prt_degC, a_degC .. f_degC.
 
-    Minutes of one hold follow one another under one repeat and set point; a channel without a value in some minute
-    is averaged over the others, against the PRT of the same minutes.
+    The rows of a hold have the same repeat and set point. A channel with missing values is averaged
+    over its other rows, as a difference from the PRT of the same rows.
     """
     keys = ["repeat", "setpoint_degC"]
     if not frame.duplicated(keys).any():
@@ -79,9 +82,20 @@ def hold_means(frame: pd.DataFrame) -> pd.DataFrame:
 
 @dataclass(frozen=True)
 class OvenFit(Result):
-    """Static lines of one disk and what the oven said about them.
+    """Static lines of one disk.
 
-    ``residuals`` holds one row for each hold: repeat, setpoint_degC, prt_degC and the residual [K] of each channel.
+    Parameters
+    ----------
+    lines
+        Static line of each channel.
+    statistics
+        Statistics of the errors before and after the calibration.
+    residuals
+        One row a hold: repeat, setpoint_degC, prt_degC and the residual [K] of each channel.
+    raw_errors_K, calibrated_errors_K
+        Errors of all channels and holds before and after the calibration.
+    findings
+        Findings about the lines.
     """
 
     lines: dict[str, StaticLine]
@@ -92,10 +106,11 @@ class OvenFit(Result):
     findings: tuple[Finding, ...] = ()
 
     def summary(self) -> str:
-        """The lines as people write them."""
+        """The equation of each line, and its residual standard deviation."""
         return "\n".join(
-            f"{c}: T = {line.gain:.5f} x logged {line.offset:+.3f} degC, residual sd {line.residual_sd_degC:.3f} K"
-            for c, line in self.lines.items()
+            f"{channel}: T = {line.gain:.5f} x logged {line.offset:+.3f} degC, "
+            f"residual sd {line.residual_sd_degC:.3f} K"
+            for channel, line in self.lines.items()
         )
 
     def card(self) -> pd.DataFrame:
@@ -106,56 +121,68 @@ class OvenFit(Result):
 def fit_static_lines(
     frame: pd.DataFrame, prt_u_degC: float = PRT_U_DEGC, prt_shared_u_degC: float = 0.0
 ) -> OvenFit:
-    """Lines T = gain * logged + offset of every channel of an oven log (``Log.frame``).
+    """Fit T = gain * logged + offset for every channel of an oven log.
 
-    Rows of one hold (same repeat and set point) share the error of the PRT and count as one point, their mean. The
-    PRT (standard uncertainty ``prt_u_degC`` for each reading; ``prt_shared_u_degC``, common to all, is kept beside the
-    line) and the logged means both err; the slope is corrected for the noise of the logged side (errors in variables,
-    method of moments). The residual scatter sets the covariance, not below what the PRT alone makes of it; lack of fit
-    and a shift between repeats widen it. Tests at the 1 % level give notes, from 0.1 % on findings to look at: lack
-    of fit, curvature, shifts; outlying rows by name.
+    Parameters
+    ----------
+    frame
+        Rows of the oven log (``Log.frame``).
+    prt_u_degC
+        Standard uncertainty of each reading of the PRT.
+    prt_shared_u_degC
+        Standard uncertainty of the PRT that is common to all readings; it is stored with the line, and
+        is not in its covariance.
 
-    Raises InputError when a channel has fewer than 3 rows.
+    Raises
+    ------
+    InputError
+        A channel has fewer than 3 rows.
+
+    Notes
+    -----
+    Rows of one hold (same repeat and set point) share the error of the PRT and count as one point,
+    their mean. Both the PRT and the logged means have errors; the slope is corrected for the noise of
+    the logged side (errors in variables, method of moments). The scatter of the residuals sets the
+    covariance, but it is never below the contribution of the PRT. Lack of fit and a shift between
+    repeats increase it. Lack of fit, curvature and shifts that are significant at the 1 % level are
+    information, at the 0.1 % level warnings; outlying rows are warnings.
     """
     frame = hold_means(frame)
     prt = frame["prt_degC"].to_numpy(dtype=float)
-    names = [n.removesuffix("_degC") for n in couples_in(frame)]
+    columns = couples_in(frame)
     lines: dict[str, StaticLine] = {}
     residuals = frame[["repeat", "setpoint_degC", "prt_degC"]].copy()
-    found: list[Finding] = []
-    for channel in names:
-        logged = frame[f"{channel}_degC"].to_numpy(dtype=float)
+    findings: list[Finding] = []
+    for column in columns:
+        channel = column.removesuffix("_degC")
+        logged = frame[column].to_numpy(dtype=float)
         ok = np.isfinite(logged) & np.isfinite(prt)
         if ok.sum() < 3:
             raise InputError(
                 f"channel {channel} has {int(ok.sum())} oven rows", expected="at least 3"
             )
         fit = fit_line(logged[ok], prt[ok], u_y=prt_u_degC)
-        lines[channel], said = _line(channel, fit, frame[ok], prt_shared_u_degC)
-        found += said
-        residuals[f"{channel}_degC"] = prt - lines[channel].gain * logged - lines[channel].offset
-    columns = [f"{c}_degC" for c in names]
+        line, line_findings = _static_line(channel, fit, frame[ok], prt_shared_u_degC)
+        lines[channel] = line
+        findings += line_findings
+        residuals[column] = prt - line.gain * logged - line.offset
     raw = (frame[columns].to_numpy(dtype=float) - prt[:, None]).ravel("F")
-    after = -residuals[columns].to_numpy().ravel("F")
-    table = pd.DataFrame({"raw": error_statistics(raw), "calibrated": error_statistics(after)})
-    return OvenFit(lines, table, residuals, raw, after, tuple(found))
+    calibrated = -residuals[columns].to_numpy().ravel("F")
+    statistics = pd.DataFrame(
+        {"raw": error_statistics(raw), "calibrated": error_statistics(calibrated)}
+    )
+    return OvenFit(lines, statistics, residuals, raw, calibrated, tuple(findings))
 
 
-def _line(
+def _static_line(
     channel: str, fit: LineFit, rows: pd.DataFrame, shared_u: float
 ) -> tuple[StaticLine, list[Finding]]:
-    within, shift_u, shift_p = repeat_shift(fit, rows["repeat"].to_numpy())
-    found = significant_test(shift_p, "line.repeats_shift", channel, u_degC=shift_u)
-    variance = shift_u**2 if found else 0.0
-    for i in outlying(fit):
-        repeat, setpoint = (float(rows[key].iloc[i]) for key in ("repeat", "setpoint_degC"))
-        off_K = fit.residuals[i]
-        found.append(
-            warning(
-                "line.outlying", subject=channel, repeat=repeat, setpoint_degC=setpoint, off_K=off_K
-            )
-        )
-    (gg, go), (_, oo) = (fit.covariance_95 + np.diag([0.0, variance])).tolist()
+    """The static line of a fit, with the findings of its tests."""
+    repeatability, shift_u, shift_p = repeat_shift(fit, rows["repeat"].to_numpy())
+    shift_findings = finding_of_test(shift_p, "line.repeats_shift", channel, u_degC=shift_u)
+    shift_variance = shift_u**2 if shift_findings else 0.0
+    covariance = fit.covariance_95 + np.diag([0.0, shift_variance])
+    (gg, go), (_, oo) = covariance.tolist()
     line = StaticLine(
         gain=fit.slope,
         offset=fit.intercept,
@@ -163,10 +190,20 @@ def _line(
         range_degC=(float(fit.y.min()), float(fit.y.max())),
         shared_u_K=shared_u,
         residual_sd_degC=fit.sd,
-        repeatability_sd_degC=within,
+        repeatability_sd_degC=repeatability,
         n=len(fit.y),
         r_squared=fit.r_squared,
         lack_of_fit_p=lack_of_fit_p(fit, rows["setpoint_degC"].to_numpy()),
         quadratic_p=quadratic_p(fit),
     )
-    return line, [*line_doubts(channel, line), *found]
+    outlier_findings = [
+        warning(
+            "line.outlying",
+            subject=channel,
+            repeat=float(rows["repeat"].iloc[i]),
+            setpoint_degC=float(rows["setpoint_degC"].iloc[i]),
+            off_K=fit.residuals[i],
+        )
+        for i in outlying(fit)
+    ]
+    return line, [*findings_of_tests(channel, line), *shift_findings, *outlier_findings]

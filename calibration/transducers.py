@@ -1,4 +1,4 @@
-"""What the volts of sensors mean: load cells against dead weights, bearings of the shafts."""
+"""Calibration of the force transducers by dead weights, and friction of the shafts' bearings."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import scipy  # scipy.special with its first use: who reads a log need not wait for it
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import fdtrc
 
 from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
@@ -17,13 +17,30 @@ from tcdyn.core.findings import Finding, labelled_messages, messages, warning
 from tcdyn.core.result import Result
 from tcdyn.estimation.line_fit import LineFit, fit_line
 
+# Level of the F test of a common slope of all sessions.
+SLOPE_SIGNIFICANCE = 0.01
+# Speeds within this relative distance belong to one family of the pure-rolling test.
+SAME_SPEED = 0.02
+
 
 @dataclass(frozen=True)
 class TransducerLine(Result):
-    """force_N = slope_N_V * volts + intercept_N[session] (figure 2.21).
+    """Calibration line force_N = slope_N_V * volts + intercept_N[session] (figure 2.21).
 
-    ``slopes_differ_p`` tests whether the sessions share one slope (None for one session); ``shift_N`` is the
-    largest intercept minus the smallest.
+    Parameters
+    ----------
+    slope_N_V, intercept_N
+        Gain, and the zero of each session.
+    residual_sd_V, r_squared
+        Scatter about the line.
+    slopes_differ_p
+        p of the test of one slope for all sessions; None for one session.
+    shift_N
+        Largest intercept minus the smallest; None for one session.
+    range_N
+        Smallest and largest weight.
+    findings
+        Findings about the line.
     """
 
     slope_N_V: Estimate
@@ -36,29 +53,35 @@ class TransducerLine(Result):
     findings: tuple[Finding, ...] = ()
 
     def force_N(self, volts: ArrayLike, zero_V: float) -> Array:
-        """Force [N] from volts of any shape, with the zero taken at ``zero_V`` before loading."""
+        """Force [N] from volts of any shape; ``zero_V``: reading before loading."""
         return np.asarray(self.slope_N_V.value * (np.asarray(volts, dtype=float) - zero_V))
 
     def gain_u_rel(self, weights_rel: float) -> float:
-        """Relative standard uncertainty of a force: of the gain, and of all weights and the lever in common.
+        """Relative standard uncertainty of a force, from gain, weights and lever.
 
-        The zero does not count: it is taken anew before each test (section 2.8).
+        The zero does not contribute: it is measured before each test (section 2.8).
+
+        Parameters
+        ----------
+        weights_rel
+            Common relative standard uncertainty of the weights and the lever.
         """
         return float(np.hypot(self.slope_N_V.u / self.slope_N_V.value, weights_rel))
 
     def summary(self) -> str:
-        """Gain and the zero of each session with their 95 % intervals, and what was noticed."""
-        held = f"{self.range_N[0]:g} to {self.range_N[1]:g} N"
+        """Gain and zeros with their 95 % intervals, and the findings."""
+        low, high = self.range_N
+        gain = self.slope_N_V
         lines = [
-            f"force = {self.slope_N_V.text('N/V')} x volts + zero, {held}; gain {_interval(self.slope_N_V)}"
+            f"force = {gain.text('N/V')} x volts + zero, {low:g} to {high:g} N; "
+            f"gain {_interval(gain)}"
         ]
-        lines += [
-            f"session {name}: zero {z.text('N')}; {_interval(z)}"
-            for name, z in self.intercept_N.items()
-        ]
+        for name, zero in self.intercept_N.items():
+            lines.append(f"session {name}: zero {zero.text('N')}; {_interval(zero)}")
         if self.shift_N is not None:
             lines.append(
-                f"the zeros lie up to {self.shift_N.text('N')} apart: take the zero anew before each test"
+                f"the zeros lie up to {self.shift_N.text('N')} apart: "
+                "take the zero anew before each test"
             )
         lines.append(f"scatter {self.residual_sd_V:.2g} V, r squared {self.r_squared:.6f}")
         return "\n".join([*lines, *labelled_messages(self.findings)])
@@ -82,18 +105,36 @@ def _interval(e: Estimate) -> str:
 
 
 def fit_transducer(volts: ArrayLike, force_N: ArrayLike, session: ArrayLike) -> TransducerLine:
-    """The line of a dead-weight calibration: arrays of shape (N,), ``session`` names the occasion of each point.
+    """Fit the line of a dead-weight calibration, arrays of shape (N,).
 
-    Weights are known and volts err, so volts = a_session + b force is fitted and turned round: slope = 1/b,
-    intercept = -a/b. Raises InputError for fewer than 3 points, or sessions with fewer than 2.
+    Parameters
+    ----------
+    volts
+        Readings of the transducer [V].
+    force_N
+        Force of the weights.
+    session
+        Session of each point; the zero may differ between sessions.
 
+    Raises
+    ------
+    InputError
+        Fewer than 3 points, or a session with fewer than 2.
+
+    Notes
+    -----
+    The weights are exact and the volts have errors, so volts = a_session + b force is fitted and
+    inverted: slope = 1/b, intercept = -a/b.
+
+    Examples
+    --------
     >>> line = fit_transducer([0.1, 0.2, 0.3, 0.15, 0.25], [0, 100, 200, 0, 100], [1, 1, 1, 2, 2])
     >>> round(line.slope_N_V.value), round(line.shift_N.value)
     (1000, 50)
     """
     v = np.asarray(volts, dtype=float)
     f = np.asarray(force_N, dtype=float)
-    names, at = np.unique(np.asarray(session).astype(str), return_inverse=True)
+    names, group = np.unique(np.asarray(session).astype(str), return_inverse=True)
     n = len(v)
     k = len(names)
     ok = np.isfinite(v) & np.isfinite(f)
@@ -101,67 +142,72 @@ def fit_transducer(volts: ArrayLike, force_N: ArrayLike, session: ArrayLike) -> 
         raise InputError(
             f"point {int(np.argmin(ok)) + 1} of the transducer's calibration is no number"
         )
-    if n < k + 2 or (np.bincount(at) < 2).any():
+    if n < k + 2 or (np.bincount(group) < 2).any():
         raise InputError(
             f"{n} points in {k} session(s)", expected="at least 2 a session and 2 to spare"
         )
-    line = fit_line(f, v, groups=at)
+    line = fit_line(f, v, groups=group)
     b = line.slope
     a = line.intercepts
     if b == 0.0:
         raise InputError(
             "the transducer's volts do not follow the force", expected="different weights"
         )
-    turned = np.diag([-1 / b**2, *np.full(k, -1 / b)])  # d(1/b, -a/b) / d(b, a)
-    turned[1:, 0] = a / b**2
-    covariance = turned @ line.covariance_95 @ turned.T
+    jacobian = np.diag([-1 / b**2, *np.full(k, -1 / b)])  # d(1/b, -a/b) / d(b, a)
+    jacobian[1:, 0] = a / b**2
+    covariance = jacobian @ line.covariance_95 @ jacobian.T
     zero = -a / b
     u = np.sqrt(np.diag(covariance))
+    p = _slopes_differ_p(line, group)
+    findings: tuple[Finding, ...] = ()
+    if p is not None and p < SLOPE_SIGNIFICANCE:
+        findings = (warning("transducer.slopes_differ", p=p),)
+    return TransducerLine(
+        slope_N_V=Estimate.normal(1 / b, u[0]),
+        intercept_N={str(name): Estimate.normal(*pair) for name, *pair in zip(names, zero, u[1:])},
+        residual_sd_V=line.sd,
+        r_squared=line.r_squared,
+        slopes_differ_p=p,
+        shift_N=_largest_shift(zero, covariance) if k > 1 else None,
+        range_N=(float(f.min()), float(f.max())),
+        findings=findings,
+    )
+
+
+def _largest_shift(zero: Array, covariance: Array) -> Estimate:
+    """Largest zero minus the smallest; ``covariance`` of slope and zeros."""
     low = int(np.argmin(zero))
     high = int(np.argmax(zero))
-    apart = np.zeros(k + 1)
-    apart[[1 + low, 1 + high]] = -1.0, 1.0
-    shift = (
-        Estimate.normal(zero[high] - zero[low], float(np.sqrt(apart @ covariance @ apart)))
-        if k > 1
-        else None
-    )
-    p = _slopes_differ_p(line, at)
-    return TransducerLine(
-        Estimate.normal(1 / b, u[0]),
-        {str(name): Estimate.normal(*pair) for name, *pair in zip(names, zero, u[1:])},
-        line.sd,
-        line.r_squared,
-        p,
-        shift,
-        (float(f.min()), float(f.max())),
-        (warning("transducer.slopes_differ", p=p),) if p is not None and p < 0.01 else (),
-    )
+    difference = np.zeros(len(zero) + 1)
+    difference[1 + low] = -1.0
+    difference[1 + high] = 1.0
+    u = float(np.sqrt(difference @ covariance @ difference))
+    return Estimate.normal(zero[high] - zero[low], u)
 
 
-def _slopes_differ_p(line: LineFit, at: NDArray[np.intp]) -> float | None:
-    """p of the F test of a slope for each group against one for all; None where it cannot be made."""
+def _slopes_differ_p(line: LineFit, group: NDArray[np.intp]) -> float | None:
+    """p of the F test of one slope for each group against one for all; None where it is impossible."""
     k = len(line.intercepts)
     dof = len(line.x) - 2 * k
     if k < 2 or dof < 1:
         return None
-    own = 0.0
+    separate_sum = 0.0  # residual sum of squares with one slope for each group
     for j in range(k):
-        df, dv = (x[at == j] - x[at == j].mean() for x in (line.x, line.y))
-        if not df @ df > 0:
+        x = line.x[group == j] - line.x[group == j].mean()
+        y = line.y[group == j] - line.y[group == j].mean()
+        if not x @ x > 0:
             return None
-        own += float(dv @ dv - (df @ dv) ** 2 / (df @ df))
-    gained = max(line.sd**2 * line.dof - own, 0.0)
-    return (
-        float(scipy.special.fdtrc(k - 1, dof, gained / (line.dof - dof) / (own / dof)))
-        if own > 0
-        else None
-    )
+        separate_sum += float(y @ y - (x @ y) ** 2 / (x @ x))
+    if not separate_sum > 0:
+        return None
+    reduction = max(line.sd**2 * line.dof - separate_sum, 0.0)
+    f_ratio = reduction / (line.dof - dof) / (separate_sum / dof)
+    return float(fdtrc(k - 1, dof, f_ratio))
 
 
 @dataclass(frozen=True)
 class BearingFriction:
-    """Lines of measured friction against load, one for each slow-shaft speed [rpm]; bearings of both shafts."""
+    """Friction of the bearings of both shafts: a line against load for each slow-shaft speed [rpm]."""
 
     speeds_rpm: tuple[float, ...]
     lines: tuple[LineFit, ...]
@@ -169,44 +215,53 @@ class BearingFriction:
     @property
     def load_range_N(self) -> tuple[float, float]:
         """Loads that every family covers [N]."""
-        return max(float(k.x.min()) for k in self.lines), min(float(k.x.max()) for k in self.lines)
+        low = max(float(line.x.min()) for line in self.lines)
+        high = min(float(line.x.max()) for line in self.lines)
+        return low, high
 
     def correction_N(self, load_N: ArrayLike, speed_slow_rpm: ArrayLike) -> tuple[Array, Array]:
-        """What to add to the measured friction [N], and its standard uncertainty [N]: half of the measured lines.
+        """Correction to add to the measured friction [N], and its standard uncertainty [N].
 
-        EHL friction = transducer + (intercept_n + slope_n load) / 2, straight between neighbouring speeds, the
-        nearest family beyond them. The pure-rolling test measured both shafts; their bearings are alike, hence
-        half.
+        EHL friction = transducer + (intercept_n + slope_n load) / 2, linear between neighbouring speeds,
+        with the nearest family beyond them. The pure-rolling test measured both shafts, whose bearings
+        are equal, hence half of the measured lines.
         """
         load, rpm = np.broadcast_arrays(
             np.asarray(load_N, dtype=float), np.asarray(speed_slow_rpm, dtype=float)
         )
         friction = np.zeros(load.shape)
         variance = np.zeros(load.shape)
-        for line, hat in zip(self.lines, np.eye(len(self.lines))):
-            part = np.interp(rpm, self.speeds_rpm, hat)
+        for line, hat_function in zip(self.lines, np.eye(len(self.lines))):
+            weight = np.interp(rpm, self.speeds_rpm, hat_function)
             (ss, sa), (_, aa) = line.covariance_95
-            friction = friction + part * (line.intercept + line.slope * load)
-            variance = variance + part**2 * (ss * load**2 + 2 * sa * load + aa)
+            friction = friction + weight * (line.intercept + line.slope * load)
+            variance = variance + weight**2 * (ss * load**2 + 2 * sa * load + aa)
         return np.asarray(0.5 * friction), np.asarray(0.5 * np.sqrt(variance))
 
     def outside(self, load_N: ArrayLike, speed_slow_rpm: ArrayLike) -> Flags:
-        """Where load or speed lies outside what was measured: the correction is extrapolated there."""
+        """Where load or speed is outside the measured range, and the correction is extrapolated."""
         load = np.asarray(load_N, dtype=float)
         rpm = np.asarray(speed_slow_rpm, dtype=float)
         low, high = self.load_range_N
-        slow = min(self.speeds_rpm) * 0.98
-        fast = max(self.speeds_rpm) * 1.02
+        slow = min(self.speeds_rpm) * (1 - SAME_SPEED)
+        fast = max(self.speeds_rpm) * (1 + SAME_SPEED)
         return np.asarray((load < low) | (load > high) | (rpm < slow) | (rpm > fast))
 
 
 def fit_bearing_friction(
     load_N: ArrayLike, friction_N: ArrayLike, speed_slow_rpm: ArrayLike
 ) -> BearingFriction:
-    """Lines of the pure-rolling test, arrays of shape (N,); points within 2 % of one speed make a family.
+    """Fit the lines of the pure-rolling test, arrays of shape (N,).
 
-    Raises InputError for a family with fewer than 3 points.
+    Points within 2 % of one speed make a family.
 
+    Raises
+    ------
+    InputError
+        A family has fewer than 3 points.
+
+    Examples
+    --------
     >>> load = [800.0, 1500.0, 2300.0] * 2
     >>> both = fit_bearing_friction(load, [5.0, 6.0, 7.14, 8.0, 9.0, 10.14], [774.0] * 3 + [1546.0] * 3)
     >>> round(float(both.correction_N(1500.0, 774.0)[0]), 2)
@@ -216,7 +271,7 @@ def fit_bearing_friction(
     friction = np.asarray(friction_N, dtype=float)
     rpm = np.asarray(speed_slow_rpm, dtype=float)
     order = np.argsort(rpm, kind="stable")
-    edges = np.flatnonzero(np.diff(rpm[order]) > 0.02 * rpm[order][:-1]) + 1
+    edges = np.flatnonzero(np.diff(rpm[order]) > SAME_SPEED * rpm[order][:-1]) + 1
     families = np.split(order, edges)
     for family in families:
         if len(family) < 3:
@@ -225,6 +280,5 @@ def fit_bearing_friction(
                 expected="at least 3 loads a speed",
             )
     speeds = tuple(float(rpm[family].mean()) for family in families)
-    return BearingFriction(
-        speeds, tuple(fit_line(load[family], friction[family]) for family in families)
-    )
+    lines = tuple(fit_line(load[family], friction[family]) for family in families)
+    return BearingFriction(speeds, lines)

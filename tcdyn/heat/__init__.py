@@ -1,1 +1,1 @@
-"""The rim of a disk as a heat conductor: a fast modal engine, the reference scheme, closed forms."""
+"""The rim of a disk: modal solution, Crank-Nicolson reference, and closed forms."""

@@ -1,7 +1,7 @@
-"""One test through the modal rim: temperatures at junctions, (beta, h) maps, and whole fields.
+"""One test with the modal rim model: temperatures at junctions, (beta, h) maps, and fields.
 
-For ``tcdyn verify`` and for users of the rim model; the benchmarks time its map. The fits of ``tcdyn.partition`` need
-neither fields nor maps and call ``modal`` and the bank themselves.
+For ``tcdyn verify`` and for users of the rim model. The fits of ``tcdyn.partition`` need neither fields
+nor maps and use ``modal`` and the basis of lags directly.
 """
 
 from __future__ import annotations
@@ -31,10 +31,22 @@ from tcdyn.heat.rim import (
 
 @dataclass(frozen=True)
 class Drive:
-    """What drives a rim, sampled every dt_s: heat into this disk at share one [W], temperatures [degC], (N,) each.
+    """Inputs of a rim, (N,) each.
 
-    Between samples ``power_W`` is held and ``switches`` say when it jumps inside one; temperatures are straight
-    lines.
+    Between samples the power is constant and the temperatures are linear.
+
+    Parameters
+    ----------
+    dt_s
+        Sample interval [s].
+    power_W
+        Heat into this disk at a share of one.
+    d_degC, b_degC, f_degC
+        Inner row of junctions.
+    ambient_degC
+        Air.
+    switches
+        Jumps of the power inside a sample interval.
     """
 
     dt_s: float
@@ -46,27 +58,24 @@ class Drive:
     switches: tuple[Switch, ...] = ()
 
     def __post_init__(self) -> None:
-        n = np.shape(self.b_degC)
+        shape = np.shape(self.b_degC)
         for name in ("power_W", "d_degC", "f_degC", "ambient_degC"):
-            if np.shape(getattr(self, name)) != n or len(n) != 1:
-                raise InputError(
-                    f"Drive: {name} has shape {np.shape(getattr(self, name))}", expected=f"{n}"
-                )
+            shape_of_input = np.shape(getattr(self, name))
+            if shape_of_input != shape or len(shape) != 1:
+                raise InputError(f"Drive: {name} has shape {shape_of_input}", expected=f"{shape}")
 
     @property
     def inputs(self) -> Array:
         """All inputs (N, 5) in the order of ``RimGains.inputs``."""
-        rows = (self.power_W, self.d_degC, self.b_degC, self.f_degC, self.ambient_degC)
-        return np.stack([np.asarray(row, dtype=float) for row in rows], axis=1)
+        columns = (self.power_W, self.d_degC, self.b_degC, self.f_degC, self.ambient_degC)
+        return np.stack(columns, axis=1).astype(float)
 
     def bank(self, k: int, rates: Array) -> Array:
-        """The bank (N, K) of input ``k``, in equilibrium with its first sample."""
+        """Responses (N, K) of the basis of lags to input ``k``, in equilibrium with its first sample."""
         u = self.inputs[:, k]
-        return (
-            lag_bank(u, self.dt_s, rates)
-            if k
-            else lag_bank(u, self.dt_s, rates, "zoh", self.switches)
-        )
+        if k == 0:
+            return lag_bank(u, self.dt_s, rates, "zoh", self.switches)
+        return lag_bank(u, self.dt_s, rates)
 
 
 def map_beta_h(
@@ -81,29 +90,40 @@ def map_beta_h(
     flux: Flux = "hertz",
     mesh: Mesh = MESH_IV,
 ) -> Array:
-    """Temperatures (H, B, P, N) [degC] for every h and share (beta, or 1 - beta) of the power: the map of section 3.5.
+    """Temperatures (H, B, P, N) [degC] for every h and every share: the map of section 3.5.
 
-    Starts in steady state with the first sample. Linear in the share, so each h costs two weighted sums of a bank
-    that all of them have in common.
+    Starts in steady state with the first sample. The result is linear in the share, so each h needs two
+    weighted sums of the filtered inputs, which do not depend on h.
+
+    Parameters
+    ----------
+    share
+        Shares of the power, (B,): beta, or 1 - beta.
+    h_W_m2K
+        Heat-transfer coefficients of the running surface, (H,).
+    points
+        (depth, z) of the P points [m].
+    half_width_m
+        Half-width of the contact.
     """
     shares = np.atleast_1d(np.asarray(share, dtype=float))
     hs = np.atleast_1d(np.asarray(h_W_m2K, dtype=float))
     rates = node_rates(drive.dt_s)
     u = drive.inputs
-    films = [rim_gains(rim, float(h), points, half_width_m, rates, profile, flux, mesh) for h in hs]
-    weights = np.concatenate([g.gains for g in films], axis=1)  # (I, H P, K)
-    still = np.concatenate([g.direct for g in films], axis=1)
+    by_h = [rim_gains(rim, float(h), points, half_width_m, rates, profile, flux, mesh) for h in hs]
+    weights = np.concatenate([g.gains for g in by_h], axis=1)  # (I, H P, K)
+    direct = np.concatenate([g.direct for g in by_h], axis=1)
     out = np.empty((len(hs), len(shares), len(points), len(u)))
-    base = out[:, -1]  # what the share does not change stands where its last value will
-    base[:] = (still.T @ u.T).reshape(base.shape)
+    # the part that does not depend on the share is built in the memory of the last share
+    base = out[:, -1]
+    base[:] = (direct.T @ u.T).reshape(base.shape)
     for k in range(1, len(weights)):
         base += (weights[k] @ drive.bank(k, rates).T).reshape(base.shape)
-    heat = (weights[0] @ drive.bank(0, rates).T).reshape(
-        base.shape
-    )  # the power moves no point at once
-    for b, s in enumerate(shares[:-1]):
-        np.multiply(heat, s, out=out[:, b])
-        out[:, b] += base
+    # the power has no direct term: it changes no point at once
+    heat = (weights[0] @ drive.bank(0, rates).T).reshape(base.shape)
+    for i, value in enumerate(shares[:-1]):
+        np.multiply(heat, value, out=out[:, i])
+        out[:, i] += base
     base += shares[-1] * heat
     return out
 
@@ -120,16 +140,18 @@ def fields_at(
     flux: Flux = "hertz",
     mesh: Mesh = MESH_IV,
 ) -> Array:
-    """Whole fields (len(samples), nr, nz) [degC] at the given samples, node 0 in r being the imposed profile."""
+    """Fields (len(samples), nr, nz) [degC] at the given samples; node 0 in r has the imposed profile."""
     rates = node_rates(drive.dt_s)
-    at = np.asarray(samples, dtype=int)
+    rows = np.asarray(samples, dtype=int)
     s = spectrum(rim, h_W_m2K, half_width_m, profile, flux, mesh)
-    banks = np.stack([drive.bank(k, rates)[at] for k in range(drive.inputs.shape[1])])  # (I, S, K)
+    banks = np.stack(
+        [drive.bank(k, rates)[rows] for k in range(drive.inputs.shape[1])]
+    )  # (I, S, K)
     banks[0] *= share
     weights = cardinal(rates, np.log(np.minimum(s.rates, rates[-1])).ravel())
     amplitude = np.einsum("ix,isx->sx", forcing(s).reshape(len(banks), -1), banks @ weights.T)
-    inner = drive.inputs[at] @ s.boundary
-    return _nodal(s, amplitude.reshape(len(at), *s.rates.shape), inner)
+    inner = drive.inputs[rows] @ s.boundary
+    return _nodal(s, amplitude.reshape(len(rows), *s.rates.shape), inner)
 
 
 def step_fields(
@@ -143,19 +165,26 @@ def step_fields(
     flux: Flux = "hertz",
     mesh: Mesh = MESH_IV,
 ) -> Array:
-    """Fields (times, nr, nz) [degC] after the inputs (power_W, d, b, f, ambient) step from ``before`` to ``after``.
+    """Fields (times, nr, nz) [degC] after a step of the inputs from the steady state of ``before``.
 
-    T(t) = T_after + sum over modes of (X_before - X_after) exp(-lambda t), from the steady state of ``before``:
-    the scheme without any error in time, for studies of mesh and order.
+    The scheme without any error in time, for studies of mesh and order.
+
+    Parameters
+    ----------
+    before, after
+        Inputs (power_W, d, b, f, ambient).
+
+    Notes
+    -----
+    T(t) = T_after + sum over modes of (X_before - X_after) exp(-lambda t)
     """
     s = spectrum(rim, h_W_m2K, half_width_m, profile, flux, mesh)
     if len(before) != len(s.boundary) or len(after) != len(s.boundary):
         raise InputError(
             f"step_fields: needed are, in this order, {', '.join(inputs_of(len(rim.boundary_z_m)))}"
         )
-    old, new = (
-        np.tensordot(np.asarray(u, dtype=float), forcing(s), axes=1) for u in (before, after)
-    )
+    old = np.tensordot(np.asarray(before, dtype=float), forcing(s), axes=1)
+    new = np.tensordot(np.asarray(after, dtype=float), forcing(s), axes=1)
     t = np.atleast_1d(np.asarray(time_s, dtype=float))
     amplitude = new + (old - new) * np.exp(-t[:, None, None] * s.rates)
     return _nodal(s, amplitude, np.asarray(after, dtype=float) @ s.boundary)
@@ -169,7 +198,7 @@ def free_decay(
     mesh: Mesh = MESH_IV,
     profile: Profile = "modal",
 ) -> Array:
-    """What is left after ``time_s`` of a field (nr, nz) [K] whose boundary and ambient are held at zero."""
+    """The field (nr, nz) [K] that decays for ``time_s`` with boundary and ambient at zero."""
     if start.shape != (mesh.nr, mesh.nz):
         raise InputError(
             f"the field has shape {start.shape}", expected=f"{(mesh.nr, mesh.nz)}: all nodes"
@@ -181,6 +210,6 @@ def free_decay(
 
 def _nodal(s: Spectrum, amplitude: Array, inner: Array) -> Array:
     """Fields (..., nr, nz) of modal amplitudes (..., m, n) under the imposed profile ``inner`` (..., nz)."""
-    outside = s.shape_r @ amplitude @ s.shape_z.T
-    rim_row = np.broadcast_to(inner[..., None, :], (*outside.shape[:-2], 1, inner.shape[-1]))
-    return np.concatenate([rim_row, outside], axis=-2)
+    outer = s.shape_r @ amplitude @ s.shape_z.T
+    inner_row = np.broadcast_to(inner[..., None, :], (*outer.shape[:-2], 1, inner.shape[-1]))
+    return np.concatenate([inner_row, outer], axis=-2)

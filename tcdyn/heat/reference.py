@@ -1,8 +1,8 @@
-"""What the modal engine is held against: closed forms, and the thesis's Crank-Nicolson scheme, factorised once.
+"""Reference solutions for the modal engine: closed forms, and the Crank-Nicolson scheme of the thesis.
 
-Closed forms of sections 3.4.1 and 3.6, and the case that is missing there. The scheme of section 3.4.3 is written
-from the thesis's coefficients (3.30)-(3.31) in their own form on the engine's nodes, not from the engine's operators,
-so that the engine has something independent to agree with.
+Closed forms of sections 3.4.1 and 3.6, and the case that is missing there. The scheme of section 3.4.3
+is written from the thesis's coefficients (3.30)-(3.31) on the nodes of the engine, but not from its
+operators, so that the two are independent.
 """
 
 from __future__ import annotations
@@ -20,13 +20,16 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.heat.rim import MESH_IV, Mesh, Rim
 
-ERF_ONE = 3.6  # the thesis's argument beyond which erf counts as one
+# Argument beyond which the thesis takes erf as one, in (3.27) 2 * 3.6 = 7.2.
+ERF_ONE = 3.6
 
 
 def semi_infinite(
     depth_m: ArrayLike, time_s: ArrayLike, start: float, surface: float, alpha_m2_s: float
 ) -> Array:
-    """Half space whose surface jumps: T = T_o + (T_i - T_o) erf(x / (2 sqrt(alpha t))) (3.26), t > 0.
+    """Half space after a jump of its surface temperature, t > 0 (3.26).
+
+    T = T_o + (T_i - T_o) erf(x / (2 sqrt(alpha t)))
 
     >>> float(semi_infinite(3e-3, 1.0, 20.0, 160.0, 1.1e-5).round(2))
     93.14
@@ -37,16 +40,16 @@ def semi_infinite(
 
 
 def penetration_depth_m(time_s: ArrayLike, alpha_m2_s: float) -> Array:
-    """How deep a surface jump has come after ``time_s``: x = 7.2 sqrt(alpha t) (3.27)."""
+    """Penetration depth of a surface jump after ``time_s``: x = 7.2 sqrt(alpha t) (3.27)."""
     return np.asarray(2 * ERF_ONE * np.sqrt(alpha_m2_s * np.asarray(time_s, dtype=float)))
 
 
 def surface_steady_degC(
     rim: Rim, h: float, flux: float, inner_degC: float, ambient_degC: float
 ) -> float:
-    """Running surface of the steady ring, T_out = (R h T_A + K/ln(R/r) T_in + R q)/(h R + K/ln(R/r)) (3.37).
+    """Running surface of the steady ring (3.37); ``h`` in W/m2K and ``flux`` in W/m2, here and below.
 
-    Here and below ``h`` is in W/m2K and ``flux`` in W/m2.
+    T_out = (R h T_A + K/ln(R/r) T_in + R q)/(h R + K/ln(R/r))
     """
     r = rim.outer_radius_m
     c = rim.conductivity_W_mK / np.log(rim.outer_radius_m / rim.inner_radius_m)
@@ -56,7 +59,10 @@ def surface_steady_degC(
 def ring_steady_degC(
     rim: Rim, radius_m: ArrayLike, h: float, flux: float, inner_degC: float, ambient_degC: float
 ) -> Array:
-    """Steady ring, T = T_in + (q - h (T_out - T_A)) R ln(r/r_in) / K: (3.36), T_in not divided by K; h in W/m2K."""
+    """Temperature of the steady ring: (3.36), in which T_in must not be divided by K.
+
+    T = T_in + (q - h (T_out - T_A)) R ln(r/r_in) / K
+    """
     net = flux - h * (surface_steady_degC(rim, h, flux, inner_degC, ambient_degC) - ambient_degC)
     shape = np.log(np.asarray(radius_m) / rim.inner_radius_m)
     return np.asarray(inner_degC + net * rim.outer_radius_m / rim.conductivity_W_mK * shape)
@@ -70,9 +76,15 @@ def _ring_mode(mu: ArrayLike, r: ArrayLike, inner_m: float) -> Array:
 
 
 def ring_roots(inner_m: float, outer_m: float, biot_per_m: float, count: int) -> Array:
-    """The first ``count`` roots mu of K Phi'(R_o) + h Phi(R_o) = 0, with ``biot_per_m`` = h/K [1/m]; ascending.
+    """The first ``count`` roots mu of K Phi'(R_o) + h Phi(R_o) = 0, ascending.
 
-    The roots interlace with (n - 1/2) pi/(R_o - R_i) and n pi/(R_o - R_i), moved a little by the curvature.
+    The roots interlace with (n - 1/2) pi/(R_o - R_i) and n pi/(R_o - R_i), apart from a small shift by
+    the curvature.
+
+    Parameters
+    ----------
+    biot_per_m
+        h/K [1/m].
     """
 
     def robin(mu: Array) -> Array:
@@ -82,10 +94,10 @@ def ring_roots(inner_m: float, outer_m: float, biot_per_m: float, count: int) ->
     step = np.pi / (outer_m - inner_m)
     grid = np.linspace(1e-6 * step, (count + 1.5) * step, 40 * (count + 2))
     values = robin(grid)
-    at = np.flatnonzero(values[:-1] * values[1:] < 0)[:count]
-    if len(at) < count:
-        raise InputError(f"ring_roots: found {len(at)} of {count} roots")
-    return np.array([brentq(robin, grid[i], grid[i + 1], xtol=1e-13 * step) for i in at])
+    brackets = np.flatnonzero(values[:-1] * values[1:] < 0)[:count]
+    if len(brackets) < count:
+        raise InputError(f"ring_roots: found {len(brackets)} of {count} roots")
+    return np.array([brentq(robin, grid[i], grid[i + 1], xtol=1e-13 * step) for i in brackets])
 
 
 def ring_transient_degC(
@@ -99,25 +111,30 @@ def ring_transient_degC(
     start_degC: float,
     modes: int = 60,
 ) -> Array:
-    """Hollow cylinder, T_in fixed inside, flux and film outside, from one temperature: (times, radii) [degC].
+    """Hollow cylinder from a uniform temperature, (times, radii) [degC].
 
-    T = T_steady(r) + sum_n c_n Phi_n(r) exp(-alpha mu_n^2 t), c_n by projection with weight r; Phi_n and mu_n of
-    ``ring_roots``; Carslaw and Jaeger, chapters 7 and 13. The integrals are taken by Gauss-Legendre quadrature.
+    T_in is fixed inside; flux and heat-transfer coefficient act outside.
+
+    Notes
+    -----
+    T = T_steady(r) + sum_n c_n Phi_n(r) exp(-alpha mu_n^2 t), with c_n by projection with weight r; Phi_n
+    and mu_n of ``ring_roots`` (Carslaw and Jaeger, chapters 7 and 13). The integrals use Gauss-Legendre
+    quadrature.
     """
     inner_m = rim.inner_radius_m
     mu = ring_roots(inner_m, rim.outer_radius_m, h / rim.conductivity_W_mK, modes)
-    x, w = np.polynomial.legendre.leggauss(8 * modes)
-    at = inner_m + rim.thickness_m * (x + 1) / 2
-    phi = _ring_mode(mu[:, None], at, inner_m)
-    gap = start_degC - ring_steady_degC(rim, at, h, flux, inner_degC, ambient_degC)
-    c = (phi * gap) @ (w * at) / ((phi * phi) @ (w * at))
+    x, weights = np.polynomial.legendre.leggauss(8 * modes)
+    r = inner_m + rim.thickness_m * (x + 1) / 2
+    phi = _ring_mode(mu[:, None], r, inner_m)
+    difference = start_degC - ring_steady_degC(rim, r, h, flux, inner_degC, ambient_degC)
+    c = (phi * difference) @ (weights * r) / ((phi * phi) @ (weights * r))
     decay = np.exp(-rim.diffusivity_m2_s * np.outer(np.asarray(time_s, dtype=float), mu**2))
     steady = ring_steady_degC(rim, radius_m, h, flux, inner_degC, ambient_degC)
     return np.asarray(steady + (decay * c) @ _ring_mode(mu[:, None], radius_m, inner_m))
 
 
 def slab_root(biot: float) -> float:
-    """Lowest root nu of nu tan(nu) = biot: the even mode of a slab cooled equally at both faces."""
+    """Lowest root nu of nu tan(nu) = biot: even mode of a slab that is cooled equally at both faces."""
     if not biot > 0:
         raise InputError(f"slab_root: the Biot number must be positive; got {biot}")
     return float(brentq(lambda v: v * np.sin(v) - biot * np.cos(v), 1e-12, np.pi / 2))
@@ -126,10 +143,14 @@ def slab_root(biot: float) -> float:
 def product_decay_K(
     rim: Rim, radius_m: ArrayLike, z_m: ArrayLike, time_s: float, h: float
 ) -> Array:
-    """A field that varies in z and is exact: Phi_1(r) cos(2 nu (z/w - 1/2)) exp(-alpha (mu^2 + (2 nu/w)^2) t).
+    """An exact decaying field that varies in z, (radii, z) [K] above an ambient at zero.
 
-    (radii, z) [K] above an ambient at zero, with R_i held at zero, film ``h`` [W/m2K] at R_o and the rim's washers at
-    both faces; scaled so that Phi_1(R_o) = 1. It is the case that section 3.6.3 says it could not test.
+    R_i is at zero, the heat-transfer coefficient ``h`` [W/m2K] acts at R_o and the washers of the rim at
+    both faces; scaled to Phi_1(R_o) = 1. Section 3.6.3 could not test this case.
+
+    Notes
+    -----
+    Phi_1(r) cos(2 nu (z/w - 1/2)) exp(-alpha (mu^2 + (2 nu/w)^2) t)
     """
     inner = rim.inner_radius_m
     outer = rim.outer_radius_m
@@ -137,19 +158,30 @@ def product_decay_K(
     k = rim.conductivity_W_mK
     mu = ring_roots(inner, outer, h / k, 1)[0]
     nu = slab_root(rim.washer_W_m2K * w / (2 * k))
-    phi = _ring_mode(mu, radius_m, inner) / _ring_mode(mu, outer, inner)
-    shape = np.cos(2 * nu * (np.asarray(z_m) / w - 0.5))
-    return np.asarray(
-        np.outer(phi, shape) * np.exp(-rim.diffusivity_m2_s * (mu**2 + (2 * nu / w) ** 2) * time_s)
-    )
+    shape_r = _ring_mode(mu, radius_m, inner) / _ring_mode(mu, outer, inner)
+    shape_z = np.cos(2 * nu * (np.asarray(z_m) / w - 0.5))
+    rate = rim.diffusivity_m2_s * (mu**2 + (2 * nu / w) ** 2)
+    return np.asarray(np.outer(shape_r, shape_z) * np.exp(-rate * time_s))
 
 
 @dataclass(frozen=True)
 class Scheme:
-    """dT/dt = -A T + G_in T_inner + g_q q + g_a T_A + g_faces: unknowns (nr-1) x nz in rows of r, node 0 imposed.
+    """The semi-discrete rim: dT/dt = -A T + G_in T_inner + g_q q + g_a T_A + g_faces.
 
-    matrix A (n, n) [1/s]; inner (n, nz) from the imposed profile; outer (n, nz) from the flux q_i [K/s per W/m2];
-    film (n,), face_d (n,), face_f (n,) from the air at the surface and behind each washer [1/s].
+    The unknowns are (nr-1) x nz nodes in rows of r; node 0 has the imposed profile.
+
+    Parameters
+    ----------
+    mesh
+        The mesh.
+    matrix
+        A, (n, n) [1/s].
+    inner
+        G_in, from the imposed profile, (n, nz).
+    outer
+        g_q, from the flux at each z node, (n, nz) [K/s per W/m2].
+    film, face_d, face_f
+        From the air at the running surface and behind each washer, (n,) [1/s].
     """
 
     mesh: Mesh
@@ -172,25 +204,28 @@ def scheme(rim: Rim, h_W_m2K: float | Array, mesh: Mesh = MESH_IV) -> Scheme:
     k = rim.conductivity_W_mK
     scale = rim.diffusivity_m2_s / dr**2
     j = np.arange(1, m + 1)
+    eye_r = np.eye(m)
+    eye_z = np.eye(n)
     # (3.30): A and B times 2 (phi + gamma + 1)
     up = (s + j + 0.5) / (s + j)
     down = (s + j - 0.5) / (s + j)
-    first = np.eye(m)[0] * down[0] * scale
-    last = np.eye(m)[-1] * up[-1] * 2 * dr / k * scale
+    first = eye_r[0] * down[0] * scale
+    last = eye_r[-1] * up[-1] * 2 * dr / k * scale
     down[-1] += up[-1]  # (3.31): the node outside the surface is eliminated
-    in_r = 2 * np.eye(m) - np.diag(down[1:], -1) - np.diag(up[:-1], 1)
-    in_z = gamma * (2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1))
-    in_z[0, 1] = in_z[-1, -2] = -2 * gamma  # washers: the nodes outside the faces are eliminated
+    in_r = 2 * eye_r - np.diag(down[1:], -1) - np.diag(up[:-1], 1)
+    in_z = gamma * (2 * eye_z - np.eye(n, k=1) - np.eye(n, k=-1))
+    # washers: the nodes outside the faces are eliminated
+    in_z[0, 1] = -2 * gamma
+    in_z[-1, -2] = -2 * gamma
     face = gamma * 2 * dz * rim.washer_W_m2K / k * scale
-    face_d = np.tile(np.eye(n)[0] * face, m)
-    face_f = np.tile(np.eye(n)[-1] * face, m)
-    film = np.kron(
-        last, np.broadcast_to(np.asarray(h_W_m2K, dtype=float), n)
-    )  # what the film adds to the diagonal
-    inside = (sp.kron(in_r, sp.eye(n)) + sp.kron(sp.eye(m), in_z)) * scale
+    face_d = np.tile(eye_z[0] * face, m)
+    face_f = np.tile(eye_z[-1] * face, m)
+    # contribution of the surface's heat-transfer coefficient to the diagonal
+    film = np.kron(last, np.broadcast_to(np.asarray(h_W_m2K, dtype=float), n))
+    conduction = (sp.kron(in_r, sp.eye(n)) + sp.kron(sp.eye(m), in_z)) * scale
     return Scheme(
         mesh=mesh,
-        matrix=sp.csc_matrix(inside + sp.diags(film + face_d + face_f)),
+        matrix=sp.csc_matrix(conduction + sp.diags(film + face_d + face_f)),
         inner=sp.csr_matrix(sp.kron(first[:, None], sp.eye(n))),
         outer=sp.csr_matrix(sp.kron(last[:, None], sp.eye(n))),
         film=np.asarray(film),
@@ -201,10 +236,10 @@ def scheme(rim: Rim, h_W_m2K: float | Array, mesh: Mesh = MESH_IV) -> Scheme:
 
 @dataclass(frozen=True)
 class CrankNicolson:
-    """(I + dt/2 A) T+ = (I - dt/2 A) T + dt/2 (g + g+), with its matrix factorised once.
+    """Crank-Nicolson steps (I + dt/2 A) T+ = (I - dt/2 A) T + dt/2 (g + g+); the matrix is factorised once.
 
-    ``damped``: the step is replaced by two implicit Euler steps of half its length, which share the factor
-    (Rannacher 1984); wanted for the two steps after a jump, because Crank-Nicolson does not damp what is stiff.
+    A ``damped`` step consists of two implicit Euler steps of half its length, which use the same factor
+    (Rannacher 1984). Use it for the two steps after a jump: Crank-Nicolson does not damp stiff modes.
     """
 
     scheme: Scheme
@@ -223,7 +258,7 @@ class CrankNicolson:
         return cls(s, dt_s, factor, sp.csr_matrix(eye - half))
 
     def step(self, field: Array, g_now: Array, g_next: Array, damped: bool = False) -> Array:
-        """One step of fields (n,) or (n, columns); g are the forcings [K/s] at its two ends."""
+        """One step of fields (n,) or (n, columns); ``g_now`` and ``g_next``: forcing at its ends [K/s]."""
         half = self.dt_s / 2
         if damped:
             middle = self.factor.solve(field + half * (g_now + g_next) / 2)
@@ -232,14 +267,15 @@ class CrankNicolson:
 
 
 def steady_field(s: Scheme, forcing: Array) -> Array:
-    """The field (n,) that no longer changes: A T = g."""
+    """The steady field (n,): A T = g."""
     return np.asarray(splu(s.matrix.tocsc(), permc_spec="MMD_AT_PLUS_A").solve(forcing))
 
 
 def explicit_limit_s(rim: Rim, mesh: Mesh) -> float:
-    """Largest stable step of the explicit scheme, dt <= dr^2 dz^2 / (2 alpha (dr^2 + dz^2)) [s] (section 3.4.2).
+    """Largest stable step of the explicit scheme [s] (section 3.4.2).
 
-    The thesis quotes the one-dimensional form alpha dt / dx^2 <= 1/2; in two dimensions the sum over both counts.
+    dt <= dr^2 dz^2 / (2 alpha (dr^2 + dz^2)). The thesis quotes the one-dimensional form
+    alpha dt / dx^2 <= 1/2; in two dimensions the sum over both directions counts.
 
     >>> from tcdyn.rig.rigfile import load_rig
     >>> round(explicit_limit_s(Rim.from_setup(load_rig().disk_setup("fast")), Mesh()) * 1e3, 3)   # mesh IV: [ms]
@@ -251,7 +287,7 @@ def explicit_limit_s(rim: Rim, mesh: Mesh) -> float:
 
 
 def explicit_growth(rim: Rim, mesh: Mesh, dt_s: float, steps: int = 200) -> float:
-    """Largest |T| after ``steps`` explicit steps from a +-1 checkerboard, unforced: below one when stable."""
+    """Largest |T| after ``steps`` unforced explicit steps from a +-1 checkerboard; below one if stable."""
     if not dt_s > 0:
         raise InputError(f"explicit_growth: dt_s must be positive; got {dt_s}")
     s = scheme(rim, 0.0, mesh)

@@ -1,4 +1,4 @@
-"""The static line of a thermocouple: what it is, its uncertainty, and where it extrapolates."""
+"""The static line of a thermocouple: its uncertainty, its tests, and where it extrapolates."""
 
 from __future__ import annotations
 
@@ -16,24 +16,39 @@ from tcdyn.core.findings import Finding, info, warning
 from tcdyn.rig.disk import CHANNELS
 from tcdyn.rig.strict import STRICT
 
-# a disk has some twenty such tests: only from the latter on it is asked to look
-SIGNIFICANT = 0.01
-CLEARLY = 0.001
-FAR_K = 10.0  # beyond the oven's range
-MIDDLE_DEGC = 85.0  # of what a disk's junctions read
-WIRE_RANGE_DEGC = (
-    -40.0,
-    333.0,
-)  # in which the tolerance of thermocouple wire is one number (IEC 60584-1)
+# Levels of the tests of a line: below the first an information, below the second a warning, because a
+# disk has some twenty such tests.
+INFO_SIGNIFICANCE = 0.01
+WARNING_SIGNIFICANCE = 0.001
+# Readings this far outside the oven's range give a warning [K] ...
+MAX_EXTRAPOLATION_K = 10.0
+# ... if these quantiles of the readings do.
+READING_QUANTILES = (0.005, 0.995)
+# Middle of the readings of the junctions of a disk [degC].
+MIDDLE_DEGC = 85.0
+# Range in which the tolerance of thermocouple wire is constant [degC] (IEC 60584-1).
+WIRE_RANGE_DEGC = (-40.0, 333.0)
 
 
 class StaticLine(BaseModel):
-    """T_degC = gain * logged + offset_degC, and how well it is known.
+    """Static line T_degC = gain * logged + offset_degC, and its uncertainty.
 
-    ``covariance`` is that of (gain, offset) [1, degC; degC, degC^2], widened so that 1.96 standard uncertainties
-    are the 95 % interval at the degrees of freedom at hand. ``range_degC`` is the span of the PRT readings.
-    ``shared_u_K``: standard uncertainty that all channels calibrated against one reference have in common; it is not in
-    ``covariance``, for it moves no difference between channels.
+    Parameters
+    ----------
+    gain, offset
+        Of the line.
+    covariance
+        Of (gain, offset) [1, degC; degC, degC^2], widened so that 1.96 standard uncertainties are the 95 %
+        interval at the available degrees of freedom.
+    range_degC
+        Range of the PRT readings.
+    shared_u_K
+        Standard uncertainty common to all channels calibrated against one reference. It is not in
+        ``covariance``, because it does not affect differences between channels.
+    residual_sd_degC, repeatability_sd_degC
+        Standard deviation of the residuals, and within repeats.
+    n, r_squared, lack_of_fit_p, quadratic_p
+        Number of holds, and tests of the fit.
     """
 
     model_config = STRICT
@@ -51,14 +66,11 @@ class StaticLine(BaseModel):
     quadratic_p: float | None = Field(default=None, ge=0.0, le=1.0)
 
     @model_validator(mode="after")
-    def _sound(self) -> StaticLine:
+    def _check_covariance(self) -> StaticLine:
         (a, b), (c, d) = self.covariance
-        if (
-            a < 0
-            or d < 0
-            or abs(b - c) > 1e-9 * (abs(b) + abs(c))
-            or b * b > a * d * (1 + 1e-6) + 1e-30
-        ):
+        is_symmetric = abs(b - c) <= 1e-9 * (abs(b) + abs(c))
+        is_semidefinite = a >= 0 and d >= 0 and b * b <= a * d * (1 + 1e-6) + 1e-30
+        if not (is_symmetric and is_semidefinite):
             raise ValueError("covariance must be symmetric and positive semidefinite")
         if self.range_degC[0] >= self.range_degC[1]:
             raise ValueError("range_degC must be (low, high)")
@@ -76,38 +88,48 @@ class StaticLine(BaseModel):
 
 
 def unit_lines(u_K: float, channels: Iterable[str] = CHANNELS) -> dict[str, StaticLine]:
-    """Lines T = logged of the ``channels``, where no oven log tells better; ``u_K``: standard uncertainty of each [K].
+    """Lines T = logged of the ``channels``, for a disk without an oven log.
 
-    Of each channel by itself, in ``WIRE_RANGE_DEGC``, and nowhere less. So much may come or go within 100 K: wire is
-    off by a slope as well as by an offset, u^2(T) = u_K^2 (1 + (T - 85 degC)^2 / (100 K)^2).
+    They are valid in ``WIRE_RANGE_DEGC``. Wire deviates by a slope as well as by an offset, so the
+    uncertainty increases by as much over 100 K: u^2(T) = u_K^2 (1 + (T - 85 degC)^2 / (100 K)^2).
 
+    Parameters
+    ----------
+    u_K
+        Standard uncertainty of each channel at 85 degC, independent of the others.
+
+    Examples
+    --------
     >>> [round(float(static_u(unit_lines(0.9)["a"], t)), 2) for t in (20.0, 85.0, 150.0)]
     [1.07, 0.9, 1.07]
     """
-    slope = (u_K / 100.0) ** 2
+    variance = (u_K / 100.0) ** 2
     covariance = (
-        (slope, -MIDDLE_DEGC * slope),
-        (-MIDDLE_DEGC * slope, u_K**2 + MIDDLE_DEGC**2 * slope),
+        (variance, -MIDDLE_DEGC * variance),
+        (-MIDDLE_DEGC * variance, u_K**2 + MIDDLE_DEGC**2 * variance),
     )
-    known = {"covariance": covariance, "range_degC": WIRE_RANGE_DEGC}
-    return {c: StaticLine(gain=1.0, offset=0.0, **known) for c in channels}  # type: ignore[arg-type]
+    line = StaticLine(gain=1.0, offset=0.0, covariance=covariance, range_degC=WIRE_RANGE_DEGC)
+    return dict.fromkeys(channels, line)
 
 
-def line_doubts(channel: str, line: StaticLine) -> list[Finding]:
-    """What the tests of a line say against it, at the 1 % level: see ``fit_static_lines``."""
-    fit = significant_test(line.lack_of_fit_p, "line.lack_of_fit", channel)
-    return fit + significant_test(line.quadratic_p, "line.curved", channel)
+def findings_of_tests(channel: str, line: StaticLine) -> list[Finding]:
+    """Findings of the tests of a line, see ``fit_static_lines``."""
+    return [
+        *finding_of_test(line.lack_of_fit_p, "line.lack_of_fit", channel),
+        *finding_of_test(line.quadratic_p, "line.curved", channel),
+    ]
 
 
-def significant_test(p: float | None, code: str, channel: str, **numbers: Any) -> list[Finding]:
-    """What a test says that fails at the 1 % level: a note, from 0.1 % on to be looked at."""
-    if p is None or p >= SIGNIFICANT:
+def finding_of_test(p: float | None, code: str, channel: str, **numbers: Any) -> list[Finding]:
+    """The finding of a test: information below 1 %, a warning below 0.1 %, none above."""
+    if p is None or p >= INFO_SIGNIFICANCE:
         return []
-    return [(warning if p < CLEARLY else info)(code, subject=channel, **numbers, p=p)]
+    report = warning if p < WARNING_SIGNIFICANCE else info
+    return [report(code, subject=channel, **numbers, p=p)]
 
 
 def lines_table(lines: Mapping[str, StaticLine]) -> pd.DataFrame:
-    """Static lines as people read them, one row a channel, each number with its standard uncertainty."""
+    """Table of static lines, one row a channel, each number with its standard uncertainty."""
     return pd.DataFrame(
         [
             {
@@ -134,8 +156,9 @@ def apply_static(logged: ArrayLike, line: StaticLine) -> Array:
 
 
 def static_u(line: StaticLine, temperature_degC: ArrayLike) -> Array:
-    """Standard uncertainty [K] of the line at T [degC], the reference's own left out: u^2 = y^2 u_g^2 + 2 y cov(g, o)
-    + u_o^2, y = (T - o)/g.
+    """Standard uncertainty [K] of the line at T [degC], without that of the reference.
+
+    u^2 = y^2 u_g^2 + 2 y cov(g, o) + u_o^2, y = (T - o)/g
     """
     y = (np.asarray(temperature_degC, dtype=float) - line.offset) / line.gain
     (gg, go), (_, oo) = line.covariance
@@ -143,31 +166,34 @@ def static_u(line: StaticLine, temperature_degC: ArrayLike) -> Array:
 
 
 def whole_u(line: StaticLine, temperature_degC: ArrayLike) -> Array:
-    """Standard uncertainty [K] of a reading at rest, that of the reference included: never below it."""
+    """Standard uncertainty [K] of a reading at rest, including that of the reference."""
     return np.asarray(np.hypot(static_u(line, temperature_degC), line.shared_u_K))
 
 
 def best_known(line: StaticLine) -> tuple[float, float, float]:
-    """Where a line is best known [degC], its standard uncertainty there [K], and that of its slope [1] about there.
+    """Temperature [degC] at which a line has its smallest uncertainty, and two uncertainties.
 
-    The three make all of its covariance: u^2(T) = u_there^2 + (T - there)^2 u_slope^2.
+    These are the standard uncertainty there [K], and that of the slope about there [1]. The three values
+    are equivalent to the covariance: u^2(T) = u_there^2 + (T - there)^2 u_slope^2.
 
     >>> line = StaticLine(gain=1.0, offset=0.0, covariance=((1e-6, -9e-5), (-9e-5, 0.0085)), range_degC=(20, 160))
     >>> [round(x, 4) for x in best_known(line)]
     [90.0, 0.02, 0.001]
     """
     (gg, go), _ = line.covariance
-    there = line.offset - line.gain * go / gg if gg > 0 else 0.5 * sum(line.range_degC)
-    return float(there), float(static_u(line, there)), float(np.sqrt(gg)) / line.gain
+    middle = 0.5 * sum(line.range_degC)
+    if gg > 0:
+        middle = line.offset - line.gain * go / gg
+    return middle, float(static_u(line, middle)), float(np.sqrt(gg)) / line.gain
 
 
 def shared_u_K(lines: Sequence[StaticLine]) -> Array:
-    """Standard uncertainty (M,) [K] that lines have in common, that of their reference."""
+    """Standard uncertainty of the reference of each line, (M,) [K]."""
     return np.array([line.shared_u_K for line in lines])
 
 
 def outside_range(line: StaticLine, temperature_degC: ArrayLike, margin_K: float = 5.0) -> Flags:
-    """Which temperatures lie more than ``margin_K`` outside the calibrated range: there the line extrapolates."""
+    """Which temperatures are more than ``margin_K`` outside the calibrated range."""
     t = np.asarray(temperature_degC, dtype=float)
     with np.errstate(invalid="ignore"):
         return np.asarray((t < line.range_degC[0] - margin_K) | (t > line.range_degC[1] + margin_K))
@@ -176,31 +202,43 @@ def outside_range(line: StaticLine, temperature_degC: ArrayLike, margin_K: float
 def extrapolated(
     where: str, temperature_degC: Mapping[str, ArrayLike], lines: Mapping[str, StaticLine]
 ) -> list[Finding]:
-    """One finding for all channels of one calibrated range that a log took far outside it.
+    """Warnings about channels that were far outside their calibrated range, one for each range.
 
-    Far: more than ``FAR_K`` for more than half a per cent of the samples; a straight line bears a few kelvin more.
+    Far: more than 10 K for more than half a per cent of the samples at one end; a straight line may be
+    extrapolated by a few kelvin.
 
-    ``temperature_degC``: after the static lines, (N,) each, NaN where missing.
+    Parameters
+    ----------
+    where
+        Name of the log.
+    temperature_degC
+        Readings after the static lines, (N,) each, NaN where missing.
+    lines
+        Static line of each channel.
 
+    Examples
+    --------
     >>> line = StaticLine(gain=1.0, offset=0.0, covariance=((0, 0), (0, 0)), range_degC=(20.0, 60.0))
     >>> print(*extrapolated("B3.csv", {"fast_e": [30.0, 124.0]}, {"fast_e": line}))
     B3.csv: fast_e read 30 to 124 degC, calibrated from 20 to 60 degC: static lines extrapolate there
     """
-    left: dict[tuple[float, float], dict[str, list[float]]] = {}
+    by_range: dict[tuple[float, float], dict[str, list[float]]] = {}
     for channel, values in temperature_degC.items():
-        ends = np.nanquantile(np.asarray(values, dtype=float), [0.005, 0.995])
-        if outside_range(lines[channel], ends, margin_K=FAR_K).any():
-            left.setdefault(lines[channel].range_degC, {})[channel] = ends.tolist()
-    return [
-        warning(
-            "line.extrapolated",
-            where=where,
-            subject=", ".join(read),
-            read_degC=(
-                min(low for low, _ in read.values()),
-                max(high for _, high in read.values()),
-            ),
-            range_degC=span,
+        ends = np.nanquantile(np.asarray(values, dtype=float), READING_QUANTILES)
+        line = lines[channel]
+        if outside_range(line, ends, margin_K=MAX_EXTRAPOLATION_K).any():
+            by_range.setdefault(line.range_degC, {})[channel] = ends.tolist()
+    findings: list[Finding] = []
+    for range_degC, readings in by_range.items():
+        low = min(ends[0] for ends in readings.values())
+        high = max(ends[1] for ends in readings.values())
+        findings.append(
+            warning(
+                "line.extrapolated",
+                where=where,
+                subject=", ".join(readings),
+                read_degC=(low, high),
+                range_degC=range_degC,
+            )
         )
-        for span, read in left.items()
-    ]
+    return findings
