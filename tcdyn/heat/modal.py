@@ -432,8 +432,8 @@ def rim_gains(
     values_r = read_r[:, 1:] @ s.shape_r
     values_z = read_z @ s.shape_z
     mode_values = (values_r[:, :, None] * values_z[:, None, :]).reshape(len(values_r), -1)
-    gains = np.tensordot(amplitudes[:, None] * mode_values[:, in_basis], weights, 1)
-    gains = np.asarray(gains, dtype=float)
+    responses = amplitudes[:, None] * mode_values[:, in_basis]
+    gains = np.asarray(np.tensordot(responses, weights, 1), dtype=float)
     # the steady response of modes faster than the basis belongs to its fastest lag
     by_source = (values_r * s.force_r[:, None, :]) @ (1 / s.rates) * values_z
     steady = s.collect @ (by_source[s.source_r] * s.force_z[:, None, :]).sum(axis=2)

@@ -1,4 +1,4 @@
-"""The temperature of a disk round its shaft, as a value: worked out from a measured test, or by the synthetic rig."""
+"""Circumferential temperature of a disk: the result of a measured test, or of the synthetic rig."""
 
 from __future__ import annotations
 
@@ -9,15 +9,28 @@ import numpy as np
 from tcdyn.core import Array
 from tcdyn.rig.disk import DiskSetup
 
+# Angles of the result [deg].
 ANGLES_DEG: Array = np.arange(0.0, 361.0, 3.0, dtype=np.float64)
 
 
 @dataclass(frozen=True)
 class Around:
-    """``middle_degC`` (D, A): in the middle plane at ``depth_m`` (D,) below the running surface and ``angle_deg`` (A,).
+    """Circumferential temperature of a disk.
 
-    ``surface_degC`` (A,): mean over the width of the running surface, with its standard uncertainty ``surface_u_K``
-    (A,); ``seen_degC``: reading of each junction at the same time; angles in the frame of the junctions' ``angle_deg``.
+    Parameters
+    ----------
+    disk, setup
+        The disk.
+    depth_m
+        Depths below the running surface, (D,).
+    angle_deg
+        Angles in the frame of the junctions' ``angle_deg``, (A,).
+    middle_degC
+        Temperature in the middle plane, (D, A).
+    surface_degC, surface_u_K
+        Mean over the width of the running surface and its standard uncertainty, (A,).
+    seen_degC
+        Reading of each junction at the same time.
     """
 
     disk: str

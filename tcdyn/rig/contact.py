@@ -1,5 +1,7 @@
-"""Two crowned disks in contact: Hertz's ellipse, when they touch, the force between them and their speeds; and the
-press fit that holds each on its shaft."""
+"""Contact of two crowned disks (Hertz), contact force and speeds of a test, and the press fit.
+
+The contact force is smoothed by running straight lines; speeds by local polynomials.
+"""
 
 from __future__ import annotations
 
@@ -24,26 +26,50 @@ from tcdyn.rig.disk import DiskSetup
 
 YOUNG_Pa = 207e9
 POISSON = 0.3
-SMOOTH_S = 4.0  # straight line of this length; longer where the noise asks for it, up to
-LONGEST_SMOOTH_S = 40.0
-NOISE_LEFT = 0.002  # of the force at the parting: a fifth of the transducer's own uncertainty
-SETTLE_S = 0.1  # samples this near to a switching instant may belong to either side
-STRAIGHT_FALL = 0.8  # the 90-10 % time of a straight fall over the whole of it
-LEAST_ZERO = 10  # samples of an unloaded stretch that give a zero
+# Length of the running straight line through the force [s], and the largest length that noise may
+# require. Chosen by judgement.
+SMOOTH_S = 4.0
+MAX_SMOOTH_S = 40.0
+# Noise of the smoothed force at the unloading, as a share of the force: a fifth of the uncertainty of
+# the transducer.
+FORCE_NOISE = 0.002
+# Samples this near to a switching instant [s] may belong to either side. Chosen by judgement.
+SETTLE_S = 0.1
+# Time of a linear fall from 90 to 10 %, as a share of the complete fall.
+STRAIGHT_FALL = 0.8
+# Samples of an unloaded segment that determine a zero. Chosen by judgement.
+LEAST_ZERO = 10
+# Unloaded time after the unloading that is used for the zero [s]. Chosen by judgement.
+ZERO_WINDOW_S = 60.0
+# Window of the local polynomial through a speed [s]. Chosen by judgement.
 SPEED_WINDOW_S = 1.0
-STOPPED = 0.02  # of the speed before: what comes back from below it had not stopped
-LEAST_CHANGE = 0.02  # of a speed
-CHANGE_WITHIN_S = 20.0
+# Share of the speed below which a shaft stands; samples that later exceed five times this share are
+# dropouts. Chosen by judgement.
+STOPPED = 0.02
+# Smallest relative change of a speed, and the time after the unloading in which it counts [s].
+MIN_SPEED_CHANGE = 0.02
+SPEED_CHANGE_WITHIN_S = 20.0
 
 
 @dataclass(frozen=True)
 class Events:
-    """Loading and unloading of one EHL test.
+    """Loading and unloading of one EHL test, in the time of the log.
 
-    ``load_on_s`` and ``unload_s`` are in the log's own time [s]; ``unload_u_s`` is the standard uncertainty of the
-    instant at which the frictional heat ended; ``parting_s`` is how long the friction took to fall from 90 to 10 %;
-    ``kinks_s``: where the temperatures bend [s]: at the parting's middle, or both ends of a slow one, and at the ends
-    of ``again``, (start, stop) of each time that the disks touched after it.
+    Parameters
+    ----------
+    load_on_s, unload_s
+        Loading and unloading.
+    unload_u_s
+        Standard uncertainty of the instant at which the frictional heat ended.
+    parting_s
+        Time in which the friction fell from 90 to 10 %.
+    kinks_s
+        Slope changes of the temperatures: at the middle of the unloading, or at both ends of a slow
+        one, and at the ends of ``again``.
+    findings
+        Findings about the events.
+    again
+        (start, stop) of each later contact.
     """
 
     load_on_s: float
@@ -57,7 +83,7 @@ class Events:
 
 @dataclass(frozen=True)
 class FrictionAdded:
-    """What the transducer does not see of the contact's friction, its standard uncertainty, and what to say of it."""
+    """Friction of the contact that the transducer does not measure, with its standard uncertainty."""
 
     value_N: float
     u_N: float
@@ -69,9 +95,10 @@ NOTHING_ADDED = FrictionAdded(0.0, 0.0)
 
 @dataclass(frozen=True)
 class HertzContact:
-    """Semi-axes of the contact ellipse [m] and its greatest pressure [Pa].
+    """Semi-axes of the contact ellipse [m] and its maximum pressure [Pa].
 
-    ``minor_m`` (a) lies along rolling, ``major_m`` (b) across the running track: the half width of the heat flux.
+    ``minor_m`` (a) is along rolling, ``major_m`` (b) across the running track: the half-width of the
+    heat flux.
     """
 
     minor_m: float
@@ -80,7 +107,7 @@ class HertzContact:
 
     @property
     def yield_depth_m(self) -> float:
-        """Depth of the greatest shear stress, z = a (0.7929 - 0.3207 a/b) [m] (5.1)."""
+        """Depth of the maximum shear stress, z = a (0.7929 - 0.3207 a/b) [m] (5.1)."""
         return self.minor_m * (0.7929 - 0.3207 * self.minor_m / self.major_m)
 
 
@@ -93,15 +120,26 @@ def hertz_contact(
 ) -> HertzContact:
     """Contact of two equal crowned disks under ``load_N``.
 
+    Valid for crown radius > rolling radius and elastic contact.
+
+    Raises
+    ------
+    InputError
+        A load that is not positive, or radii in the wrong order.
+
+    Notes
+    -----
     With E* = E / (2 (1 - nu^2)), relative curvatures 1/R + 1/R (rolling) and 1/R_c + 1/R_c (axial),
     e^2 = 1 - (a/b)^2 and complete elliptic integrals K, E of e::
 
         R_c / R = ((b/a)^2 E - K) / (K - E)
         1 / R_c = (p0 / E*) (a / (b^2 e^2)) (K - E),   p0 = 3 W / (2 pi a b)
 
-    Valid for crown radius > rolling radius, elastic contact. Raises InputError for a load that is not positive.
-    Source: Johnson, Contact Mechanics (1985), eqs. 4.26; table 6.1 gives the pressures, table 3.4 the half widths.
+    Source: Johnson, Contact Mechanics (1985), eqs. 4.26. Table 6.1 gives the pressures, table 3.4 the
+    half-widths.
 
+    Examples
+    --------
     >>> c = hertz_contact(2320.0)
     >>> round(c.minor_m * 1e3, 2), round(c.major_m * 1e3, 2), round(c.pressure_Pa / 1e9, 1)
     (0.45, 1.76, 1.4)
@@ -113,16 +151,15 @@ def hertz_contact(
     ratio = _axis_ratio(crown_radius_m / radius_m)
     m = 1.0 - ratio**-2
     modulus = young_Pa / (2.0 * (1.0 - poisson**2))
-    # p0 put into the second equation: b^3 = 3 W R_c (K - E) / (2 pi E* e^2)
-    major = (1.5 * load_N * crown_radius_m * (ellipk(m) - ellipe(m)) / (np.pi * modulus * m)) ** (
-        1 / 3
-    )
+    # p0 inserted into the second equation: b^3 = 3 W R_c (K - E) / (2 pi E* e^2)
+    cube = 1.5 * load_N * crown_radius_m * (ellipk(m) - ellipe(m)) / (np.pi * modulus * m)
+    major = cube ** (1 / 3)
     minor = major / ratio
     return HertzContact(float(minor), float(major), float(1.5 * load_N / (np.pi * minor * major)))
 
 
 def equal_radius_m(one_m: float, other_m: float) -> float:
-    """Radius of two equal disks whose relative curvature is that of two unequal ones, 2 / (1/R1 + 1/R2) [m].
+    """Radius of equal disks with the relative curvature of two unequal ones, 2 / (1/R1 + 1/R2) [m].
 
     >>> round(equal_radius_m(0.03, 0.06), 3)
     0.04
@@ -131,27 +168,26 @@ def equal_radius_m(one_m: float, other_m: float) -> float:
 
 
 def half_width_m(load_N: float, radius_m: float = 0.0381, crown_radius_m: float = 0.3048) -> float:
-    """Half width b of the running track [m], the major semi-axis of the contact.
+    """Half-width b of the running track [m], the major semi-axis of the contact.
 
-    >>> [round(half_width_m(load) * 1e3, 2) for load in (850, 1460, 1850, 2320)]  # table 3.4: 1.25 1.50 1.62 1.75
+    Table 3.4 gives 1.25, 1.50, 1.62 and 1.75 mm:
+
+    >>> [round(half_width_m(load) * 1e3, 2) for load in (850, 1460, 1850, 2320)]
     [1.26, 1.5, 1.63, 1.76]
     """
     return hertz_contact(load_N, radius_m, crown_radius_m).major_m
 
 
 def _axis_ratio(curvature_ratio: float) -> float:
-    """b/a for a ratio of relative curvatures above one."""
+    """b/a for a ratio of the relative curvatures above one."""
 
     def excess(log_ratio: float) -> float:
         squared = np.exp(2 * log_ratio)
         m = 1 - 1 / squared
         return float((squared * ellipe(m) - ellipk(m)) / (ellipk(m) - ellipe(m)) - curvature_ratio)
 
-    return float(
-        np.exp(
-            brentq(excess, 0.3 * np.log(curvature_ratio), np.log(curvature_ratio) + 1.0, xtol=1e-13)
-        )
-    )
+    log_curvature = np.log(curvature_ratio)
+    return float(np.exp(brentq(excess, 0.3 * log_curvature, log_curvature + 1.0, xtol=1e-13)))
 
 
 def surface_speed_m_s(speed_rpm: float, radius_m: float = 0.0381) -> float:
@@ -160,78 +196,96 @@ def surface_speed_m_s(speed_rpm: float, radius_m: float = 0.0381) -> float:
 
 
 def contact_force(t: Array, raw_N: Array, events: Events) -> Array:
-    """Force while the disks touch [N], zero elsewhere; ``raw_N`` as logged, both of shape (N,).
+    """Force while the disks touch [N], zero elsewhere.
 
-    When they touch again it is the logged force, the mean of each two samples between which it is held. The zero is
-    the median before loading and after unloading, drifting straight between the two (section 2.9). Under load the force
-    is a running straight line, spikes left out, that never looks across a switching instant: an average smeared over
-    the parting edge would scale beta one to one, and so does noise left at that edge. The line is as long as
-    ``NOISE_LEFT`` asks, since its end scatters by 2 sd / sqrt(samples).
+    Parameters
+    ----------
+    t
+        Time [s], (N,).
+    raw_N
+        Force as logged, (N,).
+    events
+        Loading and unloading.
+
+    Notes
+    -----
+    The zero is the median before loading and after unloading, interpolated linearly between the two
+    (section 2.9). Under load the force is a running straight line without spikes that never extends
+    across a switching instant: an average across the edge of the unloading would change beta in
+    proportion, and so does noise at that edge. The length of the line follows from ``FORCE_NOISE``,
+    since the end of a line scatters by 2 sd / sqrt(samples). In later contacts the force is the logged
+    one, the mean of each two samples between which it is constant.
     """
     on = events.load_on_s
     off = events.unload_s
-    quiet = events.parting_s + SETTLE_S
-    touched = np.any(
-        [(t >= a - SETTLE_S) & (t <= b + SETTLE_S) for a, b in events.again] or [t < t[0]], axis=0
-    )
-    zero = _zero(t, np.where(touched, np.nan, raw_N), on - SETTLE_S, off + quiet)
-    inside = (t > on + SETTLE_S) & (t < off - quiet)
-    level = _line_through((raw_N - zero)[inside], dt_s := float(middle(np.diff(t))))
-    force = np.interp(t, t[inside], level)
+    settling_s = events.parting_s + SETTLE_S
+    nowhere = np.zeros(len(t), dtype=bool)
+    near = [(t >= start - SETTLE_S) & (t <= stop + SETTLE_S) for start, stop in events.again]
+    is_near_contact = np.any([nowhere, *near], axis=0)
+    unloaded = np.where(is_near_contact, np.nan, raw_N)
+    force_N = raw_N - _zero(t, unloaded, on - SETTLE_S, off + settling_s)
+    inside = (t > on + SETTLE_S) & (t < off - settling_s)
+    dt_s = float(middle(np.diff(t)))
+    smooth = np.interp(t, t[inside], _smooth_force(force_N[inside], dt_s))
     ramp_s = events.parting_s / STRAIGHT_FALL
     if ramp_s > 4 * dt_s:
         share = np.clip((off + 0.5 * ramp_s - t) / ramp_s, 0.0, 1.0)
     else:
         share = (t < off).astype(float)
-    logged = (
-        pd.Series(raw_N - zero)
-        .interpolate(limit_direction="both")
-        .rolling(2)
-        .mean()
-        .shift(-1)
-        .to_numpy()
-    )
-    touching = np.any([(t >= a) & (t < b) for a, b in events.again] or [t < t[0]], axis=0)
-    return np.where(touching, logged, np.where(t >= on, force * share, 0.0))
+    filled = pd.Series(force_N).interpolate(limit_direction="both")
+    held = filled.rolling(2).mean().shift(-1).to_numpy()
+    again = [(t >= start) & (t < stop) for start, stop in events.again]
+    is_contact_again = np.any([nowhere, *again], axis=0)
+    return np.where(is_contact_again, held, np.where(t >= on, smooth * share, 0.0))
 
 
-def _line_through(raw: Array, dt_s: float) -> Array:
-    """The slow course of a force (N,) with noise, spikes and missing samples, straight to its very ends."""
+def _smooth_force(raw: Array, dt_s: float) -> Array:
+    """A force (N,) without noise, spikes and missing samples; linear up to its ends."""
     rule = replace(SPIKES["force"], width=max(int(round(0.5 * SMOOTH_S / dt_s)), 3))
-    filled = (
-        pd.Series(raw).mask(find_spikes(raw, rule)).interpolate(limit_direction="both").to_numpy()
-    )
-    window = line_length(float(white_noise_sd(filled)), float(middle(filled)), dt_s, len(filled))
+    without_spikes = pd.Series(raw).mask(find_spikes(raw, rule))
+    filled = without_spikes.interpolate(limit_direction="both").to_numpy()
+    noise_N = float(white_noise_sd(filled))
+    window = line_length(noise_N, float(middle(filled)), dt_s, len(filled))
     return local_polynomial(filled, window, min(1, window - 1))
 
 
 def line_length(noise_N: float, level_N: float, dt_s: float, most: int) -> int:
-    """Samples, an odd number, of the running straight line through a force of ``level_N`` with noise, of ``most``."""
-    left = 2 * noise_N / max(NOISE_LEFT * abs(level_N), 1e-12)
-    count = min(max(SMOOTH_S / dt_s, left**2), LONGEST_SMOOTH_S / dt_s, most)
+    """Length in samples (odd) of the running straight line through a noisy force.
+
+    Parameters
+    ----------
+    noise_N
+        Standard deviation of the white noise.
+    level_N
+        The force.
+    dt_s
+        Sample interval [s].
+    most
+        Largest length in samples.
+    """
+    noise_ratio = 2 * noise_N / max(FORCE_NOISE * abs(level_N), 1e-12)
+    count = min(max(SMOOTH_S / dt_s, noise_ratio**2), MAX_SMOOTH_S / dt_s, most)
     return max(2 * int((count - 1) // 2) + 1, 1)
 
 
 def _zero(t: Array, raw: Array, before_s: float, after_s: float) -> Array:
-    """The transducer's zero at each instant, from the unloaded stretches."""
-    seen = np.isfinite(raw)
-    early = seen & (t < before_s)
-    late = seen & (t > after_s) & (t < after_s + 60.0)
-    points = [
-        (float(np.mean(t[m])), float(np.nanmedian(raw[m])))
-        for m in (early, late)
-        if m.sum() >= LEAST_ZERO
-    ]
-    if not points:
+    """Zero of the transducer at each time, from the unloaded segments before and after the test."""
+    ok = np.isfinite(raw)
+    before = ok & (t < before_s)
+    after = ok & (t > after_s) & (t < after_s + ZERO_WINDOW_S)
+    segments = [segment for segment in (before, after) if segment.sum() >= LEAST_ZERO]
+    if not segments:
         return np.zeros_like(t)
-    return np.asarray(np.interp(t, [p[0] for p in points], [p[1] for p in points]))
+    times = [float(np.mean(t[segment])) for segment in segments]
+    zeros = [float(np.median(raw[segment])) for segment in segments]
+    return np.interp(t, times, zeros)
 
 
 def speed_course(time_s: Array, speed_rpm: Array, from_s: float, level_rpm: float) -> Array | None:
-    """A logged speed after ``from_s`` as a share of ``level_rpm``, one before; arrays (N,).
+    """A logged speed after ``from_s`` as a share of ``level_rpm``, (N,); one before ``from_s``.
 
-    Noise, spikes and dropouts taken out; all one where it changes by less than two per cent in the first 20 s; None
-    where most of them are missing.
+    Noise, spikes and dropouts are removed. The result is one everywhere if the speed changes by less
+    than 2 % in the first 20 s, and None if most samples in that time are missing.
 
     >>> t = np.arange(0.0, 60.0, 1 / 75)
     >>> slowing = 3000.0 * np.exp(-np.clip(t - 30.0, 0, None) / 3.0)
@@ -239,26 +293,24 @@ def speed_course(time_s: Array, speed_rpm: Array, from_s: float, level_rpm: floa
     >>> speed_course(t, slowing, 30.0, 3000.0)[[2000, 2475]].round(3)  # 3 s later: to 1/e
     array([1.   , 0.368])
     """
-    out = np.ones_like(time_s)
+    result = np.ones_like(time_s)
     after = np.flatnonzero(time_s >= from_s)
-    x = pd.Series(speed_rpm[after] / level_rpm)
-    comes_back = x[::-1].fillna(0.0).cummax()[::-1] > 5 * STOPPED
-    x = x.mask((x < STOPPED) & comes_back)
-    near = time_s[after] < from_s + CHANGE_WITHIN_S
-    if len(after) < 5 or x[near].notna().mean() < 0.5:
+    share = pd.Series(speed_rpm[after] / level_rpm)
+    later_maximum = share[::-1].fillna(0.0).cummax()[::-1]
+    is_dropout = (share < STOPPED) & (later_maximum > 5 * STOPPED)
+    share = share.mask(is_dropout)
+    near = time_s[after] < from_s + SPEED_CHANGE_WITHIN_S
+    if len(after) < 5 or share[near].notna().mean() < 0.5:
         return None
-    calm = (
-        x.interpolate(limit_direction="both")
-        .rolling(5, center=True, min_periods=1)
-        .median()
-        .to_numpy()
-    )
+    filled = share.interpolate(limit_direction="both")
+    smooth = filled.rolling(5, center=True, min_periods=1).median().to_numpy()
     dt_s = float(np.median(np.diff(time_s)))
-    window = min(2 * int(0.5 * SPEED_WINDOW_S / dt_s) + 1, 2 * ((len(calm) - 1) // 2) + 1)
-    smooth = local_polynomial(calm, window, 2) if window > 3 else calm
-    if np.abs(smooth[near] - 1).max() >= LEAST_CHANGE:
-        out[after] = np.clip(smooth, 0.0, None)
-    return out
+    window = min(2 * int(0.5 * SPEED_WINDOW_S / dt_s) + 1, 2 * ((len(smooth) - 1) // 2) + 1)
+    if window > 3:
+        smooth = local_polynomial(smooth, window, 2)
+    if np.abs(smooth[near] - 1).max() >= MIN_SPEED_CHANGE:
+        result[after] = np.clip(smooth, 0.0, None)
+    return result
 
 
 def sliding_speed_m_s(fast_rpm: float, slow_rpm: float, radius_m: float = 0.0381) -> float:
@@ -290,7 +342,9 @@ def interference_pressure_Pa(
 
     ``P = (E delta / R) (r_o^2 - R^2) (R^2 - r_i^2) / (2 R^2 (r_o^2 - r_i^2))``
 
-    >>> [round(interference_pressure_Pa(d / 2) / 1e6, 1) for d in (15.2e-6, 25.4e-6)]  # section 6.4.3: 27.3, 45.6
+    Section 6.4.3 gives 27.3 and 45.6 MPa:
+
+    >>> [round(interference_pressure_Pa(d / 2) / 1e6, 1) for d in (15.2e-6, 25.4e-6)]
     [27.3, 45.6]
     """
     square = fit_radius_m**2
@@ -309,9 +363,23 @@ def contact_conductance_W_m2K(
 ) -> float:
     """Conductance of a pressed joint, h = 0.170 (P/H)^0.693 m k / sigma [W/m2K] (6.2).
 
-    ``hardness_Pa`` is the micro-hardness H, ``roughness_m`` the standard deviation sigma of the roughness,
-    ``slope`` the asperity slope m [-]. Source: Leung et al. (1998) as quoted by the thesis; measured in vacuum.
+    Source: Leung et al. (1998) as quoted by the thesis; measured in vacuum.
 
+    Parameters
+    ----------
+    pressure_Pa
+        Contact pressure P.
+    hardness_Pa
+        Micro-hardness H.
+    roughness_m
+        Standard deviation sigma of the roughness.
+    slope
+        Asperity slope m [-].
+    conductivity_W_mK
+        Conductivity k of the joint.
+
+    Examples
+    --------
     >>> low, high = (contact_conductance_W_m2K(p, 2.7e9, 1e-6, 0.1, 16) for p in (1e6, 45.6e6))
     >>> round(high / low, 1)  # table 6.6: about 14
     14.1
@@ -320,9 +388,12 @@ def contact_conductance_W_m2K(
 
 
 def press_fit(setup: DiskSetup) -> tuple[float, float]:
-    """Pressure [Pa] of the stated press fit of a disk (6.1), and its conductance where it bears [W/m2K] (6.2).
+    """Pressure [Pa] of the press fit of a disk (6.1), and its conductance in contact [W/m2K] (6.2).
 
-    Raises InputError where the rig states none, or the disk has no bore.
+    Raises
+    ------
+    InputError
+        The rig file has no press fit, or the disk has no bore.
     """
     fit = setup.fit
     bore_m = setup.bore_radius_m
@@ -333,5 +404,11 @@ def press_fit(setup: DiskSetup) -> tuple[float, float]:
             remedy="`tcdyn rig --show` lists every key with its default",
         )
     pressure = interference_pressure_Pa(0.5e-6 * fit.interference_um, bore_m, setup.outer_radius_m)
-    surfaces = 1e9 * fit.hardness_GPa, 1e-6 * fit.roughness_um, fit.slope, fit.conductivity_W_mK
-    return pressure, contact_conductance_W_m2K(pressure, *surfaces)
+    conductance = contact_conductance_W_m2K(
+        pressure,
+        hardness_Pa=1e9 * fit.hardness_GPa,
+        roughness_m=1e-6 * fit.roughness_um,
+        slope=fit.slope,
+        conductivity_W_mK=fit.conductivity_W_mK,
+    )
+    return pressure, conductance

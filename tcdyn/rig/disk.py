@@ -1,4 +1,4 @@
-"""An instrumented disk in SI units: its steel, its junctions and the rows that these stand in."""
+"""An instrumented disk in SI units: material, junctions and their rows, and surrogate channels."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from tcdyn.rig.strict import STRICT
 from tcdyn.rig.surface_flux import NO_FLUX, SurfaceFlux
 
 DISKS = ("fast", "slow")
-LEFT_OUT = "left out"  # in tables, where a channel has no numbers
-# of a disk's channels; of its inner row, whose profile needs them
-MOST_LEFT_OUT = 1 / 3
-LEAST_INNER = 2
-FilterShape = Literal[
-    "cascade", "butterworth"
-]  # of the signal conditioning; the simulator has poles of its own
+LEFT_OUT = "left out"  # in tables, for a channel without results
+# Largest share of the channels of a disk that may be left out. Chosen by judgement.
+MAX_SHARE_LEFT_OUT = 1 / 3
+# Axial positions of the inner row that the profile along R_i needs.
+MIN_INNER_POSITIONS = 2
+# of the signal conditioning; the simulator has its own filters
+FilterShape = Literal["cascade", "butterworth"]
 FILTER_SHAPES: tuple[FilterShape, ...] = get_args(FilterShape)
 
 
 @dataclass(frozen=True)
 class Junction:
-    """Where a thermocouple junction sits: depth below the running surface and axial place from one face, in m."""
+    """Position of a junction: depth below the running surface, axial distance from one face, angle."""
 
     depth_m: float
     z_m: float
@@ -42,9 +42,16 @@ class Junction:
 
 @dataclass(frozen=True)
 class Conditioning:
-    """[conditioning]: the known low-pass filter B(s) of the signal conditioning; ``poles = 0`` means none.
+    """[conditioning]: the known low-pass filter B(s) of the signal conditioning.
 
-    ``cascade``: B = 1/(1 + s/(2 pi cutoff_Hz))^poles; ``butterworth``: maximally flat; cut-off of a 5B data sheet.
+    Parameters
+    ----------
+    cutoff_Hz
+        Cut-off frequency; the default is from the data sheet of a 5B module.
+    poles
+        Order; 0 means no filter.
+    shape
+        "cascade": B = 1/(1 + s/(2 pi cutoff_Hz))^poles; "butterworth": maximally flat.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -63,8 +70,8 @@ class Conditioning:
     def factors(self) -> tuple[tuple[float, ...], ...]:
         """Factors of 1/B(s), ascending coefficients in s: lags (1, tau) and sections (1, 2 zeta/wc, 1/wc^2).
 
-        The poles of a Butterworth filter of order n stand on a circle: zeta_k = sin((2k - 1) pi/2n), k = 1..n/2, and
-        a real pole where n is odd.
+        The poles of a Butterworth filter of order n lie on a circle: zeta_k = sin((2k - 1) pi/2n),
+        k = 1..n/2, and a real pole where n is odd.
 
         >>> Conditioning(0.5 / math.pi, 2).factors
         ((1.0, 1.0), (1.0, 1.0))
@@ -73,33 +80,48 @@ class Conditioning:
         n = self.poles
         if self.shape == "cascade":
             return ((1.0, tau),) * n
-        sections = tuple(
-            (1.0, 2 * tau * math.sin((2 * k - 1) * math.pi / (2 * n)), tau**2)
-            for k in range(1, n // 2 + 1)
-        )
+        damping = [math.sin((2 * k - 1) * math.pi / (2 * n)) for k in range(1, n // 2 + 1)]
+        sections = tuple((1.0, 2 * tau * zeta, tau**2) for zeta in damping)
         return sections + ((1.0, tau),) * (n % 2)
 
     @property
     def numerator(self) -> tuple[float, ...]:
-        """Of B, ascending in s."""
+        """Numerator of B, ascending in s."""
         return (1.0,)
 
     @cached_property
     def lag_s(self) -> float:
-        """First moment of B's impulse response [s]: poles/wc (cascade) or 1/(wc sin(pi/2n)) (Butterworth of order n).
+        """First moment of the impulse response of B [s].
+
+        poles/wc (cascade) or 1/(wc sin(pi/2n)) (Butterworth of order n).
 
         >>> round(Conditioning(4.0, 2).lag_s, 4)
         0.0796
         """
-        return sum(f[1] for f in self.factors)
+        return sum(factor[1] for factor in self.factors)
 
 
 @dataclass(frozen=True)
 class DiskSetup:
-    """One disk as ``rig.toml`` describes it; all lengths in m, section 3 of the design gives the defaults.
+    """One disk as ``rig.toml`` describes it, in SI units; section 3 of the design gives the defaults.
 
-    ``junctions`` in the order of their names, of any number; ``inner``: the deepest of them in the order of z, which
-    drive the rim model, see :func:`tcdyn.rig.layout.inner_row`.
+    Parameters
+    ----------
+    junctions
+        Any number of junctions in the order of their names.
+    inner
+        The deepest junctions in the order of z, the boundary condition of the rim model; see
+        :func:`tcdyn.rig.layout.inner_row`.
+    conditioning
+        Filter of the signal conditioning.
+    flux
+        Profile of the heat flux across the track.
+    steel
+        Temperature dependence of the material.
+    surface
+        Measured heat loss of the running surface.
+    fit
+        Press fit on the shaft.
     """
 
     name: str
@@ -132,7 +154,7 @@ class DiskSetup:
 
     @property
     def outer(self) -> tuple[str, ...]:
-        """The junctions nearer the surface, which the rim model is compared with."""
+        """The junctions nearer the surface, with which the rim model is compared."""
         return tuple(c for c in self.junctions if c not in self.inner)
 
     @property
@@ -146,12 +168,12 @@ class DiskSetup:
         return (*self.outer, *self.inner)
 
     def places(self, names: Iterable[str]) -> list[int]:
-        """Where channels stand among all, such as the inner row."""
+        """Indices of channels among all channels."""
         return [self.channels.index(c) for c in names]
 
     @property
     def edge(self) -> str:
-        """The inner row's junction nearest the centre plane, such as b: the rim begins at its depth."""
+        """The junction of the inner row nearest the centre plane, such as b; the rim begins at its depth."""
         return min(self.inner, key=self.off_centre_m)
 
     @property
@@ -166,115 +188,130 @@ class DiskSetup:
 
     @property
     def deeper_than_edge_m(self) -> Array:
-        """How much deeper the inner row is stated to lie than the rim's edge, (k,) [m]."""
+        """Nominal depth of the inner row below the edge of the rim, (k,) [m]."""
         return np.array([self.junctions[c].depth_m - self.edge_m for c in self.inner])
 
     def off_centre_m(self, name: str) -> float:
-        """How far a junction lies from the centre plane [m]."""
+        """Distance of a junction from the centre plane [m]."""
         return round(abs(self.junctions[name].z_m - 0.5 * self.width_m), 12)
 
     def tells_beta(self, left_out: Collection[str] = ()) -> bool:
-        """Whether the disk without these channels still tells beta: one of the outer row, two places of the inner one.
+        """Whether beta can be estimated from the disk without these channels.
+
+        Needed are one junction of the outer row, and two axial positions in the inner row.
 
         >>> from tcdyn.rig.rigfile import load_rig
         >>> disk = load_rig().disk_setup("fast")
         >>> disk.tells_beta("ac"), disk.tells_beta("bd"), disk.tells_beta("ace")
         (True, False, False)
         """
-        outer, inner = (
-            [self.junctions[c] for c in row if c not in left_out]
-            for row in (self.outer, self.inner)
-        )
-        enough = len(left_out) <= MOST_LEFT_OUT * len(self.junctions)
-        return enough and len(outer) > 0 and len({j.z_m for j in inner}) >= LEAST_INNER
+        if len(left_out) > MAX_SHARE_LEFT_OUT * len(self.junctions):
+            return False
+        if all(c in left_out for c in self.outer):
+            return False
+        positions = {self.junctions[c].z_m for c in self.inner if c not in left_out}
+        return len(positions) >= MIN_INNER_POSITIONS
 
     def check_rows(self) -> None:
-        """InputError for a disk whose junctions do not tell heat partition, with what to add."""
+        """Raise InputError for a disk whose junctions do not allow an estimate of beta."""
         if not self.tells_beta():
             row = ", ".join(self.inner)
             raise InputError(
-                f"the {self.name} disk has {len(self.outer)} junction(s) nearer the surface than {row} by 1 mm or more",
+                f"the {self.name} disk has {len(self.outer)} junction(s) nearer the surface than "
+                f"{row} by 1 mm or more",
                 where="rig.toml [thermocouples]",
-                expected="two junctions or more of the greatest depth, at different z_mm, and one nearer the surface",
+                expected="two junctions or more of the greatest depth, at different z_mm, "
+                "and one nearer the surface",
                 remedy="add what is missing; `compensate` needs none of them",
             )
 
     def stand_ins(self, left_out: Collection[str]) -> dict[str, dict[str, float]]:
-        """For each channel left out the channels that stand in for it, with their weights, which add to one.
+        """Surrogate channels of each channel left out, with their weights, which sum to one.
 
-        In the inner row: what is read on the straight line between its neighbours; beyond the last of them, the one
-        that lies most alike about the centre plane, as d and f do. The others of the outer row stand in evenly: only so
-        that there are numbers, nothing is compared with it.
+        In the inner row: linear interpolation between the neighbours; beyond the last junction, the
+        junction whose distance from the centre plane is most similar, such as d and f. In the outer
+        row: the mean of the others. This only supplies numbers: nothing is compared with it.
 
         >>> from tcdyn.rig.rigfile import load_rig
         >>> load_rig().disk_setup("fast").stand_ins("bc")
         {'b': {'d': 0.5, 'f': 0.5}, 'c': {'a': 0.5, 'e': 0.5}}
         """
-        inner, outer = ([c for c in row if c not in left_out] for row in (self.inner, self.outer))
-        out: dict[str, dict[str, float]] = {}
+        inner = [c for c in self.inner if c not in left_out]
+        outer = [c for c in self.outer if c not in left_out]
+        weights: dict[str, dict[str, float]] = {}
         for c in left_out:
-            z = self.junctions[c].z_m
-            below, above = (
-                [s for s in inner if (self.junctions[s].z_m - z) * sign > 0] for sign in (-1, 1)
-            )
-            if c not in self.inner:
-                out[c] = dict.fromkeys(outer, 1.0 / len(outer))
-            elif below and above:
-                low = self.junctions[below[-1]].z_m
-                high = self.junctions[above[0]].z_m
-                part = round((z - low) / (high - low), 12)
-                out[c] = {below[-1]: 1.0 - part, above[0]: part}
+            if c in self.inner:
+                weights[c] = self._inner_surrogate(c, inner)
             else:
-                off = {s: abs(self.off_centre_m(s) - self.off_centre_m(c)) for s in inner}
-                out[c] = {min(off, key=off.__getitem__): 1.0}
-        return out
+                weights[c] = dict.fromkeys(outer, 1.0 / len(outer))
+        return weights
+
+    def _inner_surrogate(self, channel: str, available: list[str]) -> dict[str, float]:
+        """Weights of the available junctions of the inner row, in the order of z, for a missing one."""
+        z = self.junctions[channel].z_m
+        below = [c for c in available if self.junctions[c].z_m < z]
+        above = [c for c in available if self.junctions[c].z_m > z]
+        if below and above:
+            low = self.junctions[below[-1]].z_m
+            high = self.junctions[above[0]].z_m
+            weight = round((z - low) / (high - low), 12)
+            return {below[-1]: 1.0 - weight, above[0]: weight}
+        offset = self.off_centre_m(channel)
+        nearest = min(available, key=lambda c: abs(self.off_centre_m(c) - offset))
+        return {nearest: 1.0}
 
     def made_of(self, left_out: Collection[str]) -> Array:
-        """How much of each channel's readings (row) is that of each channel used (column), (C, C) in their order."""
-        out = np.eye(len(self.junctions))
+        """Matrix (C, C) that replaces the channels left out by their surrogates: rows times readings."""
+        matrix = np.eye(len(self.junctions))
         for c, weights in self.stand_ins(left_out).items():
-            out[self.channels.index(c)] = [weights.get(s, 0.0) for s in self.channels]
-        return out
+            matrix[self.channels.index(c)] = [weights.get(s, 0.0) for s in self.channels]
+        return matrix
 
     def with_stand_ins(self, left_out: Collection[str]) -> DiskSetup:
-        """The disk whose inner row left out lies as deep, and at the angle if of one alone, of what stands in for
-        it."""
-        j = dict(self.junctions)
-        for c, weights in self.stand_ins([c for c in left_out if c in self.inner]).items():
-            (first, *more) = weights
+        """The disk whose channels left out of the inner row lie at the depth of their surrogates.
+
+        A channel with a single surrogate has also its angle.
+        """
+        junctions = dict(self.junctions)
+        inner = [c for c in left_out if c in self.inner]
+        for c, weights in self.stand_ins(inner).items():
             depth_m = sum(w * self.junctions[s].depth_m for s, w in weights.items())
-            j[c] = replace(j[c], depth_m=depth_m, angle_deg=(j[c] if more else j[first]).angle_deg)
-        return replace(self, junctions=j)
+            only_surrogate = next(iter(weights)) if len(weights) == 1 else c
+            angle_deg = junctions[only_surrogate].angle_deg
+            junctions[c] = replace(junctions[c], depth_m=depth_m, angle_deg=angle_deg)
+        return replace(self, junctions=junctions)
 
 
 def left_out_of(names: Iterable[str], disks: Mapping[str, DiskSetup]) -> dict[str, tuple[str, ...]]:
-    """Channels left out of each disk, from names such as "fast_c". Raises InputError for another name, or too many.
+    """Channels left out of each disk, from names such as "fast_c".
 
+    Raises
+    ------
+    InputError
+        An unknown name, or too few channels left.
+
+    Examples
+    --------
     >>> from tcdyn.rig.rigfile import load_rig
     >>> left_out_of(["slow_f", "slow_c_degC"], load_rig().setups)
     {'fast': (), 'slow': ('c', 'f')}
     """
-    wanted = {name.removesuffix("_degC"): name for name in names}
-    known = {disk: [f"{disk}_{c}" for c in setup.channels] for disk, setup in disks.items()}
-    if unknown := [
-        name
-        for short, name in wanted.items()
-        if not any(short in every for every in known.values())
-    ]:
-        spans = [f"{every[0]} to {every[-1]}" for every in known.values()]
-        raise InputError(
-            f"without: there is no channel {unknown[0]!r}", expected=" or ".join(spans)
-        )
-    out = {
-        disk: tuple(c for c in setup.channels if f"{disk}_{c}" in wanted)
-        for disk, setup in disks.items()
-    }
-    for disk, channels in out.items():
-        setup = disks[disk]
-        if channels and not setup.tells_beta(channels):
+    requested = {name.removesuffix("_degC"): name for name in names}
+    channels = {disk: [f"{disk}_{c}" for c in setup.channels] for disk, setup in disks.items()}
+    known = {name for of_disk in channels.values() for name in of_disk}
+    for short, name in requested.items():
+        if short not in known:
+            ranges = [f"{of_disk[0]} to {of_disk[-1]}" for of_disk in channels.values()]
+            raise InputError(f"without: there is no channel {name!r}", expected=" or ".join(ranges))
+    result: dict[str, tuple[str, ...]] = {}
+    for disk, setup in disks.items():
+        left_out = tuple(c for c in setup.channels if f"{disk}_{c}" in requested)
+        result[disk] = left_out
+        if left_out and not setup.tells_beta(left_out):
             raise InputError(
-                f"without {', '.join(f'{disk}_{c}' for c in channels)} too little is left of the {disk} disk",
-                expected=f"at most a third of its {len(setup.channels)} left out, and one of {', '.join(setup.outer)} "
-                f"and two of {', '.join(setup.inner)} kept",
+                f"without {', '.join(f'{disk}_{c}' for c in left_out)} too little is left of the "
+                f"{disk} disk",
+                expected=f"at most a third of its {len(setup.channels)} left out, and one of "
+                f"{', '.join(setup.outer)} and two of {', '.join(setup.inner)} kept",
             )
-    return out
+    return result

@@ -1,4 +1,4 @@
-"""How the frictional heat falls across the running track, as ``rig.toml`` states it."""
+"""Profile of the frictional heat flux across the running track, as in ``rig.toml``."""
 
 from __future__ import annotations
 
@@ -10,13 +10,22 @@ FluxKind = Literal["hertz", "flat", "barus", "table"]
 
 @dataclass(frozen=True)
 class FluxProfile:
-    """Shape and place of the heat flux across the track; the default is the thesis's (3.32).
+    """Profile of the heat flux across the track; the default is the thesis's (3.32).
 
-    ``hertz``: the parabola of Hertz's pressure; ``flat``: even over the contact's width; ``barus``: heat goes with the
-    lubricant's viscosity under Hertz's pressure p, exp(alpha p), summed along rolling; ``table``: ``weight`` at
-    ``at_m`` from the centre plane, straight between, nothing outside. ``shift_m``: centre of the flux beside the centre
-    plane, positive away from the face that z counts from [m]; ``viscosity_per_Pa``: alpha [1/Pa]; ``pressure_Pa``:
-    greatest pressure of the contact, which the load of a test tells.
+    Parameters
+    ----------
+    kind
+        "hertz": the parabola of Hertz's pressure; "flat": constant over the width of the contact;
+        "barus": proportional to the viscosity of the lubricant under Hertz's pressure p, exp(alpha p),
+        summed along rolling; "table": linear interpolation of ``weight``, zero outside.
+    shift_m
+        Distance of the centre of the flux from the centre plane, positive away from the face at z = 0.
+    viscosity_per_Pa
+        alpha [1/Pa].
+    pressure_Pa
+        Maximum pressure of the contact; it follows from the load of a test.
+    at_m, weight
+        Positions from the centre plane and weights of a table.
     """
 
     kind: FluxKind = "hertz"
@@ -28,11 +37,11 @@ class FluxProfile:
 
     @property
     def exponent(self) -> float:
-        """alpha p_0: logarithm of how much more viscous the oil is at the greatest pressure [1]."""
+        """alpha p_0: logarithm of the relative viscosity of the oil at the maximum pressure [1]."""
         return self.viscosity_per_Pa * self.pressure_Pa
 
     def under(self, pressure_Pa: float) -> FluxProfile:
-        """The profile under a contact's greatest pressure [Pa], which only Barus's heeds.
+        """The profile at the maximum pressure of a contact [Pa]; only "barus" depends on it.
 
         >>> FluxProfile("barus", viscosity_per_Pa=1e-8).under(1e9).exponent
         10.0

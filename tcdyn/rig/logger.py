@@ -1,4 +1,4 @@
-"""What people state of a test's log: what its logger wrote, constants it does not hold, the channels of the air."""
+"""Tables of ``rig.toml`` about logs: the logger, constants, and the channels of the air."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ ConstantName = Literal["load_N", "speed_fast_rpm", "speed_slow_rpm", "ambient_de
 
 @dataclass(frozen=True)
 class Constant:
-    """[constants] load_N = { value = 2320, u = 20 }: what a column that is not in the log would have held.
+    """[constants] load_N = { value = 2320, u = 20 }: replaces a column that is not in the log.
 
-    ``value`` under load, over the last 150 s before the disks part, with its standard uncertainty ``u``, both in the
-    unit that the name ends in.
+    ``value`` under load, over the last 150 s before the unloading, with its standard uncertainty ``u``,
+    both in the unit in which the name ends.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -28,7 +28,7 @@ class Constant:
 
 @dataclass(frozen=True)
 class LoggerTable:
-    """[logger]; ``millivolts``: the junctions' columns hold the emf of type ``couple``, not degrees Celsius."""
+    """[logger]; ``millivolts``: columns of junctions hold the emf of type ``couple``, not degrees Celsius."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     millivolts: bool = False
@@ -38,7 +38,7 @@ class LoggerTable:
 
 @dataclass(frozen=True)
 class AmbientChannels:
-    """[ambient]: columns of the log that tell T_A, the air at a disk's running ``surface`` and behind its ``faces``."""
+    """[ambient]: columns of T_A, the air at the running ``surface`` of a disk and behind its ``faces``."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     surface: tuple[str, ...] = ()
@@ -46,12 +46,12 @@ class AmbientChannels:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """Both places' columns, each once."""
+        """All columns, without repeats."""
         return tuple(dict.fromkeys((*self.surface, *self.faces)))
 
 
 def air_name(column: str) -> str:
-    """What a column of ``[ambient]`` is called in a log that was read.
+    """The name of a column of ``[ambient]`` after reading.
 
     >>> air_name("Oil jet 2"), air_name("air_3_degC")
     ('ambient_Oil jet 2_degC', 'ambient_air_3_degC')
@@ -60,5 +60,5 @@ def air_name(column: str) -> str:
 
 
 def air_columns(channels: Sequence[AmbientChannels]) -> dict[str, str]:
-    """Name in a log that was read -> name in the file, of the columns that tell the air of any disk."""
-    return {air_name(column): column for each in channels for column in each.columns}
+    """Columns of the air of all disks: name after reading to name in the file."""
+    return {air_name(column): column for table in channels for column in table.columns}

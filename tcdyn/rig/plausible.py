@@ -1,4 +1,4 @@
-"""Readings that no thermocouple can have given, and changes that no input could have produced through a chain."""
+"""Implausible readings: out of range, overload and drop-out codes, changes impossible for a chain."""
 
 from __future__ import annotations
 
@@ -9,27 +9,36 @@ from numpy.typing import NDArray
 
 from tcdyn.core import Array, Flags
 
+# Range of a thermocouple [degC]: absolute zero, and above type C, the highest standardised one, which
+# ends at 2315 degC (ASTM E230); 3000 allows other sensors.
 LOWEST_DEGC = -273.15
-# Type C, the highest standardised thermocouple, ends at 2315 degC (ASTM E230); 3000 leaves room for other sensors.
 HIGHEST_DEGC = 3000.0
-# A reading of any quantity is an overload code beyond so many times the usual size of its column: 9.9E37 and 9.91E37
-# (SCPI), 9E9, 1E38. Decades of real signals differ by less.
+# A reading of any quantity is an overload code beyond this multiple of the usual size of its column:
+# 9.9E37 and 9.91E37 (SCPI), 9E9, 1E38. Decades of real signals differ by less.
 OVERLOAD_RATIO = 1e6
-NOISE_ALLOWANCE = 10.0  # standard deviations of the noise that a change between two samples may add
-BORDER_SHARE = 0.3  # of the smallest impossible change: the first half of a spike may be smaller than its return
-COARSEST_K = 5.0  # no logger of temperatures has coarser steps
-QUIET_SHARE = (
-    0.2  # quantile of the steps that tells the noise: four of five steps may be faulty or fast
-)
-QUIET_QUANTILE = 0.3583  # that quantile of |difference of two samples| of white noise, over its standard deviation
-# A drop-out value stands apart from all other readings by more than this share of their range ...
+# Standard deviations of the noise that a change between two samples may contain. By judgement.
+NOISE_ALLOWANCE = 10.0
+# Share of the smallest impossible change from which a change separates segments: the first half of a
+# spike may be smaller than its return. Chosen by judgement.
+BORDER_SHARE = 0.3
+# Coarsest step of a temperature logger [K]. Chosen by judgement.
+COARSEST_K = 5.0
+# Quantile of the steps that determines the noise: four of five steps may be faulty or fast.
+QUIET_SHARE = 0.2
+# That quantile of |difference of two samples| of white noise over its standard deviation.
+QUIET_QUANTILE = 0.3583
+# A drop-out code differs from all other readings by more than this share of their range, and by more
+# than this number of steps of the logger. Chosen by judgement.
 CODE_DISTANCE = 0.1
-CODE_STEPS = 5.0  # ... and by more than so many steps of the logger.
-# It occurs in runs of at most so many samples (median), unless it lies beyond the range by more than the range.
+CODE_STEPS = 5.0
+# It occurs in runs of at most this median length, unless its distance exceeds the range of the other
+# readings; a code, rather than a state of the process, occurs in at least this number of runs.
 CODE_RUN = 3
-CODE_RUNS = 3  # separate runs that a repeated value must have to be a code rather than a state of the process
-DISTINCT = 10  # different readings that the rest of the column must have: a switch or a relay has no drop-outs
-MOST_CODES = 4  # different codes in one column
+CODE_RUNS = 3
+# Fewest different readings of the rest of the column: a switch or a relay has no drop-out codes.
+MIN_DIFFERENT_READINGS = 10
+# Most different codes in one column. Chosen by judgement.
+MAX_CODES = 4
 
 
 def impossible(values_degC: Array) -> Flags:
@@ -49,7 +58,7 @@ def impossible(values_degC: Array) -> Flags:
 
 
 def overload_codes(values: Array) -> Flags:
-    """Whether values of a column in any unit are codes for overload: a million times beyond its usual size.
+    """Whether values of a column in any unit are overload codes: a million times its usual size.
 
     Parameters
     ----------
@@ -65,10 +74,10 @@ def overload_codes(values: Array) -> Flags:
 
 
 def dropout_codes(values: Array) -> Flags:
-    """Whether readings are drop-out codes: one value apart from all others that comes and goes (0, 2300, -200, 9999).
+    """Whether readings are drop-out codes: one isolated value that recurs (0, 2300, -200, 9999).
 
-    A code is the least or the largest value of the column, lies apart from the other readings, comes in short runs
-    with other readings on both sides, and is repeated exactly.
+    A code is the smallest or the largest value of the column, is isolated from the other readings,
+    occurs in short runs with other readings on both sides, and is repeated exactly.
 
     Parameters
     ----------
@@ -83,27 +92,26 @@ def dropout_codes(values: Array) -> Flags:
     array([10, 30, 31, 60])
     """
     codes = np.zeros(len(values), dtype=bool)
-    for _ in range(MOST_CODES):
+    for _ in range(MAX_CODES):
         remaining = np.where(codes, np.nan, values)
         finite = remaining[np.isfinite(remaining)]
-        if len(finite) < DISTINCT:
+        if len(finite) < MIN_DIFFERENT_READINGS:
             break
-        candidates = (float(finite.min()), float(finite.max()))
-        added = next(
-            (mask for mask in (_code(remaining, c) for c in candidates) if mask.any()), None
-        )
-        if added is None:
+        is_code = _code(remaining, float(finite.min()))
+        if not is_code.any():
+            is_code = _code(remaining, float(finite.max()))
+        if not is_code.any():
             break
-        codes |= added
+        codes |= is_code
     return codes
 
 
 def _code(values: Array, candidate: float) -> Flags:
-    """Where ``candidate``, an extreme of the column, stands as a drop-out code; nowhere if it is none."""
+    """Where ``candidate``, an extreme of the column, is a drop-out code."""
     none = np.zeros(len(values), dtype=bool)
     equal = values == candidate
     others = values[np.isfinite(values) & ~equal]
-    if len(others) < DISTINCT or len(np.unique(others)) < DISTINCT:
+    if len(others) < MIN_DIFFERENT_READINGS or len(np.unique(others)) < MIN_DIFFERENT_READINGS:
         return none
     spread = float(np.ptp(others))
     distance = float(np.min(np.abs(others - candidate)))
@@ -123,7 +131,8 @@ def _code(values: Array, candidate: float) -> Flags:
         and len(lengths) >= CODE_RUNS
         and distance > CODE_DISTANCE * spread
     )
-    return equal if short_runs or (far_beyond and len(lengths) == inside.sum()) else none
+    is_code = short_runs or (far_beyond and len(lengths) == inside.sum())
+    return equal if is_code else none
 
 
 def unreachable(
@@ -131,10 +140,11 @@ def unreachable(
 ) -> Flags:
     """Samples that no physical input could have produced through a chain, given the others.
 
-    Through a lag tau the reading moves towards its input: y(t + d) = y(t) + (1 - exp(-d/tau)) (x - y(t)), x a mean of
-    the input over d. With x between ``LOWEST_DEGC`` and ``HIGHEST_DEGC`` this bounds every change. Where a change is
-    larger, one of its sides is not the sensor's: the record is cut there and at other large changes, and of all
-    subsets of the parts in which every part can follow the one before, the one with most samples is kept.
+    Through a lag tau the reading approaches its input: y(t + d) = y(t) + (1 - exp(-d/tau)) (x - y(t)), x a
+    mean of the input over d. With x between ``LOWEST_DEGC`` and ``HIGHEST_DEGC`` this bounds every change.
+    Where a change is larger, one of its sides is not a reading of the sensor. The record is divided there
+    and at other large changes; of all subsets of the segments in which every segment can follow the one
+    before, the one with most samples is used.
 
     Parameters
     ----------
@@ -150,51 +160,50 @@ def unreachable(
     Returns
     -------
     array of shape (N,)
-        True where a reading is not kept.
+        True where a reading is rejected.
     """
     out = np.zeros(len(values_degC), dtype=bool)
-    at = np.flatnonzero(np.isfinite(values_degC))
-    if len(at) < 3 or not lag_s > 0 or passed_directly >= 1:
+    index = np.flatnonzero(np.isfinite(values_degC))
+    if len(index) < 3 or not lag_s > 0 or passed_directly >= 1:
         return out
-    y = values_degC[at]
+    y = values_degC[index]
     allowance = _noise_allowance(y)
 
-    def possible(first: Array, second: Array, apart_s: Array) -> Flags:
-        share = passed_directly + (1 - passed_directly) * -np.expm1(-apart_s / lag_s)
+    def possible(first: Array, second: Array, interval_s: Array) -> Flags:
+        share = passed_directly + (1 - passed_directly) * -np.expm1(-interval_s / lag_s)
         low = first + share * (LOWEST_DEGC - first) - allowance
         high = first + share * (HIGHEST_DEGC - first) + allowance
         return (second >= low) & (second <= high)
 
-    is_impossible = ~possible(y[:-1], y[1:], np.diff(at) * dt_s)
+    is_impossible = ~possible(y[:-1], y[1:], np.diff(index) * dt_s)
     if not is_impossible.any():
         return out
-    # a fault may begin by a change that is just possible, and end by one that is not: large changes are borders, too
+    # a fault may begin with a change that is just possible, and end with one that is not, so that
+    # large changes separate segments, too
     change = np.abs(np.diff(y))
-    is_border = is_impossible | (
-        change > max(BORDER_SHARE * float(change[is_impossible].min()), allowance)
-    )
-    breaks = np.flatnonzero(is_border) + 1
+    smallest = max(BORDER_SHARE * float(change[is_impossible].min()), allowance)
+    breaks = np.flatnonzero(is_impossible | (change > smallest)) + 1
     starts = np.concatenate([[0], breaks])
     ends = np.concatenate([breaks, [len(y)]]) - 1
     # beyond this time any reading of the record can follow any other
     share_needed = max(np.ptp(y) / (y.max() - LOWEST_DEGC), np.ptp(y) / (HIGHEST_DEGC - y.min()))
     memory_s = -lag_s * np.log(max(1 - share_needed, 1e-6))
-    kept = _largest_subset(
-        at[starts] * dt_s,
-        at[ends] * dt_s,
+    is_accepted = _largest_subset(
+        index[starts] * dt_s,
+        index[ends] * dt_s,
         y[starts],
         y[ends],
         ends - starts + 1,
         memory_s,
         possible,
     )
-    for part in np.flatnonzero(~kept):
-        out[at[starts[part] : ends[part] + 1]] = True
+    for segment in np.flatnonzero(~is_accepted):
+        out[index[starts[segment] : ends[segment] + 1]] = True
     return out
 
 
 def _noise_allowance(y: Array) -> float:
-    """What noise and rounding may add to a change between two readings [K]."""
+    """Largest contribution of noise and rounding to a change between two readings [K]."""
     steps = np.abs(np.diff(y))
     noise_sd = float(np.quantile(steps, QUIET_SHARE)) / QUIET_QUANTILE
     moving = steps[steps > 0]
@@ -211,41 +220,40 @@ def _largest_subset(
     memory_s: float,
     possible: Callable[[Array, Array, Array], Flags],
 ) -> Flags:
-    """Which parts are kept: the chain of parts with most samples in which each can follow the one before.
+    """Which segments are accepted: the sequence with most samples in which each can follow the one before.
 
-    Dynamic programming over the parts in time; those that end earlier than ``memory_s`` before a part can all be
-    followed by it.
+    Dynamic programming over the segments in time. A segment can follow every segment that ends earlier
+    than ``memory_s`` before it.
     """
     count = len(size)
     best = size.astype(float)
     previous = np.full(count, -1)
-    oldest = np.searchsorted(
-        end_s, start_s - memory_s
-    )  # parts before this one are beyond the memory
+    # segments before this one are beyond the memory
+    oldest = np.searchsorted(end_s, start_s - memory_s)
     best_old = 0.0
-    best_old_part = -1
+    best_old_segment = -1
     old_done = 0
-    for part in range(1, count):
-        while old_done < oldest[part]:
+    for segment in range(1, count):
+        while old_done < oldest[segment]:
             if best[old_done] > best_old:
                 best_old = float(best[old_done])
-                best_old_part = old_done
+                best_old_segment = old_done
             old_done += 1
-        near = np.arange(oldest[part], part)
+        near = np.arange(oldest[segment], segment)
         score = best_old
-        source = best_old_part
+        source = best_old_segment
         if len(near):
-            follows = possible(last[near], first[part], start_s[part] - end_s[near])
+            follows = possible(last[near], first[segment], start_s[segment] - end_s[near])
             scores = np.where(follows, best[near], -1.0)
             top = int(np.argmax(scores))
             if scores[top] > score:
                 score = float(scores[top])
                 source = int(near[top])
-        best[part] += score
-        previous[part] = source
-    kept = np.zeros(count, dtype=bool)
-    part = int(np.argmax(best))
-    while part >= 0:
-        kept[part] = True
-        part = int(previous[part])
-    return kept
+        best[segment] += score
+        previous[segment] = source
+    is_accepted = np.zeros(count, dtype=bool)
+    segment = int(np.argmax(best))
+    while segment >= 0:
+        is_accepted[segment] = True
+        segment = int(previous[segment])
+    return is_accepted

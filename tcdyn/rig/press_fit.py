@@ -1,4 +1,4 @@
-"""The press fit of a disk on its shaft as ``rig.toml`` states it: interference, surfaces, keyways, poor patches."""
+"""The press fit of a disk on its shaft ([fit] of ``rig.toml``): interference, surfaces, keyways, patches."""
 
 from __future__ import annotations
 
@@ -20,8 +20,10 @@ Sectors = tuple[tuple[float, float, float], ...]
 
 @dataclass(frozen=True)
 class Keyway:
-    """A slot centred at ``angle_deg``, ``width_deg`` or ``width_mm`` wide along the bore; ``share`` of the conductance
-    beside it is left."""
+    """A slot centred at ``angle_deg``, ``width_deg`` or ``width_mm`` wide along the bore.
+
+    ``share``: its conductance relative to that of the contact outside it.
+    """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     angle_deg: Angle
@@ -36,8 +38,10 @@ class Keyway:
 
 @dataclass(frozen=True)
 class Patch:
-    """A stretch of poor contact ``from_deg`` ``to_deg``, through zero where the second is smaller; ``share`` is left of
-    the conductance beside it."""
+    """A sector of poor contact from ``from_deg`` to ``to_deg``, through zero if the second is smaller.
+
+    ``share``: its conductance relative to that of the contact outside it.
+    """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     from_deg: Angle
@@ -47,17 +51,30 @@ class Patch:
     def __post_init__(self) -> None:
         if (self.to_deg - self.from_deg) % 360.0 == 0:
             raise ValueError(
-                f"a patch from {self.from_deg:g} to {self.to_deg:g} degrees has no width, or is all round"
+                f"a patch from {self.from_deg:g} to {self.to_deg:g} degrees has no width, "
+                "or is all round"
             )
 
 
 @dataclass(frozen=True)
 class PressFit:
-    """[fit] of a rig file (sections 6.4.3, (6.1), (6.2)); ``interference_um`` is diametral, zero where none is stated.
+    """[fit] of a rig file (sections 6.4.3, (6.1), (6.2)).
 
-    Hardness, roughness and slope of the surfaces and the conductivity of the joint are assumed: with each other they
-    give table 6.6. ``uneven_rel``: standard uncertainty, beyond what is stated, of cos and sin of the first harmonic of
-    the conductance, as a share of its mean. Angles are those of the junctions' ``angle_deg``.
+    Hardness, roughness, slope and conductivity of the joint are assumed: together they give table 6.6.
+
+    Parameters
+    ----------
+    interference_um
+        Diametral interference; zero for no press fit.
+    hardness_GPa, roughness_um, slope
+        Micro-hardness, roughness and asperity slope of the surfaces.
+    conductivity_W_mK
+        Conductivity of the joint.
+    uneven_rel
+        Standard uncertainty of the cosine and sine of the first harmonic of the conductance, beyond
+        keyways and patches, as a share of its mean.
+    keyways, patches
+        Sectors of poor contact; angles as the junctions' ``angle_deg``.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -76,92 +93,108 @@ class PressFit:
 
     @property
     def stated(self) -> bool:
-        """Whether there is such a fit."""
+        """Whether the rig file has a press fit."""
         return self.interference_um > 0
 
     def sectors(self, bore_radius_mm: float) -> Sectors:
-        """(from, to, share) [deg] of all keyways and patches, ascending within 0 to 360; beside them the share is one.
+        """(from, to, share) [deg] of all keyways and patches, ascending from 0 to 360.
 
-        Raises ValueError where two overlap, or nothing is left of the contact.
+        Outside them the share is one. Raises ValueError where two overlap, or no contact remains.
 
         >>> PressFit(20.0, keyways=(Keyway(0.0, width_deg=20.0, share=0.1),)).sectors(20.5)
         ((0.0, 10.0, 0.1), (350.0, 360.0, 0.1))
         """
-        out = []
-        for key in self.keyways:
-            width = key.width_deg or float(
-                np.rad2deg(key.width_mm / bore_radius_mm if bore_radius_mm else np.inf)
-            )
-            if not width < 360:
-                raise ValueError(
-                    f"fit.keyways: width_mm {key.width_mm:g} is more than the bore's circumference"
-                )
-            out += _unrolled(key.angle_deg - 0.5 * width, key.angle_deg + 0.5 * width, key.share)
+        sectors: list[tuple[float, float, float]] = []
+        for keyway in self.keyways:
+            half_width = 0.5 * _width_deg(keyway, bore_radius_mm)
+            start = keyway.angle_deg - half_width
+            sectors += _split_at_zero(start, keyway.angle_deg + half_width, keyway.share)
         for patch in self.patches:
-            out += _unrolled(
-                patch.from_deg, patch.to_deg + 360.0 * (patch.to_deg < patch.from_deg), patch.share
-            )
-        out = sorted(out)
-        for (_, end, _), (start, beyond, _) in pairwise(out):
-            if start < end - 1e-9:
+            end = patch.to_deg
+            if end < patch.from_deg:
+                end += 360.0
+            sectors += _split_at_zero(patch.from_deg, end, patch.share)
+        sectors.sort()
+        for (_, end, _), (next_start, next_end, _) in pairwise(sectors):
+            if next_start < end - 1e-9:
                 raise ValueError(
-                    f"fit: keyways and patches overlap from {start:g} to {min(end, beyond):g} degrees; expected each "
-                    "angle in one of them at most"
+                    f"fit: keyways and patches overlap from {next_start:g} to "
+                    f"{min(end, next_end):g} degrees; expected each angle in one of them at most"
                 )
-        if self.stated and not harmonics(tuple(out), 0)[0].real > 1e-6:
+        if self.stated and not harmonics(tuple(sectors), 0)[0].real > 1e-6:
             raise ValueError("fit: keyways and patches leave nothing of the contact")
-        return tuple(out)
+        return tuple(sectors)
 
 
 NO_FIT = PressFit()
 
 
-def _unrolled(start: float, end: float, share: float) -> list[tuple[float, float, float]]:
+def _width_deg(keyway: Keyway, bore_radius_mm: float) -> float:
+    """Angular width of a keyway [deg]; ValueError if it is wider than the bore."""
+    if keyway.width_deg:
+        return keyway.width_deg
+    angle_rad = keyway.width_mm / bore_radius_mm if bore_radius_mm else np.inf
+    width_deg = float(np.rad2deg(angle_rad))
+    if not width_deg < 360:
+        raise ValueError(
+            f"fit.keyways: width_mm {keyway.width_mm:g} is more than the bore's circumference"
+        )
+    return width_deg
+
+
+def _split_at_zero(start: float, end: float, share: float) -> list[tuple[float, float, float]]:
+    """A sector within 0 to 360 degrees, in two parts if it contains zero."""
     first = start % 360.0
-    beyond = first + end - start
-    if beyond <= 360.0:
-        return [(first, beyond, share)]
-    return [(0.0, beyond - 360.0, share), (first, 360.0, share)]
+    last = first + end - start
+    if last <= 360.0:
+        return [(first, last, share)]
+    return [(0.0, last - 360.0, share), (first, 360.0, share)]
 
 
 def harmonics(sectors: Sectors, up_to: int) -> NDArray[np.complex128]:
-    """Fourier coefficients c_0 ... c_n of the share round the bore, s = sum of c_n exp(i n theta), (up_to + 1,).
+    """Fourier coefficients c_0 ... c_n of the share along the bore, s = sum of c_n exp(i n theta).
 
     >>> np.round(harmonics(((0.0, 180.0, 0.0),), 1), 4)  # half the bore without contact: 1/2 and i/pi
     array([ 0.5+0.j    , -0. +0.3183j])
     """
-    out = np.zeros(up_to + 1, dtype=complex)
-    out[0] = 1.0
+    coefficients = np.zeros(up_to + 1, dtype=complex)
+    coefficients[0] = 1.0
     n = np.arange(1, up_to + 1)
     for start, end, share in sectors:
         a, b = np.deg2rad([start, end])
-        out[0] += (share - 1) * (b - a) / (2 * np.pi)
-        out[1:] += (share - 1) * (np.exp(-1j * n * a) - np.exp(-1j * n * b)) / (2j * np.pi * n)
-    return out
+        coefficients[0] += (share - 1) * (b - a) / (2 * np.pi)
+        difference = np.exp(-1j * n * a) - np.exp(-1j * n * b)
+        coefficients[1:] += (share - 1) * difference / (2j * np.pi * n)
+    return coefficients
 
 
 def amplitude_and_angle(coefficients: NDArray[np.complex128], n: int) -> tuple[float, float]:
-    """Of harmonic ``n``: its amplitude as a share of the mean, and the first angle at which it is greatest [deg].
+    """Relative amplitude of harmonic ``n``, and the first angle of its maximum [deg].
 
-    >>> size, at = amplitude_and_angle(harmonics(((0.0, 180.0, 0.0),), 1), 1)
-    >>> round(size, 3), round(at)  # 4/pi, on the side that touches
+    >>> amplitude, angle = amplitude_and_angle(harmonics(((0.0, 180.0, 0.0),), 1), 1)
+    >>> round(amplitude, 3), round(angle)  # 4/pi, on the side that touches
     (1.273, 270)
     """
-    c = coefficients[n]
-    size = float(2 * abs(c) / coefficients[0].real)
-    return size, float(np.rad2deg(-np.angle(c) / n) % (360.0 / n)) if size > 1e-12 else 0.0
+    amplitude = float(2 * abs(coefficients[n]) / coefficients[0].real)
+    if not amplitude > 1e-12:
+        return amplitude, 0.0
+    return amplitude, float(np.rad2deg(-np.angle(coefficients[n]) / n) % (360.0 / n))
 
 
 def mean_shares(sectors: Sectors, edges_deg: Array) -> Array:
-    """Mean share between each two of ``edges_deg`` (N + 1,), ascending within a turn or two, (N,).
+    """Mean share between each two of ``edges_deg`` (N + 1,), which ascend within a turn or two, (N,).
 
     >>> mean_shares(((0.0, 10.0, 0.0),), np.array([0.0, 5.0, 15.0, 25.0]))
     array([0. , 0.5, 1. ])
     """
-    ends = np.array([0.0, *(x for a, b, _ in sectors for x in (a, b)), 360.0])
-    lost = np.array(
-        [0.0, *(x for a, b, s in sectors for x in (0.0, (1 - s) * (b - a))), 0.0]
-    ).cumsum()
-    turns, at = np.divmod(edges_deg, 360.0)
-    total = np.asarray(edges_deg) - turns * lost[-1] - np.interp(at, ends, lost)
-    return np.asarray(np.diff(total) / np.diff(edges_deg))
+    boundaries_deg = [0.0]
+    losses_deg = [0.0]  # integral of one minus the share since the last boundary
+    for start, end, share in sectors:
+        boundaries_deg += [start, end]
+        losses_deg += [0.0, (1 - share) * (end - start)]
+    boundaries_deg.append(360.0)
+    losses_deg.append(0.0)
+    total_loss = np.cumsum(losses_deg)
+    rotations, angle_deg = np.divmod(edges_deg, 360.0)
+    loss = rotations * total_loss[-1] + np.interp(angle_deg, boundaries_deg, total_loss)
+    return np.asarray(np.diff(edges_deg - loss) / np.diff(edges_deg))

@@ -1,4 +1,4 @@
-"""Steel whose conductivity and specific heat change with temperature, and Kirchhoff's transform of it."""
+"""Temperature-dependent conductivity and specific heat of steel, and the Kirchhoff transform."""
 
 from __future__ import annotations
 
@@ -11,9 +11,16 @@ from tcdyn.core import Array
 
 @dataclass(frozen=True)
 class SteelSlopes:
-    """k = k_0 (1 + a (T - T_0)) and c = c_0 (1 + b (T - T_0)), a and b in 1/K, T_0 ``reference_degC``.
+    """Steel with k = k_0 (1 + a (T - T_0)) and c = c_0 (1 + b (T - T_0)).
 
-    ``air_degC`` and ``surface_degC``: of air and running surface, about which a test makes the rim linear.
+    Parameters
+    ----------
+    conductivity_per_K, specific_heat_per_K
+        a and b [1/K].
+    reference_degC
+        T_0.
+    air_degC, surface_degC
+        Temperatures of air and running surface of a test, about which the rim model is linearised.
     """
 
     conductivity_per_K: float = 0.0
@@ -24,27 +31,27 @@ class SteelSlopes:
 
     @property
     def middle_degC(self) -> float:
-        """Mean of air and surface: with the conductivity of that temperature a film stays what it is."""
+        """Mean of air and surface; with the conductivity there h does not change."""
         return 0.5 * (self.air_degC + self.surface_degC)
 
     def conductivity(self, temperature_degC: float) -> float:
-        """Conductivity at a temperature over that at the reference."""
+        """Conductivity relative to that at the reference."""
         return 1 + self.conductivity_per_K * (temperature_degC - self.reference_degC)
 
     def specific_heat(self, temperature_degC: float) -> float:
-        """Specific heat at a temperature over that at the reference."""
+        """Specific heat relative to that at the reference."""
         return 1 + self.specific_heat_per_K * (temperature_degC - self.reference_degC)
 
     def bend(self, temperature_degC: Array) -> Array:
-        """(T - T_A) (T - T_s) / 2, same shape [K2]: how Kirchhoff's temperature bends with the slope."""
+        """(T - T_A) (T - T_s) / 2 [K2]: Kirchhoff's temperature minus T, per unit of the slope a'."""
         t = np.asarray(temperature_degC, dtype=float)
         return np.asarray(0.5 * (t - self.air_degC) * (t - self.surface_degC))
 
     def straight(self, temperature_degC: Array) -> Array:
-        """Kirchhoff's temperature T_A + integral of k / k_m from T_A to T, same shape [degC]; k_m at ``middle_degC``.
+        """Kirchhoff's temperature T_A + integral of k / k_m from T_A to T [degC]; k_m at ``middle_degC``.
 
-        Heat flows by its gradient with k_m alone, and air and surface keep their own temperatures:
-        theta = T + a' (T - T_A) (T - T_s) / 2 with a' = a k_0 / k_m.
+        The heat flux is its gradient times the constant k_m, and air and surface keep their
+        temperatures: theta = T + a' (T - T_A) (T - T_s) / 2 with a' = a k_0 / k_m.
 
         >>> steel = SteelSlopes(-5e-4, air_degC=60.0, surface_degC=160.0)
         >>> steel.straight(np.array([60.0, 110.0, 160.0])).round(3)
@@ -52,11 +59,11 @@ class SteelSlopes:
         """
         if not self.conductivity_per_K:
             return temperature_degC
-        own = self.conductivity_per_K / self.conductivity(self.middle_degC)
-        return np.asarray(temperature_degC + own * self.bend(temperature_degC))
+        slope_per_K = self.conductivity_per_K / self.conductivity(self.middle_degC)
+        return np.asarray(temperature_degC + slope_per_K * self.bend(temperature_degC))
 
     def about(self, air_degC: float, surface_degC: float) -> SteelSlopes:
-        """The same steel, linear about air and surface at these temperatures."""
+        """The same steel, linearised about these temperatures of air and surface."""
         return replace(self, air_degC=air_degC, surface_degC=surface_degC)
 
 

@@ -1,4 +1,4 @@
-"""What ``rig.toml`` may state beyond the thesis's own model, as its section 8.3 recommends."""
+"""The pydantic configuration of strict tables: frozen, no unknown keys, no infinities."""
 
 from pydantic import ConfigDict
 

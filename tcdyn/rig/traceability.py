@@ -1,4 +1,4 @@
-"""What a laboratory states about its reference thermometer, its instruments and the item under calibration."""
+"""Traceability: reference thermometer, instruments and item of a calibration ([traceability])."""
 
 from __future__ import annotations
 
@@ -11,10 +11,12 @@ from pydantic import AfterValidator, BaseModel, Field, model_validator
 from tcdyn.rig.strict import STRICT
 
 YEAR_DAYS = 365.25
-PRT_U_DEGC = 0.1 / np.sqrt(3.0)  # a largest error of 0.1 degC, taken as uniform (section 2.6)
+# Standard uncertainty of the PRT: an error of at most 0.1 degC, uniformly distributed (section 2.6).
+PRT_U_DEGC = 0.1 / np.sqrt(3.0)
 
 
 def _day(text: str) -> str:
+    """Check that a text is a date, or empty."""
     if text:
         date.fromisoformat(text)
     return text
@@ -25,11 +27,18 @@ Day = Annotated[str, Field(max_length=10), AfterValidator(_day)]
 
 
 class TraceabilityTable(BaseModel):
-    """[traceability]: who calibrated what, against which reference, and how well that is known.
+    """[traceability]: laboratory, reference and instruments of a calibration; dates as YYYY-MM-DD.
 
-    ``reference_u_K``: standard uncertainty of the oven's PRT by its certificate, common to all readings;
-    ``reference_drift_K_per_year``: half-range of its drift since ``reference_date``; ``valid_days`` until the next
-    calibration at the latest, sooner where a channel drifts by ``limit_K`` before. Days as YYYY-MM-DD.
+    Parameters
+    ----------
+    reference_u_K
+        Standard uncertainty of the oven's PRT by its certificate, common to all readings.
+    reference_drift_K_per_year
+        Half-range of its drift since ``reference_date``.
+    valid_days
+        Longest time until the next calibration.
+    limit_K
+        Drift of a channel that requires an earlier calibration.
     """
 
     model_config = STRICT
@@ -54,15 +63,15 @@ class TraceabilityTable(BaseModel):
     limit_K: float = Field(default=0.5, gt=0, lt=20)
 
     @model_validator(mode="after")
-    def _since_when(self) -> Self:
+    def _check_drift(self) -> Self:
         if self.reference_drift_K_per_year and not self.reference_date:
             raise ValueError(
-                "traceability: reference_drift_K_per_year asks for reference_date, since when it drifts"
+                "traceability: reference_drift_K_per_year needs reference_date, the start of the drift"
             )
         return self
 
     def drift_u_K(self, on: date) -> float:
-        """Standard uncertainty [K] of the reference's drift up to ``on``: uniform within its half-range.
+        """Standard uncertainty [K] of the drift of the reference until ``on``, uniformly distributed.
 
         >>> table = TraceabilityTable(reference_date="2025-01-01", reference_drift_K_per_year=0.02)
         >>> round(table.drift_u_K(date(2027, 1, 1)), 4)
@@ -74,5 +83,5 @@ class TraceabilityTable(BaseModel):
         return self.reference_drift_K_per_year * years / 3**0.5
 
     def shared_u_K(self, on: date) -> float:
-        """Standard uncertainty [K] that all channels calibrated against the reference on that day have in common."""
+        """Standard uncertainty [K] common to all channels calibrated against the reference on that day."""
         return float(np.hypot(self.reference_u_K, self.drift_u_K(on)))
