@@ -1,1 +1,1 @@
-"""Calibration of an instrumented disk: static lines, transducers, uncertainty of a reading, comparison of records."""
+"""Calibration of an instrumented disk: static lines, transducers, budget, comparison of records."""

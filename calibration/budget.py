@@ -1,6 +1,7 @@
-"""Uncertainty budget (GUM) of a reading at rest of a calibrated channel, and its expanded uncertainty.
+"""Uncertainty budget (GUM) of a calibrated channel at rest, and its expanded uncertainty.
 
-Source: Guide to the Expression of Uncertainty in Measurement (JCGM 100:2008), 5.1.2, G.4 and annex H.
+Source: Guide to the Expression of Uncertainty in Measurement (JCGM 100:2008), 5.1.2, G.4 and annex
+H.
 """
 
 from __future__ import annotations
@@ -65,13 +66,13 @@ class RestBudget:
 
     @property
     def freedom(self) -> float:
-        """Effective degrees of freedom u^4 / sum(u_i^4 / v_i) (Welch and Satterthwaite; GUM G.2b)."""
+        """Effective degrees of freedom u^4 / sum(u_i^4 / v_i) (Welch-Satterthwaite, GUM G.2b)."""
         total = sum(s.contribution**4 / s.freedom for s in self.sources)
         return self.u**4 / total if total > 0 else math.inf
 
     @property
     def coverage(self) -> float:
-        """Coverage factor k for 95 %: Student's t at the effective degrees of freedom, rounded down."""
+        """Coverage factor k for 95 %: Student's t at ``freedom``, rounded down."""
         if self.freedom >= MANY_DEGREES_OF_FREEDOM:
             return Z95
         return float(stdtrit(math.floor(max(self.freedom, 1.0)), 0.975))
@@ -88,8 +89,8 @@ def rest_budget(
     """Budget of the reading of a channel at rest.
 
     The covariance of a line is widened by t/1.96 for its few holds. The budget uses the line's
-    unwidened standard uncertainty with its degrees of freedom. ``shared_u_K`` of the line is divided
-    into the certificate and the drift of the reference.
+    unwidened standard uncertainty with its degrees of freedom. ``shared_u_K`` of the line is
+    divided into the certificate and the drift of the reference.
 
     Parameters
     ----------
@@ -104,11 +105,14 @@ def rest_budget(
 
     Examples
     --------
-    >>> line = StaticLine(gain=1.0, offset=0.1, covariance=((0, 0), (0, 0.0016)), range_degC=(20, 160), n=6,
+    >>> covariance = ((0, 0), (0, 0.0016))
+    >>> line = StaticLine(gain=1.0, offset=0.1, covariance=covariance, range_degC=(20, 160), n=6,
     ...                   shared_u_K=0.06)
     >>> budget = rest_budget(line, TraceabilityTable(), date(2026, 1, 1), 90.0)
-    >>> round(budget.u, 3), round(budget.freedom), round(budget.coverage, 2), round(budget.expanded, 3)
-    (0.066, 122, 1.98, 0.131)
+    >>> round(budget.u, 3), round(budget.freedom)
+    (0.066, 122)
+    >>> round(budget.coverage, 2), round(budget.expanded, 3)
+    (1.98, 0.131)
     """
     drift = min(stated.drift_u_K(on), line.shared_u_K)
     certificate = math.sqrt(line.shared_u_K**2 - drift**2)

@@ -32,7 +32,8 @@ MAX_GAIN_DEVIATION = 0.05
 TEST_RANGE_DEGC = [20.0, 160.0]
 # A larger standard uncertainty of a static line in its range gives a warning [K].
 MAX_LINE_U_K = 0.5
-# Larger relative uncertainties, and larger relative differences from the common lag, give a warning.
+# Larger relative uncertainties, and larger relative differences from the common lag, give a
+# warning.
 MAX_RELATIVE_LAG_U = 0.5
 MAX_RELATIVE_LAG_DIFFERENCE = 0.5
 
@@ -53,8 +54,8 @@ class RecordDiff(Result):
     Parameters
     ----------
     table
-        One row a quantity: old, new, change, its standard uncertainty, z, two-sided p, and whether the
-        change is significant at the 5 % level after Holm's correction over all rows.
+        One row a quantity: old, new, change, its standard uncertainty, z, two-sided p, and whether
+        the change is significant at the 5 % level after Holm's correction over all rows.
     findings
         Findings about the comparison.
     """

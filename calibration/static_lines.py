@@ -1,4 +1,4 @@
-"""Fit static lines to the PRT of an oven log (errors in variables), and statistics of the errors."""
+"""Fit static lines to the PRT of an oven log (errors in variables); statistics of the errors."""
 
 from __future__ import annotations
 
@@ -28,7 +28,8 @@ from tcdyn.rig.traceability import PRT_U_DEGC
 def error_statistics(errors_K: ArrayLike) -> pd.Series[float]:
     """The statistics of table 2.6 of thermocouple minus PRT [K], by the names of the table.
 
-    ``errors_K`` may have any shape; NaN is left out. The standard deviation is about the mean error.
+    ``errors_K`` may have any shape; NaN is left out. The standard deviation is about the mean
+    error.
 
     >>> float(error_statistics([1.0, -1.0, 0.5, -0.5])["Average of the absolute error"])
     0.75
@@ -48,7 +49,7 @@ def error_statistics(errors_K: ArrayLike) -> pd.Series[float]:
 
 
 def error_histogram(errors_K: ArrayLike, width_K: float = 0.1) -> tuple[NDArray[np.int64], Array]:
-    """Counts and edges [K] of a histogram with bins of ``width_K`` centred on zero (figure 2.16)."""
+    """Counts and edges [K] of a histogram with bins of ``width_K`` about zero (figure 2.16)."""
     errors = _finite(errors_K)
     half = int(np.ceil(np.abs(errors).max() / width_K)) if len(errors) else 1
     counts, edges = np.histogram(errors, width_K * (np.arange(-half, half + 2) - 0.5))
@@ -130,8 +131,8 @@ def fit_static_lines(
     prt_u_degC
         Standard uncertainty of each reading of the PRT.
     prt_shared_u_degC
-        Standard uncertainty of the PRT that is common to all readings; it is stored with the line, and
-        is not in its covariance.
+        Standard uncertainty of the PRT that is common to all readings; it is stored with the line,
+        and is not in its covariance.
 
     Raises
     ------
@@ -141,11 +142,11 @@ def fit_static_lines(
     Notes
     -----
     Rows of one hold (same repeat and set point) share the error of the PRT and count as one point,
-    their mean. Both the PRT and the logged means have errors; the slope is corrected for the noise of
-    the logged side (errors in variables, method of moments). The scatter of the residuals sets the
-    covariance, but it is never below the contribution of the PRT. Lack of fit and a shift between
-    repeats increase it. Lack of fit, curvature and shifts that are significant at the 1 % level are
-    information, at the 0.1 % level warnings; outlying rows are warnings.
+    their mean. Both the PRT and the logged means have errors; the slope is corrected for the noise
+    of the logged side (errors in variables, method of moments). The scatter of the residuals sets
+    the covariance, but it is never below the contribution of the PRT. Lack of fit and a shift
+    between repeats increase it. Lack of fit, curvature and shifts that are significant at the 1 %
+    level are information, at the 0.1 % level warnings; outlying rows are warnings.
     """
     frame = hold_means(frame)
     prt = frame["prt_degC"].to_numpy(dtype=float)

@@ -186,7 +186,7 @@ def _largest_shift(zero: Array, covariance: Array) -> Estimate:
 
 
 def _slopes_differ_p(line: LineFit, group: NDArray[np.intp]) -> float | None:
-    """p of the F test of one slope for each group against one for all; None where it is impossible."""
+    """p of the F test of one slope for each group against one for all; None if impossible."""
     k = len(line.intercepts)
     dof = len(line.x) - 2 * k
     if k < 2 or dof < 1:
@@ -207,7 +207,7 @@ def _slopes_differ_p(line: LineFit, group: NDArray[np.intp]) -> float | None:
 
 @dataclass(frozen=True)
 class BearingFriction:
-    """Friction of the bearings of both shafts: a line against load for each slow-shaft speed [rpm]."""
+    """Friction of the bearings of both shafts: a line against load for each slow-shaft speed."""
 
     speeds_rpm: tuple[float, ...]
     lines: tuple[LineFit, ...]
@@ -222,9 +222,9 @@ class BearingFriction:
     def correction_N(self, load_N: ArrayLike, speed_slow_rpm: ArrayLike) -> tuple[Array, Array]:
         """Correction to add to the measured friction [N], and its standard uncertainty [N].
 
-        EHL friction = transducer + (intercept_n + slope_n load) / 2, linear between neighbouring speeds,
-        with the nearest family beyond them. The pure-rolling test measured both shafts, whose bearings
-        are equal, hence half of the measured lines.
+        EHL friction = transducer + (intercept_n + slope_n load) / 2, linear between neighbouring
+        speeds, with the nearest family beyond them. The pure-rolling test measured both shafts,
+        whose bearings are equal, hence half of the measured lines.
         """
         load, rpm = np.broadcast_arrays(
             np.asarray(load_N, dtype=float), np.asarray(speed_slow_rpm, dtype=float)
@@ -263,7 +263,8 @@ def fit_bearing_friction(
     Examples
     --------
     >>> load = [800.0, 1500.0, 2300.0] * 2
-    >>> both = fit_bearing_friction(load, [5.0, 6.0, 7.14, 8.0, 9.0, 10.14], [774.0] * 3 + [1546.0] * 3)
+    >>> friction = [5.0, 6.0, 7.14, 8.0, 9.0, 10.14]
+    >>> both = fit_bearing_friction(load, friction, [774.0] * 3 + [1546.0] * 3)
     >>> round(float(both.correction_N(1500.0, 774.0)[0]), 2)
     3.0
     """

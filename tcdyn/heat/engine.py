@@ -1,7 +1,7 @@
 """One test with the modal rim model: temperatures at junctions, (beta, h) maps, and fields.
 
-For ``tcdyn verify`` and for users of the rim model. The fits of ``tcdyn.partition`` need neither fields
-nor maps and use ``modal`` and the basis of lags directly.
+For ``tcdyn verify`` and for users of the rim model. The fits of ``tcdyn.partition`` need neither
+fields nor maps and use ``modal`` and the basis of lags directly.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class Drive:
         return np.stack(columns, axis=1).astype(float)
 
     def bank(self, k: int, rates: Array) -> Array:
-        """Responses (N, K) of the basis of lags to input ``k``, in equilibrium with its first sample."""
+        """Responses (N, K) of the lags to input ``k``, in equilibrium with its first sample."""
         u = self.inputs[:, k]
         if k == 0:
             return lag_bank(u, self.dt_s, rates, "zoh", self.switches)
@@ -92,8 +92,8 @@ def map_beta_h(
 ) -> Array:
     """Temperatures (H, B, P, N) [degC] for every h and every share: the map of section 3.5.
 
-    Starts in steady state with the first sample. The result is linear in the share, so each h needs two
-    weighted sums of the filtered inputs, which do not depend on h.
+    Starts in steady state with the first sample. The result is linear in the share, so each h needs
+    two weighted sums of the filtered inputs, which do not depend on h.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def fields_at(
     flux: Flux = "hertz",
     mesh: Mesh = MESH_IV,
 ) -> Array:
-    """Fields (len(samples), nr, nz) [degC] at the given samples; node 0 in r has the imposed profile."""
+    """Fields (len(samples), nr, nz) [degC]; node 0 in r has the imposed profile."""
     rates = node_rates(drive.dt_s)
     rows = np.asarray(samples, dtype=int)
     s = spectrum(rim, h_W_m2K, half_width_m, profile, flux, mesh)
@@ -209,7 +209,7 @@ def free_decay(
 
 
 def _nodal(s: Spectrum, amplitude: Array, inner: Array) -> Array:
-    """Fields (..., nr, nz) of modal amplitudes (..., m, n) under the imposed profile ``inner`` (..., nz)."""
+    """Fields (..., nr, nz) from modal amplitudes (..., m, n) and imposed profile (..., nz)."""
     outer = s.shape_r @ amplitude @ s.shape_z.T
     inner_row = np.broadcast_to(inner[..., None, :], (*outer.shape[:-2], 1, inner.shape[-1]))
     return np.concatenate([inner_row, outer], axis=-2)

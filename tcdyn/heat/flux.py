@@ -17,8 +17,8 @@ from tcdyn.rig.flux_profile import FluxProfile
 # Nodes of the numerical integrals of Barus's profile across the track and along rolling.
 NODES_ACROSS = 4001
 NODES_ALONG = 96
-# Smallest share of the heat that must enter the running surface: of the profile in the rig file, and
-# of a shifted or stretched one that a fit tries. Chosen by judgement.
+# Smallest share of the heat that must enter the running surface: of the profile in the rig file,
+# and of a shifted or stretched one that a fit tries. Chosen by judgement.
 MIN_SHARE_ON_SURFACE = 0.99
 MIN_SHARE_IN_FIT = 0.5
 HERTZ: Literal["hertz"] = "hertz"
@@ -46,9 +46,10 @@ class TrackFlux:
     least_on: float = MIN_SHARE_ON_SURFACE
 
     def below(self, z_m: Array) -> Array:
-        """Share of the heat that enters below each position ``z_m`` from the centre plane, same shape.
+        """Share of the heat that enters below each position ``z_m`` from the centre plane.
 
-        >>> TrackFlux(FluxProfile("flat", shift_m=0.5e-3), 1e-3).below(np.array([-0.5e-3, 0.0, 1.5e-3]))
+        >>> flux = TrackFlux(FluxProfile("flat", shift_m=0.5e-3), 1e-3)
+        >>> flux.below(np.array([-0.5e-3, 0.0, 1.5e-3]))
         array([0.  , 0.25, 1.  ])
         """
         profile = self.profile
@@ -66,7 +67,12 @@ class TrackFlux:
         return np.asarray(0.5 + 0.75 * (s - s**3 / 3))
 
     def shares(self, edges_m: Array) -> Array:
-        """Share of the heat that enters each cell between ``edges_m`` (n + 1,) [from the centre plane].
+        """Share of the heat that enters each cell, (n,).
+
+        Parameters
+        ----------
+        edges_m
+            Edges of the cells from the centre plane, (n + 1,).
 
         Raises
         ------
@@ -88,7 +94,7 @@ class TrackFlux:
 def track(
     stated: FluxProfile, half_width_m: float, shift_m: float = 0.0, wider: float = 1.0
 ) -> TrackFlux | Literal["hertz"]:
-    """The flux of the profile ``stated``, shifted by ``shift_m``; "hertz" for the thesis's profile."""
+    """The flux of a profile of the rig file, shifted by ``shift_m``; "hertz" for the default."""
     shifted = replace(stated, shift_m=stated.shift_m + shift_m) if shift_m else stated
     if shifted == FluxProfile():
         return HERTZ
@@ -107,8 +113,8 @@ def _table_integral(at_m: tuple[float, ...], weight: tuple[float, ...]) -> BSpli
 def _barus(exponent: float) -> tuple[Array, Array]:
     """Share of the heat below z'/b = sin(phi), against phi.
 
-    With A = alpha p_0, p = p_0 sqrt(1 - x^2 - z^2) in semi-axes and c = cos(phi) the chord at z, the sum
-    along rolling is the integral of exp(A c cos(t)) c cos(t) over -pi/2 < t < pi/2.
+    With A = alpha p_0, p = p_0 sqrt(1 - x^2 - z^2) in semi-axes and c = cos(phi) the chord at z,
+    the sum along rolling is the integral of exp(A c cos(t)) c cos(t) over -pi/2 < t < pi/2.
     """
     t, weight = np.polynomial.legendre.leggauss(NODES_ALONG)
     along = np.cos(0.5 * np.pi * t)

@@ -1,10 +1,10 @@
 """Modal solution of the rim: the weights of the lag basis for every input and every point.
 
 The thesis's difference scheme, (3.30) in r with the outer node (3.31) and in z with the washers
-(section 3.4.4.3), is ``dT/dt = -(A_r x I + I x A_z) T + forcing``. Its field is a sum of products of
-r-modes and z-modes. Each product is a first-order lag of rate ``lambda_r + lambda_z`` driven by every
-input. The lags are interpolated from the fixed rates of the basis (``rim.cardinal``). So a record is
-filtered once, and any (h, K, rho c, depth) needs only weights of the filtered record.
+(section 3.4.4.3), is ``dT/dt = -(A_r x I + I x A_z) T + forcing``. Its field is a sum of products
+of r-modes and z-modes. Each product is a first-order lag of rate ``lambda_r + lambda_z`` driven by
+every input. The lags are interpolated from the fixed rates of the basis (``rim.cardinal``). So a
+record is filtered once, and any (h, K, rho c, depth) needs only weights of the filtered record.
 """
 
 from __future__ import annotations
@@ -49,9 +49,9 @@ def inputs_of(k: int, split: bool = False) -> tuple[str, ...]:
 def sources_of(k: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """The separable sources of heat, each a forcing in r times one in z.
 
-    Source 0 is the flux. Sources 1 to k + 2 belong to the profile along R_i, whose shapes depend on a
-    junction of the inner row or on the air at a face. Then follow the air at the running surface and
-    at the two faces.
+    Source 0 is the flux. Sources 1 to k + 2 belong to the profile along R_i, whose shapes depend on
+    a junction of the inner row or on the air at a face. Then follow the air at the running surface
+    and at the two faces.
 
     Returns
     -------
@@ -142,7 +142,7 @@ def outer_source(rim: Rim, n: int) -> float:
 
 
 def surface_weight(rim: Rim, n: int) -> float:
-    """Weight of the outermost of ``n`` nodes in the inner product of the scheme, (R_o - dr/2)/2 [m]."""
+    """Weight of the outermost of ``n`` nodes in the inner product, (R_o - dr/2)/2 [m]."""
     return (rim.outer_radius_m - rim.thickness_m / (n - 1) / 2) / 2
 
 
@@ -221,7 +221,7 @@ def spectrum(
 def _axial_modes(
     rim: Rim, half_width: float, profile: Profile, flux: Flux, mesh: Mesh
 ) -> tuple[Array, Array, Array, Array]:
-    """Rates of the z-modes, their nodal values (nz, n), forcing (S, n) and profile shapes (k + 2, nz).
+    """Rates, nodal values (nz, n) and forcing (S, n) of the z-modes; profile shapes (k + 2, nz).
 
     These do not depend on h.
     """
@@ -255,16 +255,16 @@ def _axial_modes(
 
 
 def flux_density(flux: Flux, half_width: float, width: float, n: int) -> Array:
-    """Mean of the flux density of unit power over the cell of each node, (n,) [1/m]; it sums to 1/dz.
+    """Mean of the flux density of unit power over the cell of each node, (n,) [1/m].
 
-    Each cell gets its exact integral, so that no heat is lost to the mesh. The half cells at the faces
-    count half.
+    It sums to 1/dz. Each cell gets its exact integral, so that no heat is lost to the mesh. The half
+    cells at the faces count half.
 
     Parameters
     ----------
     flux
-        Hertz (3.32): 3/(4b) (1 - (z'/b)^2) for |z'| <= b, z' from the centre plane; uniform: 1/(2b); a
-        profile of the rig file; or any function of z', which is scaled to unit power.
+        Hertz (3.32): 3/(4b) (1 - (z'/b)^2) for |z'| <= b, z' from the centre plane; uniform:
+        1/(2b); a profile of the rig file; or any function of z', which is scaled to unit power.
     half_width
         Half-width b of the contact [m].
     width
@@ -302,8 +302,8 @@ def profile_basis(
     Parameters
     ----------
     kind
-        "quadratic" (3.34); "quartic" (3.33) with zero slope at both faces; "modal": the three lowest
-        eigenfunctions of the slab with its washers.
+        "quadratic" (3.34); "quartic" (3.33) with zero slope at both faces; "modal": the three
+        lowest eigenfunctions of the slab with its washers.
     z
         Axial positions of the nodes, (nz,) [m].
     at
@@ -419,7 +419,8 @@ def rim_gains(
     >>> from tcdyn.heat.rim import node_rates
     >>> from tcdyn.heat.rim import points_of
     >>> setup = load_rig().disk_setup("fast")
-    >>> g = rim_gains(Rim.from_setup(setup), 700.0, points_of(setup, "ace"), 1.62e-3, node_rates(1 / 75))
+    >>> points = points_of(setup, "ace")
+    >>> g = rim_gains(Rim.from_setup(setup), 700.0, points, 1.62e-3, node_rates(1 / 75))
     >>> g.gains.shape, g.static[1:].sum(axis=0).round(9)   # a rim at one temperature stays there
     ((5, 3, 40), array([1., 1., 1.]))
     """
@@ -458,8 +459,9 @@ def _modal_amplitudes(
 
     Returns
     -------
-    The modes; which M of them the basis represents; their steady amplitudes (I, M) for a unit of every
-    input, divided by the sums of their weights; and their unscaled ``cardinal`` weights (M, K).
+    The modes; which M of them the basis represents; their steady amplitudes (I, M) for a unit of
+    every input, divided by the sums of their weights; and their unscaled ``cardinal`` weights (M,
+    K).
     """
     s = spectrum(rim, h, half_width, profile, flux, mesh, split)
     nodes = np.frombuffer(rates)

@@ -31,7 +31,7 @@ COUPLED_MODES = 600
 def film_in_steps(
     width_m: float, edges_m: Sequence[float], values_W_m2K: Sequence[float], nz: int
 ) -> Array:
-    """Heat-transfer coefficient of each z node, (nz,): steps at ``edges_m``, averaged over each cell.
+    """Heat-transfer coefficient of each z node, (nz,): steps at ``edges_m``, averaged by cell.
 
     >>> film_in_steps(8.0, [4.0], [200.0, 400.0], 9)
     array([200., 200., 200., 200., 300., 400., 400., 400., 400.])
@@ -93,10 +93,10 @@ def rim_gains_nonuniform(
 
     Notes
     -----
-    The expansion uses the modes of the mean coefficient. The steady response is exact: the variation
-    couples z-modes only through the surface, a system of nz unknowns. For the dynamics the slowest
-    ``basis`` modes are coupled and diagonalised again; the remaining steady response follows within a
-    millisecond and belongs to the fastest lag.
+    The expansion uses the modes of the mean coefficient. The steady response is exact: the
+    variation couples z-modes only through the surface, a system of nz unknowns. For the dynamics
+    the slowest ``basis`` modes are coupled and diagonalised again; the remaining steady response
+    follows within a millisecond and belongs to the fastest lag.
     """
     film = np.asarray(film_W_m2K, dtype=float)
     if film.shape != (mesh.nz,) or film.min() < 0:
@@ -201,6 +201,6 @@ def cached_gains(
 
 
 def _with_film_inputs(x: Array, first_air: int) -> Array:
-    """Rows of split air as one row of all air, and twice the row of the air at the running surface."""
+    """Rows of split air as one row of all air, and twice that of the air at the surface."""
     all_air = x[first_air:].sum(axis=0, keepdims=True)
     return np.concatenate([x[:first_air], all_air, x[[first_air, first_air]]])

@@ -1,8 +1,8 @@
-"""Reference solutions for the modal engine: closed forms, and the Crank-Nicolson scheme of the thesis.
+"""Reference solutions for the modal engine: closed forms, and the thesis's Crank-Nicolson scheme.
 
-Closed forms of sections 3.4.1 and 3.6, and the case that is missing there. The scheme of section 3.4.3
-is written from the thesis's coefficients (3.30)-(3.31) on the nodes of the engine, but not from its
-operators, so that the two are independent.
+Closed forms of sections 3.4.1 and 3.6, and the case that is missing there. The scheme of section
+3.4.3 is written from the thesis's coefficients (3.30)-(3.31) on the nodes of the engine, but not
+from its operators, so that the two are independent.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def penetration_depth_m(time_s: ArrayLike, alpha_m2_s: float) -> Array:
 def surface_steady_degC(
     rim: Rim, h: float, flux: float, inner_degC: float, ambient_degC: float
 ) -> float:
-    """Running surface of the steady ring (3.37); ``h`` in W/m2K and ``flux`` in W/m2, here and below.
+    """Running surface of the steady ring (3.37); ``h`` in W/m2K, ``flux`` in W/m2, also below.
 
     T_out = (R h T_A + K/ln(R/r) T_in + R q)/(h R + K/ln(R/r))
     """
@@ -78,8 +78,8 @@ def _ring_mode(mu: ArrayLike, r: ArrayLike, inner_m: float) -> Array:
 def ring_roots(inner_m: float, outer_m: float, biot_per_m: float, count: int) -> Array:
     """The first ``count`` roots mu of K Phi'(R_o) + h Phi(R_o) = 0, ascending.
 
-    The roots interlace with (n - 1/2) pi/(R_o - R_i) and n pi/(R_o - R_i), apart from a small shift by
-    the curvature.
+    The roots interlace with (n - 1/2) pi/(R_o - R_i) and n pi/(R_o - R_i), apart from a small shift
+    by the curvature.
 
     Parameters
     ----------
@@ -117,9 +117,9 @@ def ring_transient_degC(
 
     Notes
     -----
-    T = T_steady(r) + sum_n c_n Phi_n(r) exp(-alpha mu_n^2 t), with c_n by projection with weight r; Phi_n
-    and mu_n of ``ring_roots`` (Carslaw and Jaeger, chapters 7 and 13). The integrals use Gauss-Legendre
-    quadrature.
+    T = T_steady(r) + sum_n c_n Phi_n(r) exp(-alpha mu_n^2 t), with c_n by projection with weight r;
+    Phi_n and mu_n of ``ring_roots`` (Carslaw and Jaeger, chapters 7 and 13). The integrals use
+    Gauss-Legendre quadrature.
     """
     inner_m = rim.inner_radius_m
     mu = ring_roots(inner_m, rim.outer_radius_m, h / rim.conductivity_W_mK, modes)
@@ -134,7 +134,7 @@ def ring_transient_degC(
 
 
 def slab_root(biot: float) -> float:
-    """Lowest root nu of nu tan(nu) = biot: even mode of a slab that is cooled equally at both faces."""
+    """Lowest root nu of nu tan(nu) = biot: even mode of a slab cooled equally at both faces."""
     if not biot > 0:
         raise InputError(f"slab_root: the Biot number must be positive; got {biot}")
     return float(brentq(lambda v: v * np.sin(v) - biot * np.cos(v), 1e-12, np.pi / 2))
@@ -145,8 +145,8 @@ def product_decay_K(
 ) -> Array:
     """An exact decaying field that varies in z, (radii, z) [K] above an ambient at zero.
 
-    R_i is at zero, the heat-transfer coefficient ``h`` [W/m2K] acts at R_o and the washers of the rim at
-    both faces; scaled to Phi_1(R_o) = 1. Section 3.6.3 could not test this case.
+    R_i is at zero, the heat-transfer coefficient ``h`` [W/m2K] acts at R_o and the washers of the
+    rim at both faces; scaled to Phi_1(R_o) = 1. Section 3.6.3 could not test this case.
 
     Notes
     -----
@@ -236,10 +236,13 @@ def scheme(rim: Rim, h_W_m2K: float | Array, mesh: Mesh = MESH_IV) -> Scheme:
 
 @dataclass(frozen=True)
 class CrankNicolson:
-    """Crank-Nicolson steps (I + dt/2 A) T+ = (I - dt/2 A) T + dt/2 (g + g+); the matrix is factorised once.
+    """Crank-Nicolson steps with a matrix that is factorised once.
 
-    A ``damped`` step consists of two implicit Euler steps of half its length, which use the same factor
-    (Rannacher 1984). Use it for the two steps after a jump: Crank-Nicolson does not damp stiff modes.
+    (I + dt/2 A) T+ = (I - dt/2 A) T + dt/2 (g + g+)
+
+    A ``damped`` step consists of two implicit Euler steps of half its length, which use the same
+    factor (Rannacher 1984). Use it for the two steps after a jump: Crank-Nicolson does not damp
+    stiff modes.
     """
 
     scheme: Scheme
@@ -258,7 +261,7 @@ class CrankNicolson:
         return cls(s, dt_s, factor, sp.csr_matrix(eye - half))
 
     def step(self, field: Array, g_now: Array, g_next: Array, damped: bool = False) -> Array:
-        """One step of fields (n,) or (n, columns); ``g_now`` and ``g_next``: forcing at its ends [K/s]."""
+        """One step of fields (n,) or (n, columns); ``g_now``, ``g_next``: forcing at its ends."""
         half = self.dt_s / 2
         if damped:
             middle = self.factor.solve(field + half * (g_now + g_next) / 2)
@@ -278,7 +281,8 @@ def explicit_limit_s(rim: Rim, mesh: Mesh) -> float:
     alpha dt / dx^2 <= 1/2; in two dimensions the sum over both directions counts.
 
     >>> from tcdyn.rig.rigfile import load_rig
-    >>> round(explicit_limit_s(Rim.from_setup(load_rig().disk_setup("fast")), Mesh()) * 1e3, 3)   # mesh IV: [ms]
+    >>> rim = Rim.from_setup(load_rig().disk_setup("fast"))
+    >>> round(explicit_limit_s(rim, MESH_IV) * 1e3, 3)  # [ms]
     0.193
     """
     dr = rim.thickness_m / (mesh.nr - 1)
@@ -287,7 +291,7 @@ def explicit_limit_s(rim: Rim, mesh: Mesh) -> float:
 
 
 def explicit_growth(rim: Rim, mesh: Mesh, dt_s: float, steps: int = 200) -> float:
-    """Largest |T| after ``steps`` unforced explicit steps from a +-1 checkerboard; below one if stable."""
+    """Largest |T| after unforced explicit steps from a +-1 checkerboard; below one if stable."""
     if not dt_s > 0:
         raise InputError(f"explicit_growth: dt_s must be positive; got {dt_s}")
     s = scheme(rim, 0.0, mesh)

@@ -1,7 +1,7 @@
 """The rim model: geometry and material (``Rim``), mesh, boundary conditions, and the basis of lags.
 
-A record is filtered once by a basis of first-order lags (``lag_bank``); every output of every rim is a
-weighted sum of the basis.
+A record is filtered once by a basis of first-order lags (``lag_bank``); every output of every rim
+is a weighted sum of the basis.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ class Rim:
 
     @property
     def unseen_z_m(self) -> float | None:
-        """Axial position [m] of the junction that the inner row lacks to determine all three shapes.
+        """Axial position [m] of a further junction with which the inner row determines all shapes.
 
         None where the inner row determines them all.
         """
@@ -144,7 +144,8 @@ class Rim:
 def determined_shapes(z_m: tuple[float, ...], width_m: float) -> tuple[int, ...]:
     """Which of the three lowest shapes of the slab, cos(n pi z/w), readings at ``z_m`` determine.
 
-    >>> [determined_shapes(z, 9.53) for z in ((2.0, 4.765, 7.53), (2.0, 4.765), (2.0, 7.53), (4.0, 4.0))]
+    >>> rows = ((2.0, 4.765, 7.53), (2.0, 4.765), (2.0, 7.53), (4.0, 4.0))
+    >>> [determined_shapes(z_m, 9.53) for z_m in rows]
     [(0, 1, 2), (0, 2), (0, 1), (0,)]
     """
     readings = np.cos(np.pi / width_m * np.outer(z_m, range(3)))
@@ -162,10 +163,11 @@ def points_of(setup: DiskSetup, names: Iterable[str]) -> tuple[Point, ...]:
 
 
 def correction_factor(half_width_m: float, nz: int, width_m: float) -> float:
-    """Factor for the point values of the parabola (3.32) so that their sum is the total heat (table 3.4).
+    """Factor for point values of the parabola (3.32) that conserves the total heat (table 3.4).
 
-    N = 2 round(b/dz) intervals lie across the track. The trapezoidal rule loses 1/N^2 of the parabola,
-    so the factor is N^2/(N^2 - 1). The modal engine needs no factor: each cell gets its exact integral.
+    N = 2 round(b/dz) intervals lie across the track. The trapezoidal rule loses 1/N^2 of the
+    parabola, so the factor is N^2/(N^2 - 1). The modal engine needs no factor: each cell gets its
+    exact integral.
 
     >>> [round(correction_factor(1.50e-3, nz, 9.53e-3), 4) for nz in (13, 27, 53, 105)]
     [1.0667, 1.0159, 1.0039, 1.001]
@@ -188,7 +190,7 @@ class Switch:
 
 
 def log_nodes(low: float, high: float, count: int) -> Array:
-    """Chebyshev nodes (second kind) in the logarithm from e^``low`` to e^``high``, for ``cardinal``."""
+    """Chebyshev nodes (second kind) in the logarithm, from e^low to e^high, for ``cardinal``."""
     x = -np.cos(np.pi * np.arange(count) / (count - 1))
     return np.asarray(np.exp(low + (high - low) * (x + 1) / 2))
 
@@ -245,8 +247,8 @@ def cardinal(rates_per_s: Array, log_lambda: Array) -> Array:
 
     Notes
     -----
-    Barycentric interpolation in log(rate): exp(-e^x t) is entire in x, so 40 nodes over four decades
-    have an error of 1e-6.
+    Barycentric interpolation in log(rate): exp(-e^x t) is entire in x, so 40 nodes over four
+    decades have an error of 1e-6.
     """
     weights, total = unscaled_cardinal(rates_per_s, log_lambda)
     return np.asarray(weights / total[:, None])
@@ -347,15 +349,16 @@ def bank_means(
 
     Notes
     -----
-    The states at the starts of the blocks follow from one block to the next. Summing
-    x_(n+1) = d x_n + r (u_(n+1) - u_n) + (1 - d) u_n over a block gives its mean from the states at its
-    two ends.
+    The states at the starts of the blocks follow from one block to the next. Summing x_(n+1) = d
+    x_n + r (u_(n+1) - u_n) + (1 - d) u_n over a block gives its mean from the states at its two
+    ends.
 
     Examples
     --------
     >>> u = np.array([0.0, 1.0, 4.0, 2.0, 2.0])
-    >>> np.allclose(bank_means(u, 0.1, np.array([2.0]), [1, 2]), [[lag_bank(u, 0.1, np.array([2.0]))[2, 0]],
-    ...     [lag_bank(u, 0.1, np.array([2.0]))[3:, 0].mean()]])
+    >>> rates = np.array([2.0])
+    >>> x = lag_bank(u, 0.1, rates)
+    >>> np.allclose(bank_means(u, 0.1, rates, [1, 2]), [[x[2, 0]], [x[3:, 0].mean()]])
     True
     """
     u = np.asarray(u, dtype=float)
@@ -384,7 +387,7 @@ def bank_means(
 
 
 def hold_weights(x: Array) -> tuple[Array, Array]:
-    """Response of lags of ``x`` = rate dt after one interval: to a unit step, and to a unit ramp."""
+    """Response of lags of ``x`` = rate dt after one interval, to a unit step and a unit ramp."""
     rise = -np.expm1(-x)
     with np.errstate(divide="ignore", invalid="ignore"):
         return rise, np.where(x > 1e-4, 1 - rise / x, x / 2 - x * x / 6)
@@ -392,7 +395,7 @@ def hold_weights(x: Array) -> tuple[Array, Array]:
 
 @lru_cache(maxsize=64)
 def _block_response(length: int, dt_s: float, rates: bytes) -> Array:
-    """Contribution of samples 0 to ``length`` of a block to the states at its end, (length + 1, K)."""
+    """Contribution of the samples of a block to the states at its end, (length + 1, K)."""
     x = np.frombuffer(rates) * dt_s
     rise, ramp = hold_weights(x)
     decay = np.exp(-x * np.arange(length - 1, -1, -1)[:, None])

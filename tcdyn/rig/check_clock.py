@@ -34,7 +34,8 @@ MAX_UNEVEN_SHARE = 0.35
 # Significance limit of the phase sum of n stamps, in sqrt(n): chance exceeds it once in some
 # thousand trials.
 MIN_PHASE_SUM = 4.0
-# Neighbours on each side whose slope shifts a jittered sample to its grid time. Chosen by judgement.
+# Neighbours on each side whose slope shifts a jittered sample to its grid time. Chosen by
+# judgement.
 SLOPE_NEIGHBOURS = 3
 # Information of the prior that the stamps are right: readings outweigh it when they determine the
 # real share of the jitter to better than 0.5 (1 sd).
@@ -129,7 +130,8 @@ def check_time(time: Array, location: SampleLocation) -> Sampling:
     findings += _lost_samples(time, intervals, location)
     if dt > SLOW_INTERVAL_S:
         findings.append(warning("time.slow", subject="time_s", rate_Hz=1 / dt, lost_s=2 * dt))
-    # steps of 13 and 14 ms, neither of which is the interval of 75 Hz: the clock has too few decimals
+    # steps of 13 and 14 ms, neither of which is the interval of 75 Hz: the clock has too few
+    # decimals
     is_rounded = abs(median_step - dt) >= 1e-3 * dt and max_offset_s < dt
     if is_jittered or is_rounded:
         time = even
@@ -239,7 +241,8 @@ def _fit_grid(time: Array, mean_rate_Hz: float) -> tuple[float, NDArray[np.int32
         rate_Hz = mean_rate_Hz
         phase_sum = _phase_sum(mean_rate_Hz, subset)
     grid = np.rint(t * rate_Hz - np.angle(phase_sum) / (2 * np.pi)).astype(np.int32)
-    # of two rows with one index the second takes the next index, or the first the previous one, if free
+    # of two rows with one index the second takes the next index, or the first the previous one, if
+    # free
     grid[1:-1] += (np.diff(grid[:-1]) == 0) & (np.diff(grid[1:]) > 1)
     grid[1:-1] -= (np.diff(grid[:-1]) > 1) & (np.diff(grid[1:]) == 0)
     return _interval_s(time, grid), grid - grid[0]

@@ -92,7 +92,7 @@ class RunStatistics:
 
 @dataclass
 class DecimatedLog:
-    """At most ``MAX_SAMPLE_ROWS`` rows of columns that come in chunks: all, or every k-th run of rows.
+    """At most ``MAX_SAMPLE_ROWS`` rows of a log in chunks: all, or every k-th run of rows.
 
     Switches have few different values and are stored completely.
     """
@@ -262,7 +262,7 @@ class ColumnCheck:
         return [info_or_warning(share, "values.absent", subject=self.name, **numbers)]
 
     def _check_constant(self, dt_s: float) -> list[Finding]:
-        """A channel that is constant, or frozen for a while: an error unless it measures the air."""
+        """Error for a constant channel, or one frozen for a while; a warning if it measures air."""
         constant = self.statistics["constant"]
         other_steps = self.n_samples - 1 - constant.length
         span_s = constant.length * dt_s

@@ -1,6 +1,7 @@
 """Checks that depend on the kind of log.
 
-Switches must change, loads must be in newtons, speeds in rpm, and the channels of a disk must agree.
+Switches must change, loads must be in newtons, speeds in rpm, and the channels of a disk must
+agree.
 """
 
 from __future__ import annotations
@@ -198,7 +199,7 @@ def _two_levels(values: Array, name: str, location: SampleLocation) -> tuple[Arr
 
 
 def _is_inverted(sample: pd.DataFrame, contact: Flags) -> bool:
-    """Whether load and friction are at their upper level where ``contact`` (N,) is off, and only there."""
+    """Whether load and friction are at their upper level only where ``contact`` (N,) is off."""
     if contact.all() or not contact.any():
         return False
     for name in ("load_N", "friction_N"):
@@ -329,7 +330,10 @@ def _check_loads(sample: pd.DataFrame, contact: Flags, where: str) -> list[Findi
     if load_on < load_off:
         load = sample["load_N"]
         is_lower = load < 0.5 * (load.min() + load.max())
-        remedy = "the switch looks momentary: hold it at 1 from touching to parting, as the load shows it"
+        remedy = (
+            "the switch looks momentary: hold it at 1 from touching to parting, "
+            "as the load shows it"
+        )
         if not is_lower.any() or contact[is_lower].mean() > 0.5:
             remedy = "the switch looks inverted: log 1 - contact"
         raise InputError(

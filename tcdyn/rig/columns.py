@@ -157,7 +157,7 @@ def in_all_units(names: Iterable[str]) -> tuple[str, ...]:
 def recognise(names: Iterable[str], layouts: Mapping[str, Layout] = LAYOUTS) -> str | None:
     """The kind of log with these column names, or None; the kind "hole" is never guessed.
 
-    >>> recognise(["repeat", "prt_degC", "a_degC", "b_degC", "c_degC", "d_degC", "e_degC", "f_degC"])
+    >>> recognise(["repeat", "prt_degC", *couples("abcdef")])
     'oven'
     """
     available = set(names)
@@ -200,8 +200,8 @@ def match_columns(
     where
         Name of the file, for messages.
     mapping
-        ``[columns]`` of rig.toml: canonical name to name in the file. The file may use the canonical
-        name instead.
+        ``[columns]`` of rig.toml: canonical name to name in the file. The file may use the
+        canonical name instead.
     without
         Columns that are not read.
     stated
@@ -284,7 +284,7 @@ def _misnamed_switches(
     mapping: Mapping[str, str],
     without: Collection[str],
 ) -> list[str]:
-    """Optional switches without a column that are mapped, or for which a name in the file is similar."""
+    """Optional switches without a column that are mapped, or similar to a name in the file."""
     unused = [n for n in names if n not in matched.values()]
     switches = [
         c

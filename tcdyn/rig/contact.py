@@ -30,8 +30,8 @@ POISSON = 0.3
 # require. Chosen by judgement.
 SMOOTH_S = 4.0
 MAX_SMOOTH_S = 40.0
-# Noise of the smoothed force at the unloading, as a share of the force: a fifth of the uncertainty of
-# the transducer.
+# Noise of the smoothed force at the unloading, as a share of the force: a fifth of the uncertainty
+# of the transducer.
 FORCE_NOISE = 0.002
 # Samples this near to a switching instant [s] may belong to either side. Chosen by judgement.
 SETTLE_S = 0.1
@@ -83,7 +83,7 @@ class Events:
 
 @dataclass(frozen=True)
 class FrictionAdded:
-    """Friction of the contact that the transducer does not measure, with its standard uncertainty."""
+    """Friction that the transducer does not measure, with its standard uncertainty."""
 
     value_N: float
     u_N: float
@@ -97,8 +97,8 @@ NOTHING_ADDED = FrictionAdded(0.0, 0.0)
 class HertzContact:
     """Semi-axes of the contact ellipse [m] and its maximum pressure [Pa].
 
-    ``minor_m`` (a) is along rolling, ``major_m`` (b) across the running track: the half-width of the
-    heat flux.
+    ``minor_m`` (a) is along rolling, ``major_m`` (b) across the running track: the half-width of
+    the heat flux.
     """
 
     minor_m: float
@@ -135,8 +135,8 @@ def hertz_contact(
         R_c / R = ((b/a)^2 E - K) / (K - E)
         1 / R_c = (p0 / E*) (a / (b^2 e^2)) (K - E),   p0 = 3 W / (2 pi a b)
 
-    Source: Johnson, Contact Mechanics (1985), eqs. 4.26. Table 6.1 gives the pressures, table 3.4 the
-    half-widths.
+    Source: Johnson, Contact Mechanics (1985), eqs. 4.26. Table 6.1 gives the pressures, table 3.4
+    the half-widths.
 
     Examples
     --------
@@ -213,8 +213,8 @@ def contact_force(t: Array, raw_N: Array, events: Events) -> Array:
     (section 2.9). Under load the force is a running straight line without spikes that never extends
     across a switching instant: an average across the edge of the unloading would change beta in
     proportion, and so does noise at that edge. The length of the line follows from ``FORCE_NOISE``,
-    since the end of a line scatters by 2 sd / sqrt(samples). In later contacts the force is the logged
-    one, the mean of each two samples between which it is constant.
+    since the end of a line scatters by 2 sd / sqrt(samples). In later contacts the force is the
+    logged one, the mean of each two samples between which it is constant.
     """
     on = events.load_on_s
     off = events.unload_s
@@ -284,8 +284,8 @@ def _zero(t: Array, raw: Array, before_s: float, after_s: float) -> Array:
 def speed_course(time_s: Array, speed_rpm: Array, from_s: float, level_rpm: float) -> Array | None:
     """A logged speed after ``from_s`` as a share of ``level_rpm``, (N,); one before ``from_s``.
 
-    Noise, spikes and dropouts are removed. The result is one everywhere if the speed changes by less
-    than 2 % in the first 20 s, and None if most samples in that time are missing.
+    Noise, spikes and dropouts are removed. The result is one everywhere if the speed changes by
+    less than 2 % in the first 20 s, and None if most samples in that time are missing.
 
     >>> t = np.arange(0.0, 60.0, 1 / 75)
     >>> slowing = 3000.0 * np.exp(-np.clip(t - 30.0, 0, None) / 3.0)

@@ -33,7 +33,7 @@ FILTER_SHAPES: tuple[FilterShape, ...] = get_args(FilterShape)
 
 @dataclass(frozen=True)
 class Junction:
-    """Position of a junction: depth below the running surface, axial distance from one face, angle."""
+    """Position of a junction: depth below the running surface, distance from one face, angle."""
 
     depth_m: float
     z_m: float
@@ -68,7 +68,9 @@ class Conditioning:
 
     @cached_property
     def factors(self) -> tuple[tuple[float, ...], ...]:
-        """Factors of 1/B(s), ascending coefficients in s: lags (1, tau) and sections (1, 2 zeta/wc, 1/wc^2).
+        """Factors of 1/B(s), ascending coefficients in s.
+
+        They are lags (1, tau) and sections (1, 2 zeta/wc, 1/wc^2).
 
         The poles of a Butterworth filter of order n lie on a circle: zeta_k = sin((2k - 1) pi/2n),
         k = 1..n/2, and a real pole where n is odd.
@@ -103,7 +105,7 @@ class Conditioning:
 
 @dataclass(frozen=True)
 class DiskSetup:
-    """One disk as ``rig.toml`` describes it, in SI units; section 3 of the design gives the defaults.
+    """One disk of ``rig.toml`` in SI units; section 3 of the design gives the defaults.
 
     Parameters
     ----------
@@ -173,7 +175,7 @@ class DiskSetup:
 
     @property
     def edge(self) -> str:
-        """The junction of the inner row nearest the centre plane, such as b; the rim begins at its depth."""
+        """The junction of the inner row nearest the centre plane; the rim begins at its depth."""
         return min(self.inner, key=self.off_centre_m)
 
     @property
@@ -247,7 +249,7 @@ class DiskSetup:
         return weights
 
     def _inner_surrogate(self, channel: str, available: list[str]) -> dict[str, float]:
-        """Weights of the available junctions of the inner row, in the order of z, for a missing one."""
+        """Weights of the available junctions of the inner row (in order of z) for a missing one."""
         z = self.junctions[channel].z_m
         below = [c for c in available if self.junctions[c].z_m < z]
         above = [c for c in available if self.junctions[c].z_m > z]
@@ -261,7 +263,7 @@ class DiskSetup:
         return {nearest: 1.0}
 
     def made_of(self, left_out: Collection[str]) -> Array:
-        """Matrix (C, C) that replaces the channels left out by their surrogates: rows times readings."""
+        """Matrix (C, C) that replaces the readings left out by those of their surrogates."""
         matrix = np.eye(len(self.junctions))
         for c, weights in self.stand_ins(left_out).items():
             matrix[self.channels.index(c)] = [weights.get(s, 0.0) for s in self.channels]

@@ -16,10 +16,11 @@ class FluxProfile:
     ----------
     kind
         "hertz": the parabola of Hertz's pressure; "flat": constant over the width of the contact;
-        "barus": proportional to the viscosity of the lubricant under Hertz's pressure p, exp(alpha p),
-        summed along rolling; "table": linear interpolation of ``weight``, zero outside.
+        "barus": proportional to the viscosity of the lubricant under Hertz's pressure p, exp(alpha
+        p), summed along rolling; "table": linear interpolation of ``weight``, zero outside.
     shift_m
-        Distance of the centre of the flux from the centre plane, positive away from the face at z = 0.
+        Distance of the centre of the flux from the centre plane, positive away from the face at z =
+        0.
     viscosity_per_Pa
         alpha [1/Pa].
     pressure_Pa

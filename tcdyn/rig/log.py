@@ -143,9 +143,10 @@ class LogPiece:
 class LogPieces:
     """A log that is read in chunks, as often as needed, in memory that does not grow with the log.
 
-    ``iter_log`` has read the file once: ``switches`` (N,) hold all rows of the file, ``findings`` what
-    that first walk showed. Each further walk checks the chunks. Errors that depend on the complete
-    column (a frozen channel, too many missing samples or spikes) are raised before the last chunk,
+    ``iter_log`` has read the file once: ``switches`` (N,) hold all rows of the file, ``findings``
+    what that first walk showed. Each further walk checks the chunks. Errors that depend on the
+    complete column (a frozen channel, too many missing samples or spikes) are raised before the
+    last chunk,
     so results made from the other chunks are valid only after the last one. ::
 
         log = iter_log("B3.csv", "ehl", rig)
@@ -306,10 +307,10 @@ def iter_log(
 ) -> LogPieces:
     """Open a log that is read in chunks, in time order; joined, they are the frame of ``read_log``.
 
-    The file is read once here. This first walk stores its time and switches, and of the other columns
-    a sample of at most 32768 rows, every k-th run of 64 rows. Sampling, switches, entry or unloading,
-    units, loads, swapped and dead channels are checked with them. A file of more than 131072 rows is
-    read again with each walk over the chunks.
+    The file is read once here. This first walk stores its time and switches, and of the other
+    columns a sample of at most 32768 rows, every k-th run of 64 rows. Sampling, switches, entry or
+    unloading, units, loads, swapped and dead channels are checked with them. A file of more than
+    131072 rows is read again with each walk over the chunks.
 
     Parameters
     ----------
@@ -337,9 +338,9 @@ def iter_log(
 
     Notes
     -----
-    CSV (chunks of at most 2 MB of text), Parquet and TDMS need memory for some chunks and 45 bytes for
-    each row of the file, 280 MB for a gigabyte. LVM, UTF-16 text and TDMS channels that differ in
-    start or rate are read at once.
+    CSV (chunks of at most 2 MB of text), Parquet and TDMS need memory for some chunks and 45 bytes
+    for each row of the file, 280 MB for a gigabyte. LVM, UTF-16 text and TDMS channels that differ
+    in start or rate are read at once.
     """
     if kind == "oven":
         raise InputError(

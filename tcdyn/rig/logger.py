@@ -17,8 +17,8 @@ ConstantName = Literal["load_N", "speed_fast_rpm", "speed_slow_rpm", "ambient_de
 class Constant:
     """[constants] load_N = { value = 2320, u = 20 }: replaces a column that is not in the log.
 
-    ``value`` under load, over the last 150 s before the unloading, with its standard uncertainty ``u``,
-    both in the unit in which the name ends.
+    ``value`` under load, over the last 150 s before the unloading, with its standard uncertainty
+    ``u``, both in the unit in which the name ends.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -28,7 +28,7 @@ class Constant:
 
 @dataclass(frozen=True)
 class LoggerTable:
-    """[logger]; ``millivolts``: columns of junctions hold the emf of type ``couple``, not degrees Celsius."""
+    """[logger]; ``millivolts``: columns of junctions hold the emf of type ``couple``, not degC."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     millivolts: bool = False
@@ -38,7 +38,7 @@ class LoggerTable:
 
 @dataclass(frozen=True)
 class AmbientChannels:
-    """[ambient]: columns of T_A, the air at the running ``surface`` of a disk and behind its ``faces``."""
+    """[ambient]: columns of T_A, the air at the running ``surface`` and behind the ``faces``."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     surface: tuple[str, ...] = ()

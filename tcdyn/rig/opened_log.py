@@ -1,4 +1,4 @@
-"""Open the file of a log: match its columns to canonical names, convert units, find missing columns.
+"""Open the file of a log: match columns to canonical names, convert units, find missing columns.
 
 Also the kind of a log by its columns, and the records that belong to its disks.
 """
@@ -67,7 +67,7 @@ def records_by_disk(paths: Sequence[str | Path]) -> dict[str, DiskRecord]:
 
 
 def rig_of(records: Mapping[str, DiskRecord]) -> Rig:
-    """The rig stored in the records: each disk by its own record, the common tables by the first."""
+    """The rig stored in the records: each disk by its record, the common tables by the first."""
     common = next(iter(records.values())).setup
     setups = {disk: records[disk].setup if disk in records else common for disk in DISKS}
     return Rig(common=common, fast=setups["fast"], slow=setups["slow"])

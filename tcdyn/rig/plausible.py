@@ -1,4 +1,4 @@
-"""Implausible readings: out of range, overload and drop-out codes, changes impossible for a chain."""
+"""Implausible readings: out of range, overload and drop-out codes, changes too fast for a chain."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from numpy.typing import NDArray
 
 from tcdyn.core import Array, Flags
 
-# Range of a thermocouple [degC]: absolute zero, and above type C, the highest standardised one, which
-# ends at 2315 degC (ASTM E230); 3000 allows other sensors.
+# Range of a thermocouple [degC]: absolute zero, and above type C, the highest standardised one,
+# which ends at 2315 degC (ASTM E230); 3000 allows other sensors.
 LOWEST_DEGC = -273.15
 HIGHEST_DEGC = 3000.0
-# A reading of any quantity is an overload code beyond this multiple of the usual size of its column:
-# 9.9E37 and 9.91E37 (SCPI), 9E9, 1E38. Decades of real signals differ by less.
+# A reading of any quantity is an overload code beyond this multiple of the usual size of its
+# column: 9.9E37 and 9.91E37 (SCPI), 9E9, 1E38. Decades of real signals differ by less.
 OVERLOAD_RATIO = 1e6
 # Standard deviations of the noise that a change between two samples may contain. By judgement.
 NOISE_ALLOWANCE = 10.0
-# Share of the smallest impossible change from which a change separates segments: the first half of a
-# spike may be smaller than its return. Chosen by judgement.
+# Share of the smallest impossible change from which a change separates segments: the first half of
+# a spike may be smaller than its return. Chosen by judgement.
 BORDER_SHARE = 0.3
 # Coarsest step of a temperature logger [K]. Chosen by judgement.
 COARSEST_K = 5.0
@@ -27,12 +27,13 @@ COARSEST_K = 5.0
 QUIET_SHARE = 0.2
 # That quantile of |difference of two samples| of white noise over its standard deviation.
 QUIET_QUANTILE = 0.3583
-# A drop-out code differs from all other readings by more than this share of their range, and by more
-# than this number of steps of the logger. Chosen by judgement.
+# A drop-out code differs from all other readings by more than this share of their range, and by
+# more than this number of steps of the logger. Chosen by judgement.
 CODE_DISTANCE = 0.1
 CODE_STEPS = 5.0
-# It occurs in runs of at most this median length, unless its distance exceeds the range of the other
-# readings; a code, rather than a state of the process, occurs in at least this number of runs.
+# It occurs in runs of at most this median length, unless its distance exceeds the range of the
+# other readings; a code, rather than a state of the process, occurs in at least this number of
+# runs.
 CODE_RUN = 3
 CODE_RUNS = 3
 # Fewest different readings of the rest of the column: a switch or a relay has no drop-out codes.
@@ -140,11 +141,11 @@ def unreachable(
 ) -> Flags:
     """Samples that no physical input could have produced through a chain, given the others.
 
-    Through a lag tau the reading approaches its input: y(t + d) = y(t) + (1 - exp(-d/tau)) (x - y(t)), x a
-    mean of the input over d. With x between ``LOWEST_DEGC`` and ``HIGHEST_DEGC`` this bounds every change.
-    Where a change is larger, one of its sides is not a reading of the sensor. The record is divided there
-    and at other large changes; of all subsets of the segments in which every segment can follow the one
-    before, the one with most samples is used.
+    Through a lag tau the reading approaches its input: y(t + d) = y(t) + (1 - exp(-d/tau)) (x -
+    y(t)), x a mean of the input over d. With x between ``LOWEST_DEGC`` and ``HIGHEST_DEGC`` this
+    bounds every change. Where a change is larger, one of its sides is not a reading of the sensor.
+    The record is divided there and at other large changes; of all subsets of the segments in which
+    every segment can follow the one before, the one with most samples is used.
 
     Parameters
     ----------
@@ -220,10 +221,10 @@ def _largest_subset(
     memory_s: float,
     possible: Callable[[Array, Array, Array], Flags],
 ) -> Flags:
-    """Which segments are accepted: the sequence with most samples in which each can follow the one before.
+    """The sequence of segments with most samples in which each can follow the one before.
 
-    Dynamic programming over the segments in time. A segment can follow every segment that ends earlier
-    than ``memory_s`` before it.
+    Dynamic programming over the segments in time. A segment can follow every segment that ends
+    earlier than ``memory_s`` before it.
     """
     count = len(size)
     best = size.astype(float)

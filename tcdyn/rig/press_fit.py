@@ -1,4 +1,4 @@
-"""The press fit of a disk on its shaft ([fit] of ``rig.toml``): interference, surfaces, keyways, patches."""
+"""The press fit of a disk on its shaft: interference, surfaces, keyways and patches ([fit])."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Keyway:
 
 @dataclass(frozen=True)
 class Patch:
-    """A sector of poor contact from ``from_deg`` to ``to_deg``, through zero if the second is smaller.
+    """A sector of poor contact from ``from_deg`` to ``to_deg``, which may contain zero.
 
     ``share``: its conductance relative to that of the contact outside it.
     """
@@ -60,7 +60,8 @@ class Patch:
 class PressFit:
     """[fit] of a rig file (sections 6.4.3, (6.1), (6.2)).
 
-    Hardness, roughness, slope and conductivity of the joint are assumed: together they give table 6.6.
+    Hardness, roughness, slope and conductivity of the joint are assumed: together they give table
+    6.6.
 
     Parameters
     ----------
@@ -154,7 +155,9 @@ def _split_at_zero(start: float, end: float, share: float) -> list[tuple[float, 
 def harmonics(sectors: Sectors, up_to: int) -> NDArray[np.complex128]:
     """Fourier coefficients c_0 ... c_n of the share along the bore, s = sum of c_n exp(i n theta).
 
-    >>> np.round(harmonics(((0.0, 180.0, 0.0),), 1), 4)  # half the bore without contact: 1/2 and i/pi
+    Half the bore without contact gives 1/2 and i/pi:
+
+    >>> np.round(harmonics(((0.0, 180.0, 0.0),), 1), 4)
     array([ 0.5+0.j    , -0. +0.3183j])
     """
     coefficients = np.zeros(up_to + 1, dtype=complex)
@@ -182,7 +185,7 @@ def amplitude_and_angle(coefficients: NDArray[np.complex128], n: int) -> tuple[f
 
 
 def mean_shares(sectors: Sectors, edges_deg: Array) -> Array:
-    """Mean share between each two of ``edges_deg`` (N + 1,), which ascend within a turn or two, (N,).
+    """Mean share between each two of ``edges_deg`` (N + 1,), ascending within two turns, (N,).
 
     >>> mean_shares(((0.0, 10.0, 0.0),), np.array([0.0, 5.0, 15.0, 25.0]))
     array([0. , 0.5, 1. ])

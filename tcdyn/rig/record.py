@@ -53,7 +53,7 @@ Positive = Annotated[float, Field(gt=0, lt=LONGEST_LAG_S)]
 
 
 class ChannelChain(RecordPart):
-    """The chain of one channel in a record: the parameters [s] of ``tcdyn.Chain``, without the filter B.
+    """The chain of one channel in a record: the parameters [s] of ``tcdyn.Chain`` without filter B.
 
     Parameters
     ----------
@@ -272,7 +272,8 @@ def read_record(path: str | Path) -> DiskRecord:
     Raises
     ------
     InputError
-        An unknown schema, a missing or unknown key, or an impossible value; the message names the key.
+        An unknown schema, a missing or unknown key, or an impossible value; the message names the
+        key.
     """
     data = read_json(path, "a disk record", "tcdyn calibrate", "*.disk.json")
     return parse_record(data, str(path))

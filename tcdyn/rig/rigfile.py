@@ -190,7 +190,7 @@ class Rig(Result, BaseModel):
         return self.model_dump(mode="json")
 
     def tables(self, disk: str) -> RigTables:
-        """The tables of ``disk``, "fast" or "slow"; the common ones for "". InputError otherwise."""
+        """The tables of ``disk``: "fast", "slow", or "" for the common ones; else InputError."""
         tables = {"fast": self.fast, "slow": self.slow, "": self.common}
         if disk not in tables:
             raise InputError(f"the rig has no disk {disk!r}", expected=" or ".join(DISKS))
@@ -199,8 +199,8 @@ class Rig(Result, BaseModel):
     def columns(self, disk: str | None = None) -> dict[str, str]:
         """``[columns]`` for a log of ``disk``: canonical name to name in the file.
 
-        ``fast_a_degC``, mapped for EHL logs, is also the ``a_degC`` of oven and plunge logs of the fast
-        disk, unless ``a_degC`` is mapped itself.
+        ``fast_a_degC``, mapped for EHL logs, is also the ``a_degC`` of oven and plunge logs of the
+        fast disk, unless ``a_degC`` is mapped itself.
 
         >>> rig = parse_rig({"columns": {"fast_a_degC": "TC1 fast"}}, "rig.toml")
         >>> rig.columns("fast")["a_degC"]
@@ -225,7 +225,7 @@ class Rig(Result, BaseModel):
         return air_columns([self.fast.ambient, self.slow.ambient])
 
     def couples(self, kind: str, disk: str | None = None) -> tuple[str, ...]:
-        """Columns of the junctions in a log of ``kind``: of both disks in an EHL log, else of ``disk``."""
+        """Columns of the junctions in a log: of both disks in an EHL log, else of ``disk``."""
         if kind != "ehl":
             return couples(sorted(self.tables(disk or "").thermocouples))
         columns: list[str] = []
@@ -313,7 +313,8 @@ def _merge(base: Mapping[str, Any], override: Mapping[str, Any]) -> dict[str, An
 def changed_keys(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[tuple[str, Any, Any]]:
     """Keys of two sets of rig tables whose values differ: (key, value before, value after).
 
-    >>> changed_keys({"disk": {"width_mm": 9.53, "bore": 1}}, {"disk": {"width_mm": 10.0, "bore": 1}})
+    >>> old = {"disk": {"width_mm": 9.53, "bore": 1}}
+    >>> changed_keys(old, {"disk": {"width_mm": 10.0, "bore": 1}})
     [('[disk] width_mm', 9.53, 10.0)]
     """
     old = _flat(before)

@@ -16,8 +16,8 @@ from tcdyn.core.findings import Finding, info, warning
 from tcdyn.rig.disk import CHANNELS
 from tcdyn.rig.strict import STRICT
 
-# Levels of the tests of a line: below the first an information, below the second a warning, because a
-# disk has some twenty such tests.
+# Levels of the tests of a line: below the first an information, below the second a warning, because
+# a disk has some twenty such tests.
 INFO_SIGNIFICANCE = 0.01
 WARNING_SIGNIFICANCE = 0.001
 # Readings this far outside the oven's range give a warning [K] ...
@@ -38,8 +38,8 @@ class StaticLine(BaseModel):
     gain, offset
         Of the line.
     covariance
-        Of (gain, offset) [1, degC; degC, degC^2], widened so that 1.96 standard uncertainties are the 95 %
-        interval at the available degrees of freedom.
+        Of (gain, offset) [1, degC; degC, degC^2], widened so that 1.96 standard uncertainties are
+        the 95 % interval at the available degrees of freedom.
     range_degC
         Range of the PRT readings.
     shared_u_K
@@ -173,10 +173,11 @@ def whole_u(line: StaticLine, temperature_degC: ArrayLike) -> Array:
 def best_known(line: StaticLine) -> tuple[float, float, float]:
     """Temperature [degC] at which a line has its smallest uncertainty, and two uncertainties.
 
-    These are the standard uncertainty there [K], and that of the slope about there [1]. The three values
-    are equivalent to the covariance: u^2(T) = u_there^2 + (T - there)^2 u_slope^2.
+    These are the standard uncertainty there [K], and that of the slope about there [1]. The three
+    values are equivalent to the covariance: u^2(T) = u_there^2 + (T - there)^2 u_slope^2.
 
-    >>> line = StaticLine(gain=1.0, offset=0.0, covariance=((1e-6, -9e-5), (-9e-5, 0.0085)), range_degC=(20, 160))
+    >>> covariance = ((1e-6, -9e-5), (-9e-5, 0.0085))
+    >>> line = StaticLine(gain=1.0, offset=0.0, covariance=covariance, range_degC=(20, 160))
     >>> [round(x, 4) for x in best_known(line)]
     [90.0, 0.02, 0.001]
     """
@@ -204,8 +205,8 @@ def extrapolated(
 ) -> list[Finding]:
     """Warnings about channels that were far outside their calibrated range, one for each range.
 
-    Far: more than 10 K for more than half a per cent of the samples at one end; a straight line may be
-    extrapolated by a few kelvin.
+    Far: more than 10 K for more than half a per cent of the samples at one end; a straight line may
+    be extrapolated by a few kelvin.
 
     Parameters
     ----------
@@ -218,9 +219,9 @@ def extrapolated(
 
     Examples
     --------
-    >>> line = StaticLine(gain=1.0, offset=0.0, covariance=((0, 0), (0, 0)), range_degC=(20.0, 60.0))
-    >>> print(*extrapolated("B3.csv", {"fast_e": [30.0, 124.0]}, {"fast_e": line}))
-    B3.csv: fast_e read 30 to 124 degC, calibrated from 20 to 60 degC: static lines extrapolate there
+    >>> line = StaticLine(gain=1, offset=0, covariance=((0, 0), (0, 0)), range_degC=(20.0, 60.0))
+    >>> print(*extrapolated("B3", {"fast_e": [30.0, 124.0]}, {"fast_e": line}))
+    B3: fast_e read 30 to 124 degC, calibrated from 20 to 60 degC: static lines extrapolate there
     """
     by_range: dict[tuple[float, float], dict[str, list[float]]] = {}
     for channel, values in temperature_degC.items():

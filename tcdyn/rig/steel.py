@@ -43,12 +43,14 @@ class SteelSlopes:
         return 1 + self.specific_heat_per_K * (temperature_degC - self.reference_degC)
 
     def bend(self, temperature_degC: Array) -> Array:
-        """(T - T_A) (T - T_s) / 2 [K2]: Kirchhoff's temperature minus T, per unit of the slope a'."""
+        """(T - T_A) (T - T_s) / 2 [K2]: Kirchhoff's temperature minus T, over the slope a'."""
         t = np.asarray(temperature_degC, dtype=float)
         return np.asarray(0.5 * (t - self.air_degC) * (t - self.surface_degC))
 
     def straight(self, temperature_degC: Array) -> Array:
-        """Kirchhoff's temperature T_A + integral of k / k_m from T_A to T [degC]; k_m at ``middle_degC``.
+        """Kirchhoff's temperature [degC]: T_A + integral of k / k_m from T_A to T.
+
+        k_m is the conductivity at ``middle_degC``.
 
         The heat flux is its gradient times the constant k_m, and air and surface keep their
         temperatures: theta = T + a' (T - T_A) (T - T_s) / 2 with a' = a k_0 / k_m.

@@ -1,4 +1,4 @@
-"""Heat loss of a running surface against its temperature, measured with a heated spot (figure 8.1)."""
+"""Measured heat loss of a running surface against its temperature (heated spot, figure 8.1)."""
 
 from __future__ import annotations
 
@@ -67,8 +67,8 @@ def fit_surface_flux(
     flux_W_m2
         Heat fluxes, (N,).
     power_rel
-        Relative standard uncertainty common to all fluxes (power of the heater, area of the spot). It
-        affects h, but not T_a.
+        Relative standard uncertainty common to all fluxes (power of the heater, area of the spot).
+        It affects h, but not T_a.
 
     Raises
     ------
@@ -77,8 +77,8 @@ def fit_surface_flux(
 
     Notes
     -----
-    The scatter affects both h and T_a. Their positive correlation is not used later, so the uncertainty
-    of the heat loss of a hot surface is overestimated.
+    The scatter affects both h and T_a. Their positive correlation is not used later, so the
+    uncertainty of the heat loss of a hot surface is overestimated.
 
     Examples
     --------

@@ -42,7 +42,8 @@ class DiskTable(RigTable):
         if self.crown_radius_mm <= self.outer_radius_mm:
             raise ValueError(
                 f"crown_radius_mm is {self.crown_radius_mm:g}; expected more than outer_radius_mm, "
-                f"{self.outer_radius_mm:g}: give the radius across the running surface, which is nearly flat"
+                f"{self.outer_radius_mm:g}: give the radius across the running surface, "
+                "which is nearly flat"
             )
         return self
 

@@ -206,7 +206,8 @@ def emf_mV(temperature_degC: ArrayLike, couple: str = "J") -> Array:
     Parameters
     ----------
     temperature_degC
-        Any shape: -200 (J: -210) to 1000 (E), 1200 (J), 1372 (K), 1300 (N), 400 (T) degC. NaN stays NaN.
+        Any shape: -200 (J: -210) to 1000 (E), 1200 (J), 1372 (K), 1300 (N), 400 (T) degC. NaN stays
+        NaN.
     couple
         Type: E, J, K, N or T.
 

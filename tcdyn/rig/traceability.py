@@ -11,7 +11,8 @@ from pydantic import AfterValidator, BaseModel, Field, model_validator
 from tcdyn.rig.strict import STRICT
 
 YEAR_DAYS = 365.25
-# Standard uncertainty of the PRT: an error of at most 0.1 degC, uniformly distributed (section 2.6).
+# Standard uncertainty of the PRT: an error of at most 0.1 degC, uniformly distributed (section
+# 2.6).
 PRT_U_DEGC = 0.1 / np.sqrt(3.0)
 
 
@@ -66,12 +67,13 @@ class TraceabilityTable(BaseModel):
     def _check_drift(self) -> Self:
         if self.reference_drift_K_per_year and not self.reference_date:
             raise ValueError(
-                "traceability: reference_drift_K_per_year needs reference_date, the start of the drift"
+                "traceability: reference_drift_K_per_year needs reference_date, "
+                "the start of the drift"
             )
         return self
 
     def drift_u_K(self, on: date) -> float:
-        """Standard uncertainty [K] of the drift of the reference until ``on``, uniformly distributed.
+        """Standard uncertainty [K] of the reference's drift until ``on``, uniformly distributed.
 
         >>> table = TraceabilityTable(reference_date="2025-01-01", reference_drift_K_per_year=0.02)
         >>> round(table.drift_u_K(date(2027, 1, 1)), 4)
@@ -83,5 +85,5 @@ class TraceabilityTable(BaseModel):
         return self.reference_drift_K_per_year * years / 3**0.5
 
     def shared_u_K(self, on: date) -> float:
-        """Standard uncertainty [K] common to all channels calibrated against the reference on that day."""
+        """Standard uncertainty [K] common to all channels calibrated on that day."""
         return float(np.hypot(self.reference_u_K, self.drift_u_K(on)))

@@ -60,8 +60,8 @@ MUTATIONS: tuple[Mutation, ...] = (
     Mutation(
         "Hertz: twice the load",
         CONTACT,
-        "(1.5 * load_N * crown",
-        "(3.0 * load_N * crown",
+        "= 1.5 * load_N * crown",
+        "= 3.0 * load_N * crown",
         HERTZ_TESTS,
     ),
     Mutation(
