@@ -58,13 +58,13 @@ class TrackFlux:
             integral = _table_integral(profile.at_m, profile.weight)
             ends = np.array(profile.at_m)[[0, -1]]
             low, high = integral(ends)
-            return np.asarray((integral(np.clip(z / self.wider, *ends)) - low) / (high - low))
+            return (integral(np.clip(z / self.wider, *ends)) - low) / (high - low)
         s = np.clip(z / self.half_width_m, -1.0, 1.0)
         if profile.kind == "flat":
-            return np.asarray(0.5 + 0.5 * s)
+            return 0.5 + 0.5 * s
         if profile.kind == "barus":
-            return np.asarray(np.interp(np.arcsin(s), *_barus(profile.exponent)))
-        return np.asarray(0.5 + 0.75 * (s - s**3 / 3))
+            return np.interp(np.arcsin(s), *_barus(profile.exponent))
+        return 0.5 + 0.75 * (s - s**3 / 3)
 
     def shares(self, edges_m: Array) -> Array:
         """Share of the heat that enters each cell, (n,).
@@ -88,7 +88,7 @@ class TrackFlux:
                 expected="a track on the surface",
                 remedy="look at flux_shift_mm and flux_table_mm of [contact]",
             )
-        return np.asarray(np.diff(below) / on_surface)
+        return np.diff(below) / on_surface
 
 
 def track(

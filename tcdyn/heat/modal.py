@@ -280,7 +280,7 @@ def flux_density(flux: Flux, half_width: float, width: float, n: int) -> Array:
         x, w = np.polynomial.legendre.leggauss(12)
         z = edges[:-1, None] + cells[:, None] * (x + 1) / 2
         heat = np.asarray(flux(z), dtype=float) @ w / 2 * cells
-        return np.asarray(heat / heat.sum() / cells)
+        return heat / heat.sum() / cells
     if not 0 < half_width <= width / 2 + 1e-12:
         raise InputError(
             f"the contact's half-width {half_width} m must lie between 0 and half the width "
@@ -288,7 +288,7 @@ def flux_density(flux: Flux, half_width: float, width: float, n: int) -> Array:
         )
     s = np.clip(edges / half_width, -1.0, 1.0)
     integral = (s - s**3 / 3) * 0.75 if flux == "hertz" else s * 0.5
-    return np.asarray(np.diff(integral) / cells)
+    return np.diff(integral) / cells
 
 
 def profile_basis(
@@ -334,7 +334,7 @@ def profile_basis(
     at_junctions = at_junctions[:, determined]
     is_square = at_junctions.shape[0] == at_junctions.shape[1]
     inverse = np.linalg.inv(at_junctions) if is_square else np.linalg.pinv(at_junctions)
-    return np.asarray((nodal @ inverse).T)
+    return (nodal @ inverse).T
 
 
 @lru_cache(maxsize=16)
@@ -355,7 +355,7 @@ def reading_weights(position: ArrayLike, n: int) -> Array:
         raise InputError(
             f"a point lies outside the rim (at {steps[is_outside][0]:.2f} of {n - 1} mesh steps)"
         )
-    return np.asarray(_cardinal_splines(n)(steps))
+    return _cardinal_splines(n)(steps)
 
 
 @lru_cache(maxsize=256)
@@ -370,7 +370,7 @@ def readings(rim: Rim, points: tuple[Point, ...], mesh: Mesh) -> tuple[Array, Ar
 def forcing(s: Spectrum) -> Array:
     """Steady amplitude (I, m, n) of every mode for a unit of every input."""
     sources = s.force_r[s.source_r][:, :, None] * s.force_z[:, None, :]
-    return np.asarray(np.tensordot(s.collect, sources, axes=1) / s.rates)
+    return np.tensordot(s.collect, sources, axes=1) / s.rates
 
 
 def rim_gains(

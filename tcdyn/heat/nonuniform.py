@@ -47,7 +47,7 @@ def film_in_steps(
     knots = np.concatenate([[0.0], np.asarray(edges_m, dtype=float), [width_m]])
     steps = np.diff(knots) * np.asarray(values_W_m2K, dtype=float)
     integral = np.concatenate([[0.0], np.cumsum(steps)])
-    return np.asarray(np.diff(np.interp(cells, knots, integral)) / np.diff(cells))
+    return np.diff(np.interp(cells, knots, integral)) / np.diff(cells)
 
 
 def film_along(mean_W_m2K: float, along: tuple[float, float], nz: int) -> Array:
@@ -68,7 +68,7 @@ def film_along(mean_W_m2K: float, along: tuple[float, float], nz: int) -> Array:
     array([150., 225., 300., 375., 450.])
     """
     x = np.linspace(-1.0, 1.0, nz)
-    return np.asarray(mean_W_m2K * (1 + along[0] * x + along[1] * (1 - 3 * x**2)))
+    return mean_W_m2K * (1 + along[0] * x + along[1] * (1 - 3 * x**2))
 
 
 def rim_gains_nonuniform(

@@ -192,7 +192,7 @@ class Switch:
 def log_nodes(low: float, high: float, count: int) -> Array:
     """Chebyshev nodes (second kind) in the logarithm, from e^low to e^high, for ``cardinal``."""
     x = -np.cos(np.pi * np.arange(count) / (count - 1))
-    return np.asarray(np.exp(low + (high - low) * (x + 1) / 2))
+    return np.exp(low + (high - low) * (x + 1) / 2)
 
 
 def node_rates(
@@ -251,7 +251,7 @@ def cardinal(rates_per_s: Array, log_lambda: Array) -> Array:
     decades have an error of 1e-6.
     """
     weights, total = unscaled_cardinal(rates_per_s, log_lambda)
-    return np.asarray(weights / total[:, None])
+    return weights / total[:, None]
 
 
 def unscaled_cardinal(rates_per_s: Array, log_lambda: Array) -> tuple[Array, Array]:
@@ -275,7 +275,7 @@ def unscaled_cardinal(rates_per_s: Array, log_lambda: Array) -> tuple[Array, Arr
 def cardinal_slope(rates_per_s: Array, weights: Array) -> Array:
     """d(weights)/d(log lambda) for the ``weights`` (M, K) that ``cardinal`` returned."""
     d = _barycentric(len(rates_per_s))[2]
-    return np.asarray(weights @ d * (2 / np.log(rates_per_s[-1] / rates_per_s[0])))
+    return weights @ d * (2 / np.log(rates_per_s[-1] / rates_per_s[0]))
 
 
 def lag_bank(
@@ -383,7 +383,7 @@ def bank_means(
     block_ends = np.append(starts[2:], len(u) - 1)
     input_change = (u[block_ends] - u[starts[1:]])[:, None]
     end_terms = states[1:-1] - states[2:] + ramp * input_change
-    return np.asarray((input_sums + end_terms / rise) / lengths[1:, None])
+    return (input_sums + end_terms / rise) / lengths[1:, None]
 
 
 def hold_weights(x: Array) -> tuple[Array, Array]:

@@ -280,7 +280,7 @@ def resample_to_grid(name: str, values: Array, sampling: Sampling, rows: slice) 
     y = _centred(np.where(used, y, 0.0), used, count)
     slope_numerator = (t * y).sum(axis=1)
     slope_denominator = np.maximum((t * t).sum(axis=1), 1e-300)
-    return np.asarray(values - jitter_s * slope_numerator / slope_denominator)
+    return values - jitter_s * slope_numerator / slope_denominator
 
 
 def _centred(windows: Array, used: NDArray[np.bool_], count: NDArray[np.int_]) -> Array:

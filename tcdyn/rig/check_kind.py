@@ -149,7 +149,7 @@ def _loaded(sample: pd.DataFrame) -> Flags:
     if name is None:
         return np.zeros(len(sample), dtype=bool)
     smooth = sample[name].rolling(51, center=True, min_periods=1).median()
-    return np.asarray(smooth > 0.5 * (smooth.min() + smooth.max()))
+    return (smooth > 0.5 * (smooth.min() + smooth.max())).to_numpy()
 
 
 def _two_levels(values: Array, name: str, location: SampleLocation) -> tuple[Array, list[Finding]]:

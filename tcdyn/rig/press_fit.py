@@ -200,4 +200,4 @@ def mean_shares(sectors: Sectors, edges_deg: Array) -> Array:
     total_loss = np.cumsum(losses_deg)
     rotations, angle_deg = np.divmod(edges_deg, 360.0)
     loss = rotations * total_loss[-1] + np.interp(angle_deg, boundaries_deg, total_loss)
-    return np.asarray(np.diff(edges_deg - loss) / np.diff(edges_deg))
+    return np.diff(edges_deg - loss) / np.diff(edges_deg)

@@ -32,7 +32,7 @@ class DiskTable(RigTable):
     reference_degC: float = Field(default=20.0, ge=-100, le=400)
 
     @model_validator(mode="after")
-    def _bore_inside(self) -> DiskTable:
+    def _check_radii(self) -> DiskTable:
         if 0.0 < self.bore_radius_mm < 0.5:
             raise ValueError(
                 f"bore_radius_mm: {self.bore_radius_mm} mm is no bore; is it in metres?"
