@@ -165,7 +165,7 @@ def _check_rate_and_gaps(time: Array, step: Array, dt: float, location: SampleLo
         is_milliseconds = dt * 1e-3 < 0.2
         hint = "; this looks like milliseconds" if is_milliseconds else ""
         raise InputError(
-            f"column time_s: samples stand {dt:.4g} s apart{hint}",
+            f"column time_s: the sample interval is {dt:.4g} s{hint}",
             where=location.where,
             expected="seconds, sampled faster than 1 Hz (75 Hz on the rig)",
         )

@@ -341,7 +341,7 @@ def _check_once(names: tuple[str, ...], name: str, where: str) -> None:
     if names.count(name) > 1:
         columns = [str(i + 1) for i, n in enumerate(names) if n == name]
         raise InputError(
-            f"column {name!r} stands {len(columns)} times (columns {', '.join(columns)})",
+            f"column {name!r} occurs {len(columns)} times (columns {', '.join(columns)})",
             where=where,
             expected="each column once",
             remedy="delete or rename the copies",

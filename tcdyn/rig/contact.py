@@ -233,10 +233,10 @@ def contact_force(t: Array, raw_N: Array, events: Events) -> Array:
     else:
         share = (t < off).astype(float)
     filled = pd.Series(force_N).interpolate(limit_direction="both")
-    held = filled.rolling(2).mean().shift(-1).to_numpy()
+    means = filled.rolling(2).mean().shift(-1).to_numpy()
     again = [(t >= start) & (t < stop) for start, stop in events.again]
     is_contact_again = np.any([nowhere, *again], axis=0)
-    return np.where(is_contact_again, held, np.where(t >= on, smooth * share, 0.0))
+    return np.where(is_contact_again, means, np.where(t >= on, smooth * share, 0.0))
 
 
 def _smooth_force(raw: Array, dt_s: float) -> Array:

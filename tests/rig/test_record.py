@@ -170,7 +170,7 @@ def test_a_record_edited_to_nonsense_is_refused_by_key(key):
         ("[1, 2]", "no disk record"),
         ("{}", "schema: the key is missing"),
         ('{"schema": "tcdyn.disk/2"}', "disk: Field required"),
-        ('{"schema": "tcdyn.disk/2", "disk": "a", "disk": "b"}', "'disk' stands twice"),
+        ('{"schema": "tcdyn.disk/2", "disk": "a", "disk": "b"}', "'disk' occurs twice"),
         (RECORD.to_json().replace('"offset": ', '"offset": NaN, "x": ', 1), "static"),
         (RECORD.to_json()[:500], "not readable as JSON"),
         ("[" * 100_000, "not readable as JSON|no disk record"),
