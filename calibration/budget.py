@@ -54,7 +54,7 @@ class Contribution:
 
 
 @dataclass(frozen=True)
-class RestBudget:
+class UncertaintyBudget:
     """Uncertainty budget of a reading at rest."""
 
     sources: tuple[Contribution, ...]
@@ -83,9 +83,9 @@ class RestBudget:
         return self.coverage * self.u
 
 
-def rest_budget(
+def uncertainty_budget(
     line: StaticLine, stated: TraceabilityTable, on: date, temperature_degC: float
-) -> RestBudget:
+) -> UncertaintyBudget:
     """Budget of the reading of a channel at rest.
 
     The covariance of a line is widened by t/1.96 for its few holds. The budget uses the line's
@@ -108,7 +108,7 @@ def rest_budget(
     >>> covariance = ((0, 0), (0, 0.0016))
     >>> line = StaticLine(gain=1.0, offset=0.1, covariance=covariance, range_degC=(20, 160), n=6,
     ...                   shared_u_K=0.06)
-    >>> budget = rest_budget(line, TraceabilityTable(), date(2026, 1, 1), 90.0)
+    >>> budget = uncertainty_budget(line, TraceabilityTable(), date(2026, 1, 1), 90.0)
     >>> round(budget.u, 3), round(budget.freedom)
     (0.066, 122)
     >>> round(budget.coverage, 2), round(budget.expanded, 3)
@@ -129,4 +129,4 @@ def rest_budget(
         Contribution("reference's certificate", 0.0, certificate, "normal", 1.0, math.inf),
         Contribution("reference's drift since", 0.0, drift, "uniform", 1.0, math.inf),
     )
-    return RestBudget(tuple(s for s in sources if s.u > 0) or (channel,))
+    return UncertaintyBudget(tuple(s for s in sources if s.u > 0) or (channel,))

@@ -12,7 +12,7 @@ from scipy.special import ndtr
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, messages, unique, warning, warnings_and_errors
 from tcdyn.core.result import Result, jsonable
-from tcdyn.rig.record import DiskRecord, moment, now_utc
+from tcdyn.rig.record import DiskRecord, now_utc, parse_time
 from tcdyn.rig.rigfile import changed_keys
 from tcdyn.rig.static_line import (
     StaticLine,
@@ -25,7 +25,7 @@ from tcdyn.rig.static_line import (
 # Level of the family of tests.
 SIGNIFICANCE = 0.05
 # Tables of rig.toml that describe logs and people, not the disk.
-OF_A_LOG = {"columns", "logger", "traceability", "constants", "ambient"}
+LOG_TABLES = {"columns", "logger", "traceability", "constants", "ambient"}
 # A gain further from one gives a warning. Chosen by judgement.
 MAX_GAIN_DEVIATION = 0.05
 # The range of a rolling-contact test [degC], which the static lines should cover.
@@ -48,7 +48,7 @@ class Change(NamedTuple):
 
 
 @dataclass(frozen=True)
-class RecordDiff(Result):
+class RecordComparison(Result):
     """Comparison of two records.
 
     Parameters
@@ -100,7 +100,7 @@ class RecordDiff(Result):
         return self.significant
 
 
-def diff_records(old: DiskRecord, new: DiskRecord) -> RecordDiff:
+def compare_records(old: DiskRecord, new: DiskRecord) -> RecordComparison:
     """Changes from ``old`` to ``new``; the two calibrations are taken as independent.
 
     Compared are each channel's reading at both ends of the common range [degC], and its lags [s].
@@ -132,7 +132,7 @@ def diff_records(old: DiskRecord, new: DiskRecord) -> RecordDiff:
     in_one_only = sorted(set(old.static) ^ set(new.static))
     if in_one_only:
         findings.append(warning("record.in_one_only", channels=in_one_only))
-    return RecordDiff(_holm(changes), tuple(findings))
+    return RecordComparison(_holm(changes), tuple(findings))
 
 
 def _reference(record: DiskRecord) -> tuple[str, str]:
@@ -143,7 +143,7 @@ def _reference(record: DiskRecord) -> tuple[str, str]:
 
 def _disk_tables(record: DiskRecord) -> dict[str, Any]:
     """The tables of rig.toml that a lag may depend on."""
-    tables = record.setup.model_dump(exclude=OF_A_LOG)
+    tables = record.setup.model_dump(exclude=LOG_TABLES)
     return tables | {"conditioning": asdict(record.conditioning)}
 
 
@@ -212,7 +212,7 @@ def check_record(record: DiskRecord) -> tuple[Finding, ...]:
     missing = [c for c in sorted(record.setup.thermocouples) if c not in record.static]
     if missing:
         findings.append(warning("record.missing_channels", channels=missing))
-    if moment(record.created) > moment(now_utc()):
+    if parse_time(record.created) > parse_time(now_utc()):
         findings.append(warning("record.future", created=record.created))
     for channel, line in record.static.items():
         findings += _check_line(channel, line)

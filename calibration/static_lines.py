@@ -16,11 +16,11 @@ from tcdyn.estimation.line_fit import (
     LineFit,
     fit_line,
     lack_of_fit_p,
-    outlying,
+    outliers,
     quadratic_p,
     repeat_shift,
 )
-from tcdyn.rig.columns import couples_in
+from tcdyn.rig.columns import junction_columns_in
 from tcdyn.rig.static_line import StaticLine, finding_of_test, findings_of_tests, lines_table
 from tcdyn.rig.traceability import PRT_U_DEGC
 
@@ -71,7 +71,7 @@ def hold_means(frame: pd.DataFrame) -> pd.DataFrame:
     keys = ["repeat", "setpoint_degC"]
     if not frame.duplicated(keys).any():
         return frame.reset_index(drop=True)
-    names = couples_in(frame)
+    names = junction_columns_in(frame)
     offset = frame[names].sub(frame["prt_degC"], axis=0)
     grouped = offset.assign(prt_degC=frame["prt_degC"]).groupby(
         [frame[k] for k in keys], sort=False
@@ -150,7 +150,7 @@ def fit_static_lines(
     """
     frame = hold_means(frame)
     prt = frame["prt_degC"].to_numpy(dtype=float)
-    columns = couples_in(frame)
+    columns = junction_columns_in(frame)
     lines: dict[str, StaticLine] = {}
     residuals = frame[["repeat", "setpoint_degC", "prt_degC"]].copy()
     findings: list[Finding] = []
@@ -205,6 +205,6 @@ def _static_line(
             setpoint_degC=float(rows["setpoint_degC"].iloc[i]),
             off_K=fit.residuals[i],
         )
-        for i in outlying(fit)
+        for i in outliers(fit)
     ]
     return line, [*findings_of_tests(channel, line), *shift_findings, *outlier_findings]

@@ -11,12 +11,12 @@ import pandas as pd
 
 from immersion.plunge_data import RunNoise
 from immersion.plunge_parameters import BURST_KINDS, PlungePriors, lag_u_s
-from immersion.plunge_posterior import LagScan, PlungeOptimum, settled_scan
-from tcdyn.chain import STRUCTURES, Structure
+from immersion.plunge_posterior import LagScan, PlungeOptimum, scan_common_lag
+from tcdyn.chain import STRUCTURES, ChainStructure
 from tcdyn.core import Array
-from tcdyn.core.estimate import Estimate, with_u
+from tcdyn.core.estimate import Estimate, text_with_u
 from tcdyn.core.findings import Finding, Severity, info, warning
-from tcdyn.core.messages.plunge import percent
+from tcdyn.core.messages.plunge import probability_text
 from tcdyn.core.result import jsonable
 
 # Excess of chi-square from which the chosen structure can be contradicted: a second lag that does
@@ -136,7 +136,7 @@ class StructureComparison:
         second = self.chosen_row.second_lag_s
         numbers: dict[str, Any] = {
             "structures": [r.structure for r in listed],
-            "meanings": [Structure.of(r.structure).meaning for r in listed],
+            "meanings": [ChainStructure.of(r.structure).meaning for r in listed],
             "probability": [r.probability for r in listed],
             "chi_square": [r.chi_square for r in listed],
             "lag_s": [r.common_lag_s.value for r in listed],
@@ -172,11 +172,11 @@ class StructureComparison:
     def _formatted(self, row: StructureRow) -> dict[str, str]:
         suffix = ", used here" if row.structure == self.chosen else ""
         return {
-            "chain": f"{row.structure} ({Structure.of(row.structure).meaning}){suffix}",
-            "probability": percent(row.probability),
+            "chain": f"{row.structure} ({ChainStructure.of(row.structure).meaning}){suffix}",
+            "probability": probability_text(row.probability),
             "chi-square above the best": f"{row.chi_square:.1f}",
             HELD_OUT_COLUMN: "" if row.held_out is None else f"{row.held_out:.1f}",
-            "common lag [s]": with_u(row.common_lag_s.value, row.common_lag_s.u),
+            "common lag [s]": text_with_u(row.common_lag_s.value, row.common_lag_s.u),
         }
 
     def to_dict(self) -> dict[str, object]:
@@ -256,7 +256,7 @@ def compare_structures(
                 approximate = Estimate.normal(lag_s, optimum.solution.u(weights))
                 solution = _Solution(structure, optimum, approximate, optimum.cost, optimum.laplace)
             else:
-                path, at, start = settled_scan(optimum, step=1.8, drop=7.0)
+                path, at, start = scan_common_lag(optimum, step=1.8, drop=7.0)
                 same = [s for s in solutions if s.structure == structure and s.optimum.is_near(at)]
                 if same:
                     continue

@@ -178,7 +178,7 @@ def first_order_recursion(drive: NDArray[Any], decay: NDArray[Any]) -> NDArray[A
     return solution.T.reshape(drive.shape)
 
 
-def conditioned(u: Array, dt_s: Array, filter_: Conditioning) -> Array:
+def apply_conditioning(u: Array, dt_s: Array, filter_: Conditioning) -> Array:
     """Apply the conditioning filter to deviations ``u`` (n, M) on the grid.
 
     Notes

@@ -33,7 +33,7 @@ BASELINE_S = (
 # Delay of the rise after the entry, and its standard uncertainty [s]: for a chain lag of 0.3 to 1.5
 # s.
 RISE_DELAY_S = 0.7
-LATE_U_S = 0.5
+RISE_DELAY_U_S = 0.5
 # A line through a first-order response meets the level before too early by this share of the time
 # from 5 to 50 %.
 EARLY_SHARE = 0.0882
@@ -273,9 +273,9 @@ def find_entry(
     if no_instant and readings_degC is not None and fluid_degC is not None:
         rise_s = rise_time(t, readings_degC, fluid_degC)
         if rise_s is not None:
-            by_junctions = warning("entry.by_junctions", subject="switch", u_s=LATE_U_S)
+            by_junctions = warning("entry.by_junctions", subject="switch", u_s=RISE_DELAY_U_S)
             entry_s = rise_s - RISE_DELAY_S
-            return EntryEvent(entry_s, LATE_U_S, None, None, "junctions", (by_junctions,))
+            return EntryEvent(entry_s, RISE_DELAY_U_S, None, None, "junctions", (by_junctions,))
     return reconcile_entry(
         switch_s,
         probe_s,

@@ -12,8 +12,8 @@ import pandas as pd
 
 from immersion.cylinder import lag_on_grid
 from immersion.entry import EntryEvent, find_entry
-from immersion.plunge_data import block_sd, inflation, make_averages, without_spikes
-from immersion.radial import Reading, plunge_grid
+from immersion.plunge_data import block_sd, make_averages, variance_factors, without_spikes
+from immersion.radial import GridInterpolation, plunge_grid
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
@@ -256,7 +256,7 @@ def _fit(
     c = mean.shape[1]
     grid = plunge_grid(float(time[-1]) + 1.0, longest_s=1.0)
     dt = np.diff(grid)
-    reading = Reading.at(grid, time)
+    reading = GridInterpolation.at(grid, time)
     knots = _knots(float(time[-1]))
     hats = np.column_stack([np.interp(grid, knots, row) for row in np.eye(len(knots))[1:]])
     m = hats.shape[1]
@@ -314,7 +314,7 @@ def _fit(
         theta = best.theta
         if fixed is None:
             z = best.residual.reshape(-1, c) * np.sqrt(variance_factor)
-            variance_factor = max(inflation(z, m, 3 * c)[1], 1.0)
+            variance_factor = max(variance_factors(z, m, 3 * c)[1], 1.0)
     return theta[extra], best.covariance[extra, extra], model(theta)[0]
 
 

@@ -14,10 +14,10 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.estimation import correlation_length
 from tcdyn.estimation.trace_noise import SPIKES, find_spikes, white_noise_sd
-from tcdyn.rig.check_clock import interval_s
+from tcdyn.rig.check_clock import sample_interval_s
 from tcdyn.rig.disk import CHANNELS
 from tcdyn.rig.log import Log
-from tcdyn.rig.static_line import StaticLine, best_known
+from tcdyn.rig.static_line import StaticLine, smallest_uncertainty
 
 # Least record before the entry and after it [s]; chosen by judgement.
 MIN_BEFORE_S = 0.5
@@ -70,13 +70,16 @@ class PlungeRun:
 
         0 for a channel without a line.
         """
-        pivots = [best_known(self.lines[c])[0] if c in self.lines else 0.0 for c in self.channels]
+        pivots = [
+            smallest_uncertainty(self.lines[c])[0] if c in self.lines else 0.0
+            for c in self.channels
+        ]
         return np.array(pivots)
 
     @property
     def dt_s(self) -> float:
         """Sampling interval [s]."""
-        return interval_s(self.time_s)
+        return sample_interval_s(self.time_s)
 
 
 @dataclass(frozen=True)
@@ -111,7 +114,7 @@ class PlungeBlocks:
     spikes: int
 
 
-def bath_filled(log: Log) -> pd.DataFrame:
+def with_filled_bath(log: Log) -> pd.DataFrame:
     """The frame of a log with gaps of the bath and the free probe interpolated linearly.
 
     Gaps of the junctions stay NaN: an interpolation across the first seconds of a plunge is no
@@ -332,7 +335,7 @@ class RunNoise:
         sd = np.sqrt(np.maximum(mean_square, 1e-12) / freedom_share)
         z = residual_K / block_sd(sd, count)
         weight = np.minimum(1.0, HUBER_LIMIT / np.maximum(np.abs(z), 1e-12))
-        common, differential = inflation(
+        common, differential = variance_factors(
             z * np.sqrt(weight), COMMON_PARAMETERS, PARAMETERS_PER_CHANNEL * c
         )
         return cls(sd, weight, common, differential)
@@ -343,7 +346,7 @@ def block_sd(noise_sd_K: Array, count: Array) -> Array:
     return np.where(count > 0, noise_sd_K / np.sqrt(np.maximum(count, 1)), np.inf)
 
 
-def inflation(
+def variance_factors(
     standardised: Array, parameters_common: int, parameters_differential: int
 ) -> tuple[float, float]:
     """Variance factors of coloured residuals: of the mean over channels and of the deviations.

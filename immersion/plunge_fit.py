@@ -21,19 +21,19 @@ from immersion.plunge_posterior import (
     PlungeOptimum,
     PlungeProblem,
     marginal,
-    settled_scan,
+    scan_common_lag,
 )
 from immersion.plunge_result import PlungeFit
 from tcdyn.chain import STRUCTURES, Chain
-from tcdyn.chain.bursts import noise_and_white
+from tcdyn.chain.bursts import estimate_and_whiten_noise
 from tcdyn.chain.logger_noise import TYPICAL_LAG_S, LoggerNoise
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, warning
-from tcdyn.estimation import held
+from tcdyn.estimation import minimise_constrained
 from tcdyn.estimation.trace_noise import SPIKES, white_noise_sd
 from tcdyn.rig.disk import Conditioning, DiskSetup
-from tcdyn.rig.static_line import best_known
+from tcdyn.rig.static_line import smallest_uncertainty
 
 # Linearised models of all runs about given parameters (P,).
 BuildModels = Callable[[Array], tuple[RunModel, ...]]
@@ -117,7 +117,7 @@ def identify_plunges(
     problem = PlungeProblem((), layout, mean, sd, tuple(RunNoise.white(b) for b in blocks))
     problem = replace(problem, models=build(problem.start))
     best, rival = _best_of_two(problem, build, filtered.lag_s)
-    scan, best, _ = settled_scan(best)
+    scan, best, _ = scan_common_lag(best)
     others = [find_correlation(name) for name in alternatives]
     form = model_form(best, scan, base, others, setup.conditioning.lag_s)
     return PlungeFit(setup, base.name, priors, form, rival, tuple(runs), best, scan, noise)
@@ -132,7 +132,7 @@ def _whitened_runs(
     typical = Chain((TYPICAL_LAG_S,), conditioning=filter_)
     intervals_s = [run.dt_s for run in runs]
     chains = [typical] * len(white_K)
-    noise, whitened = noise_and_white(
+    noise, whitened = estimate_and_whiten_noise(
         clean, intervals_s, filter_, white_K, chains, SPIKES["plunge"]
     )
     white_runs = []
@@ -176,14 +176,14 @@ def full_prior(
         line = runs[0].lines.get(channel)
         if line is None:
             continue
-        _, offset_u, slope_u = best_known(line)
+        _, offset_u, slope_u = smallest_uncertainty(line)
         sd[layout.at("offset").start + j] = max(offset_u, FIXED_SD)
         sd[layout.at("gain").start + j] = slope_u or priors.static_gain
         sd[layout.at("bath")] = np.hypot(priors.bath_K, line.shared_u_K)
     return mean, sd
 
 
-def moved_lines(fit: PlungeFit) -> pd.DataFrame:
+def static_line_corrections(fit: PlungeFit) -> pd.DataFrame:
     """Corrections of the static lines by the plunges, with uncertainties before and after.
 
     Notes
@@ -212,7 +212,7 @@ def moved_lines(fit: PlungeFit) -> pd.DataFrame:
     )
 
 
-def with_structure_doubt(fit: PlungeFit) -> PlungeFit:
+def with_structure_uncertainty(fit: PlungeFit) -> PlungeFit:
     """The fit with a comparison of all chain structures, whose spread widens the lags.
 
     The lags stay those of the fit's structure; ``structures`` of the result holds the comparison.
@@ -372,9 +372,9 @@ def _maximum_shift(at: PlungeOptimum, width: float) -> float:
     """Shift [s] of the maximum of the log marginal: parabola through three values about ``at``."""
     weights = at.problem.layout.common_lag
     lag = float(at.lag_s.mean())
-    low = -0.5 * marginal(held(at.solution, weights, lag - width, **SEARCH))
+    low = -0.5 * marginal(minimise_constrained(at.solution, weights, lag - width, **SEARCH))
     middle = -0.5 * marginal(at.solution)
-    high = -0.5 * marginal(held(at.solution, weights, lag + width, **SEARCH))
+    high = -0.5 * marginal(minimise_constrained(at.solution, weights, lag + width, **SEARCH))
     curvature = high - 2 * middle + low
     if curvature >= 0:
         return 0.0

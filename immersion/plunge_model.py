@@ -12,15 +12,15 @@ from scipy.linalg import solve_triangular
 from immersion.correlations import Bath, Correlation
 from immersion.cylinder import (
     Cylinder,
+    apply_conditioning,
     apply_lag_step,
-    conditioned,
     first_order_recursion,
     influence,
     lag_step,
 )
 from immersion.plunge_data import PlungeBlocks, PlungeRun
 from immersion.plunge_parameters import RUN_KINDS, PlungeParameters, stages
-from immersion.radial import Reading, identity_minus_product, plunge_grid, solve_surface
+from immersion.radial import GridInterpolation, identity_minus_product, plunge_grid, solve_surface
 from tcdyn.core import Array
 from tcdyn.rig.disk import DiskSetup
 
@@ -94,7 +94,7 @@ class DiskInfluence:
         at_depth = centre[1 : c + 1]
         by_depth = (centre[c + 1 :] - at_depth) / DEPTH_STEP_M
         junctions = np.stack([at_depth, by_ln_k[1:], by_depth], axis=1)
-        filter_matrix = conditioned(np.eye(len(grid)), np.diff(grid), setup.conditioning)
+        filter_matrix = apply_conditioning(np.eye(len(grid)), np.diff(grid), setup.conditioning)
         readings = filter_matrix @ junctions
         return cls(grid, centre[0], by_ln_k[0], junctions, readings, ln_k, shift_m)
 
@@ -354,7 +354,7 @@ def _at_blocks(
     gain = 1 + theta[layout.at("gain")][:, None]
     channel = range(len(layout.channels))
     times_s = model.blocks.time_s - run[ENTRY] - delay[0][:, None]
-    reading = Reading.at(model.influence.grid_s, times_s)
+    reading = GridInterpolation.at(model.influence.grid_s, times_s)
     rate = reading.slope(y[0])
     rise, *by_flux, by_ln_k, by_depth, by_lag, by_split = reading.value(y)
     by_lag = by_lag - rate * delay[1][:, None]

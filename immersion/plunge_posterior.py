@@ -15,7 +15,7 @@ from immersion.plunge_model import RunModel, RunSurface, predict
 from immersion.plunge_parameters import BURST_KINDS, H_KINDS, PlungeParameters, lag_u_s
 from tcdyn.core import Array
 from tcdyn.core.estimate import Z95, Estimate
-from tcdyn.estimation import Optimum, Problem, held, inverse, minimise, profile
+from tcdyn.estimation import Optimum, Problem, inverse, minimise, minimise_constrained, profile
 
 MIN_LAG_S = 2e-3  # lower bound of a lag [s]; chosen by judgement
 START_LAG_S = 0.5  # start of the search [s]; chosen by judgement
@@ -239,7 +239,7 @@ class LagScan:
         )
 
 
-def settled_scan(
+def scan_common_lag(
     best: PlungeOptimum, *, step: float = 0.8, drop: float = 9.0
 ) -> tuple[LagScan, PlungeOptimum, PlungeOptimum]:
     """Profile scan of the common lag: fix it at values about ``best`` and refit the others.
@@ -273,7 +273,7 @@ def settled_scan(
     weights = layout.common_lag
     for repeated in (False, True):
         u = float(np.clip(np.sqrt(weights @ best.covariance @ weights), 1e-4, 0.3))
-        centre = held(best.solution, weights, float(best.lag_s.mean()), **SEARCH)
+        centre = minimise_constrained(best.solution, weights, float(best.lag_s.mean()), **SEARCH)
         path = profile(
             centre,
             weights,
@@ -304,8 +304,8 @@ def settled_scan(
     sd = float(np.sqrt(max(np.trapezoid((grid - mean) ** 2 * density, grid), 1e-12)))
     low, high = np.interp([0.025, 0.975], cumulative / cumulative[-1], grid)
     top = path.optima[int(np.argmax(log_marginal))]
-    final = held(top, weights, mean, **SEARCH)
-    shifted = held(final, weights, mean + 0.5 * sd, **SEARCH)
+    final = minimise_constrained(top, weights, mean, **SEARCH)
+    shifted = minimise_constrained(final, weights, mean + 0.5 * sd, **SEARCH)
     lags = layout.at("lag")
     scan = LagScan(
         lag_s=lag,

@@ -26,14 +26,14 @@ from immersion.plunge_posterior import LagScan, ModelForm, PlungeOptimum
 from tcdyn.chain import Chain
 from tcdyn.chain.logger_noise import LoggerNoise
 from tcdyn.core import Array, Flags
-from tcdyn.core.estimate import Estimate, rounded, with_u
+from tcdyn.core.estimate import Estimate, rounded_texts, text_with_u
 from tcdyn.core.findings import Finding, info, labelled_messages, messages, unique, warning
 from tcdyn.estimation import inverse
 from tcdyn.rig.disk import DiskSetup
 
 # Variance of slow residuals over that of white noise, beyond which a warning is given; chosen by
 # judgement.
-COLOURED = 4.0
+MAX_VARIANCE_FACTOR = 4.0
 # Deviations from the prior mean, in prior standard deviations; chosen by judgement.
 WARNING_DEVIATION = 3.0  # beyond: a warning about the parameter, or about the fluid
 INFO_DEVIATION = 2.0  # beyond: an info, for the bath's temperature and the form of h
@@ -331,13 +331,13 @@ class PlungeFit:
         findings = [f.at(run.name) for f in (*run.entry.findings, *validity)]
         if model.blocks.spikes:
             findings.append(info("plunge.spikes", where=run.name, count=model.blocks.spikes))
-        if max(noise.common, noise.differential) > COLOURED:
+        if max(noise.common, noise.differential) > MAX_VARIANCE_FACTOR:
             coloured = warning(
                 "plunge.coloured",
                 where=run.name,
                 common=noise.common,
                 differential=noise.differential,
-                apart=noise.differential > COLOURED,
+                apart=noise.differential > MAX_VARIANCE_FACTOR,
             )
             findings.append(coloured)
         return findings
@@ -362,13 +362,13 @@ class PlungeFit:
         common = self.common_lag_s
         lines = [
             f"{self.disk}: chain {self.structure}, correlation {self.correlation}, {count}",
-            f"  common lag {with_u(common.value, common.u, 's')}, 95 % {interval(common)} s",
+            f"  common lag {text_with_u(common.value, common.u, 's')}, 95 % {interval(common)} s",
             f"    {INTERVAL_NOTE}",
         ]
         for channel in self.channels:
-            value, u = rounded(self.lag_s[channel].value, self.lag_s[channel].u)
+            value, u = rounded_texts(self.lag_s[channel].value, self.lag_s[channel].u)
             difference = self.differential_lag_s[channel]
-            from_common = with_u(difference.value, difference.u, "s")
+            from_common = text_with_u(difference.value, difference.u, "s")
             lines.append(f"  {channel}: lag {value} +- {u} s, from the common lag {from_common}")
         lines.append("  where the uncertainty comes from [s], common lag / differences:")
         for share in self.budget:
@@ -398,6 +398,6 @@ def interval(estimate: Estimate) -> str:
     >>> interval(Estimate(value=0.7, u=0.068, low95=0.5931, high95=0.857))
     '0.593 to 0.857'
     """
-    low = rounded(estimate.low95, estimate.u)[0]
-    high = rounded(estimate.high95, estimate.u)[0]
+    low = rounded_texts(estimate.low95, estimate.u)[0]
+    high = rounded_texts(estimate.high95, estimate.u)[0]
     return f"{low} to {high}"

@@ -37,7 +37,7 @@ def plunge_grid(
 
 
 @dataclass(frozen=True)
-class Reading:
+class GridInterpolation:
     """Linear interpolation from the grid to block times: interval, share, width, after."""
 
     interval: NDArray[np.intp]
@@ -46,7 +46,7 @@ class Reading:
     after: Flags
 
     @classmethod
-    def at(cls, grid_s: Array, times_s: Array) -> Reading:
+    def at(cls, grid_s: Array, times_s: Array) -> GridInterpolation:
         """For times after the entry ``times_s`` (..., B); earlier ones read the initial state."""
         interval = np.clip(np.searchsorted(grid_s, times_s, side="right") - 1, 0, len(grid_s) - 2)
         width = np.diff(grid_s)[interval]

@@ -4,9 +4,9 @@ import numpy as np
 from common import behind, save
 
 from tcdyn import Chain
-from tcdyn.plots import draw_before_use, draw_tradeoff
+from tcdyn.plots import draw_filter_report, draw_tradeoff
 from tcdyn.plots.style import figure
-from tcdyn.smoothing import before_use, deconvolve, proper_inverse
+from tcdyn.smoothing import deconvolve, proper_inverse, report_inverse
 
 dt = 1 / 75
 t = np.arange(0, 40, dt)
@@ -14,6 +14,6 @@ true = 120 - 12 * (1 - np.exp(-np.clip(t - 20, 0, None) / 1.0))
 logged = behind(true, 0.67, dt) + np.random.default_rng(0).normal(0, 0.15, len(t))
 
 picture, (left, right) = figure(1, 2, width_in=11.0, height_in=4.0)
-draw_before_use(before_use(proper_inverse(Chain(0.67), dt, 1.5), 0.15), left)
+draw_filter_report(report_inverse(proper_inverse(Chain(0.67), dt, 1.5), 0.15), left)
 draw_tradeoff(deconvolve(logged, dt, Chain(0.67), criterion="l-curve")[1], right)
 save(picture, __file__)

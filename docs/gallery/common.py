@@ -105,12 +105,12 @@ def oven() -> OvenFit:
 def plunged() -> PlungeFit:
     """The chain of its fast disk by one plunge."""
     from immersion.fluids import fluid
-    from immersion.plunge_data import bath_filled, run_from_log
+    from immersion.plunge_data import run_from_log, with_filled_bath
     from immersion.plunge_fit import identify_plunges
     from tcdyn.rig.log import read_log
     from tcdyn.rig.rigfile import load_rig
 
     rig = load_rig(lab() / "rig.toml")
-    log = bath_filled(read_log(lab() / "plunge_fast_1.csv", "immersion", rig, "fast"))
+    log = with_filled_bath(read_log(lab() / "plunge_fast_1.csv", "immersion", rig, "fast"))
     plunge = run_from_log(log, fluid("mobil-jet-ii"), oven().lines, name="plunge 1")
     return identify_plunges([plunge], rig.disk_setup("fast"), alternatives=("mcadams",))

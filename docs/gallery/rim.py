@@ -3,18 +3,18 @@
 import numpy as np
 from common import save
 
-from tcdyn.heat.engine import Drive, fields_at
-from tcdyn.heat.rim import Rim, points_of
+from tcdyn.heat.engine import RimInputs, fields_at
+from tcdyn.heat.rim import Rim, junction_points
 from tcdyn.plots import draw_field, draw_profiles
 from tcdyn.plots.style import figure
 from tcdyn.rig.rigfile import load_rig
 
 setup = load_rig().disk_setup("fast")
 rim, one = Rim.from_setup(setup), np.ones(2)
-drive = Drive(1 / 75, 170.0 * one, 96.0 * one, 98.0 * one, 95.0 * one, 60.0 * one)
+drive = RimInputs(1 / 75, 170.0 * one, 96.0 * one, 98.0 * one, 95.0 * one, 60.0 * one)
 field = fields_at(rim, drive, 750.0, 1.62e-3, [0])[0]
 
 picture, (left, right) = figure(1, 2, width_in=10.0, height_in=3.8)
-draw_field(field, rim, left, points=dict(zip("ace", points_of(setup, "ace"))))
+draw_field(field, rim, left, points=dict(zip("ace", junction_points(setup, "ace"))))
 draw_profiles(rim, [96.0, 98.0, 95.0], 60.0, right)
 save(picture, __file__)

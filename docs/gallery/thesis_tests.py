@@ -6,7 +6,7 @@ from common import save
 from tcdyn.plots import draw_friction_coefficient, draw_temperature, draw_traction
 from tcdyn.plots.style import figure
 from tcdyn.simulate.programme import PROGRAMME
-from tcdyn.verify.published import CLARKE_AT_REST
+from tcdyn.verify.published import CLARKE_STEADY
 
 tests = list(PROGRAMME.values())
 table = pd.DataFrame(
@@ -14,9 +14,9 @@ table = pd.DataFrame(
         "error": "",
         "load_N": [t.load_N for t in tests],
         "sliding_speed_m_s": [t.sliding_speed_m_s for t in tests],
-        "friction_N": [row[2] for row in CLARKE_AT_REST],
-        "fast_a_degC": [row[0] for row in CLARKE_AT_REST],
-        "slow_a_degC": [row[1] for row in CLARKE_AT_REST],
+        "friction_N": [row[2] for row in CLARKE_STEADY],
+        "fast_a_degC": [row[0] for row in CLARKE_STEADY],
+        "slow_a_degC": [row[1] for row in CLARKE_STEADY],
     }
 )
 table["friction_coefficient"] = table["friction_N"] / table["load_N"]

@@ -2,18 +2,18 @@
 
 from common import save
 
-from tcdyn.plots import draw_round, draw_round_surface
+from tcdyn.plots import draw_middle_plane, draw_running_surface
 from tcdyn.plots.style import figure
 from tcdyn.rig.rigfile import load_rig
 from tcdyn.simulate.ehl import EhlOptions
-from tcdyn.simulate.field import around_disks
+from tcdyn.simulate.field import disk_fields
 from tcdyn.simulate.truth import BoreContact, draw_truth
 
 truth = draw_truth(0, load_rig()).with_uneven({"slow": BoreContact(0.5, 30.0)})
 quick = EhlOptions(load_on_s=10.0, unload_s=130.0, duration_s=140.0)
-slow = around_disks("B3", 0, truth, quick)["slow"]
+slow = disk_fields("B3", 0, truth, quick)["slow"]
 
 picture, (left, right) = figure(1, 2, width_in=10.0, height_in=3.8)
-draw_round(slow, left)
-draw_round_surface(slow, right)
+draw_middle_plane(slow, left)
+draw_running_surface(slow, right)
 save(picture, __file__)

@@ -3,18 +3,22 @@ differences between tests and trends are much better known than levels (design, 
 """
 
 from tcdyn.campaign.compress import compress_likelihood, sufficient_statistics_of
-from tcdyn.campaign.posterior import Posterior, solve
+from tcdyn.campaign.posterior import Posterior, solve_campaign
 from tcdyn.campaign.result import JoinedCampaign, joined
-from tcdyn.campaign.sufficient_statistics import SufficientStatistics, checked, rig_fingerprint
+from tcdyn.campaign.sufficient_statistics import (
+    SufficientStatistics,
+    rig_fingerprint,
+    verify_checksum,
+)
 
 __all__ = [
     "JoinedCampaign",
     "Posterior",
     "SufficientStatistics",
-    "checked",
     "compress_likelihood",
     "joined",
     "rig_fingerprint",
-    "solve",
+    "solve_campaign",
     "sufficient_statistics_of",
+    "verify_checksum",
 ]

@@ -19,11 +19,20 @@ from tcdyn.campaign.sufficient_statistics import QUANTITIES, Loading, Sufficient
 from tcdyn.core import Array
 from tcdyn.estimation import Optimum
 from tcdyn.partition.analyse import Partition
-from tcdyn.partition.angular_harmonic import SHAPES, Unevenness, Unmeasured
+from tcdyn.partition.angular_harmonic import HARMONIC_PRIOR_K, AngularHarmonic, NuisanceParameter
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.joint import LOG_H, LOG_LAGS, LOG_TAU2, SHAPE_SD, SHARE, Side, lags, unknowns
-from tcdyn.partition.nuisance import MODEL_K
-from tcdyn.partition.window import between, steady_start_s
+from tcdyn.partition.joint import (
+    LOG_H,
+    LOG_LAGS,
+    LOG_TAU2,
+    LOG_TAU2_SD,
+    SHARE,
+    DiskBlock,
+    lags,
+    nuisance_parameters,
+)
+from tcdyn.partition.nuisance import RIM_MODEL_U_K
+from tcdyn.partition.window import rows_between, steady_start_s
 from tcdyn.rig.disk import DISKS
 
 # Scale of the quantities in the SVD: of beta, ln h and the lags [s]. Chosen by judgement.
@@ -56,9 +65,9 @@ def compress_likelihood(
     name: str,
     rig: str,
     test: EhlTest,
-    sides: Sequence[Side],
+    sides: Sequence[DiskBlock],
     best: Optimum,
-    uneven: Mapping[str, Unevenness],
+    uneven: Mapping[str, AngularHarmonic],
     **conditions: float,
 ) -> SufficientStatistics:
     """Return the sufficient statistics of a test.
@@ -94,11 +103,12 @@ def compress_likelihood(
             *(j[:, 4 * i + LOG_LAGS] / totals[i] for i in range(2)),
         ]
     )
-    shapes = SHAPE_SD * j[:, LOG_TAU2:n_main:4]
+    shapes = LOG_TAU2_SD * j[:, LOG_TAU2:n_main:4]
     shape_values = [
-        (theta[4 * i + LOG_TAU2] - np.log(s.prior_tau2_s)) / SHAPE_SD for i, s in enumerate(sides)
+        (theta[4 * i + LOG_TAU2] - np.log(s.prior_tau2_s)) / LOG_TAU2_SD
+        for i, s in enumerate(sides)
     ]
-    nuisance = unknowns(sides)
+    nuisance = nuisance_parameters(sides)
     nuisance_names = [f"{what.name} {d}".strip() for what, d in nuisance]
     names = (*QUANTITIES, *(f"lag shape {d}" for d in DISKS), *nuisance_names)
     centre = np.concatenate(
@@ -192,7 +202,11 @@ def compress_rows(rows: Array) -> tuple[Array, Array]:
 
 
 def loading_of(
-    what: Unmeasured, disk: str, test: EhlTest, uneven: Mapping[str, Unevenness], power_W: float
+    what: NuisanceParameter,
+    disk: str,
+    test: EhlTest,
+    uneven: Mapping[str, AngularHarmonic],
+    power_W: float,
 ) -> Loading | None:
     """Return the factor loading of a nuisance parameter; None if it is fully common to the rig."""
     kind, _, detail = what.name.partition(" ")
@@ -220,14 +234,14 @@ def loading_of(
         return Loading({f"{what.name} {disk}": common}, SURFACE_H_TEST_SHARE)
     if kind == "uneven":
         shape, side = detail.split(", ")
-        index = [*SHAPES].index(shape)
-        size = SHAPES[shape] / float(uneven[disk].prior_K[index])
+        index = [*HARMONIC_PRIOR_K].index(shape)
+        size = HARMONIC_PRIOR_K[shape] / float(uneven[disk].prior_K[index])
         by_heat = size * power_W / REFERENCE_POWER_W
         return Loading({f"uneven {shape}, {side} {disk}": by_heat}, HARMONIC_TEST_SHARE * size)
     return None
 
 
-def unit_of(what: Unmeasured, disk: str, test: EhlTest) -> float | None:
+def unit_of(what: NuisanceParameter, disk: str, test: EhlTest) -> float | None:
     """Return a nuisance parameter's standard uncertainty [K, m, s or relative].
 
     None where it is not a single number.
@@ -253,7 +267,7 @@ def unit_of(what: Unmeasured, disk: str, test: EhlTest) -> float | None:
 def _line_u_K(channel: str, disk: str, test: EhlTest) -> float:
     """Return u [K] of a channel's static error, with the model error for the outer row."""
     traces = test.disks[disk]
-    model = MODEL_K if channel in traces.setup.outer else 0.0
+    model = RIM_MODEL_U_K if channel in traces.setup.outer else 0.0
     return float(np.hypot(traces.static_u_K[traces.setup.channels.index(channel)], model))
 
 
@@ -270,7 +284,7 @@ def _line_loading(channel: str, disk: str, test: EhlTest, power_W: float) -> Loa
     index = traces.setup.channels.index(channel)
     total = _line_u_K(channel, disk, test)
     line = traces.lines[index]
-    steady = between(test.time_s, steady_start_s(test), test.events.unload_s - 0.5)
+    steady = rows_between(test.time_s, steady_start_s(test), test.events.unload_s - 0.5)
     y = (float(traces.readings_degC[steady, index].mean()) - line.offset) / line.gain
     (gg, go), (_, oo) = line.covariance
     y0 = 0.0
@@ -285,7 +299,7 @@ def _line_loading(channel: str, disk: str, test: EhlTest, power_W: float) -> Loa
     specific_variance = traces.static_u_K[index] ** 2 - level**2 - gain**2
     specific = float(np.sqrt(max(specific_variance, 0.0)))
     if channel in traces.setup.outer:
-        loadings[f"model {channel} {disk}"] = MODEL_K * power_W / REFERENCE_POWER_W
-        specific = float(np.hypot(specific, MODEL_TEST_SHARE * MODEL_K))
+        loadings[f"model {channel} {disk}"] = RIM_MODEL_U_K * power_W / REFERENCE_POWER_W
+        specific = float(np.hypot(specific, MODEL_TEST_SHARE * RIM_MODEL_U_K))
     shared = {name: x / total for name, x in loadings.items()}
     return Loading(shared, specific / total)

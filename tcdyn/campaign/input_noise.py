@@ -13,13 +13,13 @@ import numpy as np
 from scipy import fft, ndimage
 
 from tcdyn.core import Array
-from tcdyn.estimation import wave_factor
+from tcdyn.estimation import slow_variance_factor
 from tcdyn.estimation.trace_noise import white_noise_sd
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.joint import LOG_H, SHARE, Side
-from tcdyn.partition.window import between, steady_start_s
-from tcdyn.rig.contact import SETTLE_S, line_length
-from tcdyn.smoothing.traces import NOISE_ORDER
+from tcdyn.partition.joint import LOG_H, SHARE, DiskBlock
+from tcdyn.partition.window import rows_between, steady_start_s
+from tcdyn.rig.contact import SWITCHING_MARGIN_S, smoothing_samples
+from tcdyn.smoothing.traces import DIFFERENCE_ORDER
 
 # Inputs above this frequency do not reach the junctions: the rim is a low-pass filter.
 MAX_FREQUENCY_Hz = 12.0
@@ -33,10 +33,10 @@ MAX_ZERO_S = 60.0
 MEDIAN_FACTOR = 1.25
 
 
-def input_noise(test: EhlTest, side: Side) -> Array:
+def input_noise(test: EhlTest, side: DiskBlock) -> Array:
     """Return the white-noise sd of power [W], inner row [K] and ambient [K], shape (k + 2,)."""
-    loaded = between(test.time_s, steady_start_s(test), test.events.unload_s - 0.5)
-    ambient = float(white_noise_sd(test.ambient_of(side.disk)[loaded], NOISE_ORDER))
+    loaded = rows_between(test.time_s, steady_start_s(test), test.events.unload_s - 0.5)
+    ambient = float(white_noise_sd(test.ambient_of(side.disk)[loaded], DIFFERENCE_ORDER))
     power = test.friction_noise_N * test.sliding_speed_m_s
     disk = test.disks[side.disk]
     inner = disk.noise_K[disk.setup.places(disk.setup.inner)]
@@ -65,9 +65,9 @@ def smoothing_adjoint(test: EhlTest, combinations: Array, time_s: Array) -> Arra
     The filter is a running straight line. Well before unloading it is a running mean; its last
     half is one straight line through the last samples.
     """
-    settled_s = test.events.unload_s - test.events.parting_s - SETTLE_S
+    settled_s = test.events.unload_s - test.events.parting_s - SWITCHING_MARGIN_S
     last = int(np.searchsorted(time_s, settled_s))
-    n = min(line_length(test.friction_noise_N, test.friction_N, test.dt_s, last), last)
+    n = min(smoothing_samples(test.friction_noise_N, test.friction_N, test.dt_s, last), last)
     half = n // 2
     if half < 2:
         return combinations
@@ -90,13 +90,17 @@ def friction_zero_u_N(test: EhlTest) -> float:
 
     The zero is the median before loading and after unloading.
     """
-    before = max(test.events.load_on_s - test.time_s[0] - SETTLE_S, test.dt_s)
-    after = max(min(test.time_s[-1] - test.events.unload_s - SETTLE_S, MAX_ZERO_S), test.dt_s)
+    before = max(test.events.load_on_s - test.time_s[0] - SWITCHING_MARGIN_S, test.dt_s)
+    after = max(
+        min(test.time_s[-1] - test.events.unload_s - SWITCHING_MARGIN_S, MAX_ZERO_S), test.dt_s
+    )
     n_samples = max(before, after) / test.dt_s
     return MEDIAN_FACTOR * test.friction_noise_N / float(np.sqrt(n_samples))
 
 
-def input_noise_covariance(test: EhlTest, side: Side, theta: Array, combinations: Array) -> Array:
+def input_noise_covariance(
+    test: EhlTest, side: DiskBlock, theta: Array, combinations: Array
+) -> Array:
     """Return the covariance of combinations of one disk's data due to noise of its inputs.
 
     Parameters
@@ -158,7 +162,7 @@ def input_noise_covariance(test: EhlTest, side: Side, theta: Array, combinations
 
 
 def noise_covariance(
-    test: EhlTest, sides: Sequence[Side], theta: Array, combinations: Array, residual: Array
+    test: EhlTest, sides: Sequence[DiskBlock], theta: Array, combinations: Array, residual: Array
 ) -> Array:
     """Return the covariance (D, D) of combinations of both disks' data: own noise and inputs'.
 
@@ -189,7 +193,7 @@ def noise_covariance(
     return inflation * (np.eye(combinations.shape[1]) + sum(input_covariances))
 
 
-def residual_inflation(test: EhlTest, side: Side, theta: Array, residual: Array) -> float:
+def residual_inflation(test: EhlTest, side: DiskBlock, theta: Array, residual: Array) -> float:
     """Return the variance of slow components of a disk's residual (m,) over the expected one.
 
     The expected variance is that of the readings' noise and the input noise. At least one.
@@ -206,4 +210,4 @@ def residual_inflation(test: EhlTest, side: Side, theta: Array, residual: Array)
         sums[start : start + m, column, k] = 1 / np.sqrt(m)
     of_inputs = input_noise_covariance(test, side, theta, sums.reshape(rows.size, -1))
     expected = 1 + float(np.mean(np.diag(of_inputs)))
-    return max(1.0, wave_factor(rows, N_CHUNKS) / expected)
+    return max(1.0, slow_variance_factor(rows, N_CHUNKS) / expected)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy.special import chdtrc, ndtri
 
-from tcdyn.campaign.posterior import Posterior, ReducedTest, places, reduced, solve
+from tcdyn.campaign.posterior import Posterior, ReducedTest, indices_of, reduce_test, solve_campaign
 from tcdyn.core import Array
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.result import jsonable
@@ -76,7 +76,7 @@ def outlying_tests(posterior: Posterior) -> tuple[OutlyingTest, ...]:
     reduced_tests = list(posterior.reduced)
     most = len(posterior.tests) // 4
     while len(remaining) >= MIN_TESTS and len(outliers) < most:
-        worst = _worst(solve(remaining, reduced_tests))
+        worst = _worst(solve_campaign(remaining, reduced_tests))
         if worst is None:
             break
         outliers.append(worst)
@@ -110,10 +110,10 @@ def leave_one_out(posterior: Posterior, i: int) -> OutlyingTest:
     lines.sort(key=lambda n: n.split()[::-1])
     causes = [c for c in CAUSES if c in test.names or c.startswith("lag ")]
     causes += lines
-    departing = reduced(test, causes)
+    departing = reduce_test(test, causes)
     n_shared = len(departing.shared) - len(causes)
     mean, covariance = posterior_without(posterior, posterior.reduced[i])
-    shared = places(departing.shared[:n_shared], posterior.shared)
+    shared = indices_of(departing.shared[:n_shared], posterior.shared)
     rows = departing.rows[:, :n_shared]
     residual = departing.right - rows @ mean[shared]
     v = np.eye(len(residual)) + rows @ covariance[np.ix_(shared, shared)] @ rows.T
@@ -140,7 +140,7 @@ def leave_one_out(posterior: Posterior, i: int) -> OutlyingTest:
 def posterior_without(posterior: Posterior, left_out: ReducedTest) -> tuple[Array, Array]:
     """Return mean (S,) and covariance (S, S) of the shared quantities without one test."""
     rows = np.zeros((len(left_out.rows), len(posterior.shared)))
-    rows[:, places(left_out.shared, posterior.shared)] = left_out.rows
+    rows[:, indices_of(left_out.shared, posterior.shared)] = left_out.rows
     information = np.linalg.inv(posterior.shared_covariance)
     covariance = np.asarray(np.linalg.inv(information - rows.T @ rows))
     rhs = information @ posterior.found - rows.T @ left_out.right

@@ -18,7 +18,7 @@ from scipy.special import chdtr, chdtrc
 
 from tcdyn.campaign.compress import compress_likelihood
 from tcdyn.campaign.exponent import speed_law
-from tcdyn.campaign.posterior import Posterior, shared_sensitivity, solve
+from tcdyn.campaign.posterior import Posterior, shared_sensitivity, solve_campaign
 from tcdyn.campaign.sufficient_statistics import SufficientStatistics
 from tcdyn.campaign.trends import trends
 from tcdyn.chain import Chain
@@ -28,13 +28,19 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.estimation import minimise
 from tcdyn.io.read import read_numbers
-from tcdyn.partition.angular_harmonic import UNKNOWN
+from tcdyn.partition.angular_harmonic import UNKNOWN_HARMONIC
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.joint import JOINT_WINDOW_S, disk_side, joint_problem
-from tcdyn.partition.steady import at_own_temperature
-from tcdyn.partition.surface_flux import with_surfaces
-from tcdyn.rig.columns import couples
-from tcdyn.rig.contact import Events, equal_radius_m, half_width_m, hertz_contact, surface_speed_m_s
+from tcdyn.partition.joint import JOINT_WINDOW_S, disk_block, joint_problem
+from tcdyn.partition.steady import with_linear_steel
+from tcdyn.partition.surface_flux import with_surface_air
+from tcdyn.rig.columns import junction_columns
+from tcdyn.rig.contact import (
+    Events,
+    equivalent_radius_m,
+    half_width_m,
+    hertz_contact,
+    surface_speed_m_s,
+)
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.rigfile import Rig
 from tcdyn.rig.static_line import StaticLine, static_u
@@ -194,8 +200,8 @@ def predict_campaign(
     rig.toml.
     """
     tests = [planned_test(planned, rig, logging or Logging()) for planned in plan]
-    u_single = tuple(expected_widening(solve([k])).estimates[0]["beta"].u for k in tests)
-    return PlannedCampaign(expected_widening(solve(tests)), u_single)
+    u_single = tuple(expected_widening(solve_campaign([k])).estimates[0]["beta"].u for k in tests)
+    return PlannedCampaign(expected_widening(solve_campaign(tests)), u_single)
 
 
 def expected_widening(posterior: Posterior) -> Posterior:
@@ -243,7 +249,9 @@ def planned_test(plan: PlannedTest, rig: Rig, logging: Logging) -> SufficientSta
         speed_ratio=u_fast / u_slow,
         sliding_speed_m_s=u_fast - u_slow,
         entraining_speed_m_s=0.5 * (u_fast + u_slow),
-        half_width_m=half_width_m(plan.load_N, equal_radius_m(*radius), equal_radius_m(*crown)),
+        half_width_m=half_width_m(
+            plan.load_N, equivalent_radius_m(*radius), equivalent_radius_m(*crown)
+        ),
         speed_exponent=contact.speed_exponent,
         exponent_half_range=0.5 * (u.speed_exponent_high - u.speed_exponent_low),
         disks={
@@ -253,14 +261,14 @@ def planned_test(plan: PlannedTest, rig: Rig, logging: Logging) -> SufficientSta
         findings=(),
         friction_noise_N=logging.friction_noise_N,
     )
-    test = at_own_temperature(with_surfaces(test))
+    test = with_linear_steel(with_surface_air(test))
     theta = [
         np.array([share[d], np.log(h[d]), np.log(sum(LAGS_S)), np.log(LAGS_S[1])]) for d in DISKS
     ]
     window_s = min(JOINT_WINDOW_S, float(t[-1] - events.unload_s))
     blocks = []
     for d, start in zip(DISKS, theta):
-        block = disk_side(test, test.disks[d], start, window_s, "modal", LAGS_S[1])
+        block = disk_block(test, test.disks[d], start, window_s, "modal", LAGS_S[1])
         response = block.model(start)
         assert response is not None
         blocks.append(replace(block, y=response[0], prior_lag_s=sum(LAGS_S) + block.rest_of_lag_s))
@@ -271,7 +279,13 @@ def planned_test(plan: PlannedTest, rig: Rig, logging: Logging) -> SufficientSta
     )  # roughly, the fast disk's surface: by its greater share, 0.35 K/W
     conditions = {"delta_T_us_K_m_s": hotter_K * test.sliding_speed_m_s}
     return compress_likelihood(
-        plan.name, "planned", test, blocks, best, dict.fromkeys(DISKS, UNKNOWN), **conditions
+        plan.name,
+        "planned",
+        test,
+        blocks,
+        best,
+        dict.fromkeys(DISKS, UNKNOWN_HARMONIC),
+        **conditions,
     )
 
 
@@ -322,7 +336,7 @@ def _traces(
         np.zeros_like(level), level, level, setup.conditioning, rate_Hz=logging.rate_Hz
     )
     return DiskTraces(
-        columns=couples(setup.channels, disk),
+        columns=junction_columns(setup.channels, disk),
         lines=(STATIC_LINE,) * count,
         chains=(chain,) * count,
         lag_covariance_s2=COMMON_LAG_U_S**2 + CHANNEL_LAG_U_S**2 * np.eye(count),

@@ -45,7 +45,7 @@ class ReducedTest:
     right: Array
 
 
-def reduced(test: SufficientStatistics, departures: Sequence[str] = ()) -> ReducedTest:
+def reduce_test(test: SufficientStatistics, departures: Sequence[str] = ()) -> ReducedTest:
     """Integrate out the quantities that are specific to one test.
 
     Parameters
@@ -69,7 +69,7 @@ def reduced(test: SufficientStatistics, departures: Sequence[str] = ()) -> Reduc
     shared = tuple(dict.fromkeys([*shared_names, *lag_names]))
     shared_loading = np.zeros((len(q), len(shared)))
     for row, each in zip(shared_loading, loading):
-        row[places([*each.shared], shared)] = [*each.shared.values()]
+        row[indices_of([*each.shared], shared)] = [*each.shared.values()]
     specific = np.array([each.own for each in loading])
     nuisance_rows = test.rows[:, N_QUANTITIES:]
     scaled = nuisance_rows * specific
@@ -246,7 +246,7 @@ def within(covariance: Array) -> Array:
     return np.sqrt(variance * n / (n - 1))
 
 
-def solve(
+def solve_campaign(
     tests: Sequence[SufficientStatistics], reduced_tests: Sequence[ReducedTest] | None = None
 ) -> Posterior:
     """Return the joint posterior of tests of one rig.
@@ -267,12 +267,12 @@ def solve(
         raise InputError("no tests", expected="at least one kept answer")
     check_same_rig(tests)
     known_reductions = {id(t): r for t, r in zip(tests, reduced_tests or ())}
-    reductions = [known_reductions.get(id(t)) or reduced(t) for t in tests]
+    reductions = [known_reductions.get(id(t)) or reduce_test(t) for t in tests]
     shared = tuple(dict.fromkeys(name for r in reductions for name in r.shared))
     information = np.eye(len(shared))
     rhs = np.zeros(len(shared))
     for r in reductions:
-        k = places(r.shared, shared)
+        k = indices_of(r.shared, shared)
         information[np.ix_(k, k)] += r.rows.T @ r.rows
         rhs[k] += r.rows.T @ r.right
     shared_covariance = np.asarray(np.linalg.inv(information))
@@ -301,11 +301,11 @@ def shared_sensitivity(reductions: Sequence[ReducedTest], shared: Sequence[str])
     sensitivity = np.zeros((N_QUANTITIES * len(reductions), len(shared)))
     for i, r in enumerate(reductions):
         block = slice(N_QUANTITIES * i, N_QUANTITIES * (i + 1))
-        sensitivity[block, places(r.shared, shared)] = r.by
+        sensitivity[block, indices_of(r.shared, shared)] = r.by
     return sensitivity
 
 
-def places(names: Sequence[str], shared: Sequence[str]) -> NDArray[np.int64]:
+def indices_of(names: Sequence[str], shared: Sequence[str]) -> NDArray[np.int64]:
     """Return the index of each of ``names`` in ``shared``, shape (N,)."""
     index = {name: k for k, name in enumerate(shared)}
     return np.array([index[name] for name in names], dtype=np.int64)

@@ -10,7 +10,7 @@ import numpy as np
 
 from tcdyn.campaign.exponent import SpeedLaw, speed_law
 from tcdyn.campaign.outliers import OutlyingTest, outlying_tests
-from tcdyn.campaign.posterior import Posterior, solve
+from tcdyn.campaign.posterior import Posterior, solve_campaign
 from tcdyn.campaign.sufficient_statistics import ANALYSE_AGAIN, SufficientStatistics
 from tcdyn.campaign.trends import BetaTrend, Curve, CurveTest, curve_test, trends
 from tcdyn.core.errors import InputError
@@ -208,17 +208,17 @@ def joined(
         return None
     if missing := [name for name, data in included.items() if "kept" not in data]:
         raise InputError("keeps nothing for a campaign", where=missing[0], remedy=ANALYSE_AGAIN)
-    posterior = solve([read_statistics(name, data) for name, data in included.items()])
+    posterior = solve_campaign([read_statistics(name, data) for name, data in included.items()])
     outliers = outlying_tests(posterior)
     if outliers:
         names = {s.name for s in outliers}
         remaining = [
             (t, r) for t, r in zip(posterior.tests, posterior.reduced) if t.name not in names
         ]
-        posterior = solve([t for t, _ in remaining], [r for _, r in remaining])
+        posterior = solve_campaign([t for t, _ in remaining], [r for _, r in remaining])
         included = {name: data for name, data in included.items() if name not in names}
     law = speed_law(posterior)
-    deeper, pulls = junctions(posterior)
+    deeper, pulls = junction_depths(posterior)
     return JoinedCampaign(
         posterior=posterior,
         law=law,
@@ -251,7 +251,7 @@ def _by_law(data: Mapping[str, Any], test: SufficientStatistics, exponent: float
     return float(speed_law_beta(a, b, c, d, chi))
 
 
-def junctions(
+def junction_depths(
     posterior: Posterior,
 ) -> tuple[dict[str, dict[str, Estimate]], dict[str, dict[str, float]]]:
     """How much deeper than stated each junction lies [mm], by disk and channel, and its pull on the

@@ -15,7 +15,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.findings import info
 from tcdyn.partition.events import find_events
 from tcdyn.rig.contact import Events
-from tcdyn.rig.log import Log, LogPieces
+from tcdyn.rig.log import Log, LogChunks
 
 # Time [s] after unloading at which the next test may begin: the contact switch has settled.
 # Chosen by judgement.
@@ -54,7 +54,7 @@ def loading_events(frame: pd.DataFrame) -> list[Events]:
     return [*loading_events(before), longest, *loading_events(after)]
 
 
-def stages(log: Log) -> tuple[Log, ...]:
+def split_stages(log: Log) -> tuple[Log, ...]:
     """Split a log into its tests, each with its cooling up to the next loading: D4.1, D4.2.
 
     A log with one test is returned under its own name.
@@ -83,7 +83,7 @@ def stage_of(log: Log, number: int | None) -> tuple[Log, int]:
 
     Raises InputError for a number that the log does not have.
     """
-    tests = stages(log)
+    tests = split_stages(log)
     if number is None:
         return log, len(tests)
     if not 1 <= number <= len(tests):
@@ -95,7 +95,7 @@ def stage_of(log: Log, number: int | None) -> tuple[Log, int]:
     return tests[number - 1], len(tests)
 
 
-def read_stage(log: LogPieces, number: int | None) -> tuple[Log, int]:
+def read_stage(log: LogChunks, number: int | None) -> tuple[Log, int]:
     """Like ``stage_of`` for a log in chunks; of a long log only the rows around one test are loaded.
 
     An info finding reports that. Memory for about ``MAX_ROWS`` rows, more where ``MIN_WINDOW_S`` has
@@ -120,7 +120,7 @@ def read_stage(log: LogPieces, number: int | None) -> tuple[Log, int]:
     return replace(selected, path=decimated.path, findings=(*selected.findings, finding)), count
 
 
-def all_events(log: LogPieces, log_in_memory: Log) -> list[Events]:
+def all_events(log: LogChunks, log_in_memory: Log) -> list[Events]:
     """Find loading and unloading of every test in a log of which one part is in memory.
 
     Of a long log the forces around each event are read. Raises InputError for a log without events.
@@ -145,9 +145,9 @@ def all_events(log: LogPieces, log_in_memory: Log) -> list[Events]:
     return all_found or [find_events(log_in_memory.frame, log.path.name)]
 
 
-def _decimate(log: LogPieces, step: int) -> Log:
+def _decimate(log: LogChunks, step: int) -> Log:
     return log.whole(np.arange(0, log.rows, step), EVENT_COLUMNS)
 
 
-def _rows(log: LogPieces, times_s: Sequence[float]) -> list[int]:
+def _rows(log: LogChunks, times_s: Sequence[float]) -> list[int]:
     return [int((t - log.sampling.time_s[0]) / log.dt_s) for t in times_s]

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from calibration.compare import OF_A_LOG
+from calibration.compare import LOG_TABLES
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.io.checksum import SEAL, checksum, intact
+from tcdyn.io.checksum import CHECKSUM_KEY, checksum, matches_checksum
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig
@@ -160,7 +160,7 @@ def _eight_digits_each(numbers: Iterable[float]) -> list[float]:
     return [_eight_digits(x) for x in numbers]
 
 
-def checked(data: Any, where: str) -> dict[str, Any]:
+def verify_checksum(data: Any, where: str) -> dict[str, Any]:
     """Return the content of a ``beta.json`` after its checksum has been verified.
 
     Raises
@@ -171,18 +171,18 @@ def checked(data: Any, where: str) -> dict[str, Any]:
     Examples
     --------
     >>> from tcdyn.io.checksum import sealed
-    >>> checked({**sealed({"beta": 0.7}), "beta": 0.8}, "D4.beta.json")
+    >>> verify_checksum({**with_checksum({"beta": 0.7}), "beta": 0.8}, "D4.beta.json")
     Traceback (most recent call last):
     tcdyn.core.errors.InputError: D4.beta.json: its content is not what was written: the checksum...
     """
-    if not isinstance(data, dict) or SEAL not in data:
+    if not isinstance(data, dict) or CHECKSUM_KEY not in data:
         raise InputError(
             "holds no checksum",
             where=where,
             expected="a beta.json of this version",
             remedy=ANALYSE_AGAIN,
         )
-    if not intact(data):
+    if not matches_checksum(data):
         raise InputError(
             "its content is not what was written: the checksum does not fit",
             where=where,
@@ -199,7 +199,7 @@ def rig_fingerprint(
     It covers rig.toml without the keys that belong to a log, the static lines and the chains.
     Raises InputError for a missing record.
     """
-    tables = {d: rig.tables(d).model_dump(mode="json", exclude=OF_A_LOG) for d in ("", *DISKS)}
+    tables = {d: rig.tables(d).model_dump(mode="json", exclude=LOG_TABLES) for d in ("", *DISKS)}
     if missing := [d for d in disks if d not in records]:
         raise InputError(
             f"no record of the {missing[0]} disk",

@@ -7,7 +7,7 @@ import pandas as pd
 
 from tcdyn.campaign.result import JoinedCampaign
 from tcdyn.core.errors import printable
-from tcdyn.core.estimate import rounded
+from tcdyn.core.estimate import rounded_texts
 from tcdyn.rig.disk import DISKS
 
 LATEX_HEADINGS = {
@@ -86,15 +86,15 @@ def paper_latex(joined: JoinedCampaign) -> str:
     """
     rows = []
     for r in paper_table(joined).to_dict("records"):
-        beta, inside = rounded(r["beta"], r["u_beta_within"])
+        beta, inside = rounded_texts(r["beta"], r["u_beta_within"])
         cells = [
             printable(str(r["test"])).translate(TEX),
             f"{r['load_N']:.0f}",
             f"{r['sliding_speed_m_s']:.1f}",
-            rounded(r["delta_T_us_K_m_s"], r["u_delta_T_us_K_m_s"])[0],
+            rounded_texts(r["delta_T_us_K_m_s"], r["u_delta_T_us_K_m_s"])[0],
             beta,
             inside,
-            rounded(r["beta"], r["u_beta"])[1],
+            rounded_texts(r["beta"], r["u_beta"])[1],
             *(_pm(r[f"h_{d}_W_m2K"], r[f"u_h_{d}_W_m2K"]) for d in DISKS),
             _pm(r["exponent"], r["u_exponent_within"]),
         ]
@@ -117,7 +117,7 @@ def paper_latex(joined: JoinedCampaign) -> str:
 
 
 def _pm(value: float, u: float) -> str:
-    text, spread = rounded(value, u)
+    text, spread = rounded_texts(value, u)
     return rf"${text} \pm {spread}$"
 
 

@@ -8,7 +8,7 @@
 [[0.0, 0.181], [1.0, -0.819]]
 >>> t = np.arange(0.0, 20.0, 0.02)
 >>> read = np.column_stack([c.response(20 + 5 * t, 0.02) for c in (slow, quick)])
->>> alike = equalised(read, 0.02, [slow, quick], common=slow)  # no inverse: both become slow
+>>> alike = equalise(read, 0.02, [slow, quick], common=slow)  # no inverse: both become slow
 >>> np.round(20 + 5 * t[-1] - alike[-1], 3)  # both lag by 0.7 s
 array([3.5, 3.5])
 >>> round(sum(cement_lags()), 6)  # of the diffusion time: the first moment
@@ -25,18 +25,18 @@ from tcdyn.chain.chain import (
     sensors,
 )
 from tcdyn.chain.rational import Hold
-from tcdyn.chain.structures import STRUCTURES, Structure, equalised
+from tcdyn.chain.structures import STRUCTURES, ChainStructure, equalise
 
 __all__ = [
     "NO_CONDITIONING",
     "STRUCTURES",
     "Chain",
+    "ChainStructure",
     "Hold",
     "Sensor",
-    "Structure",
     "cement_lags",
     "chains_for",
     "discretised",
-    "equalised",
+    "equalise",
     "sensors",
 ]

@@ -20,10 +20,10 @@ from scipy.ndimage import maximum_filter1d, uniform_filter1d
 from scipy.signal import find_peaks, oaconvolve
 
 from tcdyn.chain.chain import NO_CONDITIONING, Chain
-from tcdyn.chain.logger_noise import LoggerNoise, noise_of
+from tcdyn.chain.logger_noise import LoggerNoise, estimate_logger_noise
 from tcdyn.chain.rational import Factor, Rational, simulate
 from tcdyn.core import Array, Flags
-from tcdyn.estimation.trace_noise import SpikeRule, bridged, find_spikes
+from tcdyn.estimation.trace_noise import SpikeRule, find_spikes, interpolate_gaps
 from tcdyn.rig.disk import Conditioning
 
 # Values without a source below were chosen by judgement.
@@ -70,7 +70,7 @@ MAX_HUM_GAIN = 0.1
 ROUNDS = 6
 
 
-def noise_and_white(
+def estimate_and_whiten_noise(
     traces: Sequence[Array],
     dts_s: Sequence[float],
     filter_: Conditioning,
@@ -110,13 +110,13 @@ def noise_and_white(
             for y, dt in zip(traces, dts_s)
         ]
 
-    noise = noise_of([*compress(traces, same_rate)], dts_s[0], filter_, white_K)
+    noise = estimate_logger_noise([*compress(traces, same_rate)], dts_s[0], filter_, white_K)
     results = white(noise)
     if noise.coloured and np.mean([outliers.mean() for _, outliers in results]) > DENSE_SHARE:
         without_bursts = [
             np.where(outliers, np.nan, y) for y, (_, outliers) in zip(traces, results)
         ]
-        short = noise_of(
+        short = estimate_logger_noise(
             [*compress(without_bursts, same_rate)], dts_s[0], filter_, white_K, SHORT_SEGMENT_S
         )
         noise = replace(short, lines=noise.lines)  # short segments cannot tell one
@@ -151,9 +151,9 @@ def whiten_traces(
     white = noise.whitened(np.where(good, y, np.nan), dt_s)
     outliers = np.zeros(y.shape, dtype=bool)
     for i, sd in enumerate(noise.level_K):
-        x = bridged(white[:, i], good[:, i])
+        x = interpolate_gaps(white[:, i], good[:, i])
         outliers[:, i] = find_spikes(np.where(good[:, i], x, np.nan), rule, float(sd))
-        white[:, i] = bridged(x, ~outliers[:, i])
+        white[:, i] = interpolate_gaps(x, ~outliers[:, i])
     lags_s = [c.lag_s - c.conditioning.lag_s for c in chains]
     filters = [c.conditioning if c.conditioning.poles else noise.shaping for c in chains]
     filters_whitened = [noise.behind(Chain((), conditioning=f)).conditioning for f in filters]
@@ -173,7 +173,7 @@ def whiten_traces(
     for k, i in enumerate(slow):
         isolated = (n_able - can_show[k] >= WITNESSES) & (n_showing - shows[k] < WITNESSES)
         outliers[:, i] |= _outliers(searches[k], dt_s, lags_s[i], isolated)
-        white[:, i] = bridged(white[:, i], ~outliers[:, i])
+        white[:, i] = interpolate_gaps(white[:, i], ~outliers[:, i])
     return white, outliers & good
 
 
@@ -288,7 +288,7 @@ def _outliers(
                     break
         if np.count_nonzero(outliers) == before:
             break
-        padded = bridged(padded, ~outliers)
+        padded = interpolate_gaps(padded, ~outliers)
         score = search.score(padded)
     return outliers[widest:-widest]
 

@@ -13,7 +13,15 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import signal
 from scipy.linalg import solve_continuous_lyapunov
 
-from tcdyn.chain.rational import Factor, Hold, Rational, Start, product, realise, simulate_rows
+from tcdyn.chain.rational import (
+    Factor,
+    Hold,
+    InitialState,
+    Rational,
+    polynomial_product,
+    realise,
+    simulate_rows,
+)
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.result import Result
@@ -126,7 +134,9 @@ class Chain(Result):
     @cached_property
     def rational(self) -> Rational:
         """The chain as a product of its factors; cement by its lags."""
-        num = product([[1.0, self.zero_s] if self.zero_s else [1.0], self.conditioning.numerator])
+        num = polynomial_product(
+            [[1.0, self.zero_s] if self.zero_s else [1.0], self.conditioning.numerator]
+        )
         return Rational(num, tuple(Factor(f) for f in self.factors()), self.delay_s)
 
     @property
@@ -172,7 +182,7 @@ class Chain(Result):
         return np.asarray(value)
 
     def response(
-        self, u: ArrayLike, dt_s: float, hold: Hold = "foh", initial: Start = "equilibrium"
+        self, u: ArrayLike, dt_s: float, hold: Hold = "foh", initial: InitialState = "equilibrium"
     ) -> NDArray[np.float64]:
         """Response of the chain to an input sampled every ``dt_s`` seconds.
 
@@ -237,7 +247,7 @@ class Chain(Result):
         for c in chains:
             delay = (1.0, c.delay_s, 0.5 * c.delay_s**2)
             lags = [(1.0, tau) for tau in c.taus_s]
-            coefficients.append(float(product([*lags, delay])[2]))
+            coefficients.append(float(polynomial_product([*lags, delay])[2]))
         return coefficients[1] - coefficients[0]
 
 

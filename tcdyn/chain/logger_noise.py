@@ -21,10 +21,10 @@ from scipy.ndimage import label, median_filter
 from scipy.optimize import nnls
 
 from tcdyn.chain.chain import NO_CONDITIONING, Chain
-from tcdyn.chain.rational import Factor, Rational, product, simulate, spectral_factor
+from tcdyn.chain.rational import Factor, Rational, polynomial_product, simulate, spectral_factor
 from tcdyn.core import Array, Flags
 from tcdyn.core.findings import Finding, info, warning
-from tcdyn.estimation.trace_noise import bridged, middle
+from tcdyn.estimation.trace_noise import fast_nanmedian, interpolate_gaps
 from tcdyn.rig.disk import Conditioning
 
 # Values without a source below were chosen by judgement.
@@ -74,7 +74,7 @@ TYPICAL_LAG_S = 0.7
 
 
 @dataclass(frozen=True)
-class Whitened(Conditioning):
+class WhitenedConditioning(Conditioning):
     """The filter 1/N that replaces B once a trace went through A/N; A/N where B was not in the
     chain.
 
@@ -215,8 +215,10 @@ class LoggerNoise:
         if not self.coloured:
             return y
         missing_mask = ~np.isfinite(y)
-        filter_ = Rational(product(self.shaping.factors), tuple(Factor(f) for f in self.sections))
-        filled = [bridged(x, ~missing) for x, missing in zip(y.T, missing_mask.T)]
+        filter_ = Rational(
+            polynomial_product(self.shaping.factors), tuple(Factor(f) for f in self.sections)
+        )
+        filled = [interpolate_gaps(x, ~missing) for x, missing in zip(y.T, missing_mask.T)]
         out = np.stack([simulate(filter_, x, dt_s) for x in filled], axis=1)
         return np.where(missing_mask, np.nan, out)
 
@@ -229,13 +231,14 @@ class LoggerNoise:
         numerator: tuple[float, ...] = (1.0,)  # the filter cancels its own A
         if b != self.shaping:
             stages = (*b.factors, *stages)
-            numerator = tuple(map(float, product(self.shaping.factors)))
+            numerator = tuple(map(float, polynomial_product(self.shaping.factors)))
         return replace(
-            chain, conditioning=Whitened(b.cutoff_Hz, b.poles, b.shape, stages, numerator)
+            chain,
+            conditioning=WhitenedConditioning(b.cutoff_Hz, b.poles, b.shape, stages, numerator),
         )
 
 
-def noise_of(
+def estimate_logger_noise(
     traces: Sequence[Array],
     dt_s: float,
     filter_: Conditioning,
@@ -278,7 +281,9 @@ def noise_of(
         return white
     if not usable.all():
         some = [y[:, usable] for y in traces]
-        return noise_of(some, dt_s, filter_, white_K[usable], segment_s).for_more(usable, white_K)
+        return estimate_logger_noise(some, dt_s, filter_, white_K[usable], segment_s).for_more(
+            usable, white_K
+        )
     w = 2 * np.pi * f
     signal_ = _passed(f, filter_) / (w**4 * (1 + (w * TYPICAL_LAG_S) ** 2))
     flat = np.ones(len(f))
@@ -327,8 +332,10 @@ def noise_of(
             level = np.sqrt([v[0] for v, _ in fits[NO_CONDITIONING]])
         return replace(white.white(inflation * level), lines=lines, unexplained=worst)
     level = inflation * np.sqrt(before + after)
-    share = passed_share(best, dt_s)
-    sections = spectral_factor(ratio, 1 - ratio, product(best.factors), MAX_POLE_RATE / dt_s)
+    share = noise_power_ratio(best, dt_s)
+    sections = spectral_factor(
+        ratio, 1 - ratio, polynomial_product(best.factors), MAX_POLE_RATE / dt_s
+    )
     return LoggerNoise(
         np.sqrt(before * share), np.sqrt(after), level, best, sections, lines, 1 / dt_s, worst
     )
@@ -344,7 +351,7 @@ def _mains(f: float, rate_Hz: float) -> list[float]:
     return [mains for mains in (50.0, 60.0) if abs(_folded(mains, rate_Hz) - f) < LINE_WIDTH_HZ]
 
 
-def passed_share(filter_: Conditioning, dt_s: float) -> float:
+def noise_power_ratio(filter_: Conditioning, dt_s: float) -> float:
     """Share of its variance that the filter leaves of white noise sampled every ``dt_s``.
 
     The variance of noise from before the filter, divided by it, is that of white noise with the
@@ -352,7 +359,7 @@ def passed_share(filter_: Conditioning, dt_s: float) -> float:
 
     Examples
     --------
-    >>> round(passed_share(Conditioning(4.0, 2), 1 / 75), 3)
+    >>> round(noise_power_ratio(Conditioning(4.0, 2), 1 / 75), 3)
     0.085
     """
     return float(np.mean(_passed(np.linspace(0.0, 0.5 / dt_s, 400), filter_)))
@@ -360,7 +367,9 @@ def passed_share(filter_: Conditioning, dt_s: float) -> float:
 
 def _passed(f: Array, filter_: Conditioning) -> Array:
     """|B|^2 at frequencies ``f`` [Hz]."""
-    return np.asarray(1.0 / np.abs(polyval(2j * np.pi * f, product(filter_.factors))) ** 2)
+    return np.asarray(
+        1.0 / np.abs(polyval(2j * np.pi * f, polynomial_product(filter_.factors))) ** 2
+    )
 
 
 def _background(power: Array, shapes: Array, count: int) -> Flags:
@@ -404,7 +413,7 @@ def _spectra(
     line = np.linalg.qr(np.vander(np.linspace(-1, 1, size), 2))[0]
     for y in long_traces:
         missing_mask = ~np.isfinite(y.T)
-        filled = np.stack([bridged(x, ~missing) for x, missing in zip(y.T, missing_mask)])
+        filled = np.stack([interpolate_gaps(x, ~missing) for x, missing in zip(y.T, missing_mask)])
         hop = size - size // 2
         segments = sliding_window_view(filled, size, axis=1)[:, ::hop]
         missing_share = sliding_window_view(missing_mask, size, axis=1)[:, ::hop].mean(axis=2)
@@ -418,7 +427,7 @@ def _spectra(
     if np.count_nonzero(keep) < MIN_FREQUENCIES:
         return None
     enough = np.count_nonzero(np.isfinite(power[:, 0]), axis=-1) >= LEAST_SEGMENTS
-    median_power = middle(np.where(enough[:, None, None], power, 0.0))
+    median_power = fast_nanmedian(np.where(enough[:, None, None], power, 0.0))
     typical: Array = np.nan_to_num(median_power).T[keep] / bias
     return np.asarray(f[keep]), typical, power.shape[-1] // 2
 

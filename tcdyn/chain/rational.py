@@ -27,10 +27,10 @@ if TYPE_CHECKING:
 
 Complex = NDArray[np.complex128]
 Hold = Literal["foh", "zoh"]
-Start = Literal["equilibrium", "zero"]
+InitialState = Literal["equilibrium", "zero"]
 
 
-def product(factors: Iterable[ArrayLike]) -> Array:
+def polynomial_product(factors: Iterable[ArrayLike]) -> Array:
     """Ascending coefficients of the product of polynomials with ascending coefficients."""
     out: Array = np.ones(1)
     for f in factors:
@@ -87,7 +87,7 @@ class Rational:
 
     def polynomials(self) -> tuple[Array, Array]:
         """Numerator and denominator in descending powers of s, without the dead time."""
-        den = product(f.coefs for f in self.factors)
+        den = polynomial_product(f.coefs for f in self.factors)
         return np.asarray(self.num[::-1]), np.append(den[::-1], np.zeros(self.integrators))
 
     def transfer_function(self, pade_order: int = 3, **names: str) -> control.TransferFunction:
@@ -147,7 +147,7 @@ class Realisation:
     integrators: int
 
 
-def newton(poly: NDArray, poles: NDArray) -> tuple[NDArray, NDArray]:
+def newton_form(poly: NDArray, poles: NDArray) -> tuple[NDArray, NDArray]:
     """Newton form: coefficients of poly/prod(phi_i) on the cascade 1, 1/phi_1, 1/(phi_1 phi_2), ..
 
     Parameters
@@ -205,7 +205,7 @@ def realise(model: Rational, sensitivities: bool = True) -> Realisation:
     if sensitivities:
         polys[1:-1, :q] = np.eye(q)
         polys[-1, 1:] = -model.num
-    c, direct = newton(polys, poles)
+    c, direct = newton_form(polys, poles)
     C = np.zeros((len(c), size), dtype=c.dtype)
     D, E = direct.T
     C[:, :m] = c
@@ -219,7 +219,7 @@ def realise(model: Rational, sensitivities: bool = True) -> Realisation:
         A[span[1:], span[:-1]] = -p[1:]
         A[m] += -p[0] * C[0]
         B[m] = -p[0] * D[0]
-        state_coefs, direct_coefs = newton(np.eye(d + 1)[1:], p)
+        state_coefs, direct_coefs = newton_form(np.eye(d + 1)[1:], p)
         branch = -direct_coefs[:, :1] * C[0]
         branch[:, span] = -state_coefs
         branches.append(branch)
@@ -245,7 +245,7 @@ def step_matrices(system: Realisation, dt_s: float) -> tuple[NDArray, NDArray, N
     return e[:n, :n], e[:n, n], e[:n, n + 1]
 
 
-def stationary(system: Realisation, u0: float) -> tuple[NDArray, NDArray]:
+def steady_state(system: Realisation, u0: float) -> tuple[NDArray, NDArray]:
     """State x = xa + xb t under an input ``u0`` that has always been constant; ``xb`` is zero
     without integrator.
 
@@ -283,7 +283,7 @@ def states(phi: NDArray, forcing: NDArray, x0: NDArray) -> NDArray:
 
 
 def simulate_rows(
-    system: Realisation, u: Array, dt_s: float, delay_s: float, hold: Hold, start: Start
+    system: Realisation, u: Array, dt_s: float, delay_s: float, hold: Hold, start: InitialState
 ) -> Array:
     """All output rows (R, N) for the input ``u`` (N,), delayed by ``delay_s``, exact under
     ``hold``.
@@ -300,7 +300,7 @@ def simulate_rows(
     slope[:delay_samples] = 0.0  # the record starts with a step
     v = v[:n]
     phi, gu, gv = step_matrices(system, dt_s)
-    xa, xb = stationary(system, u0)
+    xa, xb = steady_state(system, u0)
     x = states(phi, np.outer(gu, v[:-1]) + np.outer(gv, slope[:-1]), xa - xb * delay_samples * dt_s)
     c = system.C
     cu = system.D
@@ -316,7 +316,7 @@ def simulate_rows(
     return np.ascontiguousarray(out.real)
 
 
-def free_rows(system: Realisation, n_samples: int, dt_s: float) -> Array:
+def impulse_rows(system: Realisation, n_samples: int, dt_s: float) -> Array:
     """All output rows (R, N) of the impulse response: the effect of an initial state."""
     phi = expm(system.A * dt_s)
     x = states(phi, np.zeros((len(system.B), n_samples - 1)), system.B)
@@ -324,7 +324,7 @@ def free_rows(system: Realisation, n_samples: int, dt_s: float) -> Array:
 
 
 def simulate(
-    model: Rational, u: Array, dt_s: float, hold: Hold = "foh", start: Start = "equilibrium"
+    model: Rational, u: Array, dt_s: float, hold: Hold = "foh", start: InitialState = "equilibrium"
 ) -> Array:
     """Output (N,) of ``model`` for the input ``u`` (N,), sampled every ``dt_s`` seconds."""
     system = realise(model, sensitivities=False)

@@ -14,7 +14,7 @@ from itertools import compress
 import numpy as np
 
 from tcdyn.chain.chain import Chain
-from tcdyn.chain.rational import Factor, Rational, product, simulate
+from tcdyn.chain.rational import Factor, Rational, polynomial_product, simulate
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 
@@ -26,7 +26,7 @@ LAG_COUNTS = ("no lag", "one lag", "two lags", "three lags")
 
 
 @dataclass(frozen=True)
-class Structure:
+class ChainStructure:
     """Elements of a chain: ``poles`` 0 to 3, two of them complex if ``pair``, and the elements of
     its letters.
 
@@ -47,7 +47,7 @@ class Structure:
     integrator: bool = False
 
     @classmethod
-    def of(cls, name: str) -> Structure:
+    def of(cls, name: str) -> ChainStructure:
         """The structure with this ``name``.
 
         Raises
@@ -93,7 +93,7 @@ class Structure:
         return " and ".join([LAG_COUNTS[len(self.lags)], *compress(words, present)])
 
 
-def equalised(y: Array, dt_s: float, chains: Sequence[Chain], common: Chain) -> Array:
+def equalise(y: Array, dt_s: float, chains: Sequence[Chain], common: Chain) -> Array:
     """Each column of ``y`` (N, M) [degC] as the ``common`` chain would have measured it, without
     any inverse.
 
@@ -114,10 +114,10 @@ def _quotient(upper: Chain, lower: Chain) -> Rational:
     """G_upper / G_lower without their filter, kept proper by lags of 1 ms; a negative delay is
     neglected.
     """
-    num: Array = product(lower.own_factors())
+    num: Array = polynomial_product(lower.own_factors())
     denominator = list(upper.own_factors())
     if upper.zero_s != lower.zero_s:
-        num = product([num, (1.0, upper.zero_s)])
+        num = polynomial_product([num, (1.0, upper.zero_s)])
         denominator.append((1.0, max(lower.zero_s, LEAST_LAG_S)))
     excess = len(num) - 1 - sum(len(f) - 1 for f in denominator)
     denominator += [(1.0, LEAST_LAG_S)] * excess

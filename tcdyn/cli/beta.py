@@ -84,7 +84,7 @@ def beta(
     beta.json --report beta.html
     """
     from tcdyn.io.write import write_text
-    from tcdyn.rig.opened_log import records_by_disk, refuse_spare_records, rig_of
+    from tcdyn.rig.opened_log import check_records_used, records_by_disk, rig_from_records
     from tcdyn.rig.rigfile import load_rig
     from tcdyn.workflows.bearing import read_bearing
     from tcdyn.workflows.beta import estimate_beta, estimate_stages
@@ -92,8 +92,8 @@ def beta(
 
     check_outputs([log, rig, bearing, *record], out=out, report=report)
     records = records_by_disk(record)
-    rig_settings = load_rig(rig) if rig else rig_of(records)
-    refuse_spare_records(log, rig_settings, records)
+    rig_settings = load_rig(rig) if rig else rig_from_records(records)
+    check_records_used(log, rig_settings, records)
     rolling = read_bearing(bearing) if bearing else None
     is_one_disk = len(records) == 1
     estimate: Any = estimate_one_disk if is_one_disk else estimate_beta
@@ -121,11 +121,11 @@ def beta(
             progress("writing the report")
             from tcdyn.report.beta import write_beta_report
             from tcdyn.report.single_disk import write_one_disk_report
-            from tcdyn.report.sources import sources_of
+            from tcdyn.report.sources import source_table
 
             tests: Any = {run.log.path.stem: run.partition for run in runs}
             write_report: Any = write_one_disk_report if is_one_disk else write_beta_report
-            write_report(report, tests, sources=sources_of(runs, record, rig))
+            write_report(report, tests, sources=source_table(runs, record, rig))
     reporter.json(lambda: contents()[0] if len(runs) == 1 else contents())
     for run in runs:
         if len(runs) > 1:
@@ -201,8 +201,8 @@ def campaign(
     """
     from tcdyn.report.campaign import write_campaign_report
     from tcdyn.report.sources import record_rows
-    from tcdyn.rig.disk import left_out_of
-    from tcdyn.rig.opened_log import records_by_disk, rig_of
+    from tcdyn.rig.disk import channels_left_out
+    from tcdyn.rig.opened_log import records_by_disk, rig_from_records
     from tcdyn.rig.rigfile import load_rig
     from tcdyn.workflows.bearing import read_bearing
     from tcdyn.workflows.campaign import (
@@ -218,9 +218,9 @@ def campaign(
     for name in OUTPUTS:
         check_outputs([*logs, rig, bearing, *record, *(model or ())], out=out / name)
     records = records_by_disk(record)
-    rig_settings = load_rig(rig) if rig else rig_of(records)
+    rig_settings = load_rig(rig) if rig else rig_from_records(records)
     rolling = read_bearing(bearing) if bearing else None
-    left_out_of(without or (), rig_settings.setups)
+    channels_left_out(without or (), rig_settings.setups)
     settings = CampaignSettings(
         rig_settings, records, window_s, seed, rolling, tuple(without or ())
     )

@@ -143,18 +143,18 @@ def hole(
     Example: tcdyn simulate hole --out hole.csv && tcdyn hole hole.csv --report hole.html
     """
     from immersion.hole import compare_holes
-    from immersion.plunge_data import bath_filled
+    from immersion.plunge_data import with_filled_bath
     from tcdyn.core.findings import messages, unique
     from tcdyn.io.write import write_text
     from tcdyn.rig.log import read_log
     from tcdyn.rig.rigfile import load_rig
-    from tcdyn.workflows.calibrate import untold
+    from tcdyn.workflows.calibrate import log_findings
 
     check_outputs([log, rig], out=out, report=report)
     setup = load_rig(rig)
     table = read_log(log, "hole", setup)
     comparison = compare_holes(
-        bath_filled(table),
+        with_filled_bath(table),
         ideal=ideal,
         limit_s=limit_s,
         depth_m=depth_mm * 1e-3,
@@ -162,7 +162,7 @@ def hole(
         diffusivity_m2_s=setup.disk_setup("").diffusivity_m2_s,
         where=log.name,
     )
-    findings = unique((*untold(table, comparison.entry), *comparison.findings))
+    findings = unique((*log_findings(table, comparison.entry), *comparison.findings))
     content = {**comparison.to_dict(), "warnings": list(messages(findings))}
     if out is not None:
         write_text(out, dump(content))
@@ -170,12 +170,12 @@ def hole(
         from functools import partial
 
         from tcdyn.plots.plunge import draw_holes
-        from tcdyn.plots.style import pictured
+        from tcdyn.plots.style import panel_figure
         from tcdyn.report.page import Section, write_page
         from tcdyn.report.sources import log_row
-        from tcdyn.report.sources import table as made_of
+        from tcdyn.report.sources import to_table as made_of
 
-        picture = pictured(partial(draw_holes, comparison), height_in=4.5)
+        picture = panel_figure(partial(draw_holes, comparison), height_in=4.5)
         caption = (
             "Dots: readings; lines: the fit. All junctions have the same temperature around them, "
             "so "

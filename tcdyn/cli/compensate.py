@@ -31,7 +31,7 @@ from tcdyn.core.errors import InputError
 
 if TYPE_CHECKING:
     from tcdyn.workflows.compensate import CompensatedLog
-    from tcdyn.workflows.segments import Way
+    from tcdyn.workflows.segments import CompensationMethod
 
 
 @option_groups
@@ -123,7 +123,7 @@ def compensate(
     Any other table: tcdyn compensate kiln.csv --sensor probe.sensor.json --out kiln.compensated.csv
     """
     from tcdyn.io.write import write_text
-    from tcdyn.rig.opened_log import records_by_disk, rig_of
+    from tcdyn.rig.opened_log import records_by_disk, rig_from_records
     from tcdyn.rig.rigfile import load_rig
     from tcdyn.workflows import compensate_log
 
@@ -161,7 +161,7 @@ def compensate(
             "--covariance with --method inverse, which has none", remedy="take the smoother"
         )
     records = records_by_disk(record)
-    rig_settings = load_rig(rig) if rig else rig_of(records)
+    rig_settings = load_rig(rig) if rig else rig_from_records(records)
     target = out or log.with_name(f"{log.stem}.compensated.csv")
     check_outputs([log, rig, *record], out=target, report=report, covariance=covariance)
     way = _method(method, criterion, bandwidth_hz, noise_only)
@@ -209,10 +209,10 @@ def _summary(done: CompensatedLog) -> str:
 
 def _method(
     method: str, criterion: str | None, bandwidth_Hz: float | None, noise_only: bool
-) -> Way:
+) -> CompensationMethod:
     """The method that the options specify; InputError for options that contradict each other."""
     from tcdyn.smoothing.process_noise import Criterion
-    from tcdyn.workflows.segments import METHODS, Way
+    from tcdyn.workflows.segments import METHODS, CompensationMethod
 
     check_choice("--method", method, tuple(m for m in METHODS if m != "noise-only"))
     if noise_only and method != "smoother":
@@ -233,7 +233,7 @@ def _method(
     if bandwidth_Hz is not None:
         settings["bandwidth_Hz"] = bandwidth_Hz
     name = "noise-only" if noise_only else method
-    return Way(name, **settings)  # type: ignore[arg-type]
+    return CompensationMethod(name, **settings)  # type: ignore[arg-type]
 
 
 def _numbers(done: CompensatedLog) -> dict[str, Any]:

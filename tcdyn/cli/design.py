@@ -89,7 +89,7 @@ def design(
 
     Example: tcdyn design --fluid water --bath-degC 80 --bath-degC 95 --noise-K 0.05 --out plan.html
     """
-    from tcdyn.chain.logger_noise import passed_share
+    from tcdyn.chain.logger_noise import noise_power_ratio
     from tcdyn.design.compare import compare_tests
     from tcdyn.design.plans import PlungePlan, StepPlan
     from tcdyn.rig.rigfile import load_rig
@@ -109,7 +109,7 @@ def design(
     setup = rig_table.disk_setup(disk)
     uncertainty = rig_table.tables(disk).uncertainty
     # the fits whiten the noise, so its level at low frequency decides
-    passed = passed_share(setup.conditioning, 1 / rate_Hz)
+    passed = noise_power_ratio(setup.conditioning, 1 / rate_Hz)
     level_K = math.hypot(noise_K, noise_before_K / passed**0.5)
     plans = [
         PlungePlan(fluid, b, initial_degC, duration_s, rate_Hz, level_K, entry_u_s)

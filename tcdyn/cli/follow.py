@@ -25,7 +25,7 @@ from tcdyn.cli.tables import SensorFiles, TableReading, only_with_records
 from tcdyn.core.errors import InputError
 
 if TYPE_CHECKING:
-    from tcdyn.workflows.live import Causal
+    from tcdyn.workflows.live import LiveCompensator
 
 
 @option_groups
@@ -112,7 +112,7 @@ def follow(
     from tcdyn.rig.rigfile import load_rig
     from tcdyn.sensors import read_sensor
     from tcdyn.workflows.follow import follow as run
-    from tcdyn.workflows.live import Settings
+    from tcdyn.workflows.live import LiveSettings
 
     if bool(record) == bool(sensor):
         raise InputError(
@@ -126,11 +126,11 @@ def follow(
         records = [read_sensor(path) for path in sensor]
     else:
         records = records_by_disk(record or [])
-    settings = Settings(behind_s, noise_k, intensity, learn_s)
+    settings = LiveSettings(behind_s, noise_k, intensity, learn_s)
     rig_table = load_rig(rig) if rig else None
     check_outputs([log, rig, *(record or []), *(sensor or [])], out=out, report=report, state=state)
 
-    def announce(plan: Causal) -> None:
+    def announce(plan: LiveCompensator) -> None:
         filter_report = plan.before_use()
         reporter.text(f"before use, noisiest channel, {plan.notes()['method']}:")
         reporter.text("\n".join(f"  {line}" for line in filter_report.lines()))

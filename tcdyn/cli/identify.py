@@ -183,7 +183,7 @@ def identify(
     """
     from tcdyn.chain import NO_CONDITIONING
     from tcdyn.identify import compare, from_csv, joint_table, read_identified
-    from tcdyn.identify.disturbance import BASELINES, NOISES
+    from tcdyn.identify.disturbance import BASELINE_OPTIONS, NOISE_OPTIONS
     from tcdyn.io.write import write_text
     from tcdyn.report.dynamics import write_identify_report
     from tcdyn.rig.disk import FILTER_SHAPES, Conditioning
@@ -195,8 +195,8 @@ def identify(
         )
     check_choice("--hold", hold, ("auto", "foh", "zoh"))
     check_choice("--shape", shape, FILTER_SHAPES)
-    check_choice("--noise", noise, NOISES)
-    check_choice("--baseline", baseline, BASELINES)
+    check_choice("--noise", noise, NOISE_OPTIONS)
+    check_choice("--baseline", baseline, BASELINE_OPTIONS)
     fit_settings: dict[str, Any] = {} if initial is None else {"initial": initial}
     fit_settings["input_noise"] = (
         "auto" if input_noise == "auto" else _standard_deviation(input_noise)
@@ -413,7 +413,7 @@ def _model(
 
     With several inputs, one model for all, or models separated by plus signs, one for each input.
     """
-    from tcdyn.identify import Known, several
+    from tcdyn.identify import KnownDynamics, several
     from tcdyn.identify.models import as_model
 
     parts = [part.strip() for part in name.split("+")]
@@ -429,5 +429,5 @@ def _model(
         model,
         fixed={**model.fixed, **used},
         offset=model_settings["offset"],
-        known=Known.of(model_settings["known"]),
+        known=KnownDynamics.of(model_settings["known"]),
     )

@@ -89,11 +89,11 @@ def diff(
 
     Example: tcdyn record diff fast.2026.disk.json fast.disk.json
     """
-    from calibration.compare import diff_records
+    from calibration.compare import compare_records
     from tcdyn.rig.record import read_record
 
     console = Console()
-    difference = diff_records(read_record(old), read_record(new))
+    difference = compare_records(read_record(old), read_record(new))
     if json_:
         print(dump(difference.to_dict()), end="")
         return

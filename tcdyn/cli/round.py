@@ -47,17 +47,17 @@ def simulate_round(
 
     Example: tcdyn round simulate --out disks.png --test D4 --uneven slow:0.5@30
     """
-    from tcdyn.plots.circumferential import round_figure
+    from tcdyn.plots.circumferential import circumferential_figure
     from tcdyn.rig.disk import DISKS
     from tcdyn.rig.rigfile import load_rig
     from tcdyn.simulate.ehl import EhlOptions
-    from tcdyn.simulate.field import around_disks
+    from tcdyn.simulate.field import disk_fields
     from tcdyn.simulate.truth import draw_truth
 
     _check_picture(out, rig)
     truth = draw_truth(seed, load_rig(rig)).with_uneven(bore_contacts(uneven))
-    disks = around_disks(test, seed, truth, EhlOptions(beta=beta))
-    _save(round_figure([disks[d] for d in DISKS]), out)
+    disks = disk_fields(test, seed, truth, EhlOptions(beta=beta))
+    _save(circumferential_figure([disks[d] for d in DISKS]), out)
     numbers = {
         d: {"surface_degC": _range(disks[d].surface_degC), "seen_degC": disks[d].seen_degC}
         for d in DISKS
@@ -94,7 +94,7 @@ def fit_round(
     from functools import partial
 
     from tcdyn.plots.circumferential import draw_fit
-    from tcdyn.plots.style import pictured
+    from tcdyn.plots.style import panel_figure
     from tcdyn.rig.disk import DISKS
     from tcdyn.rig.rigfile import load_rig
 
@@ -109,7 +109,7 @@ def fit_round(
     if out is not None:
         draws = [partial(draw_fit, s) for s in stated]
         rows = len(stated)
-        _save(pictured(*draws, rows=rows, width_in=7.0, height_in=3.2 * rows), out)
+        _save(panel_figure(*draws, rows=rows, width_in=7.0, height_in=3.2 * rows), out)
     reporter.json(lambda: {"picture": out, **numbers})
     for name, x in numbers.items():
         reporter.text(
@@ -124,10 +124,10 @@ def fit_round(
 
 def _fit_numbers(setup: DiskSetup) -> dict[str, Any]:
     """Numbers of a stated press fit; angles are those of the greatest conductance."""
-    from tcdyn.rig.contact import press_fit
+    from tcdyn.rig.contact import press_fit_conductance
     from tcdyn.rig.press_fit import amplitude_and_angle, harmonics
 
-    pressure, bearing = press_fit(setup)
+    pressure, bearing = press_fit_conductance(setup)
     shares = harmonics(setup.fit.sectors(1e3 * setup.bore_radius_m), 2)
     harmonic_numbers = {}
     for n in (1, 2):

@@ -122,9 +122,9 @@ def new(
 
     Example: tcdyn sensor new --tau-s 1.5+-0.1 --column T1 --out probe.sensor.json
     """
-    from tcdyn.sensors import stated
+    from tcdyn.sensors import specified_sensor
 
-    sensor = stated(
+    sensor = specified_sensor(
         output.sensor_name,
         column,
         [value_and_u(text, "--tau-s") for text in tau_s],
@@ -197,11 +197,11 @@ def plunge(
     --diameter-mm 3
     """
     from tcdyn.sensors.plunge import plunge_sensor
-    from tcdyn.sensors.surface_h import Film
+    from tcdyn.sensors.surface_h import BoundaryLayer
 
     if (medium is None) != (diameter_mm is None):
         raise InputError("--medium and --diameter-mm go together", remedy="give both, or none")
-    film = Film(medium, 1e-3 * diameter_mm, speed_m_s) if medium and diameter_mm else None
+    film = BoundaryLayer(medium, 1e-3 * diameter_mm, speed_m_s) if medium and diameter_mm else None
     t, values, findings, names = _read(log, [column], reading)
     sensor = plunge_sensor(
         t,
@@ -353,14 +353,14 @@ def _read(
         logged; findings; names of the columns.
     """
     from tcdyn.sensors.table import open_source, read_columns
-    from tcdyn.sensors.units import cold_column, matching, units_of
+    from tcdyn.sensors.units import cold_column, match_columns, units_of
 
     options = reading.options()
     opened = open_source(log, reading.time, [*columns, *plain], reading.time_unit)
     candidates = [name for name in opened.table.names if name != opened.time]
     names = []
     for pattern in (*columns, *plain):
-        matches = matching(pattern, candidates, opened.table.where)
+        matches = match_columns(pattern, candidates, opened.table.where)
         if len(matches) > 1:
             raise InputError(
                 f"{pattern!r} matches {len(matches)} columns",
@@ -391,7 +391,7 @@ def _with_findings(sensor: SensorFile, findings: list[Finding], duration_s: floa
     A warning is added for each lag whose standard uncertainty exceeds the length of the record,
     ``duration_s``.
     """
-    from tcdyn.sensors.table import once_each
+    from tcdyn.sensors.table import unique_by_subject
 
     all_findings = list(findings)
     for column, channel in sensor.chain.channels.items():
@@ -400,4 +400,6 @@ def _with_findings(sensor: SensorFile, findings: list[Finding], duration_s: floa
             all_findings.append(
                 warning("sensor.undetermined", subject=column, u_s=u_s, duration_s=duration_s)
             )
-    return sensor.model_copy(update={"findings": [*once_each(all_findings), *sensor.findings]})
+    return sensor.model_copy(
+        update={"findings": [*unique_by_subject(all_findings), *sensor.findings]}
+    )

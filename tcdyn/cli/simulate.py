@@ -281,7 +281,7 @@ def demo(
     Example: tcdyn demo --out demo --seed 4 --test A1 --test D4
     """
     from tcdyn.report.beta import write_beta_report
-    from tcdyn.report.sources import sources_of
+    from tcdyn.report.sources import source_table
     from tcdyn.workflows import run_demo
 
     with stage_progress(reporter.is_silent, verbose) as progress:
@@ -295,7 +295,7 @@ def demo(
         }
         tests = {n: b.partition for n, b in run.tests.items()}
         files = [out / f"{disk}.disk.json" for disk in next(iter(run.tests.values())).records]
-        sources = sources_of([*run.tests.values()], files, out / "rig.toml")
+        sources = source_table([*run.tests.values()], files, out / "rig.toml")
         report = write_beta_report(out / "report.html", tests, truths, sources)
     reporter.json(lambda: {**run.to_dict(), "report": report})
     if reporter.is_silent:

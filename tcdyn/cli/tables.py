@@ -129,7 +129,7 @@ def compensate_any_table(
 ) -> None:
     """Compensate a table and report the result; exit code 1 if there is a warning."""
     from tcdyn.sensors import read_sensor
-    from tcdyn.sensors.table import once_each
+    from tcdyn.sensors.table import unique_by_subject
     from tcdyn.workflows.compensate_table import compensate_table
 
     check_outputs([log, *files], out=out)
@@ -137,7 +137,7 @@ def compensate_any_table(
     with stage_progress(reporter.is_silent, verbose) as progress:
         done = compensate_table(log, sensors, out, progress=progress, **options)
     from_files = [finding for sensor in sensors for finding in sensor.findings]
-    findings = once_each([*from_files, *done.findings])
+    findings = unique_by_subject([*from_files, *done.findings])
     reporter.json(done.to_dict)
     reporter.findings(findings)
     reporter.text(done.summary())

@@ -96,7 +96,7 @@ class InputError(ValueError):
         )
 
 
-def first_wrong(problem: ValidationError, table: str = "common") -> str:
+def first_validation_error(problem: ValidationError, table: str = "common") -> str:
     """Message for the first error of a validation, with the key in front.
 
     Parameters

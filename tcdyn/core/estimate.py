@@ -16,7 +16,7 @@ BISECTIONS = 60  # of the search for a quantile, to rounding error
 MOST_DIGITS = 12  # of a value; a double has fifteen
 
 
-def rounded(value: float, u: float) -> tuple[str, str]:
+def rounded_texts(value: float, u: float) -> tuple[str, str]:
     """Texts of a value and of its standard uncertainty, for two columns of a table.
 
     ``u`` has two significant digits, the value the same decimals and power of ten.
@@ -30,9 +30,9 @@ def rounded(value: float, u: float) -> tuple[str, str]:
 
     Examples
     --------
-    >>> rounded(0.654321, 0.01234), rounded(0.654321, 0.0996), rounded(56789.0, 1234.0)
+    >>> rounded_texts(0.654321, 0.01234), rounded_texts(0.654321, 0.0996), rounded_texts(56789.0, 1234.0)
     (('0.654', '0.012'), ('0.65', '0.10'), ('56800', '1200'))
-    >>> rounded(6.54321e-7, 1.2e-9), rounded(0.654321, 0.0), rounded(0.654321, float("nan"))
+    >>> rounded_texts(6.54321e-7, 1.2e-9), rounded_texts(0.654321, 0.0), rounded_texts(0.654321, float("nan"))
     (('6.543e-07', '0.012e-07'), ('0.654321', '0'), ('0.654321', 'not known'))
     """
     value_text, u_text, power = _parts(float(value), float(u))
@@ -40,7 +40,7 @@ def rounded(value: float, u: float) -> tuple[str, str]:
     return value_text + exponent, u_text + exponent
 
 
-def with_u(
+def text_with_u(
     value: float, u: float, unit: str = "", low95: float | None = None, high95: float | None = None
 ) -> str:
     """Text of value, standard uncertainty (two significant digits) and unit.
@@ -58,11 +58,11 @@ def with_u(
 
     Examples
     --------
-    >>> with_u(0.654321, 0.01234, "s"), with_u(-1e-9, 0.02), with_u(1.234567e-7, 1.2e-9, "m")
+    >>> text_with_u(0.654321, 0.01234, "s"), text_with_u(-1e-9, 0.02), text_with_u(1.234567e-7, 1.2e-9, "m")
     ('0.654 +- 0.012 s', '0.000 +- 0.020', '(1.235 +- 0.012)e-07 m')
-    >>> with_u(0.7, 0.1, "s", low95=0.58, high95=1.05)
+    >>> text_with_u(0.7, 0.1, "s", low95=0.58, high95=1.05)
     '0.70 +- 0.10 s (95 %: 0.58 to 1.05)'
-    >>> with_u(0.7, 0.0, "s"), with_u(0.7, float("nan"), "s"), with_u(float("nan"), 0.1)
+    >>> text_with_u(0.7, 0.0, "s"), text_with_u(0.7, float("nan"), "s"), text_with_u(float("nan"), 0.1)
     ('0.7 +- 0 s', '0.7 s, uncertainty not known', 'not known')
     """
     value = float(value)
@@ -77,7 +77,9 @@ def with_u(
     text = f"({value_text} +- {u_text}){exponent}" if power else f"{value_text} +- {u_text}"
     if low95 is None or high95 is None or not _skewed(value, u, low95, high95):
         return text + unit_text
-    return f"{text}{unit_text} (95 %: {rounded(low95, u)[0]} to {rounded(high95, u)[0]})"
+    return (
+        f"{text}{unit_text} (95 %: {rounded_texts(low95, u)[0]} to {rounded_texts(high95, u)[0]})"
+    )
 
 
 class Estimate(BaseModel):
@@ -111,11 +113,11 @@ class Estimate(BaseModel):
         >>> Estimate(value=0.7, u=0.1, low95=0.58, high95=1.05).text("s")
         '0.70 +- 0.10 s (95 %: 0.58 to 1.05)'
         """
-        return with_u(self.value, self.u, unit, self.low95, self.high95)
+        return text_with_u(self.value, self.u, unit, self.low95, self.high95)
 
     def plain(self, unit: str = "") -> str:
         """Text of value and standard uncertainty with the unit, without the interval."""
-        return with_u(self.value, self.u, unit)
+        return text_with_u(self.value, self.u, unit)
 
     @property
     def interval(self) -> str:
@@ -124,7 +126,7 @@ class Estimate(BaseModel):
         >>> Estimate(value=0.7, u=0.068, low95=0.5931, high95=0.857).interval
         '0.593 to 0.857'
         """
-        return f"{rounded(self.low95, self.u)[0]} to {rounded(self.high95, self.u)[0]}"
+        return f"{rounded_texts(self.low95, self.u)[0]} to {rounded_texts(self.high95, self.u)[0]}"
 
     def times(self, factor: float) -> Estimate:
         """Estimate of ``factor`` times the quantity; the factor is positive."""
@@ -134,7 +136,7 @@ class Estimate(BaseModel):
         return self.text()
 
 
-def mixture_range(parts: Sequence[Estimate], weights: Sequence[float]) -> tuple[float, float]:
+def mixture_interval95(parts: Sequence[Estimate], weights: Sequence[float]) -> tuple[float, float]:
     """Central 95 % interval of a mixture of normal distributions.
 
     Parameters
@@ -146,7 +148,7 @@ def mixture_range(parts: Sequence[Estimate], weights: Sequence[float]) -> tuple[
 
     Examples
     --------
-    >>> [round(x, 3) for x in mixture_range([Estimate.normal(0.0, 1.0)], [1.0])]
+    >>> [round(x, 3) for x in mixture_interval95([Estimate.normal(0.0, 1.0)], [1.0])]
     [-1.96, 1.96]
     """
     components = [NormalDist(estimate.value, estimate.u) for estimate in parts]

@@ -25,16 +25,16 @@ from tcdyn.rig.disk import DiskSetup
 from tcdyn.rig.rigfile import UncertaintyTable
 
 MIN_CHAIN_LAG_S = 0.01
-COMMON = (
+COMMON_LAG_LIMITS = (
     0.05,
     0.15,
 )  # u of the common lag over the lag: below the first it is told well, below the second roughly
-DIFFERENCES = (0.03, 0.10)  # the same of the differences between channels
+DIFFERENCE_LIMITS = (0.03, 0.10)  # the same of the differences between channels
 GRADES = ("well", "roughly", "poorly")
-MEANING = (
-    f"Well: the standard uncertainty is below {100 * COMMON[0]:.0f} % of the lag for the common lag, "
-    f"{100 * DIFFERENCES[0]:.0f} % for the differences; roughly: below {100 * COMMON[1]:.0f} % and "
-    f"{100 * DIFFERENCES[1]:.0f} %; poorly: more."
+GRADE_DEFINITIONS = (
+    f"Well: the standard uncertainty is below {100 * COMMON_LAG_LIMITS[0]:.0f} % of the lag for the common lag, "
+    f"{100 * DIFFERENCE_LIMITS[0]:.0f} % for the differences; roughly: below {100 * COMMON_LAG_LIMITS[1]:.0f} % and "
+    f"{100 * DIFFERENCE_LIMITS[1]:.0f} %; poorly: more."
 )
 EFFORT = {
     "unloading": 0,
@@ -54,27 +54,31 @@ def grade(u_s: float, lag_s: float, limits: tuple[float, float]) -> str:
     return GRADES[sum(u_s >= limit * lag_s for limit in limits)]
 
 
-def common(p: PredictedTest, lag_s: float) -> str:
+def common_lag_grade(p: PredictedTest, lag_s: float) -> str:
     """Grade of the lag that all channels share."""
-    return grade(p.u_common_s, lag_s, COMMON)
+    return grade(p.u_common_s, lag_s, COMMON_LAG_LIMITS)
 
 
-def differences(p: PredictedTest, lag_s: float) -> str:
+def differences_grade(p: PredictedTest, lag_s: float) -> str:
     """Grade of the differences between the channels' lags."""
-    return grade(p.u_differential_s, lag_s, DIFFERENCES)
+    return grade(p.u_differential_s, lag_s, DIFFERENCE_LIMITS)
 
 
 def sentence(p: PredictedTest, lag_s: float) -> str:
     """One sentence: how well the test determines the common lag and the differences."""
     return (
-        f"{p.name}: tells the common lag {common(p, lag_s)}, to {_u_text(p.u_common_s, lag_s)}, and the differences "
-        f"between channels {differences(p, lag_s)}, to {_u_text(p.u_differential_s, lag_s)}."
+        f"{p.name}: tells the common lag {common_lag_grade(p, lag_s)}, to {_u_text(p.u_common_s, lag_s)}, and the differences "
+        f"between channels {differences_grade(p, lag_s)}, to {_u_text(p.u_differential_s, lag_s)}."
     )
 
 
-def headline(predictions: Sequence[PredictedTest], lag_s: float) -> str:
+def recommendation(predictions: Sequence[PredictedTest], lag_s: float) -> str:
     """Recommend the least laborious test that determines both well; else the best and what it lacks."""
-    sufficient = [p for p in predictions if common(p, lag_s) == differences(p, lag_s) == "well"]
+    sufficient = [
+        p
+        for p in predictions
+        if common_lag_grade(p, lag_s) == differences_grade(p, lag_s) == "well"
+    ]
     if not sufficient:
         best = min(predictions, key=lambda p: p.u_common_s + p.u_differential_s)
         return (
@@ -106,7 +110,7 @@ def _why_both(predictions: Sequence[PredictedTest], lag_s: float) -> str:
         candidates = [p for p in predictions if p.kind == kind]
         if candidates:
             p = min(candidates, key=lambda q: q.u_common_s)
-            weak = common(p, lag_s) != "well"
+            weak = common_lag_grade(p, lag_s) != "well"
             u, what = (p.u_common_s, "common lag") if weak else (p.u_differential_s, "differences")
             reasons.append(
                 f"{word} alone leave{'s' if kind == 'unloading' else ''} the {what} at {_u_text(u, lag_s)}"
@@ -138,7 +142,7 @@ class Design(Result):
         """One sentence a test, then what to do."""
         return (
             *(sentence(p, self.lag_s) for p in self.predictions),
-            headline(self.predictions, self.lag_s),
+            recommendation(self.predictions, self.lag_s),
         )
 
     def summary(self) -> str:
@@ -150,7 +154,9 @@ class Design(Result):
             .drop(columns=["10 to 90 % of bursts [s]", "of the lag", "of the lag "])
             .to_string(index=False)
         )
-        return "\n".join([headline(self.predictions, self.lag_s), "", table, "", MEANING])
+        return "\n".join(
+            [recommendation(self.predictions, self.lag_s), "", table, "", GRADE_DEFINITIONS]
+        )
 
     def graded(self) -> pd.DataFrame:
         """One row a test: standard uncertainties to expect, in seconds and percent of the lag, and
@@ -165,10 +171,10 @@ class Design(Result):
                 if p.high_s > p.low_s
                 else "",
                 "of the lag": f"{100 * p.u_common_s / lag:.2g} %",
-                "told": common(p, lag),
+                "told": common_lag_grade(p, lag),
                 "differences, u [s]": f"{p.u_differential_s:.3f}",
                 "of the lag ": f"{100 * p.u_differential_s / lag:.2g} %",
-                "told ": differences(p, lag),
+                "told ": differences_grade(p, lag),
             }
             for p in self.predictions
         )

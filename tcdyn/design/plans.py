@@ -29,7 +29,7 @@ from tcdyn.chain import Chain
 from tcdyn.core import Array
 from tcdyn.design.prediction import PredictedTest, from_covariances, jacobian, posterior_covariance
 from tcdyn.heat.modal import rim_gains
-from tcdyn.heat.rim import Mesh, Rim, Switch, lag_bank, node_rates, points_of
+from tcdyn.heat.rim import InputJump, Mesh, Rim, basis_rates, junction_points, lag_basis
 from tcdyn.rig.disk import DiskSetup
 
 # Prior standard deviation of the logit by which a lag is split into two.
@@ -181,10 +181,12 @@ def predict_step(plan: StepPlan, setup: DiskSetup, *, lag_s: float = 0.65) -> Pr
     first, last = (1.0, 0.0) if plan.kind == "unloading" else (0.0, 1.0)
     on = np.where(t < 0, first, last)
     inputs = np.column_stack([on, _inner_row(plan, setup, t)])
-    rates = node_rates(dt)
-    banks = [lag_bank(on, dt, rates, hold="zoh", switches=(Switch(before - 1, 1.0, first, last),))]
-    banks += [lag_bank(x, dt, rates) for x in inputs.T[1:]]
-    nominal = points_of(setup, setup.outer)
+    rates = basis_rates(dt)
+    banks = [
+        lag_basis(on, dt, rates, hold="zoh", switches=(InputJump(before - 1, 1.0, first, last),))
+    ]
+    banks += [lag_basis(x, dt, rates) for x in inputs.T[1:]]
+    nominal = junction_points(setup, setup.outer)
     n, p = len(setup.channels), len(setup.outer)
     inner, outer = setup.places(setup.inner), setup.places(setup.outer)
 

@@ -31,64 +31,64 @@ True
 ``minimise(problem, start, fixed=rows)`` leaves the combinations rows @ theta unchanged;
 ``held(best, "tau_s", 0.8)`` fits the other parameters again with one fixed; ``loss="huber"`` is a
 robust loss for outliers. For correlated residuals there are ``sandwich`` (an autoregressive model
-of the residuals), and the discounts ``correlation_length`` and ``wave_factor`` (covariance
+of the residuals), and the discounts ``correlation_length`` and ``slow_variance_factor`` (covariance
 factors). Where the model cannot be computed, ``residual_and_jacobian`` returns None.
 """
 
 from tcdyn.estimation.arma import (
-    Noise,
+    NoiseModel,
     autocovariance,
     correlation_length,
     fit_ar,
     fit_arma,
-    sandwich,
+    sandwich_covariance,
 )
 from tcdyn.estimation.levenberg_marquardt import (
     Loss,
     free_directions,
-    held,
-    least,
+    lowest_cost,
     minimise,
+    minimise_constrained,
     robust_covariance,
 )
-from tcdyn.estimation.linear_elimination import eliminated
+from tcdyn.estimation.linear_elimination import eliminate_linear
 from tcdyn.estimation.problem import (
     Evaluate,
     Optimum,
     Problem,
     Status,
-    determined,
-    from_rows,
+    covariance_from_rows,
     inverse,
-    orthonormal,
-    wave_factor,
+    is_full_rank,
+    orthonormal_basis,
+    slow_variance_factor,
 )
-from tcdyn.estimation.profile import Profile, crossing, profile
+from tcdyn.estimation.profile import Profile, first_crossing, profile
 
 __all__ = [
     "Evaluate",
     "Loss",
-    "Noise",
+    "NoiseModel",
     "Optimum",
     "Problem",
     "Profile",
     "Status",
     "autocovariance",
     "correlation_length",
-    "crossing",
-    "determined",
-    "eliminated",
+    "covariance_from_rows",
+    "eliminate_linear",
+    "first_crossing",
     "fit_ar",
     "fit_arma",
     "free_directions",
-    "from_rows",
-    "held",
     "inverse",
-    "least",
+    "is_full_rank",
+    "lowest_cost",
     "minimise",
-    "orthonormal",
+    "minimise_constrained",
+    "orthonormal_basis",
     "profile",
     "robust_covariance",
-    "sandwich",
-    "wave_factor",
+    "sandwich_covariance",
+    "slow_variance_factor",
 ]

@@ -18,7 +18,7 @@ from tcdyn.estimation.problem import Problem, Status, inverse
 
 
 @dataclass(frozen=True)
-class Noise:
+class NoiseModel:
     """ARMA noise model n_t = C(q)/D(q) e_t with D = 1 + d_1 q^-1 + .. (AR) and C = 1 + c_1 q^-1 +
     .. (MA).
 
@@ -168,7 +168,7 @@ def autocovariance(e: Array, parts: Sequence[slice], lags: int) -> tuple[Array, 
     return total, pairs
 
 
-def fit_ar(e: Array, parts: Sequence[slice], max_order: int = 20) -> Noise:
+def fit_ar(e: Array, parts: Sequence[slice], max_order: int = 20) -> NoiseModel:
     """The autoregressive model of ``e`` with the lowest AICc up to ``max_order`` (Yule-Walker).
 
     Examples
@@ -181,7 +181,7 @@ def fit_ar(e: Array, parts: Sequence[slice], max_order: int = 20) -> Noise:
     max_order = int(min(max_order, n // 10))
     r = autocovariance(e, parts, max_order)[0] / n
     best = n * np.log(max(r[0], 1e-300))
-    choice = Noise()
+    choice = NoiseModel()
     for p in range(1, max_order + 1):
         a = solve_toeplitz(r[:p], r[1 : p + 1])
         variance = r[0] - a @ r[1 : p + 1]
@@ -190,11 +190,11 @@ def fit_ar(e: Array, parts: Sequence[slice], max_order: int = 20) -> Noise:
         score = n * np.log(variance) + 2 * p * n / (n - p - 1)
         if score < best:
             best = score
-            choice = Noise(ar=tuple((-a).tolist()))
+            choice = NoiseModel(ar=tuple((-a).tolist()))
     return choice
 
 
-def fit_arma(e: Array, parts: Sequence[slice], p: int, q: int) -> Noise:
+def fit_arma(e: Array, parts: Sequence[slice], p: int, q: int) -> NoiseModel:
     """The ARMA(p, q) model of ``e`` by conditional least squares, started by the regressions of
     Hannan and Rissanen.
 
@@ -206,7 +206,7 @@ def fit_arma(e: Array, parts: Sequence[slice], p: int, q: int) -> Noise:
     (-0.8, 0.5)
     """
     if p == 0 and q == 0:
-        return Noise()
+        return NoiseModel()
     innovation = fit_ar(e, parts).whiten(e, parts)
     rows = []
     targets = []
@@ -247,11 +247,11 @@ def fit_arma(e: Array, parts: Sequence[slice], p: int, q: int) -> Noise:
         powers = factor ** np.concatenate([np.arange(1, p + 1), np.arange(1, q + 1)])
         fit = minimise(problem, start * powers, tolerance=0.0)
         if fit.status is not Status.NOWHERE:
-            return Noise(tuple(fit.theta[:p].tolist()), tuple(fit.theta[p:].tolist()))
-    return Noise()
+            return NoiseModel(tuple(fit.theta[:p].tolist()), tuple(fit.theta[p:].tolist()))
+    return NoiseModel()
 
 
-def coefficients(partial: Array) -> Array:
+def coefficients_from_partial(partial: Array) -> Array:
     """Coefficients of the polynomial 1 + d_1 q^-1 + .. with the partial correlations ``partial``:
     Levinson's recursion.
     """
@@ -261,7 +261,7 @@ def coefficients(partial: Array) -> Array:
     return d
 
 
-def partials(d: Array) -> Array:
+def partial_correlations(d: Array) -> Array:
     """Partial correlations of 1 + d_1 q^-1 + ..: Levinson's recursion backwards."""
     values = []
     while len(d):
@@ -322,7 +322,7 @@ def equation_error(
     return error, table
 
 
-def sandwich(
+def sandwich_covariance(
     jacobian: Array, residual: Array, parts: Sequence[slice], precision: Array | None = None
 ) -> Array:
     """Covariance (P, P) of a least-squares estimate with correlated residuals (sandwich estimator).
@@ -345,7 +345,7 @@ def sandwich(
     Examples
     --------
     >>> e = signal.lfilter([1.0], [1.0, -0.8], np.random.default_rng(0).standard_normal(2000))
-    >>> u = float(sandwich(np.ones((2000, 1)), e, [slice(0, 2000)])[0, 0]) ** 0.5  # of the mean
+    >>> u = float(sandwich_covariance(np.ones((2000, 1)), e, [slice(0, 2000)])[0, 0]) ** 0.5  # of the mean
     >>> round(u / (np.std(e) / 2000**0.5))  # in units of that for white noise
     3
     """

@@ -104,7 +104,7 @@ def minimise(
     kinds: tuple[Loss, ...] = ("huber", "bisquare") if loss == "bisquare" else ("huber",)
     for robust_loss in kinds:
         for _ in range(REWEIGHTINGS):
-            weights = weights_of(optimum.residual, robust_loss)
+            weights = robust_weights(optimum.residual, robust_loss)
             before = optimum.theta
             optimum = _descend(problem, before, fixed, weights, *options)
             change = np.abs(optimum.theta - before) / (np.abs(before) + WEIGHTS_SETTLED)
@@ -113,7 +113,9 @@ def minimise(
     return optimum
 
 
-def held(near: Optimum, toward: str | Array, value: float, **search: float) -> Optimum:
+def minimise_constrained(
+    near: Optimum, toward: str | Array, value: float, **search: float
+) -> Optimum:
     """The optimum with a parameter, or a combination ``toward`` @ theta, fixed at ``value``.
 
     The search starts where all other parameters follow as the information at ``near`` says, or,
@@ -124,7 +126,7 @@ def held(near: Optimum, toward: str | Array, value: float, **search: float) -> O
     --------
     >>> from tcdyn.estimation.problem import Problem
     >>> both = Problem(("a", "b"), lambda x: (x - np.array([1.0, 2.0]), np.eye(2)))
-    >>> held(minimise(both, np.zeros(2)), "a", 5.0).theta
+    >>> minimise_constrained(minimise(both, np.zeros(2)), "a", 5.0).theta
     array([5., 2.])
     """
     row = near.problem.toward(toward)
@@ -148,7 +150,7 @@ def held(near: Optimum, toward: str | Array, value: float, **search: float) -> O
     return optimum
 
 
-def least(optima: Sequence[Optimum]) -> Optimum:
+def lowest_cost(optima: Sequence[Optimum]) -> Optimum:
     """The optimum with the lowest cost, for instance of several starts.
 
     Examples
@@ -157,7 +159,7 @@ def least(optima: Sequence[Optimum]) -> Optimum:
     >>> def gap(x):
     ...     return np.array([x[0] ** 2 - 1, 0.1 * (x[0] - 1)]), np.array([[2 * x[0]], [0.1]])
     >>> two_valleys = Problem(("x",), gap)
-    >>> least([minimise(two_valleys, np.array([start])) for start in (-2.0, 2.0)]).theta.round(3)
+    >>> lowest_cost([minimise(two_valleys, np.array([start])) for start in (-2.0, 2.0)]).theta.round(3)
     array([1.])
     """
     return min(optima, key=lambda o: o.cost)
@@ -361,7 +363,7 @@ def _state(problem: Problem, theta: Array | None, weights: Array | None) -> _Sta
     return _State(theta, residual, jacobian, cost, gradient, information)
 
 
-def weights_of(residual: Array, loss: str) -> Array:
+def robust_weights(residual: Array, loss: str) -> Array:
     """Robust weights psi(r)/r (N,) of ``huber`` or ``bisquare``, scaled by the median absolute
     deviation.
     """
@@ -383,7 +385,7 @@ def robust_covariance(residual: Array, jacobian: Array, loss: str) -> Array:
     """
     n, p = jacobian.shape
     z = _standardised(residual, loss)
-    psi = weights_of(residual, loss) * residual
+    psi = robust_weights(residual, loss) * residual
     inside = z < 1
     slope = inside if loss == "huber" else np.where(inside, (1 - z**2) * (1 - 5 * z**2), 0.0)
     variance = float(psi @ psi) / (n - p) / float(np.mean(slope)) ** 2

@@ -178,7 +178,7 @@ def _sums_of_squares(fit: LineFit, groups: ArrayLike) -> tuple[int, int, float, 
     return len(count), len(group), between, within
 
 
-def outlying(fit: LineFit, level: float = 0.01) -> list[int]:
+def outliers(fit: LineFit, level: float = 0.01) -> list[int]:
     """Outliers: points whose deleted Student residual exceeds the Bonferroni bound at ``level``."""
     n = len(fit.x)
     dof = fit.dof - 1

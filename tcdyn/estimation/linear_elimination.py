@@ -10,7 +10,7 @@ from tcdyn.core import Array
 from tcdyn.estimation.problem import Problem
 
 
-def eliminated(problem: Problem, keep: int, at: Array) -> Problem:
+def eliminate_linear(problem: Problem, keep: int, at: Array) -> Problem:
     """The problem in its first ``keep`` parameters; its cost is the minimum over all others.
 
     Parameters
@@ -41,7 +41,7 @@ def eliminated(problem: Problem, keep: int, at: Array) -> Problem:
     ...     return residual, np.array([[2 * x[0], 1.0], [0.0, 1.0]])
     >>> priors = {"prior_mean": np.array([0.0, 1.0]), "prior_sd": np.array([np.inf, 0.5])}
     >>> full = Problem(("x", "shift"), off, **priors)
-    >>> few = eliminated(full, 1, np.array([1.0, 1.0]))
+    >>> few = eliminate_linear(full, 1, np.array([1.0, 1.0]))
     >>> [round(float(minimise(p, np.ones(p.size)).theta[0]), 4) for p in (full, few)]
     [1.4832, 1.4832]
     """

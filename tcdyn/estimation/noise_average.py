@@ -11,7 +11,7 @@ import numpy as np
 from scipy.special import expit, logsumexp
 
 from tcdyn.core import Array
-from tcdyn.estimation.arma import Noise
+from tcdyn.estimation.arma import NoiseModel
 from tcdyn.estimation.problem import inverse
 
 # Values without a source below were chosen by judgement.
@@ -26,12 +26,12 @@ MIN_TAU_SAMPLES = 0.7
 MAX_TAU_RECORDS = 10.0
 # prior probability of time constants beyond the record, which are random walks in it: the data must
 # show that the noise returns to its mean
-OUTLASTS = 0.8
+RANDOM_WALK_PROBABILITY = 0.8
 # logit of the Kalman gain: from hardly any disturbance to disturbance only
 GAIN = (-9.0, 5.0)
 
 
-def noise_of(log_tau: float, logit_gain: float) -> Noise:
+def first_order_noise(log_tau: float, logit_gain: float) -> NoiseModel:
     """The sum n = v + w of a first-order disturbance v_t = a v_(t-1) + white and white noise w, as
     an ARMA(1, 1) model.
 
@@ -40,11 +40,11 @@ def noise_of(log_tau: float, logit_gain: float) -> Noise:
     """
     a = float(np.exp(-np.exp(-log_tau)))
     k = float(expit(logit_gain))
-    return Noise((-a,), (-a * (1 - k),), averaged=True)
+    return NoiseModel((-a,), (-a * (1 - k),), averaged=True)
 
 
 @dataclass(frozen=True)
-class Slopes:
+class LinearisedProblem:
     """A problem linearised at some x.
 
     Parameters
@@ -71,7 +71,7 @@ class Slopes:
     parts: list[slice]
     drifts: int
 
-    def given(self, noise: Noise) -> tuple[float, Array, Array]:
+    def given(self, noise: NoiseModel) -> tuple[float, Array, Array]:
         """Log likelihood of ``noise`` with x and the noise level integrated out, the step of x (P,)
         and its covariance (P, P).
 
@@ -117,19 +117,19 @@ class NoiseGrid:
 
     box: Array
     places: Array
-    noises: tuple[Noise, ...]
+    noises: tuple[NoiseModel, ...]
     nodes: tuple[tuple[float, Array, Array], ...]
 
     @classmethod
-    def of(cls, slopes: Slopes, box: Array) -> NoiseGrid:
+    def of(cls, slopes: LinearisedProblem, box: Array) -> NoiseGrid:
         """The grid in ``box``, reduced to the likely region; where the likelihood is flat it stays
         wide.
         """
-        limits = widest(len(slopes.residual))
+        limits = full_box(len(slopes.residual))
         for zoom in range(ZOOMS):
             step = np.ptp(box, axis=1) / GRID
             places = box[:, 0] + (np.indices(GRID).reshape(2, -1).T + 0.5) * step
-            noises = tuple(noise_of(*place) for place in places.tolist())
+            noises = tuple(first_order_noise(*place) for place in places.tolist())
             nodes = tuple(slopes.given(noise) for noise in noises)
             log_likelihood = np.array([node[0] for node in nodes])
             likely_points = places[log_likelihood > log_likelihood.max() - MAX_LOG_DROP]
@@ -144,8 +144,8 @@ class NoiseGrid:
         return cls(box, places, noises, nodes)
 
     def integrated(
-        self, slopes: Slopes, others: Sequence[Noise]
-    ) -> tuple[float, float, Noise, Array, Array]:
+        self, slopes: LinearisedProblem, others: Sequence[NoiseModel]
+    ) -> tuple[float, float, NoiseModel, Array, Array]:
         """Average over the grid and the noise models ``others``.
 
         All gains from 0 to 1 are equally probable, and so are logarithms of the time constant
@@ -162,7 +162,9 @@ class NoiseGrid:
         gain = expit(self.places[:, 1])
         walks = self.places[:, 0] > np.log(n)
         density = np.where(
-            walks, OUTLASTS / np.log(MAX_TAU_RECORDS), (1 - OUTLASTS) / np.log(n / MIN_TAU_SAMPLES)
+            walks,
+            RANDOM_WALK_PROBABILITY / np.log(MAX_TAU_RECORDS),
+            (1 - RANDOM_WALK_PROBABILITY) / np.log(n / MIN_TAU_SAMPLES),
         )
         prior = np.prod(np.ptp(self.box, axis=1)) / len(self.nodes) * density * gain * (1 - gain)
         nodes = [*self.nodes, *(slopes.given(noise) for noise in others)]
@@ -170,19 +172,19 @@ class NoiseGrid:
         log_weight = log_likelihood + np.log([*prior, *np.ones(len(others))])
         means = np.array([node[1] for node in nodes])
         covariances = np.array([node[2] for node in nodes])
-        mean, covariance = moments(log_weight, means, covariances)
+        mean, covariance = mixture_moments(log_weight, means, covariances)
         likeliest = [*self.noises, *others][int(np.argmax(log_likelihood))]
         evidence = float(logsumexp(log_weight))
         walk_share = float(np.sum(np.exp(log_weight[: len(walks)] - evidence)[walks]))
         return evidence, walk_share, likeliest, mean, covariance
 
 
-def widest(n: int) -> Array:
+def full_box(n: int) -> Array:
     """The box (2, 2) of all first-order noise models in a record of n samples."""
     return np.array([[np.log(MIN_TAU_SAMPLES), np.log(MAX_TAU_RECORDS * n)], GAIN])
 
 
-def moments(log_weight: Array, means: Array, covariances: Array) -> tuple[Array, Array]:
+def mixture_moments(log_weight: Array, means: Array, covariances: Array) -> tuple[Array, Array]:
     """Mean (P,) and covariance (P, P) of a mixture with log weights ``height`` (K,), ``means`` (K,
     P) and ``covariances`` (K, P, P).
     """

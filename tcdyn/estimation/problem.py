@@ -202,12 +202,12 @@ def inverse(information: Array) -> Array:
     return _inverse(information)[0]
 
 
-def determined(information: Array) -> bool:
+def is_full_rank(information: Array) -> bool:
     """Whether the information determines every direction of the parameter space.
 
     Examples
     --------
-    >>> determined(np.array([[1.0, 1.0], [1.0, 1.0]]))
+    >>> is_full_rank(np.array([[1.0, 1.0], [1.0, 1.0]]))
     False
     """
     return _inverse(information)[1]
@@ -225,7 +225,7 @@ def _inverse(information: Array) -> tuple[Array, bool]:
     return np.asarray(half @ half.T), bool(full_rank)
 
 
-def from_rows(rows: Array) -> tuple[Array, float]:
+def covariance_from_rows(rows: Array) -> tuple[Array, float]:
     """(rows' rows)^-1 by the triangular factor of ``rows`` (N, P), so that the condition number is
     not squared.
 
@@ -234,7 +234,7 @@ def from_rows(rows: Array) -> tuple[Array, float]:
 
     Examples
     --------
-    >>> from_rows(np.array([[2.0, 0.0], [0.0, 1.0]]))[0].tolist()
+    >>> covariance_from_rows(np.array([[2.0, 0.0], [0.0, 1.0]]))[0].tolist()
     [[0.25, 0.0], [0.0, 1.0]]
     """
     length = np.linalg.norm(rows, axis=0)
@@ -247,7 +247,7 @@ def from_rows(rows: Array) -> tuple[Array, float]:
     return np.asarray(half @ half.T), smallest
 
 
-def orthonormal(table: Array, tolerance: float = 1e-10) -> Array:
+def orthonormal_basis(table: Array, tolerance: float = 1e-10) -> Array:
     """Orthonormal basis (N, rank) of the columns of ``table`` (N, P); ``tolerance`` on squared
     singular values.
 
@@ -256,7 +256,7 @@ def orthonormal(table: Array, tolerance: float = 1e-10) -> Array:
 
     Examples
     --------
-    >>> orthonormal(np.array([[1.0, 2.0], [1.0, 2.0], [0.0, 0.0]])).shape  # two parallel columns
+    >>> orthonormal_basis(np.array([[1.0, 2.0], [1.0, 2.0], [0.0, 0.0]])).shape  # two parallel columns
     (3, 1)
     """
     scale = np.linalg.norm(table, axis=0)
@@ -270,7 +270,7 @@ def orthonormal(table: Array, tolerance: float = 1e-10) -> Array:
     return np.asarray(q)
 
 
-def wave_factor(z: Array, sums: int = 25) -> float:
+def slow_variance_factor(z: Array, sums: int = 25) -> float:
     """Discount (covariance factor) for correlated residuals: variance of slow waves in ``z`` over
     that of white noise.
 
@@ -282,7 +282,7 @@ def wave_factor(z: Array, sums: int = 25) -> float:
     --------
     >>> slow = np.sin(np.arange(1000) / 100)[:, None]
     >>> white = np.random.default_rng(0).standard_normal((1000, 1))
-    >>> round(wave_factor(slow)), round(wave_factor(white), 1)
+    >>> round(slow_variance_factor(slow)), round(slow_variance_factor(white), 1)
     (19, 1.0)
     """
     m = max(len(z) // sums, 1)

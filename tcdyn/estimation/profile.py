@@ -9,7 +9,7 @@ import numpy as np
 
 from tcdyn.core import Array
 from tcdyn.core.estimate import Z95
-from tcdyn.estimation.levenberg_marquardt import held
+from tcdyn.estimation.levenberg_marquardt import minimise_constrained
 from tcdyn.estimation.problem import Optimum, Status
 
 # shortest step, as a share of the first; chosen by judgement
@@ -41,12 +41,12 @@ class Profile:
     @property
     def low95(self) -> float | None:
         """Lower end of the 95 % interval; None where the deviance does not reach ``level``."""
-        return crossing(self.value[::-1], self.deviance[::-1], self.level)
+        return first_crossing(self.value[::-1], self.deviance[::-1], self.level)
 
     @property
     def high95(self) -> float | None:
         """Upper end of the 95 % interval; None where the deviance does not reach ``level``."""
-        return crossing(self.value, self.deviance, self.level)
+        return first_crossing(self.value, self.deviance, self.level)
 
 
 def profile(
@@ -115,7 +115,7 @@ def profile(
         points = [_Point(centre, cost(optimum), optimum)]
 
         def add(number: float, near: Optimum) -> bool:
-            fit = held(near, row, at(number), **search)
+            fit = minimise_constrained(near, row, at(number), **search)
             if fit.status in (Status.EDGE, Status.NOWHERE):
                 return False
             points.append(_Point(number, cost(fit), fit))
@@ -142,7 +142,7 @@ def profile(
             outward = sorted(points, key=lambda p: side * p.number)
             numbers = np.array([p.number for p in outward])
             deviances = np.array([(p.cost - points[0].cost) / scale for p in outward])
-            end = crossing(numbers, deviances, level)
+            end = first_crossing(numbers, deviances, level)
             if end is None:
                 break
             nearest = outward[int(np.argmin(np.abs(numbers - end)))]
@@ -170,7 +170,7 @@ class _Point:
     fit: Optimum
 
 
-def crossing(value: Array, deviance: Array, level: float = Z95**2) -> float | None:
+def first_crossing(value: Array, deviance: Array, level: float = Z95**2) -> float | None:
     """Where the deviance first reaches ``level`` beyond its minimum, along ``value``; None if it
     never does.
 
@@ -178,7 +178,7 @@ def crossing(value: Array, deviance: Array, level: float = Z95**2) -> float | No
 
     Examples
     --------
-    >>> crossing(np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.0, 4.0]), 2.25)
+    >>> first_crossing(np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.0, 4.0]), 2.25)
     1.5
     """
     k = int(np.argmin(deviance))

@@ -25,7 +25,7 @@ MAD_TO_SD = 1.482602218505602
 COLDEST_DEGC = -60.0
 HOTTEST_DEGC = 760.0
 # share of a channel that may be missing; chosen by judgement
-MOST_MISSING = 0.05
+MAX_MISSING_FRACTION = 0.05
 # share of repeats in short runs beyond which the step of the logger hides the noise
 COARSE_REPEATS = 0.5
 # noise of a trace from which it cannot be estimated
@@ -132,14 +132,14 @@ def white_noise_sd(values: ArrayLike, order: int = 2, *, centred: bool = True) -
     for column in np.ascontiguousarray(x.reshape(len(x), -1).T):
         d = np.diff(column, n=order)
         if centred:
-            d = d - middle(d)
-        deviation = middle(np.abs(d))
+            d = d - fast_nanmedian(d)
+        deviation = fast_nanmedian(np.abs(d))
         sd = MAD_TO_SD * deviation / np.sqrt(comb(2 * order, order))
         result.append(np.maximum(sd, rounding_sd(column)))
     return np.array(result).reshape(x.shape[1:])
 
 
-def middle(values: NDArray[np.floating]) -> Array:
+def fast_nanmedian(values: NDArray[np.floating]) -> Array:
     """``np.nanmedian(values, axis=-1)`` for long traces in a tenth of its time; NaN where there are
     no values.
 
@@ -148,7 +148,7 @@ def middle(values: NDArray[np.floating]) -> Array:
 
     Examples
     --------
-    >>> middle(np.array([[3.0, 1.0, np.nan, 2.0], [4.0, 1.0, 2.0, 3.0]]))
+    >>> fast_nanmedian(np.array([[3.0, 1.0, np.nan, 2.0], [4.0, 1.0, 2.0, 3.0]]))
     array([2. , 2.5])
     """
     rows = np.ascontiguousarray(values).reshape(prod(values.shape[:-1]), values.shape[-1])
@@ -242,7 +242,7 @@ def find_spikes(values: Array, rule: SpikeRule, noise_sd: float | None = None) -
 
     def beyond_limit(samples: NDArray[np.intp]) -> NDArray[np.intp]:
         if sparse:
-            distance[samples] = np.abs(x[samples] - middle(windows[samples]))
+            distance[samples] = np.abs(x[samples] - fast_nanmedian(windows[samples]))
         return samples[distance[samples] > limit]
 
     far = beyond_limit(np.flatnonzero(near_jump) if sparse else np.arange(len(x)))
@@ -253,15 +253,15 @@ def find_spikes(values: Array, rule: SpikeRule, noise_sd: float | None = None) -
             nearby = far[:, None] + np.arange(-half_window, half_window + 1)
             beyond_limit(np.unique(np.clip(nearby, 0, len(x) - 1)))
         local_windows = sliding_window_view(np.pad(distance, half_window, mode="edge"), rule.local)
-        typical = middle(local_windows[far])
+        typical = fast_nanmedian(local_windows[far])
     elif noise_sd is None:
-        typical = middle(distance[None])
+        typical = fast_nanmedian(distance[None])
     spikes = far[distance[far] > rule.sigmas * MAD_TO_SD * typical]
     out[index[spikes]] = True
     return out
 
 
-def bridged(y: Array, good: Flags) -> Array:
+def interpolate_gaps(y: Array, good: Flags) -> Array:
     """Linear interpolation of ``y`` (N,) across the samples that are not ``good``."""
     bad_index = np.flatnonzero(~good)
     good_index = np.flatnonzero(good)
@@ -307,21 +307,21 @@ def long_runs(trace: Array) -> Flags:
     return np.repeat(lengths > longest, lengths)
 
 
-def clean(name: str, values: Array, noise_K: float = np.inf) -> Array:
+def remove_impossible(name: str, values: Array, noise_K: float = np.inf) -> Array:
     """The samples (N,) with impossible values as NaN: beyond a million or, in a temperature, out of
     range, and spikes.
 
-    ``noise_K``: noise for the spike rule, see ``course_noise_K``.
+    ``noise_K``: noise for the spike rule, see ``spike_noise_K``.
     """
     if not name.endswith("_degC"):
         with np.errstate(invalid="ignore"):
             return np.where(np.abs(values) <= 1e6, values, np.nan)
-    out = np.where(impossible(values), np.nan, values)
+    out = np.where(outside_range(values), np.nan, values)
     out[find_spikes(out, SPIKES["reading"], noise_K)] = np.nan
     return out
 
 
-def course_noise_K(
+def spike_noise_K(
     name: str, sample: Array, rows: NDArray[np.int64], place: SampleLocation
 ) -> float:
     """Noise [K] of a column for its spike rule, from a decimated sample of it.
@@ -363,8 +363,8 @@ def course_noise_K(
             expected="degrees Celsius",
             remedy=f"call it {name.removesuffix('degC')}K, in the file or in rig.toml [columns]",
         )
-    out_of_range = impossible(sample)
-    if out_of_range.mean() > MOST_MISSING:
+    out_of_range = outside_range(sample)
+    if out_of_range.mean() > MAX_MISSING_FRACTION:
         i = int(np.argmax(out_of_range))
         more = int(out_of_range.sum()) - 1
         raise InputError(
@@ -381,7 +381,7 @@ def course_noise_K(
     return float(white_noise_sd(good, 1))
 
 
-def impossible(x: Array) -> Flags:
+def outside_range(x: Array) -> Flags:
     """Temperatures (N,) [degC] outside the range of a thermocouple."""
     with np.errstate(invalid="ignore"):
         return np.asarray((x < COLDEST_DEGC) | (x > HOTTEST_DEGC))

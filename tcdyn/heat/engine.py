@@ -18,19 +18,19 @@ from tcdyn.heat.modal import Spectrum, forcing, inputs_of, rim_gains, spectrum
 from tcdyn.heat.rim import (
     MESH_IV,
     Flux,
+    InputJump,
     Mesh,
     Point,
     Profile,
     Rim,
-    Switch,
-    cardinal,
-    lag_bank,
-    node_rates,
+    basis_rates,
+    lag_basis,
+    lag_weights,
 )
 
 
 @dataclass(frozen=True)
-class Drive:
+class RimInputs:
     """Inputs of a rim, (N,) each.
 
     Between samples the power is constant and the temperatures are linear.
@@ -55,7 +55,7 @@ class Drive:
     b_degC: Array
     f_degC: Array
     ambient_degC: Array
-    switches: tuple[Switch, ...] = ()
+    switches: tuple[InputJump, ...] = ()
 
     def __post_init__(self) -> None:
         shape = np.shape(self.b_degC)
@@ -74,13 +74,13 @@ class Drive:
         """Responses (N, K) of the lags to input ``k``, in equilibrium with its first sample."""
         u = self.inputs[:, k]
         if k == 0:
-            return lag_bank(u, self.dt_s, rates, "zoh", self.switches)
-        return lag_bank(u, self.dt_s, rates)
+            return lag_basis(u, self.dt_s, rates, "zoh", self.switches)
+        return lag_basis(u, self.dt_s, rates)
 
 
 def map_beta_h(
     rim: Rim,
-    drive: Drive,
+    drive: RimInputs,
     share: ArrayLike,
     h_W_m2K: ArrayLike,
     points: Sequence[Point],
@@ -108,7 +108,7 @@ def map_beta_h(
     """
     shares = np.atleast_1d(np.asarray(share, dtype=float))
     hs = np.atleast_1d(np.asarray(h_W_m2K, dtype=float))
-    rates = node_rates(drive.dt_s)
+    rates = basis_rates(drive.dt_s)
     u = drive.inputs
     by_h = [rim_gains(rim, float(h), points, half_width_m, rates, profile, flux, mesh) for h in hs]
     weights = np.concatenate([g.gains for g in by_h], axis=1)  # (I, H P, K)
@@ -130,7 +130,7 @@ def map_beta_h(
 
 def fields_at(
     rim: Rim,
-    drive: Drive,
+    drive: RimInputs,
     h_W_m2K: float,
     half_width_m: float,
     samples: Sequence[int],
@@ -141,14 +141,14 @@ def fields_at(
     mesh: Mesh = MESH_IV,
 ) -> Array:
     """Fields (len(samples), nr, nz) [degC]; node 0 in r has the imposed profile."""
-    rates = node_rates(drive.dt_s)
+    rates = basis_rates(drive.dt_s)
     rows = np.asarray(samples, dtype=int)
     s = spectrum(rim, h_W_m2K, half_width_m, profile, flux, mesh)
     banks = np.stack(
         [drive.bank(k, rates)[rows] for k in range(drive.inputs.shape[1])]
     )  # (I, S, K)
     banks[0] *= share
-    weights = cardinal(rates, np.log(np.minimum(s.rates, rates[-1])).ravel())
+    weights = lag_weights(rates, np.log(np.minimum(s.rates, rates[-1])).ravel())
     amplitude = np.einsum("ix,isx->sx", forcing(s).reshape(len(banks), -1), banks @ weights.T)
     inner = drive.inputs[rows] @ s.boundary
     return _nodal(s, amplitude.reshape(len(rows), *s.rates.shape), inner)

@@ -91,7 +91,7 @@ class TrackFlux:
         return np.diff(below) / on_surface
 
 
-def track(
+def track_flux(
     stated: FluxProfile, half_width_m: float, shift_m: float = 0.0, wider: float = 1.0
 ) -> TrackFlux | Literal["hertz"]:
     """The flux of a profile of the rig file, shifted by ``shift_m``; "hertz" for the default."""

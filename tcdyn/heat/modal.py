@@ -419,8 +419,8 @@ def rim_gains(
     >>> from tcdyn.heat.rim import node_rates
     >>> from tcdyn.heat.rim import points_of
     >>> setup = load_rig().disk_setup("fast")
-    >>> points = points_of(setup, "ace")
-    >>> g = rim_gains(Rim.from_setup(setup), 700.0, points, 1.62e-3, node_rates(1 / 75))
+    >>> points = junction_points(setup, "ace")
+    >>> g = rim_gains(Rim.from_setup(setup), 700.0, points, 1.62e-3, basis_rates(1 / 75))
     >>> g.gains.shape, g.static[1:].sum(axis=0).round(9)   # a rim at one temperature stays there
     ((5, 3, 40), array([1., 1., 1.]))
     """

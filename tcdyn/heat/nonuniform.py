@@ -20,7 +20,7 @@ from tcdyn.heat.modal import (
     spectrum,
     surface_weight,
 )
-from tcdyn.heat.rim import MESH_IV, Flux, Mesh, Point, Profile, Rim, cardinal
+from tcdyn.heat.rim import MESH_IV, Flux, Mesh, Point, Profile, Rim, lag_weights
 
 # Number of modes of the uniform coefficient that are coupled: enough for small variations ...
 SMALL_VARIATION_MODES = 150
@@ -28,12 +28,12 @@ SMALL_VARIATION_MODES = 150
 COUPLED_MODES = 600
 
 
-def film_in_steps(
+def h_in_steps(
     width_m: float, edges_m: Sequence[float], values_W_m2K: Sequence[float], nz: int
 ) -> Array:
     """Heat-transfer coefficient of each z node, (nz,): steps at ``edges_m``, averaged by cell.
 
-    >>> film_in_steps(8.0, [4.0], [200.0, 400.0], 9)
+    >>> h_in_steps(8.0, [4.0], [200.0, 400.0], 9)
     array([200., 200., 200., 200., 300., 400., 400., 400., 400.])
     """
     if len(values_W_m2K) != len(edges_m) + 1 or list(edges_m) != sorted(edges_m):
@@ -50,7 +50,7 @@ def film_in_steps(
     return np.diff(np.interp(cells, knots, integral)) / np.diff(cells)
 
 
-def film_along(mean_W_m2K: float, along: tuple[float, float], nz: int) -> Array:
+def h_along(mean_W_m2K: float, along: tuple[float, float], nz: int) -> Array:
     """Heat-transfer coefficient of each z node, (nz,): h (1 + a x + c (1 - 3 x^2)), x from -1 to 1.
 
     Parameters
@@ -64,7 +64,7 @@ def film_along(mean_W_m2K: float, along: tuple[float, float], nz: int) -> Array:
 
     Examples
     --------
-    >>> film_along(300.0, (0.5, 0.0), 5)
+    >>> h_along(300.0, (0.5, 0.0), 5)
     array([150., 225., 300., 375., 450.])
     """
     x = np.linspace(-1.0, 1.0, nz)
@@ -87,7 +87,7 @@ def rim_gains_nonuniform(
     Parameters
     ----------
     film_W_m2K
-        Coefficient of each z node, (nz,), see ``film_in_steps``.
+        Coefficient of each z node, (nz,), see ``h_in_steps``.
     basis
         Number of the slowest modes that are coupled for the dynamics.
 
@@ -131,7 +131,7 @@ def rim_gains_nonuniform(
     rate, vectors = np.linalg.eigh(matrix)
     amplitudes = (forces[:, is_coupled] @ vectors) / rate
     responses = amplitudes[:, None, :] * (mode_values[:, is_coupled] @ vectors)[None]
-    gains = responses @ cardinal(rates, np.log(np.minimum(rate, rates[-1])))
+    gains = responses @ lag_weights(rates, np.log(np.minimum(rate, rates[-1])))
     gains[:, :, -1] += np.einsum("imn,pmn->ip", steady, mode_values) - responses.sum(axis=2)
     direct = read_r[:, 0] * (s.boundary @ read_z.T)
     inputs = inputs_of(len(rim.boundary_z_m))
@@ -139,7 +139,7 @@ def rim_gains_nonuniform(
 
 
 @lru_cache(maxsize=2048)
-def cached_gains(
+def cached_rim_gains(
     rim: Rim,
     h_W_m2K: float,
     points: tuple[Point, ...],
@@ -159,10 +159,10 @@ def cached_gains(
         Whether to add two inputs, "film" and "film by n", both the air at the running surface only.
         They do not depend on ``along``.
     along
-        Variation of h along z, see ``film_along``.
+        Variation of h along z, see ``h_along``.
     """
     if any(along):
-        h_z = film_along(h_W_m2K, along, mesh.nz)
+        h_z = h_along(h_W_m2K, along, mesh.nz)
         varied = rim_gains_nonuniform(
             rim,
             h_z,
@@ -176,7 +176,9 @@ def cached_gains(
         )
         if not film:
             return varied
-        uniform = cached_gains(rim, h_W_m2K, points, half_width_m, rates, profile, flux, mesh, film)
+        uniform = cached_rim_gains(
+            rim, h_W_m2K, points, half_width_m, rates, profile, flux, mesh, film
+        )
         n_varied = len(varied.inputs)
         return replace(
             uniform,

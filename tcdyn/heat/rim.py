@@ -1,6 +1,6 @@
 """The rim model: geometry and material (``Rim``), mesh, boundary conditions, and the basis of lags.
 
-A record is filtered once by a basis of first-order lags (``lag_bank``); every output of every rim
+A record is filtered once by a basis of first-order lags (``lag_basis``); every output of every rim
 is a weighted sum of the basis.
 """
 
@@ -157,8 +157,8 @@ def determined_shapes(z_m: tuple[float, ...], width_m: float) -> tuple[int, ...]
     )
 
 
-def points_of(setup: DiskSetup, names: Iterable[str]) -> tuple[Point, ...]:
-    """(depth, z) of the named junctions, e.g. ``points_of(setup, "ace")`` [m]."""
+def junction_points(setup: DiskSetup, names: Iterable[str]) -> tuple[Point, ...]:
+    """(depth, z) of the named junctions, e.g. ``junction_points(setup, "ace")`` [m]."""
     return tuple((setup.junctions[n].depth_m, setup.junctions[n].z_m) for n in names)
 
 
@@ -177,7 +177,7 @@ def correction_factor(half_width_m: float, nz: int, width_m: float) -> float:
 
 
 @dataclass(frozen=True)
-class Switch:
+class InputJump:
     """A jump of a zero-order-hold input in ``[t_index, t_index+1)``.
 
     The input is ``before`` for ``fraction`` of the interval, then ``after``.
@@ -195,7 +195,7 @@ def log_nodes(low: float, high: float, count: int) -> Array:
     return np.exp(low + (high - low) * (x + 1) / 2)
 
 
-def node_rates(
+def basis_rates(
     dt_s: float, count: int = N_LAGS, slowest_per_s: float = SLOWEST_PER_S, longest_s: float = 0.0
 ) -> Array:
     """Rates of the basis of lags, (K,) [1/s], up to 40/dt.
@@ -213,7 +213,7 @@ def node_rates(
 
     Examples
     --------
-    >>> node_rates(1 / 75)[[0, -1]].round(6)
+    >>> basis_rates(1 / 75)[[0, -1]].round(6)
     array([3.e-01, 3.e+03])
     """
     if not dt_s > 0:
@@ -235,7 +235,7 @@ def _barycentric(count: int) -> tuple[Array, Array, Array]:
     return x, weights, np.asarray(d)
 
 
-def cardinal(rates_per_s: Array, log_lambda: Array) -> Array:
+def lag_weights(rates_per_s: Array, log_lambda: Array) -> Array:
     """Weights of the basis that interpolate other lags, (M, K); each row sums to one.
 
     Parameters
@@ -272,18 +272,18 @@ def unscaled_cardinal(rates_per_s: Array, log_lambda: Array) -> tuple[Array, Arr
     return weights, total
 
 
-def cardinal_slope(rates_per_s: Array, weights: Array) -> Array:
+def lag_weights_slope(rates_per_s: Array, weights: Array) -> Array:
     """d(weights)/d(log lambda) for the ``weights`` (M, K) that ``cardinal`` returned."""
     d = _barycentric(len(rates_per_s))[2]
     return weights @ d * (2 / np.log(rates_per_s[-1] / rates_per_s[0]))
 
 
-def lag_bank(
+def lag_basis(
     u: ArrayLike,
     dt_s: float,
     rates: Array,
     hold: Literal["foh", "zoh"] = "foh",
-    switches: Sequence[Switch] = (),
+    switches: Sequence[InputJump] = (),
     initial: Array | None = None,
 ) -> Array:
     """Exact response (N, K) of the lags 1/(1 + s/rate_k) to an input.
@@ -307,7 +307,7 @@ def lag_bank(
 
     Examples
     --------
-    >>> lag_bank([0.0, 0.0, 1.0, 1.0], 1.0, np.array([2.0]), "zoh").round(4).ravel()
+    >>> lag_basis([0.0, 0.0, 1.0, 1.0], 1.0, np.array([2.0]), "zoh").round(4).ravel()
     array([0.    , 0.    , 0.    , 0.8647])
     """
     u = np.asarray(u, dtype=float)
@@ -335,10 +335,10 @@ def lag_bank(
     return out.T
 
 
-def bank_means(
+def lag_basis_means(
     u: ArrayLike, dt_s: float, rates: Array, counts: Sequence[int] | NDArray[np.int64]
 ) -> Array:
-    """Means (R, K) of ``lag_bank(u, dt_s, rates)`` over blocks of samples at the end of the record.
+    """Means (R, K) of ``lag_basis(u, dt_s, rates)`` over blocks of samples at the end of the record.
 
     Only the means are computed, not the responses.
 
@@ -357,8 +357,8 @@ def bank_means(
     --------
     >>> u = np.array([0.0, 1.0, 4.0, 2.0, 2.0])
     >>> rates = np.array([2.0])
-    >>> x = lag_bank(u, 0.1, rates)
-    >>> np.allclose(bank_means(u, 0.1, rates, [1, 2]), [[x[2, 0]], [x[3:, 0].mean()]])
+    >>> x = lag_basis(u, 0.1, rates)
+    >>> np.allclose(lag_basis_means(u, 0.1, rates, [1, 2]), [[x[2, 0]], [x[3:, 0].mean()]])
     True
     """
     u = np.asarray(u, dtype=float)

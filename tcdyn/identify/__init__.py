@@ -48,7 +48,7 @@ Comparison of models:
 'TF(0,1)D as given'
 >>> chain_model("P2").names
 ('Kp', 'Tp1', 'Tp2')
->>> chain_model("P2").known == Known()
+>>> chain_model("P2").known == KnownDynamics()
 True
 """
 
@@ -60,7 +60,7 @@ from tcdyn.identify.heldout import held_out_score
 from tcdyn.identify.identified import Identified, from_control, read_identified
 from tcdyn.identify.intervals import profile
 from tcdyn.identify.iodata import IOData, Run
-from tcdyn.identify.models import Known, Model, chain_model, process, several, transfer
+from tcdyn.identify.models import KnownDynamics, Model, chain_model, process, several, transfer
 from tcdyn.identify.responses import bode_band, percent_times, roots_of, step_band
 from tcdyn.identify.search import Fit
 from tcdyn.identify.tables import from_csv, from_frame
@@ -72,7 +72,7 @@ __all__ = [
     "Fit",
     "IOData",
     "Identified",
-    "Known",
+    "KnownDynamics",
     "Model",
     "Response",
     "Run",

@@ -28,10 +28,10 @@ from tcdyn.identify.heldout import SCORING_OPTIONS, Progress, Task
 from tcdyn.identify.iodata import IOData
 from tcdyn.identify.models import Model, process
 from tcdyn.identify.recommendation import (
-    COLUMNS,
+    TABLE_LEGEND,
     chain_advice,
+    comparison_table,
     conclude,
-    order_table,
     recommend,
     responds_at_once,
 )
@@ -99,8 +99,8 @@ class Comparison(Result):
         """
         advice = self.verdict.message(spelling)
         best = replace(self.best.identified, sentence=self.validation.message(spelling))
-        table = order_table(self.table, best.output_unit).to_string(index=False)
-        return "\n".join([advice, "", best.summary(spelling), "", table, "", COLUMNS])
+        table = comparison_table(self.table, best.output_unit).to_string(index=False)
+        return "\n".join([advice, "", best.summary(spelling), "", table, "", TABLE_LEGEND])
 
     @cached_property
     def validation(self) -> Validation:

@@ -18,17 +18,17 @@ from scipy.special import logsumexp, softmax
 
 from tcdyn.chain.rational import realise, simulate_rows
 from tcdyn.core import Array
-from tcdyn.estimation import Noise, Optimum, fit_ar, fit_arma
-from tcdyn.estimation.arma import coefficients, partials
-from tcdyn.estimation.noise_average import NoiseGrid, Slopes, moments, widest
+from tcdyn.estimation import NoiseModel, Optimum, fit_ar, fit_arma
+from tcdyn.estimation.arma import coefficients_from_partial, partial_correlations
+from tcdyn.estimation.noise_average import LinearisedProblem, NoiseGrid, full_box, mixture_moments
 from tcdyn.estimation.trace_noise import MAD_TO_SD
 from tcdyn.identify.problem import IdentificationProblem
 from tcdyn.identify.search import residual_sd, search, sqrt_weights
 
 NoiseName = Literal["white", "slow", "ar", "arma", "auto"]
 Baseline = Literal["none", "trend", "walk", "auto"]
-NOISES = ("auto", "white", "slow", "ar", "arma")
-BASELINES = ("auto", "none", "trend", "walk")
+NOISE_OPTIONS = ("auto", "white", "slow", "ar", "arma")
+BASELINE_OPTIONS = ("auto", "none", "trend", "walk")
 
 # The thresholds below are chosen by judgement.
 ARMA_ORDERS = ((1, 1), (2, 1), (2, 2))  # orders (p, q) of ARMA noise that are tried
@@ -49,10 +49,10 @@ MIN_PROBABILITY = 0.01  # of a drift, below which it is left out of the average
 MIN_OUTPUT_NOISE_SHARE = 0.01  # of the residual variance, the least that is output noise
 MIN_INPUT_NOISE_SHARE = 1e-6  # of the residual variance, below which input noise is ignored
 
-NoiseEstimator = Callable[[IdentificationProblem, Array, Array], Noise]
+NoiseEstimator = Callable[[IdentificationProblem, Array, Array], NoiseModel]
 
 
-def input_noise_model(problem: IdentificationProblem, x: Array, e: Array) -> Noise:
+def input_noise_model(problem: IdentificationProblem, x: Array, e: Array) -> NoiseModel:
     """Noise model of residuals that hold the input's noise, filtered by the model.
 
     Parameters
@@ -76,7 +76,7 @@ def input_noise_model(problem: IdentificationProblem, x: Array, e: Array) -> Noi
     variance of the residuals less the input's share.
     """
     if not problem.input_sd:
-        return Noise()
+        return NoiseModel()
     g = problem.model.rational(problem.theta(x))
     poles = [f.poles for f in g.factors] or [np.zeros(0, dtype=complex)]
     below = np.real(polyfromroots(np.exp(np.concatenate(poles) * problem.dt_s)))[::-1]
@@ -100,15 +100,15 @@ def input_noise_model(problem: IdentificationProblem, x: Array, e: Array) -> Noi
     inside = roots[np.argsort(np.abs(roots))][: len(above) - 1]
     is_negligible = input_variance < MIN_INPUT_NOISE_SHARE * variance
     if len(below) == 1 or np.any(np.abs(inside) >= 1) or is_negligible:
-        return Noise()
+        return NoiseModel()
     ar = tuple(below[1:].tolist())
     ma = tuple(np.real(np.poly(inside))[1:].tolist())
-    return Noise(ar, ma, rest=True, fitted=0)
+    return NoiseModel(ar, ma, rest=True, fitted=0)
 
 
 def alternate(
     problem: IdentificationProblem, optimum: Optimum, estimator: NoiseEstimator
-) -> tuple[IdentificationProblem, Optimum, Noise]:
+) -> tuple[IdentificationProblem, Optimum, NoiseModel]:
     """Alternate the dynamics given the noise, and the noise given the dynamics.
 
     Both decrease the same prediction error.
@@ -125,7 +125,7 @@ def alternate(
     """
     first = optimum
     root = sqrt_weights(optimum.weights)
-    noise = Noise()
+    noise = NoiseModel()
     cost = np.inf
     for _ in range(MAX_ALTERNATIONS):
         rows = problem.evaluate(optimum.theta, root)
@@ -166,11 +166,11 @@ def remove_spikes(problem: IdentificationProblem, residual: Array) -> Identifica
     return replace(problem, segments=tuple(segments))
 
 
-def fit_random_walk(e: Array, slices: list[slice], order: tuple[int, int]) -> Noise:
+def fit_random_walk(e: Array, slices: list[slice], order: tuple[int, int]) -> NoiseModel:
     """A random walk with ARMA(p, q) steps; MA(1) steps are a random walk plus white noise."""
     steps = np.concatenate([np.diff(e[s], prepend=e[s][:1]) for s in slices])
     noise = fit_arma(steps, slices, *order)
-    return Noise(_integrated(noise.ar), noise.ma, True, sum(order))
+    return NoiseModel(_integrated(noise.ar), noise.ma, True, sum(order))
 
 
 def _integrated(ar: Sequence[float]) -> tuple[float, ...]:
@@ -178,7 +178,7 @@ def _integrated(ar: Sequence[float]) -> tuple[float, ...]:
     return tuple(np.convolve([1.0, -1.0], [1.0, *ar])[1:].tolist())
 
 
-def refine_by_reml(slices: list[slice], e: Array, j: Array, noise: Noise) -> Noise:
+def refine_by_reml(slices: list[slice], e: Array, j: Array, noise: NoiseModel) -> NoiseModel:
     """Refine the coefficients of a noise model by restricted maximum likelihood (REML).
 
     Parameters
@@ -204,11 +204,11 @@ def refine_by_reml(slices: list[slice], e: Array, j: Array, noise: Noise) -> Noi
     p = noise.order[0]
     ar = _without_walk(noise)
 
-    def noise_at(z: Array) -> Noise:
-        ar_at = coefficients(MAX_PARTIAL_CORRELATION * np.tanh(z[:p]))
-        ma_at = coefficients(MAX_PARTIAL_CORRELATION * np.tanh(z[p:]))
+    def noise_at(z: Array) -> NoiseModel:
+        ar_at = coefficients_from_partial(MAX_PARTIAL_CORRELATION * np.tanh(z[:p]))
+        ma_at = coefficients_from_partial(MAX_PARTIAL_CORRELATION * np.tanh(z[p:]))
         below = _integrated(ar_at.tolist()) if noise.walks else tuple(ar_at.tolist())
-        return Noise(below, tuple(ma_at.tolist()), noise.rest, noise.fitted)
+        return NoiseModel(below, tuple(ma_at.tolist()), noise.rest, noise.fitted)
 
     scaled = j / np.maximum(np.linalg.norm(j, axis=0), 1e-300)
     table = np.column_stack([scaled, e])
@@ -221,7 +221,9 @@ def refine_by_reml(slices: list[slice], e: Array, j: Array, noise: Noise) -> Noi
         spread = candidate.log_spread(slices)
         return float(2 * dof * np.log(factor[-1] + 1e-300) + 2 * determinant + spread)
 
-    correlations = np.concatenate([partials(ar), partials(np.array(noise.ma))])
+    correlations = np.concatenate(
+        [partial_correlations(ar), partial_correlations(np.array(noise.ma))]
+    )
     start = np.arctanh(np.clip(correlations, -0.998, 0.998))
     optimum = minimize(
         criterion,
@@ -232,14 +234,14 @@ def refine_by_reml(slices: list[slice], e: Array, j: Array, noise: Noise) -> Noi
     return noise_at(optimum.x) if optimum.fun < criterion(start) else noise
 
 
-def _without_walk(noise: Noise) -> Array:
+def _without_walk(noise: NoiseModel) -> Array:
     """AR coefficients without the factor of the random walk."""
     if noise.walks:
         return np.cumsum([1.0, *noise.ar])[1:-1]
     return np.array(noise.ar)
 
 
-def noise_bic(e: Array, slices: list[slice], noise: Noise) -> float:
+def noise_bic(e: Array, slices: list[slice], noise: NoiseModel) -> float:
     """BIC of a noise model for residuals ``e`` (N,)."""
     w = noise.whiten(e, slices)
     n = len(e)
@@ -255,7 +257,7 @@ def noise_estimator(noise: NoiseName | tuple[int, int], baseline: Baseline) -> N
     from the Yule-Walker equations, at most ``MAX_AR_ORDER``; random walks have few orders.
     """
 
-    def random_walks(e: Array, slices: list[slice]) -> list[Noise]:
+    def random_walks(e: Array, slices: list[slice]) -> list[NoiseModel]:
         if isinstance(noise, tuple):
             orders = [noise]
         elif noise == "white":
@@ -266,7 +268,7 @@ def noise_estimator(noise: NoiseName | tuple[int, int], baseline: Baseline) -> N
             orders = [(0, 1), (1, 1)]
         return [fit_random_walk(e, slices, order) for order in orders]
 
-    def estimator(problem: IdentificationProblem, x: Array, e: Array) -> Noise:
+    def estimator(problem: IdentificationProblem, x: Array, e: Array) -> NoiseModel:
         slices = problem.residual_slices
         if baseline == "walk":
             candidates = random_walks(e, slices)
@@ -311,7 +313,7 @@ class NoiseAverage:
 
     problem: IdentificationProblem
     optimum: Optimum
-    noise: Noise
+    noise: NoiseModel
     mean: Array
     covariance: Array
     evidence: float
@@ -319,7 +321,7 @@ class NoiseAverage:
 
     def point_estimate(
         self, weights: Array | None
-    ) -> tuple[IdentificationProblem, Optimum, Noise, Array]:
+    ) -> tuple[IdentificationProblem, Optimum, NoiseModel, Array]:
         """Problem, optimum at the mean, noise, and covariance of x.
 
         Notes
@@ -359,7 +361,7 @@ def natural_parameters(problem: IdentificationProblem, x: Array) -> Array:
     return np.where(problem.is_logarithm, problem.natural_scale(x), x)
 
 
-def linearise(problem: IdentificationProblem, x: Array, root: Array | float) -> Slopes:
+def linearise(problem: IdentificationProblem, x: Array, root: Array | float) -> LinearisedProblem:
     """The problem linearised at x, in x with its logarithms taken back.
 
     All rows are multiplied by ``root``. Parameters at a bound stay there.
@@ -374,7 +376,9 @@ def linearise(problem: IdentificationProblem, x: Array, root: Array | float) -> 
     prior_root = np.sqrt(problem.prior_precision)
     prior = np.column_stack([np.diag(prior_root / size), prior_root * x])[prior_root > 0]
     n_drifts = len(problem.run_start_s) if problem.trend else 0
-    return Slopes(rows[0], jacobian / size, size, prior, problem.residual_slices, n_drifts)
+    return LinearisedProblem(
+        rows[0], jacobian / size, size, prior, problem.residual_slices, n_drifts
+    )
 
 
 def average_over_noise(problem: IdentificationProblem, optimum: Optimum) -> NoiseAverage:
@@ -383,8 +387,8 @@ def average_over_noise(problem: IdentificationProblem, optimum: Optimum) -> Nois
     The search starts at ``optimum``, whose robust weights stay.
     """
     root = sqrt_weights(optimum.weights)
-    box = widest(problem.n_measured)
-    other_noises = [Noise(averaged=True)]
+    box = full_box(problem.n_measured)
+    other_noises = [NoiseModel(averaged=True)]
     rows = problem.evaluate(optimum.theta, root)
     assert rows is not None
     input_noise = input_noise_model(problem, optimum.theta, rows[0])
@@ -419,7 +423,7 @@ def mix_averages(averages: Sequence[NoiseAverage]) -> NoiseAverage:
     size = len(last.mean)
     means = np.array([np.pad(a.mean, (0, size - len(a.mean))) for a in used])
     covariances = np.array([np.pad(a.covariance, (0, size - len(a.mean))) for a in used])
-    mean, covariance = moments(evidence[index], means, covariances)
+    mean, covariance = mixture_moments(evidence[index], means, covariances)
     likeliest = averages[int(np.argmax(evidence))].noise
     probability = weight[index] / weight[index].sum()
     p_walk = float(probability @ [a.p_walk for a in used])

@@ -16,7 +16,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, warning
 from tcdyn.core.threads import one_blas_thread
-from tcdyn.estimation import Loss, Noise, Optimum, Status, determined, minimise
+from tcdyn.estimation import Loss, NoiseModel, Optimum, Status, is_full_rank, minimise
 from tcdyn.identify.causality import check_causality
 from tcdyn.identify.closed_loop import check_closed_loop
 from tcdyn.identify.disturbance import (
@@ -152,9 +152,9 @@ def fit(
             check_causality(single, where)
     start_sets = [start] if isinstance(start, Mapping) else start or []
     problem, optimum = _fit_white(problem, start_sets)
-    noise_model = Noise()
+    noise_model = NoiseModel()
     if structure.arx:
-        noise_model = Noise(tuple(problem.pole_polynomial(optimum.theta).tolist()), fitted=0)
+        noise_model = NoiseModel(tuple(problem.pole_polynomial(optimum.theta).tolist()), fitted=0)
     if loss != "linear":
         optimum = _fit_robust(problem, optimum, loss)
     elif problem.input_sd and not structure.arx:
@@ -237,7 +237,7 @@ def fit_disturbance(
     if white.loss != "linear" and may_be_slow:
         problem = remove_spikes(white.problem, white.residual)
         optimum = search(problem, start=optimum.theta)
-        linear = make_fit(data, problem, optimum, Noise(), "linear", covariance)
+        linear = make_fit(data, problem, optimum, NoiseModel(), "linear", covariance)
         result = fit_disturbance(data, linear, optimum, noise, baseline, covariance)
         return replace(result, loss=white.loss)
     auto = "auto" in (noise, baseline) and noise != "slow"
@@ -269,7 +269,7 @@ def fit_disturbance(
         return base
     if auto and not is_disturbed(reference):
         # residuals that follow the input are accepted only where a drift explains them
-        drifts = [make_fit(data, *each, Noise(), white.loss, covariance) for each in fits[1:]]
+        drifts = [make_fit(data, *each, NoiseModel(), white.loss, covariance) for each in fits[1:]]
         if not any(is_undriven(drift) for drift in drifts):
             return base
     candidates = [base] if auto else []
@@ -360,7 +360,7 @@ def make_fit(
     data: IOData,
     problem: IdentificationProblem,
     optimum: Optimum,
-    noise: Noise,
+    noise: NoiseModel,
     loss: Loss,
     covariance: Covariance,
     cov_x: Array | None = None,
@@ -441,7 +441,9 @@ def make_fit(
     return replace(result, identified=identified)
 
 
-def final_offset(problem: IdentificationProblem, x: Array, residual: Array, noise: Noise) -> float:
+def final_offset(
+    problem: IdentificationProblem, x: Array, residual: Array, noise: NoiseModel
+) -> float:
     """The offset of the model at the end of the data.
 
     A drift is not extrapolated. A random walk keeps its last level; ``residual`` (N,) is measured
@@ -488,7 +490,7 @@ def parameter_findings(optimum: Optimum, identified: Identified) -> tuple[Findin
             findings.append(
                 warning("fit.undetermined", subject=name, u=estimate.u, value=estimate.value)
             )
-    if not determined(optimum.information):
+    if not is_full_rank(optimum.information):
         findings.append(warning("fit.indistinct", subject=model.name))
     if optimum.status is Status.STALLED:
         findings.append(warning("fit.stalled"))

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from tcdyn.chain.rational import product
+from tcdyn.chain.rational import polynomial_product
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.estimation import correlation_length
@@ -349,12 +349,12 @@ def warm_start(
     if model.kind == "tf":
         num, factors = old_model.coefficients(old_theta)
         above: Array = np.asarray(num, dtype=float)
-        below: Array = product(factors)
+        below: Array = polynomial_product(factors)
         n_above = sum(n[0] == "b" for n in model.names)
         while len(below) < model.order + 1:
-            below = product([below, [1.0, tau]])
+            below = polynomial_product([below, [1.0, tau]])
             if len(above) < n_above:
-                above = product([above, [1.0, tau]])
+                above = polynomial_product([above, [1.0, tau]])
         values = {f"b{i}": float(v) for i, v in enumerate(above)}
         values |= {f"a{i}": float(v) for i, v in enumerate(below)}
         return {n: values.get(n, 0.0) for n in model.names} | delay

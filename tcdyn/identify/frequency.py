@@ -16,7 +16,7 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.threads import one_blas_thread
-from tcdyn.estimation import Optimum, Problem, determined, least, minimise
+from tcdyn.estimation import Optimum, Problem, is_full_rank, lowest_cost, minimise
 from tcdyn.identify.identified import Identified
 from tcdyn.identify.models import Model, as_model
 from tcdyn.identify.search import active_bound, criteria
@@ -301,7 +301,7 @@ def fit_weighted(data: Response, model: Model, start_points: list[Array]) -> tup
     A relative uncertainty is iterated with the magnitude of the model.
     """
     problem = weighted_problem(data, model)
-    best = least([minimise(problem, x, limit=100, tolerance=0.0) for x in start_points])
+    best = lowest_cost([minimise(problem, x, limit=100, tolerance=0.0) for x in start_points])
     u = data.part_uncertainty()
     for _ in range(WEIGHT_ROUNDS if data.u is None else 0):
         rational = model.rational(model.theta(best.theta))
@@ -501,6 +501,6 @@ def _parameter_findings(best: Optimum, result: Identified) -> list[Finding]:
             findings.append(
                 warning("fit.undetermined", subject=name, value=estimate.value, u=estimate.u)
             )
-    if not determined(best.information):
+    if not is_full_rank(best.information):
         findings.append(warning("fit.indistinct", subject=result.model.name))
     return findings

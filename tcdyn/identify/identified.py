@@ -14,15 +14,15 @@ import numpy as np
 import pandas as pd
 
 from tcdyn.chain import NO_CONDITIONING, Chain
-from tcdyn.chain.rational import Start, simulate
+from tcdyn.chain.rational import InitialState, simulate
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.estimate import Estimate, rounded
+from tcdyn.core.estimate import Estimate, rounded_texts
 from tcdyn.core.findings import Finding, labelled_messages, warning
 from tcdyn.core.result import Result, jsonable
 from tcdyn.core.spelling import Spelling, as_argument
 from tcdyn.identify.iodata import Hold
-from tcdyn.identify.models import Known, Model, several, transfer
+from tcdyn.identify.models import KnownDynamics, Model, several, transfer
 from tcdyn.identify.responses import Dynamics, percent_times
 from tcdyn.rig.disk import Conditioning
 
@@ -152,7 +152,7 @@ class Identified(Dynamics, Result):
         u: Array,
         dt_s: float | None = None,
         hold: Hold | None = None,
-        start: Start = "equilibrium",
+        start: InitialState = "equilibrium",
     ) -> Array:
         """The model's output, offset included.
 
@@ -225,7 +225,7 @@ class Identified(Dynamics, Result):
             raise InputError(
                 f"{self.model.name} is not a chain", expected="a process model without integrator"
             )
-        given = Known.of(conditioning).den
+        given = KnownDynamics.of(conditioning).den
         identified = self.model.known.den
         same_order = len(given) == len(identified)
         if not same_order or not np.allclose(given, identified, rtol=1e-9, atol=0.0):
@@ -294,9 +294,9 @@ class Identified(Dynamics, Result):
                 quantities += [(name + suffix, e, "s") for name, e in times.items()]
         rows = []
         for name, e, unit in quantities:
-            value, u = rounded(e.value, e.u)
-            low = rounded(e.low95, e.u)[0]
-            high = rounded(e.high95, e.u)[0]
+            value, u = rounded_texts(e.value, e.u)
+            low = rounded_texts(e.low95, e.u)[0]
+            high = rounded_texts(e.high95, e.u)[0]
             rows.append((name, value, u, low, high, unit))
         columns = ["quantity", "value", "u", "low 95 %", "high 95 %", "unit"]
         return pd.DataFrame(rows, columns=columns)
@@ -378,7 +378,7 @@ class Identified(Dynamics, Result):
 
 def _model_from_dict(m: Mapping[str, Any]) -> Model:
     """The model structure in the "model" key of a file."""
-    known = Known.ratio(m["known"]["num"], m["known"]["den"])
+    known = KnownDynamics.ratio(m["known"]["num"], m["known"]["den"])
     submodels = [
         Model(part["name"], part["kind"], tuple(part["names"]), known=known)
         for part in m.get("parts", ())

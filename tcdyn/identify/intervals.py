@@ -14,7 +14,7 @@ from scipy.special import stdtrit
 from tcdyn.core import Array
 from tcdyn.core.estimate import Z95, Estimate
 from tcdyn.core.findings import warning
-from tcdyn.estimation import Loss, Optimum, inverse, robust_covariance, sandwich
+from tcdyn.estimation import Loss, Optimum, inverse, robust_covariance, sandwich_covariance
 from tcdyn.estimation import profile as likelihood_profile
 from tcdyn.identify.models import base_name, input_suffix
 from tcdyn.identify.problem import IdentificationProblem
@@ -155,7 +155,7 @@ def innovation_covariance(
     """
     is_coloured = kind == "auto" and whiteness(e, j, slices, dt_s, N_WHITENESS_LAGS).p < ALARM_P
     if kind == "robust" or is_coloured:
-        return sandwich(j, e, slices, precision), True
+        return sandwich_covariance(j, e, slices, precision), True
     variance = float(e @ e) / (len(e) - len(precision))
     return variance * inverse(j.T @ j + np.diag(precision)), False
 

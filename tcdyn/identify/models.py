@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from tcdyn.chain import NO_CONDITIONING, Structure, cement_lags
-from tcdyn.chain.rational import Factor, Rational, product
+from tcdyn.chain import NO_CONDITIONING, ChainStructure, cement_lags
+from tcdyn.chain.rational import Factor, Rational, polynomial_product
 from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
 from tcdyn.rig.disk import Conditioning
@@ -38,7 +38,7 @@ DAMPING_BOUNDS = (1e-3, 20.0)  # of Zeta, chosen by judgement
 
 
 @dataclass(frozen=True)
-class Known:
+class KnownDynamics:
     """A known factor of the transfer function, num(s) over a product of factors.
 
     Constant terms are one.
@@ -50,10 +50,10 @@ class Known:
     @property
     def den(self) -> tuple[float, ...]:
         """The product of the factors, ascending in s."""
-        return tuple(product(f.coefs for f in self.factors).tolist())
+        return tuple(polynomial_product(f.coefs for f in self.factors).tolist())
 
     @classmethod
-    def ratio(cls, num: Sequence[float], den: Sequence[float]) -> Known:
+    def ratio(cls, num: Sequence[float], den: Sequence[float]) -> KnownDynamics:
         """num(s)/den(s), coefficients ascending."""
         if den[0] == 0:
             raise InputError(
@@ -66,11 +66,11 @@ class Known:
         return cls(numerator, (Factor(denominator, free=False),))
 
     @classmethod
-    def of(cls, part: Known | Conditioning | object | None) -> Known:
+    def of(cls, part: KnownDynamics | Conditioning | object | None) -> KnownDynamics:
         """From a Conditioning, a ``control.TransferFunction`` or a Known."""
         if part is None:
             return cls()
-        if isinstance(part, Known):
+        if isinstance(part, KnownDynamics):
             return part
         if isinstance(part, Conditioning):
             return cls(factors=tuple(Factor(f, free=False) for f in part.factors))
@@ -113,7 +113,7 @@ class Model:
     kind: str
     names: tuple[str, ...]
     integrators: int = 0
-    known: Known = field(default_factory=Known)
+    known: KnownDynamics = field(default_factory=KnownDynamics)
     fixed: Mapping[str, float] = field(default_factory=dict)
     delay_max_s: float | None = None
     offset: str = "free"
@@ -303,9 +303,9 @@ def process(name: str, **options: Any) -> Model:
     >>> process("P2DZ").names
     ('Kp', 'Tp1', 'Tp2', 'Tz', 'Td')
     """
-    structure = Structure.of(name)
+    structure = ChainStructure.of(name)
     names = ("Kp", *structure.parameters)
-    known = Known.of(options.pop("known", None))
+    known = KnownDynamics.of(options.pop("known", None))
     return Model(name, "process", names, int(structure.integrator), known, **options)
 
 
@@ -341,7 +341,7 @@ def transfer(
     names += [f"a{j + 1}" for j in range(poles)]
     if delay:
         names.append("Td")
-    known = Known.of(options.pop("known", None))
+    known = KnownDynamics.of(options.pop("known", None))
     return Model(name, "tf", tuple(names), int(integrator), known, **options)
 
 
@@ -379,7 +379,7 @@ def several(
     ('Kp.heater', 'Tp1', 'Td.heater', 'Kp.fan')
     """
     submodels = [as_model(m) for m in models]
-    known = Known.of(options.pop("known", None))
+    known = KnownDynamics.of(options.pop("known", None))
     name = " + ".join(model.name for model in submodels)
     if common:
         name += ", common poles"

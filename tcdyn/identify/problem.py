@@ -14,9 +14,16 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from tcdyn.chain.rational import Rational, Realisation, Start, free_rows, realise, simulate_rows
+from tcdyn.chain.rational import (
+    InitialState,
+    Rational,
+    Realisation,
+    impulse_rows,
+    realise,
+    simulate_rows,
+)
 from tcdyn.core import Array, Flags
-from tcdyn.estimation import Noise, Problem
+from tcdyn.estimation import NoiseModel, Problem
 from tcdyn.estimation.arma import equation_error
 from tcdyn.estimation.trace_noise import rounding_sd
 from tcdyn.identify.models import Model, base_name
@@ -247,7 +254,7 @@ class IdentificationProblem:
         return self.model.delay_max_s or 0.5 * self.longest_segment_s
 
     @property
-    def start(self) -> Start:
+    def start(self) -> InitialState:
         """The state in which runs start, unless it is estimated."""
         return "zero" if self.initial == "zero" else "equilibrium"
 
@@ -407,7 +414,7 @@ class IdentificationProblem:
             scale = self.time_scale_s ** np.arange(1.0, n_states + 1)
             decay = realise(replace(g, num=x[state] * scale, delay_s=0.0))
             # the response, d/d(numerator), d/d(factor coefficients)
-            free = free_rows(decay, len(y), self.dt_s)
+            free = impulse_rows(decay, len(y), self.dt_s)
             by_factor = free[1 + n_states : -1]
             y += free[0]
             first_factor = len(rule) - 1 - len(by_factor)
@@ -434,7 +441,7 @@ class IdentificationProblem:
         return residual * root, (np.concatenate(jacobians).T * root).T
 
     def least_squares_problem(
-        self, noise: Noise | None = None, root: Array | float = 1.0
+        self, noise: NoiseModel | None = None, root: Array | float = 1.0
     ) -> Problem:
         """The problem in the form that :mod:`tcdyn.estimation` solves.
 
@@ -446,7 +453,7 @@ class IdentificationProblem:
         root
             Factor of each residual (N,): the root of its robust weight.
         """
-        noise = noise or Noise()
+        noise = noise or NoiseModel()
         slices = self.residual_slices
 
         def evaluate(x: Array) -> tuple[Array, Array] | None:

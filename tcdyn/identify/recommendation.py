@@ -201,7 +201,7 @@ def conclude(
     return info("models.recommended", **numbers)
 
 
-def order_table(table: pd.DataFrame, unit: str = "") -> pd.DataFrame:
+def comparison_table(table: pd.DataFrame, unit: str = "") -> pd.DataFrame:
     """The comparison as a table of texts: best BIC first, residual tests as p values.
 
     BIC is relative to the best. Models that could not be fitted are left out.
@@ -234,7 +234,7 @@ def order_table(table: pd.DataFrame, unit: str = "") -> pd.DataFrame:
     )
 
 
-COLUMNS = (
+TABLE_LEGEND = (
     "Models: P and the number of lags, D dead time, Z zero, U oscillating pair; TF(zeros, poles), "
     "ARX the same where disturbances come in before the poles. Fit and held out: 100 % is perfect, "
     "0 % as bad as the mean; held out is simulation of data kept from the fit. BIC above best: "

@@ -13,7 +13,7 @@ from tcdyn.chain.rational import Rational, realise, simulate_rows
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Z95, Estimate
-from tcdyn.identify.models import Known, Model
+from tcdyn.identify.models import KnownDynamics, Model
 
 PERCENT_TIMES = {"t50": 0.5, "t63.2": 1 - float(np.exp(-1)), "t90": 0.9}
 
@@ -218,7 +218,7 @@ def roots_of(model: Dynamics) -> list[Root]:
     """
     m = model.model
     roots = [Root("pole", 0j, np.zeros((2, 2)))] * m.integrators
-    rule = replace(m, known=Known()).chain_rule(model.theta)
+    rule = replace(m, known=KnownDynamics()).chain_rule(model.theta)
     num, factors = m.coefficients(m.all_parameters(model.theta))
     polynomials = [("zero", num), *(("pole", factor) for factor in factors)]
     row = 0

@@ -18,7 +18,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding
 from tcdyn.core.result import Result
-from tcdyn.estimation import Loss, Noise, Optimum, Problem, least, minimise
+from tcdyn.estimation import Loss, NoiseModel, Optimum, Problem, lowest_cost, minimise
 from tcdyn.identify.identified import Identified
 from tcdyn.identify.iodata import IOData
 from tcdyn.identify.models import Model, base_name, input_suffix, same_input
@@ -68,7 +68,7 @@ class Fit(Result):
     innovation: Array
     jacobian: Array
     covariance_x: Array
-    noise: Noise
+    noise: NoiseModel
     loss: Loss = "linear"
     weights: Array | None = None
 
@@ -264,7 +264,7 @@ def search(
         candidates = distinct_starts(problem, starts(problem))
     if len(candidates) > 1:
         short = [minimise(core, x, limit=6, tolerance=0.0, relative=1e-4) for x in candidates]
-        candidates = [least(short).theta]
+        candidates = [lowest_cost(short).theta]
     # the noise is unknown: whether a decrease is small can be judged by the cost only
     optimum = minimise(core, candidates[0], limit=80, tolerance=0.0) if candidates else None
     if optimum is None or not np.isfinite(optimum.cost):
@@ -319,7 +319,7 @@ def search_across_zero(problem: IdentificationProblem, optimum: Optimum) -> Opti
             x = optimum.theta.copy()
             x[index] += step
             candidates.append(minimise(optimum.problem, x, limit=40, tolerance=0.0))
-        optimum = least(candidates)
+        optimum = lowest_cost(candidates)
     return optimum
 
 

@@ -15,11 +15,11 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, SampleLocation, info, warning
 from tcdyn.identify.iodata import Hold, IOData, check_hold
 from tcdyn.identify.segments import MIN_REPEATED_SHARE
-from tcdyn.io.csv_dialect import CLOCK, TextColumn
-from tcdyn.io.read import CsvTable, Table, open_table, read_whole, text_of
-from tcdyn.io.table import missing
+from tcdyn.io.csv_dialect import CLOCK_PATTERN, TextColumn
+from tcdyn.io.read import CsvTable, Table, open_table, open_text, read_all_rows
+from tcdyn.io.table import missing_column_error
 from tcdyn.io.times import (
-    HEADER_NAMES,
+    TIME_COLUMN_NAMES,
     TIME_NAMES,
     TimeColumn,
     find_time_column,
@@ -200,7 +200,7 @@ def _check_columns(
     ]
     for role, name in roles:
         if name is not None and name not in frame.columns:
-            raise missing(f"{role} column", name, [*map(str, frame)], where)
+            raise missing_column_error(f"{role} column", name, [*map(str, frame)], where)
 
 
 def _time_column(
@@ -301,7 +301,7 @@ def from_csv(path: str | Path, **options: Any) -> IOData:
             requested.add(names)
         elif names is not None:
             requested |= set(names)
-    table = open_table(path, (*HEADER_NAMES, *requested))
+    table = open_table(path, (*TIME_COLUMN_NAMES, *requested))
     time = options.get("time")
     if time is None and options.get("dt_s") is None:
         time_names = (n for n in table.names if TIME_NAMES.fullmatch(split_unit(n)[0]))
@@ -322,7 +322,7 @@ def from_csv(path: str | Path, **options: Any) -> IOData:
         names = [time]
     else:
         names = [n for n in table.names if n in requested]
-    raw = read_whole(table, names)
+    raw = read_all_rows(table, names)
     if time in raw.stamps and len(raw.data[time]) == len(frame):
         frame[time] = raw.data[time]
         unit = "s"
@@ -333,7 +333,7 @@ def read_columns(table: Table, requested: Collection[str]) -> pd.DataFrame:
     """A table's columns. Where it is not text, those that are not requested stay empty."""
     if isinstance(table, CsvTable):
         return _text_frame(table)
-    raw = read_whole(table, [n for n in table.names if n in requested])
+    raw = read_all_rows(table, [n for n in table.names if n in requested])
     return pd.DataFrame(raw.data, columns=list(table.names))
 
 
@@ -344,7 +344,7 @@ def _text_frame(table: CsvTable) -> pd.DataFrame:
     if encoding.startswith("utf-16"):  # such text is converted when it is opened
         encoding = "utf-8"
     try:
-        with text_of(dialect) as stream:
+        with open_text(dialect) as stream:
             frame = pd.read_csv(
                 stream,
                 sep=dialect.separator,
@@ -384,7 +384,7 @@ def numbers(frame: pd.DataFrame, column: str, where: str, clock: bool = False) -
         if values.dtype.kind == "M":
             return np.asarray((values - values.iloc[0]).dt.total_seconds(), dtype=float)
         texts = [str(v).strip() for v in values]
-        n_clock = sum(CLOCK.fullmatch(text) is not None for text in texts)
+        n_clock = sum(CLOCK_PATTERN.fullmatch(text) is not None for text in texts)
         if n_clock > 0.5 * len(texts):
             return TextColumn(column, ".", SampleLocation(where)).numbers(texts, 0)
     converted = pd.to_numeric(values, errors="coerce")

@@ -19,7 +19,14 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.spelling import Spelling, as_argument
-from tcdyn.estimation import Noise, autocovariance, fit_ar, inverse, orthonormal, sandwich
+from tcdyn.estimation import (
+    NoiseModel,
+    autocovariance,
+    fit_ar,
+    inverse,
+    orthonormal_basis,
+    sandwich_covariance,
+)
 from tcdyn.estimation.trace_noise import MAD_TO_SD
 from tcdyn.identify.iodata import IOData
 from tcdyn.identify.problem import IdentificationProblem
@@ -127,7 +134,7 @@ def validate(fit: Fit, lags: int = 20) -> Validation:
         j = fit.optimum.jacobian
     white = whiteness(e, j, slices, problem.dt_s, lags)
     is_coloured = white.p < ALARM_P
-    prewhitening = fit_ar(e, slices) if is_coloured else Noise()
+    prewhitening = fit_ar(e, slices) if is_coloured else NoiseModel()
     root = 1.0 if is_robust else fit.sqrt_weights[:, None]
 
     def whitened_inputs(sample_shifts: NDArray[np.int_]) -> Array:
@@ -245,7 +252,7 @@ def confirm(fit: Fit, data: IOData, lags: int = 20) -> Validation:
     if validation.whiteness.p >= ALARM_P:
         covariance = float(e @ e) / (len(e) - problem.size) * inverse_information
     else:
-        covariance = sandwich(j, e, problem.residual_slices)
+        covariance = sandwich_covariance(j, e, problem.residual_slices)
     step = (inverse_information @ (j.T @ e))[:k]
     total = covariance[:k, :k] + fit.covariance_x[:k, :k]
     p = float(chdtrc(k, step @ inverse(total) @ step))
@@ -311,7 +318,7 @@ def whiteness(
     n = len(e)
     longest = max(s.stop - s.start for s in slices)
     lags = max(1, min(lags, n // 4, longest - 1))
-    q = orthonormal(jacobian)
+    q = orthonormal_basis(jacobian)
     variance = max(float(e @ e), 1e-300) / (n - q.shape[1])
     total, pairs = autocovariance(e, slices, lags)
     absorbed = np.zeros(lags + 1)
@@ -375,7 +382,7 @@ def input_correlation(e: Array, jacobian: Array, u: Array, lags_s: Array) -> Res
     lags_s
         Their lags (M,) [s].
     """
-    q = orthonormal(jacobian)
+    q = orthonormal_basis(jacobian)
     size = np.linalg.norm(u, axis=0)
     size = np.where(size > 0, size, 1.0)
     remaining = u / size
@@ -385,7 +392,7 @@ def input_correlation(e: Array, jacobian: Array, u: Array, lags_s: Array) -> Res
     norms = np.linalg.norm(remaining, axis=0)
     dof = len(e) - q.shape[1]
     total = max(float(e @ e), 1e-300)
-    basis = orthonormal(remaining[:, norms > 1e-6])
+    basis = orthonormal_basis(remaining[:, norms > 1e-6])
     rank = basis.shape[1]
     explained = float(np.sum((basis.T @ e) ** 2))
     dof_residual = dof - rank

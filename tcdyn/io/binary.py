@@ -22,7 +22,7 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, SampleLocation
 from tcdyn.io.csv_dialect import TextColumn
-from tcdyn.io.table import PIECE_ROWS, Columns, Table, Track, align, in_pieces
+from tcdyn.io.table import CHUNK_ROWS, Columns, Table, Track, align, in_chunks
 
 log_manager.set_level(logging.ERROR)
 
@@ -63,7 +63,7 @@ def _channels(file: Any) -> list[Any]:
 
 
 def _tdms_chunks(
-    path: Path, where: str, make_time: bool, wanted: Sequence[str], rows: int = PIECE_ROWS
+    path: Path, where: str, make_time: bool, wanted: Sequence[str], rows: int = CHUNK_ROWS
 ) -> Iterator[Columns]:
     """Yield the wanted channels in chunks.
 
@@ -93,7 +93,7 @@ def _tdms_chunks(
         timings = {track.timing for track in first_samples.values()}
         if not clock and (len(lengths) > 1 or len(timings) > 1):
             aligned = _aligned_channels(channels, add_time, where)
-            yield from in_pieces(aligned, list(aligned.data), rows)
+            yield from in_chunks(aligned, list(aligned.data), rows)
             return
         dt_s = (intervals_s[0] if intervals_s else None) or 1.0
         for start in range(0, lengths.pop(), rows):
@@ -225,7 +225,7 @@ def parquet_table(path: Path, where: str) -> Table:
 
 
 def _parquet_chunks(
-    path: Path, where: str, wanted: Sequence[str], rows: int = PIECE_ROWS
+    path: Path, where: str, wanted: Sequence[str], rows: int = CHUNK_ROWS
 ) -> Iterator[Columns]:
     """Yield the wanted columns in chunks, in bounded memory."""
     names = list(dict.fromkeys(wanted))

@@ -11,36 +11,36 @@ from typing import Any
 from tcdyn.core.findings import Finding, warning
 from tcdyn.core.result import jsonable
 
-SEAL = "sha256"  # key of the checksum in the file
-ALTERED = "file.altered"  # code of the finding
+CHECKSUM_KEY = "sha256"  # key of the checksum in the file
+ALTERED_CODE = "file.altered"  # code of the finding
 
 
-def sealed(data: Mapping[str, Any]) -> dict[str, Any]:
+def with_checksum(data: Mapping[str, Any]) -> dict[str, Any]:
     """Content of a JSON file, with the checksum of all other keys.
 
-    >>> sealed({"beta": 0.7}) == sealed(sealed({"beta": 0.7}))
+    >>> with_checksum({"beta": 0.7}) == with_checksum(with_checksum({"beta": 0.7}))
     True
     """
     content = _without_checksum(data)
     plain: dict[str, Any] = json.loads(json.dumps(jsonable(content)))
-    return {**plain, SEAL: checksum(plain)}
+    return {**plain, CHECKSUM_KEY: checksum(plain)}
 
 
-def intact(data: Mapping[str, Any]) -> bool:
+def matches_checksum(data: Mapping[str, Any]) -> bool:
     """Whether the content matches its checksum; True if it has none.
 
-    >>> content = sealed({"beta": 0.7})
-    >>> intact(content), intact({"beta": 0.7}), intact({**content, "beta": 0.8})
+    >>> content = with_checksum({"beta": 0.7})
+    >>> matches_checksum(content), matches_checksum({"beta": 0.7}), matches_checksum({**content, "beta": 0.8})
     (True, True, False)
     """
-    if SEAL not in data:
+    if CHECKSUM_KEY not in data:
         return True
-    return checksum(_without_checksum(data)) == data[SEAL]
+    return checksum(_without_checksum(data)) == data[CHECKSUM_KEY]
 
 
-def altered(data: Mapping[str, Any], where: str) -> list[Finding]:
+def checksum_findings(data: Mapping[str, Any], where: str) -> list[Finding]:
     """A warning if the content of a file does not match its checksum."""
-    if intact(data):
+    if matches_checksum(data):
         return []
     return [warning("file.altered", where=Path(where).name)]
 
@@ -52,4 +52,4 @@ def checksum(plain: Mapping[str, Any]) -> str:
 
 
 def _without_checksum(data: Mapping[str, Any]) -> dict[str, Any]:
-    return {key: value for key, value in data.items() if key != SEAL}
+    return {key: value for key, value in data.items() if key != CHECKSUM_KEY}

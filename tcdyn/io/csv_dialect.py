@@ -21,7 +21,7 @@ NUMBER = {  # by decimal mark
     ".": re.compile(r"\s*[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?\s*"),
     ",": re.compile(r"\s*[-+]?(\d+,?\d*|,\d+)([eE][-+]?\d+)?\s*"),
 }
-CLOCK = re.compile(
+CLOCK_PATTERN = re.compile(
     r"\s*(\d{4}-\d\d-\d\d[T ]|\d{1,2}[./]\d{1,2}[./]\d{2,4} )?"
     r"\d{1,2}:\d\d:\d\d([.,]\d+)?\s*(AM|PM|Z)?\s*"
 )
@@ -289,7 +289,7 @@ def _is_cell(text: str, decimal: str) -> bool:
     if is_number(text, decimal):
         return True
     lower = text.lower()
-    return lower in ABSENT or lower in FLAGS or CLOCK.fullmatch(text) is not None
+    return lower in ABSENT or lower in FLAGS or CLOCK_PATTERN.fullmatch(text) is not None
 
 
 def _is_data(cells: list[str], decimal: str) -> bool:
@@ -427,7 +427,7 @@ class TextColumn:
         if self.clock is None:
             filled = [text for text in texts if text.lower() not in ABSENT]
             if filled:
-                clock_cells = sum(CLOCK.fullmatch(text) is not None for text in filled)
+                clock_cells = sum(CLOCK_PATTERN.fullmatch(text) is not None for text in filled)
                 self.clock = clock_cells > 0.5 * len(filled)
         if self.clock:
             return self.stamps.seconds(texts)

@@ -15,7 +15,7 @@ import numpy as np
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.io.csv_dialect import FLAGS, split
-from tcdyn.io.read import CsvTable, open_table, shown
+from tcdyn.io.read import CsvTable, display_path, open_table
 
 READ_BYTES = 1 << 19  # read at once: half a megabyte, a few thousand rows
 HASH_BYTES = 1 << 20  # hashed at once
@@ -64,7 +64,7 @@ class GrowingTable:
             is_long_enough, self.hash, self.tail = _read_to(stream, offset)
         if not is_long_enough:
             raise InputError(
-                "the log is shorter than the state file remembers", where=shown(self.path)
+                "the log is shorter than the state file remembers", where=display_path(self.path)
             )
         self.offset = offset
 
@@ -148,7 +148,7 @@ class GrowingTable:
     def _not_the_log(self, reason: str) -> InputError:
         return InputError(
             f"the log was replaced, rotated or rewritten while it was followed: {reason}",
-            where=shown(self.path),
+            where=display_path(self.path),
             remedy="follow the new log with another {out} (and another {state})",
             parameters={"out": "FILE", "state": "FILE"},
         )
@@ -180,7 +180,9 @@ def open_growing(path: Path, known: Sequence[str]) -> GrowingTable | None:
     table = open_table(path, known)
     if not isinstance(table, CsvTable) or table.dialect.body is not None:
         raise InputError(
-            "does not grow line by line", where=shown(path), expected="a CSV log to follow (UTF-8)"
+            "does not grow line by line",
+            where=display_path(path),
+            expected="a CSV log to follow (UTF-8)",
         )
     with open(path, "rb") as stream:
         head = [stream.readline() for _ in range(table.dialect.skip)]

@@ -12,7 +12,7 @@ import numpy as np
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.io.csv_dialect import LINE_END, Dialect
-from tcdyn.io.table import Columns, Table, Track, align, in_pieces, read_whole
+from tcdyn.io.table import Columns, Table, Track, align, in_chunks, read_all_rows
 
 FIRST_BYTES = b"LabVIEW Measurement"
 _HEADER_END = "***End_of_Header***"
@@ -97,7 +97,7 @@ def lvm_table(path: Path, where: str, read_chunks: ChunkReader) -> Table:
             remedy="save each segment in its own file",
         )
     columns = _with_time(segments)
-    return Table(where, tuple(columns.data), metadata, partial(in_pieces, columns))
+    return Table(where, tuple(columns.data), metadata, partial(in_chunks, columns))
 
 
 def _file_header(lines: list[str]) -> dict[str, str]:
@@ -170,7 +170,7 @@ def _segment(text: _LvmText, start: int, read_chunks: ChunkReader) -> tuple[_Seg
         body=body.encode(),
     )
     table = Table(text.where, unique_names, {}, partial(read_chunks, dialect))
-    return _Segment(header, names, read_whole(table, unique_names)), end
+    return _Segment(header, names, read_all_rows(table, unique_names)), end
 
 
 def _with_time(segments: list[_Segment]) -> Columns:

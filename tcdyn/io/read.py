@@ -24,24 +24,24 @@ from tcdyn.core.errors import InputError, printable
 from tcdyn.core.findings import Finding, SampleLocation, warning
 from tcdyn.io.csv_dialect import ABSENT, Dialect, TextColumn, detect_dialect, is_number
 from tcdyn.io.lvm import FIRST_BYTES, lvm_table
-from tcdyn.io.table import PIECE_ROWS, Columns, Table, read_whole
+from tcdyn.io.table import CHUNK_ROWS, Columns, Table, read_all_rows
 from tcdyn.io.times import is_date, is_time_of_day
 
 __all__ = [
     "CsvTable",
     "Table",
+    "display_path",
     "open_table",
+    "open_text",
+    "read_all_rows",
     "read_numbers",
-    "read_whole",
     "sha256",
-    "shown",
-    "text_of",
 ]
 
 PARQUET_ENDINGS = (".parquet", ".pq")
 OTHER_ENDINGS = {".json": "a record or result", ".toml": "a rig file", ".html": "a report"}
 SPREADSHEET_FIRST_BYTES = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")  # zip archive, old Excel
-MOST_COLUMNS = 5000  # of a log; chosen by judgement
+MAX_COLUMNS = 5000  # of a log; chosen by judgement
 # bytes of text in one chunk: pyarrow's allocators keep about twenty times this size
 LEAST_BLOCK_BYTES = 1 << 16
 BLOCK_BYTES = 1 << 21
@@ -80,15 +80,15 @@ def open_table(path: str | Path, known: Collection[str] = ()) -> Table:
         many columns.
     """
     table = _open_by_format(Path(path), known)
-    if len(table.names) > MOST_COLUMNS:
+    if len(table.names) > MAX_COLUMNS:
         raise InputError(
-            f"has {len(table.names)} columns", where=table.where, expected=f"at most {MOST_COLUMNS}"
+            f"has {len(table.names)} columns", where=table.where, expected=f"at most {MAX_COLUMNS}"
         )
     return table
 
 
 def _open_by_format(file: Path, known: Collection[str]) -> Table:
-    where = shown(file)
+    where = display_path(file)
     head = _first_bytes(file, where)
     ending = file.suffix.lower()
     is_tdms = head.startswith(b"TDSm") or ending == ".tdms"
@@ -156,12 +156,12 @@ def read_numbers(
         If the file cannot be read, a column is missing, or a cell holds no number.
     """
     table = open_table(path, (*names, *optional))
-    where = shown(Path(path))
+    where = display_path(Path(path))
     for name in names:
         if name not in table.names:
             raise InputError(f"column {name} is missing", where=where, expected=", ".join(names))
     available = [name for name in optional if name in table.names]
-    columns = read_whole(table, [*names, *available])
+    columns = read_all_rows(table, [*names, *available])
     for name, values in columns.data.items():
         is_finite = np.isfinite(values)
         if not is_finite.all():
@@ -170,10 +170,10 @@ def read_numbers(
     return columns.data
 
 
-def shown(path: Path) -> str:
+def display_path(path: Path) -> str:
     """The path for messages: printable, on one line.
 
-    >>> shown(Path("a\\nb.csv"))
+    >>> display_path(Path("a\\nb.csv"))
     'a\\\\nb.csv'
     """
     return printable(str(path))
@@ -188,7 +188,7 @@ def sha256(path: str | Path) -> str:
         raise InputError(f"not readable ({problem.strerror})", where=str(path)) from None
 
 
-def text_of(dialect: Dialect) -> IO[bytes]:
+def open_text(dialect: Dialect) -> IO[bytes]:
     """Stream of the text of a log from its first byte."""
     if dialect.body is None:
         return open(dialect.path, "rb")
@@ -196,7 +196,7 @@ def text_of(dialect: Dialect) -> IO[bytes]:
 
 
 def text_chunks(
-    dialect: Dialect, wanted: Sequence[str], rows: int = PIECE_ROWS
+    dialect: Dialect, wanted: Sequence[str], rows: int = CHUNK_ROWS
 ) -> Iterator[Columns]:
     """Yield columns of a text log in chunks, in bounded memory.
 
@@ -219,7 +219,7 @@ def text_chunks(
     Columns of numbers are parsed by pyarrow. From the first cell on that is no number where numbers
     are expected, every column is read as text.
     """
-    with text_of(dialect) as stream:
+    with open_text(dialect) as stream:
         count, location, findings = check_rows(stream, dialect)
     if count == 0:
         raise InputError("no rows below the header", where=dialect.where)
@@ -267,7 +267,7 @@ class _TextReader:
     def chunks(self, rows: int, as_text: bool) -> Iterator[Columns]:
         """Yield the chunks after the rows that are done; with ``as_text`` no column as numbers."""
         skip = self.rows_done
-        with text_of(self.dialect) as stream:
+        with open_text(self.dialect) as stream:
             batches = pacsv.open_csv(
                 stream,
                 self._read_options(rows),

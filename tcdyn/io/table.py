@@ -14,7 +14,7 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, SampleLocation, warning
 
-PIECE_ROWS = 50_000  # rows of a chunk
+CHUNK_ROWS = 50_000  # rows of a chunk
 # samples: starts of channels closer than this are equal (time stamps have microseconds)
 SAME_START = 1e-3
 LEVEL_SAMPLES = 100_000  # samples that decide whether a channel has two levels only
@@ -69,7 +69,7 @@ class Table:
     units: Mapping[str, str] = field(default_factory=dict, kw_only=True)
 
 
-def in_pieces(columns: Columns, wanted: Sequence[str], rows: int = PIECE_ROWS) -> Iterator[Columns]:
+def in_chunks(columns: Columns, wanted: Sequence[str], rows: int = CHUNK_ROWS) -> Iterator[Columns]:
     """Yield columns that are read already in chunks of ``rows`` rows; findings with the first."""
     count = len(next(iter(columns.data.values())))
     for start in range(0, count, rows):
@@ -80,14 +80,16 @@ def in_pieces(columns: Columns, wanted: Sequence[str], rows: int = PIECE_ROWS) -
         yield Columns(data, columns.place, findings, stamps)
 
 
-def read_whole(table: Table, wanted: Sequence[str]) -> Columns:
+def read_all_rows(table: Table, wanted: Sequence[str]) -> Columns:
     """Columns of the complete file."""
-    chunks = list(table.pieces(wanted, PIECE_ROWS))
+    chunks = list(table.pieces(wanted, CHUNK_ROWS))
     location = chunks[0].place if chunks else SampleLocation(table.where)
-    return joined(chunks, wanted, location)
+    return concatenate_columns(chunks, wanted, location)
 
 
-def joined(parts: Sequence[Columns], wanted: Sequence[str], place: SampleLocation) -> Columns:
+def concatenate_columns(
+    parts: Sequence[Columns], wanted: Sequence[str], place: SampleLocation
+) -> Columns:
     """Columns of all ``parts``, one after another, with their findings."""
     data = {}
     for name in wanted:
@@ -100,7 +102,7 @@ def joined(parts: Sequence[Columns], wanted: Sequence[str], place: SampleLocatio
     return Columns(data, place, findings, stamps)
 
 
-def missing(what: str, name: str, names: Collection[str], where: str) -> InputError:
+def missing_column_error(what: str, name: str, names: Collection[str], where: str) -> InputError:
     """Error for a column that is not among ``names``, with the most similar name."""
     near = get_close_matches(name, names, n=1, cutoff=0.6)
     return InputError(

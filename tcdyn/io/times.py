@@ -42,7 +42,7 @@ TIME_UNITS = tuple(spellings[0] for spellings in _SPELLINGS.values())
 TIME_NAMES = re.compile(
     r"(time|t|time_?stamp|date[_ /]?time|time[_ ]?elapsed|elapsed([_ ]?time)?|clock)", re.IGNORECASE
 )
-HEADER_NAMES = ("time_s", "time", "t", "Time", "time_ms", "Time [s]", "Time (s)", "timestamp")
+TIME_COLUMN_NAMES = ("time_s", "time", "t", "Time", "time_ms", "Time [s]", "Time (s)", "timestamp")
 _NAME_AND_UNIT = re.compile(
     r"(?P<stem>.*?)\s*"
     r"(?:[\[(]\s*(?P<bracket>[^\])]*?)\s*[\])]|(?:/|,|\s+in\s+)\s*(?P<after>[^\W\d]+)\.?)\s*"

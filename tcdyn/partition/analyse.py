@@ -16,20 +16,20 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, Severity, info, messages, warning, warnings_and_errors
 from tcdyn.heat.rim import Profile
-from tcdyn.partition.angular_harmonic import Unevenness, harmonic_K
+from tcdyn.partition.angular_harmonic import AngularHarmonic, harmonic_K
 from tcdyn.partition.at_rest import cables_exchanged
 from tcdyn.partition.cooling import (
-    Alone,
     CoolingFit,
     CoolingSensitivity,
-    compensated,
-    cooling_errors,
+    SingleDiskFit,
+    compensate_disk,
+    cooling_effects,
     cooling_fit,
-    cooling_shift,
+    cooling_sensitivity,
     refined_chains,
     require_window_longer_than_lag,
     single_disk_fits,
-    smoothed,
+    smooth_traces,
     surface_temperatures,
     with_slowing_air_offset,
 )
@@ -39,7 +39,7 @@ from tcdyn.partition.joint import JOINT_WINDOW_S, BothFit, DiskFit, joint_fits
 from tcdyn.partition.model_forms import (
     ESTIMATORS,
     POWER_SCALE_TOLERANCE,
-    Alternatives,
+    ModelForms,
     compare_model_forms,
     impossibility_findings,
     impossible_keys,
@@ -51,19 +51,19 @@ from tcdyn.partition.sensor_check import SensorCheck, check_sensors
 from tcdyn.partition.steady import (
     DiskLine,
     SpeedLawPoint,
-    at_one_radius,
-    at_own_temperature,
     steady_lines,
+    with_inner_row_at_one_radius,
+    with_linear_steel,
 )
-from tcdyn.partition.surface_flux import log_h_prior, with_surfaces
-from tcdyn.partition.window import DiskWindow, stretch_of
+from tcdyn.partition.surface_flux import log_h_prior, with_surface_air
+from tcdyn.partition.window import DiskWindow, fit_rows
 from tcdyn.rig.disk import DISKS
 from tcdyn.smoothing.record import Compensated
 
 WINDOW_S = 5.0  # length of the cooling of the cooling fit [s]
 # A channel whose offset at rest is larger measures something else, and stops the run [K].
 MAX_OFFSET_K = 20.0
-NO_HARMONICS: Mapping[str, Unevenness] = {}
+NO_HARMONICS: Mapping[str, AngularHarmonic] = {}
 # The disks' cables look exchanged if the exponent is this far from the speed law's, and its
 # opposite this near, in standard uncertainties.
 EXCHANGED_Z = 5.0
@@ -118,7 +118,7 @@ class Partition:
     compensated: Mapping[str, Compensated]
     windows: Mapping[str, DiskWindow]
     sensors: SensorCheck | None
-    structures: Alternatives
+    structures: ModelForms
     noticed: tuple[Finding, ...]
 
     @property
@@ -244,7 +244,7 @@ def analyse(
     require_window_longer_than_lag(test, window_s)
     prepared = prepare_test(test)
     joint_s = joint_window_s(prepared)
-    rows = stretch_of(prepared, max(window_s, joint_s))
+    rows = fit_rows(prepared, max(window_s, joint_s))
     findings = list(prepared.findings)
     sensors = None
     if sensor_check:
@@ -307,9 +307,9 @@ def analyse(
 
 def prepare_test(test: EhlTest) -> EhlTest:
     """The test with surface air, linear steel, inner row at one radius, air of slowing disks."""
-    test = with_surfaces(test)
-    test = at_own_temperature(test)
-    test = at_one_radius(test)
+    test = with_surface_air(test)
+    test = with_linear_steel(test)
+    test = with_inner_row_at_one_radius(test)
     return with_slowing_by_speed_law(test)
 
 
@@ -376,8 +376,8 @@ def _cooling_fits(
         disk = test.disks[d]
         line = main.lines[d]
         lag_u_s = main.joint[d].estimates["lag_s"].u
-        smooth = smoothed(test, disk, rows, chains[d], lag_u_s)
-        cooled = compensated(test, disk, rows, smooth, profile)
+        smooth = smooth_traces(test, disk, rows, chains[d], lag_u_s)
+        cooled = compensate_disk(test, disk, rows, smooth, profile)
         fit = cooling_fit(
             cooled.window,
             line.line,
@@ -386,11 +386,11 @@ def _cooling_fits(
             cooled.noise_K,
             log_h_prior(disk.setup.surface),
         )
-        effects, by_lag = cooling_errors(cooled, fit.share, fit.h_W_m2K)
+        effects, by_lag = cooling_effects(cooled, fit.share, fit.h_W_m2K)
         traces[d] = cooled.shown
         windows[d] = cooled.window
         fits[d] = fit
-        sensitivities[d] = cooling_shift(fit, effects, by_lag, line)
+        sensitivities[d] = cooling_sensitivity(fit, effects, by_lag, line)
     return _CoolingFits(traces, windows, fits, sensitivities)
 
 
@@ -490,24 +490,24 @@ def with_slowing_by_speed_law(test: EhlTest) -> EhlTest:
     """The test with the air offset of slowing disks at the speed law's share and h."""
     if not test.slowing:
         return test
-    _, speed = steady_lines(test, stretch_of(test, joint_window_s(test)))
+    _, speed = steady_lines(test, fit_rows(test, joint_window_s(test)))
     return with_slowing_air_offset(test, speed.starts)
 
 
 def expected_harmonics(
-    estimated: Mapping[str, Unevenness], stated: Mapping[str, Unevenness] = NO_HARMONICS
-) -> dict[str, Unevenness]:
+    estimated: Mapping[str, AngularHarmonic], stated: Mapping[str, AngularHarmonic] = NO_HARMONICS
+) -> dict[str, AngularHarmonic]:
     """Priors of the harmonics for a second fit: by ``stated`` press fits, else by the first fit."""
     return {d: stated.get(d, harmonic.expected) for d, harmonic in estimated.items()}
 
 
-def any_significant(expected: Mapping[str, Unevenness]) -> bool:
+def any_significant(expected: Mapping[str, AngularHarmonic]) -> bool:
     """Whether a harmonic is significant, so that a second fit is needed."""
     return any(harmonic.second_harmonic_u_K > 0 for harmonic in expected.values())
 
 
 def without_harmonics(
-    test: EhlTest, estimated: Mapping[str, Unevenness], expected: Mapping[str, Unevenness]
+    test: EhlTest, estimated: Mapping[str, AngularHarmonic], expected: Mapping[str, AngularHarmonic]
 ) -> EhlTest:
     """The test without the estimated harmonics, with the remaining uncertainty as ``expected``."""
     remaining = {
@@ -521,7 +521,7 @@ def without_harmonics(
     return remove_harmonics(test, remaining)
 
 
-def remove_harmonics(test: EhlTest, harmonics: Mapping[str, Unevenness]) -> EhlTest:
+def remove_harmonics(test: EhlTest, harmonics: Mapping[str, AngularHarmonic]) -> EhlTest:
     """The test with circumferential ``harmonics`` subtracted from the readings."""
     disks = {}
     for d, disk in test.disks.items():
@@ -531,9 +531,9 @@ def remove_harmonics(test: EhlTest, harmonics: Mapping[str, Unevenness]) -> EhlT
     return replace(test, disks=disks, uneven=harmonics)
 
 
-def refine_lags(test: EhlTest) -> Mapping[str, Alone]:
+def refine_lags(test: EhlTest) -> Mapping[str, SingleDiskFit]:
     """Joint fits of the logged disks, for their chains."""
-    test = with_slowing_by_speed_law(at_own_temperature(with_surfaces(test)))
+    test = with_slowing_by_speed_law(with_linear_steel(with_surface_air(test)))
     length_s = joint_window_s(test)
-    _, speed = steady_lines(test, stretch_of(test, length_s))
+    _, speed = steady_lines(test, fit_rows(test, length_s))
     return single_disk_fits(test, speed.starts, length_s)

@@ -24,7 +24,7 @@ from tcdyn.core.findings import Finding, info
 from tcdyn.rig.disk import DiskSetup
 
 # Shapes in time, and prior standard deviations [K] at the rim's edge, the depth of b.
-SHAPES = {"level": 4.0, "drift": 0.3, "bend": 0.15, "fall": 0.5}
+HARMONIC_PRIOR_K = {"level": 4.0, "drift": 0.3, "bend": 0.15, "fall": 0.5}
 # Least prior standard deviations relative to the level, once that is significant [1].
 HARMONIC_PRIOR_REL = {"level": 1.0, "drift": 0.3, "bend": 0.15, "fall": 0.5}
 # Drift and bend continue this long after the unloading [s]: the bore does not feel it yet.
@@ -42,7 +42,7 @@ UNKNOWN_ANGLE_U_DEG = 180.0 / 3**0.5  # standard uncertainty of a completely unk
 
 
 @dataclass(frozen=True)
-class Unmeasured:
+class NuisanceParameter:
     """A nuisance parameter: a type B input quantity that the test does not measure.
 
     Parameters
@@ -62,12 +62,12 @@ class Unmeasured:
 
 COMPONENTS = ("cos", "sin")
 FIRST_HARMONIC = tuple(
-    Unmeasured(f"uneven {shape}, {component}", "uneven bore contact")
-    for shape in SHAPES
+    NuisanceParameter(f"uneven {shape}, {component}", "uneven bore contact")
+    for shape in HARMONIC_PRIOR_K
     for component in COMPONENTS
 )
 SECOND_HARMONIC = tuple(
-    Unmeasured(f"second harmonic, {component}", "second harmonic round the bore")
+    NuisanceParameter(f"second harmonic, {component}", "second harmonic round the bore")
     for component in COMPONENTS
 )
 ANGLE_SOURCE = "angles of the junctions"
@@ -79,13 +79,13 @@ HARMONIC_SOURCES = {
 
 
 @dataclass(frozen=True)
-class Unevenness:
+class AngularHarmonic:
     """First circumferential harmonic of one disk: its prior, or the result of a joint fit.
 
     Parameters
     ----------
     prior_K
-        Prior standard deviations of ``SHAPES``, (4,).
+        Prior standard deviations of ``HARMONIC_PRIOR_K``, (4,).
     estimate
         Estimate of ``FIRST_HARMONIC`` in prior standard deviations, (8,).
     covariance
@@ -107,10 +107,10 @@ class Unevenness:
         Second harmonic of that press fit, (2,).
     """
 
-    prior_K: Array = field(default_factory=lambda: np.array(list(SHAPES.values())))
+    prior_K: Array = field(default_factory=lambda: np.array(list(HARMONIC_PRIOR_K.values())))
     estimate: Array = field(default_factory=lambda: np.zeros(len(FIRST_HARMONIC)))
     covariance: Array = field(default_factory=lambda: np.eye(len(FIRST_HARMONIC)))
-    sensitivities: Mapping[Unmeasured, Array] = field(default_factory=dict)
+    sensitivities: Mapping[NuisanceParameter, Array] = field(default_factory=dict)
     h_W_m2K: float = 0.0
     second_harmonic_u_K: float = 0.0
     angle_level_K: Array = field(default_factory=lambda: np.zeros(2))
@@ -187,16 +187,16 @@ class Unevenness:
         }
 
     @property
-    def expected(self) -> Unevenness:
+    def expected(self) -> AngularHarmonic:
         """The prior for a second fit of this disk.
 
         Where the harmonic is significant, its change and its second harmonic may be proportional to
         it, and errors of the junctions' angles count.
         """
         if self.significance < SIGNIFICANT_Z:
-            return Unevenness(steady_window_s=self.steady_window_s)
+            return AngularHarmonic(steady_window_s=self.steady_window_s)
         size = self.amplitude_K.value
-        return Unevenness(
+        return AngularHarmonic(
             prior_K=harmonic_prior_K(size),
             second_harmonic_u_K=SECOND_HARMONIC_REL * size,
             angle_level_K=self.level_K,
@@ -204,13 +204,13 @@ class Unevenness:
         )
 
 
-UNKNOWN = Unevenness()
+UNKNOWN_HARMONIC = AngularHarmonic()
 
 
 def harmonic_prior_K(size_K: float) -> Array:
-    """Prior standard deviations (4,) of ``SHAPES`` [K] in a disk whose level is ``size_K``."""
+    """Prior standard deviations (4,) of ``HARMONIC_PRIOR_K`` [K] in a disk whose level is ``size_K``."""
     relative = np.array(list(HARMONIC_PRIOR_REL.values()))
-    return np.maximum(list(SHAPES.values()), size_K * relative)
+    return np.maximum(list(HARMONIC_PRIOR_K.values()), size_K * relative)
 
 
 def washer_kappa(setup: DiskSetup) -> float:
@@ -267,7 +267,7 @@ def harmonic_at_junctions(
 
 
 def time_shapes(since_s: Array, steady_window_s: float) -> Array:
-    """``SHAPES`` of a kelvin, (4, N) [K]: level at the unloading, drift, bend, and fall after it.
+    """``HARMONIC_PRIOR_K`` of a kelvin, (4, N) [K]: level at the unloading, drift, bend, and fall after it.
 
     Parameters
     ----------
@@ -309,14 +309,14 @@ def outer_row_effect(setup: DiskSetup, h_W_m2K: float, static: Array, n: int = 1
 
 
 def add_harmonic_effects(
-    parameters: tuple[Unmeasured, ...],
+    parameters: tuple[NuisanceParameter, ...],
     change: Array,
-    harmonic: Unevenness,
+    harmonic: AngularHarmonic,
     setup: DiskSetup,
     h_W_m2K: float,
     static: Array,
     since_s: Array,
-) -> tuple[tuple[Unmeasured, ...], Array]:
+) -> tuple[tuple[NuisanceParameter, ...], Array]:
     """Append the nuisance parameters of the circumferential harmonics.
 
     Parameters
@@ -346,7 +346,7 @@ def add_harmonic_effects(
     angles = angle_error_effect(setup, h_W_m2K, static, harmonic.angle_level_K)
     constant = np.concatenate([second, angles])[:, None] * np.ones((1, *blocks))
     change = np.concatenate([change, constant])
-    angle_parameters = (Unmeasured(f"angle {c}", ANGLE_SOURCE) for c in setup.rows)
+    angle_parameters = (NuisanceParameter(f"angle {c}", ANGLE_SOURCE) for c in setup.rows)
     parameters = (*parameters, *SECOND_HARMONIC, *angle_parameters)
     zero = np.zeros(len(FIRST_HARMONIC))
     by_others = np.array([harmonic.sensitivities.get(parameter, zero) for parameter in parameters])
@@ -393,9 +393,9 @@ def window_harmonic_effects(
     rows = np.hstack([outer, inner])
     falls = fall_fraction(after_s)
     sizes = [
-        (event == "steady") * SHAPES["level"],
-        (event == "unloading") * (SHAPES["fall"] * falls),
-        (event == "loading") * (2 * SHAPES["level"] * falls),
+        (event == "steady") * HARMONIC_PRIOR_K["level"],
+        (event == "unloading") * (HARMONIC_PRIOR_K["fall"] * falls),
+        (event == "loading") * (2 * HARMONIC_PRIOR_K["level"] * falls),
     ]
     return np.array([size[:, None] * component for size in sizes for component in rows])
 
@@ -403,11 +403,11 @@ def window_harmonic_effects(
 def harmonic_from_fit(
     estimate: Array,
     covariance: Array,
-    parameters: Sequence[tuple[Unmeasured, str]],
+    parameters: Sequence[tuple[NuisanceParameter, str]],
     disk: str,
     h_W_m2K: float,
-    prior: Unevenness,
-) -> Unevenness:
+    prior: AngularHarmonic,
+) -> AngularHarmonic:
     """The harmonic of ``disk`` by a joint fit.
 
     Parameters
@@ -441,9 +441,11 @@ def harmonic_from_fit(
     )
 
 
-def harmonic_K(harmonic: Unevenness, setup: DiskSetup, since_s: Array) -> Array:
+def harmonic_K(harmonic: AngularHarmonic, setup: DiskSetup, since_s: Array) -> Array:
     """The part of the readings by the estimated harmonic, (N, C), at times since the unloading."""
-    size_K = harmonic.prior_K[:, None] * harmonic.estimate.reshape(len(SHAPES), len(COMPONENTS))
+    size_K = harmonic.prior_K[:, None] * harmonic.estimate.reshape(
+        len(HARMONIC_PRIOR_K), len(COMPONENTS)
+    )
     size_K[0] += harmonic.nominal_K
     first = harmonic_at_junctions(setup, harmonic.h_W_m2K, setup.channels)
     second = harmonic_at_junctions(setup, harmonic.h_W_m2K, setup.channels, 2)

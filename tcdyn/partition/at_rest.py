@@ -18,7 +18,7 @@ from tcdyn.core import Array
 from tcdyn.core.estimate import Estimate
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.sensor_faults import Fault
-from tcdyn.partition.window import between
+from tcdyn.partition.window import rows_between
 from tcdyn.rig.disk import DISKS
 from tcdyn.smoothing.traces import DiskTraces
 
@@ -81,7 +81,7 @@ class DiskAtRest:
 def disk_at_rest(test: EhlTest, disk: DiskTraces) -> DiskAtRest | None:
     """The disk before the load; None where the log begins late, or the disk is warm or warms up."""
     load_on_s = test.events.load_on_s
-    rows = between(test.time_s, load_on_s - REST_S, load_on_s - REST_GAP_S)
+    rows = rows_between(test.time_s, load_on_s - REST_S, load_on_s - REST_GAP_S)
     used = np.flatnonzero(~disk.out)
     y = disk.readings_degC[rows]
     if len(y) < MIN_REST_FRACTION * REST_S / test.dt_s:

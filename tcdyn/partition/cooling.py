@@ -18,10 +18,10 @@ from tcdyn.partition.joint import StartPoints, disk_fit
 from tcdyn.partition.nuisance import NuisanceEffects, nuisance_effects
 from tcdyn.partition.steady import (
     END_GAP_S,
-    LAST_S,
     MAX_COOLING_S,
     N_ITERATIONS,
     SURFACE_DEPTH_M,
+    SURFACE_MEAN_S,
     DiskLine,
     FitSensitivity,
     SpeedLawPoint,
@@ -29,7 +29,7 @@ from tcdyn.partition.steady import (
     surface_degC,
 )
 from tcdyn.partition.surface_flux import constant_speed_air_offset
-from tcdyn.partition.window import DiskWindow, disk_window, lagged_window, stretch_of
+from tcdyn.partition.window import DiskWindow, disk_window, fit_rows, lagged_window
 from tcdyn.smoothing.record import Compensated
 from tcdyn.smoothing.smoother import smooth
 from tcdyn.smoothing.traces import DiskTraces
@@ -72,7 +72,7 @@ def with_slowing_air_offset(test: EhlTest, points: Mapping[str, tuple[float, flo
     is the change by a standard uncertainty of n, which is uniform over its range."""
     if not test.slowing:
         return test
-    rows = stretch_of(test, min(MAX_COOLING_S, float(test.time_s[-1] - test.events.unload_s)))
+    rows = fit_rows(test, min(MAX_COOLING_S, float(test.time_s[-1] - test.events.unload_s)))
     for _ in range(N_ITERATIONS):
         offsets = {
             d: _slowing_air_offset(test, test.disks[d], rows, *points[d])
@@ -176,10 +176,10 @@ class CoolingSensitivity(FitSensitivity):
     by_lag: Array
 
 
-def with_common_u(covariance_s2: Array, common_u_s: float) -> Array:
+def lag_covariance_with_common_u(covariance_s2: Array, common_u_s: float) -> Array:
     """Covariance (M, M) of lags with differences of ``covariance_s2`` and mean of ``common_u_s``.
 
-    >>> with_common_u(np.full((2, 2), 0.25), 0.1).round(4)
+    >>> lag_covariance_with_common_u(np.full((2, 2), 0.25), 0.1).round(4)
     array([[0.01, 0.01],
            [0.01, 0.01]])
     """
@@ -189,7 +189,7 @@ def with_common_u(covariance_s2: Array, common_u_s: float) -> Array:
 
 
 @dataclass(frozen=True)
-class Alone:
+class SingleDiskFit:
     """Joint fit of one disk without the other: chain, and estimates of beta, h [W/m2K], lag_s."""
 
     chain: Chain
@@ -198,12 +198,12 @@ class Alone:
 
 def single_disk_fits(
     test: EhlTest, start: StartPoints, window_s: float, profile: Profile = "modal"
-) -> dict[str, Alone]:
+) -> dict[str, SingleDiskFit]:
     """Joint fit of each disk that has a ``start``, independent of the other disk."""
     fits = {}
     for name, point in start.items():
         fit = disk_fit(test, test.disks[name], *point, window_s, profile)
-        fits[name] = Alone(fit.chain, fit.estimates)
+        fits[name] = SingleDiskFit(fit.chain, fit.estimates)
     return fits
 
 
@@ -220,7 +220,7 @@ def refined_chains(chains: Sequence[Chain], common: Chain) -> tuple[Chain, ...]:
     )
 
 
-def smoothed(
+def smooth_traces(
     test: EhlTest,
     disk: DiskTraces,
     rows: slice,
@@ -258,15 +258,15 @@ def smoothed(
         intensity=None if like is None else like.intensities,
         events_s=tuple(float(kink - start_s) for kink in test.events.kinks_s if kink < end_s),
         event_u_s=test.events.unload_u_s,
-        lag_covariance=with_common_u(disk.lag_covariance_s2, lag_u_s),
+        lag_covariance=lag_covariance_with_common_u(disk.lag_covariance_s2, lag_u_s),
         static_u=disk.static_u_K,
     )
 
 
-def compensated(
+def compensate_disk(
     test: EhlTest, disk: DiskTraces, rows: slice, traces: Compensated, profile: Profile = "modal"
 ) -> CompensatedDisk:
-    """Traces of one disk over ``rows``, ``traces`` by :func:`smoothed`, and their windows."""
+    """Traces of one disk over ``rows``, ``traces`` by :func:`smooth_traces`, and their windows."""
 
     def window_with(longer_s: float) -> DiskWindow:
         temperature = traces.temperature + longer_s * traces.lag_sensitivity
@@ -277,7 +277,7 @@ def compensated(
     return CompensatedDisk(test, disk, traces, window_with(0.0), window_with(LAG_STEP_S), noise_K)
 
 
-def cooling_errors(
+def cooling_effects(
     cooled: CompensatedDisk, share: float, h_W_m2K: float
 ) -> tuple[NuisanceEffects, Array]:
     """What may be wrong with the compensated window, linearised at (share, h).
@@ -299,13 +299,13 @@ def cooling_errors(
     return nuisance_effects(cooled.test, cooled.disk, window, share, h_W_m2K), by_lag
 
 
-def cooling_shift(
+def cooling_sensitivity(
     fit: CoolingFit, effects: NuisanceEffects, lag_effect: Array, line: DiskLine
 ) -> CoolingSensitivity:
     """Sensitivity of (share, h), through the traces and through the line.
 
     ``effects`` and ``lag_effect`` are the effects and the effect of the lag by
-    :func:`cooling_errors`."""
+    :func:`cooling_effects`."""
     slope = line.line.slope
     share_errors = line.sensitivity.per_sd @ np.array([1.0, fit.h_W_m2K])
     prediction_errors = share_errors[:, None, None] * fit.power - effects.change
@@ -443,7 +443,7 @@ def surface_temperatures(
         rim = windows[d].rim
         setup = rim.setup
         since_s = windows[d].at_s - test.events.unload_s
-        last = (since_s >= -LAST_S) & (since_s < -END_GAP_S)
+        last = (since_s >= -SURFACE_MEAN_S) & (since_s < -END_GAP_S)
         points = tuple((SURFACE_DEPTH_M, float(z)) for z in TRACK_POINTS * setup.width_m)
         step = 0.01 * max(h, 10.0)
         responses = rim.answer(max(h, 0.0) + np.array([0.0, step]), extra=points)

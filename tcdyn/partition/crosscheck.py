@@ -21,7 +21,7 @@ from tcdyn.core.findings import Finding, info, warning
 from tcdyn.partition.cooling import CoolingFit, CoolingSensitivity
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import MIN_LAG_U_S, BothFit, DiskFit
-from tcdyn.partition.model_forms import Alternatives
+from tcdyn.partition.model_forms import ModelForms
 from tcdyn.partition.sensor_check import SensorCheck
 from tcdyn.partition.sensor_faults import DepthTest
 from tcdyn.partition.steady import DiskLine, FitSensitivity, speed_law_beta
@@ -295,7 +295,7 @@ def cross_check(
     ways: Mapping[str, Estimate],
     samples_by_way: Mapping[str, Array],
     tensions: Sequence[Tension] = (),
-    both: Alternatives | None = None,
+    both: ModelForms | None = None,
 ) -> CrossCheck:
     """Compare the estimators of beta.
 
@@ -345,7 +345,7 @@ def _conclusion(
     worst: tuple[str, str, float, float],
     suspects: Sequence[Tension],
     largest_tension: Tension | None,
-    both: Alternatives | None,
+    both: ModelForms | None,
 ) -> Finding:
     """The finding of :func:`cross_check` by the pair that disagrees most."""
     first, second, difference, z = worst

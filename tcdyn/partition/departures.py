@@ -13,12 +13,12 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from tcdyn.chain import Chain, equalised
+from tcdyn.chain import Chain, equalise
 from tcdyn.core import Array
 from tcdyn.core.estimate import Estimate
-from tcdyn.estimation import Optimum, free_directions, inverse, wave_factor
-from tcdyn.heat.nonuniform import cached_gains
-from tcdyn.heat.rim import Rim, bank_means, lag_bank, points_of
+from tcdyn.estimation import Optimum, free_directions, inverse, slow_variance_factor
+from tcdyn.heat.nonuniform import cached_rim_gains
+from tcdyn.heat.rim import Rim, junction_points, lag_basis, lag_basis_means
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import DiskFit
 from tcdyn.partition.nuisance import LOG_H, SHARE, lags, nuisance_effects, with_lags
@@ -104,11 +104,11 @@ class DiskAtFit:
         setup = self.rim.setup
         samples = interpolate_blocks(window, air_K[:, None])[:, 0]
         air = self.chain.response(samples, self.test.dt_s)
-        bank = bank_means(air, self.test.dt_s, self.rim.rates_1_s, window.counts)
-        gains = cached_gains(
+        bank = lag_basis_means(air, self.test.dt_s, self.rim.rates_1_s, window.counts)
+        gains = cached_rim_gains(
             Rim.from_setup(setup),
             self.h_W_m2K,
-            points_of(setup, setup.outer),
+            junction_points(setup, setup.outer),
             self.rim.half_width_m,
             tuple(self.rim.rates_1_s),
             self.rim.profile,
@@ -152,7 +152,7 @@ class DiskAtFit:
         delay_s = slower.lag_s - self.chain.lag_s
         if delay_s:
             samples = interpolate_blocks(window, self.base)
-            delayed = equalised(samples, self.test.dt_s, (self.chain,) * len(outer), slower)
+            delayed = equalise(samples, self.test.dt_s, (self.chain,) * len(outer), slower)
             secant = window.blocks @ (delayed - samples) * (LAG_SD_S / delay_s)
             for k, c in enumerate(outer):
                 if c in names:
@@ -173,7 +173,7 @@ def _surface_temperature(
     first = int(np.searchsorted(test.time_s, window.time_s[0]))
     rows = slice(first, first + len(window.time_s))
     power, hold = lagged_power(test, rows, None)
-    bank = window.blocks @ lag_bank(power, test.dt_s, rim.rates_1_s, **hold)
+    bank = window.blocks @ lag_basis(power, test.dt_s, rim.rates_1_s, **hold)
     unlagged = replace(
         rim,
         inputs=np.column_stack([window.blocks @ power, rim.inputs[:, rim.boundary_inputs]]),
@@ -394,7 +394,7 @@ class LinearisedFit:
     def inflation_of(self, residual: Array) -> float:
         """Variance ratio of slow waves in the residuals of the worse disk to white noise."""
         segments = np.split(residual[: self.ends[-1]], self.ends[:-1])
-        return max(wave_factor(r.reshape(-1, p)) for r, p in zip(segments, self.points))
+        return max(slow_variance_factor(r.reshape(-1, p)) for r, p in zip(segments, self.points))
 
     def __call__(self, columns: Array, noise_scale: float) -> Refit:
         """The fit with ``columns`` (N, m), each with a standard normal prior.

@@ -13,9 +13,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from tcdyn.chain import equalised
+from tcdyn.chain import equalise
 from tcdyn.core import Array
-from tcdyn.heat.rim import lag_bank, node_rates
+from tcdyn.heat.rim import basis_rates, lag_basis
 from tcdyn.partition.angular_harmonic import window_harmonic_effects
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.nuisance import (
@@ -29,12 +29,12 @@ from tcdyn.partition.window import (
     NOMINAL,
     Perturbation,
     RimMeans,
-    between,
     lagged_power,
     lagged_surface_air,
+    rows_between,
 )
 from tcdyn.rig.disk import DiskSetup
-from tcdyn.smoothing.traces import STAND_IN_K, DiskTraces
+from tcdyn.smoothing.traces import SURROGATE_U_K, DiskTraces
 
 Order = tuple[int, ...]  # for each position, the column that reads it
 Case = tuple[float, Perturbation]  # h [W/m2K], and the departure from the nominal disk
@@ -381,7 +381,7 @@ class DiskFeatures:
         if edge is not None:
             edge_effect = np.zeros_like(power)
             steady = (self.event == "steady")[:, None]
-            edge_effect[:, : len(edge)] = STAND_IN_K * steady * edge
+            edge_effect[:, : len(edge)] = SURROGATE_U_K * steady * edge
             harmonic = np.concatenate([harmonic, edge_effect[None]])
         late = (slower - power) / LAG_STEP_S
         return _OrderFree(steady_input_response(self.setup, static), harmonic, late, speed_exponent)
@@ -420,7 +420,7 @@ def disk_features(test: EhlTest, disk: DiskTraces) -> DiskFeatures:
         disk=disk.name,
         setup=setup,
         half_width_m=test.half_width_m,
-        rates_1_s=node_rates(test.dt_s, slowest_per_s=SLOWEST_PER_S),
+        rates_1_s=basis_rates(test.dt_s, slowest_per_s=SLOWEST_PER_S),
         event=np.array([event for event, _, _ in windows]),
         after_s=np.array([0.5 * (start + stop) - event_s[event] for event, start, stop in windows]),
         inputs=np.concatenate([s.inputs for s in segments]),
@@ -447,11 +447,11 @@ def _segment_means(
     that a disk that still warms up, or an ambient that drifts, is not taken for a response to the
     event.
     """
-    rows = between(test.time_s, start_s, windows[-1][2] + test.dt_s)
+    rows = rows_between(test.time_s, start_s, windows[-1][2] + test.dt_s)
     t = test.time_s[rows]
     chain = disk.mean_chain
     slower_chain = chain.with_lag_shift(LAG_STEP_S)
-    readings = equalised(disk.readings_degC[rows], test.dt_s, disk.chains, chain)
+    readings = equalise(disk.readings_degC[rows], test.dt_s, disk.chains, chain)
     y = disk.setup.steel.straight(readings)
     power, _ = lagged_power(test, rows, chain)
     slower_power, _ = lagged_power(test, rows, slower_chain)
@@ -463,9 +463,9 @@ def _segment_means(
     distance_s = np.zeros((n_windows, 1))
     base_rate = np.zeros((n_windows, y.shape[1]))
     slope = np.zeros((n_windows, y.shape[1]))
-    base = between(t, *base_s)
+    base = rows_between(t, *base_s)
     for k, (event, start, stop) in enumerate(windows):
-        inside = between(t, start, stop)
+        inside = rows_between(t, start, stop)
         first = inside.start
         last = max(inside.stop, inside.start + 2) - 1
         weights[k, first : last + 1] = 1.0 / (last + 1 - first)
@@ -477,8 +477,8 @@ def _segment_means(
         weights[k, base] -= 1.0 / len(centred) + distance_s[k] * trend
         base_rate[k] = trend @ y[base]
         slope[k] = (y[last] - y[first]) / (t[last] - t[first]) - base_rate[k]
-    rates = node_rates(test.dt_s, slowest_per_s=SLOWEST_PER_S)
-    banks = [weights @ lag_bank(u, test.dt_s, rates) for u in columns.T]
+    rates = basis_rates(test.dt_s, slowest_per_s=SLOWEST_PER_S)
+    banks = [weights @ lag_basis(u, test.dt_s, rates) for u in columns.T]
     return _SegmentMeans(
         inputs=weights @ columns,
         banks=np.stack(banks, axis=1),

@@ -13,10 +13,16 @@ from scipy.ndimage import median_filter
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
-from tcdyn.estimation.trace_noise import bridged, middle
-from tcdyn.partition.angular_harmonic import Unevenness
+from tcdyn.estimation.trace_noise import fast_nanmedian, interpolate_gaps
+from tcdyn.partition.angular_harmonic import AngularHarmonic
 from tcdyn.partition.unloading import NEAR_S, unloading_instant
-from tcdyn.rig.contact import LEAST_ZERO, NOTHING_ADDED, STRAIGHT_FALL, Events, FrictionAdded
+from tcdyn.rig.contact import (
+    LINEAR_FALL_SHARE,
+    MIN_ZERO_SAMPLES,
+    NO_FRICTION_CORRECTION,
+    Events,
+    FrictionCorrection,
+)
 from tcdyn.smoothing.traces import DiskTraces
 
 # Durations [s], chosen by judgement.
@@ -120,10 +126,10 @@ class EhlTest:
     exponent_half_range: float
     disks: Mapping[str, DiskTraces]
     findings: tuple[Finding, ...]
-    added: FrictionAdded = NOTHING_ADDED
+    added: FrictionCorrection = NO_FRICTION_CORRECTION
     slowing: Mapping[str, Array] = field(default_factory=dict)
     surface_air_offset_K: Mapping[str, Array] = field(default_factory=dict)
-    uneven: Mapping[str, Unevenness] = field(default_factory=dict)
+    uneven: Mapping[str, AngularHarmonic] = field(default_factory=dict)
     friction_noise_N: float = 0.0
     air: Mapping[str, DiskAir] = field(default_factory=dict)
     stated_u: Mapping[str, float] = field(default_factory=dict)
@@ -213,7 +219,7 @@ def find_events(frame: pd.DataFrame, where: str = "the log") -> Events:
         float(load_on_s),
     )
     findings += unloading_findings
-    half_s = 0.5 * fall_s / STRAIGHT_FALL  # of a straight fall
+    half_s = 0.5 * fall_s / LINEAR_FALL_SHARE  # of a straight fall
     kinks = [unload] if 2 * half_s < MIN_TWO_KINKS_S else [unload - half_s, unload + half_s]
     unload_end_s = kinks[-1]
     again = tuple(
@@ -291,9 +297,9 @@ def _switch(frame: pd.DataFrame) -> NDArray[np.bool_] | None:
 
 def _levels(force: Array) -> Array | None:
     """A force (N,) scaled to 0 apart and 1 loaded; None where it hardly rises above its noise."""
-    if np.isfinite(force).sum() < LEAST_ZERO:
+    if np.isfinite(force).sum() < MIN_ZERO_SAMPLES:
         return None
-    filled = bridged(force, np.isfinite(force))
+    filled = interpolate_gaps(force, np.isfinite(force))
     denoised = median_filter(filled, NOISE_WIDTH)
     slow = median_filter(filled, LEVEL_WIDTH)
     low = float(slow.min())
@@ -302,9 +308,9 @@ def _levels(force: Array) -> Array | None:
         upper = slow > 0.5 * (low + high)
         if upper.all() or not upper.any():
             return None
-        low = float(middle(slow[~upper]))
-        high = float(middle(slow[upper]))
-    noise = 1.4826 * float(middle(np.abs(filled - denoised)))
+        low = float(fast_nanmedian(slow[~upper]))
+        high = float(fast_nanmedian(slow[upper]))
+    noise = 1.4826 * float(fast_nanmedian(np.abs(filled - denoised)))
     too_small = high - low < MIN_FORCE_SNR * noise
     wrong_sign = high <= abs(low)
     if too_small or wrong_sign:

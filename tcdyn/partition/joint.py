@@ -10,17 +10,17 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tcdyn.chain import Chain, equalised
+from tcdyn.chain import Chain, equalise
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
-from tcdyn.estimation import Optimum, Problem, from_rows, minimise, wave_factor
+from tcdyn.estimation import Optimum, Problem, covariance_from_rows, minimise, slow_variance_factor
 from tcdyn.estimation.trace_noise import white_noise_sd
-from tcdyn.heat.rim import Profile, bank_means
+from tcdyn.heat.rim import Profile, lag_basis_means
 from tcdyn.partition.angular_harmonic import (
     HARMONIC_SOURCES,
-    Unevenness,
-    Unmeasured,
+    AngularHarmonic,
+    NuisanceParameter,
     harmonic_from_fit,
 )
 from tcdyn.partition.events import EhlTest
@@ -38,14 +38,14 @@ from tcdyn.partition.nuisance import (
 )
 from tcdyn.partition.steady import FitSensitivity
 from tcdyn.partition.surface_flux import SURFACE_SLOPE, log_h_prior
-from tcdyn.partition.window import DiskWindow, RimMeans, disk_window, lagged_power, stretch_of
+from tcdyn.partition.window import DiskWindow, RimMeans, disk_window, fit_rows, lagged_power
 from tcdyn.rig.disk import DISKS
-from tcdyn.smoothing.traces import NOISE_ORDER, DiskTraces
+from tcdyn.smoothing.traces import DIFFERENCE_ORDER, DiskTraces
 
 # Largest change of share, log h, log lags and log tau2 in one step of the search. By judgement.
 MAX_STEP = (np.inf, 0.7, 0.7, 0.7)
 # Prior standard deviation of the logarithm of the second lag: known to a factor of about four.
-SHAPE_SD = 1.5
+LOG_TAU2_SD = 1.5
 # Least standard uncertainty of a disk's common lag from its record [s]. Chosen by judgement.
 MIN_LAG_U_S = 0.02
 # Least part of a column of the Jacobian, relative to its length, that is independent of the others.
@@ -63,7 +63,7 @@ StartPoints = Mapping[str, tuple[float, float]]  # share and h [W/m2K] of each d
 
 
 @dataclass(frozen=True)
-class Side:
+class DiskBlock:
     """Data, model and priors of one disk in a joint fit, in standard deviations of its noise.
 
     Parameters
@@ -94,7 +94,7 @@ class Side:
     """
 
     disk: str
-    parameters: tuple[Unmeasured, ...]
+    parameters: tuple[NuisanceParameter, ...]
     y: Array
     effects: Array
     model: Callable[[Array], tuple[Array, Array] | None]
@@ -143,7 +143,7 @@ class DiskFit:
     chain: Chain
     sensitivity: FitSensitivity
     inflation: float
-    side: Side = field(repr=False, compare=False)
+    side: DiskBlock = field(repr=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -174,15 +174,15 @@ class BothFit:
     theta: Array
     speed_ratio: float
     estimates: Mapping[str, Estimate]
-    pulls: tuple[tuple[Unmeasured, str, float], ...]
+    pulls: tuple[tuple[NuisanceParameter, str, float], ...]
     inflation: float
-    uneven: Mapping[str, Unevenness] = field(repr=False, compare=False)
+    uneven: Mapping[str, AngularHarmonic] = field(repr=False, compare=False)
     optimum: Optimum = field(repr=False, compare=False)
 
 
-def disk_side(
+def disk_block(
     test: EhlTest, disk: DiskTraces, theta: Array, window_s: float, profile: Profile, tau2_s: float
-) -> Side:
+) -> DiskBlock:
     """Bring all channels of a disk to one common chain, and linearise the nuisance parameters.
 
     Parameters
@@ -204,12 +204,12 @@ def disk_side(
     If all channels of a disk share one chain G, filtering the rim model by G gives y_outer =
     H_boundary y_(d,b,f) + share G (H_F F u_s) + H_A T_A. So the lagged boundary readings drive the
     model as they are, and only the frictional power passes G (design, section 7)."""
-    rows = stretch_of(test, window_s)
+    rows = fit_rows(test, window_s)
     record_chain = disk.mean_chain
     common_chain = with_lags(record_chain, lags(theta))
     lag_shift_s = common_chain.lag_s - record_chain.lag_s
     chains = tuple(c.with_lag_shift(lag_shift_s) for c in disk.chains)
-    readings = equalised(
+    readings = equalise(
         disk.readings_degC[rows], test.dt_s, chains, record_chain.with_lag_shift(lag_shift_s)
     )
     noise = _noise_K(disk, readings)
@@ -219,11 +219,11 @@ def disk_side(
     )
     longest_s = max(lags(theta))
     power, _ = lagged_power(test, rows, with_lags(record_chain, (longest_s,)))
-    bank = bank_means(power, test.dt_s, window.rim.rates_1_s, window.counts)
+    bank = lag_basis_means(power, test.dt_s, window.rim.rates_1_s, window.counts)
     rim = window.rim.with_power(window.blocks @ power, bank)
     model = LaggedRim(rim, longest_s, window.weight)
     n_nuisances = len(nuisances.parameters)
-    return Side(
+    return DiskBlock(
         disk=disk.name,
         parameters=nuisances.parameters,
         y=(window.y * window.weight).ravel(),
@@ -246,10 +246,10 @@ def _noise_K(disk: DiskTraces, readings: Array) -> Array:
     """
     if disk.noise.coloured:
         return disk.noise_K
-    return np.maximum(white_noise_sd(readings, NOISE_ORDER), 0.5 * disk.noise_K)
+    return np.maximum(white_noise_sd(readings, DIFFERENCE_ORDER), 0.5 * disk.noise_K)
 
 
-def unknowns(sides: Sequence[Side]) -> list[tuple[Unmeasured, str]]:
+def nuisance_parameters(sides: Sequence[DiskBlock]) -> list[tuple[NuisanceParameter, str]]:
     """All nuisance parameters in the order of the fit, each with its disk, "" if common."""
     labels = [
         (parameter, "" if parameter.shared else side.disk)
@@ -259,7 +259,7 @@ def unknowns(sides: Sequence[Side]) -> list[tuple[Unmeasured, str]]:
     return list(dict.fromkeys(labels))
 
 
-def joint_problem(sides: Sequence[Side]) -> Problem:
+def joint_problem(sides: Sequence[DiskBlock]) -> Problem:
     """The posterior of one disk, or of both with shares that keep their sum.
 
     The parameters are four for each disk, then the nuisance parameters in standard uncertainties. A
@@ -268,7 +268,7 @@ def joint_problem(sides: Sequence[Side]) -> Problem:
     n_main = 4 * len(sides)
     ends = np.cumsum([0, *(len(side.y) for side in sides)])
     n_data = ends[-1]
-    nuisances = unknowns(sides)
+    nuisances = nuisance_parameters(sides)
     effects = np.zeros((n_data, len(nuisances)))
     for i, side in enumerate(sides):
         columns = [nuisances.index((q, "" if q.shared else side.disk)) for q in side.parameters]
@@ -299,7 +299,7 @@ def joint_problem(sides: Sequence[Side]) -> Problem:
     mean = np.zeros(len(names))
     sd = np.where(np.arange(len(names)) < n_main, np.inf, 1.0)
     mean[LOG_TAU2:n_main:4] = [np.log(side.prior_tau2_s) for side in sides]
-    sd[LOG_TAU2:n_main:4] = SHAPE_SD
+    sd[LOG_TAU2:n_main:4] = LOG_TAU2_SD
     mean[LOG_H:n_main:4] = [side.prior_log_h[0] for side in sides]
     sd[LOG_H:n_main:4] = [side.prior_log_h[1] for side in sides]
     largest = np.append(MAX_STEP * len(sides), np.full(len(nuisances), np.inf))
@@ -308,7 +308,7 @@ def joint_problem(sides: Sequence[Side]) -> Problem:
     return Problem(tuple(names), evaluate, mean, sd, largest=largest, fixed=fixed)
 
 
-def told(optimum: Optimum, sides: Sequence[Side]) -> tuple[Array, Array]:
+def main_covariance(optimum: Optimum, sides: Sequence[DiskBlock]) -> tuple[Array, Array]:
     """Covariance of the main parameters by white noise, and their sensitivity to everything else.
 
     Parameters
@@ -337,7 +337,9 @@ def told(optimum: Optimum, sides: Sequence[Side]) -> tuple[Array, Array]:
     prior_root = np.sqrt(optimum.problem.precision)
     directions = optimum.directions
     prior_rows = np.diag(prior_root)[prior_root > 0]
-    inner, independent_part = from_rows(np.vstack([optimum.jacobian, prior_rows]) @ directions)
+    inner, independent_part = covariance_from_rows(
+        np.vstack([optimum.jacobian, prior_rows]) @ directions
+    )
     if independent_part < MIN_INDEPENDENT_PART:
         raise InputError(
             "the data about the unloading do not separate heat partition from heat transfer "
@@ -350,24 +352,24 @@ def told(optimum: Optimum, sides: Sequence[Side]) -> tuple[Array, Array]:
     noise_gain = gain[:, :n_data]
     by_nuisance = -covariance[:n_main, n_main:]
     by_lag = gain[:, n_data:]
-    by_tau2 = covariance[:n_main, LOG_TAU2:n_main:4] / SHAPE_SD
+    by_tau2 = covariance[:n_main, LOG_TAU2:n_main:4] / LOG_TAU2_SD
     log_h_sd = np.array([side.prior_log_h[1] for side in sides])
     by_h = (covariance[:n_main, LOG_H:n_main:4] / log_h_sd)[:, np.isfinite(log_h_sd)]
     return noise_gain @ noise_gain.T, np.hstack([by_nuisance, by_lag, by_tau2, by_h])
 
 
 def _noise_and_sensitivity(
-    best: Optimum, sides: Sequence[Side], index: list[int], scale: Array
+    best: Optimum, sides: Sequence[DiskBlock], index: list[int], scale: Array
 ) -> tuple[float, Array, Array]:
     """Uncertainty of k numbers that change by ``scale`` (k,) with the parameters of ``index``.
 
     Returns the inflation by slow waves in the residuals of the worse disk, the covariance by noise
     (k, k), and the sensitivity to everything else (k, Q)."""
-    white, sensitivity = told(best, sides)
+    white, sensitivity = main_covariance(best, sides)
     ends = np.cumsum([len(side.y) for side in sides])[:-1]
     residuals = np.split(best.residual[: -len(sides)], ends)
     inflation = max(
-        wave_factor(residual.reshape(side.window.y.shape))
+        slow_variance_factor(residual.reshape(side.window.y.shape))
         for side, residual in zip(sides, residuals)
     )
     noise = inflation * white[np.ix_(index, index)] * np.outer(scale, scale)
@@ -421,7 +423,7 @@ def joint_fits(
         "exponent": np.log(h_fast / h_slow) / log_ratio,
     }
     variances = [*np.diag(covariance), exponent_slope @ covariance @ exponent_slope]
-    nuisances = unknowns(sides)
+    nuisances = nuisance_parameters(sides)
     harmonics = {
         d: harmonic_from_fit(
             best.theta[8:],
@@ -454,8 +456,8 @@ def _estimates(values: Mapping[str, float], u: Array) -> dict[str, Estimate]:
 
 
 def _pulls(
-    best: Optimum, nuisances: Sequence[tuple[Unmeasured, str]]
-) -> tuple[tuple[Unmeasured, str, float], ...]:
+    best: Optimum, nuisances: Sequence[tuple[NuisanceParameter, str]]
+) -> tuple[tuple[NuisanceParameter, str, float], ...]:
     """The pull of each nuisance parameter but those of the circumferential harmonics."""
     values = [*best.pulls.values()][-len(nuisances) :]
     return tuple(
@@ -488,7 +490,7 @@ def disk_fit(
     theta = np.array([share, log_h, np.log(tau1 + tau2), np.log(tau2)])
     # each pass equalises the channels with the chain that the previous pass fitted
     for tolerance in (COARSE_TOLERANCE, TOLERANCE, TOLERANCE):
-        side = disk_side(test, disk, theta, window_s, profile, tau2)
+        side = disk_block(test, disk, theta, window_s, profile, tau2)
         problem = joint_problem([side])
         start = np.append(theta, np.zeros(len(problem.names) - len(theta)))
         best = minimise(problem, start, tolerance=tolerance)
@@ -505,7 +507,10 @@ def disk_fit(
     beta = share if disk.name == "fast" else 1.0 - share
     chain = with_lags(disk.mean_chain, lags(theta))
     u = np.sqrt(np.diag(noise + sensitivity @ sensitivity.T))
-    parameters = [*side.parameters, *(Unmeasured(x, "chain") for x in ("common lag", "lag shape"))]
+    parameters = [
+        *side.parameters,
+        *(NuisanceParameter(x, "chain") for x in ("common lag", "lag shape")),
+    ]
     if np.isfinite(side.prior_log_h[1]):
         parameters.append(SURFACE_SLOPE)
     return DiskFit(

@@ -16,13 +16,13 @@ import numpy as np
 from scipy import special
 
 from tcdyn.core import Array
-from tcdyn.core.estimate import Estimate, mixture_range
+from tcdyn.core.estimate import Estimate, mixture_interval95
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.estimation import minimise
 from tcdyn.partition.departures import LAG_SD_S, LinearisedFit, Refit, model_form_columns
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import COARSE_TOLERANCE, LOG_H, SHARE, BothFit, DiskFit, joint_problem
-from tcdyn.partition.nuisance import Unmeasured
+from tcdyn.partition.nuisance import NuisanceParameter
 from tcdyn.rig.disk import DISKS
 
 # Keys of the heat transfer coefficients that an estimator gives beside beta.
@@ -95,7 +95,7 @@ class ModelForm:
 
 
 @dataclass(frozen=True)
-class Alternatives:
+class ModelForms:
     """All model-form alternatives, the most probable first, the assumed model among them.
 
     Parameters
@@ -162,7 +162,7 @@ class Alternatives:
         ]
 
 
-def compare_model_forms(test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit) -> Alternatives:
+def compare_model_forms(test: EhlTest, joint: Mapping[str, DiskFit], both: BothFit) -> ModelForms:
     """The fit of both disks under every model-form alternative, and the range of beta over all.
 
     Notes
@@ -205,9 +205,9 @@ def compare_model_forms(test: EhlTest, joint: Mapping[str, DiskFit], both: BothF
         z = (n.value - test.speed_exponent) / float(np.hypot(n.u, law_u))
         forms.append(ModelForm(name, beta, n, refit.sizes, refit.log_odds, refit.delta_chi2, z))
     probability = _probabilities(forms, law_u)
-    low, high = mixture_range([form.beta for form in forms], [float(p) for p in probability])
+    low, high = mixture_interval95([form.beta for form in forms], [float(p) for p in probability])
     order = np.argsort(-probability)
-    return Alternatives(
+    return ModelForms(
         tried=tuple(forms[k] for k in order),
         probability=tuple(float(probability[k]) for k in order),
         low95=low,
@@ -263,7 +263,7 @@ def _nonlinear_refit(
     for _ in range(N_REFIT_ITERATIONS):
         late_s = LAG_SD_S * refit.sizes[0].value if name.startswith("lag of ") else 0.0
         columns = model_form_columns(test, joint, theta, name, late_s)[name]
-        extra = tuple(Unmeasured(f"{name} {k}", name, True) for k in range(columns.shape[1]))
+        extra = tuple(NuisanceParameter(f"{name} {k}", name, True) for k in range(columns.shape[1]))
         extended = [
             replace(
                 block,

@@ -13,8 +13,12 @@ from scipy import ndimage
 from tcdyn.chain import Chain
 from tcdyn.chain.rational import Factor, Rational, simulate
 from tcdyn.core import Array
-from tcdyn.heat.rim import bank_means, cardinal
-from tcdyn.partition.angular_harmonic import Unevenness, Unmeasured, add_harmonic_effects
+from tcdyn.heat.rim import lag_basis_means, lag_weights
+from tcdyn.partition.angular_harmonic import (
+    AngularHarmonic,
+    NuisanceParameter,
+    add_harmonic_effects,
+)
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.specified import specified_effects
 from tcdyn.partition.window import (
@@ -46,32 +50,32 @@ SMOOTH_RATE_S = (
 # Standard uncertainty of how a channel's lag is split into two [s]: a plunge hardly determines it.
 SPLIT_SD_S = 0.03
 # Standard uncertainty of rim model and mesh at a junction [K], by whole-disk solutions.
-MODEL_K = 0.03
+RIM_MODEL_U_K = 0.03
 MIN_TAU1_S = 5e-3  # least first lag when the split of a lag is varied [s]
 
-DISK_AIR = Unmeasured("air", "ambient")  # of one disk, as far as its own channels differ
+DISK_AIR = NuisanceParameter("air", "ambient")  # of one disk, as far as its own channels differ
 
 
-def nominal_parameters(disk: DiskSetup) -> tuple[Unmeasured, ...]:
+def nominal_parameters(disk: DiskSetup) -> tuple[NuisanceParameter, ...]:
     """Nuisance parameters of rig.toml and record: by junction, outer row first, then steel."""
     return (
-        *(Unmeasured(f"static {c}", "static lines") for c in disk.rows),
-        *(Unmeasured(f"depth {c}", "junction depth") for c in disk.rows),
-        *(Unmeasured(f"lag {c}", "chain") for c in disk.rows),
+        *(NuisanceParameter(f"static {c}", "static lines") for c in disk.rows),
+        *(NuisanceParameter(f"depth {c}", "junction depth") for c in disk.rows),
+        *(NuisanceParameter(f"lag {c}", "chain") for c in disk.rows),
         *(
-            Unmeasured(name, name, True)
+            NuisanceParameter(name, name, True)
             for name in ("conductivity", "heat capacity", "washer", "half-width", "ambient")
         ),
     )
 
 
-def parameters_of_test(disk: DiskSetup) -> tuple[Unmeasured, ...]:
+def parameters_of_test(disk: DiskSetup) -> tuple[NuisanceParameter, ...]:
     """Nuisance parameters that a test adds to ``nominal_parameters``."""
     return (
-        Unmeasured("parting", "parting", True),
-        Unmeasured("friction", "friction", True),
-        *(Unmeasured(f"split {c}", "chain") for c in disk.outer),
-        Unmeasured("film exponent", "film exponent", True),
+        NuisanceParameter("parting", "parting", True),
+        NuisanceParameter("friction", "friction", True),
+        *(NuisanceParameter(f"split {c}", "chain") for c in disk.outer),
+        NuisanceParameter("film exponent", "film exponent", True),
         DISK_AIR,
     )
 
@@ -88,7 +92,7 @@ class NuisanceEffects:
         Readings less prediction by one standard uncertainty of each, (Q, R, P) [K].
     """
 
-    parameters: tuple[Unmeasured, ...]
+    parameters: tuple[NuisanceParameter, ...]
     change: Array
 
 
@@ -182,10 +186,10 @@ def inner_gradient(window: DiskWindow, share: float, h_W_m2K: float) -> Array:
     return interpolate_blocks(window, boundary + share * power)
 
 
-def harmonic_prior(test: EhlTest, disk: str) -> Unevenness:
+def harmonic_prior(test: EhlTest, disk: str) -> AngularHarmonic:
     """The circumferential harmonic of a disk as the test has it, else the default prior."""
     return test.uneven.get(
-        disk, Unevenness(steady_window_s=test.events.unload_s - steady_start_s(test))
+        disk, AngularHarmonic(steady_window_s=test.events.unload_s - steady_start_s(test))
     )
 
 
@@ -223,7 +227,7 @@ def nuisance_effects(
         ]
     )
     static_u_K = disk.static_u_K.copy()
-    static_u_K[outer] = np.hypot(static_u_K[outer], MODEL_K)
+    static_u_K[outer] = np.hypot(static_u_K[outer], RIM_MODEL_U_K)
     air_u_K = test.air[disk.name].own_u_K if disk.name in test.air else 0.0
     test_u = [
         test.events.unload_u_s,
@@ -273,7 +277,7 @@ def _input_responses(
     out = np.repeat(steady[:, None], len(window.y), axis=1)
     for k, error in enumerate(np.hstack([gradients, rates]).T, start=len(inner)):
         i = 1 + k % len(inner)
-        bank = bank_means(error, test.dt_s, rates_1_s, window.counts)
+        bank = lag_basis_means(error, test.dt_s, rates_1_s, window.counts)
         out[k] = (window.blocks @ error)[:, None] * gains.direct[i] + bank @ gains.gains[i].T
     return out
 
@@ -325,7 +329,7 @@ def add_lag(u: Array, bank: Array, rates_1_s: Array, tau_s: float) -> tuple[Arra
     if np.any(np.abs(np.log(rate / rates_1_s)) < MIN_NODE_DISTANCE):
         rate *= 1 + 3 * MIN_NODE_DISTANCE
     log_rate = np.log(np.clip([rate], *rates_1_s[[0, -1]]))
-    lagged = bank @ cardinal(rates_1_s, log_rate)[0]
+    lagged = bank @ lag_weights(rates_1_s, log_rate)[0]
     return lagged, (rate * bank - rates_1_s * lagged[:, None]) / (rate - rates_1_s)
 
 

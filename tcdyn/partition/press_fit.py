@@ -22,13 +22,13 @@ from tcdyn.core.findings import Finding, warning
 from tcdyn.partition.angular_harmonic import (
     SECOND_HARMONIC_REL,
     SIGNIFICANT_Z,
-    Unevenness,
+    AngularHarmonic,
     harmonic_prior_K,
     radial_shape,
     washer_kappa,
 )
 from tcdyn.partition.events import DiskTraces, EhlTest
-from tcdyn.rig.contact import press_fit
+from tcdyn.rig.contact import press_fit_conductance
 from tcdyn.rig.disk import DISKS, DiskSetup
 from tcdyn.rig.press_fit import harmonics
 
@@ -70,7 +70,7 @@ class PressFitHarmonics:
             flux_kW_m2 * self.first_K, flux_kW_m2 * self.second_K, flux_kW_m2 * self.per_share_K
         )
 
-    def distance_z(self, uneven_rel: float, flux_rel: float, estimated: Unevenness) -> float:
+    def distance_z(self, uneven_rel: float, flux_rel: float, estimated: AngularHarmonic) -> float:
         """Least distance of an estimated harmonic from the prediction, in standard uncertainties.
 
         The least over all scales of the heat through the bore, which goes outward.
@@ -96,7 +96,9 @@ class PressFitHarmonics:
             least = min(least, z2 + ((scale - 1) / scale_u) ** 2)
         return float(np.sqrt(least))
 
-    def prior(self, uneven_rel: float, flux_rel: float, estimated: Unevenness) -> Unevenness:
+    def prior(
+        self, uneven_rel: float, flux_rel: float, estimated: AngularHarmonic
+    ) -> AngularHarmonic:
         """The prior of the harmonics of such a disk; parameters as of :meth:`distance_z`.
 
         Notes
@@ -119,7 +121,7 @@ class PressFitHarmonics:
         second_u_K = np.hypot(second_rel * np.hypot(*second_K), SECOND_HARMONIC_REL * scale * size)
         prior = harmonic_prior_K(size)
         prior[0] = np.hypot(conductance_u_K, scale_u * size)
-        return Unevenness(
+        return AngularHarmonic(
             prior,
             h_W_m2K=estimated.h_W_m2K,
             steady_window_s=estimated.steady_window_s,
@@ -232,7 +234,7 @@ def bore_flux_with_u(
 def predict_harmonics(setup: DiskSetup, h_W_m2K: float) -> PressFitHarmonics:
     """Harmonics by the stated press fit for a mean flux of 1 kW/m2 out through the bore."""
     sectors = setup.fit.sectors(1e3 * setup.bore_radius_m)
-    conductance = press_fit(setup)[1] * harmonics(sectors, 2 * N_HARMONICS)
+    conductance = press_fit_conductance(setup)[1] * harmonics(sectors, 2 * N_HARMONICS)
     admittances = [disk_admittance(setup, h_W_m2K, n) for n in range(1, N_HARMONICS + 1)]
     resistances = np.array(
         [1 / y + 1 / shaft_admittance(setup, n) for n, (y, _) in enumerate(admittances, start=1)]
@@ -267,8 +269,8 @@ def predict_harmonics(setup: DiskSetup, h_W_m2K: float) -> PressFitHarmonics:
 
 
 def press_fit_priors(
-    test: EhlTest, estimates: Mapping[str, Estimate], uneven: Mapping[str, Unevenness]
-) -> tuple[dict[str, Unevenness], list[Finding]]:
+    test: EhlTest, estimates: Mapping[str, Estimate], uneven: Mapping[str, AngularHarmonic]
+) -> tuple[dict[str, AngularHarmonic], list[Finding]]:
     """Prior of the harmonics of each disk with a stated press fit.
 
     Parameters
@@ -284,7 +286,7 @@ def press_fit_priors(
         A disk in which that fit found another harmonic, beyond three standard uncertainties, has no
         prior but a finding.
     """
-    priors: dict[str, Unevenness] = {}
+    priors: dict[str, AngularHarmonic] = {}
     findings = []
     beta = estimates["beta"]
     shares = {"fast": beta.value, "slow": 1 - beta.value}

@@ -23,18 +23,18 @@ import pandas as pd
 from tcdyn.core import Array
 from tcdyn.core.estimate import Z95, Estimate
 from tcdyn.core.findings import info
-from tcdyn.estimation import crossing, eliminated, least, minimise, profile
-from tcdyn.heat.rim import cardinal, cardinal_slope, log_nodes
+from tcdyn.estimation import eliminate_linear, first_crossing, lowest_cost, minimise, profile
+from tcdyn.heat.rim import lag_weights, lag_weights_slope, log_nodes
 from tcdyn.partition.joint import (
     LOG_H,
     LOG_LAGS,
     LOG_TAU2,
     SHARE,
     BothFit,
+    DiskBlock,
     DiskFit,
-    Side,
     joint_problem,
-    told,
+    main_covariance,
 )
 from tcdyn.partition.window import POWER
 from tcdyn.rig.disk import DISKS
@@ -56,12 +56,14 @@ TOLERANCE = 1e-4
 STEP_U = 0.3  # step of a profile in standard uncertainties
 MAX_DISTANCE_U = 6.0  # farthest point of a profile in standard uncertainties
 MAX_DEVIANCE = 8.99  # a profile ends there: three standard uncertainties of a parabola
-LEVEL = Z95**2  # 3.84, the 95 % point of chi-squared with one degree of freedom
+DEVIANCE_95 = Z95**2  # 3.84, the 95 % point of chi-squared with one degree of freedom
 # The interval differs from the normal one if an end differs by this part of the half-width.
 NOTICEABLE = 0.2
 
 
-def rim_table(side: Side, points: Sequence[Array], h_u_W_m2K: float, lag_u_s: float) -> Side:
+def rim_table(
+    side: DiskBlock, points: Sequence[Array], h_u_W_m2K: float, lag_u_s: float
+) -> DiskBlock:
     """Replace the rim model of a disk by a table, in the directions of data space that it spans.
 
     Parameters
@@ -134,8 +136,8 @@ class _Table:
         for nodes, x in zip(self.nodes, (p[LOG_H], p[LOG_LAGS], q)):
             if not np.log(nodes[0]) <= x <= np.log(nodes[-1]):
                 return None
-            value = cardinal(nodes, np.array([x]))
-            weights.append(np.concatenate([value, cardinal_slope(nodes, value)]))
+            value = lag_weights(nodes, np.array([x]))
+            weights.append(np.concatenate([value, lag_weights_slope(nodes, value)]))
         # rows: value, slope
         by_h, by_sum, by_q = weights
         n_sums = len(self.nodes[1])
@@ -230,7 +232,7 @@ def _complement(share: float) -> float:
 
 def _profiles(
     fit: str,
-    sides: Sequence[Side],
+    sides: Sequence[DiskBlock],
     start: Array,
     numbers: Mapping[str, ProfiledNumber],
     estimates: Mapping[str, Estimate],
@@ -250,16 +252,16 @@ def _profiles(
     problem = joint_problem(sides)
     k = len(start)
     nuisance_start = np.zeros(problem.size - k)
-    reduced = eliminated(problem, k, np.concatenate([start, nuisance_start]))
+    reduced = eliminate_linear(problem, k, np.concatenate([start, nuisance_start]))
     optima = []
     for shift in SHAPE_STARTS:
         theta = start.copy()
         theta[LOG_TAU2::4] = np.minimum(theta[LOG_TAU2::4] + shift, theta[LOG_LAGS::4] - 0.1)
         optima.append(minimise(reduced, theta, tolerance=TOLERANCE))
-    best = least(optima)
+    best = lowest_cost(optima)
     full_start = np.concatenate([best.theta, nuisance_start])
     full = minimise(problem, full_start, tolerance=TOLERANCE)
-    noise, sensitivity = told(full, sides)
+    noise, sensitivity = main_covariance(full, sides)
 
     def profile_of(name: str) -> pd.DataFrame:
         number = numbers[name]
@@ -340,8 +342,8 @@ def intervals(table: pd.DataFrame) -> tuple[ProfileInterval, ...]:
         value = rows["value"].to_numpy()
         deviance = rows["deviance"].to_numpy()
         estimate = Estimate.normal(rows["estimate"].iloc[0], rows["u"].iloc[0])
-        low = crossing(value[::-1], deviance[::-1])
-        high = crossing(value, deviance)
+        low = first_crossing(value[::-1], deviance[::-1])
+        high = first_crossing(value, deviance)
         first = float(value[0])
         last = float(value[-1])
         differences = [

@@ -25,8 +25,8 @@ from tcdyn.partition.sensor_faults import (
     hypotheses,
     refine_fault,
 )
-from tcdyn.partition.window import between
-from tcdyn.rig.disk import DISKS, LEFT_OUT, DiskSetup
+from tcdyn.partition.window import rows_between
+from tcdyn.rig.disk import DISKS, LEFT_OUT_TEXT, DiskSetup
 from tcdyn.smoothing.traces import DiskTraces
 
 # A fault is named when it is e^8 = 3000 times as likely as a sound disk, against 28 faults.
@@ -228,7 +228,7 @@ def check_sensors(test: EhlTest) -> SensorCheck:
 
 def _sound(disk: str, table: pd.DataFrame, indistinguishable: Sequence[Candidate]) -> Finding:
     """The finding of a disk without faults."""
-    rows = table[(table["disk"] == disk) & (table["steady"] != LEFT_OUT)]
+    rows = table[(table["disk"] == disk) & (table["steady"] != LEFT_OUT_TEXT)]
     return info(
         "sensors.sound",
         subject=disk,
@@ -432,7 +432,7 @@ def pair_table(
     """
     setup = disk.setup
     unload_s = test.events.unload_s
-    last = between(test.time_s, unload_s - LAST_S[0], unload_s - LAST_S[1])
+    last = rows_between(test.time_s, unload_s - LAST_S[0], unload_s - LAST_S[1])
     power = float(test.power_W[last].mean())
     area = 2 * np.pi * setup.outer_radius_m * setup.width_m
     gradient = 0.5 * power / (area * setup.conductivity_W_mK)  # of half the heat
@@ -457,5 +457,5 @@ def pair_table(
         classes = [classify_pair(*row) for row in zip(signs, difference, difference_u)]
         table[f"{name}_difference_K"] = difference
         table[f"{name}_u_K"] = difference_u
-        table[name] = np.where(excluded, LEFT_OUT, classes)
+        table[name] = np.where(excluded, LEFT_OUT_TEXT, classes)
     return table

@@ -20,32 +20,39 @@ from tcdyn.partition.analyse import (
     prepare_test,
     without_harmonics,
 )
-from tcdyn.partition.angular_harmonic import Unevenness, harmonic_from_fit
+from tcdyn.partition.angular_harmonic import AngularHarmonic, harmonic_from_fit
 from tcdyn.partition.cooling import (
     CoolingFit,
-    compensated,
-    cooling_errors,
+    compensate_disk,
+    cooling_effects,
     cooling_fit,
-    cooling_shift,
+    cooling_sensitivity,
     refined_chains,
     require_window_longer_than_lag,
-    smoothed,
+    smooth_traces,
     with_slowing_air_offset,
 )
 from tcdyn.partition.crosscheck import MODEL_FORM_REL, SUSPECT_Z, stacked_sensitivity
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.joint import LOG_H, TOLERANCE, DiskFit, disk_fit, joint_problem, unknowns
+from tcdyn.partition.joint import (
+    LOG_H,
+    TOLERANCE,
+    DiskFit,
+    disk_fit,
+    joint_problem,
+    nuisance_parameters,
+)
 from tcdyn.partition.model_forms import is_impossible
 from tcdyn.partition.nuisance import harmonic_prior
 from tcdyn.partition.sensor_check import SensorCheck, check_sensors
 from tcdyn.partition.steady import DiskLine, steady_lines
 from tcdyn.partition.surface_flux import log_h_prior
-from tcdyn.partition.window import stretch_of
+from tcdyn.partition.window import fit_rows
 from tcdyn.smoothing.record import Compensated
 
 QUANTITIES = ("intercept", "slope", "cooling", "h cooling", "joint", "h joint", "lag_s")
 SHARES = np.array([1.0, 1.0, 1.0, 0.0, 1.0, 0.0, 0.0])  # which of them the form of the rim scales
-WAYS = ("joint", "cooling")
+ESTIMATORS = ("joint", "cooling")
 COOLING = QUANTITIES.index("cooling")
 JOINT = QUANTITIES.index("joint")
 
@@ -90,7 +97,7 @@ class OneDisk:
     joint: DiskFit
     optimum: Optimum
     cooling: CoolingFit
-    uneven: Unevenness
+    uneven: AngularHarmonic
     sensors: SensorCheck | None
     compensated: Mapping[str, Compensated]
     answers: Mapping[str, Estimate]
@@ -102,16 +109,16 @@ class OneDisk:
     def withheld(self) -> frozenset[str]:
         """Estimators with impossible results, "joint" or "cooling"; these are not reported."""
         return frozenset(
-            way for way in WAYS if is_impossible(self.answers[way], self.answers[f"h {way}"])
+            way for way in ESTIMATORS if is_impossible(self.answers[way], self.answers[f"h {way}"])
         )
 
     @property
     def crosscheck(self) -> Finding:
         """Whether the two estimators agree, or which of them is impossible."""
         if self.withheld:
-            ways = [f"{way} {self.disk}" for way in WAYS if way in self.withheld]
+            ways = [f"{way} {self.disk}" for way in ESTIMATORS if way in self.withheld]
             return warning("answers.impossible", ways=ways)
-        joint, cooling = (self.answers[way] for way in WAYS)
+        joint, cooling = (self.answers[way] for way in ESTIMATORS)
         severity = warning if self.z > SUSPECT_Z else info
         return severity(
             "one_disk.ways",
@@ -149,13 +156,13 @@ class _JointResult:
     """Joint fit with its harmonic and optimum; ``even``: the test without the harmonic."""
 
     fit: DiskFit
-    harmonic: Unevenness
+    harmonic: AngularHarmonic
     optimum: Optimum
     even: EhlTest
     findings: list[Finding]
 
 
-def analyse_one(
+def analyse_one_disk(
     test: EhlTest,
     *,
     window_s: float = WINDOW_S,
@@ -170,7 +177,7 @@ def analyse_one(
     (name,) = test.disks
     require_window_longer_than_lag(test, window_s)
     test = prepare_test(test)
-    rows = stretch_of(test, max(window_s, joint_window_s(test)))
+    rows = fit_rows(test, max(window_s, joint_window_s(test)))
     sensors = None
     findings = [*test.findings, info("one_disk.only", subject=name)]
     if test.disks[name].setup.fit.stated:
@@ -188,8 +195,8 @@ def analyse_one(
     disk = even.disks[name]
     line = steady_lines(even, rows)[0][name]
     chains = refined_chains(disk.chains, fit.chain)
-    smooth = smoothed(even, disk, rows, chains, fit.estimates["lag_s"].u)
-    cooled = compensated(even, disk, rows, smooth)
+    smooth = smooth_traces(even, disk, rows, chains, fit.estimates["lag_s"].u)
+    cooled = compensate_disk(even, disk, rows, smooth)
     cooling = cooling_fit(
         cooled.window,
         line.line,
@@ -198,8 +205,8 @@ def analyse_one(
         cooled.noise_K,
         log_h_prior(disk.setup.surface),
     )
-    effects, by_lag = cooling_errors(cooled, cooling.share, cooling.h_W_m2K)
-    sensitivity = cooling_shift(cooling, effects, by_lag, line)
+    effects, by_lag = cooling_effects(cooled, cooling.share, cooling.h_W_m2K)
+    sensitivity = cooling_sensitivity(cooling, effects, by_lag, line)
     per_sd, root = stacked_sensitivity(line.sensitivity, sensitivity, fit.sensitivity)
     values = np.array(
         [
@@ -264,7 +271,7 @@ def _joint_result(test: EhlTest, name: str, rows: slice) -> _JointResult:
     return _JointResult(fit, harmonic, optimum, even, findings)
 
 
-def _harmonic(test: EhlTest, fit: DiskFit) -> tuple[Unevenness, Optimum]:
+def _harmonic(test: EhlTest, fit: DiskFit) -> tuple[AngularHarmonic, Optimum]:
     """First circumferential harmonic of the disk by its joint fit, and the optimum of that."""
     problem = joint_problem([fit.side])
     start = np.append(fit.theta, np.zeros(len(problem.names) - len(fit.theta)))
@@ -272,7 +279,7 @@ def _harmonic(test: EhlTest, fit: DiskFit) -> tuple[Unevenness, Optimum]:
     harmonic = harmonic_from_fit(
         best.theta[4:],
         best.covariance[4:, 4:],
-        unknowns([fit.side]),
+        nuisance_parameters([fit.side]),
         fit.disk,
         float(np.exp(best.theta[LOG_H])),
         harmonic_prior(test, fit.disk),

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from tcdyn.core import Array
-from tcdyn.partition.angular_harmonic import Unmeasured
+from tcdyn.partition.angular_harmonic import NuisanceParameter
 from tcdyn.partition.steel import (
     CONDUCTIVITY_SLOPE,
     SPECIFIC_HEAT_SLOPE,
@@ -25,12 +25,12 @@ from tcdyn.partition.track import (
     unresolved_edge_effect,
 )
 from tcdyn.partition.window import DiskWindow
-from tcdyn.smoothing.traces import STAND_IN_K, DiskTraces
+from tcdyn.smoothing.traces import SURROGATE_U_K, DiskTraces
 
 
 def specified_effects(
     disk: DiskTraces, window: DiskWindow, share: float, h_W_m2K: float
-) -> tuple[tuple[Unmeasured, ...], Array]:
+) -> tuple[tuple[NuisanceParameter, ...], Array]:
     """Nuisance parameters of what is specified with an uncertainty, and their effects.
 
     Returns the Q parameters and their effects on the outer row, (Q, R, P) [K].
@@ -38,10 +38,10 @@ def specified_effects(
     u = disk.uncertainty
     rim = window.rim
     surface = disk.setup.surface
-    effects: dict[Unmeasured, Array] = {}
+    effects: dict[NuisanceParameter, Array] = {}
     edge = unresolved_edge_effect(rim, h_W_m2K)
     if edge is not None:
-        effects[UNRESOLVED_EDGE] = STAND_IN_K * edge * np.ones((len(window.y), 1))
+        effects[UNRESOLVED_EDGE] = SURROGATE_U_K * edge * np.ones((len(window.y), 1))
     if u.film_along_rel:
         for parameter, change in h_profile_effects(rim, share, h_W_m2K).items():
             effects[parameter] = u.film_along_rel * change

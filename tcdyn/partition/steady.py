@@ -12,11 +12,11 @@ import numpy as np
 from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
 from tcdyn.heat.rim import Profile
-from tcdyn.partition.angular_harmonic import Unmeasured
+from tcdyn.partition.angular_harmonic import NuisanceParameter
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.nuisance import inner_gradient, nuisance_effects
 from tcdyn.partition.steel import depends_on_temperature, linear_about
-from tcdyn.partition.window import DiskWindow, lagged_window, stretch_of
+from tcdyn.partition.window import DiskWindow, fit_rows, lagged_window
 from tcdyn.rig.disk import DISKS, DiskSetup
 from tcdyn.smoothing.traces import DiskTraces
 
@@ -30,7 +30,7 @@ END_GAP_S = 0.2  # the last fraction of a second may already hold the unloading 
 MIN_START_H_W_M2K = 50.0
 START_H_W_M2K = 400.0
 MAX_COOLING_S = 20.0  # longest cooling that any fit uses [s]
-LAST_S = 10.0  # temperatures at the unloading are means over this long before it [s]
+SURFACE_MEAN_S = 10.0  # temperatures at the unloading are means over this long before it [s]
 SURFACE_DEPTH_M = 0.0
 N_SURFACE_POINTS = 12  # across the running surface
 # Iterations of corrections that need share and h. The second changes them by a hundredth of what
@@ -225,7 +225,7 @@ class FitSensitivity:
         Covariance by noise, (k, k).
     """
 
-    parameters: tuple[Unmeasured, ...]
+    parameters: tuple[NuisanceParameter, ...]
     per_sd: Array
     noise: Array
 
@@ -317,10 +317,10 @@ def steady_lines(
 
 def _cooling_rows(test: EhlTest) -> slice:
     """Rows up to the longest cooling that any fit uses, or the end of the log."""
-    return stretch_of(test, min(MAX_COOLING_S, float(test.time_s[-1] - test.events.unload_s)))
+    return fit_rows(test, min(MAX_COOLING_S, float(test.time_s[-1] - test.events.unload_s)))
 
 
-def at_one_radius(test: EhlTest) -> EhlTest:
+def with_inner_row_at_one_radius(test: EhlTest) -> EhlTest:
     """The test with ``inner_K``, the correction of the inner row to one radius, of both disks.
 
     Notes
@@ -359,7 +359,7 @@ def _at_one_radius(
     return replace(disk, inner_K=correction)
 
 
-def at_own_temperature(test: EhlTest) -> EhlTest:
+def with_linear_steel(test: EhlTest) -> EhlTest:
     """The test with steel that depends on temperature linearised about air and running surface.
 
     Both temperatures are means over the last seconds under load, the surface's by the model itself
@@ -393,7 +393,7 @@ def _linear_steel(
     window = lagged_window(test, test.disks[d], rows)
     rim = window.rim
     since_s = window.at_s - test.events.unload_s
-    last = (since_s >= -LAST_S) & (since_s < -END_GAP_S)
+    last = (since_s >= -SURFACE_MEAN_S) & (since_s < -END_GAP_S)
     air_degC = float(rim.inputs[last, rim.ambient_index].mean())
     rim_degC = float(rim.inputs[last, rim.inner_inputs].mean())
     if point is None:

@@ -12,14 +12,14 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from tcdyn.core import Array
-from tcdyn.heat.rim import bank_means
-from tcdyn.partition.angular_harmonic import Unmeasured
+from tcdyn.heat.rim import lag_basis_means
+from tcdyn.partition.angular_harmonic import NuisanceParameter
 from tcdyn.partition.window import DiskWindow, Perturbation, RimMeans
 from tcdyn.rig.disk import DiskSetup
 from tcdyn.rig.rigfile import UncertaintyTable
 
-CONDUCTIVITY_SLOPE = Unmeasured("conductivity slope", "conductivity slope", True)
-SPECIFIC_HEAT_SLOPE = Unmeasured("specific heat slope", "specific heat slope", True)
+CONDUCTIVITY_SLOPE = NuisanceParameter("conductivity slope", "conductivity slope", True)
+SPECIFIC_HEAT_SLOPE = NuisanceParameter("specific heat slope", "specific heat slope", True)
 # Readings of the inner row are averaged over this [s]: a column with their noise would explain
 # that noise.
 SMOOTH_S = 0.5
@@ -84,7 +84,7 @@ def conductivity_slope_effect(
     inner = slope_rel * steel.bend(smooth)
     by_inner = window.blocks @ inner @ gains.direct[rim.inner_inputs]
     for k, column in enumerate(inner.T, start=1):
-        bank = bank_means(column, dt_s, rim.rates_1_s, window.counts)
+        bank = lag_basis_means(column, dt_s, rim.rates_1_s, window.counts)
         by_inner = by_inner + bank @ gains.gains[k].T
     return np.asarray(perturbed - predicted + by_inner - slope_rel * steel.bend(predicted))
 

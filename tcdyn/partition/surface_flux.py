@@ -7,18 +7,18 @@ from dataclasses import replace
 import numpy as np
 
 from tcdyn.core import Array
-from tcdyn.partition.angular_harmonic import Unmeasured
+from tcdyn.partition.angular_harmonic import NuisanceParameter
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.window import RimMeans
 from tcdyn.rig.surface_flux import SurfaceFlux
 from tcdyn.smoothing.traces import DiskTraces
 
-SURFACE_AIR = Unmeasured("surface air", "measured surface flux")
-SURFACE_SLOPE = Unmeasured("surface slope", "measured surface flux")
+SURFACE_AIR = NuisanceParameter("surface air", "measured surface flux")
+SURFACE_SLOPE = NuisanceParameter("surface slope", "measured surface flux")
 MIN_H_U_REL = 1e-4  # least relative standard uncertainty of a measured h; chosen by judgement
 
 
-def with_surfaces(test: EhlTest) -> EhlTest:
+def with_surface_air(test: EhlTest) -> EhlTest:
     """The test with the air offset of disks whose surface has another air than their faces.
 
     That is T_a where the surface loss was measured, else what the disk's own channels show.

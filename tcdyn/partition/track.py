@@ -7,18 +7,18 @@ from dataclasses import replace
 import numpy as np
 
 from tcdyn.core import Array
-from tcdyn.heat.nonuniform import cached_gains
-from tcdyn.heat.rim import Rim, points_of
-from tcdyn.partition.angular_harmonic import Unmeasured
+from tcdyn.heat.nonuniform import cached_rim_gains
+from tcdyn.heat.rim import Rim, junction_points
+from tcdyn.partition.angular_harmonic import NuisanceParameter
 from tcdyn.partition.window import FIT_MESH, Perturbation, RimMeans
 
 SHIFT_STEP_M = 0.25e-3  # of the difference quotient by the position of the flux [m]
-FLUX_SHIFT = Unmeasured("flux shift", "place of the flux")
-UNRESOLVED_EDGE = Unmeasured("edge", "inner row of few junctions")
+FLUX_SHIFT = NuisanceParameter("flux shift", "place of the flux")
+UNRESOLVED_EDGE = NuisanceParameter("edge", "inner row of few junctions")
 H_PROFILE_STEP = 0.1  # of the difference quotient by the shape of h, relative to h
 # For each shape of h along the track, the two perturbations of the difference quotient.
 H_PROFILE_STEPS = {
-    Unmeasured(f"film along {name}", "film along the track"): [
+    NuisanceParameter(f"film along {name}", "film along the track"): [
         Perturbation(h_profile=(step * tilt, step * crown))
         for step in (H_PROFILE_STEP, -H_PROFILE_STEP)
     ]
@@ -37,10 +37,12 @@ def flux_shift_effect(rim: RimMeans, share: float, h_W_m2K: float) -> Array:
     return np.asarray(change / (2 * SHIFT_STEP_M))
 
 
-def h_profile_effects(rim: RimMeans, share: float, h_W_m2K: float) -> dict[Unmeasured, Array]:
+def h_profile_effects(
+    rim: RimMeans, share: float, h_W_m2K: float
+) -> dict[NuisanceParameter, Array]:
     """Change of the outer row when h departs from its mean by all of itself, (R, P) [K] each.
 
-    The shapes are the tilt and the crown of ``film_along``.
+    The shapes are the tilt and the crown of ``h_along``.
     """
     effects = {}
     for parameter, (up, down) in H_PROFILE_STEPS.items():
@@ -61,10 +63,10 @@ def unresolved_edge_effect(rim: RimMeans, h_W_m2K: float) -> Array | None:
     if z is None:
         return None
     wider = replace(disk, boundary_z_m=(*disk.boundary_z_m, z))
-    gains = cached_gains(
+    gains = cached_rim_gains(
         wider,
         h_W_m2K,
-        points_of(rim.setup, rim.setup.outer),
+        junction_points(rim.setup, rim.setup.outer),
         rim.half_width_m,
         tuple(rim.rates_1_s),
         rim.profile,

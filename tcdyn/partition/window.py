@@ -15,13 +15,22 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from tcdyn.chain import Chain, equalised
+from tcdyn.chain import Chain, equalise
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.heat.flux import track
+from tcdyn.heat.flux import track_flux
 from tcdyn.heat.modal import RimGains
-from tcdyn.heat.nonuniform import cached_gains
-from tcdyn.heat.rim import Mesh, Point, Profile, Rim, Switch, bank_means, lag_bank, node_rates
+from tcdyn.heat.nonuniform import cached_rim_gains
+from tcdyn.heat.rim import (
+    InputJump,
+    Mesh,
+    Point,
+    Profile,
+    Rim,
+    basis_rates,
+    lag_basis,
+    lag_basis_means,
+)
 from tcdyn.partition.events import EhlTest
 from tcdyn.rig.disk import DiskSetup
 from tcdyn.smoothing.traces import DiskTraces
@@ -57,7 +66,7 @@ class Perturbation:
     shift_m
         Shift of the centre of the flux along z [m].
     h_profile
-        Tilt and crown of h along the track, see ``film_along`` of ``tcdyn.heat``.
+        Tilt and crown of h along the track, see ``h_along`` of ``tcdyn.heat``.
     """
 
     conductivity: float = 0.0
@@ -177,9 +186,9 @@ class RimMeans:
             washer_W_m2K=rim.washer_W_m2K * (1 + p.washer),
         )
         width = self.half_width_m * (1 + p.half_width)
-        flux = track(setup.flux, width, p.shift_m, 1 + p.half_width)
+        flux = track_flux(setup.flux, width, p.shift_m, 1 + p.half_width)
         has_surface_air = len(self.banks) > self.ambient_index + 1
-        return cached_gains(
+        return cached_rim_gains(
             rim,
             h_W_m2K,
             points,
@@ -283,17 +292,17 @@ class DiskWindow:
         return np.asarray(self.weight.any(axis=0))
 
 
-def between(time_s: Array, start_s: float, stop_s: float) -> slice:
+def rows_between(time_s: Array, start_s: float, stop_s: float) -> slice:
     """The samples from ``start_s`` to before ``stop_s``.
 
-    >>> between(np.arange(5.0), 1.5, 3.0)
+    >>> rows_between(np.arange(5.0), 1.5, 3.0)
     slice(2, 3, None)
     """
     first, last = np.searchsorted(time_s, [start_s, stop_s])
     return slice(int(first), int(last))
 
 
-def stretch_of(test: EhlTest, after_s: float) -> slice:
+def fit_rows(test: EhlTest, after_s: float) -> slice:
     """Rows of the fits, from well before the steady window to ``after_s`` after the unloading.
 
     Raises
@@ -312,7 +321,7 @@ def stretch_of(test: EhlTest, after_s: float) -> slice:
             parameters={"window_s": f"{available_s:g}"},
         )
     start_s = max(unload_s - STEADY_S - FORGET_S, test.events.load_on_s + AFTER_LOADING_S)
-    return between(test.time_s, start_s, unload_s + after_s)
+    return rows_between(test.time_s, start_s, unload_s + after_s)
 
 
 def steady_start_s(test: EhlTest) -> float:
@@ -361,17 +370,17 @@ def disk_window(
     observed = np.maximum(1.0 - blocks @ missing, MIN_OBSERVED_FRACTION)
     # a fit also makes of the bank the longest lag of the chain, and twice that lag
     longest_s = 2 * max(chain.taus_s, default=0.0) if chain else 0.0
-    rates = node_rates(dt, longest_s=longest_s)
+    rates = basis_rates(dt, longest_s=longest_s)
     power, hold = lagged_power(test, rows, chain)
     if hold:
-        power_bank = blocks @ lag_bank(power, dt, rates, **hold)
+        power_bank = blocks @ lag_basis(power, dt, rates, **hold)
     else:
-        power_bank = bank_means(power, dt, rates, counts)
+        power_bank = lag_basis_means(power, dt, rates, counts)
     inner = steel_K[:, inner_row] + disk.inner_K[rows]
     ambient = test.ambient_of(disk.name)[rows]
     boundary = [*inner.T, ambient, *lagged_surface_air(test, disk, rows, chain)]
     inputs = blocks @ np.column_stack([power, *boundary])
-    banks = np.stack([power_bank, *(bank_means(u, dt, rates, counts) for u in boundary)])
+    banks = np.stack([power_bank, *(lag_basis_means(u, dt, rates, counts) for u in boundary)])
     weight = np.sqrt(counts[:, None] * observed) / noise_K[None, outer_row]
     return DiskWindow(
         disk=disk.name,
@@ -419,7 +428,7 @@ def lagged_window(
     test: EhlTest, disk: DiskTraces, rows: slice, profile: Profile = "modal"
 ) -> DiskWindow:
     """Window of the uncompensated readings, all channels brought to the mean chain."""
-    readings = equalised(disk.readings_degC[rows], test.dt_s, disk.chains, disk.mean_chain)
+    readings = equalise(disk.readings_degC[rows], test.dt_s, disk.chains, disk.mean_chain)
     return disk_window(test, disk, readings, rows, disk.noise_K, profile, disk.mean_chain)
 
 
@@ -443,7 +452,7 @@ def lagged_surface_air(
 
 
 def lagged_power(test: EhlTest, rows: slice, chain: Chain | None) -> tuple[Array, dict[str, Any]]:
-    """Frictional power (N,) [W] through ``chain``, if any, and arguments of ``lag_bank`` for it.
+    """Frictional power (N,) [W] through ``chain``, if any, and arguments of ``lag_basis`` for it.
 
     Notes
     -----
@@ -457,7 +466,7 @@ def lagged_power(test: EhlTest, rows: slice, chain: Chain | None) -> tuple[Array
     ends = 0 <= k < len(time_s) - 1 and power[k] > 0 and power[k + 1] == 0
     fraction = float((unload_s - time_s[k]) / test.dt_s) if ends else 1.0
     if chain is None:
-        switches = (Switch(k, fraction, float(power[k]), 0.0),) if ends else ()
+        switches = (InputJump(k, fraction, float(power[k]), 0.0),) if ends else ()
         return power, {"hold": "zoh", "switches": switches}
     averaged = power.copy()
     averaged[max(k, 0)] *= fraction

@@ -24,8 +24,8 @@ from tcdyn.plots.campaign import (
     draw_temperature,
     draw_traction,
 )
-from tcdyn.plots.circumferential import draw_round, draw_round_surface
-from tcdyn.plots.compensate import draw_before_use, draw_compensated, draw_tradeoff
+from tcdyn.plots.circumferential import draw_middle_plane, draw_running_surface
+from tcdyn.plots.compensate import draw_compensated, draw_filter_report, draw_tradeoff
 from tcdyn.plots.conduction import (
     draw_comparison,
     draw_convergence,
@@ -45,13 +45,13 @@ from tcdyn.plots.identify import (
     draw_step,
 )
 from tcdyn.plots.partition import (
+    draw_beta_estimates,
     draw_budget,
     draw_exponent,
     draw_lines,
     draw_map,
     draw_temperatures,
     draw_unloading,
-    draw_ways,
 )
 from tcdyn.plots.pick import draw
 from tcdyn.plots.plunge import (
@@ -65,14 +65,14 @@ from tcdyn.plots.plunge import (
     draw_plunge_residuals,
     draw_record,
 )
-from tcdyn.plots.transient import draw_junctions, draw_referee, draw_window_study
+from tcdyn.plots.transient import draw_inverse_check, draw_junctions, draw_window_study
 
 __all__ = [
     "draw",
     "draw_band",
     "draw_bearing",
-    "draw_before_use",
     "draw_beta",
+    "draw_beta_estimates",
     "draw_bode",
     "draw_budget",
     "draw_chain",
@@ -88,10 +88,12 @@ __all__ = [
     "draw_error_histogram",
     "draw_exponent",
     "draw_field",
+    "draw_filter_report",
     "draw_fit",
     "draw_friction_coefficient",
     "draw_heat_transfer",
     "draw_holes",
+    "draw_inverse_check",
     "draw_junctions",
     "draw_lags",
     "draw_lines",
@@ -99,16 +101,15 @@ __all__ = [
     "draw_map",
     "draw_map_errors",
     "draw_mesh_errors",
+    "draw_middle_plane",
     "draw_oven_residuals",
     "draw_plunge",
     "draw_plunge_residuals",
     "draw_poles",
     "draw_profiles",
     "draw_record",
-    "draw_referee",
     "draw_residuals",
-    "draw_round",
-    "draw_round_surface",
+    "draw_running_surface",
     "draw_step",
     "draw_temperature",
     "draw_temperatures",
@@ -116,6 +117,5 @@ __all__ = [
     "draw_tradeoff",
     "draw_transducer",
     "draw_unloading",
-    "draw_ways",
     "draw_window_study",
 ]

@@ -26,7 +26,7 @@ from tcdyn.plots.style import (
 )
 from tcdyn.plots.transient import draw_depth_errors
 from tcdyn.rig.disk import DISKS
-from tcdyn.workflows.campaign_table import done_rows, speed_groups, trend
+from tcdyn.workflows.campaign_table import analysed_rows, speed_groups, trend
 
 X_LABELS = {
     "delta_T_us_K_m_s": (
@@ -66,7 +66,7 @@ def draw_traction(table: pd.DataFrame, ax: Axes) -> Axes:
 
 def draw_friction_coefficient(table: pd.DataFrame, ax: Axes) -> Axes:
     """Plot the friction coefficient over sliding speed, with a line for each load (figure 6.34)."""
-    good = done_rows(table)
+    good = analysed_rows(table)
     good["group"] = speed_groups(good["load_N"].to_numpy(dtype=float))
     for k, (_, group) in enumerate(good.groupby("group")):
         label = f"{group['load_N'].mean():.0f} N"
@@ -82,7 +82,7 @@ def draw_beta(table: pd.DataFrame, ax: Axes) -> Axes:
     Dots are the estimates by the speed law, triangles those by the joint fit of both disks, shifted
     sideways so that the bars of one test stay apart.
     """
-    good = done_rows(table)
+    good = analysed_rows(table)
     x = good["delta_T_us_K_m_s"].to_numpy(dtype=float)
     shift = 0.008 * max(float(np.ptp(x)), 0.05 * float(np.abs(x).max()))
     for column, marker, colour, fill, offset, label in (
@@ -146,7 +146,7 @@ def name_points(ax: Axes, x: Sequence[float] | np.ndarray, names: Sequence[str])
 
 def _draw_by_speed(table: pd.DataFrame, column: str, ax: Axes, y: str, title: str = "") -> Axes:
     """Plot a column over load, with a marker and a line for each sliding speed."""
-    for k, (_, group) in enumerate(done_rows(table).groupby("group")):
+    for k, (_, group) in enumerate(analysed_rows(table).groupby("group")):
         label = f"{group['sliding_speed_m_s'].mean():.1f} m/s"
         _draw_series(ax, group, "load_N", column, k, label)
     legend: dict[str, Any] = {"legend_title": "sliding speed", "title_fontsize": 8}

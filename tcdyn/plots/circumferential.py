@@ -10,8 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from tcdyn.plots.style import DISK_COLOUR, TRUTH, figure, line_with_band, style_axes
-from tcdyn.rig.circumferential import Around
-from tcdyn.rig.contact import press_fit
+from tcdyn.rig.circumferential import CircumferentialTemperature
+from tcdyn.rig.contact import press_fit_conductance
 from tcdyn.rig.disk import DiskSetup
 from tcdyn.rig.press_fit import harmonics, mean_shares
 
@@ -22,7 +22,7 @@ LABEL_ON_LEFT = "df"  # junctions labelled on the left, so that labels of neighb
 CLIPPED = 0.05  # contour labels this near to the top or bottom (share of the depth) would be cut
 
 
-def draw_round(around: Around, ax: Axes) -> Axes:
+def draw_middle_plane(around: CircumferentialTemperature, ax: Axes) -> Axes:
     """Plot the middle plane of a disk over angle and depth, with the junctions and their readings.
 
     Junctions in the middle plane are filled. Junctions beside it read less than the colour at
@@ -82,7 +82,7 @@ def _draw_junction(setup: DiskSetup, name: str, reading_degC: float, ax: Axes) -
     )
 
 
-def draw_round_surface(around: Around, ax: Axes) -> Axes:
+def draw_running_surface(around: CircumferentialTemperature, ax: Axes) -> Axes:
     """Plot mean temperature across the running surface against the angle, with its 95 % band."""
     t = around.surface_degC
     colour = DISK_COLOUR[around.disk]
@@ -92,12 +92,12 @@ def draw_round_surface(around: Around, ax: Axes) -> Axes:
     return _style_angle_axes(ax, "running surface [°C]", title)
 
 
-def round_figure(disks: Sequence[Around]) -> Figure:
+def circumferential_figure(disks: Sequence[CircumferentialTemperature]) -> Figure:
     """Return the middle planes of both disks, and their running surfaces below."""
     fig, axes = figure(2, 2, width_in=10.0, height_in=6.4)
     for around, upper, lower in zip(disks, axes[:2], axes[2:]):
-        draw_round(around, upper)
-        draw_round_surface(around, lower)
+        draw_middle_plane(around, upper)
+        draw_running_surface(around, lower)
     return fig
 
 
@@ -109,7 +109,7 @@ def draw_fit(setup: DiskSetup, ax: Axes) -> Axes:
     edges = np.arange(0.0, 360.0 + STEP_DEG, STEP_DEG, dtype=np.float64)
     angle = 0.5 * (edges[1:] + edges[:-1])
     sectors = setup.fit.sectors(1e3 * setup.bore_radius_m)
-    bearing = 1e-3 * press_fit(setup)[1]
+    bearing = 1e-3 * press_fit_conductance(setup)[1]
     conductance = bearing * mean_shares(sectors, edges)
     c = bearing * harmonics(sectors, 2)
     smooth = c[0].real + 2 * sum((c[n] * np.exp(1j * n * np.deg2rad(angle))).real for n in (1, 2))

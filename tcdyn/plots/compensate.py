@@ -7,8 +7,8 @@ from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
 from tcdyn.plots.style import DARK, FAST, GREY, SLOW, every_nth, line_with_band, style_axes
-from tcdyn.smoothing.inverse import BeforeUse
-from tcdyn.smoothing.process_noise import Tradeoff
+from tcdyn.smoothing.inverse import FilterReport
+from tcdyn.smoothing.process_noise import TradeoffCurve
 from tcdyn.smoothing.record import Compensated
 
 
@@ -56,7 +56,7 @@ def draw_compensated(
     return style_axes(ax, "time [s]", "temperature [°C]", loc="best")
 
 
-def draw_before_use(report: BeforeUse, ax: Axes) -> Axes:
+def draw_filter_report(report: FilterReport, ax: Axes) -> Axes:
     """Plot the step response of the chain, and that of the chain with its compensation filter.
 
     The title states the remaining delay and the noise gain of the filter.
@@ -79,7 +79,7 @@ def draw_before_use(report: BeforeUse, ax: Axes) -> Axes:
     )
 
 
-def draw_tradeoff(tradeoff: Tradeoff, ax: Axes, channel: int = 0) -> Axes:
+def draw_tradeoff(tradeoff: TradeoffCurve, ax: Axes, channel: int = 0) -> Axes:
     """Plot the L-curve of a regularised deconvolution, and the weight that the criterion chose."""
     misfit = tradeoff.misfit[:, channel]
     roughness = tradeoff.roughness[:, channel]

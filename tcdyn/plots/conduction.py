@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from tcdyn.heat.modal import spectrum
 from tcdyn.heat.rim import MESH_IV, Mesh, Point, Profile, Rim
-from tcdyn.plots.style import DARK, FAST, SLOW, TRUTH, pictured, style_axes
+from tcdyn.plots.style import DARK, FAST, SLOW, TRUTH, panel_figure, style_axes
 from tcdyn.verify import studies
 from tcdyn.verify.rim_rows import TABLE_3_2
 from tcdyn.verify.studies import IDEAL_TIMES_S, ClosedForm, Convergence, MeshErrors
@@ -137,5 +137,5 @@ def verify_figures() -> dict[str, Figure]:
         draw_mesh_errors, mesh_errors, TABLE_3_2
     )
     return {
-        caption: pictured(draw, width_in=6.4, height_in=3.6) for caption, draw in panels.items()
+        caption: panel_figure(draw, width_in=6.4, height_in=3.6) for caption, draw in panels.items()
     }

@@ -25,7 +25,7 @@ from tcdyn.plots.style import (
     SLOW,
     TRUTH,
     figure,
-    pictured,
+    panel_figure,
     style_axes,
 )
 
@@ -185,7 +185,7 @@ def fit_figure(fit: Fit) -> Figure:
     """Return the segments of the data (at most four) with their simulation."""
     n_segments = min(MAX_SEGMENTS, len(fit.problem.segments))
     panels = [partial(draw_fit, fit, segment=k) for k in range(n_segments)]
-    return pictured(*panels, rows=n_segments, height_in=3.0 * n_segments)
+    return panel_figure(*panels, rows=n_segments, height_in=3.0 * n_segments)
 
 
 def dynamics_figure(model: Identified) -> Figure:
@@ -209,4 +209,4 @@ def residual_figure(fit: Fit, validation: Validation) -> Figure:
         partial(draw_correlation, validation.whiteness, title="residual autocorrelation"),
         partial(draw_correlation, validation.input, title="residual and input"),
     )
-    return pictured(*panels, width_in=10.0, height_in=3.2)
+    return panel_figure(*panels, width_in=10.0, height_in=3.2)

@@ -11,8 +11,8 @@ from matplotlib.axes import Axes
 from tcdyn.core import Array
 from tcdyn.core.estimate import Z95, Estimate
 from tcdyn.partition.analyse import Partition
-from tcdyn.partition.angular_harmonic import Unevenness, radial_shape
-from tcdyn.partition.single_disk import WAYS, OneDisk
+from tcdyn.partition.angular_harmonic import AngularHarmonic, radial_shape
+from tcdyn.partition.single_disk import ESTIMATORS, OneDisk
 from tcdyn.partition.steady import SteadyLine, exponent_sensitivity
 from tcdyn.plots.style import (
     DARK,
@@ -27,7 +27,7 @@ from tcdyn.plots.style import (
     style_axes,
 )
 from tcdyn.rig.disk import DISKS, DiskSetup
-from tcdyn.workflows.joint_tables import both_budget, met
+from tcdyn.workflows.joint_tables import compare_joint_fit, joint_budget
 
 STYLES = ("-", "--", ":")
 
@@ -96,7 +96,7 @@ def draw_fit(
     around_s
         Time before and after the unloading [s].
     """
-    blocks = met(p, disk)
+    blocks = compare_joint_fit(p, disk)
     near = np.abs(blocks.at_s) <= around_s
     t = blocks.at_s[near]
     band = 2 * np.nanmedian(blocks.sd[near], axis=1)
@@ -154,7 +154,7 @@ def draw_lines(p: Partition, ax: Axes, truth: float | None = None) -> Axes:
 
 def draw_line(p: OneDisk, ax: Axes) -> Axes:
     """Plot the steady line of the only disk as beta over h, with the estimates of its two fits."""
-    h_max = 1.25 * max(p.answers[f"h {name}"].value for name in WAYS)
+    h_max = 1.25 * max(p.answers[f"h {name}"].value for name in ESTIMATORS)
     h = np.array([0.0, h_max])
     _steady_line(ax, p.line.line, p.disk, h, "steady line")
     for k, name in enumerate(("cooling", "joint"), start=1):
@@ -201,7 +201,7 @@ def _point(ax: Axes, h: Estimate, beta: Estimate, estimator: int, disk: str, lab
     )
 
 
-def draw_ways(p: Partition | OneDisk, ax: Axes, truth: float | None = None) -> Axes:
+def draw_beta_estimates(p: Partition | OneDisk, ax: Axes, truth: float | None = None) -> Axes:
     """Plot every estimate of beta with its 95 % interval; ``truth`` is the beta of a simulation."""
     estimates = _estimates(p)
     for k, (name, beta) in enumerate(reversed(estimates)):
@@ -221,7 +221,9 @@ def draw_ways(p: Partition | OneDisk, ax: Axes, truth: float | None = None) -> A
 def _estimates(p: Partition | OneDisk) -> list[tuple[str, Estimate]]:
     """Return the estimators of beta with their estimates, without those that are withheld."""
     if isinstance(p, OneDisk):
-        return [(f"{name} {p.disk}", p.answers[name]) for name in WAYS if name not in p.withheld]
+        return [
+            (f"{name} {p.disk}", p.answers[name]) for name in ESTIMATORS if name not in p.withheld
+        ]
     estimates = [(name, beta) for name, beta in p.ways.items() if name not in p.withheld]
     if "both beta" in p.withheld:
         return estimates
@@ -242,7 +244,7 @@ def draw_budget(p: Partition | OneDisk, ax: Axes) -> Axes:
         u_by_source = {source: u_joint for source, (u_joint, _) in p.budget.items()}
         estimator = "the joint fit"
     else:
-        u_by_source = dict(both_budget(p))
+        u_by_source = dict(joint_budget(p))
         estimator = "the joint fit of both disks"
     components = {source: u for source, u in u_by_source.items() if u >= MIN_PLOTTED_U}
     combined = sum(u**2 for u in components.values()) ** 0.5
@@ -374,7 +376,7 @@ def _direction(angle_deg: float) -> Array:
     return np.array([np.cos(angle_rad), np.sin(angle_rad)])
 
 
-def _draw_field_of_harmonic(setup: DiskSetup, harmonic: Unevenness, ax: Axes) -> None:
+def _draw_field_of_harmonic(setup: DiskSetup, harmonic: AngularHarmonic, ax: Axes) -> None:
     """Plot temperature of the first harmonic between bore and running surface, both outlined."""
     inner_mm = setup.bore_radius_m * 1e3
     outer_mm = setup.outer_radius_m * 1e3

@@ -24,14 +24,14 @@ from tcdyn.partition.single_disk import OneDisk
 from tcdyn.plots.calibration import draw_bearing, draw_chain, draw_lags, draw_log
 from tcdyn.plots.calibration import draw_residuals as draw_oven_residuals
 from tcdyn.plots.campaign import draw_beta
-from tcdyn.plots.compensate import draw_before_use, draw_compensated
+from tcdyn.plots.compensate import draw_compensated, draw_filter_report
 from tcdyn.plots.identify import draw_data, draw_fit, draw_step
-from tcdyn.plots.partition import draw_ways
+from tcdyn.plots.partition import draw_beta_estimates
 from tcdyn.plots.plunge import draw_common_lag, draw_design, draw_holes
 from tcdyn.rig.log import Log
 from tcdyn.rig.record import DiskRecord
 from tcdyn.sensors import SensorFile
-from tcdyn.smoothing.inverse import BeforeUse
+from tcdyn.smoothing.inverse import FilterReport
 from tcdyn.smoothing.record import Compensated
 from tcdyn.workflows import BetaRun, CalibrationRun, CompensatedLog, DemoRun
 from tcdyn.workflows.campaign import CampaignRun
@@ -47,14 +47,14 @@ PICTURES: dict[type, Callable[..., Axes]] = {
     CalibrationRun: draw_lags,
     Compensated: draw_compensated,
     CompensatedLog: draw_log,
-    BeforeUse: draw_before_use,
-    BetaRun: draw_ways,
-    Partition: draw_ways,
-    OneDiskRun: draw_ways,
-    OneDisk: draw_ways,
+    FilterReport: draw_filter_report,
+    BetaRun: draw_beta_estimates,
+    Partition: draw_beta_estimates,
+    OneDiskRun: draw_beta_estimates,
+    OneDisk: draw_beta_estimates,
     SensorFile: draw_chain,
     CampaignRun: draw_beta,
-    DemoRun: draw_ways,
+    DemoRun: draw_beta_estimates,
     IOData: draw_data,
     Comparison: draw_fit,
     Fit: draw_fit,

@@ -16,7 +16,7 @@ from immersion.hole import HoleComparison
 from immersion.plunge_data import PlungeRun, block_sd
 from immersion.plunge_result import PlungeFit
 from tcdyn.core.estimate import Z95
-from tcdyn.design.compare import COMMON, DIFFERENCES, Design
+from tcdyn.design.compare import COMMON_LAG_LIMITS, DIFFERENCE_LIMITS, Design
 from tcdyn.plots.style import (
     CHANNEL_STYLE,
     FAST,
@@ -24,7 +24,7 @@ from tcdyn.plots.style import (
     SLOW,
     TRUTH,
     every_nth,
-    pictured,
+    panel_figure,
     style_axes,
 )
 
@@ -163,8 +163,8 @@ def draw_design(design: Design, ax: Axes) -> Axes:
     ax.plot(differential, y - 0.12, "s", color=SLOW, label="differences between channels")
     ax.set_xscale("log")
     for share, line, name in (
-        (COMMON[0], "--", "common lag"),
-        (DIFFERENCES[0], ":", "differences"),
+        (COMMON_LAG_LIMITS[0], "--", "common lag"),
+        (DIFFERENCE_LIMITS[0], ":", "differences"),
     ):
         label = f"{100 * share:.0f} % of the lag: {name} determined well"
         ax.axvline(share * design.lag_s, color=GREY, lw=1.0, ls=line, label=label)
@@ -250,4 +250,4 @@ def _panels(
     """Return a figure with a panel for each plunge, two in a row; ``height_in`` of one row."""
     n_rows = (len(fit.runs) + 1) // 2
     panels = [partial(draw, fit, run) for run in range(len(fit.runs))]
-    return pictured(*panels, rows=n_rows, height_in=height_in * n_rows)
+    return panel_figure(*panels, rows=n_rows, height_in=height_in * n_rows)

@@ -43,7 +43,7 @@ def figure(
     return fig, [_style_frame(ax) for ax in axes.ravel()]
 
 
-def pictured(*draw: Callable[[Axes], Any], rows: int = 1, **size: float) -> Figure:
+def panel_figure(*draw: Callable[[Axes], Any], rows: int = 1, **size: float) -> Figure:
     """Return a figure with one panel for each function of axes.
 
     Parameters

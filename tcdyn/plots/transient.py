@@ -10,14 +10,14 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from tcdyn.core.estimate import Z95, Estimate
-from tcdyn.core.messages.partition import structure
-from tcdyn.core.messages.plunge import percent
-from tcdyn.partition.model_forms import Alternatives
-from tcdyn.partition.profile import LEVEL, intervals
+from tcdyn.core.messages.partition import model_form_text
+from tcdyn.core.messages.plunge import probability_text
+from tcdyn.partition.model_forms import ModelForms
+from tcdyn.partition.profile import DEVIANCE_95, intervals
 from tcdyn.partition.sensor_faults import DepthTest
 from tcdyn.plots.style import DISK_COLOUR, DISK_MARKER, GREY, PALE, TRUTH, style_axes
 from tcdyn.rig.disk import DISKS
-from tcdyn.workflows.beta_tables import HEADINGS
+from tcdyn.workflows.beta_tables import COLUMN_HEADINGS
 
 MAX_DEVIANCE = 9.0  # top of the profiles: three standard uncertainties
 TITLES = {"fast": "fast disk alone", "slow": "slow disk alone", "both": "both disks"}
@@ -57,19 +57,19 @@ def draw_profile(profile: pd.DataFrame, ax: Axes) -> Axes:
     ax.plot(x, ((x - estimate) / u) ** 2, color=GREY, linestyle="--", linewidth=1.2)
     style: dict[str, Any] = {"color": colour, "markersize": 4, "linewidth": 1.4}
     ax.plot(profile["value"], profile["deviance"], ".-", **style)
-    ax.axhline(LEVEL, color=TRUTH, linestyle=":", linewidth=0.9)
+    ax.axhline(DEVIANCE_95, color=TRUTH, linestyle=":", linewidth=0.9)
     (interval,) = intervals(profile)
     low = interval.low_seen if interval.low95 is None else interval.low95
     high = interval.high_seen if interval.high95 is None else interval.high95
     bar: dict[str, Any] = {"linewidth": 3, "solid_capstyle": "butt", "alpha": 0.6}
-    ax.plot([low, high], [LEVEL, LEVEL], color=colour, **bar)
+    ax.plot([low, high], [DEVIANCE_95, DEVIANCE_95], color=colour, **bar)
     if interval.low95 is None:
-        ax.plot(low, LEVEL, "<", color=colour, markersize=8)
+        ax.plot(low, DEVIANCE_95, "<", color=colour, markersize=8)
     if interval.high95 is None:
-        ax.plot(high, LEVEL, ">", color=colour, markersize=8)
+        ax.plot(high, DEVIANCE_95, ">", color=colour, markersize=8)
     ax.set_ylim(0, MAX_DEVIANCE)
     ax.locator_params(axis="x", nbins=4)
-    return style_axes(ax, HEADINGS[parameter], "", title=TITLES[fit])
+    return style_axes(ax, COLUMN_HEADINGS[parameter], "", title=TITLES[fit])
 
 
 def draw_profiles(table: pd.DataFrame, axes: Sequence[Axes]) -> Sequence[Axes]:
@@ -143,7 +143,7 @@ def draw_window_study(
     return style_axes(ax, "window after the unloading [s]", y, legend=True)
 
 
-def draw_referee(table: pd.DataFrame, ax: Axes) -> Axes:
+def draw_inverse_check(table: pd.DataFrame, ax: Axes) -> Axes:
     """Plot the cooling fit minus the joint fit for beta and h of each disk.
 
     The difference between compensated and commuted form is in units of its standard uncertainty;
@@ -152,7 +152,7 @@ def draw_referee(table: pd.DataFrame, ax: Axes) -> Axes:
     Parameters
     ----------
     table
-        Table of ``referee_table``: columns disk, quantity, z.
+        Table of ``reference_table``: columns disk, quantity, z.
     """
     symbols = table["quantity"].map(lambda quantity: "β" if quantity == "beta" else "h")
     names = table["disk"] + " " + symbols
@@ -169,7 +169,7 @@ def draw_referee(table: pd.DataFrame, ax: Axes) -> Axes:
     return style_axes(ax, x, "")
 
 
-def draw_structures(alternatives: Alternatives, ax: Axes) -> Axes:
+def draw_model_forms(alternatives: ModelForms, ax: Axes) -> Axes:
     """Plot beta of both disks for every model-form alternative, the most probable on top.
 
     Bars are 95 % intervals; a probable alternative is black, an improbable one grey. The band is
@@ -185,7 +185,7 @@ def draw_structures(alternatives: Alternatives, ax: Axes) -> Axes:
     for row, fit, probability in zip(y, fits, alternatives.probability):
         tone = str(round(0.65 * (1 - probability**0.25), 3))
         ax.errorbar(fit.beta.value, row, xerr=Z95 * fit.beta.u, color=tone, **style)
-        names.append(f"{structure(fit.name)} ({percent(probability)})")
+        names.append(f"{model_form_text(fit.name)} ({probability_text(probability)})")
     ax.axvline(alternatives.assumed.beta.value, color=TRUTH, linewidth=0.8)
     ax.set_yticks(list(y), names, fontsize=8)
     ax.set_ylim(-0.7, len(fits) - 0.3)

@@ -14,28 +14,28 @@ from tcdyn.partition.analyse import Partition
 from tcdyn.partition.sensor_check import SensorCheck
 from tcdyn.partition.single_disk import OneDisk
 from tcdyn.plots import partition as draw
-from tcdyn.plots.style import figure, pictured
+from tcdyn.plots.style import figure, panel_figure
 from tcdyn.plots.transient import (
+    draw_inverse_check,
     draw_junctions,
+    draw_model_forms,
     draw_profiles,
-    draw_referee,
-    draw_structures,
     draw_window_study,
 )
-from tcdyn.report.circumferential import around_section, uneven_section
+from tcdyn.report.circumferential import around_section, unevenness_section
 from tcdyn.report.page import MainResult, Section, write_page
 from tcdyn.rig.disk import DISKS
 from tcdyn.workflows.beta_tables import (
     budget_table,
     cooling_by_window,
+    estimates_table,
     interval_table,
     junctions_table,
-    referee_table,
+    reference_table,
     structures_table,
     test_table,
-    ways_table,
 )
-from tcdyn.workflows.joint_tables import both_budget, residuals_table
+from tcdyn.workflows.joint_tables import joint_budget, residuals_table
 
 ASSUMPTIONS = (
     "conductivity, density and specific heat of the steel and washer thickness are assumptions of "
@@ -57,7 +57,7 @@ def beta_sections(p: Partition, truth: float | None = None) -> list[Section]:
         *estimate_sections(p, truth),
         fit_section(p),
         *uncertainty_sections(p),
-        uneven_section(p),
+        unevenness_section(p),
     ]
     appendix = [
         structure_section(p),
@@ -75,7 +75,7 @@ def beta_sections(p: Partition, truth: float | None = None) -> list[Section]:
 def lead_section(p: Partition | OneDisk, truth: float | None = None) -> Section:
     """Return the figure of the page's head: all estimates of beta."""
     height_in = 1.8 if isinstance(p, OneDisk) else 2.8
-    estimates = pictured(partial(draw.draw_ways, p, truth=truth), height_in=height_in)
+    estimates = panel_figure(partial(draw.draw_beta_estimates, p, truth=truth), height_in=height_in)
     caption = "All estimates of β, the recommended one on top; 95 % intervals."
     return Section("All estimates of β", figure=estimates, caption=caption)
 
@@ -106,18 +106,18 @@ def estimate_sections(p: Partition, truth: float | None) -> list[Section]:
             "Speed law: where the steady lines of both disks meet h ~ u^n. Cooling fit: h of one "
             "disk from its compensated traces after the unloading. Joint fit: β, h and lag "
             "together from the traces as logged.",
-            table=ways_table(p),
+            table=estimates_table(p),
         ),
         Section(
             "the unloading, as logged and compensated",
             f"Common lag of each disk from the unloading, the record as prior: {lags}.",
-            figure=pictured(*unloading, height_in=4.6),
+            figure=panel_figure(*unloading, height_in=4.6),
             caption="Noisy grey: readings after the static line. Smooth: junction temperature "
             "with its 95 % band.",
         ),
         Section(
             "steady lines and the estimates on them",
-            figure=pictured(partial(draw.draw_lines, p, truth=truth), height_in=4.8),
+            figure=panel_figure(partial(draw.draw_lines, p, truth=truth), height_in=4.8),
             caption="Steady running determines a line for each disk; each estimator gives a point "
             "on it. Bars are 95 %. Markers of different size, so that equal estimates stay "
             "visible.",
@@ -154,7 +154,7 @@ def structure_section(p: Partition) -> Section:
         "assume; the probability weighs how well it explains both disks and whether the exponent "
         "that it implies is the speed law's.",
         table=structures_table(p),
-        figure=pictured(partial(draw_structures, p.structures), height_in=5.2),
+        figure=panel_figure(partial(draw_model_forms, p.structures), height_in=5.2),
         caption="Bars are 95 % intervals, darker the likelier; the band is the 95 % range over "
         "all of them.",
     )
@@ -162,7 +162,7 @@ def structure_section(p: Partition) -> Section:
 
 def uncertainty_sections(p: Partition) -> list[Section]:
     """Return the budget, the influence of the exponent, and the error maps of the steady lines."""
-    largest = ", ".join(list(both_budget(p))[:3])
+    largest = ", ".join(list(joint_budget(p))[:3])
     n_draws = len(next(iter(p.budget.draws.values())))
     maps = [partial(draw.draw_map, p, d) for d in DISKS]
     return [
@@ -172,20 +172,20 @@ def uncertainty_sections(p: Partition) -> list[Section]:
             "one source alone; the last row is all together, the root of the sum of squares. "
             f"That of speed law and cooling fit is by Monte Carlo of {n_draws} draws.",
             table=budget_table(p),
-            figure=pictured(partial(draw.draw_budget, p), height_in=3.8),
+            figure=panel_figure(partial(draw.draw_budget, p), height_in=3.8),
             caption="The first column of the table; a longer bar is a source better worth "
             "measuring.",
         ),
         Section(
             "influence of the exponent",
-            figure=pictured(partial(draw.draw_exponent, p), height_in=3.4),
+            figure=panel_figure(partial(draw.draw_exponent, p), height_in=3.4),
             caption="The joint fit of both disks assumes no speed law and so estimates the "
             "exponent. Bars are 95 %.",
             folded=True,
         ),
         Section(
             "error maps of the steady segment",
-            figure=pictured(*maps, height_in=4.0),
+            figure=panel_figure(*maps, height_in=4.0),
             caption="Along the steady line (black) the misfit is least: steady running determines "
             "no point on it.",
             folded=True,
@@ -198,7 +198,7 @@ def test_sections(p: Partition | OneDisk) -> list[Section]:
     test = Section(
         "the test",
         table=test_table(p),
-        figure=pictured(partial(draw.draw_temperatures, p), height_in=3.8),
+        figure=panel_figure(partial(draw.draw_temperatures, p), height_in=3.8),
         caption="Vertical lines: loading, unloading.",
     )
     return [*sensor_sections(p), test]
@@ -207,11 +207,11 @@ def test_sections(p: Partition | OneDisk) -> list[Section]:
 def transient_sections(p: Partition) -> list[Section]:
     """Return the cooling fit over the length of its window, and against the joint fit."""
     window_study = partial(draw_window_study, cooling_by_window(p))
-    comparison = partial(draw_referee, referee_table(p))
+    comparison = partial(draw_inverse_check, reference_table(p))
     return [
         Section(
             "does the cooling fit depend on its window, or on the inverse?",
-            figure=pictured(window_study, comparison, height_in=3.8),
+            figure=panel_figure(window_study, comparison, height_in=3.8),
             caption="Left: beta by the cooling fit against the length of its window. Right: the "
             "cooling fit on compensated traces against the joint fit on lagged ones, which needs "
             "no inverse.",
@@ -253,7 +253,7 @@ def sensor_sections(p: Partition | OneDisk) -> list[Section]:
                 "again; a contradiction is judged over all junctions together, in the verdict "
                 "above.",
                 table=junctions_table(p.sensors.depths),
-                figure=pictured(partial(draw_junctions, p.sensors.depths), height_in=3.4),
+                figure=panel_figure(partial(draw_junctions, p.sensors.depths), height_in=3.4),
             )
         )
     return sections

@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from tcdyn.core.estimate import rounded, with_u
+from tcdyn.core.estimate import rounded_texts, text_with_u
 from tcdyn.plots import campaign as draw
-from tcdyn.plots.style import pictured
+from tcdyn.plots.style import panel_figure
 from tcdyn.report.beta import ASSUMPTIONS
 from tcdyn.report.campaign_joint import joined_result, joined_sections
 from tcdyn.report.page import Section, pm, write_page
-from tcdyn.report.sources import table as sources
-from tcdyn.rig.disk import DISKS, LEFT_OUT
+from tcdyn.report.sources import to_table as sources
+from tcdyn.rig.disk import DISKS, LEFT_OUT_TEXT
 from tcdyn.workflows.campaign import CampaignRun
 from tcdyn.workflows.campaign_table import trend_table
 
@@ -126,7 +126,7 @@ def campaign_pictures(table: pd.DataFrame) -> list[Section]:
         Section(
             "β of each test alone over ΔT u_s",
             DELTA_T_US,
-            figure=pictured(beta, height_in=4.4),
+            figure=panel_figure(beta, height_in=4.4),
             caption="Each test analysed alone; bars are 95 %.",
         ),
         Section(
@@ -142,7 +142,7 @@ def campaign_pictures(table: pd.DataFrame) -> list[Section]:
         ),
         Section(
             "Traction and friction",
-            figure=pictured(traction, coefficient, height_in=3.8),
+            figure=panel_figure(traction, coefficient, height_in=3.8),
             caption="Compare figures 6.33 (left) and 6.34 (right). Lines: three loads, or speeds, "
             "or more.",
         ),
@@ -157,7 +157,7 @@ def campaign_verdict(run: CampaignRun) -> str:
         return f"None of {len(table)} logs could be analysed: the reasons are below."
     ranked = good.sort_values("beta").to_dict("records")
     lowest, highest = (
-        f"{row['test']}: β = {with_u(row['beta'], row['u_beta'])}"
+        f"{row['test']}: β = {text_with_u(row['beta'], row['u_beta'])}"
         for row in (ranked[0], ranked[-1])
     )
     result = lowest if len(good) == 1 else f"least in {lowest}; largest in {highest}"
@@ -231,7 +231,7 @@ def temperature_table(good: pd.DataFrame) -> pd.DataFrame:
 
 def _temperature_cells(values: pd.Series) -> list[str]:
     """Return temperatures with one decimal; "left out" for nan."""
-    return [LEFT_OUT if np.isnan(value) else f"{value:.1f}" for value in values]
+    return [LEFT_OUT_TEXT if np.isnan(value) else f"{value:.1f}" for value in values]
 
 
 def trend_lines(table: pd.DataFrame) -> pd.DataFrame:
@@ -239,8 +239,8 @@ def trend_lines(table: pd.DataFrame) -> pd.DataFrame:
     rows = []
     for line in trend_table(table).to_dict("records"):
         u_slope = line["u_slope"]
-        low, _ = rounded(line["low95_slope"], u_slope)
-        high, _ = rounded(line["high95_slope"], u_slope)
+        low, _ = rounded_texts(line["low95_slope"], u_slope)
+        high, _ = rounded_texts(line["high95_slope"], u_slope)
         rows.append(
             {
                 "quantity": QUANTITY_LABELS[line["quantity"]],

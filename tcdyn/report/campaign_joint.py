@@ -9,9 +9,9 @@ import pandas as pd
 from tcdyn.campaign import JoinedCampaign
 from tcdyn.campaign.tables import paper_table, trend_rows
 from tcdyn.campaign.trends import CurveTest
-from tcdyn.core.estimate import rounded
+from tcdyn.core.estimate import rounded_texts
 from tcdyn.plots import campaign as draw
-from tcdyn.plots.style import pictured
+from tcdyn.plots.style import panel_figure
 from tcdyn.report.page import MainResult, Section, pm, typeset
 from tcdyn.rig.disk import DISKS
 
@@ -53,7 +53,7 @@ N_CAPTION = (
 
 def joined_sections(joined: JoinedCampaign) -> list[Section]:
     """Return beta with both uncertainties, trend, models, exponent and junctions."""
-    beta_figure = pictured(partial(draw.draw_joined_beta, joined), height_in=4.4)
+    beta_figure = panel_figure(partial(draw.draw_joined_beta, joined), height_in=4.4)
     sections = [
         Section("β of each test, all tests as one measurement", JOINT_TEXT, beta_table(joined)),
         Section(
@@ -77,7 +77,7 @@ def joined_sections(joined: JoinedCampaign) -> list[Section]:
         Section(
             "Exponent of the speed law, and the junctions",
             exponent_text(joined),
-            figure=pictured(exponent, junctions, height_in=3.6),
+            figure=panel_figure(exponent, junctions, height_in=3.6),
             caption=N_CAPTION,
         )
     )
@@ -95,7 +95,7 @@ def joined_result(joined: JoinedCampaign) -> MainResult:
     u_within = max(estimates["beta_within"].u for estimates in posterior.estimates)
     u_absolute = max(estimates["beta"].u for estimates in posterior.estimates)
     low, high = (
-        rounded(test["beta"].value, test["beta_within"].u)[0] for test in (lowest, highest)
+        rounded_texts(test["beta"].value, test["beta_within"].u)[0] for test in (lowest, highest)
     )
     names = f"{lowest_name.removeprefix('EHL_')} and {highest_name.removeprefix('EHL_')}"
     return MainResult(
@@ -109,8 +109,8 @@ def beta_table(joined: JoinedCampaign) -> pd.DataFrame:
     """Return beta, both uncertainties, h, lags, and beta by the speed law with the campaign's n."""
     rows = []
     for r in paper_table(joined).to_dict("records"):
-        beta, u_within = rounded(r["beta"], r["u_beta_within"])
-        _, u_absolute = rounded(r["beta"], r["u_beta"])
+        beta, u_within = rounded_texts(r["beta"], r["u_beta_within"])
+        _, u_absolute = rounded_texts(r["beta"], r["u_beta"])
         row = {
             "test": r["test"],
             "β [1]": beta,

@@ -12,22 +12,22 @@ import pandas as pd
 
 from calibration.compare import check_record
 from calibration.static_lines import OvenFit
-from immersion.plunge_fit import moved_lines
+from immersion.plunge_fit import static_line_corrections
 from immersion.plunge_result import INTERVAL_NOTE, PlungeFit
-from tcdyn.core.estimate import with_u
+from tcdyn.core.estimate import text_with_u
 from tcdyn.core.findings import messages
 from tcdyn.plots.calibration import draw_lag_budget, draw_lags, draw_residuals, error_figure
 from tcdyn.plots.plunge import plunge_figure, residual_figure, standardised
-from tcdyn.plots.style import pictured
+from tcdyn.plots.style import panel_figure
 from tcdyn.report.page import Section, write_page
 from tcdyn.report.signed import has_oven_lines, signed_sections
 from tcdyn.rig.record import ChainRecord, DiskRecord
-from tcdyn.rig.static_line import whole_u
+from tcdyn.rig.static_line import reading_u
 from tcdyn.workflows.calibrate import CalibrationRun
 
 CHANNEL_FINDINGS = ("line", "record", "plunge", "noise", "junctions", "said")  # first part of codes
 EXTRAPOLATED = "line.extrapolated"  # a plunge beyond the range of the oven
-FIT = "fit to use"
+FIT_TO_USE = "fit to use"
 NO_BREAK = "\u00a0"
 SIMILAR_UNCERTAINTY = 1.5  # ratio of u(common lag) to u(difference) below which it is not stated
 
@@ -68,7 +68,7 @@ def channel_verdicts(record: DiskRecord) -> dict[str, str]:
     verdicts: dict[str, str] = {}
     for name in sorted(record.static):
         faults = [finding for finding in findings if name in finding.channels]
-        verdicts[name] = "; ".join(messages(faults)) or FIT
+        verdicts[name] = "; ".join(messages(faults)) or FIT_TO_USE
     return verdicts
 
 
@@ -78,9 +78,9 @@ def summary_table(record: DiskRecord) -> pd.DataFrame:
     rows = []
     for name, line in sorted(record.static.items()):
         low, high = line.range_degC
-        u = whole_u(line, np.linspace(low, high, 50))
+        u = reading_u(line, np.linspace(low, high, 50))
         verdict = verdicts[name]
-        if verdict == FIT:
+        if verdict == FIT_TO_USE:
             verdict = verdict.replace(" ", NO_BREAK)
         rows.append(
             {
@@ -99,7 +99,7 @@ def summary_table(record: DiskRecord) -> pd.DataFrame:
 
 def certificate_verdict(record: DiskRecord) -> str:
     """Return the verdict on the disk in one sentence."""
-    faulty = [name for name, verdict in channel_verdicts(record).items() if verdict != FIT]
+    faulty = [name for name, verdict in channel_verdicts(record).items() if verdict != FIT_TO_USE]
     count = len(record.static)
     text = f"Disk {record.disk}: {count - len(faulty)} of {count} thermocouples fit to use"
     if faulty:
@@ -147,7 +147,7 @@ def _lag_section(chain: ChainRecord) -> Section:
     return Section(
         title,
         f"{note[:1].upper()}{note[1:]}.",
-        figure=pictured(partial(draw_lags, chain), height_in=3.4),
+        figure=panel_figure(partial(draw_lags, chain), height_in=3.4),
         caption="Circles: lags. Thin bars hold each lag, thick ones its difference from the "
         "common lag (band).",
     )
@@ -168,7 +168,7 @@ def oven_sections(oven: OvenFit) -> list[Section]:
         ),
         Section(
             "Oven: residuals of the lines against temperature",
-            figure=pictured(partial(draw_residuals, oven), height_in=3.2),
+            figure=panel_figure(partial(draw_residuals, oven), height_in=3.2),
             caption="A column of markers that moves as one is an error of the PRT in that hold; a "
             "curve that repeats would be one of the lines.",
         ),
@@ -215,7 +215,7 @@ def fit_sections(fit: PlungeFit) -> list[Section]:
     limits = Section(
         "What limits the lags",
         fit.sentence,
-        figure=pictured(partial(draw_lag_budget, fit.budget)),
+        figure=panel_figure(partial(draw_lag_budget, fit.budget)),
         caption="Reduction of the variance if a source were known, as a standard uncertainty. "
         "Sources are correlated, so they do not add up to all of the fit.",
     )
@@ -235,16 +235,16 @@ def fit_sections(fit: PlungeFit) -> list[Section]:
 
 def _static_line_section(fit: PlungeFit) -> Section:
     """Return the section that compares the static lines before and after the plunges."""
-    lines = moved_lines(fit)
-    offset = [with_u(x, u) for x, u in zip(lines["off_K"], lines["u_off_K"])]
-    slope = [with_u(x, u) for x, u in zip(lines["slope_off"], lines["u_slope"])]
+    lines = static_line_corrections(fit)
+    offset = [text_with_u(x, u) for x, u in zip(lines["off_K"], lines["u_off_K"])]
+    slope = [text_with_u(x, u) for x, u in zip(lines["slope_off"], lines["u_slope"])]
     table = pd.DataFrame(
         {
             "channel": lines["channel"],
             "at [degC]": lines["at_degC"].round(0),
-            "oven [K]": [with_u(0.0, u) for u in lines["u_off_before_K"]],
+            "oven [K]": [text_with_u(0.0, u) for u in lines["u_off_before_K"]],
             "with plunges [K]": offset,
-            "slope, oven": [with_u(0.0, u) for u in lines["u_slope_before"]],
+            "slope, oven": [text_with_u(0.0, u) for u in lines["u_slope_before"]],
             "slope, with plunges": slope,
         }
     )

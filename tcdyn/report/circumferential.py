@@ -10,14 +10,14 @@ import pandas as pd
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.angular_harmonic import harmonic_K
 from tcdyn.plots import partition as draw
-from tcdyn.plots.circumferential import round_figure
-from tcdyn.plots.style import pictured
+from tcdyn.plots.circumferential import circumferential_figure
+from tcdyn.plots.style import panel_figure
 from tcdyn.report.page import Section
 from tcdyn.rig.disk import DISKS
-from tcdyn.workflows.circumferential import around_disk
+from tcdyn.workflows.circumferential import circumferential_temperature
 
 
-def uneven_section(p: Partition) -> Section:
+def unevenness_section(p: Partition) -> Section:
     """Return section of the first circumferential harmonic of each disk, which was subtracted."""
     rows = []
     sentences = []
@@ -50,7 +50,7 @@ def uneven_section(p: Partition) -> Section:
         "it. The second harmonic, which two opposite groups of junctions read alike, is in the "
         "budget.",
         table=pd.DataFrame(rows),
-        figure=pictured(*panels, height_in=4.0),
+        figure=panel_figure(*panels, height_in=4.0),
         caption="The disks seen along the shaft, junctions at the angles of rig.toml; bright is "
         "hot.",
     )
@@ -63,7 +63,7 @@ def around_section(p: Partition) -> Section:
         "Mean of the last ten seconds under load: the rim model's temperature by the joint fit of "
         "both disks with the first harmonic that it estimates. Nothing is measured deeper than "
         "the inner row.",
-        figure=round_figure([around_disk(p, disk) for disk in DISKS]),
+        figure=circumferential_figure([circumferential_temperature(p, disk) for disk in DISKS]),
         caption="Above: the middle plane, unrolled, with the readings; open junctions lie beside "
         "it. Below: the mean across the running surface with its 95 % band.",
     )

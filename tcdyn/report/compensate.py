@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from tcdyn.core.findings import Finding
-from tcdyn.plots.compensate import draw_before_use, draw_compensated
+from tcdyn.plots.compensate import draw_compensated, draw_filter_report
 from tcdyn.plots.style import (
     DARK,
     GREY,
@@ -18,22 +18,22 @@ from tcdyn.plots.style import (
     every_nth,
     figure,
     line_with_band,
-    pictured,
+    panel_figure,
     style_axes,
 )
 from tcdyn.report.page import Section, write_page
-from tcdyn.report.sources import log_row, record_rows, table
+from tcdyn.report.sources import log_row, record_rows, to_table
 from tcdyn.rig.record import DiskRecord
 from tcdyn.smoothing.inverse import (
-    before_use,
     proper_inverse,
+    report_inverse,
     smoother_bandwidth_Hz,
     widest_bandwidth_Hz,
 )
 from tcdyn.smoothing.record import Compensated
 from tcdyn.smoothing.traces import record_chains
 from tcdyn.workflows.compensate import CompensatedLog
-from tcdyn.workflows.live import Causal
+from tcdyn.workflows.live import LiveCompensator
 
 MAX_NOISE_GAIN = 10.0  # of the causal inverse at its widest bandwidth; chosen by judgement
 METHODS = {
@@ -80,7 +80,7 @@ def write_compensation_report(
         verdict="\n\n".join(verdicts),
         findings=compensated.findings,
         assumptions=compensation_assumptions(records, compensated.way.method),
-        sources=table([log_row(compensated.raw), *record_rows(records, files)]),
+        sources=to_table([log_row(compensated.raw), *record_rows(records, files)]),
     )
 
 
@@ -119,7 +119,7 @@ def _verdict(compensated: CompensatedLog, disk: str, result: Compensated) -> str
 
 def write_follow_report(
     path: str | Path,
-    plan: Causal,
+    plan: LiveCompensator,
     log: Path,
     out: Path,
     findings: Sequence[Finding],
@@ -133,7 +133,7 @@ def write_follow_report(
     """
     report = plan.before_use()
     delay_s = plan.settings.behind_s
-    step_figure = pictured(partial(draw_before_use, report), height_in=3.6)
+    step_figure = panel_figure(partial(draw_filter_report, report), height_in=3.6)
     trace, n_rows = _followed(plan, log, out)
     caption = (
         "Noisiest channel: a step at the junction through the chain alone, and as it comes out of "
@@ -154,7 +154,7 @@ def write_follow_report(
         f"{'; '.join(report.lines())}.",
         findings=(*report.findings, *findings),
         assumptions=compensation_assumptions(records, "smoother")[:-1],
-        sources=table([log_source, *record_rows(records, files)]),
+        sources=to_table([log_source, *record_rows(records, files)]),
     )
 
 
@@ -204,7 +204,7 @@ def _filter_section(
         else:
             bandwidth_Hz = widest_bandwidth_Hz(chain, dt, noise, max_noise)
             smoother_Hz = smoother_bandwidth_Hz(chain, dt, noise, result.intensity[i])
-        report = before_use(proper_inverse(chain, dt, bandwidth_Hz), noise, max_noise)
+        report = report_inverse(proper_inverse(chain, dt, bandwidth_Hz), noise, max_noise)
         reports[name] = report
         rows.append(
             {
@@ -234,12 +234,12 @@ def _filter_section(
         f"{disk} disk: filter design report",
         text,
         table=pd.DataFrame(rows).dropna(axis="columns"),
-        figure=pictured(partial(draw_before_use, reports[setup.shallowest]), height_in=3.4),
+        figure=panel_figure(partial(draw_filter_report, reports[setup.shallowest]), height_in=3.4),
         caption=f"Channel {setup.shallowest}: {step}{remark}.",
     )
 
 
-def _followed(plan: Causal, log: Path, out: Path) -> tuple[Section, int]:
+def _followed(plan: LiveCompensator, log: Path, out: Path) -> tuple[Section, int]:
     """Return the section of one channel before and after live compensation, and its row count."""
     name = next((n for n in plan.junctions if n.endswith("e_degC")), plan.junctions[0])
     u_name = name.replace("_degC", "_u_K")

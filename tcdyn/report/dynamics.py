@@ -9,13 +9,13 @@ from pathlib import Path
 from tcdyn.design import compare
 from tcdyn.design.compare import Design
 from tcdyn.identify import Comparison, Fit, IOData
-from tcdyn.identify.recommendation import COLUMNS, order_table
+from tcdyn.identify.recommendation import TABLE_LEGEND, comparison_table
 from tcdyn.io.read import sha256
 from tcdyn.plots.identify import dynamics_figure, fit_figure, residual_figure
 from tcdyn.plots.plunge import draw_design
-from tcdyn.plots.style import pictured
+from tcdyn.plots.style import panel_figure
 from tcdyn.report.page import Section, write_page
-from tcdyn.report.sources import table as sources
+from tcdyn.report.sources import to_table as sources
 from tcdyn.rig.disk import Conditioning
 
 ABOUT_LAGS = (
@@ -33,14 +33,14 @@ def write_design_report(path: str | Path, design: Design, assumptions: Sequence[
         [
             Section(
                 "Expected uncertainties of each test",
-                f"{ABOUT_LAGS}\n\n{compare.MEANING}",
+                f"{ABOUT_LAGS}\n\n{compare.GRADE_DEFINITIONS}",
                 design.graded(),
-                pictured(partial(draw_design, design), height_in=3.8),
+                panel_figure(partial(draw_design, design), height_in=3.8),
                 "Expected standard uncertainties. Bars of the common lag: from the 10 to the 90 % "
                 "point over entry bursts and scales of h, which cannot be planned.",
             )
         ],
-        verdict=compare.headline(design.predictions, design.lag_s),
+        verdict=compare.recommendation(design.predictions, design.lag_s),
         assumptions=assumptions,
     )
 
@@ -92,7 +92,7 @@ def write_identify_report(
     name = model.model.name
     plural = "s" if len(record.runs) > 1 else ""
     sections = [
-        Section("Which model", COLUMNS, order_table(comparison.table, model.output_unit)),
+        Section("Which model", TABLE_LEGEND, comparison_table(comparison.table, model.output_unit)),
         Section(
             f"{name}: parameters",
             f"{interval_text(best)} {comparison.removal(filter_)}",

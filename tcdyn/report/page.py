@@ -27,7 +27,7 @@ from matplotlib.text import Text
 from PIL import Image, ImageOps
 
 from tcdyn.core.errors import InputError
-from tcdyn.core.estimate import Estimate, with_u
+from tcdyn.core.estimate import Estimate, text_with_u
 from tcdyn.core.findings import Finding, infos, messages, warnings_and_errors
 from tcdyn.core.result import Result
 from tcdyn.io.write import write_text
@@ -273,7 +273,7 @@ def pm(values: Iterable[float], uncertainties: Iterable[float]) -> list[str]:
     cells = []
     for value, u in zip(values, uncertainties):
         is_nan = value != value
-        cells.append("" if is_nan else typeset(with_u(float(value), float(u))))
+        cells.append("" if is_nan else typeset(text_with_u(float(value), float(u))))
     return cells
 
 

@@ -12,11 +12,11 @@ from typing import Any
 
 import pandas as pd
 
-from calibration.budget import RestBudget, rest_budget
-from calibration.compare import diff_records
-from tcdyn.core.estimate import rounded, with_u
+from calibration.budget import UncertaintyBudget, uncertainty_budget
+from calibration.compare import compare_records
+from tcdyn.core.estimate import rounded_texts, text_with_u
 from tcdyn.report.page import Section
-from tcdyn.rig.record import DiskRecord, moment
+from tcdyn.rig.record import DiskRecord, parse_time
 from tcdyn.rig.traceability import YEAR_DAYS
 from tcdyn.version import __version__
 
@@ -45,13 +45,15 @@ def has_oven_lines(record: DiskRecord) -> bool:
 
 def calibrated_on(record: DiskRecord) -> date:
     """Return the day of the calibration."""
-    return moment(record.created).date()
+    return parse_time(record.created).date()
 
 
-def budget_of(record: DiskRecord, channel: str, temperature_degC: float) -> RestBudget:
+def channel_budget(record: DiskRecord, channel: str, temperature_degC: float) -> UncertaintyBudget:
     """Return the uncertainty budget of one channel at rest."""
     line = record.static[channel]
-    return rest_budget(line, record.setup.traceability, calibrated_on(record), temperature_degC)
+    return uncertainty_budget(
+        line, record.setup.traceability, calibrated_on(record), temperature_degC
+    )
 
 
 def identification(record: DiskRecord) -> pd.DataFrame:
@@ -104,8 +106,8 @@ def results(record: DiskRecord) -> pd.DataFrame:
         row = {"channel": channel}
         for t in temperatures(record):
             logged = (t - line.offset) / line.gain
-            expanded = budget_of(record, channel, t).expanded
-            correction_text, expanded_text = rounded(t - logged, expanded)
+            expanded = channel_budget(record, channel, t).expanded
+            correction_text, expanded_text = rounded_texts(t - logged, expanded)
             row[f"correction at {t:.0f} degC [K]"] = correction_text
             row[f"U at {t:.0f} degC [K]"] = expanded_text
         if record.chain is not None:
@@ -113,13 +115,13 @@ def results(record: DiskRecord) -> pd.DataFrame:
             row["lag [s]"] = ""
             row["95 % interval [s]"] = ""
             if chain is not None:
-                row["lag [s]"] = rounded(chain.lag_s.value, chain.lag_s.u)[0]
+                row["lag [s]"] = rounded_texts(chain.lag_s.value, chain.lag_s.u)[0]
                 row["95 % interval [s]"] = chain.lag_s.interval
         rows.append(row)
     return pd.DataFrame(rows)
 
 
-def budget_table(budget: RestBudget) -> pd.DataFrame:
+def budget_table(budget: UncertaintyBudget) -> pd.DataFrame:
     """Return the budget as in the GUM."""
     rows = []
     for source in budget.sources:
@@ -150,7 +152,7 @@ def _freedom(dof: float) -> str:
 def widest(record: DiskRecord) -> tuple[str, float]:
     """Return channel and temperature [degC] of the largest expanded uncertainty at rest."""
     cases = [(channel, t) for channel in sorted(record.static) for t in temperatures(record)]
-    return max(cases, key=lambda case: budget_of(record, *case).expanded)
+    return max(cases, key=lambda case: channel_budget(record, *case).expanded)
 
 
 def next_calibration(record: DiskRecord, earlier: Sequence[DiskRecord] = ()) -> tuple[date, str]:
@@ -181,12 +183,12 @@ def next_calibration(record: DiskRecord, earlier: Sequence[DiskRecord] = ()) -> 
     last = max(comparable, key=calibrated_on)
     last_day = calibrated_on(last)
     years = (today - last_day).days / YEAR_DAYS
-    table = diff_records(last, record).table
+    table = compare_records(last, record).table
     changes = table[table["quantity"].str.endswith("degC")].to_dict("records")
     if not any(_largest_change(row) > 0 for row in changes):
         return latest, f"{default}; the earlier record shares no range of temperature with this one"
     fastest = max(changes, key=_largest_change)
-    drift = with_u(fastest["change"] / years, fastest["u"] / years, "K a year")
+    drift = text_with_u(fastest["change"] / years, fastest["u"] / years, "K a year")
     rate_K_year = _largest_change(fastest) / years
     days = int(min(traceability.limit_K / rate_K_year * YEAR_DAYS, MAX_DAYS))
     due = today + timedelta(days=days)
@@ -210,7 +212,7 @@ def signed_sections(record: DiskRecord, earlier: Sequence[DiskRecord] = ()) -> l
     same disk, for its drift.
     """
     channel, temperature_degC = widest(record)
-    budget = budget_of(record, channel, temperature_degC)
+    budget = channel_budget(record, channel, temperature_degC)
     _, reason = next_calibration(record, earlier)
     changes = "Where the disk, a junction, a cable or the logger is changed, it ends that day."
     files = pd.DataFrame([file.model_dump() for file in record.inputs])

@@ -11,11 +11,11 @@ import pandas as pd
 
 from tcdyn.partition.single_disk import OneDisk
 from tcdyn.plots import partition as draw
-from tcdyn.plots.style import pictured
+from tcdyn.plots.style import panel_figure
 from tcdyn.report.beta import fit_section, lead_section, test_sections, write_tests
 from tcdyn.report.page import MainResult, Section
 from tcdyn.workflows.beta_tables import u_of_beta
-from tcdyn.workflows.single_disk import ways_of
+from tcdyn.workflows.single_disk import one_disk_estimates_table
 
 
 def one_disk_sections(p: OneDisk) -> list[Section]:
@@ -43,12 +43,12 @@ def _estimate_sections(p: OneDisk) -> list[Section]:
             "compensated traces after the unloading, and β from the steady line at that h. Speed "
             "law and the fit of both disks need the other disk, so nothing here checks friction, "
             "steel and depths by shares that add to one.",
-            table=ways_of(p),
+            table=one_disk_estimates_table(p),
         ),
         Section(
             "the unloading, as logged and compensated",
             f"Common lag from the unloading, the record as prior: {p.answers['lag_s'].text('s')}.",
-            figure=pictured(partial(draw.draw_unloading, p, p.disk), height_in=4.6),
+            figure=panel_figure(partial(draw.draw_unloading, p, p.disk), height_in=4.6),
             caption="Noisy grey: readings after the static line. Smooth: junction temperature "
             "with its 95 % band.",
         ),
@@ -67,7 +67,7 @@ def _budget(p: OneDisk) -> Section:
         "Each row is one source alone; the last row is all together, the root of the sum of "
         "squares.",
         table=pd.DataFrame(rows, columns=columns),
-        figure=pictured(partial(draw.draw_budget, p), height_in=3.8),
+        figure=panel_figure(partial(draw.draw_budget, p), height_in=3.8),
         caption="The first column of the table; a longer bar is a source better worth measuring.",
     )
 
@@ -76,7 +76,7 @@ def _line(p: OneDisk) -> Section:
     """Return the section of the steady line."""
     return Section(
         "the steady line and the estimates on it",
-        figure=pictured(partial(draw.draw_line, p)),
+        figure=panel_figure(partial(draw.draw_line, p)),
         caption="Steady running determines a line; each estimator gives a point on it. Bars are "
         "95 %.",
     )
@@ -92,7 +92,7 @@ def _unevenness(p: OneDisk) -> Section:
     return Section(
         "is the temperature even around the bore?",
         text,
-        figure=pictured(draw_panel, width_in=5.0, height_in=4.0),
+        figure=panel_figure(draw_panel, width_in=5.0, height_in=4.0),
         caption="The disk seen along the shaft, junctions at the angles of rig.toml; bright is "
         "hot.",
     )

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from tcdyn.io.checksum import SEAL
+from tcdyn.io.checksum import CHECKSUM_KEY
 from tcdyn.rig.log import Log
 from tcdyn.rig.record import DiskRecord
 from tcdyn.workflows.beta import BetaRun
@@ -19,7 +19,7 @@ N_DIGITS = 16  # hexadecimal digits of a checksum in the table
 Row = tuple[str, str, str, str]  # kind, file, size or day, SHA-256
 
 
-def sources_of(
+def source_table(
     runs: Sequence[BetaRun | OneDiskRun], files: Sequence[Path] = (), rig: Path | None = None
 ) -> pd.DataFrame:
     """Return logs, records and rig of one or more tests.
@@ -35,7 +35,7 @@ def sources_of(
     rows = [log_row(run.log) for run in runs]
     rows += record_rows(runs[0].records, files)
     rows.append(("rig", rig_name, "", runs[0].rig_sha256))
-    return table(rows)
+    return to_table(rows)
 
 
 def log_row(log: Log) -> Row:
@@ -59,12 +59,12 @@ def record_rows(records: Mapping[str, DiskRecord], files: Sequence[Path] = ()) -
     for (disk, record), file in zip_longest(records.items(), files[: len(records)]):
         logs = ", ".join(source.file for source in record.inputs)
         name = f"{file.name}, of {logs}" if file else logs
-        checksum = record.to_dict()[SEAL]
+        checksum = record.to_dict()[CHECKSUM_KEY]
         rows.append((f"record, {disk} disk", name, f"made {record.created[:10]}", checksum))
     return rows
 
 
-def table(rows: Sequence[Row]) -> pd.DataFrame:
+def to_table(rows: Sequence[Row]) -> pd.DataFrame:
     """Return the rows as a table, with the first digits of the checksums."""
     short = [(*row, checksum[:N_DIGITS]) for *row, checksum in rows]
     return pd.DataFrame(short, columns=["what", "file", "size or day", "SHA-256 begins"])

@@ -373,12 +373,12 @@ def _interval_s(time: Array, grid: NDArray[np.int32]) -> float:
     return float(centred @ (time - time.mean()) / (centred @ centred))
 
 
-def interval_s(time_s: Array) -> float:
+def sample_interval_s(time_s: Array) -> float:
     """Sampling interval [s] of even times (N,).
 
     The mean step is used: stamps may be rounded, and then the median of the steps is rounded, too.
 
-    >>> round(75 * interval_s(np.round(np.arange(10.0) / 75, 3)), 9)
+    >>> round(75 * sample_interval_s(np.round(np.arange(10.0) / 75, 3)), 9)
     1.0
     """
     return float(time_s[-1] - time_s[0]) / (len(time_s) - 1)

@@ -17,7 +17,7 @@ from pandas.api.types import union_categoricals
 from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, SampleLocation, info, info_or_warning, warning
-from tcdyn.estimation.trace_noise import MOST_MISSING, impossible
+from tcdyn.estimation.trace_noise import MAX_MISSING_FRACTION, outside_range
 from tcdyn.rig.columns import SWITCHES, is_air
 
 # Longest run of missing values [s] that is bridged. Chosen by judgement.
@@ -160,7 +160,7 @@ class ColumnCheck:
         self.statistics["missing"].add(missing, values, offset)
         if not self._is_temperature:
             return
-        out_of_range = impossible(values)
+        out_of_range = outside_range(values)
         absent = np.isnan(values)
         self.statistics["impossible"].add(out_of_range, values, offset)
         self.statistics["absent"].add(absent, values, offset)
@@ -194,7 +194,7 @@ class ColumnCheck:
         """Missing values of a column that is no temperature."""
         missing = self.statistics["missing"]
         share = missing.count / self.n_samples if self.n_samples else 0.0
-        if missing.count > MOST_MISSING * self.n_samples:
+        if missing.count > MAX_MISSING_FRACTION * self.n_samples:
             raise InputError(
                 f"{self.location.at(self.name, missing.first)}: {missing.value:.4g}; "
                 f"{100 * share:.0f} % of the column is missing or impossible",
@@ -220,7 +220,7 @@ class ColumnCheck:
 
     def _check_spikes(self) -> list[Finding]:
         spikes = self.statistics["spikes"]
-        if spikes.count > MOST_MISSING * self.n_samples:
+        if spikes.count > MAX_MISSING_FRACTION * self.n_samples:
             percent = 100 * spikes.count / self.n_samples
             raise InputError(
                 f"{self.location.at(self.name, spikes.first)}: {percent:.0f} % of the samples are "
@@ -238,14 +238,14 @@ class ColumnCheck:
         missing = self.statistics["missing"]
         gap_s = missing.length * dt_s
         is_too_long = gap_s > max(MAX_MISSING_RUN_S, 3 * dt_s)
-        if is_too_long or missing.count > MOST_MISSING * self.n_samples:
+        if is_too_long or missing.count > MAX_MISSING_FRACTION * self.n_samples:
             percent = 100 * missing.count / self.n_samples
             raise InputError(
                 f"{self.location.at(self.name, missing.start)}: {missing.length} values in a row "
                 f"are missing ({gap_s:.3g} s), {percent:.2g} % of the channel",
                 where=self.location.where,
                 expected=f"runs of at most {MAX_MISSING_RUN_S} s and "
-                f"{100 * MOST_MISSING:.0f} % in all",
+                f"{100 * MAX_MISSING_FRACTION:.0f} % in all",
                 remedy="cut the log there, or repair the channel",
                 column=self.name,
             )

@@ -15,7 +15,7 @@ from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, SampleLocation, info, info_or_warning, warning
 from tcdyn.estimation.trace_noise import white_noise_sd
-from tcdyn.rig.columns import ROOM_AND_BATH, couples_in
+from tcdyn.rig.columns import ROOM_AND_BATH, junction_columns_in
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.rigfile import Rig, RigTables
 
@@ -73,7 +73,7 @@ def check_kind(
     """
     states, findings = _check_switches(sample, switches, location, parted)
     baths = [float(sample[name].median()) for name in ROOM_AND_BATH if name in sample]
-    junctions = couples_in(sample)
+    junctions = junction_columns_in(sample)
     if kind == "ehl":
         findings += _check_ehl(sample, junctions, states, location, rig)
         return states, findings

@@ -14,7 +14,7 @@ ANGLES_DEG: Array = np.arange(0.0, 361.0, 3.0, dtype=np.float64)
 
 
 @dataclass(frozen=True)
-class Around:
+class CircumferentialTemperature:
     """Circumferential temperature of a disk.
 
     Parameters

@@ -48,23 +48,23 @@ class Layout:
         return tuple(c for c in self.columns if c not in self.optional)
 
 
-def couples(channels: Iterable[str], disk: str = "") -> tuple[str, ...]:
+def junction_columns(channels: Iterable[str], disk: str = "") -> tuple[str, ...]:
     """Columns of the junctions of a disk; in EHL logs they start with the name of the disk.
 
-    >>> couples("ab"), couples(["t1"], "fast")
+    >>> junction_columns("ab"), junction_columns(["t1"], "fast")
     (('a_degC', 'b_degC'), ('fast_t1_degC',))
     """
     prefix = f"{disk}_" if disk else ""
     return tuple(f"{prefix}{channel}_degC" for channel in channels)
 
 
-DISK_CHANNELS = couples(CHANNELS)  # of the thesis's disks
-EHL_CHANNELS = tuple(name for disk in DISKS for name in couples(CHANNELS, disk))
+DISK_CHANNELS = junction_columns(CHANNELS)  # of the thesis's disks
+EHL_CHANNELS = tuple(name for disk in DISKS for name in junction_columns(CHANNELS, disk))
 SWITCHES = ("switch", "contact")
 ROOM_AND_BATH = ("ambient_degC", "oil_degC", "probe_degC", "fluid_degC")
 EHL_RUNNING = ("load_N", "friction_N", "contact", "speed_fast_rpm", "speed_slow_rpm")
 # torque of a shaft: friction times the radius of the disk
-TORQUES = tuple(f"torque_{disk}_Nm" for disk in DISKS)
+TORQUE_COLUMNS = tuple(f"torque_{disk}_Nm" for disk in DISKS)
 # units that the name of a temperature may end in, instead of degC
 UNITS = ("K", "degF", "mV")
 
@@ -81,8 +81,8 @@ LAYOUTS: dict[str, Layout] = {
     ),
     "ehl": Layout(
         "an EHL log",
-        ("time_s", *EHL_RUNNING, *TORQUES, *EHL_CHANNELS, "ambient_degC", "oil_degC"),
-        ("oil_degC", "contact", *TORQUES),
+        ("time_s", *EHL_RUNNING, *TORQUE_COLUMNS, *EHL_CHANNELS, "ambient_degC", "oil_degC"),
+        ("oil_degC", "contact", *TORQUE_COLUMNS),
     ),
     "hole": Layout(
         "a hole-comparison log",
@@ -93,7 +93,7 @@ LAYOUTS: dict[str, Layout] = {
 # Most names that a question in a message holds; more are listed only. Chosen by judgement.
 MAX_NAMES_IN_QUESTION = 3
 NOT_JUNCTIONS = (*ROOM_AND_BATH, "prt_degC", "setpoint_degC")
-KNOWN = tuple(dict.fromkeys(name for layout in LAYOUTS.values() for name in layout.columns))
+KNOWN_COLUMNS = tuple(dict.fromkeys(name for layout in LAYOUTS.values() for name in layout.columns))
 
 
 def is_junction_column(name: str) -> bool:
@@ -105,7 +105,7 @@ def is_junction_column(name: str) -> bool:
     return name.endswith("_degC") and not is_air(name) and name not in NOT_JUNCTIONS
 
 
-def couples_in(columns: Iterable[Hashable]) -> list[str]:
+def junction_columns_in(columns: Iterable[Hashable]) -> list[str]:
     """The columns of junctions among those of a log."""
     return [name for name in map(str, columns) if is_junction_column(name)]
 
@@ -157,7 +157,7 @@ def in_all_units(names: Iterable[str]) -> tuple[str, ...]:
 def recognise(names: Iterable[str], layouts: Mapping[str, Layout] = LAYOUTS) -> str | None:
     """The kind of log with these column names, or None; the kind "hole" is never guessed.
 
-    >>> recognise(["repeat", "prt_degC", *couples("abcdef")])
+    >>> recognise(["repeat", "prt_degC", *junction_columns("abcdef")])
     'oven'
     """
     available = set(names)
@@ -236,7 +236,7 @@ def match_columns(
     if "time_s" not in matched and "time" in names:
         _check_once(names, "time", where)
         matched = {"time_s": "time", **matched}
-    torques = [c for c in TORQUES if c in matched]
+    torques = [c for c in TORQUE_COLUMNS if c in matched]
     needless = {*without, *stated}
     if torques:
         needless.add("friction_N")
@@ -265,10 +265,12 @@ def _check_mapping(mapping: Mapping[str, str]) -> None:
     """Raise InputError for a key that is no canonical column, and no temperature."""
     temperature_endings = tuple(f"_{unit}" for unit in ("degC", *UNITS))
     for key in mapping:
-        if key in KNOWN or key.endswith(temperature_endings):
+        if key in KNOWN_COLUMNS or key.endswith(temperature_endings):
             continue
-        close = get_close_matches(key, KNOWN, n=1, cutoff=0.6)
-        remedy = f"did you mean {close[0]!r}?" if close else f"the names are {', '.join(KNOWN)}"
+        close = get_close_matches(key, KNOWN_COLUMNS, n=1, cutoff=0.6)
+        remedy = (
+            f"did you mean {close[0]!r}?" if close else f"the names are {', '.join(KNOWN_COLUMNS)}"
+        )
         raise InputError(
             f"{key!r} is not a canonical column",
             where="rig.toml [columns]",
@@ -395,7 +397,7 @@ def _missing_columns(
     if mapped:
         what += f" ({'; '.join(mapped)})"
     only_channels = not similar and kind == "ehl" and all(m.startswith(DISKS) for m in missing)
-    unknown = [repr(n) for n in candidates if n not in KNOWN]
+    unknown = [repr(n) for n in candidates if n not in KNOWN_COLUMNS]
     if only_channels and unknown:
         question = " or ".join(unknown[:MAX_NAMES_IN_QUESTION])
         what += f" (is it {question}? then map it in rig.toml [columns])"

@@ -17,9 +17,9 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding
 from tcdyn.estimation.trace_noise import (
     SPIKES,
+    fast_nanmedian,
     find_spikes,
     local_polynomial,
-    middle,
     white_noise_sd,
 )
 from tcdyn.rig.disk import DiskSetup
@@ -34,11 +34,11 @@ MAX_SMOOTH_S = 40.0
 # of the transducer.
 FORCE_NOISE = 0.002
 # Samples this near to a switching instant [s] may belong to either side. Chosen by judgement.
-SETTLE_S = 0.1
+SWITCHING_MARGIN_S = 0.1
 # Time of a linear fall from 90 to 10 %, as a share of the complete fall.
-STRAIGHT_FALL = 0.8
+LINEAR_FALL_SHARE = 0.8
 # Samples of an unloaded segment that determine a zero. Chosen by judgement.
-LEAST_ZERO = 10
+MIN_ZERO_SAMPLES = 10
 # Unloaded time after the unloading that is used for the zero [s]. Chosen by judgement.
 ZERO_WINDOW_S = 60.0
 # Window of the local polynomial through a speed [s]. Chosen by judgement.
@@ -82,7 +82,7 @@ class Events:
 
 
 @dataclass(frozen=True)
-class FrictionAdded:
+class FrictionCorrection:
     """Friction that the transducer does not measure, with its standard uncertainty."""
 
     value_N: float
@@ -90,7 +90,7 @@ class FrictionAdded:
     findings: tuple[Finding, ...] = ()
 
 
-NOTHING_ADDED = FrictionAdded(0.0, 0.0)
+NO_FRICTION_CORRECTION = FrictionCorrection(0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -158,10 +158,10 @@ def hertz_contact(
     return HertzContact(float(minor), float(major), float(1.5 * load_N / (np.pi * minor * major)))
 
 
-def equal_radius_m(one_m: float, other_m: float) -> float:
+def equivalent_radius_m(one_m: float, other_m: float) -> float:
     """Radius of equal disks with the relative curvature of two unequal ones, 2 / (1/R1 + 1/R2) [m].
 
-    >>> round(equal_radius_m(0.03, 0.06), 3)
+    >>> round(equivalent_radius_m(0.03, 0.06), 3)
     0.04
     """
     return 2.0 / (1.0 / one_m + 1.0 / other_m)
@@ -218,16 +218,19 @@ def contact_force(t: Array, raw_N: Array, events: Events) -> Array:
     """
     on = events.load_on_s
     off = events.unload_s
-    settling_s = events.parting_s + SETTLE_S
+    settling_s = events.parting_s + SWITCHING_MARGIN_S
     nowhere = np.zeros(len(t), dtype=bool)
-    near = [(t >= start - SETTLE_S) & (t <= stop + SETTLE_S) for start, stop in events.again]
+    near = [
+        (t >= start - SWITCHING_MARGIN_S) & (t <= stop + SWITCHING_MARGIN_S)
+        for start, stop in events.again
+    ]
     is_near_contact = np.any([nowhere, *near], axis=0)
     unloaded = np.where(is_near_contact, np.nan, raw_N)
-    force_N = raw_N - _zero(t, unloaded, on - SETTLE_S, off + settling_s)
-    inside = (t > on + SETTLE_S) & (t < off - settling_s)
-    dt_s = float(middle(np.diff(t)))
+    force_N = raw_N - _zero(t, unloaded, on - SWITCHING_MARGIN_S, off + settling_s)
+    inside = (t > on + SWITCHING_MARGIN_S) & (t < off - settling_s)
+    dt_s = float(fast_nanmedian(np.diff(t)))
     smooth = np.interp(t, t[inside], _smooth_force(force_N[inside], dt_s))
-    ramp_s = events.parting_s / STRAIGHT_FALL
+    ramp_s = events.parting_s / LINEAR_FALL_SHARE
     if ramp_s > 4 * dt_s:
         share = np.clip((off + 0.5 * ramp_s - t) / ramp_s, 0.0, 1.0)
     else:
@@ -245,11 +248,11 @@ def _smooth_force(raw: Array, dt_s: float) -> Array:
     without_spikes = pd.Series(raw).mask(find_spikes(raw, rule))
     filled = without_spikes.interpolate(limit_direction="both").to_numpy()
     noise_N = float(white_noise_sd(filled))
-    window = line_length(noise_N, float(middle(filled)), dt_s, len(filled))
+    window = smoothing_samples(noise_N, float(fast_nanmedian(filled)), dt_s, len(filled))
     return local_polynomial(filled, window, min(1, window - 1))
 
 
-def line_length(noise_N: float, level_N: float, dt_s: float, most: int) -> int:
+def smoothing_samples(noise_N: float, level_N: float, dt_s: float, most: int) -> int:
     """Length in samples (odd) of the running straight line through a noisy force.
 
     Parameters
@@ -273,7 +276,7 @@ def _zero(t: Array, raw: Array, before_s: float, after_s: float) -> Array:
     ok = np.isfinite(raw)
     before = ok & (t < before_s)
     after = ok & (t > after_s) & (t < after_s + ZERO_WINDOW_S)
-    segments = [segment for segment in (before, after) if segment.sum() >= LEAST_ZERO]
+    segments = [segment for segment in (before, after) if segment.sum() >= MIN_ZERO_SAMPLES]
     if not segments:
         return np.zeros_like(t)
     times = [float(np.mean(t[segment])) for segment in segments]
@@ -281,7 +284,9 @@ def _zero(t: Array, raw: Array, before_s: float, after_s: float) -> Array:
     return np.interp(t, times, zeros)
 
 
-def speed_course(time_s: Array, speed_rpm: Array, from_s: float, level_rpm: float) -> Array | None:
+def relative_speed(
+    time_s: Array, speed_rpm: Array, from_s: float, level_rpm: float
+) -> Array | None:
     """A logged speed after ``from_s`` as a share of ``level_rpm``, (N,); one before ``from_s``.
 
     Noise, spikes and dropouts are removed. The result is one everywhere if the speed changes by
@@ -290,7 +295,7 @@ def speed_course(time_s: Array, speed_rpm: Array, from_s: float, level_rpm: floa
     >>> t = np.arange(0.0, 60.0, 1 / 75)
     >>> slowing = 3000.0 * np.exp(-np.clip(t - 30.0, 0, None) / 3.0)
     >>> slowing[2500] = 0.0  # a dropout
-    >>> speed_course(t, slowing, 30.0, 3000.0)[[2000, 2475]].round(3)  # 3 s later: to 1/e
+    >>> relative_speed(t, slowing, 30.0, 3000.0)[[2000, 2475]].round(3)  # 3 s later: to 1/e
     array([1.   , 0.368])
     """
     result = np.ones_like(time_s)
@@ -387,7 +392,7 @@ def contact_conductance_W_m2K(
     return 0.170 * (pressure_Pa / hardness_Pa) ** 0.693 * slope * conductivity_W_mK / roughness_m
 
 
-def press_fit(setup: DiskSetup) -> tuple[float, float]:
+def press_fit_conductance(setup: DiskSetup) -> tuple[float, float]:
     """Pressure [Pa] of the press fit of a disk (6.1), and its conductance in contact [W/m2K] (6.2).
 
     Raises

@@ -21,7 +21,7 @@ from tcdyn.rig.strict import STRICT
 from tcdyn.rig.surface_flux import NO_FLUX, SurfaceFlux
 
 DISKS = ("fast", "slow")
-LEFT_OUT = "left out"  # in tables, for a channel without results
+LEFT_OUT_TEXT = "left out"  # in tables, for a channel without results
 # Largest share of the channels of a disk that may be left out. Chosen by judgement.
 MAX_SHARE_LEFT_OUT = 1 / 3
 # Axial positions of the inner row that the profile along R_i needs.
@@ -284,7 +284,9 @@ class DiskSetup:
         return replace(self, junctions=junctions)
 
 
-def left_out_of(names: Iterable[str], disks: Mapping[str, DiskSetup]) -> dict[str, tuple[str, ...]]:
+def channels_left_out(
+    names: Iterable[str], disks: Mapping[str, DiskSetup]
+) -> dict[str, tuple[str, ...]]:
     """Channels left out of each disk, from names such as "fast_c".
 
     Raises
@@ -295,7 +297,7 @@ def left_out_of(names: Iterable[str], disks: Mapping[str, DiskSetup]) -> dict[st
     Examples
     --------
     >>> from tcdyn.rig.rigfile import load_rig
-    >>> left_out_of(["slow_f", "slow_c_degC"], load_rig().setups)
+    >>> channels_left_out(["slow_f", "slow_c_degC"], load_rig().setups)
     {'fast': (), 'slow': ('c', 'f')}
     """
     requested = {name.removesuffix("_degC"): name for name in names}

@@ -20,21 +20,21 @@ from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, SampleLocation, labelled_messages
 from tcdyn.core.result import Result, jsonable
-from tcdyn.estimation.trace_noise import SPIKES, clean, course_noise_K
-from tcdyn.io.read import Table, read_whole, sha256
-from tcdyn.io.table import PIECE_ROWS, Columns, in_pieces, joined
+from tcdyn.estimation.trace_noise import SPIKES, remove_impossible, spike_noise_K
+from tcdyn.io.read import Table, read_all_rows, sha256
+from tcdyn.io.table import CHUNK_ROWS, Columns, concatenate_columns, in_chunks
 from tcdyn.io.write import write_log
 from tcdyn.rig.check_clock import Sampling, check_time, resample_to_grid, scale_jitter
 from tcdyn.rig.check_columns import MAX_MISSING_RUN_S, ColumnCheck, DecimatedLog
 from tcdyn.rig.check_kind import check_kind
-from tcdyn.rig.columns import LAYOUTS, SWITCHES, Kind, couples_in
+from tcdyn.rig.columns import LAYOUTS, SWITCHES, Kind, junction_columns_in
 from tcdyn.rig.opened_log import (
     COMPENSATED,
+    check_records_used,
     columns_to_skip,
     log_kind,
     missing_and_unused,
     open_log,
-    refuse_spare_records,
 )
 from tcdyn.rig.oven_log import oven_frame
 from tcdyn.rig.record import DiskRecord
@@ -42,7 +42,7 @@ from tcdyn.rig.rigfile import Rig, load_rig
 
 # Largest file, in rows, that is kept in memory: 29 min at 75 Hz. Chosen by judgement.
 MAX_ROWS_IN_MEMORY = 1 << 17
-__all__ = ["COMPENSATED", "Log", "LogPiece", "LogPieces", "iter_log", "read_log", "write_log"]
+__all__ = ["COMPENSATED", "Log", "LogChunk", "LogChunks", "iter_log", "read_log", "write_log"]
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class Log(Result):
     @property
     def channels(self) -> tuple[str, ...]:
         """Columns of the junctions."""
-        return tuple(couples_in(self.frame))
+        return tuple(junction_columns_in(self.frame))
 
     def summary(self) -> str:
         """File, kind, length, sampling and findings."""
@@ -121,7 +121,7 @@ class Log(Result):
 
 
 @dataclass(frozen=True)
-class LogPiece:
+class LogChunk:
     """A chunk of a log.
 
     Parameters
@@ -131,7 +131,7 @@ class LogPiece:
     first
         Row of the full log at which the chunk starts.
     findings
-        Of the complete walk, with the last chunk only; ``LogPieces.findings`` holds the others.
+        Of the complete walk, with the last chunk only; ``LogChunks.findings`` holds the others.
     """
 
     frame: pd.DataFrame
@@ -140,7 +140,7 @@ class LogPiece:
 
 
 @dataclass(frozen=True)
-class LogPieces:
+class LogChunks:
     """A log that is read in chunks, as often as needed, in memory that does not grow with the log.
 
     ``iter_log`` has read the file once: ``switches`` (N,) hold all rows of the file, ``findings``
@@ -177,7 +177,7 @@ class LogPieces:
         """Number of rows of all chunks together."""
         return int(self.sampling.grid[-1]) + 1
 
-    def __iter__(self) -> Iterator[LogPiece]:
+    def __iter__(self) -> Iterator[LogChunk]:
         where = self._location.where
         grid = self.sampling.grid
         total = len(grid)
@@ -206,7 +206,7 @@ class LogPieces:
             inside = slice(done - start, stop - start)
             columns: dict[str, Array] = {}
             for name, check in checks.items():
-                cleaned = clean(name, stored[name], self._noise_K[name])
+                cleaned = remove_impossible(name, stored[name], self._noise_K[name])
                 check.add(stored[name][inside], cleaned[inside])
                 resampled = resample_to_grid(name, cleaned, self.sampling, slice(start, end))
                 columns[name] = resampled[inside]
@@ -215,7 +215,7 @@ class LogPieces:
                 for check in checks.values():
                     findings += check.judge()
             frame = self._on_even_grid(columns, done, stop)
-            yield LogPiece(frame, int(grid[done]), tuple(f.at(where) for f in findings))
+            yield LogChunk(frame, int(grid[done]), tuple(f.at(where) for f in findings))
             done = stop
             first_needed = max(stop - margin - start, 0)
             stored = {name: values[first_needed:].copy() for name, values in stored.items()}
@@ -283,7 +283,7 @@ class LogPieces:
             findings,
         )
 
-    def _with_columns(self, columns: Collection[str]) -> LogPieces:
+    def _with_columns(self, columns: Collection[str]) -> LogChunks:
         """The log with some columns, and the two that are needed to divide it into chunks."""
         names = {"time_s", next(iter(self._noise_K)), *columns}
         return replace(
@@ -300,11 +300,11 @@ def iter_log(
     rig: Rig | None = None,
     disk: str | None = None,
     *,
-    rows: int = PIECE_ROWS,
+    rows: int = CHUNK_ROWS,
     allow_compensated: bool = False,
     parted: bool = True,
     without: Collection[str] = (),
-) -> LogPieces:
+) -> LogChunks:
     """Open a log that is read in chunks, in time order; joined, they are the frame of ``read_log``.
 
     The file is read once here. This first walk stores its time and switches, and of the other
@@ -376,8 +376,8 @@ def iter_log(
         if name == "time_s" or name in SWITCHES:
             continue
         values = sample[name].to_numpy()
-        noise_K[name] = course_noise_K(name, values, sample_rows, location)
-        sample[name] = clean(name, values, noise_K[name])
+        noise_K[name] = spike_noise_K(name, values, sample_rows, location)
+        sample[name] = remove_impossible(name, values, noise_K[name])
     sampling = scale_jitter(sampling, sample)
     switches, kind_findings = check_kind(
         kind,
@@ -391,9 +391,9 @@ def iter_log(
     findings = [*sampling.findings, *findings, *kind_findings]
     findings += missing_and_unused(kind, table, names, without)
     if chunks:
-        stored = joined(chunks, [*chunks[0].data], location)
-        table = replace(table, pieces=partial(in_pieces, stored))
-    log = LogPieces(
+        stored = concatenate_columns(chunks, [*chunks[0].data], location)
+        table = replace(table, pieces=partial(in_chunks, stored))
+    log = LogChunks(
         file,
         kind,
         dict(table.metadata),
@@ -412,9 +412,9 @@ def iter_log(
     return log
 
 
-def log_for(
+def open_log_for_records(
     log: str | Path, rig: Rig, records: Mapping[str, DiskRecord]
-) -> tuple[LogPieces, list[str]]:
+) -> tuple[LogChunks, list[str]]:
     """Open the EHL or immersion log that ``records`` are for.
 
     Returns
@@ -430,7 +430,7 @@ def log_for(
     skipped: list[str] = []
     unused: list[str] = []
     if kind == "ehl":
-        refuse_spare_records(log, rig, records)
+        check_records_used(log, rig, records)
         skipped, unused = columns_to_skip(log, rig, records)
     return iter_log(log, kind, rig, disk, parted=False, without=skipped), unused
 
@@ -498,7 +498,7 @@ def read_log(
         )
         return log.whole()
     table, names = open_log(file, kind, rig, disk, allow_compensated=allow_compensated)
-    raw = read_whole(table, list(dict.fromkeys(names.values())))
+    raw = read_all_rows(table, list(dict.fromkeys(names.values())))
     columns = {canonical: raw.data[name] for canonical, name in names.items()}
     frame, findings = oven_frame(columns, raw.place)
     findings = [*raw.findings, *findings, *missing_and_unused(kind, table, names)]

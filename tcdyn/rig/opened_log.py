@@ -15,18 +15,18 @@ import numpy as np
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
-from tcdyn.io.read import Table, open_table, shown
+from tcdyn.io.read import Table, display_path, open_table
 from tcdyn.rig.columns import (
     EHL_RUNNING,
-    KNOWN,
+    KNOWN_COLUMNS,
     LAYOUTS,
-    TORQUES,
+    TORQUE_COLUMNS,
     UNITS,
     Layout,
-    couples,
     find_column,
     in_all_units,
     is_junction_column,
+    junction_columns,
     match_columns,
     recognise,
     suggestion,
@@ -66,21 +66,21 @@ def records_by_disk(paths: Sequence[str | Path]) -> dict[str, DiskRecord]:
     return records
 
 
-def rig_of(records: Mapping[str, DiskRecord]) -> Rig:
+def rig_from_records(records: Mapping[str, DiskRecord]) -> Rig:
     """The rig stored in the records: each disk by its record, the common tables by the first."""
     common = next(iter(records.values())).setup
     setups = {disk: records[disk].setup if disk in records else common for disk in DISKS}
     return Rig(common=common, fast=setups["fast"], slow=setups["slow"])
 
 
-def layouts_of(rig: Rig, disk: str | None) -> dict[str, Layout]:
+def rig_layouts(rig: Rig, disk: str | None) -> dict[str, Layout]:
     """The layouts of the logs of a rig; oven and immersion logs are of its ``disk``."""
     return {
         kind: layout.with_junctions(rig.couples(kind, disk)) for kind, layout in LAYOUTS.items()
     }
 
 
-def known_names(layouts: Mapping[str, Layout]) -> tuple[str, ...]:
+def all_column_names(layouts: Mapping[str, Layout]) -> tuple[str, ...]:
     """Every canonical column of these logs, temperatures in every unit."""
     names = dict.fromkeys(name for layout in layouts.values() for name in layout.columns)
     return in_all_units(names)
@@ -101,7 +101,7 @@ def missing_and_unused(
     findings: list[Finding] = []
     if kind in ("ehl", "immersion"):
         for name in LAYOUTS[kind].optional:
-            if name in names or name in TORQUES:
+            if name in names or name in TORQUE_COLUMNS:
                 continue
             if name == "contact":
                 findings.append(info("contact.not_logged"))
@@ -140,8 +140,8 @@ def open_log(
     air: dict[str, str] = {}
     if kind == "ehl":
         air = {name: column for name, column in rig.air_columns().items() if name not in without}
-    layouts = layouts_of(rig, disk)
-    table = open_table(file, (*known_names(layouts), *mapping.values(), *air.values()))
+    layouts = rig_layouts(rig, disk)
+    table = open_table(file, (*all_column_names(layouts), *mapping.values(), *air.values()))
     if table.metadata.get("tcdyn") == COMPENSATED and not allow_compensated:
         raise InputError(
             "is compensated already",
@@ -152,12 +152,12 @@ def open_log(
     names = match_columns(
         table.names, kind, table.where, mapping, without, rig.stated(), air, layouts
     )
-    conversions = as_logged(names, table.names, rig, disk or "", mapping)
-    canonical = {"friction_N" if n in TORQUES else n: column for n, column in names.items()}
+    conversions = unit_conversions(names, table.names, rig, disk or "", mapping)
+    canonical = {"friction_N" if n in TORQUE_COLUMNS else n: column for n, column in names.items()}
     return convert_columns(table, conversions), canonical
 
 
-def columns_not_there(
+def missing_columns(
     file: str | Path, rig: Rig, wanted: Iterable[str], alike: bool = False
 ) -> list[str]:
     """The ``wanted`` columns that the file of an EHL log does not hold.
@@ -165,11 +165,13 @@ def columns_not_there(
     With ``alike``, columns with a similar name in the file are not listed.
     """
     mapping = {**rig.columns(), **rig.air_columns()}
-    names = open_table(Path(file), (*known_names(layouts_of(rig, None)), *mapping.values())).names
+    names = open_table(
+        Path(file), (*all_column_names(rig_layouts(rig, None)), *mapping.values())
+    ).names
     missing = [c for c in wanted if find_column(c, mapping, names) is None]
     if not alike:
         return missing
-    unknown = [name for name in names if name not in KNOWN]
+    unknown = [name for name in names if name not in KNOWN_COLUMNS]
     return [c for c in missing if suggestion(c, unknown) is None]
 
 
@@ -187,39 +189,39 @@ def columns_to_skip(
     for disk in DISKS:
         if disk in records:
             continue
-        columns = couples(rig.disk_setup(disk).channels, disk)
-        if len(columns_not_there(log, rig, columns)) == len(columns):
+        columns = junction_columns(rig.disk_setup(disk).channels, disk)
+        if len(missing_columns(log, rig, columns)) == len(columns):
             junctions += columns
-    running = columns_not_there(
-        log, rig, [*EHL_RUNNING, *TORQUES, "ambient_degC", *rig.air_columns()]
+    running = missing_columns(
+        log, rig, [*EHL_RUNNING, *TORQUE_COLUMNS, "ambient_degC", *rig.air_columns()]
     )
-    has_torque = not set(TORQUES) <= set(running)
-    needless = {"contact", *TORQUES, *rig.stated()}
+    has_torque = not set(TORQUE_COLUMNS) <= set(running)
+    needless = {"contact", *TORQUE_COLUMNS, *rig.stated()}
     if has_torque:
         needless.add("friction_N")
     candidates = [c for c in running if c not in needless]
-    unused = columns_not_there(log, rig, candidates, alike=True)
+    unused = missing_columns(log, rig, candidates, alike=True)
     return [*junctions, *unused], unused
 
 
-def refuse_spare_records(file: str | Path, rig: Rig, records: Mapping[str, DiskRecord]) -> None:
+def check_records_used(file: str | Path, rig: Rig, records: Mapping[str, DiskRecord]) -> None:
     """Raise InputError for the record of a disk of which an EHL log holds no column."""
     without_columns: list[str] = []
     for disk in records:
-        columns = [*couples(rig.disk_setup(disk).channels, disk)]
-        if columns_not_there(file, rig, columns) == columns:
+        columns = [*junction_columns(rig.disk_setup(disk).channels, disk)]
+        if missing_columns(file, rig, columns) == columns:
             without_columns.append(disk)
     if len(without_columns) == len(records):
         return
     for disk in without_columns:
         raise InputError(
             f"holds no column of the {disk} disk, whose record was given",
-            where=shown(Path(file)),
+            where=display_path(Path(file)),
             remedy=f"leave out the {disk} disk's record, or map columns",
         )
 
 
-def as_logged(
+def unit_conversions(
     names: Mapping[str, str], file: Collection[str], rig: Rig, disk: str, mapping: Mapping[str, str]
 ) -> dict[str, Callable[[Array], Array]]:
     """Conversions to canonical units, by the names of the columns in the ``file``.
@@ -237,7 +239,7 @@ def as_logged(
             unit = "mV"
         if name.endswith("_degC") and unit in UNITS:
             conversions[column] = to_degC(unit, logger.couple, logger.cold_junction_degC)
-        if name in TORQUES:
+        if name in TORQUE_COLUMNS:
             radius_m = 1e-3 * rig.tables(name.split("_")[1]).disk.outer_radius_mm
             conversions[column] = partial(np.multiply, 1 / radius_m)
     return conversions
@@ -254,16 +256,16 @@ def log_kind(
         Several records are given for an immersion log. The reader refuses other kinds of log.
     """
     disk = next(iter(records))
-    names = (*known_names(layouts_of(rig, disk)), *rig.columns(disk).values())
-    return kind_of_columns(open_table(log, names).names, rig, records, shown(Path(log)))
+    names = (*all_column_names(rig_layouts(rig, disk)), *rig.columns(disk).values())
+    return log_kind_of_columns(open_table(log, names).names, rig, records, display_path(Path(log)))
 
 
-def kind_of_columns(
+def log_kind_of_columns(
     names: Collection[str], rig: Rig, records: Mapping[str, DiskRecord], where: str
 ) -> tuple[Literal["ehl", "immersion"], str | None]:
     """``log_kind`` for the names of the columns."""
     disk = next(iter(records))
-    layouts = layouts_of(rig, disk)
+    layouts = rig_layouts(rig, disk)
     canonical = {c for layout in layouts.values() for c in layout.columns}
     mapped = {c for c in canonical if find_column(c, rig.columns(disk), names)}
     if recognise({*names, *mapped}, layouts) != "immersion":

@@ -12,9 +12,9 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, SampleLocation, info, warning
 from tcdyn.estimation.line_fit import fit_line
-from tcdyn.estimation.trace_noise import clean, course_noise_K
+from tcdyn.estimation.trace_noise import remove_impossible, spike_noise_K
 from tcdyn.rig.check_columns import ColumnCheck
-from tcdyn.rig.columns import couples_in
+from tcdyn.rig.columns import junction_columns_in
 
 # A channel further from the PRT gives a warning [K]. Chosen by judgement.
 MAX_DISTANCE_FROM_PRT_K = 15.0
@@ -38,7 +38,7 @@ def steady_minutes(
         No plateau is steady.
     """
     time = frame["time_s"].to_numpy(dtype=float)
-    names = ["prt_degC", *couples_in(frame)]
+    names = ["prt_degC", *junction_columns_in(frame)]
     block = ((time - time[0]) // minute_s).astype(int)
     grouped = frame[names].groupby(block)
     is_full = grouped.size() >= 0.8 * float(grouped.size().median())
@@ -119,16 +119,16 @@ def oven_frame(
     for name, values in columns.items():
         cleaned[name] = values
         if name.endswith("_degC") and name != "setpoint_degC":
-            course_noise_K(name, values, np.arange(len(values)), location)
+            spike_noise_K(name, values, np.arange(len(values)), location)
             check = ColumnCheck(name, location)
-            cleaned[name] = clean(name, values)
+            cleaned[name] = remove_impossible(name, values)
             check.add(values, cleaned[name])
             findings += check.judge()
     no_prt = ~np.isfinite(cleaned["prt_degC"])
     if no_prt.any():
         numbers = {"count": int(no_prt.sum()), **location.of(int(np.argmax(no_prt)))}
         findings.append(warning("oven.no_prt", subject="prt_degC", **numbers))
-    junctions = couples_in(columns)
+    junctions = junction_columns_in(columns)
     for name in junctions:
         gaps = ~np.isfinite(cleaned[name]) & ~no_prt
         if gaps.any():
@@ -183,7 +183,7 @@ def check_oven(frame: pd.DataFrame, location: SampleLocation) -> list[Finding]:
     """
     prt = frame["prt_degC"].to_numpy()
     findings: list[Finding] = []
-    for name in couples_in(frame):
+    for name in junction_columns_in(frame):
         y = frame[name].to_numpy()
         ok = np.isfinite(y) & np.isfinite(prt)
         range_K = float(np.ptp(prt[ok])) if ok.any() else 0.0

@@ -42,7 +42,7 @@ MIN_DIFFERENT_READINGS = 10
 MAX_CODES = 4
 
 
-def impossible(values_degC: Array) -> Flags:
+def out_of_range(values_degC: Array) -> Flags:
     """Whether readings lie outside the physical range of a thermocouple; False for NaN.
 
     Parameters
@@ -52,7 +52,7 @@ def impossible(values_degC: Array) -> Flags:
 
     Examples
     --------
-    >>> impossible(np.array([-385.0, 20.0, np.nan, 9.9e37]))
+    >>> out_of_range(np.array([-385.0, 20.0, np.nan, 9.9e37]))
     array([ True, False, False,  True])
     """
     return (values_degC < LOWEST_DEGC) | (values_degC > HIGHEST_DEGC)
@@ -136,7 +136,7 @@ def _code(values: Array, candidate: float) -> Flags:
     return equal if is_code else none
 
 
-def unreachable(
+def impossible_changes(
     values_degC: Array, dt_s: float, lag_s: float, passed_directly: float = 0.0
 ) -> Flags:
     """Samples that no physical input could have produced through a chain, given the others.

@@ -15,11 +15,11 @@ import numpy as np
 import pandas as pd
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, computed_field, model_validator
 
-from tcdyn.core.errors import InputError, first_wrong
+from tcdyn.core.errors import InputError, first_validation_error
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, labelled_messages, messages, warning
 from tcdyn.core.result import Result, json_text
-from tcdyn.io.checksum import SEAL, altered, sealed
+from tcdyn.io.checksum import CHECKSUM_KEY, checksum_findings, with_checksum
 from tcdyn.io.write import write_text
 from tcdyn.rig.disk import Conditioning, DiskSetup
 from tcdyn.rig.rigfile import RigTables
@@ -30,29 +30,29 @@ SCHEMA: Final[Literal["tcdyn.disk/2"]] = "tcdyn.disk/2"
 SCHEMA_0_1 = "tcdyn.disk/1"  # of version 0.1: two lags a channel, tau1_s and tau2_s
 _Model = TypeVar("_Model", bound=BaseModel)
 # Longest lag [s]: about four months, slower than any building; a longer time is in another unit.
-LONGEST_LAG_S = 1e7
+MAX_LAG_S = 1e7
 # A lag may differ from the sum of its parameters by this [s] or by 3 u. Chosen by judgement.
 LAG_TOLERANCE_S = 0.02
 
 
-class RecordPart(BaseModel):
+class StrictModel(BaseModel):
     """A part of a JSON file with fixed keys; unknown keys are errors."""
 
     model_config = ConfigDict(**STRICT, populate_by_name=True)
 
 
-class InputFile(RecordPart):
+class InputFile(StrictModel):
     """A file that the record was made from."""
 
     file: str
     sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
 
 
-Lag = Annotated[float, Field(ge=0, lt=LONGEST_LAG_S)]
-Positive = Annotated[float, Field(gt=0, lt=LONGEST_LAG_S)]
+Lag = Annotated[float, Field(ge=0, lt=MAX_LAG_S)]
+Positive = Annotated[float, Field(gt=0, lt=MAX_LAG_S)]
 
 
-class ChannelChain(RecordPart):
+class ChannelChain(StrictModel):
     """The chain of one channel in a record: the parameters [s] of ``tcdyn.Chain`` without filter B.
 
     Parameters
@@ -66,7 +66,7 @@ class ChannelChain(RecordPart):
     """
 
     taus_s: tuple[Lag, ...]
-    zero_s: float = Field(default=0.0, gt=-LONGEST_LAG_S, lt=LONGEST_LAG_S)
+    zero_s: float = Field(default=0.0, gt=-MAX_LAG_S, lt=MAX_LAG_S)
     delay_s: Lag = 0.0
     pair: tuple[Positive, Positive] | None = None
     cement_s: Lag = 0.0
@@ -74,7 +74,7 @@ class ChannelChain(RecordPart):
     split_u_s: Lag = 0.0
 
 
-class ChainRecord(RecordPart):
+class ChainRecord(StrictModel):
     """The dynamic part of a record.
 
     Parameters
@@ -134,7 +134,7 @@ class ChainRecord(RecordPart):
         return self
 
 
-class DiskRecord(Result, RecordPart):
+class DiskRecord(Result, StrictModel):
     """The calibration of one disk; ``setup`` holds the rig tables it was calibrated with."""
 
     schema_: Literal["tcdyn.disk/2"] = Field(default=SCHEMA, alias="schema")
@@ -170,7 +170,7 @@ class DiskRecord(Result, RecordPart):
         if self.chain:
             self._check_names("chain.channels", self.chain.channels)
         try:
-            moment(self.created)
+            parse_time(self.created)
         except ValueError:
             raise ValueError(f"created: {self.created!r} is no date (ISO 8601)") from None
         channels = self.chain.channels if self.chain else {}
@@ -235,7 +235,7 @@ class DiskRecord(Result, RecordPart):
 
     def to_dict(self) -> dict[str, Any]:
         """The content of the record's file, with its checksum."""
-        return sealed(self.model_dump(mode="json", by_alias=True))
+        return with_checksum(self.model_dump(mode="json", by_alias=True))
 
     def to_json(self) -> str:
         """The record as JSON text."""
@@ -255,7 +255,7 @@ def user_name() -> str:
         return ""
 
 
-def moment(text: str) -> datetime:
+def parse_time(text: str) -> datetime:
     """The time that ``created`` gives; without a time zone it is UTC."""
     time = datetime.fromisoformat(text)
     return time if time.tzinfo else time.replace(tzinfo=UTC)
@@ -340,26 +340,28 @@ def parse_record(data: Any, where: str) -> DiskRecord:
             expected=f"{SCHEMA!r} or {SCHEMA_0_1!r}",
             remedy="update tcdyn" if is_newer else "give a disk record",
         )
-    record = validated(
+    record = validate_model(
         DiskRecord,
         _from_0_1(data) if schema == SCHEMA_0_1 else data,
         where,
         "a record as `tcdyn calibrate` writes it",
         "do not edit records by hand; calibrate again",
     )
-    record.findings.extend(altered(data, where))
+    record.findings.extend(checksum_findings(data, where))
     return record
 
 
-def validated(model: type[_Model], data: Any, where: str, expected: str, remedy: str) -> _Model:
+def validate_model(
+    model: type[_Model], data: Any, where: str, expected: str, remedy: str
+) -> _Model:
     """``data`` without its checksum as a ``model``; InputError names the first wrong key."""
     if isinstance(data, dict):
-        data = {key: value for key, value in data.items() if key != SEAL}
+        data = {key: value for key, value in data.items() if key != CHECKSUM_KEY}
     try:
         return model.model_validate(data)
     except ValidationError as problem:
         raise InputError(
-            first_wrong(problem), where=where, expected=expected, remedy=remedy
+            first_validation_error(problem), where=where, expected=expected, remedy=remedy
         ) from None
 
 

@@ -19,10 +19,10 @@ from pydantic import (
     model_validator,
 )
 
-from tcdyn.core.errors import InputError, first_wrong
+from tcdyn.core.errors import InputError, first_validation_error
 from tcdyn.core.findings import CHANNEL_NAME
 from tcdyn.core.result import Result
-from tcdyn.rig.columns import couples
+from tcdyn.rig.columns import junction_columns
 from tcdyn.rig.disk import DISKS, Conditioning, DiskSetup, Junction
 from tcdyn.rig.layout import CHANNELS, DEFAULT_LAYOUT, OWN_LAYOUT, inner_row, layout_junctions
 from tcdyn.rig.logger import AmbientChannels, Constant, ConstantName, LoggerTable, air_columns
@@ -109,7 +109,7 @@ class RigTables(RigTable):
         """Each junction has its own column, in EHL logs (both disks) and in other logs."""
         for prefixes in (DISKS, ("",)):
             junction_of: dict[str, str] = {}
-            names = [n for prefix in prefixes for n in couples(self.thermocouples, prefix)]
+            names = [n for prefix in prefixes for n in junction_columns(self.thermocouples, prefix)]
             for name in names:
                 column = self.columns.get(name, name)
                 other = junction_of.setdefault(column, name)
@@ -227,10 +227,10 @@ class Rig(Result, BaseModel):
     def couples(self, kind: str, disk: str | None = None) -> tuple[str, ...]:
         """Columns of the junctions in a log: of both disks in an EHL log, else of ``disk``."""
         if kind != "ehl":
-            return couples(sorted(self.tables(disk or "").thermocouples))
+            return junction_columns(sorted(self.tables(disk or "").thermocouples))
         columns: list[str] = []
         for name in DISKS:
-            columns += couples(sorted(self.tables(name).thermocouples), name)
+            columns += junction_columns(sorted(self.tables(name).thermocouples), name)
         return tuple(columns)
 
     def disk_setup(self, disk: str) -> DiskSetup:
@@ -290,7 +290,7 @@ def parse_rig(data: dict[str, Any], where: str) -> Rig:
         try:
             tables[name] = RigTables.model_validate(_merge(common, override))
         except ValidationError as problem:
-            what = first_wrong(problem, name)
+            what = first_validation_error(problem, name)
             raise InputError(what, where=where, remedy=SHOW_REMEDY) from None
     return Rig(**tables)
 

@@ -87,7 +87,7 @@ class StaticLine(BaseModel):
         return Estimate.normal(self.offset, float(np.sqrt(self.covariance[1][1])))
 
 
-def unit_lines(u_K: float, channels: Iterable[str] = CHANNELS) -> dict[str, StaticLine]:
+def identity_lines(u_K: float, channels: Iterable[str] = CHANNELS) -> dict[str, StaticLine]:
     """Lines T = logged of the ``channels``, for a disk without an oven log.
 
     They are valid in ``WIRE_RANGE_DEGC``. Wire deviates by a slope as well as by an offset, so the
@@ -100,7 +100,7 @@ def unit_lines(u_K: float, channels: Iterable[str] = CHANNELS) -> dict[str, Stat
 
     Examples
     --------
-    >>> [round(float(static_u(unit_lines(0.9)["a"], t)), 2) for t in (20.0, 85.0, 150.0)]
+    >>> [round(float(static_u(identity_lines(0.9)["a"], t)), 2) for t in (20.0, 85.0, 150.0)]
     [1.07, 0.9, 1.07]
     """
     variance = (u_K / 100.0) ** 2
@@ -137,7 +137,7 @@ def lines_table(lines: Mapping[str, StaticLine]) -> pd.DataFrame:
                 "gain": str(line.gain_estimate),
                 "offset [degC]": str(line.offset_estimate),
                 "range [degC]": f"{line.range_degC[0]:.0f} to {line.range_degC[1]:.0f}",
-                "u at mid-range [K]": f"{float(whole_u(line, 0.5 * sum(line.range_degC))):.2g}",
+                "u at mid-range [K]": f"{float(reading_u(line, 0.5 * sum(line.range_degC))):.2g}",
                 "residual sd [K]": f"{line.residual_sd_degC:.2g}",
             }
             for name, line in sorted(lines.items())
@@ -165,12 +165,12 @@ def static_u(line: StaticLine, temperature_degC: ArrayLike) -> Array:
     return np.asarray(np.sqrt(np.maximum(y * y * gg + 2 * y * go + oo, 0.0)))
 
 
-def whole_u(line: StaticLine, temperature_degC: ArrayLike) -> Array:
+def reading_u(line: StaticLine, temperature_degC: ArrayLike) -> Array:
     """Standard uncertainty [K] of a reading at rest, including that of the reference."""
     return np.asarray(np.hypot(static_u(line, temperature_degC), line.shared_u_K))
 
 
-def best_known(line: StaticLine) -> tuple[float, float, float]:
+def smallest_uncertainty(line: StaticLine) -> tuple[float, float, float]:
     """Temperature [degC] at which a line has its smallest uncertainty, and two uncertainties.
 
     These are the standard uncertainty there [K], and that of the slope about there [1]. The three
@@ -178,7 +178,7 @@ def best_known(line: StaticLine) -> tuple[float, float, float]:
 
     >>> covariance = ((1e-6, -9e-5), (-9e-5, 0.0085))
     >>> line = StaticLine(gain=1.0, offset=0.0, covariance=covariance, range_degC=(20, 160))
-    >>> [round(x, 4) for x in best_known(line)]
+    >>> [round(x, 4) for x in smallest_uncertainty(line)]
     [90.0, 0.02, 0.001]
     """
     (gg, go), _ = line.covariance
@@ -200,7 +200,7 @@ def outside_range(line: StaticLine, temperature_degC: ArrayLike, margin_K: float
         return np.asarray((t < line.range_degC[0] - margin_K) | (t > line.range_degC[1] + margin_K))
 
 
-def extrapolated(
+def extrapolation_warnings(
     where: str, temperature_degC: Mapping[str, ArrayLike], lines: Mapping[str, StaticLine]
 ) -> list[Finding]:
     """Warnings about channels that were far outside their calibrated range, one for each range.
@@ -220,7 +220,7 @@ def extrapolated(
     Examples
     --------
     >>> line = StaticLine(gain=1, offset=0, covariance=((0, 0), (0, 0)), range_degC=(20.0, 60.0))
-    >>> print(*extrapolated("B3", {"fast_e": [30.0, 124.0]}, {"fast_e": line}))
+    >>> print(*extrapolation_warnings("B3", {"fast_e": [30.0, 124.0]}, {"fast_e": line}))
     B3: fast_e read 30 to 124 degC, calibrated from 20 to 60 degC: static lines extrapolate there
     """
     by_range: dict[tuple[float, float], dict[str, list[float]]] = {}

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.io.table import PIECE_ROWS, Columns, Table
+from tcdyn.io.table import CHUNK_ROWS, Columns, Table
 
 # Rounding error [mV] that is allowed at both ends of the range.
 ROUNDING_mV = 1e-7
@@ -285,7 +285,7 @@ def convert_columns(table: Table, conversions: Mapping[str, Callable[[Array], Ar
     if not conversions:
         return table
 
-    def pieces(wanted: Sequence[str], rows: int = PIECE_ROWS) -> Iterator[Columns]:
+    def pieces(wanted: Sequence[str], rows: int = CHUNK_ROWS) -> Iterator[Columns]:
         for chunk in table.pieces(wanted, rows):
             converted = {
                 name: conversions[name](values)

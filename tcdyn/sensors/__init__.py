@@ -16,7 +16,7 @@ from tcdyn.sensors.file import (
     from_identified,
     read_sensor,
     sensor_file,
-    stated,
+    specified_sensor,
     step_times,
     write_sensor,
 )
@@ -28,7 +28,7 @@ __all__ = [
     "from_identified",
     "read_sensor",
     "sensor_file",
-    "stated",
+    "specified_sensor",
     "step_times",
     "write_sensor",
 ]

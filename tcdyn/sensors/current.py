@@ -22,9 +22,9 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.threads import one_blas_thread
-from tcdyn.estimation import Noise
+from tcdyn.estimation import NoiseModel
 from tcdyn.sensors.file import SHARES, SensorFile, sensor_file, step_passes, undetermined
-from tcdyn.sensors.step_fits import CurveFit, colour_of, fit_curve, white_noise_K
+from tcdyn.sensors.step_fits import CurveFit, fit_curve, residual_noise, white_noise_K
 
 MODES = 14
 # Priors for sheathed sensors: Biot number of the boundary layer, heat stored in the wall over that
@@ -142,7 +142,7 @@ def current_sensor(
     findings += best.residual_findings(column, record.noise_K, 0.01 * rise_K)
     findings.append(_conversion_finding(column, lag))
     fit = {
-        "modes_s": cylinder(mean_theta)[0][:3].tolist(),
+        "modes_s": cylinder_modes(mean_theta)[0][:3].tolist(),
         "noise_K": best.noise_K,
         "lag_s": lag.model_dump(),
         "heating_K": rise_K,
@@ -173,7 +173,7 @@ def _conversion_finding(column: str, lag: Estimate) -> Finding:
     return info("sensor.conversion", subject=column, percent=percent)
 
 
-def cylinder(theta: Array) -> tuple[Array, Array]:
+def cylinder_modes(theta: Array) -> tuple[Array, Array]:
     """Modes of a cylinder that is heated about its axis and read there.
 
     Parameters
@@ -197,7 +197,7 @@ def cylinder(theta: Array) -> tuple[Array, Array]:
     --------
     A bare cylinder at constant surface temperature: z are the zeros of J0.
 
-    >>> tau, _ = cylinder(np.log([0.25, 1e6, 1e-6, 0.1]))
+    >>> tau, _ = cylinder_modes(np.log([0.25, 1e6, 1e-6, 0.1]))
     >>> (tau * jn_zeros(0, MODES) ** 2).round(3).tolist() == [1.0] * MODES
     True
     """
@@ -221,7 +221,7 @@ def cylinder(theta: Array) -> tuple[Array, Array]:
 
 def _chain(theta: Array) -> Chain:
     """The chain of a plunge: the two largest lags, and the sum of all others as one."""
-    first, second = cylinder(theta)[0][:2]
+    first, second = cylinder_modes(theta)[0][:2]
     others = max(float(np.exp(theta[0])) - first - second, 0.0)
     return Chain(sorted([first, second, others], reverse=True))
 
@@ -249,7 +249,7 @@ class _HeatedRecord:
     def response(self, shape: Array) -> Array:
         """Response (N,) to the heating, one in the steady state; steady before the first row."""
         total = np.zeros_like(self.power)
-        for tau, share in zip(*cylinder(shape)):
+        for tau, share in zip(*cylinder_modes(shape)):
             decay = float(np.exp(-self.dt_s / tau))
             initial = [self.power[0]]
             lagged, _ = lfilter([0.0, 1 - decay], [1.0, -decay], self.power, zi=initial)
@@ -324,15 +324,15 @@ def _fit_all(record: _HeatedRecord) -> list[CurveFit]:
             candidates.append((square_sum, np.r_[linear, shape]))
         return min(candidates, key=lambda pair: pair[0])[1]
 
-    def fits(starts: list[Array], noise: tuple[Noise, float]) -> list[CurveFit]:
+    def fits(starts: list[Array], noise: tuple[NoiseModel, float]) -> list[CurveFit]:
         return [
             fit_curve("LCSR", model, record.y, names, theta, scale, prior=PRIORS, noise=noise)
             for theta in starts
         ]
 
-    first = fits([start(*values) for values in STARTS], (Noise(), record.noise_K))
+    first = fits([start(*values) for values in STARTS], (NoiseModel(), record.noise_K))
     best = min(first, key=lambda f: f.optimum.cost)
-    noise = colour_of(best.residual, len(names))
+    noise = residual_noise(best.residual, len(names))
     return fits([f.optimum.theta for f in first], noise)
 
 

@@ -17,19 +17,19 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, labelled_messages, messages, warning
 from tcdyn.core.result import Result
-from tcdyn.io.checksum import altered, sealed
+from tcdyn.io.checksum import checksum_findings, with_checksum
 from tcdyn.io.write import write_text
 from tcdyn.rig.disk import Conditioning
 from tcdyn.rig.record import (
-    LONGEST_LAG_S,
+    MAX_LAG_S,
     ChannelChain,
     InputFile,
-    RecordPart,
-    moment,
+    StrictModel,
     now_utc,
+    parse_time,
     read_json,
     square_matrix,
-    validated,
+    validate_model,
 )
 from tcdyn.rig.static_line import StaticLine
 
@@ -51,7 +51,7 @@ MIN_GAIN_DEVIATION = 1e-3
 Method = Literal["stated", "plunge", "pair", "current", "noise", "identify"]
 
 
-class SensorChains(RecordPart):
+class SensorChains(StrictModel):
     """The chain of each column; ``covariance`` [s2] of their lags, in the order of ``columns``."""
 
     structure: str = Field(min_length=1, max_length=40)
@@ -71,7 +71,7 @@ class SensorChains(RecordPart):
         return self
 
 
-class SensorFile(Result, RecordPart):
+class SensorFile(Result, StrictModel):
     """A thermocouple, or several that were determined together, for the ``columns`` of any table.
 
     Attributes
@@ -123,7 +123,7 @@ class SensorFile(Result, RecordPart):
 
     @model_validator(mode="after")
     def _check_lags(self) -> SensorFile:
-        moment(self.created)
+        parse_time(self.created)
         if list(self.chain.channels) != self.columns:
             raise ValueError("columns: must be those of chain.channels, in their order")
         for name, chain in zip(self.columns, self.chains):
@@ -189,7 +189,7 @@ class SensorFile(Result, RecordPart):
 
     def to_dict(self) -> dict[str, Any]:
         """The content of the file, with its checksum."""
-        return sealed(self.model_dump(mode="json", by_alias=True))
+        return with_checksum(self.model_dump(mode="json", by_alias=True))
 
 
 def sensor_file(
@@ -275,8 +275,8 @@ def _check_longest(name: str, chain: Chain) -> None:
     """Raise InputError for a chain with a time that a file cannot hold."""
     pair = chain.pair or (0.0, 0.0)
     longest_s = max(*chain.taus_s, abs(chain.zero_s), chain.delay_s, chain.cement_s, *pair, 0.0)
-    if not longest_s < LONGEST_LAG_S:
-        expected = f"times below {LONGEST_LAG_S:g} s, about four months"
+    if not longest_s < MAX_LAG_S:
+        expected = f"times below {MAX_LAG_S:g} s, about four months"
         raise InputError(f"{name}: a time of {longest_s:.4g} s in its chain", expected=expected)
 
 
@@ -321,7 +321,7 @@ def step_passes(chain: Chain) -> Array:
     return np.array(times)
 
 
-def stated(
+def specified_sensor(
     sensor: str,
     columns: Sequence[str],
     taus_s: Sequence[tuple[float, float]],
@@ -353,7 +353,7 @@ def stated(
 
     Examples
     --------
-    >>> stated("probe", ["T1"], [(1.5, 0.1), (0.2, 0.0)]).chain.channels["T1"].lag_s.u
+    >>> specified_sensor("probe", ["T1"], [(1.5, 0.1), (0.2, 0.0)]).chain.channels["T1"].lag_s.u
     0.1
     """
     taus = sorted(taus_s, reverse=True)
@@ -364,11 +364,11 @@ def stated(
             parameters={"taus_s": "1.5", "column": "T1"},
         )
     for value, u in (*taus, delay_s):
-        possible = value == 0 or MIN_LAG_S <= value < LONGEST_LAG_S
-        if not possible or not 0 <= u < LONGEST_LAG_S:
+        possible = value == 0 or MIN_LAG_S <= value < MAX_LAG_S
+        if not possible or not 0 <= u < MAX_LAG_S:
             raise InputError(
                 f"a lag of {value:g} +- {u:g} s",
-                expected=f"0, or a microsecond to {LONGEST_LAG_S:g} s, its uncertainty not negative "
+                expected=f"0, or a microsecond to {MAX_LAG_S:g} s, its uncertainty not negative "
                 "and less than that",
             )
     chain = Chain([t for t, _ in taus], delay_s=delay_s[0], conditioning=conditioning)
@@ -414,8 +414,8 @@ def read_sensor(path: str | Path) -> SensorFile:
             f"schema: {schema[:60]!r} is not known to this version", where=where, expected=expected
         )
     remedy = "do not edit it by hand; write it again with `tcdyn sensor`"
-    sensor = validated(SensorFile, data, where, expected, remedy)
-    sensor.findings.extend(altered(data, where))
+    sensor = validate_model(SensorFile, data, where, expected, remedy)
+    sensor.findings.extend(checksum_findings(data, where))
     return sensor
 
 
@@ -470,7 +470,7 @@ def _identified_split_u_s(model: Identified) -> float:
 
 def _fixed_filter(model: Identified) -> Conditioning:
     """The conditioning filter whose polynomial is the fixed part of the model."""
-    from tcdyn.identify import Known  # only these files need the identification
+    from tcdyn.identify import KnownDynamics  # only these files need the identification
 
     den = np.trim_zeros(np.asarray(model.model.known.den, dtype=float), "b")
     order = len(den) - 1
@@ -479,6 +479,6 @@ def _fixed_filter(model: Identified) -> Conditioning:
     cutoff_Hz = float((den[0] / den[order]) ** (1 / order) / (2 * np.pi))
     for shape in ("cascade", "butterworth"):
         candidate = Conditioning(cutoff_Hz, order, shape)
-        if np.allclose(Known.of(candidate).den, den / den[0], rtol=1e-9, atol=0.0):
+        if np.allclose(KnownDynamics.of(candidate).den, den / den[0], rtol=1e-9, atol=0.0):
             return candidate
     raise InputError("its fixed part is not a filter that a chain can have", where=model.model.name)

@@ -12,18 +12,18 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, warning
 from tcdyn.core.threads import one_blas_thread
-from tcdyn.estimation import Noise
+from tcdyn.estimation import NoiseModel
 from tcdyn.rig.disk import Conditioning
 from tcdyn.sensors.file import SHARES, SensorFile, lag_and_times, sensor_file
 from tcdyn.sensors.step_fits import (
     CurveFit,
     bic_weights,
-    colour_of,
     fit_curve,
     model_average,
+    residual_noise,
     white_noise_K,
 )
-from tcdyn.sensors.surface_h import Film
+from tcdyn.sensors.surface_h import BoundaryLayer
 
 # Time constant of the medium's own step and its standard uncertainty [s]: 10 mm pass a surface at
 # 0.5 m/s in this time.
@@ -91,7 +91,7 @@ def plunge_sensor(
     conditioning: Conditioning = NO_CONDITIONING,
     entry_s: tuple[float, float] | None = None,
     medium_s: tuple[float, float] = MEDIUM_S,
-    film: Film | None = None,
+    film: BoundaryLayer | None = None,
     **more: Any,
 ) -> SensorFile:
     """The sensor's chain from one step of its surroundings.
@@ -354,11 +354,11 @@ def _fit_structures(record: _Record) -> tuple[list[CurveFit], list[float], Array
     Returns the fits, the shortest lag of each [s], and their probabilities. The noise is that of
     the best fit's residuals: white as long as these are white.
     """
-    noise = (Noise(), white_noise_K(record.y))
+    noise = (NoiseModel(), white_noise_K(record.y))
     for iteration in range(NOISE_ITERATIONS):
         fits, shortest, weights = _fit_grid(record, noise)
         best = fits[int(np.argmax(weights))]
-        colour, level_K = colour_of(best.residual, len(best.optimum.theta))
+        colour, level_K = residual_noise(best.residual, len(best.optimum.theta))
         both_white = colour.white and noise[0].white
         if both_white and 0.8 < level_K / noise[1] < 1.25:
             break
@@ -368,7 +368,7 @@ def _fit_structures(record: _Record) -> tuple[list[CurveFit], list[float], Array
 
 
 def _fit_grid(
-    record: _Record, noise: tuple[Noise, float]
+    record: _Record, noise: tuple[NoiseModel, float]
 ) -> tuple[list[CurveFit], list[float], Array]:
     """The same as ``_fit_structures`` with noise of one colour and level [K]."""
     fits = list[CurveFit]()
@@ -409,7 +409,7 @@ def _fit_grid(
 
 
 def _fit_lags(
-    record: _Record, shortest_s: float, start: Array, noise: tuple[Noise, float]
+    record: _Record, shortest_s: float, start: Array, noise: tuple[NoiseModel, float]
 ) -> CurveFit:
     """Fit with one fixed lag; theta = level, entry, size, drift, medium's lag, free lags."""
     step = record.step

@@ -9,9 +9,9 @@ import numpy as np
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.estimate import Estimate, mixture_range
+from tcdyn.core.estimate import Estimate, mixture_interval95
 from tcdyn.core.findings import Finding, info, warning
-from tcdyn.estimation import Noise, Optimum, Problem, Status, fit_ar, minimise
+from tcdyn.estimation import NoiseModel, Optimum, Problem, Status, fit_ar, minimise
 from tcdyn.estimation.trace_noise import white_noise_sd
 from tcdyn.sensors.file import undetermined
 
@@ -48,7 +48,7 @@ class CurveFit:
     optimum: Optimum
     bic: float
     noise_K: float
-    colour: Noise
+    colour: NoiseModel
     residual: Array = field(repr=False)
     scale: Array = field(repr=False)
 
@@ -90,7 +90,7 @@ def fit_curve(
     *,
     prior: Mapping[str, tuple[float, float]] | None = None,
     lower: Mapping[str, float] | None = None,
-    noise: tuple[Noise, float] | None = None,
+    noise: tuple[NoiseModel, float] | None = None,
 ) -> CurveFit:
     """Least-squares fit of a curve, with the residuals whitened by an autoregression.
 
@@ -129,7 +129,7 @@ def fit_curve(
     prior_sd = np.array([priors.get(n, (0.0, np.inf))[1] for n in names])
     low = np.array([bounds.get(n, -np.inf) for n in names])
     full = [slice(0, int(finite.sum()))]
-    colour, noise_K = noise or (Noise(), 1.0)
+    colour, noise_K = noise or (NoiseModel(), 1.0)
 
     def evaluate(theta: Array) -> tuple[Array, Array] | None:
         curve = model(theta)
@@ -164,12 +164,12 @@ def fit_curve(
         theta = optimum.theta
         residual = (np.asarray(model(theta)) - y)[finite]
         if iteration < last:
-            colour, noise_K = colour_of(residual, n_parameters)
+            colour, noise_K = residual_noise(residual, n_parameters)
     bic = optimum.cost + n_parameters * np.log(len(optimum.residual))
     return CurveFit(optimum, bic, noise_K, colour, residual, scale)
 
 
-def colour_of(residual: Array, parameters: int) -> tuple[Noise, float]:
+def residual_noise(residual: Array, parameters: int) -> tuple[NoiseModel, float]:
     """Autoregression of residuals (N,), white where BIC prefers none, and its noise level [K]."""
     n = len(residual)
     full = [slice(0, n)]
@@ -178,7 +178,7 @@ def colour_of(residual: Array, parameters: int) -> tuple[Noise, float]:
     whitened_sum = float(np.sum(colour.whiten(residual, full) ** 2))
     gain = n * np.log(max(square_sum, 1e-300) / max(whitened_sum, 1e-300))
     if gain < len(colour.ar) * np.log(n):
-        colour = Noise()
+        colour = NoiseModel()
     white_sum = square_sum if colour.white else whitened_sum
     level_K = float(np.sqrt(white_sum / max(n - parameters, 1)))
     return colour, max(level_K, MIN_NOISE_K)
@@ -212,5 +212,5 @@ def model_average(values: Sequence[float], us: Sequence[float], weights: Array) 
     mean = float(weights @ v)
     sd = float(np.sqrt(weights @ (u**2 + (v - mean) ** 2)))
     components = [Estimate.normal(value, max(sd_, 1e-12)) for value, sd_ in zip(v, u)]
-    low, high = mixture_range(components, weights.tolist())
+    low, high = mixture_interval95(components, weights.tolist())
     return Estimate(value=mean, u=sd, low95=low, high95=high)

@@ -52,7 +52,7 @@ STREAMS = {"water": Stream(0.607, 0.893e-6, 6.1, 0.4), "air": Stream(0.0261, 15.
 
 
 @dataclass(frozen=True)
-class Film:
+class BoundaryLayer:
     """Boundary layer of a sensor in a stream; ``speed_m_s`` None: the reference speed.
 
     Raises

@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
-from tcdyn.io.read import Table, open_table, shown
-from tcdyn.io.table import PIECE_ROWS, missing
-from tcdyn.io.times import HEADER_NAMES, TimeColumn, find_time_column, rows_of_repeated_stamps
+from tcdyn.io.read import Table, display_path, open_table
+from tcdyn.io.table import CHUNK_ROWS, missing_column_error
+from tcdyn.io.times import TIME_COLUMN_NAMES, TimeColumn, find_time_column, rows_of_repeated_stamps
 from tcdyn.rig.log import COMPENSATED
-from tcdyn.rig.plausible import dropout_codes, impossible
-from tcdyn.sensors.units import Unit, doubtful
+from tcdyn.rig.plausible import dropout_codes, out_of_range
+from tcdyn.sensors.units import Unit, unit_findings
 
 # Margin of a segment: rows on either side that are only used to settle the smoother. Chosen by
 # judgement; a caller asks for more where the smoother needs it.
@@ -69,7 +69,7 @@ class Source:
         return self.clock.name
 
     def pieces(
-        self, columns: Sequence[str], rows: int = PIECE_ROWS
+        self, columns: Sequence[str], rows: int = CHUNK_ROWS
     ) -> Iterator[tuple[Array, dict[str, Array], tuple[Finding, ...]]]:
         """Time (N,) [s] and unconverted columns (N,) of each chunk, and findings.
 
@@ -126,7 +126,7 @@ def open_source(
         Without a time column, for a column that stands twice, and for a table that is compensated
         already.
     """
-    table = open_table(path, (*HEADER_NAMES, *known))
+    table = open_table(path, (*TIME_COLUMN_NAMES, *known))
     if table.metadata.get("tcdyn") == COMPENSATED:
         raise InputError(
             "is compensated already",
@@ -176,10 +176,10 @@ def read_columns(
         For a missing column, time that does not rise, or fewer than ten rows.
     """
     source = open_source(path, time, columns, time_unit)
-    where = shown(Path(path))
+    where = display_path(Path(path))
     for name in columns:
         if name not in source.table.names:
-            raise missing("column", name, source.table.names, source.table.where)
+            raise missing_column_error("column", name, source.table.names, source.table.where)
     units = units or {}
     references = [unit.cold for unit in units.values() if isinstance(unit.cold, str)]
     names = [*columns, *references]
@@ -187,7 +187,7 @@ def read_columns(
     t = np.concatenate([times_s for times_s, _, _ in chunks])
     raw = {name: np.concatenate([data[name] for _, data, _ in chunks]) for name in names}
     findings = [finding for _, _, noted in chunks for finding in noted]
-    grid, grid_findings = places(t, where)
+    grid, grid_findings = even_times(t, where)
     check_gaps(t, grid.dt_s, where)
     size = int(grid.place[-1]) + 1
     out = {}
@@ -196,7 +196,7 @@ def read_columns(
         if name in units:
             unit = units[name]
             reference = raw[unit.cold] if isinstance(unit.cold, str) else unit.cold
-            findings += doubtful(name, unit, values)
+            findings += unit_findings(name, unit, values)
             values, codes = _without_codes(name, unit.in_degC(values, reference))
             findings += codes
         out[name] = on_grid(values, grid, size)
@@ -205,7 +205,7 @@ def read_columns(
 
 def _without_codes(column: str, values: Array) -> tuple[Array, list[Finding]]:
     """Values with NaN for impossible temperatures and dropout codes, and a warning."""
-    wrong = impossible(values)
+    wrong = out_of_range(values)
     wrong |= dropout_codes(np.where(wrong, np.nan, values))
     if not wrong.any():
         return values, []
@@ -232,7 +232,9 @@ def check_gaps(time_s: Array, dt_s: float, where: str) -> None:
         )
 
 
-def places(time_s: Array, where: str, dt_s: float | None = None) -> tuple[EvenTimes, list[Finding]]:
+def even_times(
+    time_s: Array, where: str, dt_s: float | None = None
+) -> tuple[EvenTimes, list[Finding]]:
     """Positions of the rows on even times.
 
     Parameters
@@ -326,7 +328,7 @@ def _check_rising(time_s: Array, where: str) -> None:
 
 
 @dataclass(frozen=True)
-class Part:
+class TableSegment:
     """A segment of the table with margins that are only used to settle the smoother.
 
     Attributes
@@ -348,9 +350,9 @@ class Part:
     beside: float
 
 
-def parts(
+def read_segments(
     source: Pieces, columns: Sequence[str], lag_s: float, least: int | None = None
-) -> Generator[Part, int, None]:
+) -> Generator[TableSegment, int, None]:
     """Read a table in overlapping segments; a long gap ends a segment.
 
     Parameters
@@ -409,7 +411,7 @@ def parts(
         first = max(done - margin, 0)
         last = end if to_end else stop + margin
         complete = margin >= MAX_MARGIN_ROWS or (first == 0 and to_end)
-        requested = yield Part(
+        requested = yield TableSegment(
             time[first:last],
             {n: values[first:last] for n, values in data.items()},
             slice(done - first, stop - first),
@@ -452,7 +454,7 @@ def on_grid(values: Array, grid: EvenTimes, size: int) -> Array:
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
-def once_each(findings: Sequence[Finding]) -> tuple[Finding, ...]:
+def unique_by_subject(findings: Sequence[Finding]) -> tuple[Finding, ...]:
     """The first finding of each code about each subject: segments of one table repeat them."""
     first: dict[tuple[str, str], Finding] = {}
     for finding in findings:

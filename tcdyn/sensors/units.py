@@ -12,7 +12,7 @@ import numpy as np
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
-from tcdyn.io.table import missing
+from tcdyn.io.table import missing_column_error
 from tcdyn.rig.thermocouple_types import to_degC
 
 UNITS = ("degC", "K", "degF", "mV")
@@ -96,14 +96,14 @@ class Unit:
 
     def names(self, column: str) -> tuple[str, str]:
         """Names of the result and of its standard uncertainty in the output."""
-        result = f"{bare(column)}_degC" if self.name == "mV" else column
-        return result, u_name(column, self.name)
+        result = f"{without_unit(column)}_degC" if self.name == "mV" else column
+        return result, uncertainty_column(column, self.name)
 
 
-def bare(column: str) -> str:
+def without_unit(column: str) -> str:
     """A column's name without its unit.
 
-    >>> bare("T1 [K]"), bare("kiln_3_degC"), bare("gas")
+    >>> without_unit("T1 [K]"), without_unit("kiln_3_degC"), without_unit("gas")
     ('T1', 'kiln_3', 'gas')
     """
     suffix = _SUFFIX.search(column)
@@ -176,7 +176,7 @@ def units_of(
         if isinstance(declared, str):
             requested = declared
         else:
-            requested = declared.get(name, declared.get(bare(name), ""))
+            requested = declared.get(name, declared.get(without_unit(name), ""))
         below_header = (unit_row or {}).get(name, "")
         in_file = unit_in(name) or written_unit(below_header)
         unit = _UNIT_NAMES.get(requested.lower(), requested) or in_file
@@ -199,7 +199,7 @@ def units_of(
     return units, findings
 
 
-def doubtful(column: str, unit: Unit, values: Array) -> list[Finding]:
+def unit_findings(column: str, unit: Unit, values: Array) -> list[Finding]:
     """A warning where a unit is implausible: kelvin that would be colder than 100 K."""
     middle = float(np.nanmedian(values)) if np.isfinite(values).any() else np.nan
     if unit.name == "K" and middle < COLDEST_K:
@@ -207,7 +207,7 @@ def doubtful(column: str, unit: Unit, values: Array) -> list[Finding]:
     return []
 
 
-def matching(pattern: str, names: Collection[str], where: str) -> list[str]:
+def match_columns(pattern: str, names: Collection[str], where: str) -> list[str]:
     """The columns that match a sensor's column by name, with or without unit; ``*`` is any text.
 
     Raises InputError where there is none.
@@ -218,11 +218,11 @@ def matching(pattern: str, names: Collection[str], where: str) -> list[str]:
         name
         for name in names
         if fnmatchcase(name, pattern)
-        or fnmatchcase(bare(name), pattern)
-        or bare(name) == bare(pattern)
+        or fnmatchcase(without_unit(name), pattern)
+        or without_unit(name) == without_unit(pattern)
     ]
     if not matches:
-        raise missing("column", pattern, names, where)
+        raise missing_column_error("column", pattern, names, where)
     return list(dict.fromkeys(matches))
 
 
@@ -234,7 +234,7 @@ def cold_column(cold: float | str, names: Collection[str], where: str) -> float 
     """
     if not isinstance(cold, str):
         return cold
-    matches = matching(cold, names, where)
+    matches = match_columns(cold, names, where)
     if len(matches) > 1:
         raise InputError(
             f"{cold!r} means {' and '.join(map(repr, matches))}", where=where, expected="one column"
@@ -242,11 +242,11 @@ def cold_column(cold: float | str, names: Collection[str], where: str) -> float 
     return matches[0]
 
 
-def u_name(column: str, unit: str = "") -> str:
+def uncertainty_column(column: str, unit: str = "") -> str:
     """Name of the column with the standard uncertainty of a temperature.
 
-    >>> u_name("fast_a_degC"), u_name("T1 [K]"), u_name("gas_degF"), u_name("T2")
+    >>> uncertainty_column("fast_a_degC"), uncertainty_column("T1 [K]"), uncertainty_column("gas_degF"), uncertainty_column("T2")
     ('fast_a_u_K', 'T1_u_K', 'gas_u_degF', 'T2_u_K')
     """
     suffix = "degF" if (unit or unit_in(column)) == "degF" else "K"
-    return f"{bare(column)}_u_{suffix}"
+    return f"{without_unit(column)}_u_{suffix}"

@@ -16,7 +16,7 @@ from tcdyn.simulate.implicit import Solution, Stepping, integrate, steady_state
 from tcdyn.simulate.measure import log_disk, quantised, sample_times
 from tcdyn.simulate.mesh import DiskMesh, DiskSystem
 from tcdyn.simulate.programme import EhlCondition, ehl_test
-from tcdyn.simulate.round import seen_round, uneven_system
+from tcdyn.simulate.round import harmonic_system, unevenness_effects
 from tcdyn.simulate.truth import DiskTruth, RigTruth, draw_truth, rng_for
 
 RECONTACT_RISE_S = 0.01  # a contact after the unloading comes and goes in this time; judgement
@@ -261,7 +261,7 @@ def _simulate_disk(
     imperfections = rig.imperfections
     log, true = log_disk(junctions_at, o.duration_s, disk, rng, imperfections, spikes=True)
     unloading_start = np.array([test_truth.breaks_s[2]])
-    return log, true, seen_round(disk, solution.at(unloading_start)[0])
+    return log, true, unevenness_effects(disk, solution.at(unloading_start)[0])
 
 
 def disk_run(
@@ -278,7 +278,7 @@ def disk_run(
     """
     flux = disk.setup.flux.under(test_truth.pressure_Pa)
     loaded_disk = replace(disk, setup=replace(disk.setup, flux=flux))
-    system = uneven_system(loaded_disk, h, test_truth.half_width_m, o.mesh)
+    system = harmonic_system(loaded_disk, h, test_truth.half_width_m, o.mesh)
 
     def power(t: Array) -> Array:
         return (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tcdyn.core import Array
-from tcdyn.rig.circumferential import ANGLES_DEG, Around
+from tcdyn.rig.circumferential import ANGLES_DEG, CircumferentialTemperature
 from tcdyn.rig.disk import DISKS
 from tcdyn.simulate.ehl import EhlOptions, disk_run, draw_test, heat_share_and_h
 from tcdyn.simulate.mesh import DiskSystem, grid_of
@@ -14,9 +14,9 @@ from tcdyn.simulate.round import harmonic_shapes
 from tcdyn.simulate.truth import DiskTruth, RigTruth
 
 
-def around_disks(
+def disk_fields(
     test: str, seed: int, truth: RigTruth, options: EhlOptions | None = None
-) -> dict[str, Around]:
+) -> dict[str, CircumferentialTemperature]:
     """Return temperature around both disks of a test, from bore to surface, at the unloading."""
     o = options or EhlOptions()
     test_truth = draw_test(truth, ehl_test(test), seed, o)
@@ -30,7 +30,9 @@ def around_disks(
     return out
 
 
-def _around(disk: DiskTruth, system: DiskSystem, state: Array, o: EhlOptions) -> Around:
+def _around(
+    disk: DiskTruth, system: DiskSystem, state: Array, o: EhlOptions
+) -> CircumferentialTemperature:
     """Return the temperature around a disk from the state of its system."""
     grid = grid_of(disk, o.mesh)
     angle = np.deg2rad(ANGLES_DEG - disk.uneven.angle_deg)
@@ -40,7 +42,7 @@ def _around(disk: DiskTruth, system: DiskSystem, state: Array, o: EhlOptions) ->
         field += np.outer(state[rows], shape)
     field = field.reshape(*grid.cells.shape, len(angle))
     readings = (system.sample @ state)[: len(system.channels)]
-    return Around(
+    return CircumferentialTemperature(
         disk=disk.setup.name,
         setup=disk.setup,
         depth_m=(disk.setup.outer_radius_m - grid.r)[::-1],

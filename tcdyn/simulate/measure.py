@@ -42,7 +42,7 @@ def chain_poles(tau1_s: float, tau2_s: float, conditioning: Conditioning) -> Arr
     return np.array(poles)
 
 
-def through_chains(
+def chain_responses(
     fine: Array, dt_s: float, every: int, chains: Sequence[tuple[float, float, Conditioning]]
 ) -> Array:
     """Return the response of the chains to ``fine``, each ``every``-th sample of it.
@@ -127,7 +127,7 @@ def log_disk(
     for name in sorted(disk.channels):
         channel = disk.channels[name]
         chains.append((channel.tau1_s, channel.tau2_s, disk.setup.conditioning))
-    output = through_chains(fine, 1 / (RATE_Hz * OVERSAMPLING), OVERSAMPLING, chains)
+    output = chain_responses(fine, 1 / (RATE_Hz * OVERSAMPLING), OVERSAMPLING, chains)
     return logged(output, disk, rng, how, spikes), true
 
 

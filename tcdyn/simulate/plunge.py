@@ -14,11 +14,11 @@ from tcdyn.simulate.bath import FluidName, Heating, heat_radially, natural_h_W_m
 from tcdyn.simulate.measure import (
     OVERSAMPLING,
     RATE_Hz,
+    chain_responses,
     fine_times,
     log_disk,
     quantised,
     sample_times,
-    through_chains,
 )
 from tcdyn.simulate.truth import Imperfections, RigTruth, draw_truth, rng_for
 
@@ -239,7 +239,7 @@ def simulate_hole(
     columns = bath_columns(plunge_truth, errors, rng)
     fine_t = fine_times(len(columns["time_s"]))
     fine = np.repeat(heating.at(fine_t - plunge_truth.entry_s), 5, axis=1)
-    readings = through_chains(fine, 1 / (RATE_Hz * OVERSAMPLING), OVERSAMPLING, chains)
+    readings = chain_responses(fine, 1 / (RATE_Hz * OVERSAMPLING), OVERSAMPLING, chains)
     if errors.static:
         readings = readings + rng.uniform(-0.1, 0.1, 5)
     if errors.noise:

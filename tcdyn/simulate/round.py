@@ -60,7 +60,7 @@ class _HarmonicBlock:
     shaft_faces: NDArray[np.int64]
 
 
-def uneven_system(
+def harmonic_system(
     disk: DiskTruth, h_W_m2K: float, half_width_m: float, mesh: DiskMesh
 ) -> DiskSystem:
     """Return the disk of ``build_system``, with its harmonics if its bore contact is uneven.
@@ -114,7 +114,7 @@ def harmonic_shapes(disk: DiskTruth) -> tuple[Wave, ...]:
 
 
 def _sample_rows(disk: DiskTruth, g: Grid, even: DiskSystem, starts: Array) -> sparse.csr_matrix:
-    """Return the rows of ``sample`` of an uneven disk, see ``uneven_system``."""
+    """Return the rows of ``sample`` of an uneven disk, see ``harmonic_system``."""
     waves = harmonic_shapes(disk)
     junctions = disk.setup.junctions
     angles_deg = [junctions[c].angle_deg - disk.uneven.angle_deg for c in even.channels]
@@ -157,13 +157,13 @@ def _half_surface(even: DiskSystem, count: int) -> Array:
     return np.append(0.5 * even.surface_m2[:n_shared], np.zeros(count - n_shared))
 
 
-def seen_round(disk: DiskTruth, readings: Array) -> dict[str, Any]:
+def unevenness_effects(disk: DiskTruth, readings: Array) -> dict[str, Any]:
     """Return the effect of the uneven contact on the junctions.
 
     Parameters
     ----------
     readings
-        One row of readings of ``uneven_system`` [degC].
+        One row of readings of ``harmonic_system`` [degC].
 
     Returns
     -------

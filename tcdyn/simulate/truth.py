@@ -12,7 +12,7 @@ import numpy as np
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.result import jsonable
-from tcdyn.rig.contact import press_fit
+from tcdyn.rig.contact import press_fit_conductance
 from tcdyn.rig.disk import DISKS, Conditioning, DiskSetup, Junction
 from tcdyn.rig.flux_profile import FluxProfile
 from tcdyn.rig.press_fit import Sectors, amplitude_and_angle, harmonics, mean_shares
@@ -314,7 +314,7 @@ def _with_nominal_fit(disk: DiskTruth, nominal: DiskSetup) -> DiskTruth:
     if not nominal.fit.stated:
         return disk
     sectors = nominal.fit.sectors(1e3 * nominal.bore_radius_m)
-    _, bearing = press_fit(nominal)
+    _, bearing = press_fit_conductance(nominal)
     shares = harmonics(sectors, 1)
     contact = BoreContact(*amplitude_and_angle(shares, 1), sectors)
     return replace(disk, bore_conductance_W_m2K=bearing * float(shares[0].real), uneven=contact)

@@ -22,10 +22,10 @@ Kalman smoother (RTS), regularised deconvolution, proper inverse, and a live smo
 (3, 3)
 >>> round(widest_bandwidth_Hz(chain, dt, noise_sd=0.1, wanted_K=0.3), 2)  # of the proper inverse
 0.98
->>> round(before_use(proper_inverse(chain, dt, 1.0), noise_sd=0.1).noise_out_K, 2)
+>>> round(report_inverse(proper_inverse(chain, dt, 1.0), noise_sd=0.1).noise_out_K, 2)
 0.31
 >>> live = LiveSmoother.of([chain], dt, noise_sd=0.1, intensity=1.0, lag_samples=25)  # 0.5 s
->>> bool(live_before_use(live, [chain]).noise_out_K < 0.1)
+>>> bool(report_live_smoother(live, [chain]).noise_out_K < 0.1)
 True
 >>> state, x, sd, flags = live.run(live.start(y[:1]), y[:, None])
 >>> isinstance(state, LiveState), state.done, x.shape
@@ -33,33 +33,33 @@ True
 """
 
 from tcdyn.smoothing.inverse import (
-    BeforeUse,
+    FilterReport,
     InverseFilter,
-    before_use,
     invert,
     proper_inverse,
+    report_inverse,
     widest_bandwidth_Hz,
 )
-from tcdyn.smoothing.live import LiveSmoother, LiveState, live_before_use
+from tcdyn.smoothing.live import LiveSmoother, LiveState, report_live_smoother
 from tcdyn.smoothing.noise_levels import Burst, Intensity
-from tcdyn.smoothing.process_noise import Tradeoff
+from tcdyn.smoothing.process_noise import TradeoffCurve
 from tcdyn.smoothing.record import Compensated
 from tcdyn.smoothing.smoother import deconvolve, smooth, window_covariance
 
 __all__ = [
-    "BeforeUse",
     "Burst",
     "Compensated",
+    "FilterReport",
     "Intensity",
     "InverseFilter",
     "LiveSmoother",
     "LiveState",
-    "Tradeoff",
-    "before_use",
+    "TradeoffCurve",
     "deconvolve",
     "invert",
-    "live_before_use",
     "proper_inverse",
+    "report_inverse",
+    "report_live_smoother",
     "smooth",
     "widest_bandwidth_Hz",
     "window_covariance",

@@ -21,14 +21,14 @@ from tcdyn.smoothing.noise_levels import Burst, Intensity
 from tcdyn.smoothing.process_noise import (
     AFTER_S,
     DECAYS_S,
-    cut_out,
-    levels_of,
+    channel_spans,
     likeliest_burst,
-    smeared_s,
-    spans,
+    segment,
+    segment_levels,
+    smearing_time_s,
 )
-from tcdyn.smoothing.record import Stretch
-from tcdyn.smoothing.state_space import DIFFUSE, Smoothed, likelihood, smoothed
+from tcdyn.smoothing.record import Record
+from tcdyn.smoothing.state_space import DIFFUSE, Smoothed, likelihood, smooth_record
 
 # Values without a source below were chosen by judgement.
 # expected false candidates in a record without events, and in one that has some
@@ -124,7 +124,7 @@ def candidates(fit: Smoothed, events: Sequence[float]) -> list[float]:
     freedom; its threshold allows ``FALSE_CANDIDATES`` in a record.
     """
     knots = fit.knots_s[:-1]
-    reach_s = SCORE_REACH_LAGS * smeared_s(fit.record)
+    reach_s = SCORE_REACH_LAGS * smearing_time_s(fit.record)
     score = np.max(fit.jump_chi2, axis=1)
     score[:3] = 0.0
     score[-3:] = 0.0
@@ -160,7 +160,7 @@ def with_hidden(
     record = fit.record
     plain = fit.chosen
     noise_var = fit.noise_var
-    lag = smeared_s(record)
+    lag = smearing_time_s(record)
     listed_s = set(record.events_s)
     accepted: list[HiddenEvent] = []
     doubtful: list[HiddenEvent] = []
@@ -179,7 +179,7 @@ def with_hidden(
         # a candidate is rough at first: from somewhat before it on, any change is possible
         new_s = [max(c - 0.5 * lag, 2 * record.dt_s) for c in new]
         bursts = [[b for b in q.bursts if b.start_s in listed_s] for q in fit.chosen]
-        for c, span in enumerate(spans(record, noise_var)):
+        for c, span in enumerate(channel_spans(record, noise_var)):
             height = 100 * span**2 / lag**3
             bursts[c] += [Burst(at, height, lag, slope_sd=span / lag) for at in new_s]
             bursts[c] += [h.likeliest[c] for h in accepted]
@@ -190,7 +190,7 @@ def with_hidden(
             last = max([0.0, *boundaries, *(e for e in listed_s if e < at)])
             boundaries[min(max(at - lag, last + record.dt_s), at)] = at
         divided = replace(record, events_s=tuple(sorted((*listed_s, *boundaries))))
-        levels, noise_var = levels_of(divided, start_var, noise_known)
+        levels, noise_var = segment_levels(divided, start_var, noise_known)
         starts = tuple(boundaries.get(s, s) for s in levels[0].starts_s)
         intensities = [replace(q, starts_s=starts, bursts=tuple(b)) for q, b in zip(levels, bursts)]
         previous = {h.at_s: h for h in accepted}
@@ -211,19 +211,19 @@ def with_hidden(
                 intensities = event.remove(intensities)
                 settled = False
         search = final or len(accepted) > len(previous)
-        fit = smoothed(record, noise_var, intensities) if accepted else original
+        fit = smooth_record(record, noise_var, intensities) if accepted else original
     return fit, [h for h in (*accepted, *doubtful) if h.possibilities]
 
 
 def influenced_samples(
-    record: Stretch, at_s: float, others_s: Iterable[float] = ()
+    record: Record, at_s: float, others_s: Iterable[float] = ()
 ) -> tuple[int, int]:
     """First sample that an event at ``at_s`` influences, and one past the last.
 
     The range ends soon after the next of the events ``others_s``.
     """
     dt = record.dt_s
-    lag = smeared_s(record)
+    lag = smearing_time_s(record)
     first = max(int(np.ceil((at_s - 5.0 - 5 * lag) / dt)), 0)
     after = min([at_s + AFTER_S, *(e for e in others_s if e > at_s + NEXT_EVENT_LAGS * lag)])
     return first, min(int((after + 5 * lag) / dt) + 1, len(record.y))
@@ -237,7 +237,7 @@ class _Window:
     bounds of its time, from the events before and after it.
     """
 
-    record: Stretch
+    record: Record
     noise_var: Array
     base: list[Intensity]
     start_s: float
@@ -261,7 +261,7 @@ class _Window:
 
 
 def weigh_event(
-    record: Stretch,
+    record: Record,
     noise_var: Array,
     intensities: Sequence[Intensity],
     at_s: float,
@@ -294,12 +294,12 @@ def weigh_event(
     first, last = influenced_samples(record, at_s, intensities[0].starts_s)
     shift = first * record.dt_s
     dt = record.dt_s
-    lag = smeared_s(record)
+    lag = smearing_time_s(record)
     starts_s = intensities[0].starts_s
     before_s = max([e for e in starts_s if e < at_s], default=0.0)
     after_s = min([e for e in starts_s if e > at_s], default=dt * len(record.y))
     window = _Window(
-        cut_out(record, first, last, record.events_s),
+        segment(record, first, last, record.events_s),
         noise_var,
         [q.moved(shift_s=shift) for q in _without_bursts(intensities, at_s)],
         at_s - shift,
@@ -376,7 +376,7 @@ def _coarse_search(
 ) -> tuple[list[list[Burst]], list[float], list[float]]:
     """Bursts (M,) of the best kink and the best jump, their times [s] and uncertainties [s]."""
     n_channels = len(window.base)
-    span_K = spans(window.record, window.noise_var)
+    span_K = channel_spans(window.record, window.noise_var)
     sizes = [(0.0, 1.0), *((0.1 / d**3, d) for d in DECAYS_S)]
     options = []
     for jump in (0.0, 1.0):
@@ -429,12 +429,12 @@ def averaged(fit: Smoothed, event: HiddenEvent) -> Smoothed:
     """
     record = fit.record
     first, last = influenced_samples(record, event.at_s)
-    window = cut_out(record, first, last, record.events_s)
+    window = segment(record, first, last, record.events_s)
     shift = first * record.dt_s
 
     def run(intensities: Sequence[Intensity]) -> Array:
         shifted = [q.moved(shift_s=shift) for q in intensities]
-        part = smoothed(window, fit.noise_var, shifted)
+        part = smooth_record(window, fit.noise_var, shifted)
         return np.stack([part.temperature, part.slope, part.lag_sensitivity, part.sd**2])
 
     start = run(fit.chosen)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from tcdyn.chain import Chain, Sensor
 from tcdyn.core import Array
 from tcdyn.smoothing.noise_levels import Intensity, levels_at
-from tcdyn.smoothing.record import Stretch
+from tcdyn.smoothing.record import Record
 
 # allowed lengths of an interval [samples]
 STEPS = np.array([1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128])
@@ -40,7 +40,7 @@ def corner_rad_s(chain: Chain, ratio: Array) -> Array:
 
 
 def knots_for(
-    record: Stretch, noise_var: Array, proposals: Sequence[Sequence[Intensity]], fine: float = FINE
+    record: Record, noise_var: Array, proposals: Sequence[Sequence[Intensity]], fine: float = FINE
 ) -> Array:
     """Knots (J+1,) of intervals that are short enough for all proposed intensities.
 
@@ -122,8 +122,8 @@ def _knots(
     return np.array(knots)
 
 
-def pieces(
-    record: Stretch, noise_var: Array, chosen: Sequence[Intensity], knots: Array
+def chunks(
+    record: Record, noise_var: Array, chosen: Sequence[Intensity], knots: Array
 ) -> Iterator[tuple[int, int, int, int]]:
     """Divide the intervals into chunks with margins.
 
@@ -137,7 +137,7 @@ def pieces(
     if n_intervals <= 2 * length:
         yield 0, 0, n_intervals, n_intervals
         return
-    margin_samples = settled_s(record.sensors, np.sqrt(noise_var), dt, chosen) / dt
+    margin_samples = settling_time_s(record.sensors, np.sqrt(noise_var), dt, chosen) / dt
     complete_count = np.concatenate([[0], np.cumsum((record.weight > 0).all(axis=1))])
     first_sample = np.clip(np.ceil(knots / dt).astype(int), 0, len(record.y))
     while True:
@@ -167,7 +167,7 @@ def pieces(
         length *= 2
 
 
-def settled_s(
+def settling_time_s(
     sensors: Sequence[Sensor], noise_sd: Array, dt_s: float, chosen: Sequence[Intensity]
 ) -> float:
     """Length [s] of margin, in samples of all channels, within which both passes of the RTS

@@ -18,7 +18,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, messages, warning
 from tcdyn.core.result import Result
 from tcdyn.smoothing.intervals import corner_rad_s
-from tcdyn.smoothing.record import Compensated, channel_names, stretch_of
+from tcdyn.smoothing.record import Compensated, channel_names, record_of
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ def invert(
     by the remaining shift, and its uncertainty includes this; it is not shifted. Bad samples are
     interpolated linearly before filtering.
     """
-    record = stretch_of(y, dt_s, chains, (), noise_sd, names)
+    record = record_of(y, dt_s, chains, (), noise_sd, names)
     sd = record.noise_sd
     x, lag, slope, sd_noise = np.empty((4, *record.y.shape))
     names = channel_names(names, len(sd))
@@ -164,10 +164,10 @@ def lag_sensitivity(f: InverseFilter, y: ArrayLike) -> Array:
     It is s/(1 + tau s) times the inverse.
     """
     x = f(y)
-    return np.asarray(signal.lfilter(*lag_rate(f.chain, f.dt_s), x - x[:1], axis=0))
+    return np.asarray(signal.lfilter(*lag_sensitivity_filter(f.chain, f.dt_s), x - x[:1], axis=0))
 
 
-def lag_rate(chain: Chain, dt_s: float) -> tuple[Array, Array]:
+def lag_sensitivity_filter(chain: Chain, dt_s: float) -> tuple[Array, Array]:
     """s/(1 + tau s) as a digital filter, tau the largest lag.
 
     Applied to a compensated temperature it gives its change per second of lag.
@@ -176,7 +176,7 @@ def lag_rate(chain: Chain, dt_s: float) -> tuple[Array, Array]:
     return np.array([1.0, -1.0]) * (1 - e) / dt_s, np.array([1.0, -e])
 
 
-def split_change(chain: Chain, shift_s: float, dt_s: float) -> tuple[Array, Array]:
+def lag_split_filter(chain: Chain, shift_s: float, dt_s: float) -> tuple[Array, Array]:
     """Digital filter for the change of the temperature where the lags become those of
     ``Chain.with_split_shift``.
 
@@ -192,7 +192,7 @@ def split_change(chain: Chain, shift_s: float, dt_s: float) -> tuple[Array, Arra
 
 
 @dataclass(frozen=True)
-class BeforeUse(Result):
+class FilterReport(Result):
     """Properties of chain times compensator: a design report before the filter is used.
 
     Parameters
@@ -254,7 +254,9 @@ class BeforeUse(Result):
         ]
 
 
-def before_use(f: InverseFilter, noise_sd: float, wanted_K: float | None = None) -> BeforeUse:
+def report_inverse(
+    f: InverseFilter, noise_sd: float, wanted_K: float | None = None
+) -> FilterReport:
     """The report on a proper inverse for a trace with white noise ``noise_sd`` [K].
 
     Warnings come when the result would be noisier than ``wanted_K`` [K] (default: a hundred times
@@ -283,7 +285,7 @@ def before_use(f: InverseFilter, noise_sd: float, wanted_K: float | None = None)
     return filter_report(f, noise_sd, findings)
 
 
-def filter_report(f: InverseFilter, noise_sd: float, findings: Sequence[Finding]) -> BeforeUse:
+def filter_report(f: InverseFilter, noise_sd: float, findings: Sequence[Finding]) -> FilterReport:
     """The report on any digital compensator; ``findings`` are the first of its findings."""
     dt = f.dt_s
     chain = f.chain
@@ -303,7 +305,7 @@ def filter_report(f: InverseFilter, noise_sd: float, findings: Sequence[Finding]
     a_delay = np.arange(len(f.a)) @ f.a / np.sum(f.a)
     delay_warnings = [warning("inverse.dead_time")] if chain.delay_s > 0 or chain.zero_s < 0 else []
     total_gain = np.abs(f.frequency_response(freq) * chain.frequency_response(freq))
-    return BeforeUse(
+    return FilterReport(
         noise_gain=gain,
         noise_out_K=gain * noise_sd,
         bandwidth_Hz=_first_below(freq, total_gain),

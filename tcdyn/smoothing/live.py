@@ -17,7 +17,7 @@ from tcdyn.chain import Chain, Sensor, sensors
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import warning
-from tcdyn.smoothing.inverse import BeforeUse, InverseFilter, filter_report
+from tcdyn.smoothing.inverse import FilterReport, InverseFilter, filter_report
 from tcdyn.smoothing.live_model import (
     Block,
     LiveState,
@@ -41,7 +41,7 @@ LONGEST_BURST_S = 0.4
 RESTLESS_LAGS = 8.0
 # standard deviation of the offset in a burst, in standard deviations of the noise; its decay time
 # [s]; and its random walk as a share of that standard deviation
-BURST_NOISES = 12.0
+BURST_SD_RATIO = 12.0
 BURST_LEAK_S = 0.3
 BURST_WALK = 0.2
 # standard deviation of a jump of the slope: in noises per lag, and in random walks of the quiet
@@ -218,7 +218,7 @@ class LiveSmoother:
         scatter[:, :, 1, 1] += (level * dt_s)[:, None]
         offset_index = len(sensor_models[0].output)
         start_var = np.zeros(scatter.shape[:3])
-        start_var[:, BURST, offset_index] = (BURST_NOISES * noise) ** 2
+        start_var[:, BURST, offset_index] = (BURST_SD_RATIO * noise) ** 2
         for mode, share, settling in zip((RESTLESS, JUMPED), LEVEL_JUMP, SETTLING):
             start_var[:, mode, 0] = (share * slope_jump * lags) ** 2
             start_var[:, mode, 1] = slope_jump**2
@@ -516,7 +516,7 @@ class LiveSmoother:
         return limited, np.sqrt(var + (mean - limited) ** 2), series[n:]
 
 
-def live_before_use(engine: LiveSmoother, chains: Sequence[Chain]) -> BeforeUse:
+def report_live_smoother(engine: LiveSmoother, chains: Sequence[Chain]) -> FilterReport:
     """The filter report on the channel of a live smoother with the noisiest result.
 
     At rest the smoother is a linear filter. Its impulse response is that to one sample that is too

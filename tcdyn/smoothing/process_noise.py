@@ -20,8 +20,8 @@ from tcdyn.chain import Chain
 from tcdyn.core import Array
 from tcdyn.smoothing.intervals import FINE, corner_rad_s
 from tcdyn.smoothing.noise_levels import Burst, Intensity
-from tcdyn.smoothing.record import Stretch
-from tcdyn.smoothing.state_space import likelihood, smoothed
+from tcdyn.smoothing.record import Record
+from tcdyn.smoothing.state_space import likelihood, smooth_record
 
 Criterion = Literal["gcv", "discrepancy", "l-curve"]
 # lowest bins of a spectrum that are left out: removing a straight line disturbs them
@@ -112,7 +112,7 @@ def _whittle(power: Array, w: Array, dt_s: float, chain: Chain, noise_var: float
 
 
 def exact_levels(
-    record: Stretch, noise_var: Array, noise_known: bool, most: float = 1e8, trials: int = 14
+    record: Record, noise_var: Array, noise_known: bool, most: float = 1e8, trials: int = 14
 ) -> tuple[Array, Array]:
     """Intensity (M,) [K2/s3] and noise variance (M,) [K2] of a short record by the exact
     likelihood.
@@ -164,15 +164,15 @@ def exact_levels(
 
 
 def choose(
-    record: Stretch, noise_var: Array, noise_known: bool = False
+    record: Record, noise_var: Array, noise_known: bool = False
 ) -> tuple[list[Intensity], Array]:
     """Intensity of each channel, and its noise variance (M,), both by maximum likelihood.
 
-    The segments come from :func:`levels_of`. Then each event gets the burst that is most likely
+    The segments come from :func:`segment_levels`. Then each event gets the burst that is most likely
     given the samples around it, and a jump of the temperature itself where that is more likely
     still.
     """
-    intensities, noise_var = levels_of(record, noise_var, noise_known)
+    intensities, noise_var = segment_levels(record, noise_var, noise_known)
     for event in record.events_s:
         window, shift = _around(record, event)
         base = [replace(q, bursts=()).moved(shift_s=shift) for q in intensities]
@@ -185,8 +185,8 @@ def choose(
     return intensities, noise_var
 
 
-def levels_of(
-    record: Stretch, noise_var: Array, noise_known: bool
+def segment_levels(
+    record: Record, noise_var: Array, noise_known: bool
 ) -> tuple[list[Intensity], Array]:
     """Intensity of each channel without bursts, and its noise variance (M,).
 
@@ -207,7 +207,7 @@ def levels_of(
             if b - a - skip < 64:
                 continue
             if b - a - skip >= LONG_SAMPLES:
-                window = cut_out(record, a + skip, b, ())
+                window = segment(record, a + skip, b, ())
                 spectral = [
                     spectral_level(window.y[:, c], dt, s, noise_var[c])
                     for c, s in enumerate(record.chains)
@@ -222,7 +222,7 @@ def levels_of(
                     clear = exact > CLEAR_FLOORS * FLOOR * noise_var
                     levels[k] = np.where(flat & clear, exact, levels[k])
             else:
-                levels[k], _ = exact_levels(cut_out(record, a + skip, b, ()), noise_var, True)
+                levels[k], _ = exact_levels(segment(record, a + skip, b, ()), noise_var, True)
         # a segment that is too short gets the largest level of the others
         largest = np.where(np.isfinite(levels), levels, -np.inf).max(axis=0)
         largest = np.where(np.isfinite(largest), largest, noise_var)
@@ -231,7 +231,7 @@ def levels_of(
     return intensities, noise_var
 
 
-def cut_out(record: Stretch, first: int, last: int, events: Sequence[float]) -> Stretch:
+def segment(record: Record, first: int, last: int, events: Sequence[float]) -> Record:
     """Samples ``first`` to ``last`` - 1 as a record whose clock starts at zero.
 
     It has those of ``events`` [s] that lie in it.
@@ -245,7 +245,7 @@ def cut_out(record: Stretch, first: int, last: int, events: Sequence[float]) -> 
 
 
 def likeliest_burst(
-    window: Stretch,
+    window: Record,
     noise_var: Array,
     base: Sequence[Intensity],
     nothing: Sequence[Burst],
@@ -271,7 +271,7 @@ def likeliest_burst(
         Also try bursts with a jump of the temperature by the range of the trace.
     """
     candidates = []
-    for zero, var, span in zip(nothing, noise_var, spans(window, noise_var)):
+    for zero, var, span in zip(nothing, noise_var, channel_spans(window, noise_var)):
         heights = np.geomspace(1e-3, 1e8, 12) * var
         sizes = [
             (h, d)
@@ -304,17 +304,17 @@ def likeliest_burst(
     return best
 
 
-def smeared_s(record: Stretch) -> float:
+def smearing_time_s(record: Record) -> float:
     """Time [s] over which the slowest chain and the sampling smear an instantaneous change."""
     return max(0.0, *(s.lag_s for s in record.sensors)) + 4 * record.dt_s
 
 
-def spans(record: Stretch, noise_var: Array) -> Array:
+def channel_spans(record: Record, noise_var: Array) -> Array:
     """Range of each channel (M,) [K], at least ten standard deviations of the noise."""
     return np.asarray(np.maximum(np.ptp(record.y, axis=0), 10 * np.sqrt(noise_var)))
 
 
-def _around(record: Stretch, event: float) -> tuple[Stretch, float]:
+def _around(record: Record, event: float) -> tuple[Record, float]:
     """Samples that an event can influence, without any other event, and the time [s] at which they
     start.
     """
@@ -325,11 +325,11 @@ def _around(record: Stretch, event: float) -> tuple[Stretch, float]:
     after = min([e for e in record.events_s if e > event], default=(n - 1) * dt)
     first = int(np.ceil(max(before, event - 10.0 - 5 * lag) / dt))
     last = min(int(min(after, event + AFTER_S + 5 * lag) / dt) + 1, n)
-    return cut_out(record, first, last, (event,)), first * dt
+    return segment(record, first, last, (event,)), first * dt
 
 
 @dataclass(frozen=True)
-class Tradeoff:
+class TradeoffCurve:
     """Misfit and roughness for each trial intensity (L trials, M channels), and the chosen one.
 
     Parameters
@@ -356,7 +356,7 @@ class Tradeoff:
     criterion: str
 
 
-def by_criterion(record: Stretch, criterion: Criterion, trials: int) -> Tradeoff:
+def by_criterion(record: Record, criterion: Criterion, trials: int) -> TradeoffCurve:
     """Misfit and roughness for ``trials`` intensities, evenly in their logarithm, and the chosen
     one.
     """
@@ -367,7 +367,7 @@ def by_criterion(record: Stretch, criterion: Criterion, trials: int) -> Tradeoff
     n_samples = (record.weight > 0).sum(axis=0)
     for level in levels:
         constant = [Intensity.constant(level * var) for var in noise_var]
-        fit = smoothed(record, noise_var, constant)
+        fit = smooth_record(record, noise_var, constant)
         misfit = np.sum(w * (record.y - fit.read) ** 2, axis=0) / np.sum(w, axis=0)
         bends = np.diff(fit.knot_slope, axis=0) ** 2 / np.diff(fit.knots_s)[1:, None]
         freedom = np.sum(w * fit.read_var, axis=0) / noise_var
@@ -379,7 +379,7 @@ def by_criterion(record: Stretch, criterion: Criterion, trials: int) -> Tradeoff
             misfits.T, roughness.T, effective.T, n_samples.tolist(), noise_var.tolist()
         )
     ]
-    return Tradeoff(
+    return TradeoffCurve(
         levels[:, None] * noise_var,
         misfits,
         roughness,

@@ -13,15 +13,27 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from tcdyn.chain import Chain, Sensor, chains_for, sensors
-from tcdyn.chain.bursts import noise_and_white, whiten_traces
+from tcdyn.chain.bursts import estimate_and_whiten_noise, whiten_traces
 from tcdyn.chain.logger_noise import LoggerNoise
 from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
-from tcdyn.core.estimate import with_u
+from tcdyn.core.estimate import text_with_u
 from tcdyn.core.findings import Finding, info_or_warning, messages, warning
 from tcdyn.core.result import Result, jsonable
-from tcdyn.estimation.trace_noise import SPIKES, bridged, long_runs, rounding_sd, trace_noise_sd
-from tcdyn.rig.plausible import HIGHEST_DEGC, LOWEST_DEGC, dropout_codes, impossible, unreachable
+from tcdyn.estimation.trace_noise import (
+    SPIKES,
+    interpolate_gaps,
+    long_runs,
+    rounding_sd,
+    trace_noise_sd,
+)
+from tcdyn.rig.plausible import (
+    HIGHEST_DEGC,
+    LOWEST_DEGC,
+    dropout_codes,
+    impossible_changes,
+    out_of_range,
+)
 from tcdyn.smoothing.noise_levels import Intensity
 
 # bits of ``flags``
@@ -42,7 +54,7 @@ REPORTED_BAD_SHARE = 0.01
 
 
 @dataclass(frozen=True)
-class Stretch:
+class Record:
     """A record: samples of M channels at a constant interval, with their chains and events.
 
     Parameters
@@ -90,14 +102,14 @@ def channel_names(names: Sequence[str] | None, count: int) -> list[str]:
     return list(names)
 
 
-def stretch_of(
+def record_of(
     y: ArrayLike,
     dt_s: float,
     chains: float | Chain | Sequence[Chain],
     events_s: Sequence[float] = (),
     noise_sd: ArrayLike | None = None,
     names: Sequence[str] | None = None,
-) -> Stretch:
+) -> Record:
     """The record of ``y``, (N,) or (N, M), with weight zero for bad samples and white noise.
 
     The parameters are those of ``smooth``. Noise that the conditioning filter coloured is whitened,
@@ -146,7 +158,7 @@ def stretch_of(
         rule = SPIKES["compensator"].behind(min(c.lag_s for c in group) / dt_s)
         x = np.where(good, data[:, index], np.nan)
         if noise_sd is None:
-            logger_noise, [(white, outliers)] = noise_and_white(
+            logger_noise, [(white, outliers)] = estimate_and_whiten_noise(
                 [x], [dt_s], filter_, noise[index], group, rule
             )
         else:
@@ -164,9 +176,9 @@ def stretch_of(
     for flag, name in zip(flags.T, channels):
         findings += _flag_findings(flag, name)
     good = flags == GOOD
-    filled = np.stack([bridged(x, g) for x, g in zip(data.T, good.T)], axis=1)
+    filled = np.stack([interpolate_gaps(x, g) for x, g in zip(data.T, good.T)], axis=1)
     events = tuple(sorted({float(e) for e in events_s if 0 < e < (n - 1) * dt_s}))
-    return Stretch(
+    return Record(
         filled,
         good.astype(float),
         dt_s,
@@ -221,14 +233,14 @@ def _implausible(
     findings = []
     for c, (chain, name) in enumerate(zip(chains, names)):
         y = data[:, c]
-        outside = impossible(y)
+        outside = out_of_range(y)
         inside = np.where(outside, np.nan, y)
         lag_s = max(chain.taus_s, default=0.0)
         codes = dropout_codes(inside)
         remaining = np.where(codes, np.nan, inside)
         # share of a step that passes the chain at once
         feedthrough = min(max(chain.zero_s, 0.0) / lag_s, 1.0) if lag_s > 0 else 1.0
-        too_fast = unreachable(remaining, dt_s, lag_s, feedthrough)
+        too_fast = impossible_changes(remaining, dt_s, lag_s, feedthrough)
         wrong = codes | too_fast
         edges = np.flatnonzero(np.diff(np.concatenate([[False], wrong, [False]])))
         longest = int(np.max(np.diff(edges)[::2], initial=0))
@@ -440,7 +452,7 @@ class Compensated(Result):
                 "  the lag common to all channels moves them together "
                 f"by up to {common:.2g} K (1 sd)"
             )
-        return [*lines, *(f"  event at {with_u(t, u, 's')}" for t, u in self.events_s)]
+        return [*lines, *(f"  event at {text_with_u(t, u, 's')}" for t, u in self.events_s)]
 
     def to_dict(self) -> dict[str, Any]:
         """Figures of the result, channel by channel; the samples are in the arrays."""

@@ -16,14 +16,14 @@ from tcdyn.chain import Chain
 from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
 from tcdyn.core.threads import one_blas_thread
-from tcdyn.estimation.trace_noise import SPIKES, bridged
+from tcdyn.estimation.trace_noise import SPIKES, interpolate_gaps
 from tcdyn.smoothing.hidden_events import HiddenEvent, averaged, influenced_samples, with_hidden
 from tcdyn.smoothing.intervals import FINE, corner_rad_s
 from tcdyn.smoothing.noise_levels import Intensity
-from tcdyn.smoothing.process_noise import Criterion, Tradeoff, by_criterion, choose, cut_out
-from tcdyn.smoothing.record import SPIKE, Compensated, Stretch, channel_names, stretch_of
+from tcdyn.smoothing.process_noise import Criterion, TradeoffCurve, by_criterion, choose, segment
+from tcdyn.smoothing.record import SPIKE, Compensated, Record, channel_names, record_of
 from tcdyn.smoothing.rts import rts_smooth
-from tcdyn.smoothing.state_space import Smoothed, full_model, smoothed
+from tcdyn.smoothing.state_space import Smoothed, full_model, smooth_record
 
 # degrees of freedom of Student's t of heavy-tailed noise
 FREEDOM = 4.0
@@ -37,7 +37,7 @@ MARGIN = 12.0
 
 @one_blas_thread
 def smooth(
-    y: ArrayLike | Stretch,
+    y: ArrayLike | Record,
     dt_s: float,
     chains: float | Chain | Sequence[Chain],
     *,
@@ -63,7 +63,7 @@ def smooth(
     ----------
     y
         Readings (N,) or (N, M) after the static line [degC], NaN where missing; or what
-        ``stretch_of`` made of them with the same ``chains``, noise and events.
+        ``fit_rows`` made of them with the same ``chains``, noise and events.
     dt_s
         Sampling interval [s].
     chains
@@ -105,10 +105,10 @@ def smooth(
     InputError
         For shapes that do not agree, or a channel without samples.
     """
-    if isinstance(y, Stretch):
+    if isinstance(y, Record):
         record = y
     else:
-        record = stretch_of(y, dt_s, chains, events_s, noise_sd, names)
+        record = record_of(y, dt_s, chains, events_s, noise_sd, names)
     n_channels = record.y.shape[1]
     start_var = record.noise_sd**2
     if intensity is None:
@@ -126,10 +126,10 @@ def smooth(
     listed_u_s = np.broadcast_to(np.asarray(event_u_s, dtype=float), len(events_s)).tolist()
     u_by_time = dict(zip(map(float, events_s), listed_u_s))
     events = {at: u_by_time[at] for at in record.events_s}
-    fit = smoothed(record, noise_var, intensities)
+    fit = smooth_record(record, noise_var, intensities)
     spikes = _spikes(fit)
     if spikes.any():
-        fit = smoothed(_without_samples(record, spikes), noise_var, intensities)
+        fit = smooth_record(_without_samples(record, spikes), noise_var, intensities)
     detected_events: list[HiddenEvent] = []
     detect = not events_s if find_events is None else find_events
     if intensity is None and detect:
@@ -198,11 +198,11 @@ def _spikes(fit: Smoothed) -> Flags:
     return np.asarray(outlying & (crowd <= rule.longest))
 
 
-def _without_samples(record: Stretch, spikes: Flags) -> Stretch:
+def _without_samples(record: Record, spikes: Flags) -> Record:
     """The record with weight zero, a flag and interpolated readings at ``spikes`` (N, M)."""
     flags = record.flags | np.where(spikes, SPIKE, 0).astype(np.uint8)
     weight = np.where(spikes, 0.0, record.weight)
-    columns = [bridged(x, w > 0) for x, w in zip(record.y.T, weight.T)]
+    columns = [interpolate_gaps(x, w > 0) for x, w in zip(record.y.T, weight.T)]
     return replace(record, y=np.stack(columns, axis=1), weight=weight, flags=flags)
 
 
@@ -211,7 +211,7 @@ def _reweighted(fit: Smoothed, y: Array) -> Smoothed:
     residual = y - fit.read
     student = (FREEDOM + 1) / (FREEDOM + residual**2 / fit.noise_var)
     weight = np.where(fit.record.weight > 0, student, 0.0)
-    return smoothed(replace(fit.record, weight=weight), fit.noise_var, fit.chosen)
+    return smooth_record(replace(fit.record, weight=weight), fit.noise_var, fit.chosen)
 
 
 def _event_shift(fit: Smoothed, event_s: float, u_s: float) -> Array:
@@ -231,14 +231,14 @@ def _event_shift(fit: Smoothed, event_s: float, u_s: float) -> Array:
     first, last = influenced_samples(record, event_s)
     first = max(first - margin, 0)
     last = min(last + margin, n_samples)
-    window = cut_out(record, first, last, record.events_s)
+    window = segment(record, first, last, record.events_s)
     shift = first * dt
     temperatures = []
     for time_s in (event_s - u_s, event_s + u_s):
         events = sorted(time_s - shift if e == event_s - shift else e for e in window.events_s)
         shifted = [q.moved(event_s, time_s).moved(shift_s=shift) for q in fit.chosen]
         moved_window = replace(window, events_s=tuple(events))
-        result = smoothed(moved_window, fit.noise_var, shifted, DIFFERENCE * FINE)
+        result = smooth_record(moved_window, fit.noise_var, shifted, DIFFERENCE * FINE)
         temperatures.append(result.temperature)
     half = np.zeros_like(fit.sd)
     half[first:last] = 0.5 * (temperatures[1] - temperatures[0])
@@ -258,7 +258,7 @@ def deconvolve(
     static_u: ArrayLike | None = None,
     names: Sequence[str] | None = None,
     trials: int = 25,
-) -> tuple[Compensated, Tradeoff]:
+) -> tuple[Compensated, TradeoffCurve]:
     """Regularised deconvolution: minimise sum (y - G x)^2 + weight integral x''^2 dt.
 
     The filter has no phase shift and is exact at the ends of the record.
@@ -287,7 +287,7 @@ def deconvolve(
     The standard deviation is the Bayesian one of the same penalty (Wahba 1983), which includes
     noise and average bias.
     """
-    record = stretch_of(y, dt_s, chains, (), noise_sd, names)
+    record = record_of(y, dt_s, chains, (), noise_sd, names)
     tradeoff = by_criterion(record, criterion, trials)
     result = smooth(
         record,
@@ -353,7 +353,7 @@ def window_covariance(
     # jumps at detected (not listed) events belong to the intensity
     detected = {burst.start_s for burst in q.bursts if burst.slope_sd > 0}
     listed = [e - start * dt_s for e, _ in result.events_s if e not in detected]
-    record = stretch_of(window, dt_s, chain, listed, noise_sd)
+    record = record_of(window, dt_s, chain, listed, noise_sd)
     model = full_model(record, noise_sd**2, [[q.moved(shift_s=start * dt_s)]])
     fit = rts_smooth(model)
     t = np.arange(first - start, last - start) * dt_s

@@ -14,9 +14,9 @@ from scipy.linalg import expm
 
 from tcdyn.chain import Sensor
 from tcdyn.core import Array, Flags
-from tcdyn.smoothing.intervals import FINE, STEPS, knots_for, pieces
+from tcdyn.smoothing.intervals import FINE, STEPS, chunks, knots_for
 from tcdyn.smoothing.noise_levels import Intensity, jumps_at, levels_at, levels_between
-from tcdyn.smoothing.record import Stretch
+from tcdyn.smoothing.record import Record
 from tcdyn.smoothing.rts import IntervalModel, rts_smooth
 
 # prior sd of level, slope and slope jumps, in ranges of the record (per lag): diffuse, but well
@@ -24,14 +24,14 @@ from tcdyn.smoothing.rts import IntervalModel, rts_smooth
 DIFFUSE = 10.0
 
 
-def ranges(record: Stretch) -> Array:
+def channel_ranges(record: Record) -> Array:
     """Range of the good samples of each channel (M,) [K], 1 where there are none."""
     good = [y[w > 0] for y, w in zip(record.y.T, record.weight.T)]
     return np.array([np.ptp(y) if len(y) else 1.0 for y in good])
 
 
 def interval_model(
-    record: Stretch,
+    record: Record,
     noise_var: Array,
     proposals: Sequence[Sequence[Intensity]],
     knots: Array,
@@ -112,7 +112,7 @@ def _squares(rows: Array) -> Array:
 
 
 def full_model(
-    record: Stretch, noise_var: Array, proposals: Sequence[Sequence[Intensity]], fine: float = FINE
+    record: Record, noise_var: Array, proposals: Sequence[Sequence[Intensity]], fine: float = FINE
 ) -> IntervalModel:
     """The model on all intervals of the record."""
     return interval_model(
@@ -120,7 +120,7 @@ def full_model(
         noise_var,
         proposals,
         knots_for(record, noise_var, proposals, fine),
-        ranges(record),
+        channel_ranges(record),
     )
 
 
@@ -193,7 +193,7 @@ def filtered(model: IntervalModel) -> Iterator[tuple[Array, ...]]:
 
 
 def likelihood(
-    record: Stretch, noise_var: Array, proposals: Sequence[Sequence[Intensity]], fine: float = FINE
+    record: Record, noise_var: Array, proposals: Sequence[Sequence[Intensity]], fine: float = FINE
 ) -> tuple[Array, Array]:
     """Log likelihood (M, Q) of the proposals at the given noise variance.
 
@@ -236,7 +236,7 @@ class Smoothed:
         Predicted reading without noise (N, M) [degC], and its variance [K2].
     """
 
-    record: Stretch
+    record: Record
     noise_var: Array
     chosen: tuple[Intensity, ...]
     knots_s: Array
@@ -270,8 +270,8 @@ def _slopes_to_next(at_knot: Array, knots_s: Array) -> Array:
     return np.asarray(np.diff(at_knot, axis=0, append=at_knot[-1:]) / np.diff(knots_s)[:, None])
 
 
-def smoothed(
-    record: Stretch, noise_var: Array, chosen: Sequence[Intensity], fine: float = FINE
+def smooth_record(
+    record: Record, noise_var: Array, chosen: Sequence[Intensity], fine: float = FINE
 ) -> Smoothed:
     """Smooth the full record with the RTS smoother, given its noise variance (M,) and one intensity
     a channel.
@@ -282,7 +282,7 @@ def smoothed(
     """
     proposals = [[q] for q in chosen]
     knots = knots_for(record, noise_var, proposals, fine)
-    span = ranges(record)
+    span = channel_ranges(record)
     (n_samples, n_channels) = record.y.shape
     n_intervals = len(knots) - 1
     knot_slope, jump_chi2 = np.empty((2, n_intervals, n_channels))
@@ -290,7 +290,7 @@ def smoothed(
     read, read_var = np.zeros((2, n_samples + 1, n_channels))
     lag_rows = np.stack([s.lag_row for s in record.sensors])
     bend_rows = np.stack([s.bend_row for s in record.sensors])
-    for low, first, last, high in pieces(record, noise_var, chosen, knots):
+    for low, first, last, high in chunks(record, noise_var, chosen, knots):
         model = interval_model(record, noise_var, proposals, knots[low : high + 1], span)
         chunk = rts_smooth(model)
         stored = slice(first - low, last - low)

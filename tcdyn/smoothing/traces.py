@@ -13,29 +13,29 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from tcdyn.chain import NO_CONDITIONING, Chain
-from tcdyn.chain.bursts import noise_and_white
+from tcdyn.chain.bursts import estimate_and_whiten_noise
 from tcdyn.chain.logger_noise import TYPICAL_LAG_S, UNEXPLAINED, LoggerNoise
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
-from tcdyn.estimation.trace_noise import SPIKES, bridged, rounding_sd, white_noise_sd
-from tcdyn.io.checksum import ALTERED
-from tcdyn.rig.check_clock import interval_s
-from tcdyn.rig.columns import couples
-from tcdyn.rig.disk import DiskSetup, left_out_of
+from tcdyn.estimation.trace_noise import SPIKES, interpolate_gaps, rounding_sd, white_noise_sd
+from tcdyn.io.checksum import ALTERED_CODE
+from tcdyn.rig.check_clock import sample_interval_s
+from tcdyn.rig.columns import junction_columns
+from tcdyn.rig.disk import DiskSetup, channels_left_out
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig, UncertaintyTable
-from tcdyn.rig.static_line import StaticLine, apply_static, extrapolated, static_u
+from tcdyn.rig.static_line import StaticLine, apply_static, extrapolation_warnings, static_u
 
 Rows = slice | NDArray[np.bool_]
 NO_CHAIN = Chain((), conditioning=NO_CONDITIONING)
 # order of the differences from which the noise of a trace is estimated
-NOISE_ORDER = 3
+DIFFERENCE_ORDER = 3
 # share of missing samples of a channel beyond which a warning comes; chosen by judgement
 MANY_MISSING = 0.05
 # standard uncertainty of a surrogate channel (for d, b or f left out): a constant error [K], and
 # one in proportion to the radial heat flux, as a depth [m]; chosen by judgement
-STAND_IN_K = 1.0
+SURROGATE_U_K = 1.0
 SURROGATE_DEPTH_U_M = 0.3e-3
 # rounding error [K] below which it is neglected: a sixth of the noise of a usual channel
 FINE_ROUNDING_K = 0.02
@@ -101,7 +101,7 @@ class DiskTraces(DiskChannels):
         Findings about the traces.
     left_out
         Channels that are not used. Surrogates replace them here and in ``setup``, known to
-        ``STAND_IN_K`` and to ``SURROGATE_DEPTH_U_M`` times the radial gradient.
+        ``SURROGATE_U_K`` and to ``SURROGATE_DEPTH_U_M`` times the radial gradient.
     common_lag_s, common_lag_u_s
         Mean of the lags of the channels and its standard uncertainty [s].
     """
@@ -177,7 +177,7 @@ class DiskTraces(DiskChannels):
         readings = dict(zip(channels, self.measured_degC[rows].T))
         for channel in self.left_out:
             readings.pop(channel, None)
-        return tuple(extrapolated(where, readings, dict(zip(channels, self.lines))))
+        return tuple(extrapolation_warnings(where, readings, dict(zip(channels, self.lines))))
 
 
 def mean_of(chains: Sequence[Chain], disk: str) -> Chain:
@@ -229,7 +229,7 @@ def disk_channels(
                 f"the record of the {record.disk} disk lacks channel {c}",
                 remedy=f"calibrate all {len(names)}, or take it out of rig.toml [thermocouples]",
             )
-    columns = couples(names, disk)
+    columns = junction_columns(names, disk)
     lines = tuple(record.static[c] for c in names)
     if chain is None:
         count = len(names)
@@ -317,14 +317,14 @@ def disk_traces(
         For the record of another disk, and as :func:`disk_channels`.
     """
     disk_setup = rig.disk_setup(disk)
-    left_out = left_out_of((f"{disk}_{c}" for c in left_out), {disk: disk_setup})[disk]
+    left_out = channels_left_out((f"{disk}_{c}" for c in left_out), {disk: disk_setup})[disk]
     setup = disk_setup.with_stand_ins(left_out)
     if record.disk not in (disk, setup.name):
         raise InputError(
             f"the record is of disk {record.disk!r}", where=where, expected=f"a record of {disk!r}"
         )
     channels = disk_channels(record, setup, disk if named else "", lag)
-    findings = [f for f in record.findings if f.code == ALTERED]
+    findings = [f for f in record.findings if f.code == ALTERED_CODE]
     used = ~np.isin(setup.channels, left_out)
     names = [*compress(channels.columns, used)]
     columns = []
@@ -334,11 +334,11 @@ def disk_traces(
         raw = frame[name].to_numpy(dtype=float)
         step_u = rounding_sd(raw)
         # the rounding counts only where it hides the noise of the trace
-        hides_noise = step_u >= float(white_noise_sd(raw, NOISE_ORDER))
+        hides_noise = step_u >= float(white_noise_sd(raw, DIFFERENCE_ORDER))
         rounding.append(step_u if step_u > FINE_ROUNDING_K and hides_noise else 0.0)
         values = apply_static(raw, line)
         missing_column = ~np.isfinite(values)
-        columns.append(bridged(values, ~missing_column))
+        columns.append(interpolate_gaps(values, ~missing_column))
         bad.append(missing_column)
     coarse = [ch for ch, error in zip(compress(setup.channels, used), rounding) if error > 0]
     if coarse:
@@ -346,12 +346,12 @@ def disk_traces(
         findings.append(warning("traces.coarse", subject=disk, step_K=step_K, channels=coarse))
     y = np.column_stack(columns)
     missing = np.column_stack(bad)
-    dt_s = interval_s(frame["time_s"].to_numpy(float))
-    white_K = np.maximum(white_noise_sd(y, NOISE_ORDER), 1e-6)
+    dt_s = sample_interval_s(frame["time_s"].to_numpy(float))
+    white_K = np.maximum(white_noise_sd(y, DIFFERENCE_ORDER), 1e-6)
     chains = channels.chains
     if not lag:
         chains = (Chain((TYPICAL_LAG_S,), conditioning=setup.conditioning),) * len(used)
-    noise, [(y, outliers)] = noise_and_white(
+    noise, [(y, outliers)] = estimate_and_whiten_noise(
         [np.where(missing, np.nan, y)],
         [dt_s],
         setup.conditioning,
@@ -361,7 +361,7 @@ def disk_traces(
     )
     missing |= outliers
     if not (noise.coloured or noise.lines or noise.unexplained > UNEXPLAINED):
-        noise = noise.white(white_noise_sd(y, NOISE_ORDER))
+        noise = noise.white(white_noise_sd(y, DIFFERENCE_ORDER))
     for name, share in zip(names, missing.mean(axis=0)):
         percent = 100 * float(share)
         if percent > 100 * MANY_MISSING:
@@ -392,7 +392,7 @@ def disk_traces(
         missing=missing,
         noise=noise,
         rounding_K=np.array(rounding),
-        static_u_K=np.where(used, static_u_K, STAND_IN_K),
+        static_u_K=np.where(used, static_u_K, SURROGATE_U_K),
         uncertainty=rig.tables(disk).uncertainty,
         inner_K=np.zeros((len(y), len(setup.inner))),
         findings=tuple(findings),
@@ -400,7 +400,7 @@ def disk_traces(
     )
 
 
-def gathered(findings: Sequence[Finding]) -> list[Finding]:
+def summarise_spikes(findings: Sequence[Finding]) -> list[Finding]:
     """Findings of the reader, with the spikes of all columns in one finding: every slip ring has
     some.
 
@@ -408,7 +408,7 @@ def gathered(findings: Sequence[Finding]) -> list[Finding]:
     --------
     >>> counts = (("fast_a_degC", 3), ("fast_c_degC", 5))
     >>> spiky = [info("spikes.removed", subject=name, count=n) for name, n in counts]
-    >>> [f.sentence for f in gathered(spiky)]
+    >>> [f.sentence for f in summarise_spikes(spiky)]
     ['8 spikes in 2 channels were taken as missing, most in fast_c_degC (5)']
     """
     spiky = [f for f in findings if f.code == "spikes.removed"]

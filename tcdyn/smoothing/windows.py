@@ -12,7 +12,7 @@ from scipy.linalg import block_diag
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.rig.check_clock import interval_s
+from tcdyn.rig.check_clock import sample_interval_s
 from tcdyn.rig.static_line import shared_u_K
 from tcdyn.smoothing.record import Compensated
 from tcdyn.smoothing.smoother import window_covariance
@@ -22,7 +22,7 @@ from tcdyn.smoothing.traces import DiskTraces
 MAX_SAMPLES = 600
 
 
-def over_window(
+def window_means(
     log: str,
     time: Array,
     events: tuple[float, ...],
@@ -71,7 +71,7 @@ def over_window(
             remedy="say from when on: {start_s}",
             parameters={"start_s": None},
         )
-    dt_s = interval_s(time)
+    dt_s = sample_interval_s(time)
     start = events[-1] if start_s is None else start_s - time[0]
     first = max(int(np.ceil(start / dt_s - 1e-6)), 0)
     last = min(first + round(length_s / dt_s), len(time))

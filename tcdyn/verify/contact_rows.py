@@ -15,7 +15,7 @@ from tcdyn.rig.contact import (
     contact_conductance_W_m2K,
     hertz_contact,
     interference_pressure_Pa,
-    press_fit,
+    press_fit_conductance,
 )
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.press_fit import PressFit
@@ -167,7 +167,10 @@ def contact_rows() -> Iterator[VerifyRow]:
     )
     yield _conductance()
     setup = load_rig().disk_setup("slow")
-    fitted = [press_fit(replace(setup, fit=PressFit(interference_um=um))) for um in (15.2, 25.4)]
+    fitted = [
+        press_fit_conductance(replace(setup, fit=PressFit(interference_um=um)))
+        for um in (15.2, 25.4)
+    ]
     pressures_MPa = [p * 1e-6 for p, _ in fitted]
     conductances_kW_m2K = [h * 1e-3 for _, h in fitted]
     yield close(

@@ -13,8 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from tcdyn.core import Array
-from tcdyn.heat.engine import Drive, map_beta_h
-from tcdyn.heat.rim import MESHES, Rim, points_of
+from tcdyn.heat.engine import RimInputs, map_beta_h
+from tcdyn.heat.rim import MESHES, Rim, junction_points
 from tcdyn.partition.steady import H_GRID_W_M2K, steady_map
 from tcdyn.rig.contact import half_width_m
 from tcdyn.rig.disk import DISKS
@@ -78,10 +78,10 @@ def fictitious_rows() -> Iterator[VerifyRow]:
     time: Array = np.arange(0.0, UNTIL_s, DT_s, dtype=np.float64)
     true = dict(zip(system.channels, solution.at(time).T, strict=True))
     total_heat = np.where(time > 0, power(time), 0.0)  # the rim starts at rest
-    drive = Drive(DT_s, total_heat, true["d"], true["b"], true["f"], air(time))
+    drive = RimInputs(DT_s, total_heat, true["d"], true["b"], true["f"], air(time))
     rim = Rim.from_setup(setup)
     measured = np.stack([true[c] for c in setup.outer])
-    points = points_of(setup, setup.outer)
+    points = junction_points(setup, setup.outer)
     mesh = MESHES["III"]
     computed = map_beta_h(rim, drive, SHARES, H_W_m2K, points, half_width, mesh=mesh)
     # (7.1), loading and unloading

@@ -37,7 +37,7 @@ CLARKE_H = (
     (886, 338),
 )
 # table 7.2: a of fast and slow disk [degC], friction [N]
-CLARKE_AT_REST = (
+CLARKE_STEADY = (
     (79.4, 65.9, 10.5),
     (101.6, 77.3, 18.5),
     (110.3, 81.3, 23.4),

@@ -17,7 +17,7 @@ from immersion.fluids import fluid
 from immersion.radial import simulate_plunge_model
 from tcdyn.chain import Chain
 from tcdyn.core import Array
-from tcdyn.heat.rim import lag_bank
+from tcdyn.heat.rim import lag_basis
 from tcdyn.rig.disk import Conditioning
 from tcdyn.rig.rigfile import load_rig
 from tcdyn.rig.thermocouple_types import emf_mV, temperature_degC
@@ -102,7 +102,7 @@ def sensor_rows() -> Iterator[VerifyRow]:
     )
     chain = Chain((0.6, 0.1), delay_s=0.05, conditioning=Conditioning(4.0, 2))
     ramp = np.arange(0.0, 20.0, 0.02)
-    one_lag = lag_bank(ramp, 0.02, np.array([1 / 0.7]))
+    one_lag = lag_basis(ramp, 0.02, np.array([1 / 0.7]))
     errors_K = (ramp[-1] - chain.response(ramp, 0.02)[-1], ramp[-1] - one_lag[-1, 0])
     lags = (0.6 + 0.1 + 0.05 + 2 / (2 * np.pi * 4.0), 0.7)
     yield row(

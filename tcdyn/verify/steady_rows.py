@@ -14,8 +14,8 @@ from scipy.optimize import brentq
 
 from tcdyn.core import Array
 from tcdyn.heat.modal import RimGains, rim_gains
-from tcdyn.heat.nonuniform import film_in_steps, rim_gains_nonuniform
-from tcdyn.heat.rim import MESHES, Point, node_rates
+from tcdyn.heat.nonuniform import h_in_steps, rim_gains_nonuniform
+from tcdyn.heat.rim import MESHES, Point, basis_rates
 from tcdyn.rig.contact import half_width_m
 from tcdyn.simulate.programme import PROGRAMME, EhlCondition
 from tcdyn.verify import VerifyRow, close, numbers, published, row, studies
@@ -33,7 +33,7 @@ MIDDLE_m = RIM.width_m / 2
 
 
 POINT_A: Point = (A_DEPTH_m, MIDDLE_m)
-RATES = node_rates(1 / 75)
+RATES = basis_rates(1 / 75)
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ def steady_rows() -> Iterator[VerifyRow]:
 def _line_ends() -> Iterator[VerifyRow]:
     """Section 4.3: both ends of a line of least error fit the readings; D4 of Clarke (2009)."""
     d4 = PROGRAMME["D4"]
-    a_fast, a_slow, friction = published.CLARKE_AT_REST[-1]
+    a_fast, a_slow, friction = published.CLARKE_STEADY[-1]
     total_W = friction * d4.sliding_speed_m_s
     airs = []
     rises = []
@@ -187,7 +187,7 @@ def _asymmetries() -> Iterator[VerifyRow]:
         return gains.static.T @ [d4.power_W, inner, inner, inner, *air_degC]
 
     even = d4.at(points, inner)
-    stepped_h = film_in_steps(RIM.width_m, [MIDDLE_m], [200.0, 400.0], mesh.nz)
+    stepped_h = h_in_steps(RIM.width_m, [MIDDLE_m], [200.0, 400.0], mesh.nz)
     stepped_gains = rim_gains_nonuniform(RIM, stepped_h, points, half_width, RATES, mesh=mesh)
     steps = temperatures(stepped_gains, AIR_degC)
     split_gains = rim_gains(RIM, 300.0, points, half_width, RATES, mesh=mesh, split_ambient=True)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.interpolate import interp1d
 
 from tcdyn.core import Array
-from tcdyn.heat.engine import Drive, fields_at, free_decay, step_fields
+from tcdyn.heat.engine import RimInputs, fields_at, free_decay, step_fields
 from tcdyn.heat.modal import flux_density, forcing, spectrum
 from tcdyn.heat.reference import (
     CrankNicolson,
@@ -283,6 +283,6 @@ def stepped_difference_K(h: float, share: float) -> float:
         load = columns @ u
         field = stepper.step(field, load, load, damped=k < 3)
     stepped = np.vstack([levels[-1] @ inner, field.reshape(mesh.nr - 1, mesh.nz)])
-    drive = Drive(dt, *levels.T)
+    drive = RimInputs(dt, *levels.T)
     modal = fields_at(rim, drive, h, b, [steps - 1], share=share, mesh=mesh)[0]
     return float(np.abs(modal - stepped).max())

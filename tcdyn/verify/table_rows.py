@@ -148,7 +148,7 @@ def _ratios() -> VerifyRow:
 def _means() -> Iterator[VerifyRow]:
     """Table 7.2: mean differences from Clarke's tests."""
     current = np.array([(t.fast_a_degC, t.slow_a_degC, t.friction_N) for t in TESTS])
-    fast, slow, friction = (current - np.array(published.CLARKE_AT_REST)).mean(axis=0)
+    fast, slow, friction = (current - np.array(published.CLARKE_STEADY)).mean(axis=0)
     yield close(
         "arithmetic",
         "a of the fast and slow disk, mean difference from Clarke's tests, K",

@@ -11,7 +11,7 @@ from calibration.transducers import BearingFriction, fit_bearing_friction
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import warning
 from tcdyn.io.read import read_numbers, sha256
-from tcdyn.rig.contact import FrictionAdded
+from tcdyn.rig.contact import FrictionCorrection
 
 BEARING_COLUMNS = ("load_N", "friction_N", "speed_slow_rpm")
 
@@ -24,7 +24,7 @@ class BearingFile:
     file: str
     sha256: str
 
-    def added(self, load_N: float, speed_rpm: float) -> FrictionAdded:
+    def added(self, load_N: float, speed_rpm: float) -> FrictionCorrection:
         """Half of both shafts' bearing friction at a load [N] and a speed of the slow shaft [rpm],
         for ``prepare``.
 
@@ -32,7 +32,7 @@ class BearingFile:
         """
         value, u = (float(x) for x in self.friction.correction_N(load_N, speed_rpm))
         if not bool(self.friction.outside(load_N, speed_rpm)):
-            return FrictionAdded(value, u)
+            return FrictionCorrection(value, u)
         speeds = self.friction.speeds_rpm
         finding = warning(
             "bearing.extrapolated",
@@ -42,7 +42,7 @@ class BearingFile:
             loads_N=self.friction.load_range_N,
             speeds_rpm=(min(speeds), max(speeds)),
         )
-        return FrictionAdded(value, u, (finding,))
+        return FrictionCorrection(value, u, (finding,))
 
 
 def read_bearing(path: str | Path) -> BearingFile:

@@ -18,35 +18,35 @@ from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.estimation.trace_noise import white_noise_sd
-from tcdyn.io.checksum import sealed
+from tcdyn.io.checksum import with_checksum
 from tcdyn.partition.analyse import WINDOW_S, Partition, analyse
 from tcdyn.partition.events import EhlTest, find_events
-from tcdyn.rig.check_clock import interval_s
+from tcdyn.rig.check_clock import sample_interval_s
 from tcdyn.rig.contact import (
-    LEAST_ZERO,
-    NOTHING_ADDED,
-    SETTLE_S,
+    MIN_ZERO_SAMPLES,
+    NO_FRICTION_CORRECTION,
+    SWITCHING_MARGIN_S,
     Events,
-    FrictionAdded,
-    equal_radius_m,
+    FrictionCorrection,
+    equivalent_radius_m,
     hertz_contact,
-    speed_course,
+    relative_speed,
     surface_speed_m_s,
 )
-from tcdyn.rig.disk import DISKS, left_out_of
+from tcdyn.rig.disk import DISKS, channels_left_out
 from tcdyn.rig.log import COMPENSATED, Log, iter_log
-from tcdyn.rig.opened_log import rig_of
+from tcdyn.rig.opened_log import rig_from_records
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig, changed_keys
-from tcdyn.smoothing.traces import DiskTraces, disk_traces, gathered
+from tcdyn.smoothing.traces import DiskTraces, disk_traces, summarise_spikes
 from tcdyn.workflows.bearing import BearingFile
-from tcdyn.workflows.beta_tables import beta_file, ways_table
+from tcdyn.workflows.beta_tables import beta_file, estimates_table
 from tcdyn.workflows.operating_conditions import (
     check_no_copies,
-    constants_of,
     constants_rel_u,
     disk_air,
     forces_N,
+    rig_constants,
     speeds_rpm,
 )
 
@@ -83,7 +83,7 @@ class BetaRun(Result):
         data["kept"] = campaign.sufficient_statistics_of(
             self.log.path.stem, self.rig_sha256, self.partition
         )
-        return sealed(data)
+        return with_checksum(data)
 
     def summary(self) -> str:
         """The answer in a few lines."""
@@ -91,14 +91,14 @@ class BetaRun(Result):
 
     def card(self) -> pd.DataFrame:
         """The ways to beta."""
-        return ways_table(self.partition)
+        return estimates_table(self.partition)
 
 
 def prepare_test(
     log: Log,
     rig: Rig,
     records: Mapping[str, DiskRecord],
-    friction_added: Callable[[float, float], FrictionAdded] | None = None,
+    friction_added: Callable[[float, float], FrictionCorrection] | None = None,
     left_out: Mapping[str, str] | None = None,
     events: Events | None = None,
 ) -> EhlTest:
@@ -134,16 +134,16 @@ def prepare_test(
         )
     frame = log.frame
     t = log.frame["time_s"].to_numpy(dtype=float)
-    dt = interval_s(t)
+    dt = sample_interval_s(t)
     events = events or find_events(frame, where)
-    constants, constant_findings = constants_of(frame, rig)
+    constants, constant_findings = rig_constants(frame, rig)
     under_load = (t > events.load_on_s + 5) & (t < events.unload_s - 0.5)
     steady = (t > events.unload_s - 150) & (t < events.unload_s - 1) & under_load
     load, friction = forces_N(frame, events, steady, constants)
-    left_out_by_disk = left_out_of(left_out := left_out or {}, rig.setups)
+    left_out_by_disk = channels_left_out(left_out := left_out or {}, rig.setups)
     check_no_copies(frame, left_out, where)
     findings = [
-        *gathered(log.findings),
+        *summarise_spikes(log.findings),
         *(_left_out_finding(rig, name, why, left_out_by_disk) for name, why in left_out.items()),
     ]
     findings += [*events.findings, *constant_findings]
@@ -161,7 +161,7 @@ def prepare_test(
     nominal = rig.common.contact.gear_ratio
     if abs(ratio / nominal - 1) > 0.05:
         findings.append(warning("speeds.ratio", ratio=ratio, stated=nominal))
-    if np.sum(t < events.load_on_s - SETTLE_S) < LEAST_ZERO:
+    if np.sum(t < events.load_on_s - SWITCHING_MARGIN_S) < MIN_ZERO_SAMPLES:
         findings.append(warning("forces.one_zero"))
     load_N = float(np.mean(load[steady]))
     friction_N = float(np.mean(friction[steady]))
@@ -172,7 +172,7 @@ def prepare_test(
             expected="both above zero, and less friction than load",
             remedy="is a sign turned round, a unit another, or are load_N and friction_N exchanged?",
         )
-    added = NOTHING_ADDED if friction_added is None else friction_added(load_N, rpm[1])
+    added = NO_FRICTION_CORRECTION if friction_added is None else friction_added(load_N, rpm[1])
     friction = friction + added.value_N * load / load_N
     friction_N = friction_N + added.value_N
     findings += added.findings
@@ -180,7 +180,7 @@ def prepare_test(
     for d, level in zip(DISKS, rpm):
         if f"speed_{d}_rpm" in constants:
             continue
-        profile = speed_course(
+        profile = relative_speed(
             t, frame[f"speed_{d}_rpm"].to_numpy(dtype=float), events.unload_s, level
         )
         if profile is None:
@@ -195,7 +195,7 @@ def prepare_test(
             )
     if not 0.002 < friction_N / load_N < 0.2:
         findings.append(warning("friction.coefficient", coefficient=friction_N / load_N))
-    contact = hertz_contact(load_N, equal_radius_m(*radius), equal_radius_m(*crown))
+    contact = hertz_contact(load_N, equivalent_radius_m(*radius), equivalent_radius_m(*crown))
     u = rig.common.uncertainty
     (load_rel, sliding_rel, ratio_rel) = constants_rel_u(rpm, rpm_u, constants)
     air_and_findings = {d: disk_air(frame, d, rig, steady, constants) for d in measured_disks}
@@ -346,7 +346,7 @@ def estimate_beta(
     A channel that is dead, missing or lost for long is left out too, with a finding, as long as the
     remaining channels determine beta.
     """
-    rig = rig or rig_of(records)
+    rig = rig or rig_from_records(records)
 
     def attempt(left_out: Mapping[str, str]) -> BetaRun:
         progress("reading the log")
@@ -386,7 +386,7 @@ def retry_without_lost_channels(
     InputError
         If the remaining channels do not determine beta: the first error, which names the cause best.
     """
-    left_out_of(without, rig.setups)
+    channels_left_out(without, rig.setups)
     left_out = dict.fromkeys((name.removesuffix("_degC") for name in without), "")
     first_error: InputError | None = (
         None  # of the channels lost: where too many are, it names the cause best
@@ -397,7 +397,7 @@ def retry_without_lost_channels(
         except InputError as problem:
             lost_channel = problem.column.removesuffix("_degC")
             disk, _, channel = lost_channel.rpartition("_")
-            missing = (*left_out_of(left_out, rig.setups).get(disk, ()), channel)
+            missing = (*channels_left_out(left_out, rig.setups).get(disk, ()), channel)
             if (
                 lost_channel in left_out
                 or disk not in DISKS

@@ -10,32 +10,32 @@ import numpy as np
 import pandas as pd
 
 from tcdyn.core.errors import InputError
-from tcdyn.core.estimate import Estimate, with_u
-from tcdyn.core.messages.partition import structure
-from tcdyn.core.messages.phrases import rounded_to_u
-from tcdyn.core.messages.plunge import percent
+from tcdyn.core.estimate import Estimate, text_with_u
+from tcdyn.core.messages.partition import model_form_text
+from tcdyn.core.messages.phrases import text_rounded_to_u
+from tcdyn.core.messages.plunge import probability_text
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.cooling import (
-    compensated,
-    cooling_errors,
+    compensate_disk,
+    cooling_effects,
     cooling_fit,
-    cooling_shift,
-    smoothed,
+    cooling_sensitivity,
+    smooth_traces,
 )
 from tcdyn.partition.profile import intervals, profiles_file
 from tcdyn.partition.sensor_check import SensorCheck
 from tcdyn.partition.sensor_faults import DepthTest
 from tcdyn.partition.single_disk import OneDisk
 from tcdyn.partition.surface_flux import log_h_prior
-from tcdyn.partition.window import stretch_of
-from tcdyn.rig.disk import DISKS, LEFT_OUT
-from tcdyn.workflows.joint_tables import both_budget
+from tcdyn.partition.window import fit_rows
+from tcdyn.rig.disk import DISKS, LEFT_OUT_TEXT
+from tcdyn.workflows.joint_tables import joint_budget
 
 SCHEMA = "tcdyn.beta/1"
 WITHHELD: dict[str, Any] = dict.fromkeys(
     ("value", "u", "low95", "high95")
 )  # an estimate that is withheld
-HEADINGS = {
+COLUMN_HEADINGS = {
     "beta": "β [1]",
     "h": "h [W/m²K]",
     "lag_s": "lag [s]",
@@ -48,7 +48,7 @@ BUDGET_FIELDS = ("u_beta_steady", "u_beta_transient")
 TWO_SIGMA = 2.0
 
 
-def way_row(
+def estimate_row(
     word: str,
     beta: Estimate,
     h: Estimate,
@@ -63,7 +63,7 @@ def way_row(
     return row if reported else {**dict.fromkeys(row, ""), "way": word, "β [1]": "withheld"}
 
 
-def ways_table(partition: Partition) -> pd.DataFrame:
+def estimates_table(partition: Partition) -> pd.DataFrame:
     """beta, h, lag and exponent by every way, the headline's first: standard uncertainties, 95 %
     interval of beta.
     """
@@ -73,21 +73,23 @@ def ways_table(partition: Partition) -> pd.DataFrame:
     n = None if "both exponent" in withheld else both["exponent"]
     reported = "both beta" not in withheld
     rows = [
-        way_row(
+        estimate_row(
             f"joint fit of both, {d} disk", both["beta"], both[f"h_{d}"], n=n, reported=reported
         )
         for d in DISKS
     ]
     reported = "speed law" not in withheld
     rows += [
-        way_row(f"speed law, {d} disk", answers["speed law"], answers[f"h_{d}"], reported=reported)
+        estimate_row(
+            f"speed law, {d} disk", answers["speed law"], answers[f"h_{d}"], reported=reported
+        )
         for d in DISKS
     ]
     for way in [f"{kind} {d}" for kind in ("cooling", "joint") for d in DISKS]:
         kind, disk = way.split()
         lag = partition.joint[disk].estimates["lag_s"] if kind == "joint" else None
         rows.append(
-            way_row(
+            estimate_row(
                 f"{kind} fit, {disk} disk",
                 answers[way],
                 answers[f"h {way}"],
@@ -104,7 +106,13 @@ def structures_table(p: Partition) -> pd.DataFrame:
     for a, likely in zip(p.structures.tried, p.structures.probability):
         implied = a.exponent.plain()
         rows.append(
-            (structure(a.name), a.beta.plain(), f"{a.delta_chi2:.1f}", percent(likely), implied)
+            (
+                model_form_text(a.name),
+                a.beta.plain(),
+                f"{a.delta_chi2:.1f}",
+                probability_text(likely),
+                implied,
+            )
         )
     columns = ["if", "β [1]", "chi-squared falls by [1]", "probability", "exponent n [1]"]
     return pd.DataFrame(rows, columns=columns)
@@ -115,7 +123,7 @@ def budget_table(p: Partition) -> pd.DataFrame:
     speed law and by the cooling fit; the headline's largest first, last all together.
     """
     speed, cooling = p.budget.together
-    both, by_way = both_budget(p), {r.source: r for r in p.budget.rows}
+    both, by_way = joint_budget(p), {r.source: r for r in p.budget.rows}
     rows = sorted(both | by_way, key=lambda source: -both.get(source, 0.0))
     total = sum(u**2 for u in both.values()) ** 0.5
     table = [
@@ -146,7 +154,7 @@ def test_table(p: Partition | OneDisk) -> pd.DataFrame:
         ("entraining speed", f"{t.entraining_speed_m_s:.2f}", "m/s"),
         ("half-width of the contact", f"{t.half_width_m * 1e3:.3f}", "mm"),
         ("load on at", f"{t.events.load_on_s:.2f}", "s"),
-        ("unloading at", with_u(t.events.unload_s, t.events.unload_u_s), "s"),
+        ("unloading at", text_with_u(t.events.unload_s, t.events.unload_u_s), "s"),
     ]
     for word, key, unit in (
         ("hottest surface, fast disk", "surface fast", "°C"),
@@ -174,7 +182,7 @@ def junctions_table(tests: Mapping[str, DepthTest]) -> pd.DataFrame:
                     f"{round(float(pull), 1) + 0.0:+.1f}",
                 )
             )
-        rows += [(disk, channel, LEFT_OUT, "", "") for channel in test.left_out]
+        rows += [(disk, channel, LEFT_OUT_TEXT, "", "") for channel in test.left_out]
     columns = [
         "disk",
         "junction",
@@ -207,7 +215,7 @@ def cooling_by_window(
             f"the log holds {cooling_s:.2f} s of cooling",
             expected=f"at least {min(lengths, default=0):g} s",
         )
-    rows = stretch_of(test, lengths_s[-1])
+    rows = fit_rows(test, lengths_s[-1])
     of_disks = [_disk_rows(partition, disk, rows, lengths_s) for disk in DISKS]
     return pd.DataFrame([row for of_one in of_disks for row in of_one])
 
@@ -219,13 +227,13 @@ def _disk_rows(
     line = p.lines[name]
     lag = p.joint[name].estimates["lag_s"]
     nominal = p.cooling[name]
-    smoothed_traces = smoothed(
+    smoothed_traces = smooth_traces(
         test, test.disks[name], rows, p.chains[name], lag.u, p.compensated[name]
     )
-    cooling_data = compensated(
+    cooling_data = compensate_disk(
         test, test.disks[name], rows, smoothed_traces, p.windows[name].rim.profile
     )
-    errors = cooling_errors(cooling_data, nominal.share, nominal.h_W_m2K)
+    errors = cooling_effects(cooling_data, nominal.share, nominal.h_W_m2K)
     out: list[dict[str, object]] = []
     for length in lengths:
         fit_values = dict.fromkeys(("beta", "u_beta", "h_W_m2K", "u_h_W_m2K", "misfit_K"), np.nan)
@@ -242,7 +250,7 @@ def _disk_rows(
         except InputError:
             pass
         else:
-            shift = cooling_shift(fit, *errors, line)
+            shift = cooling_sensitivity(fit, *errors, line)
             variance = (
                 (shift.per_sd**2).sum(axis=0) + np.diag(shift.noise) + (lag.u * shift.by_lag) ** 2
             )
@@ -260,7 +268,7 @@ def _disk_rows(
     return out
 
 
-def referee_table(partition: Partition) -> pd.DataFrame:
+def reference_table(partition: Partition) -> pd.DataFrame:
     """Compensated (cooling fit) against commuted (joint fit, no inverse) for beta and h of each
     disk.
 
@@ -302,10 +310,14 @@ def interval_table(profiles: pd.DataFrame) -> pd.DataFrame:
         rows.append(
             {
                 "joint fit": "both disks" if i.fit == "both" else f"{i.fit} disk",
-                "number": HEADINGS[i.parameter],
+                "number": COLUMN_HEADINGS[i.parameter],
                 "value": str(e),
-                "95 %, normal": " to ".join(rounded_to_u(end, e.u) for end in (e.low95, e.high95)),
-                "95 %, profile": " to ".join(rounded_to_u(end, e.u) for end in (i.low95, i.high95)),
+                "95 %, normal": " to ".join(
+                    text_rounded_to_u(end, e.u) for end in (e.low95, e.high95)
+                ),
+                "95 %, profile": " to ".join(
+                    text_rounded_to_u(end, e.u) for end in (i.low95, i.high95)
+                ),
                 "remark": i.sentence,
             }
         )
@@ -378,7 +390,7 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
         "alternatives": [] if p.status == "withheld" else p.structures.to_list(),
         "crosscheck": p.crosscheck.to_dict(),
         "budget": [asdict(row) for row in p.budget.rows],
-        "budget_both": [{"source": name, "u_beta": u} for name, u in both_budget(p).items()],
+        "budget_both": [{"source": name, "u_beta": u} for name, u in joint_budget(p).items()],
         "surface": {
             "fast_max_degC": answers["surface fast"],
             "slow_max_degC": answers["surface slow"],
@@ -387,13 +399,13 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
         "noise": {d: test.disks[d].noise.to_dict() for d in DISKS},
         "unevenness": {d: p.both.uneven[d].to_dict() for d in DISKS},
         "sensors": {} if p.sensors is None else p.sensors.said,
-        "junctions": junctions(p.sensors),
+        "junctions": junction_depths(p.sensors),
         "findings": [finding.to_dict() for finding in p.findings],
         "warnings": list(p.warnings),
     }
 
 
-def junctions(sensor_check: SensorCheck | None) -> dict[str, Any]:
+def junction_depths(sensor_check: SensorCheck | None) -> dict[str, Any]:
     """How much deeper [mm] than stated a test alone places each junction, and its pull, as
     ``beta.json`` keeps it.
     """

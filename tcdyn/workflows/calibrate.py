@@ -14,10 +14,14 @@ import pandas as pd
 from calibration.static_lines import OvenFit, fit_static_lines
 from immersion.entry import EntryEvent
 from immersion.fluids import fluid
-from immersion.plunge_data import PlungeRun, bath_filled, run_from_log
-from immersion.plunge_fit import identify_plunges, moved_lines, with_structure_doubt
+from immersion.plunge_data import PlungeRun, run_from_log, with_filled_bath
+from immersion.plunge_fit import (
+    identify_plunges,
+    static_line_corrections,
+    with_structure_uncertainty,
+)
 from immersion.plunge_parameters import PlungePriors
-from immersion.plunge_result import COLOURED, PlungeFit
+from immersion.plunge_result import MAX_VARIANCE_FACTOR, PlungeFit
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, unique, warning
 from tcdyn.core.result import Result
@@ -29,12 +33,12 @@ from tcdyn.rig.record import (
     ChannelChain,
     DiskRecord,
     InputFile,
-    moment,
     now_utc,
+    parse_time,
     user_name,
 )
 from tcdyn.rig.rigfile import Rig
-from tcdyn.rig.static_line import StaticLine, extrapolated, static_u, unit_lines
+from tcdyn.rig.static_line import StaticLine, extrapolation_warnings, identity_lines, static_u
 
 # Two plunges whose samples all agree within this [K] are the same plunge: a file that was saved
 # again may have lost decimals.
@@ -135,18 +139,20 @@ def calibrate_disk(
         logs.append(log)
         substance = fluid(fluids[k if len(fluids) > 1 else 0])
         run = run_from_log(
-            bath_filled(log), substance, lines, channels=setup.channels, name=log.path.name
+            with_filled_bath(log), substance, lines, channels=setup.channels, name=log.path.name
         )
         runs.append(run)
         inputs.append(InputFile(file=log.path.name, sha256=log.sha256))
-        findings += extrapolated(run.name, dict(zip(run.channels, run.readings_degC.T)), lines)
-        findings += untold(log, run.entry)
+        findings += extrapolation_warnings(
+            run.name, dict(zip(run.channels, run.readings_degC.T)), lines
+        )
+        findings += log_findings(log, run.entry)
     progress("grey-box fit of the chain to all plunges")
     priors = PlungePriors.for_rig(tables.uncertainty)
     fit = identify_plunges(runs, setup, correlation=correlation, structure=structure, priors=priors)
     _check_not_swapped(logs, fit)
     progress("other chain structures on the same plunges")
-    fit = with_structure_doubt(fit)
+    fit = with_structure_uncertainty(fit)
     line_findings = [
         f
         for f in fit.findings
@@ -222,19 +228,19 @@ def _static_lines(
     if oven is None or line_u_K is not None:
         return (
             None,
-            unit_lines(line_u_K or 0.0, rig.disk_setup(disk).channels),
+            identity_lines(line_u_K or 0.0, rig.disk_setup(disk).channels),
             [info("static.stated", u_K=line_u_K)],
             [],
         )
     progress("static lines from the oven log")
     log = read_log(oven, "oven", rig, disk)
-    stated = rig.tables(disk).traceability.shared_u_K(moment(now_utc()).date())
+    stated = rig.tables(disk).traceability.shared_u_K(parse_time(now_utc()).date())
     static = fit_static_lines(log.frame, prt_u_degC=prt_u_degC, prt_shared_u_degC=stated)
     made_from = [InputFile(file=log.path.name, sha256=log.sha256)]
     return static, static.lines, [*log.findings, *static.findings], made_from
 
 
-def untold(log: Log, entry: EntryEvent) -> list[Finding]:
+def log_findings(log: Log, entry: EntryEvent) -> list[Finding]:
     """Return the log's findings without a bouncing switch that the entry's findings report already."""
     entry_reports_bounce = any(f.code == "entry.bounced" for f in entry.findings)
     return [f for f in log.findings if not (entry_reports_bounce and f.code == "switch.bounces")]
@@ -263,7 +269,7 @@ def _check_not_swapped(logs: Sequence[Log], fit: PlungeFit) -> None:
     """Raise InputError for channels in the wrong order that do not move together in the fit either."""
     for log, factor in zip(logs, fit.optimum.problem.noise):
         swapped = [f for f in log.findings if f.code == "junctions.swapped"]
-        if swapped and factor.differential > COLOURED:
+        if swapped and factor.differential > MAX_VARIANCE_FACTOR:
             raise InputError(
                 swapped[0].sentence,
                 expected="each column from the junction that rig.toml says",
@@ -292,7 +298,7 @@ def fit_summary(fit: PlungeFit, correlation: str) -> dict[str, object]:
         "correlation": correlation,
         "sentence": fit.sentence,
         "converged": fit.converged,
-        "static_lines": json.loads(moved_lines(fit).to_json(orient="records")),
+        "static_lines": json.loads(static_line_corrections(fit).to_json(orient="records")),
         "nuisances": json.loads(fit.nuisances.to_json(orient="records")),
         "structures": fit.structures.to_dict() if fit.structures is not None else None,
         "lag_budget": [asdict(share) for share in fit.budget],

@@ -13,10 +13,10 @@ import numpy as np
 from tcdyn.campaign.stages import read_stage
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import messages
-from tcdyn.io.checksum import sealed
+from tcdyn.io.checksum import with_checksum
 from tcdyn.partition.analyse import WINDOW_S
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.window import between, steady_start_s
+from tcdyn.partition.window import rows_between, steady_start_s
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.log import iter_log
 from tcdyn.rig.record import DiskRecord
@@ -120,14 +120,14 @@ def _analyse_stage(
         "steady_degC": steady,
         "stages": run.stages,
     }
-    return sealed(data), run.stages
+    return with_checksum(data), run.stages
 
 
 def steady_degC(test: EhlTest) -> dict[str, dict[str, float | None]]:
     """Mean reading of each junction when steady [degC], None of one left out; their mean is the
     bulk one (6.4.1).
     """
-    rows = between(test.time_s, steady_start_s(test), test.events.unload_s - 0.5)
+    rows = rows_between(test.time_s, steady_start_s(test), test.events.unload_s - 0.5)
     means = {d: test.disks[d].readings_degC[rows].mean(axis=0) for d in DISKS}
     return {
         d: {

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from tcdyn.campaign.sufficient_statistics import ANALYSE_AGAIN, SEAL, checked
+from tcdyn.campaign.sufficient_statistics import ANALYSE_AGAIN, CHECKSUM_KEY, verify_checksum
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding
 
@@ -19,16 +19,16 @@ def read_result(path: Path) -> dict[str, Any]:
     """The content of a beta.json, checked; raises OSError, ValueError or RecursionError where it
     cannot be read.
     """
-    return checked(json.loads(path.read_text(encoding="utf-8")), path.name)
+    return verify_checksum(json.loads(path.read_text(encoding="utf-8")), path.name)
 
 
 def is_altered(path: Path) -> bool:
     """Whether a stored answer is there, has a checksum, and is not what was written."""
     try:
         text = path.read_text(encoding="utf-8")
-        if f'"{SEAL}"' not in text:
+        if f'"{CHECKSUM_KEY}"' not in text:
             return False
-        checked(json.loads(text), path.name)
+        verify_checksum(json.loads(text), path.name)
     except OSError:
         return False
     except (ValueError, RecursionError):

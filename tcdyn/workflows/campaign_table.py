@@ -117,7 +117,7 @@ def speed_groups(sliding_speed_m_s: Array) -> NDArray[np.int64]:
     return out
 
 
-def done_rows(table: pd.DataFrame) -> pd.DataFrame:
+def analysed_rows(table: pd.DataFrame) -> pd.DataFrame:
     """The tests that were analysed, with the column ``group`` of nearly equal sliding speed."""
     good = table[table["error"] == ""].copy()
     good["group"] = speed_groups(good["sliding_speed_m_s"].to_numpy(dtype=float))
@@ -174,7 +174,7 @@ def trend(x: Array, y: Array) -> Trend | None:
 
 def trend_table(table: pd.DataFrame) -> pd.DataFrame:
     """Lines over the load in each group of sliding speed (figures 6.17, 6.33, 7.20)."""
-    good = done_rows(table)
+    good = analysed_rows(table)
     columns = (
         "fast_bulk_degC",
         "slow_bulk_degC",

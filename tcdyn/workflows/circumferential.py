@@ -7,15 +7,15 @@ import numpy as np
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.angular_harmonic import harmonic_K, radial_shape
 from tcdyn.partition.joint import LOG_H, SHARE
-from tcdyn.partition.steady import END_GAP_S, LAST_S, SURFACE_DEPTH_M
-from tcdyn.rig.circumferential import ANGLES_DEG, Around
+from tcdyn.partition.steady import END_GAP_S, SURFACE_DEPTH_M, SURFACE_MEAN_S
+from tcdyn.rig.circumferential import ANGLES_DEG, CircumferentialTemperature
 
 # Points of the profile over the depth, and points across the running surface for its mean.
 N_DEPTHS = 25
 N_ACROSS = 15
 
 
-def around_disk(p: Partition, disk: str) -> Around:
+def circumferential_temperature(p: Partition, disk: str) -> CircumferentialTemperature:
     """Return the temperature of a disk over depth and angle, mean of the last seconds under load.
 
     Parameters
@@ -43,7 +43,7 @@ def around_disk(p: Partition, disk: str) -> Around:
     middle = tuple((float(d), 0.5 * setup.width_m) for d in depth)
     across = tuple((SURFACE_DEPTH_M, (k + 0.5) / N_ACROSS * setup.width_m) for k in range(N_ACROSS))
     since_unloading_s = window.at_s - unload_s
-    last = (since_unloading_s >= -LAST_S) & (since_unloading_s < -END_GAP_S)
+    last = (since_unloading_s >= -SURFACE_MEAN_S) & (since_unloading_s < -END_GAP_S)
     n_outer = len(setup.outer)
     at_rest, by_power = window.rim.answer(h, extra=(*middle, *across))
     even = at_rest[last].mean(axis=0)[n_outer:] + share * by_power[last].mean(axis=0)[n_outer:]
@@ -57,12 +57,12 @@ def around_disk(p: Partition, disk: str) -> Around:
     variance = np.einsum("ia,ij,ja->a", directions, harmonic.level_covariance_K2, directions)
     even_u = p.answers[f"surface {disk}"].u
     time_s = test.time_s[p.rows]
-    averaged = (time_s >= unload_s - LAST_S) & (time_s < unload_s - END_GAP_S)
+    averaged = (time_s >= unload_s - SURFACE_MEAN_S) & (time_s < unload_s - END_GAP_S)
     readings = test.disks[disk].readings_degC[p.rows][averaged].mean(axis=0)
     # The fits use readings without the harmonic: add it again.
-    readings += harmonic_K(test.uneven[disk], setup, np.array([-0.5 * LAST_S]))[0]
+    readings += harmonic_K(test.uneven[disk], setup, np.array([-0.5 * SURFACE_MEAN_S]))[0]
     used = [c for c in setup.channels if c not in test.disks[disk].left_out]
-    return Around(
+    return CircumferentialTemperature(
         disk=disk,
         setup=setup,
         depth_m=depth,

@@ -17,24 +17,24 @@ from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.io.write import write_log
 from tcdyn.partition.analyse import refine_lags
-from tcdyn.partition.cooling import Alone
-from tcdyn.partition.steady import at_one_radius
-from tcdyn.rig.check_clock import interval_s
+from tcdyn.partition.cooling import SingleDiskFit
+from tcdyn.partition.steady import with_inner_row_at_one_radius
+from tcdyn.rig.check_clock import sample_interval_s
 from tcdyn.rig.contact import Events
 from tcdyn.rig.disk import DISKS
-from tcdyn.rig.log import COMPENSATED, Log, LogPieces, log_for
-from tcdyn.rig.opened_log import rig_of
+from tcdyn.rig.log import COMPENSATED, Log, LogChunks, open_log_for_records
+from tcdyn.rig.opened_log import rig_from_records
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig
-from tcdyn.sensors.table import once_each
-from tcdyn.smoothing.inverse import BeforeUse, before_use, proper_inverse
+from tcdyn.sensors.table import unique_by_subject
+from tcdyn.smoothing.inverse import FilterReport, proper_inverse, report_inverse
 from tcdyn.smoothing.record import Compensated
-from tcdyn.smoothing.traces import DiskTraces, disk_traces, gathered
-from tcdyn.smoothing.windows import over_window
+from tcdyn.smoothing.traces import DiskTraces, disk_traces, summarise_spikes
+from tcdyn.smoothing.windows import window_means
 from tcdyn.workflows.beta import prepare_test
 from tcdyn.workflows.segments import (
+    CompensationMethod,
     LogSegments,
-    Way,
     compensate_disk,
     output_columns,
     with_common_lag,
@@ -73,7 +73,7 @@ class CompensatedLog(Result):
     traces: Mapping[str, DiskTraces]
     events_s: tuple[float, ...]
     raw: Log
-    way: Way
+    way: CompensationMethod
     rest: LogSegments | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
@@ -109,7 +109,7 @@ class CompensatedLog(Result):
         """
         progress("writing")
         if self.rest is not None:
-            return Path(path), once_each([*self.findings, *self.rest.write(path, progress)])
+            return Path(path), unique_by_subject([*self.findings, *self.rest.write(path, progress)])
         return write_log(self.frame, path, self.metadata), self.findings
 
     def as_log(self) -> Log:
@@ -129,7 +129,7 @@ class CompensatedLog(Result):
         """What the channels of ``disk`` are called in the log, without their unit."""
         return [name.removesuffix("_degC") for name in self.traces[disk].columns]
 
-    def before_use(self, disk: str) -> BeforeUse:
+    def before_use(self, disk: str) -> FilterReport:
         """The report on the proper inverse of this log's bandwidth, for the noisiest channel of
         ``disk``.
         """
@@ -139,20 +139,20 @@ class CompensatedLog(Result):
             proper_inverse(chain, dt, self.way.bandwidth_Hz) for chain in self.traces[disk].chains
         ]
         noisiest = int(np.argmax([f.noise_gain * sd for f, sd in zip(inverses, noise)]))
-        return before_use(inverses[noisiest], float(noise[noisiest]))
+        return report_inverse(inverses[noisiest], float(noise[noisiest]))
 
     def covariance(self, length_s: float, start_s: float | None = None) -> dict[str, Any]:
         """Covariance between samples, and between the channels' means: see
-        ``tcdyn.smoothing.windows.over_window``.
+        ``tcdyn.smoothing.windows.window_means``.
         """
         time_s = self.frame["time_s"].to_numpy(dtype=float)
-        return over_window(
+        return window_means(
             self.raw.path.name, time_s, self.events_s, self.traces, self.disks, length_s, start_s
         )
 
     @property
     def _dt_s(self) -> float:
-        return interval_s(self.frame["time_s"].to_numpy(dtype=float))
+        return sample_interval_s(self.frame["time_s"].to_numpy(dtype=float))
 
 
 @one_blas_thread
@@ -162,7 +162,7 @@ def compensate_log(
     rig: Rig | None = None,
     *,
     refine: bool = True,
-    way: Way | None = None,
+    way: CompensationMethod | None = None,
     parts: bool = False,
     progress: Callable[[str], None] = lambda _: None,
 ) -> CompensatedLog:
@@ -195,10 +195,10 @@ def compensate_log(
         raise InputError(
             "no record was given", remedy="add {records}", parameters={"records": "DISK.disk.json"}
         )
-    rig = rig or rig_of(records)
-    way = way or Way()
+    rig = rig or rig_from_records(records)
+    way = way or CompensationMethod()
     progress("reading the log")
-    pieces, unused = log_for(log, rig, records)
+    pieces, unused = open_log_for_records(log, rig, records)
     kind = pieces.kind
     table = log_around_unloading(pieces)
     disks_in_log = {d for d in DISKS if any(n.startswith(f"{d}_") for n in table.channels)}
@@ -209,7 +209,7 @@ def compensate_log(
         "source_sha256": table.sha256,
     }
     notes |= {} if way.removes_lag else {"method": NOISE_ONLY}
-    findings = [*gathered(table.findings)]
+    findings = [*summarise_spikes(table.findings)]
     events_at_s = dict[float, float]()
     if refine and unused and way.removes_lag:
         refine = False
@@ -237,7 +237,7 @@ def compensate_log(
             if d in disks_in_log and d not in records
         ]
     traces: dict[str, DiskTraces] = {}
-    fits: Mapping[str, Alone] = {}
+    fits: Mapping[str, SingleDiskFit] = {}
     if refine and way.removes_lag and kind == "ehl" and disks_in_log <= set(records):
         progress("common lags from the unloading")
         one_test = each_test[0] if len(each_test) == 1 and len(table.frame) == pieces.rows else None
@@ -294,7 +294,7 @@ def compensate_log(
     )
 
 
-def log_around_unloading(pieces: LogPieces) -> Log:
+def log_around_unloading(pieces: LogChunks) -> Log:
     """Return the log; of a long one the rows around the unloading, or the first rows without one."""
     if pieces.rows <= MAX_ROWS:
         return pieces.whole()
@@ -306,12 +306,12 @@ def log_around_unloading(pieces: LogPieces) -> Log:
 
 def _refine(
     table: Log, rig: Rig, records: Mapping[str, DiskRecord], events: Events | None
-) -> tuple[dict[str, DiskTraces], Mapping[str, Alone], list[Finding]]:
+) -> tuple[dict[str, DiskTraces], Mapping[str, SingleDiskFit], list[Finding]]:
     """Return traces of both disks, joint fits for their lags, and a warning where they failed."""
     traces: dict[str, DiskTraces] = {}
     try:
         test = prepare_test(table, rig, records, events=events)
         traces = dict(test.disks)
-        return traces, refine_lags(at_one_radius(test)), []
+        return traces, refine_lags(with_inner_row_at_one_radius(test)), []
     except InputError as problem:
         return traces, {}, [warning("compensate.unrefined", problem=str(problem))]

@@ -18,15 +18,23 @@ from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
-from tcdyn.io.checksum import ALTERED
-from tcdyn.io.read import sha256, shown
+from tcdyn.io.checksum import ALTERED_CODE
+from tcdyn.io.read import display_path, sha256
 from tcdyn.io.write import log_writer
 from tcdyn.rig.log import COMPENSATED
-from tcdyn.rig.static_line import StaticLine, apply_static, whole_u
+from tcdyn.rig.static_line import StaticLine, apply_static, reading_u
 from tcdyn.sensors.file import SensorFile
-from tcdyn.sensors.table import EvenTimes, Part, on_grid, once_each, open_source, parts, places
-from tcdyn.sensors.units import Unit, cold_column, doubtful, matching, units_of
-from tcdyn.smoothing.intervals import settled_s
+from tcdyn.sensors.table import (
+    EvenTimes,
+    TableSegment,
+    even_times,
+    on_grid,
+    open_source,
+    read_segments,
+    unique_by_subject,
+)
+from tcdyn.sensors.units import Unit, cold_column, match_columns, unit_findings, units_of
+from tcdyn.smoothing.intervals import settling_time_s
 from tcdyn.smoothing.record import Compensated
 from tcdyn.smoothing.smoother import smooth
 
@@ -159,7 +167,7 @@ def compensate_table(
     if duplicates:
         raise InputError(
             f"the output would hold column {duplicates[0]!r} twice",
-            where=shown(source.path),
+            where=display_path(source.path),
             remedy="rename it",
         )
     numbers_by_column: dict[str, list[Array]] = {w.column: [] for w in sensor_cols}
@@ -167,7 +175,7 @@ def compensate_table(
     findings = list(column_findings)
     next_progress_row = 0
     ends_s = list[float]()
-    segments = parts(
+    segments = read_segments(
         source, [*names, *extra_columns], max((w.chain.lag_s for w in sensor_cols), default=0.0)
     )
     segment = next(segments, None)
@@ -178,7 +186,7 @@ def compensate_table(
                 progress(f"from row {rows + 1}")
                 next_progress_row = rows + max(rows, PROGRESS_ROWS)
             output, numbers, segment_findings, settle_rows = _compensate_segment(
-                segment, sensor_cols, shown(source.path)
+                segment, sensor_cols, display_path(source.path)
             )
             if (
                 settle_rows > segment.beside
@@ -187,7 +195,7 @@ def compensate_table(
                 continue
             write(pd.DataFrame({new: output[new] for new in header}))
             rows = rows + len(next(iter(output.values())))
-            findings = [*once_each([*findings, *segment_findings])]
+            findings = [*unique_by_subject([*findings, *segment_findings])]
             ends_s += segment.time_s[[0, -1]].tolist() if len(segment.time_s) else []
             segment = next(segments, None)
             for name, row in numbers.items():
@@ -228,7 +236,7 @@ def compensate_table(
         tuple(carried),
         pd.DataFrame(table),
         notes,
-        once_each(findings),
+        unique_by_subject(findings),
     )
 
 
@@ -256,7 +264,7 @@ def sensor_columns(
     sensor_of_column: dict[str, tuple[SensorFile, int]] = {}
     for file in sensors:
         for at, pattern in enumerate(file.columns):
-            for name in [n for c in (columns or [pattern]) for n in matching(c, names, where)]:
+            for name in [n for c in (columns or [pattern]) for n in match_columns(c, names, where)]:
                 if name in sensor_of_column:
                     raise InputError(
                         f"two sensors for column {name!r}",
@@ -266,12 +274,12 @@ def sensor_columns(
                 sensor_of_column[name] = file, at
     covered = [n for n in names if n in sensor_of_column]
     units, findings = units_of(covered, unit, couple, cold, unit_row)
-    findings += [f for file in sensors for f in file.findings if f.code == ALTERED]
+    findings += [f for file in sensors for f in file.findings if f.code == ALTERED_CODE]
     return [SensorColumn(n, *sensor_of_column[n], units[n]) for n in covered], findings
 
 
 def _compensate_segment(
-    segment: Part, sensor_cols: Sequence[SensorColumn], where: str
+    segment: TableSegment, sensor_cols: Sequence[SensorColumn], where: str
 ) -> tuple[dict[str, Array], dict[str, Array], list[Finding], int]:
     """Return output columns, (noise, typical sd, largest sd) [K] of each column, findings, margin.
 
@@ -283,12 +291,12 @@ def _compensate_segment(
     numbers: dict[str, Array] = {}
     readings = {w.column: _readings_degC(w, segment) for w in sensor_cols}
     for w in sensor_cols:
-        findings += doubtful(w.column, w.unit, segment.data[w.column])
+        findings += unit_findings(w.column, w.unit, segment.data[w.column])
         name, u_name = w.unit.names(w.column)
         out[name] = out[u_name] = np.full(len(out[w.column]), np.nan)
     if len(segment.time_s) < 10:
         return out, numbers, [*findings, warning("sensor.short", count=len(segment.time_s))], 0
-    grid, grid_findings = places(segment.time_s, where)
+    grid, grid_findings = even_times(segment.time_s, where)
     findings += grid_findings
     size = int(grid.place[-1]) + 1
     group_size = min(max(int(MAX_VALUES / size), 1), MAX_COLUMNS)
@@ -306,7 +314,7 @@ def _compensate_segment(
                 sd = sd_all[rows, k]
                 settle_s = max(
                     settle_s,
-                    settled_s(
+                    settling_time_s(
                         sensors_of([w.chain]),
                         result.noise_sd[k : k + 1],
                         grid.dt_s,
@@ -348,7 +356,7 @@ def _smooth_columns(
     line_u = np.zeros_like(y)
     for k, w in enumerate(sensor_cols):
         if w.line:
-            line_u[:, k] = whole_u(w.line, y[:, k])
+            line_u[:, k] = reading_u(w.line, y[:, k])
     try:
         result = smooth(
             y,
@@ -371,7 +379,7 @@ def _smooth_columns(
     yield sensor_cols, result
 
 
-def _readings_degC(column: SensorColumn, segment: Part) -> Array:
+def _readings_degC(column: SensorColumn, segment: TableSegment) -> Array:
     """Return the readings of a column (N,) [degC] after its static line."""
     cold = segment.data[column.unit.cold] if isinstance(column.unit.cold, str) else column.unit.cold
     degC = column.unit.in_degC(segment.data[column.column], cold)

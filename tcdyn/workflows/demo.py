@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from tcdyn.core.estimate import rounded
+from tcdyn.core.estimate import rounded_texts
 from tcdyn.core.result import Result, json_text, jsonable
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.io.write import write_text
@@ -60,7 +60,9 @@ class DemoRun(Result):
         for row in self.comparison.to_dict("records"):
             has_u = row["u"] is not None and np.isfinite(row["u"])
             estimate, u = (
-                rounded(row["estimate"], row["u"]) if has_u else (f"{row['estimate']:.3g}", "")
+                rounded_texts(row["estimate"], row["u"])
+                if has_u
+                else (f"{row['estimate']:.3g}", "")
             )
             cells = {
                 "quantity": row["quantity"],

@@ -15,16 +15,16 @@ import numpy as np
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, warning
 from tcdyn.core.result import Result
-from tcdyn.io.checksum import SEAL, checksum
+from tcdyn.io.checksum import CHECKSUM_KEY, checksum
 from tcdyn.io.csv_dialect import HEAD_BYTES
 from tcdyn.io.growing import GrowingTable
-from tcdyn.io.read import shown
+from tcdyn.io.read import display_path
 from tcdyn.io.write import header_line, write_text
 from tcdyn.rig.log import COMPENSATED
-from tcdyn.rig.opened_log import rig_of
+from tcdyn.rig.opened_log import rig_from_records
 from tcdyn.rig.rigfile import Rig
 from tcdyn.workflows.appended_file import AppendedFile, digest
-from tcdyn.workflows.live import LONGEST_GAP_S, Causal, CausalState, Settings
+from tcdyn.workflows.live import LONGEST_GAP_S, LiveCompensator, LiveCompensatorState, LiveSettings
 from tcdyn.workflows.log_source import Calibrations, GrowingLog, TableOptions, growing_log
 from tcdyn.workflows.segments import DECIMALS
 from tcdyn.workflows.warm_up import warm_up
@@ -44,7 +44,7 @@ class FollowRun(Result):
     rows_written: int
     bad_lines: int
     ended: str
-    plan: Causal | None
+    plan: LiveCompensator | None
     findings: tuple[Finding, ...]
 
     def summary(self) -> str:
@@ -66,7 +66,7 @@ def follow(
     records: Calibrations,
     out: str | Path,
     rig: Rig | None = None,
-    settings: Settings | None = None,
+    settings: LiveSettings | None = None,
     *,
     options: TableOptions | None = None,
     state: str | Path | None = None,
@@ -74,7 +74,7 @@ def follow(
     idle_s: float = 30.0,
     poll_s: float = 0.2,
     asked_to_stop: Callable[[], bool] = lambda: False,
-    announce: Callable[[Causal], None] = lambda _: None,
+    announce: Callable[[LiveCompensator], None] = lambda _: None,
     sleep: Callable[[float], None] = time.sleep,
 ) -> FollowRun:
     """Append the compensated rows of ``log`` to ``out`` while the log grows; ends after ``idle_s``
@@ -100,8 +100,8 @@ def follow(
         )
     log = Path(log)
     out = Path(out)
-    settings = settings or Settings()
-    rig = rig or (rig_of(records) if isinstance(records, Mapping) else None)
+    settings = settings or LiveSettings()
+    rig = rig or (rig_from_records(records) if isinstance(records, Mapping) else None)
     if out.suffix.lower() != ".csv":
         raise InputError(
             f"ending {out.suffix!r}",
@@ -258,7 +258,7 @@ def _header(
     its header.
     """
     while True:
-        problem = InputError("no two rows came below the header", where=shown(log))
+        problem = InputError("no two rows came below the header", where=display_path(log))
         try:
             if source := growing_log(log, rig, records, options):
                 patience.saw(True)
@@ -282,8 +282,8 @@ def _rows(source: GrowingLog, patience: _Patience) -> list[list[float]]:
 
 
 def _warm_up_rows(
-    source: GrowingLog, settings: Settings, patience: _Patience
-) -> tuple[Causal, CausalState, list[list[float]]] | None:
+    source: GrowingLog, settings: LiveSettings, patience: _Patience
+) -> tuple[LiveCompensator, LiveCompensatorState, list[list[float]]] | None:
     """Plan and state from the first seconds; all rows read so far are still to be advanced. None
     when stopped.
     """
@@ -299,7 +299,7 @@ def _warm_up_rows(
                 return None
             raise InputError(
                 f"ended after {len(rows)} rows, before {settings.learn_s:g} s to learn from were there",
-                where=shown(source.table.path),
+                where=display_path(source.table.path),
                 remedy="follow a longer log, or lower {learn_s}",
                 parameters={"learn_s": None},
             )
@@ -328,7 +328,7 @@ def _first_segment(rows: list[list[float]], time_index: int, learn_s: float) -> 
     return []
 
 
-def _key(source: GrowingLog, records: Calibrations, settings: Settings) -> dict[str, Any]:
+def _key(source: GrowingLog, records: Calibrations, settings: LiveSettings) -> dict[str, Any]:
     """What a state file must agree with."""
     texts = (
         {d: r.to_json() for d, r in records.items()}
@@ -369,7 +369,7 @@ def _where(table: GrowingTable, output: AppendedFile) -> dict[str, Any]:
 def _save(file: Path, content: dict[str, Any]) -> None:
     """Write the state file, with a checksum of its content."""
     plain = json.loads(json.dumps(content))
-    write_text(file, json.dumps({**plain, SEAL: checksum(plain)}) + "\n")
+    write_text(file, json.dumps({**plain, CHECKSUM_KEY: checksum(plain)}) + "\n")
 
 
 def _restart_remedy(file: Path, out: Path) -> str:
@@ -396,14 +396,14 @@ def _read_state(file: Path, key: dict[str, Any], table: GrowingTable, out: Path)
     for name, expected in json.loads(json.dumps(key)).items():
         if data.get(name) != expected:
             raise InputError(f"was written with another {name}", where=str(file), **anew)
-    if checksum({k: v for k, v in data.items() if k != SEAL}) != data.get(SEAL):
+    if checksum({k: v for k, v in data.items() if k != CHECKSUM_KEY}) != data.get(CHECKSUM_KEY):
         raise InputError(
             "is damaged: its checksum does not fit its content", where=str(file), **anew
         )
     table.seek(offset)
     if table.hash.hexdigest() != digest_of_log:
         raise InputError(
-            "is not the log that the state file remembers", where=shown(table.path), **anew
+            "is not the log that the state file remembers", where=display_path(table.path), **anew
         )
     if not out.exists() or out.stat().st_size < out_bytes:
         raise InputError("holds less than the state file remembers", where=str(out), **anew)
@@ -413,16 +413,16 @@ def _read_state(file: Path, key: dict[str, Any], table: GrowingTable, out: Path)
 
 
 def _restore_plan(
-    file: Path, stored: dict[str, Any], source: GrowingLog, settings: Settings, out: Path
-) -> tuple[Causal, CausalState]:
+    file: Path, stored: dict[str, Any], source: GrowingLog, settings: LiveSettings, out: Path
+) -> tuple[LiveCompensator, LiveCompensatorState]:
     """Plan and state that the content of a state file describes; InputError for one that describes
     none.
     """
     try:
-        plan = Causal.of(
+        plan = LiveCompensator.of(
             list(source.places), source.channels, source.level_K2_s3, settings, stored["plan"]
         )
-        compensator_state = CausalState.from_json(stored["state"])
+        compensator_state = LiveCompensatorState.from_json(stored["state"])
         plan.check_fits(compensator_state)
         return plan, compensator_state
     except (KeyError, TypeError, ValueError, AttributeError, IndexError) as problem:
@@ -434,7 +434,7 @@ def _restore_plan(
         ) from None
 
 
-def _head(source: GrowingLog, plan: Causal) -> str:
+def _head(source: GrowingLog, plan: LiveCompensator) -> str:
     table = source.table
     notes = {
         **table.table.metadata,

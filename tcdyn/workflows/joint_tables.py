@@ -9,9 +9,9 @@ import pandas as pd
 
 from tcdyn.core import Array
 from tcdyn.partition.analyse import Partition
-from tcdyn.partition.joint import SHARE, told, unknowns
+from tcdyn.partition.joint import SHARE, main_covariance, nuisance_parameters
 from tcdyn.partition.single_disk import OneDisk
-from tcdyn.rig.disk import DISKS, LEFT_OUT
+from tcdyn.rig.disk import DISKS, LEFT_OUT_TEXT
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class FitComparison:
     sd: Array
 
 
-def met(p: Partition | OneDisk, disk: str) -> FitComparison:
+def compare_joint_fit(p: Partition | OneDisk, disk: str) -> FitComparison:
     """Compare readings and model of a disk at the optimum of the joint fit of all its disks."""
     names = [d for d in DISKS if d in p.test.disks]
     sides = [p.joint.side] if isinstance(p, OneDisk) else [p.joint[d].side for d in names]
@@ -60,12 +60,12 @@ def residuals_table(p: Partition | OneDisk) -> pd.DataFrame:
     """Table of reading minus model [K]: mean under load, mean after unloading, rms over noise."""
     rows = []
     for disk in [d for d in DISKS if d in p.test.disks]:
-        m = met(p, disk)
+        m = compare_joint_fit(p, disk)
         difference = m.measured - m.model
         after = m.at_s > 0
         for k, c in enumerate(m.channels):
             if np.isnan(difference[:, k]).any():
-                rows.append((disk, c, LEFT_OUT, "", ""))
+                rows.append((disk, c, LEFT_OUT_TEXT, "", ""))
                 continue
             before, cooling = (
                 f"{1e3 * float(np.mean(difference[rows_of_part, k])):+z.0f}"
@@ -83,11 +83,13 @@ def residuals_table(p: Partition | OneDisk) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=columns)
 
 
-def both_budget(p: Partition) -> dict[str, float]:
+def joint_budget(p: Partition) -> dict[str, float]:
     """Standard uncertainty of the recommended beta by source, largest first; squares add up."""
     sides = [p.joint[d].side for d in DISKS]
-    noise, per_sd = told(p.both.optimum, sides)
-    sources = [nuisance.source for nuisance, _ in unknowns(sides)] + ["chain"] * (2 * len(sides))
+    noise, per_sd = main_covariance(p.both.optimum, sides)
+    sources = [nuisance.source for nuisance, _ in nuisance_parameters(sides)] + ["chain"] * (
+        2 * len(sides)
+    )
     sources += ["measured surface flux"] * (per_sd.shape[1] - len(sources))
     square = {"noise": p.both.inflation * float(noise[SHARE, SHARE])}
     for source, by in zip(sources, per_sd[SHARE]):

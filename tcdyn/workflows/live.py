@@ -18,12 +18,12 @@ from scipy import signal
 from tcdyn.chain import Chain
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info, warning
-from tcdyn.rig.plausible import impossible
-from tcdyn.rig.record import LONGEST_LAG_S
-from tcdyn.rig.static_line import StaticLine, apply_static, whole_u
-from tcdyn.sensors.units import u_name
-from tcdyn.smoothing.inverse import BeforeUse, lag_rate, split_change
-from tcdyn.smoothing.live import LiveSmoother, live_before_use
+from tcdyn.rig.plausible import out_of_range
+from tcdyn.rig.record import MAX_LAG_S
+from tcdyn.rig.static_line import StaticLine, apply_static, reading_u
+from tcdyn.sensors.units import uncertainty_column
+from tcdyn.smoothing.inverse import FilterReport, lag_sensitivity_filter, lag_split_filter
+from tcdyn.smoothing.live import LiveSmoother, report_live_smoother
 from tcdyn.smoothing.live_model import LiveState
 from tcdyn.smoothing.record import SPIKE
 from tcdyn.smoothing.traces import DiskChannels
@@ -49,7 +49,7 @@ COUNTERS = ("spikes", "backward", "gaps", "longest_gap_s")
 
 
 @dataclass(frozen=True)
-class Settings:
+class LiveSettings:
     """Settings of the live compensation.
 
     Attributes
@@ -71,10 +71,10 @@ class Settings:
     learn_s: float = 5.0
 
     def __post_init__(self) -> None:
-        if not 0 <= self.behind_s < LONGEST_LAG_S or not 0 < self.learn_s < LONGEST_LAG_S:
+        if not 0 <= self.behind_s < MAX_LAG_S or not 0 < self.learn_s < MAX_LAG_S:
             raise InputError(
                 f"behind_s {self.behind_s:g}, learn_s {self.learn_s:g}",
-                expected=f"at least 0 s behind, more than 0 s to learn from, both below {LONGEST_LAG_S:g} s",
+                expected=f"at least 0 s behind, more than 0 s to learn from, both below {MAX_LAG_S:g} s",
             )
         for name, value in (("noise_K", self.noise_K), ("intensity_K2_s3", self.intensity_K2_s3)):
             if value is not None and not 0 < value < np.inf:
@@ -82,7 +82,7 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class CausalState:
+class LiveCompensatorState:
     """State between two calls: smoother, recent samples, rows that wait for their temperatures.
 
     Attributes
@@ -119,7 +119,7 @@ class CausalState:
         return plain | {"kernel": self.kernel.to_json(), "screening": self.screening.to_json()}
 
     @classmethod
-    def from_json(cls, data: Mapping[str, Any]) -> CausalState:
+    def from_json(cls, data: Mapping[str, Any]) -> LiveCompensatorState:
         """The state that :meth:`to_json` gave."""
         kept: dict[str, Any] = {
             k: np.array(v, dtype=float) if isinstance(v, list) else v for k, v in data.items()
@@ -144,7 +144,7 @@ class CausalState:
 
 
 @dataclass(frozen=True)
-class Causal:
+class LiveCompensator:
     """Live compensator: columns, their calibration, and the smoother.
 
     Attributes
@@ -174,7 +174,7 @@ class Causal:
     before_K: Array
     dt_s: float
     engine: LiveSmoother
-    settings: Settings
+    settings: LiveSettings
 
     @classmethod
     def of(
@@ -182,9 +182,9 @@ class Causal:
         names: Sequence[str],
         channels: Sequence[DiskChannels],
         level_K2_s3: float | None,
-        settings: Settings,
+        settings: LiveSettings,
         warm_up: Mapping[str, Any],
-    ) -> Causal:
+    ) -> LiveCompensator:
         """Create the compensator for columns ``names``.
 
         Parameters
@@ -263,7 +263,10 @@ class Causal:
     @property
     def output_names(self) -> tuple[str, ...]:
         """All columns, then a standard deviation for each temperature of a junction."""
-        return (*self.names, *(u_name(n) for n in self.names if n in {*self.junctions, *self.dead}))
+        return (
+            *self.names,
+            *(uncertainty_column(n) for n in self.names if n in {*self.junctions, *self.dead}),
+        )
 
     @property
     def shifts_s(self) -> Array:
@@ -277,7 +280,7 @@ class Causal:
         """How many rows a row waits for its temperatures."""
         return int(np.ceil(np.max(self.shifts_s) / self.dt_s - 1e-6))
 
-    def start(self, first: Array, count: float = 0.0) -> CausalState:
+    def start(self, first: Array, count: float = 0.0) -> LiveCompensatorState:
         """State before the first row, in equilibrium with ``first (M,)`` [degC, after the static
         lines].
 
@@ -285,7 +288,7 @@ class Causal:
         """
         m = len(self.junctions)
         memory = [np.concatenate([signal.lfilter_zi(*f) for f in pair]) for pair in self._filters]
-        return CausalState(
+        return LiveCompensatorState(
             self.engine.start(first),
             np.array(memory) * first[:, None],
             np.empty((0, len(self.names))),
@@ -294,7 +297,7 @@ class Causal:
             screening=Screening.begin(ReadingTrack.begin(first, count)),
         )
 
-    def check_fits(self, state: CausalState) -> None:
+    def check_fits(self, state: LiveCompensatorState) -> None:
         """Raise ValueError where the arrays of ``state`` have not the shapes of this plan's."""
         expected_state = self.start(np.zeros(len(self.junctions)))
         screening = state.screening
@@ -323,7 +326,7 @@ class Causal:
         """Filters from temperatures to their change per second of lag, and per split of the lag."""
         dt = self.dt_s
         return [
-            (lag_rate(c, dt), split_change(c, u, dt))
+            (lag_sensitivity_filter(c, dt), lag_split_filter(c, u, dt))
             for c, u in zip(self.chains, self.split_u_s.tolist())
         ]
 
@@ -333,7 +336,9 @@ class Causal:
         noise_K = np.hypot(self.noise_K, self.before_K)
         return Reach.of(self.chains, self.lag_u_s, self.split_u_s, noise_K, self.dt_s)
 
-    def advance(self, state: CausalState, rows: Array) -> tuple[CausalState, Array]:
+    def advance(
+        self, state: LiveCompensatorState, rows: Array
+    ) -> tuple[LiveCompensatorState, Array]:
         """Process ``rows`` (n, columns) as logged; return the state and the rows that are ready now.
 
         After a gap of more than a minute, a lag and ten rows the smoother restarts. The rows that still
@@ -377,11 +382,11 @@ class Causal:
         lag_s = min(max(c.lag_s for c in self.chains), MAX_HELD_ROWS * self.dt_s)
         return max(LONGEST_GAP_S, lag_s, RESTART_ROWS * self.dt_s)
 
-    def rest(self, state: CausalState) -> Array:
+    def rest(self, state: LiveCompensatorState) -> Array:
         """Return the rows that still wait when no more rows come, by the current estimate."""
         return self._advance_regular(state, np.full((self.rows_late, len(self.names)), np.nan))[1]
 
-    def _first_levels(self, rows: Array, state: CausalState) -> Array:
+    def _first_levels(self, rows: Array, state: LiveCompensatorState) -> Array:
         """First valid reading of each channel in ``rows``; its last known level where it has none."""
         y = self._apply_lines(rows)
         finite = np.isfinite(y)
@@ -400,17 +405,19 @@ class Causal:
         physical range.
         """
         logged = self._logged(rows)
-        logged = np.where(impossible(logged), np.nan, logged)
+        logged = np.where(out_of_range(logged), np.nan, logged)
         return np.column_stack(
             [apply_static(logged[:, i], line) for i, line in enumerate(self.lines)]
         )
 
-    def _advance_regular(self, state: CausalState, rows: Array) -> tuple[CausalState, Array]:
+    def _advance_regular(
+        self, state: LiveCompensatorState, rows: Array
+    ) -> tuple[LiveCompensatorState, Array]:
         """Like ``advance`` for one row a sample, NaN where the logger left one out."""
         if len(rows) == 0:
             return state, np.empty((0, len(self.output_names)))
         time_s = rows[:, self.names.index("time_s")]
-        outside = impossible(self._logged(rows))
+        outside = out_of_range(self._logged(rows))
         screening, y, anew = state.screening.examined(
             self.reach, time_s, self._apply_lines(rows), outside
         )
@@ -426,7 +433,7 @@ class Causal:
             uncertainties.append(u)
         x = np.concatenate(answers)
         u = np.concatenate(uncertainties)
-        bad = impossible(x)
+        bad = out_of_range(x)
         state = replace(
             state,
             screening=screening.blanked(bad),
@@ -436,7 +443,9 @@ class Causal:
         )
         return self._pop_ready(state)
 
-    def _smooth(self, state: CausalState, y: Array) -> tuple[CausalState, Array, Array]:
+    def _smooth(
+        self, state: LiveCompensatorState, y: Array
+    ) -> tuple[LiveCompensatorState, Array, Array]:
         """The state after the readings ``y (n, M)`` [degC], temperatures [degC] and their
         uncertainty [K] (n, M).
         """
@@ -447,12 +456,14 @@ class Causal:
         for i, (per_lag, divided) in enumerate(self._filters):
             rate[:, i], memory[i, :1] = signal.lfilter(*per_lag, x[:, i], zi=state.memory[i, :1])
             split_K[:, i], memory[i, 1:] = signal.lfilter(*divided, x[:, i], zi=state.memory[i, 1:])
-        line_u = np.column_stack([whole_u(line, x[:, i]) for i, line in enumerate(self.lines)])
+        line_u = np.column_stack([reading_u(line, x[:, i]) for i, line in enumerate(self.lines)])
         u = np.sqrt(sd**2 + line_u**2 + (rate * self.lag_u_s) ** 2 + split_K**2)
         spikes = state.spikes + int(np.sum(flags == SPIKE))
         return replace(state, kernel=kernel, memory=memory, spikes=spikes), x, u
 
-    def _restart(self, state: CausalState, y: Array, anew: NDArray[np.bool_]) -> CausalState:
+    def _restart(
+        self, state: LiveCompensatorState, y: Array, anew: NDArray[np.bool_]
+    ) -> LiveCompensatorState:
         """The state with the channels ``anew`` (M,) begun from their readings ``y`` (M,) [degC]."""
         fresh = self.start(np.where(anew, y, state.kernel.recent[-1]))
         kernel = {}
@@ -465,7 +476,7 @@ class Causal:
         memory = np.where(anew[:, None], fresh.memory, state.memory)
         return replace(state, kernel=replace(state.kernel, **kernel), memory=memory)
 
-    def _pop_ready(self, state: CausalState) -> tuple[CausalState, Array]:
+    def _pop_ready(self, state: LiveCompensatorState) -> tuple[LiveCompensatorState, Array]:
         """Return the complete rows, interpolated linearly between samples; the others wait on."""
         ready = max(len(state.waiting) - self.rows_late, 0)
         out = np.full((ready, len(self.output_names)), np.nan)
@@ -474,7 +485,7 @@ class Causal:
         for i, (name, shift) in enumerate(zip(self.junctions, self.shifts_s / self.dt_s)):
             whole_rows = int(np.floor(shift + 1e-6))
             fraction = shift - whole_rows if shift - whole_rows > 1e-6 else 0.0
-            for source, column in ((state.found, name), (state.found_u, u_name(name))):
+            for source, column in ((state.found, name), (state.found_u, uncertainty_column(name))):
                 values = source[whole_rows : whole_rows + ready, i]
                 if fraction:
                     values = (1 - fraction) * values + fraction * source[
@@ -485,9 +496,9 @@ class Causal:
         remaining = {k: getattr(state, k)[ready:] for k in ("waiting", "found", "found_u")}
         return replace(state, **remaining), out[real]
 
-    def before_use(self) -> BeforeUse:
+    def before_use(self) -> FilterReport:
         """Filter report of the channel with the largest noise."""
-        return live_before_use(self.engine, self.chains)
+        return report_live_smoother(self.engine, self.chains)
 
     def notes(self) -> dict[str, str]:
         """Notes at the head of the output."""

@@ -12,18 +12,24 @@ import numpy as np
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding
-from tcdyn.io.checksum import ALTERED
+from tcdyn.io.checksum import ALTERED_CODE
 from tcdyn.io.csv_dialect import is_number
 from tcdyn.io.growing import GrowingTable, open_growing
-from tcdyn.io.read import shown
-from tcdyn.io.times import HEADER_NAMES, find_time_column
-from tcdyn.rig.columns import KNOWN, TORQUES, match_columns
-from tcdyn.rig.opened_log import COMPENSATED, as_logged, kind_of_columns, known_names, layouts_of
+from tcdyn.io.read import display_path
+from tcdyn.io.times import TIME_COLUMN_NAMES, find_time_column
+from tcdyn.rig.columns import KNOWN_COLUMNS, TORQUE_COLUMNS, match_columns
+from tcdyn.rig.opened_log import (
+    COMPENSATED,
+    all_column_names,
+    log_kind_of_columns,
+    rig_layouts,
+    unit_conversions,
+)
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig
 from tcdyn.rig.static_line import StaticLine
 from tcdyn.sensors.file import SensorFile
-from tcdyn.sensors.units import Unit, cold_column, u_name
+from tcdyn.sensors.units import Unit, cold_column, uncertainty_column
 from tcdyn.smoothing.traces import DiskChannels, disk_channels
 from tcdyn.workflows.compensate_table import sensor_columns
 
@@ -91,13 +97,13 @@ class GrowingLog:
         out = np.array(rows)
         for name, unit in self.units.items():
             at = names.index(name)
-            u_at = names.index(u_name(name))
+            u_at = names.index(uncertainty_column(name))
             out[:, at], out[:, u_at] = unit.back(rows[:, at]), unit.per_K * rows[:, u_at]
         return out
 
     def called(self, names: Sequence[str]) -> list[str]:
         """Return the output's column names with the table's units; degrees Celsius for millivolts."""
-        own_names = {u_name(n): unit.names(n)[1] for n, unit in self.units.items()}
+        own_names = {uncertainty_column(n): unit.names(n)[1] for n, unit in self.units.items()}
         own_names |= {n: unit.names(n)[0] for n, unit in self.units.items()}
         return [own_names.get(n, n) for n in names]
 
@@ -119,14 +125,14 @@ def growing_log(
 
     Raises InputError for a log that is compensated already, and for missing columns.
     """
-    wanted = (*KNOWN, *HEADER_NAMES)
+    wanted = (*KNOWN_COLUMNS, *TIME_COLUMN_NAMES)
     if rig and isinstance(records, Mapping):
         disk = next(iter(records))
-        wanted = (*known_names(layouts_of(rig, disk)), *rig.columns(disk).values())
+        wanted = (*all_column_names(rig_layouts(rig, disk)), *rig.columns(disk).values())
     growing = open_growing(log, wanted)
     if growing is None:
         return None
-    where = shown(log)
+    where = display_path(log)
     table = growing.table
     if table.metadata.get("tcdyn") == COMPENSATED:
         raise InputError(
@@ -137,17 +143,19 @@ def growing_log(
         )
     if rig is None or not isinstance(records, Mapping):
         return _table_source(growing, records, where, options or {})  # type: ignore[arg-type]
-    altered = tuple(f for record in records.values() for f in record.findings if f.code == ALTERED)
-    kind, own_disk = kind_of_columns(table.names, rig, records, where)
+    altered = tuple(
+        f for record in records.values() for f in record.findings if f.code == ALTERED_CODE
+    )
+    kind, own_disk = log_kind_of_columns(table.names, rig, records, where)
     mapping = rig.columns(own_disk)
     chosen = match_columns(
-        table.names, kind, where, mapping, stated=rig.stated(), layouts=layouts_of(rig, own_disk)
+        table.names, kind, where, mapping, stated=rig.stated(), layouts=rig_layouts(rig, own_disk)
     )
-    conversions = as_logged(chosen, table.names, rig, own_disk or "", mapping)
+    conversions = unit_conversions(chosen, table.names, rig, own_disk or "", mapping)
     converted = {
         name: conversions[column]
         for name, column in chosen.items()
-        if column in conversions and name not in TORQUES
+        if column in conversions and name not in TORQUE_COLUMNS
     }
     places = {canonical: table.names.index(name) for canonical, name in chosen.items()}
     if not is_number(table.dialect.first_row[places["time_s"]], table.dialect.decimal):

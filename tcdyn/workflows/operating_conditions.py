@@ -15,17 +15,17 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, info
 from tcdyn.partition.events import DiskAir
-from tcdyn.rig.columns import couples_in
+from tcdyn.rig.columns import junction_columns_in
 from tcdyn.rig.contact import Events, contact_force
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.logger import Constant, air_name
 from tcdyn.rig.rigfile import Rig
-from tcdyn.smoothing.traces import bridged
+from tcdyn.smoothing.traces import interpolate_gaps
 
-Rows = NDArray[np.bool_]
+RowMask = NDArray[np.bool_]
 
 
-def constants_of(frame: pd.DataFrame, rig: Rig) -> tuple[dict[str, Constant], list[Finding]]:
+def rig_constants(frame: pd.DataFrame, rig: Rig) -> tuple[dict[str, Constant], list[Finding]]:
     """Return the ``[constants]`` of columns that the log does not have; a logged column has priority."""
     used: dict[str, Constant] = {
         name: c for name, c in rig.common.constants.items() if name not in frame
@@ -39,7 +39,7 @@ def constants_of(frame: pd.DataFrame, rig: Rig) -> tuple[dict[str, Constant], li
 
 
 def forces_N(
-    frame: pd.DataFrame, events: Events, steady: Rows, stated: Mapping[str, Constant]
+    frame: pd.DataFrame, events: Events, steady: RowMask, stated: Mapping[str, Constant]
 ) -> tuple[Array, Array]:
     """Return load and friction during contact, zero elsewhere, shape (N,) each.
 
@@ -53,7 +53,7 @@ def forces_N(
 
 
 def speeds_rpm(
-    frame: pd.DataFrame, under_load: Rows, stated: Mapping[str, Constant]
+    frame: pd.DataFrame, under_load: RowMask, stated: Mapping[str, Constant]
 ) -> tuple[list[float], list[float]]:
     """Speed of the fast and the slow shaft under load and, where stated, its standard uncertainty,
     else zero [rpm].
@@ -81,7 +81,7 @@ def constants_rel_u(
 
 
 def disk_air(
-    frame: pd.DataFrame, disk: str, rig: Rig, steady: Rows, stated: Mapping[str, Constant]
+    frame: pd.DataFrame, disk: str, rig: Rig, steady: RowMask, stated: Mapping[str, Constant]
 ) -> tuple[DiskAir, list[Finding]]:
     """The air about a disk, and what to say of its channels.
 
@@ -96,7 +96,7 @@ def disk_air(
     ambient: Array | None = None
     if "ambient_degC" in frame:
         logged = frame["ambient_degC"].to_numpy(dtype=float)
-        ambient = bridged(logged, np.isfinite(logged))
+        ambient = interpolate_gaps(logged, np.isfinite(logged))
     elif "ambient_degC" in stated:
         ambient = np.full(len(frame), stated["ambient_degC"].value)
     means = dict[str, Array]()
@@ -108,7 +108,7 @@ def disk_air(
         ]
         if not changing:
             continue
-        traces = np.stack([bridged(x, np.isfinite(x)) for x in changing])
+        traces = np.stack([interpolate_gaps(x, np.isfinite(x)) for x in changing])
         means[location], levels = traces.mean(axis=0), traces[:, steady].mean(axis=1)
         spread = float(np.std(levels, ddof=1)) if len(levels) > 1 else 0.0
         air_u_K = max(air_u_K, spread / len(levels) ** 0.5)
@@ -137,7 +137,7 @@ def disk_air(
 
 def check_no_copies(frame: pd.DataFrame, left_out: Mapping[str, str], where: str) -> None:
     """Raise InputError if two junctions have the same numbers: one of them is not measured."""
-    names = [n for n in couples_in(frame) if n.removesuffix("_degC") not in left_out]
+    names = [n for n in junction_columns_in(frame) if n.removesuffix("_degC") not in left_out]
     for first, second in combinations(names, 2):
         if frame[first].equals(frame[second]) and frame[first].nunique() > 1:
             raise InputError(

@@ -18,10 +18,10 @@ from tcdyn.chain import Chain
 from tcdyn.core import Array
 from tcdyn.core.findings import Finding, warning
 from tcdyn.rig.plausible import HIGHEST_DEGC, LOWEST_DEGC
-from tcdyn.smoothing.live import BURST_NOISES
+from tcdyn.smoothing.live import BURST_SD_RATIO
 
 # Offsets that the live smoother itself takes for a burst of the slip rings are left to it: four standard deviations.
-MARGIN_NOISES = 4.0 * BURST_NOISES
+MARGIN_NOISES = 4.0 * BURST_SD_RATIO
 # Two steps of the coarsest usual logger (1 K): the first seconds may not show the step.
 MIN_MARGIN_K = 2.0
 # The shortest possible lag is so many standard uncertainties below the stated lag.
@@ -255,7 +255,7 @@ class Reach:
 class Screening:
     """What was treated as missing so far, in M channels, and the track that tells it.
 
-    ``impossible``, ``unreachable`` (M,): readings outside the physical range, and beyond what the
+    ``out_of_range``, ``impossible_changes`` (M,): readings outside the physical range, and beyond what the
     chain allows; ``restarts`` (M,): times that a channel started anew; ``blank`` (M,): answers left
     empty because they lie outside the physical range. ``first_s``: time of the first such reading
     [s], NaN without one.

@@ -14,22 +14,22 @@ from numpy.typing import NDArray
 from tcdyn.chain import sensors
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.core.estimate import with_u
+from tcdyn.core.estimate import text_with_u
 from tcdyn.core.findings import Finding
 from tcdyn.io.write import log_writer
-from tcdyn.partition.cooling import Alone, refined_chains, with_common_u
-from tcdyn.rig.check_clock import interval_s
-from tcdyn.rig.log import LogPieces
+from tcdyn.partition.cooling import SingleDiskFit, lag_covariance_with_common_u, refined_chains
+from tcdyn.rig.check_clock import sample_interval_s
+from tcdyn.rig.log import LogChunks
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig
 from tcdyn.rig.static_line import shared_u_K
-from tcdyn.sensors.table import Part, parts
-from tcdyn.smoothing.intervals import settled_s
+from tcdyn.sensors.table import TableSegment, read_segments
+from tcdyn.smoothing.intervals import settling_time_s
 from tcdyn.smoothing.inverse import invert
 from tcdyn.smoothing.process_noise import Criterion
 from tcdyn.smoothing.record import Compensated
 from tcdyn.smoothing.smoother import deconvolve, smooth
-from tcdyn.smoothing.traces import DiskTraces, disk_traces, gathered
+from tcdyn.smoothing.traces import DiskTraces, disk_traces, summarise_spikes
 
 # Decimals of the output: 0.01 mK, far below the uncertainty of any sample.
 DECIMALS = 5
@@ -39,7 +39,7 @@ METHODS: tuple[Method, ...] = get_args(Method)
 
 
 @dataclass(frozen=True)
-class Way:
+class CompensationMethod:
     """How a log is compensated.
 
     Attributes
@@ -66,23 +66,25 @@ class Way:
 
 
 def with_common_lag(
-    traces: DiskTraces, record: DiskRecord, fit: Alone | None
+    traces: DiskTraces, record: DiskRecord, fit: SingleDiskFit | None
 ) -> tuple[DiskTraces, str]:
     """Return the traces with the common lag of the fit, if there is one, and a note about it."""
     if fit is not None:
         lag = fit.estimates["lag_s"]
         chains = refined_chains(traces.chains, fit.chain)
         traces = replace(
-            traces, chains=chains, lag_covariance_s2=with_common_u(traces.lag_covariance_s2, lag.u)
+            traces,
+            chains=chains,
+            lag_covariance_s2=lag_covariance_with_common_u(traces.lag_covariance_s2, lag.u),
         )
-        return traces, f"{with_u(lag.value, lag.u)} s, from the unloading, record as prior"
+        return traces, f"{text_with_u(lag.value, lag.u)} s, from the unloading, record as prior"
     assert record.chain is not None
     common = record.chain.common_lag_s
-    return traces, f"{with_u(common.value, common.u)} s, from the record"
+    return traces, f"{text_with_u(common.value, common.u)} s, from the record"
 
 
 def compensate_disk(
-    traces: DiskTraces, frame: pd.DataFrame, events: Mapping[float, float], way: Way
+    traces: DiskTraces, frame: pd.DataFrame, events: Mapping[float, float], way: CompensationMethod
 ) -> Compensated:
     """Compensate one disk's traces.
 
@@ -90,7 +92,7 @@ def compensate_disk(
     """
     time = frame["time_s"].to_numpy(dtype=float)
     y = traces.measured_degC
-    dt = interval_s(time)
+    dt = sample_interval_s(time)
     options: dict[str, Any] = {
         "noise_sd": traces.noise_K,
         "lag_covariance": traces.lag_covariance_s2,
@@ -116,7 +118,7 @@ def compensate_disk(
 
 
 def output_columns(
-    traces: DiskTraces, result: Compensated, way: Way, parts: bool
+    traces: DiskTraces, result: Compensated, way: CompensationMethod, parts: bool
 ) -> dict[str, NDArray[np.float64]]:
     """Return the output columns (N,) of one disk by name."""
     columns: dict[str, NDArray[np.float64]] = {}
@@ -144,11 +146,11 @@ class LogSegments:
     (``fits``) or of the records.
     """
 
-    log: LogPieces
+    log: LogChunks
     rig: Rig
     records: Mapping[str, DiskRecord]
-    way: Way
-    fits: Mapping[str, Alone]
+    way: CompensationMethod
+    fits: Mapping[str, SingleDiskFit]
     events: Mapping[float, float]
     parts: bool
     named: bool
@@ -179,7 +181,7 @@ class LogSegments:
             for c in r.chain.channels.values()
         ]
         with log_writer(out, [*self.header], self.notes) as write:
-            segments = parts(self, [*self.columns], max(lags, default=0.0), SEGMENT_ROWS)
+            segments = read_segments(self, [*self.columns], max(lags, default=0.0), SEGMENT_ROWS)
             segment = next(segments, None)
             while segment is not None:
                 frame, segment_findings, margin_rows = self._compensate_segment(segment)
@@ -195,7 +197,7 @@ class LogSegments:
                 segment = next(segments, None)
         return findings
 
-    def _compensate_segment(self, segment: Part) -> tuple[pd.DataFrame, list[Finding], int]:
+    def _compensate_segment(self, segment: TableSegment) -> tuple[pd.DataFrame, list[Finding], int]:
         """Return the rows to write, findings, and how many margin rows the RTS smoother needs to settle."""
         frame = pd.DataFrame(segment.data)
         where = self.log.path.name
@@ -214,13 +216,14 @@ class LogSegments:
             if result.intensities:
                 margin_rows = max(
                     margin_rows,
-                    settled_s(sensors(traces.chains), result.noise_sd, dt, result.intensities) / dt,
+                    settling_time_s(sensors(traces.chains), result.noise_sd, dt, result.intensities)
+                    / dt,
                 )
             findings += [
                 f.at(disk) for f in (*result.findings, *traces.outside_lines("the log"))
             ] + list(traces.findings)
         return (
             output[[*self.header]].iloc[segment.keep],
-            gathered(findings),
+            summarise_spikes(findings),
             int(np.ceil(margin_rows)),
         )

@@ -14,18 +14,18 @@ from tcdyn.campaign.stages import read_stage
 from tcdyn.core.errors import InputError
 from tcdyn.core.result import Result
 from tcdyn.core.threads import one_blas_thread
-from tcdyn.io.checksum import sealed
+from tcdyn.io.checksum import with_checksum
 from tcdyn.partition.analyse import WINDOW_S
-from tcdyn.partition.single_disk import WAYS, OneDisk, analyse_one
-from tcdyn.rig.columns import couples
+from tcdyn.partition.single_disk import ESTIMATORS, OneDisk, analyse_one_disk
+from tcdyn.rig.columns import junction_columns
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.log import Log, iter_log
-from tcdyn.rig.opened_log import columns_not_there, rig_of
+from tcdyn.rig.opened_log import missing_columns, rig_from_records
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig
 from tcdyn.workflows.bearing import BearingFile
 from tcdyn.workflows.beta import prepare_test, retry_without_lost_channels
-from tcdyn.workflows.beta_tables import SCHEMA, WITHHELD, junctions, way_row
+from tcdyn.workflows.beta_tables import SCHEMA, WITHHELD, estimate_row, junction_depths
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class OneDiskRun(Result):
             "difference": difference,
             "z": partition.z,
         }
-        return sealed(
+        return with_checksum(
             {
                 "schema": SCHEMA,
                 "source": {"file": self.log.path.name, "sha256": self.log.sha256},
@@ -122,7 +122,7 @@ class OneDiskRun(Result):
                 "noise": {disk: partition.test.disks[disk].noise.to_dict()},
                 "unevenness": {disk: partition.uneven.to_dict()},
                 "sensors": {} if partition.sensors is None else partition.sensors.said,
-                "junctions": junctions(partition.sensors),
+                "junctions": junction_depths(partition.sensors),
                 "kept": None,
                 "findings": [finding.to_dict() for finding in partition.findings],
                 "warnings": [f.sentence for f in partition.noticed],
@@ -141,25 +141,25 @@ class OneDiskRun(Result):
                 if way in partition.withheld
                 else f"beta {answers[way]}   h {answers[f'h {way}']} W/m2K{lag[way]}"
             )
-            for way in WAYS
+            for way in ESTIMATORS
         ]
         return "\n".join([partition.headline.sentence, *rows, partition.crosscheck.sentence])
 
     def card(self) -> pd.DataFrame:
         """The ways to beta."""
-        return ways_of(self.partition)
+        return one_disk_estimates_table(self.partition)
 
 
-def ways_of(p: OneDisk) -> pd.DataFrame:
+def one_disk_estimates_table(p: OneDisk) -> pd.DataFrame:
     """beta, h and lag by the ways that one disk allows, the headline's first; what cannot be true
     is withheld.
     """
     rows = []
     a = p.answers
-    for way in WAYS:
+    for way in ESTIMATORS:
         lag = a["lag_s"] if way == "joint" else None
         rows.append(
-            way_row(
+            estimate_row(
                 f"{way} fit, {p.disk} disk",
                 a[way],
                 a[f"h {way}"],
@@ -191,11 +191,11 @@ def estimate_one_disk(
     so ``seed`` changes nothing. Raises InputError as ``estimate_beta`` does, and where the log
     holds the other disk's columns, too.
     """
-    rig = rig or rig_of(records)
+    rig = rig or rig_from_records(records)
     (name,) = records
     other = next(d for d in DISKS if d != name)
-    other_columns = [*couples(rig.disk_setup(other).channels, other)]
-    if columns_not_there(log, rig, other_columns) != other_columns:
+    other_columns = [*junction_columns(rig.disk_setup(other).channels, other)]
+    if missing_columns(log, rig, other_columns) != other_columns:
         raise InputError(
             f"no record of the {other} disk, whose columns the log holds",
             where=Path(log).name,
@@ -211,7 +211,7 @@ def estimate_one_disk(
         table, count = read_stage(chunks, stage)
         test = prepare_test(table, rig, records, bearing.added if bearing else None, left_out)
         try:
-            partition = analyse_one(
+            partition = analyse_one_disk(
                 test, window_s=window_s, sensor_check=sensor_check, progress=progress
             )
         except InputError as problem:

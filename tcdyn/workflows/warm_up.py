@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from tcdyn.chain.logger_noise import noise_of
+from tcdyn.chain.logger_noise import estimate_logger_noise
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.estimation.trace_noise import SPIKES, find_spikes, trace_noise_sd
 from tcdyn.rig.disk import Conditioning
-from tcdyn.rig.plausible import impossible
+from tcdyn.rig.plausible import out_of_range
 from tcdyn.rig.static_line import apply_static
 from tcdyn.smoothing.traces import DiskChannels
-from tcdyn.workflows.live import Causal, CausalState, Settings
+from tcdyn.workflows.live import LiveCompensator, LiveCompensatorState, LiveSettings
 from tcdyn.workflows.reachable import Reach, noise_bound_K
 
 MIN_SAMPLES = 16
@@ -31,8 +31,8 @@ def warm_up(
     rows: Array,
     channels: Sequence[DiskChannels],
     level_K2_s3: float | None,
-    settings: Settings,
-) -> tuple[Causal, CausalState]:
+    settings: LiveSettings,
+) -> tuple[LiveCompensator, LiveCompensatorState]:
     """Plan and first state from the first seconds ``rows (n, columns)``: sample interval, noise,
     starting level.
     """
@@ -57,7 +57,7 @@ def warm_up(
         lag_u_s = np.sqrt(np.maximum(np.diag(disk.lag_covariance_s2), 0.0))
         for i, (name, line, chain) in enumerate(zip(disk.columns, disk.lines, disk.chains)):
             logged = regular_rows[:, list(names).index(name)]
-            y = apply_static(np.where(impossible(logged), np.nan, logged), line)
+            y = apply_static(np.where(out_of_range(logged), np.nan, logged), line)
             noise_K = np.array([settings.noise_K or noise_bound_K(y)])
             reach = Reach.of([chain], lag_u_s[i : i + 1], disk.split_u_s[i : i + 1], noise_K, dt)
             rejected = reach.rejected_at_start(0, y)
@@ -71,7 +71,7 @@ def warm_up(
     if not alive:
         raise InputError("no channel shows a temperature", remedy="check the log's columns")
     statistics = {"dt_s": dt, "dead": dead} | _noise(alive, screened, dt, settings.noise_K)
-    plan = Causal.of(names, channels, level_K2_s3, settings, statistics)
+    plan = LiveCompensator.of(names, channels, level_K2_s3, settings, statistics)
     first = np.array([np.median(y[np.isfinite(y)][:N_LEVEL_SAMPLES]) for y, _ in alive.values()])
     count = min(int(np.count_nonzero(np.isfinite(y))) for y, _ in alive.values())
     return plan, plan.start(first, count)
@@ -99,7 +99,7 @@ def _noise(
         clean = np.stack(
             [np.where(bad, np.nan, traces[n][0]) for n, bad in zip(names, spiky)], axis=1
         )
-        logger_noise = noise_of([clean], dt_s, filter_, white)
+        logger_noise = estimate_logger_noise([clean], dt_s, filter_, white)
         if (
             logger_noise.coloured and logger_noise.shaping != filter_
         ):  # the smoother's states are the filter's: as strong at low frequency

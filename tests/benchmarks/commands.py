@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from tcdyn.campaign import solve
+from tcdyn.campaign import solve_campaign
 from tcdyn.smoothing.smoother import smooth
 from tests.benchmarks.log_reading import best_s
 from tests.campaign.toy import toy
@@ -120,7 +120,7 @@ def main(folder: Path, lengths: list[int]) -> None:
     took = best_s(lambda: smooth(y, 1 / 75, 0.7, events_s=[rows / 100], noise_sd=0.15), 2)
     print(f"{'smoother alone':14} {took:6.2f} s {took / base:6.2f}")
     counts, kept = np.array([1, 5, 20, 100, 500]), toy(1, 500).kept
-    spans = [best_s(lambda n=n: solve(kept[:n])) for n in counts.tolist()]
+    spans = [best_s(lambda n=n: solve_campaign(kept[:n])) for n in counts.tolist()]
     said = ", ".join(f"{s:.2g} s of {n}" for n, s in zip(counts, spans))
     slope = np.polyfit(np.log(counts[2:]), np.log(spans[2:]), 1)[0]
     print(f"campaign from kept answers: {said} tests; slope from 20 on {slope:.2f}")

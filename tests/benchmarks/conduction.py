@@ -19,10 +19,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tcdyn.heat.engine import Drive, map_beta_h
+from tcdyn.heat.engine import RimInputs, map_beta_h
 from tcdyn.heat.modal import rim_gains, spectrum
 from tcdyn.heat.reference import CrankNicolson, scheme
-from tcdyn.heat.rim import Mesh, Rim, node_rates, points_of
+from tcdyn.heat.rim import Mesh, Rim, basis_rates, junction_points
 from tcdyn.rig.rigfile import load_rig
 
 DT_S, DURATION_S, HALF_WIDTH_M = 1 / 75, 1050.0, 1.62e-3
@@ -40,13 +40,13 @@ class MapTiming:
     peak_MB: float
 
 
-def drive(duration_s: float) -> Drive:
+def drive(duration_s: float) -> RimInputs:
     """A test of that length: heat on throughout, junctions that rise and carry noise."""
     n = round(duration_s / DT_S)
     t = np.arange(n) * DT_S
     rise = 1 - np.exp(-t / 40)
     noise = np.random.default_rng(0).standard_normal((5, n))
-    return Drive(
+    return RimInputs(
         DT_S,
         240 + 2 * noise[0],
         55 + 31 * rise + 0.1 * noise[1],
@@ -61,7 +61,9 @@ def time_map(duration_s: float, mesh: Mesh) -> float:
     setup = load_rig().disk_setup("fast")
     rim, record = Rim.from_setup(setup), drive(duration_s)
     start = time.perf_counter()
-    out = map_beta_h(rim, record, SHARES, FILMS, points_of(setup, "ace"), HALF_WIDTH_M, mesh=mesh)
+    out = map_beta_h(
+        rim, record, SHARES, FILMS, junction_points(setup, "ace"), HALF_WIDTH_M, mesh=mesh
+    )
     took = time.perf_counter() - start
     assert np.isfinite(out[-1, -1, -1, -1])
     return took
@@ -105,7 +107,7 @@ def compare(mesh: Mesh | None = None) -> MapTiming:
 def time_gains(mesh: Mesh, repeat: int = 20) -> float:
     """Seconds of one ``rim_gains`` with new steel each time (nothing cached)."""
     setup = load_rig().disk_setup("fast")
-    points, rates = points_of(setup, "ace"), node_rates(DT_S)
+    points, rates = junction_points(setup, "ace"), basis_rates(DT_S)
     start = time.perf_counter()
     for k in range(repeat):
         rim_gains(

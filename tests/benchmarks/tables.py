@@ -17,7 +17,7 @@ import pandas as pd
 from scipy.signal import lfilter
 
 from tcdyn.io.write import log_writer
-from tcdyn.sensors import stated, write_sensor
+from tcdyn.sensors import specified_sensor, write_sensor
 
 LAG_S, BLOCK = 0.5, 200_000
 RUN = """
@@ -64,7 +64,7 @@ def compensated(
     folder: Path, rows: int, columns: int, rate_Hz: float, ending: str
 ) -> tuple[int, float, float]:
     """Exit code, time [s] and peak memory [MB] of one table of that size."""
-    sensor = write_sensor(stated("s", ["T*"], [(LAG_S, 0.02)]), folder / "s.sensor.json")
+    sensor = write_sensor(specified_sensor("s", ["T*"], [(LAG_S, 0.02)]), folder / "s.sensor.json")
     table = write_table(folder / f"table{ending}", rows, columns, rate_Hz)
     return run("compensate", table, "--sensor", sensor, "--out", folder / f"out{ending}", "--quiet")
 

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from calibration.budget import Contribution, RestBudget, rest_budget
-from calibration.compare import diff_records
+from calibration.budget import Contribution, UncertaintyBudget, uncertainty_budget
+from calibration.compare import compare_records
 from calibration.static_lines import fit_static_lines
 from tcdyn.core.errors import InputError
-from tcdyn.core.estimate import with_u
+from tcdyn.core.estimate import text_with_u
 from tcdyn.report.page import render_page
 from tcdyn.report.signed import (
-    budget_of,
     budget_table,
+    channel_budget,
     next_calibration,
     results,
     signed_sections,
@@ -27,7 +27,7 @@ from tcdyn.report.signed import (
 from tcdyn.rig.disk import CHANNELS
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import load_rig, parse_rig, rig_toml
-from tcdyn.rig.static_line import apply_static, static_u, whole_u
+from tcdyn.rig.static_line import apply_static, reading_u, static_u
 from tcdyn.rig.traceability import TraceabilityTable
 from tests.rig.log_cases import oven_frame, oven_truth
 
@@ -53,8 +53,8 @@ def test_a_reading_at_rest_is_never_surer_than_its_reference() -> None:
     assert shared == pytest.approx(np.hypot(0.03, 2 * 0.03 / 3**0.5), rel=1e-3)
     t = np.linspace(20.0, 160.0, 30)
     for line in record.static.values():
-        assert np.all(whole_u(line, t) > shared)
-        assert whole_u(line, t) ** 2 == pytest.approx(static_u(line, t) ** 2 + shared**2)
+        assert np.all(reading_u(line, t) > shared)
+        assert reading_u(line, t) ** 2 == pytest.approx(static_u(line, t) ** 2 + shared**2)
 
 
 @pytest.mark.study
@@ -69,7 +69,7 @@ def test_intervals_hold_with_a_bias_and_a_drift_of_the_reference_and_differences
         for k, c in enumerate(CHANNELS):
             line = record.static[c]
             error = float(apply_static((90.0 - offset[k]) / gain[k], line)) - 90.0
-            held.append(abs(error) < budget_of(record, c, 90.0).expanded)
+            held.append(abs(error) < channel_budget(record, c, 90.0).expanded)
             errors.append((error, float(static_u(line, 90.0))))
         (a, u_a), (b, u_b) = errors[0], errors[3]
         apart.append(abs(a - b) < 1.96 * np.hypot(u_a, u_b))
@@ -82,7 +82,7 @@ def test_intervals_hold_with_a_bias_and_a_drift_of_the_reference_and_differences
 def test_coverage_factor_and_freedom_are_the_gum_s() -> None:
     """GUM, H.1.6 (an end gauge): contributions in nm with their degrees of freedom make 32 nm with 16."""
     parts = [(25.0, 18), (9.7, 25.6), (2.9, 50), (16.6, 2)]
-    found = RestBudget(
+    found = UncertaintyBudget(
         tuple(Contribution(str(k), 0.0, u, "normal", 1.0, v) for k, (u, v) in enumerate(parts))
     )
     assert found.u == pytest.approx(32.0, abs=0.5)
@@ -93,12 +93,14 @@ def test_coverage_factor_and_freedom_are_the_gum_s() -> None:
 def test_a_line_s_own_part_is_its_scatter_not_student_s_widening() -> None:
     record = made()
     line = record.static["a"]
-    own = rest_budget(line, record.setup.traceability, ON, 90.0).sources[0]
+    own = uncertainty_budget(line, record.setup.traceability, ON, 90.0).sources[0]
     assert own.freedom == line.n - 2
     assert own.u == pytest.approx(
         float(static_u(line, 90.0)) * 1.96 / stats.t.isf(0.025, line.n - 2), rel=1e-3
     )
-    alone = rest_budget(line.model_copy(update={"shared_u_K": 0.0}), TraceabilityTable(), ON, 90.0)
+    alone = uncertainty_budget(
+        line.model_copy(update={"shared_u_K": 0.0}), TraceabilityTable(), ON, 90.0
+    )
     assert [s.name for s in alone.sources] == ["line through the holds"]
 
 
@@ -129,14 +131,16 @@ def test_the_day_of_the_next_calibration_is_that_on_which_the_drift_with_its_unc
     stated = now.setup.traceability.model_copy(update={"valid_days": 3000, "limit_K": 2.0})
     setup = now.setup.model_copy(update={"traceability": stated})
     now = now.model_copy(update={"static": drifted, "setup": setup})
-    rows = diff_records(before, now).table
+    rows = compare_records(before, now).table
     drift = rows[rows["quantity"].str.match("d at .*degC")].sort_values("u").iloc[-1]
     assert (abs(drift["change"]), drift["u"]) == pytest.approx((1.0, 0.05), abs=0.03)
     days = (date(2026, 1, 1) - date(2024, 1, 1)).days
     due, why = next_calibration(now, [before])
     assert (due - date(2026, 1, 1)).days == int(2.0 * days / (abs(drift["change"]) + drift["u"]))
     years = days / 365.25
-    assert f"drifted by {with_u(drift['change'] / years, drift['u'] / years, 'K a year')}" in why
+    assert (
+        f"drifted by {text_with_u(drift['change'] / years, drift['u'] / years, 'K a year')}" in why
+    )
     recent = made(created="2025-12-25T09:00:00+00:00")
     assert next_calibration(now, [recent])[0] == date(2026, 1, 1) + timedelta(days=3000)
 
@@ -162,7 +166,7 @@ def test_results_correct_a_reading_at_the_ends_and_the_middle_of_the_range() -> 
 
 def test_more_degrees_of_freedom_than_a_million_are_told_as_infinite() -> None:
     part = [Contribution(str(v), 0.0, 0.01, "normal", 1.0, v) for v in (12.4, 2e6, float("inf"))]
-    assert list(budget_table(RestBudget(tuple(part)))["degrees of freedom"])[:3] == [
+    assert list(budget_table(UncertaintyBudget(tuple(part)))["degrees of freedom"])[:3] == [
         "12",
         "infinite",
         "infinite",

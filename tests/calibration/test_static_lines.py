@@ -12,7 +12,7 @@ from scipy import stats
 
 from calibration.static_lines import error_histogram, error_statistics, fit_static_lines
 from tcdyn.core.errors import InputError
-from tcdyn.estimation.line_fit import fit_line, lack_of_fit_p, outlying, quadratic_p, repeat_shift
+from tcdyn.estimation.line_fit import fit_line, lack_of_fit_p, outliers, quadratic_p, repeat_shift
 from tcdyn.rig.disk import CHANNELS
 from tcdyn.rig.log import read_log, write_log
 from tcdyn.rig.oven_log import steady_minutes
@@ -83,7 +83,7 @@ def test_an_outlying_point_is_one_that_the_line_through_the_others_refuses():
     order = np.argsort(p)
     for many in (1, 5, 12, 20):
         between = np.sqrt(p[order[many - 1]] * p[order[many]])
-        assert outlying(fit_line(x, y), n * between) == sorted(order[:many].tolist())
+        assert outliers(fit_line(x, y), n * between) == sorted(order[:many].tolist())
 
 
 def test_the_tests_of_a_line_are_f_tests_of_a_model_with_more_columns():
@@ -142,8 +142,8 @@ def test_too_few_points_are_asked_nothing():
     assert repeat_shift(five, [0, 0, 0, 0, 0]) == (None, 0.0, None)
     assert repeat_shift(four, [0, 0, 1, 1]) == (None, 0.0, None)
     assert repeat_shift(five, [0, 0, 1, 1, 1])[0] is not None
-    assert outlying(four, 1e9) == []  # one degree of freedom is left without a point
-    assert outlying(five, 1e9) == [0, 1, 2, 3, 4]
+    assert outliers(four, 1e9) == []  # one degree of freedom is left without a point
+    assert outliers(five, 1e9) == [0, 1, 2, 3, 4]
 
 
 def coverage(ovens) -> dict[str, float]:

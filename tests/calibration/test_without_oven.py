@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from immersion.entry import LATE_U_S, find_entry
+from immersion.entry import RISE_DELAY_U_S, find_entry
 from tcdyn.core.errors import InputError
 from tcdyn.io.write import write_log
 from tcdyn.rig.log import read_log
 from tcdyn.rig.rigfile import load_rig
-from tcdyn.rig.static_line import static_u, unit_lines
+from tcdyn.rig.static_line import identity_lines, static_u
 from tcdyn.simulate.plunge import simulate_plunge
 from tcdyn.workflows import calibrate_disk
 
@@ -26,8 +26,8 @@ def test_the_junctions_own_rise_tells_the_entry_within_its_uncertainty(
 ) -> None:
     frame, truth = simulate_plunge("slow", seed, fluid, 110.0 if fluid != "water" else 80.0)
     entry = find_entry(frame["time_s"], None, None, frame["fluid_degC"], readings_degC=frame[DISK])
-    assert abs(entry.time_s - truth["entry_s"]) < 2 * LATE_U_S
-    assert entry.u_s == LATE_U_S
+    assert abs(entry.time_s - truth["entry_s"]) < 2 * RISE_DELAY_U_S
+    assert entry.u_s == RISE_DELAY_U_S
     assert [f.code for f in entry.findings] == ["entry.by_junctions"]
 
 
@@ -49,7 +49,7 @@ def test_a_plunge_without_a_switch_is_read_and_one_with_a_switch_of_another_name
 
 
 def test_a_stated_line_is_the_reading_itself_as_uncertain_as_stated() -> None:
-    line = unit_lines(0.9)["e"]
+    line = identity_lines(0.9)["e"]
     assert (line.gain, line.offset) == (1.0, 0.0)
     u = static_u(line, np.linspace(-40, 300, 35))
     assert u.min() == pytest.approx(0.9, rel=0.01)  # nowhere less than stated

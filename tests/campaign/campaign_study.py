@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from tcdyn.campaign import solve
+from tcdyn.campaign import solve_campaign
 from tcdyn.campaign.exponent import speed_law
 from tcdyn.campaign.outliers import outlying_tests
-from tcdyn.campaign.result import POWER_LAW_REJECTED_P, junctions
+from tcdyn.campaign.result import POWER_LAW_REJECTED_P, junction_depths
 from tcdyn.campaign.trends import trend
 from tcdyn.core.estimate import Z95
 from tests.campaign.rigs import EXPONENT, PER_M_S, PER_N, DrawnCampaign, drawn
@@ -33,7 +33,7 @@ def draw(folder: Path, count: int, first: int = 3000) -> None:
 
 def told(made: DrawnCampaign) -> dict[str, float]:
     """Errors of one drawn campaign, in the uncertainties that it states."""
-    p = solve(made.kept)
+    p = solve_campaign(made.kept)
     true = np.array([made.truth[n]["beta"] for n in p.order])
     off = p.beta[0] - true
     alone = np.array([made.single[n][0] for n in p.order]) - true
@@ -45,7 +45,9 @@ def told(made: DrawnCampaign) -> dict[str, float]:
     assert both is not None
     sound, low = (
         outlying_tests(p),
-        outlying_tests(solve([made.low if k.name == made.low.name else k for k in made.kept])),
+        outlying_tests(
+            solve_campaign([made.low if k.name == made.low.name else k for k in made.kept])
+        ),
     )
     within = np.array([e["beta_within"].u for e in p.estimates])
     u = np.sqrt(np.diag(p.beta[1]))
@@ -67,7 +69,7 @@ def told(made: DrawnCampaign) -> dict[str, float]:
         "slope over speed, z": (both.slopes[1].value - PER_M_S) / both.slopes[1].u,
         "slope over speed, u / slope": both.slopes[1].u / abs(PER_M_S),
         "largest pull of a junction": max(
-            abs(z) for own in junctions(p)[1].values() for z in own.values()
+            abs(z) for own in junction_depths(p)[1].values() for z in own.values()
         ),
         "power law doubted": float((law.p_value or 1.0) < POWER_LAW_REJECTED_P),
         "sound campaigns that name a test": float(bool(sound)),

@@ -16,7 +16,7 @@ from functools import cache
 import numpy as np
 from scipy import stats
 
-from tcdyn.campaign import solve
+from tcdyn.campaign import solve_campaign
 from tcdyn.campaign.posterior import BETA, N_QUANTITIES, Posterior
 from tcdyn.campaign.trends import Curve, curve_test
 from tcdyn.core import Array
@@ -44,7 +44,7 @@ class DrawnCurve:
 @cache
 def toy_posterior(count: int) -> Posterior:
     """A campaign of ``count`` tests; its beta and their covariance are replaced by drawn ones."""
-    return solve(toy(3, count).kept)
+    return solve_campaign(toy(3, count).kept)
 
 
 def sensitivities(rng: np.random.Generator, z: Array) -> list[Array]:

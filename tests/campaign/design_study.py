@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from tcdyn.campaign import solve
+from tcdyn.campaign import solve_campaign
 from tcdyn.campaign.planned import predict_campaign
 from tcdyn.rig.rigfile import Rig, load_rig
 from tests.campaign.rigs import DrawnCampaign, drawn
@@ -26,7 +26,7 @@ def ratios(made: Iterable[DrawnCampaign], rig: Rig) -> pd.DataFrame:
     """Designed over fitted u of each drawn rig, the median of its tests."""
     rows, designed = [], {}
     for one in made:
-        fitted = solve(one.kept)
+        fitted = solve_campaign(one.kept)
         if fitted.order not in designed:
             designed[fitted.order] = predict_campaign(plan_of(fitted.order), rig).table()
         table = designed[fitted.order]

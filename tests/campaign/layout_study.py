@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from tcdyn.campaign import SufficientStatistics, solve
+from tcdyn.campaign import SufficientStatistics, solve_campaign
 from tcdyn.campaign.exponent import speed_law
 from tcdyn.campaign.planned import Logging, planned_test
 from tcdyn.campaign.sufficient_statistics import Loading
@@ -60,8 +60,8 @@ def in_one_piece(kept: SufficientStatistics) -> SufficientStatistics:
 
 def row_of(name: str, kept: list[SufficientStatistics]) -> dict[str, Any]:
     """Mean u over the tests."""
-    found = solve(kept)
-    alone = [solve([k]).estimates[0] for k in kept]
+    found = solve_campaign(kept)
+    alone = [solve_campaign([k]).estimates[0] for k in kept]
     return {
         "junctions": name,
         "u(beta) alone": np.mean([e["beta"].u for e in alone]),

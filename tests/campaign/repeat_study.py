@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from tcdyn.campaign import SufficientStatistics, solve
+from tcdyn.campaign import SufficientStatistics, solve_campaign
 from tcdyn.campaign.planned import CHANNEL_LAG_U_S, COMMON_LAG_U_S, Logging, planned_test
 from tcdyn.rig.rigfile import load_rig
 from tests.campaign.test_planned import plan_of
@@ -49,7 +49,7 @@ def table() -> pd.DataFrame:
                         replace(unknown_lag(k, name, u_s), name=f"D4.{i}")
                         for i, k in enumerate(kept[:count])
                     ]
-                    found = solve(tests)
+                    found = solve_campaign(tests)
                     k, common = (found.shared.index(n) for n in (name, "common lag fast"))
                     c = found.shared_covariance
                     one = found.estimates[0]

@@ -15,8 +15,8 @@ from tcdyn.campaign import SufficientStatistics, compress_likelihood
 from tcdyn.core.errors import InputError
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import joint_fits
-from tcdyn.partition.steady import at_one_radius, steady_lines
-from tcdyn.partition.window import stretch_of
+from tcdyn.partition.steady import steady_lines, with_inner_row_at_one_radius
+from tcdyn.partition.window import fit_rows
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.rigfile import Rig, load_rig
 from tcdyn.simulate.ehl import EhlOptions
@@ -72,8 +72,8 @@ def kept_of(
     name: str, test: EhlTest, rig: str = "drawn"
 ) -> tuple[SufficientStatistics, tuple[float, float]]:
     """The joint fit of both disks alone, compressed; its beta with u."""
-    at = at_one_radius(test)
-    joint, both = joint_fits(at, steady_lines(at, stretch_of(at, 10.0))[1].starts)
+    at = with_inner_row_at_one_radius(test)
+    joint, both = joint_fits(at, steady_lines(at, fit_rows(at, 10.0))[1].starts)
     beta = both.estimates["beta"]
     sides = [joint[d].side for d in DISKS]
     return compress_likelihood(name, rig, at, sides, both.optimum, both.uneven), (

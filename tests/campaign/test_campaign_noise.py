@@ -17,15 +17,17 @@ from tcdyn.campaign.input_noise import (
     smoothing_adjoint,
 )
 from tcdyn.partition.joint import LOG_H, SHARE
-from tcdyn.rig.contact import SETTLE_S, line_length
+from tcdyn.rig.contact import SWITCHING_MARGIN_S, smoothing_samples
 
 DT, LAST, N, BEGUN_S = 0.02, 300, 340, 1.0  # the log's clock begins at a second
 
 
 def stand_in(noise_N: float) -> Any:
     """A test whose disks part at sample 330, its load falling from sample 300 + the settling on."""
-    off = BEGUN_S + (LAST - 0.5) * DT + 0.3 + SETTLE_S
-    events = SimpleNamespace(unload_s=off, parting_s=0.3, load_on_s=BEGUN_S + 2.5 + SETTLE_S)
+    off = BEGUN_S + (LAST - 0.5) * DT + 0.3 + SWITCHING_MARGIN_S
+    events = SimpleNamespace(
+        unload_s=off, parting_s=0.3, load_on_s=BEGUN_S + 2.5 + SWITCHING_MARGIN_S
+    )
     time_s = BEGUN_S + DT * np.arange(N)
     return SimpleNamespace(
         friction_noise_N=noise_N, friction_N=20.0, dt_s=DT, events=events, time_s=time_s
@@ -35,7 +37,7 @@ def stand_in(noise_N: float) -> Any:
 @pytest.mark.parametrize("noise_N", [0.0, 0.6])
 def test_turning_the_smoothing_round_is_its_transpose(noise_N: float) -> None:
     """What a combination of the smoothed friction is of the logged one: S' w, S by its answer to each sample alone."""
-    n = line_length(noise_N, 20.0, DT, LAST)
+    n = smoothing_samples(noise_N, 20.0, DT, LAST)
     straight = savgol_filter(np.eye(LAST), n, 1, axis=0, mode="interp")
     smoothing = np.zeros((N, N))
     smoothing[:LAST, :LAST] = straight
@@ -51,7 +53,7 @@ def test_the_zero_is_known_by_the_longer_of_its_two_stretches() -> None:
     assert friction_zero_u_N(stand_in(0.6)) == pytest.approx(1.25 * 0.6 / np.sqrt(2.5 / DT))
     made = stand_in(0.6)
     made.time_s = BEGUN_S + DT * np.arange(N + 400)
-    after_s = made.time_s[-1] - made.events.unload_s - SETTLE_S
+    after_s = made.time_s[-1] - made.events.unload_s - SWITCHING_MARGIN_S
     assert after_s > 5
     assert friction_zero_u_N(made) == pytest.approx(1.25 * 0.6 / np.sqrt(after_s / DT))
 
@@ -82,7 +84,7 @@ def test_noise_of_the_inputs_is_that_of_each_sample_through_lags_and_blocks(
     )
     side = cast(Any, SimpleNamespace(window=window, y=np.zeros(weight.size)))
     events = SimpleNamespace(
-        unload_s=3.4 * dt + SETTLE_S, parting_s=0.0
+        unload_s=3.4 * dt + SWITCHING_MARGIN_S, parting_s=0.0
     )  # too early for the friction to be smoothed
     test = cast(Any, SimpleNamespace(friction_noise_N=1.0, friction_N=20.0, dt_s=dt, events=events))
     toward = rng.standard_normal((weight.size, 3))

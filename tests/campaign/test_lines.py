@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tcdyn.campaign import JoinedCampaign, joined, solve
+from tcdyn.campaign import JoinedCampaign, joined, solve_campaign
 from tcdyn.campaign.exponent import speed_law
 from tcdyn.campaign.posterior import N_QUANTITIES, Posterior
 from tcdyn.campaign.trends import Curve, curve_test, read_curve, trend
@@ -23,7 +23,7 @@ SD = 0.004
 
 def known(beta: Array, sd: float = SD, exponents: Array | float = 0.7) -> Posterior:
     """A campaign with these beta (N,) and exponents (N,), everything independent and known to ``sd``."""
-    found = solve(toy(3, len(beta)).kept)
+    found = solve_campaign(toy(3, len(beta)).kept)
     answers = found.answers.copy()
     answers[:, 0], answers[:, 1] = beta, np.log(700.0)
     answers[:, 2] = answers[:, 1] - exponents * np.log(RATIO)
@@ -74,7 +74,7 @@ def test_a_trend_is_surest_at_the_mean_of_its_tests_and_loses_by_its_slope_besid
 def test_a_line_over_two_conditions_asks_for_a_test_more_than_one_over_one() -> None:
     """The k-th of these tests has the k-th load and the k-th speed: no two alike."""
     kept = toy(3).kept
-    three, four = (solve([kept[k] for k in (0, 5, 10, 15)[:count]]) for count in (3, 4))
+    three, four = (solve_campaign([kept[k] for k in (0, 5, 10, 15)[:count]]) for count in (3, 4))
     assert trend(three, "load_N") is not None
     assert trend(three, "load_N", "sliding_speed_m_s") is None
     assert trend(four, "load_N", "sliding_speed_m_s") is not None

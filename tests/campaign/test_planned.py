@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tcdyn.campaign import solve
+from tcdyn.campaign import solve_campaign
 from tcdyn.campaign.planned import Logging, PlannedTest, planned_test, predict_campaign, read_plan
 from tcdyn.cli.app import app, run
 from tcdyn.core.errors import InputError
@@ -57,7 +57,7 @@ def test_the_predicted_uncertainty_is_the_fitted_one(name: str) -> None:
     planned = predict_campaign(plan_of(NAMES), rig).table()
     done = drawn(11, NAMES, rig=rig)
     for key, own in (("u_beta", "beta"), ("u_beta_within", "beta_within")):
-        fitted = np.array([e[own].u for e in solve(done.kept).estimates])
+        fitted = np.array([e[own].u for e in solve_campaign(done.kept).estimates])
         assert planned[key].to_numpy(dtype=float) == pytest.approx(fitted, rel=NEAR)
 
 
@@ -91,7 +91,7 @@ def test_a_planned_test_keeps_the_conditions_that_trends_are_sought_over(name: s
     assert told["speed_ratio"] == pytest.approx(4.24, abs=0.001)
     published = TABLE_7_3[list(PROGRAMME).index(name)][0]
     assert told["delta_T_us_K_m_s"] == pytest.approx(published, rel=0.5)
-    found = solve([kept]).estimates[
+    found = solve_campaign([kept]).estimates[
         0
     ]  # its fit stands on the truth, and so does what its records would say
     assert found["beta"].value == pytest.approx(one.beta, abs=1e-6)

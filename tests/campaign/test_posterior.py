@@ -12,18 +12,24 @@ import pytest
 from scipy import stats
 
 from calibration.static_lines import fit_static_lines
-from tcdyn.campaign import SufficientStatistics, checked, joined, rig_fingerprint, solve
+from tcdyn.campaign import (
+    SufficientStatistics,
+    joined,
+    rig_fingerprint,
+    solve_campaign,
+    verify_checksum,
+)
 from tcdyn.campaign.exponent import speed_law
 from tcdyn.campaign.line_fit import fit_line
 from tcdyn.campaign.outliers import outlying_tests
 from tcdyn.campaign.posterior import LAG_TEST_SD_S, N_QUANTITIES, Posterior, u_if_known
-from tcdyn.campaign.result import junctions
+from tcdyn.campaign.result import junction_depths
 from tcdyn.campaign.sufficient_statistics import Loading
 from tcdyn.campaign.tables import paper_csv, paper_latex, paper_table
 from tcdyn.campaign.trends import Curve, curve_test, read_curve, trend
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.io.checksum import sealed
+from tcdyn.io.checksum import with_checksum
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.record import DiskRecord, now_utc
 from tcdyn.rig.rigfile import load_rig, parse_rig
@@ -83,7 +89,7 @@ def dense(tests: tuple[SufficientStatistics, ...]) -> tuple[Array, Array]:
 
 def test_eliminating_test_by_test_gives_what_all_unknowns_at_once_give() -> None:
     made = toy(1, 5)
-    found = solve(made.kept)
+    found = solve_campaign(made.kept)
     answers, covariance = dense(made.kept)
     assert found.answers.ravel() == pytest.approx(answers, abs=1e-8)
     assert found.covariance == pytest.approx(covariance, rel=1e-5, abs=1e-12)
@@ -99,7 +105,9 @@ def errors(made: Toy, found: Posterior) -> tuple[float, float]:
 
 def test_intervals_hold_absolute_and_within_the_campaign() -> None:
     """Chi-squared of both over forty rigs drawn from what they state: 16 and 15 degrees of freedom each."""
-    whole, inside = np.sum([errors(made, solve(made.kept)) for made in map(toy, range(40))], axis=0)
+    whole, inside = np.sum(
+        [errors(made, solve_campaign(made.kept)) for made in map(toy, range(40))], axis=0
+    )
     for total, freedom in ((whole, 640), (inside, 600)):
         low, high = stats.chi2.ppf([0.5 * CHANCE, 1 - 0.5 * CHANCE], freedom)
         assert low < total < high
@@ -112,7 +120,7 @@ def test_junctions_lie_as_much_deeper_as_is_said_in_millimetres_and_their_pulls_
     off, pull = [], []
     for seed in range(20):
         made = toy(seed, 8)
-        deeper, pulls = junctions(solve(made.kept))
+        deeper, pulls = junction_depths(solve_campaign(made.kept))
         for d in DISKS:
             assert set(deeper[d]) == {"e"}
             off.append(
@@ -124,7 +132,7 @@ def test_junctions_lie_as_much_deeper_as_is_said_in_millimetres_and_their_pulls_
 
 def test_differences_are_known_better_than_levels_and_a_campaign_better_than_one_test() -> None:
     made = toy(2)
-    one, many = solve(made.kept[:1]).estimates[0], solve(made.kept).estimates[0]
+    one, many = solve_campaign(made.kept[:1]).estimates[0], solve_campaign(made.kept).estimates[0]
     assert many["beta"].u < one["beta"].u
     assert many["beta_within"].u < 0.5 * many["beta"].u
     assert one["beta_within"].u == one["beta"].u  # alone there is nothing to differ from
@@ -133,12 +141,12 @@ def test_differences_are_known_better_than_levels_and_a_campaign_better_than_one
 def test_a_hundred_tests_take_less_than_two_seconds_and_one_more_a_tenth() -> None:
     made = toy(3, 101)
     begin = perf_counter()
-    found = solve(made.kept[:100])
+    found = solve_campaign(made.kept[:100])
     assert perf_counter() - begin < 2.0
     begin = perf_counter()
-    more = solve(made.kept, found.reduced)
+    more = solve_campaign(made.kept, found.reduced)
     assert perf_counter() - begin < 0.1
-    assert more.answers == pytest.approx(solve(made.kept).answers)
+    assert more.answers == pytest.approx(solve_campaign(made.kept).answers)
 
 
 def test_what_was_kept_reads_back() -> None:
@@ -153,9 +161,9 @@ def test_what_was_kept_reads_back() -> None:
 
 
 def test_an_answer_altered_by_one_digit_is_refused_by_name() -> None:
-    answer = sealed(answer_of(toy(5, 1).kept[0]))
+    answer = with_checksum(answer_of(toy(5, 1).kept[0]))
     text = json.dumps(answer)
-    assert checked(json.loads(text), "D4.beta.json") == answer
+    assert verify_checksum(json.loads(text), "D4.beta.json") == answer
     digits = [k for k, c in enumerate(text) if c.isdigit()]
     rng = np.random.default_rng(0)
     for k in rng.choice(digits, 200, replace=False):
@@ -163,15 +171,15 @@ def test_an_answer_altered_by_one_digit_is_refused_by_name() -> None:
         if json.loads(other) == answer:
             continue  # the last digit of a number that a double cannot tell apart
         with pytest.raises(InputError, match=r"^D4\.beta\.json: "):
-            checked(json.loads(other), "D4.beta.json")
+            verify_checksum(json.loads(other), "D4.beta.json")
     with pytest.raises(InputError, match="no checksum"):
-        checked({"beta": 1}, "old.beta.json")
+        verify_checksum({"beta": 1}, "old.beta.json")
 
 
 def test_tests_of_two_rigs_are_not_mixed() -> None:
     one, other = toy(6, 2).kept, toy(7, 3, rig="another").kept
     with pytest.raises(InputError, match=r"EHL_A3 was analysed with another rig\.toml"):
-        solve([*one, other[2]])
+        solve_campaign([*one, other[2]])
 
 
 def test_a_fingerprint_is_of_the_physics() -> None:
@@ -195,7 +203,7 @@ def _record(disk: str) -> DiskRecord:
 def test_the_exponent_is_found_from_all_tests() -> None:
     z = []
     for seed in range(30):
-        law = speed_law(solve(toy(seed).kept))
+        law = speed_law(solve_campaign(toy(seed).kept))
         z.append((law.exponent.value - EXPONENT) / law.exponent.u)
         assert law.by_speed is not None
     assert stats.chi2.cdf(sum(x * x for x in z), len(z)) == pytest.approx(0.5, abs=0.5 - CHANCE)
@@ -213,7 +221,7 @@ def test_what_would_be_left_if_a_kind_were_known_is_what_is_left_when_it_is_know
         )
         for t in made.kept
     ]
-    before, after = solve(made.kept), solve(known)
+    before, after = solve_campaign(made.kept), solve_campaign(known)
     assert before.widened == after.widened == 1.0
     toward = np.zeros(before.answers.size)
     toward[::N_QUANTITIES] = 1 / len(made.kept)
@@ -233,7 +241,7 @@ def test_a_power_law_that_is_not_enough_is_seen() -> None:
         doubled = np.log2(t.conditions["entraining_speed_m_s"] / 11.0)
         centre[2] += 0.2 * doubled * np.log(t.conditions["speed_ratio"])
         bent.append(replace(t, centre=centre))
-    law = speed_law(solve(bent))
+    law = speed_law(solve_campaign(bent))
     assert law.by_speed is not None
     assert law.p_value is not None
     assert law.by_speed.low95 < -0.2 < law.by_speed.high95
@@ -243,20 +251,20 @@ def test_a_power_law_that_is_not_enough_is_seen() -> None:
 def test_a_trend_over_load_and_speed_together_is_that_of_the_truth() -> None:
     z = []
     for seed in range(30):
-        found = trend(solve(toy(seed).kept), "load_N", "sliding_speed_m_s")
+        found = trend(solve_campaign(toy(seed).kept), "load_N", "sliding_speed_m_s")
         assert found is not None
         z += [(s.value - true) / s.u for s, true in zip(found.slopes, (PER_N, PER_M_S))]
     assert stats.chi2.cdf(sum(x * x for x in z), len(z)) == pytest.approx(0.5, abs=0.5 - CHANCE)
 
 
 def test_a_line_that_leaves_something_out_says_so() -> None:
-    found = trend(solve(toy(9).kept), "load_N")
+    found = trend(solve_campaign(toy(9).kept), "load_N")
     assert found is not None
     assert (
         found.scatter > 0.005
     )  # the sliding speed's part: 3e-3 times the spread of speeds, 3.7 m/s rms
     assert found.enough < 1e-6
-    assert trend(solve(toy(9).kept[:2]), "load_N") is None
+    assert trend(solve_campaign(toy(9).kept[:2]), "load_N") is None
 
 
 def test_a_known_covariance_beats_equal_weights_where_errors_are_common() -> None:
@@ -277,7 +285,7 @@ def test_a_test_with_friction_off_is_named_with_its_size(low: float) -> None:
     off = (1 / low - 1) / at.units["friction"]
     odd = replace(at, right=at.right + at.rows[:, k] * off)
     tests = [odd if t is at else t for t in made.kept]
-    found = outlying_tests(solve(tests))
+    found = outlying_tests(solve_campaign(tests))
     assert [(s.name, s.cause) for s in found] == [(at.name, "friction")]
     assert abs(found[0].size.value - (1 / low - 1)) < 4 * found[0].size.u
     assert found[0].explained
@@ -291,15 +299,15 @@ def test_a_test_with_friction_off_is_named_with_its_size(low: float) -> None:
 
 
 def test_sound_campaigns_name_no_test() -> None:
-    named = sum(bool(outlying_tests(solve(toy(seed).kept))) for seed in range(60))
+    named = sum(bool(outlying_tests(solve_campaign(toy(seed).kept))) for seed in range(60))
     assert named <= stats.binom.ppf(1 - CHANCE, 60, 0.05)
 
 
 def test_a_model_s_curve_is_laid_over_the_tests(tmp_path: Path) -> None:
-    found = solve(toy(11).kept)
+    found = solve_campaign(toy(11).kept)
     load = np.array([800.0, 2400.0])
     speed = np.array([t.conditions["sliding_speed_m_s"] for t in found.tests])
-    at_one_speed = solve([t for t, u in zip(found.tests, speed) if u == 13.0])
+    at_one_speed = solve_campaign([t for t, u in zip(found.tests, speed) if u == 13.0])
     line = 0.70 + PER_N * (load - 1620.0) + PER_M_S * (13.0 - 15.0)
     right = curve_test(at_one_speed, Curve("m.csv", "load_N", load, line, np.zeros(2)))
     wrong = curve_test(at_one_speed, Curve("m.csv", "load_N", load, line[::-1], np.zeros(2)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tcdyn.chain import NO_CONDITIONING, Chain, Structure, cement_lags, equalised
+from tcdyn.chain import NO_CONDITIONING, Chain, ChainStructure, cement_lags, equalise
 from tcdyn.core.errors import InputError
 from tcdyn.rig.disk import Conditioning
 from tcdyn.smoothing import smooth
@@ -146,7 +146,7 @@ def test_a_channel_is_made_to_read_as_another_chain_would(name):
     own, common = KINDS[name]
     t = np.arange(0, 30, 1 / 75)
     x = 100 - 15 * (1 - np.exp(-np.clip(t - 10, 0, None) / 3))
-    made = equalised(own.response(x, 1 / 75)[:, None], 1 / 75, [own], common)[:, 0]
+    made = equalise(own.response(x, 1 / 75)[:, None], 1 / 75, [own], common)[:, 0]
     wanted = common.response(x, 1 / 75)
     assert np.abs(own.response(x, 1 / 75) - wanted).max() > 0.1
     assert (
@@ -158,9 +158,9 @@ def test_before_its_first_sample_a_column_stood_at_the_mean_of_its_first_second(
     rng, (own, common) = np.random.default_rng(5), KINDS["lags"]
     y = 80 + rng.standard_normal((300, 2))
     y[0] += 10  # one spike at the start is no level
-    made = equalised(y, 1 / 75, [own, own], common)
+    made = equalise(y, 1 / 75, [own, own], common)
     rested = np.concatenate([np.tile(y[:75].mean(axis=0), (1500, 1)), y])
-    assert np.abs(made - equalised(rested, 1 / 75, [own, own], common)[1500:]).max() < 1e-6
+    assert np.abs(made - equalise(rested, 1 / 75, [own, own], common)[1500:]).max() < 1e-6
 
 
 @pytest.mark.parametrize(
@@ -174,7 +174,7 @@ def test_before_its_first_sample_a_column_stood_at_the_mean_of_its_first_second(
 )
 def test_structures_that_cannot_be_are_refused(name, words):
     with pytest.raises(InputError, match=words):
-        Structure.of(name)
+        ChainStructure.of(name)
 
 
 def test_one_lag_is_a_number_several_a_list_and_no_filter_is_added() -> None:

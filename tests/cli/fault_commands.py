@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from tcdyn.sensors import stated, write_sensor
+from tcdyn.sensors import specified_sensor, write_sensor
 from tests.cli.fault_world import (
     FILES,
     PROBLEMS,
@@ -238,7 +238,7 @@ def small_files(folder: Path) -> dict[str, Path]:
         "[fit]\ninterference_um = 25\n[disk]\nbore_radius_mm = 15\n", encoding="utf-8"
     )
     files["sensor"] = write_sensor(
-        stated("s", ["T1_degC"], [(0.5, 0.02)]), folder / "s.sensor.json"
+        specified_sensor("s", ["T1_degC"], [(0.5, 0.02)]), folder / "s.sensor.json"
     )
     return files
 

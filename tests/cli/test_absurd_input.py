@@ -15,7 +15,7 @@ from pyarrow import parquet as pq
 
 from tcdyn.campaign.tables import TEX
 from tcdyn.core.errors import InputError
-from tcdyn.io.read import MOST_COLUMNS, open_table
+from tcdyn.io.read import MAX_COLUMNS, open_table
 from tcdyn.report.page import Section, figure_data_uri, render_page
 from tests.cli.fault_commands import small_files
 from tests.cli.test_main_job import tcdyn
@@ -183,14 +183,14 @@ def test_a_file_that_unpacks_to_gigabytes_is_refused_by_a_limit_that_is_told(
 
 
 def test_a_table_has_a_bounded_number_of_columns(tmp_path: Path) -> None:
-    for many in (MOST_COLUMNS, MOST_COLUMNS + 1):
+    for many in (MAX_COLUMNS, MAX_COLUMNS + 1):
         path = tmp_path / "wide.parquet"
         pq.write_table(pa.table({f"c{i}": [1.0] for i in range(many)}), path)
-        if many == MOST_COLUMNS:
+        if many == MAX_COLUMNS:
             assert len(open_table(path).names) == many
         else:
             with pytest.raises(
-                InputError, match=f"has {many} columns; expected at most {MOST_COLUMNS}"
+                InputError, match=f"has {many} columns; expected at most {MAX_COLUMNS}"
             ):
                 open_table(path)
 

@@ -15,7 +15,7 @@ import pandas as pd
 import pytest
 
 from tcdyn.core.errors import InputError
-from tcdyn.report.certificate import FIT, certificate_verdict, channel_verdicts
+from tcdyn.report.certificate import FIT_TO_USE, certificate_verdict, channel_verdicts
 from tcdyn.rig.record import read_record
 from tcdyn.workflows import calibrate_disk
 from tcdyn.workflows.calibrate import CalibrationRun
@@ -342,5 +342,5 @@ def test_a_noisy_channel_is_not_called_fit_to_use(campaign: Campaign, tmp_path: 
     assert certificate_verdict(record).startswith(
         "Disk fast: 5 of 6 thermocouples fit to use, not e;"
     )
-    assert {c for c, said in channel_verdicts(record).items() if said != FIT} == {"e"}
+    assert {c for c, said in channel_verdicts(record).items() if said != FIT_TO_USE} == {"e"}
     assert "5 of 6 thermocouples fit to use, not e;" in page.read_text(encoding="utf-8")

@@ -15,10 +15,10 @@ import pytest
 
 from tcdyn.cli.app import run
 from tcdyn.core.errors import InputError
-from tcdyn.io.checksum import ALTERED, sealed
+from tcdyn.io.checksum import ALTERED_CODE, with_checksum
 from tcdyn.io.write import log_writer, write_log, write_text
 from tcdyn.rig.record import read_record
-from tcdyn.sensors import read_sensor, stated, write_sensor
+from tcdyn.sensors import read_sensor, specified_sensor, write_sensor
 from tcdyn.workflows.campaign_results import read_result
 
 
@@ -62,13 +62,13 @@ def test_a_flipped_bit_of_a_stored_file_is_told_or_changes_nothing(
         cast(Callable[[Path], Any], read_sensor),
     )
     if kind == "sensor":
-        write_sensor(stated("s", ["T1"], [(0.5, 0.02)]), path)
+        write_sensor(specified_sensor("s", ["T1"], [(0.5, 0.02)]), path)
     elif kind == "record":
         read = read_record
         path.write_bytes(campaign.record_paths["fast"].read_bytes())
     else:
         read = read_result
-        path.write_text(json.dumps(sealed({"beta": rng.normal(size=50)})), encoding="utf-8")
+        path.write_text(json.dumps(with_checksum({"beta": rng.normal(size=50)})), encoding="utf-8")
     whole, sound, said = path.read_bytes(), read(path), []
     for _ in range(500):
         damaged = bytearray(whole)
@@ -76,7 +76,9 @@ def test_a_flipped_bit_of_a_stored_file_is_told_or_changes_nothing(
         path.write_bytes(damaged)
         try:
             found = read(path)
-            assert found == sound or ALTERED in [f.code for f in found.findings], bytes(damaged)
+            assert found == sound or ALTERED_CODE in [f.code for f in found.findings], bytes(
+                damaged
+            )
         except (InputError, ValueError) as problem:
             said.append(str(problem))
     assert not any("\n" in sentence for sentence in said)

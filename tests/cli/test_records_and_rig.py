@@ -12,7 +12,7 @@ import pytest
 from tcdyn.cli.app import app, run
 from tcdyn.partition.analyse import Partition
 from tcdyn.rig.log import write_log
-from tcdyn.rig.opened_log import rig_of
+from tcdyn.rig.opened_log import rig_from_records
 from tcdyn.rig.record import read_record, write_record
 from tcdyn.rig.rigfile import load_rig
 from tcdyn.workflows import compensate_log, estimate_beta
@@ -81,7 +81,7 @@ def test_a_rig_file_that_is_not_the_records_is_said(
 def test_one_record_alone_remembers_its_columns(campaign: Campaign) -> None:
     setup = campaign.records["slow"].setup.model_copy(update={"columns": {"load_N": "Load"}})
     record = campaign.records["slow"].model_copy(update={"setup": setup})
-    assert rig_of({"slow": record}).columns()["load_N"] == "Load"
+    assert rig_from_records({"slow": record}).columns()["load_N"] == "Load"
 
 
 @pytest.mark.e2e

@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 import tcdyn
-from calibration.compare import diff_records
+from calibration.compare import compare_records
 from tcdyn.core.errors import InputError
 from tcdyn.core.result import Result
 from tcdyn.rig.disk import Conditioning
@@ -42,7 +42,7 @@ def results(
     from tcdyn.design.compare import compare_tests
     from tcdyn.design.plans import PlungePlan
     from tcdyn.simulate.plunge import simulate_hole
-    from tcdyn.smoothing import before_use, proper_inverse
+    from tcdyn.smoothing import proper_inverse, report_inverse
 
     rig, records, log = campaign.rig, campaign.records, campaign.files.ehl["B3"]
     chain = tcdyn.Chain((0.6, 0.1), conditioning=RIG_FILTER)
@@ -64,7 +64,7 @@ def results(
         rig,
         tcdyn.read_log(log, "ehl", rig),
         records["fast"],
-        diff_records(records["fast"], records["fast"]),
+        compare_records(records["fast"], records["fast"]),
         campaign.files,
         calibrations["fast"],
         calibrations["fast"].oven,
@@ -73,7 +73,7 @@ def results(
         DemoRun(campaign.files, calibrations, {"B3": beta}, {"B3": compensated}, comparison),
         chain,
         tcdyn.smooth(y, 0.1, chain, lag_covariance=np.array([[0.01]])),
-        before_use(proper_inverse(chain, 0.1, 1.0), 0.1),
+        report_inverse(proper_inverse(chain, 0.1, 1.0), 0.1),
         data,
         fitted,
         fitted.identified,

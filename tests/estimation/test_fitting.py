@@ -12,19 +12,19 @@ from tcdyn.estimation import (
     Problem,
     Status,
     correlation_length,
-    crossing,
-    determined,
-    eliminated,
+    covariance_from_rows,
+    eliminate_linear,
+    first_crossing,
     free_directions,
-    from_rows,
-    held,
     inverse,
+    is_full_rank,
     minimise,
+    minimise_constrained,
     profile,
-    sandwich,
-    wave_factor,
+    sandwich_covariance,
+    slow_variance_factor,
 )
-from tcdyn.estimation.noise_average import GRID, ZOOMS, NoiseGrid, Slopes, widest
+from tcdyn.estimation.noise_average import GRID, ZOOMS, LinearisedProblem, NoiseGrid, full_box
 
 
 def line(design: Array, y: Array) -> Evaluate:
@@ -102,7 +102,7 @@ def test_fixed_combinations_stay_and_narrow_the_covariance() -> None:
     )
     assert best.covariance[0, 1] == pytest.approx(-best.covariance[0, 0], rel=1e-9)
     assert best.u(np.array([1.0, 1.0, 0.0])) == pytest.approx(0.0, abs=1e-9)
-    assert held(best, "c", 1.0).theta[:2].sum() == pytest.approx(1.0, abs=1e-12)
+    assert minimise_constrained(best, "c", 1.0).theta[:2].sum() == pytest.approx(1.0, abs=1e-12)
 
 
 def test_free_parameters_keep_their_own_axes() -> None:
@@ -260,16 +260,16 @@ def test_a_profile_of_a_function_of_a_parameter_steps_in_the_function() -> None:
 
 
 def test_crossing_is_none_where_the_level_is_never_reached() -> None:
-    assert crossing(np.arange(3.0), np.array([0.0, 0.1, 0.2])) is None
+    assert first_crossing(np.arange(3.0), np.array([0.0, 0.1, 0.2])) is None
 
 
 def test_unseen_directions_are_told() -> None:
     rows = np.column_stack([np.ones(9), 2 * np.ones(9)])
-    assert not determined(rows.T @ rows)
-    assert from_rows(rows)[1] < 1e-12
+    assert not is_full_rank(rows.T @ rows)
+    assert covariance_from_rows(rows)[1] < 1e-12
     seen = np.column_stack([1e-9 * np.ones(9), 1e9 * np.arange(9.0)])
-    assert determined(seen.T @ seen)
-    assert from_rows(seen)[0] == pytest.approx(inverse(seen.T @ seen), rel=1e-9)
+    assert is_full_rank(seen.T @ seen)
+    assert covariance_from_rows(seen)[0] == pytest.approx(inverse(seen.T @ seen), rel=1e-9)
 
 
 def test_coloured_residuals_widen_the_mean_by_their_long_run_variance() -> None:
@@ -281,19 +281,19 @@ def test_coloured_residuals_widen_the_mean_by_their_long_run_variance() -> None:
         e[k] = a * e[k - 1] + w
     factor = (1 + a) / (1 - a)
     design = np.ones((n, 1))
-    ratio = sandwich(design, e, [slice(0, n)])[0, 0] / (np.var(e) / n)
+    ratio = sandwich_covariance(design, e, [slice(0, n)])[0, 0] / (np.var(e) / n)
     assert ratio == pytest.approx(factor, rel=0.06)
     assert correlation_length(e) == pytest.approx(
         factor, rel=0.15
     )  # short-memory estimate of a sum over lags
     white = rng.standard_normal((5000, 3))
-    assert wave_factor(white) < 1.6  # 3 x 24 squares: 1 + 3 sqrt(2/72)
-    assert wave_factor(white + np.sin(np.arange(5000) / 800)[:, None]) > 50
+    assert slow_variance_factor(white) < 1.6  # 3 x 24 squares: 1 + 3 sqrt(2/72)
+    assert slow_variance_factor(white + np.sin(np.arange(5000) / 800)[:, None]) > 50
 
 
 @pytest.mark.parametrize("width", [0.5, 0.05, 0.0005])
 def test_the_box_of_a_noise_grid_is_that_of_its_nodes_however_often_it_is_drawn_closer(width):
-    class Peaked(Slopes):
+    class Peaked(LinearisedProblem):
         """ln likelihood that falls by 0.5 within ``width`` of one noise."""
 
         def given(self, noise):
@@ -304,7 +304,7 @@ def test_the_box_of_a_noise_grid_is_that_of_its_nodes_however_often_it_is_drawn_
     asked: list[tuple[float, float]] = []
     n = 2000
     slopes = Peaked(np.zeros(n), np.ones((n, 1)), np.ones(1), np.zeros((0, 2)), [slice(0, n)], 0)
-    grid = NoiseGrid.of(slopes, widest(n))
+    grid = NoiseGrid.of(slopes, full_box(n))
     step = np.ptp(grid.box, axis=1) / GRID
     assert np.allclose(grid.places.min(axis=0), grid.box[:, 0] + 0.5 * step)
     assert np.allclose(grid.places.max(axis=0), grid.box[:, 1] - 0.5 * step)
@@ -361,7 +361,7 @@ def test_what_enters_linearly_is_at_its_best_wherever_the_others_are() -> None:
         prior_mean=np.r_[0.0, 0.0, prior],
         prior_sd=np.r_[np.inf, np.inf, prior_sd],
     )
-    few = eliminated(whole, 2, rng.normal(size=12))
+    few = eliminate_linear(whole, 2, rng.normal(size=12))
 
     def cost(theta: np.ndarray) -> float:
         rows = np.vstack([linear, np.diag(1 / prior_sd)])

@@ -10,7 +10,7 @@ from scipy.special import expit
 
 from tcdyn.core import Array
 from tcdyn.estimation import (
-    Noise,
+    NoiseModel,
     Problem,
     autocovariance,
     correlation_length,
@@ -18,31 +18,38 @@ from tcdyn.estimation import (
     fit_arma,
     inverse,
     minimise,
-    orthonormal,
+    orthonormal_basis,
     robust_covariance,
-    sandwich,
-    wave_factor,
+    sandwich_covariance,
+    slow_variance_factor,
 )
-from tcdyn.estimation.levenberg_marquardt import weights_of
-from tcdyn.estimation.noise_average import GAIN, OUTLASTS, NoiseGrid, Slopes, noise_of, widest
+from tcdyn.estimation.levenberg_marquardt import robust_weights
+from tcdyn.estimation.noise_average import (
+    GAIN,
+    RANDOM_WALK_PROBABILITY,
+    LinearisedProblem,
+    NoiseGrid,
+    first_order_noise,
+    full_box,
+)
 
 
 def test_a_first_order_noise_forgets_in_its_time_constant_and_counts_for_so_many_independent_samples() -> (
     None
 ):
     """AR(1): n (1 - a)/(1 + a); MA(1): n (1 + c^2)/(1 + c)^2; a walk beneath white noise never forgets."""
-    slow = Noise(ar=(-0.8,))
+    slow = NoiseModel(ar=(-0.8,))
     assert slow.memory == pytest.approx(-1 / np.log(0.8))
     assert slow.independent(1000) == pytest.approx(1000 * 0.2 / 1.8)
-    assert Noise(ma=(0.5,)).independent(1000) == pytest.approx(1000 * 1.25 / 2.25)
-    assert Noise(ma=(0.5,)).memory == 0.0
-    assert (Noise().independent(7), Noise().memory) == (7.0, 0.0)
-    assert Noise(ar=(-0.999,)).independent(100) == 2.0
-    walk = Noise((-1.0,), (-0.6,), True)
+    assert NoiseModel(ma=(0.5,)).independent(1000) == pytest.approx(1000 * 1.25 / 2.25)
+    assert NoiseModel(ma=(0.5,)).memory == 0.0
+    assert (NoiseModel().independent(7), NoiseModel().memory) == (7.0, 0.0)
+    assert NoiseModel(ar=(-0.999,)).independent(100) == 2.0
+    walk = NoiseModel((-1.0,), (-0.6,), True)
     assert walk.memory == np.inf
     assert walk.walks
     assert walk.order == (0, 1)
-    both = Noise((-1.3, 0.4), (0.2,))  # poles 0.8 and 0.5
+    both = NoiseModel((-1.3, 0.4), (0.2,))  # poles 0.8 and 0.5
     assert both.memory == pytest.approx(-1 / np.log(0.8))
     assert (both.order, both.parameters, both.walks) == ((2, 1), 3, False)
 
@@ -50,16 +57,16 @@ def test_a_first_order_noise_forgets_in_its_time_constant_and_counts_for_so_many
 def test_a_disturbance_of_a_time_constant_beneath_white_noise_is_its_kalman_filter() -> None:
     """Of an infinite gain nothing but it, AR(1); of gain K: the innovations of v + w have C = 1 - a (1 - K) q^-1."""
     a = np.exp(-1 / 5.0)
-    assert noise_of(np.log(5.0), 40.0).ar == pytest.approx((-a,))
-    assert noise_of(np.log(5.0), 40.0).ma == pytest.approx((0.0,), abs=1e-15)
+    assert first_order_noise(np.log(5.0), 40.0).ar == pytest.approx((-a,))
+    assert first_order_noise(np.log(5.0), 40.0).ma == pytest.approx((0.0,), abs=1e-15)
     p = 1.0  # steady Riccati: variance of v before a sample, white noise 1, steps q
     for _ in range(500):
         p = a**2 * p / (p + 1) + 0.3
     k = p / (p + 1)
-    assert noise_of(np.log(5.0), np.log(k / (1 - k))).ma == pytest.approx((-a * (1 - k),))
+    assert first_order_noise(np.log(5.0), np.log(k / (1 - k))).ma == pytest.approx((-a * (1 - k),))
     lag = np.arange(40)
     cov = toeplitz(0.3 / (1 - a**2) * a**lag + (lag == 0))
-    told = noise_of(np.log(5.0), np.log(k / (1 - k)))
+    told = first_order_noise(np.log(5.0), np.log(k / (1 - k)))
     white = told.whiten(np.linalg.cholesky(cov), [slice(0, 40)]) / np.sqrt(p + 1)
     assert white @ white.T == pytest.approx(np.eye(40), abs=1e-9)
     assert told.log_spread([slice(0, 40)]) == pytest.approx(
@@ -67,10 +74,10 @@ def test_a_disturbance_of_a_time_constant_beneath_white_noise_is_its_kalman_filt
     )
 
 
-class Flat(Slopes):
+class Flat(LinearisedProblem):
     """Data that tell noises nothing: one step of x, of variance one, whatever the noise."""
 
-    def given(self, noise: Noise) -> tuple[float, Array, Array]:
+    def given(self, noise: NoiseModel) -> tuple[float, Array, Array]:
         return 3.0, np.array([0.25]), np.eye(1)
 
 
@@ -78,13 +85,13 @@ def test_where_all_noises_are_as_likely_their_prior_is_left() -> None:
     """Gains from 0 to 1 alike; four fifths of time constants beyond the record; white noise as much as all of them."""
     n = 1000
     slopes = Flat(np.zeros(n), np.ones((n, 1)), np.ones(1), np.zeros((0, 2)), [slice(0, n)], 0)
-    grid = NoiseGrid.of(slopes, widest(n))
-    evidence, walks, _, step, covariance = grid.integrated(slopes, [Noise()])
+    grid = NoiseGrid.of(slopes, full_box(n))
+    evidence, walks, _, step, covariance = grid.integrated(slopes, [NoiseModel()])
     of_gains = expit(GAIN[1]) - expit(GAIN[0])
     assert np.exp(evidence - 3.0) == pytest.approx(
         1 + of_gains, rel=0.08
     )  # 12 x 8 nodes, edges of the record between
-    assert walks == pytest.approx(OUTLASTS * of_gains / (1 + of_gains), rel=0.12)
+    assert walks == pytest.approx(RANDOM_WALK_PROBABILITY * of_gains / (1 + of_gains), rel=0.12)
     assert step == pytest.approx([0.25])
     assert covariance[0, 0] == pytest.approx(1.0)
 
@@ -121,7 +128,7 @@ def test_of_white_residuals_the_sandwich_is_the_plain_covariance_with_its_prior(
     e = rng.permutation(e)
     assert fit_ar(e, [slice(0, 20)]).white
     plain = float(e @ e) / 18 * np.linalg.inv(j.T @ j + np.diag(known))
-    assert sandwich(j, e, [slice(0, 20)], known) == pytest.approx(plain)
+    assert sandwich_covariance(j, e, [slice(0, 20)], known) == pytest.approx(plain)
 
 
 def test_huber_s_covariance_of_a_mean_is_his_formula() -> None:
@@ -134,7 +141,7 @@ def test_huber_s_covariance_of_a_mean_is_his_formula() -> None:
     assert robust_covariance(r, np.ones((23, 1)), "huber")[0, 0] == pytest.approx(expected)
     z = r / (4.685 * 1.4826 * np.median(np.abs(r)))
     weights = np.where(np.abs(z) < 1, (1 - z**2) ** 2, 0.0)
-    assert weights_of(r, "bisquare") == pytest.approx(weights)
+    assert robust_weights(r, "bisquare") == pytest.approx(weights)
     h = 1e-6  # psi' of the bisquare by differences
     slope = ((z + h) * (1 - (z + h) ** 2) ** 2 - (z - h) * (1 - (z - h) ** 2) ** 2) / (2 * h)
     slope[np.abs(z) > 1] = 0.0
@@ -147,15 +154,17 @@ def test_huber_s_covariance_of_a_mean_is_his_formula() -> None:
 
 def test_slow_waves_count_by_the_sums_they_fill() -> None:
     """Of ones, sums over m = N/25 samples have the mean square m; a channel that holds nothing does not count."""
-    assert wave_factor(np.ones((1000, 1))) == pytest.approx(40.0)
-    assert wave_factor(np.column_stack([np.ones(1000), np.zeros(1000)])) == pytest.approx(40.0)
-    assert wave_factor(np.tile([1.0, -1.0], 500)[:, None]) == 1.0
-    assert wave_factor(np.ones((1010, 1)), sums=10) == pytest.approx(101.0)
+    assert slow_variance_factor(np.ones((1000, 1))) == pytest.approx(40.0)
+    assert slow_variance_factor(np.column_stack([np.ones(1000), np.zeros(1000)])) == pytest.approx(
+        40.0
+    )
+    assert slow_variance_factor(np.tile([1.0, -1.0], 500)[:, None]) == 1.0
+    assert slow_variance_factor(np.ones((1010, 1)), sums=10) == pytest.approx(101.0)
 
 
 def test_directions_that_are_one_are_left_out() -> None:
     table = np.column_stack([np.arange(5.0), 1e6 * np.arange(5.0), np.ones(5), np.zeros(5)])
-    q = orthonormal(table)
+    q = orthonormal_basis(table)
     assert q.T @ q == pytest.approx(np.eye(2), abs=1e-12)
     assert q @ (q.T @ table) == pytest.approx(table, rel=1e-9, abs=1e-9)
     known = np.array([[2.0, 1.0], [1.0, 3.0]])
@@ -194,6 +203,6 @@ def test_correlations_are_summed_up_to_the_first_that_chance_explains() -> None:
 def test_the_scale_of_robust_weights_is_about_the_median_and_the_weights_are_about_nought() -> None:
     r = np.linspace(-1, 1, 21) + 0.3
     limit = 1.345 * 1.4826 * 0.5
-    assert weights_of(r, "huber") == pytest.approx(
+    assert robust_weights(r, "huber") == pytest.approx(
         np.minimum(1.0, limit / np.maximum(np.abs(r), 1e-12))
     )

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tcdyn.heat.rim import Rim, points_of
+from tcdyn.heat.rim import Rim, junction_points
 from tcdyn.rig.rigfile import load_rig
 
 
@@ -18,4 +18,4 @@ def rim(setup):
 
 @pytest.fixture(scope="session")
 def points(setup):
-    return points_of(setup, "ace")
+    return junction_points(setup, "ace")

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import least_squares
 
-from tcdyn.heat.engine import Drive
+from tcdyn.heat.engine import RimInputs
 from tcdyn.heat.modal import rim_gains
-from tcdyn.heat.rim import Mesh, Profile, Rim, Switch, node_rates, points_of
+from tcdyn.heat.rim import InputJump, Mesh, Profile, Rim, basis_rates, junction_points
 from tcdyn.simulate.implicit import Stepping, integrate, steady_state
 from tcdyn.simulate.mesh import DiskMesh, build_system
 from tcdyn.simulate.truth import DiskTruth, draw_truth
@@ -73,13 +73,13 @@ def bias(case: Case, profile: Profile, mesh: Mesh) -> ProfileBias:
     steps = (OFF_S - case.time_s[0]) / DT_S
     index = int(steps)
     heat = np.where(np.arange(n) <= index, case.power_W, 0.0)
-    switch = Switch(index, steps - index, case.power_W, 0.0)
-    drive = Drive(DT_S, heat, *case.read("dbf"), np.full(n, AMBIENT), switches=(switch,))
-    rates = node_rates(DT_S)
+    switch = InputJump(index, steps - index, case.power_W, 0.0)
+    drive = RimInputs(DT_S, heat, *case.read("dbf"), np.full(n, AMBIENT), switches=(switch,))
+    rates = basis_rates(DT_S)
     window = slice(int(10 / DT_S), int(30 / DT_S))
     banks, inputs = [drive.bank(k, rates)[window] for k in range(5)], drive.inputs[window]
     seen = np.stack(case.read("ace"), axis=1)[window]
-    rim, points = Rim.from_setup(case.disk.setup), points_of(case.disk.setup, "ace")
+    rim, points = Rim.from_setup(case.disk.setup), junction_points(case.disk.setup, "ace")
 
     def misfit(p: np.ndarray) -> np.ndarray:
         gains = rim_gains(

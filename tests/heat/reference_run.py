@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from tcdyn.heat.engine import Drive, map_beta_h
+from tcdyn.heat.engine import RimInputs, map_beta_h
 from tcdyn.heat.modal import RimGains, spectrum
 from tcdyn.heat.reference import CrankNicolson, Scheme, steady_field
 from tcdyn.heat.rim import Mesh, Point, Rim
@@ -26,7 +26,13 @@ def hertz_cells(rim: Rim, half_width_m: float, nz: int) -> np.ndarray:
 
 
 def simulate_rim(
-    rim: Rim, drive: Drive, h: float, points: list[Point], half_width_m: float, share=1.0, **options
+    rim: Rim,
+    drive: RimInputs,
+    h: float,
+    points: list[Point],
+    half_width_m: float,
+    share=1.0,
+    **options,
 ):
     """Temperatures (N, P) of one pair of the map."""
     return map_beta_h(rim, drive, share, h, points, half_width_m, **options)[0, 0].T
@@ -42,7 +48,7 @@ def respond(gains: RimGains, banks: list[np.ndarray], inputs: np.ndarray) -> np.
 def run_reference(
     rim: Rim,
     s: Scheme,
-    drive: Drive,
+    drive: RimInputs,
     shapes: np.ndarray,
     flux: np.ndarray,
     points: list[Point],
@@ -89,7 +95,7 @@ def run_reference(
 
 def heating_and_cooling(
     duration_s: float, on_s: float, off_s: float, power: float = 260.0, dt: float = 1 / 75
-) -> Drive:
+) -> RimInputs:
     """A test like B3: the inner row follows the heat slowly, the sides differ, the enclosure warms."""
     t = np.arange(round(duration_s / dt)) * dt
     heat = np.where((t >= on_s - 1e-9) & (t < off_s - 1e-9), power, 0.0)
@@ -99,7 +105,7 @@ def heating_and_cooling(
         off = np.clip(t - off_s, 0, None)
         return rise * ((1 - np.exp(-on / tau)) - (1 - np.exp(-off / tau)))
 
-    return Drive(
+    return RimInputs(
         dt, heat, 60 + follow(31, 9), 60 + follow(34, 8), 60 + follow(30, 10), 55 + follow(5, 60)
     )
 

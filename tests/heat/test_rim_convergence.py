@@ -8,7 +8,7 @@ import pytest
 from tcdyn.heat.engine import free_decay, step_fields
 from tcdyn.heat.modal import rim_gains
 from tcdyn.heat.reference import product_decay_K, ring_steady_degC, ring_transient_degC
-from tcdyn.heat.rim import Mesh, node_rates
+from tcdyn.heat.rim import Mesh, basis_rates
 
 H = 700.0
 
@@ -72,7 +72,7 @@ def test_second_order_at_the_junctions_under_a_hertz_track(rim, points):
     inputs = np.array([230.0, 121.0, 124.0, 122.0, 70.0])
     meshes = [Mesh(17, 27), Mesh(33, 53), Mesh(65, 105), Mesh(257, 417)]
     *ours, finest = (
-        rim_gains(rim, H, points, 1.63e-3, node_rates(1 / 75), mesh=mesh).static.T @ inputs
+        rim_gains(rim, H, points, 1.63e-3, basis_rates(1 / 75), mesh=mesh).static.T @ inputs
         for mesh in meshes
     )
     errors = [np.abs(x - finest).max() for x in ours]

@@ -14,17 +14,17 @@ from reference_run import (
 )
 
 from tcdyn.core.errors import InputError
-from tcdyn.heat.engine import Drive, fields_at, map_beta_h
+from tcdyn.heat.engine import RimInputs, fields_at, map_beta_h
 from tcdyn.heat.modal import rim_gains
 from tcdyn.heat.reference import scheme, steady_field
-from tcdyn.heat.rim import Mesh, Rim, Switch, node_rates
+from tcdyn.heat.rim import InputJump, Mesh, Rim, basis_rates
 
 DT, B, MESH = 1 / 75, 1.62e-3, Mesh(33, 53)
 
 
 def test_a_rim_at_one_temperature_stays_there(rim, points):
     for profile in ("modal", "quadratic", "quartic"):
-        gains = rim_gains(rim, 650.0, points, B, node_rates(DT), profile=profile)
+        gains = rim_gains(rim, 650.0, points, B, basis_rates(DT), profile=profile)
         # heat conservation of the scheme; condition of the eigenproblem leaves 1e-9
         np.testing.assert_allclose(gains.static[1:].sum(axis=0), 1.0, atol=1e-9)
 
@@ -70,14 +70,14 @@ def test_a_switch_inside_a_sample_equals_a_finer_record_that_meets_it(rim, point
     every = slice(None, None, 10)
     index = 150
     heat = fine.power_W[every].copy()
-    coarse = Drive(
+    coarse = RimInputs(
         DT,
         heat,
         fine.d_degC[every],
         fine.b_degC[every],
         fine.f_degC[every],
         fine.ambient_degC[every],
-        switches=(Switch(index, 0.4, 260.0, 0.0),),
+        switches=(InputJump(index, 0.4, 260.0, 0.0),),
     )
     a = simulate_rim(rim, coarse, 700.0, points, B, mesh=MESH)
     b = simulate_rim(rim, fine, 700.0, points, B, mesh=MESH)[every]
@@ -91,7 +91,7 @@ def test_a_switch_inside_a_sample_equals_a_finer_record_that_meets_it(rim, point
 
 
 def test_steady_state_is_the_schemes_own(rim, points):
-    g = rim_gains(rim, 450.0, points, B, node_rates(DT), mesh=MESH)
+    g = rim_gains(rim, 450.0, points, B, basis_rates(DT), mesh=MESH)
     s = scheme(rim, 450.0, MESH)
     field = steady_field(s, s.outer @ hertz_cells(rim, B, 53)).reshape(32, 53)
     r = np.linspace(rim.inner_radius_m, rim.outer_radius_m, 33)[1:]
@@ -122,7 +122,7 @@ def test_fields_pass_through_the_junctions(rim, points, setup):
 def test_a_map_is_the_single_runs(rim, points):
     drive = heating_and_cooling(30.0, 1.0, 20.0)
     table = map_beta_h(rim, drive, [0.3, 0.8], [300.0, 900.0], points, B, mesh=MESH)
-    rates = node_rates(DT)
+    rates = basis_rates(DT)
     banks, inputs = [drive.bank(k, rates) for k in range(5)], drive.inputs * [0.3, 1, 1, 1, 1]
     banks[0] = 0.3 * banks[0]
     one = respond(rim_gains(rim, 900.0, points, B, rates, mesh=MESH), banks, inputs)
@@ -131,7 +131,7 @@ def test_a_map_is_the_single_runs(rim, points):
 
 def test_warmer_air_on_one_side_warms_that_side_more(rim):
     sides = [(3e-3, 2e-3), (3e-3, rim.width_m - 2e-3)]
-    gains = rim_gains(rim, 200.0, sides, B, node_rates(DT), split_ambient=True)
+    gains = rim_gains(rim, 200.0, sides, B, basis_rates(DT), split_ambient=True)
     near, far = gains.static.T @ [0.0, 65.0, 65.0, 65.0, 65.0, 70.0, 60.0]
     assert near > 65.0 > far
     assert near - 65.0 == pytest.approx(
@@ -140,7 +140,7 @@ def test_warmer_air_on_one_side_warms_that_side_more(rim):
 
 
 def test_a_uniform_track_and_a_users_own_profile_agree_where_they_mean_the_same(rim, points):
-    rates = node_rates(DT)
+    rates = basis_rates(DT)
 
     def flat(z):
         return np.where(np.abs(z) < rim.width_m, 1.0, 0.0)
@@ -151,7 +151,7 @@ def test_a_uniform_track_and_a_users_own_profile_agree_where_they_mean_the_same(
 
 
 def test_what_the_engine_cannot_do_is_said(rim, points):
-    rates = node_rates(DT)
+    rates = basis_rates(DT)
     with pytest.raises(InputError, match="must not be negative"):
         rim_gains(rim, -1.0, points, B, rates)
     with pytest.raises(InputError, match="outside the rim"):
@@ -165,4 +165,4 @@ def test_what_the_engine_cannot_do_is_said(rim, points):
     with pytest.raises(InputError, match="inner radius"):
         Rim(0.05, 0.04, 0.01, 40.0, 7800.0, 470.0, 100.0, (2e-3, 4e-3, 6e-3))
     with pytest.raises(InputError, match="d_degC has shape"):
-        Drive(DT, np.zeros(3), np.zeros(2), np.zeros(3), np.zeros(3), np.zeros(3))
+        RimInputs(DT, np.zeros(3), np.zeros(2), np.zeros(3), np.zeros(3), np.zeros(3))

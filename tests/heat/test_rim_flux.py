@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tcdyn.core.errors import InputError
-from tcdyn.heat.flux import TrackFlux, track
+from tcdyn.heat.flux import TrackFlux, track_flux
 from tcdyn.heat.modal import flux_density
 from tcdyn.rig.flux_profile import FluxProfile
 from tcdyn.simulate.mesh import track_shares
@@ -41,7 +41,7 @@ def test_shares_are_those_of_a_sum_over_small_cells(flux: FluxProfile) -> None:
 def test_the_parabola_is_the_thesis_s_own_by_either_way() -> None:
     mine = flux_density(TrackFlux(FluxProfile(), B), B, WIDTH, 53)
     np.testing.assert_allclose(mine, flux_density("hertz", B, WIDTH, 53), rtol=1e-12)
-    assert track(FluxProfile(), B) == "hertz"
+    assert track_flux(FluxProfile(), B) == "hertz"
 
 
 def test_without_pressure_the_viscosity_s_profile_is_the_ellipse_s_chord() -> None:
@@ -80,8 +80,8 @@ def test_a_stated_table_as_wide_as_the_surface_may_be_tried_wider_and_beside() -
         np.linspace(-WIDTH / 2, WIDTH / 2, 54),
     )
     for shift_m, wider in ((0.0, 1.5), (0.25e-3, 1.0)):
-        tried = track(wide, B, shift_m, wider)
+        tried = track_flux(wide, B, shift_m, wider)
         assert isinstance(tried, TrackFlux)
         assert tried.shares(edges).sum() == pytest.approx(1.0)
     with pytest.raises(InputError, match="beside a running surface"):
-        track(replace(wide, shift_m=0.5e-3), B).shares(edges)  # type: ignore[union-attr]
+        track_flux(replace(wide, shift_m=0.5e-3), B).shares(edges)  # type: ignore[union-attr]

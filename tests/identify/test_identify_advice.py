@@ -15,7 +15,7 @@ from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.core.findings import info
 from tcdyn.identify import CANDIDATES, IOData, compare, simulate
 from tcdyn.identify.models import process
-from tcdyn.identify.recommendation import chain_advice, conclude, order_table, recommend
+from tcdyn.identify.recommendation import chain_advice, comparison_table, conclude, recommend
 from tcdyn.rig.disk import Conditioning
 
 
@@ -86,7 +86,7 @@ def test_one_lag_is_refused_on_data_of_two_and_two_are_recommended() -> None:
 
 def test_the_order_table_fits_a_terminal() -> None:
     table = pd.DataFrame([row("P2DZ", 0.0), row("P1", 1234.5, p_input=1e-40, p_white=0.0)])
-    text = order_table(table).to_string(index=False)
+    text = comparison_table(table).to_string(index=False)
     assert max(len(line) for line in text.splitlines()) <= 80
     assert "e-" not in text  # a p of 1e-40 says no more than "below 0.01"
 
@@ -155,7 +155,7 @@ def test_a_model_worse_than_the_mean_is_not_recommended_unless_nothing_moves_the
     assert "nan" not in told(row("P1", 0.0, held_out_percent=np.nan, p_input=1e-6))
     assert (
         "nan"
-        not in order_table(pd.DataFrame([row("P1", 0.0, held_out_percent=np.nan)])).to_string()
+        not in comparison_table(pd.DataFrame([row("P1", 0.0, held_out_percent=np.nan)])).to_string()
     )
     assert told(row("P1", 0.0, fit_percent=30.0, p_white=1e-9)).startswith("None of these models")
     assert "30 % of the output" in told(

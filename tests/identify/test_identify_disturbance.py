@@ -16,9 +16,9 @@ from typer.testing import CliRunner
 
 from tcdyn.cli.app import app
 from tcdyn.core.errors import InputError
-from tcdyn.estimation import Noise
-from tcdyn.estimation.arma import coefficients, partials
-from tcdyn.estimation.noise_average import moments, noise_of
+from tcdyn.estimation import NoiseModel
+from tcdyn.estimation.arma import coefficients_from_partial, partial_correlations
+from tcdyn.estimation.noise_average import first_order_noise, mixture_moments
 from tcdyn.identify import IOData, compare, fit
 from tcdyn.identify.disturbance import linearise
 from tcdyn.identify.models import process
@@ -79,14 +79,15 @@ def test_the_noise_that_the_data_ask_for_covers_the_lag(name):
     )  # by chance the residuals of one or two look white or follow the input
 
 
-def dense(noise: Noise, n: int) -> np.ndarray:
+def dense(noise: NoiseModel, n: int) -> np.ndarray:
     """Covariance (n, n) of ARMA noise for innovations of unit variance, by its impulse response."""
     h = lfilter([1.0, *noise.ma], [1.0, *noise.ar], np.concatenate([[1.0], np.zeros(20_000)]))
     return toeplitz([h[k:] @ h[: len(h) - k] for k in range(n)])
 
 
 @pytest.mark.parametrize(
-    "noise", [Noise((-0.99,), (-0.8,)), Noise((-1.2, 0.5), (0.3,)), Noise((), (0.5,))]
+    "noise",
+    [NoiseModel((-0.99,), (-0.8,)), NoiseModel((-1.2, 0.5), (0.3,)), NoiseModel((), (0.5,))],
 )
 def test_whitening_leaves_unit_noise_from_the_first_sample_on(noise):
     v, parts = dense(noise, 30), [slice(0, 30)]
@@ -105,7 +106,7 @@ def test_what_a_noise_makes_likely_is_generalised_least_squares():
         [1.0, CASE_A["Tp1"], CASE_A["Tp2"], 1.0, 1.0]
     )  # by the lags, not by their logarithms
     told = []
-    for noise in (noise_of(np.log(9.0), 2.0), noise_of(np.log(300.0), -1.0)):
+    for noise in (first_order_noise(np.log(9.0), 2.0), first_order_noise(np.log(300.0), -1.0)):
         likelihood, step, covariance = linearise(posed, x, 1.0).given(noise)
         white = np.linalg.inv(dense(noise, len(r)))
         information = j.T @ white @ j
@@ -131,7 +132,7 @@ def test_a_mixture_has_the_moments_of_its_draws():
     draws = means[kind] + rng.normal(size=(100_000, 2)) * np.sqrt(
         covariances[kind].diagonal(axis1=1, axis2=2)
     )
-    mean, covariance = moments(np.log(weight) - 700.0, means, covariances)
+    mean, covariance = mixture_moments(np.log(weight) - 700.0, means, covariances)
     assert np.allclose(mean, draws.mean(axis=0), atol=0.02)  # five standard errors of 100,000 draws
     assert np.allclose(covariance, np.cov(draws.T), atol=0.03)
 
@@ -149,15 +150,17 @@ def test_a_random_walk_takes_up_anew_after_a_gap():
 
 def test_whitening_from_rest_undoes_the_noise_it_describes():
     e = np.random.default_rng(0).normal(size=50)
-    noise = Noise((-1.0,), (-0.6,), rest=True)
+    noise = NoiseModel((-1.0,), (-0.6,), rest=True)
     walk = np.cumsum(e) - 0.6 * np.concatenate([[0.0], np.cumsum(e)[:-1]])
     assert np.allclose(noise.whiten(walk, [slice(0, 50)]), e)
 
 
 def test_partial_correlations_and_coefficients_are_inverses():
     d = np.array([-1.2, 0.5, -0.1])
-    assert np.allclose(coefficients(partials(d)), d)
-    assert np.all(np.abs(np.roots([1.0, *coefficients(np.array([0.9, -0.9, 0.9]))])) < 1)
+    assert np.allclose(coefficients_from_partial(partial_correlations(d)), d)
+    assert np.all(
+        np.abs(np.roots([1.0, *coefficients_from_partial(np.array([0.9, -0.9, 0.9]))])) < 1
+    )
 
 
 @pytest.mark.study

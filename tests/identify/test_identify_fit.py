@@ -9,7 +9,7 @@ import pytest
 from identify_cases import CASE_A, RAO_GARNIER, case_a, case_a_input, rao_garnier
 from scipy.signal import lfilter
 
-from tcdyn.estimation import Noise, Optimum, Status
+from tcdyn.estimation import NoiseModel, Optimum, Status
 from tcdyn.identify import (
     Identified,
     IOData,
@@ -253,10 +253,12 @@ def test_a_model_goes_on_at_the_level_its_disturbance_has_reached():
     x = np.zeros(posed.size)
     x[2:4], x[-2:] = (3.0, 5.0), (0.8, 0.4)  # the drift per length of the longest run
     residual = np.r_[np.zeros(1180), np.full(20, 0.5)]
-    assert final_offset(posed, x, residual, Noise()) == pytest.approx(
+    assert final_offset(posed, x, residual, NoiseModel()) == pytest.approx(
         4.0 + (0.8 * 1.0 + 0.4 * 0.5) / 2
     )
-    walk = final_offset(replace(posed, trend=False), x[:-2], residual, Noise((-1.0,), rest=True))
+    walk = final_offset(
+        replace(posed, trend=False), x[:-2], residual, NoiseModel((-1.0,), rest=True)
+    )
     assert walk == pytest.approx(4.0 + 0.5)
 
 

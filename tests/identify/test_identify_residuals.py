@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tcdyn.estimation import Noise, Optimum, Status
+from tcdyn.estimation import NoiseModel, Optimum, Status
 from tcdyn.identify import IOData, process
 from tcdyn.identify.causality import output_is_setpoint
 from tcdyn.identify.disturbance import fit_random_walk, input_noise_model, noise_bic, remove_spikes
@@ -197,10 +197,10 @@ def test_a_walk_beneath_white_noise_has_steps_that_are_a_moving_average() -> Non
     assert found.ma[0] == pytest.approx(c, abs=4 * np.sqrt((1 - c**2) / 6000))
     assert (found.rest, found.parameters, found.walks) == (True, 1, True)
     white = rng.normal(size=200)
-    assert noise_bic(white, [slice(0, 200)], Noise()) == pytest.approx(
+    assert noise_bic(white, [slice(0, 200)], NoiseModel()) == pytest.approx(
         200 * np.log(white @ white / 200)
     )
-    one = Noise(ar=(-0.5,))
+    one = NoiseModel(ar=(-0.5,))
     w = one.whiten(white, [slice(0, 200)])
     assert noise_bic(white, [slice(0, 200)], one) == pytest.approx(
         200 * np.log(w @ w / 200) - np.log(1 - 0.25) + np.log(200)

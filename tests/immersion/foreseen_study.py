@@ -12,7 +12,7 @@ import sys
 import numpy as np
 from forms_study import BATHS, FORMS, plunged
 
-from immersion.plunge_fit import identify_plunges, with_structure_doubt
+from immersion.plunge_fit import identify_plunges, with_structure_uncertainty
 from tcdyn.design.plans import PlungePlan, predict_plunges
 from tcdyn.rig.rigfile import load_rig
 
@@ -29,7 +29,7 @@ def main(disks: int, seed: int) -> None:
     _, chosen, runs = plunged(CASE, disks, seed, lag_s=EXPECTED_S)
     found = []
     for k, form in enumerate(chosen):
-        fit = with_structure_doubt(identify_plunges(runs[2 * k : 2 * k + 2], setup))
+        fit = with_structure_uncertainty(identify_plunges(runs[2 * k : 2 * k + 2], setup))
         apart = np.sqrt(np.mean([e.u**2 for e in fit.differential_lag_s.values()]))
         found.append((fit.common_lag_s.u, apart))
         print(

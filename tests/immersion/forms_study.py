@@ -17,7 +17,7 @@ import numpy as np
 from plunge_simulator import WIDTH, Draws, draw_pairs, simulate
 from plunge_study import OWN_LAG_S, make_runs
 
-from immersion.plunge_fit import identify_plunges, with_structure_doubt
+from immersion.plunge_fit import identify_plunges, with_structure_uncertainty
 from tcdyn.rig.disk import CHANNELS
 from tcdyn.rig.rigfile import load_rig
 
@@ -134,7 +134,7 @@ def study(
     setup, rows = load_rig().disk_setup("fast"), []
     for k, form in enumerate(chosen):
         fit = identify_plunges(runs[2 * k : 2 * k + 2], setup, **how)
-        fit = with_structure_doubt(fit) if structures else fit
+        fit = with_structure_uncertainty(fit) if structures else fit
         true = d.tau1[2 * k] + d.tau2[2 * k] + OWN_LAG_S
         apart = fit.differential_lag_s
         common = fit.common_lag_s

@@ -5,7 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tcdyn.design.compare import COMMON, DIFFERENCES, MEANING, compare_tests, grade, headline
+from tcdyn.design.compare import (
+    COMMON_LAG_LIMITS,
+    DIFFERENCE_LIMITS,
+    GRADE_DEFINITIONS,
+    compare_tests,
+    grade,
+    recommendation,
+)
 from tcdyn.design.plans import (
     PlungePlan,
     StepPlan,
@@ -158,28 +165,32 @@ def test_the_headline_names_the_least_laborious_test_that_suffices() -> None:
         told("unloading", 0.03, 0.03),
         told("together", 0.02, 0.009),
     )
-    said = headline([plunge, unloading, both], 0.73)
+    said = recommendation([plunge, unloading, both], 0.73)
     assert said.startswith("Do this: plunge test, and log an unloading.")
     assert (
         "plunges alone leave the common lag at +- 0.050 s" in said
     )  # each alone lacks another thing
     assert "an unloading alone leaves the differences at +- 0.030 s" in said
-    assert headline([told("plunge", 0.03, 0.01), unloading, both], 0.73).startswith(
+    assert recommendation([told("plunge", 0.03, 0.01), unloading, both], 0.73).startswith(
         "Do this: plunge test. It"
     )
-    assert headline([plunge, unloading], 0.73).startswith(
+    assert recommendation([plunge, unloading], 0.73).startswith(
         "No test of this plan tells the lags well."
     )
 
 
 def test_grades_are_those_that_are_explained() -> None:
-    assert [grade(u, 1.0, COMMON) for u in (0.049, 0.051, 0.151)] == ["well", "roughly", "poorly"]
-    assert [grade(u, 1.0, DIFFERENCES) for u in (0.029, 0.031, 0.101)] == [
+    assert [grade(u, 1.0, COMMON_LAG_LIMITS) for u in (0.049, 0.051, 0.151)] == [
         "well",
         "roughly",
         "poorly",
     ]
-    assert all(word in MEANING for word in ("5 %", "15 %", "3 %", "10 %"))
+    assert [grade(u, 1.0, DIFFERENCE_LIMITS) for u in (0.029, 0.031, 0.101)] == [
+        "well",
+        "roughly",
+        "poorly",
+    ]
+    assert all(word in GRADE_DEFINITIONS for word in ("5 %", "15 %", "3 %", "10 %"))
 
 
 def test_where_fits_end_u_spreads_as_far_as_simulated_fits_state_it() -> None:

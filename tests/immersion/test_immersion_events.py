@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from immersion.entry import (
-    LATE_U_S,
+    RISE_DELAY_U_S,
     EntryEvent,
     find_entry,
     probe_time,
@@ -114,7 +114,7 @@ def test_the_junctions_tell_an_entry_shortly_after_the_log_begins(
     t, readings = junctions(own_s, entry_s)
     event = find_entry(t, None, None, np.full(len(t), 107.0), readings_degC=readings)
     assert event.source == "junctions"
-    assert abs(event.time_s - entry_s) < 1.5 * LATE_U_S
+    assert abs(event.time_s - entry_s) < 1.5 * RISE_DELAY_U_S
 
 
 @pytest.mark.parametrize("entry_s", [-5.0, 0.0])

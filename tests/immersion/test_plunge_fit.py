@@ -13,15 +13,15 @@ from plunge_simulator import draw_pairs, same_pairs, simulate
 from plunge_study import OWN_LAG_S, describe, make_runs, study
 
 from immersion.correlations import correlation
-from immersion.cylinder import conditioned, lag_on_grid
+from immersion.cylinder import apply_conditioning, lag_on_grid
 from immersion.plunge_data import PlungeRun, make_blocks
 from immersion.plunge_fit import identify_plunges
 from immersion.plunge_model import build_run_models, chain_on_grid, predict
 from immersion.plunge_parameters import PlungeParameters, PlungePriors, stages
 from immersion.plunge_result import PlungeFit
-from immersion.radial import Reading
+from immersion.radial import GridInterpolation
 from tcdyn.chain import STRUCTURES, Chain
-from tcdyn.chain.logger_noise import Whitened
+from tcdyn.chain.logger_noise import WhitenedConditioning
 from tcdyn.chain.rational import Factor, Rational
 from tcdyn.chain.rational import simulate as simulate_rational
 from tcdyn.core.errors import InputError
@@ -134,7 +134,7 @@ def test_lags_on_the_graded_grid_are_those_of_the_chain() -> None:
     chain = Chain((0.5, 0.12), conditioning=Conditioning(4.0, 2))
     fine = np.arange(0, 30, 0.001)
     exact = np.interp(t, fine, chain.response(1 - np.exp(-fine / 2.0), 0.001))
-    y = conditioned(
+    y = apply_conditioning(
         lag_on_grid(lag_on_grid(u, np.diff(t), 2.0), np.diff(t), 1 / 0.12),
         np.diff(t),
         chain.conditioning,
@@ -142,7 +142,7 @@ def test_lags_on_the_graded_grid_are_those_of_the_chain() -> None:
     np.testing.assert_allclose(y[:, 0], exact, atol=2e-4)  # curvature 0.25/s2 times dt^2/8
     butter = replace(chain, conditioning=Conditioning(4.0, 3, "butterworth"))
     exact = np.interp(t, fine, butter.response(1 - np.exp(-fine / 2.0), 0.001))
-    y = conditioned(
+    y = apply_conditioning(
         lag_on_grid(lag_on_grid(u, np.diff(t), 2.0), np.diff(t), 1 / 0.12),
         np.diff(t),
         butter.conditioning,
@@ -162,18 +162,18 @@ def test_a_section_of_two_real_poles_is_two_lags_also_where_they_are_one(
     )  # one quadratic section, given as two lags [s]
     expected = lag_on_grid(lag_on_grid(u, np.diff(t), 1 / taus[0]), np.diff(t), 1 / taus[1])
     # in the other order the straight lines between the knots bend elsewhere: curvature 0.25/s2 times dt^2/8, times 3
-    np.testing.assert_allclose(conditioned(u, np.diff(t), section), expected, atol=4e-4)
+    np.testing.assert_allclose(apply_conditioning(u, np.diff(t), section), expected, atol=4e-4)
 
 
 def test_the_zero_of_a_whitened_filter_is_on_the_graded_grid_too() -> None:
     t = np.concatenate([np.arange(0, 3, 0.01), np.arange(3, 30, 0.1)])
-    white = Whitened(4.0, 2, "cascade", ((1.0, 0.3), (1.0, 0.05)), (1.0, 0.02))
+    white = WhitenedConditioning(4.0, 2, "cascade", ((1.0, 0.3), (1.0, 0.05)), (1.0, 0.02))
     fine = np.arange(0, 30, 0.001)
     one = Rational(np.array(white.numerator), tuple(Factor(f) for f in white.factors))
     exact = np.interp(t, fine, simulate_rational(one, 1 - np.exp(-fine / 2.0), 0.001))
-    made = conditioned((1 - np.exp(-t / 2.0))[:, None], np.diff(t), white)[:, 0]
+    made = apply_conditioning((1 - np.exp(-t / 2.0))[:, None], np.diff(t), white)[:, 0]
     np.testing.assert_allclose(made, exact, atol=4e-4)
-    without = conditioned(
+    without = apply_conditioning(
         (1 - np.exp(-t / 2.0))[:, None], np.diff(t), replace(white, numerator=(1.0,))
     )[:, 0]
     assert np.abs(without - exact).max() > 4e-3
@@ -181,7 +181,7 @@ def test_the_zero_of_a_whitened_filter_is_on_the_graded_grid_too() -> None:
 
 def test_reading_the_grid_gives_nothing_before_entry() -> None:
     grid = np.array([0.0, 1.0, 3.0])
-    r = Reading.at(grid, np.array([-1.0, 0.5, 2.0]))
+    r = GridInterpolation.at(grid, np.array([-1.0, 0.5, 2.0]))
     np.testing.assert_allclose(r.value(np.array([0.0, 2.0, 4.0])), [0.0, 1.0, 3.0])
     np.testing.assert_allclose(r.slope(np.array([0.0, 2.0, 4.0])), [0.0, 2.0, 1.0])
 

@@ -10,10 +10,10 @@ import pytest
 
 from immersion.plunge_data import (
     RunNoise,
-    bath_filled,
-    inflation,
     make_blocks,
     run_from_log,
+    variance_factors,
+    with_filled_bath,
     without_spikes,
 )
 from tcdyn.rig.log import Log
@@ -38,7 +38,7 @@ def test_missing_readings_are_left_out_and_only_the_bath_is_bridged() -> None:
     gap = frame["time_s"].between(truth["entry_s"] + 0.5, truth["entry_s"] + 0.95)
     holed = frame.mask(pd.DataFrame({c: gap & (c in ("e_degC", "probe_degC")) for c in frame}))
     run = run_from_log(
-        bath_filled(Log(holed, "immersion", Path("P1.csv"), "", 1 / 75)), "mobil-jet-ii"
+        with_filled_bath(Log(holed, "immersion", Path("P1.csv"), "", 1 / 75)), "mobil-jet-ii"
     )
     assert run.entry == run_from_log(frame, "mobil-jet-ii").entry
     blocks, whole = make_blocks(run), make_blocks(run_from_log(frame, "mobil-jet-ii"))
@@ -60,13 +60,13 @@ ALTERNATING = np.where(
 def test_noise_that_all_channels_share_is_told_from_that_of_each() -> None:
     """z = a s on all channels, and b s, -b s, 0 on three of them: mean squares over what the fit leaves free."""
     z = 1.5 * ALTERNATING[:, None] + 0.7 * ALTERNATING[:, None] * [1.0, -1.0, 0.0]
-    common, differential = inflation(z, 9, 6)
+    common, differential = variance_factors(z, 9, 6)
     assert common == pytest.approx(3 * 80 * 1.5**2 / (80 - 9))
     assert differential == pytest.approx(80 * 2 * 0.7**2 / (80 * 2 - 6))
-    assert inflation(z[:, :1], 9, 6) == pytest.approx(
+    assert variance_factors(z[:, :1], 9, 6) == pytest.approx(
         (80 * 2.2**2 / (80 - 9), 1.0)
     )  # one channel alone
-    assert inflation(0.01 * z, 9, 6) == (0.25, 0.25)
+    assert variance_factors(0.01 * z, 9, 6) == (0.25, 0.25)
 
 
 def test_noise_as_a_fit_leaves_it_is_a_mean_square_over_what_is_free_without_a_block_that_is_off() -> (

@@ -11,12 +11,12 @@ from plunge_simulator import same_pairs, simulate
 from plunge_study import OWN_LAG_S, make_runs
 
 from immersion.chain_structures import StructureComparison, StructureRow, held_out, log_evidence
-from immersion.plunge_fit import identify_plunges, with_structure_doubt
-from immersion.plunge_posterior import LagScan, settled_scan
+from immersion.plunge_fit import identify_plunges, with_structure_uncertainty
+from immersion.plunge_posterior import LagScan, scan_common_lag
 from immersion.plunge_result import PlungeFit
 from tcdyn.chain import STRUCTURES
 from tcdyn.core.estimate import Z95, Estimate
-from tcdyn.core.messages.plunge import percent
+from tcdyn.core.messages.plunge import probability_text
 from tcdyn.rig.rigfile import load_rig
 
 SETUP = load_rig().disk_setup("fast")
@@ -34,7 +34,7 @@ def fitted(structure: str, lag_s: float, second_lag: bool = True) -> tuple[Plung
     before = identify_plunges(
         make_runs(d, times, readings, rng), SETUP, structure=structure, alternatives=()
     )  # type: ignore[arg-type]
-    return before, with_structure_doubt(before)
+    return before, with_structure_uncertainty(before)
 
 
 @pytest.mark.study
@@ -96,7 +96,7 @@ def late_pair(lag_s: float, samples: int) -> tuple[PlungeFit, PlungeFit]:
     times, readings = simulate(d, 60.0, rng)
     late = np.concatenate([np.repeat(readings[:1], samples, axis=0), readings[:-samples]])
     before = identify_plunges(make_runs(d, times, late, rng), SETUP, alternatives=())
-    return before, with_structure_doubt(before)
+    return before, with_structure_uncertainty(before)
 
 
 @pytest.mark.study
@@ -130,7 +130,7 @@ def test_evidence_integrated_over_the_lag_is_laplace_s_where_the_lag_is_normal()
     ]
     noise = [replace(n, sd_K=n.sd_K / 30) for n in problem.noise]
     sharp = replace(problem, models=tuple(models), noise=tuple(noise)).minimised(best.theta)
-    scan, at, _ = settled_scan(sharp)
+    scan, at, _ = scan_common_lag(sharp)
     # both leave out the same constants but the width of one normalised direction: mean of six lags, ln sqrt(2 pi / 6)
     expected = 0.5 * np.log(2 * np.pi / 6)
     assert log_evidence(scan, at) - at.laplace == pytest.approx(
@@ -181,7 +181,7 @@ def test_structures_that_cannot_be_told_apart_are_said_and_warned_of_only_when_t
     ],
 )
 def test_probabilities_are_said_in_digits_that_people_use(share: float, said: str) -> None:
-    assert percent(share) == said
+    assert probability_text(share) == said
 
 
 def test_the_comparison_travels_as_json_and_as_a_table_of_sensible_digits() -> None:

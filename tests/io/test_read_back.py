@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from tcdyn.core.errors import InputError
-from tcdyn.io.read import open_table, read_whole
+from tcdyn.io.read import open_table, read_all_rows
 from tcdyn.rig.log import read_log, write_log
 from tests.rig.log_cases import csv_text, immersion_frame, oven_frame, write
 
@@ -31,7 +31,7 @@ def test_any_numbers_survive_any_form(tmp_path, values, ending):
     frame = pd.DataFrame(values, columns=[f"name_{i}" for i in range(values.shape[1])])
     table = open_table(write_log(frame, tmp_path / f"x.{ending}"), frame.columns)
     names = [n for n in table.names if n.startswith("name_")]
-    back = read_whole(table, names).data
+    back = read_all_rows(table, names).data
     for name in frame:
         assert np.array_equal(back[name], frame[name].to_numpy(), equal_nan=True)
 
@@ -55,7 +55,7 @@ def test_any_numbers_survive_any_dialect(
     text = csv_text(frame, separator, decimal, head=title).replace("\n", end)
     table = open_table(write(tmp_path, "x.csv", text.encode(encoding)), list(frame.columns))
     assert table.names == tuple(frame.columns)
-    back = read_whole(table, table.names).data
+    back = read_all_rows(table, table.names).data
     for name in frame:
         assert np.array_equal(back[name], frame[name].to_numpy(), equal_nan=True)
 

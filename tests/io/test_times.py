@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tcdyn.core.errors import InputError
-from tcdyn.io.read import open_table, read_whole
+from tcdyn.io.read import open_table, read_all_rows
 from tcdyn.io.times import TIME_UNITS, Stamps, find_time_column, rows_of_repeated_stamps, split_unit
 
 
@@ -145,7 +145,7 @@ def test_the_cells_of_a_clock_are_kept_as_they_are_in_the_file(tmp_path: Path) -
     log.write_text(
         "Time,T1\n" + "".join(f"{s},{k}\n" for k, s in enumerate(stamps)), encoding="utf-8"
     )
-    columns = read_whole(open_table(log), ["Time", "T1"])
+    columns = read_all_rows(open_table(log), ["Time", "T1"])
     assert columns.stamps["Time"].tolist() == stamps
     assert columns.data["Time"].tolist() == list(range(20))
 
@@ -156,7 +156,7 @@ def test_a_date_column_beside_a_time_of_day_belongs_to_it(tmp_path: Path) -> Non
         f"28.11.2021,10:00:{k:02},{k}\n" for k in range(5)
     ]
     log.write_text("Date,Time,T1\n" + "".join(rows), encoding="utf-8")
-    columns = read_whole(open_table(log), ["Time"])
+    columns = read_all_rows(open_table(log), ["Time"])
     assert columns.data["Time"][20] == 2 * 86400
 
 

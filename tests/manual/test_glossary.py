@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from tcdyn.rig.columns import KNOWN
+from tcdyn.rig.columns import KNOWN_COLUMNS
 from tcdyn.rig.disk import CHANNELS, DISKS
 from tcdyn.rig.rigfile import load_rig, rig_toml
 from tests.conftest import Campaign
@@ -48,8 +48,8 @@ def with_unit(section: str, key: str) -> bool:
 
 
 def test_every_column_of_a_log_is_told_and_no_other() -> None:
-    assert told("Columns of logs") == set(KNOWN)
-    for name in KNOWN:
+    assert told("Columns of logs") == set(KNOWN_COLUMNS)
+    for name in KNOWN_COLUMNS:
         assert with_unit("Columns of logs", name), name
 
 
@@ -85,9 +85,9 @@ def test_every_key_is_told_with_its_unit_and_no_other(
 
 
 def test_every_key_of_a_sensor_file_is_told_with_its_unit() -> None:
-    from tcdyn.sensors import stated
+    from tcdyn.sensors import specified_sensor
 
-    data = stated("s", ["a", "b"], [(1.5, 0.1)]).to_dict()
+    data = specified_sensor("s", ["a", "b"], [(1.5, 0.1)]).to_dict()
     found = dict(keys(data))
     assert set(found) - told("*.sensor.json") - ESTIMATE == set()
     for key, value in keys({k: v for k, v in data.items() if k != "fit"}):

@@ -19,7 +19,7 @@ from tcdyn.heat.rim import MESH_IV, Rim
 from tcdyn.partition.joint import joint_fits
 from tcdyn.partition.sensor_check import check_sensors
 from tcdyn.partition.steady import steady_lines
-from tcdyn.partition.window import stretch_of
+from tcdyn.partition.window import fit_rows
 from tcdyn.rig.log import read_log
 from tcdyn.rig.record import read_record, write_record
 from tcdyn.rig.rigfile import Rig, load_rig, parse_rig, rig_toml
@@ -123,7 +123,7 @@ def test_eight_junctions_tell_beta_better_than_four(eight: StudyRig) -> None:
     four = study_rig(SEED, rig=rig_with(FOUR))
     found = {}
     for made in (four, eight):
-        _, speed = steady_lines(made.test, stretch_of(made.test, 10.0))
+        _, speed = steady_lines(made.test, fit_rows(made.test, 10.0))
         beta = joint_fits(made.test, speed.starts)[1].estimates["beta"]
         assert abs(beta.value - made.told["beta"]) < 2 * beta.u
         found[len(made.test.disks["fast"].chains)] = beta.u

@@ -8,33 +8,33 @@ import numpy as np
 import pytest
 
 from tcdyn.partition.analyse import Partition
-from tcdyn.plots.circumferential import draw_round, draw_round_surface
+from tcdyn.plots.circumferential import draw_middle_plane, draw_running_surface
 from tcdyn.plots.style import figure
-from tcdyn.rig.circumferential import Around
+from tcdyn.rig.circumferential import CircumferentialTemperature
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.rigfile import load_rig
-from tcdyn.simulate.field import _middle, around_disks
+from tcdyn.simulate.field import _middle, disk_fields
 from tcdyn.simulate.truth import BoreContact, draw_truth
-from tcdyn.workflows.circumferential import around_disk
+from tcdyn.workflows.circumferential import circumferential_temperature
 from tests.partition.study_rigs import QUICK, study_rig
 
 SEED = 7000
 
 
 @lru_cache
-def found_and_true() -> tuple[Partition, dict[str, Around]]:
+def found_and_true() -> tuple[Partition, dict[str, CircumferentialTemperature]]:
     """A rig whose slow disk sits uneven, and its disks as they were."""
     truth = draw_truth(SEED, load_rig(), uncertain=True).with_uneven(
         {"slow": BoreContact(0.7, 30.0)}
     )
-    return study_rig(SEED, truth=truth).analyse(), around_disks("B3", SEED, truth, QUICK)
+    return study_rig(SEED, truth=truth).analyse(), disk_fields("B3", SEED, truth, QUICK)
 
 
 @pytest.mark.study
 @pytest.mark.parametrize("disk", DISKS)
 def test_the_surface_round_the_disk_is_the_true_one_within_its_band(disk: str) -> None:
     p, true = found_and_true()
-    found, there = around_disk(p, disk), true[disk]
+    found, there = circumferential_temperature(p, disk), true[disk]
     off = found.surface_degC - there.surface_degC
     assert np.abs(off / found.surface_u_K).max() < 2.5
     assert found.surface_u_K.max() < 0.6
@@ -47,7 +47,7 @@ def test_the_surface_round_the_disk_is_the_true_one_within_its_band(disk: str) -
 def test_the_middle_plane_holds_what_its_junctions_read(disk: str) -> None:
     """a, b and e lie in it; depths of the drawn rig are some 0.1 mm off, up to 0.5 K near the surface."""
     p, true = found_and_true()
-    for around, tolerance in ((around_disk(p, disk), 0.7), (true[disk], 0.05)):
+    for around, tolerance in ((circumferential_temperature(p, disk), 0.7), (true[disk], 0.05)):
         for c in "abe":
             j = around.setup.junctions[c]
             column = around.middle_degC[:, int(round(j.angle_deg / 3.0)) % 120]
@@ -58,10 +58,10 @@ def test_the_middle_plane_holds_what_its_junctions_read(disk: str) -> None:
 
 def test_pictures_show_the_disk_and_its_junctions() -> None:
     p, true = found_and_true()
-    for around in (around_disk(p, "slow"), true["slow"]):
+    for around in (circumferential_temperature(p, "slow"), true["slow"]):
         _, (whole, surface) = figure(1, 2)
-        draw_round(around, whole)
-        draw_round_surface(around, surface)
+        draw_middle_plane(around, whole)
+        draw_running_surface(around, surface)
         assert {t.get_text()[0] for t in whole.texts if t.get_text()[0].isalpha()} == set("abcdef")
         assert whole.get_ylim()[0] == pytest.approx(1.02e3 * around.depth_m.max())
         assert "K between the hottest and the coldest side" in surface.get_title(loc="left")

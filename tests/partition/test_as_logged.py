@@ -13,7 +13,7 @@ from tcdyn.campaign.sufficient_statistics import Loading
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import warnings_and_errors
 from tcdyn.partition.analyse import Partition, refine_lags
-from tcdyn.partition.angular_harmonic import Unmeasured
+from tcdyn.partition.angular_harmonic import NuisanceParameter
 from tcdyn.partition.events import EhlTest, find_events
 from tcdyn.partition.nuisance import (
     DISK_AIR,
@@ -21,7 +21,7 @@ from tcdyn.partition.nuisance import (
     nuisance_effects,
     parameters_of_test,
 )
-from tcdyn.partition.window import lagged_window, stretch_of
+from tcdyn.partition.window import fit_rows, lagged_window
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.log import read_log
 from tcdyn.rig.logger import air_name
@@ -122,7 +122,7 @@ def test_what_is_stated_widens_what_hangs_on_it(made: StudyRig, tmp_path) -> Non
     assert theirs == {}
 
 
-def _shared_and_own(what: Unmeasured, test: EhlTest) -> tuple[float, float]:
+def _shared_and_own(what: NuisanceParameter, test: EhlTest) -> tuple[float, float]:
     """Of an unmeasured quantity that both disks have in common, the rig's uncertainty and the test's own, in its unit.
 
     None of these hangs on a fit, so none is given.
@@ -163,7 +163,7 @@ def test_channels_of_a_disk_s_own_give_its_air_and_its_uncertainty(
     known = nuisance_effects(
         test,
         test.disks["fast"],
-        lagged_window(test, test.disks["fast"], stretch_of(test, 5.0)),
+        lagged_window(test, test.disks["fast"], fit_rows(test, 5.0)),
         0.7,
         500.0,
     )

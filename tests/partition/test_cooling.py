@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tcdyn.partition.cooling import compensated, cooling_fit, smoothed
+from tcdyn.partition.cooling import compensate_disk, cooling_fit, smooth_traces
 from tcdyn.partition.steady import SteadyLine, steady_lines
-from tcdyn.partition.window import stretch_of
+from tcdyn.partition.window import fit_rows
 from tests.partition.study_rigs import QUICK, study_rig
 
 
@@ -58,10 +58,12 @@ def test_a_parting_of_1_5_s_leaves_the_cooling_fit_right() -> None:
     """Figure 4.20: taken as one kink in its middle, such a ramp moved h by a fifth and the share by 0.05."""
     made = study_rig(1, uncertain=False, lag_error_s=0.0, options=replace(QUICK, parting_s=1.5))
     test = made.test
-    rows = stretch_of(test, 5.0)
+    rows = fit_rows(test, 5.0)
     lines, _ = steady_lines(test, rows)
     disk = test.disks["fast"]
-    window = compensated(test, disk, rows, smoothed(test, disk, rows, disk.chains, 0.01)).window
+    window = compensate_disk(
+        test, disk, rows, smooth_traces(test, disk, rows, disk.chains, 0.01)
+    ).window
     fit = cooling_fit(window, lines["fast"].line, test.events.unload_s, 5.0, 0.03)
     assert fit.h_W_m2K == pytest.approx(
         made.told["h_fast"], rel=0.05

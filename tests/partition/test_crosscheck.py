@@ -17,8 +17,8 @@ from tcdyn.partition.crosscheck import (
 from tcdyn.partition.model_forms import (
     ESTIMATORS,
     H_KEYS,
-    Alternatives,
     ModelForm,
+    ModelForms,
     impossibility_findings,
     impossible_keys,
 )
@@ -228,7 +228,7 @@ def test_a_structure_is_named_where_it_is_far_likelier_and_agrees_with_the_speed
         (structure(8.1, z=-3.1), False),
         (structure(8.1, z=-2.9), True),
     ):
-        found = Alternatives((other, assumed), (0.9, 0.1), 0.69, 0.71, assumed)
+        found = ModelForms((other, assumed), (0.9, 0.1), 0.69, 0.71, assumed)
         assert (found.preferred is other) == named
         assert bool(found.findings) == named
 
@@ -245,6 +245,6 @@ def test_the_headline_holds_while_the_likeliest_structure_is_near_and_the_range_
         (0.69, 0.002, 0.019, False),
     ):
         best = structure(9.0, beta, u)
-        found = Alternatives((best, assumed), (0.9, 0.1), 0.7 - half, 0.7 + half, assumed)
+        found = ModelForms((best, assumed), (0.9, 0.1), 0.7 - half, 0.7 + half, assumed)
         assert found.estimate_holds == holds
         assert found.findings[0].severity is (Severity.INFO if holds else Severity.WARNING)

@@ -27,7 +27,7 @@ from tcdyn.partition.events import EhlTest
 from tcdyn.partition.sensor_check import check_sensors
 from tcdyn.partition.sensor_faults import DepthTest, FaultFit, depth_test
 from tcdyn.partition.window import NOMINAL
-from tcdyn.rig.contact import FrictionAdded
+from tcdyn.rig.contact import FrictionCorrection
 from tcdyn.rig.disk import CHANNELS
 from tcdyn.rig.log import read_log
 from tcdyn.workflows.beta import prepare_test
@@ -180,7 +180,10 @@ def test_every_stated_value_is_judged_once(b3: EhlTest, campaign: Campaign) -> N
     less = {r.source: r.u_beta_steady for r in with_map.budget.rows}["friction"]
     log = read_log(campaign.files.ehl["B3"], "ehl", campaign.rig)
     unsure = prepare_test(
-        log, campaign.rig, campaign.records, lambda *_: FrictionAdded(0.0, 0.03 * b3.friction_N)
+        log,
+        campaign.rig,
+        campaign.records,
+        lambda *_: FrictionCorrection(0.0, 0.03 * b3.friction_N),
     )
     more = {r.source: r.u_beta_steady for r in analyse(unsure, sensor_check=False).budget.rows}[
         "friction"

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tcdyn.chain import Chain, equalised
+from tcdyn.chain import Chain, equalise
 from tcdyn.rig.disk import Conditioning
 
 B = Conditioning(4.0, 2)
@@ -19,7 +19,7 @@ def test_equalised_channels_of_one_input_agree() -> None:
     )
     common = Chain((0.55, 0.113), conditioning=B)
     y = np.column_stack([c.response(x, DT) for c in chains])
-    out = equalised(y, DT, chains, common)
+    out = equalise(y, DT, chains, common)
     want = common.response(x, DT)
     assert np.abs(y[:, 0] - want).max() > 0.15  # they differ before
     assert (
@@ -30,5 +30,5 @@ def test_equalised_channels_of_one_input_agree() -> None:
 def test_noise_grows_at_most_by_the_ratio_of_the_lags() -> None:
     rng = np.random.default_rng(1)
     y = 50 + rng.normal(0, 0.1, (20000, 1))
-    out = equalised(y, DT, (Chain((0.66, 0.1), conditioning=B),), Chain((0.6, 0.1), conditioning=B))
+    out = equalise(y, DT, (Chain((0.66, 0.1), conditioning=B),), Chain((0.6, 0.1), conditioning=B))
     assert out.std() < 1.1 * 0.1 * 1.01

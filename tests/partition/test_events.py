@@ -6,7 +6,7 @@ import pytest
 
 from tcdyn.core.errors import InputError
 from tcdyn.partition.events import find_events
-from tcdyn.rig.contact import Events, contact_force, speed_course
+from tcdyn.rig.contact import Events, contact_force, relative_speed
 
 DT = 1 / 75
 
@@ -203,16 +203,16 @@ def test_a_speed_that_comes_back_had_not_stopped_and_one_that_stays_at_zero_had(
     slowing = 3000.0 * np.clip(1 - (t - 30.0) / 10.0, 0.0, 1.0)  # to rest in 10 s
     lost = slowing.copy()
     lost[(t > 33.0) & (t < 33.4)] = 0.0
-    whole, seen = (speed_course(t, x, 30.0, 3000.0) for x in (slowing, lost))
+    whole, seen = (relative_speed(t, x, 30.0, 3000.0) for x in (slowing, lost))
     assert whole is not None
     assert seen is not None
     np.testing.assert_allclose(seen, whole, atol=1e-3)  # a straight line in place of the gap in one
     assert np.interp([29.0, 33.2, 35.0, 45.0], t, seen) == pytest.approx(
         [1.0, 0.68, 0.5, 0.0], abs=1e-3
     )
-    assert speed_course(t, slowing, 59.95, 3000.0) is None  # too few rows to tell
+    assert relative_speed(t, slowing, 59.95, 3000.0) is None  # too few rows to tell
     most = np.where((t > 32.0) & (t < 49.0), np.nan, slowing)
-    assert speed_course(t, most, 30.0, 3000.0) is None
+    assert relative_speed(t, most, 30.0, 3000.0) is None
 
 
 def test_a_speed_is_smoothed_over_a_second_so_that_its_noise_alone_is_no_change() -> None:
@@ -220,12 +220,12 @@ def test_a_speed_is_smoothed_over_a_second_so_that_its_noise_alone_is_no_change(
     samples of a log that ends at once."""
     t = np.arange(0.0, 60.0, DT)
     noise = 0.02 * np.random.default_rng(0).standard_normal(len(t))
-    kept = speed_course(t, 3000.0 * (1 + noise), 30.0, 3000.0)
+    kept = relative_speed(t, 3000.0 * (1 + noise), 30.0, 3000.0)
     assert kept is not None
     assert (kept == 1).all()
     for end_s in (60.0, 30.25, 30.265):  # an even number of samples left, and an odd one
         x = 3000.0 * np.where(t < 30.0, 1.0, 0.9 + noise)
-        slower = speed_course(t[t < end_s], x[t < end_s], 30.0, 3000.0)
+        slower = relative_speed(t[t < end_s], x[t < end_s], 30.0, 3000.0)
         assert slower is not None
         assert slower[t[t < end_s] >= 30.0] == pytest.approx(0.9, abs=0.03)
 

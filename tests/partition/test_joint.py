@@ -11,10 +11,10 @@ import pytest
 from tcdyn.core.errors import InputError
 from tcdyn.estimation import minimise
 from tcdyn.partition import joint as of_one
-from tcdyn.partition.joint import joint_fits, joint_problem, told
+from tcdyn.partition.joint import joint_fits, joint_problem, main_covariance
 from tcdyn.partition.profile import rim_table
 from tcdyn.partition.steady import steady_lines
-from tcdyn.partition.window import stretch_of
+from tcdyn.partition.window import fit_rows
 from tcdyn.simulate.truth import RigTruth, draw_truth
 from tests.partition.study_rigs import QUICK, study_rig
 from tests.partition.world_study import world_rig
@@ -94,12 +94,12 @@ def test_a_fit_that_cannot_tell_share_from_h_is_refused_in_words() -> None:
     with pytest.raises(
         InputError, match="do not separate heat partition from heat transfer coefficient"
     ):
-        told(replace(best, jacobian=jacobian), [fit.side])
+        main_covariance(replace(best, jacobian=jacobian), [fit.side])
 
 
 def _started() -> Any:
     made = study_rig(1002, "D4")
-    return made.test, steady_lines(made.test, stretch_of(made.test, 10.0))[1].starts
+    return made.test, steady_lines(made.test, fit_rows(made.test, 10.0))[1].starts
 
 
 def moved(truth: RigTruth, what: str) -> RigTruth:
@@ -149,7 +149,7 @@ def test_errors_of_the_budget_are_those_that_the_whole_disk_makes() -> None:
 
     def fitted(true: RigTruth) -> Any:
         made = study_rig(1, "B3", truth=true, options=options, lag_error_s=0.0)
-        lines, speed = steady_lines(made.test, stretch_of(made.test, 10.0))
+        lines, speed = steady_lines(made.test, fit_rows(made.test, 10.0))
         return lines, joint_fits(made.test, speed.starts)[0]
 
     base_lines, base = fitted(truth)
@@ -182,7 +182,7 @@ def test_a_film_that_is_weak_where_the_track_is_moves_h_within_what_is_said_and_
 ):
     """Strips of 1.25, 0.5 and 1.25 h across the surface, by a solver of its own."""
     made = world_rig(7202, "film off the track")
-    _, speed = steady_lines(made.test, stretch_of(made.test, 10.0))
+    _, speed = steady_lines(made.test, fit_rows(made.test, 10.0))
     _, both = joint_fits(made.test, speed.starts)
     for name, largest in (("beta", 2.0), ("h_fast", 2.5), ("h_slow", 2.5)):
         found = both.estimates[name]
@@ -203,7 +203,7 @@ def test_a_fit_that_a_pass_no_longer_moves_stays_where_more_passes_would_leave_i
     """From a record whose lag is half a standard uncertainty off, and a start about as far off as the speed law's."""
     made = study_rig(5, "D4", uncertain=False, lag_error_s=0.025)
     passes: list[str] = []
-    made_side = of_one.disk_side
+    made_side = of_one.disk_block
 
     def counted(test: Any, disk: Any, *rest: Any) -> Any:
         passes.append(disk.name)

@@ -19,8 +19,8 @@ from tcdyn.partition.crosscheck import tensions
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import BothFit, joint_fits
 from tcdyn.partition.steady import disk_line, steady_lines
-from tcdyn.partition.window import stretch_of
-from tcdyn.rig.disk import CHANNELS, DISKS, LEFT_OUT, left_out_of
+from tcdyn.partition.window import fit_rows
+from tcdyn.rig.disk import CHANNELS, DISKS, LEFT_OUT_TEXT, channels_left_out
 from tcdyn.rig.rigfile import load_rig
 from tcdyn.workflows import beta as stage
 from tcdyn.workflows.beta import estimate_beta, prepare_test
@@ -45,7 +45,7 @@ def made() -> StudyRig:
 
 def both_of(test: EhlTest) -> BothFit:
     """The joint fit of both disks, from the speed law's start."""
-    return joint_fits(test, steady_lines(test, stretch_of(test, 10.0))[1].starts)[1]
+    return joint_fits(test, steady_lines(test, fit_rows(test, 10.0))[1].starts)[1]
 
 
 @pytest.fixture(scope="module")
@@ -95,12 +95,12 @@ def test_the_sensor_map_goes_on_without_the_channel_and_accuses_nobody(
         p.sensors.table[["one", "other"]] == channel
     ).any(axis=1)
     assert touched.sum() == 5
-    assert ((p.sensors.table["steady"] == LEFT_OUT) == touched).all()
+    assert ((p.sensors.table["steady"] == LEFT_OUT_TEXT) == touched).all()
     assert set(p.sensors.depths["slow"].deeper_m) == set(CHANNELS) - {channel}
     placed = junctions_table(p.sensors.depths).set_index(["disk", "junction"])[
         "deeper than stated [mm]"
     ]
-    assert [place for place, said in placed.items() if said == LEFT_OUT] == [("slow", channel)]
+    assert [place for place, said in placed.items() if said == LEFT_OUT_TEXT] == [("slow", channel)]
 
 
 def test_what_is_left_out_has_no_compensated_trace_and_is_told(
@@ -142,7 +142,7 @@ def test_an_error_of_a_stand_in_counts_in_both_its_places(made: StudyRig) -> Non
     """f half a kelvin too high, with d left out: the line moves as the budget's linear shift says, within 2 %."""
     high_K = 0.5
     test = made.without("fast_d")
-    rows = stretch_of(test, 10.0)
+    rows = fit_rows(test, 10.0)
     raised = made.log.frame.assign(fast_f_degC=made.log.frame["fast_f_degC"] + high_K)
     log = type(made.log)(raised, "ehl", made.log.path, made.log.sha256, made.log.dt_s)
     moved = prepare_test(log, made.rig, made.records, left_out={"fast_d": ""})
@@ -176,7 +176,7 @@ def test_what_cannot_be_left_out_is_refused_in_one_sentence(
 
 
 def test_two_of_a_disk_may_be_left_out_where_the_rest_still_tells() -> None:
-    assert left_out_of(["fast_a", "fast_d", "slow_b"], SETUPS) == {
+    assert channels_left_out(["fast_a", "fast_d", "slow_b"], SETUPS) == {
         "fast": ("a", "d"),
         "slow": ("b",),
     }
@@ -310,7 +310,7 @@ def test_a_gap_at_the_parting_leaves_exit_code_1_and_a_finding_in_the_file(
     )
     assert found["subject"] == "fast_a"
     assert "fast_a is left out" in capsys.readouterr().err
-    assert LEFT_OUT in page.read_text(encoding="utf-8")
+    assert LEFT_OUT_TEXT in page.read_text(encoding="utf-8")
     data = json.loads(out.read_text(encoding="utf-8"))
     beta = data["joint"]["both"]["beta"]
     assert abs(beta["value"] - campaign.truth["tests"]["B3"]["beta"]) < 3 * beta["u"]

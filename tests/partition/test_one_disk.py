@@ -15,13 +15,13 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import warnings_and_errors
 from tcdyn.partition.joint import disk_fit
-from tcdyn.partition.single_disk import OneDisk, analyse_one
+from tcdyn.partition.single_disk import OneDisk, analyse_one_disk
 from tcdyn.report.page import typeset
 from tcdyn.report.single_disk import write_one_disk_report
 from tcdyn.rig.disk import CHANNELS
 from tcdyn.rig.record import write_record
 from tcdyn.workflows import compensate_log, estimate_one_disk
-from tcdyn.workflows.joint_tables import met
+from tcdyn.workflows.joint_tables import compare_joint_fit
 from tcdyn.workflows.single_disk import OneDiskRun
 from tests.partition.study_rigs import StudyRig, study_rig
 
@@ -44,7 +44,7 @@ def lone(made: StudyRig, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def found(made: StudyRig) -> OneDisk:
-    return analyse_one(
+    return analyse_one_disk(
         replace(made.test, disks={"slow": made.test.disks["slow"]}), sensor_check=False
     )
 
@@ -115,7 +115,7 @@ def test_the_command_takes_one_record_and_tells_what_is_not_possible(lone: Path)
 def test_the_page_s_model_is_the_joint_fit_s_own_and_its_budget_adds_up(
     found: OneDisk, tmp_path: Path
 ) -> None:
-    m = met(found, "slow")
+    m = compare_joint_fit(found, "slow")
     z = (m.measured - m.model) / m.sd
     assert 0.7 < float((z**2).mean()) < 2.0
     assert float(np.abs((m.measured - m.model)[m.at_s < 0].mean(axis=0)).max()) < 0.03

@@ -7,7 +7,7 @@ import pytest
 
 from tcdyn.chain import Chain
 from tcdyn.core import Array
-from tcdyn.heat.rim import bank_means, node_rates
+from tcdyn.heat.rim import basis_rates, lag_basis_means
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.nuisance import add_lag
 from tcdyn.partition.window import lagged_power
@@ -53,16 +53,16 @@ def test_a_power_that_ends_inside_a_sample_falls_by_its_lag_from_that_instant(pa
 
 
 @pytest.mark.parametrize(
-    "tau_s", [0.05, 0.6, 5.0, 1 / node_rates(DT_s)[20], (1 + 0.99e-6) / node_rates(DT_s)[20]]
+    "tau_s", [0.05, 0.6, 5.0, 1 / basis_rates(DT_s)[20], (1 + 0.99e-6) / basis_rates(DT_s)[20]]
 )
 def test_one_more_lag_is_weights_on_the_bank(tau_s: float) -> None:
     """Means of a slow input and its bank through a lag, one on a node among them, are those of the input filtered
     first: to 1e-5, as the bank's interpolation is good to 1e-6, straight lines between its samples to 7.5^2 dt^2/12."""
-    dt_s, rates = 0.1 * DT_s, node_rates(DT_s, longest_s=2 * tau_s)
+    dt_s, rates = 0.1 * DT_s, basis_rates(DT_s, longest_s=2 * tau_s)
     u = np.sin(2 * np.pi * 0.3 * np.arange(5000) * dt_s) ** 4
 
     def means(x: Array) -> tuple[Array, Array]:
-        return x[-2000:].reshape(40, 50).mean(axis=1), bank_means(x, dt_s, rates, [50] * 40)
+        return x[-2000:].reshape(40, 50).mean(axis=1), lag_basis_means(x, dt_s, rates, [50] * 40)
 
     for found, expected in zip(
         add_lag(*means(u), rates, tau_s), means(Chain((tau_s,)).response(u, dt_s))

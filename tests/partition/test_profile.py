@@ -17,7 +17,7 @@ from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import BothFit, DiskFit, joint_fits, joint_problem
 from tcdyn.partition.profile import intervals, joint_profiles, profiles_file, rim_table
 from tcdyn.partition.steady import steady_lines
-from tcdyn.partition.window import stretch_of
+from tcdyn.partition.window import fit_rows
 from tcdyn.rig.disk import DISKS
 from tcdyn.workflows.beta_tables import interval_table
 from tests.partition.study_rigs import StudyRig, study_rig
@@ -28,7 +28,7 @@ Fitted = tuple[dict[str, DiskFit], BothFit]
 
 def fitted(made: StudyRig, window_s: float = 10.0, test: EhlTest | None = None) -> Fitted:
     """Joint fits of a study rig from the speed law's point."""
-    _, speed = steady_lines(made.test, stretch_of(made.test, window_s))
+    _, speed = steady_lines(made.test, fit_rows(made.test, window_s))
     test = made.test if test is None else test
     return joint_fits(test, speed.starts, window_s)
 

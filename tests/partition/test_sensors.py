@@ -15,7 +15,7 @@ from tcdyn.partition.disk_features import AFTER_LOADING_S, AFTER_UNLOADING_S, di
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.nuisance import nominal_parameters
 from tcdyn.partition.sensor_check import SensorCheck, angle_groups, check_sensors, hotter_junction
-from tcdyn.partition.steady import at_one_radius
+from tcdyn.partition.steady import with_inner_row_at_one_radius
 from tcdyn.partition.window import Perturbation
 from tcdyn.rig.disk import CHANNELS
 from tcdyn.rig.log import read_log
@@ -429,7 +429,7 @@ def test_channels_swapped_between_the_disks_are_named_though_their_lines_are_far
 @pytest.mark.study
 def test_a_stated_doubt_of_the_flux_s_place_is_heeded() -> None:
     """A millimetre beside the centre is otherwise taken for a misplaced junction."""
-    test = at_one_radius(world_rig(7202, "flux 1 mm").test)
+    test = with_inner_row_at_one_radius(world_rig(7202, "flux 1 mm").test)
     assert check_sensors(test).suspects
 
     def unsure(disk: DiskTraces) -> DiskTraces:

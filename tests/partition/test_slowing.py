@@ -12,7 +12,7 @@ from tcdyn.partition.analyse import Partition
 from tcdyn.partition.cooling import with_slowing_air_offset
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.window import disk_window
-from tcdyn.rig.contact import speed_course
+from tcdyn.rig.contact import relative_speed
 from tcdyn.rig.disk import CHANNELS, DISKS
 from tcdyn.simulate.truth import CLEAN, draw_truth
 from tests.partition.after_parting_study import DEFAULT, WORLDS
@@ -149,7 +149,7 @@ def test_a_noisy_speed_with_dropouts_is_followed() -> None:
     logged = SPEED + rng.normal(0, 20, len(T))
     logged[4575:4650] = 0.0  # a second of nothing
     logged[[4700, 4701, 4800]] = np.nan
-    course = speed_course(T, logged, 60.0, 3000.0)
+    course = relative_speed(T, logged, 60.0, 3000.0)
     assert course is not None
     assert (course[T < 60.0] == 1).all()
     near = (T > 60) & (T < 70)
@@ -161,13 +161,13 @@ def test_a_noisy_speed_with_dropouts_is_followed() -> None:
 
 
 def test_a_change_below_two_per_cent_is_none() -> None:
-    course = speed_course(T, 3000.0 * np.where(T > 60, 0.985, 1.0), 60.0, 3000.0)
+    course = relative_speed(T, 3000.0 * np.where(T > 60, 0.985, 1.0), 60.0, 3000.0)
     assert course is not None
     assert (course == 1).all()
 
 
 def test_a_speed_that_is_missing_after_the_parting_is_taken_as_unchanged_and_said() -> None:
-    assert speed_course(T, np.where(T > 60, np.nan, 3000.0), 60.0, 3000.0) is None
+    assert relative_speed(T, np.where(T > 60, np.nan, 3000.0), 60.0, 3000.0) is None
     gone = study_rig(
         12,
         disturbed=lambda f: f.assign(speed_slow_rpm=f["speed_slow_rpm"].where(f["time_s"] < 320.0)),

@@ -11,11 +11,11 @@ from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Severity
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.angular_harmonic import (
+    HARMONIC_PRIOR_K,
     HARMONIC_PRIOR_REL,
     SECOND_HARMONIC_REL,
-    SHAPES,
-    UNKNOWN,
-    Unevenness,
+    UNKNOWN_HARMONIC,
+    AngularHarmonic,
     harmonic_at_junctions,
     harmonic_K,
 )
@@ -32,7 +32,7 @@ from tcdyn.rig.disk import CHANNELS
 from tcdyn.rig.rigfile import Rig, load_rig, parse_rig
 from tcdyn.simulate.implicit import steady_state
 from tcdyn.simulate.mesh import DiskMesh, grid_of
-from tcdyn.simulate.round import seen_round, uneven_system
+from tcdyn.simulate.round import harmonic_system, unevenness_effects
 from tcdyn.simulate.truth import draw_truth
 from tests.partition.study_rigs import StudyRig, study_rig
 
@@ -60,9 +60,9 @@ def test_predicted_harmonics_are_those_of_the_whole_disk(roughness_um: float) ->
         draw_truth(SEED, stating(0.0, roughness_um)).slow,
     )
     disk = replace(disk, bearing_offset_K=(0.0, 0.0))
-    system = uneven_system(disk, H, 1.62e-3, mesh)
+    system = harmonic_system(disk, H, 1.62e-3, mesh)
     state, grid = steady_state(system, POWER_W, 0.0), grid_of(disk, mesh)
-    told = seen_round(disk, system.sample @ state)
+    told = unevenness_effects(disk, system.sample @ state)
     even = state[: grid.cells.size].reshape(grid.cells.shape).mean(axis=1)
     setup = disk.setup
     inner_K = float(np.interp(setup.outer_radius_m - setup.junctions["b"].depth_m, grid.r, even))
@@ -96,7 +96,7 @@ def analysed(turned_deg: float) -> tuple[StudyRig, Partition]:
     return made, made.analyse()
 
 
-def off_K(made: StudyRig, found: Unevenness) -> np.ndarray:
+def off_K(made: StudyRig, found: AngularHarmonic) -> np.ndarray:
     told = made.told["unevenness"]["slow"]
     at = np.deg2rad(told["angle_deg"])
     return found.level_K - told["amplitude_K"] * np.array([np.cos(at), np.sin(at)])
@@ -139,8 +139,10 @@ def test_where_the_film_takes_all_the_heat_half_an_uncertainty_of_it_goes_throug
     u_rel, h = 0.02, {"fast": 3000.0, "slow": 1500.0}
     told = {f"h_{d}": Estimate.normal(value, 1.0) for d, value in h.items()}
     told["beta"] = Estimate.normal(0.7, u_rel)
-    wide = replace(UNKNOWN, covariance=1e4 * np.eye(len(UNKNOWN.estimate)), h_W_m2K=h["slow"])
-    prior = press_fit_priors(test, told, {"fast": UNKNOWN, "slow": wide})[0]["slow"]
+    wide = replace(
+        UNKNOWN_HARMONIC, covariance=1e4 * np.eye(len(UNKNOWN_HARMONIC.estimate)), h_W_m2K=h["slow"]
+    )
+    prior = press_fit_priors(test, told, {"fast": UNKNOWN_HARMONIC, "slow": wide})[0]["slow"]
     near = (test.time_s > events.unload_s - 20) & (test.time_s < events.unload_s - 1)
     power = float(test.power_W[near].mean())
     disk = test.disks["slow"]
@@ -173,7 +175,7 @@ def test_a_stated_harmonic_is_the_prior_with_as_much_heat_as_a_sharp_fit_sees_an
         (1e-9, 0.0, 0.6, MODEL_REL),
         (1e9, uneven_rel, 1.0, np.hypot(rel, MODEL_REL)),
     ):
-        found = Unevenness(
+        found = AngularHarmonic(
             estimate=np.r_[size * np.array([0.36, 0.48]) / 4, np.zeros(6)],
             covariance=sd**2 * np.eye(8),
         )
@@ -182,7 +184,10 @@ def test_a_stated_harmonic_is_the_prior_with_as_much_heat_as_a_sharp_fit_sees_an
         assert prior.second_harmonic_u_K == pytest.approx(
             np.hypot(second_rel * scale * 3.0, SECOND_HARMONIC_REL * scale * size), rel=1e-6
         )
-        least = [max(SHAPES[name], HARMONIC_PRIOR_REL[name] * size) for name in SHAPES]
+        least = [
+            max(HARMONIC_PRIOR_K[name], HARMONIC_PRIOR_REL[name] * size)
+            for name in HARMONIC_PRIOR_K
+        ]
         np.testing.assert_allclose(
             prior.prior_K, [np.hypot(others * 20.0, rel * size), *least[1:]], rtol=1e-9
         )
@@ -204,5 +209,5 @@ def test_a_fit_stated_elsewhere_is_told_and_not_used() -> None:
 def test_without_a_statement_nothing_is_subtracted() -> None:
     """To the last bit."""
     assert not harmonic_K(
-        UNKNOWN, load_rig().disk_setup("slow"), np.linspace(-50.0, 50.0, 101)
+        UNKNOWN_HARMONIC, load_rig().disk_setup("slow"), np.linspace(-50.0, 50.0, 101)
     ).any()

@@ -13,13 +13,13 @@ from scipy import stats
 from tcdyn.core import Array
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.steady import at_own_temperature
+from tcdyn.partition.steady import with_linear_steel
 from tcdyn.partition.steel import (
     conductivity_slope_effect,
     linear_about,
     specific_heat_slope_effect,
 )
-from tcdyn.partition.window import DiskWindow, lagged_window, stretch_of
+from tcdyn.partition.window import DiskWindow, fit_rows, lagged_window
 from tcdyn.rig.rigfile import Rig, load_rig, parse_rig
 from tcdyn.rig.surface_flux import SurfaceFlux, fit_surface_flux
 from tcdyn.simulate.truth import draw_truth
@@ -138,8 +138,8 @@ def test_a_stated_slope_of_the_steel_removes_its_bias_and_an_open_one_widens() -
 def test_the_effect_of_a_slope_is_what_another_slope_does() -> None:
     made = study_rig(SEED)
     u, at = 1e-4, (0.68, 750.0)
-    test = at_own_temperature(seen_test(made, stating(uncertainty={"conductivity_slope_per_K": u})))
-    rows, disk = stretch_of(test, 8.0), test.disks["fast"]
+    test = with_linear_steel(seen_test(made, stating(uncertainty={"conductivity_slope_per_K": u})))
+    rows, disk = fit_rows(test, 8.0), test.disks["fast"]
 
     def gap(slope: float, specific: float) -> tuple[Array, DiskWindow]:
         """Predicted less seen, and the window."""
@@ -165,10 +165,10 @@ def test_the_effect_of_a_slope_is_what_another_slope_does() -> None:
 def test_a_column_of_the_fit_holds_no_noise_of_the_readings() -> None:
     """Else it would explain their noise: with it the share of the fast disk alone once came out 0.15 off."""
     made = study_rig(SEED)
-    test = at_own_temperature(
+    test = with_linear_steel(
         seen_test(made, stating(uncertainty={"conductivity_slope_per_K": 5e-4}))
     )
-    window = lagged_window(test, test.disks["fast"], stretch_of(test, 8.0))
+    window = lagged_window(test, test.disks["fast"], fit_rows(test, 8.0))
     column = conductivity_slope_effect(window, 0.68, 750.0, 5e-4)
     late = window.at_s > test.events.unload_s + 0.5
     noise = [np.std(np.diff(x[late][:150], n=3, axis=0)) for x in (column, window.y)]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tcdyn.core.errors import InputError
-from tcdyn.partition.window import stretch_of
+from tcdyn.partition.window import fit_rows
 
 
 def test_a_short_log_is_told_which_window_it_allows() -> None:
@@ -16,4 +16,4 @@ def test_a_short_log_is_told_which_window_it_allows() -> None:
         time_s=np.arange(0.0, 102.72, 0.01), events=SimpleNamespace(unload_s=100.0, load_on_s=10.0)
     )
     with pytest.raises(InputError, match=r"ends 2\.71 s after .* at least 5 s .*window_s=2\.7,"):
-        stretch_of(log, 5.0)  # type: ignore[arg-type]
+        fit_rows(log, 5.0)  # type: ignore[arg-type]

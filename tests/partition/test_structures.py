@@ -9,19 +9,19 @@ from statistics import NormalDist
 import numpy as np
 import pytest
 
-from tcdyn.core.estimate import Estimate, mixture_range
+from tcdyn.core.estimate import Estimate, mixture_interval95
 from tcdyn.core.findings import Severity
 from tcdyn.estimation import minimise
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.departures import MODEL_FORMS, STEM_SD, DiskAtFit, model_form_columns
 from tcdyn.partition.joint import joint_problem
 from tcdyn.partition.model_forms import ESTIMATORS, NAMED_LOG_ODDS, SPEED_LAW_Z, compare_model_forms
-from tcdyn.partition.nuisance import Unmeasured
+from tcdyn.partition.nuisance import NuisanceParameter
 from tcdyn.partition.track import flux_shift_effect
 from tcdyn.partition.window import Perturbation
 from tcdyn.plots.partition import draw_lines
 from tcdyn.plots.style import figure
-from tcdyn.plots.transient import draw_structures
+from tcdyn.plots.transient import draw_model_forms
 from tcdyn.rig.disk import DISKS
 from tcdyn.workflows import beta_tables
 from tcdyn.workflows.beta import summary_of
@@ -121,7 +121,7 @@ def test_one_linear_step_is_the_fit_with_one_unknown_more(
     name = "faces"
     columns = model_form_columns(p.test, p.joint, p.both.theta)[name]
     parts = np.split(columns, [len(p.joint["fast"].side.y)])
-    extra = (Unmeasured(name, name, True),)
+    extra = (NuisanceParameter(name, name, True),)
     sides = [
         replace(
             p.joint[d].side,
@@ -175,7 +175,7 @@ def test_a_lag_and_a_flux_moved_a_little_do_what_their_slopes_say(
 
 def test_a_mixture_has_the_share_below_and_above_that_its_range_says() -> None:
     parts, weights = [Estimate.normal(0.7, 0.004), Estimate.normal(0.75, 0.02)], [0.8, 0.2]
-    low, high = mixture_range(parts, weights)
+    low, high = mixture_interval95(parts, weights)
     below = [
         sum(w * NormalDist(e.value, e.u).cdf(x) for w, e in zip(weights, parts))
         for x in (low, high)
@@ -213,14 +213,14 @@ def test_the_headline_stands_first_in_words_tables_and_files(
     assert kept["status"] == p.status == "sound"
     assert [a["name"] for a in kept["alternatives"]] == [a.name for a in p.structures.tried]
     assert summary_of(p).startswith(f"beta = {both} by the joint fit of both disks")
-    assert beta_tables.ways_table(p)["way"].iloc[0].startswith("joint fit of both")
+    assert beta_tables.estimates_table(p)["way"].iloc[0].startswith("joint fit of both")
     assert set(ESTIMATORS) & p.withheld == set()
 
 
 def test_the_picture_shows_every_structure_and_the_range(sound: tuple[StudyRig, Partition]) -> None:
     _, p = sound
     _, (ax,) = figure()
-    draw_structures(p.structures, ax)
+    draw_model_forms(p.structures, ax)
     assert len(ax.get_yticklabels()) == len(p.structures.tried)
     assert "β" in ax.get_xlabel()
 

@@ -12,8 +12,8 @@ from tcdyn.partition.analyse import Partition
 from tcdyn.partition.angular_harmonic import (
     FIRST_HARMONIC,
     HARMONIC_SOURCES,
-    UNKNOWN,
-    Unevenness,
+    UNKNOWN_HARMONIC,
+    AngularHarmonic,
     add_harmonic_effects,
     harmonic_at_junctions,
     harmonic_K,
@@ -21,7 +21,7 @@ from tcdyn.partition.angular_harmonic import (
     radial_shape,
 )
 from tcdyn.partition.joint import joint_fits
-from tcdyn.report.beta import uneven_section
+from tcdyn.report.beta import unevenness_section
 from tcdyn.rig.disk import CHANNELS, DISKS, DiskSetup
 from tcdyn.rig.rigfile import load_rig
 from tcdyn.simulate.truth import BoreContact, draw_truth
@@ -94,9 +94,10 @@ def test_junctions_on_one_side_make_the_nuisance_a_common_warmth() -> None:
 def test_what_is_left_of_a_found_harmonic_has_the_covariance_that_the_fit_gave() -> None:
     """A tenth of the prior's standard uncertainty left in every direction is a tenth of the prior's effect."""
     change, static, since_s = np.zeros((0, 2, 3)), np.full((3, 3), 1 / 3), np.array([-1.0, 5.0])
-    left = Unevenness(covariance=0.01 * np.eye(len(FIRST_HARMONIC)))
+    left = AngularHarmonic(covariance=0.01 * np.eye(len(FIRST_HARMONIC)))
     (of, prior), (_, rest) = (
-        add_harmonic_effects((), change, u, SETUP, 280.0, static, since_s) for u in (UNKNOWN, left)
+        add_harmonic_effects((), change, u, SETUP, 280.0, static, since_s)
+        for u in (UNKNOWN_HARMONIC, left)
     )
     assert {what.source for what in of} == HARMONIC_SOURCES
     assert [what.name for what in of if what.name.startswith("angle")] == [
@@ -193,7 +194,7 @@ def test_a_sound_log_stays_even_and_nearly_as_sharp(
     rows = {row.source: row.u_beta_steady for row in p.budget.rows}
     assert rows["second harmonic round the bore"] < 1e-9  # rounding
     assert rows["uneven bore contact"] < 0.5 * rows["junction depth"]
-    evenly = Unevenness(prior_K=np.full(4, 1e-6))
+    evenly = AngularHarmonic(prior_K=np.full(4, 1e-6))
     even = replace(made.test, uneven=dict.fromkeys(DISKS, evenly))
     _, both = joint_fits(even, {"fast": (0.7, 700.0), "slow": (0.3, 280.0)})
     assert p.both.estimates["beta"].u < 1.05 * both.estimates["beta"].u
@@ -211,7 +212,7 @@ def test_the_drawing_says_amplitude_and_angle_or_that_the_disk_is_even(
 ) -> None:
     titles = []
     for _, p in (sound, uneven):
-        section = uneven_section(p)
+        section = unevenness_section(p)
         assert section.figure is not None
         titles += [ax.get_title("left") for ax in section.figure.axes[:2]]
         assert section.table is not None

@@ -10,8 +10,8 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Z95
 from tcdyn.partition.analyse import Partition
 from tcdyn.plots.style import figure
-from tcdyn.plots.transient import draw_junctions, draw_referee, draw_window_study
-from tcdyn.workflows.beta_tables import cooling_by_window, referee_table
+from tcdyn.plots.transient import draw_inverse_check, draw_junctions, draw_window_study
+from tcdyn.workflows.beta_tables import cooling_by_window, reference_table
 from tests.conftest import Campaign
 from tests.pictures import bars
 
@@ -64,7 +64,7 @@ def test_bad_lengths_get_one_sentence(partition: Partition) -> None:
 
 
 def test_compensated_and_commuted_forms_agree(partition: Partition) -> None:
-    table = referee_table(partition)
+    table = reference_table(partition)
     assert len(table) == 4
     assert (table["z"].abs() < 3).all()
     apart = np.hypot(table["u_compensated"], table["u_commuted"])
@@ -108,7 +108,7 @@ def test_junctions_are_drawn_where_the_test_places_them(partition: Partition) ->
 def test_pictures_show_both_disks(by_window: pd.DataFrame, partition: Partition) -> None:
     fig, axes = figure(1, 2)
     draw_window_study(by_window, axes[0], truth=0.7)
-    draw_referee(referee_table(partition), axes[1])
+    draw_inverse_check(reference_table(partition), axes[1])
     words = " ".join(t.get_text() for t in axes[0].get_legend().get_texts())
     assert "fast disk" in words
     assert "shorter than the lag" in words

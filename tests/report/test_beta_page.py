@@ -27,7 +27,7 @@ def test_the_sources_add_up_to_all_together(partition: Partition) -> None:
     assert table["source"].iloc[-1] == "all together"
     steady, cooling = partition.budget.together
     both = partition.both.estimates["beta"].u
-    assert hypot(*joint_tables.both_budget(partition).values()) == pytest.approx(both, rel=1e-9)
+    assert hypot(*joint_tables.joint_budget(partition).values()) == pytest.approx(both, rel=1e-9)
     assert [float(x) for x in table.iloc[-1, 1:]] == pytest.approx(
         [both, steady, cooling], abs=5e-5
     )
@@ -40,7 +40,7 @@ def test_the_sources_add_up_to_all_together(partition: Partition) -> None:
 
 
 def test_value_and_uncertainty_have_the_same_last_digit(partition: Partition) -> None:
-    cells = [c for column in beta_tables.ways_table(partition).to_numpy().T for c in column]
+    cells = [c for column in beta_tables.estimates_table(partition).to_numpy().T for c in column]
     cells += list(beta_tables.test_table(partition)["value"])
     pairs = [c.split(" +- ") for c in cells if "+-" in c]
     assert len(pairs) > 20
@@ -71,7 +71,7 @@ def test_the_verdict_is_a_finding_and_is_said_once(partition: Partition, tmp_pat
 
 def test_the_model_of_the_page_is_the_fits_own(partition: Partition) -> None:
     for disk in DISKS:
-        m = joint_tables.met(partition, disk)
+        m = joint_tables.compare_joint_fit(partition, disk)
         assert m.at_s[0] < -60
         assert m.at_s[-1] > 5
         under_load = m.measured[m.at_s < 0].mean(axis=0) - m.model[m.at_s < 0].mean(axis=0)

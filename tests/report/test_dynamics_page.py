@@ -14,7 +14,7 @@ from tcdyn.identify import compare
 from tcdyn.report.compensate import _followed
 from tcdyn.report.dynamics import write_identify_report
 from tcdyn.rig.disk import Conditioning
-from tcdyn.workflows.live import Causal
+from tcdyn.workflows.live import LiveCompensator
 from tests.identify.identify_cases import case_a
 
 
@@ -40,7 +40,7 @@ def test_the_picture_of_a_followed_log_holds_its_95_percent_band_and_leaves_room
     t = np.linspace(0.0, 10.0, 5)
     x = np.array([20.0, 30.0, 60.0, 50.0, 40.0])
     pd.DataFrame({"time_s": t, "e_degC": x, "e_u_K": 0.5}).to_csv(tmp_path / "o.csv", index=False)
-    plan = cast(Causal, SimpleNamespace(junctions=["e_degC"]))
+    plan = cast(LiveCompensator, SimpleNamespace(junctions=["e_degC"]))
     (tmp_path / "log.csv").write_text(
         "t,T\n0,20\n", encoding="utf-8"
     )  # other names: no readings are drawn

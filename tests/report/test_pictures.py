@@ -18,9 +18,9 @@ from tcdyn.estimation.line_fit import fit_line
 from tcdyn.plots import calibration as pictures
 from tcdyn.plots import partition as partitions
 from tcdyn.plots.campaign import name_points
-from tcdyn.plots.compensate import draw_before_use, draw_compensated, draw_tradeoff
+from tcdyn.plots.compensate import draw_compensated, draw_filter_report, draw_tradeoff
 from tcdyn.plots.style import figure
-from tcdyn.plots.transient import draw_referee
+from tcdyn.plots.transient import draw_inverse_check
 from tcdyn.rig.rigfile import load_rig
 from tcdyn.rig.static_line import static_u
 from tests.pictures import bars
@@ -259,12 +259,12 @@ def test_the_referee_s_marks_stand_in_a_frame_that_holds_them_and_two_sd() -> No
     table = pd.DataFrame(
         {"disk": ["fast", "slow"], "quantity": ["beta", "h_W_m2K"], "z": [-5.0, 0.5]}
     )
-    ax = draw_referee(table, axes())
+    ax = draw_inverse_check(table, axes())
     assert [drawn(line)[0].tolist() for line in ax.lines[:2]] == [[-5.0, 1.0], [0.5, 0.0]]
     assert [t.get_text() for t in ax.get_yticklabels()] == ["fast β", "slow h"]
     assert ax.get_xlim() == pytest.approx((-6.0, 6.0))
     assert ax.get_ylim() == pytest.approx((-0.6, 1.6))
-    assert draw_referee(table.assign(z=0.1), axes()).get_xlim() == (-3.0, 3.0)
+    assert draw_inverse_check(table.assign(z=0.1), axes()).get_xlim() == (-3.0, 3.0)
     (band,) = ax.patches
     assert band.get_extents().transformed(ax.transData.inverted()).intervalx == pytest.approx(
         [-2.0, 2.0]
@@ -324,6 +324,6 @@ def test_a_step_before_use_is_drawn_for_eight_rise_times_at_most() -> None:
         remaining_shift_s=0.125,
         noise_gain=3.0,
     )
-    assert draw_before_use(report, axes()).get_xlim() == (0.0, 16.0)
+    assert draw_filter_report(report, axes()).get_xlim() == (0.0, 16.0)
     report.raw_rise_s = 20.0
-    assert draw_before_use(report, axes()).get_xlim() == (0.0, 100.0)
+    assert draw_filter_report(report, axes()).get_xlim() == (0.0, 100.0)

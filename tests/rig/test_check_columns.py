@@ -7,7 +7,7 @@ import pytest
 
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, SampleLocation
-from tcdyn.estimation.trace_noise import MOST_MISSING
+from tcdyn.estimation.trace_noise import MAX_MISSING_FRACTION
 from tcdyn.rig.check_columns import ColumnCheck, RunStatistics
 
 LIVELY = 60 + np.random.default_rng(0).normal(0, 0.1, 400)  # no two are the same
@@ -77,7 +77,7 @@ def test_a_gap_of_half_a_second_is_told_and_a_longer_one_is_refused() -> None:
 
 
 def test_the_grade_of_what_is_missing_hangs_on_its_share() -> None:
-    assert MOST_MISSING == 0.05
+    assert MAX_MISSING_FRACTION == 0.05
     for count, grade in ((8, "info"), (9, "warning"), (20, "warning")):  # a fiftieth of 400 is 8
         apart = range(5, 5 + 10 * count, 10)
         (absent,), (other,) = judged(missing(*apart)), judged(missing(*apart), name="load_N")

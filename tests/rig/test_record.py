@@ -12,7 +12,7 @@ import pytest
 from scipy import signal
 from typer.testing import CliRunner
 
-from calibration.compare import check_record, diff_records
+from calibration.compare import check_record, compare_records
 from calibration.static_lines import fit_static_lines
 from tcdyn.chain import Chain
 from tcdyn.cli.record import app
@@ -230,7 +230,7 @@ def test_a_record_keeps_any_chain_as_it_is(name, tmp_path):
 
 def test_records_of_two_disks_are_not_compared():
     with pytest.raises(InputError, match="one disk"):
-        diff_records(RECORD, make_record(disk="slow"))
+        compare_records(RECORD, make_record(disk="slow"))
 
 
 def again(seed: int, drift_K: float = 0.0):
@@ -245,15 +245,17 @@ def again(seed: int, drift_K: float = 0.0):
 
 @pytest.mark.e2e
 def test_drift_between_two_calibrations_is_significant_when_real_and_rarely_otherwise():
-    false = [len(diff_records(RECORD, make_record(again(s))).significant) > 0 for s in range(1, 61)]
+    false = [
+        len(compare_records(RECORD, make_record(again(s))).significant) > 0 for s in range(1, 61)
+    ]
     assert np.mean(false) <= 0.14  # 5 % over all rows, three sigma of 60 above it
-    found = diff_records(RECORD, make_record(again(1, 0.5)))
+    found = compare_records(RECORD, make_record(again(1, 0.5)))
     assert {q[0] for q in found.significant["quantity"]} == {"b"}
     assert "drifted significantly: b" in found.sentence()
 
 
 def test_a_changed_differential_lag_is_significant_though_the_common_one_is_loose():
-    found = diff_records(RECORD, make_record(chain=make_chain(0.06)))
+    found = compare_records(RECORD, make_record(chain=make_chain(0.06)))
     assert "e differential lag_s" in set(found.significant["quantity"])
     assert "e lag_s" not in set(found.significant["quantity"])
 
@@ -294,9 +296,9 @@ def test_what_the_tests_of_a_line_say_is_found_in_a_record_of_version_0_1_too():
 def test_only_keys_of_the_rig_that_changed_are_named_and_columns_are_none():
     data = RECORD.to_dict()
     data["setup"]["columns"] = {"fast_a_degC": "TC1"}
-    assert diff_records(RECORD, parse_record(data, "b")).notes == ()
+    assert compare_records(RECORD, parse_record(data, "b")).notes == ()
     data["setup"]["disk"]["conductivity_W_mK"] = 43.0
-    (info,) = diff_records(RECORD, parse_record(data, "b")).notes
+    (info,) = compare_records(RECORD, parse_record(data, "b")).notes
     assert info == "[disk] conductivity_W_mK was 41.0, is 43.0"
 
 

@@ -10,11 +10,11 @@ import pytest
 
 from tcdyn.chain import Chain
 from tcdyn.core.errors import InputError
-from tcdyn.rig.record import LONGEST_LAG_S
+from tcdyn.rig.record import MAX_LAG_S
 from tcdyn.sensors import read_sensor
 from tcdyn.sensors.file import sensor_file
 from tcdyn.sensors.plunge import plunge_sensor
-from tcdyn.workflows.live import Settings
+from tcdyn.workflows.live import LiveSettings
 from tests.cli.test_main_job import tcdyn as run_cli
 from tests.sensors.sensor_world import (
     Array,
@@ -158,11 +158,11 @@ def test_a_lag_beyond_the_limit_is_an_error_that_names_it(tmp_path: Path) -> Non
     assert run_cli("sensor", "new", "--tau-s", "2e7", "--column", "T", "--out", out) == 2
     assert not out.exists()
     with pytest.raises(InputError, match=r"T: a time of 2e\+07 s .*below 1e\+07 s"):
-        sensor_file("s", {"T": Chain(2 * LONGEST_LAG_S)}, "plunge", np.eye(1), [0.0])
+        sensor_file("s", {"T": Chain(2 * MAX_LAG_S)}, "plunge", np.eye(1), [0.0])
     with pytest.raises(InputError, match="behind_s"):
-        Settings(behind_s=2 * LONGEST_LAG_S)
+        LiveSettings(behind_s=2 * MAX_LAG_S)
     data = json.loads(_stored(tmp_path).read_text())
-    data["chain"]["channels"]["T"]["taus_s"] = [2 * LONGEST_LAG_S]
+    data["chain"]["channels"]["T"]["taus_s"] = [2 * MAX_LAG_S]
     (tmp_path / "long.json").write_text(json.dumps(data))
     with pytest.raises(InputError, match=r"taus_s.*less than"):
         read_sensor(tmp_path / "long.json")

@@ -22,19 +22,19 @@ from tcdyn.io import read as files
 from tcdyn.rig.disk import Conditioning
 from tcdyn.rig.static_line import StaticLine
 from tcdyn.rig.thermocouple_types import emf_mV
-from tcdyn.sensors import read_sensor, stated, step_times, table, write_sensor
-from tcdyn.sensors.units import u_name
+from tcdyn.sensors import read_sensor, specified_sensor, step_times, table, write_sensor
+from tcdyn.sensors.units import uncertainty_column
 from tcdyn.smoothing import smooth
 from tcdyn.smoothing.process_noise import spectral_level
 from tcdyn.workflows import compensate_table as pipeline
 from tcdyn.workflows.compensate_table import compensate_table
 from tcdyn.workflows.follow import follow
-from tcdyn.workflows.live import Settings
+from tcdyn.workflows.live import LiveSettings
 from tests.benchmarks.tables import compensated
 from tests.cli.test_main_job import tcdyn as run_cli
 from tests.sensors.sensor_world import lagged, logged, write, written
 
-PROBE = stated("probe", ["T1"], [(1.5, 0.1)])
+PROBE = specified_sensor("probe", ["T1"], [(1.5, 0.1)])
 
 
 def held(
@@ -48,7 +48,7 @@ def held(
 
 
 def test_a_file_says_what_was_stated_and_comes_back(tmp_path: Path) -> None:
-    sensor = stated("s", ["T*", "gas"], [(0.2, 0.02), (1.5, 0.1)], delay_s=(0.05, 0.01))
+    sensor = specified_sensor("s", ["T*", "gas"], [(0.2, 0.02), (1.5, 0.1)], delay_s=(0.05, 0.01))
     again = read_sensor(write_sensor(sensor, tmp_path / "s.sensor.json"))
     assert again == sensor
     assert again.chains[0] == Chain([1.5, 0.2], delay_s=0.05)
@@ -105,7 +105,7 @@ def test_every_unit_gives_the_same_answer_in_its_own_unit_and_other_columns_stay
             "power_W": 3.0 * t,
         },
     )
-    sensor = stated("all", ["a", "b", "c", "d", "e"], [(1.5, 0.05)])
+    sensor = specified_sensor("all", ["a", "b", "c", "d", "e"], [(1.5, 0.05)])
     done = compensate_table(log, [sensor], tmp_path / "out.csv", couple="K", cold="cj")
     out = written(done.path)
     assert list(out) == [
@@ -154,7 +154,7 @@ def test_the_reference_junction_is_found_by_its_name_without_a_unit(tmp_path: Pa
         T_mV=emf_mV(y, "K") - emf_mV(20 + t / 100, "K"),
         CJ_degC=20 + t / 100,
     )
-    sensor = stated("s", ["T"], [(1.5, 0.05)])
+    sensor = specified_sensor("s", ["T"], [(1.5, 0.05)])
     out = written(compensate_table(log, [sensor], tmp_path / "out.csv", couple="K", cold="CJ").path)
     assert held(out, "T_degC", "T_u_K", x)[0] < 0.3
     log = write(tmp_path / "log.csv", time_s=t, T_mV=y, CJ_degC=t, CJ_K=t)
@@ -167,7 +167,7 @@ def test_a_clock_or_a_unit_that_contradicts_the_rest_is_told(tmp_path: Path) -> 
     log = write(
         tmp_path / "log.csv", **{"Elapsed (ms)": np.round(t, 2), "T [F]": 1.8 * y + 32}
     )  # really seconds
-    sensor = stated("s", ["T"], [(1.5, 0.05)])
+    sensor = specified_sensor("s", ["T"], [(1.5, 0.05)])
     done = compensate_table(log, [sensor], tmp_path / "out.csv", unit="degC")
     said = {f.code: f.sentence for f in done.findings}
     assert (
@@ -190,7 +190,7 @@ def test_the_band_holds_the_lag_s_uncertainty() -> None:
     """
     shares, without = [], []
     rng = np.random.default_rng(5)
-    sensor = stated("s", ["y"], [(1.5, 0.15), (0.3, 0.03)])
+    sensor = specified_sensor("s", ["y"], [(1.5, 0.15), (0.3, 0.03)])
     known = {"lag_covariance": sensor.lag_covariance_s2, "split_u_s": sensor.split_u_s}
     for seed in range(16):
         taus = (1.5 + 0.15 * rng.standard_normal(), 0.3 + 0.03 * rng.standard_normal())
@@ -208,7 +208,7 @@ def test_a_table_in_stretches_is_the_table_at_once(
 ) -> None:
     t, x, y = logged((0.5,), 0.05, 5000, 0.1, 2)
     log = write(tmp_path / "long.csv", time_s=np.round(t, 3), T1_degC=y, n=np.arange(len(t)))
-    sensor = stated("s", ["T1"], [(0.5, 0.02)])
+    sensor = specified_sensor("s", ["T1"], [(0.5, 0.02)])
     whole = written(compensate_table(log, [sensor], tmp_path / "whole.csv").path)
     monkeypatch.setattr(table, "SEGMENT_ROWS", 1000)
     monkeypatch.setattr(table, "MARGIN_ROWS", 10)
@@ -247,7 +247,10 @@ def test_stretches_with_their_neighbours_give_what_the_whole_table_gives(
         monkeypatch.setattr(pipeline, "smooth", lambda *a, given=given, **k: given(*a, **k))
         told = []
         done = compensate_table(
-            log, [stated("s", ["T1"], [(0.5, 0.02)])], tmp_path / "out.csv", progress=told.append
+            log,
+            [specified_sensor("s", ["T1"], [(0.5, 0.02)])],
+            tmp_path / "out.csv",
+            progress=told.append,
         )
         assert len(told) >= 4
         whole = given(y, 0.05, Chain(0.5), lag_covariance=[[0.02**2]])
@@ -276,7 +279,7 @@ def test_rates_rows_and_channels(
     )
     out = written(
         compensate_table(
-            log, [stated("s", ["T*"], [(tau_s, 0.02 * tau_s)])], tmp_path / "out.csv"
+            log, [specified_sensor("s", ["T*"], [(tau_s, 0.02 * tau_s)])], tmp_path / "out.csv"
         ).path
     )
     assert len(out) == rows
@@ -289,7 +292,9 @@ def test_a_long_silence_and_lost_rows_are_bridged_or_parted(tmp_path: Path) -> N
     kept = ((t < 40) | (t > 120)) & (np.arange(len(t)) % 50 != 7)
     log = write(tmp_path / "gap.csv", time_s=np.round(t[kept], 3), T1_degC=y[kept])
     out = written(
-        compensate_table(log, [stated("s", ["T1"], [(0.5, 0.02)])], tmp_path / "out.csv").path
+        compensate_table(
+            log, [specified_sensor("s", ["T1"], [(0.5, 0.02)])], tmp_path / "out.csv"
+        ).path
     )
     assert len(out) == kept.sum()
     assert held(out, "T1_degC", "T1_u_K", x[kept])[1] > 0.92
@@ -298,7 +303,7 @@ def test_a_long_silence_and_lost_rows_are_bridged_or_parted(tmp_path: Path) -> N
 @pytest.mark.parametrize("dt_s", [0.05, 2.5])
 def test_the_interval_of_a_table_with_lost_rows_is_that_of_its_rows(dt_s: float) -> None:
     row = np.flatnonzero(np.arange(400) % 50 > 3)
-    grid, found = table.places(7.0 + dt_s * row, "here")
+    grid, found = table.even_times(7.0 + dt_s * row, "here")
     assert grid.dt_s == pytest.approx(dt_s, rel=1e-12)
     assert (grid.place == row - row[0]).all()
     assert not found
@@ -306,7 +311,7 @@ def test_the_interval_of_a_table_with_lost_rows_is_that_of_its_rows(dt_s: float)
 
 def test_steps_that_do_not_add_up_put_each_row_where_its_time_is() -> None:
     t = np.concatenate([np.arange(300.0), 300.0 + 1.02 * np.arange(300)])
-    grid, (found,) = table.places(t, "here")
+    grid, (found,) = table.even_times(t, "here")
     away = t - grid.dt_s * grid.place
     assert grid.dt_s == pytest.approx(t[-1] / 599)
     assert np.abs(away).max() <= 0.5 * grid.dt_s + 1e-9
@@ -343,7 +348,7 @@ def test_a_silence_parts_where_it_is_longer_than_ten_lags_and_sixty_rows(
 ) -> None:
     t = 0.05 * np.arange(400.0)
     t[200:] += silence_s
-    stretches = list(table.parts(OnePiece(t), ["x"], lag_s))
+    stretches = list(table.read_segments(OnePiece(t), ["x"], lag_s))
     assert np.concatenate([s.time_s[s.keep] for s in stretches]) == pytest.approx(t)
     assert [len(s.time_s) for s in stretches] == ([200, 200] if parted else [400])
 
@@ -353,7 +358,9 @@ def test_a_clock_of_few_decimals_and_a_dead_column_are_told(tmp_path: Path) -> N
     log = write(
         tmp_path / "coarse.csv", time_s=np.floor(t), T1_degC=y, T2_degC=np.full(len(t), 20.0)
     )
-    done = compensate_table(log, [stated("s", ["T1", "T2"], [(1.5, 0.1)])], tmp_path / "out.csv")
+    done = compensate_table(
+        log, [specified_sensor("s", ["T1", "T2"], [(1.5, 0.1)])], tmp_path / "out.csv"
+    )
     out = written(done.path)
     assert {"sensor.few_decimals", "sensor.left"} <= {f.code for f in done.findings}
     assert out["T2_degC"].isna().all()
@@ -401,7 +408,7 @@ def test_a_growing_table_is_followed(tmp_path: Path) -> None:
         log,
         [PROBE],
         tmp_path / "live.csv",
-        settings=Settings(behind_s=1.0),
+        settings=LiveSettings(behind_s=1.0),
         idle_s=0.0,
         sleep=lambda _: None,
     )
@@ -433,11 +440,11 @@ def test_a_growing_table_in_other_units_gives_the_answers_of_one_in_degrees_cels
     )
 
     def answers(log: Path, names: list[str], **options: object) -> pd.DataFrame:
-        sensor = stated("s", names, [(1.5, 0.1)], static=dict.fromkeys(names, line))
+        sensor = specified_sensor("s", names, [(1.5, 0.1)], static=dict.fromkeys(names, line))
         out = log.with_suffix(".live.csv")
         state = {
             "options": options,
-            "settings": Settings(behind_s=1.0),
+            "settings": LiveSettings(behind_s=1.0),
             "idle_s": 0.0,
             "sleep": lambda _: None,
         }
@@ -456,9 +463,9 @@ def test_a_growing_table_in_other_units_gives_the_answers_of_one_in_degrees_cels
         ("c_degC", x, 1.0),
     ):
         assert done[name].to_numpy() == pytest.approx(back, abs=1e-4), name
-        assert done[u_name(name) if name != "T1" else "T1_u_degF"].to_numpy() == pytest.approx(
-            per_K * u, abs=1e-4
-        )
+        assert done[
+            uncertainty_column(name) if name != "T1" else "T1_u_degF"
+        ].to_numpy() == pytest.approx(per_K * u, abs=1e-4)
 
 
 def test_what_is_said_of_colour_is_true_without_a_filter() -> None:

@@ -11,7 +11,7 @@ import pytest
 from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.sensors import read_sensor
-from tcdyn.sensors.current import MODES, current_sensor, cylinder
+from tcdyn.sensors.current import MODES, current_sensor, cylinder_modes
 from tcdyn.sensors.noise import _lags, noise_sensor
 from tcdyn.sensors.pair import pair_sensor
 from tests.cli.test_main_job import tcdyn as run_cli
@@ -78,10 +78,10 @@ def test_two_fluids_are_told_and_one_trace_twice_is_refused() -> None:
 
 def test_the_modes_of_a_cylinder_add_to_its_lag() -> None:
     """The lag is the sum of all modes, those beyond the last as 1/z^2; a slender one has a single mode."""
-    tau, _ = cylinder(np.log([2.0, 1.5, 0.6, 0.2]))
+    tau, _ = cylinder_modes(np.log([2.0, 1.5, 0.6, 0.2]))
     beyond = tau[-1] * MODES**2 / (MODES + 0.5)  # integral of 1/n^2
     assert np.sum(tau) + beyond == pytest.approx(2.0, rel=0.002)
-    slender, _ = cylinder(np.log([2.0, 0.005, 0.5, 0.2]))
+    slender, _ = cylinder_modes(np.log([2.0, 0.005, 0.5, 0.2]))
     assert slender[0] == pytest.approx(2.0, rel=0.003)
 
 
@@ -212,7 +212,7 @@ def test_modes_of_a_heated_cylinder_are_those_of_its_rings(
     rate, mode = np.linalg.eigh(conductance / root[:, None] / root)
     heat = np.append(np.where(middle < heated, area, 0.0), 0.0)
     shares = (mode[0] / root[0]) * (mode.T @ (heat / root)) / rate
-    tau_s, share = cylinder(np.log([0.25 + (1 + wall) / (2 * biot), biot, wall, heated]))
+    tau_s, share = cylinder_modes(np.log([0.25 + (1 + wall) / (2 * biot), biot, wall, heated]))
     assert tau_s[:4] == pytest.approx(1 / rate[:4], rel=2e-3)
     assert share[:4] / share[0] == pytest.approx(
         shares[:4] / shares[0], rel=1e-2

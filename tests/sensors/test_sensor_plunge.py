@@ -13,8 +13,8 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Estimate
 from tcdyn.sensors import read_sensor
 from tcdyn.sensors.plunge import find_step, plunge_sensor
-from tcdyn.sensors.step_fits import colour_of
-from tcdyn.sensors.surface_h import STREAMS, Film, Stream
+from tcdyn.sensors.step_fits import residual_noise
+from tcdyn.sensors.surface_h import STREAMS, BoundaryLayer, Stream
 from tests.cli.test_main_job import tcdyn as run_cli
 from tests.sensors.sensor_world import FINE, Array, lagged, write
 
@@ -144,11 +144,11 @@ def test_h_across_a_stream_agrees_with_hilpert_s_numbers_and_the_film_moves_the_
         assert s.h_W_m2K(d) == pytest.approx(
             0.683 * re**0.466 * s.prandtl ** (1 / 3) * s.k_W_mK / d, rel=0.2
         )
-    fit = Film("water", 3e-3).to_fit(Estimate.normal(2.0, 0.05))
+    fit = BoundaryLayer("water", 3e-3).to_fit(Estimate.normal(2.0, 0.05))
     assert isinstance(fit["lag_air_s"], dict)
     assert 15 < fit["lag_air_s"]["value"] < 35  # 3 mm: rho c d/4 = 2700 J/m2K over h of 105 W/m2K
     with pytest.raises(InputError, match="water or air"):
-        Film("oil", 3e-3)
+        BoundaryLayer("oil", 3e-3)
 
 
 @pytest.mark.parametrize(("medium", "speed"), [("water", 0.1), ("air", 20.0), ("air", None)])
@@ -156,7 +156,7 @@ def test_the_uncertainty_in_another_stream_is_that_of_its_four_sources(
     medium: str, speed: float | None
 ) -> None:
     """Each moved by a thousandth of its uncertainty in lag + rho c d/4 (1/h' - 1/h): 15 % of h, h' and rho c."""
-    film, lag = Film(medium, 3e-3, speed), Estimate.normal(2.0, 0.05)
+    film, lag = BoundaryLayer(medium, 3e-3, speed), Estimate.normal(2.0, 0.05)
     own = film.stream
     assert (own.k_W_mK, own.speed_m_s) == (STREAMS[medium].k_W_mK, speed or 3.0)
     fit = film.to_fit(lag)
@@ -200,7 +200,7 @@ def test_a_film_of_impossible_size_or_speed_is_refused(
     diameter_m: float, speed: float | None
 ) -> None:
     with pytest.raises(InputError, match=f"diameter {1e3 * diameter_m:g} mm"):
-        Film("air", diameter_m, speed)
+        BoundaryLayer("air", diameter_m, speed)
 
 
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -227,8 +227,8 @@ def test_the_colour_of_residuals_is_told_in_any_unit(size_K: float) -> None:
     rng = np.random.default_rng(4)
     white = size_K * rng.standard_normal(400)
     coloured = lfilter([1.0], [1.0, -0.8], white)
-    found, level = colour_of(coloured, 3)
+    found, level = residual_noise(coloured, 3)
     assert (found.ar[0], level / size_K) == pytest.approx((-0.8, 1.0), abs=0.15)
-    none, level = colour_of(white, 3)
+    none, level = residual_noise(white, 3)
     assert none.white
     assert level / size_K == pytest.approx(1.0, abs=0.15)

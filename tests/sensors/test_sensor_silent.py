@@ -10,7 +10,7 @@ import pytest
 
 from tcdyn.core.errors import InputError
 from tcdyn.identify import from_csv, from_frame
-from tcdyn.sensors import stated
+from tcdyn.sensors import specified_sensor
 from tcdyn.sensors.table import read_columns
 from tcdyn.workflows.compensate_table import CompensatedTable, compensate_table
 
@@ -37,7 +37,7 @@ def table(path: Path, time: object, y: np.ndarray, name: str = "Time [s]") -> Pa
 
 def compensated(log: Path) -> tuple[CompensatedTable, pd.DataFrame]:
     done = compensate_table(
-        log, [stated("s", ["TC*"], [(TAU_S, U_S)])], log.with_suffix(".out.csv")
+        log, [specified_sensor("s", ["TC*"], [(TAU_S, U_S)])], log.with_suffix(".out.csv")
     )
     return done, pd.read_csv(done.path, comment="#")
 
@@ -65,7 +65,9 @@ def test_stamps_go_through_parquet_too(tmp_path: Path) -> None:
     _, y = kiln(300)
     time = stamps("2021-11-26", 300)
     log = table(tmp_path / "log.csv", time, y, "Time")
-    done = compensate_table(log, [stated("s", ["TC*"], [(TAU_S, U_S)])], tmp_path / "out.parquet")
+    done = compensate_table(
+        log, [specified_sensor("s", ["TC*"], [(TAU_S, U_S)])], tmp_path / "out.parquet"
+    )
     assert pd.read_parquet(done.path)["Time"].tolist() == time
     again = tmp_path / "log.parquet"
     pd.DataFrame({"Time": pd.to_datetime(time), "TC1_degC": y}).to_parquet(again)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tcdyn.core.errors import InputError
-from tcdyn.sensors.table import on_grid, open_source, parts, places, read_columns
+from tcdyn.sensors.table import even_times, on_grid, open_source, read_columns, read_segments
 from tests.sensors.sensor_world import Array
 
 T = np.arange(60) / 8  # eighths of a second are exact
@@ -31,7 +31,7 @@ def test_a_column_that_stands_twice_is_refused(tmp_path: Path) -> None:
 
 def test_rows_lost_leave_their_places_empty(tmp_path: Path) -> None:
     kept = np.r_[0:20, 23:60]
-    grid, found = places(T[kept], "log.csv")
+    grid, found = even_times(T[kept], "log.csv")
     assert (grid.dt_s, found) == (0.125, [])
     assert grid.place.tolist() == kept.tolist()
     values = on_grid(10.0 * kept, grid, 60)
@@ -46,7 +46,7 @@ def test_rows_lost_leave_their_places_empty(tmp_path: Path) -> None:
 
 def test_rows_of_one_place_are_averaged() -> None:
     stamps = np.insert(T, 30, T[29] + 0.01)  # a row that came twice
-    grid, found = places(stamps, "log.csv", 0.125)
+    grid, found = even_times(stamps, "log.csv", 0.125)
     assert [f.code for f in found] == []
     assert grid.place.tolist() == np.insert(np.arange(60), 30, 29).tolist()
     values = on_grid(np.where(np.arange(61) == 30, 7.0, 5.0), grid, 60)
@@ -58,7 +58,7 @@ def test_rows_of_one_place_are_averaged() -> None:
 def test_stamps_that_stray_far_are_told_with_how_far(stray: float, told: bool) -> None:
     """Every other stamp late by this part of an interval: their sd is half of it."""
     late = stray * 0.125 * (np.arange(60) % 2)
-    grid, found = places(100.0 + T + late, "log.csv", 0.125)
+    grid, found = even_times(100.0 + T + late, "log.csv", 0.125)
     assert grid.place.tolist() == list(range(60))
     assert [f.code for f in found] == (["sensor.uneven"] if told else [])
     for f in found:
@@ -70,7 +70,7 @@ def test_rows_are_counted_where_the_clock_wanders_by_half_an_interval() -> None:
     """Slowly, by 0.55 to either side, so that the nearest place would be another row's; three rows are lost."""
     wander = 0.55 * np.sin(2 * np.pi * np.arange(60) / 60)
     kept = np.r_[0:29, 32:60]
-    grid, (found,) = places((100 + T + 0.125 * wander)[kept], "log.csv", 0.125)
+    grid, (found,) = even_times((100 + T + 0.125 * wander)[kept], "log.csv", 0.125)
     assert grid.place.tolist() == kept.tolist()
     away = np.abs(wander[kept] - np.median(wander[kept]))
     nearest = np.minimum(away, 1 - away)
@@ -78,7 +78,7 @@ def test_rows_are_counted_where_the_clock_wanders_by_half_an_interval() -> None:
 
 
 def test_a_clock_of_few_decimals_counts_its_rows() -> None:
-    grid, (found,) = places(100 + np.floor(T), "log.csv")
+    grid, (found,) = even_times(100 + np.floor(T), "log.csv")
     assert grid.place.tolist() == list(range(60))
     assert grid.dt_s == pytest.approx(
         0.125
@@ -89,7 +89,7 @@ def test_a_clock_of_few_decimals_counts_its_rows() -> None:
 def test_a_stamp_that_stands_twice_leaves_the_rate_as_it_is() -> None:
     once = T.copy()
     once[5] = once[4]  # of sixty one is less than a fiftieth
-    grid, found = places(100 + once, "log.csv")
+    grid, found = even_times(100 + once, "log.csv")
     assert (grid.dt_s, found) == (0.125, [])
     assert grid.place.tolist() == np.where(np.arange(60) == 5, 4, np.arange(60)).tolist()
 
@@ -108,11 +108,11 @@ def test_a_stamp_that_stands_twice_leaves_the_rate_as_it_is() -> None:
 )
 def test_time_that_tells_no_rate_is_refused_with_its_row(stamps: Array, words: str) -> None:
     with pytest.raises(InputError, match=words):
-        places(stamps, "log.csv")
+        even_times(stamps, "log.csv")
 
 
 def test_ten_rows_are_enough() -> None:
-    assert places(T[:10], "log.csv")[0].place.tolist() == list(range(10))
+    assert even_times(T[:10], "log.csv")[0].place.tolist() == list(range(10))
 
 
 class Rows:
@@ -136,7 +136,7 @@ def test_stretches_answer_every_row_once_and_part_at_a_silence_of_ten_lags(
     """A lag of two seconds, 8 rows a second; row 3000 comes after the silence."""
     time_s = np.arange(6000) / 8
     time_s[3000:] += silence_s
-    made = list(parts(Rows(time_s, size), ["T1"], 2.0, least=1000))
+    made = list(read_segments(Rows(time_s, size), ["T1"], 2.0, least=1000))
     answered = [p.data["T1"][p.keep] for p in made]
     assert np.concatenate(answered).tolist() == list(range(6000))
     assert (2999.0 in [rows[-1] for rows in answered]) == parted

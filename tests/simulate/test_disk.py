@@ -22,7 +22,7 @@ from tcdyn.simulate.mesh import (
     hertz_shares,
     to_ambient_W_K,
 )
-from tcdyn.simulate.round import HARMONICS, seen_round, uneven_system
+from tcdyn.simulate.round import HARMONICS, harmonic_system, unevenness_effects
 from tcdyn.simulate.truth import BoreContact, DiskTruth, draw_truth
 
 Array = NDArray[np.float64]
@@ -231,18 +231,18 @@ def uneven(amplitude: float, angle_deg: float = 0.0) -> DiskTruth:
 
 def test_a_contact_that_hardly_differs_round_the_bore_is_the_even_disk() -> None:
     even = build_system(uneven(0.0), 700.0, HALF_WIDTH_m, COARSE)
-    slightly = uneven_system(uneven(1e-6), 700.0, HALF_WIDTH_m, COARSE)
+    slightly = harmonic_system(uneven(1e-6), 700.0, HALF_WIDTH_m, COARSE)
     was, now = (s.sample @ steady_state(s, 300.0, 60.0) for s in (even, slightly))
     np.testing.assert_allclose(now[: len(was)], was, atol=1e-4)  # a hundred kelvin times 1e-6
     assert (
-        uneven_system(uneven(0.0), 700.0, HALF_WIDTH_m, COARSE).capacity.shape
+        harmonic_system(uneven(0.0), 700.0, HALF_WIDTH_m, COARSE).capacity.shape
         == even.capacity.shape
     )
 
 
 def test_harmonics_hold_no_heat_and_the_balance_closes() -> None:
     """Whatever goes round the disk, heat in is heat out of harmonic 0, and the whole matrix is symmetric."""
-    system = uneven_system(uneven(0.7, 25.0), 700.0, HALF_WIDTH_m, COARSE)
+    system = harmonic_system(uneven(0.7, 25.0), 700.0, HALF_WIDTH_m, COARSE)
     assert (
         abs(system.conductance - system.conductance.T).max() < 1e-9 * abs(system.conductance).max()
     )
@@ -260,8 +260,8 @@ def test_amplitudes_go_with_the_power_of_the_contact_s_that_makes_them() -> None
 
     def parts(amplitude: float) -> Array:
         disk = uneven(amplitude)
-        system = uneven_system(disk, 700.0, HALF_WIDTH_m, COARSE)
-        told = seen_round(disk, system.sample @ steady_state(system, 300.0, 60.0))
+        system = harmonic_system(disk, 700.0, HALF_WIDTH_m, COARSE)
+        told = unevenness_effects(disk, system.sample @ steady_state(system, 300.0, 60.0))
         return np.array([told["amplitude_K"], *told["second_K"].values()])
 
     ratio = parts(0.1) / parts(0.05)
@@ -275,10 +275,10 @@ def test_a_turned_contact_turns_the_pattern() -> None:
     setup = disk.setup
     turned = {c: replace(j, angle_deg=j.angle_deg - 30.0) for c, j in setup.junctions.items()}
     other = replace(disk, setup=replace(setup, junctions=turned), uneven=BoreContact(0.6, 0.0))
-    one, two = (uneven_system(d, 700.0, HALF_WIDTH_m, COARSE) for d in (disk, other))
+    one, two = (harmonic_system(d, 700.0, HALF_WIDTH_m, COARSE) for d in (disk, other))
     reads = one.sample @ steady_state(one, 300.0, 60.0)
     np.testing.assert_allclose(reads, two.sample @ steady_state(two, 300.0, 60.0), atol=1e-9)
-    assert seen_round(disk, reads)["angle_deg"] == pytest.approx(
+    assert unevenness_effects(disk, reads)["angle_deg"] == pytest.approx(
         210.0
     )  # hottest where the fit conducts least
 
@@ -290,8 +290,8 @@ def test_harmonics_of_a_disk_that_loses_nothing_obey_the_radial_equation(n: int)
     disk = uneven(0.5, 10.0)
     setup = replace(disk.setup, washer_conductivity_W_mK=0.0)
     disk = replace(disk, setup=setup)
-    system = uneven_system(disk, 0.0, HALF_WIDTH_m, DiskMesh(radial=48, axial=40, shaft_side=16))
-    told = seen_round(disk, system.sample @ steady_state(system, 300.0, 60.0))
+    system = harmonic_system(disk, 0.0, HALF_WIDTH_m, DiskMesh(radial=48, axial=40, shaft_side=16))
+    told = unevenness_effects(disk, system.sample @ steady_state(system, 300.0, 60.0))
     reads, shape = told[("first_K", "second_K")[n - 1]], {}
     for c in "abe":
         r = setup.outer_radius_m - setup.junctions[c].depth_m
@@ -316,8 +316,8 @@ def test_sectors_that_follow_a_cosine_conduct_as_it_does_about_any_angle() -> No
     by_sectors = replace(disk, uneven=stepped(0.5, 70.0))
     told = []
     for d in (disk, by_sectors):
-        system = uneven_system(d, 700.0, HALF_WIDTH_m, COARSE)
-        told.append(seen_round(d, system.sample @ steady_state(system, 300.0, 60.0)))
+        system = harmonic_system(d, 700.0, HALF_WIDTH_m, COARSE)
+        told.append(unevenness_effects(d, system.sample @ steady_state(system, 300.0, 60.0)))
     one, other = told
     assert other["amplitude_K"] == pytest.approx(one["amplitude_K"], rel=1e-3)
     assert other["angle_deg"] == pytest.approx(one["angle_deg"], abs=0.1)
@@ -332,8 +332,8 @@ def test_sectors_that_follow_a_cosine_conduct_as_it_does_about_any_angle() -> No
 def test_two_keyways_opposite_each_other_make_a_second_harmonic_alone() -> None:
     contact = BoreContact(0.0, 0.0, ((50.0, 110.0, 0.0), (230.0, 290.0, 0.0)))
     disk = replace(uneven(0.0, 0.0), uneven=contact)
-    system = uneven_system(disk, 300.0, HALF_WIDTH_m, COARSE)
-    told = seen_round(disk, system.sample @ steady_state(system, 300.0, 60.0))
+    system = harmonic_system(disk, 300.0, HALF_WIDTH_m, COARSE)
+    told = unevenness_effects(disk, system.sample @ steady_state(system, 300.0, 60.0))
     assert told["amplitude_K"] < 1e-9
     second = np.array(
         [told["second_K"][c] for c in "ab"]

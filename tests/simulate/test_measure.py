@@ -10,11 +10,11 @@ from tcdyn.simulate.measure import (
     BITS,
     RANGE_degC,
     chain_poles,
+    chain_responses,
     log_disk,
     logged,
     quantised,
     spike_train,
-    through_chains,
 )
 from tcdyn.simulate.truth import CLEAN, Imperfections, draw_truth
 
@@ -40,7 +40,7 @@ def test_a_filter_of_unknown_shape_is_refused_everywhere() -> None:
 def test_a_ramp_comes_out_late_by_exactly_the_lag(conditioning: Conditioning) -> None:
     t = np.arange(0, 20 * 300 + 1) / 300
     fine = np.repeat((3.0 * t)[:, None], 2, axis=1)
-    out = through_chains(fine, 1 / 300, 4, [(0.5, 0.1, conditioning), (0.7, 0.15, conditioning)])
+    out = chain_responses(fine, 1 / 300, 4, [(0.5, 0.1, conditioning), (0.7, 0.15, conditioning)])
     lag = t[-1] - out[-1] / 3.0
     expected = np.array([0.6, 0.85]) + conditioning.lag_s
     assert np.abs(lag - expected).max() < 1e-9  # exact for straight lines; the transient is e^-28
@@ -50,7 +50,7 @@ def test_a_ramp_comes_out_late_by_exactly_the_lag(conditioning: Conditioning) ->
 def test_chain_agrees_with_the_toolkit_s_own_transfer_function(conditioning: Conditioning) -> None:
     rng = np.random.default_rng(1)
     u = np.cumsum(rng.standard_normal(4001))
-    ours = through_chains(u[:, None], 1 / 300, 4, [(0.5, 0.1, conditioning)])[:, 0]
+    ours = chain_responses(u[:, None], 1 / 300, 4, [(0.5, 0.1, conditioning)])[:, 0]
     theirs = Chain((0.5, 0.1), conditioning=conditioning).response(u, 1 / 300)[::4]
     assert (
         np.abs(ours - theirs).max() < 1e-8 * np.abs(u).max()
@@ -59,7 +59,7 @@ def test_chain_agrees_with_the_toolkit_s_own_transfer_function(conditioning: Con
 
 def test_chain_has_unit_static_gain() -> None:
     level = np.full((4001, 1), 1.0)
-    out = through_chains(level, 1 / 300, 4, [(0.5, 0.1, Conditioning(4.0, 3, "butterworth"))])
+    out = chain_responses(level, 1 / 300, 4, [(0.5, 0.1, Conditioning(4.0, 3, "butterworth"))])
     assert out == pytest.approx(1.0, abs=1e-12)
 
 

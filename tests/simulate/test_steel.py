@@ -16,7 +16,7 @@ from tcdyn.rig.flux_profile import FluxProfile
 from tcdyn.rig.steel import SteelSlopes
 from tcdyn.simulate.implicit import integrate, steady_state
 from tcdyn.simulate.mesh import DiskMesh, build_system, grid_of
-from tcdyn.simulate.round import uneven_system
+from tcdyn.simulate.round import harmonic_system
 from tcdyn.simulate.truth import BoreContact, DiskTruth, draw_truth
 
 COARSE = DiskMesh(radial=40, axial=24, shaft_side=16)
@@ -35,7 +35,7 @@ def disk_of(
 
 
 def readings(disk: DiskTruth, power_W: float = 120.0, h_W_m2K: float = 700.0) -> dict[str, float]:
-    system = uneven_system(disk, h_W_m2K, B, COARSE)
+    system = harmonic_system(disk, h_W_m2K, B, COARSE)
     return dict(zip(system.channels, system.sample @ steady_state(system, power_W, 60.0)))
 
 
@@ -79,7 +79,7 @@ def test_the_linear_disk_that_stands_for_it_reads_kirchhoff_s_temperatures() -> 
     """Steady, without a shaft: 0.05 K of some 45 above the air, where the steel makes 0.2."""
     true = disk_of(SLOPES, bore_conductance_W_m2K=1e-9, shaft_W_m2K=0.0)
     hot = readings(true)
-    system = uneven_system(true, 700.0, B, COARSE)
+    system = harmonic_system(true, 700.0, B, COARSE)
     state = steady_state(system, 120.0, 60.0)
     surface = float(system.surface_m2 @ state / system.surface_m2.sum())
     setup = linear_about(true.setup, 60.0, surface, float(np.mean([hot[c] for c in "dbf"])))
@@ -95,7 +95,7 @@ def test_a_harmonic_conducts_as_a_small_change_of_the_even_part_does() -> None:
     """To first order in T_1 cos(psi): half of what the even part's conduction changes by T_1, and what flows round the
     ring, by the sum over r as a sum of dr/r."""
     disk = disk_of(SLOPES, amplitude=0.6)
-    system = uneven_system(disk, 700.0, B, COARSE)
+    system = harmonic_system(disk, 700.0, B, COARSE)
     steel, y = system.steel, np.full(len(system.capacity), 20.0)
     g, rng = grid_of(disk, COARSE), np.random.default_rng(1)
     even, first = steel.cells[:2]

@@ -14,14 +14,14 @@ from tcdyn.smoothing import Burst, Intensity, deconvolve, invert, smooth
 from tcdyn.smoothing.live import LiveSmoother
 from tcdyn.smoothing.process_noise import (
     _pick,
-    cut_out,
+    channel_spans,
     exact_levels,
-    levels_of,
-    smeared_s,
-    spans,
+    segment,
+    segment_levels,
+    smearing_time_s,
     spectral_level,
 )
-from tcdyn.smoothing.record import stretch_of
+from tcdyn.smoothing.record import record_of
 
 CHAIN, DT = Chain((0.4,), conditioning=Conditioning(4.0, 2)), 0.05
 
@@ -102,7 +102,7 @@ def test_the_level_of_a_wandering_slope_is_recovered_by_spectrum_and_by_likeliho
     found = [spectral_level(wander(q, 8192, 0.05, s, chain), DT, chain, 0.05**2) for s in range(4)]
     assert np.exp(np.mean(np.log(found))) == pytest.approx(q, rel=0.35)
     assert max(found) < 2 * q < 4 * min(found)
-    short = stretch_of(wander(q, 1200, 0.05, 9, chain), DT, chain, noise_sd=0.05)
+    short = record_of(wander(q, 1200, 0.05, 9, chain), DT, chain, noise_sd=0.05)
     level, var = exact_levels(short, short.noise_sd**2, True)
     assert 0.4 * q < level[0] < 2.5 * q
     assert var == pytest.approx(short.noise_sd**2)
@@ -120,8 +120,8 @@ def test_segments_have_levels_of_their_own_and_a_short_one_the_largest_of_the_ot
         y[999] + late,
     )
     events = (1000 * DT, 1040 * DT)
-    short = stretch_of(y, DT, chain, events, noise_sd=0.05)
-    (found,), _ = levels_of(short, short.noise_sd**2, True)
+    short = record_of(y, DT, chain, events, noise_sd=0.05)
+    (found,), _ = segment_levels(short, short.noise_sd**2, True)
     assert found.starts_s == (0.0, *events)
     quiet, between, wild = found.levels
     assert 0.3 * 0.01 < quiet < 3.5 * 0.01
@@ -132,12 +132,14 @@ def test_segments_have_levels_of_their_own_and_a_short_one_the_largest_of_the_ot
 def test_a_window_has_a_clock_of_its_own_and_what_an_instant_smears_is_a_lag_and_four_samples() -> (
     None
 ):
-    whole = stretch_of(trace(), DT, CHAIN, (5.0, 12.5), noise_sd=0.05)
-    part = cut_out(whole, 80, 200, whole.events_s)
+    whole = record_of(trace(), DT, CHAIN, (5.0, 12.5), noise_sd=0.05)
+    part = segment(whole, 80, 200, whole.events_s)
     assert part.events_s == pytest.approx((1.0,))
     assert np.array_equal(part.y, whole.y[80:200])
-    assert smeared_s(whole) == pytest.approx(CHAIN.lag_s + 4 * DT)
-    assert spans(whole, np.array([0.0025, 100.0])) == pytest.approx([np.ptp(whole.y[:, 0]), 100.0])
+    assert smearing_time_s(whole) == pytest.approx(CHAIN.lag_s + 4 * DT)
+    assert channel_spans(whole, np.array([0.0025, 100.0])) == pytest.approx(
+        [np.ptp(whole.y[:, 0]), 100.0]
+    )
 
 
 def test_of_a_trade_off_the_least_or_the_level_of_the_noise_is_taken_between_the_trials() -> None:
@@ -182,7 +184,7 @@ def test_what_rests_and_what_is_missing_is_told_with_its_share() -> None:
     y = trace(400, jump=0.0)
     y[300:340, 0] = y[300, 0]  # of 400: stands still for two seconds
     y[100:112, 1] = np.nan
-    told = {f.code: f for f in stretch_of(y, DT, CHAIN, (), 0.05, ["a", "b"]).findings}
+    told = {f.code: f for f in record_of(y, DT, CHAIN, (), 0.05, ["a", "b"]).findings}
     still, gone = told["trace.stuck"], told["trace.bad"]
     assert (still.subject, still.numbers["first_sample"]) == ("a", pytest.approx(300, abs=1))
     assert still.numbers["percent"] == pytest.approx(100 * 40 / 400, abs=0.3)

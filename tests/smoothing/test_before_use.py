@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tcdyn.chain import NO_CONDITIONING, Chain, equalised, sensors
+from tcdyn.chain import NO_CONDITIONING, Chain, equalise, sensors
 from tcdyn.rig.disk import Conditioning
 from tcdyn.smoothing.inverse import (
-    before_use,
-    lag_rate,
+    lag_sensitivity_filter,
+    lag_split_filter,
     proper_inverse,
+    report_inverse,
     smoother_bandwidth_Hz,
-    split_change,
     widest_bandwidth_Hz,
 )
 
@@ -34,7 +34,7 @@ def test_of_one_lag_another_of_the_bandwidth_is_left_and_the_report_says_all_of_
     w = 2 * np.pi * 2.0
     chain = Chain((TAU,), delay_s=delay_s, conditioning=NO_CONDITIONING)
     f = proper_inverse(chain, DT, 2.0)
-    told = before_use(f, 0.01)
+    told = report_inverse(f, 0.01)
     near = {"rel": 6 * DT * w}  # some samples in 1/w
     assert told.bandwidth_Hz == pytest.approx(2.0, **near)
     assert told.raw_bandwidth_Hz == pytest.approx(
@@ -78,12 +78,14 @@ def test_two_lags_and_a_filter_need_as_many_poles_and_the_widest_bandwidth_is_qu
     assert proper_inverse(ONE, DT, best).noise_gain * 0.01 <= 0.3
     assert proper_inverse(ONE, DT, best * step).noise_gain * 0.01 > 0.3
     assert widest_bandwidth_Hz(ONE, DT, 0.01, 1e-9) == 0.0
-    told = before_use(proper_inverse(ONE, DT, 300.0), 0.01, 0.3)
+    told = report_inverse(proper_inverse(ONE, DT, 300.0), 0.01, 0.3)
     assert {f.code: f.numbers.get("best_Hz", f.numbers.get("rate_Hz")) for f in told.findings} == {
         "inverse.noisy": best,
         "inverse.near_nyquist": pytest.approx(1000.0),
     }
-    assert [f.code for f in before_use(proper_inverse(ONE, DT, 150.0), 0.01, 99.0).findings] == []
+    assert [
+        f.code for f in report_inverse(proper_inverse(ONE, DT, 150.0), 0.01, 99.0).findings
+    ] == []
     assert proper_inverse(
         Chain((TAU,), -0.2, conditioning=NO_CONDITIONING), DT, 2.0
     ).remaining_shift_s == (pytest.approx(0.4 + 1 / (2 * np.pi * 2.0)))
@@ -100,12 +102,14 @@ def test_rates_of_lag_and_of_its_split_are_those_of_the_responses() -> None:
     """d(1 + tau s)/dtau over 1 + tau s; and (1 + t1 s)(1 + t2 s) over the same with a part moved, less one."""
     s = 2j * np.pi * 0.7
     near = {"rel": 2 * np.pi * 0.7 * DT}  # half a sample late
-    assert gain_at(*lag_rate(ONE, DT), 0.7) == pytest.approx(s / (1 + TAU * s), **near)
+    assert gain_at(*lag_sensitivity_filter(ONE, DT), 0.7) == pytest.approx(
+        s / (1 + TAU * s), **near
+    )
     for taus, shift in (((0.5, 0.2), 0.1), ((0.5,), 0.1), ((0.5, 0.2), 0.7)):
         first, second = (*taus, 0.0)[:2]
         left, right = max(first - shift, 0.0), second + min(shift, first)
         exact = (1 + first * s) * (1 + second * s) / ((1 + left * s) * (1 + right * s)) - 1
-        got = gain_at(*split_change(Chain(taus, conditioning=NO_CONDITIONING), shift, DT), 0.7)
+        got = gain_at(*lag_split_filter(Chain(taus, conditioning=NO_CONDITIONING), shift, DT), 0.7)
         assert got == pytest.approx(exact, rel=0.02), taus
 
 
@@ -138,7 +142,7 @@ def test_a_common_chain_is_shown_after_a_second_s_mean() -> None:
         Chain((1.0,), delay_s=0.4),
     )
     y = own.response(np.where(t > 3, 1.0, 0.0), 0.05, "zoh")
-    (out,) = equalised(y[:, None], 0.05, [own], common).T
+    (out,) = equalise(y[:, None], 0.05, [own], common).T
     exact = np.where(t > 3.4, 1 - np.exp(-(t - 3.05 - 0.4) / 1.0), 0.0)
     assert (
         np.abs(out - exact)[t > 3.5].max() < 0.06

@@ -12,18 +12,18 @@ from scipy.signal import lfilter, lfilter_zi
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.core.errors import InputError
 from tcdyn.rig.disk import Conditioning
-from tcdyn.rig.static_line import unit_lines
+from tcdyn.rig.static_line import identity_lines
 from tcdyn.smoothing.intervals import corner_rad_s
 from tcdyn.smoothing.inverse import (
-    before_use,
     lag_sensitivity,
+    lag_split_filter,
     proper_inverse,
-    split_change,
+    report_inverse,
     widest_bandwidth_Hz,
 )
 from tcdyn.smoothing.live import LiveSmoother, LiveState
 from tcdyn.smoothing.traces import DiskChannels
-from tcdyn.workflows.live import CORNER_LAGS, Causal, CausalState, Settings
+from tcdyn.workflows.live import CORNER_LAGS, LiveCompensator, LiveCompensatorState, LiveSettings
 
 B = Conditioning(cutoff_Hz=4.0, poles=2)
 
@@ -60,7 +60,7 @@ def test_inverse_is_stable_has_unit_gain_and_its_stated_bandwidth(chain):
     f = proper_inverse(chain, DT, 1.5)
     assert np.all(np.abs(np.roots(f.a)) < 1)
     assert f.b.sum() / f.a.sum() == pytest.approx(1.0, abs=1e-9)
-    assert before_use(f, 0.15).bandwidth_Hz == pytest.approx(
+    assert report_inverse(f, 0.15).bandwidth_Hz == pytest.approx(
         1.5, rel=0.02
     )  # 2 %: FOH against the continuous roll-off
 
@@ -91,7 +91,7 @@ def test_what_another_split_of_the_lag_would_make_of_an_answer(
     t, x = slow_wave()
     x = x - 12 * (1 - np.exp(-np.maximum(t - t[len(t) // 2], 0)))
     chain = Chain(taus, conditioning=B)
-    b, a = split_change(chain, shift, DT)
+    b, a = lag_split_filter(chain, shift, DT)
     change = lfilter(b, a, x, zi=lfilter_zi(b, a) * x[0])[0]
     other = chain.with_split_shift(shift).response(x, DT) - chain.response(x, DT)
     assert np.max(np.abs(chain.response(change, DT) - other)) < within * np.max(np.abs(other))
@@ -149,7 +149,7 @@ def test_live_smoother_follows_an_unannounced_event_within_one_degree():
 
 
 def test_report_warns_when_the_bandwidth_cannot_be_had_and_says_which_can():
-    said = before_use(proper_inverse(CHAIN, DT, 15.0), 0.15, wanted_K=1.0)
+    said = report_inverse(proper_inverse(CHAIN, DT, 15.0), 0.15, wanted_K=1.0)
     assert any("can be had" in w for w in said.warnings)
     best = widest_bandwidth_Hz(CHAIN, DT, 0.15, 1.0)
     assert proper_inverse(CHAIN, DT, best).noise_gain * 0.15 <= 1.0
@@ -169,10 +169,10 @@ def test_without_a_rig_the_live_smoother_follows_as_fast_as_the_lag_lets_it(
     """The intensity is that at which the signal sinks into the noise at a set multiple of one over the lag."""
     chain = Chain((lag_s,), conditioning=NO_CONDITIONING)
     channels = DiskChannels(
-        ("T1",), (unit_lines(0.1, ("T1",))["T1"],), (chain,), np.zeros((1, 1)), np.zeros(1)
+        ("T1",), (identity_lines(0.1, ("T1",))["T1"],), (chain,), np.zeros((1, 1)), np.zeros(1)
     )
     learnt = {"dt_s": dt_s, "dead": [], "noise_K": {"T1": noise_K}, "before_K": {"T1": 0.0}}
-    plan = Causal.of(("time_s", "T1"), [channels], None, Settings(), learnt)
+    plan = LiveCompensator.of(("time_s", "T1"), [channels], None, LiveSettings(), learnt)
     corner = corner_rad_s(chain, plan.engine.intensity / (noise_K**2 * dt_s))
     assert corner == pytest.approx(CORNER_LAGS / lag_s, rel=0.03)
 
@@ -191,15 +191,15 @@ def test_without_a_rig_the_live_smoother_follows_as_fast_as_the_lag_lets_it(
 )
 def test_settings_that_cannot_be_are_refused(how: dict[str, float]) -> None:
     with pytest.raises(InputError):
-        Settings(**how)
-    Settings(behind_s=60.0, learn_s=600.0)
+        LiveSettings(**how)
+    LiveSettings(behind_s=60.0, learn_s=600.0)
 
 
-def waits(delays: tuple[float, ...], rows: int) -> tuple[Causal, CausalState]:
+def waits(delays: tuple[float, ...], rows: int) -> tuple[LiveCompensator, LiveCompensatorState]:
     """Rows whose first column is the time and whose answers are that time plus ten times the channel's number."""
     names = ("time_s", *(f"c{k}_degC" for k in range(len(delays))))
     chains = tuple(SimpleNamespace(delay_s=d) for d in delays)
-    plan = object.__new__(Causal)
+    plan = object.__new__(LiveCompensator)
     engine = SimpleNamespace(lag_samples=2)
     parts = {
         "names": names,
@@ -215,7 +215,7 @@ def waits(delays: tuple[float, ...], rows: int) -> tuple[Causal, CausalState]:
     waiting = np.column_stack([t, *[np.full(rows, -1.0)] * len(delays)])
     waiting[3:4, 0] = np.nan  # left out by the logger
     found = np.column_stack([t + 10 * k for k in range(len(delays))])
-    return plan, CausalState(cast(Any, None), np.zeros(0), waiting, found, 2 * found)
+    return plan, LiveCompensatorState(cast(Any, None), np.zeros(0), waiting, found, 2 * found)
 
 
 def test_a_row_waits_for_the_latest_of_its_answers_and_each_is_for_the_row_s_own_time() -> None:

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from tcdyn.chain import NO_CONDITIONING, Chain
-from tcdyn.plots.compensate import draw_before_use, draw_compensated, draw_tradeoff
-from tcdyn.smoothing import before_use, deconvolve, proper_inverse, smooth
+from tcdyn.plots.compensate import draw_compensated, draw_filter_report, draw_tradeoff
+from tcdyn.smoothing import deconvolve, proper_inverse, report_inverse, smooth
 
 matplotlib.use("Agg")
 DT = 0.05
@@ -67,5 +67,7 @@ def test_pictures_are_drawn_from_results():
         draw_compensated(smooth(y, DT, CHAIN), y, axes[1], window_s=(2.0, 10.0)).get_xlabel()
         == "time [s]"
     )
-    assert draw_before_use(before_use(proper_inverse(CHAIN, DT, 1.0), 0.2), axes[2]).get_xlabel()
+    assert draw_filter_report(
+        report_inverse(proper_inverse(CHAIN, DT, 1.0), 0.2), axes[2]
+    ).get_xlabel()
     assert len(ours.time_s) == len(x)

@@ -14,7 +14,7 @@ from tcdyn.chain import Chain
 from tcdyn.core.errors import InputError
 from tcdyn.sensors import sensor_file
 from tcdyn.workflows.follow import FollowRun, follow
-from tcdyn.workflows.live import Settings
+from tcdyn.workflows.live import LiveSettings
 from tests.conftest import Campaign
 
 SHORT_S = (320.0, 345.0)  # ten seconds of load, then the unloading at 330 s
@@ -34,7 +34,7 @@ def read(path: Path) -> pd.DataFrame:
 
 
 def whole_run(
-    campaign: Campaign, folder: Path, text: str, settings: Settings | None = None
+    campaign: Campaign, folder: Path, text: str, settings: LiveSettings | None = None
 ) -> pd.DataFrame:
     (folder / "whole.csv").write_text(text, encoding="utf-8")
     follow(
@@ -54,7 +54,7 @@ def grown(
     folder: Path,
     text: str,
     cuts: list[int],
-    settings: Settings | None = None,
+    settings: LiveSettings | None = None,
     **kind: object,
 ) -> tuple[FollowRun, Path]:
     """Follow a file to which the pieces between ``cuts`` (bytes) are appended one at each pause."""
@@ -77,9 +77,11 @@ def grown(
     return run, out
 
 
-@pytest.mark.parametrize("settings", [Settings(), Settings(behind_s=0.5)], ids=["live", "behind"])
+@pytest.mark.parametrize(
+    "settings", [LiveSettings(), LiveSettings(behind_s=0.5)], ids=["live", "behind"]
+)
 def test_a_growing_file_gives_the_rows_of_the_whole_one(
-    campaign: Campaign, tmp_path: Path, text: str, settings: Settings
+    campaign: Campaign, tmp_path: Path, text: str, settings: LiveSettings
 ) -> None:
     cuts = sorted(
         np.random.default_rng(1).integers(1, len(text), 40).tolist()
@@ -98,7 +100,7 @@ def test_a_growing_file_gives_the_rows_of_the_whole_one(
 def test_stopped_and_begun_again_no_row_is_lost_or_doubled(
     campaign: Campaign, tmp_path: Path, text: str
 ) -> None:
-    settings = Settings(behind_s=0.3)
+    settings = LiveSettings(behind_s=0.3)
     log, out, state = tmp_path / "EHL_B3.csv", tmp_path / "live.csv", tmp_path / "state.json"
     for share in (0.4, 0.7, 1.0):
         log.write_text(text[: int(share * len(text))], encoding="utf-8")
@@ -126,7 +128,7 @@ def test_a_state_of_other_files_or_settings_is_refused(
     log, out, state = tmp_path / "EHL_B3.csv", tmp_path / "live.csv", tmp_path / "state.json"
     log.write_text(text, encoding="utf-8")
 
-    def go(settings: Settings | None = None, records: object = None) -> None:
+    def go(settings: LiveSettings | None = None, records: object = None) -> None:
         follow(
             log,
             records or campaign.records,
@@ -141,7 +143,7 @@ def test_a_state_of_other_files_or_settings_is_refused(
     go()
     before = out.read_bytes()
     with pytest.raises(InputError, match="another settings"):
-        go(Settings(behind_s=1.0))
+        go(LiveSettings(behind_s=1.0))
     with pytest.raises(InputError, match="another records"):
         go(records={"fast": campaign.records["fast"]})
     log.write_text(text.replace("320,", "320.001,", 1), encoding="utf-8")
@@ -155,11 +157,11 @@ def test_a_state_of_other_files_or_settings_is_refused(
 
 @pytest.mark.parametrize(
     ("settings", "ratio"),
-    [(Settings(), 2.0), (Settings(behind_s=0.5), 6.0)],
+    [(LiveSettings(), 2.0), (LiveSettings(behind_s=0.5), 6.0)],
     ids=["live", "behind"],
 )
 def test_the_unloading_at_e_is_followed(
-    campaign: Campaign, tmp_path: Path, text: str, settings: Settings, ratio: float
+    campaign: Campaign, tmp_path: Path, text: str, settings: LiveSettings, ratio: float
 ) -> None:
     """Errors of raw over ours in the five seconds after: 2.8 and 12 measured for seed 3; the rest is for luck."""
     done = whole_run(campaign, tmp_path, text, settings)
@@ -289,7 +291,7 @@ def test_a_log_that_cannot_be_followed_is_refused_and_nothing_written(
 def test_a_plunge_is_followed_with_one_record(campaign: Campaign, tmp_path: Path) -> None:
     log, out = campaign.files.plunges["fast"][0], tmp_path / "plunge.csv"
     one = {"fast": campaign.records["fast"]}
-    follow(log, one, out, campaign.rig, Settings(behind_s=0.5), idle_s=0.01, poll_s=0.02)
+    follow(log, one, out, campaign.rig, LiveSettings(behind_s=0.5), idle_s=0.01, poll_s=0.02)
     done = read(out)
     true = pd.read_parquet(
         next((campaign.files.folder / "truth").glob(f"{log.stem}*.parquet"))

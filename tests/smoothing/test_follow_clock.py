@@ -11,9 +11,9 @@ import pytest
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.core.errors import InputError
 from tcdyn.io.csv_dialect import HEAD_BYTES
-from tcdyn.sensors import stated
+from tcdyn.sensors import specified_sensor
 from tcdyn.workflows.follow import FollowRun, follow
-from tcdyn.workflows.live import Settings
+from tcdyn.workflows.live import LiveSettings
 from tests.sensors.sensor_world import Array, logged, write, written
 
 Change = Callable[[Array], Array]
@@ -24,9 +24,14 @@ def followed(folder: Path, change: Change, behind_s: float = 0.0) -> tuple[Follo
     t, _, y = logged((0.5,), 0.05, 600, 0.1, 2)
     times = np.round(change(t), 3)
     log, out = write(folder / "log.csv", time_s=times, T1_degC=y), folder / "out.csv"
-    settings = Settings(behind_s=behind_s, learn_s=2.0)
+    settings = LiveSettings(behind_s=behind_s, learn_s=2.0)
     run = follow(
-        log, [stated("s", ["T1"], [(0.5, 0.02)])], out, settings=settings, idle_s=0.0, poll_s=0.01
+        log,
+        [specified_sensor("s", ["T1"], [(0.5, 0.02)])],
+        out,
+        settings=settings,
+        idle_s=0.0,
+        poll_s=0.01,
     )
     done = written(out)
     assert np.isfinite(done.drop(columns="time_s")).all(axis=None)
@@ -102,9 +107,14 @@ def test_a_dead_time_of_part_of_a_sample_is_taken_out(tmp_path: Path, delay_s: f
         len(t)
     )
     log, out = write(tmp_path / "log.csv", time_s=np.round(t, 3), T1_degC=y), tmp_path / "out.csv"
-    sensor = stated("s", ["T1"], [(0.5, 0.001)], delay_s=(delay_s, 0.0))
+    sensor = specified_sensor("s", ["T1"], [(0.5, 0.001)], delay_s=(delay_s, 0.0))
     follow(
-        log, [sensor], out, settings=Settings(behind_s=0.5, learn_s=2.0), idle_s=0.0, poll_s=0.01
+        log,
+        [sensor],
+        out,
+        settings=LiveSettings(behind_s=0.5, learn_s=2.0),
+        idle_s=0.0,
+        poll_s=0.01,
     )
     off = (written(out)["T1_degC"].to_numpy() - true)[t < 55.0][200:]
     assert np.sqrt(np.mean(off**2)) < 0.016
@@ -118,7 +128,7 @@ def test_a_head_is_waited_for_while_the_log_is_short_and_refused_when_it_is_long
         encoding="utf-8"
     )
     sensors, log, out = (
-        [stated("s", ["T1"], [(0.5, 0.02)])],
+        [specified_sensor("s", ["T1"], [(0.5, 0.02)])],
         tmp_path / "log.csv",
         tmp_path / "out.csv",
     )
@@ -128,7 +138,13 @@ def test_a_head_is_waited_for_while_the_log_is_short_and_refused_when_it_is_long
         log.write_text(whole, encoding="utf-8")
 
     run = follow(
-        log, sensors, out, settings=Settings(learn_s=2.0), idle_s=0.2, poll_s=0.01, sleep=goes_on
+        log,
+        sensors,
+        out,
+        settings=LiveSettings(learn_s=2.0),
+        idle_s=0.2,
+        poll_s=0.01,
+        sleep=goes_on,
     )
     assert run.rows_written == 600
 

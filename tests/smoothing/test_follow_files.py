@@ -12,15 +12,15 @@ import pandas as pd
 import pytest
 
 from tcdyn.core.errors import InputError
-from tcdyn.io.checksum import SEAL, checksum
-from tcdyn.sensors import stated
+from tcdyn.io.checksum import CHECKSUM_KEY, checksum
+from tcdyn.sensors import specified_sensor
 from tcdyn.workflows.follow import FollowRun, follow
-from tcdyn.workflows.live import Settings
+from tcdyn.workflows.live import LiveSettings
 from tests.cli.test_main_job import tcdyn
 from tests.sensors.sensor_world import logged, written
 
-SENSORS = [stated("s", ["T1"], [(0.5, 0.02)])]
-SETTINGS = Settings(learn_s=2.0)
+SENSORS = [specified_sensor("s", ["T1"], [(0.5, 0.02)])]
+SETTINGS = LiveSettings(learn_s=2.0)
 HEADER = "time_s,T1_degC,T2_degC\n"
 Sleep = Callable[[float], None]
 
@@ -269,7 +269,7 @@ def test_names_with_commas_and_quotes_come_back_from_a_semicolon_log(tmp_path: P
     lines = "".join(f"{a:.2f};{b:.3f};5\n" for a, b in zip(t, y))
     log = tmp_path / "log.csv"
     log.write_text('time_s;"gas, left_degC";the "old" one\n' + lines, encoding="utf-8")
-    sensors = [stated("s", ["gas, left"], [(0.5, 0.02)])]
+    sensors = [specified_sensor("s", ["gas, left"], [(0.5, 0.02)])]
     follow(log, sensors, tmp_path / "out.csv", settings=SETTINGS, idle_s=0.0, sleep=lambda _: None)
     done = written(tmp_path / "out.csv")
     assert list(done) == [*names, "gas, left_u_K"]
@@ -298,8 +298,8 @@ def damaged(change: Callable[[dict], object]) -> Callable[[Path], None]:
     def write(path: Path) -> None:
         data = json.loads(path.read_text(encoding="utf-8"))
         change(data)
-        plain = {k: v for k, v in data.items() if k != SEAL}
-        path.write_text(json.dumps({**plain, SEAL: checksum(plain)}), encoding="utf-8")
+        plain = {k: v for k, v in data.items() if k != CHECKSUM_KEY}
+        path.write_text(json.dumps({**plain, CHECKSUM_KEY: checksum(plain)}), encoding="utf-8")
 
     return write
 

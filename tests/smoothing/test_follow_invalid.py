@@ -9,9 +9,9 @@ import pandas as pd
 import pytest
 
 from tcdyn.chain import NO_CONDITIONING, Chain
-from tcdyn.sensors import stated
+from tcdyn.sensors import specified_sensor
 from tcdyn.workflows.follow import FollowRun, follow
-from tcdyn.workflows.live import Settings
+from tcdyn.workflows.live import LiveSettings
 from tcdyn.workflows.reachable import Reach, ReadingTrack
 from tests.cli.test_main_job import tcdyn
 from tests.sensors.sensor_world import Array, lagged, write, written
@@ -37,8 +37,8 @@ def followed(
     """The run with a sensor of 25 s, and what it wrote."""
     t, _, _ = kiln()
     log = write(folder / "log.csv", **{"time_s": t, name: y})
-    sensors = [stated("s", [name], [(TAU_S, 1.0)])]
-    settings = Settings(learn_s=60.0)
+    sensors = [specified_sensor("s", [name], [(TAU_S, 1.0)])]
+    settings = LiveSettings(learn_s=60.0)
     done = follow(
         log,
         sensors,
@@ -155,14 +155,14 @@ def test_a_run_that_is_stopped_while_readings_are_invalid_goes_on_the_same(tmp_p
     whole.mkdir()
     parts.mkdir()
     _, expected = followed(whole, y)
-    sensors = [stated("s", ["TC1_degC"], [(TAU_S, 1.0)])]
+    sensors = [specified_sensor("s", ["TC1_degC"], [(TAU_S, 1.0)])]
     for last in (330, N):
         log = write(parts / "log.csv", time_s=t[:last], TC1_degC=y[:last])
         run = follow(
             log,
             sensors,
             parts / "out.csv",
-            settings=Settings(learn_s=60.0),
+            settings=LiveSettings(learn_s=60.0),
             idle_s=0.0,
             sleep=lambda _: None,
             state=parts / "s.json",

@@ -13,7 +13,7 @@ from tcdyn.chain import Chain
 from tcdyn.rig.disk import Conditioning
 from tcdyn.smoothing import LiveSmoother, smooth
 from tcdyn.workflows.follow import FollowRun, follow
-from tcdyn.workflows.live import Settings
+from tcdyn.workflows.live import LiveSettings
 from tests.smoothing.live_world import (
     FILTER_POLES,
     FILTER_S,
@@ -33,7 +33,7 @@ SETTLED_S = 5.0
 
 
 def followed(
-    made: World | pd.DataFrame, folder: Path, settings: Settings
+    made: World | pd.DataFrame, folder: Path, settings: LiveSettings
 ) -> tuple[FollowRun, pd.DataFrame]:
     log, out = folder / "log.csv", folder / "out.csv"
     (made.log() if isinstance(made, World) else made).to_csv(log, index=False)
@@ -73,7 +73,7 @@ def test_a_day_in_short_is_followed_within_its_band_to_its_end(
 ) -> None:
     """Four minutes at 75 Hz with the three unloadings of a day, 36 bursts and 72 lone outliers."""
     made = world(240.0, before, 7, bursts_s=40.0)
-    hold(made, *followed(made, tmp_path, Settings(behind_s=behind_s)), behind_s)
+    hold(made, *followed(made, tmp_path, LiveSettings(behind_s=behind_s)), behind_s)
 
 
 @pytest.mark.parametrize("before", [0.0, 0.97], ids=["white", "before the filter"])
@@ -86,7 +86,7 @@ def test_behind_it_is_the_batch_smoother_within_the_stated_band(
         made, time_s=made.time_s[:2200], true=made.true[:2200], readings=made.readings[:2200]
     )  # two kinks
     run, done = followed(
-        made, tmp_path, Settings(behind_s=0.5, noise_K=None if before else NOISE_K)
+        made, tmp_path, LiveSettings(behind_s=0.5, noise_K=None if before else NOISE_K)
     )
     batch = smooth(
         made.readings,
@@ -176,7 +176,7 @@ def test_a_lag_that_divides_otherwise_than_the_record_says_is_within_the_band(
         records,
         tmp_path / "out.csv",
         None,
-        Settings(0.5),
+        LiveSettings(0.5),
         idle_s=0.01,
         poll_s=0.02,
     )
@@ -193,7 +193,7 @@ def test_gaps_and_clocks_that_jump_are_told_and_the_rest_is_as_good(tmp_path: Pa
     log.loc[hour, "time_s"] += 3600.0
     log.loc[3500:3520, "time_s"] -= 30.0
     log = log.drop(index=range(1500, 1650))
-    run, done = followed(log, tmp_path, Settings())
+    run, done = followed(log, tmp_path, LiveSettings())
     assert [f.code for f in run.findings if f.code != "follow.spikes"] == [
         "follow.backward",
         "follow.gaps",
@@ -202,7 +202,7 @@ def test_gaps_and_clocks_that_jump_are_told_and_the_rest_is_as_good(tmp_path: Pa
     assert told["follow.gaps"] == {"count": 2, "longest_s": pytest.approx(3600, abs=0.1)}
     assert told["follow.backward"] == {"count": 21}
     assert len(done) == len(log) - 21
-    _, whole = followed(made, tmp_path, Settings())
+    _, whole = followed(made, tmp_path, LiveSettings())
     after = done["time_s"] > 3650.0
     same = whole.set_index("time_s").loc[(done["time_s"][after] - 3600.0).round(4)]
     assert np.max(np.abs(done.loc[after, NAMES].to_numpy() - same[NAMES].to_numpy())) < 1e-3
@@ -221,12 +221,12 @@ def test_the_noise_model_goes_on_exactly_from_a_state_file(tmp_path: Path) -> No
             {"fast": record()},
             parts,
             None,
-            Settings(0.3),
+            LiveSettings(0.3),
             state=state,
             idle_s=0.01,
             poll_s=0.02,
         )
-    follow(log, {"fast": record()}, whole, None, Settings(0.3), idle_s=0.01, poll_s=0.02)
+    follow(log, {"fast": record()}, whole, None, LiveSettings(0.3), idle_s=0.01, poll_s=0.02)
     assert parts.read_text(encoding="utf-8") == whole.read_text(encoding="utf-8")
     assert "noise_before_filter_K: 0.1" in whole.read_text(encoding="utf-8")
 

@@ -111,7 +111,7 @@ def test_of_every_tenth_that_is_written_one_line_is_told_and_a_stretch_that_need
     monkeypatch.setattr(stretches, "parts", in_four)
     monkeypatch.setattr(stretches.LogSegments, "_compensate_segment", answered)
     log, none = cast(Any, SimpleNamespace(rows=40)), pd.Index(["time_s"])
-    way, rig = stretches.Way(), cast(Any, None)
+    way, rig = stretches.CompensationMethod(), cast(Any, None)
     rest = stretches.LogSegments(log, rig, {}, way, {}, {}, False, False, none, none, {})
     told: list[str] = []
     assert rest.write(tmp_path / "out.csv", told.append) == []

@@ -7,12 +7,12 @@ import pytest
 from scipy.signal import butter, lfilter, sosfilt, welch
 
 from tcdyn.chain import Chain
-from tcdyn.chain.bursts import find_bursts, noise_and_white
-from tcdyn.chain.logger_noise import LoggerNoise, noise_of, passed_share
+from tcdyn.chain.bursts import estimate_and_whiten_noise, find_bursts
+from tcdyn.chain.logger_noise import LoggerNoise, estimate_logger_noise, noise_power_ratio
 from tcdyn.core import Array
 from tcdyn.estimation.trace_noise import SPIKES, white_noise_sd
 from tcdyn.rig.disk import Conditioning
-from tcdyn.smoothing.record import stretch_of
+from tcdyn.smoothing.record import record_of
 from tcdyn.smoothing.smoother import deconvolve, smooth
 from tests.partition.noise_study import before_the_filter, bursts, filtered
 
@@ -72,7 +72,7 @@ def disturbance(world: str, rng: np.random.Generator, n: int) -> Array:
 def test_noise_before_and_after_the_filter_is_told_apart_and_made_white() -> None:
     rng = np.random.default_rng(3)
     y = 80 + np.stack([before_the_filter(rng, 15_000) for _ in range(4)], axis=1)
-    noise = noise_of([y], DT_S, B, np.full(4, 0.01))
+    noise = estimate_logger_noise([y], DT_S, B, np.full(4, 0.01))
     assert noise.coloured
     assert noise.shaping == B
     assert np.median(noise.before_K) == pytest.approx(0.12 * 0.97, rel=0.05)
@@ -90,7 +90,9 @@ def test_the_stated_filter_is_taken_unless_another_lag_is_clearly_better(
     decay = np.exp(-2 * np.pi * 2.0 * DT_S)
     y = lfilter([1 - decay], [1, -decay], rng.standard_normal((9_000, 4)), axis=0)
     stated = Conditioning(stated_Hz, 1)
-    assert (noise_of([80 + y], DT_S, stated, np.full(4, 0.1)).shaping == stated) is taken
+    assert (
+        estimate_logger_noise([80 + y], DT_S, stated, np.full(4, 0.1)).shaping == stated
+    ) is taken
 
 
 @pytest.mark.parametrize(
@@ -119,7 +121,7 @@ def test_white_noise_stays_as_it_is() -> None:
     for seed in range(20):
         rng = np.random.default_rng(seed)
         y = 80 + np.linspace(0, 3, 6000)[:, None] + 0.12 * rng.standard_normal((6000, 6))
-        noise = noise_of([y], DT_S, B, np.full(6, 0.12))
+        noise = estimate_logger_noise([y], DT_S, B, np.full(6, 0.12))
         assert not noise.coloured, seed
         assert not noise.lines, seed
         assert np.all(noise.level_K == 0.12)
@@ -230,7 +232,7 @@ def test_noise_from_before_the_filter_is_planned_with_as_strong_as_it_is_at_low_
         for _ in range(8)
     ]
     all_of_it = np.var(filtered(rng.standard_normal(8 * 40_000)))
-    assert all_of_it / (400 * np.mean(slow)) == pytest.approx(passed_share(B, DT_S), rel=0.1)
+    assert all_of_it / (400 * np.mean(slow)) == pytest.approx(noise_power_ratio(B, DT_S), rel=0.1)
 
 
 def band_limited(rng: np.random.Generator, n: int) -> Array:
@@ -250,7 +252,7 @@ def test_noise_that_no_part_of_the_model_explains_is_said(world: str) -> None:
     elif world == "blue":  # each sample takes back most of what the one before it brought
         white = rng.standard_normal((15_001, 3))
         y = 60 + 0.1 * (white[1:] - 0.8 * white[:-1])
-    told = noise_of([y], DT_S, B, white_noise_sd(y))
+    told = estimate_logger_noise([y], DT_S, B, white_noise_sd(y))
     assert [f.code for f in told.findings("fast")].count("noise.unexplained") == (world != "white")
 
 
@@ -286,7 +288,9 @@ def test_a_weak_burst_is_found_where_the_other_channels_show_nothing(length_s: f
         for some, moved in ((y, found), (y[:, 2:3], alone)):
             white_K, chains = white_noise_sd(some), [CHAIN] * some.shape[1]
             moved.append(
-                noise_and_white([some], [DT_S], B, white_K, chains, SPIKES["compensator"])[1][0][1]
+                estimate_and_whiten_noise(
+                    [some], [DT_S], B, white_K, chains, SPIKES["compensator"]
+                )[1][0][1]
             )
     assert min(np.count_nonzero(m[within, 2]) for m in found) > 0.8 * length_s / DT_S
     assert max(np.mean(m[~within]) for m in found) < 2e-3
@@ -308,7 +312,7 @@ def test_what_one_junction_alone_does_is_not_cut_out_as_a_burst(others: str) -> 
         y[:, 0] += filtered(splash)
         if others == "missing":
             y[(t > 16) & (t < 24), 1:] = np.nan
-        _, [(_, moved)] = noise_and_white(
+        _, [(_, moved)] = estimate_and_whiten_noise(
             [y], [DT_S], B, np.full(4, 0.12), [CHAIN] * 4, SPIKES["compensator"]
         )
         assert np.count_nonzero(moved[:, 0]) < 4
@@ -335,7 +339,7 @@ def test_the_noise_of_six_channels_is_told_though_a_seventh_stands_still() -> No
     y = 60 + np.stack(
         [before_the_filter(rng, 6000, 0.12, 0.97) for _ in range(6)] + [np.zeros(6000)], axis=1
     )
-    noise = noise_of([y], DT_S, B, np.maximum(white_noise_sd(y), 1e-6))
+    noise = estimate_logger_noise([y], DT_S, B, np.maximum(white_noise_sd(y), 1e-6))
     assert noise.coloured
     assert noise.before_K[:6] == pytest.approx(0.97 * 0.12, rel=0.25)
     assert noise.level_K[6] == 1e-6
@@ -362,7 +366,7 @@ def test_plunges_sampled_at_two_rates_are_each_made_white_at_their_own() -> None
     )
     step = np.where(np.arange(6000) < 3000, 0.0, -40.0)[:, None]
     traces, dts = [quick, (quick + step)[::2]], [DT_S, 2 * DT_S]
-    noise, (_, (slow, moved)) = noise_and_white(
+    noise, (_, (slow, moved)) = estimate_and_whiten_noise(
         traces, dts, B, white_noise_sd(quick), chains, SPIKES["plunge"]
     )
     assert moved.mean() < 0.05
@@ -385,6 +389,6 @@ def test_a_temperature_that_swings_is_not_called_hum(rate_Hz: float) -> None:
         y = lfilter([1 - keep], [1, -keep], x) + rng.uniform(0.05, 0.3) * rng.standard_normal(
             len(t)
         )
-        assert not [f for f in stretch_of(y, dt, Chain([tau])).findings if f.code == "noise.hum"], (
+        assert not [f for f in record_of(y, dt, Chain([tau])).findings if f.code == "noise.hum"], (
             seed
         )

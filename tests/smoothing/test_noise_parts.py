@@ -25,19 +25,19 @@ from tcdyn.chain.logger_noise import (
     _levels,
     _mains,
     _passed,
-    noise_of,
-    passed_share,
+    estimate_logger_noise,
+    noise_power_ratio,
 )
 from tcdyn.chain.rational import (
     Factor,
     Rational,
-    free_rows,
-    newton,
-    product,
+    impulse_rows,
+    newton_form,
+    polynomial_product,
     realise,
     simulate_rows,
     spectral_factor,
-    stationary,
+    steady_state,
 )
 from tcdyn.rig.disk import Conditioning
 
@@ -48,7 +48,7 @@ ONE, TWO = Conditioning(4.0, 1), Conditioning(4.0, 2)
 def test_a_filter_of_one_pole_passes_an_arctangent_of_white_noise() -> None:
     f = np.array([0.0, 4.0, 12.0])
     assert _passed(f, ONE) == pytest.approx([1.0, 0.5, 0.1])
-    assert passed_share(ONE, DT) == pytest.approx(
+    assert noise_power_ratio(ONE, DT) == pytest.approx(
         4.0 / 37.5 * np.arctan(37.5 / 4.0), rel=2e-2
     )  # 400 points
 
@@ -58,12 +58,12 @@ def test_a_filter_of_one_pole_passes_an_arctangent_of_white_noise() -> None:
 def test_a_spectral_factor_has_the_spectrum_of_both_noises_as_far_as_samples_show(
     before: float, after: float, filter_: Conditioning
 ) -> None:
-    ladder, f = product(filter_.factors), np.linspace(0.0, 20.0, 30)
+    ladder, f = polynomial_product(filter_.factors), np.linspace(0.0, 20.0, 30)
     sections = spectral_factor(before, after, ladder, 5 / DT)
     s = 2j * np.pi * f
-    told = np.abs(polyval(s, product(sections))) ** 2
+    told = np.abs(polyval(s, polynomial_product(sections))) ** 2
     exact = before + after * np.abs(polyval(s, ladder)) ** 2
-    assert len(product(sections)) == len(ladder)
+    assert len(polynomial_product(sections)) == len(ladder)
     assert all(np.all(np.roots(c[::-1]).real < 0) for c in sections)
     near = (
         1e-9 if after > 0.1 else 0.35 * after + 0.36
@@ -101,7 +101,7 @@ def test_a_wave_has_its_frequency_and_its_amplitude() -> None:
     y = 0.3 * np.sin(2 * np.pi * 11.0 * t)[:, None] * [1.0, 2.0] + 0.05 * rng.standard_normal(
         (9000, 2)
     )
-    found = noise_of([y], DT, TWO, np.full(2, 0.05))
+    found = estimate_logger_noise([y], DT, TWO, np.full(2, 0.05))
     ((f, amplitude),) = found.lines
     assert f == pytest.approx(11.0, abs=0.02)
     assert amplitude == pytest.approx(
@@ -116,12 +116,12 @@ def test_a_wave_has_its_frequency_and_its_amplitude() -> None:
 
 def test_a_trace_made_white_is_filtered_by_what_the_chain_is_divided_by() -> None:
     """A/N of the trace, and C B A/N = C/N of the chain: a wave through both is the same."""
-    sections = spectral_factor(0.9, 0.1, product(TWO.factors), 5 / DT)
+    sections = spectral_factor(0.9, 0.1, polynomial_product(TWO.factors), 5 / DT)
     noise = LoggerNoise(np.ones(1), np.ones(1), np.ones(1), TWO, sections)
     chain = Chain((0.5,), conditioning=TWO)
     f = np.array([0.5, 3.0])
     s = 2j * np.pi * f
-    ratio = polyval(s, product(TWO.factors)) / polyval(s, product(sections))
+    ratio = polyval(s, polynomial_product(TWO.factors)) / polyval(s, polynomial_product(sections))
     assert noise.behind(chain).frequency_response(f) == pytest.approx(
         chain.frequency_response(f) * ratio
     )
@@ -216,17 +216,19 @@ def test_a_burst_moves_the_samples_that_its_pulse_stands_in(length: int) -> None
 def test_newton_s_form_and_what_a_constant_input_has_kept_up() -> None:
     """s^2 + 2 s + 3 on 1, 1/phi_1, 1/(phi_1 phi_2); an integrator behind a lag ramps one lag late."""
     poles = np.array([-2.0, -0.5])
-    c, direct = newton(np.array([[3.0, 2.0, 1.0]]), poles)
+    c, direct = newton_form(np.array([[3.0, 2.0, 1.0]]), poles)
     s = np.array([0.3, 1.1 + 0.4j])
     phi = [1 - s / p for p in poles]
     exact = (3 + 2 * s + s**2) / (phi[0] * phi[1])
     assert direct[0, 0] + c[0, 0] / phi[0] + c[0, 1] / (phi[0] * phi[1]) == pytest.approx(exact)
     system = realise(Rational(np.array([2.0]), (Factor((1.0, 0.5)),), 0.0, 1), False)
-    xa, xb = stationary(system, 3.0)
+    xa, xb = steady_state(system, 3.0)
     rows = system.C @ xa, system.C @ xb
     assert rows[0].real == pytest.approx([2 * 3 * -0.5])
     assert rows[1].real == pytest.approx([6.0])
     late = simulate_rows(system, np.full(30, 3.0), 0.1, 0.35, "foh", "equilibrium")[0]
     assert late == pytest.approx(6.0 * (np.arange(30) * 0.1 - 0.35 - 0.5))
-    decay = free_rows(realise(Rational(np.array([2.0]), (Factor((1.0, 0.5)),)), False), 20, 0.1)[0]
+    decay = impulse_rows(realise(Rational(np.array([2.0]), (Factor((1.0, 0.5)),)), False), 20, 0.1)[
+        0
+    ]
     assert decay == pytest.approx(2 / 0.5 * np.exp(-np.arange(20) * 0.1 / 0.5))

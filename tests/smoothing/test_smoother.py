@@ -12,9 +12,9 @@ from tcdyn.rig.static_line import StaticLine
 from tcdyn.smoothing import Burst, Intensity, invert, smooth, window_covariance
 from tcdyn.smoothing import intervals as pieces
 from tcdyn.smoothing import rts as sweep
-from tcdyn.smoothing.record import SATURATED, SPIKE, STUCK, stretch_of
-from tcdyn.smoothing.state_space import smoothed
-from tcdyn.smoothing.windows import over_window
+from tcdyn.smoothing.record import SATURATED, SPIKE, STUCK, record_of
+from tcdyn.smoothing.state_space import smooth_record
+from tcdyn.smoothing.windows import window_means
 
 B = Conditioning(cutoff_Hz=4.0, poles=2)
 
@@ -144,7 +144,7 @@ def test_means_just_after_an_uncertain_event_err_together_and_their_difference_d
         traces = SimpleNamespace(
             columns=["a_degC", "b_degC"], lines=[line] * 2, measured_degC=y, chains=[chain] * 2
         )
-        found = over_window("log", t, (at,), {"fast": traces}, {"fast": ours}, 0.3)
+        found = window_means("log", t, (at,), {"fast": traces}, {"fast": ours}, 0.3)
         c, first = (
             np.array(found["mean_covariance_K2"]),
             int(np.searchsorted(t, found["time_s"][0])),
@@ -447,18 +447,18 @@ def test_constant_gain_between_events_is_the_exact_sweep(monkeypatch: pytest.Mon
     )
     y[2000:2040, 0] = np.nan
     y[4000, 1] += 5
-    stretch = stretch_of(y, dt, chains, (70.003,))
+    stretch = record_of(y, dt, chains, (70.003,))
     chosen = [
         Intensity((0.0, 70.003), (0.01, 0.02), (Burst(70.003, 50.0, 0.5),)),
         Intensity.constant(0.5),
     ]
-    quick = smoothed(stretch, stretch.noise_sd**2, chosen)
+    quick = smooth_record(stretch, stretch.noise_sd**2, chosen)
     steps, real = [], sweep.recursion
     monkeypatch.setattr(sweep, "recursion", lambda phi, u: steps.append(len(u)) or real(phi, u))
-    smoothed(stretch, stretch.noise_sd**2, chosen)
+    smooth_record(stretch, stretch.noise_sd**2, chosen)
     assert sum(steps) > 0.3 * 2 * len(quick.knots_s)
     monkeypatch.setattr(sweep, "MIN_RUN", len(t))
-    exact = smoothed(stretch, stretch.noise_sd**2, chosen)
+    exact = smooth_record(stretch, stretch.noise_sd**2, chosen)
     for name in ("temperature", "sd", "slope", "lag_sensitivity", "read", "read_var"):
         assert np.abs(getattr(quick, name) - getattr(exact, name)).max() < 1e-7, name
     assert np.allclose(quick.jump_chi2, exact.jump_chi2, rtol=1e-3, atol=1e-3)
@@ -476,22 +476,22 @@ def test_a_stretch_in_pieces_is_the_whole_within_a_millionth_of_a_kelvin(
         (len(t), 2)
     )
     y[5000:5040, 0] = np.nan
-    stretch = stretch_of(y, dt, chains, (70.003,))
+    stretch = record_of(y, dt, chains, (70.003,))
     chosen = [
         Intensity((0.0, 70.003), (5.0, 0.005), (Burst(70.003, 50.0, 0.5),)),
         Intensity.constant(0.5),
     ]
-    whole = smoothed(stretch, stretch.noise_sd**2, chosen)
+    whole = smooth_record(stretch, stretch.noise_sd**2, chosen)
     count = len(whole.knots_s)
     monkeypatch.setattr(pieces, "CHUNK_INTERVALS", 250)
-    cuts = list(pieces.pieces(stretch, stretch.noise_sd**2, chosen, whole.knots_s))
+    cuts = list(pieces.chunks(stretch, stretch.noise_sd**2, chosen, whole.knots_s))
     assert len(cuts) > 4
     assert [first for _, first, _, _ in cuts[1:]] == [last for _, _, last, _ in cuts[:-1]]
     assert max(high - low for low, _, _, high in cuts) < 0.5 * count
-    parts = smoothed(stretch, stretch.noise_sd**2, chosen)
+    parts = smooth_record(stretch, stretch.noise_sd**2, chosen)
     for name in ("temperature", "sd", "slope", "lag_sensitivity", "read", "read_var"):
         assert np.abs(getattr(parts, name) - getattr(whole, name)).max() < 1e-6, name
     assert np.allclose(parts.jump_chi2[5:-5], whole.jump_chi2[5:-5], rtol=1e-3, atol=1e-3)
     monkeypatch.setattr(pieces, "SETTLING", 2.0)  # the margin is what makes them equal
-    short = smoothed(stretch, stretch.noise_sd**2, chosen)
+    short = smooth_record(stretch, stretch.noise_sd**2, chosen)
     assert np.abs(short.temperature - whole.temperature).max() > 1e-5

@@ -13,29 +13,29 @@ from tcdyn.chain import NO_CONDITIONING, Chain, sensors
 from tcdyn.smoothing import Intensity
 from tcdyn.smoothing import intervals as pieces
 from tcdyn.smoothing.intervals import STEPS, corner_rad_s, knots_for
-from tcdyn.smoothing.record import Stretch, stretch_of
-from tcdyn.smoothing.state_space import likelihood, prior, ranges
+from tcdyn.smoothing.record import Record, record_of
+from tcdyn.smoothing.state_space import channel_ranges, likelihood, prior
 
 DT, N = 0.1, 60
 
 
-def stretch(seed: int = 0, lost: tuple[int, ...] = (), delay_s: float = 0.0) -> Stretch:
+def stretch(seed: int = 0, lost: tuple[int, ...] = (), delay_s: float = 0.0) -> Record:
     rng = np.random.default_rng(seed)
     x = 20 + 5 * np.sin(np.arange(N) * DT / 2)
     chain = Chain((0.3,), delay_s=delay_s, conditioning=NO_CONDITIONING)
     y = chain.response(x, DT) + 0.1 * rng.standard_normal(N)
     y[list(lost)] = np.nan
-    return stretch_of(y, DT, chain, noise_sd=0.1)
+    return record_of(y, DT, chain, noise_sd=0.1)
 
 
-def dense(of: Stretch, noise_var: float, q: float) -> tuple[float, float]:
+def dense(of: Record, noise_var: float, q: float) -> tuple[float, float]:
     """ln likelihood of the seen samples, and their squares about the mean over ``noise_var``, per degree of freedom.
 
     The state at the first knot as wide as the prior; the slope's jump at every sample is q dt, half of it at the first.
     """
     (s,) = of.sensors
     mean, cov, slope_var = prior(
-        s, float(of.y[of.weight[:, 0] > 0, 0][0]), float(ranges(of)[0]), DT, np.array([q])
+        s, float(of.y[of.weight[:, 0] > 0, 0][0]), float(channel_ranges(of)[0]), DT, np.array([q])
     )
     a = expm(s.drift * DT)
     rows, centre = [], []
@@ -99,7 +99,7 @@ def test_cells_begin_before_the_dead_time_end_on_samples_and_are_as_short_as_the
 ) -> None:
     of = stretch(1, delay_s=delay_s)
     event = 2.53
-    at = Stretch(**{**vars(of), "events_s": (event,)})
+    at = Record(**{**vars(of), "events_s": (event,)})
     knots = knots_for(at, np.array([0.01]), [[Intensity.constant(q)]])
     assert knots[0] == pytest.approx(-0.3 if delay_s else 0.0, abs=1e-12)
     assert knots[-2] < (N - 1) * DT + 1e-9 <= knots[-1] + 1e-9
@@ -139,13 +139,13 @@ def test_a_piece_has_so_many_samples_beside_it_and_no_cell_more(
     rng, dt, n, gap = np.random.default_rng(6), 0.02, 6000, range(2500, 2540)
     y = 50 + 3 * np.sin(np.arange(n) * dt / 5) + 0.1 * rng.standard_normal(n)
     y[list(gap)] = np.nan
-    of = stretch_of(y, dt, Chain((0.1,), conditioning=NO_CONDITIONING), noise_sd=0.1)
+    of = record_of(y, dt, Chain((0.1,), conditioning=NO_CONDITIONING), noise_sd=0.1)
     chosen = [Intensity.constant(5.0)]
     knots = knots_for(of, of.noise_sd**2, [chosen])
     count = len(knots) - 1
-    rows = pieces.settled_s(of.sensors, of.noise_sd, dt, chosen) / dt
+    rows = pieces.settling_time_s(of.sensors, of.noise_sd, dt, chosen) / dt
     monkeypatch.setattr(pieces, "CHUNK_INTERVALS", count // 2 + 1)
-    assert list(pieces.pieces(of, of.noise_sd**2, chosen, knots)) == [
+    assert list(pieces.chunks(of, of.noise_sd**2, chosen, knots)) == [
         (0, 0, count, count)
     ]  # not worth a cut
     monkeypatch.setattr(pieces, "CHUNK_INTERVALS", count // 6)
@@ -153,7 +153,7 @@ def test_a_piece_has_so_many_samples_beside_it_and_no_cell_more(
     seen = np.concatenate([[0], np.cumsum(of.weight[:, 0] > 0)])[
         at
     ]  # samples with weight before each knot
-    cuts = list(pieces.pieces(of, of.noise_sd**2, chosen, knots))
+    cuts = list(pieces.chunks(of, of.noise_sd**2, chosen, knots))
     assert len(cuts) > 3
     assert (cuts[0][0], cuts[-1][-1]) == (0, count)
     for low, first, last, high in cuts:
@@ -173,7 +173,9 @@ def test_the_smoother_forgets_within_its_own_corner(taus: tuple[float, ...]) -> 
     found = pieces.memory_s(s, 16.0)
     assert found == pytest.approx(np.sqrt(2) / 2, rel=1e-6) or (taus and found > np.sqrt(2) / 2)
     later = sensors([Chain(taus, delay_s=0.7, conditioning=NO_CONDITIONING)])
-    took = pieces.settled_s(later, np.array([0.5]), 0.25, [Intensity((0.0, 1.0), (99.0, 1.0))])
+    took = pieces.settling_time_s(
+        later, np.array([0.5]), 0.25, [Intensity((0.0, 1.0), (99.0, 1.0))]
+    )
     assert took == pytest.approx(
         0.7 + pieces.SETTLING * found
     )  # 1/(0.25 0.25) = 16, the least intensity

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tcdyn.core.estimate import rounded, with_u
+from tcdyn.core.estimate import rounded_texts, text_with_u
 from tcdyn.core.messages.phrases import Message, count_with_noun
 
 # p-values below it are not printed: the normal distribution of the errors is not known to hold
@@ -18,13 +18,13 @@ def _cause(cause: str, size: float, u: float) -> str:
     """
     kind, _, target = cause.partition(" ")
     if kind == "friction":
-        value, spread = rounded(100 * abs(size), 100 * u)
+        value, spread = rounded_texts(100 * abs(size), 100 * u)
         direction = "low" if size > 0 else "high"
         return f"its friction reads ({value} +- {spread}) % {direction}"
     if kind == "half-width":
-        value, spread = rounded(100 * size, 100 * u)
+        value, spread = rounded_texts(100 * size, 100 * u)
         return f"the half-width of the contact differs by ({value} +- {spread}) % from Hertz's"
-    value, spread = rounded(size, u)
+    value, spread = rounded_texts(size, u)
     if kind == "ambient":
         return f"its ambient temperature is offset by ({value} +- {spread}) K"
     if kind == "parting":
@@ -78,7 +78,7 @@ def _curve_shape(
     return (
         f"the shape of the curve in {subject} does not fit the tests: with its level free "
         f"chi-squared is {chi2:.1f} on {count_with_noun(freedom, 'degree')} of freedom "
-        f"({_p_value(p)}). For the offset of the tests from it, {with_u(offset, u)}, an "
+        f"({_p_value(p)}). For the offset of the tests from it, {text_with_u(offset, u)}, an "
         f"independent scatter of {scatter:.2g} was added to every test: check the curve, and do "
         "not use one offset for all tests"
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from tcdyn.core.estimate import with_u
+from tcdyn.core.estimate import text_with_u
 from tcdyn.core.messages.phrases import Message, count_with_noun
 
 
@@ -124,11 +124,11 @@ LINES: dict[str, Message] = {
     "record.line_unsure": "static.{subject}: the standard uncertainty of the line is "
     "{u_K:.2g} degC",
     "record.lag_unsure": lambda subject, lag_s, u_s, **_: (
-        f"chain.{subject}: the lag, {with_u(lag_s, u_s)} s, has a large uncertainty"
+        f"chain.{subject}: the lag, {text_with_u(lag_s, u_s)} s, has a large uncertainty"
     ),
     "record.lag_apart": lambda subject, apart_s, u_s, **_: (
         f"chain.{subject}: the lag differs from that of the other channels by "
-        f"{with_u(apart_s, u_s)} s; is the junction badly cemented?"
+        f"{text_with_u(apart_s, u_s)} s; is the junction badly cemented?"
     ),
 }
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from tcdyn.core.estimate import Estimate, with_u
-from tcdyn.core.messages.phrases import Message, count_with_noun, rounded_to_u
+from tcdyn.core.estimate import Estimate, text_with_u
+from tcdyn.core.messages.phrases import Message, count_with_noun, text_rounded_to_u
 
 # ---- channels, junctions and the rig file
 
@@ -179,15 +179,15 @@ def _profile_interval(
     name, unit = JOINT_PARAMETERS[parameter]
     unbounded = []
     if low95 is None:
-        unbounded.append(f"from below (examined to {rounded_to_u(n['low_seen'], u)}{unit})")
+        unbounded.append(f"from below (examined to {text_rounded_to_u(n['low_seen'], u)}{unit})")
     if high95 is None:
-        unbounded.append(f"from above (examined to {rounded_to_u(n['high_seen'], u)}{unit})")
+        unbounded.append(f"from above (examined to {text_rounded_to_u(n['high_seen'], u)}{unit})")
     if unbounded:
         return f"Joint fit, {fit}: the data do not bound {name} {' nor '.join(unbounded)}."
     return (
-        f"Joint fit, {fit}: the 95 % interval of {name} is {rounded_to_u(low95, u)} to "
-        f"{rounded_to_u(high95, u)}{unit} by its profile, and "
-        f"{rounded_to_u(n['normal_low95'], u)} to {rounded_to_u(n['normal_high95'], u)}{unit} "
+        f"Joint fit, {fit}: the 95 % interval of {name} is {text_rounded_to_u(low95, u)} to "
+        f"{text_rounded_to_u(high95, u)}{unit} by its profile, and "
+        f"{text_rounded_to_u(n['normal_low95'], u)} to {text_rounded_to_u(n['normal_high95'], u)}{unit} "
         "by its standard uncertainty."
     )
 
@@ -296,7 +296,7 @@ def _one_disk_estimates(
     agreement = "do NOT agree" if z > ESTIMATES_DISAGREE_Z else "agree"
     return (
         f"The two estimates of beta from the {subject} disk {agreement}: "
-        f"{with_u(joint, joint_u)} by the joint fit, {with_u(cooling, cooling_u)} by the cooling "
+        f"{text_with_u(joint, joint_u)} by the joint fit, {text_with_u(cooling, cooling_u)} by the cooling "
         f"fit, {z:.1f} standard deviations of their difference."
     )
 
@@ -316,15 +316,13 @@ def _recommended(
         f"95 % of beta lie between {low95:.3f} and {high95:.3f}"
     )
     if "named" in n:
-        form = structure(n["named"])
+        form = model_form_text(n["named"])
         text += f"; the data support one of them: {form} (beta {n['named_beta']:.3f})"
     return f"{text}."
 
 
 def _recommended_one_disk(subject: str, beta: float, u: float, **_: Any) -> str:
-    return (
-        f"beta = {with_u(beta, u)} of the fast disk, by the joint fit of the {subject} disk alone."
-    )
+    return f"beta = {text_with_u(beta, u)} of the fast disk, by the joint fit of the {subject} disk alone."
 
 
 def _withheld(subject: str, **_: Any) -> str:
@@ -378,10 +376,10 @@ MODEL_FORMS = {  # of `tcdyn.partition.model_forms`: description, and what to do
 LAG_REMEDY = "there may be a bubble in its cement, or its column may be that of another junction"
 
 
-def structure(name: str) -> str:
+def model_form_text(name: str) -> str:
     """Description of a model form.
 
-    >>> structure("lag of fast_e"), structure("faces")
+    >>> model_form_text("lag of fast_e"), model_form_text("faces")
     ('the lag of junction e of the fast disk is not that of its record', \
 'the side faces lose another amount of heat')
     """
@@ -394,7 +392,7 @@ def structure(name: str) -> str:
 def _other_model_form(name: str, log_odds: float, beta: float, u: float, **_: Any) -> str:
     remedy = MODEL_FORMS[name][1] if name in MODEL_FORMS else LAG_REMEDY
     return (
-        f"the data support another model form than the assumed one: {structure(name)} "
+        f"the data support another model form than the assumed one: {model_form_text(name)} "
         f"(log-odds {log_odds:.0f}); with it beta of both disks is {Estimate.normal(beta, u)}; "
         f"{remedy}"
     )

@@ -35,12 +35,12 @@ def count_with_noun(count: int, noun: str) -> str:
     return f"{count} {noun}" + ("" if count == 1 else "s")
 
 
-def rounded_to_u(x: float | None, u: float) -> str:
+def text_rounded_to_u(x: float | None, u: float) -> str:
     """Text of ``x`` with as many decimals as two digits of its standard uncertainty ``u`` have.
 
     None, an open end of an interval, is "open".
 
-    >>> rounded_to_u(0.70151, 0.0042), rounded_to_u(None, 1.0)
+    >>> text_rounded_to_u(0.70151, 0.0042), text_rounded_to_u(None, 1.0)
     ('0.7015', 'open')
     """
     if x is None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from tcdyn.core.estimate import rounded, with_u
+from tcdyn.core.estimate import rounded_texts, text_with_u
 from tcdyn.core.messages.phrases import Message
 from tcdyn.core.spelling import Spelling
 
@@ -29,10 +29,10 @@ PARAMETERS = {
 }
 
 
-def percent(probability: float) -> str:
+def probability_text(probability: float) -> str:
     """Text of a probability in percent; bounds instead of figures near 0 and 1.
 
-    >>> percent(1e-5), percent(0.0042), percent(0.28)
+    >>> probability_text(1e-5), probability_text(0.0042), probability_text(0.28)
     ('below 0.1 %', '0.4 %', '28 %')
     """
     share = 100 * probability
@@ -67,8 +67,8 @@ def _lag(
     plunges: int, common_lag_s: float, u_s: float, known_burst_u_s: float, apart: bool, **_: Any
 ) -> str:
     source = "One plunge gives" if plunges == 1 else f"{plunges} plunges give"
-    text = f"{source} a common lag of {with_u(common_lag_s, u_s, 's')}"
-    u_known = rounded(known_burst_u_s, known_burst_u_s)[1]
+    text = f"{source} a common lag of {text_with_u(common_lag_s, u_s, 's')}"
+    u_known = rounded_texts(known_burst_u_s, known_burst_u_s)[1]
     known = f"if entry burst and entry time were known exactly, it would be +- {u_known} s"
     if apart:
         return f"{text}; the data separate it from the entry burst ({known})."
@@ -95,7 +95,7 @@ def _chain_structure(
     **_: Any,
 ) -> str:
     named = [f"{s} ({m})" for s, m in zip(structures, meanings)]
-    lags = [with_u(lag, u, "s") for lag, u in zip(lag_s, u_s)]
+    lags = [text_with_u(lag, u, "s") for lag, u in zip(lag_s, u_s)]
     remedy = ""
     if contradicted:
         text = (
@@ -107,19 +107,19 @@ def _chain_structure(
     elif len(structures) == 1:
         text = (
             f"of {candidates} chain structures the plunges support {named[0]} "
-            f"({percent(probability[0])})"
+            f"({probability_text(probability[0])})"
         )
     else:
         judged = [
-            f"{s} ({m}: {percent(p)}, {lag})"
+            f"{s} ({m}: {probability_text(p)}, {lag})"
             for s, m, p, lag in zip(structures, meanings, probability, lags)
         ]
         text = f"the plunges cannot tell chain {judged[0]} from {' or '.join(judged[1:])}"
     if second_s is not None:
-        second_lag = with_u(second_s[0], second_s[1], "s")
+        second_lag = text_with_u(second_s[0], second_s[1], "s")
         text += f", and with another entry burst a lag of {second_lag} is also possible"
-    before = rounded(u_before_s, u_before_s)[1]
-    after = rounded(u_after_s, u_after_s)[1]
+    before = rounded_texts(u_before_s, u_before_s)[1]
+    after = rounded_texts(u_after_s, u_after_s)[1]
     if before == after:
         effect = "the common lag hardly depends on it"
     else:
