@@ -36,7 +36,7 @@ class Contribution:
         Its probability distribution.
     sensitivity
         Sensitivity coefficient of the result.
-    freedom
+    dof
         Degrees of freedom; infinite where u is not from scatter (type B).
     """
 
@@ -45,7 +45,7 @@ class Contribution:
     u: float
     distribution: str
     sensitivity: float
-    freedom: float
+    dof: float
 
     @property
     def contribution(self) -> float:
@@ -65,17 +65,17 @@ class UncertaintyBudget:
         return math.hypot(*(s.contribution for s in self.sources))
 
     @property
-    def freedom(self) -> float:
+    def dof(self) -> float:
         """Effective degrees of freedom u^4 / sum(u_i^4 / v_i) (Welch-Satterthwaite, GUM G.2b)."""
-        total = sum(s.contribution**4 / s.freedom for s in self.sources)
+        total = sum(s.contribution**4 / s.dof for s in self.sources)
         return self.u**4 / total if total > 0 else math.inf
 
     @property
     def coverage(self) -> float:
         """Coverage factor k for 95 %: Student's t at ``freedom``, rounded down."""
-        if self.freedom >= MANY_DEGREES_OF_FREEDOM:
+        if self.dof >= MANY_DEGREES_OF_FREEDOM:
             return Z95
-        return float(stdtrit(math.floor(max(self.freedom, 1.0)), 0.975))
+        return float(stdtrit(math.floor(max(self.dof, 1.0)), 0.975))
 
     @property
     def expanded(self) -> float:
@@ -109,7 +109,7 @@ def uncertainty_budget(
     >>> line = StaticLine(gain=1.0, offset=0.1, covariance=covariance, range_degC=(20, 160), n=6,
     ...                   shared_u_K=0.06)
     >>> budget = uncertainty_budget(line, TraceabilityTable(), date(2026, 1, 1), 90.0)
-    >>> round(budget.u, 3), round(budget.freedom)
+    >>> round(budget.u, 3), round(budget.dof)
     (0.066, 122)
     >>> round(budget.coverage, 2), round(budget.expanded, 3)
     (1.98, 0.131)

@@ -121,7 +121,7 @@ class StructureComparison:
         return improbable and excess > CONTRADICTED_CHI_SQUARE
 
     @property
-    def verdict(self) -> Finding:
+    def conclusion(self) -> Finding:
         """Conclusion about the structures: the chosen one, then the best or all possible ones."""
         if self.contradicted:
             others = [self.best]
@@ -136,7 +136,7 @@ class StructureComparison:
         second = self.chosen_row.second_lag_s
         numbers: dict[str, Any] = {
             "structures": [r.structure for r in listed],
-            "meanings": [ChainStructure.of(r.structure).meaning for r in listed],
+            "meanings": [ChainStructure.from_name(r.structure).description for r in listed],
             "probability": [r.probability for r in listed],
             "chi_square": [r.chi_square for r in listed],
             "lag_s": [r.common_lag_s.value for r in listed],
@@ -154,12 +154,12 @@ class StructureComparison:
     @property
     def sentence(self) -> str:
         """The conclusion about the structures in one sentence with numbers."""
-        return self.verdict.sentence
+        return self.conclusion.sentence
 
     @property
     def findings(self) -> tuple[Finding, ...]:
         """The conclusion, if it is a warning: contradicted, or u more than doubled in variance."""
-        verdict = self.verdict
+        verdict = self.conclusion
         return (verdict,) if verdict.severity is Severity.WARNING else ()
 
     def table(self) -> pd.DataFrame:
@@ -172,7 +172,7 @@ class StructureComparison:
     def _formatted(self, row: StructureRow) -> dict[str, str]:
         suffix = ", used here" if row.structure == self.chosen else ""
         return {
-            "chain": f"{row.structure} ({ChainStructure.of(row.structure).meaning}){suffix}",
+            "chain": f"{row.structure} ({ChainStructure.from_name(row.structure).description}){suffix}",
             "probability": probability_text(row.probability),
             "chi-square above the best": f"{row.chi_square:.1f}",
             HELD_OUT_COLUMN: "" if row.held_out is None else f"{row.held_out:.1f}",
@@ -379,7 +379,7 @@ def _subset_optimum(at: PlungeOptimum, runs: Sequence[int]) -> PlungeOptimum:
         mean=problem.mean[index],
         sd=problem.sd[index],
     )
-    return subset.minimised(at.theta[index], limit=12)
+    return subset.optimise(at.theta[index], limit=12)
 
 
 def _refit(
@@ -395,4 +395,4 @@ def _refit(
     theta = near.theta
     if structure != near.problem.layout.structure:
         theta = np.where(layout.mask("split", "common_split"), mean, theta)
-    return replace(near.problem, layout=layout, mean=mean, sd=sd, noise=noise).minimised(theta)
+    return replace(near.problem, layout=layout, mean=mean, sd=sd, noise=noise).optimise(theta)

@@ -147,7 +147,7 @@ class Bath:
     width_m: float
     diameter_m: float
 
-    def film(
+    def film_properties(
         self, surface_degC: ArrayLike, fluid_degC: ArrayLike
     ) -> tuple[FluidProperties, float, Array]:
         """Fluid properties at the film temperature, characteristic length [m], and Grashof number.
@@ -165,7 +165,7 @@ class Bath:
 
     def h_W_m2K(self, surface_degC: ArrayLike, fluid_degC: ArrayLike) -> Array:
         """Mean heat transfer coefficient h = Nu k / L [W/m2K], properties at the film temperature."""
-        p, length, gr = self.film(surface_degC, fluid_degC)
+        p, length, gr = self.film_properties(surface_degC, fluid_degC)
         return self.correlation.nusselt(gr * p.prandtl, p.prandtl) * p.k_W_mK / length
 
     def property_u_rel(self, surface_degC: float, fluid_degC: float) -> dict[str, float]:
@@ -214,7 +214,7 @@ def check_validity(
         surface = surface[tested]
         bulk = bulk[tested]
     c = bath.correlation
-    p, _, gr = bath.film(surface, bulk)
+    p, _, gr = bath.film_properties(surface, bulk)
     findings = []
     low = float(np.min(gr * p.prandtl))
     high = float(np.max(gr * p.prandtl))

@@ -308,7 +308,7 @@ def _fit(
             return ((y - mean) / sd).ravel(), (jacobian / sd[:, :, None]).reshape(-1, n)
 
         problem = Problem(
-            names, evaluate, np.zeros(n), prior_sd, lower=lower, largest=largest, fixed=gauge
+            names, evaluate, np.zeros(n), prior_sd, lower=lower, max_step=largest, fixed=gauge
         )
         best = minimise(problem, theta, fixed=fixed)
         theta = best.theta

@@ -120,7 +120,7 @@ def with_filled_bath(log: Log) -> pd.DataFrame:
     Gaps of the junctions stay NaN: an interpolation across the first seconds of a plunge is no
     reading, and block means leave missing samples out.
     """
-    return log.filled().assign(**{name: log.frame[name] for name in log.channels})
+    return log.interpolated().assign(**{name: log.frame[name] for name in log.channels})
 
 
 def run_from_log(
@@ -308,7 +308,7 @@ class RunNoise:
         return cls(blocks.noise_sd_K, np.ones(blocks.readings_degC.shape))
 
     @classmethod
-    def judged(cls, residual_K: Array, count: Array) -> RunNoise:
+    def from_residuals(cls, residual_K: Array, count: Array) -> RunNoise:
         """Noise estimated from the residuals of a fit.
 
         Parameters

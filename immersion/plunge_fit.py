@@ -103,7 +103,7 @@ def identify_plunges(
     base = find_correlation(correlation)
     noise, white_runs = _whitened_runs(runs, setup.conditioning)
     # the noise model filters the readings, so the model's readings pass the same filter
-    filtered = noise.behind(Chain((), conditioning=setup.conditioning)).conditioning
+    filtered = noise.whitened_chain(Chain((), conditioning=setup.conditioning)).conditioning
     whitened_setup = replace(setup, conditioning=filtered)
     blocks = [make_blocks(r) for r in white_runs]
     layout = PlungeParameters(len(runs), channels, structure)
@@ -294,15 +294,15 @@ def fit_map(
         first = ("ln_h", "initial")
         for kinds in (first, (*first, "lag", "offset")):
             fixed = np.eye(layout.size)[~layout.mask(*kinds)]
-            theta = problem.minimised(theta, fixed, limit=6).theta
-    best = problem.minimised(theta)
+            theta = problem.optimise(theta, fixed, limit=6).theta
+    best = problem.optimise(theta)
     for _ in range(passes):
         change = np.abs(best.theta - about)
         ln_k_changed = np.any(change[layout.at("ln_conductivity")] > RELINEARISE_LN_K)
         if ln_k_changed or np.any(change[layout.at("depth")] > RELINEARISE_DEPTH_M):
             about = best.theta
             problem = replace(problem, models=build(about))
-        best = replace(problem, noise=best.residual_noise()).minimised(best.theta)
+        best = replace(problem, noise=best.residual_noise()).optimise(best.theta)
     return best
 
 
@@ -365,7 +365,7 @@ def _refit_with(final: PlungeOptimum, other: Correlation) -> PlungeOptimum:
         ratio = old.bath.h_W_m2K(T[large], bath[large]) / new.bath.h_W_m2K(T[large], bath[large])
         theta[problem.layout.at("ln_h")][r] += float(np.log(np.mean(ratio)))
     fixed = problem.layout.common_lag[None]
-    return replace(problem, models=models).minimised(theta, fixed, limit=12)
+    return replace(problem, models=models).optimise(theta, fixed, limit=12)
 
 
 def _maximum_shift(at: PlungeOptimum, width: float) -> float:

@@ -62,7 +62,7 @@ class PlungeProblem:
         largest[layout.mask("lag")] = 0.5
         lower = np.where(layout.mask("lag"), MIN_LAG_S, -np.inf)
         return Problem(
-            tuple(layout.names()), self.evaluate, self.mean, self.sd, lower=lower, largest=largest
+            tuple(layout.names()), self.evaluate, self.mean, self.sd, lower=lower, max_step=largest
         )
 
     @property
@@ -91,7 +91,7 @@ class PlungeProblem:
         table = np.concatenate(tables, axis=1)
         return table[0], table[1:].T
 
-    def minimised(self, theta: Array, fixed: Array | None = None, limit: int = 30) -> PlungeOptimum:
+    def optimise(self, theta: Array, fixed: Array | None = None, limit: int = 30) -> PlungeOptimum:
         """The most probable parameters, searched from ``theta``.
 
         Parameters
@@ -164,7 +164,7 @@ class PlungeOptimum:
         for model, y in zip(self.problem.models, self.predictions_degC):
             count = model.blocks.count
             residual = np.where(count > 0, model.blocks.readings_degC - y, 0.0)
-            noise.append(RunNoise.judged(residual, count))
+            noise.append(RunNoise.from_residuals(residual, count))
         return tuple(noise)
 
 
@@ -210,9 +210,9 @@ class LagScan:
 
     def estimate(self, shift_s: float = 0.0, extra_u_s: float = 0.0) -> Estimate:
         """Common lag plus ``shift_s``, with u and 95 % interval widened by ``extra_u_s``."""
-        return self.skewed(self.mean_s + shift_s, 1.0, extra_u_s**2)
+        return self.skewed_estimate(self.mean_s + shift_s, 1.0, extra_u_s**2)
 
-    def skewed(self, value_s: float, slope: float, normal_variance_s2: float) -> Estimate:
+    def skewed_estimate(self, value_s: float, slope: float, normal_variance_s2: float) -> Estimate:
         """Estimate of ``slope`` times the common lag plus an independent normal part.
 
         Parameters
@@ -279,16 +279,16 @@ def scan_common_lag(
             weights,
             u=u,
             step=step,
-            drop=drop,
-            reach=20.0,
-            within=(2 * MIN_LAG_S, np.inf),
+            max_deviance=drop,
+            max_distance=20.0,
+            bounds=(2 * MIN_LAG_S, np.inf),
             cost=marginal,
             **SEARCH,
         )
         lowest = min(path.optima, key=lambda o: o.cost)
         if repeated or lowest.cost > best.cost - RESTART_CHI_SQUARE:
             break
-        better = best.problem.minimised(lowest.theta)
+        better = best.problem.optimise(lowest.theta)
         if better.cost > best.cost:
             break
         best = better

@@ -190,7 +190,7 @@ class PlungeFit:
         slope = self.scan.lag_slope
         normal = np.diag(self.scan.differential_covariance + self.extra_covariance)
         return {
-            channel: self.scan.skewed(float(value), float(factor), float(variance))
+            channel: self.scan.skewed_estimate(float(value), float(factor), float(variance))
             for channel, value, factor, variance in zip(self.channels, lag, slope, normal)
         }
 
@@ -211,7 +211,7 @@ class PlungeFit:
         }
 
     @cached_property
-    def nuisances(self) -> pd.DataFrame:
+    def parameter_table(self) -> pd.DataFrame:
         """Every parameter: value, u, prior_mean, prior_sd (nan where the prior is flat)."""
         problem = self.optimum.problem
         flat = ~np.isfinite(problem.sd)
@@ -248,7 +248,7 @@ class PlungeFit:
         return tuple(LagShare(source, *lag_u_s(share)) for source, share in shares.items())
 
     @cached_property
-    def limits(self) -> Finding:
+    def lag_finding(self) -> Finding:
         """The common lag, and what limits its uncertainty."""
         common = self.common_lag_s
         u_without_structure = self._common(self.model_form.covariance).u
@@ -266,7 +266,7 @@ class PlungeFit:
     @property
     def sentence(self) -> str:
         """:attr:`limits` as text."""
-        return self.limits.sentence
+        return self.lag_finding.sentence
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:

@@ -51,7 +51,7 @@ HARMONIC_TEST_SHARE = 0.3  # share of the angular harmonic that does not grow wi
 # Share of the shape of the surface heat transfer along the track. The jets set the shape; it
 # depends on the speed a little.
 SURFACE_H_TEST_SHARE = 0.3
-# Nuisance parameters that [constants] of rig.toml makes wider, with the key of ``stated_u``.
+# Nuisance parameters that [constants] of rig.toml makes wider, with the key of ``constants_u``.
 CONSTANT_KEYS = {
     "friction": "friction_rel",
     "half-width": "half_width_rel",
@@ -114,7 +114,7 @@ def compress_likelihood(
     centre = np.concatenate(
         [
             theta[[SHARE, LOG_H, 4 + LOG_H]],
-            [total + s.rest_of_lag_s for total, s in zip(totals, sides)],
+            [total + s.remaining_lag_s for total, s in zip(totals, sides)],
             shape_values,
             theta[n_main:],
         ]
@@ -143,7 +143,7 @@ def compress_likelihood(
         names=tuple(n for n, use in zip(names, informative) if use),
         centre=centre[informative],
         rows=rows[:, informative],
-        right=right,
+        rhs=right,
         loading=loadings,
         lag_prior_s={s.disk: s.prior_lag_s for s in sides},
         lag_u_s={s.disk: s.prior_lag_u_s for s in sides},
@@ -169,10 +169,10 @@ def sufficient_statistics_of(name: str, rig: str, partition: Partition) -> dict[
         name,
         rig,
         partition.test,
-        [partition.joint[d].side for d in DISKS],
+        [partition.joint[d].block for d in DISKS],
         partition.both.optimum,
-        partition.both.uneven,
-        delta_T_us_K_m_s=partition.answers["delta_T_us"].value,
+        partition.both.harmonics,
+        delta_T_us_K_m_s=partition.estimates["delta_T_us"].value,
     )
     return statistics.to_dict()
 
@@ -213,18 +213,18 @@ def loading_of(
     label = f"{what.name} {disk}".strip()
     if what.name.startswith(TEST_SPECIFIC):
         return Loading({}, 1.0)
-    if disk and detail in test.disks[disk].left_out:
+    if disk and detail in test.disks[disk].excluded:
         # The surrogate has another error; it is common to the tests without this channel.
         return Loading({f"{what.name} {disk}, left out": 1.0})
     if kind == "static":
         return _line_loading(detail, disk, test, power_W)
     key = CONSTANT_KEYS.get(what.name)
     if key:
-        components = [test.stated_u.get(key, 0.0)]
+        components = [test.constants_u.get(key, 0.0)]
         if kind == "friction":
             components.append(FRICTION_TEST_SD_REL)
             components.append(friction_zero_u_N(test) / test.friction_N)
-            components.append(test.added.u_N / test.friction_N)
+            components.append(test.added_friction.u_N / test.friction_N)
         total = getattr(test.disks[disk or DISKS[0]].uncertainty, key)
         specific = float(np.hypot.reduce(components)) / max(total, 1e-12)
         common = float(np.sqrt(max(1 - specific**2, 0.0)))

@@ -59,7 +59,7 @@ def speed_law(posterior: Posterior) -> SpeedLaw:
     for i, size in enumerate(log_ratio):
         gradient[i, N_QUANTITIES * i + LN_H_FAST] = 1 / size
         gradient[i, N_QUANTITIES * i + LN_H_SLOW] = -1 / size
-    each = gradient @ posterior.answers.ravel()
+    each = gradient @ posterior.values.ravel()
     covariance = gradient @ posterior.covariance @ gradient.T
     line = fit_line(np.ones((n, 1)), each, covariance)
     u_within = within(covariance)
@@ -69,6 +69,6 @@ def speed_law(posterior: Posterior) -> SpeedLaw:
         doubled = np.log2(speed)
         sloped = fit_line(np.column_stack([np.ones(n), doubled - doubled.mean()]), each, covariance)
         by_speed = sloped.estimate(1)
-        p_value = sloped.no_slope(1)
+        p_value = sloped.p_value_of_zero(1)
     u_known = u_if_known(posterior, line.operator[0] @ gradient)
     return SpeedLaw(line.estimate(0), line.scatter, each, u_within, by_speed, p_value, u_known)

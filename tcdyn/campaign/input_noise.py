@@ -39,7 +39,7 @@ def input_noise(test: EhlTest, side: DiskBlock) -> Array:
     ambient = float(white_noise_sd(test.ambient_of(side.disk)[loaded], DIFFERENCE_ORDER))
     power = test.friction_noise_N * test.sliding_speed_m_s
     disk = test.disks[side.disk]
-    inner = disk.noise_K[disk.setup.places(disk.setup.inner)]
+    inner = disk.noise_K[disk.setup.channel_indices(disk.setup.inner)]
     return np.array([power, *inner, ambient])
 
 
@@ -65,7 +65,7 @@ def smoothing_adjoint(test: EhlTest, combinations: Array, time_s: Array) -> Arra
     The filter is a running straight line. Well before unloading it is a running mean; its last
     half is one straight line through the last samples.
     """
-    settled_s = test.events.unload_s - test.events.parting_s - SWITCHING_MARGIN_S
+    settled_s = test.events.unload_s - test.events.fall_time_s - SWITCHING_MARGIN_S
     last = int(np.searchsorted(time_s, settled_s))
     n = min(smoothing_samples(test.friction_noise_N, test.friction_N, test.dt_s, last), last)
     half = n // 2

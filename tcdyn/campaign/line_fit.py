@@ -19,7 +19,7 @@ class Line:
 
     ``covariance`` (P, P); ``scatter``: standard deviation, beyond what is stated, of the points
     about the line, the least that makes chi-squared what it should be; ``chi2`` without it, on
-    ``freedom`` degrees; ``operator`` (P, N): coefficients = operator @ y; ``used`` (N, N): the
+    ``freedom`` degrees; ``operator`` (P, N): coefficients = operator @ y; ``total_covariance`` (N, N): the
     covariance with the scatter in it.
     """
 
@@ -29,7 +29,7 @@ class Line:
     chi2: float
     freedom: int
     operator: Array = field(repr=False)
-    used: Array = field(repr=False)
+    total_covariance: Array = field(repr=False)
 
     @property
     def p_value(self) -> float:
@@ -45,7 +45,7 @@ class Line:
         )
         return Estimate(value=value, u=u, low95=value - reach, high95=value + reach)
 
-    def no_slope(self, k: int) -> float:
+    def p_value_of_zero(self, k: int) -> float:
         """Chance of a coefficient as far from zero if it were zero."""
         z = abs(float(self.coefficients[k])) / float(np.sqrt(self.covariance[k, k]))
         return float(2 * (ndtr(-z) if self.scatter == 0 else stdtr(max(self.freedom, 1), -z)))
@@ -117,10 +117,10 @@ def level_inside_points(y: Array, covariance: Array) -> Line:
     """
     ones = np.ones(len(y))
     line = fit_line(ones[:, None], y, covariance)
-    lower = cholesky(line.used, lower=True)
+    lower = cholesky(line.total_covariance, lower=True)
     weights, _ = optimize.nnls(lower.T, solve_triangular(lower, ones, lower=True))
     weights = weights / weights.sum()
-    variance = float(weights @ line.used @ weights)
+    variance = float(weights @ line.total_covariance @ weights)
     return replace(
         line,
         coefficients=np.array([weights @ y]),

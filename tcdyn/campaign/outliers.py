@@ -73,7 +73,7 @@ def outlying_tests(posterior: Posterior) -> tuple[OutlyingTest, ...]:
     """
     outliers: list[OutlyingTest] = []
     remaining = list(posterior.tests)
-    reduced_tests = list(posterior.reduced)
+    reduced_tests = list(posterior.reduced_tests)
     most = len(posterior.tests) // 4
     while len(remaining) >= MIN_TESTS and len(outliers) < most:
         worst = _worst(solve_campaign(remaining, reduced_tests))
@@ -112,10 +112,10 @@ def leave_one_out(posterior: Posterior, i: int) -> OutlyingTest:
     causes += lines
     departing = reduce_test(test, causes)
     n_shared = len(departing.shared) - len(causes)
-    mean, covariance = posterior_without(posterior, posterior.reduced[i])
+    mean, covariance = posterior_without(posterior, posterior.reduced_tests[i])
     shared = indices_of(departing.shared[:n_shared], posterior.shared)
     rows = departing.rows[:, :n_shared]
-    residual = departing.right - rows @ mean[shared]
+    residual = departing.rhs - rows @ mean[shared]
     v = np.eye(len(residual)) + rows @ covariance[np.ix_(shared, shared)] @ rows.T
     lower = np.linalg.cholesky(v)
     d = np.linalg.solve(lower, residual)
@@ -143,5 +143,5 @@ def posterior_without(posterior: Posterior, left_out: ReducedTest) -> tuple[Arra
     rows[:, indices_of(left_out.shared, posterior.shared)] = left_out.rows
     information = np.linalg.inv(posterior.shared_covariance)
     covariance = np.asarray(np.linalg.inv(information - rows.T @ rows))
-    rhs = information @ posterior.found - rows.T @ left_out.right
+    rhs = information @ posterior.shared_mean - rows.T @ left_out.rhs
     return covariance @ rhs, covariance

@@ -104,13 +104,13 @@ class PlannedCampaign:
     """Expected result of planned tests: the posterior, and u of beta of each test alone."""
 
     posterior: Posterior = field(repr=False)
-    alone: tuple[float, ...]
+    u_beta_single: tuple[float, ...]
 
     def table(self) -> pd.DataFrame:
         """One row a test: u of beta alone, in the campaign, and within it; u of h relative."""
         rows = []
         for name, estimate, u_single in zip(
-            self.posterior.order, self.posterior.estimates, self.alone
+            self.posterior.test_names, self.posterior.estimates, self.u_beta_single
         ):
             h = {f"u_h_{d}_rel": estimate[f"h_{d}"].u / estimate[f"h_{d}"].value for d in DISKS}
             rows.append(
@@ -164,9 +164,9 @@ class PlannedCampaign:
 
 def _with_equal_beta(posterior: Posterior) -> Posterior:
     """Return the posterior with every beta equal: only u of the slopes is of interest."""
-    answers = posterior.answers.copy()
+    answers = posterior.values.copy()
     answers[:, 0] = answers[:, 0].mean()
-    return replace(posterior, answers=answers)
+    return replace(posterior, values=answers)
 
 
 def read_plan(path: str | Path) -> tuple[PlannedTest, ...]:
@@ -210,13 +210,13 @@ def expected_widening(posterior: Posterior) -> Posterior:
     E max(1, X/v) = P(X < v) + P(Y > v). X is chi-squared with v degrees of freedom, as many as the
     data determine of the shared quantities; Y has v + 2.
     """
-    dof = max(len(posterior.found) - float(np.trace(posterior.shared_covariance)), 1.0)
+    dof = max(len(posterior.shared_mean) - float(np.trace(posterior.shared_covariance)), 1.0)
     widened = float(chdtr(dof, dof) + chdtrc(dof + 2, dof))
-    sensitivity = shared_sensitivity(posterior.reduced, posterior.shared)
+    sensitivity = shared_sensitivity(posterior.reduced_tests, posterior.shared)
     added = (
-        (widened - posterior.widened) * sensitivity @ posterior.shared_covariance @ sensitivity.T
+        (widened - posterior.inflation) * sensitivity @ posterior.shared_covariance @ sensitivity.T
     )
-    return replace(posterior, covariance=posterior.covariance + added, widened=widened)
+    return replace(posterior, covariance=posterior.covariance + added, inflation=widened)
 
 
 def planned_test(plan: PlannedTest, rig: Rig, logging: Logging) -> SufficientStatistics:
@@ -271,7 +271,9 @@ def planned_test(plan: PlannedTest, rig: Rig, logging: Logging) -> SufficientSta
         block = disk_block(test, test.disks[d], start, window_s, "modal", LAGS_S[1])
         response = block.model(start)
         assert response is not None
-        blocks.append(replace(block, y=response[0], prior_lag_s=sum(LAGS_S) + block.rest_of_lag_s))
+        blocks.append(
+            replace(block, y=response[0], prior_lag_s=sum(LAGS_S) + block.remaining_lag_s)
+        )
     problem = joint_problem(blocks)
     best = minimise(problem, np.pad(np.concatenate(theta), (0, problem.size - 8)), limit=0)
     hotter_K = (
@@ -310,7 +312,7 @@ def _traces(
     setup = rig.disk_setup(disk)
     u = rig.tables(disk).uncertainty
     contact = hertz_contact(load_N, setup.outer_radius_m, setup.crown_radius_m)
-    setup = replace(setup, flux=setup.flux.under(contact.pressure_Pa))
+    setup = replace(setup, flux=setup.flux.at_pressure(contact.pressure_Pa))
     surface = 2 * np.pi * setup.outer_radius_m * setup.width_m
     volume = np.pi * (setup.outer_radius_m**2 - setup.bore_radius_m**2) * setup.width_m
     out_W_K = h_W_m2K * surface + BODY_LOSS_W_K
@@ -349,5 +351,5 @@ def _traces(
         rounding_K=np.zeros(count),
         static_u_K=np.asarray(static_u(STATIC_LINE, y[t < unload_s][-1])),
         uncertainty=u,
-        inner_K=np.zeros((len(t), len(setup.inner))),
+        inner_offset_K=np.zeros((len(t), len(setup.inner))),
     )

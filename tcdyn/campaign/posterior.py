@@ -32,17 +32,17 @@ BETA, LN_H_FAST, LN_H_SLOW, LAG_FAST, LAG_SLOW = range(N_QUANTITIES)
 class ReducedTest:
     """A test after its specific nuisance parameters have been integrated out.
 
-    a = ``at`` (5,) - ``by`` (5, S) s + ``root`` (5, 5) @ standard normal, with the shared
-    quantities s; and ``rows`` (M, S) @ s = ``right`` (M,) with errors of unit variance.
+    a = ``offset`` (5,) - ``sensitivity`` (5, S) s + ``root`` (5, 5) @ standard normal, with the shared
+    quantities s; and ``rows`` (M, S) @ s = ``rhs`` (M,) with errors of unit variance.
     """
 
     name: str
     shared: tuple[str, ...]
-    at: Array
-    by: Array
+    offset: Array
+    sensitivity: Array
     root: Array
     rows: Array
-    right: Array
+    rhs: Array
 
 
 def reduce_test(test: SufficientStatistics, departures: Sequence[str] = ()) -> ReducedTest:
@@ -70,7 +70,7 @@ def reduce_test(test: SufficientStatistics, departures: Sequence[str] = ()) -> R
     shared_loading = np.zeros((len(q), len(shared)))
     for row, each in zip(shared_loading, loading):
         row[indices_of([*each.shared], shared)] = [*each.shared.values()]
-    specific = np.array([each.own for each in loading])
+    specific = np.array([each.specific for each in loading])
     nuisance_rows = test.rows[:, N_QUANTITIES:]
     scaled = nuisance_rows * specific
     lower = cholesky(np.eye(len(scaled)) + scaled @ scaled.T, lower=True)
@@ -83,7 +83,7 @@ def reduce_test(test: SufficientStatistics, departures: Sequence[str] = ()) -> R
             test.rows[:, :N_QUANTITIES],
             nuisance_rows @ shared_loading,
             departure_columns,
-            test.right + nuisance_rows @ test.centre[N_QUANTITIES:],
+            test.rhs + nuisance_rows @ test.centre[N_QUANTITIES:],
         ]
     )
     augmented = solve_triangular(lower, augmented, lower=True)
@@ -113,11 +113,11 @@ def reduce_test(test: SufficientStatistics, departures: Sequence[str] = ()) -> R
     return ReducedTest(
         name=test.name,
         shared=(*shared, *departures),
-        at=test.centre[:N_QUANTITIES] + solution[:, n_columns],
-        by=solution[:, :n_columns],
+        offset=test.centre[:N_QUANTITIES] + solution[:, n_columns],
+        sensitivity=solution[:, :n_columns],
         root=solution[:, -N_QUANTITIES:],
         rows=factor[N_QUANTITIES:, N_QUANTITIES:end],
-        right=factor[N_QUANTITIES:, end],
+        rhs=factor[N_QUANTITIES:, end],
     )
 
 
@@ -127,43 +127,43 @@ class Posterior:
 
     Attributes
     ----------
-    tests, reduced
+    tests, reduced_tests
         Sufficient statistics of the tests, and the same reduced to the shared quantities.
-    answers
+    values
         ``QUANTITIES`` of the N tests, shape (N, 5).
     covariance
         Their covariance, test by test, shape (5 N, 5 N).
     shared
         Names of the S shared quantities.
-    found, shared_covariance
+    shared_mean, shared_covariance
         Mean (S,) and covariance (S, S) of the shared quantities, in prior standard uncertainties.
-    widened
+    inflation
         Factor of ``shared_covariance`` within ``covariance``: :func:`birge_ratio_squared`.
     """
 
     tests: tuple[SufficientStatistics, ...] = field(repr=False)
-    reduced: tuple[ReducedTest, ...] = field(repr=False)
-    answers: Array
+    reduced_tests: tuple[ReducedTest, ...] = field(repr=False)
+    values: Array
     covariance: Array = field(repr=False)
     shared: tuple[str, ...] = field(repr=False)
-    found: Array = field(repr=False)
+    shared_mean: Array = field(repr=False)
     shared_covariance: Array = field(repr=False)
-    widened: float = 1.0
+    inflation: float = 1.0
 
     @property
-    def order(self) -> tuple[str, ...]:
+    def test_names(self) -> tuple[str, ...]:
         """Names of the tests."""
         return tuple(t.name for t in self.tests)
 
-    def of(self, which: int) -> tuple[Array, Array]:
+    def quantity(self, which: int) -> tuple[Array, Array]:
         """Return one of ``QUANTITIES`` of every test (N,) and its covariance (N, N)."""
         covariance = self.covariance[which::N_QUANTITIES, which::N_QUANTITIES]
-        return self.answers[:, which], covariance
+        return self.values[:, which], covariance
 
     @property
     def beta(self) -> tuple[Array, Array]:
         """beta (N,) and its covariance (N, N)."""
-        return self.of(BETA)
+        return self.quantity(BETA)
 
     @cached_property
     def estimates(self) -> list[dict[str, Estimate]]:
@@ -171,7 +171,7 @@ class Posterior:
         u = np.sqrt(np.diag(self.covariance)).reshape(-1, N_QUANTITIES)
         u_within = within(self.beta[1])
         out = []
-        for a, s, w in zip(self.answers, u, u_within):
+        for a, s, w in zip(self.values, u, u_within):
             h = np.exp(a[[LN_H_FAST, LN_H_SLOW]])
             estimate = {"beta": Estimate.normal(a[BETA], s[BETA])}
             estimate["beta_within"] = Estimate.normal(a[BETA], w)
@@ -203,8 +203,8 @@ def u_if_known(posterior: Posterior, gradient: Array) -> dict[str, float]:
     With C the covariance of the shared quantities, g the gradient and K a kind:
     var - (C g)_K' C_KK^-1 (C g)_K.
     """
-    covariance = posterior.widened * posterior.shared_covariance
-    sensitivity = shared_sensitivity(posterior.reduced, posterior.shared)
+    covariance = posterior.inflation * posterior.shared_covariance
+    sensitivity = shared_sensitivity(posterior.reduced_tests, posterior.shared)
     shared_gradient = covariance @ (gradient @ sensitivity)
     kinds: dict[str, list[int]] = {}
     for k, name in enumerate(posterior.shared):
@@ -274,7 +274,7 @@ def solve_campaign(
     for r in reductions:
         k = indices_of(r.shared, shared)
         information[np.ix_(k, k)] += r.rows.T @ r.rows
-        rhs[k] += r.rows.T @ r.right
+        rhs[k] += r.rows.T @ r.rhs
     shared_covariance = np.asarray(np.linalg.inv(information))
     shared_mean = shared_covariance @ rhs
     sensitivity = shared_sensitivity(reductions, shared)
@@ -286,13 +286,13 @@ def solve_campaign(
     shift = (sensitivity @ shared_mean).reshape(-1, N_QUANTITIES)
     return Posterior(
         tests=tuple(tests),
-        reduced=tuple(reductions),
-        answers=np.stack([r.at for r in reductions]) - shift,
+        reduced_tests=tuple(reductions),
+        values=np.stack([r.offset for r in reductions]) - shift,
         covariance=covariance,
         shared=shared,
-        found=shared_mean,
+        shared_mean=shared_mean,
         shared_covariance=shared_covariance,
-        widened=inflation,
+        inflation=inflation,
     )
 
 
@@ -301,7 +301,7 @@ def shared_sensitivity(reductions: Sequence[ReducedTest], shared: Sequence[str])
     sensitivity = np.zeros((N_QUANTITIES * len(reductions), len(shared)))
     for i, r in enumerate(reductions):
         block = slice(N_QUANTITIES * i, N_QUANTITIES * (i + 1))
-        sensitivity[block, indices_of(r.shared, shared)] = r.by
+        sensitivity[block, indices_of(r.shared, shared)] = r.sensitivity
     return sensitivity
 
 

@@ -41,7 +41,7 @@ class JoinedCampaign:
 
     Attributes
     ----------
-    posterior, law, trends
+    posterior, speed_law, trends
         Quantities with covariance, exponent n, trends of beta.
     outlying_tests
         Tests that do not agree with the others; they are not in the posterior.
@@ -50,28 +50,28 @@ class JoinedCampaign:
     deeper_mm, pulls
         By disk and channel: estimated depth minus stated depth of a junction, and this difference in
         the standard deviations that the data alone would cause.
-    single
+    single_beta
         beta of each test by its own joint fit.
-    by_law
+    speed_law_beta
         beta by each test's steady lines and the campaign's n.
     status, delta_T_us
         Of each test; delta_T_us in K m/s.
-    apart
+    excluded
         Tests that could not be used, and why.
     """
 
     posterior: Posterior
-    law: SpeedLaw
+    speed_law: SpeedLaw
     trends: tuple[BetaTrend, ...]
     outlying_tests: tuple[OutlyingTest, ...]
     curves: tuple[CurveTest, ...]
     deeper_mm: Mapping[str, Mapping[str, Estimate]]
     pulls: Mapping[str, Mapping[str, float]]
-    single: Mapping[str, Estimate]
-    by_law: Mapping[str, float | None]
+    single_beta: Mapping[str, Estimate]
+    speed_law_beta: Mapping[str, float | None]
     status: Mapping[str, str]
     delta_T_us: Mapping[str, Estimate]
-    apart: Mapping[str, str] = field(default_factory=dict)
+    excluded: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def trend(self) -> BetaTrend | None:
@@ -96,7 +96,7 @@ class JoinedCampaign:
             )
             for s in self.outlying_tests
         ]
-        n = self.law.exponent
+        n = self.speed_law.exponent
         assumed = self.posterior.tests[0].conditions["speed_exponent"]
         tests = len(self.posterior.tests)
         if tests > 1 and abs(n.value - assumed) > EXPONENT_DEVIATION_Z * n.u:
@@ -104,13 +104,15 @@ class JoinedCampaign:
                 info("campaign.exponent", n=n.value, u=n.u, assumed=assumed, tests=tests)
             )
         if (
-            self.law.by_speed is not None
-            and self.law.p_value is not None
-            and self.law.p_value < POWER_LAW_REJECTED_P
+            self.speed_law.by_speed is not None
+            and self.speed_law.p_value is not None
+            and self.speed_law.p_value < POWER_LAW_REJECTED_P
         ):
-            by = self.law.by_speed
+            by = self.speed_law.by_speed
             findings.append(
-                warning("campaign.power_law", per_doubled=by.value, u=by.u, p=self.law.p_value)
+                warning(
+                    "campaign.power_law", per_doubled=by.value, u=by.u, p=self.speed_law.p_value
+                )
             )
         for d, pulls in self.pulls.items():
             for c, z in pulls.items():
@@ -139,7 +141,7 @@ class JoinedCampaign:
                 )
                 findings.append(shape)
         findings += [
-            info("campaign.apart", subject=name, why=why) for name, why in self.apart.items()
+            info("campaign.apart", subject=name, why=why) for name, why in self.excluded.items()
         ]
         return tuple(findings)
 
@@ -153,16 +155,16 @@ class JoinedCampaign:
             "tests": {
                 name: {
                     **estimate,
-                    "beta_alone": self.single[name],
-                    "beta_by_speed_law": self.by_law[name],
+                    "beta_alone": self.single_beta[name],
+                    "beta_by_speed_law": self.speed_law_beta[name],
                     "delta_T_us": self.delta_T_us[name],
                     "status": self.status[name],
                 }
-                for name, estimate in zip(posterior.order, posterior.estimates)
+                for name, estimate in zip(posterior.test_names, posterior.estimates)
             },
-            "exponent": self.law.exponent,
-            "speed_law": self.law.to_dict(),
-            "order": posterior.order,
+            "exponent": self.speed_law.exponent,
+            "speed_law": self.speed_law.to_dict(),
+            "order": posterior.test_names,
             "covariance": posterior.beta[1],
             "trend": trends[0] if trends else None,
             "trends": trends,
@@ -172,7 +174,7 @@ class JoinedCampaign:
                 d: {c: {"deeper_mm": e, "z": self.pulls[d][c]} for c, e in depths.items()}
                 for d, depths in self.deeper_mm.items()
             },
-            "apart": self.apart,
+            "apart": self.excluded,
             "findings": self.findings,
         }
         return jsonable(data)
@@ -213,7 +215,7 @@ def joined(
     if outliers:
         names = {s.name for s in outliers}
         remaining = [
-            (t, r) for t, r in zip(posterior.tests, posterior.reduced) if t.name not in names
+            (t, r) for t, r in zip(posterior.tests, posterior.reduced_tests) if t.name not in names
         ]
         posterior = solve_campaign([t for t, _ in remaining], [r for _, r in remaining])
         included = {name: data for name, data in included.items() if name not in names}
@@ -221,14 +223,18 @@ def joined(
     deeper, pulls = junction_depths(posterior)
     return JoinedCampaign(
         posterior=posterior,
-        law=law,
+        speed_law=law,
         trends=trends(posterior),
         outlying_tests=outliers,
         curves=tuple(curve_test(posterior, c) for c in curves),
         deeper_mm=deeper,
         pulls=pulls,
-        single={name: Estimate(**data["joint"]["both"]["beta"]) for name, data in included.items()},
-        by_law={t.name: _by_law(included[t.name], t, law.exponent.value) for t in posterior.tests},
+        single_beta={
+            name: Estimate(**data["joint"]["both"]["beta"]) for name, data in included.items()
+        },
+        speed_law_beta={
+            t.name: _by_law(included[t.name], t, law.exponent.value) for t in posterior.tests
+        },
         status={
             name: GRADES_OF_0_2.get(data["status"], data["status"])
             for name, data in included.items()
@@ -236,7 +242,7 @@ def joined(
         delta_T_us={
             name: Estimate(**data["surface"]["delta_T_us"]) for name, data in included.items()
         },
-        apart=excluded,
+        excluded=excluded,
     )
 
 
@@ -260,8 +266,10 @@ def junction_depths(
     deeper: dict[str, dict[str, Estimate]] = {d: {} for d in DISKS}
     pulls: dict[str, dict[str, float]] = {d: {} for d in DISKS}
     units = {n: size for t in posterior.tests for n, size in t.units.items()}
-    u_factor = float(np.sqrt(posterior.widened))
-    shared_estimates = zip(posterior.shared, posterior.found, np.diag(posterior.shared_covariance))
+    u_factor = float(np.sqrt(posterior.inflation))
+    shared_estimates = zip(
+        posterior.shared, posterior.shared_mean, np.diag(posterior.shared_covariance)
+    )
     for name, x, variance in sorted(shared_estimates, key=lambda one: one[0]):
         match name.split(" "):
             case "depth", c, d if name in units:

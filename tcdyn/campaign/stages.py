@@ -102,7 +102,7 @@ def read_stage(log: LogChunks, number: int | None) -> tuple[Log, int]:
     more. Raises InputError as ``stage_of``, and for a long log without an unloading.
     """
     if log.rows <= MAX_ROWS:
-        return stage_of(log.whole(), number)
+        return stage_of(log.to_log(), number)
     step = -(-log.rows // MAX_ROWS)
     decimated, count = stage_of(_decimate(log, step), number)
     events = find_events(decimated.frame, log.path.name)
@@ -115,7 +115,7 @@ def read_stage(log: LogChunks, number: int | None) -> tuple[Log, int]:
     begin = max(begin, load_on_s - before if unload_s - load_on_s <= loaded else unload_s - loaded)
     end = min(end, unload_s + after)
     first, last = _rows(log, [begin, end])
-    selected = log.whole(np.arange(first, log.rows if last + step >= log.rows else last + 1))
+    selected = log.to_log(np.arange(first, log.rows if last + step >= log.rows else last + 1))
     finding = info("log.long", count=log.rows, begin_s=begin, end_s=end)
     return replace(selected, path=decimated.path, findings=(*selected.findings, finding)), count
 
@@ -141,12 +141,12 @@ def all_events(log: LogChunks, log_in_memory: Log) -> list[Events]:
         ]
         edges = np.clip(_rows(log, times), 0, log.rows)
         near_rows = np.union1d(np.arange(*edges[:2]), np.arange(*edges[2:]))
-        all_found.append(find_events(log.whole(near_rows, EVENT_COLUMNS).frame, log.path.name))
+        all_found.append(find_events(log.to_log(near_rows, EVENT_COLUMNS).frame, log.path.name))
     return all_found or [find_events(log_in_memory.frame, log.path.name)]
 
 
 def _decimate(log: LogChunks, step: int) -> Log:
-    return log.whole(np.arange(0, log.rows, step), EVENT_COLUMNS)
+    return log.to_log(np.arange(0, log.rows, step), EVENT_COLUMNS)
 
 
 def _rows(log: LogChunks, times_s: Sequence[float]) -> list[int]:

@@ -26,11 +26,11 @@ class Loading:
     """Factor loading of one nuisance parameter of a test, in standard uncertainties.
 
     The parameter is ``shared`` @ (quantities common to all tests of the rig, each standard
-    normal) + ``own`` x a standard normal of this test.
+    normal) + ``specific`` x a standard normal of this test.
     """
 
     shared: Mapping[str, float]
-    own: float = 0.0
+    specific: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class SufficientStatistics:
         all tests of the rig, under its own name.
     centre
         Parameters at the optimum, shape (P,).
-    rows, right
+    rows, rhs
         rows @ (x - centre) = right, with errors of unit variance. Shapes (M, P) and (M,).
     loading
         Factor loading of nuisance parameters that are not fully common.
@@ -65,7 +65,7 @@ class SufficientStatistics:
     names: tuple[str, ...]
     centre: Array
     rows: Array
-    right: Array
+    rhs: Array
     loading: Mapping[str, Loading]
     lag_prior_s: Mapping[str, float]
     lag_u_s: Mapping[str, float]
@@ -80,13 +80,13 @@ class SufficientStatistics:
             "names": list(self.names),
             "centre": _eight_digits_each(self.centre),
             "rows": [_eight_digits_each(row) for row in self.rows],
-            "right": _eight_digits_each(self.right),
+            "right": _eight_digits_each(self.rhs),
             "loading": [
                 {
                     "name": name,
                     "shared": [*each.shared],
                     "by": _eight_digits_each(each.shared.values()),
-                    "own": _eight_digits(each.own),
+                    "own": _eight_digits(each.specific),
                 }
                 for name, each in self.loading.items()
             ],
@@ -120,7 +120,7 @@ class SufficientStatistics:
                 names=tuple(data["names"]),
                 centre=np.array(data["centre"], dtype=float),
                 rows=np.array(data["rows"], dtype=float),
-                right=np.array(data["right"], dtype=float),
+                rhs=np.array(data["right"], dtype=float),
                 loading={
                     each["name"]: Loading(
                         dict(zip(each["shared"], map(float, each["by"]), strict=True)), each["own"]
@@ -136,12 +136,12 @@ class SufficientStatistics:
             )
             size = len(statistics.names)
             consistent = statistics.rows.shape == (
-                len(statistics.right),
+                len(statistics.rhs),
                 size,
             ) and statistics.centre.shape == (size,)
             consistent &= statistics.names[: len(QUANTITIES)] == QUANTITIES
             consistent &= bool(
-                np.isfinite(statistics.rows).all() and np.isfinite(statistics.right).all()
+                np.isfinite(statistics.rows).all() and np.isfinite(statistics.rhs).all()
             )
         except (KeyError, TypeError, ValueError, AttributeError):
             consistent = False
@@ -170,7 +170,7 @@ def verify_checksum(data: Any, where: str) -> dict[str, Any]:
 
     Examples
     --------
-    >>> from tcdyn.io.checksum import sealed
+    >>> from tcdyn.io.checksum import with_checksum
     >>> verify_checksum({**with_checksum({"beta": 0.7}), "beta": 0.8}, "D4.beta.json")
     Traceback (most recent call last):
     tcdyn.core.errors.InputError: D4.beta.json: its content is not what was written: the checksum...

@@ -41,7 +41,7 @@ def paper_table(joined: JoinedCampaign) -> pd.DataFrame:
     """
     rows = []
     p = joined.posterior
-    law = joined.law
+    law = joined.speed_law
     for i, (statistics, estimates) in enumerate(zip(p.tests, p.estimates)):
         row: dict[str, object] = {"test": statistics.name.removeprefix("EHL_")}
         row |= {
@@ -55,7 +55,7 @@ def paper_table(joined: JoinedCampaign) -> pd.DataFrame:
             "u_beta_within": estimates["beta_within"].u,
             "u_beta": estimates["beta"].u,
         }
-        law_beta = joined.by_law[statistics.name]
+        law_beta = joined.speed_law_beta[statistics.name]
         row["beta_by_speed_law"] = np.nan if law_beta is None else law_beta
         for d in DISKS:
             row |= {
@@ -99,7 +99,7 @@ def paper_latex(joined: JoinedCampaign) -> str:
             _pm(r["exponent"], r["u_exponent_within"]),
         ]
         rows.append(" & ".join(cells) + r" \\")
-    n = joined.law.exponent
+    n = joined.speed_law.exponent
     return "\n".join(
         [
             r"\begin{tabular}{l" + "r" * (len(LATEX_HEADINGS) - 1) + "}",
@@ -135,7 +135,7 @@ def trend_rows(joined: JoinedCampaign) -> pd.DataFrame:
                     "slope": slope,
                     "p_value": p,
                     "scatter": t.scatter,
-                    "p_value_of_line": t.enough,
+                    "p_value_of_line": t.line_p_value,
                 }
             )
     return pd.DataFrame(

@@ -36,7 +36,7 @@ class BetaTrend:
     """beta = level + sum slope_k (x_k - mean of x_k); slopes per unit of x.
 
     ``against``: names of the x; ``slopes`` in that order; ``p_value`` of each being zero;
-    ``scatter`` of the tests about the line beyond their uncertainties; ``enough``: chance of their
+    ``scatter`` of the tests about the line beyond their uncertainties; ``line_p_value``: chance of their
     departures if there were none.
     """
 
@@ -44,11 +44,11 @@ class BetaTrend:
     slopes: tuple[Estimate, ...]
     p_value: tuple[float, ...]
     scatter: float
-    enough: float
+    line_p_value: float
     mean: Array = field(repr=False)
     line: Line = field(repr=False)
 
-    def at(self, x: Array) -> tuple[Array, Array]:
+    def evaluate(self, x: Array) -> tuple[Array, Array]:
         """beta on a trend over one x (M,), and its standard uncertainty within the campaign (M,):
         against the mean of its tests.
         """
@@ -56,7 +56,7 @@ class BetaTrend:
         columns = np.column_stack([np.ones(len(x)), x - self.mean[0]])
         difference = columns @ self.line.operator - 1.0 / n
         return columns @ self.line.coefficients, np.sqrt(
-            np.clip(np.diag(difference @ self.line.used @ difference.T), 0.0, None)
+            np.clip(np.diag(difference @ self.line.total_covariance @ difference.T), 0.0, None)
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -68,7 +68,7 @@ class BetaTrend:
         }
         if len(self.against) == 1:
             data = {k: v[0] for k, v in data.items()}
-        return jsonable({**data, "scatter": self.scatter, "p_value_of_line": self.enough})
+        return jsonable({**data, "scatter": self.scatter, "p_value_of_line": self.line_p_value})
 
 
 def set_points(x: Array) -> int:
@@ -99,7 +99,7 @@ def trend(posterior: Posterior, *against: str) -> BetaTrend | None:
     return BetaTrend(
         against,
         tuple(line.estimate(k) for k in ks),
-        tuple(line.no_slope(k) for k in ks),
+        tuple(line.p_value_of_zero(k) for k in ks),
         line.scatter,
         line.p_value,
         mean,
@@ -231,7 +231,7 @@ def curve_test(posterior: Posterior, curve: Curve) -> CurveTest:
     shape_chi2 = float((residual - level) @ weight @ (residual - level))
     result = CurveTest(
         curve=curve,
-        inside=tuple(posterior.order[i] for i in inside),
+        inside=tuple(posterior.test_names[i] for i in inside),
         chi2=chi2,
         p_value=float(chdtrc(len(residual), chi2)),
         shape_chi2=shape_chi2,

@@ -119,17 +119,17 @@ def estimate_and_whiten_noise(
         short = estimate_logger_noise(
             [*compress(without_bursts, same_rate)], dts_s[0], filter_, white_K, SHORT_SEGMENT_S
         )
-        noise = replace(short, lines=noise.lines)  # short segments cannot tell one
+        noise = replace(short, hum_lines=noise.hum_lines)  # short segments cannot tell one
         results = white(noise)
     plain = [
         replace(c, conditioning=NO_CONDITIONING) for c in chains if c.lag_s > c.conditioning.lag_s
     ]
     hum = []
-    for line in noise.lines:
+    for line in noise.hum_lines:
         gains = [abs(c.frequency_response(line[0])) for c in plain]
         if all(gain < MAX_HUM_GAIN for gain in gains):  # others may be waves of the temperature
             hum.append(line)
-    return replace(noise, lines=tuple(hum)), results
+    return replace(noise, hum_lines=tuple(hum)), results
 
 
 def whiten_traces(
@@ -156,7 +156,9 @@ def whiten_traces(
         white[:, i] = interpolate_gaps(x, ~outliers[:, i])
     lags_s = [c.lag_s - c.conditioning.lag_s for c in chains]
     filters = [c.conditioning if c.conditioning.poles else noise.shaping for c in chains]
-    filters_whitened = [noise.behind(Chain((), conditioning=f)).conditioning for f in filters]
+    filters_whitened = [
+        noise.whitened_chain(Chain((), conditioning=f)).conditioning for f in filters
+    ]
     slow = [i for i, lag_s in enumerate(lags_s) if pulses and lag_s > MIN_LAG_INTERVALS * dt_s]
     missing = ~good | outliers
     searches = [

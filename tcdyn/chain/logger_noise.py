@@ -110,9 +110,9 @@ class LoggerNoise:
 
     Parameters
     ----------
-    before_K
+    before_filter_K
         Standard deviation (M,), after the filter, of the white noise before it.
-    after_K
+    after_filter_K
         Standard deviation (M,) of the white noise after the filter.
     level_K
         Standard deviation (M,) of the white noise with the same power at low frequency.
@@ -120,7 +120,7 @@ class LoggerNoise:
         The filter.
     sections
         Factors of N; none where all noise is white.
-    lines
+    hum_lines
         Frequency [Hz] and amplitudes (M,) [K] of hum.
     rate_Hz
         Sampling rate.
@@ -128,12 +128,12 @@ class LoggerNoise:
         Largest ratio of observed to expected power, averaged over a band.
     """
 
-    before_K: Array
-    after_K: Array
+    before_filter_K: Array
+    after_filter_K: Array
     level_K: Array
     shaping: Conditioning
     sections: tuple[tuple[float, ...], ...] = ()
-    lines: tuple[tuple[float, Array], ...] = ()
+    hum_lines: tuple[tuple[float, Array], ...] = ()
     rate_Hz: float = np.nan
     unexplained: float = 1.0
 
@@ -145,8 +145,8 @@ class LoggerNoise:
     def to_dict(self) -> dict[str, float]:
         """Standard deviations of a typical channel [K], as they are in the log."""
         return {
-            "before_filter_K": float(np.median(self.before_K)),
-            "after_filter_K": float(np.median(self.after_K)),
+            "before_filter_K": float(np.median(self.before_filter_K)),
+            "after_filter_K": float(np.median(self.after_filter_K)),
         }
 
     def findings(self, subject: str) -> list[Finding]:
@@ -160,11 +160,11 @@ class LoggerNoise:
             out.append(
                 info("noise.coloured", subject=subject, before_K=before, after_K=after, lag_s=lag_s)
             )
-        for f, amplitude in self.lines:
+        for f, amplitude in self.hum_lines:
             out.append(
                 info("noise.hum", subject=subject, f_Hz=f, amplitude_K=float(np.max(amplitude)))
             )
-        folded = float(np.max(self.folded_u_K))
+        folded = float(np.max(self.aliasing_u_K))
         if folded > 0:
             out.append(warning("noise.folded", subject=subject, folded_K=folded))
         if self.unexplained > UNEXPLAINED:
@@ -172,7 +172,7 @@ class LoggerNoise:
         return out
 
     @property
-    def folded_u_K(self) -> Array:
+    def aliasing_u_K(self) -> Array:
         """Standard uncertainty (M,) [K] from harmonics of mains hum that sampling aliases onto the
         temperature.
 
@@ -181,7 +181,7 @@ class LoggerNoise:
         distinguish them from a temperature.
         """
         u: Array = np.zeros(len(self.level_K))
-        for f, amplitude in self.lines:
+        for f, amplitude in self.hum_lines:
             for mains in _mains(f, self.rate_Hz):
                 if any(_folded(k * mains, self.rate_Hz) < LINE_WIDTH_HZ for k in range(2, 6)):
                     u = np.hypot(u, HARMONIC_SHARE * amplitude / np.sqrt(2))
@@ -191,7 +191,7 @@ class LoggerNoise:
         """White noise of ``sd_K`` (M,) on the same channels."""
         return LoggerNoise(np.zeros(len(sd_K)), sd_K, sd_K, self.shaping, rate_Hz=self.rate_Hz)
 
-    def for_more(self, present: Flags, white_K: Array) -> LoggerNoise:
+    def expanded(self, present: Flags, white_K: Array) -> LoggerNoise:
         """The same for more channels (M,): ``present`` marks those of this noise, the others have
         white noise ``white_K`` (M,).
         """
@@ -204,10 +204,10 @@ class LoggerNoise:
         none = np.zeros(len(present))
         return replace(
             self,
-            before_K=spread(self.before_K, none),
-            after_K=spread(self.after_K, white_K),
+            before_filter_K=spread(self.before_filter_K, none),
+            after_filter_K=spread(self.after_filter_K, white_K),
             level_K=spread(self.level_K, white_K),
-            lines=tuple((f, spread(a, none)) for f, a in self.lines),
+            hum_lines=tuple((f, spread(a, none)) for f, a in self.hum_lines),
         )
 
     def whitened(self, y: Array, dt_s: float) -> Array:
@@ -222,7 +222,7 @@ class LoggerNoise:
         out = np.stack([simulate(filter_, x, dt_s) for x in filled], axis=1)
         return np.where(missing_mask, np.nan, out)
 
-    def behind(self, chain: Chain) -> Chain:
+    def whitened_chain(self, chain: Chain) -> Chain:
         """The chain of a trace that was whitened."""
         if not self.coloured:
             return chain
@@ -281,7 +281,7 @@ def estimate_logger_noise(
         return white
     if not usable.all():
         some = [y[:, usable] for y in traces]
-        return estimate_logger_noise(some, dt_s, filter_, white_K[usable], segment_s).for_more(
+        return estimate_logger_noise(some, dt_s, filter_, white_K[usable], segment_s).expanded(
             usable, white_K
         )
     w = 2 * np.pi * f
@@ -292,7 +292,7 @@ def estimate_logger_noise(
     background = np.mean(masks, axis=0) >= 0.5
     lines = _lines(f, power, ~background)
     if np.count_nonzero(background) < MIN_FREQUENCIES:
-        return replace(white, lines=lines)
+        return replace(white, hum_lines=lines)
     filters = [filter_] if filter_.poles else []
     lags = [Conditioning(float(c), 1) for c in np.geomspace(1.0, 0.3 / dt_s, N_LAGS)]
     shapes = {
@@ -330,7 +330,7 @@ def estimate_logger_noise(
         level = white_K
         if lines:  # differences would include the lines
             level = np.sqrt([v[0] for v, _ in fits[NO_CONDITIONING]])
-        return replace(white.white(inflation * level), lines=lines, unexplained=worst)
+        return replace(white.white(inflation * level), hum_lines=lines, unexplained=worst)
     level = inflation * np.sqrt(before + after)
     share = noise_power_ratio(best, dt_s)
     sections = spectral_factor(

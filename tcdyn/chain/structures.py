@@ -34,7 +34,7 @@ class ChainStructure:
 
     Examples
     --------
-    >>> Structure.of("P2DZ").parameters
+    >>> ChainStructure.from_name("P2DZ").parameters
     ('Tp1', 'Tp2', 'Tz', 'Td')
     """
 
@@ -47,7 +47,7 @@ class ChainStructure:
     integrator: bool = False
 
     @classmethod
-    def of(cls, name: str) -> ChainStructure:
+    def from_name(cls, name: str) -> ChainStructure:
         """The structure with this ``name``.
 
         Raises
@@ -80,12 +80,12 @@ class ChainStructure:
         return (*self.lags, *compress(("Tw", "Zeta", "Tz", "Tc", "Td"), present))
 
     @property
-    def meaning(self) -> str:
+    def description(self) -> str:
         """The structure in words.
 
         Examples
         --------
-        >>> Structure.of("P2D").meaning
+        >>> ChainStructure.from_name("P2D").description
         'two lags and a dead time'
         """
         words = ("a complex pair", "cement", "a zero", "a dead time", "an integrator")

@@ -130,7 +130,7 @@ def beta(
     for run in runs:
         if len(runs) > 1:
             reporter.text(f"{run.log.path.stem}:")
-        reporter.findings(run.partition.noticed)
+        reporter.findings(run.partition.analysis_findings)
         reporter.text(run.summary())
     for file in files:
         reporter.files(numbers=file)

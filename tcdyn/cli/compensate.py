@@ -183,7 +183,7 @@ def compensate(
     findings = list(write_findings)
     if way.method == "inverse":
         for disk in done.disks:
-            findings += done.before_use(disk).findings
+            findings += done.filter_report(disk).findings
     reporter.json(lambda: {**_numbers(done), "out": written, "report": report})
     reporter.findings(findings)
     reporter.text(_summary(done))
@@ -196,11 +196,11 @@ def _summary(done: CompensatedLog) -> str:
     """What was done to each disk, as text."""
     lines: list[str] = []
     for disk, compensated in done.disks.items():
-        if done.way.method == "inverse":
-            filter_report = done.before_use(disk)
+        if done.method.method == "inverse":
+            filter_report = done.filter_report(disk)
             lines.append(f"{disk}, noisiest channel, {compensated.method}:")
             lines += [f"  {line}" for line in filter_report.lines()]
-        if done.way.removes_lag:
+        if done.method.removes_lag:
             lines.append(f"{disk}: common lag {done.metadata[f'{disk}_common_lag_s']}")
         else:
             lines += compensated.lines(done.channels(disk))
@@ -240,7 +240,7 @@ def _numbers(done: CompensatedLog) -> dict[str, Any]:
     """Content of ``--json``; with --noise-only one entry for each channel."""
     from tcdyn.core.result import jsonable
 
-    if done.way.removes_lag:
+    if done.method.removes_lag:
         return done.to_dict()
     channels: dict[str, Any] = {}
     for disk, compensated in done.disks.items():

@@ -131,11 +131,11 @@ def follow(
     check_outputs([log, rig, *(record or []), *(sensor or [])], out=out, report=report, state=state)
 
     def announce(plan: LiveCompensator) -> None:
-        filter_report = plan.before_use()
+        filter_report = plan.filter_report()
         reporter.text(f"before use, noisiest channel, {plan.notes()['method']}:")
         reporter.text("\n".join(f"  {line}" for line in filter_report.lines()))
-        if plan.rows_late:
-            delay_s = plan.rows_late * plan.dt_s
+        if plan.delay_rows:
+            delay_s = plan.delay_rows * plan.dt_s
             reporter.text(
                 f"  rows are written {delay_s:.3g} s late, each with the temperatures at its time_s"
             )

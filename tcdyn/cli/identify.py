@@ -254,7 +254,7 @@ def identify(
                 one_output, model_list, held_out=held_out, progress=progress, **fit_settings
             )
         comparisons[y] = comparison
-        reporter.text(f"{comparison.summary(as_option)}\n{comparison.removal(filter_)}")
+        reporter.text(f"{comparison.summary(as_option)}\n{comparison.lag_removal_advice(filter_)}")
         content = comparison.best.identified.to_dict()
         level_dependence = ""
         if narx:
@@ -274,7 +274,7 @@ def identify(
         reporter.text(joint_table(comparisons).to_string(index=False))
     findings = []
     for comparison in comparisons.values():
-        findings += [comparison.verdict, *comparison.best.findings]
+        findings += [comparison.conclusion, *comparison.best.findings]
     exit_status(data.name, findings)
 
 

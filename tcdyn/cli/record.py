@@ -61,7 +61,7 @@ def _show(record: DiskRecord) -> None:
     from tcdyn.rig.static_line import lines_table
 
     console = Console()
-    console.print(f"disk {record.disk}, made {record.made}")
+    console.print(f"disk {record.disk}, made {record.created_text}")
     lines = lines_table(record.static).set_axis(
         ["ch", "gain", "offset degC", "range degC", "u mid K", "sd K"], axis=1
     )
@@ -266,7 +266,12 @@ def spot(
 def _chain_rows(chain: ChainRecord) -> pd.DataFrame:
     """Lags, one row for each channel, the common lag last."""
     table = chain.table()
-    table.loc[len(table)] = ["common", chain.common_lag_s.plain(), chain.common_lag_s.interval, ""]
+    table.loc[len(table)] = [
+        "common",
+        chain.common_lag_s.text_without_interval(),
+        chain.common_lag_s.interval_text,
+        "",
+    ]
     return table
 
 

@@ -59,7 +59,7 @@ def simulate_round(
     disks = disk_fields(test, seed, truth, EhlOptions(beta=beta))
     _save(circumferential_figure([disks[d] for d in DISKS]), out)
     numbers = {
-        d: {"surface_degC": _range(disks[d].surface_degC), "seen_degC": disks[d].seen_degC}
+        d: {"surface_degC": _range(disks[d].surface_degC), "seen_degC": disks[d].reading_degC}
         for d in DISKS
     }
     reporter.json(lambda: {"picture": out, **numbers})
@@ -104,7 +104,7 @@ def fit_round(
         _check_picture(out, rig)
     rig_settings = load_rig(rig)
     setups = [rig_settings.disk_setup(d) for d in DISKS if disk in (None, d)]
-    stated = [s for s in setups if s.fit.stated] or setups[:1]
+    stated = [s for s in setups if s.press_fit.is_specified] or setups[:1]
     numbers = {s.name: _fit_numbers(s) for s in stated}
     if out is not None:
         draws = [partial(draw_fit, s) for s in stated]
@@ -128,7 +128,7 @@ def _fit_numbers(setup: DiskSetup) -> dict[str, Any]:
     from tcdyn.rig.press_fit import amplitude_and_angle, harmonics
 
     pressure, bearing = press_fit_conductance(setup)
-    shares = harmonics(setup.fit.sectors(1e3 * setup.bore_radius_m), 2)
+    shares = harmonics(setup.press_fit.sectors(1e3 * setup.bore_radius_m), 2)
     harmonic_numbers = {}
     for n in (1, 2):
         amplitude, angle_deg = amplitude_and_angle(shares, n)

@@ -103,7 +103,7 @@ class Estimate(BaseModel):
         u = float(u)
         return cls(value=value, u=u, low95=value - Z95 * u, high95=value + Z95 * u)
 
-    def covers(self, truth: float) -> bool:
+    def contains(self, truth: float) -> bool:
         """Whether the 95 % interval contains ``truth``."""
         return self.low95 <= truth <= self.high95
 
@@ -115,20 +115,20 @@ class Estimate(BaseModel):
         """
         return text_with_u(self.value, self.u, unit, self.low95, self.high95)
 
-    def plain(self, unit: str = "") -> str:
+    def text_without_interval(self, unit: str = "") -> str:
         """Text of value and standard uncertainty with the unit, without the interval."""
         return text_with_u(self.value, self.u, unit)
 
     @property
-    def interval(self) -> str:
+    def interval_text(self) -> str:
         """Text of the 95 % interval, with the decimals of the uncertainty.
 
-        >>> Estimate(value=0.7, u=0.068, low95=0.5931, high95=0.857).interval
+        >>> Estimate(value=0.7, u=0.068, low95=0.5931, high95=0.857).interval_text
         '0.593 to 0.857'
         """
         return f"{rounded_texts(self.low95, self.u)[0]} to {rounded_texts(self.high95, self.u)[0]}"
 
-    def times(self, factor: float) -> Estimate:
+    def scaled(self, factor: float) -> Estimate:
         """Estimate of ``factor`` times the quantity; the factor is positive."""
         return Estimate(**{name: factor * x for name, x in self})
 

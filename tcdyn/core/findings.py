@@ -178,7 +178,7 @@ class SampleLocation:
             line += gap <= line
         return line
 
-    def of(self, index: int) -> dict[str, Any]:
+    def numbers_at(self, index: int) -> dict[str, Any]:
         """Row and, where known, time of a sample, for the numbers of a finding."""
         time = {} if self.time_s is None else {"time_s": float(self.time_s[index])}
         return {"row": self.row(index), **time}

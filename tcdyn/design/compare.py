@@ -48,7 +48,7 @@ EFFORT = {
 def grade(u_s: float, lag_s: float, limits: tuple[float, float]) -> str:
     """Grade a standard uncertainty relative to the lag.
 
-    >>> grade(0.03, 0.73, COMMON), grade(0.03, 0.73, DIFFERENCES), grade(0.2, 0.73, COMMON)
+    >>> grade(0.03, 0.73, COMMON_LAG_LIMITS), grade(0.03, 0.73, DIFFERENCE_LIMITS), grade(0.2, 0.73, COMMON_LAG_LIMITS)
     ('well', 'roughly', 'poorly')
     """
     return GRADES[sum(u_s >= limit * lag_s for limit in limits)]
@@ -67,7 +67,8 @@ def differences_grade(p: PredictedTest, lag_s: float) -> str:
 def sentence(p: PredictedTest, lag_s: float) -> str:
     """One sentence: how well the test determines the common lag and the differences."""
     return (
-        f"{p.name}: tells the common lag {common_lag_grade(p, lag_s)}, to {_u_text(p.u_common_s, lag_s)}, and the differences "
+        f"{p.name}: tells the common lag {common_lag_grade(p, lag_s)}, to "
+        f"{_u_text(p.u_common_s, lag_s)}, and the differences "
         f"between channels {differences_grade(p, lag_s)}, to {_u_text(p.u_differential_s, lag_s)}."
     )
 
@@ -150,7 +151,7 @@ class Design(Result):
         mean.
         """
         table = (
-            self.graded()
+            self.grade_table()
             .drop(columns=["10 to 90 % of bursts [s]", "of the lag", "of the lag "])
             .to_string(index=False)
         )
@@ -158,7 +159,7 @@ class Design(Result):
             [recommendation(self.predictions, self.lag_s), "", table, "", GRADE_DEFINITIONS]
         )
 
-    def graded(self) -> pd.DataFrame:
+    def grade_table(self) -> pd.DataFrame:
         """One row a test: standard uncertainties to expect, in seconds and percent of the lag, and
         how good that is.
         """

@@ -163,7 +163,7 @@ class StepPlan:
     offset_K: float = 0.3  # of each outer channel against the boundary row
     conductivity_log_u: float = 0.03
     depth_u_m: float = 1e-4
-    alike_s: float = 0.05  # prior sd of a channel's lag about the common one
+    channel_lag_sd_s: float = 0.05  # prior sd of a channel's lag about the common one
 
 
 def predict_step(plan: StepPlan, setup: DiskSetup, *, lag_s: float = 0.65) -> PredictedTest:
@@ -182,13 +182,11 @@ def predict_step(plan: StepPlan, setup: DiskSetup, *, lag_s: float = 0.65) -> Pr
     on = np.where(t < 0, first, last)
     inputs = np.column_stack([on, _inner_row(plan, setup, t)])
     rates = basis_rates(dt)
-    banks = [
-        lag_basis(on, dt, rates, hold="zoh", switches=(InputJump(before - 1, 1.0, first, last),))
-    ]
+    banks = [lag_basis(on, dt, rates, hold="zoh", jumps=(InputJump(before - 1, 1.0, first, last),))]
     banks += [lag_basis(x, dt, rates) for x in inputs.T[1:]]
     nominal = junction_points(setup, setup.outer)
     n, p = len(setup.channels), len(setup.outer)
-    inner, outer = setup.places(setup.inner), setup.places(setup.outer)
+    inner, outer = setup.channel_indices(setup.inner), setup.channel_indices(setup.outer)
 
     @cache
     def parts(ln_h: float, ln_k: float, *deeper_m: float) -> tuple[Array, Array]:
@@ -250,7 +248,8 @@ def predict_step(plan: StepPlan, setup: DiskSetup, *, lag_s: float = 0.65) -> Pr
     alike = np.eye(n, len(start))  # rows added to the data: channels of one disk are much alike
     alike[:, :n] -= 1 / n
     c = posterior_covariance(
-        np.vstack([jacobian(readings, start, steps) / plan.noise_K, alike / plan.alike_s]), prior
+        np.vstack([jacobian(readings, start, steps) / plan.noise_K, alike / plan.channel_lag_sd_s]),
+        prior,
     )
     others = {
         "u_power_rel": float(np.sqrt(c[n + 1, n + 1])),

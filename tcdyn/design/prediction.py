@@ -32,7 +32,7 @@ class PredictedTest:
     covariance: Array
     low_s: float
     high_s: float
-    others: dict[str, float] = field(default_factory=dict)
+    other_u: dict[str, float] = field(default_factory=dict)
 
     def row(self) -> dict[str, float | str]:
         """As a row of the table."""
@@ -43,7 +43,7 @@ class PredictedTest:
             "u_common_10_s": self.low_s,
             "u_common_90_s": self.high_s,
             "u_differential_s": self.u_differential_s,
-            **self.others,
+            **self.other_u,
         }
 
 

@@ -17,7 +17,7 @@ and their Jacobian. Priors are normal, with infinite standard deviation where th
 >>> problem = Problem(
 ...     ("size_K", "tau_s"), residual_and_jacobian,
 ...     prior_mean=np.array([0.0, 0.8]), prior_sd=np.array([np.inf, 0.2]),  # a prior for tau
-...     lower=np.array([0.0, 1e-3]), largest=np.array([np.inf, 0.5]),  # steps of tau <= 0.5 s
+...     lower=np.array([0.0, 1e-3]), max_step=np.array([np.inf, 0.5]),  # steps of tau <= 0.5 s
 ... )
 >>> best = minimise(problem, np.array([1.0, 1.5]))
 >>> best.converged, best.theta.round(2), round(best.u("tau_s"), 4)

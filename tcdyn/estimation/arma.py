@@ -26,10 +26,10 @@ class NoiseModel:
     ----------
     ar, ma
         Coefficients d and c.
-    rest
+    starts_at_rest
         The noise starts at zero with the record, as a random walk (D(1) = 0) does whose first level
         is the offset; otherwise it is stationary.
-    fitted
+    n_fitted
         Number of coefficients that were estimated from the residuals (all where None).
     averaged
         The model is the most likely one of those over which an estimate was averaged.
@@ -37,14 +37,14 @@ class NoiseModel:
 
     ar: tuple[float, ...] = ()
     ma: tuple[float, ...] = ()
-    rest: bool = False
-    fitted: int | None = None
+    starts_at_rest: bool = False
+    n_fitted: int | None = None
     averaged: bool = False
 
     @property
-    def parameters(self) -> int:
+    def n_parameters(self) -> int:
         """Number of coefficients that were estimated from the residuals."""
-        return len(self.ar) + len(self.ma) if self.fitted is None else self.fitted
+        return len(self.ar) + len(self.ma) if self.n_fitted is None else self.n_fitted
 
     @property
     def white(self) -> bool:
@@ -54,15 +54,15 @@ class NoiseModel:
     @property
     def order(self) -> tuple[int, int]:
         """Numbers of fitted AR coefficients (without that of a random walk) and MA coefficients."""
-        return (len(self.ar) - self.walks, len(self.ma)) if self.parameters else (0, 0)
+        return (len(self.ar) - self.is_random_walk, len(self.ma)) if self.n_parameters else (0, 0)
 
     @property
-    def walks(self) -> bool:
+    def is_random_walk(self) -> bool:
         """Whether it is a random walk, without a level to return to."""
         return abs(1.0 + sum(self.ar)) < 1e-9
 
     @property
-    def memory(self) -> float:
+    def time_constant(self) -> float:
         """Time constant of its slowest component [samples]; infinite for a random walk."""
         slowest = max(np.abs(np.roots([1.0, *self.ar])), default=0.0)
         if slowest == 0:
@@ -71,7 +71,7 @@ class NoiseModel:
             return float("inf")
         return float(-1 / np.log(slowest))
 
-    def independent(self, n: int) -> float:
+    def effective_samples(self, n: int) -> float:
         """Effective number of independent samples among ``n``: their variance over the variance of
         their mean; at least 2.
         """
@@ -94,7 +94,7 @@ class NoiseModel:
         out = np.zeros_like(table)
         for k, s in enumerate(parts):
             filtered = signal.lfilter([1.0, *self.ar], [1.0, *self.ma], table[s], axis=0)
-            if self.rest and k:
+            if self.starts_at_rest and k:
                 level = signal.lfilter([1.0, *self.ar], [1.0, *self.ma], np.ones(len(filtered)))
                 shape = level[:, None] / (np.linalg.norm(level) or 1.0)
                 factor = np.ones(1)
@@ -104,7 +104,7 @@ class NoiseModel:
             out[s] = filtered - (shape * factor) @ (shape.T @ filtered)
         return out
 
-    def log_spread(self, parts: Sequence[slice]) -> float:
+    def log_determinant(self, parts: Sequence[slice]) -> float:
         """Log of the determinant of the noise covariance over that of its innovations, which
         ``whiten`` leaves out.
         """
@@ -114,7 +114,7 @@ class NoiseModel:
         """Effect of the state before a segment of n samples (:func:`presample_effect`); none at
         rest.
         """
-        if self.rest or self.white:
+        if self.starts_at_rest or self.white:
             return np.zeros((n, 0)), np.zeros(0)
         return presample_effect(self.ar, self.ma, n)
 

@@ -129,7 +129,7 @@ def minimise_constrained(
     >>> minimise_constrained(minimise(both, np.zeros(2)), "a", 5.0).theta
     array([5., 2.])
     """
-    row = near.problem.toward(toward)
+    row = near.problem.direction(toward)
     directions = free_directions(near.problem.fixed)
     following = (
         directions @ inverse(directions.T @ near.information @ directions) @ directions.T @ row
@@ -239,7 +239,7 @@ def _descend(
         model_failed = False
         for _ in range(DAMPING_TRIALS):
             step = -free @ (scale * np.linalg.solve(curvature + damping * unit, slope))
-            step = step / max(1.0, float(np.max(np.abs(step) / problem.largest)))
+            step = step / max(1.0, float(np.max(np.abs(step) / problem.max_step)))
             trial = _state(problem, _inside(current.theta + step, problem, rows), weights)
             model_failed |= trial is None
             if trial is not None and trial.cost <= current.cost:

@@ -69,6 +69,6 @@ def eliminate_linear(problem: Problem, keep: int, at: Array) -> Problem:
         problem.prior_sd[remaining],
         problem.lower[remaining],
         problem.upper[remaining],
-        problem.largest[remaining],
+        problem.max_step[remaining],
         problem.fixed[:, remaining],
     )

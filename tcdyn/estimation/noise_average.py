@@ -52,15 +52,15 @@ class LinearisedProblem:
     residual
         Residuals (N,).
     jacobian
-        Jacobian (N, P) in the scale ``size`` of its columns; the last ``drifts`` columns are those
+        Jacobian (N, P) in the scale ``size`` of its columns; the last ``n_drifts`` columns are those
         of drifts.
     size
         Scale of the columns (P,); infinite for a fixed parameter.
     prior
         Rows of the prior.
-    parts
+    segments
         Segments of the record without gaps.
-    drifts
+    n_drifts
         Number of drift columns.
     """
 
@@ -68,10 +68,10 @@ class LinearisedProblem:
     jacobian: Array
     size: Array
     prior: Array
-    parts: list[slice]
-    drifts: int
+    segments: list[slice]
+    n_drifts: int
 
-    def given(self, noise: NoiseModel) -> tuple[float, Array, Array]:
+    def marginal(self, noise: NoiseModel) -> tuple[float, Array, Array]:
         """Log likelihood of ``noise`` with x and the noise level integrated out, the step of x (P,)
         and its covariance (P, P).
 
@@ -79,18 +79,20 @@ class LinearisedProblem:
         1971). A drift has the prior that one independent sample would give, so that it costs the
         logarithm of their number, as in BIC.
         """
-        table = noise.whiten(np.column_stack([self.jacobian, self.residual]), self.parts)
+        table = noise.whiten(np.column_stack([self.jacobian, self.residual]), self.segments)
         factor = np.asarray(np.linalg.qr(np.vstack([table, self.prior]), mode="r"))
         p = len(self.size)
         n = len(self.residual)
         upper = factor[:p, :p]
-        free = p - self.drifts
+        free = p - self.n_drifts
         residual_square = float(factor[-1, -1] ** 2) + 1e-300
         free_columns = np.isfinite(self.size[:free])
         volume = 2 * float(np.sum(np.log(np.abs(np.diag(upper))[:free][free_columns] + 1e-12)))
-        deviance = (n - free) * np.log(residual_square) + volume + noise.log_spread(self.parts)
-        if self.drifts:
-            deviance += self.drifts * np.log(noise.independent(n))
+        deviance = (
+            (n - free) * np.log(residual_square) + volume + noise.log_determinant(self.segments)
+        )
+        if self.n_drifts:
+            deviance += self.n_drifts * np.log(noise.effective_samples(n))
         unit = inverse(upper.T @ upper)
         step = -unit @ (upper.T @ factor[:p, p])
         return (
@@ -109,19 +111,19 @@ class NoiseGrid:
     box
         Bounds (2, 2) of the logarithm of the time constant and the logit of the gain; they enclose
         the likely models.
-    places
+    points
         Grid points (K, 2).
     noises, nodes
         Noise model and result at each point.
     """
 
     box: Array
-    places: Array
+    points: Array
     noises: tuple[NoiseModel, ...]
     nodes: tuple[tuple[float, Array, Array], ...]
 
     @classmethod
-    def of(cls, slopes: LinearisedProblem, box: Array) -> NoiseGrid:
+    def build(cls, slopes: LinearisedProblem, box: Array) -> NoiseGrid:
         """The grid in ``box``, reduced to the likely region; where the likelihood is flat it stays
         wide.
         """
@@ -130,7 +132,7 @@ class NoiseGrid:
             step = np.ptp(box, axis=1) / GRID
             places = box[:, 0] + (np.indices(GRID).reshape(2, -1).T + 0.5) * step
             noises = tuple(first_order_noise(*place) for place in places.tolist())
-            nodes = tuple(slopes.given(noise) for noise in noises)
+            nodes = tuple(slopes.marginal(noise) for noise in noises)
             log_likelihood = np.array([node[0] for node in nodes])
             likely_points = places[log_likelihood > log_likelihood.max() - MAX_LOG_DROP]
             closer = np.column_stack(
@@ -143,7 +145,7 @@ class NoiseGrid:
             box = closer
         return cls(box, places, noises, nodes)
 
-    def integrated(
+    def average(
         self, slopes: LinearisedProblem, others: Sequence[NoiseModel]
     ) -> tuple[float, float, NoiseModel, Array, Array]:
         """Average over the grid and the noise models ``others``.
@@ -159,15 +161,15 @@ class NoiseGrid:
             and its covariance (P, P).
         """
         n = len(slopes.residual)
-        gain = expit(self.places[:, 1])
-        walks = self.places[:, 0] > np.log(n)
+        gain = expit(self.points[:, 1])
+        walks = self.points[:, 0] > np.log(n)
         density = np.where(
             walks,
             RANDOM_WALK_PROBABILITY / np.log(MAX_TAU_RECORDS),
             (1 - RANDOM_WALK_PROBABILITY) / np.log(n / MIN_TAU_SAMPLES),
         )
         prior = np.prod(np.ptp(self.box, axis=1)) / len(self.nodes) * density * gain * (1 - gain)
-        nodes = [*self.nodes, *(slopes.given(noise) for noise in others)]
+        nodes = [*self.nodes, *(slopes.marginal(noise) for noise in others)]
         log_likelihood = np.array([node[0] for node in nodes])
         log_weight = log_likelihood + np.log([*prior, *np.ones(len(others))])
         means = np.array([node[1] for node in nodes])

@@ -53,7 +53,7 @@ class Problem:
         Normal priors (P,); infinite sd where there is none.
     lower, upper
         The box (P,).
-    largest
+    max_step
         Largest change of a parameter in one step of a search (P,).
     fixed
         Combinations ``fixed @ theta`` (C, P) that every search leaves at their start values.
@@ -74,7 +74,7 @@ class Problem:
     prior_sd: Array = None  # type: ignore[assignment]
     lower: Array = None  # type: ignore[assignment]
     upper: Array = None  # type: ignore[assignment]
-    largest: Array = None  # type: ignore[assignment]
+    max_step: Array = None  # type: ignore[assignment]
     fixed: Array = None  # type: ignore[assignment]
     size: int = field(init=False, repr=False)
     precision: Array = field(init=False, repr=False)
@@ -87,7 +87,7 @@ class Problem:
             "prior_sd": np.inf,
             "lower": -np.inf,
             "upper": np.inf,
-            "largest": np.inf,
+            "max_step": np.inf,
         }
         for name, default in defaults.items():
             given = getattr(self, name)
@@ -97,7 +97,7 @@ class Problem:
         object.__setattr__(self, "fixed", fixed)
         object.__setattr__(self, "precision", self.prior_sd**-2.0)
 
-    def toward(self, name: str | Array) -> Array:
+    def direction(self, name: str | Array) -> Array:
         """The unit vector (P,) of a parameter; a vector of weights is returned as it is."""
         if isinstance(name, str):
             return np.asarray(np.eye(self.size)[self.names.index(name)])
@@ -164,11 +164,11 @@ class Optimum:
 
     def value(self, name: str | Array) -> float:
         """A parameter, or a combination of parameters, at the optimum."""
-        return float(self.problem.toward(name) @ self.theta)
+        return float(self.problem.direction(name) @ self.theta)
 
     def u(self, name: str | Array) -> float:
         """Standard uncertainty of a parameter or combination for residuals of unit variance."""
-        toward = self.problem.toward(name)
+        toward = self.problem.direction(name)
         return float(np.sqrt(max(float(toward @ self.covariance @ toward), 0.0)))
 
     @property

@@ -57,12 +57,12 @@ def profile(
     scale: float = 1.0,
     level: float = Z95**2,
     step: float = 0.5,
-    drop: float = 9.0,
-    reach: float = 6.0,
+    max_deviance: float = 9.0,
+    max_distance: float = 6.0,
     refine: float = 0.0,
     value: Callable[[float], float] = float,
     at: Callable[[float], float] = float,
-    within: tuple[float, float] = (-np.inf, np.inf),
+    bounds: tuple[float, float] = (-np.inf, np.inf),
     cost: Callable[[Optimum], float] = lambda o: o.cost,
     **search: float,
 ) -> Profile:
@@ -70,8 +70,8 @@ def profile(
     ``optimum``.
 
     The walk goes in steps, each fit started at its neighbour's, until the deviance (cost -
-    least)/``scale`` exceeds ``drop``, or to ``reach``, the box, or an end of the open interval
-    ``within``. Steps for which the model cannot be computed are halved. The square root of the
+    least)/``scale`` exceeds ``max_deviance``, or to ``max_distance``, the box, or an end of the open interval
+    ``bounds``. Steps for which the model cannot be computed are halved. The square root of the
     deviance is nearly straight; the ends of the interval are found by linear interpolation in it.
 
     Parameters
@@ -81,24 +81,24 @@ def profile(
     toward
         Name of a parameter, or a combination (P,).
     u
-        Standard uncertainty, the unit of ``step`` and ``reach``; that of the optimum by default.
+        Standard uncertainty, the unit of ``step`` and ``max_distance``; that of the optimum by default.
     scale
         Variance of residuals that were not whitened, times any inflation.
     level
         Deviance at the ends of the interval.
     step
         First step.
-    drop
+    max_deviance
         Deviance at which the walk ends.
-    reach
+    max_distance
         Largest distance.
     refine
         If positive, more fits are made where the deviance passes ``level``, until its root is
         within this share of the root of the level.
     value, at
         To profile a function of the coordinate, such as tau = exp(theta): coordinate to number, and
-        number to coordinate. ``u``, steps and ``within`` are then in the number's unit.
-    within
+        number to coordinate. ``u``, steps and ``bounds`` are then in the number's unit.
+    bounds
         Open interval of the number.
     cost
         Cost of a fit; o.cost + 2 o.log_volume makes it a marginal likelihood.
@@ -106,7 +106,7 @@ def profile(
         Keywords of ``minimise``.
     """
     problem = optimum.problem
-    row = problem.toward(toward)
+    row = problem.direction(toward)
     width = optimum.u(row) * np.sqrt(scale) if u is None else u
     centre = value(float(row @ optimum.theta))
     low, high = _box(optimum, row)
@@ -123,9 +123,9 @@ def profile(
 
         offset = 0.0
         stride = step
-        while stride >= MIN_STEP * step and offset < reach - 1e-9:
+        while stride >= MIN_STEP * step and offset < max_distance - 1e-9:
             number = centre + side * (offset + stride) * width
-            inside = within[0] < number < within[1]
+            inside = bounds[0] < number < bounds[1]
             at_end = inside and not low < at(number) < high
             if at_end:
                 number = value(low if at(number) <= low else high)
@@ -134,7 +134,7 @@ def profile(
                 continue
             offset += stride
             deviance = (points[-1].cost - min(p.cost for p in points)) / scale
-            if deviance > drop or at_end:
+            if deviance > max_deviance or at_end:
                 break
             if offset > 3.0 and deviance < SLOW_DEVIANCE * offset**2:
                 stride *= 1.5

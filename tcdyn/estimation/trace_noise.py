@@ -65,13 +65,13 @@ class SpikeRule:
         """Number of consecutive samples that may be a spike."""
         return self.width // 2
 
-    def behind(self, lag_samples: float) -> SpikeRule:
+    def behind_lag(self, lag_samples: float) -> SpikeRule:
         """The rule for readings of a chain with a lag of so many samples: what passes the chain
         lasts for half the lag.
 
         Examples
         --------
-        >>> [SPIKES["compensator"].behind(lag).width for lag in (0.0, 5.0, 50.0)]
+        >>> [SPIKES["compensator"].behind_lag(lag).width for lag in (0.0, 5.0, 50.0)]
         [3, 3, 9]
         """
         return replace(self, width=int(np.clip(2 * int(lag_samples / 4) + 1, 3, self.width)))

@@ -45,7 +45,7 @@ class RimInputs:
         Inner row of junctions.
     ambient_degC
         Air.
-    switches
+    jumps
         Jumps of the power inside a sample interval.
     """
 
@@ -55,14 +55,16 @@ class RimInputs:
     b_degC: Array
     f_degC: Array
     ambient_degC: Array
-    switches: tuple[InputJump, ...] = ()
+    jumps: tuple[InputJump, ...] = ()
 
     def __post_init__(self) -> None:
         shape = np.shape(self.b_degC)
         for name in ("power_W", "d_degC", "f_degC", "ambient_degC"):
             shape_of_input = np.shape(getattr(self, name))
             if shape_of_input != shape or len(shape) != 1:
-                raise InputError(f"Drive: {name} has shape {shape_of_input}", expected=f"{shape}")
+                raise InputError(
+                    f"RimInputs: {name} has shape {shape_of_input}", expected=f"{shape}"
+                )
 
     @property
     def inputs(self) -> Array:
@@ -70,11 +72,11 @@ class RimInputs:
         columns = (self.power_W, self.d_degC, self.b_degC, self.f_degC, self.ambient_degC)
         return np.stack(columns, axis=1).astype(float)
 
-    def bank(self, k: int, rates: Array) -> Array:
+    def lag_responses(self, k: int, rates: Array) -> Array:
         """Responses (N, K) of the lags to input ``k``, in equilibrium with its first sample."""
         u = self.inputs[:, k]
         if k == 0:
-            return lag_basis(u, self.dt_s, rates, "zoh", self.switches)
+            return lag_basis(u, self.dt_s, rates, "zoh", self.jumps)
         return lag_basis(u, self.dt_s, rates)
 
 
@@ -118,9 +120,9 @@ def map_beta_h(
     base = out[:, -1]
     base[:] = (direct.T @ u.T).reshape(base.shape)
     for k in range(1, len(weights)):
-        base += (weights[k] @ drive.bank(k, rates).T).reshape(base.shape)
+        base += (weights[k] @ drive.lag_responses(k, rates).T).reshape(base.shape)
     # the power has no direct term: it changes no point at once
-    heat = (weights[0] @ drive.bank(0, rates).T).reshape(base.shape)
+    heat = (weights[0] @ drive.lag_responses(0, rates).T).reshape(base.shape)
     for i, value in enumerate(shares[:-1]):
         np.multiply(heat, value, out=out[:, i])
         out[:, i] += base
@@ -145,7 +147,7 @@ def fields_at(
     rows = np.asarray(samples, dtype=int)
     s = spectrum(rim, h_W_m2K, half_width_m, profile, flux, mesh)
     banks = np.stack(
-        [drive.bank(k, rates)[rows] for k in range(drive.inputs.shape[1])]
+        [drive.lag_responses(k, rates)[rows] for k in range(drive.inputs.shape[1])]
     )  # (I, S, K)
     banks[0] *= share
     weights = lag_weights(rates, np.log(np.minimum(s.rates, rates[-1])).ravel())

@@ -34,7 +34,7 @@ class TrackFlux:
         The profile.
     half_width_m
         Half-width of the contact.
-    wider
+    table_scale
         Factor for the positions of a table.
     least_on
         Smallest share of the heat that must enter the running surface.
@@ -42,7 +42,7 @@ class TrackFlux:
 
     profile: FluxProfile
     half_width_m: float
-    wider: float = 1.0
+    table_scale: float = 1.0
     least_on: float = MIN_SHARE_ON_SURFACE
 
     def below(self, z_m: Array) -> Array:
@@ -58,7 +58,7 @@ class TrackFlux:
             integral = _table_integral(profile.at_m, profile.weight)
             ends = np.array(profile.at_m)[[0, -1]]
             low, high = integral(ends)
-            return (integral(np.clip(z / self.wider, *ends)) - low) / (high - low)
+            return (integral(np.clip(z / self.table_scale, *ends)) - low) / (high - low)
         s = np.clip(z / self.half_width_m, -1.0, 1.0)
         if profile.kind == "flat":
             return 0.5 + 0.5 * s
@@ -92,15 +92,15 @@ class TrackFlux:
 
 
 def track_flux(
-    stated: FluxProfile, half_width_m: float, shift_m: float = 0.0, wider: float = 1.0
+    profile: FluxProfile, half_width_m: float, shift_m: float = 0.0, table_scale: float = 1.0
 ) -> TrackFlux | Literal["hertz"]:
     """The flux of a profile of the rig file, shifted by ``shift_m``; "hertz" for the default."""
-    shifted = replace(stated, shift_m=stated.shift_m + shift_m) if shift_m else stated
+    shifted = replace(profile, shift_m=profile.shift_m + shift_m) if shift_m else profile
     if shifted == FluxProfile():
         return HERTZ
-    is_as_stated = shifted == stated and wider == 1
+    is_as_stated = shifted == profile and table_scale == 1
     least = MIN_SHARE_ON_SURFACE if is_as_stated else MIN_SHARE_IN_FIT
-    return TrackFlux(shifted, half_width_m, wider, least)
+    return TrackFlux(shifted, half_width_m, table_scale, least)
 
 
 @lru_cache(maxsize=16)

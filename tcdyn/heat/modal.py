@@ -416,8 +416,8 @@ def rim_gains(
     Examples
     --------
     >>> from tcdyn.rig.rigfile import load_rig
-    >>> from tcdyn.heat.rim import node_rates
-    >>> from tcdyn.heat.rim import points_of
+    >>> from tcdyn.heat.rim import basis_rates
+    >>> from tcdyn.heat.rim import junction_points
     >>> setup = load_rig().disk_setup("fast")
     >>> points = junction_points(setup, "ace")
     >>> g = rim_gains(Rim.from_setup(setup), 700.0, points, 1.62e-3, basis_rates(1 / 75))

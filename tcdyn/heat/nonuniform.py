@@ -148,21 +148,21 @@ def cached_rim_gains(
     profile: Profile,
     flux: Flux,
     mesh: Mesh,
-    film: bool = False,
-    along: tuple[float, float] = (0.0, 0.0),
+    split_surface_air: bool = False,
+    h_variation: tuple[float, float] = (0.0, 0.0),
 ) -> RimGains:
     """``rim_gains`` with a cache: fits return to the same h, and faults share all but one junction.
 
     Parameters
     ----------
-    film
+    split_surface_air
         Whether to add two inputs, "film" and "film by n", both the air at the running surface only.
-        They do not depend on ``along``.
-    along
+        They do not depend on ``h_variation``.
+    h_variation
         Variation of h along z, see ``h_along``.
     """
-    if any(along):
-        h_z = h_along(h_W_m2K, along, mesh.nz)
+    if any(h_variation):
+        h_z = h_along(h_W_m2K, h_variation, mesh.nz)
         varied = rim_gains_nonuniform(
             rim,
             h_z,
@@ -174,10 +174,10 @@ def cached_rim_gains(
             mesh,
             basis=SMALL_VARIATION_MODES,
         )
-        if not film:
+        if not split_surface_air:
             return varied
         uniform = cached_rim_gains(
-            rim, h_W_m2K, points, half_width_m, rates, profile, flux, mesh, film
+            rim, h_W_m2K, points, half_width_m, rates, profile, flux, mesh, split_surface_air
         )
         n_varied = len(varied.inputs)
         return replace(
@@ -187,9 +187,9 @@ def cached_rim_gains(
             static=np.concatenate([varied.static, uniform.static[n_varied:]]),
         )
     gains = rim_gains(
-        rim, h_W_m2K, points, half_width_m, np.array(rates), profile, flux, mesh, film
+        rim, h_W_m2K, points, half_width_m, np.array(rates), profile, flux, mesh, split_surface_air
     )
-    if not film:
+    if not split_surface_air:
         return gains
     first_air = len(rim.boundary_z_m) + 1
     return RimGains(

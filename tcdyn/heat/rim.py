@@ -114,7 +114,7 @@ class Rim:
         object.__setattr__(self, "diffusivity_m2_s", self.conductivity_W_mK / heat_capacity)
 
     @property
-    def unseen_z_m(self) -> float | None:
+    def undetermined_z_m(self) -> float | None:
         """Axial position [m] of a further junction with which the inner row determines all shapes.
 
         None where the inner row determines them all.
@@ -283,7 +283,7 @@ def lag_basis(
     dt_s: float,
     rates: Array,
     hold: Literal["foh", "zoh"] = "foh",
-    switches: Sequence[InputJump] = (),
+    jumps: Sequence[InputJump] = (),
     initial: Array | None = None,
 ) -> Array:
     """Exact response (N, K) of the lags 1/(1 + s/rate_k) to an input.
@@ -299,7 +299,7 @@ def lag_basis(
     hold
         Between samples the input is linear ("foh", first-order hold) or equal to the earlier sample
         ("zoh", zero-order hold).
-    switches
+    jumps
         Jumps of a zero-order-hold input inside a sample interval.
     initial
         States at the first sample, (K,); by default in equilibrium with it. The state at sample k
@@ -317,7 +317,7 @@ def lag_basis(
     out = np.empty((len(rates), len(u)))
     full_rise = -np.expm1(-rates * dt_s)
     corrections = []  # difference of a jump inside an interval from the plain hold
-    for s in switches:
+    for s in jumps:
         if not (0 <= s.index < len(u) - 1 and 0 <= s.fraction <= 1):
             raise InputError(f"lag_bank: {s} lies outside a record of {len(u)} samples")
         rise_after = -np.expm1(-rates * dt_s * (1 - s.fraction))
@@ -329,7 +329,7 @@ def lag_basis(
             drive = ramp * u[1:] + (rise - ramp) * u[:-1]
         else:
             drive = rise * u[:-1]
-            for s, correction in zip(switches, corrections):
+            for s, correction in zip(jumps, corrections):
                 drive[s.index] += correction[k]
         out[k] = lfilter([1.0], [1.0, -decay], np.append(start[k], drive))
     return out.T

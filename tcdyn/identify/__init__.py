@@ -16,7 +16,7 @@ Intervals, validation and confirmation by new data:
 >>> data = IOData.from_arrays(u, y + noise, 0.05, hold="zoh")
 >>> result = fit(data, "P1D")
 >>> estimate, is_closed = profile(result, "Tp1")
->>> estimate.covers(0.75)
+>>> estimate.contains(0.75)
 True
 >>> validate(result).dynamics_missing
 False

@@ -97,7 +97,7 @@ class Comparison(Result):
 
         ``spelling`` is that of the parameters that the advice and the findings name.
         """
-        advice = self.verdict.message(spelling)
+        advice = self.conclusion.message(spelling)
         best = replace(self.best.identified, sentence=self.validation.message(spelling))
         table = comparison_table(self.table, best.output_unit).to_string(index=False)
         return "\n".join([advice, "", best.summary(spelling), "", table, "", TABLE_LEGEND])
@@ -108,7 +108,7 @@ class Comparison(Result):
         return validate(self.best)
 
     @property
-    def verdict(self) -> Finding:
+    def conclusion(self) -> Finding:
         """Which model to use and why, or that none of them is good enough and what to try."""
         untried = []
         if not self.is_forward_selection:
@@ -124,19 +124,19 @@ class Comparison(Result):
                 troubles.append(code)
         return conclude(self.table, self.recommended, self.reason, untried, troubles)
 
-    def removal(self, conditioning: Conditioning = NO_CONDITIONING) -> str:
+    def lag_removal_advice(self, conditioning: Conditioning = NO_CONDITIONING) -> str:
         """How to remove the lag from other traces; empty where no model can be used.
 
         See :func:`tcdyn.identify.recommendation.chain_advice`.
         """
-        if self.verdict.severity is Severity.ERROR:
+        if self.conclusion.severity is Severity.ERROR:
             return ""
         return chain_advice(self.best.identified, conditioning)
 
     @property
     def advice(self) -> str:
         """The conclusion as text."""
-        return self.verdict.sentence
+        return self.conclusion.sentence
 
     def to_dict(self) -> dict[str, Any]:
         """The recommended model as in its JSON file, the reason, and the table."""
@@ -306,8 +306,8 @@ def refit_with_disturbance(task: Task, result: Comparison) -> Comparison:
         "freed": result.reason.numbers.get("freed", False),
     }
     if noise.averaged:
-        is_finite = noise.memory < len(refit.best.residual)
-        numbers["memory_s"] = noise.memory * task.data.dt_s if is_finite else None
+        is_finite = noise.time_constant < len(refit.best.residual)
+        numbers["memory_s"] = noise.time_constant * task.data.dt_s if is_finite else None
         numbers["p_walk"] = refit.best.identified.statistics["p_walk"]
     reason = replace(refit.reason, numbers=numbers)
     return replace(refit, reason=reason, is_forward_selection=result.is_forward_selection)
@@ -390,7 +390,7 @@ def joint_table(comparisons: Mapping[str, Comparison]) -> pd.DataFrame:
     rows = []
     for output, comparison in comparisons.items():
         best = comparison.best.identified
-        for name, model in best.parts.items():
+        for name, model in best.by_input.items():
             has_lag = model.gain and not best.model.integrators
             rows.append(
                 {
@@ -401,7 +401,7 @@ def joint_table(comparisons: Mapping[str, Comparison]) -> pd.DataFrame:
                     "lag": model.lag_s.text("s") if has_lag else "",
                     "fit [%]": f"{comparison.best_row['fit_percent']:.2f}",
                     "held out [%]": f"{comparison.best_row['held_out_percent']:.2f}",
-                    "grade": comparison.verdict.severity.name.lower(),
+                    "grade": comparison.conclusion.severity.name.lower(),
                 }
             )
     return pd.DataFrame(rows)

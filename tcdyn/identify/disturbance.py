@@ -103,7 +103,7 @@ def input_noise_model(problem: IdentificationProblem, x: Array, e: Array) -> Noi
         return NoiseModel()
     ar = tuple(below[1:].tolist())
     ma = tuple(np.real(np.poly(inside))[1:].tolist())
-    return NoiseModel(ar, ma, rest=True, fitted=0)
+    return NoiseModel(ar, ma, starts_at_rest=True, n_fitted=0)
 
 
 def alternate(
@@ -207,8 +207,8 @@ def refine_by_reml(slices: list[slice], e: Array, j: Array, noise: NoiseModel) -
     def noise_at(z: Array) -> NoiseModel:
         ar_at = coefficients_from_partial(MAX_PARTIAL_CORRELATION * np.tanh(z[:p]))
         ma_at = coefficients_from_partial(MAX_PARTIAL_CORRELATION * np.tanh(z[p:]))
-        below = _integrated(ar_at.tolist()) if noise.walks else tuple(ar_at.tolist())
-        return NoiseModel(below, tuple(ma_at.tolist()), noise.rest, noise.fitted)
+        below = _integrated(ar_at.tolist()) if noise.is_random_walk else tuple(ar_at.tolist())
+        return NoiseModel(below, tuple(ma_at.tolist()), noise.starts_at_rest, noise.n_fitted)
 
     scaled = j / np.maximum(np.linalg.norm(j, axis=0), 1e-300)
     table = np.column_stack([scaled, e])
@@ -218,7 +218,7 @@ def refine_by_reml(slices: list[slice], e: Array, j: Array, noise: NoiseModel) -
         candidate = noise_at(z)
         factor = np.abs(np.diag(np.linalg.qr(candidate.whiten(table, slices), mode="r")))
         determinant = np.sum(np.log(factor[:-1] + 1e-12))
-        spread = candidate.log_spread(slices)
+        spread = candidate.log_determinant(slices)
         return float(2 * dof * np.log(factor[-1] + 1e-300) + 2 * determinant + spread)
 
     correlations = np.concatenate(
@@ -236,7 +236,7 @@ def refine_by_reml(slices: list[slice], e: Array, j: Array, noise: NoiseModel) -
 
 def _without_walk(noise: NoiseModel) -> Array:
     """AR coefficients without the factor of the random walk."""
-    if noise.walks:
+    if noise.is_random_walk:
         return np.cumsum([1.0, *noise.ar])[1:-1]
     return np.array(noise.ar)
 
@@ -246,8 +246,8 @@ def noise_bic(e: Array, slices: list[slice], noise: NoiseModel) -> float:
     w = noise.whiten(e, slices)
     n = len(e)
     variance = float(w @ w) / max(int(np.count_nonzero(w)), 1)
-    deviance = n * np.log(max(variance, 1e-300)) + noise.log_spread(slices)
-    return float(deviance + noise.parameters * np.log(n))
+    deviance = n * np.log(max(variance, 1e-300)) + noise.log_determinant(slices)
+    return float(deviance + noise.n_parameters * np.log(n))
 
 
 def noise_estimator(noise: NoiseName | tuple[int, int], baseline: Baseline) -> NoiseEstimator:
@@ -396,8 +396,8 @@ def average_over_noise(problem: IdentificationProblem, optimum: Optimum) -> Nois
         other_noises.append(input_noise)
     for _ in range(MAX_AVERAGE_ROUNDS):
         linear = linearise(problem, optimum.theta, root)
-        grid = NoiseGrid.of(linear, box)
-        evidence, p_walk, noise, step, covariance = grid.integrated(linear, other_noises)
+        grid = NoiseGrid.build(linear, box)
+        evidence, p_walk, noise, step, covariance = grid.average(linear, other_noises)
         mean = natural_parameters(problem, optimum.theta) + step
         tolerance = AVERAGE_TOLERANCE * np.sqrt(np.diag(covariance))
         if box is grid.box or np.all(np.abs(step) <= tolerance):

@@ -154,7 +154,7 @@ def fit(
     problem, optimum = _fit_white(problem, start_sets)
     noise_model = NoiseModel()
     if structure.arx:
-        noise_model = NoiseModel(tuple(problem.pole_polynomial(optimum.theta).tolist()), fitted=0)
+        noise_model = NoiseModel(tuple(problem.pole_polynomial(optimum.theta).tolist()), n_fitted=0)
     if loss != "linear":
         optimum = _fit_robust(problem, optimum, loss)
     elif problem.input_sd and not structure.arx:
@@ -327,7 +327,7 @@ def select_by_bic(fits: Sequence[Fit]) -> Fit:
     scores = [segment_bic(f) for f in fits]
     best = int(np.argmin(scores))
     for candidate, score in zip(fits, scores):
-        if candidate.noise.walks and score < scores[best] + WALK_BIC_MARGIN:
+        if candidate.noise.is_random_walk and score < scores[best] + WALK_BIC_MARGIN:
             return candidate
     return fits[best]
 
@@ -352,7 +352,7 @@ def segment_bic(result: Fit) -> float:
         volume += float(np.log(level @ level))
     dof = len(e) - len(slices) + 1
     deviance = dof * np.log(max(float(e @ e), 1e-300) / dof)
-    deviance += volume + noise.log_spread(slices)
+    deviance += volume + noise.log_determinant(slices)
     return float(deviance + result.identified.statistics["parameters"] * np.log(dof))
 
 
@@ -416,11 +416,11 @@ def make_fit(
         identified, problem, optimum, residual, e, j, cov_x, noise, loss, effective_weights
     )
     validation = validate(result)
-    count = problem.size + 1 + noise.parameters
+    count = problem.size + 1 + noise.n_parameters
     # with a random walk, one sample after each gap determines its level
-    n_levels = len(problem.residual_slices) - 1 if noise.walks else 0
+    n_levels = len(problem.residual_slices) - 1 if noise.is_random_walk else 0
     dof = max(n - n_levels, 1)
-    deviance = n * np.log(max(sse, 1e-300) / dof) + noise.log_spread(problem.residual_slices)
+    deviance = n * np.log(max(sse, 1e-300) / dof) + noise.log_determinant(problem.residual_slices)
     statistics = {
         "n": float(n),
         "parameters": float(count - 1),
@@ -456,7 +456,7 @@ def final_offset(
         spans = [ends[run] - problem.run_start_s[run] for run in sorted(ends)]
         drifts = x[-len(problem.run_start_s) :]
         level += float(np.mean(drifts * spans)) / problem.longest_segment_s
-    if noise.walks:
+    if noise.is_random_walk:
         level += float(np.mean(residual[-MIN_SEGMENT_SAMPLES:]))
     return level
 
@@ -466,10 +466,10 @@ def unbounded_lags(identified: Identified, longest_s: float) -> list[Finding]:
     if identified.model.integrators:
         return []
     findings = []
-    for name, model in identified.parts.items():
+    for name, model in identified.by_input.items():
         if model.lag_s.u <= longest_s:
             continue
-        subject = "the lag" if len(identified.parts) == 1 else f"the lag behind {name}"
+        subject = "the lag" if len(identified.by_input) == 1 else f"the lag behind {name}"
         findings.append(
             warning("fit.lag_unbounded", subject=subject, u=model.lag_s.u, longest_s=longest_s)
         )

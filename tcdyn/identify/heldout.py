@@ -155,7 +155,7 @@ def held_out_statistics(
         residual[is_test] -= since * (since @ residual[is_test]) / (since @ since)
     error = residual[is_test]
     innovation = result.noise.whiten(residual, slices)[is_test]
-    if result.noise.memory > LONG_MEMORY_SHARE * len(error) and not is_test.all():
+    if result.noise.time_constant > LONG_MEMORY_SHARE * len(error) and not is_test.all():
         error = error - np.mean(residual[~is_test][-MIN_SEGMENT_SAMPLES:])
     if len(error) == 0:
         return np.nan, np.nan, np.nan

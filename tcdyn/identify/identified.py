@@ -112,7 +112,7 @@ class Identified(Dynamics, Result):
         return tuple(f.sentence for f in self.findings)
 
     @cached_property
-    def parts(self) -> Mapping[str, Identified]:
+    def by_input(self) -> Mapping[str, Identified]:
         """The model behind each input, by the input's name."""
         free = self.model.free
         models = {}
@@ -138,7 +138,7 @@ class Identified(Dynamics, Result):
         """The largest lag behind any input [s]; 0 for an integrator, which has none."""
         if self.model.integrators:
             return 0.0
-        return max(model.lag_s.value for model in self.parts.values())
+        return max(model.lag_s.value for model in self.by_input.values())
 
     @property
     def correlation(self) -> pd.DataFrame:
@@ -168,9 +168,9 @@ class Identified(Dynamics, Result):
             State in which the simulation starts.
         """
         table = np.asarray(u, dtype=float).reshape(len(u), -1)
-        if table.shape[1] != len(self.parts):
+        if table.shape[1] != len(self.by_input):
             raise InputError(
-                f"{table.shape[1]} inputs", expected=f"{len(self.parts)}: {self.input_name}"
+                f"{table.shape[1]} inputs", expected=f"{len(self.by_input)}: {self.input_name}"
             )
         dt = dt_s or self.dt_s
         if not dt:
@@ -178,7 +178,7 @@ class Identified(Dynamics, Result):
                 "the model is of no record", expected="the sampling interval", remedy="give dt_s=.."
             )
         y = np.zeros(len(table))
-        for model, column in zip(self.parts.values(), table.T):
+        for model, column in zip(self.by_input.values(), table.T):
             y = y + simulate(model.rational, column, dt, hold or self.hold, start)
         return y + self.offset
 
@@ -191,7 +191,7 @@ class Identified(Dynamics, Result):
 
         row = [
             model.rational.transfer_function(pade_order, inputs=name, outputs=self.output_name)
-            for name, model in self.parts.items()
+            for name, model in self.by_input.items()
         ]
         return row[0] if len(row) == 1 else control.combine_tf([row])
 
@@ -204,11 +204,11 @@ class Identified(Dynamics, Result):
 
         systems = [
             control.ss(model.rational.transfer_function(pade_order))
-            for model in self.parts.values()
+            for model in self.by_input.values()
         ]
         summation = control.ss([], [], [], np.ones((1, len(systems))))
         system = summation * control.append(*systems)
-        return control.ss(system, inputs=list(self.parts), outputs=[self.output_name])
+        return control.ss(system, inputs=list(self.by_input), outputs=[self.output_name])
 
     def chain(self, conditioning: Conditioning = NO_CONDITIONING) -> Chain:
         """The identified dynamics as a measurement chain of unit gain.
@@ -286,7 +286,7 @@ class Identified(Dynamics, Result):
         """Free parameters, lag (first moment) and percent times with their 95 % intervals."""
         quantities = [(name, e, self.model.unit(name)) for name, e in self.estimates.items()]
         if not self.model.integrators:
-            for model in self.parts.values():
+            for model in self.by_input.values():
                 if not model.gain:  # an input without effect
                     continue
                 suffix = f".{model.input_name}" if self.model.inputs else ""
@@ -318,7 +318,7 @@ class Identified(Dynamics, Result):
         model["known"] = {"num": m.known.num, "den": m.known.den}
         lag: Any = None
         if not m.integrators:
-            lags = {name: part.lag_s for name, part in self.parts.items()}
+            lags = {name: part.lag_s for name, part in self.by_input.items()}
             lag = lags if m.inputs else self.lag_s
         return jsonable(
             {

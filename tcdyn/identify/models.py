@@ -303,7 +303,7 @@ def process(name: str, **options: Any) -> Model:
     >>> process("P2DZ").names
     ('Kp', 'Tp1', 'Tp2', 'Tz', 'Td')
     """
-    structure = ChainStructure.of(name)
+    structure = ChainStructure.from_name(name)
     names = ("Kp", *structure.parameters)
     known = KnownDynamics.of(options.pop("known", None))
     return Model(name, "process", names, int(structure.integrator), known, **options)

@@ -102,7 +102,7 @@ class Fit(Result):
         """The options ``noise`` and ``baseline`` of :func:`tcdyn.identify.fit` for this noise."""
         if self.noise.averaged:
             return {"noise": "slow", "baseline": "auto"}
-        walks = self.noise.walks
+        walks = self.noise.is_random_walk
         order = self.noise.order
         if walks:
             baseline = "walk"
@@ -110,7 +110,7 @@ class Fit(Result):
             baseline = "trend" if self.problem.trend else "none"
         return {"noise": order if any(order) or walks else "white", "baseline": baseline}
 
-    def simulated(self) -> list[Array]:
+    def simulate_segments(self) -> list[Array]:
         """The model's output over every segment of the data (N,)."""
         outputs = self.problem.outputs(self.x)
         assert outputs is not None

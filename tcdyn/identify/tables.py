@@ -231,7 +231,7 @@ def _times(frame: pd.DataFrame, clock: TimeColumn, where: str) -> Array:
     even_rows = rows_of_repeated_stamps(times_s)
     if even_rows is None:
         return times_s
-    return np.asarray(times_s[0] + even_rows.interval_s * even_rows.places, dtype=float)
+    return np.asarray(times_s[0] + even_rows.interval_s * even_rows.grid_indices, dtype=float)
 
 
 def _output_codes(values: Array) -> Flags:
@@ -315,8 +315,8 @@ def from_csv(path: str | Path, **options: Any) -> IOData:
         table.names, path.name, requested=time, unit=options.get("time_unit"), unit_row=table.units
     )
     unit = options.get("time_unit")
-    if not unit and clock.stated and clock.seconds is not None:
-        unit = clock.written
+    if not unit and clock.is_unit_stated and clock.seconds is not None:
+        unit = clock.unit_text
     # of a text table only the clock stamps are read here; other files have one time for all columns
     if isinstance(table, CsvTable):
         names = [time]

@@ -291,7 +291,7 @@ class _ParquetReader:
     def findings(self) -> list[Finding]:
         """Findings about the text columns; InputError for a column with too few numbers."""
         columns = self.text_columns.values()
-        return [finding for column in columns for finding in column.judge(self.rows_done)]
+        return [finding for column in columns for finding in column.findings(self.rows_done)]
 
     def _without_dictionary(self, column: pa.Array, name: str) -> pa.Array:
         """The column with plain cells; InputError for a text cell that is too long."""

@@ -396,7 +396,7 @@ class TextColumn:
     ----------
     name, decimal
         Name of the column and decimal mark.
-    place
+    location
         Location of the samples, for messages.
     clock
         Whether the column holds clock times; None: decided by the first chunk that is not empty.
@@ -416,14 +416,14 @@ class TextColumn:
     ) -> None:
         self.name = name
         self.decimal = decimal
-        self.place = place
+        self.location = place
         self.clock = clock
         self.bad_cells = 0
         self.first_bad_cell: dict[str, Any] = {}
         self.stamps = Stamps(name, place.where)
 
-    def numbers(self, texts: list[str], at: int) -> Array:
-        """Numbers (N,) from the cells of a chunk, whose first has the index ``at`` in the file."""
+    def numbers(self, texts: list[str], first_index: int) -> Array:
+        """Numbers (N,) from the cells of a chunk, whose first has the index ``first_index`` in the file."""
         if self.clock is None:
             filled = [text for text in texts if text.lower() not in ABSENT]
             if filled:
@@ -433,7 +433,7 @@ class TextColumn:
             return self.stamps.seconds(texts)
         values = np.full(len(texts), np.nan)
         for i, text in enumerate(texts):
-            values[i] = self._number(text, at + i)
+            values[i] = self._number(text, first_index + i)
         return values
 
     def _number(self, text: str, index: int) -> float:
@@ -446,11 +446,11 @@ class TextColumn:
         if lower in ABSENT:
             return np.inf if "inf" in lower else np.nan
         if not self.bad_cells:
-            self.first_bad_cell = {"row": self.place.row(index), "text": text[:40]}
+            self.first_bad_cell = {"row": self.location.row(index), "text": text[:40]}
         self.bad_cells += 1
         return np.nan
 
-    def judge(self, cells: int) -> list[Finding]:
+    def findings(self, cells: int) -> list[Finding]:
         """Findings about the column, which has ``cells`` cells.
 
         Raises
@@ -468,7 +468,7 @@ class TextColumn:
             raise InputError(
                 f"column {self.name}, row {first['row']}: {first['text']!r} is no number "
                 f"({self.bad_cells} of {cells} cells)",
-                where=self.place.where,
+                where=self.location.where,
                 expected=f"numbers with decimal {mark}",
             )
         return [warning("text.no_number", subject=self.name, count=self.bad_cells, **first)]

@@ -34,7 +34,7 @@ class GrowingTable:
         Position of the first row.
     offset
         Number of bytes read.
-    rows, bad
+    rows, bad_lines
         Number of rows read, and of lines with another number of fields.
     hash
         SHA-256 of the bytes read.
@@ -51,7 +51,7 @@ class GrowingTable:
     first_byte: int
     offset: int = 0
     rows: int = 0
-    bad: int = 0
+    bad_lines: int = 0
     hash: Any = field(default_factory=hashlib.sha256)
     header: bytes = b""
     tail: bytes = b""
@@ -68,8 +68,8 @@ class GrowingTable:
             )
         self.offset = offset
 
-    def first_numbers(self, place: int, most: int = 100) -> Array:
-        """Numbers of the column with index ``place`` in the first rows, NaN where there is none.
+    def first_numbers(self, column: int, most: int = 100) -> Array:
+        """Numbers of the column with index ``column`` in the first rows, NaN where there is none.
 
         At most ``most`` rows are read.
         """
@@ -79,14 +79,14 @@ class GrowingTable:
             lines = [line for line in islice(stream, most) if line.endswith(b"\n")]
         rows = [split(line.decode("latin-1"), dialect.separator) for line in lines]
         complete = [row for row in rows if len(row) == len(dialect.names)]
-        return np.array([_number(row[place], dialect.decimal) for row in complete])
+        return np.array([_number(row[column], dialect.decimal) for row in complete])
 
-    def new_rows(self, places: Sequence[int]) -> list[list[float]] | None:
+    def new_rows(self, columns: Sequence[int]) -> list[list[float]] | None:
         """Read the new lines.
 
         Parameters
         ----------
-        places
+        columns
             Indices of the columns.
 
         Returns
@@ -112,8 +112,8 @@ class GrowingTable:
         rows = [split(line, dialect.separator) for line in lines if line.strip()]
         good = [row for row in rows if len(row) == len(dialect.names)]
         self.rows += len(good)
-        self.bad += len(rows) - len(good)
-        return [[_number(row[k], dialect.decimal) for k in places] for row in good]
+        self.bad_lines += len(rows) - len(good)
+        return [[_number(row[k], dialect.decimal) for k in columns] for row in good]
 
     def _new_bytes(self) -> bytes:
         """Bytes after ``offset``, after a check that the bytes before it are those that were read.

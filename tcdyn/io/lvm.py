@@ -177,7 +177,7 @@ def _with_time(segments: list[_Segment]) -> Columns:
     """The channels of all segments, one after another, with their time [s]."""
     first = segments[0]
     names = first.names
-    location = first.columns.place
+    location = first.columns.location
     where = location.where
     values = np.concatenate(
         [np.column_stack([*segment.columns.data.values()]) for segment in segments]

@@ -63,14 +63,14 @@ class CsvTable(Table):
     dialect: Dialect
 
 
-def open_table(path: str | Path, known: Collection[str] = ()) -> Table:
+def open_table(path: str | Path, known_names: Collection[str] = ()) -> Table:
     """Open a log: TDMS, LVM or Parquet by its ending or first bytes, otherwise text.
 
     Parameters
     ----------
     path
         The file.
-    known
+    known_names
         Column names that the header may contain; they distinguish it from titles and units.
 
     Raises
@@ -79,7 +79,7 @@ def open_table(path: str | Path, known: Collection[str] = ()) -> Table:
         If the file cannot be read, is empty, does not have the format of its ending, or has too
         many columns.
     """
-    table = _open_by_format(Path(path), known)
+    table = _open_by_format(Path(path), known_names)
     if len(table.names) > MAX_COLUMNS:
         raise InputError(
             f"has {len(table.names)} columns", where=table.where, expected=f"at most {MAX_COLUMNS}"
@@ -165,7 +165,7 @@ def read_numbers(
     for name, values in columns.data.items():
         is_finite = np.isfinite(values)
         if not is_finite.all():
-            row = columns.place.row(int(np.argmin(is_finite)))
+            row = columns.location.row(int(np.argmin(is_finite)))
             raise InputError(f"column {name}, row {row}: no number", where=where)
     return columns.data
 
@@ -293,7 +293,7 @@ class _TextReader:
     def findings(self) -> list[Finding]:
         """Findings about the text columns; InputError for a column with too few numbers."""
         columns = self.text_columns.values()
-        return [finding for column in columns for finding in column.judge(self.rows_done)]
+        return [finding for column in columns for finding in column.findings(self.rows_done)]
 
     def _read_options(self, rows: int) -> pacsv.ReadOptions:
         """Options for small blocks, none of them read ahead, to limit the memory."""

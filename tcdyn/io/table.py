@@ -28,7 +28,7 @@ class Columns:
     ----------
     data
         Columns (N,) by name, NaN where the file has no number.
-    place
+    location
         Location of the samples of the complete file.
     findings
         What was corrected while reading.
@@ -38,7 +38,7 @@ class Columns:
     """
 
     data: dict[str, Array]
-    place: SampleLocation
+    location: SampleLocation
     findings: tuple[Finding, ...] = ()
     stamps: dict[str, NDArray[Any]] = field(default_factory=dict)
 
@@ -55,7 +55,7 @@ class Table:
         Names of the columns as in the file.
     metadata
         Keys and values that the file states about itself.
-    pieces
+    chunks
         Function of names of columns and a number of rows; yields these columns in chunks of about
         so many rows. It can be called several times.
     units
@@ -65,7 +65,7 @@ class Table:
     where: str
     names: tuple[str, ...]
     metadata: dict[str, str]
-    pieces: Callable[[Sequence[str], int], Iterator[Columns]]
+    chunks: Callable[[Sequence[str], int], Iterator[Columns]]
     units: Mapping[str, str] = field(default_factory=dict, kw_only=True)
 
 
@@ -77,13 +77,13 @@ def in_chunks(columns: Columns, wanted: Sequence[str], rows: int = CHUNK_ROWS) -
         data = {name: columns.data[name][chunk] for name in wanted}
         stamps = {name: cells[chunk] for name, cells in columns.stamps.items()}
         findings = columns.findings if start == 0 else ()
-        yield Columns(data, columns.place, findings, stamps)
+        yield Columns(data, columns.location, findings, stamps)
 
 
 def read_all_rows(table: Table, wanted: Sequence[str]) -> Columns:
     """Columns of the complete file."""
-    chunks = list(table.pieces(wanted, CHUNK_ROWS))
-    location = chunks[0].place if chunks else SampleLocation(table.where)
+    chunks = list(table.chunks(wanted, CHUNK_ROWS))
+    location = chunks[0].location if chunks else SampleLocation(table.where)
     return concatenate_columns(chunks, wanted, location)
 
 

@@ -78,10 +78,10 @@ class TimeColumn:
         Name of the column in the file.
     seconds : float or None
         Seconds per unit; None where the header states a unit that is not known.
-    stated : bool
+    is_unit_stated : bool
         Whether the caller, the header or the unit row states the unit. Otherwise seconds are
         assumed, and ``check_step`` tests the assumption.
-    written : str
+    unit_text : str
         The unit as the file writes it.
     where : str
         The file, for messages.
@@ -89,8 +89,8 @@ class TimeColumn:
 
     name: str
     seconds: float | None
-    stated: bool
-    written: str
+    is_unit_stated: bool
+    unit_text: str
     where: str
 
     def in_seconds(self, values: Array, is_clock: bool) -> Array:
@@ -104,7 +104,7 @@ class TimeColumn:
         if is_clock:
             return values
         if self.seconds is None:
-            raise self._unit_request(f"its unit {self.written!r} is not known")
+            raise self._unit_request(f"its unit {self.unit_text!r} is not known")
         return values * self.seconds
 
     def check_step(self, times_s: Array, is_clock: bool) -> None:
@@ -117,7 +117,7 @@ class TimeColumn:
         is_clock : bool
             Whether the column holds clock stamps, whose unit is known.
         """
-        if is_clock or self.stated:
+        if is_clock or self.is_unit_stated:
             return
         finite = times_s[np.isfinite(times_s)]
         steps = np.diff(finite)
@@ -395,13 +395,13 @@ class EvenRows:
         Sampling interval [s].
     u_s : float
         Its standard uncertainty [s].
-    places : array of shape (N,)
+    grid_indices : array of shape (N,)
         Index of each row on the grid, from 0.
     """
 
     interval_s: float
     u_s: float
-    places: NDArray[np.intp]
+    grid_indices: NDArray[np.intp]
 
 
 def rows_of_repeated_stamps(times_s: Array) -> EvenRows | None:

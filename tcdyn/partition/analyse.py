@@ -88,7 +88,7 @@ class Partition:
         Uncertainty budget with samples of every quantity.
     crosscheck
         Agreement of the estimators.
-    answers
+    estimates
         Every quantity with the uncertainty of the budget's samples, which hold their correlations.
     chains
         Chains of each disk: the record's, their common lag refined by the joint fit.
@@ -98,9 +98,9 @@ class Partition:
         Window of each disk's compensated traces.
     sensors
         The sensor check; None if it was not made.
-    structures
+    model_forms
         The fit of both disks under all model-form alternatives.
-    noticed
+    analysis_findings
         Findings of the analysis, without the cross-check's conclusion.
     """
 
@@ -113,49 +113,49 @@ class Partition:
     both: BothFit
     budget: Budget
     crosscheck: CrossCheck
-    answers: Mapping[str, Estimate]
+    estimates: Mapping[str, Estimate]
     chains: Mapping[str, tuple[Chain, ...]]
     compensated: Mapping[str, Compensated]
     windows: Mapping[str, DiskWindow]
     sensors: SensorCheck | None
-    structures: ModelForms
-    noticed: tuple[Finding, ...]
+    model_forms: ModelForms
+    analysis_findings: tuple[Finding, ...]
 
     @property
     def findings(self) -> tuple[Finding, ...]:
         """All findings, the cross-check's conclusion last."""
-        return (*self.noticed, self.crosscheck.finding)
+        return (*self.analysis_findings, self.crosscheck.finding)
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """The findings as text, without the conclusion, which is ``crosscheck.sentence``."""
-        return messages(self.noticed)
+        return messages(self.analysis_findings)
 
     @property
-    def ways(self) -> dict[str, Estimate]:
+    def beta_by_estimator(self) -> dict[str, Estimate]:
         """beta of the fast disk by each estimator."""
-        return {way: self.answers[way] for way in ESTIMATORS}
+        return {way: self.estimates[way] for way in ESTIMATORS}
 
     @property
-    def withheld(self) -> frozenset[str]:
+    def impossible(self) -> frozenset[str]:
         """Keys of impossible estimates, of both disks as "both beta"; these are not reported."""
-        return impossible_keys(self.answers, self.both.estimates)
+        return impossible_keys(self.estimates, self.both.estimates)
 
     @property
     def status(self) -> str:
         """ "sound", "warning" with at least one warning, "withheld" for an impossible estimate."""
-        if "both beta" in self.withheld:
+        if "both beta" in self.impossible:
             return "withheld"
         return "warning" if warnings_and_errors(self.findings) else "sound"
 
     @property
-    def headline(self) -> Finding:
+    def recommendation(self) -> Finding:
         """The recommended estimate, the joint fit of both disks, and the reason."""
-        if "both beta" in self.withheld:
+        if "both beta" in self.impossible:
             return warning("headline.withheld")
         beta = self.both.estimates["beta"]
         exponent = self.both.estimates["exponent"]
-        forms = self.structures
+        forms = self.model_forms
         numbers: dict[str, Any] = {}
         if forms.preferred is not None:
             numbers["named"] = forms.preferred.name
@@ -168,7 +168,7 @@ class Partition:
             exponent_u=exponent.u,
             assumed=self.test.speed_exponent,
             z=forms.assumed.speed_law_z,
-            count=len(forms.tried) - 1,
+            count=len(forms.forms) - 1,
             low95=forms.low95,
             high95=forms.high95,
             **numbers,
@@ -261,8 +261,10 @@ def analyse(
     cooling = _cooling_fits(main, rows, chains, window_s, profile)
     forms = compare_model_forms(main.fitted, joint, both)
     budget = monte_carlo(test, main.lines, cooling.fits, cooling.sensitivities, joint, seed)
-    surface, surface_samples = surface_temperatures(test, main.speed, cooling.windows, budget.draws)
-    samples = {**budget.draws, **surface_samples}
+    surface, surface_samples = surface_temperatures(
+        test, main.speed, cooling.windows, budget.samples
+    )
+    samples = {**budget.samples, **surface_samples}
     values = _values(main, cooling.fits) | surface
     answers = {
         key: Estimate.normal(value, float(np.std(samples[key]))) for key, value in values.items()
@@ -293,15 +295,15 @@ def analyse(
         cooling=cooling.fits,
         joint=joint,
         both=both,
-        budget=replace(budget, draws=samples),
+        budget=replace(budget, samples=samples),
         crosscheck=checked,
-        answers=answers,
+        estimates=answers,
         chains=chains,
         compensated=cooling.compensated,
         windows=cooling.windows,
         sensors=sensors,
-        structures=forms,
-        noticed=tuple(findings),
+        model_forms=forms,
+        analysis_findings=tuple(findings),
     )
 
 
@@ -335,25 +337,25 @@ def _main_fits(
     _, speed = steady_lines(test, rows, profile, weights)
     progress("joint fits")
     joint, both = joint_fits(test, speed.starts, joint_s, profile)
-    if test.slowing:
+    if test.relative_speed:
         points = {d: (fit.share, fit.h_W_m2K) for d, fit in joint.items()}
         test = with_slowing_air_offset(test, points)
         joint, both = joint_fits(test, speed.starts, joint_s, profile)
     fitted = test
-    expected = expected_harmonics(both.uneven)
-    even = without_harmonics(fitted, both.uneven, expected)
+    expected = expected_harmonics(both.harmonics)
+    even = without_harmonics(fitted, both.harmonics, expected)
     lines, speed = steady_lines(even, rows, profile, weights)
-    stated, findings = press_fit_priors(even, both.estimates, both.uneven)
+    stated, findings = press_fit_priors(even, both.estimates, both.harmonics)
     if stated:
-        expected = expected_harmonics(both.uneven, stated)
+        expected = expected_harmonics(both.harmonics, stated)
     if stated or any_significant(expected):
-        again = replace(fitted, uneven=expected)
+        again = replace(fitted, harmonics=expected)
         fitted = remove_harmonics(again, expected) if stated else again
         joint, both = joint_fits(fitted, speed.starts, joint_s, profile)
-        even = without_harmonics(again, both.uneven, expected_harmonics(both.uneven, stated))
+        even = without_harmonics(again, both.harmonics, expected_harmonics(both.harmonics, stated))
         lines, speed = steady_lines(even, rows, profile, weights)
     for d in DISKS:
-        finding = both.uneven[d].finding(d)
+        finding = both.harmonics[d].finding(d)
         if finding is not None:
             findings.append(finding)
     return _MainFits(even, fitted, lines, speed, joint, both, findings)
@@ -387,7 +389,7 @@ def _cooling_fits(
             log_h_prior(disk.setup.surface),
         )
         effects, by_lag = cooling_effects(cooled, fit.share, fit.h_W_m2K)
-        traces[d] = cooled.shown
+        traces[d] = cooled.used_traces
         windows[d] = cooled.window
         fits[d] = fit
         sensitivities[d] = cooling_sensitivity(fit, effects, by_lag, line)
@@ -488,7 +490,7 @@ def _check_sensors(test: EhlTest, rows: slice, joint_s: float, profile: Profile)
 
 def with_slowing_by_speed_law(test: EhlTest) -> EhlTest:
     """The test with the air offset of slowing disks at the speed law's share and h."""
-    if not test.slowing:
+    if not test.relative_speed:
         return test
     _, speed = steady_lines(test, fit_rows(test, joint_window_s(test)))
     return with_slowing_air_offset(test, speed.starts)
@@ -528,7 +530,7 @@ def remove_harmonics(test: EhlTest, harmonics: Mapping[str, AngularHarmonic]) ->
         since_s = test.time_s - test.events.unload_s - disk.common_lag_s
         even = disk.readings_degC - harmonic_K(harmonics[d], disk.setup, since_s)
         disks[d] = replace(disk, readings_degC=even)
-    return replace(test, disks=disks, uneven=harmonics)
+    return replace(test, disks=disks, harmonics=harmonics)
 
 
 def refine_lags(test: EhlTest) -> Mapping[str, SingleDiskFit]:

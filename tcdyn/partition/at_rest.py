@@ -82,7 +82,7 @@ def disk_at_rest(test: EhlTest, disk: DiskTraces) -> DiskAtRest | None:
     """The disk before the load; None where the log begins late, or the disk is warm or warms up."""
     load_on_s = test.events.load_on_s
     rows = rows_between(test.time_s, load_on_s - REST_S, load_on_s - REST_GAP_S)
-    used = np.flatnonzero(~disk.out)
+    used = np.flatnonzero(~disk.excluded_mask)
     y = disk.readings_degC[rows]
     if len(y) < MIN_REST_FRACTION * REST_S / test.dt_s:
         return None

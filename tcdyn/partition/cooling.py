@@ -70,13 +70,13 @@ def with_slowing_air_offset(test: EhlTest, points: Mapping[str, tuple[float, flo
     surface alone that is ((u/u_0)^n - 1)(T_s - T_A) colder. T_s is the mean temperature of the
     running surface by the model itself, so air and surface are computed in turn. The second column
     is the change by a standard uncertainty of n, which is uniform over its range."""
-    if not test.slowing:
+    if not test.relative_speed:
         return test
     rows = fit_rows(test, min(MAX_COOLING_S, float(test.time_s[-1] - test.events.unload_s)))
     for _ in range(N_ITERATIONS):
         offsets = {
             d: _slowing_air_offset(test, test.disks[d], rows, *points[d])
-            for d in test.slowing
+            for d in test.relative_speed
             if d in test.disks
         }
         test = replace(test, surface_air_offset_K={**test.surface_air_offset_K, **offsets})
@@ -88,7 +88,7 @@ def _slowing_air_offset(
 ) -> Array:
     """``surface_air_offset_K`` of one slowing disk, (N, 2)."""
     window = lagged_window(test, disk, rows)
-    speed = np.maximum(test.slowing[disk.name], MIN_SPEED_RATIO)
+    speed = np.maximum(test.relative_speed[disk.name], MIN_SPEED_RATIO)
     at_constant_speed = constant_speed_air_offset(test, disk)
     superheat_of_blocks = (
         surface_degC(window, share, h_W_m2K)
@@ -96,7 +96,7 @@ def _slowing_air_offset(
         - window.blocks @ at_constant_speed[rows, 0]
     )
     lag_s = disk.mean_chain.lag_s
-    superheat = np.interp(test.time_s + lag_s, window.at_s, superheat_of_blocks)
+    superheat = np.interp(test.time_s + lag_s, window.block_time_s, superheat_of_blocks)
     h_ratio = speed**test.speed_exponent
     exponent_u = test.exponent_half_range / np.sqrt(3)
     by_exponent = -exponent_u * h_ratio * np.log(speed) * superheat
@@ -129,9 +129,9 @@ class CompensatedDisk:
     noise_K: float
 
     @property
-    def shown(self) -> Compensated:
+    def used_traces(self) -> Compensated:
         """The compensated traces, NaN for an excluded channel."""
-        mask = np.where(self.disk.out, np.nan, 0.0)
+        mask = np.where(self.disk.excluded_mask, np.nan, 0.0)
         traces = self.compensated
         return replace(traces, temperature=traces.temperature + mask, sd=traces.sd + mask)
 
@@ -256,7 +256,9 @@ def smooth_traces(
         chains,
         noise_sd=disk.noise_K,
         intensity=None if like is None else like.intensities,
-        events_s=tuple(float(kink - start_s) for kink in test.events.kinks_s if kink < end_s),
+        events_s=tuple(
+            float(kink - start_s) for kink in test.events.slope_changes_s if kink < end_s
+        ),
         event_u_s=test.events.unload_u_s,
         lag_covariance=lag_covariance_with_common_u(disk.lag_covariance_s2, lag_u_s),
         static_u=disk.static_u_K,
@@ -272,7 +274,7 @@ def compensate_disk(
         temperature = traces.temperature + longer_s * traces.lag_sensitivity
         return disk_window(test, disk, temperature, rows, disk.noise_K, profile)
 
-    outer = disk.setup.places(disk.setup.outer)
+    outer = disk.setup.channel_indices(disk.setup.outer)
     noise_K = float(np.median(traces.sd_noise[:, outer]))
     return CompensatedDisk(test, disk, traces, window_with(0.0), window_with(LAG_STEP_S), noise_K)
 
@@ -353,14 +355,14 @@ def cooling_fit(
     Each outer junction is compared with the model after both are matched over the last ``MATCH_S``
     seconds under load, so that static errors, which the steady line already holds, do not enter
     twice."""
-    since_s = window.at_s - unload_s
+    since_s = window.block_time_s - unload_s
     inside = (since_s >= 0) & (since_s < window_s)
     before = (since_s >= -MATCH_S) & (since_s < -MATCH_GAP_S)
     weight = window.counts[inside][:, None].astype(float) * window.used_channels
     prior_mean, prior_sd = log_h_prior
 
     def model(h: float) -> tuple[Array, Array]:
-        boundary, power = window.rim.answer(h)
+        boundary, power = window.rim.response(h)
         return boundary + line.at(h) * power, power
 
     def matched(x: Array) -> Array:
@@ -442,15 +444,15 @@ def surface_temperatures(
     ):
         rim = windows[d].rim
         setup = rim.setup
-        since_s = windows[d].at_s - test.events.unload_s
+        since_s = windows[d].block_time_s - test.events.unload_s
         last = (since_s >= -SURFACE_MEAN_S) & (since_s < -END_GAP_S)
         points = tuple((SURFACE_DEPTH_M, float(z)) for z in TRACK_POINTS * setup.width_m)
         step = 0.01 * max(h, 10.0)
-        responses = rim.answer(max(h, 0.0) + np.array([0.0, step]), extra=points)
+        responses = rim.response(max(h, 0.0) + np.array([0.0, step]), extra=points)
         boundary, power = (x[:, last, len(setup.outer) :].mean(axis=1) for x in responses)
         track = boundary + share * power  # (2, 9)
         # back from Kirchhoff's temperature, to first order
-        track -= setup.steel.straight(track) - track
+        track -= setup.steel.kirchhoff_temperature(track) - track
         hottest = int(np.argmax(track[0]))
         temperature = track[0, hottest]
         by_h = (track[1, hottest] - temperature) / step

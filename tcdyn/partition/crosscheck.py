@@ -56,16 +56,16 @@ class BudgetRow:
 
 @dataclass(frozen=True)
 class Budget:
-    """Uncertainty budget: ``rows`` by source; ``draws``: samples of every quantity."""
+    """Uncertainty budget: ``rows`` by source; ``samples``: samples of every quantity."""
 
     rows: tuple[BudgetRow, ...]
-    draws: dict[str, Array]
+    samples: dict[str, Array]
 
     @property
-    def together(self) -> tuple[float, float]:
+    def total_u(self) -> tuple[float, float]:
         """Standard uncertainty of beta by speed law, and by the cooling fit of the worse disk."""
-        cooling = [float(np.std(self.draws[f"cooling {d}"])) for d in DISKS]
-        return float(np.std(self.draws["speed law"])), max(cooling)
+        cooling = [float(np.std(self.samples[f"cooling {d}"])) for d in DISKS]
+        return float(np.std(self.samples["speed law"])), max(cooling)
 
 
 def monte_carlo(
@@ -216,7 +216,7 @@ class Tension:
         The nominal value, as a finding.
     z
         By how many standard deviations the data would change it.
-    chance
+    probability
         Probability that a sound test has as large a tension among the values of this kind.
     threshold
         The probability below which it is a contradiction.
@@ -224,17 +224,17 @@ class Tension:
 
     nominal: Finding
     z: float
-    chance: float
+    probability: float
     threshold: float
 
     @property
     def contradicts(self) -> bool:
         """Whether so large a tension is too improbable for a sound test."""
-        return self.chance < self.threshold
+        return self.probability < self.threshold
 
     def to_dict(self) -> dict[str, Any]:
         """The entry of ``beta.json``."""
-        return {"what": self.nominal.sentence, "z": self.z, "chance": self.chance}
+        return {"what": self.nominal.sentence, "z": self.z, "chance": self.probability}
 
 
 @dataclass(frozen=True)
@@ -333,8 +333,8 @@ def cross_check(
         p = min(1.0, 2 * len(pairs) * float(ndtr(-z)))
     contradictions = [t for t in tensions if t.contradicts]
     suspects = tuple(sorted(contradictions, key=lambda t: -abs(t.z)))
-    largest_tension = min(tensions, key=lambda t: t.chance, default=None)
-    if largest_tension is not None and largest_tension.chance >= REPORT_PROBABILITY:
+    largest_tension = min(tensions, key=lambda t: t.probability, default=None)
+    if largest_tension is not None and largest_tension.probability >= REPORT_PROBABILITY:
         largest_tension = None
     finding = _conclusion(ways, worst, suspects, largest_tension, both)
     return CrossCheck(z, finding, p, tuple(pairs), suspects, largest_tension)
@@ -380,7 +380,7 @@ def _conclusion(
         numbers |= {
             "strained": largest_tension.nominal.sentence,
             "strained_z": abs(largest_tension.z),
-            "chance": largest_tension.chance,
+            "chance": largest_tension.probability,
         }
     return info("ways.agree", **numbers)
 
@@ -426,7 +426,7 @@ def tensions(
         )
         z = float(np.sqrt(2.0 * max(suspect.log_odds, 0.0)))
         out.append(Tension(fault, z, MIN_PROBABILITY, OTHER_THRESHOLD))
-    return tuple(replace(t, chance=max(t.chance, MIN_PROBABILITY)) for t in out)
+    return tuple(replace(t, probability=max(t.probability, MIN_PROBABILITY)) for t in out)
 
 
 def _depth_pulls(depth_tests: Mapping[str, DepthTest]) -> list[tuple[Finding, float]]:
@@ -456,7 +456,7 @@ def _nuisance_pulls(
     for parameter, disk, z in both.pulls:
         in_sensor_check = parameter.source == "junction depth" and disk in depth_tests
         channel = parameter.name.rpartition(" ")[2]
-        excluded = disk and channel in test.disks[disk].left_out
+        excluded = disk and channel in test.disks[disk].excluded
         if not in_sensor_check and not excluded:
             nominal = info(
                 "stated.value", subject=disk, name=parameter.name, source=parameter.source

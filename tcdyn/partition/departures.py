@@ -82,17 +82,17 @@ class DiskAtFit:
     @classmethod
     def of(cls, test: EhlTest, fit: DiskFit, theta: Array) -> DiskAtFit:
         """The disk of ``fit`` at ``theta`` (4,)."""
-        rim = fit.side.rim_with_lags(lags(theta))
+        rim = fit.block.rim_with_lags(lags(theta))
         share = float(theta[SHARE])
         h = float(np.exp(theta[LOG_H]))
         chain = with_lags(test.disks[fit.disk].mean_chain, lags(theta))
-        boundary, power = rim.answer(h)
+        boundary, power = rim.response(h)
         surface = _surface_temperature(test, fit, rim, share, h)
         return cls(test, fit, share, h, rim, chain, boundary + share * power, power, surface)
 
     def perturbation_effect(self, p: Perturbation) -> Array:
         """Change of the outer row of a disk that departs by ``p``, (R, P) [K]."""
-        boundary, power = self.rim.answer(self.h_W_m2K, p)
+        boundary, power = self.rim.response(self.h_W_m2K, p)
         return np.asarray(boundary + self.share * power - self.base)
 
     def surface_air_effect(self, air_K: Array) -> Array:
@@ -100,7 +100,7 @@ class DiskAtFit:
 
         ``air_K`` (R,) is by how much.
         """
-        window = self.fit.side.window
+        window = self.fit.block.window
         setup = self.rim.setup
         samples = interpolate_blocks(window, air_K[:, None])[:, 0]
         air = self.chain.response(samples, self.test.dt_s)
@@ -114,7 +114,7 @@ class DiskAtFit:
             self.rim.profile,
             "hertz",
             FIT_MESH,
-            film=True,
+            split_surface_air=True,
         )
         surface_air = self.rim.surface_air_inputs[0]
         direct = gains.direct[surface_air][0]
@@ -137,7 +137,7 @@ class DiskAtFit:
         large lag is not linear.
         """
         disk = self.test.disks[self.fit.disk]
-        window = self.fit.side.window
+        window = self.fit.block.window
         n = len(disk.chains)
         outer = disk.setup.outer
         # the effects subtract the mean of the n lags
@@ -161,7 +161,7 @@ class DiskAtFit:
 
     def at_unloading(self, x: Array) -> float:
         """Mean of ``x`` (R,) over the last seconds under load."""
-        since_s = self.fit.side.window.at_s - self.test.events.unload_s
+        since_s = self.fit.block.window.block_time_s - self.test.events.unload_s
         return float(x[(since_s > -UNLOADING_MEAN_S) & (since_s < 0.0)].mean())
 
 
@@ -169,7 +169,7 @@ def _surface_temperature(
     test: EhlTest, fit: DiskFit, rim: RimMeans, share: float, h_W_m2K: float
 ) -> Array:
     """Mean temperature of the running surface by the power without lag, (R,) [degC]."""
-    window = fit.side.window
+    window = fit.block.window
     first = int(np.searchsorted(test.time_s, window.time_s[0]))
     rows = slice(first, first + len(window.time_s))
     power, hold = lagged_power(test, rows, None)
@@ -180,12 +180,12 @@ def _surface_temperature(
         banks=np.concatenate([bank[None], rim.banks[rim.boundary_inputs]]),
     )
     points = tuple((0.0, float(z)) for z in SURFACE_POINTS * rim.setup.width_m)
-    boundary, heat = unlagged.answer(h_W_m2K, extra=points)
+    boundary, heat = unlagged.response(h_W_m2K, extra=points)
     return np.asarray((boundary + share * heat)[:, len(rim.setup.outer) :].mean(axis=1))
 
 
 def _h_step(a: DiskAtFit) -> Array:
-    after = a.fit.side.window.at_s >= a.test.events.unload_s
+    after = a.fit.block.window.block_time_s >= a.test.events.unload_s
     return H_STEP_SD * a.h_change_effect(after.astype(float))
 
 
@@ -226,9 +226,9 @@ def _conductivity_of_temperature(a: DiskAtFit) -> Array:
     """Lower conductivity where it is hot, as rig.toml might have stated."""
     setup = a.rim.setup
     air = a.at_unloading(a.rim.inputs[:, a.rim.ambient_index])
-    steel = setup.steel.about(air, a.at_unloading(a.surface))
+    steel = setup.steel.linearised_about(air, a.at_unloading(a.surface))
     rim = replace(a.rim, setup=replace(setup, steel=steel))
-    window = replace(a.fit.side.window, rim=rim)
+    window = replace(a.fit.block.window, rim=rim)
     slope_u_per_K = 0.01 * CONDUCTIVITY_PER_100_K_SD
     return -conductivity_slope_effect(window, a.share, a.h_W_m2K, slope_u_per_K)
 
@@ -269,7 +269,7 @@ def model_form_columns(
         Delay of a junction for the secant of its lag, if that is not small [s].
     """
     disks = [DiskAtFit.of(test, joint[d], theta[4 * k : 4 * k + 4]) for k, d in enumerate(DISKS)]
-    weights = [a.fit.side.window.weight for a in disks]
+    weights = [a.fit.block.window.weight for a in disks]
 
     def column(k: int, change: Array) -> Array:
         """Weighted data of both disks by a ``change`` (R, P) of disk ``k``."""
@@ -292,7 +292,7 @@ def model_form_columns(
             continue
         changes, channels = a.lag_effects(late_s)
         for channel, change in zip(channels, changes):
-            if channel not in test.disks[disk].left_out:
+            if channel not in test.disks[disk].excluded:
                 columns[f"lag of {disk}_{channel}"] = column(k, change)[:, None]
     return columns
 

@@ -187,11 +187,11 @@ class DiskFeatures:
 
     @cached_property
     def _outer_row(self) -> list[int]:
-        return self.setup.places(self.setup.outer)
+        return self.setup.channel_indices(self.setup.outer)
 
     @cached_property
     def _inner_row(self) -> list[int]:
-        return self.setup.places(self.setup.inner)
+        return self.setup.channel_indices(self.setup.inner)
 
     @cached_property
     def _perturbations(self) -> tuple[tuple[Perturbation, ...], Array]:
@@ -264,7 +264,7 @@ class DiskFeatures:
             h [W/m2K] and departure from the nominal disk.
         """
         boundary, power = self._rim_response(order, cases)
-        deeper_m = self.setup.deeper_than_edge_m
+        deeper_m = self.setup.depth_below_edge_m
         if np.any(deeper_m):
             inner = self.rim.inner_inputs
             static = deeper_m[:, None] * [self.rim.gains(h, p).static[inner] for h, p in cases]
@@ -428,8 +428,8 @@ def disk_features(test: EhlTest, disk: DiskTraces) -> DiskFeatures:
         slope=np.concatenate([s.slope for s in segments]),
         noise=np.concatenate([s.noise for s in segments]),
         trend_u_K=np.concatenate([s.trend_u_K for s in segments]),
-        observed=observed & ~disk.out[setup.places(setup.rows)],
-        drives=disk.drives,
+        observed=observed & ~disk.excluded_mask[setup.channel_indices(setup.rows)],
+        drives=disk.inner_row_weights,
         shift_u_m=1e-3 * disk.uncertainty.flux_shift_mm,
     )
 
@@ -452,7 +452,7 @@ def _segment_means(
     chain = disk.mean_chain
     slower_chain = chain.with_lag_shift(LAG_STEP_S)
     readings = equalise(disk.readings_degC[rows], test.dt_s, disk.chains, chain)
-    y = disk.setup.steel.straight(readings)
+    y = disk.setup.steel.kirchhoff_temperature(readings)
     power, _ = lagged_power(test, rows, chain)
     slower_power, _ = lagged_power(test, rows, slower_chain)
     surface_air = lagged_surface_air(test, disk, rows, chain)

@@ -92,21 +92,21 @@ class EhlTest:
         Traces of each disk.
     findings
         Findings of the preparation.
-    added
+    added_friction
         The part of ``friction_N`` that the transducer did not measure.
-    slowing
+    relative_speed
         Surface speed of each disk that did not keep it after the unloading, relative to that under
         load, (N,).
     surface_air_offset_K
         Offset of the air at the running surface, and its change by the speed exponent, (N, 2); see
         :func:`tcdyn.partition.cooling.with_slowing_air_offset`.
-    uneven
+    harmonics
         First circumferential harmonic of each disk, where it is not the default prior.
     friction_noise_N
         White noise of a logged sample of the friction, before it was smoothed.
     air
         Air temperatures of each disk that has channels for them, in place of ``ambient_degC``.
-    stated_u
+    constants_u
         The part of the disks' ``friction_rel``, ``half_width_rel`` and ``ambient_K`` that
         ``[constants]`` states: the uncertainty of this log, not of the rig.
     """
@@ -126,13 +126,13 @@ class EhlTest:
     exponent_half_range: float
     disks: Mapping[str, DiskTraces]
     findings: tuple[Finding, ...]
-    added: FrictionCorrection = NO_FRICTION_CORRECTION
-    slowing: Mapping[str, Array] = field(default_factory=dict)
+    added_friction: FrictionCorrection = NO_FRICTION_CORRECTION
+    relative_speed: Mapping[str, Array] = field(default_factory=dict)
     surface_air_offset_K: Mapping[str, Array] = field(default_factory=dict)
-    uneven: Mapping[str, AngularHarmonic] = field(default_factory=dict)
+    harmonics: Mapping[str, AngularHarmonic] = field(default_factory=dict)
     friction_noise_N: float = 0.0
     air: Mapping[str, DiskAir] = field(default_factory=dict)
-    stated_u: Mapping[str, float] = field(default_factory=dict)
+    constants_u: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def conditions(self) -> dict[str, float]:

@@ -83,7 +83,7 @@ class DiskBlock:
         Common lag of the disk by its record, and its standard uncertainty.
     prior_tau2_s
         Prior of the second lag.
-    rest_of_lag_s
+    remaining_lag_s
         Lag of the chain beyond tau1 + tau2.
     prior_log_h
         Mean and standard deviation of log h.
@@ -101,7 +101,7 @@ class DiskBlock:
     prior_lag_s: float
     prior_lag_u_s: float
     prior_tau2_s: float
-    rest_of_lag_s: float
+    remaining_lag_s: float
     prior_log_h: tuple[float, float]
     window: DiskWindow
     rim_with_lags: Callable[[tuple[float, ...]], RimMeans]
@@ -130,7 +130,7 @@ class DiskFit:
     inflation
         Variance ratio of slow waves in the residuals to white noise: the discount for correlated
         residuals that the uncertainties allow for.
-    side
+    block
         The data and the model that were fitted.
     """
 
@@ -143,7 +143,7 @@ class DiskFit:
     chain: Chain
     sensitivity: FitSensitivity
     inflation: float
-    side: DiskBlock = field(repr=False, compare=False)
+    block: DiskBlock = field(repr=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -165,7 +165,7 @@ class BothFit:
         a sound rig.
     inflation
         Variance ratio of slow waves in the residuals of the worse disk to white noise.
-    uneven
+    harmonics
         First circumferential harmonic of each disk.
     optimum
         Result of the least-squares search.
@@ -176,7 +176,7 @@ class BothFit:
     estimates: Mapping[str, Estimate]
     pulls: tuple[tuple[NuisanceParameter, str, float], ...]
     inflation: float
-    uneven: Mapping[str, AngularHarmonic] = field(repr=False, compare=False)
+    harmonics: Mapping[str, AngularHarmonic] = field(repr=False, compare=False)
     optimum: Optimum = field(repr=False, compare=False)
 
 
@@ -232,7 +232,7 @@ def disk_block(
         prior_lag_s=disk.common_lag_s,
         prior_lag_u_s=max(disk.common_lag_u_s, MIN_LAG_U_S),
         prior_tau2_s=tau2_s,
-        rest_of_lag_s=record_chain.lag_s - sum(sorted(record_chain.taus_s, reverse=True)[:2]),
+        remaining_lag_s=record_chain.lag_s - sum(sorted(record_chain.taus_s, reverse=True)[:2]),
         prior_log_h=log_h_prior(disk.setup.surface),
         window=window,
         rim_with_lags=model.rim_with_lags,
@@ -289,7 +289,7 @@ def joint_problem(sides: Sequence[DiskBlock]) -> Problem:
             residual[rows] += prediction - side.y
             jacobian[rows, 4 * i : 4 * i + 4] = derivatives
             lag_s = float(np.exp(main[LOG_LAGS]))
-            deviation_s = lag_s + side.rest_of_lag_s - side.prior_lag_s
+            deviation_s = lag_s + side.remaining_lag_s - side.prior_lag_s
             residual[n_data + i] = deviation_s / side.prior_lag_u_s
             jacobian[n_data + i, 4 * i + LOG_LAGS] = lag_s / side.prior_lag_u_s
         return residual, jacobian
@@ -305,7 +305,7 @@ def joint_problem(sides: Sequence[DiskBlock]) -> Problem:
     largest = np.append(MAX_STEP * len(sides), np.full(len(nuisances), np.inf))
     fixed = np.zeros((len(sides) - 1, len(names)))
     fixed[:, SHARE:n_main:4] = 1.0
-    return Problem(tuple(names), evaluate, mean, sd, largest=largest, fixed=fixed)
+    return Problem(tuple(names), evaluate, mean, sd, max_step=largest, fixed=fixed)
 
 
 def main_covariance(optimum: Optimum, sides: Sequence[DiskBlock]) -> tuple[Array, Array]:
@@ -401,7 +401,7 @@ def joint_fits(
         If the log ends before the window.
     """
     fits = {d: disk_fit(test, test.disks[d], *start[d], window_s, profile) for d in DISKS}
-    sides = [fits[d].side for d in DISKS]
+    sides = [fits[d].block for d in DISKS]
     problem = joint_problem(sides)
     theta = np.zeros(len(problem.names))
     theta[:8] = np.concatenate([fits[d].theta for d in DISKS])
@@ -441,7 +441,7 @@ def joint_fits(
         estimates=_estimates(values, np.sqrt(variances)),
         pulls=_pulls(best, nuisances),
         inflation=inflation,
-        uneven=harmonics,
+        harmonics=harmonics,
         optimum=best,
     )
     return fits, fit
@@ -523,5 +523,5 @@ def disk_fit(
         estimates=_estimates({"beta": beta, "h": h, "lag_s": chain.lag_s}, u),
         sensitivity=FitSensitivity(tuple(parameters), sensitivity.T, noise),
         inflation=inflation,
-        side=side,
+        block=side,
     )

@@ -100,7 +100,7 @@ class ModelForms:
 
     Parameters
     ----------
-    tried
+    forms
         The alternatives.
     probability
         Posterior probability of each.
@@ -110,7 +110,7 @@ class ModelForms:
         The assumed model.
     """
 
-    tried: tuple[ModelForm, ...]
+    forms: tuple[ModelForm, ...]
     probability: tuple[float, ...]
     low95: float
     high95: float
@@ -119,7 +119,7 @@ class ModelForms:
     @property
     def preferred(self) -> ModelForm | None:
         """The alternative that is far likelier than assumed and agrees with the speed law."""
-        best = max(self.tried, key=lambda form: form.log_odds)
+        best = max(self.forms, key=lambda form: form.log_odds)
         if best.log_odds > NAMED_LOG_ODDS and abs(best.speed_law_z) < SPEED_LAW_Z:
             return best
         return None
@@ -128,7 +128,7 @@ class ModelForms:
     def estimate_holds(self) -> bool:
         """Whether the recommended estimate holds under every alternative that the data allow."""
         beta = self.assumed.beta
-        best = self.tried[0].beta
+        best = self.forms[0].beta
         near = abs(best.value - beta.value) <= MAX_SHIFT_U * max(beta.u, best.u)
         return near and 0.5 * (self.high95 - self.low95) <= MAX_HALF_RANGE
 
@@ -158,7 +158,7 @@ class ModelForms:
                 "probability": probability,
                 "exponent": form.exponent.model_dump(),
             }
-            for form, probability in zip(self.tried, self.probability)
+            for form, probability in zip(self.forms, self.probability)
         ]
 
 
@@ -171,8 +171,8 @@ def compare_model_forms(test: EhlTest, joint: Mapping[str, DiskFit], both: BothF
     the waves that remain when all alternatives are free at once, the uncertainty of an estimate
     with those that its own alternative leaves. The best alternatives are fitted again with the
     model itself, since a large departure is not linear."""
-    ends = np.cumsum([len(joint[d].side.y) for d in DISKS])
-    points = tuple(joint[d].side.window.y.shape[1] for d in DISKS)
+    ends = np.cumsum([len(joint[d].block.y) for d in DISKS])
+    points = tuple(joint[d].block.window.y.shape[1] for d in DISKS)
     columns = model_form_columns(test, joint, both.theta)
     no_column = np.zeros((ends[-1], 0))
     solve = LinearisedFit.at(both.optimum, ends, points)
@@ -208,7 +208,7 @@ def compare_model_forms(test: EhlTest, joint: Mapping[str, DiskFit], both: BothF
     low, high = mixture_interval95([form.beta for form in forms], [float(p) for p in probability])
     order = np.argsort(-probability)
     return ModelForms(
-        tried=tuple(forms[k] for k in order),
+        forms=tuple(forms[k] for k in order),
         probability=tuple(float(probability[k]) for k in order),
         low95=low,
         high95=high,
@@ -257,7 +257,7 @@ def _nonlinear_refit(
     """
     ends = linear.ends
     best = both.optimum
-    blocks = [joint[d].side for d in DISKS]
+    blocks = [joint[d].block for d in DISKS]
     theta = both.theta + first.step[:8]
     refit = first
     for _ in range(N_REFIT_ITERATIONS):

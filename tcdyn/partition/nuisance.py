@@ -113,7 +113,7 @@ def nominal_u(disk: DiskTraces, static_u_K: Array, other_lags_s: Array | float =
     The uncertainty of a lag is that of its difference from the mean of all, as the record
     determines it."""
     u = disk.uncertainty
-    order = disk.setup.places(disk.setup.rows)
+    order = disk.setup.channel_indices(disk.setup.rows)
     n_channels = len(order)
     centre = np.eye(n_channels) - 1.0 / n_channels
     variances = np.diag(centre @ disk.lag_covariance_s2 @ centre.T)
@@ -188,7 +188,7 @@ def inner_gradient(window: DiskWindow, share: float, h_W_m2K: float) -> Array:
 
 def harmonic_prior(test: EhlTest, disk: str) -> AngularHarmonic:
     """The circumferential harmonic of a disk as the test has it, else the default prior."""
-    return test.uneven.get(
+    return test.harmonics.get(
         disk, AngularHarmonic(steady_window_s=test.events.unload_s - steady_start_s(test))
     )
 
@@ -207,16 +207,16 @@ def nuisance_effects(
     loses (tau1 - tau2) s^2 / ((1 + tau1 s)(1 + tau2 s)) of itself."""
     rim = window.rim
     setup = disk.setup
-    outer = setup.places(setup.outer)
-    boundary, power = rim.answer(h_W_m2K)
+    outer = setup.channel_indices(setup.outer)
+    boundary, power = rim.response(h_W_m2K)
     predicted = boundary + share * power
     gains = rim.gains(h_W_m2K)
     perturbed = _perturbed(rim, setup, predicted, share, h_W_m2K)
     input_responses = _input_responses(test, disk, window, share, h_W_m2K)
-    rates = np.gradient(predicted, window.at_s, axis=0)
+    rates = np.gradient(predicted, window.block_time_s, axis=0)
     constant = np.ones(len(predicted))
-    nominal = nominal_effects(perturbed, input_responses, constant, rates, disk.drives)
-    later_unloading = -share * np.gradient(power, window.at_s, axis=0)
+    nominal = nominal_effects(perturbed, input_responses, constant, rates, disk.inner_row_weights)
+    later_unloading = -share * np.gradient(power, window.block_time_s, axis=0)
     speed_exponent = rim.input_response(rim.surface_air_inputs[1], h_W_m2K)
     change = np.concatenate(
         [
@@ -242,7 +242,7 @@ def nuisance_effects(
     specified_parameters, specified_change = specified_effects(disk, window, share, h_W_m2K)
     parameters = (*(candidates[q] for q in uncertain), *specified_parameters)
     change = np.concatenate([u[uncertain, None, None] * change[uncertain], specified_change])
-    since_s = window.at_s - test.events.unload_s
+    since_s = window.block_time_s - test.events.unload_s
     harmonic = harmonic_prior(test, disk.name)
     static = gains.static[rim.inner_inputs]
     return NuisanceEffects(
@@ -256,7 +256,7 @@ def _perturbed(
     """Change by a unit of each of ``nominal_perturbations``, (P + k + 4, R, P)."""
     changes = []
     for perturbation, size in nominal_perturbations(setup, DEPTH_STEP_M):
-        boundary, power = rim.answer(h_W_m2K, perturbation)
+        boundary, power = rim.response(h_W_m2K, perturbation)
         changes.append((boundary + share * power - predicted) / size)
     return np.array(changes)
 
@@ -266,7 +266,7 @@ def _input_responses(
 ) -> Array:
     """``input_responses`` of ``nominal_effects``: gradients and rates pass the rim."""
     setup = disk.setup
-    inner = setup.places(setup.inner)
+    inner = setup.channel_indices(setup.inner)
     rates_1_s = window.rim.rates_1_s
     gains = window.rim.gains(h_W_m2K)
     width = max(int(round(SMOOTH_RATE_S / test.dt_s)), 1)
@@ -383,7 +383,7 @@ class LaggedRim:
         h = float(np.exp(p[LOG_H]))
         tau1, tau2 = lags(p)
         rim = self.rim_with_lags((tau1, tau2))
-        boundary, power = rim.answer(h * np.exp([0.0, LOG_H_STEP]))
+        boundary, power = rim.response(h * np.exp([0.0, LOG_H_STEP]))
         predicted, predicted_at_step = boundary + share * power
 
         def by_log_lag(tau: float) -> Array:

@@ -233,7 +233,7 @@ def bore_flux_with_u(
 
 def predict_harmonics(setup: DiskSetup, h_W_m2K: float) -> PressFitHarmonics:
     """Harmonics by the stated press fit for a mean flux of 1 kW/m2 out through the bore."""
-    sectors = setup.fit.sectors(1e3 * setup.bore_radius_m)
+    sectors = setup.press_fit.sectors(1e3 * setup.bore_radius_m)
     conductance = press_fit_conductance(setup)[1] * harmonics(sectors, 2 * N_HARMONICS)
     admittances = [disk_admittance(setup, h_W_m2K, n) for n in range(1, N_HARMONICS + 1)]
     resistances = np.array(
@@ -292,13 +292,13 @@ def press_fit_priors(
     shares = {"fast": beta.value, "slow": 1 - beta.value}
     for d in DISKS:
         disk = test.disks[d]
-        if not disk.setup.fit.stated:
+        if not disk.setup.press_fit.is_specified:
             continue
         h = estimates[f"h_{d}"]
         flux, flux_u = _bore_flux_of_test(test, disk, shares[d], beta.u, h)
         outward_flux = max(flux, MIN_FLUX_U * flux_u)  # heat leaves through the bore
         predicted = predict_harmonics(disk.setup, h.value).scaled(1e-3 * outward_flux)
-        evidence = disk.setup.fit.uneven_rel, flux_u / outward_flux, uneven[d]
+        evidence = disk.setup.press_fit.uneven_rel, flux_u / outward_flux, uneven[d]
         z = predicted.distance_z(*evidence)
         if z < SIGNIFICANT_Z:
             priors[d] = predicted.prior(*evidence)
@@ -325,7 +325,7 @@ def _bore_flux_of_test(
     """Mean flux through the bore before the unloading and its standard uncertainty [W/m2]."""
     unload_s = test.events.unload_s
     last = (test.time_s > unload_s - WINDOW_S) & (test.time_s < unload_s - WINDOW_GAP_S)
-    readings = disk.readings_degC[last][:, disk.setup.places(disk.setup.inner)]
+    readings = disk.readings_degC[last][:, disk.setup.channel_indices(disk.setup.inner)]
     inner_K = float(np.nanmean(readings - test.ambient_of(disk.name)[last, None]))
     power_W = float(np.mean(test.power_W[last]))
     power_u_W = power_W * float(np.hypot(share_u, share * disk.uncertainty.friction_rel))

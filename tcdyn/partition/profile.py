@@ -205,12 +205,12 @@ def joint_profiles(joint: Mapping[str, DiskFit], both: BothFit) -> pd.DataFrame:
         fit = joint[d]
         e = fit.estimates
         points = [fit.theta, both.theta[4 * k : 4 * k + 4]]
-        tables[d] = rim_table(fit.side, points, e["h"].u, e["lag_s"].u)
+        tables[d] = rim_table(fit.block, points, e["h"].u, e["lag_s"].u)
         beta_of_share = float if d == "fast" else _complement
         numbers = {
             "beta": ProfiledNumber(unit[SHARE, :4], beta_of_share, beta_of_share, (0.0, 1.0)),
             "h": _exponential(unit[LOG_H, :4]),
-            "lag_s": _exponential(unit[LOG_LAGS, :4], fit.side.rest_of_lag_s),
+            "lag_s": _exponential(unit[LOG_LAGS, :4], fit.block.remaining_lag_s),
         }
         profiles.append(_profiles(d, [tables[d]], fit.theta, numbers, e, fit.inflation))
     h_fast = unit[LOG_H]
@@ -274,11 +274,11 @@ def _profiles(
             u=estimate.u,
             scale=float((inflation * white + other) / (white + other)),
             step=STEP_U,
-            drop=MAX_DEVIANCE,
-            reach=MAX_DISTANCE_U,
+            max_deviance=MAX_DEVIANCE,
+            max_distance=MAX_DISTANCE_U,
             value=number.value,
             at=number.at,
-            within=number.within,
+            bounds=number.within,
             tolerance=TOLERANCE,
         )
         return pd.DataFrame(
@@ -316,7 +316,7 @@ class ProfileInterval:
         Its estimate with the normal interval.
     low95, high95
         Ends by the profile; None where it stays below 3.84 as far as it was followed.
-    low_seen, high_seen
+    profile_low, profile_high
         Ends of the profile.
     differs
         Whether an end is missing, or differs from the normal one by a fifth of the half-width.
@@ -329,8 +329,8 @@ class ProfileInterval:
     estimate: Estimate
     low95: float | None
     high95: float | None
-    low_seen: float
-    high_seen: float
+    profile_low: float
+    profile_high: float
     differs: bool
     sentence: str
 
@@ -369,8 +369,8 @@ def intervals(table: pd.DataFrame) -> tuple[ProfileInterval, ...]:
             estimate=estimate,
             low95=low,
             high95=high,
-            low_seen=first,
-            high_seen=last,
+            profile_low=first,
+            profile_high=last,
             differs=differs,
             sentence=finding.sentence if differs else "",
         )

@@ -131,7 +131,7 @@ class SensorCheck:
     groups: Mapping[str, tuple[tuple[str, ...], ...]]
 
     @property
-    def said(self) -> dict[str, str]:
+    def texts(self) -> dict[str, str]:
         """The findings of each disk as text."""
         return {
             d: " ".join(f"{finding.sentence}." for finding in findings)
@@ -264,7 +264,7 @@ def _check_disk(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> _DiskCheck:
 def _fault_fits(f: DiskFeatures, disk: DiskTraces) -> tuple[FaultFit, list[FaultFit]]:
     """The fit of a sound disk, and those of all faults."""
     fits = []
-    for faults in hypotheses(f.setup.channels, disk.left_out):
+    for faults in hypotheses(f.setup.channels, disk.excluded):
         fits += evaluate_faults(f, disk, faults)
     return fits[0], fits[1:]
 
@@ -299,7 +299,7 @@ def _swap_between_disks(
     None unless it is likelier than the best hypotheses of both disks, of ``log_likelihood``
     together."""
     fast, slow = (features[d] for d in DISKS)
-    fast_used, slow_used = (np.flatnonzero(~test.disks[d].out) for d in DISKS)
+    fast_used, slow_used = (np.flatnonzero(~test.disks[d].excluded_mask) for d in DISKS)
     candidates = []
     for i, j in product(fast_used, slow_used):
         total = _foreign_log_likelihood(test, fast, slow, i, j)
@@ -344,7 +344,7 @@ def _dead_channels(test: EhlTest, disk: DiskTraces, f: DiskFeatures) -> tuple[Su
     usual_fall = float(np.median(falls))
     if usual_rise <= MIN_RISE_K:
         return ()
-    dead = (rises < DEAD_REL * usual_rise) & (falls < DEAD_REL * usual_fall) & ~disk.out
+    dead = (rises < DEAD_REL * usual_rise) & (falls < DEAD_REL * usual_fall) & ~disk.excluded_mask
     return tuple(
         Suspect(
             disk.name,
@@ -447,7 +447,7 @@ def pair_table(
     i, j = np.triu_indices(len(setup.channels), 1)
     pairs = [(setup.channels[first], setup.channels[second]) for first, second in zip(i, j)]
     signs = [hotter_junction(setup, *pair) for pair in pairs]
-    excluded = np.array([not {*pair}.isdisjoint(disk.left_out) for pair in pairs])
+    excluded = np.array([not {*pair}.isdisjoint(disk.excluded) for pair in pairs])
     table = pd.DataFrame(pairs, columns=["one", "other"])
     table.insert(0, "disk", disk.name)
     table["same_group"] = [any({*pair} <= {*group} for group in groups) for pair in pairs]

@@ -109,7 +109,7 @@ class FaultFit:
 def hypotheses(channels: Sequence[str], left_out: Sequence[str] = ()) -> Iterator[list[Fault]]:
     """A sound disk and all faults that are considered, in lists with one order of the columns each.
 
-    Channels ``left_out`` have no faults.
+    Channels ``excluded`` have no faults.
     """
     used = [c for c in channels if c not in left_out]
     yield [Fault("none"), *(Fault(kind, (c,)) for c in used for kind in FREE_PARAMETER)]
@@ -131,7 +131,7 @@ def evaluate_faults(f: DiskFeatures, disk: DiskTraces, faults: Sequence[Fault]) 
     boundary, power = (
         CubicSpline(np.log(H_GRID_W_M2K), x[:, f.observed])(np.log(H_FINE_W_M2K)) for x in responses
     )
-    readings = f.levels[:, order][:, setup.places(setup.rows)][f.observed]
+    readings = f.levels[:, order][:, setup.channel_indices(setup.rows)][f.observed]
     independent_sd = independent_sd_K(f, disk, power[len(power) // 2], order)
     fits_by_share = []
     for share in SHARE_GRID:
@@ -338,7 +338,7 @@ def independent_sd_K(f: DiskFeatures, disk: DiskTraces, power: Array, order: Ord
     ``power`` (D,) is the response to a share of one.
     """
     setup = f.setup
-    index = setup.places(setup.rows)
+    index = setup.channel_indices(setup.rows)
     n_outer = len(setup.outer)
     n_inner = len(setup.inner)
     noise = f.noise[:, None] * np.maximum(disk.noise_K[list(order)][index], 1e-3)
@@ -366,9 +366,9 @@ class DepthTest:
         Correlation of the pulls, (C, C).
     deeper_m
         How much deeper each junction lies by this test alone, without its own nominal depth.
-    stated_u_m
+    nominal_u_m
         Standard uncertainty of the nominal depths.
-    left_out
+    excluded
         Channels that were excluded.
     """
 
@@ -376,8 +376,8 @@ class DepthTest:
     pull: Array
     correlation: Array
     deeper_m: dict[str, Estimate]
-    stated_u_m: float
-    left_out: tuple[str, ...] = ()
+    nominal_u_m: float
+    excluded: tuple[str, ...] = ()
 
 
 def depth_test(f: DiskFeatures, disk: DiskTraces, sound: FaultFit) -> DepthTest:
@@ -399,9 +399,9 @@ def depth_test(f: DiskFeatures, disk: DiskTraces, sound: FaultFit) -> DepthTest:
     by_h = LOG_H_SD / LOG_H_STEP * (predicted_at_step - predicted)[f.observed]
     all_effects = f.effects(f.as_wired, h, sound.share)
     cov = covariance(f, disk, all_effects, f.as_wired) + np.outer(by_h, by_h)
-    residual = (f.levels[:, setup.places(setup.rows)] - predicted)[f.observed]
+    residual = (f.levels[:, setup.channel_indices(setup.rows)] - predicted)[f.observed]
     depth_u_m = disk.uncertainty.depth_mm * 1e-3
-    used = [c for c in setup.channels if c not in disk.left_out]
+    used = [c for c in setup.channels if c not in disk.excluded]
     names = [parameter.name for parameter in nominal_parameters(setup)]
     effects = depth_u_m * all_effects[[names.index(f"depth {c}") for c in used]]
     weighted = np.linalg.solve(cov, effects.T).T
@@ -414,4 +414,4 @@ def depth_test(f: DiskFeatures, disk: DiskTraces, sound: FaultFit) -> DepthTest:
         for c, s, t in zip(used, score, information)
     }
     correlation = gram / np.outer(root, root)
-    return DepthTest(disk.name, score / root, correlation, deeper_m, depth_u_m, disk.left_out)
+    return DepthTest(disk.name, score / root, correlation, deeper_m, depth_u_m, disk.excluded)

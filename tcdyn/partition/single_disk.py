@@ -73,20 +73,20 @@ class OneDisk:
         The fits.
     optimum
         Optimum of the joint fit.
-    uneven
+    harmonic
         First circumferential harmonic by the joint fit.
     sensors
         The sensor check; None if it was not made.
     compensated
         Traces of ``rows``, by disk.
-    answers
+    estimates
         ``QUANTITIES`` with their uncertainties; "cooling" and "joint" are beta of the fast disk, h
         in W/m2K.
     z
         Difference of those two in standard uncertainties of it.
     budget
         Standard uncertainty of beta by source, by the joint fit and by the cooling fit.
-    noticed
+    analysis_findings
         Findings of the analysis, without the cross-check's conclusion.
     """
 
@@ -97,28 +97,30 @@ class OneDisk:
     joint: DiskFit
     optimum: Optimum
     cooling: CoolingFit
-    uneven: AngularHarmonic
+    harmonic: AngularHarmonic
     sensors: SensorCheck | None
     compensated: Mapping[str, Compensated]
-    answers: Mapping[str, Estimate]
+    estimates: Mapping[str, Estimate]
     z: float
     budget: Mapping[str, tuple[float, float]]
-    noticed: tuple[Finding, ...]
+    analysis_findings: tuple[Finding, ...]
 
     @property
-    def withheld(self) -> frozenset[str]:
+    def impossible(self) -> frozenset[str]:
         """Estimators with impossible results, "joint" or "cooling"; these are not reported."""
         return frozenset(
-            way for way in ESTIMATORS if is_impossible(self.answers[way], self.answers[f"h {way}"])
+            way
+            for way in ESTIMATORS
+            if is_impossible(self.estimates[way], self.estimates[f"h {way}"])
         )
 
     @property
     def crosscheck(self) -> Finding:
         """Whether the two estimators agree, or which of them is impossible."""
-        if self.withheld:
-            ways = [f"{way} {self.disk}" for way in ESTIMATORS if way in self.withheld]
+        if self.impossible:
+            ways = [f"{way} {self.disk}" for way in ESTIMATORS if way in self.impossible]
             return warning("answers.impossible", ways=ways)
-        joint, cooling = (self.answers[way] for way in ESTIMATORS)
+        joint, cooling = (self.estimates[way] for way in ESTIMATORS)
         severity = warning if self.z > SUSPECT_Z else info
         return severity(
             "one_disk.ways",
@@ -133,21 +135,21 @@ class OneDisk:
     @property
     def findings(self) -> tuple[Finding, ...]:
         """All findings, whether the estimators agree last."""
-        return (*self.noticed, self.crosscheck)
+        return (*self.analysis_findings, self.crosscheck)
 
     @property
     def status(self) -> str:
         """ "sound", "warning" with at least one warning, "withheld" for an impossible estimate."""
-        if "joint" in self.withheld:
+        if "joint" in self.impossible:
             return "withheld"
         return "warning" if warnings_and_errors(self.findings) else "sound"
 
     @property
-    def headline(self) -> Finding:
+    def recommendation(self) -> Finding:
         """The recommended estimate: beta by the joint fit of the disk."""
         if self.status == "withheld":
             return warning("headline.withheld", subject=self.disk)
-        beta = self.answers["joint"]
+        beta = self.estimates["joint"]
         return info("one_disk.headline", subject=self.disk, beta=beta.value, u=beta.u)
 
 
@@ -180,7 +182,7 @@ def analyse_one_disk(
     rows = fit_rows(test, max(window_s, joint_window_s(test)))
     sensors = None
     findings = [*test.findings, info("one_disk.only", subject=name)]
-    if test.disks[name].setup.fit.stated:
+    if test.disks[name].setup.press_fit.is_specified:
         findings.append(warning("one_disk.fit_unused", subject=name))
     if sensor_check:
         progress("sensor map")
@@ -238,13 +240,13 @@ def analyse_one_disk(
         joint=fit,
         optimum=result.optimum,
         cooling=cooling,
-        uneven=result.harmonic,
+        harmonic=result.harmonic,
         sensors=sensors,
-        compensated={name: cooled.shown},
-        answers=answers,
+        compensated={name: cooled.used_traces},
+        estimates=answers,
         z=z,
         budget=_budget(sources, per_sd, root, float(form[JOINT])),
-        noticed=tuple(findings),
+        analysis_findings=tuple(findings),
     )
 
 
@@ -253,7 +255,7 @@ def _joint_result(test: EhlTest, name: str, rows: slice) -> _JointResult:
     joint_s = joint_window_s(test)
     share, h = steady_lines(test, rows)[1].starts[name]
     fit = disk_fit(test, test.disks[name], share, h, joint_s, "modal")
-    if test.slowing:
+    if test.relative_speed:
         test = with_slowing_air_offset(test, {name: (fit.share, fit.h_W_m2K)})
         fit = disk_fit(test, test.disks[name], fit.share, fit.h_W_m2K, joint_s, "modal")
     harmonic, optimum = _harmonic(test, fit)
@@ -261,7 +263,7 @@ def _joint_result(test: EhlTest, name: str, rows: slice) -> _JointResult:
     even = without_harmonics(test, {name: harmonic}, expected)
     findings = []
     if any_significant(expected):
-        again = replace(test, uneven=expected)
+        again = replace(test, harmonics=expected)
         fit = disk_fit(again, again.disks[name], fit.share, fit.h_W_m2K, joint_s, "modal")
         harmonic, optimum = _harmonic(again, fit)
         even = without_harmonics(again, {name: harmonic}, expected_harmonics({name: harmonic}))
@@ -273,13 +275,13 @@ def _joint_result(test: EhlTest, name: str, rows: slice) -> _JointResult:
 
 def _harmonic(test: EhlTest, fit: DiskFit) -> tuple[AngularHarmonic, Optimum]:
     """First circumferential harmonic of the disk by its joint fit, and the optimum of that."""
-    problem = joint_problem([fit.side])
+    problem = joint_problem([fit.block])
     start = np.append(fit.theta, np.zeros(len(problem.names) - len(fit.theta)))
     best = minimise(problem, start, tolerance=TOLERANCE)
     harmonic = harmonic_from_fit(
         best.theta[4:],
         best.covariance[4:, 4:],
-        nuisance_parameters([fit.side]),
+        nuisance_parameters([fit.block]),
         fit.disk,
         float(np.exp(best.theta[LOG_H])),
         harmonic_prior(test, fit.disk),

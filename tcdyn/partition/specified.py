@@ -47,7 +47,7 @@ def specified_effects(
             effects[parameter] = u.film_along_rel * change
     if u.flux_shift_mm:
         effects[FLUX_SHIFT] = 1e-3 * u.flux_shift_mm * flux_shift_effect(rim, share, h_W_m2K)
-    if surface.measured and surface.air_u_K:
+    if surface.is_measured and surface.air_u_K:
         effects[SURFACE_AIR] = surface_air_effect(rim, h_W_m2K, surface.air_u_K)
     if u.conductivity_slope_per_K:
         effects[CONDUCTIVITY_SLOPE] = conductivity_slope_effect(

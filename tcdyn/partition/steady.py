@@ -258,8 +258,8 @@ def disk_line(
     window = lagged_window(test, disk, rows, profile)
     used = window.used_channels.astype(float)
     channel_weights = used if weights is None else weights * used
-    steady = window.at_s < test.events.unload_s - END_GAP_S
-    boundary, power = (x[:, steady] for x in window.rim.answer(H_GRID_W_M2K))
+    steady = window.block_time_s < test.events.unload_s - END_GAP_S
+    boundary, power = (x[:, steady] for x in window.rim.response(H_GRID_W_M2K))
     steady_fit = steady_map(window.y[steady], boundary, power, weights=channel_weights)
     line = steady_fit.line
     compute = partial(_line_sensitivity, test, disk, window, line, power, channel_weights, steady)
@@ -321,7 +321,7 @@ def _cooling_rows(test: EhlTest) -> slice:
 
 
 def with_inner_row_at_one_radius(test: EhlTest) -> EhlTest:
-    """The test with ``inner_K``, the correction of the inner row to one radius, of both disks.
+    """The test with ``inner_offset_K``, the correction of the inner row to one radius, of both disks.
 
     Notes
     -----
@@ -331,9 +331,9 @@ def with_inner_row_at_one_radius(test: EhlTest) -> EhlTest:
     law's share and h, gives what they would read there. First order in the difference: good for
     some tenths of a millimetre. Disks whose inner row has one depth are not changed."""
     depth_differences = {
-        name: disk.setup.deeper_than_edge_m
+        name: disk.setup.depth_below_edge_m
         for name, disk in test.disks.items()
-        if np.any(disk.setup.deeper_than_edge_m)
+        if np.any(disk.setup.depth_below_edge_m)
     }
     if not depth_differences:
         return test
@@ -351,12 +351,12 @@ def with_inner_row_at_one_radius(test: EhlTest) -> EhlTest:
 def _at_one_radius(
     test: EhlTest, disk: DiskTraces, rows: slice, deeper_m: Array, share: float, h_W_m2K: float
 ) -> DiskTraces:
-    """The traces with ``inner_K`` by the gradient at (share, h)."""
-    correction = np.zeros_like(disk.inner_K)
+    """The traces with ``inner_offset_K`` by the gradient at (share, h)."""
+    correction = np.zeros_like(disk.inner_offset_K)
     gradient = inner_gradient(lagged_window(test, disk, rows), share, h_W_m2K)
     correction[rows] = gradient * deeper_m
     correction[rows.stop :] = correction[rows.stop - 1]
-    return replace(disk, inner_K=correction)
+    return replace(disk, inner_offset_K=correction)
 
 
 def with_linear_steel(test: EhlTest) -> EhlTest:
@@ -392,7 +392,7 @@ def _linear_steel(
     """The disk ``d`` linearised at (share, h), or without ``point`` at the rim's temperature."""
     window = lagged_window(test, test.disks[d], rows)
     rim = window.rim
-    since_s = window.at_s - test.events.unload_s
+    since_s = window.block_time_s - test.events.unload_s
     last = (since_s >= -SURFACE_MEAN_S) & (since_s < -END_GAP_S)
     air_degC = float(rim.inputs[last, rim.ambient_index].mean())
     rim_degC = float(rim.inputs[last, rim.inner_inputs].mean())
@@ -408,6 +408,6 @@ def surface_degC(window: DiskWindow, share: float, h_W_m2K: float) -> Array:
     z_m = (np.arange(N_SURFACE_POINTS) + 0.5) / N_SURFACE_POINTS * setup.width_m
     points = tuple((SURFACE_DEPTH_M, float(z)) for z in z_m)
     boundary, power = (
-        x[:, len(setup.outer) :].mean(axis=1) for x in window.rim.answer(h_W_m2K, extra=points)
+        x[:, len(setup.outer) :].mean(axis=1) for x in window.rim.response(h_W_m2K, extra=points)
     )
     return np.asarray(boundary + share * power)

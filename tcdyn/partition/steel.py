@@ -47,8 +47,8 @@ def linear_about(
     In Kirchhoff's temperature (see ``SteelSlopes.straight``): k_m = k((T_A + T_s)/2), and
     rho c_m = rho c(T) k_m / k(T) at the rim's T, so that the diffusivity is the rim's.
     """
-    steel = setup.steel.about(air_degC, surface_degC)
-    k = steel.conductivity(steel.middle_degC)
+    steel = setup.steel.linearised_about(air_degC, surface_degC)
+    k = steel.conductivity(steel.mean_degC)
     k_rim = steel.conductivity(rim_degC)
     return replace(
         setup,
@@ -70,23 +70,25 @@ def conductivity_slope_effect(
     steel = rim.setup.steel
     gains = rim.gains(h_W_m2K)
     rim_degC = float(rim.inputs[:, rim.inner_inputs].mean())
-    slope_rel = u_per_K / steel.conductivity(steel.middle_degC)
-    conductivity = slope_rel * (steel.middle_degC - steel.reference_degC)
+    slope_rel = u_per_K / steel.conductivity(steel.mean_degC)
+    conductivity = slope_rel * (steel.mean_degC - steel.reference_degC)
     at_rim = u_per_K * (rim_degC - steel.reference_degC) / steel.conductivity(rim_degC)
     perturbation = Perturbation(conductivity=conductivity, heat_capacity=conductivity - at_rim)
-    boundary, power = rim.answer(h_W_m2K)
-    perturbed_boundary, perturbed_power = rim.answer(h_W_m2K, perturbation)
+    boundary, power = rim.response(h_W_m2K)
+    perturbed_boundary, perturbed_power = rim.response(h_W_m2K, perturbation)
     predicted = boundary + share * power
     perturbed = perturbed_boundary + share * perturbed_power
     width = max(int(round(SMOOTH_S / dt_s)), 1)
-    readings = window.readings[:, rim.setup.places(rim.setup.inner)]
+    readings = window.readings[:, rim.setup.channel_indices(rim.setup.inner)]
     smooth = uniform_filter1d(readings, width, axis=0, mode="nearest")
-    inner = slope_rel * steel.bend(smooth)
+    inner = slope_rel * steel.kirchhoff_curvature(smooth)
     by_inner = window.blocks @ inner @ gains.direct[rim.inner_inputs]
     for k, column in enumerate(inner.T, start=1):
         bank = lag_basis_means(column, dt_s, rim.rates_1_s, window.counts)
         by_inner = by_inner + bank @ gains.gains[k].T
-    return np.asarray(perturbed - predicted + by_inner - slope_rel * steel.bend(predicted))
+    return np.asarray(
+        perturbed - predicted + by_inner - slope_rel * steel.kirchhoff_curvature(predicted)
+    )
 
 
 def specific_heat_slope_effect(
@@ -96,8 +98,8 @@ def specific_heat_slope_effect(
     steel = rim.setup.steel
     rim_degC = float(rim.inputs[:, rim.inner_inputs].mean())
     heat_capacity = u_per_K * (rim_degC - steel.reference_degC) / steel.specific_heat(rim_degC)
-    boundary, power = rim.answer(h_W_m2K)
-    perturbed_boundary, perturbed_power = rim.answer(
+    boundary, power = rim.response(h_W_m2K)
+    perturbed_boundary, perturbed_power = rim.response(
         h_W_m2K, Perturbation(heat_capacity=heat_capacity)
     )
     return np.asarray(perturbed_boundary - boundary + share * (perturbed_power - power))

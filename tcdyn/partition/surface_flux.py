@@ -26,7 +26,7 @@ def with_surface_air(test: EhlTest) -> EhlTest:
     offsets = {}
     for name, disk in test.disks.items():
         offset = constant_speed_air_offset(test, disk)
-        if disk.setup.surface.measured or offset.any():
+        if disk.setup.surface.is_measured or offset.any():
             offsets[name] = offset
     if not offsets:
         return test
@@ -37,7 +37,7 @@ def constant_speed_air_offset(test: EhlTest, disk: DiskTraces) -> Array:
     """Columns (N, 2) of the air offset at constant speed: T_a less ambient, and zero [K]."""
     surface = disk.setup.surface
     ambient = test.ambient_of(disk.name)
-    if surface.measured:
+    if surface.is_measured:
         offset = surface.air_degC - ambient
     elif disk.name in test.air:
         offset = test.air[disk.name].surface - ambient
@@ -54,7 +54,7 @@ def surface_air_effect(rim: RimMeans, h_W_m2K: float, u_K: float) -> Array:
 
 def log_h_prior(surface: SurfaceFlux) -> tuple[float, float]:
     """Prior mean and standard deviation of log h [W/m2K]; infinite unless measured."""
-    if not surface.measured:
+    if not surface.is_measured:
         return 0.0, np.inf
     h = surface.heat_transfer_W_m2K
     return float(np.log(h)), max(surface.heat_transfer_u_W_m2K / h, MIN_H_U_REL)

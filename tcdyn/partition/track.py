@@ -31,8 +31,8 @@ def flux_shift_effect(rim: RimMeans, share: float, h_W_m2K: float) -> Array:
 
     Because of the positions of d and f about b, the sign of a shift is each disk's own.
     """
-    boundary, power = rim.answer(h_W_m2K, Perturbation(shift_m=SHIFT_STEP_M))
-    other_boundary, other_power = rim.answer(h_W_m2K, Perturbation(shift_m=-SHIFT_STEP_M))
+    boundary, power = rim.response(h_W_m2K, Perturbation(shift_m=SHIFT_STEP_M))
+    other_boundary, other_power = rim.response(h_W_m2K, Perturbation(shift_m=-SHIFT_STEP_M))
     change = boundary - other_boundary + share * (power - other_power)
     return np.asarray(change / (2 * SHIFT_STEP_M))
 
@@ -46,8 +46,8 @@ def h_profile_effects(
     """
     effects = {}
     for parameter, (up, down) in H_PROFILE_STEPS.items():
-        boundary_up, power_up = rim.answer(h_W_m2K, up)
-        boundary_down, power_down = rim.answer(h_W_m2K, down)
+        boundary_up, power_up = rim.response(h_W_m2K, up)
+        boundary_down, power_down = rim.response(h_W_m2K, down)
         change = (boundary_up + share * power_up) - (boundary_down + share * power_down)
         effects[parameter] = np.asarray(change) / (2 * H_PROFILE_STEP)
     return effects
@@ -59,7 +59,7 @@ def unresolved_edge_effect(rim: RimMeans, h_W_m2K: float) -> Array | None:
     Returns (P,) [K], or None where the inner row determines the profile along z.
     """
     disk = Rim.from_setup(rim.setup)
-    z = disk.unseen_z_m
+    z = disk.undetermined_z_m
     if z is None:
         return None
     wider = replace(disk, boundary_z_m=(*disk.boundary_z_m, z))

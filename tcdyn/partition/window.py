@@ -228,7 +228,7 @@ class RimMeans:
         out.__dict__["_gains_cache"] = self._gains_cache
         return out
 
-    def answer(
+    def response(
         self, h_W_m2K: ArrayLike, p: Perturbation = NOMINAL, extra: tuple[Point, ...] = ()
     ) -> tuple[Array, Array]:
         """Response without heat, and to a share of one; (..., R, P) each, P with ``extra``."""
@@ -243,7 +243,7 @@ class RimMeans:
 
     def gradient(self, h_W_m2K: ArrayLike, p: Perturbation = NOMINAL) -> tuple[Array, Array]:
         """Radial gradient at the inner row without heat, and per share, (..., R, k) [K/m]."""
-        boundary, power = self.answer(h_W_m2K, p, self.points_inside)
+        boundary, power = self.response(h_W_m2K, p, self.points_inside)
         n_outer = len(self.setup.outer)
         rise = boundary[..., n_outer:] - self.inputs[:, self.inner_inputs]
         return rise / GRADIENT_STEP_M, power[..., n_outer:] / GRADIENT_STEP_M
@@ -263,7 +263,7 @@ class DiskWindow:
         Times of the samples, (N,).
     blocks
         Averaging matrix, (R, N).
-    at_s
+    block_time_s
         Mean time of each block, (R,).
     counts
         Number of samples in each block, (R,).
@@ -280,7 +280,7 @@ class DiskWindow:
     readings: Array
     time_s: Array
     blocks: sparse.csr_array
-    at_s: Array
+    block_time_s: Array
     counts: NDArray[np.int64]
     y: Array
     weight: Array
@@ -362,9 +362,9 @@ def disk_window(
     a second later."""
     dt = test.dt_s
     time_s = test.time_s[rows]
-    steel_K = disk.setup.steel.straight(temperatures)
-    inner_row = disk.setup.places(disk.setup.inner)
-    outer_row = disk.setup.places(disk.setup.outer)
+    steel_K = disk.setup.steel.kirchhoff_temperature(temperatures)
+    inner_row = disk.setup.channel_indices(disk.setup.inner)
+    outer_row = disk.setup.channel_indices(disk.setup.outer)
     blocks, counts = _averaging_matrix(test, time_s)
     missing = disk.missing[rows][:, outer_row].astype(float)
     observed = np.maximum(1.0 - blocks @ missing, MIN_OBSERVED_FRACTION)
@@ -376,7 +376,7 @@ def disk_window(
         power_bank = blocks @ lag_basis(power, dt, rates, **hold)
     else:
         power_bank = lag_basis_means(power, dt, rates, counts)
-    inner = steel_K[:, inner_row] + disk.inner_K[rows]
+    inner = steel_K[:, inner_row] + disk.inner_offset_K[rows]
     ambient = test.ambient_of(disk.name)[rows]
     boundary = [*inner.T, ambient, *lagged_surface_air(test, disk, rows, chain)]
     inputs = blocks @ np.column_stack([power, *boundary])
@@ -387,10 +387,10 @@ def disk_window(
         readings=disk.readings_degC[rows] if chain is None else temperatures,
         time_s=time_s,
         blocks=blocks,
-        at_s=blocks @ time_s,
+        block_time_s=blocks @ time_s,
         counts=counts,
         y=blocks @ steel_K[:, outer_row],
-        weight=weight * ~disk.out[outer_row],
+        weight=weight * ~disk.excluded_mask[outer_row],
         rim=RimMeans(
             disk.setup, test.half_width_m, rates, inputs=inputs, banks=banks, profile=profile
         ),
@@ -435,7 +435,7 @@ def lagged_window(
 def interpolate_blocks(window: DiskWindow, of_blocks: Array) -> Array:
     """Block means (R, M) linearly interpolated to the samples, (N, M)."""
     return np.column_stack(
-        [np.interp(window.time_s, window.at_s, column) for column in of_blocks.T]
+        [np.interp(window.time_s, window.block_time_s, column) for column in of_blocks.T]
     )
 
 
@@ -466,8 +466,8 @@ def lagged_power(test: EhlTest, rows: slice, chain: Chain | None) -> tuple[Array
     ends = 0 <= k < len(time_s) - 1 and power[k] > 0 and power[k + 1] == 0
     fraction = float((unload_s - time_s[k]) / test.dt_s) if ends else 1.0
     if chain is None:
-        switches = (InputJump(k, fraction, float(power[k]), 0.0),) if ends else ()
-        return power, {"hold": "zoh", "switches": switches}
+        jumps = (InputJump(k, fraction, float(power[k]), 0.0),) if ends else ()
+        return power, {"hold": "zoh", "jumps": jumps}
     averaged = power.copy()
     averaged[max(k, 0)] *= fraction
     return chain.response(averaged, test.dt_s, hold="zoh"), {}

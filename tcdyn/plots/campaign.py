@@ -216,7 +216,7 @@ def draw_joined_beta(joined: JoinedCampaign, ax: Axes, against: str = "delta_T_u
     for trend_line in joined.trends:
         if trend_line.against == (against,):
             grid = np.linspace(x.min(), x.max(), 50)
-            line, u = trend_line.at(grid)
+            line, u = trend_line.evaluate(grid)
             label = "line, generalised least squares"
             ax.fill_between(grid, line - Z95 * u, line + Z95 * u, color=PALE, zorder=0)
             ax.plot(grid, line, ":", color=TRUTH, linewidth=1, label=label)
@@ -226,7 +226,7 @@ def draw_joined_beta(joined: JoinedCampaign, ax: Axes, against: str = "delta_T_u
         style = SERIES_LINES[k % len(SERIES_LINES)]
         colour = DISK_COLOUR["fast"]
         ax.plot(curve.x, curve.beta, style, color=colour, linewidth=1.2, label=curve.file)
-    name_points(ax, x, [name.removeprefix("EHL_") for name in posterior.order])
+    name_points(ax, x, [name.removeprefix("EHL_") for name in posterior.test_names])
     return style_axes(ax, X_LABELS[against], "heat partition β [1]", legend=True)
 
 
@@ -235,7 +235,7 @@ def draw_exponent(joined: JoinedCampaign, ax: Axes) -> Axes:
 
     Bars are the 95 % intervals within the campaign, the band that of the common exponent.
     """
-    law = joined.law
+    law = joined.speed_law
     x = np.array([test.conditions["entraining_speed_m_s"] for test in joined.posterior.tests])
     common = law.exponent
     ax.axhspan(common.low95, common.high95, color=PALE, zorder=0, label="all tests, 95 %")

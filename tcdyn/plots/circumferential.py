@@ -41,7 +41,7 @@ def draw_middle_plane(around: CircumferentialTemperature, ax: Axes) -> Axes:
         if not CLIPPED < text.get_position()[1] / depth.max() < 1 - CLIPPED:
             text.remove()
     ax.figure.colorbar(filled, ax=ax, label="middle plane [°C]")
-    for name, reading in around.seen_degC.items():
+    for name, reading in around.reading_degC.items():
         _draw_junction(around.setup, name, reading, ax)
     ax.set_ylim(1.02 * depth.max(), 0.0)
     y = "depth below the running surface [mm]"
@@ -108,7 +108,7 @@ def draw_fit(setup: DiskSetup, ax: Axes) -> Axes:
     """
     edges = np.arange(0.0, 360.0 + STEP_DEG, STEP_DEG, dtype=np.float64)
     angle = 0.5 * (edges[1:] + edges[:-1])
-    sectors = setup.fit.sectors(1e3 * setup.bore_radius_m)
+    sectors = setup.press_fit.sectors(1e3 * setup.bore_radius_m)
     bearing = 1e-3 * press_fit_conductance(setup)[1]
     conductance = bearing * mean_shares(sectors, edges)
     c = bearing * harmonics(sectors, 2)

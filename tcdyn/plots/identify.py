@@ -54,7 +54,7 @@ def draw_fit(fit: Fit, ax: Axes, segment: int = 0) -> Axes:
     measured = f"{model.output_name} measured"
     ax.plot(t, data.y, ".", markersize=2.5, color=GREY, label=measured)
     simulated = f"{model.model.name} simulated"
-    ax.plot(t, fit.simulated()[segment], color=TRUTH, linewidth=1.3, label=simulated)
+    ax.plot(t, fit.simulate_segments()[segment], color=TRUTH, linewidth=1.3, label=simulated)
 
     style = _input_style(fit.problem.hold)
     input_axis = ax.twinx()
@@ -98,7 +98,7 @@ def draw_data(data: IOData, ax: Axes, run: int = 0) -> Axes:
 
 def draw_poles(model: Identified, ax: Axes) -> Axes:
     """Plot poles (crosses) and zeros (rings) of a model with their 95 % regions."""
-    for k, (name, part) in enumerate(model.parts.items()):
+    for k, (name, part) in enumerate(model.by_input.items()):
         colour = INPUT_COLOURS[k % len(INPUT_COLOURS)]
         roots = roots_of(part) if part.gain else ()
         for root in roots:
@@ -106,7 +106,7 @@ def draw_poles(model: Identified, ax: Axes) -> Axes:
         ax.plot([], [], "x", color=colour, label=name)
     ax.axhline(0.0, color=DARK, linewidth=0.6)
     ax.axvline(0.0, color=DARK, linewidth=0.6)
-    return style_axes(ax, "real part [1/s]", "imaginary part [1/s]", legend=len(model.parts) > 1)
+    return style_axes(ax, "real part [1/s]", "imaginary part [1/s]", legend=len(model.by_input) > 1)
 
 
 def _draw_root(root: Root, colour: str, ax: Axes) -> None:
@@ -190,14 +190,14 @@ def fit_figure(fit: Fit) -> Figure:
 
 def dynamics_figure(model: Identified) -> Figure:
     """Return step response, Bode diagram, poles and zeros: two rows for each input with a gain."""
-    parts = {name: part for name, part in model.parts.items() if part.gain}
+    parts = {name: part for name, part in model.by_input.items() if part.gain}
     fig, axes = figure(2 * len(parts), 2, 9.0, 6.0 * len(parts))
     for k, (name, part) in enumerate(parts.items()):
         step, magnitude, phase, roots = axes[4 * k : 4 * k + 4]
         draw_step(part, step)
         draw_bode(part, magnitude, phase)
         draw_poles(part, roots)
-        if len(model.parts) > 1:
+        if len(model.by_input) > 1:
             step.set_title(f"from {name}: {part.model.name}")
     return fig
 

@@ -51,7 +51,7 @@ def plotted_channels(setup: DiskSetup, excluded: Collection[str]) -> dict[str, s
     {'e': '-', 'b': ':'}
     """
     outer_row = [c for c in setup.outer if c != setup.shallowest] or setup.outer
-    central_outer = min(outer_row, key=setup.off_centre_m)
+    central_outer = min(outer_row, key=setup.distance_from_centre_m)
     channels = (setup.shallowest, central_outer, setup.edge)
     return {c: style for c, style in zip(channels, STYLES) if c not in excluded}
 
@@ -72,7 +72,7 @@ def draw_unloading(
     record = p.test.disks[disk]
     setup = record.setup
     colour = DISK_COLOUR[disk]
-    for channel, style in plotted_channels(setup, record.left_out).items():
+    for channel, style in plotted_channels(setup, record.excluded).items():
         i = setup.channels.index(channel)
         ax.plot(t[near], record.readings_degC[p.rows][near, i], color=GREY, linewidth=0.7)
         label = f"{channel}, {setup.junctions[channel].depth_m * 1e3:g} mm deep, compensated"
@@ -97,9 +97,9 @@ def draw_fit(
         Time before and after the unloading [s].
     """
     blocks = compare_joint_fit(p, disk)
-    near = np.abs(blocks.at_s) <= around_s
-    t = blocks.at_s[near]
-    band = 2 * np.nanmedian(blocks.sd[near], axis=1)
+    near = np.abs(blocks.time_since_unloading_s) <= around_s
+    t = blocks.time_since_unloading_s[near]
+    band = 2 * np.nanmedian(blocks.sd_K[near], axis=1)
     lower.fill_between(t, -band, band, color=PALE, step="mid", linewidth=0)
     in_window = np.abs(t[:, None] - t) <= RUNNING_MEAN_S / 2
     points: dict[str, Any] = {
@@ -109,7 +109,7 @@ def draw_fit(
         "markeredgewidth": 0,
     }
     for k, (channel, marker) in enumerate(zip(blocks.channels, ("o", "s", "^", "D", "v", "P"))):
-        if channel in p.test.disks[disk].left_out:
+        if channel in p.test.disks[disk].excluded:
             continue
         line: dict[str, Any] = {
             "color": TRUTH,
@@ -117,8 +117,8 @@ def draw_fit(
             "linestyle": STYLES[k % len(STYLES)],
             "label": channel,
         }
-        measured = blocks.measured[near, k]
-        model = blocks.model[near, k]
+        measured = blocks.readings_degC[near, k]
+        model = blocks.model_degC[near, k]
         upper.plot(t, measured, alpha=0.5, marker=marker, **points)
         upper.plot(t, model, **line)
         residual = measured - model
@@ -138,9 +138,9 @@ def draw_lines(p: Partition, ax: Axes, truth: float | None = None) -> Axes:
     for disk in DISKS:
         _steady_line(ax, p.lines[disk].line, disk, h, f"{disk} steady line")
         estimates = (
-            (p.answers[f"h_{disk}"], p.answers["speed law"], "speed law"),
-            (p.answers[f"h cooling {disk}"], p.answers[f"cooling {disk}"], "cooling fit"),
-            (p.answers[f"h joint {disk}"], p.answers[f"joint {disk}"], "joint fit"),
+            (p.estimates[f"h_{disk}"], p.estimates["speed law"], "speed law"),
+            (p.estimates[f"h cooling {disk}"], p.estimates[f"cooling {disk}"], "cooling fit"),
+            (p.estimates[f"h joint {disk}"], p.estimates[f"joint {disk}"], "joint fit"),
         )
         for k, (h_estimate, beta, name) in enumerate(estimates):
             _point(ax, h_estimate, beta, k, disk, f"{name}, {disk}")
@@ -154,12 +154,12 @@ def draw_lines(p: Partition, ax: Axes, truth: float | None = None) -> Axes:
 
 def draw_line(p: OneDisk, ax: Axes) -> Axes:
     """Plot the steady line of the only disk as beta over h, with the estimates of its two fits."""
-    h_max = 1.25 * max(p.answers[f"h {name}"].value for name in ESTIMATORS)
+    h_max = 1.25 * max(p.estimates[f"h {name}"].value for name in ESTIMATORS)
     h = np.array([0.0, h_max])
     _steady_line(ax, p.line.line, p.disk, h, "steady line")
     for k, name in enumerate(("cooling", "joint"), start=1):
-        if name not in p.withheld:
-            _point(ax, p.answers[f"h {name}"], p.answers[name], k, p.disk, f"{name} fit")
+        if name not in p.impossible:
+            _point(ax, p.estimates[f"h {name}"], p.estimates[name], k, p.disk, f"{name} fit")
     ax.set_xlim(0, h_max)
     x = f"h of the {p.disk} disk [W/m²K]"
     return style_axes(ax, x, "heat partition β [1]", legend=True)
@@ -222,10 +222,14 @@ def _estimates(p: Partition | OneDisk) -> list[tuple[str, Estimate]]:
     """Return the estimators of beta with their estimates, without those that are withheld."""
     if isinstance(p, OneDisk):
         return [
-            (f"{name} {p.disk}", p.answers[name]) for name in ESTIMATORS if name not in p.withheld
+            (f"{name} {p.disk}", p.estimates[name])
+            for name in ESTIMATORS
+            if name not in p.impossible
         ]
-    estimates = [(name, beta) for name, beta in p.ways.items() if name not in p.withheld]
-    if "both beta" in p.withheld:
+    estimates = [
+        (name, beta) for name, beta in p.beta_by_estimator.items() if name not in p.impossible
+    ]
+    if "both beta" in p.impossible:
         return estimates
     return [("joint, both disks", p.both.estimates["beta"]), *estimates]
 
@@ -324,7 +328,7 @@ def draw_temperatures(p: Partition | OneDisk, ax: Axes) -> Axes:
     t = p.test.time_s[rows]
     for disk, record in sorted(p.test.disks.items()):
         width = 1.8 if disk == "fast" else 1
-        for channel, style in plotted_channels(record.setup, record.left_out).items():
+        for channel, style in plotted_channels(record.setup, record.excluded).items():
             y = record.readings_degC[rows, record.setup.channels.index(channel)]
             line: dict[str, Any] = {"color": DISK_COLOUR[disk], "linestyle": style}
             ax.plot(t, y, linewidth=width, label=f"{disk} {channel}", **line)
@@ -339,7 +343,7 @@ def draw_angular_harmonic(p: Partition | OneDisk, disk: str, ax: Axes) -> Axes:
     The colour is the temperature above the mean around the disk. Where the harmonic is
     significant, an arrow points to the hottest side and the title states its amplitude and angle.
     """
-    harmonic = p.uneven if isinstance(p, OneDisk) else p.both.uneven[disk]
+    harmonic = p.harmonic if isinstance(p, OneDisk) else p.both.harmonics[disk]
     setup = p.test.disks[disk].setup
     amplitude = harmonic.amplitude_K
     angle = harmonic.angle_deg

@@ -59,8 +59,8 @@ def draw_profile(profile: pd.DataFrame, ax: Axes) -> Axes:
     ax.plot(profile["value"], profile["deviance"], ".-", **style)
     ax.axhline(DEVIANCE_95, color=TRUTH, linestyle=":", linewidth=0.9)
     (interval,) = intervals(profile)
-    low = interval.low_seen if interval.low95 is None else interval.low95
-    high = interval.high_seen if interval.high95 is None else interval.high95
+    low = interval.profile_low if interval.low95 is None else interval.low95
+    high = interval.profile_high if interval.high95 is None else interval.high95
     bar: dict[str, Any] = {"linewidth": 3, "solid_capstyle": "butt", "alpha": 0.6}
     ax.plot([low, high], [DEVIANCE_95, DEVIANCE_95], color=colour, **bar)
     if interval.low95 is None:
@@ -175,7 +175,7 @@ def draw_model_forms(alternatives: ModelForms, ax: Axes) -> Axes:
     Bars are 95 % intervals; a probable alternative is black, an improbable one grey. The band is
     the 95 % range over all of them.
     """
-    fits = alternatives.tried
+    fits = alternatives.forms
     low = alternatives.low95
     high = alternatives.high95
     ax.axvspan(low, high, color=PALE, zorder=0, label="95 % over all of them")
@@ -198,14 +198,14 @@ def draw_junctions(tests: Mapping[str, DepthTest], ax: Axes) -> Axes:
 
     The grey band is the 95 % interval of the nominal depths of rig.toml. ``tests``: by disk.
     """
-    nominal_u_mm = max(test.stated_u_m for test in tests.values()) * 1e3
+    nominal_u_mm = max(test.nominal_u_m for test in tests.values()) * 1e3
     half_width = Z95 * nominal_u_mm
     ax.axhspan(-half_width, half_width, color=PALE, zorder=0, label="nominal, 95 %")
     deeper_mm = {
-        disk: {channel: deeper_m.times(1e3) for channel, deeper_m in test.deeper_m.items()}
+        disk: {channel: deeper_m.scaled(1e3) for channel, deeper_m in test.deeper_m.items()}
         for disk, test in tests.items()
     }
-    excluded = [channel for test in tests.values() for channel in test.left_out]
+    excluded = [channel for test in tests.values() for channel in test.excluded]
     draw_depth_errors(deeper_mm, ax, "{} disk, by this test alone, 95 %", excluded)
     above: dict[str, Any] = {"ncols": 3, "loc": "lower left", "bbox_to_anchor": (0.0, 1.0)}
     return style_axes(ax, "junction", "deeper than nominal [mm]", **above)

@@ -86,11 +86,11 @@ def main_result(p: Partition) -> MainResult:
         detail = "the result of the fit of both disks is impossible, or its power is far off"
         return MainResult("no β", detail, p.status)
     beta = p.both.estimates["beta"]
-    forms = p.structures
-    n_alternatives = len(forms.tried) - 1
+    forms = p.model_forms
+    n_alternatives = len(forms.forms) - 1
     return MainResult(
         f"β = {beta}",
-        f"95 %: {beta.interval}; over {n_alternatives} other structures of the test "
+        f"95 %: {beta.interval_text}; over {n_alternatives} other structures of the test "
         f"{forms.low95:.3f} to {forms.high95:.3f}",
         p.status,
     )
@@ -154,7 +154,7 @@ def structure_section(p: Partition) -> Section:
         "assume; the probability weighs how well it explains both disks and whether the exponent "
         "that it implies is the speed law's.",
         table=structures_table(p),
-        figure=panel_figure(partial(draw_model_forms, p.structures), height_in=5.2),
+        figure=panel_figure(partial(draw_model_forms, p.model_forms), height_in=5.2),
         caption="Bars are 95 % intervals, darker the likelier; the band is the 95 % range over "
         "all of them.",
     )
@@ -163,7 +163,7 @@ def structure_section(p: Partition) -> Section:
 def uncertainty_sections(p: Partition) -> list[Section]:
     """Return the budget, the influence of the exponent, and the error maps of the steady lines."""
     largest = ", ".join(list(joint_budget(p))[:3])
-    n_draws = len(next(iter(p.budget.draws.values())))
+    n_draws = len(next(iter(p.budget.samples.values())))
     maps = [partial(draw.draw_map, p, d) for d in DISKS]
     return [
         Section(
@@ -265,7 +265,7 @@ def _sensor_map_section(sensors: SensorCheck, disk: str) -> Section:
     # Each pair has one cell.
     upper_half = matrix.iloc[:-1].drop(columns=matrix.columns[1])
     text = (
-        f"{sensors.said[disk]} Bulk temperature {sensors.bulk_degC[disk]:.1f} degC.\n\nOf each "
+        f"{sensors.texts[disk]} Bulk temperature {sensors.bulk_degC[disk]:.1f} degC.\n\nOf each "
         "pair: logical where the two differ as their positions require, weak within two standard "
         "uncertainties, illogical where they differ the other way, N.A. where their positions do "
         "not determine which is hotter."
@@ -275,7 +275,7 @@ def _sensor_map_section(sensors: SensorCheck, disk: str) -> Section:
 
 def verdict(p: Partition | OneDisk) -> str:
     """Return the recommended beta, and whether its estimates agree."""
-    recommendation = p.headline.sentence.replace("beta =", "β =", 1)
+    recommendation = p.recommendation.sentence.replace("beta =", "β =", 1)
     return f"{recommendation}\n\n{p.crosscheck.sentence}"
 
 
@@ -356,7 +356,9 @@ def write_tests(
         verdicts.append(prefix + verdict(p))
         main_results.append(replace(result, value=prefix + result.value))
         # ``noticed`` has no verdict, which stands above.
-        findings += p.noticed if single else [finding.at(name) for finding in p.noticed]
+        findings += (
+            p.analysis_findings if single else [finding.at(name) for finding in p.analysis_findings]
+        )
         assumptions += [line for line in beta_assumptions(p) if line not in assumptions]
     return write_page(
         path,

@@ -88,7 +88,7 @@ def joined_result(joined: JoinedCampaign) -> MainResult:
     """Return the range of beta over the tests with both uncertainties, and the exponent n."""
     posterior = joined.posterior
     ranked = sorted(
-        zip(posterior.estimates, posterior.order), key=lambda test: test[0]["beta"].value
+        zip(posterior.estimates, posterior.test_names), key=lambda test: test[0]["beta"].value
     )
     lowest, lowest_name = ranked[0]
     highest, highest_name = ranked[-1]
@@ -101,7 +101,7 @@ def joined_result(joined: JoinedCampaign) -> MainResult:
     return MainResult(
         f"β = {low} to {high}",
         f"{names} of {len(posterior.tests)} tests; u {u_within:.4f} at most within the campaign, "
-        f"{u_absolute:.4f} absolute; exponent of the speed law n = {joined.law.exponent.plain()}",
+        f"{u_absolute:.4f} absolute; exponent of the speed law n = {joined.speed_law.exponent.text_without_interval()}",
     )
 
 
@@ -132,16 +132,16 @@ def trend_sentence(joined: JoinedCampaign) -> str:
     if trend is None or trend.against != ("delta_T_us_K_m_s",):
         return "A line over ΔT u_s needs three set points."
     label, unit, scale = CONDITIONS[trend.against[0]]
-    slope = trend.slopes[0].times(scale)
+    slope = trend.slopes[0].scaled(scale)
     if trend.p_value[0] < SIGNIFICANCE:
         conclusion = f"β changes with {label}"
     else:
         conclusion = f"these tests do not show that β depends on {label}"
     text = (
-        f"The line over {len(joined.posterior.tests)} tests has the slope {slope.plain()} per "
-        f"{unit} (95 % interval {slope.interval}): {conclusion}."
+        f"The line over {len(joined.posterior.tests)} tests has the slope {slope.text_without_interval()} per "
+        f"{unit} (95 % interval {slope.interval_text}): {conclusion}."
     )
-    if trend.enough < SCATTER_P:
+    if trend.line_p_value < SCATTER_P:
         text += (
             f" About the line the tests scatter by {trend.scatter:.4f} more than their "
             f"uncertainties: {label} is not the only cause."
@@ -154,7 +154,7 @@ def trend_lines(joined: JoinedCampaign) -> pd.DataFrame:
     rows = []
     for r in trend_rows(joined).to_dict("records"):
         label, unit, scale = CONDITIONS[r["over"]]
-        slope = r["slope"].times(scale)
+        slope = r["slope"].scaled(scale)
         conditions = [CONDITIONS[name][0] for name in str(r["with"]).split(", ") if name]
         if conditions:
             label += f" (with {', '.join(conditions)})"
@@ -162,7 +162,7 @@ def trend_lines(joined: JoinedCampaign) -> pd.DataFrame:
         rows.append(
             {
                 "β over": label,
-                "slope": f"{typeset(slope.plain())} per {unit}",
+                "slope": f"{typeset(slope.text_without_interval())} per {unit}",
                 "95 % interval": slope.interval,
                 "chance if zero": p,
                 "scatter [1]": f"{r['scatter']:.4f}",
@@ -173,14 +173,14 @@ def trend_lines(joined: JoinedCampaign) -> pd.DataFrame:
 
 def exponent_text(joined: JoinedCampaign) -> str:
     """Return n of all tests, whether one power is enough, and what limits n."""
-    law = joined.law
+    law = joined.speed_law
     tests = joined.posterior.tests
     nominal = tests[0].conditions["speed_exponent"]
-    text = f"n = {law.exponent.plain()} from {len(tests)} tests; rig.toml assumes {nominal:g}."
+    text = f"n = {law.exponent.text_without_interval()} from {len(tests)} tests; rig.toml assumes {nominal:g}."
     if law.by_speed is not None and law.p_value is not None:
         one_power = law.p_value > SIGNIFICANCE
         conclusion = "one power is enough" if one_power else "one power may not be enough"
-        change = law.by_speed.plain()
+        change = law.by_speed.text_without_interval()
         text += (
             f" While the speed doubles n changes by {change} (chance {law.p_value:.2g} if it did "
             f"not): {conclusion}."
@@ -204,7 +204,7 @@ def _model(test: CurveTest) -> str:
     text = (
         f"{test.curve.file}: chi-squared {test.chi2:.1f} on {n_tests} tests (chance "
         f"{test.p_value:.2g}); with its level free {test.shape_chi2:.1f} on {n_tests - 1} (chance "
-        f"{test.shape_p_value:.2g}), the tests lying {test.offset.plain()} above it."
+        f"{test.shape_p_value:.2g}), the tests lying {test.offset.text_without_interval()} above it."
     )
     if test.shape_rejected:
         text += (

@@ -50,7 +50,7 @@ def write_certificate(
         verdict=certificate_verdict(record),
         findings=record.findings,
         assumptions=certificate_assumptions(record),
-        footer=f"Made {record.made}.",
+        footer=f"Made {record.created_text}.",
     )
 
 
@@ -86,8 +86,8 @@ def summary_table(record: DiskRecord) -> pd.DataFrame:
             {
                 "channel": name,
                 "verdict": verdict,
-                "gain": line.gain_estimate.plain(),
-                "offset [degC]": line.offset_estimate.plain(),
+                "gain": line.gain_estimate.text_without_interval(),
+                "offset [degC]": line.offset_estimate.text_without_interval(),
                 "u at rest [K]": f"{u.min():.2g} to {u.max():.2g}",
             }
         )
@@ -107,7 +107,7 @@ def certificate_verdict(record: DiskRecord) -> str:
     if record.chain is not None:
         common = record.chain.common_lag_s
         largest_u = max(difference.u for difference in record.chain.differential_lag_s.values())
-        text += f"; common lag {common.plain('s')} (95 %: {common.interval} s)"
+        text += f"; common lag {common.text_without_interval('s')} (95 %: {common.interval_text} s)"
         text += f", each channel's difference from it to {largest_u:.2g} s"
         structures = record.fit.get("structures") or {}
         if structures.get("contradicted"):

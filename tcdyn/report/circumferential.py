@@ -22,7 +22,7 @@ def unevenness_section(p: Partition) -> Section:
     rows = []
     sentences = []
     for disk in DISKS:
-        harmonic = p.both.uneven[disk]
+        harmonic = p.both.harmonics[disk]
         setup = p.test.disks[disk].setup
         finding = harmonic.finding(disk)
         if finding is not None:

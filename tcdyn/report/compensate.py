@@ -75,12 +75,12 @@ def write_compensation_report(
     sections.append(Section("Metadata of the output", table=metadata, folded=True))
     return write_page(
         path,
-        f"Compensated traces: {compensated.raw.path.name}",
+        f"Compensated traces: {compensated.raw_log.path.name}",
         sections,
         verdict="\n\n".join(verdicts),
         findings=compensated.findings,
-        assumptions=compensation_assumptions(records, compensated.way.method),
-        sources=to_table([log_row(compensated.raw), *record_rows(records, files)]),
+        assumptions=compensation_assumptions(records, compensated.method.method),
+        sources=to_table([log_row(compensated.raw_log), *record_rows(records, files)]),
     )
 
 
@@ -111,7 +111,7 @@ def _verdict(compensated: CompensatedLog, disk: str, result: Compensated) -> str
     lag = compensated.metadata[f"{disk}_common_lag_s"]
     typical = f"{float(np.median(sd)):.2g}"
     return (
-        f"{disk} disk: {METHODS[compensated.way.method]} removed a common lag of {lag}; channel "
+        f"{disk} disk: {METHODS[compensated.method.method]} removed a common lag of {lag}; channel "
         f"{name} is then known to +- {typical} K (typical sample), +- {float(sd.max()):.2g} K at "
         "worst."
     )
@@ -131,7 +131,7 @@ def write_follow_report(
     It has one channel before and after, and the filter design report. ``files``: those of the
     records, in their order.
     """
-    report = plan.before_use()
+    report = plan.filter_report()
     delay_s = plan.settings.behind_s
     step_figure = panel_figure(partial(draw_filter_report, report), height_in=3.6)
     trace, n_rows = _followed(plan, log, out)
@@ -164,7 +164,7 @@ def _traces(compensated: CompensatedLog, disk: str, result: Compensated) -> Sect
     name = traces.setup.shallowest
     channel = traces.setup.channels.index(name)
     logged = np.zeros_like(result.temperature)
-    logged[:, channel] = compensated.raw.frame[traces.columns[channel]].to_numpy(dtype=float)
+    logged[:, channel] = compensated.raw_log.frame[traces.columns[channel]].to_numpy(dtype=float)
     fig, (full, close) = figure(1, 2, width_in=10.0)
     if compensated.events_s:
         centre_s = compensated.events_s[-1]
@@ -191,7 +191,7 @@ def _filter_section(
 ) -> Section:
     """Return the section with the properties of the compensation filter of each channel."""
     dt = float(np.median(np.diff(result.time_s)))
-    is_causal = compensated.way.method == "inverse"
+    is_causal = compensated.method.method == "inverse"
     setup = record.disk_setup()
     rows = []
     reports = {}
@@ -200,7 +200,7 @@ def _filter_section(
         max_noise = MAX_NOISE_GAIN * noise
         smoother_Hz = None
         if is_causal:
-            bandwidth_Hz = compensated.way.bandwidth_Hz
+            bandwidth_Hz = compensated.method.bandwidth_Hz
         else:
             bandwidth_Hz = widest_bandwidth_Hz(chain, dt, noise, max_noise)
             smoother_Hz = smoother_bandwidth_Hz(chain, dt, noise, result.intensity[i])
@@ -226,7 +226,7 @@ def _filter_section(
         text = f"{CAUSAL_TEXT}\n\n{method}. {typical}"
         remark = ""
     else:
-        introduction = NOT_CAUSAL_TEXT.format(METHODS[compensated.way.method].capitalize())
+        introduction = NOT_CAUSAL_TEXT.format(METHODS[compensated.method.method].capitalize())
         limit = "Follows up to: above this frequency only changes at events are followed."
         text = f"{introduction}\n\n{method}. {typical} {limit}"
         remark = ", which was not used here"

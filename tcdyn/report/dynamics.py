@@ -34,7 +34,7 @@ def write_design_report(path: str | Path, design: Design, assumptions: Sequence[
             Section(
                 "Expected uncertainties of each test",
                 f"{ABOUT_LAGS}\n\n{compare.GRADE_DEFINITIONS}",
-                design.graded(),
+                design.grade_table(),
                 panel_figure(partial(draw_design, design), height_in=3.8),
                 "Expected standard uncertainties. Bars of the common lag: from the 10 to the 90 % "
                 "point over entry bursts and scales of h, which cannot be planned.",
@@ -95,7 +95,7 @@ def write_identify_report(
         Section("Which model", TABLE_LEGEND, comparison_table(comparison.table, model.output_unit)),
         Section(
             f"{name}: parameters",
-            f"{interval_text(best)} {comparison.removal(filter_)}",
+            f"{interval_text(best)} {comparison.lag_removal_advice(filter_)}",
             model.card(),
         ),
         Section(

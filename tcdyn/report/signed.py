@@ -116,7 +116,7 @@ def results(record: DiskRecord) -> pd.DataFrame:
             row["95 % interval [s]"] = ""
             if chain is not None:
                 row["lag [s]"] = rounded_texts(chain.lag_s.value, chain.lag_s.u)[0]
-                row["95 % interval [s]"] = chain.lag_s.interval
+                row["95 % interval [s]"] = chain.lag_s.interval_text
         rows.append(row)
     return pd.DataFrame(rows)
 
@@ -133,13 +133,13 @@ def budget_table(budget: UncertaintyBudget) -> pd.DataFrame:
                 "distribution": source.distribution,
                 "sensitivity": f"{source.sensitivity:.3g}",
                 "contribution [K]": f"{source.contribution:.2g}",
-                "degrees of freedom": _freedom(source.freedom),
+                "degrees of freedom": _freedom(source.dof),
             }
         )
     combined = {
         "source": f"combined; U = {budget.expanded:.2g} K with k = {budget.coverage:.2f}",
         "contribution [K]": f"{budget.u:.2g}",
-        "degrees of freedom": _freedom(budget.freedom),
+        "degrees of freedom": _freedom(budget.dof),
     }
     return pd.DataFrame([*rows, combined]).fillna("")
 

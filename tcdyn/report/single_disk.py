@@ -30,8 +30,10 @@ def main_result(p: OneDisk) -> MainResult:
     if p.status == "withheld":
         detail = f"the result of the joint fit of the {p.disk} disk is impossible"
         return MainResult("no β", detail, p.status)
-    beta = p.answers["joint"]
-    return MainResult(f"β = {beta}", f"95 %: {beta.interval}; by the {p.disk} disk alone", p.status)
+    beta = p.estimates["joint"]
+    return MainResult(
+        f"β = {beta}", f"95 %: {beta.interval_text}; by the {p.disk} disk alone", p.status
+    )
 
 
 def _estimate_sections(p: OneDisk) -> list[Section]:
@@ -47,7 +49,7 @@ def _estimate_sections(p: OneDisk) -> list[Section]:
         ),
         Section(
             "the unloading, as logged and compensated",
-            f"Common lag from the unloading, the record as prior: {p.answers['lag_s'].text('s')}.",
+            f"Common lag from the unloading, the record as prior: {p.estimates['lag_s'].text('s')}.",
             figure=panel_figure(partial(draw.draw_unloading, p, p.disk), height_in=4.6),
             caption="Noisy grey: readings after the static line. Smooth: junction temperature "
             "with its 95 % band.",
@@ -58,7 +60,7 @@ def _estimate_sections(p: OneDisk) -> list[Section]:
 def _budget(p: OneDisk) -> Section:
     """Return the section of the uncertainty budget."""
     rows = [(source, *map(u_of_beta, components)) for source, components in p.budget.items()]
-    combined = [u_of_beta(p.answers[estimator].u) for estimator in ("joint", "cooling")]
+    combined = [u_of_beta(p.estimates[estimator].u) for estimator in ("joint", "cooling")]
     rows.append(("all together", *combined))
     columns = ["source", "u(β) [1], joint fit", "u(β) [1], cooling fit"]
     return Section(
@@ -84,7 +86,7 @@ def _line(p: OneDisk) -> Section:
 
 def _unevenness(p: OneDisk) -> Section:
     """Return the section of the first circumferential harmonic."""
-    finding = p.uneven.finding(p.disk)
+    finding = p.harmonic.finding(p.disk)
     text = "Yes, as far as two groups of junctions can show."
     if finding:
         text = f"{finding.sentence}."

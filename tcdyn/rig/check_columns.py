@@ -202,7 +202,7 @@ class ColumnCheck:
             )
         if not missing.count:
             return []
-        numbers = {"count": missing.count, **self.location.of(missing.first)}
+        numbers = {"count": missing.count, **self.location.numbers_at(missing.first)}
         return [info_or_warning(share, "values.missing", subject=self.name, **numbers)]
 
     def _check_impossible(self) -> list[Finding]:
@@ -214,7 +214,7 @@ class ColumnCheck:
         numbers = {
             "count": out_of_range.count,
             "value": out_of_range.value,
-            **self.location.of(out_of_range.first),
+            **self.location.numbers_at(out_of_range.first),
         }
         return [info_or_warning(share, "values.impossible", subject=self.name, **numbers)]
 
@@ -231,7 +231,7 @@ class ColumnCheck:
             )
         if not spikes.count:
             return []
-        numbers = {"count": spikes.count, **self.location.of(spikes.first)}
+        numbers = {"count": spikes.count, **self.location.numbers_at(spikes.first)}
         return [info("spikes.removed", subject=self.name, **numbers)]
 
     def _check_gaps(self, dt_s: float) -> list[Finding]:
@@ -256,7 +256,7 @@ class ColumnCheck:
             "count": absent.count,
             "longest": absent.length,
             "longest_s": absent.length * dt_s,
-            **self.location.of(absent.start),
+            **self.location.numbers_at(absent.start),
         }
         share = absent.count / self.n_samples
         return [info_or_warning(share, "values.absent", subject=self.name, **numbers)]
@@ -276,7 +276,7 @@ class ColumnCheck:
                 subject=self.name,
                 value=constant.start_value,
                 span_s=span_s,
-                **self.location.of(constant.start),
+                **self.location.numbers_at(constant.start),
             )
             remedy = "check its wiring, or cut the log"
         else:

@@ -173,7 +173,7 @@ def _two_levels(values: Array, name: str, location: SampleLocation) -> tuple[Arr
                 f"{location.at(name, first)}: {100 * share:.0f} % of it is missing",
                 where=location.where,
             )
-        numbers = {"count": count, **location.of(first)}
+        numbers = {"count": count, **location.numbers_at(first)}
         findings.append(info_or_warning(share, "switch.filled", subject=name, **numbers))
         values = np.array(pd.Series(values).where(~missing).ffill().bfill(), dtype=np.float64)
     levels = np.sort(pd.unique(values))
@@ -246,7 +246,7 @@ def _check_edges(values: Array, name: str, location: SampleLocation, parted: boo
     edges = np.flatnonzero(steps) + 1
     bounces = np.flatnonzero(np.diff(edges) * location.dt_s < MAX_BOUNCE_S)
     if len(edges) > 2 and len(bounces):
-        numbers = {"count": len(edges), **location.of(int(edges[bounces[0]]))}
+        numbers = {"count": len(edges), **location.numbers_at(int(edges[bounces[0]]))}
         findings.append(info("switch.bounces", subject=name, **numbers))
     if name != "contact":
         return findings

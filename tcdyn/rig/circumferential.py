@@ -29,7 +29,7 @@ class CircumferentialTemperature:
         Temperature in the middle plane, (D, A).
     surface_degC, surface_u_K
         Mean over the width of the running surface and its standard uncertainty, (A,).
-    seen_degC
+    reading_degC
         Reading of each junction at the same time.
     """
 
@@ -40,4 +40,4 @@ class CircumferentialTemperature:
     middle_degC: Array
     surface_degC: Array
     surface_u_K: Array
-    seen_degC: dict[str, float]
+    reading_degC: dict[str, float]

@@ -181,7 +181,7 @@ def match_columns(
     where: str,
     mapping: Mapping[str, str] | None = None,
     without: Collection[str] = (),
-    stated: Collection[str] = (),
+    replaced: Collection[str] = (),
     air: Mapping[str, str] | None = None,
     layouts: Mapping[str, Layout] = LAYOUTS,
 ) -> dict[str, str]:
@@ -204,7 +204,7 @@ def match_columns(
         canonical name instead.
     without
         Columns that are not read.
-    stated
+    replaced
         Columns that may be missing, because the rig file gives their values.
     air
         Name to name in the file of further required columns, the channels of ``[ambient]``.
@@ -237,7 +237,7 @@ def match_columns(
         _check_once(names, "time", where)
         matched = {"time_s": "time", **matched}
     torques = [c for c in TORQUE_COLUMNS if c in matched]
-    needless = {*without, *stated}
+    needless = {*without, *replaced}
     if torques:
         needless.add("friction_N")
     missing = [c for c in layout.required if c not in matched and c not in needless]

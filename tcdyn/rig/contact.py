@@ -61,24 +61,24 @@ class Events:
         Loading and unloading.
     unload_u_s
         Standard uncertainty of the instant at which the frictional heat ended.
-    parting_s
+    fall_time_s
         Time in which the friction fell from 90 to 10 %.
-    kinks_s
+    slope_changes_s
         Slope changes of the temperatures: at the middle of the unloading, or at both ends of a slow
-        one, and at the ends of ``again``.
+        one, and at the ends of ``later_contacts``.
     findings
         Findings about the events.
-    again
+    later_contacts
         (start, stop) of each later contact.
     """
 
     load_on_s: float
     unload_s: float
     unload_u_s: float
-    parting_s: float
-    kinks_s: tuple[float, ...]
+    fall_time_s: float
+    slope_changes_s: tuple[float, ...]
     findings: tuple[Finding, ...] = ()
-    again: tuple[tuple[float, float], ...] = ()
+    later_contacts: tuple[tuple[float, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -218,11 +218,11 @@ def contact_force(t: Array, raw_N: Array, events: Events) -> Array:
     """
     on = events.load_on_s
     off = events.unload_s
-    settling_s = events.parting_s + SWITCHING_MARGIN_S
+    settling_s = events.fall_time_s + SWITCHING_MARGIN_S
     nowhere = np.zeros(len(t), dtype=bool)
     near = [
         (t >= start - SWITCHING_MARGIN_S) & (t <= stop + SWITCHING_MARGIN_S)
-        for start, stop in events.again
+        for start, stop in events.later_contacts
     ]
     is_near_contact = np.any([nowhere, *near], axis=0)
     unloaded = np.where(is_near_contact, np.nan, raw_N)
@@ -230,14 +230,14 @@ def contact_force(t: Array, raw_N: Array, events: Events) -> Array:
     inside = (t > on + SWITCHING_MARGIN_S) & (t < off - settling_s)
     dt_s = float(fast_nanmedian(np.diff(t)))
     smooth = np.interp(t, t[inside], _smooth_force(force_N[inside], dt_s))
-    ramp_s = events.parting_s / LINEAR_FALL_SHARE
+    ramp_s = events.fall_time_s / LINEAR_FALL_SHARE
     if ramp_s > 4 * dt_s:
         share = np.clip((off + 0.5 * ramp_s - t) / ramp_s, 0.0, 1.0)
     else:
         share = (t < off).astype(float)
     filled = pd.Series(force_N).interpolate(limit_direction="both")
     means = filled.rolling(2).mean().shift(-1).to_numpy()
-    again = [(t >= start) & (t < stop) for start, stop in events.again]
+    again = [(t >= start) & (t < stop) for start, stop in events.later_contacts]
     is_contact_again = np.any([nowhere, *again], axis=0)
     return np.where(is_contact_again, means, np.where(t >= on, smooth * share, 0.0))
 
@@ -400,9 +400,9 @@ def press_fit_conductance(setup: DiskSetup) -> tuple[float, float]:
     InputError
         The rig file has no press fit, or the disk has no bore.
     """
-    fit = setup.fit
+    fit = setup.press_fit
     bore_m = setup.bore_radius_m
-    if not (fit.stated and bore_m > 0):
+    if not (fit.is_specified and bore_m > 0):
         raise InputError(
             f"rig.toml states no press fit of the {setup.name} disk",
             expected="[fit] with an interference_um above zero, and a bore",

@@ -122,7 +122,7 @@ class DiskSetup:
         Temperature dependence of the material.
     surface
         Measured heat loss of the running surface.
-    fit
+    press_fit
         Press fit on the shaft.
     """
 
@@ -142,7 +142,7 @@ class DiskSetup:
     flux: FluxProfile = HERTZ_FLUX
     steel: SteelSlopes = EVEN_STEEL
     surface: SurfaceFlux = NO_FLUX
-    fit: PressFit = NO_FIT
+    press_fit: PressFit = NO_FIT
 
     @property
     def diffusivity_m2_s(self) -> float:
@@ -169,14 +169,14 @@ class DiskSetup:
         """
         return (*self.outer, *self.inner)
 
-    def places(self, names: Iterable[str]) -> list[int]:
+    def channel_indices(self, names: Iterable[str]) -> list[int]:
         """Indices of channels among all channels."""
         return [self.channels.index(c) for c in names]
 
     @property
     def edge(self) -> str:
         """The junction of the inner row nearest the centre plane; the rim begins at its depth."""
-        return min(self.inner, key=self.off_centre_m)
+        return min(self.inner, key=self.distance_from_centre_m)
 
     @property
     def edge_m(self) -> float:
@@ -189,22 +189,22 @@ class DiskSetup:
         return min(self.junctions, key=lambda c: self.junctions[c].depth_m)
 
     @property
-    def deeper_than_edge_m(self) -> Array:
+    def depth_below_edge_m(self) -> Array:
         """Nominal depth of the inner row below the edge of the rim, (k,) [m]."""
         return np.array([self.junctions[c].depth_m - self.edge_m for c in self.inner])
 
-    def off_centre_m(self, name: str) -> float:
+    def distance_from_centre_m(self, name: str) -> float:
         """Distance of a junction from the centre plane [m]."""
         return round(abs(self.junctions[name].z_m - 0.5 * self.width_m), 12)
 
-    def tells_beta(self, left_out: Collection[str] = ()) -> bool:
+    def determines_beta(self, left_out: Collection[str] = ()) -> bool:
         """Whether beta can be estimated from the disk without these channels.
 
         Needed are one junction of the outer row, and two axial positions in the inner row.
 
         >>> from tcdyn.rig.rigfile import load_rig
         >>> disk = load_rig().disk_setup("fast")
-        >>> disk.tells_beta("ac"), disk.tells_beta("bd"), disk.tells_beta("ace")
+        >>> disk.determines_beta("ac"), disk.determines_beta("bd"), disk.determines_beta("ace")
         (True, False, False)
         """
         if len(left_out) > MAX_SHARE_LEFT_OUT * len(self.junctions):
@@ -214,9 +214,9 @@ class DiskSetup:
         positions = {self.junctions[c].z_m for c in self.inner if c not in left_out}
         return len(positions) >= MIN_INNER_POSITIONS
 
-    def check_rows(self) -> None:
+    def check_junction_rows(self) -> None:
         """Raise InputError for a disk whose junctions do not allow an estimate of beta."""
-        if not self.tells_beta():
+        if not self.determines_beta():
             row = ", ".join(self.inner)
             raise InputError(
                 f"the {self.name} disk has {len(self.outer)} junction(s) nearer the surface than "
@@ -227,7 +227,7 @@ class DiskSetup:
                 remedy="add what is missing; `compensate` needs none of them",
             )
 
-    def stand_ins(self, left_out: Collection[str]) -> dict[str, dict[str, float]]:
+    def surrogate_weights(self, left_out: Collection[str]) -> dict[str, dict[str, float]]:
         """Surrogate channels of each channel left out, with their weights, which sum to one.
 
         In the inner row: linear interpolation between the neighbours; beyond the last junction, the
@@ -235,7 +235,7 @@ class DiskSetup:
         row: the mean of the others. This only supplies numbers: nothing is compared with it.
 
         >>> from tcdyn.rig.rigfile import load_rig
-        >>> load_rig().disk_setup("fast").stand_ins("bc")
+        >>> load_rig().disk_setup("fast").surrogate_weights("bc")
         {'b': {'d': 0.5, 'f': 0.5}, 'c': {'a': 0.5, 'e': 0.5}}
         """
         inner = [c for c in self.inner if c not in left_out]
@@ -258,25 +258,25 @@ class DiskSetup:
             high = self.junctions[above[0]].z_m
             weight = round((z - low) / (high - low), 12)
             return {below[-1]: 1.0 - weight, above[0]: weight}
-        offset = self.off_centre_m(channel)
-        nearest = min(available, key=lambda c: abs(self.off_centre_m(c) - offset))
+        offset = self.distance_from_centre_m(channel)
+        nearest = min(available, key=lambda c: abs(self.distance_from_centre_m(c) - offset))
         return {nearest: 1.0}
 
-    def made_of(self, left_out: Collection[str]) -> Array:
+    def surrogate_matrix(self, left_out: Collection[str]) -> Array:
         """Matrix (C, C) that replaces the readings left out by those of their surrogates."""
         matrix = np.eye(len(self.junctions))
-        for c, weights in self.stand_ins(left_out).items():
+        for c, weights in self.surrogate_weights(left_out).items():
             matrix[self.channels.index(c)] = [weights.get(s, 0.0) for s in self.channels]
         return matrix
 
-    def with_stand_ins(self, left_out: Collection[str]) -> DiskSetup:
+    def with_surrogates(self, left_out: Collection[str]) -> DiskSetup:
         """The disk whose channels left out of the inner row lie at the depth of their surrogates.
 
         A channel with a single surrogate has also its angle.
         """
         junctions = dict(self.junctions)
         inner = [c for c in left_out if c in self.inner]
-        for c, weights in self.stand_ins(inner).items():
+        for c, weights in self.surrogate_weights(inner).items():
             depth_m = sum(w * self.junctions[s].depth_m for s, w in weights.items())
             only_surrogate = next(iter(weights)) if len(weights) == 1 else c
             angle_deg = junctions[only_surrogate].angle_deg
@@ -311,7 +311,7 @@ def channels_left_out(
     for disk, setup in disks.items():
         left_out = tuple(c for c in setup.channels if f"{disk}_{c}" in requested)
         result[disk] = left_out
-        if left_out and not setup.tells_beta(left_out):
+        if left_out and not setup.determines_beta(left_out):
             raise InputError(
                 f"without {', '.join(f'{disk}_{c}' for c in left_out)} too little is left of the "
                 f"{disk} disk",

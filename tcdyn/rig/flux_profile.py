@@ -41,10 +41,10 @@ class FluxProfile:
         """alpha p_0: logarithm of the relative viscosity of the oil at the maximum pressure [1]."""
         return self.viscosity_per_Pa * self.pressure_Pa
 
-    def under(self, pressure_Pa: float) -> FluxProfile:
+    def at_pressure(self, pressure_Pa: float) -> FluxProfile:
         """The profile at the maximum pressure of a contact [Pa]; only "barus" depends on it.
 
-        >>> FluxProfile("barus", viscosity_per_Pa=1e-8).under(1e9).exponent
+        >>> FluxProfile("barus", viscosity_per_Pa=1e-8).at_pressure(1e9).exponent
         10.0
         """
         return replace(self, pressure_Pa=pressure_Pa) if self.kind == "barus" else self

@@ -113,7 +113,7 @@ class Log(Result):
             }
         )
 
-    def filled(self) -> pd.DataFrame:
+    def interpolated(self) -> pd.DataFrame:
         """The frame with missing samples linearly interpolated."""
         if not self.frame.isna().to_numpy().any():
             return self.frame
@@ -190,7 +190,7 @@ class LogChunks:
         start = 0  # row of the file of the first stored sample
         done = 0  # rows of the file that were returned
         file_columns = list(dict.fromkeys(self._names.values()))
-        for raw in self._table.pieces(file_columns, self._chunk_rows):
+        for raw in self._table.chunks(file_columns, self._chunk_rows):
             new = {name: raw.data[self._names[name]] for name in checks}
             if stored:
                 new = {name: np.concatenate([stored[name], x]) for name, x in new.items()}
@@ -241,7 +241,7 @@ class LogChunks:
         frame.insert(0, "time_s", time_s)
         return frame
 
-    def whole(
+    def to_log(
         self, rows: NDArray[np.intp] | None = None, columns: Collection[str] | None = None
     ) -> Log:
         """Join the chunks to one log. All rows are checked; needs 8 bytes a value that is kept.
@@ -356,8 +356,8 @@ def iter_log(
     findings: list[Finding] = []
     decimated = DecimatedLog()
     location = SampleLocation(table.where)
-    for chunk in table.pieces(list(dict.fromkeys(names.values())), rows):
-        location = chunk.place
+    for chunk in table.chunks(list(dict.fromkeys(names.values())), rows):
+        location = chunk.location
         findings += chunk.findings
         clock += chunk.data[names["time_s"]].tobytes()
         decimated.add({n: chunk.data[names[n]] for n in names if n != "time_s"})
@@ -392,7 +392,7 @@ def iter_log(
     findings += missing_and_unused(kind, table, names, without)
     if chunks:
         stored = concatenate_columns(chunks, [*chunks[0].data], location)
-        table = replace(table, pieces=partial(in_chunks, stored))
+        table = replace(table, chunks=partial(in_chunks, stored))
     log = LogChunks(
         file,
         kind,
@@ -408,7 +408,7 @@ def iter_log(
     )
     if chunks:
         with suppress(InputError):  # raised again when the caller iterates
-            log = replace(log, _log=log.whole())
+            log = replace(log, _log=log.to_log())
     return log
 
 
@@ -496,11 +496,11 @@ def read_log(
             parted=parted,
             without=without,
         )
-        return log.whole()
+        return log.to_log()
     table, names = open_log(file, kind, rig, disk, allow_compensated=allow_compensated)
     raw = read_all_rows(table, list(dict.fromkeys(names.values())))
     columns = {canonical: raw.data[name] for canonical, name in names.items()}
-    frame, findings = oven_frame(columns, raw.place)
+    frame, findings = oven_frame(columns, raw.location)
     findings = [*raw.findings, *findings, *missing_and_unused(kind, table, names)]
     located = tuple(finding.at(table.where) for finding in findings)
     return Log(frame, kind, file, sha256(file), None, dict(table.metadata), located)

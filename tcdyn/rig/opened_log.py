@@ -76,7 +76,8 @@ def rig_from_records(records: Mapping[str, DiskRecord]) -> Rig:
 def rig_layouts(rig: Rig, disk: str | None) -> dict[str, Layout]:
     """The layouts of the logs of a rig; oven and immersion logs are of its ``disk``."""
     return {
-        kind: layout.with_junctions(rig.couples(kind, disk)) for kind, layout in LAYOUTS.items()
+        kind: layout.with_junctions(rig.junction_columns(kind, disk))
+        for kind, layout in LAYOUTS.items()
     }
 
 
@@ -150,7 +151,7 @@ def open_log(
             remedy="give the raw log; static lines and chain must not be applied twice",
         )
     names = match_columns(
-        table.names, kind, table.where, mapping, without, rig.stated(), air, layouts
+        table.names, kind, table.where, mapping, without, rig.replaced_columns(), air, layouts
     )
     conversions = unit_conversions(names, table.names, rig, disk or "", mapping)
     canonical = {"friction_N" if n in TORQUE_COLUMNS else n: column for n, column in names.items()}
@@ -196,7 +197,7 @@ def columns_to_skip(
         log, rig, [*EHL_RUNNING, *TORQUE_COLUMNS, "ambient_degC", *rig.air_columns()]
     )
     has_torque = not set(TORQUE_COLUMNS) <= set(running)
-    needless = {"contact", *TORQUE_COLUMNS, *rig.stated()}
+    needless = {"contact", *TORQUE_COLUMNS, *rig.replaced_columns()}
     if has_torque:
         needless.add("friction_N")
     candidates = [c for c in running if c not in needless]

@@ -126,13 +126,13 @@ def oven_frame(
             findings += check.judge()
     no_prt = ~np.isfinite(cleaned["prt_degC"])
     if no_prt.any():
-        numbers = {"count": int(no_prt.sum()), **location.of(int(np.argmax(no_prt)))}
+        numbers = {"count": int(no_prt.sum()), **location.numbers_at(int(np.argmax(no_prt)))}
         findings.append(warning("oven.no_prt", subject="prt_degC", **numbers))
     junctions = junction_columns_in(columns)
     for name in junctions:
         gaps = ~np.isfinite(cleaned[name]) & ~no_prt
         if gaps.any():
-            numbers = {"count": int(gaps.sum()), **location.of(int(np.argmax(gaps)))}
+            numbers = {"count": int(gaps.sum()), **location.numbers_at(int(np.argmax(gaps)))}
             findings.append(warning("oven.missing", subject=name, **numbers))
     frame = pd.DataFrame(cleaned)
     if "time_s" in frame and not {"repeat", "setpoint_degC"} & set(frame.columns):
@@ -205,7 +205,7 @@ def check_oven(frame: pd.DataFrame, location: SampleLocation) -> list[Finding]:
         is_far = np.abs(y - prt) > MAX_DISTANCE_FROM_PRT_K
         if is_far.any():
             i = int(np.argmax(is_far))
-            numbers = {"value_degC": y[i], "prt_degC": prt[i], **location.of(i)}
+            numbers = {"value_degC": y[i], "prt_degC": prt[i], **location.numbers_at(i)}
             findings.append(warning("oven.far", subject=name, **numbers))
     return findings
 

@@ -137,7 +137,7 @@ def _code(values: Array, candidate: float) -> Flags:
 
 
 def impossible_changes(
-    values_degC: Array, dt_s: float, lag_s: float, passed_directly: float = 0.0
+    values_degC: Array, dt_s: float, lag_s: float, direct_share: float = 0.0
 ) -> Flags:
     """Samples that no physical input could have produced through a chain, given the others.
 
@@ -155,7 +155,7 @@ def impossible_changes(
         Sampling interval [s].
     lag_s : float
         The largest lag of the chain [s]. Lags commute, so it may be taken as the last one.
-    passed_directly : float
+    direct_share : float
         Share of a change of the input that the chain passes at once (a zero: zero/lag).
 
     Returns
@@ -165,13 +165,13 @@ def impossible_changes(
     """
     out = np.zeros(len(values_degC), dtype=bool)
     index = np.flatnonzero(np.isfinite(values_degC))
-    if len(index) < 3 or not lag_s > 0 or passed_directly >= 1:
+    if len(index) < 3 or not lag_s > 0 or direct_share >= 1:
         return out
     y = values_degC[index]
     allowance = _noise_allowance(y)
 
     def possible(first: Array, second: Array, interval_s: Array) -> Flags:
-        share = passed_directly + (1 - passed_directly) * -np.expm1(-interval_s / lag_s)
+        share = direct_share + (1 - direct_share) * -np.expm1(-interval_s / lag_s)
         low = first + share * (LOWEST_DEGC - first) - allowance
         high = first + share * (HIGHEST_DEGC - first) + allowance
         return (second >= low) & (second <= high)

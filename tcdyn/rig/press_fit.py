@@ -89,11 +89,11 @@ class PressFit:
     patches: tuple[Patch, ...] = ()
 
     def __post_init__(self) -> None:
-        if (self.keyways or self.patches) and not self.stated:
+        if (self.keyways or self.patches) and not self.is_specified:
             raise ValueError("keyways and patches need an interference_um above zero")
 
     @property
-    def stated(self) -> bool:
+    def is_specified(self) -> bool:
         """Whether the rig file has a press fit."""
         return self.interference_um > 0
 
@@ -122,7 +122,7 @@ class PressFit:
                     f"fit: keyways and patches overlap from {next_start:g} to "
                     f"{min(end, next_end):g} degrees; expected each angle in one of them at most"
                 )
-        if self.stated and not harmonics(tuple(sectors), 0)[0].real > 1e-6:
+        if self.is_specified and not harmonics(tuple(sectors), 0)[0].real > 1e-6:
             raise ValueError("fit: keyways and patches leave nothing of the contact")
         return tuple(sectors)
 

@@ -102,9 +102,9 @@ class ChainRecord(StrictModel):
         rows = [
             {
                 "channel": name,
-                "lag [s]": channel.lag_s.plain(),
-                "95 % [s]": channel.lag_s.interval,
-                "minus common lag [s]": self.differential_lag_s[name].plain(),
+                "lag [s]": channel.lag_s.text_without_interval(),
+                "95 % [s]": channel.lag_s.interval_text,
+                "minus common lag [s]": self.differential_lag_s[name].text_without_interval(),
             }
             for name, channel in sorted(self.channels.items())
         ]
@@ -201,7 +201,7 @@ class DiskRecord(Result, StrictModel):
         return list(messages(self.findings))
 
     @property
-    def made(self) -> str:
+    def created_text(self) -> str:
         """Date, and the author if known."""
         if not self.created_by:
             return self.created
@@ -214,7 +214,7 @@ class DiskRecord(Result, StrictModel):
     def summary(self) -> str:
         """Disk, date, files, lags and findings."""
         files = ", ".join(item.file for item in self.inputs) or "no files named"
-        lines = [f"disk {self.disk}, calibrated {self.made}, from {files}"]
+        lines = [f"disk {self.disk}, calibrated {self.created_text}, from {files}"]
         if self.chain is None:
             lines.append("no chain: it can correct steady readings only")
         else:

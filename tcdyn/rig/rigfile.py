@@ -154,7 +154,7 @@ class RigTables(RigTable):
             conditioning=self.conditioning,
             flux=self.contact.flux,
             surface=self.surface,
-            fit=self.fit,
+            press_fit=self.fit,
             steel=SteelSlopes(
                 d.conductivity_slope_per_K, d.specific_heat_slope_per_K, d.reference_degC
             ),
@@ -213,7 +213,7 @@ class Rig(Result, BaseModel):
         of_disk = {k.removeprefix(prefix): v for k, v in mapped.items() if k.startswith(prefix)}
         return of_disk | mapped
 
-    def stated(self) -> tuple[str, ...]:
+    def replaced_columns(self) -> tuple[str, ...]:
         """Columns that an EHL log may lack: ``[constants]`` or ``[ambient]`` replaces them."""
         columns = tuple(self.common.constants)
         if all(self.tables(disk).ambient.columns for disk in DISKS):
@@ -224,7 +224,7 @@ class Rig(Result, BaseModel):
         """Columns of the air near either disk: name after reading to name in the file."""
         return air_columns([self.fast.ambient, self.slow.ambient])
 
-    def couples(self, kind: str, disk: str | None = None) -> tuple[str, ...]:
+    def junction_columns(self, kind: str, disk: str | None = None) -> tuple[str, ...]:
         """Columns of the junctions in a log: of both disks in an EHL log, else of ``disk``."""
         if kind != "ehl":
             return junction_columns(sorted(self.tables(disk or "").thermocouples))

@@ -30,7 +30,7 @@ class SteelSlopes:
     surface_degC: float = 0.0
 
     @property
-    def middle_degC(self) -> float:
+    def mean_degC(self) -> float:
         """Mean of air and surface; with the conductivity there h does not change."""
         return 0.5 * (self.air_degC + self.surface_degC)
 
@@ -42,12 +42,12 @@ class SteelSlopes:
         """Specific heat relative to that at the reference."""
         return 1 + self.specific_heat_per_K * (temperature_degC - self.reference_degC)
 
-    def bend(self, temperature_degC: Array) -> Array:
+    def kirchhoff_curvature(self, temperature_degC: Array) -> Array:
         """(T - T_A) (T - T_s) / 2 [K2]: Kirchhoff's temperature minus T, over the slope a'."""
         t = np.asarray(temperature_degC, dtype=float)
         return np.asarray(0.5 * (t - self.air_degC) * (t - self.surface_degC))
 
-    def straight(self, temperature_degC: Array) -> Array:
+    def kirchhoff_temperature(self, temperature_degC: Array) -> Array:
         """Kirchhoff's temperature [degC]: T_A + integral of k / k_m from T_A to T.
 
         k_m is the conductivity at ``middle_degC``.
@@ -56,15 +56,17 @@ class SteelSlopes:
         temperatures: theta = T + a' (T - T_A) (T - T_s) / 2 with a' = a k_0 / k_m.
 
         >>> steel = SteelSlopes(-5e-4, air_degC=60.0, surface_degC=160.0)
-        >>> steel.straight(np.array([60.0, 110.0, 160.0])).round(3)
+        >>> steel.kirchhoff_temperature(np.array([60.0, 110.0, 160.0])).round(3)
         array([ 60.   , 110.654, 160.   ])
         """
         if not self.conductivity_per_K:
             return temperature_degC
-        slope_per_K = self.conductivity_per_K / self.conductivity(self.middle_degC)
-        return np.asarray(temperature_degC + slope_per_K * self.bend(temperature_degC))
+        slope_per_K = self.conductivity_per_K / self.conductivity(self.mean_degC)
+        return np.asarray(
+            temperature_degC + slope_per_K * self.kirchhoff_curvature(temperature_degC)
+        )
 
-    def about(self, air_degC: float, surface_degC: float) -> SteelSlopes:
+    def linearised_about(self, air_degC: float, surface_degC: float) -> SteelSlopes:
         """The same steel, linearised about these temperatures of air and surface."""
         return replace(self, air_degC=air_degC, surface_degC=surface_degC)
 

@@ -47,7 +47,7 @@ class SurfaceFlux:
             )
 
     @property
-    def measured(self) -> bool:
+    def is_measured(self) -> bool:
         """Whether there is such a relation."""
         return self.heat_transfer_W_m2K > 0
 

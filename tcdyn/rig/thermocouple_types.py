@@ -200,7 +200,7 @@ REFERENCES: dict[str, _Reference] = {
 }
 
 
-def emf_mV(temperature_degC: ArrayLike, couple: str = "J") -> Array:
+def emf_mV(temperature_degC: ArrayLike, thermocouple_type: str = "J") -> Array:
     """Emf E(T) [mV] of a thermocouple with its reference junction at 0 degC.
 
     Parameters
@@ -208,7 +208,7 @@ def emf_mV(temperature_degC: ArrayLike, couple: str = "J") -> Array:
     temperature_degC
         Any shape: -200 (J: -210) to 1000 (E), 1200 (J), 1372 (K), 1300 (N), 400 (T) degC. NaN stays
         NaN.
-    couple
+    thermocouple_type
         Type: E, J, K, N or T.
 
     Raises
@@ -225,16 +225,16 @@ def emf_mV(temperature_degC: ArrayLike, couple: str = "J") -> Array:
     >>> emf_mV([25.0, 100.0]).round(5).tolist(), float(emf_mV(100.0, "K").round(3))
     ([1.27729, 5.26892], 4.096)
     """
-    ref = _reference(couple)
+    ref = _reference(thermocouple_type)
     t = np.asarray(temperature_degC, dtype=float)
-    _check_range(couple, t, ref.low_degC, ref.high_degC, "degC")
+    _check_range(thermocouple_type, t, ref.low_degC, ref.high_degC, "degC")
     return _emf(ref, t)
 
 
 def temperature_degC(
     measured_mV: ArrayLike,
     cold_junction_degC: ArrayLike = 0.0,
-    couple: str = "J",
+    thermocouple_type: str = "J",
     *,
     outside: Literal["refuse", "inf"] = "refuse",
 ) -> Array:
@@ -246,7 +246,7 @@ def temperature_degC(
         Measured emf [mV], any shape.
     cold_junction_degC
         One number, or an array of the shape of ``measured_mV``.
-    couple
+    thermocouple_type
         Type: E, J, K, N or T.
     outside
         What to do with values out of range: "refuse" raises an error, "inf" returns infinity.
@@ -266,13 +266,13 @@ def temperature_degC(
     >>> round(float(temperature_degC(5.26892 - 1.27729, cold_junction_degC=25.0)), 3)
     100.0
     """
-    ref = _reference(couple)
-    e = np.asarray(measured_mV, dtype=float) + emf_mV(cold_junction_degC, couple)
-    degrees, grid = _grid(couple)
+    ref = _reference(thermocouple_type)
+    e = np.asarray(measured_mV, dtype=float) + emf_mV(cold_junction_degC, thermocouple_type)
+    degrees, grid = _grid(thermocouple_type)
     low_mV = float(grid[0])
     high_mV = float(grid[-1])
     if outside == "refuse":
-        _check_range(couple, e, low_mV, high_mV, "mV")
+        _check_range(thermocouple_type, e, low_mV, high_mV, "mV")
     t = np.interp(e, grid, degrees)
     for _ in range(3):
         t = np.clip(t - (_emf(ref, t) - e) / _slope(ref, t), ref.low_degC, ref.high_degC)
@@ -286,7 +286,7 @@ def convert_columns(table: Table, conversions: Mapping[str, Callable[[Array], Ar
         return table
 
     def pieces(wanted: Sequence[str], rows: int = CHUNK_ROWS) -> Iterator[Columns]:
-        for chunk in table.pieces(wanted, rows):
+        for chunk in table.chunks(wanted, rows):
             converted = {
                 name: conversions[name](values)
                 for name, values in chunk.data.items()
@@ -294,11 +294,11 @@ def convert_columns(table: Table, conversions: Mapping[str, Callable[[Array], Ar
             }
             yield replace(chunk, data=chunk.data | converted)
 
-    return replace(table, pieces=pieces)
+    return replace(table, chunks=pieces)
 
 
 def to_degC(
-    unit: str, couple: str = "J", cold_junction_degC: Array | float = 0.0
+    unit: str, thermocouple_type: str = "J", cold_junction_degC: Array | float = 0.0
 ) -> Callable[[Array], Array]:
     """The conversion to degC of a column in K, degF or mV; infinite for an emf out of range.
 
@@ -308,7 +308,7 @@ def to_degC(
     return {
         "K": lambda x: x - 273.15,
         "degF": lambda x: (x - 32) / 1.8,
-        "mV": lambda x: temperature_degC(x, cold_junction_degC, couple, outside="inf"),
+        "mV": lambda x: temperature_degC(x, cold_junction_degC, thermocouple_type, outside="inf"),
     }[unit]
 
 

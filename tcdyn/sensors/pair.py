@@ -257,7 +257,7 @@ def _with_new_values(data: PairData, columns: tuple[str, str]) -> tuple[PairData
     updates = [find_updates(y) for y in traces]
     finite = np.isfinite(data.first) & np.isfinite(data.second)
     usable_share = float(np.mean(finite[1:] & finite[:-1]))
-    if not any(u.held for u in updates) and usable_share >= MIN_USABLE_SHARE:
+    if not any(u.repeats_values for u in updates) and usable_share >= MIN_USABLE_SHARE:
         return data, []
     findings: list[Finding] = []
     for column, update in zip(columns, updates):

@@ -156,7 +156,7 @@ def fit_curve(
             prior_mean=prior_mean,
             prior_sd=prior_sd,
             lower=low,
-            largest=3 * scale,
+            max_step=3 * scale,
         )
         optimum = minimise(problem, theta, limit=80)
         if optimum.status is Status.NOWHERE:

@@ -49,9 +49,9 @@ UNEVEN = 0.2
 
 @dataclass(frozen=True)
 class EvenTimes:
-    """Position of rows on even times: ``place`` (N,) in samples, every ``dt_s`` [s]."""
+    """Position of rows on even times: ``index`` (N,) in samples, every ``dt_s`` [s]."""
 
-    place: NDArray[np.intp]
+    index: NDArray[np.intp]
     dt_s: float
 
 
@@ -82,7 +82,7 @@ class Source:
         """
         names = list(dict.fromkeys([self.time, *columns]))
         checked = False
-        for chunk in self.table.pieces(names, rows):
+        for chunk in self.table.chunks(names, rows):
             values = chunk.data[self.time]
             is_clock = self.time in chunk.stamps
             times_s = self.clock.in_seconds(values, is_clock)
@@ -181,7 +181,11 @@ def read_columns(
         if name not in source.table.names:
             raise missing_column_error("column", name, source.table.names, source.table.where)
     units = units or {}
-    references = [unit.cold for unit in units.values() if isinstance(unit.cold, str)]
+    references = [
+        unit.reference_junction
+        for unit in units.values()
+        if isinstance(unit.reference_junction, str)
+    ]
     names = [*columns, *references]
     chunks = list(source.pieces(names))
     t = np.concatenate([times_s for times_s, _, _ in chunks])
@@ -189,13 +193,17 @@ def read_columns(
     findings = [finding for _, _, noted in chunks for finding in noted]
     grid, grid_findings = even_times(t, where)
     check_gaps(t, grid.dt_s, where)
-    size = int(grid.place[-1]) + 1
+    size = int(grid.index[-1]) + 1
     out = {}
     for name in columns:
         values = raw[name]
         if name in units:
             unit = units[name]
-            reference = raw[unit.cold] if isinstance(unit.cold, str) else unit.cold
+            reference = (
+                raw[unit.reference_junction]
+                if isinstance(unit.reference_junction, str)
+                else unit.reference_junction
+            )
             findings += unit_findings(name, unit, values)
             values, codes = _without_codes(name, unit.in_degC(values, reference))
             findings += codes
@@ -270,7 +278,7 @@ def even_times(
             dt = dt_s or even.interval_s
             severity = warning if even.u_s > UNSURE_RATE * dt else info
             finding = severity("sensor.few_decimals", rate_Hz=1 / dt, percent=100 * even.u_s / dt)
-            return EvenTimes(even.places, dt), [finding]
+            return EvenTimes(even.grid_indices, dt), [finding]
         if repeated.mean() > MOSTLY_REPEATED:
             raise InputError(
                 "most time stamps are repeated, and the rows between them are not even",
@@ -339,7 +347,7 @@ class TableSegment:
         Rows of the segment without its margins.
     findings
         Findings of the reader.
-    beside
+    margin_rows
         Least margin on either side where the table continues [rows]; infinite where it does not.
     """
 
@@ -347,11 +355,11 @@ class TableSegment:
     data: dict[str, Array]
     keep: slice
     findings: tuple[Finding, ...]
-    beside: float
+    margin_rows: float
 
 
 def read_segments(
-    source: Pieces, columns: Sequence[str], lag_s: float, least: int | None = None
+    source: Pieces, columns: Sequence[str], lag_s: float, min_rows: int | None = None
 ) -> Generator[TableSegment, int, None]:
     """Read a table in overlapping segments; a long gap ends a segment.
 
@@ -363,7 +371,7 @@ def read_segments(
         Columns to read.
     lag_s
         Largest lag, for the margin [s].
-    least
+    min_rows
         Least rows of a segment; None: ``SEGMENT_ROWS``.
 
     Notes
@@ -382,7 +390,7 @@ def read_segments(
     interval_s = 0.0
     margin = 0
     while done < len(time) or not at_end:
-        size = max(2 * margin, least or SEGMENT_ROWS)
+        size = max(2 * margin, min_rows or SEGMENT_ROWS)
         window = size + 2 * margin  # so that a gap within the margin is recognised
         if not at_end and len(time) <= done + window:
             chunk = next(chunks, None)
@@ -449,8 +457,8 @@ def _rounded_margin(rows: float) -> int:
 def on_grid(values: Array, grid: EvenTimes, size: int) -> Array:
     """Values (N,) at their positions (size,), NaN where there is no row; equal ones averaged."""
     finite = np.isfinite(values)
-    total = np.bincount(grid.place[finite], values[finite], minlength=size)
-    count = np.bincount(grid.place[finite], minlength=size)
+    total = np.bincount(grid.index[finite], values[finite], minlength=size)
+    count = np.bincount(grid.index[finite], minlength=size)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 

@@ -46,9 +46,9 @@ class Unit:
     ----------
     name
         degC, K, degF or mV.
-    couple
+    thermocouple_type
         Type of the thermocouple, for mV.
-    cold
+    reference_junction
         For mV: temperature of the reference junction [degC], or the name of the column that holds
         it.
 
@@ -61,13 +61,13 @@ class Unit:
     """
 
     name: str = "degC"
-    couple: str = ""
-    cold: float | str = 0.0
+    thermocouple_type: str = ""
+    reference_junction: float | str = 0.0
 
     def __post_init__(self) -> None:
         if self.name not in UNITS:
             raise InputError(f"unit {self.name!r}", expected=" or ".join(UNITS))
-        if self.name == "mV" and not self.couple:
+        if self.name == "mV" and not self.thermocouple_type:
             raise InputError(
                 "millivolts of which thermocouple?",
                 expected="its type: E, J, K, N or T",
@@ -84,9 +84,9 @@ class Unit:
         """Values (N,) in degrees Celsius; infinite where the thermocouple has no such emf."""
         if self.name == "degC":
             return values
-        return to_degC(self.name, self.couple, cold_degC)(values)
+        return to_degC(self.name, self.thermocouple_type, cold_degC)(values)
 
-    def back(self, degC: Array) -> Array:
+    def from_degC(self, degC: Array) -> Array:
         """Degrees Celsius (N,) in the unit of the output, which is degrees Celsius for mV."""
         if self.name == "K":
             return degC + 273.15
@@ -245,7 +245,8 @@ def cold_column(cold: float | str, names: Collection[str], where: str) -> float 
 def uncertainty_column(column: str, unit: str = "") -> str:
     """Name of the column with the standard uncertainty of a temperature.
 
-    >>> uncertainty_column("fast_a_degC"), uncertainty_column("T1 [K]"), uncertainty_column("gas_degF"), uncertainty_column("T2")
+    >>> names = ("fast_a_degC", "T1 [K]", "gas_degF", "T2")
+    >>> tuple(uncertainty_column(name) for name in names)
     ('fast_a_u_K', 'T1_u_K', 'gas_u_degF', 'T2_u_K')
     """
     suffix = "degF" if (unit or unit_in(column)) == "degF" else "K"

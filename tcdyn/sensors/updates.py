@@ -35,7 +35,7 @@ class Updates:
     ----------
     new
         True at rows with a new value (N,).
-    held
+    repeats_values
         Whether the column repeats its last value between new ones.
     period
         Rows from one new value to the next where they are evenly spaced; 1 for a column with a new
@@ -45,7 +45,7 @@ class Updates:
     """
 
     new: Flags
-    held: bool
+    repeats_values: bool
     period: int
     first: int
 

@@ -276,7 +276,7 @@ def disk_run(
     h
         Heat transfer coefficient of the running surface under load [W/m2K].
     """
-    flux = disk.setup.flux.under(test_truth.pressure_Pa)
+    flux = disk.setup.flux.at_pressure(test_truth.pressure_Pa)
     loaded_disk = replace(disk, setup=replace(disk.setup, flux=flux))
     system = harmonic_system(loaded_disk, h, test_truth.half_width_m, o.mesh)
 

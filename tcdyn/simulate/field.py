@@ -50,7 +50,7 @@ def _around(
         middle_degC=_middle(field, grid.z)[::-1],
         surface_degC=field[-1].mean(axis=0),
         surface_u_K=np.zeros(len(angle)),
-        seen_degC=dict(zip(system.channels, readings.tolist())),
+        reading_degC=dict(zip(system.channels, readings.tolist())),
     )
 
 

@@ -311,9 +311,9 @@ def _draw_disk(rng: np.random.Generator, name: str, setup: DiskSetup) -> DiskTru
 
 def _with_nominal_fit(disk: DiskTruth, nominal: DiskSetup) -> DiskTruth:
     """Return the disk with conductance and unevenness of the press fit of ``rig.toml``, if any."""
-    if not nominal.fit.stated:
+    if not nominal.press_fit.is_specified:
         return disk
-    sectors = nominal.fit.sectors(1e3 * nominal.bore_radius_m)
+    sectors = nominal.press_fit.sectors(1e3 * nominal.bore_radius_m)
     _, bearing = press_fit_conductance(nominal)
     shares = harmonics(sectors, 1)
     contact = BoreContact(*amplitude_and_angle(shares, 1), sectors)

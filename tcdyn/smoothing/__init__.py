@@ -24,10 +24,10 @@ Kalman smoother (RTS), regularised deconvolution, proper inverse, and a live smo
 0.98
 >>> round(report_inverse(proper_inverse(chain, dt, 1.0), noise_sd=0.1).noise_out_K, 2)
 0.31
->>> live = LiveSmoother.of([chain], dt, noise_sd=0.1, intensity=1.0, lag_samples=25)  # 0.5 s
+>>> live = LiveSmoother.from_chains([chain], dt, noise_sd=0.1, intensity=1.0, lag_samples=25)  # 0.5 s
 >>> bool(report_live_smoother(live, [chain]).noise_out_K < 0.1)
 True
->>> state, x, sd, flags = live.run(live.start(y[:1]), y[:, None])
+>>> state, x, sd, flags = live.run(live.initial_state(y[:1]), y[:, None])
 >>> isinstance(state, LiveState), state.done, x.shape
 (True, 1000, (1000, 1))
 """

@@ -90,7 +90,7 @@ class HiddenEvent:
         event.
         """
         bare = _without_bursts(intensities, self.at_s)
-        shifted = [q.moved(self.at_s, at_s) for q in bare]
+        shifted = [q.shifted(self.at_s, at_s) for q in bare]
         return [replace(q, bursts=(*q.bursts, b)) for q, b in zip(shifted, bursts)]
 
     def remove(self, intensities: Sequence[Intensity]) -> list[Intensity]:
@@ -158,7 +158,7 @@ def with_hidden(
         Whether the noise variance is known.
     """
     record = fit.record
-    plain = fit.chosen
+    plain = fit.intensities
     noise_var = fit.noise_var
     lag = smearing_time_s(record)
     listed_s = set(record.events_s)
@@ -178,7 +178,7 @@ def with_hidden(
         settled = final
         # a candidate is rough at first: from somewhat before it on, any change is possible
         new_s = [max(c - 0.5 * lag, 2 * record.dt_s) for c in new]
-        bursts = [[b for b in q.bursts if b.start_s in listed_s] for q in fit.chosen]
+        bursts = [[b for b in q.bursts if b.start_s in listed_s] for q in fit.intensities]
         for c, span in enumerate(channel_spans(record, noise_var)):
             height = 100 * span**2 / lag**3
             bursts[c] += [Burst(at, height, lag, slope_sd=span / lag) for at in new_s]
@@ -202,7 +202,7 @@ def with_hidden(
                 continue
             plain_levels = [float(q.at(at)) for q in plain]
             event = weigh_event(record, noise_var, intensities, at, plain_levels, previous.get(at))
-            intensities = [q.moved(at, event.at_s) for q in intensities]
+            intensities = [q.shifted(at, event.at_s) for q in intensities]
             if event.log_odds > (0 if final else MIN_LOG_ODDS):
                 accepted.append(event)
                 intensities = event.insert(intensities, event.at_s, event.likeliest)
@@ -249,7 +249,7 @@ class _Window:
         proposals = []
         for q, bursts in zip(self.base, zip(*options)):
             with_burst = [replace(q, bursts=(*q.bursts, b)) for b in bursts]
-            proposals.append([p.moved(self.start_s, t) for t in times for p in with_burst])
+            proposals.append([p.shifted(self.start_s, t) for t in times for p in with_burst])
         value = likelihood(self.record, self.noise_var, proposals, 2 * FINE)[0]
         return value.reshape(len(self.base), len(times), -1)
 
@@ -301,7 +301,7 @@ def weigh_event(
     window = _Window(
         segment(record, first, last, record.events_s),
         noise_var,
-        [q.moved(shift_s=shift) for q in _without_bursts(intensities, at_s)],
+        [q.shifted(shift_s=shift) for q in _without_bursts(intensities, at_s)],
         at_s - shift,
         before_s - shift + dt,
         after_s - shift - dt,
@@ -316,7 +316,7 @@ def weigh_event(
         u_s = [2 * previous.u_s + 0.02 * lag] * 2
     bursts = []
     for kind, time in zip(kinds, best_s):
-        shifted = [q.moved(start_s, time) for q in base]
+        shifted = [q.shifted(start_s, time) for q in base]
         zero = [replace(b, start_s=time) for b in kind]
         near = previous is not None and min(b.height for b in kind) > 0
         refined = likeliest_burst(window.record, noise_var, shifted, zero, near)
@@ -433,16 +433,16 @@ def averaged(fit: Smoothed, event: HiddenEvent) -> Smoothed:
     shift = first * record.dt_s
 
     def run(intensities: Sequence[Intensity]) -> Array:
-        shifted = [q.moved(shift_s=shift) for q in intensities]
+        shifted = [q.shifted(shift_s=shift) for q in intensities]
         part = smooth_record(window, fit.noise_var, shifted)
         return np.stack([part.temperature, part.slope, part.lag_sensitivity, part.sd**2])
 
-    start = run(fit.chosen)
+    start = run(fit.intensities)
     weights = [w for _, _, w in event.possibilities]
-    runs = [run(event.insert(fit.chosen, at, bursts)) for at, bursts, _ in event.possibilities]
+    runs = [run(event.insert(fit.intensities, at, bursts)) for at, bursts, _ in event.possibilities]
     no_event = 1 - np.sum(weights, axis=0)
     if np.max(no_event) > 2 * MIN_WEIGHT:
-        runs.append(run(event.remove(fit.chosen)))
+        runs.append(run(event.remove(fit.intensities)))
         weights.append(no_event)
     weight = np.array(weights) / np.sum(weights, axis=0)
     mean = np.einsum("hm,hknm->knm", weight, np.array(runs))

@@ -141,7 +141,7 @@ def invert(
         width = max(int(f.remaining_shift_s / dt_s), 1)
         mean_slope = uniform_filter1d(slope[:, c], 2 * width + 1, mode="nearest")
         sd_noise[:, c] = np.hypot(f.noise_gain * sd[c], f.remaining_shift_s * mean_slope)
-    result = Compensated.of(
+    result = Compensated.from_components(
         x,
         sd_noise,
         slope,
@@ -155,7 +155,7 @@ def invert(
         method=f"proper inverse, {bandwidth_Hz:g} Hz",
         findings=record.findings,
     )
-    return result.checked(record.y, names)
+    return result.with_undetermined(record.y, names)
 
 
 def lag_sensitivity(f: InverseFilter, y: ArrayLike) -> Array:

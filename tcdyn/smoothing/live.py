@@ -152,7 +152,7 @@ class LiveSmoother:
     window: int
 
     @classmethod
-    def of(
+    def from_chains(
         cls,
         chains: Sequence[Chain],
         dt_s: float,
@@ -273,7 +273,7 @@ class LiveSmoother:
             window,
         )
 
-    def start(self, first: ArrayLike) -> LiveState:
+    def initial_state(self, first: ArrayLike) -> LiveState:
         """State after only the first sample ``first`` (M,) [degC]; before it the chain followed a
         ramp.
         """
@@ -528,7 +528,7 @@ def report_live_smoother(engine: LiveSmoother, chains: Sequence[Chain]) -> Filte
     rows = int(min(needed, 4000 + 2 * engine.lag_samples))
     y = np.zeros((2 * rows, len(chains)))
     y[rows] = TEST_IMPULSE_NOISES * engine.noise_sd
-    _, x, _, _ = engine.run(engine.start(np.zeros(len(chains))), y)
+    _, x, _, _ = engine.run(engine.initial_state(np.zeros(len(chains))), y)
     impulse_response = x[rows:] / (TEST_IMPULSE_NOISES * engine.noise_sd)
     worst = int(np.argmax(np.sum(impulse_response**2, axis=0) * engine.noise_sd**2))
     chain = chains[worst]

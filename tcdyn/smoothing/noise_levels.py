@@ -89,7 +89,9 @@ class Intensity:
         """Prior variance (J, 2) of a jump of level [K2] and slope [K2/s2] at each knot (J,)."""
         return jumps_at([self], knots_s)[:, 0]
 
-    def moved(self, was_s: float = np.nan, to_s: float = np.nan, shift_s: float = 0.0) -> Intensity:
+    def shifted(
+        self, was_s: float = np.nan, to_s: float = np.nan, shift_s: float = 0.0
+    ) -> Intensity:
         """The same intensity with segments and bursts that start at ``was_s`` started at ``to_s``
         instead.
 

@@ -175,7 +175,7 @@ def choose(
     intensities, noise_var = segment_levels(record, noise_var, noise_known)
     for event in record.events_s:
         window, shift = _around(record, event)
-        base = [replace(q, bursts=()).moved(shift_s=shift) for q in intensities]
+        base = [replace(q, bursts=()).shifted(shift_s=shift) for q in intensities]
         nothing = [Burst(event - shift, 0.0, 1.0)] * len(base)
         bursts = likeliest_burst(window, noise_var, base, nothing, jumps=True)
         intensities = [
@@ -340,7 +340,7 @@ class TradeoffCurve:
         Mean square residual (L, M) [K2].
     roughness
         Integral of x''^2 (L, M) [K2/s3].
-    freedom
+    effective_parameters
         Effective number of parameters (L, M): trace of the influence matrix.
     chosen
         Chosen intensity (M,) [K2/s3].
@@ -351,7 +351,7 @@ class TradeoffCurve:
     intensity: Array
     misfit: Array
     roughness: Array
-    freedom: Array
+    effective_parameters: Array
     chosen: Array
     criterion: str
 
@@ -368,9 +368,9 @@ def by_criterion(record: Record, criterion: Criterion, trials: int) -> TradeoffC
     for level in levels:
         constant = [Intensity.constant(level * var) for var in noise_var]
         fit = smooth_record(record, noise_var, constant)
-        misfit = np.sum(w * (record.y - fit.read) ** 2, axis=0) / np.sum(w, axis=0)
+        misfit = np.sum(w * (record.y - fit.predicted) ** 2, axis=0) / np.sum(w, axis=0)
         bends = np.diff(fit.knot_slope, axis=0) ** 2 / np.diff(fit.knots_s)[1:, None]
-        freedom = np.sum(w * fit.read_var, axis=0) / noise_var
+        freedom = np.sum(w * fit.predicted_var, axis=0) / noise_var
         rows.append((misfit, np.sum(bends, axis=0), freedom))
     misfits, roughness, effective = (np.array(column) for column in zip(*rows))
     chosen = [

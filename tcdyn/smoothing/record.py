@@ -75,7 +75,7 @@ class Record:
         Bits MISSING, SPIKE, STUCK, SATURATED, IMPLAUSIBLE (N, M).
     noise_known
         Whether the noise level was given, or is that of whitened noise.
-    folded_u_K
+    aliasing_u_K
         Standard uncertainty (M,) [K] from aliased hum, see ``LoggerNoise``, and from the rounding
         of a logger whose steps are coarser than its noise.
     findings
@@ -91,7 +91,7 @@ class Record:
     noise_sd: Array
     flags: NDArray[np.uint8]
     noise_known: bool
-    folded_u_K: Array
+    aliasing_u_K: Array
     findings: tuple[Finding, ...] = ()
 
 
@@ -155,7 +155,7 @@ def record_of(
         index = [c for c in range(m) if listed[c].conditioning == filter_]
         group = [listed[c] for c in index]
         good = flags[:, index] == GOOD
-        rule = SPIKES["compensator"].behind(min(c.lag_s for c in group) / dt_s)
+        rule = SPIKES["compensator"].behind_lag(min(c.lag_s for c in group) / dt_s)
         x = np.where(good, data[:, index], np.nan)
         if noise_sd is None:
             logger_noise, [(white, outliers)] = estimate_and_whiten_noise(
@@ -167,12 +167,12 @@ def record_of(
         data[:, index] = white
         flags[:, index] |= np.where(outliers, SPIKE, 0).astype(np.uint8)
         noise[index] = logger_noise.level_K
-        aliasing_u[index] = logger_noise.folded_u_K
+        aliasing_u[index] = logger_noise.aliasing_u_K
         coloured = coloured or logger_noise.coloured
         subject = channels[index[0]] if len(index) == 1 else f"{len(index)} channels"
         findings += logger_noise.findings(subject)
         for c in index:
-            listed[c] = logger_noise.behind(listed[c])
+            listed[c] = logger_noise.whitened_chain(listed[c])
     for flag, name in zip(flags.T, channels):
         findings += _flag_findings(flag, name)
     good = flags == GOOD
@@ -296,7 +296,7 @@ class Compensated(Result):
         Standard deviation from noise and regularisation [K].
     lag_sensitivity
         Change of the temperature per second of lag [K/s]; times the uncertainty of each lag.
-    split_K
+    lag_split_K
         Change for one standard uncertainty of how a lag divides into its parts [K].
     static_u
         Standard uncertainty of the static line [K].
@@ -320,11 +320,11 @@ class Compensated(Result):
         Pairs of event time and its standard uncertainty [s].
     intensities
         Process-noise intensities as functions of time, one a channel (smoother only).
-    by_event_K
+    event_shift_K
         Change (N, M) [K] for one standard uncertainty of the time of each event; its square is
         included in that of ``sd_noise``.
     undetermined
-        Samples (N, M) where the record does not determine the temperature, see ``checked``.
+        Samples (N, M) where the record does not determine the temperature, see ``with_undetermined``.
     """
 
     temperature: Array
@@ -334,7 +334,7 @@ class Compensated(Result):
     lag_sensitivity: Array
     static_u: Array
     lag_covariance: Array
-    split_K: Array
+    lag_split_K: Array
     noise_sd: Array
     intensity: Array
     flags: NDArray[np.uint8]
@@ -343,11 +343,11 @@ class Compensated(Result):
     findings: tuple[Finding, ...] = ()
     events_s: tuple[tuple[float, float], ...] = ()
     intensities: tuple[Intensity, ...] = ()
-    by_event_K: tuple[Array, ...] = ()
+    event_shift_K: tuple[Array, ...] = ()
     undetermined: Flags | None = None
 
     @classmethod
-    def of(
+    def from_components(
         cls,
         temperature: Array,
         sd_noise: Array,
@@ -362,7 +362,7 @@ class Compensated(Result):
         """Combine the contributions: sd^2 = sd_noise^2 + (lag_sensitivity u(lag))^2 + split_K^2 +
         static_u^2.
 
-        ``lag_covariance`` (M, M), ``static_u`` and ``split_K`` (a number, (M,) or (N, M)) are zero
+        ``lag_covariance`` (M, M), ``static_u`` and ``lag_split_K`` (a number, (M,) or (N, M)) are zero
         when left out; ``fields`` are the other fields.
         """
         n, m = temperature.shape
@@ -386,7 +386,7 @@ class Compensated(Result):
             **fields,
         )
 
-    def checked(self, y: Array, names: Sequence[str]) -> Compensated:
+    def with_undetermined(self, y: Array, names: Sequence[str]) -> Compensated:
         """The same result with ``undetermined``, and a warning for each channel that has such
         samples.
 
@@ -411,7 +411,7 @@ class Compensated(Result):
             findings.append(warning("trace.undetermined", subject=names[c], **numbers))
         return replace(self, undetermined=undetermined, findings=tuple(findings))
 
-    def answers(self) -> tuple[Array, Array]:
+    def determined_estimates(self) -> tuple[Array, Array]:
         """Temperature [degC] and standard uncertainty [K] (N, M), NaN where undetermined."""
         if self.undetermined is None or not self.undetermined.any():
             return self.temperature, self.sd

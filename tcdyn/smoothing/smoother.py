@@ -134,7 +134,7 @@ def smooth(
     detect = not events_s if find_events is None else find_events
     if intensity is None and detect:
         fit, detected_events = with_hidden(fit, start_var, record.noise_known)
-        intensities = list(fit.chosen)
+        intensities = list(fit.intensities)
         noise_var = fit.noise_var
     if heavy_tails:
         for _ in range(REWEIGHTINGS):
@@ -142,16 +142,16 @@ def smooth(
     for event in detected_events:
         fit = averaged(fit, event)
     sd = fit.sd
-    line_u_K = np.hypot(0.0 if static_u is None else static_u, record.folded_u_K)
+    line_u_K = np.hypot(0.0 if static_u is None else static_u, record.aliasing_u_K)
     event_shifts = tuple(_event_shift(fit, at, u) for at, u in events.items() if u > 0)
     for shift_K in event_shifts:
         sd = np.hypot(sd, shift_K)
     split_u = np.broadcast_to(np.asarray(split_u_s, dtype=float), n_channels).tolist()
-    split_K = fit.bend * [c.split_s2(u) for c, u in zip(record.chains, split_u)]
+    split_K = fit.lag_split_sensitivity * [c.split_s2(u) for c, u in zip(record.chains, split_u)]
     time = np.arange(len(sd)) * dt_s
     some_times = time[:: max(len(time) // 2000, 1)]
     detected = [(h.at_s, h.u_s) for h in detected_events if h.log_odds > 0]
-    result = Compensated.of(
+    result = Compensated.from_components(
         fit.temperature,
         sd,
         fit.slope,
@@ -165,11 +165,11 @@ def smooth(
         flags=fit.record.flags,
         method="fixed-interval smoother",
         findings=record.findings,
-        by_event_K=event_shifts,
+        event_shift_K=event_shifts,
         events_s=tuple(sorted([*events.items(), *detected])),
         intensities=tuple(intensities),
     )
-    return result.checked(record.y, channel_names(names, n_channels))
+    return result.with_undetermined(record.y, channel_names(names, n_channels))
 
 
 def _as_intensities(
@@ -192,7 +192,7 @@ def _spikes(fit: Smoothed) -> Flags:
     rule = SPIKES["answer"]
     record = fit.record
     limit = rule.sigmas * np.sqrt(fit.noise_var)
-    outlying = (np.abs(record.y - fit.read) > limit) & (record.weight > 0)
+    outlying = (np.abs(record.y - fit.predicted) > limit) & (record.weight > 0)
     window = np.ones(rule.width)
     crowd = np.stack([np.convolve(column, window, mode="same") for column in outlying.T], axis=1)
     return np.asarray(outlying & (crowd <= rule.longest))
@@ -208,10 +208,10 @@ def _without_samples(record: Record, spikes: Flags) -> Record:
 
 def _reweighted(fit: Smoothed, y: Array) -> Smoothed:
     """Smooth again with the weights of Student's t likelihood at the residuals of ``y`` (N, M)."""
-    residual = y - fit.read
+    residual = y - fit.predicted
     student = (FREEDOM + 1) / (FREEDOM + residual**2 / fit.noise_var)
     weight = np.where(fit.record.weight > 0, student, 0.0)
-    return smooth_record(replace(fit.record, weight=weight), fit.noise_var, fit.chosen)
+    return smooth_record(replace(fit.record, weight=weight), fit.noise_var, fit.intensities)
 
 
 def _event_shift(fit: Smoothed, event_s: float, u_s: float) -> Array:
@@ -224,7 +224,7 @@ def _event_shift(fit: Smoothed, event_s: float, u_s: float) -> Array:
     n_samples = len(record.y)
     time = np.arange(n_samples) * dt
     corners = []
-    for chain, q, var in zip(record.chains, fit.chosen, fit.noise_var):
+    for chain, q, var in zip(record.chains, fit.intensities, fit.noise_var):
         ratio = np.array(np.min(q.at(time)) / (var * dt))
         corners.append(float(corner_rad_s(chain, ratio)))
     margin = int(MARGIN / min(corners) / dt)
@@ -236,7 +236,7 @@ def _event_shift(fit: Smoothed, event_s: float, u_s: float) -> Array:
     temperatures = []
     for time_s in (event_s - u_s, event_s + u_s):
         events = sorted(time_s - shift if e == event_s - shift else e for e in window.events_s)
-        shifted = [q.moved(event_s, time_s).moved(shift_s=shift) for q in fit.chosen]
+        shifted = [q.shifted(event_s, time_s).shifted(shift_s=shift) for q in fit.intensities]
         moved_window = replace(window, events_s=tuple(events))
         result = smooth_record(moved_window, fit.noise_var, shifted, DIFFERENCE * FINE)
         temperatures.append(result.temperature)
@@ -354,7 +354,7 @@ def window_covariance(
     detected = {burst.start_s for burst in q.bursts if burst.slope_sd > 0}
     listed = [e - start * dt_s for e, _ in result.events_s if e not in detected]
     record = record_of(window, dt_s, chain, listed, noise_sd)
-    model = full_model(record, noise_sd**2, [[q.moved(shift_s=start * dt_s)]])
+    model = full_model(record, noise_sd**2, [[q.shifted(shift_s=start * dt_s)]])
     fit = rts_smooth(model)
     t = np.arange(first - start, last - start) * dt_s
     interval = np.searchsorted(model.knots_s[:-1], t + 1e-6 * dt_s, side="right") - 1
@@ -380,6 +380,6 @@ def window_covariance(
     pairs = covariance[(interval - first_interval)[:, None], (interval - first_interval)[None, :]]
     out = np.einsum("ia,ijab,jb->ij", row, pairs, row, optimize=True)
     lag = result.lag_sensitivity[first:last, channel]
-    split = result.split_K[first:last, channel]
+    split = result.lag_split_K[first:last, channel]
     lag_part = np.outer(lag, lag) * result.lag_covariance[channel, channel]
     return np.asarray(out + lag_part + np.outer(split, split))

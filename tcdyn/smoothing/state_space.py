@@ -219,7 +219,7 @@ class Smoothed:
 
     Parameters
     ----------
-    record, noise_var, chosen
+    record, noise_var, intensities
         The record, its noise variance (M,) [K2] and the intensity of each channel.
     knots_s
         Knots (J+1,) [s].
@@ -230,15 +230,15 @@ class Smoothed:
         if there is none.
     temperature, slope, sd
         Temperature (N, M) [degC], its slope [K/s] and its standard deviation [K].
-    lag_sensitivity, bend
+    lag_sensitivity, lag_split_sensitivity
         Sensitivity to the lag [K/s] and to its division into parts [K/s2] (N, M), see ``Sensor``.
-    read, read_var
+    predicted, predicted_var
         Predicted reading without noise (N, M) [degC], and its variance [K2].
     """
 
     record: Record
     noise_var: Array
-    chosen: tuple[Intensity, ...]
+    intensities: tuple[Intensity, ...]
     knots_s: Array
     knot_slope: Array
     jump_chi2: Array
@@ -246,9 +246,9 @@ class Smoothed:
     slope: Array
     sd: Array
     lag_sensitivity: Array
-    bend: Array
-    read: Array
-    read_var: Array
+    lag_split_sensitivity: Array
+    predicted: Array
+    predicted_var: Array
 
 
 def _evaluate_polynomials(

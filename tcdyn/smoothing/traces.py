@@ -95,11 +95,11 @@ class DiskTraces(DiskChannels):
         Standard uncertainty (C,) [K] of line and rounding at the mean of the rows of the call.
     uncertainty
         Type B standard uncertainties (nuisance parameters) of rig.toml for this disk.
-    inner_K
+    inner_offset_K
         What the inner row would read more at the edge of the rim (N, k) [K].
     findings
         Findings about the traces.
-    left_out
+    excluded
         Channels that are not used. Surrogates replace them here and in ``setup``, known to
         ``SURROGATE_U_K`` and to ``SURROGATE_DEPTH_U_M`` times the radial gradient.
     common_lag_s, common_lag_u_s
@@ -114,9 +114,9 @@ class DiskTraces(DiskChannels):
     rounding_K: Array
     static_u_K: Array
     uncertainty: UncertaintyTable
-    inner_K: Array
+    inner_offset_K: Array
     findings: tuple[Finding, ...] = ()
-    left_out: tuple[str, ...] = ()
+    excluded: tuple[str, ...] = ()
     common_lag_s: float = field(init=False)
     common_lag_u_s: float = field(init=False)
 
@@ -127,26 +127,26 @@ class DiskTraces(DiskChannels):
         object.__setattr__(self, "common_lag_u_s", float(u))
 
     @property
-    def out(self) -> NDArray[np.bool_]:
+    def excluded_mask(self) -> NDArray[np.bool_]:
         """Mask of the channels that are left out (C,)."""
-        return np.isin(self.setup.channels, self.left_out)
+        return np.isin(self.setup.channels, self.excluded)
 
     @property
     def depth_u_m(self) -> Array:
         """Standard uncertainty (C,) [m] of the depths; of its surrogate for an inner channel left
         out.
         """
-        inner = np.isin(self.setup.channels, self.setup.inner) & self.out
+        inner = np.isin(self.setup.channels, self.setup.inner) & self.excluded_mask
         return np.where(inner, SURROGATE_DEPTH_U_M, self.uncertainty.depth_mm * 1e-3)
 
     @property
-    def drives(self) -> Array:
+    def inner_row_weights(self) -> Array:
         """Error of each of the inner row per error of its readings, (k, k): its own, and through
         surrogates.
         """
-        inner = self.setup.places(self.setup.inner)
-        weights = self.setup.made_of(self.left_out)[np.ix_(inner, inner)]
-        return np.asarray(weights.T + np.diag(self.out[inner]))
+        inner = self.setup.channel_indices(self.setup.inner)
+        weights = self.setup.surrogate_matrix(self.excluded)[np.ix_(inner, inner)]
+        return np.asarray(weights.T + np.diag(self.excluded_mask[inner]))
 
     @property
     def noise_K(self) -> Array:
@@ -166,16 +166,16 @@ class DiskTraces(DiskChannels):
     def static_u(self, temperature_degC: Array) -> Array:
         """As for the lines, plus the rounding of the logger and aliased hum."""
         return np.hypot(
-            super().static_u(temperature_degC), np.hypot(self.rounding_K, self.noise.folded_u_K)
+            super().static_u(temperature_degC), np.hypot(self.rounding_K, self.noise.aliasing_u_K)
         )
 
-    def outside_lines(self, where: str, rows: Rows = slice(None)) -> tuple[Finding, ...]:
+    def extrapolation_findings(self, where: str, rows: Rows = slice(None)) -> tuple[Finding, ...]:
         """Findings for channels that are far outside the range of their static lines in ``rows``;
         ``where`` is prefixed.
         """
         channels = self.setup.channels
         readings = dict(zip(channels, self.measured_degC[rows].T))
-        for channel in self.left_out:
+        for channel in self.excluded:
             readings.pop(channel, None)
         return tuple(extrapolation_warnings(where, readings, dict(zip(channels, self.lines))))
 
@@ -281,11 +281,11 @@ def disk_traces(
     rig: Rig,
     record: DiskRecord,
     *,
-    named: bool = True,
+    prefixed: bool = True,
     rows: Rows = slice(None),
     where: str = "",
     lag: bool = True,
-    left_out: Sequence[str] = (),
+    excluded: Sequence[str] = (),
 ) -> DiskTraces:
     """Traces of one disk in the table ``frame`` of a log: static lines, spikes interpolated, noise.
 
@@ -299,7 +299,7 @@ def disk_traces(
         The rig file.
     record
         Calibration record of the disk.
-    named
+    prefixed
         Whether the columns contain the name of the disk.
     rows
         Rows where the uncertainty of the static lines is evaluated.
@@ -308,7 +308,7 @@ def disk_traces(
     lag
         False for readings whose lag does not matter; chain and filter of the record are then not
         needed.
-    left_out
+    excluded
         Channels whose columns are not used and need not exist.
 
     Raises
@@ -317,15 +317,15 @@ def disk_traces(
         For the record of another disk, and as :func:`disk_channels`.
     """
     disk_setup = rig.disk_setup(disk)
-    left_out = channels_left_out((f"{disk}_{c}" for c in left_out), {disk: disk_setup})[disk]
-    setup = disk_setup.with_stand_ins(left_out)
+    excluded = channels_left_out((f"{disk}_{c}" for c in excluded), {disk: disk_setup})[disk]
+    setup = disk_setup.with_surrogates(excluded)
     if record.disk not in (disk, setup.name):
         raise InputError(
             f"the record is of disk {record.disk!r}", where=where, expected=f"a record of {disk!r}"
         )
-    channels = disk_channels(record, setup, disk if named else "", lag)
+    channels = disk_channels(record, setup, disk if prefixed else "", lag)
     findings = [f for f in record.findings if f.code == ALTERED_CODE]
-    used = ~np.isin(setup.channels, left_out)
+    used = ~np.isin(setup.channels, excluded)
     names = [*compress(channels.columns, used)]
     columns = []
     bad = []
@@ -360,7 +360,7 @@ def disk_traces(
         SPIKES["traces"],
     )
     missing |= outliers
-    if not (noise.coloured or noise.lines or noise.unexplained > UNEXPLAINED):
+    if not (noise.coloured or noise.hum_lines or noise.unexplained > UNEXPLAINED):
         noise = noise.white(white_noise_sd(y, DIFFERENCE_ORDER))
     for name, share in zip(names, missing.mean(axis=0)):
         percent = 100 * float(share)
@@ -368,22 +368,22 @@ def disk_traces(
             subject = name.removesuffix("_degC")
             findings.append(warning("traces.gaps", subject=subject, percent=percent))
     findings += noise.findings(disk)
-    weights = setup.made_of(left_out)
-    if left_out:  # surrogates: weighted means of other channels
+    weights = setup.surrogate_matrix(excluded)
+    if excluded:  # surrogates: weighted means of other channels
         shares = weights[:, used]
         y = y @ shares.T
         missing = missing @ (shares.T > 0)
         rounding = list(shares @ rounding)
-        noise = noise.for_more(used, np.sqrt(shares**2 @ noise.level_K**2))
+        noise = noise.expanded(used, np.sqrt(shares**2 @ noise.level_K**2))
         covariance = weights @ channels.lag_covariance_s2 @ weights.T
         chains = tuple(mean_of([*compress(channels.chains, row > 0)], disk) for row in weights)
         channels = replace(channels, chains=chains, lag_covariance_s2=covariance)
     line_u_K = channels.static_u(y[rows].mean(axis=0))
-    static_u_K = np.hypot(line_u_K, np.hypot(rounding, noise.folded_u_K))
+    static_u_K = np.hypot(line_u_K, np.hypot(rounding, noise.aliasing_u_K))
     return DiskTraces(
         columns=channels.columns,
         lines=channels.lines,
-        chains=tuple(noise.behind(c) for c in channels.chains),
+        chains=tuple(noise.whitened_chain(c) for c in channels.chains),
         lag_covariance_s2=channels.lag_covariance_s2,
         split_u_s=channels.split_u_s,
         name=disk,
@@ -394,9 +394,9 @@ def disk_traces(
         rounding_K=np.array(rounding),
         static_u_K=np.where(used, static_u_K, SURROGATE_U_K),
         uncertainty=rig.tables(disk).uncertainty,
-        inner_K=np.zeros((len(y), len(setup.inner))),
+        inner_offset_K=np.zeros((len(y), len(setup.inner))),
         findings=tuple(findings),
-        left_out=left_out,
+        excluded=excluded,
     )
 
 

@@ -92,13 +92,13 @@ def window_means(
         result = compensated[disk]
         shared.append(shared_u_K(traces.lines))
         lag_rate = result.lag_sensitivity[rows].mean(axis=0)
-        split = result.split_K[rows].mean(axis=0)
+        split = result.lag_split_K[rows].mean(axis=0)
         block = np.outer(lag_rate, lag_rate) * result.lag_covariance
         for i, name in enumerate(traces.columns):
             channel_covariance = window_covariance(
                 traces.measured_degC[:, i], dt_s, traces.chains[i], result, i, first, last
             )
-            event_shifts = np.array([shift[rows, i] for shift in result.by_event_K]).reshape(
+            event_shifts = np.array([shift[rows, i] for shift in result.event_shift_K]).reshape(
                 -1, last - first
             )
             sample_covariance[name.removesuffix("_degC")] = (

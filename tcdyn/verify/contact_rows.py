@@ -168,7 +168,7 @@ def contact_rows() -> Iterator[VerifyRow]:
     yield _conductance()
     setup = load_rig().disk_setup("slow")
     fitted = [
-        press_fit_conductance(replace(setup, fit=PressFit(interference_um=um)))
+        press_fit_conductance(replace(setup, press_fit=PressFit(interference_um=um)))
         for um in (15.2, 25.4)
     ]
     pressures_MPa = [p * 1e-6 for p, _ in fitted]

@@ -161,7 +161,7 @@ def bath_rows() -> Iterator[VerifyRow]:
     rig = load_rig().disk_setup("fast")
     ratio = 2 * rig.outer_radius_m / rig.width_m
     bath = Bath(fluid("mobil-jet-ii"), CORRELATIONS["mcadams"], rig.width_m, 2 * rig.outer_radius_m)
-    least = [35 / float(bath.film(start, oil)[2]) ** 0.25 for oil in oils]
+    least = [35 / float(bath.film_properties(start, oil)[2]) ** 0.25 for oil in oils]
     yield row(
         "physics",
         "least D/L at which a disk of 26 degC passes for a plate in oil of 69 and 138 degC",

@@ -24,7 +24,7 @@ class BearingFile:
     file: str
     sha256: str
 
-    def added(self, load_N: float, speed_rpm: float) -> FrictionCorrection:
+    def friction_added(self, load_N: float, speed_rpm: float) -> FrictionCorrection:
         """Half of both shafts' bearing friction at a load [N] and a speed of the slow shaft [rpm],
         for ``prepare``.
 

@@ -206,16 +206,16 @@ def prepare_test(
 
     traces_by_disk = {
         d: disk_traces(
-            frame, d, rig, records[d], rows=steady, where=where, left_out=left_out_by_disk[d]
+            frame, d, rig, records[d], rows=steady, where=where, excluded=left_out_by_disk[d]
         )
         for d in measured_disks
     }
     for d, traces in traces_by_disk.items():
-        rig.disk_setup(d).check_rows()
+        rig.disk_setup(d).check_junction_rows()
         findings += [
             *_changed_disk_findings(rig, d, records[d]),
             *traces.findings,
-            *traces.outside_lines(f"{d} disk", steady),
+            *traces.extrapolation_findings(f"{d} disk", steady),
         ]
         findings += air_and_findings[d][1]
         widened_u = {
@@ -223,7 +223,7 @@ def prepare_test(
             for key, extra_u in stated_u.items()
         }
         widened_u["friction_rel"] = math.hypot(widened_u["friction_rel"], added.u_N / friction_N)
-        setup = replace(traces.setup, flux=traces.setup.flux.under(contact.pressure_Pa))
+        setup = replace(traces.setup, flux=traces.setup.flux.at_pressure(contact.pressure_Pa))
         disks[d] = replace(
             traces, uncertainty=traces.uncertainty.model_copy(update=widened_u), setup=setup
         )
@@ -238,7 +238,7 @@ def prepare_test(
         ),
         ambient_degC=air[measured_disks[0]].faces,
         air=air if rig.air_columns() else {},
-        stated_u=stated_u,
+        constants_u=stated_u,
         load_N=load_N,
         friction_N=friction_N,
         speed_ratio=ratio,
@@ -255,8 +255,8 @@ def prepare_test(
         ),
         disks=disks,
         findings=tuple(findings),
-        added=added,
-        slowing=speed_profiles,
+        added_friction=added,
+        relative_speed=speed_profiles,
         friction_noise_N=float(white_noise_sd(frame["friction_N"].to_numpy(dtype=float)[steady])),
     )
 
@@ -290,7 +290,7 @@ def _left_out_finding(
     """Report a channel that is left out, and what replaces it; info where the user requested it."""
     disk, _, channel = name.rpartition("_")
     setup = rig.disk_setup(disk)
-    names = setup.stand_ins(left_out_by_disk[disk]).get(channel, ())
+    names = setup.surrogate_weights(left_out_by_disk[disk]).get(channel, ())
     outer_channels = [c for c in setup.outer if c not in left_out_by_disk[disk]]
     details: dict[str, Any] = {
         "stand_ins": [*names] if channel in setup.inner else [],
@@ -352,7 +352,9 @@ def estimate_beta(
         progress("reading the log")
         chunks = iter_log(log, "ehl", rig, without=[f"{name}_degC" for name in left_out])
         table, count = read_stage(chunks, stage)
-        test = prepare_test(table, rig, records, bearing.added if bearing else None, left_out)
+        test = prepare_test(
+            table, rig, records, bearing.friction_added if bearing else None, left_out
+        )
         try:
             partition = analyse(
                 test, window_s=window_s, seed=seed, sensor_check=sensor_check, progress=progress
@@ -401,7 +403,7 @@ def retry_without_lost_channels(
             if (
                 lost_channel in left_out
                 or disk not in DISKS
-                or not rig.disk_setup(disk).tells_beta(missing)
+                or not rig.disk_setup(disk).determines_beta(missing)
             ):
                 raise (first_error or problem if problem.column else problem) from None
             first_error = first_error or problem
@@ -435,9 +437,9 @@ def estimate_stages(
 
 def summary_of(partition: Partition) -> str:
     """Return the recommended estimate, beta, h and lag by every method, and the cross-check."""
-    answers = partition.answers
+    answers = partition.estimates
     both = partition.both.estimates
-    withheld = partition.withheld
+    withheld = partition.impossible
     pair = "beta {}   h_fast {}   h_slow {} W/m2K"
     lines = {"both beta": ("both disks", pair.format(both["beta"], both["h_fast"], both["h_slow"]))}
     lines["speed law"] = (
@@ -458,4 +460,4 @@ def summary_of(partition: Partition) -> str:
     rows = [
         f"{word:14}{'withheld' if key in withheld else text}" for key, (word, text) in lines.items()
     ]
-    return "\n".join([partition.headline.sentence, *rows, partition.crosscheck.sentence])
+    return "\n".join([partition.recommendation.sentence, *rows, partition.crosscheck.sentence])

@@ -57,9 +57,9 @@ def estimate_row(
     reported: bool = True,
 ) -> dict[str, str]:
     """One way to beta in a table, empty where it is withheld."""
-    row = {"way": word, "β [1]": beta.plain(), "95 % of β": beta.interval}
+    row = {"way": word, "β [1]": beta.text_without_interval(), "95 % of β": beta.interval_text}
     more = {"h [W/m²K]": h, "lag [s]": lag, "exponent n [1]": n}
-    row |= {key: e.plain() if e else "" for key, e in more.items()}
+    row |= {key: e.text_without_interval() if e else "" for key, e in more.items()}
     return row if reported else {**dict.fromkeys(row, ""), "way": word, "β [1]": "withheld"}
 
 
@@ -67,8 +67,8 @@ def estimates_table(partition: Partition) -> pd.DataFrame:
     """beta, h, lag and exponent by every way, the headline's first: standard uncertainties, 95 %
     interval of beta.
     """
-    answers = partition.answers
-    withheld = partition.withheld
+    answers = partition.estimates
+    withheld = partition.impossible
     both = partition.both.estimates
     n = None if "both exponent" in withheld else both["exponent"]
     reported = "both beta" not in withheld
@@ -103,12 +103,12 @@ def estimates_table(partition: Partition) -> pd.DataFrame:
 def structures_table(p: Partition) -> pd.DataFrame:
     """The fit of both disks under every other structure, best supported first."""
     rows = []
-    for a, likely in zip(p.structures.tried, p.structures.probability):
-        implied = a.exponent.plain()
+    for a, likely in zip(p.model_forms.forms, p.model_forms.probability):
+        implied = a.exponent.text_without_interval()
         rows.append(
             (
                 model_form_text(a.name),
-                a.beta.plain(),
+                a.beta.text_without_interval(),
                 f"{a.delta_chi2:.1f}",
                 probability_text(likely),
                 implied,
@@ -122,7 +122,7 @@ def budget_table(p: Partition) -> pd.DataFrame:
     """Source, and its standard uncertainty of beta by the fit of both disks (the headline), by the
     speed law and by the cooling fit; the headline's largest first, last all together.
     """
-    speed, cooling = p.budget.together
+    speed, cooling = p.budget.total_u
     both, by_way = joint_budget(p), {r.source: r for r in p.budget.rows}
     rows = sorted(both | by_way, key=lambda source: -both.get(source, 0.0))
     total = sum(u**2 for u in both.values()) ** 0.5
@@ -161,7 +161,7 @@ def test_table(p: Partition | OneDisk) -> pd.DataFrame:
         ("hottest surface, slow disk", "surface slow", "°C"),
         ("their difference times sliding speed, ΔT u_s", "delta_T_us", "K m/s"),
     ):
-        plain += [(word, str(p.answers[key]), unit)] if key in p.answers else []
+        plain += [(word, str(p.estimates[key]), unit)] if key in p.estimates else []
     return pd.DataFrame(plain, columns=["quantity", "value", "unit"])
 
 
@@ -172,17 +172,17 @@ def junctions_table(tests: Mapping[str, DepthTest]) -> pd.DataFrame:
     rows = []
     for disk, test in tests.items():
         for (channel, deeper), pull in zip(test.deeper_m.items(), test.pull):
-            mm = deeper.times(1e3).plain()
+            mm = deeper.scaled(1e3).text_without_interval()
             rows.append(
                 (
                     disk,
                     channel,
                     mm,
-                    f"{1e3 * test.stated_u_m:.2f}",
+                    f"{1e3 * test.nominal_u_m:.2f}",
                     f"{round(float(pull), 1) + 0.0:+.1f}",
                 )
             )
-        rows += [(disk, channel, LEFT_OUT_TEXT, "", "") for channel in test.left_out]
+        rows += [(disk, channel, LEFT_OUT_TEXT, "", "") for channel in test.excluded]
     columns = [
         "disk",
         "junction",
@@ -279,8 +279,8 @@ def reference_table(partition: Partition) -> pd.DataFrame:
     for d in DISKS:
         for quantity, key in (("beta", ""), ("h_W_m2K", "h ")):
             ways = [f"{key}{kind} {d}" for kind in ("cooling", "joint")]
-            compensated_value, commuted_value = (partition.answers[way] for way in ways)
-            a, b = (partition.budget.draws[way] for way in ways)
+            compensated_value, commuted_value = (partition.estimates[way] for way in ways)
+            a, b = (partition.budget.samples[way] for way in ways)
             difference = compensated_value.value - commuted_value.value
             u = float(np.std(a - b))
             z = difference / max(u, 1e-12)
@@ -332,10 +332,10 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
     the stated depth.
     """
     test = p.test
-    withheld = p.withheld
+    withheld = p.impossible
     answers = {
         key: WITHHELD if key in withheld else estimate.model_dump()
-        for key, estimate in p.answers.items()
+        for key, estimate in p.estimates.items()
     }
     both = {
         key: WITHHELD if f"both {key}" in withheld else e.model_dump()
@@ -381,13 +381,13 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
         "headline": {
             "beta": both["beta"],
             "way": "joint both",
-            "sentence": p.headline.sentence,
+            "sentence": p.recommendation.sentence,
             "range95": None
             if p.status == "withheld"
-            else [p.structures.low95, p.structures.high95],
+            else [p.model_forms.low95, p.model_forms.high95],
         },
         "status": p.status,
-        "alternatives": [] if p.status == "withheld" else p.structures.to_list(),
+        "alternatives": [] if p.status == "withheld" else p.model_forms.to_list(),
         "crosscheck": p.crosscheck.to_dict(),
         "budget": [asdict(row) for row in p.budget.rows],
         "budget_both": [{"source": name, "u_beta": u} for name, u in joint_budget(p).items()],
@@ -397,8 +397,8 @@ def beta_file(p: Partition, source: dict[str, str]) -> dict[str, Any]:
             "delta_T_us": answers["delta_T_us"],
         },
         "noise": {d: test.disks[d].noise.to_dict() for d in DISKS},
-        "unevenness": {d: p.both.uneven[d].to_dict() for d in DISKS},
-        "sensors": {} if p.sensors is None else p.sensors.said,
+        "unevenness": {d: p.both.harmonics[d].to_dict() for d in DISKS},
+        "sensors": {} if p.sensors is None else p.sensors.texts,
         "junctions": junction_depths(p.sensors),
         "findings": [finding.to_dict() for finding in p.findings],
         "warnings": list(p.warnings),
@@ -411,7 +411,7 @@ def junction_depths(sensor_check: SensorCheck | None) -> dict[str, Any]:
     """
     return {
         d: {
-            c: {"deeper_mm": e.times(1e3).model_dump(), "z": float(z)}
+            c: {"deeper_mm": e.scaled(1e3).model_dump(), "z": float(z)}
             for (c, e), z in zip(t.deeper_m.items(), t.pull)
         }
         for d, t in ({} if sensor_check is None else sensor_check.depths).items()

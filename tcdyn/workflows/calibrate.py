@@ -299,7 +299,7 @@ def fit_summary(fit: PlungeFit, correlation: str) -> dict[str, object]:
         "sentence": fit.sentence,
         "converged": fit.converged,
         "static_lines": json.loads(static_line_corrections(fit).to_json(orient="records")),
-        "nuisances": json.loads(fit.nuisances.to_json(orient="records")),
+        "nuisances": json.loads(fit.parameter_table.to_json(orient="records")),
         "structures": fit.structures.to_dict() if fit.structures is not None else None,
         "lag_budget": [asdict(share) for share in fit.budget],
     }

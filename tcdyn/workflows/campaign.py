@@ -47,7 +47,7 @@ class LogOutcome:
     log: Path
     data: dict[str, Any] | None
     error: str = ""
-    kept: bool = False
+    from_earlier_run: bool = False
     stage: int = 0
 
     @property
@@ -62,7 +62,7 @@ class LogOutcome:
 
 @dataclass(frozen=True)
 class CampaignRun(Result):
-    """All logs in the order in which they were given, and their table; ``kept`` counts answers of
+    """All logs in the order in which they were given, and their table; ``n_from_earlier_run`` counts answers of
     an earlier run.
 
     ``joined``: all that were analysed as one measurement, None where none was; ``altered``: logs
@@ -81,9 +81,9 @@ class CampaignRun(Result):
         return tuple(o for o in self.outcomes if o.data is None)
 
     @property
-    def kept(self) -> int:
+    def n_from_earlier_run(self) -> int:
         """How many answers are those of an earlier run."""
-        return sum(o.kept for o in self.outcomes)
+        return sum(o.from_earlier_run for o in self.outcomes)
 
     @property
     def findings(self) -> list[Finding]:
@@ -104,9 +104,7 @@ class CampaignRun(Result):
     def summary(self) -> str:
         """How many logs did what, and the range of beta."""
         analysed = self.table[self.table["error"] == ""]
-        text = (
-            f"{len(self.outcomes)} logs: {len(analysed)} analysed ({self.kept} kept from before), "
-        )
+        text = f"{len(self.outcomes)} logs: {len(analysed)} analysed ({self.n_from_earlier_run} kept from before), "
         text += f"{len(self.failed)} failed"
         if len(analysed):
             text += f"; beta by the speed law {analysed['beta'].min():.3f} to {analysed['beta'].max():.3f}"
@@ -119,7 +117,7 @@ class CampaignRun(Result):
                 for k in ("beta_within", "beta")
             )
             text += f"\nall tests as one: u of beta {u_within:.4f} at most within the campaign, {u_total:.4f} absolute"
-            text += f"; exponent n {self.joined.law.exponent}"
+            text += f"; exponent n {self.joined.speed_law.exponent}"
         return text
 
     def to_dict(self) -> dict[str, Any]:
@@ -163,7 +161,8 @@ def run_campaign(
     given_results = [(i, path) for i, path in enumerate(paths) if path.name.endswith(RESULT_SUFFIX)]
     rig = rig_fingerprint(settings.rig, settings.records) if given_results else ""
     outcomes: dict[int, list[LogOutcome]] = {
-        i: [LogOutcome(path, read_given_result(path, rig), kept=True)] for i, path in given_results
+        i: [LogOutcome(path, read_given_result(path, rig), from_earlier_run=True)]
+        for i, path in given_results
     }
     jobs: list[tuple[int, Path]] = []
     altered = tuple(
@@ -230,7 +229,7 @@ def _stored_one(path: Path, folder: Path, settings: CampaignSettings, stage: int
     ):
         raise ValueError("of another log or other settings")
     table_row(path.stem, data)
-    return LogOutcome(path, data, kept=True, stage=stage)
+    return LogOutcome(path, data, from_earlier_run=True, stage=stage)
 
 
 def stage_name(path: Path, stage: int) -> str:

@@ -113,7 +113,7 @@ def _analyse_stage(
     data["campaign"] = {
         **settings.fingerprint(),
         "friction_coefficient": test.friction_N / test.load_N,
-        "bearing_N": test.added.value_N if settings.bearing else None,
+        "bearing_N": test.added_friction.value_N if settings.bearing else None,
         "bulk_degC": {
             d: float(np.mean([x for x in steady[d].values() if x is not None])) for d in DISKS
         },
@@ -131,7 +131,7 @@ def steady_degC(test: EhlTest) -> dict[str, dict[str, float | None]]:
     means = {d: test.disks[d].readings_degC[rows].mean(axis=0) for d in DISKS}
     return {
         d: {
-            c: None if c in test.disks[d].left_out else float(x)
+            c: None if c in test.disks[d].excluded else float(x)
             for c, x in zip(test.disks[d].setup.channels, means[d])
         }
         for d in DISKS

@@ -34,7 +34,7 @@ def circumferential_temperature(p: Partition, disk: str) -> CircumferentialTempe
     test = p.test
     unload_s = test.events.unload_s
     window = p.windows[disk]
-    harmonic = p.both.uneven[disk]
+    harmonic = p.both.harmonics[disk]
     setup = test.disks[disk].setup
     theta = p.both.theta[4 * (disk == "slow") :]
     share = float(theta[SHARE])
@@ -42,26 +42,26 @@ def circumferential_temperature(p: Partition, disk: str) -> CircumferentialTempe
     depth = np.linspace(0.0, setup.edge_m, N_DEPTHS)
     middle = tuple((float(d), 0.5 * setup.width_m) for d in depth)
     across = tuple((SURFACE_DEPTH_M, (k + 0.5) / N_ACROSS * setup.width_m) for k in range(N_ACROSS))
-    since_unloading_s = window.at_s - unload_s
+    since_unloading_s = window.block_time_s - unload_s
     last = (since_unloading_s >= -SURFACE_MEAN_S) & (since_unloading_s < -END_GAP_S)
     n_outer = len(setup.outer)
-    at_rest, by_power = window.rim.answer(h, extra=(*middle, *across))
+    at_rest, by_power = window.rim.response(h, extra=(*middle, *across))
     even = at_rest[last].mean(axis=0)[n_outer:] + share * by_power[last].mean(axis=0)[n_outer:]
     # Back from the Kirchhoff transform, to first order.
-    even -= setup.steel.straight(even) - even
+    even -= setup.steel.kirchhoff_temperature(even) - even
     angles = np.deg2rad(ANGLES_DEG)
     directions = np.stack([np.cos(angles), np.sin(angles)])
     hottest = np.deg2rad(harmonic.angle_deg.value)
     level = harmonic.amplitude_K.value * np.array([np.cos(hottest), np.sin(hottest)])
     shape = radial_shape(setup, h, depth)
     variance = np.einsum("ia,ij,ja->a", directions, harmonic.level_covariance_K2, directions)
-    even_u = p.answers[f"surface {disk}"].u
+    even_u = p.estimates[f"surface {disk}"].u
     time_s = test.time_s[p.rows]
     averaged = (time_s >= unload_s - SURFACE_MEAN_S) & (time_s < unload_s - END_GAP_S)
     readings = test.disks[disk].readings_degC[p.rows][averaged].mean(axis=0)
     # The fits use readings without the harmonic: add it again.
-    readings += harmonic_K(test.uneven[disk], setup, np.array([-0.5 * SURFACE_MEAN_S]))[0]
-    used = [c for c in setup.channels if c not in test.disks[disk].left_out]
+    readings += harmonic_K(test.harmonics[disk], setup, np.array([-0.5 * SURFACE_MEAN_S]))[0]
+    used = [c for c in setup.channels if c not in test.disks[disk].excluded]
     return CircumferentialTemperature(
         disk=disk,
         setup=setup,
@@ -70,5 +70,5 @@ def circumferential_temperature(p: Partition, disk: str) -> CircumferentialTempe
         middle_degC=even[:N_DEPTHS, None] + np.outer(shape, level @ directions),
         surface_degC=even[N_DEPTHS:].mean() + shape[0] * (level @ directions),
         surface_u_K=np.asarray(np.hypot(shape[0] * np.sqrt(variance), even_u), dtype=float),
-        seen_degC={c: float(readings[setup.channels.index(c)]) for c in used},
+        reading_degC={c: float(readings[setup.channels.index(c)]) for c in used},
     )

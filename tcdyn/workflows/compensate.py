@@ -60,9 +60,9 @@ class CompensatedLog(Result):
         Compensated channels, and what the compensator used, by disk.
     events_s
         Times at which slopes may jump [s after the first sample]; the last is the unloading.
-    raw, way
+    raw_log, method
         The log as it was recorded, and the method.
-    rest
+    segments
         How to compensate the remaining rows of a long log; None for a short one.
     """
 
@@ -72,12 +72,12 @@ class CompensatedLog(Result):
     disks: Mapping[str, Compensated]
     traces: Mapping[str, DiskTraces]
     events_s: tuple[float, ...]
-    raw: Log
-    way: CompensationMethod
-    rest: LogSegments | None = field(default=None, repr=False)
+    raw_log: Log
+    method: CompensationMethod
+    segments: LogSegments | None = field(default=None, repr=False)
 
     def __repr__(self) -> str:
-        return f"<CompensatedLog of {self.raw.path.name}, {len(self.frame)} rows; summary() says it in words>"
+        return f"<CompensatedLog of {self.raw_log.path.name}, {len(self.frame)} rows; summary() says it in words>"
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -90,7 +90,7 @@ class CompensatedLog(Result):
         for disk, done in self.disks.items():
             lines += (
                 [f"{disk}: common lag {self.metadata[f'{disk}_common_lag_s']}"]
-                if self.way.removes_lag
+                if self.method.removes_lag
                 else []
             )
             lines += done.lines(self.traces[disk].setup.channels)
@@ -108,8 +108,10 @@ class CompensatedLog(Result):
         noticed.
         """
         progress("writing")
-        if self.rest is not None:
-            return Path(path), unique_by_subject([*self.findings, *self.rest.write(path, progress)])
+        if self.segments is not None:
+            return Path(path), unique_by_subject(
+                [*self.findings, *self.segments.write(path, progress)]
+            )
         return write_log(self.frame, path, self.metadata), self.findings
 
     def as_log(self) -> Log:
@@ -117,7 +119,9 @@ class CompensatedLog(Result):
         left out.
         """
         frame = self.frame[[c for c in self.frame.columns if not c.endswith("_u_K")]]
-        return replace(self.raw, frame=frame, metadata=dict(self.metadata), findings=self.findings)
+        return replace(
+            self.raw_log, frame=frame, metadata=dict(self.metadata), findings=self.findings
+        )
 
     def card(self) -> pd.DataFrame:
         """Noise and standard deviation of every channel."""
@@ -129,14 +133,15 @@ class CompensatedLog(Result):
         """What the channels of ``disk`` are called in the log, without their unit."""
         return [name.removesuffix("_degC") for name in self.traces[disk].columns]
 
-    def before_use(self, disk: str) -> FilterReport:
+    def filter_report(self, disk: str) -> FilterReport:
         """The report on the proper inverse of this log's bandwidth, for the noisiest channel of
         ``disk``.
         """
         noise = self.disks[disk].noise_sd
         dt = self._dt_s
         inverses = [
-            proper_inverse(chain, dt, self.way.bandwidth_Hz) for chain in self.traces[disk].chains
+            proper_inverse(chain, dt, self.method.bandwidth_Hz)
+            for chain in self.traces[disk].chains
         ]
         noisiest = int(np.argmax([f.noise_gain * sd for f, sd in zip(inverses, noise)]))
         return report_inverse(inverses[noisiest], float(noise[noisiest]))
@@ -147,7 +152,13 @@ class CompensatedLog(Result):
         """
         time_s = self.frame["time_s"].to_numpy(dtype=float)
         return window_means(
-            self.raw.path.name, time_s, self.events_s, self.traces, self.disks, length_s, start_s
+            self.raw_log.path.name,
+            time_s,
+            self.events_s,
+            self.traces,
+            self.disks,
+            length_s,
+            start_s,
         )
 
     @property
@@ -221,7 +232,7 @@ def compensate_log(
             each_test = all_events(pieces, table)
             for events in each_test:
                 events_at_s |= {events.load_on_s: 0.0} | dict.fromkeys(
-                    events.kinks_s, events.unload_u_s
+                    events.slope_changes_s, events.unload_u_s
                 )
         except InputError as problem:  # slopes that jump are found by the smoother
             findings += (
@@ -250,7 +261,7 @@ def compensate_log(
             disk,
             rig,
             record,
-            named=kind == "ehl",
+            prefixed=kind == "ehl",
             where=table.path.name,
             lag=way.removes_lag,
         )
@@ -267,7 +278,7 @@ def compensate_log(
         frame = frame.assign(**output_columns(disk_traces_used, results[disk], way, parts))
         findings += [
             f.at(disk)
-            for f in (*results[disk].findings, *disk_traces_used.outside_lines("the log"))
+            for f in (*results[disk].findings, *disk_traces_used.extrapolation_findings("the log"))
         ]
         findings += disk_traces_used.findings
     t_start_s, t_end_s = (float(frame["time_s"].iloc[k]) for k in (0, -1))
@@ -297,11 +308,11 @@ def compensate_log(
 def log_around_unloading(pieces: LogChunks) -> Log:
     """Return the log; of a long one the rows around the unloading, or the first rows without one."""
     if pieces.rows <= MAX_ROWS:
-        return pieces.whole()
+        return pieces.to_log()
     try:
         return read_stage(pieces, None)[0]
     except InputError:
-        return pieces.whole(np.arange(MAX_ROWS))
+        return pieces.to_log(np.arange(MAX_ROWS))
 
 
 def _refine(

@@ -48,27 +48,27 @@ DECIMALS = 5
 
 @dataclass(frozen=True)
 class SensorColumn:
-    """A column of a table with its sensor; ``at`` is the index of the sensor file's column."""
+    """A column of a table with its sensor; ``index`` is the index of the sensor file's column."""
 
     column: str
     file: SensorFile
-    at: int  # of the sensor file's columns
+    index: int  # of the sensor file's columns
     unit: Unit
 
     @property
     def chain(self) -> Chain:
         """The chain of this column."""
-        return self.file.chains[self.at]
+        return self.file.chains[self.index]
 
     @property
     def lag_s(self) -> Estimate:
         """The lag of this column [s]."""
-        return self.file.chain.channels[self.file.columns[self.at]].lag_s
+        return self.file.chain.channels[self.file.columns[self.index]].lag_s
 
     @property
     def line(self) -> StaticLine | None:
         """Its static line, None where readings stand as they are."""
-        return self.file.static.get(self.file.columns[self.at])
+        return self.file.static.get(self.file.columns[self.index])
 
 
 @dataclass(frozen=True)
@@ -189,7 +189,7 @@ def compensate_table(
                 segment, sensor_cols, display_path(source.path)
             )
             if (
-                settle_rows > segment.beside
+                settle_rows > segment.margin_rows
             ):  # too little beside it for both sweeps to settle: again, with more
                 segment = segments.send(settle_rows)
                 continue
@@ -298,7 +298,7 @@ def _compensate_segment(
         return out, numbers, [*findings, warning("sensor.short", count=len(segment.time_s))], 0
     grid, grid_findings = even_times(segment.time_s, where)
     findings += grid_findings
-    size = int(grid.place[-1]) + 1
+    size = int(grid.index[-1]) + 1
     group_size = min(max(int(MAX_VALUES / size), 1), MAX_COLUMNS)
     settle_s = 0.0
     alive = [w for w in sensor_cols if np.count_nonzero(np.isfinite(readings[w.column])) >= 10]
@@ -307,9 +307,9 @@ def _compensate_segment(
         for smoothed_columns, result in _smooth_columns(
             alive[first : first + group_size], readings, grid, size, findings
         ):
-            temperature, sd_all = result.answers()
+            temperature, sd_all = result.determined_estimates()
             for k, w in enumerate(smoothed_columns):
-                rows = grid.place[keep]
+                rows = grid.index[keep]
                 x = temperature[rows, k]
                 sd = sd_all[rows, k]
                 settle_s = max(
@@ -328,7 +328,7 @@ def _compensate_segment(
                         )
                     )
                 name, u_name = w.unit.names(w.column)
-                out[name] = np.round(w.unit.back(x), DECIMALS)
+                out[name] = np.round(w.unit.from_degC(x), DECIMALS)
                 out[u_name] = np.round(w.unit.per_K * sd, DECIMALS)
                 numbers[w.column] = (
                     np.array([result.noise_sd[k], np.nanmedian(sd), np.nanmax(sd)])
@@ -352,7 +352,7 @@ def _smooth_columns(
     for i, a in enumerate(sensor_cols):
         for j, b in enumerate(sensor_cols):
             if a.file is b.file:
-                covariance[i, j] = a.file.lag_covariance_s2[a.at, b.at]
+                covariance[i, j] = a.file.lag_covariance_s2[a.index, b.index]
     line_u = np.zeros_like(y)
     for k, w in enumerate(sensor_cols):
         if w.line:
@@ -363,7 +363,7 @@ def _smooth_columns(
             grid.dt_s,
             [w.chain for w in sensor_cols],
             lag_covariance=covariance,
-            split_u_s=[float(w.file.split_u_s[w.at]) for w in sensor_cols],
+            split_u_s=[float(w.file.split_u_s[w.index]) for w in sensor_cols],
             static_u=np.nan_to_num(line_u),
             names=[w.column for w in sensor_cols],
         )
@@ -381,6 +381,10 @@ def _smooth_columns(
 
 def _readings_degC(column: SensorColumn, segment: TableSegment) -> Array:
     """Return the readings of a column (N,) [degC] after its static line."""
-    cold = segment.data[column.unit.cold] if isinstance(column.unit.cold, str) else column.unit.cold
+    cold = (
+        segment.data[column.unit.reference_junction]
+        if isinstance(column.unit.reference_junction, str)
+        else column.unit.reference_junction
+    )
     degC = column.unit.in_degC(segment.data[column.column], cold)
     return np.asarray(apply_static(degC, column.line) if column.line else degC)

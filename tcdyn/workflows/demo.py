@@ -147,10 +147,10 @@ def compare_with_truth(
     for name, beta in tests.items():
         p = beta.partition
         true = truth["tests"][name]
-        for way, value in p.ways.items():
+        for way, value in p.beta_by_estimator.items():
             add(f"{name} beta, {way}", "1", value.value, value.u, true["beta"])
         for d in DISKS:
-            h = p.answers[f"h_{d}"]
+            h = p.estimates[f"h_{d}"]
             add(f"{name} h {d}, speed law", "W/m2K", h.value, h.u, true[f"h_{d}"])
         for disk in DISKS:
             lag = p.joint[disk].estimates["lag_s"]
@@ -181,7 +181,7 @@ def errors_after_unloading(
         (traces["time_s"] >= unload_s) & (traces["time_s"] < unload_s + ERROR_WINDOW_S)
     ).to_numpy()
     true = traces[column].to_numpy()[after]
-    raw = compensated_log.raw.frame[column].to_numpy()[after]
+    raw = compensated_log.raw_log.frame[column].to_numpy()[after]
     compensated = compensated_log.frame[column].to_numpy()[after]
     return float(np.sqrt(np.nanmean((raw - true) ** 2))), float(
         np.sqrt(np.mean((compensated - true) ** 2))

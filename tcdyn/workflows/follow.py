@@ -135,7 +135,7 @@ def follow(
         start = _warm_up_rows(source, settings, patience)
         if start is None:
             ended = "stopped before anything was learnt; nothing was written"
-            return FollowRun(table.rows, 0, table.bad, ended, None, ())
+            return FollowRun(table.rows, 0, table.bad_lines, ended, None, ())
         (plan, compensator_state, rows) = start
         written = 0
         head = _head(source, plan)
@@ -152,7 +152,7 @@ def follow(
             if rows:
                 compensator_state, output_rows = plan.advance(compensator_state, np.array(rows))
                 output.append(
-                    _lines(source.given_back(output_rows, plan.output_names)), len(output_rows)
+                    _lines(source.in_table_units(output_rows, plan.output_names)), len(output_rows)
                 )
             else:
                 output.check(0)
@@ -163,7 +163,7 @@ def follow(
                     {
                         **key,
                         "where": _where(table, output),
-                        "plan": plan.learnt(),
+                        "plan": plan.warm_up_statistics(),
                         "state": compensator_state.to_json(),
                     },
                 )
@@ -177,10 +177,10 @@ def follow(
             ) as error:  # the log is not the same any more: what was read of it is kept
                 log_error = error
                 rows = []
-        flushed = plan.rest(
+        flushed = plan.flush(
             compensator_state
         )  # a run that goes on from the state file writes these rows again, then better known
-        output.append(_lines(source.given_back(flushed, plan.output_names)), len(flushed))
+        output.append(_lines(source.in_table_units(flushed, plan.output_names)), len(flushed))
         written = output.rows
     if log_error:
         raise InputError(
@@ -190,12 +190,12 @@ def follow(
             remedy=log_error.remedy,
             parameters=log_error.parameters,
         )
-    torn_lines = (warning("follow.torn", count=table.bad),) if table.bad else ()
+    torn_lines = (warning("follow.torn", count=table.bad_lines),) if table.bad_lines else ()
     screening_findings = compensator_state.screening.findings(plan.junctions)
     return FollowRun(
         table.rows,
         written,
-        table.bad,
+        table.bad_lines,
         ended,
         plan,
         (
@@ -289,7 +289,7 @@ def _warm_up_rows(
     """
     source.table.seek(source.table.first_byte)
     rows: list[list[float]] = []
-    names = list(source.places)
+    names = list(source.column_indices)
     time_index = names.index("time_s")
     while not (first_rows := _first_segment(rows, time_index, settings.learn_s)):
         new = _rows(source, patience)
@@ -356,7 +356,7 @@ def _where(table: GrowingTable, output: AppendedFile) -> dict[str, Any]:
         "offset": table.offset,
         "sha256": table.hash.hexdigest(),
         "rows": table.rows,
-        "bad": table.bad,
+        "bad": table.bad_lines,
     }
     return {
         **read,
@@ -384,7 +384,11 @@ def _read_state(file: Path, key: dict[str, Any], table: GrowingTable, out: Path)
     try:
         data: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
         where, _, _ = data["where"], data["plan"], data["state"]
-        table.rows, table.bad, _ = int(where["rows"]), int(where["bad"]), int(where["written"])
+        table.rows, table.bad_lines, _ = (
+            int(where["rows"]),
+            int(where["bad"]),
+            int(where["written"]),
+        )
         offset = int(where["offset"])
         digest_of_log = str(where["sha256"])
         out_bytes = int(where["out_bytes"])
@@ -419,8 +423,12 @@ def _restore_plan(
     none.
     """
     try:
-        plan = LiveCompensator.of(
-            list(source.places), source.channels, source.level_K2_s3, settings, stored["plan"]
+        plan = LiveCompensator.create(
+            list(source.column_indices),
+            source.channels,
+            source.level_K2_s3,
+            settings,
+            stored["plan"],
         )
         compensator_state = LiveCompensatorState.from_json(stored["state"])
         plan.check_fits(compensator_state)
@@ -446,7 +454,7 @@ def _head(source: GrowingLog, plan: LiveCompensator) -> str:
         f"# {' '.join(k.split()).replace(':', ' ')}: {' '.join(str(v).split())}\n"
         for k, v in notes.items()
     ]
-    return "".join(lines) + header_line(source.called(plan.output_names))
+    return "".join(lines) + header_line(source.output_names(plan.output_names))
 
 
 def _lines(rows: np.ndarray) -> str:

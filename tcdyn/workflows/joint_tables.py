@@ -22,24 +22,24 @@ class FitComparison:
     ----------
     channels
         The M channels of the outer row.
-    at_s
+    time_since_unloading_s
         Time since the unloading, shape (R,).
-    measured, model, sd
+    readings_degC, model_degC, sd_K
         Readings [degC], model [degC] and standard deviation of a reading [K], shape (R, M); NaN for a
         channel that is left out.
     """
 
     channels: tuple[str, ...]
-    at_s: Array
-    measured: Array
-    model: Array
-    sd: Array
+    time_since_unloading_s: Array
+    readings_degC: Array
+    model_degC: Array
+    sd_K: Array
 
 
 def compare_joint_fit(p: Partition | OneDisk, disk: str) -> FitComparison:
     """Compare readings and model of a disk at the optimum of the joint fit of all its disks."""
     names = [d for d in DISKS if d in p.test.disks]
-    sides = [p.joint.side] if isinstance(p, OneDisk) else [p.joint[d].side for d in names]
+    sides = [p.joint.block] if isinstance(p, OneDisk) else [p.joint[d].block for d in names]
     optimum = p.optimum if isinstance(p, OneDisk) else p.both.optimum
     ends = np.cumsum([len(s.y) for s in sides])
     window = sides[names.index(disk)].window
@@ -49,7 +49,7 @@ def compare_joint_fit(p: Partition | OneDisk, disk: str) -> FitComparison:
     sd = 1 / np.where(window.weight > 0, window.weight, np.nan)
     return FitComparison(
         p.test.disks[disk].setup.outer,
-        window.at_s - p.test.events.unload_s,
+        window.block_time_s - p.test.events.unload_s,
         window.y,
         window.y + residual * sd,
         sd,
@@ -61,8 +61,8 @@ def residuals_table(p: Partition | OneDisk) -> pd.DataFrame:
     rows = []
     for disk in [d for d in DISKS if d in p.test.disks]:
         m = compare_joint_fit(p, disk)
-        difference = m.measured - m.model
-        after = m.at_s > 0
+        difference = m.readings_degC - m.model_degC
+        after = m.time_since_unloading_s > 0
         for k, c in enumerate(m.channels):
             if np.isnan(difference[:, k]).any():
                 rows.append((disk, c, LEFT_OUT_TEXT, "", ""))
@@ -71,7 +71,7 @@ def residuals_table(p: Partition | OneDisk) -> pd.DataFrame:
                 f"{1e3 * float(np.mean(difference[rows_of_part, k])):+z.0f}"
                 for rows_of_part in (~after, after)
             )
-            rms = float(np.sqrt(np.mean((difference[:, k] / m.sd[:, k]) ** 2)))
+            rms = float(np.sqrt(np.mean((difference[:, k] / m.sd_K[:, k]) ** 2)))
             rows.append((disk, c, before, cooling, f"{rms:.2f}"))
     columns = [
         "disk",
@@ -85,7 +85,7 @@ def residuals_table(p: Partition | OneDisk) -> pd.DataFrame:
 
 def joint_budget(p: Partition) -> dict[str, float]:
     """Standard uncertainty of the recommended beta by source, largest first; squares add up."""
-    sides = [p.joint[d].side for d in DISKS]
+    sides = [p.joint[d].block for d in DISKS]
     noise, per_sd = main_covariance(p.both.optimum, sides)
     sources = [nuisance.source for nuisance, _ in nuisance_parameters(sides)] + ["chain"] * (
         2 * len(sides)

@@ -177,7 +177,7 @@ class LiveCompensator:
     settings: LiveSettings
 
     @classmethod
-    def of(
+    def create(
         cls,
         names: Sequence[str],
         channels: Sequence[DiskChannels],
@@ -233,7 +233,9 @@ class LiveCompensator:
             raise InputError(
                 what, expected=f"at most {longest_behind_s:g} s", remedy="use `tcdyn compensate`"
             )
-        engine = LiveSmoother.of(chains, dt, after, level, round(settings.behind_s / dt), before)
+        engine = LiveSmoother.from_chains(
+            chains, dt, after, level, round(settings.behind_s / dt), before
+        )
         return cls(
             tuple(names),
             junctions,
@@ -249,7 +251,7 @@ class LiveCompensator:
             settings,
         )
 
-    def learnt(self) -> dict[str, Any]:
+    def warm_up_statistics(self) -> dict[str, Any]:
         """Return the result of the warm-up, for the state file."""
         levels = {"noise_K": self.noise_K, "before_K": self.before_K}
         named = {k: dict(zip(self.junctions, v.tolist())) for k, v in levels.items()}
@@ -269,16 +271,16 @@ class LiveCompensator:
         )
 
     @property
-    def shifts_s(self) -> Array:
+    def delays_s(self) -> Array:
         """By how much a channel's answer comes late (M,) [s]: dead time, and how far behind the
         smoother works.
         """
         return np.array([c.delay_s + self.engine.lag_samples * self.dt_s for c in self.chains])
 
     @property
-    def rows_late(self) -> int:
+    def delay_rows(self) -> int:
         """How many rows a row waits for its temperatures."""
-        return int(np.ceil(np.max(self.shifts_s) / self.dt_s - 1e-6))
+        return int(np.ceil(np.max(self.delays_s) / self.dt_s - 1e-6))
 
     def start(self, first: Array, count: float = 0.0) -> LiveCompensatorState:
         """State before the first row, in equilibrium with ``first (M,)`` [degC, after the static
@@ -289,7 +291,7 @@ class LiveCompensator:
         m = len(self.junctions)
         memory = [np.concatenate([signal.lfilter_zi(*f) for f in pair]) for pair in self._filters]
         return LiveCompensatorState(
-            self.engine.start(first),
+            self.engine.initial_state(first),
             np.array(memory) * first[:, None],
             np.empty((0, len(self.names))),
             np.empty((0, m)),
@@ -334,7 +336,7 @@ class LiveCompensator:
     def reach(self) -> Reach:
         """How far the readings of each channel can move."""
         noise_K = np.hypot(self.noise_K, self.before_K)
-        return Reach.of(self.chains, self.lag_u_s, self.split_u_s, noise_K, self.dt_s)
+        return Reach.create(self.chains, self.lag_u_s, self.split_u_s, noise_K, self.dt_s)
 
     def advance(
         self, state: LiveCompensatorState, rows: Array
@@ -363,7 +365,7 @@ class LiveCompensator:
                 longest_gap_s=max(fresh.longest_gap_s, float(step[long_gaps[0]])),
             )
             fresh, later = self.advance(fresh, rows[long_gaps[0] :])
-            return fresh, np.concatenate([first, self.rest(state), later])
+            return fresh, np.concatenate([first, self.flush(state), later])
         positions = np.cumsum(np.round(np.maximum(step[rising] / self.dt_s, 1.0))).astype(int)
         regular_rows = np.full((int(positions[-1]) if len(positions) else 0, rows.shape[1]), np.nan)
         regular_rows[positions - 1] = rows[rising]
@@ -382,9 +384,9 @@ class LiveCompensator:
         lag_s = min(max(c.lag_s for c in self.chains), MAX_HELD_ROWS * self.dt_s)
         return max(LONGEST_GAP_S, lag_s, RESTART_ROWS * self.dt_s)
 
-    def rest(self, state: LiveCompensatorState) -> Array:
+    def flush(self, state: LiveCompensatorState) -> Array:
         """Return the rows that still wait when no more rows come, by the current estimate."""
-        return self._advance_regular(state, np.full((self.rows_late, len(self.names)), np.nan))[1]
+        return self._advance_regular(state, np.full((self.delay_rows, len(self.names)), np.nan))[1]
 
     def _first_levels(self, rows: Array, state: LiveCompensatorState) -> Array:
         """First valid reading of each channel in ``rows``; its last known level where it has none."""
@@ -478,11 +480,11 @@ class LiveCompensator:
 
     def _pop_ready(self, state: LiveCompensatorState) -> tuple[LiveCompensatorState, Array]:
         """Return the complete rows, interpolated linearly between samples; the others wait on."""
-        ready = max(len(state.waiting) - self.rows_late, 0)
+        ready = max(len(state.waiting) - self.delay_rows, 0)
         out = np.full((ready, len(self.output_names)), np.nan)
         out[:, : len(self.names)] = state.waiting[:ready]
         out[:, [self.names.index(n) for n in self.dead]] = np.nan
-        for i, (name, shift) in enumerate(zip(self.junctions, self.shifts_s / self.dt_s)):
+        for i, (name, shift) in enumerate(zip(self.junctions, self.delays_s / self.dt_s)):
             whole_rows = int(np.floor(shift + 1e-6))
             fraction = shift - whole_rows if shift - whole_rows > 1e-6 else 0.0
             for source, column in ((state.found, name), (state.found_u, uncertainty_column(name))):
@@ -496,7 +498,7 @@ class LiveCompensator:
         remaining = {k: getattr(state, k)[ready:] for k in ("waiting", "found", "found_u")}
         return replace(state, **remaining), out[real]
 
-    def before_use(self) -> FilterReport:
+    def filter_report(self) -> FilterReport:
         """Filter report of the channel with the largest noise."""
         return report_live_smoother(self.engine, self.chains)
 

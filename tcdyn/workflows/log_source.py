@@ -49,23 +49,23 @@ class GrowingLog:
 
     Attributes
     ----------
-    table, places
+    table, column_indices
         The growing table, and the field index of each canonical column.
     channels
         Junctions with static lines, chains and uncertainties, by disk.
     level_K2_s3
         Process-noise intensity for a log of this kind; None where it is unknown.
-    how
+    conversions
         Conversions of columns in another unit to seconds and degrees Celsius.
     units
         Units of the columns that the output has in their own unit.
     """
 
     table: GrowingTable
-    places: dict[str, int]
+    column_indices: dict[str, int]
     channels: list[DiskChannels]
     level_K2_s3: float | None
-    how: Mapping[str, Callable[[Array], Array]] = field(default_factory=dict)
+    conversions: Mapping[str, Callable[[Array], Array]] = field(default_factory=dict)
     units: Mapping[str, Unit] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
 
@@ -74,16 +74,20 @@ class GrowingLog:
 
         NaN stands for an emf outside the range of the thermocouple type.
         """
-        names = list(self.places)
-        read_rows = self.table.new_rows(list(self.places.values()))
-        if not read_rows or not (self.how or self.units):
+        names = list(self.column_indices)
+        read_rows = self.table.new_rows(list(self.column_indices.values()))
+        if not read_rows or not (self.conversions or self.units):
             return read_rows
         rows = np.array(read_rows)
         converted = rows.copy()
-        for name, convert in self.how.items():
+        for name, convert in self.conversions.items():
             converted[:, names.index(name)] = convert(rows[:, names.index(name)])
         for name, unit in self.units.items():
-            cold = rows[:, names.index(unit.cold)] if isinstance(unit.cold, str) else unit.cold
+            cold = (
+                rows[:, names.index(unit.reference_junction)]
+                if isinstance(unit.reference_junction, str)
+                else unit.reference_junction
+            )
             converted[:, names.index(name)] = unit.in_degC(rows[:, names.index(name)], cold)
         # An infinite temperature of a channel (no such emf of the couple) stays: it is counted as impossible later.
         infinite = np.isinf(converted)
@@ -92,16 +96,16 @@ class GrowingLog:
         ] = False
         return [list(map(float, row)) for row in np.where(infinite, np.nan, converted)]
 
-    def given_back(self, rows: Array, names: Sequence[str]) -> Array:
+    def in_table_units(self, rows: Array, names: Sequence[str]) -> Array:
         """Return the output (k, columns ``names``) in the units of the table."""
         out = np.array(rows)
         for name, unit in self.units.items():
             at = names.index(name)
             u_at = names.index(uncertainty_column(name))
-            out[:, at], out[:, u_at] = unit.back(rows[:, at]), unit.per_K * rows[:, u_at]
+            out[:, at], out[:, u_at] = unit.from_degC(rows[:, at]), unit.per_K * rows[:, u_at]
         return out
 
-    def called(self, names: Sequence[str]) -> list[str]:
+    def output_names(self, names: Sequence[str]) -> list[str]:
         """Return the output's column names with the table's units; degrees Celsius for millivolts."""
         own_names = {uncertainty_column(n): unit.names(n)[1] for n, unit in self.units.items()}
         own_names |= {n: unit.names(n)[0] for n, unit in self.units.items()}
@@ -149,7 +153,12 @@ def growing_log(
     kind, own_disk = log_kind_of_columns(table.names, rig, records, where)
     mapping = rig.columns(own_disk)
     chosen = match_columns(
-        table.names, kind, where, mapping, stated=rig.stated(), layouts=rig_layouts(rig, own_disk)
+        table.names,
+        kind,
+        where,
+        mapping,
+        replaced=rig.replaced_columns(),
+        layouts=rig_layouts(rig, own_disk),
     )
     conversions = unit_conversions(chosen, table.names, rig, own_disk or "", mapping)
     converted = {
@@ -196,8 +205,8 @@ def _table_source(
         tuple(w.column for w in sensor_cols),
         tuple(w.line or IDENTITY_LINE for w in sensor_cols),
         tuple(w.chain for w in sensor_cols),
-        np.diag([w.file.lag_covariance_s2[w.at, w.at] for w in sensor_cols]),
-        np.array([w.file.split_u_s[w.at] for w in sensor_cols]),
+        np.diag([w.file.lag_covariance_s2[w.index, w.index] for w in sensor_cols]),
+        np.array([w.file.split_u_s[w.index] for w in sensor_cols]),
     )
     clock.check_step(clock.in_seconds(growing.first_numbers(names.index(time)), False), False)
     scale = float(clock.seconds or 1.0)

@@ -93,7 +93,7 @@ class _Channel:
 class Reach:
     """How far the readings of M channels can move.
 
-    ``keep`` (M,): share of a deviation that is left after one sample; 0 where the chain sets no
+    ``remaining_share`` (M,): share of a deviation that is left after one sample; 0 where the chain sets no
     bound. ``margin_K`` (M,): for the noise. ``low_degC``, ``high_degC`` (M,): range of what enters
     the largest lag. ``patience`` (M,): samples without an acceptable reading after which a channel
     starts anew.
@@ -108,14 +108,14 @@ class Reach:
     the temperature.
     """
 
-    keep: Array
+    remaining_share: Array
     margin_K: Array
     low_degC: Array
     high_degC: Array
     patience: Array
 
     @classmethod
-    def of(
+    def create(
         cls, chains: Sequence[Chain], lag_u_s: Array, split_u_s: Array, noise_K: Array, dt_s: float
     ) -> Reach:
         """For ``chains``, their standard uncertainties [s], the noise [K] and the sample interval
@@ -143,9 +143,9 @@ class Reach:
         """Whether channel ``i`` can read ``after`` [degC] so many ``samples`` later than ``before``
         [degC].
         """
-        if self.keep[i] == 0:
+        if self.remaining_share[i] == 0:
             return np.isfinite(after)
-        kept = self.keep[i] ** samples
+        kept = self.remaining_share[i] ** samples
         low = self.low_degC[i] + (before - self.low_degC[i]) * kept - self.margin_K[i]
         high = self.high_degC[i] + (before - self.high_degC[i]) * kept + self.margin_K[i]
         return (low <= after) & (after <= high)

@@ -127,7 +127,7 @@ def output_columns(
         if parts and way.removes_lag
         else result.sd
     )
-    temperature, sd = result.answers()
+    temperature, sd = result.determined_estimates()
     for i, column in enumerate(traces.columns):
         columns[column] = temperature[:, i]
         if way.removes_lag:
@@ -149,11 +149,11 @@ class LogSegments:
     log: LogChunks
     rig: Rig
     records: Mapping[str, DiskRecord]
-    way: CompensationMethod
+    method: CompensationMethod
     fits: Mapping[str, SingleDiskFit]
     events: Mapping[float, float]
-    parts: bool
-    named: bool
+    components: bool
+    canonical_names: bool
     columns: pd.Index[str]
     header: pd.Index[str]
     notes: Mapping[str, str]
@@ -185,7 +185,7 @@ class LogSegments:
             segment = next(segments, None)
             while segment is not None:
                 frame, segment_findings, margin_rows = self._compensate_segment(segment)
-                if margin_rows > segment.beside:
+                if margin_rows > segment.margin_rows:
                     segment = segments.send(margin_rows)
                     continue
                 write(frame)
@@ -206,13 +206,13 @@ class LogSegments:
         output = frame
         dt = self.log.dt_s
         for disk, record in self.records.items():
-            lag = self.way.removes_lag
+            lag = self.method.removes_lag
             traces = disk_traces(
-                frame, disk, self.rig, record, named=self.named, where=where, lag=lag
+                frame, disk, self.rig, record, prefixed=self.canonical_names, where=where, lag=lag
             )
             traces = with_common_lag(traces, record, self.fits.get(disk))[0] if lag else traces
-            result = compensate_disk(traces, frame, self.events, self.way)
-            output = output.assign(**output_columns(traces, result, self.way, self.parts))
+            result = compensate_disk(traces, frame, self.events, self.method)
+            output = output.assign(**output_columns(traces, result, self.method, self.components))
             if result.intensities:
                 margin_rows = max(
                     margin_rows,
@@ -220,7 +220,7 @@ class LogSegments:
                     / dt,
                 )
             findings += [
-                f.at(disk) for f in (*result.findings, *traces.outside_lines("the log"))
+                f.at(disk) for f in (*result.findings, *traces.extrapolation_findings("the log"))
             ] + list(traces.findings)
         return (
             output[[*self.header]].iloc[segment.keep],

@@ -49,16 +49,16 @@ class OneDiskRun(Result):
         """
         partition = self.partition
         disk = self.partition.disk
-        withheld = partition.withheld
+        withheld = partition.impossible
         check = partition.crosscheck
         withheld_keys = {key for way in withheld for key in (way, f"h {way}")} | (
             {"lag_s"} if "joint" in withheld else set()
         )
         answers = {
             key: WITHHELD if key in withheld_keys else e.model_dump()
-            for key, e in partition.answers.items()
+            for key, e in partition.estimates.items()
         }
-        difference = partition.answers["joint"].value - partition.answers["cooling"].value
+        difference = partition.estimates["joint"].value - partition.estimates["cooling"].value
         pair = {
             "one": f"joint {disk}",
             "other": f"cooling {disk}",
@@ -93,7 +93,7 @@ class OneDiskRun(Result):
                 "headline": {
                     "beta": answers["joint"],
                     "way": f"joint {disk}",
-                    "sentence": partition.headline.sentence,
+                    "sentence": partition.recommendation.sentence,
                     "range95": None,
                 },
                 "status": partition.status,
@@ -120,30 +120,30 @@ class OneDiskRun(Result):
                     ("fast_max_degC", "slow_max_degC", "delta_T_us"), WITHHELD
                 ),
                 "noise": {disk: partition.test.disks[disk].noise.to_dict()},
-                "unevenness": {disk: partition.uneven.to_dict()},
-                "sensors": {} if partition.sensors is None else partition.sensors.said,
+                "unevenness": {disk: partition.harmonic.to_dict()},
+                "sensors": {} if partition.sensors is None else partition.sensors.texts,
                 "junctions": junction_depths(partition.sensors),
                 "kept": None,
                 "findings": [finding.to_dict() for finding in partition.findings],
-                "warnings": [f.sentence for f in partition.noticed],
+                "warnings": [f.sentence for f in partition.analysis_findings],
             }
         )
 
     def summary(self) -> str:
         """The answer in a few lines."""
         partition = self.partition
-        answers = self.partition.answers
+        answers = self.partition.estimates
         lag = {"joint": f"   lag {answers['lag_s']} s", "cooling": ""}
         rows = [
             f"{f'{way} {partition.disk}':14}"
             + (
                 "withheld"
-                if way in partition.withheld
+                if way in partition.impossible
                 else f"beta {answers[way]}   h {answers[f'h {way}']} W/m2K{lag[way]}"
             )
             for way in ESTIMATORS
         ]
-        return "\n".join([partition.headline.sentence, *rows, partition.crosscheck.sentence])
+        return "\n".join([partition.recommendation.sentence, *rows, partition.crosscheck.sentence])
 
     def card(self) -> pd.DataFrame:
         """The ways to beta."""
@@ -155,7 +155,7 @@ def one_disk_estimates_table(p: OneDisk) -> pd.DataFrame:
     is withheld.
     """
     rows = []
-    a = p.answers
+    a = p.estimates
     for way in ESTIMATORS:
         lag = a["lag_s"] if way == "joint" else None
         rows.append(
@@ -164,7 +164,7 @@ def one_disk_estimates_table(p: OneDisk) -> pd.DataFrame:
                 a[way],
                 a[f"h {way}"],
                 lag,
-                reported=way not in p.withheld,
+                reported=way not in p.impossible,
             )
         )
     return pd.DataFrame(rows).drop(columns="exponent n [1]")
@@ -209,7 +209,9 @@ def estimate_one_disk(
             log, "ehl", rig, without=[*other_columns, *(f"{name}_degC" for name in left_out)]
         )
         table, count = read_stage(chunks, stage)
-        test = prepare_test(table, rig, records, bearing.added if bearing else None, left_out)
+        test = prepare_test(
+            table, rig, records, bearing.friction_added if bearing else None, left_out
+        )
         try:
             partition = analyse_one_disk(
                 test, window_s=window_s, sensor_check=sensor_check, progress=progress

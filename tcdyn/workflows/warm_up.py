@@ -59,7 +59,9 @@ def warm_up(
             logged = regular_rows[:, list(names).index(name)]
             y = apply_static(np.where(out_of_range(logged), np.nan, logged), line)
             noise_K = np.array([settings.noise_K or noise_bound_K(y)])
-            reach = Reach.of([chain], lag_u_s[i : i + 1], disk.split_u_s[i : i + 1], noise_K, dt)
+            reach = Reach.create(
+                [chain], lag_u_s[i : i + 1], disk.split_u_s[i : i + 1], noise_K, dt
+            )
             rejected = reach.rejected_at_start(0, y)
             y = np.where(rejected, np.nan, y)
             if rejected.any():
@@ -71,7 +73,7 @@ def warm_up(
     if not alive:
         raise InputError("no channel shows a temperature", remedy="check the log's columns")
     statistics = {"dt_s": dt, "dead": dead} | _noise(alive, screened, dt, settings.noise_K)
-    plan = LiveCompensator.of(names, channels, level_K2_s3, settings, statistics)
+    plan = LiveCompensator.create(names, channels, level_K2_s3, settings, statistics)
     first = np.array([np.median(y[np.isfinite(y)][:N_LEVEL_SAMPLES]) for y, _ in alive.values()])
     count = min(int(np.count_nonzero(np.isfinite(y))) for y, _ in alive.values())
     return plan, plan.start(first, count)
@@ -105,7 +107,7 @@ def _noise(
         ):  # the smoother's states are the filter's: as strong at low frequency
             after |= dict(zip(names, logger_noise.level_K.tolist()))
         elif logger_noise.coloured:
-            before |= dict(zip(names, logger_noise.before_K.tolist()))
-            least = np.maximum(MIN_NOISE_K, MIN_NOISE_RATIO * logger_noise.before_K)
-            after |= dict(zip(names, np.maximum(logger_noise.after_K, least).tolist()))
+            before |= dict(zip(names, logger_noise.before_filter_K.tolist()))
+            least = np.maximum(MIN_NOISE_K, MIN_NOISE_RATIO * logger_noise.before_filter_K)
+            after |= dict(zip(names, np.maximum(logger_noise.after_filter_K, least).tolist()))
     return {"noise_K": after, "before_K": before}

@@ -75,8 +75,10 @@ def case_b(records: int = 10) -> None:
         ours, _ = deconvolve(y, dt, chain, criterion=criterion)
         show(f"deconvolution, {criterion}", ours.temperature, ours.sd, 0.249)
     for lag in (0, 10):
-        live = LiveSmoother.of([chain] * records, dt, 0.2, 0.1, lag)
-        _, found, sd, _ = live.run(live.start(y[0]), np.concatenate([y, np.tile(y[-1], (lag, 1))]))
+        live = LiveSmoother.from_chains([chain] * records, dt, 0.2, 0.1, lag)
+        _, found, sd, _ = live.run(
+            live.initial_state(y[0]), np.concatenate([y, np.tile(y[-1], (lag, 1))])
+        )
         show(f"live smoother, {lag} samples behind", found[lag:], sd[lag:], 1.01)
     show("proper inverse, 1.5 Hz", proper_inverse(chain, dt, 1.5)(y), None, 1.01)
     for band_Hz in (0.6, 0.9, 1.5):
@@ -221,9 +223,9 @@ def whole_log() -> None:
     f(np.ascontiguousarray(y.T).ravel())
     rate = y.size / (time.process_time() - wall) / 1e6
     print(f"causal inverse: {rate:.0f} million samples/s (wanted: 10)")
-    live = LiveSmoother.of([chain] * 12, dt, 0.15, 1e-2, lag_samples=15)
+    live = LiveSmoother.from_chains([chain] * 12, dt, 0.15, 1e-2, lag_samples=15)
     wall = time.process_time()
-    live.run(live.start(y[0]), y[:2000])
+    live.run(live.initial_state(y[0]), y[:2000])
     print(
         f"live smoother, 12 channels, 15 samples behind: {(time.process_time() - wall) / 2:.3f} ms a sample (wanted: 1)"
     )

@@ -25,7 +25,7 @@ def one(seed: int, test: str) -> dict[str, float | str]:
     seconds = time.process_time() - start
     told = made.told
     out: dict[str, float | str] = {"test": test, "seed": seed}
-    out |= {way: value.value - told["beta"] for way, value in p.ways.items()}
+    out |= {way: value.value - told["beta"] for way, value in p.beta_by_estimator.items()}
     out["both"] = p.both.estimates["beta"].value - told["beta"]
     out |= {
         "h fast": p.speed.h_fast / told["h_fast"] - 1,
@@ -34,7 +34,7 @@ def one(seed: int, test: str) -> dict[str, float | str]:
     for disk in ("fast", "slow"):
         out[f"lag {disk}"] = p.joint[disk].chain.lag_s - made.truth.disk(disk).common_lag_s
     shares = p.joint["fast"].share + p.joint["slow"].share
-    spread = np.std(p.budget.draws["joint fast"] - p.budget.draws["joint slow"])
+    spread = np.std(p.budget.samples["joint fast"] - p.budget.samples["joint slow"])
     out["z shares"] = (shares - 1.0) / float(spread)
     out |= {"agree": float(p.crosscheck.agree), "analysis CPU s": seconds}
     return out

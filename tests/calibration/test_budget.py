@@ -86,15 +86,15 @@ def test_coverage_factor_and_freedom_are_the_gum_s() -> None:
         tuple(Contribution(str(k), 0.0, u, "normal", 1.0, v) for k, (u, v) in enumerate(parts))
     )
     assert found.u == pytest.approx(32.0, abs=0.5)
-    assert int(found.freedom) == 16
-    assert found.coverage == pytest.approx(stats.t.isf(0.025, int(found.freedom)))
+    assert int(found.dof) == 16
+    assert found.coverage == pytest.approx(stats.t.isf(0.025, int(found.dof)))
 
 
 def test_a_line_s_own_part_is_its_scatter_not_student_s_widening() -> None:
     record = made()
     line = record.static["a"]
     own = uncertainty_budget(line, record.setup.traceability, ON, 90.0).sources[0]
-    assert own.freedom == line.n - 2
+    assert own.dof == line.n - 2
     assert own.u == pytest.approx(
         float(static_u(line, 90.0)) * 1.96 / stats.t.isf(0.025, line.n - 2), rel=1e-3
     )

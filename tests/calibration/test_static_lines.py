@@ -153,8 +153,8 @@ def coverage(ovens) -> dict[str, float]:
         fit = fit_static_lines(frame)
         for k, channel in enumerate(CHANNELS):
             line = fit.lines[channel]
-            hits["gain"].append(line.gain_estimate.covers(gain[k]))
-            hits["offset"].append(line.offset_estimate.covers(offset[k]))
+            hits["gain"].append(line.gain_estimate.contains(gain[k]))
+            hits["offset"].append(line.offset_estimate.contains(offset[k]))
             error = apply_static((90.0 - offset[k]) / gain[k], line) - 90.0
             hits["at 90 degC"].append(abs(error) < 1.96 * static_u(line, 90.0))
     return {name: float(np.mean(hit)) for name, hit in hits.items()}

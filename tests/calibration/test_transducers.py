@@ -28,8 +28,8 @@ def test_one_slope_and_an_intercept_a_session_are_inside_their_intervals_at_the_
     slope, shift, alarms = [], [], []
     for seed in range(400):
         line = fit_transducer(*sessions(seed))
-        slope.append(line.slope_N_V.covers(240.0))
-        shift.append(line.intercept_N["2"].covers(100.0))
+        slope.append(line.slope_N_V.contains(240.0))
+        shift.append(line.intercept_N["2"].contains(100.0))
         alarms.append(line.slopes_differ_p < 0.05)
     # three sigma of a 95 % (5 %) rate over 400 draws is 3.3 %
     assert 0.917 <= np.mean(slope) <= 0.983

@@ -34,9 +34,9 @@ def draw(folder: Path, count: int, first: int = 3000) -> None:
 def told(made: DrawnCampaign) -> dict[str, float]:
     """Errors of one drawn campaign, in the uncertainties that it states."""
     p = solve_campaign(made.kept)
-    true = np.array([made.truth[n]["beta"] for n in p.order])
+    true = np.array([made.truth[n]["beta"] for n in p.test_names])
     off = p.beta[0] - true
-    alone = np.array([made.single[n][0] for n in p.order]) - true
+    alone = np.array([made.single_beta[n][0] for n in p.test_names]) - true
     pairs = np.triu_indices(len(off), 1)
     between = off[:, None] - off[None, :]
     variance = np.diag(p.beta[1])[:, None] + np.diag(p.beta[1])[None, :] - 2 * p.beta[1]

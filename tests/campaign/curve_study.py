@@ -87,12 +87,12 @@ def drawn_curve(seed: int, *, wrong: bool) -> DrawnCurve:
     if wrong:
         difference = difference + wrong_shape(rng, z)
         offset = float("nan")
-    answers = posterior.answers.copy()
+    answers = posterior.values.copy()
     answers[:, BETA] = LEVEL - 3e-5 * (x - 575.0) + difference
     whole = np.eye(N_QUANTITIES * len(x))
     whole[BETA::N_QUANTITIES, BETA::N_QUANTITIES] = covariance
     return DrawnCurve(
-        replace(posterior, answers=answers, covariance=whole), curve, difference, offset
+        replace(posterior, values=answers, covariance=whole), curve, difference, offset
     )
 
 
@@ -109,7 +109,7 @@ def report(count: int) -> None:
         rejected = np.array([t.shape_rejected for t in tests])
         out = np.array([outside(t.offset.value, one.difference) for t, one in zip(tests, made)])
         u = np.array([t.offset.u for t in tests])
-        covered = np.array([t.offset.covers(one.offset) for t, one in zip(tests, made)])
+        covered = np.array([t.offset.contains(one.offset) for t, one in zip(tests, made)])
         print("wrong shape" if wrong else "correct shape", count, "campaigns")
         beside = out > 1e-12  # rounding of a mean
         print(f"  reported: {rejected.sum()} ({100 * rejected.mean():.1f} %)")

@@ -27,10 +27,10 @@ def ratios(made: Iterable[DrawnCampaign], rig: Rig) -> pd.DataFrame:
     rows, designed = [], {}
     for one in made:
         fitted = solve_campaign(one.kept)
-        if fitted.order not in designed:
-            designed[fitted.order] = predict_campaign(plan_of(fitted.order), rig).table()
-        table = designed[fitted.order]
-        alone = np.array([one.single[n][1] for n in fitted.order])
+        if fitted.test_names not in designed:
+            designed[fitted.test_names] = predict_campaign(plan_of(fitted.test_names), rig).table()
+        table = designed[fitted.test_names]
+        alone = np.array([one.single_beta[n][1] for n in fitted.test_names])
         beta, within = (
             np.array([e[k].u for e in fitted.estimates]) for k in ("beta", "beta_within")
         )
@@ -39,7 +39,7 @@ def ratios(made: Iterable[DrawnCampaign], rig: Rig) -> pd.DataFrame:
                 "alone": np.median(table.u_beta_alone / alone),
                 "absolute": np.median(table.u_beta / beta),
                 "within": np.median(table.u_beta_within / within),
-                "widened": fitted.widened,
+                "widened": fitted.inflation,
             }
         )
     return pd.DataFrame(rows)

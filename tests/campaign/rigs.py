@@ -49,7 +49,7 @@ class DrawnCampaign:
         return {
             "seed": self.seed,
             "kept": {k.name: k.to_dict() for k in self.kept},
-            "single": dict(self.single),
+            "single": dict(self.single_beta),
             "truth": dict(self.truth),
             "low": {self.low.name: self.low.to_dict()},
         }
@@ -75,8 +75,8 @@ def kept_of(
     at = with_inner_row_at_one_radius(test)
     joint, both = joint_fits(at, steady_lines(at, fit_rows(at, 10.0))[1].starts)
     beta = both.estimates["beta"]
-    sides = [joint[d].side for d in DISKS]
-    return compress_likelihood(name, rig, at, sides, both.optimum, both.uneven), (
+    sides = [joint[d].block for d in DISKS]
+    return compress_likelihood(name, rig, at, sides, both.optimum, both.harmonics), (
         beta.value,
         beta.u,
     )

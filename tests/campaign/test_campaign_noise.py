@@ -26,7 +26,7 @@ def stand_in(noise_N: float) -> Any:
     """A test whose disks part at sample 330, its load falling from sample 300 + the settling on."""
     off = BEGUN_S + (LAST - 0.5) * DT + 0.3 + SWITCHING_MARGIN_S
     events = SimpleNamespace(
-        unload_s=off, parting_s=0.3, load_on_s=BEGUN_S + 2.5 + SWITCHING_MARGIN_S
+        unload_s=off, fall_time_s=0.3, load_on_s=BEGUN_S + 2.5 + SWITCHING_MARGIN_S
     )
     time_s = BEGUN_S + DT * np.arange(N)
     return SimpleNamespace(
@@ -84,7 +84,7 @@ def test_noise_of_the_inputs_is_that_of_each_sample_through_lags_and_blocks(
     )
     side = cast(Any, SimpleNamespace(window=window, y=np.zeros(weight.size)))
     events = SimpleNamespace(
-        unload_s=3.4 * dt + SWITCHING_MARGIN_S, parting_s=0.0
+        unload_s=3.4 * dt + SWITCHING_MARGIN_S, fall_time_s=0.0
     )  # too early for the friction to be smoothed
     test = cast(Any, SimpleNamespace(friction_noise_N=1.0, friction_N=20.0, dt_s=dt, events=events))
     toward = rng.standard_normal((weight.size, 3))

@@ -29,14 +29,14 @@ def two_tests(first: float, second: float) -> DrawnCurve:
         if len(one.difference) == 2
     )
     difference = np.array([first, second])
-    answers = made.posterior.answers.copy()
+    answers = made.posterior.values.copy()
     answers[:, BETA] = LEVEL + difference
     curve = replace(made.curve, beta=np.full(len(made.curve.x), LEVEL))
     covariance = COMMON**2 * np.ones((2, 2)) + 0.001**2 * np.eye(2)
     whole = made.posterior.covariance.copy()
     whole[BETA :: len(whole) // 2, BETA :: len(whole) // 2] = covariance
     return DrawnCurve(
-        replace(made.posterior, answers=answers, covariance=whole), curve, difference, float("nan")
+        replace(made.posterior, values=answers, covariance=whole), curve, difference, float("nan")
     )
 
 
@@ -54,7 +54,7 @@ def test_the_offset_from_a_curve_of_wrong_shape_lies_inside_the_range_of_the_tes
 def test_the_interval_of_the_offset_covers_the_truth_where_the_shape_is_correct() -> None:
     made = [drawn_curve(seed, wrong=False) for seed in range(DRAWS)]
     tests = [curve_test(one.posterior, one.curve) for one in made]
-    covered = sum(t.offset.covers(one.offset) for t, one in zip(tests, made))
+    covered = sum(t.offset.contains(one.offset) for t, one in zip(tests, made))
     assert covered >= stats.binom.ppf(CHANCE, DRAWS, 0.95)
     assert sum(t.shape_rejected for t in tests) <= stats.binom.ppf(1 - CHANCE, DRAWS, 0.05)
 

@@ -24,10 +24,10 @@ SD = 0.004
 def known(beta: Array, sd: float = SD, exponents: Array | float = 0.7) -> Posterior:
     """A campaign with these beta (N,) and exponents (N,), everything independent and known to ``sd``."""
     found = solve_campaign(toy(3, len(beta)).kept)
-    answers = found.answers.copy()
+    answers = found.values.copy()
     answers[:, 0], answers[:, 1] = beta, np.log(700.0)
     answers[:, 2] = answers[:, 1] - exponents * np.log(RATIO)
-    return replace(found, answers=answers, covariance=sd**2 * np.eye(N_QUANTITIES * len(beta)))
+    return replace(found, values=answers, covariance=sd**2 * np.eye(N_QUANTITIES * len(beta)))
 
 
 def of_tests(posterior: Posterior, name: str) -> Array:
@@ -66,7 +66,7 @@ def test_a_trend_is_surest_at_the_mean_of_its_tests_and_loses_by_its_slope_besid
         (-3e-5, u, 0.0), rel=1e-6
     )
     assert found.p_value[0] == pytest.approx(2 * stats.norm.sf(3e-5 / u), rel=1e-6)
-    value, within = found.at(load.mean() + np.array([0.0, 500.0]))
+    value, within = found.evaluate(load.mean() + np.array([0.0, 500.0]))
     assert value == pytest.approx([0.7, 0.685])
     assert within == pytest.approx([0.0, 500.0 * u], abs=1e-9)
 
@@ -153,11 +153,11 @@ def test_a_campaign_tells_an_exponent_two_u_from_the_stated_one(whole: JoinedCam
         (0.667 + 0.021, True),
         (0.667 - 0.021, True),
     ):  # u is 0.01
-        law = replace(whole.law, exponent=Estimate.normal(n, 0.01), p_value=0.5)
-        assert ("campaign.exponent" in codes(replace(whole, law=law))) == told
+        law = replace(whole.speed_law, exponent=Estimate.normal(n, 0.01), p_value=0.5)
+        assert ("campaign.exponent" in codes(replace(whole, speed_law=law))) == told
     one = replace(whole.posterior, tests=whole.posterior.tests[:1])
     assert "campaign.exponent" not in codes(
-        replace(whole, law=law, posterior=one)
+        replace(whole, speed_law=law, posterior=one)
     )  # a test alone says so itself
 
 
@@ -166,7 +166,8 @@ def test_a_campaign_tells_a_bent_power_law_and_a_junction_far_from_its_place(
 ) -> None:
     for chance, told in ((0.02, False), (0.005, True)):
         assert (
-            "campaign.power_law" in codes(replace(whole, law=replace(whole.law, p_value=chance)))
+            "campaign.power_law"
+            in codes(replace(whole, speed_law=replace(whole.speed_law, p_value=chance)))
         ) == told
     for z, told in ((3.9, False), (-3.9, False), (4.1, True), (-4.1, True)):
         assert ("campaign.junction" in codes(replace(whole, pulls={"fast": {"e": z}}))) == told

@@ -84,7 +84,7 @@ def toy(seed: int, count: int = 16, rig: str = "toy", noise: float = 1.0) -> Toy
             each = LOADING.get(name, Loading({name: 1.0}))
             q.append(
                 sum(shared[n] * x for n, x in each.shared.items())
-                + each.own * rng.standard_normal()
+                + each.specific * rng.standard_normal()
             )
         x = np.concatenate([truth, q])
         rows = base * (1 + 0.05 * rng.standard_normal(base.shape)) * (0.6 + speed / 30)

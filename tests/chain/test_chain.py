@@ -174,7 +174,7 @@ def test_before_its_first_sample_a_column_stood_at_the_mean_of_its_first_second(
 )
 def test_structures_that_cannot_be_are_refused(name, words):
     with pytest.raises(InputError, match=words):
-        ChainStructure.of(name)
+        ChainStructure.from_name(name)
 
 
 def test_one_lag_is_a_number_several_a_list_and_no_filter_is_added() -> None:

@@ -199,7 +199,7 @@ def test_text_and_categories_of_parquet_are_read_as_before(tmp_path: Path) -> No
     path = tmp_path / "log.parquet"
     values = pd.Categorical(["1.5", "2.5", "1.5"])
     pd.DataFrame({"time_s": [0.0, 1.0, 2.0], "a": ["1", "", "3"], "b": values}).to_parquet(path)
-    found = next(part.data for part in open_table(path).pieces(["a", "b"], 10))
+    found = next(part.data for part in open_table(path).chunks(["a", "b"], 10))
     assert np.array_equal(found["a"], [1.0, np.nan, 3.0], equal_nan=True)
     assert found["b"].tolist() == [1.5, 2.5, 1.5]
 

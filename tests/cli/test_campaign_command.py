@@ -113,7 +113,7 @@ def test_finished_logs_are_not_analysed_again(
     monkeypatch.setattr(stage, "estimate_beta", refuse)
     log, before = campaign.files.ehl["B3"], (done[0] / "EHL_B3.beta.json").read_bytes()
     again = run_campaign([log], settings_of(campaign), done[0])
-    assert again.kept == 1
+    assert again.n_from_earlier_run == 1
     assert not again.failed
     assert (done[0] / "EHL_B3.beta.json").read_bytes() == before
     for changed in (settings_of(campaign, window_s=4.0), settings_of(campaign, seed=1)):
@@ -257,7 +257,7 @@ def test_half_of_the_bearings_friction_is_added(campaign: Campaign, tmp_path: Pa
     bearing = read_bearing(bearing_csv(tmp_path / "bearing.csv"))
     log = read_log(campaign.files.ehl["B3"], "ehl", campaign.rig)
     bare = prepare_test(log, campaign.rig, campaign.records)
-    more = prepare_test(log, campaign.rig, campaign.records, bearing.added)
+    more = prepare_test(log, campaign.rig, campaign.records, bearing.friction_added)
     added = 0.5 * (2.0 + 1e-3 * bare.load_N + 1e-3 * 1005)
     # the log's speed differs from the nominal 1005 rpm by less than 1 %: 0.005 N
     assert more.friction_N - bare.friction_N == pytest.approx(added, abs=0.006)
@@ -269,8 +269,10 @@ def test_half_of_the_bearings_friction_is_added(campaign: Campaign, tmp_path: Pa
 
 def test_bearing_friction_outside_its_test_is_flagged(tmp_path: Path) -> None:
     bearing = read_bearing(bearing_csv(tmp_path / "bearing.csv"))
-    assert not bearing.added(1500.0, 1005.0).findings
-    assert [f.code for f in bearing.added(5000.0, 1005.0).findings] == ["bearing.extrapolated"]
+    assert not bearing.friction_added(1500.0, 1005.0).findings
+    assert [f.code for f in bearing.friction_added(5000.0, 1005.0).findings] == [
+        "bearing.extrapolated"
+    ]
 
 
 @pytest.mark.parametrize(
@@ -324,7 +326,7 @@ def test_two_loadings_in_one_log_are_two_tests(campaign: Campaign, tmp_path: Pat
     assert run_.joined is not None
     a, b = (e["beta"] for e in run_.joined.posterior.estimates)
     assert abs(a.value - b.value) < 0.2 * a.u
-    assert run_campaign([log], settings_of(campaign), out).kept == 2
+    assert run_campaign([log], settings_of(campaign), out).n_from_earlier_run == 2
     tcdyn("beta", log, *records(campaign), "--out", tmp_path / "beta.json", "-q")
     assert (tmp_path / "beta.1.json").exists()
     assert (tmp_path / "beta.2.json").exists()

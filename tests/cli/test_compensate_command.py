@@ -129,7 +129,7 @@ def test_a_disk_without_record_stays_as_logged_and_is_named(campaign: Campaign) 
         w.startswith("no record of the fast disk") and "records=fast.disk.json" in w
         for w in done.warnings
     )
-    assert done.frame["fast_e_degC"].equals(done.raw.frame["fast_e_degC"])
+    assert done.frame["fast_e_degC"].equals(done.raw_log.frame["fast_e_degC"])
     assert " s, from the record" in done.metadata["slow_common_lag_s"]
 
 

@@ -95,8 +95,8 @@ def test_uncertainties_of_one_disk_widen_that_disk(
         campaign.files.ehl["B3"], rig, campaign.records, sensor_check=False
     ).partition
     for disk, least, most in (("fast", 0.95, 1.05), ("slow", 2.0, 6.0)):
-        grown = np.std(wider.budget.draws[f"cooling {disk}"]) / np.std(
-            partition.budget.draws[f"cooling {disk}"]
+        grown = np.std(wider.budget.samples[f"cooling {disk}"]) / np.std(
+            partition.budget.samples[f"cooling {disk}"]
         )
         assert least < grown < most
 

@@ -43,7 +43,7 @@ def test_a_heated_spot_becomes_lines_of_the_rig_file(
     found = load_rig(rig).disk_setup("slow").surface
     assert (found.heat_transfer_W_m2K, found.air_degC) == pytest.approx((300.0, 58.0))
     assert found.heat_transfer_u_W_m2K == pytest.approx(6.0)
-    assert not load_rig(rig).disk_setup("fast").surface.measured
+    assert not load_rig(rig).disk_setup("fast").surface.is_measured
 
 
 def test_a_spot_that_cools_what_is_hot_is_refused(

@@ -114,7 +114,7 @@ def test_the_demo_s_comparison_is_that_of_the_files(
     for disk in ("fast", "slow"):
         column = f"{disk}_e_degC"
         for frame, what in (
-            (done.raw.frame, "raw, 5 s after unloading"),
+            (done.raw_log.frame, "raw, 5 s after unloading"),
             (done.frame, "compensated"),
         ):
             left = (frame[column] - true[column])[after]

@@ -128,13 +128,13 @@ def test_fit_and_compare_run_on_one_thread(seen: list[set[int]]) -> None:
 
 def test_smooth_and_deconvolve_run_on_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
     within: list[set[int]] = []
-    plain = tcdyn.smoothing.smoother.stretch_of
+    plain = tcdyn.smoothing.smoother.record_of
 
     def watched(*arguments: object) -> object:
         within.append(blas_threads())
         return plain(*arguments)
 
-    monkeypatch.setattr("tcdyn.smoothing.smoother.stretch_of", watched)
+    monkeypatch.setattr("tcdyn.smoothing.smoother.record_of", watched)
     y = steps() + np.random.default_rng(0).normal(0, 0.1, 180)
     tcdyn.smooth(y, DT_S, 0.5)
     assert blas_threads() == {BEFORE}

@@ -134,7 +134,7 @@ def test_no_step_is_larger_than_allowed() -> None:
         return whole(x)
 
     minimise(
-        Problem(("size", "tau"), evaluate, largest=np.array([np.inf, 0.1])),
+        Problem(("size", "tau"), evaluate, max_step=np.array([np.inf, 0.1])),
         np.array([1.0, 0.3]),
         limit=5,
     )
@@ -184,7 +184,7 @@ def test_a_skewed_profile_covers_as_often_as_it_says() -> None:
             Problem(("size", "tau"), decay(t, y, 0.25), lower=np.array([-9.0, 1e-2])),
             np.array([1.0, 0.7]),
         )
-        walk = profile(best, "tau", step=1.0, refine=0.02, drop=4.0)
+        walk = profile(best, "tau", step=1.0, refine=0.02, max_deviance=4.0)
         inside.append((walk.low95 or 0.0) < 0.7 < (walk.high95 or np.inf))
     assert np.mean(inside) == pytest.approx(0.95, abs=0.038)  # three standard errors of 300
 
@@ -211,7 +211,7 @@ def test_the_profile_of_a_mean_is_that_of_the_value_it_says_where_parts_of_it_re
     lower = np.array([floor, floor, floor, -9.0])
     best = minimise(Problem(("a", "b", "c", "d"), line(design, y), lower=lower), np.ones(4))
     mean = np.array([1.0, 1.0, 1.0, 0.0]) / 3
-    walk = profile(best, mean, u=0.1, step=1.0, drop=1e6, reach=8.0)
+    walk = profile(best, mean, u=0.1, step=1.0, max_deviance=1e6, max_distance=8.0)
     for value, at in zip(walk.value, walk.optima):
         referee = minimize(
             lambda x: float(np.sum((design @ x - y) ** 2)),
@@ -304,11 +304,11 @@ def test_the_box_of_a_noise_grid_is_that_of_its_nodes_however_often_it_is_drawn_
     asked: list[tuple[float, float]] = []
     n = 2000
     slopes = Peaked(np.zeros(n), np.ones((n, 1)), np.ones(1), np.zeros((0, 2)), [slice(0, n)], 0)
-    grid = NoiseGrid.of(slopes, full_box(n))
+    grid = NoiseGrid.build(slopes, full_box(n))
     step = np.ptp(grid.box, axis=1) / GRID
-    assert np.allclose(grid.places.min(axis=0), grid.box[:, 0] + 0.5 * step)
-    assert np.allclose(grid.places.max(axis=0), grid.box[:, 1] - 0.5 * step)
-    assert len(grid.places) == len(grid.nodes) == GRID[0] * GRID[1]
+    assert np.allclose(grid.points.min(axis=0), grid.box[:, 0] + 0.5 * step)
+    assert np.allclose(grid.points.max(axis=0), grid.box[:, 1] - 0.5 * step)
+    assert len(grid.points) == len(grid.nodes) == GRID[0] * GRID[1]
     assert (len(asked) == ZOOMS * len(grid.nodes)) == (width < 0.001)
 
 

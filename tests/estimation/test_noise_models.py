@@ -39,19 +39,19 @@ def test_a_first_order_noise_forgets_in_its_time_constant_and_counts_for_so_many
 ):
     """AR(1): n (1 - a)/(1 + a); MA(1): n (1 + c^2)/(1 + c)^2; a walk beneath white noise never forgets."""
     slow = NoiseModel(ar=(-0.8,))
-    assert slow.memory == pytest.approx(-1 / np.log(0.8))
-    assert slow.independent(1000) == pytest.approx(1000 * 0.2 / 1.8)
-    assert NoiseModel(ma=(0.5,)).independent(1000) == pytest.approx(1000 * 1.25 / 2.25)
-    assert NoiseModel(ma=(0.5,)).memory == 0.0
-    assert (NoiseModel().independent(7), NoiseModel().memory) == (7.0, 0.0)
-    assert NoiseModel(ar=(-0.999,)).independent(100) == 2.0
+    assert slow.time_constant == pytest.approx(-1 / np.log(0.8))
+    assert slow.effective_samples(1000) == pytest.approx(1000 * 0.2 / 1.8)
+    assert NoiseModel(ma=(0.5,)).effective_samples(1000) == pytest.approx(1000 * 1.25 / 2.25)
+    assert NoiseModel(ma=(0.5,)).time_constant == 0.0
+    assert (NoiseModel().effective_samples(7), NoiseModel().time_constant) == (7.0, 0.0)
+    assert NoiseModel(ar=(-0.999,)).effective_samples(100) == 2.0
     walk = NoiseModel((-1.0,), (-0.6,), True)
-    assert walk.memory == np.inf
-    assert walk.walks
+    assert walk.time_constant == np.inf
+    assert walk.is_random_walk
     assert walk.order == (0, 1)
     both = NoiseModel((-1.3, 0.4), (0.2,))  # poles 0.8 and 0.5
-    assert both.memory == pytest.approx(-1 / np.log(0.8))
-    assert (both.order, both.parameters, both.walks) == ((2, 1), 3, False)
+    assert both.time_constant == pytest.approx(-1 / np.log(0.8))
+    assert (both.order, both.n_parameters, both.is_random_walk) == ((2, 1), 3, False)
 
 
 def test_a_disturbance_of_a_time_constant_beneath_white_noise_is_its_kalman_filter() -> None:
@@ -69,7 +69,7 @@ def test_a_disturbance_of_a_time_constant_beneath_white_noise_is_its_kalman_filt
     told = first_order_noise(np.log(5.0), np.log(k / (1 - k)))
     white = told.whiten(np.linalg.cholesky(cov), [slice(0, 40)]) / np.sqrt(p + 1)
     assert white @ white.T == pytest.approx(np.eye(40), abs=1e-9)
-    assert told.log_spread([slice(0, 40)]) == pytest.approx(
+    assert told.log_determinant([slice(0, 40)]) == pytest.approx(
         np.linalg.slogdet(cov)[1] - 40 * np.log(p + 1)
     )
 
@@ -77,7 +77,7 @@ def test_a_disturbance_of_a_time_constant_beneath_white_noise_is_its_kalman_filt
 class Flat(LinearisedProblem):
     """Data that tell noises nothing: one step of x, of variance one, whatever the noise."""
 
-    def given(self, noise: NoiseModel) -> tuple[float, Array, Array]:
+    def marginal(self, noise: NoiseModel) -> tuple[float, Array, Array]:
         return 3.0, np.array([0.25]), np.eye(1)
 
 
@@ -85,8 +85,8 @@ def test_where_all_noises_are_as_likely_their_prior_is_left() -> None:
     """Gains from 0 to 1 alike; four fifths of time constants beyond the record; white noise as much as all of them."""
     n = 1000
     slopes = Flat(np.zeros(n), np.ones((n, 1)), np.ones(1), np.zeros((0, 2)), [slice(0, n)], 0)
-    grid = NoiseGrid.of(slopes, full_box(n))
-    evidence, walks, _, step, covariance = grid.integrated(slopes, [NoiseModel()])
+    grid = NoiseGrid.build(slopes, full_box(n))
+    evidence, walks, _, step, covariance = grid.average(slopes, [NoiseModel()])
     of_gains = expit(GAIN[1]) - expit(GAIN[0])
     assert np.exp(evidence - 3.0) == pytest.approx(
         1 + of_gains, rel=0.08

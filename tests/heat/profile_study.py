@@ -74,10 +74,10 @@ def bias(case: Case, profile: Profile, mesh: Mesh) -> ProfileBias:
     index = int(steps)
     heat = np.where(np.arange(n) <= index, case.power_W, 0.0)
     switch = InputJump(index, steps - index, case.power_W, 0.0)
-    drive = RimInputs(DT_S, heat, *case.read("dbf"), np.full(n, AMBIENT), switches=(switch,))
+    drive = RimInputs(DT_S, heat, *case.read("dbf"), np.full(n, AMBIENT), jumps=(switch,))
     rates = basis_rates(DT_S)
     window = slice(int(10 / DT_S), int(30 / DT_S))
-    banks, inputs = [drive.bank(k, rates)[window] for k in range(5)], drive.inputs[window]
+    banks, inputs = [drive.lag_responses(k, rates)[window] for k in range(5)], drive.inputs[window]
     seen = np.stack(case.read("ace"), axis=1)[window]
     rim, points = Rim.from_setup(case.disk.setup), junction_points(case.disk.setup, "ace")
 

@@ -77,13 +77,13 @@ def test_a_switch_inside_a_sample_equals_a_finer_record_that_meets_it(rim, point
         fine.b_degC[every],
         fine.f_degC[every],
         fine.ambient_degC[every],
-        switches=(InputJump(index, 0.4, 260.0, 0.0),),
+        jumps=(InputJump(index, 0.4, 260.0, 0.0),),
     )
     a = simulate_rim(rim, coarse, 700.0, points, B, mesh=MESH)
     b = simulate_rim(rim, fine, 700.0, points, B, mesh=MESH)[every]
     # what remains is the straight line between 75 Hz samples where the inner row kinks: 34 K/8 s over a sample
     assert np.abs(a - b).max() < 0.02
-    late = replace(coarse, switches=())
+    late = replace(coarse, jumps=())
     assert (
         np.abs(simulate_rim(rim, late, 700.0, points, B, mesh=MESH) - b).max()
         > 5 * np.abs(a - b).max()
@@ -123,7 +123,10 @@ def test_a_map_is_the_single_runs(rim, points):
     drive = heating_and_cooling(30.0, 1.0, 20.0)
     table = map_beta_h(rim, drive, [0.3, 0.8], [300.0, 900.0], points, B, mesh=MESH)
     rates = basis_rates(DT)
-    banks, inputs = [drive.bank(k, rates) for k in range(5)], drive.inputs * [0.3, 1, 1, 1, 1]
+    banks, inputs = (
+        [drive.lag_responses(k, rates) for k in range(5)],
+        drive.inputs * [0.3, 1, 1, 1, 1],
+    )
     banks[0] = 0.3 * banks[0]
     one = respond(rim_gains(rim, 900.0, points, B, rates, mesh=MESH), banks, inputs)
     np.testing.assert_allclose(table[1, 0].T, one, atol=1e-9)

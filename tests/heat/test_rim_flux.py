@@ -16,7 +16,7 @@ from tcdyn.simulate.mesh import track_shares
 
 B, WIDTH = 1.63e-3, 9.53e-3
 EDGES = np.linspace(0.0, WIDTH, 54)
-BARUS = FluxProfile("barus", viscosity_per_Pa=11e-9).under(1.3e9)
+BARUS = FluxProfile("barus", viscosity_per_Pa=11e-9).at_pressure(1.3e9)
 TABLE = FluxProfile("table", at_m=(-2e-3, -0.5e-3, 0.0, 1e-3), weight=(0.0, 2.0, 1.0, 0.5))
 
 
@@ -53,9 +53,9 @@ def test_without_pressure_the_viscosity_s_profile_is_the_ellipse_s_chord() -> No
 def test_the_more_viscous_the_narrower() -> None:
     inside = []
     for alpha in (0.0, 5e-9, 11e-9, 20e-9):
-        low, high = TrackFlux(FluxProfile("barus", viscosity_per_Pa=alpha).under(1.3e9), B).below(
-            np.array([-0.3, 0.3]) * B
-        )
+        low, high = TrackFlux(
+            FluxProfile("barus", viscosity_per_Pa=alpha).at_pressure(1.3e9), B
+        ).below(np.array([-0.3, 0.3]) * B)
         inside.append(high - low)
     assert all(b > a + 0.1 for a, b in pairwise(inside))
     # far above one, exp(A sqrt(1 - x^2 - z^2)) is a Gaussian of variance 1/A in z: A = 26
@@ -63,7 +63,7 @@ def test_the_more_viscous_the_narrower() -> None:
 
 
 def test_a_table_is_straight_between_its_places_and_stretches() -> None:
-    below = TrackFlux(TABLE, B, wider=2.0).below(np.array([-4e-3, -1e-3, 0.0, 2e-3]))
+    below = TrackFlux(TABLE, B, table_scale=2.0).below(np.array([-4e-3, -1e-3, 0.0, 2e-3]))
     whole = 1.5 + 0.75 + 0.75
     np.testing.assert_allclose(below, np.array([0.0, 1.5, 2.25, 3.0]) / whole, rtol=1e-12)
 

@@ -31,7 +31,7 @@ def test_a_film_in_steps_follows_the_reference(rim, points):
     drive = heating_and_cooling(4.0, 1.0, 3.0)
     rates = basis_rates(DT)
     gains = rim_gains_nonuniform(rim, film, points, B, rates, mesh=MESH)
-    ours = respond(gains, [drive.bank(k, rates) for k in range(5)], drive.inputs)
+    ours = respond(gains, [drive.lag_responses(k, rates) for k in range(5)], drive.inputs)
     theirs = run_reference(
         rim,
         scheme(rim, film, MESH),
@@ -71,7 +71,7 @@ def test_a_film_of_the_wrong_length_is_refused(rim, points):
 def test_what_a_film_of_smooth_shape_changes_needs_few_modes(rim, points, along):
     """The difference of both signs: what few modes leave out of the uniform film's answer is the same in both."""
     drive, rates = heating_and_cooling(4.0, 1.0, 3.0), basis_rates(DT)
-    banks = [drive.bank(k, rates) for k in range(5)]
+    banks = [drive.lag_responses(k, rates) for k in range(5)]
 
     def changed(basis):
         films = [h_along(300.0, (s * along[0], s * along[1]), MESH.nz) for s in (1, -1)]

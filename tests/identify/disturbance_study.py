@@ -86,7 +86,7 @@ def study(
     for seed in seeds:
         found = fit(record(kind, seed, name, input_sd), model, **asked)
         s, lag = found.identified.statistics, found.identified.lag_s
-        held = found.estimates["Kp"].covers(1.0), lag.covers(truth)
+        held = found.estimates["Kp"].contains(1.0), lag.contains(truth)
         rows.append((*held, s["p_white"] < 0.01, s["p_input"] < 0.01, lag.value, lag.u))
         noise = found.noise
         kinds["slow" if noise.averaged else (*noise.order, found.disturbance["baseline"])] += 1

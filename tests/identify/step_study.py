@@ -35,7 +35,7 @@ def step_test(seed: int, n: int = 600) -> IOData:
 
 def study(seeds: range, models: tuple[str, ...] = MODELS) -> Counter[str]:
     """How often each verdict came."""
-    return Counter(compare(step_test(seed), models).verdict.code for seed in seeds)
+    return Counter(compare(step_test(seed), models).conclusion.code for seed in seeds)
 
 
 if __name__ == "__main__":

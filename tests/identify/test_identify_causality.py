@@ -82,10 +82,10 @@ def test_a_lead_is_found_as_what_it_is():
 def test_no_chain_is_handed_on_from_a_model_that_must_not_be_trusted():
     data = record("PRBS", 1)
     bad = compare(data, ["P1"])
-    assert bad.verdict.severity is Severity.ERROR
+    assert bad.conclusion.severity is Severity.ERROR
     assert "Do not trust" in bad.advice
-    assert bad.removal() == ""
-    assert "Chain(" in compare(data, ["P2D"]).removal()
+    assert bad.lag_removal_advice() == ""
+    assert "Chain(" in compare(data, ["P2D"]).lag_removal_advice()
 
 
 def test_the_robust_loss_raises_no_false_alarm():

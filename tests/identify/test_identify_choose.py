@@ -120,8 +120,8 @@ def test_a_drift_that_was_asked_for_is_no_reproach_where_it_goes_on():
     """Held out is a plateau of noise 0.5 K, on which the drift of 3 K goes on: it was counted as an error of 0.7 K."""
     found = compare(record("plunge", 0, "drift"), ["P2D"], noise="white", baseline="trend")
     assert found.best_row["held_out_rms"] == pytest.approx(0.5, rel=0.1)
-    assert found.verdict.severity is NOTE
-    assert "Chain(" in found.removal()
+    assert found.conclusion.severity is NOTE
+    assert "Chain(" in found.lag_removal_advice()
 
 
 def ringing(seed: int, n: int = 500) -> IOData:

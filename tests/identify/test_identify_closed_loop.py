@@ -77,8 +77,8 @@ def test_the_error_says_what_to_do() -> None:
 def test_without_the_check_the_model_comes_with_a_warning() -> None:
     found = compare(closed_loop_record("PI"), "P1Z", check=False, **PLAIN)
     assert "record.closed_loop" in {f.code for f in found.best.findings}
-    assert found.verdict.severity is Severity.WARNING
-    assert not found.verdict.sentence.startswith("Recommended")
+    assert found.conclusion.severity is Severity.WARNING
+    assert not found.conclusion.sentence.startswith("Recommended")
 
 
 @pytest.mark.parametrize(("controller", "dither"), [("PI", 0.05), ("PID", 0.05), ("PI", 0.5)])
@@ -87,7 +87,7 @@ def test_no_wrong_model_of_a_noisy_loop_is_recommended(controller: str, dither: 
     data = closed_loop_record(controller, samples=300, seed=1, dither=dither, noise=0.3)
     found = compare(data, "P1", "P1Z", check=False, **PLAIN)
     assert found.best.identified.gain < 0.1
-    assert found.verdict.severity is not Severity.INFO
+    assert found.conclusion.severity is not Severity.INFO
 
 
 def test_one_of_several_inputs_is_named() -> None:

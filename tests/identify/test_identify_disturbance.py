@@ -93,7 +93,7 @@ def test_whitening_leaves_unit_noise_from_the_first_sample_on(noise):
     v, parts = dense(noise, 30), [slice(0, 30)]
     w = noise.whiten(np.eye(30), parts)
     assert np.allclose(w @ v @ w.T, np.eye(30))
-    assert noise.log_spread(parts) == pytest.approx(np.linalg.slogdet(v)[1])
+    assert noise.log_determinant(parts) == pytest.approx(np.linalg.slogdet(v)[1])
 
 
 def test_what_a_noise_makes_likely_is_generalised_least_squares():
@@ -107,7 +107,7 @@ def test_what_a_noise_makes_likely_is_generalised_least_squares():
     )  # by the lags, not by their logarithms
     told = []
     for noise in (first_order_noise(np.log(9.0), 2.0), first_order_noise(np.log(300.0), -1.0)):
-        likelihood, step, covariance = linearise(posed, x, 1.0).given(noise)
+        likelihood, step, covariance = linearise(posed, x, 1.0).marginal(noise)
         white = np.linalg.inv(dense(noise, len(r)))
         information = j.T @ white @ j
         best = -np.linalg.solve(information, j.T @ white @ r)
@@ -150,7 +150,7 @@ def test_a_random_walk_takes_up_anew_after_a_gap():
 
 def test_whitening_from_rest_undoes_the_noise_it_describes():
     e = np.random.default_rng(0).normal(size=50)
-    noise = NoiseModel((-1.0,), (-0.6,), rest=True)
+    noise = NoiseModel((-1.0,), (-0.6,), starts_at_rest=True)
     walk = np.cumsum(e) - 0.6 * np.concatenate([[0.0], np.cumsum(e)[:-1]])
     assert np.allclose(noise.whiten(walk, [slice(0, 50)]), e)
 
@@ -187,7 +187,7 @@ def test_a_plateau_of_coloured_noise_is_no_reproach():
     for seed in range(10):
         u, y = fine("plunge", rng)
         data = IOData.from_arrays(u, y + disturbance("ar0.9", np.random.default_rng(seed)), DT_S)
-        provisional += compare(data, ["P2D"]).verdict.code == "models.provisional"
+        provisional += compare(data, ["P2D"]).conclusion.code == "models.provisional"
     assert provisional == 0
 
 

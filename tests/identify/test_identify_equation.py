@@ -88,7 +88,7 @@ def test_poles_and_gains_are_covered_where_noise_comes_in_before_the_poles():
         plain = fit(
             stirred(seed), several([transfer(2, 2)] * 2, ["heat", "fan"], common=True), **begun
         )
-        held.append([found.estimates[n].covers(v) for n, v in truth.items()])
+        held.append([found.estimates[n].contains(v) for n, v in truth.items()])
         spread.append([f.estimates["b0.fan"].value - truth["b0.fan"] for f in (found, plain)])
         assert found.identified.statistics["p_white"] > 1e-4
     assert np.mean(held) > 0.88  # of 120, nominal 0.95; standard error 0.02

@@ -88,7 +88,7 @@ def test_known_conditioning_is_multiplied_in_and_not_estimated():
     assert found.estimates["Tp1"].value == pytest.approx(0.6, abs=4 * found.estimates["Tp1"].u)
     chain = found.identified.chain(known)
     assert chain.lag_s == pytest.approx(found.identified.lag_s.value, rel=1e-12)
-    assert np.allclose(chain.response(u, 0.05), found.simulated()[0], atol=1e-9)
+    assert np.allclose(chain.response(u, 0.05), found.simulate_segments()[0], atol=1e-9)
 
 
 def test_unknown_initial_state_is_estimated_and_does_not_bias_the_lags():
@@ -257,7 +257,7 @@ def test_a_model_goes_on_at_the_level_its_disturbance_has_reached():
         4.0 + (0.8 * 1.0 + 0.4 * 0.5) / 2
     )
     walk = final_offset(
-        replace(posed, trend=False), x[:-2], residual, NoiseModel((-1.0,), rest=True)
+        replace(posed, trend=False), x[:-2], residual, NoiseModel((-1.0,), starts_at_rest=True)
     )
     assert walk == pytest.approx(4.0 + 0.5)
 

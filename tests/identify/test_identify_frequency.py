@@ -40,7 +40,7 @@ def test_intervals_hold_the_truth(stated):
         if not stated:
             h = closed_form(F) * (1 + (h - closed_form(F)) * 0.05 / u)
         found = fit_response(Response(F, h, u if stated else None), "P2D")
-        held.append([found.estimates[n].covers(v) for n, v in TRUTH.items()])
+        held.append([found.estimates[n].contains(v) for n, v in TRUTH.items()])
         misfit.append(found.statistics["p_misfit"] < 0.01)
     assert 0.90 < np.mean(held) < 0.99  # of 160, nominal 0.95; standard error 0.017
     assert np.mean(misfit) < 0.06
@@ -59,7 +59,7 @@ def test_an_uncertainty_that_goes_with_the_magnitude_is_that_of_the_true_one(for
         told = {"coherence": g2, "averages": 20} if form == "coherence" else {}
         data = Response.of(F, magnitude=np.abs(h), phase_deg=np.rad2deg(np.angle(h)), **told)
         found = fit_response(data, "P2D")
-        held.append([found.estimates[n].covers(v) for n, v in TRUTH.items()])
+        held.append([found.estimates[n].contains(v) for n, v in TRUTH.items()])
         misfit.append(found.statistics["p_misfit"] < 0.01)
     assert np.mean(np.array(held)[:, 0]) > 0.85  # of 25, nominal 0.95; standard error 0.044
     assert 0.88 < np.mean(held) < 0.99
@@ -102,7 +102,7 @@ def test_the_coherence_of_a_welch_estimate_says_how_sure_it_is():
             averages=30,
         )
         found = fit_response(data, "P1")
-        held.append(found.estimates["Tp1"].covers(tau))
+        held.append(found.estimates["Tp1"].contains(tau))
     assert np.mean(held) > 0.8  # of 25, nominal 0.95
 
 

@@ -55,7 +55,7 @@ def test_a_robust_fit_with_a_drift_covers_the_truth():
         fit(record(seed, 1.0, 15), "P1D", loss="huber", baseline="trend") for seed in range(16)
     ]
     assert (
-        sum(f.estimates[n].covers(v) for f in found for n, v in TRUTH.items()) >= 41
+        sum(f.estimates[n].contains(v) for f in found for n, v in TRUTH.items()) >= 41
     )  # of 48, fewer once in 250
     assert all(
         f.weights is not None and np.sum(f.weights < 0.3) >= 15 for f in found
@@ -78,7 +78,7 @@ def test_what_is_asked_for_by_name_is_kept_where_the_residuals_are_white():
     assert fit(record(1), "P1D", noise="auto", baseline="trend").problem.trend
     found = fit(record(1), "P1D", noise="ar", baseline="auto")
     assert found.noise.order == (1, 0)
-    assert fit(record(1), "P1D", noise="auto", baseline="walk").noise.walks
+    assert fit(record(1), "P1D", noise="auto", baseline="walk").noise.is_random_walk
 
 
 @pytest.mark.study
@@ -101,7 +101,7 @@ def test_gaps_make_no_random_walk_and_hide_none(options, walks):
     found = [
         fit(record(s, every=20, **options), "P1D", noise="ar", baseline="auto") for s in range(5)
     ]
-    assert sum(f.noise.walks == walks for f in found) >= 4
+    assert sum(f.noise.is_random_walk == walks for f in found) >= 4
 
 
 def test_new_data_with_slow_noise_confirm_the_true_model():
@@ -168,6 +168,6 @@ def test_spikes_upon_a_random_walk_are_told_from_its_crests(baseline):
             check=False,
             intervals="quadratic",
         )
-        held += [found.estimates["Kp"].covers(1.0), found.identified.lag_s.covers(2.87)]
+        held += [found.estimates["Kp"].contains(1.0), found.identified.lag_s.contains(2.87)]
         assert found.identified.lag_s.u < 0.07
     assert np.mean(held) > 0.75  # of 16, nominal 0.95

@@ -39,7 +39,7 @@ def test_weights_are_unbiased_and_bootstrap_intervals_hold_them(colour):
         found = refine_weights(
             Narx(TERMS, tuple(begun.tolist()), (0.0, 1.0), (0.0, 1.0), 0.1), u, y
         )
-        held.append([e.covers(v) for e, v in zip(found.intervals, TRUTH)])
+        held.append([e.contains(v) for e, v in zip(found.intervals, TRUTH)])
         ends.append((begun[0], found.theta[0]))
     one_step, simulated = np.mean(ends, axis=0)
     assert abs(simulated - 0.8) < 0.01

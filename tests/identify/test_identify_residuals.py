@@ -167,7 +167,7 @@ def test_noise_of_a_measured_input_has_the_spectrum_of_both_noises() -> None:
         np.abs(np.polyval([1.0, *found.ma][::-1], z) / np.polyval([1.0, *found.ar][::-1], z)) ** 2
     )
     assert told / told.mean() == pytest.approx(exact / exact.mean(), rel=1e-6)
-    assert (found.rest, found.parameters) == (True, 0)
+    assert (found.starts_at_rest, found.n_parameters) == (True, 0)
     assert input_noise_model(replace(problem, input_sds=(1e-6,)), x, np.full(N, own)).white
 
 
@@ -195,7 +195,7 @@ def test_a_walk_beneath_white_noise_has_steps_that_are_a_moving_average() -> Non
     c = (1 - np.sqrt(1 - 4 * rho**2)) / (2 * rho)
     assert found.ar == (-1.0,)
     assert found.ma[0] == pytest.approx(c, abs=4 * np.sqrt((1 - c**2) / 6000))
-    assert (found.rest, found.parameters, found.walks) == (True, 1, True)
+    assert (found.starts_at_rest, found.n_parameters, found.is_random_walk) == (True, 1, True)
     white = rng.normal(size=200)
     assert noise_bic(white, [slice(0, 200)], NoiseModel()) == pytest.approx(
         200 * np.log(white @ white / 200)

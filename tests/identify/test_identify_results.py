@@ -129,7 +129,7 @@ def test_bands_cover_the_truth_as_often_as_they_say():
             [
                 np.mean((b.low95 <= g) & (g <= b.high95)),
                 np.mean((s.low95 <= step + 1e-9) & (step - 1e-9 <= s.high95)),
-                times.covers(float(np.interp(0.9, step, t))),
+                times.contains(float(np.interp(0.9, step, t))),
             ]
         )
     # pointwise 95 %; neighbouring points are correlated, so the error of each mean is that of 60 draws: 2.8 %
@@ -166,7 +166,7 @@ QUANTISED = {"Kp": 6.0, "Tp1": 4.0, "Td": 1.2}
 @pytest.mark.study
 def test_intervals_of_a_rounded_output_include_its_rounding():
     fits = [fit(quantised(seed), "P1D") for seed in range(40)]
-    covered = [[f.estimates[n].covers(v) for n, v in QUANTISED.items()] for f in fits]
+    covered = [[f.estimates[n].contains(v) for n, v in QUANTISED.items()] for f in fits]
     # 40 % for Tp1 before; 95 % less two standard errors over 40 records, and not by being useless
     assert np.all(np.mean(covered, axis=0) > 0.95 - 2 * 0.035)
     assert np.mean([f.estimates["Tp1"].u for f in fits]) < 0.1

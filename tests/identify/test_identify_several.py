@@ -75,7 +75,7 @@ def test_two_inputs_each_with_its_dead_time_are_recovered_within_their_intervals
             intervals="quadratic",
             check=False,
         )
-        covered.append([found.estimates[n].covers(v) for n, v in TRUTH.items()])
+        covered.append([found.estimates[n].contains(v) for n, v in TRUTH.items()])
     assert np.mean(covered) > 0.9  # of 150, nominal 0.95; standard error 0.018
     cold = fit(plant(0), several(["P1D", "P1"], ["heat", "fan"]))
     for name, value in TRUTH.items():
@@ -116,7 +116,7 @@ def test_the_search_grows_to_the_truth_and_leaves_out_an_input_that_does_nothing
     assert found.table["refused"].sum() >= 1  # the way's end is shown
     assert found.best_row["held_out_rms"] == pytest.approx(0.05, rel=0.2)  # the noise, 150 samples
     assert "lag.idle" not in found.summary()
-    assert found.verdict.code == "models.recommended"
+    assert found.conclusion.code == "models.recommended"
 
 
 @pytest.mark.study
@@ -151,12 +151,12 @@ def test_state_space_and_file_repeat_the_simulation(tmp_path):
     u = data.runs[0].u
     again = Identified.from_json(found.to_json())
     assert np.allclose(again.simulate(u), found.simulate(u), atol=1e-12)
-    assert again.parts["fan"].lag_s.value == pytest.approx(found.parts["fan"].lag_s.value)
+    assert again.by_input["fan"].lag_s.value == pytest.approx(found.by_input["fan"].lag_s.value)
     t = DT * np.arange(len(u))
     response = control.forced_response(
         control.sample_system(found.state_space(), DT, "zoh"), t, (u - u[0]).T
     )
-    gains = np.array([p.gain for p in found.parts.values()])
+    gains = np.array([p.gain for p in found.by_input.values()])
     assert np.allclose(response.outputs + gains @ u[0] + found.offset, found.simulate(u), atol=1e-6)
     with pytest.raises(InputError, match=r"has 2 inputs.*parts\['heat'\]"):
         _ = found.rational
@@ -345,7 +345,7 @@ def test_the_command_takes_several_inputs_and_outputs(
 def test_the_line_to_paste_runs():
     data = heated(4)
     found = compare(data, "P1D")
-    line = found.removal().partition("other traces: ")[2].partition(";")[0]
+    line = found.lag_removal_advice().partition("other traces: ")[2].partition(";")[0]
     y = data.runs[0].y[:, 0]
     assert line.startswith("tcdyn.smooth(y, dt, tcdyn.Chain(")
     space: dict[str, object] = {"y": y, "dt": data.dt_s}

@@ -23,7 +23,7 @@ def study_case_a(kind: str, seeds: range) -> dict[str, np.ndarray]:
         found = fit(data, "P2D")
         seconds.append(time.perf_counter() - began)
         errors.append([found.estimates[n].value - v for n, v in CASE_A.items()])
-        covered.append([found.estimates[n].covers(v) for n, v in CASE_A.items()])
+        covered.append([found.estimates[n].contains(v) for n, v in CASE_A.items()])
         p.append([found.identified.statistics[k] for k in ("p_white", "p_input")])
     return {
         k: np.array(v)
@@ -83,7 +83,7 @@ def test_coverage_under_coloured_noise(noise, draws):
     covered = []
     for seed in range(draws(100)):
         found = fit(case_a("PRBS", seed, colour=0.9), "P2D", start=CASE_A, noise=noise, check=False)
-        covered.append([found.estimates[n].covers(v) for n, v in CASE_A.items()])
+        covered.append([found.estimates[n].contains(v) for n, v in CASE_A.items()])
     # the sandwich rests on an estimated spectrum: 93 %, but for the chance of so many runs
     held = np.sum(covered, axis=0)
     assert np.all(held >= stats.binom.ppf(0.005, len(covered), 0.93)), held / len(covered)

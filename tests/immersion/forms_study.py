@@ -144,7 +144,7 @@ def study(
                 "form": FORMS[form].__name__,
                 "common": common.value - true.mean(),
                 "u_common": common.u,
-                "common_held": common.covers(true.mean()),
+                "common_held": common.contains(true.mean()),
                 "apart": np.array([apart[c].value for c in CHANNELS]) - (true - true.mean()),
                 "u_apart": np.array([apart[c].u for c in CHANNELS]),
                 "said": [

@@ -150,7 +150,7 @@ def test_the_design_widens_h_by_the_fluid_s_properties_as_the_fit_does() -> None
     known, unknown = (
         predict_plunges([replace(PLAN, fluid=f)], SETUP, draws=1) for f in (oil, vague)
     )
-    assert unknown.others["u_h_rel"] > known.others["u_h_rel"]
+    assert unknown.other_u["u_h_rel"] > known.other_u["u_h_rel"]
 
 
 def told(kind: str, common_s: float, differences_s: float) -> PredictedTest:
@@ -204,9 +204,9 @@ def test_where_fits_end_u_spreads_as_far_as_simulated_fits_state_it() -> None:
 
 def test_what_is_well_known_beforehand_stays_as_it_is() -> None:
     # channels alike to a in each lag about the mean of six: differences of a sqrt(5/6)
-    plan = StepPlan(power_log_u=1e-4, h_log_u=1e-4, alike_s=1e-5)
+    plan = StepPlan(power_log_u=1e-4, h_log_u=1e-4, channel_lag_sd_s=1e-5)
     told = predict_step(plan, SETUP)
-    assert told.others == pytest.approx({"u_power_rel": 1e-4, "u_h_rel": 1e-4}, rel=1e-2)
+    assert told.other_u == pytest.approx({"u_power_rel": 1e-4, "u_h_rel": 1e-4}, rel=1e-2)
     assert told.u_differential_s == pytest.approx(1e-5 * np.sqrt(5 / 6), rel=1e-2)
-    vague = predict_step(StepPlan(), SETUP).others
+    vague = predict_step(StepPlan(), SETUP).other_u
     assert vague["u_power_rel"] < StepPlan.power_log_u and vague["u_h_rel"] < StepPlan.h_log_u  # noqa: PT018

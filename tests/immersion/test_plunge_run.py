@@ -76,9 +76,9 @@ def test_noise_as_a_fit_leaves_it_is_a_mean_square_over_what_is_free_without_a_b
     count = np.where(np.arange(80) < 40, 4, 9)[:, None]
     residual = 0.3 * ALTERNATING[:, None] * [1.0, 1.0] / np.sqrt(count)
     sd = 0.3 / np.sqrt(1 - (9 + 3 * 2) / 160)
-    assert RunNoise.judged(residual, count).sd_K == pytest.approx([sd, sd])
+    assert RunNoise.from_residuals(residual, count).sd_K == pytest.approx([sd, sd])
     residual[17, 1] *= 10
-    found = RunNoise.judged(residual, count)
+    found = RunNoise.from_residuals(residual, count)
     assert found.sd_K == pytest.approx([sd, sd])
     assert found.weight[17, 1] == pytest.approx(4 / (3 / sd))
     assert np.delete(found.weight, 2 * 17 + 1) == pytest.approx(np.ones(159))

@@ -42,7 +42,7 @@ def test_one_lag_fitted_to_two_is_contradicted_in_one_sentence_with_figures() ->
     before, after = fitted("P1", 0.75)
     found = after.structures
     assert found is not None
-    assert not before.common_lag_s.covers(TRUE_S)  # why this is needed: wrong, and sure of itself
+    assert not before.common_lag_s.contains(TRUE_S)  # why this is needed: wrong, and sure of itself
     assert found.contradicted
     assert found.best.structure == "P2"
     (finding,) = found.findings
@@ -63,7 +63,7 @@ def test_one_lag_fitted_to_two_is_contradicted_in_one_sentence_with_figures() ->
 
 def test_the_widened_interval_holds_the_truth_that_the_wrong_structure_missed() -> None:
     before, after = fitted("P1", 0.75)
-    assert after.common_lag_s.covers(TRUE_S)
+    assert after.common_lag_s.contains(TRUE_S)
     assert (
         after.common_lag_s.value == before.common_lag_s.value
     )  # the lags stay those of the structure asked for
@@ -76,7 +76,7 @@ def test_the_right_structure_is_neither_warned_of_nor_widened_much() -> None:
     before, after = fitted("P2", 0.75)
     assert after.structures is not None
     assert after.structures.findings == ()
-    assert after.common_lag_s.covers(TRUE_S)
+    assert after.common_lag_s.contains(TRUE_S)
     assert after.common_lag_s.u < 1.2 * before.common_lag_s.u
 
 
@@ -104,8 +104,8 @@ def test_two_lags_behind_a_dead_time_are_covered_though_no_one_asked_for_them() 
     """Of three candidates none had both: the common lag was nine standard uncertainties off, and called sure."""
     before, after = late_pair(0.6, 15)
     true_s = 0.6 + 15 / 75 + OWN_LAG_S
-    assert not before.common_lag_s.covers(true_s)
-    assert after.common_lag_s.covers(true_s)
+    assert not before.common_lag_s.contains(true_s)
+    assert after.common_lag_s.contains(true_s)
     assert after.structures is not None
     assert after.structures.best.structure == "P2D"
     assert after.structures.contradicted
@@ -115,7 +115,7 @@ def test_two_lags_behind_a_dead_time_are_covered_though_no_one_asked_for_them() 
 def test_three_lags_are_offered_where_they_fit_best_for_a_record_holds_any_number() -> None:
     found = comparison("P2", row("P2", 1.3, 1e-6, 60.0), row("P3", 0.9, 0.999999))
     assert found.contradicted
-    assert found.verdict.numbers["structures"] == ("P2", "P3")
+    assert found.conclusion.numbers["structures"] == ("P2", "P3")
     assert "calibrate with structure=P3" in found.sentence
 
 
@@ -129,7 +129,7 @@ def test_evidence_integrated_over_the_lag_is_laplace_s_where_the_lag_is_normal()
         for m, y in zip(problem.models, best.predictions_degC)
     ]
     noise = [replace(n, sd_K=n.sd_K / 30) for n in problem.noise]
-    sharp = replace(problem, models=tuple(models), noise=tuple(noise)).minimised(best.theta)
+    sharp = replace(problem, models=tuple(models), noise=tuple(noise)).optimise(best.theta)
     scan, at, _ = scan_common_lag(sharp)
     # both leave out the same constants but the width of one normalised direction: mean of six lags, ln sqrt(2 pi / 6)
     expected = 0.5 * np.log(2 * np.pi / 6)
@@ -203,9 +203,9 @@ def test_a_channel_s_interval_is_as_skew_as_the_common_one() -> None:
     scan: LagScan = replace(
         fitted("P2", 0.75)[0].scan, mean_s=0.7, sd_s=0.1, low95_s=0.55, high95_s=0.95
     )
-    alone = scan.skewed(0.72, 1.0, 0.0)
+    alone = scan.skewed_estimate(0.72, 1.0, 0.0)
     assert (alone.low95, alone.high95, alone.u) == pytest.approx((0.57, 0.97, 0.1))
-    mostly_own = scan.skewed(0.72, 1.0, 1.0**2)
+    mostly_own = scan.skewed_estimate(0.72, 1.0, 1.0**2)
     assert mostly_own.high95 - 0.72 == pytest.approx(
         Z95 * mostly_own.u, rel=0.02
     )  # a large normal part evens it out

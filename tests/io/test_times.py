@@ -169,7 +169,7 @@ def test_whole_second_stamps_of_a_faster_log_give_its_rate(rate_Hz: float, phase
     assert even is not None
     assert abs(even.interval_s - 1 / rate_Hz) < 4 * even.u_s + 1e-12
     assert even.u_s < 0.01 / rate_Hz
-    assert even.places.tolist() == list(range(len(stamps_s)))
+    assert even.grid_indices.tolist() == list(range(len(stamps_s)))
 
 
 @pytest.mark.parametrize("lost", [9, 20, 45, 3000])
@@ -179,7 +179,7 @@ def test_rows_that_a_logger_lost_leave_rate_and_places_as_they_are(lost: int) ->
     even = rows_of_repeated_stamps(np.floor(rows / 10))
     assert even is not None
     assert even.interval_s == pytest.approx(0.1, rel=1e-3)
-    assert np.count_nonzero(even.places != rows) <= 10
+    assert np.count_nonzero(even.grid_indices != rows) <= 10
 
 
 def test_a_blank_stamp_at_midnight_does_not_lose_the_day() -> None:

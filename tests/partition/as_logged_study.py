@@ -137,7 +137,7 @@ def one(seed: int, forms: list[str]) -> list[dict[str, Any]]:
             continue
         beta, row = p.both.estimates["beta"], {"seed": seed, "form": form, "status": p.status}
         whole = beta.value if form == "full" else whole
-        for name, value in {"both": beta, **p.ways}.items():
+        for name, value in {"both": beta, **p.beta_by_estimator}.items():
             row |= {f"u {name}": value.u, f"z {name}": (value.value - made.told["beta"]) / value.u}
         late = p.test.events.unload_s - made.told["unload_s"]
         row |= {

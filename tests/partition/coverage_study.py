@@ -36,7 +36,7 @@ def told_of(made: StudyRig, p: Partition) -> dict[str, float]:
     """Errors in standard uncertainties, and the alarms, of one analysed test."""
     told = made.told
     out: dict[str, float] = {"failed": 0.0}
-    for way, value in p.ways.items():
+    for way, value in p.beta_by_estimator.items():
         gap = value.value - told["beta"]
         out[f"error {way}"], out[f"z {way}"] = gap, gap / value.u
     both = p.both.estimates["beta"]
@@ -50,7 +50,7 @@ def told_of(made: StudyRig, p: Partition) -> dict[str, float]:
         out[f"error lag {disk}"], out[f"z lag {disk}"] = gap, gap / lag.u
         h = p.joint[disk].estimates["h"]
         out[f"z h joint {disk}"] = (h.value - told[f"h_{disk}"]) / h.u
-        h = p.answers[f"h_{disk}"]
+        h = p.estimates[f"h_{disk}"]
         out[f"error h {disk}"] = h.value / told[f"h_{disk}"] - 1
         out[f"z h speed {disk}"] = (h.value - told[f"h_{disk}"]) / h.u
     n = p.both.estimates["exponent"]
@@ -64,13 +64,15 @@ def told_of(made: StudyRig, p: Partition) -> dict[str, float]:
             )
             out[f"z depth {channel} {disk}"] = (deeper.value - true_m) / deeper.u
     pulls = tensions(made.test, p.joint, p.both, p.sensors)
-    out["chance of the depths"] = min(t.chance for t in pulls if t.threshold == DEPTH_THRESHOLD)
-    out["chance of the rest"] = min(t.chance for t in pulls if t.threshold != DEPTH_THRESHOLD)
+    out["chance of the depths"] = min(
+        t.probability for t in pulls if t.threshold == DEPTH_THRESHOLD
+    )
+    out["chance of the rest"] = min(t.probability for t in pulls if t.threshold != DEPTH_THRESHOLD)
     out["alarm"] = float(not p.crosscheck.agree)
     out["asks to be looked at"] = float(p.status != "sound")
-    out["range held"] = float(p.structures.low95 <= told["beta"] <= p.structures.high95)
-    out["range, half-width"] = 0.5 * (p.structures.high95 - p.structures.low95)
-    out["log-odds of another structure"] = max(a.log_odds for a in p.structures.tried)
+    out["range held"] = float(p.model_forms.low95 <= told["beta"] <= p.model_forms.high95)
+    out["range, half-width"] = 0.5 * (p.model_forms.high95 - p.model_forms.low95)
+    out["log-odds of another structure"] = max(a.log_odds for a in p.model_forms.forms)
     out["sentence"] = p.crosscheck.sentence  # type: ignore[assignment]
     return out
 

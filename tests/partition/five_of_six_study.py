@@ -35,7 +35,7 @@ def of_one_rig(seed: int, test: str = "B3") -> Iterator[dict[str, object]]:
             print(seed, name, problem)
             yield {"seed": seed, "left_out": name, "way": "both", "failed": True}
             continue
-        ways = {**p.ways, "both": p.both.estimates["beta"]}
+        ways = {**p.beta_by_estimator, "both": p.both.estimates["beta"]}
         complete = complete or {way: e.u for way, e in ways.items()}
         suspects = () if p.sensors is None else p.sensors.suspects
         for way, e in ways.items():

@@ -100,7 +100,7 @@ def test_what_does_not_tell_beta_is_said_with_what_to_add(junctions: dict[str, A
     with pytest.raises(
         InputError, match="expected two junctions or more of the greatest depth, at different z_mm"
     ):
-        rig_with(junctions).disk_setup("fast").check_rows()
+        rig_with(junctions).disk_setup("fast").check_junction_rows()
 
 
 def test_the_profile_of_an_inner_row_is_the_least_squares_one_of_as_many_shapes_as_it_tells() -> (

@@ -52,7 +52,7 @@ def test_the_middle_plane_holds_what_its_junctions_read(disk: str) -> None:
             j = around.setup.junctions[c]
             column = around.middle_degC[:, int(round(j.angle_deg / 3.0)) % 120]
             assert np.interp(j.depth_m, around.depth_m, column) == pytest.approx(
-                around.seen_degC[c], abs=tolerance
+                around.reading_degC[c], abs=tolerance
             ), c
 
 

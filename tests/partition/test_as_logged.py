@@ -131,7 +131,7 @@ def _shared_and_own(what: NuisanceParameter, test: EhlTest) -> tuple[float, floa
     loading = loading_of(what, "", test, None, 300.0) or Loading({what.name: 1.0})  # type: ignore[arg-type]
     size = unit_of(what, DISKS[0], test)
     assert size is not None
-    return size * loading.shared[what.name], size * loading.own
+    return size * loading.shared[what.name], size * loading.specific
 
 
 @pytest.mark.study
@@ -189,8 +189,8 @@ def test_a_touch_after_the_parting_is_seen_without_them_too(gone: list[str]) -> 
     frame.loc[again, "load_N"] += 1850.0
     frame.loc[again, "contact"] = 1
     found = find_events(frame.drop(columns=gone))
-    assert len(found.again) == 1
-    assert found.again[0] == pytest.approx((81.0, 81.2), abs=0.05)
+    assert len(found.later_contacts) == 1
+    assert found.later_contacts[0] == pytest.approx((81.0, 81.2), abs=0.05)
 
 
 def test_a_friction_without_a_load_is_no_test() -> None:

@@ -18,7 +18,7 @@ from tests.partition.study_rigs import QUICK, study_rig
 class Lumped:
     """A window whose rim is three lumps that cool as exp(-rate h t) from a level proportional to the share."""
 
-    at_s: np.ndarray
+    block_time_s: np.ndarray
     counts: np.ndarray
     y: np.ndarray
     disk: str = "fast"
@@ -28,8 +28,8 @@ class Lumped:
     def rim(self) -> Lumped:
         return self
 
-    def answer(self, h: float) -> tuple[Any, np.ndarray]:
-        after = np.maximum(self.at_s, 0.0)[:, None]
+    def response(self, h: float) -> tuple[Any, np.ndarray]:
+        after = np.maximum(self.block_time_s, 0.0)[:, None]
         power = 40.0 * np.exp(-after * h * np.array([2e-4, 3e-4, 5e-4]))
         return np.zeros_like(power), power
 
@@ -40,7 +40,7 @@ def test_pull_is_the_change_of_h_that_a_second_fit_finds() -> None:
     counts = np.where(t < 0, 75, np.where(t < 3, 1, 8))
     line = SteadyLine(0.2, 7e-4)
     window = Lumped(t, counts, np.zeros((len(t), 3)))
-    made = replace(window, y=line.at(700.0) * window.rim.answer(700.0)[1])
+    made = replace(window, y=line.at(700.0) * window.rim.response(700.0)[1])
     effect = (
         0.02 * np.maximum(t, 0.0)[:, None] * np.array([1.0, 2.0, 0.5])
     )  # grows late, where the blocks are long

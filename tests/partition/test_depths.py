@@ -66,7 +66,10 @@ class Shown:
     """Features whose levels show ``more_K`` (W, C) more, all else as it is."""
 
     def __init__(self, f: DiskFeatures, more_K: np.ndarray) -> None:
-        self.f, self.levels = f, f.levels + more_K[:, np.argsort(f.setup.places(f.setup.rows))]
+        self.f, self.levels = (
+            f,
+            f.levels + more_K[:, np.argsort(f.setup.channel_indices(f.setup.rows))],
+        )
 
     def __getattr__(self, name: str) -> object:
         return getattr(self.f, name)

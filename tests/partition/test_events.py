@@ -50,10 +50,10 @@ def test_a_step_is_placed_within_its_sample() -> None:
 
 def test_a_ramp_of_1_5_s_is_measured_and_its_middle_found() -> None:
     events = find_events(log(parting_s=1.5))
-    assert events.parting_s == pytest.approx(1.2, abs=0.05)  # 90-10 % of a straight fall of 1.5 s
+    assert events.fall_time_s == pytest.approx(1.2, abs=0.05)  # 90-10 % of a straight fall of 1.5 s
     assert events.unload_s == pytest.approx(80.0073, abs=0.02)
     calm = find_events(log(parting_s=1.5, noise_N=0.0))  # straight between its samples
-    assert (calm.parting_s, calm.unload_s) == pytest.approx((1.2, 80.0073), abs=1e-6)
+    assert (calm.fall_time_s, calm.unload_s) == pytest.approx((1.2, 80.0073), abs=1e-6)
 
 
 def test_a_late_switch_moves_the_mean_by_its_third_and_widens_the_uncertainty() -> None:
@@ -87,7 +87,7 @@ def test_a_noisy_friction_shows_a_slow_fall_all_the_same() -> None:
     events = find_events(frame.drop(columns="load_N"))
     assert "parting.no_friction" not in codes(events)
     assert "parting.switch_alone" not in codes(events)
-    assert events.parting_s == pytest.approx(
+    assert events.fall_time_s == pytest.approx(
         1.2, abs=0.15
     )  # a sample of 6 % is 0.09 s of such a fall
     assert events.unload_s == pytest.approx(80.0073, abs=0.09)
@@ -106,7 +106,7 @@ def test_a_friction_with_a_gap_at_its_fall_leaves_the_word_to_the_load_cell() ->
     frame.loc[frame["time_s"].between(79.7, 80.1), "friction_N"] = np.nan
     events = find_events(frame)
     assert abs(events.unload_s - 80.0073) < DT  # halfway across the gap would be 0.1 s early
-    assert events.parting_s < 2 * DT
+    assert events.fall_time_s < 2 * DT
 
 
 def test_a_contact_that_drops_out_under_load_is_no_unloading() -> None:
@@ -133,8 +133,8 @@ def test_two_contacts_with_an_unloading_between_stay_two() -> None:
 def test_a_slow_parting_has_a_kink_at_each_end_and_a_quick_one_a_single_kink() -> None:
     slow, quick = find_events(log(parting_s=1.5)), find_events(log())
     # the 90-10 % time is good to 0.05 s (above), its ends to the half of 0.05 / 0.8
-    assert slow.kinks_s == pytest.approx((80.0073 - 0.75, 80.0073 + 0.75), abs=0.05)
-    assert quick.kinks_s == (quick.unload_s,)
+    assert slow.slope_changes_s == pytest.approx((80.0073 - 0.75, 80.0073 + 0.75), abs=0.05)
+    assert quick.slope_changes_s == (quick.unload_s,)
 
 
 def test_a_bouncing_contact_is_bridged_and_said() -> None:
@@ -251,10 +251,10 @@ def test_disks_that_touch_again_are_heated_by_the_logged_friction(
     frame = touched(80.0073 + after_s, length_s, switch)
     events = find_events(frame)
     assert abs(events.unload_s - 80.0073) < DT  # the parting is the first one
-    ((start, stop),) = events.again
+    ((start, stop),) = events.later_contacts
     assert 0 <= 80.0073 + after_s - start < 4 * DT  # two samples of margin at either end
     assert 0 <= stop - (80.0073 + after_s + length_s) < 4 * DT
-    assert events.kinks_s[-2:] == (start, stop)
+    assert events.slope_changes_s[-2:] == (start, stop)
     assert codes(events) == {"contact.again"}
     t = frame["time_s"].to_numpy()
     force = contact_force(t, frame["friction_N"].to_numpy(), events)

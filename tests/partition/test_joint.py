@@ -73,7 +73,7 @@ def test_joint_fit_of_a_short_cooling_ends_at_the_least_sum_of_squares() -> None
     fits, _ = joint_fits(*_started(), 0.2)
     for fit in fits.values():
         e = fit.estimates
-        table = rim_table(fit.side, [fit.theta], e["h"].u, e["lag_s"].u)
+        table = rim_table(fit.block, [fit.theta], e["h"].u, e["lag_s"].u)
         problem = joint_problem([table])
         nothing = np.zeros(problem.size - 4)
         here = minimise(
@@ -87,14 +87,14 @@ def test_joint_fit_of_a_short_cooling_ends_at_the_least_sum_of_squares() -> None
 def test_a_fit_that_cannot_tell_share_from_h_is_refused_in_words() -> None:
     """Without friction power the share does nothing: its column is another's."""
     fit = joint_fits(*_started())[0]["fast"]
-    problem = joint_problem([fit.side])
+    problem = joint_problem([fit.block])
     best = minimise(problem, np.concatenate([fit.theta, np.zeros(problem.size - 4)]), limit=0)
     jacobian = best.jacobian.copy()
     jacobian[:, 0] = jacobian[:, 1]
     with pytest.raises(
         InputError, match="do not separate heat partition from heat transfer coefficient"
     ):
-        main_covariance(replace(best, jacobian=jacobian), [fit.side])
+        main_covariance(replace(best, jacobian=jacobian), [fit.block])
 
 
 def _started() -> Any:
@@ -209,7 +209,7 @@ def test_a_fit_that_a_pass_no_longer_moves_stays_where_more_passes_would_leave_i
         passes.append(disk.name)
         return made_side(test, disk, *rest)
 
-    monkeypatch.setattr(of_one, "disk_side", counted)
+    monkeypatch.setattr(of_one, "disk_block", counted)
     fits = {}
     for settled in (of_one.CONVERGED_U, 0.0):
         monkeypatch.setattr(of_one, "CONVERGED_U", settled)

@@ -78,7 +78,7 @@ def test_every_way_to_beta_holds_without_a_channel(
 ) -> None:
     """Within three standard uncertainties: five ways of three runs; and the lag as well."""
     _, p = whole
-    for way, e in p.ways.items():
+    for way, e in p.beta_by_estimator.items():
         assert abs(e.value - made.told["beta"]) < 3 * e.u, way
     for disk, fit in p.joint.items():
         lag = fit.estimates["lag_s"]
@@ -110,7 +110,7 @@ def test_what_is_left_out_has_no_compensated_trace_and_is_told(
     i = CHANNELS.index(channel)
     empty = np.isnan(p.compensated["slow"].temperature).all(axis=0)
     assert [*np.flatnonzero(empty)] == [i]
-    (told,) = (f for f in p.noticed if f.code == "channel.left_out")
+    (told,) = (f for f in p.analysis_findings if f.code == "channel.left_out")
     assert told.subject == f"slow_{channel}"
     assert told.severity is Severity.INFO  # it was asked for
     stands_in = {"a": (), "d": ("f",), "b": ("d", "f")}[channel]
@@ -241,7 +241,7 @@ def test_a_lost_channel_is_left_out_with_a_finding(
     assert found.subject == name
     assert f"{name}_degC" in found.sentence
     assert "intervals are wider" in found.sentence
-    assert [given.disks[d].left_out for d in DISKS] == [(), (name[-1],)]
+    assert [given.disks[d].excluded for d in DISKS] == [(), (name[-1],)]
 
 
 @pytest.mark.study
@@ -254,7 +254,7 @@ def test_a_channel_that_the_sensor_map_finds_dead_is_left_out(
     monkeypatch.setattr(stage, "read_stage", lambda log, _: (log, 1))
     monkeypatch.setattr(stage, "iter_log", lambda *_, **__: log)
     found = estimate_beta("EHL_B3.csv", made.rig, made.records)
-    (told,) = lost(found.partition.noticed)
+    (told,) = lost(found.partition.analysis_findings)
     assert told.subject == "fast_d"
     assert "channel d is dead" in told.sentence
     beta = found.partition.both.estimates["beta"]

@@ -53,20 +53,20 @@ def found(made: StudyRig) -> OneDisk:
 def test_the_joint_fit_is_that_of_the_full_test_and_holds_the_truth(
     made: StudyRig, found: OneDisk
 ) -> None:
-    share, h = 1 - found.answers["joint"].value, found.answers["h joint"].value
+    share, h = 1 - found.estimates["joint"].value, found.estimates["h joint"].value
     again = disk_fit(made.test, made.test.disks["slow"], share, h, 10.0, "modal")
-    assert found.answers["joint"].value == pytest.approx(
+    assert found.estimates["joint"].value == pytest.approx(
         again.beta, abs=0.05 * again.estimates["beta"].u
     )
     for way in ("joint", "cooling"):
-        beta = found.answers[way]
+        beta = found.estimates[way]
         assert abs(beta.value - made.told["beta"]) < 3 * beta.u
-    assert found.answers["joint"].u == pytest.approx(
+    assert found.estimates["joint"].u == pytest.approx(
         again.estimates["beta"].u, rel=0.1
     )  # with the rim's form
     assert warnings_and_errors(found.findings) == ()
     total = np.hypot.reduce([joint for joint, _ in found.budget.values()])
-    assert total == pytest.approx(found.answers["joint"].u, rel=1e-6)
+    assert total == pytest.approx(found.estimates["joint"].u, rel=1e-6)
 
 
 @pytest.mark.e2e
@@ -116,12 +116,19 @@ def test_the_page_s_model_is_the_joint_fit_s_own_and_its_budget_adds_up(
     found: OneDisk, tmp_path: Path
 ) -> None:
     m = compare_joint_fit(found, "slow")
-    z = (m.measured - m.model) / m.sd
+    z = (m.readings_degC - m.model_degC) / m.sd_K
     assert 0.7 < float((z**2).mean()) < 2.0
-    assert float(np.abs((m.measured - m.model)[m.at_s < 0].mean(axis=0)).max()) < 0.03
+    assert (
+        float(
+            np.abs(
+                (m.readings_degC - m.model_degC)[m.time_since_unloading_s < 0].mean(axis=0)
+            ).max()
+        )
+        < 0.03
+    )
     pages = {
         "B3.1": found,
-        "B3.2": replace(found, answers={**found.answers, "joint": Estimate.normal(1.4, 0.1)}),
+        "B3.2": replace(found, estimates={**found.estimates, "joint": Estimate.normal(1.4, 0.1)}),
     }
     shown = write_one_disk_report(tmp_path / "two.html", pages).read_text(encoding="utf-8")
     assert "B3.2: no β" in shown
@@ -141,10 +148,10 @@ def test_what_no_disk_can_do_is_printed_nowhere(
     impossible: dict[str, float], status: str, gone: set[str], made: StudyRig, found: OneDisk
 ) -> None:
     wrong = {key: Estimate.normal(value, 0.0123) for key, value in impossible.items()}
-    p = replace(found, answers={**found.answers, **wrong})
+    p = replace(found, estimates={**found.estimates, **wrong})
     run = OneDiskRun(made.log, p)
     kept, text, card = run.to_dict(), run.summary(), run.card()
-    assert p.withheld == gone
+    assert p.impossible == gone
     assert kept["status"] == status
     for way, group in (("joint", kept["joint"]["slow"]), ("cooling", kept["transient"]["slow"])):
         hidden = {group[key]["value"] is None for key in group if key != "window_s"}

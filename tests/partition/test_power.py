@@ -47,7 +47,7 @@ def test_a_power_that_ends_inside_a_sample_falls_by_its_lag_from_that_instant(pa
     )
     assert held == {}
     _, exact = lagged_power(test, slice(0, len(time)), None)
-    (jump,) = exact["switches"]
+    (jump,) = exact["jumps"]
     assert (jump.index, jump.before, jump.after) == (last, LEVEL_W, 0.0)
     assert jump.fraction == pytest.approx(part, abs=1e-9)
 

@@ -59,8 +59,8 @@ def table(sound: Fitted) -> pd.DataFrame:
 def problems_of(fit: DiskFit) -> tuple[Problem, Problem]:
     """The posterior of one disk by the rim model, and by its table."""
     e = fit.estimates
-    table = rim_table(fit.side, [fit.theta], e["h"].u, e["lag_s"].u)
-    return joint_problem([fit.side]), joint_problem([table])
+    table = rim_table(fit.block, [fit.theta], e["h"].u, e["lag_s"].u)
+    return joint_problem([fit.block]), joint_problem([table])
 
 
 def cost(problem: Problem, main: Array) -> float:

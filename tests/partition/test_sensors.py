@@ -295,7 +295,7 @@ def test_a_hotter_side_is_the_press_fit_s_and_no_fault_of_a_channel(b3: EhlTest)
     )
     moved = {c: column(b3, "slow", c) + k * slow_rise for c, k in zip(CHANNELS, reads)}
     check = check_sensors(with_readings(b3, "slow", moved))
-    assert check.sound, check.said
+    assert check.sound, check.texts
     assert "illogical" in set(check.table.query("disk == 'slow' and not same_group")["steady"])
     assert "illogical" not in set(check.table.query("disk == 'slow' and same_group")["steady"])
 
@@ -353,7 +353,7 @@ def test_rigs_drawn_from_their_uncertainties_raise_no_alarm(seed: int, tmp_path:
         records[d] = read_record(write_record(made, tmp_path / f"{d}.disk.json"))
     for log in files.ehl.values():
         check = check_sensors(prepare_test(read_log(log, "ehl", rig), rig, records))
-        assert check.sound, check.said
+        assert check.sound, check.texts
 
 
 @pytest.mark.study

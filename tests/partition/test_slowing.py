@@ -39,13 +39,15 @@ def missed_K(made: StudyRig, test: EhlTest, disk: str) -> np.ndarray:
     true = made.told["traces"][[f"{disk}_{c}_degC" for c in CHANNELS]].to_numpy()
     off, traces = test.events.unload_s, test.disks[disk]
     rows = slice(int(75 * (off - 60)), int(75 * (off + 10)))
-    perfect = replace(traces, readings_degC=true, inner_K=np.zeros_like(traces.inner_K))
+    perfect = replace(
+        traces, readings_degC=true, inner_offset_K=np.zeros_like(traces.inner_offset_K)
+    )
     window = disk_window(test, perfect, true[rows], rows, traces.noise_K)
     share = made.told["beta"] if disk == "fast" else 1 - made.told["beta"]
-    rest, power = window.rim.answer(made.told[f"h_{disk}"])
+    rest, power = window.rim.response(made.told[f"h_{disk}"])
     wrong = rest + share * power - window.y
-    after = (window.at_s > off + 0.1) & (window.at_s < off + 10)
-    return np.asarray(wrong[after] - wrong[window.at_s < off - 0.5].mean(axis=0))
+    after = (window.block_time_s > off + 0.1) & (window.block_time_s < off + 10)
+    return np.asarray(wrong[after] - wrong[window.block_time_s < off - 0.5].mean(axis=0))
 
 
 @pytest.mark.study
@@ -60,7 +62,7 @@ def test_with_the_true_share_and_h_the_model_follows_the_whole_disk(world: str, 
         made.test, {"fast": (share, h["fast"]), "slow": (1 - share, h["slow"])}
     )
     assert np.abs(missed_K(made, test, disk)).max() < TOLERANCE_K + EDGE_K * bool(
-        made.test.events.again
+        made.test.events.later_contacts
     )
     if world == "brake 3 s":  # and it has to: a film that stayed would leave ten times as much
         assert np.abs(missed_K(made, made.test, disk)).max() > 10 * TOLERANCE_K
@@ -69,16 +71,16 @@ def test_with_the_true_share_and_h_the_model_follows_the_whole_disk(world: str, 
 @pytest.mark.study
 def test_disks_that_keep_their_speed_have_no_film_to_follow() -> None:
     made = study_rig(12)
-    assert made.test.slowing == {}
+    assert made.test.relative_speed == {}
     assert with_slowing_air_offset(made.test, {}) is made.test
 
 
 def test_what_was_measured_of_a_disk_that_keeps_its_speed_stays() -> None:
     made = clean_rig("brake 3 s")
     warmer = np.column_stack([np.full(len(made.test.time_s), 7.0), np.zeros(len(made.test.time_s))])
-    kept = {d: course for d, course in made.test.slowing.items() if d == "fast"}
+    kept = {d: course for d, course in made.test.relative_speed.items() if d == "fast"}
     test = with_slowing_air_offset(
-        replace(made.test, slowing=kept, surface_air_offset_K={"slow": warmer}),
+        replace(made.test, relative_speed=kept, surface_air_offset_K={"slow": warmer}),
         {"fast": (0.7, 700.0)},
     )
     np.testing.assert_array_equal(test.surface_air_offset_K["slow"], warmer)
@@ -89,12 +91,14 @@ def test_what_was_measured_of_a_disk_that_keeps_its_speed_stays() -> None:
 def test_a_speed_that_does_not_change_changes_no_answer() -> None:
     """The film's input is there, and zero: the same answers, but for rounding."""
     made = study_rig(12)
-    unchanged = replace(made.test, slowing={d: np.ones_like(made.test.time_s) for d in DISKS})
+    unchanged = replace(
+        made.test, relative_speed={d: np.ones_like(made.test.time_s) for d in DISKS}
+    )
     one, other = made.analyse(), replace(made, test=unchanged).analyse()
-    for way, answer in one.answers.items():
+    for way, answer in one.estimates.items():
         # the joint fits run twice, and a search ends within 1e-7 of chi-squared: 3e-4 of an uncertainty
-        assert other.answers[way].value == pytest.approx(answer.value, abs=1e-3 * answer.u)
-        assert other.answers[way].u == pytest.approx(answer.u, rel=1e-3)
+        assert other.estimates[way].value == pytest.approx(answer.value, abs=1e-3 * answer.u)
+        assert other.estimates[way].u == pytest.approx(answer.u, rel=1e-3)
 
 
 @pytest.fixture(scope="module")
@@ -173,7 +177,7 @@ def test_a_speed_that_is_missing_after_the_parting_is_taken_as_unchanged_and_sai
         disturbed=lambda f: f.assign(speed_slow_rpm=f["speed_slow_rpm"].where(f["time_s"] < 320.0)),
     )
     assert "speeds.missing" in {f.code for f in gone.test.findings}
-    assert gone.test.slowing == {}
+    assert gone.test.relative_speed == {}
 
 
 @pytest.mark.study

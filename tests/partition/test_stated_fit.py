@@ -106,12 +106,12 @@ def off_K(made: StudyRig, found: AngularHarmonic) -> np.ndarray:
 def test_a_fit_stated_as_it_is_serves_as_the_prior() -> None:
     """The harmonic within its 99 % region, the second within two standard uncertainties of what was subtracted."""
     made, p = analysed(0.0)
-    found = p.both.uneven["slow"]
+    found = p.both.harmonics["slow"]
     assert np.hypot(*found.nominal_K) > 0.3
     assert found.level_z(off_K(made, found)) < 3.04
     assert "fit.contradicted" not in {f.code for f in p.findings}
     assert p.both.estimates["beta"].value == pytest.approx(made.told["beta"], abs=0.01)
-    for way, estimate in p.ways.items():
+    for way, estimate in p.beta_by_estimator.items():
         assert abs(estimate.value - made.told["beta"]) < 3 * estimate.u, way
     second = found.nominal_second_K @ harmonic_at_junctions(
         p.test.disks["slow"].setup, found.h_W_m2K, CHANNELS, 2
@@ -122,7 +122,7 @@ def test_a_fit_stated_as_it_is_serves_as_the_prior() -> None:
     assert {r.source: r.u_beta_steady for r in p.budget.rows}[
         "second harmonic round the bore"
     ] > 1e-3
-    known, disk = p.test.uneven["slow"], made.test.disks["slow"]
+    known, disk = p.test.harmonics["slow"], made.test.disks["slow"]
     since_s = made.test.time_s - made.test.events.unload_s - disk.common_lag_s
     taken = harmonic_K(known, disk.setup, since_s)
     np.testing.assert_allclose(
@@ -148,7 +148,7 @@ def test_where_the_film_takes_all_the_heat_half_an_uncertainty_of_it_goes_throug
     disk = test.disks["slow"]
     power_u = power * float(np.hypot(u_rel, 0.3 * disk.uncertainty.friction_rel))
     inner = (
-        disk.readings_degC[near][:, disk.setup.places(disk.setup.inner)]
+        disk.readings_degC[near][:, disk.setup.channel_indices(disk.setup.inner)]
         - test.ambient_of("slow")[near, None]
     )
     flux, u = bore_flux_with_u(
@@ -200,7 +200,7 @@ def test_a_fit_stated_elsewhere_is_told_and_not_used() -> None:
     told = [f for f in p.findings if f.code == "fit.contradicted"]
     assert [(f.subject, f.severity) for f in told] == [("slow", Severity.WARNING)]
     assert "[fit] is not used" in told[0].sentence
-    found = p.both.uneven["slow"]
+    found = p.both.harmonics["slow"]
     assert not found.nominal_K.any()
     assert found.level_z(off_K(made, found)) < 3.04
     assert p.status == "warning"

@@ -59,12 +59,16 @@ def test_a_stated_flux_is_as_good_as_the_usual_one() -> None:
     made = study_rig(SEED, rig=rig)
     told, ignored = seen_by(made, rig), seen_by(made, load_rig())
     off = [
-        max(abs(p.ways[w].value - usual().ways[w].value) for w in p.ways) for p in (told, ignored)
+        max(
+            abs(p.beta_by_estimator[w].value - usual().beta_by_estimator[w].value)
+            for w in p.beta_by_estimator
+        )
+        for p in (told, ignored)
     ]
     assert off[0] < 0.002  # the noise is the same, and so are the errors of the rig
     assert off[1] > 0.01
     assert told.status == "sound"
-    named = ignored.structures.preferred
+    named = ignored.model_forms.preferred
     assert named is not None
     assert named.name == "flux_shift"
 
@@ -80,7 +84,7 @@ def test_an_uncertain_place_of_the_flux_widens_and_is_in_the_budget() -> None:
     assert both.u > 1.2 * usual().both.estimates["beta"].u
     assert abs(both.value - made.told["beta"]) < 2 * both.u
     assert "place of the flux" not in [r.source for r in usual().budget.rows]
-    assert p.structures.preferred is None  # what is stated to be uncertain is no other structure
+    assert p.model_forms.preferred is None  # what is stated to be uncertain is no other structure
 
 
 TABLE = {"flux_profile": "table"}
@@ -116,7 +120,11 @@ def test_a_stated_slope_of_the_steel_removes_its_bias_and_an_open_one_widens() -
     made = study_rig(SEED, rig=rig)
     told, ignored = seen_by(made, rig), seen_by(made, load_rig())
     off = [
-        max(abs(p.ways[w].value - usual().ways[w].value) for w in p.ways) for p in (told, ignored)
+        max(
+            abs(p.beta_by_estimator[w].value - usual().beta_by_estimator[w].value)
+            for w in p.beta_by_estimator
+        )
+        for p in (told, ignored)
     ]
     assert off[0] < 0.002
     assert off[1] > 0.008
@@ -130,7 +138,7 @@ def test_a_stated_slope_of_the_steel_removes_its_bias_and_an_open_one_widens() -
     rows = {r.source: r for r in open_.budget.rows}
     assert rows["conductivity slope"].u_beta_steady > 0.002
     assert {"conductivity slope", "specific heat slope"} <= set(rows)
-    for way, beta in open_.ways.items():
+    for way, beta in open_.beta_by_estimator.items():
         assert abs(beta.value - made.told["beta"]) < 2.5 * beta.u, way
 
 
@@ -148,7 +156,7 @@ def test_the_effect_of_a_slope_is_what_another_slope_does() -> None:
         rim = float(lagged_window(test, disk, rows).rim.inputs[:, 1:4].mean())
         setup = linear_about(stated, steel.air_degC, steel.surface_degC, rim)
         window = lagged_window(test, replace(disk, setup=setup), rows)
-        rest, power = window.rim.answer(at[1])
+        rest, power = window.rim.response(at[1])
         return rest + at[0] * power - window.y, window
 
     base, window = gap(0.0, 0.0)
@@ -170,7 +178,7 @@ def test_a_column_of_the_fit_holds_no_noise_of_the_readings() -> None:
     )
     window = lagged_window(test, test.disks["fast"], fit_rows(test, 8.0))
     column = conductivity_slope_effect(window, 0.68, 750.0, 5e-4)
-    late = window.at_s > test.events.unload_s + 0.5
+    late = window.block_time_s > test.events.unload_s + 0.5
     noise = [np.std(np.diff(x[late][:150], n=3, axis=0)) for x in (column, window.y)]
     assert noise[0] < 0.002 * noise[1]
 
@@ -231,10 +239,10 @@ def test_a_measured_surface_tells_h_and_is_honest_where_the_ambient_is_not_what_
         h, before = p.both.estimates[f"h_{d}"], ignored.both.estimates[f"h_{d}"]
         assert h.u < 0.5 * before.u
         assert abs(h.value - made.told[f"h_{d}"]) < 2 * h.u
-        assert p.answers[f"joint {d}"].u <= 1.01 * ignored.answers[f"joint {d}"].u
+        assert p.estimates[f"joint {d}"].u <= 1.01 * ignored.estimates[f"joint {d}"].u
     fast = ignored.both.estimates["h_fast"]
     assert fast.value - made.told["h_fast"] > 3 * fast.u
-    for way, beta in [*p.ways.items(), ("both", p.both.estimates["beta"])]:
+    for way, beta in [*p.beta_by_estimator.items(), ("both", p.both.estimates["beta"])]:
         assert abs(beta.value - made.told["beta"]) < 2 * beta.u, way
     assert "measured surface flux" in [r.source for r in p.budget.rows]
     assert p.status == "sound"

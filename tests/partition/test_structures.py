@@ -47,27 +47,27 @@ def of_world(name: str) -> tuple[StudyRig, Partition]:
 @pytest.mark.study
 def test_a_sound_test_keeps_its_structure(sound: tuple[StudyRig, Partition]) -> None:
     made, p = sound
-    s = p.structures
-    assert s.tried[0].name == "as assumed"
-    assert s.tried[0].beta == p.both.estimates["beta"]
+    s = p.model_forms
+    assert s.forms[0].name == "as assumed"
+    assert s.forms[0].beta == p.both.estimates["beta"]
     assert s.preferred is None
     assert s.estimate_holds
     assert s.low95 <= made.told["beta"] <= s.high95
     assert sum(s.probability) == pytest.approx(1.0)
-    assert len(s.tried) == 1 + len(MODEL_FORMS) + 12  # and the lag of each junction
+    assert len(s.forms) == 1 + len(MODEL_FORMS) + 12  # and the lag of each junction
 
 
 def test_half_of_the_prior_is_for_what_was_assumed_and_the_rest_shared(
     sound: tuple[StudyRig, Partition],
 ) -> None:
     p = sound[1]
-    s, law_u = p.structures, p.test.exponent_half_range / 3**0.5
+    s, law_u = p.model_forms, p.test.exponent_half_range / 3**0.5
     weight = {}
-    for a in s.tried:
+    for a in s.forms:
         referee = np.exp(-(a.speed_law_z**2) / 2) / np.hypot(a.exponent.u, law_u)
-        prior = 0.5 if a.name == "as assumed" else 0.5 / (len(s.tried) - 1)
+        prior = 0.5 if a.name == "as assumed" else 0.5 / (len(s.forms) - 1)
         weight[a.name] = prior * np.exp(a.log_odds) * referee
-    shares = np.array([weight[a.name] for a in s.tried]) / sum(weight.values())
+    shares = np.array([weight[a.name] for a in s.forms]) / sum(weight.values())
     assert np.asarray(s.probability) == pytest.approx(shares, rel=1e-9)
 
 
@@ -81,7 +81,7 @@ def test_half_of_the_prior_is_for_what_was_assumed_and_the_rest_shared(
 )
 def test_the_structure_that_is_there_is_named(world: str, structure: str) -> None:
     _, p = of_world(world)
-    best = p.structures.preferred
+    best = p.model_forms.preferred
     assert best is not None
     assert best.name == structure
     assert best.log_odds > NAMED_LOG_ODDS
@@ -93,7 +93,7 @@ def test_the_structure_that_is_there_is_named(world: str, structure: str) -> Non
 @pytest.mark.study
 def test_what_wires_take_away_is_within_what_the_test_tells_of_it() -> None:
     _, p = of_world("stem 3 %")
-    (stem,) = (a for a in p.structures.tried if a.name == "stem")
+    (stem,) = (a for a in p.model_forms.forms if a.name == "stem")
     (size,) = stem.size
     assert abs(STEM_SD * size.value - 0.03) < 3 * STEM_SD * size.u
 
@@ -102,12 +102,12 @@ def test_what_wires_take_away_is_within_what_the_test_tells_of_it() -> None:
 def test_the_range_follows_a_structure_that_moves_the_answer() -> None:
     """A bubble that doubles a junction's lag moves both disks by some 5 of their u; what is printed must say so."""
     made, p = of_world("bubble x2")
-    both, s = p.both.estimates["beta"], p.structures
+    both, s = p.both.estimates["beta"], p.model_forms
     assert abs(both.value - made.told["beta"]) > 3 * both.u
     assert s.preferred is not None
     assert s.preferred.name == "lag of fast_e"
     # a lag twice as long is no longer linear: most of the error goes, what is left lies within some 2 u of the refitted
-    assert abs(s.tried[0].beta.value - made.told["beta"]) < 0.6 * abs(
+    assert abs(s.forms[0].beta.value - made.told["beta"]) < 0.6 * abs(
         both.value - made.told["beta"]
     )
     assert not s.estimate_holds
@@ -120,13 +120,13 @@ def test_one_linear_step_is_the_fit_with_one_unknown_more(
     _, p = sound
     name = "faces"
     columns = model_form_columns(p.test, p.joint, p.both.theta)[name]
-    parts = np.split(columns, [len(p.joint["fast"].side.y)])
+    parts = np.split(columns, [len(p.joint["fast"].block.y)])
     extra = (NuisanceParameter(name, name, True),)
     sides = [
         replace(
-            p.joint[d].side,
-            parameters=(*p.joint[d].side.parameters, *extra),
-            effects=np.hstack([p.joint[d].side.effects, x]),
+            p.joint[d].block,
+            parameters=(*p.joint[d].block.parameters, *extra),
+            effects=np.hstack([p.joint[d].block.effects, x]),
         )
         for d, x in zip(DISKS, parts)
     ]
@@ -134,7 +134,7 @@ def test_one_linear_step_is_the_fit_with_one_unknown_more(
     start = np.zeros(len(problem.names))
     start[:8] = p.both.theta
     slow = minimise(problem, start, tolerance=1e-7)
-    quick = next(a for a in p.structures.tried if a.name == name)
+    quick = next(a for a in p.model_forms.forms if a.name == name)
     # the fit is not quite linear, and the step weighs slow waves of the residuals a little otherwise
     assert quick.beta.value == pytest.approx(slow.theta[0], abs=0.1 * quick.beta.u)
     assert quick.size[0].value == pytest.approx(slow.value(name), abs=0.1)
@@ -149,7 +149,7 @@ def test_a_loss_that_is_higher_throughout_is_the_slope_of_the_answer_by_h(
         a = DiskAtFit.of(p.test, p.joint[d], p.both.theta[4 * k : 4 * k + 4])
         high, low = (
             rest + a.share * power
-            for rest, power in map(a.rim.answer, a.h_W_m2K * np.exp([1e-3, -1e-3]))
+            for rest, power in map(a.rim.response, a.h_W_m2K * np.exp([1e-3, -1e-3]))
         )
         slope = (high - low) / 2e-3
         assert a.h_change_effect(np.ones(len(a.base))) == pytest.approx(
@@ -194,7 +194,7 @@ def test_friction_in_pounds_is_found_by_the_heat_and_impossible_numbers_are_with
         4.448, rel=0.1
     )  # 3 % of steel, 1 % of friction, twice
     assert p.status == "withheld"  # two shares of a power that is off by four tell nothing
-    assert {"joint fast", "joint slow", "both beta"} <= p.withheld
+    assert {"joint fast", "joint slow", "both beta"} <= p.impossible
     kept, said = beta_tables.beta_file(p, {}), summary_of(p)
     for d in DISKS:
         assert kept["joint"][d]["beta"] == dict.fromkeys(("value", "u", "low95", "high95"))
@@ -211,17 +211,17 @@ def test_the_headline_stands_first_in_words_tables_and_files(
     assert kept["headline"]["beta"] == both.model_dump()
     assert kept["headline"]["way"] == "joint both"
     assert kept["status"] == p.status == "sound"
-    assert [a["name"] for a in kept["alternatives"]] == [a.name for a in p.structures.tried]
+    assert [a["name"] for a in kept["alternatives"]] == [a.name for a in p.model_forms.forms]
     assert summary_of(p).startswith(f"beta = {both} by the joint fit of both disks")
     assert beta_tables.estimates_table(p)["way"].iloc[0].startswith("joint fit of both")
-    assert set(ESTIMATORS) & p.withheld == set()
+    assert set(ESTIMATORS) & p.impossible == set()
 
 
 def test_the_picture_shows_every_structure_and_the_range(sound: tuple[StudyRig, Partition]) -> None:
     _, p = sound
     _, (ax,) = figure()
-    draw_model_forms(p.structures, ax)
-    assert len(ax.get_yticklabels()) == len(p.structures.tried)
+    draw_model_forms(p.model_forms, ax)
+    assert len(ax.get_yticklabels()) == len(p.model_forms.forms)
     assert "β" in ax.get_xlabel()
 
 
@@ -231,7 +231,7 @@ def test_every_point_on_the_steady_lines_has_bars_of_95_percent(
     _, p = sound
     _, (ax,) = figure()
     draw_lines(p, ax)
-    told = {e.value: 1.96 * e.u for e in p.answers.values()}
+    told = {e.value: 1.96 * e.u for e in p.estimates.values()}
     assert len(ax.containers) == 6
     for container in ax.containers:
         point, _, bars = container.lines  # type: ignore[attr-defined]
@@ -244,4 +244,4 @@ def test_every_point_on_the_steady_lines_has_bars_of_95_percent(
 def test_alternatives_are_the_same_when_asked_again(sound: tuple[StudyRig, Partition]) -> None:
     made, p = sound  # an even disk: the test that was fitted is the one that was prepared
     again = compare_model_forms(made.test, p.joint, p.both)
-    assert (again.low95, again.high95) == (p.structures.low95, p.structures.high95)
+    assert (again.low95, again.high95) == (p.model_forms.low95, p.model_forms.high95)

@@ -125,7 +125,7 @@ def uneven() -> tuple[StudyRig, Partition]:
 
 def vector_z(made: StudyRig, p: Partition, disk: str) -> float:
     """Length of the error of cos and sin of the level in standard uncertainties."""
-    told, found = made.told["unevenness"][disk], p.both.uneven[disk]
+    told, found = made.told["unevenness"][disk], p.both.harmonics[disk]
     ends = [
         a * np.array([np.cos(np.deg2rad(w)), np.sin(np.deg2rad(w))])
         for a, w in (
@@ -143,12 +143,12 @@ def test_amplitude_and_angle_are_recovered_within_their_interval(
     made, p = uneven
     for d in DISKS:
         assert vector_z(made, p, d) < 3.04  # 99 % of two normal deviates
-        assert p.both.uneven[d].significance > 20  # some 3 K, known to a tenth of one
+        assert p.both.harmonics[d].significance > 20  # some 3 K, known to a tenth of one
     notes = {f.subject: f for f in p.findings if f.code == "unevenness"}
     assert set(notes) == set(DISKS)
     assert {f.severity for f in notes.values()} == {Severity.INFO}
     written = beta_file(p, {})["unevenness"]["slow"]
-    assert written["amplitude_K"]["value"] == p.both.uneven["slow"].amplitude_K.value
+    assert written["amplitude_K"]["value"] == p.both.harmonics["slow"].amplitude_K.value
     assert set(written["angle_deg"]) == {"value", "u", "low95", "high95"}
 
 
@@ -158,17 +158,17 @@ def test_strongly_uneven_disks_cost_no_beta_and_accuse_no_channel(
     """Both disks' fits within 0.01: the issue's demand, twice the standard uncertainty. Every way within 3 u."""
     made, p = uneven
     assert p.both.estimates["beta"].value == pytest.approx(made.told["beta"], abs=0.01)
-    for way, estimate in p.ways.items():
+    for way, estimate in p.beta_by_estimator.items():
         assert abs(estimate.value - made.told["beta"]) < 3 * estimate.u, way
     assert p.sensors is not None
-    assert p.sensors.sound, p.sensors.said
+    assert p.sensors.sound, p.sensors.texts
     assert p.crosscheck.agree, p.crosscheck.sentence
 
 
 def test_readings_stand_without_the_harmonic_afterwards(uneven: tuple[StudyRig, Partition]) -> None:
     made, p = uneven
     for d in DISKS:
-        known, disk = p.both.uneven[d], made.test.disks[d]
+        known, disk = p.both.harmonics[d], made.test.disks[d]
         since_s = made.test.time_s - made.test.events.unload_s - disk.common_lag_s
         taken = harmonic_K(known, disk.setup, since_s)
         np.testing.assert_allclose(
@@ -188,14 +188,14 @@ def test_a_sound_log_stays_even_and_nearly_as_sharp(
     """Amplitudes compatible with zero; u of both disks' beta up by less than 5 %, the issue's bound."""
     made, p = sound
     for d in DISKS:
-        assert p.both.uneven[d].amplitude_K.low95 == 0.0
-        assert p.both.uneven[d].finding(d) is None
+        assert p.both.harmonics[d].amplitude_K.low95 == 0.0
+        assert p.both.harmonics[d].finding(d) is None
         assert vector_z(made, p, d) < 3.04
     rows = {row.source: row.u_beta_steady for row in p.budget.rows}
     assert rows["second harmonic round the bore"] < 1e-9  # rounding
     assert rows["uneven bore contact"] < 0.5 * rows["junction depth"]
     evenly = AngularHarmonic(prior_K=np.full(4, 1e-6))
-    even = replace(made.test, uneven=dict.fromkeys(DISKS, evenly))
+    even = replace(made.test, harmonics=dict.fromkeys(DISKS, evenly))
     _, both = joint_fits(even, {"fast": (0.7, 700.0), "slow": (0.3, 280.0)})
     assert p.both.estimates["beta"].u < 1.05 * both.estimates["beta"].u
 

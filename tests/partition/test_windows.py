@@ -31,7 +31,7 @@ def test_five_seconds_give_the_cooling_fit_s_own_answer(
         # the smoother sees a longer trace, which moves the answer by less than a tenth of its uncertainty
         assert row["beta"] == pytest.approx(partition.cooling[disk].beta, abs=0.1 * row["u_beta"])
         # the budget draws the lag with the joint fit's correlations, the table as if independent
-        u = float(np.std(partition.budget.draws[f"cooling {disk}"]))
+        u = float(np.std(partition.budget.samples[f"cooling {disk}"]))
         assert row["u_beta"] == pytest.approx(u, rel=0.2)
 
 
@@ -99,7 +99,7 @@ def test_junctions_are_drawn_where_the_test_places_them(partition: Partition) ->
         0.88,
     ]  # to the left and to the right of the tick
     (band,) = ax.patches
-    stated = 1e3 * Z95 * max(t.stated_u_m for t in tests.values())
+    stated = 1e3 * Z95 * max(t.nominal_u_m for t in tests.values())
     assert band.get_extents().transformed(ax.transData.inverted()).intervaly == pytest.approx(
         [-stated, stated]
     )

@@ -50,7 +50,7 @@ def one(seed: int, world: tuple[float, float, tuple[str, ...]]) -> dict[str, obj
         " ".join(f"{s.disk}:{s.kind}" for s in p.sensors.suspects) if p.sensors else ""
     )
     for d in DISKS:
-        told, found = made.told["unevenness"][d], p.both.uneven[d]
+        told, found = made.told["unevenness"][d], p.both.harmonics[d]
         out[f"true K {d}"], out[f"found K {d}"] = told["amplitude_K"], found.amplitude_K.value
         angles = np.deg2rad([told["angle_deg"], found.angle_deg.value])
         size = np.array([told["amplitude_K"], found.amplitude_K.value])

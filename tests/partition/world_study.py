@@ -107,7 +107,9 @@ def temperatures(
     cells = np.arange(n_r * AXIAL).reshape(n_r, AXIAL)
     area = np.pi * np.diff(edges_r**2)
     capacity = (s.density_kg_m3 * s.specific_heat_J_kgK * np.outer(area, dz)).ravel()
-    x = np.clip((edges_z - s.width_m / 2 - world.shift_m) / (half_width_m * world.wider), -1, 1)
+    x = np.clip(
+        (edges_z - s.width_m / 2 - world.shift_m) / (half_width_m * world.table_scale), -1, 1
+    )
     heat = np.zeros(cells.size)
     heat[cells[-1]] = np.diff(0.75 * (x - x**3 / 3))
     strip = np.asarray(world.film)[
@@ -262,9 +264,9 @@ def one(seed: int, name: str) -> dict[str, Any]:
         p = made.analyse()
     except InputError as problem:
         return out | {"refused": str(problem)}
-    s, both = p.structures, p.both.estimates["beta"]
+    s, both = p.model_forms, p.both.estimates["beta"]
     gap = both.value - made.told["beta"]
-    best = max(s.tried, key=lambda a: a.log_odds)
+    best = max(s.forms, key=lambda a: a.log_odds)
     return out | {
         "error": gap,
         "z": gap / both.u,
@@ -277,7 +279,7 @@ def one(seed: int, name: str) -> dict[str, Any]:
         "status": p.status,
         "holds": s.estimate_holds,
         "codes": " ".join(f.code for f in p.findings if f.severity.value != "info"),
-        "referee": s.tried[0].speed_law_z,
+        "referee": s.forms[0].speed_law_z,
     }
 
 

@@ -25,7 +25,7 @@ def decimals(text: str) -> int:
 def test_the_sources_add_up_to_all_together(partition: Partition) -> None:
     table = beta_tables.budget_table(partition)
     assert table["source"].iloc[-1] == "all together"
-    steady, cooling = partition.budget.together
+    steady, cooling = partition.budget.total_u
     both = partition.both.estimates["beta"].u
     assert hypot(*joint_tables.joint_budget(partition).values()) == pytest.approx(both, rel=1e-9)
     assert [float(x) for x in table.iloc[-1, 1:]] == pytest.approx(
@@ -72,13 +72,15 @@ def test_the_verdict_is_a_finding_and_is_said_once(partition: Partition, tmp_pat
 def test_the_model_of_the_page_is_the_fits_own(partition: Partition) -> None:
     for disk in DISKS:
         m = joint_tables.compare_joint_fit(partition, disk)
-        assert m.at_s[0] < -60
-        assert m.at_s[-1] > 5
-        under_load = m.measured[m.at_s < 0].mean(axis=0) - m.model[m.at_s < 0].mean(axis=0)
+        assert m.time_since_unloading_s[0] < -60
+        assert m.time_since_unloading_s[-1] > 5
+        under_load = m.readings_degC[m.time_since_unloading_s < 0].mean(axis=0) - m.model_degC[
+            m.time_since_unloading_s < 0
+        ].mean(axis=0)
         assert (
             abs(under_load).max() < 0.03
         )  # K: what nobody measured has moved the model onto the readings
-        z = (m.measured - m.model) / m.sd
+        z = (m.readings_degC - m.model_degC) / m.sd_K
         assert 0.7 < float((z**2).mean()) < 2.0
     rows = joint_tables.residuals_table(partition)
     assert len(rows) == 6
@@ -117,7 +119,7 @@ def test_disks_differ_in_tone_line_and_marker() -> None:
 def test_equal_answers_on_the_lines_stay_visible(partition: Partition) -> None:
     _, (ax,) = figure()
     draw.draw_lines(partition, ax)
-    points = [c.lines[0] for c in ax.containers if c.get_label().endswith("fast")]
+    points = [c.hum_lines[0] for c in ax.containers if c.get_label().endswith("fast")]
     assert len({p.get_marker() for p in points}) == 3
     assert [p.get_markersize() for p in points] == sorted(
         (p.get_markersize() for p in points), reverse=True

@@ -123,7 +123,9 @@ def test_a_slope_over_heat_is_told_for_a_thousand_of_its_units_and_a_scatter_whe
 ) -> None:
     """2.00(10)e-5 for one K m/s is 0.0200(10) for a thousand; u to two digits, the ends to match."""
     slope = Estimate(value=2e-5, u=1e-6, low95=1.8e-5, high95=2.2e-5)
-    line = replace(whole.trends[0], slopes=(slope,), p_value=(1e-13,), scatter=0.003, enough=1e-4)
+    line = replace(
+        whole.trends[0], slopes=(slope,), p_value=(1e-13,), scatter=0.003, line_p_value=1e-4
+    )
     one = replace(whole, trends=(line,))
     row = joined_trend_lines(one).iloc[0]
     assert row["slope"] == "0.0200 ± 0.0010 per 1000 K m/s"
@@ -132,7 +134,7 @@ def test_a_slope_over_heat_is_told_for_a_thousand_of_its_units_and_a_scatter_whe
     said = trend_sentence(one)
     assert "the slope 0.0200 +- 0.0010 per 1000 K m/s (95 % interval 0.0180 to 0.0220)" in said
     assert "the tests scatter by 0.0030 more" in said
-    likely = replace(one, trends=(replace(line, p_value=(0.03,), enough=0.3),))
+    likely = replace(one, trends=(replace(line, p_value=(0.03,), line_p_value=0.3),))
     assert joined_trend_lines(likely).iloc[0]["chance if zero"] == "0.03"
     assert "scatter" not in trend_sentence(likely)
 
@@ -141,7 +143,9 @@ def test_one_power_of_the_speed_is_doubted_where_chance_does_not_explain_the_cha
     whole: JoinedCampaign,
 ) -> None:
     for chance, said in ((0.2, "one power is enough"), (0.01, "one power may not be enough")):
-        assert said in exponent_text(replace(whole, law=replace(whole.law, p_value=chance)))
+        assert said in exponent_text(
+            replace(whole, speed_law=replace(whole.speed_law, p_value=chance))
+        )
 
 
 def test_a_model_s_curve_costs_a_degree_of_freedom_where_its_level_is_free(

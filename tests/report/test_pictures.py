@@ -45,7 +45,7 @@ def unloaded() -> Any:
     for disk, offset in (("fast", 0.0), ("slow", 100.0)):
         setup = RIG.disk_setup(disk)
         readings = offset + np.arange(len(setup.channels)) + time_s[:, None] / 100
-        disks[disk] = SimpleNamespace(setup=setup, left_out="", readings_degC=readings)
+        disks[disk] = SimpleNamespace(setup=setup, excluded="", readings_degC=readings)
         done[disk] = SimpleNamespace(
             temperature=readings[rows] + 1.0, sd=np.full_like(readings[rows], 0.25)
         )
@@ -102,7 +102,7 @@ def test_a_disk_s_line_is_drawn_as_beta_through_the_points_that_lie_on_it(
         beta = {w: Estimate.normal(1 - e.value, e.u) for w, e in beta.items()}
     answers = {**beta, **{f"h {w}": e for w, e in h.items()}}
     p: Any = SimpleNamespace(
-        disk=disk, answers=answers, withheld=(), line=SimpleNamespace(line=share)
+        disk=disk, estimates=answers, impossible=(), line=SimpleNamespace(line=share)
     )
     ax = partitions.draw_line(p, axes())
     line = drawn(ax.lines[0])

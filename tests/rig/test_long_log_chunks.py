@@ -335,14 +335,18 @@ def test_a_short_log_is_joined_once_and_a_long_one_or_some_of_its_rows_when_aske
 ):
     path = write_log(ehl_frame(), tmp_path / "log.csv")
     log = iter_log(path, "ehl", rows=700)
-    (own := log.whole().frame).loc[5, "fast_a_degC"] = -1.0
-    assert own.loc[5, "fast_a_degC"] == -1.0 != log.whole().frame.loc[5, "fast_a_degC"]
-    assert np.shares_memory(*(log.whole().frame["fast_b_degC"].to_numpy() for _ in range(2)))
+    (own := log.to_log().frame).loc[5, "fast_a_degC"] = -1.0
+    assert own.loc[5, "fast_a_degC"] == -1.0 != log.to_log().frame.loc[5, "fast_a_degC"]
+    assert np.shares_memory(*(log.to_log().frame["fast_b_degC"].to_numpy() for _ in range(2)))
     rows = np.array([3, 4, 900, 1500])
-    some = log.whole(rows)
-    assert np.array_equal(some.frame.to_numpy(), log.whole().frame.to_numpy()[rows], equal_nan=True)
-    assert some.sha256 == log.whole().sha256 == files.sha256(path)
+    some = log.to_log(rows)
+    assert np.array_equal(
+        some.frame.to_numpy(), log.to_log().frame.to_numpy()[rows], equal_nan=True
+    )
+    assert some.sha256 == log.to_log().sha256 == files.sha256(path)
     monkeypatch.setattr(reading, "MAX_ROWS_IN_MEMORY", 1000)
     longer = iter_log(path, "ehl", rows=700)
-    assert not np.shares_memory(*(longer.whole().frame["fast_b_degC"].to_numpy() for _ in range(2)))
-    assert longer.whole().frame.equals(log.whole().frame)
+    assert not np.shares_memory(
+        *(longer.to_log().frame["fast_b_degC"].to_numpy() for _ in range(2))
+    )
+    assert longer.to_log().frame.equals(log.to_log().frame)

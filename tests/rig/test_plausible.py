@@ -60,7 +60,7 @@ def test_a_spike_whose_rise_alone_was_possible_is_one_sample() -> None:
 def test_a_chain_that_passes_a_change_at_once_has_no_unreachable_readings() -> None:
     y = np.where(np.arange(200) < 100, 20.0, 500.0)
     assert impossible_changes(y, 1.0, 25.0).any()
-    assert not impossible_changes(y, 1.0, 25.0, passed_directly=0.5).any()
+    assert not impossible_changes(y, 1.0, 25.0, direct_share=0.5).any()
     assert not impossible_changes(y, 1.0, 0.0).any()
 
 

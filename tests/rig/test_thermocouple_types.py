@@ -49,7 +49,7 @@ def test_every_type_agrees_with_its_published_table_and_both_ways_agree(couple):
         list(table.values()), abs=5.1e-4
     )
     t = np.linspace(min(table), max(table), 5000)
-    assert temperature_degC(emf_mV(t, couple), couple=couple) == pytest.approx(
+    assert temperature_degC(emf_mV(t, couple), thermocouple_type=couple) == pytest.approx(
         t, abs=1e-8
     )  # Newton's last step
     assert np.all(np.diff(emf_mV(t, couple)) > 0)

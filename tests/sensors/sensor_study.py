@@ -100,7 +100,10 @@ def main(which: str, draws: int, first: int = 0) -> None:
     for seed in range(first, first + draws):
         try:
             rows.append(
-                [(e.covers(v), (e.value - v) / e.u, e.value / v - 1) for e, v in DRAWS[which](seed)]
+                [
+                    (e.contains(v), (e.value - v) / e.u, e.value / v - 1)
+                    for e, v in DRAWS[which](seed)
+                ]
             )
         except ValueError as problem:
             lost += 1

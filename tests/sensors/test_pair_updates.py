@@ -122,7 +122,7 @@ def test_a_quantised_signal_is_not_taken_for_a_held_one(
         _, *traces, _ = two_in_a_gas(seed, TAUS_S, 0.02, 1500, (0.5, 0.5), slow_s=slow_s)
         for y in traces:
             updates = find_updates(np.round(y / step_K) * step_K)
-            assert not updates.held
+            assert not updates.repeats_values
             assert updates.period == 1
             assert updates.new.all()
 
@@ -132,7 +132,11 @@ def test_rows_of_new_values_are_known_where_they_are_even(period: int) -> None:
     y = recorded(6, 3000)[2]
     for trace, is_held in ((held(y, period, 1), True), (blank(y, period, 1), False)):
         updates = find_updates(trace)
-        assert (updates.held, updates.period, updates.first) == (is_held, period, 1 % period)
+        assert (updates.repeats_values, updates.period, updates.first) == (
+            is_held,
+            period,
+            1 % period,
+        )
         assert np.flatnonzero(updates.new).tolist() == list(range(1, 3000, period))
 
 

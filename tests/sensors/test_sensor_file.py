@@ -305,14 +305,14 @@ def test_the_interval_of_a_table_with_lost_rows_is_that_of_its_rows(dt_s: float)
     row = np.flatnonzero(np.arange(400) % 50 > 3)
     grid, found = table.even_times(7.0 + dt_s * row, "here")
     assert grid.dt_s == pytest.approx(dt_s, rel=1e-12)
-    assert (grid.place == row - row[0]).all()
+    assert (grid.index == row - row[0]).all()
     assert not found
 
 
 def test_steps_that_do_not_add_up_put_each_row_where_its_time_is() -> None:
     t = np.concatenate([np.arange(300.0), 300.0 + 1.02 * np.arange(300)])
     grid, (found,) = table.even_times(t, "here")
-    away = t - grid.dt_s * grid.place
+    away = t - grid.dt_s * grid.index
     assert grid.dt_s == pytest.approx(t[-1] / 599)
     assert np.abs(away).max() <= 0.5 * grid.dt_s + 1e-9
     assert found.code == "sensor.uneven"

@@ -35,7 +35,7 @@ from tests.sensors.sensor_world import (
 def test_the_lag_lies_in_its_interval(kind: str, draws: int, most: float) -> None:
     """Few draws; 200 of each are in `python -m tests.sensors.sensor_study KIND`."""
     found = [one for seed in range(draws) for one in DRAWS[kind](1000 + seed)]
-    assert np.mean([e.covers(v) for e, v in found]) >= 0.7
+    assert np.mean([e.contains(v) for e, v in found]) >= 0.7
     assert max(abs(e.value / v - 1) for e, v in found) < most
     assert max(abs(e.value - v) / e.u for e, v in found) < 4.5
 
@@ -107,7 +107,7 @@ def test_a_thermocouple_that_is_read_only_without_current_gives_the_same_lag() -
     both = Estimate(**current_sensor(t, y, np.sqrt(power), "T").fit["lag_s"])
     y = np.where(power > 0.5, 500.0, y)  # what the current writes into the reading
     cooling = Estimate(**current_sensor(t, y, np.sqrt(power), "T", off_only=True).fit["lag_s"])
-    assert cooling.covers(probe.lag_s)
+    assert cooling.contains(probe.lag_s)
     assert abs(cooling.value - both.value) < both.u
     with pytest.raises(InputError, match="does not switch"):
         current_sensor(t, y, np.ones(len(t)), "T")
@@ -116,7 +116,7 @@ def test_a_thermocouple_that_is_read_only_without_current_gives_the_same_lag() -
 def test_a_second_lag_that_goes_to_nothing_is_none() -> None:
     """Draw 62 of the study: the fit of two lags ends with 1e-95 s for one of them."""
     [(lag, true)] = noise(62)
-    assert lag.covers(true)
+    assert lag.contains(true)
 
 
 def test_of_two_lags_the_longer_is_told_first_and_one_of_a_millionth_is_not_told() -> None:
@@ -183,7 +183,7 @@ def test_the_commands_write_files_that_compensate_takes(
         == 0
     )
     said = json.loads(capsys.readouterr().out)
-    assert Estimate(**said["fit"]["lag_s"]).covers(probe.lag_s)
+    assert Estimate(**said["fit"]["lag_s"]).contains(probe.lag_s)
     t, y = fluctuating(8, (1.0,), 0.1, 8000, 0.05)
     log = write(tmp_path / "noise.csv", time_s=np.round(t, 3), T_degC=y)
     assert run_cli("sensor", "noise", log, "--column", "T", "--out", out, "--quiet") in (0, 1)

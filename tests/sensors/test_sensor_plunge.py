@@ -71,7 +71,7 @@ def test_lag_and_percent_times_lie_in_their_intervals(
         t, y, entry = plunged(taus_s, dt_s, n, noise_K, seed)
         made = plunge_sensor(t, y, "T1")
         got = [Estimate(**made.fit["lag_s"]), *made.times["T1"].values()]
-        held += [e.covers(v) for e, v in zip(got, truth(taus_s))]
+        held += [e.contains(v) for e, v in zip(got, truth(taus_s))]
         assert all(abs(e.value / v - 1) < 0.2 for e, v in zip(got, truth(taus_s)))
         assert abs(made.fit["entry_s"] - entry) < 0.15 * sum(taus_s)
     assert np.mean(held) > 0.7

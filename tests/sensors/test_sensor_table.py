@@ -33,7 +33,7 @@ def test_rows_lost_leave_their_places_empty(tmp_path: Path) -> None:
     kept = np.r_[0:20, 23:60]
     grid, found = even_times(T[kept], "log.csv")
     assert (grid.dt_s, found) == (0.125, [])
-    assert grid.place.tolist() == kept.tolist()
+    assert grid.index.tolist() == kept.tolist()
     values = on_grid(10.0 * kept, grid, 60)
     assert np.flatnonzero(np.isnan(values)).tolist() == [20, 21, 22]
     assert values[kept] == pytest.approx(10.0 * kept)
@@ -48,7 +48,7 @@ def test_rows_of_one_place_are_averaged() -> None:
     stamps = np.insert(T, 30, T[29] + 0.01)  # a row that came twice
     grid, found = even_times(stamps, "log.csv", 0.125)
     assert [f.code for f in found] == []
-    assert grid.place.tolist() == np.insert(np.arange(60), 30, 29).tolist()
+    assert grid.index.tolist() == np.insert(np.arange(60), 30, 29).tolist()
     values = on_grid(np.where(np.arange(61) == 30, 7.0, 5.0), grid, 60)
     assert values[29] == 6.0
     assert np.delete(values, 29) == pytest.approx(5.0)
@@ -59,7 +59,7 @@ def test_stamps_that_stray_far_are_told_with_how_far(stray: float, told: bool) -
     """Every other stamp late by this part of an interval: their sd is half of it."""
     late = stray * 0.125 * (np.arange(60) % 2)
     grid, found = even_times(100.0 + T + late, "log.csv", 0.125)
-    assert grid.place.tolist() == list(range(60))
+    assert grid.index.tolist() == list(range(60))
     assert [f.code for f in found] == (["sensor.uneven"] if told else [])
     for f in found:
         assert f.numbers["rate_Hz"] == pytest.approx(8.0)
@@ -71,7 +71,7 @@ def test_rows_are_counted_where_the_clock_wanders_by_half_an_interval() -> None:
     wander = 0.55 * np.sin(2 * np.pi * np.arange(60) / 60)
     kept = np.r_[0:29, 32:60]
     grid, (found,) = even_times((100 + T + 0.125 * wander)[kept], "log.csv", 0.125)
-    assert grid.place.tolist() == kept.tolist()
+    assert grid.index.tolist() == kept.tolist()
     away = np.abs(wander[kept] - np.median(wander[kept]))
     nearest = np.minimum(away, 1 - away)
     assert found.numbers["stray_s"] == pytest.approx(0.125 * np.sqrt(np.mean(nearest**2)))
@@ -79,7 +79,7 @@ def test_rows_are_counted_where_the_clock_wanders_by_half_an_interval() -> None:
 
 def test_a_clock_of_few_decimals_counts_its_rows() -> None:
     grid, (found,) = even_times(100 + np.floor(T), "log.csv")
-    assert grid.place.tolist() == list(range(60))
+    assert grid.index.tolist() == list(range(60))
     assert grid.dt_s == pytest.approx(
         0.125
     )  # the rows' own interval, not the span of the stamps over their number
@@ -91,7 +91,7 @@ def test_a_stamp_that_stands_twice_leaves_the_rate_as_it_is() -> None:
     once[5] = once[4]  # of sixty one is less than a fiftieth
     grid, found = even_times(100 + once, "log.csv")
     assert (grid.dt_s, found) == (0.125, [])
-    assert grid.place.tolist() == np.where(np.arange(60) == 5, 4, np.arange(60)).tolist()
+    assert grid.index.tolist() == np.where(np.arange(60) == 5, 4, np.arange(60)).tolist()
 
 
 @pytest.mark.parametrize(
@@ -112,7 +112,7 @@ def test_time_that_tells_no_rate_is_refused_with_its_row(stamps: Array, words: s
 
 
 def test_ten_rows_are_enough() -> None:
-    assert even_times(T[:10], "log.csv")[0].place.tolist() == list(range(10))
+    assert even_times(T[:10], "log.csv")[0].index.tolist() == list(range(10))
 
 
 class Rows:
@@ -136,7 +136,7 @@ def test_stretches_answer_every_row_once_and_part_at_a_silence_of_ten_lags(
     """A lag of two seconds, 8 rows a second; row 3000 comes after the silence."""
     time_s = np.arange(6000) / 8
     time_s[3000:] += silence_s
-    made = list(read_segments(Rows(time_s, size), ["T1"], 2.0, least=1000))
+    made = list(read_segments(Rows(time_s, size), ["T1"], 2.0, min_rows=1000))
     answered = [p.data["T1"][p.keep] for p in made]
     assert np.concatenate(answered).tolist() == list(range(6000))
     assert (2999.0 in [rows[-1] for rows in answered]) == parted
@@ -145,6 +145,6 @@ def test_stretches_answer_every_row_once_and_part_at_a_silence_of_ten_lags(
         rows = p.data["T1"]
         assert np.array_equal(p.time_s, time_s[rows.astype(int)])
         assert not parted or (rows[0] < 3000) == (rows[-1] < 3000)  # none over the silence
-        assert p.keep.start >= p.beside or rows[0] in ends[0]
-        assert len(rows) - p.keep.stop >= p.beside or rows[-1] in ends[1]
-        assert p.beside >= 560  # ten lags and 400 rows
+        assert p.keep.start >= p.margin_rows or rows[0] in ends[0]
+        assert len(rows) - p.keep.stop >= p.margin_rows or rows[-1] in ends[1]
+        assert p.margin_rows >= 560  # ten lags and 400 rows

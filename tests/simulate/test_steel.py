@@ -85,7 +85,7 @@ def test_the_linear_disk_that_stands_for_it_reads_kirchhoff_s_temperatures() -> 
     setup = linear_about(true.setup, 60.0, surface, float(np.mean([hot[c] for c in "dbf"])))
     plain = readings(replace(true, setup=replace(setup, steel=SteelSlopes())))
     own = readings(disk_of(SteelSlopes(), bore_conductance_W_m2K=1e-9, shaft_W_m2K=0.0))
-    bent: Array = setup.steel.straight(np.array(list(hot.values())))
+    bent: Array = setup.steel.kirchhoff_temperature(np.array(list(hot.values())))
     apart = np.abs(bent - np.array(list(plain.values())))
     assert apart.max() < 0.05
     assert np.abs(np.array(list(hot.values())) - np.array(list(own.values()))).max() > 0.15

@@ -43,9 +43,11 @@ def lived(worlds: list[World], lag: int) -> tuple[Array, Array]:
     """Live answers and their sd, each (N, 6 a world), at the samples they are for."""
     after, before = (np.concatenate(part) for part in zip(*map(learnt, worlds)))
     y = np.concatenate([w.readings for w in worlds], axis=1)
-    engine = LiveSmoother.of([CHAIN] * y.shape[1], DT_S, after, INTENSITY_K2_S3["ehl"], lag, before)
+    engine = LiveSmoother.from_chains(
+        [CHAIN] * y.shape[1], DT_S, after, INTENSITY_K2_S3["ehl"], lag, before
+    )
     _, x, sd, _ = engine.run(
-        engine.start(y[0]), np.concatenate([y, np.full((lag, y.shape[1]), np.nan)])
+        engine.initial_state(y[0]), np.concatenate([y, np.full((lag, y.shape[1]), np.nan)])
     )
     return x[lag:], sd[lag:]
 
@@ -70,7 +72,7 @@ def main(hours: float, seed: int, before: float, batch: bool) -> None:
 
 def judged(made: World, x: Array, sd: Array, seed: int, batch: bool) -> dict[str, Array]:
     """Errors in K and in sd, where they were made; against the batch smoother in sd."""
-    after = made.time_s[:, None] - made.kinks_s
+    after = made.time_s[:, None] - made.slope_changes_s
     near = np.repeat(((after > 0) & (after < 2.0)).any(axis=1)[:, None], 6, axis=1)
     other = smooth(made.readings, DT_S, CHAIN).temperature if batch else x
     kept = {
@@ -137,7 +139,9 @@ def day(hours: float, seed: int, behind_s: float, folder: Path) -> None:
     for a, b in pairwise(cuts):
         made = world(total, before, seed, part_s=(a, b))
         made.log().to_csv(log, index=False, mode="a", header=a == 0.0)
-        known.append(World(made.time_s, made.true, made.readings[:, :0], made.kinks_s, made.burst))
+        known.append(
+            World(made.time_s, made.true, made.readings[:, :0], made.slope_changes_s, made.burst)
+        )
     command = [
         Path(sys.executable).parent / "tcdyn",
         "follow",

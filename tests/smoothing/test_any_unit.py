@@ -76,8 +76,10 @@ def test_a_live_smoother_is_the_same_in_any_unit_whatever_happens(behind: int) -
     y[120:124, 1] = np.nan
     answers = []
     for size in (1.0, 9.0):
-        live = LiveSmoother.of([CHAIN] * 2, DT, 0.05 * size, 0.5 * size**2, behind, 0.02 * size)
-        _, x, sd, flags = live.run(live.start(size * y[0]), size * y)
+        live = LiveSmoother.from_chains(
+            [CHAIN] * 2, DT, 0.05 * size, 0.5 * size**2, behind, 0.02 * size
+        )
+        _, x, sd, flags = live.run(live.initial_state(size * y[0]), size * y)
         answers.append((x / size, sd / size, flags))
     (x, sd, flags), (x2, sd2, flags2) = answers
     assert x2 == pytest.approx(x, rel=1e-6)
@@ -164,7 +166,7 @@ def test_of_a_trade_off_the_least_or_the_level_of_the_noise_is_taken_between_the
 
 def test_an_intensity_moves_with_its_event_and_its_jumps_stand_at_its_start() -> None:
     q = Intensity((0.0, 7.0), (1.0, 4.0), (Burst(7.0, 8.0, 2.0, level_sd=0.5, slope_sd=3.0),))
-    moved = q.moved(7.0, 8.5, shift_s=2.0)
+    moved = q.shifted(7.0, 8.5, shift_s=2.0)
     assert moved.starts_s == (-2.0, 6.5)
     assert moved.bursts[0].start_s == 6.5
     whole = Intensity((0.0,), (1,), (Burst(0.0, 0.5, 2.0),))  # levels without a decimal point

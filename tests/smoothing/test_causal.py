@@ -102,9 +102,9 @@ def test_any_chunking_gives_the_batch_answer_through_a_saved_state():
     y = 80 + np.cumsum(rng.standard_normal((900, 3)), axis=0) * 0.1
     y[400, 1] = np.nan
     y[600, 2] += 50
-    live = LiveSmoother.of([CHAIN] * 3, DT, 0.1, 0.1, lag_samples=10)
-    _, whole, sd, flags = live.run(live.start(y[0]), y)
-    state, parts = live.start(y[0]), []
+    live = LiveSmoother.from_chains([CHAIN] * 3, DT, 0.1, 0.1, lag_samples=10)
+    _, whole, sd, flags = live.run(live.initial_state(y[0]), y)
+    state, parts = live.initial_state(y[0]), []
     cuts = np.r_[0, np.sort(rng.choice(np.arange(1, 900), 25, replace=False)), 900]
     for a, b in pairwise(cuts):
         saved = LiveState.from_json(json.loads(json.dumps(state.to_json())))
@@ -122,8 +122,8 @@ def test_a_lone_spike_moves_the_live_smoother_less_than_its_noise_and_is_no_even
     y = np.tile(80.0 + 0.1 * rng.standard_normal((600, 1)), (1, 40))
     spiked = y.copy()
     spiked[rng.integers(200, 400, 40), np.arange(40)] += np.geomspace(1.5, 60, 40)
-    live = LiveSmoother.of([CHAIN] * 40, DT, 0.1, 30.0)
-    (_, clean, sd, _), (_, hit, _, _) = (live.run(live.start(v[0]), v) for v in (y, spiked))
+    live = LiveSmoother.from_chains([CHAIN] * 40, DT, 0.1, 30.0)
+    (_, clean, sd, _), (_, hit, _, _) = (live.run(live.initial_state(v[0]), v) for v in (y, spiked))
     assert np.max(np.abs(hit - clean) / sd) < 1.0
     assert np.max(np.abs(hit - clean)[:200]) == 0
 
@@ -140,8 +140,8 @@ def test_live_smoother_follows_an_unannounced_event_within_one_degree():
         (n, 30)
     )
     for quiet in (0.01, 1.0, 20.0):
-        live = LiveSmoother.of([chain] * 30, dt, 0.2, quiet)
-        _, ours, sd, _ = live.run(live.start(y[0]), y)
+        live = LiveSmoother.from_chains([chain] * 30, dt, 0.2, quiet)
+        _, ours, sd, _ = live.run(live.initial_state(y[0]), y)
         error = ours - x[:, None]
         assert np.sqrt(np.mean(error[60:740] ** 2)) < 0.85
         assert np.mean(np.abs(error[60:]) < 1.96 * sd[60:]) > 0.95
@@ -172,7 +172,7 @@ def test_without_a_rig_the_live_smoother_follows_as_fast_as_the_lag_lets_it(
         ("T1",), (identity_lines(0.1, ("T1",))["T1"],), (chain,), np.zeros((1, 1)), np.zeros(1)
     )
     learnt = {"dt_s": dt_s, "dead": [], "noise_K": {"T1": noise_K}, "before_K": {"T1": 0.0}}
-    plan = LiveCompensator.of(("time_s", "T1"), [channels], None, LiveSettings(), learnt)
+    plan = LiveCompensator.create(("time_s", "T1"), [channels], None, LiveSettings(), learnt)
     corner = corner_rad_s(chain, plan.engine.intensity / (noise_K**2 * dt_s))
     assert corner == pytest.approx(CORNER_LAGS / lag_s, rel=0.03)
 
@@ -221,8 +221,8 @@ def waits(delays: tuple[float, ...], rows: int) -> tuple[LiveCompensator, LiveCo
 def test_a_row_waits_for_the_latest_of_its_answers_and_each_is_for_the_row_s_own_time() -> None:
     """Two samples behind, dead times of none and of 0.6 s: answers come 1.0 and 1.6 s late, 3.2 samples of 0.5 s."""
     plan, state = waits((0.0, 0.6), 10)
-    assert plan.shifts_s == pytest.approx([1.0, 1.6])
-    assert plan.rows_late == 4
+    assert plan.delays_s == pytest.approx([1.0, 1.6])
+    assert plan.delay_rows == 4
     left, out = plan._ready(state)
     time = out[:, 0]
     assert time.tolist() == [

@@ -37,7 +37,7 @@ def test_each_criterion_recovers_a_wave_without_phase(criterion):
     )
     assert abs(late) < 0.02  # s, of a lag of 1 s
     assert np.all(np.diff(tradeoff.misfit, axis=0) < 1e-6)
-    assert np.all(np.diff(tradeoff.freedom, axis=0) > -1e-6)
+    assert np.all(np.diff(tradeoff.effective_parameters, axis=0) > -1e-6)
     if criterion != "l-curve":  # the L-curve's corner is known to smooth too much
         assert 0.9 < np.mean(np.abs(error) < 1.96 * ours.sd) <= 1.0
 
@@ -46,7 +46,7 @@ def test_cross_validation_finds_its_least_between_the_trials():
     """Twenty trials a factor of 3.5 apart find what a hundred find, within a fraction of their distance."""
     _, y = record()
     many = deconvolve(y, DT, CHAIN, criterion="gcv", trials=101)[1]
-    score = np.log(many.misfit / (1 - many.freedom / len(y)) ** 2)
+    score = np.log(many.misfit / (1 - many.effective_parameters / len(y)) ** 2)
     least = many.intensity[np.argmin(score, axis=0), np.arange(y.shape[1])]
     few = deconvolve(y, DT, CHAIN, criterion="gcv", trials=21)[1]
     spacing = np.log(few.intensity[1, 0] / few.intensity[0, 0])

@@ -215,7 +215,7 @@ def test_no_input_in_the_physical_range_makes_a_reading_that_is_rejected(chain: 
     levels = np.random.default_rng(1).choice([-273.15, 3000.0], 200)
     x = np.repeat(levels, np.random.default_rng(2).integers(1, 40, len(levels)))
     y = chain.response(x, dt_s, hold="zoh")
-    reach = Reach.of([chain], np.zeros(1), np.zeros(1), np.zeros(1), dt_s)
+    reach = Reach.create([chain], np.zeros(1), np.zeros(1), np.zeros(1), dt_s)
     _, rejected, anew = reach.examine(ReadingTrack.begin(y[:1], 1.0), y[:, None])
     assert not rejected.any()
     assert not anew.any()
@@ -230,7 +230,7 @@ def test_an_overshooting_filter_rejects_nothing_that_it_can_make() -> None:
 
 def test_a_chain_without_lags_sets_no_bound() -> None:
     chain = Chain((), conditioning=NO_CONDITIONING)
-    reach = Reach.of([chain], np.zeros(1), np.zeros(1), np.ones(1), 0.1)
+    reach = Reach.create([chain], np.zeros(1), np.zeros(1), np.ones(1), 0.1)
     _, rejected, _ = reach.examine(
         ReadingTrack.begin(np.array([20.0])), np.array([[20.0], [2900.0], [-270.0]])
     )
@@ -239,7 +239,7 @@ def test_a_chain_without_lags_sets_no_bound() -> None:
 
 def test_readings_examined_in_pieces_give_the_same_as_in_one() -> None:
     y = at_random(0.0, 0.3)[:, None]
-    reach = Reach.of([Chain(TAU_S)], np.ones(1), np.zeros(1), np.full(1, 0.3), DT_S)
+    reach = Reach.create([Chain(TAU_S)], np.ones(1), np.zeros(1), np.full(1, 0.3), DT_S)
     begin = ReadingTrack.begin(np.array([850.0]), 16.0)
     _, expected, _ = reach.examine(begin, y)
     track = begin

@@ -118,8 +118,10 @@ def test_small_bursts_and_one_upon_another_are_within_the_band(behind: int) -> N
     for _ in range(FILTER_POLES):
         y = lagged(y, FILTER_S, fine)
     y = 80 + y[::OVER] + NOISE_K * rng.standard_normal((450, m))
-    live = LiveSmoother.of([Chain(TAUS_S, conditioning=B)] * m, 1 / 75, NOISE_K, 30.0, behind)
-    _, x, sd, _ = live.run(live.start(y[0]), y)
+    live = LiveSmoother.from_chains(
+        [Chain(TAUS_S, conditioning=B)] * m, 1 / 75, NOISE_K, 30.0, behind
+    )
+    _, x, sd, _ = live.run(live.initial_state(y[0]), y)
     assert np.max(np.abs(x - 80) / sd) < 6.0
     assert np.mean(np.abs(x - 80)[behind:] < 1.96 * sd[behind:]) > 0.95
 
@@ -154,10 +156,10 @@ def test_half_a_second_behind_jumps_and_kinks_are_within_the_band(before: float)
         y = lagged(y, FILTER_S, fine)
     after = np.sqrt(1 - before**2) * NOISE_K
     y, x, t = y[::OVER] + after * rng.standard_normal((rows, m)), x[::OVER], t[::OVER]
-    live = LiveSmoother.of(
+    live = LiveSmoother.from_chains(
         [Chain(TAUS_S, conditioning=B)] * m, 1 / 75, after, 30.0, 38, before * NOISE_K
     )
-    _, found, sd, _ = live.run(live.start(y[0]), y)
+    _, found, sd, _ = live.run(live.initial_state(y[0]), y)
     error, sd, near = (found[38:] - x[:-38])[300:], sd[338:], np.abs(t[300:-38] - 0.75) < 1.25
     assert np.max(np.abs(error) / sd) < 6.0
     assert np.mean((np.abs(error) < 1.96 * sd)[near]) > 0.95
@@ -239,8 +241,8 @@ def test_whatever_a_reading_does_the_answer_stays_in_the_range_that_the_chain_al
     rng = np.random.default_rng(0)
     y = 80 + NOISE_K * rng.standard_normal((1500, 20))
     y[600:675] += size * rng.standard_normal((75, 20)) * (rng.random((75, 20)) < 0.5)
-    live = LiveSmoother.of([Chain(TAUS_S, conditioning=B)] * 20, 1 / 75, NOISE_K, 30.0)
-    _, x, sd, _ = live.run(live.start(y[0]), y)
+    live = LiveSmoother.from_chains([Chain(TAUS_S, conditioning=B)] * 20, 1 / 75, NOISE_K, 30.0)
+    _, x, sd, _ = live.run(live.initial_state(y[0]), y)
     assert np.all(np.isfinite(x) & np.isfinite(sd))
     assert np.max(np.abs(x - 80)) < 6 * np.max(np.abs(y - 80))
     assert np.max(np.abs(x - 80)[:600]) < 5.0

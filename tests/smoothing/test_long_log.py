@@ -101,14 +101,14 @@ def test_of_every_tenth_that_is_written_one_line_is_told_and_a_stretch_that_need
     def in_four(*_: object) -> Generator[SimpleNamespace, int, None]:
         for rows in (3, 4, 6, 27):  # of 40: 7, 17, 32 and 100 %
             beside = 10
-            while wanted := (yield SimpleNamespace(rows=rows, beside=beside)):
+            while wanted := (yield SimpleNamespace(rows=rows, margin_rows=beside)):
                 sent.append(wanted)
                 beside = wanted
 
     def answered(_: object, part: SimpleNamespace) -> tuple[pd.DataFrame, list[Any], int]:
         return pd.DataFrame({"time_s": np.zeros(part.rows)}), [], 12 if part.rows == 6 else 10
 
-    monkeypatch.setattr(stretches, "parts", in_four)
+    monkeypatch.setattr(stretches, "read_segments", in_four)
     monkeypatch.setattr(stretches.LogSegments, "_compensate_segment", answered)
     log, none = cast(Any, SimpleNamespace(rows=40)), pd.Index(["time_s"])
     way, rig = stretches.CompensationMethod(), cast(Any, None)

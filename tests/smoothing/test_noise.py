@@ -75,8 +75,8 @@ def test_noise_before_and_after_the_filter_is_told_apart_and_made_white() -> Non
     noise = estimate_logger_noise([y], DT_S, B, np.full(4, 0.01))
     assert noise.coloured
     assert noise.shaping == B
-    assert np.median(noise.before_K) == pytest.approx(0.12 * 0.97, rel=0.05)
-    assert np.median(noise.after_K) == pytest.approx(0.12 * np.sqrt(1 - 0.97**2), rel=0.05)
+    assert np.median(noise.before_filter_K) == pytest.approx(0.12 * 0.97, rel=0.05)
+    assert np.median(noise.after_filter_K) == pytest.approx(0.12 * np.sqrt(1 - 0.97**2), rel=0.05)
     f, power = welch(noise.whitened(y, DT_S), 75, nperseg=256, axis=0)
     level = np.sqrt(power * 37.5).mean(axis=1)
     assert np.all(np.abs(level[(f > 0.5) & (f < 12)] / np.median(noise.level_K) - 1) < 0.15)
@@ -112,9 +112,9 @@ def test_only_harmonics_that_come_to_rest_are_taken_for_temperature(
     """75 Hz: the third of 50 Hz and the fifth of 60 Hz; 80 Hz: 100, 150, 200 and 250 Hz are seen at 20, 10, 40, 10."""
     sd = np.full(2, 0.1)
     noise = LoggerNoise(
-        0 * sd, sd, sd, B, lines=((seen_Hz, np.array([0.3, 0.0])),), rate_Hz=rate_Hz
+        0 * sd, sd, sd, B, hum_lines=((seen_Hz, np.array([0.3, 0.0])),), rate_Hz=rate_Hz
     )
-    assert (noise.folded_u_K > 0).tolist() == [rests, False]
+    assert (noise.aliasing_u_K > 0).tolist() == [rests, False]
 
 
 def test_white_noise_stays_as_it_is() -> None:
@@ -123,7 +123,7 @@ def test_white_noise_stays_as_it_is() -> None:
         y = 80 + np.linspace(0, 3, 6000)[:, None] + 0.12 * rng.standard_normal((6000, 6))
         noise = estimate_logger_noise([y], DT_S, B, np.full(6, 0.12))
         assert not noise.coloured, seed
-        assert not noise.lines, seed
+        assert not noise.hum_lines, seed
         assert np.all(noise.level_K == 0.12)
 
 
@@ -341,7 +341,7 @@ def test_the_noise_of_six_channels_is_told_though_a_seventh_stands_still() -> No
     )
     noise = estimate_logger_noise([y], DT_S, B, np.maximum(white_noise_sd(y), 1e-6))
     assert noise.coloured
-    assert noise.before_K[:6] == pytest.approx(0.97 * 0.12, rel=0.25)
+    assert noise.before_filter_K[:6] == pytest.approx(0.97 * 0.12, rel=0.25)
     assert noise.level_K[6] == 1e-6
 
 

@@ -88,12 +88,12 @@ def test_mains_are_seen_where_the_sampling_folds_them() -> None:
     assert _mains(14.8, 75.0) == [60.0]
     assert _mains(20.0, 75.0) == []
     hum = LoggerNoise(
-        np.zeros(1), np.ones(1), np.ones(1), ONE, lines=((25.0, np.array([0.4])),), rate_Hz=75.0
+        np.zeros(1), np.ones(1), np.ones(1), ONE, hum_lines=((25.0, np.array([0.4])),), rate_Hz=75.0
     )
-    assert hum.folded_u_K == pytest.approx([0.5 * 0.4 / np.sqrt(2)])  # 150 Hz comes to rest
-    assert replace(hum, rate_Hz=80.0, lines=((30.0, np.array([0.4])),)).folded_u_K == pytest.approx(
-        [0.0]
-    )  # 50: none
+    assert hum.aliasing_u_K == pytest.approx([0.5 * 0.4 / np.sqrt(2)])  # 150 Hz comes to rest
+    assert replace(
+        hum, rate_Hz=80.0, hum_lines=((30.0, np.array([0.4])),)
+    ).aliasing_u_K == pytest.approx([0.0])  # 50: none
 
 
 def test_a_wave_has_its_frequency_and_its_amplitude() -> None:
@@ -102,16 +102,18 @@ def test_a_wave_has_its_frequency_and_its_amplitude() -> None:
         (9000, 2)
     )
     found = estimate_logger_noise([y], DT, TWO, np.full(2, 0.05))
-    ((f, amplitude),) = found.lines
+    ((f, amplitude),) = found.hum_lines
     assert f == pytest.approx(11.0, abs=0.02)
     assert amplitude == pytest.approx(
         [0.3, 0.6], rel=0.06
     )  # from medians of spectra of 8 s, to a few per cent
     assert not found.coloured
-    assert found.after_K == pytest.approx([0.05, 0.05], rel=0.1)
-    told = found.for_more(np.array([True, False, True]), np.array([9.0, 0.7, 9.0]))
-    assert told.after_K == pytest.approx([found.after_K[0], 0.7, found.after_K[1]])
-    assert told.lines[0][1] == pytest.approx([amplitude[0], 0.0, amplitude[1]])
+    assert found.after_filter_K == pytest.approx([0.05, 0.05], rel=0.1)
+    told = found.expanded(np.array([True, False, True]), np.array([9.0, 0.7, 9.0]))
+    assert told.after_filter_K == pytest.approx(
+        [found.after_filter_K[0], 0.7, found.after_filter_K[1]]
+    )
+    assert told.hum_lines[0][1] == pytest.approx([amplitude[0], 0.0, amplitude[1]])
 
 
 def test_a_trace_made_white_is_filtered_by_what_the_chain_is_divided_by() -> None:
@@ -122,14 +124,14 @@ def test_a_trace_made_white_is_filtered_by_what_the_chain_is_divided_by() -> Non
     f = np.array([0.5, 3.0])
     s = 2j * np.pi * f
     ratio = polyval(s, polynomial_product(TWO.factors)) / polyval(s, polynomial_product(sections))
-    assert noise.behind(chain).frequency_response(f) == pytest.approx(
+    assert noise.whitened_chain(chain).frequency_response(f) == pytest.approx(
         chain.frequency_response(f) * ratio
     )
     other = Chain((0.5,), conditioning=ONE)
-    assert noise.behind(other).frequency_response(f) == pytest.approx(
+    assert noise.whitened_chain(other).frequency_response(f) == pytest.approx(
         other.frequency_response(f) * ratio
     )
-    assert noise.behind(chain).conditioning.lag_s == TWO.lag_s
+    assert noise.whitened_chain(chain).conditioning.lag_s == TWO.lag_s
     t = np.arange(3000) * DT
     y = np.sin(2 * np.pi * 0.5 * t)[:, None].copy()
     y[1000] = np.nan

@@ -152,7 +152,7 @@ def test_means_just_after_an_uncertain_event_err_together_and_their_difference_d
         off = np.array(found["mean_degC"]) - x[first : first + len(found["time_s"])].mean()
         z.append(off[0] / np.sqrt(c[0, 0]))
         apart.append((off[0] - off[1]) / found["difference_u_K"][0][1])
-        instant = ours.by_event_K[0][first : first + len(found["time_s"]), 0].mean()
+        instant = ours.event_shift_K[0][first : first + len(found["time_s"]), 0].mean()
         untold.append(off[0] / np.sqrt(c[0, 0] - instant**2))
     assert (
         np.mean(np.abs(z) < 1.96) > 0.8
@@ -226,7 +226,7 @@ def test_what_a_split_moves_is_the_difference_of_two_answers(taus: tuple[float, 
         smooth(y, DT, c, split_u_s=u, **known) for c in (chain, chain.with_split_shift(u))
     )
     inside = slice(int(5 / DT), int(25 / DT))
-    moved, said = (other.temperature - one.temperature)[inside], one.split_K[inside]
+    moved, said = (other.temperature - one.temperature)[inside], one.lag_split_K[inside]
     assert np.abs(moved - said).max() < 0.1 * np.abs(moved).max()
 
 
@@ -459,7 +459,7 @@ def test_constant_gain_between_events_is_the_exact_sweep(monkeypatch: pytest.Mon
     assert sum(steps) > 0.3 * 2 * len(quick.knots_s)
     monkeypatch.setattr(sweep, "MIN_RUN", len(t))
     exact = smooth_record(stretch, stretch.noise_sd**2, chosen)
-    for name in ("temperature", "sd", "slope", "lag_sensitivity", "read", "read_var"):
+    for name in ("temperature", "sd", "slope", "lag_sensitivity", "predicted", "predicted_var"):
         assert np.abs(getattr(quick, name) - getattr(exact, name)).max() < 1e-7, name
     assert np.allclose(quick.jump_chi2, exact.jump_chi2, rtol=1e-3, atol=1e-3)
 
@@ -489,7 +489,7 @@ def test_a_stretch_in_pieces_is_the_whole_within_a_millionth_of_a_kelvin(
     assert [first for _, first, _, _ in cuts[1:]] == [last for _, _, last, _ in cuts[:-1]]
     assert max(high - low for low, _, _, high in cuts) < 0.5 * count
     parts = smooth_record(stretch, stretch.noise_sd**2, chosen)
-    for name in ("temperature", "sd", "slope", "lag_sensitivity", "read", "read_var"):
+    for name in ("temperature", "sd", "slope", "lag_sensitivity", "predicted", "predicted_var"):
         assert np.abs(getattr(parts, name) - getattr(whole, name)).max() < 1e-6, name
     assert np.allclose(parts.jump_chi2[5:-5], whole.jump_chi2[5:-5], rtol=1e-3, atol=1e-3)
     monkeypatch.setattr(pieces, "SETTLING", 2.0)  # the margin is what makes them equal

@@ -229,8 +229,8 @@ MUTATIONS: tuple[Mutation, ...] = (
     Mutation(
         "power held on the wrong side of the parting",
         "tcdyn/partition/window.py",
-        "held[max(k, 0)] *= part",
-        "held[max(k, 0)] *= 1 - part",
+        "averaged[max(k, 0)] *= fraction",
+        "averaged[max(k, 0)] *= 1 - fraction",
         "tests/partition/test_power.py",
     ),
     Mutation(
