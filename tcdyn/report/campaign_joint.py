@@ -163,7 +163,7 @@ def trend_lines(joined: JoinedCampaign) -> pd.DataFrame:
             {
                 "β over": label,
                 "slope": f"{typeset(slope.text_without_interval())} per {unit}",
-                "95 % interval": slope.interval,
+                "95 % interval": slope.interval_text,
                 "chance if zero": p,
                 "scatter [1]": f"{r['scatter']:.4f}",
             }

@@ -22,7 +22,7 @@ class Lumped:
     counts: np.ndarray
     y: np.ndarray
     disk: str = "fast"
-    used: tuple[bool, bool, bool] = (True, True, True)
+    used_channels: tuple[bool, bool, bool] = (True, True, True)
 
     @property
     def rim(self) -> Lumped:

@@ -119,7 +119,7 @@ def test_disks_differ_in_tone_line_and_marker() -> None:
 def test_equal_answers_on_the_lines_stay_visible(partition: Partition) -> None:
     _, (ax,) = figure()
     draw.draw_lines(partition, ax)
-    points = [c.hum_lines[0] for c in ax.containers if c.get_label().endswith("fast")]
+    points = [c.lines[0] for c in ax.containers if c.get_label().endswith("fast")]
     assert len({p.get_marker() for p in points}) == 3
     assert [p.get_markersize() for p in points] == sorted(
         (p.get_markersize() for p in points), reverse=True
