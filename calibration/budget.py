@@ -14,7 +14,7 @@ from scipy.special import stdtrit
 
 from tcdyn.core.estimate import Z95
 from tcdyn.rig.static_line import StaticLine, static_u
-from tcdyn.rig.traceability import TraceabilityTable
+from tcdyn.rig.tables import TraceabilityTable
 
 # From these degrees of freedom on the coverage factor is that of the normal distribution.
 MANY_DEGREES_OF_FREEDOM = 1e6

@@ -22,7 +22,7 @@ from tcdyn.estimation.line_fit import (
 )
 from tcdyn.rig.columns import junction_columns_in
 from tcdyn.rig.static_line import StaticLine, finding_of_test, findings_of_tests, lines_table
-from tcdyn.rig.traceability import PRT_U_DEGC
+from tcdyn.rig.tables import PRT_U_DEGC
 
 
 def error_statistics(errors_K: ArrayLike) -> pd.Series[float]:

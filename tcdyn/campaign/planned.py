@@ -31,8 +31,8 @@ from tcdyn.io.read import read_numbers
 from tcdyn.partition.angular_harmonic import UNKNOWN_HARMONIC
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import JOINT_WINDOW_S, disk_block, joint_problem
+from tcdyn.partition.specified import with_surface_air
 from tcdyn.partition.steady import with_linear_steel
-from tcdyn.partition.surface_flux import with_surface_air
 from tcdyn.rig.columns import junction_columns
 from tcdyn.rig.contact import (
     Events,

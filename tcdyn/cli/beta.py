@@ -86,8 +86,8 @@ def beta(
     from tcdyn.io.write import write_text
     from tcdyn.rig.opened_log import check_records_used, records_by_disk, rig_from_records
     from tcdyn.rig.rigfile import load_rig
-    from tcdyn.workflows.bearing import read_bearing
     from tcdyn.workflows.beta import estimate_beta, estimate_stages
+    from tcdyn.workflows.operating_conditions import read_bearing
     from tcdyn.workflows.single_disk import estimate_one_disk
 
     check_outputs([log, rig, bearing, *record], out=out, report=report)
@@ -204,7 +204,6 @@ def campaign(
     from tcdyn.rig.disk import channels_left_out
     from tcdyn.rig.opened_log import records_by_disk, rig_from_records
     from tcdyn.rig.rigfile import load_rig
-    from tcdyn.workflows.bearing import read_bearing
     from tcdyn.workflows.campaign import (
         OUTPUTS,
         PAGE_FILE,
@@ -212,6 +211,7 @@ def campaign(
         CampaignSettings,
         run_campaign,
     )
+    from tcdyn.workflows.operating_conditions import read_bearing
 
     if dask is not None and workers is not None:
         raise typer.BadParameter("give --workers or --dask, not both")

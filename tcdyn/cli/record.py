@@ -248,7 +248,7 @@ def spot(
     Example: tcdyn spot spot_fast.csv --disk fast >> rig.toml
     """
     from tcdyn.io.read import read_numbers
-    from tcdyn.rig.surface_flux import fit_surface_flux
+    from tcdyn.rig.tables import fit_surface_flux
 
     points = read_numbers(table, ("temperature_degC", "flux_W_m2"))
     try:

@@ -5,10 +5,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from tcdyn.core.spelling import Spelling, Value, as_argument
-
 if TYPE_CHECKING:
     from pydantic import ValidationError
+
+from collections.abc import Callable
+
+Value = str | bool | None
+Spelling = Callable[[str, Value], str]
+
+
+def as_argument(name: str, value: Value = None) -> str:
+    """A parameter as a Python argument; without a value its name alone.
+
+    >>> as_argument("window_s", "4.2"), as_argument("sensor_check", False), as_argument("learn_s")
+    ('window_s=4.2', 'sensor_check=False', 'learn_s')
+    """
+    return name if value is None else f"{name}={value}"
 
 
 def printable(text: str) -> str:

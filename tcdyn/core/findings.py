@@ -13,8 +13,8 @@ from pydantic import GetCoreSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
 from tcdyn.core import Array
+from tcdyn.core.errors import Spelling, as_argument
 from tcdyn.core.messages import MESSAGES, message_text
-from tcdyn.core.spelling import Spelling, as_argument
 
 CHANNEL_NAME = re.compile("[A-Za-z]|[A-Za-z]+[0-9]+")  # of a thermocouple of a disk
 

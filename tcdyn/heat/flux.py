@@ -12,7 +12,7 @@ from scipy.interpolate import BSpline, make_interp_spline
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.rig.flux_profile import FluxProfile
+from tcdyn.rig.tables import FluxProfile
 
 # Nodes of the numerical integrals of Barus's profile across the track and along rolling.
 NODES_ACROSS = 4001

@@ -10,10 +10,9 @@ from typing import Any
 import pandas as pd
 
 from tcdyn.chain import NO_CONDITIONING
-from tcdyn.core.errors import InputError
+from tcdyn.core.errors import InputError, Spelling, as_argument
 from tcdyn.core.findings import Finding, Severity, info
 from tcdyn.core.result import Result, jsonable
-from tcdyn.core.spelling import Spelling, as_argument
 from tcdyn.core.threads import one_blas_thread
 from tcdyn.identify.closed_loop import check_closed_loop, closed_loop
 from tcdyn.identify.fit import add_findings, fit

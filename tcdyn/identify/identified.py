@@ -16,11 +16,10 @@ import pandas as pd
 from tcdyn.chain import NO_CONDITIONING, Chain
 from tcdyn.chain.rational import InitialState, simulate
 from tcdyn.core import Array
-from tcdyn.core.errors import InputError
+from tcdyn.core.errors import InputError, Spelling, as_argument
 from tcdyn.core.estimate import Estimate, rounded_texts
 from tcdyn.core.findings import Finding, labelled_messages, warning
 from tcdyn.core.result import Result, jsonable
-from tcdyn.core.spelling import Spelling, as_argument
 from tcdyn.identify.iodata import Hold
 from tcdyn.identify.models import KnownDynamics, Model, several, transfer
 from tcdyn.identify.responses import Dynamics, percent_times

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc, fdtrc, ndtri
 
 from tcdyn.core import Array
-from tcdyn.core.errors import InputError
+from tcdyn.core.errors import InputError, Spelling, as_argument
 from tcdyn.core.findings import Finding, info, warning
-from tcdyn.core.spelling import Spelling, as_argument
 from tcdyn.estimation import (
     NoiseModel,
     autocovariance,

@@ -48,6 +48,7 @@ from tcdyn.partition.model_forms import (
 from tcdyn.partition.press_fit import press_fit_priors
 from tcdyn.partition.profile import joint_profiles
 from tcdyn.partition.sensor_check import SensorCheck, check_sensors
+from tcdyn.partition.specified import log_h_prior, with_surface_air
 from tcdyn.partition.steady import (
     DiskLine,
     SpeedLawPoint,
@@ -55,7 +56,6 @@ from tcdyn.partition.steady import (
     with_inner_row_at_one_radius,
     with_linear_steel,
 )
-from tcdyn.partition.surface_flux import log_h_prior, with_surface_air
 from tcdyn.partition.window import DiskWindow, fit_rows
 from tcdyn.rig.disk import DISKS
 from tcdyn.smoothing.record import Compensated

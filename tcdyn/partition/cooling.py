@@ -16,6 +16,7 @@ from tcdyn.heat.rim import Profile
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import StartPoints, disk_fit
 from tcdyn.partition.nuisance import NuisanceEffects, nuisance_effects
+from tcdyn.partition.specified import constant_speed_air_offset
 from tcdyn.partition.steady import (
     END_GAP_S,
     MAX_COOLING_S,
@@ -28,7 +29,6 @@ from tcdyn.partition.steady import (
     SteadyLine,
     surface_degC,
 )
-from tcdyn.partition.surface_flux import constant_speed_air_offset
 from tcdyn.partition.window import DiskWindow, disk_window, fit_rows, lagged_window
 from tcdyn.smoothing.record import Compensated
 from tcdyn.smoothing.smoother import smooth

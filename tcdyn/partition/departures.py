@@ -22,8 +22,7 @@ from tcdyn.heat.rim import Rim, junction_points, lag_basis, lag_basis_means
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.joint import DiskFit
 from tcdyn.partition.nuisance import LOG_H, SHARE, lags, nuisance_effects, with_lags
-from tcdyn.partition.steel import conductivity_slope_effect
-from tcdyn.partition.track import flux_shift_effect
+from tcdyn.partition.specified import conductivity_slope_effect, flux_shift_effect
 from tcdyn.partition.window import (
     FIT_MESH,
     Perturbation,

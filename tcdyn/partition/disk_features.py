@@ -23,7 +23,7 @@ from tcdyn.partition.nuisance import (
     nominal_perturbations,
     steady_input_response,
 )
-from tcdyn.partition.track import SHIFT_STEP_M, unresolved_edge_effect
+from tcdyn.partition.specified import SHIFT_STEP_M, unresolved_edge_effect
 from tcdyn.partition.window import (
     GRADIENT_STEP_M,
     NOMINAL,

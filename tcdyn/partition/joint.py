@@ -36,8 +36,8 @@ from tcdyn.partition.nuisance import (
     nuisance_effects,
     with_lags,
 )
+from tcdyn.partition.specified import SURFACE_SLOPE, log_h_prior
 from tcdyn.partition.steady import FitSensitivity
-from tcdyn.partition.surface_flux import SURFACE_SLOPE, log_h_prior
 from tcdyn.partition.window import DiskWindow, RimMeans, disk_window, fit_rows, lagged_power
 from tcdyn.rig.disk import DISKS
 from tcdyn.smoothing.traces import DIFFERENCE_ORDER, DiskTraces

@@ -45,8 +45,8 @@ from tcdyn.partition.joint import (
 from tcdyn.partition.model_forms import is_impossible
 from tcdyn.partition.nuisance import harmonic_prior
 from tcdyn.partition.sensor_check import SensorCheck, check_sensors
+from tcdyn.partition.specified import log_h_prior
 from tcdyn.partition.steady import DiskLine, steady_lines
-from tcdyn.partition.surface_flux import log_h_prior
 from tcdyn.partition.window import fit_rows
 from tcdyn.smoothing.record import Compensated
 

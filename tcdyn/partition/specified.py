@@ -6,26 +6,218 @@ does not determine."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from tcdyn.core import Array
+from tcdyn.heat.nonuniform import cached_rim_gains
+from tcdyn.heat.rim import Rim, junction_points, lag_basis_means
 from tcdyn.partition.angular_harmonic import NuisanceParameter
-from tcdyn.partition.steel import (
-    CONDUCTIVITY_SLOPE,
-    SPECIFIC_HEAT_SLOPE,
-    conductivity_slope_effect,
-    specific_heat_slope_effect,
-)
-from tcdyn.partition.surface_flux import SURFACE_AIR, surface_air_effect
-from tcdyn.partition.track import (
-    FLUX_SHIFT,
-    UNRESOLVED_EDGE,
-    flux_shift_effect,
-    h_profile_effects,
-    unresolved_edge_effect,
-)
-from tcdyn.partition.window import DiskWindow
+from tcdyn.partition.events import EhlTest
+from tcdyn.partition.window import FIT_MESH, DiskWindow, Perturbation, RimMeans
+from tcdyn.rig.disk import DiskSetup
+from tcdyn.rig.rigfile import UncertaintyTable
+from tcdyn.rig.tables import SurfaceFlux
 from tcdyn.smoothing.traces import SURROGATE_U_K, DiskTraces
+
+CONDUCTIVITY_SLOPE = NuisanceParameter("conductivity slope", "conductivity slope", True)
+SPECIFIC_HEAT_SLOPE = NuisanceParameter("specific heat slope", "specific heat slope", True)
+# Readings of the inner row are averaged over this [s]: a column with their noise would explain
+# that noise.
+SMOOTH_S = 0.5
+
+
+def depends_on_temperature(setup: DiskSetup, u: UncertaintyTable) -> bool:
+    """Whether the steel's slopes with temperature are specified, or uncertain."""
+    steel = setup.steel
+    slopes = (
+        steel.conductivity_per_K,
+        steel.specific_heat_per_K,
+        u.conductivity_slope_per_K,
+        u.specific_heat_slope_per_K,
+    )
+    return any(slopes)
+
+
+def linear_about(
+    setup: DiskSetup, air_degC: float, surface_degC: float, rim_degC: float
+) -> DiskSetup:
+    """The equivalent disk of constant conductivity and specific heat at these temperatures.
+
+    Notes
+    -----
+    In Kirchhoff's temperature (see ``SteelSlopes.straight``): k_m = k((T_A + T_s)/2), and
+    rho c_m = rho c(T) k_m / k(T) at the rim's T, so that the diffusivity is the rim's.
+    """
+    steel = setup.steel.linearised_about(air_degC, surface_degC)
+    k = steel.conductivity(steel.mean_degC)
+    k_rim = steel.conductivity(rim_degC)
+    return replace(
+        setup,
+        steel=steel,
+        conductivity_W_mK=setup.conductivity_W_mK * k,
+        specific_heat_J_kgK=setup.specific_heat_J_kgK * steel.specific_heat(rim_degC) * k / k_rim,
+    )
+
+
+def conductivity_slope_effect(
+    window: DiskWindow, share: float, h_W_m2K: float, u_per_K: float
+) -> Array:
+    """Readings less prediction if the conductivity's slope is steeper by ``u_per_K``, (R, P) [K].
+
+    The rim conducts differently, and Kirchhoff's transformation of the readings changes, also of
+    those of the inner row that drive the rim."""
+    rim = window.rim
+    dt_s = float(window.time_s[1] - window.time_s[0])
+    steel = rim.setup.steel
+    gains = rim.gains(h_W_m2K)
+    rim_degC = float(rim.inputs[:, rim.inner_inputs].mean())
+    slope_rel = u_per_K / steel.conductivity(steel.mean_degC)
+    conductivity = slope_rel * (steel.mean_degC - steel.reference_degC)
+    at_rim = u_per_K * (rim_degC - steel.reference_degC) / steel.conductivity(rim_degC)
+    perturbation = Perturbation(conductivity=conductivity, heat_capacity=conductivity - at_rim)
+    boundary, power = rim.response(h_W_m2K)
+    perturbed_boundary, perturbed_power = rim.response(h_W_m2K, perturbation)
+    predicted = boundary + share * power
+    perturbed = perturbed_boundary + share * perturbed_power
+    width = max(int(round(SMOOTH_S / dt_s)), 1)
+    readings = window.readings[:, rim.setup.channel_indices(rim.setup.inner)]
+    smooth = uniform_filter1d(readings, width, axis=0, mode="nearest")
+    inner = slope_rel * steel.kirchhoff_curvature(smooth)
+    by_inner = window.blocks @ inner @ gains.direct[rim.inner_inputs]
+    for k, column in enumerate(inner.T, start=1):
+        bank = lag_basis_means(column, dt_s, rim.rates_1_s, window.counts)
+        by_inner = by_inner + bank @ gains.gains[k].T
+    return np.asarray(
+        perturbed - predicted + by_inner - slope_rel * steel.kirchhoff_curvature(predicted)
+    )
+
+
+def specific_heat_slope_effect(
+    rim: RimMeans, share: float, h_W_m2K: float, u_per_K: float
+) -> Array:
+    """Change of the outer row if the slope of specific heat is higher by ``u_per_K``, (R, P)."""
+    steel = rim.setup.steel
+    rim_degC = float(rim.inputs[:, rim.inner_inputs].mean())
+    heat_capacity = u_per_K * (rim_degC - steel.reference_degC) / steel.specific_heat(rim_degC)
+    boundary, power = rim.response(h_W_m2K)
+    perturbed_boundary, perturbed_power = rim.response(
+        h_W_m2K, Perturbation(heat_capacity=heat_capacity)
+    )
+    return np.asarray(perturbed_boundary - boundary + share * (perturbed_power - power))
+
+
+SURFACE_AIR = NuisanceParameter("surface air", "measured surface flux")
+SURFACE_SLOPE = NuisanceParameter("surface slope", "measured surface flux")
+MIN_H_U_REL = 1e-4  # least relative standard uncertainty of a measured h; chosen by judgement
+
+
+def with_surface_air(test: EhlTest) -> EhlTest:
+    """The test with the air offset of disks whose surface has another air than their faces.
+
+    That is T_a where the surface loss was measured, else what the disk's own channels show.
+    """
+    offsets = {}
+    for name, disk in test.disks.items():
+        offset = constant_speed_air_offset(test, disk)
+        if disk.setup.surface.is_measured or offset.any():
+            offsets[name] = offset
+    if not offsets:
+        return test
+    return replace(test, surface_air_offset_K={**test.surface_air_offset_K, **offsets})
+
+
+def constant_speed_air_offset(test: EhlTest, disk: DiskTraces) -> Array:
+    """Columns (N, 2) of the air offset at constant speed: T_a less ambient, and zero [K]."""
+    surface = disk.setup.surface
+    ambient = test.ambient_of(disk.name)
+    if surface.is_measured:
+        offset = surface.air_degC - ambient
+    elif disk.name in test.air:
+        offset = test.air[disk.name].surface - ambient
+    else:
+        offset = np.zeros_like(ambient)
+    return np.column_stack([offset, np.zeros_like(offset)])
+
+
+def surface_air_effect(rim: RimMeans, h_W_m2K: float, u_K: float) -> Array:
+    """Change of the outer row if T_a is permanently higher by ``u_K``, (R, P) [K]."""
+    static = rim.gains(h_W_m2K).static[rim.surface_air_inputs[0]]
+    return np.asarray(u_K * static * np.ones((len(rim.inputs), 1)))
+
+
+def log_h_prior(surface: SurfaceFlux) -> tuple[float, float]:
+    """Prior mean and standard deviation of log h [W/m2K]; infinite unless measured."""
+    if not surface.is_measured:
+        return 0.0, np.inf
+    h = surface.heat_transfer_W_m2K
+    return float(np.log(h)), max(surface.heat_transfer_u_W_m2K / h, MIN_H_U_REL)
+
+
+SHIFT_STEP_M = 0.25e-3  # of the difference quotient by the position of the flux [m]
+FLUX_SHIFT = NuisanceParameter("flux shift", "place of the flux")
+UNRESOLVED_EDGE = NuisanceParameter("edge", "inner row of few junctions")
+H_PROFILE_STEP = 0.1  # of the difference quotient by the shape of h, relative to h
+# For each shape of h along the track, the two perturbations of the difference quotient.
+H_PROFILE_STEPS = {
+    NuisanceParameter(f"film along {name}", "film along the track"): [
+        Perturbation(h_profile=(step * tilt, step * crown))
+        for step in (H_PROFILE_STEP, -H_PROFILE_STEP)
+    ]
+    for name, tilt, crown in (("the width", 1.0, 0.0), ("the middle", 0.0, 1.0))
+}
+
+
+def flux_shift_effect(rim: RimMeans, share: float, h_W_m2K: float) -> Array:
+    """Change of the outer row by the position of the flux, a central difference, (R, P) [K/m].
+
+    Because of the positions of d and f about b, the sign of a shift is each disk's own.
+    """
+    boundary, power = rim.response(h_W_m2K, Perturbation(shift_m=SHIFT_STEP_M))
+    other_boundary, other_power = rim.response(h_W_m2K, Perturbation(shift_m=-SHIFT_STEP_M))
+    change = boundary - other_boundary + share * (power - other_power)
+    return np.asarray(change / (2 * SHIFT_STEP_M))
+
+
+def h_profile_effects(
+    rim: RimMeans, share: float, h_W_m2K: float
+) -> dict[NuisanceParameter, Array]:
+    """Change of the outer row when h departs from its mean by all of itself, (R, P) [K] each.
+
+    The shapes are the tilt and the crown of ``h_along``.
+    """
+    effects = {}
+    for parameter, (up, down) in H_PROFILE_STEPS.items():
+        boundary_up, power_up = rim.response(h_W_m2K, up)
+        boundary_down, power_down = rim.response(h_W_m2K, down)
+        change = (boundary_up + share * power_up) - (boundary_down + share * power_down)
+        effects[parameter] = np.asarray(change) / (2 * H_PROFILE_STEP)
+    return effects
+
+
+def unresolved_edge_effect(rim: RimMeans, h_W_m2K: float) -> Array | None:
+    """Change of the outer row by a constant kelvin at a rim edge that is not resolved.
+
+    Returns (P,) [K], or None where the inner row determines the profile along z.
+    """
+    disk = Rim.from_setup(rim.setup)
+    z = disk.undetermined_z_m
+    if z is None:
+        return None
+    wider = replace(disk, boundary_z_m=(*disk.boundary_z_m, z))
+    gains = cached_rim_gains(
+        wider,
+        h_W_m2K,
+        junction_points(rim.setup, rim.setup.outer),
+        rim.half_width_m,
+        tuple(rim.rates_1_s),
+        rim.profile,
+        "hertz",
+        FIT_MESH,
+    )
+    return gains.static[rim.ambient_index]
 
 
 def specified_effects(

@@ -15,7 +15,7 @@ from tcdyn.heat.rim import Profile
 from tcdyn.partition.angular_harmonic import NuisanceParameter
 from tcdyn.partition.events import EhlTest
 from tcdyn.partition.nuisance import inner_gradient, nuisance_effects
-from tcdyn.partition.steel import depends_on_temperature, linear_about
+from tcdyn.partition.specified import depends_on_temperature, linear_about
 from tcdyn.partition.window import DiskWindow, fit_rows, lagged_window
 from tcdyn.rig.disk import DISKS, DiskSetup
 from tcdyn.smoothing.traces import DiskTraces

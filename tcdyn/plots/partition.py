@@ -27,7 +27,7 @@ from tcdyn.plots.style import (
     style_axes,
 )
 from tcdyn.rig.disk import DISKS, DiskSetup
-from tcdyn.workflows.joint_tables import compare_joint_fit, joint_budget
+from tcdyn.workflows.beta_tables import compare_joint_fit, joint_budget
 
 STYLES = ("-", "--", ":")
 

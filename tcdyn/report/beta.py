@@ -30,12 +30,13 @@ from tcdyn.workflows.beta_tables import (
     cooling_by_window,
     estimates_table,
     interval_table,
+    joint_budget,
     junctions_table,
     reference_table,
+    residuals_table,
     structures_table,
     test_table,
 )
-from tcdyn.workflows.joint_tables import joint_budget, residuals_table
 
 ASSUMPTIONS = (
     "conductivity, density and specific heat of the steel and washer thickness are assumptions of "

@@ -17,7 +17,7 @@ from calibration.compare import compare_records
 from tcdyn.core.estimate import rounded_texts, text_with_u
 from tcdyn.report.page import Section
 from tcdyn.rig.record import DiskRecord, parse_time
-from tcdyn.rig.traceability import YEAR_DAYS
+from tcdyn.rig.tables import YEAR_DAYS
 from tcdyn.version import __version__
 
 NOT_STATED = "not stated"

@@ -13,12 +13,10 @@ from pydantic import ConfigDict, Field
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.rig.flux_profile import HERTZ_FLUX, FluxProfile
-from tcdyn.rig.layout import CHANNELS as CHANNELS
 from tcdyn.rig.press_fit import NO_FIT, PressFit
 from tcdyn.rig.steel import EVEN_STEEL, SteelSlopes
-from tcdyn.rig.strict import STRICT
-from tcdyn.rig.surface_flux import NO_FLUX, SurfaceFlux
+from tcdyn.rig.tables import CHANNELS as CHANNELS
+from tcdyn.rig.tables import HERTZ_FLUX, NO_FLUX, STRICT, FluxProfile, SurfaceFlux
 
 DISKS = ("fast", "slow")
 LEFT_OUT_TEXT = "left out"  # in tables, for a channel without results
@@ -113,7 +111,7 @@ class DiskSetup:
         Any number of junctions in the order of their names.
     inner
         The deepest junctions in the order of z, the boundary condition of the rim model; see
-        :func:`tcdyn.rig.layout.inner_row`.
+        :func:`tcdyn.rig.tables.inner_row`.
     conditioning
         Filter of the signal conditioning.
     flux

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
 
 from tcdyn.core import Array
-from tcdyn.rig.strict import STRICT
+from tcdyn.rig.tables import STRICT
 
 Angle = Annotated[float, Field(ge=0, le=360)]
 Share = Annotated[float, Field(ge=0, le=1)]

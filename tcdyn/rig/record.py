@@ -24,7 +24,7 @@ from tcdyn.io.write import write_text
 from tcdyn.rig.disk import Conditioning, DiskSetup
 from tcdyn.rig.rigfile import RigTables
 from tcdyn.rig.static_line import StaticLine, lines_table
-from tcdyn.rig.strict import STRICT
+from tcdyn.rig.tables import STRICT
 
 SCHEMA: Final[Literal["tcdyn.disk/2"]] = "tcdyn.disk/2"
 SCHEMA_0_1 = "tcdyn.disk/1"  # of version 0.1: two lags a channel, tau1_s and tau2_s

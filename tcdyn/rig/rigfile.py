@@ -24,20 +24,29 @@ from tcdyn.core.findings import CHANNEL_NAME
 from tcdyn.core.result import Result
 from tcdyn.rig.columns import junction_columns
 from tcdyn.rig.disk import DISKS, Conditioning, DiskSetup, Junction
-from tcdyn.rig.layout import CHANNELS, DEFAULT_LAYOUT, OWN_LAYOUT, inner_row, layout_junctions
-from tcdyn.rig.logger import AmbientChannels, Constant, ConstantName, LoggerTable, air_columns
 from tcdyn.rig.press_fit import NO_FIT, PressFit
 from tcdyn.rig.steel import SteelSlopes
-from tcdyn.rig.surface_flux import NO_FLUX, SurfaceFlux
 from tcdyn.rig.tables import (
+    CHANNELS,
+    DEFAULT_LAYOUT,
+    NO_FLUX,
+    OWN_LAYOUT,
+    AmbientChannels,
+    Constant,
+    ConstantName,
     ContactTable,
     DiskTable,
     JunctionTable,
+    LoggerTable,
     RigTable,
+    SurfaceFlux,
+    TraceabilityTable,
     UncertaintyTable,
     WasherTable,
+    air_columns,
+    inner_row,
+    layout_junctions,
 )
-from tcdyn.rig.traceability import TraceabilityTable
 
 # A key of more than 32 parts: tomllib needs time with the square of the depth.
 DEEP_KEY = re.compile(r"""(?:\.[ \t]*["'\w-]+[ \t]*){32}""")

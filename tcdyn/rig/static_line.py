@@ -14,7 +14,7 @@ from tcdyn.core import Array, Flags
 from tcdyn.core.estimate import Estimate
 from tcdyn.core.findings import Finding, info, warning
 from tcdyn.rig.disk import CHANNELS
-from tcdyn.rig.strict import STRICT
+from tcdyn.rig.tables import STRICT
 
 # Levels of the tests of a line: below the first an information, below the second a warning, because
 # a disk has some twenty such tests.

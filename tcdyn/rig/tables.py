@@ -1,14 +1,365 @@
-"""The tables of ``rig.toml`` that describe one disk, in the units of the file."""
+"""The tables of ``rig.toml``, in the units of the file: flux profile, measured surface flux, layout of
+the thermocouples, logger, traceability, disk, washer, contact and uncertainties.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from datetime import date
 from itertools import pairwise
-from typing import Annotated
+from typing import Annotated, ClassVar, Literal, Self
 
-from pydantic import BaseModel, Field, model_validator
+import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-from tcdyn.rig.flux_profile import FluxKind, FluxProfile
-from tcdyn.rig.strict import STRICT
+from tcdyn.core import Array
+from tcdyn.core.errors import InputError
+
+STRICT = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+FluxKind = Literal["hertz", "flat", "barus", "table"]
+
+
+@dataclass(frozen=True)
+class FluxProfile:
+    """Profile of the heat flux across the track; the default is the thesis's (3.32).
+
+    Parameters
+    ----------
+    kind
+        "hertz": the parabola of Hertz's pressure; "flat": constant over the width of the contact;
+        "barus": proportional to the viscosity of the lubricant under Hertz's pressure p, exp(alpha
+        p), summed along rolling; "table": linear interpolation of ``weight``, zero outside.
+    shift_m
+        Distance of the centre of the flux from the centre plane, positive away from the face at z =
+        0.
+    viscosity_per_Pa
+        alpha [1/Pa].
+    pressure_Pa
+        Maximum pressure of the contact; it follows from the load of a test.
+    at_m, weight
+        Positions from the centre plane and weights of a table.
+    """
+
+    kind: FluxKind = "hertz"
+    shift_m: float = 0.0
+    viscosity_per_Pa: float = 0.0
+    pressure_Pa: float = 0.0
+    at_m: tuple[float, ...] = ()
+    weight: tuple[float, ...] = ()
+
+    @property
+    def exponent(self) -> float:
+        """alpha p_0: logarithm of the relative viscosity of the oil at the maximum pressure [1]."""
+        return self.viscosity_per_Pa * self.pressure_Pa
+
+    def at_pressure(self, pressure_Pa: float) -> FluxProfile:
+        """The profile at the maximum pressure of a contact [Pa]; only "barus" depends on it.
+
+        >>> FluxProfile("barus", viscosity_per_Pa=1e-8).at_pressure(1e9).exponent
+        10.0
+        """
+        return replace(self, pressure_Pa=pressure_Pa) if self.kind == "barus" else self
+
+
+HERTZ_FLUX = FluxProfile()
+
+
+# Fewest points of the straight line. Chosen by judgement.
+MIN_POINTS = 4
+
+
+@dataclass(frozen=True)
+class SurfaceFlux:
+    """[surface] of a rig file: the measured heat loss q = h (T - T_a) of a running surface.
+
+    It replaces h and the ambient of a running surface.
+
+    Parameters
+    ----------
+    heat_transfer_W_m2K
+        Slope h; zero where nothing was measured.
+    air_degC
+        T_a, at which the heat loss is zero: minus intercept over slope.
+    heat_transfer_u_W_m2K, air_u_K
+        Their standard uncertainties.
+    """
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+    heat_transfer_W_m2K: Annotated[float, Field(ge=0, lt=8000)] = 0.0
+    heat_transfer_u_W_m2K: Annotated[float, Field(ge=0, lt=8000)] = 0.0
+    air_degC: Annotated[float, Field(ge=-50, le=400)] = 0.0
+    air_u_K: Annotated[float, Field(ge=0, le=100)] = 0.0
+
+    def __post_init__(self) -> None:
+        has_other_keys = self.air_degC or self.air_u_K or self.heat_transfer_u_W_m2K
+        if not self.heat_transfer_W_m2K and has_other_keys:
+            raise InputError(
+                "[surface] has no heat_transfer_W_m2K",
+                expected="the slope of the relation, with its T_a",
+            )
+
+    @property
+    def is_measured(self) -> bool:
+        """Whether there is such a relation."""
+        return self.heat_transfer_W_m2K > 0
+
+
+NO_FLUX = SurfaceFlux()
+
+
+def fit_surface_flux(
+    temperature_degC: Array, flux_W_m2: Array, power_rel: float = 0.0
+) -> SurfaceFlux:
+    """Fit the straight line through measured heat fluxes of a heated spot.
+
+    Parameters
+    ----------
+    temperature_degC
+        Temperatures of the spot, (N,).
+    flux_W_m2
+        Heat fluxes, (N,).
+    power_rel
+        Relative standard uncertainty common to all fluxes (power of the heater, area of the spot).
+        It affects h, but not T_a.
+
+    Raises
+    ------
+    InputError
+        Fewer than four points, one temperature only, or a flux that falls with temperature.
+
+    Notes
+    -----
+    The scatter affects both h and T_a. Their positive correlation is not used later, so the
+    uncertainty of the heat loss of a hot surface is overestimated.
+
+    Examples
+    --------
+    >>> t = np.array([80.0, 100.0, 120.0, 140.0])
+    >>> surface = fit_surface_flux(t, 700.0 * (t - 62.0))
+    >>> round(surface.heat_transfer_W_m2K), round(surface.air_degC, 2)
+    (700, 62.0)
+    """
+    t = np.asarray(temperature_degC, dtype=float)
+    q = np.asarray(flux_W_m2, dtype=float)
+    if len(t) < MIN_POINTS or not np.ptp(t) > 0:
+        raise InputError(
+            f"{len(t)} points of a surface's flux",
+            expected="four or more at different temperatures",
+        )
+    centred = t - t.mean()
+    square = centred @ centred
+    h = float(centred @ q / square)
+    if not h > 0:
+        raise InputError(
+            f"the flux falls with temperature (slope {h:.3g} W/m2K)",
+            expected="a loss that rises with it",
+        )
+    residual = q - q.mean() - h * centred
+    air = float(t.mean() - q.mean() / h)
+    sd = float(np.sqrt(residual @ residual / (len(t) - 2)))
+    if not (-50 <= air <= 400 and h < 8000):
+        raise InputError(
+            f"the flux would be zero at {air:.4g} degC, with a slope of {h:.4g} W/m2K",
+            expected="-50 to 400 degC and less than 8000 W/m2K",
+            remedy="measure the flux over a wider range of temperature, or look at the units",
+        )
+    h_u = sd / float(np.sqrt(square))
+    air_u = float(np.hypot(sd / len(t) ** 0.5, (t.mean() - air) * h_u)) / h
+    return SurfaceFlux(h, float(np.hypot(h_u, power_rel * h)), air, air_u)
+
+
+# (depth_mm, z_mm) of the junctions
+_POSITIONS_MM = {
+    "a": (3.0, 4.765),
+    "b": (6.0, 4.765),
+    "c": (3.0, 2.0),
+    "d": (6.0, 2.0),
+    "e": (1.25, 4.765),
+    "f": (6.0, 7.53),
+}
+# angle_deg of the junctions: two opposite groups, 15 degrees between neighbours (assumed)
+_CLARKE_AND_VOLLER = {"a": 0.0, "c": 15.0, "d": 345.0, "b": 180.0, "e": 195.0, "f": 165.0}
+ANGLES_DEG = {
+    "table 6.2": {"a": 0.0, "e": 15.0, "f": 345.0, "b": 180.0, "c": 195.0, "d": 165.0},
+    "clarke": _CLARKE_AND_VOLLER,
+    "voller": _CLARKE_AND_VOLLER,
+}
+# junctions of a layout whose positions differ from the table above
+_OTHER_POSITIONS_MM = {"clarke": {"e": (3.0, 7.53)}}
+# Channels of the thesis's disks; those of any disk are ``DiskSetup.channels``.
+CHANNELS = tuple(_POSITIONS_MM)
+DEFAULT_LAYOUT = "table 6.2"  # of this rig's disks; tables 6.3 and 6.4 are Clarke's and Voller's
+OWN_LAYOUT = "own"  # only the junctions that the rig file lists
+# Junctions nearer the surface than the deepest one by this [m] are not in its row. By judgement.
+ROW_DEPTH_M = 1e-3
+
+
+def layout_junctions(layout: str) -> dict[str, dict[str, float]]:
+    """Positions of the junctions a..f of a layout; empty for the layout "own".
+
+    >>> layout_junctions("voller")["c"]
+    {'depth_mm': 3.0, 'z_mm': 2.0, 'angle_deg': 15.0}
+    """
+    if layout == OWN_LAYOUT:
+        return {}
+    if not isinstance(layout, str) or layout not in ANGLES_DEG:
+        raise ValueError(
+            f"thermocouples.layout is {layout!r}; expected one of "
+            f"{', '.join((*ANGLES_DEG, OWN_LAYOUT))}"
+        )
+    positions = _POSITIONS_MM | _OTHER_POSITIONS_MM.get(layout, {})
+    return {
+        name: {"depth_mm": depth_mm, "z_mm": z_mm, "angle_deg": ANGLES_DEG[layout][name]}
+        for name, (depth_mm, z_mm) in positions.items()
+    }
+
+
+def inner_row(depth_m: Mapping[str, float], z_m: Mapping[str, float]) -> tuple[str, ...]:
+    """The junctions about as deep as the deepest, in the order of z: the boundary of the rim model.
+
+    >>> depth_m = {"a": 3e-3, "b": 6e-3, "d": 5.8e-3, "e": 1e-3}
+    >>> inner_row(depth_m, {"a": 5e-3, "b": 5e-3, "d": 2e-3, "e": 5e-3})
+    ('d', 'b')
+    """
+    deepest = max(depth_m.values())
+    row = [name for name in sorted(depth_m) if round(deepest - depth_m[name], 9) < ROW_DEPTH_M]
+    return tuple(sorted(row, key=lambda name: z_m[name]))
+
+
+ConstantName = Literal["load_N", "speed_fast_rpm", "speed_slow_rpm", "ambient_degC"]
+
+
+@dataclass(frozen=True)
+class Constant:
+    """[constants] load_N = { value = 2320, u = 20 }: replaces a column that is not in the log.
+
+    ``value`` under load, over the last 150 s before the unloading, with its standard uncertainty
+    ``u``, both in the unit in which the name ends.
+    """
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+    value: float
+    u: Annotated[float, Field(ge=0)]
+
+
+@dataclass(frozen=True)
+class LoggerTable:
+    """[logger]; ``millivolts``: columns of junctions hold the emf of type ``couple``, not degC."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+    millivolts: bool = False
+    couple: Literal["E", "J", "K", "N", "T"] = "J"
+    cold_junction_degC: Annotated[float, Field(ge=-50, le=100)] = 0.0
+
+
+@dataclass(frozen=True)
+class AmbientChannels:
+    """[ambient]: columns of T_A, the air at the running ``surface`` and behind the ``faces``."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+    surface: tuple[str, ...] = ()
+    faces: tuple[str, ...] = ()
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """All columns, without repeats."""
+        return tuple(dict.fromkeys((*self.surface, *self.faces)))
+
+
+def air_name(column: str) -> str:
+    """The name of a column of ``[ambient]`` after reading.
+
+    >>> air_name("Oil jet 2"), air_name("air_3_degC")
+    ('ambient_Oil jet 2_degC', 'ambient_air_3_degC')
+    """
+    return f"ambient_{column.removesuffix('_degC').removeprefix('ambient_')}_degC"
+
+
+def air_columns(channels: Sequence[AmbientChannels]) -> dict[str, str]:
+    """Columns of the air of all disks: name after reading to name in the file."""
+    return {air_name(column): column for table in channels for column in table.columns}
+
+
+YEAR_DAYS = 365.25
+# Standard uncertainty of the PRT: an error of at most 0.1 degC, uniformly distributed (section
+# 2.6).
+PRT_U_DEGC = 0.1 / np.sqrt(3.0)
+
+
+def _day(text: str) -> str:
+    """Check that a text is a date, or empty."""
+    if text:
+        date.fromisoformat(text)
+    return text
+
+
+Text = Annotated[str, Field(max_length=200)]
+Day = Annotated[str, Field(max_length=10), AfterValidator(_day)]
+
+
+class TraceabilityTable(BaseModel):
+    """[traceability]: laboratory, reference and instruments of a calibration; dates as YYYY-MM-DD.
+
+    Parameters
+    ----------
+    reference_u_K
+        Standard uncertainty of the oven's PRT by its certificate, common to all readings.
+    reference_drift_K_per_year
+        Half-range of its drift since ``reference_date``.
+    valid_days
+        Longest time until the next calibration.
+    limit_K
+        Drift of a channel that requires an earlier calibration.
+    """
+
+    model_config = STRICT
+
+    laboratory: Text = ""
+    address: Text = ""
+    customer: Text = ""
+    place: Text = ""
+    procedure: Text = ""
+    certificate: Text = ""
+    authorised_by: Text = ""
+    received: Day = ""
+    reference: Text = ""
+    reference_certificate: Text = ""
+    reference_date: Day = ""
+    reference_u_K: float = Field(default=float(PRT_U_DEGC), ge=0, lt=5)
+    reference_drift_K_per_year: float = Field(default=0.0, ge=0, lt=5)
+    logger: Text = ""
+    logger_certificate: Text = ""
+    logger_date: Day = ""
+    valid_days: int = Field(default=365, ge=1, le=3653)
+    limit_K: float = Field(default=0.5, gt=0, lt=20)
+
+    @model_validator(mode="after")
+    def _check_drift(self) -> Self:
+        if self.reference_drift_K_per_year and not self.reference_date:
+            raise ValueError(
+                "traceability: reference_drift_K_per_year needs reference_date, "
+                "the start of the drift"
+            )
+        return self
+
+    def drift_u_K(self, on: date) -> float:
+        """Standard uncertainty [K] of the reference's drift until ``on``, uniformly distributed.
+
+        >>> table = TraceabilityTable(reference_date="2025-01-01", reference_drift_K_per_year=0.02)
+        >>> round(table.drift_u_K(date(2027, 1, 1)), 4)
+        0.0231
+        """
+        if not self.reference_date:
+            return 0.0
+        years = max((on - date.fromisoformat(self.reference_date)).days, 0) / YEAR_DAYS
+        return self.reference_drift_K_per_year * years / 3**0.5
+
+    def shared_u_K(self, on: date) -> float:
+        """Standard uncertainty [K] common to all channels calibrated on that day."""
+        return float(np.hypot(self.reference_u_K, self.drift_u_K(on)))
 
 
 class RigTable(BaseModel):

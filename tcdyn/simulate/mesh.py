@@ -10,7 +10,7 @@ from scipy import sparse
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.rig.flux_profile import FluxProfile
+from tcdyn.rig.tables import FluxProfile
 from tcdyn.simulate.steel import Steel
 from tcdyn.simulate.truth import DiskTruth
 

@@ -14,9 +14,9 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.result import jsonable
 from tcdyn.rig.contact import press_fit_conductance
 from tcdyn.rig.disk import DISKS, Conditioning, DiskSetup, Junction
-from tcdyn.rig.flux_profile import FluxProfile
 from tcdyn.rig.press_fit import Sectors, amplitude_and_angle, harmonics, mean_shares
 from tcdyn.rig.rigfile import Rig, UncertaintyTable, load_rig
+from tcdyn.rig.tables import FluxProfile
 
 
 @dataclass(frozen=True)

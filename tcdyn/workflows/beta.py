@@ -39,9 +39,9 @@ from tcdyn.rig.opened_log import rig_from_records
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig, changed_keys
 from tcdyn.smoothing.traces import DiskTraces, disk_traces, summarise_spikes
-from tcdyn.workflows.bearing import BearingFile
 from tcdyn.workflows.beta_tables import beta_file, estimates_table
 from tcdyn.workflows.operating_conditions import (
+    BearingFile,
     check_no_copies,
     constants_rel_u,
     disk_air,

@@ -22,8 +22,8 @@ from tcdyn.rig.log import iter_log
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig
 from tcdyn.version import __version__
-from tcdyn.workflows.bearing import BearingFile
 from tcdyn.workflows.beta import estimate_beta
+from tcdyn.workflows.operating_conditions import BearingFile
 
 
 @dataclass(frozen=True)

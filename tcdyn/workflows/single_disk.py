@@ -23,9 +23,9 @@ from tcdyn.rig.log import Log, iter_log
 from tcdyn.rig.opened_log import missing_columns, rig_from_records
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import Rig
-from tcdyn.workflows.bearing import BearingFile
 from tcdyn.workflows.beta import prepare_test, retry_without_lost_channels
 from tcdyn.workflows.beta_tables import SCHEMA, WITHHELD, estimate_row, junction_depths
+from tcdyn.workflows.operating_conditions import BearingFile
 
 
 @dataclass(frozen=True)

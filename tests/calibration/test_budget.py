@@ -28,7 +28,7 @@ from tcdyn.rig.disk import CHANNELS
 from tcdyn.rig.record import DiskRecord
 from tcdyn.rig.rigfile import load_rig, parse_rig, rig_toml
 from tcdyn.rig.static_line import apply_static, reading_u, static_u
-from tcdyn.rig.traceability import TraceabilityTable
+from tcdyn.rig.tables import TraceabilityTable
 from tests.rig.log_cases import oven_frame, oven_truth
 
 OVENS = 200

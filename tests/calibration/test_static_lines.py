@@ -17,7 +17,7 @@ from tcdyn.rig.disk import CHANNELS
 from tcdyn.rig.log import read_log, write_log
 from tcdyn.rig.oven_log import steady_minutes
 from tcdyn.rig.static_line import StaticLine, apply_static, outside_range, static_u
-from tcdyn.rig.traceability import PRT_U_DEGC
+from tcdyn.rig.tables import PRT_U_DEGC
 from tcdyn.simulate.measure import simulate_oven
 from tests.rig.log_cases import oven_frame, oven_truth
 

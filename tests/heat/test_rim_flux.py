@@ -11,7 +11,7 @@ import pytest
 from tcdyn.core.errors import InputError
 from tcdyn.heat.flux import TrackFlux, track_flux
 from tcdyn.heat.modal import flux_density
-from tcdyn.rig.flux_profile import FluxProfile
+from tcdyn.rig.tables import FluxProfile
 from tcdyn.simulate.mesh import track_shares
 
 B, WIDTH = 1.63e-3, 9.53e-3

@@ -24,8 +24,8 @@ from tcdyn.partition.nuisance import (
 from tcdyn.partition.window import fit_rows, lagged_window
 from tcdyn.rig.disk import DISKS
 from tcdyn.rig.log import read_log
-from tcdyn.rig.logger import air_name
 from tcdyn.rig.rigfile import load_rig, parse_rig
+from tcdyn.rig.tables import air_name
 from tcdyn.simulate.truth import draw_truth
 from tcdyn.workflows.beta import prepare_test
 from tests.partition import as_logged_study as forms

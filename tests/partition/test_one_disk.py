@@ -21,7 +21,7 @@ from tcdyn.report.single_disk import write_one_disk_report
 from tcdyn.rig.disk import CHANNELS
 from tcdyn.rig.record import write_record
 from tcdyn.workflows import compensate_log, estimate_one_disk
-from tcdyn.workflows.joint_tables import compare_joint_fit
+from tcdyn.workflows.beta_tables import compare_joint_fit
 from tcdyn.workflows.single_disk import OneDiskRun
 from tests.partition.study_rigs import StudyRig, study_rig
 

@@ -11,7 +11,7 @@ import pytest
 
 from tcdyn.core.errors import InputError
 from tcdyn.rig.contact import Events
-from tcdyn.rig.logger import Constant, air_name
+from tcdyn.rig.tables import Constant, air_name
 from tcdyn.workflows.operating_conditions import (
     check_no_copies,
     constants_rel_u,

@@ -13,15 +13,15 @@ from scipy import stats
 from tcdyn.core import Array
 from tcdyn.partition.analyse import Partition
 from tcdyn.partition.events import EhlTest
-from tcdyn.partition.steady import with_linear_steel
-from tcdyn.partition.steel import (
+from tcdyn.partition.specified import (
     conductivity_slope_effect,
     linear_about,
     specific_heat_slope_effect,
 )
+from tcdyn.partition.steady import with_linear_steel
 from tcdyn.partition.window import DiskWindow, fit_rows, lagged_window
 from tcdyn.rig.rigfile import Rig, load_rig, parse_rig
-from tcdyn.rig.surface_flux import SurfaceFlux, fit_surface_flux
+from tcdyn.rig.tables import SurfaceFlux, fit_surface_flux
 from tcdyn.simulate.truth import draw_truth
 from tcdyn.workflows.beta import prepare_test
 from tests.partition.study_rigs import StudyRig, study_rig

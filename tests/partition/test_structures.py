@@ -17,7 +17,7 @@ from tcdyn.partition.departures import MODEL_FORMS, STEM_SD, DiskAtFit, model_fo
 from tcdyn.partition.joint import joint_problem
 from tcdyn.partition.model_forms import ESTIMATORS, NAMED_LOG_ODDS, SPEED_LAW_Z, compare_model_forms
 from tcdyn.partition.nuisance import NuisanceParameter
-from tcdyn.partition.track import flux_shift_effect
+from tcdyn.partition.specified import flux_shift_effect
 from tcdyn.partition.window import Perturbation
 from tcdyn.plots.partition import draw_lines
 from tcdyn.plots.style import figure

@@ -15,7 +15,7 @@ from tcdyn.plots.style import DISK_COLOUR, DISK_LINE, DISK_MARKER, figure
 from tcdyn.report.beta import beta_assumptions, verdict, write_beta_report
 from tcdyn.report.page import typeset
 from tcdyn.rig.disk import DISKS
-from tcdyn.workflows import beta_tables, joint_tables
+from tcdyn.workflows import beta_tables
 
 
 def decimals(text: str) -> int:
@@ -27,7 +27,7 @@ def test_the_sources_add_up_to_all_together(partition: Partition) -> None:
     assert table["source"].iloc[-1] == "all together"
     steady, cooling = partition.budget.total_u
     both = partition.both.estimates["beta"].u
-    assert hypot(*joint_tables.joint_budget(partition).values()) == pytest.approx(both, rel=1e-9)
+    assert hypot(*beta_tables.joint_budget(partition).values()) == pytest.approx(both, rel=1e-9)
     assert [float(x) for x in table.iloc[-1, 1:]] == pytest.approx(
         [both, steady, cooling], abs=5e-5
     )
@@ -71,7 +71,7 @@ def test_the_verdict_is_a_finding_and_is_said_once(partition: Partition, tmp_pat
 
 def test_the_model_of_the_page_is_the_fits_own(partition: Partition) -> None:
     for disk in DISKS:
-        m = joint_tables.compare_joint_fit(partition, disk)
+        m = beta_tables.compare_joint_fit(partition, disk)
         assert m.time_since_unloading_s[0] < -60
         assert m.time_since_unloading_s[-1] > 5
         under_load = m.readings_degC[m.time_since_unloading_s < 0].mean(axis=0) - m.model_degC[
@@ -82,7 +82,7 @@ def test_the_model_of_the_page_is_the_fits_own(partition: Partition) -> None:
         )  # K: what nobody measured has moved the model onto the readings
         z = (m.readings_degC - m.model_degC) / m.sd_K
         assert 0.7 < float((z**2).mean()) < 2.0
-    rows = joint_tables.residuals_table(partition)
+    rows = beta_tables.residuals_table(partition)
     assert len(rows) == 6
     assert (rows["rms over noise [1]"].astype(float) < 2).all()
 

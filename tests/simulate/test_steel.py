@@ -11,9 +11,9 @@ from scipy.integrate import quad
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.partition.steel import linear_about
-from tcdyn.rig.flux_profile import FluxProfile
+from tcdyn.partition.specified import linear_about
 from tcdyn.rig.steel import SteelSlopes
+from tcdyn.rig.tables import FluxProfile
 from tcdyn.simulate.implicit import integrate, steady_state
 from tcdyn.simulate.mesh import DiskMesh, build_system, grid_of
 from tcdyn.simulate.round import harmonic_system

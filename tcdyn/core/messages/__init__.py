@@ -5,13 +5,14 @@ A template is formatted with the fields of the finding: ``{subject}``, each of i
 is "column X, row N (T s)" as far as the subject and the numbers ``row`` and ``time_s`` are given.
 A message that depends on its numbers, or that names a parameter of a function or command, is a
 function with the same fields as keyword arguments, and ``option``, which spells a parameter
-(``tcdyn/core/spelling.py``).
+(``tcdyn/core/errors.py``).
 """
 
 from __future__ import annotations
 
 from typing import Any
 
+from tcdyn.core.errors import Spelling, as_argument
 from tcdyn.core.messages.campaign import CAMPAIGN
 from tcdyn.core.messages.identify import IDENTIFY
 from tcdyn.core.messages.logs import IMMERSION, LINES, READER
@@ -20,7 +21,6 @@ from tcdyn.core.messages.phrases import Message, location_text
 from tcdyn.core.messages.plunge import PLUNGE
 from tcdyn.core.messages.sensors import SENSOR
 from tcdyn.core.messages.traces import COMPENSATE, PIPELINE, TRACES
-from tcdyn.core.spelling import Spelling, as_argument
 
 # a message read from a file that has no codes
 FROM_FILES: dict[str, Message] = {"said": "{text}"}

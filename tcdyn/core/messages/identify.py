@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from tcdyn.core.errors import Spelling
 from tcdyn.core.messages.phrases import Message, count_with_noun
-from tcdyn.core.spelling import Spelling
 
 INITIAL_STATE_ESTIMATED = (
     " As a run starts off the equilibrium, the state at each start was estimated."

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from tcdyn.core.errors import Spelling
 from tcdyn.core.estimate import rounded_texts, text_with_u
 from tcdyn.core.messages.phrases import Message
-from tcdyn.core.spelling import Spelling
 
 # nuisance parameters of the plunge fit, by the kind that a finding stores
 PARAMETERS = {

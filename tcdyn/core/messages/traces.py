@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from tcdyn.core.errors import Spelling
 from tcdyn.core.messages.phrases import Message
-from tcdyn.core.spelling import Spelling
 
 
 def _noisy_inverse(
