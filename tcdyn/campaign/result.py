@@ -28,7 +28,7 @@ POWER_LAW_REJECTED_P = 0.01
 # Pull of a junction depth above which it is reported: the largest in 17 simulated campaigns
 # without errors was 3.7.
 DEPTH_PULL_Z = (
-    4.0  # a junction's pull that is told: the largest in 17 sound drawn campaigns was 3.7
+    4.0  # a junction's pull that is reported: the largest in 17 sound drawn campaigns was 3.7
 )
 # Least reduction of the variance of a depth by the data: below it a pull has no meaning.
 # Chosen by judgement.

@@ -1,4 +1,4 @@
-"""Findings: what was noticed about data or a fit, as values. Their messages are in ``tcdyn/core/messages``."""
+"""Findings: observations about data or a fit, as values. Their messages are in ``tcdyn/core/messages``."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ class Severity(StrEnum):
 
 @dataclass(frozen=True)
 class Finding:
-    """Something noticed about data or a fit.
+    """An observation about data or a fit.
 
     Parameters
     ----------
     code
-        What was noticed: a key of ``tcdyn.core.messages.MESSAGES``.
+        Kind of the observation: a key of ``tcdyn.core.messages.MESSAGES``.
     severity
         Info, warning or error; the names of version 0.2 (note, look, refuse) are accepted.
     where

@@ -28,7 +28,7 @@ MIN_CHAIN_LAG_S = 0.01
 COMMON_LAG_LIMITS = (
     0.05,
     0.15,
-)  # u of the common lag over the lag: below the first it is told well, below the second roughly
+)  # u of the common lag over the lag: below the first it is determined well, below the second roughly
 DIFFERENCE_LIMITS = (0.03, 0.10)  # the same of the differences between channels
 GRADES = ("well", "roughly", "poorly")
 GRADE_DEFINITIONS = (
