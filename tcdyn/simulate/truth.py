@@ -325,6 +325,8 @@ def truth_as_dict(truth: RigTruth) -> dict[str, Any]:
     out: dict[str, Any] = jsonable(truth)
     for name in DISKS:
         disk = truth.disk(name)
+        setup = out[name]["setup"]
+        setup["fit"] = setup.pop("press_fit")  # the key of this file since version 0.2
         out[name]["common_lag_s"] = disk.common_lag_s
         for channel, lag in disk.lags_s.items():
             out[name]["channels"][channel] |= {

@@ -127,8 +127,8 @@ def test_the_certificate_shows_the_plunges(tmp_path):
         load_rig(), "fast", tmp_path / "oven.csv", [tmp_path / "p.csv"], ["mobil-jet-ii"]
     )
     traces, rest = plunge_sections(found.fit)
-    assert traces.drawn().image.startswith("data:image/png")
-    assert rest.drawn().image.startswith("data:image/png")
+    assert traces.with_image().image.startswith("data:image/png")
+    assert rest.with_image().image.startswith("data:image/png")
     # what is left in a single sample is the simulated noise of 0.1 to 0.15 degC
     assert all(float(rest.table[f"{c} [K]"].iloc[0]) < 0.2 for c in "abcdef")
 

@@ -100,7 +100,7 @@ QUICK = {
     "round simulate": Command(
         "round simulate --rig {rig} --out o.png -q",
         ("o.png",),
-        ("tcdyn.simulate.field:around_disks",),
+        ("tcdyn.simulate.field:disk_fields",),
     ),
     "design": Command(
         "design --rig {rig} --out o.csv -q", ("o.csv",), ("tcdyn.design.compare:compare_tests",)
@@ -171,7 +171,7 @@ LONG = {
     "campaign": Command(
         f"campaign {{ehl}} --rig {{rig}} {RECORDS} --out o --workers 1",
         ("o/campaign.csv", "o/campaign.html"),
-        ("tcdyn.workflows.campaign_log:_analysed", PICTURE),
+        ("tcdyn.workflows.campaign_log:_analyse_stage", PICTURE),
     ),
     "simulate campaign": Command(
         "simulate campaign --out o -q --bath-degC 110",

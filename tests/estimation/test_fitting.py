@@ -296,7 +296,7 @@ def test_the_box_of_a_noise_grid_is_that_of_its_nodes_however_often_it_is_drawn_
     class Peaked(LinearisedProblem):
         """ln likelihood that falls by 0.5 within ``width`` of one noise."""
 
-        def given(self, noise):
+        def marginal(self, noise):
             a, c = noise.ar[0], noise.ma[0]
             asked.append((a, c))
             return -0.5 * ((a + 0.8) ** 2 + (c + 0.3) ** 2) / width**2, np.zeros(1), np.eye(1)

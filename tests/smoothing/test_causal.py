@@ -223,7 +223,7 @@ def test_a_row_waits_for_the_latest_of_its_answers_and_each_is_for_the_row_s_own
     plan, state = waits((0.0, 0.6), 10)
     assert plan.delays_s == pytest.approx([1.0, 1.6])
     assert plan.delay_rows == 4
-    left, out = plan._ready(state)
+    left, out = plan._pop_ready(state)
     time = out[:, 0]
     assert time.tolist() == [
         0.0,
@@ -237,4 +237,4 @@ def test_a_row_waits_for_the_latest_of_its_answers_and_each_is_for_the_row_s_own
     assert out[:, 3] == pytest.approx(2 * (time + 1.0))
     assert out[:, 4] == pytest.approx(2 * (time + 1.6 + 10.0))
     assert len(left.waiting) == len(left.found) == 4
-    assert len(plan._ready(waits((0.0, 0.6), 3)[1])[1]) == 0
+    assert len(plan._pop_ready(waits((0.0, 0.6), 3)[1])[1]) == 0
