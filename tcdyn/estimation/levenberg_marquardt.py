@@ -55,7 +55,7 @@ def minimise(
     The search stops once a full Gauss-Newton step would lower the cost by less than ``tolerance`` +
     ``relative`` x cost (that step is still taken), once two steps in a row have, or after ``limit``
     steps. Steps are damped in the scale of the diagonal of the information (Marquardt), limited by
-    the problem's ``largest``, and clipped to the box such that fixed combinations stay. A parameter
+    the problem's ``max_step``, and clipped to the box such that fixed combinations stay. A parameter
     on its bound that the gradient pushes outwards stays there.
 
     Parameters
@@ -176,6 +176,7 @@ def _descend(
     damping: float,
     secant: bool,
 ) -> Optimum:
+    """Levenberg-Marquardt descent from one start: damped steps until the cost no longer falls."""
     rows = problem.fixed if fixed is None else np.vstack([problem.fixed, fixed])
     directions = free_directions(rows)
     current = _state(problem, _inside(np.asarray(start, dtype=float), problem, rows), weights)

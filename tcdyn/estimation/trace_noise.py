@@ -201,7 +201,7 @@ def rounding_sd(x: Array) -> float:
 
 
 def find_spikes(values: Array, rule: SpikeRule, noise_sd: float | None = None) -> Flags:
-    """Samples of ``values`` (N,) that are spikes (outliers) by ``rule``.
+    """Outlier rejection: samples of ``values`` (N,) that are spikes by ``rule``.
 
     A ramp or a clean step is no spike: the median follows both. NaN is never a spike.
 

@@ -75,16 +75,24 @@ def _ring_mode(mu: ArrayLike, r: ArrayLike, inner_m: float) -> Array:
     return np.asarray(j0(mu * r) * y0(mu * inner_m) - y0(mu * r) * j0(mu * inner_m))
 
 
-def ring_roots(inner_m: float, outer_m: float, biot_per_m: float, count: int) -> Array:
-    """The first ``count`` roots mu of K Phi'(R_o) + h Phi(R_o) = 0, ascending.
+def ring_eigenvalues(inner_m: float, outer_m: float, biot_per_m: float, count: int) -> Array:
+    """The first ``count`` eigenvalues mu [1/m] of a ring, ascending.
 
-    The roots interlace with (n - 1/2) pi/(R_o - R_i) and n pi/(R_o - R_i), apart from a small shift
-    by the curvature.
+    They solve K Phi'(R_o) + h Phi(R_o) = 0 for the mode Phi with Phi(R_i) = 0. Eigenvalue n lies between
+    (n - 1/2) pi/(R_o - R_i) and n pi/(R_o - R_i), apart from a small shift by the curvature; the
+    search grid has 40 points for each pi/(R_o - R_i).
 
     Parameters
     ----------
+    inner_m, outer_m
+        Radii R_i and R_o [m].
     biot_per_m
         h/K [1/m].
+
+    Raises
+    ------
+    InputError
+        If fewer roots are found.
     """
 
     def robin(mu: Array) -> Array:
@@ -96,7 +104,7 @@ def ring_roots(inner_m: float, outer_m: float, biot_per_m: float, count: int) ->
     values = robin(grid)
     brackets = np.flatnonzero(values[:-1] * values[1:] < 0)[:count]
     if len(brackets) < count:
-        raise InputError(f"ring_roots: found {len(brackets)} of {count} roots")
+        raise InputError(f"ring_eigenvalues: found {len(brackets)} of {count} roots")
     return np.array([brentq(robin, grid[i], grid[i + 1], xtol=1e-13 * step) for i in brackets])
 
 
@@ -118,11 +126,11 @@ def ring_transient_degC(
     Notes
     -----
     T = T_steady(r) + sum_n c_n Phi_n(r) exp(-alpha mu_n^2 t), with c_n by projection with weight r;
-    Phi_n and mu_n of ``ring_roots`` (Carslaw and Jaeger, chapters 7 and 13). The integrals use
+    Phi_n and mu_n of ``ring_eigenvalues`` (Carslaw and Jaeger, chapters 7 and 13). The integrals use
     Gauss-Legendre quadrature.
     """
     inner_m = rim.inner_radius_m
-    mu = ring_roots(inner_m, rim.outer_radius_m, h / rim.conductivity_W_mK, modes)
+    mu = ring_eigenvalues(inner_m, rim.outer_radius_m, h / rim.conductivity_W_mK, modes)
     x, weights = np.polynomial.legendre.leggauss(8 * modes)
     r = inner_m + rim.thickness_m * (x + 1) / 2
     phi = _ring_mode(mu[:, None], r, inner_m)
@@ -156,7 +164,7 @@ def product_decay_K(
     outer = rim.outer_radius_m
     w = rim.width_m
     k = rim.conductivity_W_mK
-    mu = ring_roots(inner, outer, h / k, 1)[0]
+    mu = ring_eigenvalues(inner, outer, h / k, 1)[0]
     nu = slab_root(rim.washer_W_m2K * w / (2 * k))
     shape_r = _ring_mode(mu, radius_m, inner) / _ring_mode(mu, outer, inner)
     shape_z = np.cos(2 * nu * (np.asarray(z_m) / w - 0.5))

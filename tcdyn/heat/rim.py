@@ -36,20 +36,23 @@ SHAPE_SETS = ((0, 1, 2), (0, 2), (0, 1), (0,))
 MAX_SHAPE_CONDITION = 15.0
 
 
+MIN_NODES = 7  # each way; the coarsest mesh of the convergence study in tcdyn/verify/studies.py
+
+
 @dataclass(frozen=True)
 class Mesh:
     """Numbers of nodes in r (R_i to running surface, both included) and z (face to face).
 
-    The default is mesh IV of table 3.1.
+    The default is mesh IV of table 3.1. At least ``MIN_NODES`` each way.
     """
 
     nr: int = 65
     nz: int = 105
 
     def __post_init__(self) -> None:
-        if self.nr < 7 or self.nz < 7:
+        if min(self.nr, self.nz) < MIN_NODES:
             raise InputError(
-                f"Mesh: at least 7 nodes each way are needed; got {self.nr} x {self.nz}"
+                f"Mesh: at least {MIN_NODES} nodes each way are needed; got {self.nr} x {self.nz}"
             )
 
 

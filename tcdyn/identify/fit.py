@@ -449,7 +449,7 @@ def final_offset(
     A drift is not extrapolated. A random walk keeps its last level; ``residual`` (N,) is measured
     minus model.
     """
-    offsets = x[problem.n_model : problem.offset_and_state[0][1].start]
+    offsets = x[problem.n_model : problem.offset_and_state_slices[0][1].start]
     level = float(np.mean(offsets)) if len(offsets) else 0.0
     if problem.trend:
         ends = {s.run: s.start_s + len(s.y) * problem.dt_s for s in problem.segments}

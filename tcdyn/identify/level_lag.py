@@ -49,7 +49,7 @@ class LevelLag:
 
     @property
     def depends(self) -> bool:
-        """Whether the lag depends on the level (99 %)."""
+        """Whether the lag depends on the level: its bend differs from zero by 2.58 u (99 %)."""
         return abs(self.bend.value) > DEPENDENCE_SDS * self.bend.u
 
 
@@ -174,7 +174,7 @@ class LevelLagProblem:
         others = realise(replace(rational, factors=other_factors), False)
         rate = problem.dt_s / theta["Tp1"]
         changes = []
-        for s, (offset, _) in zip(problem.segments, problem.offset_and_state):
+        for s, (offset, _) in zip(problem.segments, problem.offset_and_state_slices):
             v = simulate_rows(
                 others, s.u, problem.dt_s, rational.delay_s, problem.hold, problem.start
             )[0]

@@ -35,6 +35,7 @@ POSITIVE = ("Tp1", "Tp2", "Tp3", "Tw", "Zeta", "Tc")
 # Imaginary step of a parameter: coefficients are polynomials, so that their derivatives are exact.
 COMPLEX_STEP = 1e-30
 DAMPING_BOUNDS = (1e-3, 20.0)  # of Zeta, chosen by judgement
+MIN_POSITIVE = 1e-12  # smallest value of a parameter that is searched by its logarithm
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,7 @@ class KnownDynamics:
 
     @classmethod
     def of(cls, part: KnownDynamics | Conditioning | object | None) -> KnownDynamics:
-        """From a Conditioning, a ``control.TransferFunction`` or a Known."""
+        """From a Conditioning, a ``control.TransferFunction`` or a KnownDynamics."""
         if part is None:
             return cls()
         if isinstance(part, KnownDynamics):
@@ -180,8 +181,10 @@ class Model:
         return self.all_parameters(free)
 
     def vector(self, theta: Mapping[str, float]) -> Array:
-        """The free parameters (P,) as in x; the inverse of :meth:`theta`."""
-        x = [np.log(max(theta[n], 1e-12)) if self.positive(n) else theta[n] for n in self.free]
+        """The free parameters (P,) as in x: logarithms of the positive ones; inverse of :meth:`theta`."""
+        x = [
+            np.log(max(theta[n], MIN_POSITIVE)) if self.positive(n) else theta[n] for n in self.free
+        ]
         return np.array(x, dtype=float)
 
     def bounds(self, lags_s: tuple[float, float], delay_s: float) -> tuple[Array, Array]:

@@ -158,8 +158,11 @@ class IdentificationProblem:
         return tuple(s.after_gap or self.initial == "estimated" for s in self.segments)
 
     @cached_property
-    def offset_and_state(self) -> tuple[tuple[slice, slice], ...]:
-        """Positions in x of the offset and of the initial state of each segment; may be empty.
+    def offset_and_state_slices(self) -> tuple[tuple[slice, slice], ...]:
+        """For each segment, the slices of x that hold its offset and its initial state (may be empty).
+
+        The offsets follow directly after the model parameters, then the states of all segments;
+        ``past_level_index`` and the parameters of the noise follow after them.
 
         There is no offset where the free state of an integrator is one already.
         """
@@ -187,7 +190,7 @@ class IdentificationProblem:
         the offset.
         """
         fits_levels = self.initial == "equilibrium" and not self.model.integrators
-        position = count(self.offset_and_state[-1][1].stop)
+        position = count(self.offset_and_state_slices[-1][1].stop)
         return tuple(
             tuple(
                 next(position) if sd > 0 and fits_levels and not free_state else None
@@ -201,7 +204,7 @@ class IdentificationProblem:
         """Length of x."""
         n_levels = sum(k is not None for levels in self.past_level_index for k in levels)
         n_drifts = len(self.run_start_s) if self.trend else 0
-        return self.offset_and_state[-1][1].stop + n_levels + n_drifts
+        return self.offset_and_state_slices[-1][1].stop + n_levels + n_drifts
 
     @cached_property
     def run_start_s(self) -> dict[int, float]:
@@ -326,9 +329,9 @@ class IdentificationProblem:
             return None
         outputs = []
         for k, segment in enumerate(self.segments):
-            y, jacobian = self._offset_and_drift(segment, self.offset_and_state[k][0], x)
+            y, jacobian = self._offset_and_drift(segment, self.offset_and_state_slices[k][0], x)
             levels = self.past_level_index[k]
-            state = self.offset_and_state[k][1]
+            state = self.offset_and_state_slices[k][1]
             has_state = state.stop > state.start
             first = state.start
             for i, system in enumerate(systems):

@@ -412,15 +412,15 @@ class TextColumn:
     """
 
     def __init__(
-        self, name: str, decimal: str, place: SampleLocation, clock: bool | None = None
+        self, name: str, decimal: str, location: SampleLocation, clock: bool | None = None
     ) -> None:
         self.name = name
         self.decimal = decimal
-        self.location = place
+        self.location = location
         self.clock = clock
         self.bad_cells = 0
         self.first_bad_cell: dict[str, Any] = {}
-        self.stamps = Stamps(name, place.where)
+        self.stamps = Stamps(name, location.where)
 
     def numbers(self, texts: list[str], first_index: int) -> Array:
         """Numbers (N,) from the cells of a chunk, whose first has the index ``first_index`` in the file."""

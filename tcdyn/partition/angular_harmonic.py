@@ -266,8 +266,11 @@ def harmonic_at_junctions(
     return shape * np.stack([np.cos(angle), np.sin(angle)])
 
 
-def time_shapes(since_s: Array, steady_window_s: float) -> Array:
-    """``HARMONIC_PRIOR_K`` of a kelvin, (4, N) [K]: level at the unloading, drift, bend, and fall after it.
+def harmonic_time_shapes(since_s: Array, steady_window_s: float) -> Array:
+    """Time courses (4, N) of the angular harmonic for unit amplitude.
+
+    Rows in the order of ``HARMONIC_PRIOR_K``: level 1, drift t/window, curvature (t/window)^2, and the
+    fall after the unloading. The parameters of the harmonic in the fits have the same order.
 
     Parameters
     ----------
@@ -279,7 +282,7 @@ def time_shapes(since_s: Array, steady_window_s: float) -> Array:
 
     Examples
     --------
-    >>> time_shapes(np.array([-200.0, -50.0, 0.0, 25.0]), 100.0).round(2)
+    >>> harmonic_time_shapes(np.array([-200.0, -50.0, 0.0, 25.0]), 100.0).round(2)
     array([[ 1.  ,  1.  ,  1.  ,  1.  ],
            [-1.  , -0.5 ,  0.  ,  0.1 ],
            [ 1.  ,  0.25,  0.  ,  0.01],
@@ -338,7 +341,7 @@ def add_harmonic_effects(
     parameters, and the part of it that is independent of them has the remaining covariance.
     """
     blocks = change.shape[1:]
-    in_time = harmonic.prior_K[:, None] * time_shapes(since_s, harmonic.steady_window_s)
+    in_time = harmonic.prior_K[:, None] * harmonic_time_shapes(since_s, harmonic.steady_window_s)
     at_outer_row = outer_row_effect(setup, h_W_m2K, static)
     first = in_time[:, None, :, None] * at_outer_row[None, :, None, :]
     first = first.reshape(len(FIRST_HARMONIC), *blocks)
@@ -449,5 +452,5 @@ def harmonic_K(harmonic: AngularHarmonic, setup: DiskSetup, since_s: Array) -> A
     size_K[0] += harmonic.nominal_K
     first = harmonic_at_junctions(setup, harmonic.h_W_m2K, setup.channels)
     second = harmonic_at_junctions(setup, harmonic.h_W_m2K, setup.channels, 2)
-    in_time = time_shapes(since_s, harmonic.steady_window_s)
+    in_time = harmonic_time_shapes(since_s, harmonic.steady_window_s)
     return np.asarray(in_time.T @ size_K @ first + harmonic.nominal_second_K @ second)

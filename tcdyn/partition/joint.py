@@ -361,7 +361,7 @@ def main_covariance(optimum: Optimum, sides: Sequence[DiskBlock]) -> tuple[Array
 def _noise_and_sensitivity(
     best: Optimum, sides: Sequence[DiskBlock], index: list[int], scale: Array
 ) -> tuple[float, Array, Array]:
-    """Uncertainty of k numbers that change by ``scale`` (k,) with the parameters of ``index``.
+    """Covariance for correlated residuals of k numbers, changing by ``scale`` (k,) with ``index``.
 
     Returns the inflation by slow waves in the residuals of the worse disk, the covariance by noise
     (k, k), and the sensitivity to everything else (k, Q)."""

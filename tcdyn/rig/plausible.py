@@ -204,7 +204,11 @@ def impossible_changes(
 
 
 def _noise_allowance(y: Array) -> float:
-    """Largest contribution of noise and rounding to a change between two readings [K]."""
+    """Change between two readings [K] that noise and rounding may cause: ``NOISE_ALLOWANCE`` standard
+    deviations of the noise and two steps of the logger.
+
+    The noise is from the quantile ``QUIET_SHARE`` of the changes; ``QUIET_QUANTILE`` belongs to it.
+    """
     steps = np.abs(np.diff(y))
     noise_sd = float(np.quantile(steps, QUIET_SHARE)) / QUIET_QUANTILE
     moving = steps[steps > 0]

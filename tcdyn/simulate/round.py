@@ -66,11 +66,9 @@ def harmonic_system(
     """Return the disk of ``build_system``, with its harmonics if its bore contact is uneven.
 
     Rows of ``sample``: the reading of each junction, in the order of ``channels``. For an uneven
-    disk
-    these follow: the contribution of the first harmonic to each reading, that of the second, and
-    the
-    amplitude of the first at the depth and z of the rim's edge, of its cosine and, where there are
-    keyways or patches, of its sine.
+    disk these follow: the contribution of the first harmonic to each reading, that of the second,
+    and the amplitude of the first at the depth and z of the rim's edge, of its cosine and, where
+    there are keyways or patches, of its sine.
     """
     even = build_system(disk, h_W_m2K, half_width_m, mesh)
     if disk.uneven.even:
@@ -99,7 +97,7 @@ def harmonic_system(
         surface_m2=np.concatenate([even.surface_m2, *half_surfaces]),
         surface_air_m2=np.append(even.surface_air_m2, zeros),
         track=np.append(even.track, zeros),
-        steel=_harmonic_steel(disk, g, even.steel, starts),
+        steel=_steel_with_harmonics(disk, g, even.steel, starts),
     )
 
 
@@ -129,8 +127,12 @@ def _sample_rows(disk: DiskTruth, g: Grid, even: DiskSystem, starts: Array) -> s
     return sparse.vstack([_spread(row, starts) for row in rows], format="csr")
 
 
-def _harmonic_steel(disk: DiskTruth, g: Grid, even: Steel, starts: Array) -> Steel:
-    """Return the steel in all unknowns: a harmonic conducts as at the even part's temperature."""
+def _steel_with_harmonics(disk: DiskTruth, g: Grid, even: Steel, starts: Array) -> Steel:
+    """Extend the steel of the even disk by one block of unknowns for each harmonic.
+
+    A harmonic conducts as at the temperature of the even part; its conduction is halved (mean of
+    cos^2). In every block the cells of the disk come first; only they depend on temperature.
+    """
     size = g.cells.size
     k = disk.setup.conductivity_W_mK
     blocks = [even.conduction]

@@ -2,7 +2,7 @@
 a criterion.
 
 Long segments use Whittle's spectral likelihood, short ones the exact likelihood of the Kalman
-filter. The criteria of regularised deconvolution (GCV, discrepancy, L-curve) choose a constant
+filter. The criteria of regularised deconvolution (GCV, discrepancy, L-curve) choose_intensities a constant
 intensity.
 """
 
@@ -163,10 +163,12 @@ def exact_levels(
     return np.exp(top) * noise_var * scale, noise_var * scale
 
 
-def choose(
+def choose_intensities(
     record: Record, noise_var: Array, noise_known: bool = False
 ) -> tuple[list[Intensity], Array]:
-    """Intensity of each channel, and its noise variance (M,), both by maximum likelihood.
+    """Process-noise intensity (process noise intensity) of each channel, and its noise variance (M,).
+
+    Both are maximum-likelihood estimates.
 
     The segments come from :func:`segment_levels`. Then each event gets the burst that is most likely
     given the samples around it, and a jump of the temperature itself where that is more likely

@@ -85,8 +85,9 @@ class RtsResult:
 
 
 def rts_smooth(model: IntervalModel) -> RtsResult:
-    """Smooth the first proposal of each channel: filter forward, then backward after Bryson and
-    Frazier.
+    """RTS smoother for the first proposal of each channel: Kalman filter, then the backward pass.
+
+    The backward pass is in the form of Bryson and Frazier.
 
     Notes
     -----

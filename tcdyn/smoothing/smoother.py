@@ -20,7 +20,13 @@ from tcdyn.estimation.trace_noise import SPIKES, interpolate_gaps
 from tcdyn.smoothing.hidden_events import HiddenEvent, averaged, influenced_samples, with_hidden
 from tcdyn.smoothing.intervals import FINE, corner_rad_s
 from tcdyn.smoothing.noise_levels import Intensity
-from tcdyn.smoothing.process_noise import Criterion, TradeoffCurve, by_criterion, choose, segment
+from tcdyn.smoothing.process_noise import (
+    Criterion,
+    TradeoffCurve,
+    by_criterion,
+    choose_intensities,
+    segment,
+)
 from tcdyn.smoothing.record import SPIKE, Compensated, Record, channel_names, record_of
 from tcdyn.smoothing.rts import rts_smooth
 from tcdyn.smoothing.state_space import Smoothed, full_model, smooth_record
@@ -112,7 +118,7 @@ def smooth(
     n_channels = record.y.shape[1]
     start_var = record.noise_sd**2
     if intensity is None:
-        intensities, noise_var = choose(record, start_var, record.noise_known)
+        intensities, noise_var = choose_intensities(record, start_var, record.noise_known)
     else:
         intensities = _as_intensities(intensity, n_channels)
         noise_var = start_var

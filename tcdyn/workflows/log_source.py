@@ -192,7 +192,9 @@ def _table_source(
         raise InputError(f"column {time} holds no time", where=where, expected="time as a number")
     if time != "time_s" and "time_s" in names:
         raise InputError(
-            f"column 'time_s' is given in addition to the clock {time!r}", where=where, remedy="rename it"
+            f"column 'time_s' is given in addition to the clock {time!r}",
+            where=where,
+            remedy="rename it",
         )
     indices = {"time_s" if n == time else n: i for i, n in enumerate(names)}
     cold = cold_column(options.get("cold", 0.0), names, where)

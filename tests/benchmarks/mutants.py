@@ -61,7 +61,7 @@ def places(path: Path) -> Iterator[tuple[int, int, type]]:
     starts = [0, *(m.end() for m in re.finditer("\n", text))]
     for node in ast.walk(ast.parse(text)):
         if isinstance(node, ast.BinOp) and type(node.op) in SWAPPED:
-            pairs = [(node.left, type(node.op), node.rhs)]
+            pairs = [(node.left, type(node.op), node.right)]
         elif isinstance(node, ast.Compare):
             around = zip([node.left, *node.comparators], node.ops, node.comparators)
             pairs = [(left, type(op), right) for left, op, right in around if type(op) in SWAPPED]

@@ -6,7 +6,7 @@ import pytest
 from tcdyn.core.errors import InputError
 from tcdyn.heat.reference import (
     penetration_depth_m,
-    ring_roots,
+    ring_eigenvalues,
     ring_steady_degC,
     ring_transient_degC,
     semi_infinite,
@@ -37,7 +37,7 @@ def test_slab_root_is_the_tabulated_one():
 
 def test_roots_of_a_thin_ring_are_those_of_a_slab():
     """With R >> thickness the curvature drops out: mu L cot(mu L) = -Bi, first root for Bi = 1: 2.0288."""
-    thin = ring_roots(1.0, 1.006, 1.0 / 0.006, 3) * 0.006
+    thin = ring_eigenvalues(1.0, 1.006, 1.0 / 0.006, 3) * 0.006
     np.testing.assert_allclose(
         thin, [2.0288, 4.9132, 7.9787], rtol=2e-3
     )  # curvature leaves 0.006/1

@@ -290,7 +290,7 @@ def test_what_a_dead_time_holds_back_reaches_across_a_gap():
 
 def test_an_offset_per_run_is_one_for_all_pieces_of_the_run():
     found = fit(gappy().merge(gappy()), process("P1", offset="per run"))
-    assert len({offset.start for offset, _ in found.problem.offset_and_state}) == 2
+    assert len({offset.start for offset, _ in found.problem.offset_and_state_slices}) == 2
     assert found.estimates["Kp"].value == pytest.approx(1.0, abs=4 * found.estimates["Kp"].u)
 
 

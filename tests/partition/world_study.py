@@ -108,7 +108,7 @@ def temperatures(
     area = np.pi * np.diff(edges_r**2)
     capacity = (s.density_kg_m3 * s.specific_heat_J_kgK * np.outer(area, dz)).ravel()
     x = np.clip(
-        (edges_z - s.width_m / 2 - world.shift_m) / (half_width_m * world.table_scale), -1, 1
+        (edges_z - s.width_m / 2 - world.shift_m) / (half_width_m * world.wider), -1, 1
     )
     heat = np.zeros(cells.size)
     heat[cells[-1]] = np.diff(0.75 * (x - x**3 / 3))

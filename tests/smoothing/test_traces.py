@@ -72,7 +72,7 @@ def test_each_channel_goes_through_its_line_and_the_spike_finder_once(
     campaign: Campaign, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Two disks of six channels, although the lags are refined first: that fit's traces are the compensator's."""
-    calls = {"noise_and_white": 0, "apply_static": 0}
+    calls = {"estimate_and_whiten_noise": 0, "apply_static": 0}
 
     def counting(name: str) -> None:
         plain = getattr(traces, name)
@@ -86,9 +86,9 @@ def test_each_channel_goes_through_its_line_and_the_spike_finder_once(
     def no_refinement(*_: object) -> object:
         raise InputError("the fit is another test's")
 
-    counting("noise_and_white")
+    counting("estimate_and_whiten_noise")
     counting("apply_static")
     monkeypatch.setattr(compensate, "refine_lags", no_refinement)
     done = compensate.compensate_log(campaign.files.ehl["B3"], campaign.records, campaign.rig)
-    assert calls == {"noise_and_white": 2, "apply_static": 12}
+    assert calls == {"estimate_and_whiten_noise": 2, "apply_static": 12}
     assert any("the fit is another test's" in w for w in done.warnings)

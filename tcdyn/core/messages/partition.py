@@ -82,9 +82,10 @@ def _no_fault(subject: str, illogical: int, pairs: int, blind: Sequence[str], **
     return text
 
 
-def _left_out(
+def _channel_left_out(
     subject: str, why: str, stand_ins: Sequence[str], kept: Sequence[str], **_: Any
 ) -> str:
+    """Message of ``channel.left_out``; the arguments are the numbers of the finding."""
     if stand_ins:
         verb = "replaces" if len(stand_ins) == 1 else "replace"
         effect = f"{' and '.join(stand_ins)} {verb} it at the inner edge of the rim"
@@ -440,7 +441,7 @@ PARTITION: dict[str, Message] = {
     "because one disk alone was logged: the first circumferential harmonic comes from the readings",
     "one_disk.ways": _one_disk_estimates,
     "one_disk.headline": _recommended_one_disk,
-    "channel.left_out": _left_out,
+    "channel.left_out": _channel_left_out,
     "friction.coefficient": "the friction coefficient {coefficient:.4f} is unlike an EHL contact: "
     "check units",
     "record.other_disk": _other_disk,
