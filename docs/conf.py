@@ -54,6 +54,8 @@ html_sidebars: dict[str, list[str]] = {page: [] for page in PAGES_WITHOUT_SUBPAG
 autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"
 napoleon_numpy_docstring = True
+napoleon_use_rtype = False
+suppress_warnings = ["ref.python"]  # names of returned values equal names of fields
 python_use_unqualified_type_names = True
 python_maximum_signature_line_length = 88
 # Annotations name types of other packages and private types; the roles {func}, {meth}, {mod} in the pages are checked.
@@ -118,12 +120,15 @@ def escape_markup(
         elif not line.strip():
             quoted = False
         if not quoted:
+            # a list item that napoleon made of a returned value: "* *name* -- text"
+            item = re.match(r"((?:\s*|:returns: )\* (?:\*[^*]+\*)?)?(.*)", line)
+            bullet, line = item.groups(default="") if item else ("", line)
             parts = re.split(r"(``.+?``|:\w+:`.+?`|`.+?`)", line)
             parts[::2] = [
                 re.sub(r"(?<!\*)\*(?!\*)|\||(?<=\w)_(?!\w)", r"\\\g<0>", part)
                 for part in parts[::2]
             ]
-            lines[k] = "".join(parts)
+            lines[k] = bullet + "".join(parts)
 
 
 def resolve_alias(app: Any, env: Any, node: Any, text: Any) -> Any:

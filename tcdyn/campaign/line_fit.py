@@ -99,11 +99,15 @@ def level_inside_points(y: Array, covariance: Array) -> Line:
     covariance
         Their covariance, shape (N, N), in the unit of ``y`` squared.
 
-    Returns ------- Line One coefficient, the level. ``scatter`` is that of :func:`fit_line`: an
-    independent scatter is added until chi-squared equals N - 1 (none where it is smaller already).
+    Returns
+    -------
+    Line
+        One coefficient, the level. ``scatter`` is that of :func:`fit_line`: an independent scatter is added until chi-squared equals N - 1 (none where it is smaller already).
     ``chi2`` is the value without the scatter.
 
-    Notes ----- With V the covariance and the scatter in it, the level is w' y, where w minimises w'
+    Notes
+    -----
+    With V the covariance and the scatter in it, the level is w' y, where w minimises w'
     V w subject to sum(w) = 1 and w >= 0; its variance is w' V w. Where the weights of generalised
     least squares are positive, w is equal to them.
 

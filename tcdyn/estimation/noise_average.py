@@ -104,7 +104,7 @@ class LinearisedProblem:
 
 @dataclass(frozen=True)
 class NoiseGrid:
-    """Noise models on a grid, and the result of :meth:`Slopes.given` for each.
+    """Noise models on a grid, and the result of :meth:`LinearisedProblem.marginal` for each.
 
     Parameters
     ----------

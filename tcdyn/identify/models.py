@@ -292,7 +292,7 @@ def process(name: str, **options: Any) -> Model:
         D: dead time. I: integrator.
     options
         ``fixed``: parameters that are not estimated, with their values ({"Kp": 1}).
-        ``known``: a known factor (see :meth:`Known.of`). ``delay_max_s``: upper bound of the dead
+        ``known``: a known factor (see :meth:`KnownDynamics.of`). ``delay_max_s``: upper bound of the dead
         time [s]. ``offset``: "free" (shared by the runs), "per run" or "none".
 
     Notes

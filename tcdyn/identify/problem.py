@@ -37,16 +37,8 @@ MAX_LAG_RECORDS = 100  # lengths of the longest segment
 
 
 class Branch(NamedTuple):
-    """The model behind one input.
-
-    Attributes
-    ----------
-    model
-        The model of this input alone.
-    names
-        The name in the complete model of each of its parameters.
-    positions
-        Positions in x of its free parameters.
+    """The model of one input: itself, the names of its parameters in the complete model, and the
+    positions of its free parameters in x.
     """
 
     model: Model

@@ -107,9 +107,7 @@ def temperatures(
     cells = np.arange(n_r * AXIAL).reshape(n_r, AXIAL)
     area = np.pi * np.diff(edges_r**2)
     capacity = (s.density_kg_m3 * s.specific_heat_J_kgK * np.outer(area, dz)).ravel()
-    x = np.clip(
-        (edges_z - s.width_m / 2 - world.shift_m) / (half_width_m * world.wider), -1, 1
-    )
+    x = np.clip((edges_z - s.width_m / 2 - world.shift_m) / (half_width_m * world.wider), -1, 1)
     heat = np.zeros(cells.size)
     heat[cells[-1]] = np.diff(0.75 * (x - x**3 / 3))
     strip = np.asarray(world.film)[
