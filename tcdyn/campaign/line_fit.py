@@ -102,8 +102,9 @@ def level_inside_points(y: Array, covariance: Array) -> Line:
     Returns
     -------
     Line
-        One coefficient, the level. ``scatter`` is that of :func:`fit_line`: an independent scatter is added until chi-squared equals N - 1 (none where it is smaller already).
-    ``chi2`` is the value without the scatter.
+        One coefficient, the level. ``scatter`` is that of :func:`fit_line`: an independent scatter
+        is added until chi-squared equals N - 1 (none where it is smaller already). ``chi2`` is the
+        value without the scatter.
 
     Notes
     -----

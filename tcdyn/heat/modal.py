@@ -460,7 +460,7 @@ def _modal_amplitudes(
     Returns
     -------
     The modes; which M of them the basis represents; their steady amplitudes (I, M) for a unit of
-    every input, divided by the sums of their weights; and their unscaled ``cardinal`` weights (M,
+    every input, divided by the sums of their weights; and their unscaled ``lag_weights`` weights (M,
     K).
     """
     s = spectrum(rim, h, half_width, profile, flux, mesh, split)

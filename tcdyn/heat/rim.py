@@ -193,7 +193,7 @@ class InputJump:
 
 
 def log_nodes(low: float, high: float, count: int) -> Array:
-    """Chebyshev nodes (second kind) in the logarithm, from e^low to e^high, for ``cardinal``."""
+    """Chebyshev nodes (second kind) in the logarithm, from e^low to e^high, for ``lag_weights``."""
     x = -np.cos(np.pi * np.arange(count) / (count - 1))
     return np.exp(low + (high - low) * (x + 1) / 2)
 
@@ -258,7 +258,7 @@ def lag_weights(rates_per_s: Array, log_lambda: Array) -> Array:
 
 
 def unscaled_cardinal(rates_per_s: Array, log_lambda: Array) -> tuple[Array, Array]:
-    """The weights (M, K) of ``cardinal`` before the division by their sums, and the sums (M,).
+    """The weights (M, K) of ``lag_weights`` before the division by their sums, and the sums (M,).
 
     For large M it is faster to divide the values that the weights multiply.
     """
@@ -276,7 +276,7 @@ def unscaled_cardinal(rates_per_s: Array, log_lambda: Array) -> tuple[Array, Arr
 
 
 def lag_weights_slope(rates_per_s: Array, weights: Array) -> Array:
-    """d(weights)/d(log lambda) for the ``weights`` (M, K) that ``cardinal`` returned."""
+    """d(weights)/d(log lambda) for the ``weights`` (M, K) that ``lag_weights`` returned."""
     d = _barycentric(len(rates_per_s))[2]
     return weights @ d * (2 / np.log(rates_per_s[-1] / rates_per_s[0]))
 

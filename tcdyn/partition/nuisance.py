@@ -323,7 +323,7 @@ def add_lag(u: Array, bank: Array, rates_1_s: Array, tau_s: float) -> tuple[Arra
     Notes
     -----
     With the bank's lags L_k of rates r_k and a = 1/tau, L L_k = (a L_k - r_k L)/(a - r_k), and L is
-    made up of the L_k themselves by ``cardinal``: accurate to 1e-6 for a lag within the bank's; one
+    made up of the L_k themselves by ``lag_weights``: accurate to 1e-6 for a lag within the bank's; one
     beyond is taken for its last."""
     rate = 1 / tau_s
     if np.any(np.abs(np.log(rate / rates_1_s)) < MIN_NODE_DISTANCE):

@@ -356,7 +356,7 @@ def write_tests(
         sections += [replace(s, title=f"{name}: {s.title}") for s in page_sections]
         verdicts.append(prefix + verdict(p))
         main_results.append(replace(result, value=prefix + result.value))
-        # ``noticed`` has no verdict, which stands above.
+        # ``analysis_findings`` has no verdict, which stands above.
         findings += (
             p.analysis_findings if single else [finding.at(name) for finding in p.analysis_findings]
         )

@@ -128,7 +128,7 @@ def integrate(
         are read strictly inside each segment.
     start
         Initial state (n,).
-    film_share
+    h_share
         h over that of the system.
 
     Notes
