@@ -82,7 +82,7 @@ class NoiseModel:
         return max(n * float(pulse @ pulse) * inverse_gain**2, 2.0)
 
     def whiten(self, table: Array, parts: Sequence[slice]) -> Array:
-        """Whitening: apply D/C down the rows of ``table`` (N,) or (N, P), separately in every
+        """Whitening, which makes innovations of residuals: apply D/C down the rows of ``table`` (N,) or (N, P), separately in every
         segment without a gap.
 
         The noise before a segment has the uncertainty of stationary noise (exact likelihood). This

@@ -75,7 +75,9 @@ def _ring_mode(mu: ArrayLike, r: ArrayLike, inner_m: float) -> Array:
     return np.asarray(j0(mu * r) * y0(mu * inner_m) - y0(mu * r) * j0(mu * inner_m))
 
 
-def ring_eigenvalues(inner_m: float, outer_m: float, biot_per_m: float, count: int) -> Array:
+def ring_eigenvalues(
+    inner_m: float, outer_m: float, h_over_conductivity_1_m: float, count: int
+) -> Array:
     """The first ``count`` eigenvalues mu [1/m] of a ring, ascending.
 
     They solve K Phi'(R_o) + h Phi(R_o) = 0 for the mode Phi with Phi(R_i) = 0. Eigenvalue n lies between
@@ -85,9 +87,9 @@ def ring_eigenvalues(inner_m: float, outer_m: float, biot_per_m: float, count: i
     Parameters
     ----------
     inner_m, outer_m
-        Radii R_i and R_o [m].
-    biot_per_m
-        h/K [1/m].
+        Radii R_i > 0 and R_o [m].
+    h_over_conductivity_1_m
+        Heat transfer coefficient over conductivity [1/m].
 
     Raises
     ------
@@ -97,7 +99,7 @@ def ring_eigenvalues(inner_m: float, outer_m: float, biot_per_m: float, count: i
 
     def robin(mu: Array) -> Array:
         slope = -mu * (j1(mu * outer_m) * y0(mu * inner_m) - y1(mu * outer_m) * j0(mu * inner_m))
-        return np.asarray(slope + biot_per_m * _ring_mode(mu, outer_m, inner_m))
+        return np.asarray(slope + h_over_conductivity_1_m * _ring_mode(mu, outer_m, inner_m))
 
     step = np.pi / (outer_m - inner_m)
     grid = np.linspace(1e-6 * step, (count + 1.5) * step, 40 * (count + 2))

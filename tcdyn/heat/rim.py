@@ -36,7 +36,7 @@ SHAPE_SETS = ((0, 1, 2), (0, 2), (0, 1), (0,))
 MAX_SHAPE_CONDITION = 15.0
 
 
-MIN_NODES = 7  # each way; the coarsest mesh of the convergence study in tcdyn/verify/studies.py
+MIN_NODES = 7  # each way, for the one-sided differences at the borders; chosen by judgement
 
 
 @dataclass(frozen=True)

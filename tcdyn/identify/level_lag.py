@@ -49,7 +49,10 @@ class LevelLag:
 
     @property
     def depends(self) -> bool:
-        """Whether the lag depends on the level: its bend differs from zero by 2.58 u (99 %)."""
+        """Whether the lag depends on the level: its bend differs from zero by ``DEPENDENCE_SDS`` u.
+
+        Also the key ``depends`` of the result.
+        """
         return abs(self.bend.value) > DEPENDENCE_SDS * self.bend.u
 
 

@@ -181,7 +181,10 @@ class Model:
         return self.all_parameters(free)
 
     def vector(self, theta: Mapping[str, float]) -> Array:
-        """The free parameters (P,) as in x: logarithms of the positive ones; inverse of :meth:`theta`."""
+        """The free parameters (P,) as in x: logarithms of the positive ones; inverse of :meth:`theta`.
+
+        Positive parameters below ``MIN_POSITIVE`` are set to it.
+        """
         x = [
             np.log(max(theta[n], MIN_POSITIVE)) if self.positive(n) else theta[n] for n in self.free
         ]

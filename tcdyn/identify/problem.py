@@ -153,8 +153,9 @@ class IdentificationProblem:
     def offset_and_state_slices(self) -> tuple[tuple[slice, slice], ...]:
         """For each segment, the slices of x that hold its offset and its initial state (may be empty).
 
-        The offsets follow directly after the model parameters, then the states of all segments;
-        ``past_level_index`` and the parameters of the noise follow after them.
+        x holds the model parameters, the offsets, the initial states of the segments, the input
+        levels before the segments, and the drifts, in this order. ``final_offset`` and
+        ``past_level_index`` rely on it.
 
         There is no offset where the free state of an integrator is one already.
         """

@@ -212,7 +212,11 @@ def _tabs_for_spaces(text: bytes) -> bytes:
 
 @lru_cache(maxsize=4)
 def _best_layout(lines: tuple[str, ...], known: frozenset[str]) -> _Layout | None:
-    """The layout with the best score; cached, because a log may be opened several times."""
+    """The layout with the best score; the first of equal ones, in the order tab, semicolon, comma.
+
+    Cached, because a log may be opened several times. ``known`` are column names in lower case. A comma
+    that separates columns is never also the decimal mark.
+    """
     layouts: list[_Layout] = []
     for separator, decimals in (("\t", ".,"), (";", ".,"), (",", ".")):
         layouts += _layouts(lines, separator, decimals, known)

@@ -269,7 +269,7 @@ def harmonic_at_junctions(
 def harmonic_time_shapes(since_s: Array, steady_window_s: float) -> Array:
     """Time courses (4, N) of the angular harmonic for unit amplitude.
 
-    Rows in the order of ``HARMONIC_PRIOR_K``: level 1, drift t/window, curvature (t/window)^2, and the
+    Rows in the order of ``HARMONIC_PRIOR_K``: level 1, drift t/window, bend (t/window)^2, and the
     fall after the unloading. The parameters of the harmonic in the fits have the same order.
 
     Parameters

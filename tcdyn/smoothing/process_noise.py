@@ -166,7 +166,7 @@ def exact_levels(
 def choose_intensities(
     record: Record, noise_var: Array, noise_known: bool = False
 ) -> tuple[list[Intensity], Array]:
-    """Process-noise intensity (process noise intensity) of each channel, and its noise variance (M,).
+    """Process-noise intensity of each channel, and its noise variance (M,).
 
     Both are maximum-likelihood estimates.
 
