@@ -72,7 +72,7 @@ class UncertaintyBudget:
 
     @property
     def coverage(self) -> float:
-        """Coverage factor k for 95 %: Student's t at ``freedom``, rounded down."""
+        """Coverage factor k for 95 %: Student's t at ``dof``, rounded down."""
         if self.dof >= MANY_DEGREES_OF_FREEDOM:
             return Z95
         return float(stdtrit(math.floor(max(self.dof, 1.0)), 0.975))

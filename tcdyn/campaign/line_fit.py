@@ -15,7 +15,7 @@ from tcdyn.core.estimate import Estimate
 
 @dataclass(frozen=True)
 class Line:
-    """y = columns @ ``coefficients_from_partial`` (P,) + error of the covariance given + independent scatter.
+    """y = columns @ ``coefficients`` (P,) + error of the covariance given + independent scatter.
 
     ``covariance`` (P, P); ``scatter``: standard deviation, beyond what is stated, of the points
     about the line, the least that makes chi-squared what it should be; ``chi2`` without it, on

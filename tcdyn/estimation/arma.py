@@ -82,8 +82,9 @@ class NoiseModel:
         return max(n * float(pulse @ pulse) * inverse_gain**2, 2.0)
 
     def whiten(self, table: Array, parts: Sequence[slice]) -> Array:
-        """Whitening, which makes innovations of residuals: apply D/C down the rows of ``table`` (N,) or (N, P), separately in every
-        segment without a gap.
+        """Whitening, which makes innovations of residuals: apply D/C down the rows of ``table``.
+
+        ``table`` is (N,) or (N, P); each segment without a gap is filtered separately.
 
         The noise before a segment has the uncertainty of stationary noise (exact likelihood). This
         does not hold for noise that starts at rest; after a gap such noise has an unknown level,

@@ -187,7 +187,7 @@ def full_box(n: int) -> Array:
 
 
 def mixture_moments(log_weight: Array, means: Array, covariances: Array) -> tuple[Array, Array]:
-    """Mean (P,) and covariance (P, P) of a mixture with log weights ``height`` (K,), ``means`` (K,
+    """Mean (P,) and covariance (P, P) of a mixture with log weights ``log_weight`` (K,), ``means`` (K,
     P) and ``covariances`` (K, P, P).
     """
     weight = np.exp(log_weight - logsumexp(log_weight))

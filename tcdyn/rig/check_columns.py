@@ -153,7 +153,7 @@ class ColumnCheck:
         return self.name.endswith("_degC")
 
     def add(self, values: Array, cleaned: Array) -> None:
-        """Count the next chunk, (N,): values as in the file, and after ``clean``."""
+        """Count the next chunk, (N,): values as in the file, and after ``cleaned``."""
         offset = self.n_samples
         missing = np.isnan(cleaned)
         self.n_samples += len(values)

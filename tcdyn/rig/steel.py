@@ -50,7 +50,7 @@ class SteelSlopes:
     def kirchhoff_temperature(self, temperature_degC: Array) -> Array:
         """Kirchhoff's temperature [degC]: T_A + integral of k / k_m from T_A to T.
 
-        k_m is the conductivity at ``middle_degC``.
+        k_m is the conductivity at ``mean_degC``.
 
         The heat flux is its gradient times the constant k_m, and air and surface keep their
         temperatures: theta = T + a' (T - T_A) (T - T_s) / 2 with a' = a k_0 / k_m.

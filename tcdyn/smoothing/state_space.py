@@ -40,7 +40,7 @@ def interval_model(
     """The model on the intervals between ``knots``, which are some or all of those from
     ``knots_for``.
 
-    Samples in no interval are left out. ``span`` (M,): the ``ranges`` of the full record.
+    Samples in no interval are left out. ``span`` (M,): the ``channel_ranges`` of the full record.
     """
     dt = record.dt_s
     n_samples = len(record.y)
@@ -256,8 +256,8 @@ def _evaluate_polynomials(
 ) -> None:
     """Evaluate polynomials in the time since the knot, and write them to ``out`` (N, M).
 
-    ``powers`` (J, M) are the coefficients of the intervals from the highest power on, ``cell`` (N,)
-    the interval of a sample, ``along`` (N, 1) the time since its knot [s].
+    ``powers`` (J, M) are the coefficients of the intervals from the highest power on, ``interval`` (N,)
+    the interval of a sample, ``since_knot_s`` (N, 1) the time since its knot [s].
     """
     np.take(np.ascontiguousarray(powers[0]), interval, axis=0, out=out, mode="clip")
     for coefficients in powers[1:]:

@@ -39,7 +39,7 @@ class BearingFile:
 
     def friction_added(self, load_N: float, speed_rpm: float) -> FrictionCorrection:
         """Half of both shafts' bearing friction at a load [N] and a speed of the slow shaft [rpm],
-        for ``prepare``.
+        for ``prepare_test``.
 
         Says so when load or speed lies outside what was measured.
         """

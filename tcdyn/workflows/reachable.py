@@ -255,7 +255,7 @@ class Reach:
 class Screening:
     """What was treated as missing so far, in M channels, and the track that tells it.
 
-    ``out_of_range``, ``impossible_changes`` (M,): readings outside the physical range, and beyond what the
+    ``impossible``, ``unreachable`` (M,): readings outside the physical range, and beyond what the
     chain allows; ``restarts`` (M,): times that a channel started anew; ``blank`` (M,): answers left
     empty because they lie outside the physical range. ``first_s``: time of the first such reading
     [s], NaN without one.
