@@ -88,7 +88,7 @@ def draw_running_surface(around: CircumferentialTemperature, ax: Axes) -> Axes:
     colour = DISK_COLOUR[around.disk]
     line_with_band(ax, around.angle_deg, t, around.surface_u_K, colour, linewidth=1.6)
     range_K = float(np.ptp(t))
-    title = f"{around.disk} disk: {range_K:.2g} K between the hottest and the coldest side"
+    title = f"{around.disk} disk: range {range_K:.2g} K over the angle"
     return _style_angle_axes(ax, "running surface [°C]", title)
 
 

@@ -64,7 +64,7 @@ def test_pictures_show_the_disk_and_its_junctions() -> None:
         draw_running_surface(around, surface)
         assert {t.get_text()[0] for t in whole.texts if t.get_text()[0].isalpha()} == set("abcdef")
         assert whole.get_ylim()[0] == pytest.approx(1.02e3 * around.depth_m.max())
-        assert "K between the hottest and the coldest side" in surface.get_title(loc="left")
+        assert "K over the angle" in surface.get_title(loc="left")
 
 
 @pytest.mark.parametrize("rows", [4, 7])
