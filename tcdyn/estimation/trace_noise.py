@@ -13,7 +13,6 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import median_filter
-from scipy.signal import savgol_filter
 
 from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
@@ -270,21 +269,6 @@ def interpolate_gaps(y: Array, good: Flags) -> Array:
     out = np.array(y, dtype=float)
     out[bad_index] = np.interp(bad_index, good_index, out[good_index])
     return out
-
-
-def local_polynomial(y: NDArray[np.floating], window: int, order: int) -> Array:
-    """Savitzky-Golay filter: at each sample of ``y`` (N,) the polynomial through the ``window``
-    samples around it.
-
-    ``order`` is below ``window``, an odd number up to N. Near an end the polynomial goes through
-    the ``window`` samples at that end. Equal to ``scipy.signal.savgol_filter(y, window, order)``.
-
-    Examples
-    --------
-    >>> local_polynomial(np.array([1.0, 2.0, 5.0, 10.0, 17.0]), 3, 2).round(9)
-    array([ 1.,  2.,  5., 10., 17.])
-    """
-    return np.asarray(savgol_filter(y, window, order))
 
 
 def long_runs(trace: Array) -> Flags:

@@ -36,7 +36,7 @@ SHAPE_SETS = ((0, 1, 2), (0, 2), (0, 1), (0,))
 MAX_SHAPE_CONDITION = 15.0
 
 
-MIN_NODES = 7  # each way, for the one-sided differences at the borders; chosen by judgement
+MIN_NODES = 7  # each way; chosen by judgement
 
 
 @dataclass(frozen=True)

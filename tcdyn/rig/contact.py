@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pandas as pd
 from scipy.optimize import brentq
+from scipy.signal import savgol_filter
 from scipy.special import ellipe, ellipk
 
 from tcdyn.core import Array
@@ -19,7 +20,6 @@ from tcdyn.estimation.trace_noise import (
     SPIKES,
     fast_nanmedian,
     find_spikes,
-    local_polynomial,
     white_noise_sd,
 )
 from tcdyn.rig.disk import DiskSetup
@@ -249,7 +249,7 @@ def _smooth_force(raw: Array, dt_s: float) -> Array:
     filled = without_spikes.interpolate(limit_direction="both").to_numpy()
     noise_N = float(white_noise_sd(filled))
     window = smoothing_samples(noise_N, float(fast_nanmedian(filled)), dt_s, len(filled))
-    return local_polynomial(filled, window, min(1, window - 1))
+    return np.asarray(savgol_filter(filled, window, min(1, window - 1)))
 
 
 def smoothing_samples(noise_N: float, level_N: float, dt_s: float, most: int) -> int:
@@ -312,7 +312,7 @@ def relative_speed(
     dt_s = float(np.median(np.diff(time_s)))
     window = min(2 * int(0.5 * SPEED_WINDOW_S / dt_s) + 1, 2 * ((len(smooth) - 1) // 2) + 1)
     if window > 3:
-        smooth = local_polynomial(smooth, window, 2)
+        smooth = savgol_filter(smooth, window, 2)
     if np.abs(smooth[near] - 1).max() >= MIN_SPEED_CHANGE:
         result[after] = np.clip(smooth, 0.0, None)
     return result

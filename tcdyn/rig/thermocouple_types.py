@@ -17,7 +17,6 @@ from tcdyn.io.table import CHUNK_ROWS, Columns, Table
 
 # Rounding error [mV] that is allowed at both ends of the range.
 ROUNDING_mV = 1e-7
-Couple = Literal["E", "J", "K", "N", "T"]
 
 
 @dataclass(frozen=True)

@@ -83,9 +83,11 @@ def table_row(log: str, data: Mapping[str, Any] | None, error: str = "") -> dict
         )  # a beta.json of its own has none
         for key in keys if value is not None else ():
             value = value.get(key)  # a disk may have no junction a
-        row[name] = value["value"] if estimate else np.nan if value is None else value
         if estimate:
+            row[name] = value["value"]
             row[f"u_{name}"] = value["u"]
+        else:
+            row[name] = np.nan if value is None else value
     row["status"] = GRADES_OF_0_2.get(data["status"], data["status"])
     row["agree"] = "yes" if data["crosscheck"]["agree"] else "no"
     row["warnings"] = sum(value["code"] != AGREE_CODE for value in data["findings"])
