@@ -2,6 +2,9 @@
 
 Source: Guide to the Expression of Uncertainty in Measurement (JCGM 100:2008), 5.1.2, G.4 and annex
 H.
+
+Used by the signed pages of the certificate (:mod:`tcdyn.report.signed`). Tests:
+``tests/calibration/test_budget.py``.
 """
 
 from __future__ import annotations
@@ -55,7 +58,13 @@ class Contribution:
 
 @dataclass(frozen=True)
 class UncertaintyBudget:
-    """Uncertainty budget of a reading at rest."""
+    """Uncertainty budget of a reading at rest.
+
+    Attributes
+    ----------
+    sources
+        The components.
+    """
 
     sources: tuple[Contribution, ...]
 
@@ -72,7 +81,12 @@ class UncertaintyBudget:
 
     @property
     def coverage(self) -> float:
-        """Coverage factor k for 95 %: Student's t at ``dof``, rounded down."""
+        """Coverage factor k for 95 %: Student's t at ``dof``, rounded down.
+
+        Notes
+        -----
+        The sources are taken as independent. Rounding down follows GUM G.4.1.
+        """
         if self.dof >= MANY_DEGREES_OF_FREEDOM:
             return Z95
         return float(stdtrit(math.floor(max(self.dof, 1.0)), 0.975))
@@ -102,6 +116,16 @@ def uncertainty_budget(
         Date of the calibration.
     temperature_degC
         Temperature of the reading.
+
+    Returns
+    -------
+    budget
+        Without components of zero uncertainty.
+
+    Notes
+    -----
+    The certificate component and the drift must add up (root sum of squares) to ``shared_u_K``
+    of the line, as :func:`calibration.static_lines.fit_static_lines` stores it. Test: ``tests/calibration/test_budget.py``.
 
     Examples
     --------

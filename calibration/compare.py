@@ -1,4 +1,10 @@
-"""Compare two records of one disk: which quantities drifted significantly (Holm's correction)."""
+"""Compare two records of one disk: which quantities drifted significantly (Holm's correction).
+
+:func:`compare_records` is ``tcdyn record diff``, :func:`check_record` is ``tcdyn record check``
+(:mod:`tcdyn.cli.record`); both are used by the certificate, too. Thresholds decide warnings only;
+they are chosen by judgement where no other reason is given. Tests: ``tests/rig/test_record.py`` and
+``tests/calibration/test_budget.py``.
+"""
 
 from __future__ import annotations
 
@@ -39,7 +45,17 @@ MAX_RELATIVE_LAG_DIFFERENCE = 0.5
 
 
 class Change(NamedTuple):
-    """A quantity in both records, and the standard uncertainty of the change."""
+    """A quantity in both records, and the standard uncertainty of the change.
+
+    Attributes
+    ----------
+    quantity
+        Name of the quantity.
+    old, new
+        Values in the two records.
+    u
+        Standard uncertainty of the change.
+    """
 
     quantity: str
     old: float
@@ -105,10 +121,20 @@ def compare_records(old: DiskRecord, new: DiskRecord) -> RecordComparison:
 
     Compared are each channel's reading at both ends of the common range [degC], and its lags [s].
 
+    Parameters
+    ----------
+    old, new
+        Two calibrations of one disk.
+
     Raises
     ------
     InputError
         Records of different disks.
+
+    Notes
+    -----
+    An error of one common reference cancels in the change; with two references both enter. The
+    quantities of one channel are correlated, for which Holm's correction is valid.
     """
     if old.disk != new.disk:
         raise InputError(
@@ -136,7 +162,13 @@ def compare_records(old: DiskRecord, new: DiskRecord) -> RecordComparison:
 
 
 def _reference(record: DiskRecord) -> tuple[str, str]:
-    """The reference thermometer of a record and its certificate."""
+    """The reference thermometer of a record and its certificate.
+
+    Returns
+    -------
+    reference, certificate
+        Names, as written in ``rig.toml``.
+    """
     table = record.setup.traceability
     return table.reference, table.reference_certificate
 
@@ -150,7 +182,21 @@ def _disk_tables(record: DiskRecord) -> dict[str, Any]:
 def _line_changes(
     channel: str, old: StaticLine, new: StaticLine, is_same_reference: bool
 ) -> list[Change]:
-    """Change of a reading at both ends of the common range; empty if there is no common range."""
+    """Change of a reading at both ends of the common range; empty if there is no common range.
+
+    Parameters
+    ----------
+    channel
+        Name of the channel.
+    old, new
+        Its static lines.
+    is_same_reference
+        Whether both calibrations used one reference with one certificate.
+
+    Notes
+    -----
+    The old line gives what was logged at a temperature; the new line then reads the same log.
+    """
     low = max(old.range_degC[0], new.range_degC[0])
     high = min(old.range_degC[1], new.range_degC[1])
     if low >= high:
@@ -167,7 +213,13 @@ def _line_changes(
 
 
 def _lag_changes(old: DiskRecord, new: DiskRecord) -> list[Change]:
-    """Change of lag and differential lag of each channel that has a chain in both records."""
+    """Change of lag and differential lag of each channel that has a chain in both records.
+
+    Parameters
+    ----------
+    old, new
+        The two records.
+    """
     if old.chain is None or new.chain is None:
         return []
     changes: list[Change] = []
@@ -186,7 +238,13 @@ def _lag_changes(old: DiskRecord, new: DiskRecord) -> list[Change]:
 
 
 def _holm(changes: list[Change]) -> pd.DataFrame:
-    """The table of changes with z, p and their significance by Holm's step-down procedure."""
+    """The table of changes with z, p and their significance by Holm's step-down procedure.
+
+    Notes
+    -----
+    Holm (1979): p-values in rising order times the number of those that remain, made monotonic. The
+    level is ``SIGNIFICANCE``. Test: ``tests/rig/test_record.py``.
+    """
     table = pd.DataFrame(changes, columns=["quantity", "old", "new", "u"])
     table.insert(3, "change", table["new"] - table["old"])
     u = table["u"].to_numpy()
@@ -205,6 +263,16 @@ def check_record(record: DiskRecord) -> tuple[Finding, ...]:
 
     They include the warnings of the calibration, but not its information. A record of version 0.1
     holds sentences only, so the tests of its lines are evaluated again from their p-values.
+
+    Parameters
+    ----------
+    record
+        A valid record.
+
+    Returns
+    -------
+    findings
+        Warnings and errors, each once.
     """
     findings = list(warnings_and_errors(record.findings))
     for channel, line in record.static.items():
@@ -221,7 +289,18 @@ def check_record(record: DiskRecord) -> tuple[Finding, ...]:
 
 
 def _check_line(channel: str, line: StaticLine) -> list[Finding]:
-    """Warnings about gain, range and uncertainty of a static line."""
+    """Warnings about gain, range and uncertainty of a static line.
+
+    Parameters
+    ----------
+    channel, line
+        Name of the channel and its static line.
+
+    Notes
+    -----
+    ``MAX_GAIN_DEVIATION``, ``TEST_RANGE_DEGC`` (with a margin of 10 K) and ``MAX_LINE_U_K`` decide
+    warnings only.
+    """
     findings: list[Finding] = []
     if abs(line.gain - 1) > MAX_GAIN_DEVIATION:
         findings.append(warning("record.gain", subject=channel, gain=line.gain))

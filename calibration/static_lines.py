@@ -1,4 +1,9 @@
-"""Fit static lines to the PRT of an oven log (errors in variables); statistics of the errors."""
+"""Fit static lines to the PRT of an oven log (errors in variables); statistics of the errors.
+
+Used by ``tcdyn calibrate`` and the certificate. The tests of a line (lack of fit, curvature, shift,
+outliers) are those of :mod:`tcdyn.estimation.line_fit`; their levels are in
+:mod:`tcdyn.rig.static_line`. Tests: ``tests/calibration/test_static_lines.py``.
+"""
 
 from __future__ import annotations
 
@@ -33,6 +38,21 @@ def error_statistics(errors_K: ArrayLike) -> pd.Series[float]:
 
     >>> float(error_statistics([1.0, -1.0, 0.5, -0.5])["Average of the absolute error"])
     0.75
+
+    Parameters
+    ----------
+    errors_K
+        Errors of any shape [K]; NaN is left out.
+
+    Returns
+    -------
+    statistics
+        By the names of the table.
+
+    Raises
+    ------
+    InputError
+        Fewer than two finite errors.
     """
     errors = _finite(errors_K)
     if len(errors) < 2:
@@ -49,7 +69,22 @@ def error_statistics(errors_K: ArrayLike) -> pd.Series[float]:
 
 
 def error_histogram(errors_K: ArrayLike, width_K: float = 0.1) -> tuple[NDArray[np.int64], Array]:
-    """Counts and edges [K] of a histogram with bins of ``width_K`` about zero (figure 2.16)."""
+    """Histogram of errors with bins about zero (figure 2.16).
+
+    Parameters
+    ----------
+    errors_K
+        Errors of any shape [K].
+    width_K
+        Width of a bin [K]; one bin is centred at zero.
+
+    Returns
+    -------
+    counts
+        (M,).
+    edges
+        (M + 1,) [K].
+    """
     errors = _finite(errors_K)
     half = int(np.ceil(np.abs(errors).max() / width_K)) if len(errors) else 1
     counts, edges = np.histogram(errors, width_K * (np.arange(-half, half + 2) - 0.5))
@@ -67,6 +102,16 @@ def hold_means(frame: pd.DataFrame) -> pd.DataFrame:
 
     The rows of a hold have the same repeat and set point. A channel with missing values is averaged
     over its other rows, as a difference from the PRT of the same rows.
+
+    Parameters
+    ----------
+    frame
+        Rows of an oven log.
+
+    Returns
+    -------
+    means
+        One row a hold; ``frame`` itself if no hold has two rows.
     """
     keys = ["repeat", "setpoint_degC"]
     if not frame.duplicated(keys).any():
@@ -134,6 +179,11 @@ def fit_static_lines(
         Standard uncertainty of the PRT that is common to all readings; it is stored with the line,
         and is not in its covariance.
 
+    Returns
+    -------
+    fit
+        Lines, residuals, statistics and findings.
+
     Raises
     ------
     InputError
@@ -147,6 +197,10 @@ def fit_static_lines(
     the covariance, but it is never below the contribution of the PRT. Lack of fit and a shift
     between repeats increase it. Lack of fit, curvature and shifts that are significant at the 1 %
     level are information, at the 0.1 % level warnings; outlying rows are warnings.
+
+    The mean of a hold must come before the fit: rows of one hold share the error of the PRT.
+    ``prt_shared_u_degC`` must not enter the covariance, since it cancels in differences between
+    channels. Test: ``tests/calibration/test_static_lines.py`` (coverage over 200 ovens).
     """
     frame = hold_means(frame)
     prt = frame["prt_degC"].to_numpy(dtype=float)
@@ -178,7 +232,26 @@ def fit_static_lines(
 def _static_line(
     channel: str, fit: LineFit, rows: pd.DataFrame, shared_u: float
 ) -> tuple[StaticLine, list[Finding]]:
-    """The static line of a fit, with the findings of its tests."""
+    """The static line of a fit, with the findings of its tests.
+
+    Parameters
+    ----------
+    channel
+        Name of the channel.
+    fit
+        Its line.
+    rows
+        Hold means that were fitted.
+    shared_u
+        Standard uncertainty that is common to all readings [K].
+
+    Returns
+    -------
+    line
+        With the variance of a significant shift between repeats added to that of the offset.
+    findings
+        Of the tests, the shift and the outlying rows.
+    """
     repeatability, shift_u, shift_p = repeat_shift(fit, rows["repeat"].to_numpy())
     shift_findings = finding_of_test(shift_p, "line.repeats_shift", channel, u_degC=shift_u)
     shift_variance = shift_u**2 if shift_findings else 0.0

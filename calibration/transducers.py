@@ -1,4 +1,9 @@
-"""Calibration of the force transducers by dead weights, and friction of the shafts' bearings."""
+"""Calibration of the force transducers by dead weights, and friction of the shafts' bearings.
+
+Used by ``tcdyn transducer`` (:mod:`tcdyn.cli.record`), the operating conditions of a test
+(:mod:`tcdyn.workflows.operating_conditions`) and ``tcdyn verify``. Figures 2.21 and
+2.25 of the thesis. Tests: ``tests/calibration/test_transducers.py``.
+"""
 
 from __future__ import annotations
 
@@ -53,7 +58,20 @@ class TransducerLine(Result):
     findings: tuple[Finding, ...] = ()
 
     def force_N(self, volts: ArrayLike, zero_V: float) -> Array:
-        """Force [N] from volts of any shape; ``zero_V``: reading before loading."""
+        """Force [N] from volts of any shape; ``zero_V``: reading before loading.
+
+        Parameters
+        ----------
+        volts
+            Readings of any shape [V].
+        zero_V
+            Reading before loading [V].
+
+        Returns
+        -------
+        force
+            [N], of the shape of ``volts``.
+        """
         return np.asarray(self.slope_N_V.value * (np.asarray(volts, dtype=float) - zero_V))
 
     def gain_u_rel(self, weights_rel: float) -> float:
@@ -101,6 +119,7 @@ class TransducerLine(Result):
 
 
 def _interval(e: Estimate) -> str:
+    """The 95 % interval as text."""
     return f"95 %: {e.low95:.6g} to {e.high95:.6g}"
 
 
@@ -116,6 +135,11 @@ def fit_transducer(volts: ArrayLike, force_N: ArrayLike, session: ArrayLike) -> 
     session
         Session of each point; the zero may differ between sessions.
 
+    Returns
+    -------
+    line
+        Gain, zeros and findings.
+
     Raises
     ------
     InputError
@@ -125,6 +149,8 @@ def fit_transducer(volts: ArrayLike, force_N: ArrayLike, session: ArrayLike) -> 
     -----
     The weights are exact and the volts have errors, so volts = a_session + b force is fitted and
     inverted: slope = 1/b, intercept = -a/b.
+
+    ``SLOPE_SIGNIFICANCE`` decides a warning only; the common slope is used in any case.
 
     Examples
     --------
@@ -175,7 +201,15 @@ def fit_transducer(volts: ArrayLike, force_N: ArrayLike, session: ArrayLike) -> 
 
 
 def _largest_shift(zero: Array, covariance: Array) -> Estimate:
-    """Largest zero minus the smallest; ``covariance`` of slope and zeros."""
+    """Largest zero minus the smallest; ``covariance`` of slope and zeros.
+
+    Parameters
+    ----------
+    zero
+        Zeros of the sessions (K,) [N].
+    covariance
+        Of slope and zeros (K + 1, K + 1).
+    """
     low = int(np.argmin(zero))
     high = int(np.argmax(zero))
     difference = np.zeros(len(zero) + 1)
@@ -186,7 +220,20 @@ def _largest_shift(zero: Array, covariance: Array) -> Estimate:
 
 
 def _slopes_differ_p(line: LineFit, group: NDArray[np.intp]) -> float | None:
-    """p of the F test of one slope for each group against one for all; None if impossible."""
+    """p of the F test of one slope for each group against one for all; None if impossible.
+
+    Parameters
+    ----------
+    line
+        Line with one slope.
+    group
+        Session of each point (N,).
+
+    Returns
+    -------
+    p
+        None for one group, without a degree of freedom, or without scatter.
+    """
     k = len(line.intercepts)
     dof = len(line.x) - 2 * k
     if k < 2 or dof < 1:
@@ -207,24 +254,55 @@ def _slopes_differ_p(line: LineFit, group: NDArray[np.intp]) -> float | None:
 
 @dataclass(frozen=True)
 class BearingFriction:
-    """Friction of the bearings of both shafts: a line against load for each slow-shaft speed."""
+    """Friction of the bearings of both shafts: a line against load for each slow-shaft speed.
+
+    Attributes
+    ----------
+    speeds_rpm
+        Mean speed of the slow shaft of each family, rising.
+    lines
+        Line of friction [N] over load [N] of each family.
+    """
 
     speeds_rpm: tuple[float, ...]
     lines: tuple[LineFit, ...]
 
     @property
     def load_range_N(self) -> tuple[float, float]:
-        """Loads that every family covers [N]."""
+        """Loads that every family covers [N].
+
+        Returns
+        -------
+        low, high
+            [N].
+        """
         low = max(float(line.x.min()) for line in self.lines)
         high = min(float(line.x.max()) for line in self.lines)
         return low, high
 
     def correction_N(self, load_N: ArrayLike, speed_slow_rpm: ArrayLike) -> tuple[Array, Array]:
-        """Correction to add to the measured friction [N], and its standard uncertainty [N].
+        """Correction to add to the measured friction, and its standard uncertainty.
 
         EHL friction = transducer + (intercept_n + slope_n load) / 2, linear between neighbouring
         speeds, with the nearest family beyond them. The pure-rolling test measured both shafts,
         whose bearings are equal, hence half of the measured lines.
+
+        Parameters
+        ----------
+        load_N
+            Loads of any shape [N].
+        speed_slow_rpm
+            Speed of the slow shaft [rpm]; shapes that broadcast.
+
+        Returns
+        -------
+        correction, u
+            [N], of the common shape.
+
+        Notes
+        -----
+        The factor one half holds for equal bearings on both shafts. Test:
+        ``tests/calibration/test_transducers.py``.
         """
         load, rpm = np.broadcast_arrays(
             np.asarray(load_N, dtype=float), np.asarray(speed_slow_rpm, dtype=float)
@@ -239,7 +317,18 @@ class BearingFriction:
         return np.asarray(0.5 * friction), np.asarray(0.5 * np.sqrt(variance))
 
     def outside(self, load_N: ArrayLike, speed_slow_rpm: ArrayLike) -> Flags:
-        """Where load or speed is outside the measured range, and the correction is extrapolated."""
+        """Where load or speed is outside the measured range, and the correction is extrapolated.
+
+        Parameters
+        ----------
+        load_N, speed_slow_rpm
+            As in :meth:`correction_N`.
+
+        Returns
+        -------
+        flags
+            Of the common shape.
+        """
         load = np.asarray(load_N, dtype=float)
         rpm = np.asarray(speed_slow_rpm, dtype=float)
         low, high = self.load_range_N
@@ -255,10 +344,23 @@ def fit_bearing_friction(
 
     Points within 2 % of one speed make a family.
 
+    Parameters
+    ----------
+    load_N
+        Loads (N,) [N].
+    friction_N
+        Friction of both shafts (N,) [N].
+    speed_slow_rpm
+        Speed of the slow shaft (N,) [rpm].
+
     Raises
     ------
     InputError
         A family has fewer than 3 points.
+
+    Notes
+    -----
+    ``SAME_SPEED`` must be smaller than the distance of the speeds of the test.
 
     Examples
     --------

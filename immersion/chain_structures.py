@@ -1,4 +1,11 @@
-"""Comparison of chain structures on the same plunges by evidence; covariance from the choice."""
+"""Comparison of chain structures on the same plunges by evidence; covariance from the choice.
+
+Called by :func:`immersion.plunge_fit.with_structure_uncertainty`. Each structure of
+``tcdyn.chain.STRUCTURES`` is fitted to the same block means. The evidence is Laplace's
+approximation, integrated over the common lag. The spread of the lags over the structures is added
+to their covariance. The thresholds are chosen by judgement where no other reason is given. Tests:
+``tests/immersion/test_plunge_structures.py``.
+"""
 
 from __future__ import annotations
 
@@ -34,6 +41,7 @@ UNLIKELY_LOG_EVIDENCE = 5.0
 MAX_EXCESS_COST = (
     30.0  # cost above the first solution beyond which a second one is dropped; by judgement
 )
+# Heading of a column of ``table``, which is dropped where there is one plunge only.
 HELD_OUT_COLUMN = "held-out plunge, above the best"
 
 
@@ -115,7 +123,13 @@ class StructureComparison:
 
     @property
     def contradicted(self) -> bool:
-        """Whether the chosen structure is improbable and fits clearly worse than the best."""
+        """Whether the chosen structure is improbable and fits clearly worse than the best.
+
+        Notes
+        -----
+        The thresholds ``POSSIBLE_PROBABILITY`` and ``CONTRADICTED_CHI_SQUARE`` decide the message
+        and its severity only. They change neither a lag nor its uncertainty.
+        """
         excess = self.chosen_row.chi_square - self.best.chi_square
         improbable = self.chosen_row.probability < POSSIBLE_PROBABILITY
         return improbable and excess > CONTRADICTED_CHI_SQUARE
@@ -158,9 +172,13 @@ class StructureComparison:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """The conclusion, if it is a warning: contradicted, or u more than doubled in variance."""
-        verdict = self.conclusion
-        return (verdict,) if verdict.severity is Severity.WARNING else ()
+        """The conclusion, if it is a warning; otherwise empty.
+
+        It is a warning if the chosen structure is contradicted, or if the choice of structure more
+        than doubles the variance of the common lag.
+        """
+        conclusion = self.conclusion
+        return (conclusion,) if conclusion.severity is Severity.WARNING else ()
 
     def table(self) -> pd.DataFrame:
         """One row a structure, formatted for reports."""
@@ -170,6 +188,7 @@ class StructureComparison:
         return table
 
     def _formatted(self, row: StructureRow) -> dict[str, str]:
+        """One row of :meth:`table`: numbers as text, by the heading of their column."""
         suffix = ", used here" if row.structure == self.chosen else ""
         return {
             "chain": f"{row.structure} ({ChainStructure.from_name(row.structure).description}){suffix}",
@@ -193,7 +212,23 @@ class StructureComparison:
 
 @dataclass(frozen=True)
 class _Solution:
-    """One solution for one structure; the fit reports the lags of the ``reported`` one."""
+    """One solution for one structure; the fit reports the lags of the ``reported`` one.
+
+    Attributes
+    ----------
+    structure
+        Name of the structure.
+    optimum
+        The solution.
+    lag_s
+        Common lag, with the conditioning filter [s].
+    cost
+        Least chi-square, with the contribution of the priors.
+    log_evidence
+        Log evidence, up to a constant common to all structures.
+    reported
+        Whether the fit reports the lags of this solution.
+    """
 
     structure: str
     optimum: PlungeOptimum
@@ -227,6 +262,24 @@ def compare_structures(
         Further standard uncertainty of the common lag (choice of correlation) [s].
     structures
         Structures to compare.
+
+    Returns
+    -------
+    comparison
+        One row a structure, the probability of each, and the covariance of the lags that the choice
+        of structure adds.
+
+    Notes
+    -----
+    The order of the steps matters: all structures are fitted with the noise of the chosen one. If
+    another solution is better, all are fitted again with the noise of its residuals, so that their
+    evidences are comparable. A structure whose log evidence is lower by more than
+    ``UNLIKELY_LOG_EVIDENCE`` is not scanned.
+
+    The step (1.8 standard deviations) and the drop (7) of the scans are chosen by judgement; they
+    are coarser than in :func:`immersion.plunge_posterior.scan_common_lag` to save time. A change of
+    these, of the structures or of the thresholds changes ``StructureComparison.covariance``, and
+    with it the u of every lag: ``tests/immersion/test_plunge_structures.py``.
     """
     chosen = final.problem.layout.structure
     optima = {s: _optima(final, s, priors) for s in structures}
@@ -282,6 +335,22 @@ def _probabilities(solutions: Sequence[_Solution]) -> Array:
 
     Occam's factor would favour one lag for having fewer parameters. That a second lag is not needed
     for a good fit does not make the narrower interval of the first one true.
+
+    Parameters
+    ----------
+    solutions
+        All solutions of all structures (S).
+
+    Returns
+    -------
+    probability
+        (S,), with the sum one.
+
+    Notes
+    -----
+    P1 gets the largest evidence of a richer structure, reduced by half its excess of chi-square
+    over that structure. To use the plain evidence instead, remove the loop; the interval then
+    narrows where one lag fits. Test: ``tests/immersion/test_plunge_structures.py``.
     """
     evidence = np.array([s.log_evidence for s in solutions])
     cost = np.array([s.cost for s in solutions])
@@ -297,7 +366,20 @@ def _probabilities(solutions: Sequence[_Solution]) -> Array:
 def _rows(
     solutions: Sequence[_Solution], probability: Array, structures: Sequence[str]
 ) -> tuple[StructureRow, ...]:
-    """One row a structure: its reported or most probable solution, and a possible second one."""
+    """One row a structure: its reported or most probable solution, and a possible second one.
+
+    Parameters
+    ----------
+    solutions, probability
+        Solutions (S) and the probability of each (S,).
+    structures
+        Structures in the order of the rows.
+
+    Returns
+    -------
+    rows
+        ``chi_square`` and ``held_out`` are above the least of all rows.
+    """
     ranked = sorted(zip(solutions, probability), key=lambda pair: (not pair[0].reported, -pair[1]))
     rows = []
     for structure in structures:
@@ -326,6 +408,25 @@ def _optima(near: PlungeOptimum, structure: str, priors: PlungePriors) -> list[P
     """The solutions of a structure, most probable first: from ``near``, and from a short lag.
 
     A long lag with a strong entry burst and a short lag with a mild burst can both be optima.
+
+    Parameters
+    ----------
+    near
+        Optimum from which the search starts.
+    structure
+        Structure to fit.
+    priors
+        Priors; those of the split depend on the structure.
+
+    Returns
+    -------
+    optima
+        One or two, by decreasing evidence.
+
+    Notes
+    -----
+    ``LONG_LAG_S`` and ``SHORT_LAG_S`` decide when and where the second search starts. A lower
+    ``LONG_LAG_S`` costs time and can only add solutions.
     """
     layout = near.problem.layout
     noise = near.problem.noise
@@ -343,7 +444,22 @@ def _optima(near: PlungeOptimum, structure: str, priors: PlungePriors) -> list[P
 
 
 def log_evidence(scan: LagScan, at: PlungeOptimum) -> float:
-    """Log evidence, integrated over the common lag along its scan, up to a common constant."""
+    """Log evidence, integrated over the common lag along its scan, up to a common constant.
+
+    Parameters
+    ----------
+    scan
+        Profile scan of the common lag.
+    at
+        Optimum that gives the prior; it belongs to the scan.
+
+    Notes
+    -----
+    The integral over the lag is exp(log marginal) / density at the maximum of the scan, because
+    ``density`` is normalised. Where the posterior is normal this is Laplace's approximation
+    (``tests/immersion/test_plunge_structures.py``). It must stay comparable with
+    ``immersion.plunge_posterior.PlungeOptimum.laplace``, which replaces it for unlikely structures.
+    """
     log_marginal = -0.5 * scan.cost - scan.log_volume
     k = int(np.argmax(log_marginal))
     density = float(np.interp(scan.lag_s[k], scan.grid_s, scan.density))
@@ -351,7 +467,25 @@ def log_evidence(scan: LagScan, at: PlungeOptimum) -> float:
 
 
 def held_out(at: PlungeOptimum, folds: int = 3) -> float | None:
-    """-2 log of the probability of each plunge (or third of them) given the others; None for 1."""
+    """Held-out deviance of the plunges: -2 log probability of each given the others.
+
+    Parameters
+    ----------
+    at
+        Optimum with all plunges.
+    folds
+        Largest number of groups; each group in turn is left out.
+
+    Returns
+    -------
+    deviance
+        None for one plunge.
+
+    Notes
+    -----
+    log p(group | others) is the difference of the log evidences with and without the group. It is
+    printed in the table only, and enters no uncertainty.
+    """
     runs = at.problem.layout.runs
     if runs < 2:
         return None
@@ -364,7 +498,15 @@ def held_out(at: PlungeOptimum, folds: int = 3) -> float | None:
 
 
 def _subset_optimum(at: PlungeOptimum, runs: Sequence[int]) -> PlungeOptimum:
-    """The optimum of a subset of the runs."""
+    """The optimum of a subset of the runs.
+
+    Parameters
+    ----------
+    at
+        Optimum with all runs; the search starts from its parameters.
+    runs
+        Indices of the runs to use.
+    """
     problem = at.problem
     layout = problem.layout
     all_parameters = np.arange(layout.size)
@@ -385,7 +527,24 @@ def _subset_optimum(at: PlungeOptimum, runs: Sequence[int]) -> PlungeOptimum:
 def _refit(
     near: PlungeOptimum, structure: str, priors: PlungePriors, noise: tuple[RunNoise, ...]
 ) -> PlungeOptimum:
-    """The optimum with another structure and another ``noise``, started from ``near``."""
+    """The optimum with another structure and another ``noise``, started from ``near``.
+
+    Parameters
+    ----------
+    near
+        Optimum from which the search starts.
+    structure
+        Structure to fit.
+    priors
+        Priors; those of the split depend on the structure.
+    noise
+        Noise of each run.
+
+    Notes
+    -----
+    Where the structure differs, the search starts with the split at its prior mean: the split of
+    one structure means nothing in another.
+    """
     layout = replace(near.problem.layout, structure=structure)
     mean = near.problem.mean.copy()
     sd = near.problem.sd.copy()

@@ -1,4 +1,10 @@
-"""Natural-convection correlations of a plunged disk: Nusselt number, range, h."""
+"""Natural-convection correlations of a plunged disk: Nusselt number, range, h.
+
+Used by :mod:`immersion.plunge_model`, by the design of plunges and by ``tcdyn verify``. All
+correlations have one algebraic form, and :class:`Correlation` holds its constants. Sources: Holman
+(2010) as quoted by the thesis (section 5.7), Churchill and Chu (1975). Tests:
+``tests/immersion/test_immersion_correlations.py``, also against the package ``ht``.
+"""
 
 from __future__ import annotations
 
@@ -24,11 +30,29 @@ PLATE_FACTOR = 35.0  # D/L >= 35/Gr^0.25: Holman (2010), section 5.7 of the thes
 class Correlation:
     """Mean Nusselt number of natural convection, with characteristic length, range and source.
 
+    Attributes
+    ----------
+    name
+        Key in ``CORRELATIONS``.
+    title
+        Equation number of the thesis, or a short name; for messages.
+    length
+        Characteristic length: width or diameter of the disk.
+    ra_range
+        Range of the Rayleigh number for which the source states it.
+    source
+        Reference, for reports.
+    factor, exponent, floor, prandtl, inner, outer, power
+        Constants of the equation below.
+
     Notes
     -----
     Nu = {floor + factor Ra^exponent / [1 + (prandtl/Pr)^inner]^outer}^power
 
     With ``prandtl = 0``, Pr enters through Ra only. Every correlation here has this form.
+
+    To add a correlation, add an entry to ``CORRELATIONS``. A changed constant changes h, and with
+    it the plunge fits; the scale of h is free there, so lags change little.
     """
 
     name: str
@@ -49,6 +73,16 @@ class Correlation:
 
         >>> [round(float(c.nusselt(1e6, 60.0)), 1) for c in CORRELATIONS.values()]
         [18.7, 21.3, 21.3, 21.4, 19.3]
+
+        Parameters
+        ----------
+        ra, pr
+            Rayleigh and Prandtl numbers, arrays of one shape.
+
+        Returns
+        -------
+        nu
+            Mean Nusselt number, of the same shape.
         """
         ra = np.asarray(ra, dtype=float)
         pr = np.asarray(pr, dtype=float)
@@ -129,7 +163,18 @@ _ALIASES = {"5.2": "mcadams", "5.3": "similarity", "5.4": "churchill-chu-laminar
 
 
 def correlation(name: str | Correlation) -> Correlation:
-    """A correlation by name, or by its equation number in the thesis ("5.2", "5.3", "5.4")."""
+    """A correlation by name, or by its equation number in the thesis ("5.2", "5.3", "5.4").
+
+    Parameters
+    ----------
+    name
+        Name, equation number, or a correlation, which is returned unchanged.
+
+    Raises
+    ------
+    InputError
+        For an unknown name.
+    """
     if isinstance(name, Correlation):
         return name
     key = _ALIASES.get(name.strip("()"), name)
@@ -140,7 +185,15 @@ def correlation(name: str | Correlation) -> Correlation:
 
 @dataclass(frozen=True)
 class Bath:
-    """A disk's running surface in a fluid: everything that h needs besides the two temperatures."""
+    """A disk's running surface in a fluid: everything that h needs besides the two temperatures.
+
+    Attributes
+    ----------
+    fluid, correlation
+        Fluid of the bath, and correlation of natural convection.
+    width_m, diameter_m
+        Width and outer diameter of the disk [m].
+    """
 
     fluid: Fluid
     correlation: Correlation
@@ -152,9 +205,26 @@ class Bath:
     ) -> tuple[FluidProperties, float, Array]:
         """Fluid properties at the film temperature, characteristic length [m], and Grashof number.
 
+        Parameters
+        ----------
+        surface_degC, fluid_degC
+            Temperatures of the running surface and of the bath [degC]; shapes that broadcast.
+
+        Returns
+        -------
+        properties
+            At the film temperature, the mean of both.
+        length_m
+            Characteristic length of the correlation.
+        grashof
+            Grashof number.
+
         Notes
         -----
         Gr = g beta |dT| L^3 / nu^2; Ra = Gr Pr.
+
+        :meth:`h_W_m2K` and :func:`check_validity` both use this, so the range is checked for the
+        numbers that enter h.
         """
         surface = np.asarray(surface_degC, dtype=float)
         fluid = np.asarray(fluid_degC, dtype=float)
@@ -164,18 +234,44 @@ class Bath:
         return p, length, buoyancy * length**3 / p.nu_m2_s**2
 
     def h_W_m2K(self, surface_degC: ArrayLike, fluid_degC: ArrayLike) -> Array:
-        """Mean heat transfer coefficient h = Nu k / L [W/m2K], properties at the film temperature."""
+        """Mean heat transfer coefficient h = Nu k / L [W/m2K], properties at the film temperature.
+
+        Parameters
+        ----------
+        surface_degC, fluid_degC
+            Temperatures of the running surface and of the bath [degC]; shapes that broadcast.
+
+        Returns
+        -------
+        h
+            [W/m2K]; zero where the temperatures are equal, except for the ``floor`` of a
+            correlation.
+        """
         p, length, gr = self.film_properties(surface_degC, fluid_degC)
         return self.correlation.nusselt(gr * p.prandtl, p.prandtl) * p.k_W_mK / length
 
     def property_u_rel(self, surface_degC: float, fluid_degC: float) -> dict[str, float]:
         """Relative standard uncertainty of h from each fluid property, and their "total".
 
+        Parameters
+        ----------
+        surface_degC, fluid_degC
+            Temperatures of the running surface and of the bath [degC].
+
+        Returns
+        -------
+        u_rel
+            By property (rho, c, k, nu, beta), and "total", the root sum of squares [1].
+
         Notes
         -----
         Each property is raised by its own standard uncertainty at the film temperature, and h is
         computed again. For the expansion coefficient the density curve is tilted about that
         temperature.
+
+        The properties are taken as independent. :func:`immersion.plunge_fit.full_prior` adds
+        "total" to the prior of the scale of h. Test:
+        ``tests/immersion/test_immersion_correlations.py``.
         """
         f = self.fluid
         film = np.asarray((surface_degC + fluid_degC) / 2)
@@ -199,11 +295,26 @@ def check_validity(
 ) -> tuple[Finding, ...]:
     """Warnings where a plunge leaves the range of Ra, of the fluid data, or of a plate.
 
+    Parameters
+    ----------
+    bath
+        Bath with its correlation.
+    surface_degC, fluid_degC
+        Temperatures of running surface and bath [degC]; shapes that broadcast.
+
+    Returns
+    -------
+    findings
+        At most one for the range of Ra, those of the fluid, and one for the plate.
+
     Notes
     -----
     A disk can be taken as a plate where D/L >= 35/Gr^0.25. The test uses the times with a
     difference above a tenth of its largest value: as the disk approaches the bath temperature, Gr
     goes to zero and no disk would pass. Source: Holman (2010), section 5.7 of the thesis.
+
+    ``MIN_DIFFERENCE_SHARE`` may be changed: it decides warnings only, no result. Test:
+    ``tests/immersion/test_immersion_correlations.py``.
     """
     surface, bulk = np.broadcast_arrays(
         np.asarray(surface_degC, float), np.asarray(fluid_degC, float)
@@ -237,5 +348,15 @@ def check_validity(
 
 
 def _scaled(curve: Curve, centre: float, u: float) -> Curve:
-    """The curve with its differences from the value ``centre`` multiplied by 1 + ``u``."""
+    """The curve with its differences from the value ``centre`` multiplied by 1 + ``u``.
+
+    Parameters
+    ----------
+    curve
+        Property as a function of temperature.
+    centre
+        Value that stays unchanged; 0 scales the whole curve.
+    u
+        Relative change.
+    """
     return lambda T: centre + (curve(T) - centre) * (1 + u)

@@ -1,4 +1,12 @@
-"""Radial conduction in a disk heated at its running surface: modes, exact first-order lags."""
+"""Radial conduction in a disk heated at its running surface: modes, exact first-order lags.
+
+Used by :mod:`immersion.radial` (the solver of the surface), :mod:`immersion.plunge_model`,
+:mod:`immersion.hole`, the design of plunges and ``tcdyn verify``. The temperature depends on the
+radius only. Each mode is a first-order lag, which is stepped
+exactly for a flux that is linear between the knots of the grid. Tests:
+``tests/immersion/test_immersion_radial.py`` (exact series, energy, order of convergence) and
+``tests/immersion/test_plunge_fit.py`` (lags and filters on the grid).
+"""
 
 from __future__ import annotations
 
@@ -24,6 +32,17 @@ MIN_IMAGINARY_RATIO = 1e-5
 class Cylinder:
     """Hollow disk of one steel, bore (no flux) to running surface, with loss through its faces.
 
+    Attributes
+    ----------
+    inner_radius_m, outer_radius_m
+        Radii of bore and running surface [m]; 0 for a solid disk.
+    conductivity_W_mK
+        Thermal conductivity K.
+    heat_capacity_J_m3K
+        Volumetric heat capacity rho c.
+    leak_1_s
+        Rate of heat loss through the faces [1/s].
+
     Notes
     -----
     dT/dt = alpha (T_rr + T_r / r) - leak (T - T_fluid),  leak [1/s] = 2 U / (rho c w)
@@ -40,7 +59,15 @@ class Cylinder:
 
     @classmethod
     def from_setup(cls, setup: DiskSetup, face_W_m2K: float = 0.0) -> Cylinder:
-        """The cylinder of a disk; ``face_W_m2K``: heat transfer coefficient of each side face."""
+        """The cylinder of a disk of ``rig.toml``.
+
+        Parameters
+        ----------
+        setup
+            Geometry and steel of the disk.
+        face_W_m2K
+            Heat transfer coefficient of each side face; 0: insulated.
+        """
         rho_c = setup.density_kg_m3 * setup.specific_heat_J_kgK
         leak = 2 * face_W_m2K / (rho_c * setup.width_m)
         return cls(setup.bore_radius_m, setup.outer_radius_m, setup.conductivity_W_mK, rho_c, leak)
@@ -60,9 +87,21 @@ class Cylinder:
     def static_profile(self, r_m: Array) -> Array:
         """Quasi-steady profile at radii ``r_m`` per unit surface flux, with mean zero [K m2/W].
 
+        Parameters
+        ----------
+        r_m
+            Radii (P,) [m].
+
+        Returns
+        -------
+        profile
+            (P,) [K m2/W].
+
         Notes
         -----
         S(r) = R_o / (K (R_o^2 - R_i^2)) (r^2/2 - R_i^2 ln r - C): slope 1/K at R_o and zero at R_i.
+
+        ``modes`` must add up to this profile: ``tests/immersion/test_immersion_radial.py``.
         """
         ro = self.outer_radius_m
         ri = self.inner_radius_m
@@ -77,6 +116,13 @@ class Cylinder:
 
     def modes(self, r_m: Array, count: int) -> tuple[Array, Array]:
         """Radial modes, without the mean temperature.
+
+        Parameters
+        ----------
+        r_m
+            Radii (P,) [m].
+        count
+            Number of modes.
 
         Returns
         -------
@@ -96,6 +142,7 @@ class Cylinder:
         r = np.asarray(r_m, dtype=float)[:, None]
 
         def phi(x: Array | float) -> Array:
+            """Eigenfunction of each mode (count,) at radii of a shape that broadcasts."""
             if ri == 0:
                 return j0(lam * x)
             return j0(lam * x) * y1(lam * ro) - y0(lam * x) * j1(lam * ro)
@@ -109,9 +156,30 @@ class Cylinder:
 
 @lru_cache(maxsize=64)
 def _eigenvalues(ratio: float, count: int) -> tuple[float, ...]:
-    """Roots x = lambda R_o of J1(x ratio) Y1(x) - J1(x) Y1(x ratio) = 0 (solid disk: J1(x) = 0)."""
+    """Eigenvalues of the radial modes, x = lambda R_o.
+
+    Roots of J1(x ratio) Y1(x) - J1(x) Y1(x ratio) = 0; for a solid disk of J1(x) = 0.
+
+    Parameters
+    ----------
+    ratio
+        R_i / R_o.
+    count
+        Number of eigenvalues.
+
+    Returns
+    -------
+    x
+        The first ``count`` positive roots [1].
+
+    Notes
+    -----
+    The search step is an eighth of pi / (1 - ratio), the distance of the roots for large x. A much
+    longer step can miss a root. Test: ``tests/immersion/test_immersion_radial.py``.
+    """
 
     def characteristic(x: float) -> float:
+        """Characteristic function whose positive roots are the eigenvalues."""
         if ratio == 0:
             return float(j1(x))
         return float(j1(x * ratio) * y1(x) - j1(x) * y1(x * ratio))
@@ -140,6 +208,10 @@ def lag_step(dt_s: Array, rate: float | complex) -> tuple[NDArray[Any], NDArray[
     -------
     decay, old, new
         Each of the shape of ``dt_s``, with y+ = decay y + old u + new u+.
+
+    Notes
+    -----
+    Below |rate dt| = 1e-4 a series replaces the quotient, which would lose digits by cancellation.
     """
     x = rate * np.asarray(dt_s, dtype=float)
     decay = np.exp(-x)
@@ -150,16 +222,43 @@ def lag_step(dt_s: Array, rate: float | complex) -> tuple[NDArray[Any], NDArray[
 
 
 def lag_on_grid(u: Array, dt_s: Array, rate: float | complex) -> NDArray[Any]:
-    """Unit-gain lag of ``rate`` [1/s] applied to deviations ``u`` (n, M) from equilibrium.
+    """Apply a unit-gain first-order lag to inputs on a grid.
 
     Exact for an input that is linear between knots; y[0] = 0, since nothing changes before the
     first knot.
+
+    Parameters
+    ----------
+    u
+        Deviations from equilibrium (n, M).
+    dt_s
+        Steps of the grid (n - 1,) [s].
+    rate
+        1/tau [1/s]; complex for a pole of a filter.
+
+    Returns
+    -------
+    y
+        (n, M).
     """
     return apply_lag_step(u.T, lag_step(dt_s, rate)).T
 
 
 def apply_lag_step(u: Array, step: tuple[NDArray[Any], NDArray[Any], NDArray[Any]]) -> NDArray[Any]:
-    """Lags of ``u`` (Q, ..., n), with the weights ``step`` (..., n - 1) of ``lag_step``."""
+    """Apply lags with the weights of :func:`lag_step`.
+
+    Parameters
+    ----------
+    u
+        Inputs (Q, ..., n).
+    step
+        Weights decay, old and new, each (..., n - 1).
+
+    Returns
+    -------
+    y
+        Outputs of the shape of ``u``; y[..., 0] = 0.
+    """
     decay, old, new = step
     drive = np.zeros(u.shape, dtype=np.result_type(u, decay))
     drive[..., 1:] = old * u[..., :-1] + new * u[..., 1:]
@@ -167,7 +266,25 @@ def apply_lag_step(u: Array, step: tuple[NDArray[Any], NDArray[Any], NDArray[Any
 
 
 def first_order_recursion(drive: NDArray[Any], decay: NDArray[Any]) -> NDArray[Any]:
-    """y[k] = decay[k - 1] y[k - 1] + drive[k] along the last axis (Q, ..., n); overwrites drive."""
+    """First-order recursion along the last axis; overwrites ``drive``.
+
+    Parameters
+    ----------
+    drive
+        (Q, ..., n).
+    decay
+        (..., n - 1).
+
+    Returns
+    -------
+    y
+        Of the shape of ``drive``.
+
+    Notes
+    -----
+    y[k] = decay[k - 1] y[k - 1] + drive[k]. Any solver of a unit bidiagonal system may replace the
+    LAPACK call; the tests of ``tests/immersion/test_plunge_fit.py`` compare with the chain.
+    """
     bands = np.zeros((2, *drive.shape[1:]), dtype=decay.dtype)
     bands[1, ..., :-1] = -decay
     # Triangular band solver with unit diagonal: three times faster than solve_banded with its
@@ -181,11 +298,29 @@ def first_order_recursion(drive: NDArray[Any], decay: NDArray[Any]) -> NDArray[A
 def apply_conditioning(u: Array, dt_s: Array, filter_: Conditioning) -> Array:
     """Apply the conditioning filter to deviations ``u`` (n, M) on the grid.
 
+    Parameters
+    ----------
+    u
+        Deviations from equilibrium (n, M).
+    dt_s
+        Steps of the grid (n - 1,) [s].
+    filter_
+        Conditioning filter, as in ``rig.toml`` or whitened.
+
+    Returns
+    -------
+    y
+        (n, M).
+
     Notes
     -----
     Real poles act one after the other. A complex pair acts as twice the real part of the first
     partial fraction of p1 p2/((s - p1)(s - p2)). A zero of the filter is combined with the last
     pole, which is then real.
+
+    It must be the same filter as in ``tcdyn.chain.Chain``; ``tests/immersion/test_plunge_fit.py``
+    compares sections of two real poles, equal poles and a zero. ``MIN_IMAGINARY_RATIO`` decides
+    where a pair of poles is treated as two real ones.
     """
     before = u
     for factor in filter_.factors:
@@ -206,6 +341,22 @@ def lag_matrix(t_s: Array, rate: float) -> Array:
 
     u is zero before t_s[0] (a step of u[0] there), and y(t_s[0]) = 0. Exact for a piecewise linear
     u.
+
+    Parameters
+    ----------
+    t_s
+        Grid (n,) [s].
+    rate
+        1/tau [1/s].
+
+    Returns
+    -------
+    matrix
+        (n, n), lower triangular.
+
+    Notes
+    -----
+    Equal to :func:`lag_on_grid` as a matrix, for a u that is zero before t_s[0].
     """
     _, old, new = lag_step(np.diff(t_s), rate)
     decay = np.exp(-rate * np.clip(t_s[:, None] - t_s[None, 1:], 0.0, None))
@@ -217,7 +368,18 @@ def lag_matrix(t_s: Array, rate: float) -> Array:
 
 
 def integral_matrix(t_s: Array) -> Array:
-    """Running trapezoidal integral on a grid, lower triangular (n, n) [s]."""
+    """Running trapezoidal integral on a grid, lower triangular (n, n) [s].
+
+    Parameters
+    ----------
+    t_s
+        Grid (n,) [s].
+
+    Returns
+    -------
+    matrix
+        (n, n) [s]; it is the limit of ``lag_matrix(t_s, rate) / rate`` for a small rate.
+    """
     dt = np.diff(t_s)
     lower = (t_s[:, None] >= t_s[None, 1:] - 1e-12).astype(float)
     out = np.zeros((len(t_s), len(t_s)))
@@ -251,6 +413,9 @@ def influence(cylinder: Cylinder, r_m: Array, t_s: Array, modes: int = 24) -> tu
     Notes
     -----
     T[p] = T_0 + matrix[p] @ q + leak @ (T_bath - T_0), with q the flux on the grid.
+
+    ``modes`` may be raised freely; the static gain is exact for any number, and fewer modes make
+    the first instants less exact. Test: ``tests/immersion/test_immersion_radial.py``.
     """
     rates, gains = cylinder.modes(r_m, modes)
     n = len(t_s)

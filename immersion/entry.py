@@ -1,4 +1,10 @@
-"""Entry of the disk into the bath: instants of switch, thermocouple, junctions; mean."""
+"""Entry of the disk into the bath: instants of switch, thermocouple, junctions; mean.
+
+Used by :mod:`immersion.plunge_data`, :mod:`immersion.hole` and the workflow of ``tcdyn calibrate``.
+An error of the entry shifts the common lag of all channels, so each source has a standard
+uncertainty, and sources that disagree widen it. Thresholds are chosen by judgement where no other
+reason is given. Tests: ``tests/immersion/test_immersion_events.py``.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +51,21 @@ BATH_SHARE = (
 
 @dataclass(frozen=True)
 class EntryEvent:
-    """Instant of the entry, its standard uncertainty [s], the two instants, and their source."""
+    """Instant of the entry, its standard uncertainty [s], the two instants, and their source.
+
+    Attributes
+    ----------
+    time_s
+        Instant of the entry, in the time of the log [s].
+    u_s
+        Its standard uncertainty [s].
+    switch_s, probe_s
+        Instants by the switch and by the free thermocouple [s]; None: none.
+    source
+        Which sources were used.
+    findings
+        Warnings and infos about the entry.
+    """
 
     time_s: float
     u_s: float
@@ -79,6 +99,8 @@ def switch_time(
     The event is the first rise through one half, for a switch that stays closed and for a momentary
     one. A rise in a sample happened, on average, half a sample earlier; the function returns that
     time.
+
+    ``hold_off_s`` decides the info about bounce only, not the instant.
     """
     t = np.asarray(time_s, dtype=float)
     closed = np.nan_to_num(np.asarray(switch, dtype=float), nan=0.0) > 0.5
@@ -93,9 +115,21 @@ def switch_time(
 def probe_time(
     time_s: ArrayLike, probe_degC: ArrayLike, fluid_degC: ArrayLike | None = None
 ) -> tuple[float, float] | None:
-    """Instant and u [s] at which the free thermocouple begins its jump into the bath.
+    """Instant at which the free thermocouple starts its jump into the bath.
 
     None when it does not jump.
+
+    Parameters
+    ----------
+    time_s, probe_degC
+        Times (N,) [s] and readings (N,) [degC]; NaN is left out.
+    fluid_degC
+        Bath temperature (N,) [degC]; None: the end of the probe's own record.
+
+    Returns
+    -------
+    time_s, u_s
+        Instant and standard uncertainty [s]; None where the probe does not jump.
 
     Notes
     -----
@@ -103,6 +137,10 @@ def probe_time(
     to 50 % of the way is extrapolated back to the level before. For a first-order probe the line
     meets that level too early, by 0.0882 of the time from 5 to 50 % (0.056 of the time constant);
     this is corrected.
+
+    The level before is the median of the last 10 s before the jump. ``EARLY_SHARE`` follows from
+    the 5 and 50 % of this function; change them together. A probe that moves by less than
+    ``MIN_JUMP_K`` gives no instant. Test: ``tests/immersion/test_immersion_events.py``.
     """
     t = np.asarray(time_s, dtype=float)
     y = np.asarray(probe_degC, dtype=float)
@@ -145,14 +183,27 @@ def probe_time(
 
 
 def rise_time(time_s: ArrayLike, readings_degC: ArrayLike, fluid_degC: ArrayLike) -> float | None:
-    """Instant [s] at which the junctions (N, C) have moved by ``RISE_SHARE`` toward the bath.
+    """Instant [s] at which the junctions have moved by ``RISE_SHARE`` toward the bath.
 
     None when they do not, and when they move by half of it within the first ``BASELINE_S``.
+
+    Parameters
+    ----------
+    time_s
+        Times (N,) [s].
+    readings_degC
+        Readings of the junctions (N, C).
+    fluid_degC
+        Bath temperature (N,).
 
     Notes
     -----
     It is the last time before a tenth of the way at which the median over channels, averaged over a
     fifth of a second, is below that share. The level before is that of the first ``BASELINE_S``.
+
+    :func:`find_entry` subtracts ``RISE_DELAY_S``. If ``RISE_SHARE`` changes, ``RISE_DELAY_S`` must
+    change with it: ``tests/immersion/test_immersion_events.py`` and
+    ``tests/calibration/test_without_oven.py``.
     """
     t = np.asarray(time_s, dtype=float)
     y = np.asarray(readings_degC, dtype=float)
@@ -199,6 +250,11 @@ def reconcile_entry(
     where
         File, for messages.
 
+    Returns
+    -------
+    event
+        Entry with its standard uncertainty and the findings.
+
     Raises
     ------
     InputError
@@ -209,6 +265,8 @@ def reconcile_entry(
     With d the difference and u_d its standard uncertainty: beyond 2 u_d the u of the result grows
     by |d|/(2 u_d), with an info; beyond ``WARNING_DIFFERENCE_U`` u_d with a warning. One instant
     only gives a warning.
+
+    The quantisation of the sampling interval, dt/sqrt(12), is part of both uncertainties.
     """
     switch_u = float(np.hypot(switch_u_s, sample_s / np.sqrt(12)))
     probe_u = float(np.hypot(probe_u_s, sample_s / np.sqrt(12)))
@@ -261,6 +319,26 @@ def find_entry(
 
     Switch or probe may be missing (None or all NaN). Without both, the rise of the junctions
     ``readings_degC`` (N, C) gives the entry.
+
+    Parameters
+    ----------
+    time_s
+        Times (N,) [s].
+    switch
+        Switch (N,), 1 in the bath; None: none.
+    probe_degC
+        Free thermocouple (N,) [degC]; None: none.
+    fluid_degC
+        Bath temperature (N,) [degC]; None: not known.
+    where
+        File, for messages.
+    readings_degC
+        Readings of the junctions (N, C); None: they are not used.
+
+    Raises
+    ------
+    InputError
+        No source gives an instant, or two contradict each other.
     """
     t = np.asarray(time_s, dtype=float)
     switch_s = None
@@ -298,10 +376,18 @@ def useful_end(
     entry_s
         Instant of the entry [s].
 
+    Returns
+    -------
+    end_s
+        End of the useful record [s].
+
     Notes
     -----
     Removed: the mean reading moves away from the bath by more than 2 % of the initial difference,
     after it was nearer. One-second means reduce the noise.
+
+    A larger ``BATH_SHARE`` shortens the record that is fitted; later samples carry little about the
+    lag. Test: ``tests/immersion/test_immersion_events.py``.
     """
     t = np.asarray(time_s, dtype=float)
     y = np.nanmean(np.atleast_2d(np.asarray(readings_degC, dtype=float).T), axis=0)

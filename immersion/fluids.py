@@ -1,6 +1,10 @@
 """Properties of bath fluids with uncertainties: density, specific heat, conductivity, viscosity.
 
 Two fluids are built in. A CSV table of properties against temperature defines any other.
+
+Used by :mod:`immersion.correlations` and :mod:`immersion.plunge_data`, by the design of plunges and
+by ``tcdyn verify``. Water follows published equations (Kell; Patek et al.); the oil follows its
+data sheet. Bounds are chosen by judgement. Tests: ``tests/immersion/test_immersion_fluids.py``.
 """
 
 from __future__ import annotations
@@ -40,7 +44,17 @@ _BOUNDS = {
 
 @dataclass(frozen=True)
 class FluidProperties:
-    """Properties at given temperatures (arrays of one shape), SI units."""
+    """Properties at given temperatures (arrays of one shape), SI units.
+
+    Attributes
+    ----------
+    rho_kg_m3, c_J_kgK, k_W_mK
+        Density, specific heat and thermal conductivity.
+    nu_m2_s
+        Kinematic viscosity.
+    beta_1_K
+        Volumetric expansion coefficient.
+    """
 
     rho_kg_m3: Array
     c_J_kgK: Array
@@ -57,6 +71,20 @@ class FluidProperties:
 @dataclass(frozen=True)
 class Fluid:
     """A fluid: four curves of temperature [degC], relative standard uncertainties, and range.
+
+    Attributes
+    ----------
+    name
+        Name of the fluid.
+    rho, c, k, nu
+        Density, specific heat, conductivity and kinematic viscosity as functions of temperature
+        [degC], in SI units.
+    range_degC
+        Range of the data.
+    source
+        Reference, for reports.
+    u_rho, u_c, u_k, u_nu, u_beta
+        Relative standard uncertainties.
 
     Notes
     -----
@@ -85,14 +113,26 @@ class Fluid:
     u_beta: float = 0.12
 
     def at(self, T_degC: ArrayLike) -> FluidProperties:
-        """Properties at ``T_degC``; beta by a central difference of the density over +-0.5 K."""
+        """Properties at ``T_degC``; beta by a central difference of the density over +-0.5 K.
+
+        Parameters
+        ----------
+        T_degC
+            Temperatures of any shape [degC].
+        """
         T = np.asarray(T_degC, dtype=float)
         rho = self.rho(T)
         beta = (self.rho(T - 0.5) - self.rho(T + 0.5)) / rho
         return FluidProperties(rho, self.c(T), self.k(T), self.nu(T), beta)
 
     def check_range(self, low_degC: float, high_degC: float) -> tuple[Finding, ...]:
-        """A warning where the temperatures leave the range of the data, else nothing."""
+        """A warning where the temperatures leave the range of the data, else nothing.
+
+        Parameters
+        ----------
+        low_degC, high_degC
+            Lowest and highest temperature that is used [degC].
+        """
         low, high = self.range_degC
         if low_degC >= low and high_degC <= high:
             return ()
@@ -111,7 +151,7 @@ _WATER_C = np.array(
 
 
 def _water_density(T: Array) -> Array:
-    """Kell (1975), 0 to 150 degC at one atmosphere [kg/m3]."""
+    """Density of water by Kell (1975), 0 to 150 degC at one atmosphere [kg/m3]."""
     top = np.polyval(
         [-280.54253e-12, 105.56302e-9, -46.170461e-6, -7.9870401e-3, 16.945176, 999.83952],
         T,
@@ -120,20 +160,28 @@ def _water_density(T: Array) -> Array:
 
 
 def _water_viscosity(T: Array) -> Array:
-    """Patek et al. (2009) for liquid water at 0.1 MPa, divided by Kell's density [m2/s]."""
+    """Kinematic viscosity of water [m2/s].
+
+    Patek et al. (2009) for liquid water at 0.1 MPa, divided by Kell's density.
+    """
     x = (T + ZERO_C) / 300.0
     mu = 280.68 * x**-1.9 + 511.45 * x**-7.7 + 61.131 * x**-19.6 + 0.45903 * x**-40.0
     return mu * 1e-6 / _water_density(T)
 
 
 def _water_conductivity(T: Array) -> Array:
-    """Patek et al. (2009) for liquid water at 0.1 MPa [W/mK]."""
+    """Conductivity of water by Patek et al. (2009), liquid at 0.1 MPa [W/mK]."""
     x = (T + ZERO_C) / 300.0
     return 1.6630 * x**-1.15 - 1.7781 * x**-3.4 + 1.1567 * x**-6.0 - 0.432115 * x**-7.6
 
 
 def fluid(name: str) -> Fluid:
     """A built-in fluid by name, or the fluid of a table where the name ends in .csv or .txt.
+
+    Parameters
+    ----------
+    name
+        Name in ``FLUIDS`` (case and separators do not matter), or path of a table.
 
     Raises
     ------
@@ -208,7 +256,23 @@ def read_fluid(path: str | Path) -> Fluid:
 
 
 def fluid_from_table(table: pd.DataFrame, name: str, where: str = "fluid table") -> Fluid:
-    """The fluid of a table in memory; see ``read_fluid``."""
+    """The fluid of a table in memory; see ``read_fluid``.
+
+    Parameters
+    ----------
+    table
+        Table with the columns of :func:`read_fluid`; rows in any order.
+    name
+        Name of the fluid.
+    where
+        File, for messages.
+
+    Raises
+    ------
+    InputError
+        Fewer than two temperatures, an impossible value, a density that does not fall with
+        temperature, or an uncertainty outside 0 to 1.
+    """
     columns = {c: _numbers(table, c, where) for c in COLUMNS}
     order = np.argsort(columns["T_degC"])
     T = columns["T_degC"][order]
@@ -242,7 +306,20 @@ def fluid_from_table(table: pd.DataFrame, name: str, where: str = "fluid table")
 
 
 def _numbers(table: pd.DataFrame, column: str, where: str) -> Array:
-    """A column as numbers. Raises InputError for a value that is not possible."""
+    """A column as numbers. Raises InputError for a value that is not possible.
+
+    Parameters
+    ----------
+    table, column
+        Table and name of the column.
+    where
+        File, for messages.
+
+    Returns
+    -------
+    values
+        One for each row.
+    """
     values = pd.to_numeric(table[column], errors="coerce").to_numpy(dtype=float)
     low, high = _BOUNDS[column]
     bad = np.flatnonzero(~((values >= low) & (values <= high)))
@@ -258,7 +335,17 @@ def _numbers(table: pd.DataFrame, column: str, where: str) -> Array:
 
 
 def _spline(x: Array, y: Array) -> Curve:
-    """Cubic spline through the points; a straight line through two."""
+    """Cubic spline through the points; a straight line through two.
+
+    Parameters
+    ----------
+    x, y
+        Points (N,), x rising.
+
+    Notes
+    -----
+    Three points use the natural end condition, since the not-a-knot condition needs four.
+    """
     if len(x) == 2:
         slope = (y[1] - y[0]) / (x[1] - x[0])
         return partial(_line, slope, y[0] - slope * x[0])
@@ -267,7 +354,17 @@ def _spline(x: Array, y: Array) -> Curve:
 
 
 def _viscosity_spline(T: Array, nu: Array) -> Curve:
-    """Spline of the Walther equation (ASTM D341), or of ln nu for thinner fluids (water, gases)."""
+    """Spline of the Walther equation (ASTM D341), or of ln nu for thinner fluids (water, gases).
+
+    Parameters
+    ----------
+    T, nu
+        Temperatures [degC] and kinematic viscosities [m2/s] (N,).
+
+    Notes
+    -----
+    The Walther equation needs nu + 0.7 mm2/s above one, hence the limit ``WALTHER_MIN_MM2_S``.
+    """
     nu_mm2_s = nu * 1e6
     if np.min(nu_mm2_s) <= WALTHER_MIN_MM2_S:
         return partial(_exponential, _spline(T, np.log(nu)))
@@ -277,14 +374,17 @@ def _viscosity_spline(T: Array, nu: Array) -> Curve:
 
 # Functions of the module, not closures: a fluid can then be pickled for worker processes.
 def _line(slope: float, intercept: float, T: Array) -> Array:
+    """Straight line in temperature."""
     return intercept + slope * T
 
 
 def _exponential(log_nu: Curve, T: Array) -> Array:
+    """Viscosity [m2/s] from the curve of its logarithm."""
     return np.exp(log_nu(T))
 
 
 def _walther(log_log_nu: Curve, T: Array) -> Array:
+    """Viscosity [m2/s] from the curve of log log(nu + 0.7 mm2/s) over log T."""
     nu_mm2_s = 10 ** (10 ** log_log_nu(np.log10(T + ZERO_C))) - WALTHER_OFFSET_MM2_S
     return nu_mm2_s * 1e-6
 

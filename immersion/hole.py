@@ -1,4 +1,10 @@
-"""Hole and cement comparison (section 5.4): extra lag of cemented over clamped sensors."""
+"""Hole and cement comparison (section 5.4): extra lag of cemented over clamped sensors.
+
+Used by the command ``tcdyn hole`` (:mod:`tcdyn.cli.calibrate`) and drawn by
+``tcdyn.plots.draw_holes``. All junctions have the same depth, so the difference of their lags does
+not depend on the bath, h or the entry. Thresholds are chosen by judgement. Tests:
+``tests/immersion/test_plunge_hole.py``.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +42,21 @@ Verdict = Literal["as good as ideal", "acceptable", "too slow", "undecided"]
 
 @dataclass(frozen=True)
 class Hole:
-    """One cemented thermocouple: extra lag over the clamped ones [s], verdict, and a sentence."""
+    """One cemented thermocouple: extra lag over the clamped ones [s], verdict, and a sentence.
+
+    Attributes
+    ----------
+    name
+        Name of the channel.
+    diameter_mm
+        Diameter of the hole from the name; None where the name has none.
+    extra_lag_s
+        Extra lag over the mean of the clamped thermocouples [s].
+    verdict
+        Result of the comparison with the limit.
+    sentence
+        The result in words.
+    """
 
     name: str
     diameter_mm: float | None
@@ -164,6 +184,11 @@ def compare_holes(
     where
         Name of the log, for messages.
 
+    Returns
+    -------
+    comparison
+        One result a hole, and the fitted blocks.
+
     Raises
     ------
     InputError
@@ -179,6 +204,10 @@ def compare_holes(
 
     A hole is too slow when its interval is above ``limit_s``, acceptable when it is below,
     undecided when it contains the limit.
+
+    ``limit_s`` and the verdicts change no lag. ``reference_lag_s`` hardly matters, because only
+    differences of lags are estimated. The steps of the spike filter, blocks and noise are those of
+    :mod:`immersion.plunge_data`. Test: ``tests/immersion/test_plunge_hole.py``.
     """
     names = [c.removesuffix("_degC") for c in frame.columns if c.endswith("_degC")]
     names = [n for n in names if n not in OTHER_COLUMNS]
@@ -231,11 +260,27 @@ def compare_holes(
 
 
 def _optional(frame: pd.DataFrame, column: str) -> Array | None:
+    """A column as numbers (N,); None where the log has none."""
     return frame[column].to_numpy(dtype=float) if column in frame else None
 
 
 def _knots(end: float) -> Array:
-    """Knots of x after the entry [s]: 0.06 s apart at first, then up to 3 s."""
+    """Knots of x after the entry [s]: 0.06 s apart at first, then up to 3 s.
+
+    Parameters
+    ----------
+    end
+        Last time [s].
+
+    Returns
+    -------
+    knots
+        (K,) [s], from 0 to ``end`` or beyond.
+
+    Notes
+    -----
+    The spacing limits how fast x can change; it is chosen by judgement.
+    """
     knots = [0.0]
     step = 0.06
     while knots[-1] < end:
@@ -248,10 +293,39 @@ def _knots(end: float) -> Array:
 def _fit(
     time: Array, mean: Array, count: Array, noise: Array, ideals: int, base_s: float, gain_u: float
 ) -> tuple[Array, Array, Array]:
-    """Extra lags (C,), their covariance (C, C) and the fitted blocks (B, C).
+    """Fit the common temperature x and the extra lag of each channel to the blocks.
 
     Parameters are the knots of x, then offset, gain error and extra lag of each channel. Extra lags
     and gain errors of the ideal channels are zero on average.
+
+    Parameters
+    ----------
+    time
+        Mean times of the blocks after the entry (B,) [s].
+    mean, count
+        Mean readings and number of samples (B, C).
+    noise
+        White noise of one sample (C,) [K].
+    ideals
+        Number of ideal channels; they come first.
+    base_s
+        Lag of the ideal channels [s].
+    gain_u
+        Standard uncertainty of the gain of a channel [1].
+
+    Returns
+    -------
+    extra
+        Extra lags (C,) [s].
+    covariance
+        (C, C) [s2].
+    fitted
+        Fitted blocks (B, C) [degC].
+
+    Notes
+    -----
+    The first pass fits x and the offsets only. Three passes with all parameters follow; each
+    estimates one variance factor, at least one, from the residuals of the pass before.
     """
     c = mean.shape[1]
     grid = plunge_grid(float(time[-1]) + 1.0, longest_s=1.0)
@@ -304,6 +378,8 @@ def _fit(
         sd = block_sd(noise, count) * np.sqrt(variance_factor)
 
         def evaluate(theta: Array, sd: Array = sd) -> tuple[Array, Array]:
+            """Standardised residuals (B C,) and their Jacobian (B C, P), as ``Problem`` needs them.
+            """
             y, jacobian = model(theta)
             return ((y - mean) / sd).ravel(), (jacobian / sd[:, :, None]).reshape(-1, n)
 
@@ -319,7 +395,19 @@ def _fit(
 
 
 def _hole(name: str, extra: float, variance: float, u_depth: float, limit: float) -> Hole:
-    """Result for one cemented thermocouple; a name such as d1p3 contains the diameter 1.3 mm."""
+    """Result for one cemented thermocouple; a name such as d1p3 contains the diameter 1.3 mm.
+
+    Parameters
+    ----------
+    name
+        Name of the channel.
+    extra, variance
+        Extra lag [s] and its variance from the fit [s2].
+    u_depth
+        Standard uncertainty from the depths [s].
+    limit
+        Largest acceptable extra lag [s].
+    """
     estimate = Estimate.normal(float(extra), float(np.hypot(np.sqrt(variance), u_depth)))
     match = re.search(r"(\d+)[p.](\d+)", name)
     diameter = float(f"{match[1]}.{match[2]}") if match else None
@@ -333,6 +421,7 @@ def _hole(name: str, extra: float, variance: float, u_depth: float, limit: float
 
 
 def _verdict(extra_lag: Estimate, limit_s: float) -> Verdict:
+    """Compare the 95 % interval of an extra lag with the limit and with zero."""
     if extra_lag.low95 > limit_s:
         return "too slow"
     if extra_lag.high95 >= limit_s:

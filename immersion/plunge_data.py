@@ -1,4 +1,11 @@
-"""One plunge as data of the fit: despiked, cut, averaged in blocks of growing length; its noise."""
+"""One plunge as data of the fit: despiked, cut, averaged in blocks of growing length; its noise.
+
+:func:`run_from_log` and :func:`make_blocks` prepare a log for the plunge fit; ``RunNoise`` holds
+the noise with which the fit weights the blocks. Also used by :mod:`immersion.hole` and the design
+of plunges. Short blocks near the entry keep the information about the lag; long blocks later save
+time. Thresholds are chosen by judgement where no other reason is given. Tests:
+``tests/immersion/test_plunge_run.py``.
+"""
 
 from __future__ import annotations
 
@@ -66,7 +73,7 @@ class PlungeRun:
 
     @property
     def pivot_degC(self) -> Array:
-        """Temperature (C,) of least uncertainty of each static line, about which its slope errs.
+        """Temperature of least uncertainty of each static line (C,), about which its slope errs.
 
         0 for a channel without a line.
         """
@@ -188,10 +195,21 @@ def make_blocks(run: PlungeRun, before_s: float = 5.0, longest_s: float = 2.0) -
         Longest block [s]. Blocks near the entry are two samples long (at least 0.02 s); their
         length grows by 3 % of the time since.
 
+    Returns
+    -------
+    blocks
+        Block means of readings and bath.
+
     Raises
     ------
     InputError
         When there is too little before or after the entry.
+
+    Notes
+    -----
+    ``before_s`` and ``longest_s`` may be changed; longer blocks lose information about fast
+    changes. The model of a run covers the record of its blocks
+    (:func:`immersion.plunge_model.build_run_models`). Test: ``tests/immersion/test_plunge_run.py``.
     """
     t = run.time_s - run.entry.time_s
     filled = pd.DataFrame(run.readings_degC).interpolate(limit_direction="both").to_numpy()
@@ -218,11 +236,28 @@ def make_averages(
 ) -> tuple[Array, Array, Array]:
     """Block means of ``values`` (N, C), NaN left out.
 
+    Parameters
+    ----------
+    times
+        Times (N,) [s], rising, 0 at the entry.
+    values
+        Values (N, C).
+    dt_s
+        Sampling interval [s].
+    longest_s
+        Longest block [s].
+
     Returns
     -------
     centre, mean, count
         Mean time (B,), mean (B, C) and number of samples (B, C). Where a channel has no sample in a
         block, the count is 0 and the mean is interpolated between the blocks next to it.
+
+    Notes
+    -----
+    Blocks are one second long until one second before the entry, then two samples (at least 0.02
+    s); from one second after the entry they grow by ``BLOCK_GROWTH`` of the time since. A larger
+    growth gives fewer blocks.
     """
     shortest_s = max(2 * dt_s, 0.02)
     edges = [float(times[0]) - dt_s / 2]
@@ -239,7 +274,25 @@ def make_averages(
 
 
 def without_spikes(values: Array) -> tuple[Array, int]:
-    """Readings (N, C) with NaN in place of spikes, and the number of spikes."""
+    """Readings (N, C) with NaN in place of spikes, and the number of spikes.
+
+    Parameters
+    ----------
+    values
+        Readings (N, C) [degC].
+
+    Returns
+    -------
+    readings
+        (N, C), with NaN in place of spikes.
+    spikes
+        Number of spikes.
+
+    Notes
+    -----
+    The limits are ``SPIKES["plunge"]`` of :mod:`tcdyn.estimation.trace_noise`. A lower limit can
+    remove steps of a coarse logger: ``tests/immersion/test_plunge_run.py``.
+    """
     noise = np.maximum(white_noise_sd(values), 1e-9)
     spikes = [find_spikes(y, SPIKES["plunge"], sd) for y, sd in zip(values.T, noise)]
     mask = np.stack(spikes, axis=1)
@@ -264,6 +317,11 @@ def smooth_bath(t: Array, bath: Array, end_s: float, window_s: float = 10.0) -> 
     -------
     times, means
         (W,) each, [s] and [degC].
+
+    Raises
+    ------
+    InputError
+        Without a bath temperature after the entry.
     """
     after = (t >= 0) & (t <= end_s) & np.isfinite(bath)
     if not np.any(after):
@@ -323,6 +381,10 @@ class RunNoise:
         The standard deviation of a channel is a robust one (median absolute deviation), then the
         root mean square of the residuals within 4 of it. Blocks beyond 4 standard deviations lose
         weight (Huber).
+
+        ``COMMON_PARAMETERS`` and ``PARAMETERS_PER_CHANNEL`` set the degrees of freedom; change them
+        with the parameters of :mod:`immersion.plunge_parameters`. ``HUBER_LIMIT`` decides which
+        blocks lose weight. Test: ``tests/immersion/test_plunge_run.py``.
         """
         c = residual_K.shape[1]
         scaled = residual_K * np.sqrt(count)
@@ -342,7 +404,20 @@ class RunNoise:
 
 
 def block_sd(noise_sd_K: Array, count: Array) -> Array:
-    """Standard deviation of block means (B, C) for white noise; infinite without samples."""
+    """Standard deviation of block means (B, C) for white noise; infinite without samples.
+
+    Parameters
+    ----------
+    noise_sd_K
+        White noise of one sample (C,) [K].
+    count
+        Samples in each block (B, C).
+
+    Returns
+    -------
+    sd
+        (B, C) [K].
+    """
     return np.where(count > 0, noise_sd_K / np.sqrt(np.maximum(count, 1)), np.inf)
 
 
@@ -358,11 +433,20 @@ def variance_factors(
     parameters_common, parameters_differential
         Numbers of parameters that each part determines.
 
+    Returns
+    -------
+    common, differential
+        Factors on the variance of the mean over channels, and of the deviations from it; the second
+        is one for one channel.
+
     Notes
     -----
     The two factors are separate because an error of the bath or of h moves all channels together,
     and noise does not. Each factor is the mean square times the correlation length; at least one
     quarter.
+
+    ``MIN_FACTOR`` keeps a lucky fit from giving an uncertainty that is too small. Test:
+    ``tests/immersion/test_plunge_run.py``.
     """
     b, c = standardised.shape
     mean = np.mean(standardised, axis=1)

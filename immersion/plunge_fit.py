@@ -1,4 +1,11 @@
-"""Grey-box identification of the chains of a disk from its plunges: joint MAP fit."""
+"""Grey-box identification of the chains of a disk from its plunges: joint MAP fit.
+
+:func:`identify_plunges` is the entry point, used by ``tcdyn calibrate``. The order: whiten the
+noise, average in blocks, set the priors, find the MAP, scan the common lag, refit with other
+correlations. :func:`with_structure_uncertainty` adds the comparison of structures. Thresholds are
+chosen by judgement. Tests: ``tests/immersion/test_plunge_fit.py`` and
+``tests/immersion/test_plunge_structures.py``.
+"""
 
 from __future__ import annotations
 
@@ -77,6 +84,11 @@ def identify_plunges(
         Correlations that are fitted too. The spread of the lags between correlations is added to
         their covariance.
 
+    Returns
+    -------
+    fit
+        Lags with covariance, chains, budget and findings.
+
     Raises
     ------
     InputError
@@ -91,6 +103,11 @@ def identify_plunges(
     depth and the errors of the static line; the conductivity is common. The result is the most
     probable parameter set (MAP). Its covariance is the inverse Hessian, with the noise estimated
     from the residuals.
+
+    The steps must stay in this order: the readings are whitened by the noise model of the logger,
+    and the model gets the same filter (``whitened_setup``); the lags are reported with the
+    conditioning filter of ``setup``. A correlation more in ``alternatives`` can widen the lags.
+    Test: ``tests/immersion/test_plunge_fit.py``.
     """
     if not runs:
         raise InputError("no plunge was given", expected="one immersion log or more")
@@ -112,6 +129,7 @@ def identify_plunges(
     mean, sd = full_prior(layout, priors, runs, initial_degC, bath_degC, base, setup)
 
     def build(about: Array) -> tuple[RunModel, ...]:
+        """Models of all runs, linearised about parameters (P,)."""
         return build_run_models(runs, blocks, whitened_setup, layout, base, about)
 
     problem = PlungeProblem((), layout, mean, sd, tuple(RunNoise.white(b) for b in blocks))
@@ -119,14 +137,34 @@ def identify_plunges(
     best, rival = _best_of_two(problem, build, filtered.lag_s)
     scan, best, _ = scan_common_lag(best)
     others = [find_correlation(name) for name in alternatives]
-    form = model_form(best, scan, base, others, setup.conditioning.lag_s)
+    form = compare_correlations(best, scan, base, others, setup.conditioning.lag_s)
     return PlungeFit(setup, base.name, priors, form, rival, tuple(runs), best, scan, noise)
 
 
 def _whitened_runs(
     runs: Sequence[PlungeRun], filter_: Conditioning
 ) -> tuple[LoggerNoise, list[PlungeRun]]:
-    """Common noise model of all runs, and the runs with whitened noise, without spikes and bursts."""
+    """Noise model of all runs, and the runs with whitened noise.
+
+    Parameters
+    ----------
+    runs
+        Runs with the same channels.
+    filter_
+        Conditioning filter of the logger.
+
+    Returns
+    -------
+    noise
+        Noise model that all runs have in common.
+    runs
+        Runs whose readings are whitened; spikes and bursts are NaN.
+
+    Notes
+    -----
+    ``tcdyn.chain.logger_noise.TYPICAL_LAG_S`` is the lag of the chain that is assumed here, before
+    any lag is known.
+    """
     clean = [without_spikes(run.readings_degC)[0] for run in runs]
     white_K = np.mean([white_noise_sd(y) for y in clean], axis=0)
     typical = Chain((TYPICAL_LAG_S,), conditioning=filter_)
@@ -157,15 +195,31 @@ def full_prior(
     ----------
     layout, priors, runs, correlation, setup
         As in the fit.
+    layout
+        Layout of the parameter vector.
+    priors
+        Priors of the nuisance parameters.
+    runs
+        The runs, in the order of the layout.
     initial_degC, bath_degC
         For each run, the temperatures between which the uncertainty of the fluid properties is
         evaluated.
+    correlation, setup
+        Correlation and disk, for the uncertainty of h.
+
+    Returns
+    -------
+    mean, sd
+        (P,) each; infinite where the prior is flat.
 
     Notes
     -----
     The uncertainty of the fluid's properties widens each scale of h. The errors of a channel with a
     static line have the covariance of that line; the error that is common to all lines acts like
     one of the bath thermometer.
+
+    Used by the design of plunges, too, so that predicted and fitted uncertainties agree:
+    ``tests/immersion/test_design_predictions.py``.
     """
     h_u_rel = []
     for run, initial, bath_temperature in zip(runs, initial_degC, bath_degC):
@@ -185,6 +239,16 @@ def full_prior(
 
 def static_line_corrections(fit: PlungeFit) -> pd.DataFrame:
     """Corrections of the static lines by the plunges, with uncertainties before and after.
+
+    Parameters
+    ----------
+    fit
+        A plunge fit.
+
+    Returns
+    -------
+    corrections
+        One row a channel.
 
     Notes
     -----
@@ -230,10 +294,27 @@ def with_structure_uncertainty(fit: PlungeFit) -> PlungeFit:
 def published_degC(
     run: PlungeRun, setup: DiskSetup, correlations: Sequence[str] = THESIS_THREE
 ) -> dict[str, pd.DataFrame]:
-    """Junctions by each published correlation: scale of h one, no burst (figures 5.26 and 5.27).
+    """Junctions by each published correlation, with scale of h one and no burst.
 
     The keys are name and title of the correlation; the tables are like those of
     :meth:`PlungeFit.junction_degC`. ``tcdyn.plots.draw_entry(run, tables, ax)`` draws them.
+
+    Figures 5.26 and 5.27 of the thesis.
+
+    Parameters
+    ----------
+    run
+        The plunge.
+    setup
+        The disk.
+    correlations
+        Names of correlations.
+
+    Returns
+    -------
+    tables
+        By name and title of the correlation; each like
+        :meth:`immersion.plunge_result.PlungeFit.junction_degC`.
     """
     blocks = make_blocks(run)
     layout = PlungeParameters(1, run.channels, "P1")
@@ -254,6 +335,28 @@ def _best_of_two(
     A second search, with all parameters free from the first step, is made when the first did not
     converge or ended beyond 1.5 s. Of two solutions whose cost differs by less than 6, the one with
     the shorter lag is taken, and the warning gives the other.
+
+    Parameters
+    ----------
+    problem
+        Problem with its models.
+    build
+        Builds the linearised models about given parameters.
+    filter_lag_s
+        Lag of the conditioning filter [s], added to the lag in the warning.
+
+    Returns
+    -------
+    optimum
+        The solution to report.
+    findings
+        A warning about the other solution, or nothing.
+
+    Notes
+    -----
+    ``CLEARLY_BETTER_CHI_SQUARE`` decides between "better" and "equally well". The preference for
+    the shorter lag is a choice; the warning tells the user about the other. Test:
+    ``tests/immersion/test_plunge_fit.py``.
     """
     best = fit_map(problem, build)
     best_lag_s = float(np.mean(best.lag_s))
@@ -286,6 +389,16 @@ def fit_map(
         parameters.
     passes
         Number of refits.
+
+    Returns
+    -------
+    optimum
+        The most probable parameters, with the noise of the residuals of the last pass.
+
+    Notes
+    -----
+    With ``staged``, the first search cannot trade the lag against the burst. ``RELINEARISE_LN_K``
+    and ``RELINEARISE_DEPTH_M`` are steps within which conduction is linear; smaller ones cost time.
     """
     layout = problem.layout
     about = problem.start
@@ -306,14 +419,14 @@ def fit_map(
     return best
 
 
-def model_form(
+def compare_correlations(
     final: PlungeOptimum,
     scan: LagScan,
     chosen: Correlation,
     others: Sequence[Correlation],
     filter_lag_s: float,
 ) -> ModelForm:
-    """Model-form alternatives: refit with each of ``others`` and compare the lags.
+    """Refit with each of ``others`` and compare the lags.
 
     Parameters
     ----------
@@ -328,11 +441,20 @@ def model_form(
     filter_lag_s
         Lag of the conditioning filter [s], added to the common lags.
 
+    Returns
+    -------
+    form
+        Common lags and costs by correlation, and the covariance that the choice adds.
+
     Notes
     -----
     Each refit is made at three common lags about the result; the shift of the maximum of the
     posterior is taken. The base correlation is treated in the same way, so that skewness cancels.
     The sample covariance of the lag vectors is what the choice of correlation adds.
+
+    The shift is limited to two standard deviations of the common lag. ``ModelForm.covariance`` is
+    added to that of the lags in :class:`immersion.plunge_result.PlungeFit`. Test:
+    ``tests/immersion/test_plunge_fit.py``.
     """
     width = scan.sd_s
     base_shift = _maximum_shift(final, width)
@@ -354,7 +476,20 @@ def model_form(
 
 
 def _refit_with(final: PlungeOptimum, other: Correlation) -> PlungeOptimum:
-    """The optimum at the same common lag with another correlation."""
+    """The optimum at the same common lag with another correlation.
+
+    Parameters
+    ----------
+    final
+        Optimum with the first correlation.
+    other
+        Another correlation.
+
+    Returns
+    -------
+    optimum
+        With the scale of h started so that h is the same on average.
+    """
     problem = final.problem
     theta = final.theta.copy()
     models = tuple(replace(m, bath=replace(m.bath, correlation=other)) for m in problem.models)
@@ -369,7 +504,20 @@ def _refit_with(final: PlungeOptimum, other: Correlation) -> PlungeOptimum:
 
 
 def _maximum_shift(at: PlungeOptimum, width: float) -> float:
-    """Shift [s] of the maximum of the log marginal: parabola through three values about ``at``."""
+    """Shift [s] of the maximum of the log marginal: parabola through three values about ``at``.
+
+    Parameters
+    ----------
+    at
+        Optimum; its common lag is the middle of the three.
+    width
+        Distance of the outer two [s].
+
+    Returns
+    -------
+    shift
+        [s]; zero where the parabola has no maximum.
+    """
     weights = at.problem.layout.common_lag
     lag = float(at.lag_s.mean())
     low = -0.5 * marginal(minimise_constrained(at.solution, weights, lag - width, **SEARCH))

@@ -1,4 +1,11 @@
-"""Forward model of a plunge with exact derivatives: flux, conduction, chain, static line."""
+"""Forward model of a plunge with exact derivatives: flux, conduction, chain, static line.
+
+Used by :mod:`immersion.plunge_posterior` (residuals and Jacobian) and by the design of plunges.
+Surface heat balance by Newton's method, conduction by influence matrices, chain as exact
+first-order lags. The derivatives follow from the implicit function theorem. Steps of differences
+are chosen by judgement. Tests: ``tests/immersion/test_plunge_fit.py`` compares the derivatives with
+differences and the chain on the grid with its transfer function.
+"""
 
 from __future__ import annotations
 
@@ -75,7 +82,26 @@ class DiskInfluence:
     def from_setup(
         cls, setup: DiskSetup, depth_m: Array, duration_s: float, ln_k: float, shift_m: Array
     ) -> DiskInfluence:
-        """Influence for junctions at ``depth_m`` + ``shift_m`` (C,) and nominal K exp(``ln_k``)."""
+        """Influence matrices of a disk, linearised about a conductivity and depths.
+
+        Parameters
+        ----------
+        setup
+            The disk, with the conditioning filter.
+        depth_m
+            Nominal depths (C,) [m].
+        duration_s
+            Last time of the grid [s].
+        ln_k
+            ln of the conductivity over its nominal value.
+        shift_m
+            Deviations of the depths (C,) [m].
+
+        Notes
+        -----
+        The grid is :func:`immersion.radial.plunge_grid` with its default steps. ``RunModel.grid_s``
+        takes its leading knots, so that all runs must use the same steps.
+        """
         grid = plunge_grid(duration_s)
         nominal = Cylinder.from_setup(setup)
         depth = depth_m + shift_m
@@ -83,6 +109,8 @@ class DiskInfluence:
         radii = nominal.outer_radius_m - np.concatenate([[0.0], depth, depth + DEPTH_STEP_M])
 
         def matrices(log_factor: float, at_radii: Array) -> Array:
+            """Influence at radii (P,) with K multiplied by exp(``log_factor``), (P, n, n) [K m2/W].
+            """
             conductivity = nominal.conductivity_W_mK * np.exp(log_factor)
             cylinder = replace(nominal, conductivity_W_mK=conductivity)
             return influence(cylinder, at_radii, grid)[0]
@@ -150,11 +178,22 @@ class RunModel:
 
     @property
     def grid_s(self) -> Array:
-        """Times after the entry [s], (n,)."""
+        """Times after the entry (n,) [s]."""
         return self.influence.grid_s[: len(self.bath_degC)]
 
     def start_degC(self, parameters: Array) -> Array | None:
-        """Start (n,) of the surface solver: the tangent, clipped to bath and disk."""
+        """Start (n,) of the surface solver: the tangent, clipped to bath and disk.
+
+        Parameters
+        ----------
+        parameters
+            Parameters of the run and ln K (10,).
+
+        Returns
+        -------
+        start
+            (n,) [degC]; None without a guess.
+        """
         if self.guess is None:
             return None
         surface = self.guess.temperature_degC
@@ -177,6 +216,28 @@ def build_run_models(
     """Models of all runs, linearised about conductivity and depths in ``about`` (P,).
 
     The surface solved at ``about`` and its tangent become the start of later solutions.
+
+    Parameters
+    ----------
+    runs, blocks
+        Runs and their block means, in the order of the layout.
+    setup
+        The disk, with the (whitened) conditioning filter.
+    layout
+        Layout of the parameter vector.
+    correlation
+        Correlation of natural convection.
+    about
+        Parameters (P,).
+
+    Returns
+    -------
+    models
+        One for each run.
+
+    Notes
+    -----
+    The grid reaches 2 s beyond the last block, so that a shifted entry stays within it.
     """
     depth = np.array([setup.junctions[c].depth_m for c in layout.channels])
     durations_s = [b.duration_s + 2.0 for b in blocks]
@@ -200,9 +261,16 @@ def build_run_models(
 
 @dataclass(frozen=True)
 class RunSurface:
-    """Solved surface of a run: temperature, flux, h (n,), and derivatives of two (n, 9 + 1).
+    """Solved surface of a run, and its derivatives with respect to the run's parameters.
 
     The derivatives are with respect to the run's parameters, then ln K.
+
+    Attributes
+    ----------
+    temperature_degC, flux_W_m2, h_W_m2K
+        Each (n,).
+    temperature_derivatives, flux_derivatives
+        Each (n, 10), by the nine parameters of the run in the order of ``RUN_KINDS``, then by ln K.
     """
 
     temperature_degC: Array
@@ -215,11 +283,31 @@ class RunSurface:
 def solve_run(model: RunModel, layout: PlungeParameters, theta: Array, r: int) -> RunSurface:
     """Solve the surface heat balance of run ``r`` at the parameters ``theta`` (P,).
 
+    Parameters
+    ----------
+    model
+        Model of the run.
+    layout
+        Layout of the parameter vector.
+    theta
+        Parameters (P,).
+    r
+        Index of the run.
+
+    Returns
+    -------
+    surface
+        Solved surface with its derivatives.
+
     Notes
     -----
     q = s (|dT|/dT_0)^m (nu_wall/nu_bath)^v h_correlation (1 + A exp(-(t/tau)^p)) (T_f - T_s), T_s =
     T_0 + M q. The derivatives follow from the implicit function theorem: (I - diag(dq/dT_s) M)
     dq/dx = partial q/partial x.
+
+    ``partial`` lists the derivatives in the order of ``RUN_KINDS`` of
+    :mod:`immersion.plunge_parameters`, then ln K. A new factor of h needs its entry there and a new
+    kind in ``RUN_KINDS``. Test: ``tests/immersion/test_plunge_fit.py`` (derivatives).
     """
     parameters = np.append(theta[layout.run(r)], theta[layout.at("ln_conductivity")])
     ln_h, exponent, power, ln_a, ln_tau, ln_p, _, initial, bath_offset, ln_k = parameters
@@ -239,6 +327,7 @@ def solve_run(model: RunModel, layout: PlungeParameters, theta: Array, r: int) -
         return np.log(size / model.step_K), np.log(nu(T) / nu_F)
 
     def flux(T: Array, F: Array, nu_F: Array) -> Array:
+        """Flux into the disk [W/m2] for surface and bath temperatures of shapes that broadcast."""
         log_step, log_viscosity = log_ratios(T, F, nu_F)
         factor = np.exp(ln_h + exponent * log_step + power * log_viscosity)
         return model.bath.h_W_m2K(T, F) * factor * (F - T) * (1 + burst)
@@ -289,6 +378,17 @@ def influence_at(
     ----------
     matrices
         ``junctions`` or ``readings`` of ``disk`` (C, 3, n, n).
+    disk
+        Influence of the disk, with the point of linearisation.
+    layout
+        Layout of the parameter vector.
+    theta
+        Parameters (P,).
+
+    Returns
+    -------
+    matrices
+        (C, n, n) [K m2/W].
     """
     c, _, n, _ = matrices.shape
     ln_k_shift = np.full(c, theta[layout.at("ln_conductivity")][0] - disk.ln_k)
@@ -302,11 +402,25 @@ def predict(
 ) -> tuple[list[Array], list[Array], list[RunSurface]]:
     """Predict all runs.
 
+    Parameters
+    ----------
+    models
+        One model for each run; all have the same ``influence``.
+    layout
+        Layout of the parameter vector.
+    theta
+        Parameters (P,).
+
     Returns
     -------
     readings, jacobians, surfaces
         For each run: block readings (B, C), their derivatives (B, C, P) with respect to every
         parameter of the fit, and the solved surface.
+
+    Notes
+    -----
+    All runs pass conduction and chain in one product, which is why the influence is common. The
+    Jacobian must stay that of the readings: ``tests/immersion/test_plunge_fit.py``.
     """
     disk = models[0].influence
     n_runs = len(models)
@@ -349,6 +463,28 @@ def _at_blocks(
 
     ``y`` are the temperature rises after the chain on the grid with their derivatives, ``delay``
     the dead times with theirs.
+
+    Parameters
+    ----------
+    model
+        Model of the run.
+    layout
+        Layout of the parameter vector.
+    theta
+        Parameters (P,).
+    r
+        Index of the run.
+    y
+        Temperature rises after the chain on the grid with their derivatives, (Q, C, n).
+    delay
+        Dead times with their derivatives by lag and split (3, C).
+
+    Returns
+    -------
+    readings
+        (B, C) [degC].
+    jacobian
+        (B, C, P).
     """
     run = theta[layout.run(r)]
     gain = 1 + theta[layout.at("gain")][:, None]
@@ -408,9 +544,13 @@ def chain_on_grid(
     -----
     A lag acts on straight lines between knots. Its derivatives do so, too: they are those of the
     response at the knots.
+
+    The chain must be that of ``tcdyn.chain.Chain`` with the time constants of
+    :func:`immersion.plunge_parameters.stages`: ``tests/immersion/test_plunge_fit.py``.
     """
 
     def components(lag: Array, z: Array) -> Array:
+        """Time constants, dead time and zero in one array (S, C)."""
         taus, delay, zero = stages(structure, lag, z)
         return np.stack([*taus, delay + 0 * lag, zero + 0 * lag])
 
@@ -446,7 +586,24 @@ def chain_on_grid(
 
 
 def junction_degC(model: RunModel, layout: PlungeParameters, theta: Array, r: int) -> pd.DataFrame:
-    """Temperatures of the junctions without the chain [degC], by channel and ``time_s``."""
+    """Temperatures of the junctions without the chain [degC], by channel and ``time_s``.
+
+    Parameters
+    ----------
+    model
+        Model of the run.
+    layout
+        Layout of the parameter vector.
+    theta
+        Parameters (P,).
+    r
+        Index of the run.
+
+    Returns
+    -------
+    table
+        One row for each knot of the grid; ``time_s`` is after the nominal entry.
+    """
     run = theta[layout.run(r)]
     n = len(model.grid_s)
     flux = solve_run(model, layout, theta, r).flux_W_m2

@@ -1,4 +1,11 @@
-"""Parameters of the plunge fit: layout of the parameter vector, priors, and chain structures."""
+"""Parameters of the plunge fit: layout of the parameter vector, priors, and chain structures.
+
+Every module of the plunge fit and the design of plunges read the parameter vector through
+:class:`PlungeParameters`, so the order of the kinds is defined here only. The widths of the priors
+are those of ``rig.toml`` ([uncertainty]) where it has them; the others are chosen by judgement from
+published correlations and from the simulated plunges. Tests:
+``tests/immersion/test_plunge_fit.py``.
+"""
 
 from __future__ import annotations
 
@@ -36,6 +43,10 @@ class PlungePriors:
     Churchill and Chu at any Ra, Morgan (1975) and the VDI Heat Atlas for cylinders have this form
     within 0.2 % rms (Morgan 0.9 %), with ln s from -1 to 0.3, m from 0 to 0.11 and v from -0.20 to
     0.
+
+    Each width may be changed; a wider prior widens the lags. A new kind of parameter also needs an
+    entry in :meth:`PlungeParameters.prior` and in the Jacobian of ``immersion.plunge_model``.
+    Coverage is tested in ``tests/immersion/test_plunge_fit.py``.
     """
 
     h_scale_log: float = 0.30  # per run, median 1
@@ -63,6 +74,11 @@ class PlungePriors:
 
         A plunge depends on K / (rho c) only. The parameter "conductivity" of the fit therefore
         carries the uncertainties of both.
+
+        Parameters
+        ----------
+        table
+            The table ``[uncertainty]``.
         """
         steel_rel = float(np.hypot(table.conductivity_rel, table.heat_capacity_rel))
         return cls(
@@ -75,7 +91,13 @@ class PlungePriors:
         )
 
     def describe(self) -> list[tuple[str, str]]:
-        """Each prior as (parameter, text), for tables."""
+        """Each prior as (parameter, text), for tables.
+
+        Returns
+        -------
+        rows
+            Name and description of each prior.
+        """
         return [
             ("h scale, per run", f"lognormal, median 1, sd {100 * self.h_scale_log:.0f} %"),
             ("extra exponent of h, per run", f"normal, mean 0, sd {self.h_exponent:g}"),
@@ -130,6 +152,15 @@ class PlungePriors:
 class PlungeParameters:
     """Layout of the parameter vector: nine kinds for each run, five for each channel, two common.
 
+    Attributes
+    ----------
+    runs
+        Number of runs (R).
+    channels
+        Names of the channels (C).
+    structure
+        Name of the chain structure.
+
     Notes
     -----
     ``lag`` is the sum of the lags and the dead time of the chain without the conditioning filter
@@ -175,11 +206,17 @@ class PlungeParameters:
 
     @property
     def common_lag(self) -> Array:
-        """Weights (P,) of the parameters in the common lag, which is the mean lag of all channels."""
+        """Weights of the parameters in the common lag (P,), the mean lag of all channels."""
         return self.mask("lag") / len(self.channels)
 
     def table(self) -> list[tuple[str, str]]:
-        """Kind and subject of each parameter: number of the run from 1, channel, or empty."""
+        """Kind and subject of each parameter: number of the run from 1, channel, or empty.
+
+        Returns
+        -------
+        rows
+            (kind, subject) of each parameter, in the order of the vector.
+        """
         return [
             *((kind, str(r + 1)) for r in range(self.runs) for kind in RUN_KINDS),
             *((kind, c) for kind in CHANNEL_KINDS for c in self.channels),
@@ -191,7 +228,22 @@ class PlungeParameters:
         return [f"{kind}_{subject}" if subject else kind for kind, subject in self.table()]
 
     def split_prior(self, p: PlungePriors) -> dict[str, tuple[float, float]]:
-        """Prior mean and standard deviation of the two split kinds; fixed for one lag."""
+        """Prior mean and standard deviation of the two split kinds; fixed for one lag.
+
+        Parameters
+        ----------
+        p
+            Widths of the priors.
+
+        Returns
+        -------
+        prior
+            (mean, standard deviation) for "split" and "common_split".
+
+        Notes
+        -----
+        P1 has no split; ``FIXED_SD`` keeps its two parameters at their mean.
+        """
         channel_sd = p.shape_logit_channel
         common_sd = p.shape_logit_common
         if self.structure == "P1":
@@ -278,6 +330,10 @@ def stages(structure: str, lag_s: Any, logit: Any) -> tuple[tuple[Any, ...], Any
       responds quickly, the other has a slow tail.
     - P3: two equal time constants lag s/3, the first takes the remaining lag; all three are equal
       at s = 1.
+
+    Each structure keeps the sum of time constants and dead time, minus the zero, at the lag:
+    ``tests/immersion/test_plunge_fit.py``. A new structure needs an entry in
+    ``tcdyn.chain.STRUCTURES``. The ratios 0.4, 0.8 and 0.2 are chosen by judgement.
     """
     if structure == "P1":
         return (lag_s,), 0.0, 0.0
@@ -300,6 +356,16 @@ def differential_covariance(covariance: Array) -> Array:
 
     >>> differential_covariance(np.array([[0.02, 0.0199], [0.0199, 0.02]])).round(6).tolist()
     [[5e-05, -5e-05], [-5e-05, 5e-05]]
+
+    Parameters
+    ----------
+    covariance
+        Covariance of the lags (C, C) [s2].
+
+    Returns
+    -------
+    covariance
+        (C, C) [s2]; its rows sum to zero.
     """
     project = np.eye(len(covariance)) - 1 / len(covariance)
     return project @ covariance @ project
@@ -313,6 +379,11 @@ def lag_u_s(covariance: Array) -> tuple[float, float]:
     covariance
         Covariance (C, C) of the lags [s2]. It may be the difference of two covariances; a negative
         variance counts as zero.
+
+    Returns
+    -------
+    common, differential
+        Standard uncertainties [s].
     """
     common_variance = covariance.mean()
     differential_variance = np.trace(differential_covariance(covariance)) / len(covariance)

@@ -1,4 +1,11 @@
-"""Posterior of the plunge parameters: MAP, Laplace approximation, scan of the common lag."""
+"""Posterior of the plunge parameters: MAP, Laplace approximation, scan of the common lag.
+
+Used by :mod:`immersion.plunge_fit`, :mod:`immersion.chain_structures` and the design of plunges.
+The search is ``tcdyn.estimation.minimise``; the marginal posterior of the common lag is Laplace's
+along a profile (Tierney and Kadane 1986 give the approximation). Limits of steps are chosen by
+judgement. Tests: ``tests/immersion/test_plunge_fit.py`` and
+``tests/immersion/test_plunge_structures.py``.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +42,19 @@ GRID_POINTS = 801  # of the marginal density of the common lag
 
 @dataclass(frozen=True)
 class PlungeProblem:
-    """Models of all runs, prior (P,) each, and noise: everything on which the posterior depends."""
+    """Models of all runs, prior (P,) each, and noise: everything on which the posterior depends.
+
+    Attributes
+    ----------
+    models
+        Model of each run.
+    layout
+        Layout of the parameter vector.
+    mean, sd
+        Prior of each parameter (P,); an infinite standard deviation is a flat prior.
+    noise
+        Noise of each run.
+    """
 
     models: tuple[RunModel, ...]
     layout: PlungeParameters
@@ -50,10 +69,15 @@ class PlungeProblem:
 
     @cached_property
     def core(self) -> Problem:
-        """The least-squares problem.
+        """The least-squares problem of the posterior.
 
         No step changes a parameter of h, of the burst or of the split by more than about a factor
         e, or a lag by more than 0.5 s.
+
+        Notes
+        -----
+        The largest steps (1 for a logarithm, 1.5 for a logit, 0.5 s for a lag) affect the path of
+        the search, not its result.
         """
         layout = self.layout
         largest = np.full(layout.size, np.inf)
@@ -76,6 +100,23 @@ class PlungeProblem:
 
         For each run first the mean over channels, then the deviations from it, each with its
         variance factor.
+
+        Parameters
+        ----------
+        theta
+            Parameters (P,).
+
+        Returns
+        -------
+        residual
+            (N,): for each run the mean over channels of each block, then the deviations from it.
+        jacobian
+            (N, P).
+
+        Notes
+        -----
+        The two components have separate variance factors (:class:`immersion.plunge_data.RunNoise`).
+        The order must be the same in residual and Jacobian, and is free otherwise.
         """
         tables = []
         readings, jacobians, _ = predict(self.models, self.layout, theta)
@@ -109,7 +150,15 @@ class PlungeProblem:
 
 @dataclass(frozen=True)
 class PlungeOptimum:
-    """The most probable parameters, possibly with a constraint, and the predictions there."""
+    """The most probable parameters, possibly with a constraint, and the predictions there.
+
+    Attributes
+    ----------
+    problem
+        The problem that was solved.
+    solution
+        Parameters, cost and information at the optimum.
+    """
 
     problem: PlungeProblem = field(repr=False)
     solution: Optimum
@@ -131,7 +180,10 @@ class PlungeOptimum:
 
     @cached_property
     def covariance(self) -> Array:
-        """Covariance of the posterior in its normal approximation: inverse of the information."""
+        """Covariance of the posterior (P, P) in its normal approximation.
+
+        The inverse of the information.
+        """
         return inverse(self.solution.information)
 
     @property
@@ -141,11 +193,18 @@ class PlungeOptimum:
         return -0.5 * self.cost - 0.5 * log_determinant + self.problem.log_prior
 
     def is_near(self, other: PlungeOptimum) -> bool:
-        """Whether two optima are the same solution: their common lags agree within 0.15 s."""
+        """Whether two optima are the same solution: their common lags agree within 0.15 s.
+
+        Parameters
+        ----------
+        other
+            Another optimum of the same channels.
+        """
         return abs(float(self.lag_s.mean() - other.lag_s.mean())) < SAME_SOLUTION_S
 
     @cached_property
     def _predictions(self) -> tuple[list[Array], list[Array], list[RunSurface]]:
+        """Readings, Jacobians and surfaces of all runs at the optimum."""
         return predict(self.problem.models, self.problem.layout, self.theta)
 
     @property
@@ -209,7 +268,15 @@ class LagScan:
         return self.differential_covariance + along
 
     def estimate(self, shift_s: float = 0.0, extra_u_s: float = 0.0) -> Estimate:
-        """Common lag plus ``shift_s``, with u and 95 % interval widened by ``extra_u_s``."""
+        """Common lag plus a shift, with its uncertainty widened.
+
+        Parameters
+        ----------
+        shift_s
+            Added to the value [s]; for instance the lag of the conditioning filter.
+        extra_u_s
+            Further standard uncertainty, independent of the fit [s].
+        """
         return self.skewed_estimate(self.mean_s + shift_s, 1.0, extra_u_s**2)
 
     def skewed_estimate(self, value_s: float, slope: float, normal_variance_s2: float) -> Estimate:
@@ -268,6 +335,9 @@ def scan_common_lag(
     The marginal posterior is Laplace's: exp(-cost/2) / sqrt(det of the information of all other
     parameters). In the curved valley of lag against burst a fit can stop early. Where the scan
     finds a clearly better optimum, it starts again from there.
+
+    ``step``, ``drop`` and ``GRID_POINTS`` are numerical: a smaller step and a larger drop cost
+    time. The scan starts again at most once. Test: ``tests/immersion/test_plunge_structures.py``.
     """
     layout = best.problem.layout
     weights = layout.common_lag
@@ -324,13 +394,34 @@ def scan_common_lag(
 
 
 def marginal(at: Optimum) -> float:
-    """-2 log of Laplace's marginal posterior of the constrained quantity, up to a constant."""
+    """-2 log of Laplace's marginal posterior of the constrained quantity, up to a constant.
+
+    Parameters
+    ----------
+    at
+        Optimum with the quantity fixed.
+
+    Returns
+    -------
+    deviance
+        Up to a constant.
+    """
     return at.cost + 2 * at.log_volume
 
 
 @dataclass(frozen=True)
 class ModelForm:
-    """Refits with other correlations: common lags, costs, covariance of the lags (C, C) [s2]."""
+    """Refits with other correlations: common lags, costs, covariance of the lags (C, C) [s2].
+
+    Attributes
+    ----------
+    common_lag_s
+        Common lag by name of the correlation, with the conditioning filter [s].
+    cost
+        Least chi-square by name of the correlation.
+    covariance
+        Sample covariance of the lag vectors (C, C) [s2].
+    """
 
     common_lag_s: dict[str, float]
     cost: dict[str, float]

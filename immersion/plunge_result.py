@@ -1,4 +1,10 @@
-"""Result of a plunge fit: lags with covariance, common and differential lag, budget, warnings."""
+"""Result of a plunge fit: lags with covariance, common and differential lag, budget, warnings.
+
+Returned by :func:`immersion.plunge_fit.identify_plunges`; read by ``tcdyn calibrate``, the
+certificate and the figures. It computes from the optimum and the scan and fits nothing. The
+thresholds decide messages only; they are chosen by judgement. Tests:
+``tests/immersion/test_plunge_fit.py`` and ``tests/immersion/test_plunge_structures.py``.
+"""
 
 from __future__ import annotations
 
@@ -63,7 +69,15 @@ INTERVAL_NOTE = (
 
 @dataclass(frozen=True)
 class LagShare:
-    """Standard uncertainty from one source: common lag, and differential lags (rms)."""
+    """Standard uncertainty from one source: common lag, and differential lags (rms).
+
+    Attributes
+    ----------
+    source
+        Name of the source.
+    u_common_s, u_differential_s
+        Standard uncertainties [s].
+    """
 
     source: str
     u_common_s: float
@@ -156,6 +170,11 @@ class PlungeFit:
 
         The uncertainty of the split is that with the lag free. The part that is common to lag and
         split is counted twice rather than not at all.
+
+        Notes
+        -----
+        "Fixed lag" means that the total lag keeps its value while the logit of the split varies by
+        its standard uncertainty.
         """
         theta = self.optimum.theta
         cov = self.optimum.covariance
@@ -173,7 +192,13 @@ class PlungeFit:
 
     @property
     def extra_covariance(self) -> Array:
-        """Covariance of the lags (C, C) from the choice of correlation and of structure [s2]."""
+        """Covariance of the lags (C, C) from the choice of correlation and of structure [s2].
+
+        Returns
+        -------
+        covariance
+            (C, C) [s2]; without a comparison of structures, that of the correlation only.
+        """
         if self.structures is None:
             return self.model_form.covariance
         return self.model_form.covariance + self.structures.covariance
@@ -185,7 +210,10 @@ class PlungeFit:
 
     @cached_property
     def lag_s(self) -> dict[str, Estimate]:
-        """Lag of each channel: skew posterior of the common lag plus a normal part."""
+        """Lag of each channel with the conditioning filter [s].
+
+        The skew posterior of the common lag, plus an independent normal component.
+        """
         lag = self.optimum.lag_s + self.setup.conditioning.lag_s
         slope = self.scan.lag_slope
         normal = np.diag(self.scan.differential_covariance + self.extra_covariance)
@@ -196,12 +224,12 @@ class PlungeFit:
 
     @property
     def common_lag_s(self) -> Estimate:
-        """The mean lag of the channels."""
+        """The mean lag of the channels, with the conditioning filter [s]."""
         return self._common(self.extra_covariance)
 
     @cached_property
     def differential_lag_s(self) -> dict[str, Estimate]:
-        """Each channel's lag minus the mean of all."""
+        """Lag of each channel minus the mean of all [s]."""
         lag = self.optimum.lag_s
         variance = np.diag(differential_covariance(self.lag_covariance))
         u = np.sqrt(np.maximum(variance, 0.0))
@@ -227,10 +255,17 @@ class PlungeFit:
 
     @cached_property
     def budget(self) -> tuple[LagShare, ...]:
-        """Uncertainty budget of the lags: the variance that disappears if a group is fixed.
+        """Uncertainty budget of the lags by source.
 
         The first rows are those of the marginal posterior. The groups use its normal approximation;
         they do not add up, because their parameters are correlated.
+
+        Each row is the variance that disappears if a group of parameters is fixed.
+
+        Notes
+        -----
+        The groups are ``SOURCES``; every kind with a prior must be in one of them, or "noise alone"
+        would include it.
         """
         lag = self.layout.at("lag")
         full = self.optimum.covariance[lag, lag]
@@ -249,7 +284,13 @@ class PlungeFit:
 
     @cached_property
     def lag_finding(self) -> Finding:
-        """The common lag, and what limits its uncertainty."""
+        """The common lag, and what limits its uncertainty.
+
+        Notes
+        -----
+        ``SEPARATED_U_S`` and ``SEPARATED_U_REL`` choose between two texts:
+        ``tests/immersion/test_plunge_fit.py``.
+        """
         common = self.common_lag_s
         u_without_structure = self._common(self.model_form.covariance).u
         known_burst_u_s = lag_u_s(self._covariance_with_fixed(*BURST_KINDS, "entry"))[0]
@@ -265,7 +306,7 @@ class PlungeFit:
 
     @property
     def sentence(self) -> str:
-        """:attr:`limits` as text."""
+        """:attr:`lag_finding` as text."""
         return self.lag_finding.sentence
 
     @cached_property
@@ -287,7 +328,12 @@ class PlungeFit:
         return unique(findings)
 
     def _prior_findings(self) -> list[Finding]:
-        """Parameters that are far from their prior mean."""
+        """Findings about parameters that are far from their prior mean.
+
+        Notes
+        -----
+        The limits ``INFO_DEVIATION`` and ``WARNING_DEVIATION`` decide messages only.
+        """
         problem = self.optimum.problem
         theta = self.optimum.theta
         informative = np.isfinite(problem.sd)
@@ -322,7 +368,10 @@ class PlungeFit:
         return findings
 
     def _run_findings(self, r: int) -> list[Finding]:
-        """Findings about run ``r``: entry, validity of the correlation, spikes, coloured residuals."""
+        """Findings about run ``r``.
+
+        Entry, validity of the correlation, spikes, and coloured residuals.
+        """
         run = self.runs[r]
         model = self.optimum.problem.models[r]
         surface = self.optimum.surfaces[r]
@@ -348,7 +397,18 @@ class PlungeFit:
         return messages(self.findings)
 
     def junction_degC(self, run: int) -> pd.DataFrame:
-        """Temperatures of the junctions of a plunge without chain [degC], by time and channel."""
+        """Temperatures of the junctions in a plunge, without the chain [degC].
+
+        Parameters
+        ----------
+        run
+            Index of the plunge.
+
+        Returns
+        -------
+        table
+            One row a time after the nominal entry, one column a channel.
+        """
         return junction_degC(self.optimum.problem.models[run], self.layout, self.optimum.theta, run)
 
     def summary(self) -> str:
@@ -385,7 +445,18 @@ class PlungeFit:
         return self.scan.estimate(self.setup.conditioning.lag_s, lag_u_s(extra)[0])
 
     def _covariance_with_fixed(self, *kinds: str) -> Array:
-        """Covariance (C, C) of the lags if all parameters of ``kinds`` are fixed."""
+        """Covariance (C, C) of the lags if all parameters of ``kinds`` are fixed.
+
+        Parameters
+        ----------
+        *kinds
+            Kinds of :mod:`immersion.plunge_parameters`.
+
+        Returns
+        -------
+        covariance
+            (C, C) [s2].
+        """
         free: Flags = ~self.layout.mask(*kinds)
         lags = np.flatnonzero(self.layout.mask("lag")[free])
         information = self.optimum.solution.information[np.ix_(free, free)]

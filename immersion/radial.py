@@ -1,4 +1,10 @@
-"""Temperatures of a plunged disk: grid, Newton solver of the surface heat balance, model."""
+"""Temperatures of a plunged disk: grid, Newton solver of the surface heat balance, model.
+
+:func:`solve_surface` and :func:`plunge_grid` are used by :mod:`immersion.plunge_model`;
+:func:`simulate_plunge_model` by ``tcdyn verify`` and the tests. The surface obeys a Volterra
+equation with the influence matrices of :mod:`immersion.cylinder`. Tests:
+``tests/immersion/test_immersion_radial.py`` (exact series, second order, energy).
+"""
 
 from __future__ import annotations
 
@@ -21,11 +27,33 @@ SURFACE_STEP_K = 0.01  # step of the derivative of the flux law [K]; chosen by j
 def plunge_grid(
     duration_s: float, first_s: float = 0.02, growth: float = 0.025, longest_s: float = 2.0
 ) -> Array:
-    """Times after the entry [s]: steps of ``first_s`` in the first second, then growing.
+    """Times after the entry [s], fine at first and then growing.
 
     >>> grid = plunge_grid(300.0)
     >>> bool(grid[0] == 0.0 and grid[-1] >= 300.0 and len(grid) < 400)
     True
+
+    Parameters
+    ----------
+    duration_s
+        End of the grid [s].
+    first_s
+        Step in the first second [s]; the first steps are shorter.
+    growth
+        Growth of the step over the time since the first second [1].
+    longest_s
+        Longest step [s].
+
+    Returns
+    -------
+    times
+        (n,), from 0 to ``duration_s`` or beyond.
+
+    Notes
+    -----
+    The steps are chosen by judgement. The error is of second order in them:
+    ``tests/immersion/test_immersion_radial.py``. Grids of one set of steps share their leading
+    knots, which :class:`immersion.plunge_model.RunModel` uses.
     """
     times = [0.0, first_s / 8, first_s / 4, first_s / 2]
     t = first_s
@@ -38,7 +66,19 @@ def plunge_grid(
 
 @dataclass(frozen=True)
 class GridInterpolation:
-    """Linear interpolation from the grid to block times: interval, share, width, after."""
+    """Linear interpolation from the grid to block times.
+
+    Attributes
+    ----------
+    interval
+        Index of the knot before each time.
+    share
+        Position within the interval, 0 to 1; 0 before the entry.
+    width_s
+        Length of the interval [s].
+    after
+        Whether the time is after the entry.
+    """
 
     interval: NDArray[np.intp]
     share: Array
@@ -47,7 +87,15 @@ class GridInterpolation:
 
     @classmethod
     def at(cls, grid_s: Array, times_s: Array) -> GridInterpolation:
-        """For times after the entry ``times_s`` (..., B); earlier ones read the initial state."""
+        """The interpolation to given times; times before the entry read the initial state.
+
+        Parameters
+        ----------
+        grid_s
+            Grid (n,) [s].
+        times_s
+            Times after the entry (B,) or (C, B) [s].
+        """
         interval = np.clip(np.searchsorted(grid_s, times_s, side="right") - 1, 0, len(grid_s) - 2)
         width = np.diff(grid_s)[interval]
         after = times_s > 0
@@ -55,17 +103,42 @@ class GridInterpolation:
         return cls(interval, share, width, after)
 
     def value(self, y: Array) -> Array:
-        """Deviations ``y`` (..., n) at the block times: linear between knots, zero before entry."""
+        """Deviations ``y`` (..., n) at the block times: linear between knots, zero before entry.
+
+        Parameters
+        ----------
+        y
+            Deviations from the initial state on the grid (..., n), or (..., C, n) for times (C, B).
+
+        Returns
+        -------
+        value
+            (..., B).
+        """
         low, high = self._ends(y)
         return self.after * low + self.share * (high - low)
 
     def slope(self, y: Array) -> Array:
-        """Time derivative of ``y`` at the block times [1/s]."""
+        """Time derivative at the block times [1/s].
+
+        Parameters
+        ----------
+        y
+            As in :meth:`value`.
+
+        Returns
+        -------
+        slope
+            (..., B), constant between knots, zero before the entry.
+        """
         low, high = self._ends(y)
         return self.after / self.width_s * (high - low)
 
     def _ends(self, y: Array) -> tuple[Array, Array]:
-        """Values at both ends of the intervals; times (C, B) read the rows of y (..., C, n)."""
+        """Values of ``y`` at both ends of each interval.
+
+        Times (C, B) read the rows of ``y`` (..., C, n), each channel its own.
+        """
         if self.interval.ndim == 1:
             return y[..., self.interval], y[..., self.interval + 1]
         index = self.interval + y.shape[-1] * np.arange(len(self.interval))[:, None]
@@ -74,7 +147,20 @@ class GridInterpolation:
 
 
 def identity_minus_product(slope: Array, matrix: Array) -> Array:
-    """I - diag(``slope``) ``matrix``, for ``slope`` (n,) and ``matrix`` (n, n)."""
+    """I - diag(slope) matrix.
+
+    Parameters
+    ----------
+    slope
+        (n,).
+    matrix
+        (n, n).
+
+    Returns
+    -------
+    matrix
+        (n, n).
+    """
     out = -slope[:, None] * matrix
     out.flat[:: len(matrix) + 1] += 1.0
     return out
@@ -121,6 +207,9 @@ def solve_surface(
     -----
     The derivative of the law is a central difference of 0.01 K. Each Newton step is one triangular
     solve.
+
+    ``tolerance_K`` may be changed; the derivatives of :func:`immersion.plunge_model.solve_run`
+    assume a converged surface. Test: ``tests/immersion/test_immersion_radial.py``.
     """
     surface = np.array(offset if start is None else start, dtype=float)
     for _ in range(limit):
@@ -149,7 +238,19 @@ def solve_surface(
 
 @dataclass(frozen=True)
 class PlungeResponse:
-    """A simulated plunge: times (n,), surface, flux, h, and temperature at P depths (n, P)."""
+    """A simulated plunge: times (n,), surface, flux, h, and temperature at P depths (n, P).
+
+    Attributes
+    ----------
+    t_s
+        Times after the entry (n,).
+    surface_degC, flux_W_m2, h_W_m2K
+        Running surface (n,).
+    junction_degC
+        Temperatures at the depths (n, P).
+    depth_m
+        Depths (P,).
+    """
 
     t_s: Array
     surface_degC: Array
@@ -159,7 +260,20 @@ class PlungeResponse:
     depth_m: Array
 
     def at(self, time_s: ArrayLike, entry_s: float) -> Array:
-        """Junction temperatures (N, P) at ``time_s`` of a record with entry at ``entry_s``."""
+        """Junction temperatures at the times of a record.
+
+        Parameters
+        ----------
+        time_s
+            Times of the record (N,) [s].
+        entry_s
+            Entry in the time of the record [s].
+
+        Returns
+        -------
+        temperatures
+            (N, P) [degC].
+        """
         t = np.asarray(time_s, dtype=float) - entry_s
         return np.column_stack([np.interp(t, self.t_s, column) for column in self.junction_degC.T])
 
@@ -196,6 +310,11 @@ def simulate_plunge_model(
     modes
         Number of modes that are stepped exactly.
 
+    Returns
+    -------
+    response
+        Temperatures on the grid.
+
     Notes
     -----
     K dT/dr = h(T_s, T_f, t) (T_f - T_s) at R_o, dT/dr = 0 at the bore. Conduction is exact.
@@ -211,6 +330,7 @@ def simulate_plunge_model(
     offset = initial_degC + leak @ (fluid - initial_degC)
 
     def law(surfaces: Array) -> Array:
+        """Flux for each row of surface temperatures."""
         return np.array([h_W_m2K(T, fluid, t) * (fluid - T) for T in surfaces])
 
     surface, q, _ = solve_surface(matrix[0], offset, law)

@@ -93,7 +93,7 @@ def fit_round(
     """
     from functools import partial
 
-    from tcdyn.plots.circumferential import draw_fit
+    from tcdyn.plots.circumferential import draw_press_fit
     from tcdyn.plots.style import panel_figure
     from tcdyn.rig.disk import DISKS
     from tcdyn.rig.rigfile import load_rig
@@ -107,7 +107,7 @@ def fit_round(
     stated = [s for s in setups if s.press_fit.is_specified] or setups[:1]
     numbers = {s.name: _fit_numbers(s) for s in stated}
     if out is not None:
-        draws = [partial(draw_fit, s) for s in stated]
+        draws = [partial(draw_press_fit, s) for s in stated]
         rows = len(stated)
         _save(panel_figure(*draws, rows=rows, width_in=7.0, height_in=3.2 * rows), out)
     reporter.json(lambda: {"picture": out, **numbers})

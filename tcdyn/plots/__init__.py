@@ -1,8 +1,8 @@
 """Figures of results: functions ``draw_x(result, ax) -> ax``, and figures made of them.
 
-``draw`` chooses the main figure of a result. Every other function takes the result, or the part of
-it
-that its first argument names, and matplotlib axes.
+``draw`` chooses the main figure of a result. Every other function takes the result, or the
+component that its first argument names, and matplotlib axes. No function computes an estimate:
+import contracts keep figures above the estimators. The style is in ``tcdyn/plots/style.py``.
 
 >>> import tcdyn.plots
 >>> sorted(name for name in tcdyn.plots.__all__ if "plunge" in name)
@@ -30,10 +30,10 @@ from tcdyn.plots.conduction import (
     draw_comparison,
     draw_convergence,
     draw_field,
+    draw_map_errors,
     draw_mesh_errors,
     draw_profiles,
 )
-from tcdyn.plots.conduction import draw_map as draw_map_errors
 from tcdyn.plots.identify import (
     draw_band,
     draw_bode,

@@ -101,7 +101,7 @@ def circumferential_figure(disks: Sequence[CircumferentialTemperature]) -> Figur
     return fig
 
 
-def draw_fit(setup: DiskSetup, ax: Axes) -> Axes:
+def draw_press_fit(setup: DiskSetup, ax: Axes) -> Axes:
     """Plot the conductance of the press fit of ``rig.toml`` against the angle.
 
     The dashed line is the sum of its harmonics 0 to 2. The letters are the junctions.

@@ -106,7 +106,7 @@ def draw_mesh_errors(
     return style_axes(ax, "time [s]", y, legend_title="crosses: published")
 
 
-def draw_map(error_K: ArrayLike, h_W_m2K: ArrayLike, share: ArrayLike, ax: Axes) -> Axes:
+def draw_map_errors(error_K: ArrayLike, h_W_m2K: ArrayLike, share: ArrayLike, ax: Axes) -> Axes:
     """Plot steady map of chapter 4: misfit over heat transfer coefficient and share of the heat.
 
     Parameters

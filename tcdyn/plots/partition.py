@@ -84,7 +84,7 @@ def draw_unloading(
     return style_axes(ax, X_UNLOADING, Y_TEMPERATURE, title=f"{disk} disk", **LEGEND_OVER_LINES)
 
 
-def draw_fit(
+def draw_joint_fit(
     p: Partition | OneDisk, disk: str, upper: Axes, lower: Axes, around_s: float = 10.0
 ) -> None:
     """Plot block means of the readings with the model of the joint fit, and the residuals below.

@@ -72,7 +72,7 @@ def draw_profile(profile: pd.DataFrame, ax: Axes) -> Axes:
     return style_axes(ax, COLUMN_HEADINGS[parameter], "", title=TITLES[fit])
 
 
-def draw_profiles(table: pd.DataFrame, axes: Sequence[Axes]) -> Sequence[Axes]:
+def draw_likelihood_profiles(table: pd.DataFrame, axes: Sequence[Axes]) -> Sequence[Axes]:
     """Plot all profiles of ``tcdyn.partition.profile.joint_profiles``, with a legend in the corner.
 
     ``axes``: three rows of four axes.

@@ -19,7 +19,7 @@ from tcdyn.plots.transient import (
     draw_inverse_check,
     draw_junctions,
     draw_model_forms,
-    draw_profiles,
+    draw_likelihood_profiles,
     draw_window_study,
 )
 from tcdyn.report.circumferential import around_section, unevenness_section
@@ -132,7 +132,7 @@ def fit_section(p: Partition | OneDisk, disks: Sequence[str] = DISKS) -> Section
     n = len(disks)
     fig, axes = figure(2, n, width_in=10.0, height_in=6.4)
     for k, disk in enumerate(disks):
-        draw.draw_fit(p, disk, axes[k], axes[n + k])
+        draw.draw_joint_fit(p, disk, axes[k], axes[n + k])
     return Section(
         "does the model agree with the readings?",
         "The joint fit predicts the row near the surface from the readings of the inner row, the "
@@ -223,7 +223,7 @@ def transient_sections(p: Partition) -> list[Section]:
 def profile_section(p: Partition) -> Section:
     """Return the profile likelihoods of the joint fits, and their 95 % intervals."""
     fig, axes = figure(3, 4, width_in=10.0, height_in=7.0)
-    draw_profiles(p.profiles, axes)
+    draw_likelihood_profiles(p.profiles, axes)
     table = interval_table(p.profiles)
     remarks = [remark for remark in table.pop("remark") if remark]
     symmetric = (
