@@ -125,7 +125,8 @@ def uncertainty_budget(
     Notes
     -----
     The certificate component and the drift must add up (root sum of squares) to ``shared_u_K``
-    of the line, as :func:`calibration.static_lines.fit_static_lines` stores it. Test: ``tests/calibration/test_budget.py``.
+    of the line, as :func:`calibration.static_lines.fit_static_lines` stores it. Test:
+    ``tests/calibration/test_budget.py``.
 
     Examples
     --------

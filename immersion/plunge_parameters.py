@@ -2,8 +2,8 @@
 
 Every module of the plunge fit and the design of plunges read the parameter vector through
 :class:`PlungeParameters`, so the order of the kinds is defined here only. The widths of the priors
-are those of ``rig.toml`` ([uncertainty]) where it has them; the others are chosen by judgement from
-published correlations and from the simulated plunges. Tests:
+are those of ``rig.toml`` ([uncertainty]) where it has them; the others are chosen by judgement.
+Tests:
 ``tests/immersion/test_plunge_fit.py``.
 """
 

@@ -1,4 +1,9 @@
-"""Figures of the calibration input: logs, oven errors and residuals, transducers, chains, lags."""
+"""Figures of the calibration input: logs, oven errors and residuals, transducers, chains, lags.
+
+Used by the certificate (:mod:`tcdyn.report.certificate`), by :func:`tcdyn.plots.pick.draw` and by
+the gallery of the manual. Tests: ``tests/report/test_pictures.py`` and
+``tests/calibration/test_transducers.py``.
+"""
 
 from __future__ import annotations
 
@@ -40,6 +45,16 @@ def bin_width(errors_K: ArrayLike) -> float:
 
     >>> bin_width([-0.1, 0.0, 0.1]), bin_width([-1.0, 1.5])
     (0.01, 0.2)
+
+    Parameters
+    ----------
+    errors_K
+        Errors of any shape [K], NaN left out.
+
+    Returns
+    -------
+    width
+        [K]; 0.1 where all errors are equal.
     """
     errors = np.asarray(errors_K, dtype=float)
     span = float(np.nanmax(errors) - np.nanmin(errors)) if errors.size else 0.0
@@ -62,8 +77,17 @@ def draw_error_histogram(
     ----------
     errors_K
         Errors of any shape [K].
+    ax
+        Axes to plot into.
+    label
+        Entry of the legend.
     width_K
         Width of a bin [K]; by default that of :func:`bin_width`.
+
+    Returns
+    -------
+    ax
+        The same axes.
     """
     errors = np.asarray(errors_K, dtype=float)
     width = bin_width(errors) if width_K is None else width_K
@@ -81,6 +105,22 @@ def draw_residuals(oven: OvenFit, ax: Axes) -> Axes:
     """Plot the residuals of every channel against the PRT, with the 95 % band of one line.
 
     The channels are shifted sideways so that their points do not cover each other.
+
+    Parameters
+    ----------
+    oven
+        Static lines of a disk.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
+
+    Notes
+    -----
+    ``CHANNEL_SHIFT`` is for the eye only. The band is that of the first line.
     """
     table = oven.residuals
     prt = table["prt_degC"].to_numpy(dtype=float)
@@ -113,7 +153,22 @@ def draw_residuals(oven: OvenFit, ax: Axes) -> Axes:
 def draw_transducer(
     line: TransducerLine, volts: ArrayLike, force_N: ArrayLike, session: ArrayLike, ax: Axes
 ) -> Axes:
-    """Plot force against volts, one line for each session with a common slope (figure 2.21)."""
+    """Plot force against volts, one line for each session with a common slope (figure 2.21).
+
+    Parameters
+    ----------
+    line
+        Line of the transducer.
+    volts, force_N, session
+        The points (N,) from which it was fitted.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
+    """
     voltage = np.asarray(volts, dtype=float)
     force = np.asarray(force_N, dtype=float)
     session_name = np.asarray(session).astype(str)
@@ -128,7 +183,20 @@ def draw_transducer(
 
 
 def draw_bearing(bearing: BearingFriction, ax: Axes) -> Axes:
-    """Plot bearing friction of both shafts against load, one line for each speed (figure 2.25)."""
+    """Plot bearing friction of both shafts against load, one line for each speed (figure 2.25).
+
+    Parameters
+    ----------
+    bearing
+        Lines of the pure-rolling test.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
+    """
     for speed, line in zip(bearing.speeds_rpm, bearing.lines):
         dots = ax.plot(line.x, line.y, "o", markersize=4, label=f"{speed:.0f} rpm")[0]
         ends = np.array([line.x.min(), line.x.max()])
@@ -142,6 +210,18 @@ def draw_lags(chain: ChainRecord, ax: Axes) -> Axes:
 
     The thin bar is the interval of the lag, the thick bar that of its difference from the common
     lag.
+
+    Parameters
+    ----------
+    chain
+        Chains of a record.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
     """
     names = sorted(chain.channels)
     common = chain.common_lag_s
@@ -167,6 +247,18 @@ def draw_lag_budget(shares: Sequence[LagShare], ax: Axes) -> Axes:
     """Plot what each source adds to the uncertainty of the common lag and of the differences [s].
 
     The largest source is on top.
+
+    Parameters
+    ----------
+    shares
+        Rows of an uncertainty budget.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
     """
     ordered = sorted(shares, key=lambda s: s.u_common_s)
     y = np.arange(len(ordered))
@@ -187,7 +279,13 @@ def draw_lag_budget(shares: Sequence[LagShare], ax: Axes) -> Axes:
 
 
 def error_figure(oven: OvenFit) -> Figure:
-    """Return the histograms of the errors of all channels, as logged and with the static lines."""
+    """Return the histograms of the errors of all channels, as logged and with the static lines.
+
+    Parameters
+    ----------
+    oven
+        Static lines of a disk.
+    """
     fig, axes = figure(1, 2, height_in=3.0)
     errors_by_title = {
         "as logged": oven.raw_errors_K,
@@ -201,7 +299,20 @@ def error_figure(oven: OvenFit) -> Figure:
 
 
 def draw_log(log: Log, ax: Axes) -> Axes:
-    """Plot every thermocouple against time, or for an oven log its error against the PRT."""
+    """Plot every thermocouple against time, or for an oven log its error against the PRT.
+
+    Parameters
+    ----------
+    log
+        A log of any kind.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
+    """
     table = log.frame.iloc[every_nth(len(log.frame))]
     is_oven = log.kind == "oven"
     x = table["prt_degC" if is_oven else "time_s"]
@@ -220,7 +331,25 @@ def draw_log(log: Log, ax: Axes) -> Axes:
 
 
 def draw_chain(chain: Chain, ax: Axes) -> Axes:
-    """Plot the unit step response of a chain and mark its first moment (the lag)."""
+    """Plot the unit step response of a chain and mark its first moment (the lag).
+
+    Parameters
+    ----------
+    chain
+        The chain of one channel.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
+
+    Notes
+    -----
+    The response runs to six lags and starts a twentieth of that before the step; chosen by
+    judgement.
+    """
     n_after = 600
     n_before = n_after // 20
     dt = 6 * max(chain.lag_s, 1e-3) / n_after

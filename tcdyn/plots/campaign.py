@@ -1,4 +1,10 @@
-"""Figures of a campaign: temperature, traction, friction, beta, and the joint posterior."""
+"""Figures of a campaign: temperature, traction, friction, beta, and the joint posterior.
+
+Used by the pages of a campaign (``tcdyn/report/campaign.py``, ``campaign_joint.py``). The lines of
+the tables are least squares (:func:`tcdyn.campaign.trends.trend`), those of the joint posterior
+generalised least squares. Tests: ``tests/report/test_campaign_page.py`` and
+``tests/report/test_pictures.py``.
+"""
 
 from __future__ import annotations
 
@@ -46,6 +52,15 @@ def temperature_figure(table: pd.DataFrame, quantity: str, label: str) -> Figure
     """Return ``<disk>_<quantity>`` over load, a panel for each disk (figures 6.17 and 7.20).
 
     Both panels have the same scale.
+
+    Parameters
+    ----------
+    table
+        Table of the tests of a campaign.
+    quantity
+        End of the column name, after the name of the disk.
+    label
+        Axis label without unit.
     """
     fig, axes = figure(1, 2, height_in=3.8)
     axes[1].sharey(axes[0])
@@ -55,17 +70,62 @@ def temperature_figure(table: pd.DataFrame, quantity: str, label: str) -> Figure
 
 
 def draw_temperature(table: pd.DataFrame, disk: str, quantity: str, label: str, ax: Axes) -> Axes:
-    """Plot ``<disk>_<quantity>`` [degC] over load, with a line for each sliding speed."""
+    """Plot ``<disk>_<quantity>`` [degC] over load, with a line for each sliding speed.
+
+    Parameters
+    ----------
+    table
+        Table of the tests of a campaign.
+    disk
+        Name of the disk.
+    quantity
+        End of the column name, after the name of the disk.
+    label
+        Axis label without unit.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
+    """
     return _draw_by_speed(table, f"{disk}_{quantity}", ax, f"{label} [°C]", f"{disk} disk")
 
 
 def draw_traction(table: pd.DataFrame, ax: Axes) -> Axes:
-    """Plot the traction force over load, with a line for each sliding speed (figure 6.33)."""
+    """Plot the traction force over load, with a line for each sliding speed (figure 6.33).
+
+    Parameters
+    ----------
+    table
+        Table of the tests of a campaign.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
+    """
     return _draw_by_speed(table, "friction_N", ax, "traction force [N]")
 
 
 def draw_friction_coefficient(table: pd.DataFrame, ax: Axes) -> Axes:
-    """Plot the friction coefficient over sliding speed, with a line for each load (figure 6.34)."""
+    """Plot the friction coefficient over sliding speed, with a line for each load (figure 6.34).
+
+    Parameters
+    ----------
+    table
+        Table of the tests of a campaign.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
+    """
     good = analysed_rows(table)
     good["group"] = speed_groups(good["load_N"].to_numpy(dtype=float))
     for k, (_, group) in enumerate(good.groupby("group")):
@@ -81,6 +141,18 @@ def draw_beta(table: pd.DataFrame, ax: Axes) -> Axes:
 
     Dots are the estimates by the speed law, triangles those by the joint fit of both disks, shifted
     sideways so that the bars of one test stay apart.
+
+    Parameters
+    ----------
+    table
+        Table of the tests of a campaign.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
     """
     good = analysed_rows(table)
     x = good["delta_T_us_K_m_s"].to_numpy(dtype=float)
@@ -113,6 +185,20 @@ def name_points(ax: Axes, x: Sequence[float] | np.ndarray, names: Sequence[str])
     """Write names above the axes at ``x``, with a thin line down to each.
 
     They take as many rows as are needed to keep them apart.
+
+    Parameters
+    ----------
+    ax
+        Axes to plot into.
+    x
+        Position of each name on the x axis (N,).
+    names
+        The names (N).
+
+    Notes
+    -----
+    ``LETTER_WIDTH`` and ``NAME_GAP`` decide how many rows are needed; too small a value lets names
+    overlap. Test: ``tests/report/test_pictures.py``.
     """
     low = float(np.min(x))
     high = float(np.max(x))
@@ -145,7 +231,26 @@ def name_points(ax: Axes, x: Sequence[float] | np.ndarray, names: Sequence[str])
 
 
 def _draw_by_speed(table: pd.DataFrame, column: str, ax: Axes, y: str, title: str = "") -> Axes:
-    """Plot a column over load, with a marker and a line for each sliding speed."""
+    """Plot a column over load, with a marker and a line for each sliding speed.
+
+    Parameters
+    ----------
+    table
+        Table of the tests of a campaign.
+    column
+        Column on the y axis.
+    ax
+        Axes to plot into.
+    y
+        Label of the y axis.
+    title
+        Title of the axes.
+
+    Returns
+    -------
+    ax
+        The same axes.
+    """
     for k, (_, group) in enumerate(analysed_rows(table).groupby("group")):
         label = f"{group['sliding_speed_m_s'].mean():.1f} m/s"
         _draw_series(ax, group, "load_N", column, k, label)
@@ -156,9 +261,22 @@ def _draw_by_speed(table: pd.DataFrame, column: str, ax: Axes, y: str, title: st
 def _draw_series(
     ax: Axes, group: pd.DataFrame, x_column: str, y_column: str, k: int, label: str
 ) -> None:
-    """Plot one group of tests with its least-squares line, if three or more tests give one.
+    """Plot one group of tests, with its least-squares line if there are enough tests.
 
     Points have 95 % bars where the table has a column ``u_<y_column>``. ``k``: number of the group.
+
+    Parameters
+    ----------
+    ax
+        Axes to plot into.
+    group
+        Rows of the group.
+    x_column, y_column
+        Columns of the two axes.
+    k
+        Number of the group, which chooses colour, marker and line.
+    label
+        Entry of the legend.
     """
     x = group[x_column].to_numpy(dtype=float)
     y = group[y_column].to_numpy(dtype=float)
@@ -185,8 +303,17 @@ def draw_joined_beta(joined: JoinedCampaign, ax: Axes, against: str = "delta_T_u
 
     Parameters
     ----------
+    joined
+        Joint posterior of a campaign, with its trends and curves.
+    ax
+        Axes to plot into.
     against
         Condition on the x axis, a key of ``X_LABELS``.
+
+    Returns
+    -------
+    ax
+        The same axes.
     """
     posterior = joined.posterior
     x = np.array([test.conditions[against] for test in posterior.tests])
@@ -231,9 +358,21 @@ def draw_joined_beta(joined: JoinedCampaign, ax: Axes, against: str = "delta_T_u
 
 
 def draw_exponent(joined: JoinedCampaign, ax: Axes) -> Axes:
-    """Plot exponent n of h ~ u^n of every test over the entraining speed, and that of all tests.
+    """Plot the exponent n of h ~ u^n of every test over the entraining speed, and that of all.
 
     Bars are the 95 % intervals within the campaign, the band that of the common exponent.
+
+    Parameters
+    ----------
+    joined
+        Joint posterior of a campaign.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
     """
     law = joined.speed_law
     x = np.array([test.conditions["entraining_speed_m_s"] for test in joined.posterior.tests])
@@ -255,6 +394,19 @@ def draw_exponent(joined: JoinedCampaign, ax: Axes) -> Axes:
 
 
 def draw_junctions(joined: JoinedCampaign, ax: Axes) -> Axes:
-    """Plot the depth errors of the junctions that all tests together estimate, with 95 % bars."""
+    """Plot the depth errors of the junctions that all tests together estimate, with 95 % bars.
+
+    Parameters
+    ----------
+    joined
+        Joint posterior of a campaign.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
+    """
     draw_depth_errors(joined.deeper_mm, ax, "{} disk")
     return style_axes(ax, "junction", "deeper than nominal [mm]", legend=True)

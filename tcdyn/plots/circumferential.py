@@ -1,4 +1,9 @@
-"""Figures of the temperature around a disk: its middle plane, its surface, and its press fit."""
+"""Figures of the temperature around a disk: its middle plane, its surface, and its press fit.
+
+Used by the pages of a test (:mod:`tcdyn.report.circumferential`) and by the commands ``tcdyn
+simulate round`` and ``tcdyn round`` (:mod:`tcdyn.cli.round`). Constants are for the eye only. Test:
+``tests/partition/test_around.py``.
+"""
 
 from __future__ import annotations
 
@@ -27,6 +32,18 @@ def draw_middle_plane(around: CircumferentialTemperature, ax: Axes) -> Axes:
 
     Junctions in the middle plane are filled. Junctions beside it read less than the colour at
     their position.
+
+    Parameters
+    ----------
+    around
+        Circumferential temperature of a disk.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
     """
     depth = 1e3 * around.depth_m
     filled = ax.contourf(
@@ -50,7 +67,19 @@ def draw_middle_plane(around: CircumferentialTemperature, ax: Axes) -> Axes:
 
 
 def _draw_junction(setup: DiskSetup, name: str, reading_degC: float, ax: Axes) -> None:
-    """Plot a junction over angle and depth, with its name and its reading."""
+    """Plot a junction over angle and depth, with its name and its reading.
+
+    Parameters
+    ----------
+    setup
+        The disk.
+    name
+        Name of the junction.
+    reading_degC
+        Its reading.
+    ax
+        Axes to plot into.
+    """
     junction = setup.junctions[name]
     position = junction.angle_deg % 360.0, 1e3 * junction.depth_m
     in_middle_plane = abs(junction.z_m - 0.5 * setup.width_m) < MIDDLE_PLANE_M
@@ -83,7 +112,22 @@ def _draw_junction(setup: DiskSetup, name: str, reading_degC: float, ax: Axes) -
 
 
 def draw_running_surface(around: CircumferentialTemperature, ax: Axes) -> Axes:
-    """Plot mean temperature across the running surface against the angle, with its 95 % band."""
+    """Plot the mean temperature across the running surface against the angle.
+
+    With its 95 % band.
+
+    Parameters
+    ----------
+    around
+        Circumferential temperature of a disk.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
+    """
     t = around.surface_degC
     colour = DISK_COLOUR[around.disk]
     line_with_band(ax, around.angle_deg, t, around.surface_u_K, colour, linewidth=1.6)
@@ -93,7 +137,13 @@ def draw_running_surface(around: CircumferentialTemperature, ax: Axes) -> Axes:
 
 
 def circumferential_figure(disks: Sequence[CircumferentialTemperature]) -> Figure:
-    """Return the middle planes of both disks, and their running surfaces below."""
+    """Return the middle planes of both disks, and their running surfaces below.
+
+    Parameters
+    ----------
+    disks
+        Circumferential temperature of each disk, at most two.
+    """
     fig, axes = figure(2, 2, width_in=10.0, height_in=6.4)
     for around, upper, lower in zip(disks, axes[:2], axes[2:]):
         draw_middle_plane(around, upper)
@@ -105,6 +155,24 @@ def draw_press_fit(setup: DiskSetup, ax: Axes) -> Axes:
     """Plot the conductance of the press fit of ``rig.toml`` against the angle.
 
     The dashed line is the sum of its harmonics 0 to 2. The letters are the junctions.
+
+    Parameters
+    ----------
+    setup
+        A disk with a press fit.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
+
+    Notes
+    -----
+    Share of the contact (:func:`tcdyn.rig.press_fit.mean_shares`) times the conductance of
+    :func:`tcdyn.rig.contact.press_fit_conductance`. The rim model uses the harmonics, not the
+    curve.
     """
     edges = np.arange(0.0, 360.0 + STEP_DEG, STEP_DEG, dtype=np.float64)
     angle = 0.5 * (edges[1:] + edges[:-1])
@@ -128,7 +196,24 @@ def draw_press_fit(setup: DiskSetup, ax: Axes) -> Axes:
 
 
 def _style_angle_axes(ax: Axes, y: str, title: str, legend: bool = False) -> Axes:
-    """Set the x axis of ``ax`` to one turn around the shaft, and its labels and style."""
+    """Set the x axis of ``ax`` to one turn around the shaft, and its labels and style.
+
+    Parameters
+    ----------
+    ax
+        Axes to plot into.
+    y
+        Label of the y axis.
+    title
+        Title of the axes.
+    legend
+        Whether to add a legend.
+
+    Returns
+    -------
+    ax
+        The same axes.
+    """
     ax.set_xlim(0.0, 360.0)
     ax.set_xticks(np.arange(0, 361, 60))
     return style_axes(ax, "angle around the shaft [deg]", y, title=title, legend=legend)

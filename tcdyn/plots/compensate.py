@@ -1,4 +1,8 @@
-"""Figures of compensation: traces with bands, filter design report, L-curve of deconvolution."""
+"""Figures of compensation: traces with bands, filter design report, L-curve of deconvolution.
+
+Used by the page of ``tcdyn compensate`` (:mod:`tcdyn.report.compensate`) and by
+:func:`tcdyn.plots.pick.draw`. Tests: ``tests/report/test_pictures.py``.
+"""
 
 from __future__ import annotations
 
@@ -25,12 +29,21 @@ def draw_compensated(
 
     Parameters
     ----------
+    result
+        Compensated traces.
     logged
         Logged samples (N,) or (N, channels) [degC]; None: they are not plotted.
+    ax
+        Axes to plot into.
     channel
         Index of the channel.
     window_s
         First and last time of the figure [s]; by default the full record.
+
+    Returns
+    -------
+    ax
+        The same axes.
     """
     low, high = window_s or (float(result.time_s[0]), float(result.time_s[-1]))
     in_window = np.flatnonzero((result.time_s >= low) & (result.time_s <= high))
@@ -60,6 +73,18 @@ def draw_filter_report(report: FilterReport, ax: Axes) -> Axes:
     """Plot the step response of the chain, and that of the chain with its compensation filter.
 
     The title states the remaining delay and the noise gain of the filter.
+
+    Parameters
+    ----------
+    report
+        Report about a compensation filter.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
     """
     t = report.step_time_s
     label = f"chain alone, 10-90 % in {report.raw_rise_s:.2g} s"
@@ -80,7 +105,26 @@ def draw_filter_report(report: FilterReport, ax: Axes) -> Axes:
 
 
 def draw_tradeoff(tradeoff: TradeoffCurve, ax: Axes, channel: int = 0) -> Axes:
-    """Plot the L-curve of a regularised deconvolution, and the weight that the criterion chose."""
+    """Plot the L-curve of a regularised deconvolution, and the weight that was chosen.
+
+    Parameters
+    ----------
+    tradeoff
+        Misfit and roughness over the weight.
+    ax
+        Axes to plot into.
+    channel
+        Index of the channel.
+
+    Returns
+    -------
+    ax
+        The same axes.
+
+    Notes
+    -----
+    The chosen point is interpolated along the curve in the logarithm of the intensity.
+    """
     misfit = tradeoff.misfit[:, channel]
     roughness = tradeoff.roughness[:, channel]
     ax.loglog(misfit, roughness, "o-", markersize=3)

@@ -1,4 +1,8 @@
-"""Figures of the rim model: fields, profiles, maps of beta and h, checks of section 3.6."""
+"""Figures of the rim model: fields, profiles, maps of beta and h, checks of section 3.6.
+
+Used by the verification report (:func:`verify_figures`, called by ``tcdyn verify``) and by the
+gallery of the manual. Test: ``tests/heat/test_rim_plots.py``.
+"""
 
 from __future__ import annotations
 
@@ -27,8 +31,17 @@ def draw_field(
     ----------
     field_degC
         Temperatures (nr, nz) from the bore to the running surface [degC].
+    rim
+        The rim, for its dimensions.
+    ax
+        Axes to plot into.
     points
         Junctions by name: (depth, z) [m].
+
+    Returns
+    -------
+    ax
+        The same axes.
     """
     field = np.asarray(field_degC, dtype=float)
     depth_mm = np.linspace(rim.thickness_m, 0.0, field.shape[0]) * 1e3
@@ -46,7 +59,26 @@ def draw_field(
 def draw_profiles(
     rim: Rim, readings_degC: Sequence[float], ambient_degC: float, ax: Axes, mesh: Mesh = MESH_IV
 ) -> Axes:
-    """Plot three boundary profiles through readings of the inner row along r = R_i (figure 3.8)."""
+    """Plot three boundary profiles through readings of the inner row along r = R_i (figure 3.8).
+
+    Parameters
+    ----------
+    rim
+        The rim.
+    readings_degC
+        Readings of the inner row, in the order of ``rim.boundary_z_m``.
+    ambient_degC
+        Temperature of the air.
+    ax
+        Axes to plot into.
+    mesh
+        Mesh of the profiles.
+
+    Returns
+    -------
+    ax
+        The same axes.
+    """
     z = np.linspace(0.0, rim.width_m, mesh.nz)
     n_readings = len(readings_degC)
     kinds: tuple[Profile, ...] = ("quadratic", "quartic", "modal")
@@ -60,7 +92,20 @@ def draw_profiles(
 
 
 def draw_comparison(check: ClosedForm, ax: Axes) -> Axes:
-    """Plot a closed form (line), the scheme (dots) and the error in percent (right axis)."""
+    """Plot a closed form (line), the scheme (dots) and the error in percent (right axis).
+
+    Parameters
+    ----------
+    check
+        A closed form and the scheme at the same positions.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
+    """
     ax.plot(check.x, check.exact, color=SLOW, label="closed form")
     step = max(len(check.x) // 25, 1)
     ax.plot(check.x[::step], check.scheme[::step], "o", color=FAST, markersize=4, label="scheme")
@@ -71,7 +116,20 @@ def draw_comparison(check: ClosedForm, ax: Axes) -> Axes:
 
 
 def draw_convergence(checks: Sequence[Convergence], ax: Axes) -> Axes:
-    """Plot the largest error against the number of nodes, log-log, with the fitted orders."""
+    """Plot the largest error against the number of nodes, log-log, with the fitted orders.
+
+    Parameters
+    ----------
+    checks
+        At most three studies of the order of convergence.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
+    """
     for check, style in zip(checks, ("o-", "s--", "^:")):
         label = f"{check.title}: order {check.order:.2f}"
         ax.loglog(check.nodes, check.error_K, style, label=label)
@@ -92,8 +150,15 @@ def draw_mesh_errors(
     ----------
     computed, published
         Errors by name of the mesh.
+    ax
+        Axes to plot into.
     statistic
         "maximum" or "mean".
+
+    Returns
+    -------
+    ax
+        The same axes.
     """
     styles = ((TRUTH, "o", "-"), (FAST, "s", "--"), (SLOW, "^", "-."))
     for k, (name, errors) in enumerate(computed.items()):
@@ -107,7 +172,9 @@ def draw_mesh_errors(
 
 
 def draw_map_errors(error_K: ArrayLike, h_W_m2K: ArrayLike, share: ArrayLike, ax: Axes) -> Axes:
-    """Plot steady map of chapter 4: misfit over heat transfer coefficient and share of the heat.
+    """Plot a steady map of chapter 4: misfit over heat transfer coefficient and share of the heat.
+
+    The map of a test is ``tcdyn.plots.partition.draw_map``.
 
     Parameters
     ----------
@@ -117,6 +184,13 @@ def draw_map_errors(error_K: ArrayLike, h_W_m2K: ArrayLike, share: ArrayLike, ax
         Heat transfer coefficients (H,).
     share
         Shares of the heat (B,).
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
     """
     misfit = np.asarray(error_K).T
     filled = ax.contourf(np.asarray(h_W_m2K), np.asarray(share), misfit, levels=20, cmap="viridis")

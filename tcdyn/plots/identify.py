@@ -1,4 +1,9 @@
-"""Figures of an identified model: fit, step response, Bode diagram, residual tests."""
+"""Figures of an identified model: fit, step response, Bode diagram, residual tests.
+
+Used by the page of ``tcdyn identify`` (:mod:`tcdyn.report.dynamics`) and by
+:func:`tcdyn.plots.pick.draw`. Tests: ``tests/report/test_dynamics_page.py`` and
+``tests/identify/test_identify_several.py``.
+"""
 
 from __future__ import annotations
 
@@ -37,17 +42,46 @@ OUTPUT_COLOURS = (SLOW, GREY, DARK, TRUTH)
 
 
 def label(name: str, unit: str) -> str:
-    """Return the axis label of a quantity with its unit."""
+    """Return the axis label of a quantity with its unit.
+
+    Parameters
+    ----------
+    name
+        Name of the quantity.
+    unit
+        Its unit; empty: none.
+    """
     return f"{name} [{unit}]" if unit else name
 
 
 def _joined_label(names: Sequence[str], units: Sequence[str]) -> str:
-    """Return the axis label of several quantities with their units."""
+    """Return the axis label of several quantities with their units.
+
+    Parameters
+    ----------
+    names, units
+        Names and units of the quantities (M each).
+    """
     return ", ".join(label(name, unit) for name, unit in zip(names, units))
 
 
 def draw_fit(fit: Fit, ax: Axes, segment: int = 0) -> Axes:
-    """Plot the measured input and output and the simulated output of one segment of the data."""
+    """Plot the measured input and output and the simulated output of one segment of the data.
+
+    Parameters
+    ----------
+    fit
+        Fit of one model.
+    ax
+        Axes to plot into.
+    segment
+        Index of the segment.
+
+    Returns
+    -------
+    ax
+        The same axes.
+    """
     data = fit.problem.segments[segment]
     model = fit.identified
     t = data.start_s + np.arange(len(data.u)) * fit.problem.dt_s
@@ -73,13 +107,34 @@ def draw_fit(fit: Fit, ax: Axes, segment: int = 0) -> Axes:
 
 
 def _input_style(hold: str) -> dict[str, Any]:
-    """Return line style of an input: dashed behind the output, with steps for a zero-order hold."""
+    """Return the line style of an input: dashed, and in steps for a zero-order hold.
+
+    Parameters
+    ----------
+    hold
+        "zoh" or another assumption about the input between samples.
+    """
     drawstyle = "steps-post" if hold == "zoh" else "default"
     return {"linestyle": (0, (4, 1)), "drawstyle": drawstyle, "zorder": 0}
 
 
 def draw_data(data: IOData, ax: Axes, run: int = 0) -> Axes:
-    """Plot the outputs of one run as points, and its inputs dashed over the right axis."""
+    """Plot the outputs of one run as points, and its inputs dashed over the right axis.
+
+    Parameters
+    ----------
+    data
+        Records of inputs and outputs.
+    ax
+        Axes to plot into.
+    run
+        Index of the record.
+
+    Returns
+    -------
+    ax
+        The same axes.
+    """
     t = data.times_s(run)
     record = data.runs[run]
     style = _input_style(data.hold)
@@ -97,7 +152,20 @@ def draw_data(data: IOData, ax: Axes, run: int = 0) -> Axes:
 
 
 def draw_poles(model: Identified, ax: Axes) -> Axes:
-    """Plot poles (crosses) and zeros (rings) of a model with their 95 % regions."""
+    """Plot poles (crosses) and zeros (rings) of a model with their 95 % regions.
+
+    Parameters
+    ----------
+    model
+        An identified model.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
+    """
     for k, (name, part) in enumerate(model.by_input.items()):
         colour = INPUT_COLOURS[k % len(INPUT_COLOURS)]
         roots = roots_of(part) if part.gain else ()
@@ -113,6 +181,20 @@ def _draw_root(root: Root, colour: str, ax: Axes) -> None:
     """Plot one pole or zero with the ellipse of its 95 % region.
 
     A real root has a covariance of rank one; its region is a line with one degree of freedom.
+
+    Parameters
+    ----------
+    root
+        The pole or zero with its covariance.
+    colour
+        Colour of marker and ellipse.
+    ax
+        Axes to plot into.
+
+    Notes
+    -----
+    The region is the ellipse z' C^-1 z = chi-square quantile of two degrees of freedom, one for a
+    covariance of rank one. Rank one: the smaller eigenvalue is below 1e-9 of the larger.
     """
     marker: dict[str, Any] = {"marker": "x"}
     if root.kind != "pole":
@@ -131,14 +213,40 @@ def _draw_root(root: Root, colour: str, ax: Axes) -> None:
 
 
 def draw_band(band: Band, ax: Axes) -> Axes:
-    """Plot a curve and its 95 % band."""
+    """Plot a curve and its 95 % band.
+
+    Parameters
+    ----------
+    band
+        The curve.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
+    """
     ax.plot(band.x, band.value, color=SLOW, linewidth=1.3)
     ax.fill_between(band.x, band.low95, band.high95, color=SLOW, alpha=BAND_ALPHA, linewidth=0)
     return ax
 
 
 def draw_step(model: Identified, ax: Axes) -> Axes:
-    """Plot the unit step response with its 95 % band and the times to 50, 63 and 90 %."""
+    """Plot the unit step response with its 95 % band and the times to 50, 63 and 90 %.
+
+    Parameters
+    ----------
+    model
+        An identified model with one input.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
+    """
     draw_band(step_band(model), ax)
     if not model.model.integrators:
         offset: dict[str, Any] = {"xytext": (4, -2), "textcoords": "offset points"}
@@ -152,7 +260,20 @@ def draw_step(model: Identified, ax: Axes) -> Axes:
 
 
 def draw_bode(model: Identified, magnitude: Axes, phase: Axes) -> tuple[Axes, Axes]:
-    """Plot magnitude and phase with their 95 % bands."""
+    """Plot magnitude and phase with their 95 % bands.
+
+    Parameters
+    ----------
+    model
+        An identified model with one input.
+    magnitude, phase
+        Axes to plot into.
+
+    Returns
+    -------
+    magnitude, phase
+        The same axes.
+    """
     bode = bode_band(model)
     draw_band(bode.magnitude_dB, magnitude)
     draw_band(bode.phase_deg, phase)
@@ -163,7 +284,22 @@ def draw_bode(model: Identified, magnitude: Axes, phase: Axes) -> tuple[Axes, Ax
 
 
 def draw_correlation(test: ResidualTest, ax: Axes, title: str) -> Axes:
-    """Plot the correlations of a residual test over lag, with their 95 % bounds."""
+    """Plot the correlations of a residual test over lag, with their 95 % bounds.
+
+    Parameters
+    ----------
+    test
+        Correlations with their bounds.
+    ax
+        Axes to plot into.
+    title
+        Title, in front of the p-value.
+
+    Returns
+    -------
+    ax
+        The same axes.
+    """
     order = np.argsort(test.lags_s)
     bound = test.bound95[order]
     ax.fill_between(test.lags_s[order], -bound, bound, color=PALE, label="95 % of each lag")
@@ -175,14 +311,33 @@ def draw_correlation(test: ResidualTest, ax: Axes, title: str) -> Axes:
 
 
 def draw_residuals(fit: Fit, ax: Axes) -> Axes:
-    """Plot the residuals in the order of the record."""
+    """Plot the residuals in the order of the record.
+
+    Parameters
+    ----------
+    fit
+        Fit of one model.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
+    """
     ax.plot(fit.residual, ".", markersize=2.5, color=DARK)
     ax.axhline(0.0, color=SLOW, linewidth=0.8)
     return style_axes(ax, "measured sample", label("residual", fit.identified.output_unit))
 
 
 def fit_figure(fit: Fit) -> Figure:
-    """Return the segments of the data (at most four) with their simulation."""
+    """Return the segments of the data (at most four) with their simulation.
+
+    Parameters
+    ----------
+    fit
+        Fit of one model.
+    """
     n_segments = min(MAX_SEGMENTS, len(fit.problem.segments))
     panels = [partial(draw_fit, fit, segment=k) for k in range(n_segments)]
     return panel_figure(*panels, rows=n_segments, height_in=3.0 * n_segments)
@@ -203,7 +358,15 @@ def dynamics_figure(model: Identified) -> Figure:
 
 
 def residual_figure(fit: Fit, validation: Validation) -> Figure:
-    """Return the residuals, their autocorrelation, and their correlation with the input."""
+    """Return the residuals, their autocorrelation, and their correlation with the input.
+
+    Parameters
+    ----------
+    fit
+        Fit of one model.
+    validation
+        Residual tests of that fit.
+    """
     panels = (
         partial(draw_residuals, fit),
         partial(draw_correlation, validation.whiteness, title="residual autocorrelation"),

@@ -1,4 +1,10 @@
-"""Figures of the heat partition of one test: unloading, fits, estimates of beta, budget."""
+"""Figures of the heat partition of one test: unloading, fits, estimates of beta, budget.
+
+Used by the pages of one test (``tcdyn/report/beta.py``, ``single_disk.py``), by
+:func:`tcdyn.plots.pick.draw` and by the gallery of the manual. The functions take a ``Partition``
+(two disks) or, where they say so, a ``OneDisk``. Constants are for the eye only. Tests:
+``tests/report/test_pictures.py`` and ``tests/report/test_beta_page.py``.
+"""
 
 from __future__ import annotations
 
@@ -49,6 +55,18 @@ def plotted_channels(setup: DiskSetup, excluded: Collection[str]) -> dict[str, s
     >>> from tcdyn.rig.rigfile import load_rig
     >>> plotted_channels(load_rig().disk_setup("fast"), "a")
     {'e': '-', 'b': ':'}
+
+    Parameters
+    ----------
+    setup
+        The disk.
+    excluded
+        Channels that are not plotted.
+
+    Returns
+    -------
+    styles
+        Line style by channel; at most three.
     """
     outer_row = [c for c in setup.outer if c != setup.shallowest] or setup.outer
     central_outer = min(outer_row, key=setup.distance_from_centre_m)
@@ -63,8 +81,19 @@ def draw_unloading(
 
     Parameters
     ----------
+    p
+        Result of one test.
+    disk
+        Name of the disk.
+    ax
+        Axes to plot into.
     before_s, after_s
         Time before and after the unloading [s].
+
+    Returns
+    -------
+    ax
+        The same axes.
     """
     t = p.test.time_s[p.rows] - p.test.events.unload_s
     near = (t >= -before_s) & (t <= after_s)
@@ -91,10 +120,19 @@ def draw_joint_fit(
 
     Parameters
     ----------
+    p
+        Result of one test.
+    disk
+        Name of the disk.
     upper, lower
         Axes of the temperatures and of the residuals.
     around_s
         Time before and after the unloading [s].
+
+    Notes
+    -----
+    The band is two standard deviations of the block means. The running mean over ``RUNNING_MEAN_S``
+    is for the eye; no result uses it.
     """
     blocks = compare_joint_fit(p, disk)
     near = np.abs(blocks.time_since_unloading_s) <= around_s
@@ -129,9 +167,23 @@ def draw_joint_fit(
 
 
 def draw_lines(p: Partition, ax: Axes, truth: float | None = None) -> Axes:
-    """Plot both steady lines as beta over h, with the estimates of the speed law and of both fits.
+    """Plot both steady lines as beta over h, with the estimates of all estimators.
 
     ``truth`` is the beta of a simulation.
+
+    Parameters
+    ----------
+    p
+        Result of one test.
+    ax
+        Axes to plot into.
+    truth
+        Beta of a simulation; None: not plotted.
+
+    Returns
+    -------
+    ax
+        The same axes.
     """
     h_max = 1.25 * max([p.speed.h_fast, *(f.h_W_m2K for f in p.cooling.values())])
     h = np.array([0.0, h_max])
@@ -153,7 +205,20 @@ def draw_lines(p: Partition, ax: Axes, truth: float | None = None) -> Axes:
 
 
 def draw_line(p: OneDisk, ax: Axes) -> Axes:
-    """Plot the steady line of the only disk as beta over h, with the estimates of its two fits."""
+    """Plot the steady line of the only disk as beta over h, with the estimates of its two fits.
+
+    Parameters
+    ----------
+    p
+        Result of a test with one disk.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
+    """
     h_max = 1.25 * max(p.estimates[f"h {name}"].value for name in ESTIMATORS)
     h = np.array([0.0, h_max])
     _steady_line(ax, p.line.line, p.disk, h, "steady line")
@@ -166,7 +231,21 @@ def draw_line(p: OneDisk, ax: Axes) -> Axes:
 
 
 def _steady_line(ax: Axes, line: SteadyLine, disk: str, h: Array, label: str) -> None:
-    """Plot beta (share of the fast disk) over h (N,) [W/m2K] along the steady line of a disk."""
+    """Plot beta (share of the fast disk) over h (N,) [W/m2K] along the steady line of a disk.
+
+    Parameters
+    ----------
+    ax
+        Axes to plot into.
+    line
+        Steady line: share of the disk over h.
+    disk
+        Name of the disk; the share of the slow disk is one minus beta.
+    h
+        Heat transfer coefficients (N,) [W/m2K].
+    label
+        Entry of the legend, in front of the equation.
+    """
     beta = line.intercept + line.slope * h
     equation = "β = A + B h"
     if disk == "slow":
@@ -181,6 +260,19 @@ def _point(ax: Axes, h: Estimate, beta: Estimate, estimator: int, disk: str, lab
 
     ``estimator`` is the index in ``ESTIMATOR_MARKERS``: markers and caps differ in size, so that
     equal estimates stay visible.
+
+    Parameters
+    ----------
+    ax
+        Axes to plot into.
+    h, beta
+        The two estimates.
+    estimator
+        Index in ``ESTIMATOR_MARKERS``.
+    disk
+        Name of the disk, for the colour.
+    label
+        Entry of the legend.
     """
     marker, size = ESTIMATOR_MARKERS[estimator]
     colour = DISK_COLOUR[disk]
@@ -202,7 +294,22 @@ def _point(ax: Axes, h: Estimate, beta: Estimate, estimator: int, disk: str, lab
 
 
 def draw_beta_estimates(p: Partition | OneDisk, ax: Axes, truth: float | None = None) -> Axes:
-    """Plot every estimate of beta with its 95 % interval; ``truth`` is the beta of a simulation."""
+    """Plot every estimate of beta with its 95 % interval.
+
+    Parameters
+    ----------
+    p
+        Result of one test.
+    ax
+        Axes to plot into.
+    truth
+        Beta of a simulation; None: not plotted.
+
+    Returns
+    -------
+    ax
+        The same axes.
+    """
     estimates = _estimates(p)
     for k, (name, beta) in enumerate(reversed(estimates)):
         disk = name.split()[-1]
@@ -219,7 +326,18 @@ def draw_beta_estimates(p: Partition | OneDisk, ax: Axes, truth: float | None = 
 
 
 def _estimates(p: Partition | OneDisk) -> list[tuple[str, Estimate]]:
-    """Return the estimators of beta with their estimates, without those that are withheld."""
+    """Return the estimators of beta with their estimates, without those that are withheld.
+
+    Parameters
+    ----------
+    p
+        Result of one test.
+
+    Returns
+    -------
+    estimates
+        (name, estimate), the most important first.
+    """
     if isinstance(p, OneDisk):
         return [
             (f"{name} {p.disk}", p.estimates[name])
@@ -243,7 +361,26 @@ def _estimator_label(name: str) -> str:
 
 
 def draw_budget(p: Partition | OneDisk, ax: Axes) -> Axes:
-    """Plot standard uncertainty of beta by source, the largest on top, the combined one below."""
+    """Plot the standard uncertainty of beta by source.
+
+    The largest source is on top, the combined uncertainty at the bottom.
+
+    Parameters
+    ----------
+    p
+        Result of one test.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
+
+    Notes
+    -----
+    ``MIN_PLOTTED_U`` leaves small sources out of the figure and of its sum.
+    """
     if isinstance(p, OneDisk):
         u_by_source = {source: u_joint for source, (u_joint, _) in p.budget.items()}
         estimator = "the joint fit"
@@ -265,6 +402,20 @@ def draw_map(p: Partition, disk: str, ax: Axes) -> Axes:
     """Plot the mean absolute misfit of the steady segment over h and share (figure 4.11).
 
     The dots are the least misfit at each h, the line is the steady line.
+
+    Parameters
+    ----------
+    p
+        Result of one test.
+    disk
+        Name of the disk.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
     """
     error_map = p.lines[disk].map
     h = error_map.h_W_m2K
@@ -299,6 +450,18 @@ def draw_exponent(p: Partition, ax: Axes) -> Axes:
     """Plot beta by the speed law against its exponent (figure 4.17).
 
     The triangle is the exponent that the joint fit of both disks implies, without the speed law.
+
+    Parameters
+    ----------
+    p
+        Result of one test.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
     """
     low, high = LITERATURE_EXPONENTS
     n = np.linspace(low - 0.05, high + 0.05, 60)
@@ -323,7 +486,20 @@ def draw_exponent(p: Partition, ax: Axes) -> Axes:
 
 
 def draw_temperatures(p: Partition | OneDisk, ax: Axes) -> Axes:
-    """Plot the central thermocouples of the disks over the full test (figure 6.1)."""
+    """Plot the central thermocouples of the disks over the full test (figure 6.1).
+
+    Parameters
+    ----------
+    p
+        Result of one test.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
+    """
     rows = every_nth(len(p.test.time_s), 6000)
     t = p.test.time_s[rows]
     for disk, record in sorted(p.test.disks.items()):
@@ -342,6 +518,20 @@ def draw_angular_harmonic(p: Partition | OneDisk, disk: str, ax: Axes) -> Axes:
 
     The colour is the temperature above the mean around the disk. Where the harmonic is
     significant, an arrow points to the hottest side and the title states its amplitude and angle.
+
+    Parameters
+    ----------
+    p
+        Result of one test.
+    disk
+        Name of the disk.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
     """
     harmonic = p.harmonic if isinstance(p, OneDisk) else p.both.harmonics[disk]
     setup = p.test.disks[disk].setup
@@ -375,13 +565,34 @@ def draw_angular_harmonic(p: Partition | OneDisk, disk: str, ax: Axes) -> Axes:
 
 
 def _direction(angle_deg: float) -> Array:
-    """Return the unit vector (2,) at an angle."""
+    """Return the unit vector (2,) at an angle.
+
+    Parameters
+    ----------
+    angle_deg
+        Angle from the x axis [deg].
+
+    Returns
+    -------
+    direction
+        (2,).
+    """
     angle_rad = np.deg2rad(angle_deg)
     return np.array([np.cos(angle_rad), np.sin(angle_rad)])
 
 
 def _draw_field_of_harmonic(setup: DiskSetup, harmonic: AngularHarmonic, ax: Axes) -> None:
-    """Plot temperature of the first harmonic between bore and running surface, both outlined."""
+    """Plot the first harmonic of the temperature between bore and running surface.
+
+    Parameters
+    ----------
+    setup
+        The disk.
+    harmonic
+        Amplitude, angle and h.
+    ax
+        Axes to plot into.
+    """
     inner_mm = setup.bore_radius_m * 1e3
     outer_mm = setup.outer_radius_m * 1e3
     r = np.linspace(inner_mm, outer_mm, 40)
@@ -406,7 +617,17 @@ def _draw_field_of_harmonic(setup: DiskSetup, harmonic: AngularHarmonic, ax: Axe
 
 
 def _draw_hottest_side(setup: DiskSetup, amplitude_K: float, angle_deg: float, ax: Axes) -> None:
-    """Plot an arrow to the hottest side, and the amplitude on the hottest and the coldest side."""
+    """Plot an arrow to the hottest side, and the amplitude on both sides.
+
+    Parameters
+    ----------
+    setup
+        The disk.
+    amplitude_K, angle_deg
+        Amplitude, and angle of the hottest side.
+    ax
+        Axes to plot into.
+    """
     direction = _direction(angle_deg)
     inner_mm = setup.bore_radius_m * 1e3
     outer_mm = setup.outer_radius_m * 1e3

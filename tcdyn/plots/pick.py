@@ -1,4 +1,9 @@
-"""The function :func:`draw`, which chooses the figure of a result by its class."""
+"""The function :func:`draw`, which chooses the figure of a result by its class.
+
+Used by the commands with a figure option and by users of the library, as ``tcdyn.plots.draw``. A
+new result needs an entry in ``PICTURES``, and in ``PARTS`` if its figure takes an attribute of it.
+The first class of which the result is an instance decides. Test: ``tests/core/test_results.py``.
+"""
 
 from __future__ import annotations
 
@@ -83,9 +88,16 @@ def draw(result: Any, ax: Axes, *arguments: Any, **options: Any) -> Axes:
     ----------
     result
         A result of one of the classes in ``PICTURES``.
+    ax
+        Axes to plot into.
     *arguments, **options
         Further arguments of the function that plots it. A ``Compensated`` also needs the logged
         trace: ``draw(compensated, ax, logged=y)``.
+
+    Returns
+    -------
+    ax
+        The same axes.
 
     Raises
     ------

@@ -1,4 +1,8 @@
-"""Figures of plunge tests (5.14 and 5.24 to 5.27 of the thesis), lags and planned tests."""
+"""Figures of plunge tests (5.14 and 5.24 to 5.27 of the thesis), lags and planned tests.
+
+Used by the certificate (:mod:`tcdyn.report.certificate`), by :func:`tcdyn.plots.pick.draw` and by
+the gallery of the manual. Test: ``tests/immersion/test_plunge_pictures.py``.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +41,20 @@ _LINE_STYLES = tuple(CHANNEL_STYLE.values())
 
 
 def draw_holes(result: HoleComparison, ax: Axes) -> Axes:
-    """Plot the thermocouples of the two-part disk (dots) and fitted lags (lines), figure 5.14."""
+    """Plot the thermocouples of the two-part disk (dots) and fitted lags (lines), figure 5.14.
+
+    Parameters
+    ----------
+    result
+        Comparison of holes.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
+    """
     t = result.block_time_s
     for k, name in enumerate(result.names):
         colour = SLOW if name.startswith("ideal") else str(0.65 * k / len(result.names))
@@ -55,6 +72,20 @@ def draw_record(run: PlungeRun, ax: Axes, until_s: float | None = None) -> Axes:
     """Plot every channel, the bath and the instant of entry of a plunge (figures 5.24 and 5.25).
 
     ``until_s``: end of the figure after the entry [s]; None: the full record.
+
+    Parameters
+    ----------
+    run
+        A plunge.
+    ax
+        Axes to plot into.
+    until_s
+        End of the figure after the entry [s]; None: the full record.
+
+    Returns
+    -------
+    ax
+        The same axes.
     """
     t = run.time_s - run.entry.time_s
     in_window = np.flatnonzero(t <= (t[-1] if until_s is None else until_s))
@@ -81,11 +112,22 @@ def draw_entry(
 
     Parameters
     ----------
+    run
+        A plunge.
     models
         Junction temperatures by name of the model, such as ``published_degC(run, setup)`` or
         ``{"fitted": fit.junction_degC(0)}``.
+    ax
+        Axes to plot into.
+    channel
+        Name of the channel.
     until_s
         End of the figure after the entry [s].
+
+    Returns
+    -------
+    ax
+        The same axes.
     """
     t = run.time_s - run.entry.time_s
     readings = run.readings_degC[:, run.channels.index(channel)]
@@ -106,7 +148,26 @@ def draw_entry(
 
 
 def draw_heat_transfer(fit: PlungeFit, run: int, ax: Axes) -> Axes:
-    """Plot the fitted h over time, and the published correlation at the same temperatures."""
+    """Plot the fitted h over time, and the published correlation at the same temperatures.
+
+    Parameters
+    ----------
+    fit
+        A plunge fit.
+    run
+        Index of the plunge.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
+
+    Notes
+    -----
+    The first 0.01 s are left out because the time axis is logarithmic.
+    """
     model = fit.optimum.problem.models[run]
     surface = fit.optimum.surfaces[run]
     published = model.bath.h_W_m2K(surface.temperature_degC, model.bath_degC)
@@ -118,7 +179,20 @@ def draw_heat_transfer(fit: PlungeFit, run: int, ax: Axes) -> Axes:
 
 
 def draw_common_lag(fit: PlungeFit, ax: Axes) -> Axes:
-    """Plot marginal posterior of the common lag, its profile likelihood and its 95 % interval."""
+    """Plot the marginal posterior of the common lag, its profile and its 95 % interval.
+
+    Parameters
+    ----------
+    fit
+        A plunge fit.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
+    """
     scan = fit.scan
     lag = fit.common_lag_s
     shift = lag.value - scan.mean_s
@@ -133,7 +207,20 @@ def draw_common_lag(fit: PlungeFit, ax: Axes) -> Axes:
 
 
 def draw_differential_lags(fit: PlungeFit, ax: Axes) -> Axes:
-    """Plot the lag of each channel minus the mean of the disk, with 95 % intervals."""
+    """Plot the lag of each channel minus the mean of the disk, with 95 % intervals.
+
+    Parameters
+    ----------
+    fit
+        A plunge fit.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
+    """
     x = np.arange(len(fit.channels))
     lags = [fit.differential_lag_s[c] for c in fit.channels]
     values = [lag.value for lag in lags]
@@ -145,10 +232,22 @@ def draw_differential_lags(fit: PlungeFit, ax: Axes) -> Axes:
 
 
 def draw_design(design: Design, ax: Axes) -> Axes:
-    """Plot the expected standard uncertainties of the lags for each planned test, logarithmic.
+    """Plot the expected standard uncertainties of the lags for each planned test.
 
     Bars span the 10 % and 90 % quantiles of the draws; the vertical lines are the limits below
     which a test determines a lag well.
+
+    Parameters
+    ----------
+    design
+        Comparison of planned tests.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
     """
     table = design.table()
     y = np.arange(len(table))[::-1]
@@ -183,6 +282,22 @@ def draw_plunge(fit: PlungeFit, run: int, ax: Axes, until_s: float = 15.0) -> Ax
 
     Only the channels nearest to the surface and farthest from it are plotted: the others lie
     between them. ``until_s``: end of the figure after the entry [s].
+
+    Parameters
+    ----------
+    fit
+        A plunge fit.
+    run
+        Index of the plunge.
+    ax
+        Axes to plot into.
+    until_s
+        End of the figure after the entry [s].
+
+    Returns
+    -------
+    ax
+        The same axes.
     """
     blocks = fit.optimum.problem.models[run].blocks
     in_window = (blocks.time_s > -2.0) & (blocks.time_s < until_s)
@@ -205,7 +320,20 @@ def draw_plunge(fit: PlungeFit, run: int, ax: Axes, until_s: float = 15.0) -> Ax
 
 
 def standardised(fit: PlungeFit, run: int) -> NDArray[np.float64]:
-    """Return residual of each block (B, C) over its expected standard deviation; nan if empty."""
+    """Return the standardised residuals of the blocks of one plunge.
+
+    Parameters
+    ----------
+    fit
+        A plunge fit.
+    run
+        Index of the plunge.
+
+    Returns
+    -------
+    z
+        (B, C), residual over its standard deviation for white noise; NaN for an empty block.
+    """
     problem = fit.optimum.problem
     blocks = problem.models[run].blocks
     residual = blocks.readings_degC - fit.optimum.predictions_degC[run]
@@ -214,7 +342,22 @@ def standardised(fit: PlungeFit, run: int) -> NDArray[np.float64]:
 
 
 def draw_plunge_residuals(fit: PlungeFit, run: int, ax: Axes) -> Axes:
-    """Plot standardised residuals of all channels (dots) and their mean (line) over log time."""
+    """Plot the standardised residuals of all channels and their mean over the logarithm of time.
+
+    Parameters
+    ----------
+    fit
+        A plunge fit.
+    run
+        Index of the plunge.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
+    """
     blocks = fit.optimum.problem.models[run].blocks
     after_entry = blocks.time_s > FIRST_S
     z = standardised(fit, run)[after_entry]
@@ -247,7 +390,17 @@ def residual_figure(fit: PlungeFit) -> Figure:
 def _panels(
     fit: PlungeFit, draw: Callable[[PlungeFit, int, Axes], Axes], height_in: float
 ) -> Figure:
-    """Return a figure with a panel for each plunge, two in a row; ``height_in`` of one row."""
+    """Return a figure with a panel for each plunge, two in a row; ``height_in`` of one row.
+
+    Parameters
+    ----------
+    fit
+        A plunge fit.
+    draw
+        Plots one plunge into axes.
+    height_in
+        Height of one row.
+    """
     n_rows = (len(fit.runs) + 1) // 2
     panels = [partial(draw, fit, run) for run in range(len(fit.runs))]
     return panel_figure(*panels, rows=n_rows, height_in=height_in * n_rows)

@@ -1,4 +1,9 @@
-"""Style of all figures: colours, markers, line styles, axes with units."""
+"""Style of all figures: colours, markers, line styles, axes with units.
+
+Used by every module of ``tcdyn/plots`` and by ``tcdyn/report``. Colours, markers and line styles
+may be changed here and nowhere else. Disks differ in colour, marker and line style, so that figures
+can be read in black and white.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +42,22 @@ MAX_POINTS = 4000  # points of one curve: more than a page can show; chosen by j
 def figure(
     rows: int = 1, columns: int = 1, width_in: float = 8.5, height_in: float = 4.2
 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure without a window, and its axes in reading order."""
+    """Return a figure without a window, and its axes in reading order.
+
+    Parameters
+    ----------
+    rows, columns
+        Numbers of rows and columns of axes.
+    width_in, height_in
+        Size of the figure [in].
+
+    Returns
+    -------
+    figure
+        The figure.
+    axes
+        Its axes in reading order, with the frame of the style.
+    """
     fig = Figure(figsize=(width_in, height_in), layout="constrained")
     axes = fig.subplots(rows, columns, squeeze=False)
     return fig, [_style_frame(ax) for ax in axes.ravel()]
@@ -65,7 +85,13 @@ def panel_figure(*draw: Callable[[Axes], Any], rows: int = 1, **size: float) -> 
 
 
 def _style_frame(ax: Axes) -> Axes:
-    """Give ``ax`` a pale grid behind the data and no frame at the top and on the right."""
+    """Give ``ax`` a pale grid behind the data and no frame at the top and on the right.
+
+    Parameters
+    ----------
+    ax
+        Axes to plot into.
+    """
     ax.grid(True, color="#dddddd", linewidth=0.6)
     ax.set_axisbelow(True)
     ax.spines["top"].set_visible(False)
@@ -80,6 +106,8 @@ def style_axes(
 
     Parameters
     ----------
+    ax
+        Axes to style.
     x, y
         Axis labels with their units.
     title
@@ -88,6 +116,11 @@ def style_axes(
         Whether to add a legend; any ``legend_options`` add one, too.
     **legend_options
         Keyword arguments of ``Axes.legend``; ``legend_title`` is the title of the legend.
+
+    Returns
+    -------
+    ax
+        The same axes.
     """
     ax.set(xlabel=x, ylabel=y)
     if title:
@@ -101,7 +134,15 @@ def style_axes(
 
 
 def every_nth(count: int, limit: int = MAX_POINTS) -> slice:
-    """Return slice that takes every n-th of ``count`` points, so that about ``limit`` remain."""
+    """Return a slice that thins ``count`` points to about ``limit``.
+
+    Parameters
+    ----------
+    count
+        Number of points.
+    limit
+        Number that is wanted.
+    """
     return slice(None, None, max(count // limit, 1))
 
 
@@ -112,6 +153,12 @@ def line_with_band(
 
     Parameters
     ----------
+    ax
+        Axes to plot into.
+    x, y, u
+        Abscissa, value and standard uncertainty (N,).
+    colour
+        Colour of line and band.
     band
         Label of the band in the legend.
     **line

@@ -1,4 +1,8 @@
-"""Figures of the transient fits: window study, profile likelihoods, model forms, depths."""
+"""Figures of the transient fits: window study, profile likelihoods, model forms, depths.
+
+Used by the pages of one test (:mod:`tcdyn.report.beta`), by the gallery of the manual and,
+for depth errors, by :mod:`tcdyn.plots.campaign`. Tests: ``tests/partition/test_windows.py`` and ``tests/partition/test_structures.py``.
+"""
 
 from __future__ import annotations
 
@@ -47,6 +51,17 @@ def draw_profile(profile: pd.DataFrame, ax: Axes) -> Axes:
     ----------
     profile
         Rows of one fit and one parameter of the table of ``joint_profiles``.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
+
+    Notes
+    -----
+    The 95 % interval is that of a deviance below ``tcdyn.partition.profile.DEVIANCE_95``.
     """
     fit = str(profile["fit"].iloc[0])
     parameter = str(profile["parameter"].iloc[0])
@@ -73,9 +88,25 @@ def draw_profile(profile: pd.DataFrame, ax: Axes) -> Axes:
 
 
 def draw_likelihood_profiles(table: pd.DataFrame, axes: Sequence[Axes]) -> Sequence[Axes]:
-    """Plot all profiles of ``tcdyn.partition.profile.joint_profiles``, with a legend in the corner.
+    """Plot all likelihood profiles of a test, with a legend in the corner.
 
     ``axes``: three rows of four axes.
+
+    Parameters
+    ----------
+    table
+        Table of ``tcdyn.partition.profile.joint_profiles``.
+    axes
+        Three rows of four axes, in reading order.
+
+    Returns
+    -------
+    axes
+        The same axes.
+
+    Notes
+    -----
+    ``PANELS`` names the parameter of each panel; None is an empty panel.
     """
     for k, (panel, ax) in enumerate(zip(PANELS, axes, strict=True)):
         if panel is None:
@@ -106,10 +137,17 @@ def draw_window_study(
     ----------
     table
         Table of ``cooling_by_window``.
+    ax
+        Axes to plot into.
     quantity
         "beta" or "h_W_m2K".
     truth
         Value of a simulation.
+
+    Returns
+    -------
+    ax
+        The same axes.
     """
     for k, disk in enumerate(DISKS):
         rows = table[(table["disk"] == disk) & table[quantity].notna()]
@@ -153,6 +191,13 @@ def draw_inverse_check(table: pd.DataFrame, ax: Axes) -> Axes:
     ----------
     table
         Table of ``reference_table``: columns disk, quantity, z.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
     """
     symbols = table["quantity"].map(lambda quantity: "β" if quantity == "beta" else "h")
     names = table["disk"] + " " + symbols
@@ -174,6 +219,18 @@ def draw_model_forms(alternatives: ModelForms, ax: Axes) -> Axes:
 
     Bars are 95 % intervals; a probable alternative is black, an improbable one grey. The band is
     the 95 % range over all of them.
+
+    Parameters
+    ----------
+    alternatives
+        Fits of all model-form alternatives with their probabilities.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
     """
     fits = alternatives.forms
     low = alternatives.low95
@@ -197,6 +254,18 @@ def draw_junctions(tests: Mapping[str, DepthTest], ax: Axes) -> Axes:
     """Plot the depth errors of the junctions that one test estimates, with 95 % bars.
 
     The grey band is the 95 % interval of the nominal depths of rig.toml. ``tests``: by disk.
+
+    Parameters
+    ----------
+    tests
+        Depth test of each disk.
+    ax
+        Axes to plot into.
+
+    Returns
+    -------
+    ax
+        The same axes.
     """
     nominal_u_mm = max(test.nominal_u_m for test in tests.values()) * 1e3
     half_width = Z95 * nominal_u_mm
@@ -223,6 +292,8 @@ def draw_depth_errors(
     ----------
     deeper_mm
         Estimates by disk and channel [mm].
+    ax
+        Axes to plot into.
     label
         Legend entry, with ``{}`` for the disk.
     excluded

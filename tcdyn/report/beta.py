@@ -18,8 +18,8 @@ from tcdyn.plots.style import figure, panel_figure
 from tcdyn.plots.transient import (
     draw_inverse_check,
     draw_junctions,
-    draw_model_forms,
     draw_likelihood_profiles,
+    draw_model_forms,
     draw_window_study,
 )
 from tcdyn.report.circumferential import around_section, unevenness_section
