@@ -1,7 +1,7 @@
 """Figures of the temperature around a disk: its middle plane, its surface, and its press fit.
 
 Used by the pages of a test (:mod:`tcdyn.report.circumferential`) and by the commands ``tcdyn
-simulate round`` and ``tcdyn round`` (:mod:`tcdyn.cli.round`). Constants are for the eye only. Test:
+round simulate`` and ``tcdyn round fit`` (:mod:`tcdyn.cli.round`). Constants are for the eye only. Test:
 ``tests/partition/test_around.py``.
 """
 
@@ -171,8 +171,7 @@ def draw_press_fit(setup: DiskSetup, ax: Axes) -> Axes:
     Notes
     -----
     Share of the contact (:func:`tcdyn.rig.press_fit.mean_shares`) times the conductance of
-    :func:`tcdyn.rig.contact.press_fit_conductance`. The rim model uses the harmonics, not the
-    curve.
+    :func:`tcdyn.rig.contact.press_fit_conductance`.
     """
     edges = np.arange(0.0, 360.0 + STEP_DEG, STEP_DEG, dtype=np.float64)
     angle = 0.5 * (edges[1:] + edges[:-1])

@@ -1,7 +1,6 @@
 """The function :func:`draw`, which chooses the figure of a result by its class.
 
-Used by the commands with a figure option and by users of the library, as ``tcdyn.plots.draw``. A
-new result needs an entry in ``PICTURES``, and in ``PARTS`` if its figure takes an attribute of it.
+Used by :mod:`tcdyn.report.page` and, as ``tcdyn.plots.draw``, by users of the library. A new result needs an entry in ``PICTURES``, and in ``PARTS`` if its figure takes an attribute of it.
 The first class of which the result is an instance decides. Test: ``tests/core/test_results.py``.
 """
 

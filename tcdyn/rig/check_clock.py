@@ -2,6 +2,10 @@
 
 The checks cover repeated, missing and rounded stamps, gaps, lost samples, and stamps that scatter
 about an even grid (timing jitter).
+
+:func:`check_time` is used by :mod:`tcdyn.rig.log`; :func:`sample_interval_s` by most users of a
+log. Thresholds are chosen by judgement where no other reason is given. Tests:
+``tests/rig/test_check_clock.py``.
 """
 
 from __future__ import annotations
@@ -84,11 +88,22 @@ def check_time(time: Array, location: SampleLocation) -> Sampling:
     location
         Position of the rows in the file, for messages.
 
+    Returns
+    -------
+    sampling
+        Times, sample interval, grid and findings.
+
     Raises
     ------
     InputError
         Time repeats or runs backward (row, time), a gap above 0.5 s, uneven sampling, milliseconds,
         or too few rows.
+
+    Notes
+    -----
+    Even stamps are kept as they are where rounding explains their scatter (``MIN_JITTER``). The
+    order matters: the rate is checked before the grid is fitted, because a gap would spoil the fit.
+    Test: ``tests/rig/test_check_clock.py``.
     """
     where = location.where
     if len(time) < 10:
@@ -139,7 +154,15 @@ def check_time(time: Array, location: SampleLocation) -> Sampling:
 
 
 def _check_rising(time: Array, step: Array, location: SampleLocation) -> None:
-    """Raise InputError where time repeats or runs backward."""
+    """Raise InputError where time repeats or runs backward.
+
+    Parameters
+    ----------
+    time, step
+        Times (N,) [s] and their steps (N - 1,) [s].
+    location
+        Position of the rows in the file, for messages.
+    """
     is_wrong = ~(step > 0)
     if not is_wrong.any():
         return
@@ -160,7 +183,22 @@ def _check_rising(time: Array, step: Array, location: SampleLocation) -> None:
 
 
 def _check_rate_and_gaps(time: Array, step: Array, dt: float, location: SampleLocation) -> None:
-    """Raise InputError for sampling slower than 1 Hz and for gaps."""
+    """Raise InputError for sampling slower than 1 Hz and for gaps.
+
+    Parameters
+    ----------
+    time, step
+        Times (N,) [s] and their steps (N - 1,) [s].
+    dt
+        Sample interval [s].
+    location
+        Position of the rows in the file, for messages.
+
+    Notes
+    -----
+    ``MAX_GAP_S`` is also the longest run of missing values in a column
+    (``tcdyn.rig.check_columns.MAX_MISSING_RUN_S``); a gap of three samples is always allowed.
+    """
     if dt > MAX_INTERVAL_S:
         is_milliseconds = dt * 1e-3 < 0.2
         hint = "; this looks like milliseconds" if is_milliseconds else ""
@@ -181,7 +219,17 @@ def _check_rate_and_gaps(time: Array, step: Array, dt: float, location: SampleLo
 
 
 def _is_jittered(step: Array, intervals: NDArray[np.int32], dt: float) -> bool:
-    """Whether the steps scatter about multiples of ``dt`` by more than rounding explains."""
+    """Whether the steps scatter about multiples of ``dt`` by more than rounding explains.
+
+    Parameters
+    ----------
+    step
+        Steps of the stamps (N - 1,) [s].
+    intervals
+        Steps on the grid (N - 1,).
+    dt
+        Sample interval [s].
+    """
     deviation = dt * intervals
     deviation -= step  # in place: one array of the length of a long log less
     scatters = float(deviation @ deviation) > len(deviation) * (MIN_JITTER * dt) ** 2
@@ -189,7 +237,15 @@ def _is_jittered(step: Array, intervals: NDArray[np.int32], dt: float) -> bool:
 
 
 def _has_few_decimals(step: Array, max_offset_s: float) -> bool:
-    """Whether all steps are multiples of the smallest one: the clock has too few decimals."""
+    """Whether all steps are multiples of the smallest one: the clock has too few decimals.
+
+    Parameters
+    ----------
+    step
+        Steps of the stamps (N - 1,) [s].
+    max_offset_s
+        Largest distance of a stamp from its even time [s].
+    """
     resolution_s = float(step.min())
     multiples = step / resolution_s
     is_multiple = np.allclose(multiples, np.rint(multiples), atol=0.01)
@@ -199,7 +255,17 @@ def _has_few_decimals(step: Array, max_offset_s: float) -> bool:
 def _lost_samples(
     time: Array, intervals: NDArray[np.int32], location: SampleLocation
 ) -> list[Finding]:
-    """A finding about samples missing from the grid, or none."""
+    """A finding about samples missing from the grid, or none.
+
+    Parameters
+    ----------
+    time
+        Times (N,) [s].
+    intervals
+        Steps on the grid (N - 1,).
+    location
+        Position of the rows in the file, for messages.
+    """
     is_gap = intervals > 1
     lost = int((intervals[is_gap] - 1).sum())
     if not lost:
@@ -223,6 +289,25 @@ def _fit_grid(time: Array, mean_rate_Hz: float) -> tuple[float, NDArray[np.int32
     The rate f maximises |sum exp(2 pi i f t)|, first over the start of the log, then over more and
     more of it. Where no maximum is significant, ``mean_rate_Hz`` (the mean rate of the stamps, a
     little less than f where samples are lost) is as good.
+
+    Parameters
+    ----------
+    time
+        Times as logged (N,) [s].
+    mean_rate_Hz
+        Mean rate of the stamps.
+
+    Returns
+    -------
+    dt_s
+        Sample interval.
+    grid
+        Index of each row (N,), 0 for the first.
+
+    Notes
+    -----
+    Rates from 0.99 to 1.06 of the mean rate are tried, since lost samples make the mean rate too
+    low. ``MIN_PHASE_SUM`` decides whether the maximum is significant.
     """
     t = time - time[0]
     size = min(4096, len(time))
@@ -249,6 +334,8 @@ def _fit_grid(time: Array, mean_rate_Hz: float) -> tuple[float, NDArray[np.int32
 
 
 def _phase_sum(rate_Hz: float, t: Array) -> complex:
+    """Sum of exp(2 pi i f t) over the stamps; its size is their number if all lie on a grid of 1/f.
+    """
     return complex(np.exp(2j * np.pi * rate_Hz * t).sum())
 
 
@@ -264,8 +351,20 @@ def resample_to_grid(name: str, values: Array, sampling: Sampling, rows: slice) 
         Name of the column.
     values
         Samples of the column at ``rows``, (N,).
+    sampling
+        Sampling of the log, with the jitter.
     rows
         Rows of the file that ``values`` hold.
+
+    Returns
+    -------
+    values
+        (N,), at the even times.
+
+    Notes
+    -----
+    ``SLOPE_NEIGHBOURS`` trades noise against the curvature of the trace. Test:
+    ``tests/rig/test_check_clock.py`` (compensation loses little).
     """
     if sampling.jitter_s is None or not name.endswith("_degC"):
         return values
@@ -284,7 +383,17 @@ def resample_to_grid(name: str, values: Array, sampling: Sampling, rows: slice) 
 
 
 def _centred(windows: Array, used: NDArray[np.bool_], count: NDArray[np.int_]) -> Array:
-    """Windows minus the mean of their used values; zero where a value is not used."""
+    """Windows minus the mean of their used values; zero where a value is not used.
+
+    Parameters
+    ----------
+    windows
+        Values (N, W), zero where not used.
+    used
+        Whether a value is used (N, W).
+    count
+        Number of used values (N,).
+    """
     return np.where(used, windows - (windows.sum(axis=1) / count)[:, None], 0.0)
 
 
@@ -295,6 +404,8 @@ def scale_jitter(sampling: Sampling, sample: pd.DataFrame) -> Sampling:
 
     Parameters
     ----------
+    sampling
+        Sampling of the log.
     sample
         Cleaned columns; the index holds the rows of the file.
     """
@@ -329,6 +440,23 @@ def _real_jitter_share(
     ----------
     columns
         Temperatures at ``rows`` of the file, (N, M) [degC], NaN where missing.
+    rows
+        Rows of the file (N,).
+    sampling
+        Sampling of the log.
+    jitter_s
+        Jitter of all rows of the file [s].
+
+    Returns
+    -------
+    share
+        0 to 1.
+
+    Notes
+    -----
+    The factor 70 is the sum of squares of the coefficients of the fourth difference.
+    ``STAMP_PRIOR`` weighs the prior that the stamps are right; a larger value needs steeper traces
+    to contradict them. Test: ``tests/rig/test_check_clock.py``.
     """
     half = SHARE_HALF_WINDOW
     n = len(rows)
@@ -359,7 +487,20 @@ def _real_jitter_share(
 
 
 def _grid_indices(step: Array, dt_s: float) -> NDArray[np.int32]:
-    """Index of each sample on the grid of ``dt_s``, from the steps between samples."""
+    """Index of each sample on the grid of ``dt_s``, from the steps between samples.
+
+    Parameters
+    ----------
+    step
+        Steps of the stamps (N - 1,) [s].
+    dt_s
+        Grid interval [s].
+
+    Returns
+    -------
+    grid
+        (N,), 0 for the first; each step is at least one.
+    """
     intervals = step / dt_s
     np.maximum(np.rint(intervals, out=intervals), 1.0, out=intervals)
     grid = np.zeros(len(step) + 1, dtype=np.int32)
@@ -368,7 +509,20 @@ def _grid_indices(step: Array, dt_s: float) -> NDArray[np.int32]:
 
 
 def _interval_s(time: Array, grid: NDArray[np.int32]) -> float:
-    """Slope of the straight line through the stamps, by least squares."""
+    """Slope of the straight line through the stamps, by least squares.
+
+    Parameters
+    ----------
+    time
+        Times (N,) [s].
+    grid
+        Index of each time on the grid (N,).
+
+    Returns
+    -------
+    dt_s
+        [s].
+    """
     centred = grid - grid.mean()
     return float(centred @ (time - time.mean()) / (centred @ centred))
 
@@ -385,7 +539,24 @@ def sample_interval_s(time_s: Array) -> float:
 
 
 def _even_times(time: Array, grid: NDArray[np.int32], dt_s: float) -> tuple[Array, float]:
-    """Even times of the stamps [s], and the largest distance of a logged stamp from its own [s]."""
+    """Even times of the stamps [s], and the largest distance of a logged stamp from its own [s].
+
+    Parameters
+    ----------
+    time
+        Times as logged (N,) [s].
+    grid
+        Index of each time on the grid (N,).
+    dt_s
+        Grid interval [s].
+
+    Returns
+    -------
+    even
+        (N,) [s], with the mean of ``time``.
+    max_offset_s
+        [s].
+    """
     even = np.asarray(grid - grid.mean())
     even *= dt_s
     even += time.mean()
@@ -394,7 +565,22 @@ def _even_times(time: Array, grid: NDArray[np.int32], dt_s: float) -> tuple[Arra
 
 
 def _fill_missing(time: Array, location: SampleLocation) -> tuple[Array, list[Finding]]:
-    """Interpolate up to three single missing stamps; InputError for more, or for two in a row."""
+    """Interpolate up to three single missing stamps; InputError for more, or for two in a row.
+
+    Parameters
+    ----------
+    time
+        Times as logged (N,) [s].
+    location
+        Position of the rows in the file, for messages.
+
+    Returns
+    -------
+    time
+        (N,) without missing values.
+    findings
+        An info if a stamp was interpolated.
+    """
     missing = ~np.isfinite(time)
     if not missing.any():
         return time, []

@@ -1,6 +1,9 @@
 """Check the columns of a log: missing, impossible and frozen values, spikes, and gaps.
 
 A column is read in chunks: statistics are collected chunk by chunk and judged at the end.
+
+Used by :mod:`tcdyn.rig.log` and :mod:`tcdyn.rig.oven_log`. Thresholds are chosen by judgement.
+Tests: ``tests/rig/test_check_columns.py`` and ``tests/rig/test_long_log_chunks.py``.
 """
 
 from __future__ import annotations
@@ -65,6 +68,11 @@ class RunStatistics:
             The samples as in the file, (N,).
         offset
             Index of the first sample of the chunk in the column.
+
+        Notes
+        -----
+        The result does not depend on how the column is divided into chunks:
+        ``tests/rig/test_check_columns.py``.
         """
         edges = np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))
         local_starts = np.flatnonzero(edges == 1)
@@ -95,6 +103,11 @@ class DecimatedLog:
     """At most ``MAX_SAMPLE_ROWS`` rows of a log in chunks: all, or every k-th run of rows.
 
     Switches have few different values and are stored completely.
+
+    Notes
+    -----
+    When the limit is exceeded, every second run is dropped. Runs of ``RUN_ROWS`` rows keep
+    neighbours together, which the noise estimate and the check of jitter need.
     """
 
     rows: int = 0
@@ -150,10 +163,19 @@ class ColumnCheck:
 
     @property
     def _is_temperature(self) -> bool:
+        """Whether the column is a temperature."""
         return self.name.endswith("_degC")
 
     def add(self, values: Array, cleaned: Array) -> None:
-        """Count the next chunk, (N,): values as in the file, and after ``cleaned``."""
+        """Count the next chunk.
+
+        Parameters
+        ----------
+        values
+            Values as in the file (N,).
+        cleaned
+            The same after the removal of impossible values and spikes, NaN there (N,).
+        """
         offset = self.n_samples
         missing = np.isnan(cleaned)
         self.n_samples += len(values)
@@ -219,6 +241,7 @@ class ColumnCheck:
         return [info_or_warning(share, "values.impossible", subject=self.name, **numbers)]
 
     def _check_spikes(self) -> list[Finding]:
+        """An info about removed spikes; InputError for too many."""
         spikes = self.statistics["spikes"]
         if spikes.count > MAX_MISSING_FRACTION * self.n_samples:
             percent = 100 * spikes.count / self.n_samples
@@ -235,6 +258,13 @@ class ColumnCheck:
         return [info("spikes.removed", subject=self.name, **numbers)]
 
     def _check_gaps(self, dt_s: float) -> list[Finding]:
+        """A finding about missing values; InputError for a run that is too long, or for too many.
+
+        Parameters
+        ----------
+        dt_s
+            Sample interval [s].
+        """
         missing = self.statistics["missing"]
         gap_s = missing.length * dt_s
         is_too_long = gap_s > max(MAX_MISSING_RUN_S, 3 * dt_s)
@@ -262,7 +292,18 @@ class ColumnCheck:
         return [info_or_warning(share, "values.absent", subject=self.name, **numbers)]
 
     def _check_constant(self, dt_s: float) -> list[Finding]:
-        """Error for a constant channel, or one frozen for a while; a warning if it measures air."""
+        """Error for a channel that is constant or frozen for a while; a warning if it measures air.
+
+        Parameters
+        ----------
+        dt_s
+            Sample interval [s].
+
+        Notes
+        -----
+        A logger with coarse steps repeats values often; therefore a long run counts only if the
+        other steps rarely repeat. Test: ``tests/rig/test_check_columns.py``.
+        """
         constant = self.statistics["constant"]
         other_steps = self.n_samples - 1 - constant.length
         span_s = constant.length * dt_s

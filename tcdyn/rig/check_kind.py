@@ -2,6 +2,11 @@
 
 Switches must change, loads must be in newtons, speeds in rpm, and the channels of a disk must
 agree.
+
+Used by :mod:`tcdyn.rig.log` after the file was read once. Errors stop the analysis; warnings do
+not. Thresholds are chosen by judgement where no other reason is given. Tests:
+``tests/rig/test_long_log_chunks.py``, ``tests/partition/test_events.py`` and
+``tests/cli/test_compensate_command.py``.
 """
 
 from __future__ import annotations
@@ -59,6 +64,10 @@ def check_kind(
         All rows of the switches, (N,) each.
     location
         Position of the rows in the file, for messages.
+    rig
+        The rig, for depths and constants.
+    disk
+        Disk of an oven or immersion log; None: the common tables.
     parted
         Whether the log must contain the unloading.
 
@@ -92,7 +101,26 @@ def check_kind(
 def _check_switches(
     sample: pd.DataFrame, switches: Mapping[str, Array], location: SampleLocation, parted: bool
 ) -> tuple[dict[str, Flags], list[Finding]]:
-    """Each switch as off and on; an inverted contact switch is corrected, with a warning."""
+    """Each switch as off and on; an inverted contact switch is corrected, with a warning.
+
+    Parameters
+    ----------
+    sample
+        Cleaned columns; the index is the row of the file.
+    switches
+        All rows of the switches, (N,) each.
+    location
+        Position of the rows in the file, for messages.
+    parted
+        Whether the log must contain the unloading.
+
+    Returns
+    -------
+    states
+        Off and on, (N,) each.
+    findings
+        Of all switches.
+    """
     findings: list[Finding] = []
     states: dict[str, Flags] = {}
     for name, values in switches.items():
@@ -113,7 +141,26 @@ def _check_ehl(
     location: SampleLocation,
     rig: Rig,
 ) -> list[Finding]:
-    """Room temperature, channels, loads and speeds of an EHL log."""
+    """Room temperature, channels, loads and speeds of an EHL log.
+
+    Parameters
+    ----------
+    sample
+        Cleaned columns; the index is the row of the file.
+    junctions
+        Columns of the junctions.
+    states
+        The switches as off and on, (N,) each.
+    location
+        Position of the rows in the file, for messages.
+    rig
+        The rig.
+
+    Raises
+    ------
+    InputError
+        A room above ``MAX_ROOM_DEGC``, or unusable channels, loads or speeds.
+    """
     constant = rig.common.constants.get("ambient_degC")
     air = sample[[name for name in sample if str(name).startswith("ambient_")]].median()
     if len(air):
@@ -157,6 +204,22 @@ def _two_levels(values: Array, name: str, location: SampleLocation) -> tuple[Arr
 
     Other pairs of levels (0 and 5 V) are read as off and on, with an information. Raises InputError
     for more than two levels.
+
+    Parameters
+    ----------
+    values
+        Values as logged (N,).
+    name
+        Name of the switch.
+    location
+        Position of the rows in the file, for messages.
+
+    Returns
+    -------
+    values
+        0 and 1 (N,).
+    findings
+        About filled samples and other levels.
     """
     missing = ~np.isfinite(values)
     if missing.all():
@@ -199,7 +262,20 @@ def _two_levels(values: Array, name: str, location: SampleLocation) -> tuple[Arr
 
 
 def _is_inverted(sample: pd.DataFrame, contact: Flags) -> bool:
-    """Whether load and friction are at their upper level only where ``contact`` (N,) is off."""
+    """Whether load and friction are at their upper level only where ``contact`` (N,) is off.
+
+    Parameters
+    ----------
+    sample
+        Cleaned columns.
+    contact
+        The switch at these rows (N,).
+
+    Notes
+    -----
+    Both load and friction must contradict the switch, for at least 80 % of the samples; one sensor
+    with the wrong sign must not invert it. Test: ``tests/partition/test_events.py``.
+    """
     if contact.all() or not contact.any():
         return False
     for name in ("load_N", "friction_N"):
@@ -217,10 +293,26 @@ def _is_inverted(sample: pd.DataFrame, contact: Flags) -> bool:
 
 
 def _check_edges(values: Array, name: str, location: SampleLocation, parted: bool) -> list[Finding]:
-    """Whether a switch (N,) of 0 and 1 changes as it must: up at an entry, down at the unloading.
+    """Check that a switch changes as it must: up at an entry, down at the unloading.
 
     At an entry it may stay on or be momentary. Bounces and a missing loading or cooling are
     reported.
+
+    Parameters
+    ----------
+    values
+        0 and 1 (N,).
+    name
+        Name of the switch.
+    location
+        Position of the rows in the file, for messages.
+    parted
+        Whether the log must contain the unloading.
+
+    Raises
+    ------
+    InputError
+        A switch that never closes, or a contact without an unloading.
     """
     steps = np.diff(values)
     falls = np.flatnonzero(steps < 0)
@@ -265,6 +357,20 @@ def _check_channels(
 
     ``reference_degC`` is the median of a bath or room temperature known to be in degC. Raises
     InputError for millivolts and for a dead channel.
+
+    Parameters
+    ----------
+    columns
+        Channels of one disk [degC].
+    location
+        Position of the rows in the file, for messages.
+    reference_degC
+        Median of a bath or room temperature; None: not known.
+
+    Notes
+    -----
+    The limits (16 mV, a tenth of the usual rise, four times the usual noise plus 0.1 K) are chosen
+    by judgement. The upper median is "usual", so that half of the channels may be faulty.
     """
     low = columns.quantile(0.01)
     high = columns.quantile(0.99)
@@ -315,7 +421,17 @@ def _upper_median(values: pd.Series[float]) -> float:
 
 
 def _check_loads(sample: pd.DataFrame, contact: Flags, where: str) -> list[Finding]:
-    """Load, friction and speeds of an EHL log in contact. Raises InputError for unusable ones."""
+    """Load, friction and speeds of an EHL log in contact. Raises InputError for unusable ones.
+
+    Parameters
+    ----------
+    sample
+        Cleaned columns.
+    contact
+        Contact at these rows (N,).
+    where
+        Name of the file, for messages.
+    """
     in_contact = sample[contact].median()
     without = sample[~contact].median()
     load_on = float(in_contact.get("load_N", np.nan))
@@ -355,7 +471,17 @@ def _check_loads(sample: pd.DataFrame, contact: Flags, where: str) -> list[Findi
 
 
 def _check_speeds(sample: pd.DataFrame, in_contact: pd.Series[float], where: str) -> list[Finding]:
-    """Speeds in contact. Raises InputError where a shaft stands, or the slow one is faster."""
+    """Speeds in contact. Raises InputError where a shaft stands, or the slow one is faster.
+
+    Parameters
+    ----------
+    sample
+        Cleaned columns.
+    in_contact
+        Median of each column in contact.
+    where
+        Name of the file, for messages.
+    """
     speeds = {disk: float(in_contact.get(f"speed_{disk}_rpm", np.nan)) for disk in DISKS}
     for disk, speed in speeds.items():
         if not speed > 0 and f"speed_{disk}_rpm" in sample:
@@ -388,12 +514,24 @@ def _swapped_junctions(
 
     Parameters
     ----------
+    sample
+        Cleaned columns; its first rows are the start of the record.
     prefix
         Of the columns of the disk, such as "fast_".
     tables
         Of the disk; they give the depths.
     is_heating
         Samples in which heat flows in, (N,).
+
+    Returns
+    -------
+    findings
+        One warning, or none.
+
+    Notes
+    -----
+    The limit is 0.5 K, or 2 % of the rise: chosen by judgement. Test:
+    ``tests/cli/test_compensate_command.py``.
     """
     if is_heating.sum() < 20:
         return []

@@ -1,4 +1,10 @@
-"""Canonical columns of each kind of log, and the matching of the names in a file to them."""
+"""Canonical columns of each kind of log, and the matching of the names in a file to them.
+
+Used by every reader of logs. A new column of a kind of log is added to ``LAYOUTS``, and to the page
+of the manual on columns and keys. The similarity of names (cut-offs of ``difflib``) only affects
+what a message suggests. Tests: ``tests/rig/test_logger_conventions.py`` and
+``tests/io/test_file_formats.py``.
+"""
 
 from __future__ import annotations
 
@@ -53,6 +59,13 @@ def junction_columns(channels: Iterable[str], disk: str = "") -> tuple[str, ...]
 
     >>> junction_columns("ab"), junction_columns(["t1"], "fast")
     (('a_degC', 'b_degC'), ('fast_t1_degC',))
+
+    Parameters
+    ----------
+    channels
+        Names of the junctions.
+    disk
+        Name of the disk, for EHL logs; empty: no prefix.
     """
     prefix = f"{disk}_" if disk else ""
     return tuple(f"{prefix}{channel}_degC" for channel in channels)
@@ -122,7 +135,7 @@ def is_air(name: str) -> bool:
 def find_column(
     canonical: str, mapping: Mapping[str, str], names: Collection[str]
 ) -> tuple[str, str] | None:
-    """The column of a file that is ``canonical``, and its unit; None if there is none.
+    """The column of a file for a canonical name, and its unit; None if there is none.
 
     The mapped name comes first, then the canonical name, then both for the other units of a
     temperature.
@@ -131,6 +144,15 @@ def find_column(
     ('TC1', 'mV')
     >>> find_column("fast_a_degC", {}, ["fast_a_K"])
     ('fast_a_K', 'K')
+
+    Parameters
+    ----------
+    canonical
+        Canonical name.
+    mapping
+        Canonical name (in any unit) to name in the file.
+    names
+        Names in the file.
     """
     stem, _, canonical_unit = canonical.rpartition("_")
     units = (canonical_unit, *UNITS) if canonical_unit == "degC" else (canonical_unit,)
@@ -159,6 +181,18 @@ def recognise(names: Iterable[str], layouts: Mapping[str, Layout] = LAYOUTS) -> 
 
     >>> recognise(["repeat", "prt_degC", *junction_columns("abcdef")])
     'oven'
+
+    Parameters
+    ----------
+    names
+        Names in the file.
+    layouts
+        Layouts of the rig.
+
+    Notes
+    -----
+    All required columns decide; otherwise at least two typical columns. "ehl" is tried first,
+    because an EHL log holds most columns.
     """
     available = set(names)
     for kind in ("ehl", "oven", "immersion"):
@@ -286,7 +320,21 @@ def _misnamed_switches(
     mapping: Mapping[str, str],
     without: Collection[str],
 ) -> list[str]:
-    """Optional switches without a column that are mapped, or similar to a name in the file."""
+    """Optional switches without a column that are mapped, or similar to a name in the file.
+
+    Parameters
+    ----------
+    layout
+        Layout of the kind of log.
+    names
+        Names in the file.
+    matched
+        Canonical name to name in the file, of the columns that were found.
+    mapping
+        ``[columns]`` of the rig file.
+    without
+        Columns that are not read.
+    """
     unused = [n for n in names if n not in matched.values()]
     switches = [
         c
@@ -297,7 +345,17 @@ def _misnamed_switches(
 
 
 def _air_columns(air: Mapping[str, str], names: Collection[str], where: str) -> Mapping[str, str]:
-    """``air``; InputError for a column that the file does not hold."""
+    """Check that the file holds the columns of ``[ambient]``; return them.
+
+    Parameters
+    ----------
+    air
+        Name after reading to name in the file.
+    names
+        Names in the file.
+    where
+        Name of the file, for messages.
+    """
     for column in air.values():
         if column not in names:
             raise InputError(
@@ -325,7 +383,19 @@ def _words(name: str) -> str:
 
 
 def suggestion(missing: str, names: Iterable[str]) -> str | None:
-    """The name in the file that is most similar to ``missing``, or None if none is similar."""
+    """The name in the file that is most similar to ``missing``, or None if none is similar.
+
+    Parameters
+    ----------
+    missing
+        Canonical name.
+    names
+        Names in the file.
+
+    Notes
+    -----
+    The cut-off 0.75 of ``difflib`` is chosen by judgement; a lower one suggests wrong names.
+    """
     by_key: dict[str, str] = {}
     for name in names:
         by_key.setdefault(normalised(name), name)
@@ -339,7 +409,17 @@ def suggestion(missing: str, names: Iterable[str]) -> str | None:
 
 
 def _check_once(names: tuple[str, ...], name: str, where: str) -> None:
-    """Raise InputError for a column that occurs more than once."""
+    """Raise InputError for a column that occurs more than once.
+
+    Parameters
+    ----------
+    names
+        Names in the file.
+    name
+        Name to check.
+    where
+        Name of the file, for messages.
+    """
     if names.count(name) > 1:
         columns = [str(i + 1) for i, n in enumerate(names) if n == name]
         raise InputError(
@@ -359,7 +439,25 @@ def _missing_columns(
     mapping: Mapping[str, str],
     layouts: Mapping[str, Layout],
 ) -> InputError:
-    """The error for missing columns, with the most likely cause and what to write."""
+    """The error for missing columns, with the most likely cause and what to write.
+
+    Parameters
+    ----------
+    missing
+        Canonical names that are missing.
+    names
+        Names in the file.
+    available
+        Names in the file and canonical names that were found.
+    kind
+        Kind of log.
+    where
+        Name of the file, for messages.
+    mapping
+        ``[columns]`` of the rig file.
+    layouts
+        Layouts of the rig.
+    """
     layout = layouts[kind]
     other = recognise(available, layouts)
     if other is not None and other != kind:
@@ -421,7 +519,17 @@ def _shortened(names: list[str]) -> str:
 def _remedy_with_suggestions(
     missing: list[str], similar: Mapping[str, str], candidates: list[str]
 ) -> str:
-    """What to write for the missing columns that have a similar name in the file."""
+    """What to write for the missing columns that have a similar name in the file.
+
+    Parameters
+    ----------
+    missing
+        Canonical names that are missing.
+    similar
+        Similar name in the file, by canonical name.
+    candidates
+        Names in the file that are no canonical names of this kind of log.
+    """
     pairs = ", ".join(f'{column} = "{name}"' for column, name in similar.items())
     question = "the names below"
     if len(similar) <= MAX_NAMES_IN_QUESTION:

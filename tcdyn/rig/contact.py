@@ -1,6 +1,12 @@
 """Contact of two crowned disks (Hertz), contact force and speeds of a test, and the press fit.
 
 The contact force is smoothed by running straight lines; speeds by local polynomials.
+
+The mechanics (Hertz, press fit) is used by the rim, the simulator and ``tcdyn verify``; the force
+and the speeds by :mod:`tcdyn.partition.events` and the workflows. Sources: Johnson, Contact
+Mechanics (1985); sections 2.9, 5.6 and 6.4.3 of the thesis. Tests:
+``tests/simulate/test_contact.py``, ``tests/partition/test_events.py`` and
+``tests/partition/test_slowing.py``.
 """
 
 from __future__ import annotations
@@ -83,7 +89,15 @@ class Events:
 
 @dataclass(frozen=True)
 class FrictionCorrection:
-    """Friction that the transducer does not measure, with its standard uncertainty."""
+    """Friction that the transducer does not measure, with its standard uncertainty.
+
+    Attributes
+    ----------
+    value_N, u_N
+        Correction to add to the measured friction, and its standard uncertainty.
+    findings
+        Findings about the correction.
+    """
 
     value_N: float
     u_N: float
@@ -121,6 +135,20 @@ def hertz_contact(
     """Contact of two equal crowned disks under ``load_N``.
 
     Valid for crown radius > rolling radius and elastic contact.
+
+    Parameters
+    ----------
+    load_N
+        Normal load.
+    radius_m, crown_radius_m
+        Radius of rolling, and of the crown across the running surface.
+    young_Pa, poisson
+        Elastic constants of both disks.
+
+    Returns
+    -------
+    contact
+        Semi-axes and maximum pressure.
 
     Raises
     ------
@@ -163,6 +191,11 @@ def equivalent_radius_m(one_m: float, other_m: float) -> float:
 
     >>> round(equivalent_radius_m(0.03, 0.06), 3)
     0.04
+
+    Parameters
+    ----------
+    one_m, other_m
+        Radii of the two disks [m].
     """
     return 2.0 / (1.0 / one_m + 1.0 / other_m)
 
@@ -174,14 +207,28 @@ def half_width_m(load_N: float, radius_m: float = 0.0381, crown_radius_m: float 
 
     >>> [round(half_width_m(load) * 1e3, 2) for load in (850, 1460, 1850, 2320)]
     [1.26, 1.5, 1.63, 1.76]
+
+    Parameters
+    ----------
+    load_N
+        Normal load.
+    radius_m, crown_radius_m
+        Radius of rolling, and of the crown across the running surface.
     """
     return hertz_contact(load_N, radius_m, crown_radius_m).major_m
 
 
 def _axis_ratio(curvature_ratio: float) -> float:
-    """b/a for a ratio of the relative curvatures above one."""
+    """b/a for a ratio of the relative curvatures above one.
+
+    Parameters
+    ----------
+    curvature_ratio
+        R_c / R, above one.
+    """
 
     def excess(log_ratio: float) -> float:
+        """Curvature ratio that belongs to an axis ratio, minus the wanted one."""
         squared = np.exp(2 * log_ratio)
         m = 1 - 1 / squared
         return float((squared * ellipe(m) - ellipk(m)) / (ellipk(m) - ellipe(m)) - curvature_ratio)
@@ -191,7 +238,15 @@ def _axis_ratio(curvature_ratio: float) -> float:
 
 
 def surface_speed_m_s(speed_rpm: float, radius_m: float = 0.0381) -> float:
-    """Speed of the running surface, u = 2 pi n R / 60 [m/s]."""
+    """Speed of the running surface, u = 2 pi n R / 60 [m/s].
+
+    Parameters
+    ----------
+    speed_rpm
+        Speed of rotation [rpm].
+    radius_m
+        Radius of the running surface.
+    """
     return 2.0 * np.pi * speed_rpm / 60.0 * radius_m
 
 
@@ -207,6 +262,11 @@ def contact_force(t: Array, raw_N: Array, events: Events) -> Array:
     events
         Loading and unloading.
 
+    Returns
+    -------
+    force
+        (N,) [N].
+
     Notes
     -----
     The zero is the median before loading and after unloading, interpolated linearly between the two
@@ -215,6 +275,11 @@ def contact_force(t: Array, raw_N: Array, events: Events) -> Array:
     proportion, and so does noise at that edge. The length of the line follows from ``FORCE_NOISE``,
     since the end of a line scatters by 2 sd / sqrt(samples). In later contacts the force is the
     logged one, the mean of each two samples between which it is constant.
+
+    ``SMOOTH_S``, ``MAX_SMOOTH_S`` and ``FORCE_NOISE`` decide how much noise remains at the edge of
+    the unloading, which changes beta in proportion. The noise that remains is part of the budget
+    (``tests/campaign/test_campaign_noise.py``). The function must not smooth across a switching
+    instant: ``tests/partition/test_events.py``.
     """
     on = events.load_on_s
     off = events.unload_s
@@ -243,7 +308,20 @@ def contact_force(t: Array, raw_N: Array, events: Events) -> Array:
 
 
 def _smooth_force(raw: Array, dt_s: float) -> Array:
-    """A force (N,) without noise, spikes and missing samples; linear up to its ends."""
+    """A force (N,) without noise, spikes and missing samples; linear up to its ends.
+
+    Parameters
+    ----------
+    raw
+        Force under load (N,) [N], NaN where missing.
+    dt_s
+        Sample interval [s].
+
+    Returns
+    -------
+    force
+        (N,) [N].
+    """
     rule = replace(SPIKES["force"], width=max(int(round(0.5 * SMOOTH_S / dt_s)), 3))
     without_spikes = pd.Series(raw).mask(find_spikes(raw, rule))
     filled = without_spikes.interpolate(limit_direction="both").to_numpy()
@@ -265,6 +343,15 @@ def smoothing_samples(noise_N: float, level_N: float, dt_s: float, most: int) ->
         Sample interval [s].
     most
         Largest length in samples.
+
+    Returns
+    -------
+    count
+        Odd, at least one.
+
+    Notes
+    -----
+    Test: ``tests/campaign/test_campaign_noise.py``.
     """
     noise_ratio = 2 * noise_N / max(FORCE_NOISE * abs(level_N), 1e-12)
     count = min(max(SMOOTH_S / dt_s, noise_ratio**2), MAX_SMOOTH_S / dt_s, most)
@@ -272,7 +359,22 @@ def smoothing_samples(noise_N: float, level_N: float, dt_s: float, most: int) ->
 
 
 def _zero(t: Array, raw: Array, before_s: float, after_s: float) -> Array:
-    """Zero of the transducer at each time, from the unloaded segments before and after the test."""
+    """Zero of the transducer at each time, from the unloaded segments before and after the test.
+
+    Parameters
+    ----------
+    t
+        Times (N,) [s].
+    raw
+        Force (N,) [N], NaN in later contacts.
+    before_s, after_s
+        End of the unloaded time before the test, and start of that after it [s].
+
+    Returns
+    -------
+    zero
+        (N,) [N]; zero where no segment has enough samples.
+    """
     ok = np.isfinite(raw)
     before = ok & (t < before_s)
     after = ok & (t > after_s) & (t < after_s + ZERO_WINDOW_S)
@@ -297,6 +399,27 @@ def relative_speed(
     >>> slowing[2500] = 0.0  # a dropout
     >>> relative_speed(t, slowing, 30.0, 3000.0)[[2000, 2475]].round(3)  # 3 s later: to 1/e
     array([1.   , 0.368])
+
+    Parameters
+    ----------
+    time_s
+        Times (N,) [s].
+    speed_rpm
+        Speed as logged (N,) [rpm].
+    from_s
+        Start of the change [s]; usually the unloading.
+    level_rpm
+        Speed before it [rpm].
+
+    Returns
+    -------
+    share
+        (N,); None if too much is missing.
+
+    Notes
+    -----
+    ``MIN_SPEED_CHANGE`` decides whether h is taken as constant after the unloading. Tests:
+    ``tests/partition/test_slowing.py`` and ``tests/partition/test_events.py``.
     """
     result = np.ones_like(time_s)
     after = np.flatnonzero(time_s >= from_s)
@@ -323,6 +446,13 @@ def sliding_speed_m_s(fast_rpm: float, slow_rpm: float, radius_m: float = 0.0381
 
     >>> round(sliding_speed_m_s(6555, 1546), 1)
     20.0
+
+    Parameters
+    ----------
+    fast_rpm, slow_rpm
+        Speeds of the shafts [rpm].
+    radius_m
+        Radius of both running surfaces.
     """
     return surface_speed_m_s(fast_rpm, radius_m) - surface_speed_m_s(slow_rpm, radius_m)
 
@@ -332,6 +462,13 @@ def entraining_speed_m_s(fast_rpm: float, slow_rpm: float, radius_m: float = 0.0
 
     >>> round(entraining_speed_m_s(3282, 774), 2)
     8.09
+
+    Parameters
+    ----------
+    fast_rpm, slow_rpm
+        Speeds of the shafts [rpm].
+    radius_m
+        Radius of both running surfaces.
     """
     return 0.5 * (surface_speed_m_s(fast_rpm, radius_m) + surface_speed_m_s(slow_rpm, radius_m))
 
@@ -351,6 +488,17 @@ def interference_pressure_Pa(
 
     >>> [round(interference_pressure_Pa(d / 2) / 1e6, 1) for d in (15.2e-6, 25.4e-6)]
     [27.3, 45.6]
+
+    Parameters
+    ----------
+    radial_interference_m
+        Radial interference delta: half of the diametral one.
+    fit_radius_m
+        Radius R of the fit.
+    outer_radius_m, inner_radius_m
+        Outer radius of the disk, and inner radius of the shaft.
+    young_Pa
+        Modulus of both parts.
     """
     square = fit_radius_m**2
     outer = outer_radius_m**2
@@ -393,7 +541,19 @@ def contact_conductance_W_m2K(
 
 
 def press_fit_conductance(setup: DiskSetup) -> tuple[float, float]:
-    """Pressure [Pa] of the press fit of a disk (6.1), and its conductance in contact [W/m2K] (6.2).
+    """Pressure of the press fit of a disk (6.1), and its conductance in contact (6.2).
+
+    Parameters
+    ----------
+    setup
+        A disk with a press fit.
+
+    Returns
+    -------
+    pressure_Pa
+        Pressure.
+    conductance_W_m2K
+        Conductance where the surfaces touch.
 
     Raises
     ------

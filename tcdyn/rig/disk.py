@@ -1,4 +1,10 @@
-"""An instrumented disk in SI units: material, junctions and their rows, and surrogate channels."""
+"""An instrumented disk in SI units: material, junctions and their rows, and surrogate channels.
+
+``DiskSetup`` is made by :meth:`tcdyn.rig.rigfile.RigTables.setup` and used by all estimators.
+``Conditioning`` is the known filter in every chain. Tests: ``tests/rig/test_record.py`` (filter),
+``tests/partition/test_left_out.py``, ``tests/partition/test_any_junctions.py`` and
+``tests/partition/test_inner_row.py``.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +37,17 @@ FILTER_SHAPES: tuple[FilterShape, ...] = get_args(FilterShape)
 
 @dataclass(frozen=True)
 class Junction:
-    """Position of a junction: depth below the running surface, distance from one face, angle."""
+    """Position of a junction: depth below the running surface, distance from one face, angle.
+
+    Attributes
+    ----------
+    depth_m
+        Depth below the running surface.
+    z_m
+        Distance from one face.
+    angle_deg
+        Angle around the shaft.
+    """
 
     depth_m: float
     z_m: float
@@ -50,6 +66,11 @@ class Conditioning:
         Order; 0 means no filter.
     shape
         "cascade": B = 1/(1 + s/(2 pi cutoff_Hz))^poles; "butterworth": maximally flat.
+
+    Notes
+    -----
+    The simulator has its own filters (``tcdyn/simulate/measure.py``); a new shape needs an entry
+    there, too, for a test. Test: ``tests/rig/test_record.py``.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -58,6 +79,7 @@ class Conditioning:
     shape: FilterShape = "cascade"
 
     def __post_init__(self) -> None:
+        """Raise InputError for an unknown shape."""
         if self.shape not in FILTER_SHAPES:
             raise InputError(
                 f"conditioning: no filter has the shape {self.shape!r}",
@@ -75,6 +97,11 @@ class Conditioning:
 
         >>> Conditioning(0.5 / math.pi, 2).factors
         ((1.0, 1.0), (1.0, 1.0))
+
+        Returns
+        -------
+        factors
+            One tuple (1, a, b) or (1, a) of coefficients for each factor.
         """
         tau = 1.0 / (2 * math.pi * self.cutoff_Hz)
         n = self.poles
@@ -122,6 +149,14 @@ class DiskSetup:
         Measured heat loss of the running surface.
     press_fit
         Press fit on the shaft.
+    name
+        Name of the disk.
+    outer_radius_m, bore_radius_m, width_m, crown_radius_m
+        Dimensions.
+    conductivity_W_mK, density_kg_m3, specific_heat_J_kgK
+        Steel at its reference temperature.
+    washer_conductivity_W_mK, washer_thickness_m
+        Washers at both faces.
     """
 
     name: str
@@ -204,6 +239,17 @@ class DiskSetup:
         >>> disk = load_rig().disk_setup("fast")
         >>> disk.determines_beta("ac"), disk.determines_beta("bd"), disk.determines_beta("ace")
         (True, False, False)
+
+        Parameters
+        ----------
+        left_out
+            Channels without readings.
+
+        Notes
+        -----
+        ``MAX_SHARE_LEFT_OUT`` and ``MIN_INNER_POSITIONS`` are minimal conditions of the rim model,
+        not of accuracy. Tests: ``tests/partition/test_left_out.py``,
+        ``tests/partition/test_any_junctions.py``.
         """
         if len(left_out) > MAX_SHARE_LEFT_OUT * len(self.junctions):
             return False
@@ -235,6 +281,21 @@ class DiskSetup:
         >>> from tcdyn.rig.rigfile import load_rig
         >>> load_rig().disk_setup("fast").surrogate_weights("bc")
         {'b': {'d': 0.5, 'f': 0.5}, 'c': {'a': 0.5, 'e': 0.5}}
+
+        Parameters
+        ----------
+        left_out
+            Channels without readings; ``determines_beta`` must hold.
+
+        Returns
+        -------
+        weights
+            By channel left out, then by surrogate.
+
+        Notes
+        -----
+        :meth:`with_surrogates` must use the same weights, so that readings and depths belong
+        together.
         """
         inner = [c for c in self.inner if c not in left_out]
         outer = [c for c in self.outer if c not in left_out]
@@ -247,7 +308,15 @@ class DiskSetup:
         return weights
 
     def _inner_surrogate(self, channel: str, available: list[str]) -> dict[str, float]:
-        """Weights of the available junctions of the inner row (in order of z) for a missing one."""
+        """Weights of the available junctions of the inner row (in order of z) for a missing one.
+
+        Parameters
+        ----------
+        channel
+            Channel without readings.
+        available
+            Channels of the inner row with readings, in the order of z.
+        """
         z = self.junctions[channel].z_m
         below = [c for c in available if self.junctions[c].z_m < z]
         above = [c for c in available if self.junctions[c].z_m > z]
@@ -261,16 +330,35 @@ class DiskSetup:
         return {nearest: 1.0}
 
     def surrogate_matrix(self, left_out: Collection[str]) -> Array:
-        """Matrix (C, C) that replaces the readings left out by those of their surrogates."""
+        """Matrix (C, C) that replaces the readings left out by those of their surrogates.
+
+        Parameters
+        ----------
+        left_out
+            Channels without readings.
+
+        Returns
+        -------
+        matrix
+            (C, C), the identity for all other channels.
+        """
         matrix = np.eye(len(self.junctions))
         for c, weights in self.surrogate_weights(left_out).items():
             matrix[self.channels.index(c)] = [weights.get(s, 0.0) for s in self.channels]
         return matrix
 
     def with_surrogates(self, left_out: Collection[str]) -> DiskSetup:
-        """The disk whose channels left out of the inner row lie at the depth of their surrogates.
+        """The disk with the channels left out at the depth of their surrogates.
 
         A channel with a single surrogate has also its angle.
+
+        Only channels of the inner row are moved. A channel with a single surrogate gets its angle,
+        too.
+
+        Parameters
+        ----------
+        left_out
+            Channels without readings.
         """
         junctions = dict(self.junctions)
         inner = [c for c in left_out if c in self.inner]
@@ -286,6 +374,18 @@ def channels_left_out(
     names: Iterable[str], disks: Mapping[str, DiskSetup]
 ) -> dict[str, tuple[str, ...]]:
     """Channels left out of each disk, from names such as "fast_c".
+
+    Parameters
+    ----------
+    names
+        Names such as "fast_c" or "fast_c_degC".
+    disks
+        Both disks.
+
+    Returns
+    -------
+    channels
+        By disk, in the order of the junctions.
 
     Raises
     ------
