@@ -273,8 +273,8 @@ def _is_inverted(sample: pd.DataFrame, contact: Flags) -> bool:
 
     Notes
     -----
-    Both load and friction must contradict the switch, for at least 80 % of the samples; one sensor
-    with the wrong sign must not invert it. Test: ``tests/partition/test_events.py``.
+    Both load and friction must contradict the switch: the shares of samples at the upper level
+    must differ by more than 0.8, so that one sensor with the wrong sign does not invert it. Test: ``tests/partition/test_events.py``.
     """
     if contact.all() or not contact.any():
         return False

@@ -277,8 +277,8 @@ def contact_force(t: Array, raw_N: Array, events: Events) -> Array:
     logged one, the mean of each two samples between which it is constant.
 
     ``SMOOTH_S``, ``MAX_SMOOTH_S`` and ``FORCE_NOISE`` decide how much noise remains at the edge of
-    the unloading, which changes beta in proportion. The noise that remains is part of the budget
-    (``tests/campaign/test_campaign_noise.py``). The function must not smooth across a switching
+    the unloading, which changes beta in proportion. The noise that remains is estimated by
+    :mod:`tcdyn.campaign.input_noise` (``tests/campaign/test_campaign_noise.py``). The function must not smooth across a switching
     instant: ``tests/partition/test_events.py``.
     """
     on = events.load_on_s
@@ -418,7 +418,7 @@ def relative_speed(
 
     Notes
     -----
-    ``MIN_SPEED_CHANGE`` decides whether h is taken as constant after the unloading. Tests:
+    ``MIN_SPEED_CHANGE`` decides whether a change of the speed is used at all. Tests:
     ``tests/partition/test_slowing.py`` and ``tests/partition/test_events.py``.
     """
     result = np.ones_like(time_s)

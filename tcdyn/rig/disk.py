@@ -350,8 +350,6 @@ class DiskSetup:
     def with_surrogates(self, left_out: Collection[str]) -> DiskSetup:
         """The disk with the channels left out at the depth of their surrogates.
 
-        A channel with a single surrogate has also its angle.
-
         Only channels of the inner row are moved. A channel with a single surrogate gets its angle,
         too.
 

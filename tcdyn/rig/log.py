@@ -1,6 +1,12 @@
 """Read and check logs: a full log (``read_log``), or a log in chunks (``iter_log``).
 
 Bad data is an error, or a finding, with file, column, row and time.
+
+Used by all workflows. The order: open and match columns (:mod:`tcdyn.rig.opened_log`), walk once
+for time, switches and a decimated sample, check the clock, the noise and the kind of log, then read
+the chunks. ``read_log`` joins the chunks, so both give the same numbers. Tests:
+``tests/rig/test_long_log_chunks.py``, ``tests/rig/test_check_clock.py`` and
+``tests/rig/test_logger_conventions.py``.
 """
 
 from __future__ import annotations
@@ -152,6 +158,10 @@ class LogChunks:
         log = iter_log("B3.csv", "ehl", rig)
         for piece in log:                     # piece.frame holds these rows of read_log's frame
             compensated.append(state.advance(piece.frame))
+
+    Notes
+    -----
+    Iteration must give the same rows for any size of chunk; ``tests/rig/test_long_log_chunks.py``.
     """
 
     path: Path
@@ -178,6 +188,14 @@ class LogChunks:
         return int(self.sampling.grid[-1]) + 1
 
     def __iter__(self) -> Iterator[LogChunk]:
+        """Yield the chunks in time order; InputError before the last one for a column that fails.
+
+        Notes
+        -----
+        A chunk ends ``margin`` rows before the last row that was read. The margin is the longest
+        spike times the longest gap, because a spike is judged by its neighbours, each of which may
+        lie behind a gap. Neighbouring rows stay in one chunk where they share an index of the grid.
+        """
         where = self._location.where
         grid = self.sampling.grid
         total = len(grid)
@@ -227,6 +245,18 @@ class LogChunks:
         """Rows ``start`` to ``stop`` of the file on the even grid, up to the next row of the file.
 
         Inserted samples are NaN; a switch keeps its state in them.
+
+        Parameters
+        ----------
+        columns
+            Cleaned columns of these rows (N,).
+        start, stop
+            Rows of the file.
+
+        Returns
+        -------
+        frame
+            One row for each index of the grid.
         """
         grid = self.sampling.grid
         switches = {name: on[start:stop].astype(np.float64) for name, on in self.switches.items()}
@@ -252,6 +282,11 @@ class LogChunks:
             Rows to keep, ascending; all by default.
         columns
             Columns to keep; all by default.
+
+        Returns
+        -------
+        log
+            The joined log with its checksum.
 
         Raises
         ------
@@ -331,6 +366,11 @@ def iter_log(
     without
         Columns that are not read.
 
+    Returns
+    -------
+    chunks
+        The log; iterate it for the chunks.
+
     Raises
     ------
     InputError
@@ -341,6 +381,8 @@ def iter_log(
     CSV (chunks of at most 2 MB of text), Parquet and TDMS need memory for some chunks and 45 bytes
     for each row of the file, 280 MB for a gigabyte. LVM, UTF-16 text and TDMS channels that differ
     in start or rate are read at once.
+
+    ``MAX_ROWS_IN_MEMORY`` decides whether a file is read once or twice; no result depends on it.
     """
     if kind == "oven":
         raise InputError(
@@ -417,6 +459,15 @@ def open_log_for_records(
 ) -> tuple[LogChunks, list[str]]:
     """Open the EHL or immersion log that ``records`` are for.
 
+    Parameters
+    ----------
+    log
+        The file.
+    rig
+        The rig.
+    records
+        Records by disk.
+
     Returns
     -------
     The log, and the missing columns that only the fit of the unloading would use.
@@ -466,6 +517,11 @@ def read_log(
         Whether an EHL log must contain the unloading.
     without
         Columns that are not read.
+
+    Returns
+    -------
+    log
+        The checked log.
 
     Raises
     ------

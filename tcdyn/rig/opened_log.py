@@ -1,6 +1,9 @@
 """Open the file of a log: match columns to canonical names, convert units, find missing columns.
 
 Also the kind of a log by its columns, and the records that belong to its disks.
+
+Used by :mod:`tcdyn.rig.log` and by the workflows and commands that read a log with records. Tests:
+``tests/cli/test_records_and_rig.py`` and ``tests/rig/test_logger_conventions.py``.
 """
 
 from __future__ import annotations
@@ -42,6 +45,16 @@ COMPENSATED = "compensated"  # value of the header entry "tcdyn" of a compensate
 def records_by_disk(paths: Sequence[str | Path]) -> dict[str, DiskRecord]:
     """Read records, keyed by disk.
 
+    Parameters
+    ----------
+    paths
+        Files of the records.
+
+    Returns
+    -------
+    records
+        By name of the disk.
+
     Raises
     ------
     InputError
@@ -74,7 +87,20 @@ def rig_from_records(records: Mapping[str, DiskRecord]) -> Rig:
 
 
 def rig_layouts(rig: Rig, disk: str | None) -> dict[str, Layout]:
-    """The layouts of the logs of a rig; oven and immersion logs are of its ``disk``."""
+    """The layouts of the logs of a rig; oven and immersion logs are of its ``disk``.
+
+    Parameters
+    ----------
+    rig
+        The rig.
+    disk
+        Disk of oven and immersion logs; None: the common tables.
+
+    Returns
+    -------
+    layouts
+        By kind of log.
+    """
     return {
         kind: layout.with_junctions(rig.junction_columns(kind, disk))
         for kind, layout in LAYOUTS.items()
@@ -82,7 +108,18 @@ def rig_layouts(rig: Rig, disk: str | None) -> dict[str, Layout]:
 
 
 def all_column_names(layouts: Mapping[str, Layout]) -> tuple[str, ...]:
-    """Every canonical column of these logs, temperatures in every unit."""
+    """Every canonical column of these logs, temperatures in every unit.
+
+    Parameters
+    ----------
+    layouts
+        Layouts of the logs of a rig.
+
+    Returns
+    -------
+    names
+        Each once.
+    """
     names = dict.fromkeys(name for layout in layouts.values() for name in layout.columns)
     return in_all_units(names)
 
@@ -94,6 +131,10 @@ def missing_and_unused(
 
     Parameters
     ----------
+    kind
+        Kind of log.
+    table
+        The opened file.
     names
         Canonical name to name in the file, of the columns used.
     without
@@ -125,6 +166,21 @@ def open_log(
 ) -> tuple[Table, dict[str, str]]:
     """Open the file of a log.
 
+    Parameters
+    ----------
+    file
+        The file.
+    kind
+        Kind of log.
+    rig
+        The rig; None: the default one.
+    disk
+        Disk whose ``[columns]`` are used; None: the common ones.
+    allow_compensated
+        Accept a log that was compensated already.
+    without
+        Columns that are not read.
+
     Returns
     -------
     The table in canonical units, and canonical name to name in the file.
@@ -133,6 +189,10 @@ def open_log(
     ------
     InputError
         A compensated log, unless allowed, a log of another kind, or missing columns.
+
+    Notes
+    -----
+    Units are converted here, before any check, so all later limits are in canonical units.
     """
     if kind not in LAYOUTS:
         raise InputError(f"{kind!r} is no kind of log", expected=", ".join(LAYOUTS))
@@ -164,6 +224,17 @@ def missing_columns(
     """The ``wanted`` columns that the file of an EHL log does not hold.
 
     With ``alike``, columns with a similar name in the file are not listed.
+
+    Parameters
+    ----------
+    file
+        The file.
+    rig
+        The rig.
+    wanted
+        Canonical names.
+    alike
+        Do not list columns with a similar name in the file.
     """
     mapping = {**rig.columns(), **rig.air_columns()}
     names = open_table(
@@ -181,10 +252,23 @@ def columns_to_skip(
 ) -> tuple[list[str], list[str]]:
     """Missing columns of an EHL log that are not needed.
 
+    Parameters
+    ----------
+    log
+        The file.
+    rig
+        The rig.
+    records
+        Records by disk.
+
     Returns
     -------
     All of them: of a disk without a record, and those that only the fit of the unloading would use;
     and the latter alone.
+
+    Notes
+    -----
+    A column with a similar name in the file is not skipped: the reader then reports it as misnamed.
     """
     junctions: list[str] = []
     for disk in DISKS:
@@ -206,7 +290,17 @@ def columns_to_skip(
 
 
 def check_records_used(file: str | Path, rig: Rig, records: Mapping[str, DiskRecord]) -> None:
-    """Raise InputError for the record of a disk of which an EHL log holds no column."""
+    """Raise InputError for the record of a disk of which an EHL log holds no column.
+
+    Parameters
+    ----------
+    file
+        The file.
+    rig
+        The rig.
+    records
+        Records by disk.
+    """
     without_columns: list[str] = []
     for disk in records:
         columns = [*junction_columns(rig.disk_setup(disk).channels, disk)]
@@ -229,6 +323,24 @@ def unit_conversions(
 
     A temperature is converted from K, degF or mV; a torque is divided by the radius of the disk on
     its shaft.
+
+    Parameters
+    ----------
+    names
+        Canonical name to name in the file.
+    file
+        All names in the file.
+    rig
+        The rig.
+    disk
+        Disk of a log of one disk; empty: none.
+    mapping
+        ``[columns]`` of the rig file.
+
+    Returns
+    -------
+    conversions
+        Functions of an array, by name in the file.
     """
     conversions: dict[str, Callable[[Array], Array]] = {}
     for name, column in names.items():
@@ -251,6 +363,22 @@ def log_kind(
 ) -> tuple[Literal["ehl", "immersion"], str | None]:
     """Whether a file is an EHL or an immersion log, and for the latter the disk that was plunged.
 
+    Parameters
+    ----------
+    log
+        The file.
+    rig
+        The rig.
+    records
+        Records by disk.
+
+    Returns
+    -------
+    kind
+        "ehl" or "immersion".
+    disk
+        The disk that was plunged; None for an EHL log.
+
     Raises
     ------
     InputError
@@ -264,7 +392,31 @@ def log_kind(
 def log_kind_of_columns(
     names: Collection[str], rig: Rig, records: Mapping[str, DiskRecord], where: str
 ) -> tuple[Literal["ehl", "immersion"], str | None]:
-    """``log_kind`` for the names of the columns."""
+    """``log_kind`` for the names of the columns.
+
+    Parameters
+    ----------
+    names
+        Names in the file.
+    rig
+        The rig.
+    records
+        Records by disk.
+    where
+        Name of the file, for messages.
+
+    Returns
+    -------
+    kind
+        "ehl" or "immersion".
+    disk
+        The disk that was plunged; None for an EHL log.
+
+    Raises
+    ------
+    InputError
+        Several records for an immersion log.
+    """
     disk = next(iter(records))
     layouts = rig_layouts(rig, disk)
     canonical = {c for layout in layouts.values() for c in layout.columns}

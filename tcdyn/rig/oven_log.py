@@ -1,4 +1,8 @@
-"""Oven logs: steady rows of a continuous log, and checks of every row against the PRT."""
+"""Oven logs: steady rows of a continuous log, and checks of every row against the PRT.
+
+Used by :func:`tcdyn.rig.log.read_log`. Thresholds are chosen by judgement. Tests:
+``tests/calibration/test_static_lines.py``.
+"""
 
 from __future__ import annotations
 
@@ -32,10 +36,32 @@ def steady_minutes(
     The last steady block of each plateau (PRT within ``apart_K``) gives one row: the means. A
     plateau visited again is the next repeat.
 
+    Parameters
+    ----------
+    frame
+        Continuous log.
+    minute_s
+        Length of a block [s].
+    drift_K_per_h
+        Largest drift of a steady block [K/h].
+    apart_K
+        Largest difference of the PRT within one plateau [K].
+
+    Returns
+    -------
+    rows
+        Table with repeat, setpoint_degC (rounded to 5 degC), prt_degC and the channels.
+
     Raises
     ------
     InputError
         No plateau is steady.
+
+    Notes
+    -----
+    Eleven blocks (six at the ends of the log) decide whether a block is steady. A smaller drift
+    gives fewer rows; a larger one leaves a lag between thermocouples and PRT in the rows. Test:
+    ``tests/calibration/test_static_lines.py``.
     """
     time = frame["time_s"].to_numpy(dtype=float)
     names = ["prt_degC", *junction_columns_in(frame)]
@@ -76,7 +102,17 @@ def steady_minutes(
 
 
 def _drift_below(t_h: Array, y: Array, limit: float) -> bool:
-    """Whether the slope is below ``limit`` within two standard errors, and well determined."""
+    """Whether the slope is below ``limit`` within two standard errors, and well determined.
+
+    Parameters
+    ----------
+    t_h
+        Times (N,) [h].
+    y
+        Temperatures (N,) [degC], NaN left out.
+    limit
+        Largest drift [K/h].
+    """
     ok = np.isfinite(y)
     if ok.sum() < 6:
         return False
@@ -86,7 +122,22 @@ def _drift_below(t_h: Array, y: Array, limit: float) -> bool:
 
 
 def _plateaus(is_steady: NDArray[np.bool_], prt: Array, apart_K: float) -> list[list[int]]:
-    """Steady blocks grouped by plateau; blocks up to 15 apart belong to one plateau."""
+    """Steady blocks grouped by plateau; blocks up to 15 apart belong to one plateau.
+
+    Parameters
+    ----------
+    is_steady
+        Whether each block is steady (N,).
+    prt
+        PRT of each block (N,) [degC].
+    apart_K
+        Largest difference of the PRT within one plateau [K].
+
+    Returns
+    -------
+    plateaus
+        Indices of the blocks of each plateau.
+    """
     plateaus: list[list[int]] = []
     for i in np.flatnonzero(is_steady).tolist():
         last = plateaus[-1] if plateaus else None
@@ -108,6 +159,13 @@ def oven_frame(
         Canonical columns, (N,) each.
     location
         Position of the rows in the file, for messages.
+
+    Returns
+    -------
+    frame
+        Rows with a PRT reading: repeat, setpoint_degC, prt_degC and the channels.
+    findings
+        About the columns and the rows.
 
     Raises
     ------
@@ -152,7 +210,15 @@ def oven_frame(
 
 
 def _check_rising(time: Array, location: SampleLocation) -> float:
-    """Duration of a continuous log [h]; InputError where time does not rise."""
+    """Duration of a continuous log [h]; InputError where time does not rise.
+
+    Parameters
+    ----------
+    time
+        Times (N,) [s].
+    location
+        Position of the rows in the file, for messages.
+    """
     is_wrong = ~(np.diff(time) > 0)
     if is_wrong.any():
         i = int(np.argmax(is_wrong)) + 1
@@ -175,6 +241,18 @@ def _repeats(setpoint_degC: pd.Series[float]) -> pd.Series[float]:
 
 def check_oven(frame: pd.DataFrame, location: SampleLocation) -> list[Finding]:
     """Check that there are enough oven rows, and that every channel follows the PRT.
+
+    Parameters
+    ----------
+    frame
+        Oven rows.
+    location
+        Position of the rows in the file, for messages.
+
+    Returns
+    -------
+    findings
+        Channels far from the PRT.
 
     Raises
     ------
@@ -211,9 +289,23 @@ def check_oven(frame: pd.DataFrame, location: SampleLocation) -> list[Finding]:
 
 
 def _wrong_unit(slope: float, offset: float, scatter: float) -> str:
-    """What a line through readings against the PRT [degC] looks like, empty for degrees Celsius.
+    """What a line through readings against the PRT looks like; empty for degrees Celsius.
 
     ``scatter``: standard deviation of the residuals over the range of the PRT.
+
+    Parameters
+    ----------
+    slope
+        Slope of the line [1].
+    offset
+        Its value at a PRT of 0 degC.
+    scatter
+        Standard deviation of the residuals over the range of the PRT [1].
+
+    Notes
+    -----
+    Kelvin has the offset 273.15; Fahrenheit the slope 1.8 and the offset 32; millivolts a slope of
+    some 0.05 mV/K. The tolerances are chosen by judgement.
     """
     if abs(offset - 273.15) < 25.0 and 0.8 < slope < 1.25:
         return "this looks like kelvin"

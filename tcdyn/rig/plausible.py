@@ -1,4 +1,8 @@
-"""Implausible readings: out of range, overload and drop-out codes, changes too fast for a chain."""
+"""Implausible readings: out of range, overload and drop-out codes, changes too fast for a chain.
+
+Used for any table (:mod:`tcdyn.sensors.table`, :mod:`tcdyn.identify.tables`), by
+:mod:`tcdyn.smoothing.record` and by live compensation. Tests: ``tests/rig/test_plausible.py``.
+"""
 
 from __future__ import annotations
 
@@ -50,6 +54,11 @@ def out_of_range(values_degC: Array) -> Flags:
     values_degC : array of shape (N,)
         Readings [degC].
 
+    Returns
+    -------
+    flags
+        (N,).
+
     Examples
     --------
     >>> out_of_range(np.array([-385.0, 20.0, np.nan, 9.9e37]))
@@ -65,6 +74,17 @@ def overload_codes(values: Array) -> Flags:
     ----------
     values : array of shape (N,)
         Readings in any unit, NaN where missing.
+
+    Returns
+    -------
+    flags
+        (N,).
+
+    Notes
+    -----
+    The usual size is the median, or a thousandth of the 90 % quantile, and at least 1, so that a
+    column of small numbers has no codes. A smaller ``OVERLOAD_RATIO`` would flag signals over many
+    decades. Test: ``tests/rig/test_plausible.py``.
     """
     size = np.abs(values)
     finite = size[np.isfinite(size)]
@@ -84,6 +104,16 @@ def dropout_codes(values: Array) -> Flags:
     ----------
     values : array of shape (N,)
         Readings in any unit, NaN where missing.
+
+    Returns
+    -------
+    flags
+        (N,).
+
+    Notes
+    -----
+    Test: ``tests/rig/test_plausible.py``: states of a process are no codes, repeated codes in a
+    plunge are found. Check both when a ``CODE_`` constant changes.
 
     Examples
     --------
@@ -108,7 +138,20 @@ def dropout_codes(values: Array) -> Flags:
 
 
 def _code(values: Array, candidate: float) -> Flags:
-    """Where ``candidate``, an extreme of the column, is a drop-out code."""
+    """Where ``candidate``, an extreme of the column, is a drop-out code.
+
+    Parameters
+    ----------
+    values
+        Readings (N,), NaN where missing.
+    candidate
+        Smallest or largest value of the column.
+
+    Returns
+    -------
+    flags
+        (N,), all False if it is no code.
+    """
     none = np.zeros(len(values), dtype=bool)
     equal = values == candidate
     others = values[np.isfinite(values) & ~equal]
@@ -162,6 +205,11 @@ def impossible_changes(
     -------
     array of shape (N,)
         True where a reading is rejected.
+
+    Notes
+    -----
+    A larger ``direct_share`` or a shorter lag allows larger changes. Test:
+    ``tests/rig/test_plausible.py``: no reading of a physical input is rejected.
     """
     out = np.zeros(len(values_degC), dtype=bool)
     index = np.flatnonzero(np.isfinite(values_degC))
@@ -171,6 +219,7 @@ def impossible_changes(
     allowance = _noise_allowance(y)
 
     def possible(first: Array, second: Array, interval_s: Array) -> Flags:
+        """Whether ``second`` can follow ``first`` after ``interval_s`` [s]; arrays that broadcast."""
         share = direct_share + (1 - direct_share) * -np.expm1(-interval_s / lag_s)
         low = first + share * (LOWEST_DEGC - first) - allowance
         high = first + share * (HIGHEST_DEGC - first) + allowance
@@ -204,10 +253,20 @@ def impossible_changes(
 
 
 def _noise_allowance(y: Array) -> float:
-    """Change between two readings [K] that noise and rounding may cause: ``NOISE_ALLOWANCE`` standard
-    deviations of the noise and two steps of the logger.
+    """Change between two readings that noise and rounding may cause [K].
 
     The noise is from the quantile ``QUIET_SHARE`` of the changes; ``QUIET_QUANTILE`` belongs to it.
+
+    ``NOISE_ALLOWANCE`` standard deviations of the noise, and two steps of the logger.
+
+    Parameters
+    ----------
+    y
+        Readings (N,) [degC].
+
+    Notes
+    -----
+    ``QUIET_QUANTILE`` must be changed together with ``QUIET_SHARE``: P(|N(0, 2)| < 0.3583) = 0.2.
     """
     steps = np.abs(np.diff(y))
     noise_sd = float(np.quantile(steps, QUIET_SHARE)) / QUIET_QUANTILE
@@ -229,6 +288,29 @@ def _largest_subset(
 
     Dynamic programming over the segments in time. A segment can follow every segment that ends
     earlier than ``memory_s`` before it.
+
+    Parameters
+    ----------
+    start_s, end_s
+        Times of the first and the last sample of each segment (M,) [s].
+    first, last
+        Readings there (M,).
+    size
+        Samples in each segment (M,).
+    memory_s
+        Time after which any reading can follow any other [s].
+    possible
+        Whether a reading can follow another after a time.
+
+    Returns
+    -------
+    flags
+        Whether each segment is accepted (M,).
+
+    Notes
+    -----
+    Segments beyond the memory need no comparison, so the effort grows with the number of segments
+    within the memory, not with its square over the record.
     """
     count = len(size)
     best = size.astype(float)

@@ -1,4 +1,10 @@
-"""The press fit of a disk on its shaft: interference, surfaces, keyways and patches ([fit])."""
+"""The press fit of a disk on its shaft: interference, surfaces, keyways and patches ([fit]).
+
+Used by the rig file, by :mod:`tcdyn.partition.press_fit` (harmonics of the conductance as prior),
+by the simulator and by ``tcdyn round fit``. Equations (6.1) and (6.2) themselves are in
+:mod:`tcdyn.rig.contact`. Tests: ``tests/partition/test_stated_fit.py``,
+``tests/partition/test_uneven.py`` and ``tests/cli/test_round_command.py``.
+"""
 
 from __future__ import annotations
 
@@ -20,9 +26,18 @@ Sectors = tuple[tuple[float, float, float], ...]
 
 @dataclass(frozen=True)
 class Keyway:
-    """A slot centred at ``angle_deg``, ``width_deg`` or ``width_mm`` wide along the bore.
+    """A slot in the bore or the shaft.
 
     ``share``: its conductance relative to that of the contact outside it.
+
+    Attributes
+    ----------
+    angle_deg
+        Centre.
+    width_deg, width_mm
+        Width along the bore; one of them.
+    share
+        Conductance relative to that of the contact outside it.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -32,6 +47,7 @@ class Keyway:
     share: Share = 0.0
 
     def __post_init__(self) -> None:
+        """Raise ValueError unless exactly one width is given."""
         if (self.width_deg > 0) == (self.width_mm > 0):
             raise ValueError("a keyway needs one of width_deg and width_mm above zero")
 
@@ -41,6 +57,13 @@ class Patch:
     """A sector of poor contact from ``from_deg`` to ``to_deg``, which may contain zero.
 
     ``share``: its conductance relative to that of the contact outside it.
+
+    Attributes
+    ----------
+    from_deg, to_deg
+        Start and end; the sector may contain zero.
+    share
+        Conductance relative to that of the contact outside it.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -49,6 +72,7 @@ class Patch:
     share: Share = 0.0
 
     def __post_init__(self) -> None:
+        """Raise ValueError for a patch without width, or all around."""
         if (self.to_deg - self.from_deg) % 360.0 == 0:
             raise ValueError(
                 f"a patch from {self.from_deg:g} to {self.to_deg:g} degrees has no width, "
@@ -89,6 +113,7 @@ class PressFit:
     patches: tuple[Patch, ...] = ()
 
     def __post_init__(self) -> None:
+        """Raise ValueError for keyways or patches without an interference."""
         if (self.keyways or self.patches) and not self.is_specified:
             raise ValueError("keyways and patches need an interference_um above zero")
 
@@ -104,6 +129,16 @@ class PressFit:
 
         >>> PressFit(20.0, keyways=(Keyway(0.0, width_deg=20.0, share=0.1),)).sectors(20.5)
         ((0.0, 10.0, 0.1), (350.0, 360.0, 0.1))
+
+        Parameters
+        ----------
+        bore_radius_mm
+            Radius of the bore, for widths in mm.
+
+        Raises
+        ------
+        ValueError
+            Two sectors overlap, or no contact remains.
         """
         sectors: list[tuple[float, float, float]] = []
         for keyway in self.keyways:
@@ -131,7 +166,15 @@ NO_FIT = PressFit()
 
 
 def _width_deg(keyway: Keyway, bore_radius_mm: float) -> float:
-    """Angular width of a keyway [deg]; ValueError if it is wider than the bore."""
+    """Angular width of a keyway [deg]; ValueError if it is wider than the bore.
+
+    Parameters
+    ----------
+    keyway
+        The keyway.
+    bore_radius_mm
+        Radius of the bore.
+    """
     if keyway.width_deg:
         return keyway.width_deg
     angle_rad = keyway.width_mm / bore_radius_mm if bore_radius_mm else np.inf
@@ -144,7 +187,15 @@ def _width_deg(keyway: Keyway, bore_radius_mm: float) -> float:
 
 
 def _split_at_zero(start: float, end: float, share: float) -> list[tuple[float, float, float]]:
-    """A sector within 0 to 360 degrees, in two parts if it contains zero."""
+    """A sector within 0 to 360 degrees; two sectors if it contains zero.
+
+    Parameters
+    ----------
+    start, end
+        Angles [deg], with ``start`` below ``end``.
+    share
+        Its conductance share.
+    """
     first = start % 360.0
     last = first + end - start
     if last <= 360.0:
@@ -153,12 +204,24 @@ def _split_at_zero(start: float, end: float, share: float) -> list[tuple[float, 
 
 
 def harmonics(sectors: Sectors, up_to: int) -> NDArray[np.complex128]:
-    """Fourier coefficients c_0 ... c_n of the share along the bore, s = sum of c_n exp(i n theta).
+    """Fourier coefficients c_0 ... c_n of the share along the bore.
 
     Half the bore without contact gives 1/2 and i/pi:
 
     >>> np.round(harmonics(((0.0, 180.0, 0.0),), 1), 4)
     array([ 0.5+0.j    , -0. +0.3183j])
+
+    Parameters
+    ----------
+    sectors
+        Sectors of :meth:`PressFit.sectors`; one outside them.
+    up_to
+        Largest n.
+
+    Returns
+    -------
+    coefficients
+        (n + 1,), with s(theta) = c_0 + 2 Re sum c_n exp(i n theta).
     """
     coefficients = np.zeros(up_to + 1, dtype=complex)
     coefficients[0] = 1.0
@@ -177,6 +240,20 @@ def amplitude_and_angle(coefficients: NDArray[np.complex128], n: int) -> tuple[f
     >>> amplitude, angle = amplitude_and_angle(harmonics(((0.0, 180.0, 0.0),), 1), 1)
     >>> round(amplitude, 3), round(angle)  # 4/pi, on the side that touches
     (1.273, 270)
+
+    Parameters
+    ----------
+    coefficients
+        Coefficients of :func:`harmonics`.
+    n
+        Number of the harmonic, at least 1.
+
+    Returns
+    -------
+    amplitude
+        Over the mean [1].
+    angle_deg
+        0 for a zero amplitude.
     """
     amplitude = float(2 * abs(coefficients[n]) / coefficients[0].real)
     if not amplitude > 1e-12:
@@ -189,6 +266,18 @@ def mean_shares(sectors: Sectors, edges_deg: Array) -> Array:
 
     >>> mean_shares(((0.0, 10.0, 0.0),), np.array([0.0, 5.0, 15.0, 25.0]))
     array([0. , 0.5, 1. ])
+
+    Parameters
+    ----------
+    sectors
+        Sectors of :meth:`PressFit.sectors`.
+    edges_deg
+        Edges of the intervals (N + 1,).
+
+    Returns
+    -------
+    shares
+        (N,).
     """
     boundaries_deg = [0.0]
     losses_deg = [0.0]  # integral of one minus the share since the last boundary

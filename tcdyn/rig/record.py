@@ -1,4 +1,9 @@
-"""The record of a calibrated disk: static line and chain of each channel, and their origin."""
+"""The record of a calibrated disk: static line and chain of each channel, and their origin.
+
+Written by ``tcdyn calibrate``; read by every command that needs a calibrated disk. The keys are
+those of the JSON file: a new key needs a default, or records of earlier versions cannot be read.
+Tests: ``tests/rig/test_record.py``.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +47,7 @@ class StrictModel(BaseModel):
 
 
 class InputFile(StrictModel):
-    """A file that the record was made from."""
+    """A file that the record was made from, with its SHA-256."""
 
     file: str
     sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
@@ -112,6 +117,7 @@ class ChainRecord(StrictModel):
 
     @model_validator(mode="after")
     def _check_consistency(self) -> ChainRecord:
+        """Check channels, covariance, common and differential lags against each other."""
         if not self.channels:
             raise ValueError("channels: holds no channel")
         if set(self.differential_lag_s) != set(self.channels):
@@ -164,6 +170,14 @@ class DiskRecord(Result, StrictModel):
 
     @model_validator(mode="after")
     def _check_consistency(self) -> DiskRecord:
+        """Check the names of the channels, the date, and each lag against its parameters.
+
+        Notes
+        -----
+        The lag is the first moment of the chain: dead time, time constants minus zero, the
+        contribution of a pair, half of the cement, and the conditioning filter. It must agree with
+        ``tcdyn.chain.Chain.lag_s``. Test: ``tests/rig/test_record.py``.
+        """
         if not self.static:
             raise ValueError("static: holds no channel")
         self._check_names("static", self.static)
@@ -186,7 +200,15 @@ class DiskRecord(Result, StrictModel):
         return self
 
     def _check_names(self, key: str, names: Iterable[str]) -> None:
-        """Raise ValueError for a channel that the disk does not have."""
+        """Raise ValueError for a channel that the disk does not have.
+
+        Parameters
+        ----------
+        key
+            Key of the table, for the message.
+        names
+            Names of channels.
+        """
         unknown = sorted(set(names) - set(self.setup.thermocouples))
         if unknown:
             known = sorted(self.setup.thermocouples)
@@ -262,12 +284,30 @@ def parse_time(text: str) -> datetime:
 
 
 def write_record(record: DiskRecord, path: str | Path) -> Path:
-    """Write the record as JSON; an interrupted write leaves the old file."""
+    """Write the record as JSON; an interrupted write leaves the old file.
+
+    Parameters
+    ----------
+    record
+        The record.
+    path
+        File to write.
+
+    Returns
+    -------
+    path
+        The same path.
+    """
     return write_text(path, record.to_json())
 
 
 def read_record(path: str | Path) -> DiskRecord:
     """Read a record, also one of version 0.1.
+
+    Parameters
+    ----------
+    path
+        File of a record.
 
     Raises
     ------
@@ -320,6 +360,11 @@ def parse_record(data: Any, where: str) -> DiskRecord:
     where
         Name of the file, for messages.
 
+    Returns
+    -------
+    record
+        The record, with a finding for a wrong checksum.
+
     Raises
     ------
     InputError
@@ -354,7 +399,24 @@ def parse_record(data: Any, where: str) -> DiskRecord:
 def validate_model(
     model: type[_Model], data: Any, where: str, expected: str, remedy: str
 ) -> _Model:
-    """``data`` without its checksum as a ``model``; InputError names the first wrong key."""
+    """Check data against a model; its checksum is left out.
+
+    Parameters
+    ----------
+    model
+        Class of the result.
+    data
+        Parsed JSON.
+    where
+        Name of the file, for messages.
+    expected, remedy
+        Texts of the message.
+
+    Raises
+    ------
+    InputError
+        The first wrong key.
+    """
     if isinstance(data, dict):
         data = {key: value for key, value in data.items() if key != CHECKSUM_KEY}
     try:
@@ -385,13 +447,45 @@ def _without_repeated_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _check_lag(lag: Estimate, computed_s: float, message: str) -> None:
-    """Raise ValueError where a lag contradicts the value computed from other keys."""
+    """Raise ValueError where a lag contradicts the value computed from other keys.
+
+    Parameters
+    ----------
+    lag
+        Lag as written.
+    computed_s
+        Value that follows from other keys [s].
+    message
+        Text with places for both values.
+
+    Notes
+    -----
+    ``LAG_TOLERANCE_S`` allows for rounding by hand; 3 u is the other limit.
+    """
     if abs(computed_s - lag.value) > max(LAG_TOLERANCE_S, 3 * lag.u):
         raise ValueError(message.format(f"{lag.value:.4g}", f"{computed_s:.4g}"))
 
 
 def square_matrix(rows: list[list[float]], size: int) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """A covariance matrix (size, size) from its rows; ValueError for an impossible one."""
+    """A covariance matrix from its rows.
+
+    Parameters
+    ----------
+    rows
+        Rows of the matrix.
+    size
+        Number of rows and columns.
+
+    Returns
+    -------
+    matrix
+        (size, size).
+
+    Raises
+    ------
+    ValueError
+        Wrong size, not symmetric or not positive semidefinite, to 1e-6 of the largest entry.
+    """
     if len(rows) != size or any(len(row) != size for row in rows):
         raise ValueError(f"covariance: must be {size} x {size}, one row a channel")
     matrix = np.array(rows, dtype=float)

@@ -1,4 +1,9 @@
-"""The rig file ``rig.toml``: its tables, checked key by key, with a default for every key."""
+"""The rig file ``rig.toml``: its tables, checked key by key, with a default for every key.
+
+Used by every command. The tables themselves are in :mod:`tcdyn.rig.tables`; this module merges the
+common tables with those of each disk, checks them and writes them. A new key needs a default and a
+row on the page of the manual on keys (a test compares them). Tests: ``tests/rig/test_rigfile.py``.
+"""
 
 from __future__ import annotations
 
@@ -89,6 +94,7 @@ class RigTables(RigTable):
 
     @model_validator(mode="after")
     def _check_junctions(self) -> RigTables:
+        """Check names and positions of the junctions, and the sectors of the press fit."""
         if not self.thermocouples:
             raise ValueError(
                 "thermocouples: none is listed; expected one or more, such as "
@@ -138,7 +144,13 @@ class RigTables(RigTable):
         return {"layout": OWN_LAYOUT, **tables}
 
     def setup(self, name: str) -> DiskSetup:
-        """The disk in SI units."""
+        """The disk in SI units.
+
+        Parameters
+        ----------
+        name
+            Name of the disk.
+        """
         d = self.disk
         junctions = {
             name: Junction(t.depth_mm * 1e-3, t.z_mm * 1e-3, t.angle_deg)
@@ -214,6 +226,11 @@ class Rig(Result, BaseModel):
         >>> rig = parse_rig({"columns": {"fast_a_degC": "TC1 fast"}}, "rig.toml")
         >>> rig.columns("fast")["a_degC"]
         'TC1 fast'
+
+        Parameters
+        ----------
+        disk
+            Name of the disk; None: EHL logs.
         """
         mapped = dict(self.tables(disk or "").columns)
         if not disk:
@@ -223,7 +240,13 @@ class Rig(Result, BaseModel):
         return of_disk | mapped
 
     def replaced_columns(self) -> tuple[str, ...]:
-        """Columns that an EHL log may lack: ``[constants]`` or ``[ambient]`` replaces them."""
+        """Columns that an EHL log may lack: ``[constants]`` or ``[ambient]`` replaces them.
+
+        Returns
+        -------
+        names
+            Canonical names.
+        """
         columns = tuple(self.common.constants)
         if all(self.tables(disk).ambient.columns for disk in DISKS):
             columns += ("ambient_degC",)
@@ -234,7 +257,20 @@ class Rig(Result, BaseModel):
         return air_columns([self.fast.ambient, self.slow.ambient])
 
     def junction_columns(self, kind: str, disk: str | None = None) -> tuple[str, ...]:
-        """Columns of the junctions in a log: of both disks in an EHL log, else of ``disk``."""
+        """Columns of the junctions in a log.
+
+        Parameters
+        ----------
+        kind
+            Kind of log; "ehl" has the columns of both disks.
+        disk
+            Disk of another log; None: the common tables.
+
+        Returns
+        -------
+        names
+            In the order of the names of the junctions.
+        """
         if kind != "ehl":
             return junction_columns(sorted(self.tables(disk or "").thermocouples))
         columns: list[str] = []
@@ -254,6 +290,11 @@ class Rig(Result, BaseModel):
 
 def load_rig(path: str | Path | None = None) -> Rig:
     """Read ``rig.toml``; without a path, the defaults of the design.
+
+    Parameters
+    ----------
+    path
+        The file; None: the defaults.
 
     Raises
     ------
@@ -283,7 +324,20 @@ def load_rig(path: str | Path | None = None) -> Rig:
 
 
 def parse_rig(data: dict[str, Any], where: str) -> Rig:
-    """Check the tables of a rig file that is already a dict; ``where`` names it in errors."""
+    """Check the tables of a rig file that is already a dict.
+
+    Parameters
+    ----------
+    data
+        Tables as parsed.
+    where
+        Name of the file, for messages.
+
+    Raises
+    ------
+    InputError
+        An unknown key, or a value out of its range.
+    """
     common = {key: value for key, value in data.items() if key not in DISKS}
     overrides = {"common": {}, "fast": data.get("fast", {}), "slow": data.get("slow", {})}
     tables: dict[str, RigTables] = {}
@@ -308,6 +362,11 @@ def _merge(base: Mapping[str, Any], override: Mapping[str, Any]) -> dict[str, An
     """``base`` with the values of ``override``, table by table.
 
     A table with the layout "own" replaces the other one completely.
+
+    Parameters
+    ----------
+    base, override
+        Tables; the second has precedence.
     """
     merged = {**base, **override}
     for key, value in override.items():
@@ -325,6 +384,16 @@ def changed_keys(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[tu
     >>> old = {"disk": {"width_mm": 9.53, "bore": 1}}
     >>> changed_keys(old, {"disk": {"width_mm": 10.0, "bore": 1}})
     [('[disk] width_mm', 9.53, 10.0)]
+
+    Parameters
+    ----------
+    before, after
+        Rig tables as dicts.
+
+    Returns
+    -------
+    changes
+        In the order of ``before``; keys that only ``after`` has are not listed.
     """
     old = _flat(before)
     new = _flat(after)
@@ -374,10 +443,12 @@ def rig_toml(rig: Rig) -> str:
 
 
 def _toml_table(name: str, values: dict[str, Any]) -> list[str]:
+    """Lines of a table: a blank line, its name and its keys."""
     return ["", f"[{name}]", *(f"{key} = {_toml_value(value)}" for key, value in values.items())]
 
 
 def _toml_value(value: Any) -> str:
+    """A value as TOML text."""
     if isinstance(value, dict):
         pairs = ", ".join(f"{key} = {_toml_value(item)}" for key, item in value.items())
         return f"{{ {pairs} }}"

@@ -1,4 +1,9 @@
-"""The static line of a thermocouple: its uncertainty, its tests, and where it extrapolates."""
+"""The static line of a thermocouple: its uncertainty, its tests, and where it extrapolates.
+
+Made by :mod:`calibration.static_lines`; used wherever a logged temperature is corrected. The
+significance levels belong to the tests of the fit. Tests:
+``tests/calibration/test_static_lines.py`` and ``tests/calibration/test_without_oven.py``.
+"""
 
 from __future__ import annotations
 
@@ -67,6 +72,7 @@ class StaticLine(BaseModel):
 
     @model_validator(mode="after")
     def _check_covariance(self) -> StaticLine:
+        """Check that the covariance is symmetric and positive semidefinite, and the range in order."""
         (a, b), (c, d) = self.covariance
         is_symmetric = abs(b - c) <= 1e-9 * (abs(b) + abs(c))
         is_semidefinite = a >= 0 and d >= 0 and b * b <= a * d * (1 + 1e-6) + 1e-30
@@ -97,6 +103,18 @@ def identity_lines(u_K: float, channels: Iterable[str] = CHANNELS) -> dict[str, 
     ----------
     u_K
         Standard uncertainty of each channel at 85 degC, independent of the others.
+    channels
+        Names of the channels.
+
+    Returns
+    -------
+    lines
+        One line a channel, all equal.
+
+    Notes
+    -----
+    ``MIDDLE_DEGC`` and the 100 K are chosen by judgement. Test:
+    ``tests/calibration/test_without_oven.py``.
 
     Examples
     --------
@@ -113,7 +131,15 @@ def identity_lines(u_K: float, channels: Iterable[str] = CHANNELS) -> dict[str, 
 
 
 def findings_of_tests(channel: str, line: StaticLine) -> list[Finding]:
-    """Findings of the tests of a line, see ``fit_static_lines``."""
+    """Findings of the tests of a line, see ``fit_static_lines``.
+
+    Parameters
+    ----------
+    channel
+        Name of the channel.
+    line
+        Its static line.
+    """
     return [
         *finding_of_test(line.lack_of_fit_p, "line.lack_of_fit", channel),
         *finding_of_test(line.quadratic_p, "line.curved", channel),
@@ -121,7 +147,24 @@ def findings_of_tests(channel: str, line: StaticLine) -> list[Finding]:
 
 
 def finding_of_test(p: float | None, code: str, channel: str, **numbers: Any) -> list[Finding]:
-    """The finding of a test: information below 1 %, a warning below 0.1 %, none above."""
+    """The finding of one test of a line; empty if it is not significant.
+
+    Parameters
+    ----------
+    p
+        p-value; None: not tested.
+    code
+        Code of the message.
+    channel
+        Name of the channel.
+    **numbers
+        Further numbers of the message.
+
+    Notes
+    -----
+    Below ``INFO_SIGNIFICANCE`` an info, below ``WARNING_SIGNIFICANCE`` a warning. The info for
+    "line.repeats_shift" also widens the offset (:mod:`calibration.static_lines`).
+    """
     if p is None or p >= INFO_SIGNIFICANCE:
         return []
     report = warning if p < WARNING_SIGNIFICANCE else info
@@ -146,19 +189,43 @@ def lines_table(lines: Mapping[str, StaticLine]) -> pd.DataFrame:
 
 
 def apply_static(logged: ArrayLike, line: StaticLine) -> Array:
-    """T [degC] = gain * logged + offset; any shape, NaN stays NaN.
+    """Apply a static line: T = gain * logged + offset [degC].
 
     >>> line = StaticLine(gain=1.01, offset=-0.5, covariance=((0, 0), (0, 0)), range_degC=(20, 160))
     >>> apply_static([100.0], line).tolist()
     [100.5]
+
+    Parameters
+    ----------
+    logged
+        Readings of any shape; NaN stays NaN.
+    line
+        Static line of the channel.
+
+    Returns
+    -------
+    temperature
+        Of the same shape.
     """
     return np.asarray(line.gain * np.asarray(logged, dtype=float) + line.offset)
 
 
 def static_u(line: StaticLine, temperature_degC: ArrayLike) -> Array:
-    """Standard uncertainty [K] of the line at T [degC], without that of the reference.
+    """Standard uncertainty of a line, without that of the reference [K].
 
     u^2 = y^2 u_g^2 + 2 y cov(g, o) + u_o^2, y = (T - o)/g
+
+    Parameters
+    ----------
+    line
+        Static line of the channel.
+    temperature_degC
+        Temperatures of any shape.
+
+    Returns
+    -------
+    u
+        Of the same shape.
     """
     y = (np.asarray(temperature_degC, dtype=float) - line.offset) / line.gain
     (gg, go), (_, oo) = line.covariance
@@ -166,12 +233,25 @@ def static_u(line: StaticLine, temperature_degC: ArrayLike) -> Array:
 
 
 def reading_u(line: StaticLine, temperature_degC: ArrayLike) -> Array:
-    """Standard uncertainty [K] of a reading at rest, including that of the reference."""
+    """Standard uncertainty [K] of a reading at rest, including that of the reference.
+
+    Parameters
+    ----------
+    line
+        Static line of the channel.
+    temperature_degC
+        Temperatures of any shape.
+
+    Returns
+    -------
+    u
+        Of the same shape.
+    """
     return np.asarray(np.hypot(static_u(line, temperature_degC), line.shared_u_K))
 
 
 def smallest_uncertainty(line: StaticLine) -> tuple[float, float, float]:
-    """Temperature [degC] at which a line has its smallest uncertainty, and two uncertainties.
+    """Temperature at which a line has its smallest uncertainty, and two uncertainties.
 
     These are the standard uncertainty there [K], and that of the slope about there [1]. The three
     values are equivalent to the covariance: u^2(T) = u_there^2 + (T - there)^2 u_slope^2.
@@ -180,6 +260,25 @@ def smallest_uncertainty(line: StaticLine) -> tuple[float, float, float]:
     >>> line = StaticLine(gain=1.0, offset=0.0, covariance=covariance, range_degC=(20, 160))
     >>> [round(x, 4) for x in smallest_uncertainty(line)]
     [90.0, 0.02, 0.001]
+
+    Parameters
+    ----------
+    line
+        Static line of the channel.
+
+    Returns
+    -------
+    temperature_degC
+        Middle of the range where the gain has no uncertainty.
+    u_K
+        Standard uncertainty there.
+    slope_u
+        Standard uncertainty of the slope about there [1].
+
+    Notes
+    -----
+    The plunge fit uses these as independent priors of offset and slope
+    (:func:`immersion.plunge_fit.full_prior`).
     """
     (gg, go), _ = line.covariance
     middle = 0.5 * sum(line.range_degC)
@@ -189,12 +288,33 @@ def smallest_uncertainty(line: StaticLine) -> tuple[float, float, float]:
 
 
 def shared_u_K(lines: Sequence[StaticLine]) -> Array:
-    """Standard uncertainty of the reference of each line, (M,) [K]."""
+    """Standard uncertainty of the reference of each line, (M,) [K].
+
+    Parameters
+    ----------
+    lines
+        Static lines (M).
+
+    Returns
+    -------
+    u
+        (M,) [K].
+    """
     return np.array([line.shared_u_K for line in lines])
 
 
 def outside_range(line: StaticLine, temperature_degC: ArrayLike, margin_K: float = 5.0) -> Flags:
-    """Which temperatures are more than ``margin_K`` outside the calibrated range."""
+    """Which temperatures are more than ``margin_K`` outside the calibrated range.
+
+    Parameters
+    ----------
+    line
+        Static line of the channel.
+    temperature_degC
+        Temperatures of any shape; False for NaN.
+    margin_K
+        Distance that is still allowed.
+    """
     t = np.asarray(temperature_degC, dtype=float)
     with np.errstate(invalid="ignore"):
         return np.asarray((t < line.range_degC[0] - margin_K) | (t > line.range_degC[1] + margin_K))

@@ -1,4 +1,9 @@
-"""Temperature-dependent conductivity and specific heat of steel, and the Kirchhoff transform."""
+"""Temperature-dependent conductivity and specific heat of steel, and the Kirchhoff transform.
+
+Used by ``DiskSetup`` and the simulator's steel; :mod:`tcdyn.partition.specified` applies the
+transform. With k = k(T), Kirchhoff's temperature obeys the linear equation with a constant
+conductivity. Test: ``tests/simulate/test_steel.py``.
+"""
 
 from __future__ import annotations
 
@@ -43,7 +48,20 @@ class SteelSlopes:
         return 1 + self.specific_heat_per_K * (temperature_degC - self.reference_degC)
 
     def kirchhoff_curvature(self, temperature_degC: Array) -> Array:
-        """(T - T_A) (T - T_s) / 2 [K2]: Kirchhoff's temperature minus T, over the slope a'."""
+        """(T - T_A) (T - T_s) / 2 [K2], the shape of Kirchhoff's correction.
+
+        Kirchhoff's temperature is T plus a' times this.
+
+        Parameters
+        ----------
+        temperature_degC
+            Temperatures of any shape.
+
+        Returns
+        -------
+        curvature
+            Of the same shape.
+        """
         t = np.asarray(temperature_degC, dtype=float)
         return np.asarray(0.5 * (t - self.air_degC) * (t - self.surface_degC))
 
@@ -58,6 +76,16 @@ class SteelSlopes:
         >>> steel = SteelSlopes(-5e-4, air_degC=60.0, surface_degC=160.0)
         >>> steel.kirchhoff_temperature(np.array([60.0, 110.0, 160.0])).round(3)
         array([ 60.   , 110.654, 160.   ])
+
+        Parameters
+        ----------
+        temperature_degC
+            Temperatures of any shape.
+
+        Returns
+        -------
+        theta
+            Of the same shape; unchanged for a constant conductivity.
         """
         if not self.conductivity_per_K:
             return temperature_degC
@@ -67,7 +95,15 @@ class SteelSlopes:
         )
 
     def linearised_about(self, air_degC: float, surface_degC: float) -> SteelSlopes:
-        """The same steel, linearised about these temperatures of air and surface."""
+        """The same steel, linearised about these temperatures of air and surface.
+
+        Parameters
+        ----------
+        air_degC
+            Temperature of the air.
+        surface_degC
+            Temperature of the running surface.
+        """
         return replace(self, air_degC=air_degC, surface_degC=surface_degC)
 
 

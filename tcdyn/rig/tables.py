@@ -1,5 +1,10 @@
-"""The tables of ``rig.toml``, in the units of the file: flux profile, measured surface flux, layout of
-the thermocouples, logger, traceability, disk, washer, contact and uncertainties.
+"""The tables of ``rig.toml``, in the units of the file.
+
+Flux profile, measured surface flux, layout of the thermocouples, logger, traceability, disk,
+washer, contact and uncertainties. Merged and checked by :mod:`tcdyn.rig.rigfile`. Defaults of the
+thesis where it states them; assumed ones are named as such. A new key also needs a row on the page
+of the manual on keys. Tests: ``tests/rig/test_rigfile.py``, ``tests/heat/test_rim_flux.py`` and
+``tests/partition/test_statement.py``.
 """
 
 from __future__ import annotations
@@ -94,6 +99,7 @@ class SurfaceFlux:
     air_u_K: Annotated[float, Field(ge=0, le=100)] = 0.0
 
     def __post_init__(self) -> None:
+        """Raise InputError for other keys without a slope."""
         has_other_keys = self.air_degC or self.air_u_K or self.heat_transfer_u_W_m2K
         if not self.heat_transfer_W_m2K and has_other_keys:
             raise InputError(
@@ -124,6 +130,11 @@ def fit_surface_flux(
     power_rel
         Relative standard uncertainty common to all fluxes (power of the heater, area of the spot).
         It affects h, but not T_a.
+
+    Returns
+    -------
+    surface
+        h, T_a and their uncertainties.
 
     Raises
     ------
@@ -202,6 +213,21 @@ def layout_junctions(layout: str) -> dict[str, dict[str, float]]:
 
     >>> layout_junctions("voller")["c"]
     {'depth_mm': 3.0, 'z_mm': 2.0, 'angle_deg': 15.0}
+
+    Parameters
+    ----------
+    layout
+        Name of a layout, or "own".
+
+    Returns
+    -------
+    positions
+        depth_mm, z_mm and angle_deg by junction.
+
+    Raises
+    ------
+    ValueError
+        For an unknown layout.
     """
     if layout == OWN_LAYOUT:
         return {}
@@ -218,11 +244,28 @@ def layout_junctions(layout: str) -> dict[str, dict[str, float]]:
 
 
 def inner_row(depth_m: Mapping[str, float], z_m: Mapping[str, float]) -> tuple[str, ...]:
-    """The junctions about as deep as the deepest, in the order of z: the boundary of the rim model.
+    """The junctions about as deep as the deepest, in the order of z.
+
+    They give the boundary temperature of the rim model.
 
     >>> depth_m = {"a": 3e-3, "b": 6e-3, "d": 5.8e-3, "e": 1e-3}
     >>> inner_row(depth_m, {"a": 5e-3, "b": 5e-3, "d": 2e-3, "e": 5e-3})
     ('d', 'b')
+
+    Parameters
+    ----------
+    depth_m, z_m
+        Depth and distance from one face, by junction [m].
+
+    Returns
+    -------
+    names
+        In the order of z.
+
+    Notes
+    -----
+    ``ROW_DEPTH_M`` decides which junctions are the boundary and which are compared with the model.
+    Test: ``tests/partition/test_inner_row.py``.
     """
     deepest = max(depth_m.values())
     row = [name for name in sorted(depth_m) if round(deepest - depth_m[name], 9) < ROW_DEPTH_M]
@@ -238,6 +281,13 @@ class Constant:
 
     ``value`` under load, over the last 150 s before the unloading, with its standard uncertainty
     ``u``, both in the unit in which the name ends.
+
+    Attributes
+    ----------
+    value
+        Value of the column.
+    u
+        Its standard uncertainty.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -247,7 +297,17 @@ class Constant:
 
 @dataclass(frozen=True)
 class LoggerTable:
-    """[logger]; ``millivolts``: columns of junctions hold the emf of type ``couple``, not degC."""
+    """[logger]: unit of the columns of the junctions.
+
+    Attributes
+    ----------
+    millivolts
+        Whether they hold the emf of type ``couple`` and not degC.
+    couple
+        Type of the thermocouples.
+    cold_junction_degC
+        Temperature of the reference junction.
+    """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     millivolts: bool = False
@@ -257,7 +317,15 @@ class LoggerTable:
 
 @dataclass(frozen=True)
 class AmbientChannels:
-    """[ambient]: columns of T_A, the air at the running ``surface`` and behind the ``faces``."""
+    """[ambient]: columns of the air temperature T_A.
+
+    Attributes
+    ----------
+    surface
+        Air at the running surface.
+    faces
+        Air behind the faces.
+    """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     surface: tuple[str, ...] = ()
@@ -265,7 +333,13 @@ class AmbientChannels:
 
     @property
     def columns(self) -> tuple[str, ...]:
-        """All columns, without repeats."""
+        """All columns, without repeats.
+
+        Returns
+        -------
+        columns
+            Names in the file.
+        """
         return tuple(dict.fromkeys((*self.surface, *self.faces)))
 
 
@@ -279,7 +353,13 @@ def air_name(column: str) -> str:
 
 
 def air_columns(channels: Sequence[AmbientChannels]) -> dict[str, str]:
-    """Columns of the air of all disks: name after reading to name in the file."""
+    """Columns of the air of all disks: name after reading to name in the file.
+
+    Parameters
+    ----------
+    channels
+        ``[ambient]`` of each disk.
+    """
     return {air_name(column): column for table in channels for column in table.columns}
 
 
@@ -338,6 +418,7 @@ class TraceabilityTable(BaseModel):
 
     @model_validator(mode="after")
     def _check_drift(self) -> Self:
+        """Check that a drift has a start."""
         if self.reference_drift_K_per_year and not self.reference_date:
             raise ValueError(
                 "traceability: reference_drift_K_per_year needs reference_date, "
@@ -351,6 +432,15 @@ class TraceabilityTable(BaseModel):
         >>> table = TraceabilityTable(reference_date="2025-01-01", reference_drift_K_per_year=0.02)
         >>> round(table.drift_u_K(date(2027, 1, 1)), 4)
         0.0231
+
+        Parameters
+        ----------
+        on
+            Day of the calibration.
+
+        Notes
+        -----
+        Rectangular distribution: half-range over sqrt(3).
         """
         if not self.reference_date:
             return 0.0
@@ -358,7 +448,13 @@ class TraceabilityTable(BaseModel):
         return self.reference_drift_K_per_year * years / 3**0.5
 
     def shared_u_K(self, on: date) -> float:
-        """Standard uncertainty [K] common to all channels calibrated on that day."""
+        """Standard uncertainty [K] common to all channels calibrated on that day.
+
+        Parameters
+        ----------
+        on
+            Day of the calibration.
+        """
         return float(np.hypot(self.reference_u_K, self.drift_u_K(on)))
 
 
@@ -384,6 +480,7 @@ class DiskTable(RigTable):
 
     @model_validator(mode="after")
     def _check_radii(self) -> DiskTable:
+        """Check that bore, outer and crown radius are possible together."""
         if 0.0 < self.bore_radius_mm < 0.5:
             raise ValueError(
                 f"bore_radius_mm: {self.bore_radius_mm} mm is no bore; is it in metres?"
@@ -430,6 +527,7 @@ class ContactTable(RigTable):
 
     @model_validator(mode="after")
     def _check_flux_table(self) -> ContactTable:
+        """Check that a flux table is complete and rises."""
         positions = self.flux_table_mm
         weights = self.flux_table_weight
         if (self.flux_profile == "table") != (len(positions) > 1):
@@ -487,6 +585,7 @@ class UncertaintyTable(RigTable):
 
     @model_validator(mode="after")
     def _check_exponents(self) -> UncertaintyTable:
+        """Check that the range of the exponent is in order."""
         low = self.speed_exponent_low
         high = self.speed_exponent_high
         if low > high:

@@ -1,4 +1,9 @@
-"""Thermocouples of types E, J, K, N and T on ITS-90: emf from temperature, temperature from emf."""
+"""Thermocouples of types E, J, K, N and T on ITS-90: emf from temperature, temperature from emf.
+
+Used by :mod:`tcdyn.rig.opened_log` and :mod:`tcdyn.sensors.units` for columns in millivolts, and by
+``tcdyn verify``. Source of the coefficients: NIST Monograph 175 (ITS-90). Tests:
+``tests/rig/test_thermocouple_types.py``.
+"""
 
 from __future__ import annotations
 
@@ -210,6 +215,11 @@ def emf_mV(temperature_degC: ArrayLike, thermocouple_type: str = "J") -> Array:
     thermocouple_type
         Type: E, J, K, N or T.
 
+    Returns
+    -------
+    emf
+        Of the shape of ``temperature_degC``.
+
     Raises
     ------
     InputError
@@ -218,6 +228,9 @@ def emf_mV(temperature_degC: ArrayLike, thermocouple_type: str = "J") -> Array:
     Notes
     -----
     E = sum c_i T^i (ITS-90).
+
+    To add a type, add it to ``REFERENCES``. The emf must rise over its whole range, or the inverse
+    fails: ``tests/rig/test_thermocouple_types.py``.
 
     Examples
     --------
@@ -250,6 +263,11 @@ def temperature_degC(
     outside
         What to do with values out of range: "refuse" raises an error, "inf" returns infinity.
 
+    Returns
+    -------
+    temperature
+        Of the shape of ``measured_mV``.
+
     Raises
     ------
     InputError
@@ -280,11 +298,20 @@ def temperature_degC(
 
 
 def convert_columns(table: Table, conversions: Mapping[str, Callable[[Array], Array]]) -> Table:
-    """A table with some columns converted; ``conversions`` are keyed by the names in the file."""
+    """A table with some columns converted as they are read.
+
+    Parameters
+    ----------
+    table
+        The opened file.
+    conversions
+        Functions of an array, by name in the file.
+    """
     if not conversions:
         return table
 
     def pieces(wanted: Sequence[str], rows: int = CHUNK_ROWS) -> Iterator[Columns]:
+        """Chunks of the table with the converted columns."""
         for chunk in table.chunks(wanted, rows):
             converted = {
                 name: conversions[name](values)
@@ -299,10 +326,24 @@ def convert_columns(table: Table, conversions: Mapping[str, Callable[[Array], Ar
 def to_degC(
     unit: str, thermocouple_type: str = "J", cold_junction_degC: Array | float = 0.0
 ) -> Callable[[Array], Array]:
-    """The conversion to degC of a column in K, degF or mV; infinite for an emf out of range.
+    """The conversion to degC of a column in another unit.
 
     >>> float(to_degC("K")(np.array(300.0))), float(to_degC("degF")(np.array(212.0)))
     (26.850000000000023, 100.0)
+
+    Parameters
+    ----------
+    unit
+        "K", "degF" or "mV".
+    thermocouple_type
+        Type, for mV.
+    cold_junction_degC
+        Temperature of the reference junction, for mV.
+
+    Returns
+    -------
+    conversion
+        Function of an array; infinite for an emf out of range.
     """
     return {
         "K": lambda x: x - 273.15,
@@ -312,6 +353,7 @@ def to_degC(
 
 
 def _reference(couple: str) -> _Reference:
+    """Reference function of a type; InputError for an unknown one."""
     if couple not in REFERENCES:
         raise InputError(
             f"there is no thermocouple of type {couple!r} here", expected=" or ".join(REFERENCES)
@@ -321,20 +363,42 @@ def _reference(couple: str) -> _Reference:
 
 @lru_cache
 def _grid(couple: str) -> tuple[Array, Array]:
-    """Every degree of the range, the start values of Newton's method, and the emf there."""
+    """Every degree of the range, the start values of Newton's method, and the emf there.
+
+    Returns
+    -------
+    degrees
+        Every degree of the range (N,).
+    emf
+        (N,) [mV].
+    """
     ref = REFERENCES[couple]
     degrees: Array = np.arange(ref.low_degC, ref.high_degC + 1.0, dtype=np.float64)
     return degrees, _emf(ref, degrees)
 
 
 def _emf(ref: _Reference, t: Array) -> Array:
+    """Emf [mV] of temperatures within the range."""
     a0, a1, a2 = ref.bump
     above = polyval(t, ref.above) + a0 * np.exp(a1 * (t - a2) ** 2)
     return np.asarray(np.where(t > ref.join_degC, above, polyval(t, ref.below)))
 
 
 def _slope(ref: _Reference, t: Array) -> Array:
-    """dE/dT [mV/K]."""
+    """dE/dT [mV/K].
+
+    Parameters
+    ----------
+    ref
+        Reference function.
+    t
+        Temperatures [degC].
+
+    Returns
+    -------
+    slope
+        [mV/K].
+    """
     a0, a1, a2 = ref.bump
     bump_slope = 2 * a0 * a1 * (t - a2) * np.exp(a1 * (t - a2) ** 2)
     above = polyval(t, polyder(ref.above)) + bump_slope
@@ -342,7 +406,19 @@ def _slope(ref: _Reference, t: Array) -> Array:
 
 
 def _check_range(couple: str, values: Array, low: float, high: float, unit: str) -> None:
-    """Raise InputError for the first value that is out of range."""
+    """Raise InputError for the first value that is out of range.
+
+    Parameters
+    ----------
+    couple
+        Type, for the message.
+    values
+        Values of any shape.
+    low, high
+        Range.
+    unit
+        Unit of the values, for the message.
+    """
     is_outside = (values < low - ROUNDING_mV) | (values > high + ROUNDING_mV)
     if not is_outside.any():
         return
