@@ -1,4 +1,9 @@
-"""The command ``tcdyn``: its subcommands, exit codes, and the handling of errors."""
+"""The command ``tcdyn``: its subcommands, exit codes, and the handling of errors.
+
+:func:`command` is the entry point in ``pyproject.toml``. A new command is added to ``app`` here.
+The exit codes are part of the interface (``EPILOG``, manual). Tests: ``tests/cli/test_status.py``
+and ``tests/cli/test_internal_error.py``.
+"""
 
 from __future__ import annotations
 
@@ -71,6 +76,7 @@ app.command("verify")(verify)
 
 
 def _version(show: bool) -> None:
+    """Print the version and exit, with ``--version``."""
     if show:
         typer.echo(f"tcdyn {__version__}")
         raise typer.Exit
@@ -87,6 +93,16 @@ def _root(
 
 def run(command: Callable[[], Any]) -> int:
     """Call ``command`` and return the exit code of the process.
+
+    Parameters
+    ----------
+    command
+        The application, or a function without arguments.
+
+    Returns
+    -------
+    code
+        Exit code.
 
     Notes
     -----
@@ -118,7 +134,18 @@ def run(command: Callable[[], Any]) -> int:
 
 
 def _exit_code(command: Callable[[], Any]) -> int:
-    """The exit code that ``command`` returns or exits with."""
+    """The exit code that ``command`` returns or exits with.
+
+    Parameters
+    ----------
+    command
+        As of :func:`run`.
+
+    Returns
+    -------
+    code
+        0 where the command returns or exits without a number.
+    """
     try:
         result = command()
     except SystemExit as exit_:

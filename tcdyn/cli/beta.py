@@ -1,4 +1,9 @@
-"""Commands ``tcdyn beta`` and ``tcdyn campaign``: heat partition from EHL logs and records."""
+"""Commands ``tcdyn beta`` and ``tcdyn campaign``: heat partition from EHL logs and records.
+
+The estimates come from :mod:`tcdyn.workflows.beta`, :mod:`tcdyn.workflows.single_disk` and
+:mod:`tcdyn.workflows.campaign`. Tests: ``tests/cli/test_options.py``,
+``tests/cli/test_campaign_command.py``.
+"""
 
 from __future__ import annotations
 
@@ -143,10 +148,17 @@ def beta(
 
 
 def _output_files(out: Path, count: int) -> list[Path]:
-    """Files for the numbers of the tests of a log: ``out``, or numbered ones for several tests.
+    """Files for the numbers of the tests of a log: ``out``, or numbered ones for several.
 
     >>> [path.name for path in _output_files(Path("out/beta.json"), 2)]
     ['beta.1.json', 'beta.2.json']
+
+    Parameters
+    ----------
+    out
+        File that the user named.
+    count
+        Number of tests.
     """
     if count == 1:
         return [out]

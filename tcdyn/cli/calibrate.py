@@ -1,4 +1,8 @@
-"""Commands ``tcdyn calibrate`` (disk record) and ``tcdyn hole`` (lag of cemented junctions)."""
+"""Commands ``tcdyn calibrate`` (disk record) and ``tcdyn hole`` (lag of cemented junctions).
+
+The calibration is :mod:`tcdyn.workflows.calibrate`, the comparison of holes :mod:`immersion.hole`.
+Tests: ``tests/cli/test_calibrate_command.py`` and ``tests/cli/test_hole_command.py``.
+"""
 
 from __future__ import annotations
 

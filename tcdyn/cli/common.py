@@ -1,4 +1,8 @@
-"""Options, output on the terminal, progress and exit codes that the commands share."""
+"""Options, output on the terminal, progress and exit codes that the commands share.
+
+Used by every command. ``Reporter`` decides what goes to standard output and what to standard error.
+Tests: ``tests/cli/test_progress.py`` and ``tests/cli/test_options.py``.
+"""
 
 from __future__ import annotations
 
@@ -49,6 +53,18 @@ def as_option(name: str, value: str | bool | None = None) -> str:
     ('--window-s 4.2', '--no-sensor-check', '--overwrite')
     >>> as_option("records", "fast.disk.json"), as_option("out"), as_option("loss", "huber")
     ('--record fast.disk.json', '--out', '--robust')
+
+    Parameters
+    ----------
+    name
+        Name of a parameter in a message.
+    value
+        Its value; None: the option without a value.
+
+    Notes
+    -----
+    ``OPTIONS`` has the options whose name is not that of the parameter; a new one that differs must
+    be added there, or messages name an option that does not exist.
     """
     if (name, value) == ("loss", "huber"):
         return "--robust"
@@ -62,6 +78,16 @@ def as_option(name: str, value: str | bool | None = None) -> str:
 
 def option_groups(command: Callable[..., None]) -> Callable[..., None]:
     """Decorator: parameters of a command that are dataclasses become one option for each field.
+
+    Parameters
+    ----------
+    command
+        Function with dataclass parameters.
+
+    Returns
+    -------
+    command
+        Function with one option for each field, for Typer.
 
     Notes
     -----
@@ -79,6 +105,7 @@ def option_groups(command: Callable[..., None]) -> Callable[..., None]:
 
     @wraps(command)
     def call_with_groups(*arguments: Any, **options: Any) -> None:
+        """Build the dataclasses from the options and call the command."""
         for name, group in groups.items():
             values = {field: options.pop(field) for field in fields[name] if field in options}
             options[name] = group(**values)
@@ -93,7 +120,15 @@ def option_groups(command: Callable[..., None]) -> Callable[..., None]:
 
 @dataclass(frozen=True)
 class Reporter:
-    """Output of a command: text, JSON, or nothing but errors."""
+    """Output of a command: text, JSON, or nothing but errors.
+
+    Attributes
+    ----------
+    json_
+        Print the result as JSON.
+    quiet
+        Print errors only.
+    """
 
     json_: Json = False
     quiet: Quiet = False
@@ -104,12 +139,24 @@ class Reporter:
         return self.json_ or self.quiet
 
     def text(self, text: str) -> None:
-        """Print text, unless silent."""
+        """Print text, unless silent.
+
+        Parameters
+        ----------
+        text
+            Lines; control characters are replaced.
+        """
         if not self.is_silent:
             print("\n".join(map(printable, text.split("\n"))))
 
     def json(self, data: Callable[[], Any]) -> None:
-        """Print the value of ``data()`` as JSON, with ``--json``."""
+        """Print the value of ``data()`` as JSON, with ``--json``.
+
+        Parameters
+        ----------
+        data
+            Function that is called only with ``--json``, since its value may take time.
+        """
         if self.json_:
             print(dump(data()), end="")
 
@@ -139,12 +186,19 @@ def in_range(
         Limits.
     ends
         Whether the limits themselves are allowed.
+
+    Returns
+    -------
+    callback
+        For ``typer.Option``; it raises InputError for a number out of range.
     """
 
     def is_allowed(number: float) -> bool:
+        """Whether a number is within the limits; False for NaN."""
         return low <= number <= high if ends else low < number < high
 
     def check(param: typer.CallbackParam, value: Any) -> Any:
+        """Check one number or a list of them, and return it."""
         numbers = value if isinstance(value, list | tuple) else [value]
         for number in numbers:
             if number is not None and not is_allowed(number):
@@ -158,12 +212,39 @@ def in_range(
 def number_option(
     option: str, help_text: str, low: float, high: float, *, ends: bool = True
 ) -> Any:
-    """An option whose numbers must lie from ``low`` to ``high``; see ``in_range``."""
+    """An option whose numbers must lie within limits.
+
+    Parameters
+    ----------
+    option
+        Name of the option, with dashes.
+    help_text
+        Its help.
+    low, high
+        Limits.
+    ends
+        Whether the limits themselves are allowed.
+
+    Returns
+    -------
+    option
+        Option with the callback of :func:`in_range`.
+    """
     return typer.Option(option, help=help_text, callback=in_range(low, high, ends=ends))
 
 
 def check_choice(option: str, value: str, allowed: tuple[str, ...]) -> None:
-    """Raise InputError for a value that is none of ``allowed``."""
+    """Raise InputError for a value that is none of ``allowed``.
+
+    Parameters
+    ----------
+    option
+        Name of the option, with dashes.
+    value
+        What the user wrote.
+    allowed
+        Possible values.
+    """
     if value not in allowed:
         raise InputError(f"{option} is {value!r}", expected=" or ".join(allowed))
 
@@ -209,6 +290,7 @@ def stage_progress(quiet: bool, verbose: bool = False) -> Iterator[Callable[[str
         start_s = monotonic()
 
         def print_line(stage: str) -> None:
+            """Print a stage with the elapsed time."""
             print(f"... {monotonic() - start_s:6.1f} s  {printable(stage)}", file=sys.stderr)
 
         yield print_line
@@ -233,6 +315,13 @@ def count_progress(
     """Yield a function of (name, number done, total number).
 
     A terminal shows a bar with the remaining time, anything else gets a line for each call.
+
+    Parameters
+    ----------
+    total
+        Total number; None: not known.
+    quiet
+        Print nothing.
     """
     if quiet:
         yield lambda name, done, count: None
@@ -303,6 +392,13 @@ def check_outputs(inputs: Iterable[Path | str | None], **outputs: Path | None) -
 def print_first_warning(name: str, findings: Iterable[Finding]) -> bool:
     """Print the first warning or error on standard error, also under --quiet and --json.
 
+    Parameters
+    ----------
+    name
+        Name of the log or record, in front of the message.
+    findings
+        Findings of the command.
+
     Returns
     -------
     bool
@@ -318,7 +414,15 @@ def print_first_warning(name: str, findings: Iterable[Finding]) -> bool:
 
 
 def exit_status(name: str, findings: Iterable[Finding]) -> None:
-    """Exit with code 1 if there is a warning or error, whose first is printed; see above."""
+    """Exit with code 1 if there is a warning or an error; the first one is printed.
+
+    Parameters
+    ----------
+    name
+        Name of the log or record, in front of the message.
+    findings
+        Findings of the command.
+    """
     if print_first_warning(name, findings):
         raise typer.Exit(1)
 

@@ -1,4 +1,8 @@
-"""Command ``tcdyn compensate``: remove static errors and lag from logged temperatures."""
+"""Command ``tcdyn compensate``: remove static errors and lag from logged temperatures.
+
+Logs of the rig go to :mod:`tcdyn.workflows.compensate`, any other table (``--sensor``) to
+:mod:`tcdyn.cli.tables`. Tests: ``tests/cli/test_compensate_command.py``.
+"""
 
 from __future__ import annotations
 
@@ -210,7 +214,22 @@ def _summary(done: CompensatedLog) -> str:
 def _method(
     method: str, criterion: str | None, bandwidth_Hz: float | None, noise_only: bool
 ) -> CompensationMethod:
-    """The method that the options specify; InputError for options that contradict each other."""
+    """The method that the options specify.
+
+    Parameters
+    ----------
+    method
+        Name of the method.
+    criterion, bandwidth_Hz
+        Settings of one method each; None: its default.
+    noise_only
+        Remove noise and static errors only.
+
+    Raises
+    ------
+    InputError
+        Options that contradict each other.
+    """
     from tcdyn.smoothing.process_noise import Criterion
     from tcdyn.workflows.segments import METHODS, CompensationMethod
 

@@ -1,4 +1,8 @@
-"""Command ``tcdyn design``: predicted uncertainties of a planned test."""
+"""Command ``tcdyn design``: predicted uncertainties of a planned test.
+
+Single tests are :mod:`tcdyn.design.compare`, campaigns :mod:`tcdyn.campaign.planned`. Tests:
+``tests/immersion/test_plunge_pictures.py`` and ``tests/campaign/test_planned.py``.
+"""
 
 from __future__ import annotations
 
@@ -132,6 +136,17 @@ def design(
 
 
 def _report(result: Design | PlannedCampaign, out: Path | None, reporter: Reporter) -> None:
+    """Print a prediction, and the file that was written.
+
+    Parameters
+    ----------
+    result
+        The prediction.
+    out
+        File; None: none.
+    reporter
+        Output of the command.
+    """
     reporter.json(result.to_dict)
     reporter.text(result.summary())
     if out is not None:
@@ -146,6 +161,26 @@ def _campaign(
     out: Path | None,
     reporter: Reporter,
 ) -> None:
+    """Predict a campaign: ``--campaign``.
+
+    Parameters
+    ----------
+    plan
+        Table of the planned tests.
+    rig
+        Rig file; None: the defaults.
+    rate_Hz, noise_K
+        Logging rate, and noise of one sample.
+    out
+        CSV to write; None: none.
+    reporter
+        Output of the command.
+
+    Raises
+    ------
+    InputError
+        ``out`` is no CSV.
+    """
     from tcdyn.campaign.planned import Logging, predict_campaign, read_plan
     from tcdyn.io.write import write_text
     from tcdyn.rig.rigfile import load_rig
@@ -164,6 +199,22 @@ def _campaign(
 
 
 def _write(result: Design, out: Path, assumptions: Sequence[str]) -> None:
+    """Write the table (.csv) or the page (.html) of a prediction.
+
+    Parameters
+    ----------
+    result
+        The prediction.
+    out
+        File to write.
+    assumptions
+        Numbers of the plan, for the page.
+
+    Raises
+    ------
+    InputError
+        Another ending.
+    """
     from tcdyn.io.write import write_text
 
     if out.suffix.lower() == ".csv":

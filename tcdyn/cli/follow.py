@@ -1,4 +1,8 @@
-"""Command ``tcdyn follow``: live compensation of a log while it grows."""
+"""Command ``tcdyn follow``: live compensation of a log while it grows.
+
+The loop is :mod:`tcdyn.workflows.follow`, the filter :mod:`tcdyn.workflows.live`. Tests:
+``tests/smoothing/test_follow.py``.
+"""
 
 from __future__ import annotations
 
@@ -131,6 +135,7 @@ def follow(
     check_outputs([log, rig, *(record or []), *(sensor or [])], out=out, report=report, state=state)
 
     def announce(plan: LiveCompensator) -> None:
+        """Print the properties of the filter before the first row is written."""
         filter_report = plan.filter_report()
         reporter.text(f"before use, noisiest channel, {plan.notes()['method']}:")
         reporter.text("\n".join(f"  {line}" for line in filter_report.lines()))

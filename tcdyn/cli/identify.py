@@ -1,4 +1,7 @@
-"""Commands ``tcdyn identify`` (input-output data) and ``tcdyn response`` (frequency response)."""
+"""Commands ``tcdyn identify`` (input-output data) and ``tcdyn response`` (frequency response).
+
+The models and fits are :mod:`tcdyn.identify`. Tests: ``tests/identify/test_identify_results.py``.
+"""
 
 from __future__ import annotations
 
@@ -366,7 +369,20 @@ def response(
 
 
 def _columns(option: str, text: str) -> list[str]:
-    """Names separated by commas; InputError for an empty or a repeated one."""
+    """Names of columns separated by commas.
+
+    Parameters
+    ----------
+    option
+        Name of the option, for the message.
+    text
+        What the user wrote.
+
+    Raises
+    ------
+    InputError
+        An empty or a repeated name.
+    """
     names = [name.strip() for name in text.split(",")]
     if not all(names) or len(set(names)) < len(names):
         raise InputError(
@@ -376,7 +392,22 @@ def _columns(option: str, text: str) -> list[str]:
 
 
 def _files_of_outputs(path: Path, outputs: list[str]) -> dict[str, Path]:
-    """File of each output: ``path``, or with several outputs its name with that of the output."""
+    """File of each output.
+
+    With several outputs its name contains that of the output.
+
+    Parameters
+    ----------
+    path
+        File that the user named.
+    outputs
+        Columns of the outputs.
+
+    Returns
+    -------
+    files
+        By output.
+    """
     if len(outputs) == 1:
         return {outputs[0]: path}
     stem, dot, ending = path.name.partition(".")
@@ -412,6 +443,17 @@ def _model(
     """The named model with the constraints of the command.
 
     With several inputs, one model for all, or models separated by plus signs, one for each input.
+
+    Parameters
+    ----------
+    name
+        Name of a model, or several joined by plus signs.
+    inputs
+        Columns of the inputs.
+    fixed
+        Values of fixed parameters; those that the model does not have are left out.
+    model_settings
+        "offset" and "known" of the model.
     """
     from tcdyn.identify import KnownDynamics, several
     from tcdyn.identify.models import as_model

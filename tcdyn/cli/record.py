@@ -1,4 +1,9 @@
-"""Commands ``tcdyn record``, ``tcdyn rig``, ``tcdyn transducer`` and ``tcdyn spot``."""
+"""Commands ``tcdyn record``, ``tcdyn rig``, ``tcdyn transducer`` and ``tcdyn spot``.
+
+Records are :mod:`tcdyn.rig.record`, their comparison :mod:`calibration.compare`, transducers
+:mod:`calibration.transducers`. Tests: ``tests/cli/test_records_and_rig.py`` and
+``tests/rig/test_record.py``.
+"""
 
 from __future__ import annotations
 
@@ -286,7 +291,15 @@ def _diff_rows(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def rich_table(rows: pd.DataFrame, title: str = "") -> Table:
-    """Table for the terminal, the first column aligned left, the others right."""
+    """Table for the terminal: the first column aligned left, the others right.
+
+    Parameters
+    ----------
+    rows
+        Table with texts or numbers.
+    title
+        Title above it.
+    """
     table = Table(title=title, title_justify="left")
     for k, name in enumerate(rows.columns):
         table.add_column(escape(str(name)), justify="left" if k == 0 else "right")

@@ -1,4 +1,8 @@
-"""Command ``tcdyn round``: circumferential temperature of the disks, and the press fit."""
+"""Command ``tcdyn round``: circumferential temperature of the disks, and the press fit.
+
+The field of the synthetic rig is :mod:`tcdyn.simulate.field`, the press fit
+:mod:`tcdyn.rig.press_fit`. Test: ``tests/cli/test_round_command.py``.
+"""
 
 from __future__ import annotations
 
@@ -144,12 +148,30 @@ def _fit_numbers(setup: DiskSetup) -> dict[str, Any]:
 
 
 def _check_picture(out: Path, rig: Path | None) -> None:
+    """Raise InputError for a picture of another format, or one that is an input.
+
+    Parameters
+    ----------
+    out
+        Picture to write.
+    rig
+        Rig file; None: none.
+    """
     if out.suffix.lower() not in PICTURES:
         raise InputError(f"--out is {out}", expected=f"a name ending in {', '.join(PICTURES)}")
     check_outputs([rig], out=out)
 
 
 def _save(picture: Figure, out: Path) -> None:
+    """Save a picture; an interrupted write leaves the old file.
+
+    Parameters
+    ----------
+    picture
+        The figure.
+    out
+        File to write.
+    """
     from tcdyn.io.write import atomic_path
 
     with atomic_path(out) as temporary:
@@ -157,4 +179,5 @@ def _save(picture: Figure, out: Path) -> None:
 
 
 def _range(x: np.ndarray) -> tuple[float, float]:
+    """Smallest and largest value."""
     return float(x.min()), float(x.max())

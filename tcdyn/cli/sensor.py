@@ -1,4 +1,8 @@
-"""Command ``tcdyn sensor``: state or measure the lag of any thermocouple; writes a sensor file."""
+"""Command ``tcdyn sensor``: state or measure the lag of any thermocouple; writes a sensor file.
+
+Each command is one method to determine a lag (:mod:`tcdyn.sensors`) and writes the same kind of
+file. Tests: ``tests/sensors``.
+"""
 
 from __future__ import annotations
 
@@ -53,7 +57,22 @@ class SensorOutput:
         return self.name or file_name or "sensor"
 
     def write(self, sensor: SensorFile, reporter: Reporter, log: Path | None = None) -> None:
-        """Write the file and report its content; exit code 1 if there is a warning."""
+        """Write the file and report its content; exit code 1 if there is a warning.
+
+        Parameters
+        ----------
+        sensor
+            Content of the file.
+        reporter
+            Output of the command.
+        log
+            Table that was read; it must not be the output.
+
+        Notes
+        -----
+        The file is read back, so that a file that cannot be read is an error of this command and
+        not of a later one.
+        """
         from tcdyn.sensors import read_sensor, write_sensor
 
         check_outputs([log], out=self.out)
@@ -346,6 +365,17 @@ def _read(
 ) -> tuple[Any, list[Any], list[Finding], list[str]]:
     """Read columns of a table.
 
+    Parameters
+    ----------
+    log
+        The table.
+    columns
+        Columns of temperatures, or patterns that match one each.
+    reading
+        Options for time and units.
+    plain
+        Columns that are not temperatures.
+
     Returns
     -------
     tuple
@@ -390,6 +420,15 @@ def _with_findings(sensor: SensorFile, findings: list[Finding], duration_s: floa
 
     A warning is added for each lag whose standard uncertainty exceeds the length of the record,
     ``duration_s``.
+
+    Parameters
+    ----------
+    sensor
+        Result of the fit.
+    findings
+        Findings of the reader.
+    duration_s
+        Length of the record.
     """
     from tcdyn.sensors.table import unique_by_subject
 

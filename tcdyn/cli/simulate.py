@@ -1,4 +1,8 @@
-"""Commands ``tcdyn simulate`` (logs of the synthetic rig) and ``tcdyn demo`` (all stages)."""
+"""Commands ``tcdyn simulate`` (logs of the synthetic rig) and ``tcdyn demo`` (all stages).
+
+The synthetic rig is :mod:`tcdyn.simulate`, the demo :mod:`tcdyn.workflows.demo`. The true values
+are written to separate files, which no estimator reads. Tests: ``tests/simulate``.
+"""
 
 from __future__ import annotations
 
@@ -85,7 +89,18 @@ class SimulatedRig:
         return truth.with_imperfections(CLEAN) if self.clean else truth
 
     def for_log(self, out: Path) -> RigTruth:
-        """The true values for a log that is written to ``out``."""
+        """The true values for a log that is written to ``out``.
+
+        Parameters
+        ----------
+        out
+            CSV to write.
+
+        Raises
+        ------
+        InputError
+            Another ending, or a file that is an input.
+        """
         if out.suffix.lower() != ".csv":
             raise InputError(
                 "the synthetic rig writes CSV",
@@ -308,6 +323,19 @@ def demo(
 
 
 def _write(out: Path, reporter: Reporter, frame: pd.DataFrame, truth: dict[str, Any]) -> None:
+    """Write a simulated log with its true values, and report the files.
+
+    Parameters
+    ----------
+    out
+        CSV of the log; the true values have its name with other endings.
+    reporter
+        Output of the command.
+    frame
+        The log.
+    truth
+        True values, with the table "traces".
+    """
     from tcdyn.simulate.campaign import write_json, write_log, write_traces
 
     truth_json = out.with_suffix(".truth.json")
@@ -322,7 +350,23 @@ def _write(out: Path, reporter: Reporter, frame: pd.DataFrame, truth: dict[str, 
 
 
 def _contact_again(text: str) -> tuple[float, float]:
-    """Length and time after the unloading [s] of a contact given as 0.2@1."""
+    """Length of a later contact, and its time after the unloading [s].
+
+    Parameters
+    ----------
+    text
+        Value of ``--again``, such as "0.2@1".
+
+    Returns
+    -------
+    length_s, after_s
+        Both positive.
+
+    Raises
+    ------
+    InputError
+        Another text, or numbers out of range.
+    """
     length, _, after = text.partition("@")
     try:
         length_s = float(length)
@@ -339,7 +383,23 @@ def _contact_again(text: str) -> tuple[float, float]:
 
 
 def bore_contacts(values: list[str] | None) -> dict[str, BoreContact]:
-    """Bore contact of each disk, from the values of ``--uneven``."""
+    """Bore contact of each disk, from the values of ``--uneven``.
+
+    Parameters
+    ----------
+    values
+        Texts such as "0.5@30" or "fast:0.5@30".
+
+    Returns
+    -------
+    contacts
+        By disk; disks without a text are left out.
+
+    Raises
+    ------
+    InputError
+        Another text.
+    """
     from tcdyn.rig.disk import DISKS
     from tcdyn.simulate.truth import BoreContact
 

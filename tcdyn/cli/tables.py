@@ -1,4 +1,8 @@
-"""Options for tables without a rig, and the compensation of a table by ``compensate --sensor``."""
+"""Options for tables without a rig, and the compensation of a table by ``compensate --sensor``.
+
+Used by the commands ``compensate``, ``follow`` and ``sensor``. The compensation itself is
+:mod:`tcdyn.workflows.compensate_table`. Tests: ``tests/sensors/test_sensor_file.py``.
+"""
 
 from __future__ import annotations
 
@@ -87,10 +91,27 @@ class TableReading:
 
 
 def value_and_u(text: str, option: str) -> tuple[float, float]:
-    """A number and its standard uncertainty from text: "1.5+-0.1", "1.5 ± 0.1", "1.5".
+    """A number and its standard uncertainty from text such as "1.5+-0.1".
 
     >>> value_and_u("1.5+-0.1", "--tau-s"), value_and_u("2", "--tau-s")
     ((1.5, 0.1), (2.0, 0.0))
+
+    Parameters
+    ----------
+    text
+        "1.5+-0.1", "1.5 ± 0.1" or "1.5".
+    option
+        Name of the option, for the message.
+
+    Returns
+    -------
+    value, u
+        u is zero where none is given.
+
+    Raises
+    ------
+    InputError
+        Another text, or numbers out of range.
     """
     value_text, _, u_text = text.replace("±", "+-").replace("+/-", "+-").partition("+-")
     try:
@@ -127,7 +148,23 @@ def compensate_any_table(
     reporter: Reporter,
     verbose: bool,
 ) -> None:
-    """Compensate a table and report the result; exit code 1 if there is a warning."""
+    """Compensate a table and report the result; exit code 1 if there is a warning.
+
+    Parameters
+    ----------
+    log
+        The table.
+    files
+        Sensor files.
+    out
+        File to write.
+    options
+        Keyword arguments of ``compensate_table``.
+    reporter
+        Output of the command.
+    verbose
+        Print a line for each stage.
+    """
     from tcdyn.sensors import read_sensor
     from tcdyn.sensors.table import unique_by_subject
     from tcdyn.workflows.compensate_table import compensate_table

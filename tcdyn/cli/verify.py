@@ -1,4 +1,8 @@
-"""Command ``tcdyn verify``: compare computed numbers with the published ones of the thesis."""
+"""Command ``tcdyn verify``: compare computed numbers with the published ones of the thesis.
+
+The rows are :mod:`tcdyn.verify`, the figures :func:`tcdyn.plots.conduction.verify_figures`. Tests:
+``tests/cli/test_verify.py``.
+"""
 
 from __future__ import annotations
 
@@ -84,7 +88,15 @@ def summary_text(rows: Sequence[VerifyRow]) -> str:
 
 
 def _print(rows: Sequence[VerifyRow], why: bool) -> None:
-    """Print the summary, then the rows by result, the most important first."""
+    """Print the summary, then the rows by result, the most important first.
+
+    Parameters
+    ----------
+    rows
+        All rows.
+    why
+        Print the reason of rows that agree, too.
+    """
     console = Console()
     console.print(summary_text(rows), markup=False, highlight=False)
     for verdict in COLOURS:
@@ -102,12 +114,21 @@ def _print(rows: Sequence[VerifyRow], why: bool) -> None:
 
 
 def row_lines(row: VerifyRow, reason: str, width: int) -> list[str]:
-    """A row as lines of at most ``width`` columns: class, source, quantity, both numbers, reason.
+    """A row as lines of text: class, source, quantity, both numbers, reason.
 
     >>> from tcdyn.verify import VerifyRow
     >>> row = VerifyRow("its worked example", "(4.7)", "0.73", "0.732", "agrees", "", "arithmetic")
     >>> row_lines(row, "because", 60)
     ['  arithmetic, (4.7): its worked example: 0.732 | 0.73', '      because']
+
+    Parameters
+    ----------
+    row
+        The row.
+    reason
+        Text of the reason; empty: none.
+    width
+        Largest length of a line; at least 40 is used.
     """
     text = f"{row.kind}, {row.source}: {row.quantity}: {row.ours} | {row.published}"
     width = max(width, 40)
@@ -117,6 +138,7 @@ def row_lines(row: VerifyRow, reason: str, width: int) -> list[str]:
 
 
 def _frame(rows: Sequence[VerifyRow]) -> pd.DataFrame:
+    """The rows as a table."""
     import pandas as pd
 
     return pd.DataFrame([vars(row) for row in rows])
@@ -127,6 +149,15 @@ REPORT_COLUMNS = ["quantity", "source", "published", "ours", "verdict", "kind", 
 
 
 def _report(rows: Sequence[VerifyRow], path: Path) -> None:
+    """Write the page with all rows and the figures.
+
+    Parameters
+    ----------
+    rows
+        All rows.
+    path
+        File to write.
+    """
     from tcdyn.plots.conduction import verify_figures
     from tcdyn.report.page import Section, write_page
 

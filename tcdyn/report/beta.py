@@ -1,4 +1,9 @@
-"""Report of EHL tests: beta, unloading, steady lines, joint fit, uncertainty budget, checks."""
+"""Report of EHL tests: beta, unloading, steady lines, joint fit, uncertainty budget, checks.
+
+Written by ``tcdyn beta`` and ``tcdyn demo``; :mod:`tcdyn.report.single_disk` and
+:mod:`tcdyn.report.campaign` use parts of it. The order of the sections is their importance; what is
+folded is not printed. Tests: ``tests/report/test_beta_page.py``.
+"""
 
 from __future__ import annotations
 
@@ -48,10 +53,27 @@ ASSUMPTIONS = (
 
 
 def beta_sections(p: Partition, truth: float | None = None) -> list[Section]:
-    """Return the sections of one test, that of the page's head first, by importance.
+    """Return the sections of one test by importance, that of the page's head first.
 
     Details and the appendix are folded. Figures are rendered at once, so that a page of many tests
     keeps images only. ``truth``: beta of a simulation.
+
+    Parameters
+    ----------
+    p
+        Result of the test.
+    truth
+        Beta of a simulation; None: not plotted.
+
+    Returns
+    -------
+    sections
+        With images instead of figures.
+
+    Notes
+    -----
+    The first section must be that of :func:`lead_section`: :func:`write_tests` takes it as the head
+    of the page.
     """
     main = [
         lead_section(p, truth),
@@ -74,7 +96,15 @@ def beta_sections(p: Partition, truth: float | None = None) -> list[Section]:
 
 
 def lead_section(p: Partition | OneDisk, truth: float | None = None) -> Section:
-    """Return the figure of the page's head: all estimates of beta."""
+    """Return the figure of the page's head: all estimates of beta.
+
+    Parameters
+    ----------
+    p
+        Result of the test.
+    truth
+        Beta of a simulation; None: not plotted.
+    """
     height_in = 1.8 if isinstance(p, OneDisk) else 2.8
     estimates = panel_figure(partial(draw.draw_beta_estimates, p, truth=truth), height_in=height_in)
     caption = "All estimates of β, the recommended one on top; 95 % intervals."
@@ -82,7 +112,13 @@ def lead_section(p: Partition | OneDisk, truth: float | None = None) -> Section:
 
 
 def main_result(p: Partition) -> MainResult:
-    """Return beta of both disks with its interval, or that none is given."""
+    """Return beta of both disks with its interval, or that none is given.
+
+    Parameters
+    ----------
+    p
+        Result of the test.
+    """
     if p.status == "withheld":
         detail = "the result of the fit of both disks is impossible, or its power is far off"
         return MainResult("no β", detail, p.status)
@@ -98,7 +134,15 @@ def main_result(p: Partition) -> MainResult:
 
 
 def estimate_sections(p: Partition, truth: float | None) -> list[Section]:
-    """Return all estimates of beta, the unloading, and the steady lines with the estimates."""
+    """Return all estimates of beta, the unloading, and the steady lines with the estimates.
+
+    Parameters
+    ----------
+    p
+        Result of the test.
+    truth
+        Beta of a simulation; None: not plotted.
+    """
     lags = ", ".join(f"{d} {p.joint[d].estimates['lag_s'].text('s')}" for d in DISKS)
     unloading = [partial(draw.draw_unloading, p, d) for d in DISKS]
     return [
@@ -128,7 +172,15 @@ def estimate_sections(p: Partition, truth: float | None) -> list[Section]:
 
 
 def fit_section(p: Partition | OneDisk, disks: Sequence[str] = DISKS) -> Section:
-    """Return readings and model of the joint fit at the junctions that the rim model predicts."""
+    """Return readings and model of the joint fit at the junctions that the rim model predicts.
+
+    Parameters
+    ----------
+    p
+        Result of the test.
+    disks
+        Names of the disks, one column each.
+    """
     n = len(disks)
     fig, axes = figure(2, n, width_in=10.0, height_in=6.4)
     for k, disk in enumerate(disks):
@@ -261,7 +313,15 @@ def sensor_sections(p: Partition | OneDisk) -> list[Section]:
 
 
 def _sensor_map_section(sensors: SensorCheck, disk: str) -> Section:
-    """Return the comparison of all pairs of junctions of a disk."""
+    """Return the comparison of all pairs of junctions of a disk.
+
+    Parameters
+    ----------
+    sensors
+        Result of the comparison of sensors.
+    disk
+        Name of the disk.
+    """
     matrix = sensors.matrix(disk).rename_axis("junction").reset_index()
     # Each pair has one cell.
     upper_half = matrix.iloc[:-1].drop(columns=matrix.columns[1])
@@ -312,10 +372,19 @@ def write_beta_report(
 
     Parameters
     ----------
+    path
+        File to write.
+    tests
+        Results by name of the test.
     truths
         True beta of simulated tests.
     sources
         Table of the files.
+
+    Returns
+    -------
+    path
+        The same path.
     """
     truths = truths or {}
     pages = {}
@@ -335,10 +404,26 @@ def write_tests(
 
     Parameters
     ----------
+    path
+        File to write.
+    tests
+        Results by name of the test.
     pages
         Sections of each test, that of the page's head first, and its main result.
     sources
         Table of the files.
+    simulated
+        Whether the title is marked as "simulated".
+
+    Returns
+    -------
+    path
+        The same path.
+
+    Notes
+    -----
+    With one test its first section becomes the head of the page; with several, every title and
+    finding carries the name of its test. Test: ``tests/report/test_beta_page.py``.
     """
     single = len(tests) == 1
     sections: list[Section] = []

@@ -1,4 +1,8 @@
-"""Report of a campaign: conclusion, beta of all tests, and the thesis's figures of many tests."""
+"""Report of a campaign: conclusion, beta of all tests, and the thesis's figures of many tests.
+
+Written by ``tcdyn campaign``. The sections on the joint posterior are in
+:mod:`tcdyn.report.campaign_joint`. Tests: ``tests/report/test_campaign_page.py``.
+"""
 
 from __future__ import annotations
 
@@ -51,8 +55,17 @@ def write_campaign_report(
 
     Parameters
     ----------
+    path
+        File to write.
+    run
+        Result of the campaign.
     records
         Rows of the records in the table of source files.
+
+    Returns
+    -------
+    path
+        The same path.
     """
     table = run.table
     joined = run.joined
@@ -109,7 +122,15 @@ def _test_sections(table: pd.DataFrame) -> list[Section]:
 def _source_sections(
     run: CampaignRun, records: Sequence[tuple[str, str, str, str]]
 ) -> list[Section]:
-    """Return the section of the source files, if any log was analysed."""
+    """Return the section of the source files, if any log was analysed.
+
+    Parameters
+    ----------
+    run
+        Result of the campaign.
+    records
+        Rows of the records.
+    """
     logs = [("log", o.log.name, "", o.data["source"]["sha256"]) for o in run.outcomes if o.data]
     if not logs:
         return []
@@ -256,5 +277,13 @@ def trend_lines(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _pm(good: pd.DataFrame, name: str) -> list[str]:
-    """Return the cells of a column with its uncertainty."""
+    """Return the cells of a column with its uncertainty.
+
+    Parameters
+    ----------
+    good
+        Table of the analysed tests.
+    name
+        Column; that of the uncertainty is ``u_<name>``.
+    """
     return pm(good[name], good[f"u_{name}"])

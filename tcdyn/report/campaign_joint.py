@@ -1,4 +1,8 @@
-"""Sections of a campaign's report on the joint posterior of all its tests."""
+"""Sections of a campaign's report on the joint posterior of all its tests.
+
+Used by :mod:`tcdyn.report.campaign` for two tests or more. ``SIGNIFICANCE`` and ``SCATTER_P``
+choose between sentences and change no number. Tests: ``tests/report/test_campaign_page.py``.
+"""
 
 from __future__ import annotations
 

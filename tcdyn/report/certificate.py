@@ -1,4 +1,10 @@
-"""Certificate of a calibrated disk: a verdict on each thermocouple, then the evidence for it."""
+"""Certificate of a calibrated disk: a verdict on each thermocouple, then the evidence for it.
+
+Written by ``tcdyn calibrate --report``. The verdicts come from
+:func:`calibration.compare.check_record`; the signed part is :mod:`tcdyn.report.signed`. Tests:
+``tests/rig/test_record.py``, ``tests/cli/test_calibrate_command.py`` and
+``tests/calibration/test_budget.py``.
+"""
 
 from __future__ import annotations
 
@@ -39,6 +45,20 @@ def write_certificate(
 
     The page has verdict, warnings and assumptions, the signed part, then, folded, the evidence for
     lags and lines. ``earlier``: records of the same disk, for its drift.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    run
+        Result of the calibration.
+    earlier
+        Records of the same disk, for its drift.
+
+    Returns
+    -------
+    path
+        The same path.
     """
     record = run.record
     evidence = certificate_sections(record, run.oven, fit_sections(run.fit))
@@ -59,6 +79,21 @@ def channel_verdicts(record: DiskRecord) -> dict[str, str]:
 
     A gap or an impossible value in a log, or a plunge beyond the oven's range, is no fault of a
     thermocouple.
+
+    Parameters
+    ----------
+    record
+        The record.
+
+    Returns
+    -------
+    verdicts
+        By channel.
+
+    Notes
+    -----
+    ``CHANNEL_FINDINGS`` names the kinds of findings that count against a thermocouple. A new kind
+    that should count must be added there.
     """
     findings = [
         finding
@@ -121,6 +156,15 @@ def certificate_sections(
     """Return the sections with the evidence of a certificate.
 
     ``traces``: sections on the plunges, which follow the lags.
+
+    Parameters
+    ----------
+    record
+        The record.
+    oven
+        Static lines; None: no oven log.
+    traces
+        Sections on the plunges, which follow the lags.
     """
     low, high = next(iter(record.static.values())).range_degC
     about = (

@@ -1,4 +1,7 @@
-"""Sections on the temperature around each disk: first circumferential harmonic, field."""
+"""Sections on the temperature around each disk: first circumferential harmonic, field.
+
+Used by :mod:`tcdyn.report.beta` for tests with two disks. Test: ``tests/report/test_beta_page.py``.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,8 @@
-"""Report of a compensation: filter design report, logged and compensated traces."""
+"""Report of a compensation: filter design report, logged and compensated traces.
+
+Written by ``tcdyn compensate --report`` and ``tcdyn follow --report``. The filter of the report is
+the causal inverse, also where another method made the traces. Tests: ``tests/report/test_dynamics_page.py``.
+"""
 
 from __future__ import annotations
 
@@ -64,6 +68,22 @@ def write_compensation_report(
 
     It has the filter properties, the traces of the junction nearest the surface of each disk, and
     the metadata of the output. ``files``: those of the records, in their order.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    compensated
+        The compensated log.
+    records
+        Records by disk.
+    files
+        Files of the records, in their order.
+
+    Returns
+    -------
+    path
+        The same path.
     """
     sections: list[Section] = []
     verdicts = []
@@ -85,7 +105,20 @@ def write_compensation_report(
 
 
 def compensation_assumptions(records: Mapping[str, DiskRecord], method: str) -> list[str]:
-    """Return the assumptions of the compensation by ``method``."""
+    """Return the assumptions of the compensation by ``method``.
+
+    Parameters
+    ----------
+    records
+        Records by disk.
+    method
+        "smoother", "deconvolve" or "inverse".
+
+    Returns
+    -------
+    assumptions
+        Those of the smoother end with the one on its model of the slope.
+    """
     filters = set()
     for record in records.values():
         b = record.conditioning
@@ -104,7 +137,17 @@ def compensation_assumptions(records: Mapping[str, DiskRecord], method: str) -> 
 
 
 def _verdict(compensated: CompensatedLog, disk: str, result: Compensated) -> str:
-    """Return the removed lag and the uncertainty of the junction nearest the surface."""
+    """Return the removed lag and the uncertainty of the junction nearest the surface.
+
+    Parameters
+    ----------
+    compensated
+        The compensated log.
+    disk
+        Name of the disk.
+    result
+        Its compensated traces.
+    """
     setup = compensated.traces[disk].setup
     name = setup.shallowest
     sd = result.sd[:, setup.channels.index(name)]
@@ -130,6 +173,26 @@ def write_follow_report(
 
     It has one channel before and after, and the filter design report. ``files``: those of the
     records, in their order.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    plan
+        The live compensator.
+    log, out
+        Log that was followed, and file with the compensated rows.
+    findings
+        Findings of the run.
+    records
+        Records by disk.
+    files
+        Files of the records, in their order.
+
+    Returns
+    -------
+    path
+        The same path.
     """
     report = plan.filter_report()
     delay_s = plan.settings.behind_s
@@ -159,7 +222,17 @@ def write_follow_report(
 
 
 def _traces(compensated: CompensatedLog, disk: str, result: Compensated) -> Section:
-    """Return section with the trace of the junction nearest the surface, complete and in detail."""
+    """Return the section with the trace of the junction nearest the surface.
+
+    Parameters
+    ----------
+    compensated
+        The compensated log.
+    disk
+        Name of the disk.
+    result
+        Its compensated traces.
+    """
     traces = compensated.traces[disk]
     name = traces.setup.shallowest
     channel = traces.setup.channels.index(name)
@@ -189,7 +262,24 @@ def _traces(compensated: CompensatedLog, disk: str, result: Compensated) -> Sect
 def _filter_section(
     compensated: CompensatedLog, disk: str, result: Compensated, record: DiskRecord
 ) -> Section:
-    """Return the section with the properties of the compensation filter of each channel."""
+    """Return the section with the properties of the compensation filter of each channel.
+
+    Parameters
+    ----------
+    compensated
+        The compensated log.
+    disk
+        Name of the disk.
+    result
+        Its compensated traces.
+    record
+        Record of the disk.
+
+    Notes
+    -----
+    ``MAX_NOISE_GAIN`` sets the bandwidth that is stated where the causal inverse was not used. It
+    changes no trace.
+    """
     dt = float(np.median(np.diff(result.time_s)))
     is_causal = compensated.method.method == "inverse"
     setup = record.disk_setup()
@@ -240,7 +330,22 @@ def _filter_section(
 
 
 def _followed(plan: LiveCompensator, log: Path, out: Path) -> tuple[Section, int]:
-    """Return the section of one channel before and after live compensation, and its row count."""
+    """Return the section of one channel before and after live compensation, and its row count.
+
+    Parameters
+    ----------
+    plan
+        The live compensator.
+    log, out
+        Log that was followed, and file with the compensated rows.
+
+    Returns
+    -------
+    section
+        With the trace of one channel.
+    n_rows
+        Number of compensated rows.
+    """
     name = next((n for n in plan.junctions if n.endswith("e_degC")), plan.junctions[0])
     u_name = name.replace("_degC", "_u_K")
     compensated = pd.read_csv(out, comment="#", usecols=["time_s", name, u_name])
@@ -267,7 +372,15 @@ def _followed(plan: LiveCompensator, log: Path, out: Path) -> tuple[Section, int
 
 
 def _logged(log: Path, name: str) -> pd.DataFrame | None:
-    """Return time and readings of a channel as logged; None if the columns have other names."""
+    """Return time and readings of a channel as logged; None if the columns have other names.
+
+    Parameters
+    ----------
+    log
+        The log.
+    name
+        Name of the column.
+    """
     try:
         raw = pd.read_csv(log, comment="#", usecols=["time_s", name], on_bad_lines="skip")
     except ValueError:

@@ -1,4 +1,8 @@
-"""Reports on planned tests (expected uncertainties), and on an identified model."""
+"""Reports on planned tests (expected uncertainties), and on an identified model.
+
+Written by ``tcdyn design --out plan.html`` and ``tcdyn identify``. Tests:
+``tests/report/test_dynamics_page.py``.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +30,22 @@ ABOUT_LAGS = (
 
 
 def write_design_report(path: str | Path, design: Design, assumptions: Sequence[str]) -> Path:
-    """Write the page of planned tests and return its path; ``assumptions``: numbers of the plan."""
+    """Write the page of planned tests and return its path.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    design
+        Comparison of the planned tests.
+    assumptions
+        Numbers of the plan, one sentence each.
+
+    Returns
+    -------
+    path
+        The same path.
+    """
     return write_page(
         path,
         "Test design: what to do before the campaign",
@@ -58,7 +77,15 @@ def interval_text(best: Fit) -> str:
 
 
 def input_noise_text(best: Fit, record: IOData) -> str:
-    """Return the assumption of the fit on the noise of each input."""
+    """Return the assumption of the fit on the noise of each input.
+
+    Parameters
+    ----------
+    best
+        The recommended fit.
+    record
+        The data, for names and units.
+    """
     noisy = []
     for name, unit, sd in zip(record.input_names, record.input_units, best.problem.input_sds):
         if sd:
@@ -80,6 +107,12 @@ def write_identify_report(
 
     Parameters
     ----------
+    path
+        File to write.
+    record
+        The data.
+    comparison
+        Comparison of the models.
     filter_
         Conditioning filter that was removed from the chain.
     level

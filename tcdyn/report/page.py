@@ -2,6 +2,10 @@
 
 In a table numbers are aligned right and unbroken, text left, and a value and its uncertainty are
 rounded alike.
+
+Used by every module of ``tcdyn/report`` and by the commands that write a page directly. Limits are
+chosen by judgement. Tests:
+``tests/report/test_page.py``.
 """
 
 from __future__ import annotations
@@ -69,6 +73,12 @@ class Section:
         The figure as a ``data:`` address, once it is rendered.
     width_in
         Width of the figure [inch], which limits its size on a narrow screen.
+    title
+        Heading.
+    table, figure
+        Content below the text.
+    caption
+        Text below the figure.
     """
 
     title: str
@@ -108,7 +118,17 @@ class Section:
 
 @dataclass(frozen=True)
 class MainResult:
-    """The result at the top of a page: a value in large type, a detail, and its status."""
+    """The result at the top of a page: a value in large type, a detail, and its status.
+
+    Attributes
+    ----------
+    value
+        The value, with its uncertainty.
+    detail
+        Line below it.
+    status
+        Status of the result, for its colour.
+    """
 
     value: str
     detail: str = ""
@@ -125,6 +145,24 @@ def figure_data_uri(figure: Figure, dpi: int = 130) -> str:
 
     The image ends ``MARGIN_IN`` beyond the plotted content. Names in the figure are literal text,
     without mathematical notation.
+
+    Parameters
+    ----------
+    figure
+        The figure; canvas and resolution are restored.
+    dpi
+        Resolution.
+
+    Returns
+    -------
+    uri
+        PNG, base64.
+
+    Notes
+    -----
+    A figure that its layout does not contain is saved by matplotlib with ``bbox_inches="tight"``,
+    which is slower. The size of the image must not depend on which of the two was used:
+    ``tests/report/test_page.py``.
     """
     _disable_math(figure)
     original_canvas = figure.canvas
@@ -202,6 +240,10 @@ def render_page(
 
     Parameters
     ----------
+    title
+        Heading and title of the page.
+    sections
+        In the order of the page.
     verdict
         Conclusion in sentences, after the main results.
     findings
@@ -218,6 +260,11 @@ def render_page(
         Whether the title is marked as "simulated".
     footer
         Last line; by default version and time.
+
+    Returns
+    -------
+    html
+        The complete page.
     """
     sections = [section.with_image() for section in sections]
     lead = None if lead is None else lead.with_image()
@@ -247,6 +294,22 @@ def write_page(path: str | Path, title: str, sections: Sequence[Section], **opti
     """Write the page of :func:`render_page` atomically and return its path.
 
     ``options``: keyword arguments of :func:`render_page`.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    title
+        Heading and title of the page.
+    sections
+        In the order of the page.
+    **options
+        Keyword arguments of :func:`render_page`.
+
+    Returns
+    -------
+    path
+        The same path.
     """
     return write_text(path, render_page(title, sections, **options))
 
@@ -269,6 +332,11 @@ def pm(values: Iterable[float], uncertainties: Iterable[float]) -> list[str]:
 
     >>> pm([0.68149, float("nan")], [0.0093, 0.1])
     ['0.6815 ± 0.0093', '']
+
+    Parameters
+    ----------
+    values, uncertainties
+        Numbers of one length.
     """
     cells = []
     for value, u in zip(values, uncertainties):
@@ -278,7 +346,17 @@ def pm(values: Iterable[float], uncertainties: Iterable[float]) -> list[str]:
 
 
 def table_html(table: pd.DataFrame) -> str:
-    """Return a table as HTML: numbers right and unbroken, text left, sentences in a wide column."""
+    """Return a table as HTML: numbers right and unbroken, text left, sentences in a wide column.
+
+    Parameters
+    ----------
+    table
+        Any table; cells as of :func:`cell`.
+
+    Notes
+    -----
+    Test: ``tests/report/test_page.py``.
+    """
     columns = [[cell(value) for value in table.iloc[:, k]] for k in range(table.shape[1])]
     kinds = [_kind(cells) for cells in columns]
     titles = [str(name) for name in table.columns]
@@ -321,6 +399,10 @@ def _kind(cells: list[str]) -> str:
     """Return the CSS class of a column.
 
     "prose" for sentences, "long" for unbroken words, "words" for short text, "number" for all else.
+
+    Notes
+    -----
+    ``MAX_CHARACTERS`` decides which cells count as sentences.
     """
     long_cells = [text for text in cells if len(text) > MAX_CHARACTERS]
     if any(" " in text for text in long_cells):

@@ -1,6 +1,8 @@
 """Signed part of a certificate: identification, results, uncertainty by source, validity, limits.
 
 Sources: JCGM 100:2008 (GUM), 7.2; ISO/IEC 17025:2017, 7.8.2 and 7.8.4.
+
+Used by :mod:`tcdyn.report.certificate`. Tests: ``tests/calibration/test_budget.py``.
 """
 
 from __future__ import annotations
@@ -49,7 +51,17 @@ def calibrated_on(record: DiskRecord) -> date:
 
 
 def channel_budget(record: DiskRecord, channel: str, temperature_degC: float) -> UncertaintyBudget:
-    """Return the uncertainty budget of one channel at rest."""
+    """Return the uncertainty budget of one channel at rest.
+
+    Parameters
+    ----------
+    record
+        The record.
+    channel
+        Name of the channel.
+    temperature_degC
+        Temperature of the reading.
+    """
     line = record.static[channel]
     return uncertainty_budget(
         line, record.setup.traceability, calibrated_on(record), temperature_degC
@@ -85,7 +97,13 @@ def identification(record: DiskRecord) -> pd.DataFrame:
 
 
 def _instrument(name: str, certificate: str, day: str) -> str:
-    """Return an instrument with its certificate and the day of that."""
+    """Return an instrument with its certificate and the day of that.
+
+    Parameters
+    ----------
+    name, certificate, day
+        As in ``[traceability]``; empty: not stated.
+    """
     if not name and not certificate:
         return NOT_STATED
     certificate_day = day or "a day not stated"
@@ -150,7 +168,15 @@ def _freedom(dof: float) -> str:
 
 
 def widest(record: DiskRecord) -> tuple[str, float]:
-    """Return channel and temperature [degC] of the largest expanded uncertainty at rest."""
+    """Return channel and temperature [degC] of the largest expanded uncertainty at rest.
+
+    Returns
+    -------
+    channel
+        Name of the channel.
+    temperature_degC
+        One of :func:`temperatures`.
+    """
     cases = [(channel, t) for channel in sorted(record.static) for t in temperatures(record)]
     return max(cases, key=lambda case: channel_budget(record, *case).expanded)
 
@@ -161,6 +187,25 @@ def next_calibration(record: DiskRecord, earlier: Sequence[DiskRecord] = ()) -> 
     It is ``valid_days`` after this one, or sooner where a channel drifts: the fastest drift of any
     channel between the last of ``earlier`` and this record, plus its standard uncertainty, must not
     exceed ``limit_K`` before that day.
+
+    Parameters
+    ----------
+    record
+        The present record.
+    earlier
+        Records of the same disk.
+
+    Returns
+    -------
+    day
+        Day of the next calibration.
+    reason
+        One sentence.
+
+    Notes
+    -----
+    ``MIN_YEARS`` keeps the scatter of two calibrations from being taken as a drift. ``MAX_DAYS``
+    only keeps the computed day finite; ``valid_days`` may not be longer. Test: ``tests/calibration/test_budget.py``.
     """
     traceability = record.setup.traceability
     today = calibrated_on(record)
@@ -210,6 +255,13 @@ def signed_sections(record: DiskRecord, earlier: Sequence[DiskRecord] = ()) -> l
 
     Identification, results, budget, validity, signatures and files. ``earlier``: records of the
     same disk, for its drift.
+
+    Parameters
+    ----------
+    record
+        The record.
+    earlier
+        Records of the same disk, for its drift.
     """
     channel, temperature_degC = widest(record)
     budget = channel_budget(record, channel, temperature_degC)

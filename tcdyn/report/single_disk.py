@@ -1,4 +1,8 @@
-"""Report of an EHL test with one logged disk: estimates of beta, fit, uncertainty budget."""
+"""Report of an EHL test with one logged disk: estimates of beta, fit, uncertainty budget.
+
+Written by ``tcdyn beta`` for a log of one disk. It shares head, fit and tests with
+:mod:`tcdyn.report.beta`. Tests: ``tests/partition/test_one_disk.py``.
+"""
 
 from __future__ import annotations
 
@@ -103,6 +107,21 @@ def _unevenness(p: OneDisk) -> Section:
 def write_one_disk_report(
     path: str | Path, tests: Mapping[str, OneDisk], sources: pd.DataFrame | None = None
 ) -> Path:
-    """Write one page for one or more tests of one disk; ``sources``: table of their files."""
+    """Write one page for one or more tests of one disk and return its path.
+
+    Parameters
+    ----------
+    path
+        File to write.
+    tests
+        Results by name of the test.
+    sources
+        Table of the files.
+
+    Returns
+    -------
+    path
+        The same path.
+    """
     pages = {name: (one_disk_sections(p), main_result(p)) for name, p in tests.items()}
     return write_tests(path, tests, pages, sources)

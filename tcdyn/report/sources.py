@@ -1,4 +1,8 @@
-"""Table of the source files of a page: logs, records and rig, with their checksums."""
+"""Table of the source files of a page: logs, records and rig, with their checksums.
+
+Used by the pages of tests, campaigns, compensations and identifications. Test:
+``tests/report/test_page.py``.
+"""
 
 from __future__ import annotations
 
@@ -26,6 +30,8 @@ def source_table(
 
     Parameters
     ----------
+    runs
+        Results of tests with one set of records.
     files
         Files of the records, in their order.
     rig
@@ -39,7 +45,13 @@ def source_table(
 
 
 def log_row(log: Log) -> Row:
-    """Return the row of a log. A test of a log with several has the name of that log."""
+    """Return the row of a log. A test of a log with several has the name of that log.
+
+    Parameters
+    ----------
+    log
+        The log.
+    """
     time_s = log.frame["time_s"]
     path = log.path
     name = path.name
@@ -54,6 +66,18 @@ def record_rows(records: Mapping[str, DiskRecord], files: Sequence[Path] = ()) -
     """Return the rows of the records: file, logs that they were made from, day, checksum.
 
     ``files``: those of the records, in their order.
+
+    Parameters
+    ----------
+    records
+        Records by disk.
+    files
+        Files of the records, in their order; missing ones are named by their logs.
+
+    Returns
+    -------
+    rows
+        One row a record.
     """
     rows = []
     for (disk, record), file in zip_longest(records.items(), files[: len(records)]):
@@ -65,6 +89,12 @@ def record_rows(records: Mapping[str, DiskRecord], files: Sequence[Path] = ()) -
 
 
 def to_table(rows: Sequence[Row]) -> pd.DataFrame:
-    """Return the rows as a table, with the first digits of the checksums."""
+    """Return the rows as a table, with the first digits of the checksums.
+
+    Parameters
+    ----------
+    rows
+        Rows of the table.
+    """
     short = [(*row, checksum[:N_DIGITS]) for *row, checksum in rows]
     return pd.DataFrame(short, columns=["what", "file", "size or day", "SHA-256 begins"])

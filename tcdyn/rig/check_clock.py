@@ -334,7 +334,7 @@ def _fit_grid(time: Array, mean_rate_Hz: float) -> tuple[float, NDArray[np.int32
 
 
 def _phase_sum(rate_Hz: float, t: Array) -> complex:
-    """Sum of exp(2 pi i f t) over the stamps; its size is their number if all lie on a grid of 1/f."""
+    """Sum of exp(2 pi i f t); its size is the number of stamps if all lie on a grid of 1/f."""
     return complex(np.exp(2j * np.pi * rate_Hz * t).sum())
 
 

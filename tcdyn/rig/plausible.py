@@ -219,7 +219,7 @@ def impossible_changes(
     allowance = _noise_allowance(y)
 
     def possible(first: Array, second: Array, interval_s: Array) -> Flags:
-        """Whether ``second`` can follow ``first`` after ``interval_s`` [s]; arrays that broadcast."""
+        """Whether ``second`` can follow ``first`` after ``interval_s`` [s]; shapes broadcast."""
         share = direct_share + (1 - direct_share) * -np.expm1(-interval_s / lag_s)
         low = first + share * (LOWEST_DEGC - first) - allowance
         high = first + share * (HIGHEST_DEGC - first) + allowance

@@ -72,7 +72,7 @@ class StaticLine(BaseModel):
 
     @model_validator(mode="after")
     def _check_covariance(self) -> StaticLine:
-        """Check that the covariance is symmetric and positive semidefinite, and the range in order."""
+        """Check that covariance and range of the line are possible."""
         (a, b), (c, d) = self.covariance
         is_symmetric = abs(b - c) <= 1e-9 * (abs(b) + abs(c))
         is_semidefinite = a >= 0 and d >= 0 and b * b <= a * d * (1 + 1e-6) + 1e-30

@@ -1,4 +1,10 @@
-"""Verification: the published numbers of the thesis that can be checked, recomputed."""
+"""Verification: the published numbers of the thesis that can be checked, recomputed.
+
+Used by ``tcdyn verify`` (:mod:`tcdyn.cli.verify`). Each chapter is a generator of rows in one of
+the ``..._rows`` modules; ``CHAPTERS`` gives the order. Tolerances stand in the text of each row.
+Tests: ``tests/cli/test_verify.py``; ``tests/verify/test_mutations.py`` checks that wrong physics
+makes rows differ.
+"""
 
 from __future__ import annotations
 
@@ -68,6 +74,21 @@ def row(
     """Return a row whose verdict follows from the truth value ``ok``.
 
     ``good``: verdict if ``ok``; by default that of the kind.
+
+    Parameters
+    ----------
+    kind
+        What the row is evidence of.
+    quantity, source
+        What is compared, and where it is published.
+    published, ours
+        Both numbers as text.
+    ok
+        Whether they agree.
+    why
+        What the verdict means here.
+    good
+        Verdict if ``ok``; None: that of the kind.
     """
     verdict: Verdict = "differs"
     if ok:
@@ -84,6 +105,13 @@ def within(
 
     >>> within([1.0667], [1.067], absolute=5e-4), within([1.0667], [1.067, 1.067], absolute=5e-4)
     (True, False)
+
+    Parameters
+    ----------
+    ours, published
+        The numbers.
+    relative, absolute
+        Tolerance.
     """
     if len(ours) != len(published):
         return False
@@ -108,10 +136,18 @@ def close(
 
     Parameters
     ----------
+    kind
+        What the row is evidence of.
+    quantity, source
+        What is compared, and where it is published.
     published
         Numbers as text, separated by ", ".
+    ours
+        Computed numbers.
     digits
         Decimals with which ``ours`` are written.
+    why
+        What the verdict means here.
     relative, absolute
         Tolerance as of :func:`within`.
 
@@ -126,7 +162,15 @@ def close(
 
 
 def numbers(values: Iterable[float], digits: int) -> str:
-    """Return numbers with so many decimals, separated by commas."""
+    """Return numbers with so many decimals, separated by commas.
+
+    Parameters
+    ----------
+    values
+        The numbers.
+    digits
+        Number of decimals.
+    """
     return ", ".join(f"{v:.{digits}f}" for v in values)
 
 
@@ -153,6 +197,11 @@ def verify_rows() -> list[VerifyRow]:
     """Compute all rows in the order of the thesis's chapters; some seconds.
 
     Where numbers are so wrong that a chapter fails, its last row differs and states the error.
+
+    Notes
+    -----
+    A chapter that raises does not stop the others. To add a chapter, add its module and function to
+    ``CHAPTERS``.
     """
     rows: list[VerifyRow] = []
     for file, function in CHAPTERS:

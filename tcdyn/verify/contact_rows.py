@@ -1,4 +1,8 @@
-"""Rows without the rim model: contact, speeds, press fit, oil film, speed law, ovens."""
+"""Rows without the rim model: contact, speeds, press fit, oil film, speed law, ovens.
+
+Chapters of :mod:`tcdyn.verify`. Assumed numbers are marked "(assumed)". Test:
+``tests/cli/test_verify.py``.
+"""
 
 from __future__ import annotations
 
@@ -224,6 +228,11 @@ def _conductance() -> VerifyRow:
 
 def film_heat_ratio(test: EhlCondition) -> float:
     """Return the frictional heat over the heat that the oil film carries off (appendix B).
+
+    Parameters
+    ----------
+    test
+        Condition of one test of the programme.
 
     Notes
     -----

@@ -1,8 +1,8 @@
 """Rows of the complete synthetic disk, bore to surface with its shaft: figure 4.9 and table 7.2.
 
 The disk shares no solver with the rim model. Figure 4.9 are fictitious data; table 7.2 is
-recomputed
-at the thesis's own beta, h and friction.
+recomputed at the thesis's own beta, h and friction. Standard uncertainties are chosen by judgement.
+Tests: ``tests/cli/test_verify.py``.
 """
 
 from __future__ import annotations
@@ -44,7 +44,15 @@ MAX_MISFIT_K = 0.06  # of figure 4.9: inner row at three points only, coarse mes
 
 
 def disk(name: str, bore_W_m2K: float) -> DiskTruth:
-    """Return a disk of the synthetic rig with that press fit and a nominal shaft."""
+    """Return a disk of the synthetic rig with that press fit and a nominal shaft.
+
+    Parameters
+    ----------
+    name
+        Name of the disk.
+    bore_W_m2K
+        Conductance of the press fit.
+    """
     return replace(
         draw_truth(1).disk(name),
         bore_conductance_W_m2K=bore_W_m2K,
@@ -65,12 +73,15 @@ def fictitious_rows() -> Iterator[VerifyRow]:
     system = build_system(truth, TRUE_H_W_m2K, half_width, STUDY_MESH)
 
     def power(t: Array) -> Array:
+        """Frictional heat [W] at times (N,)."""
         return np.where(t < LOADED_s, test.power_W, 0.0)
 
     def heat_into_disk(t: Array) -> Array:
+        """Heat into the fast disk [W] at times (N,)."""
         return TRUE_SHARE * power(t)
 
     def air(t: Array) -> Array:
+        """Temperature of the air [degC] at times (N,)."""
         return np.full_like(t, AIR_degC)
 
     start = steady_state(system, 0.0, AIR_degC)
@@ -150,6 +161,11 @@ def misses_K(bore_W_m2K: dict[str, float], more_share: float = 0.0, h_rel: float
         Bore conductances by disk.
     more_share, h_rel
         Change of the thesis's beta, and relative change of its h.
+
+    Returns
+    -------
+    misses
+        Of the fast and the slow disk.
     """
     misses = []
     for test in PROGRAMME.values():
@@ -169,7 +185,20 @@ def misses_K(bore_W_m2K: dict[str, float], more_share: float = 0.0, h_rel: float
 
 
 def _bore_sensitivity_K(bore_W_m2K: dict[str, float], misses: Array) -> Array:
-    """Return change of ``misses`` for a relative change of the bore conductances, (16, 2) [K]."""
+    """Return the change of ``misses`` for a relative change of the bore conductances.
+
+    Parameters
+    ----------
+    bore_W_m2K
+        Bore conductances by disk.
+    misses
+        Result of :func:`misses_K` at these conductances (16, 2) [K].
+
+    Returns
+    -------
+    change
+        (16, 2) [K], per unit of relative change.
+    """
     stepped = {name: value * (1 + STEP_REL) for name, value in bore_W_m2K.items()}
     return (misses_K(stepped) - misses) / STEP_REL
 
@@ -180,7 +209,14 @@ def rms(x: Array) -> float:
 
 
 def table_7_2_rows() -> Iterator[VerifyRow]:
-    """Yield the rows of table 7.2 from tables 6.1 and 7.1, with the causes of their misses."""
+    """Yield the rows of table 7.2 from tables 6.1 and 7.1, with the causes of their misses.
+
+    Notes
+    -----
+    The first row uses an assumed press fit and is physics. The second row solves bore conductances
+    and air from the table itself, so it is a rule. ``BETA_U``, ``H_REL``, ``AIR_U_K`` and
+    ``BORE_U_REL`` set the limit of the first row; a larger value makes the row easier to pass.
+    """
     bore = dict(BORE_W_m2K)
     misses = misses_K(bore)
     by_bore = _bore_sensitivity_K(bore, misses)

@@ -1,4 +1,8 @@
-"""Tables of the thesis, as printed, that only ``tcdyn verify`` needs."""
+"""Tables of the thesis, as printed, that only ``tcdyn verify`` needs.
+
+Used by the ``..._rows`` modules. Numbers are as printed and must not be corrected; a misprint is a
+verdict of its row. Numbers that the simulator needs, too, are in ``tcdyn/simulate/programme.py``.
+"""
 
 from __future__ import annotations
 

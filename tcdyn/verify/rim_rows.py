@@ -1,4 +1,8 @@
-"""Rows of the rim model: figures 3.5, 3.15, 3.16, convergence, and tables 3.1 to 3.6."""
+"""Rows of the rim model: figures 3.5, 3.15, 3.16, convergence, and tables 3.1 to 3.6.
+
+Chapter 3 of the thesis in :mod:`tcdyn.verify`. The comparisons themselves are in
+:mod:`tcdyn.verify.studies`. Tests: ``tests/cli/test_verify.py``.
+"""
 
 from __future__ import annotations
 

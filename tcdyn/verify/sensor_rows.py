@@ -1,6 +1,8 @@
 """Rows of sensors and baths: type J, bearings, lags, cement, natural convection.
 
 Chapters 2 and 5, with plunged cylinders.
+
+Test: ``tests/cli/test_verify.py``.
 """
 
 from __future__ import annotations
@@ -213,6 +215,7 @@ def _cylinders() -> Iterator[VerifyRow]:
     rho_c = rig.density_kg_m3 * rig.specific_heat_J_kgK
 
     def constant_h(h: float) -> Callable[[Array, Array, Array], Array]:
+        """A heat transfer coefficient that does not depend on temperature or time."""
         return lambda surface, bulk, t: np.full_like(t, h)
 
     solid = Cylinder(0.0, radius, k, rho_c)

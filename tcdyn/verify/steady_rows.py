@@ -2,6 +2,8 @@
 
 Figures 4.13 to 4.16, 5.15, 6.26 to 6.28, 7.21 and table 7.3. Only the air temperature and the shape
 of the inner row are not printed in the thesis.
+
+Test: ``tests/cli/test_verify.py``.
 """
 
 from __future__ import annotations
@@ -48,6 +50,10 @@ class Steady:
         Heat transfer coefficient.
     a_degC
         Reading of junction a.
+    load_N
+        Normal load, for the half-width of the track.
+    air_degC
+        Temperature of the air.
     """
 
     power_W: float
@@ -57,7 +63,18 @@ class Steady:
     air_degC: float = AIR_degC
 
     def responses(self, points: tuple[Point, ...]) -> tuple[Array, Array, Array]:
-        """Return responses of the points, (P,) each, to a watt, to the inner row and to the air."""
+        """Return the responses of points to a watt, to the inner row and to the air.
+
+        Parameters
+        ----------
+        points
+            (depth, z) [m] of each point.
+
+        Returns
+        -------
+        to_power, to_inner, to_air
+            (P,) each, [K/W], [1] and [1].
+        """
         half_width = half_width_m(self.load_N)
         mesh = MESHES["III"]
         static = rim_gains(RIM, self.h_W_m2K, points, half_width, RATES, mesh=mesh).static
@@ -73,16 +90,37 @@ class Steady:
         """Return the temperatures of the points (P,) [degC].
 
         ``inner_degC``: level of the inner row; by default that of :meth:`inner_degC`.
+
+        Parameters
+        ----------
+        points
+            (depth, z) [m] of each point.
+        inner_degC
+            Level of the inner row; None: that of :meth:`inner_degC`.
+
+        Returns
+        -------
+        temperatures
+            (P,) [degC].
         """
         to_power, to_inner, to_air = self.responses(points)
         level = self.inner_degC() if inner_degC is None else inner_degC
         return to_power * self.power_W + to_inner * level + to_air * self.air_degC
 
     def along_its_line(self, power_W: float) -> Steady:
-        """Return rim with other heat, and the h with which the same inner row gives the same a."""
+        """Return the rim with other heat, moved along its steady line.
+
+        The h is that with which the same inner row gives the same reading of a.
+
+        Parameters
+        ----------
+        power_W
+            Heat into the running track.
+        """
         level = self.inner_degC()
 
         def error(h: float) -> float:
+            """Reading of a at another h, minus the given one [K]."""
             changed = replace(self, h_W_m2K=h, power_W=power_W)
             return float(changed.at((POINT_A,), level)[0]) - self.a_degC
 
@@ -184,6 +222,7 @@ def _asymmetries() -> Iterator[VerifyRow]:
     mesh = MESHES["III"]
 
     def temperatures(gains: RimGains, *air_degC: float) -> Array:
+        """Temperatures of the points with one air temperature, or three (surface and faces)."""
         return gains.static.T @ [d4.power_W, inner, inner, inner, *air_degC]
 
     even = d4.at(points, inner)
@@ -272,9 +311,11 @@ def _sensitivity() -> Iterator[VerifyRow]:
     disks = steady_disks(test)
 
     def at_share(name: str, share: float) -> Steady:
+        """Steady rim of a disk with another share of the power, on its steady line."""
         return disks[name].along_its_line(share * test.power_W)
 
     def rise(name: str, share: float, start_share: float) -> float:
+        """Change of the hottest surface between two shares [K]."""
         level = disks[name].inner_degC()
         end = at_share(name, share).hottest_degC(level)
         return end - at_share(name, start_share).hottest_degC(level)
@@ -293,6 +334,7 @@ def _sensitivity() -> Iterator[VerifyRow]:
     )
 
     def excess(beta: float, chi: float) -> float:
+        """Ratio of the h of both disks at a beta, minus ``chi``."""
         h_fast = at_share("fast", beta).h_W_m2K
         h_slow = at_share("slow", 1 - beta).h_W_m2K
         return h_fast / h_slow - chi

@@ -1,4 +1,9 @@
-"""Comparisons of section 3.6: closed forms, orders of convergence, meshing study."""
+"""Comparisons of section 3.6: closed forms, orders of convergence, meshing study.
+
+Used by :mod:`tcdyn.verify.rim_rows`, :mod:`tcdyn.verify.steady_rows` and the figures of
+:mod:`tcdyn.plots.conduction`. Tests: ``tests/heat/test_rim_plots.py`` and, through the rows,
+``tests/cli/test_verify.py``.
+"""
 
 from __future__ import annotations
 
@@ -37,6 +42,15 @@ class ClosedForm:
     """A closed form and the numerical scheme at the same x (N,).
 
     ``title`` names the case with its figure, ``x_label`` is x with its unit.
+
+    Attributes
+    ----------
+    title
+        The case, with its figure.
+    x_label
+        x with its unit.
+    x, exact, scheme
+        Each (N,).
     """
 
     title: str
@@ -47,13 +61,29 @@ class ClosedForm:
 
     @property
     def error_percent(self) -> Array:
-        """(exact - scheme)/exact in percent, (3.33) of section 3.6.2."""
+        """(exact - scheme)/exact in percent, (3.33) of section 3.6.2.
+
+        Returns
+        -------
+        error
+            (N,) [%].
+        """
         return (self.exact - self.scheme) / self.exact * 100
 
 
 @dataclass(frozen=True)
 class Convergence:
-    """Largest error [K] on meshes with halved cells, and the fitted order of convergence."""
+    """Largest error [K] on meshes with halved cells, and the fitted order of convergence.
+
+    Attributes
+    ----------
+    title
+        The case.
+    nodes
+        Nodes in r of each mesh; the cells are halved from mesh to mesh.
+    error_K
+        Largest error on each mesh.
+    """
 
     title: str
     nodes: tuple[int, ...]
@@ -66,7 +96,13 @@ class Convergence:
 
 
 def default_rim(washer: bool = True) -> Rim:
-    """Return the rim of the default rig file, with its washers or with ideal ones."""
+    """Return the rim of the default rig file, with its washers or with ideal ones.
+
+    Parameters
+    ----------
+    washer
+        Whether the washers conduct; otherwise they are ideal insulators.
+    """
     rim = Rim.from_setup(load_rig().disk_setup("fast"))
     return rim if washer else replace(rim, washer_W_m2K=0.0)
 
@@ -147,7 +183,13 @@ def product_convergence() -> Convergence:
 
 @dataclass(frozen=True)
 class MeshErrors:
-    """Largest and mean error of a mesh against mesh IV, in percent, at the compared times."""
+    """Largest and mean error of a mesh against mesh IV, in percent, at the compared times.
+
+    Attributes
+    ----------
+    maximum, mean
+        One number for each time [%].
+    """
 
     maximum: tuple[float, ...]
     mean: tuple[float, ...]
@@ -159,6 +201,24 @@ def crank_nicolson_field(
     """Return the field (nr, nz) of Crank-Nicolson at ``time_s`` after a uniform flux starts.
 
     The field is 20 degC before. ``late_steps`` starts the heat so many steps late.
+
+    Parameters
+    ----------
+    rim
+        The rim.
+    mesh
+        Its mesh.
+    dt_s
+        Time step.
+    time_s
+        Time after the start of the flux.
+    late_steps
+        Number of steps by which the heat is late.
+
+    Returns
+    -------
+    field
+        (nr, nz) [degC].
 
     Notes
     -----
@@ -180,6 +240,16 @@ def ideal_study(late_steps: int = 0) -> dict[str, MeshErrors]:
 
     Constant flux on the complete track, ideal washers, 20 degC inside. ``late_steps``: as of
     :func:`crank_nicolson_field`.
+
+    Parameters
+    ----------
+    late_steps
+        As of :func:`crank_nicolson_field`.
+
+    Returns
+    -------
+    errors
+        By name of the mesh.
     """
     rim = default_rim(washer=False)
     fields = {}
@@ -217,6 +287,11 @@ def mesh_study_of_test_D4(inner_degC: float, ambient_degC: float) -> dict[str, M
         Inner row at mid width.
     ambient_degC
         Air at the running surface and at the faces.
+
+    Returns
+    -------
+    errors
+        By name of the mesh.
     """
     rim = default_rim()
     power = 0.65 * 22.0 * 20.0  # beta F u_s of test D4 (tables 6.1, 7.1 and 7.2)
@@ -235,9 +310,25 @@ def mesh_study_of_test_D4(inner_degC: float, ambient_degC: float) -> dict[str, M
 
 
 def nodal_parabola(rim: Rim, mesh: Mesh, name: str) -> Array:
-    """Return point values of (3.32) for one watt [1/m2], raised by the factor of table 3.4.
+    """Return point values of the flux profile (3.32) for one watt [1/m2].
 
     The factor of mesh I is that for 13 nodes.
+
+    They are raised by the factor of table 3.4.
+
+    Parameters
+    ----------
+    rim
+        The rim.
+    mesh
+        The mesh.
+    name
+        Name of the mesh.
+
+    Returns
+    -------
+    flux
+        (nz,) [1/m2].
     """
     b = HALF_WIDTH_D4_m
     z = np.linspace(-1, 1, mesh.nz) * rim.width_m / 2
@@ -271,6 +362,17 @@ def stepped_difference_K(h: float, share: float) -> float:
     """Return the largest difference [K] between the modal engine and Crank-Nicolson on mesh II.
 
     The heat starts at once; 150 steps of 20 ms.
+
+    Parameters
+    ----------
+    h
+        Heat transfer coefficient [W/m2K].
+    share
+        Share of the heat that enters the disk.
+
+    Notes
+    -----
+    The first three steps are damped, because Crank-Nicolson rings after a jump of the heat.
     """
     rim = default_rim()
     mesh = SETS["II"]

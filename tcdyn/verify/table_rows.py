@@ -1,4 +1,8 @@
-"""Rows of printed tables against each other: junction pairs, forces, h, trend lines."""
+"""Rows of printed tables against each other: junction pairs, forces, h, trend lines.
+
+No model of this project enters most of these rows: they compare printed numbers. Tests:
+``tests/cli/test_verify.py``.
+"""
 
 from __future__ import annotations
 
@@ -172,10 +176,25 @@ def _means() -> Iterator[VerifyRow]:
 
 
 def chebyshev_line(x: Array, y: Array) -> tuple[float, float, float]:
-    """Return intercept, slope and largest error of the minimax line through ``y`` (N,).
+    """Return intercept, slope and largest error of the minimax line.
 
     >>> [round(v, 3) for v in chebyshev_line(np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.0, 1.0]))]
     [0.25, 0.5, 0.25]
+
+    Parameters
+    ----------
+    x, y
+        Points (N,).
+
+    Returns
+    -------
+    intercept, slope, error
+        The line, and its largest distance from the points.
+
+    Notes
+    -----
+    The smallest largest error is a linear programme. It decides whether one line gives all printed
+    numbers to their rounding; least squares would not.
     """
     a = np.column_stack([np.ones_like(x), x])
     ones = np.ones((len(x), 1))
