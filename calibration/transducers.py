@@ -58,7 +58,7 @@ class TransducerLine(Result):
     findings: tuple[Finding, ...] = ()
 
     def force_N(self, volts: ArrayLike, zero_V: float) -> Array:
-        """Force [N] from volts of any shape; ``zero_V``: reading before loading.
+        """Force from a reading of the transducer [N].
 
         Parameters
         ----------
@@ -201,7 +201,7 @@ def fit_transducer(volts: ArrayLike, force_N: ArrayLike, session: ArrayLike) -> 
 
 
 def _largest_shift(zero: Array, covariance: Array) -> Estimate:
-    """Largest zero minus the smallest; ``covariance`` of slope and zeros.
+    """Largest zero minus the smallest, with its uncertainty [N].
 
     Parameters
     ----------

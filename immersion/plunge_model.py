@@ -460,9 +460,6 @@ def _at_blocks(
 ) -> tuple[Array, Array]:
     """Block readings (B, C) and derivatives (B, C, P) of run ``r``.
 
-    ``y`` are the temperature rises after the chain on the grid with their derivatives, ``delay``
-    the dead times with theirs.
-
     Parameters
     ----------
     model

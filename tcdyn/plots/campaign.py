@@ -263,7 +263,7 @@ def _draw_series(
 ) -> None:
     """Plot one group of tests, with its least-squares line if there are enough tests.
 
-    Points have 95 % bars where the table has a column ``u_<y_column>``. ``k``: number of the group.
+    Points have 95 % bars where the table has a column ``u_<y_column>``.
 
     Parameters
     ----------

@@ -169,8 +169,6 @@ def draw_joint_fit(
 def draw_lines(p: Partition, ax: Axes, truth: float | None = None) -> Axes:
     """Plot both steady lines as beta over h, with the estimates of all estimators.
 
-    ``truth`` is the beta of a simulation.
-
     Parameters
     ----------
     p
@@ -258,8 +256,7 @@ def _steady_line(ax: Axes, line: SteadyLine, disk: str, h: Array, label: str) ->
 def _point(ax: Axes, h: Estimate, beta: Estimate, estimator: int, disk: str, label: str) -> None:
     """Plot an estimate of h and beta with 95 % bars.
 
-    ``estimator`` is the index in ``ESTIMATOR_MARKERS``: markers and caps differ in size, so that
-    equal estimates stay visible.
+    Markers and caps differ in size between estimators, so that equal estimates stay visible.
 
     Parameters
     ----------

@@ -1,7 +1,8 @@
 """The function :func:`draw`, which chooses the figure of a result by its class.
 
-Used by :mod:`tcdyn.report.page` and, as ``tcdyn.plots.draw``, by users of the library. A new result needs an entry in ``PICTURES``, and in ``PARTS`` if its figure takes an attribute of it.
-The first class of which the result is an instance decides. Test: ``tests/core/test_results.py``.
+Used by :mod:`tcdyn.report.page` and, as ``tcdyn.plots.draw``, by users of the library. A new result
+needs an entry in ``PICTURES``, and in ``PARTS`` if its figure takes an attribute of it. The first
+class of which the result is an instance decides. Test: ``tests/core/test_results.py``.
 """
 
 from __future__ import annotations

@@ -71,8 +71,6 @@ def draw_holes(result: HoleComparison, ax: Axes) -> Axes:
 def draw_record(run: PlungeRun, ax: Axes, until_s: float | None = None) -> Axes:
     """Plot every channel, the bath and the instant of entry of a plunge (figures 5.24 and 5.25).
 
-    ``until_s``: end of the figure after the entry [s]; None: the full record.
-
     Parameters
     ----------
     run
@@ -281,7 +279,7 @@ def draw_plunge(fit: PlungeFit, run: int, ax: Axes, until_s: float = 15.0) -> Ax
     """Plot block means (dots) and the fitted model with its chain (lines) of one plunge.
 
     Only the channels nearest to the surface and farthest from it are plotted: the others lie
-    between them. ``until_s``: end of the figure after the entry [s].
+    between them.
 
     Parameters
     ----------
@@ -390,7 +388,7 @@ def residual_figure(fit: PlungeFit) -> Figure:
 def _panels(
     fit: PlungeFit, draw: Callable[[PlungeFit, int, Axes], Axes], height_in: float
 ) -> Figure:
-    """Return a figure with a panel for each plunge, two in a row; ``height_in`` of one row.
+    """Return a figure with a panel for each plunge, two in a row.
 
     Parameters
     ----------

@@ -1,7 +1,8 @@
 """Figures of the transient fits: window study, profile likelihoods, model forms, depths.
 
-Used by the pages of one test (:mod:`tcdyn.report.beta`), by the gallery of the manual and,
-for depth errors, by :mod:`tcdyn.plots.campaign`. Tests: ``tests/partition/test_windows.py`` and ``tests/partition/test_structures.py``.
+Used by the pages of one test (:mod:`tcdyn.report.beta`), by the gallery of the manual and, for
+depth errors, by :mod:`tcdyn.plots.campaign`. Tests: ``tests/partition/test_windows.py`` and
+``tests/partition/test_structures.py``.
 """
 
 from __future__ import annotations
@@ -89,8 +90,6 @@ def draw_profile(profile: pd.DataFrame, ax: Axes) -> Axes:
 
 def draw_likelihood_profiles(table: pd.DataFrame, axes: Sequence[Axes]) -> Sequence[Axes]:
     """Plot all likelihood profiles of a test, with a legend in the corner.
-
-    ``axes``: three rows of four axes.
 
     Parameters
     ----------
@@ -253,7 +252,7 @@ def draw_model_forms(alternatives: ModelForms, ax: Axes) -> Axes:
 def draw_junctions(tests: Mapping[str, DepthTest], ax: Axes) -> Axes:
     """Plot the depth errors of the junctions that one test estimates, with 95 % bars.
 
-    The grey band is the 95 % interval of the nominal depths of rig.toml. ``tests``: by disk.
+    The grey band is the 95 % interval of the nominal depths of rig.toml.
 
     Parameters
     ----------

@@ -56,7 +56,7 @@ def beta_sections(p: Partition, truth: float | None = None) -> list[Section]:
     """Return the sections of one test by importance, that of the page's head first.
 
     Details and the appendix are folded. Figures are rendered at once, so that a page of many tests
-    keeps images only. ``truth``: beta of a simulation.
+    keeps images only.
 
     Parameters
     ----------

@@ -44,7 +44,7 @@ def write_certificate(
     """Write the certificate and return its path.
 
     The page has verdict, warnings and assumptions, the signed part, then, folded, the evidence for
-    lags and lines. ``earlier``: records of the same disk, for its drift.
+    lags and lines.
 
     Parameters
     ----------
@@ -154,8 +154,6 @@ def certificate_sections(
     record: DiskRecord, oven: OvenFit | None = None, traces: Sequence[Section] = ()
 ) -> list[Section]:
     """Return the sections with the evidence of a certificate.
-
-    ``traces``: sections on the plunges, which follow the lags.
 
     Parameters
     ----------

@@ -67,7 +67,7 @@ def write_compensation_report(
     """Write the page of a compensated log and return its path.
 
     It has the filter properties, the traces of the junction nearest the surface of each disk, and
-    the metadata of the output. ``files``: those of the records, in their order.
+    the metadata of the output.
 
     Parameters
     ----------
@@ -171,8 +171,7 @@ def write_follow_report(
 ) -> Path:
     """Write the page of a log that was compensated live, and return its path.
 
-    It has one channel before and after, and the filter design report. ``files``: those of the
-    records, in their order.
+    It has one channel before and after, and the filter design report.
 
     Parameters
     ----------

@@ -253,8 +253,7 @@ def _largest_change(row: Mapping[Any, Any]) -> float:
 def signed_sections(record: DiskRecord, earlier: Sequence[DiskRecord] = ()) -> list[Section]:
     """Return the first pages of a certificate.
 
-    Identification, results, budget, validity, signatures and files. ``earlier``: records of the
-    same disk, for its drift.
+    Identification, results, budget, validity, signatures and files.
 
     Parameters
     ----------

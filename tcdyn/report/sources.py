@@ -65,8 +65,6 @@ def log_row(log: Log) -> Row:
 def record_rows(records: Mapping[str, DiskRecord], files: Sequence[Path] = ()) -> list[Row]:
     """Return the rows of the records: file, logs that they were made from, day, checksum.
 
-    ``files``: those of the records, in their order.
-
     Parameters
     ----------
     records

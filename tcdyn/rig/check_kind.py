@@ -273,8 +273,9 @@ def _is_inverted(sample: pd.DataFrame, contact: Flags) -> bool:
 
     Notes
     -----
-    Both load and friction must contradict the switch: the shares of samples at the upper level
-    must differ by more than 0.8, so that one sensor with the wrong sign does not invert it. Test: ``tests/partition/test_events.py``.
+    Both load and friction must contradict the switch: the shares of samples at the upper level must
+    differ by more than 0.8, so that one sensor with the wrong sign does not invert it. Test:
+    ``tests/partition/test_events.py``.
     """
     if contact.all() or not contact.any():
         return False
@@ -355,7 +356,6 @@ def _check_channels(
 ) -> list[Finding]:
     """Compare the channels of one disk: millivolts, a dead channel, excessive noise.
 
-    ``reference_degC`` is the median of a bath or room temperature known to be in degC. Raises
     InputError for millivolts and for a dead channel.
 
     Parameters

@@ -278,8 +278,8 @@ def contact_force(t: Array, raw_N: Array, events: Events) -> Array:
 
     ``SMOOTH_S``, ``MAX_SMOOTH_S`` and ``FORCE_NOISE`` decide how much noise remains at the edge of
     the unloading, which changes beta in proportion. The noise that remains is estimated by
-    :mod:`tcdyn.campaign.input_noise` (``tests/campaign/test_campaign_noise.py``). The function must not smooth across a switching
-    instant: ``tests/partition/test_events.py``.
+    :mod:`tcdyn.campaign.input_noise` (``tests/campaign/test_campaign_noise.py``). The function must
+    not smooth across a switching instant: ``tests/partition/test_events.py``.
     """
     on = events.load_on_s
     off = events.unload_s

@@ -291,8 +291,6 @@ def check_oven(frame: pd.DataFrame, location: SampleLocation) -> list[Finding]:
 def _wrong_unit(slope: float, offset: float, scatter: float) -> str:
     """What a line through readings against the PRT looks like; empty for degrees Celsius.
 
-    ``scatter``: standard deviation of the residuals over the range of the PRT.
-
     Parameters
     ----------
     slope

@@ -73,8 +73,6 @@ def row(
 ) -> VerifyRow:
     """Return a row whose verdict follows from the truth value ``ok``.
 
-    ``good``: verdict if ``ok``; by default that of the kind.
-
     Parameters
     ----------
     kind

@@ -89,8 +89,6 @@ class Steady:
     def at(self, points: tuple[Point, ...], inner_degC: float | None = None) -> Array:
         """Return the temperatures of the points (P,) [degC].
 
-        ``inner_degC``: level of the inner row; by default that of :meth:`inner_degC`.
-
         Parameters
         ----------
         points

@@ -238,8 +238,7 @@ def crank_nicolson_field(
 def ideal_study(late_steps: int = 0) -> dict[str, MeshErrors]:
     """Compute tables 3.2 and 3.3 with the time steps of table 3.1.
 
-    Constant flux on the complete track, ideal washers, 20 degC inside. ``late_steps``: as of
-    :func:`crank_nicolson_field`.
+    Constant flux on the complete track, ideal washers, 20 degC inside.
 
     Parameters
     ----------
