@@ -34,6 +34,7 @@ CONTRADICTED_CHI_SQUARE = 12.0
 POSSIBLE_PROBABILITY = 0.05
 # A mean lag [s] from which a second fit starts, at the short lag; chosen by judgement.
 LONG_LAG_S = 0.8
+# The mean lag [s] at which that second fit starts; chosen by judgement.
 SHORT_LAG_S = 0.5
 # Log evidence below the largest from which Laplace's approximation is accurate enough, without a
 # scan of the lag; chosen by judgement.

@@ -19,6 +19,7 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, warning
 
+# Standard acceleration of gravity (CGPM 1901).
 GRAVITY_M_S2 = 9.80665
 # Share of the largest temperature difference above which the validity of a correlation is tested;
 # chosen by judgement.
@@ -90,6 +91,7 @@ class Correlation:
         return (self.floor + self.factor * ra**self.exponent / shape) ** self.power
 
 
+# Sources, as reports state them.
 _HOLMAN = "Holman (2010), quoted by Al-Hamood (2015) section 5.7"
 _PLATE = "Churchill and Chu (1975) eq. 9"
 _CYLINDER = "Churchill and Chu (1975), horizontal cylinder; a long cylinder is assumed"
@@ -158,7 +160,9 @@ CORRELATIONS: dict[str, Correlation] = {
         ),
     )
 }
+# The correlations that the thesis compares, (5.2) to (5.4).
 THESIS_THREE = ("mcadams", "similarity", "churchill-chu-laminar")
+# Equation numbers of the thesis as names.
 _ALIASES = {"5.2": "mcadams", "5.3": "similarity", "5.4": "churchill-chu-laminar"}
 
 

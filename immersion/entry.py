@@ -25,6 +25,7 @@ PROBE_U_S = 0.05  # delay and position of the free thermocouple
 WIDENED_DIFFERENCE_U = 2.0  # beyond: the uncertainty of the entry is widened, with an info
 WARNING_DIFFERENCE_U = 4.0  # beyond: a warning
 ERROR_DIFFERENCE_U = 6.0  # beyond, and beyond ERROR_DIFFERENCE_S: an error
+# Least difference [s] for that error; chosen by judgement.
 ERROR_DIFFERENCE_S = 3.0
 # Factors on the standard uncertainty of a single source; chosen by judgement.
 PROBE_ONLY_FACTOR = 2.0

@@ -25,12 +25,15 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, warning
 
 Curve = Callable[[Array], Array]
+# 0 degC in kelvin.
 ZERO_C = 273.15
 WALTHER_OFFSET_MM2_S = 0.7  # of log log(nu + 0.7): ASTM D341
 WALTHER_MIN_MM2_S = (
     0.5  # least viscosity [mm2/s] for which the Walther equation is used; chosen by judgement
 )
+# Optional columns of a fluid table: relative standard uncertainties.
 UNCERTAINTIES = {"u_rho_rel", "u_c_rel", "u_k_rel", "u_nu_rel", "u_beta_rel"}
+# Required columns of a fluid table.
 COLUMNS = ("T_degC", "rho_kg_m3", "c_J_kgK", "k_W_mK", "nu_m2_s")
 # Possible values in SI units; chosen by judgement, so that another unit is recognised.
 _BOUNDS = {
@@ -145,6 +148,7 @@ class Fluid:
         return (extrapolated,)
 
 
+# Specific heat of water [J/kgK] at 0, 10 .. 100 degC; no reference is stated.
 _WATER_C = np.array(
     [4219.9, 4195.5, 4184.4, 4180.1, 4179.6, 4181.5, 4185.1, 4190.2, 4196.9, 4205.3, 4215.7]
 )
@@ -389,6 +393,7 @@ def _walther(log_log_nu: Curve, T: Array) -> Array:
     return nu_mm2_s * 1e-6
 
 
+# Temperatures [degC] at which the data sheet gives the viscosity of the oil.
 _JET_DEGC = np.array([40.0, 100.0])
 JET_OIL = Fluid(
     "mobil-jet-ii",
@@ -414,4 +419,5 @@ WATER = Fluid(
     u_nu=0.01,
     u_beta=0.01,
 )
+# Built-in fluids by name.
 FLUIDS: dict[str, Fluid] = {f.name: f for f in (JET_OIL, WATER)}

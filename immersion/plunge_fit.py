@@ -51,6 +51,7 @@ CLEARLY_BETTER_CHI_SQUARE = 6.0  # difference of cost from which one solution re
 SAME_LAG_S = 0.3  # difference of mean lags [s] below which the solutions are the same
 # Changes from which conduction is linearised again; chosen by judgement.
 RELINEARISE_LN_K = 2e-3
+# Change of a depth [m].
 RELINEARISE_DEPTH_M = 2e-5
 # Share of the initial difference above which the ratio of h of two correlations is averaged; by
 # judgement.

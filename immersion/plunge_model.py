@@ -38,6 +38,7 @@ DEPTH_STEP_M = 5e-5  # of the junction's depth [m], one-sided
 FLUID_STEP_K = 0.01  # of the bath's temperature [K]
 LAG_STEP_S = 1e-5  # of a lag [s]
 LOGIT_STEP = 1e-4  # of the logit of the split
+# Positions of parameters within those of a run.
 ENTRY = RUN_KINDS.index("entry")
 INITIAL = RUN_KINDS.index("initial")
 BATH = RUN_KINDS.index("bath")

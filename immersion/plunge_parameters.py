@@ -18,6 +18,8 @@ import numpy as np
 from tcdyn.core import Array, Flags
 from tcdyn.rig.rigfile import UncertaintyTable
 
+# Kinds of parameters, in the order of the parameter vector: scale and form of h, entry burst, all
+# of a run, all of a channel, common to all runs.
 H_KINDS = ("ln_h", "h_exponent", "h_viscosity")
 BURST_KINDS = ("ln_burst", "ln_burst_time", "ln_burst_shape")
 RUN_KINDS = (*H_KINDS, *BURST_KINDS, "entry", "initial", "bath")

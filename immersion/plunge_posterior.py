@@ -28,6 +28,7 @@ MIN_LAG_S = 2e-3  # lower bound of a lag [s]; chosen by judgement
 START_LAG_S = 0.5  # start of the search [s]; chosen by judgement
 # Gain of chi-square below which a search ends. The log evidence is then accurate to 0.05.
 CHI_SQUARE_TOLERANCE = 1e-3
+# Settings of each search of the optimum; ``damping`` is chosen by judgement.
 SEARCH: dict[str, Any] = {
     "limit": 12,
     "tolerance": CHI_SQUARE_TOLERANCE,

@@ -43,6 +43,7 @@ MAX_VARIANCE_FACTOR = 4.0
 # Deviations from the prior mean, in prior standard deviations; chosen by judgement.
 WARNING_DEVIATION = 3.0  # beyond: a warning about the parameter, or about the fluid
 INFO_DEVIATION = 2.0  # beyond: an info, for the bath's temperature and the form of h
+# Kinds that give an info between the two limits.
 INFO_KINDS = ("bath", "h_exponent", "h_viscosity")
 # Lag of a chain without the conditioning filter [s] below which a warning is given; chosen by
 # judgement.
@@ -51,6 +52,7 @@ MIN_LAG_S = 0.01
 # judgement.
 SEPARATED_U_S = 0.05
 SEPARATED_U_REL = 0.10
+# Groups of parameters in the uncertainty budget.
 SOURCES = {
     "entry burst": BURST_KINDS,
     "entry time": ("entry",),
@@ -60,6 +62,7 @@ SOURCES = {
     "conductivity and junction depths": ("ln_conductivity", "depth"),
     "split of the lag": ("split", "common_split"),
 }
+# Remark of the summary and the certificate on the intervals of the lags.
 INTERVAL_NOTE = (
     "(a lag's interval may reach further up than down: a long lag with a strong entry burst fits "
     "nearly as well as a short one; burst and lag are common to the channels, so the intervals of "

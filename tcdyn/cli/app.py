@@ -28,6 +28,7 @@ from tcdyn.cli.verify import verify
 from tcdyn.core.errors import InputError, printable
 from tcdyn.version import __version__
 
+# Texts of ``tcdyn --help``.
 DESCRIPTION = (
     "Thermocouple dynamics and heat partition: calibrate disks, compensate logged traces, estimate "
     "beta."

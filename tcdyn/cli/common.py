@@ -41,6 +41,7 @@ Verbose = Annotated[
     bool, typer.Option("--verbose", "-v", help="print a line for each stage, with the elapsed time")
 ]
 Json = Annotated[bool, typer.Option("--json", help="print the result as JSON")]
+# The option of disk records, required or not.
 RECORD = typer.Option("--record", help="*.disk.json of a disk; give it once for each disk")
 RecordFiles = Annotated[list[Path], RECORD]
 OptionalRecordFiles = Annotated[list[Path] | None, RECORD]

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from tcdyn.rig.disk import DiskSetup
 
+# Endings of pictures that matplotlib writes and the command allows.
 PICTURES = (".png", ".svg", ".pdf")
 
 app = typer.Typer(

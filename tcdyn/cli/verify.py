@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from tcdyn.verify import VerifyRow
 
+# Colour of each verdict; the order is that of the printed list.
 COLOURS = {
     "differs": "bold red",
     "misprint": "magenta",

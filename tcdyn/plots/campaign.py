@@ -34,6 +34,7 @@ from tcdyn.plots.transient import draw_depth_errors
 from tcdyn.rig.disk import DISKS
 from tcdyn.workflows.campaign_table import analysed_rows, speed_groups, trend
 
+# Labels of the conditions that can be on the x axis.
 X_LABELS = {
     "delta_T_us_K_m_s": (
         "temperature difference of the surfaces times sliding speed, ΔT u_s [K m/s]"

@@ -37,6 +37,7 @@ from tcdyn.plots.style import (
 MIN_P = 1e-12  # p-values below this are printed as "below 1e-12"; chosen by judgement
 MAX_SEGMENTS = 4  # segments that the figure of the fit shows; chosen by judgement
 COVERAGE_TAIL = 0.05  # probability outside the 95 % region of a pole or zero
+# Colours of the inputs and of the outputs, in the order of the data.
 INPUT_COLOURS = (FAST, TRUTH, DARK, GREY)
 OUTPUT_COLOURS = (SLOW, GREY, DARK, TRUTH)
 

@@ -35,9 +35,11 @@ from tcdyn.plots.style import (
 from tcdyn.rig.disk import DISKS, DiskSetup
 from tcdyn.workflows.beta_tables import compare_joint_fit, joint_budget
 
+# Line styles of channels, in the order in which they are plotted.
 STYLES = ("-", "--", ":")
 
 
+# Labels and legend style that several figures share.
 X_UNLOADING = "time from unloading [s]"
 Y_TEMPERATURE = "temperature [°C]"
 TRUTH_LABEL = "truth of the simulation"

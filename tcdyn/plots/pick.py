@@ -42,6 +42,7 @@ from tcdyn.workflows import BetaRun, CalibrationRun, CompensatedLog, DemoRun
 from tcdyn.workflows.campaign import CampaignRun
 from tcdyn.workflows.single_disk import OneDiskRun
 
+# The figure of each class of result; the first class that fits is used.
 PICTURES: dict[type, Callable[..., Axes]] = {
     Log: draw_log,
     Chain: draw_chain,

@@ -36,6 +36,7 @@ HOLES_END_S = 10.0  # end of the figure of holes: later their readings agree; ch
 FIRST_S = 0.02  # start of the residuals after the entry; chosen by judgement
 
 
+# Label and line styles that several figures share.
 X_ENTRY = "time after the entry [s]"
 _LINE_STYLES = tuple(CHANNEL_STYLE.values())
 

@@ -24,6 +24,7 @@ GREY = "#8a8a8a"
 DISK_COLOUR = {"fast": FAST, "slow": SLOW}
 DISK_MARKER = {"fast": "o", "slow": "s"}
 DISK_LINE = {"fast": "-", "slow": "--"}
+# Line styles of the default channels.
 CHANNEL_STYLE = {"e": "-", "a": "--", "b": ":", "c": "-.", "d": (0, (1, 1)), "f": (0, (5, 1))}
 
 # Marks (dark) and bands (pale) that are not data.

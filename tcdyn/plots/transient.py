@@ -25,7 +25,9 @@ from tcdyn.rig.disk import DISKS
 from tcdyn.workflows.beta_tables import COLUMN_HEADINGS
 
 MAX_DEVIANCE = 9.0  # top of the profiles: three standard uncertainties
+# Titles of the fits.
 TITLES = {"fast": "fast disk alone", "slow": "slow disk alone", "both": "both disks"}
+# Fit and parameter of each panel of the profiles, in reading order; None: no panel.
 PANELS = (
     ("fast", "beta"),
     ("fast", "h"),

@@ -43,6 +43,7 @@ from tcdyn.workflows.beta_tables import (
     test_table,
 )
 
+# Assumptions of all tests, for the page of a campaign.
 ASSUMPTIONS = (
     "conductivity, density and specific heat of the steel and washer thickness are assumptions of "
     "rig.toml with the uncertainties of its [uncertainty] table",

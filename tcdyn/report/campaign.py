@@ -25,6 +25,7 @@ from tcdyn.rig.disk import DISKS, LEFT_OUT_TEXT
 from tcdyn.workflows.campaign import CampaignRun
 from tcdyn.workflows.campaign_table import trend_table
 
+# Names of the quantities with trend lines.
 QUANTITY_LABELS = {
     "fast_bulk_degC": "bulk temperature, fast disk [°C]",
     "slow_bulk_degC": "bulk temperature, slow disk [°C]",
@@ -32,6 +33,7 @@ QUANTITY_LABELS = {
     "slow_surface_max_degC": "hottest surface, slow disk [°C]",
     "friction_N": "traction force [N]",
 }
+# Texts of the page.
 DELTA_T_US = (
     "ΔT u_s is the difference between the hottest points of the two running surfaces (fast minus "
     "slow, at the end of loading) times the sliding speed. Clarke (2006) found the clearest trend "

@@ -19,6 +19,7 @@ from tcdyn.plots.style import panel_figure
 from tcdyn.report.page import MainResult, Section, pm, typeset
 from tcdyn.rig.disk import DISKS
 
+# Text below the first table.
 JOINT_TEXT = (
     "All tests of a rig share its errors of depth, steel, washer, friction gain and static lines. "
     "Two uncertainties follow: within the campaign, for a difference between two tests (their u "
@@ -32,6 +33,7 @@ CONDITIONS = {  # label, unit of a slope, that unit in the unit of the column
     "sliding_speed_m_s": ("sliding speed", "m/s", 1.0),
     "entraining_speed_m_s": ("entraining speed", "m/s", 1.0),
 }
+# Words for the groups of nuisance parameters.
 NUISANCE_LABELS = {
     "film": "the shape of h along the track",
     "washer": "the washers' conductance",
@@ -48,6 +50,7 @@ N_LIMITS = 3  # nuisance parameters that the text on the exponent names
 SIGNIFICANCE = 0.05  # p-value below which a dependence is stated; the usual level
 SCATTER_P = 1e-3  # p-value below which a scatter about the line is stated; chosen by judgement
 MIN_P = 1e-12  # p-values below this are written as "below 1e-12"; chosen by judgement
+# Caption of the figures of exponent and junctions.
 N_CAPTION = (
     "Left: bars of the tests against each other, band of all together; it may lie outside the "
     "points, since common errors shift some tests more than others, and the differences determine "

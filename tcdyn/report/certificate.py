@@ -33,7 +33,9 @@ from tcdyn.workflows.calibrate import CalibrationRun
 
 CHANNEL_FINDINGS = ("line", "record", "plunge", "noise", "junctions", "said")  # first part of codes
 EXTRAPOLATED = "line.extrapolated"  # a plunge beyond the range of the oven
+# Verdict on a thermocouple without a finding.
 FIT_TO_USE = "fit to use"
+# No-break space.
 NO_BREAK = "\u00a0"
 SIMILAR_UNCERTAINTY = 1.5  # ratio of u(common lag) to u(difference) below which it is not stated
 

@@ -40,11 +40,13 @@ from tcdyn.workflows.compensate import CompensatedLog
 from tcdyn.workflows.live import LiveCompensator
 
 MAX_NOISE_GAIN = 10.0  # of the causal inverse at its widest bandwidth; chosen by judgement
+# Words for the methods.
 METHODS = {
     "smoother": "the smoother",
     "deconvolve": "deconvolution",
     "inverse": "the causal inverse",
 }
+# Texts about the causal inverse.
 NOT_CAUSAL_TEXT = (
     "{} uses past and future samples and leaves no shift. The causal inverse was not used; it "
     "is stated for comparison, at the widest bandwidth at which its noise is at most "

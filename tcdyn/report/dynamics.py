@@ -22,6 +22,7 @@ from tcdyn.report.page import Section, write_page
 from tcdyn.report.sources import to_table as sources
 from tcdyn.rig.disk import Conditioning
 
+# Text about common and differential lags.
 ABOUT_LAGS = (
     "The common lag is the mean over the channels of a disk: an error in it shifts every "
     "compensated trace alike, and with them h and β by the cooling fit. The differences are the "

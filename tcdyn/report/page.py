@@ -50,7 +50,9 @@ SIGNS = (
     ("kg/m3", "kg/m³"),
     ("mm2/s", "mm²/s"),
 )
+# Control characters, which HTML does not allow; tab and newline are kept.
 CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
+# A unit in a heading.
 UNIT = re.compile(r"\[[^\]]*\]")
 UNBROKEN = re.compile(r" (?=[±%=] )|(?<=[±=]) | (?=%|°C|u_s)")  # spaces at which no line ends
 MAX_ROWS_UNBROKEN = 20  # rows of a table that stays on one printed page; chosen by judgement

@@ -22,11 +22,13 @@ from tcdyn.rig.record import DiskRecord, parse_time
 from tcdyn.rig.tables import YEAR_DAYS
 from tcdyn.version import __version__
 
+# Texts of the certificate.
 NOT_STATED = "not stated"
 OVEN = "oven against a PRT, straight lines"
 NO_OVEN = "readings at rest taken as logged, their uncertainty stated"
 MIN_YEARS = 0.05  # between two calibrations for a rate of drift; chosen by judgement
 MAX_DAYS = 3653  # until the next calibration: ten years; chosen by judgement
+# Texts of the certificate on limits, and on the symbols of its table.
 NOT_MEASURED = (
     "Not measured: depth and place of the junctions (as drawn), the conditioning filter (its data "
     "sheet), immersion errors of the reference in the oven, thermocouple inhomogeneity along the "

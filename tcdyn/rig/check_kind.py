@@ -356,8 +356,6 @@ def _check_channels(
 ) -> list[Finding]:
     """Compare the channels of one disk: millivolts, a dead channel, excessive noise.
 
-    InputError for millivolts and for a dead channel.
-
     Parameters
     ----------
     columns
@@ -367,10 +365,15 @@ def _check_channels(
     reference_degC
         Median of a bath or room temperature; None: not known.
 
+    Raises
+    ------
+    InputError
+        Millivolts, or a dead channel.
+
     Notes
     -----
-    The limits (16 mV, a tenth of the usual rise, four times the usual noise plus 0.1 K) are chosen
-    by judgement. The upper median is "usual", so that half of the channels may be faulty.
+    All emfs of type J up to about 290 degC lie below 16 mV. The other limits (a tenth of the usual
+    rise, four times the usual noise plus 0.1 K) are chosen by judgement. The upper median is "usual", so that half of the channels may be faulty.
     """
     low = columns.quantile(0.01)
     high = columns.quantile(0.99)

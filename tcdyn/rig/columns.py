@@ -73,14 +73,18 @@ def junction_columns(channels: Iterable[str], disk: str = "") -> tuple[str, ...]
 
 DISK_CHANNELS = junction_columns(CHANNELS)  # of the thesis's disks
 EHL_CHANNELS = tuple(name for disk in DISKS for name in junction_columns(CHANNELS, disk))
+# Columns that are switches: entry of a plunge, contact of the disks.
 SWITCHES = ("switch", "contact")
+# Temperatures that are not of a junction or of the PRT.
 ROOM_AND_BATH = ("ambient_degC", "oil_degC", "probe_degC", "fluid_degC")
+# Columns of an EHL log that are not temperatures, without the torque.
 EHL_RUNNING = ("load_N", "friction_N", "contact", "speed_fast_rpm", "speed_slow_rpm")
 # torque of a shaft: friction times the radius of the disk
 TORQUE_COLUMNS = tuple(f"torque_{disk}_Nm" for disk in DISKS)
 # units that the name of a temperature may end in, instead of degC
 UNITS = ("K", "degF", "mV")
 
+# Columns of each kind of log, with those of the junctions of the default disks.
 LAYOUTS: dict[str, Layout] = {
     "oven": Layout(
         "an oven log",
@@ -105,7 +109,9 @@ LAYOUTS: dict[str, Layout] = {
 }
 # Most names that a question in a message holds; more are listed only. Chosen by judgement.
 MAX_NAMES_IN_QUESTION = 3
+# Columns in degC that are not junctions.
 NOT_JUNCTIONS = (*ROOM_AND_BATH, "prt_degC", "setpoint_degC")
+# Canonical columns of all kinds of log.
 KNOWN_COLUMNS = tuple(dict.fromkeys(name for layout in LAYOUTS.values() for name in layout.columns))
 
 

@@ -104,6 +104,7 @@ class FrictionCorrection:
     findings: tuple[Finding, ...] = ()
 
 
+# No correction, without uncertainty.
 NO_FRICTION_CORRECTION = FrictionCorrection(0.0, 0.0)
 
 

@@ -24,6 +24,7 @@ from tcdyn.rig.steel import EVEN_STEEL, SteelSlopes
 from tcdyn.rig.tables import CHANNELS as CHANNELS
 from tcdyn.rig.tables import HERTZ_FLUX, NO_FLUX, STRICT, FluxProfile, SurfaceFlux
 
+# The disks of the rig, named by their speed.
 DISKS = ("fast", "slow")
 LEFT_OUT_TEXT = "left out"  # in tables, for a channel without results
 # Largest share of the channels of a disk that may be left out. Chosen by judgement.

@@ -162,6 +162,7 @@ class PressFit:
         return tuple(sectors)
 
 
+# A rig file without [fit].
 NO_FIT = PressFit()
 
 

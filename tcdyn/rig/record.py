@@ -31,6 +31,7 @@ from tcdyn.rig.rigfile import RigTables
 from tcdyn.rig.static_line import StaticLine, lines_table
 from tcdyn.rig.tables import STRICT
 
+# Schema of the records that this version writes.
 SCHEMA: Final[Literal["tcdyn.disk/2"]] = "tcdyn.disk/2"
 SCHEMA_0_1 = "tcdyn.disk/1"  # of version 0.1: two lags a channel, tau1_s and tau2_s
 _Model = TypeVar("_Model", bound=BaseModel)

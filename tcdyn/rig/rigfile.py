@@ -55,6 +55,7 @@ from tcdyn.rig.tables import (
 
 # A key of more than 32 parts: tomllib needs time with the square of the depth.
 DEEP_KEY = re.compile(r"""(?:\.[ \t]*["'\w-]+[ \t]*){32}""")
+# Remedies of error messages.
 SHOW_REMEDY = "`tcdyn rig --show` lists every key with its default"
 WRITE_REMEDY = "`tcdyn rig --show > rig.toml` writes one"
 

@@ -107,4 +107,5 @@ class SteelSlopes:
         return replace(self, air_degC=air_degC, surface_degC=surface_degC)
 
 
+# Steel whose properties do not depend on temperature.
 EVEN_STEEL = SteelSlopes()

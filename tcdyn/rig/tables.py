@@ -21,6 +21,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 
+# Tables are immutable; unknown keys, infinite numbers and NaN are errors.
 STRICT = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
@@ -69,6 +70,7 @@ class FluxProfile:
         return replace(self, pressure_Pa=pressure_Pa) if self.kind == "barus" else self
 
 
+# The default profile.
 HERTZ_FLUX = FluxProfile()
 
 
@@ -113,6 +115,7 @@ class SurfaceFlux:
         return self.heat_transfer_W_m2K > 0
 
 
+# A rig file without [surface].
 NO_FLUX = SurfaceFlux()
 
 
@@ -363,6 +366,7 @@ def air_columns(channels: Sequence[AmbientChannels]) -> dict[str, str]:
     return {air_name(column): column for table in channels for column in table.columns}
 
 
+# Mean length of a year [days].
 YEAR_DAYS = 365.25
 # Standard uncertainty of the PRT: an error of at most 0.1 degC, uniformly distributed (section
 # 2.6).

@@ -19,6 +19,7 @@ from tcdyn.core.threads import one_blas_thread
 HALF_WIDTHS_mm = (1.25, 1.50, 1.62, 1.75)  # of the tracks at 850, 1460, 1850, 2320 N (table 3.4)
 Verdict = Literal["agrees", "same trend", "misprint", "differs", "not checkable"]
 Kind = Literal["physics", "trend", "rule", "arithmetic"]
+# Kinds of rows, with their text in the summary.
 KINDS: dict[Kind, str] = {
     "physics": "physics against a published figure",
     "trend": "trend, where sizes cannot be compared",

@@ -6,6 +6,7 @@ verdict of its row. Numbers that the simulator needs, too, are in ``tcdyn/simula
 
 from __future__ import annotations
 
+# Pairs of junctions in the same group, and in different groups.
 PAIRS_SAME = "same"
 PAIRS_OTHER = "other"
 # Tables 6.2 to 6.4: the two groups of junctions, and the result of each pair: l(ogical), w(eak),
@@ -15,6 +16,7 @@ COMPARED = (
     ("acd|bef", "ac l ad l ab i ae i af i cd l cb w ce w cf i db w de n df w be n bf l ef l"),
     ("acd|bef", "ac l ad l ab l ae i af l cd l cb n ce w cf i db l de n df w be n bf l ef l"),
 )
+# Table 6.5: number of pairs of each result.
 TABLE_6_5 = {
     PAIRS_OTHER: {"l": 4, "w": 8, "i": 11, "n": 4},
     PAIRS_SAME: {"l": 15, "w": 0, "i": 0, "n": 3},

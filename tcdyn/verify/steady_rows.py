@@ -23,6 +23,7 @@ from tcdyn.simulate.programme import PROGRAMME, EhlCondition
 from tcdyn.verify import VerifyRow, close, numbers, published, row, studies
 
 AIR_degC = 60.0  # about what the ends of the lines of section 4.3 imply, see ``_line_ends``
+# Reason of the rows.
 WHY_AIR = (
     f"air at {AIR_degC:g} degC and a level inner row (not printed), which is set so that a reads "
     "as in table 7.2"
@@ -34,7 +35,9 @@ RIM = studies.default_rim()
 MIDDLE_m = RIM.width_m / 2
 
 
+# Position (depth, z) [m] of junction a.
 POINT_A: Point = (A_DEPTH_m, MIDDLE_m)
+# Rates of the lags that represent the rim, for a log at 75 Hz.
 RATES = basis_rates(1 / 75)
 
 

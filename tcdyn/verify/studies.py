@@ -33,6 +33,7 @@ POWER_W = 250.0  # heat into one disk, about that of test B3
 SETS = {"I": Mesh(9, 14), "II": Mesh(17, 27), "III": Mesh(33, 53), "IV": Mesh(65, 105)}
 STEP_S = {"I": 0.04, "II": 0.01, "III": 0.005, "IV": 0.001}  # table 3.1
 NODES = (9, 17, 33, 65)  # in r, of meshes whose cells halve
+# Times of tables 3.2 and 3.3 [s].
 IDEAL_TIMES_S = (2.0, 4.0, 8.0, 15.0)
 HALF_WIDTH_D4_m = 1.75e-3
 

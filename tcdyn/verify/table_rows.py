@@ -20,6 +20,7 @@ from tcdyn.rig.rigfile import load_rig
 from tcdyn.simulate.programme import PROGRAMME
 from tcdyn.verify import VerifyRow, close, numbers, published, row, within
 
+# The 16 tests of the programme, A1 to D4.
 TESTS = tuple(PROGRAMME.values())
 FAMILIES = tuple(TESTS[k : k + 4] for k in range(0, 16, 4))  # A to D, four loads each
 
