@@ -1,7 +1,7 @@
 """Compare two records of one disk: which quantities drifted significantly (Holm's correction).
 
 :func:`compare_records` is ``tcdyn record diff``, :func:`check_record` is ``tcdyn record check``
-(:mod:`tcdyn.cli.record`); both are used by the certificate, too. Thresholds decide warnings only;
+(``tcdyn.cli.record``); both are used by the certificate, too. Thresholds decide warnings only;
 they are chosen by judgement where no other reason is given. Tests: ``tests/rig/test_record.py`` and
 ``tests/calibration/test_budget.py``.
 """

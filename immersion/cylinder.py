@@ -211,7 +211,8 @@ def lag_step(dt_s: Array, rate: float | complex) -> tuple[NDArray[Any], NDArray[
 
     Notes
     -----
-    Below |rate dt| = 1e-4 a series replaces the quotient, which would lose digits by cancellation.
+    Below abs(rate dt) = 1e-4 a series replaces the quotient, which would lose digits by
+    cancellation.
     """
     x = rate * np.asarray(dt_s, dtype=float)
     decay = np.exp(-x)

@@ -1,7 +1,7 @@
 """Command ``tcdyn compensate``: remove static errors and lag from logged temperatures.
 
 Logs of the rig go to :mod:`tcdyn.workflows.compensate`, any other table (``--sensor``) to
-:mod:`tcdyn.cli.tables`. Tests: ``tests/cli/test_compensate_command.py``.
+``tcdyn.cli.tables``. Tests: ``tests/cli/test_compensate_command.py``.
 """
 
 from __future__ import annotations

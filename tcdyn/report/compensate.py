@@ -1,7 +1,8 @@
 """Report of a compensation: filter design report, logged and compensated traces.
 
 Written by ``tcdyn compensate --report`` and ``tcdyn follow --report``. The filter of the report is
-the causal inverse, also where another method made the traces. Tests: ``tests/report/test_dynamics_page.py``.
+the causal inverse, also where another method made the traces. Tests:
+``tests/report/test_dynamics_page.py``.
 """
 
 from __future__ import annotations

@@ -207,7 +207,8 @@ def next_calibration(record: DiskRecord, earlier: Sequence[DiskRecord] = ()) -> 
     Notes
     -----
     ``MIN_YEARS`` keeps the scatter of two calibrations from being taken as a drift. ``MAX_DAYS``
-    only keeps the computed day finite; ``valid_days`` may not be longer. Test: ``tests/calibration/test_budget.py``.
+    only keeps the computed day finite; ``valid_days`` may not be longer. Test:
+    ``tests/calibration/test_budget.py``.
     """
     traceability = record.setup.traceability
     today = calibrated_on(record)

@@ -373,7 +373,8 @@ def _check_channels(
     Notes
     -----
     All emfs of type J up to about 290 degC lie below 16 mV. The other limits (a tenth of the usual
-    rise, four times the usual noise plus 0.1 K) are chosen by judgement. The upper median is "usual", so that half of the channels may be faulty.
+    rise, four times the usual noise plus 0.1 K) are chosen by judgement. The upper median is
+    "usual", so that half of the channels may be faulty.
     """
     low = columns.quantile(0.01)
     high = columns.quantile(0.99)

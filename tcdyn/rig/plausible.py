@@ -266,7 +266,8 @@ def _noise_allowance(y: Array) -> float:
 
     Notes
     -----
-    ``QUIET_QUANTILE`` must be changed together with ``QUIET_SHARE``: P(|N(0, 2)| < 0.3583) = 0.2.
+    ``QUIET_QUANTILE`` must be changed together with ``QUIET_SHARE``: the absolute value of a
+    normal variable of variance 2 is below 0.3583 with the probability 0.2.
     """
     steps = np.abs(np.diff(y))
     noise_sd = float(np.quantile(steps, QUIET_SHARE)) / QUIET_QUANTILE

@@ -1,6 +1,6 @@
 """Verification: the published numbers of the thesis that can be checked, recomputed.
 
-Used by ``tcdyn verify`` (:mod:`tcdyn.cli.verify`). Each chapter is a generator of rows in one of
+Used by ``tcdyn verify`` (``tcdyn.cli.verify``). Each chapter is a generator of rows in one of
 the ``..._rows`` modules; ``CHAPTERS`` gives the order. Tolerances stand in the text of each row.
 Tests: ``tests/cli/test_verify.py``; ``tests/verify/test_mutations.py`` checks that wrong physics
 makes rows differ.
