@@ -36,9 +36,6 @@ def error_statistics(errors_K: ArrayLike) -> pd.Series[float]:
     ``errors_K`` may have any shape; NaN is left out. The standard deviation is about the mean
     error.
 
-    >>> float(error_statistics([1.0, -1.0, 0.5, -0.5])["Average of the absolute error"])
-    0.75
-
     Parameters
     ----------
     errors_K
@@ -53,6 +50,11 @@ def error_statistics(errors_K: ArrayLike) -> pd.Series[float]:
     ------
     InputError
         Fewer than two finite errors.
+
+    Examples
+    --------
+    >>> float(error_statistics([1.0, -1.0, 0.5, -0.5])["Average of the absolute error"])
+    0.75
     """
     errors = _finite(errors_K)
     if len(errors) < 2:

@@ -72,9 +72,6 @@ class Correlation:
     def nusselt(self, ra: ArrayLike, pr: ArrayLike) -> Array:
         """Nusselt number for Rayleigh and Prandtl numbers (arrays of one shape).
 
-        >>> [round(float(c.nusselt(1e6, 60.0)), 1) for c in CORRELATIONS.values()]
-        [18.7, 21.3, 21.3, 21.4, 19.3]
-
         Parameters
         ----------
         ra, pr
@@ -84,6 +81,11 @@ class Correlation:
         -------
         nu
             Mean Nusselt number, of the same shape.
+
+        Examples
+        --------
+        >>> [round(float(c.nusselt(1e6, 60.0)), 1) for c in CORRELATIONS.values()]
+        [18.7, 21.3, 21.3, 21.4, 19.3]
         """
         ra = np.asarray(ra, dtype=float)
         pr = np.asarray(pr, dtype=float)

@@ -378,7 +378,7 @@ def _fit(
         sd = block_sd(noise, count) * np.sqrt(variance_factor)
 
         def evaluate(theta: Array, sd: Array = sd) -> tuple[Array, Array]:
-            """Standardised residuals (B C,) and their Jacobian (B C, P), as ``Problem`` needs them."""
+            """Standardised residuals (B C,) and their Jacobian (B C, P), for ``Problem``."""
             y, jacobian = model(theta)
             return ((y - mean) / sd).ravel(), (jacobian / sd[:, :, None]).reshape(-1, n)
 

@@ -110,7 +110,7 @@ class DiskInfluence:
         radii = nominal.outer_radius_m - np.concatenate([[0.0], depth, depth + DEPTH_STEP_M])
 
         def matrices(log_factor: float, at_radii: Array) -> Array:
-            """Influence at radii (P,) with K multiplied by exp(``log_factor``), (P, n, n) [K m2/W]."""
+            """Influence (P, n, n) at radii (P,) with K times exp(``log_factor``) [K m2/W]."""
             conductivity = nominal.conductivity_W_mK * np.exp(log_factor)
             cylinder = replace(nominal, conductivity_W_mK=conductivity)
             return influence(cylinder, at_radii, grid)[0]

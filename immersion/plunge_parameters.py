@@ -356,9 +356,6 @@ def stages(structure: str, lag_s: Any, logit: Any) -> tuple[tuple[Any, ...], Any
 def differential_covariance(covariance: Array) -> Array:
     """Covariance (C, C) of the differences between the lags and their mean over all channels.
 
-    >>> differential_covariance(np.array([[0.02, 0.0199], [0.0199, 0.02]])).round(6).tolist()
-    [[5e-05, -5e-05], [-5e-05, 5e-05]]
-
     Parameters
     ----------
     covariance
@@ -368,6 +365,11 @@ def differential_covariance(covariance: Array) -> Array:
     -------
     covariance
         (C, C) [s2]; its rows sum to zero.
+
+    Examples
+    --------
+    >>> differential_covariance(np.array([[0.02, 0.0199], [0.0199, 0.02]])).round(6).tolist()
+    [[5e-05, -5e-05], [-5e-05, 5e-05]]
     """
     project = np.eye(len(covariance)) - 1 / len(covariance)
     return project @ covariance @ project

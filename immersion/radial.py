@@ -29,10 +29,6 @@ def plunge_grid(
 ) -> Array:
     """Times after the entry [s], fine at first and then growing.
 
-    >>> grid = plunge_grid(300.0)
-    >>> bool(grid[0] == 0.0 and grid[-1] >= 300.0 and len(grid) < 400)
-    True
-
     Parameters
     ----------
     duration_s
@@ -54,6 +50,12 @@ def plunge_grid(
     The steps are chosen by judgement. The error is of second order in them:
     ``tests/immersion/test_immersion_radial.py``. Grids of one set of steps share their leading
     knots, which :class:`immersion.plunge_model.RunModel` uses.
+
+    Examples
+    --------
+    >>> grid = plunge_grid(300.0)
+    >>> bool(grid[0] == 0.0 and grid[-1] >= 300.0 and len(grid) < 400)
+    True
     """
     times = [0.0, first_s / 8, first_s / 4, first_s / 2]
     t = first_s

@@ -150,15 +150,17 @@ def beta(
 def _output_files(out: Path, count: int) -> list[Path]:
     """Files for the numbers of the tests of a log: ``out``, or numbered ones for several.
 
-    >>> [path.name for path in _output_files(Path("out/beta.json"), 2)]
-    ['beta.1.json', 'beta.2.json']
-
     Parameters
     ----------
     out
         File that the user named.
     count
         Number of tests.
+
+    Examples
+    --------
+    >>> [path.name for path in _output_files(Path("out/beta.json"), 2)]
+    ['beta.1.json', 'beta.2.json']
     """
     if count == 1:
         return [out]

@@ -50,11 +50,6 @@ OptionalRecordFiles = Annotated[list[Path] | None, RECORD]
 def as_option(name: str, value: str | bool | None = None) -> str:
     """A parameter of a message as the option of a command.
 
-    >>> as_option("window_s", "4.2"), as_option("sensor_check", False), as_option("overwrite", True)
-    ('--window-s 4.2', '--no-sensor-check', '--overwrite')
-    >>> as_option("records", "fast.disk.json"), as_option("out"), as_option("loss", "huber")
-    ('--record fast.disk.json', '--out', '--robust')
-
     Parameters
     ----------
     name
@@ -66,6 +61,13 @@ def as_option(name: str, value: str | bool | None = None) -> str:
     -----
     ``OPTIONS`` has the options whose name is not that of the parameter; a new one that differs must
     be added there, or messages name an option that does not exist.
+
+    Examples
+    --------
+    >>> as_option("window_s", "4.2"), as_option("sensor_check", False), as_option("overwrite", True)
+    ('--window-s 4.2', '--no-sensor-check', '--overwrite')
+    >>> as_option("records", "fast.disk.json"), as_option("out"), as_option("loss", "huber")
+    ('--record fast.disk.json', '--out', '--robust')
     """
     if (name, value) == ("loss", "huber"):
         return "--robust"

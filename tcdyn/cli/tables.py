@@ -93,9 +93,6 @@ class TableReading:
 def value_and_u(text: str, option: str) -> tuple[float, float]:
     """A number and its standard uncertainty from text such as "1.5+-0.1".
 
-    >>> value_and_u("1.5+-0.1", "--tau-s"), value_and_u("2", "--tau-s")
-    ((1.5, 0.1), (2.0, 0.0))
-
     Parameters
     ----------
     text
@@ -112,6 +109,11 @@ def value_and_u(text: str, option: str) -> tuple[float, float]:
     ------
     InputError
         Another text, or numbers out of range.
+
+    Examples
+    --------
+    >>> value_and_u("1.5+-0.1", "--tau-s"), value_and_u("2", "--tau-s")
+    ((1.5, 0.1), (2.0, 0.0))
     """
     value_text, _, u_text = text.replace("±", "+-").replace("+/-", "+-").partition("+-")
     try:

@@ -117,11 +117,6 @@ def _print(rows: Sequence[VerifyRow], why: bool) -> None:
 def row_lines(row: VerifyRow, reason: str, width: int) -> list[str]:
     """A row as lines of text: class, source, quantity, both numbers, reason.
 
-    >>> from tcdyn.verify import VerifyRow
-    >>> row = VerifyRow("its worked example", "(4.7)", "0.73", "0.732", "agrees", "", "arithmetic")
-    >>> row_lines(row, "because", 60)
-    ['  arithmetic, (4.7): its worked example: 0.732 | 0.73', '      because']
-
     Parameters
     ----------
     row
@@ -130,6 +125,13 @@ def row_lines(row: VerifyRow, reason: str, width: int) -> list[str]:
         Text of the reason; empty: none.
     width
         Largest length of a line; at least 40 is used.
+
+    Examples
+    --------
+    >>> from tcdyn.verify import VerifyRow
+    >>> row = VerifyRow("its worked example", "(4.7)", "0.73", "0.732", "agrees", "", "arithmetic")
+    >>> row_lines(row, "because", 60)
+    ['  arithmetic, (4.7): its worked example: 0.732 | 0.73', '      because']
     """
     text = f"{row.kind}, {row.source}: {row.quantity}: {row.ours} | {row.published}"
     width = max(width, 40)

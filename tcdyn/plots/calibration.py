@@ -43,9 +43,6 @@ CHANNEL_SHIFT = 0.006  # sideways shift between channels, as a share of the temp
 def bin_width(errors_K: ArrayLike) -> float:
     """Return the widest of 0.5, 0.2, 0.1, 0.05 .. K that gives at least ``MIN_BINS`` bins.
 
-    >>> bin_width([-0.1, 0.0, 0.1]), bin_width([-1.0, 1.5])
-    (0.01, 0.2)
-
     Parameters
     ----------
     errors_K
@@ -55,6 +52,11 @@ def bin_width(errors_K: ArrayLike) -> float:
     -------
     width
         [K]; 0.1 where all errors are equal.
+
+    Examples
+    --------
+    >>> bin_width([-0.1, 0.0, 0.1]), bin_width([-1.0, 1.5])
+    (0.01, 0.2)
     """
     errors = np.asarray(errors_K, dtype=float)
     span = float(np.nanmax(errors) - np.nanmin(errors)) if errors.size else 0.0

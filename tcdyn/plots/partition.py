@@ -54,10 +54,6 @@ ESTIMATOR_MARKERS = (("o", 14), ("s", 9), ("^", 5))  # speed law, cooling fit, j
 def plotted_channels(setup: DiskSetup, excluded: Collection[str]) -> dict[str, str]:
     """Return line styles of three channels: nearest the surface, and most central of each row.
 
-    >>> from tcdyn.rig.rigfile import load_rig
-    >>> plotted_channels(load_rig().disk_setup("fast"), "a")
-    {'e': '-', 'b': ':'}
-
     Parameters
     ----------
     setup
@@ -69,6 +65,12 @@ def plotted_channels(setup: DiskSetup, excluded: Collection[str]) -> dict[str, s
     -------
     styles
         Line style by channel; at most three.
+
+    Examples
+    --------
+    >>> from tcdyn.rig.rigfile import load_rig
+    >>> plotted_channels(load_rig().disk_setup("fast"), "a")
+    {'e': '-', 'b': ':'}
     """
     outer_row = [c for c in setup.outer if c != setup.shallowest] or setup.outer
     central_outer = min(outer_row, key=setup.distance_from_centre_m)

@@ -332,13 +332,15 @@ def pm(values: Iterable[float], uncertainties: Iterable[float]) -> list[str]:
 
     The standard uncertainty has two digits, and the value is rounded to match.
 
-    >>> pm([0.68149, float("nan")], [0.0093, 0.1])
-    ['0.6815 ± 0.0093', '']
-
     Parameters
     ----------
     values, uncertainties
         Numbers of one length.
+
+    Examples
+    --------
+    >>> pm([0.68149, float("nan")], [0.0093, 0.1])
+    ['0.6815 ± 0.0093', '']
     """
     cells = []
     for value, u in zip(values, uncertainties):

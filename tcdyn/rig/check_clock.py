@@ -196,8 +196,8 @@ def _check_rate_and_gaps(time: Array, step: Array, dt: float, location: SampleLo
 
     Notes
     -----
-    ``MAX_GAP_S`` is also the longest run of missing values in a column
-    (``tcdyn.rig.check_columns.MAX_MISSING_RUN_S``); a gap of three samples is always allowed.
+    Change ``MAX_GAP_S`` together with ``tcdyn.rig.check_columns.MAX_MISSING_RUN_S``, the longest
+    run of missing values. A step of three intervals is always allowed.
     """
     if dt > MAX_INTERVAL_S:
         is_milliseconds = dt * 1e-3 < 0.2

@@ -57,15 +57,17 @@ class Layout:
 def junction_columns(channels: Iterable[str], disk: str = "") -> tuple[str, ...]:
     """Columns of the junctions of a disk; in EHL logs they start with the name of the disk.
 
-    >>> junction_columns("ab"), junction_columns(["t1"], "fast")
-    (('a_degC', 'b_degC'), ('fast_t1_degC',))
-
     Parameters
     ----------
     channels
         Names of the junctions.
     disk
         Name of the disk, for EHL logs; empty: no prefix.
+
+    Examples
+    --------
+    >>> junction_columns("ab"), junction_columns(["t1"], "fast")
+    (('a_degC', 'b_degC'), ('fast_t1_degC',))
     """
     prefix = f"{disk}_" if disk else ""
     return tuple(f"{prefix}{channel}_degC" for channel in channels)
@@ -146,11 +148,6 @@ def find_column(
     The mapped name comes first, then the canonical name, then both for the other units of a
     temperature.
 
-    >>> find_column("fast_a_degC", {"fast_a_mV": "TC1"}, ["TC1"])
-    ('TC1', 'mV')
-    >>> find_column("fast_a_degC", {}, ["fast_a_K"])
-    ('fast_a_K', 'K')
-
     Parameters
     ----------
     canonical
@@ -159,6 +156,13 @@ def find_column(
         Canonical name (in any unit) to name in the file.
     names
         Names in the file.
+
+    Examples
+    --------
+    >>> find_column("fast_a_degC", {"fast_a_mV": "TC1"}, ["TC1"])
+    ('TC1', 'mV')
+    >>> find_column("fast_a_degC", {}, ["fast_a_K"])
+    ('fast_a_K', 'K')
     """
     stem, _, canonical_unit = canonical.rpartition("_")
     units = (canonical_unit, *UNITS) if canonical_unit == "degC" else (canonical_unit,)
@@ -185,9 +189,6 @@ def in_all_units(names: Iterable[str]) -> tuple[str, ...]:
 def recognise(names: Iterable[str], layouts: Mapping[str, Layout] = LAYOUTS) -> str | None:
     """The kind of log with these column names, or None; the kind "hole" is never guessed.
 
-    >>> recognise(["repeat", "prt_degC", *junction_columns("abcdef")])
-    'oven'
-
     Parameters
     ----------
     names
@@ -199,6 +200,11 @@ def recognise(names: Iterable[str], layouts: Mapping[str, Layout] = LAYOUTS) -> 
     -----
     All required columns decide; otherwise at least two typical columns. "ehl" is tried first,
     because an EHL log holds most columns.
+
+    Examples
+    --------
+    >>> recognise(["repeat", "prt_degC", *junction_columns("abcdef")])
+    'oven'
     """
     available = set(names)
     for kind in ("ehl", "oven", "immersion"):

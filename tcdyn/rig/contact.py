@@ -2,8 +2,8 @@
 
 The contact force is smoothed by running straight lines; speeds by local polynomials.
 
-The mechanics (Hertz, press fit) is used by the rim, the simulator and ``tcdyn verify``; the force
-and the speeds by :mod:`tcdyn.partition.events` and the workflows. Sources: Johnson, Contact
+The mechanics (Hertz, press fit) is used by the workflows, the simulator and ``tcdyn verify``; the
+force and the speeds by :mod:`tcdyn.partition.events` and the workflows. Sources: Johnson, Contact
 Mechanics (1985); sections 2.9, 5.6 and 6.4.3 of the thesis. Tests:
 ``tests/simulate/test_contact.py``, ``tests/partition/test_events.py`` and
 ``tests/partition/test_slowing.py``.
@@ -190,13 +190,15 @@ def hertz_contact(
 def equivalent_radius_m(one_m: float, other_m: float) -> float:
     """Radius of equal disks with the relative curvature of two unequal ones, 2 / (1/R1 + 1/R2) [m].
 
-    >>> round(equivalent_radius_m(0.03, 0.06), 3)
-    0.04
-
     Parameters
     ----------
     one_m, other_m
         Radii of the two disks [m].
+
+    Examples
+    --------
+    >>> round(equivalent_radius_m(0.03, 0.06), 3)
+    0.04
     """
     return 2.0 / (1.0 / one_m + 1.0 / other_m)
 
@@ -204,17 +206,19 @@ def equivalent_radius_m(one_m: float, other_m: float) -> float:
 def half_width_m(load_N: float, radius_m: float = 0.0381, crown_radius_m: float = 0.3048) -> float:
     """Half-width b of the running track [m], the major semi-axis of the contact.
 
-    Table 3.4 gives 1.25, 1.50, 1.62 and 1.75 mm:
-
-    >>> [round(half_width_m(load) * 1e3, 2) for load in (850, 1460, 1850, 2320)]
-    [1.26, 1.5, 1.63, 1.76]
-
     Parameters
     ----------
     load_N
         Normal load.
     radius_m, crown_radius_m
         Radius of rolling, and of the crown across the running surface.
+
+    Examples
+    --------
+    Table 3.4 gives 1.25, 1.50, 1.62 and 1.75 mm:
+
+    >>> [round(half_width_m(load) * 1e3, 2) for load in (850, 1460, 1850, 2320)]
+    [1.26, 1.5, 1.63, 1.76]
     """
     return hertz_contact(load_N, radius_m, crown_radius_m).major_m
 
@@ -395,12 +399,6 @@ def relative_speed(
     Noise, spikes and dropouts are removed. The result is one everywhere if the speed changes by
     less than 2 % in the first 20 s, and None if most samples in that time are missing.
 
-    >>> t = np.arange(0.0, 60.0, 1 / 75)
-    >>> slowing = 3000.0 * np.exp(-np.clip(t - 30.0, 0, None) / 3.0)
-    >>> slowing[2500] = 0.0  # a dropout
-    >>> relative_speed(t, slowing, 30.0, 3000.0)[[2000, 2475]].round(3)  # 3 s later: to 1/e
-    array([1.   , 0.368])
-
     Parameters
     ----------
     time_s
@@ -421,6 +419,14 @@ def relative_speed(
     -----
     ``MIN_SPEED_CHANGE`` decides whether a change of the speed is used at all. Tests:
     ``tests/partition/test_slowing.py`` and ``tests/partition/test_events.py``.
+
+    Examples
+    --------
+    >>> t = np.arange(0.0, 60.0, 1 / 75)
+    >>> slowing = 3000.0 * np.exp(-np.clip(t - 30.0, 0, None) / 3.0)
+    >>> slowing[2500] = 0.0  # a dropout
+    >>> relative_speed(t, slowing, 30.0, 3000.0)[[2000, 2475]].round(3)  # 3 s later: to 1/e
+    array([1.   , 0.368])
     """
     result = np.ones_like(time_s)
     after = np.flatnonzero(time_s >= from_s)
@@ -445,15 +451,17 @@ def relative_speed(
 def sliding_speed_m_s(fast_rpm: float, slow_rpm: float, radius_m: float = 0.0381) -> float:
     """Sliding speed u_s = u_fast - u_slow [m/s] (table 6.1).
 
-    >>> round(sliding_speed_m_s(6555, 1546), 1)
-    20.0
-
     Parameters
     ----------
     fast_rpm, slow_rpm
         Speeds of the shafts [rpm].
     radius_m
         Radius of both running surfaces.
+
+    Examples
+    --------
+    >>> round(sliding_speed_m_s(6555, 1546), 1)
+    20.0
     """
     return surface_speed_m_s(fast_rpm, radius_m) - surface_speed_m_s(slow_rpm, radius_m)
 
@@ -461,15 +469,17 @@ def sliding_speed_m_s(fast_rpm: float, slow_rpm: float, radius_m: float = 0.0381
 def entraining_speed_m_s(fast_rpm: float, slow_rpm: float, radius_m: float = 0.0381) -> float:
     """Entraining (mean) speed u_m = (u_fast + u_slow) / 2 [m/s] (table 6.1).
 
-    >>> round(entraining_speed_m_s(3282, 774), 2)
-    8.09
-
     Parameters
     ----------
     fast_rpm, slow_rpm
         Speeds of the shafts [rpm].
     radius_m
         Radius of both running surfaces.
+
+    Examples
+    --------
+    >>> round(entraining_speed_m_s(3282, 774), 2)
+    8.09
     """
     return 0.5 * (surface_speed_m_s(fast_rpm, radius_m) + surface_speed_m_s(slow_rpm, radius_m))
 
@@ -485,11 +495,6 @@ def interference_pressure_Pa(
 
     ``P = (E delta / R) (r_o^2 - R^2) (R^2 - r_i^2) / (2 R^2 (r_o^2 - r_i^2))``
 
-    Section 6.4.3 gives 27.3 and 45.6 MPa:
-
-    >>> [round(interference_pressure_Pa(d / 2) / 1e6, 1) for d in (15.2e-6, 25.4e-6)]
-    [27.3, 45.6]
-
     Parameters
     ----------
     radial_interference_m
@@ -500,6 +505,13 @@ def interference_pressure_Pa(
         Outer radius of the disk, and inner radius of the shaft.
     young_Pa
         Modulus of both parts.
+
+    Examples
+    --------
+    Section 6.4.3 gives 27.3 and 45.6 MPa:
+
+    >>> [round(interference_pressure_Pa(d / 2) / 1e6, 1) for d in (15.2e-6, 25.4e-6)]
+    [27.3, 45.6]
     """
     square = fit_radius_m**2
     outer = outer_radius_m**2

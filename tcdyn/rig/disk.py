@@ -96,13 +96,15 @@ class Conditioning:
         The poles of a Butterworth filter of order n lie on a circle: zeta_k = sin((2k - 1) pi/2n),
         k = 1..n/2, and a real pole where n is odd.
 
-        >>> Conditioning(0.5 / math.pi, 2).factors
-        ((1.0, 1.0), (1.0, 1.0))
-
         Returns
         -------
         factors
             One tuple (1, a, b) or (1, a) of coefficients for each factor.
+
+        Examples
+        --------
+        >>> Conditioning(0.5 / math.pi, 2).factors
+        ((1.0, 1.0), (1.0, 1.0))
         """
         tau = 1.0 / (2 * math.pi * self.cutoff_Hz)
         n = self.poles
@@ -236,11 +238,6 @@ class DiskSetup:
 
         Needed are one junction of the outer row, and two axial positions in the inner row.
 
-        >>> from tcdyn.rig.rigfile import load_rig
-        >>> disk = load_rig().disk_setup("fast")
-        >>> disk.determines_beta("ac"), disk.determines_beta("bd"), disk.determines_beta("ace")
-        (True, False, False)
-
         Parameters
         ----------
         left_out
@@ -251,6 +248,13 @@ class DiskSetup:
         ``MAX_SHARE_LEFT_OUT`` and ``MIN_INNER_POSITIONS`` are minimal conditions of the rim model,
         not of accuracy. Tests: ``tests/partition/test_left_out.py``,
         ``tests/partition/test_any_junctions.py``.
+
+        Examples
+        --------
+        >>> from tcdyn.rig.rigfile import load_rig
+        >>> disk = load_rig().disk_setup("fast")
+        >>> disk.determines_beta("ac"), disk.determines_beta("bd"), disk.determines_beta("ace")
+        (True, False, False)
         """
         if len(left_out) > MAX_SHARE_LEFT_OUT * len(self.junctions):
             return False
@@ -279,10 +283,6 @@ class DiskSetup:
         junction whose distance from the centre plane is most similar, such as d and f. In the outer
         row: the mean of the others. This only supplies numbers: nothing is compared with it.
 
-        >>> from tcdyn.rig.rigfile import load_rig
-        >>> load_rig().disk_setup("fast").surrogate_weights("bc")
-        {'b': {'d': 0.5, 'f': 0.5}, 'c': {'a': 0.5, 'e': 0.5}}
-
         Parameters
         ----------
         left_out
@@ -297,6 +297,12 @@ class DiskSetup:
         -----
         :meth:`with_surrogates` must use the same weights, so that readings and depths belong
         together.
+
+        Examples
+        --------
+        >>> from tcdyn.rig.rigfile import load_rig
+        >>> load_rig().disk_setup("fast").surrogate_weights("bc")
+        {'b': {'d': 0.5, 'f': 0.5}, 'c': {'a': 0.5, 'e': 0.5}}
         """
         inner = [c for c in self.inner if c not in left_out]
         outer = [c for c in self.outer if c not in left_out]

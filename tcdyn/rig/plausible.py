@@ -82,8 +82,8 @@ def overload_codes(values: Array) -> Flags:
 
     Notes
     -----
-    The usual size is the median, or a thousandth of the 90 % quantile, and at least 1, so that a
-    column of small numbers has no codes. A smaller ``OVERLOAD_RATIO`` would flag signals over many
+    The usual size is the median, or a thousandth of the 90 % quantile, and at least 1, so
+    that a code is above 1e6 in any unit. A smaller ``OVERLOAD_RATIO`` would flag signals over many
     decades. Test: ``tests/rig/test_plausible.py``.
     """
     size = np.abs(values)

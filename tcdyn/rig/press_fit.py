@@ -127,9 +127,6 @@ class PressFit:
 
         Outside them the share is one. Raises ValueError where two overlap, or no contact remains.
 
-        >>> PressFit(20.0, keyways=(Keyway(0.0, width_deg=20.0, share=0.1),)).sectors(20.5)
-        ((0.0, 10.0, 0.1), (350.0, 360.0, 0.1))
-
         Parameters
         ----------
         bore_radius_mm
@@ -139,6 +136,11 @@ class PressFit:
         ------
         ValueError
             Two sectors overlap, or no contact remains.
+
+        Examples
+        --------
+        >>> PressFit(20.0, keyways=(Keyway(0.0, width_deg=20.0, share=0.1),)).sectors(20.5)
+        ((0.0, 10.0, 0.1), (350.0, 360.0, 0.1))
         """
         sectors: list[tuple[float, float, float]] = []
         for keyway in self.keyways:
@@ -207,11 +209,6 @@ def _split_at_zero(start: float, end: float, share: float) -> list[tuple[float, 
 def harmonics(sectors: Sectors, up_to: int) -> NDArray[np.complex128]:
     """Fourier coefficients c_0 ... c_n of the share along the bore.
 
-    Half the bore without contact gives 1/2 and i/pi:
-
-    >>> np.round(harmonics(((0.0, 180.0, 0.0),), 1), 4)
-    array([ 0.5+0.j    , -0. +0.3183j])
-
     Parameters
     ----------
     sectors
@@ -223,6 +220,13 @@ def harmonics(sectors: Sectors, up_to: int) -> NDArray[np.complex128]:
     -------
     coefficients
         (n + 1,), with s(theta) = c_0 + 2 Re sum c_n exp(i n theta).
+
+    Examples
+    --------
+    Half the bore without contact gives 1/2 and i/pi:
+
+    >>> np.round(harmonics(((0.0, 180.0, 0.0),), 1), 4)
+    array([ 0.5+0.j    , -0. +0.3183j])
     """
     coefficients = np.zeros(up_to + 1, dtype=complex)
     coefficients[0] = 1.0
@@ -238,10 +242,6 @@ def harmonics(sectors: Sectors, up_to: int) -> NDArray[np.complex128]:
 def amplitude_and_angle(coefficients: NDArray[np.complex128], n: int) -> tuple[float, float]:
     """Relative amplitude of harmonic ``n``, and the first angle of its maximum [deg].
 
-    >>> amplitude, angle = amplitude_and_angle(harmonics(((0.0, 180.0, 0.0),), 1), 1)
-    >>> round(amplitude, 3), round(angle)  # 4/pi, on the side that touches
-    (1.273, 270)
-
     Parameters
     ----------
     coefficients
@@ -255,6 +255,12 @@ def amplitude_and_angle(coefficients: NDArray[np.complex128], n: int) -> tuple[f
         Over the mean [1].
     angle_deg
         0 for a zero amplitude.
+
+    Examples
+    --------
+    >>> amplitude, angle = amplitude_and_angle(harmonics(((0.0, 180.0, 0.0),), 1), 1)
+    >>> round(amplitude, 3), round(angle)  # 4/pi, on the side that touches
+    (1.273, 270)
     """
     amplitude = float(2 * abs(coefficients[n]) / coefficients[0].real)
     if not amplitude > 1e-12:
@@ -264,9 +270,6 @@ def amplitude_and_angle(coefficients: NDArray[np.complex128], n: int) -> tuple[f
 
 def mean_shares(sectors: Sectors, edges_deg: Array) -> Array:
     """Mean share between each two of ``edges_deg`` (N + 1,), ascending within two turns, (N,).
-
-    >>> mean_shares(((0.0, 10.0, 0.0),), np.array([0.0, 5.0, 15.0, 25.0]))
-    array([0. , 0.5, 1. ])
 
     Parameters
     ----------
@@ -279,6 +282,11 @@ def mean_shares(sectors: Sectors, edges_deg: Array) -> Array:
     -------
     shares
         (N,).
+
+    Examples
+    --------
+    >>> mean_shares(((0.0, 10.0, 0.0),), np.array([0.0, 5.0, 15.0, 25.0]))
+    array([0. , 0.5, 1. ])
     """
     boundaries_deg = [0.0]
     losses_deg = [0.0]  # integral of one minus the share since the last boundary

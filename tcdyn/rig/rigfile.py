@@ -224,14 +224,16 @@ class Rig(Result, BaseModel):
         ``fast_a_degC``, mapped for EHL logs, is also the ``a_degC`` of oven and plunge logs of the
         fast disk, unless ``a_degC`` is mapped itself.
 
-        >>> rig = parse_rig({"columns": {"fast_a_degC": "TC1 fast"}}, "rig.toml")
-        >>> rig.columns("fast")["a_degC"]
-        'TC1 fast'
-
         Parameters
         ----------
         disk
             Name of the disk; None: EHL logs.
+
+        Examples
+        --------
+        >>> rig = parse_rig({"columns": {"fast_a_degC": "TC1 fast"}}, "rig.toml")
+        >>> rig.columns("fast")["a_degC"]
+        'TC1 fast'
         """
         mapped = dict(self.tables(disk or "").columns)
         if not disk:
@@ -382,10 +384,6 @@ def _merge(base: Mapping[str, Any], override: Mapping[str, Any]) -> dict[str, An
 def changed_keys(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[tuple[str, Any, Any]]:
     """Keys of two sets of rig tables whose values differ: (key, value before, value after).
 
-    >>> old = {"disk": {"width_mm": 9.53, "bore": 1}}
-    >>> changed_keys(old, {"disk": {"width_mm": 10.0, "bore": 1}})
-    [('[disk] width_mm', 9.53, 10.0)]
-
     Parameters
     ----------
     before, after
@@ -395,6 +393,12 @@ def changed_keys(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[tu
     -------
     changes
         In the order of ``before``; keys that only ``after`` has are not listed.
+
+    Examples
+    --------
+    >>> old = {"disk": {"width_mm": 9.53, "bore": 1}}
+    >>> changed_keys(old, {"disk": {"width_mm": 10.0, "bore": 1}})
+    [('[disk] width_mm', 9.53, 10.0)]
     """
     old = _flat(before)
     new = _flat(after)

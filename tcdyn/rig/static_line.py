@@ -191,10 +191,6 @@ def lines_table(lines: Mapping[str, StaticLine]) -> pd.DataFrame:
 def apply_static(logged: ArrayLike, line: StaticLine) -> Array:
     """Apply a static line: T = gain * logged + offset [degC].
 
-    >>> line = StaticLine(gain=1.01, offset=-0.5, covariance=((0, 0), (0, 0)), range_degC=(20, 160))
-    >>> apply_static([100.0], line).tolist()
-    [100.5]
-
     Parameters
     ----------
     logged
@@ -206,6 +202,12 @@ def apply_static(logged: ArrayLike, line: StaticLine) -> Array:
     -------
     temperature
         Of the same shape.
+
+    Examples
+    --------
+    >>> line = StaticLine(gain=1.01, offset=-0.5, covariance=((0, 0), (0, 0)), range_degC=(20, 160))
+    >>> apply_static([100.0], line).tolist()
+    [100.5]
     """
     return np.asarray(line.gain * np.asarray(logged, dtype=float) + line.offset)
 
@@ -256,11 +258,6 @@ def smallest_uncertainty(line: StaticLine) -> tuple[float, float, float]:
     These are the standard uncertainty there [K], and that of the slope about there [1]. The three
     values are equivalent to the covariance: u^2(T) = u_there^2 + (T - there)^2 u_slope^2.
 
-    >>> covariance = ((1e-6, -9e-5), (-9e-5, 0.0085))
-    >>> line = StaticLine(gain=1.0, offset=0.0, covariance=covariance, range_degC=(20, 160))
-    >>> [round(x, 4) for x in smallest_uncertainty(line)]
-    [90.0, 0.02, 0.001]
-
     Parameters
     ----------
     line
@@ -279,6 +276,13 @@ def smallest_uncertainty(line: StaticLine) -> tuple[float, float, float]:
     -----
     The plunge fit uses these as independent priors of offset and slope
     (:func:`immersion.plunge_fit.full_prior`).
+
+    Examples
+    --------
+    >>> covariance = ((1e-6, -9e-5), (-9e-5, 0.0085))
+    >>> line = StaticLine(gain=1.0, offset=0.0, covariance=covariance, range_degC=(20, 160))
+    >>> [round(x, 4) for x in smallest_uncertainty(line)]
+    [90.0, 0.02, 0.001]
     """
     (gg, go), _ = line.covariance
     middle = 0.5 * sum(line.range_degC)

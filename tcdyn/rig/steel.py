@@ -73,10 +73,6 @@ class SteelSlopes:
         The heat flux is its gradient times the constant k_m, and air and surface keep their
         temperatures: theta = T + a' (T - T_A) (T - T_s) / 2 with a' = a k_0 / k_m.
 
-        >>> steel = SteelSlopes(-5e-4, air_degC=60.0, surface_degC=160.0)
-        >>> steel.kirchhoff_temperature(np.array([60.0, 110.0, 160.0])).round(3)
-        array([ 60.   , 110.654, 160.   ])
-
         Parameters
         ----------
         temperature_degC
@@ -86,6 +82,12 @@ class SteelSlopes:
         -------
         theta
             Of the same shape; unchanged for a constant conductivity.
+
+        Examples
+        --------
+        >>> steel = SteelSlopes(-5e-4, air_degC=60.0, surface_degC=160.0)
+        >>> steel.kirchhoff_temperature(np.array([60.0, 110.0, 160.0])).round(3)
+        array([ 60.   , 110.654, 160.   ])
         """
         if not self.conductivity_per_K:
             return temperature_degC

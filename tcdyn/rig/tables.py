@@ -214,9 +214,6 @@ ROW_DEPTH_M = 1e-3
 def layout_junctions(layout: str) -> dict[str, dict[str, float]]:
     """Positions of the junctions a..f of a layout; empty for the layout "own".
 
-    >>> layout_junctions("voller")["c"]
-    {'depth_mm': 3.0, 'z_mm': 2.0, 'angle_deg': 15.0}
-
     Parameters
     ----------
     layout
@@ -231,6 +228,11 @@ def layout_junctions(layout: str) -> dict[str, dict[str, float]]:
     ------
     ValueError
         For an unknown layout.
+
+    Examples
+    --------
+    >>> layout_junctions("voller")["c"]
+    {'depth_mm': 3.0, 'z_mm': 2.0, 'angle_deg': 15.0}
     """
     if layout == OWN_LAYOUT:
         return {}
@@ -251,10 +253,6 @@ def inner_row(depth_m: Mapping[str, float], z_m: Mapping[str, float]) -> tuple[s
 
     They give the boundary temperature of the rim model.
 
-    >>> depth_m = {"a": 3e-3, "b": 6e-3, "d": 5.8e-3, "e": 1e-3}
-    >>> inner_row(depth_m, {"a": 5e-3, "b": 5e-3, "d": 2e-3, "e": 5e-3})
-    ('d', 'b')
-
     Parameters
     ----------
     depth_m, z_m
@@ -269,6 +267,12 @@ def inner_row(depth_m: Mapping[str, float], z_m: Mapping[str, float]) -> tuple[s
     -----
     ``ROW_DEPTH_M`` decides which junctions are the boundary and which are compared with the model.
     Test: ``tests/partition/test_inner_row.py``.
+
+    Examples
+    --------
+    >>> depth_m = {"a": 3e-3, "b": 6e-3, "d": 5.8e-3, "e": 1e-3}
+    >>> inner_row(depth_m, {"a": 5e-3, "b": 5e-3, "d": 2e-3, "e": 5e-3})
+    ('d', 'b')
     """
     deepest = max(depth_m.values())
     row = [name for name in sorted(depth_m) if round(deepest - depth_m[name], 9) < ROW_DEPTH_M]
@@ -433,10 +437,6 @@ class TraceabilityTable(BaseModel):
     def drift_u_K(self, on: date) -> float:
         """Standard uncertainty [K] of the reference's drift until ``on``, uniformly distributed.
 
-        >>> table = TraceabilityTable(reference_date="2025-01-01", reference_drift_K_per_year=0.02)
-        >>> round(table.drift_u_K(date(2027, 1, 1)), 4)
-        0.0231
-
         Parameters
         ----------
         on
@@ -445,6 +445,12 @@ class TraceabilityTable(BaseModel):
         Notes
         -----
         Rectangular distribution: half-range over sqrt(3).
+
+        Examples
+        --------
+        >>> table = TraceabilityTable(reference_date="2025-01-01", reference_drift_K_per_year=0.02)
+        >>> round(table.drift_u_K(date(2027, 1, 1)), 4)
+        0.0231
         """
         if not self.reference_date:
             return 0.0

@@ -328,9 +328,6 @@ def to_degC(
 ) -> Callable[[Array], Array]:
     """The conversion to degC of a column in another unit.
 
-    >>> float(to_degC("K")(np.array(300.0))), float(to_degC("degF")(np.array(212.0)))
-    (26.850000000000023, 100.0)
-
     Parameters
     ----------
     unit
@@ -344,6 +341,11 @@ def to_degC(
     -------
     conversion
         Function of an array; infinite for an emf out of range.
+
+    Examples
+    --------
+    >>> float(to_degC("K")(np.array(300.0))), float(to_degC("degF")(np.array(212.0)))
+    (26.850000000000023, 100.0)
     """
     return {
         "K": lambda x: x - 273.15,

@@ -102,15 +102,17 @@ def within(
 
     The tolerance is ``relative`` times the published number plus ``absolute``.
 
-    >>> within([1.0667], [1.067], absolute=5e-4), within([1.0667], [1.067, 1.067], absolute=5e-4)
-    (True, False)
-
     Parameters
     ----------
     ours, published
         The numbers.
     relative, absolute
         Tolerance.
+
+    Examples
+    --------
+    >>> within([1.0667], [1.067], absolute=5e-4), within([1.0667], [1.067, 1.067], absolute=5e-4)
+    (True, False)
     """
     if len(ours) != len(published):
         return False

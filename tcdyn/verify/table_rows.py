@@ -179,9 +179,6 @@ def _means() -> Iterator[VerifyRow]:
 def chebyshev_line(x: Array, y: Array) -> tuple[float, float, float]:
     """Return intercept, slope and largest error of the minimax line.
 
-    >>> [round(v, 3) for v in chebyshev_line(np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.0, 1.0]))]
-    [0.25, 0.5, 0.25]
-
     Parameters
     ----------
     x, y
@@ -196,6 +193,11 @@ def chebyshev_line(x: Array, y: Array) -> tuple[float, float, float]:
     -----
     The smallest largest error is a linear programme. It decides whether one line gives all printed
     numbers to their rounding; least squares would not.
+
+    Examples
+    --------
+    >>> [round(v, 3) for v in chebyshev_line(np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.0, 1.0]))]
+    [0.25, 0.5, 0.25]
     """
     a = np.column_stack([np.ones_like(x), x])
     ones = np.ones((len(x), 1))
