@@ -278,7 +278,7 @@ def compare_structures(
     ``UNLIKELY_LOG_EVIDENCE`` is not scanned.
 
     The step (1.8 standard deviations) and the drop (7) of the scans are chosen by judgement; they
-    are coarser than in :func:`immersion.plunge_posterior.scan_common_lag` to save time. A change of
+    are coarser than the defaults of :func:`immersion.plunge_posterior.scan_common_lag`. A change of
     these, of the structures or of the thresholds changes ``StructureComparison.covariance``, and
     with it the u of every lag: ``tests/immersion/test_plunge_structures.py``.
     """
