@@ -1,4 +1,10 @@
-"""Simulation of a disk in a bath: fluids, natural convection, radial heating."""
+"""Simulation of a disk in a bath: fluids, natural convection, radial heating.
+
+``tcdyn.simulate.plunge`` uses it. The fluid properties, the correlation and the solver are
+independent of ``immersion``, which fits plunges; do not replace one by the other.
+``tests/simulate/test_plunge.py`` compares it with closed forms (lumped body, half space) and with
+published viscosities.
+"""
 
 from __future__ import annotations
 
@@ -14,15 +20,28 @@ from tcdyn.core import Array
 from tcdyn.rig.disk import DiskSetup
 from tcdyn.simulate.mesh import cubic_weights, graded_edges
 
-GRAVITY_m_s2 = 9.80665
-N_CELLS = 80  # from bore to running surface
+GRAVITY_m_s2 = 9.80665  # standard gravity [m/s2]
+N_CELLS = 80  # from bore to running surface; chosen by judgement
 FluidName = Literal["mobil-jet-ii", "water"]
+# Names of the fluids; the first one is the default of ``tcdyn simulate``.
 FLUIDS: tuple[FluidName, ...] = ("mobil-jet-ii", "water")
 
 
 @dataclass(frozen=True)
 class FluidState:
-    """Kinematic viscosity [m2/s], conductivity [W/mK], diffusivity [m2/s], expansion [1/K]."""
+    """Properties of a fluid at one temperature.
+
+    Parameters
+    ----------
+    viscosity_m2_s
+        Kinematic viscosity [m2/s].
+    conductivity_W_mK
+        Thermal conductivity [W/mK].
+    diffusivity_m2_s
+        Thermal diffusivity [m2/s].
+    expansion_1_K
+        Thermal expansion coefficient [1/K]; negative for water near 0 degC.
+    """
 
     viscosity_m2_s: float
     conductivity_W_mK: float
@@ -31,12 +50,29 @@ class FluidState:
 
 
 def fluid_state(fluid: FluidName, temperature_degC: float) -> FluidState:
-    """Return properties of a bath at its film temperature; oil 15 to 200 degC, water 5 to 95 degC.
+    """Return the properties of a bath fluid at its film temperature.
+
+    Parameters
+    ----------
+    fluid
+        "mobil-jet-ii" or "water".
+    temperature_degC
+        Film temperature [degC]: 15 to 200 degC for oil, 5 to 95 degC for water. Water is clipped to
+        0 to 100 degC, the range of its table; oil is extrapolated.
+
+    Returns
+    -------
+    FluidState
+        Properties at that temperature.
 
     Notes
     -----
     Oil: viscosity through 27.6 mm2/s at 40 and 5.1 mm2/s at 100 degC (Walther), 1003.5 kg/m3 at
     15 degC, heat capacity 2000 J/kgK.
+
+    Another fluid needs its name in ``FLUIDS`` and a branch here. The numbers may be changed without
+    touching ``immersion``, which has its own: then fitted h scales differ from the true ones.
+    ``tests/simulate/test_plunge.py`` checks the viscosity of the oil.
 
     Examples
     --------
@@ -57,7 +93,9 @@ def fluid_state(fluid: FluidName, temperature_degC: float) -> FluidState:
     return FluidState(viscosity, k, k / (density * heat_capacity), expansion)
 
 
-_OIL_EXPANSION = 7.8e-4
+_OIL_EXPANSION = 7.8e-4  # Thermal expansion coefficient of the oil at 15 degC [1/K].
+# Water at 0, 20, .. 100 degC: kinematic viscosity [m2/s], conductivity [W/mK], density [kg/m3],
+# specific heat [J/kgK], expansion [1/K].
 _WATER = CubicSpline(
     np.arange(0.0, 101.0, 20.0),
     np.array(
@@ -76,6 +114,18 @@ _WATER = CubicSpline(
 def mean_nusselt(rayleigh: float, prandtl: float) -> float:
     """Return the mean Nusselt number of a vertical plate; valid for Ra < 1e9.
 
+    Parameters
+    ----------
+    rayleigh
+        Rayleigh number with the height of the plate.
+    prandtl
+        Prandtl number.
+
+    Returns
+    -------
+    float
+        Mean Nusselt number.
+
     Notes
     -----
     ``Nu = 0.68 + 0.670 Ra^(1/4) / [1 + (0.492/Pr)^(9/16)]^(4/9)`` (Churchill and Chu 1975, laminar;
@@ -91,6 +141,20 @@ def mean_nusselt(rayleigh: float, prandtl: float) -> float:
 
 def natural_h_W_m2K(fluid: FluidName, wall_degC: float, bulk_degC: float, height_m: float) -> float:
     """Return the mean heat transfer coefficient of a short vertical wall [W/m2K].
+
+    Parameters
+    ----------
+    fluid
+        Fluid of the bath.
+    wall_degC, bulk_degC
+        Temperatures of the wall and of the bath [degC].
+    height_m
+        Height of the wall [m].
+
+    Returns
+    -------
+    float
+        Mean heat transfer coefficient [W/m2K]; 0.68 k/L where wall and bath are equal.
 
     Notes
     -----
@@ -114,9 +178,13 @@ class Heating:
     Parameters
     ----------
     dense
-        Solution of the finite volumes (cells, M) over the time since the entry (M,).
+        Solution of the finite volumes (cells, M) [degC] over the time since the entry (M,) [s].
     weights
         Interpolation weights (depths, cells).
+    initial_degC
+        Temperature before the entry [degC].
+    end_s
+        End of the solution after the entry [s]; later times give its last value.
     """
 
     dense: Callable[[Array], Array]
@@ -125,7 +193,18 @@ class Heating:
     end_s: float
 
     def at(self, since_entry_s: Array) -> Array:
-        """Return the temperatures (M, depths) [degC] at the times (M,) since the entry."""
+        """Return the temperatures (M, depths) [degC] at the times (M,) since the entry.
+
+        Parameters
+        ----------
+        since_entry_s
+            Times since the entry (M,) [s]; zero and before give the initial temperature.
+
+        Returns
+        -------
+        array
+            Temperatures (M, depths) [degC].
+        """
         out = np.full((len(since_entry_s), len(self.weights)), self.initial_degC)
         after = since_entry_s > 0
         if after.any():
@@ -146,12 +225,24 @@ def heat_radially(
 
     Parameters
     ----------
+    setup
+        Geometry and steel of the disk.
     depths_m
-        Depths below the running surface at which temperatures are needed.
+        Depths below the running surface at which temperatures are needed (depths,) [m].
+    initial_degC
+        Uniform temperature at the entry [degC].
     bath_degC
-        Bath temperature over the time since the entry.
+        Bath temperature [degC] as a function of the time since the entry [s].
     h_W_m2K
-        Heat transfer coefficient over the time since the entry and the wall temperature.
+        Heat transfer coefficient [W/m2K] as a function of the time since the entry [s] and the wall
+        temperature [degC].
+    duration_s
+        Time after the entry that is solved [s].
+
+    Returns
+    -------
+    Heating
+        Temperatures at the depths over time.
 
     Notes
     -----
@@ -159,6 +250,10 @@ def heat_radially(
     Finite volumes, finer towards the surface; backward differentiation of variable order with a
     banded Jacobian. The wall temperature follows from half a surface cell of steel in series with h
     at the previous wall temperature, in three iterations.
+
+    Faces and bore are adiabatic, and the steel does not depend on temperature. The first cell (0.05
+    mm), ``N_CELLS`` and the tolerances (1e-8 relative, 1e-7 K) may be refined; they set the time of
+    a run. ``tests/simulate/test_plunge.py`` fails where they are too coarse for the half space.
     """
     inwards = graded_edges(setup.outer_radius_m, setup.bore_radius_m, 0.05e-3, N_CELLS)
     r_edges = inwards[::-1]
@@ -170,6 +265,7 @@ def heat_radially(
     circumference = 2 * np.pi * setup.outer_radius_m
 
     def rate(t: float, temperature: Array) -> Array:
+        """Return dT/dt (cells,) [K/s] at time ``t`` [s] since the entry."""
         bath = bath_degC(t)
         wall = float(temperature[-1])
         for _ in range(3):

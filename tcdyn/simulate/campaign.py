@@ -1,4 +1,10 @@
-"""Simulation of a complete campaign: oven, plunges, EHL tests, rig file, true values."""
+"""Simulation of a complete campaign: oven, plunges, EHL tests, rig file, true values.
+
+``tcdyn.simulate_campaign``, ``tcdyn simulate`` and ``tcdyn demo`` use it. Every file has its own
+random numbers (``tcdyn.simulate.truth.rng_for``), so that it does not depend on what else is
+written. ``tests/simulate/test_campaign.py`` checks the files and that no foreign file is
+overwritten.
+"""
 
 from __future__ import annotations
 
@@ -27,12 +33,27 @@ from tcdyn.simulate.plunge import PlungeOptions, simulate_plunge
 from tcdyn.simulate.programme import PROGRAMME, ehl_test
 from tcdyn.simulate.truth import RigTruth, draw_truth, truth_as_dict
 
-_DECIMALS = {"time_s": 6, "friction_N": 4, "load_N": 3}  # all other columns: 4
-_INTEGER_COLUMNS = ("contact", "switch", "repeat")
+# decimals of a log by column; all other columns have 4
+_DECIMALS = {"time_s": 6, "friction_N": 4, "load_N": 3}
+_INTEGER_COLUMNS = ("contact", "switch", "repeat")  # Columns of a log that are written as integers.
 
 
 def write_log(frame: pd.DataFrame, path: Path) -> None:
-    """Write a log as CSV, temperatures to 0.1 mK, times to a microsecond."""
+    """Write a log as CSV, temperatures to 0.1 mK, times to a microsecond.
+
+    Parameters
+    ----------
+    frame
+        Columns of a log, names with units.
+    path
+        The CSV file.
+
+    Notes
+    -----
+    More decimals than the logger resolves (16 bits over 860 K are 13 mK) change nothing but the
+    size of the file; fewer would quantise the temperatures twice. ``tests/behaviour`` compares the
+    committed logs.
+    """
     decimals = dict.fromkeys(frame, 4) | _DECIMALS
     rounded = frame.astype(float).round(decimals)
     integers = {name: np.int64 for name in _INTEGER_COLUMNS if name in frame}
@@ -40,13 +61,29 @@ def write_log(frame: pd.DataFrame, path: Path) -> None:
 
 
 def write_traces(frame: pd.DataFrame, path: Path) -> None:
-    """Write truth traces as Parquet in single precision (0.01 mK), times in double."""
+    """Write truth traces as Parquet in single precision (0.01 mK), times in double.
+
+    Parameters
+    ----------
+    frame
+        True values in the columns of a log.
+    path
+        The Parquet file.
+    """
     types = dict.fromkeys(frame, np.float32) | {"time_s": float}
     write.write_log(frame.astype({name: types[name] for name in frame}), path)
 
 
 def write_json(data: dict[str, Any], path: Path) -> None:
-    """Write plain or numpy numbers as JSON, without the key ``traces``."""
+    """Write plain or numpy numbers as JSON, without the key ``traces``.
+
+    Parameters
+    ----------
+    data
+        The values; the table of traces is left out because it has its own file.
+    path
+        The file.
+    """
     values = {key: value for key, value in data.items() if key != "traces"}
     write.write_text(path, json.dumps(jsonable(values), indent=1) + "\n")
 
@@ -57,19 +94,45 @@ Progress = Callable[[str, int, int], None]  # (finished job, number of finished 
 
 @dataclass(frozen=True)
 class PlannedPlunge:
-    """One planned plunge: the bath and its temperature [degC]."""
+    """One planned plunge.
+
+    Parameters
+    ----------
+    bath_degC
+        Temperature of the bath [degC].
+    fluid
+        Fluid of the bath.
+    """
 
     bath_degC: float
     fluid: FluidName = "mobil-jet-ii"
 
 
+# Names of all tests of the programme.
 ALL_TESTS = tuple(PROGRAMME)
+# Plunges of each disk [degC]; two temperatures, chosen by judgement.
 DEFAULT_PLUNGES = (PlannedPlunge(110.0), PlannedPlunge(138.0))
 
 
 @dataclass(frozen=True)
 class CampaignFiles(Result):
-    """Paths of a campaign's files: ovens and plunges by disk, EHL logs and traces by test."""
+    """Paths of the files of a campaign.
+
+    Parameters
+    ----------
+    folder
+        Folder of the campaign.
+    rig
+        The file rig.toml.
+    ovens, plunges
+        Oven log and plunge logs of each disk, by disk.
+    ehl
+        EHL logs, by test.
+    truth
+        The JSON file of the true values.
+    traces
+        Parquet files of the true traces, by the name of the log.
+    """
 
     folder: Path
     rig: Path
@@ -103,7 +166,7 @@ def simulate_campaign(
     n_jobs: int = 1,
     progress: Progress | None = None,
 ) -> CampaignFiles:
-    """Write rig.toml, ovens, plunges, EHL tests and, in truth/, the true values into ``out_dir``.
+    """Simulate a campaign and write its logs, rig file and true values into a folder.
 
     The files are oven_<disk>.csv, plunge_<disk>_<k>.csv and EHL_<test>.csv. A file depends on the
     seed and its name only, whatever else is written. True values are for people and tests, never
@@ -111,12 +174,22 @@ def simulate_campaign(
 
     Parameters
     ----------
+    out_dir
+        The folder; it is created.
+    seed
+        Seed of all random draws.
+    tests
+        Names of the EHL tests (A1 to D4); repeats are ignored.
+    plunges
+        Plunges of each disk.
     rig
-        Nominal rig (rig.toml).
+        Nominal rig that is written to rig.toml; by default that of ``load_rig()``.
     truth
         True rig; by default it is drawn from ``seed``.
     uncertain
         Whether steel and geometry of the drawn rig differ from the nominal ones.
+    ehl_options, plunge_options
+        Times and fixed values of the EHL tests and of the plunges; None for their defaults.
     n_jobs
         Number of worker processes.
     progress
@@ -132,6 +205,12 @@ def simulate_campaign(
     InputError
         For an unknown test, and where a rig file or a log that no simulation wrote would be
         overwritten.
+
+    Notes
+    -----
+    The names of the files and of the keys in ``truth.json`` are read by other commands and by
+    ``tests/simulate/test_campaign.py``. The order of the jobs may be changed: no file depends on
+    it.
     """
     tests = tuple(dict.fromkeys(ehl_test(test).name for test in tests))
     folder = Path(out_dir)
@@ -178,7 +257,25 @@ def simulate_campaign(
 
 
 def _write_rig(folder: Path, rig: Rig) -> str:
-    """Write rig.toml unless an equal one exists; return the checksum of the simulated one."""
+    """Write rig.toml unless an equal one exists; return the checksum of the simulated one.
+
+    Parameters
+    ----------
+    folder
+        Folder of the campaign.
+    rig
+        Nominal rig.
+
+    Returns
+    -------
+    str
+        SHA-256 checksum of the rig file that the simulation wrote last.
+
+    Raises
+    ------
+    InputError
+        Where the folder has another rig file that no simulation wrote.
+    """
     path = folder / "rig.toml"
     if path.exists():
         last_sha256 = _last_rig_sha256(folder)
@@ -190,7 +287,7 @@ def _write_rig(folder: Path, rig: Rig) -> str:
 
 
 def _last_rig_sha256(folder: Path) -> str:
-    """Return the checksum of the rig file that the last simulation wrote, or ""."""
+    """Return the checksum of the rig file that the last simulation wrote, or an empty text."""
     try:
         truth = json.loads((folder / "truth" / "truth.json").read_text(encoding="utf-8"))
         return str(truth["rig_sha256"])
@@ -215,7 +312,22 @@ def _traces(folder: Path, name: str) -> Path:
 
 
 def _run(named_job: tuple[str, Job], folder: Path) -> tuple[str, dict[str, Any]]:
-    """Run a job, write its log and traces, and return its name and true values."""
+    """Run a job and write its log and its traces.
+
+    Parameters
+    ----------
+    named_job
+        Name of the log, and the function that makes it.
+    folder
+        Folder of the campaign.
+
+    Returns
+    -------
+    name
+        The name.
+    truth
+        True values of the log, without the traces.
+    """
     name, job = named_job
     frame, truth = job()
     write_traces(truth["traces"], _traces(folder, name))

@@ -1,4 +1,10 @@
-"""Simulation of an EHL test: warm running, loading, unloading and cooling of both disks."""
+"""Simulation of an EHL test: warm running, loading, unloading and cooling of both disks.
+
+``tcdyn.simulate.campaign`` and the tests use it. A test is drawn around its published values
+(``draw_test``), the disks are solved by finite volumes (``tcdyn.simulate.implicit``), and the log
+is made from the solution (``tcdyn.simulate.measure``). ``tests/simulate/test_ehl.py`` guards it.
+Amplitudes of drift and noise are chosen by judgement unless a comment says more.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +25,8 @@ from tcdyn.simulate.programme import EhlCondition, ehl_test
 from tcdyn.simulate.round import harmonic_system, unevenness_effects
 from tcdyn.simulate.truth import DiskTruth, RigTruth, draw_truth, rng_for
 
-RECONTACT_RISE_S = 0.01  # a contact after the unloading comes and goes in this time; judgement
+# a contact after the unloading comes and goes in this time [s]; chosen by judgement
+RECONTACT_RISE_S = 0.01
 STUDY_MESH = DiskMesh(radial=32, axial=40)  # 3 times faster than the default, 0.02 K from it
 
 
@@ -35,10 +42,22 @@ class EhlOptions:
         Duration of the fall of the friction, centred at the unloading.
     loading_ramp_s
         Duration of the rise of the friction.
+    ambient_degC
+        Nominal ambient temperature, to which up to 0.7 K is added [degC].
     brake_s
         From the unloading both speeds fall to 1/e in this time.
     again_s
         Contacts after the unloading: (duration, time after the unloading).
+    beta
+        Share of the frictional heat that enters the fast disk; None draws it.
+    h_fast_W_m2K
+        Heat transfer coefficient of the fast disk under load [W/m2K]; None draws it.
+    friction_N
+        Friction force [N]; None draws it.
+    mesh
+        Cells of the disks.
+    stepping
+        Step sizes of the time integration.
     """
 
     load_on_s: float = 50.0
@@ -58,7 +77,46 @@ class EhlOptions:
 
 @dataclass(frozen=True)
 class EhlTruth:
-    """True values of one test; ``drift``: whether friction, ambient and oil temperature vary."""
+    """True values of one test.
+
+    Parameters
+    ----------
+    test
+        Nominal conditions of the test.
+    beta
+        Share of the frictional heat that enters the fast disk.
+    h_fast_W_m2K, h_slow_W_m2K
+        Heat transfer coefficients of the running surfaces under load [W/m2K].
+    half_width_m
+        Half the width of the running track [m].
+    pressure_Pa
+        Maximum pressure of the contact [Pa].
+    friction_N
+        Nominal level of the friction, before drift [N].
+    load_on_s, unload_s
+        Start of the loading, and middle of the unloading [s].
+    parting_s, loading_ramp_s
+        Durations of the fall and of the rise of the friction [s].
+    ambient_degC
+        Ambient temperature before drift [degC].
+    phases
+        Six phases of the drifts, as shares of a period. Friction uses the first two, ambient the
+        next two, oil the fifth; the last is spare.
+    drift
+        Whether friction, ambient and oil temperature vary.
+    speed_exponent
+        n of h ~ u^n.
+    brake_s
+        Time constant of the speeds from the unloading on [s]; None for constant speeds.
+    again_s
+        Contacts after the unloading: (duration, time after the unloading) [s].
+
+    Notes
+    -----
+    The solver must know every kink of friction and speed: a new one belongs in ``breaks_s`` too, at
+    the end, because ``contact_share`` reads its first four entries. ``tests/simulate/test_ehl.py``
+    checks contacts that come back.
+    """
 
     test: EhlCondition
     beta: float
@@ -104,7 +162,18 @@ class EhlTruth:
         return tuple(intervals)
 
     def contact_share(self, t: Array) -> Array:
-        """Return 1 while loaded and 0 while separated, with linear ramps; ``t`` (N,) [s]."""
+        """Return 1 while the disks are loaded and 0 while they are separated, with linear ramps.
+
+        Parameters
+        ----------
+        t
+            Times (N,) [s].
+
+        Returns
+        -------
+        array
+            Share of the full load (N,).
+        """
         load_start, load_end, unload_start, unload_end = self.breaks_s[:4]
         rise = np.clip((t - load_start) / max(load_end - load_start, 1e-12), 0, 1)
         fall = np.clip((t - unload_start) / max(unload_end - unload_start, 1e-12), 0, 1)
@@ -115,17 +184,60 @@ class EhlTruth:
         return share
 
     def speed_share(self, t: Array) -> Array:
-        """Return speed relative to that under load: 1 until the unloading; ``t`` (N,) [s]."""
+        """Return the speeds relative to those under load.
+
+        Parameters
+        ----------
+        t
+            Times (N,) [s].
+
+        Returns
+        -------
+        array
+            1 until the unloading, then exp(-time/brake_s) where the disks are braked (N,).
+        """
         if self.brake_s is None:
             return np.ones_like(t)
         return np.exp(-np.clip(t - self.unload_s, 0, None) / self.brake_s)
 
     def h_share(self, t: Array) -> Array:
-        """Return h of either disk relative to that under load, h ~ u^n; ``t`` (N,) [s]."""
+        """Return h of either disk relative to that under load, h ~ u^n.
+
+        Parameters
+        ----------
+        t
+            Times (N,) [s].
+
+        Returns
+        -------
+        array
+            Relative heat transfer coefficient (N,).
+
+        Notes
+        -----
+        ``tcdyn.simulate.ehl.draw_test`` uses the same exponent for the ratio of the two disks.
+        """
         return self.speed_share(t) ** self.speed_exponent
 
     def friction_at(self, t: Array) -> Array:
-        """Return the true friction [N]: running-in over minutes, then a drift of half a percent."""
+        """Return the true friction force [N].
+
+        Parameters
+        ----------
+        t
+            Times (N,) [s].
+
+        Returns
+        -------
+        array
+            Friction (N,) [N]. With ``drift`` it has a running-in of 4 % that decays with 150 s,
+            and two sines of 0.4 and 0.3 %.
+
+        Notes
+        -----
+        Amplitudes and periods are chosen by judgement and may be changed; the committed logs of
+        ``tests/behaviour`` change with them.
+        """
         level = np.full_like(t, self.friction_N)
         if self.drift:
             run_in = 0.04 * np.exp(-np.clip(t - self.load_on_s, 0, None) / 150.0)
@@ -135,7 +247,24 @@ class EhlTruth:
         return level * self.contact_share(t)
 
     def ambient_at(self, t: Array) -> Array:
-        """Return true ambient temperature [degC]: slow drift, and warming by the loaded disks."""
+        """Return the true ambient temperature [degC].
+
+        Parameters
+        ----------
+        t
+            Times (N,) [s].
+
+        Returns
+        -------
+        array
+            Ambient temperature (N,) [degC]. With ``drift`` it has two sines of 0.3 and 0.1 K, and
+            it follows the frictional power, 5 mK for each watt, with a lag of 260 s.
+
+        Notes
+        -----
+        Amplitudes, periods and the lag are chosen by judgement and may be changed; the committed
+        logs of ``tests/behaviour`` change with them.
+        """
         ambient = np.full_like(t, self.ambient_degC)
         if self.drift:
             slow = 0.3 * np.sin(2 * np.pi * (t / 900.0 + self.phases[2]))
@@ -149,7 +278,31 @@ class EhlTruth:
 def draw_test(
     truth: RigTruth, test: EhlCondition, seed: int, options: EhlOptions | None = None
 ) -> EhlTruth:
-    """Draw the true values of one test: beta and h around table 7.1, events off the sample grid."""
+    """Draw the true values of one test around its published results (table 7.1).
+
+    Parameters
+    ----------
+    truth
+        True values of the rig.
+    test
+        Conditions of the test and published results.
+    seed
+        Seed; the draws depend on it and on the name of the test only.
+    options
+        Times and fixed values; a fixed value replaces its draw.
+
+    Returns
+    -------
+    EhlTruth
+        The true values. Loading and unloading are off the sample grid by up to 0.5 s.
+
+    Notes
+    -----
+    Standard deviations: beta 0.01 (clipped to 0.64 to 0.78), h 4 %, friction 1 %. h of the slow
+    disk follows from that of the fast disk by the speed law. All values are drawn before options
+    replace some, so that one option does not change the other draws. Keep the order of the draws:
+    another order changes all logs of ``tests/behaviour``.
+    """
     o = options or EhlOptions()
     rng = rng_for(seed, "test", test.name)
     beta = float(np.clip(test.beta + 0.01 * rng.standard_normal(), 0.64, 0.78))
@@ -184,7 +337,22 @@ def draw_test(
 
 
 def _first_order(t: Array, on_s: float, off_s: float, tau_s: float) -> Array:
-    """Return the response of a first-order lag to 1 from ``on_s`` to ``off_s``, else 0."""
+    """Return the response of a first-order lag to 1 from ``on_s`` to ``off_s``, else 0.
+
+    Parameters
+    ----------
+    t
+        Times (N,) [s].
+    on_s, off_s
+        Start and end of the input [s].
+    tau_s
+        Time constant [s].
+
+    Returns
+    -------
+    array
+        Response (N,), from 0 to 1.
+    """
     rise = 1 - np.exp(-np.clip(t - on_s, 0, None) / tau_s)
     fall = 1 - np.exp(-np.clip(t - off_s, 0, None) / tau_s)
     return rise - fall
@@ -203,7 +371,7 @@ def simulate_ehl(
     test
         Name of a test of the programme (A1 to D4), or its conditions.
     seed
-        Seed of the random draws.
+        Seed of the random draws; each kind of draw and each disk has its own stream.
     truth
         The true rig; by default ``draw_truth(seed)``.
     options
@@ -240,7 +408,22 @@ def simulate_ehl(
 
 
 def heat_share_and_h(test_truth: EhlTruth, name: str) -> tuple[float, float]:
-    """Return the share of the frictional heat and h [W/m2K] of a disk."""
+    """Return the share of the frictional heat of a disk and its h under load [W/m2K].
+
+    Parameters
+    ----------
+    test_truth
+        True values of the test.
+    name
+        "fast" or "slow".
+
+    Returns
+    -------
+    share
+        beta for the fast disk, 1 - beta for the slow one.
+    h
+        Heat transfer coefficient of the running surface under load [W/m2K].
+    """
     if name == "fast":
         return test_truth.beta, test_truth.h_fast_W_m2K
     return 1 - test_truth.beta, test_truth.h_slow_W_m2K
@@ -249,13 +432,36 @@ def heat_share_and_h(test_truth: EhlTruth, name: str) -> tuple[float, float]:
 def _simulate_disk(
     rig: RigTruth, name: str, test_truth: EhlTruth, o: EhlOptions, rng: np.random.Generator
 ) -> tuple[Array, Array, dict[str, Any]]:
-    """Return logged and true channels (N, channels) of a disk, and its unevenness."""
+    """Simulate and log one disk.
+
+    Parameters
+    ----------
+    rig
+        True values of the rig.
+    name
+        "fast" or "slow".
+    test_truth
+        True values of the test.
+    o
+        Options of the simulation.
+    rng
+        Random numbers of the logger of this disk.
+
+    Returns
+    -------
+    logged, true
+        Logged and true channels (N, channels) [degC], channels in alphabetical order.
+    unevenness
+        Effect of the uneven press fit at the start of the unloading
+        (``tcdyn.simulate.round.unevenness_effects``).
+    """
     disk = rig.disk(name)
     share, h = heat_share_and_h(test_truth, name)
     _, solution = disk_run(disk, test_truth, share, h, o, o.duration_s)
     n_channels = len(disk.channels)
 
     def junctions_at(t: Array) -> Array:
+        """Return the true junction temperatures (M, channels) [degC] at times ``t`` (M,)."""
         return solution.at(t)[:, :n_channels]
 
     imperfections = rig.imperfections
@@ -271,16 +477,37 @@ def disk_run(
 
     Parameters
     ----------
+    disk
+        True values of the disk.
+    test_truth
+        True values of the test.
     share
         Share of the frictional heat that enters the disk.
     h
         Heat transfer coefficient of the running surface under load [W/m2K].
+    o
+        Mesh and steps of the solution.
+    until_s
+        End of the solution [s].
+
+    Returns
+    -------
+    system
+        The equations of the disk.
+    solution
+        Its readings over time.
+
+    Notes
+    -----
+    The disk starts in the steady state without friction at its first ambient temperature. The heat
+    of the contact is a line source at the surface; its share is the same at all times.
     """
     flux = disk.setup.flux.at_pressure(test_truth.pressure_Pa)
     loaded_disk = replace(disk, setup=replace(disk.setup, flux=flux))
     system = harmonic_system(loaded_disk, h, test_truth.half_width_m, o.mesh)
 
     def power(t: Array) -> Array:
+        """Return the heat that enters the disk (N,) [W] at times ``t`` (N,)."""
         return (
             share
             * test_truth.test.sliding_speed_m_s
@@ -301,7 +528,34 @@ def disk_run(
 def _conditions(
     t: Array, test_truth: EhlTruth, rig: RigTruth, rng: np.random.Generator
 ) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Return time, load, friction, contact, speeds, ambient and oil, as logged and as true."""
+    """Return the channels of the log that are no temperatures of the disks, logged and true.
+
+    Parameters
+    ----------
+    t
+        Times of the samples (N,) [s].
+    test_truth
+        True values of the test.
+    rig
+        True values of the rig; its imperfections decide which errors are added.
+    rng
+        Random numbers of these channels.
+
+    Returns
+    -------
+    logged
+        Columns of the log (N,): time, load, friction, contact, speeds, ambient, oil.
+    true
+        The same columns without errors.
+
+    Notes
+    -----
+    Logged friction is ``friction_scale`` times the true one; load and friction have a zero error
+    and pass 16 bits. Load, friction and contact are shifted by up to 0.02 s each. Noise, zero
+    errors and shifts are chosen by judgement. All random numbers are drawn even where an error is
+    switched off, so that the other errors stay the same. ``tests/simulate/test_ehl.py`` checks that
+    load, friction and contact agree within a twentieth of a second.
+    """
     errors = rig.imperfections
     delay_s = rng.uniform(-0.02, 0.02, 4) if errors.timing else np.zeros(4)
     noise = rng.standard_normal((6, len(t))) * (1.0 if errors.noise else 0.0)
@@ -309,6 +563,7 @@ def _conditions(
     zero_load, zero_friction = rng.uniform(-1, 1, 2) * zero_errors
 
     def digitised(values: Array, full_scale: float) -> Array:
+        """Return ``values`` as a 16-bit converter of +- ``full_scale`` reads them."""
         return quantised(values, -full_scale, full_scale) if errors.quantise else values
 
     load_N = test_truth.test.load_N
@@ -342,7 +597,22 @@ def _conditions(
 
 
 def _oil_temperature(t: Array, test_truth: EhlTruth, drift: bool) -> Array:
-    """Return the true temperature of the oil [degC]."""
+    """Return the true temperature of the oil [degC].
+
+    Parameters
+    ----------
+    t
+        Times (N,) [s].
+    test_truth
+        True values of the test.
+    drift
+        Whether it varies; otherwise it is 60 degC.
+
+    Returns
+    -------
+    array
+        Temperature of the oil (N,) [degC].
+    """
     oil = np.full(len(t), 60.0)
     if not drift:
         return oil
@@ -351,12 +621,45 @@ def _oil_temperature(t: Array, test_truth: EhlTruth, drift: bool) -> Array:
 
 
 def _within(t: Array, intervals: Sequence[tuple[float, float]]) -> Array:
-    """Return 1 inside any of the intervals, else 0; (N,)."""
+    """Return 1 inside any of the intervals, else 0.
+
+    Parameters
+    ----------
+    t
+        Times (N,) [s].
+    intervals
+        Start and end of each [s].
+
+    Returns
+    -------
+    array
+        0.0 or 1.0 (N,).
+    """
     return np.any([(t >= start) & (t < stop) for start, stop in intervals], axis=0).astype(float)
 
 
 def _scalars(test_truth: EhlTruth, rig: RigTruth, traces: pd.DataFrame) -> dict[str, Any]:
-    """Return the true values of a test; means are those of the last 5 s before the unloading."""
+    """Return the true values of a test for the truth file.
+
+    Parameters
+    ----------
+    test_truth
+        True values of the test.
+    rig
+        True values of the rig.
+    traces
+        True values in the columns of the log.
+
+    Returns
+    -------
+    dict
+        Values by key. Means are those of the last 5 s before the unloading.
+
+    Notes
+    -----
+    The keys are those of ``truth.json``, which tests and ``tcdyn.verify`` read.
+    ``tests/simulate/test_ehl.py`` checks that the mean covers full load only.
+    """
     t = traces["time_s"].to_numpy()
     is_steady = (t < test_truth.unload_s - test_truth.parting_s) & (t >= test_truth.unload_s - 5.0)
     mean = {c.removesuffix("_degC"): float(traces.loc[is_steady, c].mean()) for c in traces.columns}

@@ -1,4 +1,9 @@
-"""Temperature field of the synthetic disks over r, z and angle at the unloading."""
+"""Temperature field of the synthetic disks over r, z and angle at the unloading.
+
+``tcdyn round`` and ``docs/gallery/uneven.py`` compare it with the estimate from the readings;
+``tests/partition/test_around.py`` does so with tolerances. It is read from the state of
+``tcdyn.simulate.ehl.disk_run`` and adds no model of its own.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +22,24 @@ from tcdyn.simulate.truth import DiskTruth, RigTruth
 def disk_fields(
     test: str, seed: int, truth: RigTruth, options: EhlOptions | None = None
 ) -> dict[str, CircumferentialTemperature]:
-    """Return temperature around both disks of a test, from bore to surface, at the unloading."""
+    """Return the temperature around both disks of a test at the start of the unloading.
+
+    Parameters
+    ----------
+    test
+        Name of the test (A1 to D4).
+    seed
+        Seed of the test.
+    truth
+        True values of the rig.
+    options
+        Times and fixed values of the test.
+
+    Returns
+    -------
+    dict
+        By disk, the temperature from bore to surface and around the disk, without uncertainty.
+    """
     o = options or EhlOptions()
     test_truth = draw_test(truth, ehl_test(test), seed, o)
     unloading_start_s = test_truth.breaks_s[2]
@@ -33,7 +55,25 @@ def disk_fields(
 def _around(
     disk: DiskTruth, system: DiskSystem, state: Array, o: EhlOptions
 ) -> CircumferentialTemperature:
-    """Return the temperature around a disk from the state of its system."""
+    """Return the temperature around a disk from the state of its system.
+
+    Parameters
+    ----------
+    disk
+        True values of the disk.
+    system
+        Its equations.
+    state
+        State of all unknowns (n,).
+    o
+        Options of the run; its mesh must be that of ``system``.
+
+    Returns
+    -------
+    CircumferentialTemperature
+        Temperature over depth and angle in the middle plane, and at the surface as the mean over
+        the width.
+    """
     grid = grid_of(disk, o.mesh)
     angle = np.deg2rad(ANGLES_DEG - disk.uneven.angle_deg)
     shapes = [np.ones(len(angle)), *(wave(n * angle) for n, wave in harmonic_shapes(disk))]
@@ -55,7 +95,20 @@ def _around(
 
 
 def _middle(field: Array, z_m: Array) -> Array:
-    """Return a field (nr, nz, A) in the middle plane, (nr, A), by linear interpolation in z."""
+    """Return a field in the middle plane of the disk, by linear interpolation in z.
+
+    Parameters
+    ----------
+    field
+        Field (nr, nz, A).
+    z_m
+        Centres of the cells along the width (nz,) [m].
+
+    Returns
+    -------
+    array
+        Field (nr, A).
+    """
     middle = 0.5 * (z_m[0] + z_m[-1])
     k = int(np.clip(np.searchsorted(z_m, middle), 1, len(z_m) - 1))
     weight = (middle - z_m[k - 1]) / (z_m[k] - z_m[k - 1])

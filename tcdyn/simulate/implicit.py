@@ -1,4 +1,10 @@
-"""Time integration of the synthetic disk: L-stable SDIRK (Runge-Kutta) of order four."""
+"""Time integration of the synthetic disk: L-stable SDIRK (Runge-Kutta) of order four.
+
+``tcdyn.simulate.ehl.disk_run`` uses it on the equations of ``tcdyn.simulate.mesh.build_system``. It
+is written for the simulator only: the fits use ``tcdyn.heat``, so that an error of one solver shows
+as a difference. ``tests/simulate/test_disk.py`` checks the order of convergence, the steps and the
+interpolation; ``tests/simulate/test_steel.py`` the iteration for steel that depends on temperature.
+"""
 
 from __future__ import annotations
 
@@ -15,11 +21,13 @@ from tcdyn.core import Array
 from tcdyn.simulate.mesh import DiskSystem
 
 Signal = Callable[[Array], Array]  # time [s] -> value, smooth between breaks
+# Change of state or rates between two iterations, over their largest value, at which the
+# fixed-point iteration stops; chosen by judgement.
 H_TOLERANCE = (
     1e-9  # relative change of the rates at which the fixed-point iteration stops; judgement
 )
-MAX_ITERATIONS = 30  # each iteration leaves a tenth of the error or less
-NUDGE = 1e-9  # signals are read this far (share of a segment) inside its ends
+MAX_ITERATIONS = 30  # limit of the fixed-point iteration; chosen by judgement
+NUDGE = 1e-9  # signals are read this far (share of a segment) inside its ends; by judgement
 
 # Singly diagonally implicit Runge-Kutta, five stages, order four, stiffly accurate
 # (Hairer & Wanner, Solving ODEs II, table 6.5).
@@ -38,9 +46,23 @@ _C = np.array([1 / 4, 3 / 4, 11 / 20, 1 / 2, 1])
 
 @dataclass(frozen=True)
 class Stepping:
-    """Step sizes: they grow in octaves from ``first_s`` after each break.
+    """Step sizes of the time integration: they grow in octaves after each break.
 
     A step is never above ``growth`` times the time since the break, nor above ``largest_s``.
+
+    Parameters
+    ----------
+    first_s
+        Smallest step, and the first one after each break [s].
+    largest_s
+        Upper limit of a step [s].
+    growth
+        Upper limit of a step over the time since the break.
+
+    Notes
+    -----
+    Chosen by judgement. Smaller steps cost time only. Larger ones fail the millikelvin test of the
+    traces in ``tests/simulate/test_disk.py``.
     """
 
     first_s: float = 1 / 300
@@ -59,9 +81,9 @@ class Solution:
     values, rates
         Readings [degC] and their rates [K/s], (N, channels).
     segments
-        The steps between two breaks.
+        The steps between two breaks, as slices of ``time_s``.
     state
-        The last state (n,).
+        The last state of all unknowns (n,) [degC].
     """
 
     time_s: Array
@@ -71,9 +93,21 @@ class Solution:
     state: Array
 
     def at(self, time_s: Array) -> Array:
-        """Return the readings at any times (M,) as (M, channels).
+        """Return the readings at any times.
 
         The interpolation is cubic Hermite between steps, never across a break.
+
+        Before the first and after the last step the nearest segment is extrapolated.
+
+        Parameters
+        ----------
+        time_s
+            Times (M,) [s].
+
+        Returns
+        -------
+        array
+            Readings (M, channels) [degC].
         """
         out = np.empty((len(time_s), self.values.shape[1]))
         starts = [self.time_s[segment.start] for segment in self.segments]
@@ -89,7 +123,27 @@ class Solution:
 
 
 def steady_state(system: DiskSystem, power_W: float, ambient_degC: float) -> Array:
-    """Return the steady state (n,) under constant power and ambient temperature."""
+    """Return the steady state (n,) under constant power and ambient temperature.
+
+    Parameters
+    ----------
+    system
+        Equations of the disk.
+    power_W
+        Heat into the track [W].
+    ambient_degC
+        Ambient temperature [degC].
+
+    Returns
+    -------
+    array
+        State of all unknowns (n,) [degC].
+
+    Notes
+    -----
+    h is that of ``system``. Steel that depends on temperature is iterated; the last iterate is
+    returned where ``MAX_ITERATIONS`` do not suffice.
+    """
     load = _load(system, power_W, ambient_degC)
     factors = _factorise(system.conductance)
     state = factors.solve(load)
@@ -121,6 +175,8 @@ def integrate(
 
     Parameters
     ----------
+    system
+        Equations of the disk.
     power_W, ambient_degC
         Heat into the track [W] and ambient temperature [degC] over time.
     edges_s
@@ -128,14 +184,27 @@ def integrate(
         are read strictly inside each segment.
     start
         Initial state (n,).
+    stepping
+        Step sizes; None for the default ones.
     h_share
-        h over that of the system.
+        Relative heat transfer coefficient of the surface over time: h over that of ``system``.
+
+    Returns
+    -------
+    Solution
+        Readings and their rates at all steps, and the last state.
 
     Notes
     -----
     The stage equations (C + h gamma S) k = load - S (y + h sum a k) share one factorisation for
     each step size. What another h changes in S, and what steel with temperature-dependent
     properties conducts and stores differently, is on their right side and is iterated.
+
+    A new time-dependent
+    term goes to the right side as the change of h does (``tcdyn.simulate.implicit._heat`` and
+    ``_iterate_stage``); a kink of any signal must be in ``edges_s``.
+    ``tests/simulate/test_disk.py`` fails where the order is no longer four,
+    ``tests/simulate/test_ehl.py`` where another h gives another system.
     """
     stepping = stepping or Stepping()
     factors: dict[float, SuperLU] = {}
@@ -176,9 +245,26 @@ def integrate(
 
 
 def step_sizes(length_s: float, stepping: Stepping) -> Array:
-    """Return octave steps that fill ``length_s`` exactly.
+    """Return octave steps [s] that fill a segment exactly.
 
     They grow, then fall to the remainder, which comes last.
+
+    Parameters
+    ----------
+    length_s
+        Length of the segment [s].
+    stepping
+        Limits of the steps.
+
+    Returns
+    -------
+    array
+        Steps [s]. Their sum is ``length_s``.
+
+    Notes
+    -----
+    All steps but the last are ``first_s`` times a power of two, so that few factorisations are
+    needed. ``tests/simulate/test_disk.py`` checks the sum and the number of sizes.
     """
     steps: list[float] = []
     elapsed = 0.0
@@ -195,9 +281,33 @@ def step_sizes(length_s: float, stepping: Stepping) -> Array:
 
 
 def _step(system: DiskSystem, factors: SuperLU, y: Array, h: float, signals: Array) -> Array:
-    """Advance ``y`` by one step of ``h`` [s].
+    """Advance the state by one step.
 
     ``signals`` (5, 3): power, ambient and change of the surface conductance at the stages.
+
+    Parameters
+    ----------
+    system
+        Equations of the disk.
+    factors
+        LU factors of C + h gamma S for this step size.
+    y
+        State at the start of the step (n,) [degC].
+    h
+        Step size [s].
+    signals
+        Power [W], ambient [degC] and change of the surface conductance [W/m2K] at the stages (5,
+        3).
+
+    Returns
+    -------
+    array
+        State at the end of the step (n,).
+
+    Notes
+    -----
+    The method is stiffly accurate: the last row of ``_A`` gives the result. Nodes and weights
+    (``_A``, ``_C``, ``_GAMMA``) belong together.
     """
     stages = np.zeros((5, len(y)))
     for i, (power, ambient, change) in enumerate(signals):
@@ -219,7 +329,30 @@ def _iterate_stage(
     change: float,
     rate: Array,
 ) -> Array:
-    """Return the rates of a stage at which the terms outside the factorisation agree with them."""
+    """Return the rates of a stage with the terms outside the factorisation, by iteration.
+
+    Parameters
+    ----------
+    system
+        Equations of the disk.
+    factors
+        LU factors of C + h gamma S.
+    guess
+        State of the stage without its own rate (n,) [degC].
+    h
+        Step size [s].
+    heat
+        Heat at ``guess`` (n,) [W].
+    change
+        Change of the surface conductance [W/m2K].
+    rate
+        Rates without those terms, the start of the iteration (n,) [K/s].
+
+    Returns
+    -------
+    array
+        Rates (n,) [K/s].
+    """
     for _ in range(MAX_ITERATIONS):
         right_side = heat - h * _GAMMA * change * system.surface_m2 * rate
         if system.steel.depends_on_temperature:
@@ -233,10 +366,34 @@ def _iterate_stage(
 
 
 def _heat(system: DiskSystem, y: Array, power: float, ambient: float, change: float) -> Array:
-    """Return the heat [W] that warms each cell at the state ``y``.
+    """Return the heat [W] that warms each cell at a state.
 
     ``change`` [W/m2K]: surface conductance beyond that of the system. The half cell of steel below
     the surface lets it take its share of the power, too.
+
+    Parameters
+    ----------
+    system
+        Equations of the disk.
+    y
+        State (n,) [degC].
+    power
+        Heat into the track [W].
+    ambient
+        Ambient temperature [degC].
+    change
+        Surface conductance beyond that of ``system`` [W/m2K].
+
+    Returns
+    -------
+    array
+        Heat (n,) [W].
+
+    Notes
+    -----
+    The heat of the track enters at the surface. The half cell of steel below it divides that heat
+    between the surface conductance and the cell. So the change of the conductance takes a share of
+    the power, too.
     """
     heat = _load(system, power, ambient) - system.conductance @ y
     if change:
@@ -251,7 +408,7 @@ def _heat(system: DiskSystem, y: Array, power: float, ambient: float, change: fl
 
 
 def _load(system: DiskSystem, power: float, ambient: float) -> Array:
-    """Return the heat [W] that the sources bring to each cell."""
+    """Return the heat [W] that power, ambient and constant sources bring to each cell."""
     return system.source_power * power + system.source_ambient * ambient + system.source_const
 
 

@@ -1,4 +1,10 @@
-"""Simulation of the logger (chain, static errors, noise, spikes, 16 bits) and of the oven."""
+"""Simulation of the logger (chain, static errors, noise, spikes, 16 bits) and of the oven.
+
+``tcdyn.simulate.ehl``, ``tcdyn.simulate.plunge`` and ``tcdyn.simulate.campaign`` use it. The
+response of a chain is computed by a matrix exponential here and by another method in
+``tcdyn.chain``; ``tests/simulate/test_measure.py`` compares the two. Its other tests recover noise,
+static lines, spikes and quantisation from the logs.
+"""
 
 from __future__ import annotations
 
@@ -15,20 +21,39 @@ from tcdyn.core.errors import InputError
 from tcdyn.rig.disk import Conditioning
 from tcdyn.simulate.truth import DiskTruth, Imperfections, RigTruth, draw_truth, rng_for
 
-RATE_Hz = 75.0
-OVERSAMPLING = 4
+RATE_Hz = 75.0  # sampling rate of the EHL and plunge logs [Hz]
+OVERSAMPLING = 4  # samples of the true temperature for each logged one; chosen by judgement
 RANGE_degC = (-100.0, 760.0)  # of a type-J module (assumed)
-BITS = 16
-SETPOINTS_degC = tuple(range(20, 161, 20))
+BITS = 16  # resolution of the logger (assumed)
+SETPOINTS_degC = tuple(range(20, 161, 20))  # default setpoints of the oven [degC]
 
 
 def chain_poles(tau1_s: float, tau2_s: float, conditioning: Conditioning) -> Array:
-    """Return the poles (n,) [1/s] of 1 / ((1 + tau1 s)(1 + tau2 s)) times the conditioning filter.
+    """Return the poles of a measurement chain: two lags and the conditioning filter.
+
+    The transfer function is that of the filter over (1 + tau1 s)(1 + tau2 s).
+
+    Parameters
+    ----------
+    tau1_s, tau2_s
+        Lags [s]; zero for none.
+    conditioning
+        The filter: Butterworth, or a cascade of equal lags.
+
+    Returns
+    -------
+    array
+        Poles (n,) [1/s], complex for a Butterworth filter.
 
     Raises
     ------
     InputError
         If the synthetic rig has no filter of that shape.
+
+    Notes
+    -----
+    Another shape of filter needs a case here, and one in ``tcdyn.rig.disk.Conditioning``, which the
+    estimators use. ``tests/simulate/test_measure.py`` compares the two.
     """
     poles = [-1 / tau for tau in (tau1_s, tau2_s) if tau > 0]
     cutoff_rad_s = 2 * np.pi * conditioning.cutoff_Hz
@@ -45,7 +70,7 @@ def chain_poles(tau1_s: float, tau2_s: float, conditioning: Conditioning) -> Arr
 def chain_responses(
     fine: Array, dt_s: float, every: int, chains: Sequence[tuple[float, float, Conditioning]]
 ) -> Array:
-    """Return the response of the chains to ``fine``, each ``every``-th sample of it.
+    """Return the responses of several chains, decimated to the logger's rate.
 
     The input is linear between fine samples, and the response is exact for that. Each chain starts
     at rest with its first sample.
@@ -54,8 +79,17 @@ def chain_responses(
     ----------
     fine
         Inputs (M, channels), sampled every ``dt_s``.
+    dt_s
+        Sampling interval of ``fine`` [s].
+    every
+        Number of fine samples for each returned one.
     chains
-        (tau1, tau2, conditioning) of each channel.
+        (tau1, tau2, conditioning) of each channel [s].
+
+    Returns
+    -------
+    array
+        Responses (M/every rounded up, channels) [degC].
     """
     out = [
         _lag_response(u, dt_s, chain_poles(*chain))[::every]
@@ -65,10 +99,24 @@ def chain_responses(
 
 
 def _lag_response(u: Array, dt_s: float, poles: Array) -> Array:
-    """Return the response of lags of unit gain in series to ``u`` (M,).
+    """Return the response of lags of unit gain in series to a sampled input.
 
     x_i' = p_i (x_i - x_{i-1}) with x_0 = u; the last x is returned. For x' = A x + B u, u' = du/dt,
     one matrix exponential of [x, u, du] gives the exact step of a linear input.
+
+    Parameters
+    ----------
+    u
+        Input (M,), linear between samples; at rest before the first one.
+    dt_s
+        Sampling interval [s].
+    poles
+        Poles (n,) [1/s]; complex ones in conjugate pairs.
+
+    Returns
+    -------
+    array
+        Output of the last lag (M,).
     """
     n = len(poles)
     generator = np.zeros((n + 2, n + 2), dtype=poles.dtype)
@@ -86,12 +134,12 @@ def _lag_response(u: Array, dt_s: float, poles: Array) -> Array:
 
 
 def sample_times(duration_s: float) -> Array:
-    """Return the times of a 75 Hz record of ``duration_s`` [s], from 0."""
+    """Return the times (N,) [s] of a 75 Hz record from 0 to ``duration_s`` [s]."""
     return np.arange(int(np.floor(duration_s * RATE_Hz + 1e-6)) + 1) / RATE_Hz
 
 
 def fine_times(n_samples: int) -> Array:
-    """Return the times [s] of the oversampled record behind ``n_samples`` samples."""
+    """Return the times (M,) [s] of the oversampled record behind ``n_samples`` samples."""
     return np.arange((n_samples - 1) * OVERSAMPLING + 1) / (RATE_Hz * OVERSAMPLING)
 
 
@@ -108,9 +156,16 @@ def log_disk(
     Parameters
     ----------
     truth_at
-        True temperatures (M, channels) over times (M,).
+        Function that returns the true temperatures (M, channels) [degC] at times (M,) [s]; channels
+        in alphabetical order.
+    duration_s
+        Length of the record [s].
+    disk
+        True values of the disk; its channels are logged in alphabetical order.
+    rng
+        Random numbers of noise and spikes.
     how
-        Errors to simulate.
+        Errors to simulate; without ``chain`` the true temperatures are logged directly.
     spikes
         Whether the signals pass slip rings (EHL tests).
 
@@ -118,6 +173,10 @@ def log_disk(
     -------
     logged, true
         Logged and true temperatures, both (N, channels).
+
+    Notes
+    -----
+    The response starts at rest at the first sample, so the disk must be in a steady state there.
     """
     fine = truth_at(fine_times(len(sample_times(duration_s))))
     true = fine[::OVERSAMPLING]
@@ -145,8 +204,28 @@ def logged(
     ----------
     read
         Chain outputs (N, channels) [degC].
+    disk
+        True values of the disk.
+    rng
+        Random numbers of noise and spikes.
+    how
+        Errors to simulate.
+    spikes
+        Whether the signals pass slip rings, which add spikes.
     averaged
         Number of readings in one row (oven rows are means); the noise falls with its square root.
+
+    Returns
+    -------
+    array
+        Logged temperatures (N, channels) [degC].
+
+    Notes
+    -----
+    The order is static line, noise, spikes, quantisation, as in the rig: noise and spikes are those
+    of the log. A mean of several readings is not quantised. Random numbers are drawn even where an
+    error is switched off, so that the other errors stay the same.
+    ``tests/simulate/test_measure.py`` checks each error.
     """
     out = read.copy()
     for k, name in enumerate(sorted(disk.channels)):
@@ -168,6 +247,26 @@ def spike_train(rng: np.random.Generator, count: int, per_s: float) -> Array:
     """Return slip-ring spikes (count,) [K].
 
     They are Poisson in time, one to three samples long, 1.5 K and more, of either sign.
+
+    Parameters
+    ----------
+    rng
+        Random numbers.
+    count
+        Number of samples.
+    per_s
+        Mean number of spikes per second.
+
+    Returns
+    -------
+    array
+        Spikes (count,) [K], zero between them.
+
+    Notes
+    -----
+    Length, least height (1.5 K) and the exponential tail (4 K) are chosen by judgement. They are
+    the truth for the outlier limits in ``tcdyn.estimation.trace_noise``: lower spikes are harder to
+    find. ``tests/simulate/test_measure.py`` checks that spikes are rare, short and high.
     """
     out = np.zeros(count)
     n_spikes = rng.poisson(per_s * count / RATE_Hz)
@@ -181,7 +280,20 @@ def spike_train(rng: np.random.Generator, count: int, per_s: float) -> Array:
 
 
 def quantised(values: Array, low: float = RANGE_degC[0], high: float = RANGE_degC[1]) -> Array:
-    """Round to the nearest of 2^16 levels between ``low`` and ``high``, and clip to them."""
+    """Round to the levels of the 16-bit converter, and clip to its range.
+
+    Parameters
+    ----------
+    values
+        Values of any shape, in any unit.
+    low, high
+        Ends of the range, in that unit.
+
+    Returns
+    -------
+    array
+        Values of the same shape, multiples of (high - low)/(2^16 - 1) above ``low``.
+    """
     step = (high - low) / (2**BITS - 1)
     return np.asarray(low + step * np.round((np.clip(values, low, high) - low) / step))
 
@@ -202,8 +314,20 @@ def simulate_oven(
 
     Parameters
     ----------
+    disk
+        "fast" or "slow".
+    seed
+        Seed; the draws depend on it and on the disk.
+    truth
+        True values of the rig; None draws them from the seed.
+    setpoints_degC
+        Setpoints of the oven [degC].
+    repeats
+        Number of runs over all setpoints.
+    minutes
+        Number of rows at each setpoint, one for each minute.
     prt_limit_K
-        The PRT is wrong by up to this much at each hold (uniform, constant within the hold).
+        Largest error of the platinum thermometer [K]; it is uniform and constant within a hold.
 
     Returns
     -------
@@ -212,6 +336,13 @@ def simulate_oven(
     truth
         Gain and offset_degC of each channel with T = gain * logged + offset, ``prt_error_K`` of
         each hold, and ``"traces"``, the true temperature of each row.
+
+    Notes
+    -----
+    A hold differs from its setpoint by 0.5 K (standard deviation), drifts by 0.03 K from minute to
+    minute, and the thermometer has 5 mK of noise. These numbers are chosen by judgement. The
+    columns are those that ``calibration`` reads; ``tests/simulate/test_plunge.py`` recovers the
+    static lines from them.
     """
     rig = truth or draw_truth(seed)
     errors = rig.imperfections

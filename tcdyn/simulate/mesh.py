@@ -1,4 +1,10 @@
-"""Finite volumes for a disk with its shaft: mesh, conductances, junctions, flux profile."""
+"""Finite volumes for a disk with its shaft: mesh, conductances, junctions, flux profile.
+
+``tcdyn.simulate.implicit`` integrates the equations and ``tcdyn.simulate.round`` adds the
+circumferential harmonics. Cells exchange heat through exact radial (logarithmic) and plane
+resistances. ``tests/simulate/test_disk.py`` checks heat balances, the closed form under a Hertzian
+flux, and the error of the default mesh.
+"""
 
 from __future__ import annotations
 
@@ -16,16 +22,34 @@ from tcdyn.simulate.truth import DiskTruth
 
 # First cells, second cells, conductances between them [W/K].
 Link = tuple[NDArray[np.int64], NDArray[np.int64], Array]
-N_STRIPS = 2001  # strips across the track and along rolling over which a flux profile is summed
+# Strips across the track, and along rolling, over which a flux profile is summed; chosen by
+# judgement.
+N_STRIPS = 2001
 SHAFT_LENGTH_m = 0.12  # free length to the bearing on each side (assumed)
 SHAFT_SECTION = 0.85  # share of a solid section: the shaft is bored for its wires (assumed)
 
 
 @dataclass(frozen=True)
 class DiskMesh:
-    """Numbers of cells in r (bore to surface), z (face d to f) and along each shaft side.
+    """Numbers of cells of the disk and its shaft.
 
     The cells are finer towards the surface.
+
+    Parameters
+    ----------
+    radial
+        Cells from bore to running surface; they are finer towards the surface.
+    axial
+        Equal cells across the width, from face d to face f.
+    surface_cell_m
+        Depth of the cells at the running surface [m].
+    shaft_side
+        Cells of the shaft on each side of the disk.
+
+    Notes
+    -----
+    The default is within 5 mK of a refined mesh (``tests/simulate/test_disk.py``). Fewer cells save
+    time; ``tcdyn.simulate.ehl.STUDY_MESH`` is 0.02 K from it.
     """
 
     radial: int = 80
@@ -36,10 +60,12 @@ class DiskMesh:
 
 @dataclass(frozen=True)
 class DiskSystem:
-    """C dT/dt = -S T + source_power P + source_ambient T_A + source_const; readings ``sample @ T``.
+    """Equations of a disk: C dT/dt = -S T + source_power P + source_ambient T_A + source_const.
 
     ``P`` [W] is the heat that enters the running track. The unknowns are the disk's cells (r slow,
     z fast), then those of the shaft. They may also be circumferential harmonics.
+
+    The readings are ``sample @ T``.
 
     Parameters
     ----------
@@ -47,20 +73,30 @@ class DiskSystem:
         C (n,) [J/K].
     conductance
         S (n, n) [W/K], for the heat transfer coefficient ``h_W_m2K``.
+    source_power
+        Share of P that warms each cell (n,).
+    source_ambient
+        Conductance of each cell to the ambient (n,) [W/K].
+    source_const
+        Constant heat into each cell (n,) [W].
     sample
         Weights (channels, n) of the readings, in the order of ``channels``.
+    channels
+        Names of the readings.
+    h_W_m2K
+        Heat transfer coefficient of the running surface [W/m2K].
     surface_m2
-        Area of the running surface by cell (n,).
+        Area of the running surface in each cell (n,) [m2].
     surface_air_m2
         The same for its exchange with the ambient, zero for harmonics (n,).
     skin_m2K_W
-        Resistance of the half cell of steel below the surface.
+        Resistance of the half cell of steel below the surface [m2K/W].
     track
         Distribution of P over the cells (n,).
     steel
         Temperature dependence of the disk's conduction and capacity.
     film_air_K
-        Temperature of the fluid at the running surface above the ambient.
+        Temperature of the fluid at the running surface above the ambient [K].
     """
 
     capacity: Array
@@ -79,19 +115,44 @@ class DiskSystem:
     film_air_K: float = 0.0
 
     def surface_conductance_change(self, share: Array) -> Array:
-        """Return change of the surface conductance [W/m2K] when h is ``share`` of ``h_W_m2K``."""
+        """Return the change of the surface conductance [W/m2K] where h changes.
+
+        Parameters
+        ----------
+        share
+            h over ``h_W_m2K`` (M,).
+
+        Returns
+        -------
+        array
+            Change (M,) [W/m2K].
+        """
         nominal = self._surface_conductance(self.h_W_m2K)
         return np.asarray(self._surface_conductance(self.h_W_m2K * share) - nominal)
 
     def _surface_conductance(self, h_W_m2K: float | Array) -> float | Array:
-        """Return the conductance of h in series with the half cell of steel below the surface."""
+        """Return the conductance of half a surface cell of steel in series with h [W/m2K]."""
         return h_W_m2K / (1 + h_W_m2K * self.skin_m2K_W)
 
 
 def graded_edges(start: float, end: float, first: float, count: int) -> Array:
-    """Return the edges of ``count`` cells from ``start`` to ``end``.
+    """Return the edges of cells that grow geometrically.
 
     Their size grows geometrically from ``first`` at the start.
+
+    Parameters
+    ----------
+    start, end
+        Ends of the range [m], in either order.
+    first
+        Size of the cell at ``start`` [m]; all cells are equal where it is larger than their mean.
+    count
+        Number of cells.
+
+    Returns
+    -------
+    array
+        Edges (count + 1,) [m] from ``start`` to ``end``.
     """
     length = abs(end - start)
     first = min(first, length / count)
@@ -118,10 +179,19 @@ def build_system(
 
     Parameters
     ----------
+    disk
+        True values of the disk.
     h_W_m2K
         Heat transfer coefficient of the running surface.
     half_width_m
         Half the width of the running track.
+    mesh
+        Numbers of cells.
+
+    Returns
+    -------
+    DiskSystem
+        The equations with steel of constant properties, and the steel's dependence on temperature.
 
     Raises
     ------
@@ -133,6 +203,10 @@ def build_system(
     Conduction between neighbouring cells uses the exact logarithmic resistance in r. Washer faces
     and the running surface lose heat to ambient through half a cell of steel. The heat of the track
     enters at the surface itself, so a part of it leaves through h at once.
+
+    A new heat path belongs in ``_links`` (between cells) or ``to_ambient_W_K`` (to ambient);
+    ``tcdyn.simulate.round._harmonic`` must get it too where it acts on harmonics.
+    ``tests/simulate/test_disk.py`` fails where steady heat in is not heat out.
     """
     s = disk.setup
     if not s.bore_radius_m > 0.5e-3:
@@ -182,10 +256,16 @@ def build_system(
 
 @dataclass(frozen=True)
 class Grid:
-    """Cell centres and edges [m], and the indices of the unknowns in the disk and along the shaft.
+    """Cells of a disk and its shaft, and the indices of their unknowns.
 
     Parameters
     ----------
+    r, z
+        Centres of the disk's cells, from bore to surface (nr,) and across the width (nz,) [m].
+    r_edges, z_edges
+        Edges of these cells [m].
+    shaft_edges
+        Edges of the shaft's cells along z [m].
     cells
         Indices of the disk's cells (nr, nz).
     shaft
@@ -226,7 +306,20 @@ class Grid:
 
 
 def grid_of(disk: DiskTruth, mesh: DiskMesh) -> Grid:
-    """Return the cells of a disk and of its shaft."""
+    """Return the cells of a disk and of its shaft.
+
+    Parameters
+    ----------
+    disk
+        True values of the disk.
+    mesh
+        Numbers of cells.
+
+    Returns
+    -------
+    Grid
+        Cells; the shaft has the axial cells of the disk under it.
+    """
     s = disk.setup
     inwards = graded_edges(s.outer_radius_m, s.bore_radius_m, mesh.surface_cell_m, mesh.radial)
     r_edges = inwards[::-1]
@@ -249,7 +342,7 @@ def grid_of(disk: DiskTruth, mesh: DiskMesh) -> Grid:
 
 
 def _links(disk: DiskTruth, g: Grid) -> list[Link]:
-    """Return conduction in r, in z, through the press fit into the shaft, and along the shaft."""
+    """Return all conduction: in r, in z, through the press fit into the shaft, along the shaft."""
     s = disk.setup
     shaft_dz = np.diff(g.shaft_edges)
     fit_resistance = 1 / (disk.bore_conductance_W_m2K * s.bore_radius_m)
@@ -265,9 +358,27 @@ def _links(disk: DiskTruth, g: Grid) -> list[Link]:
 def ring_links(
     cells: NDArray[np.int64], r: Array, face_area: Array, dz: Array, conductivity_W_mK: float
 ) -> list[Link]:
-    """Return the conduction in r and in z between the ``cells`` (nr, nz) of a ring.
+    """Return the conduction in r and in z between the cells of a ring.
 
     ``r`` (nr,): centres of the cells [m].
+
+    Parameters
+    ----------
+    cells
+        Indices of the cells (nr, nz).
+    r
+        Centres of the cells (nr,) [m].
+    face_area
+        Area of each cell seen along z (nr,) [m2].
+    dz
+        Widths of the cells (nz,) [m].
+    conductivity_W_mK
+        Conductivity [W/mK].
+
+    Returns
+    -------
+    list of Link
+        Pairs of neighbouring cells and their conductances [W/K].
     """
     k = conductivity_W_mK
     radial: Array = np.multiply.outer(2 * np.pi * k / np.log(r[1:] / r[:-1]), dz)
@@ -281,20 +392,34 @@ def disk_links(disk: DiskTruth, g: Grid) -> list[Link]:
 
 
 def skin_m2K_W(disk: DiskTruth, g: Grid) -> float:
-    """Return the resistance of half a cell of steel at the running surface."""
+    """Return the resistance of half a cell of steel at the running surface [m2K/W]."""
     s = disk.setup
     return float(s.outer_radius_m * np.log(s.outer_radius_m / g.r[-1]) / s.conductivity_W_mK)
 
 
 def surface_conductance_W_m2K(disk: DiskTruth, g: Grid, h_W_m2K: float) -> float:
-    """Return the conductance from the surface cells to ambient: half a cell of steel, then h."""
+    """Return the conductance of half a surface cell of steel in series with h [W/m2K]."""
     return h_W_m2K / (1 + h_W_m2K * skin_m2K_W(disk, g))
 
 
 def to_ambient_W_K(disk: DiskTruth, g: Grid, h_W_m2K: float) -> Array:
-    """Return the conductances to ambient (n,) [W/K] of surface, washer faces and shaft.
+    """Return the conductances to ambient of running surface, washer faces and shaft.
 
     The shaft loses heat outside the disk only.
+
+    Parameters
+    ----------
+    disk
+        True values of the disk.
+    g
+        Its cells.
+    h_W_m2K
+        Heat transfer coefficient of the running surface [W/m2K].
+
+    Returns
+    -------
+    array
+        Conductances (n,) [W/K].
     """
     s = disk.setup
     out = np.zeros(g.size)
@@ -312,9 +437,23 @@ def to_ambient_W_K(disk: DiskTruth, g: Grid, h_W_m2K: float) -> Array:
 
 
 def laplacian(links: list[Link], to_ground: Array, n: int) -> sparse.csc_matrix:
-    """Return the conductance matrix (n, n) [W/K] of linked cells.
+    """Return the conductance matrix of linked cells.
 
     ``to_ground`` (n,): conductances to a fixed temperature [W/K].
+
+    Parameters
+    ----------
+    links
+        Pairs of cells and their conductances [W/K].
+    to_ground
+        Conductance of each cell to a fixed temperature (n,) [W/K].
+    n
+        Number of unknowns.
+
+    Returns
+    -------
+    sparse matrix
+        Symmetric matrix (n, n) [W/K]: heat that leaves each cell per kelvin.
     """
     i = np.concatenate([np.ravel(first) for first, _, _ in links]).astype(int)
     j = np.concatenate([np.ravel(second) for _, second, _ in links]).astype(int)
@@ -327,7 +466,22 @@ def laplacian(links: list[Link], to_ground: Array, n: int) -> sparse.csc_matrix:
 
 
 def _sampler(disk: DiskTruth, r: Array, z: Array, n: int) -> sparse.csr_matrix:
-    """Return the weights of the cubic interpolation in r and z at each junction."""
+    """Return the weights of the cubic interpolation in r and z at each junction.
+
+    Parameters
+    ----------
+    disk
+        True values of the disk with its junctions.
+    r, z
+        Centres of the cells (nr,), (nz,) [m].
+    n
+        Number of unknowns.
+
+    Returns
+    -------
+    sparse matrix
+        Weights (channels, n), channels in alphabetical order.
+    """
     cols = []
     values = []
     for _, junction in sorted(disk.setup.junctions.items()):
@@ -341,7 +495,22 @@ def _sampler(disk: DiskTruth, r: Array, z: Array, n: int) -> sparse.csr_matrix:
 
 
 def cubic_weights(x: Array, at: float) -> tuple[NDArray[np.int64], Array]:
-    """Return the indices of the four nearest nodes and the Lagrange weights of their values."""
+    """Return the four nodes nearest to a point, and the Lagrange weights of their values.
+
+    Parameters
+    ----------
+    x
+        Nodes (N,) in ascending order, at least four.
+    at
+        The point; beyond the nodes it is extrapolated.
+
+    Returns
+    -------
+    indices
+        Indices of the nodes (4,).
+    weights
+        Their weights (4,), of sum one.
+    """
     start = int(np.clip(np.searchsorted(x, at) - 2, 0, len(x) - 4))
     nodes = x[start : start + 4]
     weights = np.ones(4)
@@ -353,17 +522,50 @@ def cubic_weights(x: Array, at: float) -> tuple[NDArray[np.int64], Array]:
 
 
 def hertz_shares(edges: Array, half_width_m: float) -> Array:
-    """Return the share of a parabolic track's heat in each cell, by its exact integral; sum 1."""
+    """Return the share of the heat of a parabolic (Hertzian) track in each cell.
+
+    Parameters
+    ----------
+    edges
+        Edges of the cells (n + 1,) [m].
+    half_width_m
+        Half the width of the track [m], centred between the first and the last edge.
+
+    Returns
+    -------
+    array
+        Shares (n,) by the exact integral of the parabola; their sum is 1 where the track is within
+        the edges.
+    """
     x = np.clip((edges - 0.5 * (edges[0] + edges[-1])) / half_width_m, -1.0, 1.0)
     return np.diff(0.75 * (x - x**3 / 3.0))
 
 
 def track_shares(edges: Array, half_width_m: float, flux: FluxProfile) -> Array:
-    """Return the share of the track's heat in each cell between ``edges`` (n + 1,) [m].
+    """Return the share of the track's heat in each cell.
 
     All profiles but the centred parabola are sums over ``N_STRIPS`` strips across the track, each
     in one cell or divided between two. A viscosity by Barus's law is summed over the ellipse, cell
     by cell.
+
+    Parameters
+    ----------
+    edges
+        Edges of the cells (n + 1,) [m].
+    half_width_m
+        Half the width of the track [m].
+    flux
+        Profile of the flux across the track.
+
+    Returns
+    -------
+    array
+        Shares (n,); their sum is 1 where the track is within the edges.
+
+    Notes
+    -----
+    The estimators have their own profile in ``tcdyn.heat``; ``tests/heat/test_rim_flux.py``
+    compares the two.
     """
     if flux == FluxProfile():
         return hertz_shares(edges, half_width_m)
@@ -379,7 +581,22 @@ def track_shares(edges: Array, half_width_m: float, flux: FluxProfile) -> Array:
 
 
 def _strip_heat(middle_m: Array, half_width_m: float, flux: FluxProfile) -> Array:
-    """Return the relative heat of each strip across the track, (N_STRIPS,)."""
+    """Return the relative heat of each strip across the track, (N_STRIPS,).
+
+    Parameters
+    ----------
+    middle_m
+        Middles of the strips from the centre of the track (N_STRIPS,) [m].
+    half_width_m
+        Half the width of the track [m].
+    flux
+        Profile of the flux.
+
+    Returns
+    -------
+    array
+        Relative heat (N_STRIPS,), not normalised.
+    """
     x = middle_m / half_width_m
     if flux.kind == "table":
         return np.interp(middle_m, flux.at_m, flux.weight, left=0.0, right=0.0)

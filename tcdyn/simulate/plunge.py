@@ -1,4 +1,9 @@
-"""Simulation of plunge tests: a disk in a bath, and the comparison of holes (section 5.4)."""
+"""Simulation of plunge tests: a disk in a bath, and the comparison of holes (section 5.4).
+
+``tcdyn.simulate.campaign``, ``tcdyn simulate`` and the tests use it. The disk is solved by
+``tcdyn.simulate.bath`` and logged by ``tcdyn.simulate.measure``. Spreads of the drawn values are
+chosen by judgement. ``tests/simulate/test_plunge.py`` guards it.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +30,23 @@ from tcdyn.simulate.truth import Imperfections, RigTruth, draw_truth, rng_for
 
 @dataclass(frozen=True)
 class PlungeOptions:
-    """Settings of a plunge; None leaves a value to the random draw."""
+    """Settings of a plunge; None leaves a value to the random draw.
+
+    Parameters
+    ----------
+    entry_s
+        Nominal instant of the entry [s].
+    after_s
+        Length of the record after the nominal entry [s].
+    initial_degC
+        Nominal temperature of the disk before the entry [degC].
+    h_scale
+        Factor on natural convection; drawn as 1 +- 0.06 (normal).
+    burst
+        Factor on h at the entry; drawn from 2 to 3.5.
+    burst_decay_s
+        Time constant of that factor [s]; drawn from 0.8 to 1.6 s.
+    """
 
     entry_s: float = 20.0
     after_s: float = 140.0
@@ -37,7 +58,37 @@ class PlungeOptions:
 
 @dataclass(frozen=True)
 class PlungeTruth:
-    """True values of one plunge; the field names are keys of the truth file."""
+    """True values of one plunge; the field names are keys of the truth file.
+
+    Parameters
+    ----------
+    fluid
+        Fluid of the bath.
+    bath_degC
+        Temperature of the bath at the entry [degC].
+    initial_degC
+        Temperature of the disk before the entry [degC].
+    entry_s
+        Instant of the entry [s].
+    duration_s
+        Length of the record [s].
+    h_scale, burst, burst_decay_s
+        As in ``PlungeOptions``.
+    bath_drift_K_s
+        Rate of the bath temperature [K/s].
+    bath_dip_K
+        Fall of the bath temperature by the cold disk [K].
+    fluid_bias_K
+        Error of the bath thermometer [K].
+    switch_s
+        Instant at which the switch is pressed [s].
+    switch_held
+        Whether it stays pressed; otherwise it is released after 0.6 s.
+    bounces
+        Number of times that the switch opens for 20 ms.
+    probe_entry_s, probe_lag_s
+        Entry of the free probe and its lag [s].
+    """
 
     fluid: FluidName
     bath_degC: float
@@ -57,13 +108,45 @@ class PlungeTruth:
     probe_lag_s: float
 
     def bath_at(self, since_entry_s: Array | float) -> Array:
-        """Return bath temperature [degC]: steady drift, and a dip after the cold disk enters."""
+        """Return the bath temperature [degC]: steady drift, and a dip after the cold disk enters.
+
+        Parameters
+        ----------
+        since_entry_s
+            Times since the entry (N,) [s].
+
+        Returns
+        -------
+        array
+            Temperature (N,) [degC]. The dip has a time constant of 25 s.
+        """
         after_entry_s = np.clip(since_entry_s, 0, None)
         dip = self.bath_dip_K * (1 - np.exp(-after_entry_s / 25.0))
         return np.asarray(self.bath_degC + self.bath_drift_K_s * np.asarray(since_entry_s) - dip)
 
     def h_at(self, since_entry_s: float, wall_degC: float, height_m: float) -> float:
-        """Return h [W/m2K]: natural convection times its scale and the burst of the entry."""
+        """Return h [W/m2K]: natural convection times its scale and the burst of the entry.
+
+        Parameters
+        ----------
+        since_entry_s
+            Time since the entry [s].
+        wall_degC
+            Temperature of the running surface [degC].
+        height_m
+            Height of the wall, the width of the disk [m].
+
+        Returns
+        -------
+        float
+            Heat transfer coefficient [W/m2K].
+
+        Notes
+        -----
+        h = h_scale (1 + (burst - 1) exp(-t/burst_decay_s)) h_natural. The fit has the same form
+        with its own correlation (``immersion``); another form here tests the fit against a wrong
+        model.
+        """
         bath_degC = float(self.bath_at(since_entry_s))
         natural = natural_h_W_m2K(self.fluid, wall_degC, bath_degC, height_m)
         burst = 1 + (self.burst - 1) * np.exp(-since_entry_s / self.burst_decay_s)
@@ -77,7 +160,33 @@ def draw_plunge(
     o: PlungeOptions,
     how: Imperfections,
 ) -> PlungeTruth:
-    """Draw one plunge: entry off the sample grid, switch pressed by hand, bath with drift."""
+    """Draw the true values of one plunge.
+
+    Parameters
+    ----------
+    rng
+        Random numbers.
+    fluid
+        Fluid of the bath.
+    bath_degC
+        Temperature of the bath [degC].
+    o
+        Times and fixed values.
+    how
+        Errors to simulate: ``timing``, ``drift`` and ``static`` are used.
+
+    Returns
+    -------
+    PlungeTruth
+        The values. The entry is off the sample grid by up to 0.5 s. The switch is pressed by hand,
+        with a standard deviation of 0.15 s, and bounces in three of ten plunges.
+
+    Notes
+    -----
+    All numbers are drawn at once, so that one option or error does not change the others. A new
+    value takes a spare element of ``u`` (0 to 11, of which 10 and 11 are free); a longer array
+    changes all logs of ``tests/behaviour``.
+    """
     z = np.clip(rng.standard_normal(4), -2.5, 2.5)
     u = rng.uniform(0, 1, 12)
     entry = o.entry_s + (u[0] - 0.5)
@@ -113,7 +222,24 @@ def simulate_plunge(
     truth: RigTruth | None = None,
     options: PlungeOptions | None = None,
 ) -> tuple[pd.DataFrame, dict[str, Any]]:
-    """Simulate a plunge of one disk, insulated but for its running surface, into a hot bath.
+    """Simulate a plunge of one disk into a hot bath, insulated but for its running surface.
+
+    Parameters
+    ----------
+    disk
+        "fast" or "slow".
+    seed
+        Seed; the draws depend on it, the disk and ``run``.
+    fluid
+        Fluid of the bath.
+    bath_degC
+        Temperature of the bath [degC].
+    run
+        Number of the plunge.
+    truth
+        True values of the rig; None draws them from the seed.
+    options
+        Times and fixed values of the plunge; None for the defaults.
 
     Returns
     -------
@@ -134,6 +260,7 @@ def simulate_plunge(
     heating = heat_disk(setup, depths, plunge_truth)
 
     def truth_at(t: Array) -> Array:
+        """Return the true junction temperatures (M, channels) [degC] at times ``t`` (M,) [s]."""
         return heating.at(t - plunge_truth.entry_s)
 
     log, true = log_disk(truth_at, plunge_truth.duration_s, disk_truth, rng, errors, spikes=False)
@@ -153,7 +280,22 @@ def simulate_plunge(
 
 
 def heat_disk(setup: DiskSetup, depths: Array, plunge_truth: PlungeTruth) -> Heating:
-    """Return true temperatures of an immersed disk at ``depths`` [m] over the time since entry."""
+    """Return the true temperatures of an immersed disk over the time since its entry.
+
+    Parameters
+    ----------
+    setup
+        Geometry and steel of the disk; its width is the height of the convecting wall.
+    depths
+        Depths below the running surface (depths,) [m].
+    plunge_truth
+        True values of the plunge.
+
+    Returns
+    -------
+    Heating
+        Temperatures until the end of the record.
+    """
     return heat_radially(
         setup,
         depths,
@@ -167,7 +309,22 @@ def heat_disk(setup: DiskSetup, depths: Array, plunge_truth: PlungeTruth) -> Hea
 def bath_columns(
     plunge_truth: PlungeTruth, how: Imperfections, rng: np.random.Generator
 ) -> dict[str, Array]:
-    """Return time, switch, free probe and bath thermometer as logged."""
+    """Return time, switch, free probe and bath thermometer as logged.
+
+    Parameters
+    ----------
+    plunge_truth
+        True values of the plunge.
+    how
+        Errors to simulate: ``noise`` and ``quantise`` are used.
+    rng
+        Random numbers of the noise.
+
+    Returns
+    -------
+    dict
+        Columns (N,): time_s, switch, probe_degC, fluid_degC.
+    """
     t = sample_times(plunge_truth.duration_s)
     noise = rng.standard_normal((2, len(t))) * (1.0 if how.noise else 0.0)
     since_probe_entry = np.clip(t - plunge_truth.probe_entry_s, 0, None)
@@ -198,6 +355,7 @@ def _switch(t: Array, plunge_truth: PlungeTruth) -> Array:
     return pressed.astype(float)
 
 
+# Columns of the hole comparison: two clamped junctions, then holes of 1.3, 2.2 and 3.0 mm.
 HOLE_COLUMNS = ("ideal_1_degC", "ideal_2_degC", "d1p3_degC", "d2p2_degC", "d3p0_degC")
 
 
@@ -213,12 +371,30 @@ def simulate_hole(
     Five junctions are 3 mm deep, two clamped, three cemented. A hole of 3 mm lags clearly, those of
     1.3 and 2.2 mm hardly.
 
+    Parameters
+    ----------
+    seed
+        Seed of the random draws.
+    truth
+        True values of the rig, of which the fast disk is used; None draws them from the seed.
+    bath_degC
+        Temperature of the water [degC].
+    initial_degC
+        Temperature before the entry [degC].
+    after_s
+        Length of the record after the entry [s].
+
     Returns
     -------
     frame
         Columns time_s, switch, probe_degC, fluid_degC and ``HOLE_COLUMNS``.
     truth
         True values with lag_s of each chain, and ``"traces"``.
+
+    Notes
+    -----
+    The cement adds 0.04, 0.10 and 0.90 s to the lags of the three holes. These lags are the truth
+    that ``tests/simulate/test_plunge.py`` and ``tests/immersion/test_plunge_hole.py`` recover.
     """
     rig = truth or draw_truth(seed)
     errors = rig.imperfections

@@ -1,4 +1,9 @@
-"""The sixteen EHL tests: conditions (table 6.1) and published results (tables 7.1 and 7.2)."""
+"""The sixteen EHL tests: conditions (table 6.1) and published results (tables 7.1 and 7.2).
+
+``tcdyn.simulate.ehl`` draws tests around these values; ``tcdyn.verify`` and
+``docs/gallery/thesis_tests.py`` compare with them. ``tests/simulate/test_contact.py`` checks
+speeds, contacts and the ratio of the heat transfer coefficients.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +15,27 @@ from tcdyn.rig.contact import entraining_speed_m_s, sliding_speed_m_s
 
 @dataclass(frozen=True)
 class EhlCondition:
-    """Conditions of one EHL test, and the results of the thesis for it."""
+    """Conditions of one EHL test, and the results of the thesis for it.
+
+    Parameters
+    ----------
+    name
+        Name of the test, A1 to D4.
+    load_N
+        Normal load [N].
+    pressure_GPa
+        Maximum Hertzian pressure [GPa].
+    speed_fast_rpm, speed_slow_rpm
+        Speeds of the disks [rpm].
+    friction_N
+        Published friction force [N].
+    fast_a_degC, slow_a_degC
+        Published steady temperatures of junction a of the disks [degC].
+    beta
+        Published share of the frictional heat that enters the fast disk.
+    h_fast_W_m2K, h_slow_W_m2K
+        Published heat transfer coefficients of the running surfaces [W/m2K].
+    """
 
     name: str
     load_N: float
@@ -40,14 +65,17 @@ class EhlCondition:
         return self.friction_N * self.sliding_speed_m_s
 
 
+# Load [N] and maximum Hertzian pressure [GPa] by the number in a test's name (table 6.1).
 _LOADS = {1: (850.0, 1.0), 2: (1460.0, 1.2), 3: (1850.0, 1.3), 4: (2320.0, 1.4)}
+# Speeds of the fast and the slow disk [rpm] by the letter in a test's name (table 6.1).
 _SPEEDS = {
     "A": (3282.0, 774.0),
     "B": (4261.0, 1005.0),
     "C": (5249.0, 1238.0),
     "D": (6555.0, 1546.0),
 }
-# friction, a fast, a slow (table 7.2, current tests), beta, h_f, h_s (table 7.1, current tests)
+# friction [N], a fast, a slow [degC] (table 7.2, current tests), beta, h_f, h_s [W/m2K] (table 7.1,
+# current tests)
 _RESULTS = {
     "A1": (10.0, 84.6, 73.0, 0.77, 616, 235),
     "A2": (16.7, 100.8, 82.0, 0.70, 550, 210),
@@ -75,6 +103,7 @@ def _condition(name: str) -> EhlCondition:
     return EhlCondition(name, *load, *speeds, *_RESULTS[name])
 
 
+# All tests by name.
 PROGRAMME: dict[str, EhlCondition] = {name: _condition(name) for name in _RESULTS}
 
 

@@ -4,6 +4,10 @@ With the conductance of the bore h0 (1 + a cos(psi)), psi the angle from where t
 temperature is T0 + T1 cos(psi) + T2 cos(2 psi). Where rig.toml has keyways and patches, sines are
 added. Each T_n obeys conduction in (r, z) with -n^2 T/r^2 added, in the disk and in the shaft under
 and beside it. The harmonics exchange heat where the conductance makes products of their angles.
+
+``tcdyn.simulate.ehl`` and ``tcdyn.simulate.field`` use it. Harmonics above the second are left out.
+``tests/simulate/test_disk.py`` checks balances, symmetry and the radial equation;
+``tests/partition/test_stated_fit.py`` the fit of rig.toml.
 """
 
 from __future__ import annotations
@@ -39,20 +43,32 @@ Wall = tuple[NDArray[np.int64], NDArray[np.int64]]
 # Order n of a harmonic, and its shape: cos or sin of n psi.
 Wave = tuple[int, Callable[[Array], Array]]
 
-HARMONICS = (1, 2)
+HARMONICS = (1, 2)  # orders that are solved; ``unevenness_effects`` assumes these two
+# Shapes that every uneven disk has.
 COSINES: tuple[Wave, ...] = tuple((n, np.cos) for n in HARMONICS)
+# Shapes that a disk with keyways or patches has in addition.
 SINES: tuple[Wave, ...] = tuple((n, np.sin) for n in HARMONICS)
 N_SHAFT_CELLS = 8  # across the wall of the bored shaft; chosen by judgement
-OUTER_SHAFT_CELL_M = 0.2e-3  # outermost cell of the shaft; its half cell is neglected
+# outermost cell of the shaft [m]; its half cell is neglected; by judgement
+OUTER_SHAFT_CELL_M = 0.2e-3
 N_BESIDE = 10  # shaft cells on each side of the disk: harmonics fade over half a radius
-N_ANGLES = 720  # angles of the means around the bore
+N_ANGLES = 720  # angles of the means around the bore; chosen by judgement
 
 
 @dataclass(frozen=True)
 class _HarmonicBlock:
-    """Equations of one harmonic: capacity (M,) [J/K], conductance (M, M) [W/K], outer shaft cells.
+    """Equations of one circumferential harmonic.
 
     ``shaft_faces`` (nz,): indices of the shaft cells at the press fit.
+
+    Parameters
+    ----------
+    capacity
+        Capacities (M,) [J/K].
+    conductance
+        Conductances (M, M) [W/K].
+    shaft_faces
+        Indices of the shaft cells at the press fit (nz,).
     """
 
     capacity: Array
@@ -69,6 +85,29 @@ def harmonic_system(
     disk these follow: the contribution of the first harmonic to each reading, that of the second,
     and the amplitude of the first at the depth and z of the rim's edge, of its cosine and, where
     there are keyways or patches, of its sine.
+
+    Parameters
+    ----------
+    disk
+        True values of the disk.
+    h_W_m2K
+        Heat transfer coefficient of the running surface [W/m2K].
+    half_width_m
+        Half the width of the running track [m].
+    mesh
+        Numbers of cells.
+
+    Returns
+    -------
+    DiskSystem
+        The equations. The harmonics follow the unknowns of the even disk, in the order of
+        ``harmonic_shapes``.
+
+    Notes
+    -----
+    The order of the rows of ``sample`` is read by ``tcdyn.simulate.round.unevenness_effects`` and
+    by ``tcdyn.simulate.ehl._simulate_disk``. ``tests/simulate/test_disk.py`` fails where they
+    disagree.
     """
     even = build_system(disk, h_W_m2K, half_width_m, mesh)
     if disk.uneven.even:
@@ -112,7 +151,24 @@ def harmonic_shapes(disk: DiskTruth) -> tuple[Wave, ...]:
 
 
 def _sample_rows(disk: DiskTruth, g: Grid, even: DiskSystem, starts: Array) -> sparse.csr_matrix:
-    """Return the rows of ``sample`` of an uneven disk, see ``harmonic_system``."""
+    """Return the rows of ``sample`` of an uneven disk, see ``harmonic_system``.
+
+    Parameters
+    ----------
+    disk
+        True values of the disk.
+    g
+        Its cells.
+    even
+        The even system.
+    starts
+        First unknown of the even system and of each harmonic, then the number of unknowns.
+
+    Returns
+    -------
+    sparse matrix
+        Rows of ``sample`` (2 or more blocks of channels, n).
+    """
     waves = harmonic_shapes(disk)
     junctions = disk.setup.junctions
     angles_deg = [junctions[c].angle_deg - disk.uneven.angle_deg for c in even.channels]
@@ -132,6 +188,22 @@ def _steel_with_harmonics(disk: DiskTruth, g: Grid, even: Steel, starts: Array) 
 
     A harmonic conducts as at the temperature of the even part; its conduction is halved (mean of
     cos^2). In every block the cells of the disk come first; only they depend on temperature.
+
+    Parameters
+    ----------
+    disk
+        True values of the disk.
+    g
+        Its cells.
+    even
+        Steel of the even system.
+    starts
+        First unknown of the even system and of each harmonic, then the number of unknowns.
+
+    Returns
+    -------
+    Steel
+        Steel with the unknowns of all harmonics.
     """
     size = g.cells.size
     k = disk.setup.conductivity_W_mK
@@ -146,7 +218,24 @@ def _steel_with_harmonics(disk: DiskTruth, g: Grid, even: Steel, starts: Array) 
 
 
 def _circumferential_W_K(conductivity_W_mK: float, n: int, edges: Array, dz: Array) -> Array:
-    """Return the heat that harmonic ``n`` of a cell exchanges around the ring, (nr, nz) [W/K]."""
+    """Return the conductance that the term -n^2 T/r^2 gives each cell of a ring.
+
+    Parameters
+    ----------
+    conductivity_W_mK
+        Conductivity [W/mK].
+    n
+        Order of the harmonic.
+    edges
+        Edges of the cells in r (nr + 1,) [m].
+    dz
+        Widths of the cells (nz,) [m].
+
+    Returns
+    -------
+    array
+        Conductances (nr, nz) [W/K] of the full ring, before the mean of cos^2.
+    """
     return 2 * np.pi * conductivity_W_mK * n**2 * np.outer(np.log(edges[1:] / edges[:-1]), dz)
 
 
@@ -154,6 +243,18 @@ def _half_surface(even: DiskSystem, count: int) -> Array:
     """Return half the running surface in the unknowns of a harmonic (count,).
 
     Every term of a harmonic is halved, as the mean of cos^2 is a half. Disk cells come first.
+
+    Parameters
+    ----------
+    even
+        The even system.
+    count
+        Number of unknowns of the harmonic.
+
+    Returns
+    -------
+    array
+        Areas (count,) [m2].
     """
     n_shared = min(count, len(even.surface_m2))
     return np.append(0.5 * even.surface_m2[:n_shared], np.zeros(count - n_shared))
@@ -164,6 +265,8 @@ def unevenness_effects(disk: DiskTruth, readings: Array) -> dict[str, Any]:
 
     Parameters
     ----------
+    disk
+        True values of the disk.
     readings
         One row of readings of ``harmonic_system`` [degC].
 
@@ -191,7 +294,20 @@ def unevenness_effects(disk: DiskTruth, readings: Array) -> dict[str, Any]:
 
 
 def _spread(blocks: list[tuple[int, sparse.csr_matrix]], starts: Array) -> sparse.csr_matrix:
-    """Return rows over all unknowns, each block at the first unknown of its harmonic."""
+    """Return rows over all unknowns, each block at the first unknown of its harmonic.
+
+    Parameters
+    ----------
+    blocks
+        Number of a harmonic (0 for the even part) and its rows.
+    starts
+        First unknown of the even system and of each harmonic, then the number of unknowns.
+
+    Returns
+    -------
+    sparse matrix
+        The sum of the blocks, over all unknowns.
+    """
     n_unknowns = int(starts[-1])
     total = 0
     for n, block in blocks:
@@ -206,6 +322,26 @@ def _harmonic(disk: DiskTruth, g: Grid, n: int, h_W_m2K: float) -> _HarmonicBloc
     """Return the equations of harmonic ``n``.
 
     The mean of cos^2 around the disk is a half, so all terms are half of those of the full ring.
+
+    Parameters
+    ----------
+    disk
+        True values of the disk.
+    g
+        Its cells.
+    n
+        Order of the harmonic.
+    h_W_m2K
+        Heat transfer coefficient of the running surface [W/m2K].
+
+    Returns
+    -------
+    _HarmonicBlock
+        The equations without the exchange through the press fit.
+
+    Notes
+    -----
+    A harmonic loses heat to the ambient as the even part does and has no source.
     """
     s = disk.setup
     k = s.conductivity_W_mK
@@ -244,6 +380,22 @@ def _coupling(disk: DiskTruth, g: Grid, walls: list[Wall], size: int) -> sparse.
     ``walls``: cells of disk and shaft beside the fit, of each harmonic. The flux at an angle is
     h(psi) times the difference across the fit, half a cell of steel counted in h, as in the even
     system.
+
+    Parameters
+    ----------
+    disk
+        True values of the disk.
+    g
+        Its cells.
+    walls
+        Cells of disk and shaft beside the fit, of each harmonic; the even part comes first.
+    size
+        Number of unknowns.
+
+    Returns
+    -------
+    sparse matrix
+        Symmetric conductances (size, size) [W/K].
     """
     s = disk.setup
     skin = s.bore_radius_m * np.log(g.r[0] / s.bore_radius_m) / s.conductivity_W_mK

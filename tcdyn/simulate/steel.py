@@ -1,4 +1,9 @@
-"""Steel of the synthetic disk with temperature-dependent conductivity and specific heat."""
+"""Steel of the synthetic disk with temperature-dependent conductivity and specific heat.
+
+``tcdyn.simulate.mesh`` and ``tcdyn.simulate.round`` build it and ``tcdyn.simulate.implicit``
+iterates it. Both properties are linear in temperature. ``tests/simulate/test_steel.py`` compares it
+with Kirchhoff's transformation and checks that all heat is stored.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +17,7 @@ from tcdyn.core import Array
 from tcdyn.core.errors import InputError
 from tcdyn.rig.steel import SteelSlopes
 
-MIN_CONDUCTIVITY_SHARE = 0.2  # of the reference conductivity; chosen by judgement
+MIN_CONDUCTIVITY_SHARE = 0.2  # least conductivity over that at reference; by judgement
 
 
 @dataclass(frozen=True)
@@ -49,6 +54,16 @@ class Steel:
     def extra_conduction_W(self, y: Array) -> Array:
         """Return the heat that reaches each unknown beyond that of the reference conductivity [W].
 
+        Parameters
+        ----------
+        y
+            State (n,) [degC].
+
+        Returns
+        -------
+        array
+            Heat (n,) [W].
+
         Raises
         ------
         InputError
@@ -70,12 +85,44 @@ class Steel:
         return -self.slopes.conductivity_per_K * (self.conduction @ potential)
 
     def stage_correction_W(self, guess: Array, y: Array, rate: Array, capacity: Array) -> Array:
-        """Return the heat [W] that a stage at ``y`` and ``rate`` adds to that at ``guess``."""
+        """Return the heat by which a Runge-Kutta stage differs from the linear system.
+
+        Parameters
+        ----------
+        guess
+            State for which the heat was computed (n,) [degC].
+        y
+            State of the stage (n,) [degC].
+        rate
+            Rates of the stage (n,) [K/s].
+        capacity
+            Capacities at the reference temperature (n,) [J/K].
+
+        Returns
+        -------
+        array
+            Heat to be added (n,) [W].
+        """
         extra_conduction_W = self.extra_conduction_W(y) - self.extra_conduction_W(guess)
         return extra_conduction_W - self._stored_W(y, rate, capacity)
 
     def _stored_W(self, y: Array, rate: Array, capacity: Array) -> Array:
-        """Return heat stored beyond that of the reference specific heat at ``rate`` [K/s] [W]."""
+        """Return the heat stored beyond that of the reference specific heat.
+
+        Parameters
+        ----------
+        y
+            State (n,) [degC].
+        rate
+            Rates (n,) [K/s].
+        capacity
+            Capacities at the reference temperature (n,) [J/K].
+
+        Returns
+        -------
+        array
+            Heat (n,) [W].
+        """
         out = np.zeros_like(y)
         first = self.cells[0]
         above_reference = y[first] - self.slopes.reference_degC
@@ -85,7 +132,27 @@ class Steel:
         return self.slopes.specific_heat_per_K * capacity * out
 
     def rate(self, heat_W: Array, y: Array, capacity: Array) -> Array:
-        """Return the rates (n,) [K/s] at which ``heat_W`` (n,) warms the unknowns at ``y``."""
+        """Return the rates at which heat warms the unknowns.
+
+        Parameters
+        ----------
+        heat_W
+            Heat (n,) [W].
+        y
+            State (n,) [degC].
+        capacity
+            Capacities at the reference temperature (n,) [J/K].
+
+        Returns
+        -------
+        array
+            Rates (n,) [K/s].
+
+        Notes
+        -----
+        ``_stored_W`` is the inverse relation; a change of one needs the same change of the other.
+        ``tests/simulate/test_steel.py`` checks the stored heat.
+        """
         out = heat_W / capacity
         slope = self.slopes.specific_heat_per_K
         if not slope:

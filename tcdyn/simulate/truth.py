@@ -1,4 +1,9 @@
-"""True values of the synthetic rig, which no fit may use: drawn once for each rig, frozen."""
+"""True values of the synthetic rig, which no fit may use: drawn once for each rig, frozen.
+
+All other modules of ``tcdyn.simulate`` and many tests use them; estimators never do. Distributions
+are chosen by judgement, or are those of the table [uncertainty] of rig.toml.
+``tests/simulate/test_ehl.py`` checks the spread of uncertain rigs.
+"""
 
 from __future__ import annotations
 
@@ -21,11 +26,31 @@ from tcdyn.rig.tables import FluxProfile
 
 @dataclass(frozen=True)
 class Imperfections:
-    """Errors between the true temperatures and the log; ``CLEAN`` switches off all but the chain.
+    """Errors between the true temperatures and the log.
 
     ``static``: gain and offset errors. ``drift``: drift of friction, ambient, oil and bath.
     ``timing``: switches and load cell that miss the instant of contact by up to 0.02 s, and the
     switch pressed by hand by more.
+
+    ``CLEAN`` switches off all but the chain.
+
+    Parameters
+    ----------
+    noise
+        White noise of all channels.
+    spikes
+        Spikes of the slip rings.
+    quantise
+        16-bit converter.
+    static
+        Gain, offset and zero errors.
+    drift
+        Drift of friction, ambient, oil and bath.
+    timing
+        Switches and load cell that miss the instant of contact by up to 0.02 s, and the switch of a
+        plunge, which is pressed by hand, by more.
+    chain
+        Lags of the measurement chain.
     """
 
     noise: bool = True
@@ -37,6 +62,7 @@ class Imperfections:
     chain: bool = True
 
 
+# No errors but the lags of the chain.
 CLEAN = Imperfections(
     noise=False, spikes=False, quantise=False, static=False, drift=False, timing=False
 )
@@ -44,7 +70,19 @@ CLEAN = Imperfections(
 
 @dataclass(frozen=True)
 class ChannelTruth:
-    """One channel: two lags [s], line T = gain * logged + offset, noise [K], spikes per second."""
+    """True values of one channel.
+
+    Parameters
+    ----------
+    tau1_s, tau2_s
+        Lags of the sensor [s].
+    gain, offset_degC
+        Static line T = gain * logged + offset [degC].
+    noise_K
+        Standard deviation of the noise [K].
+    spikes_per_s
+        Mean number of spikes per second.
+    """
 
     tau1_s: float
     tau2_s: float
@@ -54,7 +92,7 @@ class ChannelTruth:
     spikes_per_s: float
 
     def lag_s(self, conditioning: Conditioning) -> float:
-        """Return first moment of the chain's impulse response, with the conditioning filter [s]."""
+        """Return the lag [s]: first moment of the impulse response, conditioning filter included."""
         return self.tau1_s + self.tau2_s + conditioning.lag_s
 
 
@@ -64,6 +102,10 @@ class BoreContact:
 
     Parameters
     ----------
+    amplitude
+        Relative amplitude of the first harmonic of the conductance, from 0 (even) to 1.
+    angle_deg
+        Angle at which the conductance is largest [deg].
     sectors
         Keyways and patches of rig.toml. With them, they are the conductance, and ``amplitude`` and
         ``angle_deg`` are its first harmonic.
@@ -79,7 +121,13 @@ class BoreContact:
     sectors: Sectors = ()
 
     def __post_init__(self) -> None:
-        """Check amplitude and angle."""
+        """Check amplitude and angle.
+
+        Raises
+        ------
+        InputError
+            If amplitude or angle are out of range.
+        """
         max_amplitude = 2 if self.sectors else 1
         if not (0 <= self.amplitude <= max_amplitude and abs(self.angle_deg) <= 360):
             raise InputError(
@@ -94,7 +142,19 @@ class BoreContact:
         return not (self.amplitude or self.sectors)
 
     def relative(self, psi_rad: Array) -> Array:
-        """Return conductance over its mean (N,) at equidistant angles from ``angle_deg`` (N,)."""
+        """Return the conductance over its mean.
+
+        Parameters
+        ----------
+        psi_rad
+            Equidistant angles from ``angle_deg`` (N,) [rad]. With sectors each value is the mean
+            over one step.
+
+        Returns
+        -------
+        array
+            Relative conductance (N,).
+        """
         if not self.sectors:
             return 1 + self.amplitude * np.cos(psi_rad)
         half_step_deg = 180.0 / len(psi_rad)
@@ -105,18 +165,24 @@ class BoreContact:
 
 @dataclass(frozen=True)
 class DiskTruth:
-    """The true disk (``setup`` may differ from ``rig.toml``), its shaft and its channels.
+    """The true disk, its shaft and its channels.
 
     Parameters
     ----------
+    setup
+        Geometry and steel; they may differ from those of ``rig.toml``.
+    channels
+        Channels by name.
     bore_conductance_W_m2K
         Mean conductance of the press fit, section 6.4.3.
     shaft_W_m2K
-        Heat transfer coefficient from the shaft to the enclosure.
+        Heat transfer coefficient from the shaft to the enclosure [W/m2K].
     bearing_offset_K
-        Temperatures of the shaft ends above ambient, at z < 0 and z > width.
+        Temperatures of the shaft ends above ambient, at z < 0 and z > width [K].
+    uneven
+        Variation of that conductance around the bore.
     film_air_K
-        Temperature above ambient of the fluid that the running surface loses heat to.
+        Temperature above ambient of the fluid that the running surface loses heat to [K].
     """
 
     setup: DiskSetup
@@ -144,12 +210,20 @@ class RigTruth:
 
     Parameters
     ----------
+    fast, slow
+        The disks.
+    gear_ratio
+        Speed of the fast disk over that of the slow one.
     speed_exponent
         n of h_fast / h_slow = gear_ratio ** n.
+    half_width_scale
+        True over nominal half width of the track.
     friction_scale
         Logged over true friction.
     ambient_bias_K
-        Logged minus true ambient temperature.
+        Logged minus true ambient temperature [K].
+    imperfections
+        Errors of the logs.
     """
 
     fast: DiskTruth
@@ -181,17 +255,34 @@ class RigTruth:
 
 
 def rng_for(seed: int, *keys: str) -> np.random.Generator:
-    """Return a generator that depends on the seed and its purpose, never on earlier draws."""
+    """Return a generator that depends on the seed and its purpose, never on earlier draws.
+
+    Parameters
+    ----------
+    seed
+        Seed of the rig or campaign.
+    keys
+        Purpose of the draws, such as "plunge", "fast", "1".
+
+    Notes
+    -----
+    A new purpose needs new keys. Other keys for an old purpose change all logs of
+    ``tests/behaviour``.
+    """
     return np.random.default_rng([seed, *(crc32(key.encode()) for key in keys)])
 
 
 def draw_truth(
     seed: int, rig: Rig | None = None, *, uncertain: bool = False, exponent: float | None = None
 ) -> RigTruth:
-    """Draw a rig. Chains, static lines and noise always differ from rig to rig.
+    """Draw the true values of a rig.
+
+    Chains, static lines and noise always differ from rig to rig.
 
     Parameters
     ----------
+    seed
+        Seed of the random draws.
     rig
         Nominal rig.
     uncertain
@@ -201,6 +292,16 @@ def draw_truth(
         n uniformly from its range.
     exponent
         The exact n.
+
+    Returns
+    -------
+    RigTruth
+        The true values, with all imperfections.
+
+    Notes
+    -----
+    Keep the order of the draws: another order changes every rig, and all logs of
+    ``tests/behaviour``.
 
     Examples
     --------
@@ -241,7 +342,20 @@ def draw_truth(
 
 
 def _draw_factors(rng: np.random.Generator, table: UncertaintyTable) -> dict[str, float]:
-    """Draw the factors on nominal values, and the bias of the ambient sensor [K]."""
+    """Draw the factors on nominal values, and the bias of the ambient sensor [K].
+
+    Parameters
+    ----------
+    rng
+        Random numbers.
+    table
+        Relative standard uncertainties.
+
+    Returns
+    -------
+    dict
+        Factors by quantity, and "ambient", the bias [K]. Normal, clipped at 3 standard deviations.
+    """
     z = np.clip(rng.standard_normal(6), -3, 3)
     return {
         "conductivity": float(1 + table.conductivity_rel * z[0]),
@@ -256,7 +370,24 @@ def _draw_factors(rng: np.random.Generator, table: UncertaintyTable) -> dict[str
 def _draw_setup(
     rng: np.random.Generator, setup: DiskSetup, factors: dict[str, float], table: UncertaintyTable
 ) -> DiskSetup:
-    """Draw the true setup of a disk from its nominal one."""
+    """Draw the true setup of a disk from its nominal one.
+
+    Parameters
+    ----------
+    rng
+        Random numbers of the disk.
+    setup
+        Nominal setup.
+    factors
+        Factors of steel and washers, common to both disks.
+    table
+        Standard uncertainty of the depths.
+
+    Returns
+    -------
+    DiskSetup
+        The true setup; no depth is below 0.2 mm.
+    """
     shifts = np.clip(rng.standard_normal(len(setup.junctions)), -3, 3) * table.depth_mm * 1e-3
     junctions = {
         name: Junction(max(j.depth_m + shift, 0.2e-3), j.z_m, j.angle_deg)
@@ -274,7 +405,24 @@ def _draw_setup(
 def _draw_flux(
     rng: np.random.Generator, setup: DiskSetup, rig: Rig, width_factor: float
 ) -> FluxProfile:
-    """Draw the true flux profile of a disk: shifted, and a table of it wider."""
+    """Draw the true flux profile of a disk: shifted, and a table of it wider.
+
+    Parameters
+    ----------
+    rng
+        Random numbers of the profile.
+    setup
+        Nominal setup.
+    rig
+        Nominal rig with the uncertainty of the shift.
+    width_factor
+        Factor on the half width.
+
+    Returns
+    -------
+    FluxProfile
+        The true profile.
+    """
     z = float(np.clip(rng.standard_normal(), -3, 3))
     shift_m = z * 1e-3 * rig.tables(setup.name).uncertainty.flux_shift_mm
     flux = setup.flux
@@ -283,7 +431,28 @@ def _draw_flux(
 
 
 def _draw_disk(rng: np.random.Generator, name: str, setup: DiskSetup) -> DiskTruth:
-    """Draw the channels of a disk, its press fit and its shaft."""
+    """Draw the channels of a disk, its press fit and its shaft.
+
+    Parameters
+    ----------
+    rng
+        Random numbers of the disk.
+    name
+        "fast" or "slow".
+    setup
+        True setup.
+
+    Returns
+    -------
+    DiskTruth
+        The true disk with an even press fit.
+
+    Notes
+    -----
+    Chosen by judgement around the thesis: mean lags of 0.75 and 0.72 s with the filter, press fits
+    of 900 and 1600 W/m2K, a shaft of 60 W/m2K. ``draw_truth`` shows the range of the lags in its
+    example.
+    """
     is_fast = name == "fast"
     common_lag = (0.75 if is_fast else 0.72) + 0.03 * rng.uniform(-1, 1)
     spread = 0.04 * np.clip(rng.standard_normal(len(setup.junctions)), -2, 2)
@@ -310,7 +479,20 @@ def _draw_disk(rng: np.random.Generator, name: str, setup: DiskSetup) -> DiskTru
 
 
 def _with_nominal_fit(disk: DiskTruth, nominal: DiskSetup) -> DiskTruth:
-    """Return the disk with conductance and unevenness of the press fit of ``rig.toml``, if any."""
+    """Return the disk with conductance and unevenness of the press fit of ``rig.toml``, if any.
+
+    Parameters
+    ----------
+    disk
+        True values of the disk.
+    nominal
+        Nominal setup.
+
+    Returns
+    -------
+    DiskTruth
+        The disk; unchanged where rig.toml specifies no press fit.
+    """
     if not nominal.press_fit.is_specified:
         return disk
     sectors = nominal.press_fit.sectors(1e3 * nominal.bore_radius_m)
@@ -321,7 +503,18 @@ def _with_nominal_fit(disk: DiskTruth, nominal: DiskSetup) -> DiskTruth:
 
 
 def truth_as_dict(truth: RigTruth) -> dict[str, Any]:
-    """Return the rig as plain numbers with its lags, as ``truth/truth.json`` holds it."""
+    """Return the rig as plain numbers with its lags, as ``truth/truth.json`` holds it.
+
+    Parameters
+    ----------
+    truth
+        True values of the rig.
+
+    Returns
+    -------
+    dict
+        Values by the keys of the file.
+    """
     out: dict[str, Any] = jsonable(truth)
     for name in DISKS:
         disk = truth.disk(name)
