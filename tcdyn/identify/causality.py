@@ -1,4 +1,10 @@
-"""Causality check: an output that moves before its input is an error; a lead is accepted."""
+"""Causality check: an output that moves before its input is an error; a lead is accepted.
+
+``tcdyn.identify.fit.fit`` calls it for each input. It compares the best lag with a negative dead
+time with the best causal one. The thresholds come from trials on simulated records;
+``tests/identify/test_identify_causality.py`` checks that leads pass and that shifted or exchanged
+columns do not.
+"""
 
 from __future__ import annotations
 
@@ -14,11 +20,12 @@ from tcdyn.identify.problem import IdentificationProblem
 from tcdyn.identify.segments import MIN_REPEATED_SHARE
 from tcdyn.identify.starting_values import interpolate_gaps, lag_correlation
 
-N_LEAD_LAGS = 12  # lags, of which two make a lead
-MAX_REFINEMENTS = 4  # of the grid of lags: from a factor 3 to 1 %
+N_LEAD_LAGS = 12  # lags of the grid, of which two make a lead; chosen by judgement
+MAX_REFINEMENTS = 4  # refinements of the grid of lags, from a factor 3 to 1 %
 MIN_SAMPLES = 40  # of a record that is checked (chosen by judgement)
-# In trials every causal system, leads and integrators included, stayed above 0.97 of the
-# unexplained variance of the best causal lag, exchanged or shifted columns below 0.63.
+# Unexplained variance of a lag ahead of the input over that of the best causal lag, below which the
+# output moves first. In trials every causal system, leads and integrators included, stayed above
+# 0.97, exchanged or shifted columns below 0.63.
 MAX_UNEXPLAINED_RATIO = 0.7
 MIN_R2 = 0.3  # of a lag ahead of the input (from the same trials)
 
@@ -51,6 +58,10 @@ def check_causality(problem: IdentificationProblem, where: str) -> None:
     where a lead of two lags explains the output nearly as well as it explains any later output.
     An output that was set by a computer and not measured is not that of a sensor: then the columns
     are exchanged, although a lead would fit too.
+
+    A larger ``MAX_UNEXPLAINED_RATIO`` or a smaller ``MIN_R2`` finds more shifted columns and
+    refuses more causal records. ``tests/identify/test_identify_causality.py`` and
+    ``tests/identify/test_identify_data.py`` fail in either direction.
     """
     n_samples = sum(len(s.u) for s in problem.segments)
     if problem.model.integrators or n_samples < MIN_SAMPLES:
@@ -81,6 +92,20 @@ def _best_negative_shift(problem: IdentificationProblem, n: int, reach: int) -> 
     """Position of the best shift ahead of the input where it is far better than any causal one.
 
     The positions count from -``reach`` samples. None where a causal dead time is good enough.
+
+    Parameters
+    ----------
+    problem
+        The identification problem of one input, with one lag.
+    n
+        Samples of the longest segment.
+    reach
+        Largest shift ahead of the input and behind it, in samples.
+
+    Returns
+    -------
+    int or None
+        Position of the shift, counted from -``reach`` samples.
     """
     taus = np.geomspace(problem.dt_s, 0.3 * n * problem.dt_s, 8)
     ratio = float(taus[1] / taus[0])
@@ -117,10 +142,22 @@ def output_is_setpoint(problem: IdentificationProblem) -> bool:
 
 
 def lead_correlation(problem: IdentificationProblem, ahead: int = 0) -> float:
-    """The largest r^2 of the output with the input and two of its lags.
+    """Return the largest r^2 of the output with the input and two of its lags.
 
     Two lags with two zeros include a lead. Segments start in equilibrium and share the constant.
     ``ahead`` shifts the output by as many samples to later times.
+
+    Parameters
+    ----------
+    problem
+        The identification problem of one input.
+    ahead
+        Samples by which the output is shifted to later times.
+
+    Returns
+    -------
+    float
+        The coefficient of determination, from 0 to 1.
     """
     taus = np.geomspace(2 * problem.dt_s, 0.3 * problem.longest_segment_s, N_LEAD_LAGS)
     known = problem.model.known

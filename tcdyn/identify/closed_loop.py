@@ -1,6 +1,9 @@
 """Closed-loop check: whether an input is computed from the output, as by a controller.
 
-From such a record no plant can be identified.
+From such a record no plant can be identified. ``tcdyn.identify.fit.fit`` and
+``tcdyn.identify.comparison.compare`` call it. The thresholds come from
+``tests/identify/closed_loop_study.py``; ``tests/identify/test_identify_closed_loop.py`` checks
+loops that must be recognised and open loops that must not.
 """
 
 from __future__ import annotations
@@ -148,6 +151,9 @@ def closed_loop(data: IOData) -> tuple[Finding, ...]:
 
     A proportional law without delay is a static relation like any other and cannot be recognised
     from the data.
+
+    The thresholds at the top of the module belong together: they separate the loops from the open
+    loops of the study. After a change of one, run ``tests/identify/test_identify_closed_loop.py``.
     """
     if len(data.output_names) != 1:
         return ()
@@ -165,7 +171,22 @@ def closed_loop(data: IOData) -> tuple[Finding, ...]:
 
 
 def rows_of(segment: Segment, k: int, count: int) -> Rows:
-    """The first ``count`` rows of a segment's ``k``-th input and of its output."""
+    """Return the first rows of one input and of the output of a segment.
+
+    Parameters
+    ----------
+    segment
+        The segment.
+    k
+        Number of the input.
+    count
+        Number of rows.
+
+    Returns
+    -------
+    Rows
+        The rows; none where the output was not measured at all.
+    """
     u = segment.inputs[:count, k]
     measured = segment.measured[:count]
     if not measured.any():
@@ -178,7 +199,18 @@ def rows_of(segment: Segment, k: int, count: int) -> Rows:
 
 
 def integral_law(segments: Sequence[Rows]) -> bool:
-    """Whether the input is an integral and proportional law of the output."""
+    """Whether the input is an integral and proportional law of the output.
+
+    Parameters
+    ----------
+    segments
+        Rows of one input, a record for each segment.
+
+    Returns
+    -------
+    bool
+        False also where there are too few rows.
+    """
     innovations = input_innovations(segments)
     if innovations is None:
         return False
@@ -224,6 +256,12 @@ def is_law(table: Array, innovation: Array, scale: float, dof: int) -> bool:
     dof
         Degrees of freedom of the residuals.
 
+    Returns
+    -------
+    bool
+        Whether all conditions hold: the explained share, the F values, the share in each block, the
+        residuals' autocorrelation, and the randomness of the input.
+
     Notes
     -----
     The law must predict better than the input's own past, and the pure integral better than the
@@ -264,10 +302,22 @@ def is_law(table: Array, innovation: Array, scale: float, dof: int) -> bool:
 def input_innovations(
     segments: Sequence[Rows],
 ) -> tuple[list[NDArray[np.bool_]], list[Array]] | None:
-    """Usable rows of each segment, and the innovations of the input there.
+    """Return the usable rows of each segment, and the innovations of the input there.
 
     Usable rows are not at a limit of the input. The innovation is what the input's own past does
     not predict. None for too few rows.
+
+    Parameters
+    ----------
+    segments
+        Rows of one input, a record for each segment.
+
+    Returns
+    -------
+    usable
+        True at the usable rows, an array (N,) for each segment.
+    innovation
+        Innovations, an array (N,) for each segment, zero at other rows.
     """
     if not segments:
         return None
@@ -293,7 +343,18 @@ def input_innovations(
 
 
 def delayed_law(segments: Sequence[Rows]) -> bool:
-    """Whether past outputs predict the input beyond its own past, by what it did not cause."""
+    """Whether past outputs predict the input beyond its own past, by what it did not cause.
+
+    Parameters
+    ----------
+    segments
+        Rows of one input, a record for each segment.
+
+    Returns
+    -------
+    bool
+        False also where there are too few rows, or where the input is a smooth prescribed curve.
+    """
     inputs = []
     outputs = []
     lags = range(PAST_LAGS + 1)
@@ -330,9 +391,26 @@ def delayed_law(segments: Sequence[Rows]) -> bool:
 
 
 def law_terms(y: Array, longest: int) -> Array:
-    """Terms of a control law (N, M): output, its last two values, filtered outputs, sums.
+    """Return the terms of a control law: output, its last two values, filtered outputs, sums.
 
     The sums are the running sum and leaky sums, up to ``MAX_LEAK_LENGTHS`` times ``longest``.
+
+    Parameters
+    ----------
+    y
+        Output less its level (N,).
+    longest
+        Samples of the longest segment.
+
+    Returns
+    -------
+    array
+        Terms (N, M). The first ``PROPORTIONAL_TERMS`` have no integral; the running sum and the
+        leaky sums follow.
+
+    Notes
+    -----
+    ``tcdyn.identify.closed_loop.is_law`` relies on this order.
     """
     columns = [y, delay(y, 1), delay(y, 2)]
     for pole in FILTER_POLES:
@@ -346,12 +424,26 @@ def law_terms(y: Array, longest: int) -> Array:
 
 
 def delay(x: Array, count: int) -> Array:
-    """``x`` (N,) delayed by ``count`` samples, with its first value before."""
+    """Return ``x`` (N,) delayed by ``count`` samples, with its first value before."""
     return np.concatenate([np.full(count, x[0]), x[:-count]])
 
 
 def law_intervals(good: NDArray[np.bool_], step: NDArray[np.bool_]) -> list[slice]:
-    """Consecutive usable rows, cut where the set point has a step."""
+    """Return the intervals of consecutive usable rows, cut where the set point has a step.
+
+    Parameters
+    ----------
+    good
+        Usable rows (N,).
+    step
+        Rows with a step of the set point (N,).
+
+    Returns
+    -------
+    list of slice
+        Intervals of at least ``MIN_INTERVAL_ROWS`` rows. After a step ``SETTLING_ROWS`` are left
+        out.
+    """
     edges = np.flatnonzero(np.diff(np.concatenate([[0], good.view(np.int8), [0]]))).reshape(-1, 2)
     cuts = np.flatnonzero(step)
     intervals = []
@@ -366,13 +458,29 @@ def law_intervals(good: NDArray[np.bool_], step: NDArray[np.bool_]) -> list[slic
 
 
 def remove_polynomial(table: Array, degree: int) -> Array:
-    """The columns of ``table`` (N, M) less their polynomials in time of that degree."""
+    """Return the columns of ``table`` (N, M) less their polynomials in time of that degree."""
     powers = np.vander(np.linspace(-1.0, 1.0, len(table)), degree + 1)
     return project_out(np.linalg.qr(powers)[0], table)
 
 
 def orthonormal(table: Array) -> Array:
-    """An orthonormal basis of the columns of ``table`` (N, M), without dependent columns."""
+    """Return an orthonormal basis of the columns of a table, without dependent columns.
+
+    Parameters
+    ----------
+    table
+        Columns (N, M).
+
+    Returns
+    -------
+    array
+        Basis (N, K), K at most M.
+
+    Notes
+    -----
+    Directions of less than 1e-13 of the largest eigenvalue count as dependent; that is the rounding
+    error of the normal equations.
+    """
     size = np.linalg.norm(table, axis=0)
     scaled = table / np.where(size > 0, size, 1.0)
     values, vectors = np.linalg.eigh(scaled.T @ scaled)
@@ -382,6 +490,19 @@ def orthonormal(table: Array) -> Array:
 
 
 def project_out(basis: Array, x: Array) -> Array:
-    """``x`` (N,) or (N, M) orthogonal to the orthonormal ``basis`` (N, K); twice, for rounding."""
+    """Return the part of ``x`` that is orthogonal to an orthonormal basis.
+
+    Parameters
+    ----------
+    basis
+        Orthonormal columns (N, K).
+    x
+        Values (N,) or (N, M).
+
+    Returns
+    -------
+    array
+        The same shape as ``x``. The projection is done twice, against rounding errors.
+    """
     once = x - basis @ (basis.T @ x)
     return np.asarray(once - basis @ (basis.T @ once))

@@ -1,4 +1,10 @@
-"""Comparison of models on one record: AICc, BIC and held-out error in one table, and all fits."""
+"""Comparison of models on one record: AICc, BIC and held-out error in one table, and all fits.
+
+``tcdyn identify`` and ``tcdyn.plots.pick`` use it. The candidates come from
+``tcdyn.identify.forward_selection``, the choice among them from ``tcdyn.identify.recommendation``.
+``tests/identify/test_identify_choose.py``, ``test_identify_advice.py`` and
+``test_identify_results.py`` in that folder guard it.
+"""
 
 from __future__ import annotations
 
@@ -44,6 +50,7 @@ from tcdyn.identify.validate import (
 )
 from tcdyn.rig.disk import Conditioning
 
+# Models that ``tcdyn identify`` compares on request, and that a message suggests.
 CANDIDATES = ("P1", "P1D", "P2", "P2D", "P2Z", "P2DZ", "P2U", "P2DU", "P3", "P3D")
 # Models that the advice names where none of the models compared is good enough.
 ADVISED_MODELS = (*CANDIDATES, "P1I", "P1DI")
@@ -95,6 +102,11 @@ class Comparison(Result):
         """The conclusion, the recommended model and the table, as text.
 
         ``spelling`` is that of the parameters that the advice and the findings name.
+
+        Parameters
+        ----------
+        spelling
+            Spelling of the parameters that the advice and the findings name.
         """
         advice = self.conclusion.message(spelling)
         best = replace(self.best.identified, sentence=self.validation.message(spelling))
@@ -182,6 +194,11 @@ def compare(
     options
         Options of :func:`fit`, without ``start``.
 
+    Returns
+    -------
+    Comparison
+        Table, fits, and the recommended model with its reason.
+
     Raises
     ------
     InputError
@@ -194,6 +211,12 @@ def compare(
     and ``baseline`` the noise is white, unless the residuals of the recommended fit are coloured
     and do not follow the input: then both are selected from the data, for all models alike. For
     the recommendation see :func:`tcdyn.identify.recommendation.recommend`.
+
+    The order matters: initial states first, then the disturbance, then common poles. Each step
+    keeps the earlier result unless the new one is better by its own criterion.
+    ``tests/identify/test_identify_advice.py`` checks the first step,
+    ``tests/identify/test_identify_disturbance.py`` the second,
+    ``tests/identify/test_identify_equation.py`` the third.
     """
     if "start" in options:
         raise InputError(
@@ -233,10 +256,24 @@ def _needs_free_state(data: IOData, result: Comparison, options: Mapping[str, An
 
 
 def add_common_pole_model(task: Task, result: Comparison, like: Model) -> Comparison:
-    """The comparison with a transfer function whose inputs share their poles, if it is better.
+    """Add a transfer function whose inputs share their poles, if it is better.
 
     It is tried only where the residuals of the best model are coloured or follow the input. See
     :func:`tcdyn.identify.shared_poles.best_common_pole_fit`.
+
+    Parameters
+    ----------
+    task
+        The comparison and its options.
+    result
+        The comparison so far.
+    like
+        What all models have: known factor, offset, fixed gain.
+
+    Returns
+    -------
+    Comparison
+        With that model as the recommended one, or ``result`` unchanged.
     """
     best = result.best
     options = task.options
@@ -269,10 +306,29 @@ def add_common_pole_model(task: Task, result: Comparison, like: Model) -> Compar
 
 
 def refit_with_disturbance(task: Task, result: Comparison) -> Comparison:
-    """The comparison with a noise model and baseline selected from the best model's residuals.
+    """Refit all models with a noise model selected from the best model's residuals.
 
     Only where the residuals are coloured and, apart from a drift, do not follow the input. All
     models get the same noise, and only where the held-out error does not rise.
+
+    Parameters
+    ----------
+    task
+        The comparison and its options.
+    result
+        The comparison with white noise.
+
+    Returns
+    -------
+    Comparison
+        The new comparison, or ``result`` where it is not better: where BIC does not fall, or the
+        held-out error rises by more than ``MAX_HELD_OUT_RATIO``.
+
+    Notes
+    -----
+    A noise model can absorb missing dynamics: then BIC falls and the held-out error rises. A larger
+    ``MAX_HELD_OUT_RATIO`` permits more of that. ``tests/identify/test_identify_disturbance.py``
+    checks that the disturbance is modelled where there is one.
     """
     best = result.best
     options = task.options
@@ -313,7 +369,25 @@ def refit_with_disturbance(task: Task, result: Comparison) -> Comparison:
 
 
 def compare_candidates(task: Task, models: Candidates) -> Comparison:
-    """Fit and score each model with the options of the task."""
+    """Fit and score each model with the options of the task.
+
+    Parameters
+    ----------
+    task
+        The comparison and its options.
+    models
+        Models, starting parameters, and whether the forward selection has rejected them.
+
+    Returns
+    -------
+    Comparison
+        Table, fits and recommendation. A model that cannot be fitted has a row with a remark.
+
+    Raises
+    ------
+    InputError
+        Where no model could be fitted.
+    """
     rows: list[dict[str, Any]] = []
     fits: dict[str, Fit] = {}
     first_error: InputError | None = None
@@ -348,7 +422,22 @@ def compare_candidates(task: Task, models: Candidates) -> Comparison:
 
 
 def _table_row(full: Fit, held_out: tuple[float, float, float], refused: bool) -> dict[str, Any]:
-    """The row of a model in the table: statistics of the fit and of the held-out simulation."""
+    """Return the row of a model: statistics of the fit and of the held-out simulation.
+
+    Parameters
+    ----------
+    full
+        Fit to all of the data.
+    held_out
+        Rms error, fit percent and p value of the held-out simulation.
+    refused
+        Whether the forward selection has rejected the model.
+
+    Returns
+    -------
+    dict
+        Values by column. ``tcdyn.identify.recommendation`` reads these names.
+    """
     statistics = full.identified.statistics
     held_out_rms, held_out_percent, p_held_out = held_out
     return {
@@ -373,6 +462,16 @@ def overdamped(fits: Mapping[str, Fit]) -> list[str]:
     """Models with a pair of poles (U) that are real, where two lags fit no worse.
 
     The data determine the two lags, or do not determine the pair either.
+
+    Parameters
+    ----------
+    fits
+        Fits by the name of the model.
+
+    Returns
+    -------
+    list of str
+        Names of those models.
     """
     names = []
     for name, result in fits.items():
@@ -385,7 +484,18 @@ def overdamped(fits: Mapping[str, Fit]) -> list[str]:
 
 
 def joint_table(comparisons: Mapping[str, Comparison]) -> pd.DataFrame:
-    """The recommended model of each output, its lags and its severity: a row for each input."""
+    """Return the recommended models of several outputs: a row for each output and input.
+
+    Parameters
+    ----------
+    comparisons
+        Comparison of each output.
+
+    Returns
+    -------
+    DataFrame
+        Model, gain, lag, scores and severity of the conclusion, as texts.
+    """
     rows = []
     for output, comparison in comparisons.items():
         best = comparison.best.identified

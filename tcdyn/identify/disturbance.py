@@ -1,7 +1,10 @@
 """Noise models of the disturbance: AR, ARMA, random walk, and averages over slow noise.
 
 The model is given by name, or selected by BIC from the residuals. Restricted maximum likelihood
-(REML) refines the coefficients.
+(REML) refines the coefficients. ``tcdyn.identify.fit`` uses it.
+``tests/identify/test_identify_disturbance.py``, ``test_identify_mixed.py`` and
+``test_identify_residuals.py`` in that folder guard it; ``tests/identify/disturbance_study.py``
+measures the coverage.
 """
 
 from __future__ import annotations
@@ -25,14 +28,16 @@ from tcdyn.estimation.trace_noise import MAD_TO_SD
 from tcdyn.identify.problem import IdentificationProblem
 from tcdyn.identify.search import residual_sd, search, sqrt_weights
 
+# Names of the noise models, and of the baselines, that ``fit`` takes.
 NoiseName = Literal["white", "slow", "ar", "arma", "auto"]
 Baseline = Literal["none", "trend", "walk", "auto"]
+# The same, in the order of the help text of ``tcdyn identify``.
 NOISE_OPTIONS = ("auto", "white", "slow", "ar", "arma")
 BASELINE_OPTIONS = ("auto", "none", "trend", "walk")
 
 # The thresholds below are chosen by judgement.
 ARMA_ORDERS = ((1, 1), (2, 1), (2, 2))  # orders (p, q) of ARMA noise that are tried
-MAX_AR_ORDER = 8
+MAX_AR_ORDER = 8  # largest order of an autoregression
 # Partial correlation of noise that is a random walk: no offset can be distinguished from it.
 MAX_PARTIAL_CORRELATION = 0.999
 MAX_REML_COEFFICIENTS = 4  # coefficients that the restricted likelihood refines at most
@@ -66,7 +71,7 @@ def input_noise_model(problem: IdentificationProblem, x: Array, e: Array) -> Noi
 
     Returns
     -------
-    Noise
+    NoiseModel
         White where the input's noise is negligible.
 
     Notes
@@ -122,6 +127,19 @@ def alternate(
         weights and the noise is white.
     estimator
         Noise from the problem, its x and its residuals (N,).
+
+    Returns
+    -------
+    problem
+        The problem with the noise level of the optimum.
+    optimum
+        The optimum of the whitened residuals.
+    noise
+        The noise model of the last round.
+
+    Notes
+    -----
+    It ends after ``MAX_ALTERNATIONS``, or where the cost changes by less than 1e-4 of itself.
     """
     first = optimum
     root = sqrt_weights(optimum.weights)
@@ -144,10 +162,28 @@ def alternate(
 
 
 def remove_spikes(problem: IdentificationProblem, residual: Array) -> IdentificationProblem:
-    """The problem with outliers of the output moved to the running median of the residuals.
+    """Move outliers of the output to the running median of the residuals.
 
     Robust weights by the size of the residuals would treat the crests of slow noise as spikes.
     ``residual`` (N,) is measured minus simulated.
+
+    Parameters
+    ----------
+    problem
+        The identification problem.
+    residual
+        Residuals, measured minus simulated (N,).
+
+    Returns
+    -------
+    IdentificationProblem
+        The problem with the output changed at the outliers.
+
+    Notes
+    -----
+    A wider ``MEDIAN_WINDOW`` takes crests of slow noise for spikes, a lower ``SPIKE_SDS`` takes
+    noise. ``tests/identify/test_identify_residuals.py``
+    checks spikes and slow noise.
     """
     medians = [
         median_filter(residual[s], MEDIAN_WINDOW, mode="nearest") for s in problem.residual_slices
@@ -167,14 +203,29 @@ def remove_spikes(problem: IdentificationProblem, residual: Array) -> Identifica
 
 
 def fit_random_walk(e: Array, slices: list[slice], order: tuple[int, int]) -> NoiseModel:
-    """A random walk with ARMA(p, q) steps; MA(1) steps are a random walk plus white noise."""
+    """Fit a random walk with ARMA(p, q) steps to residuals.
+
+    Parameters
+    ----------
+    e
+        Residuals (N,).
+    slices
+        Consecutive samples in ``e``; a walk begins anew in each.
+    order
+        (p, q). MA(1) steps are a random walk plus white noise.
+
+    Returns
+    -------
+    NoiseModel
+        The noise model of the residuals.
+    """
     steps = np.concatenate([np.diff(e[s], prepend=e[s][:1]) for s in slices])
     noise = fit_arma(steps, slices, *order)
     return NoiseModel(_integrated(noise.ar), noise.ma, True, sum(order))
 
 
 def _integrated(ar: Sequence[float]) -> tuple[float, ...]:
-    """Coefficients after the first of (1 - q^-1) A(q)."""
+    """Return the coefficients after the first of (1 - q^-1) A(q)."""
     return tuple(np.convolve([1.0, -1.0], [1.0, *ar])[1:].tolist())
 
 
@@ -191,6 +242,11 @@ def refine_by_reml(slices: list[slice], e: Array, j: Array, noise: NoiseModel) -
         Where to start; it is returned where the criterion does not decrease, or where it has no
         coefficients or more than ``MAX_REML_COEFFICIENTS``.
 
+    Returns
+    -------
+    NoiseModel
+        The refined model, of the same order.
+
     Notes
     -----
     Minimises (n - p) ln |w - WJ b|^2 + ln det (WJ)'(WJ) with w = W e and b its regression on WJ
@@ -205,6 +261,7 @@ def refine_by_reml(slices: list[slice], e: Array, j: Array, noise: NoiseModel) -
     ar = _without_walk(noise)
 
     def noise_at(z: Array) -> NoiseModel:
+        """Return the noise model at the search variables z (p + q,)."""
         ar_at = coefficients_from_partial(MAX_PARTIAL_CORRELATION * np.tanh(z[:p]))
         ma_at = coefficients_from_partial(MAX_PARTIAL_CORRELATION * np.tanh(z[p:]))
         below = _integrated(ar_at.tolist()) if noise.is_random_walk else tuple(ar_at.tolist())
@@ -215,6 +272,7 @@ def refine_by_reml(slices: list[slice], e: Array, j: Array, noise: NoiseModel) -
     dof = len(e) - j.shape[1]
 
     def criterion(z: Array) -> float:
+        """Return minus twice the restricted log-likelihood at z, up to a constant."""
         candidate = noise_at(z)
         factor = np.abs(np.diag(np.linalg.qr(candidate.whiten(table, slices), mode="r")))
         determinant = np.sum(np.log(factor[:-1] + 1e-12))
@@ -235,14 +293,30 @@ def refine_by_reml(slices: list[slice], e: Array, j: Array, noise: NoiseModel) -
 
 
 def _without_walk(noise: NoiseModel) -> Array:
-    """AR coefficients without the factor of the random walk."""
+    """Return the AR coefficients (p,) without the factor of the random walk."""
     if noise.is_random_walk:
         return np.cumsum([1.0, *noise.ar])[1:-1]
     return np.array(noise.ar)
 
 
 def noise_bic(e: Array, slices: list[slice], noise: NoiseModel) -> float:
-    """BIC of a noise model for residuals ``e`` (N,)."""
+    """Return the BIC of a noise model for residuals.
+
+    Parameters
+    ----------
+    e
+        Residuals (N,).
+    slices
+        Consecutive samples in ``e``.
+    noise
+        The noise model.
+
+    Returns
+    -------
+    float
+        -2 ln likelihood + k ln N. Samples that whiten to exactly zero do not count for the
+        variance.
+    """
     w = noise.whiten(e, slices)
     n = len(e)
     variance = float(w @ w) / max(int(np.count_nonzero(w)), 1)
@@ -251,13 +325,26 @@ def noise_bic(e: Array, slices: list[slice], noise: NoiseModel) -> float:
 
 
 def noise_estimator(noise: NoiseName | tuple[int, int], baseline: Baseline) -> NoiseEstimator:
-    """Function that estimates the noise from residuals: the model of least BIC.
+    """Return a function that estimates the noise from residuals: the model of least BIC.
 
     ``noise`` and ``baseline`` say which models are allowed. Autoregressions go up to the order
     from the Yule-Walker equations, at most ``MAX_AR_ORDER``; random walks have few orders.
+
+    Parameters
+    ----------
+    noise
+        Name of the noise, or its order (p, q).
+    baseline
+        "walk" for random walks only; else stationary models.
+
+    Returns
+    -------
+    callable
+        Function of the problem, x and the residuals (N,) that returns the noise model.
     """
 
     def random_walks(e: Array, slices: list[slice]) -> list[NoiseModel]:
+        """Return the random walks that are tried."""
         if isinstance(noise, tuple):
             orders = [noise]
         elif noise == "white":
@@ -269,6 +356,7 @@ def noise_estimator(noise: NoiseName | tuple[int, int], baseline: Baseline) -> N
         return [fit_random_walk(e, slices, order) for order in orders]
 
     def estimator(problem: IdentificationProblem, x: Array, e: Array) -> NoiseModel:
+        """Return the noise model of least BIC for the residuals ``e`` (N,) at ``x``."""
         slices = problem.residual_slices
         if baseline == "walk":
             candidates = random_walks(e, slices)
@@ -291,9 +379,11 @@ def noise_estimator(noise: NoiseName | tuple[int, int], baseline: Baseline) -> N
 
 @dataclass(frozen=True)
 class NoiseAverage:
-    """Bayesian average over noise models, in x with its logarithms taken back.
+    """Bayesian average over noise models, in natural parameters: no logarithms.
 
     There small lags and the dead time add up.
+
+    Small lags and the dead time add up in natural parameters, and not in logarithms.
 
     Parameters
     ----------
@@ -322,13 +412,33 @@ class NoiseAverage:
     def point_estimate(
         self, weights: Array | None
     ) -> tuple[IdentificationProblem, Optimum, NoiseModel, Array]:
-        """Problem, optimum at the mean, noise, and covariance of x.
+        """Return a single fit that stands for the average.
+
+        Parameters
+        ----------
+        weights
+            Robust weights (N,), or None.
+
+        Returns
+        -------
+        problem
+            The identification problem.
+        optimum
+            Its optimum, moved to the mean where the problem is linear so far.
+        noise
+            The likeliest noise.
+        covariance
+            Covariance of x (size, size).
 
         Notes
         -----
         Where the mean is too far from the optimum for a linear problem, as in a direction that
         the data do not determine, x stays the optimum given the likeliest noise. Its distance
         from the mean is then added to the covariance.
+
+        ``MAX_LINEAR_STEP`` and ``MAX_LINEAR_SDS`` decide what "too far" is. Larger values trust the
+        linearisation further. ``tests/identify/test_identify_disturbance.py`` checks the coverage
+        of the lag.
         """
         problem = self.problem
         core = problem.least_squares_problem(self.noise, sqrt_weights(weights))
@@ -357,14 +467,28 @@ class NoiseAverage:
 
 
 def natural_parameters(problem: IdentificationProblem, x: Array) -> Array:
-    """x (P,) with its logarithms taken back."""
+    """Return x (P,) with its logarithms taken back."""
     return np.where(problem.is_logarithm, problem.natural_scale(x), x)
 
 
 def linearise(problem: IdentificationProblem, x: Array, root: Array | float) -> LinearisedProblem:
-    """The problem linearised at x, in x with its logarithms taken back.
+    """Linearise the problem at x, in natural parameters.
 
     All rows are multiplied by ``root``. Parameters at a bound stay there.
+
+    Parameters
+    ----------
+    problem
+        The identification problem.
+    x
+        The vector (size,).
+    root
+        Factor of each row: roots of the robust weights (N,), or one.
+
+    Returns
+    -------
+    LinearisedProblem
+        Residuals, scaled Jacobian and prior. Parameters at a bound stay there.
     """
     rows = problem.evaluate(x, root)
     assert rows is not None
@@ -382,9 +506,21 @@ def linearise(problem: IdentificationProblem, x: Array, root: Array | float) -> 
 
 
 def average_over_noise(problem: IdentificationProblem, optimum: Optimum) -> NoiseAverage:
-    """Average over first-order disturbances, white noise, and filtered noise of the input.
+    """Average over first-order disturbances, white noise and filtered noise of the input.
 
     The search starts at ``optimum``, whose robust weights stay.
+
+    Parameters
+    ----------
+    problem
+        The identification problem.
+    optimum
+        Where the search starts; its robust weights stay.
+
+    Returns
+    -------
+    NoiseAverage
+        The average. It is linearised anew up to ``MAX_AVERAGE_ROUNDS`` times.
     """
     root = sqrt_weights(optimum.weights)
     box = full_box(problem.n_measured)
@@ -414,6 +550,20 @@ def mix_averages(averages: Sequence[NoiseAverage]) -> NoiseAverage:
 
     The problem is that of the last whose weight is not negligible. The earlier ones are its
     special case in which the last unknowns are zero.
+
+    Parameters
+    ----------
+    averages
+        Averages of nested problems, the smallest first.
+
+    Returns
+    -------
+    NoiseAverage
+        The mixture.
+
+    Notes
+    -----
+    Averages of less than ``MIN_PROBABILITY`` do not count for mean and covariance.
     """
     evidence = np.array([a.evidence for a in averages])
     weight = softmax(evidence)

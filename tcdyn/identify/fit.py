@@ -1,6 +1,9 @@
 """Fit a continuous-time model to sampled data: output-error or prediction-error estimate.
 
-The result has parameters with uncertainty, a noise model and validated residuals.
+The result has parameters with uncertainty, a noise model and validated residuals. ``fit`` is the
+public function; the other modules of the package use it too. The order of its stages: checks, white
+noise, robust loss or input noise, disturbance, intervals. ``tests/identify/test_identify_fit.py``
+and ``test_identify_studies.py`` in that folder check recovery and coverage.
 """
 
 from __future__ import annotations
@@ -119,6 +122,11 @@ def fit(
         from the samples. With noise, the input's level before a run in equilibrium is estimated:
         its first sample is one reading of it.
 
+    Returns
+    -------
+    Fit
+        The identified model, its problem, residuals and covariance.
+
     Raises
     ------
     InputError
@@ -128,6 +136,11 @@ def fit(
     -----
     Minimises sum (y - offset - G u)^2, with G exact under the data's hold and a continuous dead
     time.
+
+    Every stage starts from the result of the one before, so the order cannot be changed freely. The
+    checks come first because a closed loop fits well.
+    ``tests/identify/test_identify_closed_loop.py`` and ``tests/identify/test_identify_mixed.py``
+    fail otherwise.
 
     Examples
     --------
@@ -170,7 +183,22 @@ def fit(
 def _fit_white(
     problem: IdentificationProblem, start_sets: Sequence[Mapping[str, float]]
 ) -> tuple[IdentificationProblem, Optimum]:
-    """The output-error fit with white noise, and the problem with its time scale and noise."""
+    """Fit with white noise: the output-error estimate.
+
+    Parameters
+    ----------
+    problem
+        The identification problem.
+    start_sets
+        Parameters by name to start from; none for the starting values of the package.
+
+    Returns
+    -------
+    problem
+        The problem with the time scale of its initial states and the noise of the output.
+    optimum
+        Its optimum.
+    """
     zeros = dict.fromkeys(problem.model.names, 0.0)
     given = [solve_linear_parameters(problem, {**zeros, **s})[1] for s in start_sets]
     optimum = search(problem, start=given)
@@ -188,13 +216,13 @@ def _fit_white(
 
 
 def _fit_robust(problem: IdentificationProblem, optimum: Optimum, loss: Loss) -> Optimum:
-    """The optimum of a robust loss, from that of least squares."""
+    """Return the optimum of a robust loss, from that of least squares."""
     robust = minimise(optimum.problem, optimum.theta, loss=loss, tolerance=0.0)
     return sort_lags(problem, robust)
 
 
 def add_findings(result: Fit, findings: tuple[Finding, ...]) -> Fit:
-    """The fit with more findings."""
+    """Return the fit with more findings."""
     if not findings:
         return result
     identified = replace(result.identified, findings=(*result.identified.findings, *findings))
@@ -222,12 +250,20 @@ def fit_disturbance(
     noise, baseline, covariance
         As in :func:`fit`.
 
+    Returns
+    -------
+    Fit
+        The fit; ``white`` itself where no disturbance model is needed or requested.
+
     Notes
     -----
     First-order disturbances of any time constant are averaged
     (:mod:`tcdyn.estimation.noise_average`). Higher orders are tried, by BIC, only where that
     leaves coloured innovations. A disturbance that is requested by name is never left out. Where
     noise may be slow, :func:`remove_spikes` replaces a robust loss.
+
+    ``tests/identify/test_identify_mixed.py`` covers the combinations of noise, baseline and loss;
+    ``tests/identify/test_identify_disturbance.py`` the coverage of the lag.
     """
     may_be_slow = (
         baseline == "walk"
@@ -252,6 +288,7 @@ def fit_disturbance(
     weighted = [(fits[0][0], replace(optimum, weights=weights)), *fits[1:]]
 
     def fit_given(kind: Baseline, name: tuple[int, int] | NoiseName) -> Fit:
+        """Return the fit with a baseline and a noise model that are given by name."""
         first = weighted[0] if kind == "walk" else fits[kind == "trend"]
         problem, best, noise_model = alternate(*first, noise_estimator(name, kind))
         return make_fit(
@@ -294,7 +331,24 @@ def _fit_average(
     covariance: Covariance,
     weights: Array | None,
 ) -> Fit:
-    """The fit averaged over slow first-order noise models, with the probability of a walk."""
+    """Fit by averaging over slow first-order noise models.
+
+    Parameters
+    ----------
+    data
+        The record.
+    fits
+        Problems and their optima, the smallest first: without and with a drift.
+    loss, covariance
+        As in :func:`fit`.
+    weights
+        Robust weights (N,), or None.
+
+    Returns
+    -------
+    Fit
+        The fit. Its statistic ``p_walk`` is the probability of a random walk.
+    """
     average = mix_averages([average_over_noise(*each) for each in fits])
     problem, best, noise_model, cov_x = average.point_estimate(weights)
     result = make_fit(data, problem, best, noise_model, loss, covariance, cov_x, weights)
@@ -305,9 +359,25 @@ def _fit_average(
 def fit_drift(
     problem: IdentificationProblem, optimum: Optimum, loss: Loss
 ) -> tuple[IdentificationProblem, Optimum]:
-    """The problem with a linear drift of each run, and its optimum.
+    """Fit with a linear drift of each run.
 
     The search starts at the optimum without a drift and at the problem's own starting values.
+
+    Parameters
+    ----------
+    problem
+        The identification problem without a drift.
+    optimum
+        Its optimum.
+    loss
+        The loss function.
+
+    Returns
+    -------
+    problem
+        The problem with a drift of each run.
+    optimum
+        Its optimum.
     """
     with_trend = replace(problem, trend=True)
     no_drift = np.append(optimum.theta, np.zeros(with_trend.size - problem.size))
@@ -323,6 +393,20 @@ def select_by_bic(fits: Sequence[Fit]) -> Fit:
 
     A random walk is preferred unless another is better by ``WALK_BIC_MARGIN``, for it claims
     less.
+
+    Parameters
+    ----------
+    fits
+        Fits of the same record.
+
+    Returns
+    -------
+    Fit
+        One of them.
+
+    Notes
+    -----
+    A larger ``WALK_BIC_MARGIN`` prefers random walks more often, which widens intervals.
     """
     scores = [segment_bic(f) for f in fits]
     best = int(np.argmin(scores))
@@ -336,6 +420,11 @@ def segment_bic(result: Fit) -> float:
     """BIC of the segments between gaps, free of the level of each segment after the first.
 
     A random walk leaves these levels free.
+
+    Returns
+    -------
+    float
+        The criterion; it compares fits of one record with and without a random walk.
 
     Notes
     -----
@@ -379,6 +468,17 @@ def make_fit(
     weights
         Robust weights (N,) whose roots the rows of ``optimum`` include already, if it has none
         of its own.
+
+    Returns
+    -------
+    Fit
+        The fit with its statistics and findings.
+
+    Notes
+    -----
+    The keys of ``statistics`` are read by ``tcdyn.identify.recommendation``,
+    ``tcdyn.identify.forward_selection`` and the JSON file. ``tests/identify/test_identify_fit.py``
+    checks the criteria against the textbook.
     """
     n = problem.n_measured
     x = optimum.theta
@@ -444,10 +544,27 @@ def make_fit(
 def final_offset(
     problem: IdentificationProblem, x: Array, residual: Array, noise: NoiseModel
 ) -> float:
-    """The offset of the model at the end of the data.
+    """Return the offset of the model at the end of the data, in the output's unit.
 
     A drift is not extrapolated. A random walk keeps its last level; ``residual`` (N,) is measured
     minus model.
+
+    Parameters
+    ----------
+    problem
+        The identification problem.
+    x
+        The vector (size,).
+    residual
+        Measured minus model (N,).
+    noise
+        The noise model.
+
+    Returns
+    -------
+    float
+        The mean offset of the runs, plus the mean drift at their ends, plus the last level of a
+        random walk.
     """
     offsets = x[problem.n_model : problem.offset_and_state_slices[0][1].start]
     level = float(np.mean(offsets)) if len(offsets) else 0.0
@@ -462,7 +579,20 @@ def final_offset(
 
 
 def unbounded_lags(identified: Identified, longest_s: float) -> list[Finding]:
-    """A warning for each lag whose standard uncertainty is larger than the record is long [s]."""
+    """Return a warning for each lag whose uncertainty is larger than the record is long.
+
+    Parameters
+    ----------
+    identified
+        The identified model.
+    longest_s
+        Length of the longest segment [s].
+
+    Returns
+    -------
+    list of Finding
+        The warnings.
+    """
     if identified.model.integrators:
         return []
     findings = []
@@ -477,7 +607,26 @@ def unbounded_lags(identified: Identified, longest_s: float) -> list[Finding]:
 
 
 def parameter_findings(optimum: Optimum, identified: Identified) -> tuple[Finding, ...]:
-    """Warnings about parameters: at a bound, equal lags, undetermined, indistinct."""
+    """Return warnings about parameters: at a bound, equal lags, undetermined, indistinct.
+
+    Parameters
+    ----------
+    optimum
+        The optimum.
+    identified
+        The model with its estimates.
+
+    Returns
+    -------
+    tuple of Finding
+        At most one warning for each parameter, and those of the complete model.
+
+    Notes
+    -----
+    A model with any finding counts as not determined in
+    ``tcdyn.identify.recommendation.recommend``, so stricter limits recommend smaller models.
+    ``tests/identify/test_identify_fit.py`` checks each warning.
+    """
     findings = []
     model = identified.model
     for i, (name, estimate) in enumerate(identified.estimates.items()):
@@ -498,7 +647,10 @@ def parameter_findings(optimum: Optimum, identified: Identified) -> tuple[Findin
 
 
 def _has_equal_lag(name: str, identified: Identified) -> bool:
-    """Whether another lag of the same input is equal; the cost hardly depends on the difference."""
+    """Whether another lag of the same input is equal.
+
+    The cost then hardly depends on their difference.
+    """
     lags = [n for n in identified.model.free if n[:2] == "Tp"]
     if name not in lags:
         return False
@@ -508,7 +660,24 @@ def _has_equal_lag(name: str, identified: Identified) -> bool:
 
 
 def _is_undetermined(name: str, estimate: Estimate, identified: Identified) -> bool:
-    """Whether an uncertainty is large against the parameter; that of a zero against the lags."""
+    """Whether the uncertainty of a parameter is large against its size.
+
+    A zero is compared with the lags of its input, because it may be small itself.
+
+    Parameters
+    ----------
+    name
+        Name of the parameter.
+    estimate
+        Its estimate.
+    identified
+        The model.
+
+    Returns
+    -------
+    bool
+        False for parameters that may be zero or negative, such as a dead time.
+    """
     is_zero = base_name(name) == "Tz"
     if not (is_zero or base_name(name) == "Kp" or identified.model.positive(name)):
         return False

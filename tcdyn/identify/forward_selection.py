@@ -1,6 +1,10 @@
 """Forward selection of the model: orders, zeros, dead times and inputs are added one at a time.
 
 The search starts with one lag and stops where BIC and held-out error no longer improve.
+``tcdyn.identify.comparison.compare`` uses it where no models are given.
+``tests/identify/test_identify_several.py`` checks that it ends at the true model,
+``tests/identify/test_identify_choose.py`` the discount for correlated residuals,
+``tests/identify/test_identify_starts.py`` the starting values.
 """
 
 from __future__ import annotations
@@ -36,18 +40,18 @@ from tcdyn.identify.search import Fit
 from tcdyn.identify.starting_values import single_input_problem, starts
 from tcdyn.identify.validate import has_clean_residuals
 
-# Thresholds of a step, chosen by judgement.
-MIN_BIC_GAIN = 2.0  # of a step
+MIN_BIC_GAIN = 2.0  # BIC gain of a step, above which it is taken
 MAX_HELD_OUT_RATIO = 1.05  # held-out error after over before a step; above, the step is overfitting
-# The same, below which a step counts though its BIC gain may come from coloured residuals.
+# Held-out error after over before a step, below which the step counts though its BIC gain may come
+# from coloured residuals.
 HELD_OUT_GAIN_RATIO = 0.97
-MAX_POLES = 6
-MAX_STEPS = 24
+MAX_POLES = 6  # largest order of a transfer function
+MAX_STEPS = 24  # limit of the number of steps
 MAX_REJECTED_ROWS = 3  # best rejected models that the table lists
 NEW_LAG_RATIOS = (0.1, 1.0, 10.0)  # starting values of a new lag, over the lag of the model before
 
-Score = Callable[[Fit], float]
-Entry = Model | str | Fit | Identified
+Score = Callable[[Fit], float]  # held-out error of a fit
+Entry = Model | str | Fit | Identified  # what a caller may compare
 # models, starting parameters, and whether the search has rejected them
 Candidates = Sequence[tuple[Model, Mapping[str, float] | None, bool]]
 
@@ -82,6 +86,11 @@ def forward_select(
     input. The candidates are tried in the order of BIC. A step is taken if its BIC gain
     (:func:`bic_gain`) is above 2 and the held-out error does not rise by more than 5 %, or if it
     would gain 10 for white residuals and the held-out error falls by 3 % or more.
+
+    Larger thresholds give smaller models. ``DECISIVE_BIC`` is that of
+    ``tcdyn.identify.recommendation.recommend``, so that search and recommendation agree.
+    ``tests/identify/test_identify_several.py`` fails where the search stops too early or adds an
+    input without effect.
     """
     scoring_options = {**options, **SCORING_OPTIONS}
     candidates = [
@@ -111,7 +120,24 @@ def forward_select(
 def _best_step(
     current: Fit, error: float, ranked: Sequence[Fit], score: Score
 ) -> tuple[Fit, float] | None:
-    """The first candidate that improves on ``current`` and its held-out error; None if none."""
+    """Return the first candidate that improves on the current model.
+
+    Parameters
+    ----------
+    current
+        The current fit.
+    error
+        Its held-out error.
+    ranked
+        Candidates, lowest BIC first.
+    score
+        Held-out error of a fit.
+
+    Returns
+    -------
+    tuple or None
+        The candidate and its held-out error; None where none improves.
+    """
     for candidate in ranked:
         gains = bic_gain(current, candidate) > MIN_BIC_GAIN
         if not gains and bic(candidate) > bic(current) - DECISIVE_BIC:
@@ -130,6 +156,16 @@ def bic(result: Fit) -> float:
 
 def bic_gain(smaller: Fit, larger: Fit) -> float:
     """BIC gain of the larger model, discounted for correlated residuals.
+
+    Parameters
+    ----------
+    smaller, larger
+        Fits of two models to the same data.
+
+    Returns
+    -------
+    float
+        The gain; positive where the larger model is better.
 
     Notes
     -----
@@ -150,6 +186,20 @@ def off_equilibrium(data: IOData, result: Fit, options: Mapping[str, Any]) -> bo
 
     Only for residuals that are coloured or follow the input. The first residuals need not show it:
     an oscillating output may pass through its equilibrium at the start.
+
+    Parameters
+    ----------
+    data
+        The record.
+    result
+        The fit that starts in equilibrium.
+    options
+        Options of that fit.
+
+    Returns
+    -------
+    bool
+        Whether the BIC gain is above ``DECISIVE_BIC``.
     """
     if has_clean_residuals(result) or result.problem.initial != "equilibrium":
         return False
@@ -167,7 +217,13 @@ def off_equilibrium(data: IOData, result: Fit, options: Mapping[str, Any]) -> bo
 
 
 def lowest_bic(fits: list[Fit | None]) -> Fit:
-    """The fit of least BIC; InputError where no model could be fitted."""
+    """Return the fit of least BIC.
+
+    Raises
+    ------
+    InputError
+        Where no model could be fitted.
+    """
     good = [f for f in fits if f is not None]
     if not good:
         raise InputError("no first lag could be fitted", expected="an output that follows an input")
@@ -177,9 +233,26 @@ def lowest_bic(fits: list[Fit | None]) -> Fit:
 def fit_candidate(
     data: IOData, model: Model, smaller: Fit | None, options: Mapping[str, Any]
 ) -> Fit | None:
-    """The best fit of a model from the smaller one's parameters; None where all fail.
+    """Fit a larger model from the parameters of a smaller one.
 
     With one input also from the model's own starting values.
+
+    Parameters
+    ----------
+    data
+        The record.
+    model
+        The larger model.
+    smaller
+        Fit of the smaller model; None for the starting values of ``model`` itself.
+    options
+        Options of :func:`tcdyn.identify.fit`.
+
+    Returns
+    -------
+    Fit or None
+        The fit of least BIC; None where all fail. With one input, the starting values of ``model``
+        itself are tried too.
     """
     starting: list[Any] = [] if smaller is None else [warm_starts(smaller, model)]
     if not (model.submodels and starting):
@@ -196,9 +269,31 @@ def fit_candidate(
 def refit_from_simpler(
     result: Fit, others: Mapping[str, Fit], data: IOData, options: Mapping[str, Any]
 ) -> Fit:
-    """The fit, or a better one from the parameters of a simpler model that fits better.
+    """Fit again from the parameters of a simpler model that fits better.
 
     The simpler model is a special case, so it can fit better only where the search has failed.
+
+    Parameters
+    ----------
+    result
+        The fit.
+    others
+        Fits of the other models.
+    data
+        The record.
+    options
+        Options of :func:`tcdyn.identify.fit`.
+
+    Returns
+    -------
+    Fit
+        The better of both.
+
+    Notes
+    -----
+    Additional parameters start at 2 % of the simpler model's longest lag, so that they hardly
+    change it. The relative 1e-6 keeps equal fits from being repeated.
+    ``tests/identify/test_identify_choose.py`` checks both.
     """
     model = result.problem.model
     for other in others.values():
@@ -217,7 +312,20 @@ def refit_from_simpler(
 
 
 def first_candidates(data: IOData, template: Model) -> list[Model]:
-    """One lag behind the input; with several inputs behind each of them in turn."""
+    """Return the models of one lag: behind the input, or behind each of several inputs in turn.
+
+    Parameters
+    ----------
+    data
+        The record.
+    template
+        What all models have.
+
+    Returns
+    -------
+    list of Model
+        The models.
+    """
     inputs = data.input_names
     if len(inputs) == 1:
         return [as_template(process("P1"), template), as_template(process("P1D"), template)]
@@ -230,7 +338,7 @@ def first_candidates(data: IOData, template: Model) -> list[Model]:
 
 
 def larger_models(model: Model, data: IOData) -> list[Model]:
-    """All models that are one step larger."""
+    """Return all models that are one step larger."""
     if not model.submodels:
         return [as_template(m, model) for m in successors(model)]
     models = []
@@ -300,10 +408,23 @@ def _process_successors(model: Model) -> list[Model]:
 
 
 def warm_starts(smaller: Fit, model: Model) -> list[dict[str, float]]:
-    """Starting parameters of a larger model from those of a smaller fit.
+    """Return starting parameters of a larger model from those of a smaller fit.
 
     The new lag has three sizes. With several inputs the starting values of the larger branch are
     added.
+
+    Parameters
+    ----------
+    smaller
+        The smaller fit.
+    model
+        The larger model; it differs behind one input.
+
+    Returns
+    -------
+    list of dict
+        Parameters by name, one set for each of ``NEW_LAG_RATIOS``, and with several inputs those of
+        the larger branch.
     """
     problem = smaller.problem
     theta = smaller.identified.theta
@@ -331,7 +452,13 @@ def warm_starts(smaller: Fit, model: Model) -> list[dict[str, float]]:
 
 
 def _changed_branch(old_model: Model, model: Model, n_branches: int) -> int:
-    """Number of the input whose model differs."""
+    """Return the number of the input whose model differs.
+
+    Raises
+    ------
+    ValueError
+        Where no input has another model.
+    """
     for k in range(n_branches):
         if model.branch(k)[0].name != old_model.branch(k)[0].name:
             return k
@@ -341,9 +468,30 @@ def _changed_branch(old_model: Model, model: Model, n_branches: int) -> int:
 def warm_start(
     old_model: Model, old_theta: Mapping[str, float], model: Model, tau: float
 ) -> dict[str, float]:
-    """The parameters of ``model`` from those of a smaller one.
+    """Return the parameters of a larger model from those of a smaller one.
 
     A new lag is ``tau`` [s], a new zero cancels its pole.
+
+    Parameters
+    ----------
+    old_model
+        The smaller model.
+    old_theta
+        Its parameters by name.
+    model
+        The larger model.
+    tau
+        Value of a new lag [s].
+
+    Returns
+    -------
+    dict
+        All parameters of ``model``.
+
+    Notes
+    -----
+    A new parameter changes the response little: a new zero cancels its pole. Only the start depends
+    on these values. ``tests/identify/test_identify_starts.py`` checks them in several units.
     """
     delay = {"Td": old_theta.get("Td", 0.1 * tau)} if "Td" in model.names else {}
     if model.kind == "tf":
@@ -373,6 +521,18 @@ def resolve_entry(given: Entry, data: IOData) -> Model:
     """The model to compare: by name or value, or with all parameters fixed to an existing model.
 
     With several inputs a model of one input is taken for each of them.
+
+    Parameters
+    ----------
+    given
+        Name, model, fit or identified model.
+    data
+        The record, for the names of its inputs.
+
+    Returns
+    -------
+    Model
+        The model; that of a fit has all its parameters fixed and the name "... as given".
     """
     identified = given.identified if isinstance(given, Fit) else given
     inputs = data.input_names
@@ -394,12 +554,29 @@ def resolve_entry(given: Entry, data: IOData) -> Model:
 
 
 def list_candidates(task: Task, models: Sequence[Entry], like: Model) -> Candidates:
-    """The given models under distinct names, or those of a forward selection if there are none."""
+    """Return the models to compare: the given ones, or those of a forward selection.
+
+    Parameters
+    ----------
+    task
+        The comparison and its options.
+    models
+        The given models, may be none.
+    like
+        What all models of a forward selection have.
+
+    Returns
+    -------
+    sequence of tuple
+        Models under distinct names, starting parameters, and whether the selection has rejected
+        them.
+    """
     if models:
         return _distinct_models([resolve_entry(m, task.data) for m in models])
     number = count(1)
 
     def score(result: Fit) -> float:
+        """Return the held-out error of a fit; infinite where the training data are too short."""
         k = next(number)
         task.progress(result.problem.model.name, k, k)
         try:

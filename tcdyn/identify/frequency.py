@@ -1,4 +1,11 @@
-"""Transfer functions fitted to measured frequency responses by weighted least squares."""
+"""Transfer functions fitted to measured frequency responses by weighted least squares.
+
+``tcdyn.identify.fit_response`` is the public function; ``tcdyn identify`` calls it for a frequency
+response. Starting values come from Levy's linear problem with the iteration of Sanathanan and
+Koerner. ``tests/identify/test_identify_frequency.py`` checks recovery and coverage,
+``tests/identify/test_identify_closed_forms.py`` the starting values and the uncertainty from a
+coherence.
+"""
 
 from __future__ import annotations
 
@@ -72,6 +79,14 @@ class Response:
         return self.u is None and self.relative_u is None
 
     def __post_init__(self) -> None:
+        """Check frequencies, responses and uncertainties.
+
+        Raises
+        ------
+        InputError
+            For values that are not finite, frequencies that repeat, or uncertainties not above
+            zero.
+        """
         f = self.frequency_Hz
         h = self.response
         u = self.u if self.relative_u is None else self.relative_u
@@ -105,7 +120,7 @@ class Response:
         averages: float | None = None,
         name: str = "frequency response",
     ) -> Response:
-        """From magnitude and phase, with an uncertainty or a coherence.
+        """Build a response from magnitude and phase, with an uncertainty or a coherence.
 
         Parameters
         ----------
@@ -119,6 +134,17 @@ class Response:
             Number n of independent averages of the coherence.
         name
             Name, for messages.
+
+        Returns
+        -------
+        Response
+            The response; with a coherence its uncertainty is relative to the true magnitude.
+
+        Raises
+        ------
+        InputError
+            For a negative magnitude, or a coherence outside 0 to 1 or without the number of
+            averages.
 
         Notes
         -----
@@ -161,7 +187,7 @@ class Response:
         coherence: str | None = None,
         averages: float | None = None,
     ) -> Response:
-        """From a table. Rows with a gap are left out.
+        """Read a response from a table; rows with a gap are left out.
 
         Parameters
         ----------
@@ -178,6 +204,16 @@ class Response:
             Columns of the uncertainty or of the coherence.
         averages
             Number of independent averages of the coherence.
+
+        Returns
+        -------
+        Response
+            The response, named after the file.
+
+        Raises
+        ------
+        InputError
+            For a missing column or text in place of a number.
         """
         names = [c for c in (frequency, *columns, u, coherence) if c is not None]
         frame = read_columns(open_table(path, names), names)
@@ -208,10 +244,21 @@ class Response:
         )
 
     def part_uncertainty(self, model: Complex | None = None) -> Array:
-        """Standard uncertainty (F,) of the real and of the imaginary part.
+        """Return the standard uncertainty of the real and of the imaginary part.
 
         A relative uncertainty is a share of the magnitude of the ``model`` (F,), if given: a share
         of a magnitude that was measured too small would be too small.
+
+        Parameters
+        ----------
+        model
+            Response of the model (F,), which replaces the measured magnitude in a relative
+            uncertainty.
+
+        Returns
+        -------
+        array
+            Standard uncertainty (F,), of each of the two parts.
         """
         if self.u is not None:
             return self.u
@@ -234,6 +281,11 @@ def fit_response(data: Response, model: Model | str = "P1D") -> Identified:
     model
         Model of one input, or its name.
 
+    Returns
+    -------
+    Identified
+        The model with estimates, statistics and findings.
+
     Raises
     ------
     InputError
@@ -247,6 +299,9 @@ def fit_response(data: Response, model: Model | str = "P1D") -> Identified:
     size follows from the residuals, and its floor by likelihood. Where the residuals are larger
     than the given uncertainty (chi-squared, 1 %), the intervals are widened by that ratio and
     there is a finding.
+
+    ``NOISE_FLOORS``, the numbers of starts and of rounds may be increased; that costs time only.
+    ``tests/identify/test_identify_frequency.py`` fails where a structure is no longer found.
 
     Examples
     --------
@@ -284,7 +339,20 @@ def fit_response(data: Response, model: Model | str = "P1D") -> Identified:
 
 
 def _ranked_starts(data: Response, model: Model) -> list[Array]:
-    """The best starting values, least cost first."""
+    """Return the best starting values, least cost first.
+
+    Parameters
+    ----------
+    data
+        The response.
+    model
+        The model structure.
+
+    Returns
+    -------
+    list of array
+        At most ``N_SEARCHES`` vectors x; none where no start is stable.
+    """
     problem = weighted_problem(data, model)
     candidates = []
     for x in starts(data, model):
@@ -296,9 +364,25 @@ def _ranked_starts(data: Response, model: Model) -> list[Array]:
 
 
 def fit_weighted(data: Response, model: Model, start_points: list[Array]) -> tuple[Optimum, Array]:
-    """The best optimum from several starts, and the uncertainties (F,) of its weights.
+    """Fit from several starts, with weights that follow the model's magnitude.
 
     A relative uncertainty is iterated with the magnitude of the model.
+
+    Parameters
+    ----------
+    data
+        The response.
+    model
+        The model structure.
+    start_points
+        Vectors x to start from.
+
+    Returns
+    -------
+    optimum
+        The best optimum.
+    u
+        Standard uncertainties (F,) by which the residuals were divided.
     """
     problem = weighted_problem(data, model)
     best = lowest_cost([minimise(problem, x, limit=100, tolerance=0.0) for x in start_points])
@@ -312,14 +396,29 @@ def fit_weighted(data: Response, model: Model, start_points: list[Array]) -> tup
 
 
 def weighted_problem(data: Response, model: Model, u: Array | None = None) -> Problem:
-    """Least-squares problem: residuals (2F,) over their uncertainty ``u`` (F,).
+    """Return the least-squares problem of a frequency response.
 
     The real parts come first, then the imaginary parts.
+
+    Parameters
+    ----------
+    data
+        The response.
+    model
+        The model structure.
+    u
+        Standard uncertainties (F,); None for those of the data.
+
+    Returns
+    -------
+    Problem
+        Residuals (2F,) over their uncertainty: the real parts, then the imaginary ones.
     """
     u = data.part_uncertainty() if u is None else u
     f = data.frequency_Hz
 
     def evaluate(x: Array) -> tuple[Array, Array] | None:
+        """Return residuals (2F,) and Jacobian (2F, P) at x; None for an unstable model."""
         theta = model.theta(x)
         rational = model.rational(theta)
         if not rational.stable:
@@ -341,12 +440,25 @@ def weighted_problem(data: Response, model: Model, u: Array | None = None) -> Pr
 
 
 def longest_delay_s(data: Response) -> float:
-    """The longest dead time [s] that the spacing of the frequencies can determine."""
+    """Return the longest dead time [s] that the spacing of the frequencies can determine."""
     return float(0.5 / np.min(np.diff(np.sort(np.append(data.frequency_Hz, 0.0)))))
 
 
 def starts(data: Response, model: Model) -> Iterator[Array]:
-    """Starting values x: linear problems over dead times; for process models also shared lags."""
+    """Yield starting values x: linear problems over dead times, and shared lags.
+
+    Parameters
+    ----------
+    data
+        The response.
+    model
+        The model structure.
+
+    Returns
+    -------
+    iterator of array
+        Vectors x (P,). The gain is fitted to the response.
+    """
     f = data.frequency_Hz
     u = data.part_uncertainty()
     for theta in _start_parameters(data, model):
@@ -359,7 +471,20 @@ def starts(data: Response, model: Model) -> Iterator[Array]:
 
 
 def _start_parameters(data: Response, model: Model) -> list[dict[str, float]]:
-    """Starting parameters by name; the gain is fitted afterwards."""
+    """Return starting parameters by name; the gain is fitted afterwards.
+
+    Parameters
+    ----------
+    data
+        The response.
+    model
+        The model structure.
+
+    Returns
+    -------
+    list of dict
+        Parameters in natural units.
+    """
     f = data.frequency_Hz
     s = np.asarray(2j * np.pi * f, complex)
     inverse_known = polyval(s, np.array(model.known.den)) / polyval(s, np.array(model.known.num))
@@ -387,7 +512,7 @@ def _start_parameters(data: Response, model: Model) -> list[dict[str, float]]:
 
 
 def _delay_grid(data: Response) -> list[float]:
-    """Dead times [s] up to twice that of the phase at the highest frequency."""
+    """Return dead times [s] up to twice that of the phase at the highest frequency."""
     f = data.frequency_Hz
     phase = -np.unwrap(np.angle(data.response))[np.argmax(f)]
     delay = phase / (2 * np.pi * f.max())
@@ -396,7 +521,7 @@ def _delay_grid(data: Response) -> list[float]:
 
 
 def levy(s: Complex, h: Complex, weight: Array, zeros: int, poles: int) -> tuple[Array, Array]:
-    """Numerator and denominator, ascending, of B(s) - h A(s) = 0 in least squares.
+    """Return numerator and denominator of B(s) - h A(s) = 0 in least squares.
 
     Parameters
     ----------
@@ -408,6 +533,11 @@ def levy(s: Complex, h: Complex, weight: Array, zeros: int, poles: int) -> tuple
         Weight (F,); each round divides it by |A| of the round before.
     zeros, poles
         Degrees of numerator and denominator.
+
+    Returns
+    -------
+    num, den
+        Coefficients (zeros + 1,) and (poles + 1,), ascending in s. Unstable poles are mirrored.
     """
     scale = float(np.exp(np.mean(np.log(np.abs(s)))))  # the middle frequency
     z = s / scale
@@ -440,6 +570,12 @@ def make_identified(
         Degrees of freedom.
     u_fit
         Uncertainties (F,) of the weights.
+
+    Returns
+    -------
+    Identified
+        The model. Where no uncertainty is given, or the misfit is significant, the covariance is
+        that of the residuals.
     """
     theta = model.theta(best.theta)
     n = 2 * len(data.frequency_Hz)
@@ -490,7 +626,20 @@ def make_identified(
 
 
 def _parameter_findings(best: Optimum, result: Identified) -> list[Finding]:
-    """Warnings about parameters: at a bound, undetermined, indistinct."""
+    """Return warnings about parameters: at a bound, undetermined, indistinct.
+
+    Parameters
+    ----------
+    best
+        The optimum.
+    result
+        The model with its estimates.
+
+    Returns
+    -------
+    list of Finding
+        The warnings.
+    """
     findings = []
     for i, (name, estimate) in enumerate(result.estimates.items()):
         bound = active_bound(best, i)

@@ -1,4 +1,10 @@
-"""Held-out error: how well a fit simulates data that it has not used."""
+"""Held-out error: how well a fit simulates data that it has not used.
+
+``tcdyn.identify.comparison``, ``forward_selection`` and ``shared_poles`` use it to compare models.
+The simulation has only its initial state and, in one case, its level fitted; all else comes from
+the fit. ``tests/identify/test_identify_closed_forms.py``, ``test_identify_data.py`` and
+``test_identify_equation.py`` in that folder guard it.
+"""
 
 from __future__ import annotations
 
@@ -27,9 +33,30 @@ Progress = Callable[[str, int, int], None]  # name of the model, its number, the
 
 
 def split_held_out(data: IOData, held_out: IOData | float) -> tuple[IOData | None, IOData, float]:
-    """Training data, test data, and the time from which the test error counts [s].
+    """Split a record into training data and test data.
 
     The training data are None where ``held_out`` is a record of its own.
+
+    Parameters
+    ----------
+    data
+        The record.
+    held_out
+        Another record, or the last share of ``data``, from 0 to 1; of several runs the last run.
+
+    Returns
+    -------
+    train
+        Training data; None where ``held_out`` is another record.
+    test
+        Test data; a share of one run keeps the complete run, for its state at the start.
+    from_s
+        Time from which the test error counts [s].
+
+    Raises
+    ------
+    InputError
+        For a share that is not between 0 and 1.
     """
     if isinstance(held_out, IOData):
         return None, held_out, -np.inf
@@ -43,9 +70,25 @@ def split_held_out(data: IOData, held_out: IOData | float) -> tuple[IOData | Non
 
 
 def held_out_score(result: Fit, test: IOData, from_s: float = -np.inf) -> tuple[float, float]:
-    """Rms error and NRMSE fit percent of the simulation of ``test`` from time ``from_s``.
+    """Return rms error and fit percent of the simulation of other data.
 
     See :func:`held_out_statistics`.
+
+    Parameters
+    ----------
+    result
+        The fit.
+    test
+        Data that the fit has not used.
+    from_s
+        Time from which the error counts [s].
+
+    Returns
+    -------
+    rms
+        Rms error in the output's unit.
+    percent
+        NRMSE fit percent; 100 is perfect, 0 as bad as the mean.
     """
     return held_out_statistics(result, test, from_s)[:2]
 
@@ -72,18 +115,32 @@ class Task:
     options: Mapping[str, Any]
 
     def __post_init__(self) -> None:
+        """Check that the held-out share is possible."""
         split_held_out(self.data, self.held_out)  # raises InputError for an unusable share
 
     def with_options(self, remark: str, **options: Any) -> Task:
-        """The task with other options; ``remark`` is added to the names in ``progress``."""
+        """Return the task with other options; ``remark`` is added to the names in ``progress``."""
 
         def progress(name: str, number: int, count: int) -> None:
+            """Report a model with the remark."""
             self.progress(f"{name}, {remark}", number, count)
 
         return replace(self, progress=progress, options={**self.options, **options})
 
     def held_out_error(self, result: Fit, **options: Any) -> tuple[float, float, float]:
-        """:func:`held_out_statistics` of a model, fitted to the training data where there are any.
+        """Return :func:`held_out_statistics` of a model, fitted to the training data where there are any.
+
+        Parameters
+        ----------
+        result
+            Fit to all of the data; its model is fitted again.
+        options
+            Further options of :func:`tcdyn.identify.fit`.
+
+        Returns
+        -------
+        rms, percent, p
+            As :func:`held_out_statistics` returns them.
 
         Raises
         ------
@@ -124,6 +181,11 @@ def held_out_statistics(
     some time on continues from the state that fits the samples before; any other starts from the
     state that fits it. The probability is that of an F test of the variance of the innovations
     over that of the fit; coloured innovations count as fewer samples.
+
+    What is fitted to the test data must not be scored on them: keep the samples of state and level
+    apart from the scored ones. ``LONG_MEMORY_SHARE`` decides when a slow disturbance gives the
+    level; without it the held-out error measures the disturbance.
+    ``tests/identify/test_identify_data.py`` checks a run that is held out.
     """
     model = result.identified
     segments = [replace(s, y=s.y - model.offset) for s in split_segments(test)]
@@ -171,15 +233,29 @@ def held_out_statistics(
 
 
 def block_held_out_rms(result: Fit, count: int = 6) -> float:
-    """Rms simulation error of blocks of the record, each left out of the fit in turn.
+    """Return the rms error of blocks of the record, each left out of the fit in turn.
 
     The first of the ``count`` blocks stays in the fit, for it determines the initial state.
+
+    Parameters
+    ----------
+    result
+        The fit.
+    count
+        Number of blocks.
+
+    Returns
+    -------
+    float
+        Rms error in the output's unit.
 
     Notes
     -----
     Without block b the parameters change by (J'J - J_b'J_b)^-1 J_b' w_b, with J the Jacobian of
     the innovations w, and the simulation by its Jacobian times that. This is exact for a linear
     problem.
+
+    ``tests/identify/test_identify_equation.py`` compares it with fits without the block.
     """
     rows = result.problem.evaluate(result.x)
     assert rows is not None

@@ -1,4 +1,10 @@
-"""The identified model: structure, parameters with covariance, origin, and its JSON file."""
+"""The identified model: structure, parameters with covariance, origin, and its JSON file.
+
+Fits, plots, sensors and pages use it. Its file is read back by ``read_identified`` and converted by
+``tcdyn.sensors.file.from_identified``. ``tests/identify/test_identify_fit.py`` checks that file and
+``control`` system give the same model back, ``tests/identify/test_identify_several.py`` the same
+for several inputs.
+"""
 
 from __future__ import annotations
 
@@ -28,6 +34,7 @@ from tcdyn.rig.disk import Conditioning
 if TYPE_CHECKING:
     import control
 
+# Version of the file; a change of its keys needs another number and a reader for the old one.
 SCHEMA = "tcdyn.identified/1"
 # Keys of the model that are its fields.
 MODEL_KEYS = ("name", "kind", "integrators", "fixed", "offset", "delay_max_s")
@@ -97,9 +104,25 @@ class Identified(Dynamics, Result):
     def of(
         cls, model: Model, theta: Mapping[str, float], covariance: Array, **more: Any
     ) -> Identified:
-        """With the intervals of normal distributions of this ``covariance`` (P, P).
+        """Build a model with intervals of normal distributions.
 
         ``more`` are other fields.
+
+        Parameters
+        ----------
+        model
+            The model structure.
+        theta
+            All parameters by name.
+        covariance
+            Covariance (P, P) of the free ones.
+        more
+            Other fields of the class.
+
+        Returns
+        -------
+        Identified
+            The model.
         """
         u = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         estimates = {n: Estimate.normal(theta[n], u_n) for n, u_n in zip(model.free, u)}
@@ -153,7 +176,7 @@ class Identified(Dynamics, Result):
         hold: Hold | None = None,
         start: InitialState = "equilibrium",
     ) -> Array:
-        """The model's output, offset included.
+        """Return the model's output, offset included.
 
         Parameters
         ----------
@@ -165,6 +188,16 @@ class Identified(Dynamics, Result):
             Hold of the input; by default that of the record.
         start
             State in which the simulation starts.
+
+        Returns
+        -------
+        array
+            Output (N,) in the output's unit.
+
+        Raises
+        ------
+        InputError
+            For another number of inputs, or a model without a record and no ``dt_s``.
         """
         table = np.asarray(u, dtype=float).reshape(len(u), -1)
         if table.shape[1] != len(self.by_input):
@@ -182,7 +215,7 @@ class Identified(Dynamics, Result):
         return y + self.offset
 
     def transfer_function(self, pade_order: int = 3) -> control.TransferFunction:
-        """The model as a ``control.TransferFunction``, a row with one entry for each input.
+        """Return the model as a ``control.TransferFunction``, one entry for each input.
 
         Dead times become their Pade approximation of ``pade_order``.
         """
@@ -213,6 +246,16 @@ class Identified(Dynamics, Result):
         """The identified dynamics as a measurement chain of unit gain.
 
         ``conditioning`` is the filter that was the known factor.
+
+        Parameters
+        ----------
+        conditioning
+            The filter that was the known factor of the identification.
+
+        Returns
+        -------
+        Chain
+            Lags, zero, dead time and filter, with unit gain.
 
         Raises
         ------
@@ -245,6 +288,11 @@ class Identified(Dynamics, Result):
         """The model as text: parameters, lag, quality of the fit, validation, findings.
 
         ``spelling`` is that of the parameters that findings name.
+
+        Parameters
+        ----------
+        spelling
+            Spelling of the parameters that findings name.
         """
         m = self.model
         width = max(5, *map(len, m.names))
@@ -305,7 +353,14 @@ class Identified(Dynamics, Result):
         return json.dumps(self.to_dict(), indent=2)
 
     def to_dict(self) -> dict[str, Any]:
-        """The model as in its JSON file."""
+        """The model as in its JSON file.
+
+        Notes
+        -----
+        The keys are a file format: ``MODEL_KEYS`` and ``PLAIN_KEYS`` name the fields that are
+        copied, and :meth:`from_json` reads the same keys. ``tests/identify/test_identify_fit.py``
+        fails where they disagree.
+        """
         m = self.model
         model: dict[str, Any] = {key: getattr(m, key) for key in MODEL_KEYS}
         if m.inputs:
@@ -392,7 +447,13 @@ def _model_from_dict(m: Mapping[str, Any]) -> Model:
 
 
 def read_identified(path: str | Path) -> Identified:
-    """The model in a JSON file written by ``tcdyn identify``."""
+    """Read the model in a JSON file that ``tcdyn identify`` wrote.
+
+    Raises
+    ------
+    InputError
+        Where the file cannot be read or is no identified model.
+    """
     try:
         return Identified.from_json(Path(path).read_text(encoding="utf-8"))
     except OSError as error:
@@ -413,6 +474,11 @@ def from_control(
         The system. Inputs without labels (u[0], u[1]) are those of the data by their position.
     delay_s
         Dead time [s] behind each input, or behind all, which such a system does not hold.
+
+    Returns
+    -------
+    Identified
+        The model with a covariance of zeros; ``dt_s`` is 0.
 
     Raises
     ------
@@ -461,14 +527,36 @@ def from_control(
 
 
 def _ascending(coefficients: Any) -> Array:
-    """The coefficients of a polynomial of a ``control`` system, ascending in s."""
+    """Return the coefficients of a polynomial of a ``control`` system, ascending in s."""
     return np.trim_zeros(np.asarray(coefficients[0][0], dtype=float), "f")[::-1]
 
 
 def _from_ratio(
     num: Array, den: Array, delay_s: float, label: str, where: str
 ) -> tuple[Model, dict[str, float]]:
-    """Model and parameters of num/den (ascending) with a dead time [s]."""
+    """Return model and parameters of a transfer function num/den with a dead time.
+
+    Parameters
+    ----------
+    num, den
+        Coefficients, ascending in s.
+    delay_s
+        Dead time [s].
+    label, where
+        Input and function that errors name.
+
+    Returns
+    -------
+    model
+        The structure.
+    theta
+        Its parameters by name.
+
+    Raises
+    ------
+    InputError
+        For a static gain of zero, unstable poles, or more zeros than poles.
+    """
     if not len(num) or abs(num[0]) < MAX_ZERO_RATIO * np.max(np.abs(num)):
         raise InputError(
             f"{label} has a static gain of zero",

@@ -1,6 +1,10 @@
 """Covariance of identified parameters, and profile-likelihood intervals.
 
 Profile likelihood replaces the quadratic interval where the log-likelihood is not quadratic.
+``tcdyn.identify.fit`` and ``tcdyn.identify.level_lag`` use it.
+``tests/identify/test_identify_fit.py`` checks that both intervals agree where they should,
+``tests/identify/test_identify_results.py`` the rounding of the output,
+``tests/identify/test_identify_studies.py`` the coverage.
 """
 
 from __future__ import annotations
@@ -23,15 +27,32 @@ from tcdyn.identify.validate import ALARM_P, whiteness
 
 Covariance = Literal["auto", "classical", "robust"]
 
-# Limits of the quadratic interval, chosen by judgement.
-MAX_RELATIVE_U = 0.2  # of a positive parameter
+MAX_RELATIVE_U = 0.2  # relative uncertainty of a positive parameter, above which it is profiled
 MIN_ZERO_SHARE = 0.1  # zero over lag; below, zero and dead time have the same effect
-MAX_LOG_STEP = 1.5  # of the logarithm of a parameter in the profile
-N_WHITENESS_LAGS = 20
+MAX_LOG_STEP = 1.5  # first step of the profile in the logarithm of a parameter, at most
+N_WHITENESS_LAGS = 20  # lags of the whiteness test that decides on the robust covariance
 
 
 def replace_poor_intervals(fit: Fit, all_parameters: bool) -> Fit:
-    """The fit with profile intervals in place of poor quadratic ones, or of all."""
+    """Replace poor quadratic intervals by profile intervals.
+
+    Parameters
+    ----------
+    fit
+        The fit.
+    all_parameters
+        Whether all intervals are replaced, poor or not.
+
+    Returns
+    -------
+    Fit
+        The fit with other estimates, and a warning for each interval with an open end.
+
+    Notes
+    -----
+    Stricter limits (``MAX_RELATIVE_U``, ``MIN_ZERO_SHARE``) cost time; the values of the parameters
+    do not change.
+    """
     estimates = dict(fit.estimates)
     findings = list(fit.findings)
     for name in fit.problem.model.free:
@@ -113,7 +134,21 @@ def profile(fit: Fit, name: str) -> tuple[Estimate, bool]:
 
 
 def has_poor_interval(fit: Fit, name: str) -> bool:
-    """Whether the quadratic interval of a parameter is unreliable: too wide, or below zero."""
+    """Whether the quadratic interval of a parameter is unreliable.
+
+    Parameters
+    ----------
+    fit
+        The fit.
+    name
+        Name of a free parameter.
+
+    Returns
+    -------
+    bool
+        True where a positive parameter has a large uncertainty, where a small zero and a dead time
+        have the same effect, and where a dead time may be below zero.
+    """
     estimate = fit.estimates[name]
     model = fit.problem.model
     if model.positive(name):
@@ -193,6 +228,9 @@ def parameter_covariance(
     -----
     Where the noise is smaller than the logger's resolution, equal readings share one rounding
     error.
+
+    The contribution of rounding is step^2/12 for each run of equal readings.
+    ``tests/identify/test_identify_results.py`` checks that intervals include it.
     """
     slices = problem.residual_slices
     precision = problem.prior_precision

@@ -1,4 +1,8 @@
-"""Sampled input-output data: inputs and outputs of one or several runs, with hold and units."""
+"""Sampled input-output data: inputs and outputs of one or several runs, with hold and units.
+
+All of ``tcdyn.identify`` works on it; ``tcdyn.identify.tables`` builds it from tables. The arrays
+are read-only. ``tests/identify/test_identify_data.py`` checks slicing, merging and the errors.
+"""
 
 from __future__ import annotations
 
@@ -40,6 +44,7 @@ class Run:
     name: str = ""
 
     def __post_init__(self) -> None:
+        """Make the arrays read-only."""
         self.u.flags.writeable = False
         self.y.flags.writeable = False
 
@@ -123,6 +128,11 @@ class IOData(Result):
             Names and units of the columns.
         name
             Name of the record.
+
+        Returns
+        -------
+        IOData
+            The data. The arrays are copies.
 
         Raises
         ------
@@ -225,7 +235,17 @@ class IOData(Result):
         return replace(self, runs=tuple(runs), findings=tuple(unique(findings)))
 
     def between(self, start_s: float | None = None, end_s: float | None = None) -> IOData:
-        """The samples with start_s <= time <= end_s [s] of every run; empty runs are dropped.
+        """Return the samples of a time interval of every run; empty runs are dropped.
+
+        Parameters
+        ----------
+        start_s, end_s
+            Ends of the interval [s], both included; None for no limit.
+
+        Returns
+        -------
+        IOData
+            The data.
 
         Raises
         ------
@@ -260,7 +280,23 @@ class IOData(Result):
     def select(
         self, input: str | Sequence[str] | None = None, output: str | Sequence[str] | None = None
     ) -> IOData:
-        """Some of the inputs and outputs, by name; all of them where no name is given."""
+        """Return some of the inputs and outputs, by name.
+
+        Parameters
+        ----------
+        input, output
+            Names of the columns; None for all of them.
+
+        Returns
+        -------
+        IOData
+            The data, with the findings about these columns.
+
+        Raises
+        ------
+        InputError
+            For a name that is not a column.
+        """
         inputs = indices_of(input, self.input_names, "input")
         outputs = indices_of(output, self.output_names, "output")
         input_names = tuple(self.input_names[k] for k in inputs)
@@ -280,20 +316,26 @@ class IOData(Result):
         )
 
     def times_s(self, index: int = 0) -> Array:
-        """Time of every sample of one run [s]."""
+        """Return the times (N,) [s] of the samples of one run."""
         run = self.runs[index]
         return np.asarray(run.start_s + np.arange(run.n) * self.dt_s)
 
 
 def default_names(letter: str, count: int) -> tuple[str, ...]:
-    """Names of columns without names: u, or u1, u2, .."""
+    """Return the names of columns without names: u, or u1, u2, .."""
     if count == 1:
         return (letter,)
     return tuple(f"{letter}{k}" for k in range(1, count + 1))
 
 
 def check_hold(hold: Hold, where: str) -> Hold:
-    """The hold; InputError where it is none of "zoh" and "foh"."""
+    """Return the hold after a check.
+
+    Raises
+    ------
+    InputError
+        Where it is neither "zoh" nor "foh".
+    """
     if hold not in ("zoh", "foh"):
         expected = "'zoh' (input held between samples) or 'foh' (straight line)"
         raise InputError(f"hold is {hold!r}", where=where, expected=expected)
@@ -303,7 +345,27 @@ def check_hold(hold: Hold, where: str) -> Hold:
 def indices_of(
     requested: str | Sequence[str] | None, names: tuple[str, ...], role: str
 ) -> list[int]:
-    """Positions of the requested columns among ``names``; all of them when None."""
+    """Return the positions of columns among the names.
+
+    Parameters
+    ----------
+    requested
+        One name or several; None for all.
+    names
+        Names of all columns.
+    role
+        "input" or "output", for the error.
+
+    Returns
+    -------
+    list of int
+        Positions in the order of the request.
+
+    Raises
+    ------
+    InputError
+        For an unknown name.
+    """
     if requested is None:
         return list(range(len(names)))
     columns = [requested] if isinstance(requested, str) else list(requested)
@@ -316,7 +378,27 @@ def indices_of(
 
 
 def checked_columns(values: ArrayLike, names: Sequence[str], role: str, where: str) -> Array:
-    """A float copy (N, columns) of ``values``, after checks of type, shape, range and overflow."""
+    """Return a float copy of columns after checks of type, shape, range and overflow.
+
+    Parameters
+    ----------
+    values
+        Values (N,) or (N, columns).
+    names
+        Names of the columns, for errors; may be too few.
+    role, where
+        "input" or "output", and the record, for errors.
+
+    Returns
+    -------
+    array
+        Values (N, columns).
+
+    Raises
+    ------
+    InputError
+        For values that are no numbers, infinite values, other shapes, or an integer overflow.
+    """
     raw = np.asarray(values)
     if raw.dtype.kind not in "iufb":
         raise InputError(f"the {role} holds {raw.dtype} values", where=where, expected="numbers")
@@ -344,7 +426,25 @@ def checked_columns(values: ArrayLike, names: Sequence[str], role: str, where: s
 
 
 def check_wrap(values: Array, label: str, where: str) -> None:
-    """Raise InputError for integers that jump by the 16- or 32-bit range: an overflow."""
+    """Raise InputError for integers that jump by the 16- or 32-bit range: an overflow.
+
+    Parameters
+    ----------
+    values
+        One column (N,).
+    label, where
+        Column and record, for the error.
+
+    Raises
+    ------
+    InputError
+        Where the column overflowed.
+
+    Notes
+    -----
+    A smaller ``MIN_WRAP_SHARE`` takes large steps of real integer data for an overflow.
+    ``tests/identify/test_identify_closed_forms.py`` checks both.
+    """
     finite = values[np.isfinite(values)]
     if len(finite) < 2 or np.any(finite != np.round(finite)):
         return

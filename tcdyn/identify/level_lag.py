@@ -1,4 +1,10 @@
-"""Test of a constant lag: one lag that depends on the output level, fitted by simulation."""
+"""Test of a constant lag: one lag that depends on the output level, fitted by simulation.
+
+``tcdyn.identify.narx.temperature_dependence`` uses it. The linear fit is the special case without
+dependence, so the dependence has an estimate with an uncertainty.
+``tests/identify/test_identify_level.py`` checks a lag that rises and one that is constant;
+``tests/identify/test_identify_residuals.py`` the simulation.
+"""
 
 from __future__ import annotations
 
@@ -20,9 +26,11 @@ from tcdyn.identify.search import Fit, criteria
 
 MODELS = ("P1", "P1D", "P2", "P2D")  # models whose longest lag may depend on the level
 DEPENDENCE_SDS = 2.5758  # standard uncertainties of a dependence (99 % of a normal distribution)
-STEP = 1e-5  # of a parameter, for numerical derivatives
-MAX_BEND = 2.0  # bound of the logarithm of the lag's change over half the range
-MAX_LEVEL = 5.0  # bound of the same in the simulation
+# Step of a parameter for numerical derivatives: about the square root of the rounding error,
+# rounded up; chosen by judgement.
+STEP = 1e-5
+MAX_BEND = 2.0  # bound of the logarithm of the lag's change over half the range; by judgement
+MAX_LEVEL = 5.0  # bound of that logarithm at any level in the simulation; chosen by judgement
 
 
 @dataclass(frozen=True)
@@ -49,7 +57,7 @@ class LevelLag:
 
     @property
     def depends(self) -> bool:
-        """Whether the lag depends on the level: its bend differs from zero by ``DEPENDENCE_SDS`` u.
+        """Whether the bend of the lag differs from zero by more than ``DEPENDENCE_SDS`` u.
 
         Also the key ``depends`` of the result.
         """
@@ -58,6 +66,16 @@ class LevelLag:
 
 def level_lag(data: IOData) -> LevelLag:
     """How the longest lag depends on the level y of the output.
+
+    Parameters
+    ----------
+    data
+        One input and one output.
+
+    Returns
+    -------
+    LevelLag
+        The lag at a low and a high level, with its dependence.
 
     Raises
     ------
@@ -70,6 +88,9 @@ def level_lag(data: IOData) -> LevelLag:
     the output. All parameters of a linear model are fitted together with a, by simulation. Of the
     ``MODELS`` that of least BIC is used. The uncertainty is the robust one where residuals are
     coloured. Valid where the lag hardly changes within one sample.
+
+    More ``MODELS`` cost time; their longest lag must be Tp1, which is the one that varies. Other
+    forms of tau(y) go to ``LevelLagProblem.simulate_lag`` and ``LevelLagProblem.lag_s`` alike.
     """
     candidates: list[tuple[float, LevelLagProblem, Optimum]] = []
     first_error: InputError | None = None
@@ -101,6 +122,7 @@ def level_lag(data: IOData) -> LevelLag:
     )
 
     def lag_estimate(side: float) -> Estimate:
+        """Return the total lag at ``side`` half ranges above the middle, with its uncertainty."""
         gradient = approx_fprime(optimum.theta, best.lag_s, STEP, side)
         variance = max(gradient @ covariance @ gradient, 0.0)
         return Estimate.normal(best.lag_s(optimum.theta, side), np.sqrt(variance))
@@ -116,9 +138,16 @@ def level_lag(data: IOData) -> LevelLag:
 
 @dataclass(frozen=True)
 class LevelLagProblem:
-    """A linear fit with one more parameter a: the dependence of its longest lag on the level.
+    """A linear fit with one more parameter: the dependence of its longest lag on the level.
 
     The level is relative to ``middle`` in units of ``half_range``.
+
+    Parameters
+    ----------
+    linear_fit
+        The linear fit.
+    middle, half_range
+        Middle and half width of the range of the output, in its unit.
     """
 
     linear_fit: Fit
@@ -138,16 +167,39 @@ class LevelLagProblem:
         )
 
     def lag_s(self, x: Array, side: float) -> float:
-        """Total lag [s] at ``side`` half ranges above the middle."""
+        """Return the total lag [s] at a level.
+
+        Parameters
+        ----------
+        x
+            Vector of the linear problem, then the dependence a (P + 1,).
+        side
+            Level above the middle, in half ranges.
+
+        Returns
+        -------
+        float
+            Total lag [s].
+        """
         problem = self.linear_fit.problem
         theta = problem.theta(x[:-1])
         change = theta["Tp1"] * float(np.exp(side * x[-1]) - 1)
         return problem.model.rational(theta).lag_s + change
 
     def evaluate(self, x: Array) -> tuple[Array, Array] | None:
-        """Whitened residuals and Jacobian.
+        """Return whitened residuals and Jacobian.
 
         Those of the linear model are exact; the change by a is differentiated numerically.
+
+        Parameters
+        ----------
+        x
+            Vector of the linear problem, then a (P + 1,).
+
+        Returns
+        -------
+        residual, jacobian
+            Residuals (N,) and Jacobian (N, P + 1); None where the model is unstable.
         """
         problem = self.linear_fit.problem
         rows = problem.evaluate(x[:-1])
@@ -164,9 +216,19 @@ class LevelLagProblem:
         return whiten(rows[0] + change, slices), whiten(jacobian, slices)
 
     def output_change(self, x: Array) -> Array:
-        """Output with the level-dependent lag less that with a constant lag (N,).
+        """Return the output with the level-dependent lag less that with a constant lag.
 
         Both are computed by the same recursion over samples.
+
+        Parameters
+        ----------
+        x
+            Vector of the linear problem, then a (P + 1,).
+
+        Returns
+        -------
+        array
+            Change at the measured samples (N,).
         """
         problem = self.linear_fit.problem
         theta = problem.theta(x[:-1])
@@ -189,9 +251,30 @@ class LevelLagProblem:
         return np.concatenate(changes)
 
     def simulate_lag(self, y: float, drive: Array, rate: float, bend: float) -> Array:
-        """y (N,) of dy/dt = (drive - y)/tau(y), with tau constant over each sample.
+        """Return y of dy/dt = (drive - y)/tau(y), with tau constant over each sample.
 
         ``rate`` is dt/tau at the middle level.
+
+        Parameters
+        ----------
+        y
+            Output at the first sample.
+        drive
+            Input of the lag over each interval (N - 1,).
+        rate
+            Sampling interval over the lag at the middle level.
+        bend
+            ln(tau_high/tau_low)/2.
+
+        Returns
+        -------
+        array
+            Output (N,).
+
+        Notes
+        -----
+        tau follows the output at the start of each interval. This is first order in the interval,
+        so the lag must hardly change within one sample.
         """
         output = [float(y)]
         scale = bend / self.half_range

@@ -1,7 +1,10 @@
 """Continuous-time model structures with dead time: process models and transfer functions.
 
 Structures are named as usual (P1D, P2DZ, TF(1,2)D, ARX(1,2)). Each knows how its parameters enter
-the coefficients of the transfer function.
+the coefficients of the transfer function. All of ``tcdyn.identify`` uses them;
+``tcdyn.chain.ChainStructure`` reads the names of process models.
+``tests/identify/test_identify_fit.py`` recovers every structure,
+``tests/identify/test_identify_several.py`` sums of several inputs.
 """
 
 from __future__ import annotations
@@ -19,6 +22,7 @@ from tcdyn.core import Array, Flags
 from tcdyn.core.errors import InputError
 from tcdyn.rig.disk import Conditioning
 
+# Units of the parameters of process models.
 UNITS = {
     "Kp": "",
     "Tp1": "s",
@@ -31,6 +35,7 @@ UNITS = {
     "Td": "s",
 }
 NO_MODEL = "-"  # name of the model of an input without effect
+# Parameters that are positive; the search uses their logarithm.
 POSITIVE = ("Tp1", "Tp2", "Tp3", "Tw", "Zeta", "Tc")
 # Imaginary step of a parameter: coefficients are polynomials, so that their derivatives are exact.
 COMPLEX_STEP = 1e-30
@@ -43,6 +48,13 @@ class KnownDynamics:
     """A known factor of the transfer function, num(s) over a product of factors.
 
     Constant terms are one.
+
+    Parameters
+    ----------
+    num
+        Numerator, ascending in s; the constant term is one for a filter.
+    factors
+        Denominator factors of constant term one, not estimated.
     """
 
     num: tuple[float, ...] = (1.0,)
@@ -55,7 +67,23 @@ class KnownDynamics:
 
     @classmethod
     def ratio(cls, num: Sequence[float], den: Sequence[float]) -> KnownDynamics:
-        """num(s)/den(s), coefficients ascending."""
+        """Build the factor num(s)/den(s).
+
+        Parameters
+        ----------
+        num, den
+            Coefficients, ascending in s; both are divided by ``den[0]``.
+
+        Returns
+        -------
+        KnownDynamics
+            The factor.
+
+        Raises
+        ------
+        InputError
+            For a pole at zero.
+        """
         if den[0] == 0:
             raise InputError(
                 "the known part has a pole at zero", remedy="use the integrator of the model (P1I)"
@@ -108,6 +136,13 @@ class Model:
         Of a sum, the names of the inputs.
     arx
         Whether the disturbance enters before the poles, so that they colour it (equation error).
+
+    Notes
+    -----
+    A new parameter of process models needs an entry in ``UNITS``, perhaps in ``POSITIVE``, a term
+    in :meth:`coefficients`, a name in ``tcdyn.chain.ChainStructure`` and starting values in
+    ``tcdyn.identify.starting_values.share_lag``. ``tests/identify/test_identify_fit.py`` then must
+    recover it without a start.
     """
 
     name: str
@@ -123,6 +158,13 @@ class Model:
     arx: bool = False
 
     def __post_init__(self) -> None:
+        """Check that the fixed parameters exist.
+
+        Raises
+        ------
+        InputError
+            For a fixed parameter that the model does not have.
+        """
         for name in self.fixed:
             if name not in self.names:
                 raise InputError(
@@ -176,14 +218,37 @@ class Model:
         return np.array([self.positive(n) for n in self.free], dtype=bool)
 
     def theta(self, x: Array) -> dict[str, float]:
-        """All parameters by name at x, which starts with the free ones or their logarithms."""
+        """Return all parameters by name at a vector x.
+
+        Parameters
+        ----------
+        x
+            Vector that starts with the free parameters, positive ones as logarithms.
+
+        Returns
+        -------
+        dict
+            Natural parameters, the fixed ones included.
+        """
         free = {n: float(np.exp(v) if self.positive(n) else v) for n, v in zip(self.free, x)}
         return self.all_parameters(free)
 
     def vector(self, theta: Mapping[str, float]) -> Array:
-        """The free parameters (P,) as in x: logarithms of the positive ones; inverse of :meth:`theta`.
+        """Return the free parameters as in x, logarithms of the positive ones.
 
         Positive parameters below ``MIN_POSITIVE`` are set to it.
+
+        The inverse of :meth:`theta`.
+
+        Parameters
+        ----------
+        theta
+            Parameters by name.
+
+        Returns
+        -------
+        array
+            The vector (P,).
         """
         x = [
             np.log(max(theta[n], MIN_POSITIVE)) if self.positive(n) else theta[n] for n in self.free
@@ -199,6 +264,11 @@ class Model:
             Shortest and longest lag [s].
         delay_s
             Longest dead time [s].
+
+        Returns
+        -------
+        lower, upper
+            Bounds (P,), infinite where there is none.
         """
         rows: list[tuple[float, ...]] = []
         for name in self.free:
@@ -214,7 +284,20 @@ class Model:
         return table[:, 0], table[:, 1]
 
     def branch(self, k: int) -> tuple[Model, dict[str, str]]:
-        """The model of the ``k``-th input, and the names of its parameters in this model."""
+        """Return the model of one input, and the names of its parameters in this model.
+
+        Parameters
+        ----------
+        k
+            Number of the input; ignored for a model of one input.
+
+        Returns
+        -------
+        model
+            The model of that input.
+        names
+            By the name in that model, the name in this one.
+        """
         if not self.submodels:
             return self, {n: n for n in self.names}
         model = self.submodels[k]
@@ -223,7 +306,26 @@ class Model:
         return replace(model, fixed=fixed), names
 
     def coefficients(self, p: Mapping[str, Any]) -> tuple[list[Any], list[tuple[Any, ...]]]:
-        """Numerator and denominator factors without the known ones, ascending in s."""
+        """Return numerator and denominator factors without the known ones.
+
+        Parameters
+        ----------
+        p
+            All parameters by name; complex values are allowed.
+
+        Returns
+        -------
+        num
+            Numerator coefficients, ascending in s.
+        factors
+            Denominator factors, each ascending in s with constant term one.
+
+        Notes
+        -----
+        The coefficients must be polynomials of the parameters: :meth:`chain_rule` differentiates
+        them by a complex step. The lags come first and in the order of their names, on which
+        ``tcdyn.identify.level_lag.LevelLagProblem.output_change`` relies.
+        """
         if self.kind == "tf":
             denominator = (1.0, *(p[n] for n in self.names if n.startswith("a")))
             return [p[n] for n in self.names if n.startswith("b")], [denominator]
@@ -237,7 +339,7 @@ class Model:
         return [p["Kp"]], factors
 
     def rational(self, theta: Mapping[str, float]) -> Rational:
-        """The transfer function at ``theta``."""
+        """Return the transfer function at ``theta``, the known factor included."""
         p = self.all_parameters(theta)
         num, free_factors = self.coefficients(p)
         factors = self.known.factors + tuple(Factor(f) for f in free_factors)
@@ -246,9 +348,26 @@ class Model:
         )
 
     def chain_rule(self, theta: Mapping[str, float]) -> Array:
-        """d(coefficients)/d(free parameters), shape (rows, P).
+        """Return the derivatives of all coefficients with the free parameters.
 
         The rows are those of ``Realisation`` without the first.
+
+        Parameters
+        ----------
+        theta
+            Parameters by name.
+
+        Returns
+        -------
+        array
+            Derivatives (rows, P). The rows are those of ``Realisation`` without the first:
+            numerator, free factors, dead time.
+
+        Notes
+        -----
+        The imaginary step has no subtraction and so no rounding error.
+        ``tests/identify/test_identify_simulation.py`` compares the sensitivities with central
+        differences.
         """
         parameters = self.all_parameters(theta)
 
@@ -281,7 +400,7 @@ def input_suffix(name: str) -> str:
 
 
 def same_input(name: str, other: str) -> bool:
-    """Whether two parameters belong to the same input; shared parameters belong to every input."""
+    """Whether two parameters belong to the same input; shared ones belong to every input."""
     return input_suffix(name) in ("", input_suffix(other))
 
 
@@ -297,6 +416,16 @@ def process(name: str, **options: Any) -> Model:
         ``fixed``: parameters that are not estimated, with their values ({"Kp": 1}).
         ``known``: a known factor (see :meth:`KnownDynamics.of`). ``delay_max_s``: upper bound of the dead
         time [s]. ``offset``: "free" (shared by the runs), "per run" or "none".
+
+    Returns
+    -------
+    Model
+        The structure.
+
+    Raises
+    ------
+    InputError
+        For a name that is no process model.
 
     Notes
     -----
@@ -331,6 +460,16 @@ def transfer(
     options
         As for :func:`process`, and ``arx``: the poles colour the disturbance too.
 
+    Returns
+    -------
+    Model
+        The structure.
+
+    Raises
+    ------
+    InputError
+        For other than 0 <= zeros <= poles, poles >= 1.
+
     Examples
     --------
     >>> transfer(1, 2, delay=True).names
@@ -352,9 +491,23 @@ def transfer(
 
 
 def chain_model(name: str, conditioning: Conditioning = NO_CONDITIONING, **options: Any) -> Model:
-    """A measurement chain: process model ``name`` with unit gain and no offset.
+    """Return the model of a measurement chain: unit gain and no offset.
 
     The conditioning filter is its known factor. ``options`` as for :func:`process`.
+
+    Parameters
+    ----------
+    name
+        Name of the process model.
+    conditioning
+        Conditioning filter, the known factor.
+    options
+        As for :func:`process`; they replace these defaults.
+
+    Returns
+    -------
+    Model
+        The structure.
     """
     defaults = {"fixed": {"Kp": 1.0}, "offset": "none", "known": conditioning}
     return process(name, **{**defaults, **options})
@@ -376,6 +529,17 @@ def several(
     options
         As for :func:`process`; ``fixed`` by names such as "Kp.heater"; ``known`` applies to every
         input.
+
+    Returns
+    -------
+    Model
+        The sum; for one model that model itself.
+
+    Raises
+    ------
+    InputError
+        For another number of inputs, models with integrators or sums, or poles that cannot be
+        common.
 
     Examples
     --------
@@ -456,7 +620,20 @@ def as_model(model: Model | str) -> Model:
 
 
 def as_template(model: Model, like: Model) -> Model:
-    """``model`` with the known factor, offset, dead-time bound and fixed gains of ``like``."""
+    """Return a model with the known factor, offset, dead-time bound and fixed gains of another.
+
+    Parameters
+    ----------
+    model
+        The model.
+    like
+        The other one.
+
+    Returns
+    -------
+    Model
+        The model.
+    """
     gains = {}
     for name, value in like.fixed.items():
         if base_name(name) not in ("Kp", "b0") or value == 0.0:
