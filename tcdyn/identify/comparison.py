@@ -50,7 +50,7 @@ from tcdyn.identify.validate import (
 )
 from tcdyn.rig.disk import Conditioning
 
-# Models that ``tcdyn identify`` compares on request, and that a message suggests.
+# Usual models to compare; an error message names them.
 CANDIDATES = ("P1", "P1D", "P2", "P2D", "P2Z", "P2DZ", "P2U", "P2DU", "P3", "P3D")
 # Models that the advice names where none of the models compared is good enough.
 ADVISED_MODELS = (*CANDIDATES, "P1I", "P1DI")

@@ -128,7 +128,7 @@ class Task:
         return replace(self, progress=progress, options={**self.options, **options})
 
     def held_out_error(self, result: Fit, **options: Any) -> tuple[float, float, float]:
-        """Return :func:`held_out_statistics` of a model, fitted to the training data where there are any.
+        """Return the held-out statistics of a model, fitted to the training data if there are any.
 
         Parameters
         ----------

@@ -26,9 +26,7 @@ from tcdyn.identify.search import Fit, criteria
 
 MODELS = ("P1", "P1D", "P2", "P2D")  # models whose longest lag may depend on the level
 DEPENDENCE_SDS = 2.5758  # standard uncertainties of a dependence (99 % of a normal distribution)
-# Step of a parameter for numerical derivatives: about the square root of the rounding error,
-# rounded up; chosen by judgement.
-STEP = 1e-5
+STEP = 1e-5  # of a parameter, for numerical derivatives; chosen by judgement
 MAX_BEND = 2.0  # bound of the logarithm of the lag's change over half the range; by judgement
 MAX_LEVEL = 5.0  # bound of that logarithm at any level in the simulation; chosen by judgement
 

@@ -47,8 +47,6 @@ MIN_POSITIVE = 1e-12  # smallest value of a parameter that is searched by its lo
 class KnownDynamics:
     """A known factor of the transfer function, num(s) over a product of factors.
 
-    Constant terms are one.
-
     Parameters
     ----------
     num
@@ -372,6 +370,7 @@ class Model:
         parameters = self.all_parameters(theta)
 
         def coefficients(p: Mapping[str, Any]) -> list[Any]:
+            """Return all coefficients in the order of the rows."""
             num, factors = self.coefficients(p)
             below = [c for factor in factors for c in factor[1:]]
             return [*np.convolve(num, self.known.num), *below, p.get("Td", 0.0)]
@@ -414,8 +413,8 @@ def process(name: str, **options: Any) -> Model:
         D: dead time. I: integrator.
     options
         ``fixed``: parameters that are not estimated, with their values ({"Kp": 1}).
-        ``known``: a known factor (see :meth:`KnownDynamics.of`). ``delay_max_s``: upper bound of the dead
-        time [s]. ``offset``: "free" (shared by the runs), "per run" or "none".
+        ``known``: a known factor (see :meth:`KnownDynamics.of`).
+        ``delay_max_s``: upper bound of the dead time [s]. ``offset``: "free" (shared by the runs), "per run" or "none".
 
     Returns
     -------

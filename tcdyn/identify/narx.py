@@ -1,6 +1,8 @@
 """Linearity test: lag against level by simulation, and polynomial NARX models.
 
-NARX terms are selected by FROLS (sysidentpy); the models are scored by free simulation.
+NARX terms are selected by FROLS (sysidentpy); the models are scored by free simulation. ``tcdyn
+identify`` uses it. ``tests/identify/test_identify_narx.py`` checks bias, bootstrap intervals and
+the linearised lag; ``tests/identify/test_identify_results.py`` the conclusion.
 """
 
 from __future__ import annotations
@@ -23,9 +25,9 @@ from tcdyn.estimation import correlation_length
 from tcdyn.identify.iodata import IOData
 from tcdyn.identify.level_lag import LevelLag, level_lag
 
-STEP = 1e-5  # of a weight, for numerical derivatives
+STEP = 1e-5  # of a weight, for numerical derivatives; chosen by judgement
 COMPLEX_STEP = 1e-30  # of a signal along the imaginary axis
-N_BOOTSTRAP = 200  # draws of the weights
+N_BOOTSTRAP = 200  # draws of the weights; chosen by judgement
 DIVERGED = 1e3  # scaled output above which a simulation has diverged (chosen by judgement)
 MIN_FINITE_SHARE = 0.9  # of samples or draws, below which a result is not used (by judgement)
 # Held-out error of the quadratic over that of the linear model, below which it is better (chosen
@@ -67,14 +69,25 @@ class Narx:
 
     @property
     def intervals(self) -> tuple[Estimate | None, ...]:
-        """Each weight with its interval from the bootstrap."""
+        """Each weight with its interval from the bootstrap; None where there are no draws."""
         return tuple(
             bootstrap_estimate(value, [draw[k] for draw in self.draws])
             for k, value in enumerate(self.theta)
         )
 
     def lag_s(self, level: float) -> Estimate | None:
-        """:meth:`local_lag_s` with its interval from the bootstrap."""
+        """:meth:`local_lag_s` with its interval from the bootstrap.
+
+        Parameters
+        ----------
+        level
+            Output at which the model is linearised, in its unit.
+
+        Returns
+        -------
+        Estimate or None
+            Lag [s]; None where it has no value, or too few draws have one.
+        """
         draws = [replace(self, theta=theta, draws=()) for theta in self.draws]
         return bootstrap_estimate(
             self.local_lag_s(level), [draw.local_lag_s(level) for draw in draws]
@@ -86,7 +99,7 @@ class Narx:
         return max((lag for term in self.terms for _, lag in term), default=1)
 
     def predict(self, signal: Callable[[str, int], Any], theta: Iterable[Any] | None = None) -> Any:
-        """sum_i theta_i prod(terms_i).
+        """Return sum_i theta_i prod(terms_i).
 
         Parameters
         ----------
@@ -94,6 +107,11 @@ class Narx:
             Value of a signal at a lag, from its name and the lag.
         theta
             Other weights.
+
+        Returns
+        -------
+        number or array
+            Of the type that ``signal`` returns.
         """
         weights = self.theta if theta is None else theta
         total: Any = 0
@@ -102,15 +120,42 @@ class Narx:
         return total
 
     def simulate(self, u: Array, y0: Array) -> Array:
-        """Free simulation (N,) from the first ``order`` measured outputs ``y0``.
+        """Return the free simulation from the first measured outputs.
 
         NaN after it diverges.
+
+        Parameters
+        ----------
+        u
+            Input (N,).
+        y0
+            Outputs, of which the first ``order`` are used.
+
+        Returns
+        -------
+        array
+            Output (N,), NaN after it diverges.
         """
         scaled = self.simulate_scaled(u, y0, np.array(self.theta)[:, None])[:, 0]
         return scaled * self.y_scale[1] + self.y_scale[0]
 
     def simulate_scaled(self, u: Array, y0: Array, theta: Array) -> Array:
-        """Scaled free simulations (N, M) with the weights ``theta`` (terms, M)."""
+        """Return scaled free simulations for several sets of weights.
+
+        Parameters
+        ----------
+        u
+            Input (N,) in its unit.
+        y0
+            Outputs in their unit, of which the first ``order`` are used.
+        theta
+            Weights (terms, M).
+
+        Returns
+        -------
+        array
+            Scaled outputs (N, M), NaN after they diverge.
+        """
         u_scaled = (u - self.u_scale[0]) / self.u_scale[1]
         y_scaled = np.full((len(u), theta.shape[1]), np.nan)
         k = self.order
@@ -118,6 +163,7 @@ class Narx:
         signals = {"u": u_scaled, "y": y_scaled}
 
         def lagged(signal: str, lag: int) -> Any:
+            """Return a scaled signal at time t - lag."""
             return signals[signal][t - lag]
 
         for t in range(k, len(u)):
@@ -128,20 +174,42 @@ class Narx:
         return y_scaled
 
     def one_step(self, u: Array, y: Array) -> Array:
-        """One-step predictions (N,) of scaled signals, NaN for the first samples."""
+        """Return one-step predictions of scaled signals.
+
+        Parameters
+        ----------
+        u, y
+            Scaled input and output (N,).
+
+        Returns
+        -------
+        array
+            Scaled predictions (N,), NaN for the first ``order`` samples.
+        """
         signals = {"u": u, "y": y}
         k = self.order
         predicted = self.predict(lambda name, lag: signals[name][k - lag : len(y) - lag])
         return np.concatenate([np.full(k, np.nan), np.broadcast_to(predicted, len(y) - k)])
 
     def local_lag_s(self, level: float) -> float:
-        """First moment [s] of the model linearised at the steady state of output ``level``.
+        """Return the first moment [s] of the model linearised at a steady state.
 
         NaN where there is no steady state or it is not stable.
+
+        Parameters
+        ----------
+        level
+            Steady output, in its unit.
+
+        Returns
+        -------
+        float
+            Lag [s]; NaN where there is no steady state or it is not stable.
         """
         y0 = (level - self.y_scale[0]) / self.y_scale[1]
 
         def excess(u: float) -> float:
+            """Return the output of a step from the steady state less that state."""
             return float(self.predict(lambda name, lag: u if name == "u" else y0)) - y0
 
         with np.errstate(all="ignore"), warnings.catch_warnings(action="ignore"):
@@ -154,7 +222,10 @@ class Narx:
         k = self.order
 
         def derivative(signal: str, lag: int) -> float:
+            """Return the derivative of the prediction with a signal at a lag, by a complex step."""
+
             def shifted(name: str, at: int) -> complex:
+                """Return the steady state, with an imaginary step of that signal at that lag."""
                 step = COMPLEX_STEP if (name, at) == (signal, lag) else 0.0
                 return complex(steady[name], step)
 
@@ -246,6 +317,11 @@ def narx(
     max_terms
         Largest number of terms.
 
+    Returns
+    -------
+    Narx
+        The model with its scores.
+
     Raises
     ------
     InputError
@@ -255,6 +331,9 @@ def narx(
     -----
     The one-step score shows only how optimistic it is: it is easy to predict a slow output from
     its last value.
+
+    More lags or a higher degree give more candidate terms; the lag of the result is valid only
+    where the terms reach over the memory of the system at this sampling interval.
     """
     from sysidentpy.basis_function import Polynomial
     from sysidentpy.model_structure_selection import FROLS
@@ -306,7 +385,7 @@ def narx(
 
 
 def _signal_and_lag(code: int) -> tuple[str, int]:
-    """Signal and lag of sysidentpy's code: 1003 is y(k-3), 2003 is u(k-3)."""
+    """Return signal and lag of sysidentpy's code: 1003 is y(k-3), 2003 is u(k-3)."""
     return ("y" if code < 2000 else "u", code % 1000)
 
 
@@ -320,23 +399,35 @@ def refine_weights(model: Narx, u: Array, y: Array) -> Narx:
     u, y
         Input and output (N,).
 
+    Returns
+    -------
+    Narx
+        The model with refined weights and ``N_BOOTSTRAP`` draws.
+
     Notes
     -----
     One-step least squares mistakes noise of the output for dynamics. Here the sum of squares of the
     free simulation is minimised. The bootstrap resamples the residuals in blocks twice as long as
     their correlation; each draw changes the weights by (J'J)^-1 J'e.
+
+    The seed of the bootstrap is fixed, so that the same data give the same interval.
+    ``tests/identify/test_identify_narx.py`` checks that weights are unbiased and intervals hold
+    them.
     """
     k = model.order
     n_terms = len(model.theta)
     measured = (y - model.y_scale[0]) / model.y_scale[1]
 
     def simulated(weights: Array) -> Array:
+        """Return scaled simulations after the first samples; diverged ones are ``DIVERGED``."""
         return np.nan_to_num(model.simulate_scaled(u, y, weights), nan=DIVERGED)[k:]
 
     def residuals(theta: Array) -> Array:
+        """Return simulated minus measured output, scaled."""
         return simulated(theta[:, None])[:, 0] - measured[k:]
 
     def jacobian(theta: Array) -> Array:
+        """Return the derivatives (N, terms) of the simulation with the weights."""
         steps = theta[:, None] + STEP * np.eye(n_terms)
         outputs = simulated(np.column_stack([theta, steps]))
         return (outputs[:, 1:] - outputs[:, :1]) / STEP
@@ -361,6 +452,18 @@ def bootstrap_estimate(value: float, draws: Sequence[float]) -> Estimate | None:
     """``value`` with the standard deviation and the 95 % interval of its bootstrap draws.
 
     None where there are no draws, or too few finite ones.
+
+    Parameters
+    ----------
+    value
+        The estimate.
+    draws
+        Its bootstrap draws, some of which may be NaN.
+
+    Returns
+    -------
+    Estimate or None
+        With the standard deviation and the 2.5 and 97.5 % quantiles of the draws.
     """
     finite = np.array([d for d in draws if np.isfinite(d)])
     too_few = len(finite) < MIN_FINITE_SHARE * len(draws) or not len(finite)
@@ -371,7 +474,20 @@ def bootstrap_estimate(value: float, draws: Sequence[float]) -> Estimate | None:
 
 
 def nrmse_percent(y: Array, model: Array) -> float:
-    """NRMSE fit percent where the model has a value; minus infinity where it diverged."""
+    """Return the NRMSE fit percent where the model has a value.
+
+    Parameters
+    ----------
+    y
+        Measured output (N,).
+    model
+        Its model (N,), NaN where it has no value.
+
+    Returns
+    -------
+    float
+        100 is perfect, 0 as bad as the mean; minus infinity where too few values are finite.
+    """
     finite = np.isfinite(model)
     if finite.mean() < MIN_FINITE_SHARE:
         return float("-inf")
@@ -393,6 +509,11 @@ def temperature_dependence(
     lags, dead_samples, held_out
         As for :func:`narx`.
 
+    Returns
+    -------
+    TemperatureDependence
+        The conclusion, the lags at both levels and the NARX models.
+
     Notes
     -----
     The lag depends on the level where the 99 % interval of the lag's bend does not include zero.
@@ -412,7 +533,22 @@ def temperature_dependence(
 
 
 def _conclusion(lag: LevelLag, linear: Narx, quadratic: Narx, unit: str) -> str:
-    """The conclusion of :func:`temperature_dependence` as text."""
+    """The conclusion of :func:`temperature_dependence` as text.
+
+    Parameters
+    ----------
+    lag
+        The lag at both levels.
+    linear, quadratic
+        The NARX models.
+    unit
+        Unit of the output.
+
+    Returns
+    -------
+    str
+        One or two sentences.
+    """
     low, high = (
         f"{e.value:.3g} s ({e.low95:.3g} to {e.high95:.3g} s) at {level:.4g}"
         for e, level in zip((lag.low, lag.high), lag.levels)

@@ -1,7 +1,10 @@
 """The identification problem: parameter vector, residuals of the simulation and their Jacobian.
 
 The residuals are those of the output error; with a noise model they are whitened (prediction
-error). The Jacobian is exact.
+error). The Jacobian is exact. ``tcdyn.identify.search`` minimises it, and every later stage
+evaluates it. ``tests/identify/test_identify_several.py`` and ``test_identify_simulation.py`` in
+that folder compare the derivatives with differences;
+``tests/identify/test_identify_disturbance.py`` checks the input levels and the drift.
 """
 
 from __future__ import annotations
@@ -31,14 +34,21 @@ from tcdyn.identify.segments import Segment
 
 Initial = Literal["equilibrium", "zero", "estimated"]
 
-# Bounds of a lag, chosen by judgement: a faster lag has no effect, a slower one integrates.
-MIN_LAG_SAMPLES = 1e-2
-MAX_LAG_RECORDS = 100  # lengths of the longest segment
+MIN_LAG_SAMPLES = 1e-2  # lower bound of a lag, in sampling intervals
+MAX_LAG_RECORDS = 100  # upper bound of a lag, in lengths of the longest segment
 
 
 class Branch(NamedTuple):
-    """The model of one input: itself, the names of its parameters in the complete model, and the
-    positions of its free parameters in x.
+    """The model of one input within the complete model.
+
+    Parameters
+    ----------
+    model
+        The model of the input.
+    names
+        By the name of a parameter in that model, its name in the complete model.
+    positions
+        Positions of its free parameters in x.
     """
 
     model: Model
@@ -47,7 +57,19 @@ class Branch(NamedTuple):
 
 
 class _BranchSystem(NamedTuple):
-    """A branch at one x: transfer function, realisation, d(coefficients)/dx, positions in x."""
+    """A branch at one x.
+
+    Parameters
+    ----------
+    rational
+        Transfer function.
+    realisation
+        Its realisation, with sensitivities.
+    chain_rule
+        d(coefficients)/dx (rows, P).
+    positions
+        Positions of the free parameters in x.
+    """
 
     rational: Rational
     realisation: Realisation
@@ -92,6 +114,12 @@ class IdentificationProblem:
     4. for each segment that starts in equilibrium, the level of each noisy input before it, over
        the input's first sample;
     5. with ``trend`` the drift of each run, over the length of the longest segment.
+
+    The order of x is computed in ``offset_and_state_slices``, ``past_level_index`` and
+    ``_offset_and_drift``, and it is read in ``tcdyn.identify.fit.final_offset`` and
+    ``tcdyn.identify.disturbance.linearise``. A new kind of unknown goes to one of these ends.
+    ``tests/identify/test_identify_disturbance.py`` fails where a column of the Jacobian is at a
+    wrong position.
     """
 
     model: Model
@@ -120,7 +148,7 @@ class IdentificationProblem:
         return branches
 
     def rationals(self, x: Array) -> list[Rational]:
-        """The transfer function behind each input at x."""
+        """Return the transfer function behind each input at x."""
         theta = self.theta(x)
         return [
             branch.model.rational({n: theta[full] for n, full in branch.names.items()})
@@ -151,7 +179,7 @@ class IdentificationProblem:
 
     @cached_property
     def offset_and_state_slices(self) -> tuple[tuple[slice, slice], ...]:
-        """For each segment, the slices of x that hold its offset and its initial state (may be empty).
+        """For each segment, the slices of x with its offset and its initial state (may be empty).
 
         x holds the model parameters, the offsets, the initial states of the segments, the input
         levels before the segments, and the drifts, in this order. ``final_offset`` and
@@ -223,11 +251,11 @@ class IdentificationProblem:
         return int(sum(s.measured.sum() for s in self.segments))
 
     def theta(self, x: Array) -> dict[str, float]:
-        """All model parameters by name."""
+        """Return all model parameters by name at x."""
         return self.model.theta(x)
 
     def vector(self, theta: Mapping[str, float]) -> Array:
-        """x for the model parameters, with zero offsets and initial states."""
+        """Return x (size,) for the model parameters, with zero offsets and initial states."""
         return np.append(self.model.vector(theta), np.zeros(self.size - self.n_model))
 
     @cached_property
@@ -255,7 +283,7 @@ class IdentificationProblem:
         return "zero" if self.initial == "zero" else "equilibrium"
 
     def natural_scale(self, x: Array) -> Array:
-        """d(natural parameter)/dx (size,)."""
+        """Return d(natural parameter)/dx (size,): the parameter for a logarithm, else one."""
         return np.exp(np.where(self.is_logarithm, x, 0.0))
 
     @cached_property
@@ -264,9 +292,19 @@ class IdentificationProblem:
         return np.append(self.model.is_logarithm, np.zeros(self.size - self.n_model, dtype=bool))
 
     def pole_polynomial(self, x: Array) -> Array:
-        """Coefficients after the first of A(q), the polynomial of the sampled free poles.
+        """Return the coefficients of A(q), the polynomial of the sampled free poles, after the first.
 
         White noise that enters before the model's own poles is coloured by 1/A(q).
+
+        Parameters
+        ----------
+        x
+            The vector (size,).
+
+        Returns
+        -------
+        array
+            Coefficients (order,).
         """
         factors = self.rationals(x)[0].factors
         poles = np.concatenate([f.poles for f in factors if f.free])
@@ -293,7 +331,7 @@ class IdentificationProblem:
 
     @cached_property
     def measured_output(self) -> Array:
-        """The measured output samples of all segments in a row (N,)."""
+        """Measured output samples of all segments in a row (N,)."""
         return np.concatenate([s.y[s.measured] for s in self.segments])
 
     @cached_property
@@ -305,10 +343,15 @@ class IdentificationProblem:
         return float(change[change > 1e-9 * change.max()].min())
 
     def bounds(self) -> tuple[Array, Array]:
-        """Lower and upper bounds of x (size,).
+        """Return lower and upper bounds of x.
 
         Lags lie between ``MIN_LAG_SAMPLES`` samples and ``MAX_LAG_RECORDS`` records, the dead
         time between zero and :attr:`delay_max_s`.
+
+        Returns
+        -------
+        lower, upper
+            Bounds (size,), infinite where there is none.
         """
         lags_s = (MIN_LAG_SAMPLES * self.dt_s, MAX_LAG_RECORDS * self.longest_segment_s)
         lower, upper = self.model.bounds(lags_s, self.delay_max_s)
@@ -316,7 +359,18 @@ class IdentificationProblem:
         return np.append(lower, -unbounded), np.append(upper, unbounded)
 
     def outputs(self, x: Array) -> list[tuple[Array, Array]] | None:
-        """Model output (N,) and its Jacobian (N, size) of each segment; None if unstable."""
+        """Return the model output of each segment and its Jacobian.
+
+        Parameters
+        ----------
+        x
+            The vector (size,).
+
+        Returns
+        -------
+        list of tuple or None
+            Output (N,) and Jacobian (N, size) of each segment; None where the model is unstable.
+        """
         systems = self._branch_systems(x)
         if systems is None:
             return None
@@ -337,7 +391,7 @@ class IdentificationProblem:
         return outputs
 
     def _branch_systems(self, x: Array) -> list[_BranchSystem] | None:
-        """The branches at x; None where one of them is unstable."""
+        """Return the branches at x; None where one of them is unstable."""
         rationals = self.rationals(x)
         if not all(g.stable for g in rationals):
             return None
@@ -351,7 +405,24 @@ class IdentificationProblem:
         return systems
 
     def _offset_and_drift(self, segment: Segment, offset: slice, x: Array) -> tuple[Array, Array]:
-        """Offset and drift of a segment (N,), and their Jacobian (N, size)."""
+        """Return offset and drift of a segment, and their Jacobian.
+
+        Parameters
+        ----------
+        segment
+            The segment.
+        offset
+            Slice of x with its offset, may be empty.
+        x
+            The vector (size,).
+
+        Returns
+        -------
+        y
+            Offset plus drift (N,).
+        jacobian
+            Its derivatives with x (N, size).
+        """
         n = len(segment.y)
         y = np.full(n, x[offset].sum())
         jacobian = np.zeros((n, self.size))
@@ -374,10 +445,34 @@ class IdentificationProblem:
         y: Array,
         jacobian: Array,
     ) -> None:
-        """Add the response to one input to ``y`` (N,) and to ``jacobian`` (N, size).
+        """Add the response to one input to output and Jacobian, in place.
 
         ``level`` and ``state`` are the positions in x of the input's level before the segment and
         of the initial state.
+
+        Parameters
+        ----------
+        system
+            The branch at x.
+        segment
+            The segment with this input.
+        level
+            Position in x of the input's level before the segment, or None.
+        state
+            Slice of x with the initial state, may be empty.
+        x
+            The vector (size,).
+        y
+            Output (N,), which is changed.
+        jacobian
+            Jacobian (N, size), which is changed.
+
+        Notes
+        -----
+        The initial state is the numerator of a transfer function with the same poles, in powers of
+        ``time_scale_s``; its impulse response is the free response. Each new term of ``y`` needs
+        its derivative in ``jacobian``: ``tests/identify/test_identify_several.py`` fails where the
+        two disagree.
         """
         g = system.rational
         rule = system.chain_rule
@@ -418,10 +513,23 @@ class IdentificationProblem:
             jacobian[:, state] = free[1 : 1 + n_states].T * scale
 
     def evaluate(self, x: Array, root: Array | float = 1.0) -> tuple[Array, Array] | None:
-        """Residuals (N,), model minus measured, and their Jacobian (N, size).
+        """Return residuals, model minus measured, and their Jacobian.
 
         The rows are the measured samples of all segments, times ``root`` (N,). None where the
         model is unstable or a residual is not finite.
+
+        Parameters
+        ----------
+        x
+            The vector (size,).
+        root
+            Factor of each row (N,).
+
+        Returns
+        -------
+        residual, jacobian
+            Arrays (N,) and (N, size) over the measured samples of all segments; None where the
+            model is unstable or a residual is not finite.
         """
         outputs = self.outputs(x)
         if outputs is None:
@@ -439,7 +547,7 @@ class IdentificationProblem:
     def least_squares_problem(
         self, noise: NoiseModel | None = None, root: Array | float = 1.0
     ) -> Problem:
-        """The problem in the form that :mod:`tcdyn.estimation` solves.
+        """Return the problem in the form that :mod:`tcdyn.estimation` solves.
 
         Parameters
         ----------
@@ -448,11 +556,18 @@ class IdentificationProblem:
             equation error instead.
         root
             Factor of each residual (N,): the root of its robust weight.
+
+        Returns
+        -------
+        Problem
+            Names, residuals, bounds and priors. The unknowns after the model parameters are called
+            x0, x1, .. by their position.
         """
         noise = noise or NoiseModel()
         slices = self.residual_slices
 
         def evaluate(x: Array) -> tuple[Array, Array] | None:
+            """Return whitened residuals (N,) and Jacobian (N, size) at x, or None."""
             rows = self.evaluate(x, root)
             if rows is None:
                 return None

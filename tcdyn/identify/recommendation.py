@@ -1,4 +1,9 @@
-"""Recommendation of a model: the model of a comparison to use and why, and the comparison table."""
+"""Recommendation of a model: the model of a comparison to use and why, and the comparison table.
+
+``tcdyn.identify.comparison``, ``tcdyn.identify.forward_selection`` and ``tcdyn.report.dynamics``
+use it. It reads the table only, so each rule can be tested with a small table:
+``tests/identify/test_identify_advice.py``, and ``tests/identify/test_identify_results.py`` on fits.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +33,7 @@ MAX_HELD_OUT_RATIO = 2.0  # held-out error over the rms of the fit, above which 
 
 # From fits to simulated closed loops (tests/identify/closed_loop_cases.py): the instant response
 # was 0.3 to 1 of the largest gain, the static gain that integral control leaves at most 0.05.
-# Instant: within one sampling interval. Both are relative to the largest gain.
+# Instant: within one sampling interval. Both limits are relative to the largest gain.
 MIN_INSTANT_RESPONSE = 0.2
 MIN_STATIC_GAIN = 0.1
 
@@ -53,6 +58,9 @@ def responds_at_once(fit: Fit) -> bool:
     From u = C (r - y) a fit identifies y = r - u/C: with a proportional controller a negative gain
     without a lag, with an integrating one no static gain. The lead of a sensor is positive and has
     a static gain.
+
+    ``tests/identify/test_identify_closed_loop.py`` checks that no wrong model of a noisy loop is
+    recommended.
     """
     dt_s = fit.problem.dt_s
     frequencies_hz = np.append(0.0, np.geomspace(1e-4, 1.0, 200) * 0.5 / dt_s)
@@ -95,6 +103,10 @@ def recommend(table: pd.DataFrame, left_out: Collection[str] = ()) -> tuple[str,
     way to a smaller model whose BIC is within 2, and to one whose BIC is within 10 and whose
     held-out error is better by more than 5 %. Rows that forward selection has rejected are not
     considered.
+
+    The order of the groups and the three limits (``DECISIVE_BIC``, ``TIE_BIC``,
+    ``HELD_OUT_GAIN_RATIO``) may be changed; ``tests/identify/test_identify_advice.py`` has a table
+    for each rule. ``DECISIVE_BIC`` also stops ``tcdyn.identify.forward_selection.forward_select``.
     """
     refused = table["refused"].eq(True)
     out = table["model"].isin(list(left_out))
@@ -166,6 +178,12 @@ def conclude(
         Models that were not compared.
     troubles
         Codes of the problems of the record (``Validation.record_problems``).
+
+    Returns
+    -------
+    Finding
+        An error where no model is good enough ("models.none"), a warning where the model is
+        provisional or not determined, else an info ("models.recommended").
     """
     row = table[table["model"] == recommended].iloc[0]
     is_coloured = bool(row["p_white"] < ALARM_P)
@@ -212,10 +230,16 @@ def comparison_table(table: pd.DataFrame, unit: str = "") -> pd.DataFrame:
         A row for each model (``Comparison.table``).
     unit
         Unit of the output.
+
+    Returns
+    -------
+    DataFrame
+        Texts, one row for each model that could be fitted.
     """
     fitted = table[table["BIC"].notna()]
 
     def p_values(column: str) -> list[str]:
+        """Return p values as text, small ones as "below 0.01"."""
         return [f"{p:.2f}" if p >= ALARM_P else "below 0.01" for p in fitted[column]]
 
     rms = f"rms [{unit}]" if unit else "rms"
@@ -234,6 +258,7 @@ def comparison_table(table: pd.DataFrame, unit: str = "") -> pd.DataFrame:
     )
 
 
+# Explanation of the columns of ``comparison_table``.
 TABLE_LEGEND = (
     "Models: P and the number of lags, D dead time, Z zero, U oscillating pair; TF(zeros, poles), "
     "ARX the same where disturbances come in before the poles. Fit and held out: 100 % is perfect, "
@@ -247,6 +272,18 @@ def chain_advice(model: Identified, conditioning: Conditioning = NO_CONDITIONING
     """How to remove the lag with :func:`tcdyn.smooth`; empty where the model is not a chain.
 
     ``conditioning`` is the filter that was the known factor.
+
+    Parameters
+    ----------
+    model
+        The identified model.
+    conditioning
+        The filter that was the known factor of the identification.
+
+    Returns
+    -------
+    str
+        One sentence with a line of Python that can be pasted.
     """
     try:
         chain = model.chain(conditioning)

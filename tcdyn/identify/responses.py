@@ -1,4 +1,9 @@
-"""Responses of an identified model with uncertainty bands: step response, percent times, Bode."""
+"""Responses of an identified model with uncertainty bands: step response, percent times, Bode.
+
+``tcdyn.identify.identified`` and ``tcdyn.plots.identify`` use it. Bands are first-order propagation
+of the covariance of the parameters. ``tests/identify/test_identify_closed_forms.py`` compares them
+with the derivatives of one lag, ``tests/identify/test_identify_results.py`` checks their coverage.
+"""
 
 from __future__ import annotations
 
@@ -15,11 +20,24 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.estimate import Z95, Estimate
 from tcdyn.identify.models import KnownDynamics, Model
 
+# Shares of the final value whose times are reported (VDI/VDE 3522).
 PERCENT_TIMES = {"t50": 0.5, "t63.2": 1 - float(np.exp(-1)), "t90": 0.9}
 
 
 class Dynamics:
-    """A linear model with the covariance of its free parameters; base of the identified model."""
+    """A linear model with the covariance of its free parameters; base of the identified model.
+
+    Parameters
+    ----------
+    model
+        The model structure.
+    theta
+        All parameters by name.
+    covariance
+        Covariance (P, P) of the free parameters, in the order of ``model.free``.
+    dt_s
+        Sampling interval of the record [s]; 0 for a model without a record.
+    """
 
     model: Model
     theta: Mapping[str, float]
@@ -69,14 +87,35 @@ class Dynamics:
         return Estimate.normal(g.lag_s, self.standard_uncertainty(by_parameter[:, None])[0])
 
     def standard_uncertainty(self, jacobian: Array) -> Array:
-        """Standard uncertainties (N,) of quantities from their derivatives (P, N)."""
+        """Return the standard uncertainties of quantities from their derivatives.
+
+        Parameters
+        ----------
+        jacobian
+            Derivatives with the free parameters (P, N).
+
+        Returns
+        -------
+        array
+            Standard uncertainties (N,).
+        """
         variance = np.einsum("pn,pq,qn->n", jacobian, self.covariance, jacobian)
         return np.sqrt(np.maximum(variance, 0.0))
 
 
 @dataclass(frozen=True)
 class Band:
-    """``value`` over ``x`` with standard uncertainty ``u``; the 95 % band is value -+ 1.96 u."""
+    """A curve with its standard uncertainty; the 95 % band is value -+ 1.96 u.
+
+    Parameters
+    ----------
+    x
+        Abscissa (N,).
+    value
+        Ordinate (N,).
+    u
+        Standard uncertainty of the ordinate (N,).
+    """
 
     x: Array
     value: Array
@@ -84,25 +123,48 @@ class Band:
 
     @property
     def low95(self) -> Array:
-        """Lower edge."""
+        """Lower edge of the 95 % band (N,)."""
         return self.value - Z95 * self.u
 
     @property
     def high95(self) -> Array:
-        """Upper edge."""
+        """Upper edge of the 95 % band (N,)."""
         return self.value + Z95 * self.u
 
 
 @dataclass(frozen=True)
 class BodeBand:
-    """Magnitude [dB] and phase [deg] over frequency [Hz]."""
+    """Magnitude and phase with their bands over frequency [Hz].
+
+    Parameters
+    ----------
+    magnitude_dB
+        Magnitude [dB].
+    phase_deg
+        Unwrapped phase [deg].
+    """
 
     magnitude_dB: Band
     phase_deg: Band
 
 
 def step_rows(model: Dynamics, time_s: Array) -> tuple[Array, Array]:
-    """Unit step response (N,) at the even times ``time_s`` from 0, and its derivatives (P, N)."""
+    """Return the unit step response and its derivatives with the free parameters.
+
+    Parameters
+    ----------
+    model
+        The model.
+    time_s
+        Even times (N,) from 0 [s].
+
+    Returns
+    -------
+    y
+        Step response (N,).
+    jacobian
+        Derivatives (P, N).
+    """
     g = model.rational
     dt = float(time_s[1] - time_s[0])
     rows = simulate_rows(realise(g), np.ones(len(time_s)), dt, g.delay_s, "zoh", "zero")
@@ -110,7 +172,7 @@ def step_rows(model: Dynamics, time_s: Array) -> tuple[Array, Array]:
 
 
 def step_times(model: Dynamics, count: int = 1200) -> Array:
-    """An even time grid [s] over the complete step response."""
+    """Return an even time grid (count + 1,) [s] over the complete step response."""
     g = model.rational
     return np.linspace(0.0, g.delay_s + 8 * slowest_time_constant_s(g), count + 1)
 
@@ -121,7 +183,20 @@ def slowest_time_constant_s(g: Rational) -> float:
 
 
 def step_band(model: Dynamics, time_s: Array | None = None) -> Band:
-    """The unit step response with its band, by first-order propagation of the covariance."""
+    """The unit step response with its band, by first-order propagation of the covariance.
+
+    Parameters
+    ----------
+    model
+        The model.
+    time_s
+        Even times (N,) from 0 [s]; by default over eight of the slowest time constants.
+
+    Returns
+    -------
+    Band
+        The step response.
+    """
     t = step_times(model, 400) if time_s is None else np.asarray(time_s, dtype=float)
     y, jacobian = step_rows(model, t)
     return Band(t, y, model.standard_uncertainty(jacobian))
@@ -131,6 +206,16 @@ def percent_times(model: Dynamics) -> dict[str, Estimate]:
     """t50, t63.2 and t90 [s] of the unit step response (VDI/VDE 3522).
 
     The time at which the response first passes that share of its final value.
+
+    Parameters
+    ----------
+    model
+        The model.
+
+    Returns
+    -------
+    dict
+        Time [s] by name.
 
     Raises
     ------
@@ -161,10 +246,22 @@ def percent_times(model: Dynamics) -> dict[str, Estimate]:
 
 
 def bode_band(model: Dynamics, frequency_Hz: Array | None = None) -> BodeBand:
-    """Magnitude and phase with their bands.
+    """Return magnitude and phase with their bands.
 
     By default two decades on both sides of the slowest corner, and for a model of a record up to
     half its sampling rate.
+
+    Parameters
+    ----------
+    model
+        The model.
+    frequency_Hz
+        Frequencies (F,) [Hz].
+
+    Returns
+    -------
+    BodeBand
+        Magnitude and phase.
 
     Notes
     -----
@@ -185,7 +282,20 @@ def bode_band(model: Dynamics, frequency_Hz: Array | None = None) -> BodeBand:
 
 
 def _default_frequencies(g: Rational, dt_s: float) -> Array:
-    """Frequencies [Hz] around the corner; ``dt_s`` is 0 for a model without a record."""
+    """Return frequencies [Hz] around the corner of a transfer function.
+
+    Parameters
+    ----------
+    g
+        The transfer function.
+    dt_s
+        Sampling interval [s]; 0 for a model without a record.
+
+    Returns
+    -------
+    array
+        200 frequencies in equal ratios.
+    """
     if not dt_s:
         corner = 1 / (2 * np.pi * slowest_time_constant_s(g))
         return np.geomspace(corner / 100, corner * 100, 200)
@@ -198,9 +308,16 @@ def _default_frequencies(g: Rational, dt_s: float) -> Array:
 
 @dataclass(frozen=True)
 class Root:
-    """A pole or zero of the model [1/s].
+    """A pole or zero of the model.
 
-    ``covariance`` (2, 2) is that of its real and imaginary part.
+    Parameters
+    ----------
+    kind
+        "pole" or "zero".
+    value
+        The root [1/s].
+    covariance
+        Covariance (2, 2) of its real and imaginary part.
     """
 
     kind: str
@@ -210,6 +327,16 @@ class Root:
 
 def roots_of(model: Dynamics) -> list[Root]:
     """Poles and zeros of the identified part with their covariances, without the known factor.
+
+    Parameters
+    ----------
+    model
+        The model.
+
+    Returns
+    -------
+    list of Root
+        The poles at zero of integrators, the zeros, then the other poles.
 
     Notes
     -----

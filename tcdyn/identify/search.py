@@ -1,7 +1,9 @@
 """Search for the prediction-error estimate: multi-start Levenberg-Marquardt, and the result `Fit`.
 
 A few short descents start from the best starting values; the best of them is continued until
-convergence.
+convergence. ``tcdyn.identify.fit`` and ``tcdyn.identify.disturbance`` use it.
+``tests/identify/test_identify_fit.py`` finds every structure without a start;
+``tests/identify/test_identify_starts.py`` checks the choice of starts.
 """
 
 from __future__ import annotations
@@ -74,7 +76,7 @@ class Fit(Result):
 
     @property
     def x(self) -> Array:
-        """The fitted vector: model parameters (positive ones as logarithms), offsets, states."""
+        """Fitted vector (size,): parameters (positive ones as logarithms), offsets, states."""
         return self.optimum.theta
 
     @property
@@ -111,7 +113,7 @@ class Fit(Result):
         return {"noise": order if any(order) or walks else "white", "baseline": baseline}
 
     def simulate_segments(self) -> list[Array]:
-        """The model's output over every segment of the data (N,)."""
+        """Return the model's output over every segment of the data, arrays (N,)."""
         outputs = self.problem.outputs(self.x)
         assert outputs is not None
         return [y for y, _ in outputs]
@@ -159,6 +161,11 @@ def make_problem(
         State in which the runs start.
     input_noise
         Standard deviation of the input's noise, in the input's unit; "auto" estimates it.
+
+    Returns
+    -------
+    IdentificationProblem
+        The problem; its noise is estimated from the differences of the output.
 
     Raises
     ------
@@ -225,7 +232,13 @@ def make_problem(
 
 
 def _check_delay_has_lag(model: Model, hold: str) -> None:
-    """Raise InputError for a dead time without a lag where the input is held between samples."""
+    """Raise InputError for a dead time without a lag where the input is held between samples.
+
+    Raises
+    ------
+    InputError
+        Where a dead time has no lag and the input is held.
+    """
     n_states = model.order + model.integrators + len(model.known.den) - 1
     if hold == "zoh" and "Td" in model.names and n_states == 0:
         raise InputError(
@@ -252,10 +265,20 @@ def search(
         One or several x to start from; by default those of
         :func:`tcdyn.identify.starting_values.starts`.
 
+    Returns
+    -------
+    Optimum
+        The optimum, with lags in descending order.
+
     Raises
     ------
     InputError
         Where no start leads to a stable model.
+
+    Notes
+    -----
+    The numbers of starts and iterations may be increased; that costs time only. With fewer starts
+    some structures are not found: ``tests/identify/test_identify_fit.py``.
     """
     core = core or problem.least_squares_problem()
     if len(start):
@@ -278,9 +301,21 @@ def search(
 
 
 def distinct_starts(problem: IdentificationProblem, ranked: list[Array]) -> list[Array]:
-    """The four best starts that are not near copies of a better one.
+    """Return the best starts that are not near copies of a better one.
 
     They differ in some lag or dead time by 15 % of the sum of all times.
+
+    Parameters
+    ----------
+    problem
+        The identification problem.
+    ranked
+        Vectors x, best first.
+
+    Returns
+    -------
+    list of array
+        At most ``N_STARTS`` of them, at least one if there is any.
     """
     accepted: list[Array] = []
     for x in ranked:
@@ -293,15 +328,29 @@ def distinct_starts(problem: IdentificationProblem, ranked: list[Array]) -> list
 
 
 def time_parameters(problem: IdentificationProblem, x: Array) -> Array:
-    """The times among the parameters [s]."""
+    """Return the times among the parameters [s]; a single zero where there are none."""
     times = [v for n, v in problem.theta(x).items() if n.startswith("T")]
     return np.array(times or [0.0])
 
 
 def search_across_zero(problem: IdentificationProblem, optimum: Optimum) -> Optimum:
-    """The better of ``optimum`` and descents from both sides of Tz = 0.
+    """Search on both sides of Tz = 0, where the optimum is near it.
 
     Near Tz = 0 the zero and the dead time have the same effect.
+
+    The cost may have a minimum on either side.
+
+    Parameters
+    ----------
+    problem
+        The identification problem.
+    optimum
+        The optimum.
+
+    Returns
+    -------
+    Optimum
+        The best of all descents.
     """
     free = list(problem.model.free)
     for zero in free:
@@ -324,7 +373,21 @@ def search_across_zero(problem: IdentificationProblem, optimum: Optimum) -> Opti
 
 
 def sort_lags(problem: IdentificationProblem, optimum: Optimum) -> Optimum:
-    """The same optimum with Tp1 >= Tp2 >= Tp3 behind each input."""
+    """Return the same optimum with Tp1 >= Tp2 >= Tp3 behind each input.
+
+    Parameters
+    ----------
+    problem
+        The identification problem.
+    optimum
+        The optimum.
+
+    Returns
+    -------
+    Optimum
+        With vector, Jacobian and information in the new order. With a pair of poles the order
+        stays.
+    """
     free = list(problem.model.free)
     order = np.arange(len(optimum.theta))
     for suffix in {input_suffix(n) for n in free}:
@@ -343,12 +406,12 @@ def sort_lags(problem: IdentificationProblem, optimum: Optimum) -> Optimum:
 
 
 def sqrt_weights(weights: Array | None) -> Array | float:
-    """Factor of the rows of a problem: the roots of the robust ``weights`` (N,), or one."""
+    """Return the roots of the robust weights (N,), or one where there are none."""
     return 1.0 if weights is None else np.sqrt(weights)
 
 
 def active_bound(optimum: Optimum, k: int) -> str:
-    """The bound at which the ``k``-th parameter is, "lower" or "upper"; empty if at none."""
+    """Return the bound at which the ``k``-th parameter is: "lower", "upper", or "" for none."""
     x = optimum.theta[k]
     if x <= optimum.problem.lower[k]:
         return "lower"
@@ -358,20 +421,39 @@ def active_bound(optimum: Optimum, k: int) -> str:
 
 
 def criteria(deviance: float, count: int, n: int) -> dict[str, float]:
-    """AICc and BIC of ``n`` samples and ``count`` unknowns; ``deviance`` is -2 ln likelihood."""
+    """Return AICc and BIC.
+
+    Parameters
+    ----------
+    deviance
+        -2 ln likelihood, up to a constant that all compared models share.
+    count
+        Number of unknowns, the variance of the noise included.
+    n
+        Number of samples.
+
+    Returns
+    -------
+    dict
+        "aicc" and "bic".
+
+    Notes
+    -----
+    ``tests/identify/test_identify_fit.py`` compares them with the textbook.
+    """
     penalty = 2 * count + 2 * count * (count + 1) / max(n - count - 1, 1)
     return {"aicc": deviance + penalty, "bic": deviance + count * float(np.log(n))}
 
 
 def residual_sd(optimum: Optimum, problem: IdentificationProblem) -> float:
-    """Standard deviation of the noise after a fit, above zero."""
+    """Return the standard deviation of the noise after a fit, above zero."""
     r = optimum.residual * sqrt_weights(optimum.weights)
     dof = max(problem.n_measured - problem.size, 1)
     return float(np.sqrt(r @ r / dof)) or 1e-300
 
 
 def first_moment(problem: IdentificationProblem, x: Array) -> float:
-    """Total lag of the model at x [s], a time scale of its initial state; at least a sample."""
+    """Return the total lag of the model at x [s], at least one sampling interval."""
     lags = [
         float(sum(abs(f.coefs[1]) for f in rational.factors)) for rational in problem.rationals(x)
     ]

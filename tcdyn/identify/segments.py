@@ -1,4 +1,9 @@
-"""Segments of a record in which every input is measured, and the noise of a measured input."""
+"""Segments of a record in which every input is measured, and the noise of a measured input.
+
+``tcdyn.identify.search.make_problem`` and the checks of the record use them. A gap of the output
+stays in a segment; a gap of the input ends it. ``tests/identify/test_identify_closed_forms.py``
+checks segments and input noise, ``tests/identify/test_identify_data.py`` gaps.
+"""
 
 from __future__ import annotations
 
@@ -74,7 +79,20 @@ class Segment:
         return len(self.past_input) > 0
 
     def last_inputs(self, count: int) -> Array:
-        """The last ``count`` inputs before the segment; before the run, its first input."""
+        """Return the last values of the first input before the segment.
+
+        Before the run the input is constant at its first value.
+
+        Parameters
+        ----------
+        count
+            Number of samples.
+
+        Returns
+        -------
+        array
+            Inputs (count,).
+        """
         first = np.concatenate([self.past_input, self.u])[0]
         n_missing = max(count - len(self.past_input), 0)
         padded = np.concatenate([np.full(n_missing, first), self.past_input])
@@ -82,9 +100,23 @@ class Segment:
 
 
 def split_segments(data: IOData) -> tuple[Segment, ...]:
-    """The runs, cut where an input is missing.
+    """Cut the runs where an input is missing.
 
     Segments shorter than ``MIN_SEGMENT_SAMPLES`` are dropped, unless the run itself is shorter.
+
+    Parameters
+    ----------
+    data
+        The record.
+
+    Returns
+    -------
+    tuple of Segment
+        The segments in the order of the runs.
+
+    Notes
+    -----
+    ``tests/identify/test_identify_closed_forms.py`` checks that short segments are left out.
     """
     segments = []
     for run_number, run in enumerate(data.runs):
@@ -106,6 +138,11 @@ def split_segments(data: IOData) -> tuple[Segment, ...]:
 def input_noise_sd(segments: Sequence[Segment]) -> float:
     """Standard deviation of the input's measurement noise, from its fourth differences.
 
+    Parameters
+    ----------
+    segments
+        Segments of one input.
+
     Returns
     -------
     float
@@ -117,6 +154,9 @@ def input_noise_sd(segments: Sequence[Segment]) -> float:
     -----
     Less than 2 % of the amplitude of a signal slower than a tenth of the sampling rate is left in
     the fourth differences.
+
+    The limits decide whether the first sample of an input is exact;
+    ``tests/identify/test_identify_closed_forms.py`` checks each of them.
     """
     inputs = [s.u for s in segments if len(s.u) > 4]
     if not inputs:

@@ -1,6 +1,9 @@
 """Transfer functions whose inputs share their poles, started from ARX regressions.
 
 They are fitted by output error and by equation error.
+``tcdyn.identify.comparison.add_common_pole_model`` uses them as a last step.
+``tests/identify/test_identify_equation.py`` guards the regression, the equation error and the
+choice.
 """
 
 from __future__ import annotations
@@ -21,13 +24,11 @@ from tcdyn.identify.problem import IdentificationProblem
 from tcdyn.identify.search import Fit, make_problem
 from tcdyn.identify.validate import has_coloured_residuals
 
-# Thresholds and grids, chosen by judgement.
-MAX_POLES = 5
+MAX_POLES = 5  # largest number of common poles
 MAX_ERROR_RATIO = 1.05  # each held-out error over that of the current model, at most
 ERROR_GAIN_RATIO = 0.97  # mean of both that a model with coloured residuals must reach
 STRIDES = (1, 3, 10)  # samples between the rows of the ARX regressions for starting values
-# radius of a discrete pole of a starting value
-MAX_POLE_RADIUS = 0.9999
+MAX_POLE_RADIUS = 0.9999  # Radius of a discrete pole of a starting value: its bounds.
 MIN_POLE_RADIUS = 1e-3
 MAX_DELAY_SAMPLES = 4  # dead times of the regressions are shorter
 
@@ -94,10 +95,28 @@ def best_common_pole_fit(
 def common_pole_fits(
     data: IOData, order: int, arx: bool, options: Mapping[str, Any], template: Model
 ) -> Iterator[Fit]:
-    """Fits with ``order`` common poles, started from those of ARX regressions.
+    """Yield fits with common poles, started from those of ARX regressions.
 
     They have no dead time, and one where the regressions show one. By output error they are also
     fitted with estimated initial states, unless ``options`` give ``initial``.
+
+    Parameters
+    ----------
+    data
+        The record.
+    order
+        Number of poles.
+    arx
+        Whether the fit is by equation error.
+    options
+        Options of :func:`tcdyn.identify.fit`.
+    template
+        What all models have.
+
+    Returns
+    -------
+    iterator of Fit
+        Fits that succeeded.
     """
     inputs = data.input_names
     no_delay = transfer(order, order, arx=arx)
@@ -158,6 +177,9 @@ def arx_regression(
     -----
     Unstable poles are mirrored into the stable half plane. A real pole that alternates from sample
     to sample has no counterpart in continuous time; its radius is used.
+
+    The radius of a starting pole is clipped to ``MIN_POLE_RADIUS`` and ``MAX_POLE_RADIUS``. A
+    longer stride is less sensitive to noise for slow poles and cannot show fast ones.
     """
     rows = []
     outputs = []

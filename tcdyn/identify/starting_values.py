@@ -1,12 +1,16 @@
 """Starting values of the search: one-lag correlation scan, then SRIVC.
 
 The user need not give any. The scan finds the lags and dead times by which the input explains most
-of the output.
+of the output. ``tcdyn.identify.search`` and ``tcdyn.identify.causality`` use it.
 
 SRIVC (simplified refined instrumental variables for continuous time; Young and Jakeman) in the
 terms of this package: with the current denominator A, both records are filtered by s^j/A. The
-regression A y_f = B u_f is solved with instruments that are free of noise. The instruments are
-the output-error Jacobian of the current model, so the same realisation serves both.
+regression A y_f = B u_f is solved with instruments that are free of noise. The instruments are the
+output-error Jacobian of the current model, so the same realisation serves both.
+
+Only the start depends on this module: better values save time, worse ones miss the optimum.
+``tests/identify/test_identify_starts.py`` checks each function,
+``tests/identify/test_identify_fit.py`` that every structure is found.
 """
 
 from __future__ import annotations
@@ -33,13 +37,13 @@ TRANSFER_ITERATIONS = 8  # of SRIVC for a transfer function
 
 
 def interpolate_gaps(segment: Segment) -> Array:
-    """The output with its gaps interpolated linearly; used for starting values only."""
+    """Return the output (N,) with its gaps interpolated linearly; not for estimates."""
     index = np.arange(len(segment.y))
     return np.interp(index, index[segment.measured], segment.y[segment.measured])
 
 
 def remove_run_slopes(problem: IdentificationProblem) -> IdentificationProblem:
-    """The problem without the least-squares slope of each run's output; its level stays."""
+    """Remove the least-squares slope of each run's output; its level stays."""
     segments: list[Segment] = []
     for run in sorted(problem.run_start_s):
         run_segments = [s for s in problem.segments if s.run == run]
@@ -54,7 +58,19 @@ def remove_run_slopes(problem: IdentificationProblem) -> IdentificationProblem:
 
 
 def stabilise(den: Array) -> Array:
-    """Ascending denominator 1 + a1 s + .. with right-half-plane roots mirrored into the left."""
+    """Mirror the right-half-plane roots of a denominator into the left half plane.
+
+    Parameters
+    ----------
+    den
+        Denominator 1 + a1 s + .., ascending (n + 1,).
+
+    Returns
+    -------
+    array
+        Stable denominator with the constant term one (n + 1,). Roots on the imaginary axis are
+        moved off it.
+    """
     roots = np.roots(den[::-1])
     roots = np.where(roots.real > 0, -roots.conj(), roots)
     floor = 1e-6 * np.max(np.abs(roots))
@@ -122,9 +138,27 @@ def srivc(
     rate: float,
     iterations: int,
 ) -> tuple[Array, Array] | None:
-    """Numerator and denominator by SRIVC, ascending; None where it fails.
+    """Return numerator and denominator by SRIVC; None where it fails.
 
     The first prefilter is (1 + s/rate)^poles, ``rate`` in 1/s.
+
+    Parameters
+    ----------
+    problem
+        The identification problem of one input.
+    zeros, poles
+        Degrees of numerator and denominator.
+    delay_s
+        Dead time [s].
+    rate
+        Corner of the first prefilter (1 + s/rate)^poles [1/s].
+    iterations
+        Largest number of iterations; it ends where the denominator changes by less than 1e-3.
+
+    Returns
+    -------
+    num, den
+        Coefficients (zeros + 1,) and (poles + 1,), ascending in s.
     """
     den = np.asarray(np.poly1d([1.0 / rate, 1.0]) ** poles, dtype=float)[::-1]
     num = np.eye(zeros + 1)[0]
@@ -200,7 +234,18 @@ def lag_correlation(
 
 
 def one_lag_starts(problem: IdentificationProblem) -> list[tuple[float, float]]:
-    """(time constant, dead time) [s] of one-lag models, best first, over whole-sample shifts."""
+    """Return time constant and dead time [s] of one-lag models, best first.
+
+    Parameters
+    ----------
+    problem
+        The identification problem of one input.
+
+    Returns
+    -------
+    list of tuple
+        One pair for each of ``N_LAGS`` lags; the dead time is a whole number of samples.
+    """
     model = problem.model
     taus = np.geomspace(problem.dt_s, 0.5 * problem.longest_segment_s, N_LAGS)
     max_delay_s = model.fixed.get("Td", problem.delay_max_s)
@@ -213,9 +258,31 @@ def one_lag_starts(problem: IdentificationProblem) -> list[tuple[float, float]]:
 
 
 def share_lag(model: Model, tau: float, delay: float, pattern: int) -> dict[str, float]:
-    """Parameters of a process model whose total lag is that of one lag ``tau`` and a dead time.
+    """Share one lag among the parameters of a process model.
 
     ``pattern`` is the index in ``LAG_PATTERNS``; times in s.
+
+    Parameters
+    ----------
+    model
+        The process model.
+    tau
+        The lag [s].
+    delay
+        The dead time [s].
+    pattern
+        Index in ``LAG_PATTERNS``.
+
+    Returns
+    -------
+    dict
+        Parameters by name, times in s; more than the model may have.
+
+    Notes
+    -----
+    The first pattern keeps the longest lag, the other two the sum of the lags. The second takes half of the dead time into
+    the lags, because several lags look like one with a dead time.
+    ``tests/identify/test_identify_starts.py`` checks the sum.
     """
     lags = [n for n in model.names if n in ("Tp1", "Tp2", "Tp3", "Tc")]
     has_pair = "Tw" in model.names
@@ -242,9 +309,23 @@ def share_lag(model: Model, tau: float, delay: float, pattern: int) -> dict[str,
 def solve_linear_parameters(
     problem: IdentificationProblem, theta: Mapping[str, float]
 ) -> tuple[float, Array]:
-    """The cost and x at ``theta`` with the linear parameters by linear least squares.
+    """Fit the linear parameters at given values of the others.
 
     Linear are gain, zero, offset, initial states and input levels.
+
+    Parameters
+    ----------
+    problem
+        The identification problem.
+    theta
+        Parameters by name; missing ones are zero.
+
+    Returns
+    -------
+    cost
+        Sum of squares; infinite for an unstable model.
+    x
+        The vector (size,) with fitted gain, numerator, offset, states and levels.
     """
     model = problem.model
     x = problem.vector({**dict.fromkeys(model.names, 0.0), **theta, **model.fixed})
@@ -266,9 +347,27 @@ def solve_linear_parameters(
 
 
 def from_poles(model: Model, num: Array, den: Array, delay_s: float) -> dict[str, float]:
-    """Parameters of ``model`` nearest to the transfer function num/den, ascending in s.
+    """Return the parameters of a model nearest to a transfer function num/den.
 
     In a process model without U, complex poles become two equal lags.
+
+    Parameters
+    ----------
+    model
+        The model.
+    num, den
+        Coefficients, ascending in s.
+    delay_s
+        Dead time [s].
+
+    Returns
+    -------
+    dict
+        Parameters by name.
+
+    Notes
+    -----
+    The second and third lag are changed by 0.1 and 0.2 %, since equal lags have equal derivatives.
     """
     if model.kind != "process":
         theta = {"Td": delay_s}
@@ -300,9 +399,23 @@ def from_poles(model: Model, num: Array, den: Array, delay_s: float) -> dict[str
 def single_input_problem(
     problem: IdentificationProblem, theta: Mapping[str, float], k: int
 ) -> IdentificationProblem:
-    """The problem of the ``k``-th input.
+    """Return the problem of one input, with the response to the others subtracted.
 
     The response to the other inputs at ``theta`` is subtracted from the output.
+
+    Parameters
+    ----------
+    problem
+        The identification problem of several inputs.
+    theta
+        Parameters by name.
+    k
+        Number of the input.
+
+    Returns
+    -------
+    IdentificationProblem
+        The problem.
     """
     model, names, _ = problem.branches[k]
     no_gain = {full: 0.0 for n, full in names.items() if n == "Kp" or n.startswith("b")}
@@ -320,7 +433,20 @@ def single_input_problem(
 def one_lag_problem(
     problem: IdentificationProblem,
 ) -> tuple[IdentificationProblem, dict[str, float]]:
-    """The problem with one lag behind each input, and its best parameters with equal lags."""
+    """Return the problem with one lag behind each input, and its best equal lags.
+
+    Parameters
+    ----------
+    problem
+        The identification problem of several inputs.
+
+    Returns
+    -------
+    problem
+        The problem.
+    theta
+        Its parameters by name.
+    """
     m = problem.model
     model = several(["P1"] * len(m.inputs), m.inputs, known=m.known, offset=m.offset)
     one_lag = replace(problem, model=model)
@@ -334,7 +460,7 @@ def one_lag_problem(
 
 
 def single_input_problems(problem: IdentificationProblem) -> list[IdentificationProblem]:
-    """The problem of each input, with the response to the others by one lag each subtracted."""
+    """Return the problem of each input, with the one-lag response to the others subtracted."""
     if not problem.model.submodels:
         return [problem]
     one_lag, theta = one_lag_problem(problem)
@@ -342,9 +468,19 @@ def single_input_problems(problem: IdentificationProblem) -> list[Identification
 
 
 def multi_input_starts(problem: IdentificationProblem) -> list[Array]:
-    """Starts for several inputs by two rounds of backfitting.
+    """Return starts for several inputs by two rounds of backfitting.
 
     Each input gets its best start, with the response to the others subtracted.
+
+    Parameters
+    ----------
+    problem
+        The identification problem of several inputs.
+
+    Returns
+    -------
+    list of array
+        Vectors x (size,), best first.
     """
     current, current_theta = one_lag_problem(problem)
     candidates: list[tuple[float, Array]] = []
@@ -362,7 +498,17 @@ def multi_input_starts(problem: IdentificationProblem) -> list[Array]:
 
 
 def starts(problem: IdentificationProblem) -> list[Array]:
-    """Starting values x for any model, best first.
+    """Return starting values x for any model, best first.
+
+    Parameters
+    ----------
+    problem
+        The identification problem.
+
+    Returns
+    -------
+    list of array
+        Vectors x (size,) of finite cost.
 
     Notes
     -----
@@ -384,7 +530,20 @@ def starts(problem: IdentificationProblem) -> list[Array]:
 def _process_starts(
     problem: IdentificationProblem, scan: list[tuple[float, float]]
 ) -> list[dict[str, float]]:
-    """Starting parameters of a process model from the one-lag scan."""
+    """Return starting parameters of a process model from the one-lag scan.
+
+    Parameters
+    ----------
+    problem
+        The identification problem of one input.
+    scan
+        (time constant, dead time) [s], best first.
+
+    Returns
+    -------
+    list of dict
+        Parameters by name.
+    """
     model = problem.model
     if model.order == 0:
         return [{"Kp": 1.0, "Td": delay} for _, delay in scan[:3]]
@@ -405,7 +564,20 @@ def _process_starts(
 def _transfer_starts(
     problem: IdentificationProblem, scan: list[tuple[float, float]]
 ) -> list[dict[str, float]]:
-    """Starting parameters of a transfer function by SRIVC, from the one-lag scan."""
+    """Return starting parameters of a transfer function by SRIVC, from the one-lag scan.
+
+    Parameters
+    ----------
+    problem
+        The identification problem of one input.
+    scan
+        (time constant, dead time) [s], best first.
+
+    Returns
+    -------
+    list of dict
+        Parameters by name.
+    """
     model = problem.model
     n_zeros = sum(n.startswith("b") for n in model.names) - 1
     if model.has_delay:
@@ -423,7 +595,26 @@ def _srivc_starts(
     rates: list[float],
     iterations: int,
 ) -> list[dict[str, float]]:
-    """Starting parameters by SRIVC over dead times [s] and prefilter rates [1/s]."""
+    """Return starting parameters by SRIVC over dead times and prefilters.
+
+    Parameters
+    ----------
+    problem
+        The identification problem of one input.
+    zeros
+        Degree of the numerator.
+    delays
+        Dead times [s].
+    rates
+        Corners of the first prefilter [1/s].
+    iterations
+        Iterations of SRIVC.
+
+    Returns
+    -------
+    list of dict
+        Parameters by name.
+    """
     model = problem.model
     candidates = []
     for delay, rate in product(delays, rates):
@@ -434,6 +625,6 @@ def _srivc_starts(
 
 
 def _best_first(candidates: list[tuple[float, Array]]) -> list[Array]:
-    """The x of (cost, x) pairs of finite cost, least cost first."""
+    """Return the x of (cost, x) pairs of finite cost, least cost first."""
     ranked = sorted(candidates, key=lambda candidate: candidate[0])
     return [x for cost, x in ranked if np.isfinite(cost)]

@@ -1,4 +1,9 @@
-"""Input-output data from pandas tables and files, with checks of time, values and hold."""
+"""Input-output data from pandas tables and files, with checks of time, values and hold.
+
+``tcdyn.identify.from_csv`` and ``from_frame`` are the public functions; ``tcdyn identify`` reads
+with them. ``tests/identify/test_identify_data.py`` checks tables and errors,
+``tests/identify/test_identify_choose.py`` the hold.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +36,7 @@ from tcdyn.rig.plausible import dropout_codes, overload_codes
 # Thresholds, chosen by judgement.
 # Share of repeated time stamps, above which the clock has too few decimals.
 MAX_REPEATED_STAMPS = 0.02
-MAX_GRID_SAMPLES = 5e7  # samples of one run on an even grid
+MAX_GRID_SAMPLES = 5e7  # samples of one run on an even grid, at most; protects the memory
 # Change of an input that a computer has set, over its range; rounding makes smaller steps.
 MIN_JUMP_SHARE = 0.05
 # Share of the changes of a staircase before and after which it stays constant.
@@ -82,10 +87,20 @@ def from_frame(
     name
         Name of the record.
 
+    Returns
+    -------
+    IOData
+        The data, with findings about codes and the hold.
+
     Raises
     ------
     InputError
         With column, row and remedy.
+
+    Notes
+    -----
+    The order of the checks decides which error a user sees first.
+    ``tests/identify/test_identify_data.py`` has a case for each.
 
     Examples
     --------
@@ -156,7 +171,20 @@ def from_frame(
 
 
 def _select_hold(data: IOData) -> tuple[Hold, list[Finding]]:
-    """The hold of the inputs, and a finding for each input that does not determine it."""
+    """Select the hold of the inputs from their samples.
+
+    Parameters
+    ----------
+    data
+        The record.
+
+    Returns
+    -------
+    hold
+        "zoh" where every input was set by a computer, else "foh".
+    findings
+        One for each input that does not determine it.
+    """
     setpoints = []
     for k in range(len(data.input_names)):
         setpoints.append(is_setpoint(np.concatenate([run.u[:, k] for run in data.runs])))
@@ -179,7 +207,24 @@ def _check_columns(
     run: str | None,
     where: str,
 ) -> None:
-    """Raise InputError for columns that are missing, or named twice as input or output."""
+    """Raise InputError for columns that are missing, or named twice as input or output.
+
+    Parameters
+    ----------
+    frame
+        The table.
+    inputs, outputs
+        Names of the columns.
+    time, run
+        Columns of the time and of the runs, or None.
+    where
+        Table that errors name.
+
+    Raises
+    ------
+    InputError
+        For columns that are missing, or named twice.
+    """
     signals = [*inputs, *outputs]
     for column in signals:
         if signals.count(column) > 1:
@@ -206,7 +251,29 @@ def _check_columns(
 def _time_column(
     frame: pd.DataFrame, time: str | None, time_unit: str | None, where: str
 ) -> TimeColumn:
-    """The time column of a table; the InputError names both ways to give the time."""
+    """Return the time column of a table.
+
+    Parameters
+    ----------
+    frame
+        The table.
+    time
+        Name of the column; None to find it.
+    time_unit
+        Unit of the time; None to find it.
+    where
+        Table that errors name.
+
+    Returns
+    -------
+    TimeColumn
+        The column and its unit.
+
+    Raises
+    ------
+    InputError
+        Without a time column; it names both ways to give the time.
+    """
     names = list(map(str, frame.columns))
     if time is None and not any(TIME_NAMES.fullmatch(split_unit(n)[0]) for n in names):
         raise InputError(
@@ -219,7 +286,22 @@ def _time_column(
 
 
 def _times(frame: pd.DataFrame, clock: TimeColumn, where: str) -> Array:
-    """Times (N,) [s] of the rows; repeated stamps of a clock are replaced by an even grid."""
+    """Return the times of the rows.
+
+    Parameters
+    ----------
+    frame
+        The table.
+    clock
+        Its time column.
+    where
+        Table that errors name.
+
+    Returns
+    -------
+    array
+        Times (N,) [s]; repeated stamps of a clock are replaced by an even grid.
+    """
     is_clock = frame[clock.name].dtype.kind not in "iufb"
     times_s = clock.in_seconds(numbers(frame, clock.name, where, clock=True), is_clock)
     clock.check_step(times_s, is_clock)
@@ -235,7 +317,7 @@ def _times(frame: pd.DataFrame, clock: TimeColumn, where: str) -> Array:
 
 
 def _output_codes(values: Array) -> Flags:
-    """Overload and drop-out codes of a column in any unit."""
+    """Return the overload and drop-out codes of a column in any unit."""
     overload = overload_codes(values)
     return overload | dropout_codes(np.where(overload, np.nan, values))
 
@@ -247,7 +329,26 @@ def _readings(
     find_codes: Callable[[Array], Flags],
     code_counts: dict[str, int],
 ) -> Array:
-    """Columns (N, K) with their error codes as NaN; ``code_counts`` counts them by column."""
+    """Return columns with their error codes as NaN.
+
+    Parameters
+    ----------
+    frame
+        The table.
+    columns
+        Their names.
+    where
+        Table that errors name.
+    find_codes
+        Function that finds the codes in a column (N,).
+    code_counts
+        Number of codes by column, which is changed.
+
+    Returns
+    -------
+    array
+        Values (N, K).
+    """
     readings = []
     for column in columns:
         values = numbers(frame, column, where)
@@ -261,6 +362,11 @@ def _readings(
 def is_setpoint(u: Array) -> tuple[bool, float]:
     """Whether a computer has set the input ``u`` (N,).
 
+    Parameters
+    ----------
+    u
+        The input (N,), NaN is left out.
+
     Returns
     -------
     tuple
@@ -273,6 +379,10 @@ def is_setpoint(u: Array) -> tuple[bool, float]:
     or between two samples that stay. An input that is measured in steps changes, when it is slow,
     by one step at a time. So does a staircase of equal steps, which counts as set where a step is a
     twentieth of the range or more.
+
+    ``MIN_JUMP_SHARE`` and ``MIN_ISOLATED_SHARE`` separate coarse readings from set points; a wrong
+    hold shifts the dead time by half a sample. ``tests/identify/test_identify_choose.py`` checks
+    small steps and rounding.
     """
     u = u[np.isfinite(u)]
     change = np.abs(np.diff(u))
@@ -292,7 +402,20 @@ def is_setpoint(u: Array) -> tuple[bool, float]:
 
 
 def from_csv(path: str | Path, **options: Any) -> IOData:
-    """:func:`from_frame` for a file: text of any dialect, TDMS, LVM or Parquet."""
+    """Read input-output data from a file: text of any dialect, TDMS, LVM or Parquet.
+
+    Parameters
+    ----------
+    path
+        The file.
+    options
+        As for :func:`from_frame`.
+
+    Returns
+    -------
+    IOData
+        The data, named after the file.
+    """
     path = Path(path)
     requested: set[str] = set()
     for role in ("input", "output", "time", "run"):
@@ -330,7 +453,7 @@ def from_csv(path: str | Path, **options: Any) -> IOData:
 
 
 def read_columns(table: Table, requested: Collection[str]) -> pd.DataFrame:
-    """A table's columns. Where it is not text, those that are not requested stay empty."""
+    """Return a table's columns; where it is not text, those not requested stay empty."""
     if isinstance(table, CsvTable):
         return _text_frame(table)
     raw = read_all_rows(table, [n for n in table.names if n in requested])
@@ -338,7 +461,13 @@ def read_columns(table: Table, requested: Collection[str]) -> pd.DataFrame:
 
 
 def _text_frame(table: CsvTable) -> pd.DataFrame:
-    """All columns of a text table without conversion: the names of runs may be words."""
+    """Return all columns of a text table without conversion: names of runs may be words.
+
+    Raises
+    ------
+    InputError
+        Where the text is no table.
+    """
     dialect = table.dialect
     encoding = dialect.encoding
     if encoding.startswith("utf-16"):  # such text is converted when it is opened
@@ -362,7 +491,7 @@ def _text_frame(table: CsvTable) -> pd.DataFrame:
 
 
 def numbers(frame: pd.DataFrame, column: str, where: str, clock: bool = False) -> Array:
-    """One column as floats.
+    """Return one column as floats.
 
     Parameters
     ----------
@@ -373,6 +502,11 @@ def numbers(frame: pd.DataFrame, column: str, where: str, clock: bool = False) -
     clock
         Whether the column may hold clock times, with or without the date; they become seconds
         since the first.
+
+    Returns
+    -------
+    array
+        Values (N,), NaN for empty cells.
 
     Raises
     ------
@@ -399,7 +533,27 @@ def numbers(frame: pd.DataFrame, column: str, where: str, clock: bool = False) -
 
 
 def sampling(times: Sequence[Array], where: str) -> float:
-    """The sampling interval [s]: total time over total steps, against rounded time stamps."""
+    """Return the sampling interval [s] of several runs, the mean of all steps.
+
+    The mean is not biased by rounded time stamps. A step over missing rows counts as several.
+
+    Parameters
+    ----------
+    times
+        Times of each run [s].
+    where
+        Table that errors name.
+
+    Returns
+    -------
+    float
+        Sampling interval [s].
+
+    Raises
+    ------
+    InputError
+        For fewer than two samples.
+    """
     steps = np.concatenate([np.diff(t) for t in times])
     steps = steps[np.isfinite(steps) & (steps > 0)]
     if len(steps) == 0:
@@ -410,7 +564,20 @@ def sampling(times: Sequence[Array], where: str) -> float:
 
 
 def check_times(t: Array, column: str, where: str) -> None:
-    """Raise InputError for missing, repeated and backward times ``t`` (N,) [s]."""
+    """Raise InputError for missing, repeated and backward times ``t`` (N,) [s].
+
+    Parameters
+    ----------
+    t
+        Times (N,) [s].
+    column, where
+        Column and table that errors name.
+
+    Raises
+    ------
+    InputError
+        With the row.
+    """
     if np.isnan(t).any():
         row = np.flatnonzero(np.isnan(t))[0] + 1
         raise InputError(f"column {column} is empty in row {row}", where=where)
@@ -444,6 +611,21 @@ def to_even_grid(
         NaN.
     column, where
         Column and file that errors name.
+
+    Returns
+    -------
+    u, y
+        Inputs and outputs on the grid.
+
+    Raises
+    ------
+    InputError
+        For times off the grid, or a grid of too many samples.
+
+    Notes
+    -----
+    ``MAX_JITTER`` is the largest error of a time that the fit then ignores.
+    ``tests/identify/test_identify_data.py`` checks gaps and rounded stamps.
     """
     position = (t - t[0]) / dt_s
     if position[-1] > MAX_GRID_SAMPLES:

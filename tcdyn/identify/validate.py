@@ -3,8 +3,13 @@
 The bounds are corrected for the part of the noise that the fit absorbs. The residuals of a fit are
 (I - H) times the noise, H = J (J'J)^-1 J'. Whiteness: the fit itself adds -s^2 tr(H S_k) to the
 expectation of the k-th autocovariance; this is subtracted before Ljung and Box's sum. Input
-correlation: the vector of correlations with lagged inputs U has exactly the covariance
-s^2 U'(I - H)U, so the test is an F test in the directions of U that the fit has not absorbed.
+correlation: the vector of correlations with lagged inputs U has exactly the covariance s^2 U'(I -
+H)U, so the test is an F test in the directions of U that the fit has not absorbed.
+
+``tcdyn.identify.fit``, ``comparison`` and ``tcdyn.plots.identify`` use it.
+``tests/identify/test_identify_residuals.py`` checks both tests against their definitions;
+``tests/identify/test_identify_results.py`` and ``test_identify_studies.py`` in that folder check
+the rate of false alarms.
 """
 
 from __future__ import annotations
@@ -71,7 +76,21 @@ class ResidualTest:
 
 @dataclass(frozen=True)
 class Validation:
-    """Residual tests of a model; the first finding is the conclusion."""
+    """Residual tests of a model; the first finding is the conclusion.
+
+    Parameters
+    ----------
+    whiteness
+        Whiteness test of the innovations.
+    input
+        Correlation of the innovations with past inputs.
+    fit_percent
+        NRMSE fit percent of the simulation.
+    rms
+        Rms residual, in the output's unit.
+    findings
+        The conclusion, then findings about the record.
+    """
 
     whiteness: ResidualTest
     input: ResidualTest
@@ -118,10 +137,19 @@ def validate(fit: Fit, lags: int = 20) -> Validation:
     lags
         Number of lags of each test.
 
+    Returns
+    -------
+    Validation
+        The tests and their findings.
+
     Notes
     -----
     Of a robust loss the scores psi = w r are tested. At its optimum they are orthogonal to the
     Jacobian, so that the test keeps its level whatever the outliers.
+
+    Coloured innovations are whitened by an autoregression before the input test, or its p would be
+    wrong. Lags and shifts may be changed; ``tests/identify/test_identify_results.py`` fails where
+    the false alarms are no longer near nominal.
     """
     problem = fit.problem
     slices = problem.residual_slices
@@ -137,6 +165,7 @@ def validate(fit: Fit, lags: int = 20) -> Validation:
     root = 1.0 if is_robust else fit.sqrt_weights[:, None]
 
     def whitened_inputs(sample_shifts: NDArray[np.int_]) -> Array:
+        """Return the shifted inputs (N, M), whitened as the innovations are."""
         inputs = fit.noise.whiten(shifted_inputs(problem, sample_shifts) * root, slices)
         return prewhitening.whiten(inputs, slices)
 
@@ -198,6 +227,11 @@ def confirm(fit: Fit, data: IOData, lags: int = 20) -> Validation:
         Data that the fit has not used.
     lags
         Number of lags of each test.
+
+    Returns
+    -------
+    Validation
+        The tests on the new data; a last warning where the parameters differ.
 
     Raises
     ------
@@ -269,7 +303,26 @@ def _conclusion(
     is_rounding: bool,
     percent: float,
 ) -> Finding:
-    """The first finding: what is wrong with the model, or that the tests pass."""
+    """Return the first finding: what is wrong with the model, or that the tests pass.
+
+    Parameters
+    ----------
+    fit
+        The fit.
+    white, cross
+        Whiteness test and input test.
+    is_coloured
+        Whether the innovations are coloured.
+    is_rounding
+        Whether the residuals may be rounding errors only.
+    percent
+        Fit percent.
+
+    Returns
+    -------
+    Finding
+        An info where the tests pass, else a warning.
+    """
     name = fit.problem.model.name
     if is_rounding:
         return info("residuals.rounding", subject=name)
@@ -301,7 +354,7 @@ def _conclusion(
 def whiteness(
     e: Array, jacobian: Array, slices: list[slice], dt_s: float, lags: int
 ) -> ResidualTest:
-    """Ljung-Box test of ``e`` (N,), corrected for the fit's contribution to the autocovariance.
+    """Ljung-Box test, corrected for the fit's contribution to the autocovariance.
 
     Parameters
     ----------
@@ -313,6 +366,11 @@ def whiteness(
         Sampling interval [s].
     lags
         Number of lags; less for short records.
+
+    Returns
+    -------
+    ResidualTest
+        Autocorrelations with pointwise bounds, and p from chi-squared.
     """
     n = len(e)
     longest = max(s.stop - s.start for s in slices)
@@ -332,9 +390,24 @@ def whiteness(
 
 
 def shifts(problem: IdentificationProblem, lag_s: float, lags: int) -> NDArray[np.int_]:
-    """Shifts of the input in samples (lags,).
+    """Return the shifts of the input at which residuals are correlated with it.
 
     0, 1, 2 .., then with increasing spacing up to three times the model's lag ``lag_s``.
+
+    Parameters
+    ----------
+    problem
+        The identification problem.
+    lag_s
+        Lag of the model [s].
+    lags
+        Number of shifts.
+
+    Returns
+    -------
+    array
+        Shifts in samples, at most ``lags`` of them: 0, 1, 2 .., then with increasing spacing up to
+        three times the lag.
     """
     longest = max(len(s.u) for s in problem.segments)
     lags = max(2, min(lags, longest // 8))
@@ -346,15 +419,28 @@ def shifts(problem: IdentificationProblem, lag_s: float, lags: int) -> NDArray[n
 
 
 def shifted_inputs(problem: IdentificationProblem, delays: NDArray[np.int_]) -> Array:
-    """Delayed inputs at each measured sample (N, inputs * lags), over their level at the start.
+    """Return the inputs at shifted times, relative to their level at the segment's start.
 
     The level is that at the start of the segment. A negative delay gives future inputs; after the
     end of a segment its input stays constant. The columns of one input are adjacent.
+
+    Parameters
+    ----------
+    problem
+        The identification problem.
+    delays
+        Shifts in samples (L,); negative ones give future inputs.
+
+    Returns
+    -------
+    array
+        Values at the measured samples (N, inputs * L). The columns of one input are adjacent.
     """
     n_past = max(int(delays.max()), 0)
     n_future = max(-int(delays.min()), 0)
 
     def delayed(s: Segment) -> Array:
+        """Return the shifted first input of a segment (N, L)."""
         past = s.last_inputs(n_past + 1)
         level = past[0]
         if problem.initial == "zero" and not s.after_gap:
@@ -380,6 +466,11 @@ def input_correlation(e: Array, jacobian: Array, u: Array, lags_s: Array) -> Res
         Shifted inputs (N, M).
     lags_s
         Their lags (M,) [s].
+
+    Returns
+    -------
+    ResidualTest
+        Normalised correlations with pointwise bounds, and p from the F test.
     """
     q = orthonormal_basis(jacobian)
     size = np.linalg.norm(u, axis=0)
@@ -405,7 +496,20 @@ def input_correlation(e: Array, jacobian: Array, u: Array, lags_s: Array) -> Res
 
 
 def fit_percent(problem: IdentificationProblem, residual: Array) -> float:
-    """100 (1 - |residual| / |y - mean|) for each run as in MATLAB's compare, runs pooled."""
+    """Return the NRMSE fit percent, runs pooled; that of one run is MATLAB's ``compare``.
+
+    Parameters
+    ----------
+    problem
+        The identification problem.
+    residual
+        Residuals (N,).
+
+    Returns
+    -------
+    float
+        100 (1 - |residual|/|y - mean|), with the mean of each segment; 0 for a constant output.
+    """
     spread = 0.0
     for s in problem.segments:
         y = s.y[s.measured]
@@ -416,9 +520,24 @@ def fit_percent(problem: IdentificationProblem, residual: Array) -> float:
 
 
 def off_equilibrium(fit: Fit) -> tuple[Finding, ...]:
-    """A warning where a run starts 4 rms or more off the assumed equilibrium.
+    """Return a warning where a run starts off the assumed equilibrium.
 
     The start is the median of the first 3 samples.
+
+    Parameters
+    ----------
+    fit
+        The fit.
+
+    Returns
+    -------
+    tuple of Finding
+        Empty, or one warning.
+
+    Notes
+    -----
+    The start is the median of the first three residuals, so that one spike does not count.
+    ``tests/identify/test_identify_residuals.py`` checks the limit ``MAX_START_RMS``.
     """
     problem = fit.problem
     if problem.initial != "equilibrium":
@@ -435,7 +554,20 @@ def off_equilibrium(fit: Fit) -> tuple[Finding, ...]:
 
 
 def drift(problem: IdentificationProblem, residual: Array) -> tuple[Finding, ...]:
-    """A warning where more than a quarter of the residual variance is a straight line in time."""
+    """Return a warning where the residuals contain a straight line in time.
+
+    Parameters
+    ----------
+    problem
+        The identification problem.
+    residual
+        Residuals (N,).
+
+    Returns
+    -------
+    tuple of Finding
+        Empty, or one warning where more than a quarter of the variance is a line.
+    """
     pairs = []
     start = 0
     for s in problem.segments:
@@ -451,7 +583,20 @@ def drift(problem: IdentificationProblem, residual: Array) -> tuple[Finding, ...
 
 
 def feedback(e: Array, jacobian: Array, future: Array, past: Array) -> tuple[Finding, ...]:
-    """A warning where residuals correlate with future inputs and not with past ones (1 %)."""
+    """Return a warning where residuals correlate with future inputs and not with past ones.
+
+    Parameters
+    ----------
+    e, jacobian
+        Whitened innovations (N,) and their Jacobian (N, P).
+    future, past
+        Future and past inputs (N, M).
+
+    Returns
+    -------
+    tuple of Finding
+        Empty, or one warning.
+    """
     p_future = input_correlation(e, jacobian, future, np.zeros(future.shape[1])).p
     p_past = input_correlation(e, jacobian, past, np.zeros(past.shape[1])).p
     if p_past >= ALARM_P > p_future:
