@@ -91,7 +91,7 @@ def check_causality(problem: IdentificationProblem, where: str) -> None:
 def _best_negative_shift(problem: IdentificationProblem, n: int, reach: int) -> int | None:
     """Position of the best shift ahead of the input where it is far better than any causal one.
 
-    The positions count from -``reach`` samples. None where a causal dead time is good enough.
+    None where a causal dead time is good enough.
 
     Parameters
     ----------
@@ -145,7 +145,6 @@ def lead_correlation(problem: IdentificationProblem, ahead: int = 0) -> float:
     """Return the largest r^2 of the output with the input and two of its lags.
 
     Two lags with two zeros include a lead. Segments start in equilibrium and share the constant.
-    ``ahead`` shifts the output by as many samples to later times.
 
     Parameters
     ----------

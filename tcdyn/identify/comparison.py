@@ -50,7 +50,7 @@ from tcdyn.identify.validate import (
 )
 from tcdyn.rig.disk import Conditioning
 
-# Usual models to compare; an error message names them.
+# Usual models: the default of ``tcdyn response``, and the examples of an error message.
 CANDIDATES = ("P1", "P1D", "P2", "P2D", "P2Z", "P2DZ", "P2U", "P2DU", "P3", "P3D")
 # Models that the advice names where none of the models compared is good enough.
 ADVISED_MODELS = (*CANDIDATES, "P1I", "P1DI")
@@ -100,8 +100,6 @@ class Comparison(Result):
 
     def summary(self, spelling: Spelling = as_argument) -> str:
         """The conclusion, the recommended model and the table, as text.
-
-        ``spelling`` is that of the parameters that the advice and the findings name.
 
         Parameters
         ----------

@@ -165,7 +165,6 @@ def remove_spikes(problem: IdentificationProblem, residual: Array) -> Identifica
     """Move outliers of the output to the running median of the residuals.
 
     Robust weights by the size of the residuals would treat the crests of slow noise as spikes.
-    ``residual`` (N,) is measured minus simulated.
 
     Parameters
     ----------
@@ -327,7 +326,7 @@ def noise_bic(e: Array, slices: list[slice], noise: NoiseModel) -> float:
 def noise_estimator(noise: NoiseName | tuple[int, int], baseline: Baseline) -> NoiseEstimator:
     """Return a function that estimates the noise from residuals: the model of least BIC.
 
-    ``noise`` and ``baseline`` say which models are allowed. Autoregressions go up to the order
+    Autoregressions go up to the order
     from the Yule-Walker equations, at most ``MAX_AR_ORDER``; random walks have few orders.
 
     Parameters
@@ -474,8 +473,6 @@ def natural_parameters(problem: IdentificationProblem, x: Array) -> Array:
 def linearise(problem: IdentificationProblem, x: Array, root: Array | float) -> LinearisedProblem:
     """Linearise the problem at x, in natural parameters.
 
-    All rows are multiplied by ``root``. Parameters at a bound stay there.
-
     Parameters
     ----------
     problem
@@ -507,8 +504,6 @@ def linearise(problem: IdentificationProblem, x: Array, root: Array | float) -> 
 
 def average_over_noise(problem: IdentificationProblem, optimum: Optimum) -> NoiseAverage:
     """Average over first-order disturbances, white noise and filtered noise of the input.
-
-    The search starts at ``optimum``, whose robust weights stay.
 
     Parameters
     ----------

@@ -546,8 +546,7 @@ def final_offset(
 ) -> float:
     """Return the offset of the model at the end of the data, in the output's unit.
 
-    A drift is not extrapolated. A random walk keeps its last level; ``residual`` (N,) is measured
-    minus model.
+    A drift is not extrapolated.
 
     Parameters
     ----------

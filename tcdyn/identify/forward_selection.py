@@ -470,8 +470,6 @@ def warm_start(
 ) -> dict[str, float]:
     """Return the parameters of a larger model from those of a smaller one.
 
-    A new lag is ``tau`` [s], a new zero cancels its pole.
-
     Parameters
     ----------
     old_model

@@ -35,8 +35,6 @@ Progress = Callable[[str, int, int], None]  # name of the model, its number, the
 def split_held_out(data: IOData, held_out: IOData | float) -> tuple[IOData | None, IOData, float]:
     """Split a record into training data and test data.
 
-    The training data are None where ``held_out`` is a record of its own.
-
     Parameters
     ----------
     data

@@ -106,8 +106,6 @@ class Identified(Dynamics, Result):
     ) -> Identified:
         """Build a model with intervals of normal distributions.
 
-        ``more`` are other fields.
-
         Parameters
         ----------
         model
@@ -245,8 +243,6 @@ class Identified(Dynamics, Result):
     def chain(self, conditioning: Conditioning = NO_CONDITIONING) -> Chain:
         """The identified dynamics as a measurement chain of unit gain.
 
-        ``conditioning`` is the filter that was the known factor.
-
         Parameters
         ----------
         conditioning
@@ -286,8 +282,6 @@ class Identified(Dynamics, Result):
 
     def summary(self, spelling: Spelling = as_argument) -> str:
         """The model as text: parameters, lag, quality of the fit, validation, findings.
-
-        ``spelling`` is that of the parameters that findings name.
 
         Parameters
         ----------

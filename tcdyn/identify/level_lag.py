@@ -251,8 +251,6 @@ class LevelLagProblem:
     def simulate_lag(self, y: float, drive: Array, rate: float, bend: float) -> Array:
         """Return y of dy/dt = (drive - y)/tau(y), with tau constant over each sample.
 
-        ``rate`` is dt/tau at the middle level.
-
         Parameters
         ----------
         y

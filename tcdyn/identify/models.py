@@ -414,7 +414,8 @@ def process(name: str, **options: Any) -> Model:
     options
         ``fixed``: parameters that are not estimated, with their values ({"Kp": 1}).
         ``known``: a known factor (see :meth:`KnownDynamics.of`).
-        ``delay_max_s``: upper bound of the dead time [s]. ``offset``: "free" (shared by the runs), "per run" or "none".
+        ``delay_max_s``: upper bound of the dead time [s].
+        ``offset``: "free" (shared by the runs), "per run" or "none".
 
     Returns
     -------
@@ -491,8 +492,6 @@ def transfer(
 
 def chain_model(name: str, conditioning: Conditioning = NO_CONDITIONING, **options: Any) -> Model:
     """Return the model of a measurement chain: unit gain and no offset.
-
-    The conditioning filter is its known factor. ``options`` as for :func:`process`.
 
     Parameters
     ----------

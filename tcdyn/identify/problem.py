@@ -292,7 +292,7 @@ class IdentificationProblem:
         return np.append(self.model.is_logarithm, np.zeros(self.size - self.n_model, dtype=bool))
 
     def pole_polynomial(self, x: Array) -> Array:
-        """Return the coefficients of A(q), the polynomial of the sampled free poles, after the first.
+        """Return A(q), the polynomial of the sampled free poles, without its first coefficient.
 
         White noise that enters before the model's own poles is coloured by 1/A(q).
 
@@ -447,9 +447,6 @@ class IdentificationProblem:
     ) -> None:
         """Add the response to one input to output and Jacobian, in place.
 
-        ``level`` and ``state`` are the positions in x of the input's level before the segment and
-        of the initial state.
-
         Parameters
         ----------
         system
@@ -514,9 +511,6 @@ class IdentificationProblem:
 
     def evaluate(self, x: Array, root: Array | float = 1.0) -> tuple[Array, Array] | None:
         """Return residuals, model minus measured, and their Jacobian.
-
-        The rows are the measured samples of all segments, times ``root`` (N,). None where the
-        model is unstable or a residual is not finite.
 
         Parameters
         ----------

@@ -271,8 +271,6 @@ TABLE_LEGEND = (
 def chain_advice(model: Identified, conditioning: Conditioning = NO_CONDITIONING) -> str:
     """How to remove the lag with :func:`tcdyn.smooth`; empty where the model is not a chain.
 
-    ``conditioning`` is the filter that was the known factor.
-
     Parameters
     ----------
     model

@@ -140,8 +140,6 @@ def srivc(
 ) -> tuple[Array, Array] | None:
     """Return numerator and denominator by SRIVC; None where it fails.
 
-    The first prefilter is (1 + s/rate)^poles, ``rate`` in 1/s.
-
     Parameters
     ----------
     problem
@@ -260,7 +258,7 @@ def one_lag_starts(problem: IdentificationProblem) -> list[tuple[float, float]]:
 def share_lag(model: Model, tau: float, delay: float, pattern: int) -> dict[str, float]:
     """Share one lag among the parameters of a process model.
 
-    ``pattern`` is the index in ``LAG_PATTERNS``; times in s.
+    The total lag is that of one lag and a dead time.
 
     Parameters
     ----------
@@ -280,9 +278,9 @@ def share_lag(model: Model, tau: float, delay: float, pattern: int) -> dict[str,
 
     Notes
     -----
-    The first pattern keeps the longest lag, the other two the sum of the lags. The second takes half of the dead time into
-    the lags, because several lags look like one with a dead time.
-    ``tests/identify/test_identify_starts.py`` checks the sum.
+    Without a pair of poles the first pattern keeps the longest lag, the other two the sum of the
+    lags. The second takes half of the dead time into the lags, because several lags look like one
+    with a dead time. ``tests/identify/test_identify_starts.py`` checks the sum.
     """
     lags = [n for n in model.names if n in ("Tp1", "Tp2", "Tp3", "Tc")]
     has_pair = "Tw" in model.names

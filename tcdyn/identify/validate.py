@@ -392,8 +392,6 @@ def whiteness(
 def shifts(problem: IdentificationProblem, lag_s: float, lags: int) -> NDArray[np.int_]:
     """Return the shifts of the input at which residuals are correlated with it.
 
-    0, 1, 2 .., then with increasing spacing up to three times the model's lag ``lag_s``.
-
     Parameters
     ----------
     problem

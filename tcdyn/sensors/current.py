@@ -4,6 +4,9 @@ Internal heating and an external step share the poles of the sensor; internal he
 (Kerlin, Hashemian). The weight of each pole in a plunge follows from a model of where heat is
 generated and stored: a round core, heated about its axis and read there, surrounded by a metal wall
 and a boundary layer.
+
+``tcdyn sensor`` uses it. ``tests/sensors/test_sensor_in_place.py`` checks the modes against those
+of a cylinder of rings, and that the interval holds the lag.
 """
 
 from __future__ import annotations
@@ -26,7 +29,7 @@ from tcdyn.estimation import NoiseModel
 from tcdyn.sensors.file import SHARES, SensorFile, sensor_file, step_passes, undetermined
 from tcdyn.sensors.step_fits import CurveFit, fit_curve, residual_noise, white_noise_K
 
-MODES = 14
+MODES = 14  # modes of the cylinder that are summed; chosen by judgement
 # Priors for sheathed sensors: Biot number of the boundary layer, heat stored in the wall over that
 # in the core, radius of the heated part over that of the core; medians and standard deviations of
 # the logarithm. Chosen by judgement.
@@ -46,14 +49,19 @@ CONVERSION_REL = 0.05
 # current does not determine the response to a plunge; chosen by judgement.
 WIDE_PERCENT = 20.0
 MAX_ROWS = 4000  # rows that are fitted; longer records are averaged; chosen by judgement
-MIN_READINGS = 40  # chosen by judgement
+MIN_READINGS = 40  # of the record; chosen by judgement
 MIN_RISE_NOISES = 10.0  # least response over the noise; chosen by judgement
-SAMPLES = 400  # of the posterior, for each proposal
-TIMES_SAMPLES = 60  # samples for t50 to t90
-PROPOSAL_DOF = 5.0  # degrees of freedom of the Student's t proposals
-MAX_EXCESS_COST = 20.0  # cost above the best beyond which a fit is no centre of a proposal
-MAX_LOG = 25.0  # largest modulus of a logarithm
+SAMPLES = 400  # samples of the posterior for each proposal; chosen by judgement
+TIMES_SAMPLES = 60  # samples for t50 to t90; chosen by judgement
+PROPOSAL_DOF = 5.0  # degrees of freedom of the Student's t proposals; chosen by judgement
+# cost above the best beyond which a fit is no centre of a proposal; by judgement
+MAX_EXCESS_COST = 20.0
+# Largest modulus of a logarithm of lag, Biot number, wall and radius; keeps their exponential
+# finite.
+MAX_LOG = 25.0
+# Parameters in which the response is linear, in the order of ``_HeatedRecord.table``.
 LINEAR = ("level", "drift", "direct", "size")
+# Zeros of J0, between which each root of the characteristic equation lies.
 ROOT_BOUNDS = np.r_[0.0, jn_zeros(0, MODES)]
 
 
@@ -87,6 +95,11 @@ def current_sensor(
     more
         Other fields of the file.
 
+    Returns
+    -------
+    SensorFile
+        The file with the chain for a plunge, of up to three lags.
+
     Raises
     ------
     InputError
@@ -99,6 +112,11 @@ def current_sensor(
     its largest value, and a_n, tau_n those of ``cylinder``. Lag, Biot number, wall and heated
     radius are sampled from their posterior, so that the interval is as wide, and as skew, as the
     response to the current leaves them undetermined.
+
+    ``PRIORS`` decide the conversion from the heated response to a plunge where the data do not;
+    ``CONVERSION_REL`` adds the error of the cylinder model. Narrower priors give intervals that are
+    too short for other sensors. ``tests/sensors/test_sensor_in_place.py`` checks that the lag lies
+    in its interval.
     """
     power = np.nan_to_num(current) ** 2
     largest = float(power.max())
@@ -166,7 +184,7 @@ def current_sensor(
 
 
 def _conversion_finding(column: str, lag: Estimate) -> Finding:
-    """How well the response to the current determines the response to a plunge."""
+    """Return how well the response to the current determines that to a plunge."""
     percent = 50 * (lag.high95 - lag.low95) / lag.value
     if percent > WIDE_PERCENT:
         return warning("sensor.conversion_wide", subject=column, low_s=lag.low95, high_s=lag.high95)
@@ -193,6 +211,10 @@ def cylinder_modes(theta: Array) -> tuple[Array, Array]:
     T/T_fluid = 1/(I0(q) + (q/Bi) I1(q) + (g q^2/(2 Bi)) I0(q)), q^2 = s R^2/a, so lag = R^2/a (1/4
     + (1 + g)/(2 Bi)).
 
+    The characteristic equation, the shares and the lag belong to one model: a change of one needs
+    the others. ``tests/sensors/test_sensor_in_place.py`` compares the modes with those of a
+    cylinder of rings, and their sum with the lag.
+
     Examples
     --------
     A bare cylinder at constant surface temperature: z are the zeros of J0.
@@ -206,6 +228,7 @@ def cylinder_modes(theta: Array) -> tuple[Array, Array]:
     high = ROOT_BOUNDS[1:]
 
     def characteristic(z: Array) -> Array:
+        """Return the characteristic function of each mode; zero at its root."""
         return z * j1(z) - (biot - 0.5 * wall * z**2) * j0(z)
 
     sign = np.sign(characteristic(low))
@@ -220,7 +243,7 @@ def cylinder_modes(theta: Array) -> tuple[Array, Array]:
 
 
 def _chain(theta: Array) -> Chain:
-    """The chain of a plunge: the two largest lags, and the sum of all others as one."""
+    """Return the chain of a plunge: the two largest lags, and the sum of all others as one."""
     first, second = cylinder_modes(theta)[0][:2]
     others = max(float(np.exp(theta[0])) - first - second, 0.0)
     return Chain(sorted([first, second, others], reverse=True))
@@ -228,7 +251,21 @@ def _chain(theta: Array) -> Chain:
 
 @dataclass(frozen=True)
 class _HeatedRecord:
-    """Data of the fit: interval [s], readings, heating, times from 0 to 1 (N,), noise [K]."""
+    """Data of the fit.
+
+    Attributes
+    ----------
+    dt_s
+        Interval [s].
+    y
+        Readings (N,) [degC], NaN where missing.
+    power
+        Heating over its largest value (N,).
+    t
+        Times from 0 to 1 (N,), for the drift.
+    noise_K
+        White noise of the readings [K].
+    """
 
     dt_s: float
     y: Array
@@ -238,7 +275,22 @@ class _HeatedRecord:
 
     @classmethod
     def averaged(cls, dt_s: float, y: Array, power: Array) -> _HeatedRecord:
-        """Means of neighbouring rows, at most ``MAX_ROWS``; NaN where one of them is missing."""
+        """Build a record of at most ``MAX_ROWS`` means of neighbouring rows.
+
+        Parameters
+        ----------
+        dt_s
+            Interval [s].
+        y
+            Readings (N,) [degC], NaN where missing.
+        power
+            Heating (N,).
+
+        Returns
+        -------
+        _HeatedRecord
+            The means; NaN where one of the rows is missing.
+        """
         size = -(-len(y) // MAX_ROWS)
         n = len(y) // size * size
         mean = y[:n].reshape(-1, size).mean(axis=1)
@@ -247,7 +299,20 @@ class _HeatedRecord:
         return cls(dt_s * size, mean, heating, np.linspace(0, 1, len(mean)), noise_K)
 
     def response(self, shape: Array) -> Array:
-        """Response (N,) to the heating, one in the steady state; steady before the first row."""
+        """Return the response to the heating, one in the steady state.
+
+        It is steady before the first row.
+
+        Parameters
+        ----------
+        shape
+            Logarithms as ``theta`` of :func:`cylinder_modes` (4,).
+
+        Returns
+        -------
+        array
+            Response (N,).
+        """
         total = np.zeros_like(self.power)
         for tau, share in zip(*cylinder_modes(shape)):
             decay = float(np.exp(-self.dt_s / tau))
@@ -257,17 +322,38 @@ class _HeatedRecord:
         return total
 
     def table(self, shape: Array) -> Array:
-        """Regressors (N, 4) of level, drift, direct and size."""
+        """Return the regressors (N, 4) of level, drift, direct and size."""
         ones = np.ones_like(self.t)
         return np.stack([ones, self.t, self.power, self.response(shape)], axis=1)
 
 
 def _posterior(record: _HeatedRecord) -> tuple[CurveFit, Array, Array]:
-    """The best fit, samples (K, 4) of log lag, Bi, wall and heated radius, and weights (K,).
+    """Sample the posterior of the shape by importance sampling.
 
     Several starts, since a thick boundary layer with a thin wall and the reverse may both be
     minima; then importance sampling about all of them, with level, drift, direct and size
     integrated out.
+
+    Parameters
+    ----------
+    record
+        The data.
+
+    Returns
+    -------
+    best
+        The best fit.
+    samples
+        Log lag, Biot number, wall and heated radius (K, 4).
+    weights
+        Weights of the samples (K,), of sum one.
+
+    Notes
+    -----
+    Several starts are needed, since a thick boundary layer with a thin wall and the reverse may
+    both be minima. The samples are proposed about all of them, with level, drift, direct and size
+    profiled out. Up to three proposals are mixed until a quarter of ``SAMPLES`` is effective. The
+    seeds are fixed, so that the same data give the same file.
     """
     fits = _fit_all(record)
     best = min(fits, key=lambda f: f.optimum.cost)
@@ -300,7 +386,7 @@ def _posterior(record: _HeatedRecord) -> tuple[CurveFit, Array, Array]:
 
 
 def _fit_all(record: _HeatedRecord) -> list[CurveFit]:
-    """Fits from all starts, with the noise estimated from the residuals of the best."""
+    """Return fits from all starts, with the noise of the residuals of the best."""
     finite = np.isfinite(record.y)
     y = record.y[finite]
     names = [*LINEAR, "log_lag", *PRIORS]
@@ -309,12 +395,24 @@ def _fit_all(record: _HeatedRecord) -> list[CurveFit]:
     duration_s = len(record.y) * record.dt_s
 
     def model(theta: Array) -> Array | None:
+        """Return the readings of the model (N,), or None beyond ``MAX_LOG``."""
         if np.any(np.abs(theta[4:]) > MAX_LOG):
             return None
         return record.table(theta[4:]) @ theta[:4]
 
     def start(biot: float, wall: float, heated: float) -> Array:
-        """Best of ten lags, with level, drift, direct and size by linear least squares."""
+        """Best of ten lags, with level, drift, direct and size by linear least squares.
+
+        Parameters
+        ----------
+        biot, wall, heated
+            Biot number, wall and heated radius of the start.
+
+        Returns
+        -------
+        array
+            Start (8,) of all parameters.
+        """
         candidates = []
         for lag in np.geomspace(3 * record.dt_s, duration_s / 3, 10):
             shape = np.log([lag, biot, wall, heated])
@@ -325,6 +423,7 @@ def _fit_all(record: _HeatedRecord) -> list[CurveFit]:
         return min(candidates, key=lambda pair: pair[0])[1]
 
     def fits(starts: list[Array], noise: tuple[NoiseModel, float]) -> list[CurveFit]:
+        """Return the fits from several starts with one noise."""
         return [
             fit_curve("LCSR", model, record.y, names, theta, scale, prior=PRIORS, noise=noise)
             for theta in starts
@@ -340,6 +439,7 @@ class _LogPosterior:
     """Log posterior density of the shape (4,), profiled over level, drift, direct and size."""
 
     def __init__(self, record: _HeatedRecord, fit: CurveFit) -> None:
+        """Prepare the posterior of a record, with the noise of a fit."""
         self.record = record
         self.finite = np.isfinite(record.y)
         self.fit = fit
@@ -347,6 +447,7 @@ class _LogPosterior:
         self.white_y = self._whiten(record.y[self.finite])
 
     def __call__(self, shape: Array) -> float:
+        """Return the log density at a shape, up to a constant."""
         if np.any(np.abs(shape) > MAX_LOG):
             return -np.inf
         table = self._whiten(self.record.table(shape)[self.finite])
@@ -356,19 +457,30 @@ class _LogPosterior:
         return -0.5 * float(square_sum + np.sum(np.square(deviations)))
 
     def _whiten(self, values: Array) -> Array:
+        """Return values (N,) or (N, 4) whitened by the noise of the fit."""
         return self.fit.colour.whiten(values, self.full) / self.fit.noise_K
 
 
 @dataclass(frozen=True)
 class _Mixture:
-    """Mixture of multivariate Student's t with C components in four dimensions."""
+    """Mixture of multivariate Student's t with C components in four dimensions.
+
+    Attributes
+    ----------
+    centres
+        Centres (C, 4).
+    covariances
+        Scale matrices (C, 4, 4).
+    chances
+        Probabilities of the components (C,).
+    """
 
     centres: Array
     covariances: Array
     chances: Array
 
     def sample(self, rng: np.random.Generator) -> Array:
-        """Samples (SAMPLES, 4)."""
+        """Return ``SAMPLES`` samples (SAMPLES, 4)."""
         component = rng.choice(len(self.centres), SAMPLES, p=self.chances)
         tails = np.sqrt(PROPOSAL_DOF / rng.chisquare(PROPOSAL_DOF, (SAMPLES, 1)))
         roots = np.linalg.cholesky(self.covariances)[component]
@@ -376,7 +488,7 @@ class _Mixture:
         return self.centres[component] + normal * tails
 
     def log_density(self, x: Array) -> Array:
-        """Log density (K,) at ``x`` (K, 4)."""
+        """Return the log density (K,) at ``x`` (K, 4)."""
         components = [
             multivariate_t.logpdf(x, centre, covariance, PROPOSAL_DOF)
             for centre, covariance in zip(self.centres, self.covariances)
@@ -385,7 +497,25 @@ class _Mixture:
 
 
 def _weighted_estimate(values: Array, weights: Array) -> Estimate:
-    """Mean, standard deviation and 95 % range of weighted samples (K,)."""
+    """Return mean, standard deviation and 95 % range of weighted samples.
+
+    Parameters
+    ----------
+    values
+        Samples (K,).
+    weights
+        Their weights (K,), of sum one.
+
+    Returns
+    -------
+    Estimate
+        The estimate.
+
+    Raises
+    ------
+    InputError
+        Where all weight is on one sample.
+    """
     mean = float(weights @ values)
     order = np.argsort(values)
     cumulative = np.cumsum(weights[order]) - 0.5 * weights[order]

@@ -1,4 +1,10 @@
-"""The sensor file of a thermocouple outside the rig: chain with uncertainty, columns, method."""
+"""The sensor file of a thermocouple outside the rig: chain with uncertainty, columns, method.
+
+All methods of ``tcdyn.sensors`` write it, and the compensation of tables (``tcdyn.workflows``)
+reads it. A file of ``tcdyn identify`` is converted. ``tests/sensors/test_sensor_file.py`` and
+``test_long_lags.py`` in that folder check that it is read back and that a damaged file is refused
+by its key.
+"""
 
 from __future__ import annotations
 
@@ -36,8 +42,9 @@ from tcdyn.rig.static_line import StaticLine
 if TYPE_CHECKING:
     from tcdyn.identify import Identified
 
+# Version of the file; a change of its keys needs another number.
 SCHEMA: Final[Literal["tcdyn.sensor/1"]] = "tcdyn.sensor/1"
-IDENTIFIED_SCHEMA = "tcdyn.identified/"
+IDENTIFIED_SCHEMA = "tcdyn.identified/"  # Beginning of the schema of a file of ``tcdyn identify``.
 # Shares of the step whose times are reported (VDI/VDE 3522).
 SHARES = {"t50_s": 0.5, "t632_s": 1 - float(np.exp(-1)), "t90_s": 0.9}
 # Methods whose lag always has an uncertainty above zero.
@@ -48,11 +55,22 @@ MAX_U_DIFFERENCE_REL = 0.5
 # Deviation of the static gain from one, above which a warning is given: 3 u, and at least this;
 # chosen by judgement.
 MIN_GAIN_DEVIATION = 1e-3
+# Methods that give a lag; the words are in the files.
 Method = Literal["stated", "plunge", "pair", "current", "noise", "identify"]
 
 
 class SensorChains(StrictModel):
-    """The chain of each column; ``covariance`` [s2] of their lags, in the order of ``columns``."""
+    """The chains of a sensor, with the covariance of their lags.
+
+    Attributes
+    ----------
+    structure
+        Name of the chain structure.
+    channels
+        Chain of each column.
+    covariance
+        Covariance of the lags (M, M), in the order of ``columns`` [s2].
+    """
 
     structure: str = Field(min_length=1, max_length=40)
     channels: dict[str, ChannelChain] = Field(min_length=1)
@@ -60,6 +78,13 @@ class SensorChains(StrictModel):
 
     @model_validator(mode="after")
     def _check_covariance(self) -> SensorChains:
+        """Check that the covariance agrees with the uncertainties of the lags.
+
+        Raises
+        ------
+        ValueError
+            Where it does not, or is no covariance matrix of that size.
+        """
         covariance = square_matrix(self.covariance, len(self.channels))
         sds = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         for (name, channel), sd in zip(self.channels.items(), sds):
@@ -98,6 +123,11 @@ class SensorFile(Result, StrictModel):
         Further results of the method.
     findings
         Warnings and infos.
+
+    Notes
+    -----
+    The fields are the keys of the file; the page on columns and keys lists them, and a test
+    compares both.
     """
 
     schema_: Literal["tcdyn.sensor/1"] = Field(default=SCHEMA, alias="schema")
@@ -123,6 +153,13 @@ class SensorFile(Result, StrictModel):
 
     @model_validator(mode="after")
     def _check_lags(self) -> SensorFile:
+        """Check the time of creation, the columns, and that the time constants add to the lag.
+
+        Raises
+        ------
+        ValueError
+            Where they do not.
+        """
         parse_time(self.created)
         if list(self.chain.channels) != self.columns:
             raise ValueError("columns: must be those of chain.channels, in their order")
@@ -203,7 +240,7 @@ def sensor_file(
     times: Mapping[str, Mapping[str, Estimate]] | None = None,
     **more: Any,
 ) -> SensorFile:
-    """The file of a sensor.
+    """Build the file of a sensor.
 
     Parameters
     ----------
@@ -223,6 +260,11 @@ def sensor_file(
         Times of the step response that the method determined; None: from the chain, by first order.
     more
         Other fields.
+
+    Returns
+    -------
+    SensorFile
+        The file.
 
     Raises
     ------
@@ -262,7 +304,7 @@ def sensor_file(
 
 
 def undetermined(column: str = "") -> InputError:
-    """The error for a record that gives a lag whose uncertainty is zero or undefined."""
+    """Return the error for a lag whose uncertainty is zero or undefined."""
     lag = f"the lag of {column}" if column else "the lag"
     return InputError(
         f"the record does not determine {lag}: its standard uncertainty is zero or undefined",
@@ -272,7 +314,13 @@ def undetermined(column: str = "") -> InputError:
 
 
 def _check_longest(name: str, chain: Chain) -> None:
-    """Raise InputError for a chain with a time that a file cannot hold."""
+    """Raise InputError for a chain with a time that a file cannot hold.
+
+    Raises
+    ------
+    InputError
+        For a time of ``MAX_LAG_S`` or more.
+    """
     pair = chain.pair or (0.0, 0.0)
     longest_s = max(*chain.taus_s, abs(chain.zero_s), chain.delay_s, chain.cement_s, *pair, 0.0)
     if not longest_s < MAX_LAG_S:
@@ -281,7 +329,7 @@ def _check_longest(name: str, chain: Chain) -> None:
 
 
 def step_times(chain: Chain, lag_u_s: float = 0.0, split_u_s: float = 0.0) -> dict[str, Estimate]:
-    """When the unit step response first passes 50, 63.2 and 90 % [s], with first-order uncertainty.
+    """Return when the unit step response first passes 50, 63.2 and 90 % [s].
 
     Parameters
     ----------
@@ -289,6 +337,12 @@ def step_times(chain: Chain, lag_u_s: float = 0.0, split_u_s: float = 0.0) -> di
         The chain.
     lag_u_s, split_u_s
         Standard uncertainties of the lag, and of the largest time constant at fixed lag [s].
+
+    Returns
+    -------
+    dict
+        Time with its first-order uncertainty by the keys of ``SHARES``; empty for a chain without a
+        lag.
 
     Examples
     --------
@@ -306,12 +360,27 @@ def step_times(chain: Chain, lag_u_s: float = 0.0, split_u_s: float = 0.0) -> di
 
 
 def lag_and_times(chain: Chain) -> Array:
-    """The lag, and when the step response passes each of ``SHARES`` (4,) [s]."""
+    """Return the lag, and when the step response passes each of ``SHARES`` (4,) [s]."""
     return np.array([chain.lag_s, *step_passes(chain)])
 
 
 def step_passes(chain: Chain) -> Array:
-    """When the step response passes each of ``SHARES`` (3,) [s]."""
+    """Return when the step response passes each of ``SHARES``.
+
+    Parameters
+    ----------
+    chain
+        The chain, with a lag above zero.
+
+    Returns
+    -------
+    array
+        Times (3,) [s].
+
+    Notes
+    -----
+    The grid has 400 points in each lag and ends after 12 lags; the times are interpolated linearly.
+    """
     t = chain.lag_s * np.linspace(0, 12, 4801)
     response = chain.response(np.ones_like(t), float(t[1]), "zoh", "zero")
     times = []
@@ -329,7 +398,7 @@ def specified_sensor(
     delay_s: tuple[float, float] = (0.0, 0.0),
     **more: Any,
 ) -> SensorFile:
-    """A sensor whose lags the user specifies: one chain for all ``columns``.
+    """Build a sensor whose lags the user specifies: one chain for all ``columns``.
 
     Parameters
     ----------
@@ -345,6 +414,11 @@ def specified_sensor(
         Dead time and its standard uncertainty [s].
     more
         Other fields of the file.
+
+    Returns
+    -------
+    SensorFile
+        The file. The lags of all columns are fully correlated.
 
     Raises
     ------
@@ -390,6 +464,16 @@ def specified_sensor(
 def read_sensor(path: str | Path) -> SensorFile:
     """Read a file of ``tcdyn sensor``, or the chain in a file of ``tcdyn identify``.
 
+    Parameters
+    ----------
+    path
+        The file.
+
+    Returns
+    -------
+    SensorFile
+        The sensor.
+
     Raises
     ------
     InputError
@@ -420,12 +504,25 @@ def read_sensor(path: str | Path) -> SensorFile:
 
 
 def write_sensor(sensor: SensorFile, path: str | Path) -> Path:
-    """Write the file atomically: all of it or nothing."""
+    """Write the file atomically: all of it or nothing.
+
+    Parameters
+    ----------
+    sensor
+        The file.
+    path
+        Where to write it.
+
+    Returns
+    -------
+    Path
+        The path.
+    """
     return write_text(path, json.dumps(sensor.to_dict(), indent=2, ensure_ascii=False) + "\n")
 
 
 def from_identified(model: Identified, sensor: str = "") -> SensorFile:
-    """The sensor whose chain ``tcdyn identify`` estimated, for the column that was its output.
+    """Build the sensor whose chain ``tcdyn identify`` estimated.
 
     Parameters
     ----------
@@ -434,6 +531,11 @@ def from_identified(model: Identified, sensor: str = "") -> SensorFile:
         by its polynomial.
     sensor
         Name of the sensor; empty: that of the model.
+
+    Returns
+    -------
+    SensorFile
+        The sensor, for the column that was the output of the identification.
 
     Raises
     ------
@@ -458,7 +560,7 @@ def from_identified(model: Identified, sensor: str = "") -> SensorFile:
 
 
 def _identified_split_u_s(model: Identified) -> float:
-    """Standard uncertainty of the sum of all lags but the largest [s]."""
+    """Return the standard uncertainty of the sum of all lags but the largest [s]."""
     signs = {"Tp2": 1.0, "Tp3": 1.0, "Tz": -1.0, "Td": 1.0, "Tc": 0.5}
     free = list(model.model.free)
     names = [name for name in signs if name in free]
@@ -469,7 +571,13 @@ def _identified_split_u_s(model: Identified) -> float:
 
 
 def _fixed_filter(model: Identified) -> Conditioning:
-    """The conditioning filter whose polynomial is the fixed part of the model."""
+    """Return the conditioning filter whose polynomial is the fixed part of the model.
+
+    Raises
+    ------
+    InputError
+        Where no filter has that polynomial.
+    """
     from tcdyn.identify import KnownDynamics  # only these files need the identification
 
     den = np.trim_zeros(np.asarray(model.model.known.den, dtype=float), "b")

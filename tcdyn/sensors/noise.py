@@ -1,4 +1,9 @@
-"""Lag in place from process noise: white noise after one or two lags, Whittle likelihood."""
+"""Lag in place from process noise: white noise after one or two lags, Whittle likelihood.
+
+``tcdyn sensor`` uses it. The result is right where the fluctuations of the fluid are white over the
+band of the sensor; the trace can test that in part only. ``tests/sensors/test_sensor_in_place.py``
+checks that the interval holds the lag and that the conditions are reported.
+"""
 
 from __future__ import annotations
 
@@ -58,6 +63,12 @@ def noise_sensor(
     more
         Other fields of the file.
 
+    Returns
+    -------
+    SensorFile
+        The file with the chain of the more probable structure; lag and times are averages over
+        both.
+
     Raises
     ------
     InputError
@@ -76,6 +87,10 @@ def noise_sensor(
     that fluctuates more slowly adds its own time constant to the result, and the trace cannot
     separate the two. What the trace can show is tested: that it is stationary, long enough, above
     the logger's noise, and of this spectrum.
+
+    ``MODEL_REL`` is the least uncertainty of the result. ``SEGMENT_LAGS`` sets the resolution of
+    the spectrum: shorter segments bias the lag, longer ones are fewer.
+    ``tests/sensors/test_sensor_in_place.py`` fails where the interval no longer holds the lag.
     """
     dt = float(time_s[1] - time_s[0])
     finite = np.isfinite(y_degC)
@@ -163,7 +178,22 @@ class Periodogram:
 
 
 def segments(y: Array, length: int, dt_s: float) -> Periodogram:
-    """Mean periodogram of Hann segments of ``y`` (N,) that overlap by a half (Welch's method)."""
+    """Return the mean periodogram of overlapping Hann segments (Welch's method).
+
+    Parameters
+    ----------
+    y
+        Readings (N,) [degC] without gaps.
+    length
+        Rows of a segment.
+    dt_s
+        Interval [s].
+
+    Returns
+    -------
+    Periodogram
+        Without the two lowest bins, which lack what the mean removed.
+    """
     window = np.hanning(length)
     window = window / np.sqrt(np.sum(window**2))
     powers = []
@@ -181,9 +211,23 @@ def segments(y: Array, length: int, dt_s: float) -> Periodogram:
 
 
 def spectrum(theta: Array, periodogram: Periodogram) -> Array:
-    """Periodogram of the model (K,): theta = log A, log B, logs of one or two lags [s]."""
+    """Return the periodogram of the model.
+
+    Parameters
+    ----------
+    theta
+        Log A, log B, logarithms of one or two lags [s].
+    periodogram
+        The frequencies and the interval.
+
+    Returns
+    -------
+    array
+        Power (K,).
+    """
 
     def exponential(tau: float) -> Array:
+        """Return the periodogram (K,) of a sampled first-order lag, of mean one."""
         p = np.exp(-periodogram.dt_s / tau)
         return (1 - p * p) / (1 - 2 * p * np.cos(periodogram.w) + p * p)
 
@@ -197,13 +241,26 @@ def spectrum(theta: Array, periodogram: Periodogram) -> Array:
 
 
 def _cost(theta: Array, periodogram: Periodogram) -> float:
-    """Whittle's negative log likelihood, for one independent value in each bin."""
+    """Return Whittle's negative log likelihood, for one independent value in each bin."""
     s = spectrum(theta, periodogram)
     return float(np.sum(np.log(s) + periodogram.power / s))
 
 
 def _fit(periodogram: Periodogram, count: int) -> Array:
-    """Parameters of least cost for ``count`` lags, larger lag first (Nelder-Mead, six starts)."""
+    """Return the parameters of least cost (Nelder-Mead, six starts).
+
+    Parameters
+    ----------
+    periodogram
+        The data.
+    count
+        Number of lags, one or two.
+
+    Returns
+    -------
+    array
+        Log A, log B and logarithms of the lags (2 + count,), larger lag first.
+    """
     power = periodogram.power
     dt = periodogram.dt_s
     mean_power = float(power.mean())
@@ -219,7 +276,20 @@ def _fit(periodogram: Periodogram, count: int) -> Array:
 
 
 def _covariance(theta: Array, periodogram: Periodogram) -> Array:
-    """Inverse of Whittle's expected information: weight x sum of d log S d log S'."""
+    """Return the inverse of Whittle's expected information.
+
+    Parameters
+    ----------
+    theta
+        Parameters (P,).
+    periodogram
+        The data.
+
+    Returns
+    -------
+    array
+        Covariance (P, P). The information is weight x sum of d log S d log S'.
+    """
     slopes = []
     for step in 1e-4 * np.eye(len(theta)):
         ratio = spectrum(theta + step, periodogram) / spectrum(theta - step, periodogram)
@@ -230,18 +300,35 @@ def _covariance(theta: Array, periodogram: Periodogram) -> Array:
 
 
 def _quantities(logs: Array) -> Array:
-    """Lag and times of the step response (4,) [s], from the logarithms of the lags."""
+    """Return lag and times of the step response (4,) [s], from the logarithms of the lags."""
     return lag_and_times(Chain(_lags(logs)))
 
 
 def _lags(logs: Array) -> list[float]:
-    """The lags, largest first [s], from their logarithms; a negligible second one is left out."""
+    """Return the lags from their logarithms, largest first [s]; a negligible one is left out."""
     taus = np.exp(logs)
     return sorted(taus[taus > MIN_LAG_SHARE * taus.max()].tolist(), reverse=True)
 
 
 def _check_record(n: int, dt: float, lag: Estimate, theta: Array) -> None:
-    """Raise InputError for a short record, a sensor as fast as the rows, or a quiet fluid."""
+    """Raise InputError for a short record, a sensor as fast as the rows, or a quiet fluid.
+
+    Parameters
+    ----------
+    n
+        Rows of the record.
+    dt
+        Interval [s].
+    lag
+        The lag [s].
+    theta
+        Parameters of the better fit.
+
+    Raises
+    ------
+    InputError
+        With what to change about the record.
+    """
     lags = n * dt / lag.value
     if lags < MIN_RECORD_LAGS:
         raise InputError(
@@ -263,7 +350,31 @@ def _check_record(n: int, dt: float, lag: Estimate, theta: Array) -> None:
 def _conditions(
     y: Array, periodogram: Periodogram, theta: Array, column: str, lags: int
 ) -> list[Finding]:
-    """Findings on number of lags, stationarity, and goodness of fit of the spectrum."""
+    """Return findings on number of lags, stationarity, and goodness of fit.
+
+    Parameters
+    ----------
+    y
+        Readings (N,).
+    periodogram
+        Their periodogram.
+    theta
+        Parameters of the better fit.
+    column
+        The sensor's column.
+    lags
+        Number of lags.
+
+    Returns
+    -------
+    list of Finding
+        The first one is always there.
+
+    Notes
+    -----
+    The spectrum is compared in ``BANDS`` bands of equal ratio by chi-squared with the number of
+    bands less that of the parameters as degrees of freedom.
+    """
     severity = warning if lags == 2 else info
     findings: list[Finding] = [severity("sensor.noise_driving", subject=column, lags=lags)]
     variances = [float(np.var(quarter)) for quarter in np.array_split(y, 4)]

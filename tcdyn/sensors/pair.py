@@ -4,6 +4,9 @@ For any fluid temperature x, y1 + tau1 y1' = x = y2 + tau2 y2' without noise. Th
 two sides is a sum of noises whose covariance is known for each (tau1, tau2). Generalised least
 squares with that covariance is the maximum likelihood of both traces with x free at every sample.
 Ordinary least squares of one trace on the other would be biased by the noise of the regressor.
+
+``tcdyn sensor`` uses it. ``tests/sensors/test_sensor_in_place.py`` checks bias and coverage,
+``tests/sensors/test_pair_updates.py`` channels that are updated more slowly than the rows.
 """
 
 from __future__ import annotations
@@ -29,11 +32,12 @@ from tcdyn.sensors.sparse_rows import Intervals, find_intervals, interval_residu
 from tcdyn.sensors.step_fits import white_noise_K
 from tcdyn.sensors.updates import Updates, find_updates
 
-# Exponent n of the lag of a thin wire with the speed, tau ~ speed^-n: prior mean and standard
-# deviation.
+# Exponent n of the lag of a thin wire with the speed, tau ~ speed^-n: mean and standard deviation
+# of its prior. h of a wire in crossflow rises about with the root of the speed; the standard
+# deviation is chosen by judgement.
 EXPONENT = (0.5, 0.1)
 MAX_EXPONENT = 5.0  # largest mean and standard deviation of that prior; chosen by judgement
-MIN_EXPONENT_SD = 1e-3
+MIN_EXPONENT_SD = 1e-3  # least standard deviation of that prior; chosen by judgement
 # Rows in the shorter lag that the likelihood gets: more rows add only noise; chosen by judgement.
 ROWS_IN_SHORTER_LAG = 6.0
 SCORE_BLOCKS = 40  # blocks of the record for the covariance of the scores; chosen by judgement
@@ -142,6 +146,11 @@ def pair_sensor(
     ``fit`` those of all. Both columns of a row are taken as sampled at one instant: a scanner that
     reads the second one later biases both lags by more than that time. A column that is repeated or
     blank between new values is used at the rows of its new values.
+
+    The limits are thresholds of messages, but for ``ROWS_IN_SHORTER_LAG``, ``MIN_USABLE_SHARE`` and
+    ``COMPLETE_SHARE``, which decide what data the likelihood gets.
+    ``tests/sensors/test_pair_updates.py`` and ``tests/sensors/test_sensor_in_place.py`` fail where
+    the lags are then wrong.
     """
     row_dt_s = float(time_s[1] - time_s[0])
     if speed is not None and changes_s:
@@ -237,7 +246,25 @@ def pair_sensor(
 
 
 def _log_speed(time_s: Array, speed: Array) -> Array:
-    """Log of the speed over its median (N,); missing speeds are interpolated."""
+    """Return the log of the speed over its median; missing speeds are interpolated.
+
+    Parameters
+    ----------
+    time_s
+        Times (N,) [s].
+    speed
+        Speed (N,), NaN where missing.
+
+    Returns
+    -------
+    array
+        Logarithm (N,).
+
+    Raises
+    ------
+    InputError
+        For a speed that is not above zero.
+    """
     if not np.all(np.nan_to_num(speed, nan=1.0) > 0):
         raise InputError(
             "the speed is not above zero everywhere",
@@ -249,9 +276,28 @@ def _log_speed(time_s: Array, speed: Array) -> Array:
 
 
 def _with_new_values(data: PairData, columns: tuple[str, str]) -> tuple[PairData, list[Finding]]:
-    """Rows with new values of both channels, or intervals between them; infos on slow channels.
+    """Select the rows with new values of both channels, or the intervals between them.
 
     Raises InputError where too few rows have a new value of both.
+
+    Parameters
+    ----------
+    data
+        The traces as logged.
+    columns
+        Their names.
+
+    Returns
+    -------
+    data
+        The traces at the rows of the denser channel; unchanged where neither repeats values.
+    findings
+        An info for each slower channel.
+
+    Raises
+    ------
+    InputError
+        Where too few rows have a new value of both.
     """
     traces = (data.first, data.second)
     updates = [find_updates(y) for y in traces]
@@ -291,7 +337,22 @@ def _with_new_values(data: PairData, columns: tuple[str, str]) -> tuple[PairData
 
 
 def _too_few(data: PairData, columns: tuple[str, str], updates: Sequence[Updates]) -> InputError:
-    """The error for a record whose channels have new values in different rows, or seldom."""
+    """Return the error for channels that have new values in different rows, or seldom.
+
+    Parameters
+    ----------
+    data
+        The traces.
+    columns
+        Their names.
+    updates
+        New values of each.
+
+    Returns
+    -------
+    InputError
+        The error.
+    """
     shares = [
         f"{name} has a new value in {100 * u.share:.3g} % of the rows"
         for name, u in zip(columns, updates)
@@ -306,7 +367,7 @@ def _too_few(data: PairData, columns: tuple[str, str], updates: Sequence[Updates
 
 
 def usable_rows(data: PairData) -> int:
-    """Usable rows, with the first one, in the shortest segment of constant flow."""
+    """Return the usable rows in the shortest segment of constant flow, the first one included."""
     if data.intervals is not None:
         segment = data.segment[data.intervals.start]
     else:
@@ -317,14 +378,27 @@ def usable_rows(data: PairData) -> int:
 
 
 def _with_fitted_noise(data: PairData, theta: Array) -> PairData:
-    """The noise of the sparser channel reduced until the residuals have unit variance.
+    """Reduce the noise of the sparser channel until the residuals have unit variance.
 
     Differences of values that are far apart contain the signal too and overstate the noise.
+
+    Parameters
+    ----------
+    data
+        The traces.
+    theta
+        Parameters as in :func:`whitened`.
+
+    Returns
+    -------
+    PairData
+        The traces with the fitted noise; it is never larger than before.
     """
     counts = [np.count_nonzero(np.isfinite(y)) for y in (data.first, data.second)]
     sparse = 1 if counts[1] < counts[0] else 0
 
     def with_noise(noise_K: float) -> PairData:
+        """Return the data with another noise [K] of the sparser channel."""
         both = list(data.noise_K)
         both[sparse] = noise_K
         return replace(data, noise_K=(both[0], both[1]))
@@ -341,12 +415,28 @@ def _with_fitted_noise(data: PairData, theta: Array) -> PairData:
 
 
 def averaged_rows(data: PairData, size: int) -> PairData:
-    """Means of ``size`` rows; the equations of both sensors are linear and hold for means."""
+    """Return means of several rows.
+
+    The equations of both sensors are linear and hold for means.
+
+    Parameters
+    ----------
+    data
+        The traces.
+    size
+        Rows of a mean; below two, and for intervals, nothing changes.
+
+    Returns
+    -------
+    PairData
+        The means; NaN where a row is missing.
+    """
     if size < 2 or data.intervals is not None:
         return data
     n = len(data.first) // size * size
 
     def mean(x: Array) -> Array:
+        """Return the means of ``size`` values."""
         return x[:n].reshape(-1, size).mean(axis=1)
 
     root = np.sqrt(size)
@@ -371,11 +461,19 @@ def whitened(data: PairData, theta: Array) -> Array:
     theta
         (log tau1, log tau2) of each segment, then n if it is free.
 
+    Returns
+    -------
+    array
+        Residuals (N - 1,), or one for each interval.
+
     Notes
     -----
     Rows next to a missing value or a change of flow are left out (residual zero). The covariance V
     of the differences is tridiagonal; V = L L', and forward substitution with L whitens the
     residuals.
+
+    ``tcdyn.sensors.sparse_rows.interval_residuals`` has the same weights for channels with missing
+    values; ``tests/sensors/test_pair_updates.py`` compares it with full least squares.
     """
     power = theta[2 * data.segments :].sum()
     lags = np.stack([_lag_in_rows(data, theta, k, power) for k in (0, 1)])
@@ -400,20 +498,48 @@ def whitened(data: PairData, theta: Array) -> Array:
 
 
 def _lag_in_rows(data: PairData, theta: Array, channel: int, power: float) -> Array:
-    """Lag (N - 1,) of a channel at the middle between rows, in rows."""
+    """Return the lag of a channel at the middle between rows, in rows.
+
+    Parameters
+    ----------
+    data
+        The traces.
+    theta
+        Parameters as in :func:`whitened`.
+    channel
+        0 or 1.
+    power
+        Exponent of the speed; 0 without one.
+
+    Returns
+    -------
+    array
+        Lag over the interval (N - 1,).
+    """
     log_tau = theta[channel : 2 * data.segments : 2][data.segment] - power * data.log_speed
     return np.exp(0.5 * (log_tau[1:] + log_tau[:-1])) / data.dt_s
 
 
 def _cost(data: PairData, theta: Array) -> float:
-    """Sum of squares of the whitened residuals, with the prior of the exponent."""
+    """Return the sum of squares of the whitened residuals, with the prior of the exponent."""
     w = whitened(data, theta)
     mean, sd = data.exponent
     return float(w @ w + np.sum(((theta[2 * data.segments :] - mean) / sd) ** 2))
 
 
 def _start(data: PairData) -> Array:
-    """Start of the logs of the lags: the best of a coarse grid, equal in all segments."""
+    """Return the start of the logs of the lags: the best of a coarse grid.
+
+    Parameters
+    ----------
+    data
+        The traces.
+
+    Returns
+    -------
+    array
+        Logarithms of the lags (2 segments,), equal in all segments.
+    """
     duration_s = len(data.first) * data.dt_s
     grid = np.geomspace(2 * data.dt_s, duration_s / 8, 12)
     averaged = averaged_rows(data, max(len(data.first) // 3000, 1))
@@ -422,12 +548,26 @@ def _start(data: PairData) -> Array:
 
 
 def _minimise(data: PairData, start: Array) -> Array:
-    """Parameters of least cost (Nelder-Mead), started from ``start``."""
+    """Return the parameters of least cost (Nelder-Mead).
+
+    Parameters
+    ----------
+    data
+        The traces.
+    start
+        Where to start (P,).
+
+    Returns
+    -------
+    array
+        Parameters (P,). Lags below a tenth of a row or above the record are clipped in the cost.
+    """
     n_lags = 2 * data.segments
     low = np.log(data.dt_s / 10)
     high = np.log(len(data.first) * data.dt_s)
 
     def cost(theta: Array) -> float:
+        """Return the cost with the lags inside their bounds."""
         return _cost(data, np.r_[np.clip(theta[:n_lags], low, high), theta[n_lags:]])
 
     options = {"xatol": 1e-4, "fatol": 1e-3, "maxiter": 400 * len(start)}
@@ -435,12 +575,26 @@ def _minimise(data: PairData, start: Array) -> Array:
 
 
 def _covariance(data: PairData, theta: Array) -> tuple[Array, float]:
-    """Covariance of theta, H^-1 C H^-1 (sandwich estimator), and the mean square of the residuals.
+    """Return the covariance of theta, and the mean square of the residuals.
 
     H is half the Hessian of the cost, to which the noise contributes nothing on average. C is the
     covariance of the scores from sums over blocks of the record; it accounts for the noise of a
     trace's derivative and for residuals that are not white. Variances are not smaller than those
     for white residuals.
+
+    Parameters
+    ----------
+    data
+        The traces.
+    theta
+        Parameters (P,).
+
+    Returns
+    -------
+    covariance
+        Sandwich covariance H^-1 C H^-1 (P, P).
+    mean_square
+        Mean square of the residuals; one where noise and lags are right.
     """
     p = len(theta)
     w = whitened(data, theta)
@@ -480,7 +634,26 @@ def _lag_findings(
     mean_square: float,
     columns: tuple[str, str],
 ) -> list[Finding]:
-    """Warnings about lags that are not determined, rows too far apart, and a misfit."""
+    """Return warnings about lags not determined, rows too far apart, and a misfit.
+
+    Parameters
+    ----------
+    data
+        The traces.
+    taus
+        Lags of each segment (2 segments,) [s].
+    lag_covariance
+        Their covariance [s2].
+    mean_square
+        Mean square of the residuals.
+    columns
+        Names of the traces.
+
+    Returns
+    -------
+    list of Finding
+        The warnings.
+    """
     subject = ", ".join(columns)
     findings: list[Finding] = []
     for k in range(0, len(taus), 2):
@@ -504,5 +677,5 @@ def _lag_findings(
 
 
 def _difference_u(covariance: Array) -> float:
-    """Standard uncertainty of the difference of two numbers, from their covariance (2, 2)."""
+    """Return the standard uncertainty of the difference of two numbers with covariance (2, 2)."""
     return float(np.sqrt(max(np.trace(covariance) - 2 * covariance[0, 1], 0.0)))

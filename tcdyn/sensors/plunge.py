@@ -1,4 +1,9 @@
-"""Lag of a bare sensor from one plunge or step, with unknown entry and a non-ideal medium."""
+"""Lag of a bare sensor from one plunge or step, with unknown entry and a non-ideal medium.
+
+``tcdyn sensor`` uses it. Structures of one to three lags, with a further short lag on a grid, are
+averaged by BIC. ``tests/sensors/test_sensor_plunge.py`` checks that lag and percent times lie in
+their intervals; ``tests/sensors/test_long_lags.py`` long records.
+"""
 
 from __future__ import annotations
 
@@ -52,7 +57,7 @@ MIN_SHIFT_U = 0.05
 # judgement.
 RESOLVED_REL = 0.4
 MISFIT_SHARE = 0.005  # of the step: rms of the residuals that is always acceptable; by judgement
-NOISE_ITERATIONS = 3
+NOISE_ITERATIONS = 3  # rounds of noise and fit, at most; chosen by judgement
 
 
 @dataclass(frozen=True)
@@ -115,6 +120,11 @@ def plunge_sensor(
     more
         Other fields of the file.
 
+    Returns
+    -------
+    SensorFile
+        The file with the chain of the most probable structure; lag and times are averages.
+
     Raises
     ------
     InputError
@@ -129,6 +139,10 @@ def plunge_sensor(
     weighted by its likelihood, and the intervals cover all of them. The medium's lag, a transition
     through the surface or a mixing, has the normal prior ``medium_s``, is not negative, and is not
     part of the result.
+
+    ``MEDIUM_S`` is a prior: a medium that is slower than it says makes the lag too long. The grid
+    and the start shares may be refined, which costs time. ``tests/sensors/test_sensor_plunge.py``
+    checks a slow medium and a known entry.
     """
     dt = float(time_s[1] - time_s[0])
     _check_times(time_s, entry_s, medium_s)
@@ -155,6 +169,7 @@ def plunge_sensor(
     for fit, shortest_s in zip(fits, shortest):
         # bound as a default: the function is used in this iteration only
         def quantities(theta: Array, shortest_s: float = shortest_s) -> Array:
+            """Return sum of the shorter lags, lag and times of the step response (5,) [s]."""
             taus = _lags(theta, shortest_s)
             return np.array([sum(taus[1:]), *lag_and_times(Chain(taus))])
 
@@ -202,7 +217,22 @@ def plunge_sensor(
 def _check_times(
     time_s: Array, entry_s: tuple[float, float] | None, medium_s: tuple[float, float]
 ) -> None:
-    """Raise InputError for an interval, a medium's lag or an entry that is not possible."""
+    """Raise InputError for an interval, a medium's lag or an entry that is not possible.
+
+    Parameters
+    ----------
+    time_s
+        Even times (N,) [s].
+    entry_s
+        Entry and its standard uncertainty [s], or None.
+    medium_s
+        Medium's lag and its standard uncertainty [s].
+
+    Raises
+    ------
+    InputError
+        With the possible range.
+    """
     dt = float(time_s[1] - time_s[0])
     first_s = float(time_s[0])
     last_s = float(time_s[-1])
@@ -224,7 +254,7 @@ def _check_times(
 def _entry_conflict(
     column: str, specified_s: tuple[float, float], fitted_s: float, fitted_u_s: float
 ) -> list[Finding]:
-    """A warning if the data contradict a specified entry instant.
+    """Return a warning if the data contradict a specified entry instant.
 
     Parameters
     ----------
@@ -245,6 +275,8 @@ def _entry_conflict(
     For a normal prior and a normal likelihood (fitted - specified) / sqrt(u_specified^2 -
     u_fitted^2) equals the difference of what the data alone give and the prior, over the standard
     uncertainty of that difference (Box 1980, J. R. Stat. Soc. A 143, 383: prior predictive check).
+
+    ``tests/sensors/test_sensor_plunge.py`` checks an entry that is right and one that is wrong.
     """
     shift_s = fitted_s - specified_s[0]
     least_u_s = MIN_SHIFT_U * specified_s[1]
@@ -274,10 +306,20 @@ def find_step(y: Array, dt_s: float, entry_s: float | None = None) -> Step:
     entry_s
         Entry from the first row [s]; None: found.
 
+    Returns
+    -------
+    Step
+        The step and the rows to fit.
+
     Raises
     ------
     InputError
         Where there is no step, or where it is cut off.
+
+    Notes
+    -----
+    ``RISES_AFTER`` limits the record, so that a drift long after the step does not count.
+    ``tests/sensors/test_sensor_plunge.py`` checks the start and the errors.
     """
     finite = np.isfinite(y)
     if finite.sum() < MIN_SAMPLES:
@@ -311,7 +353,27 @@ def find_step(y: Array, dt_s: float, entry_s: float | None = None) -> Step:
 
 
 def _step_start(filled: Array, noise: float, edge: int) -> int:
-    """Last row before the steepest change that is within the noise of the level before."""
+    """Return the last row before the steepest change that is within the noise of the level.
+
+    Parameters
+    ----------
+    filled
+        Readings (N,) without gaps.
+    noise
+        White noise [K].
+    edge
+        Rows at the ends from which the levels are taken.
+
+    Returns
+    -------
+    int
+        The row; 0 where all rows before the change are outside the noise.
+
+    Notes
+    -----
+    Within the noise: below five standard deviations of a mean, or 2 % of the change if that is
+    more.
+    """
     half = max(len(filled) // 400, 1)
     window = 2 * half + 1
     mean = np.convolve(filled, np.ones(window) / window, mode="valid")
@@ -325,13 +387,33 @@ def _step_start(filled: Array, noise: float, edge: int) -> int:
 
 
 def _exact_u_s(dt_s: float) -> float:
-    """Standard uncertainty of a time that is specified as exact [s]; small for a fast record too."""
+    """Return the standard uncertainty of a time specified as exact [s], for any interval."""
     return min(1e-6, 1e-3 * dt_s)
 
 
 @dataclass(frozen=True)
 class _Record:
-    """Data of the fit: times (N,) [s], readings, step, guess and prior of the entry."""
+    """Data of the fit.
+
+    Attributes
+    ----------
+    t
+        Times from the first row (N,) [s].
+    y
+        Readings (N,) [degC], NaN where missing.
+    dt_s
+        Interval [s].
+    step
+        The step.
+    entry_s
+        First guess of the entry, from the first row [s].
+    entry_prior_s
+        Prior of the entry, mean and standard deviation [s], or None.
+    medium_s
+        Medium's lag and its standard uncertainty [s].
+    conditioning
+        Filter after the sensor.
+    """
 
     t: Array
     y: Array
@@ -353,6 +435,20 @@ def _fit_structures(record: _Record) -> tuple[list[CurveFit], list[float], Array
 
     Returns the fits, the shortest lag of each [s], and their probabilities. The noise is that of
     the best fit's residuals: white as long as these are white.
+
+    Parameters
+    ----------
+    record
+        Data of the fit.
+
+    Returns
+    -------
+    fits
+        The fits (K).
+    shortest
+        The shortest lag of each (K) [s].
+    weights
+        Their probabilities (K,).
     """
     noise = (NoiseModel(), white_noise_K(record.y))
     for iteration in range(NOISE_ITERATIONS):
@@ -370,7 +466,25 @@ def _fit_structures(record: _Record) -> tuple[list[CurveFit], list[float], Array
 def _fit_grid(
     record: _Record, noise: tuple[NoiseModel, float]
 ) -> tuple[list[CurveFit], list[float], Array]:
-    """The same as ``_fit_structures`` with noise of one colour and level [K]."""
+    """Fit all structures with one noise.
+
+    Parameters
+    ----------
+    record
+        Data of the fit.
+    noise
+        Autoregression and level [K] of the residuals.
+
+    Returns
+    -------
+    fits, shortest, weights
+        As :func:`_fit_structures` returns them.
+
+    Raises
+    ------
+    InputError
+        Where no structure can be fitted, because the response is within one row.
+    """
     fits = list[CurveFit]()
     shortest = list[float]()
     prior = list[float]()
@@ -411,7 +525,24 @@ def _fit_grid(
 def _fit_lags(
     record: _Record, shortest_s: float, start: Array, noise: tuple[NoiseModel, float]
 ) -> CurveFit:
-    """Fit with one fixed lag; theta = level, entry, size, drift, medium's lag, free lags."""
+    """Fit one structure with one fixed lag.
+
+    Parameters
+    ----------
+    record
+        Data of the fit.
+    shortest_s
+        The fixed lag [s]; 0 for none.
+    start
+        Level, entry, size, drift, medium's lag, free lags (5 + lags,).
+    noise
+        Autoregression and level [K] of the residuals.
+
+    Returns
+    -------
+    CurveFit
+        The fit; theta in the order of ``start``.
+    """
     step = record.step
     t = record.t
     dt = record.dt_s
@@ -425,6 +556,7 @@ def _fit_lags(
     scale = np.array([size_K, lag_s, size_K, size_K / duration_s, medium_scale, *[lag_s] * count])
 
     def model(theta: Array) -> Array | None:
+        """Return the readings (N,) at theta; None where they cannot be computed."""
         level, entry, size, drift, medium = theta[:5]
         taus = _lags(theta, shortest_s)
         if not 0 <= entry < t[-1] or max(taus, default=0.0) > 50 * duration_s:
@@ -447,5 +579,5 @@ def _fit_lags(
 
 
 def _lags(theta: Array, shortest_s: float) -> list[float]:
-    """The free lags of theta and the fixed one, largest first, without zeros."""
+    """Return the free lags of theta and the fixed one, largest first [s], without zeros."""
     return sorted((float(tau) for tau in (*theta[5:], shortest_s) if tau > 0), reverse=True)

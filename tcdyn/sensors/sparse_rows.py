@@ -1,4 +1,9 @@
-"""Residuals of two sensors, one with few new values: its missing values are eliminated exactly."""
+"""Residuals of two sensors, one with few new values: its missing values are eliminated exactly.
+
+``tcdyn.sensors.pair`` uses it where one channel has a new value in some rows only. Elimination
+replaces a free parameter for each missing value by one equation for each interval.
+``tests/sensors/test_pair_updates.py`` compares it with the full least squares.
+"""
 
 from __future__ import annotations
 
@@ -41,6 +46,12 @@ def find_intervals(new: tuple[Flags, Flags], segment: NDArray[np.intp]) -> Inter
         Rows (N,) with a new value, of each channel.
     segment
         Number of the segment of constant flow (N,); an interval lies within one.
+
+    Returns
+    -------
+    Intervals
+        Those between rows with new values of both channels, in one segment, in which at least one
+        channel has a new value in each row.
     """
     both = np.flatnonzero(new[0] & new[1])
     start = both[:-1]
@@ -57,7 +68,7 @@ def find_intervals(new: tuple[Flags, Flags], segment: NDArray[np.intp]) -> Inter
 def interval_residuals(
     before: Array, after: Array, y: Array, noise_K: tuple[float, float], intervals: Intervals
 ) -> Array:
-    """Residuals of unit variance, one an interval.
+    """Return residuals of unit variance, one for each interval.
 
     Parameters
     ----------
@@ -71,6 +82,11 @@ def interval_residuals(
     intervals
         The intervals (K).
 
+    Returns
+    -------
+    array
+        Whitened residuals (K,).
+
     Notes
     -----
     The equation of a step is r_j = before_1 y1_j + after_1 y1_j+1 - before_2 y2_j - after_2 y2_j+1
@@ -78,6 +94,9 @@ def interval_residuals(
     -c_j+1 before_j+1 of the missing channel, holds that channel at the interval's ends only.
     Generalised least squares of these sums equals that of all equations with the missing values as
     free parameters.
+
+    ``before`` and ``after`` are those of ``tcdyn.sensors.pair.whitened``; a change of the equation
+    there needs none here, as long as it is linear in neighbouring rows.
     """
     count = len(intervals.start)
     index = np.arange(count)

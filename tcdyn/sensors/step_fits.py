@@ -1,4 +1,8 @@
-"""Least-squares fits of a sensor's response with whitened noise; averages by BIC."""
+"""Least-squares fits of a sensor's response with whitened noise; averages by BIC.
+
+``tcdyn.sensors.plunge`` and ``tcdyn.sensors.current`` fit with it; ``tcdyn.sensors.noise`` and
+``pair`` use parts. ``tests/sensors/test_sensor_plunge.py`` guards it.
+"""
 
 from __future__ import annotations
 
@@ -15,12 +19,13 @@ from tcdyn.estimation import NoiseModel, Optimum, Problem, Status, fit_ar, minim
 from tcdyn.estimation.trace_noise import white_noise_sd
 from tcdyn.sensors.file import undetermined
 
+# curve (N,) at the parameters; None where it cannot be computed
 Model = Callable[[Array], Array | None]
 PARAMETER_STEP = 1e-5  # step in differences, over a parameter's scale; chosen by judgement
-QUANTITY_STEP = 1e-3  # the same for quantities of the parameters
-NOISE_ORDER = 3  # order of differences that the white noise is estimated from
+QUANTITY_STEP = 1e-3  # the same for quantities of the parameters; chosen by judgement
+NOISE_ORDER = 3  # order of differences that the white noise is estimated from; by judgement
 MAX_AR_ORDER = 8  # of the autoregression of the residuals; chosen by judgement
-MIN_NOISE_K = 1e-9
+MIN_NOISE_K = 1e-9  # least noise [K], so that data without noise can be fitted
 # Residual rms over the noise, beyond which a warning about a misfit is given; chosen by judgement.
 MISFIT_RATIO = 3.0
 
@@ -58,7 +63,20 @@ class CurveFit:
         return dict(zip(self.optimum.problem.names, self.optimum.theta.tolist()))
 
     def propagate(self, quantity: Callable[[Array], Array]) -> tuple[Array, Array]:
-        """Quantities (K,) of theta, and their covariance (K, K) by first-order propagation."""
+        """Return quantities of the parameters, and their covariance by first-order propagation.
+
+        Parameters
+        ----------
+        quantity
+            Function of theta (P,) that returns the quantities (K,).
+
+        Returns
+        -------
+        value
+            Quantities (K,).
+        covariance
+            Their covariance (K, K).
+        """
         theta = self.optimum.theta
         lower = self.optimum.problem.lower
         slopes = []
@@ -72,7 +90,22 @@ class CurveFit:
         return quantity(theta), jacobian.T @ self.optimum.covariance @ jacobian
 
     def residual_findings(self, column: str, noise_K: float, least_K: float) -> list[Finding]:
-        """Findings about residuals: coloured, or clearly above ``noise_K`` and ``least_K``."""
+        """Return findings about residuals: coloured, or clearly above the noise.
+
+        Parameters
+        ----------
+        column
+            The sensor's column.
+        noise_K
+            White noise of the readings [K].
+        least_K
+            Rms residual that is always acceptable [K].
+
+        Returns
+        -------
+        list of Finding
+            An info for colour, a warning for a misfit.
+        """
         findings = [] if self.colour.white else [info("sensor.coloured", subject=column)]
         rms_K = float(np.sqrt(np.mean(self.residual**2)))
         if rms_K > max(MISFIT_RATIO * noise_K, least_K):
@@ -92,7 +125,7 @@ def fit_curve(
     lower: Mapping[str, float] | None = None,
     noise: tuple[NoiseModel, float] | None = None,
 ) -> CurveFit:
-    """Least-squares fit of a curve, with the residuals whitened by an autoregression.
+    """Fit a curve by least squares, with the residuals whitened by an autoregression.
 
     Parameters
     ----------
@@ -116,10 +149,20 @@ def fit_curve(
         Autoregression and level [K] of the residuals, if another fit has estimated them; None:
         estimated here, in three fits.
 
+    Returns
+    -------
+    CurveFit
+        The fit.
+
     Raises
     ------
     InputError
         Where the model cannot be computed at its start.
+
+    Notes
+    -----
+    ``PARAMETER_STEP`` is for one-sided differences: smaller steps lose digits, larger ones bias the
+    derivatives. The BIC compares fits with one noise only.
     """
     finite = np.isfinite(y)
     n_parameters = len(names)
@@ -132,6 +175,7 @@ def fit_curve(
     colour, noise_K = noise or (NoiseModel(), 1.0)
 
     def evaluate(theta: Array) -> tuple[Array, Array] | None:
+        """Return whitened residuals and Jacobian at theta; None where there is no curve."""
         curve = model(theta)
         if curve is None:
             return None
@@ -170,7 +214,22 @@ def fit_curve(
 
 
 def residual_noise(residual: Array, parameters: int) -> tuple[NoiseModel, float]:
-    """Autoregression of residuals (N,), white where BIC prefers none, and its noise level [K]."""
+    """Return the autoregression of residuals and its noise level.
+
+    Parameters
+    ----------
+    residual
+        Residuals (N,) [K].
+    parameters
+        Number of fitted parameters.
+
+    Returns
+    -------
+    colour
+        The autoregression; white where BIC prefers none.
+    level_K
+        Standard deviation of the whitened residuals [K].
+    """
     n = len(residual)
     full = [slice(0, n)]
     colour = fit_ar(residual, full, max_order=MAX_AR_ORDER)
@@ -185,18 +244,31 @@ def residual_noise(residual: Array, parameters: int) -> tuple[NoiseModel, float]
 
 
 def white_noise_K(y: Array) -> float:
-    """Standard deviation of the white noise of readings (N,) [K], above zero; NaN is left out."""
+    """Return the standard deviation of the white noise of readings [K], above zero."""
     return max(float(white_noise_sd(y[np.isfinite(y)], NOISE_ORDER)), MIN_NOISE_K)
 
 
 def bic_weights(bic: Array, prior: Array | float = 1.0) -> Array:
-    """Probability (K,) of each structure from its BIC, for one noise, and its ``prior``."""
+    """Return the probability of each structure from its BIC, for one noise.
+
+    Parameters
+    ----------
+    bic
+        BIC of each structure (K,).
+    prior
+        Prior probability of each (K,), not normalised.
+
+    Returns
+    -------
+    array
+        Probabilities (K,).
+    """
     w = np.exp(-0.5 * (bic - bic.min())) * prior
     return w / w.sum()
 
 
 def model_average(values: Sequence[float], us: Sequence[float], weights: Array) -> Estimate:
-    """Average of a quantity over structures: mean, u and 95 % range of the mixture.
+    """Average a quantity over structures: mean, u and 95 % range of the mixture.
 
     Parameters
     ----------
@@ -204,6 +276,16 @@ def model_average(values: Sequence[float], us: Sequence[float], weights: Array) 
         Value and standard uncertainty for each structure (K,).
     weights
         Probability of each structure (K,).
+
+    Returns
+    -------
+    Estimate
+        The average; its variance includes the spread between structures.
+
+    Raises
+    ------
+    InputError
+        Where a value or an uncertainty is not finite.
     """
     v = np.asarray(values, dtype=float)
     u = np.asarray(us, dtype=float)

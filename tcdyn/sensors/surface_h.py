@@ -1,4 +1,9 @@
-"""Boundary layer of a plunged sensor: h of a cylinder in crossflow, and the lag in another stream."""
+"""Boundary layer of a plunged sensor: h of a cylinder in crossflow, and the lag in another stream.
+
+``tcdyn.sensors.plunge`` writes its results to the sensor file, ``tcdyn sensor`` builds it from the
+options. ``tests/sensors/test_sensor_plunge.py`` compares h with Hilpert's numbers and checks the
+uncertainty.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +26,19 @@ MAX_SPEED_M_S = 200.0
 
 @dataclass(frozen=True)
 class Stream:
-    """A fluid in crossflow at 25 degC: conductivity, kinematic viscosity, Prandtl number, speed."""
+    """A fluid in crossflow at 25 degC.
+
+    Attributes
+    ----------
+    k_W_mK
+        Conductivity [W/mK].
+    nu_m2_s
+        Kinematic viscosity [m2/s].
+    prandtl
+        Prandtl number.
+    speed_m_s
+        Speed [m/s].
+    """
 
     k_W_mK: float
     nu_m2_s: float
@@ -29,7 +46,17 @@ class Stream:
     speed_m_s: float
 
     def h_W_m2K(self, diameter_m: float) -> float:
-        """Mean h of a cylinder in crossflow (Churchill and Bernstein 1977), for Re Pr above 0.2.
+        """Return the mean h of a cylinder in crossflow [W/m2K] (Churchill and Bernstein 1977).
+
+        Parameters
+        ----------
+        diameter_m
+            Diameter of the cylinder [m].
+
+        Returns
+        -------
+        float
+            Heat transfer coefficient; valid for Re Pr above 0.2.
 
         Notes
         -----
@@ -53,7 +80,16 @@ STREAMS = {"water": Stream(0.607, 0.893e-6, 6.1, 0.4), "air": Stream(0.0261, 15.
 
 @dataclass(frozen=True)
 class BoundaryLayer:
-    """Boundary layer of a sensor in a stream; ``speed_m_s`` None: the reference speed.
+    """Boundary layer of a sensor in a stream.
+
+    Attributes
+    ----------
+    medium
+        "water" or "air".
+    diameter_m
+        Diameter of the sensor [m].
+    speed_m_s
+        Speed [m/s]; None for the reference speed.
 
     Raises
     ------
@@ -66,6 +102,13 @@ class BoundaryLayer:
     speed_m_s: float | None = None
 
     def __post_init__(self) -> None:
+        """Check medium, diameter and speed.
+
+        Raises
+        ------
+        InputError
+            Where one of them is not possible.
+        """
         if self.medium not in STREAMS:
             raise InputError(f"medium {self.medium!r}", expected=" or ".join(STREAMS))
         low, high = DIAMETER_RANGE_M
@@ -85,12 +128,26 @@ class BoundaryLayer:
         return replace(reference, speed_m_s=self.speed_m_s)
 
     def to_fit(self, lag: Estimate) -> dict[str, object]:
-        """Content of ``fit`` in a sensor file: h, and the lag in either reference stream.
+        """Return the content of ``fit`` in a sensor file: h, and the lag in the other streams.
+
+        Parameters
+        ----------
+        lag
+            Lag in this stream [s].
+
+        Returns
+        -------
+        dict
+            Values by key.
 
         Notes
         -----
         The boundary layer adds rho c d/(4 h) to the lag of a long cylinder: lag' = lag + rho c d/4
         (1/h' - 1/h).
+
+        The four sources of the uncertainty are h of both streams, the heat capacity and the lag.
+        ``RHO_C_J_M3K`` and the properties of ``STREAMS`` may be changed;
+        ``tests/sensors/test_sensor_plunge.py`` checks the sum of the sources.
         """
         h = self.stream.h_W_m2K(self.diameter_m)
         out: dict[str, object] = {

@@ -1,4 +1,10 @@
-"""Tables with a time column, read in chunks: columns in degrees Celsius, even times, segments."""
+"""Tables with a time column, read in chunks: columns in degrees Celsius, even times, segments.
+
+``tcdyn sensor``, ``tcdyn compensate`` and the workflows read with it.
+``tests/sensors/test_sensor_table.py`` checks times and gaps, ``tests/sensors/test_sensor_file.py``
+that segments give the same as the full table, ``tests/sensors/test_sensor_silent.py`` that unusable
+values are reported.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +31,7 @@ from tcdyn.sensors.units import Unit, unit_findings
 MARGIN_LAGS = 10.0
 MARGIN_ROWS = 400
 SEGMENT_ROWS = 20_000  # least rows of a segment; chosen by judgement
-MAX_MARGIN_ROWS = 1 << 16  # largest margin, even if the smoother settles more slowly
+MAX_MARGIN_ROWS = 1 << 16  # largest margin, even if the smoother settles more slowly; by judgement
 # Gap beyond which the record is split, since values before it do not determine those after it; by
 # judgement.
 LONGEST_GAP_LAGS = 10.0
@@ -33,7 +39,7 @@ MIN_GAP_INTERVALS = 60  # a shorter gap never splits; chosen by judgement
 # Longest gap in rows of a record that is fitted in one piece, whatever its length; chosen by
 # judgement.
 LONGEST_GAP_ROWS = 60
-MIN_ROWS = 10  # of a record with an interval
+MIN_ROWS = 10  # of a record with an interval; chosen by judgement
 # Share of repeated time stamps from which the clock may have few decimals; chosen by judgement.
 FEW_DECIMALS_SHARE = 0.02
 # Share of repeated time stamps above which they are the clock's resolution and not double rows;
@@ -49,7 +55,15 @@ UNEVEN = 0.2
 
 @dataclass(frozen=True)
 class EvenTimes:
-    """Position of rows on even times: ``index`` (N,) in samples, every ``dt_s`` [s]."""
+    """Positions of rows on even times.
+
+    Attributes
+    ----------
+    index
+        Position of each row (N,), in samples.
+    dt_s
+        Interval [s].
+    """
 
     index: NDArray[np.intp]
     dt_s: float
@@ -57,7 +71,17 @@ class EvenTimes:
 
 @dataclass(frozen=True)
 class Source:
-    """An opened table and its time column."""
+    """An opened table and its time column.
+
+    Attributes
+    ----------
+    path
+        The file.
+    table
+        The opened table.
+    clock
+        Its time column.
+    """
 
     path: Path
     table: Table
@@ -71,9 +95,25 @@ class Source:
     def pieces(
         self, columns: Sequence[str], rows: int = CHUNK_ROWS
     ) -> Iterator[tuple[Array, dict[str, Array], tuple[Finding, ...]]]:
-        """Time (N,) [s] and unconverted columns (N,) of each chunk, and findings.
+        """Yield the table in chunks.
 
         A time column of clock stamps is among the columns as it is in the file.
+
+        Parameters
+        ----------
+        columns
+            Columns to read.
+        rows
+            Rows of a chunk.
+
+        Returns
+        -------
+        time_s
+            Times (N,) [s].
+        columns
+            Columns (N,) as in the file, without conversion; clock stamps are among them.
+        findings
+            Findings of the reader.
 
         Raises
         ------
@@ -98,7 +138,7 @@ class Pieces(Protocol):
     def pieces(
         self, columns: Sequence[str]
     ) -> Iterator[tuple[Array, dict[str, Array], tuple[Finding, ...]]]:
-        """Time (N,) [s] and columns (N,) of each chunk, and findings."""
+        """Yield time (N,) [s], columns (N,) and findings of each chunk."""
 
 
 def open_source(
@@ -212,7 +252,22 @@ def read_columns(
 
 
 def _without_codes(column: str, values: Array) -> tuple[Array, list[Finding]]:
-    """Values with NaN for impossible temperatures and dropout codes, and a warning."""
+    """Replace impossible temperatures and dropout codes by NaN.
+
+    Parameters
+    ----------
+    column
+        Name of the column.
+    values
+        Temperatures (N,) [degC].
+
+    Returns
+    -------
+    values
+        Temperatures (N,).
+    findings
+        Empty, or one warning with their number.
+    """
     wrong = out_of_range(values)
     wrong |= dropout_codes(np.where(wrong, np.nan, values))
     if not wrong.any():
@@ -227,7 +282,22 @@ def _without_codes(column: str, values: Array) -> tuple[Array, list[Finding]]:
 
 
 def check_gaps(time_s: Array, dt_s: float, where: str) -> None:
-    """Raise InputError if a record has a gap longer than everything it holds."""
+    """Raise InputError if a record has a gap longer than everything it holds.
+
+    Parameters
+    ----------
+    time_s
+        Times of the rows (N,) [s].
+    dt_s
+        Interval [s].
+    where
+        Table that the error names.
+
+    Raises
+    ------
+    InputError
+        With the row.
+    """
     steps = np.diff(time_s)
     row = int(np.argmax(steps))
     gap_s = float(steps[row])
@@ -243,7 +313,7 @@ def check_gaps(time_s: Array, dt_s: float, where: str) -> None:
 def even_times(
     time_s: Array, where: str, dt_s: float | None = None
 ) -> tuple[EvenTimes, list[Finding]]:
-    """Positions of the rows on even times.
+    """Return the positions of the rows on even times.
 
     Parameters
     ----------
@@ -267,6 +337,10 @@ def even_times(
     Notes
     -----
     Stamps of few decimals repeat. They are taken as even where the rows are.
+
+    The interval is the mean, so that rounded stamps do not drift. A row goes to the position that
+    its step gives; where the steps do not add up, to the nearest one.
+    ``tests/sensors/test_sensor_table.py`` checks clocks that wander and stamps that repeat.
     """
     _check_rising(time_s, where)
     step = np.diff(time_s)
@@ -304,13 +378,19 @@ def even_times(
 
 
 def _interval_s(step: Array) -> float:
-    """Mean interval [s] of steps (N - 1,), of which some span missing rows."""
+    """Return the mean interval [s] of steps (N - 1,), of which some span missing rows."""
     usual = float(np.median(step[step > 0]))
     return float(step.sum() / np.rint(step / usual).sum())
 
 
 def _check_rising(time_s: Array, where: str) -> None:
-    """Raise InputError for few rows, or time that is missing or does not rise."""
+    """Raise InputError for few rows, or time that is missing or does not rise.
+
+    Raises
+    ------
+    InputError
+        With the row.
+    """
     n = len(time_s)
     if n < MIN_ROWS:
         expected = f"at least {MIN_ROWS} samples in time"
@@ -373,6 +453,11 @@ def read_segments(
         Largest lag, for the margin [s].
     min_rows
         Least rows of a segment; None: ``SEGMENT_ROWS``.
+
+    Returns
+    -------
+    generator of TableSegment
+        The segments in the order of the rows; their kept rows are each row once.
 
     Notes
     -----
@@ -437,7 +522,7 @@ def read_segments(
 
 
 def _typical_interval_s(time: Array) -> float:
-    """Typical interval of the first rows [s], above zero."""
+    """Return the typical interval of the first rows [s], above zero."""
     step = np.diff(time[: SEGMENT_ROWS + 1])
     step = step[np.isfinite(step)]
     if not len(step):
@@ -446,7 +531,7 @@ def _typical_interval_s(time: Array) -> float:
 
 
 def _rounded_margin(rows: float) -> int:
-    """Rows rounded up to a power of two, from 1024 on to a multiple of it.
+    """Return rows rounded up to a power of two, from 1024 on to a multiple of it.
 
     The intervals of the smoother then begin at the same rows as those of the table.
     """
@@ -455,7 +540,22 @@ def _rounded_margin(rows: float) -> int:
 
 
 def on_grid(values: Array, grid: EvenTimes, size: int) -> Array:
-    """Values (N,) at their positions (size,), NaN where there is no row; equal ones averaged."""
+    """Return values at their positions on even times.
+
+    Parameters
+    ----------
+    values
+        Values of the rows (N,).
+    grid
+        Positions of the rows.
+    size
+        Number of positions.
+
+    Returns
+    -------
+    array
+        Values (size,); NaN where there is no row, the mean where there are several.
+    """
     finite = np.isfinite(values)
     total = np.bincount(grid.index[finite], values[finite], minlength=size)
     count = np.bincount(grid.index[finite], minlength=size)
@@ -463,7 +563,10 @@ def on_grid(values: Array, grid: EvenTimes, size: int) -> Array:
 
 
 def unique_by_subject(findings: Sequence[Finding]) -> tuple[Finding, ...]:
-    """The first finding of each code about each subject: segments of one table repeat them."""
+    """Return the first finding of each code about each subject.
+
+    The segments of one table repeat them.
+    """
     first: dict[tuple[str, str], Finding] = {}
     for finding in findings:
         first.setdefault((finding.code, finding.subject), finding)

@@ -1,4 +1,8 @@
-"""Units of table columns: from name, row of units or declaration; conversion to degrees Celsius."""
+"""Units of table columns: from name, row of units or declaration; conversion to degrees Celsius.
+
+The readers of tables and ``tcdyn sensor`` use it; every command asks for units in the same way.
+``tests/sensors/test_sensor_silent.py`` and ``test_sensor_file.py`` in that folder guard it.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +19,8 @@ from tcdyn.core.findings import Finding, info, warning
 from tcdyn.io.table import missing_column_error
 from tcdyn.rig.thermocouple_types import to_degC
 
-UNITS = ("degC", "K", "degF", "mV")
+UNITS = ("degC", "K", "degF", "mV")  # Units of a temperature that are known.
+# By the usual spelling, in lower case.
 _UNIT_NAMES = {
     "degc": "degC",
     "°c": "degC",
@@ -32,6 +37,7 @@ _UNIT_NAMES = {
     "mv": "mV",
     "millivolt": "mV",
 }
+# A unit at the end of a column's name: ``_degC``, ``[K]`` or ``(°F)``.
 _SUFFIX = re.compile(r"(?:_(degC|K|degF|mV)|\s*[\[(]\s*([^\])]+?)\s*[\])])$")
 # Median reading below which a column in kelvin gives a warning: no usual thermocouple is that cold;
 # by judgement.
@@ -65,6 +71,13 @@ class Unit:
     reference_junction: float | str = 0.0
 
     def __post_init__(self) -> None:
+        """Check the unit, and that millivolts have a type.
+
+        Raises
+        ------
+        InputError
+            For an unknown unit, or millivolts without a type.
+        """
         if self.name not in UNITS:
             raise InputError(f"unit {self.name!r}", expected=" or ".join(UNITS))
         if self.name == "mV" and not self.thermocouple_type:
@@ -81,13 +94,37 @@ class Unit:
         return 1.8 if self.name == "degF" else 1.0
 
     def in_degC(self, values: Array, cold_degC: Array | float = 0.0) -> Array:
-        """Values (N,) in degrees Celsius; infinite where the thermocouple has no such emf."""
+        """Return values in degrees Celsius.
+
+        Parameters
+        ----------
+        values
+            Values (N,) in this unit.
+        cold_degC
+            For mV: temperature of the reference junction, a number or (N,) [degC].
+
+        Returns
+        -------
+        array
+            Temperatures (N,) [degC]; infinite where the thermocouple has no such emf.
+        """
         if self.name == "degC":
             return values
         return to_degC(self.name, self.thermocouple_type, cold_degC)(values)
 
     def from_degC(self, degC: Array) -> Array:
-        """Degrees Celsius (N,) in the unit of the output, which is degrees Celsius for mV."""
+        """Return temperatures in the unit of the output, which is degrees Celsius for mV.
+
+        Parameters
+        ----------
+        degC
+            Temperatures (N,) [degC].
+
+        Returns
+        -------
+        array
+            Values (N,).
+        """
         if self.name == "K":
             return degC + 273.15
         if self.name == "degF":
@@ -95,13 +132,13 @@ class Unit:
         return degC
 
     def names(self, column: str) -> tuple[str, str]:
-        """Names of the result and of its standard uncertainty in the output."""
+        """Return the names of the result and of its standard uncertainty in the output."""
         result = f"{without_unit(column)}_degC" if self.name == "mV" else column
         return result, uncertainty_column(column, self.name)
 
 
 def without_unit(column: str) -> str:
-    """A column's name without its unit.
+    """Return a column's name without its unit.
 
     >>> without_unit("T1 [K]"), without_unit("kiln_3_degC"), without_unit("gas")
     ('T1', 'kiln_3', 'gas')
@@ -113,7 +150,7 @@ def without_unit(column: str) -> str:
 
 
 def written_unit(text: str) -> str:
-    """The unit of a cell such as "Deg. F" or "°C"; empty where it is none.
+    """Return the unit of a cell such as "Deg. F" or "°C"; empty where it is none.
 
     >>> written_unit("Deg. F"), written_unit("mV"), written_unit("%")
     ('degF', 'mV', '')
@@ -123,7 +160,7 @@ def written_unit(text: str) -> str:
 
 
 def unit_in(column: str) -> str:
-    """The unit in a column's name; empty where there is none.
+    """Return the unit in a column's name; empty where there is none.
 
     >>> unit_in("T1 (°F)"), unit_in("T1_K"), unit_in("T1")
     ('degF', 'K', '')
@@ -141,7 +178,7 @@ def units_of(
     cold: float | str = 0.0,
     unit_row: Mapping[str, str] | None = None,
 ) -> tuple[dict[str, Unit], list[Finding]]:
-    """The unit of each column.
+    """Return the unit of each column.
 
     The declared unit has precedence, then the one in the column's name, then that in the row of
     units below the header, else degrees Celsius, with an info.
@@ -161,6 +198,11 @@ def units_of(
     -------
     units, findings
         Unit by column; a warning where the declaration contradicts the file.
+
+    Raises
+    ------
+    InputError
+        For a unit in the row below the header that is not known.
 
     Examples
     --------
@@ -200,7 +242,22 @@ def units_of(
 
 
 def unit_findings(column: str, unit: Unit, values: Array) -> list[Finding]:
-    """A warning where a unit is implausible: kelvin that would be colder than 100 K."""
+    """Return a warning where a unit is implausible: kelvin below ``COLDEST_K``.
+
+    Parameters
+    ----------
+    column
+        Name of the column.
+    unit
+        Its unit.
+    values
+        Values (N,) in that unit.
+
+    Returns
+    -------
+    list of Finding
+        Empty, or one warning.
+    """
     middle = float(np.nanmedian(values)) if np.isfinite(values).any() else np.nan
     if unit.name == "K" and middle < COLDEST_K:
         return [warning("sensor.unit_doubt", subject=column, unit="K", value=middle)]
@@ -208,9 +265,28 @@ def unit_findings(column: str, unit: Unit, values: Array) -> list[Finding]:
 
 
 def match_columns(pattern: str, names: Collection[str], where: str) -> list[str]:
-    """The columns that match a sensor's column by name, with or without unit; ``*`` is any text.
+    """Return the columns that match a sensor's column by name.
 
     Raises InputError where there is none.
+
+    Parameters
+    ----------
+    pattern
+        Name with or without unit; ``*`` is any text.
+    names
+        Columns of the table.
+    where
+        Table that the error names.
+
+    Returns
+    -------
+    list of str
+        The columns; one with exactly that name excludes all others.
+
+    Raises
+    ------
+    InputError
+        Where no column matches.
     """
     if pattern in names:
         return [pattern]
@@ -227,10 +303,29 @@ def match_columns(pattern: str, names: Collection[str], where: str) -> list[str]
 
 
 def cold_column(cold: float | str, names: Collection[str], where: str) -> float | str:
-    """Temperature of the reference junction [degC], or the one column that matches its name.
+    """Return the temperature of the reference junction, or the column that holds it.
 
     >>> cold_column("CJ", ["T1_mV", "CJ_degC"], "log.csv"), cold_column(0.0, [], "log.csv")
     ('CJ_degC', 0.0)
+
+    Parameters
+    ----------
+    cold
+        Temperature [degC], or the name of a column.
+    names
+        Columns of the table.
+    where
+        Table that the error names.
+
+    Returns
+    -------
+    float or str
+        Temperature [degC], or the one column that matches the name.
+
+    Raises
+    ------
+    InputError
+        Where no column or several match.
     """
     if not isinstance(cold, str):
         return cold
@@ -243,11 +338,23 @@ def cold_column(cold: float | str, names: Collection[str], where: str) -> float 
 
 
 def uncertainty_column(column: str, unit: str = "") -> str:
-    """Name of the column with the standard uncertainty of a temperature.
+    """Return the name of the column with the standard uncertainty of a temperature.
 
     >>> names = ("fast_a_degC", "T1 [K]", "gas_degF", "T2")
     >>> tuple(uncertainty_column(name) for name in names)
     ('fast_a_u_K', 'T1_u_K', 'gas_u_degF', 'T2_u_K')
+
+    Parameters
+    ----------
+    column
+        Column of the temperature.
+    unit
+        Unit of the column; empty to take that in its name.
+
+    Returns
+    -------
+    str
+        The name; the unit is K, or degF for a column in degF.
     """
     suffix = "degF" if (unit or unit_in(column)) == "degF" else "K"
     return f"{without_unit(column)}_u_{suffix}"

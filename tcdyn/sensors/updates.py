@@ -1,4 +1,8 @@
-"""Rows with a new value: a slower source is repeated, or blank, between its values."""
+"""Rows with a new value: a slower source is repeated, or blank, between its values.
+
+``tcdyn.sensors.pair`` uses it. The limits come from simulated pairs, see the comments;
+``tests/sensors/test_pair_updates.py`` checks a quantised signal, even spacings and slower channels.
+"""
 
 from __future__ import annotations
 
@@ -63,6 +67,11 @@ def find_updates(y: Array) -> Updates:
     y
         Readings (N,) in any unit, NaN where there is none.
 
+    Returns
+    -------
+    Updates
+        The rows with new values.
+
     Notes
     -----
     A quantised signal repeats itself, too. The chance of a change by zero steps of the logger is
@@ -70,6 +79,9 @@ def find_updates(y: Array) -> Updates:
     A column repeats its values if, next to changes of more than two steps, repeats are clearly more
     frequent than changes by one step, or if all its changes are at rows of one even spacing of two
     or more.
+
+    The limits trade columns without repeats taken for slow ones against slow columns that are not
+    recognised. ``tests/sensors/test_pair_updates.py`` fails in either case.
     """
     rows = np.flatnonzero(np.isfinite(y))
     change = np.abs(np.diff(y[rows]))
@@ -93,7 +105,20 @@ def find_updates(y: Array) -> Updates:
 
 
 def _repeats_exceed_quantisation(change: Array, changed: Flags) -> bool:
-    """Whether repeats next to large changes are more than the logger's steps explain."""
+    """Whether repeats next to large changes are more than the logger's steps explain.
+
+    Parameters
+    ----------
+    change
+        Absolute changes from row to row (N - 1,).
+    changed
+        Whether each is above zero (N - 1,).
+
+    Returns
+    -------
+    bool
+        False for a column without any repeat, or with repeats only.
+    """
     if not np.any(changed) or np.all(changed):
         return False
     step = float(np.min(change[changed]))
@@ -107,9 +132,21 @@ def _repeats_exceed_quantisation(change: Array, changed: Flags) -> bool:
 
 
 def _even_spacing(rows: NDArray[np.intp]) -> tuple[int, int]:
-    """Period and first row of the widest even spacing of nearly all ``rows``; 0 if irregular.
+    """Return period and first row of the widest even spacing of nearly all rows.
 
     Period 1 means that there is a new value in nearly every row.
+
+    Parameters
+    ----------
+    rows
+        Rows with a new value.
+
+    Returns
+    -------
+    period
+        Rows from one to the next; 1 for nearly every row, 0 where irregular.
+    first
+        First row of the spacing.
     """
     if len(rows) < MIN_REGULAR_CHANGES:
         return 0, 0

@@ -48,8 +48,6 @@ _C = np.array([1 / 4, 3 / 4, 11 / 20, 1 / 2, 1])
 class Stepping:
     """Step sizes of the time integration: they grow in octaves after each break.
 
-    A step is never above ``growth`` times the time since the break, nor above ``largest_s``.
-
     Parameters
     ----------
     first_s
@@ -283,8 +281,6 @@ def step_sizes(length_s: float, stepping: Stepping) -> Array:
 def _step(system: DiskSystem, factors: SuperLU, y: Array, h: float, signals: Array) -> Array:
     """Advance the state by one step.
 
-    ``signals`` (5, 3): power, ambient and change of the surface conductance at the stages.
-
     Parameters
     ----------
     system
@@ -367,9 +363,6 @@ def _iterate_stage(
 
 def _heat(system: DiskSystem, y: Array, power: float, ambient: float, change: float) -> Array:
     """Return the heat [W] that warms each cell at a state.
-
-    ``change`` [W/m2K]: surface conductance beyond that of the system. The half cell of steel below
-    the surface lets it take its share of the power, too.
 
     Parameters
     ----------

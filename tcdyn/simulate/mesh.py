@@ -360,8 +360,6 @@ def ring_links(
 ) -> list[Link]:
     """Return the conduction in r and in z between the cells of a ring.
 
-    ``r`` (nr,): centres of the cells [m].
-
     Parameters
     ----------
     cells
@@ -438,8 +436,6 @@ def to_ambient_W_K(disk: DiskTruth, g: Grid, h_W_m2K: float) -> Array:
 
 def laplacian(links: list[Link], to_ground: Array, n: int) -> sparse.csc_matrix:
     """Return the conductance matrix of linked cells.
-
-    ``to_ground`` (n,): conductances to a fixed temperature [W/K].
 
     Parameters
     ----------

@@ -59,8 +59,6 @@ N_ANGLES = 720  # angles of the means around the bore; chosen by judgement
 class _HarmonicBlock:
     """Equations of one circumferential harmonic.
 
-    ``shaft_faces`` (nz,): indices of the shaft cells at the press fit.
-
     Parameters
     ----------
     capacity
@@ -377,7 +375,7 @@ def _harmonic(disk: DiskTruth, g: Grid, n: int, h_W_m2K: float) -> _HarmonicBloc
 def _coupling(disk: DiskTruth, g: Grid, walls: list[Wall], size: int) -> sparse.csc_matrix:
     """Return the conduction of the press fit beyond that of the even system, (size, size) [W/K].
 
-    ``walls``: cells of disk and shaft beside the fit, of each harmonic. The flux at an angle is
+    The flux at an angle is
     h(psi) times the difference across the fit, half a cell of steel counted in h, as in the even
     system.
 

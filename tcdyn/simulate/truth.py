@@ -28,10 +28,6 @@ from tcdyn.rig.tables import FluxProfile
 class Imperfections:
     """Errors between the true temperatures and the log.
 
-    ``static``: gain and offset errors. ``drift``: drift of friction, ambient, oil and bath.
-    ``timing``: switches and load cell that miss the instant of contact by up to 0.02 s, and the
-    switch pressed by hand by more.
-
     ``CLEAN`` switches off all but the chain.
 
     Parameters
@@ -92,7 +88,7 @@ class ChannelTruth:
     spikes_per_s: float
 
     def lag_s(self, conditioning: Conditioning) -> float:
-        """Return the lag [s]: first moment of the impulse response, conditioning filter included."""
+        """Return the lag [s]: first moment of the impulse response, filter included."""
         return self.tau1_s + self.tau2_s + conditioning.lag_s
 
 
