@@ -364,8 +364,8 @@ class Model:
         Notes
         -----
         The imaginary step has no subtraction and so no rounding error.
-        ``tests/identify/test_identify_simulation.py`` compares the sensitivities with central
-        differences.
+        ``tests/identify/test_identify_results.py`` compares the frequency sensitivities, which are
+        multiplied by it, with central differences.
         """
         parameters = self.all_parameters(theta)
 

@@ -18,11 +18,11 @@ import pandas as pd
 from tcdyn.core import Array
 from tcdyn.rig.contact import hertz_contact
 from tcdyn.rig.disk import DISKS
+from tcdyn.simulate.harmonics import harmonic_system, unevenness_effects
 from tcdyn.simulate.implicit import Solution, Stepping, integrate, steady_state
-from tcdyn.simulate.measure import log_disk, quantised, sample_times
+from tcdyn.simulate.measure import log_disk, quantise, sample_times
 from tcdyn.simulate.mesh import DiskMesh, DiskSystem
 from tcdyn.simulate.programme import EhlCondition, ehl_test
-from tcdyn.simulate.round import harmonic_system, unevenness_effects
 from tcdyn.simulate.truth import DiskTruth, RigTruth, draw_truth, rng_for
 
 # a contact after the unloading comes and goes in this time [s]; chosen by judgement
@@ -453,7 +453,7 @@ def _simulate_disk(
         Logged and true channels (N, channels) [degC], channels in alphabetical order.
     unevenness
         Effect of the uneven press fit at the start of the unloading
-        (``tcdyn.simulate.round.unevenness_effects``).
+        (``tcdyn.simulate.harmonics.unevenness_effects``).
     """
     disk = rig.disk(name)
     share, h = heat_share_and_h(test_truth, name)
@@ -564,7 +564,7 @@ def _conditions(
 
     def digitised(values: Array, full_scale: float) -> Array:
         """Return ``values`` as a 16-bit converter of +- ``full_scale`` reads them."""
-        return quantised(values, -full_scale, full_scale) if errors.quantise else values
+        return quantise(values, -full_scale, full_scale) if errors.quantise else values
 
     load_N = test_truth.test.load_N
     true = {

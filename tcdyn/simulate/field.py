@@ -13,9 +13,9 @@ from tcdyn.core import Array
 from tcdyn.rig.circumferential import ANGLES_DEG, CircumferentialTemperature
 from tcdyn.rig.disk import DISKS
 from tcdyn.simulate.ehl import EhlOptions, disk_run, draw_test, heat_share_and_h
+from tcdyn.simulate.harmonics import harmonic_shapes
 from tcdyn.simulate.mesh import DiskSystem, grid_of
 from tcdyn.simulate.programme import ehl_test
-from tcdyn.simulate.round import harmonic_shapes
 from tcdyn.simulate.truth import DiskTruth, RigTruth
 
 
@@ -48,11 +48,11 @@ def disk_fields(
         disk = truth.disk(name)
         share, h = heat_share_and_h(test_truth, name)
         system, solution = disk_run(disk, test_truth, share, h, o, unloading_start_s)
-        out[name] = _around(disk, system, solution.state, o)
+        out[name] = _temperature_around(disk, system, solution.state, o)
     return out
 
 
-def _around(
+def _temperature_around(
     disk: DiskTruth, system: DiskSystem, state: Array, o: EhlOptions
 ) -> CircumferentialTemperature:
     """Return the temperature around a disk from the state of its system.

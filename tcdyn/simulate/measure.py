@@ -148,7 +148,7 @@ def log_disk(
     duration_s: float,
     disk: DiskTruth,
     rng: np.random.Generator,
-    how: Imperfections,
+    imperfections: Imperfections,
     spikes: bool,
 ) -> tuple[Array, Array]:
     """Log all channels of a disk for ``duration_s`` at 75 Hz.
@@ -164,7 +164,7 @@ def log_disk(
         True values of the disk; its channels are logged in alphabetical order.
     rng
         Random numbers of noise and spikes.
-    how
+    imperfections
         Errors to simulate; without ``chain`` the true temperatures are logged directly.
     spikes
         Whether the signals pass slip rings (EHL tests).
@@ -180,21 +180,21 @@ def log_disk(
     """
     fine = truth_at(fine_times(len(sample_times(duration_s))))
     true = fine[::OVERSAMPLING]
-    if not how.chain:
-        return logged(true, disk, rng, how, spikes), true
+    if not imperfections.chain:
+        return add_logger_errors(true, disk, rng, imperfections, spikes), true
     chains = []
     for name in sorted(disk.channels):
         channel = disk.channels[name]
         chains.append((channel.tau1_s, channel.tau2_s, disk.setup.conditioning))
     output = chain_responses(fine, 1 / (RATE_Hz * OVERSAMPLING), OVERSAMPLING, chains)
-    return logged(output, disk, rng, how, spikes), true
+    return add_logger_errors(output, disk, rng, imperfections, spikes), true
 
 
-def logged(
-    read: Array,
+def add_logger_errors(
+    outputs: Array,
     disk: DiskTruth,
     rng: np.random.Generator,
-    how: Imperfections,
+    imperfections: Imperfections,
     spikes: bool,
     averaged: int = 1,
 ) -> Array:
@@ -202,13 +202,13 @@ def logged(
 
     Parameters
     ----------
-    read
+    outputs
         Chain outputs (N, channels) [degC].
     disk
         True values of the disk.
     rng
         Random numbers of noise and spikes.
-    how
+    imperfections
         Errors to simulate.
     spikes
         Whether the signals pass slip rings, which add spikes.
@@ -227,19 +227,19 @@ def logged(
     error is switched off, so that the other errors stay the same.
     ``tests/simulate/test_measure.py`` checks each error.
     """
-    out = read.copy()
+    out = outputs.copy()
     for k, name in enumerate(sorted(disk.channels)):
         channel = disk.channels[name]
         noise = rng.standard_normal(len(out)) * channel.noise_K / np.sqrt(averaged)
         bursts = spike_train(rng, len(out), channel.spikes_per_s) if spikes else 0.0
-        if how.static:
+        if imperfections.static:
             out[:, k] = (out[:, k] - channel.offset_degC) / channel.gain
-        if how.noise:
+        if imperfections.noise:
             out[:, k] += noise
-        if how.spikes:
+        if imperfections.spikes:
             out[:, k] += bursts
-    if how.quantise and averaged == 1:
-        return quantised(out)
+    if imperfections.quantise and averaged == 1:
+        return quantise(out)
     return out
 
 
@@ -279,7 +279,7 @@ def spike_train(rng: np.random.Generator, count: int, per_s: float) -> Array:
     return out
 
 
-def quantised(values: Array, low: float = RANGE_degC[0], high: float = RANGE_degC[1]) -> Array:
+def quantise(values: Array, low: float = RANGE_degC[0], high: float = RANGE_degC[1]) -> Array:
     """Round to the levels of the 16-bit converter, and clip to its range.
 
     Parameters
@@ -365,7 +365,7 @@ def simulate_oven(
     table = np.array(rows)
     names = sorted(disk_truth.channels)
     true_channels = np.repeat(table[:, 3:], len(names), axis=1)
-    readings = logged(true_channels, disk_truth, rng, errors, spikes=False, averaged=75)
+    readings = add_logger_errors(true_channels, disk_truth, rng, errors, spikes=False, averaged=75)
     frame = pd.DataFrame(table[:, :3], columns=["repeat", "setpoint_degC", "prt_degC"])
     frame["repeat"] = frame["repeat"].astype(int)
     gain = {}

@@ -1,6 +1,6 @@
 """Finite volumes for a disk with its shaft: mesh, conductances, junctions, flux profile.
 
-``tcdyn.simulate.implicit`` integrates the equations and ``tcdyn.simulate.round`` adds the
+``tcdyn.simulate.implicit`` integrates the equations and ``tcdyn.simulate.harmonics`` adds the
 circumferential harmonics. Cells exchange heat through exact radial (logarithmic) and plane
 resistances. ``tests/simulate/test_disk.py`` checks heat balances, the closed form under a Hertzian
 flux, and the error of the default mesh.
@@ -205,7 +205,7 @@ def build_system(
     enters at the surface itself, so a part of it leaves through h at once.
 
     A new heat path belongs in ``_links`` (between cells) or ``to_ambient_W_K`` (to ambient);
-    ``tcdyn.simulate.round._harmonic`` must get it too where it acts on harmonics.
+    ``tcdyn.simulate.harmonics._harmonic`` must get it too where it acts on harmonics.
     ``tests/simulate/test_disk.py`` fails where steady heat in is not heat out.
     """
     s = disk.setup

@@ -22,7 +22,7 @@ from tcdyn.simulate.measure import (
     chain_responses,
     fine_times,
     log_disk,
-    quantised,
+    quantise,
     sample_times,
 )
 from tcdyn.simulate.truth import Imperfections, RigTruth, draw_truth, rng_for
@@ -158,7 +158,7 @@ def draw_plunge(
     fluid: FluidName,
     bath_degC: float,
     o: PlungeOptions,
-    how: Imperfections,
+    imperfections: Imperfections,
 ) -> PlungeTruth:
     """Draw the true values of one plunge.
 
@@ -172,7 +172,7 @@ def draw_plunge(
         Temperature of the bath [degC].
     o
         Times and fixed values.
-    how
+    imperfections
         Errors to simulate: ``timing``, ``drift`` and ``static`` are used.
 
     Returns
@@ -190,9 +190,9 @@ def draw_plunge(
     z = np.clip(rng.standard_normal(4), -2.5, 2.5)
     u = rng.uniform(0, 1, 12)
     entry = o.entry_s + (u[0] - 0.5)
-    timing = 1.0 if how.timing else 0.0
-    drift = 1.0 if how.drift else 0.0
-    has_bounces = how.timing and u[8] < 0.3
+    timing = 1.0 if imperfections.timing else 0.0
+    drift = 1.0 if imperfections.drift else 0.0
+    has_bounces = imperfections.timing and u[8] < 0.3
     return PlungeTruth(
         fluid=fluid,
         bath_degC=bath_degC,
@@ -204,7 +204,7 @@ def draw_plunge(
         burst_decay_s=o.burst_decay_s if o.burst_decay_s is not None else float(0.8 + 0.8 * u[3]),
         bath_drift_K_s=float(drift * (-0.5 + 0.7 * u[4]) / 60.0),
         bath_dip_K=float(drift * 0.4 * u[5]),
-        fluid_bias_K=float((0.6 * (u[6] - 0.5)) if how.static else 0.0),
+        fluid_bias_K=float((0.6 * (u[6] - 0.5)) if imperfections.static else 0.0),
         switch_s=float(entry + timing * 0.15 * z[1]),
         switch_held=bool(u[7] < 0.5),
         bounces=int(1 + 3 * u[9]) if has_bounces else 0,
@@ -307,7 +307,7 @@ def heat_disk(setup: DiskSetup, depths: Array, plunge_truth: PlungeTruth) -> Hea
 
 
 def bath_columns(
-    plunge_truth: PlungeTruth, how: Imperfections, rng: np.random.Generator
+    plunge_truth: PlungeTruth, imperfections: Imperfections, rng: np.random.Generator
 ) -> dict[str, Array]:
     """Return time, switch, free probe and bath thermometer as logged.
 
@@ -315,7 +315,7 @@ def bath_columns(
     ----------
     plunge_truth
         True values of the plunge.
-    how
+    imperfections
         Errors to simulate: ``noise`` and ``quantise`` are used.
     rng
         Random numbers of the noise.
@@ -326,16 +326,16 @@ def bath_columns(
         Columns (N,): time_s, switch, probe_degC, fluid_degC.
     """
     t = sample_times(plunge_truth.duration_s)
-    noise = rng.standard_normal((2, len(t))) * (1.0 if how.noise else 0.0)
+    noise = rng.standard_normal((2, len(t))) * (1.0 if imperfections.noise else 0.0)
     since_probe_entry = np.clip(t - plunge_truth.probe_entry_s, 0, None)
     response = 1 - np.exp(-since_probe_entry / plunge_truth.probe_lag_s)
     air = plunge_truth.initial_degC + 1.5
     bath = plunge_truth.bath_at(t - plunge_truth.entry_s)
     probe = air + (bath - air) * response + 0.1 * noise[0]
     fluid = bath + plunge_truth.fluid_bias_K + 0.05 * noise[1]
-    if how.quantise:
-        probe = quantised(probe)
-        fluid = quantised(fluid)
+    if imperfections.quantise:
+        probe = quantise(probe)
+        fluid = quantise(fluid)
     return {
         "time_s": t,
         "switch": _switch(t, plunge_truth),
@@ -421,7 +421,7 @@ def simulate_hole(
     if errors.noise:
         readings = readings + 0.13 * rng.standard_normal(readings.shape)
     if errors.quantise:
-        readings = quantised(readings)
+        readings = quantise(readings)
     columns |= dict(zip(HOLE_COLUMNS, readings.T))
     traces = pd.DataFrame({"time_s": columns["time_s"], "true_degC": fine[::OVERSAMPLING, 0]})
     return pd.DataFrame(columns), {

@@ -1,6 +1,6 @@
 """Steel of the synthetic disk with temperature-dependent conductivity and specific heat.
 
-``tcdyn.simulate.mesh`` and ``tcdyn.simulate.round`` build it and ``tcdyn.simulate.implicit``
+``tcdyn.simulate.mesh`` and ``tcdyn.simulate.harmonics`` build it and ``tcdyn.simulate.implicit``
 iterates it. Both properties are linear in temperature. ``tests/simulate/test_steel.py`` compares it
 with Kirchhoff's transformation and checks that all heat is stored.
 """

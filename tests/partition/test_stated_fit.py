@@ -30,9 +30,9 @@ from tcdyn.partition.press_fit import (
 )
 from tcdyn.rig.disk import CHANNELS
 from tcdyn.rig.rigfile import Rig, load_rig, parse_rig
+from tcdyn.simulate.harmonics import harmonic_system, unevenness_effects
 from tcdyn.simulate.implicit import steady_state
 from tcdyn.simulate.mesh import DiskMesh, grid_of
-from tcdyn.simulate.round import harmonic_system, unevenness_effects
 from tcdyn.simulate.truth import draw_truth
 from tests.partition.study_rigs import StudyRig, study_rig
 

@@ -11,6 +11,7 @@ from scipy.special import i0e, i1e, j0, j1, k0e, k1e, y0, y1
 from tcdyn.core.errors import InputError
 from tcdyn.rig.contact import contact_conductance_W_m2K, interference_pressure_Pa
 from tcdyn.rig.rigfile import parse_rig
+from tcdyn.simulate.harmonics import HARMONICS, harmonic_system, unevenness_effects
 from tcdyn.simulate.implicit import Solution, Stepping, integrate, steady_state, step_sizes
 from tcdyn.simulate.mesh import (
     DiskMesh,
@@ -22,7 +23,6 @@ from tcdyn.simulate.mesh import (
     hertz_shares,
     to_ambient_W_K,
 )
-from tcdyn.simulate.round import HARMONICS, harmonic_system, unevenness_effects
 from tcdyn.simulate.truth import BoreContact, DiskTruth, draw_truth
 
 Array = NDArray[np.float64]

@@ -9,11 +9,11 @@ from tcdyn.rig.disk import Conditioning
 from tcdyn.simulate.measure import (
     BITS,
     RANGE_degC,
+    add_logger_errors,
     chain_poles,
     chain_responses,
     log_disk,
-    logged,
-    quantised,
+    quantise,
     spike_train,
 )
 from tcdyn.simulate.truth import CLEAN, Imperfections, draw_truth
@@ -80,14 +80,14 @@ def test_static_line_turns_the_log_back_into_degrees() -> None:
     disk = draw_truth(5).slow
     read = np.random.default_rng(0).uniform(20, 160, (50, 6))
     only_static = Imperfections(noise=False, spikes=False, quantise=False)
-    log = logged(read, disk, np.random.default_rng(0), only_static, spikes=False)
+    log = add_logger_errors(read, disk, np.random.default_rng(0), only_static, spikes=False)
     for k, channel in enumerate(disk.channels.values()):
         assert np.allclose(channel.gain * log[:, k] + channel.offset_degC, read[:, k], atol=1e-12)
 
 
 def test_noise_has_the_stated_deviation() -> None:
     disk = draw_truth(2).fast
-    log = logged(
+    log = add_logger_errors(
         np.full((20000, 6), 80.0),
         disk,
         np.random.default_rng(0),
@@ -105,7 +105,7 @@ def test_sixteen_bits_round_by_half_a_step_and_clip() -> None:
     values = np.linspace(-150, 800, 5001)
     step = (RANGE_degC[1] - RANGE_degC[0]) / (2**BITS - 1)
     inside = (values > RANGE_degC[0]) & (values < RANGE_degC[1])
-    out = quantised(values)
+    out = quantise(values)
     assert np.abs(out - values)[inside].max() <= 0.5 * step * (1 + 1e-9)
     assert (out.min(), out.max()) == pytest.approx(RANGE_degC)
 

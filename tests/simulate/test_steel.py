@@ -14,9 +14,9 @@ from tcdyn.core.errors import InputError
 from tcdyn.partition.specified import linear_about
 from tcdyn.rig.steel import SteelSlopes
 from tcdyn.rig.tables import FluxProfile
+from tcdyn.simulate.harmonics import harmonic_system
 from tcdyn.simulate.implicit import integrate, steady_state
 from tcdyn.simulate.mesh import DiskMesh, build_system, grid_of
-from tcdyn.simulate.round import harmonic_system
 from tcdyn.simulate.truth import BoreContact, DiskTruth, draw_truth
 
 COARSE = DiskMesh(radial=40, axial=24, shaft_side=16)

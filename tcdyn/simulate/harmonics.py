@@ -103,7 +103,7 @@ def harmonic_system(
 
     Notes
     -----
-    The order of the rows of ``sample`` is read by ``tcdyn.simulate.round.unevenness_effects`` and
+    The order of the rows of ``sample`` is read by ``tcdyn.simulate.harmonics.unevenness_effects`` and
     by ``tcdyn.simulate.ehl._simulate_disk``. ``tests/simulate/test_disk.py`` fails where they
     disagree.
     """
