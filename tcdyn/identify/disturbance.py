@@ -28,11 +28,12 @@ from tcdyn.estimation.trace_noise import MAD_TO_SD
 from tcdyn.identify.problem import IdentificationProblem
 from tcdyn.identify.search import residual_sd, search, sqrt_weights
 
-# Names of the noise models, and of the baselines, that ``fit`` takes.
+# Names of the noise models that ``fit`` takes.
 NoiseName = Literal["white", "slow", "ar", "arma", "auto"]
-Baseline = Literal["none", "trend", "walk", "auto"]
-# The same, in the order of the help text of ``tcdyn identify``.
+Baseline = Literal["none", "trend", "walk", "auto"]  # Names of the baselines that ``fit`` takes.
+# Names of the noise models, in the order of a help text.
 NOISE_OPTIONS = ("auto", "white", "slow", "ar", "arma")
+# Names of the baselines, in the order of a help text.
 BASELINE_OPTIONS = ("auto", "none", "trend", "walk")
 
 # The thresholds below are chosen by judgement.
@@ -54,6 +55,7 @@ MIN_PROBABILITY = 0.01  # of a drift, below which it is left out of the average
 MIN_OUTPUT_NOISE_SHARE = 0.01  # of the residual variance, the least that is output noise
 MIN_INPUT_NOISE_SHARE = 1e-6  # of the residual variance, below which input noise is ignored
 
+# noise model from the problem, its x and its residuals (N,)
 NoiseEstimator = Callable[[IdentificationProblem, Array, Array], NoiseModel]
 
 
@@ -326,8 +328,8 @@ def noise_bic(e: Array, slices: list[slice], noise: NoiseModel) -> float:
 def noise_estimator(noise: NoiseName | tuple[int, int], baseline: Baseline) -> NoiseEstimator:
     """Return a function that estimates the noise from residuals: the model of least BIC.
 
-    Autoregressions go up to the order
-    from the Yule-Walker equations, at most ``MAX_AR_ORDER``; random walks have few orders.
+    Autoregressions go up to the order from the Yule-Walker equations, at most ``MAX_AR_ORDER``;
+    random walks have few orders.
 
     Parameters
     ----------
@@ -379,8 +381,6 @@ def noise_estimator(noise: NoiseName | tuple[int, int], baseline: Baseline) -> N
 @dataclass(frozen=True)
 class NoiseAverage:
     """Bayesian average over noise models, in natural parameters: no logarithms.
-
-    There small lags and the dead time add up.
 
     Small lags and the dead time add up in natural parameters, and not in logarithms.
 

@@ -62,7 +62,7 @@ from tcdyn.identify.validate import (
     validate,
 )
 
-Intervals = Literal["auto", "quadratic", "profile"]
+Intervals = Literal["auto", "quadratic", "profile"]  # kind of the intervals
 
 # Limits of the findings about parameters, chosen by judgement.
 MAX_RELATIVE_U = 0.5  # standard uncertainty over value, above which a parameter is undetermined

@@ -25,7 +25,7 @@ from tcdyn.identify.problem import IdentificationProblem
 from tcdyn.identify.search import Fit, first_moment
 from tcdyn.identify.validate import ALARM_P, whiteness
 
-Covariance = Literal["auto", "classical", "robust"]
+Covariance = Literal["auto", "classical", "robust"]  # kind of the covariance
 
 MAX_RELATIVE_U = 0.2  # relative uncertainty of a positive parameter, above which it is profiled
 MIN_ZERO_SHARE = 0.1  # zero over lag; below, zero and dead time have the same effect

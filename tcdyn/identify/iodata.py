@@ -18,7 +18,7 @@ from tcdyn.core.errors import InputError
 from tcdyn.core.findings import Finding, unique
 from tcdyn.core.result import Result
 
-Hold = Literal["zoh", "foh"]
+Hold = Literal["zoh", "foh"]  # the input between samples: held, or a straight line
 
 # Jump over the range of the integer type, above which it is an overflow (chosen by judgement).
 MIN_WRAP_SHARE = 0.8

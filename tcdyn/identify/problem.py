@@ -32,7 +32,7 @@ from tcdyn.estimation.trace_noise import rounding_sd
 from tcdyn.identify.models import Model, base_name
 from tcdyn.identify.segments import Segment
 
-Initial = Literal["equilibrium", "zero", "estimated"]
+Initial = Literal["equilibrium", "zero", "estimated"]  # state in which the runs start
 
 MIN_LAG_SAMPLES = 1e-2  # lower bound of a lag, in sampling intervals
 MAX_LAG_RECORDS = 100  # upper bound of a lag, in lengths of the longest segment

@@ -88,7 +88,7 @@ def noise_sensor(
     separate the two. What the trace can show is tested: that it is stationary, long enough, above
     the logger's noise, and of this spectrum.
 
-    ``MODEL_REL`` is the least uncertainty of the result. ``SEGMENT_LAGS`` sets the resolution of
+    ``MODEL_REL`` is the least relative uncertainty of the result. ``SEGMENT_LAGS`` sets the resolution of
     the spectrum: shorter segments bias the lag, longer ones are fewer.
     ``tests/sensors/test_sensor_in_place.py`` fails where the interval no longer holds the lag.
     """

@@ -92,7 +92,7 @@ class Source:
         """Name of the time column."""
         return self.clock.name
 
-    def pieces(
+    def read_chunks(
         self, columns: Sequence[str], rows: int = CHUNK_ROWS
     ) -> Iterator[tuple[Array, dict[str, Array], tuple[Finding, ...]]]:
         """Yield the table in chunks.
@@ -132,10 +132,10 @@ class Source:
             yield times_s, {**chunk.data, **chunk.stamps}, chunk.findings
 
 
-class Pieces(Protocol):
+class ChunkSource(Protocol):
     """Source of columns in chunks: an opened table, or a log."""
 
-    def pieces(
+    def read_chunks(
         self, columns: Sequence[str]
     ) -> Iterator[tuple[Array, dict[str, Array], tuple[Finding, ...]]]:
         """Yield time (N,) [s], columns (N,) and findings of each chunk."""
@@ -227,7 +227,7 @@ def read_columns(
         if isinstance(unit.reference_junction, str)
     ]
     names = [*columns, *references]
-    chunks = list(source.pieces(names))
+    chunks = list(source.read_chunks(names))
     t = np.concatenate([times_s for times_s, _, _ in chunks])
     raw = {name: np.concatenate([data[name] for _, data, _ in chunks]) for name in names}
     findings = [finding for _, _, noted in chunks for finding in noted]
@@ -439,7 +439,7 @@ class TableSegment:
 
 
 def read_segments(
-    source: Pieces, columns: Sequence[str], lag_s: float, min_rows: int | None = None
+    source: ChunkSource, columns: Sequence[str], lag_s: float, min_rows: int | None = None
 ) -> Generator[TableSegment, int, None]:
     """Read a table in overlapping segments; a long gap ends a segment.
 
@@ -466,7 +466,7 @@ def read_segments(
     ``MAX_MARGIN_ROWS``), and so do those after it.
     """
     longest_gap_s = LONGEST_GAP_LAGS * lag_s
-    chunks = source.pieces(columns)
+    chunks = source.read_chunks(columns)
     at_end = False
     time = np.empty(0)
     data: dict[str, Array] = {}

@@ -22,7 +22,7 @@ from tcdyn.simulate.mesh import cubic_weights, graded_edges
 
 GRAVITY_m_s2 = 9.80665  # standard gravity [m/s2]
 N_CELLS = 80  # from bore to running surface; chosen by judgement
-FluidName = Literal["mobil-jet-ii", "water"]
+FluidName = Literal["mobil-jet-ii", "water"]  # fluids whose properties are known
 # Names of the fluids; the first one is the default of ``tcdyn simulate``.
 FLUIDS: tuple[FluidName, ...] = ("mobil-jet-ii", "water")
 

@@ -222,8 +222,7 @@ def add_logger_errors(
 
     Notes
     -----
-    The order is static line, noise, spikes, quantisation, as in the rig: noise and spikes are those
-    of the log. A mean of several readings is not quantised. Random numbers are drawn even where an
+    The order is static line, noise, spikes, quantisation: noise and spikes are those of the log. A mean of several readings is not quantised. Random numbers are drawn even where an
     error is switched off, so that the other errors stay the same.
     ``tests/simulate/test_measure.py`` checks each error.
     """
@@ -264,9 +263,9 @@ def spike_train(rng: np.random.Generator, count: int, per_s: float) -> Array:
 
     Notes
     -----
-    Length, least height (1.5 K) and the exponential tail (4 K) are chosen by judgement. They are
-    the truth for the outlier limits in ``tcdyn.estimation.trace_noise``: lower spikes are harder to
-    find. ``tests/simulate/test_measure.py`` checks that spikes are rare, short and high.
+    Length, least height (1.5 K) and the exponential tail (4 K) are chosen by judgement. They
+    test the outlier limits in ``tcdyn.estimation.trace_noise``: lower spikes are harder to find.
+    ``tests/simulate/test_measure.py`` checks that spikes are rare, short and high.
     """
     out = np.zeros(count)
     n_spikes = rng.poisson(per_s * count / RATE_Hz)

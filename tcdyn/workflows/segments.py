@@ -158,7 +158,7 @@ class LogSegments:
     header: pd.Index[str]
     notes: Mapping[str, str]
 
-    def pieces(
+    def read_chunks(
         self, columns: Sequence[str]
     ) -> Iterator[tuple[Array, dict[str, Array], tuple[Finding, ...]]]:
         """Iterate over chunks of the log: time, columns and findings."""

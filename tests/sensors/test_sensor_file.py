@@ -326,7 +326,7 @@ class OnePiece:
     def __init__(self, time_s: Array) -> None:
         self.time_s = time_s
 
-    def pieces(
+    def read_chunks(
         self, columns: Sequence[str]
     ) -> Iterator[tuple[Array, dict[str, Array], tuple[Finding, ...]]]:
         yield self.time_s, {name: np.zeros(len(self.time_s)) for name in columns}, ()

@@ -116,12 +116,12 @@ def test_ten_rows_are_enough() -> None:
 
 
 class Rows:
-    """Pieces of a table of one column whose values are their row's number."""
+    """Chunks of a table of one column whose values are their row's number."""
 
     def __init__(self, time_s: Array, size: int) -> None:
         self.time_s, self.size = time_s, size
 
-    def pieces(self, columns):  # type: ignore[no-untyped-def]
+    def read_chunks(self, columns):  # type: ignore[no-untyped-def]
         number = np.arange(float(len(self.time_s)))
         for a in range(0, len(number), self.size):
             b = a + self.size
