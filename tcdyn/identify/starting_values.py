@@ -258,8 +258,6 @@ def one_lag_starts(problem: IdentificationProblem) -> list[tuple[float, float]]:
 def share_lag(model: Model, tau: float, delay: float, pattern: int) -> dict[str, float]:
     """Share one lag among the parameters of a process model.
 
-    The total lag is that of one lag and a dead time.
-
     Parameters
     ----------
     model

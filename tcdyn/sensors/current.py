@@ -330,10 +330,6 @@ class _HeatedRecord:
 def _posterior(record: _HeatedRecord) -> tuple[CurveFit, Array, Array]:
     """Sample the posterior of the shape by importance sampling.
 
-    Several starts, since a thick boundary layer with a thin wall and the reverse may both be
-    minima; then importance sampling about all of them, with level, drift, direct and size
-    integrated out.
-
     Parameters
     ----------
     record

@@ -278,8 +278,6 @@ def _log_speed(time_s: Array, speed: Array) -> Array:
 def _with_new_values(data: PairData, columns: tuple[str, str]) -> tuple[PairData, list[Finding]]:
     """Select the rows with new values of both channels, or the intervals between them.
 
-    Raises InputError where too few rows have a new value of both.
-
     Parameters
     ----------
     data

@@ -433,8 +433,7 @@ class _Record:
 def _fit_structures(record: _Record) -> tuple[list[CurveFit], list[float], Array]:
     """Fit one, two and three lags, with a further shortest lag on a grid.
 
-    Returns the fits, the shortest lag of each [s], and their probabilities. The noise is that of
-    the best fit's residuals: white as long as these are white.
+    The noise is that of the best fit's residuals: white as long as these are white.
 
     Parameters
     ----------

@@ -267,8 +267,6 @@ def unit_findings(column: str, unit: Unit, values: Array) -> list[Finding]:
 def match_columns(pattern: str, names: Collection[str], where: str) -> list[str]:
     """Return the columns that match a sensor's column by name.
 
-    Raises InputError where there is none.
-
     Parameters
     ----------
     pattern

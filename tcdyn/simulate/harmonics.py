@@ -375,9 +375,8 @@ def _harmonic(disk: DiskTruth, g: Grid, n: int, h_W_m2K: float) -> _HarmonicBloc
 def _coupling(disk: DiskTruth, g: Grid, walls: list[Wall], size: int) -> sparse.csc_matrix:
     """Return the conduction of the press fit beyond that of the even system, (size, size) [W/K].
 
-    The flux at an angle is
-    h(psi) times the difference across the fit, half a cell of steel counted in h, as in the even
-    system.
+    The flux at an angle is h(psi) times the difference across the fit, half a cell of steel counted
+    in h, as in the even system.
 
     Parameters
     ----------

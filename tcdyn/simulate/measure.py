@@ -222,9 +222,10 @@ def add_logger_errors(
 
     Notes
     -----
-    The order is static line, noise, spikes, quantisation: noise and spikes are those of the log. A mean of several readings is not quantised. Random numbers are drawn even where an
-    error is switched off, so that the other errors stay the same.
-    ``tests/simulate/test_measure.py`` checks each error.
+    The order is static line, noise, spikes, quantisation: noise and spikes are those of the log. A
+    mean of several readings is not quantised. Random numbers are drawn even where an error is
+    switched off, so that the other errors stay the same. ``tests/simulate/test_measure.py`` checks
+    each error.
     """
     out = outputs.copy()
     for k, name in enumerate(sorted(disk.channels)):
