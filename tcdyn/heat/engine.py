@@ -2,6 +2,8 @@
 
 For ``tcdyn verify`` and for users of the rim model. The fits of ``tcdyn.partition`` need neither
 fields nor maps and use ``modal`` and the basis of lags directly.
+
+Guarded by ``tests/heat/test_rim_engine.py`` and ``tests/heat/test_rim_fields.py``.
 """
 
 from __future__ import annotations
@@ -14,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from tcdyn.core import Array
 from tcdyn.core.errors import InputError
-from tcdyn.heat.modal import Spectrum, forcing, inputs_of, rim_gains, spectrum
+from tcdyn.heat.modal import Spectrum, inputs_of, rim_gains, spectrum, steady_amplitudes
 from tcdyn.heat.rim import (
     MESH_IV,
     Flux,
@@ -58,6 +60,13 @@ class RimInputs:
     jumps: tuple[InputJump, ...] = ()
 
     def __post_init__(self) -> None:
+        """Check that all inputs have one shape, (N,).
+
+        Raises
+        ------
+        InputError
+            An input has another shape than ``b_degC``, or is not one-dimensional.
+        """
         shape = np.shape(self.b_degC)
         for name in ("power_W", "d_degC", "f_degC", "ambient_degC"):
             shape_of_input = np.shape(getattr(self, name))
@@ -68,12 +77,36 @@ class RimInputs:
 
     @property
     def inputs(self) -> Array:
-        """All inputs (N, 5) in the order of ``RimGains.inputs``."""
+        """All inputs, (N, 5), in the order of ``RimGains.inputs``.
+
+        Notes
+        -----
+        The order is that of ``tcdyn.heat.modal.inputs_of(3)``: power, then d, b and f, then the
+        air. ``map_beta_h`` and ``fields_at`` take column 0 for the power; keep the two functions
+        consistent.
+        """
         columns = (self.power_W, self.d_degC, self.b_degC, self.f_degC, self.ambient_degC)
         return np.stack(columns, axis=1).astype(float)
 
     def lag_responses(self, k: int, rates: Array) -> Array:
-        """Responses (N, K) of the lags to input ``k``, in equilibrium with its first sample."""
+        """Responses of the lags to one input, in equilibrium with its first sample.
+
+        Parameters
+        ----------
+        k
+            Column of ``inputs``; 0 is the power.
+        rates
+            Rates of the basis of lags, (K,) [1/s].
+
+        Returns
+        -------
+        Responses, (N, K), in the unit of the input.
+
+        Notes
+        -----
+        The power is held between samples (zero-order hold, with its jumps), the temperatures are
+        linear (first-order hold).
+        """
         u = self.inputs[:, k]
         if k == 0:
             return lag_basis(u, self.dt_s, rates, "zoh", self.jumps)
@@ -99,14 +132,33 @@ def map_beta_h(
 
     Parameters
     ----------
+    rim
+        Geometry, material and inner row of the disk.
+    drive
+        Inputs of the test, N samples.
     share
         Shares of the power, (B,): beta, or 1 - beta.
     h_W_m2K
-        Heat-transfer coefficients of the running surface, (H,).
+        Heat-transfer coefficients of the running surface, (H,) [W/m2K].
     points
         (depth, z) of the P points [m].
     half_width_m
-        Half-width of the contact.
+        Half-width of the contact [m].
+    profile
+        Shape of the temperature along r = R_i, see ``tcdyn.heat.modal.profile_basis``.
+    flux
+        Profile of the heat flux across the track, see ``tcdyn.heat.modal.flux_density``.
+    mesh
+        Nodes in r and z.
+
+    Returns
+    -------
+    Temperatures, (H, B, P, N) [degC].
+
+    Notes
+    -----
+    ``tests/heat/test_rim_engine.py`` compares the map with single runs. The loops may be written in
+    another way; the power must stay column 0 of ``RimInputs.inputs``, and must have no direct term.
     """
     shares = np.atleast_1d(np.asarray(share, dtype=float))
     hs = np.atleast_1d(np.asarray(h_W_m2K, dtype=float))
@@ -142,7 +194,40 @@ def fields_at(
     flux: Flux = "hertz",
     mesh: Mesh = MESH_IV,
 ) -> Array:
-    """Fields (len(samples), nr, nz) [degC]; node 0 in r has the imposed profile."""
+    """Temperature fields of the whole mesh at chosen samples of a test [degC].
+
+    Parameters
+    ----------
+    rim
+        Geometry, material and inner row of the disk.
+    drive
+        Inputs of the test, N samples.
+    h_W_m2K
+        Heat-transfer coefficient of the running surface [W/m2K].
+    half_width_m
+        Half-width of the contact [m].
+    samples
+        Indices of the S samples.
+    share
+        Factor for the power: beta, 1 - beta, or 1 if ``drive`` has the heat into this disk.
+    profile
+        Shape of the temperature along r = R_i.
+    flux
+        Profile of the heat flux across the track.
+    mesh
+        Nodes in r and z.
+
+    Returns
+    -------
+    Fields, (S, nr, nz); node 0 in r has the imposed profile, the last node is the running surface.
+
+    Notes
+    -----
+    The amplitude of a mode is its steady amplitude for each input times the input through the
+    mode's lag. Modes faster than the basis use its fastest lag, as in
+    ``tcdyn.heat.modal.rim_gains``; change both alike. ``tests/heat/test_rim_engine.py`` checks that
+    the fields pass through the temperatures of ``map_beta_h``.
+    """
     rates = basis_rates(drive.dt_s)
     rows = np.asarray(samples, dtype=int)
     s = spectrum(rim, h_W_m2K, half_width_m, profile, flux, mesh)
@@ -151,7 +236,9 @@ def fields_at(
     )  # (I, S, K)
     banks[0] *= share
     weights = lag_weights(rates, np.log(np.minimum(s.rates, rates[-1])).ravel())
-    amplitude = np.einsum("ix,isx->sx", forcing(s).reshape(len(banks), -1), banks @ weights.T)
+    amplitude = np.einsum(
+        "ix,isx->sx", steady_amplitudes(s).reshape(len(banks), -1), banks @ weights.T
+    )
     inner = drive.inputs[rows] @ s.boundary
     return _nodal(s, amplitude.reshape(len(rows), *s.rates.shape), inner)
 
@@ -167,26 +254,54 @@ def step_fields(
     flux: Flux = "hertz",
     mesh: Mesh = MESH_IV,
 ) -> Array:
-    """Fields (times, nr, nz) [degC] after a step of the inputs from the steady state of ``before``.
+    """Fields after a step of the inputs from the steady state of ``before`` [degC].
 
     The scheme without any error in time, for studies of mesh and order.
 
     Parameters
     ----------
+    rim
+        Geometry, material and inner row of the disk.
+    h_W_m2K
+        Heat-transfer coefficient of the running surface [W/m2K].
+    half_width_m
+        Half-width of the contact [m].
     before, after
-        Inputs (power_W, d, b, f, ambient).
+        Inputs before and after the step, (I,): power [W], inner row and ambient [degC], in the
+        order of ``tcdyn.heat.modal.inputs_of``.
+    time_s
+        Times after the step, (T,) [s].
+    profile
+        Shape of the temperature along r = R_i.
+    flux
+        Profile of the heat flux across the track.
+    mesh
+        Nodes in r and z.
+
+    Returns
+    -------
+    Fields, (T, nr, nz).
+
+    Raises
+    ------
+    InputError
+        ``before`` or ``after`` has another number of inputs than the rim.
 
     Notes
     -----
     T(t) = T_after + sum over modes of (X_before - X_after) exp(-lambda t)
+
+    X are the amplitudes of ``tcdyn.heat.modal.steady_amplitudes``. The row r = R_i takes its new
+    profile at once. Guarded by ``tests/heat/test_rim_fields.py`` and
+    ``tests/heat/test_rim_convergence.py``.
     """
     s = spectrum(rim, h_W_m2K, half_width_m, profile, flux, mesh)
     if len(before) != len(s.boundary) or len(after) != len(s.boundary):
         raise InputError(
             f"step_fields: needed are, in this order, {', '.join(inputs_of(len(rim.boundary_z_m)))}"
         )
-    old = np.tensordot(np.asarray(before, dtype=float), forcing(s), axes=1)
-    new = np.tensordot(np.asarray(after, dtype=float), forcing(s), axes=1)
+    old = np.tensordot(np.asarray(before, dtype=float), steady_amplitudes(s), axes=1)
+    new = np.tensordot(np.asarray(after, dtype=float), steady_amplitudes(s), axes=1)
     t = np.atleast_1d(np.asarray(time_s, dtype=float))
     amplitude = new + (old - new) * np.exp(-t[:, None, None] * s.rates)
     return _nodal(s, amplitude, np.asarray(after, dtype=float) @ s.boundary)
@@ -200,7 +315,37 @@ def free_decay(
     mesh: Mesh = MESH_IV,
     profile: Profile = "modal",
 ) -> Array:
-    """The field (nr, nz) [K] that decays for ``time_s`` with boundary and ambient at zero."""
+    """The field [K] that remains after ``time_s`` with boundary and ambient at zero.
+
+    Parameters
+    ----------
+    rim
+        Geometry and material.
+    h_W_m2K
+        Heat-transfer coefficient of the running surface [W/m2K].
+    start
+        Field at the start, (nr, nz) [K]. Its row at r = R_i is not used: the boundary is at zero.
+    time_s
+        Duration of the decay [s].
+    mesh
+        Nodes in r and z.
+    profile
+        Shape along r = R_i; without effect, because the boundary is at zero.
+
+    Returns
+    -------
+    Field, (nr, nz) [K].
+
+    Raises
+    ------
+    InputError
+        ``start`` has not the shape of the mesh.
+
+    Notes
+    -----
+    The half-width and the flux passed to ``spectrum`` are without effect, because there is no
+    power. Guarded by ``tests/heat/test_rim_convergence.py`` and ``tests/heat/test_rim_fields.py``.
+    """
     if start.shape != (mesh.nr, mesh.nz):
         raise InputError(
             f"the field has shape {start.shape}", expected=f"{(mesh.nr, mesh.nz)}: all nodes"
@@ -211,7 +356,21 @@ def free_decay(
 
 
 def _nodal(s: Spectrum, amplitude: Array, inner: Array) -> Array:
-    """Fields (..., nr, nz) from modal amplitudes (..., m, n) and imposed profile (..., nz)."""
+    """Nodal fields from modal amplitudes and the imposed profile.
+
+    Parameters
+    ----------
+    s
+        Modes.
+    amplitude
+        Modal amplitudes, (..., m, n).
+    inner
+        Temperature of each z node at r = R_i, (..., nz).
+
+    Returns
+    -------
+    Fields, (..., nr, nz).
+    """
     outer = s.shape_r @ amplitude @ s.shape_z.T
     inner_row = np.broadcast_to(inner[..., None, :], (*outer.shape[:-2], 1, inner.shape[-1]))
     return np.concatenate([inner_row, outer], axis=-2)

@@ -5,6 +5,11 @@ The thesis's difference scheme, (3.30) in r with the outer node (3.31) and in z 
 of r-modes and z-modes. Each product is a first-order lag of rate ``lambda_r + lambda_z`` driven by
 every input. The lags are interpolated from the fixed rates of the basis (``rim.cardinal``). So a
 record is filtered once, and any (h, K, rho c, depth) needs only weights of the filtered record.
+
+Used by ``engine`` and ``nonuniform`` of this package, ``tcdyn.design.plans`` and, through
+``nonuniform``, the fits of ``tcdyn.partition``. Guarded by ``tests/heat/test_rim_engine.py`` (same
+scheme as ``tcdyn.heat.reference``), ``tests/heat/test_rim_convergence.py`` (closed forms, second
+order) and ``tests/heat/test_rim_profiles.py``.
 """
 
 from __future__ import annotations
@@ -37,8 +42,26 @@ from tcdyn.heat.rim import (
 def inputs_of(k: int, split: bool = False) -> tuple[str, ...]:
     """Names of the inputs of a rim: power, the ``k`` junctions of the inner row, and the air.
 
-    With ``split`` the air has three temperatures: at the running surface and at each face.
+    Parameters
+    ----------
+    k
+        Number of junctions of the inner row.
+    split
+        Whether the air has three temperatures: at the running surface, behind the washer at z = 0,
+        and behind the washer at z = w.
 
+    Returns
+    -------
+    The names, in the order of the rows of ``RimGains.gains``.
+
+    Notes
+    -----
+    The order is that of the indices in ``sources_of`` and of
+    ``tcdyn.heat.engine.RimInputs.inputs``; change all three together.
+    ``tests/heat/test_rim_engine.py`` fails otherwise.
+
+    Examples
+    --------
     >>> inputs_of(3)
     ('power_W', 'inner 1', 'inner 2', 'inner 3', 'ambient')
     """
@@ -53,10 +76,22 @@ def sources_of(k: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     a junction of the inner row or on the air at a face. Then follow the air at the running surface
     and at the two faces.
 
+    Parameters
+    ----------
+    k
+        Number of junctions of the inner row.
+
     Returns
     -------
-    For each source the row of ``Spectrum.force_r``, and the index of its input in
-    ``inputs_of(k, True)``.
+    row
+        For each source the row of ``Spectrum.force_r``, (k + 6,).
+    input_index
+        For each source the index of its input in ``inputs_of(k, True)``, (k + 6,).
+
+    Notes
+    -----
+    The order of the sources must be that of the rows of ``Spectrum.force_z``, which
+    ``_axial_modes`` stacks.
     """
     junctions = np.arange(1, k + 1)
     row = np.concatenate([[0], np.ones(k, dtype=np.int64), [1, 1, 3, 2, 2]])
@@ -73,13 +108,16 @@ class RimGains:
     inputs
         Names of the I inputs: power_W [W] into this disk, and temperatures [degC].
     points
-        The P points.
+        The P points, (depth, z) [m].
     rates
         Rates of the basis of lags, (K,) [1/s].
-    gains, direct
-        Weights of the lags, (I, P, K), and of the inputs, (I, P).
+    gains
+        Weights of the lags, (I, P, K) [K/W for the power, else without unit].
+    direct
+        Weights of the inputs themselves, (I, P): the part of the response that has no lag.
     static
-        Their sum, (I, P): the steady response, exact for the scheme whatever the basis.
+        Sum of ``gains`` over the lags plus ``direct``, (I, P): the steady response, exact for the
+        scheme whatever the basis.
     """
 
     inputs: tuple[str, ...]
@@ -134,7 +172,17 @@ class Spectrum:
 def outer_source(rim: Rim, n: int) -> float:
     """Heating rate of the outermost of ``n`` nodes by a unit flux [K/s per W/m2].
 
-    alpha (R_o + dr/2) 2/(K R_o dr)
+    Parameters
+    ----------
+    rim
+        Geometry and material.
+    n
+        Number of nodes in r, R_i and R_o included.
+
+    Notes
+    -----
+    alpha (R_o + dr/2) 2/(K R_o dr), equation (3.31). ``tcdyn.heat.reference.scheme`` writes the
+    same coefficient independently; ``tests/heat/test_rim_convergence.py`` fails for another one.
     """
     ro = rim.outer_radius_m
     dr = rim.thickness_m / (n - 1)
@@ -142,14 +190,44 @@ def outer_source(rim: Rim, n: int) -> float:
 
 
 def surface_weight(rim: Rim, n: int) -> float:
-    """Weight of the outermost of ``n`` nodes in the inner product, (R_o - dr/2)/2 [m]."""
+    """Weight of the outermost of ``n`` nodes in the inner product, (R_o - dr/2)/2 [m].
+
+    Parameters
+    ----------
+    rim
+        Geometry.
+    n
+        Number of nodes in r, R_i and R_o included.
+
+    Notes
+    -----
+    The weight that makes the scheme in r symmetric, together with ``outer_source``; the inner nodes
+    have weight r.
+    """
     return (rim.outer_radius_m - rim.thickness_m / (n - 1) / 2) / 2
 
 
 def _modes(diagonal: Array, coupling: Array, weight: Array) -> tuple[Array, Array, Array]:
-    """Rates ascending, unit eigenvectors (columns) and root weights of D^1/2 A D^-1/2, D = weight.
+    """Modes of a tridiagonal matrix A that ``weight`` makes symmetric.
 
-    This makes the tridiagonal A symmetric.
+    Parameters
+    ----------
+    diagonal
+        Diagonal of A, (n,) [1/s].
+    coupling
+        Weight times minus the off-diagonal entry of A, (n - 1,).
+    weight
+        Weights D of the inner product in which A is symmetric, (n,).
+
+    Returns
+    -------
+    rates
+        Eigenvalues, ascending, (n,) [1/s].
+    vectors
+        Unit eigenvectors of D^1/2 A D^-1/2, (n, n), one a column.
+    scale
+        Square roots of the weights, (n,). ``vectors / scale[:, None]`` are the nodal values of the
+        modes.
     """
     off = -coupling / np.sqrt(weight[1:] * weight[:-1])
     lam, vectors = eigh_tridiagonal(diagonal, off, lapack_driver="stemr")
@@ -165,16 +243,37 @@ def spectrum(
     mesh: Mesh,
     split: bool = False,
 ) -> Spectrum:
-    """Modes and forcing of the scheme.
+    """Modes and forcing of the difference scheme of the rim.
 
     Parameters
     ----------
+    rim
+        Geometry, material and inner row of the disk.
     h
         Heat-transfer coefficient of the running surface [W/m2K].
     half_width
         Half-width of the contact [m].
+    profile
+        Shape of the temperature along r = R_i, see ``profile_basis``.
+    flux
+        Profile of the heat flux across the track, see ``flux_density``.
+    mesh
+        Nodes in r and z.
     split
         Whether the air has three temperatures, which are two more inputs.
+
+    Returns
+    -------
+    The modes and their forcing; the arrays are described at ``Spectrum``.
+
+    Notes
+    -----
+    Scheme (3.30) in r with the outer node (3.31), times the z-modes of ``_axial_modes``. Only the
+    r-modes depend on h. The scheme may be replaced by another one that separates into r and z: then
+    also ``tcdyn.heat.nonuniform.rim_gains_nonuniform``, which uses ``outer_source`` and
+    ``surface_weight``. The comparison with ``tcdyn.heat.reference.scheme`` in
+    ``tests/heat/test_rim_engine.py`` holds for this scheme only;
+    ``tests/heat/test_rim_convergence.py`` holds for any scheme of second order.
     """
     n = mesh.nr
     ri = rim.inner_radius_m
@@ -221,9 +320,39 @@ def spectrum(
 def _axial_modes(
     rim: Rim, half_width: float, profile: Profile, flux: Flux, mesh: Mesh
 ) -> tuple[Array, Array, Array, Array]:
-    """Rates, nodal values (nz, n) and forcing (S, n) of the z-modes; profile shapes (k + 2, nz).
+    """Modes in z and their forcing; these do not depend on h.
 
-    These do not depend on h.
+    Parameters
+    ----------
+    rim
+        Geometry, material and inner row of the disk.
+    half_width
+        Half-width of the contact [m].
+    profile
+        Shape of the temperature along r = R_i.
+    flux
+        Profile of the heat flux across the track.
+    mesh
+        Nodes in r and z.
+
+    Returns
+    -------
+    lam
+        Rates of the z-modes, (n,) [1/s].
+    shape
+        Nodal values of the modes, (nz, n).
+    force
+        Forcing of each mode by each source, (S, n), in the order of ``sources_of``.
+    profile_shapes
+        Temperature along r = R_i for a unit of each junction of the inner row and of the air behind
+        either washer, (k + 2, nz).
+
+    Notes
+    -----
+    The steady slab between its washers is the part of the profile that is due to the air. Its
+    readings at the junctions are subtracted, because the junctions are inputs of their own. So the
+    profile passes through the readings whatever the air is. Guarded by
+    ``tests/heat/test_rim_profiles.py``.
     """
     n = mesh.nz
     w = rim.width_m
@@ -255,10 +384,10 @@ def _axial_modes(
 
 
 def flux_density(flux: Flux, half_width: float, width: float, n: int) -> Array:
-    """Mean of the flux density of unit power over the cell of each node, (n,) [1/m].
+    """Mean of the flux density of unit power over the cell of each node [1/m].
 
-    It sums to 1/dz. Each cell gets its exact integral, so that no heat is lost to the mesh. The half
-    cells at the faces count half.
+    Each cell gets its exact integral, so that no heat is lost to the mesh. The half cells at the
+    faces count half.
 
     Parameters
     ----------
@@ -266,11 +395,27 @@ def flux_density(flux: Flux, half_width: float, width: float, n: int) -> Array:
         Hertz (3.32): 3/(4b) (1 - (z'/b)^2) for |z'| <= b, z' from the centre plane; uniform:
         1/(2b); a profile of the rig file; or any function of z', which is scaled to unit power.
     half_width
-        Half-width b of the contact [m].
+        Half-width b of the contact [m]; without effect for a function.
     width
         Width of the running surface [m].
     n
         Number of nodes.
+
+    Returns
+    -------
+    Density, (n,) [1/m]; its sum, with half weight for the faces, is 1/dz.
+
+    Raises
+    ------
+    InputError
+        Half-width outside 0 to half the width, or a profile that does not lie on the running
+        surface.
+
+    Notes
+    -----
+    The integral of a function over a cell is a Gauss rule of 12 points; a profile with a jump
+    inside a cell is less exact. The number of points may be raised freely. Guarded by
+    ``tests/heat/test_rim_fields.py`` (no heat is lost) and ``tests/heat/test_rim_flux.py``.
     """
     edges = np.clip((np.arange(n + 1) - 0.5) * (width / (n - 1)), 0.0, width) - width / 2
     cells = np.diff(edges)
@@ -294,7 +439,7 @@ def flux_density(flux: Flux, half_width: float, width: float, n: int) -> Array:
 def profile_basis(
     kind: Profile, z: Array, at: Sequence[float], width: float, lowest: Array, reading: Array
 ) -> Array:
-    """Shapes (k, nz) along r = R_i: one at a junction of the inner row, zero at the others.
+    """Shapes along r = R_i: one at a junction of the inner row, zero at the others.
 
     Three positions determine three shapes; with more junctions the shapes are fitted by least
     squares; with fewer positions some of the modal shapes are used.
@@ -314,9 +459,27 @@ def profile_basis(
         The three lowest eigenfunctions, (nz, 3).
     reading
         Weights that read a nodal field at the junctions, (k, nz).
+
+    Returns
+    -------
+    Shapes, (k, nz).
+
+    Raises
+    ------
+    InputError
+        ``kind`` is unknown.
+
+    Notes
+    -----
+    Which shapes the positions determine is decided by ``tcdyn.heat.rim.determined_shapes``. With
+    fewer than three shapes, "quadratic" and "quartic" also use the modal shapes. A further kind
+    must return three columns from ``polynomials``, and its name must be added to
+    ``tcdyn.heat.rim.Profile``. Guarded by ``tests/heat/test_rim_profiles.py`` and
+    ``tests/partition/test_any_junctions.py``.
     """
 
     def polynomials(t: Array) -> Array:
+        """Three polynomials of the relative position ``t``, (len(t), 3)."""
         if kind == "quadratic":
             return np.asarray(np.vander(t, 3, increasing=True), dtype=float)
         # zero slope at 0 and 1 leaves three of the five coefficients of the quartic
@@ -344,10 +507,32 @@ def _cardinal_splines(n: int) -> Any:
 
 
 def reading_weights(position: ArrayLike, n: int) -> Array:
-    """Weights (P, n) that interpolate a nodal field at ``position`` (P,) [mesh steps from node 0].
+    """Weights that interpolate a nodal field at positions between the nodes.
 
     A quintic spline through all nodes: exact there, and smooth in the position, so that derivatives
     with respect to depth are smooth.
+
+    Parameters
+    ----------
+    position
+        Positions, (P,) [mesh steps from node 0].
+    n
+        Number of nodes.
+
+    Returns
+    -------
+    Weights, (P, n).
+
+    Raises
+    ------
+    InputError
+        A position lies outside the nodes.
+
+    Notes
+    -----
+    The degree of the spline may be changed in ``_cardinal_splines``. A lower degree has a larger
+    error of interpolation, and a degree of one has steps in the derivative with respect to depth.
+    At least six nodes are needed for degree five; ``tcdyn.heat.rim.MIN_NODES`` is seven.
     """
     steps = np.asarray(position, dtype=float)
     is_outside = (steps < -1e-9) | (steps > n - 1 + 1e-9)
@@ -360,15 +545,52 @@ def reading_weights(position: ArrayLike, n: int) -> Array:
 
 @lru_cache(maxsize=256)
 def readings(rim: Rim, points: tuple[Point, ...], mesh: Mesh) -> tuple[Array, Array]:
-    """Interpolation weights of the points on the r nodes, (P, nr), and on the z nodes, (P, nz)."""
+    """Interpolation weights of points on the nodes of the mesh; cached.
+
+    Parameters
+    ----------
+    rim
+        Geometry.
+    points
+        (depth, z) of the P points [m].
+    mesh
+        Nodes in r and z.
+
+    Returns
+    -------
+    read_r
+        Weights on the r nodes, (P, nr); node 0 is r = R_i.
+    read_z
+        Weights on the z nodes, (P, nz).
+
+    Raises
+    ------
+    InputError
+        A point lies outside the rim.
+    """
     depth, z = np.array(points, dtype=float).T
     steps_r = (rim.thickness_m - depth) / (rim.thickness_m / (mesh.nr - 1))
     steps_z = z / rim.width_m * (mesh.nz - 1)
     return reading_weights(steps_r, mesh.nr), reading_weights(steps_z, mesh.nz)
 
 
-def forcing(s: Spectrum) -> Array:
-    """Steady amplitude (I, m, n) of every mode for a unit of every input."""
+def steady_amplitudes(s: Spectrum) -> Array:
+    """Steady amplitude of every mode for a unit of every input.
+
+    Parameters
+    ----------
+    s
+        Modes and their forcing.
+
+    Returns
+    -------
+    Amplitudes, (I, m, n) [K/W for the power, else without unit].
+
+    Notes
+    -----
+    Forcing divided by rate, summed over the sources that belong to an input. Multiply by
+    ``s.rates`` to have the forcing itself, as ``tcdyn.heat.nonuniform.rim_gains_nonuniform`` does.
+    """
     sources = s.force_r[s.source_r][:, :, None] * s.force_z[:, None, :]
     return np.tensordot(s.collect, sources, axes=1) / s.rates
 
@@ -388,30 +610,44 @@ def rim_gains(
 
     Parameters
     ----------
+    rim
+        Geometry, material and inner row of the disk.
     h_W_m2K
-        Heat-transfer coefficient of the running surface, not negative.
+        Heat-transfer coefficient of the running surface, not negative [W/m2K].
     points
-        (depth, z) of each point [m].
+        (depth, z) of each of the P points [m].
     half_width_m
-        Half-width b of the contact.
+        Half-width b of the contact [m].
     rates
         Rates of the basis of lags, (K,) [1/s].
     profile
         Shape of the temperature along r = R_i.
     flux
         Profile of the heat flux across the track.
+    mesh
+        Nodes in r and z; finer meshes are more exact (second order) and slower.
     split_ambient
         Whether the air at the running surface and behind each washer has its own temperature, which
         are two more inputs.
 
+    Returns
+    -------
+    Weights of the lags and of the inputs, described at ``RimGains``.
+
     Raises
     ------
     InputError
-        A point outside the rim, or a rim slower than the basis.
+        A negative coefficient, a point outside the rim, or a rim slower than the basis.
 
     Notes
     -----
     Equation (3.28) with (3.31)-(3.34) and washers, in the scheme (3.30) on ``mesh``.
+
+    Modes faster than the basis are not interpolated: their steady response is added to the fastest
+    lag, so that ``static`` stays exact. ``tcdyn.heat.nonuniform.rim_gains_nonuniform`` and
+    ``tcdyn.heat.engine.fields_at`` make the same approximation; change all alike. Guarded by
+    ``tests/heat/test_rim_engine.py`` (steady state and transients against
+    ``tcdyn.heat.reference``).
 
     Examples
     --------
@@ -455,25 +691,55 @@ def _modal_amplitudes(
     mesh: Mesh,
     split: bool,
 ) -> tuple[Spectrum, Any, Array, Array]:
-    """What all points have in common.
+    """What all points have in common: the modes, and their weights on the basis; cached.
+
+    Parameters
+    ----------
+    rim
+        Geometry, material and inner row of the disk.
+    h
+        Heat-transfer coefficient of the running surface [W/m2K].
+    half_width
+        Half-width of the contact [m].
+    rates
+        Rates of the basis of lags, (K,) floats as bytes, so that the cache can hash them.
+    profile
+        Shape of the temperature along r = R_i.
+    flux
+        Profile of the heat flux across the track.
+    mesh
+        Nodes in r and z.
+    split
+        Whether the air has three temperatures.
 
     Returns
     -------
-    The modes; which M of them the basis represents; their steady amplitudes (I, M) for a unit of
-    every input, divided by the sums of their weights; and their unscaled ``lag_weights`` weights (M,
-    K).
+    spectrum
+        The modes.
+    in_basis
+        Which M of the modes, row by row, the basis represents: a mask, or a full slice.
+    amplitudes
+        Their steady amplitudes for a unit of every input, divided by the sums of their weights, (I,
+        M).
+    weights
+        Their unscaled weights, (M, K), see ``tcdyn.heat.rim.unscaled_cardinal``.
+
+    Raises
+    ------
+    InputError
+        The slowest mode is slower than the basis.
     """
     s = spectrum(rim, h, half_width, profile, flux, mesh, split)
     nodes = np.frombuffer(rates)
     if s.rates.min() < nodes[0]:
         raise InputError(
-            f"the rim's slowest mode {s.rates.min():.3g} 1/s is below the bank's lowest "
+            f"the rim's slowest mode {s.rates.min():.3g} 1/s is below the basis' lowest "
             f"{nodes[0]:.3g}",
-            remedy="give node_rates a smaller slowest_per_s",
+            remedy="give basis_rates a smaller slowest_per_s",
         )
     in_basis: Any = slice(None)
     if not s.rates.max() < nodes[-1]:
         in_basis = (s.rates < nodes[-1]).ravel()
     weights, total = unscaled_cardinal(nodes, np.log(s.rates.ravel()[in_basis]))
-    amplitudes = forcing(s).reshape(len(s.collect), -1)[:, in_basis] / total
+    amplitudes = steady_amplitudes(s).reshape(len(s.collect), -1)[:, in_basis] / total
     return s, in_basis, amplitudes, weights

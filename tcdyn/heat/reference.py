@@ -3,6 +3,11 @@
 Closed forms of sections 3.4.1 and 3.6, and the case that is missing there. The scheme of section
 3.4.3 is written from the thesis's coefficients (3.30)-(3.31) on the nodes of the engine, but not
 from its operators, so that the two are independent.
+
+Used by ``tcdyn.verify`` (the published numbers) and by the tests in ``tests/heat``; no fit uses it.
+Keep it independent of ``tcdyn.heat.modal``, otherwise an error in both would not be seen. The
+closed forms are guarded by ``tests/heat/test_rim_closed_forms.py``, the scheme by
+``tests/heat/test_rim_reference.py``.
 """
 
 from __future__ import annotations
@@ -27,10 +32,31 @@ ERF_ONE = 3.6
 def semi_infinite(
     depth_m: ArrayLike, time_s: ArrayLike, start: float, surface: float, alpha_m2_s: float
 ) -> Array:
-    """Half space after a jump of its surface temperature, t > 0 (3.26).
+    """Temperature of a half space after a jump of its surface temperature, t > 0 (3.26).
 
+    Parameters
+    ----------
+    depth_m
+        Depths x below the surface [m].
+    time_s
+        Times after the jump, above zero [s]; must broadcast with ``depth_m``.
+    start
+        Temperature before the jump, T_i [degC].
+    surface
+        Temperature of the surface after it, T_o [degC].
+    alpha_m2_s
+        Thermal diffusivity [m2/s].
+
+    Returns
+    -------
+    Temperatures in the broadcast shape [degC].
+
+    Notes
+    -----
     T = T_o + (T_i - T_o) erf(x / (2 sqrt(alpha t)))
 
+    Examples
+    --------
     >>> float(semi_infinite(3e-3, 1.0, 20.0, 160.0, 1.1e-5).round(2))
     93.14
     """
@@ -40,15 +66,46 @@ def semi_infinite(
 
 
 def penetration_depth_m(time_s: ArrayLike, alpha_m2_s: float) -> Array:
-    """Penetration depth of a surface jump after ``time_s``: x = 7.2 sqrt(alpha t) (3.27)."""
+    """Penetration depth [m] of a surface jump after ``time_s``: x = 7.2 sqrt(alpha t) (3.27).
+
+    Parameters
+    ----------
+    time_s
+        Times after the jump [s].
+    alpha_m2_s
+        Thermal diffusivity [m2/s].
+
+    Returns
+    -------
+    Depths [m], in the shape of ``time_s``.
+
+    Notes
+    -----
+    Beyond this depth the argument of erf in (3.26) exceeds ``ERF_ONE``.
+    """
     return np.asarray(2 * ERF_ONE * np.sqrt(alpha_m2_s * np.asarray(time_s, dtype=float)))
 
 
 def surface_steady_degC(
     rim: Rim, h: float, flux: float, inner_degC: float, ambient_degC: float
 ) -> float:
-    """Running surface of the steady ring (3.37); ``h`` in W/m2K, ``flux`` in W/m2, also below.
+    """Temperature of the running surface of the steady ring (3.37) [degC].
 
+    Parameters
+    ----------
+    rim
+        Radii and conductivity.
+    h
+        Heat-transfer coefficient of the running surface [W/m2K].
+    flux
+        Heat flux into the running surface [W/m2].
+    inner_degC
+        Temperature at the inner radius [degC].
+    ambient_degC
+        Temperature of the air [degC].
+
+    Notes
+    -----
     T_out = (R h T_A + K/ln(R/r) T_in + R q)/(h R + K/ln(R/r))
     """
     r = rim.outer_radius_m
@@ -59,8 +116,29 @@ def surface_steady_degC(
 def ring_steady_degC(
     rim: Rim, radius_m: ArrayLike, h: float, flux: float, inner_degC: float, ambient_degC: float
 ) -> Array:
-    """Temperature of the steady ring: (3.36), in which T_in must not be divided by K.
+    """Temperature of the steady ring [degC]: (3.36), in which T_in must not be divided by K.
 
+    Parameters
+    ----------
+    rim
+        Radii and conductivity.
+    radius_m
+        Radii r [m].
+    h
+        Heat-transfer coefficient of the running surface [W/m2K].
+    flux
+        Heat flux into the running surface [W/m2].
+    inner_degC
+        Temperature at the inner radius [degC].
+    ambient_degC
+        Temperature of the air [degC].
+
+    Returns
+    -------
+    Temperatures in the shape of ``radius_m`` [degC].
+
+    Notes
+    -----
     T = T_in + (q - h (T_out - T_A)) R ln(r/r_in) / K
     """
     net = flux - h * (surface_steady_degC(rim, h, flux, inner_degC, ambient_degC) - ambient_degC)
@@ -69,7 +147,21 @@ def ring_steady_degC(
 
 
 def _ring_mode(mu: ArrayLike, r: ArrayLike, inner_m: float) -> Array:
-    """Phi(r) = J0(mu r) Y0(mu R_i) - Y0(mu r) J0(mu R_i): zero at the inner radius."""
+    """Phi(r) = J0(mu r) Y0(mu R_i) - Y0(mu r) J0(mu R_i): zero at the inner radius.
+
+    Parameters
+    ----------
+    mu
+        Eigenvalues [1/m].
+    r
+        Radii [m]; must broadcast with ``mu``.
+    inner_m
+        Inner radius R_i [m].
+
+    Returns
+    -------
+    Values of the mode in the broadcast shape.
+    """
     mu = np.asarray(mu)
     r = np.asarray(r)
     return np.asarray(j0(mu * r) * y0(mu * inner_m) - y0(mu * r) * j0(mu * inner_m))
@@ -80,9 +172,11 @@ def ring_eigenvalues(
 ) -> Array:
     """The first ``count`` eigenvalues mu [1/m] of a ring, ascending.
 
-    They solve K Phi'(R_o) + h Phi(R_o) = 0 for the mode Phi with Phi(R_i) = 0. Eigenvalue n lies between
-    (n - 1/2) pi/(R_o - R_i) and n pi/(R_o - R_i), apart from a small shift by the curvature; the
-    search grid has 40 points for each pi/(R_o - R_i).
+    They solve K Phi'(R_o) + h Phi(R_o) = 0 for the mode Phi with Phi(R_i) = 0. Eigenvalue n lies
+    between (n - 1/2) pi/(R_o - R_i) and n pi/(R_o - R_i), apart from a small shift by the
+    curvature; the search grid has 40 points for each pi/(R_o - R_i).
+
+    They solve K Phi'(R_o) + h Phi(R_o) = 0 for the mode Phi with Phi(R_i) = 0.
 
     Parameters
     ----------
@@ -90,14 +184,28 @@ def ring_eigenvalues(
         Radii R_i > 0 and R_o [m].
     h_over_conductivity_1_m
         Heat transfer coefficient over conductivity [1/m].
+    count
+        Number of eigenvalues.
+
+    Returns
+    -------
+    Eigenvalues, (count,) [1/m].
 
     Raises
     ------
     InputError
         If fewer roots are found.
+
+    Notes
+    -----
+    Eigenvalue n lies between (n - 1/2) pi/(R_o - R_i) and n pi/(R_o - R_i), apart from a small
+    shift by the curvature. The search grid has about 40 points for each pi/(R_o - R_i). A finer
+    grid changes nothing; a much coarser one may miss roots. ``tests/heat/test_rim_closed_forms.py``
+    compares with the roots of a slab.
     """
 
     def robin(mu: Array) -> Array:
+        """Value of the condition at R_o, zero at an eigenvalue; divided by K [1/m]."""
         slope = -mu * (j1(mu * outer_m) * y0(mu * inner_m) - y1(mu * outer_m) * j0(mu * inner_m))
         return np.asarray(slope + h_over_conductivity_1_m * _ring_mode(mu, outer_m, inner_m))
 
@@ -125,11 +233,37 @@ def ring_transient_degC(
 
     T_in is fixed inside; flux and heat-transfer coefficient act outside.
 
+    Parameters
+    ----------
+    rim
+        Radii and material.
+    radius_m
+        Radii of the result, (n,) [m].
+    time_s
+        Times after the start, (T,) [s].
+    h
+        Heat-transfer coefficient of the outer surface [W/m2K].
+    flux
+        Heat flux into the outer surface [W/m2].
+    inner_degC
+        Temperature at the inner radius after the start [degC].
+    ambient_degC
+        Temperature of the air [degC].
+    start_degC
+        Uniform temperature at the start [degC].
+    modes
+        Number of terms of the series. Short times need more: the first neglected term decays with
+        exp(-alpha mu^2 t).
+
+    Returns
+    -------
+    Temperatures, (T, n) [degC].
+
     Notes
     -----
     T = T_steady(r) + sum_n c_n Phi_n(r) exp(-alpha mu_n^2 t), with c_n by projection with weight r;
-    Phi_n and mu_n of ``ring_eigenvalues`` (Carslaw and Jaeger, chapters 7 and 13). The integrals use
-    Gauss-Legendre quadrature.
+    Phi_n and mu_n of ``ring_eigenvalues`` (Carslaw and Jaeger, chapters 7 and 13). The integrals
+    use Gauss-Legendre quadrature.
     """
     inner_m = rim.inner_radius_m
     mu = ring_eigenvalues(inner_m, rim.outer_radius_m, h / rim.conductivity_W_mK, modes)
@@ -144,7 +278,22 @@ def ring_transient_degC(
 
 
 def slab_root(biot: float) -> float:
-    """Lowest root nu of nu tan(nu) = biot: even mode of a slab cooled equally at both faces."""
+    """Lowest root nu of nu tan(nu) = biot: even mode of a slab cooled equally at both faces.
+
+    Parameters
+    ----------
+    biot
+        Biot number of half the thickness, above zero.
+
+    Raises
+    ------
+    InputError
+        ``biot`` is not positive.
+
+    Notes
+    -----
+    The root lies between 0 and pi/2.
+    """
     if not biot > 0:
         raise InputError(f"slab_root: the Biot number must be positive; got {biot}")
     return float(brentq(lambda v: v * np.sin(v) - biot * np.cos(v), 1e-12, np.pi / 2))
@@ -158,9 +307,29 @@ def product_decay_K(
     R_i is at zero, the heat-transfer coefficient ``h`` [W/m2K] acts at R_o and the washers of the
     rim at both faces; scaled to Phi_1(R_o) = 1. Section 3.6.3 could not test this case.
 
+    Parameters
+    ----------
+    rim
+        Geometry, material and washers.
+    radius_m
+        Radii, (n,) [m].
+    z_m
+        Positions from one face, (p,) [m].
+    time_s
+        Time of the decay [s].
+    h
+        Heat-transfer coefficient at R_o [W/m2K].
+
+    Returns
+    -------
+    Field, (n, p) [K].
+
     Notes
     -----
     Phi_1(r) cos(2 nu (z/w - 1/2)) exp(-alpha (mu^2 + (2 nu/w)^2) t)
+
+    mu is the first root of ``ring_eigenvalues``, nu that of ``slab_root``. It is the exact solution
+    for ``tcdyn.heat.engine.free_decay``, see ``tests/heat/test_rim_convergence.py``.
     """
     inner = rim.inner_radius_m
     outer = rim.outer_radius_m
@@ -204,7 +373,28 @@ class Scheme:
 
 
 def scheme(rim: Rim, h_W_m2K: float | Array, mesh: Mesh = MESH_IV) -> Scheme:
-    """The semi-discrete rim; ``h_W_m2K`` is one number, or one for each z node (nz,)."""
+    """The semi-discrete rim from the coefficients of the thesis.
+
+    Parameters
+    ----------
+    rim
+        Geometry, material and washers.
+    h_W_m2K
+        Heat-transfer coefficient of the running surface [W/m2K]: one number, or one for each z
+        node, (nz,).
+    mesh
+        Nodes in r and z.
+
+    Returns
+    -------
+    The matrices of the scheme, described at ``Scheme``.
+
+    Notes
+    -----
+    Equation (3.30) in r, (3.31) at the running surface, and the washers of section 3.4.4.3 at the
+    faces. It must not call ``tcdyn.heat.modal``: ``tests/heat/test_rim_engine.py`` compares the
+    two.
+    """
     m = mesh.nr - 1
     n = mesh.nz
     dr = rim.thickness_m / m
@@ -253,6 +443,25 @@ class CrankNicolson:
     A ``damped`` step consists of two implicit Euler steps of half its length, which use the same
     factor (Rannacher 1984). Use it for the two steps after a jump: Crank-Nicolson does not damp
     stiff modes.
+
+    Parameters
+    ----------
+    scheme
+        The semi-discrete rim.
+    dt_s
+        Time step dt [s].
+    factor
+        LU factors of I + dt/2 A.
+    forward
+        I - dt/2 A, (n, n).
+
+    Notes
+    -----
+    (I + dt/2 A) T+ = (I - dt/2 A) T + dt/2 (g + g+)
+
+    A ``damped`` step consists of two implicit Euler steps of half its length, which use the same
+    factor (Rannacher 1984). Use it for the two steps after a jump: Crank-Nicolson does not damp
+    stiff modes. ``tests/heat/test_rim_reference.py`` shows the difference.
     """
 
     scheme: Scheme
@@ -262,7 +471,15 @@ class CrankNicolson:
 
     @classmethod
     def prepare(cls, s: Scheme, dt_s: float) -> CrankNicolson:
-        """Factorise (SuperLU, minimum degree on A + A', symmetric mode)."""
+        """Factorise (SuperLU, minimum degree on A + A', symmetric mode).
+
+        Parameters
+        ----------
+        s
+            The semi-discrete rim.
+        dt_s
+            Time step [s].
+        """
         eye = sp.eye(s.matrix.shape[0], format="csc")
         half = (dt_s / 2) * s.matrix
         factor = splu(
@@ -271,7 +488,21 @@ class CrankNicolson:
         return cls(s, dt_s, factor, sp.csr_matrix(eye - half))
 
     def step(self, field: Array, g_now: Array, g_next: Array, damped: bool = False) -> Array:
-        """One step of fields (n,) or (n, columns); ``g_now``, ``g_next``: forcing at its ends."""
+        """One time step.
+
+        Parameters
+        ----------
+        field
+            Field at the start of the step, (n,) or (n, columns) [degC].
+        g_now, g_next
+            Forcing at the start and the end of the step, in the shape of ``field`` [K/s].
+        damped
+            Whether to take two implicit Euler steps of half the length instead.
+
+        Returns
+        -------
+        Field at the end of the step, in the shape of ``field`` [degC].
+        """
         half = self.dt_s / 2
         if damped:
             middle = self.factor.solve(field + half * (g_now + g_next) / 2)
@@ -280,16 +511,42 @@ class CrankNicolson:
 
 
 def steady_field(s: Scheme, forcing: Array) -> Array:
-    """The steady field (n,): A T = g."""
+    """The steady field: the solution of A T = g.
+
+    Parameters
+    ----------
+    s
+        The semi-discrete rim.
+    forcing
+        Constant forcing g, (n,) [K/s].
+
+    Returns
+    -------
+    Field, (n,) [degC].
+    """
     return np.asarray(splu(s.matrix.tocsc(), permc_spec="MMD_AT_PLUS_A").solve(forcing))
 
 
 def explicit_limit_s(rim: Rim, mesh: Mesh) -> float:
     """Largest stable step of the explicit scheme [s] (section 3.4.2).
 
-    dt <= dr^2 dz^2 / (2 alpha (dr^2 + dz^2)). The thesis quotes the one-dimensional form
-    alpha dt / dx^2 <= 1/2; in two dimensions the sum over both directions counts.
+    dt <= dr^2 dz^2 / (2 alpha (dr^2 + dz^2)). The thesis quotes the one-dimensional form alpha dt /
+    dx^2 <= 1/2; in two dimensions the sum over both directions counts.
 
+    Parameters
+    ----------
+    rim
+        Geometry and material.
+    mesh
+        Nodes in r and z.
+
+    Notes
+    -----
+    dt <= dr^2 dz^2 / (2 alpha (dr^2 + dz^2)). The thesis quotes the one-dimensional form alpha dt /
+    dx^2 <= 1/2; in two dimensions the sum over both directions counts.
+
+    Examples
+    --------
     >>> from tcdyn.rig.rigfile import load_rig
     >>> rim = Rim.from_setup(load_rig().disk_setup("fast"))
     >>> round(explicit_limit_s(rim, MESH_IV) * 1e3, 3)  # [ms]
@@ -301,7 +558,30 @@ def explicit_limit_s(rim: Rim, mesh: Mesh) -> float:
 
 
 def explicit_growth(rim: Rim, mesh: Mesh, dt_s: float, steps: int = 200) -> float:
-    """Largest |T| after unforced explicit steps from a +-1 checkerboard; below one if stable."""
+    """Largest |T| after unforced explicit steps from a +-1 checkerboard; below one if stable.
+
+    Parameters
+    ----------
+    rim
+        Geometry, material and washers.
+    mesh
+        Nodes in r and z.
+    dt_s
+        Time step [s].
+    steps
+        Number of steps.
+
+    Raises
+    ------
+    InputError
+        ``dt_s`` is not positive.
+
+    Notes
+    -----
+    The heat-transfer coefficient of the running surface is zero. The checkerboard is close to the
+    fastest mode, which grows first. ``tests/heat/test_rim_reference.py`` uses it on both sides of
+    ``explicit_limit_s``.
+    """
     if not dt_s > 0:
         raise InputError(f"explicit_growth: dt_s must be positive; got {dt_s}")
     s = scheme(rim, 0.0, mesh)

@@ -14,7 +14,7 @@ from scipy.interpolate import interp1d
 
 from tcdyn.core import Array
 from tcdyn.heat.engine import RimInputs, fields_at, free_decay, step_fields
-from tcdyn.heat.modal import flux_density, forcing, spectrum
+from tcdyn.heat.modal import flux_density, spectrum, steady_amplitudes
 from tcdyn.heat.reference import (
     CrankNicolson,
     product_decay_K,
@@ -226,7 +226,7 @@ def crank_nicolson_field(
     A step multiplies each mode by (1 - lambda dt/2)/(1 + lambda dt/2), so no stepping is needed.
     """
     s = spectrum(rim, 0.0, rim.width_m / 2, "modal", "uniform", mesh)
-    unit = forcing(s)
+    unit = steady_amplitudes(s)
     before = np.tensordot([0.0, 20.0, 20.0, 20.0, 20.0], unit, axes=1)
     after = np.tensordot([POWER_W, 20.0, 20.0, 20.0, 20.0], unit, axes=1)
     half = s.rates * dt_s / 2
