@@ -1,10 +1,13 @@
-"""Detection of bursts: a slip ring that loses contact for a short time (outlier rejection by
-shape).
+"""Detection of bursts, and whitening of the traces of a logger.
 
-Before the filter a burst is a pulse, after it a rounded pulse. Over a second, a temperature that
-went through its chain is a cubic, or a bend or a step that the chain has rounded. What none of
-these explains and a pulse does, is a burst. Most channels show a change of the temperature; where
-the others show nothing, weaker evidence is enough.
+A burst is a slip ring that loses contact for a short time. It is detected by its shape (outlier
+rejection). Before the filter a burst is a pulse, after it a rounded pulse. Over a second, a
+temperature that went through its chain is a cubic, or a slope change or a step that the chain has
+rounded. A window that none of these explains and a pulse does, contains a burst. Most channels show
+a change of the temperature; where the others show nothing, weaker evidence is enough.
+
+``tcdyn.smoothing`` and ``immersion.plunge_fit`` call ``estimate_and_whiten_noise``. Guarded by
+``tests/smoothing/test_noise.py`` and ``tests/smoothing/test_noise_parts.py``.
 """
 
 from __future__ import annotations
@@ -39,8 +42,8 @@ MIN_MARGIN = 8
 MIN_LAG_INTERVALS = 10.0
 # height of a pulse in standard deviations, at least
 MIN_HEIGHT_SD = 7.0
-# deviance by which a pulse must be better than bends and steps; that of a weak pulse which other
-# channels do not show
+# deviance by which a pulse must be better than slope changes and steps; that of a weak pulse which
+# other channels do not show
 MIN_GAIN = 25.0
 MIN_GAIN_WEAK = 6.0
 # deviance of the window of a weak pulse at most: a jump of the temperature by 10 K has thousands
@@ -52,7 +55,7 @@ MAX_MISSING = 0.25
 # height in standard deviations by which two other channels show that the temperature changed
 WITNESS_HEIGHT_SD = 4.5
 # deviance per sample that noise may leave; and the multiple of the remainder by which a pulse must
-# be better than bends and steps
+# be better than slope changes and steps
 NOISE_DEVIANCE = 1.5
 REMAINDER_FACTOR = 4.0
 # standard deviations of the noise that the tail of a pulse may leave in a sample that is used
@@ -78,8 +81,7 @@ def estimate_and_whiten_noise(
     chains: Sequence[Chain],
     rule: SpikeRule,
 ) -> tuple[LoggerNoise, list[tuple[Array, Flags]]]:
-    """Estimate the noise of the channels of one logger, and whiten all ``traces``, as
-    ``whiten_traces`` does.
+    """Estimate the noise of the channels of one logger, and whiten all ``traces``.
 
     Parameters
     ----------
@@ -97,14 +99,27 @@ def estimate_and_whiten_noise(
     rule
         Rule for spikes.
 
+    Returns
+    -------
+    noise
+        Noise of the channels. Its ``hum_lines`` are those that cannot be a temperature.
+    results
+        Whitened trace (N, M) [K] and mask of outliers (N, M) of each trace, as ``whiten_traces``
+        returns them.
+
     Notes
     -----
     Where bursts are so dense that most segments of a spectrum contain one, they look like noise.
     The noise is then estimated again, from short segments and without the detected bursts.
+
+    A line is hum only where every chain with a lag of its own passes less than ``MAX_HUM_GAIN`` of
+    it; other lines may be waves of the temperature. ``tests/smoothing/test_noise.py`` fails if
+    bursts become noise, or a wave hum.
     """
     same_rate = [abs(dt / dts_s[0] - 1) < SAME_RATE for dt in dts_s]
 
     def white(noise: LoggerNoise) -> list[tuple[Array, Flags]]:
+        """Whitened trace and mask of outliers of each trace, with the noise model ``noise``."""
         return [
             whiten_traces(noise, y, np.isfinite(y), dt, chains, rule)
             for y, dt in zip(traces, dts_s)
@@ -141,12 +156,39 @@ def whiten_traces(
     rule: SpikeRule,
     pulses: bool = True,
 ) -> tuple[Array, Flags]:
-    """Traces ``y`` (N, M) with their noise whitened, and the mask (N, M) of ``good`` samples that
-    are outliers.
+    """Whiten the noise of traces, and mark their outliers.
 
-    Samples that are not good, and outliers, are interpolated linearly. Spikes are detected by
-    ``rule``; bursts where ``pulses`` and where the chain is slow enough to round every change of
-    the temperature.
+    Parameters
+    ----------
+    noise
+        Noise of the M channels.
+    y
+        Traces, (N, M) [K].
+    good
+        Samples that are used, (N, M).
+    dt_s
+        Sampling interval [s].
+    chains
+        Chain of each channel.
+    rule
+        Rule for spikes.
+    pulses
+        Whether bursts are searched, besides spikes.
+
+    Returns
+    -------
+    white
+        Whitened traces, (N, M) [K]; samples that are not good, and outliers, are interpolated
+        linearly.
+    outliers
+        ``good`` samples that are outliers, (N, M).
+
+    Notes
+    -----
+    Bursts are searched where the chain is slow enough to round every change of the temperature: a
+    lag above ``MIN_LAG_INTERVALS`` sampling intervals. A channel is isolated where at least
+    ``WITNESSES`` others could show a change and fewer than ``WITNESSES`` of them do; there a weaker
+    pulse is enough.
     """
     white = noise.whitened(np.where(good, y, np.nan), dt_s)
     outliers = np.zeros(y.shape, dtype=bool)
@@ -174,19 +216,30 @@ def whiten_traces(
     n_showing = shows.sum(axis=0)
     for k, i in enumerate(slow):
         isolated = (n_able - can_show[k] >= WITNESSES) & (n_showing - shows[k] < WITNESSES)
-        outliers[:, i] |= _outliers(searches[k], dt_s, lags_s[i], isolated)
+        outliers[:, i] |= _burst_mask(searches[k], dt_s, lags_s[i], isolated)
         white[:, i] = interpolate_gaps(white[:, i], ~outliers[:, i])
     return white, outliers & good
 
 
 def _witness_height(search: _PulseSearch | None, missing: Flags) -> Array:
-    """Largest height of any pulse near each sample (N,) [standard deviations]; NaN where it cannot
-    be known.
+    """Largest height of any pulse near each sample [standard deviations].
+
+    Parameters
+    ----------
+    search
+        Search in the trace; None where it is not possible.
+    missing
+        Samples that are missing or outliers, (N,).
+
+    Returns
+    -------
+    Heights, (N,); NaN where the search is not possible or more than ``MAX_MISSING`` of the samples
+    nearby are missing.
     """
     if search is None:
         return np.full(len(missing), np.nan)
     near = 2 * search.widest + 1
-    height = maximum_filter1d(search.first, near)[search.widest : -search.widest]
+    height = maximum_filter1d(search.initial_score, near)[search.widest : -search.widest]
     missing_share = uniform_filter1d(missing.astype(float), near)
     able = (height > 0) & (missing_share < MAX_MISSING)
     return np.where(able, height, np.nan)
@@ -196,32 +249,67 @@ def _witness_height(search: _PulseSearch | None, missing: Flags) -> Array:
 class _PulseSearch:
     """Search for pulses in one trace.
 
-    ``padded``: the trace in standard deviations of its noise, padded by ``widest`` on both sides.
-    ``shapes`` (K, odd): the ``pulses`` with norm one, without the nearest cubic. ``beside``: margin
-    in samples.
+    Parameters
+    ----------
+    padded
+        The trace in standard deviations of its noise, padded by ``widest`` on both sides, (N + 2
+        widest,).
+    pulses
+        The K pulses through the filter, of height one before it.
+    shapes
+        The pulses without their nearest cubic, of norm one, (K, odd).
+    margin_samples
+        Samples on either side of a pulse.
+    widest
+        Length of the longest pulse with its margins [samples].
     """
 
     padded: Array
     pulses: tuple[Array, ...]
     shapes: Array
-    beside: int
+    margin_samples: int
     widest: int
 
     @classmethod
     def of(
         cls, y: Array, dt_s: float, noise_sd: float, filter_: Conditioning
     ) -> _PulseSearch | None:
-        """The search; None where it is not possible."""
-        pulses, shapes, beside = _pulse_shapes(dt_s, filter_)
-        widest = max(map(len, pulses)) + 2 * beside
+        """The search in a trace; None where it is not possible.
+
+        Parameters
+        ----------
+        y
+            Finite trace, (N,) [K].
+        dt_s
+            Sampling interval [s].
+        noise_sd
+            Standard deviation of its white noise [K].
+        filter_
+            The filter that rounds the pulses.
+
+        Notes
+        -----
+        It is not possible in a trace shorter than two windows, with a window above ``MAX_WINDOW``,
+        or without noise.
+        """
+        pulses, shapes, margin_samples = _pulse_shapes(dt_s, filter_)
+        widest = max(map(len, pulses)) + 2 * margin_samples
         if len(y) < 2 * widest or widest > MAX_WINDOW or not noise_sd > 0:
             return None
         padded = np.pad(y, widest, mode="reflect", reflect_type="odd") / noise_sd
-        return cls(padded, pulses, shapes, beside, widest)
+        return cls(padded, pulses, shapes, margin_samples, widest)
 
     def score(self, padded: Array) -> Array:
-        """Largest height of any pulse over its standard deviation, by the middle of its window;
-        zeros at the ends.
+        """Largest height of any pulse over its standard deviation.
+
+        Parameters
+        ----------
+        padded
+            Trace in standard deviations of its noise, (n,).
+
+        Returns
+        -------
+        Score, (n,), at the middle of the window of the pulse; zeros at the ends.
         """
         length = self.shapes.shape[1]
         largest = np.zeros(len(padded) - length + 1)
@@ -231,8 +319,8 @@ class _PulseSearch:
         return np.pad(largest, length // 2)
 
     @cached_property
-    def first(self) -> Array:
-        """The score of the original trace."""
+    def initial_score(self) -> Array:
+        """The score (N + 2 widest,) of the trace before any burst is removed."""
         return self.score(self.padded)
 
 
@@ -244,14 +332,15 @@ def find_bursts(
     lag_s: float,
     isolated: Flags | None = None,
 ) -> Flags:
-    """Samples (N,) of ``y`` [K] that a burst before the conditioning filter has changed.
+    """Mark the samples that a burst before the conditioning filter has changed.
 
     Parameters
     ----------
     y
         Finite trace (N,) [K].
     dt_s
-        Sampling interval, above 0.8 ms [s].
+        Sampling interval [s]; the search is empty where the longest pulse has more than
+        ``MAX_WINDOW`` samples.
     noise_sd
         Standard deviation of its white noise [K].
     filter_
@@ -259,22 +348,53 @@ def find_bursts(
     lag_s
         Lag of the chain, which rounds the changes of the temperature [s].
     isolated
-        Where other channels show no change (N,).
+        Where other channels show no change, (N,); nowhere if None.
+
+    Returns
+    -------
+    Mask of the changed samples, (N,).
+
+    Notes
+    -----
+    The same search as in ``whiten_traces``, for one trace; the tests use it.
     """
     isolated_mask = np.zeros(len(y), dtype=bool) if isolated is None else isolated
-    return _outliers(_PulseSearch.of(y, dt_s, noise_sd, filter_), dt_s, lag_s, isolated_mask)
+    return _burst_mask(_PulseSearch.of(y, dt_s, noise_sd, filter_), dt_s, lag_s, isolated_mask)
 
 
-def _outliers(
+def _burst_mask(
     search: _PulseSearch | None, dt_s: float, lag_s: float, isolated_mask: Flags
 ) -> Flags:
-    """The samples (N,) that bursts have changed."""
-    if search is None or not (search.first > MIN_HEIGHT_SD).any():
+    """Mark the samples that bursts have changed.
+
+    Parameters
+    ----------
+    search
+        Search in the trace; None where it is not possible.
+    dt_s
+        Sampling interval [s].
+    lag_s
+        Lag of the chain [s].
+    isolated_mask
+        Where other channels show no change, (N,).
+
+    Returns
+    -------
+    Mask, (N,).
+
+    Notes
+    -----
+    Peaks of the score are tested from the highest down, each in three windows that have the peak at
+    a half, a quarter and three quarters. Detected bursts are interpolated and the score is computed
+    again, up to ``ROUNDS`` times, because pulses hide each other. More rounds cost time only where
+    bursts remain.
+    """
+    if search is None or not (search.initial_score > MIN_HEIGHT_SD).any():
         return np.zeros(len(isolated_mask), dtype=bool)
     padded = search.padded
     widest = search.widest
-    score = search.first
-    model = _window_model(search.pulses, widest, search.beside, dt_s, lag_s)
+    score = search.initial_score
+    model = _window_model(search.pulses, widest, search.margin_samples, dt_s, lag_s)
     outliers = np.zeros(len(padded), dtype=bool)
     isolated = np.pad(isolated_mask, widest)
     for _ in range(ROUNDS):
@@ -297,22 +417,51 @@ def _outliers(
 
 @lru_cache(maxsize=8)
 def _pulse_shapes(dt_s: float, filter_: Conditioning) -> tuple[tuple[Array, ...], Array, int]:
-    """Pulses, their shapes, and the margin in samples beside each; cached."""
-    beside = max(round(MARGIN_S / dt_s), MIN_MARGIN)
+    """Pulses, their shapes without cubics, and the margin of samples beside each; cached.
+
+    Parameters
+    ----------
+    dt_s
+        Sampling interval [s].
+    filter_
+        The filter that rounds the pulses.
+
+    Returns
+    -------
+    pulses
+        The K pulses through the filter.
+    shapes
+        The pulses without their nearest cubic, centred, of norm one, (K, odd).
+    margin_samples
+        Samples on either side of a pulse.
+    """
+    margin_samples = max(round(MARGIN_S / dt_s), MIN_MARGIN)
     pulses = tuple(_pulses(dt_s, filter_))
-    length = max(map(len, pulses)) // 2 * 2 + 2 * beside + 1
+    length = max(map(len, pulses)) // 2 * 2 + 2 * margin_samples + 1
     shapes = np.zeros((len(pulses), length))
     for shape, pulse in zip(shapes, pulses):
-        full = np.pad(pulse, beside)
+        full = np.pad(pulse, margin_samples)
         cubic, _ = np.linalg.qr(legvander(np.linspace(-1, 1, len(full)), 3))
         residual = full - cubic @ (cubic.T @ full)
         first = length // 2 - len(residual) // 2
         shape[first : first + len(residual)] = residual / np.linalg.norm(residual)
-    return pulses, shapes, beside
+    return pulses, shapes, margin_samples
 
 
 def _pulses(dt_s: float, filter_: Conditioning) -> Iterator[Array]:
-    """Pulses of every length through the filter until they have decayed; height one before it."""
+    """Pulses of every length through the filter until they have decayed; height one before it.
+
+    Parameters
+    ----------
+    dt_s
+        Sampling interval [s].
+    filter_
+        The filter.
+
+    Yields
+    ------
+    Pulse, (length + tail,), for each of ``LENGTHS`` up to ``LONGEST_S``; the shortest always.
+    """
     filtered = Rational(np.array(filter_.numerator), tuple(Factor(f) for f in filter_.factors))
     tail = int(np.ceil(8 * max((f[1] for f in filter_.factors), default=0.0) / dt_s))
     for length in LENGTHS:
@@ -326,12 +475,24 @@ def _pulses(dt_s: float, filter_: Conditioning) -> Iterator[Array]:
 
 @dataclass(frozen=True)
 class _WindowModel:
-    """Components of a window (n,) besides a cubic: pulses, and rounded steps and bends, at any
-    position.
+    """Components of a window of n samples besides a cubic, at any position in it.
 
-    ``shapes`` (n, K): the pulses, zeros for the others. ``units`` (n, K): all components without
-    their cubic, of norm one. ``correlation`` (K, K): correlations of the components. ``norms``
-    (K,); ``cubic`` (n, 4).
+    The components are pulses, and steps and slope changes that the chain has rounded.
+
+    Parameters
+    ----------
+    shapes
+        The pulses, (n, K), zeros for the other components.
+    units
+        All components without their cubic, of norm one, (n, K).
+    correlation
+        Correlations of the components, (K, K).
+    norms
+        Norms of the components without their cubic, (K,).
+    cubic
+        Orthonormal basis of the cubics, (n, 4).
+    pulses
+        Number of pulses, which are the first components.
     """
 
     shapes: Array
@@ -342,10 +503,26 @@ class _WindowModel:
     pulses: int
 
     def pulses_in(self, window: Array, isolated: bool) -> Flags:
-        """Samples (n,) that pulses have changed: those of the best two components, if no two others
-        explain the window.
+        """Mark the samples that pulses have changed.
 
-        ``isolated``: other channels show no change; a weak pulse then needs less evidence.
+        Parameters
+        ----------
+        window
+            Trace in standard deviations of its noise, (n,).
+        isolated
+            Whether other channels show no change; a weak pulse then needs less evidence.
+
+        Returns
+        -------
+        Mask, (n,); empty where no pulse is better than steps and slope changes.
+
+        Notes
+        -----
+        The best two components, of which one is a pulse, must explain more than the best two that
+        are not pulses, by ``MIN_GAIN`` (``MIN_GAIN_WEAK`` for a weak pulse in an isolated window)
+        and by ``REMAINDER_FACTOR`` times the deviance that they leave beyond noise. A smaller gain
+        detects weaker bursts and takes more temperature changes for bursts.
+        ``tests/smoothing/test_noise.py`` has cases of both kinds.
         """
         projection = self.units.T @ window
         nothing = np.zeros(len(window), dtype=bool)
@@ -380,11 +557,31 @@ class _WindowModel:
     def _best(
         self, projection: Array, square: Array, rows: slice, first: int = 0
     ) -> tuple[float, int, int]:
-        """The most that one of ``rows`` and one of the components from ``first`` on explain
-        together, and their indices.
+        """The pair of components that explains most of a window.
 
+        Parameters
+        ----------
+        projection
+            Projections of the window on the components, (K,).
+        square
+            Their squares, (K,).
+        rows
+            Components from which the first of the pair is taken.
+        first
+            The second of the pair is taken from this component on.
+
+        Returns
+        -------
+        explained
+            Deviance that the pair explains.
+        i, k
+            Indices of the pair; equal where one component is best.
+
+        Notes
+        -----
         (a^2 + b^2 - 2 r a b) / (1 - r^2), with a and b the projections and r the correlation of the
-        components; a^2 for one component.
+        components; a^2 for one component. ``tests/smoothing/test_noise_parts.py`` compares with a
+        regression on both.
         """
         share, cross = self.weights
         explained = np.multiply(cross[rows, first:], projection[first:])
@@ -397,8 +594,15 @@ class _WindowModel:
 
     @cached_property
     def weights(self) -> tuple[Array, Array]:
-        """1 / (1 - r^2) and -2 r / (1 - r^2), (K, K) each, such that a component with itself
-        explains what it does once.
+        """Factors of the squares and of the products of projections in ``_best``.
+
+        Returns
+        -------
+        share
+            1 / (1 - r^2), (K, K); 0.5 on the diagonal, so that a component with itself is counted
+            once.
+        cross
+            -2 r / (1 - r^2), (K, K); zero on the diagonal.
         """
         share: Array = 1 / (1 - self.correlation**2)
         cross = -2 * self.correlation * share
@@ -408,10 +612,35 @@ class _WindowModel:
 
 
 def _window_model(
-    pulses: Sequence[Array], size: int, beside: int, dt_s: float, lag_s: float
+    pulses: Sequence[Array], size: int, margin_samples: int, dt_s: float, lag_s: float
 ) -> _WindowModel:
-    """All components of a window of ``size`` samples; a pulse leaves a margin beside it."""
-    margin = beside // 4
+    """All components of a window.
+
+    Parameters
+    ----------
+    pulses
+        Pulses through the filter.
+    size
+        Samples n of the window.
+    margin_samples
+        Samples on either side of a pulse; a quarter of them must remain in the window.
+    dt_s
+        Sampling interval [s].
+    lag_s
+        Lag that rounds steps and slope changes [s].
+
+    Returns
+    -------
+    The components, described at ``_WindowModel``.
+
+    Notes
+    -----
+    Pulses start at every n/120-th of the window, steps and slope changes at every n/60-th (chosen
+    by judgement): finer positions cost memory and time with their square. Components that are
+    nearly cubics are left out. Correlations are limited to 0.999, so that the denominator in
+    ``_WindowModel.weights`` is not zero.
+    """
+    margin = margin_samples // 4
     step_samples = max(size // 120, 1)
     positions = [
         (pulse, start)

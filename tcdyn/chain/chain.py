@@ -1,4 +1,10 @@
-"""The measurement chain from the junction to the log file: transfer function and state space."""
+"""The measurement chain from the junction to the log file: transfer function and state space.
+
+The calibration fits chains (``immersion``), ``tcdyn.smoothing`` compensates for them, and
+``tcdyn.partition`` equalises channels with them. A chain is a product of lags; each function here
+is exact for the stated hold of the input. Guarded by ``tests/chain/test_chain.py`` and, for the
+state space, ``tests/smoothing/test_states.py``.
+"""
 
 from __future__ import annotations
 
@@ -30,6 +36,7 @@ from tcdyn.rig.disk import Conditioning
 if TYPE_CHECKING:
     import control
 
+# A conditioning filter without poles: G = 1.
 NO_CONDITIONING = Conditioning(poles=0)
 
 
@@ -56,10 +63,21 @@ class Chain(Result):
         cosh(sqrt(cement s)): heat diffusing through the layer onto an insulated junction, a
         half-order lag with first moment cement/2.
 
+    Raises
+    ------
+    InputError
+        Time constants that are no numbers, or are negative or infinite; a negative dead time or
+        cement; a pair that is not positive.
+
     Notes
     -----
     ``lag_s`` is the first moment of the impulse response: delay + sum of lags - zero + the lag of
     the filter.
+
+    A further element must be added to ``factors_without_filter`` (or ``rational``),
+    ``frequency_response`` and ``summary``, and to ``tcdyn.chain.structures.ChainStructure`` if it
+    is to be fitted by name. ``tests/chain/test_chain.py`` compares the response with
+    ``frequency_response`` for each structure.
 
     Examples
     --------
@@ -90,6 +108,13 @@ class Chain(Result):
         ) -> None: ...
 
     def __post_init__(self) -> None:
+        """Check the values, and compute ``lag_s``.
+
+        Raises
+        ------
+        InputError
+            Values that no chain can have.
+        """
         try:
             taus = tuple(map(float, np.ravel(self.taus_s)))
         except (TypeError, ValueError):
@@ -109,14 +134,21 @@ class Chain(Result):
         lag = (
             self.delay_s
             - self.zero_s
-            + sum(f[1] for f in self.own_factors())
+            + sum(f[1] for f in self.factors_without_filter())
             + self.conditioning.lag_s
         )
         object.__setattr__(self, "lag_s", float(lag))
 
-    def own_factors(self) -> tuple[tuple[float, ...], ...]:
-        """Denominator factors without the filter, ascending coefficients in s: lags from the
-        largest on, pair, cement.
+    def factors_without_filter(self) -> tuple[tuple[float, ...], ...]:
+        """Denominator factors without those of the conditioning filter.
+
+        Returns
+        -------
+        Ascending coefficients in s of each factor: lags from the largest on, pair, cement.
+
+        Notes
+        -----
+        The sequence of the lags is also that of the stages in ``sensors``.
         """
         factors: list[tuple[float, ...]] = [
             (1.0, tau) for tau in sorted(self.taus_s, reverse=True) if tau > 0
@@ -128,12 +160,17 @@ class Chain(Result):
         return tuple(factors)
 
     def factors(self) -> tuple[tuple[float, ...], ...]:
-        """All denominator factors, those of the filter last."""
-        return (*self.own_factors(), *self.conditioning.factors)
+        """All denominator factors, those of the filter last.
+
+        Returns
+        -------
+        Ascending coefficients in s of each factor.
+        """
+        return (*self.factors_without_filter(), *self.conditioning.factors)
 
     @cached_property
     def rational(self) -> Rational:
-        """The chain as a product of its factors; cement by its lags."""
+        """The chain as a product of its factors, for simulation; cement by its lags."""
         num = polynomial_product(
             [[1.0, self.zero_s] if self.zero_s else [1.0], self.conditioning.numerator]
         )
@@ -167,13 +204,28 @@ class Chain(Result):
         return f"{'; '.join(texts) or 'no dynamics'}; lag in all (first moment) {self.lag_s:.4g} s"
 
     def transfer_function(self, pade_order: int = 3) -> control.TransferFunction:
-        """As a ``control.TransferFunction``; a dead time enters by its Pade approximation of
-        ``pade_order``.
+        """The chain as a ``control.TransferFunction``.
+
+        Parameters
+        ----------
+        pade_order
+            Order of the Pade approximation by which a dead time enters; a higher one holds up to
+            higher frequencies.
         """
         return self.rational.transfer_function(pade_order)
 
     def frequency_response(self, frequency_Hz: ArrayLike) -> NDArray[np.complex128]:
-        """G(2 pi i f), dead time and cement exact; same shape as ``frequency_Hz``."""
+        """G(2 pi i f), with dead time and cement exact.
+
+        Parameters
+        ----------
+        frequency_Hz
+            Frequencies [Hz], any shape.
+
+        Returns
+        -------
+        Complex gains, in the shape of ``frequency_Hz``.
+        """
         s = 2j * np.pi * np.asarray(frequency_Hz, dtype=float)
         value = (1.0 + self.zero_s * s) * polyval(s, self.conditioning.numerator)
         value = value * np.exp(-self.delay_s * s) / np.cosh(np.sqrt(self.cement_s * s))
@@ -197,6 +249,10 @@ class Chain(Result):
             time, an integer number of samples or not, are exact under that hold.
         initial
             Start in equilibrium with the first sample, or from zero.
+
+        Returns
+        -------
+        Response, in the shape and unit of ``u``.
         """
         u = np.asarray(u, dtype=float)
         system = realise(self.rational, sensitivities=False)
@@ -207,7 +263,20 @@ class Chain(Result):
     def discrete(
         self, dt_s: float, hold: Hold = "foh"
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Numerator and denominator in powers of z^-1, exact under ``hold``; no dead time."""
+        """Digital form of the chain in powers of z^-1, exact under ``hold``; without dead time.
+
+        Parameters
+        ----------
+        dt_s
+            Sampling interval [s].
+        hold
+            Input between samples, as in ``response``.
+
+        Returns
+        -------
+        b, a
+            Numerator and denominator, see ``discretised``.
+        """
         num, den = self.rational.polynomials()
         if len(den) == 1:
             return np.array([1.0]), np.array([1.0])
@@ -219,8 +288,13 @@ class Chain(Result):
         return replace(self, taus_s=(max(taus[0] + shift_s, 0.0), *taus[1:]))
 
     def with_split_shift(self, shift_s: float) -> Chain:
-        """The same total lag, with ``shift_s`` of the largest lag moved to the next, or to the dead
-        time if there is none.
+        """The same total lag, with part of the largest lag moved to the next.
+
+        Parameters
+        ----------
+        shift_s
+            Amount that is moved [s], at most the largest lag. It goes to the dead time where there
+            is no second lag.
 
         Examples
         --------
@@ -234,8 +308,19 @@ class Chain(Result):
         return replace(self, taus_s=(taus[0] - shift, taus[1] + shift, *taus[2:]))
 
     def split_s2(self, shift_s: float) -> float:
-        """Change [s2] of the coefficient of s^2 in 1/G by ``with_split_shift``; that of s does not
-        change.
+        """Change of the coefficient of s^2 in 1/G by ``with_split_shift`` [s2].
+
+        The coefficient of s does not change.
+
+        Parameters
+        ----------
+        shift_s
+            Amount that is moved [s].
+
+        Notes
+        -----
+        Only lags and dead time are counted; the zero, the pair, cement and the filter do not
+        change. ``Sensor.split_row`` is the effect of a unit of this number.
 
         Examples
         --------
@@ -252,7 +337,19 @@ class Chain(Result):
 
 
 def chains_for(chains: float | Chain | Sequence[Chain], count: int) -> list[Chain]:
-    """One chain for each of ``count`` channels: one chain is used for all, a number is one lag [s].
+    """One chain for each channel.
+
+    Parameters
+    ----------
+    chains
+        One chain for all channels, one number [s] for a single lag of all, or one chain for each
+        channel.
+    count
+        Number of channels.
+
+    Returns
+    -------
+    Chains, one for each channel.
 
     Raises
     ------
@@ -283,11 +380,18 @@ def chains_for(chains: float | Chain | Sequence[Chain], count: int) -> list[Chai
 
 
 def cement_lags() -> tuple[float, ...]:
-    """Lags of 1/cosh(sqrt(s)) as shares of its diffusion time: 1/((k - 1/2)^2 pi^2), the remainder
-    in three equal lags.
+    """Lags of 1/cosh(sqrt(s)) as shares of its diffusion time.
 
+    Returns
+    -------
+    1/((k - 1/2)^2 pi^2) for k = 1 to 4, and the remainder in three equal lags.
+
+    Notes
+    -----
     cosh(sqrt(s)) = prod_k (1 + s/((k - 1/2)^2 pi^2)) exactly; the shares sum to 1/2, the first
-    moment. Four poles and the remainder keep the step response within 2e-3 of the exact one.
+    moment. Four poles and the remainder keep the step response within 2e-3 of the exact one. More
+    poles may be taken; the sum must stay 1/2. ``tests/chain/test_chain.py`` compares with the
+    diffusion solution.
     """
     shares = [1 / ((k - 0.5) ** 2 * np.pi**2) for k in range(1, 5)]
     return (*shares, *[(0.5 - sum(shares)) / 3] * 3)
@@ -296,8 +400,21 @@ def cement_lags() -> tuple[float, ...]:
 def discretised(
     num: ArrayLike, den: ArrayLike, dt_s: float, hold: Hold = "foh"
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Digital form (b, a) in powers of z^-1 of num/den in descending powers of s, exact under
-    ``hold``.
+    """Digital form of a rational transfer function, exact under ``hold``.
+
+    Parameters
+    ----------
+    num, den
+        Numerator and denominator in descending powers of s.
+    dt_s
+        Sampling interval [s].
+    hold
+        Input between samples: a straight line (``foh``) or constant (``zoh``).
+
+    Returns
+    -------
+    b, a
+        Numerator and denominator in powers of z^-1.
     """
     system = signal.cont2discrete(signal.tf2ss(num, den), dt_s, method=hold)[:4]
     b, a = signal.ss2tf(*system)
@@ -306,11 +423,10 @@ def discretised(
 
 @dataclass(frozen=True)
 class Sensor:
-    """State space of a chain: state (x, x', stages), d state/dt = drift @ state, reading = output @
-    state.
+    """State space of a chain: d state/dt = drift @ state, reading = output @ state.
 
-    x is the junction temperature [degC], x' its slope [K/s]. Every stage has unit static gain, so
-    all stages are in degC.
+    The state is (x, x', stages). x is the junction temperature [degC], x' its slope [K/s]. Every
+    stage has unit static gain, so all stages are in degC.
 
     Parameters
     ----------
@@ -318,8 +434,8 @@ class Sensor:
         System matrix (n, n) and output row (n,).
     lag_row
         ``lag_row @ state`` is the change of the compensated temperature per second of lag [K/s].
-    bend_row
-        ``bend_row @ state`` is that per ``Chain.split_s2`` [K/s2].
+    split_row
+        ``split_row @ state`` is that per ``Chain.split_s2`` [K/s2].
     ramp
         State (n, 2) of a chain that has always followed a level of 1, and a slope of 1 through
         zero.
@@ -333,7 +449,7 @@ class Sensor:
     drift: Array
     output: Array
     lag_row: Array
-    bend_row: Array
+    split_row: Array
     ramp: Array
     scatter: Array
     delay_s: float
@@ -341,17 +457,50 @@ class Sensor:
 
 
 def sensors(chains: Sequence[Chain]) -> list[Sensor]:
-    """The state space of each chain, padded with idle states to one size, so that channels can be
-    stacked.
+    """The state space of each chain, padded with idle states to one size.
 
-    Largest lag first, one stage a factor of the chain; the zero is in the output, the dead time is
-    separate and exact.
+    The equal size lets channels be stacked. Largest lag first, one stage a factor of the chain; the
+    zero is in the output, the dead time is separate and exact.
+
+    Parameters
+    ----------
+    chains
+        Chains of the channels.
+
+    Raises
+    ------
+    InputError
+        A chain has a zero, but neither a lag nor a filter.
+
+    Notes
+    -----
+    Idle states decay by themselves and reach no output. The order of the states is used in
+    ``tcdyn.smoothing.state_space``; ``tests/smoothing/test_states.py`` guards both.
     """
     size = 2 + max(sum(len(f) - 1 for f in chain.factors()) for chain in chains)
     return [_sensor(chain, size) for chain in chains]
 
 
 def _sensor(chain: Chain, size: int) -> Sensor:
+    """The state space of one chain with ``size`` states.
+
+    Parameters
+    ----------
+    chain
+        The chain.
+    size
+        Number of states; those that the chain does not need are idle.
+
+    Raises
+    ------
+    InputError
+        The chain has a zero, but neither a lag nor a filter.
+
+    Notes
+    -----
+    A pair of poles is two states: w = 1/sqrt(f_2), with the coupling +w and -w. ``lag_row`` and
+    ``split_row`` use the rates of change of x and of the first two lags.
+    """
     drift = np.zeros((size, size))
     drift[0, 1] = 1.0
     source = 0
@@ -386,9 +535,9 @@ def _sensor(chain: Chain, size: int) -> Sensor:
     rates = np.array([slope_row, *drift[2 : 2 + len(lags_s)]])
     lag_row = rates[min(len(lags_s), 1)]
     last = min(len(lags_s), 2)
-    bend_row = np.zeros(size)
+    split_row = np.zeros(size)
     if last:
-        bend_row = (rates[last - 1] - rates[last]) / lags_s[last - 1]
+        split_row = (rates[last - 1] - rates[last]) / lags_s[last - 1]
     idle = range(index, size)
     drift[idle, idle] = -1.0
     ramp = np.zeros((size, 2))
@@ -401,4 +550,4 @@ def _sensor(chain: Chain, size: int) -> Sensor:
         v = np.linalg.solve(stages, ramp[2:, 0])
         ramp[2:, 1] = v
         scatter[2:, 2:] = solve_continuous_lyapunov(stages, -np.outer(v, v))
-    return Sensor(drift, output, lag_row, bend_row, ramp, scatter, chain.delay_s, chain.lag_s)
+    return Sensor(drift, output, lag_row, split_row, ramp, scatter, chain.delay_s, chain.lag_s)

@@ -1,10 +1,10 @@
-"""Noise of loggers: white noise before and after the conditioning filter, their levels, and
-whitening.
+"""Noise of loggers: white noise before and after the conditioning filter, and whitening.
 
-reading = B (C T + w) + v: slip rings and wires are before the filter B, so it colours most of their
-noise w; the noise v of the converter is white. With B = 1/A the spectrum of both is |N|^2 |B|^2,
-|N|^2 = a + b |A|^2: the filter A/N whitens the noise, and a chain C B followed by it is C/N. No fit
-and no smoother needs to know more.
+KEEP
+
+``tcdyn.chain.bursts``, ``tcdyn.smoothing`` and ``immersion`` use it. Thresholds are below, with
+their reason. Guarded by ``tests/smoothing/test_noise.py`` and
+``tests/smoothing/test_noise_parts.py``.
 """
 
 from __future__ import annotations
@@ -75,8 +75,9 @@ TYPICAL_LAG_S = 0.7
 
 @dataclass(frozen=True)
 class WhitenedConditioning(Conditioning):
-    """The filter 1/N that replaces B once a trace went through A/N; A/N where B was not in the
-    chain.
+    """The filter that replaces B once a trace went through A/N.
+
+    It is 1/N for a chain with the filter B, and B A/N for another filter or none.
 
     Parameters
     ----------
@@ -95,7 +96,12 @@ class WhitenedConditioning(Conditioning):
 
     @cached_property
     def factors(self) -> tuple[tuple[float, ...], ...]:
-        """Factors of the denominator, ascending coefficients in s."""
+        """Factors of the denominator.
+
+        Returns
+        -------
+        Ascending coefficients in s of each factor.
+        """
         return self.sections
 
     @cached_property
@@ -150,8 +156,12 @@ class LoggerNoise:
         }
 
     def findings(self, subject: str) -> list[Finding]:
-        """Findings for noise from before the filter, hum, and power that the model does not
-        explain.
+        """Findings for noise from before the filter, hum, and unexplained power.
+
+        Parameters
+        ----------
+        subject
+            What the traces belong to, for the messages.
         """
         out = []
         before, after = self.to_dict().values()
@@ -173,17 +183,24 @@ class LoggerNoise:
 
     @property
     def aliasing_u_K(self) -> Array:
-        """Standard uncertainty (M,) [K] from harmonics of mains hum that sampling aliases onto the
-        temperature.
+        """Standard uncertainty from mains harmonics that sampling aliases onto the temperature [K].
 
+        Returns
+        -------
+        Standard uncertainties, (M,).
+
+        Notes
+        -----
         For a line at the mains frequency, as sampled, those harmonics up to the fifth that are
-        aliased to below half a hertz are taken to be at most half as strong; no data can
-        distinguish them from a temperature.
+        aliased to below half a hertz are taken to be at most half as strong (``HARMONIC_SHARE``);
+        no data can distinguish them from a temperature.
         """
         u: Array = np.zeros(len(self.level_K))
         for f, amplitude in self.hum_lines:
             for mains in _mains(f, self.rate_Hz):
-                if any(_folded(k * mains, self.rate_Hz) < LINE_WIDTH_HZ for k in range(2, 6)):
+                if any(
+                    _alias_frequency(k * mains, self.rate_Hz) < LINE_WIDTH_HZ for k in range(2, 6)
+                ):
                     u = np.hypot(u, HARMONIC_SHARE * amplitude / np.sqrt(2))
         return u
 
@@ -192,11 +209,18 @@ class LoggerNoise:
         return LoggerNoise(np.zeros(len(sd_K)), sd_K, sd_K, self.shaping, rate_Hz=self.rate_Hz)
 
     def expanded(self, present: Flags, white_K: Array) -> LoggerNoise:
-        """The same for more channels (M,): ``present`` marks those of this noise, the others have
-        white noise ``white_K`` (M,).
+        """The same noise for more channels.
+
+        Parameters
+        ----------
+        present
+            Which of the channels are those of this noise, (M,).
+        white_K
+            Standard deviation of the white noise of the others, (M,) [K].
         """
 
         def spread(values: Array, others: Array) -> Array:
+            """``values`` at the present channels, ``others`` at the rest, (M,)."""
             out = np.array(others, dtype=float)
             out[present] = values
             return out
@@ -211,7 +235,23 @@ class LoggerNoise:
         )
 
     def whitened(self, y: Array, dt_s: float) -> Array:
-        """Whitening: ``y`` (N, M) through A/N, NaN where it was."""
+        """Whiten a trace: filter it by A/N.
+
+        Parameters
+        ----------
+        y
+            Trace, (N, M) [K], NaN where missing.
+        dt_s
+            Sampling interval [s].
+
+        Returns
+        -------
+        Whitened trace, (N, M), NaN where ``y`` was. Gaps are interpolated before the filter.
+
+        Notes
+        -----
+        A chain of such a trace must be replaced by ``whitened_chain``.
+        """
         if not self.coloured:
             return y
         missing_mask = ~np.isfinite(y)
@@ -223,7 +263,18 @@ class LoggerNoise:
         return np.where(missing_mask, np.nan, out)
 
     def whitened_chain(self, chain: Chain) -> Chain:
-        """The chain of a trace that was whitened."""
+        """The chain of a trace that ``whitened`` has filtered.
+
+        Parameters
+        ----------
+        chain
+            Chain of the trace before whitening.
+
+        Notes
+        -----
+        Where the chain has the filter B of this noise, C B A/N = C/N; otherwise A/N is added to its
+        filter. ``tests/smoothing/test_noise_parts.py`` compares both with the filter of the trace.
+        """
         if not self.coloured:
             return chain
         b = chain.conditioning
@@ -245,20 +296,19 @@ def estimate_logger_noise(
     white_K: Array,
     segment_s: float = SEGMENT_S,
 ) -> LoggerNoise:
-    """Noise of the channels of one logger, from ``traces``, each (N, M) [K], every ``dt_s``, NaN
-    where missing.
+    """Estimate the noise of the channels of one logger.
 
     Parameters
     ----------
     traces
-        Traces.
+        Each (N, M) [K], NaN where missing.
     dt_s
-        Sampling interval [s].
+        Sampling interval of all traces [s].
     filter_
         The conditioning filter.
     white_K
-        Standard deviation (M,) of white noise, estimated from differences; used where neither model
-        is clearly better than white noise.
+        Standard deviation (M,) of white noise [K], estimated from differences; used where neither
+        model is clearly better than white noise.
     segment_s
         Length of the segments of the spectra [s].
 
@@ -269,6 +319,12 @@ def estimate_logger_noise(
     temperature signal. In place of the filter, lags of several lengths are tried (in effect an
     autoregressive model), and one is used where it is clearly better. Frequencies that stand out
     are lines (hum), and excluded from the fit.
+
+    Noise is taken as coloured where that lowers the deviance by ``MIN_DEVIANCE`` and the share from
+    before the filter is at least ``MIN_BEFORE_SHARE``. Smaller values also whiten traces whose
+    noise is white; larger ones leave traces with coloured noise as they are.
+    ``tests/smoothing/test_noise.py`` has cases of both kinds. The spectra must have the scale of
+    ``_spectra``: the mean over all frequencies is the variance of a sample.
     """
     white = LoggerNoise(np.zeros(len(white_K)), white_K, white_K, filter_, rate_Hz=1 / dt_s)
     spectra = _spectra(traces, dt_s, segment_s)
@@ -285,18 +341,19 @@ def estimate_logger_noise(
             usable, white_K
         )
     w = 2 * np.pi * f
-    signal_ = _passed(f, filter_) / (w**4 * (1 + (w * TYPICAL_LAG_S) ** 2))
+    signal_ = _power_gain(f, filter_) / (w**4 * (1 + (w * TYPICAL_LAG_S) ** 2))
     flat = np.ones(len(f))
     masks = [_background(p, np.stack([flat, signal_], axis=1), count) for p in power.T]
     # hum is in most channels; a single odd channel does not count
     background = np.mean(masks, axis=0) >= 0.5
-    lines = _lines(f, power, ~background)
+    lines = _spectral_lines(f, power, ~background)
     if np.count_nonzero(background) < MIN_FREQUENCIES:
         return replace(white, hum_lines=lines)
     filters = [filter_] if filter_.poles else []
     lags = [Conditioning(float(c), 1) for c in np.geomspace(1.0, 0.3 / dt_s, N_LAGS)]
     shapes = {
-        c: np.stack([_passed(f, c), flat, signal_], axis=1)[background] for c in (*filters, *lags)
+        c: np.stack([_power_gain(f, c), flat, signal_], axis=1)[background]
+        for c in (*filters, *lags)
     }
     shapes[NO_CONDITIONING] = np.stack([flat, signal_], axis=1)[background]
     fits = {c: [_levels(p, shape) for p in power[background].T] for c, shape in shapes.items()}
@@ -341,47 +398,114 @@ def estimate_logger_noise(
     )
 
 
-def _folded(f: float, rate_Hz: float) -> float:
-    """Frequency [Hz] at which samples of ``rate_Hz`` show a wave of ``f`` [Hz] (aliasing)."""
+def _alias_frequency(f: float, rate_Hz: float) -> float:
+    """Frequency [Hz] at which samples show a wave of ``f`` [Hz] (aliasing).
+
+    Parameters
+    ----------
+    f
+        Frequency of the wave [Hz].
+    rate_Hz
+        Sampling rate [Hz].
+    """
     return abs(f - rate_Hz * round(f / rate_Hz))
 
 
 def _mains(f: float, rate_Hz: float) -> list[float]:
-    """The mains frequencies [Hz] that appear at ``f``."""
-    return [mains for mains in (50.0, 60.0) if abs(_folded(mains, rate_Hz) - f) < LINE_WIDTH_HZ]
+    """The mains frequencies, 50 and 60 Hz, that sampling at ``rate_Hz`` shows at ``f`` [Hz]."""
+    return [
+        mains for mains in (50.0, 60.0) if abs(_alias_frequency(mains, rate_Hz) - f) < LINE_WIDTH_HZ
+    ]
 
 
 def noise_power_ratio(filter_: Conditioning, dt_s: float) -> float:
-    """Share of its variance that the filter leaves of white noise sampled every ``dt_s``.
+    """Share of its variance that the filter leaves of sampled white noise.
 
     The variance of noise from before the filter, divided by it, is that of white noise with the
     same power at low frequency.
+
+    Parameters
+    ----------
+    filter_
+        The filter.
+    dt_s
+        Sampling interval [s].
+
+    Notes
+    -----
+    Mean of |B|^2 from zero to the Nyquist frequency.
 
     Examples
     --------
     >>> round(noise_power_ratio(Conditioning(4.0, 2), 1 / 75), 3)
     0.085
     """
-    return float(np.mean(_passed(np.linspace(0.0, 0.5 / dt_s, 400), filter_)))
+    return float(np.mean(_power_gain(np.linspace(0.0, 0.5 / dt_s, 400), filter_)))
 
 
-def _passed(f: Array, filter_: Conditioning) -> Array:
-    """|B|^2 at frequencies ``f`` [Hz]."""
+def _power_gain(f: Array, filter_: Conditioning) -> Array:
+    """Power gain |B|^2 of the filter at frequencies ``f`` [Hz].
+
+    Returns
+    -------
+    Gains, in the shape of ``f``.
+
+    Notes
+    -----
+    The numerator of the filter is taken as one, which holds for conditioning filters that are not
+    whitened.
+    """
     return np.asarray(
         1.0 / np.abs(polyval(2j * np.pi * f, polynomial_product(filter_.factors))) ** 2
     )
 
 
 def _background(power: Array, shapes: Array, count: int) -> Flags:
-    """Frequencies (F,) whose power does not stand out from their neighbours."""
+    """Mark the frequencies whose power does not stand out from their neighbours.
+
+    Parameters
+    ----------
+    power
+        Spectrum, (F,).
+    shapes
+        Shapes of a first fit, (F, K).
+    count
+        Number of segments of the spectrum.
+
+    Returns
+    -------
+    Mask, (F,).
+
+    Notes
+    -----
+    The limit is ``LINE_SD`` standard deviations above the median of ``NEIGHBOURS`` frequencies,
+    relative to the fit.
+    """
     expected = shapes @ _levels(power, shapes)[0]
     expected *= median_filter(power / expected, NEIGHBOURS, mode="nearest")
     return np.asarray(power < expected * (1 + LINE_SD / np.sqrt(SPECTRA_PER_SEGMENT * count)))
 
 
-def _lines(f: Array, power: Array, standing: Flags) -> tuple[tuple[float, Array], ...]:
-    """Frequency [Hz] and amplitude (M,) [K] of each group of neighbouring frequencies that stand
-    out.
+def _spectral_lines(f: Array, power: Array, standing: Flags) -> tuple[tuple[float, Array], ...]:
+    """Frequency and amplitude of each group of neighbouring frequencies that stand out.
+
+    Parameters
+    ----------
+    f
+        Frequencies, (F,) [Hz].
+    power
+        Spectra of the channels, (F, M) [K2].
+    standing
+        Frequencies that stand out, (F,).
+
+    Returns
+    -------
+    (frequency [Hz], amplitudes (M,) [K]) of each line.
+
+    Notes
+    -----
+    The factor 1.5 is the equivalent noise bandwidth of the Hann taper in ``_spectra``; change both
+    together. ``tests/smoothing/test_noise_parts.py`` compares the amplitude of a wave.
     """
     groups, number = label(standing)
     out = []
@@ -397,8 +521,31 @@ def _lines(f: Array, power: Array, standing: Flags) -> tuple[tuple[float, Array]
 def _spectra(
     traces: Sequence[Array], dt_s: float, segment_s: float
 ) -> tuple[Array, Array, int] | None:
-    """Frequencies (F,) [Hz], the variance of a sample (F, M) [K2] for each, and the number of
-    segments.
+    """Median spectrum of the segments of all traces.
+
+    Parameters
+    ----------
+    traces
+        Each (N, M) [K], NaN where missing.
+    dt_s
+        Sampling interval [s].
+    segment_s
+        Length of a segment [s]; shorter where a trace is too short for ``LEAST_SEGMENTS`` of them.
+
+    Returns
+    -------
+    f
+        Frequencies that are used, (F,) [Hz].
+    power
+        Variance of a sample of white noise that has this power, (F, M) [K2].
+    count
+        Number of segments that do not overlap.
+    None instead, where the traces are too short or have too few frequencies.
+
+    Notes
+    -----
+    Segments overlap by half, lose their straight line, and are tapered (Hann, norm one). The median
+    over segments is divided by log 2, the median over the mean of a squared amplitude.
     """
     long_traces = [y for y in traces if len(y) >= LEAST_SEGMENT * LEAST_SEGMENTS]
     if not long_traces:
@@ -433,11 +580,27 @@ def _spectra(
 
 
 def _levels(power: Array, shapes: Array) -> tuple[Array, float]:
-    """Most likely levels (K,) of ``shapes`` (F, K) for ``power`` (F,), and sum(log s + power/s) at
-    them.
+    """Most likely levels of the shapes of a spectrum.
 
+    Parameters
+    ----------
+    power
+        Spectrum, (F,).
+    shapes
+        Shapes that are added, (F, K).
+
+    Returns
+    -------
+    levels
+        Level of each shape, (K,), none negative.
+    value
+        sum(log s + power/s) at them, for the sum s of the shapes: minus the log likelihood for one
+        spectrum.
+
+    Notes
+    -----
     Fisher scoring of Whittle's likelihood: non-negative least squares, weighted by the spectrum
-    itself.
+    itself. At most 30 iterations, which end where no level changes by more than ``LEVELS_SETTLED``.
     """
     least = 1e-12 * float(np.max(power))
     s = np.maximum(power, least)

@@ -5,6 +5,10 @@ filters, over all poles, gives the output. A short side branch for each factor g
 output, which is minus its derivative with respect to the j-th coefficient of f_i. Nothing is
 expanded into a polynomial of high order, so equal, close and distant poles all have full precision.
 Between samples the input is constant (ZOH) or a straight line (FOH).
+
+``tcdyn.chain.chain``, ``tcdyn.identify`` and ``tcdyn.partition.nuisance`` simulate with it. Guarded
+by ``tests/identify/test_identify_simulation.py``, ``tests/smoothing/test_noise_parts.py`` and
+``tests/chain/test_chain.py``.
 """
 
 from __future__ import annotations
@@ -26,12 +30,24 @@ if TYPE_CHECKING:
     import control
 
 Complex = NDArray[np.complex128]
+# input between samples: a straight line (first-order hold) or constant (zero-order hold)
 Hold = Literal["foh", "zoh"]
+# input before the record: its first sample, or zero
 InitialState = Literal["equilibrium", "zero"]
 
 
 def polynomial_product(factors: Iterable[ArrayLike]) -> Array:
-    """Ascending coefficients of the product of polynomials with ascending coefficients."""
+    """Product of polynomials.
+
+    Parameters
+    ----------
+    factors
+        Ascending coefficients of each polynomial.
+
+    Returns
+    -------
+    Ascending coefficients of the product; [1] for no factors.
+    """
     out: Array = np.ones(1)
     for f in factors:
         out = np.convolve(out, np.asarray(f, dtype=float))
@@ -63,8 +79,18 @@ class Factor:
 
 @dataclass(frozen=True)
 class Rational:
-    """The transfer function exp(-delay s) N(s) / (s^integrators prod f_i(s)); ``num`` is ascending
-    in s.
+    """The transfer function exp(-delay s) N(s) / (s^integrators prod f_i(s)).
+
+    Parameters
+    ----------
+    num
+        Ascending coefficients of N.
+    factors
+        Denominator factors f_i.
+    delay_s
+        Dead time [s].
+    integrators
+        Number of poles at zero.
     """
 
     num: Array
@@ -79,22 +105,39 @@ class Rational:
 
     @property
     def lag_s(self) -> float:
-        """First moment of the impulse response [s] over its gain, without integrators: delay + sum
-        a_1 - n_1/n_0.
+        """First moment of the impulse response over its gain [s], without integrators.
+
+        Notes
+        -----
+        delay + sum a_1 - n_1/n_0
         """
         lead = float(self.num[1] / self.num[0]) if len(self.num) > 1 else 0.0
         return self.delay_s + sum(float(f.coefs[1]) for f in self.factors) - lead
 
     def polynomials(self) -> tuple[Array, Array]:
-        """Numerator and denominator in descending powers of s, without the dead time."""
+        """Numerator and denominator in descending powers of s, without the dead time.
+
+        Returns
+        -------
+        num, den
+            Coefficients in descending powers of s.
+
+        Notes
+        -----
+        Expansion of many or distant poles loses digits; simulate with ``realise``.
+        """
         den = polynomial_product(f.coefs for f in self.factors)
         return np.asarray(self.num[::-1]), np.append(den[::-1], np.zeros(self.integrators))
 
     def transfer_function(self, pade_order: int = 3, **names: str) -> control.TransferFunction:
-        """As a ``control.TransferFunction``; a dead time enters by its Pade approximation of
-        ``pade_order``.
+        """The model as a ``control.TransferFunction``.
 
-        ``names`` of its signals may be given as ``inputs`` and ``outputs``.
+        Parameters
+        ----------
+        pade_order
+            Order of the Pade approximation of the dead time; 0 leaves the dead time out.
+        **names
+            Names of the signals, ``inputs`` and ``outputs``.
         """
         import control
 
@@ -106,7 +149,7 @@ class Rational:
         return control.TransferFunction(num, den, **names)
 
     def frequency_response(self, frequency_Hz: ArrayLike) -> Complex:
-        """G(2 pi i f), dead time exact."""
+        """G(2 pi i f), dead time exact, in the shape of ``frequency_Hz`` [Hz]."""
         s = 2j * np.pi * np.asarray(frequency_Hz, dtype=float)
         value = np.polynomial.polynomial.polyval(s, self.num) * np.exp(-self.delay_s * s)
         for f in self.factors:
@@ -114,8 +157,22 @@ class Rational:
         return np.asarray(value / s**self.integrators)
 
     def frequency_sensitivity(self, frequency_Hz: Array, num_count: int | None = None) -> Complex:
-        """dG/dcoef, shape (rows, F), in the order of the rows of ``Realisation``: numerator, free
-        factors, dead time.
+        """Derivatives of the frequency response with respect to the coefficients.
+
+        Parameters
+        ----------
+        frequency_Hz
+            Frequencies, (F,) [Hz].
+        num_count
+            Number of numerator coefficients; all of ``num`` if None.
+
+        Returns
+        -------
+        dG/dcoef, (rows, F): numerator, free factors, dead time.
+
+        Notes
+        -----
+        The order is that of the rows of ``Realisation`` after the first; change both together.
         """
         s = 2j * np.pi * np.asarray(frequency_Hz, dtype=float)
         value = self.frequency_response(frequency_Hz)
@@ -137,6 +194,19 @@ class Realisation:
     dx/dt = A x + B u with A lower triangular (poles on its diagonal). Row r of the outputs is
     ``C[r] x + D[r] u + E[r] du/dt``. Row 0 is y; then follow dy/dnum_i; dy/da_j of the free
     factors; dy/ddelay is last.
+
+    Parameters
+    ----------
+    A
+        System matrix, (n, n); complex where a pole is.
+    B
+        Input column, (n,).
+    C
+        Output rows, (R, n).
+    D, E
+        Direct terms of the input and of its slope, (R,).
+    integrators
+        Number of poles at zero, which are the first states.
     """
 
     A: NDArray
@@ -148,20 +218,27 @@ class Realisation:
 
 
 def newton_form(poly: NDArray, poles: NDArray) -> tuple[NDArray, NDArray]:
-    """Newton form: coefficients of poly/prod(phi_i) on the cascade 1, 1/phi_1, 1/(phi_1 phi_2), ..
+    """Coefficients of polynomials on a cascade of first-order filters (Newton form).
 
     Parameters
     ----------
     poly
         Polynomials (R, q+1) in ascending powers, one a row.
     poles
-        Poles p_i; phi_i = 1 - s/p_i, or s for a pole at zero.
+        Poles p_i, (m,); phi_i = 1 - s/p_i, or s for a pole at zero.
 
     Returns
     -------
-    state, direct
-        Coefficients of the states (R, m), and the polynomial part (R, 2), which multiplies u and
-        du/dt.
+    state
+        Coefficients of the states, (R, m).
+    direct
+        Polynomial part, (R, 2), which multiplies u and du/dt.
+
+    Notes
+    -----
+    poly/prod(phi_i) = sum_k state_k/(phi_1 .. phi_k) + direct. Division by one pole after another
+    (Horner) gives full precision for equal and close poles. ``tests/smoothing/test_noise_parts.py``
+    compares with the division itself.
     """
     rows = poly.shape[0]
     m = len(poles)
@@ -181,8 +258,19 @@ def newton_form(poly: NDArray, poles: NDArray) -> tuple[NDArray, NDArray]:
 
 
 def realise(model: Rational, sensitivities: bool = True) -> Realisation:
-    """The triangular state space of ``model``; with ``sensitivities`` also the side branches and
-    their rows.
+    """The triangular state space of a model.
+
+    Parameters
+    ----------
+    model
+        The transfer function.
+    sensitivities
+        Whether to add the side branches and their rows, described at ``Realisation``.
+
+    Notes
+    -----
+    Complex arithmetic is used only where a pole is complex. The rows must have the order of
+    ``Rational.frequency_sensitivity``; ``tests/identify/test_identify_simulation.py`` guards it.
     """
     poles = np.concatenate([np.zeros(model.integrators), *(f.poles for f in model.factors)]) + 0j
     if np.all(poles.imag == 0):
@@ -233,8 +321,19 @@ def realise(model: Rational, sensitivities: bool = True) -> Realisation:
 
 
 def step_matrices(system: Realisation, dt_s: float) -> tuple[NDArray, NDArray, NDArray]:
-    """Phi, Gamma_u, Gamma_v with x(dt) = Phi x(0) + Gamma_u u(0) + Gamma_v du/dt, exact for a
-    linear input.
+    """Matrices of one step of the state space, exact for a linear input.
+
+    Parameters
+    ----------
+    system
+        State space with n states.
+    dt_s
+        Step [s].
+
+    Returns
+    -------
+    phi, gamma_u, gamma_v
+        x(dt) = phi x(0) + gamma_u u(0) + gamma_v du/dt; (n, n), (n,) and (n,).
     """
     n = len(system.B)
     block = np.zeros((n + 2, n + 2), dtype=system.A.dtype)
@@ -246,10 +345,24 @@ def step_matrices(system: Realisation, dt_s: float) -> tuple[NDArray, NDArray, N
 
 
 def steady_state(system: Realisation, u0: float) -> tuple[NDArray, NDArray]:
-    """State x = xa + xb t under an input ``u0`` that has always been constant; ``xb`` is zero
-    without integrator.
+    """State under an input that has always been constant.
 
-    An integrator passes through zero at t = 0; the lags after it follow its ramp.
+    Parameters
+    ----------
+    system
+        State space with n states.
+    u0
+        The input.
+
+    Returns
+    -------
+    xa, xb
+        x = xa + xb t, (n,) each; ``xb`` is zero without integrator.
+
+    Notes
+    -----
+    An integrator passes through zero at t = 0; the lags after it follow its ramp. One integrator is
+    supported.
     """
     n = len(system.B)
     k = system.integrators
@@ -266,9 +379,25 @@ def steady_state(system: Realisation, u0: float) -> tuple[NDArray, NDArray]:
     return xa, xb
 
 
-def states(phi: NDArray, forcing: NDArray, x0: NDArray) -> NDArray:
-    """x_{k+1} = phi x_k + forcing_k for lower triangular ``phi``, one first-order filter a state;
-    shape (n, N).
+def propagate_states(phi: NDArray, forcing: NDArray, x0: NDArray) -> NDArray:
+    """States x_{k+1} = phi x_k + forcing_k for lower triangular ``phi``.
+
+    Parameters
+    ----------
+    phi
+        Lower triangular matrix, (n, n).
+    forcing
+        Forcing of each step, (n, N - 1).
+    x0
+        State at the first sample, (n,).
+
+    Returns
+    -------
+    States, (n, N).
+
+    Notes
+    -----
+    One first-order filter for each state, from the first to the last.
     """
     n, steps = forcing.shape
     x = np.empty((n, steps + 1), dtype=np.result_type(phi, forcing))
@@ -285,10 +414,32 @@ def states(phi: NDArray, forcing: NDArray, x0: NDArray) -> NDArray:
 def simulate_rows(
     system: Realisation, u: Array, dt_s: float, delay_s: float, hold: Hold, start: InitialState
 ) -> Array:
-    """All output rows (R, N) for the input ``u`` (N,), delayed by ``delay_s``, exact under
-    ``hold``.
+    """All output rows for an input, exact under ``hold``.
 
-    Before the record the input was ``u[0]`` (``equilibrium``) or zero (``zero``).
+    Parameters
+    ----------
+    system
+        State space with R output rows.
+    u
+        Input, (N,).
+    dt_s
+        Sampling interval [s].
+    delay_s
+        Dead time [s].
+    hold
+        Input between samples: a straight line (``foh``) or constant (``zoh``).
+    start
+        Before the record the input was ``u[0]`` (``equilibrium``) or zero (``zero``).
+
+    Returns
+    -------
+    Outputs, (R, N).
+
+    Notes
+    -----
+    A dead time of a fraction of a sample is exact too: the input is delayed by whole samples, and
+    the outputs are evaluated within the interval. Guarded by ``tests/chain/test_chain.py`` and
+    ``tests/identify/test_identify_simulation.py``.
     """
     n = len(u)
     u0 = float(u[0]) if start == "equilibrium" else 0.0
@@ -301,7 +452,9 @@ def simulate_rows(
     v = v[:n]
     phi, gu, gv = step_matrices(system, dt_s)
     xa, xb = steady_state(system, u0)
-    x = states(phi, np.outer(gu, v[:-1]) + np.outer(gv, slope[:-1]), xa - xb * delay_samples * dt_s)
+    x = propagate_states(
+        phi, np.outer(gu, v[:-1]) + np.outer(gv, slope[:-1]), xa - xb * delay_samples * dt_s
+    )
     c = system.C
     cu = system.D
     cv = system.E
@@ -317,16 +470,48 @@ def simulate_rows(
 
 
 def impulse_rows(system: Realisation, n_samples: int, dt_s: float) -> Array:
-    """All output rows (R, N) of the impulse response: the effect of an initial state."""
+    """All output rows of the impulse response: the effect of an initial state.
+
+    Parameters
+    ----------
+    system
+        State space with R output rows.
+    n_samples
+        Number of samples N.
+    dt_s
+        Sampling interval [s].
+
+    Returns
+    -------
+    Outputs, (R, N); direct terms are left out.
+    """
     phi = expm(system.A * dt_s)
-    x = states(phi, np.zeros((len(system.B), n_samples - 1)), system.B)
+    x = propagate_states(phi, np.zeros((len(system.B), n_samples - 1)), system.B)
     return np.ascontiguousarray((system.C @ x).real)
 
 
 def simulate(
     model: Rational, u: Array, dt_s: float, hold: Hold = "foh", start: InitialState = "equilibrium"
 ) -> Array:
-    """Output (N,) of ``model`` for the input ``u`` (N,), sampled every ``dt_s`` seconds."""
+    """Output of a model for a sampled input.
+
+    Parameters
+    ----------
+    model
+        The transfer function.
+    u
+        Input, (N,).
+    dt_s
+        Sampling interval [s].
+    hold
+        Input between samples: a straight line (``foh``) or constant (``zoh``).
+    start
+        Before the record the input was ``u[0]`` (``equilibrium``) or zero (``zero``).
+
+    Returns
+    -------
+    Output, (N,).
+    """
     system = realise(model, sensitivities=False)
     return simulate_rows(system, np.asarray(u, dtype=float), dt_s, model.delay_s, hold, start)[0]
 
@@ -334,10 +519,25 @@ def simulate(
 def spectral_factor(
     before: float, after: float, ladder: Array, quickest: float
 ) -> tuple[tuple[float, ...], ...]:
-    """Factors of N, |N(iw)|^2 = before + after |A(iw)|^2, with stable roots; N(0) = 1 for levels
-    that sum to one.
+    """Stable factors of N with |N(iw)|^2 = before + after |A(iw)|^2.
 
-    A root faster than ``quickest`` [1/s] is put there: the samples show nothing of it.
+    Parameters
+    ----------
+    before, after
+        Levels of the noise before and after the filter; N(0) = 1 where they sum to one.
+    ladder
+        Ascending coefficients of A, the denominator of the filter.
+    quickest
+        Largest rate of a root [1/s]. A faster root is put there: the samples show nothing of it.
+
+    Returns
+    -------
+    Ascending coefficients of each factor, real roots first, then pairs.
+
+    Notes
+    -----
+    Spectral factorisation: the roots of the even polynomial in the left half plane. Guarded by
+    ``tests/smoothing/test_noise_parts.py``.
     """
     even = after * polymul(ladder, ladder * (-1.0) ** np.arange(len(ladder)))
     even[0] += before

@@ -1,7 +1,9 @@
-"""Structures of a chain by their usual names: P and the number of poles, then a letter for each
-further element.
+"""Structures of a chain by their usual names, and equalisation of channels.
 
-Also the equalisation of channels with different structures.
+The name is P and the number of poles, then a letter for each further element. ``tcdyn.identify``
+and ``immersion.chain_structures`` fit structures by name; ``tcdyn.partition`` calls ``equalise``.
+Guarded by ``tests/chain/test_chain.py``, ``tests/partition/test_equalise.py`` and
+``tests/immersion/test_plunge_structures.py``.
 """
 
 from __future__ import annotations
@@ -20,17 +22,33 @@ from tcdyn.core.errors import InputError
 
 # structures that are fitted to plunges and compared
 STRUCTURES = ("P1", "P2", "P1D", "P2D", "P2Z", "P3")
-# lag [s] that is added where a filter would not be proper; far below the sampling interval
+# lag [s] that is added where a filter would not be proper; far below the usual sampling interval of
+# 13 ms; chosen by judgement
 LEAST_LAG_S = 1e-3
+# words of ``ChainStructure.description`` for 0 to 3 real lags
 LAG_COUNTS = ("no lag", "one lag", "two lags", "three lags")
 
 
 @dataclass(frozen=True)
 class ChainStructure:
-    """Elements of a chain: ``poles`` 0 to 3, two of them complex if ``pair``, and the elements of
-    its letters.
+    """Elements of a chain structure.
 
-    U complex pair, H half-order cement, Z zero, D dead time, I integrator.
+    Parameters
+    ----------
+    name
+        Name, such as P2DZ.
+    poles
+        Number of poles, 0 to 3, without those of cement and integrator.
+    pair
+        U: whether two of the poles are complex.
+    cement
+        H: whether there is a half-order lag of cement.
+    zero
+        Z: whether there is a zero.
+    delay
+        D: whether there is a dead time.
+    integrator
+        I: whether there is an integrator.
 
     Examples
     --------
@@ -54,6 +72,11 @@ class ChainStructure:
         ------
         InputError
             For an unknown name, or a structure that cannot be simulated.
+
+        Notes
+        -----
+        The order of "UHZDI" is that of the fields. A further letter needs a field, its entry in
+        ``parameters`` and ``description``, and its model in ``tcdyn.identify.models``.
         """
         match = re.match(r"^P([0-3])([UHZDI]*)$", name)
         if match is None or len(set(match[2])) < len(match[2]):
@@ -70,12 +93,22 @@ class ChainStructure:
 
     @property
     def lags(self) -> tuple[str, ...]:
-        """Names of its real lags: Tp1, Tp2, Tp3, or Tp3 with a pair."""
+        """Names of its real lags.
+
+        Returns
+        -------
+        Tp1 to Tp3 as far as there are poles; with a pair only Tp3, or none.
+        """
         return tuple(f"Tp{i}" for i in range(3 if self.pair else 1, self.poles + 1))
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Names of its parameters without the gain, lags first."""
+        """Names of its parameters without the gain.
+
+        Returns
+        -------
+        Lags first, then those present of Tw, Zeta, Tz, Tc and Td.
+        """
         present = (self.pair, self.pair, self.zero, self.cement, self.delay)
         return (*self.lags, *compress(("Tw", "Zeta", "Tz", "Tc", "Td"), present))
 
@@ -94,13 +127,29 @@ class ChainStructure:
 
 
 def equalise(y: Array, dt_s: float, chains: Sequence[Chain], common: Chain) -> Array:
-    """Each column of ``y`` (N, M) [degC] as the ``common`` chain would have measured it, without
-    any inverse.
+    """Filter each channel so that it reads as another chain would have; no inverse is needed.
 
+    Parameters
+    ----------
+    y
+        Readings, (N, M) [degC].
+    dt_s
+        Sampling interval [s].
+    chains
+        Chain of each channel.
+    common
+        Chain that all channels get.
+
+    Returns
+    -------
+    Equalised readings, (N, M) [degC].
+
+    Notes
+    -----
     Column i is filtered by G_common / G_i, in which the conditioning cancels. Where the common
     chain has as many lags, noise grows at most by their ratio. A channel with more dead time than
     the common chain keeps its excess. Before its first sample a column had its mean over the first
-    second.
+    second. ``tests/partition/test_equalise.py`` and ``tests/chain/test_chain.py`` guard it.
     """
     out = np.empty_like(y)
     for i, chain in enumerate(chains):
@@ -111,11 +160,20 @@ def equalise(y: Array, dt_s: float, chains: Sequence[Chain], common: Chain) -> A
 
 
 def _quotient(upper: Chain, lower: Chain) -> Rational:
-    """G_upper / G_lower without their filter, kept proper by lags of 1 ms; a negative delay is
-    neglected.
+    """G_upper / G_lower without their filters, kept proper.
+
+    Parameters
+    ----------
+    upper, lower
+        The two chains.
+
+    Notes
+    -----
+    Lags of ``LEAST_LAG_S`` are added where there are more lags below than above; a negative delay
+    is neglected.
     """
-    num: Array = polynomial_product(lower.own_factors())
-    denominator = list(upper.own_factors())
+    num: Array = polynomial_product(lower.factors_without_filter())
+    denominator = list(upper.factors_without_filter())
     if upper.zero_s != lower.zero_s:
         num = polynomial_product([num, (1.0, upper.zero_s)])
         denominator.append((1.0, max(lower.zero_s, LEAST_LAG_S)))

@@ -289,7 +289,7 @@ def smooth_record(
     at_samples = np.empty((5, n_samples, n_channels))
     read, read_var = np.zeros((2, n_samples + 1, n_channels))
     lag_rows = np.stack([s.lag_row for s in record.sensors])
-    bend_rows = np.stack([s.bend_row for s in record.sensors])
+    split_rows = np.stack([s.split_row for s in record.sensors])
     for low, first, last, high in chunks(record, noise_var, chosen, knots):
         model = interval_model(record, noise_var, proposals, knots[low : high + 1], span)
         chunk = rts_smooth(model)
@@ -324,7 +324,7 @@ def smooth_record(
         interval = np.clip(interval, 0, len(mean) - 1)
         since_knot_s = (t - knots[low + interval])[:, None]
         lag_change = np.einsum("jmn,mn->jm", mean, lag_rows)
-        split_change = np.einsum("jmn,mn->jm", mean, bend_rows)
+        split_change = np.einsum("jmn,mn->jm", mean, split_rows)
         temperature, slope, sd, sensitivity, bend = at_samples[:, start:end]
         chunk_knots = knots[low : high + 1]
         _evaluate_polynomials(slope, [mean[..., 1]], interval, since_knot_s)

@@ -21,10 +21,10 @@ from tcdyn.chain.bursts import (
 )
 from tcdyn.chain.logger_noise import (
     LoggerNoise,
-    _folded,
+    _alias_frequency,
     _levels,
     _mains,
-    _passed,
+    _power_gain,
     estimate_logger_noise,
     noise_power_ratio,
 )
@@ -47,7 +47,7 @@ ONE, TWO = Conditioning(4.0, 1), Conditioning(4.0, 2)
 
 def test_a_filter_of_one_pole_passes_an_arctangent_of_white_noise() -> None:
     f = np.array([0.0, 4.0, 12.0])
-    assert _passed(f, ONE) == pytest.approx([1.0, 0.5, 0.1])
+    assert _power_gain(f, ONE) == pytest.approx([1.0, 0.5, 0.1])
     assert noise_power_ratio(ONE, DT) == pytest.approx(
         4.0 / 37.5 * np.arctan(37.5 / 4.0), rel=2e-2
     )  # 400 points
@@ -73,7 +73,7 @@ def test_a_spectral_factor_has_the_spectrum_of_both_noises_as_far_as_samples_sho
 
 def test_levels_of_a_spectrum_that_fits_are_found_and_none_is_negative() -> None:
     f = np.linspace(0.5, 30, 200)
-    shapes = np.stack([np.ones(200), _passed(f, TWO), f**-4.0], axis=1)
+    shapes = np.stack([np.ones(200), _power_gain(f, TWO), f**-4.0], axis=1)
     levels, cost = _levels(shapes @ [0.3, 2.0, 0.5], shapes)
     assert levels == pytest.approx([0.3, 2.0, 0.5], rel=1e-6)
     assert cost == pytest.approx(float(np.sum(np.log(shapes @ [0.3, 2.0, 0.5]) + 1)))
@@ -81,9 +81,9 @@ def test_levels_of_a_spectrum_that_fits_are_found_and_none_is_negative() -> None
 
 
 def test_mains_are_seen_where_the_sampling_folds_them() -> None:
-    assert _folded(50.0, 75.0) == pytest.approx(25.0)
-    assert _folded(60.0, 75.0) == pytest.approx(15.0)
-    assert _folded(10.0, 75.0) == pytest.approx(10.0)
+    assert _alias_frequency(50.0, 75.0) == pytest.approx(25.0)
+    assert _alias_frequency(60.0, 75.0) == pytest.approx(15.0)
+    assert _alias_frequency(10.0, 75.0) == pytest.approx(10.0)
     assert _mains(25.2, 75.0) == [50.0]
     assert _mains(14.8, 75.0) == [60.0]
     assert _mains(20.0, 75.0) == []
