@@ -1,6 +1,9 @@
 """Noise of loggers: white noise before and after the conditioning filter, and whitening.
 
-KEEP
+reading = B (C T + w) + v: slip rings and wires are before the filter B, so it colours most of their
+noise w; the noise v of the converter is white. With B = 1/A the spectrum of both is |N|^2 |B|^2,
+|N|^2 = a + b |A|^2: the filter A/N whitens the noise, and a chain C B followed by it is C/N. No fit
+and no smoother needs to know more.
 
 ``tcdyn.chain.bursts``, ``tcdyn.smoothing`` and ``immersion`` use it. Thresholds are below, with
 their reason. Guarded by ``tests/smoothing/test_noise.py`` and

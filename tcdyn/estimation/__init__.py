@@ -1,7 +1,7 @@
-"""Least squares for all fits: from residuals, Jacobian and priors to the optimum, its covariance
-and intervals.
+"""Least squares for all fits: from a residual function to optimum, covariance and intervals.
 
-It contains nothing specific to thermocouples. The caller gives the names of the parameters, and a
+Guarded by ``tests/estimation``: closed forms in ``test_fitting.py``, certified values of NIST in
+``test_nist.py``, noise models in ``test_noise_models.py``. The package contains nothing specific to thermocouples. The caller gives the names of the parameters, and a
 function for the residuals (whitened, or in standard deviations of their noise where that is known)
 and their Jacobian. Priors are normal, with infinite standard deviation where there is none.
 

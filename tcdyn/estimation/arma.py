@@ -1,5 +1,7 @@
-"""Noise models for correlated (coloured) residuals: AR and ARMA models, whitening, and the
-covariance of estimates.
+"""Noise models for correlated residuals: AR and ARMA models, whitening, covariance of estimates.
+
+``tcdyn.identify`` and ``tcdyn.sensors`` whiten residuals with them; ``correlation_length`` is also
+used by ``immersion.plunge_data``. Guarded by ``tests/estimation/test_noise_models.py``.
 """
 
 from __future__ import annotations
@@ -19,13 +21,14 @@ from tcdyn.estimation.problem import Problem, Status, inverse
 
 @dataclass(frozen=True)
 class NoiseModel:
-    """ARMA noise model n_t = C(q)/D(q) e_t with D = 1 + d_1 q^-1 + .. (AR) and C = 1 + c_1 q^-1 +
-    .. (MA).
+    """ARMA noise model n_t = C(q)/D(q) e_t, with white e.
 
     Parameters
     ----------
-    ar, ma
-        Coefficients d and c.
+    ar
+        Coefficients d of D = 1 + d_1 q^-1 + .. (autoregressive).
+    ma
+        Coefficients c of C = 1 + c_1 q^-1 + .. (moving average).
     starts_at_rest
         The noise starts at zero with the record, as a random walk (D(1) = 0) does whose first level
         is the offset; otherwise it is stationary.
@@ -53,12 +56,17 @@ class NoiseModel:
 
     @property
     def order(self) -> tuple[int, int]:
-        """Numbers of fitted AR coefficients (without that of a random walk) and MA coefficients."""
+        """Numbers of fitted AR and MA coefficients, without that of a random walk.
+
+        Returns
+        -------
+        (p, q); (0, 0) where nothing was fitted.
+        """
         return (len(self.ar) - self.is_random_walk, len(self.ma)) if self.n_parameters else (0, 0)
 
     @property
     def is_random_walk(self) -> bool:
-        """Whether it is a random walk, without a level to return to."""
+        """Whether it is a random walk, without a level to return to: D(1) = 0."""
         return abs(1.0 + sum(self.ar)) < 1e-9
 
     @property
@@ -72,8 +80,9 @@ class NoiseModel:
         return float(-1 / np.log(slowest))
 
     def effective_samples(self, n: int) -> float:
-        """Effective number of independent samples among ``n``: their variance over the variance of
-        their mean; at least 2.
+        """Effective number of independent samples among ``n``; at least 2.
+
+        The variance of the samples over the variance of their mean.
         """
         if self.white:
             return float(n)
@@ -82,13 +91,25 @@ class NoiseModel:
         return max(n * float(pulse @ pulse) * inverse_gain**2, 2.0)
 
     def whiten(self, table: Array, parts: Sequence[slice]) -> Array:
-        """Whitening, which makes innovations of residuals: apply D/C down the rows of ``table``.
+        """Whiten: apply D/C down the rows of ``table``, which makes innovations of residuals.
 
-        ``table`` is (N,) or (N, P); each segment without a gap is filtered separately.
+        Parameters
+        ----------
+        table
+            Rows by time, (N,) or (N, P).
+        parts
+            Segments without gaps; each is filtered separately.
 
+        Returns
+        -------
+        Whitened table, in the shape of ``table``; zero outside the segments.
+
+        Notes
+        -----
         The noise before a segment has the uncertainty of stationary noise (exact likelihood). This
         does not hold for noise that starts at rest; after a gap such noise has an unknown level,
-        whose whitened form, the response of C, is projected out of the rows.
+        whose whitened form, the response of D/C, is projected out of the rows. ``log_determinant``
+        has the matching normalisation; change both together.
         """
         if self.white:
             return table
@@ -106,14 +127,24 @@ class NoiseModel:
         return out
 
     def log_determinant(self, parts: Sequence[slice]) -> float:
-        """Log of the determinant of the noise covariance over that of its innovations, which
-        ``whiten`` leaves out.
+        """Log determinant of the noise covariance, relative to that of the innovations.
+
+        ``whiten`` leaves it out; a likelihood needs it.
+
+        Parameters
+        ----------
+        parts
+            Segments without gaps.
         """
         return float(sum(np.sum(np.log1p(self._presample(s.stop - s.start)[1])) for s in parts))
 
     def _presample(self, n: int) -> tuple[Array, Array]:
-        """Effect of the state before a segment of n samples (:func:`presample_effect`); none at
-        rest.
+        """Effect of the state before a segment of ``n`` samples; none at rest.
+
+        Returns
+        -------
+        shapes, variances
+            As ``presample_effect`` returns them; (n, 0) and (0,) at rest.
         """
         if self.starts_at_rest or self.white:
             return np.zeros((n, 0)), np.zeros(0)
@@ -122,9 +153,21 @@ class NoiseModel:
 
 @lru_cache(maxsize=4)
 def presample_effect(ar: tuple[float, ...], ma: tuple[float, ...], n: int) -> tuple[Array, Array]:
-    """Effect of the unknown state before n samples of ARMA noise on their innovations.
+    """Effect of the unknown state before n samples of ARMA noise on their innovations; cached.
 
-    Returns orthonormal shapes (n, F) and their variances (F,) over that of the innovation.
+    Parameters
+    ----------
+    ar, ma
+        Coefficients of the noise model.
+    n
+        Number of samples.
+
+    Returns
+    -------
+    basis
+        Orthonormal shapes, (n, F).
+    variances
+        Their variances over that of the innovation, (F,).
 
     Notes
     -----
@@ -151,7 +194,21 @@ def presample_effect(ar: tuple[float, ...], ma: tuple[float, ...], n: int) -> tu
 
 
 def autocovariance(e: Array, parts: Sequence[slice], lags: int) -> tuple[Array, Array]:
-    """Sums of e_t e_{t-k} over pairs within a segment, k = 0..lags, and the number of pairs.
+    """Sums of e_t e_{t-k} over pairs within a segment, and the number of pairs.
+
+    Parameters
+    ----------
+    e
+        Residuals, (N,).
+    parts
+        Segments without gaps.
+    lags
+        Largest lag k.
+
+    Returns
+    -------
+    total, pairs
+        Sums and numbers of pairs, (lags + 1,) each, for k = 0..lags.
 
     Examples
     --------
@@ -170,7 +227,22 @@ def autocovariance(e: Array, parts: Sequence[slice], lags: int) -> tuple[Array, 
 
 
 def fit_ar(e: Array, parts: Sequence[slice], max_order: int = 20) -> NoiseModel:
-    """The autoregressive model of ``e`` with the lowest AICc up to ``max_order`` (Yule-Walker).
+    """The autoregressive model of ``e`` with the lowest AICc (Yule-Walker).
+
+    Parameters
+    ----------
+    e
+        Residuals, (N,).
+    parts
+        Segments without gaps.
+    max_order
+        Largest order; at most a tenth of N is tried.
+
+    Notes
+    -----
+    AICc = n ln(variance) + 2 p n/(n - p - 1). Another criterion may be used.
+    ``sandwich_covariance`` relies on an order that is high enough; a criterion that prefers smaller
+    models may make its uncertainties too small.
 
     Examples
     --------
@@ -196,8 +268,22 @@ def fit_ar(e: Array, parts: Sequence[slice], max_order: int = 20) -> NoiseModel:
 
 
 def fit_arma(e: Array, parts: Sequence[slice], p: int, q: int) -> NoiseModel:
-    """The ARMA(p, q) model of ``e`` by conditional least squares, started by the regressions of
-    Hannan and Rissanen.
+    """The ARMA(p, q) model of ``e`` by conditional least squares.
+
+    Parameters
+    ----------
+    e
+        Residuals, (N,).
+    parts
+        Segments without gaps.
+    p, q
+        Numbers of AR and MA coefficients.
+
+    Notes
+    -----
+    The search starts at the regressions of Hannan and Rissanen. Where that model is unstable or not
+    invertible, its roots are drawn towards zero in three steps (factors 0.7, 0.3 and 0, chosen by
+    judgement). The first max(p, q) samples of each segment have no residual.
 
     Examples
     --------
@@ -221,6 +307,7 @@ def fit_arma(e: Array, parts: Sequence[slice], p: int, q: int) -> NoiseModel:
     start = np.linalg.lstsq(np.array(rows), np.array(targets), rcond=None)[0]
 
     def evaluate(x: Array) -> tuple[Array, Array] | None:
+        """Innovations (N,) and their Jacobian (N, p + q); None for a model that cannot be used."""
         d = np.concatenate([[1.0], x[:p]])
         c = np.concatenate([[1.0], x[p:]])
         unstable = p and np.max(np.abs(np.roots(d))) >= 1
@@ -253,8 +340,17 @@ def fit_arma(e: Array, parts: Sequence[slice], p: int, q: int) -> NoiseModel:
 
 
 def coefficients_from_partial(partial: Array) -> Array:
-    """Coefficients of the polynomial 1 + d_1 q^-1 + .. with the partial correlations ``partial``:
-    Levinson's recursion.
+    """Polynomial coefficients from partial correlations: Levinson's recursion.
+
+    Parameters
+    ----------
+    partial
+        Partial correlations, (p,).
+
+    Returns
+    -------
+    Coefficients d of 1 + d_1 q^-1 + .., (p,). The polynomial is stable if all partial correlations
+    lie between -1 and 1.
     """
     d = np.zeros(0)
     for k in partial:
@@ -263,7 +359,17 @@ def coefficients_from_partial(partial: Array) -> Array:
 
 
 def partial_correlations(d: Array) -> Array:
-    """Partial correlations of 1 + d_1 q^-1 + ..: Levinson's recursion backwards."""
+    """Partial correlations of a polynomial: Levinson's recursion backwards.
+
+    Parameters
+    ----------
+    d
+        Coefficients of 1 + d_1 q^-1 + .., (p,).
+
+    Returns
+    -------
+    Partial correlations, (p,). The inverse of ``coefficients_from_partial``.
+    """
     values = []
     while len(d):
         k = -d[-1]
@@ -283,7 +389,7 @@ def equation_error(
     j: Array,
     free: Sequence[bool] = (),
 ) -> tuple[Array, Array]:
-    """The equation error A(q) r of residuals ``r`` (N,), and its Jacobian from theirs, ``j``.
+    """The equation error A(q) r of residuals, and its Jacobian.
 
     Parameters
     ----------
@@ -301,6 +407,16 @@ def equation_error(
     free
         Whether the initial state of each segment is free. Then the first samples are the residuals,
         which determine that state.
+
+    Returns
+    -------
+    error, table
+        Equation error (N,) and its Jacobian (N, P).
+
+    Notes
+    -----
+    The slopes of the coefficients are forward differences with a step of 1e-6 of the parameter.
+    Guarded by ``tests/identify/test_identify_equation.py``.
     """
     coefs = colour(x)
     step = 1e-6 * np.maximum(np.abs(x), 1e-9)
@@ -338,10 +454,17 @@ def sandwich_covariance(
         Precision (P,) of normal priors, in units of the variance of the residuals; it is added to
         J'J, and times that variance to J'VJ.
 
+    Returns
+    -------
+    Covariance, (P, P).
+
     Notes
     -----
     (J'J)^-1 J' V J (J'J)^-1 with V the covariance of the autoregressive model fitted to the
     residuals. J'VJ is s^2 times the product of J filtered backwards in time by the noise filter.
+
+    The order of the noise model is that of ``fit_ar``. ``tests/estimation/test_noise_models.py``
+    checks that white residuals give the plain covariance.
 
     Examples
     --------
@@ -365,11 +488,21 @@ def sandwich_covariance(
 
 
 def correlation_length(z: Array, longest: int = 40) -> float:
-    """Discount for correlated residuals: 1 + 2 sum of the autocorrelations of ``z`` (N,); 1 for
-    white noise.
+    """Discount for correlated residuals: 1 + 2 sum of their autocorrelations; 1 for white noise.
 
-    The sum ends at the first autocorrelation that is not significant. It is the factor by which the
-    variance of a mean of ``z`` exceeds that of as many independent samples.
+    Parameters
+    ----------
+    z
+        Residuals, (N,).
+    longest
+        Largest lag of the sum; at most a quarter of N.
+
+    Notes
+    -----
+    The sum ends at the first autocorrelation below 2/sqrt(N), which is not significant (95 %). It
+    is the factor by which the variance of a mean of ``z`` exceeds that of as many independent
+    samples. Autocorrelations that are negative from the start give 1, so an uncertainty is never
+    made smaller. Fewer than 8 samples give 1.
 
     Examples
     --------

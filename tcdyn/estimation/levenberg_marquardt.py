@@ -1,8 +1,10 @@
-"""Nonlinear least squares by damped Gauss-Newton steps (Levenberg-Marquardt) on the normal
-equations.
+"""Nonlinear least squares by damped Gauss-Newton steps (Levenberg-Marquardt).
 
-With priors, box bounds, fixed combinations of parameters, robust losses (outlier rejection), and
-models that cannot be computed everywhere.
+It works on the normal equations, with priors, box bounds, fixed combinations of parameters, robust
+losses (outlier rejection), and models that cannot be computed everywhere.
+``scipy.optimize.least_squares`` has neither fixed combinations nor models that return None. All
+fits of the library use it. Guarded by ``tests/estimation/test_fitting.py`` and
+``tests/estimation/test_nist.py``.
 """
 
 from __future__ import annotations
@@ -18,18 +20,36 @@ from scipy.optimize import nnls
 from tcdyn.core import Array
 from tcdyn.estimation.problem import Optimum, Problem, Status, inverse
 
+# Loss of the residuals: squares, or a robust loss.
 Loss = Literal["linear", "huber", "bisquare"]
 # tuning constants of the robust losses: 95 % efficiency for normal noise
 TUNING = {"huber": 1.345, "bisquare": 4.685}
-# dampings tried before a step fails
+# dampings tried before a step fails, each ten times the one before; chosen by judgement
 DAMPING_TRIALS = 12
-# reweightings at most, and the relative change of a parameter at which they end
+# reweightings at most, and the relative change of a parameter at which they end;
+# chosen by judgement
 REWEIGHTINGS = 25
 WEIGHTS_SETTLED = 1e-6
 
 
 @dataclass(frozen=True)
 class _State:
+    """One point of a search.
+
+    Parameters
+    ----------
+    theta
+        Parameters, (P,).
+    residual, jacobian
+        Residual (N,) and Jacobian (N, P) there, without robust weights.
+    cost
+        Sum of squares with weights and priors.
+    gradient
+        Half the gradient of the cost, (P,).
+    information
+        Half the Gauss-Newton Hessian of the cost, (P, P).
+    """
+
     theta: Array
     residual: Array
     jacobian: Array
@@ -55,8 +75,8 @@ def minimise(
     The search stops once a full Gauss-Newton step would lower the cost by less than ``tolerance`` +
     ``relative`` x cost (that step is still taken), once two steps in a row have, or after ``limit``
     steps. Steps are damped in the scale of the diagonal of the information (Marquardt), limited by
-    the problem's ``max_step``, and clipped to the box such that fixed combinations stay. A parameter
-    on its bound that the gradient pushes outwards stays there.
+    the problem's ``max_step``, and clipped to the box such that fixed combinations stay. A
+    parameter on its bound that the gradient pushes outwards stays there.
 
     Parameters
     ----------
@@ -86,6 +106,13 @@ def minimise(
     Optimum
         With Status.NOWHERE and an infinite cost if the model cannot be computed at the start or the
         box does not allow it.
+
+    Notes
+    -----
+    The damping falls to an eighth after a step that lowers the cost, and rises tenfold after one
+    that does not. These factors, ``limit`` and ``damping`` change the number of steps, not the
+    optimum. ``tolerance`` is in the unit of the cost: 1e-6 means a millionth of a standard
+    deviation squared where residuals are whitened.
 
     Examples
     --------
@@ -122,6 +149,17 @@ def minimise_constrained(
     where the model cannot be computed there, from their values. Combinations that ``near`` fixed
     besides its problem's ``fixed`` are free again. The keywords are those of :func:`minimise`.
 
+    Parameters
+    ----------
+    near
+        An optimum of the same problem.
+    toward
+        Name of a parameter, or a combination, (P,).
+    value
+        The number at which it is fixed.
+    **search
+        Keywords of :func:`minimise`.
+
     Examples
     --------
     >>> from tcdyn.estimation.problem import Problem
@@ -153,6 +191,11 @@ def minimise_constrained(
 def lowest_cost(optima: Sequence[Optimum]) -> Optimum:
     """The optimum with the lowest cost, for instance of several starts.
 
+    Parameters
+    ----------
+    optima
+        At least one optimum.
+
     Examples
     --------
     >>> from tcdyn.estimation.problem import Problem
@@ -176,10 +219,36 @@ def _descend(
     damping: float,
     secant: bool,
 ) -> Optimum:
-    """Levenberg-Marquardt descent from one start: damped steps until the cost no longer falls."""
+    """Levenberg-Marquardt descent from one start: damped steps until the cost no longer falls.
+
+    Parameters
+    ----------
+    problem
+        What is fitted.
+    start
+        Start values, (P,).
+    fixed
+        Combinations that keep their value, (C, P), besides those of the problem; None for no more.
+    weights
+        Robust weights of the residuals, (N,); None for all one.
+    limit, tolerance, relative, damping, secant
+        As in ``minimise``.
+
+    Returns
+    -------
+    The optimum, also where the search fails; its ``status`` says how it ended.
+
+    Notes
+    -----
+    A bound stays active while its multiplier is positive; the multipliers come from non-negative
+    least squares. The curvature is scaled to a unit diagonal, so that the damping is Marquardt's.
+    Every trial goes through ``_project_to_box``.
+    """
     rows = problem.fixed if fixed is None else np.vstack([problem.fixed, fixed])
     directions = free_directions(rows)
-    current = _state(problem, _inside(np.asarray(start, dtype=float), problem, rows), weights)
+    current = _evaluated_state(
+        problem, _project_to_box(np.asarray(start, dtype=float), problem, rows), weights
+    )
     if current is None:
         no_jacobian = np.zeros((0, problem.size))
         information = np.diag(problem.precision)
@@ -231,7 +300,9 @@ def _descend(
         newton_decrease = float(slope @ np.linalg.solve(curvature + 1e-13 * unit, slope))
         if small_steps == 2 or newton_decrease <= small_decrease:
             step = -free @ (scale * np.linalg.solve(curvature + min(damping, 1e-9) * unit, slope))
-            final = _state(problem, _inside(current.theta + step, problem, rows), weights)
+            final = _evaluated_state(
+                problem, _project_to_box(current.theta + step, problem, rows), weights
+            )
             if final is not None and final.cost <= current.cost:
                 current = final
             status = converged_status
@@ -241,7 +312,9 @@ def _descend(
         for _ in range(DAMPING_TRIALS):
             step = -free @ (scale * np.linalg.solve(curvature + damping * unit, slope))
             step = step / max(1.0, float(np.max(np.abs(step) / problem.max_step)))
-            trial = _state(problem, _inside(current.theta + step, problem, rows), weights)
+            trial = _evaluated_state(
+                problem, _project_to_box(current.theta + step, problem, rows), weights
+            )
             model_failed |= trial is None
             if trial is not None and trial.cost <= current.cost:
                 break
@@ -270,8 +343,19 @@ def _descend(
 
 
 def _with_second_order(information: Array, second_order: Array) -> Array:
-    """The curvature with its second-order part, unless less than a tenth of the information remains
-    anywhere.
+    """The curvature with its second-order part, if it stays positive enough.
+
+    Parameters
+    ----------
+    information
+        Gauss-Newton curvature, (F, F).
+    second_order
+        Estimated second-order part, (F, F).
+
+    Returns
+    -------
+    The sum, (F, F); ``information`` itself where less than a tenth of it would remain in any
+    direction (chosen by judgement).
     """
     curvature = information + second_order
     try:
@@ -284,11 +368,26 @@ def _with_second_order(information: Array, second_order: Array) -> Array:
 def _updated_second_order(
     second_order: Array, before: _State, after: _State, weights: Array | None
 ) -> Array:
-    """Update sum_i residual_i (its second derivatives), (P, P), after a step: sized secant update
-    of least change.
+    """Update the estimate of sum_i residual_i (its second derivatives) after a step.
 
-    Dennis, Gay and Welsch (1981), An adaptive nonlinear least-squares algorithm, ACM Trans. Math.
-    Softw. 7, 348-368.
+    Parameters
+    ----------
+    second_order
+        Estimate before the step, (P, P).
+    before, after
+        States at the start and the end of the step.
+    weights
+        Robust weights, (N,); None for all one.
+
+    Returns
+    -------
+    New estimate, (P, P).
+
+    Notes
+    -----
+    Sized secant update of least change: Dennis, Gay and Welsch (1981), An adaptive nonlinear
+    least-squares algorithm, ACM Trans. Math. Softw. 7, 348-368.
+    ``tests/estimation/test_fitting.py`` shows that it saves steps.
     """
     step = after.theta - before.theta
     gradient_change = after.gradient - before.gradient
@@ -307,9 +406,18 @@ def _updated_second_order(
 
 
 def free_directions(fixed: Array) -> Array:
-    """Orthonormal directions (P, F) that leave every combination ``fixed`` (C, P) unchanged.
+    """Orthonormal directions that leave every fixed combination unchanged.
 
     Parameters in no combination keep axes of their own, so that their scales stay separate.
+
+    Parameters
+    ----------
+    fixed
+        Combinations, (C, P).
+
+    Returns
+    -------
+    Directions, (P, F), one a column.
 
     Examples
     --------
@@ -326,12 +434,24 @@ def free_directions(fixed: Array) -> Array:
     return np.hstack([axes, within])
 
 
-def _inside(theta: Array, problem: Problem, rows: Array) -> Array | None:
-    """``theta`` (P,) clipped to the box with the combinations ``rows`` @ theta (C,) unchanged; None
-    if impossible.
+def _project_to_box(theta: Array, problem: Problem, rows: Array) -> Array | None:
+    """Clip parameters to the box with fixed combinations unchanged; None if impossible.
 
     What a bound takes from a combination, its other parameters give back, in equal parts for equal
     weights.
+
+    Parameters
+    ----------
+    theta
+        Parameters, (P,).
+    problem
+        Has the bounds.
+    rows
+        Fixed combinations, (C, P).
+
+    Returns
+    -------
+    Parameters in the box, (P,), with the same ``rows @ theta``.
     """
     value = rows @ theta
     size = np.abs(rows) @ np.abs(theta)
@@ -347,8 +467,18 @@ def _inside(theta: Array, problem: Problem, rows: Array) -> Array | None:
     return None
 
 
-def _state(problem: Problem, theta: Array | None, weights: Array | None) -> _State | None:
-    """Cost, half gradient and information at ``theta``; None where the model cannot be computed."""
+def _evaluated_state(problem: Problem, theta: Array | None, weights: Array | None) -> _State | None:
+    """Cost, half gradient and information at ``theta``; None where the model cannot be computed.
+
+    Parameters
+    ----------
+    problem
+        What is fitted.
+    theta
+        Parameters, (P,); None gives None.
+    weights
+        Robust weights, (N,); None for all one.
+    """
     evaluated = None if theta is None else problem.evaluate(theta)
     if theta is None or evaluated is None:
         return None
@@ -365,8 +495,23 @@ def _state(problem: Problem, theta: Array | None, weights: Array | None) -> _Sta
 
 
 def robust_weights(residual: Array, loss: str) -> Array:
-    """Robust weights psi(r)/r (N,) of ``huber`` or ``bisquare``, scaled by the median absolute
-    deviation.
+    """Robust weights psi(r)/r, scaled by the median absolute deviation.
+
+    Parameters
+    ----------
+    residual
+        Residuals, (N,).
+    loss
+        ``huber`` or ``bisquare``.
+
+    Returns
+    -------
+    Weights, (N,), from 0 to 1.
+
+    Notes
+    -----
+    Huber: min(1, c/|z|); Tukey's bisquare: (1 - (z/c)^2)^2 inside c, zero outside; c from
+    ``TUNING``.
     """
     z = _standardised(residual, loss)
     if loss == "huber":
@@ -375,8 +520,25 @@ def robust_weights(residual: Array, loss: str) -> Array:
 
 
 def robust_covariance(residual: Array, jacobian: Array, loss: str) -> Array:
-    """Huber's covariance of an M-estimate: [sum psi^2/(n - p)] / mean(psi')^2 (J'J)^-1 (Huber 1981,
-    eq. 7.6.5).
+    """Huber's covariance of an M-estimate.
+
+    Parameters
+    ----------
+    residual
+        Residuals at the estimate, (N,).
+    jacobian
+        Their Jacobian, (N, P).
+    loss
+        ``huber`` or ``bisquare``.
+
+    Returns
+    -------
+    Covariance, (P, P).
+
+    Notes
+    -----
+    [sum psi^2/(n - p)] / mean(psi')^2 (J'J)^-1 (Huber 1981, eq. 7.6.5). psi must be that of
+    ``robust_weights``.
 
     Examples
     --------
@@ -394,6 +556,18 @@ def robust_covariance(residual: Array, jacobian: Array, loss: str) -> Array:
 
 
 def _standardised(residual: Array, loss: str) -> Array:
-    """|r| in units of the tuning constant times the scale from the median absolute deviation."""
+    """|r| in units of the tuning constant times the scale from the median absolute deviation.
+
+    Parameters
+    ----------
+    residual
+        Residuals, (N,).
+    loss
+        ``huber`` or ``bisquare``.
+
+    Returns
+    -------
+    Standardised residuals, (N,); below 1 inside the tuning constant.
+    """
     scale = 1.4826 * float(np.median(np.abs(residual - np.median(residual)))) + 1e-300
     return np.asarray(np.abs(residual) / (TUNING[loss] * scale))

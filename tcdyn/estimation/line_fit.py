@@ -1,4 +1,10 @@
-"""Straight-line fit of calibration points: estimate, covariance, and tests of the straight line."""
+"""Straight-line fit of calibration points: estimate, covariance, and tests of the straight line.
+
+``calibration.static_lines`` and ``calibration.transducers`` fit their lines with it;
+``tcdyn.rig.oven_log`` and ``tcdyn.workflows.campaign_table`` use ``fit_line``.
+``tcdyn.campaign.line_fit`` is another function: it has a full covariance of the points. Guarded by
+``tests/calibration/test_static_lines.py``.
+"""
 
 from __future__ import annotations
 
@@ -15,8 +21,9 @@ from tcdyn.core.estimate import Z95
 
 @dataclass(frozen=True)
 class LineFit:
-    """y = slope * x + intercept through N points, or one slope and an intercept for each of k
-    groups.
+    """Result of a straight-line fit y = slope * x + intercept.
+
+    One slope, and one intercept or an intercept for each of k groups.
 
     Parameters
     ----------
@@ -64,7 +71,7 @@ def fit_line(
     Parameters
     ----------
     x, y
-        Points (N,).
+        Points (N,), N >= 3.
     u_y
         Known standard error of y. If given, the residual variance beyond it is taken as noise of x,
         and the slope is corrected for the attenuation by such noise: slope / (1 - u_x^2 / var(x))
@@ -80,6 +87,9 @@ def fit_line(
     Notes
     -----
     Computed about the means: NIST's Norris data to 13 digits.
+
+    The correction is limited to a factor of two. The covariance uses ``u_y`` where it exceeds the
+    residual standard deviation.
 
     Examples
     --------
@@ -125,8 +135,19 @@ def fit_line(
 
 
 def lack_of_fit_p(fit: LineFit, groups: ArrayLike) -> float | None:
-    """p of the F test of the group means of the residuals against the scatter within groups; None
-    without repeats.
+    """p of the F test for lack of fit; None without enough repeats.
+
+    Parameters
+    ----------
+    fit
+        The line.
+    groups
+        Group of each point, (N,): repeats at one input.
+
+    Notes
+    -----
+    The variance of the group means of the residuals over that within groups, with k - 2 and N - k
+    degrees of freedom. It needs three groups and two repeats more than groups.
     """
     k, n, between, within = _sums_of_squares(fit, groups)
     if k < 3 or n - k < 2 or within <= 0:
@@ -151,8 +172,26 @@ def quadratic_p(fit: LineFit) -> float | None:
 def repeat_shift(fit: LineFit, repeats: ArrayLike) -> tuple[float | None, float, float | None]:
     """Shifts between repeats of a calibration.
 
-    Returns the scatter within repeats [y], the standard error of the mean due to the shifts between
-    them [y], and the p value of these shifts; (None, 0, None) where there is only one repeat.
+    Parameters
+    ----------
+    fit
+        The line through all repeats.
+    repeats
+        Repeat of each point, (N,).
+
+    Returns
+    -------
+    scatter
+        Standard deviation within repeats [y]; None with one repeat or too few points.
+    u_shift
+        Standard error of the mean due to the shifts between repeats [y].
+    p
+        p value of these shifts; None where it cannot be tested.
+
+    Notes
+    -----
+    Analysis of variance of the residuals, with r - 1 and N - r - 1 degrees of freedom. For repeats
+    of different size the mean size N/r is used.
     """
     r, n, between, within = _sums_of_squares(fit, repeats)
     if r < 2 or n - r - 1 < 2:
@@ -167,8 +206,21 @@ def repeat_shift(fit: LineFit, repeats: ArrayLike) -> tuple[float | None, float,
 
 
 def _sums_of_squares(fit: LineFit, groups: ArrayLike) -> tuple[int, int, float, float]:
-    """Number of groups, number of points, and the sums of squares of the residuals between and
-    within groups.
+    """Sums of squares of the residuals between and within groups.
+
+    Parameters
+    ----------
+    fit
+        The line.
+    groups
+        Group of each point, (N,).
+
+    Returns
+    -------
+    n_groups, n_points
+        Numbers of groups and of points.
+    between, within
+        Sums of squares [y^2].
     """
     group = np.unique(np.asarray(groups), return_inverse=True)[1]
     count = np.bincount(group)
@@ -179,7 +231,19 @@ def _sums_of_squares(fit: LineFit, groups: ArrayLike) -> tuple[int, int, float, 
 
 
 def outliers(fit: LineFit, level: float = 0.01) -> list[int]:
-    """Outliers: points whose deleted Student residual exceeds the Bonferroni bound at ``level``."""
+    """Outliers: points whose deleted Student residual exceeds the Bonferroni bound.
+
+    Parameters
+    ----------
+    fit
+        The line.
+    level
+        Probability that a line without outliers reports one.
+
+    Returns
+    -------
+    Indices of the points; empty with fewer than two degrees of freedom.
+    """
     n = len(fit.x)
     dof = fit.dof - 1
     if dof < 2 or fit.sd == 0.0:

@@ -1,5 +1,7 @@
-"""Elimination of parameters that enter linearly (nuisance parameters): variable projection with
-priors.
+"""Elimination of parameters that enter linearly: variable projection with priors.
+
+``tcdyn.partition.profile`` eliminates nuisance parameters with it, so that each fit of a likelihood
+profile has few parameters. Guarded by ``tests/estimation/test_fitting.py``.
 """
 
 from __future__ import annotations
@@ -24,6 +26,10 @@ def eliminate_linear(problem: Problem, keep: int, at: Array) -> Problem:
         Point (P,) where the sensitivity E (N, Q) of the residual to z is taken; E must be the same
         everywhere.
 
+    Returns
+    -------
+    A problem with ``keep`` parameters and the priors, bounds and fixed combinations of them.
+
     Notes
     -----
     The residual is r + E z. With z in standard uncertainties from its prior, min_z |r + E z|^2 +
@@ -31,6 +37,9 @@ def eliminate_linear(problem: Problem, keep: int, at: Array) -> Problem:
     vectors U and values s of E (variable projection: Golub & Pereyra, SIAM J. Numer. Anal. 10
     (1973), with priors). Costs, optima and profiles of the first ``keep`` parameters are those of
     the full problem.
+
+    A parameter whose effect is only nearly linear must not be eliminated: the cost is then not its
+    minimum.
 
     Examples
     --------
@@ -54,6 +63,7 @@ def eliminate_linear(problem: Problem, keep: int, at: Array) -> Problem:
     reduction = (1 - 1 / np.sqrt(1 + values**2))[:, None] * vectors.T
 
     def evaluate(theta: Array) -> tuple[Array, Array] | None:
+        """Residual and Jacobian of the ``keep`` parameters, with the others at their minimum."""
         evaluated = problem.evaluate(np.append(theta, mean))
         if evaluated is None:
             return None

@@ -1,5 +1,8 @@
-"""The least-squares problem (parameters, residuals, Jacobian, normal priors, box) and its optimum
-with covariance.
+"""The least-squares problem and its optimum with covariance.
+
+A problem has names of parameters, residuals with Jacobian, normal priors, a box, and fixed
+combinations. Covariances are for residuals of unit variance; the caller scales them otherwise.
+Guarded by ``tests/estimation/test_fitting.py`` and ``tests/estimation/test_noise_models.py``.
 """
 
 from __future__ import annotations
@@ -13,11 +16,13 @@ import numpy as np
 
 from tcdyn.core import Array
 
+# Residual (N,) and Jacobian (N, P) at theta (P,); None where the model cannot be computed.
 Evaluate = Callable[[Array], tuple[Array, Array] | None]
 # share of the prior variance that the data remove, at least, in a pull; below it the pull means
-# nothing
+# nothing; chosen by judgement
 MIN_INFORMATION_SHARE = 0.02
-# share of the largest eigenvalue, with unit diagonal, below which a direction is undetermined
+# share of the largest eigenvalue, with unit diagonal, below which a direction is undetermined;
+# some fifty times the rounding error of doubles
 EIGENVALUE_CUT = 1e-14
 
 
@@ -80,6 +85,7 @@ class Problem:
     precision: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        """Replace each None by the array that means no prior, bound, limit or combination."""
         p = len(self.names)
         object.__setattr__(self, "size", p)
         defaults = {
@@ -98,7 +104,17 @@ class Problem:
         object.__setattr__(self, "precision", self.prior_sd**-2.0)
 
     def direction(self, name: str | Array) -> Array:
-        """The unit vector (P,) of a parameter; a vector of weights is returned as it is."""
+        """The unit vector of a parameter; a vector of weights is returned as it is.
+
+        Parameters
+        ----------
+        name
+            Name of a parameter, or weights, (P,).
+
+        Returns
+        -------
+        Weights, (P,).
+        """
         if isinstance(name, str):
             return np.asarray(np.eye(self.size)[self.names.index(name)])
         return np.asarray(name, dtype=float)
@@ -148,16 +164,20 @@ class Optimum:
 
     @cached_property
     def covariance(self) -> Array:
-        """Covariance (P, P) for residuals of unit variance: the inverse of the information along
-        the directions.
+        """Covariance of the parameters for residuals of unit variance.
+
+        Returns
+        -------
+        Covariance, (P, P): the inverse of the information along the free directions.
         """
         d = self.directions
         return np.asarray(d @ inverse(d.T @ self.information @ d) @ d.T)
 
     @property
     def log_volume(self) -> float:
-        """Half the log determinant of the information along the directions, for Laplace's
-        approximation of the marginal likelihood.
+        """Half the log determinant of the information along the directions.
+
+        For Laplace's approximation of the marginal likelihood.
         """
         information = self.directions.T @ self.information @ self.directions
         return 0.5 * float(np.linalg.slogdet(information)[1])
@@ -173,13 +193,17 @@ class Optimum:
 
     @property
     def pulls(self) -> dict[str, float]:
-        """Pull of each parameter with a prior: (theta - prior_mean)/sqrt(prior variance - posterior
-        variance).
+        """Pull of each parameter with a prior, by name.
 
-        It is normal with unit variance if the prior is right: how far the data moved the parameter,
-        in units of what noise would have moved it by. The data without the prior would give
-        prior_mean + (theta - prior_mean)/s, with s the share of the prior variance that they
-        removed.
+        (theta - prior_mean)/sqrt(prior variance - posterior variance). It is normal with unit
+        variance if the prior is right: how far the data moved the parameter, in units of what noise
+        would have moved it by. The data without the prior would give prior_mean + (theta -
+        prior_mean)/s, with s the share of the prior variance that they removed.
+
+        Notes
+        -----
+        s is at least ``MIN_INFORMATION_SHARE``, so that a parameter that the data do not determine
+        has a small pull.
         """
         precision = self.problem.precision
         shift = self.theta - self.problem.prior_mean
@@ -189,10 +213,21 @@ class Optimum:
 
 
 def inverse(information: Array) -> Array:
-    """Inverse (P, P) of a positive semidefinite matrix of very unequal scales, without undetermined
-    directions.
+    """Inverse of a positive semidefinite matrix of very unequal scales.
 
-    The diagonal is scaled to one; eigenvalues below 1e-14 of the largest are cut off.
+    Parameters
+    ----------
+    information
+        Positive semidefinite matrix, (P, P).
+
+    Returns
+    -------
+    Inverse, (P, P), without undetermined directions (pseudo-inverse).
+
+    Notes
+    -----
+    The diagonal is scaled to one; eigenvalues below ``EIGENVALUE_CUT`` of the largest are cut off.
+    A direction that is cut off has variance zero: check with ``is_full_rank`` where that matters.
 
     Examples
     --------
@@ -205,6 +240,11 @@ def inverse(information: Array) -> Array:
 def is_full_rank(information: Array) -> bool:
     """Whether the information determines every direction of the parameter space.
 
+    Notes
+    -----
+    The limit is ten times that of ``inverse``, so that a matrix near the cut counts as
+    undetermined.
+
     Examples
     --------
     >>> is_full_rank(np.array([[1.0, 1.0], [1.0, 1.0]]))
@@ -214,7 +254,18 @@ def is_full_rank(information: Array) -> bool:
 
 
 def _inverse(information: Array) -> tuple[Array, bool]:
-    """The inverse, and whether every direction is determined."""
+    """The inverse, and whether every direction is determined.
+
+    Parameters
+    ----------
+    information
+        Positive semidefinite matrix, (P, P).
+
+    Returns
+    -------
+    inverse, full_rank
+        Inverse, (P, P), and whether the rank is full.
+    """
     diagonal_root = np.sqrt(np.diag(information))
     present = diagonal_root > 0
     scale = np.where(present, diagonal_root, 1.0)
@@ -226,11 +277,24 @@ def _inverse(information: Array) -> tuple[Array, bool]:
 
 
 def covariance_from_rows(rows: Array) -> tuple[Array, float]:
-    """(rows' rows)^-1 by the triangular factor of ``rows`` (N, P), so that the condition number is
-    not squared.
+    """(rows' rows)^-1 without squaring the condition number.
 
-    The second result is the smallest part of a column, relative to its length, that the others do
-    not explain. It is near zero where two columns are equal; the covariance then means nothing.
+    Parameters
+    ----------
+    rows
+        Jacobian in standard deviations, with prior rows, (N, P).
+
+    Returns
+    -------
+    covariance
+        (P, P); infinite where a column is exactly a combination of the others.
+    smallest
+        Smallest part of a column, relative to its length, that the columns before it do not
+        explain. It is near zero where two columns are equal; the covariance then means nothing.
+
+    Notes
+    -----
+    By the triangular factor of ``rows``.
 
     Examples
     --------
@@ -248,11 +312,23 @@ def covariance_from_rows(rows: Array) -> tuple[Array, float]:
 
 
 def orthonormal_basis(table: Array, tolerance: float = 1e-10) -> Array:
-    """Orthonormal basis (N, rank) of the columns of ``table`` (N, P); ``tolerance`` on squared
-    singular values.
+    """Orthonormal basis of the columns of a tall table.
 
+    Parameters
+    ----------
+    table
+        Columns, (N, P).
+    tolerance
+        Squared singular values below this share of the largest are left out.
+
+    Returns
+    -------
+    Basis, (N, rank).
+
+    Notes
+    -----
     By the eigenvectors of the Gram matrix, twice, which for tall tables is much faster than a full
-    factorisation.
+    factorisation. The second pass makes the basis orthonormal to rounding error.
 
     Examples
     --------
@@ -271,12 +347,24 @@ def orthonormal_basis(table: Array, tolerance: float = 1e-10) -> Array:
 
 
 def slow_variance_factor(z: Array, sums: int = 25) -> float:
-    """Discount (covariance factor) for correlated residuals: variance of slow waves in ``z`` over
-    that of white noise.
+    """Discount for correlated residuals: variance of slow waves in ``z`` over that of white noise.
 
-    ``z`` (N, C) are standardised residuals. The factor is the mean square of normalised sums over
-    an N/``sums``-th of the record, at least one. A slow misfit raises it; white noise of unit
-    variance does not. Columns of zeros (a channel left out) do not count.
+    Parameters
+    ----------
+    z
+        Standardised residuals, (N, C). Columns of zeros (a channel left out) do not count.
+    sums
+        Number of chunks of the record.
+
+    Returns
+    -------
+    Factor for the covariance, at least one.
+
+    Notes
+    -----
+    The factor is the mean square of normalised sums over an N/``sums``-th of the record. A slow
+    misfit raises it; white noise of unit variance does not. Fewer chunks respond to slower misfit
+    only, and scatter more. The last chunk is left out.
 
     Examples
     --------

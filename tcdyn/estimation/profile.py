@@ -1,4 +1,8 @@
-"""Profile likelihood: one number fixed at several values, all other parameters fitted again."""
+"""Profile likelihood: one number fixed at several values, all other parameters fitted again.
+
+``tcdyn.identify.intervals``, ``immersion.plunge_posterior`` and ``tcdyn.partition.profile`` use it
+for intervals that are not symmetric. Guarded by ``tests/estimation/test_fitting.py``.
+"""
 
 from __future__ import annotations
 
@@ -14,19 +18,21 @@ from tcdyn.estimation.problem import Optimum, Status
 
 # shortest step, as a share of the first; chosen by judgement
 MIN_STEP = 1 / 6
-# share of the normal deviance below which, beyond three standard uncertainties, steps grow by half
+# share of the normal deviance below which, beyond three standard uncertainties, steps grow by half;
+# chosen by judgement
 SLOW_DEVIANCE = 2 / 9
 
 
 @dataclass(frozen=True)
 class Profile:
-    """Deviance (K,) as a function of ``value`` (K,), in rising order: the cost above that of the
-    optimum.
+    """Deviance as a function of one number: the cost above that of the optimum.
 
     Parameters
     ----------
-    value, deviance
-        Values, and the deviance with all other parameters fitted again.
+    value
+        Values of the number, (K,), in rising order.
+    deviance
+        Deviance at each, (K,), with all other parameters fitted again.
     level
         Deviance at the ends of the 95 % interval.
     optima
@@ -66,13 +72,13 @@ def profile(
     cost: Callable[[Optimum], float] = lambda o: o.cost,
     **search: float,
 ) -> Profile:
-    """Profile a parameter, or the combination ``toward`` @ theta, in both directions from
-    ``optimum``.
+    """Profile a parameter, or a combination of parameters, in both directions from the optimum.
 
     The walk goes in steps, each fit started at its neighbour's, until the deviance (cost -
-    least)/``scale`` exceeds ``max_deviance``, or to ``max_distance``, the box, or an end of the open interval
-    ``bounds``. Steps for which the model cannot be computed are halved. The square root of the
-    deviance is nearly straight; the ends of the interval are found by linear interpolation in it.
+    least)/``scale`` exceeds ``max_deviance``, or to ``max_distance``, the box, or an end of the
+    open interval ``bounds``. Steps for which the model cannot be computed are halved. The square
+    root of the deviance is nearly straight; the ends of the interval are found by linear
+    interpolation in it.
 
     Parameters
     ----------
@@ -81,7 +87,8 @@ def profile(
     toward
         Name of a parameter, or a combination (P,).
     u
-        Standard uncertainty, the unit of ``step`` and ``max_distance``; that of the optimum by default.
+        Standard uncertainty, the unit of ``step`` and ``max_distance``; that of the optimum by
+        default.
     scale
         Variance of residuals that were not whitened, times any inflation.
     level
@@ -104,6 +111,12 @@ def profile(
         Cost of a fit; o.cost + 2 o.log_volume makes it a marginal likelihood.
     search
         Keywords of ``minimise``.
+
+    Notes
+    -----
+    ``step`` changes cost and accuracy of the interpolation, not the interval; ``refine`` makes the
+    ends exact. ``max_deviance`` must exceed ``level``, otherwise an end of the interval may be
+    missing.
     """
     problem = optimum.problem
     row = problem.direction(toward)
@@ -112,9 +125,11 @@ def profile(
     low, high = _box(optimum, row)
 
     def walk(side: float) -> list[_Point]:
+        """Points of the profile on one side of the optimum, ``side`` -1 or 1."""
         points = [_Point(centre, cost(optimum), optimum)]
 
         def add(number: float, near: Optimum) -> bool:
+            """Add the fit with the number fixed; False where the model cannot be computed."""
             fit = minimise_constrained(near, row, at(number), **search)
             if fit.status in (Status.EDGE, Status.NOWHERE):
                 return False
@@ -165,16 +180,26 @@ def profile(
 
 @dataclass(frozen=True)
 class _Point:
+    """One point of a profile: the number, the cost of its fit, and the fit."""
+
     number: float
     cost: float
     fit: Optimum
 
 
 def first_crossing(value: Array, deviance: Array, level: float = Z95**2) -> float | None:
-    """Where the deviance first reaches ``level`` beyond its minimum, along ``value``; None if it
-    never does.
+    """Where the deviance first reaches ``level`` beyond its minimum; None if it never does.
 
     Linear in the root of the deviance, exact for a parabola.
+
+    Parameters
+    ----------
+    value
+        Values, (K,), rising or falling away from the minimum.
+    deviance
+        Deviance at each, (K,).
+    level
+        Deviance of the crossing; 1.96^2 for a 95 % interval.
 
     Examples
     --------
@@ -193,7 +218,19 @@ def first_crossing(value: Array, deviance: Array, level: float = Z95**2) -> floa
 
 
 def _box(optimum: Optimum, row: Array) -> tuple[float, float]:
-    """Ends of the box for a single parameter; infinite for a combination."""
+    """Ends of the box for a single parameter; infinite for a combination.
+
+    Parameters
+    ----------
+    optimum
+        Its problem has the box.
+    row
+        Weights of the combination, (P,).
+
+    Returns
+    -------
+    Lower and upper end of ``row @ theta``.
+    """
     index = np.flatnonzero(row)
     if len(index) != 1:
         return -np.inf, np.inf

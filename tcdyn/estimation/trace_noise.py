@@ -1,5 +1,7 @@
-"""Noise of a trace in the presence of slow signals and outliers; spike detection (outlier
-rejection); plausible values.
+"""Noise of a trace with slow signals and outliers; spike detection; plausible values.
+
+Readers of logs (``tcdyn.rig``), ``tcdyn.smoothing``, ``immersion`` and ``tcdyn.chain`` use it. All
+limits for spikes are in ``SPIKES``. Guarded by ``tests/estimation/test_trace_noise.py``.
 """
 
 from __future__ import annotations
@@ -20,32 +22,38 @@ from tcdyn.core.findings import SampleLocation
 
 # standard deviation of a normal distribution over its median absolute deviation
 MAD_TO_SD = 1.482602218505602
-# plausible temperatures [degC]; the upper limit is that of type J
+# plausible temperatures [degC]; the upper limit is that of type J; the lower was
+# chosen by judgement
 COLDEST_DEGC = -60.0
 HOTTEST_DEGC = 760.0
 # share of a channel that may be missing; chosen by judgement
 MAX_MISSING_FRACTION = 0.05
-# share of repeats in short runs beyond which the step of the logger hides the noise
+# share of repeats in short runs beyond which the step of the logger hides the noise; chosen by
+# judgement
 COARSE_REPEATS = 0.5
-# noise of a trace from which it cannot be estimated
+# noise of a trace from which it cannot be estimated, in the unit of the trace; above zero, so that
+# numbers can be divided by it; chosen by judgement
 UNKNOWN_NOISE = 1e-6
 # fewest samples from which the noise is estimated; chosen by judgement
 MIN_NOISE_SAMPLES = 15
-# share of samples that differ from the one before, where the noise is about one step of the logger
+# share of samples that differ from the one before, where the noise is about one step of the logger;
+# chosen by judgement
 MAX_CHANGING_SHARE = 0.7
 
 
 @dataclass(frozen=True)
 class SpikeRule:
-    """Rule for a spike: it lies more than ``sigmas`` standard deviations of the noise, and more
-    than ``floor``, off its neighbours.
+    """Rule for a spike.
+
+    A sample is a spike if it lies more than ``sigmas`` standard deviations of the noise, and more
+    than ``floor``, from the median of its neighbours.
 
     Parameters
     ----------
     sigmas
         Limit in standard deviations of the noise.
     width
-        The distance is from the median of so many samples around it, of which less than half may be
+        Number of samples of the median around the sample (odd), of which less than half may be
         spikes.
     floor
         Smallest limit, in the unit of the trace.
@@ -64,18 +72,29 @@ class SpikeRule:
         """Number of consecutive samples that may be a spike."""
         return self.width // 2
 
-    def behind_lag(self, lag_samples: float) -> SpikeRule:
-        """The rule for readings of a chain with a lag of so many samples: what passes the chain
-        lasts for half the lag.
+    def for_lag(self, lag_samples: float) -> SpikeRule:
+        """The rule for readings of a chain with a lag.
+
+        What passes the chain lasts for about half its lag or longer.
+
+        Parameters
+        ----------
+        lag_samples
+            Lag of the chain [samples].
+
+        Notes
+        -----
+        A width of about half the lag, at least 3 and at most that of this rule.
 
         Examples
         --------
-        >>> [SPIKES["compensator"].behind_lag(lag).width for lag in (0.0, 5.0, 50.0)]
+        >>> [SPIKES["compensator"].for_lag(lag).width for lag in (0.0, 5.0, 50.0)]
         [3, 3, 9]
         """
         return replace(self, width=int(np.clip(2 * int(lag_samples / 4) + 1, 3, self.width)))
 
 
+# What a rule of ``SPIKES`` is for.
 SpikeUse = Literal["reading", "traces", "plunge", "force", "compensator", "answer"]
 
 # all limits for spikes (outlier rejection), by their use; widths for the usual 75 Hz
@@ -139,11 +158,21 @@ def white_noise_sd(values: ArrayLike, order: int = 2, *, centred: bool = True) -
 
 
 def fast_nanmedian(values: NDArray[np.floating]) -> Array:
-    """``np.nanmedian(values, axis=-1)`` for long traces in a tenth of its time; NaN where there are
-    no values.
+    """``np.nanmedian(values, axis=-1)`` for long traces, in a tenth of its time.
 
-    It is faster because numpy partitions by one index much faster than by the two that its own
-    median uses.
+    Parameters
+    ----------
+    values
+        Values, (..., N), NaN where missing.
+
+    Returns
+    -------
+    Medians, (...,); NaN where there are no values.
+
+    Notes
+    -----
+    numpy partitions by one index much faster than by the two that its own median uses.
+    ``tests/estimation/test_trace_noise.py`` compares with ``np.nanmedian``.
 
     Examples
     --------
@@ -168,6 +197,10 @@ def trace_noise_sd(y: Array) -> float:
     sd = 1.4826 median |fourth difference| / sqrt(70); a signal slower than a tenth of the sampling
     rate leaves less than 2 % of its amplitude. A trace that rests on one step of its logger gets a
     quarter of that step.
+
+    Notes
+    -----
+    A trace with fewer than 8 finite differences gets ``UNKNOWN_NOISE``.
     """
     if np.count_nonzero(np.isfinite(np.diff(y, n=4))) < 8:
         return UNKNOWN_NOISE
@@ -180,11 +213,20 @@ def trace_noise_sd(y: Array) -> float:
 
 
 def rounding_sd(x: Array) -> float:
-    """Rounding error of a trace (N,) whose neighbours are often equal: the step of its logger over
-    sqrt(12); else zero.
+    """Rounding error of a trace whose neighbours are often equal; else zero.
 
-    Differences that take few values have a median that carries no information; it is zero where
-    most of them are zero.
+    The step of its logger over sqrt(12). Differences that take few values have a median that
+    carries no information; it is zero where most of them are zero.
+
+    Parameters
+    ----------
+    x
+        Trace, (N,), NaN where missing.
+
+    Notes
+    -----
+    The step is the median of the differences that are not zero. Above ``MAX_CHANGING_SHARE`` of
+    changing samples the noise hides the step, and the median of the differences is used as it is.
 
     Examples
     --------
@@ -214,6 +256,16 @@ def find_spikes(values: Array, rule: SpikeRule, noise_sd: float | None = None) -
         Standard deviation of the noise. Without it, the typical distance from the median over the
         full trace is used.
 
+    Returns
+    -------
+    Mask of the spikes, (N,).
+
+    Notes
+    -----
+    Where few samples are near a jump, medians are computed for those only; the result is the same
+    (``tests/estimation/test_trace_noise.py``). The rules in ``SPIKES`` may be changed; the tests
+    check how long a spike each detects.
+
     Examples
     --------
     >>> trace = np.array([20.0, 20.1, 20.2, 25.0, 20.4, 20.5, 20.6])
@@ -240,6 +292,7 @@ def find_spikes(values: Array, rule: SpikeRule, noise_sd: float | None = None) -
     windows = sliding_window_view(np.pad(x, rule.longest, mode="edge"), rule.width)
 
     def beyond_limit(samples: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Those of ``samples`` (indices) that are beyond the limit from the median around them."""
         if sparse:
             distance[samples] = np.abs(x[samples] - fast_nanmedian(windows[samples]))
         return samples[distance[samples] > limit]
@@ -261,7 +314,19 @@ def find_spikes(values: Array, rule: SpikeRule, noise_sd: float | None = None) -
 
 
 def interpolate_gaps(y: Array, good: Flags) -> Array:
-    """Linear interpolation of ``y`` (N,) across the samples that are not ``good``."""
+    """Linear interpolation across the samples that are not good.
+
+    Parameters
+    ----------
+    y
+        Trace, (N,).
+    good
+        Samples that stay, (N,).
+
+    Returns
+    -------
+    Trace, (N,); beyond the first and last good sample it is constant. ``y`` itself if all are good.
+    """
     bad_index = np.flatnonzero(~good)
     good_index = np.flatnonzero(good)
     if not len(bad_index):
@@ -272,11 +337,23 @@ def interpolate_gaps(y: Array, good: Flags) -> Array:
 
 
 def long_runs(trace: Array) -> Flags:
-    """Samples in runs of one value longer than chance allows: p^length N < 0.001, p the share of
-    repeats elsewhere.
+    """Mark the samples in runs of one value that are longer than chance allows.
 
-    Where most neighbours are equal, the step of the logger is coarser than the noise, and a long
-    run means nothing: no run is called long.
+    Parameters
+    ----------
+    trace
+        Trace, (N,).
+
+    Returns
+    -------
+    Mask, (N,).
+
+    Notes
+    -----
+    A run is long if p^length N < 0.001, with p the share of repeats elsewhere, and at least 8
+    samples more than that. Where most neighbours are equal (``COARSE_REPEATS``), the step of the
+    logger is coarser than the noise, and a long run means nothing: no run is called long. A
+    constant trace is one long run.
     """
     n = len(trace)
     change = np.flatnonzero(np.diff(trace)) + 1
@@ -292,10 +369,20 @@ def long_runs(trace: Array) -> Flags:
 
 
 def remove_impossible(name: str, values: Array, noise_K: float = np.inf) -> Array:
-    """The samples (N,) with impossible values as NaN: beyond a million or, in a temperature, out of
-    range, and spikes.
+    """Replace impossible values of a column by NaN.
 
-    ``noise_K``: noise for the spike rule, see ``spike_noise_K``.
+    Parameters
+    ----------
+    name
+        Name of the column; it is a temperature if it ends with "_degC".
+    values
+        Column, (N,).
+    noise_K
+        Noise for the spike rule, see ``spike_noise_K``; infinite for no spikes.
+
+    Returns
+    -------
+    Column, (N,), NaN for values beyond a million or, in a temperature, out of range, and spikes.
     """
     if not name.endswith("_degC"):
         with np.errstate(invalid="ignore"):
@@ -306,7 +393,7 @@ def remove_impossible(name: str, values: Array, noise_K: float = np.inf) -> Arra
 
 
 def spike_noise_K(
-    name: str, sample: Array, rows: NDArray[np.int64], place: SampleLocation
+    name: str, sample: Array, rows: NDArray[np.int64], location: SampleLocation
 ) -> float:
     """Noise [K] of a column for its spike rule, from a decimated sample of it.
 
@@ -316,7 +403,7 @@ def spike_noise_K(
         Name of the column.
     sample, rows
         Decimated values (M,) and their rows (M,).
-    place
+    location
         Location in messages, with the sampling interval.
 
     Returns
@@ -335,7 +422,7 @@ def spike_noise_K(
     if not len(finite):
         raise InputError(
             f"column {name} holds no numbers",
-            where=place.where,
+            where=location.where,
             expected="degrees Celsius",
             column=name,
         )
@@ -343,7 +430,7 @@ def spike_noise_K(
     if low > 250.0 and high < 800.0:
         raise InputError(
             f"column {name} lies between {low:.4g} and {high:.4g}: this looks like kelvin",
-            where=place.where,
+            where=location.where,
             expected="degrees Celsius",
             remedy=f"call it {name.removesuffix('degC')}K, in the file or in rig.toml [columns]",
         )
@@ -352,20 +439,25 @@ def spike_noise_K(
         i = int(np.argmax(out_of_range))
         more = int(out_of_range.sum()) - 1
         raise InputError(
-            f"{place.at(name, int(rows[i]))}: {sample[i]:.4g} and {more} more values "
+            f"{location.at(name, int(rows[i]))}: {sample[i]:.4g} and {more} more values "
             "that no junction has",
-            where=place.where,
+            where=location.where,
             expected=f"{COLDEST_DEGC:g} to {HOTTEST_DEGC:g} degC",
             remedy="check the unit and the wiring of this channel",
             column=name,
         )
     good = sample[np.isfinite(sample) & ~out_of_range]
-    if place.dt_s is None or len(good) < MIN_NOISE_SAMPLES:
+    if location.dt_s is None or len(good) < MIN_NOISE_SAMPLES:
         return np.inf
     return float(white_noise_sd(good, 1))
 
 
 def outside_range(x: Array) -> Flags:
-    """Temperatures (N,) [degC] outside the range of a thermocouple."""
+    """Mark temperatures (N,) [degC] outside the range of a thermocouple.
+
+    Returns
+    -------
+    Mask, (N,); False for NaN.
+    """
     with np.errstate(invalid="ignore"):
         return np.asarray((x < COLDEST_DEGC) | (x > HOTTEST_DEGC))

@@ -155,7 +155,7 @@ def record_of(
         index = [c for c in range(m) if listed[c].conditioning == filter_]
         group = [listed[c] for c in index]
         good = flags[:, index] == GOOD
-        rule = SPIKES["compensator"].behind_lag(min(c.lag_s for c in group) / dt_s)
+        rule = SPIKES["compensator"].for_lag(min(c.lag_s for c in group) / dt_s)
         x = np.where(good, data[:, index], np.nan)
         if noise_sd is None:
             logger_noise, [(white, outliers)] = estimate_and_whiten_noise(

@@ -92,7 +92,7 @@ def test_spikes_are_those_of_a_median_of_every_sample(use: SpikeUse) -> None:
     """Whatever the trace: short, rounded, with gaps, half of it spikes; the rule as it is written, sample by sample."""
     rng, found = np.random.default_rng(6), 0
     for _ in range(300):
-        rule = SPIKES[use].behind_lag(rng.uniform(0, 40)) if rng.random() < 0.5 else SPIKES[use]
+        rule = SPIKES[use].for_lag(rng.uniform(0, 40)) if rng.random() < 0.5 else SPIKES[use]
         y = (
             rng.normal(size=(n := int(rng.choice([1, 2, 5, 12, 40, 300]))))
             + rng.normal(size=n).cumsum()
